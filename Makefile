@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+#
+# One Makefile, no recursion for building.  Objects and programs go to build/$(config)/.
+# Sources are found by their place: core/ is libwhittle.a, api/ is libapi.a, server/ holds both programs
+# (worker_* is whittle, daemon_* is whittled, the rest may be in either), tests/unit/test_*.c is a program each.
+
+config ?= release
+ifeq ($(filter $(config),release debug asan tsan cov fuzz),)
+$(error config must be one of release, debug, asan, tsan, cov, fuzz)
+endif
+
+build := build/$(config)
+PYTHON ?= /usr/bin/python3
+VERSION := $(shell git describe --tags --always --dirty 2>/dev/null || echo unknown)
+
+# ---------------------------------------------------------------------------------------------------- flags
+WARNINGS := -Wall -Wextra -Wshadow -Wconversion -Wvla
+ifdef CI
+WARNINGS += -Werror
+endif
+flags_release := -O2 -g
+flags_debug := -O0 -g3
+flags_asan := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
+flags_tsan := -O1 -g -fsanitize=thread
+flags_cov := -O0 -g --coverage
+flags_fuzz := -O1 -g -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=undefined
+ifeq ($(config),fuzz)
+CC := clang
+CXX := clang++
+endif
+COMMON := $(flags_$(config)) -I. -MMD -MP -pthread -fno-math-errno -ffp-contract=off -fstack-protector-strong
+override CFLAGS += -std=c11 -D_GNU_SOURCE $(COMMON) $(WARNINGS) -Wstrict-prototypes
+override CXXFLAGS += -std=c++17 $(COMMON) -Wall -Wextra -Wshadow -DCGAL_NDEBUG -frounding-math
+override LDFLAGS += $(filter -fsanitize% --coverage,$(flags_$(config))) -pthread
+
+CORE_LIBS := -lflann -lgmp -lmpfr -lstdc++ -lm
+API_LIBS := -ljansson
+DAEMON_LIBS := -lmicrohttpd -lsqlite3
+
+# ---------------------------------------------------------------------------------------------------- sources
+core_src := $(wildcard core/*.c core/*.cc)
+api_src := $(wildcard api/*.c)
+worker_src := $(wildcard server/worker_*.c)
+daemon_src := $(wildcard server/daemon_*.c)
+either_src := $(filter-out $(worker_src) $(daemon_src),$(wildcard server/*.c))
+unit_src := $(wildcard tests/unit/test_*.c)
+unit_support_src := $(filter-out $(unit_src),$(wildcard tests/unit/*.c))
+tool_src := $(wildcard tests/tools/*.c tests/tools/*.cc tests/bench/*.c tests/bench/*.cc)
+fuzz_src := $(wildcard tests/fuzz/fuzz_*.c)
+object = $(patsubst %,$(build)/%.o,$(basename $(1)))
+
+libwhittle := $(build)/libwhittle.a
+libapi := $(build)/libapi.a
+libserver := $(build)/libserver.a
+programs := $(if $(worker_src),$(build)/whittle) $(if $(daemon_src),$(build)/whittled)
+unit_programs := $(patsubst tests/unit/%.c,$(build)/tests/unit/%,$(unit_src))
+tool_programs := $(addprefix $(build)/,$(basename $(tool_src)))
+
+# ---------------------------------------------------------------------------------------------------- targets
+.PHONY: all
+all: $(programs) ## build whittle and whittled (the default); config=release|debug|asan|tsan
+.DEFAULT_GOAL := all
+
+.PHONY: help
+help: ## list the targets
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## */\1\t/' | expand -t 18
+
+$(build)/%.o: %.c
+	@mkdir -p $(@D)
+	$(CC) $(CFLAGS) -c -o $@ $<
+
+$(build)/%.o: %.cc
+	@mkdir -p $(@D)
+	$(CXX) $(CXXFLAGS) -c -o $@ $<
+
+$(libwhittle): $(call object,$(core_src))
+$(libapi): $(call object,$(api_src))
+$(libserver): $(call object,$(either_src))
+$(libwhittle) $(libapi) $(libserver):
+	@mkdir -p $(@D)
+	@rm -f $@
+	$(AR) rcs $@ $^
+
+$(build)/whittle: $(call object,$(worker_src)) $(libserver) $(libapi) $(libwhittle)
+	$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(CORE_LIBS)
+
+$(build)/whittled: $(call object,$(daemon_src)) $(libserver) $(libapi) $(libwhittle)
+	$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(DAEMON_LIBS) -lm
+
+$(unit_programs): $(build)/tests/unit/%: $(build)/tests/unit/%.o $(call object,$(unit_support_src)) $(libserver) $(libapi) $(libwhittle)
+	$(CC) $(LDFLAGS) -o $@ $^ -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CORE_LIBS)
+
+$(tool_programs): $(build)/%: $(build)/%.o $(libapi) $(libwhittle)
+	$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(CORE_LIBS)
+
+# The version is compiled into one file, rebuilt when it changes.
+$(build)/core/version.o: CFLAGS += -DWHITTLE_VERSION='"$(VERSION)"'
+$(build)/core/version.o: $(build)/version.stamp
+$(build)/version.stamp: FORCE
+	@mkdir -p $(@D)
+	@echo '$(VERSION)' | cmp -s - $@ || echo '$(VERSION)' > $@
+FORCE:
+
+.PHONY: tools
+tools: $(tool_programs) ## build the measuring programs of tests/
+
+.PHONY: test-unit
+test-unit: $(unit_programs)
+	@set -e; for t in $(unit_programs); do echo "== $$t"; $$t; done
+
+.PHONY: format
+format: ## lay out the code with clang-format
+	clang-format -i $(wildcard core/*.[ch] core/*.cc api/*.[ch] server/*.[ch] tests/*/*.[ch] tests/*/*.cc)
+
+.PHONY: clean
+clean: ## remove everything that was built
+	rm -rf build out
+
+-include $(shell find build -name '*.d' 2>/dev/null)

@@ -1,0 +1,23 @@
+/* The one place where the project's arrays come from.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/alloc.h"
+
+#include <stdint.h>
+#include <stdlib.h>
+
+bool (*alloc_fail)(void *ctx);
+void *alloc_fail_ctx;
+
+static bool refused(size_t n, size_t size) {
+    if (size && n > SIZE_MAX / 2 / size) return true;
+    return alloc_fail && alloc_fail(alloc_fail_ctx);
+}
+
+void *alloc_array(size_t n, size_t size) { return refused(n, size) ? NULL : malloc(n * size ? n * size : 1); }
+
+void *alloc_zeroed(size_t n, size_t size) { return refused(n, size) ? NULL : calloc(n ? n : 1, size ? size : 1); }
+
+void *alloc_resize(void *old, size_t n, size_t size) {
+    return refused(n, size) ? NULL : realloc(old, n * size ? n * size : 1);
+}

@@ -1,0 +1,19 @@
+/* Parallel loops.  The only place in core/ that starts threads; none outlives the call.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_PAR_H
+#define WHITTLE_CORE_PAR_H
+
+#include <stddef.h>
+
+/* Number of processors that this process may use, at least 1. */
+unsigned par_processors(void);
+
+/* Calls body(ctx, begin, end) for disjoint ranges that cover 0 .. n-1, each range of grain indices but the last, on up
+ * to `threads` threads (0 = all processors; the caller's thread is one of them).  Which thread runs which range isn't
+ * fixed, so body must write only to what its indices own: then results don't depend on the number of threads.  Ranges
+ * are the same for any number of threads, so a sum can be kept for each range (index begin / grain) and added up in
+ * order.  Where no thread can be started the caller's own thread does everything. */
+void par_for(unsigned threads, size_t n, size_t grain, void (*body)(void *ctx, size_t begin, size_t end), void *ctx);
+
+#endif

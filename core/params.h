@@ -1,0 +1,97 @@
+/* The parameters of a job: one struct, and one table that knows everything about each member.
+ *
+ * The table drives the query string, JSON, the command line, --help, the JSON Schema and the documents.  To add a
+ * parameter: a member here, a row in params.c, and its use in the stage.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_PARAMS_H
+#define WHITTLE_CORE_PARAMS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/status.h"
+
+enum dso_form { DSO_RMS, DSO_SUM, DSO_NONE };
+enum placement { PLACEMENT_SUBSET, PLACEMENT_OPTIMAL };
+enum area_weight { AREA_UNIT, AREA_AREA };
+enum cocone_form { COCONE_TIGHT, COCONE_LITERAL };
+enum refine_form { REFINE_NONE, REFINE_FLIPS, REFINE_FULL };
+enum boundary_form { BOUNDARY_FILL, BOUNDARY_KEEP };
+enum reference_form { REFERENCE_AUTO, REFERENCE_POINTS, REFERENCE_FACES, REFERENCE_RECONSTRUCTION };
+enum encoding { ENCODING_BINARY, ENCODING_ASCII };
+
+/* Bits of params.outputs. */
+enum output {
+    OUTPUT_CLOUD = 1 << 0,     /* cloud.ply */
+    OUTPUT_CLOUD_XYZ = 1 << 1, /* cloud.xyz */
+    OUTPUT_MESH = 1 << 2,      /* mesh.ply */
+    OUTPUT_REPORT = 1 << 3     /* report.json */
+};
+
+struct params {
+    double ratio;      /* (0, 1]; NAN = not given */
+    uint64_t points;   /* 0 = not given */
+    double max_error;  /* fraction of the diagonal; NAN = not given */
+    uint32_t outputs;  /* enum output */
+    int placement;     /* enum placement */
+    int dso;           /* enum dso_form */
+    double dso_exponent;
+    int area_weight;   /* enum area_weight */
+    double line_quadric;
+    double neighbourhood; /* Gopi's m */
+    uint64_t neighbours_min, neighbours_max;
+    int cocone;        /* enum cocone_form */
+    int boundary;      /* enum boundary_form */
+    int refine;        /* enum refine_form */
+    int reference;     /* enum reference_form */
+    int encoding;      /* enum encoding of PLY outputs */
+    uint64_t seed;     /* of the error's samples */
+    uint64_t threads;  /* 0 = all processors */
+};
+
+enum param_type { PARAM_NUMBER, PARAM_INTEGER, PARAM_CHOICE, PARAM_FLAGS };
+
+/* One row.  Numbers are double members, integers uint64_t, choices int, flags uint32_t. */
+struct param {
+    const char *name;
+    enum param_type type;
+    size_t offset;              /* of the member in struct params */
+    double min, max;            /* numbers and integers, both inclusive but for exclusive_min */
+    bool exclusive_min;
+    const char *default_text;   /* as a user would write it; "" = not given */
+    const char *const *choices; /* choices: index = value; flags: index = bit; NULL-terminated */
+    const char *unit;           /* "" = none */
+    bool affects_result;        /* false: only how fast (threads) */
+    const char *help;           /* one sentence */
+};
+
+/* The table; *count rows.  Never NULL. */
+const struct param *params_table(size_t *count);
+
+/* The row of this name, or NULL. */
+const struct param *params_find(const char *name);
+
+/* The name in the table (or in extra, a NULL-terminated list that may be NULL) nearest to a mistyped one by edit
+ * distance, or NULL when nothing is near. */
+const char *params_suggest(const char *name, const char *const *extra);
+
+/* All defaults. */
+void params_defaults(struct params *params);
+
+/* Sets one parameter from text.  STATUS_BAD_PARAMETER with error->where = name and a text that says what is allowed
+ * (and did-you-mean for an unknown name); params untouched on failure. */
+enum status params_set(struct params *params, const char *name, const char *value, struct error *error) MUST_CHECK;
+
+/* After all are set: conflicts (ratio with points; fewer neighbours_max than neighbours_min ...), and ratio = 0.1 where
+ * no goal was given.  error->where names the parameter. */
+enum status params_resolve(struct params *params, struct error *error) MUST_CHECK;
+
+/* Writes the value of one parameter as text, as params_set would read it back to the same value ("" = not given). */
+void params_format(const struct params *params, const struct param *param, char *text, size_t text_bytes);
+
+/* Fills text with what is allowed, e.g. "a number over 0, at most 1" or "one of subset, optimal". */
+void params_allowed(const struct param *param, char *text, size_t text_bytes);
+
+#endif

@@ -1,0 +1,28 @@
+/* The whole of whittle, from a cloud to results.  core/pipeline.c reads as the flow in the README does.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_PIPELINE_H
+#define WHITTLE_CORE_PIPELINE_H
+
+#include "core/cloud.h"
+#include "core/mesh.h"
+#include "core/params.h"
+#include "core/progress.h"
+#include "core/report.h"
+
+struct pipeline_result {
+    size_t kept_count;
+    uint32_t *kept;     /* ids into the cloud of the points that are kept, the most important first; owned */
+    struct mesh mesh;   /* in the input's coordinates, source = ids into the cloud; empty unless asked for */
+    struct report report;
+};
+
+/* Runs the stages that params (resolved) ask for.  The cloud is borrowed and not changed.  On success *result is the
+ * caller's, to be given to pipeline_result_done.  Statuses: all of the list but STATUS_IO. */
+enum status pipeline_run(const struct cloud *cloud, const struct params *params, const struct progress *progress,
+                         struct pipeline_result *result, struct error *error) MUST_CHECK;
+
+/* Frees what the result owns and zeroes it.  Accepts a zeroed result. */
+void pipeline_result_done(struct pipeline_result *result);
+
+#endif

@@ -1,0 +1,59 @@
+/* What a job measured: counts, errors, times.  Plain numbers; api/ turns them into JSON.
+ *
+ * Lengths are in the input's own units; x_rel = x / diagonal, the diagonal of the original bounding box.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_REPORT_H
+#define WHITTLE_CORE_REPORT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/* Distances of samples to a surface.  count == 0: not measured. */
+struct distance_stats {
+    uint64_t count;
+    double mean, rms, max;
+};
+
+enum { REPORT_MAX_STAGES = 24, REPORT_STAGE_BYTES = 24 };
+
+struct report_stage {
+    char name[REPORT_STAGE_BYTES];
+    double wall_ms;
+};
+
+struct report {
+    uint64_t points_in, points_distinct, points_out;
+    double diagonal;      /* of the bounding box of all points read */
+    double box_min[3], box_max[3];
+    char format[32];      /* of the input, e.g. "ply/binary_little_endian" */
+    bool has_contraction_error;
+    double contraction_error; /* largest sqrt(E / W) of the quadrics of a contraction that was made: units of length */
+
+    struct distance_stats tangent; /* cloud without a mesh: every original point to the tangent plane at its nearest
+                                      kept point */
+    bool has_mesh;
+    uint64_t vertices, triangles, hole_fill_triangles, points_lost /* kept points that are no vertex */,
+        vertices_split /* copies made to keep it manifold */, components;
+    bool watertight, manifold, oriented;
+    double area, volume;
+    char reconstruction[24]; /* which form was taken: "tight-cocone", "literal", ... */
+
+    bool has_error;
+    struct distance_stats forward;  /* every original point to the mesh */
+    struct distance_stats backward; /* area-uniform samples of the mesh to the reference */
+    struct distance_stats surface;  /* area-uniform samples of the reference surface to the mesh; count 0 without one */
+    double hausdorff;               /* largest of the maxima above */
+    char reference[24];             /* what backward was measured against: "points", "faces", "reconstruction" */
+
+    size_t stage_count;
+    struct report_stage stage[REPORT_MAX_STAGES];
+    double total_ms;
+    uint64_t peak_rss_bytes;
+};
+
+/* Adds a stage's time; a name that is there already is added to.  Past REPORT_MAX_STAGES it is dropped. */
+void report_add_stage(struct report *report, const char *name, double wall_ms);
+
+#endif

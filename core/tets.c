@@ -1,0 +1,13 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/tets.h"
+
+#include <stdlib.h>
+
+void tets_done(struct tets *tets) {
+    if (!tets) return;
+    free(tets->vertex);
+    free(tets->neighbour);
+    free(tets->circumcentre);
+    free(tets->planar);
+    *tets = (struct tets){0};
+}

@@ -1,0 +1,8 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/version.h"
+
+#ifndef WHITTLE_VERSION
+#define WHITTLE_VERSION "unknown"
+#endif
+
+const char *whittle_version(void) { return WHITTLE_VERSION; }

@@ -14,10 +14,10 @@ static bool refused(size_t n, size_t size) {
     return alloc_fail && alloc_fail(alloc_fail_ctx);
 }
 
-void *alloc_array(size_t n, size_t size) { return refused(n, size) ? NULL : malloc(n * size ? n * size : 1); }
+void *alloc_array(size_t n, size_t size) { return refused(n, size) ? NULL : malloc(n && size ? n * size : 1); }
 
 void *alloc_zeroed(size_t n, size_t size) { return refused(n, size) ? NULL : calloc(n ? n : 1, size ? size : 1); }
 
 void *alloc_resize(void *old, size_t n, size_t size) {
-    return refused(n, size) ? NULL : realloc(old, n * size ? n * size : 1);
+    return refused(n, size) ? NULL : realloc(old, n && size ? n * size : 1);
 }

@@ -79,7 +79,7 @@ static double mean(const float *value, size_t n) {
 void dso_weights(const float *dso, size_t n, double exponent, float *weight) {
     double average = mean(dso, n);
     for (size_t i = 0; i < n; i++) {
-        double relative = average > 0 ? (double)dso[i] / average + WEIGHT_FLOOR : 1;
+        double relative = average > 0 ? ((double)dso[i] / average + WEIGHT_FLOOR) / (1 + WEIGHT_FLOOR) : 1;
         weight[i] = (float)fmin(fmax(pow(relative, exponent), WEIGHT_MIN), WEIGHT_MAX);
     }
 }

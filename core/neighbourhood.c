@@ -49,10 +49,10 @@ static void cut(const struct search *search, size_t p, const uint32_t *found, co
     search->out->spacing[p] = count ? (float)(sum / count) : 0;
 }
 
-static sym3 moment_about(const struct search *search, size_t p) {
-    const uint32_t *id = &search->out->id[p * search->out->stride];
+/* Second moments of the points id[0 .. count-1] about p. */
+static sym3 moment_about(const struct search *search, size_t p, const uint32_t *id, unsigned count) {
     sym3 moment = {0};
-    for (unsigned i = 0; i < search->out->count[p]; i++)
+    for (unsigned i = 0; i < count && id[i] != UINT32_MAX; i++)
         moment = sym3_add(moment, sym3_outer(vec3_sub(search->point[id[i]], search->point[p])));
     return moment;
 }
@@ -64,7 +64,7 @@ static int is_line(sym3 m) {
     return minors < LINE_RATIO * sym3_trace(m) * sym3_trace(m);
 }
 
-/* Which of eight directions in the plane of the line and its widest cross direction e points to. */
+/* Which of eight directions in the plane of the two longest principal axes e points to. */
 static unsigned sector_of(vec3 e, const vec3 axis[3]) {
     double angle = atan2(vec3_dot(e, axis[1]), vec3_dot(e, axis[2])) + M_PI;
     unsigned sector = (unsigned)(angle * (SECTORS / (2 * M_PI)));
@@ -72,9 +72,11 @@ static unsigned sector_of(vec3 e, const vec3 axis[3]) {
 }
 
 /* Takes the nearest neighbour of each sector, then the second nearest of each, until there are max. */
-static void take_sectors(const struct search *search, size_t p, const vec3 axis[3], const uint32_t *found,
-                         const double *distance_sq) {
+static void take_sectors(const struct search *search, size_t p, const uint32_t *found, const double *distance_sq) {
     struct neighbourhood *out = search->out;
+    double value[3];
+    vec3 axis[3];
+    sym3_eigen(moment_about(search, p, found, WIDE_K), value, axis);
     unsigned round_of[WIDE_K], taken[SECTORS] = {0}, count = 0;
     double sum = 0;
     for (unsigned i = 0; i < WIDE_K && found[i] != UINT32_MAX; i++)
@@ -100,13 +102,10 @@ static enum status find_chunk(const struct search *search, size_t begin, size_t 
     for (size_t p = begin; !status && p < end; p++)
         cut(search, p, &found[(p - begin) * k], &distance_sq[(p - begin) * k], k);
     for (size_t p = begin; !status && p < end; p++) {
-        sym3 moment = moment_about(search, p);
-        if (search->out->count[p] < 3 || !is_line(moment)) continue;
-        double value[3];
-        vec3 axis[3];
-        sym3_eigen(moment, value, axis);
+        unsigned count = search->out->count[p];
+        if (count < 3 || !is_line(moment_about(search, p, &search->out->id[p * search->out->stride], count))) continue;
         status = knn_search(search->knn, &search->point[p], 1, WIDE_K, 1, found, distance_sq);
-        if (!status) take_sectors(search, p, axis, found, distance_sq);
+        if (!status) take_sectors(search, p, found, distance_sq);
     }
     free(found);
     free(distance_sq);

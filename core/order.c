@@ -24,7 +24,7 @@ struct item {
 struct keys {
     const vec3 *position;
     vec3 origin;
-    double cells_per_unit;
+    double side; /* of the cube of cells */
     struct item *item;
 };
 
@@ -38,8 +38,8 @@ static uint64_t spread(uint64_t x) {
     return (x | x << 2) & 0x1249249249249249;
 }
 
-static uint64_t cell(double offset, double cells_per_unit) {
-    double c = offset * cells_per_unit;
+static uint64_t cell(double offset, double side) {
+    double c = offset / side * (1 << KEY_BITS);
     return c >= (1 << KEY_BITS) - 1 ? (1 << KEY_BITS) - 1 : (uint64_t)c;
 }
 
@@ -48,8 +48,8 @@ static void key_range(void *ctx, size_t begin, size_t end) {
     for (size_t i = begin; i < end; i++) {
         vec3 d = vec3_sub(keys->position[i], keys->origin);
         keys->item[i].id = (uint32_t)i;
-        keys->item[i].key = spread(cell(d.x, keys->cells_per_unit)) << 2 | spread(cell(d.y, keys->cells_per_unit)) << 1 |
-                            spread(cell(d.z, keys->cells_per_unit));
+        keys->item[i].key = spread(cell(d.x, keys->side)) << 2 | spread(cell(d.y, keys->side)) << 1 |
+                            spread(cell(d.z, keys->side));
     }
 }
 
@@ -105,10 +105,15 @@ static void bounding_box(const vec3 *position, size_t n, struct ordered_points *
     if (!(out->scale > 0)) out->scale = 1;
 }
 
+static vec3 normalised(vec3 p, const struct ordered_points *frame) {
+    vec3 d = vec3_sub(p, frame->centre);
+    return (vec3){d.x / frame->scale, d.y / frame->scale, d.z / frame->scale};
+}
+
 static void keep_distinct(const struct item *item, const vec3 *position, size_t n, struct ordered_points *out) {
     out->count = 0;
     for (size_t i = 0; i < n; i++) {
-        vec3 p = vec3_scale(vec3_sub(position[item[i].id], out->centre), 1 / out->scale);
+        vec3 p = normalised(position[item[i].id], out);
         if (out->count > 0 && vec3_equal(p, out->point[out->count - 1])) continue;
         out->original[out->count] = item[i].id;
         out->point[out->count++] = p;
@@ -129,7 +134,7 @@ enum status order_points(const vec3 *position, size_t n, unsigned threads, struc
     bounding_box(position, n, &points);
     vec3 extent = vec3_sub(points.box_max, points.box_min);
     double side = fmax(extent.x, fmax(extent.y, extent.z));
-    struct keys keys = {position, points.box_min, side > 0 ? (1 << KEY_BITS) / side : 0, item};
+    struct keys keys = {position, points.box_min, side > 0 ? side : 1, item};
     par_for(threads, n, GRAIN, key_range, &keys);
     struct item *sorted = radix_sort(item, spare, n);
     sort_runs(sorted, n, position);

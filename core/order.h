@@ -10,6 +10,9 @@
 #include "core/status.h"
 #include "core/vec3.h"
 
+/* Coordinates of this size and over would overflow in the frame's arithmetic. */
+#define ORDER_LARGEST 1e300
+
 /* point[i] = (input - centre) / scale, scale = the diagonal of the bounding box (1 where that is 0), so coordinates lie
  * within -0.5 .. 0.5 and lengths are fractions of the diagonal. */
 struct ordered_points {
@@ -21,7 +24,8 @@ struct ordered_points {
 };
 
 /* Sorts and removes exact duplicates (-0 equals 0).  Depends on the set of positions alone, but for which id stands for
- * duplicates.  1 <= n < UINT32_MAX, all finite.  O(n).  STATUS_NO_MEMORY. */
+ * duplicates.  1 <= n < UINT32_MAX, all finite and below
+ * ORDER_LARGEST in size.  O(n).  STATUS_NO_MEMORY. */
 enum status order_points(const vec3 *position, size_t n, unsigned threads, struct ordered_points *out) MUST_CHECK;
 
 /* Accepts zeroed points. */

@@ -67,7 +67,18 @@ static enum status no_memory(struct run *run, const char *where) {
 
 /* ------------------------------------------------------------------------------------------------ steps */
 
+static enum status check_size(struct run *run) {
+    for (size_t i = 0; i < run->cloud->count; i++) {
+        vec3 p = run->cloud->position[i];
+        if (fmax(fabs(p.x), fmax(fabs(p.y), fabs(p.z))) < ORDER_LARGEST) continue;
+        return error_set(run->error, STATUS_MALFORMED, "order", "the coordinates of point %zu are over %g", i + 1,
+                         ORDER_LARGEST);
+    }
+    return STATUS_OK;
+}
+
 static enum status order_step(struct run *run) {
+    if (check_size(run)) return STATUS_MALFORMED;
     enum status status = order_points(run->cloud->position, run->cloud->count, run->threads, &run->points);
     if (status) return no_memory(run, "order");
     struct report *report = &run->report;

@@ -4,16 +4,17 @@
 #ifndef WHITTLE_CORE_DELAUNAY_CGAL_H
 #define WHITTLE_CORE_DELAUNAY_CGAL_H
 
+#include <math.h>
 #include <stddef.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
 
 #include "core/progress.h"
 #include "core/status.h"
 #include "core/tets.h"
 #include "core/vec3.h"
-
-#ifdef __cplusplus
-extern "C" {
-#endif
 
 /* Triangulates the n points (borrowed; finite, distinct, in coordinates of about [-0.5, 0.5]) and fills *tets, which
  * is the caller's afterwards.  Vertex ids are indices into points.  Of points that coincide one alone is in the

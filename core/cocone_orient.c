@@ -31,8 +31,9 @@
 #include "core/cloud.h"
 #include "core/par.h"
 
-enum { GRAIN = 2048, GENTLE_ROUNDS = 64 }; /* that join the stronger half alone; later ones join everything */
+enum { GRAIN = 2048 };
 
+#define MEANS 1.0
 #define CERTAIN 0.5
 #define FAINT 1e-4    /* of a cell on whose side nothing certain can be said */
 #define HULL_LIE 3.0f /* of an infinite cell to the vertex at infinity */
@@ -188,17 +189,27 @@ static bool is_stronger(const struct gathering *g, uint32_t a, uint32_t b) {
     return wa > wb || (wa == wb && a < b);
 }
 
-/* The strongest weight of all. */
-static double find_best(struct gathering *g) {
-    double strongest = 0;
+static void find_best(struct gathering *g) {
     for (size_t i = 0; i < g->nodes; i++) g->best[i] = NONE;
     for (uint32_t i = 0; i < g->count; i++) {
         uint32_t *low = &g->best[g->link[i].low], *high = &g->best[g->link[i].high];
         if (is_stronger(g, i, *low)) *low = i;
         if (is_stronger(g, i, *high)) *high = i;
-        strongest = fmax(strongest, fabs(g->link[i].weight));
     }
-    return strongest;
+}
+
+/* What a link must weigh to be joined now: MEANS times the mean of all clusters' best ones, at most the strongest. */
+static double least_weight(const struct gathering *g) {
+    double sum = 0, strongest = 0;
+    size_t count = 0;
+    for (size_t i = 0; i < g->nodes; i++) {
+        if (g->best[i] == NONE) continue;
+        double weight = fabs(g->link[g->best[i]].weight);
+        sum += weight;
+        strongest = fmax(strongest, weight);
+        count++;
+    }
+    return fmin(MEANS * sum / (double)count, strongest);
 }
 
 static void join_best(struct gathering *g, double least) {
@@ -236,9 +247,9 @@ static void gather(struct gathering *g) {
 }
 
 static void gather_all(struct gathering *g) {
-    for (int round = 0; g->count > 0; round++) {
-        double strongest = find_best(g);
-        join_best(g, round < GENTLE_ROUNDS ? strongest / 2 : 0);
+    while (g->count > 0) {
+        find_best(g);
+        join_best(g, least_weight(g));
         gather(g);
     }
 }

@@ -8,22 +8,30 @@
  *     defect(v) = (inner regions - 1) + (outer regions - 1), or LOST where one of them is 0
  *
  * Flipping the label of one cell changes the defects of its four vertices alone.  The repair takes vertices with a
- * defect off a queue and tries every cell around each, then every such cell together with a neighbour, then chains of
- * three cells towards the surface; the first set that takes defects away is flipped.  Moves that insert a point into a
+ * defect off a queue and tries every cell around each, later every such cell together with a neighbour, and then chains
+ * of three; of the sets that take defects away the one that is worth most is flipped.  Moves that insert a point into a
  * facet, swap an edge, open or close a pinch are all among them.
  *
- * Invariant: the sum of all defects falls with each move, so the repair ends.
+ * Invariant: the sum of all defects falls with each move, so the repair ends; and as a vertex with a very large star
+ * makes each try dear, the steps of all floods together have a limit in proportion to the cells, after which things
+ * stay as they are.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/cocone_repair.h"
 
-#include <assert.h>
 #include <stdlib.h>
 
 #include "core/alloc.h"
 #include "core/cloud.h"
 
-enum { LOST = 3, SET_MOST = 3, SET_VERTICES = 4 * SET_MOST, VERTICES_PER_TICK = 256 };
+enum {
+    LOST = 3,
+    MANY = 200, /* more defects at one vertex count as so many */
+    STEPS_PER_CELL = 300,
+    SET_MOST = 3,
+    SET_VERTICES = 4 * SET_MOST,
+    VERTICES_PER_TICK = 256
+};
 
 #define DEFECT_WORTH (8 * (int64_t)COCONE_CUT_UNIT)
 
@@ -35,9 +43,17 @@ struct repair {
     uint32_t *stack;       /* as long as the largest star */
     uint32_t *queue;       /* n + 1, a ring */
     uint8_t *queued;
+    uint8_t *known; /* of each vertex: its defect + 1; 0 = not known */
     size_t first, length;
     size_t flips;
+    uint64_t steps, step_limit; /* of floods, from cell to cell */
 };
+
+/* The order of the repair: points first, then the manifold; small sets first. */
+static const struct pass {
+    bool lost_alone;
+    int size; /* of the sets */
+} passes[] = {{true, 1}, {true, 2}, {true, 3}, {false, 1}, {false, 2}, {false, 3}};
 
 /* Cells to be flipped together. */
 struct set {
@@ -71,9 +87,10 @@ static void flood(struct repair *r, uint32_t v, uint32_t cell) {
     }
 }
 
-static int defect(struct repair *r, uint32_t v) {
+static int count_defect(struct repair *r, uint32_t v) {
     int regions[2] = {0, 0};
     r->time++;
+    r->steps += r->star->begin[v + 1] - r->star->begin[v];
     for (uint32_t i = r->star->begin[v]; i < r->star->begin[v + 1]; i++) {
         uint32_t cell = cocone_star_cell(r->star->corner[i]);
         if (r->stamp[cell] == r->time) continue;
@@ -81,6 +98,15 @@ static int defect(struct repair *r, uint32_t v) {
         flood(r, v, cell);
     }
     return regions[0] == 0 || regions[1] == 0 ? LOST : regions[0] + regions[1] - 2;
+}
+
+/* The defect with the labels as they are, remembered until a cell around v is flipped for good. */
+static int defect(struct repair *r, uint32_t v) {
+    if (r->known[v] == 0) {
+        int count = count_defect(r, v);
+        r->known[v] = (uint8_t)((count < MANY ? count : MANY) + 1);
+    }
+    return r->known[v] - 1;
 }
 
 static int vertices_of(const struct repair *r, const struct set *set, uint32_t vertex[SET_VERTICES]) {
@@ -94,13 +120,6 @@ static int vertices_of(const struct repair *r, const struct set *set, uint32_t v
         }
     }
     return count;
-}
-
-static int defects_around(struct repair *r, const struct set *set) {
-    uint32_t vertex[SET_VERTICES];
-    int count = vertices_of(r, set, vertex), sum = 0;
-    for (int k = 0; k < count; k++) sum += defect(r, vertex[k]);
-    return sum;
 }
 
 /* ------------------------------------------------------------------------------------------------ flips */
@@ -132,15 +151,24 @@ static int64_t flip(struct repair *r, const struct set *set) {
     return cost;
 }
 
-static void try_set(struct repair *r, const struct set *set, struct gain *best) {
-    int before = defects_around(r, set);
-    if (before == 0) return;
-    int64_t cost = flip(r, set);
-    int defects = before - defects_around(r, set);
-    flip(r, set);
+/* Whether a move is better than the best one so far.  One that brings no point back has to be worth its cost. */
+static bool is_better(int defects, int64_t cost, const struct gain *best) {
     int64_t worth = defects * DEFECT_WORTH - cost;
-    if (defects <= 0 || (worth < 0 && defects < LOST)) return;
-    if (best->defects == 0 || worth > best->worth) *best = (struct gain){defects, worth, *set};
+    if (defects <= 0 || (worth < 0 && defects < LOST)) return false;
+    return best->defects == 0 || worth > best->worth;
+}
+
+static void try_set(struct repair *r, const struct set *set, struct gain *best) {
+    uint32_t vertex[SET_VERTICES];
+    int count = vertices_of(r, set, vertex), before = 0, after = 0;
+    for (int k = 0; k < count; k++) before += defect(r, vertex[k]);
+    int64_t cost = flip(r, set);
+    if (is_better(before, cost, best)) {
+        for (int k = 0; k < count; k++) after += count_defect(r, vertex[k]);
+        int defects = before - after;
+        if (is_better(defects, cost, best)) *best = (struct gain){defects, defects * DEFECT_WORTH - cost, *set};
+    }
+    flip(r, set);
 }
 
 /* Tries the set, and the set with each neighbour of its last cell, up to size cells. */
@@ -184,30 +212,30 @@ static uint32_t dequeue(struct repair *r) {
     return v;
 }
 
-static void enqueue_all(struct repair *r) {
-    for (uint32_t v = 0; v < r->star->n; v++)
-        if (r->star->begin[v] < r->star->begin[v + 1] && defect(r, v) > 0) enqueue(r, v);
+static bool is_due(struct repair *r, uint32_t v, const struct pass *pass) {
+    if (r->star->begin[v] == r->star->begin[v + 1]) return false;
+    return defect(r, v) >= (pass->lost_alone ? LOST : 1);
 }
 
-static void mend(struct repair *r, uint32_t v, int size) {
-    if (defect(r, v) == 0) return;
-    struct gain gain = best_move(r, v, size);
-    if (gain.defects <= 0) return;
+static void mend(struct repair *r, uint32_t v, const struct pass *pass) {
+    if (r->steps > r->step_limit || !is_due(r, v, pass)) return;
+    struct gain gain = best_move(r, v, pass->size);
+    if (gain.defects == 0) return;
     flip(r, &gain.set);
     r->flips += (size_t)gain.set.count;
     uint32_t vertex[SET_VERTICES];
     int count = vertices_of(r, &gain.set, vertex);
+    for (int k = 0; k < count; k++) r->known[vertex[k]] = 0;
     for (int k = 0; k < count; k++)
-        if (defect(r, vertex[k]) > 0) enqueue(r, vertex[k]);
+        if (is_due(r, vertex[k], pass)) enqueue(r, vertex[k]);
 }
 
-static enum status mend_all(struct repair *r, const struct progress *progress) {
-    for (int size = 1; size <= SET_MOST; size++) {
-        enqueue_all(r);
-        for (size_t i = 0; r->length > 0; i++) {
-            if (i % VERTICES_PER_TICK == 0 && progress_tick(progress, "cocone", 0.8)) return STATUS_CANCELLED;
-            mend(r, dequeue(r), size);
-        }
+static enum status mend_all(struct repair *r, const struct pass *pass, const struct progress *progress) {
+    for (uint32_t v = 0; v < r->star->n; v++)
+        if (is_due(r, v, pass)) enqueue(r, v);
+    for (size_t i = 0; r->length > 0; i++) {
+        if (i % VERTICES_PER_TICK == 0 && progress_tick(progress, "cocone", 0.8)) return STATUS_CANCELLED;
+        mend(r, dequeue(r), pass);
     }
     return STATUS_OK;
 }
@@ -229,11 +257,14 @@ enum status cocone_repair(const struct cocone_star *star, const struct cocone_co
     r.stack = alloc_array(largest_star(star), sizeof *r.stack);
     r.queue = alloc_array(star->n + 1, sizeof *r.queue);
     r.queued = alloc_zeroed(star->n, sizeof *r.queued);
-    if (!r.stamp || !r.stack || !r.queue || !r.queued) goto out;
-    status = mend_all(&r, progress);
+    r.known = alloc_zeroed(star->n, sizeof *r.known);
+    r.step_limit = (uint64_t)star->tets->cell_count * STEPS_PER_CELL;
+    if (!r.stamp || !r.stack || !r.queue || !r.queued || !r.known) goto out;
+    status = STATUS_OK;
+    for (size_t i = 0; i < sizeof passes / sizeof *passes && !status; i++) status = mend_all(&r, &passes[i], progress);
     if (!status) *flips = r.flips;
 out:
     free(r.stamp), free(r.stack);
-    free(r.queue), free(r.queued);
+    free(r.queue), free(r.queued), free(r.known);
     return status;
 }

@@ -30,7 +30,7 @@
 #include "core/par.h"
 
 enum { GRAIN = 512, RELINK_K = 9, KEY_DIGIT_BITS = 11, KEY_DIGITS = 1 << KEY_DIGIT_BITS, KEY_PASSES = 3 };
-static const double FRACTION = 1.0 / 8, SLACK = 1.5, FEWEST = 1.0 / 6, LENGTH_BIAS = 1e-9;
+static const double FRACTION = 1.0 / 5, SLACK = 1.5, FEWEST = 1.0 / 6, LENGTH_BIAS = 1e-9;
 
 /* A pick of live point `owner`, sorted by key: the cost's float bits, which order as the cost does. */
 struct pick {

@@ -4,8 +4,8 @@
  *     valid:   format NAME | count N | triangles N | properties NAME:TYPE ... (a list is NAME:list:COUNT_TYPE:TYPE)
  *              value VERTEX PROPERTY NUMBER | list VERTEX PROPERTY NUMBER ... | triangle T A B C | comment TEXT
  *     invalid: status NAME | line N | byte_offset N | where TEXT | text PART
- * A valid case is read from memory, through a file and through a pipe; an invalid one must leave its output alone.  Every
- * valid case is also written in both encodings and read again.  Run from the root of the tree.
+ * A valid case is read from memory, through a file and through a pipe; an invalid one must leave its output alone.
+ * Every valid case is also written in both encodings and read again.  Run from the root of the tree.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <dirent.h>
@@ -107,9 +107,10 @@ static void check_comment(const struct cloud *cloud, const char *rest) {
 static const struct {
     const char *name;
     void (*check)(const struct cloud *cloud, const char *rest);
-} cloud_facts[] = {{"count", check_count},       {"triangles", check_triangles}, {"format", check_format},
-                   {"value", check_value},       {"list", check_list},           {"triangle", check_triangle},
-                   {"comment", check_comment},   {"properties", check_properties}};
+} cloud_facts[] = {{"count", check_count},     {"triangles", check_triangles},
+                   {"format", check_format},   {"value", check_value},
+                   {"list", check_list},       {"triangle", check_triangle},
+                   {"comment", check_comment}, {"properties", check_properties}};
 
 static void check_cloud_fact(const void *cloud, const char *name, const char *rest) {
     for (size_t i = 0; i < sizeof cloud_facts / sizeof *cloud_facts; i++)

@@ -26,7 +26,6 @@ struct reader {
     const struct ply_header *header;
     const unsigned char *begin, *at, *end;
     bool text, swap;
-    bool plain_faces;                  /* lists of vertices may be taken by take_plain_triangle */
     uint64_t line;                     /* text: which one at is on */
     const struct ply_element *element; /* being read, for errors */
     const struct property *property;

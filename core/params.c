@@ -24,7 +24,7 @@ static const char *const boundary_forms[] = {"fill", "keep", NULL};
 static const char *const refine_forms[] = {"none", "flips", "full", NULL};
 static const char *const reference_forms[] = {"auto", "points", "faces", "reconstruction", NULL};
 static const char *const encodings[] = {"binary", "ascii", NULL};
-static const char *const output_names[] = {"cloud", "xyz", "mesh", "report", NULL};
+static const char *const output_names[] = {"cloud", "xyz", "mesh", "report", "dso", "error", NULL};
 
 #define AT(member) offsetof(struct params, member)
 
@@ -36,7 +36,8 @@ static const struct param table[] = {
     {"max_error", PARAM_NUMBER, AT(max_error), 0, 1, true, "", NULL, "fraction of the bounding-box diagonal", true,
      "Remove points as long as the quadric error stays below this; with ratio or points whichever stops first"},
     {"outputs", PARAM_FLAGS, AT(outputs), 0, 0, false, "cloud,report", output_names, "", true,
-     "What to write, separated by commas: cloud.ply, cloud.xyz, mesh.ply, report.json"},
+     "What to write, separated by commas: cloud.ply, cloud.xyz, mesh.ply, report.json, "
+     "dso.ply and error.ply (every original point with its discrete shape operator, its distance to the mesh)"},
     {"placement", PARAM_CHOICE, AT(placement), 0, 0, false, "subset", placements, "", true,
      "subset: mesh vertices are original points; optimal: mesh vertices move freely for the lowest error"},
     {"dso", PARAM_CHOICE, AT(dso), 0, 0, false, "rms", dso_forms, "", true,

@@ -27,7 +27,9 @@ enum output {
     OUTPUT_CLOUD = 1 << 0,     /* cloud.ply */
     OUTPUT_CLOUD_XYZ = 1 << 1, /* cloud.xyz */
     OUTPUT_MESH = 1 << 2,      /* mesh.ply */
-    OUTPUT_REPORT = 1 << 3     /* report.json */
+    OUTPUT_REPORT = 1 << 3,    /* report.json */
+    OUTPUT_DSO = 1 << 4,       /* dso.ply: the discrete shape operator of every original point */
+    OUTPUT_ERROR = 1 << 5      /* error.ply: the distance of every original point to the mesh */
 };
 
 struct params {

@@ -31,6 +31,7 @@
 #include <sys/resource.h>
 #include <time.h>
 
+#include "core/alloc.h"
 #include "core/pipeline_run.h"
 
 static bool always(const struct params *params) {
@@ -96,6 +97,22 @@ static void restore_vertex(const struct run *run, struct mesh *mesh, size_t v) {
                                      : vec3_add(vec3_scale(mesh->vertex[v], run->points.scale), run->points.centre);
 }
 
+/* Spreads values of the distinct points over all points of the input, in the input's units. */
+static float *spread(const struct run *run, const float *value, double scale) {
+    float *all = alloc_array(run->cloud->count, sizeof *all);
+    for (size_t i = 0; all && i < run->cloud->count; i++)
+        all[i] = (float)((double)value[run->points.distinct[i]] * scale);
+    return all;
+}
+
+static enum status hand_over_values(struct run *run, struct pipeline_result *made) {
+    bool dso = run->params->outputs & OUTPUT_DSO, distance = run->params->outputs & OUTPUT_ERROR;
+    if (dso) made->dso = spread(run, run->dso, 1 / run->points.scale);
+    if (distance) made->distance = spread(run, run->distance, run->points.scale);
+    bool ok = (!dso || made->dso) && (!distance || made->distance);
+    return ok ? STATUS_OK : pipeline_no_memory(run, "output");
+}
+
 static enum status hand_over(struct run *run, struct pipeline_result *result) {
     struct pipeline_result made = {.kept_count = run->kept_count, .kept = run->kept, .mesh = run->mesh};
     for (size_t i = 0; i < made.kept_count; i++) made.kept[i] = run->points.original[made.kept[i]];
@@ -106,15 +123,19 @@ static enum status hand_over(struct run *run, struct pipeline_result *result) {
     made.report = run->report;
     run->kept = NULL;
     run->mesh = (struct mesh){0};
-    *result = made;
-    return STATUS_OK;
+    enum status status = hand_over_values(run, &made);
+    if (status)
+        pipeline_result_done(&made);
+    else
+        *result = made;
+    return status;
 }
 
 static void run_done(struct run *run) {
     ordered_points_done(&run->points);
     knn_free(run->knn);
     neighbourhood_done(&run->hood);
-    free(run->normal), free(run->dso), free(run->quadrics), free(run->kept);
+    free(run->normal), free(run->dso), free(run->distance), free(run->quadrics), free(run->kept);
     contraction_done(&run->contraction);
     tets_done(&run->tets);
     mesh_done(&run->mesh);
@@ -135,7 +156,7 @@ enum status pipeline_run(const struct cloud *cloud, const struct params *params,
 
 void pipeline_result_done(struct pipeline_result *result) {
     if (!result) return;
-    free(result->kept);
+    free(result->kept), free(result->dso), free(result->distance);
     mesh_done(&result->mesh);
     *result = (struct pipeline_result){0};
 }

@@ -14,6 +14,8 @@ struct pipeline_result {
     size_t kept_count;
     uint32_t *kept;   /* ids into the cloud of the points that are kept, the most important first; owned */
     struct mesh mesh; /* in the input's coordinates, source = ids into the cloud; empty unless asked for */
+    float *dso;      /* of every point, in 1 / length, where OUTPUT_DSO is asked for; else NULL; owned */
+    float *distance; /* of every point to the mesh, where OUTPUT_ERROR is asked for; else NULL; owned */
     struct report report;
 };
 

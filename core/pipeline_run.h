@@ -38,6 +38,7 @@ struct run {
     uint32_t *kept; /* along the curve's ids, most important first */
     struct sites sites;
     struct tets tets;
+    float *distance;  /* of every distinct point to the mesh, normalised; NULL unless asked for */
     struct mesh mesh; /* sources are ids along the curve */
     struct report report;
 };

@@ -11,6 +11,7 @@
 #include "core/cloud_write.h"
 #include "core/file_out.h"
 #include "core/mesh_ply.h"
+#include "core/paint.h"
 
 struct outputs {
     const struct worker_options *options;
@@ -35,6 +36,25 @@ static enum status write_report(int fd, const struct outputs *o, struct error *e
     return report_json_write(fd, &o->result->report, &o->options->params, error);
 }
 
+static enum status write_painted(int fd, const struct outputs *o, const char *name, const float *value,
+                                 struct error *error) {
+    struct cloud painted = {0};
+    if (paint_cloud(o->cloud, name, value, &painted))
+        return error_set(error, STATUS_NO_MEMORY, name, "no memory for the painted cloud");
+    enum status status =
+        cloud_write_ply(fd, &painted, NULL, painted.count, (enum encoding)o->options->params.encoding, error);
+    cloud_done(&painted);
+    return status;
+}
+
+static enum status write_dso(int fd, const struct outputs *o, struct error *error) {
+    return write_painted(fd, o, "dso", o->result->dso, error);
+}
+
+static enum status write_error(int fd, const struct outputs *o, struct error *error) {
+    return write_painted(fd, o, "distance", o->result->distance, error);
+}
+
 static const struct {
     uint32_t bit; /* of params.outputs */
     const char *name;
@@ -43,6 +63,8 @@ static const struct {
     {OUTPUT_CLOUD, "cloud.ply", write_cloud},
     {OUTPUT_CLOUD_XYZ, "cloud.xyz", write_xyz},
     {OUTPUT_MESH, "mesh.ply", write_mesh},
+    {OUTPUT_DSO, "dso.ply", write_dso},
+    {OUTPUT_ERROR, "error.ply", write_error},
     {OUTPUT_REPORT, "report.json", write_report},
 };
 

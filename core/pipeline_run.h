@@ -34,8 +34,9 @@ struct run {
     float *dso;
     quadric *quadrics;
     struct contraction contraction;
-    size_t kept_count;
-    uint32_t *kept; /* along the curve's ids, most important first */
+    size_t level;      /* the one that the steps work on */
+    size_t kept_count; /* of that level */
+    uint32_t *kept;    /* of the finest level, along the curve's ids, most important first */
     struct sites sites;
     struct tets tets;
     float *distance;  /* of every distinct point to the mesh, normalised; NULL unless asked for */

@@ -32,7 +32,7 @@ struct run {
     struct neighbourhood hood;
     vec3 *normal;
     float *dso;
-    quadric *quadrics;
+    struct packed_quadric *quadrics;
     struct contraction contraction;
     size_t level;      /* the one that the steps work on */
     size_t kept_count; /* of that level */

@@ -345,7 +345,7 @@ static void any_allocation_that_fails_is_reported(void **state) {
         if (bvh) check_hit(&mesh, (vec3){0, 0, 0}, bvh_closest(bvh, (vec3){0, 0, 0}, NONE), 1);
         bvh_free(bvh);
     }
-    assert_int_equal(refused, 6); /* the seventh, which gives memory back, may fail */
+    assert_int_equal(refused, 6);
     free_mesh(&mesh);
 }
 

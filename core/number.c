@@ -94,8 +94,8 @@ static double divide(uint64_t w, int k) {
 
 /* w * 10^exponent by way 1 or 2; false where neither applies. */
 static bool convert(uint64_t w, int exponent, double *value) {
-    if (w == 0)
-        *value = 0;
+    if (w == 0 || exponent == 0)
+        *value = (double)w;
     else if (FLT_EVAL_METHOD == 0 && w <= (uint64_t)1 << 53 && exponent >= -EXACT_POWER && exponent <= EXACT_POWER)
         *value = exponent < 0 ? (double)w / power_of_ten[-exponent] : (double)w * power_of_ten[exponent];
     else if (exponent <= 0 && exponent >= -MAX_DIGITS)

@@ -2,7 +2,6 @@
  *
  *     whittle scan.ply --ratio 0.1 --outputs cloud,mesh,report -o out/
  *     whittle measure out/mesh.ply scan.ply                              (server/worker_measure.c)
- *     whittle measure out/mesh.ply scan.ply                              (server/worker_measure.c)
  *
  * Reads like its --help: options, then read, run, write.  The same program is what whittled starts for each job; then
  * --progress-fd names an inherited descriptor, and progress and the end are told there (server/wire.h).

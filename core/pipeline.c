@@ -34,6 +34,10 @@
 #include "core/alloc.h"
 #include "core/pipeline_run.h"
 
+static bool mesh_wanted(const struct params *params) { return params->outputs & (OUTPUT_MESH | OUTPUT_ERROR); }
+
+static bool distances_wanted(const struct params *params) { return params->outputs & OUTPUT_ERROR; }
+
 static bool always(const struct params *params) {
     (void)params;
     return true;
@@ -47,10 +51,19 @@ static const struct step {
     bool each_level;
     double share;
 } steps[] = {
-    {"order", pipeline_order, always, false, 2},       {"neighbours", pipeline_neighbours, always, false, 10},
-    {"normals", pipeline_normals, always, false, 4},   {"dso", pipeline_dso, always, false, 2},
-    {"quadrics", pipeline_quadrics, always, false, 5}, {"contract", pipeline_contract, always, false, 20},
-    {"keep", pipeline_keep, always, true, 1},          {"tangent", pipeline_tangent, always, true, 4},
+    {"order", pipeline_order, always, false, 2},
+    {"neighbours", pipeline_neighbours, always, false, 10},
+    {"normals", pipeline_normals, always, false, 4},
+    {"dso", pipeline_dso, always, false, 2},
+    {"quadrics", pipeline_quadrics, always, false, 5},
+    {"contract", pipeline_contract, always, false, 20},
+    {"keep", pipeline_keep, always, true, 1},
+    {"tangent", pipeline_tangent, always, true, 4},
+    {"delaunay", pipeline_delaunay, mesh_wanted, true, 10},
+    {"reconstruct", pipeline_reconstruct, mesh_wanted, true, 10},
+    {"examine", pipeline_examine, mesh_wanted, true, 1},
+    {"measure", pipeline_measure, mesh_wanted, true, 20},
+    {"distances", pipeline_distances, distances_wanted, true, 4},
 };
 enum { STEPS = sizeof steps / sizeof steps[0] };
 

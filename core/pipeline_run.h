@@ -32,7 +32,7 @@ struct run {
     struct neighbourhood hood;
     vec3 *normal;
     float *dso;
-    quadric *quadrics;
+    struct packed_quadric *quadrics;
     struct contraction contraction;
     size_t level;      /* the one that the steps work on */
     size_t kept_count; /* of that level */
@@ -56,9 +56,9 @@ enum status pipeline_keep(struct run *run) MUST_CHECK;
 enum status pipeline_tangent(struct run *run) MUST_CHECK;
 enum status pipeline_delaunay(struct run *run) MUST_CHECK;
 enum status pipeline_reconstruct(struct run *run) MUST_CHECK;
-enum status pipeline_refine(struct run *run) MUST_CHECK;
 enum status pipeline_examine(struct run *run) MUST_CHECK;
 enum status pipeline_measure(struct run *run) MUST_CHECK;
+enum status pipeline_distances(struct run *run) MUST_CHECK;
 
 /* Fills run->error and returns STATUS_NO_MEMORY. */
 enum status pipeline_no_memory(struct run *run, const char *where);

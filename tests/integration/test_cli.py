@@ -195,7 +195,7 @@ def test_progress_ends_with_done_or_the_failure(scan, tmp_path):
     fractions = [float(line.split()[2]) for line in lines[:-1]]
     assert all(line.startswith("progress ") for line in lines[:-1])
     assert fractions == sorted(fractions) and 0 <= fractions[0] and fractions[-1] <= 1 and len(fractions) > 8
-    run, lines = told(FIXTURES / "invalid" / "empty" / "input.xyz")
+    run, lines = told(FIXTURES / "invalid" / "empty" / "input.ply")
     assert run.returncode == 65 and lines[-1].startswith("failed malformed ")
 
 

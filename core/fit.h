@@ -1,0 +1,70 @@
+/* A mesh that is being fitted to dense points: what the refining operations share.
+ *
+ * Every dense point belongs to one triangle, the nearest as far as is known: each operation that changes triangles hands
+ * the points of these triangles out among them again, and looks no further.  The lists are linked through flat arrays.
+ *
+ * What is made small is the sum over the points of  weight * (d + d^2 / FIT_FAR):  the mean distance, with large distances
+ * counted more, so that the largest falls as well.  A point's weight is the area that it stands for.
+ *
+ * Invariant: cost[t] is the sum over the points of triangle t's list, and each point is in exactly one list.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_FIT_H
+#define WHITTLE_CORE_FIT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/halfedge.h"
+#include "core/mesh.h"
+#include "core/params.h"
+#include "core/refine.h"
+#include "core/triangle.h"
+
+enum { FIT_MAX_RING = 32 };
+
+struct fit {
+    struct mesh *mesh;
+    struct halfedge he;
+    const struct refine_input *input;
+    enum placement placement;
+    unsigned threads;
+    double far;       /* from here on a distance counts more by its square */
+    double *weight;   /* input->n */
+    uint32_t *first;  /* triangle_count: first point of the list, or NONE */
+    uint32_t *link;   /* input->n: next point of the list, or NONE */
+    double *cost;     /* triangle_count */
+    uint8_t *taken;   /* input->n: is a vertex */
+    uint8_t *stale;   /* vertex_count: its star has changed since it was last tried */
+    uint8_t *touched; /* triangle_count: it has changed since its edges were last tried */
+};
+
+enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_input *input,
+                     const struct refine_options *options) MUST_CHECK;
+void fit_done(struct fit *fit);
+
+/* What a point at this squared distance costs, for weight 1. */
+static inline double fit_cost_of(const struct fit *fit, double distance_sq) {
+    return sqrt(distance_sq) + distance_sq / fit->far;
+}
+
+static inline vec3 fit_corner(const struct fit *fit, uint32_t h) {
+    return fit->mesh->vertex[halfedge_from(&fit->he, h)];
+}
+
+struct triangle_frame fit_frame(const struct fit *fit, uint32_t triangle);
+
+/* The sum over the points of these triangles' lists of what they would cost with the surface frame[0 .. frames), or
+ * something above limit as soon as it is known to be over limit. */
+double fit_cost_with(const struct fit *fit, const uint32_t *triangle, size_t triangles,
+                     const struct triangle_frame *frame, size_t frames, double limit);
+
+/* Gives the points of the lists of triangle[0 .. n) to the nearest of these triangles as they are now, and sets their
+ * costs. */
+void fit_share(struct fit *fit, const uint32_t *triangle, size_t n);
+
+/* Total cost. */
+double fit_total(const struct fit *fit);
+
+#endif

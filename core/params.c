@@ -1,0 +1,287 @@
+/* The table of parameters, and what can be done with its rows.
+ *
+ * A row says where in struct params its value lives and how it is written; everything else (query, JSON, command line,
+ * schema, help) is derived from it.  The defaults are text, read by the same code that reads a user's.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/params.h"
+
+#include <assert.h>
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+enum { VALUE_BYTES = 256, MAX_NAME = 64 };
+
+static const char *const placements[] = {"subset", "optimal", NULL};
+static const char *const dso_forms[] = {"rms", "sum", "none", NULL};
+static const char *const area_weights[] = {"unit", "area", NULL};
+static const char *const cocone_forms[] = {"tight", "literal", NULL};
+static const char *const boundary_forms[] = {"fill", "keep", NULL};
+static const char *const refine_forms[] = {"none", "flips", "full", NULL};
+static const char *const reference_forms[] = {"auto", "points", "faces", "reconstruction", NULL};
+static const char *const encodings[] = {"binary", "ascii", NULL};
+static const char *const output_names[] = {"cloud", "xyz", "mesh", "report", NULL};
+
+#define AT(member) offsetof(struct params, member)
+
+static const struct param table[] = {
+    {"ratio", PARAM_NUMBER, AT(ratio), 0, 1, true, "", NULL, "", true,
+     "Keep floor(ratio x points) points; 0.1 where no goal is given"},
+    {"points", PARAM_INTEGER, AT(points), 1, 4294967294.0, false, "", NULL, "points", true,
+     "Keep exactly this many points"},
+    {"max_error", PARAM_NUMBER, AT(max_error), 0, 1, true, "", NULL, "fraction of the bounding-box diagonal", true,
+     "Remove points as long as the quadric error stays below this; with ratio or points whichever stops first"},
+    {"outputs", PARAM_FLAGS, AT(outputs), 0, 0, false, "cloud,report", output_names, "", true,
+     "What to write, separated by commas: cloud.ply, cloud.xyz, mesh.ply, report.json"},
+    {"placement", PARAM_CHOICE, AT(placement), 0, 0, false, "subset", placements, "", true,
+     "subset: mesh vertices are original points; optimal: mesh vertices move freely for the lowest error"},
+    {"dso", PARAM_CHOICE, AT(dso), 0, 0, false, "rms", dso_forms, "", true,
+     "Form of the discrete shape operator that weights the quadrics: rms (robust), sum (the paper's), none"},
+    {"dso_exponent", PARAM_NUMBER, AT(dso_exponent), -2, 4, false, "0.5", NULL, "", true,
+     "Exponent of the discrete shape operator in the weight; 1 is the paper's"},
+    {"area_weight", PARAM_CHOICE, AT(area_weight), 0, 0, false, "area", area_weights, "", true,
+     "Weight of a virtual triangle's plane: its area, or unit (the paper's)"},
+    {"line_quadric", PARAM_NUMBER, AT(line_quadric), 0, 1, false, "0.003", NULL, "", true,
+     "Weight of the line quadric along the normal, which keeps flat regions evenly sampled"},
+    {"neighbourhood", PARAM_NUMBER, AT(neighbourhood), 1, 16, false, "2.5", NULL, "nearest-neighbour distances", true,
+     "Radius of the neighbourhood (Gopi's m) as a multiple of the distance to the nearest neighbour"},
+    {"neighbours_min", PARAM_INTEGER, AT(neighbours_min), 3, 64, false, "6", NULL, "points", true,
+     "Fewest neighbours of a point"},
+    {"neighbours_max", PARAM_INTEGER, AT(neighbours_max), 3, 64, false, "10", NULL, "points", true,
+     "Most neighbours of a point"},
+    {"cocone", PARAM_CHOICE, AT(cocone), 0, 0, false, "tight", cocone_forms, "", true,
+     "Reconstruction: tight (Tight Cocone with dense normals and consistent marking) or literal (as published)"},
+    {"boundary", PARAM_CHOICE, AT(boundary), 0, 0, false, "fill", boundary_forms, "", true,
+     "fill: the mesh is closed; keep: facets that no point supports are dropped, so open scans stay open"},
+    {"refine", PARAM_CHOICE, AT(refine), 0, 0, false, "full", refine_forms, "", true,
+     "Refinement of the mesh against the original points: none, flips of edges, or full (vertices move too)"},
+    {"reference", PARAM_CHOICE, AT(reference), 0, 0, false, "auto", reference_forms, "", true,
+     "What the mesh is measured against: points, the input's own faces, or a reconstruction of the full cloud; "
+     "auto takes faces where the input has them, else points"},
+    {"encoding", PARAM_CHOICE, AT(encoding), 0, 0, false, "binary", encodings, "", true, "Encoding of PLY outputs"},
+    {"seed", PARAM_INTEGER, AT(seed), 0, 4294967295.0, false, "0", NULL, "", true,
+     "Seed of the samples that the error is measured with"},
+    {"threads", PARAM_INTEGER, AT(threads), 0, 256, false, "0", NULL, "", false,
+     "Threads to use; 0 takes all processors; results don't depend on it"},
+};
+enum { ROWS = sizeof table / sizeof table[0] };
+
+const struct param *params_table(size_t *count) {
+    *count = ROWS;
+    return table;
+}
+
+const struct param *params_find(const char *name) {
+    for (size_t i = 0; i < ROWS; i++)
+        if (strcmp(table[i].name, name) == 0) return &table[i];
+    return NULL;
+}
+
+/* ------------------------------------------------------------------------------------------------ did you mean */
+
+static size_t min3(size_t a, size_t b, size_t c) {
+    size_t m = a < b ? a : b;
+    return m < c ? m : c;
+}
+
+/* Levenshtein's distance, ignoring case; names longer than MAX_NAME are far from everything. */
+static size_t edit_distance(const char *a, const char *b) {
+    size_t la = strlen(a), lb = strlen(b), row[MAX_NAME + 1];
+    if (la > MAX_NAME || lb > MAX_NAME) return SIZE_MAX;
+    for (size_t j = 0; j <= lb; j++) row[j] = j;
+    for (size_t i = 1; i <= la; i++) {
+        size_t diagonal = row[0];
+        row[0] = i;
+        for (size_t j = 1; j <= lb; j++) {
+            size_t replace = diagonal + (strncasecmp(&a[i - 1], &b[j - 1], 1) != 0);
+            diagonal = row[j];
+            row[j] = min3(replace, row[j] + 1, row[j - 1] + 1);
+        }
+    }
+    return row[lb];
+}
+
+static void consider(const char *name, const char *candidate, const char **best, size_t *best_distance) {
+    size_t distance = edit_distance(name, candidate);
+    if (distance < *best_distance) *best = candidate, *best_distance = distance;
+}
+
+const char *params_suggest(const char *name, const char *const *extra) {
+    const char *best = NULL;
+    size_t distance = strlen(name) < 5 ? 3 : 4; /* this far and farther is no mistyping */
+    for (size_t i = 0; i < ROWS; i++) consider(name, table[i].name, &best, &distance);
+    for (; extra && *extra; extra++) consider(name, *extra, &best, &distance);
+    return best;
+}
+
+/* ------------------------------------------------------------------------------------------------ values as text */
+
+static void join_choices(const char *const *choices, char *text, size_t text_bytes) {
+    size_t used = 0;
+    text[0] = 0;
+    for (size_t i = 0; choices[i] && used < text_bytes; i++)
+        used += (size_t)snprintf(text + used, text_bytes - used, "%s%s", i ? ", " : "", choices[i]);
+}
+
+void params_allowed(const struct param *param, char *text, size_t text_bytes) {
+    char list[VALUE_BYTES];
+    if (param->choices) join_choices(param->choices, list, sizeof list);
+    switch (param->type) {
+    case PARAM_NUMBER:
+        snprintf(text, text_bytes, "a number %s %g, at most %g", param->exclusive_min ? "over" : "from", param->min,
+                 param->max);
+        break;
+    case PARAM_INTEGER:
+        snprintf(text, text_bytes, "a whole number from %.0f to %.0f", param->min, param->max);
+        break;
+    case PARAM_CHOICE: snprintf(text, text_bytes, "one of %s", list); break;
+    case PARAM_FLAGS: snprintf(text, text_bytes, "one or more of %s, separated by commas", list); break;
+    }
+}
+
+static int choice_index(const char *const *choices, const char *text, size_t length) {
+    for (int i = 0; choices[i]; i++)
+        if (strlen(choices[i]) == length && strncmp(choices[i], text, length) == 0) return i;
+    return -1;
+}
+
+static bool in_range(const struct param *param, double value) {
+    return isfinite(value) && value <= param->max &&
+           (param->exclusive_min ? value > param->min : value >= param->min);
+}
+
+/* Digits, sign, point and exponent alone: no hexadecimal numbers, no "inf", no leading space. */
+static bool is_plain_number(const char *text) {
+    return text[0] && text[strspn(text, "+-.0123456789eE")] == 0;
+}
+
+static bool set_number(void *member, const struct param *param, const char *text) {
+    char *end;
+    if (!is_plain_number(text)) return false;
+    double value = strtod(text, &end);
+    if (end == text || *end || !in_range(param, value)) return false;
+    *(double *)member = value;
+    return true;
+}
+
+static bool set_integer(void *member, const struct param *param, const char *text) {
+    char *end;
+    if (!text[0] || text[strspn(text, "0123456789")]) return false;
+    errno = 0;
+    unsigned long long value = strtoull(text, &end, 10);
+    if (errno || *end || !in_range(param, (double)value)) return false;
+    *(uint64_t *)member = value;
+    return true;
+}
+
+static bool set_choice(void *member, const struct param *param, const char *text) {
+    int index = choice_index(param->choices, text, strlen(text));
+    if (index < 0) return false;
+    *(int *)member = index;
+    return true;
+}
+
+static bool set_flags(void *member, const struct param *param, const char *text) {
+    uint32_t bits = 0;
+    for (const char *item = text;;) {
+        size_t length = strcspn(item, ",");
+        int index = choice_index(param->choices, item, length);
+        if (index < 0) return false;
+        bits |= 1u << index;
+        if (!item[length]) break;
+        item += length + 1;
+    }
+    *(uint32_t *)member = bits;
+    return true;
+}
+
+static bool set_value(struct params *params, const struct param *param, const char *value) {
+    static bool (*const setters[])(void *, const struct param *, const char *) = {
+        [PARAM_NUMBER] = set_number, [PARAM_INTEGER] = set_integer, [PARAM_CHOICE] = set_choice,
+        [PARAM_FLAGS] = set_flags};
+    return setters[param->type]((char *)params + param->offset, param, value);
+}
+
+static void clear_value(struct params *params, const struct param *param) {
+    void *member = (char *)params + param->offset;
+    if (param->type == PARAM_NUMBER)
+        *(double *)member = NAN;
+    else
+        *(uint64_t *)member = 0; /* only numbers and integers may be not given */
+}
+
+void params_defaults(struct params *params) {
+    memset(params, 0, sizeof *params);
+    for (size_t i = 0; i < ROWS; i++) {
+        if (!table[i].default_text[0]) {
+            clear_value(params, &table[i]);
+            continue;
+        }
+        bool ok = set_value(params, &table[i], table[i].default_text);
+        assert(ok);
+        (void)ok;
+    }
+}
+
+enum status params_set(struct params *params, const char *name, const char *value, struct error *error) {
+    const struct param *param = params_find(name);
+    if (!param) {
+        const char *near = params_suggest(name, NULL);
+        return error_set(error, STATUS_BAD_PARAMETER, name, "unknown parameter%s%s%s", near ? "; did you mean '" : "",
+                         near ? near : "", near ? "'?" : "");
+    }
+    if (set_value(params, param, value)) return STATUS_OK;
+    char allowed[VALUE_BYTES];
+    params_allowed(param, allowed, sizeof allowed);
+    return error_set(error, STATUS_BAD_PARAMETER, name, "'%.40s' is not allowed; it takes %s", value, allowed);
+}
+
+enum status params_resolve(struct params *params, struct error *error) {
+    bool has_ratio = !isnan(params->ratio), has_points = params->points != 0;
+    if (has_ratio && has_points)
+        return error_set(error, STATUS_BAD_PARAMETER, "points", "conflicts with ratio; give one of them");
+    if (params->neighbours_min > params->neighbours_max)
+        return error_set(error, STATUS_BAD_PARAMETER, "neighbours_max", "is below neighbours_min (%llu)",
+                         (unsigned long long)params->neighbours_min);
+    if (!has_ratio && !has_points && isnan(params->max_error)) params->ratio = 0.1;
+    return STATUS_OK;
+}
+
+static void format_flags(uint32_t bits, const char *const *choices, char *text, size_t text_bytes) {
+    size_t used = 0;
+    text[0] = 0;
+    for (size_t i = 0; choices[i] && used < text_bytes; i++)
+        if (bits & 1u << i)
+            used += (size_t)snprintf(text + used, text_bytes - used, "%s%s", used ? "," : "", choices[i]);
+}
+
+/* The fewest digits that read back as the same number. */
+static void format_number(double value, char *text, size_t text_bytes) {
+    if (isnan(value)) {
+        text[0] = 0;
+        return;
+    }
+    for (int digits = 6; digits <= 17; digits++) {
+        snprintf(text, text_bytes, "%.*g", digits, value);
+        if (strtod(text, NULL) == value) return;
+    }
+}
+
+void params_format(const struct params *params, const struct param *param, char *text, size_t text_bytes) {
+    const void *member = (const char *)params + param->offset;
+    switch (param->type) {
+    case PARAM_NUMBER: format_number(*(const double *)member, text, text_bytes); break;
+    case PARAM_INTEGER: {
+        uint64_t value = *(const uint64_t *)member;
+        bool given = value != 0 || param->default_text[0];
+        snprintf(text, text_bytes, given ? "%llu" : "", (unsigned long long)value);
+        break;
+    }
+    case PARAM_CHOICE: snprintf(text, text_bytes, "%s", param->choices[*(const int *)member]); break;
+    case PARAM_FLAGS: format_flags(*(const uint32_t *)member, param->choices, text, text_bytes); break;
+    }
+}

@@ -101,6 +101,50 @@ $(build)/version.stamp: FORCE
 	@echo '$(VERSION)' | cmp -s - $@ || echo '$(VERSION)' > $@
 FORCE:
 
+# ---------------------------------------------------------------------------------------------------- set-up
+# What building, testing and the demo want, by the names of Debian 12's packages.
+packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
+            libmicrohttpd-dev libsqlite3-dev libcmocka-dev curl jq python3 python3-pytest ca-certificates
+fuzz_packages := clang libclang-rt-14-dev
+
+.PHONY: deps
+deps: ## install the Debian packages that are missing (root, or sudo)
+	@deploy/deps.sh $(packages)
+
+# ---------------------------------------------------------------------------------------------------- use
+CLOUD ?=
+RATIO ?= 0.1
+LISTEN ?= 127.0.0.1:8080
+DATA ?= $(HOME)/.local/share/whittled
+
+.PHONY: demo
+demo: deps ## upload a real scan to a daemon of its own and show what comes back; CLOUD=file.ply RATIO=0.1
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@tests/demo/demo.sh $(build) out '$(CLOUD)' '$(RATIO)'
+
+.PHONY: run
+run: deps ## start whittled for use; LISTEN=127.0.0.1:8080 DATA=folder
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@mkdir -p '$(DATA)'
+	$(build)/whittled --listen '$(LISTEN)' --data '$(DATA)'
+
+# ---------------------------------------------------------------------------------------------------- checks
+.PHONY: test
+test: deps ## build and run all tests; also with config=asan or tsan
+	@$(MAKE) --no-print-directory -j$$(nproc) all tests
+	@$(MAKE) --no-print-directory lint test-unit test-integration
+
+.PHONY: tests
+tests: $(unit_programs) $(tool_programs)
+
+.PHONY: lint
+lint: $(libwhittle) ## check layers, banned functions and line lengths
+	@$(PYTHON) tests/lint/layers.py $(libwhittle)
+
+.PHONY: test-integration
+test-integration:
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -p no:cacheprovider tests/integration
+
 .PHONY: tools
 tools: $(tool_programs) ## build the measuring programs of tests/
 

@@ -1,11 +1,11 @@
-/* Lists live in one pool.  A list only shrinks in place; a merged point's new list goes to the end of the pool, and when
- * the pool is full the live lists are moved together into a fresh one.
+/* Lists live in one pool.  A list only shrinks in place; a merged point's new list goes to the end of the pool, and
+ * when the pool is full the live lists are moved together into a fresh one.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/adjacency.h"
 
-#include <stdlib.h>
 #include <stdbool.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "core/alloc.h"

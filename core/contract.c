@@ -30,7 +30,7 @@
 #include "core/par.h"
 
 enum { GRAIN = 512, RELINK_K = 9, KEY_DIGIT_BITS = 11, KEY_DIGITS = 1 << KEY_DIGIT_BITS, KEY_PASSES = 3 };
-static const double FRACTION = 1.0 / 8, SLACK = 1.5, FEWEST = 1.0 / 6, LENGTH_BIAS = 1e-9;
+static const double FRACTION = 1.0 / 5, SLACK = 1.5, FEWEST = 1.0 / 6, LENGTH_BIAS = 1e-9;
 
 /* A pick of live point `owner`, sorted by key: the cost's float bits, which order as the cost does. */
 struct pick {
@@ -42,13 +42,13 @@ struct contractor {
     quadric *quadric;
     struct adjacency near;
     size_t live_count, removed;
-    uint32_t *live;        /* ids of the live points, ascending */
-    uint32_t *partner;     /* by id: other end of the cheapest pair, NONE where there is none */
-    float *cost;           /* by id: of that pair */
-    uint8_t *dirty;        /* by id: the cheapest pair must be looked for again */
-    uint8_t *changed;      /* by id: merged in this pass */
+    uint32_t *live;    /* ids of the live points, ascending */
+    uint32_t *partner; /* by id: other end of the cheapest pair, NONE where there is none */
+    float *cost;       /* by id: of that pair */
+    uint8_t *dirty;    /* by id: the cheapest pair must be looked for again */
+    uint8_t *changed;  /* by id: merged in this pass */
     struct pick *pick, *spare;
-    uint32_t *kept;        /* by number of the merge within the pass: the end that stays; the other is order[removed + i] */
+    uint32_t *kept; /* by number of the merge within the pass: the end that stays; the other is order[removed + i] */
     double length_bias;
     unsigned threads;
     struct contraction out;
@@ -124,8 +124,7 @@ static void sort_picks(struct contractor *c, size_t count) {
             start[d] = sum;
             sum += here;
         }
-        for (size_t i = 0; i < count; i++)
-            c->spare[start[c->pick[i].key >> shift & (KEY_DIGITS - 1)]++] = c->pick[i];
+        for (size_t i = 0; i < count; i++) c->spare[start[c->pick[i].key >> shift & (KEY_DIGITS - 1)]++] = c->pick[i];
         struct pick *swap = c->pick;
         c->pick = c->spare;
         c->spare = swap;
@@ -135,8 +134,8 @@ static void sort_picks(struct contractor *c, size_t count) {
 /* ------------------------------------------------------------------------------------------------ perform */
 
 static void record(struct contractor *c, uint32_t stays, uint32_t goes) {
-    quadric sum = quadric_add(c->quadric[stays],
-                              quadric_shift(c->quadric[goes], vec3_sub(c->point[goes], c->point[stays])));
+    quadric sum =
+        quadric_add(c->quadric[stays], quadric_shift(c->quadric[goes], vec3_sub(c->point[goes], c->point[stays])));
     double error = sum.weight > 0 ? sqrt(fmax(sum.c, 0) / sum.weight) : 0;
     float before = c->removed ? c->out.error[c->removed - 1] : 0;
     c->quadric[stays] = sum;
@@ -167,9 +166,7 @@ static size_t perform(struct contractor *c, size_t count) {
 /* ------------------------------------------------------------------------------------------------ update */
 
 /* Where p's neighbour q is now: itself, or what it was contracted into in this pass. */
-static uint32_t current(const struct contractor *c, uint32_t q) {
-    return c->out.into[q] == NONE ? q : c->out.into[q];
-}
+static uint32_t current(const struct contractor *c, uint32_t q) { return c->out.into[q] == NONE ? q : c->out.into[q]; }
 
 static void sort_ids(uint32_t *id, unsigned n) {
     for (unsigned i = 1; i < n; i++) {
@@ -217,8 +214,7 @@ static void merge_range(void *ctx, size_t begin, size_t end) {
         unsigned n = 0;
         for (unsigned j = 0; j < c->near.degree[stays]; j++)
             id[n++] = current(c, c->near.list[c->near.start[stays] + j]);
-        for (unsigned j = 0; j < c->near.degree[goes]; j++)
-            id[n++] = current(c, c->near.list[c->near.start[goes] + j]);
+        for (unsigned j = 0; j < c->near.degree[goes]; j++) id[n++] = current(c, c->near.list[c->near.start[goes] + j]);
         sort_ids(id, n);
         n = keep_nearest(c, stays, id, unique_ids(id, n, stays));
         c->near.start[stays] = merging->pool_start + i * ADJACENCY_MAX;

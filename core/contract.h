@@ -9,7 +9,8 @@
 #include "core/quadric.h"
 
 /* The whole order of removal, from all points to one.  It doesn't depend on how many points are wanted, so it ranks
- * them: order[n - 1] is the most important point, and order[n - k] .. order[n - 1] is the simplified cloud of k points. */
+ * them: order[n - 1] is the most important point, and order[n - k] .. order[n - 1] is the simplified cloud of k points.
+ */
 struct contraction {
     size_t n;
     uint32_t *order; /* n: removed first .. removed last, then the one that is left; owned */

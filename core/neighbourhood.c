@@ -57,8 +57,8 @@ static sym3 moment_about(const struct search *search, size_t p, const uint32_t *
     return moment;
 }
 
-/* Whether the middle eigenvalue is small against the largest, from the characteristic polynomial's coefficients: the sum
- * of the principal minors is about middle x largest where the smallest is small. */
+/* Whether the middle eigenvalue is small against the largest, from the characteristic polynomial's coefficients: the
+ * sum of the principal minors is about middle x largest where the smallest is small. */
 static int is_line(sym3 m) {
     double minors = m.xx * m.yy - m.xy * m.xy + m.xx * m.zz - m.xz * m.xz + m.yy * m.zz - m.yz * m.yz;
     return minors < LINE_RATIO * sym3_trace(m) * sym3_trace(m);
@@ -80,8 +80,8 @@ static void take_sectors(const struct search *search, size_t p, const uint32_t *
     unsigned round_of[WIDE_K], taken[SECTORS] = {0}, count = 0;
     double sum = 0;
     for (unsigned i = 0; i < WIDE_K && found[i] != UINT32_MAX; i++)
-        round_of[i] = found[i] == p ? UINT32_MAX
-                                    : taken[sector_of(vec3_sub(search->point[found[i]], search->point[p]), axis)]++;
+        round_of[i] =
+            found[i] == p ? UINT32_MAX : taken[sector_of(vec3_sub(search->point[found[i]], search->point[p]), axis)]++;
     for (unsigned round = 0; round < WIDE_K && count < search->options->max; round++)
         for (unsigned i = 0; i < WIDE_K && found[i] != UINT32_MAX && count < search->options->max; i++) {
             if (round_of[i] != round) continue;
@@ -97,8 +97,7 @@ static enum status find_chunk(const struct search *search, size_t begin, size_t 
     uint32_t *found = alloc_array((end - begin) * k + WIDE_K, sizeof *found);
     double *distance_sq = alloc_array((end - begin) * k + WIDE_K, sizeof *distance_sq);
     enum status status = found && distance_sq ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status)
-        status = knn_search(search->knn, &search->point[begin], end - begin, k, 1, found, distance_sq);
+    if (!status) status = knn_search(search->knn, &search->point[begin], end - begin, k, 1, found, distance_sq);
     for (size_t p = begin; !status && p < end; p++)
         cut(search, p, &found[(p - begin) * k], &distance_sq[(p - begin) * k], k);
     for (size_t p = begin; !status && p < end; p++) {

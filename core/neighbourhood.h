@@ -20,13 +20,14 @@ struct neighbourhood_options {
     unsigned threads;
 };
 
-/* Neighbours of point p: id[p * stride + i], 0 <= i < count[p], nearest first, p itself not among them.  Not symmetric. */
+/* Neighbours of point p: id[p * stride + i], 0 <= i < count[p], nearest first, p itself not among them.  Not symmetric.
+ */
 struct neighbourhood {
     size_t n;
     unsigned stride;
-    uint32_t *id;    /* n * stride; owned */
-    uint8_t *count;  /* n; owned */
-    float *spacing;  /* n: mean distance to the neighbours, a fraction of the diagonal; 0 for a lonely point; owned */
+    uint32_t *id;   /* n * stride; owned */
+    uint8_t *count; /* n; owned */
+    float *spacing; /* n: mean distance to the neighbours, a fraction of the diagonal; 0 for a lonely point; owned */
 };
 
 /* Finds the neighbourhoods of n distinct points in the normalised frame.  Where the nearest ones lie on a line, as in

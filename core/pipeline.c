@@ -20,8 +20,8 @@
  * Lee, Jong: Point-based simplification algorithm, section 4, is steps 2 to 7 and 10; step 11 is ours.
  *
  * Everything between is in the normalised frame (lengths are fractions of the diagonal) and indexed along the curve;
- * only the result speaks of the input's ids and coordinates.  A step's scratch dies with it; what later steps need is in
- * struct run.
+ * only the result speaks of the input's ids and coordinates.  A step's scratch dies with it; what later steps need is
+ * in struct run.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/pipeline.h"
@@ -129,8 +129,8 @@ static enum status quadrics_step(struct run *run) {
 }
 
 static enum status contract_step(struct run *run) {
-    enum status status = contract(run->points.point, &run->hood, run->quadrics, run->threads, &run->progress,
-                                  &run->contraction);
+    enum status status =
+        contract(run->points.point, &run->hood, run->quadrics, run->threads, &run->progress, &run->contraction);
     free(run->quadrics);
     run->quadrics = NULL;
     return status == STATUS_NO_MEMORY ? no_memory(run, "contract") : status;

@@ -71,8 +71,7 @@ static void add_sector(const struct assembly *assembly, size_t p, const struct s
     if (twice_area <= 0) return;
     double area = twice_area / 2;
     *area_sum += area;
-    quadric_add_plane(q, vec3_scale(normal, 1 / twice_area),
-                      assembly->options->area_weight == AREA_AREA ? area : 1);
+    quadric_add_plane(q, vec3_scale(normal, 1 / twice_area), assembly->options->area_weight == AREA_AREA ? area : 1);
 }
 
 static quadric weighted(quadric q, double w) {

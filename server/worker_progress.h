@@ -10,9 +10,9 @@
 #include "core/status.h"
 
 struct worker_progress {
-    int fd;                          /* lines of server/wire.h; -1: none */
-    bool bar;                        /* standard error is a terminal */
-    double last_ms;                  /* when something was told last */
+    int fd;         /* lines of server/wire.h; -1: none */
+    bool bar;       /* standard error is a terminal */
+    double last_ms; /* when something was told last */
     char last_stage[32];
     volatile sig_atomic_t *stopping; /* nonzero: every tick asks to stop; borrowed */
 };

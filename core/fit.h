@@ -20,7 +20,18 @@
 #include "core/mesh.h"
 #include "core/params.h"
 #include "core/refine.h"
-#include "core/triangle.h"
+#include "core/triangle_frame.h"
+
+#ifdef FIT_TUNE
+extern double fit_tune[32];
+#define FIT_FAR fit_tune[0]
+#define FIT_LARGEST_WEIGHT fit_tune[1]
+#else
+#define FIT_FAR 1e-3
+#define FIT_LARGEST_WEIGHT 8
+#endif
+
+#define FIT_THIN 0.02 /* shape below which no triangle may get thinner */
 
 enum { FIT_MAX_RING = 32 };
 
@@ -38,6 +49,7 @@ struct fit {
     uint8_t *taken;   /* input->n: is a vertex */
     uint8_t *stale;   /* vertex_count: its star has changed since it was last tried */
     uint8_t *touched; /* triangle_count: it has changed since its edges were last tried */
+    uint8_t *postponed; /* triangle_count: all 0 between passes */
 };
 
 enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_input *input,
@@ -52,6 +64,10 @@ static inline double fit_cost_of(const struct fit *fit, double distance_sq) {
 static inline vec3 fit_corner(const struct fit *fit, uint32_t h) {
     return fit->mesh->vertex[halfedge_from(&fit->he, h)];
 }
+
+/* Whether two neighbouring triangles may turn against each other so that the cosine of their normals goes from before to
+ * after: up to 90 degrees, or where it was more already (a sharp edge), no further. */
+static inline bool fit_fold_is_fair(double before, double after) { return after >= 0 || after >= before; }
 
 struct triangle_frame fit_frame(const struct fit *fit, uint32_t triangle);
 

@@ -7,8 +7,8 @@
  * Source: the regions are Ericson's (Real-Time Collision Detection, section 5.1.5), the frame is the usual one.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_CORE_TRIANGLE_H
-#define WHITTLE_CORE_TRIANGLE_H
+#ifndef WHITTLE_CORE_TRIANGLE_FRAME_H
+#define WHITTLE_CORE_TRIANGLE_FRAME_H
 
 #include "core/vec3.h"
 
@@ -18,7 +18,7 @@ struct triangle_frame {
     double inv_bc, inv_ca;   /* 1 / squared length of the edges bc and ca; 0 for an edge without length */
 };
 
-static inline double triangle_inverse(double x) { return x > 0 ? 1 / x : 0; }
+static inline double triangle_frame_inverse(double x) { return x > 0 ? 1 / x : 0; }
 
 static inline struct triangle_frame triangle_frame_of(vec3 a, vec3 b, vec3 c) {
     struct triangle_frame f = {.a = a};
@@ -35,13 +35,20 @@ static inline struct triangle_frame triangle_frame_of(vec3 a, vec3 b, vec3 c) {
     f.cx = vec3_dot(ac, f.u);
     f.cy = vec3_dot(ac, f.v);
     double ex = f.cx - f.bx;
-    f.inv_bc = triangle_inverse(ex * ex + f.cy * f.cy);
-    f.inv_ca = triangle_inverse(f.cx * f.cx + f.cy * f.cy);
+    f.inv_bc = triangle_frame_inverse(ex * ex + f.cy * f.cy);
+    f.inv_ca = triangle_frame_inverse(f.cx * f.cx + f.cy * f.cy);
     return f;
 }
 
+/* Height over longest edge, from 0 (without area) to 0.87 (equilateral). */
+static inline double triangle_frame_shape(const struct triangle_frame *f) {
+    double ex = f->cx - f->bx;
+    double longest_sq = fmax(f->bx * f->bx, fmax(ex * ex + f->cy * f->cy, f->cx * f->cx + f->cy * f->cy));
+    return longest_sq > 0 ? f->bx * f->cy / longest_sq : 0;
+}
+
 /* Squared distance in the plane from (x, y) to the segment from (ax, ay) along (ex, ey). */
-static inline double triangle_edge_sq(double x, double y, double ex, double ey, double inverse) {
+static inline double triangle_frame_edge_sq(double x, double y, double ex, double ey, double inverse) {
     double t = (x * ex + y * ey) * inverse;
     t = t < 0 ? 0 : t > 1 ? 1 : t;
     double dx = x - t * ex, dy = y - t * ey;
@@ -49,7 +56,7 @@ static inline double triangle_edge_sq(double x, double y, double ex, double ey, 
 }
 
 /* The smaller of best_sq and the squared distance from p to the triangle. */
-static inline double triangle_nearer_sq(const struct triangle_frame *f, vec3 p, double best_sq) {
+static inline double triangle_frame_nearer_sq(const struct triangle_frame *f, vec3 p, double best_sq) {
     vec3 r = vec3_sub(p, f->a);
     double height = vec3_dot(r, f->n), result_sq = height * height;
     if (result_sq >= best_sq) return best_sq;
@@ -60,11 +67,11 @@ static inline double triangle_nearer_sq(const struct triangle_frame *f, vec3 p, 
         plane_sq = dx * dx + y * y;
     }
     if (ex * y - f->cy * (x - f->bx) < 0) {
-        double d_sq = triangle_edge_sq(x - f->bx, y, ex, f->cy, f->inv_bc);
+        double d_sq = triangle_frame_edge_sq(x - f->bx, y, ex, f->cy, f->inv_bc);
         if (plane_sq < 0 || d_sq < plane_sq) plane_sq = d_sq;
     }
     if (f->cy * x - f->cx * y < 0) {
-        double d_sq = triangle_edge_sq(x, y, f->cx, f->cy, f->inv_ca);
+        double d_sq = triangle_frame_edge_sq(x, y, f->cx, f->cy, f->inv_ca);
         if (plane_sq < 0 || d_sq < plane_sq) plane_sq = d_sq;
     }
     if (plane_sq > 0) result_sq += plane_sq;
@@ -72,7 +79,7 @@ static inline double triangle_nearer_sq(const struct triangle_frame *f, vec3 p, 
 }
 
 /* Barycentric coordinates (of a, b, c; each >= 0, sum 1) of the point of the triangle that is nearest to p. */
-static inline vec3 triangle_foot(vec3 a, vec3 b, vec3 c, vec3 p) {
+static inline vec3 triangle_frame_foot(vec3 a, vec3 b, vec3 c, vec3 p) {
     vec3 ab = vec3_sub(b, a), ac = vec3_sub(c, a), ap = vec3_sub(p, a);
     double d1 = vec3_dot(ab, ap), d2 = vec3_dot(ac, ap);
     if (d1 <= 0 && d2 <= 0) return (vec3){1, 0, 0};

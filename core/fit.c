@@ -22,18 +22,48 @@ struct triangle_frame fit_frame(const struct fit *fit, uint32_t triangle) {
 
 double fit_cost_with(const struct fit *fit, const uint32_t *triangle, size_t triangles,
                      const struct triangle_frame *frame, size_t frames, double limit) {
-    const vec3 *points = fit->input->points;
+    const vec3 *points = fit->samples.place;
     double sum = 0;
     for (size_t k = 0; k < triangles; k++) {
         for (uint32_t i = fit->first[triangle[k]]; i != NONE; i = fit->link[i]) {
             double nearest_sq = INFINITY;
             for (size_t j = 0; j < frames; j++)
                 nearest_sq = triangle_frame_nearer_sq(&frame[j], points[i], nearest_sq);
-            sum += fit->weight[i] * fit_cost_of(fit, nearest_sq);
+            sum += fit->samples.weight[i] * fit_cost_of(fit, nearest_sq);
             if (sum > limit) return sum;
         }
     }
     return sum;
+}
+
+double fit_backward(const struct fit *fit, const uint32_t *triangle, size_t triangles,
+                    const struct triangle_frame *frame, size_t frames) {
+    vec3 middle[FIT_MAX_RING];
+    double nearest_sq[FIT_MAX_RING], sum = 0;
+    uint32_t nearest[FIT_MAX_RING];
+    for (size_t j = 0; j < frames; j++) {
+        middle[j] = triangle_frame_middle(&frame[j]);
+        nearest_sq[j] = INFINITY, nearest[j] = NONE;
+    }
+    for (size_t k = 0; k < triangles; k++) {
+        for (uint32_t i = fit->first[triangle[k]]; i != NONE; i = fit->link[i]) {
+            for (size_t j = 0; j < frames; j++) {
+                double d_sq = vec3_distance_sq(middle[j], fit->samples.place[i]);
+                if (d_sq < nearest_sq[j]) nearest_sq[j] = d_sq, nearest[j] = i;
+            }
+        }
+    }
+    for (size_t j = 0; j < frames; j++) {
+        uint32_t i = nearest[j];
+        if (i == NONE) continue;
+        double d_sq = nearest_sq[j], reach = (double)fit->samples.reach[i];
+        if (d_sq <= reach * reach) {
+            double height = vec3_dot(vec3_sub(middle[j], fit->samples.place[i]), fit->samples.normal[i]);
+            d_sq = height * height;
+        }
+        sum += frame[j].bx * frame[j].cy / 2 * fit->density * fit_cost_of(fit, d_sq);
+    }
+    return FIT_BACKWARD * sum;
 }
 
 /* Takes the points out of the lists, as one list in the order of the triangles. */
@@ -53,21 +83,21 @@ static uint32_t take_points(struct fit *fit, const uint32_t *triangle, size_t n)
     return chain;
 }
 
-void fit_share(struct fit *fit, const uint32_t *triangle, size_t n) {
-    assert(n <= FIT_MAX_RING);
+void fit_share(struct fit *fit, const uint32_t *from, size_t n, const uint32_t *to, size_t m) {
+    assert(m <= FIT_MAX_RING);
     struct triangle_frame frame[FIT_MAX_RING];
-    for (size_t k = 0; k < n; k++) frame[k] = fit_frame(fit, triangle[k]);
-    for (uint32_t i = take_points(fit, triangle, n), next; i != NONE; i = next) {
+    for (size_t k = 0; k < m; k++) frame[k] = fit_frame(fit, to[k]);
+    for (uint32_t i = take_points(fit, from, n), next; i != NONE; i = next) {
         next = fit->link[i];
         double nearest_sq = INFINITY;
         size_t owner = 0;
-        for (size_t k = 0; k < n; k++) {
-            double d_sq = triangle_frame_nearer_sq(&frame[k], fit->input->points[i], nearest_sq);
+        for (size_t k = 0; k < m; k++) {
+            double d_sq = triangle_frame_nearer_sq(&frame[k], fit->samples.place[i], nearest_sq);
             if (d_sq < nearest_sq) nearest_sq = d_sq, owner = k;
         }
-        fit->link[i] = fit->first[triangle[owner]];
-        fit->first[triangle[owner]] = i;
-        fit->cost[triangle[owner]] += fit->weight[i] * fit_cost_of(fit, nearest_sq);
+        fit->link[i] = fit->first[to[owner]];
+        fit->first[to[owner]] = i;
+        fit->cost[to[owner]] += fit->samples.weight[i] * fit_cost_of(fit, nearest_sq);
     }
 }
 
@@ -77,29 +107,17 @@ double fit_total(const struct fit *fit) {
     return sum;
 }
 
-/* Weights with mean 1, in proportion to the area that a point stands for. */
-static void set_weights(struct fit *fit) {
-    const struct refine_input *input = fit->input;
-    double sum = 0;
-    for (size_t i = 0; i < input->n; i++) sum += fit->weight[i] = input->spacing[i] * input->spacing[i];
-    double mean = input->n ? sum / (double)input->n : 0;
-    for (size_t i = 0; i < input->n; i++) {
-        double relative = mean > 0 ? fit->weight[i] / mean : 1;
-        fit->weight[i] = relative > FIT_LARGEST_WEIGHT ? FIT_LARGEST_WEIGHT : relative;
-    }
-}
-
 static enum status assign_points(struct fit *fit) {
     struct bvh *bvh = NULL;
-    struct bvh_hit *hit = alloc_array(fit->input->n, sizeof *hit);
+    struct bvh_hit *hit = alloc_array(fit->samples.n, sizeof *hit);
     enum status status = hit ? bvh_new(fit->mesh, &bvh) : STATUS_NO_MEMORY;
     if (status != STATUS_OK) goto out;
-    bvh_closest_all(bvh, fit->input->points, fit->input->n, fit->threads, hit);
-    for (uint32_t i = (uint32_t)fit->input->n; i-- > 0;) {
+    bvh_closest_all(bvh, fit->samples.place, fit->samples.n, fit->threads, hit);
+    for (uint32_t i = (uint32_t)fit->samples.n; i-- > 0;) {
         uint32_t t = hit[i].triangle;
         fit->link[i] = fit->first[t];
         fit->first[t] = i;
-        fit->cost[t] += fit->weight[i] * fit_cost_of(fit, hit[i].distance_sq);
+        fit->cost[t] += fit->samples.weight[i] * fit_cost_of(fit, hit[i].distance_sq);
     }
 out:
     bvh_free(bvh);
@@ -109,15 +127,14 @@ out:
 
 static enum status allocate(struct fit *fit) {
     size_t n = fit->input->n, triangles = fit->mesh->triangle_count, vertices = fit->mesh->vertex_count;
-    fit->weight = alloc_array(n, sizeof *fit->weight);
     fit->first = alloc_array(triangles, sizeof *fit->first);
-    fit->link = alloc_array(n, sizeof *fit->link);
+    fit->link = alloc_array(fit->samples.n, sizeof *fit->link);
     fit->cost = alloc_zeroed(triangles, sizeof *fit->cost);
     fit->taken = alloc_zeroed(n, 1);
     fit->stale = alloc_array(vertices, 1);
     fit->touched = alloc_array(triangles, 1);
     fit->postponed = alloc_zeroed(triangles, 1);
-    if (!fit->weight || !fit->first || !fit->link || !fit->cost || !fit->taken || !fit->stale || !fit->touched ||
+    if (!fit->first || !fit->link || !fit->cost || !fit->taken || !fit->stale || !fit->touched ||
         !fit->postponed)
         return STATUS_NO_MEMORY;
     memset(fit->first, 0xff, triangles * sizeof *fit->first);
@@ -126,16 +143,36 @@ static enum status allocate(struct fit *fit) {
     return STATUS_OK;
 }
 
+static bool wants_middles(const struct mesh *mesh, const struct refine_input *input) {
+    return input->hood && (double)input->n < FIT_ENOUGH * (double)mesh->triangle_count;
+}
+
+static double area_of(const struct mesh *mesh) {
+    double sum = 0;
+    for (size_t t = 0; t < mesh->triangle_count; t++) {
+        const uint32_t *c = mesh->triangle[t];
+        sum += vec3_length(vec3_triangle_normal(mesh->vertex[c[0]], mesh->vertex[c[1]], mesh->vertex[c[2]])) / 2;
+    }
+    return sum;
+}
+
+static double density_of(const struct samples *samples, const struct mesh *mesh) {
+    double sum = 0, area = area_of(mesh);
+    for (size_t i = 0; i < samples->n; i++) sum += samples->weight[i];
+    return area > 0 ? sum / area : 0;
+}
+
 enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_input *input,
                      const struct refine_options *options) {
     struct fit new = {.mesh = mesh, .input = input, .placement = options->placement, .threads = options->threads};
     new.far = FIT_FAR;
-    enum status status = allocate(&new);
+    enum status status = samples_init(&new.samples, input, wants_middles(mesh, input), options->threads);
+    if (status == STATUS_OK) status = allocate(&new);
     if (status == STATUS_OK) status = halfedge_init(&new.he, mesh);
     if (status == STATUS_OK) {
-        set_weights(&new);
         for (size_t v = 0; mesh->source && v < mesh->vertex_count; v++)
             if (mesh->source[v] != NONE) new.taken[mesh->source[v]] = 1;
+        new.density = density_of(&new.samples, mesh);
         status = assign_points(&new);
     }
     if (status != STATUS_OK) {
@@ -148,7 +185,8 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
 
 void fit_done(struct fit *fit) {
     halfedge_done(&fit->he);
-    free(fit->weight), free(fit->first), free(fit->link), free(fit->cost);
+    samples_done(&fit->samples);
+    free(fit->first), free(fit->link), free(fit->cost);
     free(fit->taken), free(fit->stale), free(fit->touched), free(fit->postponed);
     *fit = (struct fit){0};
 }

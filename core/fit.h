@@ -20,15 +20,18 @@
 #include "core/mesh.h"
 #include "core/params.h"
 #include "core/refine.h"
+#include "core/samples.h"
 #include "core/triangle_frame.h"
 
 #ifdef FIT_TUNE
 extern double fit_tune[32];
 #define FIT_FAR fit_tune[0]
-#define FIT_LARGEST_WEIGHT fit_tune[1]
+#define FIT_ENOUGH fit_tune[6]
+#define FIT_BACKWARD fit_tune[14]
 #else
 #define FIT_FAR 1e-3
-#define FIT_LARGEST_WEIGHT 8
+#define FIT_BACKWARD 1
+#define FIT_ENOUGH 8 /* points for each triangle */
 #endif
 
 #define FIT_THIN 0.02 /* shape below which no triangle may get thinner */
@@ -41,10 +44,11 @@ struct fit {
     const struct refine_input *input;
     enum placement placement;
     unsigned threads;
+    double density;   /* weight of the samples for each unit of area */
     double far;       /* from here on a distance counts more by its square */
-    double *weight;   /* input->n */
+    struct samples samples;
     uint32_t *first;  /* triangle_count: first point of the list, or NONE */
-    uint32_t *link;   /* input->n: next point of the list, or NONE */
+    uint32_t *link;   /* samples.n: next sample of the list, or NONE */
     double *cost;     /* triangle_count */
     uint8_t *taken;   /* input->n: is a vertex */
     uint8_t *stale;   /* vertex_count: its star has changed since it was last tried */
@@ -76,9 +80,14 @@ struct triangle_frame fit_frame(const struct fit *fit, uint32_t triangle);
 double fit_cost_with(const struct fit *fit, const uint32_t *triangle, size_t triangles,
                      const struct triangle_frame *frame, size_t frames, double limit);
 
-/* Gives the points of the lists of triangle[0 .. n) to the nearest of these triangles as they are now, and sets their
- * costs. */
-void fit_share(struct fit *fit, const uint32_t *triangle, size_t n);
+/* The sum over the triangles frame[0 .. frames) of what their middles cost, being as far as they are from the tangent
+ * disks of the nearest samples in the lists of triangle[0 .. triangles): so that no part of the surface leaves the data. */
+double fit_backward(const struct fit *fit, const uint32_t *triangle, size_t triangles,
+                    const struct triangle_frame *frame, size_t frames);
+
+/* Hands the samples in the lists of from[0 .. n) out to the nearest of the triangles to[0 .. m) as they are now, and
+ * sets the costs of both.  m <= FIT_MAX_RING. */
+void fit_share(struct fit *fit, const uint32_t *from, size_t n, const uint32_t *to, size_t m);
 
 /* Total cost. */
 double fit_total(const struct fit *fit);

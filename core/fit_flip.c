@@ -92,6 +92,8 @@ static double flip_gain(const struct fit *fit, uint32_t h) {
     double limit = cost * (1 - FLIP_LEAST_GAIN);
     if (!flip_is_fair(fit, h, &q)) return 0;
     double with = fit_cost_with(fit, q.triangle, 2, q.new, 2, limit);
+    if (with >= limit) return 0;
+    with += fit_backward(fit, q.triangle, 2, q.new, 2) - fit_backward(fit, q.triangle, 2, q.old, 2);
     return with < limit ? cost - with : 0;
 }
 
@@ -141,7 +143,7 @@ static bool is_outdated(const struct fit *fit, uint32_t h) {
 static void flip(struct fit *fit, uint32_t h) {
     uint32_t triangle[2] = {h / 3, fit->he.twin[h] / 3};
     halfedge_flip(&fit->he, h);
-    fit_share(fit, triangle, 2);
+    fit_share(fit, triangle, 2, triangle, 2);
     for (int i = 0; i < 2; i++) {
         fit->touched[triangle[i]] = 1;
         for (int k = 0; k < 3; k++) fit->stale[fit->mesh->triangle[triangle[i]][k]] = 1;

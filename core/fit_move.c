@@ -41,7 +41,7 @@ struct star {
     uint32_t ring[FIT_MAX_RING];     /* half-edges out of the vertex */
     uint32_t triangle[FIT_MAX_RING];
     struct triangle_frame old[FIT_MAX_RING], new[FIT_MAX_RING];
-    double cost;
+    double cost, backward; /* of the old triangles; backward is -1 until it is asked for */
 };
 
 /* s^T a s - 2 g s */
@@ -54,6 +54,7 @@ static bool star_of(const struct fit *fit, uint32_t vertex, struct star *star) {
     star->vertex = vertex;
     star->n = halfedge_ring(&fit->he, vertex, star->ring, FIT_MAX_RING);
     star->cost = 0;
+    star->backward = -1;
     for (size_t i = 0; i < star->n; i++) {
         star->triangle[i] = star->ring[i] / 3;
         star->old[i] = fit_frame(fit, star->triangle[i]);
@@ -72,7 +73,7 @@ static void add_point(struct model *model, double weight, double share, vec3 res
 
 static struct model model_of(const struct fit *fit, const struct star *star) {
     struct model model = {0};
-    const vec3 *points = fit->input->points;
+    const vec3 *points = fit->samples.place;
     for (size_t k = 0; k < star->n; k++) {
         uint32_t h = star->ring[k];
         vec3 a = fit_corner(fit, h), b = fit_corner(fit, halfedge_next(h)), c = fit_corner(fit, halfedge_prev(h));
@@ -82,7 +83,7 @@ static struct model model_of(const struct fit *fit, const struct star *star) {
             vec3 foot = vec3_add(vec3_scale(a, w.x), vec3_add(vec3_scale(b, w.y), vec3_scale(c, w.z)));
             vec3 residual = vec3_sub(points[i], foot);
             double further = 1 + 2 * vec3_length(residual) / fit->far;
-            add_point(&model, fit->weight[i] * further, w.x, residual, star->old[k].n);
+            add_point(&model, fit->samples.weight[i] * further, w.x, residual, star->old[k].n);
         }
     }
     return model;
@@ -130,13 +131,16 @@ static double cost_at(const struct fit *fit, struct star *star, vec3 place, doub
     set_new_frames(fit, star, place);
     if (!move_is_fair(fit, star)) return INFINITY;
     double cost = fit_cost_with(fit, star->triangle, star->n, star->new, star->n, limit);
+    if (cost >= limit) return INFINITY;
+    if (star->backward < 0) star->backward = fit_backward(fit, star->triangle, star->n, star->old, star->n);
+    cost += fit_backward(fit, star->triangle, star->n, star->new, star->n) - star->backward;
     return cost < limit ? cost : INFINITY;
 }
 
 static void settle(struct fit *fit, const struct star *star, vec3 place, uint32_t source) {
     fit->mesh->vertex[star->vertex] = place;
     if (fit->mesh->source) fit->mesh->source[star->vertex] = source;
-    fit_share(fit, star->triangle, star->n);
+    fit_share(fit, star->triangle, star->n, star->triangle, star->n);
     for (size_t i = 0; i < star->n; i++) {
         fit->touched[star->triangle[i]] = 1;
         fit->stale[halfedge_to(&fit->he, star->ring[i])] = 1;
@@ -170,7 +174,7 @@ static size_t choose(const struct fit *fit, const struct star *star, const struc
     size_t count = 0;
     for (size_t k = 0; k < star->n; k++) {
         for (uint32_t i = fit->first[star->triangle[k]]; i != NONE; i = fit->link[i]) {
-            if (fit->taken[i]) continue;
+            if (i >= fit->input->n || fit->taken[i]) continue;
             vec3 s = vec3_sub(fit->input->points[i], target);
             double value = vec3_dot(s, sym3_mul(model->a, s)) + stay * vec3_length_sq(s);
             if (count == CANDIDATES && value >= choice[count - 1].value) continue;

@@ -4,6 +4,7 @@
 #include "core/fit.h"
 #include "core/fit_flip.h"
 #include "core/fit_move.h"
+#include "core/fit_teleport.h"
 #ifdef FIT_TUNE
 #include <stdio.h>
 #include <time.h>
@@ -23,7 +24,7 @@ enum status refine_mesh(struct mesh *mesh, const struct refine_input *input, con
     double t0=now();
     enum status status = fit_init(&fit, mesh, input, options);
     if (status) return status;
-    printf("init %.0f ms\n", now()-t0);
+    printf("samples %zu init %.0f ms\n", fit.samples.n, now()-t0);
     made.cost_before = fit_total(&fit);
     printf("start %.4e\n", made.cost_before/(double)input->n);
     t0=now();
@@ -32,7 +33,12 @@ enum status refine_mesh(struct mesh *mesh, const struct refine_input *input, con
     for (size_t sweep = 0; !status && options->form == REFINE_FULL && sweep < SWEEPS; sweep++) {
         t0=now();
         size_t m0 = made.moves, f0 = made.flips;
-        status = fit_move(&fit, &made.moves);
+        double t2=t0; size_t p0=made.teleports;
+        if (sweep < (size_t)fit_tune[13]) { status = fit_teleport(&fit, &made.teleports); t2=now();
+          if(!status)status=fit_flip(&fit,3,&made.flips); }
+        printf("teleports %zu %.4e %.0f ms ",made.teleports-p0,fit_total(&fit)/(double)input->n,t2-t0);
+        t0=now();
+        if(!status)status = fit_move(&fit, &made.moves);
         double t1=now();
         if (!status) status = fit_flip(&fit, 3, &made.flips);
         printf("sweep moves %zu flips %zu %.4e  %.0f + %.0f ms\n", made.moves-m0, made.flips-f0, fit_total(&fit)/(double)input->n, t1-t0,now()-t1);

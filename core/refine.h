@@ -5,6 +5,7 @@
 #define WHITTLE_CORE_REFINE_H
 
 #include "core/mesh.h"
+#include "core/neighbourhood.h"
 #include "core/params.h"
 #include "core/progress.h"
 #include "core/status.h"
@@ -15,6 +16,7 @@ struct refine_input {
     const vec3 *normals;   /* unit, of either sign */
     const double *spacing; /* mean distance to the neighbours */
     size_t n;
+    const struct neighbourhood *hood; /* of the points; may be NULL: then the points alone are fitted to */
 };
 
 struct refine_options {

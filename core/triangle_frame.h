@@ -47,6 +47,10 @@ static inline double triangle_frame_shape(const struct triangle_frame *f) {
     return longest_sq > 0 ? f->bx * f->cy / longest_sq : 0;
 }
 
+static inline vec3 triangle_frame_middle(const struct triangle_frame *f) {
+    return vec3_add(f->a, vec3_add(vec3_scale(f->u, (f->bx + f->cx) / 3), vec3_scale(f->v, f->cy / 3)));
+}
+
 /* Squared distance in the plane from (x, y) to the segment from (ax, ay) along (ex, ey). */
 static inline double triangle_frame_edge_sq(double x, double y, double ex, double ey, double inverse) {
     double t = (x * ex + y * ey) * inverse;

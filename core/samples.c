@@ -1,0 +1,136 @@
+/* A mesh that is fitted to points alone bends between them where there are only a few for each triangle.  The chord
+ * between two neighbours is near the surface (at most by a quarter of what the mesh through all points is off anyway),
+ * and Gabriel's rule takes only chords that any sensible mesh of the points has as edges.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/samples.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/alloc.h"
+#include "core/cloud.h"
+#include "core/par.h"
+
+enum { POINT_GRAIN = 1024, MAX_MIDDLES = 8 };
+
+#define REACH 2 /* of the spacing */
+
+#ifdef FIT_TUNE
+extern double fit_tune[32];
+#define LARGEST_WEIGHT fit_tune[1]
+#define POINT_SHARE fit_tune[7]
+#define MIDDLE_SHARE fit_tune[8]
+#else
+#define LARGEST_WEIGHT 8
+#define POINT_SHARE 0.5
+#define MIDDLE_SHARE 0.5
+#endif
+
+struct search {
+    const struct refine_input *input;
+    uint32_t *partner; /* MAX_MIDDLES for each point */
+    uint8_t *count;
+};
+
+static bool list_has(const struct neighbourhood *hood, uint32_t p, uint32_t q) {
+    for (unsigned i = 0; i < hood->count[p]; i++)
+        if (hood->id[p * hood->stride + i] == q) return true;
+    return false;
+}
+
+/* Whether a neighbour of p is nearer to the middle of pq than p and q are. */
+static bool ball_is_empty(const struct refine_input *input, uint32_t p, uint32_t q) {
+    const struct neighbourhood *hood = input->hood;
+    vec3 middle = vec3_lerp(input->points[p], input->points[q], 0.5);
+    double radius_sq = vec3_distance_sq(input->points[p], middle) * (1 - 1e-9);
+    for (unsigned i = 0; i < hood->count[p]; i++) {
+        uint32_t r = hood->id[p * hood->stride + i];
+        if (r != q && vec3_distance_sq(input->points[r], middle) < radius_sq) return false;
+    }
+    return true;
+}
+
+/* Each pair is found from its lower point, or from the other where only that one knows of the pair. */
+static void find_partners(void *ctx, size_t begin, size_t end) {
+    struct search *search = ctx;
+    const struct neighbourhood *hood = search->input->hood;
+    for (size_t p = begin; p < end; p++) {
+        search->count[p] = 0;
+        for (unsigned i = 0; i < hood->count[p] && search->count[p] < MAX_MIDDLES; i++) {
+            uint32_t q = hood->id[p * hood->stride + i];
+            if (q < p && list_has(hood, q, (uint32_t)p)) continue;
+            if (!ball_is_empty(search->input, (uint32_t)p, q) || !ball_is_empty(search->input, q, (uint32_t)p)) continue;
+            search->partner[p * MAX_MIDDLES + search->count[p]++] = q;
+        }
+    }
+}
+
+/* Areas with mean 1. */
+static void point_areas(const struct refine_input *input, double *area) {
+    double sum = 0;
+    for (size_t i = 0; i < input->n; i++) sum += area[i] = input->spacing[i] * input->spacing[i];
+    double mean = sum / (double)input->n;
+    for (size_t i = 0; i < input->n; i++) {
+        double relative = mean > 0 ? area[i] / mean : 1;
+        area[i] = relative > LARGEST_WEIGHT ? LARGEST_WEIGHT : relative;
+    }
+}
+
+static vec3 between(vec3 a, vec3 b) { return vec3_unit(vec3_dot(a, b) < 0 ? vec3_sub(a, b) : vec3_add(a, b)); }
+
+static enum status place_all(struct samples *samples, const struct refine_input *input, const struct search *search) {
+    size_t n = input->n, total = n;
+    for (size_t p = 0; search && p < n; p++) total += search->count[p];
+    samples->place = alloc_array(total, sizeof *samples->place);
+    samples->normal = alloc_array(total, sizeof *samples->normal);
+    samples->reach = alloc_array(total, sizeof *samples->reach);
+    samples->weight = alloc_array(total, sizeof *samples->weight);
+    if (!samples->place || !samples->normal || !samples->reach || !samples->weight) return STATUS_NO_MEMORY;
+    memcpy(samples->normal, input->normals, n * sizeof *samples->normal);
+    for (size_t i = 0; i < n; i++) samples->reach[i] = (float)(REACH * input->spacing[i]);
+    memcpy(samples->place, input->points, n * sizeof *samples->place);
+    point_areas(input, samples->weight);
+    samples->n = n;
+    for (size_t p = 0; search && p < n; p++) {
+        for (unsigned i = 0; i < search->count[p]; i++) {
+            uint32_t q = search->partner[p * MAX_MIDDLES + i];
+            samples->place[samples->n] = vec3_lerp(input->points[p], input->points[q], 0.5);
+            samples->normal[samples->n] = between(input->normals[p], input->normals[q]);
+            samples->reach[samples->n] = fmaxf(samples->reach[p], samples->reach[q]);
+            samples->weight[samples->n++] = MIDDLE_SHARE * (samples->weight[p] + samples->weight[q]) / 2;
+        }
+    }
+    for (size_t p = 0; search && p < n; p++) samples->weight[p] *= POINT_SHARE;
+    return STATUS_OK;
+}
+
+enum status samples_init(struct samples *samples, const struct refine_input *input, bool middles, unsigned threads) {
+    struct samples new = {0};
+    struct search search = {.input = input};
+    enum status status = STATUS_NO_MEMORY;
+    if (middles) {
+        search.partner = alloc_array(input->n, MAX_MIDDLES * sizeof *search.partner);
+        search.count = alloc_array(input->n, 1);
+        if (!search.partner || !search.count) goto out;
+        par_for(threads, input->n, POINT_GRAIN, find_partners, &search);
+    }
+    status = place_all(&new, input, middles ? &search : NULL);
+out:
+    free(search.partner);
+    free(search.count);
+    if (status == STATUS_OK) {
+        *samples = new;
+    } else {
+        samples_done(&new);
+    }
+    return status;
+}
+
+void samples_done(struct samples *samples) {
+    free(samples->place);
+    free(samples->normal);
+    free(samples->reach);
+    free(samples->weight);
+    *samples = (struct samples){0};
+}

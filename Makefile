@@ -54,6 +54,7 @@ libapi := $(build)/libapi.a
 libserver := $(build)/libserver.a
 programs := $(if $(worker_src),$(build)/whittle) $(if $(daemon_src),$(build)/whittled)
 unit_programs := $(patsubst tests/unit/%.c,$(build)/tests/unit/%,$(unit_src))
+fuzz_programs := $(patsubst %.c,$(build)/%,$(fuzz_src))
 tool_programs := $(addprefix $(build)/,$(basename $(tool_src)))
 
 # ---------------------------------------------------------------------------------------------------- targets
@@ -151,6 +152,24 @@ tools: $(tool_programs) ## build the measuring programs of tests/
 .PHONY: test-unit
 test-unit: $(unit_programs)
 	@set -e; for t in $(unit_programs); do echo "== $$t"; $$t; done
+
+# Fuzzers exist in config=fuzz alone; `make fuzz` goes there by itself.  What a run finds new stays in the corpus.
+FUZZ_SECONDS ?= 20
+ifeq ($(config),fuzz)
+$(fuzz_programs): $(build)/%: $(build)/%.o $(libwhittle)
+	$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $^ -lm
+
+.PHONY: fuzz
+fuzz: $(fuzz_programs)
+	@set -e; for f in $(fuzz_programs); do echo "== $$f"; mkdir -p $$f.corpus $$f.seeds; \
+	    for s in tests/fixtures/*/*/input.*; do cp "$$s" "$$f.seeds/$$(echo "$$s" | tr / _)"; done; \
+	    $$f -max_total_time=$(FUZZ_SECONDS) -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 -verbosity=0 \
+	        -artifact_prefix=$$f. $$f.corpus $$f.seeds; done
+else
+.PHONY: fuzz
+fuzz: ## run each fuzzer for FUZZ_SECONDS=20 (needs clang)
+	$(MAKE) config=fuzz fuzz
+endif
 
 .PHONY: format
 format: ## lay out the code with clang-format

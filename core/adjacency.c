@@ -19,10 +19,10 @@ static bool lists(const struct neighbourhood *hood, uint32_t p, uint32_t q) {
     return false;
 }
 
-static void insert_sorted(uint32_t *list, uint8_t *degree, uint32_t id) {
+static void insert_sorted(struct link *list, uint8_t *degree, uint32_t id) {
     unsigned i = *degree;
-    for (; i > 0 && list[i - 1] > id; i--) list[i] = list[i - 1];
-    list[i] = id;
+    for (; i > 0 && list[i - 1].id > id; i--) list[i] = list[i - 1];
+    list[i] = (struct link){id, NAN};
     (*degree)++;
 }
 
@@ -84,7 +84,7 @@ enum status adjacency_reserve(struct adjacency *adjacency, const uint32_t *live,
     if (adjacency->capacity - adjacency->used >= entries) return STATUS_OK;
     size_t needed = live_entries(adjacency, live, live_count) + entries;
     size_t capacity = needed + needed / 4;
-    uint32_t *list = alloc_array(capacity, sizeof *list);
+    struct link *list = alloc_array(capacity, sizeof *list);
     if (!list) return STATUS_NO_MEMORY;
     size_t used = 0;
     for (size_t i = 0; i < live_count; i++) {

@@ -1,6 +1,7 @@
 /* whittle: a cloud in, the simplified cloud, a mesh and a report out.
  *
  *     whittle scan.ply --ratio 0.1 --outputs cloud,mesh,report -o out/
+ *     whittle measure out/mesh.ply scan.ply                              (server/worker_measure.c)
  *
  * Reads like its --help: options, then read, run, write.  The same program is what whittled starts for each job; then
  * --progress-fd names an inherited descriptor, and progress and the end are told there (server/wire.h).
@@ -14,6 +15,8 @@
 #include "core/cloud_read.h"
 #include "core/pipeline.h"
 #include "server/wire.h"
+#include "server/worker_measure.h"
+#include "server/worker_measure.h"
 #include "server/worker_options.h"
 #include "server/worker_output.h"
 #include "server/worker_progress.h"
@@ -52,8 +55,10 @@ static enum status run(const struct worker_options *options, struct worker_progr
 }
 
 int main(int argc, char **argv) {
+    if (argc > 1 && strcmp(argv[1], "measure") == 0) return worker_measure_main(argc - 1, argv + 1);
     struct worker_options options;
     struct error error = {0};
+    if (argc > 1 && strcmp(argv[1], "measure") == 0) return worker_measure_main(argc - 1, argv + 1);
     enum worker_request request = worker_options_parse(&options, argc, argv, &error);
     if (request == WORKER_TOLD) return 0;
     if (request == WORKER_REFUSED) {

@@ -36,10 +36,10 @@ double fit_cost_with(const struct fit *fit, const uint32_t *triangle, size_t tri
     return sum;
 }
 
-double fit_backward(const struct fit *fit, const uint32_t *triangle, size_t triangles,
+double fit_stray_sq(const struct fit *fit, const uint32_t *triangle, size_t triangles,
                     const struct triangle_frame *frame, size_t frames) {
     vec3 middle[FIT_MAX_RING];
-    double nearest_sq[FIT_MAX_RING], sum = 0;
+    double nearest_sq[FIT_MAX_RING], farthest_sq = 0;
     uint32_t nearest[FIT_MAX_RING];
     for (size_t j = 0; j < frames; j++) {
         middle[j] = triangle_frame_middle(&frame[j]);
@@ -61,9 +61,9 @@ double fit_backward(const struct fit *fit, const uint32_t *triangle, size_t tria
             double height = vec3_dot(vec3_sub(middle[j], fit->samples.place[i]), fit->samples.normal[i]);
             d_sq = height * height;
         }
-        sum += frame[j].bx * frame[j].cy / 2 * fit->density * fit_cost_of(fit, d_sq);
+        if (d_sq > farthest_sq) farthest_sq = d_sq;
     }
-    return FIT_BACKWARD * sum;
+    return farthest_sq;
 }
 
 /* Takes the points out of the lists, as one list in the order of the triangles. */
@@ -147,21 +147,6 @@ static bool wants_middles(const struct mesh *mesh, const struct refine_input *in
     return input->hood && (double)input->n < FIT_ENOUGH * (double)mesh->triangle_count;
 }
 
-static double area_of(const struct mesh *mesh) {
-    double sum = 0;
-    for (size_t t = 0; t < mesh->triangle_count; t++) {
-        const uint32_t *c = mesh->triangle[t];
-        sum += vec3_length(vec3_triangle_normal(mesh->vertex[c[0]], mesh->vertex[c[1]], mesh->vertex[c[2]])) / 2;
-    }
-    return sum;
-}
-
-static double density_of(const struct samples *samples, const struct mesh *mesh) {
-    double sum = 0, area = area_of(mesh);
-    for (size_t i = 0; i < samples->n; i++) sum += samples->weight[i];
-    return area > 0 ? sum / area : 0;
-}
-
 enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_input *input,
                      const struct refine_options *options) {
     struct fit new = {.mesh = mesh, .input = input, .placement = options->placement, .threads = options->threads};
@@ -172,7 +157,6 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
     if (status == STATUS_OK) {
         for (size_t v = 0; mesh->source && v < mesh->vertex_count; v++)
             if (mesh->source[v] != NONE) new.taken[mesh->source[v]] = 1;
-        new.density = density_of(&new.samples, mesh);
         status = assign_points(&new);
     }
     if (status != STATUS_OK) {

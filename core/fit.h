@@ -44,7 +44,7 @@ struct fit {
     const struct refine_input *input;
     enum placement placement;
     unsigned threads;
-    double density;   /* weight of the samples for each unit of area */
+    double stray_sq;  /* how far from the data any part of the surface may get, squared */
     double far;       /* from here on a distance counts more by its square */
     struct samples samples;
     uint32_t *first;  /* triangle_count: first point of the list, or NONE */
@@ -80,9 +80,9 @@ struct triangle_frame fit_frame(const struct fit *fit, uint32_t triangle);
 double fit_cost_with(const struct fit *fit, const uint32_t *triangle, size_t triangles,
                      const struct triangle_frame *frame, size_t frames, double limit);
 
-/* The sum over the triangles frame[0 .. frames) of what their middles cost, being as far as they are from the tangent
- * disks of the nearest samples in the lists of triangle[0 .. triangles): so that no part of the surface leaves the data. */
-double fit_backward(const struct fit *fit, const uint32_t *triangle, size_t triangles,
+/* The largest squared distance of the middles of frame[0 .. frames) to the tangent disks of the nearest samples in the
+ * lists of triangle[0 .. triangles): so that no part of the surface leaves the data. */
+double fit_stray_sq(const struct fit *fit, const uint32_t *triangle, size_t triangles,
                     const struct triangle_frame *frame, size_t frames);
 
 /* Hands the samples in the lists of from[0 .. n) out to the nearest of the triangles to[0 .. m) as they are now, and

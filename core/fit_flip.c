@@ -93,8 +93,9 @@ static double flip_gain(const struct fit *fit, uint32_t h) {
     if (!flip_is_fair(fit, h, &q)) return 0;
     double with = fit_cost_with(fit, q.triangle, 2, q.new, 2, limit);
     if (with >= limit) return 0;
-    with += fit_backward(fit, q.triangle, 2, q.new, 2) - fit_backward(fit, q.triangle, 2, q.old, 2);
-    return with < limit ? cost - with : 0;
+    double stray_sq = fit_stray_sq(fit, q.triangle, 2, q.new, 2);
+    bool strays = stray_sq > fit->stray_sq && stray_sq > fit_stray_sq(fit, q.triangle, 2, q.old, 2);
+    return strays ? 0 : cost - with;
 }
 
 static void measure(void *ctx, size_t begin, size_t end) {

@@ -41,7 +41,7 @@ struct star {
     uint32_t ring[FIT_MAX_RING];     /* half-edges out of the vertex */
     uint32_t triangle[FIT_MAX_RING];
     struct triangle_frame old[FIT_MAX_RING], new[FIT_MAX_RING];
-    double cost, backward; /* of the old triangles; backward is -1 until it is asked for */
+    double cost;
 };
 
 /* s^T a s - 2 g s */
@@ -54,7 +54,6 @@ static bool star_of(const struct fit *fit, uint32_t vertex, struct star *star) {
     star->vertex = vertex;
     star->n = halfedge_ring(&fit->he, vertex, star->ring, FIT_MAX_RING);
     star->cost = 0;
-    star->backward = -1;
     for (size_t i = 0; i < star->n; i++) {
         star->triangle[i] = star->ring[i] / 3;
         star->old[i] = fit_frame(fit, star->triangle[i]);
@@ -132,9 +131,9 @@ static double cost_at(const struct fit *fit, struct star *star, vec3 place, doub
     if (!move_is_fair(fit, star)) return INFINITY;
     double cost = fit_cost_with(fit, star->triangle, star->n, star->new, star->n, limit);
     if (cost >= limit) return INFINITY;
-    if (star->backward < 0) star->backward = fit_backward(fit, star->triangle, star->n, star->old, star->n);
-    cost += fit_backward(fit, star->triangle, star->n, star->new, star->n) - star->backward;
-    return cost < limit ? cost : INFINITY;
+    double stray_sq = fit_stray_sq(fit, star->triangle, star->n, star->new, star->n);
+    if (stray_sq <= fit->stray_sq) return cost;
+    return stray_sq <= fit_stray_sq(fit, star->triangle, star->n, star->old, star->n) ? cost : INFINITY;
 }
 
 static void settle(struct fit *fit, const struct star *star, vec3 place, uint32_t source) {

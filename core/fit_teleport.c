@@ -49,7 +49,7 @@ struct fan {
     size_t n;
     uint32_t ring[FIT_MAX_RING], triangle[FIT_MAX_RING];
     struct triangle_frame old[FIT_MAX_RING], new[FIT_MAX_RING];
-    double cost, backward;
+    double cost, stray_sq;
 };
 
 static bool fan_of(const struct fit *fit, uint32_t vertex, struct fan *fan) {
@@ -60,7 +60,7 @@ static bool fan_of(const struct fit *fit, uint32_t vertex, struct fan *fan) {
         fan->old[i] = fit_frame(fit, fan->triangle[i]);
         fan->cost += fit->cost[fan->triangle[i]];
     }
-    if (fan->n > 3) fan->backward = fit_backward(fit, fan->triangle, fan->n, fan->old, fan->n);
+    fan->stray_sq = fmax(fit->stray_sq, fit_stray_sq(fit, fan->triangle, fan->n, fan->old, fan->n));
     return fan->n > 3;
 }
 
@@ -108,8 +108,9 @@ static struct offer cheapest_merge(const struct fit *fit, uint32_t vertex) {
         double limit = best.value + fan.cost;
         double cost = fit_cost_with(fit, fan.triangle, fan.n, fan.new, fan.n - 2, limit);
         if (cost >= limit) continue;
-        cost += fit_backward(fit, fan.triangle, fan.n, fan.new, fan.n - 2) - fan.backward;
-        if (cost < limit) best.value = cost - fan.cost, best.halfedge = fan.ring[to];
+        if (fit_stray_sq(fit, fan.triangle, fan.n, fan.new, fan.n - 2) > fan.stray_sq) continue;
+        best.value = cost - fan.cost;
+        best.halfedge = fan.ring[to];
     }
     return best;
 }
@@ -185,8 +186,9 @@ static double cost_of_split(const struct fit *fit, struct gap *gap, uint32_t h, 
     if (!split_is_fair(fit, gap, h)) return INFINITY;
     double cost = fit_cost_with(fit, gap->triangle, 2, gap->new, 4, limit);
     if (cost >= limit) return INFINITY;
-    cost += fit_backward(fit, gap->triangle, 2, gap->new, 4) - fit_backward(fit, gap->triangle, 2, gap->old, 2);
-    return cost < limit ? cost : INFINITY;
+    double stray_sq = fit_stray_sq(fit, gap->triangle, 2, gap->new, 4);
+    bool strays = stray_sq > fit->stray_sq && stray_sq > fit_stray_sq(fit, gap->triangle, 2, gap->old, 2);
+    return strays ? INFINITY : cost;
 }
 
 enum { PLACES = 4 };

@@ -12,7 +12,7 @@
 #include "core/cloud.h"
 #include "core/par.h"
 
-enum { TRIANGLE_GRAIN = 512 };
+enum { SAMPLE_GRAIN = 2048 };
 
 struct triangle_frame fit_frame(const struct fit *fit, uint32_t triangle) {
     const uint32_t *corner = fit->mesh->triangle[triangle];
@@ -20,49 +20,63 @@ struct triangle_frame fit_frame(const struct fit *fit, uint32_t triangle) {
     return triangle_frame_of(vertex[corner[0]], vertex[corner[1]], vertex[corner[2]]);
 }
 
-double fit_cost_with(const struct fit *fit, const uint32_t *triangle, size_t triangles,
-                     const struct triangle_frame *frame, size_t frames, double limit) {
-    const vec3 *points = fit->samples.place;
-    double sum = 0;
-    for (size_t k = 0; k < triangles; k++) {
-        for (uint32_t i = fit->first[triangle[k]]; i != NONE; i = fit->link[i]) {
-            double nearest_sq = INFINITY;
-            for (size_t j = 0; j < frames; j++)
-                nearest_sq = triangle_frame_nearer_sq(&frame[j], points[i], nearest_sq);
-            sum += fit->samples.weight[i] * fit_cost_of(fit, nearest_sq);
-            if (sum > limit) return sum;
-        }
+/* Fills the cluster with what comes after region->reached and ->rest. */
+static void gather_on(const struct fit *fit, struct fit_region *region) {
+    while (region->reached < region->n) {
+        region->rest = cluster_add(&region->cluster, fit->samples.sample, region->rest);
+        if (region->rest != NONE) return;
+        region->reached++;
+        if (region->reached < region->n) region->rest = fit->first[region->triangle[region->reached]];
     }
-    return sum;
 }
 
-double fit_stray_sq(const struct fit *fit, const uint32_t *triangle, size_t triangles,
-                    const struct triangle_frame *frame, size_t frames) {
-    vec3 middle[FIT_MAX_RING];
+void fit_gather(const struct fit *fit, struct fit_region *region) {
+    region->reached = 0;
+    region->rest = fit->first[region->triangle[0]];
+    cluster_clear(&region->cluster, fit->mesh->vertex[fit->mesh->triangle[region->triangle[0]][0]]);
+    gather_on(fit, region);
+}
+
+/* The same region with the samples that come after those in the cluster. */
+static void gather_next(const struct fit *fit, const struct fit_region *region, struct fit_region *next) {
+    next->n = region->n, next->reached = region->reached, next->rest = region->rest;
+    memcpy(next->triangle, region->triangle, sizeof next->triangle);
+    cluster_clear(&next->cluster, region->cluster.origin);
+    gather_on(fit, next);
+}
+
+double fit_cost_with(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
+                     size_t frames) {
+    float further = (float)(1 / fit->far);
+    double sum = cluster_cost(&region->cluster, frame, frames, further);
+    if (region->reached == region->n) return sum;
+    struct fit_region more;
+    gather_next(fit, region, &more);
+    return sum + fit_cost_with(fit, &more, frame, frames);
+}
+
+static double stray_of_sq(const struct fit *fit, vec3 middle, double nearest_sq, uint32_t nearest) {
+    if (nearest == NONE) return 0;
+    double reach = (double)fit->samples.reach[nearest];
+    if (nearest_sq > reach * reach) return nearest_sq;
+    double height = vec3_dot(vec3_sub(middle, fit->samples.sample[nearest].place), fit->samples.normal[nearest]);
+    return height * height;
+}
+
+double fit_stray_sq(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
+                    size_t frames) {
     double nearest_sq[FIT_MAX_RING], farthest_sq = 0;
     uint32_t nearest[FIT_MAX_RING];
-    for (size_t j = 0; j < frames; j++) {
-        middle[j] = triangle_frame_middle(&frame[j]);
-        nearest_sq[j] = INFINITY, nearest[j] = NONE;
+    for (size_t j = 0; j < frames; j++) nearest_sq[j] = INFINITY, nearest[j] = NONE;
+    struct fit_region more;
+    for (const struct fit_region *part = region;; part = &more) {
+        for (size_t j = 0; j < frames; j++)
+            cluster_nearest(&part->cluster, triangle_frame_middle(&frame[j]), &nearest_sq[j], &nearest[j]);
+        if (part->reached == part->n) break;
+        gather_next(fit, part, &more);
     }
-    for (size_t k = 0; k < triangles; k++) {
-        for (uint32_t i = fit->first[triangle[k]]; i != NONE; i = fit->link[i]) {
-            for (size_t j = 0; j < frames; j++) {
-                double d_sq = vec3_distance_sq(middle[j], fit->samples.place[i]);
-                if (d_sq < nearest_sq[j]) nearest_sq[j] = d_sq, nearest[j] = i;
-            }
-        }
-    }
-    for (size_t j = 0; j < frames; j++) {
-        uint32_t i = nearest[j];
-        if (i == NONE) continue;
-        double d_sq = nearest_sq[j], reach = (double)fit->samples.reach[i];
-        if (d_sq <= reach * reach) {
-            double height = vec3_dot(vec3_sub(middle[j], fit->samples.place[i]), fit->samples.normal[i]);
-            d_sq = height * height;
-        }
-        if (d_sq > farthest_sq) farthest_sq = d_sq;
-    }
+    for (size_t j = 0; j < frames; j++)
+        farthest_sq = fmax(farthest_sq, stray_of_sq(fit, triangle_frame_middle(&frame[j]), nearest_sq[j], nearest[j]));
     return farthest_sq;
 }
 
@@ -74,8 +88,8 @@ static uint32_t take_points(struct fit *fit, const uint32_t *triangle, size_t n)
         fit->first[triangle[k]] = NONE;
         fit->cost[triangle[k]] = 0;
         while (i != NONE) {
-            uint32_t next = fit->link[i];
-            fit->link[i] = chain;
+            uint32_t next = fit->samples.sample[i].next;
+            fit->samples.sample[i].next = chain;
             chain = i;
             i = next;
         }
@@ -83,22 +97,31 @@ static uint32_t take_points(struct fit *fit, const uint32_t *triangle, size_t n)
     return chain;
 }
 
+static void hand_out(struct fit *fit, const struct cluster *cluster, const struct triangle_frame *frame,
+                     const uint32_t *to, size_t m) {
+    uint8_t owner[CLUSTER_MOST];
+    float distance_sq[CLUSTER_MOST];
+    cluster_owners(cluster, frame, m, owner, distance_sq);
+    for (size_t i = 0; i < cluster->n; i++) {
+        uint32_t id = cluster->sample[i], t = to[owner[i]];
+        struct sample *sample = &fit->samples.sample[id];
+        sample->next = fit->first[t];
+        fit->first[t] = id;
+        fit->cost[t] += (double)sample->weight * fit_cost_of(fit, (double)distance_sq[i]);
+    }
+}
+
 void fit_share(struct fit *fit, const uint32_t *from, size_t n, const uint32_t *to, size_t m) {
     assert(m <= FIT_MAX_RING);
     struct triangle_frame frame[FIT_MAX_RING];
+    struct cluster cluster;
     for (size_t k = 0; k < m; k++) frame[k] = fit_frame(fit, to[k]);
-    for (uint32_t i = take_points(fit, from, n), next; i != NONE; i = next) {
-        next = fit->link[i];
-        double nearest_sq = INFINITY;
-        size_t owner = 0;
-        for (size_t k = 0; k < m; k++) {
-            double d_sq = triangle_frame_nearer_sq(&frame[k], fit->samples.place[i], nearest_sq);
-            if (d_sq < nearest_sq) nearest_sq = d_sq, owner = k;
-        }
-        fit->link[i] = fit->first[to[owner]];
-        fit->first[to[owner]] = i;
-        fit->cost[to[owner]] += fit->samples.weight[i] * fit_cost_of(fit, nearest_sq);
-    }
+    uint32_t rest = take_points(fit, from, n);
+    do {
+        cluster_clear(&cluster, frame[0].a);
+        rest = cluster_add(&cluster, fit->samples.sample, rest);
+        hand_out(fit, &cluster, frame, to, m);
+    } while (rest != NONE);
 }
 
 double fit_total(const struct fit *fit) {
@@ -107,34 +130,60 @@ double fit_total(const struct fit *fit) {
     return sum;
 }
 
-static enum status assign_points(struct fit *fit) {
-    struct bvh *bvh = NULL;
-    struct bvh_hit *hit = alloc_array(fit->samples.n, sizeof *hit);
-    enum status status = hit ? bvh_new(fit->mesh, &bvh) : STATUS_NO_MEMORY;
-    if (status != STATUS_OK) goto out;
-    bvh_closest_all(bvh, fit->samples.place, fit->samples.n, fit->threads, hit);
-    for (uint32_t i = (uint32_t)fit->samples.n; i-- > 0;) {
-        uint32_t t = hit[i].triangle;
-        fit->link[i] = fit->first[t];
-        fit->first[t] = i;
-        fit->cost[t] += fit->samples.weight[i] * fit_cost_of(fit, hit[i].distance_sq);
+struct assignment {
+    const struct fit *fit;
+    const struct bvh *bvh;
+    uint32_t *triangle;
+    float *distance_sq;
+};
+
+/* Each query starts from the answer of the one before, which lies nearby. */
+static void assign_range(void *ctx, size_t begin, size_t end) {
+    struct assignment *assignment = ctx;
+    uint32_t hint = NONE;
+    for (size_t i = begin; i < end; i++) {
+        struct bvh_hit hit = bvh_closest(assignment->bvh, assignment->fit->samples.sample[i].place, hint);
+        assignment->triangle[i] = hint = hit.triangle;
+        assignment->distance_sq[i] = (float)hit.distance_sq;
     }
-out:
+}
+
+static void assign(struct fit *fit, const struct assignment *assignment) {
+    for (uint32_t i = (uint32_t)fit->samples.n; i-- > 0;) {
+        uint32_t t = assignment->triangle[i];
+        struct sample *sample = &fit->samples.sample[i];
+        sample->next = fit->first[t];
+        fit->first[t] = i;
+        fit->cost[t] += (double)sample->weight * fit_cost_of(fit, (double)assignment->distance_sq[i]);
+    }
+}
+
+static enum status assign_all(struct fit *fit) {
+    struct bvh *bvh = NULL;
+    size_t n = fit->samples.n;
+    struct assignment assignment = {.fit = fit};
+    assignment.triangle = alloc_array(n, sizeof *assignment.triangle);
+    assignment.distance_sq = alloc_array(n, sizeof *assignment.distance_sq);
+    bool enough = assignment.triangle && assignment.distance_sq && bvh_new(fit->mesh, &bvh) == STATUS_OK;
+    if (enough) {
+        assignment.bvh = bvh;
+        par_for(fit->threads, n, SAMPLE_GRAIN, assign_range, &assignment);
+        assign(fit, &assignment);
+    }
     bvh_free(bvh);
-    free(hit);
-    return status;
+    free(assignment.triangle), free(assignment.distance_sq);
+    return enough ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
 static enum status allocate(struct fit *fit) {
     size_t n = fit->input->n, triangles = fit->mesh->triangle_count, vertices = fit->mesh->vertex_count;
     fit->first = alloc_array(triangles, sizeof *fit->first);
-    fit->link = alloc_array(fit->samples.n, sizeof *fit->link);
     fit->cost = alloc_zeroed(triangles, sizeof *fit->cost);
     fit->taken = alloc_zeroed(n, 1);
     fit->stale = alloc_array(vertices, 1);
     fit->touched = alloc_array(triangles, 1);
     fit->postponed = alloc_zeroed(triangles, 1);
-    if (!fit->first || !fit->link || !fit->cost || !fit->taken || !fit->stale || !fit->touched ||
+    if (!fit->first || !fit->cost || !fit->taken || !fit->stale || !fit->touched ||
         !fit->postponed)
         return STATUS_NO_MEMORY;
     memset(fit->first, 0xff, triangles * sizeof *fit->first);
@@ -157,7 +206,7 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
     if (status == STATUS_OK) {
         for (size_t v = 0; mesh->source && v < mesh->vertex_count; v++)
             if (mesh->source[v] != NONE) new.taken[mesh->source[v]] = 1;
-        status = assign_points(&new);
+        status = assign_all(&new);
     }
     if (status != STATUS_OK) {
         fit_done(&new);
@@ -170,7 +219,7 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
 void fit_done(struct fit *fit) {
     halfedge_done(&fit->he);
     samples_done(&fit->samples);
-    free(fit->first), free(fit->link), free(fit->cost);
+    free(fit->first), free(fit->cost);
     free(fit->taken), free(fit->stale), free(fit->touched), free(fit->postponed);
     *fit = (struct fit){0};
 }

@@ -16,6 +16,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "core/cluster.h"
 #include "core/halfedge.h"
 #include "core/mesh.h"
 #include "core/params.h"
@@ -47,8 +48,7 @@ struct fit {
     double stray_sq;  /* how far from the data any part of the surface may get, squared */
     double far;       /* from here on a distance counts more by its square */
     struct samples samples;
-    uint32_t *first;  /* triangle_count: first point of the list, or NONE */
-    uint32_t *link;   /* samples.n: next sample of the list, or NONE */
+    uint32_t *first;  /* triangle_count: first sample of the list (samples.sample[].next), or NONE */
     double *cost;     /* triangle_count */
     uint8_t *taken;   /* input->n: is a vertex */
     uint8_t *stale;   /* vertex_count: its star has changed since it was last tried */
@@ -75,15 +75,26 @@ static inline bool fit_fold_is_fair(double before, double after) { return after 
 
 struct triangle_frame fit_frame(const struct fit *fit, uint32_t triangle);
 
-/* The sum over the points of these triangles' lists of what they would cost with the surface frame[0 .. frames), or
- * something above limit as soon as it is known to be over limit. */
-double fit_cost_with(const struct fit *fit, const uint32_t *triangle, size_t triangles,
-                     const struct triangle_frame *frame, size_t frames, double limit);
+/* The samples in the lists of a few triangles. */
+struct fit_region {
+    size_t n;
+    uint32_t triangle[FIT_MAX_RING];
+    size_t reached; /* list that the cluster ends in, and where; reached == n: all samples are in the cluster */
+    uint32_t rest;
+    struct cluster cluster;
+};
 
-/* The largest squared distance of the middles of frame[0 .. frames) to the tangent disks of the nearest samples in the
- * lists of triangle[0 .. triangles): so that no part of the surface leaves the data. */
-double fit_stray_sq(const struct fit *fit, const uint32_t *triangle, size_t triangles,
-                    const struct triangle_frame *frame, size_t frames);
+/* Gathers the samples of region->triangle[0 .. n). */
+void fit_gather(const struct fit *fit, struct fit_region *region);
+
+/* What the region's samples would cost with the surface frame[0 .. frames). */
+double fit_cost_with(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
+                     size_t frames);
+
+/* The largest squared distance of the middles of frame[0 .. frames) to the tangent disks of the region's nearest
+ * samples: so that no part of the surface leaves the data. */
+double fit_stray_sq(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
+                    size_t frames);
 
 /* Hands the samples in the lists of from[0 .. n) out to the nearest of the triangles to[0 .. m) as they are now, and
  * sets the costs of both.  m <= FIT_MAX_RING. */

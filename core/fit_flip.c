@@ -18,7 +18,7 @@
 
 enum { EDGE_GRAIN = 256 };
 
-#define FLIP_LEAST_GAIN 1e-6 /* of what the two triangles cost */
+#define FLIP_LEAST_GAIN 1e-4 /* of what the two triangles cost */
 
 struct candidate {
     double gain;
@@ -89,13 +89,15 @@ static double flip_gain(const struct fit *fit, uint32_t h) {
     double cost = fit->cost[h / 3] + fit->cost[fit->he.twin[h] / 3];
     if (!(cost > 0)) return 0;
     struct quad q = quad_of(fit, h);
-    double limit = cost * (1 - FLIP_LEAST_GAIN);
     if (!flip_is_fair(fit, h, &q)) return 0;
-    double with = fit_cost_with(fit, q.triangle, 2, q.new, 2, limit);
-    if (with >= limit) return 0;
-    double stray_sq = fit_stray_sq(fit, q.triangle, 2, q.new, 2);
-    bool strays = stray_sq > fit->stray_sq && stray_sq > fit_stray_sq(fit, q.triangle, 2, q.old, 2);
-    return strays ? 0 : cost - with;
+    struct fit_region region;
+    region.n = 2;
+    memcpy(region.triangle, q.triangle, sizeof q.triangle);
+    fit_gather(fit, &region);
+    double gain = cost - fit_cost_with(fit, &region, q.new, 2);
+    if (gain < FLIP_LEAST_GAIN * cost) return 0;
+    double stray_sq = fit_stray_sq(fit, &region, q.new, 2);
+    return stray_sq > fit->stray_sq && stray_sq > fit_stray_sq(fit, &region, q.old, 2) ? 0 : gain;
 }
 
 static void measure(void *ctx, size_t begin, size_t end) {

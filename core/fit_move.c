@@ -38,8 +38,8 @@ enum { VERTEX_GRAIN = 16, COLOURS = 64, CANDIDATES = 3 };
 struct star {
     uint32_t vertex;
     size_t n;
-    uint32_t ring[FIT_MAX_RING];     /* half-edges out of the vertex */
-    uint32_t triangle[FIT_MAX_RING];
+    uint32_t ring[FIT_MAX_RING]; /* half-edges out of the vertex */
+    struct fit_region region;
     struct triangle_frame old[FIT_MAX_RING], new[FIT_MAX_RING];
     double cost;
 };
@@ -55,10 +55,12 @@ static bool star_of(const struct fit *fit, uint32_t vertex, struct star *star) {
     star->n = halfedge_ring(&fit->he, vertex, star->ring, FIT_MAX_RING);
     star->cost = 0;
     for (size_t i = 0; i < star->n; i++) {
-        star->triangle[i] = star->ring[i] / 3;
-        star->old[i] = fit_frame(fit, star->triangle[i]);
-        star->cost += fit->cost[star->triangle[i]];
+        star->region.triangle[i] = star->ring[i] / 3;
+        star->old[i] = fit_frame(fit, star->region.triangle[i]);
+        star->cost += fit->cost[star->region.triangle[i]];
     }
+    star->region.n = star->n;
+    if (star->n >= 3) fit_gather(fit, &star->region);
     return star->n >= 3;
 }
 
@@ -72,17 +74,17 @@ static void add_point(struct model *model, double weight, double share, vec3 res
 
 static struct model model_of(const struct fit *fit, const struct star *star) {
     struct model model = {0};
-    const vec3 *points = fit->samples.place;
+    const struct sample *sample = fit->samples.sample;
     for (size_t k = 0; k < star->n; k++) {
         uint32_t h = star->ring[k];
         vec3 a = fit_corner(fit, h), b = fit_corner(fit, halfedge_next(h)), c = fit_corner(fit, halfedge_prev(h));
-        for (uint32_t i = fit->first[star->triangle[k]]; i != NONE; i = fit->link[i]) {
-            vec3 w = triangle_frame_foot(a, b, c, points[i]);
+        for (uint32_t i = fit->first[star->region.triangle[k]]; i != NONE; i = fit->samples.sample[i].next) {
+            vec3 w = triangle_frame_foot(a, b, c, sample[i].place);
             if (w.x <= 0) continue;
             vec3 foot = vec3_add(vec3_scale(a, w.x), vec3_add(vec3_scale(b, w.y), vec3_scale(c, w.z)));
-            vec3 residual = vec3_sub(points[i], foot);
+            vec3 residual = vec3_sub(sample[i].place, foot);
             double further = 1 + 2 * vec3_length(residual) / fit->far;
-            add_point(&model, fit->samples.weight[i] * further, w.x, residual, star->old[k].n);
+            add_point(&model, (double)sample[i].weight * further, w.x, residual, star->old[k].n);
         }
     }
     return model;
@@ -129,19 +131,19 @@ static bool move_is_fair(const struct fit *fit, const struct star *star) {
 static double cost_at(const struct fit *fit, struct star *star, vec3 place, double limit) {
     set_new_frames(fit, star, place);
     if (!move_is_fair(fit, star)) return INFINITY;
-    double cost = fit_cost_with(fit, star->triangle, star->n, star->new, star->n, limit);
+    double cost = fit_cost_with(fit, &star->region, star->new, star->n);
     if (cost >= limit) return INFINITY;
-    double stray_sq = fit_stray_sq(fit, star->triangle, star->n, star->new, star->n);
+    double stray_sq = fit_stray_sq(fit, &star->region, star->new, star->n);
     if (stray_sq <= fit->stray_sq) return cost;
-    return stray_sq <= fit_stray_sq(fit, star->triangle, star->n, star->old, star->n) ? cost : INFINITY;
+    return stray_sq <= fit_stray_sq(fit, &star->region, star->old, star->n) ? cost : INFINITY;
 }
 
 static void settle(struct fit *fit, const struct star *star, vec3 place, uint32_t source) {
     fit->mesh->vertex[star->vertex] = place;
     if (fit->mesh->source) fit->mesh->source[star->vertex] = source;
-    fit_share(fit, star->triangle, star->n, star->triangle, star->n);
+    fit_share(fit, star->region.triangle, star->n, star->region.triangle, star->n);
     for (size_t i = 0; i < star->n; i++) {
-        fit->touched[star->triangle[i]] = 1;
+        fit->touched[star->region.triangle[i]] = 1;
         fit->stale[halfedge_to(&fit->he, star->ring[i])] = 1;
     }
     fit->stale[star->vertex] = 1;
@@ -172,14 +174,15 @@ static size_t choose(const struct fit *fit, const struct star *star, const struc
     double stay = MOVE_STAY * sym3_trace(model->a);
     size_t count = 0;
     for (size_t k = 0; k < star->n; k++) {
-        for (uint32_t i = fit->first[star->triangle[k]]; i != NONE; i = fit->link[i]) {
-            if (i >= fit->input->n || fit->taken[i]) continue;
-            vec3 s = vec3_sub(fit->input->points[i], target);
+        for (uint32_t i = fit->first[star->region.triangle[k]]; i != NONE; i = fit->samples.sample[i].next) {
+            uint32_t point = fit->samples.point[i];
+            if (point == NONE || fit->taken[point]) continue;
+            vec3 s = vec3_sub(fit->samples.sample[i].place, target);
             double value = vec3_dot(s, sym3_mul(model->a, s)) + stay * vec3_length_sq(s);
             if (count == CANDIDATES && value >= choice[count - 1].value) continue;
             size_t at = count < CANDIDATES ? count++ : count - 1;
             for (; at > 0 && choice[at - 1].value > value; at--) choice[at] = choice[at - 1];
-            choice[at] = (struct choice){value, i};
+            choice[at] = (struct choice){value, point};
         }
     }
     return count;

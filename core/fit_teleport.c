@@ -47,7 +47,8 @@ struct market {
 
 struct fan {
     size_t n;
-    uint32_t ring[FIT_MAX_RING], triangle[FIT_MAX_RING];
+    uint32_t ring[FIT_MAX_RING];
+    struct fit_region region;
     struct triangle_frame old[FIT_MAX_RING], new[FIT_MAX_RING];
     double cost, stray_sq;
 };
@@ -56,12 +57,15 @@ static bool fan_of(const struct fit *fit, uint32_t vertex, struct fan *fan) {
     fan->n = halfedge_ring(&fit->he, vertex, fan->ring, FIT_MAX_RING);
     fan->cost = 0;
     for (size_t i = 0; i < fan->n; i++) {
-        fan->triangle[i] = fan->ring[i] / 3;
-        fan->old[i] = fit_frame(fit, fan->triangle[i]);
-        fan->cost += fit->cost[fan->triangle[i]];
+        fan->region.triangle[i] = fan->ring[i] / 3;
+        fan->old[i] = fit_frame(fit, fan->region.triangle[i]);
+        fan->cost += fit->cost[fan->region.triangle[i]];
     }
-    fan->stray_sq = fmax(fit->stray_sq, fit_stray_sq(fit, fan->triangle, fan->n, fan->old, fan->n));
-    return fan->n > 3;
+    if (fan->n <= 3) return false;
+    fan->region.n = fan->n;
+    fit_gather(fit, &fan->region);
+    fan->stray_sq = fmax(fit->stray_sq, fit_stray_sq(fit, &fan->region, fan->old, fan->n));
+    return true;
 }
 
 static vec3 outside_normal(const struct fit *fit, uint32_t h, vec3 otherwise) {
@@ -106,9 +110,9 @@ static struct offer cheapest_merge(const struct fit *fit, uint32_t vertex) {
         set_merged_frames(fit, &fan, to);
         if (!merge_is_fair(fit, &fan, to)) continue;
         double limit = best.value + fan.cost;
-        double cost = fit_cost_with(fit, fan.triangle, fan.n, fan.new, fan.n - 2, limit);
+        double cost = fit_cost_with(fit, &fan.region, fan.new, fan.n - 2);
         if (cost >= limit) continue;
-        if (fit_stray_sq(fit, fan.triangle, fan.n, fan.new, fan.n - 2) > fan.stray_sq) continue;
+        if (fit_stray_sq(fit, &fan.region, fan.new, fan.n - 2) > fan.stray_sq) continue;
         best.value = cost - fan.cost;
         best.halfedge = fan.ring[to];
     }
@@ -147,21 +151,25 @@ static double merge_estimate(const struct fit *fit, uint32_t vertex) {
 /* ---------------------------------------------------------------------------------------------- putting in */
 
 struct gap {
-    uint32_t triangle[2];
+    struct fit_region region;
     vec3 a, b, c, d;
     struct triangle_frame old[2], new[4];
     double cost;
 };
 
-static struct gap gap_of(const struct fit *fit, uint32_t h) {
+static void gap_of(const struct fit *fit, uint32_t h, struct gap *gap) {
     uint32_t g = fit->he.twin[h];
-    struct gap gap = {.triangle = {h / 3, g / 3}, .a = fit_corner(fit, h), .b = fit_corner(fit, g)};
-    gap.c = fit_corner(fit, halfedge_prev(h));
-    gap.d = fit_corner(fit, halfedge_prev(g));
-    gap.old[0] = triangle_frame_of(gap.a, gap.b, gap.c);
-    gap.old[1] = triangle_frame_of(gap.b, gap.a, gap.d);
-    gap.cost = fit->cost[h / 3] + fit->cost[g / 3];
-    return gap;
+    gap->a = fit_corner(fit, h);
+    gap->b = fit_corner(fit, g);
+    gap->c = fit_corner(fit, halfedge_prev(h));
+    gap->d = fit_corner(fit, halfedge_prev(g));
+    gap->old[0] = triangle_frame_of(gap->a, gap->b, gap->c);
+    gap->old[1] = triangle_frame_of(gap->b, gap->a, gap->d);
+    gap->cost = fit->cost[h / 3] + fit->cost[g / 3];
+    gap->region.n = 2;
+    gap->region.triangle[0] = h / 3;
+    gap->region.triangle[1] = g / 3;
+    fit_gather(fit, &gap->region);
 }
 
 static bool split_is_fair(const struct fit *fit, const struct gap *gap, uint32_t h) {
@@ -184,10 +192,10 @@ static double cost_of_split(const struct fit *fit, struct gap *gap, uint32_t h, 
     gap->new[2] = triangle_frame_of(place, gap->a, gap->d);
     gap->new[3] = triangle_frame_of(gap->b, place, gap->d);
     if (!split_is_fair(fit, gap, h)) return INFINITY;
-    double cost = fit_cost_with(fit, gap->triangle, 2, gap->new, 4, limit);
+    double cost = fit_cost_with(fit, &gap->region, gap->new, 4);
     if (cost >= limit) return INFINITY;
-    double stray_sq = fit_stray_sq(fit, gap->triangle, 2, gap->new, 4);
-    bool strays = stray_sq > fit->stray_sq && stray_sq > fit_stray_sq(fit, gap->triangle, 2, gap->old, 2);
+    double stray_sq = fit_stray_sq(fit, &gap->region, gap->new, 4);
+    bool strays = stray_sq > fit->stray_sq && stray_sq > fit_stray_sq(fit, &gap->region, gap->old, 2);
     return strays ? INFINITY : cost;
 }
 
@@ -202,9 +210,10 @@ struct place {
 static size_t farthest(const struct fit *fit, const struct gap *gap, struct place place[PLACES]) {
     size_t count = 0;
     for (int k = 0; k < 2; k++) {
-        for (uint32_t i = fit->first[gap->triangle[k]]; i != NONE; i = fit->link[i]) {
-            if (fit->placement == PLACEMENT_SUBSET && (i >= fit->input->n || fit->taken[i])) continue;
-            double d_sq = triangle_frame_nearer_sq(&gap->old[k], fit->samples.place[i], INFINITY);
+        for (uint32_t i = fit->first[gap->region.triangle[k]]; i != NONE; i = fit->samples.sample[i].next) {
+            uint32_t point = fit->samples.point[i];
+            if (fit->placement == PLACEMENT_SUBSET && (point == NONE || fit->taken[point])) continue;
+            double d_sq = triangle_frame_nearer_sq(&gap->old[k], fit->samples.sample[i].place, INFINITY);
             if (count == PLACES && d_sq <= place[count - 1].distance_sq) continue;
             size_t at = count < PLACES ? count++ : count - 1;
             for (; at > 0 && place[at - 1].distance_sq < d_sq; at--) place[at] = place[at - 1];
@@ -216,15 +225,16 @@ static size_t farthest(const struct fit *fit, const struct gap *gap, struct plac
 
 static struct offer best_split(const struct fit *fit, uint32_t h) {
     struct offer best = {.value = 0, .halfedge = NONE, .source = NONE};
-    struct gap gap = gap_of(fit, h);
+    struct gap gap;
+    gap_of(fit, h, &gap);
     struct place place[PLACES];
     size_t count = farthest(fit, &gap, place);
     for (size_t i = 0; i < count; i++) {
-        vec3 at = fit->samples.place[place[i].sample];
+        vec3 at = fit->samples.sample[place[i].sample].place;
         double limit = gap.cost - best.value, cost = cost_of_split(fit, &gap, h, at, limit);
         if (cost == INFINITY) continue;
         bool is_point = fit->placement == PLACEMENT_SUBSET;
-        best = (struct offer){gap.cost - cost, h, is_point ? place[i].sample : NONE, at};
+        best = (struct offer){gap.cost - cost, h, is_point ? fit->samples.point[place[i].sample] : NONE, at};
     }
     return best;
 }

@@ -30,7 +30,7 @@ enum status refine_mesh(struct mesh *mesh, const struct refine_input *input, con
     t0=now();
     status = fit_flip(&fit, 12, &made.flips);
     printf("flips %zu %.4e  %.0f ms\n", made.flips, fit_total(&fit)/(double)input->n, now()-t0);
-    { double w=0,m=0; for(size_t i=0;i<fit.samples.n;i++)w+=fit.samples.weight[i]; m=fit_total(&fit)/w; fit.stray_sq=(FIT_BACKWARD*m)*(FIT_BACKWARD*m); printf("mean %.3e\n",m);}
+    { double w=0,m=0; for(size_t i=0;i<fit.samples.n;i++)w+=(double)fit.samples.sample[i].weight; m=fit_total(&fit)/w; fit.stray_sq=(FIT_BACKWARD*m)*(FIT_BACKWARD*m); printf("mean %.3e\n",m);}
     for (size_t sweep = 0; !status && options->form == REFINE_FULL && sweep < SWEEPS; sweep++) {
         t0=now();
         size_t m0 = made.moves, f0 = made.flips;

@@ -6,7 +6,6 @@
 #include "core/samples.h"
 
 #include <stdlib.h>
-#include <string.h>
 
 #include "core/alloc.h"
 #include "core/cloud.h"
@@ -23,8 +22,8 @@ extern double fit_tune[32];
 #define MIDDLE_SHARE fit_tune[8]
 #else
 #define LARGEST_WEIGHT 8
-#define POINT_SHARE 0.5
-#define MIDDLE_SHARE 0.5
+#define POINT_SHARE 0.27 /* a point has 2.7 middles on average, and all count the same */
+#define MIDDLE_SHARE 0.27
 #endif
 
 struct search {
@@ -66,42 +65,56 @@ static void find_partners(void *ctx, size_t begin, size_t end) {
     }
 }
 
-/* Areas with mean 1. */
-static void point_areas(const struct refine_input *input, double *area) {
-    double sum = 0;
-    for (size_t i = 0; i < input->n; i++) sum += area[i] = input->spacing[i] * input->spacing[i];
-    double mean = sum / (double)input->n;
-    for (size_t i = 0; i < input->n; i++) {
-        double relative = mean > 0 ? area[i] / mean : 1;
-        area[i] = relative > LARGEST_WEIGHT ? LARGEST_WEIGHT : relative;
-    }
+struct filling {
+    const struct refine_input *input;
+    struct samples *samples;
+    double mean_area;
+};
+
+/* With mean 1, but for a few lonely points that would count for too much. */
+static double area_of(const struct filling *filling, uint32_t p) {
+    double spacing = filling->input->spacing[p];
+    double relative = filling->mean_area > 0 ? spacing * spacing / filling->mean_area : 1;
+    return relative > LARGEST_WEIGHT ? LARGEST_WEIGHT : relative;
 }
 
 static vec3 between(vec3 a, vec3 b) { return vec3_unit(vec3_dot(a, b) < 0 ? vec3_sub(a, b) : vec3_add(a, b)); }
 
+/* The middle of pq; p itself where q is p. */
+static void add_sample(struct filling *filling, uint32_t p, uint32_t q, double share) {
+    const struct refine_input *input = filling->input;
+    struct samples *samples = filling->samples;
+    size_t i = samples->n++;
+    double area = (area_of(filling, p) + area_of(filling, q)) / 2;
+    samples->sample[i].place = p == q ? input->points[p] : vec3_lerp(input->points[p], input->points[q], 0.5);
+    samples->sample[i].weight = (float)(share * area);
+    samples->sample[i].next = NONE;
+    samples->point[i] = p == q ? p : NONE;
+    samples->normal[i] = p == q ? input->normals[p] : between(input->normals[p], input->normals[q]);
+    samples->reach[i] = (float)(REACH * fmax(input->spacing[p], input->spacing[q]));
+}
+
+static enum status allocate(struct samples *samples, size_t n) {
+    samples->sample = alloc_array(n, sizeof *samples->sample);
+    samples->point = alloc_array(n, sizeof *samples->point);
+    samples->normal = alloc_array(n, sizeof *samples->normal);
+    samples->reach = alloc_array(n, sizeof *samples->reach);
+    return samples->sample && samples->point && samples->normal && samples->reach ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
 static enum status place_all(struct samples *samples, const struct refine_input *input, const struct search *search) {
-    size_t n = input->n, total = n;
-    for (size_t p = 0; search && p < n; p++) total += search->count[p];
-    samples->place = alloc_array(total, sizeof *samples->place);
-    samples->normal = alloc_array(total, sizeof *samples->normal);
-    samples->reach = alloc_array(total, sizeof *samples->reach);
-    samples->weight = alloc_array(total, sizeof *samples->weight);
-    if (!samples->place || !samples->normal || !samples->reach || !samples->weight) return STATUS_NO_MEMORY;
-    memcpy(samples->normal, input->normals, n * sizeof *samples->normal);
-    for (size_t i = 0; i < n; i++) samples->reach[i] = (float)(REACH * input->spacing[i]);
-    memcpy(samples->place, input->points, n * sizeof *samples->place);
-    point_areas(input, samples->weight);
-    samples->n = n;
-    for (size_t p = 0; search && p < n; p++) {
-        for (unsigned i = 0; i < search->count[p]; i++) {
-            uint32_t q = search->partner[p * MAX_MIDDLES + i];
-            samples->place[samples->n] = vec3_lerp(input->points[p], input->points[q], 0.5);
-            samples->normal[samples->n] = between(input->normals[p], input->normals[q]);
-            samples->reach[samples->n] = fmaxf(samples->reach[p], samples->reach[q]);
-            samples->weight[samples->n++] = MIDDLE_SHARE * (samples->weight[p] + samples->weight[q]) / 2;
-        }
+    size_t total = input->n;
+    struct filling filling = {input, samples, 0};
+    for (size_t p = 0; p < input->n; p++) {
+        filling.mean_area += input->spacing[p] * input->spacing[p] / (double)input->n;
+        total += search ? search->count[p] : 0;
     }
-    for (size_t p = 0; search && p < n; p++) samples->weight[p] *= POINT_SHARE;
+    if (allocate(samples, total)) return STATUS_NO_MEMORY;
+    for (uint32_t p = 0; p < input->n; p++) {
+        add_sample(&filling, p, p, search ? POINT_SHARE : 1);
+        for (unsigned i = 0; search && i < search->count[p]; i++)
+            add_sample(&filling, p, search->partner[(size_t)p * MAX_MIDDLES + i], MIDDLE_SHARE);
+    }
     return STATUS_OK;
 }
 
@@ -128,9 +141,6 @@ out:
 }
 
 void samples_done(struct samples *samples) {
-    free(samples->place);
-    free(samples->normal);
-    free(samples->reach);
-    free(samples->weight);
+    free(samples->sample), free(samples->point), free(samples->normal), free(samples->reach);
     *samples = (struct samples){0};
 }

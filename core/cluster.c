@@ -7,6 +7,7 @@
 #include "core/cluster.h"
 
 #include <assert.h>
+#include <string.h>
 
 #include "core/cloud.h"
 
@@ -20,6 +21,15 @@ static inline lanes lower(lanes a, lanes b) { return pick(a < b, a, b); }
 static inline lanes higher(lanes a, lanes b) { return pick(a > b, a, b); }
 static inline lanes all(float x) { return (lanes){x, x, x, x}; }
 static inline lanes load(const float *p) { return *(const lanes *)p; }
+
+static inline lanes load_any(const float *p) {
+    lanes x;
+    memcpy(&x, p, sizeof x);
+    return x;
+}
+
+static inline lanes root(lanes x) { return (lanes){sqrtf(x[0]), sqrtf(x[1]), sqrtf(x[2]), sqrtf(x[3])}; }
+static inline double total(lanes x) { return ((double)x[0] + (double)x[1]) + ((double)x[2] + (double)x[3]); }
 
 /* A triangle_frame in float, relative to the cluster's origin. */
 struct flat {
@@ -42,7 +52,7 @@ static inline lanes to_edge_sq(lanes x, lanes y, lanes ex, lanes ey, lanes inver
 }
 
 /* Squared distances of four samples to a triangle. */
-static inline lanes distance_sq(const struct flat *f, lanes px, lanes py, lanes pz) {
+static inline __attribute__((always_inline)) lanes distance_sq(const struct flat *f, lanes px, lanes py, lanes pz) {
     lanes rx = px - f->ax, ry = py - f->ay, rz = pz - f->az;
     lanes h = rx * f->nx + ry * f->ny + rz * f->nz;
     lanes x = rx * f->ux + ry * f->uy + rz * f->uz;
@@ -103,11 +113,75 @@ double cluster_cost(const struct cluster *cluster, const struct triangle_frame *
         strip_nearest(cluster, flat, n, begin, count, nearest_sq);
         for (size_t k = 0; k < count; k++) {
             lanes d_sq = nearest_sq[k];
-            lanes d = {sqrtf(d_sq[0]), sqrtf(d_sq[1]), sqrtf(d_sq[2]), sqrtf(d_sq[3])};
-            sum += load(&cluster->weight[(begin + k) * LANES]) * (d + d_sq * further);
+            sum += load(&cluster->weight[(begin + k) * LANES]) * (root(d_sq) + d_sq * further);
         }
     }
-    return ((double)sum[0] + (double)sum[1]) + ((double)sum[2] + (double)sum[3]);
+    return total(sum);
+}
+
+/* Where four samples' nearest places on a triangle are: the corner a's share in them, and what is left to the sample in
+ * the triangle's own axes. */
+struct feet {
+    lanes share, x, y, z;
+};
+
+static inline struct feet feet_of(const struct flat *f, lanes px, lanes py, lanes pz) {
+    lanes rx = px - f->ax, ry = py - f->ay, rz = pz - f->az;
+    lanes x = rx * f->ux + ry * f->uy + rz * f->uz;
+    lanes y = rx * f->vx + ry * f->vy + rz * f->vz;
+    struct feet feet = {.z = rx * f->nx + ry * f->ny + rz * f->nz};
+    lanes bx = all(f->bx), cx = all(f->cx), cy = all(f->cy), ex = all(f->ex), beyond = x - bx;
+    mask over = (y >= 0) & (ex * y >= cy * beyond) & (cy * x >= cx * y);
+    lanes share_c = y / cy, share = 1 - share_c - (x - cx * share_c) / bx;
+    lanes t = higher(all(0), lower(all(1), x / bx));
+    lanes dx = x - t * bx, dy = y, best_sq = dx * dx + dy * dy, best = 1 - t;
+    t = higher(all(0), lower(all(1), (x * cx + y * cy) * f->inv_ca));
+    lanes ux = x - t * cx, uy = y - t * cy, other_sq = ux * ux + uy * uy;
+    mask nearer = other_sq < best_sq;
+    dx = pick(nearer, ux, dx), dy = pick(nearer, uy, dy), best = pick(nearer, 1 - t, best);
+    best_sq = lower(other_sq, best_sq);
+    nearer = to_edge_sq(beyond, y, ex, cy, all(f->inv_bc)) < best_sq;
+    best = pick(nearer, all(0), best);
+    feet.share = pick(over, share, best), feet.x = pick(over, all(0), dx), feet.y = pick(over, all(0), dy);
+    return feet;
+}
+
+static vec3 from_axes(const struct triangle_frame *f, vec3 s) {
+    return vec3_add(vec3_scale(f->u, s.x), vec3_add(vec3_scale(f->v, s.y), vec3_scale(f->n, s.z)));
+}
+
+/* a in the triangle's axes, in the axes of space. */
+static sym3 sym3_from_axes(const struct triangle_frame *f, sym3 a) {
+    vec3 x = from_axes(f, (vec3){a.xx, a.xy, a.xz});
+    vec3 y = from_axes(f, (vec3){a.xy, a.yy, a.yz});
+    vec3 z = from_axes(f, (vec3){a.xz, a.yz, a.zz});
+    vec3 rx = from_axes(f, (vec3){x.x, y.x, z.x}), ry = from_axes(f, (vec3){x.y, y.y, z.y});
+    vec3 rz = from_axes(f, (vec3){x.z, y.z, z.z});
+    return (sym3){rx.x, rx.y, rx.z, ry.y, ry.z, rz.z};
+}
+
+void cluster_fit_corner(const struct cluster *cluster, size_t begin, size_t end, const struct triangle_frame *frame,
+                        float near, float further, struct cluster_model *model) {
+    if (!(frame->bx > 0) || !(frame->cy > 0)) return;
+    const struct flat f = flat_of(frame, cluster->origin);
+    lanes xx = all(0), xy = xx, xz = xx, yy = xx, yz = xx, zz = xx, gx = xx, gy = xx, gz = xx;
+    for (size_t i = begin; i < end; i += LANES) {
+        mask in = (mask){0, 1, 2, 3} < (int32_t)(end - i);
+        struct feet r = feet_of(&f, load_any(&cluster->x[i]), load_any(&cluster->y[i]), load_any(&cluster->z[i]));
+        lanes d = root(r.x * r.x + r.y * r.y + r.z * r.z);
+        lanes weight = pick(in & (r.share > 0), load_any(&cluster->weight[i]), all(0));
+        lanes pull = weight * r.share * (1 + 2 * further * d) / higher(d, all(near));
+        mask off = d > 1e-9f;
+        lanes inverse = 1 / pick(off, d, all(1)), stiff = pull * r.share;
+        lanes nx = pick(off, r.x * inverse, all(0)), ny = pick(off, r.y * inverse, all(0));
+        lanes nz = pick(off, r.z * inverse, all(1));
+        xx += stiff * nx * nx, xy += stiff * nx * ny, xz += stiff * nx * nz;
+        yy += stiff * ny * ny, yz += stiff * ny * nz, zz += stiff * nz * nz;
+        gx += pull * r.x, gy += pull * r.y, gz += pull * r.z;
+    }
+    sym3 a = {total(xx), total(xy), total(xz), total(yy), total(yz), total(zz)};
+    model->a = sym3_add(model->a, sym3_from_axes(frame, a));
+    model->g = vec3_add(model->g, from_axes(frame, (vec3){total(gx), total(gy), total(gz)}));
 }
 
 void cluster_owners(const struct cluster *cluster, const struct triangle_frame *frame, size_t n,

@@ -11,14 +11,15 @@
 #include <stdint.h>
 
 #include "core/samples.h"
+#include "core/sym3.h"
 #include "core/triangle_frame.h"
 
-enum { CLUSTER_MOST = 512 };
+enum { CLUSTER_MOST = 512, CLUSTER_ROOM = CLUSTER_MOST + 4 };
 
 struct cluster {
     vec3 origin;
     size_t n;                                                       /* samples, at most CLUSTER_MOST */
-    _Alignas(16) float x[CLUSTER_MOST], y[CLUSTER_MOST], z[CLUSTER_MOST], weight[CLUSTER_MOST];
+    _Alignas(16) float x[CLUSTER_ROOM], y[CLUSTER_ROOM], z[CLUSTER_ROOM], weight[CLUSTER_ROOM];
     uint32_t sample[CLUSTER_MOST];
 };
 
@@ -31,6 +32,17 @@ uint32_t cluster_add(struct cluster *cluster, const struct sample *sample, uint3
 
 /* The sum over the samples of weight * (d + d^2 * further), d being the distance to the nearest of n triangles. */
 double cluster_cost(const struct cluster *cluster, const struct triangle_frame *frame, size_t n, float further);
+
+/* A quadric of a vertex: s^T a s - 2 g s is what the squares of its samples' distances change by when it moves by s. */
+struct cluster_model {
+    sym3 a;
+    vec3 g;
+};
+
+/* Adds the samples [begin, end) to the model of the corner a of the triangle that they belong to.  Each square is divided
+ * by the distance itself (at least near), so that the model is one of weight * (d + d^2 * further). */
+void cluster_fit_corner(const struct cluster *cluster, size_t begin, size_t end, const struct triangle_frame *frame,
+                        float near, float further, struct cluster_model *model);
 
 /* For each sample which of n triangles (n < 256) is nearest, the first of equals, and its squared distance. */
 void cluster_owners(const struct cluster *cluster, const struct triangle_frame *frame, size_t n,

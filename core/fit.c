@@ -22,12 +22,14 @@ struct triangle_frame fit_frame(const struct fit *fit, uint32_t triangle) {
 
 /* Fills the cluster with what comes after region->reached and ->rest. */
 static void gather_on(const struct fit *fit, struct fit_region *region) {
+    for (size_t k = 0; k <= region->reached; k++) region->begin[k] = 0;
     while (region->reached < region->n) {
         region->rest = cluster_add(&region->cluster, fit->samples.sample, region->rest);
-        if (region->rest != NONE) return;
-        region->reached++;
+        if (region->rest != NONE) break;
+        region->begin[++region->reached] = region->cluster.n;
         if (region->reached < region->n) region->rest = fit->first[region->triangle[region->reached]];
     }
+    for (size_t k = region->reached; k < region->n; k++) region->begin[k + 1] = region->cluster.n;
 }
 
 void fit_gather(const struct fit *fit, struct fit_region *region) {
@@ -43,6 +45,25 @@ static void gather_next(const struct fit *fit, const struct fit_region *region, 
     memcpy(next->triangle, region->triangle, sizeof next->triangle);
     cluster_clear(&next->cluster, region->cluster.origin);
     gather_on(fit, next);
+}
+
+static void add_to_model(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
+                         double near, struct cluster_model *model) {
+    float further = (float)(1 / fit->far);
+    for (size_t k = 0; k < region->n; k++)
+        cluster_fit_corner(&region->cluster, region->begin[k], region->begin[k + 1], &frame[k], (float)near, further,
+                           model);
+    if (region->reached == region->n) return;
+    struct fit_region more;
+    gather_next(fit, region, &more);
+    add_to_model(fit, &more, frame, near, model);
+}
+
+struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region,
+                               const struct triangle_frame *frame, double near) {
+    struct cluster_model model = {0};
+    add_to_model(fit, region, frame, near, &model);
+    return model;
 }
 
 double fit_cost_with(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,

@@ -79,6 +79,7 @@ struct triangle_frame fit_frame(const struct fit *fit, uint32_t triangle);
 struct fit_region {
     size_t n;
     uint32_t triangle[FIT_MAX_RING];
+    size_t begin[FIT_MAX_RING + 1]; /* where each triangle's samples begin in the cluster */
     size_t reached; /* list that the cluster ends in, and where; reached == n: all samples are in the cluster */
     uint32_t rest;
     struct cluster cluster;
@@ -86,6 +87,10 @@ struct fit_region {
 
 /* Gathers the samples of region->triangle[0 .. n). */
 void fit_gather(const struct fit *fit, struct fit_region *region);
+
+/* The quadric of a vertex whose star the region is; frame[i], of triangle[i], has it as corner a. */
+struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region,
+                               const struct triangle_frame *frame, double near);
 
 /* What the region's samples would cost with the surface frame[0 .. frames). */
 double fit_cost_with(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,

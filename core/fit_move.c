@@ -44,19 +44,15 @@ struct star {
     double cost;
 };
 
-/* s^T a s - 2 g s */
-struct model {
-    sym3 a;
-    vec3 g;
-};
-
 static bool star_of(const struct fit *fit, uint32_t vertex, struct star *star) {
     star->vertex = vertex;
     star->n = halfedge_ring(&fit->he, vertex, star->ring, FIT_MAX_RING);
     star->cost = 0;
     for (size_t i = 0; i < star->n; i++) {
         star->region.triangle[i] = star->ring[i] / 3;
-        star->old[i] = fit_frame(fit, star->region.triangle[i]);
+        uint32_t h = star->ring[i];
+        star->old[i] = triangle_frame_of(fit_corner(fit, h), fit_corner(fit, halfedge_next(h)),
+                                         fit_corner(fit, halfedge_prev(h)));
         star->cost += fit->cost[star->region.triangle[i]];
     }
     star->region.n = star->n;
@@ -64,34 +60,8 @@ static bool star_of(const struct fit *fit, uint32_t vertex, struct star *star) {
     return star->n >= 3;
 }
 
-static void add_point(struct model *model, double weight, double share, vec3 residual, vec3 normal) {
-    double d = vec3_length(residual);
-    double pull = weight / fmax(d, MOVE_NEAR) * share;
-    vec3 direction = d > 1e-12 ? vec3_scale(residual, 1 / d) : normal;
-    model->a = sym3_add(model->a, sym3_scale(sym3_outer(direction), pull * share));
-    model->g = vec3_add(model->g, vec3_scale(residual, pull));
-}
-
-static struct model model_of(const struct fit *fit, const struct star *star) {
-    struct model model = {0};
-    const struct sample *sample = fit->samples.sample;
-    for (size_t k = 0; k < star->n; k++) {
-        uint32_t h = star->ring[k];
-        vec3 a = fit_corner(fit, h), b = fit_corner(fit, halfedge_next(h)), c = fit_corner(fit, halfedge_prev(h));
-        for (uint32_t i = fit->first[star->region.triangle[k]]; i != NONE; i = fit->samples.sample[i].next) {
-            vec3 w = triangle_frame_foot(a, b, c, sample[i].place);
-            if (w.x <= 0) continue;
-            vec3 foot = vec3_add(vec3_scale(a, w.x), vec3_add(vec3_scale(b, w.y), vec3_scale(c, w.z)));
-            vec3 residual = vec3_sub(sample[i].place, foot);
-            double further = 1 + 2 * vec3_length(residual) / fit->far;
-            add_point(&model, (double)sample[i].weight * further, w.x, residual, star->old[k].n);
-        }
-    }
-    return model;
-}
-
 /* The s where the model is smallest; zero where it says nothing. */
-static vec3 model_minimum(const struct model *model) {
+static vec3 model_minimum(const struct cluster_model *model) {
     sym3 a = model->a;
     double stay = MOVE_STAY * sym3_trace(a);
     a.xx += stay, a.yy += stay, a.zz += stay;
@@ -168,7 +138,7 @@ struct choice {
 };
 
 /* The points of the star where the model is smallest, best first; their number. */
-static size_t choose(const struct fit *fit, const struct star *star, const struct model *model, vec3 step,
+static size_t choose(const struct fit *fit, const struct star *star, const struct cluster_model *model, vec3 step,
                      struct choice choice[CANDIDATES]) {
     vec3 target = vec3_add(fit->mesh->vertex[star->vertex], step);
     double stay = MOVE_STAY * sym3_trace(model->a);
@@ -188,7 +158,7 @@ static size_t choose(const struct fit *fit, const struct star *star, const struc
     return count;
 }
 
-static bool move_to_point(struct fit *fit, struct star *star, const struct model *model, vec3 step) {
+static bool move_to_point(struct fit *fit, struct star *star, const struct cluster_model *model, vec3 step) {
     struct choice choice[CANDIDATES];
     size_t count = choose(fit, star, model, step, choice);
     double limit = star->cost * (1 - MOVE_LEAST_GAIN);
@@ -208,7 +178,7 @@ bool fit_move_vertex(struct fit *fit, uint32_t vertex) {
     fit->stale[vertex] = 0;
     if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE || !star_of(fit, vertex, &star)) return false;
     if (!(star.cost > 0)) return false;
-    struct model model = model_of(fit, &star);
+    struct cluster_model model = fit_model(fit, &star.region, star.old, MOVE_NEAR);
     vec3 step = model_minimum(&model);
     return fit->placement == PLACEMENT_SUBSET ? move_to_point(fit, &star, &model, step)
                                               : move_freely(fit, &star, step);

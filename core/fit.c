@@ -14,6 +14,8 @@
 
 enum { SAMPLE_GRAIN = 2048 };
 
+#define SMALLEST_MEAN 1e-9 /* so that a perfect mesh has lengths to go by, too */
+
 struct triangle_frame fit_frame(const struct fit *fit, uint32_t triangle) {
     const uint32_t *corner = fit->mesh->triangle[triangle];
     const vec3 *vertex = fit->mesh->vertex;
@@ -145,10 +147,25 @@ void fit_share(struct fit *fit, const uint32_t *from, size_t n, const uint32_t *
     } while (rest != NONE);
 }
 
-double fit_total(const struct fit *fit) {
-    double sum = 0;
-    for (size_t t = 0; t < fit->mesh->triangle_count; t++) sum += fit->cost[t];
-    return sum;
+void fit_take(struct fit *fit, uint32_t point) {
+    if (point != NONE && fit->taken[point] < UINT8_MAX) fit->taken[point]++;
+}
+
+void fit_leave(struct fit *fit, uint32_t point) {
+    if (point != NONE && fit->taken[point] < UINT8_MAX) fit->taken[point]--;
+}
+
+double fit_mean(const struct fit *fit) {
+    double sum = 0, weight = 0;
+    for (uint32_t t = 0; t < fit->mesh->triangle_count; t++) {
+        struct triangle_frame frame = fit_frame(fit, t);
+        for (uint32_t i = fit->first[t]; i != NONE; i = fit->samples.sample[i].next) {
+            const struct sample *sample = &fit->samples.sample[i];
+            sum += (double)sample->weight * sqrt(triangle_frame_nearer_sq(&frame, sample->place, INFINITY));
+            weight += (double)sample->weight;
+        }
+    }
+    return weight > 0 ? sum / weight : 0;
 }
 
 struct assignment {
@@ -157,6 +174,19 @@ struct assignment {
     uint32_t *triangle;
     float *distance_sq;
 };
+
+/* Lengths that the fit goes by, from the mean distance before it. */
+static void set_scale(struct fit *fit, const float *distance_sq) {
+    double sum = 0, weight = 0;
+    for (size_t i = 0; i < fit->samples.n; i++) {
+        sum += (double)fit->samples.sample[i].weight * sqrt((double)distance_sq[i]);
+        weight += (double)fit->samples.sample[i].weight;
+    }
+    double mean = fmax(weight > 0 ? sum / weight : 0, SMALLEST_MEAN);
+    fit->far = FIT_FAR * mean;
+    fit->near = FIT_NEAR * mean;
+    fit->stray_sq = FIT_STRAY * mean * FIT_STRAY * mean;
+}
 
 /* Each query starts from the answer of the one before, which lies nearby. */
 static void assign_range(void *ctx, size_t begin, size_t end) {
@@ -189,6 +219,7 @@ static enum status assign_all(struct fit *fit) {
     if (enough) {
         assignment.bvh = bvh;
         par_for(fit->threads, n, SAMPLE_GRAIN, assign_range, &assignment);
+        set_scale(fit, assignment.distance_sq);
         assign(fit, &assignment);
     }
     bvh_free(bvh);
@@ -220,13 +251,12 @@ static bool wants_middles(const struct mesh *mesh, const struct refine_input *in
 enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_input *input,
                      const struct refine_options *options) {
     struct fit new = {.mesh = mesh, .input = input, .placement = options->placement, .threads = options->threads};
-    new.far = FIT_FAR;
     enum status status = samples_init(&new.samples, input, wants_middles(mesh, input), options->threads);
     if (status == STATUS_OK) status = allocate(&new);
     if (status == STATUS_OK) status = halfedge_init(&new.he, mesh);
     if (status == STATUS_OK) {
         for (size_t v = 0; mesh->source && v < mesh->vertex_count; v++)
-            if (mesh->source[v] != NONE) new.taken[mesh->source[v]] = 1;
+            fit_take(&new, mesh->source[v]);
         status = assign_all(&new);
     }
     if (status != STATUS_OK) {

@@ -1,12 +1,12 @@
-/* A mesh that is being fitted to dense points: what the refining operations share.
+/* A mesh that is being fitted to dense points: what all refining operations share.
  *
- * Every dense point belongs to one triangle, the nearest as far as is known: each operation that changes triangles hands
- * the points of these triangles out among them again, and looks no further.  The lists are linked through flat arrays.
+ * Every sample (a dense point, or the middle of two) belongs to one triangle, the nearest as far as is known: each operation that changes triangles hands
+ * the samples of these triangles out among them again, and looks no further.  The lists are linked through flat arrays.
  *
- * What is made small is the sum over the points of  weight * (d + d^2 / FIT_FAR):  the mean distance, with large distances
- * counted more, so that the largest falls as well.  A point's weight is the area that it stands for.
+ * What is made small is the sum over the samples of  weight * (d + d^2 / far):  the mean distance, with large distances
+ * counted more, so that the largest falls as well.  A sample's weight is the area that it stands for.
  *
- * Invariant: cost[t] is the sum over the points of triangle t's list, and each point is in exactly one list.
+ * Invariant: cost[t] is the sum over the samples of triangle t's list, and each sample is in exactly one list.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_FIT_H
@@ -27,14 +27,16 @@
 #ifdef FIT_TUNE
 extern double fit_tune[32];
 #define FIT_FAR fit_tune[0]
+#define FIT_NEAR fit_tune[3]
 #define FIT_ENOUGH fit_tune[6]
-#define FIT_BACKWARD fit_tune[14]
+#define FIT_STRAY fit_tune[14]
 #else
-#define FIT_FAR 1e-3
-#define FIT_BACKWARD 1
-#define FIT_ENOUGH 8 /* points for each triangle */
+/* Multiples of the mean distance at the beginning: */
+#define FIT_FAR 2.0    /* distances over this count by their square */
+#define FIT_NEAR 0.4   /* distances under this count no more than others where a vertex is placed */
+#define FIT_STRAY 10.0 /* no part of the surface gets farther from the data, where it isn't already */
+#define FIT_ENOUGH 40  /* points for each triangle that make middles needless */
 #endif
-
 #define FIT_THIN 0.02 /* shape below which no triangle may get thinner */
 
 enum { FIT_MAX_RING = 32 };
@@ -46,11 +48,11 @@ struct fit {
     enum placement placement;
     unsigned threads;
     double stray_sq;  /* how far from the data any part of the surface may get, squared */
-    double far;       /* from here on a distance counts more by its square */
+    double far, near;
     struct samples samples;
     uint32_t *first;  /* triangle_count: first sample of the list (samples.sample[].next), or NONE */
     double *cost;     /* triangle_count */
-    uint8_t *taken;   /* input->n: is a vertex */
+    uint8_t *taken;   /* input->n: how many vertices stand there, up to 255 */
     uint8_t *stale;   /* vertex_count: its star has changed since it was last tried */
     uint8_t *touched; /* triangle_count: it has changed since its edges were last tried */
     uint8_t *postponed; /* triangle_count: all 0 between passes */
@@ -60,7 +62,11 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
                      const struct refine_options *options) MUST_CHECK;
 void fit_done(struct fit *fit);
 
-/* What a point at this squared distance costs, for weight 1. */
+/* A vertex comes to stand at a point, or leaves it (NONE: at no point). */
+void fit_take(struct fit *fit, uint32_t point);
+void fit_leave(struct fit *fit, uint32_t point);
+
+/* What a sample at this squared distance costs, for weight 1. */
 static inline double fit_cost_of(const struct fit *fit, double distance_sq) {
     return sqrt(distance_sq) + distance_sq / fit->far;
 }
@@ -105,7 +111,7 @@ double fit_stray_sq(const struct fit *fit, const struct fit_region *region, cons
  * sets the costs of both.  m <= FIT_MAX_RING. */
 void fit_share(struct fit *fit, const uint32_t *from, size_t n, const uint32_t *to, size_t m);
 
-/* Total cost. */
-double fit_total(const struct fit *fit);
+/* Mean distance of the samples to the triangles that they belong to, by weight. */
+double fit_mean(const struct fit *fit);
 
 #endif

@@ -146,6 +146,8 @@ static bool is_outdated(const struct fit *fit, uint32_t h) {
 static void flip(struct fit *fit, uint32_t h) {
     uint32_t triangle[2] = {h / 3, fit->he.twin[h] / 3};
     halfedge_flip(&fit->he, h);
+    uint8_t *tag = fit->mesh->tag;
+    if (tag && tag[triangle[0]] != tag[triangle[1]]) tag[triangle[0]] = tag[triangle[1]] = MESH_SUPPORTED;
     fit_share(fit, triangle, 2, triangle, 2);
     for (int i = 0; i < 2; i++) {
         fit->touched[triangle[i]] = 1;

@@ -26,12 +26,10 @@ enum { VERTEX_GRAIN = 16, COLOURS = 64, CANDIDATES = 3 };
 
 #ifdef FIT_TUNE
 #define MOVE_LEAST_GAIN fit_tune[2]
-#define MOVE_NEAR fit_tune[3]
 #define MOVE_STAY fit_tune[4]
 #else
 #define MOVE_LEAST_GAIN 1e-3 /* of what the star costs */
-#define MOVE_NEAR 2e-5       /* smaller distances weigh as this one */
-#define MOVE_STAY 1e-3       /* pull towards the present place, of the quadric's trace */
+#define MOVE_STAY 1e-4       /* pull towards the present place, of the quadric's trace */
 #endif
 #define MOVE_LEAST_TURN 0.5  /* smallest cosine between a triangle's normals before and after */
 
@@ -120,7 +118,7 @@ static void settle(struct fit *fit, const struct star *star, vec3 place, uint32_
 }
 
 static bool move_freely(struct fit *fit, struct star *star, vec3 step) {
-    static const double part[] = {1, 0.4, 0.15};
+    static const double part[] = {1.4, 0.7, 0.25};
     vec3 from = fit->mesh->vertex[star->vertex];
     double limit = star->cost * (1 - MOVE_LEAST_GAIN);
     for (size_t i = 0; i < sizeof part / sizeof *part; i++) {
@@ -168,7 +166,7 @@ static bool move_to_point(struct fit *fit, struct star *star, const struct clust
         if (cost < limit) limit = cost, best = choice[i].point;
     }
     if (best == NONE) return false;
-    fit->taken[best] = 1;
+    fit_take(fit, best);
     settle(fit, star, fit->input->points[best], best);
     return true;
 }
@@ -178,7 +176,7 @@ bool fit_move_vertex(struct fit *fit, uint32_t vertex) {
     fit->stale[vertex] = 0;
     if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE || !star_of(fit, vertex, &star)) return false;
     if (!(star.cost > 0)) return false;
-    struct cluster_model model = fit_model(fit, &star.region, star.old, MOVE_NEAR);
+    struct cluster_model model = fit_model(fit, &star.region, star.old, fit->near);
     vec3 step = model_minimum(&model);
     return fit->placement == PLACEMENT_SUBSET ? move_to_point(fit, &star, &model, step)
                                               : move_freely(fit, &star, step);
@@ -240,7 +238,7 @@ static size_t move_colour(struct batch *batch, size_t count) {
     par_for(batch->fit->threads, count, VERTEX_GRAIN, move_batch, batch);
     for (size_t i = 0; i < count; i++) {
         moves += batch->moved[i];
-        if (batch->left[i] != NONE) batch->fit->taken[batch->left[i]] = 0;
+        fit_leave(batch->fit, batch->left[i]);
     }
     return moves;
 }

@@ -326,8 +326,7 @@ static struct halfedge_spare take_out(struct fit *fit, uint32_t h, uint8_t *chan
         if (before[i] != spare.triangle[0] && before[i] != spare.triangle[1]) after[left++] = before[i];
     fit_share(fit, before, n, after, left);
     mark(fit, changed, after, left);
-    uint32_t source = fit->mesh->source ? fit->mesh->source[vertex] : NONE;
-    if (source != NONE) fit->taken[source] = 0;
+    if (fit->mesh->source) fit_leave(fit, fit->mesh->source[vertex]);
     return spare;
 }
 
@@ -336,7 +335,7 @@ static void put_in(struct fit *fit, const struct offer *offer, struct halfedge_s
     uint32_t triangle[4] = {h / 3, fit->he.twin[h] / 3, spare.triangle[0], spare.triangle[1]};
     fit->mesh->vertex[spare.vertex] = offer->place;
     if (fit->mesh->source) fit->mesh->source[spare.vertex] = offer->source;
-    if (offer->source != NONE) fit->taken[offer->source] = 1;
+    fit_take(fit, offer->source);
     if (fit->mesh->tag) {
         fit->mesh->tag[triangle[2]] = fit->mesh->tag[triangle[0]];
         fit->mesh->tag[triangle[3]] = fit->mesh->tag[triangle[1]];

@@ -1,52 +1,91 @@
-/* SPDX-License-Identifier: GPL-3.0-or-later */
+/* The schedule: flips until none gains, then sweeps of teleports, moves and flips.
+ *
+ * Everything works on a copy of the mesh, which takes its place at the end.
+ *
+ * Deliberately missing: a proof that the result doesn't cross itself somewhere far away; only neighbours are kept from
+ * folding onto each other.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/refine.h"
 
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/alloc.h"
 #include "core/fit.h"
 #include "core/fit_flip.h"
 #include "core/fit_move.h"
 #include "core/fit_teleport.h"
+
 #ifdef FIT_TUNE
-#include <stdio.h>
-#include <time.h>
 double fit_tune[32];
-static double now(void){struct timespec t;clock_gettime(CLOCK_MONOTONIC,&t);return (double)t.tv_sec*1e3+(double)t.tv_nsec*1e-6;}
 #define SWEEPS (size_t)fit_tune[5]
+#define TELEPORT_SWEEPS (size_t)fit_tune[13]
 #else
-#define SWEEPS 8
-#define now() 0
-#define printf(...)
+enum { SWEEPS = 5, TELEPORT_SWEEPS = 3 };
 #endif
+enum { FIRST_ROUNDS = 12, ROUNDS = 3 };
+
+#define LARGEST ((size_t)1 << 28) /* points or triangles */
+
+static enum status copy_mesh(struct mesh *copy, const struct mesh *mesh) {
+    *copy = *mesh;
+    copy->vertex = alloc_array(mesh->vertex_count, sizeof *copy->vertex);
+    copy->triangle = alloc_array(mesh->triangle_count, sizeof *copy->triangle);
+    copy->source = mesh->source ? alloc_array(mesh->vertex_count, sizeof *copy->source) : NULL;
+    copy->tag = mesh->tag ? alloc_array(mesh->triangle_count, sizeof *copy->tag) : NULL;
+    if (!copy->vertex || !copy->triangle || (mesh->source && !copy->source) || (mesh->tag && !copy->tag))
+        return STATUS_NO_MEMORY;
+    memcpy(copy->vertex, mesh->vertex, mesh->vertex_count * sizeof *copy->vertex);
+    memcpy(copy->triangle, mesh->triangle, mesh->triangle_count * sizeof *copy->triangle);
+    if (mesh->source) memcpy(copy->source, mesh->source, mesh->vertex_count * sizeof *copy->source);
+    if (mesh->tag) memcpy(copy->tag, mesh->tag, mesh->triangle_count * sizeof *copy->tag);
+    return STATUS_OK;
+}
+
+static enum status sweep(struct fit *fit, bool with_teleports, struct refine_facts *facts) {
+    enum status status = STATUS_OK;
+    if (with_teleports) status = fit_teleport(fit, &facts->teleports);
+    if (!status && with_teleports) status = fit_flip(fit, ROUNDS, &facts->flips);
+    if (!status) status = fit_move(fit, &facts->moves);
+    if (!status) status = fit_flip(fit, ROUNDS, &facts->flips);
+    return status;
+}
+
+static enum status run_schedule(struct fit *fit, enum refine_form form, const struct progress *progress,
+                                struct refine_facts *facts) {
+    size_t sweeps = form == REFINE_FULL ? SWEEPS : 0;
+    if (progress_tick(progress, "refine", 0.1)) return STATUS_CANCELLED;
+    enum status status = fit_flip(fit, FIRST_ROUNDS, &facts->flips);
+    for (size_t i = 0; i < sweeps && !status; i++) {
+        if (progress_tick(progress, "refine", 0.2 + 0.8 * (double)i / (double)sweeps)) return STATUS_CANCELLED;
+        status = sweep(fit, i < TELEPORT_SWEEPS, facts);
+    }
+    return status;
+}
 
 enum status refine_mesh(struct mesh *mesh, const struct refine_input *input, const struct refine_options *options,
                         const struct progress *progress, struct refine_facts *facts) {
-    struct fit fit;
+    struct fit fit = {0};
+    struct mesh refined = {0};
     struct refine_facts made = {0};
-    double t0=now();
-    enum status status = fit_init(&fit, mesh, input, options);
-    if (status) return status;
-    printf("samples %zu init %.0f ms\n", fit.samples.n, now()-t0);
-    made.cost_before = fit_total(&fit);
-    printf("start %.4e\n", made.cost_before/(double)input->n);
-    t0=now();
-    status = fit_flip(&fit, 12, &made.flips);
-    printf("flips %zu %.4e  %.0f ms\n", made.flips, fit_total(&fit)/(double)input->n, now()-t0);
-    { double w=0,m=0; for(size_t i=0;i<fit.samples.n;i++)w+=(double)fit.samples.sample[i].weight; m=fit_total(&fit)/w; fit.stray_sq=(FIT_BACKWARD*m)*(FIT_BACKWARD*m); printf("mean %.3e\n",m);}
-    for (size_t sweep = 0; !status && options->form == REFINE_FULL && sweep < SWEEPS; sweep++) {
-        t0=now();
-        size_t m0 = made.moves, f0 = made.flips;
-        double t2=t0; size_t p0=made.teleports;
-        if (sweep < (size_t)fit_tune[13]) { status = fit_teleport(&fit, &made.teleports); t2=now();
-          if(!status)status=fit_flip(&fit,3,&made.flips); }
-        printf("teleports %zu %.4e %.0f ms ",made.teleports-p0,fit_total(&fit)/(double)input->n,t2-t0);
-        t0=now();
-        if(!status)status = fit_move(&fit, &made.moves);
-        double t1=now();
-        if (!status) status = fit_flip(&fit, 3, &made.flips);
-        printf("sweep moves %zu flips %zu %.4e  %.0f + %.0f ms\n", made.moves-m0, made.flips-f0, fit_total(&fit)/(double)input->n, t1-t0,now()-t1);
-        (void)m0;(void)f0;(void)t1;(void)t0;(void)progress;
+    if (input->n >= LARGEST || mesh->triangle_count >= LARGEST) return STATUS_LIMIT;
+    if (progress_tick(progress, "refine", 0)) return STATUS_CANCELLED;
+    enum status status = copy_mesh(&refined, mesh);
+    if (!status) status = fit_init(&fit, &refined, input, options);
+    if (!status) {
+        made.mean_before = fit_mean(&fit);
+        if (options->form != REFINE_NONE && made.mean_before > 0)
+            status = run_schedule(&fit, options->form, progress, &made);
+        made.mean_after = fit_mean(&fit);
     }
-    made.cost_after = fit_total(&fit);
     fit_done(&fit);
-    *facts = made;
+    if (!status) {
+        struct mesh before = *mesh;
+        *mesh = refined;
+        refined = before;
+        if (facts) *facts = made;
+    }
+    mesh_done(&refined);
     return status;
 }

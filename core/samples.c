@@ -13,7 +13,7 @@
 
 enum { POINT_GRAIN = 1024, MAX_MIDDLES = 8 };
 
-#define REACH 2 /* of the spacing */
+#define REACH 2.0f /* of the spacing */
 
 #ifdef FIT_TUNE
 extern double fit_tune[32];
@@ -73,7 +73,7 @@ struct filling {
 
 /* With mean 1, but for a few lonely points that would count for too much. */
 static double area_of(const struct filling *filling, uint32_t p) {
-    double spacing = filling->input->spacing[p];
+    double spacing = (double)filling->input->spacing[p];
     double relative = filling->mean_area > 0 ? spacing * spacing / filling->mean_area : 1;
     return relative > LARGEST_WEIGHT ? LARGEST_WEIGHT : relative;
 }
@@ -91,7 +91,7 @@ static void add_sample(struct filling *filling, uint32_t p, uint32_t q, double s
     samples->sample[i].next = NONE;
     samples->point[i] = p == q ? p : NONE;
     samples->normal[i] = p == q ? input->normals[p] : between(input->normals[p], input->normals[q]);
-    samples->reach[i] = (float)(REACH * fmax(input->spacing[p], input->spacing[q]));
+    samples->reach[i] = REACH * fmaxf(input->spacing[p], input->spacing[q]);
 }
 
 static enum status allocate(struct samples *samples, size_t n) {
@@ -106,7 +106,8 @@ static enum status place_all(struct samples *samples, const struct refine_input 
     size_t total = input->n;
     struct filling filling = {input, samples, 0};
     for (size_t p = 0; p < input->n; p++) {
-        filling.mean_area += input->spacing[p] * input->spacing[p] / (double)input->n;
+        double spacing = (double)input->spacing[p];
+        filling.mean_area += spacing * spacing / (double)input->n;
         total += search ? search->count[p] : 0;
     }
     if (allocate(samples, total)) return STATUS_NO_MEMORY;

@@ -1,7 +1,7 @@
 /* The kernels are written over vectors of four floats, as the compilers' extension has them, without branches: a sample
  * over the triangle is as far as its height; any other is nearest to one of the three edges.
  *
- * A cluster that isn't a multiple of four is filled up with samples of weight 0.
+ * After the samples of a cluster come four of weight 0, so that vectors may reach over the end.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/cluster.h"
@@ -12,6 +12,8 @@
 #include "core/cloud.h"
 
 enum { LANES = 4 };
+
+#define THINNEST 1e-5 /* shape of triangles that don't pull at their corners */
 
 typedef float lanes __attribute__((vector_size(16)));
 typedef int32_t mask __attribute__((vector_size(16)));
@@ -39,10 +41,10 @@ struct flat {
 
 static struct flat flat_of(const struct triangle_frame *f, vec3 origin) {
     vec3 a = vec3_sub(f->a, origin);
-    return (struct flat){(float)a.x,    (float)a.y,    (float)a.z,  (float)f->u.x, (float)f->u.y,
-                         (float)f->u.z, (float)f->v.x, (float)f->v.y, (float)f->v.z, (float)f->n.x,
-                         (float)f->n.y, (float)f->n.z, (float)f->bx,  (float)f->cx,  (float)f->cy,
-                         (float)(f->cx - f->bx),       (float)f->inv_bc, (float)f->inv_ca};
+    return (struct flat){
+        (float)a.x,    (float)a.y,    (float)a.z,    (float)f->u.x,          (float)f->u.y,    (float)f->u.z,
+        (float)f->v.x, (float)f->v.y, (float)f->v.z, (float)f->n.x,          (float)f->n.y,    (float)f->n.z,
+        (float)f->bx,  (float)f->cx,  (float)f->cy,  (float)(f->cx - f->bx), (float)f->inv_bc, (float)f->inv_ca};
 }
 
 static inline lanes to_edge_sq(lanes x, lanes y, lanes ex, lanes ey, lanes inverse) {
@@ -68,6 +70,7 @@ static inline __attribute__((always_inline)) lanes distance_sq(const struct flat
 void cluster_clear(struct cluster *cluster, vec3 origin) {
     cluster->origin = origin;
     cluster->n = 0;
+    cluster->total_weight = 0;
 }
 
 uint32_t cluster_add(struct cluster *cluster, const struct sample *sample, uint32_t first) {
@@ -78,9 +81,10 @@ uint32_t cluster_add(struct cluster *cluster, const struct sample *sample, uint3
         cluster->x[n] = (float)p.x, cluster->y[n] = (float)p.y, cluster->z[n] = (float)p.z;
         cluster->weight[n] = sample[i].weight;
         cluster->sample[n] = i;
+        cluster->total_weight += (double)sample[i].weight;
     }
     cluster->n = n;
-    for (; n % LANES != 0; n++) cluster->x[n] = cluster->y[n] = cluster->z[n] = cluster->weight[n] = 0;
+    for (int k = 0; k < LANES; k++, n++) cluster->x[n] = cluster->y[n] = cluster->z[n] = cluster->weight[n] = 0;
     return i;
 }
 
@@ -162,7 +166,7 @@ static sym3 sym3_from_axes(const struct triangle_frame *f, sym3 a) {
 
 void cluster_fit_corner(const struct cluster *cluster, size_t begin, size_t end, const struct triangle_frame *frame,
                         float near, float further, struct cluster_model *model) {
-    if (!(frame->bx > 0) || !(frame->cy > 0)) return;
+    if (!(triangle_frame_shape(frame) > THINNEST)) return;
     const struct flat f = flat_of(frame, cluster->origin);
     lanes xx = all(0), xy = xx, xz = xx, yy = xx, yz = xx, zz = xx, gx = xx, gy = xx, gz = xx;
     for (size_t i = begin; i < end; i += LANES) {

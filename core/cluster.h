@@ -18,7 +18,8 @@ enum { CLUSTER_MOST = 512, CLUSTER_ROOM = CLUSTER_MOST + 4 };
 
 struct cluster {
     vec3 origin;
-    size_t n;                                                       /* samples, at most CLUSTER_MOST */
+    size_t n;            /* samples, at most CLUSTER_MOST */
+    double total_weight; /* of them */
     _Alignas(16) float x[CLUSTER_ROOM], y[CLUSTER_ROOM], z[CLUSTER_ROOM], weight[CLUSTER_ROOM];
     uint32_t sample[CLUSTER_MOST];
 };
@@ -39,8 +40,8 @@ struct cluster_model {
     vec3 g;
 };
 
-/* Adds the samples [begin, end) to the model of the corner a of the triangle that they belong to.  Each square is divided
- * by the distance itself (at least near), so that the model is one of weight * (d + d^2 * further). */
+/* Adds the samples [begin, end) to the model of the corner a of the triangle that they belong to.  Each square is
+ * divided by the distance itself (at least near), so that the model is one of weight * (d + d^2 * further). */
 void cluster_fit_corner(const struct cluster *cluster, size_t begin, size_t end, const struct triangle_frame *frame,
                         float near, float further, struct cluster_model *model);
 
@@ -48,8 +49,8 @@ void cluster_fit_corner(const struct cluster *cluster, size_t begin, size_t end,
 void cluster_owners(const struct cluster *cluster, const struct triangle_frame *frame, size_t n,
                     uint8_t owner[CLUSTER_MOST], float distance_sq[CLUSTER_MOST]);
 
-/* Of place[0 .. n) to the nearest sample: updates nearest_sq and nearest (an index into the cluster's samples' ids) where
- * a sample of this cluster is nearer. */
+/* Of place[0 .. n) to the nearest sample: updates nearest_sq and nearest (an index into the cluster's samples' ids)
+ * where a sample of this cluster is nearer. */
 void cluster_nearest(const struct cluster *cluster, vec3 place, double *nearest_sq, uint32_t *nearest);
 
 #endif

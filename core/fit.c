@@ -235,8 +235,7 @@ static enum status allocate(struct fit *fit) {
     fit->stale = alloc_array(vertices, 1);
     fit->touched = alloc_array(triangles, 1);
     fit->postponed = alloc_zeroed(triangles, 1);
-    if (!fit->first || !fit->cost || !fit->taken || !fit->stale || !fit->touched ||
-        !fit->postponed)
+    if (!fit->first || !fit->cost || !fit->taken || !fit->stale || !fit->touched || !fit->postponed)
         return STATUS_NO_MEMORY;
     memset(fit->first, 0xff, triangles * sizeof *fit->first);
     memset(fit->stale, 1, vertices);
@@ -255,8 +254,7 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
     if (status == STATUS_OK) status = allocate(&new);
     if (status == STATUS_OK) status = halfedge_init(&new.he, mesh);
     if (status == STATUS_OK) {
-        for (size_t v = 0; mesh->source && v < mesh->vertex_count; v++)
-            fit_take(&new, mesh->source[v]);
+        for (size_t v = 0; mesh->source && v < mesh->vertex_count; v++) fit_take(&new, mesh->source[v]);
         status = assign_all(&new);
     }
     if (status != STATUS_OK) {

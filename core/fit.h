@@ -1,7 +1,8 @@
 /* A mesh that is being fitted to dense points: what all refining operations share.
  *
- * Every sample (a dense point, or the middle of two) belongs to one triangle, the nearest as far as is known: each operation that changes triangles hands
- * the samples of these triangles out among them again, and looks no further.  The lists are linked through flat arrays.
+ * Every sample (a dense point, or the middle of two) belongs to one triangle, the nearest as far as is known: each
+ * operation that changes triangles hands the samples of these triangles out among them again, and looks no further. The
+ * lists are linked through flat arrays.
  *
  * What is made small is the sum over the samples of  weight * (d + d^2 / far):  the mean distance, with large distances
  * counted more, so that the largest falls as well.  A sample's weight is the area that it stands for.
@@ -37,7 +38,8 @@ extern double fit_tune[32];
 #define FIT_STRAY 10.0 /* no part of the surface gets farther from the data, where it isn't already */
 #define FIT_ENOUGH 40  /* points for each triangle that make middles needless */
 #endif
-#define FIT_THIN 0.02 /* shape below which no triangle may get thinner */
+#define FIT_EXACT 1e-7 /* distance that is none */
+#define FIT_THIN 0.02  /* shape below which no triangle may get thinner */
 
 enum { FIT_MAX_RING = 32 };
 
@@ -47,14 +49,14 @@ struct fit {
     const struct refine_input *input;
     enum placement placement;
     unsigned threads;
-    double stray_sq;  /* how far from the data any part of the surface may get, squared */
+    double stray_sq; /* how far from the data any part of the surface may get, squared */
     double far, near;
     struct samples samples;
-    uint32_t *first;  /* triangle_count: first sample of the list (samples.sample[].next), or NONE */
-    double *cost;     /* triangle_count */
-    uint8_t *taken;   /* input->n: how many vertices stand there, up to 255 */
-    uint8_t *stale;   /* vertex_count: its star has changed since it was last tried */
-    uint8_t *touched; /* triangle_count: it has changed since its edges were last tried */
+    uint32_t *first;    /* triangle_count: first sample of the list (samples.sample[].next), or NONE */
+    double *cost;       /* triangle_count */
+    uint8_t *taken;     /* input->n: how many vertices stand there, up to 255 */
+    uint8_t *stale;     /* vertex_count: its star has changed since it was last tried */
+    uint8_t *touched;   /* triangle_count: it has changed since its edges were last tried */
     uint8_t *postponed; /* triangle_count: all 0 between passes */
 };
 
@@ -75,8 +77,8 @@ static inline vec3 fit_corner(const struct fit *fit, uint32_t h) {
     return fit->mesh->vertex[halfedge_from(&fit->he, h)];
 }
 
-/* Whether two neighbouring triangles may turn against each other so that the cosine of their normals goes from before to
- * after: up to 90 degrees, or where it was more already (a sharp edge), no further. */
+/* Whether two neighbouring triangles may turn against each other so that the cosine of their normals goes from before
+ * to after: up to 90 degrees, or where it was more already (a sharp edge), no further. */
 static inline bool fit_fold_is_fair(double before, double after) { return after >= 0 || after >= before; }
 
 struct triangle_frame fit_frame(const struct fit *fit, uint32_t triangle);
@@ -93,6 +95,11 @@ struct fit_region {
 
 /* Gathers the samples of region->triangle[0 .. n). */
 void fit_gather(const struct fit *fit, struct fit_region *region);
+
+/* Whether the region costs so little that it is rounding. */
+static inline bool fit_is_exact(const struct fit_region *region, double cost) {
+    return !(cost > FIT_EXACT * region->cluster.total_weight);
+}
 
 /* The quadric of a vertex whose star the region is; frame[i], of triangle[i], has it as corner a. */
 struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region,

@@ -79,8 +79,9 @@ static bool flip_is_possible(const struct fit *fit, uint32_t h) {
     uint32_t g = fit->he.twin[h];
     if (g == NONE) return false;
     uint32_t c = halfedge_apex(&fit->he, h), d = halfedge_apex(&fit->he, g);
-    if (c == d || (fit->he.locked[c] && fit->he.locked[d])) return false;
-    return fit->he.locked[c] ? !halfedge_joined(&fit->he, d, c) : !halfedge_joined(&fit->he, c, d);
+    if (c == d) return false;
+    if (fit->he.locked[c] == HALFEDGE_KNOTTED && fit->he.locked[d] == HALFEDGE_KNOTTED) return false;
+    return fit->he.locked[c] == HALFEDGE_KNOTTED ? !halfedge_joined(&fit->he, d, c) : !halfedge_joined(&fit->he, c, d);
 }
 
 /* How much the flip of h lowers the cost; 0 when it doesn't, or isn't allowed. */
@@ -94,6 +95,7 @@ static double flip_gain(const struct fit *fit, uint32_t h) {
     region.n = 2;
     memcpy(region.triangle, q.triangle, sizeof q.triangle);
     fit_gather(fit, &region);
+    if (fit_is_exact(&region, cost)) return 0;
     double gain = cost - fit_cost_with(fit, &region, q.new, 2);
     if (gain < FLIP_LEAST_GAIN * cost) return 0;
     double stray_sq = fit_stray_sq(fit, &region, q.new, 2);
@@ -102,8 +104,7 @@ static double flip_gain(const struct fit *fit, uint32_t h) {
 
 static void measure(void *ctx, size_t begin, size_t end) {
     struct round *round = ctx;
-    for (size_t i = begin; i < end; i++)
-        round->candidate[i].gain = flip_gain(round->fit, round->candidate[i].halfedge);
+    for (size_t i = begin; i < end; i++) round->candidate[i].gain = flip_gain(round->fit, round->candidate[i].halfedge);
 }
 
 static int compare_gain(const void *a, const void *b) {

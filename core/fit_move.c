@@ -31,7 +31,7 @@ enum { VERTEX_GRAIN = 16, COLOURS = 64, CANDIDATES = 3 };
 #define MOVE_LEAST_GAIN 1e-3 /* of what the star costs */
 #define MOVE_STAY 1e-4       /* pull towards the present place, of the quadric's trace */
 #endif
-#define MOVE_LEAST_TURN 0.5  /* smallest cosine between a triangle's normals before and after */
+#define MOVE_LEAST_TURN 0.5 /* smallest cosine between a triangle's normals before and after */
 
 struct star {
     uint32_t vertex;
@@ -49,8 +49,8 @@ static bool star_of(const struct fit *fit, uint32_t vertex, struct star *star) {
     for (size_t i = 0; i < star->n; i++) {
         star->region.triangle[i] = star->ring[i] / 3;
         uint32_t h = star->ring[i];
-        star->old[i] = triangle_frame_of(fit_corner(fit, h), fit_corner(fit, halfedge_next(h)),
-                                         fit_corner(fit, halfedge_prev(h)));
+        star->old[i] =
+            triangle_frame_of(fit_corner(fit, h), fit_corner(fit, halfedge_next(h)), fit_corner(fit, halfedge_prev(h)));
         star->cost += fit->cost[star->region.triangle[i]];
     }
     star->region.n = star->n;
@@ -110,11 +110,6 @@ static void settle(struct fit *fit, const struct star *star, vec3 place, uint32_
     fit->mesh->vertex[star->vertex] = place;
     if (fit->mesh->source) fit->mesh->source[star->vertex] = source;
     fit_share(fit, star->region.triangle, star->n, star->region.triangle, star->n);
-    for (size_t i = 0; i < star->n; i++) {
-        fit->touched[star->region.triangle[i]] = 1;
-        fit->stale[halfedge_to(&fit->he, star->ring[i])] = 1;
-    }
-    fit->stale[star->vertex] = 1;
 }
 
 static bool move_freely(struct fit *fit, struct star *star, vec3 step) {
@@ -171,15 +166,14 @@ static bool move_to_point(struct fit *fit, struct star *star, const struct clust
     return true;
 }
 
-bool fit_move_vertex(struct fit *fit, uint32_t vertex) {
+static bool move_vertex(struct fit *fit, uint32_t vertex) {
     struct star star;
     fit->stale[vertex] = 0;
     if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE || !star_of(fit, vertex, &star)) return false;
-    if (!(star.cost > 0)) return false;
+    if (fit_is_exact(&star.region, star.cost)) return false;
     struct cluster_model model = fit_model(fit, &star.region, star.old, fit->near);
     vec3 step = model_minimum(&model);
-    return fit->placement == PLACEMENT_SUBSET ? move_to_point(fit, &star, &model, step)
-                                              : move_freely(fit, &star, step);
+    return fit->placement == PLACEMENT_SUBSET ? move_to_point(fit, &star, &model, step) : move_freely(fit, &star, step);
 }
 
 /* The lowest colour that no vertex has whose star this one's moves touch or look at. */
@@ -209,7 +203,7 @@ static void move_batch(void *ctx, size_t begin, size_t end) {
     for (size_t i = begin; i < end; i++) {
         uint32_t v = batch->vertex[i], *source = batch->fit->mesh->source;
         uint32_t before = source ? source[v] : NONE;
-        batch->moved[i] = fit_move_vertex(batch->fit, v);
+        batch->moved[i] = move_vertex(batch->fit, v);
         batch->left[i] = batch->moved[i] ? before : NONE;
     }
 }
@@ -232,12 +226,24 @@ static void paint(const struct fit *fit, uint8_t *colour) {
         if (!fit->he.locked[v] && fit->he.out[v] != NONE) colour[v] = free_colour(&fit->he, colour, v);
 }
 
+/* The star has changed, and so have those of the neighbours. */
+static void mark_moved(struct fit *fit, uint32_t vertex) {
+    uint32_t ring[FIT_MAX_RING];
+    size_t n = halfedge_ring(&fit->he, vertex, ring, FIT_MAX_RING);
+    for (size_t i = 0; i < n; i++) {
+        fit->touched[ring[i] / 3] = 1;
+        fit->stale[halfedge_to(&fit->he, ring[i])] = 1;
+    }
+    fit->stale[vertex] = 1;
+}
+
 /* Released points become free only when a colour is done, so that what a vertex may take doesn't depend on threads. */
 static size_t move_colour(struct batch *batch, size_t count) {
     size_t moves = 0;
     par_for(batch->fit->threads, count, VERTEX_GRAIN, move_batch, batch);
     for (size_t i = 0; i < count; i++) {
         moves += batch->moved[i];
+        if (batch->moved[i]) mark_moved(batch->fit, batch->vertex[i]);
         fit_leave(batch->fit, batch->left[i]);
     }
     return moves;

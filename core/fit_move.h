@@ -10,7 +10,4 @@
  * the best place (optimal).  *moves += the number of those that moved.  STATUS_NO_MEMORY. */
 enum status fit_move(struct fit *fit, size_t *moves) MUST_CHECK;
 
-/* The same for one vertex; whether it moved. */
-bool fit_move_vertex(struct fit *fit, uint32_t vertex);
-
 #endif

@@ -1,7 +1,7 @@
-/* What each vertex costs when it is merged into its best neighbour, and what each edge gains when a vertex is put on it,
- * is measured in parallel with nothing changed.  Then the cheapest loss pays for the greatest gain, the next for the
- * next, skipping whatever touches triangles that changed, until a gain no longer pays.  In order, so the result doesn't
- * depend on threads.
+/* What each vertex costs when it is merged into its best neighbour, and what each edge gains when a vertex is put on
+ * it, is measured in parallel with nothing changed.  Then the cheapest loss pays for the greatest gain, the next for
+ * the next, skipping whatever touches triangles that changed, until a gain no longer pays.  In order, so the result
+ * doesn't depend on threads.
  *
  * Both are measured before flips and moves help, so a pair that breaks even now will gain.
  *
@@ -13,7 +13,6 @@
 
 #include "core/alloc.h"
 #include "core/cloud.h"
-#include "core/fit_move.h"
 #include "core/par.h"
 
 enum { GRAIN = 64 };
@@ -24,14 +23,15 @@ enum { GRAIN = 64 };
 #define CHEAP_PART fit_tune[11]
 #define DEAR_PART fit_tune[12]
 #else
-#define TELEPORT_PAYS 1.0 /* gain over loss, at least */
+#define TELEPORT_PAYS 0.7 /* gain over loss, at least */
 #define TELEPORT_MOST 0.2 /* of the vertices */
 #define CHEAP_PART 0.3
 #define DEAR_PART 0.3
 #endif
 #define LEAST_TURN 0.2 /* smallest cosine between the normals of a triangle and what takes its place */
 
-/* A vertex that may go: the half-edge to the neighbour that it merges into.  Or an edge that may be split, and where. */
+/* A vertex that may go: the half-edge to the neighbour that it merges into.  Or an edge that may be split, and where.
+ */
 struct offer {
     double value; /* loss, or gain */
     uint32_t halfedge, source;
@@ -121,8 +121,7 @@ static struct offer cheapest_merge(const struct fit *fit, uint32_t vertex) {
 
 static void measure_merges(void *ctx, size_t begin, size_t end) {
     struct market *market = ctx;
-    for (size_t i = begin; i < end; i++)
-        market->offer[i] = cheapest_merge(market->fit, market->offer[i].source);
+    for (size_t i = begin; i < end; i++) market->offer[i] = cheapest_merge(market->fit, market->offer[i].source);
 }
 
 /* A lower bound in spirit: how far the vertex stands off its neighbours' planes, over the star's area.  Only the most
@@ -228,6 +227,7 @@ static struct offer best_split(const struct fit *fit, uint32_t h) {
     struct gap gap;
     gap_of(fit, h, &gap);
     struct place place[PLACES];
+    if (fit_is_exact(&gap.region, gap.cost)) return best;
     size_t count = farthest(fit, &gap, place);
     for (size_t i = 0; i < count; i++) {
         vec3 at = fit->samples.sample[place[i].sample].place;
@@ -241,8 +241,7 @@ static struct offer best_split(const struct fit *fit, uint32_t h) {
 
 static void measure_splits(void *ctx, size_t begin, size_t end) {
     struct market *market = ctx;
-    for (size_t i = begin; i < end; i++)
-        market->offer[i] = best_split(market->fit, market->offer[i].halfedge);
+    for (size_t i = begin; i < end; i++) market->offer[i] = best_split(market->fit, market->offer[i].halfedge);
 }
 
 /* ---------------------------------------------------------------------------------------------- the trade */

@@ -49,9 +49,7 @@ static void pair_group(struct halfedge *he, const struct keyed *group, size_t le
     if (length == 2 && halfedge_from(he, g) != halfedge_from(he, h)) {
         he->twin[g] = h;
         he->twin[h] = g;
-        return;
     }
-    he->locked[group[0].low] = he->locked[group[0].high] = 1;
 }
 
 static enum status pair_twins(struct halfedge *he) {
@@ -72,15 +70,34 @@ out:
     return status;
 }
 
-/* A vertex whose fan doesn't hold all of its triangles is locked. */
-static enum status lock_split_fans(struct halfedge *he) {
+/* The number of triangles met from out[v] around v both ways; *closed tells whether that comes back. */
+static size_t fan_size(const struct halfedge *he, uint32_t v, bool *closed) {
+    size_t count = 0;
+    uint32_t h = he->out[v];
+    *closed = false;
+    do {
+        count++;
+        h = halfedge_around(he, h);
+    } while (h != he->out[v] && h != NONE);
+    if (h != NONE) {
+        *closed = true;
+        return count;
+    }
+    for (h = he->twin[he->out[v]]; h != NONE; h = he->twin[halfedge_next(h)]) count++;
+    return count;
+}
+
+static enum status find_locks(struct halfedge *he) {
     uint32_t *uses = alloc_zeroed(he->vertex_count, sizeof *uses);
     if (!uses) return STATUS_NO_MEMORY;
     for (uint32_t h = 0; h < 3 * he->triangle_count; h++) uses[halfedge_from(he, h)]++;
-    uint32_t ring[MAX_RING];
     for (uint32_t v = 0; v < he->vertex_count; v++) {
-        if (he->out[v] == NONE || he->locked[v]) continue;
-        he->locked[v] = halfedge_ring(he, v, ring, MAX_RING) != uses[v];
+        bool closed = true;
+        if (he->out[v] == NONE) continue;
+        if (fan_size(he, v, &closed) != uses[v])
+            he->locked[v] = HALFEDGE_KNOTTED;
+        else if (!closed)
+            he->locked[v] = HALFEDGE_BORDER;
     }
     free(uses);
     return STATUS_OK;
@@ -99,7 +116,7 @@ enum status halfedge_init(struct halfedge *he, const struct mesh *mesh) {
     memset(new.out, 0xff, mesh->vertex_count * sizeof *new.out);
     for (uint32_t h = 0; h < 3 * mesh->triangle_count; h++) new.out[halfedge_from(&new, h)] = h;
     status = pair_twins(&new);
-    if (status == STATUS_OK) status = lock_split_fans(&new);
+    if (status == STATUS_OK) status = find_locks(&new);
     if (status != STATUS_OK) goto fail;
     *he = new;
     return STATUS_OK;
@@ -129,9 +146,12 @@ size_t halfedge_ring(const struct halfedge *he, uint32_t vertex, uint32_t *ring,
 bool halfedge_joined(const struct halfedge *he, uint32_t a, uint32_t b) {
     uint32_t h = he->out[a];
     do {
-        if (halfedge_to(he, h) == b) return true;
+        if (halfedge_to(he, h) == b || halfedge_apex(he, h) == b) return true;
         h = halfedge_around(he, h);
     } while (h != he->out[a] && h != NONE);
+    if (h != NONE) return false;
+    for (h = he->twin[he->out[a]]; h != NONE; h = he->twin[halfedge_next(h)])
+        if (halfedge_apex(he, h) == b) return true;
     return false;
 }
 

@@ -11,8 +11,8 @@
  *
  * Invariant: twin[twin[h]] == h where twin[h] isn't NONE, and both run between the same vertices the other way round.
  * An edge that isn't regular (boundary, more than two triangles, misoriented) has no twin, and its ends are locked;
- * a vertex whose triangles form more than one fan is locked too.  No operation changes a locked vertex's fan beyond
- * what a flip does, so the surface stays as manifold as it was.
+ * a vertex whose triangles form more than one fan is locked too (and knotted).  No operation changes a locked vertex's
+ * fan beyond what a flip does, so the surface stays as manifold as it was.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_HALFEDGE_H
@@ -25,12 +25,18 @@
 #include "core/mesh.h"
 #include "core/status.h"
 
+enum halfedge_lock {
+    HALFEDGE_FREE = 0, /* its triangles go all the way around it */
+    HALFEDGE_BORDER,   /* one fan of triangles, from a boundary to a boundary */
+    HALFEDGE_KNOTTED   /* several fans */
+};
+
 struct halfedge {
     size_t vertex_count, triangle_count;
     uint32_t (*triangle)[3]; /* borrowed from the mesh, and changed */
     uint32_t *twin;          /* 3 * triangle_count */
     uint32_t *out;           /* vertex_count: a half-edge that starts there; NONE for an unused vertex */
-    uint8_t *locked;         /* vertex_count */
+    uint8_t *locked;         /* vertex_count: enum halfedge_lock */
 };
 
 /* Builds the half-edges of the mesh's triangles (fewer than 2^30).  O(triangles log triangles).  STATUS_NO_MEMORY only.
@@ -55,7 +61,7 @@ static inline uint32_t halfedge_around(const struct halfedge *he, uint32_t h) { 
  * when there are more. */
 size_t halfedge_ring(const struct halfedge *he, uint32_t vertex, uint32_t *ring, size_t max);
 
-/* Whether an edge joins a and b, looked for around a, which must not be locked. */
+/* Whether an edge joins a and b, looked for around a, which must not be knotted. */
 bool halfedge_joined(const struct halfedge *he, uint32_t a, uint32_t b);
 
 /* Turns the edge of h (which has a twin) into the other diagonal.  The two triangles keep their ids: h / 3 becomes

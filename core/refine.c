@@ -19,8 +19,8 @@
 
 #ifdef FIT_TUNE
 double fit_tune[32];
-#define SWEEPS (size_t)fit_tune[5]
-#define TELEPORT_SWEEPS (size_t)fit_tune[13]
+#define SWEEPS (size_t) fit_tune[5]
+#define TELEPORT_SWEEPS (size_t) fit_tune[13]
 #else
 enum { SWEEPS = 5, TELEPORT_SWEEPS = 3 };
 #endif

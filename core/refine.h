@@ -17,29 +17,30 @@
 
 /* The original points, in the normalised frame (bounding-box diagonal 1). */
 struct refine_input {
-    const vec3 *points;   /* n; in space-filling order it is faster */
-    const vec3 *normals;  /* n, unit, of either sign */
-    const float *spacing; /* n: mean distance to the neighbours */
-    size_t n;             /* at least 1, less than 2^28 */
+    const vec3 *points;               /* n; in space-filling order it is faster */
+    const vec3 *normals;              /* n, unit, of either sign */
+    const float *spacing;             /* n: mean distance to the neighbours */
+    size_t n;                         /* at least 1, less than 2^28 */
     const struct neighbourhood *hood; /* of the points: the middles between neighbours are fitted to as well, which is
                                          what keeps a mesh from bending between few points; NULL: points alone */
 };
 
 struct refine_options {
-    enum refine_form form; /* none: nothing is done; flips: edges alone; full: vertices as well */
+    enum refine_form form;    /* none: nothing is done; flips: edges alone; full: vertices as well */
     enum placement placement; /* of vertices that move: at other original points, each used once, or anywhere */
     unsigned threads;         /* 0 = all processors */
 };
 
 struct refine_facts {
-    size_t flips, moves, teleports;   /* vertices taken out in one place and put in at another */
-    double mean_before, mean_after;   /* distance of the points (and middles) to the mesh, weighted by area */
+    size_t flips, moves, teleports; /* vertices taken out in one place and put in at another */
+    double mean_before, mean_after; /* distance of the points (and middles) to the mesh, weighted by area */
 };
 
 /* Refines the mesh in place: the numbers of its vertices and triangles stay, as do its boundary (and whatever isn't
- * manifold), its orientation and its topology, so a closed mesh stays closed.  No triangle folds onto a neighbour that it
- * wasn't folded onto before.  mesh->source (may be NULL with optimal placement; ids of points) follows the vertices: NONE
- * for those that stand at no point.  A triangle made of one that fills a hole and one that doesn't counts as supported.
+ * manifold), its orientation and its topology, so a closed mesh stays closed.  No triangle folds onto a neighbour that
+ * it wasn't folded onto before.  mesh->source (may be NULL with optimal placement; ids of points) follows the vertices:
+ * NONE for those that stand at no point.  A triangle made of one that fills a hole and one that doesn't counts as
+ * supported.
  *
  * The same for any number of threads; about 5 us for each point.  *mesh and *facts (may be NULL) are untouched on
  * failure: STATUS_NO_MEMORY, STATUS_LIMIT (2^28 points or triangles), STATUS_CANCELLED (stage "refine"). */

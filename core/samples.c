@@ -59,7 +59,8 @@ static void find_partners(void *ctx, size_t begin, size_t end) {
         for (unsigned i = 0; i < hood->count[p] && search->count[p] < MAX_MIDDLES; i++) {
             uint32_t q = hood->id[p * hood->stride + i];
             if (q < p && list_has(hood, q, (uint32_t)p)) continue;
-            if (!ball_is_empty(search->input, (uint32_t)p, q) || !ball_is_empty(search->input, q, (uint32_t)p)) continue;
+            if (!ball_is_empty(search->input, (uint32_t)p, q) || !ball_is_empty(search->input, q, (uint32_t)p))
+                continue;
             search->partner[p * MAX_MIDDLES + search->count[p]++] = q;
         }
     }

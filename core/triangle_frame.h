@@ -13,9 +13,9 @@
 #include "core/vec3.h"
 
 struct triangle_frame {
-    vec3 a, u, v, n;         /* corner and unit axes */
-    double bx, cx, cy;       /* corners b = (bx, 0) and c = (cx, cy), cy >= 0 */
-    double inv_bc, inv_ca;   /* 1 / squared length of the edges bc and ca; 0 for an edge without length */
+    vec3 a, u, v, n;       /* corner and unit axes */
+    double bx, cx, cy;     /* corners b = (bx, 0) and c = (cx, cy), cy >= 0 */
+    double inv_bc, inv_ca; /* 1 / squared length of the edges bc and ca; 0 for an edge without length */
 };
 
 static inline double triangle_frame_inverse(double x) { return x > 0 ? 1 / x : 0; }

@@ -57,7 +57,7 @@ void job_new_id(const struct timespec *now, char id[JOB_ID_BYTES]) {
     ssize_t n = getrandom(&random, sizeof random, 0); /* 8 bytes are never cut short */
     (void)n;
     snprintf(id, JOB_ID_BYTES, "%08x-%04x-7%03x-%04x-%012llx", (unsigned)(ms >> 16), (unsigned)(ms & 0xffff),
-             (unsigned)fraction, (unsigned)(0x8000 | (random >> 48 & 0x3fff)),
+             (unsigned)(fraction & 0xfff), (unsigned)(0x8000 | (random >> 48 & 0x3fff)),
              (unsigned long long)(random & 0xffffffffffff));
 }
 

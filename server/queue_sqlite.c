@@ -330,7 +330,10 @@ enum status queue_claim(struct queue *queue, struct job *job, bool *found, struc
     pthread_mutex_lock(&queue->writer.lock);
     enum status status = STATUS_OK;
     if (queue->waiting) status = claim(queue->writer.db, job, found, error);
-    if (*found) queue->waiting--, queue->running++;
+    if (*found) {
+        queue->waiting--;
+        queue->running++;
+    }
     pthread_mutex_unlock(&queue->writer.lock);
     return status;
 }

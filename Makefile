@@ -35,7 +35,7 @@ override LDFLAGS += $(filter -fsanitize% --coverage,$(flags_$(config))) -pthread
 
 CORE_LIBS := -lflann -lgmp -lmpfr -lstdc++ -lm
 API_LIBS := -ljansson
-DAEMON_LIBS := -lmicrohttpd -lsqlite3
+DAEMON_LIBS := -lmicrohttpd -lsqlite3 -lnettle
 
 # ---------------------------------------------------------------------------------------------------- sources
 core_src := $(wildcard core/*.c core/*.cc)
@@ -54,6 +54,7 @@ libapi := $(build)/libapi.a
 libserver := $(build)/libserver.a
 programs := $(if $(worker_src),$(build)/whittle) $(if $(daemon_src),$(build)/whittled)
 unit_programs := $(patsubst tests/unit/%.c,$(build)/tests/unit/%,$(unit_src))
+fuzz_programs := $(patsubst %.c,$(build)/%,$(fuzz_src))
 tool_programs := $(addprefix $(build)/,$(basename $(tool_src)))
 
 # ---------------------------------------------------------------------------------------------------- targets
@@ -93,6 +94,10 @@ $(unit_programs): $(build)/tests/unit/%: $(build)/tests/unit/%.o $(call object,$
 $(tool_programs): $(build)/%: $(build)/%.o $(libapi) $(libwhittle)
 	$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(CORE_LIBS)
 
+# Files that are compiled into the program.
+$(build)/api/openapi.o: api/openapi.json
+$(build)/server/page.o: server/page.html
+
 # The version is compiled into one file, rebuilt when it changes.
 $(build)/core/version.o: CFLAGS += -DWHITTLE_VERSION='"$(VERSION)"'
 $(build)/core/version.o: $(build)/version.stamp
@@ -101,12 +106,74 @@ $(build)/version.stamp: FORCE
 	@echo '$(VERSION)' | cmp -s - $@ || echo '$(VERSION)' > $@
 FORCE:
 
+# ---------------------------------------------------------------------------------------------------- set-up
+# What building, testing and the demo want, by the names of Debian 12's packages.
+packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
+            libmicrohttpd-dev libsqlite3-dev nettle-dev libcmocka-dev curl jq python3 python3-pytest ca-certificates
+fuzz_packages := clang libclang-rt-14-dev
+
+.PHONY: deps
+deps: ## install the Debian packages that are missing (root, or sudo)
+	@deploy/deps.sh $(packages)
+
+# ---------------------------------------------------------------------------------------------------- use
+CLOUD ?=
+RATIO ?= 0.1
+LISTEN ?= 127.0.0.1:8080
+DATA ?= $(HOME)/.local/share/whittled
+
+.PHONY: demo
+demo: deps ## upload a real scan to a daemon of its own and show what comes back; CLOUD=file.ply RATIO=0.1
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@tests/demo/demo.sh $(build) out '$(CLOUD)' '$(RATIO)'
+
+.PHONY: run
+run: deps ## start whittled for use; LISTEN=127.0.0.1:8080 DATA=folder
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@mkdir -p '$(DATA)'
+	$(build)/whittled --listen '$(LISTEN)' --data '$(DATA)'
+
+# ---------------------------------------------------------------------------------------------------- checks
+.PHONY: test
+test: deps ## build and run all tests; also with config=asan or tsan
+	@$(MAKE) --no-print-directory -j$$(nproc) all tests
+	@$(MAKE) --no-print-directory lint test-unit test-integration
+
+.PHONY: tests
+tests: $(unit_programs) $(tool_programs)
+
+.PHONY: lint
+lint: $(libwhittle) ## check layers, banned functions and line lengths
+	@$(PYTHON) tests/lint/layers.py $(libwhittle)
+
+.PHONY: test-integration
+test-integration:
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -p no:cacheprovider tests/integration
+
 .PHONY: tools
 tools: $(tool_programs) ## build the measuring programs of tests/
 
 .PHONY: test-unit
 test-unit: $(unit_programs)
 	@set -e; for t in $(unit_programs); do echo "== $$t"; $$t; done
+
+# Fuzzers exist in config=fuzz alone; `make fuzz` goes there by itself.  What a run finds new stays in the corpus.
+FUZZ_SECONDS ?= 20
+ifeq ($(config),fuzz)
+$(fuzz_programs): $(build)/%: $(build)/%.o $(libwhittle)
+	$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $^ -lm
+
+.PHONY: fuzz
+fuzz: $(fuzz_programs)
+	@set -e; for f in $(fuzz_programs); do echo "== $$f"; mkdir -p $$f.corpus $$f.seeds; \
+	    for s in tests/fixtures/*/*/input.*; do cp "$$s" "$$f.seeds/$$(echo "$$s" | tr / _)"; done; \
+	    $$f -max_total_time=$(FUZZ_SECONDS) -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 -verbosity=0 \
+	        -artifact_prefix=$$f. $$f.corpus $$f.seeds; done
+else
+.PHONY: fuzz
+fuzz: ## run each fuzzer for FUZZ_SECONDS=20 (needs clang)
+	$(MAKE) config=fuzz fuzz
+endif
 
 .PHONY: format
 format: ## lay out the code with clang-format

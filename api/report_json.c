@@ -1,118 +1,89 @@
-/* A report as JSON.
- *
- * SPDX-License-Identifier: GPL-3.0-or-later */
+/* SPDX-License-Identifier: GPL-3.0-or-later */
 #include "api/report_json.h"
 
-#include <jansson.h>
+#include <errno.h>
 #include <math.h>
-#include <stdlib.h>
+#include <stdio.h>
 #include <string.h>
 
-/* JSON has no word for what isn't finite. */
+#include "api/params_json.h"
+#include "core/version.h"
+
+/* Numbers that JSON can't hold (infinity, NaN) are null. */
 static json_t *number(double value) { return isfinite(value) ? json_real(value) : json_null(); }
-static json_t *relative(double value, double diagonal) { return diagonal > 0 ? number(value / diagonal) : json_null(); }
+
 static json_t *count(uint64_t value) { return json_integer((json_int_t)value); }
 
-static json_t *vector(const double v[3]) { return json_pack("[o, o, o]", number(v[0]), number(v[1]), number(v[2])); }
+static json_t *triple(const double value[3]) {
+    return json_pack("[o, o, o]", number(value[0]), number(value[1]), number(value[2]));
+}
 
 static json_t *distances(const struct distance_stats *stats, double diagonal) {
-    if (!stats->count) return json_null();
     return json_pack("{s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "samples", count(stats->count), "mean", number(stats->mean),
-                     "rms", number(stats->rms), "max", number(stats->max), "mean_rel", relative(stats->mean, diagonal),
-                     "rms_rel", relative(stats->rms, diagonal), "max_rel", relative(stats->max, diagonal));
+                     "rms", number(stats->rms), "max", number(stats->max), "mean_rel", number(stats->mean / diagonal),
+                     "rms_rel", number(stats->rms / diagonal), "max_rel", number(stats->max / diagonal));
 }
 
-static json_t *mesh_json(const struct report *report) {
-    if (!report->has_mesh) return json_null();
-    return json_pack("{s:o, s:o, s:o, s:o, s:o, s:o, s:b, s:b, s:b, s:o, s:o, s:s}", "vertices",
-                     count(report->vertices), "triangles", count(report->triangles), "hole_fill_triangles",
-                     count(report->hole_fill_triangles), "points_lost", count(report->points_lost), "vertices_split",
-                     count(report->vertices_split), "components", count(report->components), "watertight",
-                     report->watertight, "manifold", report->manifold, "oriented", report->oriented, "area",
-                     number(report->area), "volume", number(report->volume), "reconstruction", report->reconstruction);
+static json_t *input_json(const struct report *r) {
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o}", "format", r->format, "points", count(r->points_in),
+                     "points_distinct", count(r->points_distinct), "diagonal", number(r->diagonal), "box_min",
+                     triple(r->box_min), "box_max", triple(r->box_max));
 }
 
-/* The worse of the directions that were measured. */
-static double worst(const struct report *report, size_t offset) {
-    const struct distance_stats *directions[] = {&report->forward, &report->backward, &report->surface};
-    double most = 0;
-    for (size_t i = 0; i < 3; i++)
-        if (directions[i]->count) most = fmax(most, *(const double *)((const char *)directions[i] + offset));
-    return most;
+static json_t *cloud_json(const struct report *r) {
+    return json_pack("{s:o, s:o, s:o}", "points", count(r->points_out), "contraction_error_rel",
+                     r->has_contraction_error ? number(r->contraction_error / r->diagonal) : json_null(),
+                     "tangent_error", distances(&r->tangent, r->diagonal));
 }
 
-static json_t *error_json(const struct report *report) {
-    if (!report->has_error) return json_null();
-    double d = report->diagonal;
-    return json_pack("{s:o, s:o, s:o, s:o, s:s, s:o, s:o, s:o}", "mean_rel",
-                     relative(worst(report, offsetof(struct distance_stats, mean)), d), "rms_rel",
-                     relative(worst(report, offsetof(struct distance_stats, rms)), d), "max_rel",
-                     relative(report->hausdorff, d), "hausdorff", number(report->hausdorff), "reference",
-                     report->reference, "forward", distances(&report->forward, d), "backward",
-                     distances(&report->backward, d), "surface", distances(&report->surface, d));
+static json_t *mesh_json(const struct report *r) {
+    return json_pack("{s:o, s:o, s:b, s:b, s:b, s:o, s:o, s:o, s:o, s:o, s:o, s:s}", "vertices", count(r->vertices),
+                     "triangles", count(r->triangles), "watertight", r->watertight, "manifold", r->manifold, "oriented",
+                     r->oriented, "components", count(r->components), "hole_fill_triangles",
+                     count(r->hole_fill_triangles), "points_lost", count(r->points_lost), "vertices_split",
+                     count(r->vertices_split), "area", number(r->area), "volume", number(r->volume), "reconstruction",
+                     r->reconstruction);
 }
 
-static json_t *timings_json(const struct report *report) {
-    json_t *json = json_object();
-    for (size_t i = 0; i < report->stage_count; i++)
-        json_object_set_new(json, report->stage[i].name, number(report->stage[i].wall_ms));
+/* mean, rms and max are those of the forward direction, the one that every input has; hausdorff is over all. */
+static json_t *error_json(const struct report *r) {
+    json_t *error = distances(&r->forward, r->diagonal);
+    json_object_set_new(error, "hausdorff", number(r->hausdorff));
+    json_object_set_new(error, "hausdorff_rel", number(r->hausdorff / r->diagonal));
+    json_object_set_new(error, "reference", json_string(r->reference));
+    json_object_set_new(error, "forward", distances(&r->forward, r->diagonal));
+    if (r->backward.count) json_object_set_new(error, "backward", distances(&r->backward, r->diagonal));
+    if (r->surface.count) json_object_set_new(error, "surface", distances(&r->surface, r->diagonal));
+    return error;
+}
+
+static json_t *timings_json(const struct report *r) {
+    json_t *timings = json_object();
+    for (size_t i = 0; i < r->stage_count; i++)
+        json_object_set_new(timings, r->stage[i].name, number(r->stage[i].wall_ms));
+    json_object_set_new(timings, "total", number(r->total_ms));
+    return timings;
+}
+
+json_t *report_json(const struct report *r) {
+    json_t *json = json_pack("{s:o, s:o, s:o, s:o}", "points_in", count(r->points_in), "points_out",
+                             count(r->points_out), "input", input_json(r), "cloud", cloud_json(r));
+    if (!json) return NULL;
+    if (r->has_mesh) json_object_set_new(json, "mesh", mesh_json(r));
+    if (r->has_error) json_object_set_new(json, "error", error_json(r));
+    json_object_set_new(json, "timings_ms", timings_json(r));
+    json_object_set_new(json, "peak_rss_bytes", count(r->peak_rss_bytes));
     return json;
 }
 
-char *report_encode(const struct report *report) {
-    double d = report->diagonal;
-    json_t *contraction = report->has_contraction_error ? number(report->contraction_error) : json_null();
-    json_t *json = json_pack("{s:o, s:o, s:o, s:s, s:o, s:{s:o, s:o}, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "points_in",
-                             count(report->points_in), "points_distinct", count(report->points_distinct), "points_out",
-                             count(report->points_out), "format", report->format, "diagonal", number(d), "box", "min",
-                             vector(report->box_min), "max", vector(report->box_max), "contraction_error", contraction,
-                             "tangent", distances(&report->tangent, d), "mesh", mesh_json(report), "error",
-                             error_json(report), "timings_ms", timings_json(report), "total_ms",
-                             number(report->total_ms), "peak_rss_bytes", count(report->peak_rss_bytes));
-    char *text = json ? json_dumps(json, JSON_INDENT(2) | JSON_REAL_PRECISION(15)) : NULL;
+enum status report_json_write(int fd, const struct report *report, const struct params *params, struct error *error) {
+    json_t *json = report_json(report);
+    if (!json) return error_set(error, STATUS_NO_MEMORY, "report", "no memory for the report");
+    json_object_set_new(json, "version", json_string(whittle_version()));
+    json_object_set_new(json, "params", params_to_json(params));
+    int rc = json_dumpfd(json, fd, JSON_INDENT(2) | JSON_REAL_PRECISION(9));
     json_decref(json);
-    size_t length = text ? strlen(text) : 0;
-    char *ended = text ? realloc(text, length + 2) : NULL;
-    if (!ended) {
-        free(text);
-        return NULL;
-    }
-    memcpy(ended + length, "\n", 2);
-    return ended;
-}
-
-/* ------------------------------------------------------------------------------------------------ reading back */
-
-static double number_at(const json_t *json, const char *name) {
-    const json_t *value = json_object_get(json, name);
-    return json_is_number(value) ? json_number_value(value) : NAN;
-}
-
-static unsigned long long count_at(const json_t *json, const char *name) {
-    json_int_t value = json_integer_value(json_object_get(json, name));
-    return value > 0 ? (unsigned long long)value : 0;
-}
-
-void report_read_headline(const char *text, struct report_headline *headline) {
-    json_t *json = text ? json_loads(text, 0, NULL) : NULL;
-    const json_t *error = json_object_get(json, "error");
-    if (!json_is_object(error)) error = json_object_get(json, "tangent");
-    *headline = (struct report_headline){
-        .points_in = count_at(json, "points_in"),
-        .points_out = count_at(json, "points_out"),
-        .triangles = count_at(json_object_get(json, "mesh"), "triangles"),
-        .mean_rel = number_at(error, "mean_rel"),
-        .rms_rel = number_at(error, "rms_rel"),
-        .max_rel = number_at(error, "max_rel"),
-        .total_ms = number_at(json, "total_ms"),
-    };
-    json_decref(json);
-}
-
-void report_read_timings(const char *text, void (*found)(void *ctx, const char *name, double ms), void *ctx) {
-    json_t *json = text ? json_loads(text, 0, NULL) : NULL;
-    json_t *timings = json_object_get(json, "timings_ms"), *value;
-    const char *name;
-    json_object_foreach(timings, name, value) found(ctx, name, json_number_value(value));
-    json_decref(json);
+    if (rc != 0 || dprintf(fd, "\n") != 1)
+        return error_set(error, STATUS_IO, "report", "can't write the report: %s", strerror(errno));
+    return STATUS_OK;
 }

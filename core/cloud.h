@@ -49,6 +49,12 @@ struct property {
     unsigned char *list_data;    /* lists: items, native byte order; owned */
 };
 
+/* What a reader may accept; 0 = the format's own limit (NONE - 1 points, CLOUD_MAX_PROPERTIES). */
+struct cloud_limits {
+    uint64_t max_points;
+    uint32_t max_properties;
+};
+
 enum cloud_format {
     CLOUD_PLY_ASCII,
     CLOUD_PLY_LITTLE_ENDIAN,

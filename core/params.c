@@ -135,9 +135,7 @@ void params_allowed(const struct param *param, char *text, size_t text_bytes) {
         snprintf(text, text_bytes, "a number %s %g, at most %g", param->exclusive_min ? "over" : "from", param->min,
                  param->max);
         break;
-    case PARAM_INTEGER:
-        snprintf(text, text_bytes, "a whole number from %.0f to %.0f", param->min, param->max);
-        break;
+    case PARAM_INTEGER: snprintf(text, text_bytes, "a whole number from %.0f to %.0f", param->min, param->max); break;
     case PARAM_CHOICE: snprintf(text, text_bytes, "one of %s", list); break;
     case PARAM_FLAGS: snprintf(text, text_bytes, "one or more of %s, separated by commas", list); break;
     }
@@ -150,14 +148,11 @@ static int choice_index(const char *const *choices, const char *text, size_t len
 }
 
 static bool in_range(const struct param *param, double value) {
-    return isfinite(value) && value <= param->max &&
-           (param->exclusive_min ? value > param->min : value >= param->min);
+    return isfinite(value) && value <= param->max && (param->exclusive_min ? value > param->min : value >= param->min);
 }
 
 /* Digits, sign, point and exponent alone: no hexadecimal numbers, no "inf", no leading space. */
-static bool is_plain_number(const char *text) {
-    return text[0] && text[strspn(text, "+-.0123456789eE")] == 0;
-}
+static bool is_plain_number(const char *text) { return text[0] && text[strspn(text, "+-.0123456789eE")] == 0; }
 
 static bool set_number(void *member, const struct param *param, const char *text) {
     char *end;
@@ -200,9 +195,10 @@ static bool set_flags(void *member, const struct param *param, const char *text)
 }
 
 static bool set_value(struct params *params, const struct param *param, const char *value) {
-    static bool (*const setters[])(void *, const struct param *, const char *) = {
-        [PARAM_NUMBER] = set_number, [PARAM_INTEGER] = set_integer, [PARAM_CHOICE] = set_choice,
-        [PARAM_FLAGS] = set_flags};
+    static bool (*const setters[])(void *, const struct param *, const char *) = {[PARAM_NUMBER] = set_number,
+                                                                                  [PARAM_INTEGER] = set_integer,
+                                                                                  [PARAM_CHOICE] = set_choice,
+                                                                                  [PARAM_FLAGS] = set_flags};
     return setters[param->type]((char *)params + param->offset, param, value);
 }
 

@@ -31,24 +31,24 @@ enum output {
 };
 
 struct params {
-    double ratio;      /* (0, 1]; NAN = not given */
-    uint64_t points;   /* 0 = not given */
-    double max_error;  /* fraction of the diagonal; NAN = not given */
-    uint32_t outputs;  /* enum output */
-    int placement;     /* enum placement */
-    int dso;           /* enum dso_form */
+    double ratio;     /* (0, 1]; NAN = not given */
+    uint64_t points;  /* 0 = not given */
+    double max_error; /* fraction of the diagonal; NAN = not given */
+    uint32_t outputs; /* enum output */
+    int placement;    /* enum placement */
+    int dso;          /* enum dso_form */
     double dso_exponent;
-    int area_weight;   /* enum area_weight */
+    int area_weight; /* enum area_weight */
     double line_quadric;
     double neighbourhood; /* Gopi's m */
     uint64_t neighbours_min, neighbours_max;
-    int cocone;        /* enum cocone_form */
-    int boundary;      /* enum boundary_form */
-    int refine;        /* enum refine_form */
-    int reference;     /* enum reference_form */
-    int encoding;      /* enum encoding of PLY outputs */
-    uint64_t seed;     /* of the error's samples */
-    uint64_t threads;  /* 0 = all processors */
+    int cocone;       /* enum cocone_form */
+    int boundary;     /* enum boundary_form */
+    int refine;       /* enum refine_form */
+    int reference;    /* enum reference_form */
+    int encoding;     /* enum encoding of PLY outputs */
+    uint64_t seed;    /* of the error's samples */
+    uint64_t threads; /* 0 = all processors */
 };
 
 enum param_type { PARAM_NUMBER, PARAM_INTEGER, PARAM_CHOICE, PARAM_FLAGS };
@@ -57,8 +57,8 @@ enum param_type { PARAM_NUMBER, PARAM_INTEGER, PARAM_CHOICE, PARAM_FLAGS };
 struct param {
     const char *name;
     enum param_type type;
-    size_t offset;              /* of the member in struct params */
-    double min, max;            /* numbers and integers, both inclusive but for exclusive_min */
+    size_t offset;   /* of the member in struct params */
+    double min, max; /* numbers and integers, both inclusive but for exclusive_min */
     bool exclusive_min;
     const char *default_text;   /* as a user would write it; "" = not given */
     const char *const *choices; /* choices: index = value; flags: index = bit; NULL-terminated */

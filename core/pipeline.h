@@ -12,8 +12,8 @@
 
 struct pipeline_result {
     size_t kept_count;
-    uint32_t *kept;     /* ids into the cloud of the points that are kept, the most important first; owned */
-    struct mesh mesh;   /* in the input's coordinates, source = ids into the cloud; empty unless asked for */
+    uint32_t *kept;   /* ids into the cloud of the points that are kept, the most important first; owned */
+    struct mesh mesh; /* in the input's coordinates, source = ids into the cloud; empty unless asked for */
     struct report report;
 };
 

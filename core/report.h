@@ -25,9 +25,9 @@ struct report_stage {
 
 struct report {
     uint64_t points_in, points_distinct, points_out;
-    double diagonal;      /* of the bounding box of all points read */
+    double diagonal; /* of the bounding box of all points read */
     double box_min[3], box_max[3];
-    char format[32];      /* of the input, e.g. "ply/binary_little_endian" */
+    char format[32]; /* of the input, e.g. "ply/binary_little_endian" */
     bool has_contraction_error;
     double contraction_error; /* largest sqrt(E / W) of the quadrics of a contraction that was made: units of length */
 

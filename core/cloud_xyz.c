@@ -1,0 +1,355 @@
+/* XYZ text.
+ *
+ *     file    = [BOM] { blank | comment | names | count | point }
+ *     comment = ("#" | "//" | "%" | ";") anything            anywhere
+ *     names   = word { separator word }                      once, before the first point, no word of it a number
+ *     count   = digits                                       once, before the first point; the points must be as many
+ *     point   = number { separator number }                  all with as many columns as the first, at least 3
+ *     separator = blanks with at most one "," or one ";"; a line that has both is refused, since that is how decimal
+ *                 commas look.  One may stand at the end of a line.
+ *
+ * Lines end by \n, \r\n or \r.  Columns are named by the names line, or by a comment whose words contain x, y and z
+ * (CloudCompare's "//X Y Z R G B"), when it has as many words as there are columns; x, y and z may then stand anywhere.
+ * Else the first three columns are x, y, z and the others column4, column5 ...
+ *
+ * There is no header that could promise anything, so arrays grow by half as points come in.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/cloud_xyz.h"
+
+#include <inttypes.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "core/alloc.h"
+#include "core/number.h"
+
+enum { TICK_POINTS = 16384, FIRST_CAPACITY = 1024 };
+
+struct reader {
+    const char *begin, *at, *end;
+    uint64_t line;     /* which one at is on */
+    const char *names; /* line that may name the columns; NULL = none */
+    bool names_are_comment;
+    bool has_count;
+    uint64_t count; /* promised, if has_count */
+    uint64_t max_points;
+    size_t max_columns;
+    size_t capacity;
+    const struct progress *progress;
+    struct cloud *cloud;
+    struct error *error;
+};
+
+/* ------------------------------------------------------------------------------------------------ lines, words */
+
+static bool is_newline(char c) { return c == '\n' || c == '\r'; }
+static bool is_blank(char c) { return c == ' ' || c == '\t'; }
+static bool is_separator(char c) { return is_blank(c) || c == ',' || c == ';'; }
+
+static void skip_blanks(struct reader *r) {
+    while (r->at < r->end && is_blank(*r->at)) r->at++;
+}
+
+static void skip_line(struct reader *r) {
+    while (r->at < r->end && !is_newline(*r->at)) r->at++;
+    if (r->at == r->end) return;
+    if (*r->at == '\r' && r->at + 1 < r->end && r->at[1] == '\n') r->at++;
+    r->at++;
+    r->line++;
+}
+
+static bool at_comment(const struct reader *r) {
+    char c = *r->at;
+    return c == '#' || c == '%' || c == ';' || (c == '/' && r->at + 1 < r->end && r->at[1] == '/');
+}
+
+/* The next word at *at of a line, its end in *stop; false at the line's end. */
+static bool next_word(const char **at, const char *end, const char **stop) {
+    while (*at < end && is_separator(**at)) ++*at;
+    for (*stop = *at; *stop < end && !is_separator(**stop) && !is_newline(**stop);) ++*stop;
+    return *stop > *at;
+}
+
+static size_t count_words(const char *at, const char *end) {
+    size_t n = 0;
+    for (const char *stop; next_word(&at, end, &stop); at = stop) n++;
+    return n;
+}
+
+static bool is_number(const char *at, const char *stop) {
+    double value;
+    return number_parse_f64(at, stop, &value) == stop;
+}
+
+/* ------------------------------------------------------------------------------------------------ before the points */
+
+static bool no_word_is_a_number(const char *at, const char *end) {
+    for (const char *stop; next_word(&at, end, &stop); at = stop)
+        if (is_number(at, stop)) return false;
+    return true;
+}
+
+/* Takes a line with a single whole number as the count of points; false when it is something else. */
+static bool take_count(struct reader *r) {
+    if (r->has_count || count_words(r->at, r->end) != 1) return false;
+    uint64_t n = 0;
+    for (const char *c = r->at; c < r->end && !is_newline(*c) && !is_separator(*c); c++)
+        if (*c < '0' || *c > '9' || __builtin_mul_overflow(n, 10u, &n) ||
+            __builtin_add_overflow(n, (uint64_t)(*c - '0'), &n))
+            return false;
+    r->has_count = true;
+    r->count = n;
+    return true;
+}
+
+/* Whether the words at a comment's line name x, y and z. */
+static bool names_xyz(const char *at, const char *end) {
+    unsigned found = 0;
+    for (const char *stop; next_word(&at, end, &stop); at = stop)
+        if (stop - at == 1 && (*at | 32) >= 'x' && (*at | 32) <= 'z') found |= 1u << ((*at | 32) - 'x');
+    return found == 7;
+}
+
+static void take_comment(struct reader *r) {
+    const char *at = r->at;
+    while (at < r->end && (*at == '#' || *at == '%' || *at == ';' || *at == '/')) at++;
+    if ((!r->names || r->names_are_comment) && names_xyz(at, r->end)) {
+        r->names = at;
+        r->names_are_comment = true;
+    }
+}
+
+/* Skips what stands before the first point, taking names and the count from it; false at the end of the file. */
+static bool find_first_point(struct reader *r) {
+    if (r->end - r->at >= 3 && memcmp(r->at, "\xef\xbb\xbf", 3) == 0) r->at += 3;
+    bool has_names = false;
+    for (; skip_blanks(r), r->at < r->end; skip_line(r)) {
+        if (is_newline(*r->at)) continue;
+        if (at_comment(r)) {
+            take_comment(r);
+        } else if (!has_names && no_word_is_a_number(r->at, r->end)) {
+            has_names = true;
+            r->names = r->at;
+            r->names_are_comment = false;
+        } else if (!take_count(r)) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/* ------------------------------------------------------------------------------------------------ columns */
+
+static bool is_fit_name(const char *at, const char *stop) {
+    if (stop - at >= PROPERTY_NAME_BYTES) return false;
+    if (stop - at >= 6 && memcmp(at, "column", 6) == 0) return false; /* those are ours, and so can't clash */
+    for (; at < stop; at++)
+        if (*at < 33 || *at > 126) return false;
+    return true;
+}
+
+/* x, y, z for their capitals. */
+static void lower_axis(char *name) {
+    if (name[0] >= 'X' && name[0] <= 'Z' && name[1] == '\0') name[0] = (char)(name[0] | 32);
+}
+
+static bool is_taken(const struct cloud *cloud, size_t columns, const char *name) {
+    for (size_t j = 0; j < columns; j++)
+        if (strcmp(cloud->property[j].name, name) == 0) return true;
+    return false;
+}
+
+/* Gives column j the name at .. stop, or one of its own where that can't be. */
+static void name_column(struct cloud *cloud, size_t j, const char *at, const char *stop) {
+    char *name = cloud->property[j].name;
+    if (stop > at && is_fit_name(at, stop)) {
+        memcpy(name, at, (size_t)(stop - at));
+        lower_axis(name);
+        if (!is_taken(cloud, j, name)) return;
+    }
+    snprintf(name, PROPERTY_NAME_BYTES, "column%zu", j + 1);
+}
+
+static void name_columns(struct reader *r) {
+    static const char xyz[] = "xyz";
+    struct cloud *cloud = r->cloud;
+    bool fits = r->names && count_words(r->names, r->end) == cloud->property_count;
+    bool has_xyz = fits && names_xyz(r->names, r->end);
+    const char *at = fits ? r->names : r->end, *stop;
+    for (size_t j = 0; j < cloud->property_count; j++, at = stop) {
+        next_word(&at, r->end, &stop);
+        if (!has_xyz && j < 3)
+            name_column(cloud, j, xyz + j, xyz + j + 1);
+        else
+            name_column(cloud, j, at, stop);
+        for (unsigned axis = 0; axis < 3; axis++)
+            if (strcmp(cloud->property[j].name, (const char[2]){xyz[axis]}) == 0) cloud->xyz[axis] = (uint32_t)j;
+    }
+}
+
+static enum status no_memory(struct reader *r) {
+    return error_set_at(r->error, STATUS_NO_MEMORY, "read", r->line, UINT64_MAX, "no memory for more than %zu points",
+                        r->cloud->count);
+}
+
+/* Sets up the columns from the first point's line, where at is. */
+static enum status describe(struct reader *r) {
+    struct cloud *cloud = r->cloud;
+    size_t columns = count_words(r->at, r->end);
+    if (columns > r->max_columns)
+        return error_set_at(r->error, STATUS_LIMIT, "properties", r->line, UINT64_MAX,
+                            "%zu columns, at most %zu are allowed", columns, r->max_columns);
+    cloud->format = CLOUD_XYZ;
+    cloud->property = alloc_zeroed(columns ? columns : 1, sizeof *cloud->property);
+    if (!cloud->property) return no_memory(r);
+    cloud->property_count = columns;
+    cloud->record_bytes = columns * sizeof(double);
+    for (size_t j = 0; j < columns; j++) {
+        cloud->property[j].type = SCALAR_FLOAT64;
+        cloud->property[j].offset_bytes = j * sizeof(double);
+    }
+    name_columns(r);
+    return STATUS_OK;
+}
+
+/* ------------------------------------------------------------------------------------------------ points */
+
+static enum status resize(struct reader *r, size_t capacity) {
+    struct cloud *cloud = r->cloud;
+    vec3 *position = alloc_resize(cloud->position, capacity, sizeof *position);
+    if (!position) return no_memory(r);
+    cloud->position = position;
+    unsigned char *record = alloc_resize(cloud->record, capacity, cloud->record_bytes);
+    if (!record) return no_memory(r);
+    cloud->record = record;
+    r->capacity = capacity;
+    return STATUS_OK;
+}
+
+static enum status bad(struct reader *r, size_t column, const char *what) {
+    char quote[NUMBER_QUOTE_BYTES];
+    const char *name = column < r->cloud->property_count ? r->cloud->property[column].name : "columns";
+    return error_set_at(r->error, STATUS_MALFORMED, name, r->line, UINT64_MAX, "value %zu of the line is '%s': %s",
+                        column + 1, number_quote(r->at, r->end, quote), what);
+}
+
+static enum status bad_width(struct reader *r, size_t columns) {
+    const char *which = columns < r->cloud->property_count ? "fewer" : "more";
+    return error_set_at(r->error, STATUS_MALFORMED, "columns", r->line, UINT64_MAX,
+                        "the line has %s values than the first point, which has %zu", which, r->cloud->property_count);
+}
+
+/* Skips a separator; *mark is the comma or semicolon that this line has used, 0 = none yet. */
+static enum status take_separator(struct reader *r, char *mark, size_t column) {
+    skip_blanks(r);
+    if (r->at == r->end || (*r->at != ',' && *r->at != ';')) return STATUS_OK;
+    if (*mark && *mark != *r->at) return bad(r, column, "both commas and semicolons (decimal commas aren't read)");
+    *mark = *r->at++;
+    skip_blanks(r);
+    return STATUS_OK;
+}
+
+static bool at_line_end(const struct reader *r) { return r->at == r->end || is_newline(*r->at); }
+
+/* Reads the values of one line into record. */
+static enum status take_values(struct reader *r, double *record) {
+    size_t j = 0, columns = r->cloud->property_count;
+    char mark = 0;
+    for (; !at_line_end(r); j++) {
+        if (j == columns) return bad_width(r, j + 1);
+        const char *after = number_parse_f64(r->at, r->end, &record[j]);
+        if (!after || (after < r->end && !is_separator(*after) && !is_newline(*after)))
+            return bad(r, j, "not a number");
+        r->at = after;
+        enum status status = take_separator(r, &mark, j + 1);
+        if (status) return status;
+    }
+    return j == columns ? STATUS_OK : bad_width(r, j);
+}
+
+static enum status not_finite(struct reader *r, int axis, double value) {
+    const char *name = r->cloud->property[r->cloud->xyz[axis]].name;
+    return error_set_at(r->error, STATUS_MALFORMED, name, r->line, UINT64_MAX, "vertex %zu: coordinate %s is %s",
+                        r->cloud->count, name, isnan(value) ? "not a number (nan)" : "infinite");
+}
+
+static enum status take_point(struct reader *r) {
+    struct cloud *cloud = r->cloud;
+    double record[CLOUD_MAX_PROPERTIES];
+    enum status status = take_values(r, record);
+    if (status) return status;
+    for (int axis = 0; axis < 3; axis++)
+        if (!isfinite(record[cloud->xyz[axis]])) return not_finite(r, axis, record[cloud->xyz[axis]]);
+    if (cloud->count == r->max_points)
+        return error_set_at(r->error, STATUS_LIMIT, "points", r->line, UINT64_MAX,
+                            "more than the %" PRIu64 " points that are allowed", r->max_points);
+    if (cloud->count == r->capacity) status = resize(r, r->capacity + r->capacity / 2 + FIRST_CAPACITY);
+    if (status) return status;
+    cloud->position[cloud->count] = (vec3){record[cloud->xyz[0]], record[cloud->xyz[1]], record[cloud->xyz[2]]};
+    memcpy(cloud->record + cloud->count * cloud->record_bytes, record, cloud->record_bytes);
+    cloud->count++;
+    return STATUS_OK;
+}
+
+static enum status take_points(struct reader *r) {
+    for (; skip_blanks(r), r->at < r->end; skip_line(r)) {
+        if (is_newline(*r->at) || at_comment(r)) continue;
+        if (r->cloud->count % TICK_POINTS == 0 &&
+            progress_tick(r->progress, "read", (double)(r->at - r->begin) / (double)(r->end - r->begin)))
+            return error_set(r->error, STATUS_CANCELLED, "read", "cancelled");
+        enum status status = take_point(r);
+        if (status) return status;
+    }
+    return STATUS_OK;
+}
+
+/* ------------------------------------------------------------------------------------------------ the whole */
+
+static enum status check_count(struct reader *r) {
+    if (!r->has_count || r->count == r->cloud->count) return STATUS_OK;
+    return error_set_at(r->error, STATUS_MALFORMED, "count", 1, UINT64_MAX,
+                        "the file begins with a count of %" PRIu64 " points, %zu are there", r->count, r->cloud->count);
+}
+
+static enum status read_file(struct reader *r) {
+    if (!find_first_point(r)) return error_set_at(r->error, STATUS_MALFORMED, "read", r->line, UINT64_MAX, "no points");
+    enum status status = describe(r);
+    if (!status && r->cloud->property_count < 3)
+        status = error_set_at(r->error, STATUS_MALFORMED, "columns", r->line, UINT64_MAX,
+                              "the line has %zu values, a point has at least 3", r->cloud->property_count);
+    if (!status) status = take_points(r);
+    if (!status) status = check_count(r);
+    return status ? status : resize(r, r->cloud->count);
+}
+
+static struct reader start(const void *bytes, size_t n, const struct cloud_limits *limits) {
+    uint64_t points = limits && limits->max_points ? limits->max_points : NONE - 1;
+    size_t columns = limits && limits->max_properties ? limits->max_properties : CLOUD_MAX_PROPERTIES;
+    const char *text = bytes;
+    return (struct reader){.begin = text,
+                           .at = text,
+                           .end = text + n,
+                           .line = 1,
+                           .max_points = points < NONE - 1 ? points : NONE - 1,
+                           .max_columns = columns < CLOUD_MAX_PROPERTIES ? columns : CLOUD_MAX_PROPERTIES};
+}
+
+enum status cloud_xyz_read(const void *bytes, size_t n, const struct cloud_limits *limits,
+                           const struct progress *progress, struct cloud *cloud, struct error *error) {
+    struct cloud read = {0};
+    struct reader r = start(bytes, n, limits);
+    r.progress = progress;
+    r.cloud = &read;
+    r.error = error;
+    enum status status = read_file(&r);
+    if (!status) {
+        *cloud = read;
+        read = (struct cloud){0};
+    }
+    cloud_done(&read);
+    return status;
+}

@@ -1,0 +1,37 @@
+/* The simplifier: contraction of virtual edges, in the order of their quadric error.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_CONTRACT_H
+#define WHITTLE_CORE_CONTRACT_H
+
+#include "core/neighbourhood.h"
+#include "core/progress.h"
+#include "core/quadric.h"
+
+/* The whole order of removal, from all points to one.  It doesn't depend on how many points are wanted, so it ranks
+ * them: order[n - 1] is the most important point, and order[n - k] .. order[n - 1] is the simplified cloud of k points.
+ */
+struct contraction {
+    size_t n;
+    uint32_t *order; /* n: removed first .. removed last, then the one that is left; owned */
+    uint32_t *into;  /* n: the point that each one was contracted into; NONE for the one that is left; owned */
+    float *error;    /* n: largest sqrt(E / weight) of the contractions up to and including order[i]: a length in the
+                        normalised frame; the last one is infinite; owned */
+};
+
+/* Contracts n points (n >= 1) with placement at one of the two ends.  The quadrics are taken as working memory and hold
+ * nothing of use afterwards.  Neighbourhoods are made symmetric inside.  The same result for any number of threads.
+ * About O(n k).  STATUS_NO_MEMORY, STATUS_CANCELLED. */
+enum status contract(const vec3 *point, const struct neighbourhood *neighbourhood, quadric *quadrics, unsigned threads,
+                     const struct progress *progress, struct contraction *out) MUST_CHECK;
+
+/* How many points are left when nothing with an error over max_error (normalised) is contracted. */
+size_t contraction_count_for_error(const struct contraction *contraction, double max_error);
+
+/* representative[p] = the one of the k survivors that p was contracted into, itself for survivors.  O(n). */
+void contraction_representatives(const struct contraction *contraction, size_t k, uint32_t *representative);
+
+/* Accepts a zeroed contraction. */
+void contraction_done(struct contraction *contraction);
+
+#endif

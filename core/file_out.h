@@ -1,0 +1,28 @@
+/* A file that appears complete or not at all.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_FILE_OUT_H
+#define WHITTLE_CORE_FILE_OUT_H
+
+#include "core/status.h"
+
+struct file_out {
+    int fd;          /* to be written to; opened for reading and writing */
+    char *path;      /* the final name; owned */
+    char *temporary; /* the name until commit, in the same folder; owned */
+};
+
+/* Opens a new file beside path, named .NAME.XXXXXXXX.part, with the permissions that the umask leaves of 0666.  On
+ * success file_out_commit or file_out_abort must follow; else *file is zeroed and nothing is left behind.  STATUS_IO,
+ * STATUS_NO_MEMORY. */
+enum status file_out_begin(struct file_out *file, const char *path, struct error *error) MUST_CHECK;
+
+/* Syncs the file, gives it its name (replacing what was there) and syncs the folder; closes and zeroes *file in any
+ * case.  On failure (STATUS_IO) the temporary file is removed, and what was at path is still there unless it was the
+ * folder's sync that failed. */
+enum status file_out_commit(struct file_out *file, struct error *error) MUST_CHECK;
+
+/* Closes and removes the temporary file and zeroes *file.  Does nothing after commit, or to a zeroed one. */
+void file_out_abort(struct file_out *file);
+
+#endif

@@ -1,0 +1,45 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/normals.h"
+
+#include "core/par.h"
+#include "core/sym3.h"
+
+enum { GRAIN = 2048 };
+
+struct fit {
+    const vec3 *point;
+    const struct neighbourhood *neighbourhood;
+    vec3 *normal;
+    float *variation;
+};
+
+/* Covariance of {p} and its neighbours about their mean, from coordinates relative to p. */
+static sym3 covariance(const struct fit *fit, size_t p) {
+    const struct neighbourhood *hood = fit->neighbourhood;
+    vec3 sum = {0, 0, 0};
+    sym3 moment = {0};
+    for (unsigned i = 0; i < hood->count[p]; i++) {
+        vec3 e = vec3_sub(fit->point[hood->id[p * hood->stride + i]], fit->point[p]);
+        sum = vec3_add(sum, e);
+        moment = sym3_add(moment, sym3_outer(e));
+    }
+    return sym3_add(moment, sym3_scale(sym3_outer(sum), -1.0 / (hood->count[p] + 1)));
+}
+
+static void fit_range(void *ctx, size_t begin, size_t end) {
+    const struct fit *fit = ctx;
+    for (size_t p = begin; p < end; p++) {
+        double value[3];
+        vec3 axis[3];
+        sym3_eigen(covariance(fit, p), value, axis);
+        double trace = value[0] + value[1] + value[2];
+        fit->normal[p] = trace > 0 ? axis[0] : (vec3){0, 0, 1};
+        if (fit->variation) fit->variation[p] = trace > 0 ? (float)(fmax(value[0], 0) / trace) : 0;
+    }
+}
+
+void normals_fit(const vec3 *point, const struct neighbourhood *neighbourhood, unsigned threads, vec3 *normal,
+                 float *variation) {
+    struct fit fit = {point, neighbourhood, normal, variation};
+    par_for(threads, neighbourhood->n, GRAIN, fit_range, &fit);
+}

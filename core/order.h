@@ -1,0 +1,34 @@
+/* The points as the stages see them: distinct, in a frame of their own, along a space-filling curve.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_ORDER_H
+#define WHITTLE_CORE_ORDER_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/status.h"
+#include "core/vec3.h"
+
+/* Coordinates of this size and over would overflow in the frame's arithmetic. */
+#define ORDER_LARGEST 1e300
+
+/* point[i] = (input - centre) / scale, scale = the diagonal of the bounding box (1 where that is 0), so coordinates lie
+ * within -0.5 .. 0.5 and lengths are fractions of the diagonal. */
+struct ordered_points {
+    size_t count;       /* distinct points */
+    vec3 *point;        /* count, in Morton order; owned */
+    uint32_t *original; /* for each its id in the input; the lowest one of duplicates; owned */
+    vec3 centre, box_min, box_max;
+    double scale;
+};
+
+/* Sorts and removes exact duplicates (-0 equals 0).  Depends on the set of positions alone, but for which id stands for
+ * duplicates.  1 <= n < UINT32_MAX, all finite and below
+ * ORDER_LARGEST in size.  O(n).  STATUS_NO_MEMORY. */
+enum status order_points(const vec3 *position, size_t n, unsigned threads, struct ordered_points *out) MUST_CHECK;
+
+/* Accepts zeroed points. */
+void ordered_points_done(struct ordered_points *points);
+
+#endif

@@ -1,0 +1,71 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/tangent.h"
+
+#include <stdlib.h>
+
+#include "core/alloc.h"
+#include "core/knn.h"
+#include "core/par.h"
+
+enum { CHUNK = 4096 };
+
+struct part {
+    enum status status;
+    double sum, sum_sq, max;
+};
+
+struct tangent {
+    const struct knn *knn;
+    const vec3 *point, *normal;
+    const uint32_t *kept;
+    struct part *part; /* one for each chunk, added up in order */
+};
+
+static void measure_chunk(void *ctx, size_t begin, size_t end) {
+    const struct tangent *t = ctx;
+    struct part *part = &t->part[begin / CHUNK];
+    uint32_t nearest[CHUNK];
+    double distance_sq[CHUNK];
+    part->status = knn_search(t->knn, &t->point[begin], end - begin, 1, 1, nearest, distance_sq);
+    for (size_t i = begin; !part->status && i < end; i++) {
+        uint32_t q = t->kept[nearest[i - begin]];
+        double d = fabs(vec3_dot(vec3_sub(t->point[i], t->point[q]), t->normal[q]));
+        part->sum += d;
+        part->sum_sq += d * d;
+        part->max = fmax(part->max, d);
+    }
+}
+
+static enum status add_up(const struct part *part, size_t parts, size_t n, struct distance_stats *stats) {
+    struct distance_stats total = {.count = n};
+    for (size_t i = 0; i < parts; i++) {
+        if (part[i].status) return part[i].status;
+        total.mean += part[i].sum;
+        total.rms += part[i].sum_sq;
+        total.max = fmax(total.max, part[i].max);
+    }
+    total.mean /= (double)n;
+    total.rms = sqrt(total.rms / (double)n);
+    *stats = total;
+    return STATUS_OK;
+}
+
+enum status tangent_error(const vec3 *point, const vec3 *normal, size_t n, const uint32_t *kept, size_t k,
+                          unsigned threads, struct distance_stats *stats) {
+    struct knn *knn = NULL;
+    size_t parts = (n + CHUNK - 1) / CHUNK;
+    vec3 *kept_point = alloc_array(k, sizeof *kept_point);
+    struct part *part = alloc_zeroed(parts, sizeof *part);
+    enum status status = kept_point && part ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t i = 0; !status && i < k; i++) kept_point[i] = point[kept[i]];
+    if (!status) status = knn_new(kept_point, k, &knn, NULL);
+    if (!status) {
+        struct tangent tangent = {knn, point, normal, kept, part};
+        par_for(threads, n, CHUNK, measure_chunk, &tangent);
+        status = add_up(part, parts, n, stats);
+    }
+    knn_free(knn);
+    free(kept_point);
+    free(part);
+    return status;
+}

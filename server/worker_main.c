@@ -1,0 +1,74 @@
+/* whittle: a cloud in, the simplified cloud, a mesh and a report out.
+ *
+ *     whittle scan.ply --ratio 0.1 --outputs cloud,mesh,report -o out/
+ *     whittle measure out/mesh.ply scan.ply                              (server/worker_measure.c)
+ *
+ * Reads like its --help: options, then read, run, write.  The same program is what whittled starts for each job; then
+ * --progress-fd names an inherited descriptor, and progress and the end are told there (server/wire.h).
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "core/cloud_read.h"
+#include "core/pipeline.h"
+#include "server/wire.h"
+#include "server/worker_measure.h"
+#include "server/worker_measure.h"
+#include "server/worker_options.h"
+#include "server/worker_output.h"
+#include "server/worker_progress.h"
+
+static volatile sig_atomic_t stopping;
+
+static void stop(int signal) { stopping = signal; }
+
+/* TERM and INT ask the pipeline to stop at its next tick; nothing that is half written keeps its name. */
+static void catch_signals(void) {
+    struct sigaction action = {.sa_handler = stop};
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGTERM, &action, NULL);
+    sigaction(SIGINT, &action, NULL);
+    signal(SIGPIPE, SIG_IGN);
+}
+
+static enum status read_input(const struct worker_options *options, const struct progress *progress,
+                              struct cloud *cloud, struct error *error) {
+    if (strcmp(options->input, "-") == 0) return cloud_read(STDIN_FILENO, NULL, progress, cloud, error);
+    return cloud_read_path(options->input, NULL, progress, cloud, error);
+}
+
+static enum status run(const struct worker_options *options, struct worker_progress *display, struct error *error) {
+    struct cloud cloud = {0};
+    struct pipeline_result result = {0};
+    struct progress progress = {worker_progress_tick, display};
+    enum status status = read_input(options, &progress, &cloud, error);
+    if (!status) status = pipeline_run(&cloud, &options->params, &progress, &result, error);
+    if (!status) status = worker_output_write(options, &cloud, &result, error);
+    worker_progress_end(display, status, error);
+    if (!status && options->summary) worker_output_summary(&result.report, stdout);
+    pipeline_result_done(&result);
+    cloud_done(&cloud);
+    return status;
+}
+
+int main(int argc, char **argv) {
+    if (argc > 1 && strcmp(argv[1], "measure") == 0) return worker_measure_main(argc - 1, argv + 1);
+    struct worker_options options;
+    struct error error = {0};
+    if (argc > 1 && strcmp(argv[1], "measure") == 0) return worker_measure_main(argc - 1, argv + 1);
+    enum worker_request request = worker_options_parse(&options, argc, argv, &error);
+    if (request == WORKER_TOLD) return 0;
+    if (request == WORKER_REFUSED) {
+        fprintf(stderr, "whittle: %s: %s\nTry 'whittle --help'.\n", error.where, error.text);
+        return wire_exit_status(STATUS_BAD_PARAMETER);
+    }
+    catch_signals();
+    struct worker_progress display;
+    worker_progress_init(&display, options.progress_fd, &stopping);
+    enum status status = run(&options, &display, &error);
+    if (status) worker_output_explain(options.input, status, &error, stderr);
+    return wire_exit_status(status);
+}

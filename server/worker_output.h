@@ -1,0 +1,23 @@
+/* What whittle leaves: files, a summary, an explanation.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_WORKER_OUTPUT_H
+#define WHITTLE_SERVER_WORKER_OUTPUT_H
+
+#include <stdio.h>
+
+#include "core/pipeline.h"
+#include "server/worker_options.h"
+
+/* Writes the outputs that were asked for into the folder, which is made where it isn't there.  Each file appears whole
+ * or not at all; report.json comes last.  STATUS_IO (error->where = the file), STATUS_NO_MEMORY. */
+enum status worker_output_write(const struct worker_options *options, const struct cloud *cloud,
+                                const struct pipeline_result *result, struct error *error) MUST_CHECK;
+
+/* A few lines for people. */
+void worker_output_summary(const struct report *report, FILE *to);
+
+/* "whittle: scan.ply: line 12: x: ..." */
+void worker_output_explain(const char *input, enum status status, const struct error *error, FILE *to);
+
+#endif

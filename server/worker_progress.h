@@ -1,0 +1,28 @@
+/* How whittle tells how far it is: a bar on a terminal, lines on an inherited descriptor, or nothing.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_WORKER_PROGRESS_H
+#define WHITTLE_SERVER_WORKER_PROGRESS_H
+
+#include <signal.h>
+#include <stdbool.h>
+
+#include "core/status.h"
+
+struct worker_progress {
+    int fd;         /* lines of server/wire.h; -1: none */
+    bool bar;       /* standard error is a terminal */
+    double last_ms; /* when something was told last */
+    char last_stage[32];
+    volatile sig_atomic_t *stopping; /* nonzero: every tick asks to stop; borrowed */
+};
+
+void worker_progress_init(struct worker_progress *progress, int fd, volatile sig_atomic_t *stopping);
+
+/* For struct progress: ctx is the struct worker_progress. */
+int worker_progress_tick(void *ctx, const char *stage, double fraction);
+
+/* Takes the bar away, and tells `done` or `failed` on the descriptor. */
+void worker_progress_end(struct worker_progress *progress, enum status status, const struct error *error);
+
+#endif

@@ -1,0 +1,269 @@
+/* Quadrics and contraction: exact values on planes, then the properties that every ranking must have.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "core/alloc.h"
+#include "core/cloud.h"
+#include "core/contract.h"
+#include "core/dso.h"
+#include "core/normals.h"
+#include "core/tangent.h"
+#include "tests/unit/shapes.h"
+
+/* ------------------------------------------------------------------------------------------------ quadrics */
+
+static void a_plane_s_quadric_is_weight_times_squared_distance(void **state) {
+    (void)state;
+    quadric q = {0};
+    quadric_add_plane(&q, (vec3){0, 0, 1}, 3);
+    assert_true(quadric_value(&q, (vec3){5, 7, 2}) == 12);
+    quadric moved = quadric_shift(q, (vec3){1, 2, -4}); /* its plane is now z = -4 */
+    assert_true(fabs(quadric_value(&moved, (vec3){9, 9, 1}) - 75) < 1e-12);
+    quadric sum = quadric_add(q, moved);
+    assert_true(fabs(quadric_value(&sum, (vec3){0, 0, -4}) - 48) < 1e-12 && sum.weight == 6);
+}
+
+static void a_line_s_quadric_is_the_squared_distance_to_it(void **state) {
+    (void)state;
+    quadric q = {0};
+    quadric_add_line(&q, (vec3){0, 1, 0}, 2);
+    assert_true(fabs(quadric_value(&q, (vec3){3, 100, 4}) - 50) < 1e-9);
+    assert_true(q.weight == 0);
+}
+
+/* ------------------------------------------------------------------------------------------------ a small pipeline */
+
+struct made {
+    size_t n;
+    vec3 *point, *normal;
+    struct contraction contraction;
+};
+
+static struct neighbourhood neighbours_of(const vec3 *point, size_t n) {
+    struct knn *knn = NULL;
+    struct neighbourhood hood = {0};
+    struct neighbourhood_options options = {2.5, 6, 10, 1};
+    assert_int_equal(knn_new(point, n, &knn, NULL), STATUS_OK);
+    assert_int_equal(neighbourhood_find(knn, point, n, &options, &hood), STATUS_OK);
+    knn_free(knn);
+    return hood;
+}
+
+static quadric *quadrics_of(const vec3 *point, const vec3 *normal, const struct neighbourhood *hood) {
+    size_t n = hood->n;
+    quadric *quadrics = malloc(n * sizeof *quadrics);
+    float *dso = malloc(n * sizeof *dso), *weight = malloc(n * sizeof *weight);
+    struct quadric_options options = {AREA_AREA, 1e-3, 1};
+    dso_compute(point, normal, hood, DSO_RMS, 1, dso);
+    dso_weights(dso, n, 0.5, weight);
+    quadric_assemble(point, normal, hood, weight, &options, quadrics);
+    free(dso), free(weight);
+    return quadrics;
+}
+
+static struct made make(vec3 *point, size_t n, unsigned threads) {
+    struct made made = {.n = n, .point = point, .normal = malloc(n * sizeof(vec3))};
+    struct neighbourhood hood = neighbours_of(point, n);
+    normals_fit(point, &hood, threads, made.normal, NULL);
+    quadric *quadrics = quadrics_of(point, made.normal, &hood);
+    assert_int_equal(contract(point, &hood, quadrics, threads, NULL, &made.contraction), STATUS_OK);
+    free(quadrics);
+    neighbourhood_done(&hood);
+    return made;
+}
+
+static void made_done(struct made *made) {
+    contraction_done(&made->contraction);
+    free(made->point), free(made->normal);
+}
+
+static void check_is_ranking(const struct contraction *c) {
+    unsigned char *seen = calloc(c->n, 1);
+    size_t *when = malloc(c->n * sizeof *when);
+    for (size_t i = 0; i < c->n; i++) {
+        assert_true(c->order[i] < c->n && !seen[c->order[i]]);
+        seen[c->order[i]] = 1;
+        when[c->order[i]] = i;
+        if (i > 0) assert_true(c->error[i - 1] <= c->error[i]);
+    }
+    for (size_t i = 0; i + 1 < c->n; i++) assert_true(when[c->into[c->order[i]]] > i);
+    assert_int_equal(c->into[c->order[c->n - 1]], NONE);
+    free(seen), free(when);
+}
+
+static vec3 *cube_surface(size_t side, size_t *n) {
+    vec3 *point = malloc(side * side * side * sizeof *point);
+    *n = 0;
+    for (size_t i = 0; i < side * side * side; i++) {
+        size_t x = i % side, y = i / side % side, z = i / side / side, last = side - 1;
+        if (x % last && y % last && z % last) continue;
+        point[(*n)++] = vec3_scale((vec3){(double)x, (double)y, (double)z}, 0.5 / (double)last);
+    }
+    return point;
+}
+
+/* ------------------------------------------------------------------------------------------------ contraction */
+
+static void every_point_is_ranked_once_and_goes_into_a_later_one(void **state) {
+    (void)state;
+    struct made made = make(shape_sphere(3000, 0.5), 3000, 2);
+    check_is_ranking(&made.contraction);
+    made_done(&made);
+}
+
+static void tiny_clouds_are_ranked_too(void **state) {
+    (void)state;
+    for (size_t n = 1; n < 12; n++) {
+        struct made made = make(shape_sphere(n, 0.5), n, 1);
+        check_is_ranking(&made.contraction);
+        made_done(&made);
+    }
+}
+
+static void far_components_are_joined_in_the_end(void **state) {
+    (void)state;
+    vec3 *point = shape_sphere(600, 0.01);
+    for (size_t i = 0; i < 600; i++) point[i].x += 0.4 * (double)(i % 3);
+    struct made made = make(point, 600, 1);
+    check_is_ranking(&made.contraction);
+    int left[3] = {0}; /* of the last 30 each sphere has its share */
+    for (size_t i = 570; i < 600; i++) left[made.contraction.order[i] % 3]++;
+    for (int i = 0; i < 3; i++) assert_true(left[i] >= 5);
+    made_done(&made);
+}
+
+static void a_plane_costs_nothing(void **state) {
+    (void)state;
+    struct made made = make(shape_height_field(30, height_plane), 900, 2);
+    struct distance_stats stats;
+    assert_int_equal(tangent_error(made.point, made.normal, 900, &made.contraction.order[800], 100, 2, &stats),
+                     STATUS_OK);
+    assert_int_equal(stats.count, 900);
+    assert_true(stats.max < 1e-12);
+    made_done(&made);
+}
+
+static void the_corners_of_a_cube_survive(void **state) {
+    (void)state;
+    size_t n, corners = 0;
+    vec3 *point = cube_surface(17, &n);
+    struct made made = make(point, n, 2);
+    for (size_t i = n - n / 20; i < n; i++) {
+        vec3 p = made.point[made.contraction.order[i]];
+        corners += (p.x == 0 || p.x == 0.5) && (p.y == 0 || p.y == 0.5) && (p.z == 0 || p.z == 0.5);
+    }
+    assert_int_equal(corners, 8);
+    made_done(&made);
+}
+
+static void threads_do_not_change_a_bit(void **state) {
+    (void)state;
+    enum { N = 20000 };
+    struct made one = make(shape_sphere(N, 0.5), N, 1), many = make(shape_sphere(N, 0.5), N, 5);
+    assert_memory_equal(one.contraction.order, many.contraction.order, N * sizeof(uint32_t));
+    assert_memory_equal(one.contraction.into, many.contraction.into, N * sizeof(uint32_t));
+    assert_memory_equal(one.contraction.error, many.contraction.error, N * sizeof(float));
+    made_done(&one), made_done(&many);
+}
+
+static void representatives_are_survivors(void **state) {
+    (void)state;
+    enum { N = 2000, K = 100 };
+    struct made made = make(shape_sphere(N, 0.5), N, 1);
+    uint32_t representative[N];
+    unsigned char survives[N] = {0};
+    for (size_t i = N - K; i < N; i++) survives[made.contraction.order[i]] = 1;
+    contraction_representatives(&made.contraction, K, representative);
+    for (size_t p = 0; p < N; p++) {
+        assert_true(survives[representative[p]]);
+        if (survives[p]) assert_int_equal(representative[p], p);
+        assert_true(vec3_distance(made.point[p], made.point[representative[p]]) < 0.3);
+    }
+    made_done(&made);
+}
+
+static void an_error_bound_leaves_the_fewest_points_that_keep_it(void **state) {
+    (void)state;
+    enum { N = 2000 };
+    struct made made = make(shape_sphere(N, 0.5), N, 1);
+    const struct contraction *c = &made.contraction;
+    const double bounds[] = {0, 1e-5, 1e-4, 1e-3, 1e-2, 1};
+    for (int i = 0; i < 6; i++) {
+        size_t k = contraction_count_for_error(c, bounds[i]);
+        assert_true(k >= 1 && k <= N);
+        if (k < N) assert_true((double)c->error[N - k - 1] <= bounds[i]);
+        if (k > 1) assert_true((double)c->error[N - k] > bounds[i]);
+    }
+    made_done(&made);
+}
+
+static int stop_at_once(void *ctx, const char *stage, double fraction) {
+    (void)ctx, (void)stage;
+    return fraction > 0.3;
+}
+
+static void cancelling_stops_it(void **state) {
+    (void)state;
+    vec3 *point = shape_sphere(1000, 0.5), *normal = malloc(1000 * sizeof *normal);
+    struct neighbourhood hood = neighbours_of(point, 1000);
+    normals_fit(point, &hood, 1, normal, NULL);
+    quadric *quadrics = quadrics_of(point, normal, &hood);
+    struct contraction out = {0};
+    struct progress progress = {stop_at_once, NULL};
+    assert_int_equal(contract(point, &hood, quadrics, 1, &progress, &out), STATUS_CANCELLED);
+    assert_null(out.order);
+    free(quadrics), free(normal), free(point);
+    neighbourhood_done(&hood);
+}
+
+static bool fails_at_zero(void *ctx) { return (*(int *)ctx)-- == 0; }
+
+static void every_allocation_may_fail(void **state) {
+    (void)state;
+    vec3 *point = shape_sphere(300, 0.5), *normal = malloc(300 * sizeof *normal);
+    for (size_t i = 0; i < 150; i++) point[i].x += 100; /* two components: relinking allocates too */
+    struct neighbourhood hood = neighbours_of(point, 300);
+    normals_fit(point, &hood, 1, normal, NULL);
+    enum status status = STATUS_NO_MEMORY;
+    int nth = 0;
+    for (; status == STATUS_NO_MEMORY; nth++) {
+        quadric *quadrics = quadrics_of(point, normal, &hood);
+        struct contraction out = {0};
+        int countdown = nth;
+        alloc_fail_ctx = &countdown, alloc_fail = fails_at_zero;
+        status = contract(point, &hood, quadrics, 1, NULL, &out);
+        alloc_fail = NULL;
+        contraction_done(&out);
+        free(quadrics);
+    }
+    assert_int_equal(status, STATUS_OK);
+    assert_true(nth > 15);
+    free(normal), free(point);
+    neighbourhood_done(&hood);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_plane_s_quadric_is_weight_times_squared_distance),
+        cmocka_unit_test(a_line_s_quadric_is_the_squared_distance_to_it),
+        cmocka_unit_test(every_point_is_ranked_once_and_goes_into_a_later_one),
+        cmocka_unit_test(tiny_clouds_are_ranked_too),
+        cmocka_unit_test(far_components_are_joined_in_the_end),
+        cmocka_unit_test(a_plane_costs_nothing),
+        cmocka_unit_test(the_corners_of_a_cube_survive),
+        cmocka_unit_test(threads_do_not_change_a_bit),
+        cmocka_unit_test(representatives_are_survivors),
+        cmocka_unit_test(an_error_bound_leaves_the_fewest_points_that_keep_it),
+        cmocka_unit_test(cancelling_stops_it),
+        cmocka_unit_test(every_allocation_may_fail),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

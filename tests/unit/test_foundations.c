@@ -1,0 +1,131 @@
+/* The bottom of the core: statuses, allocation, parallel loops, vectors, eigenvectors.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "core/alloc.h"
+#include "core/par.h"
+#include "core/status.h"
+#include "core/sym3.h"
+#include "tests/unit/shapes.h"
+
+static void every_status_has_a_name_that_leads_back(void **state) {
+    (void)state;
+    for (int i = 0; i < STATUS_COUNT; i++) assert_int_equal(status_from_name(status_name((enum status)i)), i);
+    assert_string_equal(status_name((enum status)99), "unknown");
+    assert_int_equal(status_from_name("nonsense"), STATUS_ENGINE);
+}
+
+static void an_error_that_does_not_fit_is_cut(void **state) {
+    (void)state;
+    char text[2 * ERROR_TEXT_BYTES];
+    memset(text, 'x', sizeof text - 1);
+    text[sizeof text - 1] = 0;
+    struct error error = {0};
+    assert_int_equal(error_set_at(&error, STATUS_MALFORMED, text, 7, 9, "%s", text), STATUS_MALFORMED);
+    assert_int_equal(strlen(error.text), ERROR_TEXT_BYTES - 1);
+    assert_int_equal(strlen(error.where), ERROR_WHERE_BYTES - 1);
+    assert_int_equal(error.line, 7);
+    assert_int_equal(error.byte_offset, 9);
+    assert_int_equal(error_set(NULL, STATUS_IO, "x", "y"), STATUS_IO);
+}
+
+static void an_array_whose_size_overflows_is_refused(void **state) {
+    (void)state;
+    assert_null(alloc_array(SIZE_MAX / 2, 16));
+    assert_null(alloc_zeroed(SIZE_MAX / 4, 8));
+    void *none = alloc_array(0, 8);
+    assert_non_null(none);
+    free(none);
+}
+
+static bool always_fails(void *ctx) {
+    (*(int *)ctx)++;
+    return true;
+}
+
+static void the_seam_makes_allocations_fail(void **state) {
+    (void)state;
+    int asked = 0;
+    alloc_fail = always_fails, alloc_fail_ctx = &asked;
+    void *a = alloc_array(1, 1), *b = alloc_zeroed(1, 1), *c = alloc_resize(NULL, 1, 1);
+    alloc_fail = NULL;
+    assert_null(a);
+    assert_null(b);
+    assert_null(c);
+    assert_int_equal(asked, 3);
+}
+
+static void count_range(void *ctx, size_t begin, size_t end) {
+    unsigned char *seen = ctx;
+    for (size_t i = begin; i < end; i++) seen[i]++;
+}
+
+static void a_parallel_loop_visits_every_index_once(void **state) {
+    (void)state;
+    for (unsigned threads = 0; threads < 9; threads += 3)
+        for (size_t n = 0; n < 3000; n += 499) {
+            unsigned char seen[3000] = {0};
+            par_for(threads, n, 100, count_range, seen);
+            for (size_t i = 0; i < sizeof seen; i++) assert_int_equal(seen[i], i < n);
+        }
+}
+
+static void a_basis_is_orthonormal_and_right_handed(void **state) {
+    (void)state;
+    uint64_t seed = 1;
+    for (int i = 0; i < 100; i++) {
+        vec3 n = vec3_unit((vec3){random_unit(&seed) - .5, random_unit(&seed) - .5, random_unit(&seed) - .5}), u, v;
+        vec3_basis(n, &u, &v);
+        assert_true(fabs(vec3_dot(u, v)) < 1e-12 && fabs(vec3_dot(u, n)) < 1e-12);
+        assert_true(vec3_distance(vec3_cross(u, v), n) < 1e-12);
+    }
+}
+
+static void check_eigen(sym3 m) {
+    double value[3], scale = fabs(sym3_trace(m)) + 1e-300;
+    vec3 vector[3];
+    sym3_eigen(m, value, vector);
+    assert_true(value[0] <= value[1] && value[1] <= value[2]);
+    for (int i = 0; i < 3; i++) {
+        vec3 residual = vec3_sub(sym3_mul(m, vector[i]), vec3_scale(vector[i], value[i]));
+        assert_true(vec3_length(residual) <= 1e-14 * scale);
+        assert_true(fabs(vec3_length(vector[i]) - 1) < 1e-14);
+        assert_true(fabs(vec3_dot(vector[i], vector[(i + 1) % 3])) < 1e-14);
+    }
+}
+
+static void eigenvectors_stand_coinciding_eigenvalues(void **state) {
+    (void)state;
+    check_eigen((sym3){1, 0, 0, 1, 0, 1});
+    check_eigen((sym3){2, 0, 0, 2, 0, 1e-9});
+    check_eigen(sym3_add(sym3_outer((vec3){1, 2, 3}), sym3_scale((sym3){1, 0, 0, 1, 0, 1}, 1e-13)));
+    check_eigen((sym3){0, 0, 0, 0, 0, 0});
+    uint64_t seed = 2;
+    for (int i = 0; i < 1000; i++) {
+        sym3 m = {0};
+        for (int j = 0; j < 3; j++)
+            m = sym3_add(m, sym3_outer((vec3){random_unit(&seed), random_unit(&seed), random_unit(&seed)}));
+        check_eigen(m);
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(every_status_has_a_name_that_leads_back),
+        cmocka_unit_test(an_error_that_does_not_fit_is_cut),
+        cmocka_unit_test(an_array_whose_size_overflows_is_refused),
+        cmocka_unit_test(the_seam_makes_allocations_fail),
+        cmocka_unit_test(a_parallel_loop_visits_every_index_once),
+        cmocka_unit_test(a_basis_is_orthonormal_and_right_handed),
+        cmocka_unit_test(eigenvectors_stand_coinciding_eigenvalues),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,278 @@
+/* Order, neighbours, normals and the discrete shape operator, on shapes whose answers are known.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "core/cloud.h"
+#include "core/dso.h"
+#include "core/normals.h"
+#include "core/order.h"
+#include "tests/unit/shapes.h"
+
+/* ------------------------------------------------------------------------------------------------ order */
+
+static void duplicates_and_negative_zero_become_one_point(void **state) {
+    (void)state;
+    const vec3 point[] = {{1, 0, 0}, {0, 0, 0}, {1, -0.0, 0}, {1, 0, 0}, {0, 2, 0}};
+    struct ordered_points ordered = {0};
+    assert_int_equal(order_points(point, 5, 1, &ordered), STATUS_OK);
+    assert_int_equal(ordered.count, 3);
+    int seen[5] = {0};
+    for (size_t i = 0; i < 3; i++) seen[ordered.original[i]]++;
+    assert_int_equal(seen[0], 1); /* the lowest id of 0, 2, 3 */
+    assert_int_equal(seen[1], 1);
+    assert_int_equal(seen[4], 1);
+    assert_true(fabs(ordered.scale - sqrt(5)) < 1e-15);
+    ordered_points_done(&ordered);
+}
+
+static void one_point_is_a_frame_of_its_own(void **state) {
+    (void)state;
+    const vec3 point[] = {{1e6, -3, 5}, {1e6, -3, 5}};
+    struct ordered_points ordered = {0};
+    assert_int_equal(order_points(point, 2, 1, &ordered), STATUS_OK);
+    assert_int_equal(ordered.count, 1);
+    assert_true(ordered.scale == 1 && vec3_length(ordered.point[0]) == 0);
+    ordered_points_done(&ordered);
+}
+
+static void huge_and_tiny_coordinates_are_normalised(void **state) {
+    (void)state;
+    const double sizes[] = {9e299, 1e-300, 1e-310};
+    for (int s = 0; s < 3; s++) {
+        const vec3 point[] = {{-sizes[s], 0, 0}, {sizes[s], 0, 0}, {0, sizes[s], 0}};
+        struct ordered_points ordered = {0};
+        assert_int_equal(order_points(point, 3, 1, &ordered), STATUS_OK);
+        assert_int_equal(ordered.count, 3);
+        for (size_t i = 0; i < 3; i++) {
+            assert_true(vec3_is_finite(ordered.point[i]));
+            assert_true(vec3_length(ordered.point[i]) <= 0.5 + 1e-12);
+        }
+        ordered_points_done(&ordered);
+    }
+}
+
+static void the_order_does_not_depend_on_the_input_s(void **state) {
+    (void)state;
+    enum { N = 3000 };
+    vec3 *point = shape_sphere(N, 1), reversed[N];
+    for (size_t i = 0; i < N; i++) reversed[i] = point[N - 1 - i];
+    struct ordered_points a = {0}, b = {0};
+    assert_int_equal(order_points(point, N, 1, &a), STATUS_OK);
+    assert_int_equal(order_points(reversed, N, 4, &b), STATUS_OK);
+    assert_int_equal(a.count, N);
+    assert_memory_equal(a.point, b.point, N * sizeof *a.point);
+    for (size_t i = 0; i < N; i++) assert_int_equal(a.original[i], N - 1 - b.original[i]);
+    ordered_points_done(&a), ordered_points_done(&b);
+    free(point);
+}
+
+/* ------------------------------------------------------------------------------------------------ neighbours */
+
+static void nearest_neighbours_equal_brute_force(void **state) {
+    (void)state;
+    enum { N = 500, K = 7 };
+    uint64_t seed = 3;
+    vec3 point[N];
+    for (size_t i = 0; i < N; i++) point[i] = (vec3){random_unit(&seed), random_unit(&seed), random_unit(&seed)};
+    struct knn *knn = NULL;
+    uint32_t id[N * K];
+    double distance_sq[N * K];
+    assert_int_equal(knn_new(point, N, &knn, NULL), STATUS_OK);
+    assert_int_equal(knn_search(knn, point, N, K, 2, id, distance_sq), STATUS_OK);
+    for (size_t p = 0; p < N; p++) {
+        assert_int_equal(id[p * K], p);
+        unsigned nearer = 0;
+        for (size_t q = 0; q < N; q++) nearer += vec3_distance_sq(point[p], point[q]) < distance_sq[p * K + K - 1];
+        assert_int_equal(nearer, K - 1);
+        for (unsigned i = 1; i < K; i++) {
+            assert_true(distance_sq[p * K + i - 1] <= distance_sq[p * K + i]);
+            assert_true(fabs(vec3_distance_sq(point[p], point[id[p * K + i]]) - distance_sq[p * K + i]) < 1e-15);
+        }
+    }
+    knn_free(knn);
+}
+
+static void fewer_points_than_neighbours_are_padded(void **state) {
+    (void)state;
+    const vec3 point[] = {{0, 0, 0}, {1, 0, 0}};
+    struct knn *knn = NULL;
+    uint32_t id[8];
+    double distance_sq[8];
+    assert_int_equal(knn_new(point, 2, &knn, NULL), STATUS_OK);
+    assert_int_equal(knn_search(knn, point, 2, 4, 1, id, distance_sq), STATUS_OK);
+    const uint32_t expected[8] = {0, 1, NONE, NONE, 1, 0, NONE, NONE};
+    assert_memory_equal(id, expected, sizeof id);
+    assert_true(isinf(distance_sq[2]) && distance_sq[1] == 1 && distance_sq[5] == 1);
+    knn_free(knn);
+}
+
+struct found {
+    size_t n;
+    vec3 *point, *normal;
+    struct knn *knn;
+    struct neighbourhood hood;
+};
+
+static struct found find(vec3 *point, size_t n, double radius, unsigned min, unsigned max) {
+    struct found found = {.n = n, .point = point, .normal = malloc(n * sizeof(vec3))};
+    struct neighbourhood_options options = {radius, min, max, 2};
+    assert_int_equal(knn_new(point, n, &found.knn, NULL), STATUS_OK);
+    assert_int_equal(neighbourhood_find(found.knn, point, n, &options, &found.hood), STATUS_OK);
+    normals_fit(point, &found.hood, 2, found.normal, NULL);
+    return found;
+}
+
+static void found_done(struct found *found) {
+    knn_free(found->knn);
+    neighbourhood_done(&found->hood);
+    free(found->normal);
+    free(found->point);
+}
+
+static void a_grid_has_eight_neighbours_within_gopi_s_radius(void **state) {
+    (void)state;
+    struct found found = find(shape_height_field(21, height_plane), 21 * 21, 1.6, 3, 16);
+    size_t middle = 10 * 21 + 10, corner = 0;
+    assert_int_equal(found.hood.count[middle], 8);
+    assert_int_equal(found.hood.count[corner], 3);
+    for (unsigned i = 0; i < 8; i++) {
+        long d = labs((long)found.hood.id[middle * 16 + i] - (long)middle);
+        assert_true(d == 1 || d == 20 || d == 21 || d == 22);
+    }
+    found_done(&found);
+}
+
+static void an_accidental_close_pair_does_not_shrink_the_ball(void **state) {
+    (void)state;
+    vec3 *point = shape_height_field(21, height_plane);
+    point[10 * 21 + 11] = vec3_lerp(point[10 * 21 + 10], point[10 * 21 + 11], 1e-6);
+    struct found found = find(point, 21 * 21, 3, 3, 16);
+    assert_true(found.hood.count[10 * 21 + 10] >= 6);
+    found_done(&found);
+}
+
+static void scan_lines_get_neighbours_across(void **state) {
+    (void)state;
+    enum { LINES = 12, ALONG = 400 };
+    vec3 *point = malloc(LINES * ALONG * sizeof *point);
+    for (size_t i = 0; i < LINES * ALONG; i++)
+        point[i] = (vec3){(double)(i % ALONG) * 0.0025, (double)(i / ALONG) * 0.02, 0};
+    struct found found = find(point, LINES * ALONG, 3, 6, 10);
+    for (size_t p = 0; p < found.n; p++) assert_true(fabs(fabs(found.normal[p].z) - 1) < 1e-9);
+    found_done(&found);
+}
+
+/* ------------------------------------------------------------------------------------------------ normals, DSO */
+
+static void normals_of_a_plane_and_a_sphere(void **state) {
+    (void)state;
+    struct found plane = find(shape_height_field(15, height_plane), 225, 3, 6, 12);
+    vec3 expected = vec3_unit((vec3){-0.3, 0.2, 1});
+    for (size_t p = 0; p < plane.n; p++) assert_true(fabs(fabs(vec3_dot(plane.normal[p], expected)) - 1) < 1e-12);
+    found_done(&plane);
+    struct found sphere = find(shape_sphere(4000, 1), 4000, 3, 6, 12);
+    for (size_t p = 0; p < sphere.n; p++) assert_true(fabs(vec3_dot(sphere.normal[p], sphere.point[p])) > 0.999);
+    found_done(&sphere);
+}
+
+static void lonely_and_collinear_points_still_have_a_unit_normal(void **state) {
+    (void)state;
+    vec3 *one = malloc(sizeof *one);
+    *one = (vec3){0, 0, 0};
+    struct found lonely = find(one, 1, 3, 6, 12);
+    assert_true(vec3_length(lonely.normal[0]) == 1);
+    found_done(&lonely);
+    vec3 *line = malloc(50 * sizeof *line);
+    for (int i = 0; i < 50; i++) line[i] = (vec3){i * 0.02, i * 0.02, 0};
+    struct found collinear = find(line, 50, 3, 6, 12);
+    for (size_t p = 0; p < 50; p++) {
+        assert_true(fabs(vec3_length(collinear.normal[p]) - 1) < 1e-12);
+        assert_true(fabs(vec3_dot(collinear.normal[p], vec3_unit((vec3){1, 1, 0}))) < 1e-6);
+    }
+    found_done(&collinear);
+}
+
+/* Mean of the operator over the points that `inside` accepts. */
+static double mean_dso(struct found *found, enum dso_form form, int (*inside)(vec3 p)) {
+    float *dso = malloc(found->n * sizeof *dso);
+    dso_compute(found->point, found->normal, &found->hood, form, 2, dso);
+    double sum = 0;
+    size_t count = 0;
+    for (size_t p = 0; p < found->n; p++)
+        if (inside(found->point[p])) sum += (double)dso[p], count++;
+    free(dso);
+    assert_true(count > 0);
+    return sum / (double)count;
+}
+
+static int anywhere(vec3 p) { return p.x == p.x; }
+static int far_from_rims(vec3 p) { return p.z > 0.8 && p.z < 2.2; }
+static int near_the_saddle_point(vec3 p) { return hypot(p.x - 0.5, p.y - 0.5) < 0.1; }
+
+static void dso_has_its_exact_values(void **state) {
+    (void)state;
+    struct found plane = find(shape_height_field(15, height_plane), 225, 3, 6, 12);
+    assert_true(mean_dso(&plane, DSO_RMS, anywhere) < 1e-6);
+    assert_true(mean_dso(&plane, DSO_SUM, anywhere) < 1e-6);
+    assert_true(mean_dso(&plane, DSO_NONE, anywhere) == 1);
+    found_done(&plane);
+    /* The softened 1 / d takes a few per cent off: d / (d^2 + (d/4)^2) = 0.94 / d where all d are alike. */
+    struct found sphere = find(shape_sphere(10000, 1), 10000, 3, 6, 12);
+    double soft = 1 / (1 + 1.0 / 16), value = mean_dso(&sphere, DSO_RMS, anywhere);
+    assert_true(fabs(value - soft) < 0.03);
+    value = mean_dso(&sphere, DSO_SUM, anywhere);
+    assert_true(fabs(value - soft) < 0.03);
+    found_done(&sphere);
+    struct found cylinder = find(shape_cylinder(100, 50), 5000, 1.6, 3, 12);
+    value = mean_dso(&cylinder, DSO_RMS, far_from_rims);
+    assert_true(fabs(value - sqrt(0.5) * soft) < 0.03); /* |S t|^2 averages to 1/2 */
+    found_done(&cylinder);
+}
+
+static void the_rms_form_does_not_cancel_on_a_saddle(void **state) {
+    (void)state;
+    struct found saddle = find(shape_height_field(81, height_saddle), 81 * 81, 1.6, 3, 12);
+    assert_true(fabs(mean_dso(&saddle, DSO_RMS, near_the_saddle_point) - 1 / (1 + 1.0 / 16)) < 0.06);
+    assert_true(mean_dso(&saddle, DSO_SUM, near_the_saddle_point) < 0.1);
+    found_done(&saddle);
+}
+
+static void weights_of_a_plane_are_one_and_others_average_around_it(void **state) {
+    (void)state;
+    const float flat[] = {0, 0, 0}, mixed[] = {0, 1, 2};
+    float weight[3];
+    dso_weights(flat, 3, 0.5, weight);
+    for (int i = 0; i < 3; i++) assert_true(weight[i] == 1);
+    dso_weights(mixed, 3, 1, weight);
+    assert_true(weight[0] > 0 && weight[0] < 0.02f && fabsf(weight[1] - 1) < 1e-6f && weight[2] > 1.9f);
+    dso_weights(mixed, 3, 0, weight);
+    for (int i = 0; i < 3; i++) assert_true(weight[i] == 1);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(duplicates_and_negative_zero_become_one_point),
+        cmocka_unit_test(one_point_is_a_frame_of_its_own),
+        cmocka_unit_test(huge_and_tiny_coordinates_are_normalised),
+        cmocka_unit_test(the_order_does_not_depend_on_the_input_s),
+        cmocka_unit_test(nearest_neighbours_equal_brute_force),
+        cmocka_unit_test(fewer_points_than_neighbours_are_padded),
+        cmocka_unit_test(a_grid_has_eight_neighbours_within_gopi_s_radius),
+        cmocka_unit_test(an_accidental_close_pair_does_not_shrink_the_ball),
+        cmocka_unit_test(scan_lines_get_neighbours_across),
+        cmocka_unit_test(normals_of_a_plane_and_a_sphere),
+        cmocka_unit_test(lonely_and_collinear_points_still_have_a_unit_normal),
+        cmocka_unit_test(dso_has_its_exact_values),
+        cmocka_unit_test(the_rms_form_does_not_cancel_on_a_saddle),
+        cmocka_unit_test(weights_of_a_plane_are_one_and_others_average_around_it),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

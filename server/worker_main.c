@@ -16,7 +16,6 @@
 #include "core/pipeline.h"
 #include "server/wire.h"
 #include "server/worker_measure.h"
-#include "server/worker_measure.h"
 #include "server/worker_options.h"
 #include "server/worker_output.h"
 #include "server/worker_progress.h"

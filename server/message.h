@@ -48,6 +48,7 @@ struct request_wait {
     int64_t deadline_ms; /* of this wait, by events_clock_ms */
     int64_t end_ms;      /* of all waiting; the handler's own */
     uint64_t sequence;   /* of the job when it was read last; the handler's own */
+    int state;           /* the same */
 };
 
 struct request {

@@ -16,6 +16,7 @@
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/syscall.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 enum { MAX_ARGUMENTS = 96, VALUE_BYTES = 256, PROGRESS_FD = 3, MAX_FILES = 64, NICE = 5, CANNOT_EXEC = 127 };
@@ -125,6 +126,7 @@ static enum status fork_child(const struct child *child, struct spawned *spawned
     spawned->pid_fd = (int)syscall(SYS_pidfd_open, pid, 0);
     if (spawned->pid_fd >= 0) return STATUS_OK;
     kill(-pid, SIGKILL);
+    waitpid(pid, NULL, 0);
     return error_set(error, STATUS_IO, "worker", "can't watch the process: %s", strerror(errno));
 }
 

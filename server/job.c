@@ -110,3 +110,12 @@ int64_t job_now_ms(void) {
     clock_gettime(CLOCK_REALTIME, &now);
     return (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
 }
+
+const char *job_time_text(int64_t ms, char text[JOB_TIME_BYTES]) {
+    time_t seconds = (time_t)(ms / 1000);
+    struct tm tm;
+    gmtime_r(&seconds, &tm);
+    size_t used = strftime(text, JOB_TIME_BYTES, "%Y-%m-%dT%H:%M:%S", &tm);
+    snprintf(text + used, JOB_TIME_BYTES - used, ".%03uZ", (unsigned)(ms % 1000) % 1000);
+    return text;
+}

@@ -96,4 +96,8 @@ void job_params_read(const char *text, struct params *params);
 /* Milliseconds since 1970. */
 int64_t job_now_ms(void);
 
+/* The same as text, "2026-01-31T12:00:00.123Z"; returns text. */
+enum { JOB_TIME_BYTES = 32 };
+const char *job_time_text(int64_t ms, char text[JOB_TIME_BYTES]);
+
 #endif

@@ -128,10 +128,10 @@ char *job_info_encode(const char *version, bool (*limit)(void *ctx, size_t i, co
     const char *name;
     int64_t value;
     for (size_t i = 0; limit(ctx, i, &name, &value); i++) json_object_set_new(limits, name, json_integer(value));
-    return dump(json_pack("{s:s, s:s, s:[s, s, s, s], s:[s, s, s, s], s:o, s:{s:s, s:s}}", "name", "whittled",
+    return dump(json_pack("{s:s, s:s, s:[s, s, s, s], s:[s, s, s, s, s, s], s:o, s:{s:s, s:s}}", "name", "whittled",
                           "version", version, "input_formats", "ply/ascii", "ply/binary_little_endian",
                           "ply/binary_big_endian", "xyz", "outputs", "cloud.ply", "cloud.xyz", "mesh.ply",
-                          "report.json", "limits", limits, "links", "contract", "/openapi.json", "parameters",
-                          "/v1/parameters"),
+                          "report.json", "dso.ply", "error.ply", "limits", limits, "links", "contract", "/openapi.json",
+                          "parameters", "/v1/parameters"),
                 JSON_INDENT(2));
 }

@@ -13,7 +13,7 @@
 
 #include "api/query.h"
 
-enum { VALUE_BYTES = 256, MAX_MEMBERS = 64 };
+enum { VALUE_BYTES = 512, MAX_MEMBERS = 64 };
 
 static json_t *flags_json(const char *text) {
     json_t *list = json_array();
@@ -25,12 +25,20 @@ static json_t *flags_json(const char *text) {
     return list;
 }
 
+static json_t *levels_json(const char *text) {
+    json_t *list = json_array();
+    for (char *end; *text; text = *end == ',' ? end + 1 : end)
+        json_array_append_new(list, json_real(strtod(text, &end)));
+    return list;
+}
+
 /* A value as params_format and default_text write it. */
 static json_t *value_json(const struct param *param, const char *text) {
     switch (param->type) {
     case PARAM_NUMBER: return json_real(strtod(text, NULL));
     case PARAM_INTEGER: return json_integer(strtoll(text, NULL, 10));
     case PARAM_FLAGS: return flags_json(text);
+    case PARAM_LEVELS: return levels_json(text);
     case PARAM_CHOICE: break;
     }
     return json_string(text);
@@ -48,30 +56,29 @@ json_t *params_to_json(const struct params *params) {
     return json;
 }
 
-static void join_strings(const json_t *list, char *text) {
-    size_t i, used = 0;
-    json_t *item;
-    json_array_foreach(list, i, item) {
-        const char *word = json_string_value(item);
-        int n = snprintf(text + used, VALUE_BYTES - used, "%s%s", i ? "," : "", word ? word : "?");
-        used += (size_t)n;
-        if (used >= VALUE_BYTES) break;
-    }
+/* A value as query text; what has no such form becomes text that no parameter takes. */
+static void scalar_to_text(const json_t *value, char *text, size_t bytes) {
+    if (json_is_integer(value))
+        snprintf(text, bytes, "%lld", (long long)json_integer_value(value));
+    else if (json_is_real(value))
+        snprintf(text, bytes, "%.17g", json_real_value(value));
+    else
+        snprintf(text, bytes, "%s", json_is_string(value) ? json_string_value(value) : "?");
 }
 
-/* A member's value as query text; what has no such form becomes text that no parameter takes. */
 static void json_to_text(const json_t *value, char text[VALUE_BYTES]) {
+    size_t i, used = 0;
+    json_t *item;
     text[0] = 0;
-    if (json_is_integer(value))
-        snprintf(text, VALUE_BYTES, "%lld", (long long)json_integer_value(value));
-    else if (json_is_real(value))
-        snprintf(text, VALUE_BYTES, "%.17g", json_real_value(value));
-    else if (json_is_string(value))
-        snprintf(text, VALUE_BYTES, "%s", json_string_value(value));
-    else if (json_is_array(value))
-        join_strings(value, text);
-    else
-        snprintf(text, VALUE_BYTES, "?");
+    if (!json_is_array(value)) {
+        scalar_to_text(value, text, VALUE_BYTES);
+        return;
+    }
+    json_array_foreach(value, i, item) {
+        if (i && used + 1 < VALUE_BYTES) text[used++] = ',';
+        scalar_to_text(item, text + used, VALUE_BYTES - used);
+        used += strlen(text + used);
+    }
 }
 
 bool params_from_json(const json_t *json, struct params *params, struct problem *problem) {
@@ -110,19 +117,30 @@ static void add_range(json_t *schema, const struct param *param) {
     json_object_set_new(schema, "maximum", bound_json(param, param->max));
 }
 
+static void add_items(json_t *schema, json_t *items) {
+    json_object_set_new(schema, "items", items);
+    json_object_set_new(schema, "minItems", json_integer(1));
+    json_object_set_new(schema, "uniqueItems", json_true());
+}
+
 static void add_type(json_t *schema, const struct param *param) {
-    static const char *const names[] = {
-        [PARAM_NUMBER] = "number", [PARAM_INTEGER] = "integer", [PARAM_CHOICE] = "string", [PARAM_FLAGS] = "array"};
+    static const char *const names[] = {[PARAM_NUMBER] = "number",
+                                        [PARAM_INTEGER] = "integer",
+                                        [PARAM_CHOICE] = "string",
+                                        [PARAM_FLAGS] = "array",
+                                        [PARAM_LEVELS] = "array"};
     json_object_set_new(schema, "type", json_string(names[param->type]));
     switch (param->type) {
     case PARAM_NUMBER:
     case PARAM_INTEGER: add_range(schema, param); break;
     case PARAM_CHOICE: json_object_set_new(schema, "enum", choices_json(param->choices)); break;
     case PARAM_FLAGS:
-        json_object_set_new(schema, "items",
-                            json_pack("{s:s, s:o}", "type", "string", "enum", choices_json(param->choices)));
-        json_object_set_new(schema, "minItems", json_integer(1));
-        json_object_set_new(schema, "uniqueItems", json_true());
+        add_items(schema, json_pack("{s:s, s:o}", "type", "string", "enum", choices_json(param->choices)));
+        break;
+    case PARAM_LEVELS:
+        add_items(schema, json_pack("{s:s, s:o, s:o}", "type", "number", "exclusiveMinimum",
+                                    bound_json(param, param->min), "maximum", bound_json(param, param->max)));
+        json_object_set_new(schema, "maxItems", json_integer(PARAMS_MAX_LEVELS));
         break;
     }
 }

@@ -19,7 +19,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-enum { MAX_ARGUMENTS = 96, VALUE_BYTES = 256, PROGRESS_FD = 3, MAX_FILES = 64, NICE = 5, CANNOT_EXEC = 127 };
+enum { MAX_ARGUMENTS = 96, VALUE_BYTES = 512, PROGRESS_FD = 3, MAX_FILES = 64, NICE = 5, CANNOT_EXEC = 127 };
 
 struct child {
     const char *program;

@@ -19,10 +19,9 @@ static const struct {
     uint32_t bit;
     const char *file;
 } outputs[] = {
-    {"cloud", OUTPUT_CLOUD, "cloud.ply"},
-    {"xyz", OUTPUT_CLOUD_XYZ, "cloud.xyz"},
-    {"mesh", OUTPUT_MESH, "mesh.ply"},
-    {"report", OUTPUT_REPORT, "report.json"},
+    {"cloud", OUTPUT_CLOUD, "cloud.ply"}, {"xyz", OUTPUT_CLOUD_XYZ, "cloud.xyz"},
+    {"mesh", OUTPUT_MESH, "mesh.ply"},    {"report", OUTPUT_REPORT, "report.json"},
+    {"dso", OUTPUT_DSO, "dso.ply"},       {"error", OUTPUT_ERROR, "error.ply"},
 };
 enum { OUTPUTS = sizeof outputs / sizeof outputs[0] };
 
@@ -44,9 +43,9 @@ static bool read_simplify(const struct request *request, struct job *job, struct
         problem_add_error(&problem, "outputs", NULL, "not here", "output");
         ok = false;
     } else if (ok && asked == OUTPUTS) {
-        problem_set(&problem, PROBLEM_INVALID_PARAMETER, "output: takes one of cloud, xyz, mesh, report");
+        problem_set(&problem, PROBLEM_INVALID_PARAMETER, "output: takes one of cloud, xyz, mesh, report, dso, error");
         problem_add_error(&problem, "output", query_find(request->query, request->query_count, "output"),
-                          "one of cloud, xyz, mesh, report", NULL);
+                          "one of cloud, xyz, mesh, report, dso, error", NULL);
         ok = false;
     }
     if (!ok) {

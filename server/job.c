@@ -71,7 +71,7 @@ bool job_id_valid(const char *text) {
 
 /* ------------------------------------------------------------------------------------------------ parameters */
 
-enum { VALUE_BYTES = 256 };
+enum { VALUE_BYTES = 512 };
 
 char *job_params_text(const struct params *params) {
     size_t count, bytes;

@@ -232,8 +232,10 @@ static enum status take_outputs(int folder_fd, struct job_output *outputs, size_
     enum status status = STATUS_OK;
     *count = 0;
     for (int i = 0; i < n; i++) {
-        if (status == STATUS_OK && *count < JOB_MAX_OUTPUTS && strlen(entries[i]->d_name) < JOB_OUTPUT_NAME_BYTES)
-            status = take_output(folder_fd, entries[i]->d_name, &outputs[(*count)++], error);
+        const char *name = entries[i]->d_name;
+        if (status == STATUS_OK && (*count == JOB_MAX_OUTPUTS || strlen(name) >= JOB_OUTPUT_NAME_BYTES))
+            status = error_set(error, STATUS_IO, "store", "too many outputs, or too long a name: %.80s", name);
+        if (status == STATUS_OK) status = take_output(folder_fd, name, &outputs[(*count)++], error);
         free(entries[i]);
     }
     free(entries);

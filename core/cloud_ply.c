@@ -109,7 +109,10 @@ static bool store_integer(double value, enum scalar_type type, unsigned char out
     static const double low[] = {INT8_MIN, 0, INT16_MIN, 0, INT32_MIN, 0};
     static const double high[] = {INT8_MAX, UINT8_MAX, INT16_MAX, UINT16_MAX, INT32_MAX, UINT32_MAX};
     if (!(value >= low[type] && value <= high[type] && value == (double)(int64_t)value)) return false;
-    scalar_store(out, type, value);
+    int64_t whole = (int64_t)value;
+    if (scalar_bytes(type) == 1) memcpy(out, &(uint8_t){(uint8_t)whole}, 1);
+    if (scalar_bytes(type) == 2) memcpy(out, &(uint16_t){(uint16_t)whole}, 2);
+    if (scalar_bytes(type) == 4) memcpy(out, &(uint32_t){(uint32_t)whole}, 4);
     return true;
 }
 

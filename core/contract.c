@@ -39,7 +39,7 @@ struct pick {
 
 struct contractor {
     const vec3 *point;
-    quadric *quadric;
+    struct packed_quadric *quadric;
     struct adjacency near;
     size_t live_count, removed;
     uint32_t *live;    /* ids of the live points, ascending */
@@ -59,7 +59,8 @@ struct contractor {
 /* Error of the pair (p, q) when q is moved to p. */
 static double error_at(const struct contractor *c, uint32_t p, uint32_t q) {
     vec3 offset = vec3_sub(c->point[p], c->point[q]);
-    return c->quadric[p].c + quadric_value(&c->quadric[q], offset);
+    quadric moved = quadric_unpack(&c->quadric[q]);
+    return fmax((double)c->quadric[p].c, 0) + quadric_value(&moved, offset);
 }
 
 static double pair_error(const struct contractor *c, uint32_t p, uint32_t q) {
@@ -70,7 +71,7 @@ static double pair_error(const struct contractor *c, uint32_t p, uint32_t q) {
 static uint32_t staying_end(const struct contractor *c, uint32_t p, uint32_t q) {
     double at_p = error_at(c, p, q), at_q = error_at(c, q, p);
     if (at_p != at_q) return at_p < at_q ? p : q;
-    double wp = c->quadric[p].weight, wq = c->quadric[q].weight;
+    float wp = c->quadric[p].weight, wq = c->quadric[q].weight;
     if (wp != wq) return wp > wq ? p : q;
     return p < q ? p : q;
 }
@@ -135,11 +136,11 @@ static void sort_picks(struct contractor *c, size_t count) {
 /* ------------------------------------------------------------------------------------------------ perform */
 
 static void record(struct contractor *c, uint32_t stays, uint32_t goes) {
-    quadric sum =
-        quadric_add(c->quadric[stays], quadric_shift(c->quadric[goes], vec3_sub(c->point[goes], c->point[stays])));
+    quadric there = quadric_unpack(&c->quadric[stays]), moved = quadric_unpack(&c->quadric[goes]);
+    quadric sum = quadric_add(there, quadric_shift(moved, vec3_sub(c->point[goes], c->point[stays])));
     double error = sum.weight > 0 ? sqrt(fmax(sum.c, 0) / sum.weight) : 0;
     float before = c->removed ? c->out.error[c->removed - 1] : 0;
-    c->quadric[stays] = sum;
+    c->quadric[stays] = quadric_pack(&sum);
     c->out.into[goes] = stays;
     c->out.order[c->removed] = goes;
     c->out.error[c->removed++] = fmaxf((float)error, before);
@@ -324,7 +325,7 @@ static enum status contractor_init(struct contractor *c, const struct neighbourh
     for (size_t i = 0; i < n; i++) {
         c->live[i] = (uint32_t)i;
         c->out.into[i] = NONE;
-        weight += c->quadric[i].weight;
+        weight += (double)c->quadric[i].weight;
     }
     c->live_count = n;
     c->length_bias = LENGTH_BIAS * weight / (double)n;
@@ -339,8 +340,8 @@ static enum status pass(struct contractor *c) {
     return update(c, perform(c, count));
 }
 
-enum status contract(const vec3 *point, const struct neighbourhood *neighbourhood, quadric *quadrics, unsigned threads,
-                     const struct progress *progress, struct contraction *out) {
+enum status contract(const vec3 *point, const struct neighbourhood *neighbourhood, struct packed_quadric *quadrics,
+                     unsigned threads, const struct progress *progress, struct contraction *out) {
     size_t n = neighbourhood->n;
     assert(n >= 1 && n < NONE);
     struct contractor c = {.point = point, .quadric = quadrics, .threads = threads, .out = {.n = n}};

@@ -22,8 +22,8 @@ struct contraction {
 /* Contracts n points (n >= 1) with placement at one of the two ends.  The quadrics are taken as working memory and hold
  * nothing of use afterwards.  Neighbourhoods are made symmetric inside.  The same result for any number of threads.
  * About O(n k).  STATUS_NO_MEMORY, STATUS_CANCELLED. */
-enum status contract(const vec3 *point, const struct neighbourhood *neighbourhood, quadric *quadrics, unsigned threads,
-                     const struct progress *progress, struct contraction *out) MUST_CHECK;
+enum status contract(const vec3 *point, const struct neighbourhood *neighbourhood, struct packed_quadric *quadrics,
+                     unsigned threads, const struct progress *progress, struct contraction *out) MUST_CHECK;
 
 /* How many points are left when nothing with an error over max_error (normalised) is contracted. */
 size_t contraction_count_for_error(const struct contraction *contraction, double max_error);

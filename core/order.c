@@ -115,9 +115,11 @@ static void keep_distinct(const struct item *item, const vec3 *position, size_t 
     out->count = 0;
     for (size_t i = 0; i < n; i++) {
         vec3 p = normalised(position[item[i].id], out);
-        if (out->count > 0 && vec3_equal(p, out->point[out->count - 1])) continue;
-        out->original[out->count] = item[i].id;
-        out->point[out->count++] = p;
+        if (out->count == 0 || !vec3_equal(p, out->point[out->count - 1])) {
+            out->original[out->count] = item[i].id;
+            out->point[out->count++] = p;
+        }
+        out->distinct[item[i].id] = (uint32_t)(out->count - 1);
     }
 }
 
@@ -127,7 +129,8 @@ enum status order_points(const vec3 *position, size_t n, unsigned threads, struc
     struct item *item = alloc_array(n, sizeof *item), *spare = alloc_array(n, sizeof *spare);
     points.point = alloc_array(n, sizeof *points.point);
     points.original = alloc_array(n, sizeof *points.original);
-    if (!item || !spare || !points.point || !points.original) {
+    points.distinct = alloc_array(n, sizeof *points.distinct);
+    if (!item || !spare || !points.point || !points.original || !points.distinct) {
         free(item), free(spare);
         ordered_points_done(&points);
         return STATUS_NO_MEMORY;
@@ -149,5 +152,6 @@ void ordered_points_done(struct ordered_points *points) {
     if (!points) return;
     free(points->point);
     free(points->original);
+    free(points->distinct);
     *points = (struct ordered_points){0};
 }

@@ -27,16 +27,27 @@ enum output {
     OUTPUT_CLOUD = 1 << 0,     /* cloud.ply */
     OUTPUT_CLOUD_XYZ = 1 << 1, /* cloud.xyz */
     OUTPUT_MESH = 1 << 2,      /* mesh.ply */
-    OUTPUT_REPORT = 1 << 3     /* report.json */
+    OUTPUT_REPORT = 1 << 3,    /* report.json */
+    OUTPUT_DSO = 1 << 4,       /* dso.ply: the discrete shape operator of every original point */
+    OUTPUT_ERROR = 1 << 5      /* error.ply: the distance of every original point to the mesh */
+};
+
+enum { PARAMS_MAX_LEVELS = 16 };
+
+/* Ratios, descending, none twice. */
+struct param_levels {
+    uint32_t count;
+    double ratio[PARAMS_MAX_LEVELS];
 };
 
 struct params {
-    double ratio;     /* (0, 1]; NAN = not given */
-    uint64_t points;  /* 0 = not given */
-    double max_error; /* fraction of the diagonal; NAN = not given */
-    uint32_t outputs; /* enum output */
-    int placement;    /* enum placement */
-    int dso;          /* enum dso_form */
+    double ratio;               /* (0, 1]; NAN = not given */
+    uint64_t points;            /* 0 = not given */
+    double max_error;           /* fraction of the diagonal; NAN = not given */
+    struct param_levels levels; /* count 0 = not given: one level */
+    uint32_t outputs;           /* enum output */
+    int placement;              /* enum placement */
+    int dso;                    /* enum dso_form */
     double dso_exponent;
     int area_weight; /* enum area_weight */
     double line_quadric;
@@ -51,9 +62,9 @@ struct params {
     uint64_t threads; /* 0 = all processors */
 };
 
-enum param_type { PARAM_NUMBER, PARAM_INTEGER, PARAM_CHOICE, PARAM_FLAGS };
+enum param_type { PARAM_NUMBER, PARAM_INTEGER, PARAM_CHOICE, PARAM_FLAGS, PARAM_LEVELS };
 
-/* One row.  Numbers are double members, integers uint64_t, choices int, flags uint32_t. */
+/* One row.  Numbers are double members, integers uint64_t, choices int, flags uint32_t, levels struct param_levels. */
 struct param {
     const char *name;
     enum param_type type;

@@ -15,6 +15,11 @@ enum status pipeline_no_memory(struct run *run, const char *where) {
     return error_set(run->error, STATUS_NO_MEMORY, where, "not enough memory for %zu points", run->cloud->count);
 }
 
+void pipeline_sites_done(struct sites *sites) {
+    free(sites->id), free(sites->point), free(sites->normal), free(sites->support);
+    *sites = (struct sites){0};
+}
+
 void pipeline_scale(struct distance_stats *stats, double scale) {
     stats->mean *= scale;
     stats->rms *= scale;
@@ -94,8 +99,9 @@ enum status pipeline_contract(struct run *run) {
 static size_t wanted_points(const struct run *run) {
     const struct params *params = run->params;
     size_t wanted = 1, distinct = run->points.count;
+    double ratio = params->levels.count ? params->levels.ratio[run->level] : params->ratio;
     if (params->points) wanted = params->points;
-    if (!isnan(params->ratio)) wanted = (size_t)floor(params->ratio * (double)run->cloud->count);
+    if (!isnan(ratio)) wanted = (size_t)floor(ratio * (double)run->cloud->count);
     if (!isnan(params->max_error)) {
         size_t tolerated = contraction_count_for_error(&run->contraction, params->max_error);
         if (tolerated > wanted) wanted = tolerated;
@@ -104,23 +110,28 @@ static size_t wanted_points(const struct run *run) {
     return wanted < distinct ? wanted : distinct;
 }
 
+/* The levels come finest first, so that the points of the first one hold those of all others as prefixes. */
 enum status pipeline_keep(struct run *run) {
     const struct contraction *contraction = &run->contraction;
+    struct report_level *level = &run->report.level[run->level];
     run->kept_count = wanted_points(run);
-    run->kept = alloc_array(run->kept_count, sizeof *run->kept);
-    if (!run->kept) return pipeline_no_memory(run, "keep");
-    for (size_t i = 0; i < run->kept_count; i++) run->kept[i] = contraction->order[contraction->n - 1 - i];
+    if (run->level == 0) {
+        run->kept = alloc_array(run->kept_count, sizeof *run->kept);
+        if (!run->kept) return pipeline_no_memory(run, "keep");
+        for (size_t i = 0; i < run->kept_count; i++) run->kept[i] = contraction->order[contraction->n - 1 - i];
+    }
     size_t made = contraction->n - run->kept_count;
-    run->report.points_out = run->kept_count;
-    run->report.has_contraction_error = true;
-    run->report.contraction_error = made ? (double)contraction->error[made - 1] * run->points.scale : 0;
+    level->points_out = run->kept_count;
+    level->ratio = (double)run->kept_count / (double)run->cloud->count;
+    level->contraction_error = made ? (double)contraction->error[made - 1] * run->points.scale : 0;
     return STATUS_OK;
 }
 
 enum status pipeline_tangent(struct run *run) {
+    struct distance_stats *tangent = &run->report.level[run->level].tangent;
     enum status status = tangent_error(run->points.point, run->normal, run->points.count, run->kept, run->kept_count,
-                                       run->threads, &run->report.tangent);
+                                       run->threads, tangent);
     if (status) return pipeline_no_memory(run, "tangent");
-    pipeline_scale(&run->report.tangent, run->points.scale);
+    pipeline_scale(tangent, run->points.scale);
     return STATUS_OK;
 }

@@ -32,12 +32,14 @@ struct run {
     struct neighbourhood hood;
     vec3 *normal;
     float *dso;
-    quadric *quadrics;
+    struct packed_quadric *quadrics;
     struct contraction contraction;
-    size_t kept_count;
-    uint32_t *kept; /* along the curve's ids, most important first */
+    size_t level;      /* the one that the steps work on */
+    size_t kept_count; /* of that level */
+    uint32_t *kept;    /* of the finest level, along the curve's ids, most important first */
     struct sites sites;
     struct tets tets;
+    float *distance;  /* of every distinct point to the mesh, normalised; NULL unless asked for */
     struct mesh mesh; /* sources are ids along the curve */
     struct report report;
 };
@@ -54,9 +56,9 @@ enum status pipeline_keep(struct run *run) MUST_CHECK;
 enum status pipeline_tangent(struct run *run) MUST_CHECK;
 enum status pipeline_delaunay(struct run *run) MUST_CHECK;
 enum status pipeline_reconstruct(struct run *run) MUST_CHECK;
-enum status pipeline_refine(struct run *run) MUST_CHECK;
 enum status pipeline_examine(struct run *run) MUST_CHECK;
 enum status pipeline_measure(struct run *run) MUST_CHECK;
+enum status pipeline_distances(struct run *run) MUST_CHECK;
 
 /* Fills run->error and returns STATUS_NO_MEMORY. */
 enum status pipeline_no_memory(struct run *run, const char *where);

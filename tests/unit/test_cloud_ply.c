@@ -306,6 +306,27 @@ static void every_failing_allocation_is_survived(void **state) {
     assert_true(n > 8);
 }
 
+static void every_failing_allocation_of_a_pipe_is_survived(void **state) {
+    (void)state;
+    enum status status = STATUS_NO_MEMORY;
+    int n = 0;
+    for (; status == STATUS_NO_MEMORY && n < 100; n++) {
+        struct cloud cloud = {0};
+        int left = n, ends[2];
+        assert_int_equal(pipe(ends), 0);
+        assert_int_equal(write(ends[1], four, sizeof four - 1), sizeof four - 1);
+        close(ends[1]);
+        alloc_fail = countdown;
+        alloc_fail_ctx = &left;
+        status = cloud_read(ends[0], NULL, NULL, &cloud, NULL);
+        alloc_fail = NULL;
+        close(ends[0]);
+        cloud_done(&cloud);
+    }
+    assert_int_equal(status, STATUS_OK);
+    assert_true(n > 9);
+}
+
 static void writing_without_memory_or_room_is_told(void **state) {
     (void)state;
     struct cloud cloud = read_text(four);
@@ -379,6 +400,7 @@ int main(void) {
         cmocka_unit_test(limits_hold_before_anything_is_read),
         cmocka_unit_test(cancel_stops_reading),
         cmocka_unit_test(every_failing_allocation_is_survived),
+        cmocka_unit_test(every_failing_allocation_of_a_pipe_is_survived),
         cmocka_unit_test(writing_without_memory_or_room_is_told),
         cmocka_unit_test(missing_file_and_folder_are_io),
         cmocka_unit_test(endless_pipe_is_left_when_the_promise_is_over),

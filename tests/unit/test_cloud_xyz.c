@@ -197,6 +197,19 @@ static void hard_numbers_are_read_as_the_library_does(void **state) {
     }
 }
 
+/* Long mantissas come near the middle between two doubles, where every bit of the quotient counts. */
+static void long_mantissas_are_read_as_the_library_does(void **state) {
+    (void)state;
+    uint64_t random = 4711;
+    for (int i = 0; i < ROUNDS; i++) {
+        char text[64];
+        uint64_t w = next_random(&random);
+        snprintf(text, sizeof text, "%llue-%d", (unsigned long long)w, (int)(w % 20));
+        check_f64(text);
+        check_f32(text);
+    }
+}
+
 static void what_is_no_number_is_refused(void **state) {
     (void)state;
     static const char *const words[] = {"", "-", "+", ".", "-.", "e5", "abc", "na", "in", "--1", "+-1"};
@@ -251,6 +264,7 @@ int main(void) {
         cmocka_unit_test(limits_hold),
         cmocka_unit_test(every_failing_allocation_is_survived),
         cmocka_unit_test(hard_numbers_are_read_as_the_library_does),
+        cmocka_unit_test(long_mantissas_are_read_as_the_library_does),
         cmocka_unit_test(what_is_no_number_is_refused),
         cmocka_unit_test(reading_stops_at_the_end_without_a_nul),
         cmocka_unit_test(written_numbers_read_back_and_are_shortest),

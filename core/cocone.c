@@ -1,0 +1,98 @@
+/* Tight Cocone over flat arrays, step by step.
+ *
+ *     tets -> star -> frame -> label -----------------------------------> surface
+ *             cells   poles,   tight:   orient, cut, repair               manifold mesh
+ *             around  normals  literal: candidates, umbrellas, mark, peel
+ *
+ * Whatever the labels, the surface between inner and outer cells is closed and oriented; the labelling decides how good
+ * it is, and the last step makes it a manifold.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/cocone.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/alloc.h"
+#include "core/cocone_cut.h"
+#include "core/cocone_frame.h"
+#include "core/cocone_orient.h"
+#include "core/cocone_repair.h"
+#include "core/cocone_star.h"
+#include "core/cocone_surface.h"
+
+struct run {
+    const struct cocone_input *input;
+    const struct cocone_options *options;
+    const struct progress *progress;
+    struct cocone_star star;
+    struct cocone_frame frame;
+    uint8_t *inside; /* of each cell */
+    struct cocone_facts facts;
+};
+
+static enum status tick(struct run *run, double fraction) {
+    return progress_tick(run->progress, "cocone", fraction) ? STATUS_CANCELLED : STATUS_OK;
+}
+
+static enum status label_tight(struct run *run) {
+    struct cocone_cost cost = {0};
+    enum status status = cocone_orient(&run->star, &run->frame, &run->facts.conflicts);
+    if (!status) status = tick(run, 0.4);
+    if (!status)
+        status = cocone_cut_costs(&run->star, &run->frame, run->input->support, run->options->threads, &cost);
+    if (!status) status = cocone_cut_label(&run->star, &cost, run->progress, run->inside);
+    if (!status) status = cocone_repair(&run->star, &cost, run->progress, run->inside, &run->facts.flips);
+    cocone_cut_done(&cost);
+    return status;
+}
+
+static void count_facts(struct run *run, const struct mesh *mesh, uint8_t *seen) {
+    memset(seen, 0, run->input->n);
+    size_t found = 0;
+    for (size_t v = 0; v < mesh->vertex_count; v++) {
+        found += !seen[mesh->source[v]];
+        seen[mesh->source[v]] = 1;
+    }
+    run->facts.points_lost = run->input->n - found;
+    run->facts.vertices_split = mesh->vertex_count - found;
+    for (size_t t = 0; t < mesh->triangle_count; t++) run->facts.hole_fill += mesh->tag[t] == MESH_HOLE_FILL;
+}
+
+static enum status run_steps(struct run *run, const struct tets *tets, struct mesh *mesh) {
+    const struct cocone_input *input = run->input;
+    run->facts.form = "tight-cocone";
+    run->inside = alloc_zeroed(tets->cell_count, 1);
+    if (!run->inside) return STATUS_NO_MEMORY;
+    enum status status = cocone_star_build(tets, input->points, input->n, &run->star);
+    if (!status) status = cocone_frame_build(&run->star, input->normals, run->options->threads, &run->frame);
+    if (!status) status = tick(run, 0.2);
+    if (!status) status = label_tight(run);
+    if (!status) status = tick(run, 0.9);
+    bool keep = run->options->boundary == BOUNDARY_KEEP;
+    if (!status) status = cocone_surface_extract(&run->star, input->support, keep, run->inside, mesh);
+    return status;
+}
+
+enum status cocone_reconstruct(const struct tets *tets, const struct cocone_input *input,
+                               const struct cocone_options *options, const struct progress *progress,
+                               struct mesh *mesh, struct cocone_facts *facts) {
+    struct run run = {.input = input, .options = options, .progress = progress};
+    struct mesh made = {0};
+    uint8_t *seen = alloc_array(input->n, 1);
+    enum status status = seen ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status && tets->dimension < 3) status = STATUS_DEGENERATE;
+    if (!status) status = run_steps(&run, tets, &made);
+    if (!status && made.triangle_count == 0) status = STATUS_DEGENERATE;
+    if (!status) {
+        count_facts(&run, &made, seen);
+        *mesh = made;
+        made = (struct mesh){0};
+        if (facts) *facts = run.facts;
+    }
+    mesh_done(&made);
+    free(seen), free(run.inside);
+    cocone_frame_done(&run.frame);
+    cocone_star_done(&run.star);
+    return status;
+}

@@ -1,0 +1,228 @@
+/* Local repair of a labelling.
+ *
+ * The cells around a vertex, seen from the vertex, tile a sphere of directions.  The surface passes through the vertex
+ * once, as a disc, exactly when the inner cells are one connected region of that sphere and the outer ones another: then
+ * the boundary between is one closed curve.  With no inner or no outer cell the point is lost; each further region is a
+ * second sheet, or a pinch at an edge.
+ *
+ *     defect(v) = (inner regions - 1) + (outer regions - 1), or LOST where one of them is 0
+ *
+ * Flipping the label of one cell changes the defects of its four vertices alone.  The repair takes vertices with a
+ * defect off a queue and tries every cell around each, then every such cell together with a neighbour, then chains of
+ * three cells towards the surface; the first set that takes defects away is flipped.  Moves that insert a point into a
+ * facet, swap an edge, open or close a pinch are all among them.
+ *
+ * Invariant: the sum of all defects falls with each move, so the repair ends.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/cocone_repair.h"
+
+#include <assert.h>
+#include <stdlib.h>
+
+#include "core/alloc.h"
+#include "core/cloud.h"
+
+enum { LOST = 3, SET_MOST = 3, SET_VERTICES = 4 * SET_MOST, VERTICES_PER_TICK = 256 };
+
+struct repair {
+    const struct cocone_star *star;
+    const struct cocone_cost *cost;
+    uint8_t *inside;
+    uint32_t *stamp, time; /* of each cell: the last flood that came by */
+    uint32_t *stack;       /* as long as the largest star */
+    uint32_t *queue;       /* n + 1, a ring */
+    uint8_t *queued;
+    size_t first, length;
+    size_t flips;
+};
+
+/* Cells to be flipped together. */
+struct set {
+    uint32_t cell[SET_MOST];
+    int count;
+};
+
+struct gain {
+    int defects;  /* taken away */
+    int64_t cost; /* and what the labelling costs more */
+    struct set set;
+};
+
+/* ------------------------------------------------------------------------------------------------ defects */
+
+/* Marks the region of equal label around v from cell on. */
+static void flood(struct repair *r, uint32_t v, uint32_t cell) {
+    const struct tets *tets = r->star->tets;
+    size_t depth = 0;
+    r->stack[depth++] = cell;
+    r->stamp[cell] = r->time;
+    while (depth > 0) {
+        uint32_t c = r->stack[--depth];
+        for (int i = 0; i < 4; i++) {
+            uint32_t other = tets->neighbour[c][i];
+            if (tets->vertex[c][i] == v || r->stamp[other] == r->time || r->inside[other] != r->inside[c]) continue;
+            r->stamp[other] = r->time;
+            r->stack[depth++] = other;
+        }
+    }
+}
+
+static int defect(struct repair *r, uint32_t v) {
+    int regions[2] = {0, 0};
+    r->time++;
+    for (uint32_t i = r->star->begin[v]; i < r->star->begin[v + 1]; i++) {
+        uint32_t cell = cocone_star_cell(r->star->corner[i]);
+        if (r->stamp[cell] == r->time) continue;
+        regions[r->inside[cell]]++;
+        flood(r, v, cell);
+    }
+    return regions[0] == 0 || regions[1] == 0 ? LOST : regions[0] + regions[1] - 2;
+}
+
+static int vertices_of(const struct repair *r, const struct set *set, uint32_t vertex[SET_VERTICES]) {
+    int count = 0;
+    for (int s = 0; s < set->count; s++) {
+        for (int i = 0; i < 4; i++) {
+            uint32_t v = r->star->tets->vertex[set->cell[s]][i];
+            int k = 0;
+            while (k < count && vertex[k] != v) k++;
+            if (k == count) vertex[count++] = v;
+        }
+    }
+    return count;
+}
+
+static int defects_around(struct repair *r, const struct set *set) {
+    uint32_t vertex[SET_VERTICES];
+    int count = vertices_of(r, set, vertex), sum = 0;
+    for (int k = 0; k < count; k++) sum += defect(r, vertex[k]);
+    return sum;
+}
+
+/* ------------------------------------------------------------------------------------------------ flips */
+
+/* What flipping one cell adds to the cost. */
+static int64_t flip_cost(const struct repair *r, uint32_t cell) {
+    const struct tets *tets = r->star->tets;
+    int64_t cost = r->inside[cell] ? -(int64_t)r->cost->vote[cell] : r->cost->vote[cell];
+    for (int i = 0; i < 4; i++) {
+        bool cut = r->inside[tets->neighbour[cell][i]] != r->inside[cell];
+        cost += cut ? -(int64_t)r->cost->price[cell][i] : r->cost->price[cell][i];
+    }
+    return cost;
+}
+
+static int64_t flip(struct repair *r, const struct set *set) {
+    int64_t cost = 0;
+    for (int s = 0; s < set->count; s++) {
+        cost += flip_cost(r, set->cell[s]);
+        r->inside[set->cell[s]] ^= 1;
+    }
+    return cost;
+}
+
+static void try_set(struct repair *r, const struct set *set, struct gain *best) {
+    int before = defects_around(r, set);
+    if (before <= best->defects) return;
+    int64_t cost = flip(r, set);
+    int defects = before - defects_around(r, set);
+    flip(r, set);
+    if (defects > best->defects || (defects == best->defects && defects > 0 && cost < best->cost))
+        *best = (struct gain){defects, cost, *set};
+}
+
+/* Tries the set, and the set with each neighbour of its last cell, up to size cells. */
+static void try_grown(struct repair *r, const struct set *set, int size, struct gain *best) {
+    if (set->count == size) {
+        try_set(r, set, best);
+        return;
+    }
+    for (int i = 0; i < 4; i++) {
+        uint32_t other = r->star->tets->neighbour[set->cell[set->count - 1]][i];
+        if (!cocone_star_is_finite(r->star, other)) continue;
+        if (other == set->cell[0] || (set->count > 1 && other == set->cell[1])) continue;
+        struct set grown = *set;
+        grown.cell[grown.count++] = other;
+        try_grown(r, &grown, size, best);
+    }
+}
+
+static struct gain best_move(struct repair *r, uint32_t v, int size) {
+    struct gain best = {0};
+    for (uint32_t i = r->star->begin[v]; i < r->star->begin[v + 1]; i++) {
+        struct set set = {{cocone_star_cell(r->star->corner[i])}, 1};
+        if (cocone_star_is_finite(r->star, set.cell[0])) try_grown(r, &set, size, &best);
+    }
+    return best;
+}
+
+/* ------------------------------------------------------------------------------------------------ the queue */
+
+static void enqueue(struct repair *r, uint32_t v) {
+    if (r->queued[v]) return;
+    r->queued[v] = 1;
+    r->queue[(r->first + r->length++) % (r->star->n + 1)] = v;
+}
+
+static uint32_t dequeue(struct repair *r) {
+    uint32_t v = r->queue[r->first];
+    r->first = (r->first + 1) % (r->star->n + 1);
+    r->length--;
+    r->queued[v] = 0;
+    return v;
+}
+
+static void enqueue_all(struct repair *r) {
+    for (uint32_t v = 0; v < r->star->n; v++)
+        if (r->star->begin[v] < r->star->begin[v + 1] && defect(r, v) > 0) enqueue(r, v);
+}
+
+static void mend(struct repair *r, uint32_t v, int size) {
+    if (defect(r, v) == 0) return;
+    struct gain gain = best_move(r, v, size);
+    if (gain.defects <= 0) return;
+    flip(r, &gain.set);
+    r->flips += (size_t)gain.set.count;
+    uint32_t vertex[SET_VERTICES];
+    int count = vertices_of(r, &gain.set, vertex);
+    for (int k = 0; k < count; k++)
+        if (defect(r, vertex[k]) > 0) enqueue(r, vertex[k]);
+}
+
+static enum status mend_all(struct repair *r, const struct progress *progress) {
+    for (int size = 1; size <= SET_MOST; size++) {
+        enqueue_all(r);
+        for (size_t i = 0; r->length > 0; i++) {
+            if (i % VERTICES_PER_TICK == 0 && progress_tick(progress, "cocone", 0.8)) return STATUS_CANCELLED;
+            mend(r, dequeue(r), size);
+        }
+    }
+    return STATUS_OK;
+}
+
+static size_t largest_star(const struct cocone_star *star) {
+    size_t largest = 0;
+    for (size_t v = 0; v < star->n; v++) {
+        size_t size = star->begin[v + 1] - star->begin[v];
+        if (size > largest) largest = size;
+    }
+    return largest;
+}
+
+enum status cocone_repair(const struct cocone_star *star, const struct cocone_cost *cost,
+                          const struct progress *progress, uint8_t *inside, size_t *flips) {
+    enum status status = STATUS_NO_MEMORY;
+    struct repair r = {.star = star, .cost = cost, .inside = inside};
+    r.stamp = alloc_zeroed(star->tets->cell_count, sizeof *r.stamp);
+    r.stack = alloc_array(largest_star(star), sizeof *r.stack);
+    r.queue = alloc_array(star->n + 1, sizeof *r.queue);
+    r.queued = alloc_zeroed(star->n, sizeof *r.queued);
+    if (!r.stamp || !r.stack || !r.queue || !r.queued) goto out;
+    status = mend_all(&r, progress);
+    if (!status) *flips = r.flips;
+out:
+    free(r.stamp), free(r.stack);
+    free(r.queue), free(r.queued);
+    return status;
+}

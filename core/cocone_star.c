@@ -1,0 +1,86 @@
+/* Stars by counting: corners are sorted by their vertex in two passes over the cells.
+ *
+ * Invariant: two cells of a triangulation never have all four vertices in common, so the mirror of a facet is found by
+ * its vertices, also where two infinite cells share more than one facet.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/cocone_star.h"
+
+#include <stdlib.h>
+
+#include "core/alloc.h"
+#include "core/cloud.h"
+
+enum { MAX_CELLS = 1 << 30 };
+
+const uint8_t cocone_star_facet[4][3] = {{1, 3, 2}, {0, 2, 3}, {0, 3, 1}, {0, 1, 2}};
+
+static unsigned find_mirror(const struct tets *tets, uint32_t cell, unsigned i) {
+    const uint32_t *mine = tets->vertex[cell], *theirs = tets->vertex[tets->neighbour[cell][i]];
+    for (unsigned j = 0; j < 4; j++) {
+        bool shared = false;
+        for (unsigned k = 0; k < 4; k++) shared |= k != i && mine[k] == theirs[j];
+        if (!shared) return j;
+    }
+    return 0;
+}
+
+static void fill(struct cocone_star *star) {
+    const struct tets *tets = star->tets;
+    for (uint32_t c = 0; c < tets->cell_count; c++) {
+        for (unsigned i = 0; i < 4; i++) {
+            star->mirror[c][i] = (uint8_t)find_mirror(tets, c, i);
+            if (tets->vertex[c][i] != NONE) star->begin[tets->vertex[c][i] + 1]++;
+        }
+    }
+    for (size_t v = 0; v < star->n; v++) star->begin[v + 1] += star->begin[v];
+    /* Filled from the back, begin[v + 1] moves down to where v's corners begin: one place late, put right after. */
+    for (uint32_t c = (uint32_t)tets->cell_count; c-- > 0;)
+        for (unsigned i = 4; i-- > 0;)
+            if (tets->vertex[c][i] != NONE) star->corner[--star->begin[tets->vertex[c][i] + 1]] = cocone_star_pack(c, i);
+    for (size_t v = 0; v < star->n; v++) star->begin[v] = star->begin[v + 1];
+    star->begin[star->n] = (uint32_t)(4 * tets->finite_count + 3 * (tets->cell_count - tets->finite_count));
+}
+
+enum status cocone_star_build(const struct tets *tets, const vec3 *point, size_t n, struct cocone_star *out) {
+    if (tets->cell_count >= MAX_CELLS) return STATUS_LIMIT;
+    struct cocone_star star = {.tets = tets, .point = point, .n = n};
+    star.mirror = alloc_array(tets->cell_count, sizeof *star.mirror);
+    star.begin = alloc_zeroed(n + 1, sizeof *star.begin);
+    star.corner = alloc_array(4 * tets->cell_count, sizeof *star.corner);
+    if (!star.mirror || !star.begin || !star.corner) {
+        cocone_star_done(&star);
+        return STATUS_NO_MEMORY;
+    }
+    fill(&star);
+    *out = star;
+    return STATUS_OK;
+}
+
+void cocone_star_done(struct cocone_star *star) {
+    free(star->mirror);
+    free(star->begin);
+    free(star->corner);
+    *star = (struct cocone_star){0};
+}
+
+uint32_t cocone_star_turn(const struct cocone_star *star, uint32_t half, uint32_t a, uint32_t b) {
+    uint32_t cell = cocone_star_cell(half);
+    const uint32_t *v = star->tets->vertex[cell];
+    for (unsigned i = 0; i < 4; i++)
+        if (i != cocone_star_index(half) && v[i] != a && v[i] != b) return cocone_star_pack(cell, i);
+    return half;
+}
+
+vec3 cocone_star_hull_normal(const struct cocone_star *star, uint32_t cell) {
+    unsigned i = 0;
+    while (i < 3 && star->tets->vertex[cell][i] != NONE) i++;
+    uint32_t v[3];
+    cocone_star_vertices(star, cocone_star_pack(cell, i), v);
+    return vec3_unit(vec3_triangle_normal(star->point[v[0]], star->point[v[1]], star->point[v[2]]));
+}
+
+vec3 cocone_star_dual(const struct cocone_star *star, uint32_t cell, uint32_t vertex) {
+    if (!cocone_star_is_finite(star, cell)) return cocone_star_hull_normal(star, cell);
+    return vec3_sub(star->tets->circumcentre[cell], star->point[vertex]);
+}

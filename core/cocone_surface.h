@@ -1,0 +1,19 @@
+/* The surface between inner and outer cells, as a manifold mesh.  Part of Tight Cocone.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_COCONE_SURFACE_H
+#define WHITTLE_CORE_COCONE_SURFACE_H
+
+#include "core/cocone_star.h"
+#include "core/mesh.h"
+
+/* Meshes the facets between the cells with inside[c] = 1 and the others, counter-clockwise seen from outside.
+ * support (may be NULL) says which facets are MESH_HOLE_FILL (cocone_cut_supported); with keep_boundary those are left
+ * out.  Infinite cells are outside.  Every edge has two triangles in opposite directions (one at a boundary that is kept)
+ * and the triangles at each vertex are one fan: where surface sheets touch, the point has a vertex for each of them.
+ * Where copies can't tell two sheets apart at an edge, the cells between them are added to inside.
+ * The mesh is the caller's; it is empty where no facet is left.  O(cells log cells).  STATUS_NO_MEMORY. */
+enum status cocone_surface_extract(const struct cocone_star *star, const double *support, bool keep_boundary,
+                                   uint8_t *inside, struct mesh *mesh) MUST_CHECK;
+
+#endif

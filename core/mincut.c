@@ -1,0 +1,251 @@
+/* Augmenting paths between two search trees that are kept from one path to the next.
+ *
+ * One tree grows from the source, the other from the sink.  Where they touch there is a path with capacity left; it is
+ * filled, some of its arcs become full and cut subtrees off, whose roots are orphans.  An orphan looks for a new parent
+ * in its own tree, the nearest to the terminal; one that finds none leaves the tree and orphans its children.  When
+ * neither tree can grow the flow is at its maximum.
+ *
+ *     source -> S tree ... s ==arc==> t ... T tree -> sink          free nodes are in neither
+ *
+ * Invariant between phases: each node of a tree reaches its terminal along parents through arcs that have capacity left
+ * (in the direction of flow); every node on the rim that might grow is active.
+ *
+ * Distances to the terminal are remembered with the time of their computation, so that tracing to the root stops at
+ * what is known of this phase.
+ *
+ * Source: Y. Boykov, V. Kolmogorov, An experimental comparison of min-cut/max-flow algorithms (2004).
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/mincut.h"
+
+#include <stdbool.h>
+#include <stdlib.h>
+
+#include "core/alloc.h"
+#include "core/cloud.h"
+
+enum tree { FREE, SOURCE, SINK };
+
+/* A parent is an arc 0 .. 3, or one of these. */
+enum { TERMINAL = 4, ORPHAN = 5, ROOTLESS = 6 };
+
+enum { STEPS_PER_NODE = 3000, PHASES_PER_TICK = 1024 };
+
+struct queue {
+    uint32_t first, last;
+    uint32_t *next; /* of each node; NONE = last; its own id = not queued */
+};
+
+struct search {
+    struct mincut *graph;
+    uint8_t *tree, *parent;
+    uint32_t *distance, *stamp; /* to the terminal, and the phase in which that was true */
+    uint32_t phase;
+    struct queue active, orphans;
+    uint64_t steps, step_limit;
+};
+
+static void queue_init(struct queue *queue, uint32_t *next, size_t n) {
+    *queue = (struct queue){NONE, NONE, next};
+    for (uint32_t i = 0; i < n; i++) next[i] = i;
+}
+
+static void queue_push(struct queue *queue, uint32_t node) {
+    if (queue->next[node] != node) return;
+    queue->next[node] = NONE;
+    if (queue->last == NONE) queue->first = node;
+    else queue->next[queue->last] = node;
+    queue->last = node;
+}
+
+static uint32_t queue_pop(struct queue *queue) {
+    uint32_t node = queue->first;
+    if (node == NONE) return NONE;
+    queue->first = queue->next[node];
+    if (queue->first == NONE) queue->last = NONE;
+    queue->next[node] = node;
+    return node;
+}
+
+/* Capacity left between a node and its neighbour across arc i, in the direction from the tree's root outwards or, for
+ * outwards = false, back to it.  Flow runs away from the source and towards the sink. */
+static int32_t residual(const struct search *s, uint32_t node, unsigned i, bool outwards) {
+    const struct mincut *g = s->graph;
+    bool forward = (s->tree[node] == SOURCE) == outwards;
+    return forward ? g->capacity[node][i] : g->capacity[g->neighbour[node][i]][g->mirror[node][i]];
+}
+
+static void plant(struct search *s) {
+    for (uint32_t c = 0; c < s->graph->node_count; c++) {
+        int32_t terminal = s->graph->terminal[c];
+        s->tree[c] = terminal > 0 ? SOURCE : terminal < 0 ? SINK : FREE;
+        s->parent[c] = terminal ? TERMINAL : ROOTLESS;
+        s->distance[c] = terminal ? 1 : 0;
+        if (terminal) queue_push(&s->active, c);
+    }
+}
+
+/* A node takes a free neighbour into its tree, or becomes the parent of one that would be nearer to the root so. */
+static void take(struct search *s, uint32_t node, unsigned i) {
+    uint32_t other = s->graph->neighbour[node][i];
+    bool is_new = s->tree[other] == FREE;
+    bool is_nearer = s->tree[other] == s->tree[node] && s->stamp[other] <= s->stamp[node] &&
+                     s->distance[other] > s->distance[node] + 1 && s->parent[other] < TERMINAL;
+    if (!is_new && !is_nearer) return;
+    s->tree[other] = s->tree[node];
+    s->parent[other] = s->graph->mirror[node][i];
+    s->distance[other] = s->distance[node] + 1;
+    s->stamp[other] = s->stamp[node];
+    if (is_new) queue_push(&s->active, other);
+}
+
+/* Grows from the node until the trees touch: the arc over which they do, or 4. */
+static unsigned grow(struct search *s, uint32_t node) {
+    for (unsigned i = 0; i < 4; i++) {
+        if (!residual(s, node, i, true)) continue;
+        uint32_t other = s->graph->neighbour[node][i];
+        if (s->tree[other] != FREE && s->tree[other] != s->tree[node]) return i;
+        take(s, node, i);
+    }
+    return 4;
+}
+
+static void orphan(struct search *s, uint32_t node) {
+    s->parent[node] = ORPHAN;
+    queue_push(&s->orphans, node);
+}
+
+/* The capacity left along the parents of a node and at its terminal. */
+static int32_t bottleneck(const struct search *s, uint32_t node, int32_t least) {
+    while (s->parent[node] != TERMINAL) {
+        unsigned i = s->parent[node];
+        int32_t left = residual(s, node, i, false);
+        if (left < least) least = left;
+        node = s->graph->neighbour[node][i];
+    }
+    int32_t end = abs(s->graph->terminal[node]);
+    return end < least ? end : least;
+}
+
+static void push(struct search *s, uint32_t node, int32_t flow) {
+    struct mincut *g = s->graph;
+    int32_t sign = s->tree[node] == SOURCE ? 1 : -1;
+    while (s->parent[node] != TERMINAL) {
+        unsigned i = s->parent[node], j = g->mirror[node][i];
+        uint32_t up = g->neighbour[node][i];
+        g->capacity[node][i] += sign * flow;
+        g->capacity[up][j] -= sign * flow;
+        if (!residual(s, node, i, false)) orphan(s, node);
+        node = up;
+    }
+    g->terminal[node] -= sign * flow;
+    if (!g->terminal[node]) orphan(s, node);
+}
+
+/* Fills the path over arc i of a node where the trees touch. */
+static void augment(struct search *s, uint32_t node, unsigned i) {
+    struct mincut *g = s->graph;
+    if (s->tree[node] == SINK) {
+        uint32_t other = g->neighbour[node][i];
+        i = g->mirror[node][i];
+        node = other;
+    }
+    uint32_t other = g->neighbour[node][i];
+    int32_t flow = bottleneck(s, other, bottleneck(s, node, g->capacity[node][i]));
+    g->capacity[node][i] -= flow;
+    g->capacity[other][g->mirror[node][i]] += flow;
+    push(s, node, flow);
+    push(s, other, flow);
+}
+
+/* Distance of a node to its terminal along parents, UINT32_MAX where it hangs on an orphan; remembered on the way. */
+static uint32_t trace(struct search *s, uint32_t node) {
+    uint32_t length = 0, at = node;
+    while (s->stamp[at] != s->phase && s->parent[at] < TERMINAL) {
+        at = s->graph->neighbour[at][s->parent[at]];
+        length++;
+    }
+    s->steps += length + 1;
+    if (s->parent[at] > TERMINAL) return UINT32_MAX;
+    length += s->stamp[at] == s->phase ? s->distance[at] : 1;
+    if (s->stamp[at] != s->phase) s->distance[at] = 1, s->stamp[at] = s->phase;
+    for (uint32_t d = length; s->stamp[node] != s->phase; node = s->graph->neighbour[node][s->parent[node]], d--) {
+        s->distance[node] = d;
+        s->stamp[node] = s->phase;
+    }
+    return length;
+}
+
+static bool find_parent(struct search *s, uint32_t node) {
+    uint32_t best = UINT32_MAX;
+    unsigned best_arc = 4;
+    for (unsigned i = 0; i < 4; i++) {
+        uint32_t other = s->graph->neighbour[node][i];
+        if (s->tree[other] != s->tree[node] || s->parent[other] == ROOTLESS) continue;
+        if (!residual(s, node, i, false)) continue;
+        uint32_t distance = trace(s, other);
+        if (distance < best) best = distance, best_arc = i;
+    }
+    if (best_arc == 4) return false;
+    s->parent[node] = (uint8_t)best_arc;
+    s->distance[node] = best + 1;
+    s->stamp[node] = s->phase;
+    return true;
+}
+
+/* Its children become orphans; neighbours that could take it in again become active. */
+static void leave(struct search *s, uint32_t node) {
+    for (unsigned i = 0; i < 4; i++) {
+        uint32_t other = s->graph->neighbour[node][i];
+        if (s->tree[other] != s->tree[node]) continue;
+        if (residual(s, node, i, false)) queue_push(&s->active, other);
+        if (s->parent[other] == s->graph->mirror[node][i]) orphan(s, other);
+    }
+    s->tree[node] = FREE;
+    s->parent[node] = ROOTLESS;
+}
+
+static void adopt(struct search *s) {
+    for (uint32_t node = queue_pop(&s->orphans); node != NONE; node = queue_pop(&s->orphans)) {
+        s->steps++;
+        if (!find_parent(s, node)) leave(s, node);
+    }
+}
+
+static enum status flow(struct search *s, const char *stage, const struct progress *progress) {
+    uint64_t phases = 0;
+    for (uint32_t node = queue_pop(&s->active); node != NONE && s->steps < s->step_limit; node = queue_pop(&s->active)) {
+        while (s->tree[node] != FREE) {
+            unsigned arc = grow(s, node);
+            if (arc == 4) break;
+            s->phase++;
+            augment(s, node, arc);
+            adopt(s);
+            if (++phases % PHASES_PER_TICK == 0 && progress_tick(progress, stage, 0.5)) return STATUS_CANCELLED;
+            if (s->steps >= s->step_limit) break;
+        }
+    }
+    return STATUS_OK;
+}
+
+enum status mincut_solve(struct mincut *graph, const char *stage, const struct progress *progress, uint8_t *side) {
+    size_t n = graph->node_count;
+    enum status status = STATUS_NO_MEMORY;
+    struct search s = {.graph = graph, .phase = 1, .step_limit = (uint64_t)n * STEPS_PER_NODE};
+    uint32_t *next_active = alloc_array(n, sizeof *next_active), *next_orphan = alloc_array(n, sizeof *next_orphan);
+    s.tree = alloc_array(n, sizeof *s.tree);
+    s.parent = alloc_array(n, sizeof *s.parent);
+    s.distance = alloc_array(n, sizeof *s.distance);
+    s.stamp = alloc_zeroed(n, sizeof *s.stamp);
+    if (!next_active || !next_orphan || !s.tree || !s.parent || !s.distance || !s.stamp) goto out;
+    queue_init(&s.active, next_active, n);
+    queue_init(&s.orphans, next_orphan, n);
+    plant(&s);
+    status = flow(&s, stage, progress);
+    for (size_t c = 0; c < n && !status; c++) side[c] = s.tree[c] == SOURCE;
+out:
+    free(next_active), free(next_orphan);
+    free(s.tree), free(s.parent);
+    free(s.distance), free(s.stamp);
+    return status;
+}

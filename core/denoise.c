@@ -221,7 +221,9 @@ static void stray_range(void *ctx, size_t begin, size_t end) {
 static void find_strays(struct surface *s, const vec3 *start, struct denoise_result *made) {
     double limit = fmax(STRAY * made->noise, STRAY_LEAST * s->radius);
     par_for(s->threads, s->n, GRAIN, stray_range, s);
-    for (size_t p = 0; p < s->n; p++) {
+    size_t count = 0;
+    for (size_t p = 0; p < s->n; p++) count += (double)s->spread[p] > limit;
+    for (size_t p = 0; p < s->n && count <= s->n / 2; p++) {
         if ((double)s->spread[p] <= limit) continue;
         s->point[p] = start[p];
         made->stray[p] = 1;

@@ -12,7 +12,8 @@
 
 struct denoise_result {
     vec3 *point;    /* n: where each point moves to; owned */
-    uint8_t *stray; /* n: 1 = no surface is near enough to move it to, and it stayed; owned */
+    uint8_t *stray; /* n: 1 = no surface is near enough to move it to, and it stayed; at most half of
+                       them; owned */
     size_t stray_count;
     double noise; /* standard deviation of the points from the surface, as estimated; in units of the points */
 };

@@ -23,6 +23,7 @@ static const char *const cocone_forms[] = {"tight", "literal", NULL};
 static const char *const boundary_forms[] = {"fill", "keep", NULL};
 static const char *const refine_forms[] = {"none", "flips", "full", NULL};
 static const char *const reference_forms[] = {"auto", "points", "faces", "reconstruction", NULL};
+static const char *const denoise_forms[] = {"none", "outliers", "full", NULL};
 static const char *const encodings[] = {"binary", "ascii", NULL};
 static const char *const output_names[] = {"cloud", "xyz", "mesh", "report", "dso", "error", NULL};
 
@@ -41,6 +42,10 @@ static const struct param table[] = {
     {"outputs", PARAM_FLAGS, AT(outputs), 0, 0, false, "cloud,report", output_names, "", true,
      "What to write, separated by commas: cloud.ply, cloud.xyz, mesh.ply, report.json, "
      "dso.ply and error.ply (every original point with its discrete shape operator, its distance to the mesh)"},
+    {"denoise", PARAM_CHOICE, AT(denoise), 0, 0, false, "none", denoise_forms, "", true,
+     "Before all else: outliers drops points that belong to no surface; full also smooths the others along their "
+     "normals, edges kept: points are then written at their smoothed positions, all else as it was, and errors are "
+     "measured from there"},
     {"placement", PARAM_CHOICE, AT(placement), 0, 0, false, "subset", placements, "", true,
      "subset: mesh vertices are original points; optimal: mesh vertices move freely for the lowest error"},
     {"dso", PARAM_CHOICE, AT(dso), 0, 0, false, "rms", dso_forms, "", true,

@@ -30,7 +30,7 @@ enum { CHUNK = 2048, K = 8, CLUSTER_MOST = 48, CLUSTER_SHARE = 500 };
 static const double DEVIATION = 1.4826;                  /* from a median absolute deviation to a standard one */
 static const double FAR_DEVIATIONS = 4, FAR_LEAST = 0.9; /* e^0.9 = 2.5 times the usual spacing at least */
 static const double APART_DEVIATIONS = 5, APART_LEAST = 0.6;
-static const double FLAT = 0.01;       /* surface variation below which a suspect lies on a surface */
+static const double FLAT = 0.02;       /* smallest over middle eigenvalue below which a suspect lies on a surface */
 static const double CLUSTER_GAP = 1.6; /* logarithm of the gap over the usual m */
 
 struct hunt {
@@ -81,7 +81,7 @@ static void compare_range(void *ctx, size_t begin, size_t end) {
 
 /* ------------------------------------------------------------------------------------------------ suspects */
 
-/* Whether p and its neighbours lie in one plane. */
+/* Whether p and its neighbours lie in one plane: not on a line, as a stray and the surface far below it nearly do. */
 static int is_flat(const struct hunt *hunt, size_t p) {
     vec3 sum = {0, 0, 0}, axis[3];
     sym3 moment = {0};
@@ -92,7 +92,7 @@ static int is_flat(const struct hunt *hunt, size_t p) {
         moment = sym3_add(moment, sym3_outer(e));
     }
     sym3_eigen(sym3_add(moment, sym3_scale(sym3_outer(sum), -1.0 / (K + 1))), value, axis);
-    return value[0] <= FLAT * (value[0] + value[1] + value[2]);
+    return value[0] <= FLAT * value[1];
 }
 
 static void suspect_range(void *ctx, size_t begin, size_t end) {

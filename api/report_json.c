@@ -25,8 +25,9 @@ static json_t *distances(const struct distance_stats *stats, double diagonal) {
 }
 
 static json_t *input_json(const struct report *r) {
-    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o}", "format", r->format, "points", count(r->points_in),
-                     "points_distinct", count(r->points_distinct), "diagonal", number(r->diagonal), "box_min",
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "format", r->format, "points", count(r->points_in),
+                     "points_distinct", count(r->points_distinct), "points_outliers", count(r->points_outliers),
+                     "noise_rel", number(r->noise / r->diagonal), "diagonal", number(r->diagonal), "box_min",
                      triple(r->box_min), "box_max", triple(r->box_max));
 }
 

@@ -10,6 +10,9 @@ $(error config must be one of release, debug, asan, tsan, cov, fuzz)
 endif
 
 build := build/$(config)
+# make V=1 shows the commands.
+Q := $(if $(V),,@)
+say := $(if $(V),@:,@echo ' ')
 PYTHON ?= /usr/bin/python3
 VERSION := $(shell git describe --tags --always --dirty 2>/dev/null || echo unknown)
 
@@ -68,11 +71,13 @@ help: ## list the targets
 
 $(build)/%.o: %.c
 	@mkdir -p $(@D)
-	$(CC) $(CFLAGS) -c -o $@ $<
+	$(say) CC $<
+	$(Q)$(CC) $(CFLAGS) -c -o $@ $<
 
 $(build)/%.o: %.cc
 	@mkdir -p $(@D)
-	$(CXX) $(CXXFLAGS) -c -o $@ $<
+	$(say) CXX $<
+	$(Q)$(CXX) $(CXXFLAGS) -c -o $@ $<
 
 $(libwhittle): $(call object,$(core_src))
 $(libapi): $(call object,$(api_src))
@@ -80,19 +85,23 @@ $(libserver): $(call object,$(either_src))
 $(libwhittle) $(libapi) $(libserver):
 	@mkdir -p $(@D)
 	@rm -f $@
-	$(AR) rcs $@ $^
+	$(Q)$(AR) rcs $@ $^
 
 $(build)/whittle: $(call object,$(worker_src)) $(libserver) $(libapi) $(libwhittle)
-	$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(CORE_LIBS)
+	$(say) LD $@
+	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(CORE_LIBS)
 
 $(build)/whittled: $(call object,$(daemon_src)) $(libserver) $(libapi) $(libwhittle)
-	$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(DAEMON_LIBS) -lm
+	$(say) LD $@
+	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(DAEMON_LIBS) -lm
 
 $(unit_programs): $(build)/tests/unit/%: $(build)/tests/unit/%.o $(call object,$(unit_support_src)) $(libserver) $(libapi) $(libwhittle)
-	$(CC) $(LDFLAGS) -o $@ $^ -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CORE_LIBS)
+	$(say) LD $@
+	$(Q)$(CC) $(LDFLAGS) -o $@ $^ -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CORE_LIBS)
 
 $(tool_programs): $(build)/%: $(build)/%.o $(libapi) $(libwhittle)
-	$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(CORE_LIBS)
+	$(say) LD $@
+	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(CORE_LIBS)
 
 # Files that are compiled into the program.
 $(build)/api/openapi.o: api/openapi.json

@@ -12,8 +12,8 @@
  * three cells towards the surface; the first set that takes defects away is flipped.  Moves that insert a point into a
  * facet, swap an edge, open or close a pinch are all among them.
  *
- * A move may cost DEAREST for each defect that it takes away, not more: a point that only a needle across half the model
- * could save is better lost.
+ * A move may cost DEAREST for each defect that it takes away, not more: a point that only a needle across half the
+ * model could save is better lost.
  *
  * Invariant: the sum of all defects falls with each move, so the repair ends.
  *

@@ -195,6 +195,10 @@ fuzz: ## run each fuzzer for FUZZ_SECONDS=20 (needs clang)
 	$(MAKE) config=fuzz fuzz
 endif
 
+.PHONY: contract
+contract: $(build)/whittled ## bring the parameters in api/openapi.json up to date with core/params.c
+	@$(PYTHON) tests/tools/update_contract.py $(build)/whittled
+
 .PHONY: format
 format: ## lay out the code with clang-format
 	clang-format -i $(wildcard core/*.[ch] core/*.cc api/*.[ch] server/*.[ch] tests/*/*.[ch] tests/*/*.cc)

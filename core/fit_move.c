@@ -24,14 +24,9 @@
 
 enum { VERTEX_GRAIN = 16, COLOURS = 64, CANDIDATES = 3 };
 
-#ifdef FIT_TUNE
-#define MOVE_LEAST_GAIN fit_tune[2]
-#define MOVE_STAY fit_tune[4]
-#else
 #define MOVE_LEAST_GAIN 1e-3 /* of what the star costs */
 #define MOVE_STAY 1e-4       /* pull towards the present place, of the quadric's trace */
-#endif
-#define MOVE_LEAST_TURN 0.5 /* smallest cosine between a triangle's normals before and after */
+#define MOVE_LEAST_TURN 0.5  /* smallest cosine between a triangle's normals before and after */
 
 struct star {
     uint32_t vertex;

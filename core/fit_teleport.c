@@ -17,18 +17,11 @@
 
 enum { GRAIN = 64 };
 
-#ifdef FIT_TUNE
-#define TELEPORT_PAYS fit_tune[9]
-#define TELEPORT_MOST fit_tune[10]
-#define CHEAP_PART fit_tune[11]
-#define DEAR_PART fit_tune[12]
-#else
 #define TELEPORT_PAYS 0.7 /* gain over loss, at least */
 #define TELEPORT_MOST 0.2 /* of the vertices */
-#define CHEAP_PART 0.3
-#define DEAR_PART 0.3
-#endif
-#define LEAST_TURN 0.2 /* smallest cosine between the normals of a triangle and what takes its place */
+#define CHEAP_PART 0.3    /* of the vertices: so many are measured for leaving */
+#define DEAR_PART 0.3     /* of the vertices: so many edges are measured for being split */
+#define LEAST_TURN 0.2    /* smallest cosine between the normals of a triangle and what takes its place */
 
 /* A vertex that may go: the half-edge to the neighbour that it merges into.  Or an edge that may be split, and where.
  */
@@ -124,8 +117,7 @@ static void measure_merges(void *ctx, size_t begin, size_t end) {
     for (size_t i = begin; i < end; i++) market->offer[i] = cheapest_merge(market->fit, market->offer[i].source);
 }
 
-/* A lower bound in spirit: how far the vertex stands off its neighbours' planes, over the star's area.  Only the most
- * promising vertices are measured. */
+/* About the volume between the star and what would close the gap: a vertex amid a plane has none. */
 static double merge_estimate(const struct fit *fit, uint32_t vertex) {
     uint32_t ring[FIT_MAX_RING];
     if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE) return INFINITY;

@@ -37,6 +37,10 @@
 
 static bool mesh_wanted(const struct params *params) { return params->outputs & (OUTPUT_MESH | OUTPUT_ERROR); }
 
+static bool refinement_wanted(const struct params *params) {
+    return mesh_wanted(params) && params->refine != REFINE_NONE;
+}
+
 static bool distances_wanted(const struct params *params) { return params->outputs & OUTPUT_ERROR; }
 
 static bool denoise_wanted(const struct params *params) { return params->denoise != DENOISE_NONE; }
@@ -65,6 +69,7 @@ static const struct step {
     {"tangent", pipeline_tangent, always, true, 4},
     {"delaunay", pipeline_delaunay, mesh_wanted, true, 10},
     {"reconstruct", pipeline_reconstruct, mesh_wanted, true, 10},
+    {"refine", pipeline_refine, refinement_wanted, true, 60},
     {"examine", pipeline_examine, mesh_wanted, true, 1},
     {"measure", pipeline_measure, mesh_wanted, true, 20},
     {"distances", pipeline_distances, distances_wanted, true, 4},

@@ -17,13 +17,7 @@
 #include "core/fit_move.h"
 #include "core/fit_teleport.h"
 
-#ifdef FIT_TUNE
-double fit_tune[32];
-#define SWEEPS (size_t) fit_tune[5]
-#define TELEPORT_SWEEPS (size_t) fit_tune[13]
-#else
 enum { SWEEPS = 5, TELEPORT_SWEEPS = 3 };
-#endif
 enum { FIRST_ROUNDS = 12, ROUNDS = 3 };
 
 #define LARGEST ((size_t)1 << 28) /* points or triangles */

@@ -15,16 +15,10 @@ enum { POINT_GRAIN = 1024, MAX_MIDDLES = 8 };
 
 #define REACH 2.0f /* of the spacing */
 
-#ifdef FIT_TUNE
-extern double fit_tune[32];
-#define LARGEST_WEIGHT fit_tune[1]
-#define POINT_SHARE fit_tune[7]
-#define MIDDLE_SHARE fit_tune[8]
-#else
+#define STEEPEST 0.5 /* sine of the angle between a chord and the tangent plane */
 #define LARGEST_WEIGHT 8
 #define POINT_SHARE 0.27 /* a point has 2.7 middles on average, and all count the same */
 #define MIDDLE_SHARE 0.27
-#endif
 
 struct search {
     const struct refine_input *input;
@@ -38,16 +32,23 @@ static bool list_has(const struct neighbourhood *hood, uint32_t p, uint32_t q) {
     return false;
 }
 
-/* Whether a neighbour of p is nearer to the middle of pq than p and q are. */
+/* Whether no neighbour of p is as near to the middle of pq as p and q are: of a square's diagonals neither passes. */
 static bool ball_is_empty(const struct refine_input *input, uint32_t p, uint32_t q) {
     const struct neighbourhood *hood = input->hood;
     vec3 middle = vec3_lerp(input->points[p], input->points[q], 0.5);
-    double radius_sq = vec3_distance_sq(input->points[p], middle) * (1 - 1e-9);
+    double radius_sq = vec3_distance_sq(input->points[p], middle) * (1 + 1e-9);
     for (unsigned i = 0; i < hood->count[p]; i++) {
         uint32_t r = hood->id[p * hood->stride + i];
         if (r != q && vec3_distance_sq(input->points[r], middle) < radius_sq) return false;
     }
     return true;
+}
+
+/* Whether the chord pq runs along the surface at both of its ends, rather than across an edge or a gap. */
+static bool chord_is_tangent(const struct refine_input *input, uint32_t p, uint32_t q) {
+    vec3 along = vec3_unit(vec3_sub(input->points[q], input->points[p]));
+    double off = fmax(fabs(vec3_dot(along, input->normals[p])), fabs(vec3_dot(along, input->normals[q])));
+    return off < STEEPEST;
 }
 
 /* Each pair is found from its lower point, or from the other where only that one knows of the pair. */
@@ -59,6 +60,7 @@ static void find_partners(void *ctx, size_t begin, size_t end) {
         for (unsigned i = 0; i < hood->count[p] && search->count[p] < MAX_MIDDLES; i++) {
             uint32_t q = hood->id[p * hood->stride + i];
             if (q < p && list_has(hood, q, (uint32_t)p)) continue;
+            if (!chord_is_tangent(search->input, (uint32_t)p, q)) continue;
             if (!ball_is_empty(search->input, (uint32_t)p, q) || !ball_is_empty(search->input, q, (uint32_t)p))
                 continue;
             search->partner[p * MAX_MIDDLES + search->count[p]++] = q;

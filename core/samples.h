@@ -22,7 +22,8 @@ struct samples {
 };
 
 /* Takes the points, and with middles also the middle of each pair of neighbours that has no other point in the ball
- * over it (a Gabriel edge); input->hood must be there then.  O(n k^2), k neighbours each.  STATUS_NO_MEMORY. */
+ * over it (a Gabriel edge) and runs along the surface; input->hood must be there then.  O(n k^2), k neighbours each.
+ * STATUS_NO_MEMORY. */
 enum status samples_init(struct samples *samples, const struct refine_input *input, bool middles,
                          unsigned threads) MUST_CHECK;
 void samples_done(struct samples *samples);

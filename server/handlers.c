@@ -95,6 +95,8 @@ bool handlers_submit(struct service *service, struct request *request, struct jo
     }
     job->params.outputs |= OUTPUT_REPORT; /* the job document carries the report's figures */
     enum status status = service_submit(service, request->upload, &facts, job, &error);
+    upload_free(request->upload);
+    request->upload = NULL;
     if (status == STATUS_LIMIT)
         response_refuse(response, PROBLEM_QUEUE_FULL, "%s", error.text);
     else if (status != STATUS_OK)

@@ -287,17 +287,15 @@ static enum MHD_Result begin(struct exchange *x, const char *method, const char 
     snprintf(x->log_path, sizeof x->log_path, "%s", path);
     MHD_get_connection_values_n(x->connection, MHD_HEADER_KIND, take_header, x);
     MHD_get_connection_values_n(x->connection, MHD_GET_ARGUMENT_KIND, take_argument, x);
-    if (!read_framing(request)) {
-        response_refuse(&x->response, PROBLEM_MALFORMED_REQUEST, "how long the body is can't be told");
-        return answer(x); /* where the next request begins is unknown: the connection ends */
+    bool framed = read_framing(request);
+    if (!framed || x->malformed) {
+        response_refuse(&x->response, PROBLEM_MALFORMED_REQUEST, "%s",
+                        framed ? "a header or an argument holds NUL, comes twice, or there are too many"
+                               : "how long the body is can't be told");
+        return answer(x); /* where the next request begins is uncertain: the connection ends */
     }
-    if (x->malformed)
-        response_refuse(&x->response, PROBLEM_MALFORMED_REQUEST,
-                        "a header or argument holds NUL, comes twice, or "
-                        "there are too many");
     watchdog_enter(x->watched, request->has_body ? WATCHDOG_BODY : WATCHDOG_BUSY);
-    if (x->malformed || !admit(x)) return refuse(x);
-    return MHD_YES;
+    return admit(x) ? MHD_YES : refuse(x);
 }
 
 /* ------------------------------------------------------------------------------------------------ body */

@@ -175,11 +175,13 @@ static void expire(struct service *service, const char *id) {
 void service_sweep(struct service *service) {
     char ids[PAGE][JOB_ID_BYTES];
     struct error error = {0};
-    size_t count;
-    int64_t now = job_now_ms();
-    if (queue_expired(service->queue, now, now - TOMBSTONE_MS, ids, PAGE, &count, &error) != STATUS_OK) {
-        log_line(LOG_ERROR, "can't look for expired jobs: %s", error.text);
-        return;
+    size_t count = PAGE;
+    while (count == PAGE) {
+        int64_t now = job_now_ms();
+        if (queue_expired(service->queue, now, now - TOMBSTONE_MS, ids, PAGE, &count, &error) != STATUS_OK) {
+            log_line(LOG_ERROR, "can't look for expired jobs: %s", error.text);
+            return;
+        }
+        for (size_t i = 0; i < count; i++) expire(service, ids[i]);
     }
-    for (size_t i = 0; i < count; i++) expire(service, ids[i]);
 }

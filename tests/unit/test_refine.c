@@ -13,7 +13,9 @@
 #include "core/alloc.h"
 #include "core/cloud.h"
 #include "core/cluster.h"
+#include "core/knn.h"
 #include "core/refine.h"
+#include "core/samples.h"
 #include "tests/unit/shapes.h"
 
 /* ---------------------------------------------------------------------------------------------- inputs */
@@ -140,6 +142,66 @@ static void test_model_is_the_slope_of_the_cost(void **state) {
         double slope = (cluster_cost(&cluster, &ahead, 1, 0) - cluster_cost(&cluster, &behind, 1, 0)) / (2 * h);
         assert_true(fabs(slope + vec3_dot(model.g, step[k])) < 0.02);
     }
+}
+
+/* ---------------------------------------------------------------------------------------------- samples */
+
+static struct neighbourhood hood_of(const struct dense *dense) {
+    struct knn *knn = NULL;
+    struct error error;
+    struct neighbourhood hood;
+    struct neighbourhood_options options = {3, 6, 16, 1};
+    assert_int_equal(knn_new(dense->point, dense->n, &knn, &error), STATUS_OK);
+    assert_int_equal(neighbourhood_find(knn, dense->point, dense->n, &options, &hood), STATUS_OK);
+    knn_free(knn);
+    return hood;
+}
+
+static void test_middles_of_a_grid_are_those_of_its_edges(void **state) {
+    (void)state;
+    struct dense dense = field(5, flat);
+    struct neighbourhood hood = hood_of(&dense);
+    struct refine_input input = input_of(&dense);
+    struct samples samples;
+    input.hood = &hood;
+    assert_int_equal(samples_init(&samples, &input, true, 2), STATUS_OK);
+    assert_int_equal(samples.n, 25 + 40);
+    size_t points = 0;
+    for (size_t i = 0; i < samples.n; i++) {
+        vec3 p = vec3_scale(samples.sample[i].place, 8);
+        points += samples.point[i] != NONE;
+        assert_int_equal(((int)p.x % 2 + (int)p.y % 2) == 0, samples.point[i] != NONE);
+        assert_true((int)p.x % 2 + (int)p.y % 2 < 2);
+        assert_true(samples.sample[i].weight == samples.sample[0].weight);
+    }
+    assert_int_equal(points, 25);
+    samples_done(&samples);
+    neighbourhood_done(&hood);
+    dense_done(&dense);
+}
+
+/* Two parallel sheets, nearer to each other than their points are to one another. */
+static void test_no_middle_lies_across_a_gap(void **state) {
+    (void)state;
+    struct dense sheet = field(6, flat), dense = dense_new(72);
+    for (size_t i = 0; i < 72; i++) {
+        dense.point[i] = sheet.point[i % 36];
+        dense.point[i].z = i < 36 ? 0 : 0.15;
+        dense.normal[i] = (vec3){0, 0, 1};
+        dense.spacing[i] = 0.2f;
+    }
+    struct neighbourhood hood = hood_of(&dense);
+    struct refine_input input = input_of(&dense);
+    struct samples samples;
+    input.hood = &hood;
+    assert_int_equal(samples_init(&samples, &input, true, 2), STATUS_OK);
+    assert_true(samples.n > 72);
+    for (size_t i = 0; i < samples.n; i++)
+        assert_true(samples.sample[i].place.z == 0 || samples.sample[i].place.z == 0.15);
+    samples_done(&samples);
+    neighbourhood_done(&hood);
+    dense_done(&sheet);
+    dense_done(&dense);
 }
 
 /* ---------------------------------------------------------------------------------------------- tiny meshes */
@@ -458,6 +520,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_four_at_a_time_is_one_at_a_time),
         cmocka_unit_test(test_model_is_the_slope_of_the_cost),
+        cmocka_unit_test(test_middles_of_a_grid_are_those_of_its_edges),
+        cmocka_unit_test(test_no_middle_lies_across_a_gap),
         cmocka_unit_test(test_wrong_diagonal_flips),
         cmocka_unit_test(test_right_diagonal_stays),
         cmocka_unit_test(test_flat_is_left_alone),

@@ -161,6 +161,17 @@ lint: $(libwhittle) ## check layers, banned functions and line lengths
 test-integration:
 	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -p no:cacheprovider tests/integration
 
+# ---------------------------------------------------------------------------------------------------- figures
+.PHONY: bench
+bench: deps ## time of each stage, memory, threads, a job over HTTP; BENCH="--large --save file --compare file"
+	@$(MAKE) --no-print-directory -j$$(nproc) all tools
+	@$(PYTHON) tests/bench/bench.py $(build) $(BENCH)
+
+.PHONY: accuracy
+accuracy: deps ## the error table of the README; MESHES="mesh.ply ..." for others than Horse and Venus
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@$(PYTHON) tests/bench/accuracy.py $(build) $(MESHES)
+
 .PHONY: tools
 tools: $(tool_programs) ## build the measuring programs of tests/
 

@@ -22,7 +22,7 @@ static json_t *distances(const struct distance_stats *stats, double diagonal) {
                      "rms_rel", number(stats->rms / diagonal), "max_rel", number(stats->max / diagonal));
 }
 
-void measurement_sides(const struct measurement *m, const struct distance_stats *side[2]) {
+void measure_json_sides(const struct measurement *m, const struct distance_stats *side[2]) {
     const struct distance_stats *from_b = m->metro_diagonal > 0 ? &m->forward : &m->surface;
     bool both = from_b->count > 0 && m->backward.count > 0;
     side[0] = both ? from_b : NULL;
@@ -31,7 +31,7 @@ void measurement_sides(const struct measurement *m, const struct distance_stats 
 
 static json_t *mean_of_sides(const struct measurement *m, double unit) {
     const struct distance_stats *side[2];
-    measurement_sides(m, side);
+    measure_json_sides(m, side);
     return side[0] ? number((side[0]->mean + side[1]->mean) / 2 / unit) : NULL;
 }
 

@@ -30,7 +30,7 @@ struct measurement {
 };
 
 /* The two rows that compare surface with surface, or NULL in both where not both directions were measured so. */
-void measurement_sides(const struct measurement *m, const struct distance_stats *side[2]);
+void measure_json_sides(const struct measurement *m, const struct distance_stats *side[2]);
 
 /* Writes it indented, with a newline at the end.  STATUS_IO, STATUS_NO_MEMORY. */
 enum status measure_json_write(FILE *to, const struct measurement *measurement) MUST_CHECK;

@@ -13,7 +13,7 @@
  * So a triangle is passed over only where it can't win, and the answer (the least distance, and the lowest id of those
  * that have it) depends neither on the hint nor on the order of the search.
  *
- * Splits are by the surface area heuristic over binned centroids.  Meshes that defeat it (all centroids equal, sizes
+ * Splits are by the surface area heuristic over binned centres.  Meshes that defeat it (all centres equal, sizes
  * that shrink exponentially) are halved after DEEP levels, which bounds the stack.
  *
  * Sources: Goldsmith and Salmon 1987; Wald, On fast construction of SAH-based bounding volume hierarchies, 2007;
@@ -72,9 +72,14 @@ struct box {
     double lo[3], hi[3];
 };
 
+/* A triangle, as far as building goes. */
+struct item {
+    struct box box;
+    uint32_t id;
+};
+
 struct build {
-    const struct corners *corners; /* by triangle */
-    uint32_t *id;                  /* the order of the leaves in the making */
+    struct item *item; /* in the order of the leaves in the making */
     struct node *node;
     uint32_t node_count;
 };
@@ -96,37 +101,29 @@ static void box_add_box(struct box *box, const struct box *other) {
     }
 }
 
-static void box_add_triangle(struct box *box, const struct corners *t) {
-    box_add_point(box, t->a);
-    box_add_point(box, t->b);
-    box_add_point(box, t->c);
-}
-
 /* Half of the surface; 0 when empty. */
 static double box_area(const struct box *box) {
     double x = box->hi[0] - box->lo[0], y = box->hi[1] - box->lo[1], z = box->hi[2] - box->lo[2];
     return x < 0 ? 0 : x * y + y * z + z * x;
 }
 
-/* Three times the centroid. */
-static vec3 centroid(const struct corners *t) { return vec3_add(t->a, vec3_add(t->b, t->c)); }
+/* Twice the centre, along an axis. */
+static double centre_of(const struct box *box, int axis) { return box->lo[axis] + box->hi[axis]; }
 
-static double along(vec3 p, int axis) { return axis == 0 ? p.x : axis == 1 ? p.y : p.z; }
-
-/* A run of triangles that becomes one child: id[begin] .. id[end - 1]. */
+/* A run of triangles that becomes one child: item[begin] .. item[end - 1]. */
 struct run {
     uint32_t begin, end;
     struct box box;
 };
 
-/* A way to cut a run: bins of centroids below `cut` to the left. */
+/* A way to cut a run: bins of centres below `cut` to the left. */
 struct cut {
     int axis, cut;
     double low, per_length, cost;
 };
 
-static int bin_of(const struct cut *cut, const struct corners *t) {
-    int bin = (int)((along(centroid(t), cut->axis) - cut->low) * cut->per_length);
+static int bin_of(const struct cut *cut, const struct box *box) {
+    int bin = (int)((centre_of(box, cut->axis) - cut->low) * cut->per_length);
     return bin < BINS ? bin : BINS - 1;
 }
 
@@ -159,9 +156,9 @@ static struct cut best_cut_along(const struct build *build, const struct run *ru
     struct bin bins[BINS];
     for (int i = 0; i < BINS; i++) bins[i] = (struct bin){.box = EMPTY};
     for (uint32_t i = run->begin; i < run->end; i++) {
-        const struct corners *t = &build->corners[build->id[i]];
-        struct bin *bin = &bins[bin_of(&cut, t)];
-        box_add_triangle(&bin->box, t);
+        const struct box *box = &build->item[i].box;
+        struct bin *bin = &bins[bin_of(&cut, box)];
+        box_add_box(&bin->box, box);
         bin->count++;
     }
     sweep(bins, &cut);
@@ -169,11 +166,14 @@ static struct cut best_cut_along(const struct build *build, const struct run *ru
 }
 
 static struct cut best_cut(const struct build *build, const struct run *run) {
-    struct box centroids = EMPTY;
-    for (uint32_t i = run->begin; i < run->end; i++) box_add_point(&centroids, centroid(&build->corners[build->id[i]]));
+    struct box centres = EMPTY;
+    for (uint32_t i = run->begin; i < run->end; i++) {
+        const struct box *box = &build->item[i].box;
+        box_add_point(&centres, (vec3){centre_of(box, 0), centre_of(box, 1), centre_of(box, 2)});
+    }
     struct cut best = {.cost = INFINITY};
     for (int axis = 0; axis < 3; axis++) {
-        struct cut cut = best_cut_along(build, run, axis, centroids.lo[axis], centroids.hi[axis]);
+        struct cut cut = best_cut_along(build, run, axis, centres.lo[axis], centres.hi[axis]);
         if (cut.cost < best.cost) best = cut;
     }
     return best;
@@ -183,17 +183,17 @@ static struct cut best_cut(const struct build *build, const struct run *run) {
 static uint32_t partition(struct build *build, const struct run *run, const struct cut *cut) {
     uint32_t left = run->begin;
     for (uint32_t i = run->begin; i < run->end; i++) {
-        uint32_t id = build->id[i];
-        if (bin_of(cut, &build->corners[id]) >= cut->cut) continue;
-        build->id[i] = build->id[left];
-        build->id[left++] = id;
+        struct item item = build->item[i];
+        if (bin_of(cut, &item.box) >= cut->cut) continue;
+        build->item[i] = build->item[left];
+        build->item[left++] = item;
     }
     return left;
 }
 
 static void measure_run(const struct build *build, struct run *run) {
     run->box = EMPTY;
-    for (uint32_t i = run->begin; i < run->end; i++) box_add_triangle(&run->box, &build->corners[build->id[i]]);
+    for (uint32_t i = run->begin; i < run->end; i++) box_add_box(&run->box, &build->item[i].box);
 }
 
 static void split(struct build *build, bool halve, struct run *run, struct run *right) {
@@ -261,54 +261,59 @@ static void choose_frame(struct bvh *bvh, const struct mesh *mesh) {
             (vec3){box.lo[0] / 2 + box.hi[0] / 2, box.lo[1] / 2 + box.hi[1] / 2, box.lo[2] / 2 + box.hi[2] / 2};
 }
 
-static void copy_corners(const struct bvh *bvh, const struct mesh *mesh, struct corners *corners) {
-    for (size_t t = 0; t < mesh->triangle_count; t++) {
-        const uint32_t *v = mesh->triangle[t];
-        corners[t] = (struct corners){to_inside(bvh, mesh->vertex[v[0]]), to_inside(bvh, mesh->vertex[v[1]]),
-                                      to_inside(bvh, mesh->vertex[v[2]])};
-    }
+static struct corners corners_of(const struct bvh *bvh, const struct mesh *mesh, size_t t) {
+    const uint32_t *v = mesh->triangle[t];
+    return (struct corners){to_inside(bvh, mesh->vertex[v[0]]), to_inside(bvh, mesh->vertex[v[1]]),
+                            to_inside(bvh, mesh->vertex[v[2]])};
 }
 
-/* Every node but the root has more than LEAF triangles that are in no other node of its level, and every node has at
- * least two children, so there are fewer nodes than triangles. */
+/* There are at most (n - 1) / 3 nodes.  By induction: a node has at least LEAF + 1 triangles, so one without children
+ * that are nodes keeps the bound; one with such children has WIDTH children, and (1 for itself) + the sum of
+ * (n_i - 1) / 3 over some of them is at most 1 + (n - WIDTH) / 3. */
 static bool allocate(struct bvh *bvh, size_t n) {
+    static_assert(LEAF >= 3 && WIDTH == 4, "or there are more nodes");
     bvh->triangle_count = n;
     bvh->corners = alloc_array(n, sizeof *bvh->corners);
     bvh->id = alloc_array(n, sizeof *bvh->id);
     bvh->slot = alloc_array(n, sizeof *bvh->slot);
-    bvh->node = alloc_array(n, sizeof *bvh->node);
+    bvh->node = alloc_array(n / 3, sizeof *bvh->node);
     return bvh->corners && bvh->id && bvh->slot && bvh->node;
 }
 
-static void build_tree(struct bvh *bvh, const struct corners *corners) {
-    struct build build = {.corners = corners, .id = bvh->id, .node = bvh->node};
+static void build_tree(struct bvh *bvh, const struct mesh *mesh, struct item *item) {
+    struct build build = {.item = item, .node = bvh->node};
     struct run whole = {.begin = 0, .end = (uint32_t)bvh->triangle_count};
-    for (uint32_t i = 0; i < whole.end; i++) bvh->id[i] = i;
+    for (uint32_t t = 0; t < whole.end; t++) {
+        struct corners corners = corners_of(bvh, mesh, t);
+        item[t] = (struct item){.box = EMPTY, .id = t};
+        box_add_point(&item[t].box, corners.a);
+        box_add_point(&item[t].box, corners.b);
+        box_add_point(&item[t].box, corners.c);
+    }
     measure_run(&build, &whole);
     bvh->root = build_run(&build, &whole, 0);
     for (uint32_t i = 0; i < whole.end; i++) {
-        bvh->corners[i] = corners[bvh->id[i]];
-        bvh->slot[bvh->id[i]] = i;
+        bvh->id[i] = item[i].id;
+        bvh->slot[item[i].id] = i;
+        bvh->corners[i] = corners_of(bvh, mesh, item[i].id);
     }
-    struct node *trimmed = alloc_resize(bvh->node, build.node_count, sizeof *bvh->node);
-    if (trimmed) bvh->node = trimmed;
+    assert(build.node_count <= bvh->triangle_count / 3);
 }
 
 enum status bvh_new(const struct mesh *mesh, struct bvh **out) {
     assert(mesh->triangle_count < NONE);
     enum status status = STATUS_NO_MEMORY;
-    struct corners *corners = alloc_array(mesh->triangle_count, sizeof *corners);
+    struct item *item = alloc_array(mesh->triangle_count, sizeof *item);
     struct bvh *bvh = alloc_zeroed(1, sizeof *bvh);
-    if (!corners || !bvh || !allocate(bvh, mesh->triangle_count)) goto out;
+    if (!item || !bvh || !allocate(bvh, mesh->triangle_count)) goto out;
     choose_frame(bvh, mesh);
-    copy_corners(bvh, mesh, corners);
-    build_tree(bvh, corners);
+    build_tree(bvh, mesh, item);
     *out = bvh;
     bvh = NULL;
     status = STATUS_OK;
 out:
     bvh_free(bvh);
-    free(corners);
+    free(item);
     return status;
 }
 

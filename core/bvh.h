@@ -23,13 +23,14 @@ struct bvh_hit {
 
 /* Builds a hierarchy over all triangles of the mesh (any number below 2^32 - 1, none included; degenerate ones count as
  * the segments or points that they are; coordinates finite).  Nothing of the mesh is referred to afterwards.  *bvh is
- * the caller's, to be given to bvh_free.  O(triangles log triangles), about 0.7 us for each; 104 bytes for each.
- * STATUS_NO_MEMORY. */
+ * the caller's, to be given to bvh_free.  O(triangles log triangles) on one thread, about 1 us for each of 1e5; at most
+ * 123 bytes for each, and 56 more while it is being built.  STATUS_NO_MEMORY. */
 enum status bvh_new(const struct mesh *mesh, struct bvh **bvh) MUST_CHECK;
 
 /* The nearest point of the mesh to p (finite).  hint = a triangle that is likely to be near, such as the one found for
  * a neighbouring point, or NONE: it changes the time, not the answer.  A mesh without triangles has no nearest point.
- * Cost: O(log triangles) in practice; can't fail. */
+ * Cost: O(log triangles) where the mesh is much nearer than it is large, about 0.5 us among 1e4 triangles and 0.9 us
+ * among 1e5; a point to which all triangles are equally near visits them all.  Can't fail. */
 struct bvh_hit bvh_closest(const struct bvh *bvh, vec3 p, uint32_t hint);
 
 /* The same among points of the mesh at most sqrt(bound_sq) away: the smaller the bound, the faster. */

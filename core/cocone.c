@@ -15,11 +15,16 @@
 
 #include "core/alloc.h"
 #include "core/cocone_cut.h"
+#include "core/cocone_facets.h"
 #include "core/cocone_frame.h"
 #include "core/cocone_orient.h"
+#include "core/cocone_peel.h"
 #include "core/cocone_repair.h"
 #include "core/cocone_star.h"
 #include "core/cocone_surface.h"
+#include "core/cocone_umbrella.h"
+
+enum { ROUNDS = 3 }; /* of cuts */
 
 struct run {
     const struct cocone_input *input;
@@ -35,17 +40,52 @@ static enum status tick(struct run *run, double fraction) {
     return progress_tick(run->progress, "cocone", fraction) ? STATUS_CANCELLED : STATUS_OK;
 }
 
+/* Votes depend on which way the normals point, and a vote that is overruled says that its normal points the wrong way.
+ */
+static enum status label_by_cuts(struct run *run, struct cocone_cost *cost) {
+    enum status status = STATUS_OK;
+    size_t turned = 1;
+    for (int round = 0; round < ROUNDS && turned > 0 && !status; round++) {
+        cocone_cut_done(cost);
+        status = cocone_cut_costs(&run->star, &run->frame, run->input->support, run->options->threads, cost);
+        if (!status) status = cocone_cut_label(&run->star, cost, run->progress, run->inside);
+        if (!status) turned = cocone_orient_by_labels(&run->star, run->inside, &run->frame);
+    }
+    return status;
+}
+
 static enum status label_tight(struct run *run) {
     struct cocone_cost cost = {0};
     enum status status = cocone_orient(&run->star, &run->frame, &run->facts.conflicts);
     if (!status) status = tick(run, 0.4);
-    if (!status)
-        status = cocone_cut_costs(&run->star, &run->frame, run->input->support, run->options->threads, &cost);
-    if (!status) status = cocone_cut_label(&run->star, &cost, run->progress, run->inside);
+    if (!status) status = label_by_cuts(run, &cost);
     if (!status) status = cocone_repair(&run->star, &cost, run->progress, run->inside, &run->facts.flips);
     cocone_cut_done(&cost);
     return status;
 }
+
+static enum status label_literal(struct run *run) {
+    struct cocone_facets facets = {0};
+    uint8_t *good = alloc_zeroed(run->star.n, 1);
+    enum status status = good ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) status = cocone_facets_find(&run->star, &run->frame, &facets);
+    if (!status) status = tick(run, 0.5);
+    if (!status) status = cocone_umbrella_choose(&run->star, &facets, good);
+    if (!status) status = cocone_peel(&run->star, &facets, good, run->inside);
+    cocone_facets_done(&facets);
+    free(good);
+    return status;
+}
+
+/* How each form labels the cells; the literal one has its normals from the poles. */
+static const struct form {
+    const char *name;
+    bool dense_normals;
+    enum status (*label)(struct run *run);
+} forms[] = {
+    [COCONE_TIGHT] = {"tight-cocone", true, label_tight},
+    [COCONE_LITERAL] = {"literal", false, label_literal},
+};
 
 static void count_facts(struct run *run, const struct mesh *mesh, uint8_t *seen) {
     memset(seen, 0, run->input->n);
@@ -59,30 +99,38 @@ static void count_facts(struct run *run, const struct mesh *mesh, uint8_t *seen)
     for (size_t t = 0; t < mesh->triangle_count; t++) run->facts.hole_fill += mesh->tag[t] == MESH_HOLE_FILL;
 }
 
-static enum status run_steps(struct run *run, const struct tets *tets, struct mesh *mesh) {
+static enum status reconstruct_solid(struct run *run, const struct tets *tets, struct mesh *mesh) {
     const struct cocone_input *input = run->input;
-    run->facts.form = "tight-cocone";
+    const struct form *form = &forms[run->options->form];
+    const vec3 *normals = form->dense_normals ? input->normals : NULL;
+    run->facts.form = form->name;
     run->inside = alloc_zeroed(tets->cell_count, 1);
     if (!run->inside) return STATUS_NO_MEMORY;
     enum status status = cocone_star_build(tets, input->points, input->n, &run->star);
-    if (!status) status = cocone_frame_build(&run->star, input->normals, run->options->threads, &run->frame);
+    if (!status) status = cocone_frame_build(&run->star, normals, run->options->threads, &run->frame);
     if (!status) status = tick(run, 0.2);
-    if (!status) status = label_tight(run);
+    if (!status) status = form->label(run);
     if (!status) status = tick(run, 0.9);
     bool keep = run->options->boundary == BOUNDARY_KEEP;
     if (!status) status = cocone_surface_extract(&run->star, input->support, keep, run->inside, mesh);
     return status;
 }
 
+static enum status reconstruct_plane(struct run *run, const struct tets *tets, struct mesh *mesh) {
+    run->facts.form = "planar";
+    return cocone_surface_planar(tets, run->input->points, run->input->support, run->options->boundary == BOUNDARY_KEEP,
+                                 mesh);
+}
+
 enum status cocone_reconstruct(const struct tets *tets, const struct cocone_input *input,
-                               const struct cocone_options *options, const struct progress *progress,
-                               struct mesh *mesh, struct cocone_facts *facts) {
+                               const struct cocone_options *options, const struct progress *progress, struct mesh *mesh,
+                               struct cocone_facts *facts) {
     struct run run = {.input = input, .options = options, .progress = progress};
     struct mesh made = {0};
     uint8_t *seen = alloc_array(input->n, 1);
     enum status status = seen ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status && tets->dimension < 3) status = STATUS_DEGENERATE;
-    if (!status) status = run_steps(&run, tets, &made);
+    if (!status && tets->dimension < 2) status = STATUS_DEGENERATE;
+    if (!status) status = (tets->dimension == 2 ? reconstruct_plane : reconstruct_solid)(&run, tets, &made);
     if (!status && made.triangle_count == 0) status = STATUS_DEGENERATE;
     if (!status) {
         count_facts(&run, &made, seen);

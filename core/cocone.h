@@ -1,8 +1,8 @@
 /* Tight Cocone: a watertight surface through points, from their Delaunay tetrahedralisation.
  *
- * T. K. Dey, S. Goswami, Tight Cocone: a water-tight surface reconstructor (2003).  COCONE_LITERAL is the paper's method
- * rule by rule.  COCONE_TIGHT, the default, keeps the cocone and the labels of cells, but finds the labels by one cut
- * over all votes and repairs what is left: it needs no point to have a good umbrella, which few have after
+ * T. K. Dey, S. Goswami, Tight Cocone: a water-tight surface reconstructor (2003).  COCONE_LITERAL is the paper's
+ * method rule by rule.  COCONE_TIGHT, the default, keeps the cocone and the labels of cells, but finds the labels by
+ * one cut over all votes and repairs what is left: it needs no point to have a good umbrella, which few have after
  * simplification.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -34,24 +34,24 @@ struct cocone_options {
 };
 
 struct cocone_facts {
-    const char *form;         /* "tight-cocone", "literal" or "planar" */
-    size_t points_lost;       /* points that are no vertex of the mesh */
-    size_t vertices_split;    /* vertices over one for each point */
-    size_t hole_fill;         /* facets that no points support, also where they are left out */
-    size_t conflicts;         /* cells on which two of their points disagree with certainty, after orientation */
-    size_t flips;             /* cells whose label the repair changed */
+    const char *form;      /* "tight-cocone", "literal" or "planar" */
+    size_t points_lost;    /* points that are no vertex of the mesh */
+    size_t vertices_split; /* vertices over one for each point */
+    size_t hole_fill;      /* facets that no points support, also where they are left out */
+    size_t conflicts;      /* cells on which two of their points disagree with certainty, after orientation */
+    size_t flips;          /* cells whose label the repair changed */
 };
 
-/* Reconstructs.  With BOUNDARY_FILL the mesh is closed: each edge has exactly two triangles, in opposite directions, and
- * the triangles at each vertex are one fan.  Triangles are counter-clockwise seen from outside, so each component has a
- * positive volume, unless it is the wall of a cavity.  mesh->source says which point a vertex is; split copies share
- * one.  Points on one plane (dimension 2) give an open mesh of it.  All inputs are borrowed; *mesh and *facts (may be
- * NULL) are untouched on failure.
+/* Reconstructs.  With BOUNDARY_FILL the mesh is closed: each edge has exactly two triangles, in opposite directions,
+ * and the triangles at each vertex are one fan.  Triangles are counter-clockwise seen from outside, so each component
+ * has a positive volume, unless it is the wall of a cavity.  mesh->source says which point a vertex is; split copies
+ * share one.  Points on one plane (dimension 2) give an open mesh of it.  All inputs are borrowed; *mesh and *facts
+ * (may be NULL) are untouched on failure.
  *
  * The same for any number of threads.  O(cells log cells) in practice.  STATUS_DEGENERATE where there is no surface,
  * STATUS_NO_MEMORY, STATUS_LIMIT (2^30 cells), STATUS_CANCELLED (stage "cocone"). */
 enum status cocone_reconstruct(const struct tets *tets, const struct cocone_input *input,
-                               const struct cocone_options *options, const struct progress *progress,
-                               struct mesh *mesh, struct cocone_facts *facts) MUST_CHECK;
+                               const struct cocone_options *options, const struct progress *progress, struct mesh *mesh,
+                               struct cocone_facts *facts) MUST_CHECK;
 
 #endif

@@ -8,8 +8,8 @@
  * certainty is that of orientation.  The two poles of a point, the farthest Voronoi vertices on both sides, have votes
  * of their own: with the outer one out and the inner one in, the point is on the surface.
  *
- * Prices.  A facet is cheap when its dual edge meets the cocones of all of its vertices and when its edges are supported:
- * points that were merged into its ends are near enough for it to be surface.
+ * Prices.  A facet is cheap when its dual edge meets the cocones of all of its vertices and when its edges are
+ * supported: points that were merged into its ends are near enough for it to be surface.
  *
  * Sources: T. K. Dey, S. Goswami, Tight Cocone (2003), for the cocone and the labels.  P. Labatut, J.-P. Pons, R.
  * Keriven, Robust and efficient surface reconstruction from range data (2009), for the cut over Delaunay cells.
@@ -26,17 +26,15 @@
 
 enum { GRAIN = 2048 };
 
-#define UNIT 256.0           /* of an integer cost */
-#define SUPPORT_FACTOR 1.2   /* kappa */
-#define PRICE_ANY 0.1        /* of each facet */
-#define PRICE_REFUSED 0.5    /* for each vertex whose cocone the dual edge misses */
-#define PRICE_UNSUPPORTED 1.0 /* for each edge, times its excess over the supported length */
+#define UNIT 256.0            /* of an integer cost */
+#define SUPPORT_FACTOR 1.2    /* kappa */
+#define PRICE_ANY 0.1         /* of each facet */
+#define PRICE_REFUSED 0.5     /* for each vertex whose cocone the dual edge misses */
+#define PRICE_UNSUPPORTED 6.0 /* for each edge, times its excess over the supported length */
 #define EXCESS_MOST 4.0
-#define VOTE_CELL 1.0        /* of a cell that is certain to a point */
-#define VOTE_POLE 8.0        /* of each pole of a point */
-#define OUTSIDE 1e6          /* of the infinite cells */
-
-double PA = PRICE_ANY, PR = PRICE_REFUSED, PU = PRICE_UNSUPPORTED, VC = VOTE_CELL, VP = VOTE_POLE;
+#define VOTE_CELL 1.0 /* of a cell that is certain to a point */
+#define VOTE_POLE 2.0 /* of each pole of a point */
+#define OUTSIDE 1e6   /* of the infinite cells */
 
 struct job {
     const struct cocone_star *star;
@@ -49,32 +47,32 @@ struct job {
 static int32_t units(double cost) { return (int32_t)(cost * UNIT); }
 
 /* How many times the supported length the edge is. */
-static double stretch(const struct cocone_star *star, const double *support, uint32_t a, uint32_t b) {
+static double stretch(const vec3 *point, const double *support, uint32_t a, uint32_t b) {
     if (!support) return 0;
-    double most = SUPPORT_FACTOR * (support[a] + support[b]), length = vec3_distance(star->point[a], star->point[b]);
+    double most = SUPPORT_FACTOR * (support[a] + support[b]), length = vec3_distance(point[a], point[b]);
     return length <= most ? 0 : most > 0 ? length / most : INFINITY;
 }
 
-bool cocone_cut_supported(const struct cocone_star *star, const double *support, const uint32_t facet[3]) {
+bool cocone_cut_supported(const vec3 *point, const double *support, const uint32_t facet[3]) {
     for (int k = 0; k < 3; k++)
-        if (stretch(star, support, facet[k], facet[(k + 1) % 3]) > 1) return false;
+        if (stretch(point, support, facet[k], facet[(k + 1) % 3]) > 1) return false;
     return true;
 }
 
 static double facet_price(const struct job *job, uint32_t half) {
     uint32_t v[3];
-    double price = PA;
+    double price = PRICE_ANY;
     cocone_star_vertices(job->star, half, v);
     for (int k = 0; k < 3; k++) {
-        if (!cocone_frame_accepts(job->star, job->frame, half, v[k])) price += PR;
-        double excess = stretch(job->star, job->support, v[k], v[(k + 1) % 3]) - 1;
-        if (excess > 0) price += PU * fmin(excess, EXCESS_MOST);
+        if (!cocone_frame_accepts(job->star, job->frame, half, v[k])) price += PRICE_REFUSED;
+        double excess = stretch(job->star->point, job->support, v[k], v[(k + 1) % 3]) - 1;
+        if (excess > 0) price += PRICE_UNSUPPORTED * fmin(excess, EXCESS_MOST);
     }
     return price;
 }
 
-/* Facets are priced by the cell with the smaller id, which is finite or has an infinite neighbour with which the facet is
- * infinite, too; those are never cut. */
+/* Facets are priced by the cell with the smaller id, which is finite or has an infinite neighbour with which the facet
+ * is infinite, too; those are never cut. */
 static void price_range(void *ctx, size_t begin, size_t end) {
     const struct job *job = ctx;
     const struct tets *tets = job->star->tets;
@@ -114,9 +112,9 @@ static void vote_range(void *ctx, size_t begin, size_t end) {
         for (int i = 0; i < 4; i++) {
             uint32_t v = job->star->tets->vertex[c][i];
             struct cocone_lie lie = cocone_orient_lie(job->star, job->frame, c, v);
-            vote += VC * (lie.dual < 0 ? -lie.weight : lie.weight);
-            if (job->pole[v][0] == c) vote += VP;
-            if (job->pole[v][1] == c) vote -= VP;
+            vote += VOTE_CELL * (lie.dual < 0 ? -lie.weight : lie.weight);
+            if (job->pole[v][0] == c) vote += VOTE_POLE;
+            if (job->pole[v][1] == c) vote -= VOTE_POLE;
         }
         job->cost->vote[c] = units(vote);
     }

@@ -7,8 +7,8 @@
 #include "core/cocone_frame.h"
 #include "core/progress.h"
 
-/* What a labelling costs, in whole units.  The cost of a labelling is the sum of |vote| over the cells that are labelled
- * against their vote and of the prices of the facets between an inner and an outer cell. */
+/* What a labelling costs, in whole units.  The cost of a labelling is the sum of |vote| over the cells that are
+ * labelled against their vote and of the prices of the facets between an inner and an outer cell. */
 struct cocone_cost {
     int32_t (*price)[4]; /* cell_count: of each facet, the same from both sides; owned */
     int32_t *vote;       /* cell_count: > 0 out, < 0 in; owned */
@@ -16,7 +16,7 @@ struct cocone_cost {
 
 /* Whether all three edges of the facet are as short as the support radii of their ends allow: |ab| <= 1.2 (rho_a +
  * rho_b).  True where support is NULL. */
-bool cocone_cut_supported(const struct cocone_star *star, const double *support, const uint32_t facet[3]);
+bool cocone_cut_supported(const vec3 *point, const double *support, const uint32_t facet[3]);
 
 /* The costs, for a frame with oriented normals.  O(cells).  STATUS_NO_MEMORY. */
 enum status cocone_cut_costs(const struct cocone_star *star, const struct cocone_frame *frame, const double *support,

@@ -10,8 +10,9 @@
 #define COCONE_FRAME_SIN 0.38268343236508977
 
 struct cocone_frame {
-    vec3 *normal;  /* n unit vectors, on the side of the positive pole; owned */
-    double *above; /* n: distance of the farthest Voronoi vertex on the normal's side; INFINITY for hull vertices; owned */
+    vec3 *normal; /* n unit vectors, on the side of the positive pole; owned */
+    double
+        *above; /* n: distance of the farthest Voronoi vertex on the normal's side; INFINITY for hull vertices; owned */
     double *below; /* n: and on the other side; 0 where there is none; owned */
     uint8_t *hull; /* n: 1 = vertex of the convex hull; owned */
 };
@@ -28,7 +29,8 @@ void cocone_frame_done(struct cocone_frame *frame);
 double cocone_frame_cosine(const struct cocone_star *star, const struct cocone_frame *frame, uint32_t cell,
                            uint32_t vertex);
 
-/* Whether the dual edge of the facet (the Voronoi edge between its two circumcentres) meets the cocone of the vertex. */
+/* Whether the dual edge of the facet (the Voronoi edge between its two circumcentres) meets the cocone of the vertex.
+ */
 bool cocone_frame_accepts(const struct cocone_star *star, const struct cocone_frame *frame, uint32_t half,
                           uint32_t vertex);
 

@@ -1,7 +1,7 @@
 /* Orientation by the most certain links.
  *
- * A normal is a line until it is known which end points out.  A cell is in or out, as a whole; so it ties the normals of
- * its four vertices together: if it lies above the one and below the other, one of the two has to be turned.  The
+ * A normal is a line until it is known which end points out.  A cell is in or out, as a whole; so it ties the normals
+ * of its four vertices together: if it lies above the one and below the other, one of the two has to be turned.  The
  * infinite cells are out: they are one node, OUT.
  *
  *     vertex --(side, weight)-- cell --(side, weight)-- vertex -- ... -- OUT
@@ -110,17 +110,20 @@ static void link_all(const struct cocone_star *star, const struct cocone_frame *
     }
 }
 
+static void turn(struct cocone_frame *frame, uint32_t v) {
+    frame->normal[v] = vec3_scale(frame->normal[v], -1);
+    double above = frame->above[v];
+    frame->above[v] = frame->below[v];
+    frame->below[v] = above;
+}
+
 static void turn_normals(const struct cocone_star *star, struct forest *forest, struct cocone_frame *frame) {
     uint8_t out, parity;
     find(forest, (uint32_t)(star->n + star->tets->finite_count), &out);
     for (uint32_t v = 0; v < star->n; v++) {
         if (star->begin[v] == star->begin[v + 1]) continue;
         find(forest, v, &parity);
-        if (parity == out) continue;
-        frame->normal[v] = vec3_scale(frame->normal[v], -1);
-        double above = frame->above[v];
-        frame->above[v] = frame->below[v];
-        frame->below[v] = above;
+        if (parity != out) turn(frame, v);
     }
 }
 
@@ -155,4 +158,20 @@ out:
     free(key), free(sorted), free(begin);
     free(forest.parent), free(forest.parity), free(forest.size);
     return status;
+}
+
+size_t cocone_orient_by_labels(const struct cocone_star *star, const uint8_t *inside, struct cocone_frame *frame) {
+    size_t turned = 0;
+    for (uint32_t v = 0; v < star->n; v++) {
+        double agreement = 0;
+        for (uint32_t i = star->begin[v]; i < star->begin[v + 1]; i++) {
+            uint32_t cell = cocone_star_cell(star->corner[i]);
+            struct cocone_lie lie = cocone_orient_lie(star, frame, cell, v);
+            agreement += (lie.dual < 0) == inside[cell] ? lie.weight : -lie.weight;
+        }
+        if (agreement >= 0) continue;
+        turn(frame, v);
+        turned++;
+    }
+    return turned;
 }

@@ -19,4 +19,7 @@ struct cocone_lie cocone_orient_lie(const struct cocone_star *star, const struct
  * opposite sides with certainty.  O(cells).  STATUS_NO_MEMORY. */
 enum status cocone_orient(const struct cocone_star *star, struct cocone_frame *frame, size_t *conflicts) MUST_CHECK;
 
+/* Turns the normals that disagree with the labels of most cells around them; how many.  O(cells). */
+size_t cocone_orient_by_labels(const struct cocone_star *star, const uint8_t *inside, struct cocone_frame *frame);
+
 #endif

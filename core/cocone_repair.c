@@ -1,9 +1,9 @@
 /* Local repair of a labelling.
  *
  * The cells around a vertex, seen from the vertex, tile a sphere of directions.  The surface passes through the vertex
- * once, as a disc, exactly when the inner cells are one connected region of that sphere and the outer ones another: then
- * the boundary between is one closed curve.  With no inner or no outer cell the point is lost; each further region is a
- * second sheet, or a pinch at an edge.
+ * once, as a disc, exactly when the inner cells are one connected region of that sphere and the outer ones another:
+ * then the boundary between is one closed curve.  With no inner or no outer cell the point is lost; each further region
+ * is a second sheet, or a pinch at an edge.
  *
  *     defect(v) = (inner regions - 1) + (outer regions - 1), or LOST where one of them is 0
  *

@@ -37,7 +37,8 @@ static void fill(struct cocone_star *star) {
     /* Filled from the back, begin[v + 1] moves down to where v's corners begin: one place late, put right after. */
     for (uint32_t c = (uint32_t)tets->cell_count; c-- > 0;)
         for (unsigned i = 4; i-- > 0;)
-            if (tets->vertex[c][i] != NONE) star->corner[--star->begin[tets->vertex[c][i] + 1]] = cocone_star_pack(c, i);
+            if (tets->vertex[c][i] != NONE)
+                star->corner[--star->begin[tets->vertex[c][i] + 1]] = cocone_star_pack(c, i);
     for (size_t v = 0; v < star->n; v++) star->begin[v] = star->begin[v + 1];
     star->begin[star->n] = (uint32_t)(4 * tets->finite_count + 3 * (tets->cell_count - tets->finite_count));
 }

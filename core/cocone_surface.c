@@ -23,17 +23,21 @@
 #include "core/cloud.h"
 #include "core/cocone_cut.h"
 
-/* A triangle's corners are those of its half facet, seen from the inner cell: clockwise from outside. */
 struct surface {
     const struct cocone_star *star;
+    const vec3 *point;
+    const double *support;
+    bool keep_boundary;
     uint8_t *inside;
     size_t count;
-    uint32_t *half;     /* count: inner half facets */
-    uint8_t *tag;       /* count */
-    uint32_t *triangle; /* of each half facet of all cells, where it is one */
-    uint32_t *fan;      /* 3 * count: forest over corners; after numbering the vertex */
+    uint32_t (*vertex)[3]; /* count: points of each triangle, counter-clockwise from outside */
+    uint8_t *tag;          /* count */
+    uint32_t *half;        /* count: the triangle as a half facet of an inner cell */
+    uint32_t *triangle;    /* of each half facet of finite cells; NONE = it isn't one */
+    uint32_t *fan;         /* 3 * count: forest over corners; after numbering the vertex */
 };
 
+/* An edge of a triangle, from its corner `side` to the next, between two ids. */
 struct edge {
     uint32_t low, high, triangle;
     uint8_t side;
@@ -50,18 +54,25 @@ static size_t count_boundary(const struct surface *s) {
     return count;
 }
 
-static void collect(struct surface *s, const double *support, bool keep_boundary) {
+/* Adds a triangle with its tag, unless it is to be left out: its id or NONE. */
+static uint32_t add(struct surface *s, uint32_t a, uint32_t b, uint32_t c) {
+    uint32_t v[3] = {a, b, c};
+    bool supported = cocone_cut_supported(s->point, s->support, v);
+    if (!supported && s->keep_boundary) return NONE;
+    for (int k = 0; k < 3; k++) s->vertex[s->count][k] = v[k];
+    s->tag[s->count] = supported ? MESH_SUPPORTED : MESH_HOLE_FILL;
+    return (uint32_t)s->count++;
+}
+
+static void collect(struct surface *s) {
     s->count = 0;
     for (uint32_t half = 0; half < 4 * s->star->tets->finite_count; half++) {
         s->triangle[half] = NONE;
         if (!is_boundary(s, half)) continue;
         uint32_t v[3];
         cocone_star_vertices(s->star, half, v);
-        bool supported = cocone_cut_supported(s->star, support, v);
-        if (!supported && keep_boundary) continue;
-        s->triangle[half] = (uint32_t)s->count;
-        s->half[s->count] = half;
-        s->tag[s->count++] = supported ? MESH_SUPPORTED : MESH_HOLE_FILL;
+        s->triangle[half] = add(s, v[2], v[1], v[0]);
+        if (s->triangle[half] != NONE) s->half[s->triangle[half]] = half;
     }
 }
 
@@ -79,14 +90,21 @@ static uint32_t find(uint32_t *parent, uint32_t i) {
 static void join(uint32_t *parent, uint32_t a, uint32_t b) {
     a = find(parent, a);
     b = find(parent, b);
-    if (a < b) parent[b] = a;
-    else parent[a] = b;
+    if (a < b)
+        parent[b] = a;
+    else
+        parent[a] = b;
 }
 
 static uint32_t corner_of(const struct surface *s, uint32_t triangle, uint32_t vertex) {
-    uint32_t v[3];
-    cocone_star_vertices(s->star, s->half[triangle], v);
+    const uint32_t *v = s->vertex[triangle];
     return 3 * triangle + (v[0] == vertex ? 0u : v[1] == vertex ? 1u : 2u);
+}
+
+/* The fans of two triangles go on over their common edge. */
+static void join_at_edge(struct surface *s, uint32_t t, uint32_t u, uint32_t a, uint32_t b) {
+    join(s->fan, corner_of(s, t, a), corner_of(s, u, a));
+    join(s->fan, corner_of(s, t, b), corner_of(s, u, b));
 }
 
 /* The half facet that bounds the same inner wedge at the edge. */
@@ -99,13 +117,10 @@ static uint32_t partner(const struct surface *s, uint32_t half, uint32_t a, uint
 static void chain_fans(struct surface *s) {
     for (uint32_t i = 0; i < 3 * s->count; i++) s->fan[i] = i;
     for (uint32_t t = 0; t < s->count; t++) {
-        uint32_t v[3];
-        cocone_star_vertices(s->star, s->half[t], v);
         for (int k = 0; k < 3; k++) {
-            uint32_t a = v[k], b = v[(k + 1) % 3], other = s->triangle[partner(s, s->half[t], a, b)];
-            if (other == NONE || other < t) continue;
-            join(s->fan, corner_of(s, t, a), corner_of(s, other, a));
-            join(s->fan, corner_of(s, t, b), corner_of(s, other, b));
+            uint32_t a = s->vertex[t][k], b = s->vertex[t][(k + 1) % 3];
+            uint32_t other = s->triangle[partner(s, s->half[t], a, b)];
+            if (other != NONE && other > t) join_at_edge(s, t, other, a, b);
         }
     }
 }
@@ -119,10 +134,13 @@ static int by_edge(const void *x, const void *y) {
     return a->triangle < b->triangle ? -1 : 1;
 }
 
-static void list_edges(struct surface *s, struct edge *edge) {
+/* All edges in order: between fans, or between points. */
+static void list_edges(struct surface *s, bool between_fans, struct edge *edge) {
     for (uint32_t t = 0; t < s->count; t++) {
         for (uint8_t k = 0; k < 3; k++) {
-            uint32_t a = find(s->fan, 3 * t + k), b = find(s->fan, 3 * t + (k + 1u) % 3);
+            uint8_t next = (uint8_t)((k + 1) % 3);
+            uint32_t a = between_fans ? find(s->fan, 3 * t + k) : s->vertex[t][k];
+            uint32_t b = between_fans ? find(s->fan, 3 * t + next) : s->vertex[t][next];
             edge[3 * t + k] = (struct edge){a < b ? a : b, a < b ? b : a, t, k};
         }
     }
@@ -154,8 +172,8 @@ static bool separate(struct surface *s, const struct edge *edge) {
         for (end = i + 1; end < 3 * s->count && edge[end].low == edge[i].low && edge[end].high == edge[i].high;) end++;
         bool filled = false;
         for (size_t j = i; j < end && end - i > 2 && !filled; j++) {
-            uint32_t v[3], half = s->half[edge[j].triangle];
-            cocone_star_vertices(s->star, half, v);
+            const uint32_t *v = s->vertex[edge[j].triangle];
+            uint32_t half = s->half[edge[j].triangle];
             filled = is_boundary(s, half) && fill_wedge(s, half, v[edge[j].side], v[(edge[j].side + 1) % 3]);
         }
         changed |= filled;
@@ -165,15 +183,14 @@ static bool separate(struct surface *s, const struct edge *edge) {
 
 /* ------------------------------------------------------------------------------------------------ the mesh */
 
-/* A fan's first corner comes first: its id is overwritten by the vertex only after all later ones have found it. */
+/* A fan's root is its first corner, so vertices are numbered in the order in which triangles come to them. */
 static enum status number_vertices(struct surface *s, struct mesh *mesh) {
     uint32_t *vertex = alloc_array(3 * s->count, sizeof *vertex);
     if (!vertex) return STATUS_NO_MEMORY;
     mesh->vertex_count = 0;
     for (uint32_t i = 0; i < 3 * s->count; i++) {
         uint32_t root = find(s->fan, i);
-        if (root == i) vertex[i] = (uint32_t)mesh->vertex_count++;
-        else vertex[i] = vertex[root];
+        vertex[i] = root == i ? (uint32_t)mesh->vertex_count++ : vertex[root];
     }
     free(s->fan);
     s->fan = vertex;
@@ -182,13 +199,12 @@ static enum status number_vertices(struct surface *s, struct mesh *mesh) {
 
 static void fill_mesh(const struct surface *s, struct mesh *mesh) {
     for (uint32_t t = 0; t < s->count; t++) {
-        uint32_t v[3];
-        cocone_star_vertices(s->star, s->half[t], v);
-        for (int k = 0; k < 3; k++) {
-            uint32_t id = s->fan[3 * t + (uint32_t)k];
-            mesh->triangle[t][2 - k] = id;
-            mesh->source[id] = v[k];
-            mesh->vertex[id] = s->star->point[v[k]];
+        mesh->tag[t] = s->tag[t];
+        for (uint32_t k = 0; k < 3; k++) {
+            uint32_t id = s->fan[3 * t + k], v = s->vertex[t][k];
+            mesh->triangle[t][k] = id;
+            mesh->source[id] = v;
+            mesh->vertex[id] = s->point[v];
         }
     }
 }
@@ -200,9 +216,8 @@ static enum status make_mesh(struct surface *s, struct mesh *out) {
     mesh.vertex = alloc_array(mesh.vertex_count, sizeof *mesh.vertex);
     mesh.source = alloc_array(mesh.vertex_count, sizeof *mesh.source);
     mesh.triangle = alloc_array(mesh.triangle_count, sizeof *mesh.triangle);
-    mesh.tag = s->tag;
-    s->tag = NULL;
-    if (!mesh.vertex || !mesh.source || !mesh.triangle) {
+    mesh.tag = alloc_array(mesh.triangle_count, sizeof *mesh.tag);
+    if (!mesh.vertex || !mesh.source || !mesh.triangle || !mesh.tag) {
         mesh_done(&mesh);
         return STATUS_NO_MEMORY;
     }
@@ -211,41 +226,65 @@ static enum status make_mesh(struct surface *s, struct mesh *out) {
     return STATUS_OK;
 }
 
+/* Room for most triangles, and for the half facets of all finite cells. */
+static enum status surface_init(struct surface *s, size_t most, size_t finite_count) {
+    s->vertex = alloc_array(most, sizeof *s->vertex);
+    s->tag = alloc_array(most, sizeof *s->tag);
+    s->half = alloc_array(most, sizeof *s->half);
+    s->fan = alloc_array(3 * most, sizeof *s->fan);
+    s->triangle = alloc_array(4 * finite_count, sizeof *s->triangle);
+    return s->vertex && s->tag && s->half && s->fan && s->triangle ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
 static void surface_done(struct surface *s) {
-    free(s->half);
-    free(s->tag);
-    free(s->triangle);
-    free(s->fan);
-    s->half = s->triangle = s->fan = NULL;
-    s->tag = NULL;
+    free(s->vertex), free(s->tag), free(s->half);
+    free(s->fan), free(s->triangle);
 }
 
 /* One attempt; *again when a wedge had to be filled. */
-static enum status attempt(struct surface *s, const double *support, bool keep_boundary, struct mesh *mesh,
-                           bool *again) {
-    size_t most = count_boundary(s);
+static enum status attempt(struct surface s, struct mesh *mesh, bool *again) {
+    size_t most = count_boundary(&s);
     struct edge *edge = alloc_array(3 * most, sizeof *edge);
-    enum status status = STATUS_NO_MEMORY;
-    s->half = alloc_array(most, sizeof *s->half);
-    s->tag = alloc_array(most, sizeof *s->tag);
-    s->triangle = alloc_array(4 * s->star->tets->finite_count, sizeof *s->triangle);
-    s->fan = alloc_array(3 * most, sizeof *s->fan);
-    if (!edge || !s->half || !s->tag || !s->triangle || !s->fan) goto out;
-    collect(s, support, keep_boundary);
-    chain_fans(s);
-    list_edges(s, edge);
-    *again = separate(s, edge);
-    status = *again ? STATUS_OK : make_mesh(s, mesh);
-out:
+    enum status status = surface_init(&s, most, s.star->tets->finite_count);
+    if (!edge) status = STATUS_NO_MEMORY;
+    if (!status) {
+        collect(&s);
+        chain_fans(&s);
+        list_edges(&s, true, edge);
+        *again = separate(&s, edge);
+        if (!*again) status = make_mesh(&s, mesh);
+    }
     free(edge);
-    surface_done(s);
+    surface_done(&s);
     return status;
 }
 
 enum status cocone_surface_extract(const struct cocone_star *star, const double *support, bool keep_boundary,
                                    uint8_t *inside, struct mesh *mesh) {
-    struct surface s = {.star = star, .inside = inside};
+    struct surface s = {
+        .star = star, .point = star->point, .support = support, .keep_boundary = keep_boundary, .inside = inside};
     enum status status = STATUS_OK;
-    for (bool again = true; again && !status;) status = attempt(&s, support, keep_boundary, mesh, &again);
+    for (bool again = true; again && !status;) status = attempt(s, mesh, &again);
+    return status;
+}
+
+enum status cocone_surface_planar(const struct tets *tets, const vec3 *point, const double *support, bool keep_boundary,
+                                  struct mesh *mesh) {
+    struct surface s = {.point = point, .support = support, .keep_boundary = keep_boundary};
+    struct edge *edge = alloc_array(3 * tets->planar_count, sizeof *edge);
+    enum status status = surface_init(&s, tets->planar_count, 0);
+    if (!edge) status = STATUS_NO_MEMORY;
+    if (!status) {
+        for (size_t t = 0; t < tets->planar_count; t++)
+            add(&s, tets->planar[t][0], tets->planar[t][1], tets->planar[t][2]);
+        for (uint32_t i = 0; i < 3 * s.count; i++) s.fan[i] = i;
+        list_edges(&s, false, edge);
+        for (size_t i = 0; i + 1 < 3 * s.count; i++)
+            if (edge[i].low == edge[i + 1].low && edge[i].high == edge[i + 1].high)
+                join_at_edge(&s, edge[i].triangle, edge[i + 1].triangle, edge[i].low, edge[i].high);
+        status = make_mesh(&s, mesh);
+    }
+    free(edge);
+    surface_done(&s);
     return status;
 }

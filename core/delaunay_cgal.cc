@@ -12,8 +12,8 @@
  * Conventions of the border: every extern "C" function is noexcept and its whole body runs inside guard(), which turns
  * exceptions into statuses; CGAL's failure handlers throw quietly while it runs.
  *
- * Sources: C. Jamin, S. Pion, M. Teillaud, 3D Triangulations, CGAL manual.  O. Devillers, M. Teillaud, Perturbations for
- * Delaunay and weighted Delaunay 3D triangulations, 2011.
+ * Sources: C. Jamin, S. Pion, M. Teillaud, 3D Triangulations, CGAL manual.  O. Devillers, M. Teillaud, Perturbations
+ * for Delaunay and weighted Delaunay 3D triangulations, 2011.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/delaunay_cgal.h"
@@ -47,9 +47,9 @@ namespace {
 
 constexpr uint32_t AT_INFINITY = UINT32_MAX; /* NONE of core/cloud.h */
 constexpr size_t MAX_POINTS = size_t{1} << 28;
-constexpr size_t TICK_EVERY = 2048;      /* insertions: a few milliseconds */
-constexpr double FLAT = 1e-10;           /* of the cube of the longest edge: below, double loses the circumcentre */
-constexpr double FARTHEST = 1e100;       /* squares and products of coordinates up to here stay finite */
+constexpr size_t TICK_EVERY = 2048; /* insertions: a few milliseconds */
+constexpr double FLAT = 1e-10;      /* of the cube of the longest edge: below, double loses the circumcentre */
+constexpr double FARTHEST = 1e100;  /* squares and products of coordinates up to here stay finite */
 
 using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
 using Vertex_base = CGAL::Triangulation_vertex_base_with_info_3<uint32_t, Kernel>;
@@ -129,7 +129,8 @@ void insert_all(Delaunay &delaunay, const std::vector<Point> &points, const stru
 
 vec3 facet_circumcentre(vec3 a, vec3 b, vec3 c) {
     vec3 u = vec3_sub(b, a), v = vec3_sub(c, a), w = vec3_cross(u, v);
-    vec3 to = vec3_add(vec3_scale(vec3_cross(w, u), vec3_length_sq(v)), vec3_scale(vec3_cross(v, w), vec3_length_sq(u)));
+    vec3 to =
+        vec3_add(vec3_scale(vec3_cross(w, u), vec3_length_sq(v)), vec3_scale(vec3_cross(v, w), vec3_length_sq(u)));
     return vec3_add(a, vec3_scale(to, 1 / (2 * vec3_length_sq(w))));
 }
 
@@ -217,8 +218,8 @@ std::vector<Cell> number_cells(const Delaunay &delaunay, size_t n) {
     std::vector<Cell> sorted(cells.size());
     for (const Cell &cell : cells) sorted[next[bucket(cell)]++] = cell;
     for (size_t b = 0; b < 2 * n; b++)
-        std::sort(sorted.begin() + static_cast<ptrdiff_t>(begin[b]), sorted.begin() + static_cast<ptrdiff_t>(begin[b + 1]),
-                  comes_before);
+        std::sort(sorted.begin() + static_cast<ptrdiff_t>(begin[b]),
+                  sorted.begin() + static_cast<ptrdiff_t>(begin[b + 1]), comes_before);
     for (size_t i = 0; i < sorted.size(); i++) sorted[i].handle->info() = static_cast<uint32_t>(i);
     return sorted;
 }
@@ -227,7 +228,8 @@ void fill_cells(const Delaunay &delaunay, const vec3 *points, size_t n, struct t
     std::vector<Cell> cells = number_cells(delaunay, n);
     tets->cell_count = cells.size();
     tets->finite_count = static_cast<size_t>(
-        std::partition_point(cells.begin(), cells.end(), [](const Cell &c) { return !is_infinite(c); }) - cells.begin());
+        std::partition_point(cells.begin(), cells.end(), [](const Cell &c) { return !is_infinite(c); }) -
+        cells.begin());
     tets->vertex = new_array<uint32_t[4]>(tets->cell_count);
     tets->neighbour = new_array<uint32_t[4]>(tets->cell_count);
     tets->circumcentre = new_array<vec3>(tets->finite_count);

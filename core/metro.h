@@ -61,9 +61,9 @@ enum status metro_points(const vec3 *point, size_t n, const struct mesh *mesh, c
 /* Figures that compare with those that the program Metro prints: forward from samples of the original to the mesh,
  * backward from samples of the mesh to the original; surface isn't measured.  Samples are vertices, edges and faces as
  * sampler_metro has them, about options->samples of each of the two (0 = ten for each triangle of the larger one).
- * Vertices that lie on the other surface count like any other sample, so the means are lower than those of metro_measure.
- * *diagonal is what Metro divides by: that of the box of both, grown by 2 % of its own diagonal on every side.  The
- * seed isn't used.  Statuses as above. */
+ * Vertices that lie on the other surface count like any other sample, so the means are lower than those of
+ * metro_measure.  *diagonal is what Metro divides by: that of the box of both, grown by 2 % of its own diagonal on
+ * every side.  The seed isn't used.  Statuses as above. */
 enum status metro_compatible(const struct mesh *mesh, const struct mesh *original, const struct metro_options *options,
                              struct metro_errors *errors, double *diagonal) MUST_CHECK;
 

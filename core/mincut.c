@@ -53,8 +53,10 @@ static void queue_init(struct queue *queue, uint32_t *next, size_t n) {
 static void queue_push(struct queue *queue, uint32_t node) {
     if (queue->next[node] != node) return;
     queue->next[node] = NONE;
-    if (queue->last == NONE) queue->first = node;
-    else queue->next[queue->last] = node;
+    if (queue->last == NONE)
+        queue->first = node;
+    else
+        queue->next[queue->last] = node;
     queue->last = node;
 }
 
@@ -214,7 +216,8 @@ static void adopt(struct search *s) {
 
 static enum status flow(struct search *s, const char *stage, const struct progress *progress) {
     uint64_t phases = 0;
-    for (uint32_t node = queue_pop(&s->active); node != NONE && s->steps < s->step_limit; node = queue_pop(&s->active)) {
+    for (uint32_t node = queue_pop(&s->active); node != NONE && s->steps < s->step_limit;
+         node = queue_pop(&s->active)) {
         while (s->tree[node] != FREE) {
             unsigned arc = grow(s, node);
             if (arc == 4) break;

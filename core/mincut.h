@@ -20,8 +20,8 @@ struct mincut {
 };
 
 /* Sets side[c] to 1 for the nodes that the source still reaches, else 0: of all minimum cuts the one with the smallest
- * source side.  One thread; the worst case is bounded by a multiple of the number of nodes, at which the search stops with a
- * cut that may be more than the minimum.  STATUS_NO_MEMORY, STATUS_CANCELLED (ticks stage). */
+ * source side.  One thread; the worst case is bounded by a multiple of the number of nodes, at which the search stops
+ * with a cut that may be more than the minimum.  STATUS_NO_MEMORY, STATUS_CANCELLED (ticks stage). */
 enum status mincut_solve(struct mincut *graph, const char *stage, const struct progress *progress,
                          uint8_t *side) MUST_CHECK;
 

@@ -11,6 +11,7 @@
 #include "core/delaunay_cgal.h"
 #include "core/metro.h"
 #include "core/pipeline_run.h"
+#include "core/sym3.h"
 
 static int compare_ids(const void *a, const void *b) {
     uint32_t i = *(const uint32_t *)a, j = *(const uint32_t *)b;
@@ -53,15 +54,44 @@ static enum status sites_of(const struct run *run, size_t k, struct sites *sites
     return find_support(run, sites);
 }
 
+/* How many of the sites' principal extents are over FLAT: 0 when they coincide, 3 when they span space.  Rounding of
+ * coordinates makes points of a tilted plane leave it by about 1e-7 of the diagonal; no scan has two sides that near.
+ */
+static const double FLAT = 1e-6;
+
+static int dimension_of(const struct sites *sites) {
+    sym3 moment = {0};
+    vec3 mean = {0, 0, 0}, axis[3];
+    double value[3];
+    int dimension = 0;
+    for (size_t i = 0; i < sites->count; i++) mean = vec3_add(mean, sites->point[i]);
+    mean = vec3_scale(mean, 1 / (double)sites->count);
+    for (size_t i = 0; i < sites->count; i++) moment = sym3_add(moment, sym3_outer(vec3_sub(sites->point[i], mean)));
+    sym3_eigen(moment, value, axis);
+    for (int k = 0; k < 3; k++) {
+        double low = INFINITY, high = -INFINITY;
+        for (size_t i = 0; i < sites->count; i++) {
+            double x = vec3_dot(vec3_sub(sites->point[i], mean), axis[k]);
+            low = fmin(low, x), high = fmax(high, x);
+        }
+        dimension += high - low > FLAT;
+    }
+    return dimension;
+}
+
 enum status pipeline_delaunay(struct run *run) {
+    static const char *const flat[] = {"coincide in one point", "lie on one line", "lie on one plane"};
     enum status status = sites_of(run, run->kept_count, &run->sites);
     if (status) return pipeline_no_memory(run, "delaunay");
-    status = delaunay_build(run->sites.point, run->sites.count, &run->progress, &run->tets, run->error);
-    if (status || run->tets.dimension == 3) return status;
-    static const char *const flat[] = {"coincide", "lie on one line", "lie on one plane"};
-    int dimension = run->tets.dimension < 0 ? 0 : run->tets.dimension;
-    return error_set(run->error, STATUS_DEGENERATE, "delaunay",
-                     "all %zu kept points %s: there is no closed mesh of them", run->sites.count, flat[dimension]);
+    if (run->sites.count < 4)
+        return error_set(run->error, STATUS_DEGENERATE, "delaunay",
+                         "a closed mesh takes 4 distinct points; of %zu, %zu of them distinct, there are %zu kept",
+                         run->cloud->count, run->points.count, run->sites.count);
+    int dimension = dimension_of(&run->sites);
+    if (dimension < 3)
+        return error_set(run->error, STATUS_DEGENERATE, "delaunay",
+                         "all %zu kept points %s: there is no closed mesh of them", run->sites.count, flat[dimension]);
+    return delaunay_build(run->sites.point, run->sites.count, &run->progress, &run->tets, run->error);
 }
 
 /* Tight Cocone over the sites; the mesh's sources become ids along the curve. */

@@ -16,12 +16,12 @@
 #include "core/pipeline.h"
 #include "server/wire.h"
 #include "server/worker_measure.h"
-#include "server/worker_measure.h"
 #include "server/worker_options.h"
 #include "server/worker_output.h"
 #include "server/worker_progress.h"
 
 static volatile sig_atomic_t stopping;
+static const double READ_SHARE = 0.05; /* of the whole job */
 
 static void stop(int signal) { stopping = signal; }
 
@@ -44,7 +44,9 @@ static enum status run(const struct worker_options *options, struct worker_progr
     struct cloud cloud = {0};
     struct pipeline_result result = {0};
     struct progress progress = {worker_progress_tick, display};
+    worker_progress_span(display, 0, READ_SHARE);
     enum status status = read_input(options, &progress, &cloud, error);
+    worker_progress_span(display, READ_SHARE, 1);
     if (!status) status = pipeline_run(&cloud, &options->params, &progress, &result, error);
     if (!status) status = worker_output_write(options, &cloud, &result, error);
     worker_progress_end(display, status, error);

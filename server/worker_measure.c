@@ -199,7 +199,7 @@ static void print_row(const char *label, const struct distance_stats *s, double 
 static void print_table(const struct measurement *m) {
     bool metro = m->metro_diagonal > 0;
     const struct distance_stats *side[2];
-    measurement_sides(m, side);
+    measure_json_sides(m, side);
     printf("diagonal of B      %.9g\n", m->diagonal);
     if (metro) printf("diagonal of Metro  %.9g\n", m->metro_diagonal);
     printf("\n%-18s %10s  %11s %11s %11s  %11s %11s %11s\n", "", "samples", "mean", "rms", "max", "mean / diag",
@@ -227,7 +227,7 @@ static enum status print(const struct request *request, const struct measurement
 static enum status run(const struct request *request, const char **culprit, struct error *error) {
     struct cloud cloud[2] = {0};
     enum status status = STATUS_OK;
-    struct measurement m;
+    struct measurement m = {0};
     for (int i = 0; !status && i < 2; i++) {
         *culprit = request->path[i];
         status = cloud_read_path(request->path[i], NULL, NULL, &cloud[i], error);

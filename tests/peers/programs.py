@@ -60,6 +60,11 @@ class Programs:
         told = json.loads(run([self.build / "whittle", "measure", path, truth, "--samples", samples, "--json"]))
         return errors_of(told)
 
+    def measure_as_metro(self, path, truth):
+        """The larger of Metro's two maxima, relative to Metro's diagonal."""
+        told = json.loads(run([self.build / "whittle", "measure", path, truth, "--method", "metro", "--json"]))
+        return told["hausdorff_metro_rel"]
+
 
 def errors_of(told):
     """Mean and RMS of both directions: of the true surface to the mesh, and of the mesh to the true surface."""

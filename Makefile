@@ -35,7 +35,7 @@ override LDFLAGS += $(filter -fsanitize% --coverage,$(flags_$(config))) -pthread
 
 CORE_LIBS := -lflann -lgmp -lmpfr -lstdc++ -lm
 API_LIBS := -ljansson
-DAEMON_LIBS := -lmicrohttpd -lsqlite3
+DAEMON_LIBS := -lmicrohttpd -lsqlite3 -lnettle
 
 # ---------------------------------------------------------------------------------------------------- sources
 core_src := $(wildcard core/*.c core/*.cc)
@@ -107,6 +107,10 @@ $(build)/tests/peers/open3d: peer_libs = -lOpen3D
 $(peer_programs): $(build)/%: $(build)/%.o
 	$(CXX) $(LDFLAGS) -o $@ $^ $(peer_libs)
 
+# Files that are compiled into the program.
+$(build)/api/openapi.o: api/openapi.json
+$(build)/server/page.o: server/page.html
+
 # The version is compiled into one file, rebuilt when it changes.
 $(build)/core/version.o: CFLAGS += -DWHITTLE_VERSION='"$(VERSION)"'
 $(build)/core/version.o: $(build)/version.stamp
@@ -118,7 +122,7 @@ FORCE:
 # ---------------------------------------------------------------------------------------------------- set-up
 # What building, testing and the demo want, by the names of Debian 12's packages.
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
-            libmicrohttpd-dev libsqlite3-dev libcmocka-dev curl jq python3 python3-pytest ca-certificates
+            libmicrohttpd-dev libsqlite3-dev nettle-dev libcmocka-dev curl jq python3 python3-pytest ca-certificates
 peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev
 paper_packages := libeigen3-dev libtbb-dev python3-matplotlib
 fuzz_packages := clang libclang-rt-14-dev

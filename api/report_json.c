@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "api/params_json.h"
 #include "core/version.h"
 
 /* Numbers that JSON can't hold (infinity, NaN) are null. */
@@ -24,8 +25,9 @@ static json_t *distances(const struct distance_stats *stats, double diagonal) {
 }
 
 static json_t *input_json(const struct report *r) {
-    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o}", "format", r->format, "points", count(r->points_in),
-                     "points_distinct", count(r->points_distinct), "diagonal", number(r->diagonal), "box_min",
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "format", r->format, "points", count(r->points_in),
+                     "points_distinct", count(r->points_distinct), "points_outliers", count(r->points_outliers),
+                     "noise_rel", number(r->noise / r->diagonal), "diagonal", number(r->diagonal), "box_min",
                      triple(r->box_min), "box_max", triple(r->box_max));
 }
 
@@ -91,53 +93,11 @@ json_t *report_json(const struct report *r) {
     return json;
 }
 
-static json_t *list_json(const char *text) {
-    json_t *list = json_array();
-    while (*text) {
-        size_t length = strcspn(text, ",");
-        json_array_append_new(list, json_stringn(text, length));
-        text += length + (text[length] == ',');
-    }
-    return list;
-}
-
-static json_t *levels_param_json(const struct param_levels *levels) {
-    json_t *list = json_array();
-    for (uint32_t i = 0; i < levels->count; i++) json_array_append_new(list, number(levels->ratio[i]));
-    return list;
-}
-
-static json_t *value_json(const struct params *params, const struct param *param) {
-    const void *member = (const char *)params + param->offset;
-    char text[256];
-    params_format(params, param, text, sizeof text);
-    if (!text[0]) return NULL;
-    switch (param->type) {
-    case PARAM_NUMBER: return number(*(const double *)member);
-    case PARAM_INTEGER: return count(*(const uint64_t *)member);
-    case PARAM_CHOICE: return json_string(text);
-    case PARAM_FLAGS: return list_json(text);
-    case PARAM_LEVELS: return levels_param_json(member);
-    }
-    return NULL;
-}
-
-json_t *report_params_json(const struct params *params) {
-    size_t rows;
-    const struct param *table = params_table(&rows);
-    json_t *json = json_object();
-    for (size_t i = 0; json && i < rows; i++) {
-        json_t *value = value_json(params, &table[i]);
-        if (value) json_object_set_new(json, table[i].name, value);
-    }
-    return json;
-}
-
 enum status report_json_write(int fd, const struct report *report, const struct params *params, struct error *error) {
     json_t *json = report_json(report);
     if (!json) return error_set(error, STATUS_NO_MEMORY, "report", "no memory for the report");
     json_object_set_new(json, "version", json_string(whittle_version()));
-    json_object_set_new(json, "params", report_params_json(params));
+    json_object_set_new(json, "params", params_to_json(params));
     int rc = json_dumpfd(json, fd, JSON_INDENT(2) | JSON_REAL_PRECISION(9));
     json_decref(json);
     if (rc != 0 || dprintf(fd, "\n") != 1)

@@ -26,7 +26,6 @@
 
 enum { GRAIN = 2048 };
 
-#define UNIT 256.0            /* of an integer cost */
 #define SUPPORT_FACTOR 1.2    /* kappa */
 #define PRICE_ANY 0.1         /* of each facet */
 #define PRICE_REFUSED 0.5     /* for each vertex whose cocone the dual edge misses */
@@ -44,7 +43,7 @@ struct job {
     uint32_t (*pole)[2]; /* n: cells of the outer and the inner pole of each point; NONE = none */
 };
 
-static int32_t units(double cost) { return (int32_t)(cost * UNIT); }
+static int32_t units(double cost) { return (int32_t)(cost * COCONE_UNIT); }
 
 /* How many times the supported length the edge is. */
 static double stretch(const vec3 *point, const double *support, uint32_t a, uint32_t b) {

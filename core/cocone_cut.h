@@ -7,6 +7,8 @@
 #include "core/cocone_frame.h"
 #include "core/progress.h"
 
+#define COCONE_UNIT 256.0 /* units of an integer cost: prices and votes are about 1 */
+
 /* What a labelling costs, in whole units.  The cost of a labelling is the sum of |vote| over the cells that are
  * labelled against their vote and of the prices of the facets between an inner and an outer cell. */
 struct cocone_cost {

@@ -1,21 +1,26 @@
-/* Orientation by the most certain links.
+/* Orientation by gathered evidence.
  *
- * A normal is a line until it is known which end points out.  A cell is in or out, as a whole; so it ties the normals
- * of its four vertices together: if it lies above the one and below the other, one of the two has to be turned.  The
- * infinite cells are out: they are one node, OUT.
+ * A normal is a line until it is known which end points out.  A cell is in or out, as a whole; so it is evidence on the
+ * normals of any two of its vertices: if it lies above the one and below the other, one of the two has to be turned.
+ * The infinite cells are out: they tie their vertices to one node more, OUT.
  *
- *     vertex --(side, weight)-- cell --(side, weight)-- vertex -- ... -- OUT
+ *     vertex ---(sum over the common cells of the product of their lies)--- vertex ... OUT
  *
- * All pairs of a cell and a vertex of it are links, taken in descending order of weight into a forest that keeps the
- * parity of each node to its root (Kruskal); a link that closes a loop is left out.  The weight is the product of two
- * cosines with the normal, the dual's (circumcentre) and the cell's own (centroid), where their signs agree, else 0: a
- * long cell that stands on the surface is certain, a flat one that lies in it isn't, and neither is one that pokes
- * through a thin sheet.  As every cell has its links, the graph is connected, whatever the number of surfaces.
+ * Links with a positive sum keep two normals as they are to each other, negative ones turn one of them.  Clusters of
+ * nodes are joined round by round, first where the evidence is strongest; then links between the same two clusters are
+ * added up, so that a few wrong ones, as at sharp edges and through thin sheets, are outvoted by the others between the
+ * same two patches before they are believed.
  *
- * Invariant: ties go by the order of the corners, so the result is a function of the arrays alone.
+ * How a cell lies to its vertex is the product of two cosines with the normal, the dual's (circumcentre) and the cell's
+ * own (centroid), where their signs agree, else next to nothing: a long cell that stands on the surface is certain, a
+ * flat one that lies in it isn't, and neither is one that pokes through a thin sheet.
  *
- * Source: R. Kolluri, J. Shewchuk, J. O'Brien, Spectral surface reconstruction from noisy point clouds (2004) ties
- * poles the same way; H. Hoppe et al. (1992) orient along a spanning tree.
+ * Invariant: each round joins the strongest link of all at least, and ties go by the order of the links, so the loop
+ * ends and the result is a function of the arrays alone.
+ *
+ * Sources: R. Kolluri, J. Shewchuk, J. O'Brien, Spectral surface reconstruction from noisy point clouds (2004) ties
+ * poles the same way; M. Keuper et al., Efficient decomposition of image and mesh graphs by lifted multicuts (2015)
+ * join clusters along the strongest sum.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/cocone_orient.h"
@@ -25,9 +30,17 @@
 #include "core/alloc.h"
 #include "core/cloud.h"
 
-enum { KEYS = 1 << 16 };
+enum { GENTLE_ROUNDS = 64 }; /* that join the stronger half alone; later ones join everything */
 
 #define CERTAIN 0.5
+#define FAINT 1e-4      /* weight of a cell on whose side nothing certain can be said */
+#define HULL_WEIGHT 3.0 /* of an infinite cell's evidence */
+
+/* Evidence between two clusters, low < high; positive: as they are. */
+struct link {
+    uint32_t low, high;
+    double weight;
+};
 
 /* A forest of nodes with parities: union by size, paths halved. */
 struct forest {
@@ -80,35 +93,166 @@ struct cocone_lie cocone_orient_lie(const struct cocone_star *star, const struct
     return lie;
 }
 
-static uint32_t corner_vertex(const struct cocone_star *star, uint32_t corner) {
-    return star->tets->vertex[cocone_star_cell(corner)][cocone_star_index(corner)];
-}
+/* ------------------------------------------------------------------------------------------------ links */
 
-/* All corners in descending order of weight, by counting. */
-static void sort_links(const struct cocone_star *star, const struct cocone_frame *frame, uint16_t *key,
-                       uint32_t *sorted, uint32_t *begin) {
-    uint32_t count = star->begin[star->n];
-    for (uint32_t i = 0; i < count; i++) {
-        struct cocone_lie lie =
-            cocone_orient_lie(star, frame, cocone_star_cell(star->corner[i]), corner_vertex(star, star->corner[i]));
-        key[i] = (uint16_t)((KEYS - 1) * (1 - fmin(lie.weight, 1)));
-        begin[key[i] + 1]++;
+/* Adds up weights by a second id, for one first id at a time. */
+struct sums {
+    double *sum;   /* of each id */
+    uint8_t *used; /* of each id */
+    uint32_t *ids; /* those that have a sum */
+    size_t count;
+};
+
+static void sums_add(struct sums *sums, uint32_t id, double weight) {
+    if (!sums->used[id]) {
+        sums->used[id] = 1;
+        sums->sum[id] = 0;
+        sums->ids[sums->count++] = id;
     }
-    for (uint32_t k = 0; k < KEYS; k++) begin[k + 1] += begin[k];
-    for (uint32_t i = 0; i < count; i++) sorted[begin[key[i]]++] = star->corner[i];
+    sums->sum[id] += weight;
 }
 
-static uint32_t cell_node(const struct cocone_star *star, uint32_t cell) {
-    return (uint32_t)star->n + (cocone_star_is_finite(star, cell) ? cell : (uint32_t)star->tets->finite_count);
+/* Writes the sums as links of low, and forgets them. */
+static size_t sums_flush(struct sums *sums, uint32_t low, struct link *link) {
+    size_t count = sums->count;
+    for (size_t i = 0; i < count; i++) {
+        uint32_t id = sums->ids[i];
+        link[i] = (struct link){low, id, sums->sum[id]};
+        sums->used[id] = 0;
+    }
+    sums->count = 0;
+    return count;
 }
 
-static void link_all(const struct cocone_star *star, const struct cocone_frame *frame, const uint32_t *sorted,
-                     struct forest *forest) {
-    for (uint32_t i = 0; i < star->begin[star->n]; i++) {
-        uint32_t cell = cocone_star_cell(sorted[i]), v = corner_vertex(star, sorted[i]);
-        join(forest, v, cell_node(star, cell), cocone_frame_cosine(star, frame, cell, v) < 0);
+static double evidence(const struct cocone_star *star, const struct cocone_frame *frame, uint32_t cell, uint32_t v) {
+    struct cocone_lie lie = cocone_orient_lie(star, frame, cell, v);
+    return lie.dual < 0 ? -lie.weight - FAINT : lie.weight + FAINT;
+}
+
+/* The evidence of every corner, in the order of star->corner, and by cell. */
+static void weigh_cells(const struct cocone_star *star, const struct cocone_frame *frame, float (*weight)[4]) {
+    for (uint32_t c = 0; c < star->tets->cell_count; c++)
+        for (int i = 0; i < 4; i++) {
+            uint32_t v = star->tets->vertex[c][i];
+            weight[c][i] = v == NONE ? (float)HULL_WEIGHT : (float)evidence(star, frame, c, v);
+        }
+}
+
+/* All links of vertices with vertices of larger id and with OUT, which is n. */
+static size_t link_vertices(const struct cocone_star *star, const float (*weight)[4], struct sums *sums,
+                            struct link *link) {
+    size_t count = 0;
+    for (uint32_t v = 0; v < star->n; v++) {
+        for (uint32_t i = star->begin[v]; i < star->begin[v + 1]; i++) {
+            uint32_t cell = cocone_star_cell(star->corner[i]);
+            double mine = (double)weight[cell][cocone_star_index(star->corner[i])];
+            for (int k = 0; k < 4; k++) {
+                uint32_t other = star->tets->vertex[cell][k];
+                if (other > v)
+                    sums_add(sums, other == NONE ? (uint32_t)star->n : other, mine * (double)weight[cell][k]);
+            }
+        }
+        count += sums_flush(sums, v, link + count);
+    }
+    return count;
+}
+
+/* ------------------------------------------------------------------------------------------------ rounds */
+
+struct gathering {
+    size_t nodes;
+    struct link *link, *next; /* next: room for as many */
+    size_t count;
+    uint32_t *best;  /* of each node: its strongest link; NONE = it has none */
+    uint32_t *begin; /* nodes + 1 */
+    struct forest forest;
+    struct sums sums;
+};
+
+static bool is_stronger(const struct gathering *g, uint32_t a, uint32_t b) {
+    if (b == NONE) return true;
+    double wa = fabs(g->link[a].weight), wb = fabs(g->link[b].weight);
+    return wa > wb || (wa == wb && a < b);
+}
+
+/* The strongest weight of all. */
+static double find_best(struct gathering *g) {
+    double strongest = 0;
+    for (size_t i = 0; i < g->nodes; i++) g->best[i] = NONE;
+    for (uint32_t i = 0; i < g->count; i++) {
+        uint32_t *low = &g->best[g->link[i].low], *high = &g->best[g->link[i].high];
+        if (is_stronger(g, i, *low)) *low = i;
+        if (is_stronger(g, i, *high)) *high = i;
+        strongest = fmax(strongest, fabs(g->link[i].weight));
+    }
+    return strongest;
+}
+
+static void join_best(struct gathering *g, double least) {
+    for (uint32_t i = 0; i < g->count; i++) {
+        const struct link *link = &g->link[i];
+        if (g->best[link->low] != i && g->best[link->high] != i) continue;
+        if (fabs(link->weight) >= least) join(&g->forest, link->low, link->high, link->weight < 0);
     }
 }
+
+/* The link between the roots of its ends; low == high where they are the same. */
+static struct link at_roots(struct gathering *g, struct link link) {
+    uint8_t pa, pb;
+    uint32_t a = find(&g->forest, link.low, &pa), b = find(&g->forest, link.high, &pb);
+    return (struct link){a < b ? a : b, a < b ? b : a, pa ^ pb ? -link.weight : link.weight};
+}
+
+/* Moves all links to the roots and adds up those between the same two: sorted by low, then summed by high. */
+static void gather(struct gathering *g) {
+    for (size_t i = 0; i <= g->nodes; i++) g->begin[i] = 0;
+    size_t kept = 0;
+    for (size_t i = 0; i < g->count; i++) {
+        struct link link = at_roots(g, g->link[i]);
+        if (link.low == link.high) continue;
+        g->link[kept++] = link;
+        g->begin[link.low]++;
+    }
+    for (size_t i = 0; i < g->nodes; i++) g->begin[i + 1] += g->begin[i];
+    for (size_t i = kept; i-- > 0;) g->next[--g->begin[g->link[i].low]] = g->link[i];
+    g->count = 0;
+    for (uint32_t v = 0; v < g->nodes; v++) {
+        for (uint32_t i = g->begin[v]; i < g->begin[v + 1]; i++) sums_add(&g->sums, g->next[i].high, g->next[i].weight);
+        g->count += sums_flush(&g->sums, v, g->link + g->count);
+    }
+}
+
+static void gather_all(struct gathering *g) {
+    for (int round = 0; g->count > 0; round++) {
+        double strongest = find_best(g);
+        join_best(g, round < GENTLE_ROUNDS ? strongest / 2 : 0);
+        gather(g);
+    }
+}
+
+static enum status gathering_init(struct gathering *g, size_t nodes, size_t links) {
+    g->nodes = nodes;
+    g->link = alloc_array(links, sizeof *g->link);
+    g->next = alloc_array(links, sizeof *g->next);
+    g->best = alloc_array(nodes, sizeof *g->best);
+    g->begin = alloc_array(nodes + 1, sizeof *g->begin);
+    g->forest = (struct forest){alloc_array(nodes, sizeof(uint32_t)), alloc_zeroed(nodes, 1),
+                                alloc_array(nodes, sizeof(uint32_t))};
+    g->sums = (struct sums){alloc_array(nodes, sizeof(double)), alloc_zeroed(nodes, 1),
+                            alloc_array(nodes, sizeof(uint32_t)), 0};
+    bool ok = g->link && g->next && g->best && g->begin && g->forest.parent && g->forest.parity && g->forest.size;
+    if (!ok || !g->sums.sum || !g->sums.used || !g->sums.ids) return STATUS_NO_MEMORY;
+    for (uint32_t i = 0; i < nodes; i++) g->forest.parent[i] = i, g->forest.size[i] = 1;
+    return STATUS_OK;
+}
+
+static void gathering_done(struct gathering *g) {
+    free(g->link), free(g->next), free(g->best), free(g->begin);
+    free(g->forest.parent), free(g->forest.parity), free(g->forest.size);
+    free(g->sums.sum), free(g->sums.used), free(g->sums.ids);
+}
+
+/* ------------------------------------------------------------------------------------------------ normals */
 
 static void turn(struct cocone_frame *frame, uint32_t v) {
     frame->normal[v] = vec3_scale(frame->normal[v], -1);
@@ -119,7 +263,7 @@ static void turn(struct cocone_frame *frame, uint32_t v) {
 
 static void turn_normals(const struct cocone_star *star, struct forest *forest, struct cocone_frame *frame) {
     uint8_t out, parity;
-    find(forest, (uint32_t)(star->n + star->tets->finite_count), &out);
+    find(forest, (uint32_t)star->n, &out);
     for (uint32_t v = 0; v < star->n; v++) {
         if (star->begin[v] == star->begin[v + 1]) continue;
         find(forest, v, &parity);
@@ -141,22 +285,20 @@ static size_t count_conflicts(const struct cocone_star *star, const struct cocon
 }
 
 enum status cocone_orient(const struct cocone_star *star, struct cocone_frame *frame, size_t *conflicts) {
-    size_t links = star->begin[star->n], nodes = star->n + star->tets->finite_count + 1;
-    uint16_t *key = alloc_array(links, sizeof *key);
-    uint32_t *sorted = alloc_array(links, sizeof *sorted), *begin = alloc_zeroed(KEYS + 1, sizeof *begin);
-    struct forest forest = {alloc_array(nodes, sizeof(uint32_t)), alloc_zeroed(nodes, 1),
-                            alloc_array(nodes, sizeof(uint32_t))};
-    enum status status = STATUS_NO_MEMORY;
-    if (!key || !sorted || !begin || !forest.parent || !forest.parity || !forest.size) goto out;
-    for (uint32_t i = 0; i < nodes; i++) forest.parent[i] = i, forest.size[i] = 1;
-    sort_links(star, frame, key, sorted, begin);
-    link_all(star, frame, sorted, &forest);
-    turn_normals(star, &forest, frame);
-    *conflicts = count_conflicts(star, frame);
-    status = STATUS_OK;
-out:
-    free(key), free(sorted), free(begin);
-    free(forest.parent), free(forest.parity), free(forest.size);
+    struct gathering g = {0};
+    float(*weight)[4] = alloc_array(star->tets->cell_count, sizeof *weight);
+    /* A triangulation of the sphere in four dimensions: as many edges as cells and vertices together. */
+    enum status status = gathering_init(&g, star->n + 1, star->tets->cell_count + star->n + 1);
+    if (!weight) status = STATUS_NO_MEMORY;
+    if (!status) {
+        weigh_cells(star, frame, weight);
+        g.count = link_vertices(star, (const float(*)[4])weight, &g.sums, g.link);
+        gather_all(&g);
+        turn_normals(star, &g.forest, frame);
+        *conflicts = count_conflicts(star, frame);
+    }
+    free(weight);
+    gathering_done(&g);
     return status;
 }
 

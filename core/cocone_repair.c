@@ -12,6 +12,9 @@
  * three cells towards the surface; the first set that takes defects away is flipped.  Moves that insert a point into a
  * facet, swap an edge, open or close a pinch are all among them.
  *
+ * A move may cost DEAREST for each defect that it takes away, not more: a point that only a needle across half the model
+ * could save is better lost.
+ *
  * Invariant: the sum of all defects falls with each move, so the repair ends.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -24,6 +27,8 @@
 #include "core/cloud.h"
 
 enum { LOST = 3, SET_MOST = 3, SET_VERTICES = 4 * SET_MOST, VERTICES_PER_TICK = 256 };
+
+#define DEAREST 20.0
 
 struct repair {
     const struct cocone_star *star;
@@ -128,6 +133,7 @@ static void try_set(struct repair *r, const struct set *set, struct gain *best) 
     int64_t cost = flip(r, set);
     int defects = before - defects_around(r, set);
     flip(r, set);
+    if (cost > (int64_t)(DEAREST * COCONE_UNIT) * defects) return;
     if (defects > best->defects || (defects == best->defects && defects > 0 && cost < best->cost))
         *best = (struct gain){defects, cost, *set};
 }

@@ -269,7 +269,7 @@ void build(const vec3 *points, size_t n, const struct progress *progress, struct
     places.reserve(n);
     for (size_t i = 0; i < n; i++) places.emplace_back(points[i].x, points[i].y, points[i].z);
     Delaunay delaunay;
-    insert_all(delaunay, places, progress);
+    if (n > 0) insert_all(delaunay, places, progress);
     Tets_owner owner;
     owner.tets.dimension = std::max(delaunay.dimension(), 0);
     if (delaunay.dimension() == 3) fill_cells(delaunay, points, n, &owner.tets);

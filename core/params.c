@@ -23,6 +23,7 @@ static const char *const cocone_forms[] = {"tight", "literal", NULL};
 static const char *const boundary_forms[] = {"fill", "keep", NULL};
 static const char *const refine_forms[] = {"none", "flips", "full", NULL};
 static const char *const reference_forms[] = {"auto", "points", "faces", "reconstruction", NULL};
+static const char *const denoise_forms[] = {"none", "outliers", "full", NULL};
 static const char *const encodings[] = {"binary", "ascii", NULL};
 static const char *const output_names[] = {"cloud", "xyz", "mesh", "report", "dso", "error", NULL};
 
@@ -41,6 +42,10 @@ static const struct param table[] = {
     {"outputs", PARAM_FLAGS, AT(outputs), 0, 0, false, "cloud,report", output_names, "", true,
      "What to write, separated by commas: cloud.ply, cloud.xyz, mesh.ply, report.json, "
      "dso.ply and error.ply (every original point with its discrete shape operator, its distance to the mesh)"},
+    {"denoise", PARAM_CHOICE, AT(denoise), 0, 0, false, "none", denoise_forms, "", true,
+     "Before all else: outliers drops points that belong to no surface; full also smooths the others along their "
+     "normals, edges kept: points are then written at their smoothed positions, all else as it was, and errors are "
+     "measured from there"},
     {"placement", PARAM_CHOICE, AT(placement), 0, 0, false, "subset", placements, "", true,
      "subset: mesh vertices are original points; optimal: mesh vertices move freely for the lowest error"},
     {"dso", PARAM_CHOICE, AT(dso), 0, 0, false, "rms", dso_forms, "", true,
@@ -53,10 +58,10 @@ static const struct param table[] = {
      "Weight of the line quadric along the normal, which keeps flat regions evenly sampled"},
     {"neighbourhood", PARAM_NUMBER, AT(neighbourhood), 1, 16, false, "2.5", NULL, "nearest-neighbour distances", true,
      "Radius of the neighbourhood (Gopi's m) as a multiple of the distance to the nearest neighbour"},
-    {"neighbours_min", PARAM_INTEGER, AT(neighbours_min), 3, 64, false, "6", NULL, "points", true,
-     "Fewest neighbours of a point"},
-    {"neighbours_max", PARAM_INTEGER, AT(neighbours_max), 3, 64, false, "10", NULL, "points", true,
-     "Most neighbours of a point"},
+    {"neighbours_min", PARAM_INTEGER, AT(neighbours_min), 3, 63, false, "6", NULL, "points", true,
+     "Fewest neighbours of a point; three times as many where the cloud is noisy"},
+    {"neighbours_max", PARAM_INTEGER, AT(neighbours_max), 3, 63, false, "10", NULL, "points", true,
+     "Most neighbours of a point; three times as many where the cloud is noisy"},
     {"cocone", PARAM_CHOICE, AT(cocone), 0, 0, false, "tight", cocone_forms, "", true,
      "Reconstruction: tight (Tight Cocone with dense normals and consistent marking) or literal (as published)"},
     {"boundary", PARAM_CHOICE, AT(boundary), 0, 0, false, "fill", boundary_forms, "", true,

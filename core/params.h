@@ -20,6 +20,8 @@ enum cocone_form { COCONE_TIGHT, COCONE_LITERAL };
 enum refine_form { REFINE_NONE, REFINE_FLIPS, REFINE_FULL };
 enum boundary_form { BOUNDARY_FILL, BOUNDARY_KEEP };
 enum reference_form { REFERENCE_AUTO, REFERENCE_POINTS, REFERENCE_FACES, REFERENCE_RECONSTRUCTION };
+/* What is done to the points before all else. */
+enum denoise_form { DENOISE_NONE, DENOISE_OUTLIERS, DENOISE_FULL };
 enum encoding { ENCODING_BINARY, ENCODING_ASCII };
 
 /* Bits of params.outputs. */
@@ -46,6 +48,7 @@ struct params {
     double max_error;           /* fraction of the diagonal; NAN = not given */
     struct param_levels levels; /* count 0 = not given: one level */
     uint32_t outputs;           /* enum output */
+    int denoise;      /* enum denoise_form */
     int placement;              /* enum placement */
     int dso;                    /* enum dso_form */
     double dso_exponent;

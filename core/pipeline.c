@@ -5,6 +5,7 @@
  *                                    measure <- refine <- reconstruct <- delaunay <-+                 a mesh
  *
  *  1 order        distinct points in a frame of their own, along a space-filling curve
+ *    denoise      where it is asked for: outliers go, noise is smoothed along the normals
  *  2 neighbours   FLANN, and Gopi's neighbourhood
  *  3 normals      least squares
  *  4 dso          the discrete shape operator, and the weights from it
@@ -36,7 +37,13 @@
 
 static bool mesh_wanted(const struct params *params) { return params->outputs & (OUTPUT_MESH | OUTPUT_ERROR); }
 
+static bool refinement_wanted(const struct params *params) {
+    return mesh_wanted(params) && params->refine != REFINE_NONE;
+}
+
 static bool distances_wanted(const struct params *params) { return params->outputs & OUTPUT_ERROR; }
+
+static bool denoise_wanted(const struct params *params) { return params->denoise != DENOISE_NONE; }
 
 static bool always(const struct params *params) {
     (void)params;
@@ -52,6 +59,7 @@ static const struct step {
     double share;
 } steps[] = {
     {"order", pipeline_order, always, false, 2},
+    {"denoise", pipeline_denoise, denoise_wanted, false, 30},
     {"neighbours", pipeline_neighbours, always, false, 10},
     {"normals", pipeline_normals, always, false, 4},
     {"dso", pipeline_dso, always, false, 2},
@@ -61,6 +69,7 @@ static const struct step {
     {"tangent", pipeline_tangent, always, true, 4},
     {"delaunay", pipeline_delaunay, mesh_wanted, true, 10},
     {"reconstruct", pipeline_reconstruct, mesh_wanted, true, 10},
+    {"refine", pipeline_refine, refinement_wanted, true, 60},
     {"examine", pipeline_examine, mesh_wanted, true, 1},
     {"measure", pipeline_measure, mesh_wanted, true, 20},
     {"distances", pipeline_distances, distances_wanted, true, 4},
@@ -87,7 +96,8 @@ static double now_ms(void) {
 static void restore_vertex(const struct run *run, struct mesh *mesh, size_t v) {
     uint32_t source = mesh->source[v] == NONE ? NONE : run->points.original[mesh->source[v]];
     mesh->source[v] = source;
-    mesh->vertex[v] = source != NONE ? run->cloud->position[source]
+    const vec3 *position = run->moved ? run->moved : run->cloud->position;
+    mesh->vertex[v] = source != NONE ? position[source]
                                      : vec3_add(vec3_scale(mesh->vertex[v], run->points.scale), run->points.centre);
 }
 
@@ -125,11 +135,15 @@ static enum status run_steps(struct run *run, const struct progress *progress, s
     return status;
 }
 
-/* Spreads values of the distinct points over all points of the input, in the input's units. */
+/* Spreads values of the distinct points over all points of the input, in the input's units.  An outlier shows the
+ * largest one. */
 static float *spread(const struct run *run, const float *value, double scale) {
-    float *all = alloc_array(run->cloud->count, sizeof *all);
-    for (size_t i = 0; all && i < run->cloud->count; i++)
-        all[i] = (float)((double)value[run->points.distinct[i]] * scale);
+    float *all = alloc_array(run->cloud->count, sizeof *all), largest = 0;
+    for (size_t i = 0; i < run->points.count; i++) largest = fmaxf(largest, value[i]);
+    for (size_t i = 0; all && i < run->cloud->count; i++) {
+        uint32_t p = run->points.distinct[i];
+        all[i] = (float)((double)(p == NONE ? largest : value[p]) * scale);
+    }
     return all;
 }
 
@@ -147,6 +161,8 @@ static enum status hand_over(struct run *run, struct pipeline_result *made) {
     for (size_t i = 0; i < made->level[0].kept_count; i++) run->kept[i] = run->points.original[run->kept[i]];
     made->kept = run->kept;
     run->kept = NULL;
+    made->moved = run->moved;
+    run->moved = NULL;
     run->report.level_count = made->level_count;
     run->report.peak_rss_bytes = (uint64_t)usage.ru_maxrss * 1024;
     made->report = run->report;
@@ -155,6 +171,7 @@ static enum status hand_over(struct run *run, struct pipeline_result *made) {
 
 static void run_done(struct run *run) {
     ordered_points_done(&run->points);
+    free(run->moved);
     knn_free(run->knn);
     neighbourhood_done(&run->hood);
     free(run->normal), free(run->dso), free(run->distance), free(run->quadrics), free(run->kept);
@@ -184,7 +201,7 @@ enum status pipeline_run(const struct cloud *cloud, const struct params *params,
 
 void pipeline_result_done(struct pipeline_result *result) {
     if (!result) return;
-    free(result->kept), free(result->dso), free(result->distance);
+    free(result->kept), free(result->moved), free(result->dso), free(result->distance);
     for (size_t i = 0; i < result->level_count; i++) mesh_done(&result->level[i].mesh);
     *result = (struct pipeline_result){0};
 }

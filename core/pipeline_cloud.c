@@ -36,6 +36,13 @@ static enum status check_size(struct run *run) {
     return STATUS_OK;
 }
 
+void pipeline_report_box(struct run *run) {
+    struct report *report = &run->report;
+    report->diagonal = run->points.scale;
+    memcpy(report->box_min, &run->points.box_min, sizeof report->box_min);
+    memcpy(report->box_max, &run->points.box_max, sizeof report->box_max);
+}
+
 enum status pipeline_order(struct run *run) {
     if (check_size(run)) return STATUS_MALFORMED;
     enum status status = order_points(run->cloud->position, run->cloud->count, run->threads, &run->points);
@@ -43,9 +50,7 @@ enum status pipeline_order(struct run *run) {
     struct report *report = &run->report;
     report->points_in = run->cloud->count;
     report->points_distinct = run->points.count;
-    report->diagonal = run->points.scale;
-    memcpy(report->box_min, &run->points.box_min, sizeof report->box_min);
-    memcpy(report->box_max, &run->points.box_max, sizeof report->box_max);
+    pipeline_report_box(run);
     snprintf(report->format, sizeof report->format, "%s", cloud_format_name(run->cloud->format));
     return STATUS_OK;
 }

@@ -11,6 +11,7 @@
 #include "core/delaunay_cgal.h"
 #include "core/metro.h"
 #include "core/pipeline_run.h"
+#include "core/refine.h"
 #include "core/sym3.h"
 
 static int compare_ids(const void *a, const void *b) {
@@ -123,6 +124,18 @@ enum status pipeline_reconstruct(struct run *run) {
     snprintf(run->report.level[run->level].reconstruction, sizeof run->report.level[run->level].reconstruction, "%s",
              facts.form);
     return STATUS_OK;
+}
+
+enum status pipeline_refine(struct run *run) {
+    struct refine_input input = {.points = run->points.point,
+                                 .normals = run->normal,
+                                 .n = run->points.count,
+                                 .spacing = run->hood.spacing,
+                                 .hood = &run->hood};
+    struct refine_options options = {(enum refine_form)run->params->refine, (enum placement)run->params->placement,
+                                     run->threads};
+    enum status status = refine_mesh(&run->mesh, &input, &options, &run->progress, NULL);
+    return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "refine") : status;
 }
 
 /* The input's own faces in the normalised frame.  Borrows the triangles. */

@@ -28,6 +28,7 @@ struct run {
     struct error *error;
     unsigned threads;
     struct ordered_points points;
+    vec3 *moved; /* of every input point, by its id: where denoising puts it; NULL where it moves none */
     struct knn *knn;
     struct neighbourhood hood;
     vec3 *normal;
@@ -47,6 +48,7 @@ struct run {
 /* The steps, in their order (core/pipeline.c says what each does).  Each fills its own members of struct run, and
  * run->error where it fails. */
 enum status pipeline_order(struct run *run) MUST_CHECK;
+enum status pipeline_denoise(struct run *run) MUST_CHECK;
 enum status pipeline_neighbours(struct run *run) MUST_CHECK;
 enum status pipeline_normals(struct run *run) MUST_CHECK;
 enum status pipeline_dso(struct run *run) MUST_CHECK;
@@ -56,6 +58,7 @@ enum status pipeline_keep(struct run *run) MUST_CHECK;
 enum status pipeline_tangent(struct run *run) MUST_CHECK;
 enum status pipeline_delaunay(struct run *run) MUST_CHECK;
 enum status pipeline_reconstruct(struct run *run) MUST_CHECK;
+enum status pipeline_refine(struct run *run) MUST_CHECK;
 enum status pipeline_examine(struct run *run) MUST_CHECK;
 enum status pipeline_measure(struct run *run) MUST_CHECK;
 enum status pipeline_distances(struct run *run) MUST_CHECK;
@@ -65,6 +68,9 @@ enum status pipeline_no_memory(struct run *run, const char *where);
 
 /* Turns lengths of the normalised frame into the input's. */
 void pipeline_scale(struct distance_stats *stats, double scale);
+
+/* Puts the bounding box of run->points into the report. */
+void pipeline_report_box(struct run *run);
 
 void pipeline_sites_done(struct sites *sites);
 

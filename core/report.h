@@ -50,8 +50,9 @@ struct report_level {
 };
 
 struct report {
-    uint64_t points_in, points_distinct;
-    double diagonal; /* of the bounding box of all points read */
+    uint64_t points_in, points_distinct, points_outliers /* of points_in, dropped by denoising */;
+    double noise;    /* standard deviation of the points from the surface that they were smoothed to; 0: they weren't */
+    double diagonal; /* of the bounding box of all points read, or where they are denoised of those that were left */
     double box_min[3], box_max[3];
     char format[32]; /* of the input, e.g. "ply/binary_little_endian" */
 

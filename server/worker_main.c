@@ -48,6 +48,7 @@ static enum status run(const struct worker_options *options, struct worker_progr
     enum status status = read_input(options, &progress, &cloud, error);
     worker_progress_span(display, READ_SHARE, 1);
     if (!status) status = pipeline_run(&cloud, &options->params, &progress, &result, error);
+    if (!status && result.moved) cloud_move(&cloud, result.moved);
     if (!status) status = worker_output_write(options, &cloud, &result, error);
     worker_progress_end(display, status, error);
     if (!status && options->summary) worker_output_summary(&result.report, stdout);

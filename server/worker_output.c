@@ -127,6 +127,8 @@ static void summarise_level(const struct report *report, const struct report_lev
 
 void worker_output_summary(const struct report *report, FILE *to) {
     for (size_t i = 0; i < report->level_count; i++) summarise_level(report, &report->level[i], to);
+    if (report->points_outliers) fprintf(to, "%-16s %" PRIu64 " points\n", "outliers", report->points_outliers);
+    if (report->noise > 0) fprintf(to, "%-16s %.3e of the diagonal\n", "noise", report->noise / report->diagonal);
     fprintf(to, "%-16s %.0f ms, %.1f MiB at the peak\n", "cost", report->total_ms,
             (double)report->peak_rss_bytes / 1048576);
 }

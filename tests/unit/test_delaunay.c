@@ -1,0 +1,270 @@
+/* The Delaunay shim: what every consumer of struct tets relies on, on points that are hard for it.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "core/alloc.h"
+#include "core/cloud.h"
+#include "core/delaunay_cgal.h"
+#include "tests/unit/shapes.h"
+
+static vec3 *grid(size_t nx, size_t ny, size_t nz) {
+    vec3 *point = alloc_array(nx * ny * nz, sizeof *point);
+    assert_non_null(point);
+    size_t n = 0;
+    for (size_t x = 0; x < nx; x++)
+        for (size_t y = 0; y < ny; y++)
+            for (size_t z = 0; z < nz; z++)
+                point[n++] = (vec3){(double)x / 8 - 0.25, (double)y / 8 - 0.25, (double)z / 8 - 0.25};
+    return point;
+}
+
+static vec3 *random_points(size_t n, uint64_t seed) {
+    vec3 *point = alloc_array(n, sizeof *point);
+    assert_non_null(point);
+    for (size_t i = 0; i < n; i++) {
+        point[i].x = random_unit(&seed) - 0.5;
+        point[i].y = random_unit(&seed) - 0.5;
+        point[i].z = random_unit(&seed) - 0.5;
+    }
+    return point;
+}
+
+static struct tets build(const vec3 *point, size_t n) {
+    struct tets tets = {0};
+    struct error error = {0};
+    assert_int_equal(delaunay_build(point, n, NULL, &tets, &error), STATUS_OK);
+    return tets;
+}
+
+static double six_volumes(const vec3 *p, const uint32_t v[4]) {
+    return vec3_dot(vec3_triangle_normal(p[v[0]], p[v[1]], p[v[2]]), vec3_sub(p[v[3]], p[v[0]]));
+}
+
+static bool has(const uint32_t v[4], uint32_t id) { return v[0] == id || v[1] == id || v[2] == id || v[3] == id; }
+
+/* The facet across which c and d meet has the same three vertices in both, and d says the same of c. */
+static void check_neighbour(const struct tets *tets, uint32_t c, int i) {
+    uint32_t d = tets->neighbour[c][i];
+    int shared = 0, back = 0;
+    assert_true(d < tets->cell_count && d != c);
+    for (int k = 0; k < 4; k++) {
+        shared += k != i && has(tets->vertex[d], tets->vertex[c][k]);
+        back += tets->neighbour[d][k] == c;
+    }
+    assert_int_equal(shared, 3);
+    assert_true(back > 0);
+}
+
+static void check_cell(const struct tets *tets, const vec3 *point, uint32_t c) {
+    int infinite = 0;
+    for (int i = 0; i < 4; i++) {
+        infinite += tets->vertex[c][i] == NONE;
+        check_neighbour(tets, c, i);
+    }
+    assert_int_equal(infinite, c >= tets->finite_count);
+    if (infinite) return;
+    assert_true(six_volumes(point, tets->vertex[c]) > 0);
+    assert_true(vec3_is_finite(tets->circumcentre[c]));
+}
+
+/* Structure, orientation, and the volume of all cells. */
+static double check(const struct tets *tets, const vec3 *point) {
+    double volume = 0;
+    for (uint32_t c = 0; c < tets->cell_count; c++) check_cell(tets, point, c);
+    for (uint32_t c = 0; c < tets->finite_count; c++) volume += six_volumes(point, tets->vertex[c]) / 6;
+    return volume;
+}
+
+static void four_points_make_one_cell_and_four_infinite_ones(void **state) {
+    (void)state;
+    const vec3 point[] = {{0, 0, 0}, {0.5, 0, 0}, {0, 0.5, 0}, {0, 0, 0.5}};
+    struct tets tets = build(point, 4);
+    assert_int_equal(tets.dimension, 3);
+    assert_int_equal(tets.finite_count, 1);
+    assert_int_equal(tets.cell_count, 5);
+    assert_true(fabs(check(&tets, point) - 0.5 * 0.5 * 0.5 / 6) < 1e-15);
+    assert_true(vec3_distance(tets.circumcentre[0], (vec3){0.25, 0.25, 0.25}) < 1e-15);
+    tets_done(&tets);
+}
+
+static void infinite_cells_turn_as_if_infinity_lay_outside(void **state) {
+    (void)state;
+    vec3 *point = random_points(60, 3);
+    struct tets tets = build(point, 60);
+    for (size_t c = tets.finite_count; c < tets.cell_count; c++) {
+        uint32_t v[4];
+        memcpy(v, tets.vertex[c], sizeof v);
+        int i = 0;
+        while (v[i] != NONE) i++;
+        /* The inner cell's vertex across the hull facet, put in infinity's place, turns the cell over. */
+        uint32_t inner = tets.neighbour[c][i];
+        for (int k = 0; k < 4; k++)
+            if (!has(tets.vertex[c], tets.vertex[inner][k])) v[i] = tets.vertex[inner][k];
+        assert_true(six_volumes(point, v) < 0);
+    }
+    tets_done(&tets);
+    free(point);
+}
+
+static void no_point_is_inside_a_circumsphere(void **state) {
+    (void)state;
+    enum { N = 120 };
+    vec3 *point = random_points(N, 7);
+    struct tets tets = build(point, N);
+    check(&tets, point);
+    for (size_t c = 0; c < tets.finite_count; c++) {
+        double radius = vec3_distance(tets.circumcentre[c], point[tets.vertex[c][0]]);
+        for (size_t i = 0; i < N; i++)
+            assert_true(vec3_distance(tets.circumcentre[c], point[i]) > radius * (1 - 1e-9) - 1e-12);
+    }
+    tets_done(&tets);
+    free(point);
+}
+
+static void a_cospherical_grid_fills_its_box(void **state) {
+    (void)state;
+    vec3 *point = grid(5, 4, 3);
+    struct tets tets = build(point, 60);
+    assert_true(fabs(check(&tets, point) - 0.5 * 0.375 * 0.25) < 1e-12);
+    tets_done(&tets);
+    free(point);
+}
+
+static void slivers_have_finite_circumcentres(void **state) {
+    (void)state;
+    enum { N = 400 };
+    vec3 *point = random_points(N, 11);
+    for (size_t i = 0; i < N; i++) point[i].z *= 1e-14;
+    struct tets tets = build(point, N);
+    if (tets.dimension == 3) check(&tets, point);
+    tets_done(&tets);
+    free(point);
+}
+
+static void coplanar_points_give_triangles_that_turn_the_same_way(void **state) {
+    (void)state;
+    vec3 *point = grid(1, 6, 5);
+    struct tets tets = build(point, 30);
+    assert_int_equal(tets.dimension, 2);
+    assert_int_equal(tets.cell_count, 0);
+    assert_int_equal(tets.planar_count, 5 * 4 * 2);
+    double first = 0, area = 0;
+    for (size_t t = 0; t < tets.planar_count; t++) {
+        const uint32_t *v = tets.planar[t];
+        double x = vec3_triangle_normal(point[v[0]], point[v[1]], point[v[2]]).x;
+        if (t == 0) first = x;
+        assert_true(x * first > 0);
+        area += fabs(x) / 2;
+    }
+    assert_true(fabs(area - 5.0 / 8 * 4 / 8) < 1e-12);
+    tets_done(&tets);
+    free(point);
+}
+
+static void fewer_dimensions_give_nothing(void **state) {
+    (void)state;
+    vec3 *point = grid(1, 1, 7);
+    for (size_t n = 0; n <= 7; n++) {
+        struct tets tets = build(point, n);
+        assert_int_equal(tets.dimension, n > 1 ? 1 : 0);
+        assert_int_equal(tets.cell_count + tets.planar_count, 0);
+        tets_done(&tets);
+    }
+    free(point);
+}
+
+/* Cells of shuffled points, with the ids translated back, as a sorted list. */
+static int by_ids(const void *a, const void *b) { return memcmp(a, b, 4 * sizeof(uint32_t)); }
+
+static void sort_ids(uint32_t v[4]) {
+    for (int i = 1; i < 4; i++)
+        for (int j = i; j > 0 && v[j] < v[j - 1]; j--) {
+            uint32_t swap = v[j];
+            v[j] = v[j - 1];
+            v[j - 1] = swap;
+        }
+}
+
+static void the_order_of_points_does_not_matter(void **state) {
+    (void)state;
+    enum { N = 300 };
+    vec3 *point = random_points(N, 5), *shuffled = alloc_array(N, sizeof *shuffled);
+    uint32_t original[N];
+    for (uint32_t i = 0; i < N; i++) {
+        original[i] = (i * 7 + 3) % N;
+        shuffled[i] = point[original[i]];
+    }
+    struct tets a = build(point, N), b = build(shuffled, N);
+    assert_int_equal(a.cell_count, b.cell_count);
+    for (size_t c = 0; c < a.finite_count; c++) {
+        for (int i = 0; i < 4; i++) b.vertex[c][i] = original[b.vertex[c][i]];
+        sort_ids(a.vertex[c]);
+        sort_ids(b.vertex[c]);
+    }
+    qsort(a.vertex, a.finite_count, sizeof *a.vertex, by_ids);
+    qsort(b.vertex, b.finite_count, sizeof *b.vertex, by_ids);
+    assert_memory_equal(a.vertex, b.vertex, a.finite_count * sizeof *a.vertex);
+    tets_done(&a), tets_done(&b);
+    free(point), free(shuffled);
+}
+
+static int stop(void *ctx, const char *stage, double fraction) {
+    (void)fraction;
+    assert_string_equal(stage, "delaunay");
+    return ++*(int *)ctx == 2;
+}
+
+static void it_stops_when_asked(void **state) {
+    (void)state;
+    vec3 *point = random_points(5000, 1);
+    int calls = 0;
+    struct progress progress = {stop, &calls};
+    struct tets tets = {0};
+    struct error error = {0};
+    assert_int_equal(delaunay_build(point, 5000, &progress, &tets, &error), STATUS_CANCELLED);
+    assert_int_equal(error.code, STATUS_CANCELLED);
+    assert_null(tets.vertex);
+    free(point);
+}
+
+static bool is_due(void *ctx) { return (*(int *)ctx)-- == 0; }
+
+static void a_failing_allocation_is_a_status(void **state) {
+    (void)state;
+    vec3 *point = random_points(50, 2);
+    for (int nth = 0; nth < 3; nth++) {
+        int left = nth;
+        struct tets tets = {0};
+        alloc_fail_ctx = &left;
+        alloc_fail = is_due;
+        enum status status = delaunay_build(point, 50, NULL, &tets, NULL);
+        alloc_fail = NULL;
+        assert_int_equal(status, STATUS_NO_MEMORY);
+        assert_null(tets.vertex);
+    }
+    free(point);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(four_points_make_one_cell_and_four_infinite_ones),
+        cmocka_unit_test(infinite_cells_turn_as_if_infinity_lay_outside),
+        cmocka_unit_test(no_point_is_inside_a_circumsphere),
+        cmocka_unit_test(a_cospherical_grid_fills_its_box),
+        cmocka_unit_test(slivers_have_finite_circumcentres),
+        cmocka_unit_test(coplanar_points_give_triangles_that_turn_the_same_way),
+        cmocka_unit_test(fewer_dimensions_give_nothing),
+        cmocka_unit_test(the_order_of_points_does_not_matter),
+        cmocka_unit_test(it_stops_when_asked),
+        cmocka_unit_test(a_failing_allocation_is_a_status),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

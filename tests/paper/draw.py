@@ -17,10 +17,12 @@ FINE = 2  # pixels drawn for each pixel shown, along each axis
 PALE = (0.93, 0.92, 0.89)
 CLAY = (0.80, 0.78, 0.74)
 LIGHT = np.array([0.35, 0.45, 0.82])  # right, up, to the viewer
+AMBIENT, UNDER_POINTS = 0.4, 0.72  # the darkest shade of a mesh, and of a surface below points
 CHUNK = 4_000_000  # candidate pixels at a time
 
 # The viewer's right and up; others are seen from a corner, y up.
-VIEWS = {"horse": ((0.1, 1, 0), (0, 0, 1)), "venus": ((0.5, 0.87, 0), (0, 0, 1)), "armadillo": ((-0.9, 0, 0.45), (0, 1, 0))}
+VIEWS = {"horse": ((0.1, 1, 0), (0, 0, 1)), "venus": ((0.5, 0.87, 0), (0, 0, 1)),
+         "armadillo": ((-0.9, 0, 0.45), (0, 1, 0))}
 CORNER = ((0.87, 0, -0.5), (0.1, 0.97, 0.2))
 
 
@@ -92,8 +94,8 @@ def inside(ids, pixel, corner):
     return ids[keep], pixel[keep, 1], pixel[keep, 0], weights
 
 
-def rasterise(camera, xyz, faces, normals, colours):
-    """(picture, heights): normals and colours belong to the corners, arrays of faces x 3 x 3.  No surface: white, -inf."""
+def rasterise(camera, xyz, faces, normals, colours, ambient=AMBIENT):
+    """(picture, heights); normals and colours are those of the corners, faces x 3 x 3.  No surface: white, -inf."""
     seen = camera.look(xyz) * FINE
     width, height = camera.size * FINE
     depth = np.full(width * height, -np.inf)
@@ -107,7 +109,7 @@ def rasterise(camera, xyz, faces, normals, colours):
         ids, weights, pixel = ids[top], weights[top], pixel[top]
         normal = unit(np.einsum("ij,ijk->ik", weights, normals[ids])) @ camera.axes.T
         normal *= np.where(normal[:, 2:] < 0, -1, 1)
-        shade = 0.35 + 0.65 * np.clip(normal @ LIGHT / np.linalg.norm(LIGHT), 0, 1)
+        shade = ambient + (1 - ambient) * np.clip(normal @ LIGHT / np.linalg.norm(LIGHT), 0, 1)
         picture[pixel] = np.einsum("ij,ijk->ik", weights, colours[ids]) * shade[:, None]
     return picture.reshape(height, width, 3), depth.reshape(height, width) / FINE
 
@@ -131,7 +133,7 @@ def draw_points(camera, surface, points, radius):
     """(picture of the surface, columns and rows of the points that it doesn't hide)."""
     xyz, faces = surface
     picture, heights = rasterise(camera, xyz, faces, vertex_normals(xyz, faces)[faces],
-                                 np.broadcast_to(PALE, xyz.shape)[faces])
+                                 np.broadcast_to(PALE, xyz.shape)[faces], UNDER_POINTS)
     seen = camera.look(points)
     column, row = (np.clip((seen[:, axis] * FINE).astype(int), 0, heights.shape[1 - axis] - 1) for axis in (0, 1))
     near = seen[:, 2] >= heights[row, column] - 0.004 * camera.diagonal * camera.scale

@@ -20,7 +20,7 @@ import subprocess
 import sys
 
 import models
-from programs import SAMPLES, Failed, Made, Programs, markdown, work_ms
+from programs import SAMPLES, Failed, Made, Programs, best, markdown, work_ms
 
 WHITTLE = {"whittle": (), "whittle, no refinement": ("--refine", "none"), "whittle, flips": ("--refine", "flips"),
            "whittle, optimal": ("--placement", "optimal")}
@@ -39,8 +39,7 @@ def make(programs, method, model, ratio):
     """Runs one method; the mesh that it made."""
     count = math.floor(ratio * model.points)
     if method in WHITTLE:
-        folder, report = programs.whittle(model.cloud, "--ratio", ratio, *WHITTLE[method])
-        return Made(folder / "mesh.ply", report["mesh"]["vertices"], work_ms(report))
+        return programs.mesh(model.cloud, "--ratio", ratio, *WHITTLE[method])
     if method in MESH:
         return programs.peer(*MESH[method], Made(model.mesh, 0, 0), count)
     return programs.peer("surface_cgal", "front", pick(programs, method, model, ratio, count), 0)
@@ -53,10 +52,10 @@ def pick(programs, method, model, ratio, count):
     return Made(programs.plain(folder / "cloud.ply", "kept"), report["points_out"], work_ms(report))
 
 
-def row_of(programs, method, model, ratio):
-    """(the row's cells, the mean error or None)."""
+def row_of(programs, method, model, ratio, times):
+    """(the row's cells, (errors, ms) or None)."""
     try:
-        made = make(programs, method, model, ratio)
+        made = best(lambda: make(programs, method, model, ratio), times)
         errors = programs.measure(made.path, model.mesh)
     except Failed as failure:
         print(f"{model.name} {ratio:g}: {failure}", file=sys.stderr)
@@ -70,12 +69,12 @@ def show_progress(text):
         print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
 
 
-def compare(programs, model, ratio, methods):
+def compare(programs, model, ratio, methods, times):
     """One table; {method: (errors, ms)}."""
     rows, measured = [], {}
     for method in methods:
         show_progress(f"{model.name} {ratio:g}: {method}")
-        row, measured[method] = row_of(programs, method, model, ratio)
+        row, measured[method] = row_of(programs, method, model, ratio, times)
         rows.append(row)
     show_progress("")
     header = ["method", "from", "points", "mean", "RMS", "max", "time (s)"]
@@ -130,6 +129,7 @@ def parse():
     parser.add_argument("--models", default="", help="separated by commas; default all")
     parser.add_argument("--ratios", default="0.2,0.1,0.05")
     parser.add_argument("--methods", default="", help="separated by semicolons; default all: " + "; ".join(METHODS))
+    parser.add_argument("--repeat", default=1, type=int, help="runs of each; the shortest counts")
     parser.add_argument("-o", "--output", default="out/peers.md", type=pathlib.Path)
     return parser.parse_args()
 
@@ -145,7 +145,7 @@ def main():
     chosen = models.find(options.models.split(",") if options.models else None)
     for model in chosen:
         for ratio in map(float, options.ratios.split(",")):
-            table, measured = compare(programs, model, ratio, methods)
+            table, measured = compare(programs, model, ratio, methods, options.repeat)
             print(table, flush=True)
             tables.append(table)
             all_measured.append(measured)

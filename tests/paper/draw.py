@@ -148,7 +148,8 @@ def panels(path, pictures, titles, rows=1, caption=None):
     first = pictures[0][0] if isinstance(pictures[0], tuple) else pictures[0]
     aspect = first.shape[0] / first.shape[1]
     width = min(4.2, 13 / columns)
-    figure, axes = plot.subplots(rows, columns, figsize=(width * columns, rows * (width * aspect + 0.35)), squeeze=False)
+    figure, axes = plot.subplots(rows, columns, squeeze=False,
+                                 figsize=(width * columns, rows * (width * aspect + 0.35)))
     for axis in axes.flat:
         axis.axis("off")
     for axis, picture, title in zip(axes.flat, pictures, titles):

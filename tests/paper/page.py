@@ -7,7 +7,8 @@ import os
 
 from programs import markdown
 
-STYLE = """body { font: 16px/1.5 system-ui, sans-serif; max-width: 62em; margin: 2em auto; padding: 0 1em; color: #222; }
+STYLE = """body { font: 16px/1.5 system-ui, sans-serif; max-width: 62em; margin: 2em auto; padding: 0 1em;
+       color: #222; }
 table { border-collapse: collapse; margin: 1em 0; font-size: 14px; font-variant-numeric: tabular-nums; }
 td, th { padding: 2px 10px; border-bottom: 1px solid #ddd; text-align: right; }
 td:first-child, th:first-child { text-align: left; }
@@ -27,6 +28,8 @@ class Page:
         self.body.append(f"<h2>{html.escape(text)}</h2>")
 
     def text(self, text):
+        """One paragraph; its line breaks don't count."""
+        text = " ".join(text.split())
         self.md.append(text + "\n")
         self.body.append(f"<p>{html.escape(text)}</p>")
 
@@ -46,5 +49,6 @@ class Page:
         with open(f"{stem}.md", "w", encoding="utf-8") as file:
             file.write("\n".join(self.md))
         with open(f"{stem}.html", "w", encoding="utf-8") as file:
-            file.write(f'<!doctype html>\n<html lang="en"><meta charset="utf-8"><title>{html.escape(self.title)}</title>\n'
-                       f"<style>{STYLE}</style>\n" + "\n".join(self.body) + "\n</html>\n")
+            file.write(f'<!doctype html>\n<html lang="en"><meta charset="utf-8">\n'
+                       f"<title>{html.escape(self.title)}</title>\n<style>{STYLE}</style>\n" +
+                       "\n".join([*self.body, "</html>\n"]))

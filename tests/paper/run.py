@@ -23,6 +23,7 @@ import numpy as np
 
 import draw
 import models
+import words
 from page import Page
 from programs import Failed, Made, Programs, best, work_ms
 
@@ -61,6 +62,19 @@ def percent(ratio):
     return f"{100 * ratio:g} %"
 
 
+def improvement(ways, way):
+    """(time_R - time_S) / time_R in %."""
+    return 100 * (ways["R"][1] - ways[way][1]) / ways["R"][1]
+
+
+def row_of_table_2(model, ratio, ways):
+    seconds = {way: f"{w[1]:.2f}" for way, w in ways.items()}
+    errors = {way: f"{1e4 * w[2]:.2f}" for way, w in ways.items()}
+    better = {way: f"{improvement(ways, way):.1f} %" for way in ways}
+    return [model.name, percent(ratio), ways["S"][0], seconds["S"], seconds["R"], better["S"], errors["S"], errors["R"],
+            seconds["refined"], better["refined"], errors["refined"]]
+
+
 class Evaluation:
     """The programs, the page that grows, and where the pictures go."""
 
@@ -85,12 +99,9 @@ class Evaluation:
             middle = [statistics.median(run[stage] for run in runs) for stage in ("neighbours", "normals", "dso")]
             rows.append([model.name, model.points, *(f"{ms:.1f}" for ms in middle), f"{sum(middle):.1f}",
                          f"{1e3 * sum(middle) / model.points:.2f}"])
-        self.page.table(["model", "points", "neighbours (ms)", "normals (ms)", "DSO (ms)", "sum (ms)", "us for a point"],
+        self.page.table(["model", "points", "neighbours (ms)", "normals (ms)", "DSO (ms)", "sum (ms)", "us / point"],
                         rows)
-        self.page.text(f"The paper's form of the DSO, one thread, medians of {REPEATS} runs. The DSO needs the "
-                       "neighbourhoods and normals, so their times stand beside it. The paper's own times are of another "
-                       "decade's machine and say nothing beside these; what can be compared is that the time grows in "
-                       "proportion to the number of points.")
+        self.page.text(words.TABLE_1.format(repeats=REPEATS))
 
     def stages(self, model):
         return self.programs.whittle(model.cloud, "--ratio", 0.5, *LITERAL, *ONE_THREAD,
@@ -100,33 +111,25 @@ class Evaluation:
     def table_2(self, chosen):
         """Simplify first, or reconstruct first."""
         self.page.heading("Table 2: simplify first, or reconstruct first")
-        rows, improvements, losses = [], [], []
+        rows, ways = [], []
         for model in chosen:
             for ratio in KEPT_IN_TABLE_2:
                 log(f"{model.name} {percent(ratio)}: table 2")
-                row, improvement, loss = self.both_ways(model, ratio)
-                rows.append(row)
-                improvements.append(improvement)
-                losses.append(loss)
+                ways.append(self.both_ways(model, ratio))
+                rows.append(row_of_table_2(model, ratio, ways[-1]))
         self.page.table(["model", "kept", "points", "time_S (s)", "time_R (s)", "improvement", "error S", "error R",
                          "S refined (s)", "improvement", "error"], rows)
-        self.discuss_table_2(improvements, losses)
+        self.discuss_table_2(ways)
 
     def both_ways(self, model, ratio):
-        """A row; the improvement in %; the ratio of the errors."""
+        """{way: (points, seconds, mean error)} of S, R and S refined."""
         count = math.floor(ratio * model.points)
         options = ("--ratio", ratio, *ONE_THREAD)
         ways = {"S": lambda: self.programs.mesh(model.cloud, *options, "--refine", "none", name="S"),
                 "R": lambda: self.programs.peer("surface_cgal", "garland-heckbert", self.full_mesh(model), count),
                 "refined": lambda: self.programs.mesh(model.cloud, *options, name="refined")}
         made = {way: best(make, REPEATS) for way, make in ways.items()}
-        seconds = {way: f"{m.ms / 1000:.2f}" for way, m in made.items()}
-        errors = {way: 1e4 * self.programs.measure(m.path, model.mesh).mean for way, m in made.items()}
-        improvement = {way: 100 * (made["R"].ms - m.ms) / made["R"].ms for way, m in made.items()}
-        row = [model.name, percent(ratio), made["S"].points, seconds["S"], seconds["R"], f"{improvement['S']:.1f} %",
-               f"{errors['S']:.2f}", f"{errors['R']:.2f}", seconds["refined"], f"{improvement['refined']:.1f} %",
-               f"{errors['refined']:.2f}"]
-        return row, improvement["S"], errors["S"] / errors["R"]
+        return {way: (m.points, m.ms / 1000, self.programs.measure(m.path, model.mesh).mean) for way, m in made.items()}
 
     def full_mesh(self, model):
         """The Tight Cocone of all points, in the peers' format, with its time; made once for each model."""
@@ -136,21 +139,12 @@ class Evaluation:
             self.full[model.name] = Made(self.programs.plain(made.path, f"{model.name}.full"), *made[1:])
         return self.full[model.name]
 
-    def discuss_table_2(self, improvements, losses):
-        mean = statistics.fmean(improvements)
-        loss = math.exp(statistics.fmean(map(math.log, losses)))
-        self.page.text(
-            f"S simplifies the cloud and reconstructs what is left; R reconstructs all points (Tight Cocone) and then "
-            f"collapses edges of that mesh (CGAL's Garland-Heckbert) to the same number of vertices. Improvement is "
-            f"(time_R - time_S) / time_R. One thread each, the shortest of {REPEATS} runs, without reading, writing and measuring; errors are means of "
-            f"both directions in 1e-4 of the diagonal. Mean improvement: {mean:.1f} %; the paper's: "
-            f"{PAPER_IMPROVEMENT} %.")
-        self.page.text(
-            f"The time is one side of it. R knows the connectivity of the full cloud and may move vertices, so its "
-            f"error is lower: S makes {loss:.2f} times the error of R (geometric mean). The last three columns are S "
-            f"with whittle's refinement of the mesh against the original points, which is how whittle runs by default. "
-            f"The improvement also depends on how fast the two programs are written: time_R is mostly CGAL's collapse, "
-            f"time_S mostly whittle's contraction.")
+    def discuss_table_2(self, ways):
+        means = {way: statistics.fmean(improvement(w, way) for w in ways) for way in ("S", "refined")}
+        losses = {way: statistics.geometric_mean(w[way][2] / w["R"][2] for w in ways) for way in ("S", "refined")}
+        self.page.text(words.TABLE_2.format(repeats=REPEATS, improvement=means["S"], paper=PAPER_IMPROVEMENT))
+        self.page.text(words.TABLE_2_ERRORS.format(loss=losses["S"], refined_loss=losses["refined"],
+                                                   refined_improvement=means["refined"]))
 
     # ------------------------------------------------------------------------------------------------ figure 4
     def figure_4(self, chosen):
@@ -166,10 +160,8 @@ class Evaluation:
                 pictures.append(draw.draw_mesh(camera, xyz, faces, load_colours(folder / "dso.ply"), smooth=True))
             draw.panels(self.pictures / f"dso-{model.name}.png", pictures,
                         ["the paper's vector sums (--dso sum)", "root mean square (--dso rms, the default)"])
-            self.picture(f"dso-{model.name}.png", f"{model.name}: the DSO of every point, from green (low) to red (high)")
-        self.page.text("Colours are those of whittle's dso.ply. The paper's sums let neighbours on opposite sides cancel: "
-                       "where a surface is a saddle, their DSO is small though the surface bends. The root mean square has "
-                       "no such blind spots.")
+            self.picture(f"dso-{model.name}.png", f"{model.name}: the DSO, from green (low) to red (high)")
+        self.page.text(words.FIGURE_4)
 
     # ------------------------------------------------------------------------------------------------ figures 7, 9
     def figures_7_and_9(self, chosen):
@@ -182,7 +174,7 @@ class Evaluation:
             above += ratios
         rows += [["santa", "paper", percent(ratio), PAPER_POINTS["santa"][i], "-", "-", "-", "-",
                   f"{PAPER_ERRORS['santa'][i]:.6f}"] for i, ratio in enumerate(KEPT)]
-        self.page.table(["model", "setting", "kept", "points", "mean", "RMS", "max", "max by Metro", "the paper's error"],
+        self.page.table(["model", "setting", "kept", "points", "mean", "RMS", "max", "max by Metro", "the paper's"],
                         rows)
         self.discuss_errors(above)
 
@@ -228,21 +220,10 @@ class Evaluation:
 
     def discuss_errors(self, above):
         """above: for each of the paper's figures, how often our literal mean and maximum go into it."""
-        self.page.text(
-            "All relative to the diagonal of the true model's bounding box, both directions against the true mesh. Max by "
-            "Metro is the Hausdorff distance as the program Metro samples it, relative to its own diagonal, which is "
-            "longer, since Metro inflates the box.")
+        self.page.text(words.ERRORS)
         if above:
-            means, maxima = ([f"{edge(ratio[i] for ratio in above):.1f}" for edge in (min, max)] for i in (0, 1))
-            self.page.text(
-                f"The paper calls its figure the relative mean error. It can hardly be one: the paper's formulas as they "
-                f"stand, without any of whittle's refinements, make a mean error that is smaller than the paper's figure "
-                f"by a factor of {means[0]} to {means[1]}. By their largest error the paper's figures are {maxima[0]} to "
-                f"{maxima[1]} times ours, so they look like the largest error relative to the diagonal, the one figure "
-                f"that Metro prints in relative terms, and that is what they should be held against. A largest error "
-                f"hangs on one worst triangle; it need not fall from one setting to the next as the mean does. The paper "
-                f"doesn't say how wide its neighbourhoods are, nor how its Tight Cocone was done, and both bear on it.")
-        self.page.text("Santa isn't at hand; only the paper's own figures are repeated.")
+            means, maxima = ([edge(ratio[i] for ratio in above) for edge in (min, max)] for i in (0, 1))
+            self.page.text(words.PAPER_ERRORS.format(means=means, maxima=maxima))
 
     # ------------------------------------------------------------------------------------------------ figure 8
     def figure_8(self, chosen):
@@ -261,9 +242,7 @@ class Evaluation:
                 pictures.append(draw.draw_points(camera, surface, load(folder / "cloud.ply")[0], 2.4))
             draw.panels(self.pictures / f"points-{model.name}.png", pictures, list(settings))
             self.picture(f"points-{model.name}.png", f"{model.name}: the points kept of 5 %")
-        self.page.text("The DSO moves points from where the surface is flat to where it bends most; the quadrics alone do "
-                       "that to some degree, so the difference is one of degree. What it is worth in figures, make "
-                       "ablation measures.")
+        self.page.text(words.FIGURE_8)
 
 
 def parse():

@@ -6,9 +6,9 @@ Usage: ablation.py [--build build/release] [--models horse,venus] [--ratios 0.2,
 
 For each form (rms, sum) and exponent, all models and ratios: mean, RMS and maximum of both directions against the true
 mesh, and the mean distance of the points near features, which are the tenth of the original points with the largest DSO
-(rms form, whatever form is measured).  The rows are geometric means of the ratios to dso=none, so under 1 the DSO helps;
-"better" counts the runs in which the mean is lower.  Runs go side by side, each with one thread, since results don't
-depend on the number of threads.
+(rms form, whatever form is measured).  The rows are geometric means of the ratios to dso=none, so under 1 the DSO
+helps; "better" counts the runs in which the mean is lower.  Runs go side by side, each with one thread, since results
+don't depend on the number of threads.
 
 SPDX-License-Identifier: GPL-3.0-or-later
 """
@@ -25,6 +25,10 @@ import models
 from programs import Failed, Programs, errors_of, markdown
 
 FORMS = ("rms", "sum")
+NOTES = """Ratios to dso=none, geometric means: under 1 the DSO helps. Mean, RMS and max are of both directions
+against the true mesh. "to it" is the mean distance of the true mesh's samples to the result alone, which one wrong fin
+doesn't spoil. "features" is the mean distance of the tenth of the original points with the largest DSO. "better" counts
+the runs with a lower mean. Models: {models}."""
 FIGURES = ("mean", "RMS", "max", "to it", "features")
 
 
@@ -101,9 +105,7 @@ def absolute(results, chosen, ratios):
 
 def report(options, chosen, results):
     text = ["# The discrete shape operator, on and off", "",
-            "Ratios to dso=none, geometric means: under 1 the DSO helps. Errors of both directions against the true "
-            "mesh; to it: mean distance of the true mesh's samples to the result alone, which one wrong fin doesn't spoil; "
-            "features: mean distance of the tenth of the points with the largest DSO. Models: " + ", ".join(m.name for m in chosen) + ".", ""]
+            NOTES.format(models=", ".join(m.name for m in chosen)), ""]
     everything = list(itertools.product([m.name for m in chosen], options.ratios))
     text += ["## All models and ratios", "", table(results, everything), ""]
     for ratio in options.ratios if len(options.ratios) > 1 else ():

@@ -1,4 +1,4 @@
-"""Models to measure on: closed triangle meshes with their vertices as clouds, as plain PLY files that all programs read.
+"""Models to measure on: closed triangle meshes with their vertices as clouds, as PLY files that all programs read.
 
 Where they come from: horse.mesh.ply and venus.mesh.ply, which the paper measured on, from ../shared/data if that folder
 is there; and the closed models of more than 5000 points of Debian's libcgal-demo.  A model is closed if each directed

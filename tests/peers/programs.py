@@ -24,7 +24,7 @@ class Failed(Exception):
 
 
 def best(make, times):
-    """Of so many runs that make the same thing the one that took the least time: what disturbs only makes them longer."""
+    """Of so many runs that make the same thing the shortest: whatever disturbs a run makes it longer."""
     return min((make() for _ in range(times)), key=lambda made: made.ms)
 
 
@@ -95,7 +95,8 @@ def markdown(header, rows):
     widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]
 
     def line(cells):
-        return "| " + " | ".join(c.ljust(w) if i == 0 else c.rjust(w) for i, (c, w) in enumerate(zip(cells, widths))) + " |"
+        laid = [c.rjust(w) if i else c.ljust(w) for i, (c, w) in enumerate(zip(cells, widths))]
+        return f"| {' | '.join(laid)} |"
 
     rule = "|" + "|".join("-" * (w + 2) if i == 0 else "-" * (w + 1) + ":" for i, w in enumerate(widths)) + "|"
     return "\n".join([line(header), rule, *map(line, rows)])

@@ -98,7 +98,8 @@ $(tool_programs): $(build)/%: $(build)/%.o $(libapi) $(libwhittle)
 
 # Each peer has libraries of its own; their headers are not ours to warn about.
 peer_cflags = $(subst -I/,-isystem /,$(filter-out -std=%,$(shell pkg-config --cflags $(1))))
-$(build)/tests/peers/%_cgal.o: override CXXFLAGS += -isystem /usr/include/eigen3 -DCGAL_EIGEN3_ENABLED -DCGAL_LINKED_WITH_TBB
+$(build)/tests/peers/%_cgal.o: override CXXFLAGS += -isystem /usr/include/eigen3 \
+    -DCGAL_EIGEN3_ENABLED -DCGAL_LINKED_WITH_TBB
 $(build)/tests/peers/%_cgal: peer_libs = -ltbb -lgmp -lmpfr
 $(build)/tests/peers/points_pcl.o: override CXXFLAGS += $(call peer_cflags,pcl_filters)
 $(build)/tests/peers/points_pcl: peer_libs = -lpcl_filters -lpcl_search -lpcl_common
@@ -201,7 +202,7 @@ paper: deps ## Lee and Jong's evaluation again, with pictures; MODELS=horse,venu
 	@$(MAKE) --no-print-directory all $(build)/tests/peers/surface_cgal
 	@$(PYTHON) tests/paper/run.py --build $(build) $(if $(MODELS),--models '$(MODELS)')
 
-# ---------------------------------------------------------------------------------------------------- unit tests and fuzzers
+# ---------------------------------------------------------------------------------------------------- more tests
 .PHONY: test-unit
 test-unit: $(unit_programs)
 	@set -e; for t in $(unit_programs); do echo "== $$t"; $$t; done

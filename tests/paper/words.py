@@ -4,8 +4,8 @@ SPDX-License-Identifier: GPL-3.0-or-later
 """
 
 TABLE_1 = """The paper's form of the DSO, one thread, medians of {repeats} runs. The DSO needs the neighbourhoods and
-the normals, so their times stand beside it. The paper's own times are of another decade's machine and say nothing beside
-these; what can be compared is how the time grows with the number of points."""
+the normals, so their times stand beside it. The paper's own times are of another decade's machine and say nothing
+beside these; what can be compared is how the time grows with the number of points."""
 
 TABLE_2 = """S simplifies the cloud and reconstructs what is left. R reconstructs all points (Tight Cocone) and then
 collapses edges of that mesh (CGAL's Garland-Heckbert) to the same number of vertices. Improvement is
@@ -32,7 +32,7 @@ stand, without any of whittle's refinements, make a mean error that is smaller t
 {means[0]:.0f} to {means[1]:.0f}. Held against our largest error, the paper's figures are {maxima[0]:.1f} to
 {maxima[1]:.1f} times it. So they look like the largest error relative to the diagonal, the one figure that Metro prints
 in relative terms. A largest error hangs on one worst triangle; it need not fall from one setting to the next as the
-mean does. The paper doesn't say how wide its neighbourhoods are, nor how its Tight Cocone was done, and both bear on it."""
+mean does. The paper doesn't say how wide its neighbourhoods are, nor how its Tight Cocone was done, and both matter."""
 
 FIGURE_8 = """The DSO moves points from where the surface is flat to where it bends most. The quadrics alone do that
 already, so the difference is one of degree. What it is worth in figures, make ablation measures."""

@@ -1,5 +1,5 @@
-/* Open3D: farthest-point sampling of a cloud, and quadric decimation of a closed triangle mesh to the number of triangles
- * that leaves COUNT vertices.
+/* Open3D: farthest-point sampling of a cloud, and quadric decimation of a closed triangle mesh to the number of
+ * triangles that leaves COUNT vertices.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <open3d/geometry/PointCloud.h>

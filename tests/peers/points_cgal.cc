@@ -4,9 +4,9 @@
  * grid       one point of each cell of a grid.
  * hierarchy  clusters split by their principal axes until they are small and flat (Pauly, Gross, Kobbelt 2002); the
  *            point nearest to each centroid.  The largest size is searched for; the variation is CGAL's default, 1/3.
- * wlop       weighted locally optimal projection (Huang et al. 2009): positions are new.  Its radius decides: of 0.8, 1,
- *            1.15, 1.3, 2, 3 and 4 spacings of the simplified cloud, 1.3 had the lowest mean error on Horse, Venus and
- *            bunny; CGAL's default, 8 spacings of the full cloud, smooths more.
+ * wlop       weighted locally optimal projection (Huang et al. 2009): positions are new.  Its radius decides.  Of 0.8,
+ *            1, 1.15, 1.3, 2, 3 and 4 spacings of the simplified cloud 1.3 had the lowest mean error (Horse, Venus,
+ *            bunny).  CGAL's default, 8 spacings of the full cloud, is 2.5 such spacings where a tenth is kept.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <CGAL/Simple_cartesian.h>

@@ -10,6 +10,9 @@ $(error config must be one of release, debug, asan, tsan, cov, fuzz)
 endif
 
 build := build/$(config)
+# make V=1 shows the commands.
+Q := $(if $(V),,@)
+say := $(if $(V),@:,@echo ' ')
 PYTHON ?= /usr/bin/python3
 VERSION := $(shell git describe --tags --always --dirty 2>/dev/null || echo unknown)
 
@@ -70,11 +73,13 @@ help: ## list the targets
 
 $(build)/%.o: %.c
 	@mkdir -p $(@D)
-	$(CC) $(CFLAGS) -c -o $@ $<
+	$(say) CC $<
+	$(Q)$(CC) $(CFLAGS) -c -o $@ $<
 
 $(build)/%.o: %.cc
 	@mkdir -p $(@D)
-	$(CXX) $(CXXFLAGS) -c -o $@ $<
+	$(say) CXX $<
+	$(Q)$(CXX) $(CXXFLAGS) -c -o $@ $<
 
 $(libwhittle): $(call object,$(core_src))
 $(libapi): $(call object,$(api_src))
@@ -82,19 +87,23 @@ $(libserver): $(call object,$(either_src))
 $(libwhittle) $(libapi) $(libserver):
 	@mkdir -p $(@D)
 	@rm -f $@
-	$(AR) rcs $@ $^
+	$(Q)$(AR) rcs $@ $^
 
 $(build)/whittle: $(call object,$(worker_src)) $(libserver) $(libapi) $(libwhittle)
-	$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(CORE_LIBS)
+	$(say) LD $@
+	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(CORE_LIBS)
 
 $(build)/whittled: $(call object,$(daemon_src)) $(libserver) $(libapi) $(libwhittle)
-	$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(DAEMON_LIBS) -lm
+	$(say) LD $@
+	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(DAEMON_LIBS) -lm
 
 $(unit_programs): $(build)/tests/unit/%: $(build)/tests/unit/%.o $(call object,$(unit_support_src)) $(libserver) $(libapi) $(libwhittle)
-	$(CC) $(LDFLAGS) -o $@ $^ -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CORE_LIBS)
+	$(say) LD $@
+	$(Q)$(CC) $(LDFLAGS) -o $@ $^ -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CORE_LIBS)
 
 $(tool_programs): $(build)/%: $(build)/%.o $(libapi) $(libwhittle)
-	$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(CORE_LIBS)
+	$(say) LD $@
+	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(CORE_LIBS)
 
 # Each peer has libraries of its own; their headers are not ours to warn about.
 peer_cflags = $(subst -I/,-isystem /,$(filter-out -std=%,$(shell pkg-config --cflags $(1))))
@@ -224,6 +233,10 @@ else
 fuzz: ## run each fuzzer for FUZZ_SECONDS=20 (needs clang)
 	$(MAKE) config=fuzz fuzz
 endif
+
+.PHONY: contract
+contract: $(build)/whittled ## bring the parameters in api/openapi.json up to date with core/params.c
+	@$(PYTHON) tests/tools/update_contract.py $(build)/whittled
 
 .PHONY: format
 format: ## lay out the code with clang-format

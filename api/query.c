@@ -3,6 +3,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "api/query.h"
 
+#include <jansson.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -96,4 +97,11 @@ const char *query_find(const struct query_pair *pairs, size_t count, const char 
     for (size_t i = 0; i < count; i++)
         if (strcmp(pairs[i].name, name) == 0) return pairs[i].value ? pairs[i].value : "";
     return NULL;
+}
+
+bool query_is_text(const char *value) {
+    json_t *json = json_string(value);
+    bool is_text = json != NULL;
+    json_decref(json);
+    return is_text;
 }

@@ -27,4 +27,7 @@ bool query_check(const struct query_pair *pairs, size_t count, const char *const
 /* The value of a name ("" where it has none), or NULL when it is absent. */
 const char *query_find(const struct query_pair *pairs, size_t count, const char *name);
 
+/* Whether a value is text that JSON can hold, UTF-8. */
+bool query_is_text(const char *value);
+
 #endif

@@ -9,7 +9,8 @@
  * of their own: with the outer one out and the inner one in, the point is on the surface.
  *
  * Prices.  A facet is cheap when its dual edge meets the cocones of all of its vertices and when its edges are
- * supported: points that were merged into its ends are near enough for it to be surface.
+ * supported: points that were merged into its ends are near enough for it to be surface.  It is cheaper the way round
+ * that its normal agrees with its vertices'.
  *
  * Sources: T. K. Dey, S. Goswami, Tight Cocone (2003), for the cocone and the labels.  P. Labatut, J.-P. Pons, R.
  * Keriven, Robust and efficient surface reconstruction from range data (2009), for the cut over Delaunay cells.
@@ -26,13 +27,14 @@
 
 enum { GRAIN = 2048 };
 
-#define SUPPORT_FACTOR 1.2    /* kappa */
-#define PRICE_ANY 0.1         /* of each facet */
-#define PRICE_REFUSED 0.5     /* for each vertex whose cocone the dual edge misses */
-#define PRICE_UNSUPPORTED 6.0 /* for each edge, times its excess over the supported length */
+#define SUPPORT_FACTOR 1.2     /* kappa */
+#define PRICE_ANY 0.1          /* of each facet */
+#define PRICE_REFUSED 0.0      /* for each vertex whose cocone the dual edge misses */
+#define PRICE_TURNED 0.2       /* for each vertex, times 1 - cosine between its normal and the facet's */
+#define PRICE_UNSUPPORTED 12.0 /* for each edge, times its excess over the supported length */
 #define EXCESS_MOST 4.0
 #define VOTE_CELL 1.0 /* of a cell that is certain to a point */
-#define VOTE_POLE 2.0 /* of each pole of a point */
+#define VOTE_POLE 4.0 /* of each pole of a point */
 #define OUTSIDE 1e6   /* of the infinite cells */
 
 struct job {
@@ -43,7 +45,7 @@ struct job {
     uint32_t (*pole)[2]; /* n: cells of the outer and the inner pole of each point; NONE = none */
 };
 
-static int32_t units(double cost) { return (int32_t)(cost * COCONE_UNIT); }
+static int32_t units(double cost) { return (int32_t)(cost * COCONE_CUT_UNIT); }
 
 /* How many times the supported length the edge is. */
 static double stretch(const vec3 *point, const double *support, uint32_t a, uint32_t b) {
@@ -58,10 +60,9 @@ bool cocone_cut_supported(const vec3 *point, const double *support, const uint32
     return true;
 }
 
-static double facet_price(const struct job *job, uint32_t half) {
-    uint32_t v[3];
+/* What the facet costs from either side. */
+static double facet_price(const struct job *job, uint32_t half, const uint32_t v[3]) {
     double price = PRICE_ANY;
-    cocone_star_vertices(job->star, half, v);
     for (int k = 0; k < 3; k++) {
         if (!cocone_frame_accepts(job->star, job->frame, half, v[k])) price += PRICE_REFUSED;
         double excess = stretch(job->star->point, job->support, v[k], v[(k + 1) % 3]) - 1;
@@ -70,17 +71,29 @@ static double facet_price(const struct job *job, uint32_t half) {
     return price;
 }
 
-/* Facets are priced by the cell with the smaller id, which is finite or has an infinite neighbour with which the facet
- * is infinite, too; those are never cut. */
+/* The sum of the cosines between the facet's normal, into the cell of the half facet, and those of its vertices. */
+static double agreement(const struct job *job, const uint32_t v[3]) {
+    const vec3 *point = job->star->point, *normal = job->frame->normal;
+    vec3 facet_normal = vec3_unit(vec3_triangle_normal(point[v[0]], point[v[1]], point[v[2]]));
+    return vec3_dot(facet_normal, vec3_add(vec3_add(normal[v[0]], normal[v[1]]), normal[v[2]]));
+}
+
+/* Facets are priced by the cell with the smaller id; those between infinite cells are never cut. */
 static void price_range(void *ctx, size_t begin, size_t end) {
     const struct job *job = ctx;
     const struct tets *tets = job->star->tets;
     for (uint32_t c = (uint32_t)begin; c < end; c++) {
         for (unsigned i = 0; i < 4; i++) {
-            uint32_t other = tets->neighbour[c][i];
-            if (other < c) continue;
-            int32_t price = c < tets->finite_count ? units(facet_price(job, cocone_star_pack(c, i))) : 0;
-            job->cost->price[c][i] = job->cost->price[other][job->star->mirror[c][i]] = price;
+            uint32_t half = cocone_star_pack(c, i), twin = cocone_star_twin(job->star, half), v[3];
+            int32_t *price = &job->cost->price[c][i];
+            int32_t *other = &job->cost->price[cocone_star_cell(twin)][cocone_star_index(twin)];
+            if (cocone_star_cell(twin) < c) continue;
+            *price = *other = 0;
+            if (c >= tets->finite_count) continue;
+            cocone_star_vertices(job->star, half, v);
+            double both = facet_price(job, half, v), turn = PRICE_TURNED * agreement(job, v);
+            *price = units(both + 3 * PRICE_TURNED - turn);
+            *other = units(both + 3 * PRICE_TURNED + turn);
         }
     }
 }

@@ -7,12 +7,13 @@
 #include "core/cocone_frame.h"
 #include "core/progress.h"
 
-#define COCONE_UNIT 256.0 /* units of an integer cost: prices and votes are about 1 */
+/* Costs are whole numbers of parts: so many are the vote of a cell that is certain to a point. */
+enum { COCONE_CUT_UNIT = 256 };
 
-/* What a labelling costs, in whole units.  The cost of a labelling is the sum of |vote| over the cells that are
+/* What a labelling costs.  The cost of a labelling is the sum of |vote| over the cells that are
  * labelled against their vote and of the prices of the facets between an inner and an outer cell. */
 struct cocone_cost {
-    int32_t (*price)[4]; /* cell_count: of each facet, the same from both sides; owned */
+    int32_t (*price)[4]; /* cell_count: of each half facet, for its cell outside and the other one inside; owned */
     int32_t *vote;       /* cell_count: > 0 out, < 0 in; owned */
 };
 

@@ -11,9 +11,9 @@
  * added up, so that a few wrong ones, as at sharp edges and through thin sheets, are outvoted by the others between the
  * same two patches before they are believed.
  *
- * How a cell lies to its vertex is the product of two cosines with the normal, the dual's (circumcentre) and the cell's
- * own (centroid), where their signs agree, else next to nothing: a long cell that stands on the surface is certain, a
- * flat one that lies in it isn't, and neither is one that pokes through a thin sheet.
+ * How a cell lies to its vertex is the geometric mean of two cosines with the normal, the dual's (circumcentre) and the
+ * cell's own (centroid), where their signs agree, else next to nothing: a long cell that stands on the surface is
+ * certain, a flat one that lies in it isn't, and neither is one that pokes through a thin sheet.
  *
  * Invariant: each round joins the strongest link of all at least, and ties go by the order of the links, so the loop
  * ends and the result is a function of the arrays alone.
@@ -89,7 +89,7 @@ struct cocone_lie cocone_orient_lie(const struct cocone_star *star, const struct
     double own = cocone_star_is_finite(star, cell)
                      ? vec3_dot(centroid_direction(star, cell, vertex), frame->normal[vertex])
                      : lie.dual;
-    if (own * lie.dual > 0) lie.weight = own * lie.dual;
+    if (own * lie.dual > 0) lie.weight = sqrt(own * lie.dual);
     return lie;
 }
 

@@ -12,9 +12,6 @@
  * three cells towards the surface; the first set that takes defects away is flipped.  Moves that insert a point into a
  * facet, swap an edge, open or close a pinch are all among them.
  *
- * A move may cost DEAREST for each defect that it takes away, not more: a point that only a needle across half the model
- * could save is better lost.
- *
  * Invariant: the sum of all defects falls with each move, so the repair ends.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -28,7 +25,7 @@
 
 enum { LOST = 3, SET_MOST = 3, SET_VERTICES = 4 * SET_MOST, VERTICES_PER_TICK = 256 };
 
-#define DEAREST 20.0
+#define DEFECT_WORTH (8 * (int64_t)COCONE_CUT_UNIT)
 
 struct repair {
     const struct cocone_star *star;
@@ -48,9 +45,10 @@ struct set {
     int count;
 };
 
+/* What a move takes away, and what it is worth: more defects less, and a labelling that costs less. */
 struct gain {
-    int defects;  /* taken away */
-    int64_t cost; /* and what the labelling costs more */
+    int defects;
+    int64_t worth;
     struct set set;
 };
 
@@ -107,13 +105,20 @@ static int defects_around(struct repair *r, const struct set *set) {
 
 /* ------------------------------------------------------------------------------------------------ flips */
 
+/* The price of a half facet for its cell, or the one across, outside and the other one inside. */
+static int64_t price(const struct repair *r, uint32_t half, bool cell_outside) {
+    if (!cell_outside) half = cocone_star_twin(r->star, half);
+    return r->cost->price[cocone_star_cell(half)][cocone_star_index(half)];
+}
+
 /* What flipping one cell adds to the cost. */
 static int64_t flip_cost(const struct repair *r, uint32_t cell) {
-    const struct tets *tets = r->star->tets;
-    int64_t cost = r->inside[cell] ? -(int64_t)r->cost->vote[cell] : r->cost->vote[cell];
-    for (int i = 0; i < 4; i++) {
-        bool cut = r->inside[tets->neighbour[cell][i]] != r->inside[cell];
-        cost += cut ? -(int64_t)r->cost->price[cell][i] : r->cost->price[cell][i];
+    bool outside = !r->inside[cell];
+    int64_t cost = outside ? r->cost->vote[cell] : -(int64_t)r->cost->vote[cell];
+    for (unsigned i = 0; i < 4; i++) {
+        uint32_t half = cocone_star_pack(cell, i);
+        bool cut = r->inside[r->star->tets->neighbour[cell][i]] == outside;
+        cost += cut ? -price(r, half, outside) : price(r, half, !outside);
     }
     return cost;
 }
@@ -129,13 +134,13 @@ static int64_t flip(struct repair *r, const struct set *set) {
 
 static void try_set(struct repair *r, const struct set *set, struct gain *best) {
     int before = defects_around(r, set);
-    if (before <= best->defects) return;
+    if (before == 0) return;
     int64_t cost = flip(r, set);
     int defects = before - defects_around(r, set);
     flip(r, set);
-    if (cost > (int64_t)(DEAREST * COCONE_UNIT) * defects) return;
-    if (defects > best->defects || (defects == best->defects && defects > 0 && cost < best->cost))
-        *best = (struct gain){defects, cost, *set};
+    int64_t worth = defects * DEFECT_WORTH - cost;
+    if (defects <= 0 || (worth < 0 && defects < LOST)) return;
+    if (best->defects == 0 || worth > best->worth) *best = (struct gain){defects, worth, *set};
 }
 
 /* Tries the set, and the set with each neighbour of its last cell, up to size cells. */

@@ -1,4 +1,5 @@
-/* The step between 1 and 2: outliers go, noise is smoothed, and the rest of the pipeline runs as if the cloud had come like that.
+/* The step between 1 and 2: outliers go, noise is smoothed, and the rest of the pipeline runs as if the cloud had come
+ * like that.
  *
  * So the points that are left are put in order again, in the frame of their own bounding box (a stray far away must not
  * decide how long a hundredth of the diagonal is), and a moved point counts with the coordinates that will be written:

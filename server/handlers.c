@@ -3,6 +3,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/handlers.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
@@ -83,6 +84,17 @@ bool handlers_admit_cloud(struct service *service, struct request *request, stru
         upload_new(service->store, request->content_length, (uint64_t)service->config->max_body_bytes, &problem);
     if (!request->upload) response_problem(response, &problem);
     return request->upload != NULL;
+}
+
+bool handlers_read_label(const struct request *request, struct job *job, struct problem *problem) {
+    const char *label = query_find(request->query, request->query_count, "label");
+    if (label && (strlen(label) >= JOB_LABEL_BYTES || !query_is_text(label))) {
+        problem_set(problem, PROBLEM_INVALID_PARAMETER, "label: takes up to 128 bytes of UTF-8");
+        problem_add_error(problem, "label", label, "up to 128 bytes of UTF-8", NULL);
+        return false;
+    }
+    snprintf(job->label, sizeof job->label, "%s", label ? label : "");
+    return true;
 }
 
 bool handlers_submit(struct service *service, struct request *request, struct job *job, struct response *response) {

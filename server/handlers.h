@@ -29,6 +29,9 @@ const struct handler *handlers_find(enum operation operation);
 /* Whether new work is taken now, and the request's headers fit a cloud as its raw body; else a response. */
 bool handlers_admit_cloud(struct service *service, struct request *request, struct response *response);
 
+/* Takes `label` from the query; false: *problem says why. */
+bool handlers_read_label(const struct request *request, struct job *job, struct problem *problem);
+
 /* Reads the job in the path; false: there is none, and the response (404, 410) says so.  The job is the caller's, to
  * job_done, either way. */
 bool handlers_read_job(struct service *service, const char *id, struct job *job, struct response *response);

@@ -19,15 +19,9 @@ static const char *const create_names[] = {"label", NULL};
 /* Reads parameters and label from the query. */
 static bool read_create(const struct request *request, struct job *job, struct response *response) {
     struct problem problem;
-    const char *label = query_find(request->query, request->query_count, "label");
-    bool ok = query_decode_params(request->query, request->query_count, create_names, &job->params, &problem);
-    if (ok && label && strlen(label) >= JOB_LABEL_BYTES) {
-        problem_set(&problem, PROBLEM_INVALID_PARAMETER, "label: is too long");
-        problem_add_error(&problem, "label", label, "up to 128 bytes", NULL);
-        ok = false;
-    }
+    bool ok = query_decode_params(request->query, request->query_count, create_names, &job->params, &problem) &&
+              handlers_read_label(request, job, &problem);
     if (!ok) response_problem(response, &problem);
-    snprintf(job->label, sizeof job->label, "%s", ok && label ? label : "");
     return ok;
 }
 

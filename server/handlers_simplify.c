@@ -36,8 +36,8 @@ static size_t output_asked(const struct request *request) {
 static bool read_simplify(const struct request *request, struct job *job, struct response *response) {
     struct problem problem;
     size_t asked = output_asked(request);
-    const char *label = query_find(request->query, request->query_count, "label");
-    bool ok = query_decode_params(request->query, request->query_count, own_names, &job->params, &problem);
+    bool ok = query_decode_params(request->query, request->query_count, own_names, &job->params, &problem) &&
+              handlers_read_label(request, job, &problem);
     if (ok && query_find(request->query, request->query_count, "outputs")) {
         problem_set(&problem, PROBLEM_CONFLICTING_PARAMETERS, "outputs: this operation has one output");
         problem_add_error(&problem, "outputs", NULL, "not here", "output");
@@ -53,7 +53,6 @@ static bool read_simplify(const struct request *request, struct job *job, struct
         return false;
     }
     job->params.outputs = outputs[asked].bit;
-    snprintf(job->label, sizeof job->label, "%s", label ? label : "");
     return true;
 }
 

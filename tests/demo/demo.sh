@@ -25,7 +25,7 @@ fi
 
 "$build/whittled" --listen 127.0.0.1:0 --data "$work/data" >"$work/listening" 2>"$work/log" &
 daemon=$!
-until url=$(grep -om1 'http://127.0.0.1:[0-9]*' "$work/listening"); do
+until url=$(grep -osm1 'http://127.0.0.1:[0-9]*' "$work/listening"); do
     kill -0 "$daemon" 2>/dev/null || { cat "$work/log" >&2; exit 1; }
     sleep 0.05
 done

@@ -82,6 +82,12 @@ def test_head_is_get_without_a_body(daemon, path):
     assert head.headers["content-length"] == get.headers["content-length"]
 
 
+def test_head_of_events_does_not_wait(daemon):
+    job_id = daemon.submit(SMALL)
+    head = daemon.curl(f"/v1/jobs/{job_id}/events", "-I", "-o", "/dev/null")
+    assert head.status == 200 and head.headers["content-type"] == "text/event-stream"
+
+
 def test_info_tells_the_limits(daemon):
     info = daemon.curl("/v1/info").json
     assert info["version"] and "xyz" in info["input_formats"] and "mesh.ply" in info["outputs"]

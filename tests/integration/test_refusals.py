@@ -39,10 +39,12 @@ def make_shared_daemon(tmp_path_factory):
     ("outputs=cloud,moon", "invalid-parameter", "outputs", "mesh"),
     ("ratio=0.1&points=5", "conflicting-parameters", "points", "ratio"),
     ("label=" + "x" * 129, "invalid-parameter", "label", "128"),
+    ("label=%ff%fe", "invalid-parameter", "label", "UTF-8"),
 ])
 def test_parameters(daemon, query, slug, parameter, word):
     reply = daemon.post(f"/v1/jobs?{query}", SMALL)
     assert (reply.status, reply.slug) == (400, slug)
+    assert daemon.post(f"/v1/simplify?{query}", SMALL).slug == slug
     error = reply.json["errors"][0]
     assert error["parameter"] == parameter
     if word:

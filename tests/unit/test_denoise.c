@@ -14,6 +14,7 @@
 #include "core/alloc.h"
 #include "core/cloud_read.h"
 #include "core/denoise.h"
+#include "core/neighbourhood.h"
 #include "core/order.h"
 #include "core/outliers.h"
 #include "core/pipeline.h"
@@ -281,6 +282,40 @@ static void flat_and_straight_clouds_survive(void **state) {
     free(plane);
 }
 
+/* ------------------------------------------------------------------------------------------------ neighbourhoods */
+
+static unsigned neighbours_max(const vec3 *point, size_t n, unsigned max) {
+    struct knn *knn = NULL;
+    struct neighbourhood hood = {0};
+    struct neighbourhood_options options = {2.5, 6, max, 2};
+    unsigned most = 0;
+    assert_int_equal(knn_new(point, n, &knn, NULL), STATUS_OK);
+    assert_int_equal(neighbourhood_find(knn, point, n, &options, &hood), STATUS_OK);
+    for (size_t i = 0; i < n; i++) most = hood.count[i] > most ? hood.count[i] : most;
+    neighbourhood_done(&hood);
+    knn_free(knn);
+    return most;
+}
+
+static void noise_and_not_curvature_widens_neighbourhoods(void **state) {
+    (void)state;
+    enum { N = 5000, SIDE = 24, CUBE = 6 * SIDE * SIDE, COARSE = 150 };
+    vec3 *sphere = shape_sphere(N, 1), *coarse = shape_sphere(COARSE, 1), *box = cube(SIDE);
+    assert_true(neighbours_max(sphere, N, 10) <= 10);
+    assert_true(neighbours_max(coarse, COARSE, 10) <= 10);
+    assert_true(neighbours_max(box, CUBE, 10) <= 10);
+    const double deviations[] = {0.01, 0.03, 0.1}; /* the spacing is 0.05 */
+    for (int i = 0; i < 3; i++) {
+        vec3 *noisy = shape_sphere(N, 1);
+        add_noise(noisy, N, deviations[i]);
+        unsigned most = neighbours_max(noisy, N, 10);
+        assert_true(most > 10 && most <= 30);
+        assert_in_range(neighbours_max(noisy, N, KNN_MAX_K - 1), 18, KNN_MAX_K - 1); /* three times would overflow */
+        free(noisy);
+    }
+    free(sphere), free(coarse), free(box);
+}
+
 /* ------------------------------------------------------------------------------------------------ both */
 
 static void threads_do_not_change_a_bit(void **state) {
@@ -446,6 +481,7 @@ int main(void) {
         cmocka_unit_test(a_point_that_no_surface_is_near_stays_and_is_marked),
         cmocka_unit_test(few_points_stay_where_they_are),
         cmocka_unit_test(flat_and_straight_clouds_survive),
+        cmocka_unit_test(noise_and_not_curvature_widens_neighbourhoods),
         cmocka_unit_test(threads_do_not_change_a_bit),
         cmocka_unit_test(every_allocation_may_fail),
         cmocka_unit_test(only_full_moves_points_and_both_drop_outliers),

@@ -50,6 +50,7 @@ unit_src := $(wildcard tests/unit/test_*.c)
 unit_support_src := $(filter-out $(unit_src),$(wildcard tests/unit/*.c))
 tool_src := $(wildcard tests/tools/*.c tests/tools/*.cc tests/bench/*.c tests/bench/*.cc)
 fuzz_src := $(wildcard tests/fuzz/fuzz_*.c)
+peer_src := $(wildcard tests/peers/*.cc)
 object = $(patsubst %,$(build)/%.o,$(basename $(1)))
 
 libwhittle := $(build)/libwhittle.a
@@ -59,6 +60,7 @@ programs := $(if $(worker_src),$(build)/whittle) $(if $(daemon_src),$(build)/whi
 unit_programs := $(patsubst tests/unit/%.c,$(build)/tests/unit/%,$(unit_src))
 fuzz_programs := $(patsubst %.c,$(build)/%,$(fuzz_src))
 tool_programs := $(addprefix $(build)/,$(basename $(tool_src)))
+peer_programs := $(addprefix $(build)/,$(basename $(peer_src)))
 
 # ---------------------------------------------------------------------------------------------------- targets
 .PHONY: all
@@ -103,6 +105,18 @@ $(tool_programs): $(build)/%: $(build)/%.o $(libapi) $(libwhittle)
 	$(say) LD $@
 	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(CORE_LIBS)
 
+# Each peer has libraries of its own; their headers are not ours to warn about.
+peer_cflags = $(subst -I/,-isystem /,$(filter-out -std=%,$(shell pkg-config --cflags $(1))))
+$(build)/tests/peers/%_cgal.o: override CXXFLAGS += -isystem /usr/include/eigen3 \
+    -DCGAL_EIGEN3_ENABLED -DCGAL_LINKED_WITH_TBB
+$(build)/tests/peers/%_cgal: peer_libs = -ltbb -lgmp -lmpfr
+$(build)/tests/peers/points_pcl.o: override CXXFLAGS += $(call peer_cflags,pcl_filters)
+$(build)/tests/peers/points_pcl: peer_libs = -lpcl_filters -lpcl_search -lpcl_common
+$(build)/tests/peers/open3d.o: override CXXFLAGS += -isystem /usr/include/eigen3 $(call peer_cflags,Open3D)
+$(build)/tests/peers/open3d: peer_libs = -lOpen3D
+$(peer_programs): $(build)/%: $(build)/%.o
+	$(CXX) $(LDFLAGS) -o $@ $^ $(peer_libs)
+
 # Files that are compiled into the program.
 $(build)/api/openapi.o: api/openapi.json
 $(build)/server/page.o: server/page.html
@@ -119,6 +133,8 @@ FORCE:
 # What building, testing and the demo want, by the names of Debian 12's packages.
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
             libmicrohttpd-dev libsqlite3-dev nettle-dev libcmocka-dev curl jq python3 python3-pytest ca-certificates
+peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev
+paper_packages := libeigen3-dev libtbb-dev python3-matplotlib
 fuzz_packages := clang libclang-rt-14-dev
 
 .PHONY: deps
@@ -173,6 +189,29 @@ accuracy: deps ## the error table of the README; MESHES="mesh.ply ..." for other
 .PHONY: tools
 tools: $(tool_programs) ## build the measuring programs of tests/
 
+# ---------------------------------------------------------------------------------------------------- measuring
+MODELS ?=
+RATIOS ?=
+chosen = $(if $(MODELS),--models '$(MODELS)') $(if $(RATIOS),--ratios '$(RATIOS)')
+
+.PHONY: peers
+peers: deps ## compare with CGAL, PCL and Open3D; MODELS=horse,venus RATIOS=0.2,0.1 -> out/peers.md
+	@deploy/deps.sh $(peers_packages)
+	@$(MAKE) --no-print-directory all $(peer_programs)
+	@$(PYTHON) tests/peers/run.py --build $(build) $(chosen)
+
+.PHONY: ablation
+ablation: deps ## what the discrete shape operator is worth; MODELS= RATIOS= -> out/ablation.md
+	@$(MAKE) --no-print-directory all
+	@$(PYTHON) tests/peers/ablation.py --build $(build) $(chosen)
+
+.PHONY: paper
+paper: deps ## Lee and Jong's evaluation again, with pictures; MODELS=horse,venus -> out/paper.html
+	@deploy/deps.sh $(paper_packages)
+	@$(MAKE) --no-print-directory all $(build)/tests/peers/surface_cgal
+	@$(PYTHON) tests/paper/run.py --build $(build) $(if $(MODELS),--models '$(MODELS)')
+
+# ---------------------------------------------------------------------------------------------------- more tests
 .PHONY: test-unit
 test-unit: $(unit_programs)
 	@set -e; for t in $(unit_programs); do echo "== $$t"; $$t; done

@@ -42,25 +42,29 @@ static enum status tick(struct run *run, double fraction) {
 
 /* Votes depend on which way the normals point, and a vote that is overruled says that its normal points the wrong way.
  */
-static enum status label_by_cuts(struct run *run, struct cocone_cost *cost) {
+static enum status label_by_cuts(struct run *run, struct cocone_lies *lies, struct cocone_cost *cost) {
     enum status status = STATUS_OK;
+    const double *support = run->input->support;
     size_t turned = 1;
     for (int round = 0; round < ROUNDS && turned > 0 && !status; round++) {
         cocone_cut_done(cost);
-        status = cocone_cut_costs(&run->star, &run->frame, run->input->support, run->options->threads, cost);
+        status = cocone_cut_costs(&run->star, &run->frame, lies, support, run->options->threads, cost);
         if (!status) status = cocone_cut_label(&run->star, cost, run->progress, run->inside);
-        if (!status) turned = cocone_orient_by_labels(&run->star, run->inside, &run->frame);
+        if (!status) turned = cocone_orient_by_labels(&run->star, run->inside, &run->frame, lies);
     }
     return status;
 }
 
 static enum status label_tight(struct run *run) {
     struct cocone_cost cost = {0};
-    enum status status = cocone_orient(&run->star, &run->frame, &run->facts.conflicts);
+    struct cocone_lies lies = {0};
+    enum status status = cocone_orient_measure(&run->star, &run->frame, run->options->threads, &lies);
+    if (!status) status = cocone_orient(&run->star, &run->frame, &lies, &run->facts.conflicts);
     if (!status) status = tick(run, 0.4);
-    if (!status) status = label_by_cuts(run, &cost);
+    if (!status) status = label_by_cuts(run, &lies, &cost);
     if (!status) status = cocone_repair(&run->star, &cost, run->progress, run->inside, &run->facts.flips);
     cocone_cut_done(&cost);
+    cocone_orient_done(&lies);
     return status;
 }
 

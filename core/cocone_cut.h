@@ -4,7 +4,7 @@
 #ifndef WHITTLE_CORE_COCONE_CUT_H
 #define WHITTLE_CORE_COCONE_CUT_H
 
-#include "core/cocone_frame.h"
+#include "core/cocone_orient.h"
 #include "core/progress.h"
 
 /* Costs are whole numbers of parts: so many are the vote of a cell that is certain to a point. */
@@ -22,8 +22,9 @@ struct cocone_cost {
 bool cocone_cut_supported(const vec3 *point, const double *support, const uint32_t facet[3]);
 
 /* The costs, for a frame with oriented normals.  O(cells).  STATUS_NO_MEMORY. */
-enum status cocone_cut_costs(const struct cocone_star *star, const struct cocone_frame *frame, const double *support,
-                             unsigned threads, struct cocone_cost *cost) MUST_CHECK;
+enum status cocone_cut_costs(const struct cocone_star *star, const struct cocone_frame *frame,
+                             const struct cocone_lies *lies, const double *support, unsigned threads,
+                             struct cocone_cost *cost) MUST_CHECK;
 
 /* inside[c] = 1 for the cells inside; infinite cells are outside always.  STATUS_NO_MEMORY, STATUS_CANCELLED. */
 enum status cocone_cut_label(const struct cocone_star *star, const struct cocone_cost *cost,

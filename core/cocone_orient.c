@@ -29,12 +29,13 @@
 
 #include "core/alloc.h"
 #include "core/cloud.h"
+#include "core/par.h"
 
-enum { GENTLE_ROUNDS = 64 }; /* that join the stronger half alone; later ones join everything */
+enum { GRAIN = 2048, GENTLE_ROUNDS = 64 }; /* that join the stronger half alone; later ones join everything */
 
 #define CERTAIN 0.5
-#define FAINT 1e-4      /* weight of a cell on whose side nothing certain can be said */
-#define HULL_WEIGHT 3.0 /* of an infinite cell's evidence */
+#define FAINT 1e-4    /* of a cell on whose side nothing certain can be said */
+#define HULL_LIE 3.0f /* of an infinite cell to the vertex at infinity */
 
 /* Evidence between two clusters, low < high; positive: as they are. */
 struct link {
@@ -76,6 +77,14 @@ static void join(struct forest *forest, uint32_t a, uint32_t b, uint8_t parity) 
     forest->size[ra] += forest->size[rb];
 }
 
+/* ------------------------------------------------------------------------------------------------ lies */
+
+struct measuring {
+    const struct cocone_star *star;
+    const struct cocone_frame *frame;
+    float (*lie)[4];
+};
+
 static vec3 centroid_direction(const struct cocone_star *star, uint32_t cell, uint32_t vertex) {
     const uint32_t *v = star->tets->vertex[cell];
     vec3 sum = {0, 0, 0};
@@ -83,14 +92,33 @@ static vec3 centroid_direction(const struct cocone_star *star, uint32_t cell, ui
     return vec3_unit(sum);
 }
 
-struct cocone_lie cocone_orient_lie(const struct cocone_star *star, const struct cocone_frame *frame, uint32_t cell,
-                                    uint32_t vertex) {
-    struct cocone_lie lie = {cocone_frame_cosine(star, frame, cell, vertex), 0};
-    double own = cocone_star_is_finite(star, cell)
-                     ? vec3_dot(centroid_direction(star, cell, vertex), frame->normal[vertex])
-                     : lie.dual;
-    if (own * lie.dual > 0) lie.weight = sqrt(own * lie.dual);
-    return lie;
+static float measure(const struct cocone_star *star, const struct cocone_frame *frame, uint32_t cell, uint32_t vertex) {
+    if (vertex == NONE) return HULL_LIE;
+    double dual = cocone_frame_cosine(star, frame, cell, vertex), own = dual;
+    if (cocone_star_is_finite(star, cell))
+        own = vec3_dot(centroid_direction(star, cell, vertex), frame->normal[vertex]);
+    double certainty = FAINT + sqrt(fmax(own * dual, 0));
+    return (float)(dual < 0 ? -certainty : certainty);
+}
+
+static void measure_range(void *ctx, size_t begin, size_t end) {
+    const struct measuring *m = ctx;
+    for (uint32_t c = (uint32_t)begin; c < end; c++)
+        for (int i = 0; i < 4; i++) m->lie[c][i] = measure(m->star, m->frame, c, m->star->tets->vertex[c][i]);
+}
+
+enum status cocone_orient_measure(const struct cocone_star *star, const struct cocone_frame *frame, unsigned threads,
+                                  struct cocone_lies *lies) {
+    struct measuring m = {star, frame, alloc_array(star->tets->cell_count, sizeof *m.lie)};
+    if (!m.lie) return STATUS_NO_MEMORY;
+    par_for(threads, star->tets->cell_count, GRAIN, measure_range, &m);
+    lies->lie = m.lie;
+    return STATUS_OK;
+}
+
+void cocone_orient_done(struct cocone_lies *lies) {
+    free(lies->lie);
+    lies->lie = NULL;
 }
 
 /* ------------------------------------------------------------------------------------------------ links */
@@ -124,32 +152,17 @@ static size_t sums_flush(struct sums *sums, uint32_t low, struct link *link) {
     return count;
 }
 
-static double evidence(const struct cocone_star *star, const struct cocone_frame *frame, uint32_t cell, uint32_t v) {
-    struct cocone_lie lie = cocone_orient_lie(star, frame, cell, v);
-    return lie.dual < 0 ? -lie.weight - FAINT : lie.weight + FAINT;
-}
-
-/* The evidence of every corner, in the order of star->corner, and by cell. */
-static void weigh_cells(const struct cocone_star *star, const struct cocone_frame *frame, float (*weight)[4]) {
-    for (uint32_t c = 0; c < star->tets->cell_count; c++)
-        for (int i = 0; i < 4; i++) {
-            uint32_t v = star->tets->vertex[c][i];
-            weight[c][i] = v == NONE ? (float)HULL_WEIGHT : (float)evidence(star, frame, c, v);
-        }
-}
-
 /* All links of vertices with vertices of larger id and with OUT, which is n. */
-static size_t link_vertices(const struct cocone_star *star, const float (*weight)[4], struct sums *sums,
+static size_t link_vertices(const struct cocone_star *star, const float (*lie)[4], struct sums *sums,
                             struct link *link) {
     size_t count = 0;
     for (uint32_t v = 0; v < star->n; v++) {
         for (uint32_t i = star->begin[v]; i < star->begin[v + 1]; i++) {
             uint32_t cell = cocone_star_cell(star->corner[i]);
-            double mine = (double)weight[cell][cocone_star_index(star->corner[i])];
+            double mine = (double)lie[cell][cocone_star_index(star->corner[i])];
             for (int k = 0; k < 4; k++) {
                 uint32_t other = star->tets->vertex[cell][k];
-                if (other > v)
-                    sums_add(sums, other == NONE ? (uint32_t)star->n : other, mine * (double)weight[cell][k]);
+                if (other > v) sums_add(sums, other == NONE ? (uint32_t)star->n : other, mine * (double)lie[cell][k]);
             }
         }
         count += sums_flush(sums, v, link + count);
@@ -254,65 +267,64 @@ static void gathering_done(struct gathering *g) {
 
 /* ------------------------------------------------------------------------------------------------ normals */
 
-static void turn(struct cocone_frame *frame, uint32_t v) {
+static void turn(const struct cocone_star *star, struct cocone_frame *frame, struct cocone_lies *lies, uint32_t v) {
     frame->normal[v] = vec3_scale(frame->normal[v], -1);
     double above = frame->above[v];
     frame->above[v] = frame->below[v];
     frame->below[v] = above;
-}
-
-static void turn_normals(const struct cocone_star *star, struct forest *forest, struct cocone_frame *frame) {
-    uint8_t out, parity;
-    find(forest, (uint32_t)star->n, &out);
-    for (uint32_t v = 0; v < star->n; v++) {
-        if (star->begin[v] == star->begin[v + 1]) continue;
-        find(forest, v, &parity);
-        if (parity != out) turn(frame, v);
+    for (uint32_t i = star->begin[v]; i < star->begin[v + 1]; i++) {
+        float *lie = &lies->lie[cocone_star_cell(star->corner[i])][cocone_star_index(star->corner[i])];
+        *lie = -*lie;
     }
 }
 
-static size_t count_conflicts(const struct cocone_star *star, const struct cocone_frame *frame) {
+static void turn_normals(const struct cocone_star *star, struct forest *forest, struct cocone_frame *frame,
+                         struct cocone_lies *lies) {
+    uint8_t out, parity;
+    find(forest, (uint32_t)star->n, &out);
+    for (uint32_t v = 0; v < star->n; v++) {
+        find(forest, v, &parity);
+        if (parity != out && star->begin[v] < star->begin[v + 1]) turn(star, frame, lies, v);
+    }
+}
+
+static size_t count_conflicts(const struct cocone_star *star, const struct cocone_lies *lies) {
     size_t conflicts = 0;
-    for (uint32_t c = 0; c < star->tets->finite_count; c++) {
+    for (size_t c = 0; c < star->tets->finite_count; c++) {
         int seen = 0;
-        for (int i = 0; i < 4; i++) {
-            struct cocone_lie lie = cocone_orient_lie(star, frame, c, star->tets->vertex[c][i]);
-            if (lie.weight > CERTAIN) seen |= lie.dual > 0 ? 1 : 2;
-        }
+        for (int i = 0; i < 4; i++) seen |= (lies->lie[c][i] > CERTAIN) | (lies->lie[c][i] < -CERTAIN) << 1;
         conflicts += seen == 3;
     }
     return conflicts;
 }
 
-enum status cocone_orient(const struct cocone_star *star, struct cocone_frame *frame, size_t *conflicts) {
+enum status cocone_orient(const struct cocone_star *star, struct cocone_frame *frame, struct cocone_lies *lies,
+                          size_t *conflicts) {
     struct gathering g = {0};
-    float(*weight)[4] = alloc_array(star->tets->cell_count, sizeof *weight);
-    /* A triangulation of the sphere in four dimensions: as many edges as cells and vertices together. */
+    /* In a triangulation of the sphere in four dimensions there are as many edges as cells and vertices together. */
     enum status status = gathering_init(&g, star->n + 1, star->tets->cell_count + star->n + 1);
-    if (!weight) status = STATUS_NO_MEMORY;
     if (!status) {
-        weigh_cells(star, frame, weight);
-        g.count = link_vertices(star, (const float(*)[4])weight, &g.sums, g.link);
+        g.count = link_vertices(star, (const float(*)[4])lies->lie, &g.sums, g.link);
         gather_all(&g);
-        turn_normals(star, &g.forest, frame);
-        *conflicts = count_conflicts(star, frame);
+        turn_normals(star, &g.forest, frame, lies);
+        *conflicts = count_conflicts(star, lies);
     }
-    free(weight);
     gathering_done(&g);
     return status;
 }
 
-size_t cocone_orient_by_labels(const struct cocone_star *star, const uint8_t *inside, struct cocone_frame *frame) {
+size_t cocone_orient_by_labels(const struct cocone_star *star, const uint8_t *inside, struct cocone_frame *frame,
+                               struct cocone_lies *lies) {
     size_t turned = 0;
     for (uint32_t v = 0; v < star->n; v++) {
         double agreement = 0;
         for (uint32_t i = star->begin[v]; i < star->begin[v + 1]; i++) {
             uint32_t cell = cocone_star_cell(star->corner[i]);
-            struct cocone_lie lie = cocone_orient_lie(star, frame, cell, v);
-            agreement += (lie.dual < 0) == inside[cell] ? lie.weight : -lie.weight;
+            double lie = (double)lies->lie[cell][cocone_star_index(star->corner[i])];
+            agreement += inside[cell] ? -lie : lie;
         }
         if (agreement >= 0) continue;
-        turn(frame, v);
+        turn(star, frame, lies, v);
         turned++;
     }
     return turned;

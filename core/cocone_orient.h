@@ -6,20 +6,26 @@
 
 #include "core/cocone_frame.h"
 
-/* How a cell lies to one of its vertices, from the dual's and the cell's own direction. */
-struct cocone_lie {
-    double dual;   /* cosine between the dual direction and the normal */
-    double weight; /* 0 to 1: how certainly the cell is on the side that dual's sign says */
+/* How the cells lie to their vertices.  lie[c][i] > 0: cell c is above vertex i, on the side to which its normal
+ * points; < 0: below.  The size is how certain that is, up to 1.  3 for the vertex at infinity. */
+struct cocone_lies {
+    float (*lie)[4]; /* cell_count; owned */
 };
 
-struct cocone_lie cocone_orient_lie(const struct cocone_star *star, const struct cocone_frame *frame, uint32_t cell,
-                                    uint32_t vertex);
+/* Measures the lies in a frame.  O(cells).  STATUS_NO_MEMORY. */
+enum status cocone_orient_measure(const struct cocone_star *star, const struct cocone_frame *frame, unsigned threads,
+                                  struct cocone_lies *lies) MUST_CHECK;
 
-/* Turns the frame's normals outwards, all of them.  *conflicts = the cells that two of their vertices still see on
- * opposite sides with certainty.  O(cells).  STATUS_NO_MEMORY. */
-enum status cocone_orient(const struct cocone_star *star, struct cocone_frame *frame, size_t *conflicts) MUST_CHECK;
+/* Accepts zeroed lies. */
+void cocone_orient_done(struct cocone_lies *lies);
+
+/* Turns the normals outwards, all of them, and the lies with them.  *conflicts = the cells that two of their vertices
+ * still see on opposite sides with certainty.  O(cells log cells) in practice.  STATUS_NO_MEMORY. */
+enum status cocone_orient(const struct cocone_star *star, struct cocone_frame *frame, struct cocone_lies *lies,
+                          size_t *conflicts) MUST_CHECK;
 
 /* Turns the normals that disagree with the labels of most cells around them; how many.  O(cells). */
-size_t cocone_orient_by_labels(const struct cocone_star *star, const uint8_t *inside, struct cocone_frame *frame);
+size_t cocone_orient_by_labels(const struct cocone_star *star, const uint8_t *inside, struct cocone_frame *frame,
+                               struct cocone_lies *lies);
 
 #endif

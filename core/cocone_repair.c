@@ -26,7 +26,6 @@
 enum { LOST = 3, SET_MOST = 3, SET_VERTICES = 4 * SET_MOST, VERTICES_PER_TICK = 256 };
 
 #define DEFECT_WORTH (8 * (int64_t)COCONE_CUT_UNIT)
-#define DEAREST (100 * (int64_t)COCONE_CUT_UNIT) /* what only a needle across the model could save is better lost */
 
 struct repair {
     const struct cocone_star *star;
@@ -140,7 +139,7 @@ static void try_set(struct repair *r, const struct set *set, struct gain *best) 
     int defects = before - defects_around(r, set);
     flip(r, set);
     int64_t worth = defects * DEFECT_WORTH - cost;
-    if (defects <= 0 || (worth < 0 && defects < LOST) || cost > DEAREST) return;
+    if (defects <= 0 || (worth < 0 && defects < LOST)) return;
     if (best->defects == 0 || worth > best->worth) *best = (struct gain){defects, worth, *set};
 }
 

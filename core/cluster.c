@@ -88,7 +88,7 @@ uint32_t cluster_add(struct cluster *cluster, const struct sample *sample, uint3
     return i;
 }
 
-enum { STRIP = 16 }; /* vectors whose nearest distances are held while the triangles are gone through */
+enum { STRIP = 8 }; /* vectors whose nearest distances are held while the triangles are gone through */
 
 /* The squared distances of vectors [begin, begin + count) to the nearest of the triangles. */
 static void strip_nearest(const struct cluster *cluster, const struct flat *flat, size_t n, size_t begin, size_t count,
@@ -106,7 +106,8 @@ static void strip_nearest(const struct cluster *cluster, const struct flat *flat
 
 enum { MOST_TRIANGLES = 64 };
 
-double cluster_cost(const struct cluster *cluster, const struct triangle_frame *frame, size_t n, float further) {
+double cluster_cost(const struct cluster *cluster, const struct triangle_frame *frame, size_t n, float further,
+                    double limit) {
     assert(n <= MOST_TRIANGLES);
     struct flat flat[MOST_TRIANGLES];
     lanes nearest_sq[STRIP], sum = all(0);
@@ -119,6 +120,7 @@ double cluster_cost(const struct cluster *cluster, const struct triangle_frame *
             lanes d_sq = nearest_sq[k];
             sum += load(&cluster->weight[(begin + k) * LANES]) * (root(d_sq) + d_sq * further);
         }
+        if (total(sum) > limit) break;
     }
     return total(sum);
 }

@@ -31,8 +31,10 @@ void cluster_clear(struct cluster *cluster, vec3 origin);
  * isn't in, or NONE. */
 uint32_t cluster_add(struct cluster *cluster, const struct sample *sample, uint32_t first);
 
-/* The sum over the samples of weight * (d + d^2 * further), d being the distance to the nearest of n triangles. */
-double cluster_cost(const struct cluster *cluster, const struct triangle_frame *frame, size_t n, float further);
+/* The sum over the samples of weight * (d + d^2 * further), d being the distance to the nearest of n triangles; or a
+ * part of it that is over limit already. */
+double cluster_cost(const struct cluster *cluster, const struct triangle_frame *frame, size_t n, float further,
+                    double limit);
 
 /* A quadric of a vertex: s^T a s - 2 g s is what the squares of its samples' distances change by when it moves by s. */
 struct cluster_model {

@@ -41,41 +41,39 @@ void fit_gather(const struct fit *fit, struct fit_region *region) {
     gather_on(fit, region);
 }
 
-/* The same region with the samples that come after those in the cluster. */
-static void gather_next(const struct fit *fit, const struct fit_region *region, struct fit_region *next) {
-    next->n = region->n, next->reached = region->reached, next->rest = region->rest;
-    memcpy(next->triangle, region->triangle, sizeof next->triangle);
-    cluster_clear(&next->cluster, region->cluster.origin);
-    gather_on(fit, next);
-}
-
-static void add_to_model(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
-                         double near, struct cluster_model *model) {
-    float further = (float)(1 / fit->far);
-    for (size_t k = 0; k < region->n; k++)
-        cluster_fit_corner(&region->cluster, region->begin[k], region->begin[k + 1], &frame[k], (float)near, further,
-                           model);
-    if (region->reached == region->n) return;
-    struct fit_region more;
-    gather_next(fit, region, &more);
-    add_to_model(fit, &more, frame, near, model);
+/* Goes through the samples of a region, as many at a time as a cluster holds: part is the region itself at first, and
+ * more, which takes turns, after that.  NULL when there are none left. */
+static const struct fit_region *next_part(const struct fit *fit, const struct fit_region *part,
+                                          struct fit_region *more) {
+    if (part->reached == part->n) return NULL;
+    if (part != more) {
+        more->n = part->n, more->reached = part->reached, more->rest = part->rest;
+        memcpy(more->triangle, part->triangle, sizeof more->triangle);
+    }
+    cluster_clear(&more->cluster, part->cluster.origin);
+    gather_on(fit, more);
+    return more;
 }
 
 struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region,
                                const struct triangle_frame *frame, double near) {
     struct cluster_model model = {0};
-    add_to_model(fit, region, frame, near, &model);
+    struct fit_region more;
+    float further = (float)(1 / fit->far);
+    for (const struct fit_region *part = region; part; part = next_part(fit, part, &more))
+        for (size_t k = 0; k < part->n; k++)
+            cluster_fit_corner(&part->cluster, part->begin[k], part->begin[k + 1], &frame[k], (float)near, further,
+                               &model);
     return model;
 }
 
 double fit_cost_with(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
-                     size_t frames) {
-    float further = (float)(1 / fit->far);
-    double sum = cluster_cost(&region->cluster, frame, frames, further);
-    if (region->reached == region->n) return sum;
+                     size_t frames, double limit) {
     struct fit_region more;
-    gather_next(fit, region, &more);
-    return sum + fit_cost_with(fit, &more, frame, frames);
+    double sum = 0;
+    for (const struct fit_region *part = region; part && sum <= limit; part = next_part(fit, part, &more))
+        sum += cluster_cost(&part->cluster, frame, frames, (float)(1 / fit->far), limit - sum);
+    return sum;
 }
 
 static double stray_of_sq(const struct fit *fit, vec3 middle, double nearest_sq, uint32_t nearest) {
@@ -92,12 +90,9 @@ double fit_stray_sq(const struct fit *fit, const struct fit_region *region, cons
     uint32_t nearest[FIT_MAX_RING];
     for (size_t j = 0; j < frames; j++) nearest_sq[j] = INFINITY, nearest[j] = NONE;
     struct fit_region more;
-    for (const struct fit_region *part = region;; part = &more) {
+    for (const struct fit_region *part = region; part; part = next_part(fit, part, &more))
         for (size_t j = 0; j < frames; j++)
             cluster_nearest(&part->cluster, triangle_frame_middle(&frame[j]), &nearest_sq[j], &nearest[j]);
-        if (part->reached == part->n) break;
-        gather_next(fit, part, &more);
-    }
     for (size_t j = 0; j < frames; j++)
         farthest_sq = fmax(farthest_sq, stray_of_sq(fit, triangle_frame_middle(&frame[j]), nearest_sq[j], nearest[j]));
     return farthest_sq;

@@ -97,9 +97,9 @@ static inline bool fit_is_exact(const struct fit_region *region, double cost) {
 struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region,
                                const struct triangle_frame *frame, double near);
 
-/* What the region's samples would cost with the surface frame[0 .. frames). */
+/* What the region's samples would cost with the surface frame[0 .. frames), or something over limit where that does. */
 double fit_cost_with(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
-                     size_t frames);
+                     size_t frames, double limit);
 
 /* The largest squared distance of the middles of frame[0 .. frames) to the tangent disks of the region's nearest
  * samples: so that no part of the surface leaves the data. */

@@ -96,7 +96,7 @@ static double flip_gain(const struct fit *fit, uint32_t h) {
     memcpy(region.triangle, q.triangle, sizeof q.triangle);
     fit_gather(fit, &region);
     if (fit_is_exact(&region, cost)) return 0;
-    double gain = cost - fit_cost_with(fit, &region, q.new, 2);
+    double gain = cost - fit_cost_with(fit, &region, q.new, 2, cost);
     if (gain < FLIP_LEAST_GAIN * cost) return 0;
     double stray_sq = fit_stray_sq(fit, &region, q.new, 2);
     return stray_sq > fit->stray_sq && stray_sq > fit_stray_sq(fit, &region, q.old, 2) ? 0 : gain;

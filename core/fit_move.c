@@ -94,7 +94,7 @@ static bool move_is_fair(const struct fit *fit, const struct star *star) {
 static double cost_at(const struct fit *fit, struct star *star, vec3 place, double limit) {
     set_new_frames(fit, star, place);
     if (!move_is_fair(fit, star)) return INFINITY;
-    double cost = fit_cost_with(fit, &star->region, star->new, star->n);
+    double cost = fit_cost_with(fit, &star->region, star->new, star->n, limit);
     if (cost >= limit) return INFINITY;
     double stray_sq = fit_stray_sq(fit, &star->region, star->new, star->n);
     if (stray_sq <= fit->stray_sq) return cost;

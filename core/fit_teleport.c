@@ -103,7 +103,7 @@ static struct offer cheapest_merge(const struct fit *fit, uint32_t vertex) {
         set_merged_frames(fit, &fan, to);
         if (!merge_is_fair(fit, &fan, to)) continue;
         double limit = best.value + fan.cost;
-        double cost = fit_cost_with(fit, &fan.region, fan.new, fan.n - 2);
+        double cost = fit_cost_with(fit, &fan.region, fan.new, fan.n - 2, limit);
         if (cost >= limit) continue;
         if (fit_stray_sq(fit, &fan.region, fan.new, fan.n - 2) > fan.stray_sq) continue;
         best.value = cost - fan.cost;
@@ -183,7 +183,7 @@ static double cost_of_split(const struct fit *fit, struct gap *gap, uint32_t h, 
     gap->new[2] = triangle_frame_of(place, gap->a, gap->d);
     gap->new[3] = triangle_frame_of(gap->b, place, gap->d);
     if (!split_is_fair(fit, gap, h)) return INFINITY;
-    double cost = fit_cost_with(fit, &gap->region, gap->new, 4);
+    double cost = fit_cost_with(fit, &gap->region, gap->new, 4, limit);
     if (cost >= limit) return INFINITY;
     double stray_sq = fit_stray_sq(fit, &gap->region, gap->new, 4);
     bool strays = stray_sq > fit->stray_sq && stray_sq > fit_stray_sq(fit, &gap->region, gap->old, 2);

@@ -115,7 +115,9 @@ static void test_four_at_a_time_is_one_at_a_time(void **state) {
         assert_true(fabs((double)distance_sq[i] - nearest_sq) < 1e-5);
         cost += (double)sample[i].weight * (sqrt(nearest_sq) + 2 * nearest_sq);
     }
-    assert_true(fabs(cluster_cost(&cluster, frame, 3, 2) - cost) < 1e-4 * cost);
+    assert_true(fabs(cluster_cost(&cluster, frame, 3, 2, INFINITY) - cost) < 1e-4 * cost);
+    double part = cluster_cost(&cluster, frame, 3, 2, cost / 2);
+    assert_true(part > cost / 2 && part < 0.9 * cost);
 }
 
 /* The quadric's linear part is how the cost changes when the corner moves: against differences. */
@@ -139,7 +141,9 @@ static void test_model_is_the_slope_of_the_cost(void **state) {
         double h = 1e-2;
         struct triangle_frame ahead = triangle_frame_of(vec3_add(a, vec3_scale(step[k], h)), b, c);
         struct triangle_frame behind = triangle_frame_of(vec3_sub(a, vec3_scale(step[k], h)), b, c);
-        double slope = (cluster_cost(&cluster, &ahead, 1, 0) - cluster_cost(&cluster, &behind, 1, 0)) / (2 * h);
+        double slope =
+            (cluster_cost(&cluster, &ahead, 1, 0, INFINITY) - cluster_cost(&cluster, &behind, 1, 0, INFINITY)) /
+            (2 * h);
         assert_true(fabs(slope + vec3_dot(model.g, step[k])) < 0.02);
     }
 }

@@ -133,7 +133,7 @@ FORCE:
 # What building, testing and the demo want, by the names of Debian 12's packages.
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
             libmicrohttpd-dev libsqlite3-dev nettle-dev libcmocka-dev curl jq python3 python3-pytest ca-certificates
-peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev
+peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev meshlab xvfb xauth
 paper_packages := libeigen3-dev libtbb-dev python3-matplotlib
 fuzz_packages := clang libclang-rt-14-dev
 

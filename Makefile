@@ -10,6 +10,9 @@ $(error config must be one of release, debug, asan, tsan, cov, fuzz)
 endif
 
 build := build/$(config)
+# make V=1 shows the commands.
+Q := $(if $(V),,@)
+say := $(if $(V),@:,@echo ' ')
 PYTHON ?= /usr/bin/python3
 VERSION := $(shell git describe --tags --always --dirty 2>/dev/null || echo unknown)
 
@@ -35,7 +38,7 @@ override LDFLAGS += $(filter -fsanitize% --coverage,$(flags_$(config))) -pthread
 
 CORE_LIBS := -lflann -lgmp -lmpfr -lstdc++ -lm
 API_LIBS := -ljansson
-DAEMON_LIBS := -lmicrohttpd -lsqlite3
+DAEMON_LIBS := -lmicrohttpd -lsqlite3 -lnettle
 
 # ---------------------------------------------------------------------------------------------------- sources
 core_src := $(wildcard core/*.c core/*.cc)
@@ -47,6 +50,7 @@ unit_src := $(wildcard tests/unit/test_*.c)
 unit_support_src := $(filter-out $(unit_src),$(wildcard tests/unit/*.c))
 tool_src := $(wildcard tests/tools/*.c tests/tools/*.cc tests/bench/*.c tests/bench/*.cc)
 fuzz_src := $(wildcard tests/fuzz/fuzz_*.c)
+peer_src := $(wildcard tests/peers/*.cc)
 object = $(patsubst %,$(build)/%.o,$(basename $(1)))
 
 libwhittle := $(build)/libwhittle.a
@@ -54,7 +58,9 @@ libapi := $(build)/libapi.a
 libserver := $(build)/libserver.a
 programs := $(if $(worker_src),$(build)/whittle) $(if $(daemon_src),$(build)/whittled)
 unit_programs := $(patsubst tests/unit/%.c,$(build)/tests/unit/%,$(unit_src))
+fuzz_programs := $(patsubst %.c,$(build)/%,$(fuzz_src))
 tool_programs := $(addprefix $(build)/,$(basename $(tool_src)))
+peer_programs := $(addprefix $(build)/,$(basename $(peer_src)))
 
 # ---------------------------------------------------------------------------------------------------- targets
 .PHONY: all
@@ -67,11 +73,13 @@ help: ## list the targets
 
 $(build)/%.o: %.c
 	@mkdir -p $(@D)
-	$(CC) $(CFLAGS) -c -o $@ $<
+	$(say) CC $<
+	$(Q)$(CC) $(CFLAGS) -c -o $@ $<
 
 $(build)/%.o: %.cc
 	@mkdir -p $(@D)
-	$(CXX) $(CXXFLAGS) -c -o $@ $<
+	$(say) CXX $<
+	$(Q)$(CXX) $(CXXFLAGS) -c -o $@ $<
 
 $(libwhittle): $(call object,$(core_src))
 $(libapi): $(call object,$(api_src))
@@ -79,19 +87,39 @@ $(libserver): $(call object,$(either_src))
 $(libwhittle) $(libapi) $(libserver):
 	@mkdir -p $(@D)
 	@rm -f $@
-	$(AR) rcs $@ $^
+	$(Q)$(AR) rcs $@ $^
 
 $(build)/whittle: $(call object,$(worker_src)) $(libserver) $(libapi) $(libwhittle)
-	$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(CORE_LIBS)
+	$(say) LD $@
+	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(CORE_LIBS)
 
 $(build)/whittled: $(call object,$(daemon_src)) $(libserver) $(libapi) $(libwhittle)
-	$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(DAEMON_LIBS) -lm
+	$(say) LD $@
+	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(DAEMON_LIBS) -lm
 
 $(unit_programs): $(build)/tests/unit/%: $(build)/tests/unit/%.o $(call object,$(unit_support_src)) $(libserver) $(libapi) $(libwhittle)
-	$(CC) $(LDFLAGS) -o $@ $^ -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CORE_LIBS)
+	$(say) LD $@
+	$(Q)$(CC) $(LDFLAGS) -o $@ $^ -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CORE_LIBS)
 
 $(tool_programs): $(build)/%: $(build)/%.o $(libapi) $(libwhittle)
-	$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(CORE_LIBS)
+	$(say) LD $@
+	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(CORE_LIBS)
+
+# Each peer has libraries of its own; their headers are not ours to warn about.
+peer_cflags = $(subst -I/,-isystem /,$(filter-out -std=%,$(shell pkg-config --cflags $(1))))
+$(build)/tests/peers/%_cgal.o: override CXXFLAGS += -isystem /usr/include/eigen3 \
+    -DCGAL_EIGEN3_ENABLED -DCGAL_LINKED_WITH_TBB
+$(build)/tests/peers/%_cgal: peer_libs = -ltbb -lgmp -lmpfr
+$(build)/tests/peers/points_pcl.o: override CXXFLAGS += $(call peer_cflags,pcl_filters)
+$(build)/tests/peers/points_pcl: peer_libs = -lpcl_filters -lpcl_search -lpcl_common
+$(build)/tests/peers/open3d.o: override CXXFLAGS += -isystem /usr/include/eigen3 $(call peer_cflags,Open3D)
+$(build)/tests/peers/open3d: peer_libs = -lOpen3D
+$(peer_programs): $(build)/%: $(build)/%.o
+	$(CXX) $(LDFLAGS) -o $@ $^ $(peer_libs)
+
+# Files that are compiled into the program.
+$(build)/api/openapi.o: api/openapi.json
+$(build)/server/page.o: server/page.html
 
 # The version is compiled into one file, rebuilt when it changes.
 $(build)/core/version.o: CFLAGS += -DWHITTLE_VERSION='"$(VERSION)"'
@@ -101,12 +129,114 @@ $(build)/version.stamp: FORCE
 	@echo '$(VERSION)' | cmp -s - $@ || echo '$(VERSION)' > $@
 FORCE:
 
+# ---------------------------------------------------------------------------------------------------- set-up
+# What building, testing and the demo want, by the names of Debian 12's packages.
+packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
+            libmicrohttpd-dev libsqlite3-dev nettle-dev libcmocka-dev curl jq python3 python3-pytest ca-certificates
+peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev meshlab xvfb xauth
+paper_packages := libeigen3-dev libtbb-dev python3-matplotlib
+fuzz_packages := clang libclang-rt-14-dev
+
+.PHONY: deps
+deps: ## install the Debian packages that are missing (root, or sudo)
+	@deploy/deps.sh $(packages)
+
+# ---------------------------------------------------------------------------------------------------- use
+CLOUD ?=
+RATIO ?= 0.1
+LISTEN ?= 127.0.0.1:8080
+DATA ?= $(HOME)/.local/share/whittled
+
+.PHONY: demo
+demo: deps ## upload a real scan to a daemon of its own and show what comes back; CLOUD=file.ply RATIO=0.1
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@tests/demo/demo.sh $(build) out '$(CLOUD)' '$(RATIO)'
+
+.PHONY: run
+run: deps ## start whittled for use; LISTEN=127.0.0.1:8080 DATA=folder
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@mkdir -p '$(DATA)'
+	$(build)/whittled --listen '$(LISTEN)' --data '$(DATA)'
+
+# ---------------------------------------------------------------------------------------------------- checks
+.PHONY: test
+test: deps ## build and run all tests; also with config=asan or tsan
+	@$(MAKE) --no-print-directory -j$$(nproc) all tests
+	@$(MAKE) --no-print-directory lint test-unit test-integration
+
+.PHONY: tests
+tests: $(unit_programs) $(tool_programs)
+
+.PHONY: lint
+lint: $(libwhittle) ## check layers, banned functions and line lengths
+	@$(PYTHON) tests/lint/layers.py $(libwhittle)
+
+.PHONY: test-integration
+test-integration:
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -p no:cacheprovider tests/integration
+
+# ---------------------------------------------------------------------------------------------------- figures
+.PHONY: bench
+bench: deps ## time of each stage, memory, threads, a job over HTTP; BENCH="--large --save file --compare file"
+	@$(MAKE) --no-print-directory -j$$(nproc) all tools
+	@$(PYTHON) tests/bench/bench.py $(build) $(BENCH)
+
+.PHONY: accuracy
+accuracy: deps ## the error table of the README; MESHES="mesh.ply ..." for others than Horse and Venus
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@$(PYTHON) tests/bench/accuracy.py $(build) $(MESHES)
+
 .PHONY: tools
 tools: $(tool_programs) ## build the measuring programs of tests/
 
+# ---------------------------------------------------------------------------------------------------- measuring
+MODELS ?=
+RATIOS ?=
+chosen = $(if $(MODELS),--models '$(MODELS)') $(if $(RATIOS),--ratios '$(RATIOS)')
+
+.PHONY: peers
+peers: deps ## compare with CGAL, PCL and Open3D; MODELS=horse,venus RATIOS=0.2,0.1 -> out/peers.md
+	@deploy/deps.sh $(peers_packages)
+	@$(MAKE) --no-print-directory all $(peer_programs)
+	@$(PYTHON) tests/peers/run.py --build $(build) $(chosen)
+
+.PHONY: ablation
+ablation: deps ## what the discrete shape operator is worth; MODELS= RATIOS= -> out/ablation.md
+	@$(MAKE) --no-print-directory all
+	@$(PYTHON) tests/peers/ablation.py --build $(build) $(chosen)
+
+.PHONY: paper
+paper: deps ## Lee and Jong's evaluation again, with pictures; MODELS=horse,venus -> out/paper.html
+	@deploy/deps.sh $(paper_packages)
+	@$(MAKE) --no-print-directory all $(build)/tests/peers/surface_cgal
+	@$(PYTHON) tests/paper/run.py --build $(build) $(if $(MODELS),--models '$(MODELS)')
+
+# ---------------------------------------------------------------------------------------------------- more tests
 .PHONY: test-unit
 test-unit: $(unit_programs)
 	@set -e; for t in $(unit_programs); do echo "== $$t"; $$t; done
+
+# Fuzzers exist in config=fuzz alone; `make fuzz` goes there by itself.  What a run finds new stays in the corpus.
+FUZZ_SECONDS ?= 20
+ifeq ($(config),fuzz)
+$(fuzz_programs): $(build)/%: $(build)/%.o $(libwhittle)
+	$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $^ -lm
+
+.PHONY: fuzz
+fuzz: $(fuzz_programs)
+	@set -e; for f in $(fuzz_programs); do echo "== $$f"; mkdir -p $$f.corpus $$f.seeds; \
+	    for s in tests/fixtures/*/*/input.*; do cp "$$s" "$$f.seeds/$$(echo "$$s" | tr / _)"; done; \
+	    $$f -max_total_time=$(FUZZ_SECONDS) -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 -verbosity=0 \
+	        -artifact_prefix=$$f. $$f.corpus $$f.seeds; done
+else
+.PHONY: fuzz
+fuzz: ## run each fuzzer for FUZZ_SECONDS=20 (needs clang)
+	$(MAKE) config=fuzz fuzz
+endif
+
+.PHONY: contract
+contract: $(build)/whittled ## bring the parameters in api/openapi.json up to date with core/params.c
+	@$(PYTHON) tests/tools/update_contract.py $(build)/whittled
 
 .PHONY: format
 format: ## lay out the code with clang-format

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "api/params_json.h"
 #include "core/version.h"
 
 /* Numbers that JSON can't hold (infinity, NaN) are null. */
@@ -24,18 +25,18 @@ static json_t *distances(const struct distance_stats *stats, double diagonal) {
 }
 
 static json_t *input_json(const struct report *r) {
-    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o}", "format", r->format, "points", count(r->points_in),
-                     "points_distinct", count(r->points_distinct), "diagonal", number(r->diagonal), "box_min",
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "format", r->format, "points", count(r->points_in),
+                     "points_distinct", count(r->points_distinct), "points_outliers", count(r->points_outliers),
+                     "noise_rel", number(r->noise / r->diagonal), "diagonal", number(r->diagonal), "box_min",
                      triple(r->box_min), "box_max", triple(r->box_max));
 }
 
-static json_t *cloud_json(const struct report *r) {
+static json_t *cloud_json(const struct report_level *r, double diagonal) {
     return json_pack("{s:o, s:o, s:o}", "points", count(r->points_out), "contraction_error_rel",
-                     r->has_contraction_error ? number(r->contraction_error / r->diagonal) : json_null(),
-                     "tangent_error", distances(&r->tangent, r->diagonal));
+                     number(r->contraction_error / diagonal), "tangent_error", distances(&r->tangent, diagonal));
 }
 
-static json_t *mesh_json(const struct report *r) {
+static json_t *mesh_json(const struct report_level *r) {
     return json_pack("{s:o, s:o, s:b, s:b, s:b, s:o, s:o, s:o, s:o, s:o, s:o, s:s}", "vertices", count(r->vertices),
                      "triangles", count(r->triangles), "watertight", r->watertight, "manifold", r->manifold, "oriented",
                      r->oriented, "components", count(r->components), "hole_fill_triangles",
@@ -45,15 +46,33 @@ static json_t *mesh_json(const struct report *r) {
 }
 
 /* mean, rms and max are those of the forward direction, the one that every input has; hausdorff is over all. */
-static json_t *error_json(const struct report *r) {
-    json_t *error = distances(&r->forward, r->diagonal);
+static json_t *error_json(const struct report_level *r, double diagonal) {
+    json_t *error = distances(&r->forward, diagonal);
     json_object_set_new(error, "hausdorff", number(r->hausdorff));
-    json_object_set_new(error, "hausdorff_rel", number(r->hausdorff / r->diagonal));
+    json_object_set_new(error, "hausdorff_rel", number(r->hausdorff / diagonal));
     json_object_set_new(error, "reference", json_string(r->reference));
-    json_object_set_new(error, "forward", distances(&r->forward, r->diagonal));
-    if (r->backward.count) json_object_set_new(error, "backward", distances(&r->backward, r->diagonal));
-    if (r->surface.count) json_object_set_new(error, "surface", distances(&r->surface, r->diagonal));
+    json_object_set_new(error, "forward", distances(&r->forward, diagonal));
+    if (r->backward.count) json_object_set_new(error, "backward", distances(&r->backward, diagonal));
+    if (r->surface.count) json_object_set_new(error, "surface", distances(&r->surface, diagonal));
     return error;
+}
+
+/* The members that every level has, put into json. */
+static void add_level(json_t *json, const struct report_level *r, double diagonal) {
+    json_object_set_new(json, "points_out", count(r->points_out));
+    json_object_set_new(json, "cloud", cloud_json(r, diagonal));
+    if (r->has_mesh) json_object_set_new(json, "mesh", mesh_json(r));
+    if (r->has_error) json_object_set_new(json, "error", error_json(r, diagonal));
+}
+
+static json_t *levels_json(const struct report *r) {
+    json_t *levels = json_array();
+    for (size_t i = 0; i < r->level_count; i++) {
+        json_t *level = json_pack("{s:o}", "ratio", number(r->level[i].ratio));
+        add_level(level, &r->level[i], r->diagonal);
+        json_array_append_new(levels, level);
+    }
+    return levels;
 }
 
 static json_t *timings_json(const struct report *r) {
@@ -65,48 +84,12 @@ static json_t *timings_json(const struct report *r) {
 }
 
 json_t *report_json(const struct report *r) {
-    json_t *json = json_pack("{s:o, s:o, s:o, s:o}", "points_in", count(r->points_in), "points_out",
-                             count(r->points_out), "input", input_json(r), "cloud", cloud_json(r));
+    json_t *json = json_pack("{s:o, s:o}", "points_in", count(r->points_in), "input", input_json(r));
     if (!json) return NULL;
-    if (r->has_mesh) json_object_set_new(json, "mesh", mesh_json(r));
-    if (r->has_error) json_object_set_new(json, "error", error_json(r));
+    add_level(json, &r->level[0], r->diagonal);
+    if (r->level_count > 1) json_object_set_new(json, "levels", levels_json(r));
     json_object_set_new(json, "timings_ms", timings_json(r));
     json_object_set_new(json, "peak_rss_bytes", count(r->peak_rss_bytes));
-    return json;
-}
-
-static json_t *list_json(const char *text) {
-    json_t *list = json_array();
-    while (*text) {
-        size_t length = strcspn(text, ",");
-        json_array_append_new(list, json_stringn(text, length));
-        text += length + (text[length] == ',');
-    }
-    return list;
-}
-
-static json_t *value_json(const struct params *params, const struct param *param) {
-    const void *member = (const char *)params + param->offset;
-    char text[256];
-    params_format(params, param, text, sizeof text);
-    if (!text[0]) return NULL;
-    switch (param->type) {
-    case PARAM_NUMBER: return number(*(const double *)member);
-    case PARAM_INTEGER: return count(*(const uint64_t *)member);
-    case PARAM_CHOICE: return json_string(text);
-    case PARAM_FLAGS: return list_json(text);
-    }
-    return NULL;
-}
-
-json_t *report_params_json(const struct params *params) {
-    size_t rows;
-    const struct param *table = params_table(&rows);
-    json_t *json = json_object();
-    for (size_t i = 0; json && i < rows; i++) {
-        json_t *value = value_json(params, &table[i]);
-        if (value) json_object_set_new(json, table[i].name, value);
-    }
     return json;
 }
 
@@ -114,7 +97,7 @@ enum status report_json_write(int fd, const struct report *report, const struct 
     json_t *json = report_json(report);
     if (!json) return error_set(error, STATUS_NO_MEMORY, "report", "no memory for the report");
     json_object_set_new(json, "version", json_string(whittle_version()));
-    json_object_set_new(json, "params", report_params_json(params));
+    json_object_set_new(json, "params", params_to_json(params));
     int rc = json_dumpfd(json, fd, JSON_INDENT(2) | JSON_REAL_PRECISION(9));
     json_decref(json);
     if (rc != 0 || dprintf(fd, "\n") != 1)

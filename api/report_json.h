@@ -14,10 +14,8 @@
  * diagonal; what wasn't measured is absent. */
 json_t *report_json(const struct report *report);
 
-/* Returns new: every parameter that affects the result or that was given, by name, as JSON numbers, strings and arrays. */
-json_t *report_params_json(const struct params *params);
-
-/* Writes {"version", "params", "report"...} indented, with a newline at the end, to fd.  STATUS_IO, STATUS_NO_MEMORY. */
+/* Writes {"version", "params", "report"...} indented, with a newline at the end, to fd.  STATUS_IO, STATUS_NO_MEMORY.
+ */
 enum status report_json_write(int fd, const struct report *report, const struct params *params,
                               struct error *error) MUST_CHECK;
 

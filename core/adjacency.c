@@ -1,11 +1,11 @@
-/* Lists live in one pool.  A list only shrinks in place; a merged point's new list goes to the end of the pool, and when
- * the pool is full the live lists are moved together into a fresh one.
+/* Lists live in one pool.  A list only shrinks in place; a merged point's new list goes to the end of the pool, and
+ * when the pool is full the live lists are moved together into a fresh one.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/adjacency.h"
 
-#include <stdlib.h>
 #include <stdbool.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "core/alloc.h"
@@ -19,10 +19,10 @@ static bool lists(const struct neighbourhood *hood, uint32_t p, uint32_t q) {
     return false;
 }
 
-static void insert_sorted(uint32_t *list, uint8_t *degree, uint32_t id) {
+static void insert_sorted(struct link *list, uint8_t *degree, uint32_t id) {
     unsigned i = *degree;
-    for (; i > 0 && list[i - 1] > id; i--) list[i] = list[i - 1];
-    list[i] = id;
+    for (; i > 0 && list[i - 1].id > id; i--) list[i] = list[i - 1];
+    list[i] = (struct link){id, NAN};
     (*degree)++;
 }
 
@@ -84,7 +84,7 @@ enum status adjacency_reserve(struct adjacency *adjacency, const uint32_t *live,
     if (adjacency->capacity - adjacency->used >= entries) return STATUS_OK;
     size_t needed = live_entries(adjacency, live, live_count) + entries;
     size_t capacity = needed + needed / 4;
-    uint32_t *list = alloc_array(capacity, sizeof *list);
+    struct link *list = alloc_array(capacity, sizeof *list);
     if (!list) return STATUS_NO_MEMORY;
     size_t used = 0;
     for (size_t i = 0; i < live_count; i++) {

@@ -79,6 +79,29 @@ void cloud_done(struct cloud *cloud) {
     *cloud = (struct cloud){0};
 }
 
+static double round_to(double value, enum scalar_type type) {
+    unsigned char bytes[8];
+    scalar_store(bytes, type, value);
+    return scalar_load(bytes, type);
+}
+
+vec3 cloud_round(const struct cloud *cloud, vec3 p) {
+    const struct property *property = cloud->property;
+    return (vec3){round_to(p.x, property[cloud->xyz[0]].type), round_to(p.y, property[cloud->xyz[1]].type),
+                  round_to(p.z, property[cloud->xyz[2]].type)};
+}
+
+void cloud_move(struct cloud *cloud, const vec3 *position) {
+    for (size_t i = 0; i < cloud->count; i++) {
+        const double to[3] = {position[i].x, position[i].y, position[i].z};
+        for (int axis = 0; axis < 3; axis++) {
+            const struct property *property = &cloud->property[cloud->xyz[axis]];
+            scalar_store(&cloud->record[i * cloud->record_bytes + property->offset_bytes], property->type, to[axis]);
+        }
+        cloud->position[i] = cloud_round(cloud, position[i]);
+    }
+}
+
 const char *cloud_format_name(enum cloud_format format) {
     static const char *const names[] = {"ply/ascii", "ply/binary_little_endian", "ply/binary_big_endian", "xyz"};
     return names[format];

@@ -82,6 +82,12 @@ struct cloud {
 /* Frees everything that the cloud owns and zeroes it.  Accepts a zeroed cloud. */
 void cloud_done(struct cloud *cloud);
 
+/* The position that a point of the cloud would have if p were written to its coordinates: rounded to their types. */
+vec3 cloud_round(const struct cloud *cloud, vec3 p);
+
+/* Moves every point: position has cloud->count of them.  Coordinates are rounded to their types. */
+void cloud_move(struct cloud *cloud, const vec3 *position);
+
 /* "ply/ascii", "ply/binary_little_endian", "ply/binary_big_endian", "xyz". */
 const char *cloud_format_name(enum cloud_format format);
 

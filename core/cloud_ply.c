@@ -30,6 +30,8 @@ struct reader {
     const struct ply_element *element; /* being read, for errors */
     const struct property *property;
     uint64_t record;
+    const struct property *index_list; /* of a face: its vertices; NULL = none */
+    bool plain_faces;                  /* take_plain_triangle may take them */
     int8_t axis[CLOUD_MAX_PROPERTIES]; /* of each vertex property: 0, 1, 2, or -1 */
     size_t list_capacity[CLOUD_MAX_PROPERTIES];
     size_t triangle_capacity;
@@ -107,7 +109,10 @@ static bool store_integer(double value, enum scalar_type type, unsigned char out
     static const double low[] = {INT8_MIN, 0, INT16_MIN, 0, INT32_MIN, 0};
     static const double high[] = {INT8_MAX, UINT8_MAX, INT16_MAX, UINT16_MAX, INT32_MAX, UINT32_MAX};
     if (!(value >= low[type] && value <= high[type] && value == (double)(int64_t)value)) return false;
-    scalar_store(out, type, value);
+    int64_t whole = (int64_t)value;
+    if (scalar_bytes(type) == 1) memcpy(out, &(uint8_t){(uint8_t)whole}, 1);
+    if (scalar_bytes(type) == 2) memcpy(out, &(uint16_t){(uint16_t)whole}, 2);
+    if (scalar_bytes(type) == 4) memcpy(out, &(uint32_t){(uint32_t)whole}, 4);
     return true;
 }
 
@@ -373,10 +378,26 @@ static enum status append_triangle(struct reader *r, uint32_t a, uint32_t b, uin
     return STATUS_OK;
 }
 
+/* The face that nearly all binary files have: "list uchar int", three vertices, native byte order.  False, with nothing
+ * taken, for any other one, and for one that breaks a rule. */
+static bool take_plain_triangle(struct reader *r, enum status *status) {
+    enum { FACE_BYTES = 13 };
+    uint32_t v[3];
+    if (!r->plain_faces || r->end - r->at < FACE_BYTES || *r->at != 3) return false;
+    memcpy(v, r->at + 1, sizeof v);
+    uint64_t vertices = r->header->element[r->header->vertex].count;
+    if (v[0] >= vertices || v[1] >= vertices || v[2] >= vertices) return false;
+    r->at += FACE_BYTES;
+    *status = append_triangle(r, v[0], v[1], v[2]);
+    return true;
+}
+
 /* A polygon v0 v1 v2 v3 ... as the fan v0 v1 v2, v0 v2 v3, ... */
 static enum status take_polygon(struct reader *r) {
     size_t length;
-    enum status status = take_length(r, &length);
+    enum status status = STATUS_OK;
+    if (take_plain_triangle(r, &status)) return status;
+    status = take_length(r, &length);
     uint32_t first = 0, last = 0, next = 0;
     for (size_t i = 0; !status && i < length; i++, last = next) {
         status = take_index(r, &next);
@@ -390,19 +411,26 @@ static enum status take_face(struct reader *r) {
     const struct property *property = r->header->property + r->element->first;
     for (size_t i = 0; i < r->element->property_count; i++) {
         r->property = &property[i];
-        enum status status = is_index_list(r->property) ? take_polygon(r) : skip_property(r);
+        enum status status = r->property == r->index_list ? take_polygon(r) : skip_property(r);
         if (status) return status;
     }
     return STATUS_OK;
 }
 
-static enum status read_faces(struct reader *r) {
+/* The first of the element's properties that lists its vertices, or NULL. */
+static const struct property *find_index_list(const struct reader *r) {
     const struct property *property = r->header->property + r->element->first;
-    for (size_t i = 0; i < r->element->property_count; i++) {
-        r->property = &property[i];
-        if (is_index_list(r->property) && r->property->type >= SCALAR_FLOAT32)
-            return error_set(r->error, STATUS_MALFORMED, r->property->name, "indices of vertices must be integers");
-    }
+    for (size_t i = 0; i < r->element->property_count; i++)
+        if (is_index_list(&property[i])) return &property[i];
+    return NULL;
+}
+
+static enum status read_faces(struct reader *r) {
+    const struct property *list = r->index_list = find_index_list(r);
+    if (list && list->type >= SCALAR_FLOAT32)
+        return error_set(r->error, STATUS_MALFORMED, list->name, "indices of vertices must be integers");
+    r->plain_faces = list && !r->text && !r->swap && list->count_type == SCALAR_UINT8 &&
+                     (list->type == SCALAR_INT32 || list->type == SCALAR_UINT32);
     enum status status = each_record(r, take_face);
     if (status || r->cloud->triangle_count == 0) return status;
     void *exact = alloc_resize(r->cloud->triangle, r->cloud->triangle_count, sizeof *r->cloud->triangle);

@@ -2,7 +2,7 @@
  *
  * The paper (Lee, Jong section 4.4) takes the cheapest pair from a heap, one at a time.  Here each pass
  *
- *     picks     for every live point the cheapest of its pairs            (parallel; only where something changed)
+ *     picks     for every live point the cheapest of its pairs            (parallel; costs are kept while valid)
  *     ranks     the picks by cost                                         (radix sort)
  *     performs  the cheapest ones that share no point, a fixed fraction   (sequential choice, parallel merging)
  *     updates   the lists of neighbours and marks what changed            (parallel)
@@ -30,7 +30,7 @@
 #include "core/par.h"
 
 enum { GRAIN = 512, RELINK_K = 9, KEY_DIGIT_BITS = 11, KEY_DIGITS = 1 << KEY_DIGIT_BITS, KEY_PASSES = 3 };
-static const double FRACTION = 1.0 / 8, SLACK = 1.5, FEWEST = 1.0 / 6, LENGTH_BIAS = 1e-9;
+static const double FRACTION = 1.0 / 5, SLACK = 1.5, FEWEST = 1.0 / 6, LENGTH_BIAS = 1e-9;
 
 /* A pick of live point `owner`, sorted by key: the cost's float bits, which order as the cost does. */
 struct pick {
@@ -39,16 +39,16 @@ struct pick {
 
 struct contractor {
     const vec3 *point;
-    quadric *quadric;
+    struct packed_quadric *quadric;
     struct adjacency near;
     size_t live_count, removed;
-    uint32_t *live;        /* ids of the live points, ascending */
-    uint32_t *partner;     /* by id: other end of the cheapest pair, NONE where there is none */
-    float *cost;           /* by id: of that pair */
-    uint8_t *dirty;        /* by id: the cheapest pair must be looked for again */
-    uint8_t *changed;      /* by id: merged in this pass */
+    uint32_t *live;    /* ids of the live points, ascending */
+    uint32_t *partner; /* by id: other end of the cheapest pair, NONE where there is none */
+    float *cost;       /* by id: of that pair */
+    uint8_t *dirty;    /* by id: the cheapest pair must be looked for again */
+    uint8_t *changed;  /* by id: merged in this pass */
     struct pick *pick, *spare;
-    uint32_t *kept;        /* by number of the merge within the pass: the end that stays; the other is order[removed + i] */
+    uint32_t *kept; /* by number of the merge within the pass: the end that stays; the other is order[removed + i] */
     double length_bias;
     unsigned threads;
     struct contraction out;
@@ -59,7 +59,8 @@ struct contractor {
 /* Error of the pair (p, q) when q is moved to p. */
 static double error_at(const struct contractor *c, uint32_t p, uint32_t q) {
     vec3 offset = vec3_sub(c->point[p], c->point[q]);
-    return c->quadric[p].c + quadric_value(&c->quadric[q], offset);
+    quadric moved = quadric_unpack(&c->quadric[q]);
+    return fmax((double)c->quadric[p].c, 0) + quadric_value(&moved, offset);
 }
 
 static double pair_error(const struct contractor *c, uint32_t p, uint32_t q) {
@@ -70,29 +71,30 @@ static double pair_error(const struct contractor *c, uint32_t p, uint32_t q) {
 static uint32_t staying_end(const struct contractor *c, uint32_t p, uint32_t q) {
     double at_p = error_at(c, p, q), at_q = error_at(c, q, p);
     if (at_p != at_q) return at_p < at_q ? p : q;
-    double wp = c->quadric[p].weight, wq = c->quadric[q].weight;
+    float wp = c->quadric[p].weight, wq = c->quadric[q].weight;
     if (wp != wq) return wp > wq ? p : q;
     return p < q ? p : q;
 }
 
+static float pair_cost(const struct contractor *c, uint32_t p, uint32_t q) {
+    return (float)(pair_error(c, p, q) + c->length_bias * vec3_distance_sq(c->point[p], c->point[q]));
+}
+
 static void pick_for(struct contractor *c, uint32_t p) {
-    const uint32_t *list = &c->near.list[c->near.start[p]];
+    struct link *list = &c->near.list[c->near.start[p]];
     float best = INFINITY;
     uint32_t partner = NONE;
     for (unsigned i = 0; i < c->near.degree[p]; i++) {
-        double length_sq = vec3_distance_sq(c->point[p], c->point[list[i]]);
-        float cost = (float)(pair_error(c, p, list[i]) + c->length_bias * length_sq);
-        if (cost < best || partner == NONE) best = cost, partner = list[i];
+        if (isnan(list[i].cost)) list[i].cost = pair_cost(c, p, list[i].id);
+        if (list[i].cost < best || partner == NONE) best = list[i].cost, partner = list[i].id;
     }
     c->partner[p] = partner;
     c->cost[p] = best;
-    c->dirty[p] = 0;
 }
 
 static void pick_range(void *ctx, size_t begin, size_t end) {
     struct contractor *c = ctx;
-    for (size_t i = begin; i < end; i++)
-        if (c->dirty[c->live[i]]) pick_for(c, c->live[i]);
+    for (size_t i = begin; i < end; i++) pick_for(c, c->live[i]);
 }
 
 /* ------------------------------------------------------------------------------------------------ rank */
@@ -124,8 +126,7 @@ static void sort_picks(struct contractor *c, size_t count) {
             start[d] = sum;
             sum += here;
         }
-        for (size_t i = 0; i < count; i++)
-            c->spare[start[c->pick[i].key >> shift & (KEY_DIGITS - 1)]++] = c->pick[i];
+        for (size_t i = 0; i < count; i++) c->spare[start[c->pick[i].key >> shift & (KEY_DIGITS - 1)]++] = c->pick[i];
         struct pick *swap = c->pick;
         c->pick = c->spare;
         c->spare = swap;
@@ -135,11 +136,11 @@ static void sort_picks(struct contractor *c, size_t count) {
 /* ------------------------------------------------------------------------------------------------ perform */
 
 static void record(struct contractor *c, uint32_t stays, uint32_t goes) {
-    quadric sum = quadric_add(c->quadric[stays],
-                              quadric_shift(c->quadric[goes], vec3_sub(c->point[goes], c->point[stays])));
+    quadric there = quadric_unpack(&c->quadric[stays]), moved = quadric_unpack(&c->quadric[goes]);
+    quadric sum = quadric_add(there, quadric_shift(moved, vec3_sub(c->point[goes], c->point[stays])));
     double error = sum.weight > 0 ? sqrt(fmax(sum.c, 0) / sum.weight) : 0;
     float before = c->removed ? c->out.error[c->removed - 1] : 0;
-    c->quadric[stays] = sum;
+    c->quadric[stays] = quadric_pack(&sum);
     c->out.into[goes] = stays;
     c->out.order[c->removed] = goes;
     c->out.error[c->removed++] = fmaxf((float)error, before);
@@ -167,37 +168,35 @@ static size_t perform(struct contractor *c, size_t count) {
 /* ------------------------------------------------------------------------------------------------ update */
 
 /* Where p's neighbour q is now: itself, or what it was contracted into in this pass. */
-static uint32_t current(const struct contractor *c, uint32_t q) {
-    return c->out.into[q] == NONE ? q : c->out.into[q];
-}
+static uint32_t current(const struct contractor *c, uint32_t q) { return c->out.into[q] == NONE ? q : c->out.into[q]; }
 
-static void sort_ids(uint32_t *id, unsigned n) {
+static void sort_links(struct link *link, unsigned n) {
     for (unsigned i = 1; i < n; i++) {
-        uint32_t x = id[i];
+        struct link x = link[i];
         unsigned j = i;
-        for (; j > 0 && id[j - 1] > x; j--) id[j] = id[j - 1];
-        id[j] = x;
+        for (; j > 0 && link[j - 1].id > x.id; j--) link[j] = link[j - 1];
+        link[j] = x;
     }
 }
 
-/* Sorted ids without repetitions and without p. */
-static unsigned unique_ids(uint32_t *id, unsigned n, uint32_t p) {
+/* Sorted links without repetitions and without p itself. */
+static unsigned unique_links(struct link *link, unsigned n, uint32_t p) {
     unsigned count = 0;
     for (unsigned i = 0; i < n; i++)
-        if (id[i] != p && (count == 0 || id[count - 1] != id[i])) id[count++] = id[i];
+        if (link[i].id != p && (count == 0 || link[count - 1].id != link[i].id)) link[count++] = link[i];
     return count;
 }
 
 /* Drops the farthest until ADJACENCY_MAX are left (ties: the higher id goes). */
-static unsigned keep_nearest(const struct contractor *c, uint32_t p, uint32_t *id, unsigned n) {
+static unsigned keep_nearest(const struct contractor *c, uint32_t p, struct link *link, unsigned n) {
     while (n > ADJACENCY_MAX) {
         unsigned farthest = 0;
         double farthest_sq = -1;
         for (unsigned i = 0; i < n; i++) {
-            double d = vec3_distance_sq(c->point[p], c->point[id[i]]);
+            double d = vec3_distance_sq(c->point[p], c->point[link[i].id]);
             if (d >= farthest_sq) farthest = i, farthest_sq = d;
         }
-        memmove(&id[farthest], &id[farthest + 1], (n - farthest - 1) * sizeof *id);
+        memmove(&link[farthest], &link[farthest + 1], (n - farthest - 1) * sizeof *link);
         n--;
     }
     return n;
@@ -209,21 +208,25 @@ struct merging {
     size_t pool_start;    /* the i-th merged list goes to pool_start + i * ADJACENCY_MAX */
 };
 
+/* Appends p's links, their costs unknown, to n others. */
+static unsigned take_links(const struct contractor *c, uint32_t p, struct link *link, unsigned n) {
+    for (unsigned i = 0; i < c->near.degree[p]; i++)
+        link[n++] = (struct link){current(c, c->near.list[c->near.start[p] + i].id), NAN};
+    return n;
+}
+
 static void merge_range(void *ctx, size_t begin, size_t end) {
     const struct merging *merging = ctx;
     struct contractor *c = merging->c;
     for (size_t i = begin; i < end; i++) {
-        uint32_t stays = c->kept[i], goes = c->out.order[merging->first_removed + i], id[2 * UINT8_MAX];
-        unsigned n = 0;
-        for (unsigned j = 0; j < c->near.degree[stays]; j++)
-            id[n++] = current(c, c->near.list[c->near.start[stays] + j]);
-        for (unsigned j = 0; j < c->near.degree[goes]; j++)
-            id[n++] = current(c, c->near.list[c->near.start[goes] + j]);
-        sort_ids(id, n);
-        n = keep_nearest(c, stays, id, unique_ids(id, n, stays));
+        uint32_t stays = c->kept[i], goes = c->out.order[merging->first_removed + i];
+        struct link link[2 * UINT8_MAX];
+        unsigned n = take_links(c, goes, link, take_links(c, stays, link, 0));
+        sort_links(link, n);
+        n = keep_nearest(c, stays, link, unique_links(link, n, stays));
         c->near.start[stays] = merging->pool_start + i * ADJACENCY_MAX;
         c->near.degree[stays] = (uint8_t)n;
-        memcpy(&c->near.list[c->near.start[stays]], id, n * sizeof *id);
+        memcpy(&c->near.list[c->near.start[stays]], link, n * sizeof *link);
     }
 }
 
@@ -232,19 +235,17 @@ static void rename_range(void *ctx, size_t begin, size_t end) {
     struct contractor *c = ctx;
     for (size_t i = begin; i < end; i++) {
         uint32_t p = c->live[i];
-        uint32_t *list = &c->near.list[c->near.start[p]];
-        unsigned renamed = 0, touched = c->changed[p];
+        struct link *link = &c->near.list[c->near.start[p]];
+        unsigned renamed = 0;
         for (unsigned j = 0; j < c->near.degree[p]; j++) {
-            uint32_t q = current(c, list[j]);
-            renamed |= q != list[j];
-            touched |= c->changed[q];
-            list[j] = q;
+            uint32_t q = current(c, link[j].id);
+            if (c->changed[q]) link[j].cost = NAN;
+            renamed |= q != link[j].id;
+            link[j].id = q;
         }
-        if (renamed) {
-            sort_ids(list, c->near.degree[p]);
-            c->near.degree[p] = (uint8_t)unique_ids(list, c->near.degree[p], p);
-        }
-        if (renamed || touched) c->dirty[p] = 1;
+        if (!renamed) continue;
+        sort_links(link, c->near.degree[p]);
+        c->near.degree[p] = (uint8_t)unique_links(link, c->near.degree[p], p);
     }
 }
 
@@ -289,7 +290,6 @@ static enum status relink(struct contractor *c) {
         }
     adjacency_done(&c->near);
     if (!status) status = adjacency_from(&hood, &c->near);
-    for (size_t i = 0; i < c->live_count; i++) c->dirty[c->live[i]] = 1;
     knn_free(knn);
     free(point), free(found), free(distance_sq);
     neighbourhood_done(&hood);
@@ -300,7 +300,7 @@ static enum status relink(struct contractor *c) {
 
 static void contractor_done(struct contractor *c) {
     adjacency_done(&c->near);
-    free(c->live), free(c->partner), free(c->cost), free(c->dirty), free(c->changed);
+    free(c->live), free(c->partner), free(c->cost), free(c->changed);
     free(c->pick), free(c->spare), free(c->kept);
 }
 
@@ -311,7 +311,6 @@ static enum status contractor_init(struct contractor *c, const struct neighbourh
     c->live = alloc_array(n, sizeof *c->live);
     c->partner = alloc_array(n, sizeof *c->partner);
     c->cost = alloc_array(n, sizeof *c->cost);
-    c->dirty = alloc_array(n, sizeof *c->dirty);
     c->changed = alloc_zeroed(n, sizeof *c->changed);
     c->pick = alloc_array(n, sizeof *c->pick);
     c->spare = alloc_array(n, sizeof *c->spare);
@@ -319,15 +318,14 @@ static enum status contractor_init(struct contractor *c, const struct neighbourh
     c->out.order = alloc_array(n, sizeof *c->out.order);
     c->out.into = alloc_array(n, sizeof *c->out.into);
     c->out.error = alloc_array(n, sizeof *c->out.error);
-    if (!c->live || !c->partner || !c->cost || !c->dirty || !c->changed || !c->pick || !c->spare || !c->kept ||
-        !c->out.order || !c->out.into || !c->out.error)
+    if (!c->live || !c->partner || !c->cost || !c->changed || !c->pick || !c->spare || !c->kept || !c->out.order ||
+        !c->out.into || !c->out.error)
         return STATUS_NO_MEMORY;
     double weight = 0;
     for (size_t i = 0; i < n; i++) {
         c->live[i] = (uint32_t)i;
         c->out.into[i] = NONE;
-        c->dirty[i] = 1;
-        weight += c->quadric[i].weight;
+        weight += (double)c->quadric[i].weight;
     }
     c->live_count = n;
     c->length_bias = LENGTH_BIAS * weight / (double)n;
@@ -342,8 +340,8 @@ static enum status pass(struct contractor *c) {
     return update(c, perform(c, count));
 }
 
-enum status contract(const vec3 *point, const struct neighbourhood *neighbourhood, quadric *quadrics, unsigned threads,
-                     const struct progress *progress, struct contraction *out) {
+enum status contract(const vec3 *point, const struct neighbourhood *neighbourhood, struct packed_quadric *quadrics,
+                     unsigned threads, const struct progress *progress, struct contraction *out) {
     size_t n = neighbourhood->n;
     assert(n >= 1 && n < NONE);
     struct contractor c = {.point = point, .quadric = quadrics, .threads = threads, .out = {.n = n}};

@@ -9,7 +9,8 @@
 #include "core/quadric.h"
 
 /* The whole order of removal, from all points to one.  It doesn't depend on how many points are wanted, so it ranks
- * them: order[n - 1] is the most important point, and order[n - k] .. order[n - 1] is the simplified cloud of k points. */
+ * them: order[n - 1] is the most important point, and order[n - k] .. order[n - 1] is the simplified cloud of k points.
+ */
 struct contraction {
     size_t n;
     uint32_t *order; /* n: removed first .. removed last, then the one that is left; owned */
@@ -21,8 +22,8 @@ struct contraction {
 /* Contracts n points (n >= 1) with placement at one of the two ends.  The quadrics are taken as working memory and hold
  * nothing of use afterwards.  Neighbourhoods are made symmetric inside.  The same result for any number of threads.
  * About O(n k).  STATUS_NO_MEMORY, STATUS_CANCELLED. */
-enum status contract(const vec3 *point, const struct neighbourhood *neighbourhood, quadric *quadrics, unsigned threads,
-                     const struct progress *progress, struct contraction *out) MUST_CHECK;
+enum status contract(const vec3 *point, const struct neighbourhood *neighbourhood, struct packed_quadric *quadrics,
+                     unsigned threads, const struct progress *progress, struct contraction *out) MUST_CHECK;
 
 /* How many points are left when nothing with an error over max_error (normalised) is contracted. */
 size_t contraction_count_for_error(const struct contraction *contraction, double max_error);

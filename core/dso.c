@@ -1,7 +1,8 @@
 /* For a unit tangent t, |dN(t)|^2 = kappa_n^2 + tau_g^2: the squared normal curvature plus the squared geodesic torsion
  * (do Carmo, section 3-3).  That is what both forms estimate from differences of normals over distances.
  *
- * Close pairs would make d tiny and noise huge, so 1 / d is replaced by d / (d^2 + eta^2), eta a quarter of the spacing.
+ * Close pairs would make d tiny and noise huge, so 1 / d is replaced by d / (d^2 + eta^2), eta a quarter of the
+ * spacing.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/dso.h"

@@ -14,8 +14,8 @@ struct knn;
 
 enum { KNN_MAX_K = 64 };
 
-/* Builds an index over n points (1 <= n < 2^31), which are borrowed and must outlive it unchanged.  *knn is the caller's,
- * to be given to knn_free.  O(n log n).  STATUS_NO_MEMORY, STATUS_LIMIT. */
+/* Builds an index over n points (1 <= n < 2^31), which are borrowed and must outlive it unchanged.  *knn is the
+ * caller's, to be given to knn_free.  O(n log n).  STATUS_NO_MEMORY, STATUS_LIMIT. */
 enum status knn_new(const vec3 *points, size_t n, struct knn **knn, struct error *error) MUST_CHECK;
 
 /* The k nearest points of each of m queries, nearest first: id[q * k + i] and distance_sq[q * k + i] (squared

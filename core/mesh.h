@@ -17,8 +17,9 @@ enum mesh_tag {
 
 struct mesh {
     size_t vertex_count;
-    vec3 *vertex;     /* owned */
-    uint32_t *source; /* for each vertex the point that it stands for, or NONE for a free position; owned; may be NULL */
+    vec3 *vertex; /* owned */
+    uint32_t
+        *source; /* for each vertex the point that it stands for, or NONE for a free position; owned; may be NULL */
     size_t triangle_count;
     uint32_t (*triangle)[3]; /* counter-clockwise seen from outside; owned */
     uint8_t *tag;            /* enum mesh_tag for each triangle; owned; may be NULL (all supported) */
@@ -31,7 +32,7 @@ void mesh_done(struct mesh *mesh);
 struct mesh_facts {
     size_t edges, boundary_edges, nonmanifold_edges /* more than two triangles */, misoriented_edges;
     size_t nonmanifold_vertices /* triangles around it form more than one fan */, unused_vertices, components;
-    long euler; /* V - E + F over the used vertices */
+    long euler;          /* V - E + F over the used vertices */
     double area, volume; /* volume signed by the divergence theorem: positive when closed and oriented outwards */
     int watertight;      /* at least one triangle, every edge regular */
     int manifold;        /* watertight, or open with boundary, and no non-manifold edge or vertex */

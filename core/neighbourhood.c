@@ -7,19 +7,30 @@
  * collinear and no plane can be fitted.  A point whose neighbours have a middle eigenvalue below LINE_RATIO of the
  * largest asks again for WIDE_K neighbours and takes the nearest ones of each of eight sectors around the line.
  *
+ * Noise is the third.  A few neighbours of a noisy surface fill a ball rather than a disk, and contraction then takes
+ * noise for shape.  Around some points, spread over the cloud, two neighbourhoods of different width are compared: a
+ * wider one is flatter for its width where what is seen is noise, and less flat where it is curvature.  Where most say
+ * noise the whole cloud gets more neighbours.
+ *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/neighbourhood.h"
 
 #include <assert.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "core/alloc.h"
 #include "core/par.h"
+#include "core/quantile.h"
 #include "core/sym3.h"
 
 enum { CHUNK = 4096, WIDE_K = 48, SECTORS = 8 };
 static const double LINE_RATIO = 0.02;
+
+enum { SAMPLES = 1024, NARROW_K = 11, BROAD_K = 31, NOISY_TIMES = 3 };
+static const double THICK = 0.006, FLATTER = 0.95; /* surface variation, and its ratio, that noise has */
+static const double BALL = 0.1, BALL_RATIO = 1.6;  /* and where even the wider neighbourhood is nearly a ball */
 
 struct search {
     const struct knn *knn;
@@ -57,8 +68,8 @@ static sym3 moment_about(const struct search *search, size_t p, const uint32_t *
     return moment;
 }
 
-/* Whether the middle eigenvalue is small against the largest, from the characteristic polynomial's coefficients: the sum
- * of the principal minors is about middle x largest where the smallest is small. */
+/* Whether the middle eigenvalue is small against the largest, from the characteristic polynomial's coefficients: the
+ * sum of the principal minors is about middle x largest where the smallest is small. */
 static int is_line(sym3 m) {
     double minors = m.xx * m.yy - m.xy * m.xy + m.xx * m.zz - m.xz * m.xz + m.yy * m.zz - m.yz * m.yz;
     return minors < LINE_RATIO * sym3_trace(m) * sym3_trace(m);
@@ -80,8 +91,8 @@ static void take_sectors(const struct search *search, size_t p, const uint32_t *
     unsigned round_of[WIDE_K], taken[SECTORS] = {0}, count = 0;
     double sum = 0;
     for (unsigned i = 0; i < WIDE_K && found[i] != UINT32_MAX; i++)
-        round_of[i] = found[i] == p ? UINT32_MAX
-                                    : taken[sector_of(vec3_sub(search->point[found[i]], search->point[p]), axis)]++;
+        round_of[i] =
+            found[i] == p ? UINT32_MAX : taken[sector_of(vec3_sub(search->point[found[i]], search->point[p]), axis)]++;
     for (unsigned round = 0; round < WIDE_K && count < search->options->max; round++)
         for (unsigned i = 0; i < WIDE_K && found[i] != UINT32_MAX && count < search->options->max; i++) {
             if (round_of[i] != round) continue;
@@ -92,13 +103,48 @@ static void take_sectors(const struct search *search, size_t p, const uint32_t *
     out->spacing[p] = count ? (float)(sum / count) : 0;
 }
 
+/* Pauly's surface variation of the points id[0 .. k-1]. */
+static double variation_of(const vec3 *point, const uint32_t *id, unsigned k) {
+    vec3 sum = {0, 0, 0}, axis[3];
+    sym3 moment = {0};
+    double value[3];
+    for (unsigned i = 0; i < k; i++) {
+        vec3 e = vec3_sub(point[id[i]], point[id[0]]);
+        sum = vec3_add(sum, e);
+        moment = sym3_add(moment, sym3_outer(e));
+    }
+    sym3_eigen(sym3_add(moment, sym3_scale(sym3_outer(sum), -1.0 / k)), value, axis);
+    double trace = value[0] + value[1] + value[2];
+    return trace > 0 ? fmax(value[0], 0) / trace : 0;
+}
+
+static enum status find_noisy(const struct knn *knn, const vec3 *point, size_t n, bool *noisy) {
+    float narrow[SAMPLES], ratio[SAMPLES];
+    size_t count = 0, step = (n - 1) / SAMPLES + 1;
+    *noisy = false;
+    if (n < BROAD_K) return STATUS_OK;
+    for (size_t p = 0; p < n; p += step, count++) {
+        uint32_t id[BROAD_K];
+        double distance_sq[BROAD_K];
+        enum status status = knn_search(knn, &point[p], 1, BROAD_K, 1, id, distance_sq);
+        if (status) return status;
+        double variation = variation_of(point, id, NARROW_K);
+        narrow[count] = (float)variation;
+        ratio[count] = variation > 0 ? (float)fmin(variation_of(point, id, BROAD_K) / variation, 100) : 100;
+    }
+    double usual = (double)quantile_of(narrow, count, 0.5), usual_ratio = (double)quantile_of(ratio, count, 0.5);
+    *noisy = (usual > THICK && usual_ratio < FLATTER) || (usual > BALL && usual_ratio < BALL_RATIO);
+    return STATUS_OK;
+}
+
+static unsigned more(unsigned count) { return count * NOISY_TIMES < KNN_MAX_K ? count * NOISY_TIMES : KNN_MAX_K - 1; }
+
 static enum status find_chunk(const struct search *search, size_t begin, size_t end) {
     unsigned k = search->options->max + 1;
     uint32_t *found = alloc_array((end - begin) * k + WIDE_K, sizeof *found);
     double *distance_sq = alloc_array((end - begin) * k + WIDE_K, sizeof *distance_sq);
     enum status status = found && distance_sq ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status)
-        status = knn_search(search->knn, &search->point[begin], end - begin, k, 1, found, distance_sq);
+    if (!status) status = knn_search(search->knn, &search->point[begin], end - begin, k, 1, found, distance_sq);
     for (size_t p = begin; !status && p < end; p++)
         cut(search, p, &found[(p - begin) * k], &distance_sq[(p - begin) * k], k);
     for (size_t p = begin; !status && p < end; p++) {
@@ -120,15 +166,20 @@ static void find_range(void *ctx, size_t begin, size_t end) {
 enum status neighbourhood_find(const struct knn *knn, const vec3 *point, size_t n,
                                const struct neighbourhood_options *options, struct neighbourhood *out) {
     assert(options->min >= 3 && options->min <= options->max && options->max < KNN_MAX_K);
-    struct neighbourhood found = {.n = n, .stride = options->max};
+    struct neighbourhood_options fitting = *options;
+    bool noisy;
+    enum status status = find_noisy(knn, point, n, &noisy);
+    if (status) return status;
+    if (noisy) fitting.min = more(options->min), fitting.max = more(options->max);
+    struct neighbourhood found = {.n = n, .stride = fitting.max};
     size_t chunks = n / CHUNK + 1;
     found.id = alloc_array(n, found.stride * sizeof *found.id);
     found.count = alloc_array(n, sizeof *found.count);
     found.spacing = alloc_array(n, sizeof *found.spacing);
     enum status *chunk_status = alloc_zeroed(chunks, sizeof *chunk_status);
-    enum status status = STATUS_NO_MEMORY;
+    status = STATUS_NO_MEMORY;
     if (!found.id || !found.count || !found.spacing || !chunk_status) goto out;
-    struct search search = {knn, point, options, &found, chunk_status};
+    struct search search = {knn, point, &fitting, &found, chunk_status};
     par_for(options->threads, n, CHUNK, find_range, &search);
     status = STATUS_OK;
     for (size_t i = 0; i < chunks && !status; i++) status = chunk_status[i];

@@ -20,17 +20,19 @@ struct neighbourhood_options {
     unsigned threads;
 };
 
-/* Neighbours of point p: id[p * stride + i], 0 <= i < count[p], nearest first, p itself not among them.  Not symmetric. */
+/* Neighbours of point p: id[p * stride + i], 0 <= i < count[p], nearest first, p itself not among them.  Not symmetric.
+ */
 struct neighbourhood {
     size_t n;
     unsigned stride;
-    uint32_t *id;    /* n * stride; owned */
-    uint8_t *count;  /* n; owned */
-    float *spacing;  /* n: mean distance to the neighbours, a fraction of the diagonal; 0 for a lonely point; owned */
+    uint32_t *id;   /* n * stride; owned */
+    uint8_t *count; /* n; owned */
+    float *spacing; /* n: mean distance to the neighbours, a fraction of the diagonal; 0 for a lonely point; owned */
 };
 
 /* Finds the neighbourhoods of n distinct points in the normalised frame.  Where the nearest ones lie on a line, as in
- * scan lines, neighbours are taken from eight sectors around the point instead.  O(n log n).  STATUS_NO_MEMORY. */
+ * scan lines, neighbours are taken from eight sectors around the point instead.  Where the cloud as a whole is noisy,
+ * min and max count three times (up to KNN_MAX_K - 1).  O(n log n).  STATUS_NO_MEMORY. */
 enum status neighbourhood_find(const struct knn *knn, const vec3 *point, size_t n,
                                const struct neighbourhood_options *options, struct neighbourhood *out) MUST_CHECK;
 

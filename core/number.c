@@ -94,8 +94,8 @@ static double divide(uint64_t w, int k) {
 
 /* w * 10^exponent by way 1 or 2; false where neither applies. */
 static bool convert(uint64_t w, int exponent, double *value) {
-    if (w == 0)
-        *value = 0;
+    if (w == 0 || exponent == 0)
+        *value = (double)w;
     else if (FLT_EVAL_METHOD == 0 && w <= (uint64_t)1 << 53 && exponent >= -EXACT_POWER && exponent <= EXACT_POWER)
         *value = exponent < 0 ? (double)w / power_of_ten[-exponent] : (double)w * power_of_ten[exponent];
     else if (exponent <= 0 && exponent >= -MAX_DIGITS)
@@ -181,7 +181,30 @@ static void library_parse(const char *text, const char *after, double *f64, floa
     if (c) freelocale(c);
 }
 
+/* The plain numbers that files are full of: at most 15 digits and no exponent, by way 1.  NULL: it isn't one. */
+static const char *parse_plain(const char *text, const char *end, double *value) {
+    const char *p = text, *point = NULL;
+    uint64_t w = 0;
+    bool negative = p < end && *p == '-';
+    if (negative) p++;
+    const char *first = p, *last = end - p > 16 ? p + 16 : end;
+    for (; p < last; p++) {
+        if (is_digit(*p))
+            w = w * 10 + (uint64_t)(*p - '0');
+        else if (*p == '.' && !point)
+            point = p;
+        else
+            break;
+    }
+    if (p == first + 16 || (p < end && (*p | 32) == 'e') || p - first <= (point ? 1 : 0)) return NULL;
+    double v = point ? (double)w / power_of_ten[p - point - 1] : (double)w;
+    *value = negative ? -v : v;
+    return p;
+}
+
 const char *number_parse_f64(const char *text, const char *end, double *value) {
+    const char *plain_end = FLT_EVAL_METHOD == 0 ? parse_plain(text, end, value) : NULL;
+    if (plain_end) return plain_end;
     struct decimal n;
     const char *after = scan(text, end, &n);
     if (!after) return scan_word(text, end, value);

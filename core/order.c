@@ -1,8 +1,8 @@
 /* Morton order: 21 bits of each coordinate interleaved to one 63-bit key, sorted by radix.
  *
- * Every later stage visits points in this order, so that what is near in space is near in memory: neighbour queries take
- * half the time.  Points that share a key are put in order by their exact coordinates, then by id, so that the order
- * is total on distinct positions and doesn't depend on the order of the input, and duplicates stand side by side.
+ * Every later stage visits points in this order, so that what is near in space is near in memory: neighbour queries
+ * take half the time.  Points that share a key are put in order by their exact coordinates, then by id, so that the
+ * order is total on distinct positions and doesn't depend on the order of the input, and duplicates stand side by side.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/order.h"
@@ -48,8 +48,8 @@ static void key_range(void *ctx, size_t begin, size_t end) {
     for (size_t i = begin; i < end; i++) {
         vec3 d = vec3_sub(keys->position[i], keys->origin);
         keys->item[i].id = (uint32_t)i;
-        keys->item[i].key = spread(cell(d.x, keys->side)) << 2 | spread(cell(d.y, keys->side)) << 1 |
-                            spread(cell(d.z, keys->side));
+        keys->item[i].key =
+            spread(cell(d.x, keys->side)) << 2 | spread(cell(d.y, keys->side)) << 1 | spread(cell(d.z, keys->side));
     }
 }
 
@@ -87,7 +87,8 @@ static int compare_exact(const void *a, const void *b, void *ctx) {
 
 static void sort_runs(struct item *item, size_t n, const vec3 *position) {
     for (size_t i = 0, end; i < n; i = end) {
-        for (end = i + 1; end < n && item[end].key == item[i].key; end++) {}
+        for (end = i + 1; end < n && item[end].key == item[i].key; end++) {
+        }
         if (end - i > 1) qsort_r(&item[i], end - i, sizeof *item, compare_exact, (void *)(uintptr_t)position);
     }
 }
@@ -114,9 +115,11 @@ static void keep_distinct(const struct item *item, const vec3 *position, size_t 
     out->count = 0;
     for (size_t i = 0; i < n; i++) {
         vec3 p = normalised(position[item[i].id], out);
-        if (out->count > 0 && vec3_equal(p, out->point[out->count - 1])) continue;
-        out->original[out->count] = item[i].id;
-        out->point[out->count++] = p;
+        if (out->count == 0 || !vec3_equal(p, out->point[out->count - 1])) {
+            out->original[out->count] = item[i].id;
+            out->point[out->count++] = p;
+        }
+        out->distinct[item[i].id] = (uint32_t)(out->count - 1);
     }
 }
 
@@ -126,7 +129,8 @@ enum status order_points(const vec3 *position, size_t n, unsigned threads, struc
     struct item *item = alloc_array(n, sizeof *item), *spare = alloc_array(n, sizeof *spare);
     points.point = alloc_array(n, sizeof *points.point);
     points.original = alloc_array(n, sizeof *points.original);
-    if (!item || !spare || !points.point || !points.original) {
+    points.distinct = alloc_array(n, sizeof *points.distinct);
+    if (!item || !spare || !points.point || !points.original || !points.distinct) {
         free(item), free(spare);
         ordered_points_done(&points);
         return STATUS_NO_MEMORY;
@@ -148,5 +152,6 @@ void ordered_points_done(struct ordered_points *points) {
     if (!points) return;
     free(points->point);
     free(points->original);
+    free(points->distinct);
     *points = (struct ordered_points){0};
 }

@@ -19,6 +19,7 @@ struct ordered_points {
     size_t count;       /* distinct points */
     vec3 *point;        /* count, in Morton order; owned */
     uint32_t *original; /* for each its id in the input; the lowest one of duplicates; owned */
+    uint32_t *distinct; /* for each input point (n of them) which of these it is; owned */
     vec3 centre, box_min, box_max;
     double scale;
 };

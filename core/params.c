@@ -23,8 +23,9 @@ static const char *const cocone_forms[] = {"tight", "literal", NULL};
 static const char *const boundary_forms[] = {"fill", "keep", NULL};
 static const char *const refine_forms[] = {"none", "flips", "full", NULL};
 static const char *const reference_forms[] = {"auto", "points", "faces", "reconstruction", NULL};
+static const char *const denoise_forms[] = {"none", "outliers", "full", NULL};
 static const char *const encodings[] = {"binary", "ascii", NULL};
-static const char *const output_names[] = {"cloud", "xyz", "mesh", "report", NULL};
+static const char *const output_names[] = {"cloud", "xyz", "mesh", "report", "dso", "error", NULL};
 
 #define AT(member) offsetof(struct params, member)
 
@@ -35,8 +36,16 @@ static const struct param table[] = {
      "Keep exactly this many points"},
     {"max_error", PARAM_NUMBER, AT(max_error), 0, 1, true, "", NULL, "fraction of the bounding-box diagonal", true,
      "Remove points as long as the quadric error stays below this; with ratio or points whichever stops first"},
+    {"levels", PARAM_LEVELS, AT(levels), 0, 1, true, "", NULL, "", true,
+     "Ratios, separated by commas: a cloud and a mesh of each, from one contraction, named cloud_RATIO.ply and "
+     "mesh_RATIO.ply; cloud.ply and mesh.ply are those of the largest"},
     {"outputs", PARAM_FLAGS, AT(outputs), 0, 0, false, "cloud,report", output_names, "", true,
-     "What to write, separated by commas: cloud.ply, cloud.xyz, mesh.ply, report.json"},
+     "What to write, separated by commas: cloud.ply, cloud.xyz, mesh.ply, report.json, "
+     "dso.ply and error.ply (every original point with its discrete shape operator, its distance to the mesh)"},
+    {"denoise", PARAM_CHOICE, AT(denoise), 0, 0, false, "none", denoise_forms, "", true,
+     "Before all else: outliers drops points that belong to no surface; full also smooths the others along their "
+     "normals, edges kept: points are then written at their smoothed positions, all else as it was, and errors are "
+     "measured from there"},
     {"placement", PARAM_CHOICE, AT(placement), 0, 0, false, "subset", placements, "", true,
      "subset: mesh vertices are original points; optimal: mesh vertices move freely for the lowest error"},
     {"dso", PARAM_CHOICE, AT(dso), 0, 0, false, "rms", dso_forms, "", true,
@@ -49,10 +58,10 @@ static const struct param table[] = {
      "Weight of the line quadric along the normal, which keeps flat regions evenly sampled"},
     {"neighbourhood", PARAM_NUMBER, AT(neighbourhood), 1, 16, false, "2.5", NULL, "nearest-neighbour distances", true,
      "Radius of the neighbourhood (Gopi's m) as a multiple of the distance to the nearest neighbour"},
-    {"neighbours_min", PARAM_INTEGER, AT(neighbours_min), 3, 64, false, "6", NULL, "points", true,
-     "Fewest neighbours of a point"},
-    {"neighbours_max", PARAM_INTEGER, AT(neighbours_max), 3, 64, false, "10", NULL, "points", true,
-     "Most neighbours of a point"},
+    {"neighbours_min", PARAM_INTEGER, AT(neighbours_min), 3, 63, false, "6", NULL, "points", true,
+     "Fewest neighbours of a point; three times as many where the cloud is noisy"},
+    {"neighbours_max", PARAM_INTEGER, AT(neighbours_max), 3, 63, false, "10", NULL, "points", true,
+     "Most neighbours of a point; three times as many where the cloud is noisy"},
     {"cocone", PARAM_CHOICE, AT(cocone), 0, 0, false, "tight", cocone_forms, "", true,
      "Reconstruction: tight (Tight Cocone with dense normals and consistent marking) or literal (as published)"},
     {"boundary", PARAM_CHOICE, AT(boundary), 0, 0, false, "fill", boundary_forms, "", true,
@@ -135,11 +144,12 @@ void params_allowed(const struct param *param, char *text, size_t text_bytes) {
         snprintf(text, text_bytes, "a number %s %g, at most %g", param->exclusive_min ? "over" : "from", param->min,
                  param->max);
         break;
-    case PARAM_INTEGER:
-        snprintf(text, text_bytes, "a whole number from %.0f to %.0f", param->min, param->max);
-        break;
+    case PARAM_INTEGER: snprintf(text, text_bytes, "a whole number from %.0f to %.0f", param->min, param->max); break;
     case PARAM_CHOICE: snprintf(text, text_bytes, "one of %s", list); break;
     case PARAM_FLAGS: snprintf(text, text_bytes, "one or more of %s, separated by commas", list); break;
+    case PARAM_LEVELS:
+        snprintf(text, text_bytes, "up to %d numbers over 0, at most 1, separated by commas", PARAMS_MAX_LEVELS);
+        break;
     }
 }
 
@@ -150,14 +160,11 @@ static int choice_index(const char *const *choices, const char *text, size_t len
 }
 
 static bool in_range(const struct param *param, double value) {
-    return isfinite(value) && value <= param->max &&
-           (param->exclusive_min ? value > param->min : value >= param->min);
+    return isfinite(value) && value <= param->max && (param->exclusive_min ? value > param->min : value >= param->min);
 }
 
 /* Digits, sign, point and exponent alone: no hexadecimal numbers, no "inf", no leading space. */
-static bool is_plain_number(const char *text) {
-    return text[0] && text[strspn(text, "+-.0123456789eE")] == 0;
-}
+static bool is_plain_number(const char *text) { return text[0] && text[strspn(text, "+-.0123456789eE")] == 0; }
 
 static bool set_number(void *member, const struct param *param, const char *text) {
     char *end;
@@ -199,19 +206,49 @@ static bool set_flags(void *member, const struct param *param, const char *text)
     return true;
 }
 
+/* Puts a ratio into its place; false when it is there already or there is no room. */
+static bool insert_level(struct param_levels *levels, double ratio) {
+    uint32_t i = levels->count;
+    if (i == PARAMS_MAX_LEVELS) return false;
+    for (; i > 0 && levels->ratio[i - 1] <= ratio; i--) {
+        if (levels->ratio[i - 1] == ratio) return false;
+        levels->ratio[i] = levels->ratio[i - 1];
+    }
+    levels->ratio[i] = ratio;
+    levels->count++;
+    return true;
+}
+
+static bool set_levels(void *member, const struct param *param, const char *text) {
+    struct param_levels levels = {0};
+    for (const char *item = text;;) {
+        char number[40];
+        size_t length = strcspn(item, ",");
+        double ratio;
+        if (length >= sizeof number) return false;
+        snprintf(number, sizeof number, "%.*s", (int)length, item);
+        if (!set_number(&ratio, param, number) || !insert_level(&levels, ratio)) return false;
+        if (!item[length]) break;
+        item += length + 1;
+    }
+    *(struct param_levels *)member = levels;
+    return true;
+}
+
 static bool set_value(struct params *params, const struct param *param, const char *value) {
-    static bool (*const setters[])(void *, const struct param *, const char *) = {
-        [PARAM_NUMBER] = set_number, [PARAM_INTEGER] = set_integer, [PARAM_CHOICE] = set_choice,
-        [PARAM_FLAGS] = set_flags};
+    static bool (*const setters[])(void *, const struct param *, const char *) = {[PARAM_NUMBER] = set_number,
+                                                                                  [PARAM_INTEGER] = set_integer,
+                                                                                  [PARAM_CHOICE] = set_choice,
+                                                                                  [PARAM_FLAGS] = set_flags,
+                                                                                  [PARAM_LEVELS] = set_levels};
     return setters[param->type]((char *)params + param->offset, param, value);
 }
 
 static void clear_value(struct params *params, const struct param *param) {
     void *member = (char *)params + param->offset;
-    if (param->type == PARAM_NUMBER)
-        *(double *)member = NAN;
-    else
-        *(uint64_t *)member = 0; /* only numbers and integers may be not given */
+    if (param->type == PARAM_NUMBER) *(double *)member = NAN;
+    if (param->type == PARAM_INTEGER) *(uint64_t *)member = 0;
+    if (param->type == PARAM_LEVELS) *(struct param_levels *)member = (struct param_levels){0};
 }
 
 void params_defaults(struct params *params) {
@@ -244,10 +281,12 @@ enum status params_resolve(struct params *params, struct error *error) {
     bool has_ratio = !isnan(params->ratio), has_points = params->points != 0;
     if (has_ratio && has_points)
         return error_set(error, STATUS_BAD_PARAMETER, "points", "conflicts with ratio; give one of them");
+    if (params->levels.count && (has_ratio || has_points || !isnan(params->max_error)))
+        return error_set(error, STATUS_BAD_PARAMETER, "levels", "conflicts with ratio, points and max_error");
     if (params->neighbours_min > params->neighbours_max)
         return error_set(error, STATUS_BAD_PARAMETER, "neighbours_max", "is below neighbours_min (%llu)",
                          (unsigned long long)params->neighbours_min);
-    if (!has_ratio && !has_points && isnan(params->max_error)) params->ratio = 0.1;
+    if (!has_ratio && !has_points && isnan(params->max_error) && !params->levels.count) params->ratio = 0.1;
     return STATUS_OK;
 }
 
@@ -271,6 +310,16 @@ static void format_number(double value, char *text, size_t text_bytes) {
     }
 }
 
+static void format_levels(const struct param_levels *levels, char *text, size_t text_bytes) {
+    size_t used = 0;
+    text[0] = 0;
+    for (uint32_t i = 0; i < levels->count && used < text_bytes; i++) {
+        char number[40];
+        format_number(levels->ratio[i], number, sizeof number);
+        used += (size_t)snprintf(text + used, text_bytes - used, "%s%s", i ? "," : "", number);
+    }
+}
+
 void params_format(const struct params *params, const struct param *param, char *text, size_t text_bytes) {
     const void *member = (const char *)params + param->offset;
     switch (param->type) {
@@ -283,5 +332,6 @@ void params_format(const struct params *params, const struct param *param, char 
     }
     case PARAM_CHOICE: snprintf(text, text_bytes, "%s", param->choices[*(const int *)member]); break;
     case PARAM_FLAGS: format_flags(*(const uint32_t *)member, param->choices, text, text_bytes); break;
+    case PARAM_LEVELS: format_levels(member, text, text_bytes); break;
     }
 }

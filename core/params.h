@@ -20,6 +20,8 @@ enum cocone_form { COCONE_TIGHT, COCONE_LITERAL };
 enum refine_form { REFINE_NONE, REFINE_FLIPS, REFINE_FULL };
 enum boundary_form { BOUNDARY_FILL, BOUNDARY_KEEP };
 enum reference_form { REFERENCE_AUTO, REFERENCE_POINTS, REFERENCE_FACES, REFERENCE_RECONSTRUCTION };
+/* What is done to the points before all else. */
+enum denoise_form { DENOISE_NONE, DENOISE_OUTLIERS, DENOISE_FULL };
 enum encoding { ENCODING_BINARY, ENCODING_ASCII };
 
 /* Bits of params.outputs. */
@@ -27,38 +29,50 @@ enum output {
     OUTPUT_CLOUD = 1 << 0,     /* cloud.ply */
     OUTPUT_CLOUD_XYZ = 1 << 1, /* cloud.xyz */
     OUTPUT_MESH = 1 << 2,      /* mesh.ply */
-    OUTPUT_REPORT = 1 << 3     /* report.json */
+    OUTPUT_REPORT = 1 << 3,    /* report.json */
+    OUTPUT_DSO = 1 << 4,       /* dso.ply: the discrete shape operator of every original point */
+    OUTPUT_ERROR = 1 << 5      /* error.ply: the distance of every original point to the mesh */
+};
+
+enum { PARAMS_MAX_LEVELS = 16 };
+
+/* Ratios, descending, none twice. */
+struct param_levels {
+    uint32_t count;
+    double ratio[PARAMS_MAX_LEVELS];
 };
 
 struct params {
-    double ratio;      /* (0, 1]; NAN = not given */
-    uint64_t points;   /* 0 = not given */
-    double max_error;  /* fraction of the diagonal; NAN = not given */
-    uint32_t outputs;  /* enum output */
-    int placement;     /* enum placement */
-    int dso;           /* enum dso_form */
+    double ratio;               /* (0, 1]; NAN = not given */
+    uint64_t points;            /* 0 = not given */
+    double max_error;           /* fraction of the diagonal; NAN = not given */
+    struct param_levels levels; /* count 0 = not given: one level */
+    uint32_t outputs;           /* enum output */
+    int denoise;      /* enum denoise_form */
+    int placement;              /* enum placement */
+    int dso;                    /* enum dso_form */
     double dso_exponent;
-    int area_weight;   /* enum area_weight */
+    int area_weight; /* enum area_weight */
     double line_quadric;
     double neighbourhood; /* Gopi's m */
     uint64_t neighbours_min, neighbours_max;
-    int cocone;        /* enum cocone_form */
-    int boundary;      /* enum boundary_form */
-    int refine;        /* enum refine_form */
-    int reference;     /* enum reference_form */
-    int encoding;      /* enum encoding of PLY outputs */
-    uint64_t seed;     /* of the error's samples */
-    uint64_t threads;  /* 0 = all processors */
+    int cocone;       /* enum cocone_form */
+    int boundary;     /* enum boundary_form */
+    int refine;       /* enum refine_form */
+    int reference;    /* enum reference_form */
+    int encoding;     /* enum encoding of PLY outputs */
+    uint64_t seed;    /* of the error's samples */
+    uint64_t threads; /* 0 = all processors */
 };
 
-enum param_type { PARAM_NUMBER, PARAM_INTEGER, PARAM_CHOICE, PARAM_FLAGS };
+enum param_type { PARAM_NUMBER, PARAM_INTEGER, PARAM_CHOICE, PARAM_FLAGS, PARAM_LEVELS };
 
-/* One row.  Numbers are double members, integers uint64_t, choices int, flags uint32_t. */
+/* One row.  Numbers are double members, integers uint64_t, choices int, flags uint32_t, levels struct param_levels. */
 struct param {
     const char *name;
     enum param_type type;
-    size_t offset;              /* of the member in struct params */
-    double min, max;            /* numbers and integers, both inclusive but for exclusive_min */
+    size_t offset;   /* of the member in struct params */
+    double min, max; /* numbers and integers, both inclusive but for exclusive_min */
     bool exclusive_min;
     const char *default_text;   /* as a user would write it; "" = not given */
     const char *const *choices; /* choices: index = value; flags: index = bit; NULL-terminated */

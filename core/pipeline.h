@@ -10,10 +10,21 @@
 #include "core/progress.h"
 #include "core/report.h"
 
-struct pipeline_result {
+struct pipeline_level {
     size_t kept_count;
-    uint32_t *kept;     /* ids into the cloud of the points that are kept, the most important first; owned */
-    struct mesh mesh;   /* in the input's coordinates, source = ids into the cloud; empty unless asked for */
+    struct mesh mesh; /* in the input's coordinates, source = ids into the cloud; empty unless asked for */
+};
+
+struct pipeline_result {
+    uint32_t *kept; /* ids into the cloud of the points that are kept, the most important first: the simplified cloud of
+                       a level is its first kept_count; owned */
+    vec3 *moved; /* of every point of the cloud: where denoising puts it, rounded to its coordinates' type; NULL where
+                    it moves none; owned */
+    size_t level_count;
+    struct pipeline_level level[PARAMS_MAX_LEVELS]; /* the finest first */
+    float *dso; /* of every point, in 1 / length, where OUTPUT_DSO is asked for; else NULL; outliers show the largest;
+                   owned */
+    float *distance; /* of every point to the finest mesh, where OUTPUT_ERROR is asked for; likewise; owned */
     struct report report;
 };
 

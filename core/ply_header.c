@@ -148,14 +148,18 @@ static enum status parse_format(struct parser *p) {
     return STATUS_OK;
 }
 
+/* Keeps the line, with '?' for control characters: it will stand in headers that we write. */
 static enum status parse_comment(struct parser *p) {
     size_t length = (size_t)(p->whole.end - p->whole.text);
+    if (p->comment_bytes + length + 1 > PLY_COMMENTS_MAX_BYTES) return STATUS_OK;
     char *comments = alloc_resize(p->header->comments, p->comment_bytes + length + 2, 1);
     if (!comments) return error_set(p->error, STATUS_NO_MEMORY, "header", "no memory for comments");
-    memcpy(comments + p->comment_bytes, p->whole.text, length);
-    p->comment_bytes += length;
-    memcpy(comments + p->comment_bytes++, "\n", 2);
     p->header->comments = comments;
+    for (size_t i = 0; i < length; i++) {
+        unsigned char c = (unsigned char)p->whole.text[i];
+        comments[p->comment_bytes++] = (char)(c < 32 && c != '\t' ? '?' : c);
+    }
+    memcpy(comments + p->comment_bytes++, "\n", 2);
     return STATUS_OK;
 }
 
@@ -225,13 +229,18 @@ static const struct {
 
 /* ------------------------------------------------------------------------------------------------ the whole */
 
+/* Which property of the element has this name; its property_count when none has. */
+static size_t find_property(const struct ply_header *h, const struct ply_element *element, const char *name) {
+    size_t i = 0;
+    while (i < element->property_count && strcmp(h->property[element->first + i].name, name) != 0) i++;
+    return i;
+}
+
 static enum status find_xyz(struct parser *p, const struct ply_element *vertex) {
     static const char *const names[3] = {"x", "y", "z"};
     for (int axis = 0; axis < 3; axis++) {
-        const struct property *property = p->header->property + vertex->first;
-        size_t i = 0;
-        while (i < vertex->property_count && strcmp(property[i].name, names[axis]) != 0) i++;
-        if (i == vertex->property_count || property[i].is_list)
+        size_t i = find_property(p->header, vertex, names[axis]);
+        if (i == vertex->property_count || p->header->property[vertex->first + i].is_list)
             return error_set(p->error, STATUS_MALFORMED, names[axis], "the vertex element has no scalar property %s",
                              names[axis]);
         p->header->xyz[axis] = (uint32_t)i;

@@ -12,8 +12,9 @@
 #include "core/status.h"
 
 enum {
-    PLY_HEADER_MAX_BYTES = 64 * 1024, /* up to and with end_header's line */
-    PLY_MAX_ELEMENTS = 64             /* each with up to CLOUD_MAX_PROPERTIES properties */
+    PLY_HEADER_MAX_BYTES = 64 * 1024,   /* up to and with end_header's line */
+    PLY_COMMENTS_MAX_BYTES = 32 * 1024, /* lines beyond are left out, so that what we write has room in its header */
+    PLY_MAX_ELEMENTS = 64               /* each with up to CLOUD_MAX_PROPERTIES properties */
 };
 
 struct ply_element {

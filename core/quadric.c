@@ -25,7 +25,7 @@ struct assembly {
     const struct neighbourhood *hood;
     const float *weight;
     const struct quadric_options *options;
-    quadric *quadrics;
+    struct packed_quadric *quadrics;
 };
 
 struct spoke {
@@ -63,16 +63,14 @@ static void add_boundary(quadric *q, vec3 e, vec3 n, double weight) {
     if (length_sq > 0) quadric_add_plane(q, vec3_unit(across), weight * BOUNDARY * length_sq);
 }
 
-static void add_sector(const struct assembly *assembly, size_t p, const struct spoke *s, const struct spoke *t,
+static void add_sector(const struct assembly *assembly, quadric *q, const struct spoke *s, const struct spoke *t,
                        double *area_sum) {
-    quadric *q = &assembly->quadrics[p];
     vec3 normal = vec3_cross(s->e, t->e);
     double twice_area = vec3_length(normal);
     if (twice_area <= 0) return;
     double area = twice_area / 2;
     *area_sum += area;
-    quadric_add_plane(q, vec3_scale(normal, 1 / twice_area),
-                      assembly->options->area_weight == AREA_AREA ? area : 1);
+    quadric_add_plane(q, vec3_scale(normal, 1 / twice_area), assembly->options->area_weight == AREA_AREA ? area : 1);
 }
 
 static quadric weighted(quadric q, double w) {
@@ -82,14 +80,13 @@ static quadric weighted(quadric q, double w) {
 static void assemble_point(const struct assembly *assembly, size_t p) {
     struct spoke spoke[KNN_MAX_K];
     unsigned count = sorted_spokes(assembly, p, spoke);
-    quadric *q = &assembly->quadrics[p];
+    quadric sum = {0}, *q = &sum;
     double area = 0;
-    *q = (quadric){0};
     for (unsigned i = 0; i < count; i++) {
         const struct spoke *s = &spoke[i], *t = &spoke[(i + 1) % count];
         double sector = t->angle - s->angle + (i + 1 == count ? 2 * M_PI : 0);
         if (sector <= WIDEST_SECTOR) {
-            add_sector(assembly, p, s, t, &area);
+            add_sector(assembly, q, s, t, &area);
         } else if (count >= 3) {
             add_boundary(q, s->e, assembly->normal[p], 1);
             add_boundary(q, t->e, assembly->normal[p], 1);
@@ -98,6 +95,7 @@ static void assemble_point(const struct assembly *assembly, size_t p) {
     *q = weighted(*q, (double)assembly->weight[p]);
     double scale = assembly->options->area_weight == AREA_AREA ? area : count;
     quadric_add_line(q, assembly->normal[p], assembly->options->line * scale);
+    assembly->quadrics[p] = quadric_pack(q);
 }
 
 static void assemble_range(void *ctx, size_t begin, size_t end) {
@@ -105,7 +103,7 @@ static void assemble_range(void *ctx, size_t begin, size_t end) {
 }
 
 void quadric_assemble(const vec3 *point, const vec3 *normal, const struct neighbourhood *neighbourhood,
-                      const float *weight, const struct quadric_options *options, quadric *quadrics) {
+                      const float *weight, const struct quadric_options *options, struct packed_quadric *quadrics) {
     assert(neighbourhood->stride <= KNN_MAX_K);
     struct assembly assembly = {point, normal, neighbourhood, weight, options, quadrics};
     par_for(options->threads, neighbourhood->n, GRAIN, assemble_range, &assembly);

@@ -10,6 +10,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "core/params.h"
+
 /* Distances of samples to a surface.  count == 0: not measured. */
 struct distance_stats {
     uint64_t count;
@@ -23,22 +25,21 @@ struct report_stage {
     double wall_ms;
 };
 
-struct report {
-    uint64_t points_in, points_distinct, points_out;
-    double diagonal;      /* of the bounding box of all points read */
-    double box_min[3], box_max[3];
-    char format[32];      /* of the input, e.g. "ply/binary_little_endian" */
-    bool has_contraction_error;
-    double contraction_error; /* largest sqrt(E / W) of the quadrics of a contraction that was made: units of length */
+/* One simplified cloud, and its mesh where one is asked for. */
+struct report_level {
+    double ratio; /* points_out / points_in */
+    uint64_t points_out;
+    double contraction_error;      /* largest sqrt(E / W) of the quadrics of the contractions made: a length */
+    struct distance_stats tangent; /* without a mesh: every original point to the tangent plane at its nearest kept
+                                      point */
 
-    struct distance_stats tangent; /* cloud without a mesh: every original point to the tangent plane at its nearest
-                                      kept point */
     bool has_mesh;
-    uint64_t vertices, triangles, hole_fill_triangles, points_lost /* kept points that are no vertex */,
-        vertices_split /* copies made to keep it manifold */, components;
+    uint64_t vertices, triangles, hole_fill_triangles, components;
+    uint64_t points_lost;    /* kept points that are no vertex */
+    uint64_t vertices_split; /* copies made to keep it a manifold */
     bool watertight, manifold, oriented;
     double area, volume;
-    char reconstruction[24]; /* which form was taken: "tight-cocone", "literal", ... */
+    char reconstruction[24]; /* which form was taken: "tight", "literal", ... */
 
     bool has_error;
     struct distance_stats forward;  /* every original point to the mesh */
@@ -46,6 +47,17 @@ struct report {
     struct distance_stats surface;  /* area-uniform samples of the reference surface to the mesh; count 0 without one */
     double hausdorff;               /* largest of the maxima above */
     char reference[24];             /* what backward was measured against: "points", "faces", "reconstruction" */
+};
+
+struct report {
+    uint64_t points_in, points_distinct, points_outliers /* of points_in, dropped by denoising */;
+    double noise;    /* standard deviation of the points from the surface that they were smoothed to; 0: they weren't */
+    double diagonal; /* of the bounding box of all points read, or where they are denoised of those that were left */
+    double box_min[3], box_max[3];
+    char format[32]; /* of the input, e.g. "ply/binary_little_endian" */
+
+    size_t level_count;
+    struct report_level level[PARAMS_MAX_LEVELS]; /* the finest first; that is the one of cloud.ply and mesh.ply */
 
     size_t stage_count;
     struct report_stage stage[REPORT_MAX_STAGES];

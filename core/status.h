@@ -14,15 +14,15 @@
  * add at the end, never renumber. */
 enum status {
     STATUS_OK = 0,
-    STATUS_NO_MEMORY,      /* an allocation failed */
-    STATUS_IO,             /* the operating system refused a read or a write */
-    STATUS_UNSUPPORTED,    /* the content is of no format that we read */
-    STATUS_MALFORMED,      /* the format is known, the content breaks it; line or byte_offset say where */
-    STATUS_DEGENERATE,     /* too few distinct points, or all on one line or plane where a mesh is asked for */
-    STATUS_BAD_PARAMETER,  /* unknown, out of range, or in conflict with another one */
-    STATUS_LIMIT,          /* over a named limit */
-    STATUS_CANCELLED,      /* the tick callback asked to stop */
-    STATUS_ENGINE          /* a library threw or an invariant broke: our fault */
+    STATUS_NO_MEMORY,     /* an allocation failed */
+    STATUS_IO,            /* the operating system refused a read or a write */
+    STATUS_UNSUPPORTED,   /* the content is of no format that we read */
+    STATUS_MALFORMED,     /* the format is known, the content breaks it; line or byte_offset say where */
+    STATUS_DEGENERATE,    /* too few distinct points, or all on one line or plane where a mesh is asked for */
+    STATUS_BAD_PARAMETER, /* unknown, out of range, or in conflict with another one */
+    STATUS_LIMIT,         /* over a named limit */
+    STATUS_CANCELLED,     /* the tick callback asked to stop */
+    STATUS_ENGINE         /* a library threw or an invariant broke: our fault */
 };
 #define STATUS_COUNT 10
 

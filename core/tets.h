@@ -1,9 +1,9 @@
 /* A tetrahedralisation as flat arrays: what the Delaunay shim hands over and Tight Cocone walks on.
  *
  * Cells 0 .. finite_count-1 are finite; cells finite_count .. cell_count-1 are infinite: one facet of the convex hull
- * and the vertex at infinity, which is NONE.  Facet i of a cell is the one opposite to its vertex i, and neighbour[c][i]
- * is the cell across it.  Finite cells are positively oriented: (v1-v0) x (v2-v0) . (v3-v0) > 0.  Infinite cells are
- * oriented as if the vertex at infinity lay outside.
+ * and the vertex at infinity, which is NONE.  Facet i of a cell is the one opposite to its vertex i, and
+ * neighbour[c][i] is the cell across it.  Finite cells are positively oriented: (v1-v0) x (v2-v0) . (v3-v0) > 0.
+ * Infinite cells are oriented as if the vertex at infinity lay outside.
  *
  *          v3            facet 0 = (v1 v2 v3) ... facet 3 = (v0 v1 v2)
  *         /|\

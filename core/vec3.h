@@ -33,9 +33,7 @@ static inline vec3 vec3_unit(vec3 a) {
 }
 
 /* Twice the area vector of the triangle abc: normal by the right-hand rule, length 2 x area. */
-static inline vec3 vec3_triangle_normal(vec3 a, vec3 b, vec3 c) {
-    return vec3_cross(vec3_sub(b, a), vec3_sub(c, a));
-}
+static inline vec3 vec3_triangle_normal(vec3 a, vec3 b, vec3 c) { return vec3_cross(vec3_sub(b, a), vec3_sub(c, a)); }
 
 static inline bool vec3_is_finite(vec3 a) { return isfinite(a.x) && isfinite(a.y) && isfinite(a.z); }
 static inline bool vec3_equal(vec3 a, vec3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }

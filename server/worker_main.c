@@ -1,6 +1,7 @@
 /* whittle: a cloud in, the simplified cloud, a mesh and a report out.
  *
  *     whittle scan.ply --ratio 0.1 --outputs cloud,mesh,report -o out/
+ *     whittle measure out/mesh.ply scan.ply                              (server/worker_measure.c)
  *
  * Reads like its --help: options, then read, run, write.  The same program is what whittled starts for each job; then
  * --progress-fd names an inherited descriptor, and progress and the end are told there (server/wire.h).
@@ -14,11 +15,13 @@
 #include "core/cloud_read.h"
 #include "core/pipeline.h"
 #include "server/wire.h"
+#include "server/worker_measure.h"
 #include "server/worker_options.h"
 #include "server/worker_output.h"
 #include "server/worker_progress.h"
 
 static volatile sig_atomic_t stopping;
+static const double READ_SHARE = 0.05; /* of the whole job */
 
 static void stop(int signal) { stopping = signal; }
 
@@ -41,8 +44,11 @@ static enum status run(const struct worker_options *options, struct worker_progr
     struct cloud cloud = {0};
     struct pipeline_result result = {0};
     struct progress progress = {worker_progress_tick, display};
+    worker_progress_span(display, 0, READ_SHARE);
     enum status status = read_input(options, &progress, &cloud, error);
+    worker_progress_span(display, READ_SHARE, 1);
     if (!status) status = pipeline_run(&cloud, &options->params, &progress, &result, error);
+    if (!status && result.moved) cloud_move(&cloud, result.moved);
     if (!status) status = worker_output_write(options, &cloud, &result, error);
     worker_progress_end(display, status, error);
     if (!status && options->summary) worker_output_summary(&result.report, stdout);
@@ -52,8 +58,10 @@ static enum status run(const struct worker_options *options, struct worker_progr
 }
 
 int main(int argc, char **argv) {
+    if (argc > 1 && strcmp(argv[1], "measure") == 0) return worker_measure_main(argc - 1, argv + 1);
     struct worker_options options;
     struct error error = {0};
+    if (argc > 1 && strcmp(argv[1], "measure") == 0) return worker_measure_main(argc - 1, argv + 1);
     enum worker_request request = worker_options_parse(&options, argc, argv, &error);
     if (request == WORKER_TOLD) return 0;
     if (request == WORKER_REFUSED) {

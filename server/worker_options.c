@@ -17,8 +17,8 @@ static void print_parameters(void) {
     for (size_t i = 0; i < count; i++) {
         char allowed[256];
         params_allowed(&table[i], allowed, sizeof allowed);
-        printf("  --%s\n        %s.\n        %s%s%s", table[i].name, table[i].help, allowed, table[i].unit[0] ? "; in " : "",
-               table[i].unit);
+        printf("  --%s\n        %s.\n        %s%s%s", table[i].name, table[i].help, allowed,
+               table[i].unit[0] ? "; in " : "", table[i].unit);
         printf(table[i].default_text[0] ? "; default %s\n" : "\n", table[i].default_text);
     }
 }
@@ -28,7 +28,8 @@ static void print_help(void) {
          "       whittle measure A B [...]         distances between two clouds or meshes; see whittle measure --help\n"
          "\n"
          "Simplifies a point cloud (PLY or XYZ, told by its content; - is standard input), reconstructs a watertight\n"
-         "mesh and measures the error. Writes cloud.ply, cloud.xyz, mesh.ply and report.json, as asked for by --outputs.\n"
+         "mesh and measures the error. Writes cloud.ply, cloud.xyz, mesh.ply and report.json, as asked for by "
+         "--outputs.\n"
          "\n"
          "Options:\n"
          "  -o, --output FOLDER\n        Where outputs go, made if it isn't there; default .\n"

@@ -11,60 +11,98 @@
 #include "core/cloud_write.h"
 #include "core/file_out.h"
 #include "core/mesh_ply.h"
+#include "core/paint.h"
 
 struct outputs {
     const struct worker_options *options;
     const struct cloud *cloud;
     const struct pipeline_result *result;
+    const struct pipeline_level *level; /* the one to write */
 };
 
 static enum status write_cloud(int fd, const struct outputs *o, struct error *error) {
-    return cloud_write_ply(fd, o->cloud, o->result->kept, o->result->kept_count,
+    return cloud_write_ply(fd, o->cloud, o->result->kept, o->level->kept_count,
                            (enum encoding)o->options->params.encoding, error);
 }
 
 static enum status write_xyz(int fd, const struct outputs *o, struct error *error) {
-    return cloud_write_xyz(fd, o->cloud, o->result->kept, o->result->kept_count, error);
+    return cloud_write_xyz(fd, o->cloud, o->result->kept, o->level->kept_count, error);
 }
 
 static enum status write_mesh(int fd, const struct outputs *o, struct error *error) {
-    return mesh_write_ply(fd, &o->result->mesh, o->cloud, (enum encoding)o->options->params.encoding, error);
+    return mesh_write_ply(fd, &o->level->mesh, o->cloud, (enum encoding)o->options->params.encoding, error);
 }
 
 static enum status write_report(int fd, const struct outputs *o, struct error *error) {
     return report_json_write(fd, &o->result->report, &o->options->params, error);
 }
 
-static const struct {
-    uint32_t bit; /* of params.outputs */
-    const char *name;
+static enum status write_painted(int fd, const struct outputs *o, const char *name, const float *value,
+                                 struct error *error) {
+    struct cloud painted = {0};
+    if (paint_cloud(o->cloud, name, value, &painted))
+        return error_set(error, STATUS_NO_MEMORY, name, "no memory for the painted cloud");
+    enum status status =
+        cloud_write_ply(fd, &painted, NULL, painted.count, (enum encoding)o->options->params.encoding, error);
+    cloud_done(&painted);
+    return status;
+}
+
+static enum status write_dso(int fd, const struct outputs *o, struct error *error) {
+    return write_painted(fd, o, "dso", o->result->dso, error);
+}
+
+static enum status write_error(int fd, const struct outputs *o, struct error *error) {
+    return write_painted(fd, o, "distance", o->result->distance, error);
+}
+
+struct file {
+    uint32_t bit;            /* of params.outputs */
+    const char *stem, *type; /* of the name */
+    bool each_level;         /* one for each of the levels too, named stem_RATIO.type */
     enum status (*write)(int fd, const struct outputs *outputs, struct error *error);
-} files[] = {
-    {OUTPUT_CLOUD, "cloud.ply", write_cloud},
-    {OUTPUT_CLOUD_XYZ, "cloud.xyz", write_xyz},
-    {OUTPUT_MESH, "mesh.ply", write_mesh},
-    {OUTPUT_REPORT, "report.json", write_report},
 };
 
-static enum status write_file(const struct outputs *outputs, size_t i, struct error *error) {
+static const struct file files[] = {
+    {OUTPUT_CLOUD, "cloud", "ply", true, write_cloud},  {OUTPUT_CLOUD_XYZ, "cloud", "xyz", true, write_xyz},
+    {OUTPUT_MESH, "mesh", "ply", true, write_mesh},     {OUTPUT_DSO, "dso", "ply", false, write_dso},
+    {OUTPUT_ERROR, "error", "ply", false, write_error}, {OUTPUT_REPORT, "report", "json", false, write_report},
+};
+
+static enum status write_file(const struct outputs *outputs, const struct file *file, const char *suffix,
+                              struct error *error) {
     char path[PATH_MAX];
-    struct file_out file = {0};
-    snprintf(path, sizeof path, "%s/%s", outputs->options->output, files[i].name);
-    enum status status = file_out_begin(&file, path, error);
-    if (!status) status = files[i].write(file.fd, outputs, error);
-    if (!status) return file_out_commit(&file, error);
-    file_out_abort(&file);
+    struct file_out out = {0};
+    snprintf(path, sizeof path, "%s/%s%s.%s", outputs->options->output, file->stem, suffix, file->type);
+    enum status status = file_out_begin(&out, path, error);
+    if (!status) status = file->write(out.fd, outputs, error);
+    if (!status) return file_out_commit(&out, error);
+    file_out_abort(&out);
+    return status;
+}
+
+static enum status write_levels(struct outputs *outputs, const struct file *file, struct error *error) {
+    const struct param_levels *levels = &outputs->options->params.levels;
+    enum status status = STATUS_OK;
+    for (uint32_t i = 0; i < levels->count && !status; i++) {
+        char suffix[40];
+        snprintf(suffix, sizeof suffix, "_%.10g", levels->ratio[i]);
+        outputs->level = &outputs->result->level[i];
+        status = write_file(outputs, file, suffix, error);
+    }
     return status;
 }
 
 enum status worker_output_write(const struct worker_options *options, const struct cloud *cloud,
                                 const struct pipeline_result *result, struct error *error) {
-    struct outputs outputs = {options, cloud, result};
+    struct outputs outputs = {options, cloud, result, NULL};
     if (mkdir(options->output, 0777) != 0 && errno != EEXIST)
         return error_set(error, STATUS_IO, "output", "can't make the folder %s: %s", options->output, strerror(errno));
     for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
         if (!(options->params.outputs & files[i].bit)) continue;
-        enum status status = write_file(&outputs, i, error);
+        enum status status = files[i].each_level ? write_levels(&outputs, &files[i], error) : STATUS_OK;
+        outputs.level = &result->level[0];
+        if (!status) status = write_file(&outputs, &files[i], "", error);
         if (status) return status;
     }
     return STATUS_OK;
@@ -76,16 +114,23 @@ static void print_distances(FILE *to, const char *name, const struct distance_st
             stats->rms / diagonal, stats->max / diagonal);
 }
 
-void worker_output_summary(const struct report *r, FILE *to) {
-    fprintf(to, "%-16s %" PRIu64 " of %" PRIu64 "\n", "points", r->points_out, r->points_in);
-    print_distances(to, "tangent error", &r->tangent, r->diagonal);
+static void summarise_level(const struct report *report, const struct report_level *r, FILE *to) {
+    fprintf(to, "%-16s %" PRIu64 " of %" PRIu64 "\n", "points", r->points_out, report->points_in);
+    print_distances(to, "tangent error", &r->tangent, report->diagonal);
     if (r->has_mesh)
         fprintf(to, "%-16s %" PRIu64 " triangles, %s, %" PRIu64 " kept points lost\n", "mesh", r->triangles,
                 r->watertight ? "watertight" : "open", r->points_lost);
-    print_distances(to, "points to mesh", &r->forward, r->diagonal);
-    print_distances(to, "mesh to surface", &r->backward, r->diagonal);
-    print_distances(to, "surface to mesh", &r->surface, r->diagonal);
-    fprintf(to, "%-16s %.0f ms, %.1f MiB at the peak\n", "cost", r->total_ms, (double)r->peak_rss_bytes / 1048576);
+    print_distances(to, "points to mesh", &r->forward, report->diagonal);
+    print_distances(to, "mesh to surface", &r->backward, report->diagonal);
+    print_distances(to, "surface to mesh", &r->surface, report->diagonal);
+}
+
+void worker_output_summary(const struct report *report, FILE *to) {
+    for (size_t i = 0; i < report->level_count; i++) summarise_level(report, &report->level[i], to);
+    if (report->points_outliers) fprintf(to, "%-16s %" PRIu64 " points\n", "outliers", report->points_outliers);
+    if (report->noise > 0) fprintf(to, "%-16s %.3e of the diagonal\n", "noise", report->noise / report->diagonal);
+    fprintf(to, "%-16s %.0f ms, %.1f MiB at the peak\n", "cost", report->total_ms,
+            (double)report->peak_rss_bytes / 1048576);
 }
 
 void worker_output_explain(const char *input, enum status status, const struct error *error, FILE *to) {

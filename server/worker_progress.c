@@ -19,7 +19,12 @@ static double now_ms(void) {
 }
 
 void worker_progress_init(struct worker_progress *progress, int fd, volatile sig_atomic_t *stopping) {
-    *progress = (struct worker_progress){.fd = fd, .bar = isatty(STDERR_FILENO), .stopping = stopping};
+    *progress = (struct worker_progress){.fd = fd, .to = 1, .bar = isatty(STDERR_FILENO), .stopping = stopping};
+}
+
+void worker_progress_span(struct worker_progress *progress, double from, double to) {
+    progress->from = from;
+    progress->to = to;
 }
 
 /* A reader that is gone is no reason to stop: the daemon that started us may be starting again. */
@@ -48,6 +53,7 @@ int worker_progress_tick(void *ctx, const char *stage, double fraction) {
     bool new_stage = strcmp(stage, progress->last_stage) != 0;
     if (*progress->stopping) return 1;
     if (!new_stage && time_ms - progress->last_ms < INTERVAL_MS) return 0;
+    fraction = progress->from + (progress->to - progress->from) * fraction;
     progress->last_ms = time_ms;
     snprintf(progress->last_stage, sizeof progress->last_stage, "%s", stage);
     if (progress->bar) draw_bar(stage, fraction);

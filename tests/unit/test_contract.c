@@ -57,9 +57,9 @@ static struct neighbourhood neighbours_of(const vec3 *point, size_t n) {
     return hood;
 }
 
-static quadric *quadrics_of(const vec3 *point, const vec3 *normal, const struct neighbourhood *hood) {
+static struct packed_quadric *quadrics_of(const vec3 *point, const vec3 *normal, const struct neighbourhood *hood) {
     size_t n = hood->n;
-    quadric *quadrics = malloc(n * sizeof *quadrics);
+    struct packed_quadric *quadrics = malloc(n * sizeof *quadrics);
     float *dso = malloc(n * sizeof *dso), *weight = malloc(n * sizeof *weight);
     struct quadric_options options = {AREA_AREA, 1e-3, 1};
     dso_compute(point, normal, hood, DSO_RMS, 1, dso);
@@ -73,7 +73,7 @@ static struct made make(vec3 *point, size_t n, unsigned threads) {
     struct made made = {.n = n, .point = point, .normal = malloc(n * sizeof(vec3))};
     struct neighbourhood hood = neighbours_of(point, n);
     normals_fit(point, &hood, threads, made.normal, NULL);
-    quadric *quadrics = quadrics_of(point, made.normal, &hood);
+    struct packed_quadric *quadrics = quadrics_of(point, made.normal, &hood);
     assert_int_equal(contract(point, &hood, quadrics, threads, NULL, &made.contraction), STATUS_OK);
     free(quadrics);
     neighbourhood_done(&hood);
@@ -144,7 +144,8 @@ static void a_plane_costs_nothing(void **state) {
     (void)state;
     struct made made = make(shape_height_field(30, height_plane), 900, 2);
     struct distance_stats stats;
-    assert_int_equal(tangent_error(made.point, made.normal, 900, &made.contraction.order[800], 100, 2, &stats), STATUS_OK);
+    assert_int_equal(tangent_error(made.point, made.normal, 900, &made.contraction.order[800], 100, 2, &stats),
+                     STATUS_OK);
     assert_int_equal(stats.count, 900);
     assert_true(stats.max < 1e-12);
     made_done(&made);
@@ -214,7 +215,7 @@ static void cancelling_stops_it(void **state) {
     vec3 *point = shape_sphere(1000, 0.5), *normal = malloc(1000 * sizeof *normal);
     struct neighbourhood hood = neighbours_of(point, 1000);
     normals_fit(point, &hood, 1, normal, NULL);
-    quadric *quadrics = quadrics_of(point, normal, &hood);
+    struct packed_quadric *quadrics = quadrics_of(point, normal, &hood);
     struct contraction out = {0};
     struct progress progress = {stop_at_once, NULL};
     assert_int_equal(contract(point, &hood, quadrics, 1, &progress, &out), STATUS_CANCELLED);
@@ -234,7 +235,7 @@ static void every_allocation_may_fail(void **state) {
     enum status status = STATUS_NO_MEMORY;
     int nth = 0;
     for (; status == STATUS_NO_MEMORY; nth++) {
-        quadric *quadrics = quadrics_of(point, normal, &hood);
+        struct packed_quadric *quadrics = quadrics_of(point, normal, &hood);
         struct contraction out = {0};
         int countdown = nth;
         alloc_fail_ctx = &countdown, alloc_fail = fails_at_zero;

@@ -43,7 +43,7 @@ static void progress_round_trip(void **state) {
     assert_round_trip(&message);
     message.stage[0] = 0;
     assert_round_trip(&message);
-    strcpy(message.stage, "-");
+    snprintf(message.stage, sizeof message.stage, "-");
     assert_round_trip(&message);
 }
 

@@ -1,0 +1,137 @@
+/* The job document and its relatives.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "api/job_json.h"
+
+#include <inttypes.h>
+#include <jansson.h>
+#include <stdio.h>
+#include <time.h>
+
+#include "api/params_json.h"
+
+enum { DUMP = JSON_REAL_PRECISION(15) };
+
+static json_t *time_json(int64_t ms) {
+    if (!ms) return json_null();
+    time_t seconds = (time_t)(ms / 1000);
+    struct tm tm;
+    char text[40];
+    gmtime_r(&seconds, &tm);
+    size_t used = strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%S", &tm);
+    snprintf(text + used, sizeof text - used, ".%03dZ", (int)(ms % 1000));
+    return json_string(text);
+}
+
+static json_t *text_or_null(const char *text) {
+    json_t *json = text && *text ? json_string(text) : NULL;
+    return json ? json : json_null();
+}
+
+static json_t *parsed_or_null(const char *text) {
+    json_t *json = text && *text ? json_loads(text, 0, NULL) : NULL;
+    return json ? json : json_null();
+}
+
+static json_t *count_or_null(uint64_t value) { return value ? json_integer((json_int_t)value) : json_null(); }
+
+static json_t *link_json(const char *rel, const char *id, const char *suffix) {
+    return json_pack("{s:s, s:o}", "rel", rel, "href", json_sprintf("/v1/jobs/%s%s", id, suffix));
+}
+
+static json_t *links_json(const struct job_document *job) {
+    json_t *links = json_array();
+    json_array_append_new(links, link_json("self", job->id, ""));
+    json_array_append_new(links, link_json("events", job->id, "/events"));
+    json_array_append_new(links, link_json("log", job->id, "/log"));
+    if (job->has_outputs) json_array_append_new(links, link_json("results", job->id, "/outputs"));
+    return links;
+}
+
+static json_t *input_json(const struct job_document *job) {
+    return json_pack("{s:s, s:o, s:I, s:o}", "sha256", job->cloud, "points", count_or_null(job->input_points), "bytes",
+                     (json_int_t)job->input_bytes, "format", text_or_null(job->input_format));
+}
+
+static json_t *resources_json(const struct job_document *job) {
+    if (!job->peak_rss_bytes) return json_null();
+    return json_pack("{s:f, s:f, s:I}", "cpu_seconds", job->cpu_s, "wall_seconds", job->wall_s, "peak_rss_bytes",
+                     (json_int_t)job->peak_rss_bytes);
+}
+
+static json_t *job_json(const struct job_document *job) {
+    const struct {
+        const char *name;
+        json_t *value;
+    } members[] = {
+        {"id", json_string(job->id)},
+        {"status", json_string(job->status)},
+        {"stage", text_or_null(job->stage)},
+        {"progress", json_integer((json_int_t)(job->fraction * 100))},
+        {"message", text_or_null(job->message)},
+        {"created", time_json(job->created_ms)},
+        {"started", time_json(job->started_ms)},
+        {"finished", time_json(job->finished_ms)},
+        {"updated", time_json(job->updated_ms)},
+        {"expires", time_json(job->expires_ms)},
+        {"queue", json_pack("{s:I}", "ahead", (json_int_t)job->ahead)},
+        {"attempt", json_integer(job->attempt)},
+        {"label", text_or_null(job->label)},
+        {"input", input_json(job)},
+        {"params", params_to_json(job->params)},
+        {"resources", resources_json(job)},
+        {"report", parsed_or_null(job->report)},
+        {"problem", parsed_or_null(job->problem)},
+        {"links", links_json(job)},
+    };
+    json_t *json = json_object();
+    for (size_t i = 0; i < sizeof members / sizeof *members; i++)
+        json_object_set_new(json, members[i].name, members[i].value);
+    return json;
+}
+
+/* Takes json. */
+static char *dump(json_t *json, size_t flags) {
+    char *text = json ? json_dumps(json, flags | DUMP) : NULL;
+    json_decref(json);
+    return text;
+}
+
+char *job_encode(const struct job_document *job) { return dump(job_json(job), JSON_COMPACT); }
+
+char *job_list_encode(const struct job_document *jobs, size_t count) {
+    json_t *list = json_array();
+    for (size_t i = 0; i < count; i++) json_array_append_new(list, job_json(&jobs[i]));
+    return dump(json_pack("{s:o}", "jobs", list), JSON_COMPACT);
+}
+
+char *job_outputs_encode(const char *id, const struct output_document *outputs, size_t count) {
+    json_t *list = json_array();
+    for (size_t i = 0; i < count; i++)
+        json_array_append_new(list, json_pack("{s:s, s:o, s:s, s:I, s:s}", "name", outputs[i].name, "href",
+                                              json_sprintf("/v1/jobs/%s/outputs/%s", id, outputs[i].name), "media_type",
+                                              outputs[i].media_type, "bytes", (json_int_t)outputs[i].bytes, "sha256",
+                                              outputs[i].sha256));
+    return dump(json_pack("{s:o}", "outputs", list), JSON_COMPACT);
+}
+
+char *job_event_encode(const struct job_document *job) {
+    return dump(json_pack("{s:s, s:s, s:o, s:I, s:o, s:I, s:i}", "id", job->id, "status", job->status, "stage",
+                          text_or_null(job->stage), "progress", (json_int_t)(job->fraction * 100), "message",
+                          text_or_null(job->message), "ahead", (json_int_t)job->ahead, "attempt", job->attempt),
+                JSON_COMPACT);
+}
+
+char *job_info_encode(const char *version, bool (*limit)(void *ctx, size_t i, const char **name, int64_t *value),
+                      void *ctx) {
+    json_t *limits = json_object();
+    const char *name;
+    int64_t value;
+    for (size_t i = 0; limit(ctx, i, &name, &value); i++) json_object_set_new(limits, name, json_integer(value));
+    return dump(json_pack("{s:s, s:s, s:[s, s, s, s], s:[s, s, s, s, s, s], s:o, s:{s:s, s:s}}", "name", "whittled",
+                          "version", version, "input_formats", "ply/ascii", "ply/binary_little_endian",
+                          "ply/binary_big_endian", "xyz", "outputs", "cloud.ply", "cloud.xyz", "mesh.ply",
+                          "report.json", "dso.ply", "error.ply", "limits", limits, "links", "contract", "/openapi.json",
+                          "parameters", "/v1/parameters"),
+                JSON_INDENT(2));
+}

@@ -1,0 +1,12 @@
+/* The contract, api/openapi.json, as it is compiled into the program.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_API_OPENAPI_H
+#define WHITTLE_API_OPENAPI_H
+
+#include <stddef.h>
+
+/* The document's text, static, *bytes long, not ended by NUL. */
+const char *openapi_document(size_t *bytes);
+
+#endif

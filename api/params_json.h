@@ -1,0 +1,24 @@
+/* Parameters as JSON, and the table of parameters as a JSON Schema.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_API_PARAMS_JSON_H
+#define WHITTLE_API_PARAMS_JSON_H
+
+#include <jansson.h>
+#include <stdbool.h>
+
+#include "api/problem.h"
+#include "core/params.h"
+
+/* Every parameter that has a value: numbers as numbers, choices as strings, flags as arrays of strings.  Returns new,
+ * NULL when memory runs out. */
+json_t *params_to_json(const struct params *params);
+
+/* The other way round: defaults where a member is absent, then resolved.  Members of a wrong type or value, and unknown
+ * ones, are all in problem->errors.  false: *params is untouched. */
+bool params_from_json(const json_t *json, struct params *params, struct problem *problem);
+
+/* The table as JSON Schema 2020-12 (unit, default, range, choices and help for each); returns new text. */
+char *params_schema(void);
+
+#endif

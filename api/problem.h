@@ -1,0 +1,107 @@
+/* Problem documents (RFC 9457), application/problem+json: how every refusal and every failed job says what is wrong.
+ *
+ * One table gives each kind its slug, HTTP status, title and explanation; `type` is /problems/<slug>, a page made from
+ * the same row.  A struct problem is plain memory on the caller's stack; texts that don't fit are cut.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_API_PROBLEM_H
+#define WHITTLE_API_PROBLEM_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/status.h"
+
+enum problem_kind {
+    PROBLEM_INVALID_PARAMETER,
+    PROBLEM_UNKNOWN_PARAMETER,
+    PROBLEM_CONFLICTING_PARAMETERS,
+    PROBLEM_MALFORMED_REQUEST,
+    PROBLEM_MALFORMED_CLOUD,
+    PROBLEM_DEGENERATE_CLOUD,
+    PROBLEM_UNSUPPORTED_FORMAT,
+    PROBLEM_BODY_TOO_LARGE,
+    PROBLEM_TOO_MANY_POINTS,
+    PROBLEM_NO_SUCH_JOB,
+    PROBLEM_NO_SUCH_OUTPUT,
+    PROBLEM_NO_SUCH_RESOURCE,
+    PROBLEM_METHOD_NOT_ALLOWED,
+    PROBLEM_RESULT_NOT_READY,
+    PROBLEM_JOB_DISMISSED,
+    PROBLEM_JOB_GONE,
+    PROBLEM_RANGE_NOT_SATISFIABLE,
+    PROBLEM_QUEUE_FULL,
+    PROBLEM_DRAINING,
+    PROBLEM_STORAGE_FULL,
+    PROBLEM_SYNC_TIMEOUT,
+    PROBLEM_ENGINE_ERROR,
+    PROBLEM_OUT_OF_MEMORY,
+    PROBLEM_TIME_LIMIT,
+    PROBLEM_WORKER_CRASHED,
+    PROBLEM_INTERNAL_ERROR
+};
+#define PROBLEM_COUNT 26
+
+/* One row of the table. */
+struct problem_type {
+    const char *slug;
+    int http_status;
+    const char *title; /* a short sentence that never changes */
+    const char *help;  /* what a client can do about it */
+};
+
+enum { PROBLEM_MAX_MEMBERS = 12, PROBLEM_MAX_ERRORS = 16, PROBLEM_DETAIL_BYTES = 512, PROBLEM_TEXT_BYTES = 256 };
+
+enum problem_member_type { PROBLEM_NUMBER, PROBLEM_TEXT, PROBLEM_LIST };
+
+struct problem_member {
+    char name[32];
+    enum problem_member_type type;
+    int64_t number;
+    char text[PROBLEM_TEXT_BYTES]; /* a list's items are separated by commas */
+};
+
+struct problem_error {
+    char parameter[64], value[64], allowed[PROBLEM_TEXT_BYTES], suggestion[64]; /* "" = left out */
+};
+
+struct problem {
+    enum problem_kind kind;
+    char detail[PROBLEM_DETAIL_BYTES];
+    size_t member_count;
+    struct problem_member member[PROBLEM_MAX_MEMBERS];
+    size_t error_count;
+    struct problem_error error[PROBLEM_MAX_ERRORS];
+};
+
+/* The row of a kind; of a slug (NULL where there is none). */
+const struct problem_type *problem_type(enum problem_kind kind);
+const struct problem_type *problem_type_of_slug(const char *slug);
+
+/* Starts a problem: kind, and a printf-formatted sentence about this occurrence. */
+void problem_set(struct problem *problem, enum problem_kind kind, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
+
+/* Extension members; dropped past PROBLEM_MAX_MEMBERS. */
+void problem_add_number(struct problem *problem, const char *name, int64_t number);
+void problem_add_text(struct problem *problem, const char *name, const char *text);
+void problem_add_list(struct problem *problem, const char *name, const char *comma_separated);
+
+/* One entry of `errors`; value, allowed and suggestion may be NULL.  Dropped past PROBLEM_MAX_ERRORS. */
+void problem_add_error(struct problem *problem, const char *parameter, const char *value, const char *allowed,
+                       const char *suggestion);
+
+/* What a stage, a reader or a worker said, as a problem: kind by its status, text as detail, position as members. */
+void problem_from_error(struct problem *problem, const struct error *error);
+
+/* Returns new JSON text, or NULL when memory runs out. */
+char *problem_encode(const struct problem *problem);
+
+/* The `status` member of an encoded problem; 500 when it has none.  NULL is allowed. */
+int problem_status_of(const char *json);
+
+/* The explanation of a kind as an HTML page; returns new, NULL when memory runs out. */
+char *problem_page(const struct problem_type *type);
+
+#endif

@@ -1,0 +1,53 @@
+/* The route table: which method on which path is which operation.
+ *
+ * HEAD is allowed wherever GET is and finds GET's operation.  A path is matched as it arrives, percent-decoded once; it
+ * is never joined to a file's path.  A trailing slash is another path, and no route has one.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_API_ROUTES_H
+#define WHITTLE_API_ROUTES_H
+
+#include <stddef.h>
+
+enum operation {
+    OPERATION_GET_PAGE,
+    OPERATION_SIMPLIFY,
+    OPERATION_CREATE_JOB,
+    OPERATION_LIST_JOBS,
+    OPERATION_GET_JOB,
+    OPERATION_DELETE_JOB,
+    OPERATION_GET_EVENTS,
+    OPERATION_GET_LOG,
+    OPERATION_LIST_OUTPUTS,
+    OPERATION_GET_OUTPUT,
+    OPERATION_GET_PARAMETERS,
+    OPERATION_GET_INFO,
+    OPERATION_GET_CONTRACT,
+    OPERATION_GET_PROBLEM,
+    OPERATION_GET_HEALTH,
+    OPERATION_GET_READINESS
+};
+#define OPERATION_COUNT 16
+
+struct route {
+    const char *method;
+    const char *pattern; /* {name} stands for one non-empty part of the path */
+    const char *operation_id;
+    enum operation operation;
+};
+
+enum { ROUTES_MAX_CAPTURES = 2, ROUTES_CAPTURE_BYTES = 128, ROUTES_ALLOW_BYTES = 64 };
+
+struct route_match {
+    const struct route *route;                               /* NULL: no such path, or not with this method */
+    char capture[ROUTES_MAX_CAPTURES][ROUTES_CAPTURE_BYTES]; /* in the order of the pattern; "" = none */
+    char allow[ROUTES_ALLOW_BYTES];                          /* the path's methods, "GET, HEAD"; "" = no such path */
+};
+
+/* The table; *count rows. */
+const struct route *routes_table(size_t *count);
+
+/* Finds the route of a request.  O(routes x length of path). */
+void routes_match(const char *method, const char *path, struct route_match *match);
+
+#endif

@@ -1,0 +1,58 @@
+/* Samples of a few triangles, gathered so that their distances to other triangles can be measured four at a time.
+ *
+ * Coordinates are relative to an origin amid the samples, which makes float exact enough: distances are good to 1e-7 of
+ * the cluster's extent.  A sum over a cluster is added up in a fixed order.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_CLUSTER_H
+#define WHITTLE_CORE_CLUSTER_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/samples.h"
+#include "core/sym3.h"
+#include "core/triangle_frame.h"
+
+enum { CLUSTER_MOST = 512, CLUSTER_ROOM = CLUSTER_MOST + 4 };
+
+struct cluster {
+    vec3 origin;
+    size_t n;            /* samples, at most CLUSTER_MOST */
+    double total_weight; /* of them */
+    _Alignas(16) float x[CLUSTER_ROOM], y[CLUSTER_ROOM], z[CLUSTER_ROOM], weight[CLUSTER_ROOM];
+    uint32_t sample[CLUSTER_MOST];
+};
+
+/* Empties the cluster. */
+void cluster_clear(struct cluster *cluster, vec3 origin);
+
+/* Adds the list of samples that begins with `first`, until its end or until the cluster is full; the first sample that
+ * isn't in, or NONE. */
+uint32_t cluster_add(struct cluster *cluster, const struct sample *sample, uint32_t first);
+
+/* The sum over the samples of weight * (d + d^2 * further), d being the distance to the nearest of n triangles; or a
+ * part of it that is over limit already. */
+double cluster_cost(const struct cluster *cluster, const struct triangle_frame *frame, size_t n, float further,
+                    double limit);
+
+/* A quadric of a vertex: s^T a s - 2 g s is what the squares of its samples' distances change by when it moves by s. */
+struct cluster_model {
+    sym3 a;
+    vec3 g;
+};
+
+/* Adds the samples [begin, end) to the model of the corner a of the triangle that they belong to.  Each square is
+ * divided by the distance itself (at least near), so that the model is one of weight * (d + d^2 * further). */
+void cluster_fit_corner(const struct cluster *cluster, size_t begin, size_t end, const struct triangle_frame *frame,
+                        float near, float further, struct cluster_model *model);
+
+/* For each sample which of n triangles (n < 256) is nearest, the first of equals, and its squared distance. */
+void cluster_owners(const struct cluster *cluster, const struct triangle_frame *frame, size_t n,
+                    uint8_t owner[CLUSTER_MOST], float distance_sq[CLUSTER_MOST]);
+
+/* Of place[0 .. n) to the nearest sample: updates nearest_sq and nearest (an index into the cluster's samples' ids)
+ * where a sample of this cluster is nearer. */
+void cluster_nearest(const struct cluster *cluster, vec3 place, double *nearest_sq, uint32_t *nearest);
+
+#endif

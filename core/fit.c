@@ -1,0 +1,269 @@
+/* The lists of points, and what a surface costs.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/fit.h"
+
+#include <assert.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/alloc.h"
+#include "core/bvh.h"
+#include "core/cloud.h"
+#include "core/par.h"
+
+enum { SAMPLE_GRAIN = 2048 };
+
+#define SMALLEST_MEAN 1e-9 /* so that a perfect mesh has lengths to go by, too */
+
+struct triangle_frame fit_frame(const struct fit *fit, uint32_t triangle) {
+    const uint32_t *corner = fit->mesh->triangle[triangle];
+    const vec3 *vertex = fit->mesh->vertex;
+    return triangle_frame_of(vertex[corner[0]], vertex[corner[1]], vertex[corner[2]]);
+}
+
+/* Fills the cluster with what comes after region->reached and ->rest. */
+static void gather_on(const struct fit *fit, struct fit_region *region) {
+    for (size_t k = 0; k <= region->reached; k++) region->begin[k] = 0;
+    while (region->reached < region->n) {
+        region->rest = cluster_add(&region->cluster, fit->samples.sample, region->rest);
+        if (region->rest != NONE) break;
+        region->begin[++region->reached] = region->cluster.n;
+        if (region->reached < region->n) region->rest = fit->first[region->triangle[region->reached]];
+    }
+    for (size_t k = region->reached; k < region->n; k++) region->begin[k + 1] = region->cluster.n;
+}
+
+void fit_gather(const struct fit *fit, struct fit_region *region) {
+    region->reached = 0;
+    region->rest = fit->first[region->triangle[0]];
+    cluster_clear(&region->cluster, fit->mesh->vertex[fit->mesh->triangle[region->triangle[0]][0]]);
+    gather_on(fit, region);
+}
+
+/* Goes through the samples of a region, as many at a time as a cluster holds: part is the region itself at first, and
+ * more, which takes turns, after that.  NULL when there are none left. */
+static const struct fit_region *next_part(const struct fit *fit, const struct fit_region *part,
+                                          struct fit_region *more) {
+    if (part->reached == part->n) return NULL;
+    if (part != more) {
+        more->n = part->n, more->reached = part->reached, more->rest = part->rest;
+        memcpy(more->triangle, part->triangle, sizeof more->triangle);
+    }
+    cluster_clear(&more->cluster, part->cluster.origin);
+    gather_on(fit, more);
+    return more;
+}
+
+struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region,
+                               const struct triangle_frame *frame, double near) {
+    struct cluster_model model = {0};
+    struct fit_region more;
+    float further = (float)(1 / fit->far);
+    for (const struct fit_region *part = region; part; part = next_part(fit, part, &more))
+        for (size_t k = 0; k < part->n; k++)
+            cluster_fit_corner(&part->cluster, part->begin[k], part->begin[k + 1], &frame[k], (float)near, further,
+                               &model);
+    return model;
+}
+
+double fit_cost_with(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
+                     size_t frames, double limit) {
+    struct fit_region more;
+    double sum = 0;
+    for (const struct fit_region *part = region; part && sum <= limit; part = next_part(fit, part, &more))
+        sum += cluster_cost(&part->cluster, frame, frames, (float)(1 / fit->far), limit - sum);
+    return sum;
+}
+
+static double stray_of_sq(const struct fit *fit, vec3 middle, double nearest_sq, uint32_t nearest) {
+    if (nearest == NONE) return 0;
+    double reach = (double)fit->samples.reach[nearest];
+    if (nearest_sq > reach * reach) return nearest_sq;
+    double height = vec3_dot(vec3_sub(middle, fit->samples.sample[nearest].place), fit->samples.normal[nearest]);
+    return height * height;
+}
+
+double fit_stray_sq(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
+                    size_t frames) {
+    double nearest_sq[FIT_MAX_RING], farthest_sq = 0;
+    uint32_t nearest[FIT_MAX_RING];
+    for (size_t j = 0; j < frames; j++) nearest_sq[j] = INFINITY, nearest[j] = NONE;
+    struct fit_region more;
+    for (const struct fit_region *part = region; part; part = next_part(fit, part, &more))
+        for (size_t j = 0; j < frames; j++)
+            cluster_nearest(&part->cluster, triangle_frame_middle(&frame[j]), &nearest_sq[j], &nearest[j]);
+    for (size_t j = 0; j < frames; j++)
+        farthest_sq = fmax(farthest_sq, stray_of_sq(fit, triangle_frame_middle(&frame[j]), nearest_sq[j], nearest[j]));
+    return farthest_sq;
+}
+
+/* Takes the points out of the lists, as one list in the order of the triangles. */
+static uint32_t take_points(struct fit *fit, const uint32_t *triangle, size_t n) {
+    uint32_t chain = NONE;
+    for (size_t k = n; k-- > 0;) {
+        uint32_t i = fit->first[triangle[k]];
+        fit->first[triangle[k]] = NONE;
+        fit->cost[triangle[k]] = 0;
+        while (i != NONE) {
+            uint32_t next = fit->samples.sample[i].next;
+            fit->samples.sample[i].next = chain;
+            chain = i;
+            i = next;
+        }
+    }
+    return chain;
+}
+
+static void hand_out(struct fit *fit, const struct cluster *cluster, const struct triangle_frame *frame,
+                     const uint32_t *to, size_t m) {
+    uint8_t owner[CLUSTER_MOST];
+    float distance_sq[CLUSTER_MOST];
+    cluster_owners(cluster, frame, m, owner, distance_sq);
+    for (size_t i = 0; i < cluster->n; i++) {
+        uint32_t id = cluster->sample[i], t = to[owner[i]];
+        struct sample *sample = &fit->samples.sample[id];
+        sample->next = fit->first[t];
+        fit->first[t] = id;
+        fit->cost[t] += (double)sample->weight * fit_cost_of(fit, (double)distance_sq[i]);
+    }
+}
+
+void fit_share(struct fit *fit, const uint32_t *from, size_t n, const uint32_t *to, size_t m) {
+    assert(m <= FIT_MAX_RING);
+    struct triangle_frame frame[FIT_MAX_RING];
+    struct cluster cluster;
+    for (size_t k = 0; k < m; k++) frame[k] = fit_frame(fit, to[k]);
+    uint32_t rest = take_points(fit, from, n);
+    do {
+        cluster_clear(&cluster, frame[0].a);
+        rest = cluster_add(&cluster, fit->samples.sample, rest);
+        hand_out(fit, &cluster, frame, to, m);
+    } while (rest != NONE);
+}
+
+void fit_take(struct fit *fit, uint32_t point) {
+    if (point != NONE && fit->taken[point] < UINT8_MAX) fit->taken[point]++;
+}
+
+void fit_leave(struct fit *fit, uint32_t point) {
+    if (point != NONE && fit->taken[point] < UINT8_MAX) fit->taken[point]--;
+}
+
+double fit_mean(const struct fit *fit) {
+    double sum = 0, weight = 0;
+    for (uint32_t t = 0; t < fit->mesh->triangle_count; t++) {
+        struct triangle_frame frame = fit_frame(fit, t);
+        for (uint32_t i = fit->first[t]; i != NONE; i = fit->samples.sample[i].next) {
+            const struct sample *sample = &fit->samples.sample[i];
+            sum += (double)sample->weight * sqrt(triangle_frame_nearer_sq(&frame, sample->place, INFINITY));
+            weight += (double)sample->weight;
+        }
+    }
+    return weight > 0 ? sum / weight : 0;
+}
+
+struct assignment {
+    const struct fit *fit;
+    const struct bvh *bvh;
+    uint32_t *triangle;
+    float *distance_sq;
+};
+
+/* Lengths that the fit goes by, from the mean distance before it. */
+static void set_scale(struct fit *fit, const float *distance_sq) {
+    double sum = 0, weight = 0;
+    for (size_t i = 0; i < fit->samples.n; i++) {
+        sum += (double)fit->samples.sample[i].weight * sqrt((double)distance_sq[i]);
+        weight += (double)fit->samples.sample[i].weight;
+    }
+    double mean = fmax(weight > 0 ? sum / weight : 0, SMALLEST_MEAN);
+    fit->far = FIT_FAR * mean;
+    fit->near = FIT_NEAR * mean;
+    fit->stray_sq = FIT_STRAY * mean * FIT_STRAY * mean;
+}
+
+/* Each query starts from the answer of the one before, which lies nearby. */
+static void assign_range(void *ctx, size_t begin, size_t end) {
+    struct assignment *assignment = ctx;
+    uint32_t hint = NONE;
+    for (size_t i = begin; i < end; i++) {
+        struct bvh_hit hit = bvh_closest(assignment->bvh, assignment->fit->samples.sample[i].place, hint);
+        assignment->triangle[i] = hint = hit.triangle;
+        assignment->distance_sq[i] = (float)hit.distance_sq;
+    }
+}
+
+static void assign(struct fit *fit, const struct assignment *assignment) {
+    for (uint32_t i = (uint32_t)fit->samples.n; i-- > 0;) {
+        uint32_t t = assignment->triangle[i];
+        struct sample *sample = &fit->samples.sample[i];
+        sample->next = fit->first[t];
+        fit->first[t] = i;
+        fit->cost[t] += (double)sample->weight * fit_cost_of(fit, (double)assignment->distance_sq[i]);
+    }
+}
+
+static enum status assign_all(struct fit *fit) {
+    struct bvh *bvh = NULL;
+    size_t n = fit->samples.n;
+    struct assignment assignment = {.fit = fit};
+    assignment.triangle = alloc_array(n, sizeof *assignment.triangle);
+    assignment.distance_sq = alloc_array(n, sizeof *assignment.distance_sq);
+    bool enough = assignment.triangle && assignment.distance_sq && bvh_new(fit->mesh, &bvh) == STATUS_OK;
+    if (enough) {
+        assignment.bvh = bvh;
+        par_for(fit->threads, n, SAMPLE_GRAIN, assign_range, &assignment);
+        set_scale(fit, assignment.distance_sq);
+        assign(fit, &assignment);
+    }
+    bvh_free(bvh);
+    free(assignment.triangle), free(assignment.distance_sq);
+    return enough ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+static enum status allocate(struct fit *fit) {
+    size_t n = fit->input->n, triangles = fit->mesh->triangle_count, vertices = fit->mesh->vertex_count;
+    fit->first = alloc_array(triangles, sizeof *fit->first);
+    fit->cost = alloc_zeroed(triangles, sizeof *fit->cost);
+    fit->taken = alloc_zeroed(n, 1);
+    fit->stale = alloc_array(vertices, 1);
+    fit->touched = alloc_array(triangles, 1);
+    fit->postponed = alloc_zeroed(triangles, 1);
+    if (!fit->first || !fit->cost || !fit->taken || !fit->stale || !fit->touched || !fit->postponed)
+        return STATUS_NO_MEMORY;
+    memset(fit->first, 0xff, triangles * sizeof *fit->first);
+    memset(fit->stale, 1, vertices);
+    memset(fit->touched, 1, triangles);
+    return STATUS_OK;
+}
+
+static bool wants_middles(const struct mesh *mesh, const struct refine_input *input) {
+    return input->hood && (double)input->n < FIT_ENOUGH * (double)mesh->triangle_count;
+}
+
+enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_input *input,
+                     const struct refine_options *options) {
+    struct fit new = {.mesh = mesh, .input = input, .placement = options->placement, .threads = options->threads};
+    enum status status = samples_init(&new.samples, input, wants_middles(mesh, input), options->threads);
+    if (status == STATUS_OK) status = allocate(&new);
+    if (status == STATUS_OK) status = halfedge_init(&new.he, mesh);
+    if (status == STATUS_OK) {
+        for (size_t v = 0; mesh->source && v < mesh->vertex_count; v++) fit_take(&new, mesh->source[v]);
+        status = assign_all(&new);
+    }
+    if (status != STATUS_OK) {
+        fit_done(&new);
+        return status;
+    }
+    *fit = new;
+    return STATUS_OK;
+}
+
+void fit_done(struct fit *fit) {
+    halfedge_done(&fit->he);
+    samples_done(&fit->samples);
+    free(fit->first), free(fit->cost);
+    free(fit->taken), free(fit->stale), free(fit->touched), free(fit->postponed);
+    *fit = (struct fit){0};
+}

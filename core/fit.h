@@ -1,0 +1,116 @@
+/* A mesh that is being fitted to dense points: what all refining operations share.
+ *
+ * Every sample (a dense point, or the middle of two) belongs to one triangle, the nearest as far as is known: each
+ * operation that changes triangles hands the samples of these triangles out among them again, and looks no further. The
+ * lists are linked through flat arrays.
+ *
+ * What is made small is the sum over the samples of  weight * (d + d^2 / far):  the mean distance, with large distances
+ * counted more, so that the largest falls as well.  A sample's weight is the area that it stands for.
+ *
+ * Invariant: cost[t] is the sum over the samples of triangle t's list, and each sample is in exactly one list.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_FIT_H
+#define WHITTLE_CORE_FIT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/cluster.h"
+#include "core/halfedge.h"
+#include "core/mesh.h"
+#include "core/params.h"
+#include "core/refine.h"
+#include "core/samples.h"
+#include "core/triangle_frame.h"
+
+/* Multiples of the mean distance at the beginning: */
+#define FIT_FAR 2.0    /* distances over this count by their square */
+#define FIT_NEAR 0.4   /* distances under this count no more than others where a vertex is placed */
+#define FIT_STRAY 10.0 /* no part of the surface gets farther from the data, where it isn't already */
+#define FIT_ENOUGH 40  /* points for each triangle that make middles needless */
+#define FIT_EXACT 1e-7 /* distance that is none */
+#define FIT_THIN 0.02  /* shape below which no triangle may get thinner */
+
+enum { FIT_MAX_RING = 32 };
+
+struct fit {
+    struct mesh *mesh;
+    struct halfedge he;
+    const struct refine_input *input;
+    enum placement placement;
+    unsigned threads;
+    double stray_sq; /* how far from the data any part of the surface may get, squared */
+    double far, near;
+    struct samples samples;
+    uint32_t *first;    /* triangle_count: first sample of the list (samples.sample[].next), or NONE */
+    double *cost;       /* triangle_count */
+    uint8_t *taken;     /* input->n: how many vertices stand there, up to 255 */
+    uint8_t *stale;     /* vertex_count: its star has changed since it was last tried */
+    uint8_t *touched;   /* triangle_count: it has changed since its edges were last tried */
+    uint8_t *postponed; /* triangle_count: all 0 between passes */
+};
+
+enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_input *input,
+                     const struct refine_options *options) MUST_CHECK;
+void fit_done(struct fit *fit);
+
+/* A vertex comes to stand at a point, or leaves it (NONE: at no point). */
+void fit_take(struct fit *fit, uint32_t point);
+void fit_leave(struct fit *fit, uint32_t point);
+
+/* What a sample at this squared distance costs, for weight 1. */
+static inline double fit_cost_of(const struct fit *fit, double distance_sq) {
+    return sqrt(distance_sq) + distance_sq / fit->far;
+}
+
+static inline vec3 fit_corner(const struct fit *fit, uint32_t h) {
+    return fit->mesh->vertex[halfedge_from(&fit->he, h)];
+}
+
+/* Whether two neighbouring triangles may turn against each other so that the cosine of their normals goes from before
+ * to after: up to 90 degrees, or where it was more already (a sharp edge), no further. */
+static inline bool fit_fold_is_fair(double before, double after) { return after >= 0 || after >= before; }
+
+struct triangle_frame fit_frame(const struct fit *fit, uint32_t triangle);
+
+/* The samples in the lists of a few triangles. */
+struct fit_region {
+    size_t n;
+    uint32_t triangle[FIT_MAX_RING];
+    size_t begin[FIT_MAX_RING + 1]; /* where each triangle's samples begin in the cluster */
+    size_t reached; /* list that the cluster ends in, and where; reached == n: all samples are in the cluster */
+    uint32_t rest;
+    struct cluster cluster;
+};
+
+/* Gathers the samples of region->triangle[0 .. n). */
+void fit_gather(const struct fit *fit, struct fit_region *region);
+
+/* Whether the region costs so little that it is rounding. */
+static inline bool fit_is_exact(const struct fit_region *region, double cost) {
+    return !(cost > FIT_EXACT * region->cluster.total_weight);
+}
+
+/* The quadric of a vertex whose star the region is; frame[i], of triangle[i], has it as corner a. */
+struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region,
+                               const struct triangle_frame *frame, double near);
+
+/* What the region's samples would cost with the surface frame[0 .. frames), or something over limit where that does. */
+double fit_cost_with(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
+                     size_t frames, double limit);
+
+/* The largest squared distance of the middles of frame[0 .. frames) to the tangent disks of the region's nearest
+ * samples: so that no part of the surface leaves the data. */
+double fit_stray_sq(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
+                    size_t frames);
+
+/* Hands the samples in the lists of from[0 .. n) out to the nearest of the triangles to[0 .. m) as they are now, and
+ * sets the costs of both.  m <= FIT_MAX_RING. */
+void fit_share(struct fit *fit, const uint32_t *from, size_t n, const uint32_t *to, size_t m);
+
+/* Mean distance of the samples to the triangles that they belong to, by weight. */
+double fit_mean(const struct fit *fit);
+
+#endif

@@ -1,0 +1,191 @@
+/* A round measures what each edge would gain (in parallel, nothing changes), sorts, and flips the best that don't touch
+ * each other (in order, so the result doesn't depend on threads).  Only edges of triangles that changed are measured
+ * again.
+ *
+ * A flip must not fold the surface: the new pair turns by 90 degrees at most or by less than the old pair, each of the
+ * two looks the way that the old pair did on average, neither folds onto the triangles around, and none gets thinner
+ * than FLIP_THIN unless the old pair was thinner still.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/fit_flip.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/alloc.h"
+#include "core/cloud.h"
+#include "core/par.h"
+
+enum { EDGE_GRAIN = 256 };
+
+#define FLIP_LEAST_GAIN 1e-4 /* of what the two triangles cost */
+
+struct candidate {
+    double gain;
+    uint32_t halfedge;
+};
+
+struct round {
+    struct fit *fit;
+    struct candidate *candidate;
+};
+
+/* The edge of h and its other diagonal. */
+struct quad {
+    uint32_t triangle[2];
+    uint32_t a, b, c, d;
+    struct triangle_frame old[2], new[2];
+};
+
+static struct quad quad_of(const struct fit *fit, uint32_t h) {
+    const struct halfedge *he = &fit->he;
+    const vec3 *p = fit->mesh->vertex;
+    uint32_t g = he->twin[h];
+    struct quad q = {.triangle = {h / 3, g / 3},
+                     .a = halfedge_from(he, h),
+                     .b = halfedge_to(he, h),
+                     .c = halfedge_apex(he, h),
+                     .d = halfedge_apex(he, g)};
+    q.old[0] = triangle_frame_of(p[q.a], p[q.b], p[q.c]);
+    q.old[1] = triangle_frame_of(p[q.b], p[q.a], p[q.d]);
+    q.new[0] = triangle_frame_of(p[q.a], p[q.d], p[q.c]);
+    q.new[1] = triangle_frame_of(p[q.d], p[q.b], p[q.c]);
+    return q;
+}
+
+/* Whether the edge g of old triangle `before` may be one of new triangle `after`. */
+static bool border_is_fair(const struct fit *fit, uint32_t g, vec3 before, vec3 after) {
+    uint32_t twin = fit->he.twin[g];
+    if (twin == NONE) return true;
+    struct triangle_frame outside = fit_frame(fit, twin / 3);
+    return fit_fold_is_fair(vec3_dot(outside.n, before), vec3_dot(outside.n, after));
+}
+
+static bool flip_is_fair(const struct fit *fit, uint32_t h, const struct quad *q) {
+    vec3 mean = vec3_add(q->old[0].n, q->old[1].n);
+    if (!fit_fold_is_fair(vec3_dot(q->old[0].n, q->old[1].n), vec3_dot(q->new[0].n, q->new[1].n))) return false;
+    if (vec3_dot(q->new[0].n, mean) <= 0 || vec3_dot(q->new[1].n, mean) <= 0) return false;
+    double before = fmin(triangle_frame_shape(&q->old[0]), triangle_frame_shape(&q->old[1]));
+    double after = fmin(triangle_frame_shape(&q->new[0]), triangle_frame_shape(&q->new[1]));
+    if (after < FIT_THIN && after < before) return false;
+    uint32_t g = fit->he.twin[h];
+    return border_is_fair(fit, halfedge_prev(h), q->old[0].n, q->new[0].n) &&
+           border_is_fair(fit, halfedge_next(h), q->old[0].n, q->new[1].n) &&
+           border_is_fair(fit, halfedge_next(g), q->old[1].n, q->new[0].n) &&
+           border_is_fair(fit, halfedge_prev(g), q->old[1].n, q->new[1].n);
+}
+
+static bool flip_is_possible(const struct fit *fit, uint32_t h) {
+    uint32_t g = fit->he.twin[h];
+    if (g == NONE) return false;
+    uint32_t c = halfedge_apex(&fit->he, h), d = halfedge_apex(&fit->he, g);
+    if (c == d) return false;
+    if (fit->he.locked[c] == HALFEDGE_KNOTTED && fit->he.locked[d] == HALFEDGE_KNOTTED) return false;
+    return fit->he.locked[c] == HALFEDGE_KNOTTED ? !halfedge_joined(&fit->he, d, c) : !halfedge_joined(&fit->he, c, d);
+}
+
+/* How much the flip of h lowers the cost; 0 when it doesn't, or isn't allowed. */
+static double flip_gain(const struct fit *fit, uint32_t h) {
+    if (!flip_is_possible(fit, h)) return 0;
+    double cost = fit->cost[h / 3] + fit->cost[fit->he.twin[h] / 3];
+    if (!(cost > 0)) return 0;
+    struct quad q = quad_of(fit, h);
+    if (!flip_is_fair(fit, h, &q)) return 0;
+    struct fit_region region;
+    region.n = 2;
+    memcpy(region.triangle, q.triangle, sizeof q.triangle);
+    fit_gather(fit, &region);
+    if (fit_is_exact(&region, cost)) return 0;
+    double gain = cost - fit_cost_with(fit, &region, q.new, 2, cost);
+    if (gain < FLIP_LEAST_GAIN * cost) return 0;
+    double stray_sq = fit_stray_sq(fit, &region, q.new, 2);
+    return stray_sq > fit->stray_sq && stray_sq > fit_stray_sq(fit, &region, q.old, 2) ? 0 : gain;
+}
+
+static void measure(void *ctx, size_t begin, size_t end) {
+    struct round *round = ctx;
+    for (size_t i = begin; i < end; i++) round->candidate[i].gain = flip_gain(round->fit, round->candidate[i].halfedge);
+}
+
+static int compare_gain(const void *a, const void *b) {
+    const struct candidate *x = a, *y = b;
+    if (x->gain != y->gain) return x->gain > y->gain ? -1 : 1;
+    return (x->halfedge > y->halfedge) - (x->halfedge < y->halfedge);
+}
+
+/* The edges of touched triangles, once each; no triangle is touched afterwards. */
+static size_t collect(struct fit *fit, struct candidate *candidate) {
+    size_t count = 0;
+    for (uint32_t h = 0; h < 3 * fit->mesh->triangle_count; h++) {
+        uint32_t g = fit->he.twin[h];
+        if (g == NONE || g < h || !(fit->touched[h / 3] || fit->touched[g / 3])) continue;
+        candidate[count++].halfedge = h;
+    }
+    memset(fit->touched, 0, fit->mesh->triangle_count);
+    return count;
+}
+
+static size_t keep_rewarding(struct candidate *candidate, size_t count) {
+    size_t kept = 0;
+    for (size_t i = 0; i < count; i++)
+        if (candidate[i].gain > 0) candidate[kept++] = candidate[i];
+    qsort(candidate, kept, sizeof *candidate, compare_gain);
+    return kept;
+}
+
+/* Whether any of the two triangles and the four around has changed in this round: then the gain isn't known. */
+static bool is_outdated(const struct fit *fit, uint32_t h) {
+    uint32_t side[2] = {h, fit->he.twin[h]};
+    for (int i = 0; i < 2; i++) {
+        if (fit->touched[side[i] / 3]) return true;
+        uint32_t next = fit->he.twin[halfedge_next(side[i])], prev = fit->he.twin[halfedge_prev(side[i])];
+        if ((next != NONE && fit->touched[next / 3]) || (prev != NONE && fit->touched[prev / 3])) return true;
+    }
+    return false;
+}
+
+static void flip(struct fit *fit, uint32_t h) {
+    uint32_t triangle[2] = {h / 3, fit->he.twin[h] / 3};
+    halfedge_flip(&fit->he, h);
+    uint8_t *tag = fit->mesh->tag;
+    if (tag && tag[triangle[0]] != tag[triangle[1]]) tag[triangle[0]] = tag[triangle[1]] = MESH_SUPPORTED;
+    fit_share(fit, triangle, 2, triangle, 2);
+    for (int i = 0; i < 2; i++) {
+        fit->touched[triangle[i]] = 1;
+        for (int k = 0; k < 3; k++) fit->stale[fit->mesh->triangle[triangle[i]][k]] = 1;
+    }
+}
+
+static size_t flip_round(struct fit *fit, struct candidate *candidate) {
+    struct round round = {fit, candidate};
+    size_t count = collect(fit, candidate), flips = 0;
+    par_for(fit->threads, count, EDGE_GRAIN, measure, &round);
+    count = keep_rewarding(candidate, count);
+    for (size_t i = 0; i < count; i++) {
+        uint32_t h = candidate[i].halfedge;
+        if (is_outdated(fit, h)) {
+            fit->postponed[h / 3] = 1;
+            continue;
+        }
+        if (!flip_is_possible(fit, h)) continue;
+        flip(fit, h);
+        flips++;
+    }
+    for (size_t t = 0; t < fit->mesh->triangle_count; t++) {
+        fit->touched[t] |= fit->postponed[t];
+        fit->postponed[t] = 0;
+    }
+    return flips;
+}
+
+enum status fit_flip(struct fit *fit, size_t rounds, size_t *flips) {
+    struct candidate *candidate = alloc_array(3 * fit->mesh->triangle_count / 2 + 1, sizeof *candidate);
+    if (!candidate) return STATUS_NO_MEMORY;
+    for (size_t round = 0; round < rounds; round++) {
+        size_t made = flip_round(fit, candidate);
+        *flips += made;
+        if (made == 0) break;
+    }
+    free(candidate);
+    return STATUS_OK;
+}

@@ -1,0 +1,262 @@
+/* Where a vertex should be: Gauss-Newton on its star.
+ *
+ * A point's nearest place on the star is a blend of the corners in which the vertex has the share b; when the vertex
+ * moves by s, its distance changes by -b s along the direction to the point, to first order.  The squares of all that
+ * make a quadric of the vertex, whose minimum is the move.  Distances count as such rather than as squares, so each
+ * square is divided by the distance as it is now (iteratively reweighted least squares).
+ *
+ * Optimal placement takes the minimum, or a part of the way; subset placement takes the one of the star's points where
+ * the quadric is smallest.  Both only when the star then costs less, measured anew, and nothing folds.
+ *
+ * Vertices are coloured so that no two of a colour share a star, nor a triangle that either looks at; a colour is
+ * moved in parallel, and the colours one after the other.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/fit_move.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/alloc.h"
+#include "core/cloud.h"
+#include "core/par.h"
+#include "core/sym3.h"
+
+enum { VERTEX_GRAIN = 16, COLOURS = 64, CANDIDATES = 3 };
+
+#define MOVE_LEAST_GAIN 1e-3 /* of what the star costs */
+#define MOVE_STAY 1e-4       /* pull towards the present place, of the quadric's trace */
+#define MOVE_LEAST_TURN 0.5  /* smallest cosine between a triangle's normals before and after */
+
+struct star {
+    uint32_t vertex;
+    size_t n;
+    uint32_t ring[FIT_MAX_RING]; /* half-edges out of the vertex */
+    struct fit_region region;
+    struct triangle_frame old[FIT_MAX_RING], new[FIT_MAX_RING];
+    double cost;
+};
+
+static bool star_of(const struct fit *fit, uint32_t vertex, struct star *star) {
+    star->vertex = vertex;
+    star->n = halfedge_ring(&fit->he, vertex, star->ring, FIT_MAX_RING);
+    star->cost = 0;
+    for (size_t i = 0; i < star->n; i++) {
+        star->region.triangle[i] = star->ring[i] / 3;
+        uint32_t h = star->ring[i];
+        star->old[i] =
+            triangle_frame_of(fit_corner(fit, h), fit_corner(fit, halfedge_next(h)), fit_corner(fit, halfedge_prev(h)));
+        star->cost += fit->cost[star->region.triangle[i]];
+    }
+    star->region.n = star->n;
+    if (star->n >= 3) fit_gather(fit, &star->region);
+    return star->n >= 3;
+}
+
+/* The s where the model is smallest; zero where it says nothing. */
+static vec3 model_minimum(const struct cluster_model *model) {
+    sym3 a = model->a;
+    double stay = MOVE_STAY * sym3_trace(a);
+    a.xx += stay, a.yy += stay, a.zz += stay;
+    vec3 r0 = {a.xx, a.xy, a.xz}, r1 = {a.xy, a.yy, a.yz}, r2 = {a.xz, a.yz, a.zz};
+    vec3 c0 = vec3_cross(r1, r2), c1 = vec3_cross(r2, r0), c2 = vec3_cross(r0, r1);
+    double det = vec3_dot(r0, c0);
+    if (!(det > 0)) return (vec3){0};
+    vec3 s = {vec3_dot(c0, model->g), vec3_dot(c1, model->g), vec3_dot(c2, model->g)};
+    s = vec3_scale(s, 1 / det);
+    return vec3_is_finite(s) ? s : (vec3){0};
+}
+
+static void set_new_frames(const struct fit *fit, struct star *star, vec3 place) {
+    for (size_t i = 0; i < star->n; i++) {
+        uint32_t h = star->ring[i];
+        star->new[i] = triangle_frame_of(place, fit_corner(fit, halfedge_next(h)), fit_corner(fit, halfedge_prev(h)));
+    }
+}
+
+static bool move_is_fair(const struct fit *fit, const struct star *star) {
+    for (size_t i = 0; i < star->n; i++) {
+        const struct triangle_frame *old = &star->old[i], *new = &star->new[i];
+        size_t j = i + 1 < star->n ? i + 1 : 0;
+        if (vec3_dot(old->n, new->n) < MOVE_LEAST_TURN) return false;
+        double before = triangle_frame_shape(old), after = triangle_frame_shape(new);
+        if (after < FIT_THIN && after < before) return false;
+        if (!fit_fold_is_fair(vec3_dot(old->n, star->old[j].n), vec3_dot(new->n, star->new[j].n))) return false;
+        uint32_t across = fit->he.twin[halfedge_next(star->ring[i])];
+        if (across == NONE) continue;
+        vec3 outside = fit_frame(fit, across / 3).n;
+        if (!fit_fold_is_fair(vec3_dot(old->n, outside), vec3_dot(new->n, outside))) return false;
+    }
+    return true;
+}
+
+/* The star's cost with the vertex at place, or INFINITY when that isn't fair or not under limit. */
+static double cost_at(const struct fit *fit, struct star *star, vec3 place, double limit) {
+    set_new_frames(fit, star, place);
+    if (!move_is_fair(fit, star)) return INFINITY;
+    double cost = fit_cost_with(fit, &star->region, star->new, star->n, limit);
+    if (cost >= limit) return INFINITY;
+    double stray_sq = fit_stray_sq(fit, &star->region, star->new, star->n);
+    if (stray_sq <= fit->stray_sq) return cost;
+    return stray_sq <= fit_stray_sq(fit, &star->region, star->old, star->n) ? cost : INFINITY;
+}
+
+static void settle(struct fit *fit, const struct star *star, vec3 place, uint32_t source) {
+    fit->mesh->vertex[star->vertex] = place;
+    if (fit->mesh->source) fit->mesh->source[star->vertex] = source;
+    fit_share(fit, star->region.triangle, star->n, star->region.triangle, star->n);
+}
+
+static bool move_freely(struct fit *fit, struct star *star, vec3 step) {
+    static const double part[] = {1.4, 0.7, 0.25};
+    vec3 from = fit->mesh->vertex[star->vertex];
+    double limit = star->cost * (1 - MOVE_LEAST_GAIN);
+    for (size_t i = 0; i < sizeof part / sizeof *part; i++) {
+        vec3 place = vec3_add(from, vec3_scale(step, part[i]));
+        if (cost_at(fit, star, place, limit) == INFINITY) continue;
+        settle(fit, star, place, NONE);
+        return true;
+    }
+    return false;
+}
+
+struct choice {
+    double value;
+    uint32_t point;
+};
+
+/* The points of the star where the model is smallest, best first; their number. */
+static size_t choose(const struct fit *fit, const struct star *star, const struct cluster_model *model, vec3 step,
+                     struct choice choice[CANDIDATES]) {
+    vec3 target = vec3_add(fit->mesh->vertex[star->vertex], step);
+    double stay = MOVE_STAY * sym3_trace(model->a);
+    size_t count = 0;
+    for (size_t k = 0; k < star->n; k++) {
+        for (uint32_t i = fit->first[star->region.triangle[k]]; i != NONE; i = fit->samples.sample[i].next) {
+            uint32_t point = fit->samples.point[i];
+            if (point == NONE || fit->taken[point]) continue;
+            vec3 s = vec3_sub(fit->samples.sample[i].place, target);
+            double value = vec3_dot(s, sym3_mul(model->a, s)) + stay * vec3_length_sq(s);
+            if (count == CANDIDATES && value >= choice[count - 1].value) continue;
+            size_t at = count < CANDIDATES ? count++ : count - 1;
+            for (; at > 0 && choice[at - 1].value > value; at--) choice[at] = choice[at - 1];
+            choice[at] = (struct choice){value, point};
+        }
+    }
+    return count;
+}
+
+static bool move_to_point(struct fit *fit, struct star *star, const struct cluster_model *model, vec3 step) {
+    struct choice choice[CANDIDATES];
+    size_t count = choose(fit, star, model, step, choice);
+    double limit = star->cost * (1 - MOVE_LEAST_GAIN);
+    uint32_t best = NONE;
+    for (size_t i = 0; i < count; i++) {
+        double cost = cost_at(fit, star, fit->input->points[choice[i].point], limit);
+        if (cost < limit) limit = cost, best = choice[i].point;
+    }
+    if (best == NONE) return false;
+    fit_take(fit, best);
+    settle(fit, star, fit->input->points[best], best);
+    return true;
+}
+
+static bool move_vertex(struct fit *fit, uint32_t vertex) {
+    struct star star;
+    fit->stale[vertex] = 0;
+    if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE || !star_of(fit, vertex, &star)) return false;
+    if (fit_is_exact(&star.region, star.cost)) return false;
+    struct cluster_model model = fit_model(fit, &star.region, star.old, fit->near);
+    vec3 step = model_minimum(&model);
+    return fit->placement == PLACEMENT_SUBSET ? move_to_point(fit, &star, &model, step) : move_freely(fit, &star, step);
+}
+
+/* The lowest colour that no vertex has whose star this one's moves touch or look at. */
+static uint8_t free_colour(const struct halfedge *he, const uint8_t *colour, uint32_t vertex) {
+    uint64_t used = 0;
+    uint32_t ring[FIT_MAX_RING];
+    size_t n = halfedge_ring(he, vertex, ring, FIT_MAX_RING);
+    for (size_t i = 0; i < n; i++) {
+        uint8_t beside = colour[halfedge_to(he, ring[i])];
+        if (beside < COLOURS) used |= (uint64_t)1 << beside;
+        uint32_t across = he->twin[halfedge_next(ring[i])];
+        uint8_t beyond = across == NONE ? COLOURS : colour[halfedge_apex(he, across)];
+        if (beyond < COLOURS) used |= (uint64_t)1 << beyond;
+    }
+    return n == 0 || used == UINT64_MAX ? COLOURS : (uint8_t)__builtin_ctzll(~used);
+}
+
+struct batch {
+    struct fit *fit;
+    const uint32_t *vertex;
+    uint32_t *left; /* the points that vertices left, or NONE */
+    uint8_t *moved;
+};
+
+static void move_batch(void *ctx, size_t begin, size_t end) {
+    struct batch *batch = ctx;
+    for (size_t i = begin; i < end; i++) {
+        uint32_t v = batch->vertex[i], *source = batch->fit->mesh->source;
+        uint32_t before = source ? source[v] : NONE;
+        batch->moved[i] = move_vertex(batch->fit, v);
+        batch->left[i] = batch->moved[i] ? before : NONE;
+    }
+}
+
+/* Stale vertices by colour: vertex[start[c] .. start[c + 1]). */
+static void sort_by_colour(const struct fit *fit, const uint8_t *colour, uint32_t *vertex, size_t start[COLOURS + 1]) {
+    size_t n = fit->mesh->vertex_count, at[COLOURS] = {0};
+    memset(start, 0, (COLOURS + 1) * sizeof *start);
+    for (size_t v = 0; v < n; v++)
+        if (colour[v] < COLOURS && fit->stale[v]) start[colour[v] + 1]++;
+    for (size_t c = 0; c < COLOURS; c++) start[c + 1] += start[c];
+    memcpy(at, start, sizeof at);
+    for (uint32_t v = 0; v < n; v++)
+        if (colour[v] < COLOURS && fit->stale[v]) vertex[at[colour[v]]++] = v;
+}
+
+static void paint(const struct fit *fit, uint8_t *colour) {
+    memset(colour, COLOURS, fit->mesh->vertex_count);
+    for (uint32_t v = 0; v < fit->mesh->vertex_count; v++)
+        if (!fit->he.locked[v] && fit->he.out[v] != NONE) colour[v] = free_colour(&fit->he, colour, v);
+}
+
+/* The star has changed, and so have those of the neighbours. */
+static void mark_moved(struct fit *fit, uint32_t vertex) {
+    uint32_t ring[FIT_MAX_RING];
+    size_t n = halfedge_ring(&fit->he, vertex, ring, FIT_MAX_RING);
+    for (size_t i = 0; i < n; i++) {
+        fit->touched[ring[i] / 3] = 1;
+        fit->stale[halfedge_to(&fit->he, ring[i])] = 1;
+    }
+    fit->stale[vertex] = 1;
+}
+
+/* Released points become free only when a colour is done, so that what a vertex may take doesn't depend on threads. */
+static size_t move_colour(struct batch *batch, size_t count) {
+    size_t moves = 0;
+    par_for(batch->fit->threads, count, VERTEX_GRAIN, move_batch, batch);
+    for (size_t i = 0; i < count; i++) {
+        moves += batch->moved[i];
+        if (batch->moved[i]) mark_moved(batch->fit, batch->vertex[i]);
+        fit_leave(batch->fit, batch->left[i]);
+    }
+    return moves;
+}
+
+enum status fit_move(struct fit *fit, size_t *moves) {
+    size_t n = fit->mesh->vertex_count, start[COLOURS + 1];
+    uint8_t *colour = alloc_array(n, 1), *moved = alloc_array(n, 1);
+    uint32_t *vertex = alloc_array(n, sizeof *vertex), *left = alloc_array(n, sizeof *left);
+    bool enough = colour && moved && vertex && left;
+    if (enough) {
+        paint(fit, colour);
+        sort_by_colour(fit, colour, vertex, start);
+        for (size_t c = 0; c < COLOURS; c++) {
+            struct batch batch = {fit, vertex + start[c], left, moved};
+            *moves += move_colour(&batch, start[c + 1] - start[c]);
+        }
+    }
+    free(colour), free(moved), free(vertex), free(left);
+    return enough ? STATUS_OK : STATUS_NO_MEMORY;
+}

@@ -1,0 +1,367 @@
+/* What each vertex costs when it is merged into its best neighbour, and what each edge gains when a vertex is put on
+ * it, is measured in parallel with nothing changed.  Then the cheapest loss pays for the greatest gain, the next for
+ * the next, skipping whatever touches triangles that changed, until a gain no longer pays.  In order, so the result
+ * doesn't depend on threads.
+ *
+ * Both are measured before flips and moves help, so a pair that breaks even now will gain.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/fit_teleport.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/alloc.h"
+#include "core/cloud.h"
+#include "core/par.h"
+
+enum { GRAIN = 64 };
+
+#define TELEPORT_PAYS 0.7 /* gain over loss, at least */
+#define TELEPORT_MOST 0.2 /* of the vertices */
+#define CHEAP_PART 0.3    /* of the vertices: so many are measured for leaving */
+#define DEAR_PART 0.3     /* of the vertices: so many edges are measured for being split */
+#define LEAST_TURN 0.2    /* smallest cosine between the normals of a triangle and what takes its place */
+
+/* A vertex that may go: the half-edge to the neighbour that it merges into.  Or an edge that may be split, and where.
+ */
+struct offer {
+    double value; /* loss, or gain */
+    uint32_t halfedge, source;
+    vec3 place;
+};
+
+struct market {
+    struct fit *fit;
+    struct offer *offer;
+};
+
+/* ---------------------------------------------------------------------------------------------- taking out */
+
+struct fan {
+    size_t n;
+    uint32_t ring[FIT_MAX_RING];
+    struct fit_region region;
+    struct triangle_frame old[FIT_MAX_RING], new[FIT_MAX_RING];
+    double cost, stray_sq;
+};
+
+static bool fan_of(const struct fit *fit, uint32_t vertex, struct fan *fan) {
+    fan->n = halfedge_ring(&fit->he, vertex, fan->ring, FIT_MAX_RING);
+    fan->cost = 0;
+    for (size_t i = 0; i < fan->n; i++) {
+        fan->region.triangle[i] = fan->ring[i] / 3;
+        fan->old[i] = fit_frame(fit, fan->region.triangle[i]);
+        fan->cost += fit->cost[fan->region.triangle[i]];
+    }
+    if (fan->n <= 3) return false;
+    fan->region.n = fan->n;
+    fit_gather(fit, &fan->region);
+    fan->stray_sq = fmax(fit->stray_sq, fit_stray_sq(fit, &fan->region, fan->old, fan->n));
+    return true;
+}
+
+static vec3 outside_normal(const struct fit *fit, uint32_t h, vec3 otherwise) {
+    uint32_t across = fit->he.twin[h];
+    return across == NONE ? otherwise : fit_frame(fit, across / 3).n;
+}
+
+/* Whether the fan without its vertex, all corners joined to the one at ring[to], folds nowhere. */
+static bool merge_is_fair(const struct fit *fit, const struct fan *fan, size_t to) {
+    size_t n = fan->n;
+    vec3 before = outside_normal(fit, halfedge_next(fan->ring[to]), fan->new[0].n);
+    for (size_t j = 0; j + 2 < n; j++) {
+        size_t i = (to + 1 + j) % n;
+        const struct triangle_frame *old = &fan->old[i], *new = &fan->new[j];
+        if (vec3_dot(old->n, new->n) < LEAST_TURN) return false;
+        double shape = triangle_frame_shape(new);
+        if (shape < FIT_THIN && shape < triangle_frame_shape(old)) return false;
+        vec3 outside = outside_normal(fit, halfedge_next(fan->ring[i]), new->n);
+        if (!fit_fold_is_fair(vec3_dot(old->n, outside), vec3_dot(new->n, outside))) return false;
+        if (vec3_dot(before, new->n) < 0) return false;
+        before = new->n;
+    }
+    vec3 last = outside_normal(fit, halfedge_next(fan->ring[(to + n - 1) % n]), before);
+    return vec3_dot(last, before) >= 0;
+}
+
+/* n - 2 triangles, from the corner at ring[to] over those behind it. */
+static void set_merged_frames(const struct fit *fit, struct fan *fan, size_t to) {
+    vec3 corner = fit_corner(fit, halfedge_next(fan->ring[to]));
+    for (size_t j = 0; j + 2 < fan->n; j++) {
+        uint32_t h = fan->ring[(to + 1 + j) % fan->n];
+        fan->new[j] = triangle_frame_of(corner, fit_corner(fit, halfedge_next(h)), fit_corner(fit, halfedge_prev(h)));
+    }
+}
+
+static struct offer cheapest_merge(const struct fit *fit, uint32_t vertex) {
+    struct offer best = {.value = INFINITY, .halfedge = NONE, .source = NONE};
+    struct fan fan;
+    if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE || !fan_of(fit, vertex, &fan)) return best;
+    for (size_t to = 0; to < fan.n; to++) {
+        if (!halfedge_may_collapse(&fit->he, fan.ring[to])) continue;
+        set_merged_frames(fit, &fan, to);
+        if (!merge_is_fair(fit, &fan, to)) continue;
+        double limit = best.value + fan.cost;
+        double cost = fit_cost_with(fit, &fan.region, fan.new, fan.n - 2, limit);
+        if (cost >= limit) continue;
+        if (fit_stray_sq(fit, &fan.region, fan.new, fan.n - 2) > fan.stray_sq) continue;
+        best.value = cost - fan.cost;
+        best.halfedge = fan.ring[to];
+    }
+    return best;
+}
+
+static void measure_merges(void *ctx, size_t begin, size_t end) {
+    struct market *market = ctx;
+    for (size_t i = begin; i < end; i++) market->offer[i] = cheapest_merge(market->fit, market->offer[i].source);
+}
+
+/* About the volume between the star and what would close the gap: a vertex amid a plane has none. */
+static double merge_estimate(const struct fit *fit, uint32_t vertex) {
+    uint32_t ring[FIT_MAX_RING];
+    if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE) return INFINITY;
+    size_t n = halfedge_ring(&fit->he, vertex, ring, FIT_MAX_RING);
+    if (n < 4) return INFINITY;
+    vec3 area = {0}, middle = {0};
+    for (size_t i = 0; i < n; i++) {
+        struct triangle_frame f = fit_frame(fit, ring[i] / 3);
+        area = vec3_add(area, vec3_scale(f.n, f.bx * f.cy));
+        middle = vec3_add(middle, fit_corner(fit, halfedge_next(ring[i])));
+    }
+    double size = vec3_length(area), volume = 0;
+    vec3 at = fit->mesh->vertex[vertex];
+    for (size_t i = 0; i < n; i++) {
+        struct triangle_frame f = fit_frame(fit, ring[i] / 3);
+        double height = vec3_dot(vec3_sub(fit_corner(fit, halfedge_next(ring[i])), at), area) / (size > 0 ? size : 1);
+        volume += fabs(height) * f.bx * f.cy;
+    }
+    return volume;
+}
+
+/* ---------------------------------------------------------------------------------------------- putting in */
+
+struct gap {
+    struct fit_region region;
+    vec3 a, b, c, d;
+    struct triangle_frame old[2], new[4];
+    double cost;
+};
+
+static void gap_of(const struct fit *fit, uint32_t h, struct gap *gap) {
+    uint32_t g = fit->he.twin[h];
+    gap->a = fit_corner(fit, h);
+    gap->b = fit_corner(fit, g);
+    gap->c = fit_corner(fit, halfedge_prev(h));
+    gap->d = fit_corner(fit, halfedge_prev(g));
+    gap->old[0] = triangle_frame_of(gap->a, gap->b, gap->c);
+    gap->old[1] = triangle_frame_of(gap->b, gap->a, gap->d);
+    gap->cost = fit->cost[h / 3] + fit->cost[g / 3];
+    gap->region.n = 2;
+    gap->region.triangle[0] = h / 3;
+    gap->region.triangle[1] = g / 3;
+    fit_gather(fit, &gap->region);
+}
+
+static bool split_is_fair(const struct fit *fit, const struct gap *gap, uint32_t h) {
+    static const uint8_t old_of[4] = {0, 0, 1, 1}, beside[4] = {1, 3, 0, 2};
+    uint32_t g = fit->he.twin[h];
+    uint32_t border[4] = {halfedge_prev(h), halfedge_next(h), halfedge_next(g), halfedge_prev(g)};
+    for (int i = 0; i < 4; i++) {
+        vec3 old = gap->old[old_of[i]].n, new = gap->new[i].n, outside = outside_normal(fit, border[i], new);
+        if (vec3_dot(old, new) < LEAST_TURN || triangle_frame_shape(&gap->new[i]) < FIT_THIN) return false;
+        if (!fit_fold_is_fair(vec3_dot(old, outside), vec3_dot(new, outside))) return false;
+        double across = vec3_dot(gap->old[0].n, gap->old[1].n);
+        if (!fit_fold_is_fair(fmin(across, 1), vec3_dot(new, gap->new[beside[i]].n))) return false;
+    }
+    return true;
+}
+
+static double cost_of_split(const struct fit *fit, struct gap *gap, uint32_t h, vec3 place, double limit) {
+    gap->new[0] = triangle_frame_of(gap->a, place, gap->c);
+    gap->new[1] = triangle_frame_of(place, gap->b, gap->c);
+    gap->new[2] = triangle_frame_of(place, gap->a, gap->d);
+    gap->new[3] = triangle_frame_of(gap->b, place, gap->d);
+    if (!split_is_fair(fit, gap, h)) return INFINITY;
+    double cost = fit_cost_with(fit, &gap->region, gap->new, 4, limit);
+    if (cost >= limit) return INFINITY;
+    double stray_sq = fit_stray_sq(fit, &gap->region, gap->new, 4);
+    bool strays = stray_sq > fit->stray_sq && stray_sq > fit_stray_sq(fit, &gap->region, gap->old, 2);
+    return strays ? INFINITY : cost;
+}
+
+enum { PLACES = 4 };
+
+struct place {
+    double distance_sq;
+    uint32_t sample;
+};
+
+/* The samples of the two triangles that are farthest off, the farthest first; of the free points alone for a subset. */
+static size_t farthest(const struct fit *fit, const struct gap *gap, struct place place[PLACES]) {
+    size_t count = 0;
+    for (int k = 0; k < 2; k++) {
+        for (uint32_t i = fit->first[gap->region.triangle[k]]; i != NONE; i = fit->samples.sample[i].next) {
+            uint32_t point = fit->samples.point[i];
+            if (fit->placement == PLACEMENT_SUBSET && (point == NONE || fit->taken[point])) continue;
+            double d_sq = triangle_frame_nearer_sq(&gap->old[k], fit->samples.sample[i].place, INFINITY);
+            if (count == PLACES && d_sq <= place[count - 1].distance_sq) continue;
+            size_t at = count < PLACES ? count++ : count - 1;
+            for (; at > 0 && place[at - 1].distance_sq < d_sq; at--) place[at] = place[at - 1];
+            place[at] = (struct place){d_sq, i};
+        }
+    }
+    return count;
+}
+
+static struct offer best_split(const struct fit *fit, uint32_t h) {
+    struct offer best = {.value = 0, .halfedge = NONE, .source = NONE};
+    struct gap gap;
+    gap_of(fit, h, &gap);
+    struct place place[PLACES];
+    if (fit_is_exact(&gap.region, gap.cost)) return best;
+    size_t count = farthest(fit, &gap, place);
+    for (size_t i = 0; i < count; i++) {
+        vec3 at = fit->samples.sample[place[i].sample].place;
+        double limit = gap.cost - best.value, cost = cost_of_split(fit, &gap, h, at, limit);
+        if (cost == INFINITY) continue;
+        bool is_point = fit->placement == PLACEMENT_SUBSET;
+        best = (struct offer){gap.cost - cost, h, is_point ? fit->samples.point[place[i].sample] : NONE, at};
+    }
+    return best;
+}
+
+static void measure_splits(void *ctx, size_t begin, size_t end) {
+    struct market *market = ctx;
+    for (size_t i = begin; i < end; i++) market->offer[i] = best_split(market->fit, market->offer[i].halfedge);
+}
+
+/* ---------------------------------------------------------------------------------------------- the trade */
+
+static int compare_rising(const void *a, const void *b) {
+    const struct offer *x = a, *y = b;
+    if (x->value != y->value) return x->value < y->value ? -1 : 1;
+    return x->halfedge != y->halfedge ? (x->halfedge > y->halfedge) - (x->halfedge < y->halfedge)
+                                      : (x->source > y->source) - (x->source < y->source);
+}
+
+static int compare_falling(const void *a, const void *b) { return compare_rising(b, a); }
+
+/* The vertices whose estimate is lowest, measured, cheapest first. */
+static size_t offer_merges(struct fit *fit, struct offer *offer) {
+    size_t count = 0, n = fit->mesh->vertex_count;
+    for (uint32_t v = 0; v < n; v++) {
+        double estimate = merge_estimate(fit, v);
+        if (estimate < INFINITY) offer[count++] = (struct offer){.value = estimate, .halfedge = NONE, .source = v};
+    }
+    qsort(offer, count, sizeof *offer, compare_rising);
+    size_t most = (size_t)(CHEAP_PART * (double)n) + 1;
+    if (count > most) count = most;
+    par_for(fit->threads, count, GRAIN, measure_merges, &(struct market){fit, offer});
+    qsort(offer, count, sizeof *offer, compare_rising);
+    while (count > 0 && offer[count - 1].halfedge == NONE) count--;
+    return count;
+}
+
+/* The edges whose triangles cost most, measured, most rewarding first. */
+static size_t offer_splits(struct fit *fit, struct offer *offer) {
+    size_t count = 0;
+    for (uint32_t h = 0; h < 3 * fit->mesh->triangle_count; h++) {
+        uint32_t g = fit->he.twin[h];
+        if (g == NONE || g < h) continue;
+        offer[count++] = (struct offer){.value = fit->cost[h / 3] + fit->cost[g / 3], .halfedge = h, .source = NONE};
+    }
+    qsort(offer, count, sizeof *offer, compare_falling);
+    size_t most = (size_t)(DEAR_PART * (double)fit->mesh->vertex_count) + 1;
+    if (count > most) count = most;
+    par_for(fit->threads, count, GRAIN, measure_splits, &(struct market){fit, offer});
+    qsort(offer, count, sizeof *offer, compare_falling);
+    while (count > 0 && offer[count - 1].halfedge == NONE) count--;
+    return count;
+}
+
+static bool has_changed_around(const struct fit *fit, uint32_t h, const uint8_t *changed) {
+    uint32_t across = fit->he.twin[h];
+    return changed[h / 3] || (across != NONE && changed[across / 3]);
+}
+
+/* Whether the vertex at the start of h may still go as it was measured. */
+static bool merge_holds(const struct fit *fit, uint32_t h, const uint8_t *changed) {
+    uint32_t e = h;
+    do {
+        if (has_changed_around(fit, halfedge_next(e), changed)) return false;
+        e = halfedge_around(&fit->he, e);
+    } while (e != h);
+    return halfedge_may_collapse(&fit->he, h);
+}
+
+static bool split_holds(const struct fit *fit, uint32_t h, const uint8_t *changed) {
+    uint32_t g = fit->he.twin[h];
+    return !has_changed_around(fit, halfedge_next(h), changed) && !has_changed_around(fit, halfedge_prev(h), changed) &&
+           !has_changed_around(fit, halfedge_next(g), changed) && !has_changed_around(fit, halfedge_prev(g), changed);
+}
+
+static void mark(struct fit *fit, uint8_t *changed, const uint32_t *triangle, size_t n) {
+    for (size_t i = 0; i < n; i++) {
+        changed[triangle[i]] = fit->touched[triangle[i]] = 1;
+        for (int k = 0; k < 3; k++) fit->stale[fit->mesh->triangle[triangle[i]][k]] = 1;
+    }
+}
+
+static struct halfedge_spare take_out(struct fit *fit, uint32_t h, uint8_t *changed) {
+    uint32_t ring[FIT_MAX_RING], before[FIT_MAX_RING], after[FIT_MAX_RING], vertex = halfedge_from(&fit->he, h);
+    size_t n = halfedge_ring(&fit->he, vertex, ring, FIT_MAX_RING), left = 0;
+    for (size_t i = 0; i < n; i++) before[i] = ring[i] / 3;
+    struct halfedge_spare spare = halfedge_collapse(&fit->he, h);
+    for (size_t i = 0; i < n; i++)
+        if (before[i] != spare.triangle[0] && before[i] != spare.triangle[1]) after[left++] = before[i];
+    fit_share(fit, before, n, after, left);
+    mark(fit, changed, after, left);
+    if (fit->mesh->source) fit_leave(fit, fit->mesh->source[vertex]);
+    return spare;
+}
+
+static void put_in(struct fit *fit, const struct offer *offer, struct halfedge_spare spare, uint8_t *changed) {
+    uint32_t h = offer->halfedge;
+    uint32_t triangle[4] = {h / 3, fit->he.twin[h] / 3, spare.triangle[0], spare.triangle[1]};
+    fit->mesh->vertex[spare.vertex] = offer->place;
+    if (fit->mesh->source) fit->mesh->source[spare.vertex] = offer->source;
+    fit_take(fit, offer->source);
+    if (fit->mesh->tag) {
+        fit->mesh->tag[triangle[2]] = fit->mesh->tag[triangle[0]];
+        fit->mesh->tag[triangle[3]] = fit->mesh->tag[triangle[1]];
+    }
+    halfedge_split(&fit->he, h, spare);
+    fit_share(fit, triangle, 2, triangle, 4);
+    mark(fit, changed, triangle, 4);
+}
+
+/* A merge is made only when the split that it pays for is known to hold, also after it. */
+static size_t trade(struct fit *fit, const struct offer *loss, size_t losses, const struct offer *gain, size_t gains,
+                    uint8_t *changed) {
+    size_t made = 0, i = 0, most = (size_t)(TELEPORT_MOST * (double)fit->mesh->vertex_count) + 1;
+    for (size_t j = 0; j < gains && made < most; j++) {
+        if (!split_holds(fit, gain[j].halfedge, changed)) continue;
+        uint32_t quad[2] = {gain[j].halfedge / 3, fit->he.twin[gain[j].halfedge] / 3};
+        changed[quad[0]] = changed[quad[1]] = 1;
+        while (i < losses && !merge_holds(fit, loss[i].halfedge, changed)) i++;
+        if (i == losses || gain[j].value < TELEPORT_PAYS * loss[i].value) break;
+        struct halfedge_spare spare = take_out(fit, loss[i++].halfedge, changed);
+        put_in(fit, &gain[j], spare, changed);
+        made++;
+    }
+    return made;
+}
+
+enum status fit_teleport(struct fit *fit, size_t *teleports) {
+    struct offer *loss = alloc_array(fit->mesh->vertex_count, sizeof *loss);
+    struct offer *gain = alloc_array(3 * fit->mesh->triangle_count / 2 + 1, sizeof *gain);
+    uint8_t *changed = alloc_zeroed(fit->mesh->triangle_count, 1);
+    bool enough = loss && gain && changed;
+    if (enough) {
+        size_t losses = offer_merges(fit, loss), gains = offer_splits(fit, gain);
+        *teleports += trade(fit, loss, losses, gain, gains, changed);
+    }
+    free(loss), free(gain), free(changed);
+    return enough ? STATUS_OK : STATUS_NO_MEMORY;
+}

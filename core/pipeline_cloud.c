@@ -1,0 +1,142 @@
+/* Steps 1 to 8: from points to the simplified cloud.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/alloc.h"
+#include "core/dso.h"
+#include "core/normals.h"
+#include "core/pipeline_run.h"
+#include "core/tangent.h"
+
+enum status pipeline_no_memory(struct run *run, const char *where) {
+    return error_set(run->error, STATUS_NO_MEMORY, where, "not enough memory for %zu points", run->cloud->count);
+}
+
+void pipeline_sites_done(struct sites *sites) {
+    free(sites->id), free(sites->point), free(sites->normal), free(sites->support);
+    *sites = (struct sites){0};
+}
+
+void pipeline_scale(struct distance_stats *stats, double scale) {
+    stats->mean *= scale;
+    stats->rms *= scale;
+    stats->max *= scale;
+}
+
+static enum status check_size(struct run *run) {
+    for (size_t i = 0; i < run->cloud->count; i++) {
+        vec3 p = run->cloud->position[i];
+        if (fmax(fabs(p.x), fmax(fabs(p.y), fabs(p.z))) < ORDER_LARGEST) continue;
+        return error_set(run->error, STATUS_MALFORMED, "order", "the coordinates of point %zu are over %g", i + 1,
+                         ORDER_LARGEST);
+    }
+    return STATUS_OK;
+}
+
+void pipeline_report_box(struct run *run) {
+    struct report *report = &run->report;
+    report->diagonal = run->points.scale;
+    memcpy(report->box_min, &run->points.box_min, sizeof report->box_min);
+    memcpy(report->box_max, &run->points.box_max, sizeof report->box_max);
+}
+
+enum status pipeline_order(struct run *run) {
+    if (check_size(run)) return STATUS_MALFORMED;
+    enum status status = order_points(run->cloud->position, run->cloud->count, run->threads, &run->points);
+    if (status) return pipeline_no_memory(run, "order");
+    struct report *report = &run->report;
+    report->points_in = run->cloud->count;
+    report->points_distinct = run->points.count;
+    pipeline_report_box(run);
+    snprintf(report->format, sizeof report->format, "%s", cloud_format_name(run->cloud->format));
+    return STATUS_OK;
+}
+
+enum status pipeline_neighbours(struct run *run) {
+    enum status status = knn_new(run->points.point, run->points.count, &run->knn, run->error);
+    if (status) return status;
+    struct neighbourhood_options options = {run->params->neighbourhood, (unsigned)run->params->neighbours_min,
+                                            (unsigned)run->params->neighbours_max, run->threads};
+    status = neighbourhood_find(run->knn, run->points.point, run->points.count, &options, &run->hood);
+    return status ? pipeline_no_memory(run, "neighbours") : STATUS_OK;
+}
+
+enum status pipeline_normals(struct run *run) {
+    run->normal = alloc_array(run->points.count, sizeof *run->normal);
+    if (!run->normal) return pipeline_no_memory(run, "normals");
+    normals_fit(run->points.point, &run->hood, run->threads, run->normal, NULL);
+    return STATUS_OK;
+}
+
+enum status pipeline_dso(struct run *run) {
+    run->dso = alloc_array(run->points.count, sizeof *run->dso);
+    if (!run->dso) return pipeline_no_memory(run, "dso");
+    dso_compute(run->points.point, run->normal, &run->hood, (enum dso_form)run->params->dso, run->threads, run->dso);
+    return STATUS_OK;
+}
+
+enum status pipeline_quadrics(struct run *run) {
+    size_t n = run->points.count;
+    float *weight = alloc_array(n, sizeof *weight);
+    run->quadrics = alloc_array(n, sizeof *run->quadrics);
+    if (weight && run->quadrics) {
+        struct quadric_options options = {(enum area_weight)run->params->area_weight, run->params->line_quadric,
+                                          run->threads};
+        dso_weights(run->dso, n, run->params->dso_exponent, weight);
+        quadric_assemble(run->points.point, run->normal, &run->hood, weight, &options, run->quadrics);
+    }
+    free(weight);
+    return weight && run->quadrics ? STATUS_OK : pipeline_no_memory(run, "quadrics");
+}
+
+enum status pipeline_contract(struct run *run) {
+    enum status status =
+        contract(run->points.point, &run->hood, run->quadrics, run->threads, &run->progress, &run->contraction);
+    free(run->quadrics);
+    run->quadrics = NULL;
+    return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "contract") : status;
+}
+
+/* How many points are wanted: at least one, at most all distinct ones. */
+static size_t wanted_points(const struct run *run) {
+    const struct params *params = run->params;
+    size_t wanted = 1, distinct = run->points.count;
+    double ratio = params->levels.count ? params->levels.ratio[run->level] : params->ratio;
+    if (params->points) wanted = params->points;
+    if (!isnan(ratio)) wanted = (size_t)floor(ratio * (double)run->cloud->count);
+    if (!isnan(params->max_error)) {
+        size_t tolerated = contraction_count_for_error(&run->contraction, params->max_error);
+        if (tolerated > wanted) wanted = tolerated;
+    }
+    if (wanted < 1) wanted = 1;
+    return wanted < distinct ? wanted : distinct;
+}
+
+/* The levels come finest first, so that the points of the first one hold those of all others as prefixes. */
+enum status pipeline_keep(struct run *run) {
+    const struct contraction *contraction = &run->contraction;
+    struct report_level *level = &run->report.level[run->level];
+    run->kept_count = wanted_points(run);
+    if (run->level == 0) {
+        run->kept = alloc_array(run->kept_count, sizeof *run->kept);
+        if (!run->kept) return pipeline_no_memory(run, "keep");
+        for (size_t i = 0; i < run->kept_count; i++) run->kept[i] = contraction->order[contraction->n - 1 - i];
+    }
+    size_t made = contraction->n - run->kept_count;
+    level->points_out = run->kept_count;
+    level->ratio = (double)run->kept_count / (double)run->cloud->count;
+    level->contraction_error = made ? (double)contraction->error[made - 1] * run->points.scale : 0;
+    return STATUS_OK;
+}
+
+enum status pipeline_tangent(struct run *run) {
+    struct distance_stats *tangent = &run->report.level[run->level].tangent;
+    enum status status = tangent_error(run->points.point, run->normal, run->points.count, run->kept, run->kept_count,
+                                       run->threads, tangent);
+    if (status) return pipeline_no_memory(run, "tangent");
+    pipeline_scale(tangent, run->points.scale);
+    return STATUS_OK;
+}

@@ -1,0 +1,50 @@
+/* Refinement: a mesh of the simplified cloud is fitted to the original points.
+ *
+ * Most of the error of a reconstruction from few points is in the choice of triangles, and some in that of the points.
+ * Edges are flipped, vertices are moved, and vertices that are worth little are put where the mesh is farthest off, as
+ * long as the mean distance of the original points to the mesh falls.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_REFINE_H
+#define WHITTLE_CORE_REFINE_H
+
+#include "core/mesh.h"
+#include "core/neighbourhood.h"
+#include "core/params.h"
+#include "core/progress.h"
+#include "core/status.h"
+#include "core/vec3.h"
+
+/* The original points, in the normalised frame (bounding-box diagonal 1). */
+struct refine_input {
+    const vec3 *points;               /* n; in space-filling order it is faster */
+    const vec3 *normals;              /* n, unit, of either sign */
+    const float *spacing;             /* n: mean distance to the neighbours */
+    size_t n;                         /* at least 1, less than 2^28 */
+    const struct neighbourhood *hood; /* of the points: the middles between neighbours are fitted to as well, which is
+                                         what keeps a mesh from bending between few points; NULL: points alone */
+};
+
+struct refine_options {
+    enum refine_form form;    /* none: nothing is done; flips: edges alone; full: vertices as well */
+    enum placement placement; /* of vertices that move: at other original points, each used once, or anywhere */
+    unsigned threads;         /* 0 = all processors */
+};
+
+struct refine_facts {
+    size_t flips, moves, teleports; /* vertices taken out in one place and put in at another */
+    double mean_before, mean_after; /* distance of the points (and middles) to the mesh, weighted by area */
+};
+
+/* Refines the mesh in place: the numbers of its vertices and triangles stay, as do its boundary (and whatever isn't
+ * manifold), its orientation and its topology, so a closed mesh stays closed.  No triangle folds onto a neighbour that
+ * it wasn't folded onto before.  mesh->source (may be NULL with optimal placement; ids of points) follows the vertices:
+ * NONE for those that stand at no point.  A triangle made of one that fills a hole and one that doesn't counts as
+ * supported.
+ *
+ * The same for any number of threads; about 5 us for each point.  *mesh and *facts (may be NULL) are untouched on
+ * failure: STATUS_NO_MEMORY, STATUS_LIMIT (2^28 points or triangles), STATUS_CANCELLED (stage "refine"). */
+enum status refine_mesh(struct mesh *mesh, const struct refine_input *input, const struct refine_options *options,
+                        const struct progress *progress, struct refine_facts *facts) MUST_CHECK;
+
+#endif

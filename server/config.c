@@ -1,0 +1,282 @@
+/* The configuration of whittled, read through its one table.
+ *
+ * Sources are read from the weakest to the strongest, each overwriting what was set before.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/config.h"
+
+#include <ctype.h>
+#include <errno.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "core/version.h"
+
+enum kind { TEXT, SWITCH, COUNT, BYTES, DURATION };
+
+struct setting {
+    const char *name;
+    enum kind kind;
+    size_t offset;
+    const char *default_text;
+    int64_t min, max;
+    const char *limit; /* its name in /v1/info; NULL = not shown */
+    const char *help;
+};
+
+#define AT(member) offsetof(struct config, member)
+#define KB INT64_C(1024)
+#define GB (KB * KB * KB)
+#define SECOND INT64_C(1000)
+#define DAY (24 * 3600 * SECOND)
+
+static const struct setting table[] = {
+    {"listen", TEXT, AT(listen), "127.0.0.1:8080", 0, 0, NULL, "Address and port; port 0 takes a free one"},
+    {"data", TEXT, AT(data), "whittled-data", 0, 0, NULL, "Folder for the queue, clouds and outputs"},
+    {"worker", TEXT, AT(worker), "", 0, 0, NULL, "Path of whittle; default: beside this program"},
+    {"config", TEXT, AT(file), "", 0, 0, NULL, "File of settings, lines of name = value"},
+    {"insecure-open", SWITCH, AT(insecure_open), "0", 0, 1, NULL, "Allow an address beyond loopback"},
+    {"workers", COUNT, AT(workers), "0", 0, 256, "workers", "Jobs that run at the same time; 0 = processors"},
+    {"threads-per-job", COUNT, AT(threads_per_job), "0", 0, 256, "threads_per_job",
+     "Threads of a job that asks for all; 0 = processors / workers"},
+    {"max-body-bytes", BYTES, AT(max_body_bytes), "2G", 1, 1024 * KB *GB, "max_body_bytes", "Longest request body"},
+    {"max-queue", COUNT, AT(max_queue), "1000", 1, 1000000, "max_queue", "Jobs that may wait"},
+    {"job-memory", BYTES, AT(job_memory_bytes), "0", 0, 1024 * KB *GB, "job_memory_bytes",
+     "Address space of a job; 0 = physical memory / workers"},
+    {"job-cpu", DURATION, AT(job_cpu_ms), "1h", SECOND, 365 * DAY, "job_cpu_ms", "Processor time of a job"},
+    {"job-wall", DURATION, AT(job_wall_ms), "1h", SECOND, 365 * DAY, "job_wall_ms", "Time from start to end of a job"},
+    {"sync-max", DURATION, AT(sync_max_ms), "60s", 1, DAY, "sync_max_ms", "Longest wait of POST /v1/simplify"},
+    {"wait-max", DURATION, AT(wait_max_ms), "60s", 1, DAY, "wait_max_ms", "Longest wait of a long poll"},
+    {"drain-timeout", DURATION, AT(drain_timeout_ms), "30s", 0, DAY, NULL,
+     "How long running jobs may go on after SIGTERM; then they are queued again"},
+    {"retention", DURATION, AT(retention_ms), "24h", 1, 3650 * DAY, "retention_ms", "How long ended jobs are kept"},
+    {"min-free", BYTES, AT(min_free_bytes), "256M", 0, 1024 * KB *GB, "min_free_bytes",
+     "Uploads are refused when less room would be left on the disk"},
+    {"max-connections", COUNT, AT(max_connections), "1000", 8, 100000, "max_connections", "Connections at a time"},
+    {"connections-per-address", COUNT, AT(connections_per_address), "200", 1, 100000, "connections_per_address",
+     "Connections of one address at a time"},
+    {"header-timeout", DURATION, AT(header_timeout_ms), "10s", 1, DAY, "header_timeout_ms",
+     "How long a new connection may take for its first request's headers"},
+    {"idle-timeout", DURATION, AT(idle_timeout_ms), "60s", SECOND, DAY, "idle_timeout_ms",
+     "How long a connection may be silent, or between two requests"},
+    {"min-upload-rate", BYTES, AT(min_upload_bytes_per_s), "1K", 0, GB, "min_upload_bytes_per_s",
+     "Bytes a second that an upload has to reach, from 30 s on"},
+    {"refuse-drain-bytes", BYTES, AT(refuse_drain_bytes), "64M", 0, 1024 * GB, NULL,
+     "How much of a refused body is read before the answer"},
+    {"refuse-drain-time", DURATION, AT(refuse_drain_ms), "10s", 0, DAY, NULL, "And for how long"},
+};
+enum { ROWS = sizeof table / sizeof table[0] };
+
+static int64_t *number_of(struct config *config, const struct setting *setting) {
+    return (int64_t *)(void *)((char *)config + setting->offset);
+}
+
+/* ------------------------------------------------------------------------------------------------ values */
+
+struct unit {
+    const char *name;
+    int64_t factor;
+};
+static const struct unit no_units[] = {{"", 1}, {NULL, 0}};
+static const struct unit sizes[] = {{"", 1}, {"K", KB}, {"M", KB *KB}, {"G", GB}, {"T", KB *GB}, {NULL, 0}};
+static const struct unit durations[] = {{"", SECOND},         {"ms", 1},  {"s", SECOND}, {"m", 60 * SECOND},
+                                        {"h", 3600 * SECOND}, {"d", DAY}, {NULL, 0}};
+
+static bool read_number(const char *text, const struct unit *units, int64_t *number) {
+    char *end;
+    if (text[0] < '0' || text[0] > '9') return false;
+    errno = 0;
+    long long value = strtoll(text, &end, 10);
+    for (; !errno && units->name; units++)
+        if (strcmp(units->name, end) == 0) return !__builtin_mul_overflow((int64_t)value, units->factor, number);
+    return false;
+}
+
+static bool read_switch(const char *text, int64_t *number) {
+    bool on = strcmp(text, "1") == 0 || strcmp(text, "true") == 0;
+    if (!on && strcmp(text, "0") != 0 && strcmp(text, "false") != 0) return false;
+    *number = on;
+    return true;
+}
+
+static bool read_value(struct config *config, const struct setting *setting, const char *text) {
+    static const struct unit *const units[] = {[COUNT] = no_units, [BYTES] = sizes, [DURATION] = durations};
+    int64_t number = 0;
+    if (setting->kind == TEXT) {
+        int n = snprintf((char *)config + setting->offset, CONFIG_TEXT_BYTES, "%s", text);
+        return n >= 0 && n < CONFIG_TEXT_BYTES;
+    }
+    bool ok = setting->kind == SWITCH ? read_switch(text, &number) : read_number(text, units[setting->kind], &number);
+    if (!ok || number < setting->min || number > setting->max) return false;
+    *number_of(config, setting) = number;
+    return true;
+}
+
+static enum status set(struct config *config, const struct setting *setting, const char *text, struct error *error) {
+    static const char *const takes[] = {"a text", "0 or 1", "a whole number", "a size such as 512M",
+                                        "a duration such as 30s"};
+    if (read_value(config, setting, text)) return STATUS_OK;
+    return error_set(error, STATUS_BAD_PARAMETER, setting->name, "'%.80s' is not allowed; it takes %s in its range",
+                     text, takes[setting->kind]);
+}
+
+static const struct setting *find(const char *name, size_t length) {
+    for (size_t i = 0; i < ROWS; i++)
+        if (strlen(table[i].name) == length && strncmp(table[i].name, name, length) == 0) return &table[i];
+    return NULL;
+}
+
+/* ------------------------------------------------------------------------------------------------ sources */
+
+static enum status read_defaults(struct config *config, struct error *error) {
+    enum status status = STATUS_OK;
+    memset(config, 0, sizeof *config);
+    for (size_t i = 0; i < ROWS && status == STATUS_OK; i++)
+        status = set(config, &table[i], table[i].default_text, error);
+    return status;
+}
+
+/* WHITTLED_MAX_QUEUE=5 sets max-queue. */
+static enum status read_environment(struct config *config, char **environment, struct error *error) {
+    static const char prefix[] = "WHITTLED_";
+    enum status status = STATUS_OK;
+    for (; environment && *environment && status == STATUS_OK; environment++) {
+        const char *equals = strchr(*environment, '=');
+        if (!equals || strncmp(*environment, prefix, sizeof prefix - 1) != 0) continue;
+        char name[64] = "";
+        const char *from = *environment + sizeof prefix - 1;
+        for (size_t i = 0; from + i < equals && i + 1 < sizeof name; i++)
+            name[i] = from[i] == '_' ? '-' : (char)tolower((unsigned char)from[i]);
+        const struct setting *setting = find(name, strlen(name));
+        status = setting ? set(config, setting, equals + 1, error)
+                         : error_set(error, STATUS_BAD_PARAMETER, name, "unknown setting in the environment");
+    }
+    return status;
+}
+
+static char *trim(char *text) {
+    text += strspn(text, " \t");
+    for (size_t n = strlen(text); n && strchr(" \t\r\n", text[n - 1]); n--) text[n - 1] = 0;
+    return text;
+}
+
+static enum status read_line(struct config *config, char *line, struct error *error) {
+    line[strcspn(line, "#")] = 0;
+    line = trim(line);
+    if (!line[0]) return STATUS_OK;
+    char *equals = strchr(line, '=');
+    if (equals) *equals = 0;
+    const char *name = trim(line);
+    const struct setting *setting = find(name, strlen(name));
+    if (!equals || !setting) return error_set(error, STATUS_BAD_PARAMETER, name, "unknown setting in the file");
+    return set(config, setting, trim(equals + 1), error);
+}
+
+static enum status read_file(struct config *config, const char *path, struct error *error) {
+    char line[CONFIG_TEXT_BYTES + 64];
+    enum status status = STATUS_OK;
+    FILE *file = fopen(path, "re");
+    if (!file) return error_set(error, STATUS_IO, "config", "can't read %s: %s", path, strerror(errno));
+    while (status == STATUS_OK && fgets(line, sizeof line, file)) status = read_line(config, line, error);
+    fclose(file);
+    return status;
+}
+
+/* One flag, as --name VALUE, --name=VALUE or, for a switch, --name.  *i moves on to its last argument. */
+static enum status read_flag(struct config *config, int argc, char **argv, int *i, struct error *error) {
+    const char *flag = argv[*i];
+    if (strncmp(flag, "--", 2) != 0) return error_set(error, STATUS_BAD_PARAMETER, flag, "is no flag");
+    size_t length = strcspn(flag + 2, "=");
+    const struct setting *setting = find(flag + 2, length);
+    if (!setting) return error_set(error, STATUS_BAD_PARAMETER, flag, "unknown flag; see --help");
+    if (flag[2 + length] == '=') return set(config, setting, flag + 3 + length, error);
+    if (setting->kind == SWITCH) return set(config, setting, "1", error);
+    if (*i + 1 == argc) return error_set(error, STATUS_BAD_PARAMETER, flag, "wants a value");
+    return set(config, setting, argv[++*i], error);
+}
+
+static enum status read_flags(struct config *config, int argc, char **argv, struct error *error) {
+    enum status status = STATUS_OK;
+    for (int i = 1; i < argc && status == STATUS_OK; i++) status = read_flag(config, argc, argv, &i, error);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ what is by the
+ * machine */
+
+static void beside_this_program(char *worker) {
+    char path[CONFIG_TEXT_BYTES];
+    ssize_t n = readlink("/proc/self/exe", path, sizeof path - 1);
+    path[n > 0 ? n : 0] = 0;
+    char *slash = strrchr(path, '/');
+    if (slash) *slash = 0;
+    snprintf(worker, CONFIG_TEXT_BYTES, "%.4000s/whittle", path);
+}
+
+static void fill_in(struct config *config) {
+    int64_t processors = sysconf(_SC_NPROCESSORS_ONLN);
+    int64_t memory = (int64_t)sysconf(_SC_PHYS_PAGES) * sysconf(_SC_PAGESIZE);
+    if (processors < 1) processors = 1;
+    if (!config->workers) config->workers = processors;
+    if (!config->threads_per_job) config->threads_per_job = processors / config->workers;
+    if (!config->threads_per_job) config->threads_per_job = 1;
+    if (!config->job_memory_bytes) config->job_memory_bytes = memory / config->workers;
+    if (!config->worker[0]) beside_this_program(config->worker);
+}
+
+static void print_help(void) {
+    puts("Usage: whittled [--setting VALUE ...]\n\n"
+         "Serves whittle over HTTP.  Prints the address that it listens on, then logs to standard error.\n"
+         "SIGTERM ends it when the running jobs are done; a second one ends it at once.\n\nSettings:");
+    for (size_t i = 0; i < ROWS; i++)
+        printf("  --%-26s%s%s%s%s\n", table[i].name, table[i].help, table[i].default_text[0] ? " (" : "",
+               table[i].default_text, table[i].default_text[0] ? ")" : "");
+    puts("  --help, --version\n\nEach is also read from the environment: --max-queue from WHITTLED_MAX_QUEUE.");
+}
+
+/* --help and --version come before anything that may be wrong. */
+static bool told(int argc, char **argv) {
+    for (int i = 1; i < argc; i++) {
+        if (strcmp(argv[i], "--help") == 0 || strcmp(argv[i], "-h") == 0) {
+            print_help();
+            return true;
+        }
+        if (strcmp(argv[i], "--version") == 0) {
+            printf("whittled %s\n", whittle_version());
+            return true;
+        }
+    }
+    return false;
+}
+
+enum config_request config_read(struct config *config, int argc, char **argv, char **environment, struct error *error) {
+    if (told(argc, argv)) return CONFIG_TOLD;
+    struct config flags;
+    enum status status = read_defaults(config, error);
+    if (status == STATUS_OK) status = read_environment(config, environment, error);
+    flags = *config;
+    if (status == STATUS_OK) status = read_flags(&flags, argc, argv, error);
+    if (status == STATUS_OK && flags.file[0]) {
+        status = read_defaults(config, error);
+        if (status == STATUS_OK) status = read_file(config, flags.file, error);
+        if (status == STATUS_OK) status = read_environment(config, environment, error);
+        if (status == STATUS_OK) status = read_flags(config, argc, argv, error);
+    } else if (status == STATUS_OK) {
+        *config = flags;
+    }
+    if (status != STATUS_OK) return CONFIG_REFUSED;
+    fill_in(config);
+    return CONFIG_RUN;
+}
+
+bool config_limit(void *config, size_t i, const char **name, int64_t *value) {
+    for (size_t row = 0; row < ROWS; row++) {
+        if (!table[row].limit || i--) continue;
+        *name = table[row].limit;
+        *value = *number_of(config, &table[row]);
+        return true;
+    }
+    return false;
+}

@@ -1,0 +1,39 @@
+/* The configuration of whittled: one table for flags, environment, file, --help and the limits in /v1/info.
+ *
+ * A setting comes from --name VALUE, else from WHITTLED_NAME in the environment, else from the file that --config
+ * names (lines of name = value, # begins a comment), else from its default.  Whatever is unknown or out of range ends
+ * the start.  Sizes take K, M, G, T (powers of 1024); durations take ms, s, m, h, d (seconds where nothing is said).
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_CONFIG_H
+#define WHITTLE_SERVER_CONFIG_H
+
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdio.h>
+
+#include "core/status.h"
+
+enum { CONFIG_TEXT_BYTES = 4096 };
+
+struct config {
+    char listen[CONFIG_TEXT_BYTES], data[CONFIG_TEXT_BYTES], worker[CONFIG_TEXT_BYTES], file[CONFIG_TEXT_BYTES];
+    int64_t insecure_open; /* a switch: 0 or 1 */
+    int64_t workers, threads_per_job;
+    int64_t max_body_bytes, max_queue, job_memory_bytes, job_cpu_ms, job_wall_ms;
+    int64_t sync_max_ms, wait_max_ms, drain_timeout_ms, retention_ms, min_free_bytes;
+    int64_t max_connections, connections_per_address, header_timeout_ms, idle_timeout_ms, min_upload_bytes_per_s;
+    int64_t refuse_drain_bytes, refuse_drain_ms;
+};
+
+enum config_request { CONFIG_RUN, CONFIG_TOLD /* --help or --version was printed */, CONFIG_REFUSED };
+
+/* Reads everything; environment is environ-like, NULL-terminated.  What is 0 for "by the machine" (workers, memory and
+ * threads of a job) is filled in. */
+enum config_request config_read(struct config *config, int argc, char **argv, char **environment,
+                                struct error *error) MUST_CHECK;
+
+/* The i-th limit for /v1/info; false past the last. */
+bool config_limit(void *config, size_t i, const char **name, int64_t *value);
+
+#endif

@@ -1,0 +1,119 @@
+/* whittled: whittle as a network service.
+ *
+ *     whittled --listen 127.0.0.1:8080 --data /var/lib/whittled
+ *
+ * Opens what it needs from the bottom up, says where it listens, waits for signals, and closes in the opposite order.
+ * The first SIGTERM or SIGINT drains: no new work, running jobs may end, those that don't are queued again.  The second
+ * ends the process at once; the next start finds everything that was accepted.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <errno.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/signalfd.h>
+#include <unistd.h>
+
+#include "core/version.h"
+#include "server/config.h"
+#include "server/http.h"
+#include "server/log.h"
+#include "server/service.h"
+#include "server/supervisor.h"
+
+enum { EXIT_USAGE = 2, SWEEP_MS = 30000 };
+
+/* The signals become readable; none interrupts anything.  Threads started later inherit the mask. */
+static int open_signals(void) {
+    sigset_t set;
+    sigemptyset(&set);
+    sigaddset(&set, SIGTERM);
+    sigaddset(&set, SIGINT);
+    sigprocmask(SIG_BLOCK, &set, NULL);
+    signal(SIGPIPE, SIG_IGN);
+    return signalfd(-1, &set, SFD_CLOEXEC);
+}
+
+/* As many descriptors as we may have: each connection takes one, each upload another. */
+static void raise_file_limit(void) {
+    struct rlimit files;
+    if (getrlimit(RLIMIT_NOFILE, &files) != 0) return;
+    files.rlim_cur = files.rlim_max;
+    setrlimit(RLIMIT_NOFILE, &files);
+}
+
+/* Sweeps now and then until a signal comes. */
+static void serve(struct service *service, int signals) {
+    struct pollfd fds = {.fd = signals, .events = POLLIN};
+    int64_t every = service->config->retention_ms < SWEEP_MS ? service->config->retention_ms : SWEEP_MS;
+    struct signalfd_siginfo info;
+    while (poll(&fds, 1, (int)every) <= 0) service_sweep(service);
+    ssize_t n = read(signals, &info, sizeof info);
+    (void)n;
+}
+
+/* Until the running jobs have ended, or their time is over; a second signal ends everything. */
+static void drain(struct service *service, int signals) {
+    struct pollfd fds[] = {{.fd = supervisor_idle_fd(service->supervisor), .events = POLLIN},
+                           {.fd = signals, .events = POLLIN}};
+    atomic_store(&service->draining, true);
+    log_line(LOG_INFO, "draining: no new work, running jobs have %lld s",
+             (long long)(service->config->drain_timeout_ms / 1000));
+    supervisor_stop(service->supervisor);
+    if (poll(fds, 2, (int)service->config->drain_timeout_ms) == 0) supervisor_requeue(service->supervisor);
+    while (!fds[0].revents && !fds[1].revents) poll(fds, 2, -1);
+    if (!fds[1].revents) return;
+    log_line(LOG_WARNING, "second signal: ending at once");
+    _exit(128 + SIGTERM);
+}
+
+static int fail(const struct error *error) {
+    log_line(LOG_ERROR, "%s: %s", error->where, error->text);
+    return error->code == STATUS_BAD_PARAMETER ? EXIT_USAGE : EXIT_FAILURE;
+}
+
+static int run(const struct config *config, int signals) {
+    struct service service;
+    struct http *http = NULL;
+    struct error error = {0};
+    char address[HTTP_ADDRESS_BYTES];
+    if (service_open(&service, config, &error) != STATUS_OK) return fail(&error);
+    enum status status = supervisor_open(&service, &service.supervisor, &error);
+    if (status == STATUS_OK) status = http_open(&service, &http, address, &error);
+    if (status == STATUS_OK) {
+        printf("listening on http://%s\n", address);
+        fflush(stdout);
+        log_line(LOG_INFO, "whittled %s listening on http://%s, data in %s, %lld workers", whittle_version(), address,
+                 config->data, (long long)config->workers);
+        serve(&service, signals);
+        drain(&service, signals);
+    } else if (service.supervisor) {
+        supervisor_stop(service.supervisor);
+    }
+    events_close(service.events);
+    http_close(http);
+    supervisor_close(service.supervisor);
+    service_close(&service);
+    log_line(LOG_INFO, "ended");
+    return status == STATUS_OK ? EXIT_SUCCESS : fail(&error);
+}
+
+int main(int argc, char **argv) {
+    struct config config;
+    struct error error = {0};
+    switch (config_read(&config, argc, argv, environ, &error)) {
+    case CONFIG_TOLD: return EXIT_SUCCESS;
+    case CONFIG_REFUSED: fprintf(stderr, "whittled: %s: %s\n", error.where, error.text); return EXIT_USAGE;
+    case CONFIG_RUN: break;
+    }
+    raise_file_limit();
+    int signals = open_signals();
+    if (signals < 0) {
+        fprintf(stderr, "whittled: signals: %s\n", strerror(errno));
+        return EXIT_FAILURE;
+    }
+    return run(&config, signals);
+}

@@ -1,0 +1,31 @@
+/* Starting whittle for a job, confined: fork + exec with one inherited descriptor.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_DAEMON_SPAWN_H
+#define WHITTLE_SERVER_DAEMON_SPAWN_H
+
+#include <stdint.h>
+#include <sys/types.h>
+
+#include "core/params.h"
+#include "core/status.h"
+
+struct spawn_request {
+    const char *worker, *input, *output; /* absolute paths */
+    const struct params *params;
+    uint64_t threads;             /* instead of params->threads */
+    int log_fd;                   /* becomes standard output and error */
+    int64_t memory_bytes, cpu_ms; /* RLIMIT_AS (0 = none) and RLIMIT_CPU */
+};
+
+struct spawned {
+    pid_t pid;       /* also its process group */
+    int pid_fd;      /* readable when it has ended */
+    int progress_fd; /* what it says (server/wire.h); doesn't block */
+};
+
+/* Starts the program.  On success the descriptors are the caller's to close and the process to reap.  A program that
+ * can't be executed is seen as exit status 127. */
+enum status spawn_worker(const struct spawn_request *request, struct spawned *spawned, struct error *error) MUST_CHECK;
+
+#endif

@@ -1,0 +1,172 @@
+/* The supervisor: one thread for each job that may run, each in a loop of claim and run.
+ *
+ * Claiming happens under the lock, so that a job that the queue says is running is always found in a slot, and can be
+ * cancelled.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <errno.h>
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "server/daemon_worker.h"
+#include "server/log.h"
+#include "server/supervisor.h"
+
+enum { LOOK_AGAIN_S = 1, MAX_SLOTS = 256 };
+
+struct slot {
+    struct supervisor *supervisor;
+    pthread_t thread;
+    char id[JOB_ID_BYTES]; /* of the job that runs here; "" = none */
+    struct worker_control control;
+};
+
+struct supervisor {
+    struct service *service;
+    pthread_mutex_t lock;
+    pthread_cond_t submitted;
+    bool stopping;
+    unsigned slot_count, threads_alive;
+    int idle_fd;
+    struct slot slot[MAX_SLOTS];
+};
+
+static void ring(int fd) {
+    ssize_t n = write(fd, &(uint64_t){1}, sizeof(uint64_t));
+    (void)n; /* full means that it rings already */
+}
+
+/* Claims the next job, under the lock; logs what goes wrong. */
+static bool claim(struct slot *slot, struct job *job) {
+    struct error error = {0};
+    bool found;
+    if (queue_claim(slot->supervisor->service->queue, job, &found, &error) != STATUS_OK) {
+        log_line(LOG_ERROR, "can't claim a job: %s", error.text);
+        return false;
+    }
+    if (!found) return false;
+    memcpy(slot->id, job->id, sizeof slot->id);
+    atomic_store(&slot->control.wish, WORKER_GO_ON);
+    return true;
+}
+
+/* Waits for a job; false when there will be none. */
+static bool next_job(struct slot *slot, struct job *job) {
+    struct supervisor *supervisor = slot->supervisor;
+    bool found = false;
+    pthread_mutex_lock(&supervisor->lock);
+    while (!supervisor->stopping && !(found = claim(slot, job))) {
+        struct timespec until;
+        clock_gettime(CLOCK_REALTIME, &until);
+        until.tv_sec += LOOK_AGAIN_S;
+        pthread_cond_timedwait(&supervisor->submitted, &supervisor->lock, &until);
+    }
+    pthread_mutex_unlock(&supervisor->lock);
+    return found;
+}
+
+static void *work(void *ctx) {
+    struct slot *slot = ctx;
+    struct supervisor *supervisor = slot->supervisor;
+    struct job job;
+    while (next_job(slot, &job)) {
+        events_publish(supervisor->service->events, job.id);
+        worker_run(supervisor->service, &job, &slot->control);
+        job_done(&job);
+        pthread_mutex_lock(&supervisor->lock);
+        slot->id[0] = 0;
+        pthread_mutex_unlock(&supervisor->lock);
+    }
+    pthread_mutex_lock(&supervisor->lock);
+    if (--supervisor->threads_alive == 0) ring(supervisor->idle_fd);
+    pthread_mutex_unlock(&supervisor->lock);
+    return NULL;
+}
+
+static bool start_slot(struct supervisor *supervisor) {
+    struct slot *slot = &supervisor->slot[supervisor->slot_count];
+    slot->supervisor = supervisor;
+    slot->control.bell_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+    if (slot->control.bell_fd < 0) return false;
+    pthread_mutex_lock(&supervisor->lock);
+    bool ok = pthread_create(&slot->thread, NULL, work, slot) == 0;
+    if (ok) supervisor->slot_count++, supervisor->threads_alive++;
+    pthread_mutex_unlock(&supervisor->lock);
+    if (!ok) close(slot->control.bell_fd);
+    return ok;
+}
+
+enum status supervisor_open(struct service *service, struct supervisor **supervisor, struct error *error) {
+    struct supervisor *opened = calloc(1, sizeof *opened);
+    if (!opened) return error_set(error, STATUS_NO_MEMORY, "supervisor", "no memory");
+    opened->service = service;
+    pthread_mutex_init(&opened->lock, NULL);
+    pthread_cond_init(&opened->submitted, NULL);
+    opened->idle_fd = eventfd(0, EFD_CLOEXEC);
+    bool ok = opened->idle_fd >= 0;
+    for (int64_t i = 0; ok && i < service->config->workers; i++) ok = start_slot(opened);
+    if (ok) {
+        *supervisor = opened;
+        return STATUS_OK;
+    }
+    error_set(error, STATUS_IO, "supervisor", "can't start its threads: %s", strerror(errno));
+    supervisor_stop(opened);
+    supervisor_close(opened);
+    return STATUS_IO;
+}
+
+void supervisor_notify(struct supervisor *supervisor) {
+    pthread_mutex_lock(&supervisor->lock);
+    pthread_cond_signal(&supervisor->submitted);
+    pthread_mutex_unlock(&supervisor->lock);
+}
+
+static void wish(struct slot *slot, enum worker_wish wish) {
+    int none = WORKER_GO_ON;
+    atomic_compare_exchange_strong(&slot->control.wish, &none, wish);
+    ring(slot->control.bell_fd);
+}
+
+bool supervisor_cancel(struct supervisor *supervisor, const char *id) {
+    bool found = false;
+    pthread_mutex_lock(&supervisor->lock);
+    for (unsigned i = 0; i < supervisor->slot_count; i++) {
+        if (strcmp(supervisor->slot[i].id, id) != 0) continue;
+        wish(&supervisor->slot[i], WORKER_DISMISS);
+        found = true;
+    }
+    pthread_mutex_unlock(&supervisor->lock);
+    return found;
+}
+
+void supervisor_stop(struct supervisor *supervisor) {
+    pthread_mutex_lock(&supervisor->lock);
+    supervisor->stopping = true;
+    pthread_cond_broadcast(&supervisor->submitted);
+    pthread_mutex_unlock(&supervisor->lock);
+}
+
+int supervisor_idle_fd(const struct supervisor *supervisor) { return supervisor->idle_fd; }
+
+void supervisor_requeue(struct supervisor *supervisor) {
+    pthread_mutex_lock(&supervisor->lock);
+    for (unsigned i = 0; i < supervisor->slot_count; i++)
+        if (supervisor->slot[i].id[0]) wish(&supervisor->slot[i], WORKER_REQUEUE);
+    pthread_mutex_unlock(&supervisor->lock);
+}
+
+void supervisor_close(struct supervisor *supervisor) {
+    if (!supervisor) return;
+    for (unsigned i = 0; i < supervisor->slot_count; i++) {
+        pthread_join(supervisor->slot[i].thread, NULL);
+        close(supervisor->slot[i].control.bell_fd);
+    }
+    if (supervisor->idle_fd >= 0) close(supervisor->idle_fd);
+    pthread_cond_destroy(&supervisor->submitted);
+    pthread_mutex_destroy(&supervisor->lock);
+    free(supervisor);
+}

@@ -1,0 +1,324 @@
+/* One run of one job.
+ *
+ *     start: folder for outputs, log, fork + exec
+ *     watch: progress, the end, a wish to end it, its time limit -- whichever comes first
+ *     judge: what the exit status, the signal and its last message mean for the job
+ *     settle: keep or drop outputs, one transition in the queue
+ *
+ * A process that dies without a word gets an obituary: how it ended, its last stage, its resources, and the last bytes
+ * of its standard error.  SIGKILL and SIGTERM that didn't come from here are the host's fault (the kernel short of
+ * memory, an operator): the job is tried again, JOB_MAX_ATTEMPTS times at most.  SIGSEGV and its like would only come
+ * again, so they fail the job at once.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/daemon_worker.h"
+
+#include <errno.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "api/problem.h"
+#include "api/report_read.h"
+#include "server/daemon_spawn.h"
+#include "server/log.h"
+#include "server/wire.h"
+
+enum { PROGRESS_EVERY_MS = 250, KILL_AFTER_MS = 2000, LAST_WORDS_BYTES = 200, REPORT_MAX_BYTES = 1 << 20 };
+
+struct run {
+    struct service *service;
+    struct job *job;
+    struct worker_control *control;
+    struct spawned process;
+    int log_fd;
+    struct wire_reader reader;
+    struct wire_message said;    /* the last progress, then `done` or `failed` */
+    bool is_done, has_failed;    /* which of these it said */
+    bool progress_due;           /* something to tell that was not told yet */
+    int64_t told_ms;             /* when progress was told last */
+    int64_t started_ms, kill_ms; /* of events_clock_ms; kill_ms: when TERM becomes KILL, 0 = no TERM was sent */
+    bool timed_out;
+    int wait_status;
+};
+
+/* What became of it. */
+struct verdict {
+    enum job_event event;
+    struct problem problem; /* where event is JOB_FAIL */
+};
+
+/* ------------------------------------------------------------------------------------------------ start */
+
+static enum status start(struct run *run, struct error *error) {
+    const struct config *config = run->service->config;
+    char input[STORE_PATH_BYTES], output[STORE_PATH_BYTES];
+    store_cloud_path(run->service->store, run->job->cloud, input);
+    enum status status = store_outputs_begin(run->service->store, run->job->id, output, error);
+    if (status != STATUS_OK) return status;
+    run->log_fd = store_log_open(run->service->store, run->job->id, true);
+    if (run->log_fd < 0) return error_set(error, STATUS_IO, "worker", "can't open the job's log: %s", strerror(errno));
+    dprintf(run->log_fd, "attempt %d begins\n", run->job->attempt);
+    uint64_t threads = run->job->params.threads ? run->job->params.threads : (uint64_t)config->threads_per_job;
+    struct spawn_request request = {.worker = config->worker,
+                                    .input = input,
+                                    .output = output,
+                                    .params = &run->job->params,
+                                    .threads = threads,
+                                    .log_fd = run->log_fd,
+                                    .memory_bytes = config->job_memory_bytes,
+                                    .cpu_ms = config->job_cpu_ms};
+    return spawn_worker(&request, &run->process, error);
+}
+
+/* ------------------------------------------------------------------------------------------------ watch */
+
+static void hear(void *ctx, const struct wire_message *message) {
+    struct run *run = ctx;
+    if (run->is_done || run->has_failed) return; /* nothing counts after the end */
+    run->is_done = message->kind == WIRE_DONE;
+    run->has_failed = message->kind == WIRE_FAILED;
+    run->progress_due = message->kind == WIRE_PROGRESS;
+    run->said.kind = message->kind;
+    if (message->kind == WIRE_FAILED) run->said.error = message->error;
+    if (message->kind != WIRE_PROGRESS) return;
+    struct job *job = run->job;
+    snprintf(job->stage, sizeof job->stage, "%s", message->stage);
+    snprintf(job->message, sizeof job->message, "%s", message->text);
+    job->fraction = message->fraction;
+}
+
+/* Reads what there is; false at the end of the stream. */
+static bool read_progress(struct run *run) {
+    char bytes[4096];
+    ssize_t n;
+    while ((n = read(run->process.progress_fd, bytes, sizeof bytes)) > 0)
+        wire_read(&run->reader, bytes, (size_t)n, hear, run);
+    return n < 0 && (errno == EAGAIN || errno == EINTR);
+}
+
+static void tell_progress(struct run *run, int64_t now) {
+    struct error error = {0};
+    const struct job *job = run->job;
+    run->progress_due = false;
+    run->told_ms = now;
+    if (queue_progress(run->service->queue, job->id, job->stage, job->message, job->fraction, &error) == STATUS_OK)
+        events_publish(run->service->events, job->id);
+    else
+        log_line(LOG_ERROR, "job=%s progress isn't kept: %s", job->id, error.text);
+}
+
+static void terminate(struct run *run, int64_t now) {
+    if (run->kill_ms) return;
+    kill(-run->process.pid, SIGTERM);
+    run->kill_ms = now + KILL_AFTER_MS;
+}
+
+/* Does what is due, and returns how long nothing else will be, in milliseconds. */
+static int look_around(struct run *run) {
+    int64_t now = events_clock_ms(), end = run->started_ms + run->service->config->job_wall_ms, next = end;
+    if (atomic_load(&run->control->wish) != WORKER_GO_ON) terminate(run, now);
+    if (now >= end && !run->kill_ms) {
+        run->timed_out = true;
+        terminate(run, now);
+    }
+    if (run->kill_ms) {
+        next = run->kill_ms;
+        if (now >= run->kill_ms) {
+            kill(-run->process.pid, SIGKILL);
+            next = now + KILL_AFTER_MS;
+        }
+    }
+    if (run->progress_due && now - run->told_ms >= PROGRESS_EVERY_MS) tell_progress(run, now);
+    if (run->progress_due && run->told_ms + PROGRESS_EVERY_MS < next) next = run->told_ms + PROGRESS_EVERY_MS;
+    return next <= now ? 0 : next - now > 60000 ? 60000 : (int)(next - now);
+}
+
+static void watch(struct run *run) {
+    struct pollfd fds[] = {{.fd = run->process.pid_fd, .events = POLLIN},
+                           {.fd = run->process.progress_fd, .events = POLLIN},
+                           {.fd = run->control->bell_fd, .events = POLLIN}};
+    while (!fds[0].revents) {
+        int n = poll(fds, 3, look_around(run));
+        if (n < 0) continue;
+        if (fds[1].revents && !read_progress(run)) fds[1].fd = -1;
+        uint64_t rings;
+        ssize_t got = fds[2].revents ? read(run->control->bell_fd, &rings, sizeof rings) : 0;
+        (void)got;
+    }
+    read_progress(run);
+}
+
+/* Ends what is left of its group, and takes its figures. */
+static void reap(struct run *run) {
+    struct rusage usage = {0};
+    kill(-run->process.pid, SIGKILL);
+    while (wait4(run->process.pid, &run->wait_status, 0, &usage) < 0 && errno == EINTR) continue;
+    struct job *job = run->job;
+    job->wall_s = (double)(events_clock_ms() - run->started_ms) / 1e3;
+    job->cpu_s = (double)(usage.ru_utime.tv_sec + usage.ru_stime.tv_sec) +
+                 (double)(usage.ru_utime.tv_usec + usage.ru_stime.tv_usec) / 1e6;
+    job->peak_rss_bytes = (uint64_t)usage.ru_maxrss * 1024;
+    close(run->process.pid_fd);
+    close(run->process.progress_fd);
+}
+
+/* ------------------------------------------------------------------------------------------------ judge */
+
+/* The end of the job's log. */
+static void last_words(const struct run *run, char *words, size_t bytes) {
+    struct stat facts;
+    words[0] = 0;
+    int fd = store_log_open(run->service->store, run->job->id, false);
+    if (fd < 0) return;
+    off_t from = fstat(fd, &facts) == 0 && facts.st_size >= (off_t)bytes ? facts.st_size - (off_t)bytes + 1 : 0;
+    ssize_t n = pread(fd, words, bytes - 1, from);
+    words[n > 0 ? n : 0] = 0;
+    for (char *c = words; *c; c++)
+        if ((unsigned char)*c < 0x20) *c = ' ';
+    close(fd);
+}
+
+static void write_obituary(const struct run *run, enum problem_kind kind, struct problem *problem) {
+    const struct job *job = run->job;
+    char words[LAST_WORDS_BYTES], how[64];
+    bool by_signal = WIFSIGNALED(run->wait_status);
+    int number = by_signal ? WTERMSIG(run->wait_status) : WEXITSTATUS(run->wait_status);
+    snprintf(how, sizeof how, "%s %d%s%s", by_signal ? "signal" : "exit status", number, by_signal ? ", " : "",
+             by_signal ? strsignal(number) : "");
+    problem_set(problem, kind, "the process of attempt %d ended with %s%s%s", job->attempt, how,
+                job->stage[0] ? " in stage " : "", job->stage);
+    problem_add_number(problem, by_signal ? "signal" : "exit_status", number);
+    problem_add_text(problem, "stage", job->stage);
+    problem_add_number(problem, "attempt", job->attempt);
+    problem_add_number(problem, "peak_rss_bytes", (int64_t)job->peak_rss_bytes);
+    problem_add_number(problem, "cpu_ms", (int64_t)(job->cpu_s * 1e3));
+    last_words(run, words, sizeof words);
+    if (words[0]) problem_add_text(problem, "last_words", words);
+    char link[64];
+    snprintf(link, sizeof link, "/v1/jobs/%s/log", job->id);
+    problem_add_text(problem, "log", link);
+}
+
+/* The processor-time limit shows as SIGXCPU, or as SIGKILL where that was ignored. */
+static bool out_of_time(const struct run *run) {
+    bool by_signal = WIFSIGNALED(run->wait_status);
+    bool out_of_cpu = run->job->cpu_s * 1e3 >= (double)run->service->config->job_cpu_ms;
+    return run->timed_out || (by_signal && WTERMSIG(run->wait_status) == SIGXCPU) || (by_signal && out_of_cpu);
+}
+
+/* Whether it ended by somebody's hand rather than by its own. */
+static bool by_the_host(const struct run *run) {
+    static const int signals[] = {SIGKILL, SIGTERM, SIGINT, SIGHUP, SIGQUIT};
+    if (run->has_failed && run->said.error.code == STATUS_CANCELLED) return true;
+    for (size_t i = 0; i < sizeof signals / sizeof *signals; i++)
+        if (WIFSIGNALED(run->wait_status) && WTERMSIG(run->wait_status) == signals[i]) return true;
+    return false;
+}
+
+static void judge(const struct run *run, struct verdict *verdict) {
+    int wish = atomic_load(&run->control->wish);
+    bool exited_well = WIFEXITED(run->wait_status) && WEXITSTATUS(run->wait_status) == 0;
+    bool no_memory = WIFEXITED(run->wait_status) && WEXITSTATUS(run->wait_status) == WIRE_EXIT_MEMORY;
+    verdict->event = JOB_FAIL;
+    if (wish == WORKER_DISMISS) {
+        verdict->event = JOB_DISMISS;
+    } else if (run->is_done && exited_well) {
+        verdict->event = JOB_DONE;
+    } else if (wish == WORKER_REQUEUE) {
+        verdict->event = JOB_REQUEUE;
+    } else if (out_of_time(run)) {
+        write_obituary(run, PROBLEM_TIME_LIMIT, &verdict->problem);
+    } else if (by_the_host(run)) {
+        write_obituary(run, PROBLEM_WORKER_CRASHED, &verdict->problem);
+        if (run->job->attempt < JOB_MAX_ATTEMPTS) verdict->event = JOB_REQUEUE;
+    } else if (run->has_failed) {
+        problem_from_error(&verdict->problem, &run->said.error);
+    } else {
+        write_obituary(run, no_memory ? PROBLEM_OUT_OF_MEMORY : PROBLEM_WORKER_CRASHED, &verdict->problem);
+    }
+}
+
+/* ------------------------------------------------------------------------------------------------ settle */
+
+/* The report that the job wrote, compact; NULL where it can't be read. */
+static char *read_report(const struct run *run) {
+    int fd = store_output_open(run->service->store, run->job->id, "report.json");
+    char *text = fd >= 0 ? calloc(1, REPORT_MAX_BYTES) : NULL, *report = NULL;
+    if (text && pread(fd, text, REPORT_MAX_BYTES - 1, 0) > 0) report = report_read_compact(text);
+    free(text);
+    if (fd >= 0) close(fd);
+    return report;
+}
+
+/* Makes the outputs visible; on failure the verdict changes. */
+static void keep_outputs(struct run *run, struct verdict *verdict) {
+    struct error error = {0};
+    struct job *job = run->job;
+    if (store_outputs_keep(run->service->store, job->id, job->output, &job->output_count, &error) == STATUS_OK) {
+        free(job->report);
+        job->report = read_report(run);
+        return;
+    }
+    log_line(LOG_ERROR, "job=%s outputs can't be kept: %s", job->id, error.text);
+    job->output_count = 0;
+    verdict->event = JOB_FAIL;
+    problem_set(&verdict->problem, PROBLEM_INTERNAL_ERROR, "the outputs can't be stored");
+}
+
+static void log_verdict(const struct run *run, const struct verdict *verdict) {
+    static const char *const became[JOB_EVENT_COUNT] = {
+        [JOB_DONE] = "successful", [JOB_FAIL] = "failed", [JOB_DISMISS] = "dismissed", [JOB_REQUEUE] = "queued again"};
+    const struct job *job = run->job;
+    bool has_detail = verdict->problem.detail[0] != 0;
+    log_line(verdict->event == JOB_FAIL ? LOG_WARNING : LOG_INFO,
+             "job=%s running -> %s attempt=%d cpu=%.2fs wall=%.2fs rss=%llu%s%s", job->id, became[verdict->event],
+             job->attempt, job->cpu_s, job->wall_s, (unsigned long long)job->peak_rss_bytes, has_detail ? ": " : "",
+             verdict->problem.detail);
+    if (run->log_fd >= 0)
+        dprintf(run->log_fd, "attempt %d: %s%s%s\n", job->attempt, became[verdict->event], has_detail ? ": " : "",
+                verdict->problem.detail);
+}
+
+static void settle(struct run *run, struct verdict *verdict) {
+    struct error error = {0};
+    struct job *job = run->job;
+    bool changed = false;
+    if (verdict->event == JOB_DONE) keep_outputs(run, verdict);
+    store_outputs_drop(run->service->store, job->id);
+    log_verdict(run, verdict);
+    if (verdict->event == JOB_FAIL) {
+        free(job->problem);
+        job->problem = problem_encode(&verdict->problem);
+    }
+    job->expires_ms = job_now_ms() + run->service->config->retention_ms;
+    enum status status = queue_finish(run->service->queue, verdict->event, job, &changed, &error);
+    if (status != STATUS_OK) log_line(LOG_ERROR, "job=%s its end can't be recorded: %s", job->id, error.text);
+    events_publish(run->service->events, job->id);
+}
+
+void worker_run(struct service *service, struct job *job, struct worker_control *control) {
+    struct run run = {
+        .service = service, .job = job, .control = control, .log_fd = -1, .started_ms = events_clock_ms()};
+    struct verdict *verdict = calloc(1, sizeof *verdict);
+    struct error error = {0};
+    enum status status = verdict ? start(&run, &error) : STATUS_NO_MEMORY;
+    if (status == STATUS_OK) {
+        log_line(LOG_INFO, "job=%s accepted -> running attempt=%d pid=%d", job->id, job->attempt, (int)run.process.pid);
+        watch(&run);
+        reap(&run);
+        judge(&run, verdict);
+    } else if (verdict) {
+        verdict->event = job->attempt < JOB_MAX_ATTEMPTS ? JOB_REQUEUE : JOB_FAIL;
+        problem_set(&verdict->problem, PROBLEM_INTERNAL_ERROR, "the job's process can't be started: %s", error.text);
+    }
+    if (verdict) settle(&run, verdict);
+    free(verdict);
+    if (run.log_fd >= 0) close(run.log_fd);
+}

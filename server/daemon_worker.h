@@ -1,0 +1,24 @@
+/* One run of one job: its process from start to obituary.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_DAEMON_WORKER_H
+#define WHITTLE_SERVER_DAEMON_WORKER_H
+
+#include <stdatomic.h>
+
+#include "server/job.h"
+#include "server/service.h"
+
+/* What somebody else wants of a run; changed from any thread, then bell_fd (an eventfd) is written. */
+enum worker_wish { WORKER_GO_ON, WORKER_DISMISS, WORKER_REQUEUE };
+
+struct worker_control {
+    _Atomic int wish; /* enum worker_wish */
+    int bell_fd;
+};
+
+/* Runs a claimed job to its end and records in the queue what became of it (published and logged).  Blocks for as long
+ * as the process lives. */
+void worker_run(struct service *service, struct job *job, struct worker_control *control);
+
+#endif

@@ -1,0 +1,69 @@
+/* SHA-256, by nettle.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/digest.h"
+
+#include <errno.h>
+#include <nettle/base16.h>
+#include <nettle/base64.h>
+#include <nettle/sha2.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+enum { BLOCK_BYTES = 256 * 1024 };
+
+struct digest {
+    struct sha256_ctx sha;
+};
+
+struct digest *digest_new(void) {
+    struct digest *digest = malloc(sizeof *digest);
+    if (digest) sha256_init(&digest->sha);
+    return digest;
+}
+
+void digest_free(struct digest *digest) { free(digest); }
+
+void digest_update(struct digest *digest, const void *bytes, size_t count) {
+    sha256_update(&digest->sha, count, bytes);
+}
+
+void digest_finish(struct digest *digest, char hex[DIGEST_HEX_BYTES]) {
+    uint8_t raw[SHA256_DIGEST_SIZE];
+    sha256_digest(&digest->sha, sizeof raw, raw);
+    base16_encode_update(hex, sizeof raw, raw);
+    hex[DIGEST_HEX_BYTES - 1] = 0;
+}
+
+static int read_all(int fd, struct digest *digest, unsigned char *block, uint64_t *bytes) {
+    *bytes = 0;
+    for (;;) {
+        ssize_t n = pread(fd, block, BLOCK_BYTES, (off_t)*bytes);
+        if (n < 0 && errno == EINTR) continue;
+        if (n <= 0) return (int)n;
+        digest_update(digest, block, (size_t)n);
+        *bytes += (uint64_t)n;
+    }
+}
+
+int digest_file(int fd, char hex[DIGEST_HEX_BYTES], uint64_t *bytes) {
+    struct digest *digest = digest_new();
+    unsigned char *block = malloc(BLOCK_BYTES);
+    int result = -1;
+    if (digest && block) result = read_all(fd, digest, block, bytes);
+    if (result == 0) digest_finish(digest, hex);
+    free(block);
+    digest_free(digest);
+    return result;
+}
+
+void digest_base64(const char hex[DIGEST_HEX_BYTES], char base64[DIGEST_BASE64_BYTES]) {
+    uint8_t raw[SHA256_DIGEST_SIZE] = {0};
+    size_t length = sizeof raw;
+    struct base16_decode_ctx ctx;
+    base16_decode_init(&ctx);
+    base16_decode_update(&ctx, &length, raw, DIGEST_HEX_BYTES - 1, hex);
+    base64_encode_raw(base64, sizeof raw, raw);
+    base64[DIGEST_BASE64_BYTES - 1] = 0;
+}

@@ -1,0 +1,179 @@
+/* Operation to handler: the table, and what several handlers share.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/handlers.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "api/job_json.h"
+
+static const struct handler table[OPERATION_COUNT] = {
+    [OPERATION_GET_PAGE] = {NULL, handlers_get_page, true},
+    [OPERATION_SIMPLIFY] = {handlers_admit_simplify, handlers_simplify, false},
+    [OPERATION_CREATE_JOB] = {handlers_admit_job, handlers_create_job, false},
+    [OPERATION_LIST_JOBS] = {NULL, handlers_list_jobs, false},
+    [OPERATION_GET_JOB] = {NULL, handlers_get_job, false},
+    [OPERATION_DELETE_JOB] = {NULL, handlers_delete_job, false},
+    [OPERATION_GET_EVENTS] = {NULL, handlers_get_events, false},
+    [OPERATION_GET_LOG] = {NULL, handlers_get_log, false},
+    [OPERATION_LIST_OUTPUTS] = {NULL, handlers_list_outputs, false},
+    [OPERATION_GET_OUTPUT] = {NULL, handlers_get_output, false},
+    [OPERATION_GET_PARAMETERS] = {NULL, handlers_get_parameters, true},
+    [OPERATION_GET_INFO] = {NULL, handlers_get_info, true},
+    [OPERATION_GET_CONTRACT] = {NULL, handlers_get_contract, true},
+    [OPERATION_GET_PROBLEM] = {NULL, handlers_get_problem, true},
+    [OPERATION_GET_HEALTH] = {NULL, handlers_get_health, true},
+    [OPERATION_GET_READINESS] = {NULL, handlers_get_readiness, true},
+};
+
+const struct handler *handlers_find(enum operation operation) { return &table[operation]; }
+
+/* ------------------------------------------------------------------------------------------------ clouds come in */
+
+/* curl's default, browsers' and honest types; what a cloud is, its first bytes tell. */
+static bool is_accepted_type(const char *type) {
+    static const char *const accepted[] = {"application/octet-stream",
+                                           "application/x-www-form-urlencoded",
+                                           "application/ply",
+                                           "application/x-ply",
+                                           "binary/octet-stream",
+                                           "text/",
+                                           "model/"};
+    if (!type || !*type) return true;
+    for (size_t i = 0; i < sizeof accepted / sizeof *accepted; i++)
+        if (strncasecmp(type, accepted[i], strlen(accepted[i])) == 0) return true;
+    return false;
+}
+
+static bool refuse_media(struct response *response, const char *what, const char *value, const char *supported) {
+    struct problem problem;
+    problem_set(&problem, PROBLEM_UNSUPPORTED_FORMAT, "%s %.80s is not taken; send the cloud as the raw body", what,
+                value);
+    problem_add_list(&problem, "supported", supported);
+    response_problem(response, &problem);
+    return false;
+}
+
+static bool has_room(struct service *service, const struct request *request, struct response *response) {
+    uint64_t waiting, running, body = request->content_length == UINT64_MAX ? 0 : request->content_length;
+    queue_depth(service->queue, &waiting, &running);
+    if (atomic_load(&service->draining))
+        response_refuse(response, PROBLEM_DRAINING, "the service is about to stop");
+    else if (waiting >= (uint64_t)service->config->max_queue)
+        response_refuse(response, PROBLEM_QUEUE_FULL, "%llu jobs are waiting", (unsigned long long)waiting);
+    else if (body <= (uint64_t)service->config->max_body_bytes &&
+             store_free_bytes(service->store) < body + (uint64_t)service->config->min_free_bytes)
+        response_refuse(response, PROBLEM_STORAGE_FULL, "the disk has no room for this body");
+    else
+        return true;
+    return false;
+}
+
+bool handlers_admit_cloud(struct service *service, struct request *request, struct response *response) {
+    const char *type = request->header[HEADER_CONTENT_TYPE], *coding = request->header[HEADER_CONTENT_ENCODING];
+    struct problem problem;
+    if (!is_accepted_type(type))
+        return refuse_media(response, "Content-Type", type, "application/octet-stream,text/plain,model/ply");
+    if (coding && strcasecmp(coding, "identity") != 0)
+        return refuse_media(response, "Content-Encoding", coding, "identity");
+    if (!has_room(service, request, response)) return false;
+    request->upload =
+        upload_new(service->store, request->content_length, (uint64_t)service->config->max_body_bytes, &problem);
+    if (!request->upload) response_problem(response, &problem);
+    return request->upload != NULL;
+}
+
+bool handlers_read_label(const struct request *request, struct job *job, struct problem *problem) {
+    const char *label = query_find(request->query, request->query_count, "label");
+    if (label && (strlen(label) >= JOB_LABEL_BYTES || !query_is_text(label))) {
+        problem_set(problem, PROBLEM_INVALID_PARAMETER, "label: takes up to 128 bytes of UTF-8");
+        problem_add_error(problem, "label", label, "up to 128 bytes of UTF-8", NULL);
+        return false;
+    }
+    snprintf(job->label, sizeof job->label, "%s", label ? label : "");
+    return true;
+}
+
+bool handlers_submit(struct service *service, struct request *request, struct job *job, struct response *response) {
+    struct upload_facts facts;
+    struct problem problem;
+    struct error error = {0};
+    if (!upload_end(request->upload, &facts, &problem)) {
+        response_problem(response, &problem);
+        return false;
+    }
+    job->params.outputs |= OUTPUT_REPORT; /* the job document carries the report's figures */
+    enum status status = service_submit(service, request->upload, &facts, job, &error);
+    upload_free(request->upload);
+    request->upload = NULL;
+    if (status == STATUS_LIMIT)
+        response_refuse(response, PROBLEM_QUEUE_FULL, "%s", error.text);
+    else if (status != STATUS_OK)
+        response_error(response, &error);
+    return status == STATUS_OK;
+}
+
+/* ------------------------------------------------------------------------------------------------ jobs go out */
+
+bool handlers_read_job(struct service *service, const char *id, struct job *job, struct response *response) {
+    struct error error = {0};
+    struct problem problem;
+    enum queue_presence presence = QUEUE_ABSENT;
+    struct queue_tombstone tombstone;
+    memset(job, 0, sizeof *job);
+    if (job_id_valid(id) && queue_get(service->queue, id, job, &presence, &tombstone, &error) != STATUS_OK) {
+        response_error(response, &error);
+        return false;
+    }
+    if (presence == QUEUE_PRESENT) return true;
+    if (presence == QUEUE_ABSENT) {
+        problem_set(&problem, PROBLEM_NO_SUCH_JOB, "there is no job %.40s", id);
+    } else {
+        char at[JOB_TIME_BYTES];
+        problem_set(&problem, PROBLEM_JOB_GONE, "the job %.40s was here and is %s", id, tombstone.reason);
+        problem_add_text(&problem, "reason", tombstone.reason);
+        problem_add_text(&problem, "at", job_time_text(tombstone.at_ms, at));
+    }
+    response_problem(response, &problem);
+    return false;
+}
+
+struct job_document handlers_document(const struct job *job) {
+    return (struct job_document){
+        .id = job->id,
+        .status = job_state_name(job->state),
+        .stage = job->stage,
+        .message = job->message,
+        .label = job->label,
+        .fraction = job->fraction,
+        .created_ms = job->created_ms,
+        .started_ms = job->started_ms,
+        .finished_ms = job->finished_ms,
+        .updated_ms = job->updated_ms,
+        .expires_ms = job->expires_ms,
+        .ahead = job->ahead,
+        .attempt = job->attempt,
+        .cloud = job->cloud,
+        .input_points = job->input_points,
+        .input_bytes = job->input_bytes,
+        .input_format = job->input_format,
+        .params = &job->params,
+        .cpu_s = job->cpu_s,
+        .wall_s = job->wall_s,
+        .peak_rss_bytes = job->peak_rss_bytes,
+        .report = job->report,
+        .problem = job->problem,
+        .has_outputs = job->output_count > 0,
+    };
+}
+
+void handlers_job_response(const struct job *job, int status, struct response *response) {
+    struct job_document document = handlers_document(job);
+    response_text(response, status, "application/json", job_encode(&document));
+    response_header(response, "ETag", "\"%llu\"", (unsigned long long)job->sequence);
+    response_header(response, "Cache-Control", "no-cache");
+    if (!job_ended(job->state)) response_header(response, "Retry-After", "1");
+}

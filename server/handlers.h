@@ -1,0 +1,76 @@
+/* What the service does for each operation of the route table.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_HANDLERS_H
+#define WHITTLE_SERVER_HANDLERS_H
+
+#include <stdbool.h>
+
+#include "api/job_json.h"
+#include "server/message.h"
+#include "server/service.h"
+
+struct handler {
+    /* Called when the headers are in, before the body: false refuses it, with a response.  Creates request->upload for
+     * an operation that takes a cloud.  Must not block.  NULL: the operation takes no body, and refuses nothing. */
+    bool (*admit)(struct service *service, struct request *request, struct response *response);
+
+    /* Makes the response; may block, unless `quick`. */
+    void (*run)(struct service *service, struct request *request, struct response *response);
+
+    bool quick; /* run doesn't block: it is called where the connection is served, and so answers under any load */
+};
+
+/* The handler of an operation, never NULL. */
+const struct handler *handlers_find(enum operation operation);
+
+/* ---- shared by the handlers_*.c ---- */
+
+/* Whether new work is taken now, and the request's headers fit a cloud as its raw body; else a response. */
+bool handlers_admit_cloud(struct service *service, struct request *request, struct response *response);
+
+/* Takes `label` from the query; false: *problem says why. */
+bool handlers_read_label(const struct request *request, struct job *job, struct problem *problem);
+
+/* Reads the job in the path; false: there is none, and the response (404, 410) says so.  The job is the caller's, to
+ * job_done, either way. */
+bool handlers_read_job(struct service *service, const char *id, struct job *job, struct response *response);
+
+/* Submits the request's upload as a job with these parameters; false: the response says why. */
+bool handlers_submit(struct service *service, struct request *request, struct job *job, struct response *response);
+
+/* A view of the job as its document; borrows the job. */
+struct job_document handlers_document(const struct job *job);
+
+/* The job document as a response with this status, its ETag and, while the job has not ended, Retry-After. */
+void handlers_job_response(const struct job *job, int status, struct response *response);
+
+/* A file's content, or the range of it that was asked for; takes fd.  etag NULL: none, nothing is conditional. */
+void handlers_send_file(const struct request *request, int fd, uint64_t bytes, const char *etag,
+                        struct response *response);
+
+/* An output of a successful job with all of its headers, or 304, 404. */
+void handlers_send_output(struct service *service, const struct request *request, const struct job *job,
+                          const char *name, struct response *response);
+
+/* The handlers themselves. */
+bool handlers_admit_job(struct service *service, struct request *request, struct response *response);
+bool handlers_admit_simplify(struct service *service, struct request *request, struct response *response);
+void handlers_simplify(struct service *service, struct request *request, struct response *response);
+void handlers_create_job(struct service *service, struct request *request, struct response *response);
+void handlers_list_jobs(struct service *service, struct request *request, struct response *response);
+void handlers_get_job(struct service *service, struct request *request, struct response *response);
+void handlers_delete_job(struct service *service, struct request *request, struct response *response);
+void handlers_get_events(struct service *service, struct request *request, struct response *response);
+void handlers_get_log(struct service *service, struct request *request, struct response *response);
+void handlers_list_outputs(struct service *service, struct request *request, struct response *response);
+void handlers_get_output(struct service *service, struct request *request, struct response *response);
+void handlers_get_page(struct service *service, struct request *request, struct response *response);
+void handlers_get_parameters(struct service *service, struct request *request, struct response *response);
+void handlers_get_info(struct service *service, struct request *request, struct response *response);
+void handlers_get_contract(struct service *service, struct request *request, struct response *response);
+void handlers_get_problem(struct service *service, struct request *request, struct response *response);
+void handlers_get_health(struct service *service, struct request *request, struct response *response);
+void handlers_get_readiness(struct service *service, struct request *request, struct response *response);
+
+#endif

@@ -1,0 +1,283 @@
+/* Jobs: create, list, read, delete, follow.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "api/job_json.h"
+#include "server/handlers.h"
+#include "server/log.h"
+#include "server/supervisor.h"
+
+enum { LIST_DEFAULT = 50, LIST_MAX = 500, HEARTBEAT_MS = 15000, CANCEL_LOOK_MS = 1000 };
+
+/* ------------------------------------------------------------------------------------------------ create */
+
+static const char *const create_names[] = {"label", NULL};
+
+/* Reads parameters and label from the query. */
+static bool read_create(const struct request *request, struct job *job, struct response *response) {
+    struct problem problem;
+    bool ok = query_decode_params(request->query, request->query_count, create_names, &job->params, &problem) &&
+              handlers_read_label(request, job, &problem);
+    if (!ok) response_problem(response, &problem);
+    return ok;
+}
+
+bool handlers_admit_job(struct service *service, struct request *request, struct response *response) {
+    struct job job = {0};
+    return read_create(request, &job, response) && handlers_admit_cloud(service, request, response);
+}
+
+void handlers_create_job(struct service *service, struct request *request, struct response *response) {
+    struct job job = {0};
+    if (!read_create(request, &job, response) || !handlers_submit(service, request, &job, response)) return;
+    struct job stored;
+    if (handlers_read_job(service, job.id, &stored, response)) {
+        handlers_job_response(&stored, 201, response);
+        response_header(response, "Location", "/v1/jobs/%s", job.id);
+    }
+    job_done(&stored);
+}
+
+/* ------------------------------------------------------------------------------------------------ list */
+
+static const char *const list_names[] = {"status", "label", "limit", "after", NULL};
+
+static bool refuse_value(struct response *response, const char *name, const char *value, const char *allowed) {
+    struct problem problem;
+    problem_set(&problem, PROBLEM_INVALID_PARAMETER, "%s: takes %s", name, allowed);
+    problem_add_error(&problem, name, value, allowed, NULL);
+    response_problem(response, &problem);
+    return false;
+}
+
+static bool read_filter(const struct request *request, struct queue_filter *filter, size_t *limit,
+                        struct response *response) {
+    struct problem problem;
+    const struct query_pair *query = request->query;
+    size_t count = request->query_count;
+    if (!query_check(query, count, list_names, &problem)) {
+        response_problem(response, &problem);
+        return false;
+    }
+    const char *state = query_find(query, count, "status"), *most = query_find(query, count, "limit");
+    filter->label = query_find(query, count, "label");
+    filter->after = query_find(query, count, "after");
+    filter->by_state = state != NULL;
+    if (state && !job_state_from_name(state, &filter->state))
+        return refuse_value(response, "status", state, "accepted, running, successful, failed or dismissed");
+    if (filter->after && !job_id_valid(filter->after))
+        return refuse_value(response, "after", filter->after, "the id of a job");
+    char *end;
+    unsigned long number = most ? strtoul(most, &end, 10) : LIST_DEFAULT;
+    if (most && (most[0] < '0' || most[0] > '9' || *end || number < 1 || number > LIST_MAX))
+        return refuse_value(response, "limit", most, "a whole number from 1 to 500");
+    *limit = (size_t)number;
+    return true;
+}
+
+/* Writes text into a link, with what isn't plain as %XX. */
+static void put_escaped(char *to, size_t bytes, const char *text) {
+    size_t used = 0;
+    for (; *text && used + 4 < bytes; text++) {
+        bool plain = (*text >= 'a' && *text <= 'z') || (*text >= 'A' && *text <= 'Z') ||
+                     (*text >= '0' && *text <= '9') || strchr("-_.~", *text);
+        used += (size_t)snprintf(to + used, bytes - used, plain ? "%c" : "%%%02X", (unsigned char)*text);
+    }
+    to[used] = 0;
+}
+
+static void link_next(const struct queue_filter *filter, size_t limit, const char *last, struct response *response) {
+    char label[3 * JOB_LABEL_BYTES] = "", link[RESPONSE_HEADER_BYTES];
+    if (filter->label) put_escaped(label, sizeof label, filter->label);
+    int n = snprintf(link, sizeof link, "</v1/jobs?limit=%zu&after=%s%s%s%s%s>; rel=\"next\"", limit, last,
+                     filter->by_state ? "&status=" : "", filter->by_state ? job_state_name(filter->state) : "",
+                     filter->label ? "&label=" : "", label);
+    if (n > 0 && (size_t)n < sizeof link) response_header(response, "Link", "%s", link);
+}
+
+/* One more than asked for is read, to know whether there is a next page. */
+void handlers_list_jobs(struct service *service, struct request *request, struct response *response) {
+    struct queue_filter filter = {0};
+    struct error error = {0};
+    size_t limit, count = 0;
+    if (!read_filter(request, &filter, &limit, response)) return;
+    struct job *jobs = calloc(limit + 1, sizeof *jobs);
+    struct job_document *documents = calloc(limit + 1, sizeof *documents);
+    enum status status = jobs && documents ? STATUS_OK : error_set(&error, STATUS_NO_MEMORY, "jobs", "no memory");
+    if (status == STATUS_OK) status = queue_list(service->queue, &filter, jobs, limit + 1, &count, &error);
+    if (status == STATUS_OK) {
+        size_t shown = count > limit ? limit : count;
+        for (size_t i = 0; i < shown; i++) documents[i] = handlers_document(&jobs[i]);
+        response_text(response, 200, "application/json", job_list_encode(documents, shown));
+        response_header(response, "Cache-Control", "no-cache");
+        if (count > limit) link_next(&filter, limit, jobs[limit - 1].id, response);
+    } else {
+        response_error(response, &error);
+    }
+    for (size_t i = 0; i < count; i++) job_done(&jobs[i]);
+    free(jobs);
+    free(documents);
+}
+
+/* ------------------------------------------------------------------------------------------------ read */
+
+static bool takes_no_query(const struct request *request, struct response *response) {
+    struct problem problem;
+    if (query_check(request->query, request->query_count, NULL, &problem)) return true;
+    response_problem(response, &problem);
+    return false;
+}
+
+/* Whether the client wants to wait for a change that has not come: only while the job can still change. */
+static bool wants_to_wait(const struct request *request, const struct job *job, const char *etag) {
+    const struct request_wait *wait = &request->wait;
+    if (job_ended(job->state) || wait->end_ms < 0) return false;
+    if (wait->calls && (wait->why == EVENTS_HANGUP || wait->why == EVENTS_CLOSED)) return false;
+    if (events_clock_ms() >= wait->end_ms) return false;
+    if (request->header[HEADER_IF_NONE_MATCH]) return request_none_match(request, etag);
+    return wait->sequence == job->sequence;
+}
+
+void handlers_get_job(struct service *service, struct request *request, struct response *response) {
+    struct request_wait *wait = &request->wait;
+    struct job job;
+    if (!takes_no_query(request, response)) return;
+    wait->seen = events_now(service->events);
+    if (handlers_read_job(service, request->match.capture[0], &job, response)) {
+        char etag[32];
+        snprintf(etag, sizeof etag, "\"%llu\"", (unsigned long long)job.sequence);
+        if (!wait->calls) {
+            int64_t prefer_ms = request_prefer_wait_ms(request, service->config->wait_max_ms);
+            wait->end_ms = prefer_ms < 0 ? -1 : events_clock_ms() + prefer_ms;
+            wait->sequence = job.sequence;
+            memcpy(wait->id, job.id, sizeof wait->id);
+        }
+        if (wants_to_wait(request, &job, etag)) {
+            response->kind = RESPONSE_WAIT;
+            wait->deadline_ms = wait->end_ms;
+        } else if (request_none_match(request, etag)) {
+            response->status = 304;
+            response_header(response, "ETag", "%s", etag);
+        } else {
+            handlers_job_response(&job, 200, response);
+        }
+    }
+    job_done(&job);
+}
+
+/* ------------------------------------------------------------------------------------------------ delete */
+
+/* Tries accepted -> dismissed. */
+static bool dismiss_waiting(struct service *service, struct job *job, struct response *response) {
+    struct error error = {0};
+    bool changed = false;
+    job->expires_ms = job_now_ms() + service->config->retention_ms;
+    enum status status = queue_finish(service->queue, JOB_DISMISS, job, &changed, &error);
+    if (status != STATUS_OK) {
+        response_error(response, &error);
+        return false;
+    }
+    if (changed) {
+        log_line(LOG_INFO, "job=%s accepted -> dismissed", job->id);
+        events_publish(service->events, job->id);
+    }
+    return true;
+}
+
+/* Ends the process of a running job, and waits for its end. */
+static void dismiss_running(struct service *service, struct request *request, const struct job *job,
+                            struct response *response) {
+    struct request_wait *wait = &request->wait;
+    supervisor_cancel(service->supervisor, job->id);
+    response->kind = RESPONSE_WAIT;
+    memcpy(wait->id, job->id, sizeof wait->id);
+    wait->deadline_ms = events_clock_ms() + CANCEL_LOOK_MS;
+}
+
+/* The first call decides what DELETE means; later ones only wait until the job has ended. */
+void handlers_delete_job(struct service *service, struct request *request, struct response *response) {
+    const char *id = request->match.capture[0];
+    struct error error = {0};
+    struct job job;
+    bool changed = false;
+    if (!takes_no_query(request, response)) return;
+    request->wait.seen = events_now(service->events);
+    bool found = handlers_read_job(service, id, &job, response);
+    if (found && job.state == JOB_ACCEPTED) {
+        found = dismiss_waiting(service, &job, response);
+        job_done(&job);
+        found = found && handlers_read_job(service, id, &job, response);
+    } else if (found && job_ended(job.state) && request->wait.calls == 0 &&
+               service_delete(service, &job, "deleted", &changed, &error) != STATUS_OK) {
+        response_error(response, &error);
+        found = false;
+    }
+    if (found && job.state == JOB_RUNNING && request->wait.why != EVENTS_CLOSED)
+        dismiss_running(service, request, &job, response);
+    else if (found)
+        handlers_job_response(&job, 200, response);
+    job_done(&job);
+}
+
+/* ------------------------------------------------------------------------------------------------ events */
+
+static void put_event(FILE *out, const char *name, const struct job *job) {
+    struct job_document document = handlers_document(job);
+    char *data = job_event_encode(&document);
+    fprintf(out, "event: %s\nid: %llu\ndata: %s\n\n", name, (unsigned long long)job->sequence, data ? data : "{}");
+    free(data);
+}
+
+static void put_outputs(FILE *out, const struct job *job) {
+    for (size_t i = 0; i < job->output_count; i++)
+        fprintf(out, "event: output\nid: %llu\ndata: {\"name\":\"%s\",\"href\":\"/v1/jobs/%s/outputs/%s\"}\n\n",
+                (unsigned long long)job->sequence, job->output[i].name, job->id, job->output[i].name);
+}
+
+/* What is new since the last piece, as events; a comment where nothing is. */
+static void put_news(FILE *out, struct request_wait *wait, const struct job *job) {
+    bool first = wait->calls == 0, state_changed = first || wait->state != (int)job->state;
+    if (state_changed) put_event(out, "status", job);
+    if (!state_changed && wait->sequence != job->sequence) put_event(out, "progress", job);
+    if (job_ended(job->state)) {
+        put_outputs(out, job);
+        put_event(out, "end", job);
+    } else if (!state_changed && wait->why == EVENTS_DEADLINE) {
+        fputs(": still here\n\n", out);
+    }
+    wait->state = (int)job->state;
+    wait->sequence = job->sequence;
+}
+
+static void stream_news(struct request_wait *wait, const struct job *job, struct response *response) {
+    FILE *out = open_memstream(&response->text, &response->text_bytes);
+    if (out) put_news(out, wait, job);
+    bool written = out && fclose(out) == 0;
+    response->kind = RESPONSE_STREAM;
+    response->last = !written || job_ended(job->state) ||
+                     (wait->calls && (wait->why == EVENTS_HANGUP || wait->why == EVENTS_CLOSED));
+    wait->deadline_ms = events_clock_ms() + HEARTBEAT_MS;
+    memcpy(wait->id, job->id, sizeof wait->id);
+}
+
+/* The current state comes first, whatever Last-Event-ID says: it is all that a client that was away has missed. */
+void handlers_get_events(struct service *service, struct request *request, struct response *response) {
+    struct job job;
+    bool streaming = request->wait.calls > 0;
+    if (!streaming && !takes_no_query(request, response)) return;
+    request->wait.seen = events_now(service->events);
+    if (handlers_read_job(service, request->match.capture[0], &job, response)) {
+        stream_news(&request->wait, &job, response);
+        response_header(response, "Content-Type", "text/event-stream");
+        response_header(response, "Cache-Control", "no-cache");
+        response_header(response, "X-Accel-Buffering", "no");
+    } else if (streaming) { /* deleted while it was followed */
+        response_done(response);
+        response->kind = RESPONSE_STREAM;
+        response->last = true;
+    }
+    job_done(&job);
+}

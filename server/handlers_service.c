@@ -1,0 +1,80 @@
+/* What the service says of itself: parameters, limits, contract, health, and a page for people.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <stdlib.h>
+#include <string.h>
+
+#include "api/job_json.h"
+#include "api/openapi.h"
+#include "api/params_json.h"
+#include "core/version.h"
+#include "server/handlers.h"
+#include "server/page.h"
+
+/* A query on a resource that takes none is refused, as everywhere. */
+static bool plain(const struct request *request, struct response *response) {
+    struct problem problem;
+    if (query_check(request->query, request->query_count, NULL, &problem)) return true;
+    response_problem(response, &problem);
+    return false;
+}
+
+void handlers_get_page(struct service *service, struct request *request, struct response *response) {
+    size_t bytes;
+    (void)service;
+    if (!plain(request, response)) return;
+    const char *page = page_document(&bytes);
+    response_text(response, 200, "text/html; charset=utf-8", strndup(page, bytes));
+    response_header(response, "Content-Security-Policy", "default-src 'none'; style-src 'unsafe-inline'");
+}
+
+void handlers_get_parameters(struct service *service, struct request *request, struct response *response) {
+    (void)service;
+    if (plain(request, response)) response_text(response, 200, "application/schema+json", params_schema());
+}
+
+void handlers_get_info(struct service *service, struct request *request, struct response *response) {
+    if (!plain(request, response)) return;
+    struct config limits = *service->config;
+    response_text(response, 200, "application/json", job_info_encode(whittle_version(), config_limit, &limits));
+}
+
+void handlers_get_contract(struct service *service, struct request *request, struct response *response) {
+    size_t bytes;
+    (void)service;
+    if (!plain(request, response)) return;
+    const char *document = openapi_document(&bytes);
+    response_text(response, 200, "application/json", strndup(document, bytes));
+}
+
+void handlers_get_problem(struct service *service, struct request *request, struct response *response) {
+    const struct problem_type *type = problem_type_of_slug(request->match.capture[0]);
+    (void)service;
+    if (!plain(request, response)) return;
+    if (type)
+        response_text(response, 200, "text/html; charset=utf-8", problem_page(type));
+    else
+        response_refuse(response, PROBLEM_NO_SUCH_RESOURCE, "there is no problem of this name");
+}
+
+void handlers_get_health(struct service *service, struct request *request, struct response *response) {
+    (void)service;
+    (void)request;
+    response_text(response, 200, "application/json", strdup("{\"status\":\"alive\"}"));
+    response_header(response, "Cache-Control", "no-store");
+}
+
+void handlers_get_readiness(struct service *service, struct request *request, struct response *response) {
+    uint64_t waiting, running;
+    (void)request;
+    queue_depth(service->queue, &waiting, &running);
+    if (atomic_load(&service->draining))
+        response_refuse(response, PROBLEM_DRAINING, "the service is about to stop");
+    else if (waiting >= (uint64_t)service->config->max_queue)
+        response_refuse(response, PROBLEM_QUEUE_FULL, "%llu jobs are waiting", (unsigned long long)waiting);
+    else if (store_free_bytes(service->store) < (uint64_t)service->config->min_free_bytes)
+        response_refuse(response, PROBLEM_STORAGE_FULL, "the disk is full");
+    else
+        response_text(response, 200, "application/json", strdup("{\"status\":\"ready\"}"));
+    response_header(response, "Cache-Control", "no-store");
+}

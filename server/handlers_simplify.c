@@ -1,0 +1,153 @@
+/* The one-shot: a cloud in, one output back.
+ *
+ * It is a job like any other, and a wait for its end.  The client gets bytes of an output with 200 or a problem, never
+ * a 202 that it didn't ask for: that would land in its file.  Whatever becomes of the connection, the job goes on.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "api/report_read.h"
+#include "server/handlers.h"
+
+static const char *const own_names[] = {"label", "output", NULL};
+
+/* output=..., and the bit of `outputs` and the file that it stands for. */
+static const struct {
+    const char *value;
+    uint32_t bit;
+    const char *file;
+} outputs[] = {
+    {"cloud", OUTPUT_CLOUD, "cloud.ply"}, {"xyz", OUTPUT_CLOUD_XYZ, "cloud.xyz"},
+    {"mesh", OUTPUT_MESH, "mesh.ply"},    {"report", OUTPUT_REPORT, "report.json"},
+    {"dso", OUTPUT_DSO, "dso.ply"},       {"error", OUTPUT_ERROR, "error.ply"},
+};
+enum { OUTPUTS = sizeof outputs / sizeof outputs[0] };
+
+/* The row asked for; OUTPUTS where there is none of that name. */
+static size_t output_asked(const struct request *request) {
+    const char *value = query_find(request->query, request->query_count, "output");
+    size_t i = 0;
+    while (value && i < OUTPUTS && strcmp(outputs[i].value, value) != 0) i++;
+    return i;
+}
+
+static bool read_simplify(const struct request *request, struct job *job, struct response *response) {
+    struct problem problem;
+    size_t asked = output_asked(request);
+    bool ok = query_decode_params(request->query, request->query_count, own_names, &job->params, &problem) &&
+              handlers_read_label(request, job, &problem);
+    if (ok && query_find(request->query, request->query_count, "outputs")) {
+        problem_set(&problem, PROBLEM_CONFLICTING_PARAMETERS, "outputs: this operation has one output");
+        problem_add_error(&problem, "outputs", NULL, "not here", "output");
+        ok = false;
+    } else if (ok && asked == OUTPUTS) {
+        problem_set(&problem, PROBLEM_INVALID_PARAMETER, "output: takes one of cloud, xyz, mesh, report, dso, error");
+        problem_add_error(&problem, "output", query_find(request->query, request->query_count, "output"),
+                          "one of cloud, xyz, mesh, report, dso, error", NULL);
+        ok = false;
+    }
+    if (!ok) {
+        response_problem(response, &problem);
+        return false;
+    }
+    job->params.outputs = outputs[asked].bit;
+    return true;
+}
+
+bool handlers_admit_simplify(struct service *service, struct request *request, struct response *response) {
+    struct job job = {0};
+    return read_simplify(request, &job, response) && handlers_admit_cloud(service, request, response);
+}
+
+/* ------------------------------------------------------------------------------------------------ answers */
+
+static void put_timing(void *ctx, const char *name, double ms) {
+    char *text = ctx;
+    size_t used = strlen(text);
+    int n = snprintf(text + used, RESPONSE_HEADER_BYTES - used, "%s%s;dur=%.1f", used ? ", " : "", name, ms);
+    if (n < 0 || used + (size_t)n >= RESPONSE_HEADER_BYTES) text[used] = 0; /* what doesn't fit is left out */
+}
+
+static void put_stats(const struct job *job, struct response *response) {
+    struct report_headline h;
+    char timings[RESPONSE_HEADER_BYTES] = "", errors[128] = "", mesh[48] = "";
+    report_read_headline(job->report, &h);
+    report_read_timings(job->report, put_timing, timings);
+    if (isfinite(h.mean_rel))
+        snprintf(errors, sizeof errors, ", mean-rel=%.4g, rms-rel=%.4g, max-rel=%.4g", h.mean_rel, h.rms_rel,
+                 h.max_rel);
+    if (h.triangles) snprintf(mesh, sizeof mesh, ", triangles=%llu", h.triangles);
+    response_header(response, "Job-Stats", "points-in=%llu, points-out=%llu%s%s", h.points_in, h.points_out, mesh,
+                    errors);
+    if (timings[0]) response_header(response, "Server-Timing", "%s", timings);
+}
+
+static void answer_ended(struct service *service, const struct request *request, const struct job *job,
+                         struct response *response) {
+    if (job->state == JOB_SUCCESSFUL) {
+        handlers_send_output(service, request, job, outputs[output_asked(request)].file, response);
+        put_stats(job, response);
+    } else if (job->state == JOB_FAILED && job->problem) {
+        response_problem_text(response, job->problem);
+    } else {
+        response_refuse(response, PROBLEM_JOB_DISMISSED, "the job was dismissed");
+    }
+    response_header(response, "Link", "</v1/jobs/%s>; rel=\"monitor\"", job->id);
+}
+
+static void answer_late(const struct job *job, struct response *response) {
+    struct problem problem;
+    problem_set(&problem, PROBLEM_SYNC_TIMEOUT, "the job is %s; it goes on", job_state_name(job->state));
+    problem_add_text(&problem, "job", job->id);
+    response_problem(response, &problem);
+    response_header(response, "Location", "/v1/jobs/%s", job->id);
+    response_header(response, "Link", "</v1/jobs/%s>; rel=\"monitor\"", job->id);
+}
+
+/* ------------------------------------------------------------------------------------------------ the handler */
+
+/* The first call: submits.  false: the response is there. */
+static bool submit(struct service *service, struct request *request, struct response *response) {
+    struct request_wait *wait = &request->wait;
+    struct job job = {0};
+    if (!read_simplify(request, &job, response) || !handlers_submit(service, request, &job, response)) return false;
+    int64_t most_ms = service->config->sync_max_ms, prefer_ms = request_prefer_wait_ms(request, most_ms);
+    memcpy(wait->id, job.id, sizeof wait->id);
+    wait->end_ms = events_clock_ms() + (prefer_ms < 0 ? most_ms : prefer_ms);
+    return true;
+}
+
+static void answer_async(struct service *service, const char *id, struct response *response) {
+    struct job job;
+    if (handlers_read_job(service, id, &job, response)) {
+        handlers_job_response(&job, 202, response);
+        response_header(response, "Location", "/v1/jobs/%s", id);
+        response_header(response, "Preference-Applied", "respond-async");
+    }
+    job_done(&job);
+}
+
+void handlers_simplify(struct service *service, struct request *request, struct response *response) {
+    struct request_wait *wait = &request->wait;
+    struct job job;
+    if (!wait->calls && !submit(service, request, response)) return;
+    if (!wait->calls && request_prefers_async(request)) {
+        answer_async(service, wait->id, response);
+        return;
+    }
+    bool nobody_waits = wait->calls && (wait->why == EVENTS_HANGUP || wait->why == EVENTS_CLOSED);
+    wait->seen = events_now(service->events);
+    if (handlers_read_job(service, wait->id, &job, response)) {
+        if (job_ended(job.state)) {
+            answer_ended(service, request, &job, response);
+        } else if (nobody_waits || events_clock_ms() >= wait->end_ms) {
+            answer_late(&job, response);
+        } else {
+            response->kind = RESPONSE_WAIT;
+            wait->deadline_ms = wait->end_ms;
+        }
+    }
+    job_done(&job);
+}

@@ -1,0 +1,499 @@
+/* The HTTP listener, on libmicrohttpd: the only file that knows it.
+ *
+ * Its threads serve connections and must never block, so a handler runs on an offload thread while its connection is
+ * suspended:
+ *
+ *     headers -> admit --(no)--> refuse: answer at once, or read the body away first, then answer
+ *                  |
+ *                (yes)  body -> upload        each piece is hashed and written to the page cache
+ *                  |
+ *                park -> handler -> unpark -> answer
+ *                          |  ^
+ *                   WAIT   v  | job changed, deadline, client gone      (events.h)
+ *                        waiting
+ *
+ * An event stream parks again each time its reader has sent what there was.
+ *
+ * A refusal is answered before the body where the client waits for 100 Continue, or where its body is longer than we
+ * would read.  Otherwise the body is read away, up to a limit, because many clients don't listen before they have sent
+ * everything; over the limit the connection is cut.
+ *
+ * Invariants: an exchange is touched by one thread at a time: libmicrohttpd's, or, while it is parked, the one that
+ * runs its handler or wakes it.  Parked exchanges are counted, and nothing parks once the service stops, so no
+ * connection is suspended when libmicrohttpd ends.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/http.h"
+
+#include <microhttpd.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "server/handlers.h"
+#include "server/listen.h"
+#include "server/log.h"
+#include "server/offload.h"
+#include "server/watchdog.h"
+
+enum { MAX_SERVING_THREADS = 4, OFFLOAD_THREADS = 8, CONNECTION_MEMORY = 128 * 1024, STREAM_BLOCK = 32 * 1024 };
+enum { LOG_PATH_BYTES = 160, GOODBYE_MS = 2000 };
+
+struct http {
+    struct service *service;
+    struct MHD_Daemon *daemon;
+    struct offload *offload;
+    struct watchdog *watchdog;
+    int listen_fd;
+    pthread_mutex_t lock;
+    pthread_cond_t fewer;
+    unsigned parked, exchanges;
+    bool stopping;
+};
+
+enum phase {
+    PHASE_BODY,     /* takes the body, if there is one */
+    PHASE_REFUSING, /* the response is there; the body is read away */
+    PHASE_PARKED,   /* suspended, the handler's turn */
+    PHASE_ANSWER,   /* the response is there */
+    PHASE_SENT
+};
+
+struct exchange {
+    struct http *http;
+    struct MHD_Connection *connection;
+    struct watched *watched;
+    const struct handler *handler;
+    enum phase phase;
+    struct request request;
+    struct response response;
+    uint64_t drained_bytes;
+    int64_t began_ms, refused_ms;
+    size_t stream_sent; /* of response.text */
+    bool streaming;
+    struct offload_task task;
+    struct events_waiter waiter;
+    bool malformed; /* what iterating over headers and arguments found */
+    int status;
+    char log_method[16], log_path[LOG_PATH_BYTES];
+};
+
+/* ------------------------------------------------------------------------------------------------ parking */
+
+/* Suspends the connection; false when the service stops. */
+static bool park(struct exchange *x) {
+    struct http *http = x->http;
+    pthread_mutex_lock(&http->lock);
+    bool stopping = http->stopping;
+    if (!stopping) http->parked++;
+    pthread_mutex_unlock(&http->lock);
+    if (stopping) return false;
+    watchdog_enter(x->watched, WATCHDOG_BUSY);
+    MHD_suspend_connection(x->connection);
+    return true;
+}
+
+/* The exchange may be gone when this returns. */
+static void unpark(struct exchange *x) {
+    struct http *http = x->http;
+    MHD_resume_connection(x->connection);
+    pthread_mutex_lock(&http->lock);
+    http->parked--;
+    pthread_cond_broadcast(&http->fewer);
+    pthread_mutex_unlock(&http->lock);
+}
+
+/* From the events' thread, or whoever publishes. */
+static void wake(void *ctx, enum events_why why) {
+    struct exchange *x = ctx;
+    x->request.wait.why = why;
+    offload_post(x->http->offload, &x->task);
+}
+
+static void wait_for_job(struct exchange *x) {
+    const struct request_wait *wait = &x->request.wait;
+    const union MHD_ConnectionInfo *info = MHD_get_connection_info(x->connection, MHD_CONNECTION_INFO_CONNECTION_FD);
+    x->waiter = (struct events_waiter){.seen = wait->seen,
+                                       .deadline_ms = wait->deadline_ms,
+                                       .fd = info ? info->connect_fd : -1,
+                                       .wake = wake,
+                                       .ctx = x};
+    memcpy(x->waiter.id, wait->id, sizeof x->waiter.id);
+    events_wait(x->http->service->events, &x->waiter);
+}
+
+/* On an offload thread, parked. */
+static void run_handler(void *ctx) {
+    struct exchange *x = ctx;
+    response_done(&x->response);
+    x->stream_sent = 0;
+    x->handler->run(x->http->service, &x->request, &x->response);
+    x->request.wait.calls++;
+    bool nothing_yet =
+        x->response.kind == RESPONSE_WAIT || (x->streaming && !x->response.text_bytes && !x->response.last);
+    if (nothing_yet) {
+        wait_for_job(x);
+        return;
+    }
+    x->phase = PHASE_ANSWER;
+    unpark(x);
+}
+
+/* ------------------------------------------------------------------------------------------------ answering */
+
+/* Gives libmicrohttpd the next bytes of a stream. */
+static ssize_t read_stream(void *ctx, uint64_t position, char *buffer, size_t most) {
+    struct exchange *x = ctx;
+    (void)position;
+    size_t left = x->response.text_bytes - x->stream_sent, count = left < most ? left : most;
+    if (count) {
+        memcpy(buffer, x->response.text + x->stream_sent, count);
+        x->stream_sent += count;
+        return (ssize_t)count;
+    }
+    if (x->response.last || !park(x)) return MHD_CONTENT_READER_END_OF_STREAM;
+    wait_for_job(x);
+    return 0;
+}
+
+/* The body as libmicrohttpd's response; takes it out of ours. */
+static struct MHD_Response *make_response(struct exchange *x) {
+    struct response *r = &x->response;
+    struct MHD_Response *made = NULL;
+    switch (r->kind) {
+    case RESPONSE_FILE:
+        made = MHD_create_response_from_fd_at_offset64(r->file_bytes, r->fd, r->file_offset);
+        if (made) r->fd = -1;
+        break;
+    case RESPONSE_STREAM:
+        x->streaming = true;
+        made = MHD_create_response_from_callback(MHD_SIZE_UNKNOWN, STREAM_BLOCK, read_stream, x, NULL);
+        break;
+    case RESPONSE_TEXT:
+        made = MHD_create_response_from_buffer(r->text_bytes, r->text, MHD_RESPMEM_MUST_FREE);
+        if (made) r->text = NULL;
+        break;
+    case RESPONSE_WAIT: break; /* never comes here */
+    }
+    return made;
+}
+
+static enum MHD_Result answer(struct exchange *x) {
+    struct response *r = &x->response;
+    struct MHD_Response *made = make_response(x);
+    if (!made) return MHD_NO;
+    for (size_t i = 0; i < r->header_count; i++) MHD_add_response_header(made, r->header[i].name, r->header[i].value);
+    MHD_add_response_header(made, "X-Content-Type-Options", "nosniff");
+    x->phase = PHASE_SENT;
+    x->status = r->status;
+    enum MHD_Result result = MHD_queue_response(x->connection, (unsigned)r->status, made);
+    MHD_destroy_response(made);
+    return result;
+}
+
+/* Answers with the response that is there: now, or when the body is read away. */
+static enum MHD_Result refuse(struct exchange *x) {
+    const struct config *config = x->http->service->config;
+    const struct request *request = &x->request;
+    const char *expect = request->header[HEADER_EXPECT];
+    bool waits = expect && strcasecmp(expect, "100-continue") == 0;
+    bool too_long =
+        request->content_length != UINT64_MAX && request->content_length > (uint64_t)config->refuse_drain_bytes;
+    upload_free(x->request.upload);
+    x->request.upload = NULL;
+    x->phase = PHASE_REFUSING;
+    x->refused_ms = events_clock_ms();
+    return request->has_body && (waits || too_long) ? answer(x) : MHD_YES;
+}
+
+/* ------------------------------------------------------------------------------------------------ headers */
+
+static enum MHD_Result take_header(void *ctx, enum MHD_ValueKind kind, const char *name, size_t name_bytes,
+                                   const char *value, size_t value_bytes) {
+    struct exchange *x = ctx;
+    (void)kind;
+    (void)name_bytes;
+    for (size_t i = 0; i < HEADER_COUNT; i++) {
+        if (strcasecmp(name, message_header_names[i]) != 0) continue;
+        bool once = i == HEADER_HOST || i == HEADER_CONTENT_LENGTH || i == HEADER_TRANSFER_ENCODING;
+        if (once && x->request.header[i]) x->malformed = true;
+        x->request.header[i] = value ? value : "";
+        if (value && strlen(value) != value_bytes) x->malformed = true;
+    }
+    return MHD_YES;
+}
+
+static enum MHD_Result take_argument(void *ctx, enum MHD_ValueKind kind, const char *name, size_t name_bytes,
+                                     const char *value, size_t value_bytes) {
+    struct exchange *x = ctx;
+    (void)kind;
+    bool has_nul = strlen(name) != name_bytes || (value && strlen(value) != value_bytes);
+    if (has_nul || x->request.query_count == REQUEST_MAX_QUERY) {
+        x->malformed = true;
+        return MHD_NO;
+    }
+    x->request.query[x->request.query_count++] = (struct query_pair){name, value};
+    return MHD_YES;
+}
+
+static bool read_length(const char *text, uint64_t *length) {
+    char *end;
+    if (text[0] < '0' || text[0] > '9' || strlen(text) > 18) return false;
+    *length = strtoull(text, &end, 10);
+    return !*end;
+}
+
+/* Whether there is a body and how long it is; false where the framing is ambiguous or not ours. */
+static bool read_framing(struct request *request) {
+    const char *length = request->header[HEADER_CONTENT_LENGTH], *coding = request->header[HEADER_TRANSFER_ENCODING];
+    request->content_length = UINT64_MAX;
+    if (length && coding) return false;
+    if (coding && strcasecmp(coding, "chunked") != 0) return false;
+    if (length && !read_length(length, &request->content_length)) return false;
+    if (!length && !coding) request->content_length = 0;
+    request->has_body = request->content_length != 0;
+    return true;
+}
+
+/* Finds the operation, and asks it whether it wants the body; false: a response is there. */
+static bool admit(struct exchange *x) {
+    struct request *request = &x->request;
+    struct service *service = x->http->service;
+    routes_match(request->method, request->path, &request->match);
+    if (request->match.route) {
+        x->handler = handlers_find(request->match.route->operation);
+        return !x->handler->admit || x->handler->admit(service, request, &x->response);
+    }
+    if (request->match.allow[0]) {
+        response_refuse(&x->response, PROBLEM_METHOD_NOT_ALLOWED, "%.16s is not one of %s", request->method,
+                        request->match.allow);
+        response_header(&x->response, "Allow", "%s", request->match.allow);
+    } else {
+        response_refuse(&x->response, PROBLEM_NO_SUCH_RESOURCE, "there is nothing at %.200s", request->path);
+    }
+    return false;
+}
+
+static enum MHD_Result begin(struct exchange *x, const char *method, const char *path) {
+    struct request *request = &x->request;
+    request->method = method;
+    request->path = path;
+    request->head = strcmp(method, "HEAD") == 0;
+    snprintf(x->log_method, sizeof x->log_method, "%s", method);
+    snprintf(x->log_path, sizeof x->log_path, "%s", path);
+    MHD_get_connection_values_n(x->connection, MHD_HEADER_KIND, take_header, x);
+    MHD_get_connection_values_n(x->connection, MHD_GET_ARGUMENT_KIND, take_argument, x);
+    bool framed = read_framing(request);
+    if (!framed || x->malformed) {
+        response_refuse(&x->response, PROBLEM_MALFORMED_REQUEST, "%s",
+                        framed ? "a header or an argument holds NUL, comes twice, or there are too many"
+                               : "how long the body is can't be told");
+        return answer(x); /* where the next request begins is uncertain: the connection ends */
+    }
+    watchdog_enter(x->watched, request->has_body ? WATCHDOG_BODY : WATCHDOG_BUSY);
+    return admit(x) ? MHD_YES : refuse(x);
+}
+
+/* ------------------------------------------------------------------------------------------------ body */
+
+/* A piece of a body that nobody wants; MHD_NO cuts the connection. */
+static enum MHD_Result drain(struct exchange *x, size_t count) {
+    const struct config *config = x->http->service->config;
+    x->drained_bytes += count;
+    bool too_much = x->drained_bytes > (uint64_t)config->refuse_drain_bytes;
+    bool too_long = x->phase == PHASE_REFUSING && events_clock_ms() - x->refused_ms > config->refuse_drain_ms;
+    return too_much || too_long ? MHD_NO : MHD_YES;
+}
+
+static enum MHD_Result take_body(struct exchange *x, const char *bytes, size_t count) {
+    struct problem problem;
+    watchdog_count(x->watched, count);
+    if (x->phase != PHASE_BODY || !x->request.upload) return drain(x, count);
+    if (upload_write(x->request.upload, bytes, count, &problem)) return MHD_YES;
+    response_problem(&x->response, &problem);
+    upload_free(x->request.upload);
+    x->request.upload = NULL;
+    x->phase = PHASE_REFUSING;
+    x->refused_ms = events_clock_ms();
+    return MHD_YES;
+}
+
+/* The request is complete. */
+static enum MHD_Result dispatch(struct exchange *x) {
+    if (x->handler->quick) {
+        x->handler->run(x->http->service, &x->request, &x->response);
+        return answer(x);
+    }
+    x->phase = PHASE_PARKED;
+    if (!park(x)) {
+        response_refuse(&x->response, PROBLEM_DRAINING, "the service stops");
+        return answer(x);
+    }
+    offload_post(x->http->offload, &x->task);
+    return MHD_YES;
+}
+
+/* ------------------------------------------------------------------------------------------------ callbacks */
+
+static struct exchange *new_exchange(struct http *http, struct MHD_Connection *connection) {
+    struct exchange *x = calloc(1, sizeof *x);
+    const union MHD_ConnectionInfo *info = MHD_get_connection_info(connection, MHD_CONNECTION_INFO_SOCKET_CONTEXT);
+    if (!x) return NULL;
+    x->http = http;
+    x->connection = connection;
+    x->watched = info ? info->socket_context : NULL;
+    x->began_ms = events_clock_ms();
+    x->task = (struct offload_task){.run = run_handler, .ctx = x};
+    response_init(&x->response);
+    pthread_mutex_lock(&http->lock);
+    http->exchanges++;
+    pthread_mutex_unlock(&http->lock);
+    return x;
+}
+
+static enum MHD_Result on_request(void *ctx, struct MHD_Connection *connection, const char *path, const char *method,
+                                  const char *version, const char *body, size_t *body_bytes, void **state) {
+    struct exchange *x = *state;
+    (void)version;
+    if (!x) {
+        *state = x = new_exchange(ctx, connection);
+        return x ? begin(x, method, path) : MHD_NO;
+    }
+    if (*body_bytes) {
+        size_t count = *body_bytes;
+        *body_bytes = 0;
+        return take_body(x, body, count);
+    }
+    switch (x->phase) {
+    case PHASE_BODY: return dispatch(x);
+    case PHASE_REFUSING:
+    case PHASE_ANSWER: return answer(x);
+    case PHASE_PARKED:
+    case PHASE_SENT: break;
+    }
+    return MHD_YES;
+}
+
+static void on_completed(void *ctx, struct MHD_Connection *connection, void **state,
+                         enum MHD_RequestTerminationCode why) {
+    struct http *http = ctx;
+    struct exchange *x = *state;
+    (void)connection;
+    if (!x) return;
+    *state = NULL;
+    bool whole = why == MHD_REQUEST_TERMINATED_COMPLETED_OK;
+    log_line(LOG_INFO, "http %s %s %d %lldms%s", x->log_method, x->log_path, x->status,
+             (long long)(events_clock_ms() - x->began_ms), whole ? "" : " cut");
+    watchdog_enter(x->watched, WATCHDOG_IDLE);
+    upload_free(x->request.upload);
+    response_done(&x->response);
+    free(x);
+    pthread_mutex_lock(&http->lock);
+    http->exchanges--;
+    pthread_cond_broadcast(&http->fewer);
+    pthread_mutex_unlock(&http->lock);
+}
+
+static void on_connection(void *ctx, struct MHD_Connection *connection, void **socket_context,
+                          enum MHD_ConnectionNotificationCode code) {
+    struct http *http = ctx;
+    const union MHD_ConnectionInfo *info = MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD);
+    if (code == MHD_CONNECTION_NOTIFY_STARTED) {
+        *socket_context = info ? watchdog_add(http->watchdog, info->connect_fd) : NULL;
+    } else {
+        watchdog_remove(http->watchdog, *socket_context);
+        *socket_context = NULL;
+    }
+}
+
+static void on_log(void *ctx, const char *format, va_list args) {
+    (void)ctx;
+    log_vline(LOG_WARNING, format, args);
+}
+
+__attribute__((noreturn)) static void on_panic(void *ctx, const char *file, unsigned line, const char *reason) {
+    (void)ctx;
+    log_line(LOG_ERROR, "libmicrohttpd: %s:%u: %s", file, line, reason ? reason : "panic");
+    abort();
+}
+
+/* ------------------------------------------------------------------------------------------------ open, close */
+
+static struct MHD_Daemon *start_daemon(struct http *http) {
+    const struct config *config = http->service->config;
+    long processors = sysconf(_SC_NPROCESSORS_ONLN);
+    unsigned threads = processors < MAX_SERVING_THREADS ? (unsigned)processors : MAX_SERVING_THREADS;
+    unsigned flags = MHD_USE_EPOLL_INTERNAL_THREAD | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ERROR_LOG;
+    MHD_set_panic_func(on_panic, NULL);
+    return MHD_start_daemon(flags, 0, NULL, NULL, on_request, http, MHD_OPTION_EXTERNAL_LOGGER, on_log, NULL,
+                            MHD_OPTION_LISTEN_SOCKET, http->listen_fd, MHD_OPTION_THREAD_POOL_SIZE, threads,
+                            MHD_OPTION_CONNECTION_LIMIT, (unsigned)config->max_connections,
+                            MHD_OPTION_PER_IP_CONNECTION_LIMIT, (unsigned)config->connections_per_address,
+                            MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)CONNECTION_MEMORY,
+                            MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)(config->idle_timeout_ms / 1000),
+                            MHD_OPTION_STRICT_FOR_CLIENT, 1, MHD_OPTION_NOTIFY_COMPLETED, on_completed, http,
+                            MHD_OPTION_NOTIFY_CONNECTION, on_connection, http, MHD_OPTION_END);
+}
+
+static enum status start(struct http *http, struct error *error) {
+    const struct config *config = http->service->config;
+    struct watchdog_limits limits = {config->header_timeout_ms, config->idle_timeout_ms,
+                                     config->min_upload_bytes_per_s};
+    enum status status = listen_open(config->listen, config->insecure_open != 0, &http->listen_fd, error);
+    if (status != STATUS_OK) return status;
+    if (offload_open(OFFLOAD_THREADS, &http->offload) != STATUS_OK ||
+        watchdog_open(limits, &http->watchdog) != STATUS_OK)
+        return error_set(error, STATUS_NO_MEMORY, "http", "can't start threads");
+    http->daemon = start_daemon(http);
+    return http->daemon ? STATUS_OK : error_set(error, STATUS_IO, "http", "libmicrohttpd doesn't start");
+}
+
+enum status http_open(struct service *service, struct http **http, char address[HTTP_ADDRESS_BYTES],
+                      struct error *error) {
+    struct http *opened = calloc(1, sizeof *opened);
+    if (!opened) return error_set(error, STATUS_NO_MEMORY, "http", "no memory");
+    opened->service = service;
+    opened->listen_fd = -1;
+    pthread_mutex_init(&opened->lock, NULL);
+    pthread_cond_init(&opened->fewer, NULL);
+    enum status status = start(opened, error);
+    if (status == STATUS_OK) {
+        listen_name(opened->listen_fd, address);
+        *http = opened;
+    } else {
+        http_close(opened);
+    }
+    return status;
+}
+
+/* Waits until nothing is parked and, for a little while, until all answers are sent. */
+static void wait_for_exchanges(struct http *http) {
+    struct timespec until;
+    clock_gettime(CLOCK_REALTIME, &until);
+    until.tv_sec += GOODBYE_MS / 1000;
+    pthread_mutex_lock(&http->lock);
+    http->stopping = true;
+    while (http->parked) pthread_cond_wait(&http->fewer, &http->lock);
+    while (http->exchanges && pthread_cond_timedwait(&http->fewer, &http->lock, &until) == 0) continue;
+    pthread_mutex_unlock(&http->lock);
+}
+
+void http_close(struct http *http) {
+    if (!http) return;
+    if (http->daemon) {
+        MHD_socket listening = MHD_quiesce_daemon(http->daemon);
+        wait_for_exchanges(http);
+        MHD_stop_daemon(http->daemon);
+        if (listening == MHD_INVALID_SOCKET) http->listen_fd = -1; /* libmicrohttpd has closed it */
+    }
+    if (http->listen_fd >= 0) close(http->listen_fd);
+    offload_close(http->offload);
+    watchdog_close(http->watchdog);
+    pthread_cond_destroy(&http->fewer);
+    pthread_mutex_destroy(&http->lock);
+    free(http);
+}

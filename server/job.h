@@ -1,0 +1,103 @@
+/* A job: its states, what is known of it, and the table of what may become of it.
+ *
+ *                  claim                 done
+ *     accepted ------------> running ------------> successful
+ *        |                    |  |  \  fail (its own fault, or its attempts are used up)
+ *        | dismiss    dismiss |  |   +-----------> failed
+ *        +------> dismissed <-+  +--> accepted   requeue (the host's fault: killed, or the service stops)
+ *
+ * To add a member that is kept: here, a column in queue_sqlite.c with a step of its schema, and api/job_json.h.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_JOB_H
+#define WHITTLE_SERVER_JOB_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <time.h>
+
+#include "core/params.h"
+
+enum job_state { JOB_ACCEPTED, JOB_RUNNING, JOB_SUCCESSFUL, JOB_FAILED, JOB_DISMISSED };
+#define JOB_STATE_COUNT 5
+
+enum job_event { JOB_CLAIM, JOB_DONE, JOB_FAIL, JOB_DISMISS, JOB_REQUEUE };
+#define JOB_EVENT_COUNT 5
+
+enum {
+    JOB_ID_BYTES = 37,
+    JOB_LABEL_BYTES = 129,
+    JOB_STAGE_BYTES = 32,
+    JOB_MESSAGE_BYTES = 256,
+    JOB_HASH_BYTES = 65,
+    JOB_FORMAT_BYTES = 32,
+    JOB_OUTPUT_NAME_BYTES = 48,
+    JOB_MAX_OUTPUTS = 64,
+    JOB_MAX_ATTEMPTS = 3
+};
+
+struct job_output {
+    char name[JOB_OUTPUT_NAME_BYTES];
+    uint64_t bytes;
+    char sha256[JOB_HASH_BYTES];
+};
+
+struct job {
+    char id[JOB_ID_BYTES]; /* UUIDv7: ids sort by their time */
+    enum job_state state;
+    uint64_t sequence; /* grows with every change: milliseconds since 1970, or the last one + 1 */
+    int attempt;       /* how often it was claimed */
+    int64_t created_ms, started_ms, finished_ms, updated_ms, expires_ms; /* since 1970; 0 = not yet */
+    char label[JOB_LABEL_BYTES];
+
+    char cloud[JOB_HASH_BYTES];
+    uint64_t input_bytes, input_points; /* points: as the header says; 0 = not known */
+    char input_format[JOB_FORMAT_BYTES];
+    struct params params;
+
+    char stage[JOB_STAGE_BYTES], message[JOB_MESSAGE_BYTES];
+    double fraction;
+    uint64_t ahead; /* accepted jobs that come before it; filled by queue_get and queue_list */
+
+    double cpu_s, wall_s;
+    uint64_t peak_rss_bytes;
+    char *report, *problem; /* JSON text; owned; NULL = none */
+
+    size_t output_count;
+    struct job_output output[JOB_MAX_OUTPUTS];
+};
+
+/* Frees what the job owns and zeroes it.  Accepts a zeroed job. */
+void job_done(struct job *job);
+
+/* "accepted", ...; and back: false where there is no such state. */
+const char *job_state_name(enum job_state state);
+bool job_state_from_name(const char *name, enum job_state *state);
+
+/* Whether the event may happen in this state, and then which state follows. */
+bool job_transition(enum job_state state, enum job_event event, enum job_state *next);
+
+/* Whether a job in this state is over. */
+bool job_ended(enum job_state state);
+
+/* A new UUIDv7 of this time (CLOCK_REALTIME): the milliseconds, the quarter microseconds within them, 62 random bits.
+ * So ids sort by their time. */
+void job_new_id(const struct timespec *now, char id[JOB_ID_BYTES]);
+
+/* Whether text has the form of an id (hexadecimal digits in lower case, dashes in their places). */
+bool job_id_valid(const char *text);
+
+/* Parameters as lines of name=value, for storing; returns new, NULL when memory runs out.  And back, over the defaults:
+ * a name that is gone from the table is skipped. */
+char *job_params_text(const struct params *params);
+void job_params_read(const char *text, struct params *params);
+
+/* Milliseconds since 1970. */
+int64_t job_now_ms(void);
+
+/* The same as text, "2026-01-31T12:00:00.123Z"; returns text. */
+enum { JOB_TIME_BYTES = 32 };
+const char *job_time_text(int64_t ms, char text[JOB_TIME_BYTES]);
+
+#endif

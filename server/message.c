@@ -1,0 +1,166 @@
+/* Requests and responses: reading what headers say, and putting answers together.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/message.h"
+
+#include <errno.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <unistd.h>
+
+#include "server/log.h"
+
+const char *const message_header_names[HEADER_COUNT] = {
+    [HEADER_RANGE] = "Range",
+    [HEADER_IF_RANGE] = "If-Range",
+    [HEADER_IF_NONE_MATCH] = "If-None-Match",
+    [HEADER_PREFER] = "Prefer",
+    [HEADER_EXPECT] = "Expect",
+    [HEADER_CONTENT_TYPE] = "Content-Type",
+    [HEADER_CONTENT_ENCODING] = "Content-Encoding",
+    [HEADER_CONTENT_LENGTH] = "Content-Length",
+    [HEADER_TRANSFER_ENCODING] = "Transfer-Encoding",
+    [HEADER_LAST_EVENT_ID] = "Last-Event-ID",
+    [HEADER_HOST] = "Host",
+};
+
+/* ------------------------------------------------------------------------------------------------ responses */
+
+void response_init(struct response *response) {
+    memset(response, 0, sizeof *response);
+    response->status = 200;
+    response->fd = -1;
+}
+
+void response_done(struct response *response) {
+    free(response->text);
+    if (response->fd >= 0) close(response->fd);
+    response_init(response);
+}
+
+void response_header(struct response *response, const char *name, const char *format, ...) {
+    if (response->header_count == RESPONSE_MAX_HEADERS) return;
+    response->header[response->header_count].name = name;
+    va_list args;
+    va_start(args, format);
+    vsnprintf(response->header[response->header_count].value, RESPONSE_HEADER_BYTES, format, args);
+    va_end(args);
+    response->header_count++;
+}
+
+void response_text(struct response *response, int status, const char *media_type, char *text) {
+    free(response->text);
+    response->kind = RESPONSE_TEXT;
+    response->status = text ? status : 500;
+    response->text = text;
+    response->text_bytes = text ? strlen(text) : 0;
+    response_header(response, "Content-Type", "%s", media_type);
+}
+
+static void retry_later(struct response *response, int status) {
+    if (status == 503) response_header(response, "Retry-After", "%d", 5);
+}
+
+void response_problem(struct response *response, const struct problem *problem) {
+    int status = problem_type(problem->kind)->http_status;
+    response_text(response, status, "application/problem+json", problem_encode(problem));
+    response_header(response, "Cache-Control", "no-store");
+    retry_later(response, status);
+}
+
+void response_problem_text(struct response *response, const char *json) {
+    response_text(response, problem_status_of(json), "application/problem+json", strdup(json));
+}
+
+void response_refuse(struct response *response, enum problem_kind kind, const char *format, ...) {
+    struct problem problem;
+    char detail[PROBLEM_DETAIL_BYTES];
+    va_list args;
+    va_start(args, format);
+    vsnprintf(detail, sizeof detail, format, args);
+    va_end(args);
+    problem_set(&problem, kind, "%s", detail);
+    response_problem(response, &problem);
+}
+
+void response_error(struct response *response, const struct error *error) {
+    log_line(LOG_ERROR, "%s: %s", error->where, error->text);
+    response_refuse(response, PROBLEM_INTERNAL_ERROR, "%s", "the service could not do this; its log says why");
+}
+
+/* ------------------------------------------------------------------------------------------------ requests */
+
+/* Finds one preference of the list; returns what follows its name, or NULL. */
+static const char *find_preference(const char *list, const char *name) {
+    size_t length = strlen(name);
+    for (const char *item = list; item && *item;) {
+        item += strspn(item, " \t,;");
+        if (strncasecmp(item, name, length) == 0 && strchr("=,; \t", item[length])) return item + length;
+        item += strcspn(item, ",;");
+    }
+    return NULL;
+}
+
+int64_t request_prefer_wait_ms(const struct request *request, int64_t max_ms) {
+    const char *value = find_preference(request->header[HEADER_PREFER], "wait");
+    if (!value) return -1;
+    value += strspn(value, " \t=\"");
+    char *end;
+    errno = 0;
+    long seconds = strtol(value, &end, 10);
+    if (end == value || seconds < 0) return -1;
+    return errno || seconds > max_ms / 1000 ? max_ms : (int64_t)seconds * 1000;
+}
+
+bool request_prefers_async(const struct request *request) {
+    return find_preference(request->header[HEADER_PREFER], "respond-async") != NULL;
+}
+
+bool request_none_match(const struct request *request, const char *etag) {
+    const char *list = request->header[HEADER_IF_NONE_MATCH];
+    size_t length = strlen(etag);
+    while (list && *list) {
+        list += strspn(list, " \t,");
+        if (list[0] == '*') return true;
+        if (strncmp(list, "W/", 2) == 0) list += 2;
+        if (strncmp(list, etag, length) == 0 && strchr(", \t", list[length])) return true;
+        list += strcspn(list, ",");
+    }
+    return false;
+}
+
+/* Decimal digits alone; false on overflow too. */
+static bool read_position(const char **text, uint64_t *value) {
+    char *end;
+    if (**text < '0' || **text > '9') return false;
+    errno = 0;
+    *value = strtoull(*text, &end, 10);
+    *text = end;
+    return errno == 0;
+}
+
+/* "-n": the last n bytes. */
+static enum request_range suffix_range(const char *text, uint64_t bytes, uint64_t *first, uint64_t *last) {
+    uint64_t count;
+    if (!read_position(&text, &count) || *text) return RANGE_NONE;
+    if (count == 0 || bytes == 0) return RANGE_UNSATISFIABLE;
+    *first = count < bytes ? bytes - count : 0;
+    *last = bytes - 1;
+    return RANGE_ONE;
+}
+
+enum request_range request_range(const struct request *request, uint64_t bytes, uint64_t *first, uint64_t *last) {
+    const char *text = request->header[HEADER_RANGE];
+    if (!text || strncasecmp(text, "bytes=", 6) != 0) return RANGE_NONE;
+    text += 6;
+    if (*text == '-') return suffix_range(text + 1, bytes, first, last);
+    if (!read_position(&text, first) || *text++ != '-') return RANGE_NONE;
+    *last = UINT64_MAX;
+    if (*text && (!read_position(&text, last) || *text || *last < *first)) return RANGE_NONE;
+    if (*first >= bytes) return RANGE_UNSATISFIABLE;
+    if (*last >= bytes) *last = bytes - 1;
+    return RANGE_ONE;
+}

@@ -1,0 +1,123 @@
+/* A request as the handlers see it, and the response that they make.  No type of the HTTP library appears here.
+ *
+ * A handler is a plain function that may block: it runs on an offload thread while its connection is suspended.  When
+ * it can't answer yet it says RESPONSE_WAIT and is called again, with the same request, when the job it waits for has
+ * changed, its deadline has come, or the client is gone.  An event stream is the same: RESPONSE_STREAM gives the next
+ * piece of text, and the handler is called again when there may be more.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_MESSAGE_H
+#define WHITTLE_SERVER_MESSAGE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "api/problem.h"
+#include "api/query.h"
+#include "api/routes.h"
+#include "server/events.h"
+#include "server/upload.h"
+
+enum request_header {
+    HEADER_RANGE,
+    HEADER_IF_RANGE,
+    HEADER_IF_NONE_MATCH,
+    HEADER_PREFER,
+    HEADER_EXPECT,
+    HEADER_CONTENT_TYPE,
+    HEADER_CONTENT_ENCODING,
+    HEADER_CONTENT_LENGTH,
+    HEADER_TRANSFER_ENCODING,
+    HEADER_LAST_EVENT_ID,
+    HEADER_HOST
+};
+#define HEADER_COUNT 11
+
+/* "Range", ... */
+extern const char *const message_header_names[HEADER_COUNT];
+
+enum { REQUEST_MAX_QUERY = 64 };
+
+/* What a handler waits for, and keeps between its calls. */
+struct request_wait {
+    unsigned calls;      /* how often the handler was called before */
+    enum events_why why; /* why it is called again */
+    char id[JOB_ID_BYTES];
+    uint64_t seen;       /* events_now before the job was read */
+    int64_t deadline_ms; /* of this wait, by events_clock_ms */
+    int64_t end_ms;      /* of all waiting; the handler's own */
+    uint64_t sequence;   /* of the job when it was read last; the handler's own */
+    int state;           /* the same */
+};
+
+struct request {
+    const char *method, *path;
+    bool head;
+    struct route_match match;
+    struct query_pair query[REQUEST_MAX_QUERY];
+    size_t query_count;
+    const char *header[HEADER_COUNT]; /* NULL = absent */
+    bool has_body;
+    uint64_t content_length; /* UINT64_MAX = not known */
+    struct upload *upload;   /* the body, complete and checked; NULL = the operation takes none */
+    struct request_wait wait;
+};
+
+enum response_kind { RESPONSE_TEXT, RESPONSE_FILE, RESPONSE_WAIT, RESPONSE_STREAM };
+
+enum { RESPONSE_MAX_HEADERS = 16, RESPONSE_HEADER_BYTES = 256 };
+
+struct response {
+    enum response_kind kind;
+    int status;
+    size_t header_count;
+    struct {
+        const char *name; /* static */
+        char value[RESPONSE_HEADER_BYTES];
+    } header[RESPONSE_MAX_HEADERS];
+    char *text; /* owned; text of RESPONSE_TEXT, next piece of RESPONSE_STREAM (NULL = nothing yet) */
+    size_t text_bytes;
+    int fd; /* owned; of RESPONSE_FILE */
+    uint64_t file_offset, file_bytes;
+    bool last; /* RESPONSE_STREAM: ends after this piece */
+};
+
+/* An empty text, status 200. */
+void response_init(struct response *response);
+
+/* Frees what the response owns. */
+void response_done(struct response *response);
+
+/* Adds a header; the name is static.  A value that doesn't fit is cut. */
+void response_header(struct response *response, const char *name, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
+
+/* Makes it a text of this type; takes text (NULL: memory ran out, which becomes an empty 500). */
+void response_text(struct response *response, int status, const char *media_type, char *text);
+
+/* Makes it a problem document, with the status of its kind, and Retry-After where one is due. */
+void response_problem(struct response *response, const struct problem *problem);
+
+/* The same for a problem that is JSON already (of a failed job). */
+void response_problem_text(struct response *response, const char *json);
+
+/* A problem without members, from a printf-formatted sentence. */
+void response_refuse(struct response *response, enum problem_kind kind, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
+
+/* What the service itself failed at: 500, and a line in the log. */
+void response_error(struct response *response, const struct error *error);
+
+/* Seconds of `Prefer: wait=N` (up to max_ms, in ms); -1 where there is none.  And whether it holds respond-async. */
+int64_t request_prefer_wait_ms(const struct request *request, int64_t max_ms);
+bool request_prefers_async(const struct request *request);
+
+/* Whether the list of entity tags in If-None-Match holds this one (with quotes, compared weakly) or is *. */
+bool request_none_match(const struct request *request, const char *etag);
+
+/* One range of bytes asked for: RANGE_NONE also where it is malformed or more than one, which means the whole. */
+enum request_range { RANGE_NONE, RANGE_ONE, RANGE_UNSATISFIABLE };
+enum request_range request_range(const struct request *request, uint64_t bytes, uint64_t *first, uint64_t *last);
+
+#endif

@@ -1,0 +1,81 @@
+/* The durable queue of jobs: what was accepted is never lost.
+ *
+ * One backend at present, SQLite (queue_sqlite.c).  Another one (a database server shared by several hosts) implements
+ * the same functions; nothing above changes.  Every change is one transaction that checks the state it starts from
+ * against the transition table of job.h, so two callers can't both make the same transition.  All functions may be
+ * called from any thread; they block on the disk.  What has to be durable is on disk when they return; progress isn't.
+ *
+ * Statuses: STATUS_IO with a text when the database refuses; others as said.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_QUEUE_H
+#define WHITTLE_SERVER_QUEUE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/status.h"
+#include "server/job.h"
+
+struct queue;
+
+/* Opens or creates the database file; its schema is brought up to date.  STATUS_UNSUPPORTED when it is newer than this
+ * program.  queue_close accepts NULL. */
+enum status queue_open(const char *path, struct queue **queue, struct error *error) MUST_CHECK;
+void queue_close(struct queue *queue);
+
+/* Adds a job in state accepted.  STATUS_LIMIT when max_waiting jobs are waiting already. */
+enum status queue_submit(struct queue *queue, const struct job *job, uint64_t max_waiting,
+                         struct error *error) MUST_CHECK;
+
+/* Makes the oldest accepted job running and hands it over (the caller's, to job_done).  *found false: none waits. */
+enum status queue_claim(struct queue *queue, struct job *job, bool *found, struct error *error) MUST_CHECK;
+
+/* Keeps a running job's stage, message and fraction; nothing when it isn't running any more.  Not durable. */
+enum status queue_progress(struct queue *queue, const char *id, const char *stage, const char *message, double fraction,
+                           struct error *error) MUST_CHECK;
+
+/* Makes the transition that event stands for (not JOB_CLAIM), and keeps what *job says of resources, report, problem,
+ * outputs and expiry (not for JOB_REQUEUE).  *changed false: the job's state doesn't allow it, nothing was done. */
+enum status queue_finish(struct queue *queue, enum job_event event, const struct job *job, bool *changed,
+                         struct error *error) MUST_CHECK;
+
+enum queue_presence { QUEUE_ABSENT, QUEUE_PRESENT, QUEUE_GONE };
+
+/* What remains of a deleted job. */
+struct queue_tombstone {
+    char reason[16]; /* "deleted" or "expired" */
+    int64_t at_ms;
+};
+
+/* Reads one job into *job (the caller's, to job_done; zeroed when it isn't present) or its tombstone. */
+enum status queue_get(struct queue *queue, const char *id, struct job *job, enum queue_presence *presence,
+                      struct queue_tombstone *tombstone, struct error *error) MUST_CHECK;
+
+struct queue_filter {
+    bool by_state;
+    enum job_state state;
+    const char *label; /* NULL = any */
+    const char *after; /* only ids before (older than) this one; NULL = from the newest */
+};
+
+/* Reads up to max jobs, newest first; each the caller's, to job_done. */
+enum status queue_list(struct queue *queue, const struct queue_filter *filter, struct job *jobs, size_t max,
+                       size_t *count, struct error *error) MUST_CHECK;
+
+/* Deletes an ended job and leaves a tombstone.  *changed false: there is no such job, or it has not ended. */
+enum status queue_delete(struct queue *queue, const char *id, const char *reason, bool *changed,
+                         struct error *error) MUST_CHECK;
+
+/* The ids of ended jobs whose expiry is past, up to max; forgets tombstones older than tombstones_before_ms. */
+enum status queue_expired(struct queue *queue, int64_t now_ms, int64_t tombstones_before_ms, char (*ids)[JOB_ID_BYTES],
+                          size_t max, size_t *count, struct error *error) MUST_CHECK;
+
+/* How many jobs refer to a cloud. */
+enum status queue_cloud_uses(struct queue *queue, const char *cloud, uint64_t *uses, struct error *error) MUST_CHECK;
+
+/* Jobs waiting and running; from memory, never blocks for long. */
+void queue_depth(struct queue *queue, uint64_t *waiting, uint64_t *running);
+
+#endif

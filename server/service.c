@@ -1,0 +1,187 @@
+/* Submitting, deleting, mending and sweeping: where queue and store meet.
+ *
+ * Invariant: a job's row is committed after its cloud is durable, and removed before its files are.  So a crash leaves
+ * files without rows, never rows without files, and the next start removes them.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/service.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "api/problem.h"
+#include "server/log.h"
+#include "server/supervisor.h"
+
+enum { PAGE = 64, TOMBSTONE_MS = 7 * 24 * 3600 * 1000 };
+
+/* ------------------------------------------------------------------------------------------------ mending */
+
+/* Whether the queue knows this cloud or job; on a doubt it is kept. */
+static bool is_known(void *ctx, enum store_thing thing, const char *name) {
+    struct service *service = ctx;
+    struct error error = {0};
+    if (thing == STORE_CLOUD) {
+        uint64_t uses = 1;
+        return queue_cloud_uses(service->queue, name, &uses, &error) != STATUS_OK || uses > 0;
+    }
+    struct job job;
+    enum queue_presence presence;
+    struct queue_tombstone tombstone;
+    bool known =
+        queue_get(service->queue, name, &job, &presence, &tombstone, &error) != STATUS_OK || presence == QUEUE_PRESENT;
+    job_done(&job);
+    return known;
+}
+
+/* A job that was running when the service ended. */
+static enum status mend_running(struct service *service, struct job *job, struct error *error) {
+    bool changed;
+    if (job->attempt < JOB_MAX_ATTEMPTS) {
+        log_line(LOG_WARNING, "job=%s was running when the service ended: queued again", job->id);
+        return queue_finish(service->queue, JOB_REQUEUE, job, &changed, error);
+    }
+    struct problem problem;
+    problem_set(&problem, PROBLEM_WORKER_CRASHED, "the service ended while the job ran, in each of %d attempts",
+                job->attempt);
+    problem_add_text(&problem, "stage", job->stage);
+    free(job->problem);
+    job->problem = problem_encode(&problem);
+    job->expires_ms = job_now_ms() + service->config->retention_ms;
+    log_line(LOG_ERROR, "job=%s failed: the service ended in each of %d attempts", job->id, job->attempt);
+    return queue_finish(service->queue, JOB_FAIL, job, &changed, error);
+}
+
+static enum status mend_job(struct service *service, struct job *job, struct error *error) {
+    bool changed;
+    if (job->state == JOB_RUNNING) return mend_running(service, job, error);
+    if (job->state == JOB_ACCEPTED && !store_cloud_exists(service->store, job->cloud))
+        log_line(LOG_ERROR, "job=%s has lost its input %s: it will fail", job->id, job->cloud);
+    if (job->state != JOB_SUCCESSFUL || store_outputs_exist(service->store, job->id)) return STATUS_OK;
+    log_line(LOG_ERROR, "job=%s has lost its outputs: deleted", job->id);
+    return queue_delete(service->queue, job->id, "lost", &changed, error);
+}
+
+/* Goes through all jobs, newest first. */
+static enum status mend_jobs(struct service *service, struct error *error) {
+    char after[JOB_ID_BYTES] = "";
+    struct job *jobs = calloc(PAGE, sizeof *jobs);
+    size_t count = PAGE;
+    enum status status = jobs ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
+    while (status == STATUS_OK && count == PAGE) {
+        struct queue_filter filter = {.after = after[0] ? after : NULL};
+        status = queue_list(service->queue, &filter, jobs, PAGE, &count, error);
+        for (size_t i = 0; status == STATUS_OK && i < count; i++) status = mend_job(service, &jobs[i], error);
+        if (status == STATUS_OK && count) memcpy(after, jobs[count - 1].id, sizeof after);
+        for (size_t i = 0; i < count; i++) job_done(&jobs[i]);
+    }
+    free(jobs);
+    return status;
+}
+
+static enum status mend(struct service *service, struct error *error) {
+    size_t removed;
+    enum status status = mend_jobs(service, error);
+    if (status == STATUS_OK) status = store_clean(service->store, is_known, service, &removed, error);
+    if (status == STATUS_OK && removed)
+        log_line(LOG_WARNING, "removed %zu files that an earlier run left behind", removed);
+    return status;
+}
+
+enum status service_open(struct service *service, const struct config *config, struct error *error) {
+    char path[STORE_PATH_BYTES];
+    memset(service, 0, sizeof *service);
+    service->config = config;
+    pthread_rwlock_init(&service->clouds, NULL);
+    enum status status = store_open(config->data, &service->store, error);
+    if (status == STATUS_OK) {
+        store_database_path(service->store, path);
+        status = queue_open(path, &service->queue, error);
+    }
+    if (status == STATUS_OK) status = mend(service, error);
+    if (status == STATUS_OK) status = events_open(&service->events, error);
+    if (status != STATUS_OK) service_close(service);
+    return status;
+}
+
+void service_close(struct service *service) {
+    events_free(service->events);
+    queue_close(service->queue);
+    store_close(service->store);
+    pthread_rwlock_destroy(&service->clouds);
+}
+
+/* ------------------------------------------------------------------------------------------------ submit, delete */
+
+enum status service_submit(struct service *service, struct upload *upload, const struct upload_facts *facts,
+                           struct job *job, struct error *error) {
+    enum status status = upload_sync(upload, error);
+    if (status != STATUS_OK) return status;
+    struct timespec now;
+    clock_gettime(CLOCK_REALTIME, &now);
+    job_new_id(&now, job->id);
+    job->created_ms = job->updated_ms = (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
+    memcpy(job->cloud, facts->sha256, sizeof job->cloud);
+    memcpy(job->input_format, facts->format, sizeof job->input_format);
+    job->input_bytes = facts->bytes;
+    job->input_points = facts->points;
+
+    pthread_rwlock_rdlock(&service->clouds);
+    status = upload_keep(upload, error);
+    if (status == STATUS_OK) status = queue_submit(service->queue, job, (uint64_t)service->config->max_queue, error);
+    pthread_rwlock_unlock(&service->clouds);
+    if (status != STATUS_OK) return status;
+    log_line(LOG_INFO, "job=%s accepted: %llu bytes of %s", job->id, (unsigned long long)job->input_bytes,
+             job->input_format);
+    supervisor_notify(service->supervisor);
+    events_publish(service->events, job->id);
+    return STATUS_OK;
+}
+
+/* Removes a cloud that no job refers to any more. */
+static void forget_cloud(struct service *service, const char *cloud) {
+    struct error error = {0};
+    uint64_t uses = 1;
+    pthread_rwlock_wrlock(&service->clouds);
+    if (queue_cloud_uses(service->queue, cloud, &uses, &error) == STATUS_OK && uses == 0)
+        store_cloud_delete(service->store, cloud);
+    pthread_rwlock_unlock(&service->clouds);
+}
+
+enum status service_delete(struct service *service, const struct job *job, const char *reason, bool *changed,
+                           struct error *error) {
+    enum status status = queue_delete(service->queue, job->id, reason, changed, error);
+    if (status != STATUS_OK || !*changed) return status;
+    store_job_delete(service->store, job->id);
+    forget_cloud(service, job->cloud);
+    log_line(LOG_INFO, "job=%s %s", job->id, reason);
+    events_publish(service->events, job->id);
+    return STATUS_OK;
+}
+
+static void expire(struct service *service, const char *id) {
+    struct job job;
+    enum queue_presence presence;
+    struct queue_tombstone tombstone;
+    struct error error = {0};
+    bool changed;
+    enum status status = queue_get(service->queue, id, &job, &presence, &tombstone, &error);
+    if (status == STATUS_OK && presence == QUEUE_PRESENT)
+        status = service_delete(service, &job, "expired", &changed, &error);
+    if (status != STATUS_OK) log_line(LOG_ERROR, "job=%s can't expire: %s", id, error.text);
+    job_done(&job);
+}
+
+void service_sweep(struct service *service) {
+    char ids[PAGE][JOB_ID_BYTES];
+    struct error error = {0};
+    size_t count = PAGE;
+    while (count == PAGE) {
+        int64_t now = job_now_ms();
+        if (queue_expired(service->queue, now, now - TOMBSTONE_MS, ids, PAGE, &count, &error) != STATUS_OK) {
+            log_line(LOG_ERROR, "can't look for expired jobs: %s", error.text);
+            return;
+        }
+        for (size_t i = 0; i < count; i++) expire(service, ids[i]);
+    }
+}

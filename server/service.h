@@ -1,0 +1,49 @@
+/* What the handlers, the supervisor and main share, and the few things that need more than one of queue, store and
+ * events: submitting, deleting, mending after a crash, and letting old jobs go.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_SERVICE_H
+#define WHITTLE_SERVER_SERVICE_H
+
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdbool.h>
+
+#include "server/config.h"
+#include "server/events.h"
+#include "server/queue.h"
+#include "server/store.h"
+#include "server/upload.h"
+
+struct supervisor;
+
+struct service {
+    const struct config *config; /* borrowed */
+    struct store *store;
+    struct queue *queue;
+    struct events *events;
+    struct supervisor *supervisor; /* set by main, before the first request */
+    pthread_rwlock_t clouds;       /* held shared while a cloud is kept and its job submitted, alone while clouds that
+                                      no job refers to are removed */
+    _Atomic bool draining;         /* no new work is taken */
+};
+
+/* Opens the store and the queue, and mends what an earlier process left (logged): running jobs are queued again, or
+ * failed where their attempts are used up; half-written files, clouds and outputs that no job refers to are removed;
+ * jobs whose outputs are gone are deleted. */
+enum status service_open(struct service *service, const struct config *config, struct error *error) MUST_CHECK;
+void service_close(struct service *service);
+
+/* Makes an upload that has passed upload_end, and its job, durable; fills in job's id, cloud, times.  STATUS_LIMIT:
+ * the queue is full. */
+enum status service_submit(struct service *service, struct upload *upload, const struct upload_facts *facts,
+                           struct job *job, struct error *error) MUST_CHECK;
+
+/* Deletes an ended job with its files; reason as in queue_delete. */
+enum status service_delete(struct service *service, const struct job *job, const char *reason, bool *changed,
+                           struct error *error) MUST_CHECK;
+
+/* Deletes the jobs whose time is over. */
+void service_sweep(struct service *service);
+
+#endif

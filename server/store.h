@@ -1,0 +1,88 @@
+/* The store: clouds by content, outputs and logs by job.
+ *
+ * One backend at present, a folder (store_fs.c).  Another one (an object store that several hosts share) implements the
+ * same functions.  What is visible is complete and on disk: uploads and outputs are written under temporary names and
+ * appear by rename, after fsync.  All functions may be called from any thread, and block on the disk; those that may be
+ * called from a callback that must not block say so.
+ *
+ * Statuses: STATUS_IO with a text when the operating system refuses; others as said.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_STORE_H
+#define WHITTLE_SERVER_STORE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/status.h"
+#include "server/job.h"
+
+struct store;
+
+enum { STORE_PATH_BYTES = 4096, STORE_NAME_BYTES = 80 };
+
+/* Opens or creates the folder, for this process alone: STATUS_IO when another one has it.  store_close accepts NULL. */
+enum status store_open(const char *folder, struct store **store, struct error *error) MUST_CHECK;
+void store_close(struct store *store);
+
+/* The database file's path in the folder. */
+void store_database_path(const struct store *store, char path[STORE_PATH_BYTES]);
+
+/* Bytes that may still be written; UINT64_MAX when that isn't known.  Doesn't block for long. */
+uint64_t store_free_bytes(const struct store *store);
+
+/* An upload in the making: write to fd, then keep or drop it.  Zero-initialise with fd = -1. */
+struct store_upload {
+    int fd;
+    char name[STORE_NAME_BYTES];
+};
+
+/* Doesn't block for long. */
+enum status store_upload_begin(struct store *store, struct store_upload *upload, struct error *error) MUST_CHECK;
+
+/* Flushes the upload to disk; to be called before, and outside of locks held for, store_upload_keep. */
+enum status store_upload_sync(struct store_upload *upload, struct error *error) MUST_CHECK;
+
+/* Makes the upload the cloud of this hash; the same content there already is replaced by it.  Ends the upload. */
+enum status store_upload_keep(struct store *store, struct store_upload *upload, const char *sha256,
+                              struct error *error) MUST_CHECK;
+
+/* Removes the upload; accepts one that has ended. */
+void store_upload_drop(struct store *store, struct store_upload *upload);
+
+/* The path of a cloud, for a worker to read. */
+void store_cloud_path(const struct store *store, const char *sha256, char path[STORE_PATH_BYTES]);
+bool store_cloud_exists(const struct store *store, const char *sha256);
+void store_cloud_delete(struct store *store, const char *sha256);
+
+/* Makes an empty folder for the outputs of a running job, and gives its path. */
+enum status store_outputs_begin(struct store *store, const char *id, char path[STORE_PATH_BYTES],
+                                struct error *error) MUST_CHECK;
+
+/* Makes what is in that folder the job's outputs: fills outputs (JOB_MAX_OUTPUTS) with name, length and hash, in the
+ * order of their names.  Reads every byte. */
+enum status store_outputs_keep(struct store *store, const char *id, struct job_output *outputs, size_t *count,
+                               struct error *error) MUST_CHECK;
+
+/* Removes that folder, if it is there. */
+void store_outputs_drop(struct store *store, const char *id);
+
+/* Opens an output for reading; -1 when there is none. */
+int store_output_open(const struct store *store, const char *id, const char *name);
+bool store_outputs_exist(const struct store *store, const char *id);
+
+/* Opens the job's log, for appending (made if it isn't there) or reading; -1 when it can't. */
+int store_log_open(struct store *store, const char *id, bool append);
+
+/* Removes the job's outputs and log: they vanish at once. */
+void store_job_delete(struct store *store, const char *id);
+
+enum store_thing { STORE_CLOUD, STORE_JOB };
+
+/* Removes everything temporary, and every cloud and job that keep(ctx, thing, name) denies.  *removed counts them.
+ * For the start, before anything else uses the store. */
+enum status store_clean(struct store *store, bool (*keep)(void *ctx, enum store_thing thing, const char *name),
+                        void *ctx, size_t *removed, struct error *error) MUST_CHECK;
+
+#endif

@@ -1,0 +1,325 @@
+/* The store as a folder.
+ *
+ *     whittled.db             the queue's
+ *     lock                    held by the process that serves the folder
+ *     clouds/<sha256>         inputs, by content
+ *     jobs/<id>/log           standard error of the job's processes
+ *     jobs/<id>/outputs/...   outputs of a job that succeeded
+ *     tmp/                    what is being written, or being removed; emptied at the start
+ *
+ * Invariant: a name outside of tmp/ stands for complete content: it appears by rename after fsync, and the folder is
+ * fsynced before anybody is told.  A job's folder is taken away by renaming it into tmp/ first.
+ *
+ * Names come from ids and hashes that this program made, or are checked against the queue before they get here; all
+ * the same they are used relative to open folders, and one with a slash is refused.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/store.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/file.h>
+#include <sys/random.h>
+#include <sys/stat.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+#include "server/digest.h"
+
+enum { FOLDER_MODE = 0700, FILE_MODE = 0600 };
+
+struct store {
+    char root[PATH_MAX];
+    int root_fd, clouds_fd, jobs_fd, tmp_fd, lock_fd;
+};
+
+static enum status refused(struct error *error, const char *what, const char *name) {
+    return error_set(error, STATUS_IO, "store", "can't %s %s: %s", what, name, strerror(errno));
+}
+
+/* ------------------------------------------------------------------------------------------------ open */
+
+static int open_folder(int at, const char *name) {
+    return openat(at, name, O_RDONLY | O_DIRECTORY | O_CLOEXEC | O_NOFOLLOW);
+}
+
+static int make_folder(int at, const char *name) {
+    if (mkdirat(at, name, FOLDER_MODE) != 0 && errno != EEXIST) return -1;
+    return open_folder(at, name);
+}
+
+/* The folder and, where they are missing, those above it. */
+static int make_path(const char *folder) {
+    char path[PATH_MAX];
+    int n = snprintf(path, sizeof path, "%s", folder);
+    if (n <= 0 || n >= PATH_MAX) {
+        errno = ENAMETOOLONG;
+        return -1;
+    }
+    for (char *slash = strchr(path + 1, '/'); slash; slash = strchr(slash + 1, '/')) {
+        *slash = 0;
+        if (mkdir(path, FOLDER_MODE) != 0 && errno != EEXIST) return -1;
+        *slash = '/';
+    }
+    return mkdir(path, FOLDER_MODE) != 0 && errno != EEXIST ? -1 : 0;
+}
+
+static enum status lock_folder(struct store *store, struct error *error) {
+    store->lock_fd = openat(store->root_fd, "lock", O_RDWR | O_CREAT | O_CLOEXEC, FILE_MODE);
+    if (store->lock_fd < 0) return refused(error, "open", "lock");
+    if (flock(store->lock_fd, LOCK_EX | LOCK_NB) == 0) return STATUS_OK;
+    return error_set(error, STATUS_IO, "store", "another whittled serves the folder %s", store->root);
+}
+
+static enum status open_folders(struct store *store, const char *folder, struct error *error) {
+    if (make_path(folder) != 0 || !realpath(folder, store->root)) return refused(error, "make the folder", folder);
+    store->root_fd = open(store->root, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (store->root_fd < 0) return refused(error, "open", store->root);
+    enum status status = lock_folder(store, error);
+    if (status != STATUS_OK) return status;
+    store->clouds_fd = make_folder(store->root_fd, "clouds");
+    store->jobs_fd = make_folder(store->root_fd, "jobs");
+    store->tmp_fd = make_folder(store->root_fd, "tmp");
+    if (store->clouds_fd < 0 || store->jobs_fd < 0 || store->tmp_fd < 0 || fsync(store->root_fd) != 0)
+        return refused(error, "make folders in", store->root);
+    return STATUS_OK;
+}
+
+enum status store_open(const char *folder, struct store **store, struct error *error) {
+    struct store *opened = calloc(1, sizeof *opened);
+    if (!opened) return error_set(error, STATUS_NO_MEMORY, "store", "no memory");
+    opened->root_fd = opened->clouds_fd = opened->jobs_fd = opened->tmp_fd = opened->lock_fd = -1;
+    enum status status = open_folders(opened, folder, error);
+    if (status == STATUS_OK)
+        *store = opened;
+    else
+        store_close(opened);
+    return status;
+}
+
+static void close_if_open(int fd) {
+    if (fd >= 0) close(fd);
+}
+
+void store_close(struct store *store) {
+    if (!store) return;
+    const int fds[] = {store->clouds_fd, store->jobs_fd, store->tmp_fd, store->root_fd, store->lock_fd};
+    for (size_t i = 0; i < sizeof fds / sizeof *fds; i++) close_if_open(fds[i]);
+    free(store);
+}
+
+void store_database_path(const struct store *store, char path[STORE_PATH_BYTES]) {
+    snprintf(path, STORE_PATH_BYTES, "%.4000s/whittled.db", store->root);
+}
+
+uint64_t store_free_bytes(const struct store *store) {
+    struct statvfs figures;
+    if (fstatvfs(store->tmp_fd, &figures) != 0) return UINT64_MAX;
+    return (uint64_t)figures.f_bavail * figures.f_frsize;
+}
+
+/* ------------------------------------------------------------------------------------------------ removing */
+
+/* Removes a file, or a folder with what is in it (two levels are all there ever are). */
+static void remove_tree(int at, const char *name, int depth) {
+    if (unlinkat(at, name, 0) == 0 || (errno != EISDIR && errno != EPERM)) return;
+    int fd = depth ? open_folder(at, name) : -1;
+    DIR *folder = fd >= 0 ? fdopendir(fd) : NULL;
+    if (!folder) {
+        close_if_open(fd);
+        return;
+    }
+    for (struct dirent *entry; (entry = readdir(folder));)
+        if (strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0)
+            remove_tree(dirfd(folder), entry->d_name, depth - 1);
+    closedir(folder);
+    unlinkat(at, name, AT_REMOVEDIR);
+}
+enum { DEPTH = 3 };
+
+static void random_name(const char *prefix, char name[STORE_NAME_BYTES]) {
+    uint64_t random[2] = {0};
+    ssize_t n = getrandom(random, sizeof random, 0); /* 16 bytes are never cut short */
+    (void)n;
+    snprintf(name, STORE_NAME_BYTES, "%s-%016llx%016llx", prefix, (unsigned long long)random[0],
+             (unsigned long long)random[1]);
+}
+
+static void remove_by_way_of_tmp(struct store *store, int at, const char *name) {
+    char gone[STORE_NAME_BYTES];
+    random_name("gone", gone);
+    if (renameat(at, name, store->tmp_fd, gone) != 0) return;
+    fsync(at);
+    remove_tree(store->tmp_fd, gone, DEPTH);
+}
+
+/* ------------------------------------------------------------------------------------------------ clouds */
+
+enum status store_upload_begin(struct store *store, struct store_upload *upload, struct error *error) {
+    random_name("upload", upload->name);
+    upload->fd = openat(store->tmp_fd, upload->name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, FILE_MODE);
+    return upload->fd < 0 ? refused(error, "make", upload->name) : STATUS_OK;
+}
+
+enum status store_upload_sync(struct store_upload *upload, struct error *error) {
+    return fsync(upload->fd) == 0 ? STATUS_OK : refused(error, "flush", upload->name);
+}
+
+enum status store_upload_keep(struct store *store, struct store_upload *upload, const char *sha256,
+                              struct error *error) {
+    if (renameat(store->tmp_fd, upload->name, store->clouds_fd, sha256) != 0 || fsync(store->clouds_fd) != 0)
+        return refused(error, "keep", upload->name);
+    close(upload->fd);
+    upload->fd = -1;
+    upload->name[0] = 0;
+    return STATUS_OK;
+}
+
+void store_upload_drop(struct store *store, struct store_upload *upload) {
+    close_if_open(upload->fd);
+    upload->fd = -1;
+    if (upload->name[0]) unlinkat(store->tmp_fd, upload->name, 0);
+    upload->name[0] = 0;
+}
+
+void store_cloud_path(const struct store *store, const char *sha256, char path[STORE_PATH_BYTES]) {
+    snprintf(path, STORE_PATH_BYTES, "%.3900s/clouds/%.80s", store->root, sha256);
+}
+
+bool store_cloud_exists(const struct store *store, const char *sha256) {
+    return faccessat(store->clouds_fd, sha256, R_OK, 0) == 0;
+}
+
+void store_cloud_delete(struct store *store, const char *sha256) { unlinkat(store->clouds_fd, sha256, 0); }
+
+/* ------------------------------------------------------------------------------------------------ outputs */
+
+enum status store_outputs_begin(struct store *store, const char *id, char path[STORE_PATH_BYTES], struct error *error) {
+    remove_tree(store->tmp_fd, id, DEPTH);
+    if (mkdirat(store->tmp_fd, id, FOLDER_MODE) != 0) return refused(error, "make a folder for", id);
+    snprintf(path, STORE_PATH_BYTES, "%.3900s/tmp/%.80s", store->root, id);
+    return STATUS_OK;
+}
+
+void store_outputs_drop(struct store *store, const char *id) { remove_tree(store->tmp_fd, id, DEPTH); }
+
+/* Hashes and flushes one output. */
+static enum status take_output(int folder_fd, const char *name, struct job_output *output, struct error *error) {
+    int fd = openat(folder_fd, name, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
+    struct stat facts;
+    if (fd < 0) return refused(error, "open", name);
+    enum status status = STATUS_OK;
+    if (fstat(fd, &facts) != 0 || !S_ISREG(facts.st_mode))
+        status = error_set(error, STATUS_IO, "store", "%s is no file", name);
+    else if (digest_file(fd, output->sha256, &output->bytes) != 0 || fsync(fd) != 0)
+        status = refused(error, "read", name);
+    snprintf(output->name, sizeof output->name, "%.*s", JOB_OUTPUT_NAME_BYTES - 1, name);
+    close(fd);
+    return status;
+}
+
+static int is_visible(const struct dirent *entry) { return entry->d_name[0] != '.'; }
+
+static enum status take_outputs(int folder_fd, struct job_output *outputs, size_t *count, struct error *error) {
+    struct dirent **entries;
+    int n = scandirat(folder_fd, ".", &entries, is_visible, alphasort);
+    if (n < 0) return refused(error, "list", "outputs");
+    enum status status = STATUS_OK;
+    *count = 0;
+    for (int i = 0; i < n; i++) {
+        const char *name = entries[i]->d_name;
+        if (status == STATUS_OK && (*count == JOB_MAX_OUTPUTS || strlen(name) >= JOB_OUTPUT_NAME_BYTES))
+            status = error_set(error, STATUS_IO, "store", "too many outputs, or too long a name: %.80s", name);
+        if (status == STATUS_OK) status = take_output(folder_fd, name, &outputs[(*count)++], error);
+        free(entries[i]);
+    }
+    free(entries);
+    if (status == STATUS_OK && fsync(folder_fd) != 0) status = refused(error, "flush", "outputs");
+    return status;
+}
+
+static enum status move_outputs(struct store *store, const char *id, struct error *error) {
+    int job_fd = make_folder(store->jobs_fd, id);
+    if (job_fd < 0) return refused(error, "make a folder for", id);
+    remove_by_way_of_tmp(store, job_fd, "outputs"); /* of a run whose end was never recorded */
+    enum status status = STATUS_OK;
+    if (renameat(store->tmp_fd, id, job_fd, "outputs") != 0 || fsync(job_fd) != 0 || fsync(store->jobs_fd) != 0)
+        status = refused(error, "keep the outputs of", id);
+    close(job_fd);
+    return status;
+}
+
+enum status store_outputs_keep(struct store *store, const char *id, struct job_output *outputs, size_t *count,
+                               struct error *error) {
+    int folder_fd = open_folder(store->tmp_fd, id);
+    if (folder_fd < 0) return refused(error, "open the outputs of", id);
+    enum status status = take_outputs(folder_fd, outputs, count, error);
+    close(folder_fd);
+    return status == STATUS_OK ? move_outputs(store, id, error) : status;
+}
+
+/* Opens jobs/<id>/<name>, or jobs/<id>/<folder>/<name>. */
+static int open_in_job(const struct store *store, const char *id, const char *folder, const char *name) {
+    char path[256];
+    int n = snprintf(path, sizeof path, "%s/%s%s%s", id, folder ? folder : "", folder ? "/" : "", name);
+    if (n < 0 || (size_t)n >= sizeof path || strchr(name, '/') || name[0] == '.') return -1;
+    return openat(store->jobs_fd, path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
+}
+
+int store_output_open(const struct store *store, const char *id, const char *name) {
+    return open_in_job(store, id, "outputs", name);
+}
+
+bool store_outputs_exist(const struct store *store, const char *id) {
+    char path[128];
+    snprintf(path, sizeof path, "%.80s/outputs", id);
+    return faccessat(store->jobs_fd, path, X_OK, 0) == 0;
+}
+
+int store_log_open(struct store *store, const char *id, bool append) {
+    if (!append) return open_in_job(store, id, NULL, "log");
+    int job_fd = make_folder(store->jobs_fd, id);
+    if (job_fd < 0) return -1;
+    int fd = openat(job_fd, "log", O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC | O_NOFOLLOW, FILE_MODE);
+    close(job_fd);
+    return fd;
+}
+
+void store_job_delete(struct store *store, const char *id) { remove_by_way_of_tmp(store, store->jobs_fd, id); }
+
+/* ------------------------------------------------------------------------------------------------ clean */
+
+/* Lists a folder (which may change meanwhile) and removes what keep denies; keep NULL denies everything. */
+static enum status clean_folder(struct store *store, int folder_fd, enum store_thing thing,
+                                bool (*keep)(void *ctx, enum store_thing thing, const char *name), void *ctx,
+                                size_t *removed) {
+    struct dirent **entries;
+    int n = scandirat(folder_fd, ".", &entries, is_visible, alphasort);
+    if (n < 0) return STATUS_IO;
+    for (int i = 0; i < n; i++) {
+        if (!keep || !keep(ctx, thing, entries[i]->d_name)) {
+            if (folder_fd == store->tmp_fd)
+                remove_tree(folder_fd, entries[i]->d_name, DEPTH);
+            else
+                remove_by_way_of_tmp(store, folder_fd, entries[i]->d_name);
+            ++*removed;
+        }
+        free(entries[i]);
+    }
+    free(entries);
+    return STATUS_OK;
+}
+
+enum status store_clean(struct store *store, bool (*keep)(void *ctx, enum store_thing thing, const char *name),
+                        void *ctx, size_t *removed, struct error *error) {
+    *removed = 0;
+    enum status status = clean_folder(store, store->tmp_fd, STORE_CLOUD, NULL, NULL, removed);
+    if (status == STATUS_OK) status = clean_folder(store, store->clouds_fd, STORE_CLOUD, keep, ctx, removed);
+    if (status == STATUS_OK) status = clean_folder(store, store->jobs_fd, STORE_JOB, keep, ctx, removed);
+    return status == STATUS_OK ? STATUS_OK : refused(error, "list", store->root);
+}

@@ -1,0 +1,164 @@
+/* A cloud on its way in.
+ *
+ * The kind is told by the first SNIFF_BYTES, a PLY header is checked as soon as it is complete, and both are checked
+ * once more with the true length at the end.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/upload.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "core/cloud_sniff.h"
+#include "core/ply_header.h"
+#include "server/digest.h"
+
+enum { SNIFF_BYTES = 4096 };
+
+struct upload {
+    struct store *store;
+    struct store_upload file;
+    struct digest *digest;
+    uint64_t bytes, expected_bytes, max_bytes;
+    bool checked; /* the format is known and right, as far as the first bytes tell */
+    struct upload_facts facts;
+    size_t head_bytes;
+    unsigned char head[PLY_HEADER_MAX_BYTES]; /* the first bytes */
+};
+
+static void out_of_room(struct problem *problem, const struct error *error) {
+    problem_set(problem, PROBLEM_STORAGE_FULL, "%s", error->text);
+}
+
+static struct upload *too_large(const struct upload *upload, uint64_t bytes, struct problem *problem) {
+    problem_set(problem, PROBLEM_BODY_TOO_LARGE, "the body is longer than %llu bytes",
+                (unsigned long long)upload->max_bytes);
+    problem_add_number(problem, "limit", (int64_t)upload->max_bytes);
+    if (bytes <= INT64_MAX) problem_add_number(problem, "actual", (int64_t)bytes);
+    problem_add_text(problem, "hint", "send binary PLY, or thin the cloud out first");
+    return NULL;
+}
+
+struct upload *upload_new(struct store *store, uint64_t expected_bytes, uint64_t max_bytes, struct problem *problem) {
+    struct error error = {0};
+    struct upload *upload = calloc(1, sizeof *upload);
+    if (!upload) {
+        problem_set(problem, PROBLEM_INTERNAL_ERROR, "no memory");
+        return NULL;
+    }
+    *upload = (struct upload){.store = store,
+                              .file.fd = -1,
+                              .digest = digest_new(),
+                              .expected_bytes = expected_bytes,
+                              .max_bytes = max_bytes};
+    bool fits = expected_bytes == UINT64_MAX || expected_bytes <= max_bytes;
+    if (!fits)
+        too_large(upload, expected_bytes, problem);
+    else if (!upload->digest || store_upload_begin(store, &upload->file, &error) != STATUS_OK)
+        out_of_room(problem, &error);
+    else
+        return upload;
+    upload_free(upload);
+    return NULL;
+}
+
+void upload_free(struct upload *upload) {
+    if (!upload) return;
+    store_upload_drop(upload->store, &upload->file);
+    digest_free(upload->digest);
+    free(upload);
+}
+
+/* ------------------------------------------------------------------------------------------------ format */
+
+static bool check_ply(struct upload *upload, uint64_t total, struct problem *problem) {
+    struct ply_summary summary = {0};
+    struct error error = {0};
+    enum status status = ply_header_check(upload->head, upload->head_bytes, total, &summary, &error);
+    if (status != STATUS_OK) {
+        problem_from_error(problem, &error);
+        return false;
+    }
+    if (!summary.complete) return true;
+    upload->checked = true;
+    upload->facts.points = summary.vertex_count;
+    snprintf(upload->facts.format, sizeof upload->facts.format, "%s",
+             summary.format == CLOUD_PLY_ASCII           ? "ply/ascii"
+             : summary.format == CLOUD_PLY_LITTLE_ENDIAN ? "ply/binary_little_endian"
+                                                         : "ply/binary_big_endian");
+    return true;
+}
+
+static bool refuse_kind(const char *looks_like, struct problem *problem) {
+    struct error error = {0};
+    error_set(&error, STATUS_UNSUPPORTED, "", "the body looks like %s, not like a PLY or XYZ cloud", looks_like);
+    problem_from_error(problem, &error);
+    return false;
+}
+
+/* Looks at the first bytes; total is the length of all, UINT64_MAX = not known. */
+static bool check_head(struct upload *upload, uint64_t total, bool at_end, struct problem *problem) {
+    if (upload->head_bytes < SNIFF_BYTES && !at_end && upload->head_bytes < total) return true;
+    struct cloud_guess guess = cloud_sniff(upload->head, upload->head_bytes);
+    switch (guess.kind) {
+    case CLOUD_KIND_PLY: return check_ply(upload, total, problem);
+    case CLOUD_KIND_OTHER: return refuse_kind(guess.looks_like, problem);
+    case CLOUD_KIND_EMPTY: problem_set(problem, PROBLEM_MALFORMED_CLOUD, "the body is empty"); return false;
+    case CLOUD_KIND_TEXT: break;
+    }
+    upload->checked = true;
+    snprintf(upload->facts.format, sizeof upload->facts.format, "xyz");
+    return true;
+}
+
+static bool check_more(struct upload *upload, const void *bytes, size_t count, struct problem *problem) {
+    size_t room = sizeof upload->head - upload->head_bytes, taken = count < room ? count : room;
+    memcpy(upload->head + upload->head_bytes, bytes, taken);
+    upload->head_bytes += taken;
+    return upload->checked || check_head(upload, upload->expected_bytes, false, problem);
+}
+
+/* ------------------------------------------------------------------------------------------------ bytes */
+
+static bool write_all(struct upload *upload, const char *bytes, size_t count, struct problem *problem) {
+    while (count) {
+        ssize_t n = write(upload->file.fd, bytes, count);
+        if (n < 0 && errno == EINTR) continue;
+        if (n < 0) {
+            problem_set(problem, errno == ENOSPC || errno == EDQUOT ? PROBLEM_STORAGE_FULL : PROBLEM_INTERNAL_ERROR,
+                        "the body can't be stored: %s", strerror(errno));
+            return false;
+        }
+        bytes += n;
+        count -= (size_t)n;
+    }
+    return true;
+}
+
+bool upload_write(struct upload *upload, const void *bytes, size_t count, struct problem *problem) {
+    if (count > upload->max_bytes - upload->bytes) {
+        too_large(upload, UINT64_MAX, problem);
+        return false;
+    }
+    if (!check_more(upload, bytes, count, problem)) return false;
+    upload->bytes += count;
+    digest_update(upload->digest, bytes, count);
+    return write_all(upload, bytes, count, problem);
+}
+
+bool upload_end(struct upload *upload, struct upload_facts *facts, struct problem *problem) {
+    if (!check_head(upload, upload->bytes, true, problem)) return false;
+    digest_finish(upload->digest, upload->facts.sha256);
+    upload->facts.bytes = upload->bytes;
+    *facts = upload->facts;
+    return true;
+}
+
+enum status upload_sync(struct upload *upload, struct error *error) { return store_upload_sync(&upload->file, error); }
+
+enum status upload_keep(struct upload *upload, struct error *error) {
+    return store_upload_keep(upload->store, &upload->file, upload->facts.sha256, error);
+}

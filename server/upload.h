@@ -1,0 +1,42 @@
+/* A cloud on its way in: streamed to disk, hashed and counted, its format checked as soon as its first bytes are here.
+ *
+ * No more of it is in memory than the first PLY_HEADER_MAX_BYTES.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_UPLOAD_H
+#define WHITTLE_SERVER_UPLOAD_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "api/problem.h"
+#include "server/job.h"
+#include "server/store.h"
+
+struct upload;
+
+/* What is known of a complete upload. */
+struct upload_facts {
+    char sha256[JOB_HASH_BYTES];
+    uint64_t bytes, points; /* points: as the header says; 0 = not known */
+    char format[JOB_FORMAT_BYTES];
+};
+
+/* Starts one; expected_bytes UINT64_MAX = not known.  NULL: *problem says why.  Doesn't block for long. */
+struct upload *upload_new(struct store *store, uint64_t expected_bytes, uint64_t max_bytes, struct problem *problem);
+
+/* Frees it, and removes it from the disk unless it was kept.  Accepts NULL. */
+void upload_free(struct upload *upload);
+
+/* Takes the next bytes; false: *problem says why, and no more may be given.  Writes to the page cache, no more. */
+bool upload_write(struct upload *upload, const void *bytes, size_t count, struct problem *problem);
+
+/* All bytes were given: the last checks.  false: *problem says why. */
+bool upload_end(struct upload *upload, struct upload_facts *facts, struct problem *problem);
+
+/* Flushes to disk; blocks.  Then makes it the cloud of its hash. */
+enum status upload_sync(struct upload *upload, struct error *error) MUST_CHECK;
+enum status upload_keep(struct upload *upload, struct error *error) MUST_CHECK;
+
+#endif

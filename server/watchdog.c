@@ -1,0 +1,130 @@
+/* The watchdog: a list of sockets, and a thread that looks at it every quarter of a second.
+ *
+ * A late connection is shut down, not closed: its descriptor is libmicrohttpd's, which sees the end and closes it.
+ * Invariant: a socket is in the list only while it is open.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/watchdog.h"
+
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stdlib.h>
+#include <sys/socket.h>
+#include <time.h>
+
+#include "server/events.h"
+
+enum { LOOK_EVERY_MS = 250 };
+
+struct watched {
+    int fd;
+    _Atomic int phase;
+    _Atomic int64_t since_ms;
+    _Atomic uint64_t bytes;
+    struct watched *previous, *next;
+};
+
+struct watchdog {
+    struct watchdog_limits limits;
+    pthread_mutex_t lock;
+    pthread_cond_t ending_changed;
+    bool ending;
+    struct watched *first;
+    pthread_t thread;
+};
+
+static bool is_late(const struct watchdog_limits *limits, struct watched *watched, int64_t now) {
+    int64_t age = now - atomic_load(&watched->since_ms);
+    switch ((enum watchdog_phase)atomic_load(&watched->phase)) {
+    case WATCHDOG_HEADERS: return age > limits->header_ms;
+    case WATCHDOG_IDLE: return age > limits->idle_ms;
+    case WATCHDOG_BODY:
+        return age > WATCHDOG_GRACE_MS &&
+               (double)atomic_load(&watched->bytes) * 1e3 < (double)limits->min_bytes_per_s * (double)age;
+    case WATCHDOG_BUSY: break;
+    }
+    return false;
+}
+
+static void wait_a_little(struct watchdog *watchdog) {
+    struct timespec until;
+    clock_gettime(CLOCK_REALTIME, &until);
+    until.tv_nsec += LOOK_EVERY_MS * 1000000L;
+    until.tv_sec += until.tv_nsec / 1000000000L;
+    until.tv_nsec %= 1000000000L;
+    pthread_cond_timedwait(&watchdog->ending_changed, &watchdog->lock, &until);
+}
+
+static void *look(void *ctx) {
+    struct watchdog *watchdog = ctx;
+    pthread_mutex_lock(&watchdog->lock);
+    while (!watchdog->ending) {
+        int64_t now = events_clock_ms();
+        for (struct watched *w = watchdog->first; w; w = w->next)
+            if (is_late(&watchdog->limits, w, now)) shutdown(w->fd, SHUT_RDWR);
+        wait_a_little(watchdog);
+    }
+    pthread_mutex_unlock(&watchdog->lock);
+    return NULL;
+}
+
+enum status watchdog_open(struct watchdog_limits limits, struct watchdog **watchdog) {
+    struct watchdog *opened = calloc(1, sizeof *opened);
+    if (!opened) return STATUS_NO_MEMORY;
+    opened->limits = limits;
+    pthread_mutex_init(&opened->lock, NULL);
+    pthread_cond_init(&opened->ending_changed, NULL);
+    if (pthread_create(&opened->thread, NULL, look, opened) != 0) {
+        free(opened);
+        return STATUS_NO_MEMORY;
+    }
+    *watchdog = opened;
+    return STATUS_OK;
+}
+
+void watchdog_close(struct watchdog *watchdog) {
+    if (!watchdog) return;
+    pthread_mutex_lock(&watchdog->lock);
+    watchdog->ending = true;
+    pthread_cond_signal(&watchdog->ending_changed);
+    pthread_mutex_unlock(&watchdog->lock);
+    pthread_join(watchdog->thread, NULL);
+    pthread_cond_destroy(&watchdog->ending_changed);
+    pthread_mutex_destroy(&watchdog->lock);
+    free(watchdog);
+}
+
+struct watched *watchdog_add(struct watchdog *watchdog, int fd) {
+    struct watched *watched = calloc(1, sizeof *watched);
+    if (!watched) return NULL;
+    watched->fd = fd;
+    watchdog_enter(watched, WATCHDOG_HEADERS);
+    pthread_mutex_lock(&watchdog->lock);
+    watched->next = watchdog->first;
+    if (watched->next) watched->next->previous = watched;
+    watchdog->first = watched;
+    pthread_mutex_unlock(&watchdog->lock);
+    return watched;
+}
+
+void watchdog_remove(struct watchdog *watchdog, struct watched *watched) {
+    if (!watched) return;
+    pthread_mutex_lock(&watchdog->lock);
+    if (watched->previous) watched->previous->next = watched->next;
+    if (watched->next) watched->next->previous = watched->previous;
+    if (watchdog->first == watched) watchdog->first = watched->next;
+    pthread_mutex_unlock(&watchdog->lock);
+    free(watched);
+}
+
+void watchdog_enter(struct watched *watched, enum watchdog_phase phase) {
+    if (!watched) return;
+    atomic_store(&watched->since_ms, events_clock_ms());
+    atomic_store(&watched->bytes, 0);
+    atomic_store(&watched->phase, phase);
+}
+
+void watchdog_count(struct watched *watched, size_t bytes) {
+    if (watched) atomic_fetch_add(&watched->bytes, bytes);
+}

@@ -1,0 +1,43 @@
+/* Cuts off connections that are too slow: no headers in time, silence between requests, bodies that trickle.
+ *
+ * libmicrohttpd's own timeout starts again with every byte, so it is no defence against a client that sends one byte a
+ * minute.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_WATCHDOG_H
+#define WHITTLE_SERVER_WATCHDOG_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/status.h"
+
+struct watchdog;
+struct watched; /* one connection */
+
+struct watchdog_limits {
+    int64_t header_ms, idle_ms, min_bytes_per_s; /* the rate counts from WATCHDOG_GRACE_MS on; 0 = none */
+};
+enum { WATCHDOG_GRACE_MS = 30000 };
+
+enum watchdog_phase {
+    WATCHDOG_HEADERS, /* connected, nothing complete yet */
+    WATCHDOG_BODY,    /* headers are here, the body isn't */
+    WATCHDOG_BUSY,    /* it is our turn */
+    WATCHDOG_IDLE     /* between two requests */
+};
+
+enum status watchdog_open(struct watchdog_limits limits, struct watchdog **watchdog) MUST_CHECK;
+
+/* After the last connection was removed.  Accepts NULL. */
+void watchdog_close(struct watchdog *watchdog);
+
+/* Watches a socket from its first to its last moment; NULL when memory runs out, which the others accept. */
+struct watched *watchdog_add(struct watchdog *watchdog, int fd);
+void watchdog_remove(struct watchdog *watchdog, struct watched *watched);
+
+/* From any thread. */
+void watchdog_enter(struct watched *watched, enum watchdog_phase phase);
+void watchdog_count(struct watched *watched, size_t bytes);
+
+#endif

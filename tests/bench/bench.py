@@ -1,0 +1,119 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where the time goes, and how much of it there is.
+
+Usage: bench.py BUILD_FOLDER [--large] [--save FILE | --compare FILE]
+
+Prints, for Horse and Venus where ../shared/data is there and for synthetic scans of 100 thousand and 1 million points
+(and 10 million with --large): time of each stage, points per second, bytes per point at the peak, for clouds and for
+meshes; what a second thread gains; and the time of a whole job over HTTP on Horse at 10 % with mesh and error, from
+POST to outputs ready.  Machines differ and are noisy: compare ratios within one run.  --save writes the figures as
+JSON, --compare prints the ratios against such a file.
+"""
+import argparse
+import json
+import pathlib
+import subprocess
+import sys
+import tempfile
+import time
+
+SHARED = pathlib.Path("../shared/data")
+
+
+def run(*arguments, **options):
+    done = subprocess.run([str(a) for a in arguments], capture_output=True, check=False, **options)
+    if done.returncode:
+        sys.exit(f"{' '.join(map(str, arguments))}\n{done.stderr.decode()}")
+    return done.stdout
+
+
+def whittle(build, cloud, folder, *extra, repeat=3):
+    """The report and the wall time in seconds, file to file, of the fastest of some runs."""
+    best = None
+    for _ in range(repeat):
+        start = time.monotonic()
+        run(build / "whittle", cloud, "-o", folder, "-q", *extra)
+        wall = time.monotonic() - start
+        report = json.loads((folder / "report.json").read_text())
+        if best is None or wall < best[1]:
+            best = report, wall
+    return best
+
+
+def print_run(name, report, wall):
+    stages = "  ".join(f"{k} {v:.0f}" for k, v in report["timings_ms"].items() if k != "total" and v >= 0.5)
+    points = report["points_in"]
+    print(f"{name:34s} {wall:8.3f} s  {points / wall / 1e6:6.2f} M points/s  "
+          f"{report['peak_rss_bytes'] / points:6.0f} B/point   ms: {stages}", flush=True)
+
+
+def job_over_http(build, cloud, folder):
+    """Seconds from POST to the outputs ready, the fastest of five."""
+    daemon = subprocess.Popen([build / "whittled", "--listen", "127.0.0.1:0", "--data", folder / "data"],
+                              stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    try:
+        url = next(word for word in daemon.stdout.readline().split() if word.startswith("http://")).rstrip("/")
+        best = None
+        for attempt in range(5):
+            start = time.monotonic()
+            query = f"ratio=0.1&outputs=cloud,mesh,report&label=bench{attempt}&seed={attempt}"
+            job = json.loads(run("curl", "-fsS", "-X", "POST", "-T", cloud, f"{url}/v1/jobs?{query}"))
+            while job["status"] in ("accepted", "running"):
+                job = json.loads(run("curl", "-fsS", "-H", "Prefer: wait=10", f"{url}/v1/jobs/{job['id']}"))
+            if job["status"] != "successful":
+                sys.exit(f"the job failed: {job['problem']}")
+            wall = time.monotonic() - start
+            best = wall if best is None else min(best, wall)
+        return best
+    finally:
+        daemon.terminate()
+        daemon.wait()
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("build", type=pathlib.Path)
+    parser.add_argument("--large", action="store_true")
+    parser.add_argument("--save", type=pathlib.Path)
+    parser.add_argument("--compare", type=pathlib.Path)
+    options = parser.parse_args()
+    build, figures = options.build, {}
+    with tempfile.TemporaryDirectory() as name:
+        folder = pathlib.Path(name)
+        clouds = [(p, SHARED / f"{p}.points.ply") for p in ("horse", "venus") if (SHARED / f"{p}.points.ply").exists()]
+        if not clouds:
+            print("skipped: Horse and Venus, for ../shared/data isn't there")
+        for label, count in [("100k", 10**5), ("1M", 10**6)] + ([("10M", 10**7)] if options.large else []):
+            path = folder / f"{label}.ply"
+            with open(path, "wb") as out:
+                subprocess.run([build / "tests/bench/make_scan", str(count)], stdout=out, check=True)
+            clouds.append((label, path))
+        for label, path in clouds:
+            heavy = label == "10M"
+            report, wall = whittle(build, path, folder / "out", "--ratio", "0.1", repeat=1 if heavy else 3)
+            print_run(f"{label}, cloud at 10 %", report, wall)
+            figures[f"{label}.cloud"] = wall
+            figures.update({f"{label}.{k}": v / 1e3 for k, v in report["timings_ms"].items()})
+            if label == "1M":
+                _, one = whittle(build, path, folder / "out", "--ratio", "0.1", "--threads", "1")
+                print(f"{'1M, one thread against all':34s} {one / wall:8.2f} times the time")
+                figures["1M.one-thread-ratio"] = one / wall
+            if label in ("horse", "venus", "100k"):
+                report, wall = whittle(build, path, folder / "out", "--ratio", "0.1", "--outputs", "cloud,mesh,report")
+                print_run(f"{label}, mesh and error at 10 %", report, wall)
+                figures[f"{label}.mesh"] = wall
+        if clouds[0][0] == "horse" and (build / "whittled").exists():
+            wall = job_over_http(build, clouds[0][1].resolve(), folder)
+            print(f"{'horse, job over HTTP at 10 %':34s} {wall:8.3f} s  from POST to outputs ready, mesh and error included")
+            figures["horse.job"] = wall
+    if options.save:
+        options.save.write_text(json.dumps(figures, indent=1, sort_keys=True) + "\n")
+    if options.compare:
+        before = json.loads(options.compare.read_text())
+        for key in sorted(figures.keys() & before.keys()):
+            if before[key] > 1e-3:
+                print(f"{key:34s} {figures[key] / before[key]:6.2f} times what it was")
+
+
+main()

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The command `whittle measure`, as a user runs it: a square, one over it, and points."""
+import json
+import os
+import subprocess
+
+import pytest
+
+BUILD = os.environ.get("WHITTLE_BUILD", "build/release")
+WHITTLE = os.path.join(BUILD, "whittle")
+FACES = "element face 2\nproperty list uchar int vertex_indices\n"
+SURFACE_KEYS = ("forward", "surface", "backward")
+
+
+def measure(*arguments):
+    return subprocess.run([WHITTLE, "measure", *map(str, arguments)], capture_output=True, text=True, check=False)
+
+
+def figures(*arguments):
+    run = measure(*arguments, "--json")
+    assert run.returncode == 0, run.stderr
+    return json.loads(run.stdout)
+
+
+@pytest.fixture(name="square")
+def make_square(tmp_path):
+    """A function that writes the square of side 3 at a height z, with or without faces, and returns the path."""
+    def write(name, z, faces=True):
+        path = tmp_path / name
+        path.write_text("ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+                        + (FACES if faces else "") + f"end_header\n0 0 {z}\n3 0 {z}\n3 3 {z}\n0 3 {z}\n"
+                        + ("3 0 1 2\n3 0 2 3\n" if faces else ""))
+        return path
+    return write
+
+
+def test_two_surfaces_are_measured_in_both_directions(square):
+    found = figures(square("a.ply", 1.5), square("b.ply", 0))
+    assert found["method"] == "uniform"
+    assert found["a"] == found["b"] == {"points": 4, "triangles": 2}
+    assert found["forward"]["samples"] == 4
+    assert found["surface"]["samples"] == found["backward"]["samples"] == 100000
+    for key in SURFACE_KEYS:
+        for figure in ("mean", "rms", "max"):
+            assert found[key][figure] == pytest.approx(1.5, abs=1e-12)
+            assert found[key][figure + "_rel"] == pytest.approx(1.5 / 18 ** 0.5, abs=1e-12)
+    assert found["mean"] == found["hausdorff"] == pytest.approx(1.5, abs=1e-12)
+    assert "metro_diagonal" not in found
+
+
+def test_metro_s_way_has_its_own_diagonal(square):
+    found = figures(square("a.ply", 1), square("b.ply", 0), "--method", "metro", "--samples", 1000)
+    box = (3, 3, 1)
+    growth = 0.04 * sum(x * x for x in box) ** 0.5
+    assert found["metro_diagonal"] == pytest.approx(sum((x + growth) ** 2 for x in box) ** 0.5)
+    assert found["hausdorff_metro_rel"] == pytest.approx(1 / found["metro_diagonal"])
+    assert "surface" not in found
+    assert 900 < found["forward"]["samples"] <= 1000 and 900 < found["backward"]["samples"] <= 1000
+
+
+@pytest.mark.parametrize("a_faces, b_faces, expected", [(True, False, {"forward"}), (False, True, {"backward"})])
+def test_points_are_measured_to_the_surface(square, a_faces, b_faces, expected):
+    found = figures(square("a.ply", 2, a_faces), square("b.ply", 0, b_faces))
+    assert expected == found.keys() & set(SURFACE_KEYS)
+    assert found[expected.pop()]["mean"] == found["hausdorff"] == 2
+    assert "mean" not in found
+
+
+@pytest.mark.parametrize("method", ["uniform", "metro"])
+def test_points_against_points_are_refused(square, method):
+    run = measure(square("a.ply", 1, False), square("b.ply", 0, False), "--method", method)
+    assert run.returncode == 65
+    assert "faces" in run.stderr and run.stdout == ""
+
+
+def test_the_table_has_the_same_figures(square):
+    run = measure(square("a.ply", 1.5), square("b.ply", 0))
+    assert run.returncode == 0
+    rows = {line[:18].strip(): line[18:].split() for line in run.stdout.splitlines()}
+    for label, samples in (("points of B to A", "4"), ("surface of B to A", "100000"), ("surface of A to B", "100000")):
+        assert rows[label] == [samples] + ["1.50000e+00"] * 3 + ["3.53553e-01"] * 3
+    assert rows["mean of both"][0] == rows["Hausdorff"][0] == "1.500000e+00"
+
+
+def test_seed_and_threads_do_what_they_say(square, tmp_path):
+    tilted = tmp_path / "tilted.ply"
+    tilted.write_text(square("a.ply", 0).read_text().replace("3 3 0", "3 3 1"))
+    flat = square("b.ply", 0)
+    first = figures(tilted, flat, "--samples", 5000, "--threads", 1)
+    assert figures(tilted, flat, "--samples", 5000, "--threads", 3) == first
+    other = figures(tilted, flat, "--samples", 5000, "--seed", 1)
+    assert other["backward"]["mean"] != first["backward"]["mean"]
+    assert other["backward"]["mean"] == pytest.approx(first["backward"]["mean"], rel=0.01)
+
+
+@pytest.mark.parametrize("arguments, complaint", [
+    ((), "two files"), (("a",), "two files"), (("a", "b", "c"), "two files"), (("a", "b", "--samples", "0"), "--samples"),
+    (("a", "b", "--samples", "-1"), "--samples"), (("a", "b", "--samples", "1e5"), "--samples"),
+    (("a", "b", "--seed", "18446744073709551616"), "--seed"), (("a", "b", "--method", "fast"), "--method"),
+    (("a", "b", "--threads", "257"), "--threads"), (("a", "b", "--nonsense"), "nonsense"), (("a", "b", "--seed"), "seed")])
+def test_wrong_arguments_end_with_2(arguments, complaint):
+    run = measure(*arguments)
+    assert run.returncode == 2
+    assert complaint in run.stderr and run.stdout == ""
+
+
+def test_files_that_can_t_be_read_are_named(square, tmp_path):
+    run = measure(square("a.ply", 0), tmp_path / "nowhere.ply")
+    assert run.returncode == 74 and "nowhere.ply" in run.stderr
+    (tmp_path / "broken.ply").write_text("ply\nformat ascii 1.0\nelement vertex 4\n")
+    run = measure(tmp_path / "broken.ply", square("b.ply", 0))
+    assert run.returncode == 65 and "broken.ply" in run.stderr
+
+
+def test_a_full_disk_is_noticed(square):
+    with open("/dev/full", "w", encoding="ascii") as full:
+        for extra in ([], ["--json"]):
+            run = subprocess.run([WHITTLE, "measure", square("a.ply", 1), square("b.ply", 0), *extra], stdout=full,
+                                 stderr=subprocess.PIPE, check=False)
+            assert run.returncode == 74
+
+
+def test_help_goes_to_standard_output():
+    run = measure("--help")
+    assert run.returncode == 0 and "Exit status" in run.stdout and run.stderr == ""

@@ -1,0 +1,102 @@
+"""Runs whittle, its error tool and the peers, and tells what each made: the file, its count and the time.
+
+Time is the work's alone: no program's reading and writing counts, nor whittle's own measuring of the error.  The error
+of everything comes from one tool, `whittle measure`, against the true mesh.
+
+SPDX-License-Identifier: GPL-3.0-or-later
+"""
+import collections
+import json
+import pathlib
+import subprocess
+
+import models
+
+SAMPLES = 200000  # of each surface
+NOT_THE_WORK = ("total", "tangent", "examine", "measure")  # stages of whittle's report that only look at the result
+
+Made = collections.namedtuple("Made", "path points ms")
+Errors = collections.namedtuple("Errors", "mean rms max forward backward")  # of both directions, / diagonal
+
+
+class Failed(Exception):
+    """A program ended with an error; its last words."""
+
+
+def best(make, times):
+    """Of so many runs that make the same thing the shortest: whatever disturbs a run makes it longer."""
+    return min((make() for _ in range(times)), key=lambda made: made.ms)
+
+
+def run(command):
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        words = (done.stderr.strip() or f"exit status {done.returncode}").splitlines()[-1]
+        raise Failed(f"{pathlib.Path(str(command[0])).name}: {words}")
+    return done.stdout
+
+
+class Programs:
+    """The programs of one build, and a folder for what they write."""
+
+    def __init__(self, build, folder):
+        self.build, self.folder = pathlib.Path(build), pathlib.Path(folder)
+        self.folder.mkdir(parents=True, exist_ok=True)
+
+    def whittle(self, cloud, *options, outputs="cloud,mesh,report", name="whittle"):
+        """Runs whittle; (folder of its outputs, its report)."""
+        folder = self.folder / name
+        run([self.build / "whittle", cloud, "-q", "--outputs", outputs, "-o", folder, *options])
+        return folder, json.loads((folder / "report.json").read_text())
+
+    def peer(self, program, method, made, count, name=None):
+        """Runs one method of a peer on a file."""
+        target = self.folder / f"{name or method}.ply"
+        told = json.loads(run([self.build / "tests/peers" / program, method, made.path, count, target]))
+        return Made(target, told["points"], made.ms + told["ms"])
+
+    def mesh(self, cloud, *options, name="whittle"):
+        """Runs whittle for its mesh."""
+        folder, report = self.whittle(cloud, *options, name=name)
+        return Made(folder / "mesh.ply", report["mesh"]["vertices"], work_ms(report))
+
+    def plain(self, path, name):
+        """A copy of what whittle wrote, for the peers."""
+        target = self.folder / f"{name}.ply"
+        models.to_plain(path, target)
+        return target
+
+    def measure(self, path, truth, samples=SAMPLES):
+        told = json.loads(run([self.build / "whittle", "measure", path, truth, "--samples", samples, "--json"]))
+        return errors_of(told)
+
+    def measure_as_metro(self, path, truth):
+        """The larger of Metro's two maxima, relative to Metro's diagonal."""
+        told = json.loads(run([self.build / "whittle", "measure", path, truth, "--method", "metro", "--json"]))
+        return told["hausdorff_metro_rel"]
+
+
+def errors_of(told):
+    """Mean and RMS of both directions: of the true surface to the mesh, and of the mesh to the true surface."""
+    there, back = told["surface"], told["backward"]
+    rms = ((there["rms_rel"] ** 2 + back["rms_rel"] ** 2) / 2) ** 0.5
+    return Errors((there["mean_rel"] + back["mean_rel"]) / 2, rms, told["hausdorff_rel"], there["mean_rel"],
+                  back["mean_rel"])
+
+
+def work_ms(report):
+    """The time of all stages that make the result."""
+    return sum(ms for stage, ms in report["timings_ms"].items() if stage not in NOT_THE_WORK)
+
+
+def markdown(header, rows):
+    """A table of Markdown whose columns line up; all but the first are numbers."""
+    rows = [[str(cell) for cell in row] for row in rows]
+    widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]
+
+    def line(cells):
+        laid = [c.rjust(w) if i else c.ljust(w) for i, (c, w) in enumerate(zip(cells, widths))]
+        return f"| {' | '.join(laid)} |"
+
+    rule = "|" + "|".join("-" * (w + 2) if i == 0 else "-" * (w + 1) + ":" for i, w in enumerate(widths)) + "|"
+    return "\n".join([line(header), rule, *map(line, rows)])

@@ -1,0 +1,107 @@
+/* CGAL's surfaces: a cloud becomes one, or one becomes smaller.
+ *
+ * front            advancing front reconstruction (Cohen-Steiner, Da 2004) of all points; COUNT is not looked at.
+ * lindstrom-turk   edge collapse, memoryless (Lindstrom, Turk 1998), CGAL's default cost and placement.
+ * garland-heckbert edge collapse by plane quadrics (Garland, Heckbert 1997), with CGAL's bound on the normals' change.
+ *
+ * The last two take a triangle mesh and stop at COUNT vertices: a collapse takes one vertex and three edges of a closed
+ * mesh.  They see the true connectivity, which no method on points does.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <CGAL/Advancing_front_surface_reconstruction.h>
+#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
+#include <CGAL/Polygon_mesh_processing/orient_polygon_soup.h>
+#include <CGAL/Polygon_mesh_processing/polygon_soup_to_polygon_mesh.h>
+#include <CGAL/Surface_mesh.h>
+#include <CGAL/Surface_mesh_simplification/Policies/Edge_collapse/Bounded_normal_change_placement.h>
+#include <CGAL/Surface_mesh_simplification/Policies/Edge_collapse/Count_stop_predicate.h>
+#include <CGAL/Surface_mesh_simplification/Policies/Edge_collapse/GarlandHeckbert_plane_policies.h>
+#include <CGAL/Surface_mesh_simplification/Policies/Edge_collapse/LindstromTurk_cost.h>
+#include <CGAL/Surface_mesh_simplification/Policies/Edge_collapse/LindstromTurk_placement.h>
+#include <CGAL/Surface_mesh_simplification/edge_collapse.h>
+
+#include "tests/peers/peer.h"
+
+namespace collapse = CGAL::Surface_mesh_simplification;
+namespace processing = CGAL::Polygon_mesh_processing;
+using kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
+using mesh = CGAL::Surface_mesh<kernel::Point_3>;
+
+static std::vector<kernel::Point_3> points_of(const surface &s) {
+    std::vector<kernel::Point_3> p;
+    p.reserve(s.vertex.size());
+    for (const auto &v : s.vertex) p.emplace_back(v[0], v[1], v[2]);
+    return p;
+}
+
+static mesh mesh_of(const surface &s) {
+    std::vector<kernel::Point_3> p = points_of(s);
+    std::vector<std::vector<std::size_t>> faces;
+    faces.reserve(s.triangle.size());
+    for (const auto &t : s.triangle) faces.push_back({std::size_t(t[0]), std::size_t(t[1]), std::size_t(t[2])});
+    if (!processing::is_polygon_soup_a_polygon_mesh(faces)) processing::orient_polygon_soup(p, faces);
+    mesh m;
+    processing::polygon_soup_to_polygon_mesh(p, faces, m);
+    return m;
+}
+
+static surface surface_of(mesh m) {
+    m.collect_garbage();
+    surface s;
+    for (auto v : m.vertices()) s.vertex.push_back({m.point(v).x(), m.point(v).y(), m.point(v).z()});
+    for (auto f : m.faces()) {
+        std::array<std::int32_t, 3> t{};
+        int corner = 0;
+        for (auto v : m.vertices_around_face(m.halfedge(f))) t[std::size_t(corner++)] = std::int32_t(v.idx());
+        s.triangle.push_back(t);
+    }
+    return s;
+}
+
+static peer::outcome run_front(const surface &in, std::size_t) {
+    std::vector<kernel::Point_3> p = points_of(in);
+    std::vector<std::array<std::size_t, 3>> facets;
+    peer::outcome o;
+    o.ms = peer::clock_ms(
+        [&] { CGAL::advancing_front_surface_reconstruction(p.begin(), p.end(), std::back_inserter(facets)); });
+    o.made.vertex = in.vertex;
+    for (const auto &f : facets)
+        o.made.triangle.push_back({std::int32_t(f[0]), std::int32_t(f[1]), std::int32_t(f[2])});
+    return o;
+}
+
+/* The number of edges that leaves count vertices.  edge_collapse stops when there are fewer. */
+static collapse::Count_stop_predicate<mesh> stop_at(const mesh &m, std::size_t count) {
+    std::size_t collapses = m.number_of_vertices() - std::min<std::size_t>(count, m.number_of_vertices());
+    std::size_t edges = m.number_of_edges();
+    return collapse::Count_stop_predicate<mesh>(edges > 3 * collapses ? edges - 3 * collapses + 1 : 0);
+}
+
+static peer::outcome run_lindstrom_turk(const surface &in, std::size_t count) {
+    mesh m = mesh_of(in);
+    auto stop = stop_at(m, count);
+    double ms = peer::clock_ms([&] {
+        collapse::edge_collapse(m, stop,
+                                CGAL::parameters::get_cost(collapse::LindstromTurk_cost<mesh>())
+                                    .get_placement(collapse::LindstromTurk_placement<mesh>()));
+    });
+    return {surface_of(m), ms};
+}
+
+static peer::outcome run_garland_heckbert(const surface &in, std::size_t count) {
+    using policies = collapse::GarlandHeckbert_plane_policies<mesh, kernel>;
+    mesh m = mesh_of(in);
+    auto stop = stop_at(m, count);
+    double ms = peer::clock_ms([&] {
+        policies quadrics(m);
+        collapse::Bounded_normal_change_placement<policies::Get_placement> placement(quadrics.get_placement());
+        collapse::edge_collapse(m, stop, CGAL::parameters::get_cost(quadrics.get_cost()).get_placement(placement));
+    });
+    return {surface_of(m), ms};
+}
+
+int main(int argc, char **argv) {
+    return peer::main(
+        argc, argv,
+        {{"front", run_front}, {"lindstrom-turk", run_lindstrom_turk}, {"garland-heckbert", run_garland_heckbert}});
+}

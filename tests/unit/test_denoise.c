@@ -1,0 +1,492 @@
+/* Outliers and noise, on shapes whose points are known without them.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "core/alloc.h"
+#include "core/cloud_read.h"
+#include "core/denoise.h"
+#include "core/neighbourhood.h"
+#include "core/order.h"
+#include "core/outliers.h"
+#include "core/pipeline.h"
+#include "core/quantile.h"
+#include "tests/unit/shapes.h"
+
+static double gauss(uint64_t *state) {
+    double radius = sqrt(-2 * log(1 - random_unit(state)));
+    return radius * cos(2 * M_PI * random_unit(state));
+}
+
+static void add_noise(vec3 *point, size_t n, double deviation) {
+    uint64_t seed = 11;
+    for (size_t i = 0; i < n; i++) {
+        double x = gauss(&seed), y = gauss(&seed), z = gauss(&seed);
+        point[i] = vec3_add(point[i], vec3_scale((vec3){x, y, z}, deviation));
+    }
+}
+
+/* The surface of the cube -1 .. 1, side x side points on each of its six faces, with none on an edge. */
+static vec3 *cube(size_t side) {
+    vec3 *point = malloc(6 * side * side * sizeof *point);
+    assert_non_null(point);
+    for (size_t i = 0; i < 6 * side * side; i++) {
+        size_t face = i / (side * side), cell = i % (side * side);
+        double u = (2 * (double)(cell % side) + 1) / (double)side - 1;
+        double v = (2 * (double)(cell / side) + 1) / (double)side - 1, w = face % 2 ? 1 : -1;
+        point[i] = face / 2 == 0 ? (vec3){w, u, v} : face / 2 == 1 ? (vec3){v, w, u} : (vec3){u, v, w};
+    }
+    return point;
+}
+
+static double off_sphere(vec3 p) { return fabs(vec3_length(p) - 1); }
+
+static double off_cube(vec3 p) { return fabs(fmax(fabs(p.x), fmax(fabs(p.y), fabs(p.z))) - 1); }
+
+static double mean_of(double (*off)(vec3), const vec3 *point, size_t n) {
+    double sum = 0;
+    for (size_t i = 0; i < n; i++) sum += off(point[i]);
+    return sum / (double)n;
+}
+
+static double largest_of(double (*off)(vec3), const vec3 *point, size_t n) {
+    double largest = 0;
+    for (size_t i = 0; i < n; i++) largest = fmax(largest, off(point[i]));
+    return largest;
+}
+
+/* ------------------------------------------------------------------------------------------------ quantiles */
+
+static void a_quantile_is_the_element_of_its_rank(void **state) {
+    (void)state;
+    float value[] = {5, 1, 4, 1, 3, 9, 2, 6};
+    assert_true(quantile_of(value, 8, 0) == 1);
+    assert_true(quantile_of(value, 8, 0.5) == 3); /* rank 3 of 1 1 2 3 4 5 6 9 */
+    assert_true(quantile_of(value, 8, 1) == 9);
+    float equal[100];
+    for (int i = 0; i < 100; i++) equal[i] = 7;
+    assert_true(quantile_of(equal, 100, 0.3) == 7);
+    assert_true(quantile_of(equal, 1, 0.9) == 7);
+}
+
+static void the_spread_leaves_values_alone(void **state) {
+    (void)state;
+    const float value[] = {1, 100, 3, 2, 4}, same[] = {1, 100, 3, 2, 4};
+    double median, mad;
+    assert_int_equal(quantile_spread(value, 5, &median, &mad), STATUS_OK);
+    assert_true(median == 3 && mad == 1);
+    assert_memory_equal(value, same, sizeof value);
+}
+
+/* ------------------------------------------------------------------------------------------------ outliers */
+
+static size_t find_outliers(const vec3 *point, size_t n, unsigned threads, uint8_t *outlier) {
+    struct knn *knn = NULL;
+    size_t count = SIZE_MAX;
+    assert_int_equal(knn_new(point, n, &knn, NULL), STATUS_OK);
+    assert_int_equal(outliers_find(knn, point, n, threads, outlier, &count), STATUS_OK);
+    knn_free(knn);
+    return count;
+}
+
+static vec3 *sphere_with_dust(size_t n, size_t dust) {
+    vec3 *point = shape_sphere(n, 1);
+    assert_non_null(point = realloc(point, (n + dust) * sizeof *point));
+    uint64_t seed = 5;
+    for (size_t i = n; i < n + dust; i++) {
+        do point[i] = (vec3){3 * random_unit(&seed) - 1.5, 3 * random_unit(&seed) - 1.5, 3 * random_unit(&seed) - 1.5};
+        while (off_sphere(point[i]) < 0.2);
+    }
+    return point;
+}
+
+static void dust_is_found_and_no_point_of_the_surface(void **state) {
+    (void)state;
+    enum { N = 5000, DUST = 250 };
+    vec3 *point = sphere_with_dust(N, DUST);
+    uint8_t outlier[N + DUST];
+    assert_int_equal(find_outliers(point, N + DUST, 2, outlier), DUST);
+    for (size_t i = 0; i < N; i++) assert_false(outlier[i]);
+    free(point);
+}
+
+static void a_stray_close_above_a_surface_is_found(void **state) {
+    (void)state;
+    enum { SIDE = 40, N = SIDE * SIDE };
+    vec3 *point = shape_height_field(SIDE, height_plane);
+    assert_non_null(point = realloc(point, (N + 1) * sizeof *point));
+    uint8_t outlier[N + 1];
+    point[N] = (vec3){0.5, 0.5, height_plane(0.5, 0.5) + 5.0 / SIDE};
+    assert_int_equal(find_outliers(point, N + 1, 1, outlier), 1);
+    assert_true(outlier[N]);
+    free(point);
+}
+
+static void a_small_cluster_far_away_is_found(void **state) {
+    (void)state;
+    enum { N = 8000, CLUSTER = 14 };
+    vec3 *point = shape_sphere(N, 1);
+    assert_non_null(point = realloc(point, (N + CLUSTER) * sizeof *point));
+    uint64_t seed = 9;
+    for (size_t i = N; i < N + CLUSTER; i++)
+        point[i] = vec3_add((vec3){2, 2, 2},
+                            vec3_scale((vec3){random_unit(&seed), random_unit(&seed), random_unit(&seed)}, 0.1));
+    uint8_t outlier[N + CLUSTER];
+    assert_int_equal(find_outliers(point, N + CLUSTER, 1, outlier), CLUSTER);
+    for (size_t i = N; i < N + CLUSTER; i++) assert_true(outlier[i]);
+    free(point);
+}
+
+static void two_objects_and_two_densities_lose_nothing(void **state) {
+    (void)state;
+    enum { FINE = 6000, COARSE = 300 };
+    vec3 *point = shape_sphere(FINE, 1), *other = shape_sphere(COARSE, 1);
+    assert_non_null(point = realloc(point, (FINE + COARSE) * sizeof *point));
+    for (size_t i = 0; i < COARSE; i++) point[FINE + i] = vec3_add(other[i], (vec3){4, 0, 0});
+    uint8_t outlier[FINE + COARSE];
+    assert_int_equal(find_outliers(point, FINE + COARSE, 1, outlier), 0);
+    free(point), free(other);
+}
+
+static void edges_and_corners_of_clean_shapes_are_no_outliers(void **state) {
+    (void)state;
+    enum { SIDE = 20, N = 6 * SIDE * SIDE, GRID = 30 };
+    vec3 *point = cube(SIDE), *open = shape_height_field(GRID, height_saddle);
+    uint8_t outlier[N];
+    assert_int_equal(find_outliers(point, N, 1, outlier), 0);
+    assert_int_equal(find_outliers(open, GRID * GRID, 1, outlier), 0);
+    free(point), free(open);
+}
+
+/* ------------------------------------------------------------------------------------------------ noise */
+
+static struct denoise_result smooth(const vec3 *point, size_t n, unsigned threads) {
+    struct denoise_result result = {0};
+    assert_int_equal(denoise_smooth(point, n, threads, &result), STATUS_OK);
+    return result;
+}
+
+static void noise_on_a_sphere_falls_to_a_third(void **state) {
+    (void)state;
+    enum { N = 10000 };
+    const double deviations[] = {0.005, 0.02, 0.05}; /* the spacing is 0.035 */
+    for (int i = 0; i < 3; i++) {
+        vec3 *point = shape_sphere(N, 1);
+        add_noise(point, N, deviations[i]);
+        double before = mean_of(off_sphere, point, N);
+        struct denoise_result result = smooth(point, N, 2);
+        assert_true(mean_of(off_sphere, result.point, N) < before / 3);
+        assert_true(fabs(result.noise / deviations[i] - 1) < 0.35);
+        denoise_done(&result);
+        free(point);
+    }
+}
+
+static void a_smoothed_sphere_does_not_shrink(void **state) {
+    (void)state;
+    enum { N = 10000 };
+    vec3 *point = shape_sphere(N, 1);
+    double radius = 0;
+    add_noise(point, N, 0.02);
+    struct denoise_result result = smooth(point, N, 2);
+    for (size_t i = 0; i < N; i++) radius += vec3_length(result.point[i]) / N;
+    assert_true(fabs(radius - 1) < 0.002);
+    denoise_done(&result);
+    free(point);
+}
+
+static void edges_of_a_noisy_cube_stay_sharp(void **state) {
+    (void)state;
+    enum { SIDE = 40, N = 6 * SIDE * SIDE }; /* spacing 0.05 */
+    vec3 *point = cube(SIDE), *clean = cube(SIDE);
+    add_noise(point, N, 0.01);
+    double before = 0, after = 0, rounded = 0;
+    struct denoise_result result = smooth(point, N, 2);
+    size_t edge = 0;
+    for (size_t i = 0; i < N; i++) {
+        vec3 c = {fabs(clean[i].x), fabs(clean[i].y), fabs(clean[i].z)};
+        if ((c.x > 0.9) + (c.y > 0.9) + (c.z > 0.9) < 2) continue; /* two spacings from an edge */
+        before += off_cube(point[i]), after += off_cube(result.point[i]);
+        rounded += 1 - fmax(fabs(result.point[i].x), fmax(fabs(result.point[i].y), fabs(result.point[i].z)));
+        edge++;
+    }
+    assert_true(edge > 800);
+    assert_true(after < 0.6 * before);
+    assert_true(rounded / (double)edge < 0.003); /* a fillet would take 0.01 and more away */
+    denoise_done(&result);
+    free(point), free(clean);
+}
+
+static void without_noise_hardly_anything_moves(void **state) {
+    (void)state;
+    enum { N = 10000, SIDE = 40, CUBE = 6 * SIDE * SIDE };
+    vec3 *sphere = shape_sphere(N, 1), *box = cube(SIDE);
+    struct denoise_result a = smooth(sphere, N, 2), b = smooth(box, CUBE, 2);
+    assert_true(largest_of(off_sphere, a.point, N) < 0.035 * 0.02);
+    assert_true(mean_of(off_cube, b.point, CUBE) < 0.05 * 0.002);
+    assert_true(largest_of(off_cube, b.point, CUBE) < 0.05 * 0.1);
+    assert_int_equal(a.stray_count + b.stray_count, 0);
+    denoise_done(&a), denoise_done(&b);
+    free(sphere), free(box);
+}
+
+static void a_point_that_no_surface_is_near_stays_and_is_marked(void **state) {
+    (void)state;
+    enum { N = 5000 };
+    vec3 *point = shape_sphere(N, 1);
+    add_noise(point, N, 0.005);
+    point[N / 2] = (vec3){0, 0, 0.5};
+    struct denoise_result result = smooth(point, N, 1);
+    assert_int_equal(result.stray_count, 1);
+    assert_true(result.stray[N / 2] && vec3_equal(result.point[N / 2], point[N / 2]));
+    denoise_done(&result);
+    free(point);
+}
+
+static void few_points_stay_where_they_are(void **state) {
+    (void)state;
+    for (size_t n = 1; n < DENOISE_MIN_POINTS; n++) {
+        vec3 *point = shape_sphere(n, 1);
+        uint8_t outlier[DENOISE_MIN_POINTS];
+        struct denoise_result result = smooth(point, n, 1);
+        assert_memory_equal(result.point, point, n * sizeof *point);
+        assert_int_equal(result.stray_count, 0);
+        assert_int_equal(find_outliers(point, n, 1, outlier), 0);
+        denoise_done(&result);
+        free(point);
+    }
+}
+
+static void flat_and_straight_clouds_survive(void **state) {
+    (void)state;
+    enum { SIDE = 8, N = SIDE * SIDE };
+    vec3 *plane = shape_height_field(SIDE, height_plane), line[N];
+    for (size_t i = 0; i < N; i++) line[i] = (vec3){(double)i / N, 0, 0};
+    uint8_t outlier[N];
+    struct denoise_result a = smooth(plane, N, 1), b = smooth(line, N, 1);
+    for (size_t i = 0; i < N; i++) {
+        assert_true(vec3_distance(a.point[i], plane[i]) < 1e-12);
+        assert_true(vec3_distance(b.point[i], line[i]) < 1e-12);
+    }
+    assert_int_equal(find_outliers(plane, N, 1, outlier), 0);
+    assert_int_equal(find_outliers(line, N, 1, outlier), 0);
+    denoise_done(&a), denoise_done(&b);
+    free(plane);
+}
+
+/* ------------------------------------------------------------------------------------------------ neighbourhoods */
+
+static unsigned neighbours_max(const vec3 *point, size_t n, unsigned max) {
+    struct knn *knn = NULL;
+    struct neighbourhood hood = {0};
+    struct neighbourhood_options options = {2.5, 6, max, 2};
+    unsigned most = 0;
+    assert_int_equal(knn_new(point, n, &knn, NULL), STATUS_OK);
+    assert_int_equal(neighbourhood_find(knn, point, n, &options, &hood), STATUS_OK);
+    for (size_t i = 0; i < n; i++) most = hood.count[i] > most ? hood.count[i] : most;
+    neighbourhood_done(&hood);
+    knn_free(knn);
+    return most;
+}
+
+static void noise_and_not_curvature_widens_neighbourhoods(void **state) {
+    (void)state;
+    enum { N = 5000, SIDE = 24, CUBE = 6 * SIDE * SIDE, COARSE = 150 };
+    vec3 *sphere = shape_sphere(N, 1), *coarse = shape_sphere(COARSE, 1), *box = cube(SIDE);
+    assert_true(neighbours_max(sphere, N, 10) <= 10);
+    assert_true(neighbours_max(coarse, COARSE, 10) <= 10);
+    assert_true(neighbours_max(box, CUBE, 10) <= 10);
+    const double deviations[] = {0.01, 0.03, 0.1}; /* the spacing is 0.05 */
+    for (int i = 0; i < 3; i++) {
+        vec3 *noisy = shape_sphere(N, 1);
+        add_noise(noisy, N, deviations[i]);
+        unsigned most = neighbours_max(noisy, N, 10);
+        assert_true(most > 10 && most <= 30);
+        assert_in_range(neighbours_max(noisy, N, KNN_MAX_K - 1), 18, KNN_MAX_K - 1); /* three times would overflow */
+        free(noisy);
+    }
+    free(sphere), free(coarse), free(box);
+}
+
+/* ------------------------------------------------------------------------------------------------ both */
+
+static void threads_do_not_change_a_bit(void **state) {
+    (void)state;
+    enum { N = 9000, DUST = 300 };
+    vec3 *point = sphere_with_dust(N, DUST);
+    add_noise(point, N, 0.03);
+    uint8_t one_outlier[N + DUST], many_outlier[N + DUST];
+    struct denoise_result one = smooth(point, N, 1), many = smooth(point, N, 5);
+    assert_memory_equal(one.point, many.point, N * sizeof *point);
+    assert_memory_equal(one.stray, many.stray, N);
+    assert_true(one.noise == many.noise);
+    assert_int_equal(find_outliers(point, N + DUST, 1, one_outlier), find_outliers(point, N + DUST, 5, many_outlier));
+    assert_memory_equal(one_outlier, many_outlier, sizeof one_outlier);
+    denoise_done(&one), denoise_done(&many);
+    free(point);
+}
+
+static bool fails_at_zero(void *ctx) {
+    long *left = ctx;
+    return (*left)-- == 0;
+}
+
+static void every_allocation_may_fail(void **state) {
+    (void)state;
+    enum { N = 600 };
+    vec3 *point = sphere_with_dust(N - 30, 30);
+    add_noise(point, N - 30, 0.1);
+    struct knn *knn = NULL;
+    assert_int_equal(knn_new(point, N, &knn, NULL), STATUS_OK);
+    size_t failures = 0;
+    for (long at = 0;; at++) {
+        long countdown = at;
+        uint8_t outlier[N];
+        size_t count;
+        struct denoise_result result = {0};
+        alloc_fail_ctx = &countdown, alloc_fail = fails_at_zero;
+        enum status found = outliers_find(knn, point, N, 1, outlier, &count);
+        enum status status = found ? found : denoise_smooth(point, N, 1, &result);
+        alloc_fail = NULL;
+        if (status == STATUS_OK) {
+            denoise_done(&result);
+            break;
+        }
+        assert_int_equal(status, STATUS_NO_MEMORY);
+        assert_null(result.point);
+        failures++;
+    }
+    assert_true(failures > 15);
+    knn_free(knn);
+    free(point);
+}
+
+/* ------------------------------------------------------------------------------------------------ pipeline */
+
+static struct cloud cloud_of(const vec3 *point, size_t n) {
+    char *text = malloc(n * 80), *end = text;
+    struct cloud cloud = {0};
+    for (size_t i = 0; i < n; i++)
+        end += snprintf(end, 80, "%.9g %.9g %.9g %zu\n", point[i].x, point[i].y, point[i].z, i);
+    assert_int_equal(cloud_read_memory(text, (size_t)(end - text), NULL, NULL, &cloud, NULL), STATUS_OK);
+    free(text);
+    return cloud;
+}
+
+static struct pipeline_result run(const struct cloud *cloud, const char *denoise, const char *threads) {
+    struct params params;
+    struct pipeline_result result = {0};
+    params_defaults(&params);
+    assert_int_equal(params_set(&params, "denoise", denoise, NULL), STATUS_OK);
+    assert_int_equal(params_set(&params, "threads", threads, NULL), STATUS_OK);
+    assert_int_equal(params_set(&params, "outputs", "dso,report", NULL), STATUS_OK);
+    assert_int_equal(params_resolve(&params, NULL), STATUS_OK);
+    assert_int_equal(pipeline_run(cloud, &params, NULL, &result, NULL), STATUS_OK);
+    return result;
+}
+
+static void only_full_moves_points_and_both_drop_outliers(void **state) {
+    (void)state;
+    enum { N = 4000, DUST = 120 };
+    vec3 *point = sphere_with_dust(N, DUST);
+    add_noise(point, N, 0.01);
+    struct cloud cloud = cloud_of(point, N + DUST);
+    struct pipeline_result none = run(&cloud, "none", "2"), outliers = run(&cloud, "outliers", "2"),
+                           full = run(&cloud, "full", "2"), again = run(&cloud, "full", "1");
+    assert_true(!none.moved && !outliers.moved && full.moved);
+    assert_int_equal(none.report.points_outliers, 0);
+    assert_in_range(outliers.report.points_outliers, DUST, DUST + 10);
+    assert_in_range(full.report.points_outliers, DUST, DUST + 10);
+    assert_int_equal(full.level[0].kept_count, (N + DUST) / 10);
+    for (size_t i = 0; i < full.level[0].kept_count; i++) assert_true(full.kept[i] < N);
+    for (size_t i = 0; i < outliers.level[0].kept_count; i++) assert_true(outliers.kept[i] < N);
+    assert_true(mean_of(off_sphere, full.moved, N) < mean_of(off_sphere, cloud.position, N) / 2);
+    assert_memory_equal(full.moved, again.moved, (N + DUST) * sizeof *full.moved);
+    assert_memory_equal(full.kept, again.kept, full.level[0].kept_count * sizeof *full.kept);
+    assert_true(full.report.diagonal < none.report.diagonal); /* of what is left */
+    pipeline_result_done(&none), pipeline_result_done(&outliers), pipeline_result_done(&full);
+    pipeline_result_done(&again);
+    cloud_done(&cloud);
+    free(point);
+}
+
+/* Positions that are whole numbers can move by whole numbers alone, and duplicates move together. */
+static void moved_points_fit_the_type_of_their_coordinates(void **state) {
+    (void)state;
+    enum { N = 3000 };
+    vec3 *point = shape_sphere(N, 400);
+    add_noise(point, N, 8);
+    for (size_t i = 0; i < N; i++)
+        point[i] =
+            i % 100 == 99 ? point[i - 1] : (vec3){nearbyint(point[i].x), nearbyint(point[i].y), nearbyint(point[i].z)};
+    struct cloud cloud = cloud_of(point, N);
+    for (int axis = 0; axis < 3; axis++) cloud.property[cloud.xyz[axis]].type = SCALAR_INT32;
+    cloud_move(&cloud, point);
+    struct pipeline_result full = run(&cloud, "full", "0");
+    size_t moved = 0;
+    for (size_t i = 0; i < N; i++) {
+        vec3 p = full.moved[i];
+        assert_true(p.x == nearbyint(p.x) && p.y == nearbyint(p.y) && p.z == nearbyint(p.z));
+        if (i % 100 == 99) assert_true(vec3_equal(p, full.moved[i - 1]));
+        moved += !vec3_equal(p, cloud.position[i]);
+    }
+    assert_true(moved > N / 2);
+    cloud_move(&cloud, full.moved);
+    for (size_t i = 0; i < N; i++) {
+        const unsigned char *record = &cloud.record[i * cloud.record_bytes];
+        const struct property *id = &cloud.property[3], *x = &cloud.property[cloud.xyz[0]];
+        assert_true(scalar_load(record + x->offset_bytes, x->type) == full.moved[i].x);
+        assert_true(scalar_load(record + id->offset_bytes, id->type) == (double)i);
+    }
+    pipeline_result_done(&full);
+    cloud_done(&cloud);
+    free(point);
+}
+
+static void tiny_clouds_pass_through_the_pipeline(void **state) {
+    (void)state;
+    const vec3 point[] = {{0, 0, 0}, {1, 0, 0}, {0, 0, 0}, {0, 1, 0}};
+    for (size_t n = 1; n <= 4; n++) {
+        struct cloud cloud = cloud_of(point, n);
+        struct pipeline_result result = run(&cloud, "full", "1");
+        assert_int_equal(result.level[0].kept_count, 1);
+        assert_memory_equal(result.moved, cloud.position, n * sizeof *point);
+        assert_int_equal(result.report.points_outliers, 0);
+        pipeline_result_done(&result);
+        cloud_done(&cloud);
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_quantile_is_the_element_of_its_rank),
+        cmocka_unit_test(the_spread_leaves_values_alone),
+        cmocka_unit_test(dust_is_found_and_no_point_of_the_surface),
+        cmocka_unit_test(a_stray_close_above_a_surface_is_found),
+        cmocka_unit_test(a_small_cluster_far_away_is_found),
+        cmocka_unit_test(two_objects_and_two_densities_lose_nothing),
+        cmocka_unit_test(edges_and_corners_of_clean_shapes_are_no_outliers),
+        cmocka_unit_test(noise_on_a_sphere_falls_to_a_third),
+        cmocka_unit_test(a_smoothed_sphere_does_not_shrink),
+        cmocka_unit_test(edges_of_a_noisy_cube_stay_sharp),
+        cmocka_unit_test(without_noise_hardly_anything_moves),
+        cmocka_unit_test(a_point_that_no_surface_is_near_stays_and_is_marked),
+        cmocka_unit_test(few_points_stay_where_they_are),
+        cmocka_unit_test(flat_and_straight_clouds_survive),
+        cmocka_unit_test(noise_and_not_curvature_widens_neighbourhoods),
+        cmocka_unit_test(threads_do_not_change_a_bit),
+        cmocka_unit_test(every_allocation_may_fail),
+        cmocka_unit_test(only_full_moves_points_and_both_drop_outliers),
+        cmocka_unit_test(moved_points_fit_the_type_of_their_coordinates),
+        cmocka_unit_test(tiny_clouds_pass_through_the_pipeline),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

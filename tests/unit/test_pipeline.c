@@ -1,0 +1,342 @@
+/* The whole pipeline: counts, the prefix property, degenerate clouds, cancelling, and the figures on real scans.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#include "core/alloc.h"
+#include "core/cloud_read.h"
+#include "core/metro.h"
+#include "core/pipeline.h"
+#include "tests/unit/shapes.h"
+
+/* A cloud of positions alone, as float64 x, y, z.  Takes the points. */
+static struct cloud cloud_of(vec3 *point, size_t n) {
+    struct cloud cloud = {.count = n, .position = point, .property_count = 3, .record_bytes = 24, .xyz = {0, 1, 2}};
+    cloud.property = calloc(3, sizeof *cloud.property);
+    cloud.record = malloc(n * 24 + 1);
+    for (size_t i = 0; i < 3; i++) {
+        cloud.property[i] = (struct property){.type = SCALAR_FLOAT64, .offset_bytes = 8 * i};
+        snprintf(cloud.property[i].name, sizeof cloud.property[i].name, "%c", "xyz"[i]);
+    }
+    memcpy(cloud.record, point, n * 24);
+    return cloud;
+}
+
+/* Runs with "name value name value ..." on top of the defaults. */
+static enum status run(const struct cloud *cloud, const char *settings, struct pipeline_result *result,
+                       struct error *error) {
+    struct params params;
+    char name[64], value[64];
+    int used;
+    params_defaults(&params);
+    for (; sscanf(settings, " %63s %63s%n", name, value, &used) == 2; settings += used)
+        assert_int_equal(params_set(&params, name, value, error), STATUS_OK);
+    assert_int_equal(params_resolve(&params, error), STATUS_OK);
+    return pipeline_run(cloud, &params, NULL, result, error);
+}
+
+static struct pipeline_result succeed(const struct cloud *cloud, const char *settings) {
+    struct pipeline_result result = {0};
+    struct error error = {0};
+    enum status status = run(cloud, settings, &result, &error);
+    if (status) print_error("%s: %s\n", settings, error.text);
+    assert_int_equal(status, STATUS_OK);
+    return result;
+}
+
+/* ------------------------------------------------------------------------------------------------ counts */
+
+static void goals_are_met_exactly(void **state) {
+    (void)state;
+    struct cloud cloud = cloud_of(shape_sphere(1234, 7), 1234);
+    const struct {
+        const char *settings;
+        size_t expected;
+    } cases[] = {{"ratio 0.1", 123}, {"ratio 1", 1234},     {"ratio 0.0001", 1},
+                 {"points 77", 77},  {"points 5000", 1234}, {"ratio 0.5 max_error 1", 617},
+                 {"points 1", 1},    {"max_error 1", 1}};
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct pipeline_result result = succeed(&cloud, cases[i].settings);
+        assert_int_equal(result.level[0].kept_count, cases[i].expected);
+        assert_int_equal(result.report.level[0].points_out, cases[i].expected);
+        pipeline_result_done(&result);
+    }
+    cloud_done(&cloud);
+}
+
+static void kept_points_are_distinct_and_of_the_input(void **state) {
+    (void)state;
+    struct cloud cloud = cloud_of(shape_sphere(1000, 1), 1000);
+    struct pipeline_result result = succeed(&cloud, "ratio 0.3 outputs mesh");
+    unsigned char seen[1000] = {0};
+    for (size_t i = 0; i < 300; i++) {
+        assert_true(result.kept[i] < 1000 && !seen[result.kept[i]]);
+        seen[result.kept[i]] = 1;
+    }
+    const struct mesh *mesh = &result.level[0].mesh;
+    for (size_t v = 0; v < mesh->vertex_count; v++)
+        assert_memory_equal(&mesh->vertex[v], &cloud.position[mesh->source[v]], sizeof(vec3));
+    pipeline_result_done(&result);
+    cloud_done(&cloud);
+}
+
+static void any_prefix_is_the_smaller_cloud(void **state) {
+    (void)state;
+    struct cloud cloud = cloud_of(shape_sphere(2000, 1), 2000);
+    struct pipeline_result large = succeed(&cloud, "points 900"), small = succeed(&cloud, "points 55");
+    struct pipeline_result levels = succeed(&cloud, "levels 0.2,0.45,0.0275 outputs mesh");
+    assert_memory_equal(large.kept, small.kept, 55 * sizeof *small.kept);
+    assert_memory_equal(large.kept, levels.kept, 900 * sizeof *large.kept);
+    assert_int_equal(levels.report.level_count, 3);
+    const size_t expected[] = {900, 400, 55};
+    for (size_t i = 0; i < 3; i++) {
+        assert_int_equal(levels.report.level[i].points_out, expected[i]);
+        assert_true(levels.report.level[i].watertight);
+        if (i) assert_true(levels.report.level[i].forward.mean > levels.report.level[i - 1].forward.mean);
+    }
+    pipeline_result_done(&large), pipeline_result_done(&small), pipeline_result_done(&levels);
+    cloud_done(&cloud);
+}
+
+static void a_level_s_mesh_is_that_of_its_own_job(void **state) {
+    (void)state;
+    struct cloud cloud = cloud_of(shape_sphere(1500, 1), 1500);
+    struct pipeline_result levels = succeed(&cloud, "levels 0.4,0.1 outputs mesh");
+    struct pipeline_result alone = succeed(&cloud, "ratio 0.1 outputs mesh");
+    const struct mesh *a = &levels.level[1].mesh, *b = &alone.level[0].mesh;
+    assert_int_equal(a->triangle_count, b->triangle_count);
+    assert_memory_equal(a->triangle, b->triangle, a->triangle_count * sizeof *a->triangle);
+    assert_memory_equal(a->vertex, b->vertex, a->vertex_count * sizeof *a->vertex);
+    pipeline_result_done(&levels), pipeline_result_done(&alone);
+    cloud_done(&cloud);
+}
+
+static void threads_do_not_change_a_bit(void **state) {
+    (void)state;
+    struct cloud cloud = cloud_of(shape_sphere(6000, 1), 6000);
+    struct pipeline_result one = succeed(&cloud, "ratio 0.2 outputs mesh,dso,error threads 1");
+    struct pipeline_result many = succeed(&cloud, "ratio 0.2 outputs mesh,dso,error threads 7");
+    const struct mesh *a = &one.level[0].mesh, *b = &many.level[0].mesh;
+    assert_memory_equal(one.kept, many.kept, 1200 * sizeof *one.kept);
+    assert_memory_equal(one.dso, many.dso, 6000 * sizeof *one.dso);
+    assert_memory_equal(one.distance, many.distance, 6000 * sizeof *one.distance);
+    assert_int_equal(a->vertex_count, b->vertex_count);
+    assert_memory_equal(a->vertex, b->vertex, a->vertex_count * sizeof *a->vertex);
+    assert_memory_equal(a->triangle, b->triangle, a->triangle_count * sizeof *a->triangle);
+    assert_true(one.report.level[0].backward.mean == many.report.level[0].backward.mean);
+    pipeline_result_done(&one), pipeline_result_done(&many);
+    cloud_done(&cloud);
+}
+
+static void the_input_s_order_does_not_matter(void **state) {
+    (void)state;
+    vec3 *point = shape_sphere(800, 1), *reversed = malloc(800 * sizeof *reversed);
+    for (size_t i = 0; i < 800; i++) reversed[i] = point[799 - i];
+    struct cloud a = cloud_of(point, 800), b = cloud_of(reversed, 800);
+    struct pipeline_result forth = succeed(&a, "ratio 0.25"), back = succeed(&b, "ratio 0.25");
+    for (size_t i = 0; i < 200; i++) assert_int_equal(forth.kept[i], 799 - back.kept[i]);
+    pipeline_result_done(&forth), pipeline_result_done(&back);
+    cloud_done(&a), cloud_done(&b);
+}
+
+/* ------------------------------------------------------------------------------------------------ degenerate */
+
+static void tiny_clouds_pass_through_without_a_mesh(void **state) {
+    (void)state;
+    for (size_t n = 1; n <= 4; n++) {
+        struct cloud cloud = cloud_of(shape_sphere(n, 1), n);
+        struct pipeline_result result = succeed(&cloud, "ratio 1");
+        assert_int_equal(result.level[0].kept_count, n);
+        pipeline_result_done(&result);
+        cloud_done(&cloud);
+    }
+}
+
+static void check_degenerate(vec3 *point, size_t n, const char *part) {
+    struct cloud cloud = cloud_of(point, n);
+    struct pipeline_result result = {0};
+    struct error error = {0};
+    assert_int_equal(run(&cloud, "ratio 1 outputs mesh", &result, &error), STATUS_DEGENERATE);
+    if (!strstr(error.text, part)) print_error("'%s' lacks '%s'\n", error.text, part);
+    assert_non_null(strstr(error.text, part));
+    assert_null(result.kept);
+    cloud_done(&cloud);
+}
+
+static void what_has_no_volume_has_no_mesh(void **state) {
+    (void)state;
+    vec3 *line = malloc(50 * sizeof *line), *same = malloc(9 * sizeof *same);
+    for (int i = 0; i < 50; i++) line[i] = (vec3){i, 2.0 * i, 0};
+    for (int i = 0; i < 9; i++) same[i] = (vec3){1, 2, 3};
+    check_degenerate(line, 50, "line");
+    check_degenerate(same, 9, "1 of them distinct");
+    check_degenerate(shape_sphere(2, 1), 2, "4 distinct points");
+    check_degenerate(shape_sphere(3, 1), 3, "4 distinct points");
+    check_degenerate(shape_height_field(12, height_plane), 144, "plane");
+    struct cloud empty = cloud_of(malloc(1), 0);
+    struct pipeline_result result = {0};
+    assert_int_equal(run(&empty, "ratio 1", &result, NULL), STATUS_DEGENERATE);
+    cloud_done(&empty);
+}
+
+static void flat_clouds_are_simplified_all_the_same(void **state) {
+    (void)state;
+    struct cloud cloud = cloud_of(shape_height_field(30, height_plane), 900);
+    struct pipeline_result result = succeed(&cloud, "ratio 0.1");
+    assert_int_equal(result.level[0].kept_count, 90);
+    assert_true(result.report.level[0].tangent.max < 1e-9);
+    pipeline_result_done(&result);
+    cloud_done(&cloud);
+}
+
+static void duplicates_count_as_points_but_are_kept_once(void **state) {
+    (void)state;
+    vec3 *sphere = shape_sphere(400, 1), *point = malloc(1200 * sizeof *point);
+    for (size_t i = 0; i < 1200; i++) point[i] = sphere[i % 400];
+    free(sphere);
+    struct cloud cloud = cloud_of(point, 1200);
+    struct pipeline_result result = succeed(&cloud, "ratio 0.25 outputs mesh,dso");
+    assert_int_equal(result.report.points_in, 1200);
+    assert_int_equal(result.report.points_distinct, 400);
+    assert_int_equal(result.level[0].kept_count, 300);
+    for (size_t i = 0; i < 300; i++) assert_true(result.kept[i] < 400);
+    for (size_t i = 0; i < 400; i++) assert_true(result.dso[i] == result.dso[i + 800]);
+    pipeline_result_done(&result);
+    cloud_done(&cloud);
+}
+
+/* ------------------------------------------------------------------------------------------------ stopping */
+
+static int stop_at(void *ctx, const char *stage, double fraction) {
+    assert_true(fraction >= 0 && fraction <= 1);
+    return strcmp(stage, ctx) == 0;
+}
+
+static void every_stage_can_be_cancelled(void **state) {
+    (void)state;
+    static const char *const stages[] = {"order", "neighbours", "normals",     "dso",     "quadrics", "contract",
+                                         "keep",  "delaunay",   "reconstruct", "measure", "examine",  "distances"};
+    struct cloud cloud = cloud_of(shape_sphere(3000, 1), 3000);
+    struct params params;
+    params_defaults(&params);
+    params.outputs = OUTPUT_MESH | OUTPUT_ERROR;
+    assert_int_equal(params_resolve(&params, NULL), STATUS_OK);
+    for (size_t i = 0; i < sizeof stages / sizeof stages[0]; i++) {
+        struct progress progress = {stop_at, (void *)(uintptr_t)stages[i]};
+        struct pipeline_result result = {0};
+        struct error error = {0};
+        assert_int_equal(pipeline_run(&cloud, &params, &progress, &result, &error), STATUS_CANCELLED);
+        assert_null(result.kept);
+    }
+    cloud_done(&cloud);
+}
+
+static bool fails_at_zero(void *ctx) { return (*(int *)ctx)-- == 0; }
+
+static void every_allocation_may_fail(void **state) {
+    (void)state;
+    struct cloud cloud = cloud_of(shape_sphere(300, 1), 300);
+    enum status status = STATUS_NO_MEMORY;
+    int nth = 0;
+    for (; status == STATUS_NO_MEMORY; nth++) {
+        struct pipeline_result result = {0};
+        struct error error = {0};
+        int countdown = nth;
+        alloc_fail_ctx = &countdown, alloc_fail = fails_at_zero;
+        status = run(&cloud, "ratio 0.3 outputs mesh,dso,error threads 1", &result, &error);
+        alloc_fail = NULL;
+        if (status == STATUS_NO_MEMORY) assert_true(error.text[0] != 0);
+        pipeline_result_done(&result);
+    }
+    assert_int_equal(status, STATUS_OK);
+    assert_true(nth > 50);
+    cloud_done(&cloud);
+}
+
+/* ------------------------------------------------------------------------------------------------ real scans */
+
+struct goal {
+    const char *name, *ratio;
+    size_t points;
+    double mean_rel; /* at most, each direction */
+};
+
+static const struct goal goals[] = {
+    {"horse", "0.2", 9697, 2.0e-4},  {"horse", "0.1", 4848, 3.6e-4}, {"horse", "0.05", 2424, 6.5e-4},
+    {"venus", "0.2", 10000, 2.4e-4}, {"venus", "0.1", 5000, 3.8e-4}, {"venus", "0.05", 2500, 6.5e-4},
+};
+
+static bool read_scan(const char *name, const char *kind, struct cloud *cloud) {
+    char path[256];
+    snprintf(path, sizeof path, "../shared/data/%s.%s.ply", name, kind);
+    if (access(path, R_OK) != 0) return false;
+    assert_int_equal(cloud_read_path(path, NULL, NULL, cloud, NULL), STATUS_OK);
+    return true;
+}
+
+static void check_goal(const struct goal *goal, const struct cloud *points, const struct cloud *truth) {
+    char settings[64];
+    struct metro_errors errors;
+    struct mesh surface = {.vertex_count = truth->count,
+                           .vertex = truth->position,
+                           .triangle_count = truth->triangle_count,
+                           .triangle = truth->triangle};
+    struct metro_reference reference = {.point_count = truth->count, .point = truth->position, .surface = &surface};
+    snprintf(settings, sizeof settings, "ratio %s outputs mesh", goal->ratio);
+    struct pipeline_result result = succeed(points, settings);
+    const struct report_level *level = &result.report.level[0];
+    struct metro_options options = {0};
+    assert_int_equal(metro_measure(&result.level[0].mesh, &reference, &options, &errors), STATUS_OK);
+    double diagonal = result.report.diagonal;
+    print_message("%s %s: mean %.3g and %.3g, maximum %.3g\n", goal->name, goal->ratio, errors.surface.mean / diagonal,
+                  errors.backward.mean / diagonal, errors.hausdorff / diagonal);
+    assert_int_equal(result.level[0].kept_count, goal->points);
+    assert_true(level->watertight && level->manifold && level->oriented && level->volume > 0);
+    assert_true((double)level->points_lost <= 0.005 * (double)goal->points);
+    assert_true(errors.surface.mean <= goal->mean_rel * diagonal);
+    assert_true(errors.backward.mean <= goal->mean_rel * diagonal);
+    assert_true(errors.hausdorff <= 2e-2 * diagonal);
+    pipeline_result_done(&result);
+}
+
+static void scans_come_out_within_their_bounds(void **state) {
+    (void)state;
+    for (size_t i = 0; i < sizeof goals / sizeof goals[0]; i++) {
+        struct cloud points = {0}, truth = {0};
+        if (!read_scan(goals[i].name, "points", &points) || !read_scan(goals[i].name, "mesh", &truth)) {
+            print_message("skipped: ../shared/data isn't there\n");
+            cloud_done(&points);
+            skip();
+        }
+        check_goal(&goals[i], &points, &truth);
+        cloud_done(&points), cloud_done(&truth);
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(goals_are_met_exactly),
+        cmocka_unit_test(kept_points_are_distinct_and_of_the_input),
+        cmocka_unit_test(any_prefix_is_the_smaller_cloud),
+        cmocka_unit_test(a_level_s_mesh_is_that_of_its_own_job),
+        cmocka_unit_test(threads_do_not_change_a_bit),
+        cmocka_unit_test(the_input_s_order_does_not_matter),
+        cmocka_unit_test(tiny_clouds_pass_through_without_a_mesh),
+        cmocka_unit_test(what_has_no_volume_has_no_mesh),
+        cmocka_unit_test(flat_clouds_are_simplified_all_the_same),
+        cmocka_unit_test(duplicates_count_as_points_but_are_kept_once),
+        cmocka_unit_test(every_stage_can_be_cancelled),
+        cmocka_unit_test(every_allocation_may_fail),
+        cmocka_unit_test(scans_come_out_within_their_bounds),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

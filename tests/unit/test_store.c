@@ -1,0 +1,290 @@
+/* The store: what is visible is complete, and what isn't kept leaves nothing.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/store.h"
+
+#include <dirent.h>
+#include <fcntl.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+static const char id[] = "0198c7d2-4a10-7cc3-9d0e-6f1f2b3c4d5e";
+
+struct fixture {
+    char folder[64];
+    struct store *store;
+    struct error error;
+};
+
+static int set_up(void **state) {
+    struct fixture *f = calloc(1, sizeof *f);
+    snprintf(f->folder, sizeof f->folder, "/tmp/test_store.XXXXXX");
+    if (!mkdtemp(f->folder)) return -1;
+    *state = f;
+    return store_open(f->folder, &f->store, &f->error) == STATUS_OK ? 0 : -1;
+}
+
+static void remove_all(int at, const char *name) {
+    int fd = openat(at, name, O_RDONLY | O_DIRECTORY);
+    DIR *folder = fd >= 0 ? fdopendir(fd) : NULL;
+    for (struct dirent *entry; folder && (entry = readdir(folder));)
+        if (strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0) remove_all(fd, entry->d_name);
+    if (folder) closedir(folder);
+    unlinkat(at, name, folder ? AT_REMOVEDIR : 0);
+}
+
+static int tear_down(void **state) {
+    struct fixture *f = *state;
+    store_close(f->store);
+    remove_all(AT_FDCWD, f->folder);
+    free(f);
+    return 0;
+}
+
+static int entries(struct fixture *f, const char *name) {
+    char path[128];
+    int count = -2; /* . and .. */
+    snprintf(path, sizeof path, "%s/%s", f->folder, name);
+    DIR *folder = opendir(path);
+    assert_non_null(folder);
+    while (readdir(folder)) count++;
+    closedir(folder);
+    return count;
+}
+
+static void write_file(const char *folder, const char *name, const char *text) {
+    char path[STORE_PATH_BYTES + 64];
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    FILE *file = fopen(path, "w");
+    assert_non_null(file);
+    fputs(text, file);
+    fclose(file);
+}
+
+static void assert_content(int fd, const char *text) {
+    char found[256] = "";
+    assert_true(fd >= 0);
+    assert_true(read(fd, found, sizeof found - 1) >= 0);
+    assert_string_equal(found, text);
+    close(fd);
+}
+
+/* ------------------------------------------------------------------------------------------------ clouds */
+
+static void upload(struct fixture *f, struct store_upload *upload, const char *text) {
+    assert_int_equal(store_upload_begin(f->store, upload, &f->error), STATUS_OK);
+    assert_int_equal(write(upload->fd, text, strlen(text)), strlen(text));
+    assert_int_equal(store_upload_sync(upload, &f->error), STATUS_OK);
+}
+
+static void an_upload_is_visible_once_it_is_kept(void **state) {
+    struct fixture *f = *state;
+    struct store_upload u;
+    char path[STORE_PATH_BYTES];
+    upload(f, &u, "cloud");
+    assert_int_equal(entries(f, "tmp"), 1);
+    assert_int_equal(entries(f, "clouds"), 0);
+    assert_int_equal(store_upload_keep(f->store, &u, "abc", &f->error), STATUS_OK);
+    assert_int_equal(entries(f, "tmp"), 0);
+    assert_true(store_cloud_exists(f->store, "abc"));
+    store_cloud_path(f->store, "abc", path);
+    assert_content(open(path, O_RDONLY), "cloud");
+    store_upload_drop(f->store, &u); /* has ended: nothing happens */
+    assert_true(store_cloud_exists(f->store, "abc"));
+    store_cloud_delete(f->store, "abc");
+    assert_false(store_cloud_exists(f->store, "abc"));
+}
+
+static void a_dropped_upload_leaves_nothing(void **state) {
+    struct fixture *f = *state;
+    struct store_upload u;
+    upload(f, &u, "cloud");
+    store_upload_drop(f->store, &u);
+    store_upload_drop(f->store, &u);
+    assert_int_equal(entries(f, "tmp"), 0);
+    assert_int_equal(u.fd, -1);
+}
+
+static void the_same_content_twice_is_one_cloud(void **state) {
+    struct fixture *f = *state;
+    struct store_upload a, b;
+    upload(f, &a, "same");
+    upload(f, &b, "same");
+    assert_int_equal(store_upload_keep(f->store, &a, "abc", &f->error), STATUS_OK);
+    assert_int_equal(store_upload_keep(f->store, &b, "abc", &f->error), STATUS_OK);
+    assert_int_equal(entries(f, "clouds"), 1);
+    assert_int_equal(entries(f, "tmp"), 0);
+}
+
+/* ------------------------------------------------------------------------------------------------ outputs */
+
+static void outputs_appear_together_with_their_hashes(void **state) {
+    struct fixture *f = *state;
+    struct job_output outputs[JOB_MAX_OUTPUTS];
+    size_t count;
+    char path[STORE_PATH_BYTES];
+    assert_int_equal(store_outputs_begin(f->store, id, path, &f->error), STATUS_OK);
+    write_file(path, "mesh.ply", "");
+    write_file(path, "cloud.ply", "abc");
+    write_file(path, ".hidden", "x");
+    assert_false(store_outputs_exist(f->store, id));
+    assert_int_equal(store_outputs_keep(f->store, id, outputs, &count, &f->error), STATUS_OK);
+    assert_true(store_outputs_exist(f->store, id));
+    assert_int_equal(count, 2);
+    assert_string_equal(outputs[0].name, "cloud.ply");
+    assert_int_equal(outputs[0].bytes, 3);
+    assert_string_equal(outputs[0].sha256, "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+    assert_string_equal(outputs[1].sha256, "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
+    assert_content(store_output_open(f->store, id, "cloud.ply"), "abc");
+    assert_int_equal(entries(f, "tmp"), 0);
+}
+
+static void outputs_of_a_second_run_take_the_place_of_the_first(void **state) {
+    struct fixture *f = *state;
+    struct job_output outputs[JOB_MAX_OUTPUTS];
+    size_t count;
+    char path[STORE_PATH_BYTES];
+    static const char *const texts[] = {"first", "second"};
+    for (int i = 0; i < 2; i++) {
+        assert_int_equal(store_outputs_begin(f->store, id, path, &f->error), STATUS_OK);
+        write_file(path, "cloud.ply", texts[i]);
+        assert_int_equal(store_outputs_keep(f->store, id, outputs, &count, &f->error), STATUS_OK);
+    }
+    assert_content(store_output_open(f->store, id, "cloud.ply"), "second");
+    assert_int_equal(entries(f, "tmp"), 0);
+}
+
+static void a_run_begins_with_an_empty_folder(void **state) {
+    struct fixture *f = *state;
+    char path[STORE_PATH_BYTES];
+    assert_int_equal(store_outputs_begin(f->store, id, path, &f->error), STATUS_OK);
+    write_file(path, "half", "x");
+    assert_int_equal(store_outputs_begin(f->store, id, path, &f->error), STATUS_OK);
+    int fd = open(path, O_RDONLY | O_DIRECTORY);
+    assert_int_not_equal(unlinkat(fd, "half", 0), 0);
+    close(fd);
+    store_outputs_drop(f->store, id);
+    store_outputs_drop(f->store, id);
+    assert_int_equal(entries(f, "tmp"), 0);
+}
+
+static void what_is_no_plain_file_is_no_output(void **state) {
+    struct fixture *f = *state;
+    struct job_output outputs[JOB_MAX_OUTPUTS];
+    size_t count;
+    char path[STORE_PATH_BYTES], link[STORE_PATH_BYTES + 16];
+    assert_int_equal(store_outputs_begin(f->store, id, path, &f->error), STATUS_OK);
+    snprintf(link, sizeof link, "%s/cloud.ply", path);
+    assert_int_equal(symlink("/etc/passwd", link), 0);
+    assert_int_equal(store_outputs_keep(f->store, id, outputs, &count, &f->error), STATUS_IO);
+    assert_false(store_outputs_exist(f->store, id));
+    unlink(link);
+    assert_int_equal(mkfifo(link, 0600), 0);
+    assert_int_equal(store_outputs_keep(f->store, id, outputs, &count, &f->error), STATUS_IO);
+}
+
+static void names_that_lead_elsewhere_are_refused(void **state) {
+    struct fixture *f = *state;
+    static const char *const names[] = {"../log", "..", ".", "/etc/passwd", "a/b", ".hidden"};
+    struct job_output outputs[JOB_MAX_OUTPUTS];
+    size_t count;
+    char path[STORE_PATH_BYTES];
+    close(store_log_open(f->store, id, true));
+    assert_int_equal(store_outputs_begin(f->store, id, path, &f->error), STATUS_OK);
+    assert_int_equal(store_outputs_keep(f->store, id, outputs, &count, &f->error), STATUS_OK);
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+        assert_int_equal(store_output_open(f->store, id, names[i]), -1);
+}
+
+static void a_log_is_appended_to(void **state) {
+    struct fixture *f = *state;
+    assert_int_equal(store_log_open(f->store, id, false), -1);
+    for (int i = 0; i < 2; i++) {
+        int fd = store_log_open(f->store, id, true);
+        assert_int_equal(write(fd, "line\n", 5), 5);
+        close(fd);
+    }
+    assert_content(store_log_open(f->store, id, false), "line\nline\n");
+    store_job_delete(f->store, id);
+    assert_int_equal(store_log_open(f->store, id, false), -1);
+    assert_int_equal(entries(f, "jobs"), 0);
+    assert_int_equal(entries(f, "tmp"), 0);
+}
+
+/* ------------------------------------------------------------------------------------------------ opening, cleaning */
+
+static void a_folder_has_one_owner(void **state) {
+    struct fixture *f = *state;
+    struct store *second = NULL;
+    assert_int_equal(store_open(f->folder, &second, &f->error), STATUS_IO);
+    assert_non_null(strstr(f->error.text, "another whittled"));
+    assert_null(second);
+    store_close(f->store);
+    assert_int_equal(store_open(f->folder, &f->store, &f->error), STATUS_OK);
+}
+
+static void a_path_that_cannot_be_made_is_refused(void **state) {
+    struct fixture *f = *state;
+    struct store *store = NULL;
+    assert_int_equal(store_open("/proc/nothing/here", &store, &f->error), STATUS_IO);
+    assert_int_equal(store_open("", &store, &f->error), STATUS_IO);
+    assert_int_equal(store_open("/dev/null", &store, &f->error), STATUS_IO);
+}
+
+static bool keep_what_begins_with_k(void *ctx, enum store_thing thing, const char *name) {
+    ++((int *)ctx)[thing];
+    return name[0] == 'k';
+}
+
+static void cleaning_removes_what_nobody_keeps(void **state) {
+    struct fixture *f = *state;
+    struct store_upload u;
+    char path[STORE_PATH_BYTES];
+    int asked[2] = {0};
+    size_t removed;
+    upload(f, &u, "x");
+    close(u.fd);
+    assert_int_equal(store_outputs_begin(f->store, id, path, &f->error), STATUS_OK);
+    write_file(path, "cloud.ply", "x");
+    upload(f, &u, "x");
+    assert_int_equal(store_upload_keep(f->store, &u, "known", &f->error), STATUS_OK);
+    upload(f, &u, "x");
+    assert_int_equal(store_upload_keep(f->store, &u, "stray", &f->error), STATUS_OK);
+    close(store_log_open(f->store, "kept-job", true));
+    close(store_log_open(f->store, "stray-job", true));
+    assert_int_equal(store_clean(f->store, keep_what_begins_with_k, asked, &removed, &f->error), STATUS_OK);
+    assert_int_equal(removed, 4);
+    assert_int_equal(asked[STORE_CLOUD], 2);
+    assert_int_equal(asked[STORE_JOB], 2);
+    assert_int_equal(entries(f, "tmp"), 0);
+    assert_int_equal(entries(f, "clouds"), 1);
+    assert_int_equal(entries(f, "jobs"), 1);
+}
+
+#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        TEST(an_upload_is_visible_once_it_is_kept),
+        TEST(a_dropped_upload_leaves_nothing),
+        TEST(the_same_content_twice_is_one_cloud),
+        TEST(outputs_appear_together_with_their_hashes),
+        TEST(outputs_of_a_second_run_take_the_place_of_the_first),
+        TEST(a_run_begins_with_an_empty_folder),
+        TEST(what_is_no_plain_file_is_no_output),
+        TEST(names_that_lead_elsewhere_are_refused),
+        TEST(a_log_is_appended_to),
+        TEST(a_folder_has_one_owner),
+        TEST(a_path_that_cannot_be_made_is_refused),
+        TEST(cleaning_removes_what_nobody_keeps),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

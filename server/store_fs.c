@@ -283,6 +283,16 @@ int store_output_open(const struct store *store, const char *id, const char *nam
     return open_in_job(store, id, "outputs", name);
 }
 
+int store_scratch_open(const struct store *store) {
+    char name[STORE_NAME_BYTES];
+    int fd = openat(store->tmp_fd, ".", O_RDWR | O_TMPFILE | O_CLOEXEC, FILE_MODE);
+    if (fd >= 0 || errno != EOPNOTSUPP) return fd;
+    random_name("scratch", name); /* a file system without nameless files */
+    fd = openat(store->tmp_fd, name, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, FILE_MODE);
+    if (fd >= 0) unlinkat(store->tmp_fd, name, 0);
+    return fd;
+}
+
 bool store_outputs_exist(const struct store *store, const char *id) {
     char path[128];
     snprintf(path, sizeof path, "%.80s/outputs", id);

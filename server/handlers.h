@@ -53,6 +53,11 @@ void handlers_send_file(const struct request *request, int fd, uint64_t bytes, c
 void handlers_send_output(struct service *service, const struct request *request, const struct job *job,
                           const char *name, struct response *response);
 
+/* The same for content that is open already; takes fd (-1: it could not be opened).  output names, measures and hashes
+ * it. */
+void handlers_send_content(const struct request *request, const struct job *job, const struct job_output *output,
+                           int fd, struct response *response);
+
 /* The handlers themselves. */
 bool handlers_admit_job(struct service *service, struct request *request, struct response *response);
 bool handlers_admit_simplify(struct service *service, struct request *request, struct response *response);

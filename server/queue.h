@@ -19,11 +19,16 @@
 #include "server/job.h"
 
 struct queue;
+struct sql;
 
 /* Opens or creates the database file; its schema is brought up to date.  STATUS_UNSUPPORTED when it is newer than this
  * program.  queue_close accepts NULL. */
 enum status queue_open(const char *path, struct queue **queue, struct error *error) MUST_CHECK;
 void queue_close(struct queue *queue);
+
+/* The database's connection for writing and the one for reading, for what else is kept in it; borrowed. */
+struct sql *queue_writer(struct queue *queue);
+struct sql *queue_reader(struct queue *queue);
 
 /* Adds a job in state accepted.  STATUS_LIMIT when max_waiting jobs are waiting already. */
 enum status queue_submit(struct queue *queue, const struct job *job, uint64_t max_waiting,

@@ -27,6 +27,7 @@
 #include <sys/random.h>
 #include <sys/stat.h>
 #include <sys/statvfs.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "server/digest.h"
@@ -69,10 +70,17 @@ static int make_path(const char *folder) {
     return mkdir(path, FOLDER_MODE) != 0 && errno != EEXIST ? -1 : 0;
 }
 
+/* A killed service's lock outlives it for the moment in which a child of its own, forked, has not yet become another
+ * program: so the lock is tried for a while. */
 static enum status lock_folder(struct store *store, struct error *error) {
+    enum { TRIES = 100 };
+    static const struct timespec pause = {.tv_nsec = 20 * 1000 * 1000};
     store->lock_fd = openat(store->root_fd, "lock", O_RDWR | O_CREAT | O_CLOEXEC, FILE_MODE);
     if (store->lock_fd < 0) return refused(error, "open", "lock");
-    if (flock(store->lock_fd, LOCK_EX | LOCK_NB) == 0) return STATUS_OK;
+    for (int i = 0; i < TRIES; i++) {
+        if (flock(store->lock_fd, LOCK_EX | LOCK_NB) == 0) return STATUS_OK;
+        nanosleep(&pause, NULL);
+    }
     return error_set(error, STATUS_IO, "store", "another whittled serves the folder %s", store->root);
 }
 

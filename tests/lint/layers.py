@@ -20,7 +20,7 @@ DAEMON_SEES = API_SEES | {"core/cloud_sniff.h", "core/ply_header.h", "core/cloud
 OWNER = {
     r"flann/.*": r"core/knn\.c",
     r"CGAL/.*": r"core/\w+_cgal\.cc",
-    r"sqlite3\.h": r"server/queue_sqlite\.c",
+    r"sqlite3\.h": r"server/sql\.c",
     r"microhttpd\.h": r"server/http\.c",
     r"jansson\.h": r"(api/\w+\.[ch]|server/handlers?_\w+\.c)",
 }

@@ -225,7 +225,7 @@ static void send_level(struct service *service, const struct request *request, c
 /* Reads the job and answers unless it was successful. */
 static bool read_successful(struct service *service, const struct request *request, struct job *job,
                             struct response *response) {
-    if (!handlers_read_job(service, request->match.capture[0], job, response)) return false;
+    if (!handlers_read_job(service, request, request->match.capture[0], job, response)) return false;
     if (job->state == JOB_SUCCESSFUL) return true;
     if (job_ended(job->state)) {
         response_refuse(response, PROBLEM_NO_SUCH_OUTPUT, "the job is %s and has no outputs",
@@ -280,7 +280,7 @@ void handlers_get_log(struct service *service, struct request *request, struct r
         response_problem(response, &problem);
         return;
     }
-    if (handlers_read_job(service, request->match.capture[0], &job, response)) {
+    if (handlers_read_job(service, request, request->match.capture[0], &job, response)) {
         int fd = store_log_open(service->store, job.id, false);
         uint64_t bytes = fd >= 0 && fstat(fd, &facts) == 0 ? (uint64_t)facts.st_size : 0;
         if (fd >= 0)

@@ -349,6 +349,7 @@ static struct exchange *new_exchange(struct http *http, struct MHD_Connection *c
     x->watched = info ? info->socket_context : NULL;
     x->began_ms = events_clock_ms();
     x->task = (struct offload_task){.run = run_handler, .ctx = x};
+    x->request.principal = principal_anonymous();
     response_init(&x->response);
     pthread_mutex_lock(&http->lock);
     http->exchanges++;

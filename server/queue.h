@@ -52,6 +52,7 @@ enum queue_presence { QUEUE_ABSENT, QUEUE_PRESENT, QUEUE_GONE };
 struct queue_tombstone {
     char reason[16]; /* "deleted" or "expired" */
     int64_t at_ms;
+    char principal[JOB_PRINCIPAL_BYTES]; /* whose job it was */
 };
 
 /* Reads one job into *job (the caller's, to job_done; zeroed when it isn't present) or its tombstone. */
@@ -61,8 +62,9 @@ enum status queue_get(struct queue *queue, const char *id, struct job *job, enum
 struct queue_filter {
     bool by_state;
     enum job_state state;
-    const char *label; /* NULL = any */
-    const char *after; /* only ids before (older than) this one; NULL = from the newest */
+    const char *label;     /* NULL = any */
+    const char *principal; /* only jobs of this one, "" = anonymous; NULL = of all */
+    const char *after;     /* only ids before (older than) this one; NULL = from the newest */
 };
 
 /* Reads up to max jobs, newest first; each the caller's, to job_done. */

@@ -4,7 +4,8 @@
  * an fsync.  Commits of submit, claim, finish and delete are durable (synchronous=FULL); progress is written with
  * synchronous=NORMAL, which costs no fsync: after a power cut the last progress may be missing, nothing else.
  *
- * Schema, `user_version` 1.  To change it: append a step to `schema`, never edit one; each step runs once, in order.
+ * The schema's version is `user_version`, the number of its steps.  To change it: append a step to `schema`, never edit
+ * one; each step runs once, in order.
  *
  * Invariant: `waiting` and `running` are the numbers of rows in these states; they change under the writer's lock,
  * after the commit.
@@ -34,13 +35,16 @@ static const char *const schema[] = {
     "CREATE TABLE outputs (job TEXT NOT NULL, position INTEGER NOT NULL, name TEXT NOT NULL, bytes INTEGER NOT NULL, "
     "sha256 TEXT NOT NULL, PRIMARY KEY (job, position)) STRICT, WITHOUT ROWID;"
     "CREATE TABLE tombstones (id TEXT PRIMARY KEY, reason TEXT NOT NULL, at INTEGER NOT NULL) STRICT;",
+    "ALTER TABLE jobs ADD COLUMN principal TEXT NOT NULL DEFAULT '';"
+    "ALTER TABLE tombstones ADD COLUMN principal TEXT NOT NULL DEFAULT '';"
+    "CREATE INDEX jobs_by_principal ON jobs (principal, id);",
 };
 enum { SCHEMA_VERSION = sizeof schema / sizeof schema[0] };
 
 /* In the order in which read_job takes them. */
 #define JOB_COLUMNS                                                                                                    \
     "id, state, sequence, attempt, created, started, finished, updated, expires, label, cloud, input_bytes, "          \
-    "input_points, input_format, params, stage, message, fraction, cpu, wall, rss, report, problem, "                  \
+    "input_points, input_format, params, stage, message, fraction, cpu, wall, rss, report, problem, principal, "       \
     "CASE state WHEN 0 THEN (SELECT count(*) FROM jobs AS other WHERE other.state = 0 AND other.id < jobs.id) "        \
     "ELSE 0 END"
 
@@ -121,6 +125,7 @@ static void read_job(struct sql_rows *row, struct job *job) {
     job->peak_rss_bytes = (uint64_t)sql_integer(row, c++);
     job->report = sql_new_text(row, c++);
     job->problem = sql_new_text(row, c++);
+    sql_copy_text(row, c++, job->principal, sizeof job->principal);
     job->ahead = (uint64_t)sql_integer(row, c);
 }
 
@@ -165,14 +170,14 @@ static enum status find_job(struct sql *db, const char *id, struct job *job, boo
 static enum status insert(struct sql *db, const struct job *job, struct error *error) {
     char *params = job_params_text(&job->params);
     if (!params) return error_set(error, STATUS_NO_MEMORY, "queue", "no memory");
-    enum status status =
-        sql_run(db,
-                "INSERT INTO jobs (id, state, sequence, attempt, created, started, finished, updated, expires, label, "
-                "cloud, input_bytes, input_points, input_format, params) "
-                "VALUES (?1, ?2, ?3, 0, ?4, 0, 0, ?4, 0, ?5, ?6, ?7, ?8, ?9, ?10)",
-                VALUES(T(job->id), I(JOB_ACCEPTED), I(job->created_ms), I(job->created_ms), T(job->label),
-                       T(job->cloud), I(job->input_bytes), I(job->input_points), T(job->input_format), T(params)),
-                error);
+    enum status status = sql_run(
+        db,
+        "INSERT INTO jobs (id, state, sequence, attempt, created, started, finished, updated, expires, label, "
+        "cloud, input_bytes, input_points, input_format, params, principal) "
+        "VALUES (?1, ?2, ?3, 0, ?4, 0, 0, ?4, 0, ?5, ?6, ?7, ?8, ?9, ?10, ?11)",
+        VALUES(T(job->id), I(JOB_ACCEPTED), I(job->created_ms), I(job->created_ms), T(job->label), T(job->cloud),
+               I(job->input_bytes), I(job->input_points), T(job->input_format), T(params), T(job->principal)),
+        error);
     free(params);
     return status;
 }
@@ -290,12 +295,14 @@ enum status queue_finish(struct queue *queue, enum job_event event, const struct
 static enum status find_tombstone(struct sql *db, const char *id, struct queue_tombstone *tombstone, bool *found,
                                   struct error *error) {
     struct sql_rows *row;
-    enum status status = sql_select(db, "SELECT reason, at FROM tombstones WHERE id = ?1", VALUES(T(id)), &row, error);
+    enum status status =
+        sql_select(db, "SELECT reason, at, principal FROM tombstones WHERE id = ?1", VALUES(T(id)), &row, error);
     if (status != STATUS_OK) return status;
     *found = sql_next(row);
     if (*found) {
         sql_copy_text(row, 0, tombstone->reason, sizeof tombstone->reason);
         tombstone->at_ms = sql_integer(row, 1);
+        sql_copy_text(row, 2, tombstone->principal, sizeof tombstone->principal);
     }
     return sql_finish(row, error);
 }
@@ -317,11 +324,13 @@ enum status queue_list(struct queue *queue, const struct queue_filter *filter, s
     struct sql_rows *row;
     *count = 0;
     sql_lock(queue->reader);
-    enum status status = sql_select(
-        queue->reader,
-        "SELECT " JOB_COLUMNS " FROM jobs WHERE (?1 < 0 OR state = ?1) "
-        "AND (?2 IS NULL OR label = ?2) AND (?3 IS NULL OR id < ?3) ORDER BY id DESC LIMIT ?4",
-        VALUES(I(filter->by_state ? (int)filter->state : -1), T(filter->label), T(filter->after), I(max)), &row, error);
+    enum status status = sql_select(queue->reader,
+                                    "SELECT " JOB_COLUMNS " FROM jobs WHERE (?1 < 0 OR state = ?1) "
+                                    "AND (?2 IS NULL OR label = ?2) AND (?3 IS NULL OR id < ?3) "
+                                    "AND (?4 IS NULL OR principal = ?4) ORDER BY id DESC LIMIT ?5",
+                                    VALUES(I(filter->by_state ? (int)filter->state : -1), T(filter->label),
+                                           T(filter->after), T(filter->principal), I(max)),
+                                    &row, error);
     if (status == STATUS_OK) status = read_jobs(queue->reader, row, jobs, max, count, error);
     sql_unlock(queue->reader);
     return status;
@@ -343,14 +352,14 @@ static enum status delete_rows(struct sql *db, const char *id, const char *reaso
                                struct error *error) {
     enum status status = sql_begin(db, error);
     if (status != STATUS_OK) return status;
-    status = sql_run(db, "DELETE FROM jobs WHERE id = ?1 AND state NOT IN (?2, ?3)",
-                     VALUES(T(id), I(JOB_ACCEPTED), I(JOB_RUNNING)), error);
+    status = sql_run(db,
+                     "INSERT OR REPLACE INTO tombstones (id, reason, at, principal) "
+                     "SELECT id, ?2, ?3, principal FROM jobs WHERE id = ?1 AND state NOT IN (?4, ?5)",
+                     VALUES(T(id), T(reason), I(job_now_ms()), I(JOB_ACCEPTED), I(JOB_RUNNING)), error);
     *deleted = status == STATUS_OK ? sql_changes(db) : 0;
     if (*deleted) {
         status = sql_run(db, "DELETE FROM outputs WHERE job = ?1", VALUES(T(id)), error);
-        if (status == STATUS_OK)
-            status = sql_run(db, "INSERT OR REPLACE INTO tombstones (id, reason, at) VALUES (?1, ?2, ?3)",
-                             VALUES(T(id), T(reason), I(job_now_ms())), error);
+        if (status == STATUS_OK) status = sql_run(db, "DELETE FROM jobs WHERE id = ?1", VALUES(T(id)), error);
     }
     return sql_end(db, status, error);
 }

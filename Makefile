@@ -242,6 +242,15 @@ endif
 contract: $(build)/whittled ## bring the parameters in api/openapi.json up to date with core/params.c
 	@$(PYTHON) tests/tools/update_contract.py $(build)/whittled
 
+.PHONY: man
+man: $(build)/man/whittle.1 $(build)/man/whittled.8 ## write the manual pages of both programs
+
+$(build)/man/whittle.1: $(build)/whittle
+$(build)/man/whittled.8: $(build)/whittled
+$(build)/man/%:
+	@mkdir -p $(@D)
+	$(Q)$< --man > $@.tmp && mv $@.tmp $@
+
 .PHONY: format
 format: ## lay out the code with clang-format
 	clang-format -i $(wildcard core/*.[ch] core/*.cc api/*.[ch] server/*.[ch] tests/*/*.[ch] tests/*/*.cc)

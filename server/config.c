@@ -111,7 +111,8 @@ static bool read_value(struct config *config, const struct setting *setting, con
         int n = snprintf((char *)config + setting->offset, CONFIG_TEXT_BYTES, "%s", text);
         return n >= 0 && n < CONFIG_TEXT_BYTES;
     }
-    bool ok = setting->kind == SWITCH ? read_switch(text, &number) : read_number(text, units_of(setting->kind), &number);
+    bool ok =
+        setting->kind == SWITCH ? read_switch(text, &number) : read_number(text, units_of(setting->kind), &number);
     if (!ok || number < setting->min || number > setting->max) return false;
     *number_of(config, setting) = number;
     return true;
@@ -340,7 +341,8 @@ static void print_man_settings(void) {
 static void print_man(void) {
     printf(".\\\" SPDX-License-Identifier: GPL-3.0-or-later\n.TH WHITTLED 8 \"\" \"whittle %s\" \"whittle\"\n",
            whittle_version());
-    puts(".SH NAME\nwhittled \\- simplify point clouds over HTTP\n.SH SYNOPSIS\n.B whittled\n.RI [ \\-\\-setting\\~value "
+    puts(".SH NAME\nwhittled \\- simplify point clouds over HTTP\n.SH SYNOPSIS\n.B whittled\n.RI [ "
+         "\\-\\-setting\\~value "
          "...]\n.br\n.B whittled healthcheck\n.RI [ \\-\\-url\\~URL ]\n.RI [ \\-\\-setting\\~value ...]\n"
          ".SH DESCRIPTION\nServes\n.BR whittle (1)\nover HTTP: clouds come in, simplified clouds, meshes and measured "
          "errors go out.\nPrints the address that it listens on, then logs to standard error.\n"
@@ -360,13 +362,14 @@ static void print_man(void) {
         print_roff(actions[i].help);
         puts(".");
     }
-    puts(".SH HEALTHCHECK\n.B whittled healthcheck\nasks the service at the address in the settings, or the one that\n"
-         ".B \\-\\-url\nnames, for /healthz.\nExit status 0: it answered that it is well; 1: it did not.\n"
-         ".SH ENVIRONMENT\nEach setting is read from a variable:\n.B \\-\\-max\\-queue\nfrom\n.BR WHITTLED_MAX_QUEUE .\n"
-         ".SH FILES\nThe file of\n.B \\-\\-config\nholds lines of name = value; # begins a comment.\n"
-         ".B whittled \\-\\-print\\-config\nwrites one with every setting in it.\n"
-         ".SH EXIT STATUS\n0 after SIGTERM, 2 when a setting is wrong, 1 when anything else is.\n"
-         ".SH SEE ALSO\n.BR whittle (1),\n.BR curl (1)");
+    puts(
+        ".SH HEALTHCHECK\n.B whittled healthcheck\nasks the service at the address in the settings, or the one that\n"
+        ".B \\-\\-url\nnames, for /healthz.\nExit status 0: it answered that it is well; 1: it did not.\n"
+        ".SH ENVIRONMENT\nEach setting is read from a variable:\n.B \\-\\-max\\-queue\nfrom\n.BR WHITTLED_MAX_QUEUE .\n"
+        ".SH FILES\nThe file of\n.B \\-\\-config\nholds lines of name = value; # begins a comment.\n"
+        ".B whittled \\-\\-print\\-config\nwrites one with every setting in it.\n"
+        ".SH EXIT STATUS\n0 after SIGTERM, 2 when a setting is wrong, 1 when anything else is.\n"
+        ".SH SEE ALSO\n.BR whittle (1),\n.BR curl (1)");
 }
 
 /* What comes before anything that may be wrong. */

@@ -49,8 +49,7 @@ void estimate_free(struct estimate *estimate) {
 
 /* FNV-1a. */
 static uint64_t add_text(uint64_t hash, const char *text) {
-    do
-        hash = (hash ^ (unsigned char)*text) * 1099511628211u;
+    do hash = (hash ^ (unsigned char)*text) * 1099511628211u;
     while (*text++);
     return hash;
 }
@@ -137,7 +136,8 @@ double estimate_seconds(struct estimate *estimate, const struct job_cost *cost) 
     const struct kind *kind = find(estimate, cost->kind);
     for (size_t i = 0; kind && i < kind->count; i++) {
         const struct sample *sample = &kind->sample[i];
-        if (sample->size <= ALIKE * size && size <= ALIKE * sample->size) rate[count++] = sample->seconds / sample->size;
+        if (sample->size <= ALIKE * size && size <= ALIKE * sample->size)
+            rate[count++] = sample->seconds / sample->size;
     }
     pthread_mutex_unlock(&estimate->lock);
     if (count < ESTIMATE_MIN_SAMPLES) return NAN;

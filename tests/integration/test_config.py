@@ -85,4 +85,5 @@ def test_manual_pages_have_no_faults(program, tmp_path):
     if shutil.which("mandoc"):
         told = subprocess.run(["mandoc", "-T", "lint", "-W", "warning", file], capture_output=True, text=True,
                               check=False)
-        assert told.returncode == 0, told.stdout
+        # A date would make two builds of the same source differ.
+        assert [line for line in told.stdout.splitlines() if line.strip() and "missing date" not in line] == []

@@ -153,7 +153,7 @@ void confine_describe(const struct confinement *confinement, char text[CONFINE_T
              landlock, confinement->no_network ? ", no network" : "");
 }
 
-bool confine_this_process(const struct confinement *confinement, const struct confine_limits *limits, const char *input,
+bool confine_this_process(const struct confinement *confinement, const struct confine_limits *limits,
                           const char *folder) {
     set_limits(limits);
     be_modest();
@@ -161,8 +161,7 @@ bool confine_this_process(const struct confinement *confinement, const struct co
     drop_capabilities();
     prctl(PR_SET_PDEATHSIG, SIGKILL); /* new privileges would have undone it */
     if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0) return false;
-    if (confinement->landlock && !landlock_apply(confinement->landlock, confinement->program, input, folder))
-        return false;
+    if (confinement->landlock && !landlock_apply(confinement->landlock, confinement->program, folder)) return false;
     return !confinement->filter || seccomp_filter_apply(confinement->filter);
 }
 

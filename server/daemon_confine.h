@@ -26,10 +26,10 @@ struct confine_limits {
     int64_t memory_bytes, cpu_ms, file_bytes; /* memory_bytes: address space; 0 = no limit */
 };
 
-/* Confines this process, a child just forked without descriptors that it doesn't need: input may be read, the folder
- * written; it dies with the thread that forked it.  Only system calls.  false: not
+/* Confines this process, a child just forked without descriptors that it doesn't need: the folder may be written; it
+ * dies with the thread that forked it.  Only system calls.  false: not
  * everything that confine_describe promises could be done, and nothing may be executed. */
-bool confine_this_process(const struct confinement *confinement, const struct confine_limits *limits, const char *input,
+bool confine_this_process(const struct confinement *confinement, const struct confine_limits *limits,
                           const char *folder);
 
 /* Executes the program, without an environment; returns only on failure. */

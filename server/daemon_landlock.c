@@ -4,9 +4,9 @@
  * here because the headers of older systems lack the newer ones.  A right that an older kernel doesn't know is left
  * out.
  *
- * What may be read beside the input is what the loader and the libraries open: shared libraries, the loader's cache,
- * the number of processors, random numbers.  Whether a file exists can still be found out; Landlock has no right for
- * it.
+ * The input comes as an open descriptor.  What else may be read is what the loader and the libraries open: shared
+ * libraries, the loader's cache, the number of processors, random numbers.  Whether a file exists can still be found
+ * out; Landlock has no right for it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/daemon_landlock.h"
@@ -62,7 +62,7 @@ static bool allow(int ruleset_fd, const char *path, uint64_t rights) {
     return ok;
 }
 
-bool landlock_apply(int version, const char *program, const char *input, const char *folder) {
+bool landlock_apply(int version, const char *program, const char *folder) {
     static const char *const libraries[] = {"/lib", "/lib64", "/usr/lib", "/usr/lib64", "/usr/local/lib"};
     static const char *const readable[] = {"/etc/ld.so.cache", "/etc/ld.so.preload", "/sys/devices/system/cpu",
                                            "/dev/urandom", "/dev/null"};
@@ -73,7 +73,7 @@ bool landlock_apply(int version, const char *program, const char *input, const c
                                   : offsetof(struct ruleset, network);
     int fd = (int)syscall(CREATE_RULESET, &ruleset, bytes, 0);
     if (fd < 0) return false;
-    bool ok = allow(fd, program, EXECUTE | READ_FILE) && allow(fd, input, READ_FILE) &&
+    bool ok = allow(fd, program, EXECUTE | READ_FILE) &&
               allow(fd, folder, (READ_FILE | WRITE_FILE | READ_FOLDER | REMOVE_FILE | MAKE_FILE | TRUNCATE) & known);
     for (size_t i = 0; ok && i < sizeof libraries / sizeof *libraries; i++)
         ok = allow(fd, libraries[i], READ_FILE | READ_FOLDER | EXECUTE);

@@ -1,6 +1,7 @@
 /* Starting whittle: everything that needs memory or locks is done before fork, in the child only system calls.
  *
- * The child has no descriptor but 0 to 3 and a process group of its own; daemon_confine.c does the rest.
+ * The child has no descriptor but 0 (its input), 1 and 2 (its log), 3 (what it says), and a process group of its own;
+ * daemon_confine.c does the rest.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/daemon_spawn.h"
@@ -20,7 +21,7 @@ enum { MAX_ARGUMENTS = 96, VALUE_BYTES = 512, PROGRESS_FD = 3, CANNOT_CONFINE = 
 struct child {
     const struct spawn_request *request;
     char *argv[MAX_ARGUMENTS];
-    int null_fd, log_fd, progress_fd;
+    int input_fd, log_fd, progress_fd;
     pid_t parent;
 };
 
@@ -46,7 +47,7 @@ static bool make_arguments(struct child *child, const struct spawn_request *requ
     const struct param *table = params_table(&rows);
     struct params params = *request->params;
     params.threads = request->threads;
-    bool ok = add(child, &count, "whittle") && add(child, &count, request->input);
+    bool ok = add(child, &count, "whittle") && add(child, &count, "-");
     for (size_t i = 0; ok && i < rows; i++) ok = add_parameter(child, &count, &params, &table[i]);
     return ok && add(child, &count, "-o") && add(child, &count, request->output) &&
            add(child, &count, "--progress-fd") && add(child, &count, "3") && add(child, &count, "--quiet");
@@ -67,7 +68,7 @@ static void reset_signals(void) {
 
 /* The descriptors given are all over PROGRESS_FD, so that none is overwritten before it is copied. */
 static void place_descriptors(const struct child *child) {
-    dup2(child->null_fd, STDIN_FILENO);
+    dup2(child->input_fd, STDIN_FILENO);
     dup2(child->log_fd, STDOUT_FILENO);
     dup2(child->log_fd, STDERR_FILENO);
     dup2(child->progress_fd, PROGRESS_FD);
@@ -79,8 +80,7 @@ __attribute__((noreturn)) static void become_worker(const struct child *child) {
     setpgid(0, 0);
     place_descriptors(child);
     reset_signals();
-    if (!confine_this_process(request->confinement, &request->limits, request->input, request->output))
-        _exit(CANNOT_CONFINE);
+    if (!confine_this_process(request->confinement, &request->limits, request->output)) _exit(CANNOT_CONFINE);
     if (getppid() != child->parent) _exit(CANNOT_CONFINE);
     confine_execute(request->confinement, child->argv);
     _exit(CANNOT_EXEC);
@@ -109,19 +109,18 @@ static enum status fork_child(const struct child *child, struct spawned *spawned
 
 enum status spawn_worker(const struct spawn_request *request, struct spawned *spawned, struct error *error) {
     int ends[2] = {-1, -1};
-    struct child child = {.request = request, .null_fd = -1, .log_fd = -1, .progress_fd = -1, .parent = getpid()};
+    struct child child = {.request = request, .input_fd = -1, .log_fd = -1, .progress_fd = -1, .parent = getpid()};
     enum status status = STATUS_IO;
-    int null_fd = open("/dev/null", O_RDONLY | O_CLOEXEC);
-    if (null_fd >= 0) child.null_fd = above_progress_fd(null_fd);
+    child.input_fd = above_progress_fd(request->input_fd);
     child.log_fd = above_progress_fd(request->log_fd);
     if (pipe2(ends, O_CLOEXEC) == 0) child.progress_fd = above_progress_fd(ends[1]);
-    if (child.null_fd < 0 || child.log_fd < 0 || child.progress_fd < 0)
+    if (child.input_fd < 0 || child.log_fd < 0 || child.progress_fd < 0)
         error_set(error, status, "worker", "no descriptors: %s", strerror(errno));
     else if (!make_arguments(&child, request))
         status = error_set(error, STATUS_NO_MEMORY, "worker", "no memory");
     else
         status = fork_child(&child, spawned, error);
-    const int mine[] = {null_fd, child.null_fd, child.log_fd, child.progress_fd, ends[1]};
+    const int mine[] = {child.input_fd, child.log_fd, child.progress_fd, ends[1]};
     for (size_t i = 0; i < sizeof mine / sizeof *mine; i++) close_if_open(mine[i]);
     free_arguments(&child);
     if (status == STATUS_OK) {

@@ -13,7 +13,8 @@
 
 struct spawn_request {
     const struct confinement *confinement; /* and the program */
-    const char *input, *output;            /* absolute paths */
+    int input_fd;                          /* the cloud; becomes standard input */
+    const char *output;                    /* absolute path of the folder for outputs */
     const struct params *params;
     uint64_t threads; /* instead of params->threads */
     int log_fd;       /* becomes standard output and error */

@@ -59,16 +59,17 @@ struct verdict {
 
 static enum status start(struct run *run, struct error *error) {
     const struct config *config = run->service->config;
-    char input[STORE_PATH_BYTES], output[STORE_PATH_BYTES];
-    store_cloud_path(run->service->store, run->job->cloud, input);
+    char output[STORE_PATH_BYTES];
     enum status status = store_outputs_begin(run->service->store, run->job->id, output, error);
     if (status != STATUS_OK) return status;
     run->log_fd = store_log_open(run->service->store, run->job->id, true);
     if (run->log_fd < 0) return error_set(error, STATUS_IO, "worker", "can't open the job's log: %s", strerror(errno));
     dprintf(run->log_fd, "attempt %d begins\n", run->job->attempt);
+    int input_fd = store_cloud_open(run->service->store, run->job->cloud);
+    if (input_fd < 0) return error_set(error, STATUS_IO, "worker", "can't open the job's input: %s", strerror(errno));
     uint64_t threads = run->job->params.threads ? run->job->params.threads : (uint64_t)config->threads_per_job;
     struct spawn_request request = {.confinement = run->confinement,
-                                    .input = input,
+                                    .input_fd = input_fd,
                                     .output = output,
                                     .params = &run->job->params,
                                     .threads = threads,
@@ -76,7 +77,9 @@ static enum status start(struct run *run, struct error *error) {
                                     .limits = {.memory_bytes = config->job_memory_bytes,
                                                .cpu_ms = config->job_cpu_ms,
                                                .file_bytes = config->job_file_bytes}};
-    return spawn_worker(&request, &run->process, error);
+    status = spawn_worker(&request, &run->process, error);
+    close(input_fd);
+    return status;
 }
 
 /* ------------------------------------------------------------------------------------------------ watch */

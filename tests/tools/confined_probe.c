@@ -179,8 +179,7 @@ int main(int argc, char **argv) {
     char deed[64] = "", argument[TEXT_BYTES] = "", *folder = "";
     for (int i = 1; i + 1 < argc; i++)
         if (strcmp(argv[i], "-o") == 0) folder = argv[i + 1];
-    FILE *input = argc > 1 ? fopen(argv[1], "r") : NULL;
-    if (!input || fscanf(input, "# probe %63s %511s", deed, argument) < 1) return 1;
+    if (fscanf(stdin, "# probe %63s %511s", deed, argument) < 1) return 1;
     dprintf(3, "progress %s 0.5 \n", deed);
     try_deed(deed, argument, folder);
     return 65;

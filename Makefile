@@ -138,7 +138,8 @@ FORCE:
 # ---------------------------------------------------------------------------------------------------- set-up
 # What building, testing and the demo want, by the names of Debian 12's packages.
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
-            libmicrohttpd-dev libsqlite3-dev libseccomp-dev nettle-dev libcmocka-dev curl jq python3 python3-pytest ca-certificates
+            libmicrohttpd-dev libsqlite3-dev libseccomp-dev nettle-dev libcmocka-dev curl jq python3 python3-pytest \
+            python3-pytest-xdist ca-certificates
 peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev meshlab xvfb xauth
 paper_packages := libeigen3-dev libtbb-dev python3-matplotlib
 fuzz_packages := clang libclang-rt-14-dev
@@ -168,7 +169,8 @@ run: deps ## start whittled for use; LISTEN=127.0.0.1:8080 DATA=folder
 .PHONY: test
 test: deps ## build and run all tests; also with config=asan or tsan
 	@$(MAKE) --no-print-directory -j$$(nproc) all tests
-	@$(MAKE) --no-print-directory lint test-unit test-integration
+	@$(MAKE) --no-print-directory -j$$(nproc) lint test-unit
+	@$(MAKE) --no-print-directory test-integration
 
 .PHONY: tests
 tests: $(unit_programs) $(tool_programs) $(build)/tests/tools/confined_probe
@@ -179,7 +181,7 @@ lint: $(libwhittle) ## check layers, banned functions and line lengths
 
 .PHONY: test-integration
 test-integration:
-	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -p no:cacheprovider tests/integration
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -p no:cacheprovider -n 4 tests/integration
 
 # ---------------------------------------------------------------------------------------------------- figures
 .PHONY: bench
@@ -218,9 +220,12 @@ paper: deps ## Lee and Jong's evaluation again, with pictures; MODELS=horse,venu
 	@$(PYTHON) tests/paper/run.py --build $(build) $(if $(MODELS),--models '$(MODELS)')
 
 # ---------------------------------------------------------------------------------------------------- more tests
-.PHONY: test-unit
-test-unit: $(unit_programs)
-	@set -e; for t in $(unit_programs); do echo "== $$t"; $$t; done
+# Each unit test is a target, so that they run side by side; what one prints is shown when it fails.
+unit_runs := $(addprefix run-,$(unit_programs))
+.PHONY: test-unit $(unit_runs)
+test-unit: $(unit_runs) ## the unit tests alone
+$(unit_runs): run-%: %
+	@$* > $*.log 2>&1 && echo "  OK $* $$(grep -c '^\[       OK' $*.log) tests" || { cat $*.log; exit 1; }
 
 # Fuzzers exist in config=fuzz alone; `make fuzz` goes there by itself.  What a run finds new stays in the corpus.
 FUZZ_SECONDS ?= 20

@@ -77,6 +77,7 @@ static json_t *job_json(const struct job_document *job) {
         {"queue", json_pack("{s:I}", "ahead", (json_int_t)job->ahead)},
         {"attempt", json_integer(job->attempt)},
         {"label", text_or_null(job->label)},
+        {"principal", text_or_null(job->principal)},
         {"input", input_json(job)},
         {"params", params_to_json(job->params)},
         {"resources", resources_json(job)},

@@ -13,8 +13,8 @@
 #include "core/params.h"
 
 struct job_document {
-    const char *id, *status, *stage, *message, *label;
-    double fraction; /* 0 to 1; written as whole percent */
+    const char *id, *status, *stage, *message, *label, *principal; /* principal: who submitted it, "" = null */
+    double fraction;                                               /* 0 to 1; written as whole percent */
     int64_t created_ms, started_ms, finished_ms, updated_ms, expires_ms;
     uint64_t ahead; /* jobs before it in the queue */
     int attempt;

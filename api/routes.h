@@ -29,11 +29,16 @@ enum operation {
 };
 #define OPERATION_COUNT 16
 
+/* What a principal needs for an operation; a set of the last three is what a principal has. */
+enum routes_scope { ROUTES_PUBLIC = 0, ROUTES_SUBMIT = 1, ROUTES_READ = 2, ROUTES_ADMIN = 4 };
+#define ROUTES_ALL_SCOPES 7
+
 struct route {
     const char *method;
     const char *pattern; /* {name} stands for one non-empty part of the path */
     const char *operation_id;
     enum operation operation;
+    enum routes_scope scope;
 };
 
 enum { ROUTES_MAX_CAPTURES = 2, ROUTES_CAPTURE_BYTES = 128, ROUTES_ALLOW_BYTES = 64 };

@@ -21,6 +21,7 @@
 #include "server/config.h"
 #include "server/http.h"
 #include "server/log.h"
+#include "server/notify.h"
 #include "server/service.h"
 #include "server/supervisor.h"
 
@@ -75,26 +76,39 @@ static int fail(const struct error *error) {
     return error->code == STATUS_BAD_PARAMETER ? EXIT_USAGE : EXIT_FAILURE;
 }
 
+static bool answers(void *service) { return service_answers(service); }
+
+static void tell_ready(const char *address) {
+    char message[HTTP_ADDRESS_BYTES + 64];
+    snprintf(message, sizeof message, "READY=1\nSTATUS=listening on http://%s", address);
+    notify_send(message);
+}
+
 static int run(const struct config *config, int signals) {
     struct service service;
     struct http *http = NULL;
+    struct notify_watch *watch = NULL;
     struct error error = {0};
     char address[HTTP_ADDRESS_BYTES];
     if (service_open(&service, config, &error) != STATUS_OK) return fail(&error);
     enum status status = supervisor_open(&service, &service.supervisor, &error);
     if (status == STATUS_OK) status = http_open(&service, &http, address, &error);
+    if (status == STATUS_OK) status = notify_watch(answers, &service, &watch, &error);
     if (status == STATUS_OK) {
         printf("listening on http://%s\n", address);
         fflush(stdout);
         log_line(LOG_INFO, "whittled %s listening on http://%s, data in %s, %lld workers", whittle_version(), address,
                  config->data, (long long)config->workers);
+        tell_ready(address);
         serve(&service, signals);
+        notify_send("STOPPING=1\nSTATUS=draining");
         drain(&service, signals);
     } else if (service.supervisor) {
         supervisor_stop(service.supervisor);
     }
     events_close(service.events);
     http_close(http);
+    notify_unwatch(watch);
     supervisor_close(service.supervisor);
     service_close(&service);
     log_line(LOG_INFO, "ended");

@@ -16,12 +16,13 @@
 #include "server/log.h"
 #include "server/supervisor.h"
 
-enum { LOOK_AGAIN_S = 1, MAX_SLOTS = 256 };
+enum { LOOK_AGAIN_S = 1, OVERDUE_MS = 30000, MAX_SLOTS = 256 };
 
 struct slot {
     struct supervisor *supervisor;
     pthread_t thread;
     char id[JOB_ID_BYTES]; /* of the job that runs here; "" = none */
+    int64_t looked_ms;     /* when it last asked for a job, or could have */
     struct worker_control control;
 };
 
@@ -62,6 +63,7 @@ static bool next_job(struct slot *slot, struct job *job) {
     pthread_mutex_lock(&supervisor->lock);
     while (!supervisor->stopping && !(found = claim(slot, job))) {
         struct timespec until;
+        slot->looked_ms = events_clock_ms();
         clock_gettime(CLOCK_REALTIME, &until);
         until.tv_sec += LOOK_AGAIN_S;
         pthread_cond_timedwait(&supervisor->submitted, &supervisor->lock, &until);
@@ -80,6 +82,7 @@ static void *work(void *ctx) {
         job_done(&job);
         pthread_mutex_lock(&supervisor->lock);
         slot->id[0] = 0;
+        slot->looked_ms = events_clock_ms();
         pthread_mutex_unlock(&supervisor->lock);
     }
     pthread_mutex_lock(&supervisor->lock);
@@ -91,6 +94,7 @@ static void *work(void *ctx) {
 static bool start_slot(struct supervisor *supervisor) {
     struct slot *slot = &supervisor->slot[supervisor->slot_count];
     slot->supervisor = supervisor;
+    slot->looked_ms = events_clock_ms();
     slot->control.bell_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
     if (slot->control.bell_fd < 0) return false;
     pthread_mutex_lock(&supervisor->lock);
@@ -155,6 +159,16 @@ bool supervisor_cancel(struct supervisor *supervisor, const char *id) {
     }
     pthread_mutex_unlock(&supervisor->lock);
     return found;
+}
+
+bool supervisor_answers(struct supervisor *supervisor) {
+    bool all = true;
+    pthread_mutex_lock(&supervisor->lock);
+    int64_t overdue = events_clock_ms() - OVERDUE_MS;
+    for (unsigned i = 0; i < supervisor->slot_count && !supervisor->stopping; i++)
+        all = all && (supervisor->slot[i].id[0] || supervisor->slot[i].looked_ms > overdue);
+    pthread_mutex_unlock(&supervisor->lock);
+    return all;
 }
 
 void supervisor_stop(struct supervisor *supervisor) {

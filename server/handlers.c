@@ -105,6 +105,7 @@ bool handlers_submit(struct service *service, struct request *request, struct jo
         response_problem(response, &problem);
         return false;
     }
+    memcpy(job->principal, request->principal.name, sizeof job->principal);
     job->params.outputs |= OUTPUT_REPORT; /* the job document carries the report's figures */
     enum status status = service_submit(service, request->upload, &facts, job, &error);
     upload_free(request->upload);
@@ -118,15 +119,21 @@ bool handlers_submit(struct service *service, struct request *request, struct jo
 
 /* ------------------------------------------------------------------------------------------------ jobs go out */
 
-bool handlers_read_job(struct service *service, const char *id, struct job *job, struct response *response) {
+bool handlers_read_job(struct service *service, const struct request *request, const char *id, struct job *job,
+                       struct response *response) {
     struct error error = {0};
     struct problem problem;
     enum queue_presence presence = QUEUE_ABSENT;
-    struct queue_tombstone tombstone;
+    struct queue_tombstone tombstone = {0};
     memset(job, 0, sizeof *job);
     if (job_id_valid(id) && queue_get(service->queue, id, job, &presence, &tombstone, &error) != STATUS_OK) {
         response_error(response, &error);
         return false;
+    }
+    const char *owner = presence == QUEUE_PRESENT ? job->principal : tombstone.principal;
+    if (presence != QUEUE_ABSENT && !principal_sees(&request->principal, owner)) {
+        job_done(job);
+        presence = QUEUE_ABSENT;
     }
     if (presence == QUEUE_PRESENT) return true;
     if (presence == QUEUE_ABSENT) {
@@ -148,6 +155,7 @@ struct job_document handlers_document(const struct job *job) {
         .stage = job->stage,
         .message = job->message,
         .label = job->label,
+        .principal = job->principal,
         .fraction = job->fraction,
         .created_ms = job->created_ms,
         .started_ms = job->started_ms,

@@ -32,9 +32,10 @@ bool handlers_admit_cloud(struct service *service, struct request *request, stru
 /* Takes `label` from the query; false: *problem says why. */
 bool handlers_read_label(const struct request *request, struct job *job, struct problem *problem);
 
-/* Reads the job in the path; false: there is none, and the response (404, 410) says so.  The job is the caller's, to
- * job_done, either way. */
-bool handlers_read_job(struct service *service, const char *id, struct job *job, struct response *response);
+/* Reads the job of this id; false: there is none that the request's principal may see, and the response (404, 410) says
+ * so.  The job is the caller's, to job_done, either way. */
+bool handlers_read_job(struct service *service, const struct request *request, const char *id, struct job *job,
+                       struct response *response);
 
 /* Submits the request's upload as a job with these parameters; false: the response says why. */
 bool handlers_submit(struct service *service, struct request *request, struct job *job, struct response *response);
@@ -52,6 +53,11 @@ void handlers_send_file(const struct request *request, int fd, uint64_t bytes, c
 /* An output of a successful job with all of its headers, or 304, 404. */
 void handlers_send_output(struct service *service, const struct request *request, const struct job *job,
                           const char *name, struct response *response);
+
+/* The same for content that is open already; takes fd (-1: it could not be opened).  output names, measures and hashes
+ * it. */
+void handlers_send_content(const struct request *request, const struct job *job, const struct job_output *output,
+                           int fd, struct response *response);
 
 /* The handlers themselves. */
 bool handlers_admit_job(struct service *service, struct request *request, struct response *response);

@@ -34,7 +34,7 @@ void handlers_create_job(struct service *service, struct request *request, struc
     struct job job = {0};
     if (!read_create(request, &job, response) || !handlers_submit(service, request, &job, response)) return;
     struct job stored;
-    if (handlers_read_job(service, job.id, &stored, response)) {
+    if (handlers_read_job(service, request, job.id, &stored, response)) {
         handlers_job_response(&stored, 201, response);
         response_header(response, "Location", "/v1/jobs/%s", job.id);
     }
@@ -104,6 +104,7 @@ void handlers_list_jobs(struct service *service, struct request *request, struct
     struct error error = {0};
     size_t limit, count = 0;
     if (!read_filter(request, &filter, &limit, response)) return;
+    if (!(request->principal.scopes & ROUTES_ADMIN)) filter.principal = request->principal.name;
     struct job *jobs = calloc(limit + 1, sizeof *jobs);
     struct job_document *documents = calloc(limit + 1, sizeof *documents);
     enum status status = jobs && documents ? STATUS_OK : error_set(&error, STATUS_NO_MEMORY, "jobs", "no memory");
@@ -146,7 +147,7 @@ void handlers_get_job(struct service *service, struct request *request, struct r
     struct job job;
     if (!takes_no_query(request, response)) return;
     wait->seen = events_now(service->events);
-    if (handlers_read_job(service, request->match.capture[0], &job, response)) {
+    if (handlers_read_job(service, request, request->match.capture[0], &job, response)) {
         char etag[32];
         snprintf(etag, sizeof etag, "\"%llu\"", (unsigned long long)job.sequence);
         if (!wait->calls) {
@@ -205,11 +206,11 @@ void handlers_delete_job(struct service *service, struct request *request, struc
     bool changed = false;
     if (!takes_no_query(request, response)) return;
     request->wait.seen = events_now(service->events);
-    bool found = handlers_read_job(service, id, &job, response);
+    bool found = handlers_read_job(service, request, id, &job, response);
     if (found && job.state == JOB_ACCEPTED) {
         found = dismiss_waiting(service, &job, response);
         job_done(&job);
-        found = found && handlers_read_job(service, id, &job, response);
+        found = found && handlers_read_job(service, request, id, &job, response);
     } else if (found && job_ended(job.state) && request->wait.calls == 0 &&
                service_delete(service, &job, "deleted", &changed, &error) != STATUS_OK) {
         response_error(response, &error);
@@ -269,7 +270,7 @@ void handlers_get_events(struct service *service, struct request *request, struc
     bool streaming = request->wait.calls > 0;
     if (!streaming && !takes_no_query(request, response)) return;
     request->wait.seen = events_now(service->events);
-    if (handlers_read_job(service, request->match.capture[0], &job, response)) {
+    if (handlers_read_job(service, request, request->match.capture[0], &job, response)) {
         stream_news(&request->wait, &job, response);
         response_header(response, "Content-Type", "text/event-stream");
         response_header(response, "Cache-Control", "no-cache");

@@ -119,9 +119,10 @@ static bool submit(struct service *service, struct request *request, struct resp
     return true;
 }
 
-static void answer_async(struct service *service, const char *id, struct response *response) {
+static void answer_async(struct service *service, const struct request *request, struct response *response) {
     struct job job;
-    if (handlers_read_job(service, id, &job, response)) {
+    const char *id = request->wait.id;
+    if (handlers_read_job(service, request, id, &job, response)) {
         handlers_job_response(&job, 202, response);
         response_header(response, "Location", "/v1/jobs/%s", id);
         response_header(response, "Preference-Applied", "respond-async");
@@ -134,12 +135,12 @@ void handlers_simplify(struct service *service, struct request *request, struct 
     struct job job;
     if (!wait->calls && !submit(service, request, response)) return;
     if (!wait->calls && request_prefers_async(request)) {
-        answer_async(service, wait->id, response);
+        answer_async(service, request, response);
         return;
     }
     bool nobody_waits = wait->calls && (wait->why == EVENTS_HANGUP || wait->why == EVENTS_CLOSED);
     wait->seen = events_now(service->events);
-    if (handlers_read_job(service, wait->id, &job, response)) {
+    if (handlers_read_job(service, request, wait->id, &job, response)) {
         if (job_ended(job.state)) {
             answer_ended(service, request, &job, response);
         } else if (nobody_waits || events_clock_ms() >= wait->end_ms) {

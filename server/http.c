@@ -37,6 +37,7 @@
 #include "server/handlers.h"
 #include "server/listen.h"
 #include "server/log.h"
+#include "server/notify.h"
 #include "server/offload.h"
 #include "server/watchdog.h"
 
@@ -348,6 +349,7 @@ static struct exchange *new_exchange(struct http *http, struct MHD_Connection *c
     x->watched = info ? info->socket_context : NULL;
     x->began_ms = events_clock_ms();
     x->task = (struct offload_task){.run = run_handler, .ctx = x};
+    x->request.principal = principal_anonymous();
     response_init(&x->response);
     pthread_mutex_lock(&http->lock);
     http->exchanges++;
@@ -443,7 +445,10 @@ static enum status start(struct http *http, struct error *error) {
     const struct config *config = http->service->config;
     struct watchdog_limits limits = {config->header_timeout_ms, config->idle_timeout_ms,
                                      config->min_upload_bytes_per_s};
-    enum status status = listen_open(config->listen, config->insecure_open != 0, &http->listen_fd, error);
+    int inherited = notify_inherited("http");
+    enum status status = inherited >= 0
+                             ? listen_adopt(inherited, config->insecure_open != 0, &http->listen_fd, error)
+                             : listen_open(config->listen, config->insecure_open != 0, &http->listen_fd, error);
     if (status != STATUS_OK) return status;
     if (offload_open(OFFLOAD_THREADS, &http->offload) != STATUS_OK ||
         watchdog_open(limits, &http->watchdog) != STATUS_OK)

@@ -32,6 +32,7 @@ enum {
     JOB_MESSAGE_BYTES = 256,
     JOB_HASH_BYTES = 65,
     JOB_FORMAT_BYTES = 32,
+    JOB_PRINCIPAL_BYTES = 65,
     JOB_OUTPUT_NAME_BYTES = 48,
     JOB_MAX_OUTPUTS = 64,
     JOB_MAX_ATTEMPTS = 3
@@ -50,6 +51,7 @@ struct job {
     int attempt;       /* how often it was claimed */
     int64_t created_ms, started_ms, finished_ms, updated_ms, expires_ms; /* since 1970; 0 = not yet */
     char label[JOB_LABEL_BYTES];
+    char principal[JOB_PRINCIPAL_BYTES]; /* who submitted it; "" = anonymous */
 
     char cloud[JOB_HASH_BYTES];
     uint64_t input_bytes, input_points; /* points: as the header says; 0 = not known */

@@ -17,6 +17,7 @@
 #include "api/query.h"
 #include "api/routes.h"
 #include "server/events.h"
+#include "server/principal.h"
 #include "server/upload.h"
 
 enum request_header {
@@ -55,6 +56,7 @@ struct request {
     const char *method, *path;
     bool head;
     struct route_match match;
+    struct principal principal; /* whose request it is */
     struct query_pair query[REQUEST_MAX_QUERY];
     size_t query_count;
     const char *header[HEADER_COUNT]; /* NULL = absent */

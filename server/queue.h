@@ -19,11 +19,16 @@
 #include "server/job.h"
 
 struct queue;
+struct sql;
 
 /* Opens or creates the database file; its schema is brought up to date.  STATUS_UNSUPPORTED when it is newer than this
  * program.  queue_close accepts NULL. */
 enum status queue_open(const char *path, struct queue **queue, struct error *error) MUST_CHECK;
 void queue_close(struct queue *queue);
+
+/* The database's connection for writing and the one for reading, for what else is kept in it; borrowed. */
+struct sql *queue_writer(struct queue *queue);
+struct sql *queue_reader(struct queue *queue);
 
 /* Adds a job in state accepted.  STATUS_LIMIT when max_waiting jobs are waiting already. */
 enum status queue_submit(struct queue *queue, const struct job *job, uint64_t max_waiting,
@@ -47,6 +52,7 @@ enum queue_presence { QUEUE_ABSENT, QUEUE_PRESENT, QUEUE_GONE };
 struct queue_tombstone {
     char reason[16]; /* "deleted" or "expired" */
     int64_t at_ms;
+    char principal[JOB_PRINCIPAL_BYTES]; /* whose job it was */
 };
 
 /* Reads one job into *job (the caller's, to job_done; zeroed when it isn't present) or its tombstone. */
@@ -56,8 +62,9 @@ enum status queue_get(struct queue *queue, const char *id, struct job *job, enum
 struct queue_filter {
     bool by_state;
     enum job_state state;
-    const char *label; /* NULL = any */
-    const char *after; /* only ids before (older than) this one; NULL = from the newest */
+    const char *label;     /* NULL = any */
+    const char *principal; /* only jobs of this one, "" = anonymous; NULL = of all */
+    const char *after;     /* only ids before (older than) this one; NULL = from the newest */
 };
 
 /* Reads up to max jobs, newest first; each the caller's, to job_done. */

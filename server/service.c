@@ -185,3 +185,17 @@ void service_sweep(struct service *service) {
         for (size_t i = 0; i < count; i++) expire(service, ids[i]);
     }
 }
+
+bool service_answers(struct service *service) {
+    static const char nobody[] = "00000000-0000-0000-0000-000000000000";
+    struct job job;
+    enum queue_presence presence;
+    struct queue_tombstone tombstone;
+    struct error error = {0};
+    enum status status = queue_get(service->queue, nobody, &job, &presence, &tombstone, &error);
+    job_done(&job);
+    if (status != STATUS_OK) log_line(LOG_ERROR, "the queue doesn't answer: %s", error.text);
+    bool supervised = supervisor_answers(service->supervisor);
+    if (!supervised) log_line(LOG_ERROR, "the supervisor's threads don't ask for jobs");
+    return status == STATUS_OK && supervised;
+}

@@ -46,4 +46,7 @@ enum status service_delete(struct service *service, const struct job *job, const
 /* Deletes the jobs whose time is over. */
 void service_sweep(struct service *service);
 
+/* Whether the queue and the supervisor answer; logs what does not.  Blocks for as long as they do. */
+bool service_answers(struct service *service);
+
 #endif

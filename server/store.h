@@ -73,6 +73,9 @@ void store_outputs_drop(struct store *store, const char *id);
 int store_output_open(const struct store *store, const char *id, const char *name);
 bool store_outputs_exist(const struct store *store, const char *id);
 
+/* A file without a name, for reading and writing, gone when it is closed; -1 with errno when there can't be one. */
+int store_scratch_open(const struct store *store);
+
 /* Opens the job's log, for appending (made if it isn't there) or reading; -1 when it can't. */
 int store_log_open(struct store *store, const char *id, bool append);
 

@@ -27,6 +27,7 @@
 #include <sys/random.h>
 #include <sys/stat.h>
 #include <sys/statvfs.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "server/digest.h"
@@ -69,10 +70,17 @@ static int make_path(const char *folder) {
     return mkdir(path, FOLDER_MODE) != 0 && errno != EEXIST ? -1 : 0;
 }
 
+/* A killed service's lock outlives it for the moment in which a child of its own, forked, has not yet become another
+ * program: so the lock is tried for a while. */
 static enum status lock_folder(struct store *store, struct error *error) {
+    enum { TRIES = 100 };
+    static const struct timespec pause = {.tv_nsec = 20 * 1000 * 1000};
     store->lock_fd = openat(store->root_fd, "lock", O_RDWR | O_CREAT | O_CLOEXEC, FILE_MODE);
     if (store->lock_fd < 0) return refused(error, "open", "lock");
-    if (flock(store->lock_fd, LOCK_EX | LOCK_NB) == 0) return STATUS_OK;
+    for (int i = 0; i < TRIES; i++) {
+        if (flock(store->lock_fd, LOCK_EX | LOCK_NB) == 0) return STATUS_OK;
+        nanosleep(&pause, NULL);
+    }
     return error_set(error, STATUS_IO, "store", "another whittled serves the folder %s", store->root);
 }
 
@@ -277,6 +285,16 @@ static int open_in_job(const struct store *store, const char *id, const char *fo
 
 int store_output_open(const struct store *store, const char *id, const char *name) {
     return open_in_job(store, id, "outputs", name);
+}
+
+int store_scratch_open(const struct store *store) {
+    char name[STORE_NAME_BYTES];
+    int fd = openat(store->tmp_fd, ".", O_RDWR | O_TMPFILE | O_CLOEXEC, FILE_MODE);
+    if (fd >= 0 || errno != EOPNOTSUPP) return fd;
+    random_name("scratch", name); /* a file system without nameless files */
+    fd = openat(store->tmp_fd, name, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, FILE_MODE);
+    if (fd >= 0) unlinkat(store->tmp_fd, name, 0);
+    return fd;
 }
 
 bool store_outputs_exist(const struct store *store, const char *id) {

@@ -62,6 +62,7 @@ static enum status submit_limited(struct fixture *f, int n, uint64_t max) {
     id_of(n, job.id);
     snprintf(job.cloud, sizeof job.cloud, "cloud%d", n % 2);
     snprintf(job.label, sizeof job.label, "%s", n % 2 ? "odd" : "even");
+    snprintf(job.principal, sizeof job.principal, "%s", n % 3 ? "" : "third");
     params_defaults(&job.params);
     job.params.ratio = 0.25;
     return queue_submit(f->queue, &job, max, &f->error);
@@ -265,6 +266,9 @@ static void lists_are_newest_first_and_filtered(void **state) {
     assert_int_equal(list(f, (struct queue_filter){.after = id_of(2, id)}, jobs, 10), 2);
     assert_int_equal(list(f, (struct queue_filter){.label = "odd"}, jobs, 10), 3);
     assert_int_equal(list(f, (struct queue_filter){.label = "' OR 1=1 --"}, jobs, 10), 0);
+    assert_int_equal(list(f, (struct queue_filter){.principal = ""}, jobs, 10), 4);
+    assert_int_equal(list(f, (struct queue_filter){.principal = "third"}, jobs, 10), 2);
+    assert_string_equal(jobs[0].principal, "third");
     assert_int_equal(list(f, (struct queue_filter){.by_state = true, .state = JOB_RUNNING}, jobs, 10), 1);
     assert_int_equal(list(f, (struct queue_filter){.by_state = true, .state = JOB_FAILED}, jobs, 10), 0);
 }
@@ -274,7 +278,7 @@ static void deleting_leaves_a_tombstone(void **state) {
     struct job job;
     bool changed;
     uint64_t uses;
-    submit(f, 1);
+    submit(f, 3);
     assert_true(claim(f, &job));
     assert_int_equal(queue_delete(f->queue, job.id, "deleted", &changed, &f->error), STATUS_OK);
     assert_false(changed); /* it runs */
@@ -288,8 +292,9 @@ static void deleting_leaves_a_tombstone(void **state) {
     enum queue_presence presence;
     struct queue_tombstone tombstone;
     char id[JOB_ID_BYTES];
-    assert_int_equal(queue_get(f->queue, id_of(1, id), &job, &presence, &tombstone, &f->error), STATUS_OK);
+    assert_int_equal(queue_get(f->queue, id_of(3, id), &job, &presence, &tombstone, &f->error), STATUS_OK);
     assert_int_equal(presence, QUEUE_GONE);
+    assert_string_equal(tombstone.principal, "third");
     assert_string_equal(tombstone.reason, "deleted");
     assert_true(tombstone.at_ms > 0);
 }

@@ -36,6 +36,8 @@ static const struct setting table[] = {
     {"listen", TEXT, AT(listen), "127.0.0.1:8080", 0, 0, NULL, "Address and port; port 0 takes a free one"},
     {"data", TEXT, AT(data), "whittled-data", 0, 0, NULL, "Folder for the queue, clouds and outputs"},
     {"worker", TEXT, AT(worker), "", 0, 0, NULL, "Path of whittle; default: beside this program"},
+    {"worker-sandbox", SWITCH, AT(worker_sandbox), "1", 0, 1, NULL,
+     "Confine jobs by seccomp, Landlock and namespaces, as far as the kernel has them; limits hold always"},
     {"config", TEXT, AT(file), "", 0, 0, NULL, "File of settings, lines of name = value"},
     {"insecure-open", SWITCH, AT(insecure_open), "0", 0, 1, NULL, "Allow an address beyond loopback"},
     {"workers", COUNT, AT(workers), "0", 0, 256, "workers", "Jobs that run at the same time; 0 = processors"},
@@ -47,6 +49,8 @@ static const struct setting table[] = {
      "Address space of a job; 0 = physical memory / workers"},
     {"job-cpu", DURATION, AT(job_cpu_ms), "1h", SECOND, 365 * DAY, "job_cpu_ms", "Processor time of a job"},
     {"job-wall", DURATION, AT(job_wall_ms), "1h", SECOND, 365 * DAY, "job_wall_ms", "Time from start to end of a job"},
+    {"job-file-bytes", BYTES, AT(job_file_bytes), "16G", KB, 1024 * KB *GB, "job_file_bytes",
+     "Longest file that a job may write"},
     {"sync-max", DURATION, AT(sync_max_ms), "60s", 1, DAY, "sync_max_ms", "Longest wait of POST /v1/simplify"},
     {"wait-max", DURATION, AT(wait_max_ms), "60s", 1, DAY, "wait_max_ms", "Longest wait of a long poll"},
     {"drain-timeout", DURATION, AT(drain_timeout_ms), "30s", 0, DAY, NULL,
@@ -95,10 +99,14 @@ static bool read_number(const char *text, const struct unit *units, int64_t *num
 }
 
 static bool read_switch(const char *text, int64_t *number) {
-    bool on = strcmp(text, "1") == 0 || strcmp(text, "true") == 0;
-    if (!on && strcmp(text, "0") != 0 && strcmp(text, "false") != 0) return false;
-    *number = on;
-    return true;
+    static const char *const words[][2] = {{"0", "1"}, {"false", "true"}, {"off", "on"}};
+    for (size_t i = 0; i < sizeof words / sizeof *words; i++)
+        for (int on = 0; on < 2; on++)
+            if (strcmp(text, words[i][on]) == 0) {
+                *number = on;
+                return true;
+            }
+    return false;
 }
 
 static const struct unit *units_of(enum kind kind) {
@@ -119,7 +127,7 @@ static bool read_value(struct config *config, const struct setting *setting, con
 }
 
 static enum status set(struct config *config, const struct setting *setting, const char *text, struct error *error) {
-    static const char *const takes[] = {"a text", "0 or 1", "a whole number", "a size such as 512M",
+    static const char *const takes[] = {"a text", "on or off", "a whole number", "a size such as 512M",
                                         "a duration such as 30s"};
     if (read_value(config, setting, text)) return STATUS_OK;
     return error_set(error, STATUS_BAD_PARAMETER, setting->name, "'%.80s' is not allowed; it takes %s in its range",

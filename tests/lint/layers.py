@@ -22,6 +22,7 @@ OWNER = {
     r"CGAL/.*": r"core/\w+_cgal\.cc",
     r"sqlite3\.h": r"server/sql\.c",
     r"microhttpd\.h": r"server/http\.c",
+    r"seccomp\.h": r"server/daemon_seccomp\.c",
     r"jansson\.h": r"(api/\w+\.[ch]|server/handlers?_\w+\.c)",
 }
 BANNED = re.compile(r"(?<![\w.>])(sprintf|vsprintf|strcpy|strcat|gets|strtok|atoi|atol|atof|system)\s*\(")

@@ -199,6 +199,10 @@ void store_cloud_path(const struct store *store, const char *sha256, char path[S
     snprintf(path, STORE_PATH_BYTES, "%.3900s/clouds/%.80s", store->root, sha256);
 }
 
+int store_cloud_open(const struct store *store, const char *sha256) {
+    return openat(store->clouds_fd, sha256, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
+}
+
 bool store_cloud_exists(const struct store *store, const char *sha256) {
     return faccessat(store->clouds_fd, sha256, R_OK, 0) == 0;
 }

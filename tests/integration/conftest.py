@@ -55,8 +55,8 @@ class Daemon:
         self.process = None
 
     def start(self, *more):
-        # Sanitizers reserve address space that a limit would deny.
-        unlimited = ("--job-memory", "1024T") if re.search("asan|tsan", str(BUILD)) else ()
+        # Sanitizers reserve address space that a limit would deny, and do what confinement forbids.
+        unlimited = ("--job-memory", "1024T", "--worker-sandbox=off") if re.search("asan|tsan", str(BUILD)) else ()
         with open(self.log, "ab") as log:
             self.process = subprocess.Popen(
                 [BUILD / "whittled", "--listen", "127.0.0.1:0", "--data", self.data, *unlimited, *self.flags, *more],

@@ -57,9 +57,6 @@ int store_cloud_open(const struct store *store, const char *sha256); /* for read
 bool store_cloud_exists(const struct store *store, const char *sha256);
 void store_cloud_delete(struct store *store, const char *sha256);
 
-/* Opens a cloud for reading; -1 when there is none. */
-int store_cloud_open(const struct store *store, const char *sha256);
-
 /* Makes an empty folder for the outputs of a running job, and gives its path. */
 enum status store_outputs_begin(struct store *store, const char *id, char path[STORE_PATH_BYTES],
                                 struct error *error) MUST_CHECK;

@@ -207,10 +207,6 @@ bool store_cloud_exists(const struct store *store, const char *sha256) {
     return faccessat(store->clouds_fd, sha256, R_OK, 0) == 0;
 }
 
-int store_cloud_open(const struct store *store, const char *sha256) {
-    return openat(store->clouds_fd, sha256, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
-}
-
 void store_cloud_delete(struct store *store, const char *sha256) { unlinkat(store->clouds_fd, sha256, 0); }
 
 /* ------------------------------------------------------------------------------------------------ outputs */

@@ -27,7 +27,7 @@ struct config {
     int64_t refuse_drain_bytes, refuse_drain_ms;
 };
 
-enum config_request { CONFIG_RUN, CONFIG_TOLD /* --help or --version was printed */, CONFIG_REFUSED };
+enum config_request { CONFIG_RUN, CONFIG_TOLD /* --help and the like: done */, CONFIG_REFUSED };
 
 /* Reads everything; environment is environ-like, NULL-terminated.  What is 0 for "by the machine" (workers, memory and
  * threads of a job) is filled in. */

@@ -51,7 +51,8 @@ static const struct problem_type types[PROBLEM_COUNT] = {
     [PROBLEM_QUEUE_FULL] = {"queue-full", 503, "The queue is full", "Try again after Retry-After seconds."},
     [PROBLEM_DRAINING] = {"draining", 503, "The service is about to stop and takes no new work",
                           "Try again after Retry-After seconds."},
-    [PROBLEM_STORAGE_FULL] = {"storage-full", 507, "There is no room to store the request", "Try again later."},
+    [PROBLEM_STORAGE_FULL] = {"storage-full", 507, "There is no room to store the request",
+                              "Try again later.  A file of a job has a limit too: job_file_bytes in GET /v1/info."},
     [PROBLEM_SYNC_TIMEOUT] = {"sync-timeout", 504, "The job takes longer than a request may wait",
                               "The job goes on: Location names it.  Nothing is lost."},
     [PROBLEM_ENGINE_ERROR] = {"engine-error", 500, "The computation failed",
@@ -78,6 +79,7 @@ static const enum problem_kind kinds[STATUS_COUNT] = {
     [STATUS_LIMIT] = PROBLEM_TOO_MANY_POINTS,
     [STATUS_CANCELLED] = PROBLEM_JOB_DISMISSED,
     [STATUS_ENGINE] = PROBLEM_ENGINE_ERROR,
+    [STATUS_NO_SPACE] = PROBLEM_STORAGE_FULL,
 };
 
 const struct problem_type *problem_type(enum problem_kind kind) { return &types[kind]; }

@@ -6,9 +6,11 @@
 #include <inttypes.h>
 #include <jansson.h>
 #include <stdio.h>
+#include <string.h>
 #include <time.h>
 
 #include "api/params_json.h"
+#include "core/cloud_sniff.h"
 
 enum { DUMP = JSON_REAL_PRECISION(15) };
 
@@ -127,16 +129,33 @@ char *job_event_encode(const struct job_document *job) {
                 JSON_COMPACT);
 }
 
+/* Names with commas between, as a list. */
+static json_t *names_json(const char *text) {
+    json_t *list = json_array();
+    for (; *text; text += *text == ',') {
+        size_t length = strcspn(text, ",");
+        json_array_append_new(list, json_stringn(text, length));
+        text += length;
+    }
+    return list;
+}
+
+static json_t *output_files_json(void) {
+    json_t *list = json_array();
+    for (unsigned bit = 0; bit < PARAMS_OUTPUTS; bit++)
+        json_array_append_new(list, json_string(params_output_file(bit)));
+    return list;
+}
+
 char *job_info_encode(const char *version, bool (*limit)(void *ctx, size_t i, const char **name, int64_t *value),
                       void *ctx) {
     json_t *limits = json_object();
     const char *name;
     int64_t value;
     for (size_t i = 0; limit(ctx, i, &name, &value); i++) json_object_set_new(limits, name, json_integer(value));
-    return dump(json_pack("{s:s, s:s, s:[s, s, s, s], s:[s, s, s, s, s, s], s:o, s:{s:s, s:s}}", "name", "whittled",
-                          "version", version, "input_formats", "ply/ascii", "ply/binary_little_endian",
-                          "ply/binary_big_endian", "xyz", "outputs", "cloud.ply", "cloud.xyz", "mesh.ply",
-                          "report.json", "dso.ply", "error.ply", "limits", limits, "links", "contract", "/openapi.json",
+    return dump(json_pack("{s:s, s:s, s:o, s:[s, s], s:o, s:o, s:{s:s, s:s}}", "name", "whittled", "version", version,
+                          "input_formats", names_json(cloud_sniff_formats()), "input_compressions", "gzip", "zstd",
+                          "outputs", output_files_json(), "limits", limits, "links", "contract", "/openapi.json",
                           "parameters", "/v1/parameters"),
                 JSON_INDENT(2));
 }

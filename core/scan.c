@@ -41,10 +41,15 @@ static void skip_blanks(struct scan *scan) {
         while (scan->at < scan->end && !is_newline(*scan->at)) scan->at++;
 }
 
+static bool ends_word(const struct scan *scan) {
+    char c = *scan->at;
+    return is_blank(c) || is_newline(c) || at_join(scan) || (scan->comment && c == scan->comment);
+}
+
 bool scan_word(struct scan *scan, struct scan_word *word) {
     skip_blanks(scan);
     const char *from = scan->at;
-    while (scan->at < scan->end && !is_blank(*scan->at) && !is_newline(*scan->at) && !at_join(scan)) scan->at++;
+    while (scan->at < scan->end && !ends_word(scan)) scan->at++;
     *word = (struct scan_word){from, (size_t)(scan->at - from)};
     return word->n > 0;
 }

@@ -44,6 +44,13 @@ static bool is_accepted_type(const char *type) {
                                            "application/x-www-form-urlencoded",
                                            "application/ply",
                                            "application/x-ply",
+                                           "application/vnd.las",
+                                           "application/sla",
+                                           "application/vnd.ms-pki.stl",
+                                           "application/object",
+                                           "application/gzip",
+                                           "application/x-gzip",
+                                           "application/zstd",
                                            "binary/octet-stream",
                                            "text/",
                                            "model/"};

@@ -58,6 +58,8 @@ static const struct setting table[] = {
     {"retention", DURATION, AT(retention_ms), "24h", 1, 3650 * DAY, "retention_ms", "How long ended jobs are kept"},
     {"min-free", BYTES, AT(min_free_bytes), "256M", 0, 1024 * KB *GB, "min_free_bytes",
      "Uploads are refused when less room would be left on the disk"},
+    {"result-cache", SWITCH, AT(result_cache), "1", 0, 1, NULL,
+     "Answer the same cloud with the same parameters from the outputs of the earlier job"},
     {"max-connections", COUNT, AT(max_connections), "1000", 8, 100000, "max_connections", "Connections at a time"},
     {"connections-per-address", COUNT, AT(connections_per_address), "200", 1, 100000, "connections_per_address",
      "Connections of one address at a time"},

@@ -305,6 +305,8 @@ static void settle(struct run *run, struct verdict *verdict) {
     }
     job->expires_ms = job_now_ms() + run->service->config->retention_ms;
     enum status status = queue_finish(run->service->queue, verdict->event, job, &changed, &error);
+    struct job_cost cost = estimate_cost(job);
+    if (verdict->event == JOB_DONE) estimate_learn(run->service->estimate, &cost, job->wall_s, job_now_ms());
     if (status != STATUS_OK) log_line(LOG_ERROR, "job=%s its end can't be recorded: %s", job->id, error.text);
     events_publish(run->service->events, job->id);
 }

@@ -25,6 +25,7 @@ const char *const message_header_names[HEADER_COUNT] = {
     [HEADER_TRANSFER_ENCODING] = "Transfer-Encoding",
     [HEADER_LAST_EVENT_ID] = "Last-Event-ID",
     [HEADER_HOST] = "Host",
+    [HEADER_CACHE_CONTROL] = "Cache-Control",
 };
 
 /* ------------------------------------------------------------------------------------------------ responses */

@@ -31,9 +31,10 @@ enum request_header {
     HEADER_CONTENT_LENGTH,
     HEADER_TRANSFER_ENCODING,
     HEADER_LAST_EVENT_ID,
-    HEADER_HOST
+    HEADER_HOST,
+    HEADER_CACHE_CONTROL
 };
-#define HEADER_COUNT 11
+#define HEADER_COUNT 12
 
 /* "Range", ... */
 extern const char *const message_header_names[HEADER_COUNT];
@@ -68,7 +69,7 @@ struct request {
 
 enum response_kind { RESPONSE_TEXT, RESPONSE_FILE, RESPONSE_WAIT, RESPONSE_STREAM };
 
-enum { RESPONSE_MAX_HEADERS = 16, RESPONSE_HEADER_BYTES = 256 };
+enum { RESPONSE_MAX_HEADERS = 16, RESPONSE_HEADER_BYTES = 640 };
 
 struct response {
     enum response_kind kind;

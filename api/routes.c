@@ -20,6 +20,7 @@ static const struct route table[] = {
     {"GET", "/v1/jobs/{id}/log", "getLog", OPERATION_GET_LOG, ROUTES_READ},
     {"GET", "/v1/jobs/{id}/outputs", "listOutputs", OPERATION_LIST_OUTPUTS, ROUTES_READ},
     {"GET", "/v1/jobs/{id}/outputs/{name}", "getOutput", OPERATION_GET_OUTPUT, ROUTES_READ},
+    {"POST", "/v1/jobs/{id}/outputs/{name}/link", "createLink", OPERATION_CREATE_LINK, ROUTES_READ},
     {"GET", "/v1/parameters", "getParameters", OPERATION_GET_PARAMETERS, ROUTES_PUBLIC},
     {"GET", "/v1/info", "getInfo", OPERATION_GET_INFO, ROUTES_PUBLIC},
     {"GET", "/openapi.json", "getContract", OPERATION_GET_CONTRACT, ROUTES_PUBLIC},

@@ -21,6 +21,7 @@ static const struct handler table[OPERATION_COUNT] = {
     [OPERATION_GET_LOG] = {NULL, handlers_get_log, false},
     [OPERATION_LIST_OUTPUTS] = {NULL, handlers_list_outputs, false},
     [OPERATION_GET_OUTPUT] = {NULL, handlers_get_output, false},
+    [OPERATION_CREATE_LINK] = {NULL, handlers_create_link, false},
     [OPERATION_GET_PARAMETERS] = {NULL, handlers_get_parameters, true},
     [OPERATION_GET_INFO] = {NULL, handlers_get_info, true},
     [OPERATION_GET_CONTRACT] = {NULL, handlers_get_contract, true},

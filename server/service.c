@@ -12,6 +12,7 @@
 #include "api/problem.h"
 #include "server/log.h"
 #include "server/supervisor.h"
+#include "server/tokens.h"
 
 enum { PAGE = 64, TOMBSTONE_MS = 7 * 24 * 3600 * 1000 };
 
@@ -98,6 +99,12 @@ enum status service_open(struct service *service, const struct config *config, s
         store_database_path(service->store, path);
         status = queue_open(path, &service->queue, error);
     }
+    if (status == STATUS_OK) {
+        store_key_path(service->store, path);
+        status = signature_open(path, &service->signing_key, error);
+    }
+    if (status == STATUS_OK && config->tokens_file[0])
+        status = tokens_open(config->tokens_file, &service->tokens, error);
     if (status == STATUS_OK) status = mend(service, error);
     if (status == STATUS_OK) status = events_open(&service->events, error);
     if (status != STATUS_OK) service_close(service);
@@ -106,6 +113,7 @@ enum status service_open(struct service *service, const struct config *config, s
 
 void service_close(struct service *service) {
     events_free(service->events);
+    tokens_close(service->tokens);
     queue_close(service->queue);
     store_close(service->store);
     pthread_rwlock_destroy(&service->clouds);
@@ -131,8 +139,8 @@ enum status service_submit(struct service *service, struct upload *upload, const
     if (status == STATUS_OK) status = queue_submit(service->queue, job, (uint64_t)service->config->max_queue, error);
     pthread_rwlock_unlock(&service->clouds);
     if (status != STATUS_OK) return status;
-    log_line(LOG_INFO, "job=%s accepted: %llu bytes of %s", job->id, (unsigned long long)job->input_bytes,
-             job->input_format);
+    log_line(LOG_INFO, "job=%s accepted: %llu bytes of %s who=%s", job->id, (unsigned long long)job->input_bytes,
+             job->input_format, job->principal[0] ? job->principal : "-");
     supervisor_notify(service->supervisor);
     events_publish(service->events, job->id);
     return STATUS_OK;

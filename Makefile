@@ -36,7 +36,8 @@ override CFLAGS += -std=c11 -D_GNU_SOURCE $(COMMON) $(WARNINGS) -Wstrict-prototy
 override CXXFLAGS += -std=c++17 $(COMMON) -Wall -Wextra -Wshadow -DCGAL_NDEBUG -frounding-math
 override LDFLAGS += $(filter -fsanitize% --coverage,$(flags_$(config))) -pthread
 
-CORE_LIBS := -lflann -lgmp -lmpfr -lstdc++ -lm
+CODEC_LIBS := -lz -lzstd
+CORE_LIBS := -lflann -lgmp -lmpfr -lstdc++ $(CODEC_LIBS) -lm
 API_LIBS := -ljansson
 DAEMON_LIBS := -lmicrohttpd -lsqlite3 -lnettle
 
@@ -59,7 +60,7 @@ libserver := $(build)/libserver.a
 programs := $(if $(worker_src),$(build)/whittle) $(if $(daemon_src),$(build)/whittled)
 unit_programs := $(patsubst tests/unit/%.c,$(build)/tests/unit/%,$(unit_src))
 fuzz_programs := $(patsubst %.c,$(build)/%,$(fuzz_src))
-tool_programs := $(addprefix $(build)/,$(basename $(tool_src)))
+tool_programs := $(addprefix $(build)/,$(basename $(filter-out %/confined_probe.c,$(tool_src))))
 peer_programs := $(addprefix $(build)/,$(basename $(peer_src)))
 
 # ---------------------------------------------------------------------------------------------------- targets
@@ -95,7 +96,7 @@ $(build)/whittle: $(call object,$(worker_src)) $(libserver) $(libapi) $(libwhitt
 
 $(build)/whittled: $(call object,$(daemon_src)) $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@
-	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(DAEMON_LIBS) -lm
+	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(DAEMON_LIBS) $(CODEC_LIBS) -lseccomp -lm
 
 $(unit_programs): $(build)/tests/unit/%: $(build)/tests/unit/%.o $(call object,$(unit_support_src)) $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@
@@ -104,6 +105,12 @@ $(unit_programs): $(build)/tests/unit/%: $(build)/tests/unit/%.o $(call object,$
 $(tool_programs): $(build)/%: $(build)/%.o $(libapi) $(libwhittle)
 	$(say) LD $@
 	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(CORE_LIBS)
+
+# The probe is confined as whittle is, which sanitizers can't stand.
+$(build)/tests/tools/confined_probe.o: override CFLAGS := $(filter-out -fsanitize% --coverage,$(CFLAGS))
+$(build)/tests/tools/confined_probe: $(build)/tests/tools/confined_probe.o
+	$(say) LD $@
+	$(Q)$(CC) -pthread -o $@ $<
 
 # Each peer has libraries of its own; their headers are not ours to warn about.
 peer_cflags = $(subst -I/,-isystem /,$(filter-out -std=%,$(shell pkg-config --cflags $(1))))
@@ -132,7 +139,8 @@ FORCE:
 # ---------------------------------------------------------------------------------------------------- set-up
 # What building, testing and the demo want, by the names of Debian 12's packages.
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
-            libmicrohttpd-dev libsqlite3-dev nettle-dev libcmocka-dev curl jq python3 python3-pytest python3-pytest-xdist ca-certificates
+            libmicrohttpd-dev libsqlite3-dev libseccomp-dev nettle-dev zlib1g-dev libzstd-dev libcmocka-dev curl jq \
+            python3 python3-pytest python3-pytest-xdist ca-certificates
 peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev meshlab xvfb xauth
 paper_packages := libeigen3-dev libtbb-dev python3-matplotlib
 fuzz_packages := clang libclang-rt-14-dev
@@ -166,7 +174,7 @@ test: deps ## build and run all tests; also with config=asan or tsan
 	@$(MAKE) --no-print-directory test-integration
 
 .PHONY: tests
-tests: $(unit_programs) $(tool_programs)
+tests: $(unit_programs) $(tool_programs) $(build)/tests/tools/confined_probe
 
 .PHONY: lint
 lint: $(libwhittle) ## check layers, banned functions and line lengths
@@ -224,7 +232,7 @@ $(unit_runs): run-%: %
 FUZZ_SECONDS ?= 20
 ifeq ($(config),fuzz)
 $(fuzz_programs): $(build)/%: $(build)/%.o $(libwhittle)
-	$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $^ -lm
+	$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $^ $(CODEC_LIBS) -lm
 
 .PHONY: fuzz
 fuzz: $(fuzz_programs)
@@ -239,8 +247,17 @@ fuzz: ## run each fuzzer for FUZZ_SECONDS=20 (needs clang)
 endif
 
 .PHONY: contract
-contract: $(build)/whittled ## bring the parameters in api/openapi.json up to date with core/params.c
+contract: $(build)/whittled ## bring parameters and scopes in api/openapi.json up to date with core/params.c and api/routes.c
 	@$(PYTHON) tests/tools/update_contract.py $(build)/whittled
+
+.PHONY: man
+man: $(build)/man/whittle.1 $(build)/man/whittled.8 ## write the manual pages of both programs
+
+$(build)/man/whittle.1: $(build)/whittle
+$(build)/man/whittled.8: $(build)/whittled
+$(build)/man/%:
+	@mkdir -p $(@D)
+	$(Q)$< --man > $@.tmp && mv $@.tmp $@
 
 .PHONY: format
 format: ## lay out the code with clang-format

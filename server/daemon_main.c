@@ -20,6 +20,7 @@
 
 #include "core/version.h"
 #include "server/config.h"
+#include "server/healthcheck.h"
 #include "server/http.h"
 #include "server/log.h"
 #include "server/notify.h"
@@ -142,6 +143,7 @@ static int run(const struct config *config, int signals, int argc, char **argv) 
 int main(int argc, char **argv) {
     struct config config;
     struct error error = {0};
+    if (argc > 1 && strcmp(argv[1], "healthcheck") == 0) return healthcheck_main(argc - 1, argv + 1);
     switch (config_read(&config, argc, argv, environ, &error)) {
     case CONFIG_TOLD: return EXIT_SUCCESS;
     case CONFIG_REFUSED: fprintf(stderr, "whittled: %s: %s\n", error.where, error.text); return EXIT_USAGE;

@@ -28,6 +28,7 @@ struct slot {
 
 struct supervisor {
     struct service *service;
+    struct confinement *confinement;
     pthread_mutex_t lock;
     pthread_cond_t submitted;
     bool stopping;
@@ -77,7 +78,7 @@ static void *work(void *ctx) {
     struct job job;
     while (next_job(slot, &job)) {
         events_publish(supervisor->service->events, job.id);
-        worker_run(supervisor->service, &job, &slot->control);
+        worker_run(supervisor->service, supervisor->confinement, &job, &slot->control);
         job_done(&job);
         pthread_mutex_lock(&supervisor->lock);
         slot->id[0] = 0;
@@ -104,6 +105,18 @@ static bool start_slot(struct supervisor *supervisor) {
     return ok;
 }
 
+static enum status open_confinement(struct supervisor *supervisor, struct error *error) {
+    const struct config *config = supervisor->service->config;
+    char text[CONFINE_TEXT_BYTES];
+    if (supervisor->idle_fd < 0)
+        return error_set(error, STATUS_IO, "supervisor", "no descriptors: %s", strerror(errno));
+    enum status status = confine_open(config->worker, config->worker_sandbox, &supervisor->confinement, error);
+    if (status != STATUS_OK) return status;
+    confine_describe(supervisor->confinement, text);
+    log_line(LOG_INFO, "jobs are confined by %s", text);
+    return STATUS_OK;
+}
+
 enum status supervisor_open(struct service *service, struct supervisor **supervisor, struct error *error) {
     struct supervisor *opened = calloc(1, sizeof *opened);
     if (!opened) return error_set(error, STATUS_NO_MEMORY, "supervisor", "no memory");
@@ -111,16 +124,17 @@ enum status supervisor_open(struct service *service, struct supervisor **supervi
     pthread_mutex_init(&opened->lock, NULL);
     pthread_cond_init(&opened->submitted, NULL);
     opened->idle_fd = eventfd(0, EFD_CLOEXEC);
-    bool ok = opened->idle_fd >= 0;
-    for (int64_t i = 0; ok && i < service->config->workers; i++) ok = start_slot(opened);
-    if (ok) {
+    enum status status = open_confinement(opened, error);
+    for (int64_t i = 0; status == STATUS_OK && i < service->config->workers; i++)
+        if (!start_slot(opened))
+            status = error_set(error, STATUS_IO, "supervisor", "can't start its threads: %s", strerror(errno));
+    if (status == STATUS_OK) {
         *supervisor = opened;
         return STATUS_OK;
     }
-    error_set(error, STATUS_IO, "supervisor", "can't start its threads: %s", strerror(errno));
     supervisor_stop(opened);
     supervisor_close(opened);
-    return STATUS_IO;
+    return status;
 }
 
 void supervisor_notify(struct supervisor *supervisor) {
@@ -180,6 +194,7 @@ void supervisor_close(struct supervisor *supervisor) {
         close(supervisor->slot[i].control.bell_fd);
     }
     if (supervisor->idle_fd >= 0) close(supervisor->idle_fd);
+    confine_close(supervisor->confinement);
     pthread_cond_destroy(&supervisor->submitted);
     pthread_mutex_destroy(&supervisor->lock);
     free(supervisor);

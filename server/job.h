@@ -44,6 +44,12 @@ struct job_output {
     char sha256[JOB_HASH_BYTES];
 };
 
+/* What a job costs, as far as that is known before it runs (estimate.h). */
+struct job_cost {
+    uint64_t kind; /* jobs of the same kind do the same work */
+    uint64_t size; /* points or, where they are not known, bytes */
+};
+
 struct job {
     char id[JOB_ID_BYTES]; /* UUIDv7: ids sort by their time */
     enum job_state state;

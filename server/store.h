@@ -56,6 +56,7 @@ void store_upload_drop(struct store *store, struct store_upload *upload);
 
 /* The path of a cloud, for a worker to read. */
 void store_cloud_path(const struct store *store, const char *sha256, char path[STORE_PATH_BYTES]);
+int store_cloud_open(const struct store *store, const char *sha256); /* for reading; -1 when there is none */
 bool store_cloud_exists(const struct store *store, const char *sha256);
 void store_cloud_delete(struct store *store, const char *sha256);
 

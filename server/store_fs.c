@@ -41,7 +41,7 @@ struct store {
 };
 
 static enum status refused(struct error *error, const char *what, const char *name) {
-    return error_set(error, STATUS_IO, "store", "can't %s %s: %s", what, name, strerror(errno));
+    return error_set(error, status_from_errno(errno), "store", "can't %s %s: %s", what, name, strerror(errno));
 }
 
 /* ------------------------------------------------------------------------------------------------ open */
@@ -202,6 +202,10 @@ void store_upload_drop(struct store *store, struct store_upload *upload) {
 
 void store_cloud_path(const struct store *store, const char *sha256, char path[STORE_PATH_BYTES]) {
     snprintf(path, STORE_PATH_BYTES, "%.3900s/clouds/%.80s", store->root, sha256);
+}
+
+int store_cloud_open(const struct store *store, const char *sha256) {
+    return openat(store->clouds_fd, sha256, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
 }
 
 bool store_cloud_exists(const struct store *store, const char *sha256) {

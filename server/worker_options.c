@@ -9,7 +9,7 @@
 
 enum { NAME_BYTES = 64 };
 
-static const char *const own_options[] = {"output", "progress-fd", "quiet", "help", "version", NULL};
+static const char *const own_options[] = {"output", "progress-fd", "quiet", "help", "version", "man", NULL};
 
 static void print_parameters(void) {
     size_t count;
@@ -35,12 +35,61 @@ static void print_help(void) {
          "  -o, --output FOLDER\n        Where outputs go, made if it isn't there; default .\n"
          "  --progress-fd N\n        Tell progress and the end on this inherited descriptor, one line each.\n"
          "  -q, --quiet\n        Print no summary.\n"
-         "  -h, --help, --version\n"
+         "  -h, --help, --version, --man\n"
          "\n"
          "Parameters:");
     print_parameters();
     puts("\nExit status: 0 done; 2 a parameter is wrong; 65 the input is malformed, degenerate or over a limit;\n"
          "70 internal error; 71 out of memory; 74 reading or writing failed; 75 stopped by a signal.");
+}
+
+/* Text for a manual page: a hyphen that can be copied, no request at the start of a line. */
+static void print_roff(const char *text) {
+    if (*text == '.' || *text == '\'') fputs("\\&", stdout);
+    for (; *text; text++) {
+        if (*text == '-' || *text == '\\') putchar('\\');
+        fputs(*text == '\\' ? "e" : (char[]){*text, 0}, stdout);
+    }
+}
+
+static void print_man_parameters(void) {
+    size_t count;
+    const struct param *table = params_table(&count);
+    for (size_t i = 0; i < count; i++) {
+        char allowed[256];
+        params_allowed(&table[i], allowed, sizeof allowed);
+        printf(".TP\n\\fB\\-\\-%s\\fR \\fIvalue\\fR\n", table[i].name);
+        print_roff(table[i].help);
+        puts(".");
+        printf("Takes ");
+        print_roff(allowed);
+        if (table[i].unit[0]) printf(", in %s", table[i].unit);
+        printf(table[i].default_text[0] ? "; default %s.\n" : ".\n", table[i].default_text);
+    }
+}
+
+static void print_man(void) {
+    printf(".\\\" SPDX-License-Identifier: GPL-3.0-or-later\n.TH WHITTLE 1 \"\" \"whittle %s\" \"whittle\"\n",
+           whittle_version());
+    puts(".SH NAME\nwhittle \\- make point clouds small and keep their features\n.SH SYNOPSIS\n.B whittle\n"
+         ".I input\n.RI [ \\-\\-parameter\\~value \"...] [\" \\-o\\~folder ]\n.br\n.B whittle measure\n.I a b\n"
+         ".SH DESCRIPTION\nSimplifies a point cloud, reconstructs a watertight mesh of it where asked for, and "
+         "measures\n"
+         "the error.  The kind of the input is told by its content; \\- is standard input.\n"
+         "What is written,\n.B \\-\\-outputs\nsays; the points of a cloud come in the order of their importance.\n.PP\n"
+         ".B whittle measure\nprints the distances between two clouds or meshes; see its \\-\\-help.\n"
+         ".SH OPTIONS\n.TP\n\\fB\\-o\\fR, \\fB\\-\\-output\\fR \\fIfolder\\fR\n"
+         "Where outputs go; it is made if it isn't there.  Default: the present folder.\n"
+         ".TP\n\\fB\\-\\-progress\\-fd\\fR \\fIn\\fR\n"
+         "Tell progress and the end on this inherited descriptor, a line each.\n"
+         ".TP\n\\fB\\-q\\fR, \\fB\\-\\-quiet\\fR\nPrint no summary.\n"
+         ".TP\n\\fB\\-h\\fR, \\fB\\-\\-help\\fR, \\fB\\-\\-version\\fR, \\fB\\-\\-man\\fR\n"
+         "Tell the options, the version, or print this page.\n.SH PARAMETERS");
+    print_man_parameters();
+    puts(".SH EXIT STATUS\n0 done; 2 a parameter is wrong; 65 the input is malformed, degenerate or over a limit; 70 "
+         "internal\nerror; 71 out of memory; 74 reading or writing failed; 75 stopped by a signal.\n"
+         ".SH EXAMPLES\n.EX\nwhittle scan.ply \\-\\-ratio 0.1 \\-\\-outputs cloud,mesh,report \\-o out/\n"
+         "whittle measure out/mesh.ply scan.ply\n.EE\n.SH SEE ALSO\n.BR whittled (8)");
 }
 
 static enum worker_request refuse(struct error *error, const char *where, const char *text) {
@@ -100,6 +149,7 @@ static enum worker_request parse_argument(struct worker_options *options, int ar
                                           struct error *error) {
     const char *argument = argv[*i];
     if (strcmp(argument, "-h") == 0 || strcmp(argument, "--help") == 0) return print_help(), WORKER_TOLD;
+    if (strcmp(argument, "--man") == 0) return print_man(), WORKER_TOLD;
     if (strcmp(argument, "--version") == 0) return printf("whittle %s\n", whittle_version()), WORKER_TOLD;
     if (strcmp(argument, "-q") == 0 || strcmp(argument, "--quiet") == 0) {
         options->summary = false;

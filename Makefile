@@ -36,7 +36,8 @@ override CFLAGS += -std=c11 -D_GNU_SOURCE $(COMMON) $(WARNINGS) -Wstrict-prototy
 override CXXFLAGS += -std=c++17 $(COMMON) -Wall -Wextra -Wshadow -DCGAL_NDEBUG -frounding-math
 override LDFLAGS += $(filter -fsanitize% --coverage,$(flags_$(config))) -pthread
 
-CORE_LIBS := -lflann -lgmp -lmpfr -lstdc++ -lm
+CODEC_LIBS := -lz -lzstd
+CORE_LIBS := -lflann -lgmp -lmpfr -lstdc++ $(CODEC_LIBS) -lm
 API_LIBS := -ljansson
 DAEMON_LIBS := -lmicrohttpd -lsqlite3 -lnettle
 
@@ -95,7 +96,7 @@ $(build)/whittle: $(call object,$(worker_src)) $(libserver) $(libapi) $(libwhitt
 
 $(build)/whittled: $(call object,$(daemon_src)) $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@
-	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(DAEMON_LIBS) -lseccomp -lm
+	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(DAEMON_LIBS) $(CODEC_LIBS) -lseccomp -lm
 
 $(unit_programs): $(build)/tests/unit/%: $(build)/tests/unit/%.o $(call object,$(unit_support_src)) $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@
@@ -138,8 +139,8 @@ FORCE:
 # ---------------------------------------------------------------------------------------------------- set-up
 # What building, testing and the demo want, by the names of Debian 12's packages.
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
-            libmicrohttpd-dev libsqlite3-dev libseccomp-dev nettle-dev libcmocka-dev curl jq python3 python3-pytest \
-            python3-pytest-xdist ca-certificates
+            libmicrohttpd-dev libsqlite3-dev libseccomp-dev nettle-dev zlib1g-dev libzstd-dev libcmocka-dev curl jq \
+            python3 python3-pytest python3-pytest-xdist ca-certificates
 peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev meshlab xvfb xauth
 paper_packages := libeigen3-dev libtbb-dev python3-matplotlib
 fuzz_packages := clang libclang-rt-14-dev
@@ -231,7 +232,7 @@ $(unit_runs): run-%: %
 FUZZ_SECONDS ?= 20
 ifeq ($(config),fuzz)
 $(fuzz_programs): $(build)/%: $(build)/%.o $(libwhittle)
-	$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $^ -lm
+	$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $^ $(CODEC_LIBS) -lm
 
 .PHONY: fuzz
 fuzz: $(fuzz_programs)

@@ -28,6 +28,10 @@ struct job_document {
     bool has_outputs;
 };
 
+/* A time as text, "2026-01-31T12:00:00.123Z"; returns text. */
+enum { JOB_JSON_TIME_BYTES = 40 };
+const char *job_json_time(int64_t ms, char text[JOB_JSON_TIME_BYTES]);
+
 /* Returns new text, NULL when memory runs out. */
 char *job_encode(const struct job_document *job);
 

@@ -30,6 +30,10 @@ static const struct problem_type types[PROBLEM_COUNT] = {
     [PROBLEM_TOO_MANY_POINTS] = {"too-many-points", 413, "The cloud is over a limit of its reader",
                                  "See GET /v1/info for the limits."},
     [PROBLEM_NO_SUCH_JOB] = {"no-such-job", 404, "There is no such job", "GET /v1/jobs lists the jobs."},
+    [PROBLEM_NO_SUCH_CLOUD] = {"no-such-cloud", 404, "There is no such cloud",
+                               "GET /v1/clouds lists the clouds that you have uploaded and that are still kept."},
+    [PROBLEM_CLOUD_IN_USE] = {"cloud-in-use", 409, "Jobs refer to the cloud",
+                              "Delete the jobs first; a cloud is kept as long as its jobs are."},
     [PROBLEM_NO_SUCH_OUTPUT] = {"no-such-output", 404, "The job has no such output",
                                 "GET /v1/jobs/{id}/outputs lists them; the outputs parameter chooses them."},
     [PROBLEM_NO_SUCH_RESOURCE] = {"no-such-resource", 404, "There is nothing at this path",
@@ -47,7 +51,8 @@ static const struct problem_type types[PROBLEM_COUNT] = {
     [PROBLEM_QUEUE_FULL] = {"queue-full", 503, "The queue is full", "Try again after Retry-After seconds."},
     [PROBLEM_DRAINING] = {"draining", 503, "The service is about to stop and takes no new work",
                           "Try again after Retry-After seconds."},
-    [PROBLEM_STORAGE_FULL] = {"storage-full", 507, "There is no room to store the request", "Try again later."},
+    [PROBLEM_STORAGE_FULL] = {"storage-full", 507, "There is no room to store the request",
+                              "Try again later.  A file of a job has a limit too: job_file_bytes in GET /v1/info."},
     [PROBLEM_SYNC_TIMEOUT] = {"sync-timeout", 504, "The job takes longer than a request may wait",
                               "The job goes on: Location names it.  Nothing is lost."},
     [PROBLEM_ENGINE_ERROR] = {"engine-error", 500, "The computation failed",
@@ -74,6 +79,7 @@ static const enum problem_kind kinds[STATUS_COUNT] = {
     [STATUS_LIMIT] = PROBLEM_TOO_MANY_POINTS,
     [STATUS_CANCELLED] = PROBLEM_JOB_DISMISSED,
     [STATUS_ENGINE] = PROBLEM_ENGINE_ERROR,
+    [STATUS_NO_SPACE] = PROBLEM_STORAGE_FULL,
 };
 
 const struct problem_type *problem_type(enum problem_kind kind) { return &types[kind]; }

@@ -24,6 +24,8 @@ enum problem_kind {
     PROBLEM_BODY_TOO_LARGE,
     PROBLEM_TOO_MANY_POINTS,
     PROBLEM_NO_SUCH_JOB,
+    PROBLEM_NO_SUCH_CLOUD,
+    PROBLEM_CLOUD_IN_USE,
     PROBLEM_NO_SUCH_OUTPUT,
     PROBLEM_NO_SUCH_RESOURCE,
     PROBLEM_METHOD_NOT_ALLOWED,
@@ -41,7 +43,7 @@ enum problem_kind {
     PROBLEM_WORKER_CRASHED,
     PROBLEM_INTERNAL_ERROR
 };
-#define PROBLEM_COUNT 26
+#define PROBLEM_COUNT 28
 
 /* One row of the table. */
 struct problem_type {

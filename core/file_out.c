@@ -20,7 +20,7 @@
 enum { ATTEMPTS = 16, SUFFIX_BYTES = 16 }; /* .XXXXXXXX.part and the dot before the name, and a NUL */
 
 static enum status failed(struct error *error, const char *what, const char *path) {
-    return error_set(error, STATUS_IO, "write", "can't %s %s: %s", what, path, strerror(errno));
+    return error_set(error, status_from_errno(errno), "write", "can't %s %s: %s", what, path, strerror(errno));
 }
 
 static int folder_length(const char *path) {

@@ -65,7 +65,8 @@ void sink_format(struct sink *sink, const char *format, ...) {
 enum status sink_done(struct sink *sink, enum status status, struct error *error) {
     if (!status && sink->buffer) flush(sink);
     if (!status && sink->failure)
-        status = error_set(error, STATUS_IO, "write", "can't write: %s", strerror(sink->failure));
+        status =
+            error_set(error, status_from_errno(sink->failure), "write", "can't write: %s", strerror(sink->failure));
     free(sink->buffer);
     *sink = (struct sink){0};
     return status;

@@ -275,7 +275,7 @@ static void keep_outputs(struct run *run, struct verdict *verdict) {
     log_line(LOG_ERROR, "job=%s outputs can't be kept: %s", job->id, error.text);
     job->output_count = 0;
     verdict->event = JOB_FAIL;
-    problem_set(&verdict->problem, PROBLEM_INTERNAL_ERROR, "the outputs can't be stored");
+    problem_from_error(&verdict->problem, &error);
 }
 
 static void log_verdict(const struct run *run, const struct verdict *verdict) {

@@ -88,7 +88,10 @@ void response_refuse(struct response *response, enum problem_kind kind, const ch
 
 void response_error(struct response *response, const struct error *error) {
     log_line(LOG_ERROR, "%s: %s", error->where, error->text);
-    response_refuse(response, PROBLEM_INTERNAL_ERROR, "%s", "the service could not do this; its log says why");
+    if (error->code == STATUS_NO_SPACE)
+        response_refuse(response, PROBLEM_STORAGE_FULL, "%s", error->text);
+    else
+        response_refuse(response, PROBLEM_INTERNAL_ERROR, "%s", "the service could not do this; its log says why");
 }
 
 /* ------------------------------------------------------------------------------------------------ requests */

@@ -23,7 +23,9 @@ struct sql_rows {
 };
 
 static enum status refused(struct sql *sql, struct error *error) {
-    return error_set(error, STATUS_IO, "database", "the database says: %s",
+    int code = sql->db ? sqlite3_errcode(sql->db) : SQLITE_NOMEM;
+    enum status status = code == SQLITE_FULL ? STATUS_NO_SPACE : code == SQLITE_NOMEM ? STATUS_NO_MEMORY : STATUS_IO;
+    return error_set(error, status, "database", "the database says: %s",
                      sql->db ? sqlite3_errmsg(sql->db) : "no memory");
 }
 

@@ -40,7 +40,7 @@ struct store {
 };
 
 static enum status refused(struct error *error, const char *what, const char *name) {
-    return error_set(error, STATUS_IO, "store", "can't %s %s: %s", what, name, strerror(errno));
+    return error_set(error, status_from_errno(errno), "store", "can't %s %s: %s", what, name, strerror(errno));
 }
 
 /* ------------------------------------------------------------------------------------------------ open */

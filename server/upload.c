@@ -29,10 +29,6 @@ struct upload {
     unsigned char head[PLY_HEADER_MAX_BYTES]; /* the first bytes */
 };
 
-static void out_of_room(struct problem *problem, const struct error *error) {
-    problem_set(problem, PROBLEM_STORAGE_FULL, "%s", error->text);
-}
-
 static struct upload *too_large(const struct upload *upload, uint64_t bytes, struct problem *problem) {
     problem_set(problem, PROBLEM_BODY_TOO_LARGE, "the body is longer than %llu bytes",
                 (unsigned long long)upload->max_bytes);
@@ -57,8 +53,10 @@ struct upload *upload_new(struct store *store, uint64_t expected_bytes, uint64_t
     bool fits = expected_bytes == UINT64_MAX || expected_bytes <= max_bytes;
     if (!fits)
         too_large(upload, expected_bytes, problem);
-    else if (!upload->digest || store_upload_begin(store, &upload->file, &error) != STATUS_OK)
-        out_of_room(problem, &error);
+    else if (!upload->digest)
+        problem_set(problem, PROBLEM_INTERNAL_ERROR, "no memory");
+    else if (store_upload_begin(store, &upload->file, &error) != STATUS_OK)
+        problem_from_error(problem, &error);
     else
         return upload;
     upload_free(upload);
@@ -128,8 +126,9 @@ static bool write_all(struct upload *upload, const char *bytes, size_t count, st
         ssize_t n = write(upload->file.fd, bytes, count);
         if (n < 0 && errno == EINTR) continue;
         if (n < 0) {
-            problem_set(problem, errno == ENOSPC || errno == EDQUOT ? PROBLEM_STORAGE_FULL : PROBLEM_INTERNAL_ERROR,
-                        "the body can't be stored: %s", strerror(errno));
+            struct error error;
+            error_set(&error, status_from_errno(errno), "", "the body can't be stored: %s", strerror(errno));
+            problem_from_error(problem, &error);
             return false;
         }
         bytes += n;

@@ -32,6 +32,7 @@ static void catch_signals(void) {
     sigaction(SIGTERM, &action, NULL);
     sigaction(SIGINT, &action, NULL);
     signal(SIGPIPE, SIG_IGN);
+    signal(SIGXFSZ, SIG_IGN); /* writing says so too */
 }
 
 static enum status read_input(const struct worker_options *options, const struct progress *progress,

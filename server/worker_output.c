@@ -97,7 +97,8 @@ enum status worker_output_write(const struct worker_options *options, const stru
                                 const struct pipeline_result *result, struct error *error) {
     struct outputs outputs = {options, cloud, result, NULL};
     if (mkdir(options->output, 0777) != 0 && errno != EEXIST)
-        return error_set(error, STATUS_IO, "output", "can't make the folder %s: %s", options->output, strerror(errno));
+        return error_set(error, status_from_errno(errno), "output", "can't make the folder %s: %s", options->output,
+                         strerror(errno));
     for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
         if (!(options->params.outputs & files[i].bit)) continue;
         enum status status = files[i].each_level ? write_levels(&outputs, &files[i], error) : STATUS_OK;

@@ -53,13 +53,14 @@ class Daemon:
         self.data = folder / "data"
         self.log = folder / "log"
         self.process = None
+        self.prefix = ()  # a command that ends in exec of its arguments
 
     def start(self, *more):
         # Sanitizers reserve address space that a limit would deny, and do what confinement forbids.
         unlimited = ("--job-memory", "1024T", "--worker-sandbox=off") if re.search("asan|tsan", str(BUILD)) else ()
         with open(self.log, "ab") as log:
             self.process = subprocess.Popen(
-                [BUILD / "whittled", "--listen", "127.0.0.1:0", "--data", self.data, *unlimited, *self.flags, *more],
+                [*self.prefix, BUILD / "whittled", "--listen", "127.0.0.1:0", "--data", self.data, *unlimited, *self.flags, *more],
                 stdout=subprocess.PIPE, stderr=log, text=True)
         line = self.process.stdout.readline()
         assert line.startswith("listening on http://127.0.0.1:"), (line, self.log_text())

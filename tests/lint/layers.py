@@ -15,11 +15,13 @@ MAY_INCLUDE = {"core": {"core"}, "api": {"api", "core"}, "server": {"server", "a
 API_SEES = {"core/status.h", "core/params.h", "core/report.h", "core/version.h"}
 # core/pipeline.h and the stages belong to the worker.
 DAEMON_SEES = API_SEES | {"core/cloud_sniff.h", "core/ply_header.h", "core/cloud_ply.h", "core/alloc.h",
-                          "core/cloud_prefix.h"}
+                          "core/cloud_prefix.h", "core/inflate.h"}
 # Third-party header -> the only files that include it (a pattern).
 OWNER = {
     r"flann/.*": r"core/knn\.c",
     r"CGAL/.*": r"core/\w+_cgal\.cc",
+    r"zlib\.h": r"core/inflate_gzip\.c",
+    r"zstd(_errors)?\.h": r"core/inflate_zstd\.c",
     r"sqlite3\.h": r"server/sql\.c",
     r"microhttpd\.h": r"server/http\.c",
     r"seccomp\.h": r"server/daemon_seccomp\.c",

@@ -338,7 +338,7 @@ static void writing_without_memory_or_room_is_told(void **state) {
     alloc_fail = NULL;
     int full = open("/dev/full", O_WRONLY);
     assert_true(full >= 0);
-    assert_int_equal(cloud_write_ply(full, &cloud, NULL, 4, ENCODING_ASCII, &error), STATUS_IO);
+    assert_int_equal(cloud_write_ply(full, &cloud, NULL, 4, ENCODING_ASCII, &error), STATUS_NO_SPACE);
     assert_non_null(strstr(error.text, "No space left"));
     close(full);
     cloud_done(&cloud);

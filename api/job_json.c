@@ -127,6 +127,10 @@ char *job_outputs_encode(const char *id, const struct output_document *outputs, 
     return dump(json_pack("{s:o}", "outputs", list), JSON_COMPACT);
 }
 
+char *job_link_encode(const char *href, int64_t expires_ms) {
+    return dump(json_pack("{s:s, s:o}", "href", href, "expires", time_json(expires_ms)), JSON_COMPACT);
+}
+
 char *job_event_encode(const struct job_document *job) {
     return dump(json_pack("{s:s, s:s, s:o, s:I, s:o, s:I, s:o, s:i}", "id", job->id, "status", job->status, "stage",
                           text_or_null(job->stage), "progress", (json_int_t)(job->fraction * 100), "message",

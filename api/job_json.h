@@ -48,6 +48,9 @@ struct output_document {
 /* The manifest of a job's outputs; returns new. */
 char *job_outputs_encode(const char *id, const struct output_document *outputs, size_t count);
 
+/* A link that opens something until a time; returns new. */
+char *job_link_encode(const char *href, int64_t expires_ms);
+
 /* What goes into one server-sent event of kind progress or status; one line; returns new. */
 char *job_event_encode(const struct job_document *job);
 

@@ -22,6 +22,7 @@ static const struct handler table[OPERATION_COUNT] = {
     [OPERATION_GET_LOG] = {NULL, handlers_get_log, false},
     [OPERATION_LIST_OUTPUTS] = {NULL, handlers_list_outputs, false},
     [OPERATION_GET_OUTPUT] = {NULL, handlers_get_output, false},
+    [OPERATION_CREATE_LINK] = {NULL, handlers_create_link, false},
     [OPERATION_CREATE_CLOUD] = {handlers_admit_new_cloud, handlers_create_cloud, false},
     [OPERATION_LIST_CLOUDS] = {NULL, handlers_list_clouds, false},
     [OPERATION_GET_CLOUD] = {NULL, handlers_get_cloud, false},

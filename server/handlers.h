@@ -72,6 +72,14 @@ void handlers_send_output(struct service *service, const struct request *request
 void handlers_send_content(const struct request *request, const struct job *job, const struct job_output *output,
                            int fd, struct response *response);
 
+/* Reads the job of the path; false: the response says that there is none, or that it was not successful.  The job is
+ * the caller's either way. */
+bool handlers_read_successful(struct service *service, const struct request *request, struct job *job,
+                              struct response *response);
+
+/* The job's output of this name; NULL where it has none. */
+const struct job_output *handlers_find_output(const struct job *job, const char *name);
+
 /* The handlers themselves. */
 bool handlers_admit_job(struct service *service, struct request *request, struct response *response);
 bool handlers_admit_simplify(struct service *service, struct request *request, struct response *response);
@@ -84,6 +92,7 @@ void handlers_get_events(struct service *service, struct request *request, struc
 void handlers_get_log(struct service *service, struct request *request, struct response *response);
 void handlers_list_outputs(struct service *service, struct request *request, struct response *response);
 void handlers_get_output(struct service *service, struct request *request, struct response *response);
+void handlers_create_link(struct service *service, struct request *request, struct response *response);
 bool handlers_admit_new_cloud(struct service *service, struct request *request, struct response *response);
 void handlers_create_cloud(struct service *service, struct request *request, struct response *response);
 void handlers_list_clouds(struct service *service, struct request *request, struct response *response);

@@ -17,6 +17,7 @@
 #include "server/digest.h"
 #include "server/log.h"
 #include "server/supervisor.h"
+#include "server/tokens.h"
 
 enum { PAGE = 64, TOMBSTONE_MS = 7 * 24 * 3600 * 1000 };
 
@@ -122,6 +123,12 @@ enum status service_open(struct service *service, const struct config *config, s
         store_database_path(service->store, path);
         status = queue_open(path, &service->queue, error);
     }
+    if (status == STATUS_OK) {
+        store_key_path(service->store, path);
+        status = signature_open(path, &service->signing_key, error);
+    }
+    if (status == STATUS_OK && config->tokens_file[0])
+        status = tokens_open(config->tokens_file, &service->tokens, error);
     if (status == STATUS_OK) status = mend(service, error);
     if (status == STATUS_OK) status = events_open(&service->events, error);
     if (status != STATUS_OK) service_close(service);
@@ -130,6 +137,7 @@ enum status service_open(struct service *service, const struct config *config, s
 
 void service_close(struct service *service) {
     events_free(service->events);
+    tokens_close(service->tokens);
     queue_close(service->queue);
     store_close(service->store);
     estimate_free(service->estimate);
@@ -205,9 +213,10 @@ enum status service_submit(struct service *service, struct upload *upload, const
     if (status == STATUS_OK) status = enqueue(service, job, fresh, error);
     pthread_rwlock_unlock(&service->clouds);
     if (status != STATUS_OK) return status;
-    log_line(LOG_INFO, "job=%s %s: %llu bytes of %s", job->id,
+    log_line(LOG_INFO, "job=%s %s: %llu bytes of %s who=%s", job->id,
              job->state == JOB_SUCCESSFUL ? "successful, as an earlier one" : "accepted",
-             (unsigned long long)job->input_bytes, job->input_format);
+             (unsigned long long)job->input_bytes, job->input_format,
+             job->principal[0] ? job->principal : "-");
     supervisor_notify(service->supervisor);
     events_publish(service->events, job->id);
     return STATUS_OK;

@@ -13,13 +13,17 @@
 #include "server/estimate.h"
 #include "server/events.h"
 #include "server/queue.h"
+#include "server/signature.h"
 #include "server/store.h"
 #include "server/upload.h"
 
 struct supervisor;
+struct tokens;
 
 struct service {
-    const struct config *config; /* borrowed */
+    const struct config *_Atomic config; /* borrowed; each one lives as long as the service */
+    struct tokens *tokens;               /* NULL = requests need none */
+    struct signature_key signing_key;
     struct store *store;
     struct queue *queue;
     struct events *events;

@@ -247,7 +247,7 @@ fuzz: ## run each fuzzer for FUZZ_SECONDS=20 (needs clang)
 endif
 
 .PHONY: contract
-contract: $(build)/whittled ## bring the parameters in api/openapi.json up to date with core/params.c
+contract: $(build)/whittled ## bring parameters and scopes in api/openapi.json up to date with core/params.c and api/routes.c
 	@$(PYTHON) tests/tools/update_contract.py $(build)/whittled
 
 .PHONY: man

@@ -12,15 +12,18 @@
 
 enum { DUMP = JSON_REAL_PRECISION(15) };
 
-static json_t *time_json(int64_t ms) {
-    if (!ms) return json_null();
+const char *job_json_time(int64_t ms, char text[JOB_JSON_TIME_BYTES]) {
     time_t seconds = (time_t)(ms / 1000);
     struct tm tm;
-    char text[40];
     gmtime_r(&seconds, &tm);
-    size_t used = strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%S", &tm);
-    snprintf(text + used, sizeof text - used, ".%03dZ", (int)(ms % 1000));
-    return json_string(text);
+    size_t used = strftime(text, JOB_JSON_TIME_BYTES, "%Y-%m-%dT%H:%M:%S", &tm);
+    snprintf(text + used, JOB_JSON_TIME_BYTES - used, ".%03dZ", (int)(ms % 1000));
+    return text;
+}
+
+static json_t *time_json(int64_t ms) {
+    char text[JOB_JSON_TIME_BYTES];
+    return ms ? json_string(job_json_time(ms, text)) : json_null();
 }
 
 static json_t *text_or_null(const char *text) {
@@ -49,8 +52,9 @@ static json_t *links_json(const struct job_document *job) {
 }
 
 static json_t *input_json(const struct job_document *job) {
-    return json_pack("{s:s, s:o, s:I, s:o}", "sha256", job->cloud, "points", count_or_null(job->input_points), "bytes",
-                     (json_int_t)job->input_bytes, "format", text_or_null(job->input_format));
+    return json_pack("{s:o, s:s, s:o, s:I, s:o}", "cloud", json_sprintf("/v1/clouds/%s", job->cloud), "sha256",
+                     job->cloud, "points", count_or_null(job->input_points), "bytes", (json_int_t)job->input_bytes,
+                     "format", text_or_null(job->input_format));
 }
 
 static json_t *resources_json(const struct job_document *job) {
@@ -114,6 +118,10 @@ char *job_outputs_encode(const char *id, const struct output_document *outputs, 
                                               outputs[i].media_type, "bytes", (json_int_t)outputs[i].bytes, "sha256",
                                               outputs[i].sha256));
     return dump(json_pack("{s:o}", "outputs", list), JSON_COMPACT);
+}
+
+char *job_link_encode(const char *href, int64_t expires_ms) {
+    return dump(json_pack("{s:s, s:o}", "href", href, "expires", time_json(expires_ms)), JSON_COMPACT);
 }
 
 char *job_event_encode(const struct job_document *job) {

@@ -39,7 +39,9 @@ static const struct setting table[] = {
     {"worker-sandbox", SWITCH, AT(worker_sandbox), "1", 0, 1, NULL,
      "Confine jobs by seccomp, Landlock and namespaces, as far as the kernel has them; limits hold always"},
     {"config", TEXT, AT(file), "", 0, 0, NULL, "File of settings, lines of name = value"},
-    {"insecure-open", SWITCH, AT(insecure_open), "0", 0, 1, NULL, "Allow an address beyond loopback"},
+    {"insecure-open", SWITCH, AT(insecure_open), "0", 0, 1, NULL, "Allow an address beyond loopback without tokens"},
+    {"tokens-file", TEXT, AT(tokens_file), "", 0, 0, NULL, "File of tokens, lines of name:scopes:sha256"},
+    {"link-max", DURATION, AT(link_max_ms), "7d", SECOND, 3650 * DAY, "link_max_ms", "Longest life of a signed link"},
     {"workers", COUNT, AT(workers), "0", 0, 256, "workers", "Jobs that run at the same time; 0 = processors"},
     {"threads-per-job", COUNT, AT(threads_per_job), "0", 0, 256, "threads_per_job",
      "Threads of a job that asks for all; 0 = processors / workers"},
@@ -286,8 +288,13 @@ static void print_help(void) {
          "       whittled check --data FOLDER\n\n"
          "Serves whittle over HTTP.  Prints the address that it listens on, then logs to standard error.\n"
          "SIGTERM ends it when the running jobs are done; a second one ends it at once.\n"
+<<<<<<< HEAD
          "healthcheck asks a running one how it is: exit status 0 = well, 1 = not.\n"
          "check compares database and files of a folder that none serves: 0 = nothing is damaged.\n\nSettings:");
+=======
+         "SIGHUP makes it read settings and tokens again.\n"
+         "healthcheck asks a running one how it is: exit status 0 = well, 1 = not.\n\nSettings:");
+>>>>>>> main
     for (size_t i = 0; i < ROWS; i++)
         printf("  --%-26s%s%s%s%s\n", table[i].name, table[i].help, table[i].default_text[0] ? " (" : "",
                table[i].default_text, table[i].default_text[0] ? ")" : "");
@@ -420,6 +427,39 @@ enum config_request config_read(struct config *config, int argc, char **argv, ch
     if (prints || checks) return CONFIG_TOLD;
     fill_in(config);
     return CONFIG_RUN;
+}
+
+/* What is read each time that it is needed, and so may change while the service runs. */
+static bool is_live(const struct setting *setting) {
+    static const char *const live[] = {
+        "threads-per-job", "max-body-bytes", "max-queue",          "job-memory",       "job-cpu",
+        "job-wall",        "sync-max",       "wait-max",           "drain-timeout",    "retention",
+        "min-free",        "link-max",       "refuse-drain-bytes", "refuse-drain-time"};
+    for (size_t i = 0; i < sizeof live / sizeof *live; i++)
+        if (strcmp(live[i], setting->name) == 0) return true;
+    return false;
+}
+
+static bool same(const struct config *a, const struct config *b, const struct setting *setting) {
+    const char *x = (const char *)a + setting->offset, *y = (const char *)b + setting->offset;
+    return setting->kind == TEXT ? strcmp(x, y) == 0 : memcmp(x, y, sizeof(int64_t)) == 0;
+}
+
+enum status config_reload(const struct config *config, int argc, char **argv, char **environment, struct config *next,
+                          void (*tell)(const char *name, bool live), struct error *error) {
+    struct config *read = malloc(sizeof *read);
+    if (!read) return error_set(error, STATUS_NO_MEMORY, "config", "no memory");
+    enum status status =
+        config_read(read, argc, argv, environment, error) == CONFIG_RUN ? STATUS_OK : STATUS_BAD_PARAMETER;
+    for (size_t i = 0; i < ROWS && status == STATUS_OK; i++) {
+        if (i == 0) *next = *config;
+        if (same(config, read, &table[i])) continue;
+        bool live = is_live(&table[i]);
+        if (live) *number_of(next, &table[i]) = *number_of(read, &table[i]);
+        tell(table[i].name, live);
+    }
+    free(read);
+    return status;
 }
 
 bool config_limit(void *config, size_t i, const char **name, int64_t *value) {

@@ -26,6 +26,7 @@ enum { WHOLE = 0, DAMAGED = 1 };
 struct check {
     struct store *store;
     struct sql *sql;
+    int64_t cloud_tables; /* 1 where the database is new enough to have one */
     size_t jobs, clouds, outputs, damaged, unfinished;
 };
 
@@ -114,6 +115,13 @@ static void look_at_job(struct check *check, struct sql_rows *rows) {
 
 /* ------------------------------------------------------------------------------------------------ files */
 
+/* Without and with the table of clouds. */
+static const char *const all_clouds[] = {"SELECT DISTINCT cloud FROM jobs ORDER BY 1",
+                                         "SELECT cloud FROM jobs UNION SELECT sha256 FROM clouds ORDER BY 1"};
+static const char *const cloud_uses[] = {
+    "SELECT count(*) FROM jobs WHERE cloud = ?1",
+    "SELECT (SELECT count(*) FROM jobs WHERE cloud = ?1) + (SELECT count(*) FROM clouds WHERE sha256 = ?1)"};
+
 static void look_at_name(struct check *check, const char *sql, const char *folder, const char *name) {
     struct error error = {0};
     int64_t uses = 0;
@@ -126,7 +134,7 @@ static void look_at_name(struct check *check, const char *sql, const char *folde
 static void look_at_thing(void *ctx, enum store_thing thing, const char *name) {
     struct check *check = ctx;
     switch (thing) {
-    case STORE_CLOUD: look_at_name(check, "SELECT count(*) FROM jobs WHERE cloud = ?1", "clouds", name); break;
+    case STORE_CLOUD: look_at_name(check, cloud_uses[check->cloud_tables], "clouds", name); break;
     case STORE_JOB: look_at_name(check, "SELECT count(*) FROM jobs WHERE id = ?1", "jobs", name); break;
     case STORE_TEMPORARY: unfinished(check, "tmp/%s is half written, or half removed", name); break;
     }
@@ -145,6 +153,9 @@ static void look_at_schema(struct check *check) {
     else if (version < queue_schema_version())
         unfinished(check, "the database has schema %lld; the next start makes it %d", (long long)version,
                    queue_schema_version());
+    if (sql_number(check->sql, "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name = 'clouds'", NULL, 0,
+                   &check->cloud_tables, &error) != STATUS_OK)
+        damaged(check, "%s", error.text);
 }
 
 static void look_at_everything(struct check *check) {
@@ -153,7 +164,7 @@ static void look_at_everything(struct check *check) {
     look_at_schema(check);
     each_row(check, "SELECT id, state, (SELECT count(*) FROM outputs WHERE job = id) FROM jobs ORDER BY id",
              look_at_job);
-    each_row(check, "SELECT DISTINCT cloud FROM jobs ORDER BY cloud", look_at_cloud);
+    each_row(check, all_clouds[check->cloud_tables], look_at_cloud);
     each_row(check, "SELECT job, name, bytes, sha256 FROM outputs ORDER BY job, position", look_at_output);
     each_row(check, "SELECT 'outputs of no job, ' || job FROM outputs WHERE job NOT IN (SELECT id FROM jobs)",
              look_at_integrity);

@@ -21,6 +21,12 @@ static const struct handler table[OPERATION_COUNT] = {
     [OPERATION_GET_LOG] = {NULL, handlers_get_log, false},
     [OPERATION_LIST_OUTPUTS] = {NULL, handlers_list_outputs, false},
     [OPERATION_GET_OUTPUT] = {NULL, handlers_get_output, false},
+    [OPERATION_CREATE_LINK] = {NULL, handlers_create_link, false},
+    [OPERATION_CREATE_CLOUD] = {handlers_admit_new_cloud, handlers_create_cloud, false},
+    [OPERATION_LIST_CLOUDS] = {NULL, handlers_list_clouds, false},
+    [OPERATION_GET_CLOUD] = {NULL, handlers_get_cloud, false},
+    [OPERATION_DELETE_CLOUD] = {NULL, handlers_delete_cloud, false},
+    [OPERATION_GET_CLOUD_DATA] = {NULL, handlers_get_cloud_data, false},
     [OPERATION_GET_PARAMETERS] = {NULL, handlers_get_parameters, true},
     [OPERATION_GET_INFO] = {NULL, handlers_get_info, true},
     [OPERATION_GET_CONTRACT] = {NULL, handlers_get_contract, true},
@@ -57,12 +63,12 @@ static bool refuse_media(struct response *response, const char *what, const char
     return false;
 }
 
-static bool has_room(struct service *service, const struct request *request, struct response *response) {
+static bool has_room(struct service *service, const struct request *request, bool for_job, struct response *response) {
     uint64_t waiting, running, body = request->content_length == UINT64_MAX ? 0 : request->content_length;
     queue_depth(service->queue, &waiting, &running);
     if (atomic_load(&service->draining))
         response_refuse(response, PROBLEM_DRAINING, "the service is about to stop");
-    else if (waiting >= (uint64_t)service->config->max_queue)
+    else if (for_job && waiting >= (uint64_t)service->config->max_queue)
         response_refuse(response, PROBLEM_QUEUE_FULL, "%llu jobs are waiting", (unsigned long long)waiting);
     else if (body <= (uint64_t)service->config->max_body_bytes &&
              store_free_bytes(service->store) < body + (uint64_t)service->config->min_free_bytes)
@@ -72,14 +78,14 @@ static bool has_room(struct service *service, const struct request *request, str
     return false;
 }
 
-bool handlers_admit_cloud(struct service *service, struct request *request, struct response *response) {
+bool handlers_admit_cloud(struct service *service, struct request *request, bool for_job, struct response *response) {
     const char *type = request->header[HEADER_CONTENT_TYPE], *coding = request->header[HEADER_CONTENT_ENCODING];
     struct problem problem;
     if (!is_accepted_type(type))
         return refuse_media(response, "Content-Type", type, "application/octet-stream,text/plain,model/ply");
     if (coding && strcasecmp(coding, "identity") != 0)
         return refuse_media(response, "Content-Encoding", coding, "identity");
-    if (!has_room(service, request, response)) return false;
+    if (!has_room(service, request, for_job, response)) return false;
     request->upload =
         upload_new(service->store, request->content_length, (uint64_t)service->config->max_body_bytes, &problem);
     if (!request->upload) response_problem(response, &problem);
@@ -97,14 +103,17 @@ bool handlers_read_label(const struct request *request, struct job *job, struct 
     return true;
 }
 
+bool handlers_end_upload(struct request *request, struct upload_facts *facts, struct response *response) {
+    struct problem problem;
+    if (upload_end(request->upload, facts, &problem)) return true;
+    response_problem(response, &problem);
+    return false;
+}
+
 bool handlers_submit(struct service *service, struct request *request, struct job *job, struct response *response) {
     struct upload_facts facts;
-    struct problem problem;
     struct error error = {0};
-    if (!upload_end(request->upload, &facts, &problem)) {
-        response_problem(response, &problem);
-        return false;
-    }
+    if (!handlers_end_upload(request, &facts, response)) return false;
     memcpy(job->principal, request->principal.name, sizeof job->principal);
     job->params.outputs |= OUTPUT_REPORT; /* the job document carries the report's figures */
     enum status status = service_submit(service, request->upload, &facts, job, &error);

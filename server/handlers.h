@@ -7,6 +7,7 @@
 #include <stdbool.h>
 
 #include "api/job_json.h"
+#include "server/clouds.h"
 #include "server/message.h"
 #include "server/service.h"
 
@@ -26,8 +27,17 @@ const struct handler *handlers_find(enum operation operation);
 
 /* ---- shared by the handlers_*.c ---- */
 
-/* Whether new work is taken now, and the request's headers fit a cloud as its raw body; else a response. */
-bool handlers_admit_cloud(struct service *service, struct request *request, struct response *response);
+/* Whether new work is taken now (for a job: and the queue has room), and the request's headers fit a cloud as its raw
+ * body; else a response. */
+bool handlers_admit_cloud(struct service *service, struct request *request, bool for_job, struct response *response);
+
+/* The last checks of the request's upload; false: the response says what is wrong. */
+bool handlers_end_upload(struct request *request, struct upload_facts *facts, struct response *response);
+
+/* Reads the cloud of this id; false: there is none that the request's principal may see, and the response says so.  The
+ * record is the caller's either way. */
+bool handlers_read_cloud(struct service *service, const struct request *request, const char *id,
+                         struct clouds_record *record, struct response *response);
 
 /* Takes `label` from the query; false: *problem says why. */
 bool handlers_read_label(const struct request *request, struct job *job, struct problem *problem);
@@ -59,6 +69,14 @@ void handlers_send_output(struct service *service, const struct request *request
 void handlers_send_content(const struct request *request, const struct job *job, const struct job_output *output,
                            int fd, struct response *response);
 
+/* Reads the job of the path; false: the response says that there is none, or that it was not successful.  The job is
+ * the caller's either way. */
+bool handlers_read_successful(struct service *service, const struct request *request, struct job *job,
+                              struct response *response);
+
+/* The job's output of this name; NULL where it has none. */
+const struct job_output *handlers_find_output(const struct job *job, const char *name);
+
 /* The handlers themselves. */
 bool handlers_admit_job(struct service *service, struct request *request, struct response *response);
 bool handlers_admit_simplify(struct service *service, struct request *request, struct response *response);
@@ -71,6 +89,13 @@ void handlers_get_events(struct service *service, struct request *request, struc
 void handlers_get_log(struct service *service, struct request *request, struct response *response);
 void handlers_list_outputs(struct service *service, struct request *request, struct response *response);
 void handlers_get_output(struct service *service, struct request *request, struct response *response);
+void handlers_create_link(struct service *service, struct request *request, struct response *response);
+bool handlers_admit_new_cloud(struct service *service, struct request *request, struct response *response);
+void handlers_create_cloud(struct service *service, struct request *request, struct response *response);
+void handlers_list_clouds(struct service *service, struct request *request, struct response *response);
+void handlers_get_cloud(struct service *service, struct request *request, struct response *response);
+void handlers_delete_cloud(struct service *service, struct request *request, struct response *response);
+void handlers_get_cloud_data(struct service *service, struct request *request, struct response *response);
 void handlers_get_page(struct service *service, struct request *request, struct response *response);
 void handlers_get_parameters(struct service *service, struct request *request, struct response *response);
 void handlers_get_info(struct service *service, struct request *request, struct response *response);

@@ -27,7 +27,7 @@ static bool read_create(const struct request *request, struct job *job, struct r
 
 bool handlers_admit_job(struct service *service, struct request *request, struct response *response) {
     struct job job = {0};
-    return read_create(request, &job, response) && handlers_admit_cloud(service, request, response);
+    return read_create(request, &job, response) && handlers_admit_cloud(service, request, true, response);
 }
 
 void handlers_create_job(struct service *service, struct request *request, struct response *response) {

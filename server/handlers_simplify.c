@@ -58,7 +58,7 @@ static bool read_simplify(const struct request *request, struct job *job, struct
 
 bool handlers_admit_simplify(struct service *service, struct request *request, struct response *response) {
     struct job job = {0};
-    return read_simplify(request, &job, response) && handlers_admit_cloud(service, request, response);
+    return read_simplify(request, &job, response) && handlers_admit_cloud(service, request, true, response);
 }
 
 /* ------------------------------------------------------------------------------------------------ answers */

@@ -82,7 +82,7 @@ enum status queue_delete(struct queue *queue, const char *id, const char *reason
 enum status queue_expired(struct queue *queue, int64_t now_ms, int64_t tombstones_before_ms, char (*ids)[JOB_ID_BYTES],
                           size_t max, size_t *count, struct error *error) MUST_CHECK;
 
-/* How many jobs refer to a cloud. */
+/* How many jobs and rows of clouds.h refer to a cloud. */
 enum status queue_cloud_uses(struct queue *queue, const char *cloud, uint64_t *uses, struct error *error) MUST_CHECK;
 
 /* Jobs waiting and running; from memory, never blocks for long. */

@@ -38,6 +38,11 @@ static const char *const schema[] = {
     "ALTER TABLE jobs ADD COLUMN principal TEXT NOT NULL DEFAULT '';"
     "ALTER TABLE tombstones ADD COLUMN principal TEXT NOT NULL DEFAULT '';"
     "CREATE INDEX jobs_by_principal ON jobs (principal, id);",
+    "CREATE TABLE clouds (sha256 TEXT NOT NULL, principal TEXT NOT NULL, created INTEGER NOT NULL, "
+    "expires INTEGER NOT NULL, bytes INTEGER NOT NULL, points INTEGER NOT NULL, format TEXT NOT NULL, "
+    "PRIMARY KEY (sha256, principal)) STRICT, WITHOUT ROWID;"
+    "CREATE INDEX clouds_by_expiry ON clouds (expires);"
+    "CREATE INDEX clouds_by_principal ON clouds (principal);",
 };
 enum { SCHEMA_VERSION = sizeof schema / sizeof schema[0] };
 
@@ -341,8 +346,10 @@ enum status queue_list(struct queue *queue, const struct queue_filter *filter, s
 enum status queue_cloud_uses(struct queue *queue, const char *cloud, uint64_t *uses, struct error *error) {
     int64_t number = 0;
     sql_lock(queue->reader);
-    enum status status =
-        sql_number(queue->reader, "SELECT count(*) FROM jobs WHERE cloud = ?1", VALUES(T(cloud)), &number, error);
+    enum status status = sql_number(
+        queue->reader,
+        "SELECT (SELECT count(*) FROM jobs WHERE cloud = ?1) + (SELECT count(*) FROM clouds WHERE sha256 = ?1)",
+        VALUES(T(cloud)), &number, error);
     sql_unlock(queue->reader);
     if (status == STATUS_OK) *uses = (uint64_t)number;
     return status;

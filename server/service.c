@@ -6,12 +6,15 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/service.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "api/problem.h"
+#include "server/clouds.h"
 #include "server/log.h"
 #include "server/supervisor.h"
+#include "server/tokens.h"
 
 enum { PAGE = 64, TOMBSTONE_MS = 7 * 24 * 3600 * 1000 };
 
@@ -36,7 +39,7 @@ static bool is_known(void *ctx, enum store_thing thing, const char *name) {
 
 /* What the start did. */
 struct mending {
-    size_t requeued, failed, inputs_lost, outputs_lost, files_removed;
+    size_t requeued, failed, inputs_lost, outputs_lost, clouds_lost, files_removed;
 };
 
 /* A job that was running when the service ended. */
@@ -91,14 +94,30 @@ static enum status mend_jobs(struct service *service, struct mending *mending, s
     return status;
 }
 
+/* Forgets the clouds whose files are gone. */
+static enum status mend_clouds(struct service *service, struct mending *mending, struct error *error) {
+    char name[JOB_HASH_BYTES] = "";
+    bool found = true;
+    enum status status = STATUS_OK;
+    while (status == STATUS_OK && found) {
+        status = clouds_next(service->queue, name, name, &found, error);
+        if (status != STATUS_OK || !found || store_cloud_exists(service->store, name)) continue;
+        log_line(LOG_ERROR, "cloud=%s has lost its file: forgotten", name);
+        mending->clouds_lost++;
+        status = clouds_delete(service->queue, name, NULL, error);
+    }
+    return status;
+}
+
 static enum status mend(struct service *service, struct error *error) {
     struct mending m = {0};
     enum status status = mend_jobs(service, &m, error);
+    if (status == STATUS_OK) status = mend_clouds(service, &m, error);
     if (status == STATUS_OK) status = store_clean(service->store, is_known, service, &m.files_removed, error);
-    bool anything = m.requeued || m.failed || m.inputs_lost || m.outputs_lost || m.files_removed;
+    bool anything = m.requeued || m.failed || m.inputs_lost || m.outputs_lost || m.clouds_lost || m.files_removed;
     log_line(anything ? LOG_WARNING : LOG_INFO,
-             "mended requeued=%zu failed=%zu inputs_lost=%zu outputs_lost=%zu files_removed=%zu", m.requeued, m.failed,
-             m.inputs_lost, m.outputs_lost, m.files_removed);
+             "mended requeued=%zu failed=%zu inputs_lost=%zu outputs_lost=%zu clouds_lost=%zu files_removed=%zu",
+             m.requeued, m.failed, m.inputs_lost, m.outputs_lost, m.clouds_lost, m.files_removed);
     return status;
 }
 
@@ -112,6 +131,12 @@ enum status service_open(struct service *service, const struct config *config, s
         store_database_path(service->store, path);
         status = queue_open(path, &service->queue, error);
     }
+    if (status == STATUS_OK) {
+        store_key_path(service->store, path);
+        status = signature_open(path, &service->signing_key, error);
+    }
+    if (status == STATUS_OK && config->tokens_file[0])
+        status = tokens_open(config->tokens_file, &service->tokens, error);
     if (status == STATUS_OK) status = mend(service, error);
     if (status == STATUS_OK) status = events_open(&service->events, error);
     if (status != STATUS_OK) service_close(service);
@@ -120,6 +145,7 @@ enum status service_open(struct service *service, const struct config *config, s
 
 void service_close(struct service *service) {
     events_free(service->events);
+    tokens_close(service->tokens);
     queue_close(service->queue);
     store_close(service->store);
     pthread_rwlock_destroy(&service->clouds);
@@ -145,14 +171,14 @@ enum status service_submit(struct service *service, struct upload *upload, const
     if (status == STATUS_OK) status = queue_submit(service->queue, job, (uint64_t)service->config->max_queue, error);
     pthread_rwlock_unlock(&service->clouds);
     if (status != STATUS_OK) return status;
-    log_line(LOG_INFO, "job=%s accepted: %llu bytes of %s", job->id, (unsigned long long)job->input_bytes,
-             job->input_format);
+    log_line(LOG_INFO, "job=%s accepted: %llu bytes of %s who=%s", job->id, (unsigned long long)job->input_bytes,
+             job->input_format, job->principal[0] ? job->principal : "-");
     supervisor_notify(service->supervisor);
     events_publish(service->events, job->id);
     return STATUS_OK;
 }
 
-/* Removes a cloud that no job refers to any more. */
+/* Removes a cloud that nothing refers to any more. */
 static void forget_cloud(struct service *service, const char *cloud) {
     struct error error = {0};
     uint64_t uses = 1;
@@ -173,6 +199,64 @@ enum status service_delete(struct service *service, const struct job *job, const
     return STATUS_OK;
 }
 
+enum status service_keep_cloud(struct service *service, struct upload *upload, const struct upload_facts *facts,
+                               const char *principal, bool *known, struct error *error) {
+    int64_t now = job_now_ms();
+    struct clouds_record record = {.created_ms = now,
+                                   .expires_ms = now + service->config->retention_ms,
+                                   .bytes = facts->bytes,
+                                   .points = facts->points},
+                         before = {0};
+    memcpy(record.sha256, facts->sha256, sizeof record.sha256);
+    memcpy(record.format, facts->format, sizeof record.format);
+    snprintf(record.principal, sizeof record.principal, "%s", principal);
+    enum status status = upload_sync(upload, error);
+    if (status != STATUS_OK) return status;
+    pthread_rwlock_rdlock(&service->clouds);
+    status = clouds_get(service->queue, record.sha256, principal, &before, known, error);
+    if (status == STATUS_OK) status = upload_keep(upload, error);
+    if (status == STATUS_OK) status = clouds_put(service->queue, &record, error);
+    pthread_rwlock_unlock(&service->clouds);
+    clouds_record_done(&before);
+    if (status == STATUS_OK)
+        log_line(LOG_INFO, "cloud=%s kept: %llu bytes of %s", record.sha256, (unsigned long long)record.bytes,
+                 record.format);
+    return status;
+}
+
+enum status service_delete_cloud(struct service *service, const char *sha256, const char *principal, uint64_t *jobs,
+                                 struct error *error) {
+    struct clouds_record record;
+    uint64_t uses = 1;
+    bool found;
+    pthread_rwlock_wrlock(&service->clouds);
+    enum status status = clouds_get(service->queue, sha256, principal, &record, &found, error);
+    *jobs = record.jobs;
+    if (status == STATUS_OK && !*jobs) status = clouds_delete(service->queue, sha256, principal, error);
+    if (status == STATUS_OK && !*jobs) status = queue_cloud_uses(service->queue, sha256, &uses, error);
+    if (status == STATUS_OK && !uses) store_cloud_delete(service->store, sha256);
+    pthread_rwlock_unlock(&service->clouds);
+    clouds_record_done(&record);
+    if (status == STATUS_OK && !*jobs) log_line(LOG_INFO, "cloud=%s deleted", sha256);
+    return status;
+}
+
+static void sweep_clouds(struct service *service) {
+    char names[PAGE][JOB_HASH_BYTES];
+    struct error error = {0};
+    size_t count = PAGE;
+    while (count == PAGE) {
+        if (clouds_expire(service->queue, job_now_ms(), names, PAGE, &count, &error) != STATUS_OK) {
+            log_line(LOG_ERROR, "can't look for expired clouds: %s", error.text);
+            return;
+        }
+        for (size_t i = 0; i < count; i++) {
+            log_line(LOG_INFO, "cloud=%s expired", names[i]);
+            forget_cloud(service, names[i]);
+        }
+    }
+}
+
 static void expire(struct service *service, const char *id) {
     struct job job;
     enum queue_presence presence;
@@ -186,7 +270,7 @@ static void expire(struct service *service, const char *id) {
     job_done(&job);
 }
 
-void service_sweep(struct service *service) {
+static void sweep_jobs(struct service *service) {
     char ids[PAGE][JOB_ID_BYTES];
     struct error error = {0};
     size_t count = PAGE;
@@ -212,4 +296,9 @@ bool service_answers(struct service *service) {
     bool supervised = supervisor_answers(service->supervisor);
     if (!supervised) log_line(LOG_ERROR, "the supervisor's threads don't ask for jobs");
     return status == STATUS_OK && supervised;
+}
+
+void service_sweep(struct service *service) {
+    sweep_jobs(service);
+    sweep_clouds(service);
 }

@@ -12,13 +12,17 @@
 #include "server/config.h"
 #include "server/events.h"
 #include "server/queue.h"
+#include "server/signature.h"
 #include "server/store.h"
 #include "server/upload.h"
 
 struct supervisor;
+struct tokens;
 
 struct service {
-    const struct config *config; /* borrowed */
+    const struct config *_Atomic config; /* borrowed; each one lives as long as the service */
+    struct tokens *tokens;               /* NULL = requests need none */
+    struct signature_key signing_key;
     struct store *store;
     struct queue *queue;
     struct events *events;
@@ -39,11 +43,21 @@ void service_close(struct service *service);
 enum status service_submit(struct service *service, struct upload *upload, const struct upload_facts *facts,
                            struct job *job, struct error *error) MUST_CHECK;
 
+/* Makes an upload that has passed upload_end, durably, a cloud of this principal, to be kept for the retention time.
+ * *known: it was one already. */
+enum status service_keep_cloud(struct service *service, struct upload *upload, const struct upload_facts *facts,
+                               const char *principal, bool *known, struct error *error) MUST_CHECK;
+
+/* Deletes what this principal (NULL: anybody) has of a cloud, and the file when nothing refers to it any more; nothing
+ * is done while *jobs, the number of this principal's jobs that refer to it, isn't 0. */
+enum status service_delete_cloud(struct service *service, const char *sha256, const char *principal, uint64_t *jobs,
+                                 struct error *error) MUST_CHECK;
+
 /* Deletes an ended job with its files; reason as in queue_delete. */
 enum status service_delete(struct service *service, const struct job *job, const char *reason, bool *changed,
                            struct error *error) MUST_CHECK;
 
-/* Deletes the jobs whose time is over. */
+/* Deletes the jobs and clouds whose time is over. */
 void service_sweep(struct service *service);
 
 /* Whether the queue and the supervisor answer; logs what does not.  Blocks for as long as they do. */

@@ -29,6 +29,9 @@ void store_close(struct store *store);
 /* The database file's path in the folder. */
 void store_database_path(const struct store *store, char path[STORE_PATH_BYTES]);
 
+/* The path of the file that keeps the key of signed links. */
+void store_key_path(const struct store *store, char path[STORE_PATH_BYTES]);
+
 /* Bytes that may still be written; UINT64_MAX when that isn't known.  Doesn't block for long. */
 uint64_t store_free_bytes(const struct store *store);
 

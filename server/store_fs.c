@@ -1,6 +1,7 @@
 /* The store as a folder.
  *
  *     whittled.db             the queue's
+ *     signing.key             of the links that are handed out
  *     lock                    held by the process that serves the folder
  *     clouds/<sha256>         inputs, by content
  *     jobs/<id>/log           standard error of the job's processes
@@ -123,6 +124,10 @@ void store_close(struct store *store) {
 
 void store_database_path(const struct store *store, char path[STORE_PATH_BYTES]) {
     snprintf(path, STORE_PATH_BYTES, "%.4000s/whittled.db", store->root);
+}
+
+void store_key_path(const struct store *store, char path[STORE_PATH_BYTES]) {
+    snprintf(path, STORE_PATH_BYTES, "%.4000s/signing.key", store->root);
 }
 
 uint64_t store_free_bytes(const struct store *store) {

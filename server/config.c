@@ -288,13 +288,9 @@ static void print_help(void) {
          "       whittled check --data FOLDER\n\n"
          "Serves whittle over HTTP.  Prints the address that it listens on, then logs to standard error.\n"
          "SIGTERM ends it when the running jobs are done; a second one ends it at once.\n"
-<<<<<<< HEAD
+         "SIGHUP makes it read settings and tokens again.\n"
          "healthcheck asks a running one how it is: exit status 0 = well, 1 = not.\n"
          "check compares database and files of a folder that none serves: 0 = nothing is damaged.\n\nSettings:");
-=======
-         "SIGHUP makes it read settings and tokens again.\n"
-         "healthcheck asks a running one how it is: exit status 0 = well, 1 = not.\n\nSettings:");
->>>>>>> main
     for (size_t i = 0; i < ROWS; i++)
         printf("  --%-26s%s%s%s%s\n", table[i].name, table[i].help, table[i].default_text[0] ? " (" : "",
                table[i].default_text, table[i].default_text[0] ? ")" : "");

@@ -2,7 +2,7 @@
 #
 # Packages, images and releases; part of the Makefile.
 
-deb_packages := debhelper dpkg-dev help2man bash-completion xz-utils
+deb_packages := debhelper dpkg-dev bash-completion xz-utils
 deploy_packages := $(deb_packages) lintian mmdebstrap buildah umoci runc systemd nginx-light openssl prometheus sqlite3 \
                    yamllint
 
@@ -34,5 +34,3 @@ test-deploy: deps ## image, package, fresh machine, proxy, Kubernetes, monitorin
 	@deploy/deps.sh $(deploy_packages)
 	@$(MAKE) --no-print-directory -j$$(nproc) all
 	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -v -s -p no:cacheprovider tests/deploy
-man: all
-	mkdir -p build/man; for p in whittle whittled; do help2man -N -n "simplification of point clouds" build/release/$$p > build/man/$$p.1; done

@@ -26,7 +26,7 @@ def test_it_holds_what_people_expect(package):
     names = {line.split()[5] for line in run("dpkg-deb", "-c", package).splitlines()}
     expected = {"./usr/bin/whittle", "./usr/bin/whittled", "./etc/whittled/whittled.conf",
                 "./lib/systemd/system/whittled.service", "./lib/systemd/system/whittled.socket",
-                "./usr/share/man/man1/whittle.1.gz", "./usr/share/man/man1/whittled.1.gz",
+                "./usr/share/man/man1/whittle.1.gz", "./usr/share/man/man8/whittled.8.gz",
                 "./usr/share/bash-completion/completions/whittle", "./usr/share/bash-completion/completions/whittled"}
     assert expected <= names, expected - names
     say(f"{len(expected)} files that people look for are there")

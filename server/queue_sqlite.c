@@ -60,6 +60,8 @@ struct queue {
 
 /* ------------------------------------------------------------------------------------------------ open */
 
+int queue_schema_version(void) { return SCHEMA_VERSION; }
+
 static enum status count_states(struct queue *queue, struct error *error) {
     int64_t waiting = 0, running = 0;
     const char *sql = "SELECT count(*) FROM jobs WHERE state = ?1";

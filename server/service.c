@@ -37,11 +37,19 @@ static bool is_known(void *ctx, enum store_thing thing, const char *name) {
     return known;
 }
 
+/* What the start did. */
+struct mending {
+    size_t requeued, failed, inputs_lost, outputs_lost, clouds_lost, files_removed;
+};
+
 /* A job that was running when the service ended. */
-static enum status mend_running(struct service *service, struct job *job, struct error *error) {
+static enum status mend_running(struct service *service, struct job *job, struct mending *mending,
+                                struct error *error) {
     bool changed;
+    store_outputs_delete(service->store, job->id); /* of a run whose end was never recorded */
     if (job->attempt < JOB_MAX_ATTEMPTS) {
         log_line(LOG_WARNING, "job=%s was running when the service ended: queued again", job->id);
+        mending->requeued++;
         return queue_finish(service->queue, JOB_REQUEUE, job, &changed, error);
     }
     struct problem problem;
@@ -52,21 +60,25 @@ static enum status mend_running(struct service *service, struct job *job, struct
     job->problem = problem_encode(&problem);
     job->expires_ms = job_now_ms() + service->config->retention_ms;
     log_line(LOG_ERROR, "job=%s failed: the service ended in each of %d attempts", job->id, job->attempt);
+    mending->failed++;
     return queue_finish(service->queue, JOB_FAIL, job, &changed, error);
 }
 
-static enum status mend_job(struct service *service, struct job *job, struct error *error) {
+static enum status mend_job(struct service *service, struct job *job, struct mending *mending, struct error *error) {
     bool changed;
-    if (job->state == JOB_RUNNING) return mend_running(service, job, error);
-    if (job->state == JOB_ACCEPTED && !store_cloud_exists(service->store, job->cloud))
+    if (job->state == JOB_RUNNING) return mend_running(service, job, mending, error);
+    if (job->state == JOB_ACCEPTED && !store_cloud_exists(service->store, job->cloud)) {
         log_line(LOG_ERROR, "job=%s has lost its input %s: it will fail", job->id, job->cloud);
+        mending->inputs_lost++;
+    }
     if (job->state != JOB_SUCCESSFUL || store_outputs_exist(service->store, job->id)) return STATUS_OK;
     log_line(LOG_ERROR, "job=%s has lost its outputs: deleted", job->id);
+    mending->outputs_lost++;
     return queue_delete(service->queue, job->id, "lost", &changed, error);
 }
 
 /* Goes through all jobs, newest first. */
-static enum status mend_jobs(struct service *service, struct error *error) {
+static enum status mend_jobs(struct service *service, struct mending *mending, struct error *error) {
     char after[JOB_ID_BYTES] = "";
     struct job *jobs = calloc(PAGE, sizeof *jobs);
     size_t count = PAGE;
@@ -74,7 +86,7 @@ static enum status mend_jobs(struct service *service, struct error *error) {
     while (status == STATUS_OK && count == PAGE) {
         struct queue_filter filter = {.after = after[0] ? after : NULL};
         status = queue_list(service->queue, &filter, jobs, PAGE, &count, error);
-        for (size_t i = 0; status == STATUS_OK && i < count; i++) status = mend_job(service, &jobs[i], error);
+        for (size_t i = 0; status == STATUS_OK && i < count; i++) status = mend_job(service, &jobs[i], mending, error);
         if (status == STATUS_OK && count) memcpy(after, jobs[count - 1].id, sizeof after);
         for (size_t i = 0; i < count; i++) job_done(&jobs[i]);
     }
@@ -83,7 +95,7 @@ static enum status mend_jobs(struct service *service, struct error *error) {
 }
 
 /* Forgets the clouds whose files are gone. */
-static enum status mend_clouds(struct service *service, struct error *error) {
+static enum status mend_clouds(struct service *service, struct mending *mending, struct error *error) {
     char name[JOB_HASH_BYTES] = "";
     bool found = true;
     enum status status = STATUS_OK;
@@ -91,18 +103,21 @@ static enum status mend_clouds(struct service *service, struct error *error) {
         status = clouds_next(service->queue, name, name, &found, error);
         if (status != STATUS_OK || !found || store_cloud_exists(service->store, name)) continue;
         log_line(LOG_ERROR, "cloud=%s has lost its file: forgotten", name);
+        mending->clouds_lost++;
         status = clouds_delete(service->queue, name, NULL, error);
     }
     return status;
 }
 
 static enum status mend(struct service *service, struct error *error) {
-    size_t removed;
-    enum status status = mend_jobs(service, error);
-    if (status == STATUS_OK) status = mend_clouds(service, error);
-    if (status == STATUS_OK) status = store_clean(service->store, is_known, service, &removed, error);
-    if (status == STATUS_OK && removed)
-        log_line(LOG_WARNING, "removed %zu files that an earlier run left behind", removed);
+    struct mending m = {0};
+    enum status status = mend_jobs(service, &m, error);
+    if (status == STATUS_OK) status = mend_clouds(service, &m, error);
+    if (status == STATUS_OK) status = store_clean(service->store, is_known, service, &m.files_removed, error);
+    bool anything = m.requeued || m.failed || m.inputs_lost || m.outputs_lost || m.clouds_lost || m.files_removed;
+    log_line(anything ? LOG_WARNING : LOG_INFO,
+             "mended requeued=%zu failed=%zu inputs_lost=%zu outputs_lost=%zu clouds_lost=%zu files_removed=%zu",
+             m.requeued, m.failed, m.inputs_lost, m.outputs_lost, m.clouds_lost, m.files_removed);
     return status;
 }
 

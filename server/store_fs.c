@@ -317,7 +317,37 @@ int store_log_open(struct store *store, const char *id, bool append) {
     return fd;
 }
 
+void store_outputs_delete(struct store *store, const char *id) {
+    int job_fd = open_folder(store->jobs_fd, id);
+    if (job_fd < 0) return;
+    remove_by_way_of_tmp(store, job_fd, "outputs");
+    close(job_fd);
+}
+
 void store_job_delete(struct store *store, const char *id) { remove_by_way_of_tmp(store, store->jobs_fd, id); }
+
+/* ------------------------------------------------------------------------------------------------ all of it */
+
+static enum status each_in(int folder_fd, enum store_thing thing,
+                           void (*found)(void *ctx, enum store_thing thing, const char *name), void *ctx) {
+    struct dirent **entries;
+    int n = scandirat(folder_fd, ".", &entries, is_visible, alphasort);
+    if (n < 0) return STATUS_IO;
+    for (int i = 0; i < n; i++) {
+        found(ctx, thing, entries[i]->d_name);
+        free(entries[i]);
+    }
+    free(entries);
+    return STATUS_OK;
+}
+
+enum status store_each(const struct store *store, void (*found)(void *ctx, enum store_thing thing, const char *name),
+                       void *ctx, struct error *error) {
+    enum status status = each_in(store->clouds_fd, STORE_CLOUD, found, ctx);
+    if (status == STATUS_OK) status = each_in(store->jobs_fd, STORE_JOB, found, ctx);
+    if (status == STATUS_OK) status = each_in(store->tmp_fd, STORE_TEMPORARY, found, ctx);
+    return status == STATUS_OK ? STATUS_OK : refused(error, "list", store->root);
+}
 
 /* ------------------------------------------------------------------------------------------------ clean */
 
@@ -345,7 +375,7 @@ static enum status clean_folder(struct store *store, int folder_fd, enum store_t
 enum status store_clean(struct store *store, bool (*keep)(void *ctx, enum store_thing thing, const char *name),
                         void *ctx, size_t *removed, struct error *error) {
     *removed = 0;
-    enum status status = clean_folder(store, store->tmp_fd, STORE_CLOUD, NULL, NULL, removed);
+    enum status status = clean_folder(store, store->tmp_fd, STORE_TEMPORARY, NULL, NULL, removed);
     if (status == STATUS_OK) status = clean_folder(store, store->clouds_fd, STORE_CLOUD, keep, ctx, removed);
     if (status == STATUS_OK) status = clean_folder(store, store->jobs_fd, STORE_JOB, keep, ctx, removed);
     return status == STATUS_OK ? STATUS_OK : refused(error, "list", store->root);

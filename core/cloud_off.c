@@ -163,6 +163,8 @@ static enum status take_face(struct reader *r) {
     uint32_t first = 0, last = 0, next = 0;
     if (!scan_token(&r->scan, &word) || !scan_u64(&word, &n))
         return bad_word(r, "face", &word, "how many vertices a face has");
+    if (n > (size_t)(r->scan.end - r->scan.at) / 2)
+        return cloud_build_bad(&r->build, "face", here(r), "a face of %" PRIu64 " vertices is longer than the file", n);
     enum status status = STATUS_OK;
     for (uint64_t i = 0; !status && i < n; i++, last = next) {
         status = take_index(r, &next);

@@ -168,6 +168,7 @@ struct cloud_guess cloud_sniff(const void *first, size_t n) {
         if (begins(text, n, known[i].beginning, known[i].bytes)) return known[i].guess;
     const struct cloud_guess *word = by_word(text, n);
     if (word == &pcd) return pcd_of(text, looked);
+    if (word == &off) return off;
     if (has_control_character(text, looked))
         return is_stl_binary(first, n) ? stl_binary : (struct cloud_guess){CLOUD_KIND_OTHER, "binary data", ""};
     if (word) return *word;

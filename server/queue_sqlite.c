@@ -18,6 +18,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/alloc.h"
 #include "server/sql.h"
 
 static const char *const schema[] = {
@@ -73,7 +74,7 @@ static enum status count_states(struct queue *queue, struct error *error) {
 }
 
 enum status queue_open(const char *path, struct queue **queue, struct error *error) {
-    struct queue *opened = calloc(1, sizeof *opened);
+    struct queue *opened = alloc_zeroed(1, sizeof *opened);
     if (!opened) return error_set(error, STATUS_NO_MEMORY, "queue", "no memory");
     enum status status = sql_open(path, &opened->writer, error);
     if (status == STATUS_OK) status = sql_migrate(opened->writer, schema, SCHEMA_VERSION, error);

@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "api/problem.h"
+#include "core/fault.h"
 #include "server/clouds.h"
 #include "server/log.h"
 #include "server/supervisor.h"
@@ -153,6 +154,16 @@ void service_close(struct service *service) {
 
 /* ------------------------------------------------------------------------------------------------ submit, delete */
 
+/* Removes a cloud that nothing refers to any more. */
+static void forget_cloud(struct service *service, const char *cloud) {
+    struct error error = {0};
+    uint64_t uses = 1;
+    pthread_rwlock_wrlock(&service->clouds);
+    if (queue_cloud_uses(service->queue, cloud, &uses, &error) == STATUS_OK && uses == 0)
+        store_cloud_delete(service->store, cloud);
+    pthread_rwlock_unlock(&service->clouds);
+}
+
 enum status service_submit(struct service *service, struct upload *upload, const struct upload_facts *facts,
                            struct job *job, struct error *error) {
     enum status status = upload_sync(upload, error);
@@ -168,9 +179,12 @@ enum status service_submit(struct service *service, struct upload *upload, const
 
     pthread_rwlock_rdlock(&service->clouds);
     status = upload_keep(upload, error);
+    fault_at("submit-kept");
     if (status == STATUS_OK) status = queue_submit(service->queue, job, (uint64_t)service->config->max_queue, error);
     pthread_rwlock_unlock(&service->clouds);
+    if (status != STATUS_OK) forget_cloud(service, job->cloud);
     if (status != STATUS_OK) return status;
+    fault_at("submit-committed");
     log_line(LOG_INFO, "job=%s accepted: %llu bytes of %s who=%s", job->id, (unsigned long long)job->input_bytes,
              job->input_format, job->principal[0] ? job->principal : "-");
     supervisor_notify(service->supervisor);
@@ -178,20 +192,11 @@ enum status service_submit(struct service *service, struct upload *upload, const
     return STATUS_OK;
 }
 
-/* Removes a cloud that nothing refers to any more. */
-static void forget_cloud(struct service *service, const char *cloud) {
-    struct error error = {0};
-    uint64_t uses = 1;
-    pthread_rwlock_wrlock(&service->clouds);
-    if (queue_cloud_uses(service->queue, cloud, &uses, &error) == STATUS_OK && uses == 0)
-        store_cloud_delete(service->store, cloud);
-    pthread_rwlock_unlock(&service->clouds);
-}
-
 enum status service_delete(struct service *service, const struct job *job, const char *reason, bool *changed,
                            struct error *error) {
     enum status status = queue_delete(service->queue, job->id, reason, changed, error);
     if (status != STATUS_OK || !*changed) return status;
+    fault_at("delete-committed");
     store_job_delete(service->store, job->id);
     forget_cloud(service, job->cloud);
     log_line(LOG_INFO, "job=%s %s", job->id, reason);
@@ -218,6 +223,7 @@ enum status service_keep_cloud(struct service *service, struct upload *upload, c
     if (status == STATUS_OK) status = clouds_put(service->queue, &record, error);
     pthread_rwlock_unlock(&service->clouds);
     clouds_record_done(&before);
+    if (status != STATUS_OK) forget_cloud(service, record.sha256);
     if (status == STATUS_OK)
         log_line(LOG_INFO, "cloud=%s kept: %llu bytes of %s", record.sha256, (unsigned long long)record.bytes,
                  record.format);

@@ -86,7 +86,7 @@ class Round:
         connection.endheaders()
         connection.send(MANY[:len(MANY) // 2])
         tmp = self.daemon.data / "tmp"
-        wait_until(lambda: any(p.name.startswith("upload") and p.stat().st_size for p in tmp.iterdir()), "the half")
+        wait_until(lambda: any(name.startswith("upload") for name in os.listdir(tmp)), "the half")
         return connection
 
     def traffic(self):
@@ -103,14 +103,21 @@ class Round:
     def gone(self):
         return self.daemon.process.poll() is not None
 
+    def writes(self):
+        """Whether a job has begun to write its outputs."""
+        try:
+            return any(os.listdir(self.daemon.data / "tmp" / name) for name in os.listdir(self.daemon.data / "tmp")
+                       if name[0].isdigit())
+        except OSError:
+            return False  # it has just ended
+
     def kill_workers(self, writing):
         """Kills a worker, in the midst of its outputs if that is wanted and comes to pass."""
         end = time.monotonic() + 2
         while time.monotonic() < end:
             pids = re.findall(r"accepted -> running attempt=\d+ pid=(\d+)", self.daemon.log_text()[-5000:])
             pids = [int(pid) for pid in pids if process_lives(pid)]
-            outputs = [p for p in (self.daemon.data / "tmp").glob("*/*") if not p.name.startswith("gone")]
-            if pids and (outputs or not writing):
+            if pids and (not writing or self.writes()):
                 try:
                     os.kill(self.chance.choice(pids), signal.SIGKILL)
                 except ProcessLookupError:

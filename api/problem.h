@@ -23,6 +23,7 @@ enum problem_kind {
     PROBLEM_UNSUPPORTED_FORMAT,
     PROBLEM_BODY_TOO_LARGE,
     PROBLEM_TOO_MANY_POINTS,
+    PROBLEM_DIGEST_MISMATCH,
     PROBLEM_NO_SUCH_JOB,
     PROBLEM_NO_SUCH_CLOUD,
     PROBLEM_CLOUD_IN_USE,
@@ -43,7 +44,7 @@ enum problem_kind {
     PROBLEM_WORKER_CRASHED,
     PROBLEM_INTERNAL_ERROR
 };
-#define PROBLEM_COUNT 28
+#define PROBLEM_COUNT 29
 
 /* One row of the table. */
 struct problem_type {

@@ -27,12 +27,15 @@ static bool read_create(const struct request *request, struct job *job, struct r
 
 bool handlers_admit_job(struct service *service, struct request *request, struct response *response) {
     struct job job = {0};
-    return read_create(request, &job, response) && handlers_admit_cloud(service, request, true, response);
+    return read_create(request, &job, response) &&
+           handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM | BODY_JSON, create_names, response);
 }
 
 void handlers_create_job(struct service *service, struct request *request, struct response *response) {
     struct job job = {0};
-    if (!read_create(request, &job, response) || !handlers_submit(service, request, &job, response)) return;
+    if (!handlers_end_body(request, response) || !read_create(request, &job, response) ||
+        !handlers_submit(service, request, &job, response))
+        return;
     struct job stored;
     if (handlers_read_job(service, request, job.id, &stored, response)) {
         handlers_job_response(&stored, 201, response);

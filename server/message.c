@@ -25,6 +25,8 @@ const char *const message_header_names[HEADER_COUNT] = {
     [HEADER_TRANSFER_ENCODING] = "Transfer-Encoding",
     [HEADER_LAST_EVENT_ID] = "Last-Event-ID",
     [HEADER_HOST] = "Host",
+    [HEADER_CONTENT_DIGEST] = "Content-Digest",
+    [HEADER_REPR_DIGEST] = "Repr-Digest",
 };
 
 /* ------------------------------------------------------------------------------------------------ responses */

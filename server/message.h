@@ -16,9 +16,9 @@
 #include "api/problem.h"
 #include "api/query.h"
 #include "api/routes.h"
+#include "server/body.h"
 #include "server/events.h"
 #include "server/principal.h"
-#include "server/upload.h"
 
 enum request_header {
     HEADER_RANGE,
@@ -31,9 +31,11 @@ enum request_header {
     HEADER_CONTENT_LENGTH,
     HEADER_TRANSFER_ENCODING,
     HEADER_LAST_EVENT_ID,
-    HEADER_HOST
+    HEADER_HOST,
+    HEADER_CONTENT_DIGEST,
+    HEADER_REPR_DIGEST
 };
-#define HEADER_COUNT 11
+#define HEADER_COUNT 13
 
 /* "Range", ... */
 extern const char *const message_header_names[HEADER_COUNT];
@@ -62,7 +64,7 @@ struct request {
     const char *header[HEADER_COUNT]; /* NULL = absent */
     bool has_body;
     uint64_t content_length; /* UINT64_MAX = not known */
-    struct upload *upload;   /* the body, complete and checked; NULL = the operation takes none */
+    struct body *body;       /* complete, for body_end; NULL = the operation takes none */
     struct request_wait wait;
 };
 

@@ -34,8 +34,9 @@ struct service {
 enum status service_open(struct service *service, const struct config *config, struct error *error) MUST_CHECK;
 void service_close(struct service *service);
 
-/* Makes an upload that has passed upload_end, and its job, durable; fills in job's id, cloud, times.  STATUS_LIMIT:
- * the queue is full. */
+/* Makes an upload that has passed upload_end, and its job, durable; fills in job's id, cloud, times.  upload NULL: the
+ * facts are of a cloud that is here already.  STATUS_LIMIT: the queue is full; STATUS_BAD_PARAMETER: that cloud is
+ * gone. */
 enum status service_submit(struct service *service, struct upload *upload, const struct upload_facts *facts,
                            struct job *job, struct error *error) MUST_CHECK;
 

@@ -93,8 +93,15 @@ enum status pipeline_quadrics(struct run *run) {
 }
 
 enum status pipeline_contract(struct run *run) {
-    enum status status =
-        contract(run->points.point, &run->hood, run->quadrics, run->threads, &run->progress, &run->contraction);
+    struct adjacency near = {0};
+    enum status status = adjacency_from(&run->hood, run->threads, &near);
+    if (!run->mesh_follows) {
+        knn_free(run->knn);
+        run->knn = NULL;
+        neighbourhood_done(&run->hood);
+    }
+    if (!status)
+        status = contract(run->points.point, &near, run->quadrics, run->threads, &run->progress, &run->contraction);
     free(run->quadrics);
     run->quadrics = NULL;
     return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "contract") : status;

@@ -17,6 +17,8 @@ struct job_document {
     double fraction;                                               /* 0 to 1; written as whole percent */
     int64_t created_ms, started_ms, finished_ms, updated_ms, expires_ms;
     uint64_t ahead; /* jobs before it in the queue */
+    int priority;
+    double time_left_s; /* NAN = not known (null) */
     int attempt;
     const char *cloud; /* sha256 of the input */
     uint64_t input_points, input_bytes;
@@ -45,6 +47,9 @@ struct output_document {
 
 /* The manifest of a job's outputs; returns new. */
 char *job_outputs_encode(const char *id, const struct output_document *outputs, size_t count);
+
+/* A link that opens something until a time; returns new. */
+char *job_link_encode(const char *href, int64_t expires_ms);
 
 /* What goes into one server-sent event of kind progress or status; one line; returns new. */
 char *job_event_encode(const struct job_document *job);

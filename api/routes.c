@@ -20,6 +20,7 @@ static const struct route table[] = {
     {"GET", "/v1/jobs/{id}/log", "getLog", OPERATION_GET_LOG, ROUTES_READ},
     {"GET", "/v1/jobs/{id}/outputs", "listOutputs", OPERATION_LIST_OUTPUTS, ROUTES_READ},
     {"GET", "/v1/jobs/{id}/outputs/{name}", "getOutput", OPERATION_GET_OUTPUT, ROUTES_READ},
+    {"POST", "/v1/jobs/{id}/outputs/{name}/link", "createLink", OPERATION_CREATE_LINK, ROUTES_READ},
     {"POST", "/v1/clouds", "createCloud", OPERATION_CREATE_CLOUD, ROUTES_SUBMIT},
     {"GET", "/v1/clouds", "listClouds", OPERATION_LIST_CLOUDS, ROUTES_READ},
     {"GET", "/v1/clouds/{id}", "getCloud", OPERATION_GET_CLOUD, ROUTES_READ},

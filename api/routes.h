@@ -20,6 +20,7 @@ enum operation {
     OPERATION_GET_LOG,
     OPERATION_LIST_OUTPUTS,
     OPERATION_GET_OUTPUT,
+    OPERATION_CREATE_LINK,
     OPERATION_CREATE_CLOUD,
     OPERATION_LIST_CLOUDS,
     OPERATION_GET_CLOUD,
@@ -32,7 +33,7 @@ enum operation {
     OPERATION_GET_HEALTH,
     OPERATION_GET_READINESS
 };
-#define OPERATION_COUNT 21
+#define OPERATION_COUNT 22
 
 /* What a principal needs for an operation; a set of the last three is what a principal has. */
 enum routes_scope { ROUTES_PUBLIC = 0, ROUTES_SUBMIT = 1, ROUTES_READ = 2, ROUTES_ADMIN = 4 };

@@ -39,7 +39,9 @@ static const struct setting table[] = {
     {"worker-sandbox", SWITCH, AT(worker_sandbox), "1", 0, 1, NULL,
      "Confine jobs by seccomp, Landlock and namespaces, as far as the kernel has them; limits hold always"},
     {"config", TEXT, AT(file), "", 0, 0, NULL, "File of settings, lines of name = value"},
-    {"insecure-open", SWITCH, AT(insecure_open), "0", 0, 1, NULL, "Allow an address beyond loopback"},
+    {"insecure-open", SWITCH, AT(insecure_open), "0", 0, 1, NULL, "Allow an address beyond loopback without tokens"},
+    {"tokens-file", TEXT, AT(tokens_file), "", 0, 0, NULL, "File of tokens, lines of name:scopes:sha256"},
+    {"link-max", DURATION, AT(link_max_ms), "7d", SECOND, 3650 * DAY, "link_max_ms", "Longest life of a signed link"},
     {"workers", COUNT, AT(workers), "0", 0, 256, "workers", "Jobs that run at the same time; 0 = processors"},
     {"threads-per-job", COUNT, AT(threads_per_job), "0", 0, 256, "threads_per_job",
      "Threads of a job that asks for all; 0 = processors / workers"},
@@ -58,6 +60,8 @@ static const struct setting table[] = {
     {"retention", DURATION, AT(retention_ms), "24h", 1, 3650 * DAY, "retention_ms", "How long ended jobs are kept"},
     {"min-free", BYTES, AT(min_free_bytes), "256M", 0, 1024 * KB *GB, "min_free_bytes",
      "Uploads are refused when less room would be left on the disk"},
+    {"result-cache", SWITCH, AT(result_cache), "1", 0, 1, NULL,
+     "Answer the same cloud with the same parameters from the outputs of the earlier job"},
     {"max-connections", COUNT, AT(max_connections), "1000", 8, 100000, "max_connections", "Connections at a time"},
     {"connections-per-address", COUNT, AT(connections_per_address), "200", 1, 100000, "connections_per_address",
      "Connections of one address at a time"},
@@ -282,10 +286,13 @@ static void fill_in(struct config *config) {
 
 static void print_help(void) {
     puts("Usage: whittled [--setting VALUE ...]\n"
-         "       whittled healthcheck [--url http://HOST:PORT/PATH] [--setting VALUE ...]\n\n"
+         "       whittled healthcheck [--url http://HOST:PORT/PATH] [--setting VALUE ...]\n"
+         "       whittled check --data FOLDER\n\n"
          "Serves whittle over HTTP.  Prints the address that it listens on, then logs to standard error.\n"
          "SIGTERM ends it when the running jobs are done; a second one ends it at once.\n"
-         "healthcheck asks a running one how it is: exit status 0 = well, 1 = not.\n\nSettings:");
+         "SIGHUP makes it read settings and tokens again.\n"
+         "healthcheck asks a running one how it is: exit status 0 = well, 1 = not.\n"
+         "check compares database and files of a folder that none serves: 0 = nothing is damaged.\n\nSettings:");
     for (size_t i = 0; i < ROWS; i++)
         printf("  --%-26s%s%s%s%s\n", table[i].name, table[i].help, table[i].default_text[0] ? " (" : "",
                table[i].default_text, table[i].default_text[0] ? ")" : "");
@@ -352,6 +359,7 @@ static void print_man(void) {
     puts(".SH NAME\nwhittled \\- simplify point clouds over HTTP\n.SH SYNOPSIS\n.B whittled\n.RI [ "
          "\\-\\-setting\\~value "
          "...]\n.br\n.B whittled healthcheck\n.RI [ \\-\\-url\\~URL ]\n.RI [ \\-\\-setting\\~value ...]\n"
+         ".br\n.B whittled check\n.RI \\-\\-data\\~FOLDER\n"
          ".SH DESCRIPTION\nServes\n.BR whittle (1)\nover HTTP: clouds come in, simplified clouds, meshes and measured "
          "errors go out.\nPrints the address that it listens on, then logs to standard error.\n"
          "The service describes itself at /docs and /openapi.json.\n.PP\n"
@@ -373,6 +381,8 @@ static void print_man(void) {
     puts(
         ".SH HEALTHCHECK\n.B whittled healthcheck\nasks the service at the address in the settings, or the one that\n"
         ".B \\-\\-url\nnames, for /healthz.\nExit status 0: it answered that it is well; 1: it did not.\n"
+        ".SH CHECK\n.B whittled check\ncompares the database of a folder that no service has with its files, by their "
+        "hashes,\nand prints what is damaged (exit status 1), and what a crash left and the next start mends.\n"
         ".SH ENVIRONMENT\nEach setting is read from a variable:\n.B \\-\\-max\\-queue\nfrom\n.BR WHITTLED_MAX_QUEUE .\n"
         ".SH FILES\nThe file of\n.B \\-\\-config\nholds lines of name = value; # begins a comment.\n"
         ".B whittled \\-\\-print\\-config\nwrites one with every setting in it.\n"
@@ -415,6 +425,39 @@ enum config_request config_read(struct config *config, int argc, char **argv, ch
     if (prints || checks) return CONFIG_TOLD;
     fill_in(config);
     return CONFIG_RUN;
+}
+
+/* What is read each time that it is needed, and so may change while the service runs. */
+static bool is_live(const struct setting *setting) {
+    static const char *const live[] = {
+        "threads-per-job", "max-body-bytes", "max-queue",          "job-memory",       "job-cpu",
+        "job-wall",        "sync-max",       "wait-max",           "drain-timeout",    "retention",
+        "min-free",        "link-max",       "refuse-drain-bytes", "refuse-drain-time"};
+    for (size_t i = 0; i < sizeof live / sizeof *live; i++)
+        if (strcmp(live[i], setting->name) == 0) return true;
+    return false;
+}
+
+static bool same(const struct config *a, const struct config *b, const struct setting *setting) {
+    const char *x = (const char *)a + setting->offset, *y = (const char *)b + setting->offset;
+    return setting->kind == TEXT ? strcmp(x, y) == 0 : memcmp(x, y, sizeof(int64_t)) == 0;
+}
+
+enum status config_reload(const struct config *config, int argc, char **argv, char **environment, struct config *next,
+                          void (*tell)(const char *name, bool live), struct error *error) {
+    struct config *read = malloc(sizeof *read);
+    if (!read) return error_set(error, STATUS_NO_MEMORY, "config", "no memory");
+    enum status status =
+        config_read(read, argc, argv, environment, error) == CONFIG_RUN ? STATUS_OK : STATUS_BAD_PARAMETER;
+    for (size_t i = 0; i < ROWS && status == STATUS_OK; i++) {
+        if (i == 0) *next = *config;
+        if (same(config, read, &table[i])) continue;
+        bool live = is_live(&table[i]);
+        if (live) *number_of(next, &table[i]) = *number_of(read, &table[i]);
+        tell(table[i].name, live);
+    }
+    free(read);
+    return status;
 }
 
 bool config_limit(void *config, size_t i, const char **name, int64_t *value) {

@@ -4,10 +4,11 @@
  *
  * Opens what it needs from the bottom up, says where it listens, waits for signals, and closes in the opposite order.
  * The first SIGTERM or SIGINT drains: no new work, running jobs may end, those that don't are queued again.  The second
- * ends the process at once; the next start finds everything that was accepted.
+ * ends the process at once; the next start finds everything that was accepted.  SIGHUP reads settings and tokens again.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <errno.h>
+#include <limits.h>
 #include <poll.h>
 #include <signal.h>
 #include <stdio.h>
@@ -18,11 +19,13 @@
 #include <unistd.h>
 
 #include "core/version.h"
+#include "server/check.h"
 #include "server/config.h"
 #include "server/healthcheck.h"
 #include "server/http.h"
 #include "server/log.h"
 #include "server/notify.h"
+#include "server/reload.h"
 #include "server/service.h"
 #include "server/supervisor.h"
 
@@ -34,6 +37,7 @@ static int open_signals(void) {
     sigemptyset(&set);
     sigaddset(&set, SIGTERM);
     sigaddset(&set, SIGINT);
+    sigaddset(&set, SIGHUP);
     sigprocmask(SIG_BLOCK, &set, NULL);
     signal(SIGPIPE, SIG_IGN);
     return signalfd(-1, &set, SFD_CLOEXEC);
@@ -47,14 +51,24 @@ static void raise_file_limit(void) {
     setrlimit(RLIMIT_NOFILE, &files);
 }
 
-/* Sweeps now and then until a signal comes. */
-static void serve(struct service *service, int signals) {
+/* The signal that has come. */
+static int read_signal(int signals) {
+    struct signalfd_siginfo info;
+    return read(signals, &info, sizeof info) == sizeof info ? (int)info.ssi_signo : SIGTERM;
+}
+
+/* Sweeps now and then until a signal ends it; SIGHUP doesn't. */
+static void serve(struct service *service, struct reload *reload, int signals) {
     struct pollfd fds = {.fd = signals, .events = POLLIN};
     int64_t every = service->config->retention_ms < SWEEP_MS ? service->config->retention_ms : SWEEP_MS;
-    struct signalfd_siginfo info;
-    while (poll(&fds, 1, (int)every) <= 0) service_sweep(service);
-    ssize_t n = read(signals, &info, sizeof info);
-    (void)n;
+    for (;;) {
+        if (poll(&fds, 1, (int)every) <= 0)
+            service_sweep(service);
+        else if (read_signal(signals) != SIGHUP)
+            return;
+        else
+            reload_now(reload);
+    }
 }
 
 /* Until the running jobs have ended, or their time is over; a second signal ends everything. */
@@ -65,11 +79,16 @@ static void drain(struct service *service, int signals) {
     log_line(LOG_INFO, "draining: no new work, running jobs have %lld s",
              (long long)(service->config->drain_timeout_ms / 1000));
     supervisor_stop(service->supervisor);
-    if (poll(fds, 2, (int)service->config->drain_timeout_ms) == 0) supervisor_requeue(service->supervisor);
-    while (!fds[0].revents && !fds[1].revents) poll(fds, 2, -1);
-    if (!fds[1].revents) return;
-    log_line(LOG_WARNING, "second signal: ending at once");
-    _exit(128 + SIGTERM);
+    int64_t end = events_clock_ms() + service->config->drain_timeout_ms;
+    for (bool late = false; !fds[0].revents;) {
+        int64_t left = end - events_clock_ms();
+        int n = poll(fds, 2, late ? -1 : left < 0 ? 0 : left > INT_MAX ? INT_MAX : (int)left);
+        if (n == 0) supervisor_requeue(service->supervisor);
+        late = late || n == 0;
+        if (n <= 0 || !fds[1].revents || read_signal(signals) == SIGHUP) continue;
+        log_line(LOG_WARNING, "second signal: ending at once");
+        _exit(128 + SIGTERM);
+    }
 }
 
 static int fail(const struct error *error) {
@@ -85,13 +104,18 @@ static void tell_ready(const char *address) {
     notify_send(message);
 }
 
-static int run(const struct config *config, int signals) {
+static int run(const struct config *config, int signals, int argc, char **argv) {
     struct service service;
     struct http *http = NULL;
     struct notify_watch *watch = NULL;
+    struct reload *reload = reload_open(&service, argc, argv);
     struct error error = {0};
     char address[HTTP_ADDRESS_BYTES];
-    if (service_open(&service, config, &error) != STATUS_OK) return fail(&error);
+    if (!reload) return EXIT_FAILURE;
+    if (service_open(&service, config, &error) != STATUS_OK) {
+        reload_close(reload);
+        return fail(&error);
+    }
     enum status status = supervisor_open(&service, &service.supervisor, &error);
     if (status == STATUS_OK) status = http_open(&service, &http, address, &error);
     if (status == STATUS_OK) status = notify_watch(answers, &service, &watch, &error);
@@ -101,7 +125,7 @@ static int run(const struct config *config, int signals) {
         log_line(LOG_INFO, "whittled %s listening on http://%s, data in %s, %lld workers", whittle_version(), address,
                  config->data, (long long)config->workers);
         tell_ready(address);
-        serve(&service, signals);
+        serve(&service, reload, signals);
         notify_send("STOPPING=1\nSTATUS=draining");
         drain(&service, signals);
     } else if (service.supervisor) {
@@ -112,6 +136,7 @@ static int run(const struct config *config, int signals) {
     notify_unwatch(watch);
     supervisor_close(service.supervisor);
     service_close(&service);
+    reload_close(reload);
     log_line(LOG_INFO, "ended");
     return status == STATUS_OK ? EXIT_SUCCESS : fail(&error);
 }
@@ -120,6 +145,7 @@ int main(int argc, char **argv) {
     struct config config;
     struct error error = {0};
     if (argc > 1 && strcmp(argv[1], "healthcheck") == 0) return healthcheck_main(argc - 1, argv + 1);
+    if (argc > 1 && strcmp(argv[1], "check") == 0) return check_main(argc - 1, argv + 1);
     switch (config_read(&config, argc, argv, environ, &error)) {
     case CONFIG_TOLD: return EXIT_SUCCESS;
     case CONFIG_REFUSED: fprintf(stderr, "whittled: %s: %s\n", error.where, error.text); return EXIT_USAGE;
@@ -131,5 +157,5 @@ int main(int argc, char **argv) {
         fprintf(stderr, "whittled: signals: %s\n", strerror(errno));
         return EXIT_FAILURE;
     }
-    return run(&config, signals);
+    return run(&config, signals, argc, argv);
 }

@@ -6,6 +6,8 @@
 #include <errno.h>
 #include <nettle/base16.h>
 #include <nettle/base64.h>
+#include <nettle/hmac.h>
+#include <nettle/memops.h>
 #include <nettle/sha2.h>
 #include <stdlib.h>
 #include <string.h>
@@ -56,6 +58,29 @@ int digest_file(int fd, char hex[DIGEST_HEX_BYTES], uint64_t *bytes) {
     free(block);
     digest_free(digest);
     return result;
+}
+
+bool digest_text(const char *text, char hex[DIGEST_HEX_BYTES]) {
+    struct digest *digest = digest_new();
+    if (!digest) return false;
+    digest_update(digest, text, strlen(text));
+    digest_finish(digest, hex);
+    digest_free(digest);
+    return true;
+}
+
+void digest_hmac(const void *key, size_t key_bytes, const void *message, size_t bytes, char hex[DIGEST_HEX_BYTES]) {
+    struct hmac_sha256_ctx ctx;
+    uint8_t raw[SHA256_DIGEST_SIZE];
+    hmac_sha256_set_key(&ctx, key_bytes, key);
+    hmac_sha256_update(&ctx, bytes, message);
+    hmac_sha256_digest(&ctx, sizeof raw, raw);
+    base16_encode_update(hex, sizeof raw, raw);
+    hex[DIGEST_HEX_BYTES - 1] = 0;
+}
+
+bool digest_same(const char a[DIGEST_HEX_BYTES], const char b[DIGEST_HEX_BYTES]) {
+    return memeql_sec(a, b, DIGEST_HEX_BYTES - 1) != 0;
 }
 
 void digest_base64(const char hex[DIGEST_HEX_BYTES], char base64[DIGEST_BASE64_BYTES]) {

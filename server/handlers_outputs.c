@@ -85,7 +85,7 @@ static void file_name(const struct job *job, const char *name, char *text, size_
     snprintf(text + used, bytes - used, "%s", name);
 }
 
-static const struct job_output *find_output(const struct job *job, const char *name) {
+const struct job_output *handlers_find_output(const struct job *job, const char *name) {
     for (size_t i = 0; i < job->output_count; i++)
         if (strcmp(job->output[i].name, name) == 0) return &job->output[i];
     return NULL;
@@ -119,7 +119,7 @@ void handlers_send_content(const struct request *request, const struct job *job,
 
 void handlers_send_output(struct service *service, const struct request *request, const struct job *job,
                           const char *name, struct response *response) {
-    const struct job_output *output = find_output(job, name);
+    const struct job_output *output = handlers_find_output(job, name);
     if (output)
         handlers_send_content(request, job, output, store_output_open(service->store, job->id, output->name), response);
     else
@@ -205,7 +205,7 @@ static void name_level(struct job_output *level, uint64_t points) {
 
 static void send_level(struct service *service, const struct request *request, const struct job *job,
                        const struct params *params, const char *parameter, struct response *response) {
-    const struct job_output *output = find_output(job, request->match.capture[1]);
+    const struct job_output *output = handlers_find_output(job, request->match.capture[1]);
     if (!output) {
         response_refuse(response, PROBLEM_NO_SUCH_OUTPUT, "the job has no output %.80s", request->match.capture[1]);
         return;
@@ -222,9 +222,8 @@ static void send_level(struct service *service, const struct request *request, c
     handlers_send_content(request, job, &level, fd, response);
 }
 
-/* Reads the job and answers unless it was successful. */
-static bool read_successful(struct service *service, const struct request *request, struct job *job,
-                            struct response *response) {
+bool handlers_read_successful(struct service *service, const struct request *request, struct job *job,
+                              struct response *response) {
     if (!handlers_read_job(service, request, request->match.capture[0], job, response)) return false;
     if (job->state == JOB_SUCCESSFUL) return true;
     if (job_ended(job->state)) {
@@ -245,7 +244,7 @@ void handlers_list_outputs(struct service *service, struct request *request, str
         response_problem(response, &problem);
         return;
     }
-    if (read_successful(service, request, &job, response)) {
+    if (handlers_read_successful(service, request, &job, response)) {
         for (size_t i = 0; i < job.output_count; i++)
             documents[i] = (struct output_document){.name = job.output[i].name,
                                                     .media_type = media_type_of(job.output[i].name),
@@ -261,7 +260,7 @@ void handlers_get_output(struct service *service, struct request *request, struc
     struct params level;
     const char *parameter;
     if (!read_level(request, &parameter, &level, response)) return;
-    if (read_successful(service, request, &job, response)) {
+    if (handlers_read_successful(service, request, &job, response)) {
         if (parameter)
             send_level(service, request, &job, &level, parameter, response);
         else

@@ -34,6 +34,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "server/access.h"
 #include "server/handlers.h"
 #include "server/listen.h"
 #include "server/log.h"
@@ -72,7 +73,7 @@ struct exchange {
     enum phase phase;
     struct request request;
     struct response response;
-    uint64_t drained_bytes;
+    uint64_t received_bytes, sent_bytes, drained_bytes; /* of bodies */
     int64_t began_ms, refused_ms;
     size_t stream_sent; /* of response.text */
     bool streaming;
@@ -154,6 +155,7 @@ static ssize_t read_stream(void *ctx, uint64_t position, char *buffer, size_t mo
     if (count) {
         memcpy(buffer, x->response.text + x->stream_sent, count);
         x->stream_sent += count;
+        x->sent_bytes += count;
         return (ssize_t)count;
     }
     if (x->response.last || !park(x)) return MHD_CONTENT_READER_END_OF_STREAM;
@@ -167,6 +169,7 @@ static struct MHD_Response *make_response(struct exchange *x) {
     struct MHD_Response *made = NULL;
     switch (r->kind) {
     case RESPONSE_FILE:
+        x->sent_bytes = r->file_bytes;
         made = MHD_create_response_from_fd_at_offset64(r->file_bytes, r->fd, r->file_offset);
         if (made) r->fd = -1;
         break;
@@ -175,6 +178,7 @@ static struct MHD_Response *make_response(struct exchange *x) {
         made = MHD_create_response_from_callback(MHD_SIZE_UNKNOWN, STREAM_BLOCK, read_stream, x, NULL);
         break;
     case RESPONSE_TEXT:
+        x->sent_bytes = r->text_bytes;
         made = MHD_create_response_from_buffer(r->text_bytes, r->text, MHD_RESPMEM_MUST_FREE);
         if (made) r->text = NULL;
         break;
@@ -189,6 +193,7 @@ static enum MHD_Result answer(struct exchange *x) {
     if (!made) return MHD_NO;
     for (size_t i = 0; i < r->header_count; i++) MHD_add_response_header(made, r->header[i].name, r->header[i].value);
     MHD_add_response_header(made, "X-Content-Type-Options", "nosniff");
+    MHD_add_response_header(made, "X-Request-Id", x->request.id);
     x->phase = PHASE_SENT;
     x->status = r->status;
     enum MHD_Result result = MHD_queue_response(x->connection, (unsigned)r->status, made);
@@ -213,6 +218,15 @@ static enum MHD_Result refuse(struct exchange *x) {
 
 /* ------------------------------------------------------------------------------------------------ headers */
 
+/* Headers whose repetition makes a request mean two things. */
+static bool is_single(enum request_header header) {
+    static const enum request_header single[] = {HEADER_HOST, HEADER_CONTENT_LENGTH, HEADER_TRANSFER_ENCODING,
+                                                 HEADER_CONTENT_TYPE, HEADER_AUTHORIZATION};
+    for (size_t i = 0; i < sizeof single / sizeof *single; i++)
+        if (single[i] == header) return true;
+    return false;
+}
+
 static enum MHD_Result take_header(void *ctx, enum MHD_ValueKind kind, const char *name, size_t name_bytes,
                                    const char *value, size_t value_bytes) {
     struct exchange *x = ctx;
@@ -220,7 +234,7 @@ static enum MHD_Result take_header(void *ctx, enum MHD_ValueKind kind, const cha
     (void)name_bytes;
     for (size_t i = 0; i < HEADER_COUNT; i++) {
         if (strcasecmp(name, message_header_names[i]) != 0) continue;
-        bool once = i == HEADER_HOST || i == HEADER_CONTENT_LENGTH || i == HEADER_TRANSFER_ENCODING;
+        bool once = is_single((enum request_header)i);
         if (once && x->request.header[i]) x->malformed = true;
         x->request.header[i] = value ? value : "";
         if (value && strlen(value) != value_bytes) x->malformed = true;
@@ -267,6 +281,7 @@ static bool admit(struct exchange *x) {
     routes_match(request->method, request->path, &request->match);
     if (request->match.route) {
         x->handler = handlers_find(request->match.route->operation);
+        if (!access_admit(service, request, &x->response)) return false;
         return !x->handler->admit || x->handler->admit(service, request, &x->response);
     }
     if (request->match.allow[0]) {
@@ -279,15 +294,26 @@ static bool admit(struct exchange *x) {
     return false;
 }
 
+/* Blanks and what isn't ASCII would look like other things in the log. */
+static void put_plain(char *to, size_t bytes, const char *text) {
+    size_t used = 0;
+    for (; *text && used + 4 < bytes; text++) {
+        bool plain = *text > ' ' && *text < 0x7f && *text != '%';
+        used += (size_t)snprintf(to + used, bytes - used, plain ? "%c" : "%%%02X", (unsigned char)*text);
+    }
+    to[used] = 0;
+}
+
 static enum MHD_Result begin(struct exchange *x, const char *method, const char *path) {
     struct request *request = &x->request;
     request->method = method;
     request->path = path;
     request->head = strcmp(method, "HEAD") == 0;
     snprintf(x->log_method, sizeof x->log_method, "%s", method);
-    snprintf(x->log_path, sizeof x->log_path, "%s", path);
+    put_plain(x->log_path, sizeof x->log_path, path);
     MHD_get_connection_values_n(x->connection, MHD_HEADER_KIND, take_header, x);
     MHD_get_connection_values_n(x->connection, MHD_GET_ARGUMENT_KIND, take_argument, x);
+    request_identify(request);
     bool framed = read_framing(request);
     if (!framed || x->malformed) {
         response_refuse(&x->response, PROBLEM_MALFORMED_REQUEST, "%s",
@@ -313,6 +339,7 @@ static enum MHD_Result drain(struct exchange *x, size_t count) {
 static enum MHD_Result take_body(struct exchange *x, const char *bytes, size_t count) {
     struct problem problem;
     watchdog_count(x->watched, count);
+    x->received_bytes += count;
     if (x->phase != PHASE_BODY || !x->request.upload) return drain(x, count);
     if (upload_write(x->request.upload, bytes, count, &problem)) return MHD_YES;
     response_problem(&x->response, &problem);
@@ -380,6 +407,21 @@ static enum MHD_Result on_request(void *ctx, struct MHD_Connection *connection, 
     return MHD_YES;
 }
 
+static void log_access(struct exchange *x, bool whole) {
+    const union MHD_ConnectionInfo *info = MHD_get_connection_info(x->connection, MHD_CONNECTION_INFO_CLIENT_ADDRESS);
+    const struct principal *who = &x->request.principal;
+    char peer[LISTEN_NAME_BYTES] = "-";
+    if (info && info->client_addr) listen_peer(info->client_addr, peer);
+    log_line(LOG_INFO, "http id=%s peer=%s who=%s method=%s path=%s status=%d ms=%lld in=%llu out=%llu end=%s",
+             x->request.id, peer,
+             who->by_signature ? "link"
+             : who->name[0]    ? who->name
+                               : "-",
+             x->log_method, x->log_path, x->status, (long long)(events_clock_ms() - x->began_ms),
+             (unsigned long long)x->received_bytes, (unsigned long long)(whole && !x->request.head ? x->sent_bytes : 0),
+             whole ? "whole" : "cut");
+}
+
 static void on_completed(void *ctx, struct MHD_Connection *connection, void **state,
                          enum MHD_RequestTerminationCode why) {
     struct http *http = ctx;
@@ -387,9 +429,7 @@ static void on_completed(void *ctx, struct MHD_Connection *connection, void **st
     (void)connection;
     if (!x) return;
     *state = NULL;
-    bool whole = why == MHD_REQUEST_TERMINATED_COMPLETED_OK;
-    log_line(LOG_INFO, "http %s %s %d %lldms%s", x->log_method, x->log_path, x->status,
-             (long long)(events_clock_ms() - x->began_ms), whole ? "" : " cut");
+    log_access(x, why == MHD_REQUEST_TERMINATED_COMPLETED_OK);
     watchdog_enter(x->watched, WATCHDOG_IDLE);
     upload_free(x->request.upload);
     response_done(&x->response);
@@ -445,10 +485,10 @@ static enum status start(struct http *http, struct error *error) {
     const struct config *config = http->service->config;
     struct watchdog_limits limits = {config->header_timeout_ms, config->idle_timeout_ms,
                                      config->min_upload_bytes_per_s};
+    bool open = config->insecure_open || config->tokens_file[0];
     int inherited = notify_inherited("http");
-    enum status status = inherited >= 0
-                             ? listen_adopt(inherited, config->insecure_open != 0, &http->listen_fd, error)
-                             : listen_open(config->listen, config->insecure_open != 0, &http->listen_fd, error);
+    enum status status = inherited >= 0 ? listen_adopt(inherited, open, &http->listen_fd, error)
+                                        : listen_open(config->listen, open, &http->listen_fd, error);
     if (status != STATUS_OK) return status;
     if (offload_open(OFFLOAD_THREADS, &http->offload) != STATUS_OK ||
         watchdog_open(limits, &http->watchdog) != STATUS_OK)

@@ -61,9 +61,10 @@ enum status listen_open(const char *address, bool open, int *fd, struct error *e
     if (rc) return error_set(error, STATUS_BAD_PARAMETER, "listen", "'%.80s': %s", address, gai_strerror(rc));
     enum status status;
     if (!open && !is_loopback(info->ai_addr))
-        status = error_set(error, STATUS_BAD_PARAMETER, "listen",
-                           "%.80s is beyond loopback, and requests need no authorisation; --insecure-open allows it",
-                           address);
+        status = error_set(
+            error, STATUS_BAD_PARAMETER, "listen",
+            "%.80s is beyond loopback, and requests need no token; --tokens-file or --insecure-open allows it",
+            address);
     else
         status = bind_to(info, fd, error);
     freeaddrinfo(info);
@@ -87,8 +88,8 @@ enum status listen_adopt(int inherited, bool open, int *fd, struct error *error)
         return error_set(error, STATUS_BAD_PARAMETER, "listen", "descriptor %d is no listening TCP socket", inherited);
     if (!open && !is_loopback((const struct sockaddr *)&address))
         return error_set(error, STATUS_BAD_PARAMETER, "listen",
-                         "the inherited socket is beyond loopback, and requests need no authorisation; "
-                         "--insecure-open allows it");
+                         "the inherited socket is beyond loopback, and requests need no token; "
+                         "--tokens-file or --insecure-open allows it");
     if (fcntl(inherited, F_SETFL, flags | O_NONBLOCK) != 0)
         return error_set(error, STATUS_IO, "listen", "descriptor %d: %s", inherited, strerror(errno));
     *fd = inherited;
@@ -104,4 +105,10 @@ void listen_name(int fd, char name[LISTEN_NAME_BYTES]) {
                     NI_NUMERICHOST | NI_NUMERICSERV);
     bool v6 = strchr(host, ':') != NULL;
     snprintf(name, LISTEN_NAME_BYTES, "%s%.80s%s:%.8s", v6 ? "[" : "", host, v6 ? "]" : "", port);
+}
+
+void listen_peer(const struct sockaddr *address, char host[LISTEN_NAME_BYTES]) {
+    socklen_t length = address->sa_family == AF_INET6 ? sizeof(struct sockaddr_in6) : sizeof(struct sockaddr_in);
+    if (getnameinfo(address, length, host, LISTEN_NAME_BYTES, NULL, 0, NI_NUMERICHOST) != 0)
+        snprintf(host, LISTEN_NAME_BYTES, "?");
 }

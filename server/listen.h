@@ -20,4 +20,8 @@ enum status listen_adopt(int inherited, bool open, int *fd, struct error *error)
 enum { LISTEN_NAME_BYTES = 128 };
 void listen_name(int fd, char name[LISTEN_NAME_BYTES]);
 
+/* The host of a client's address, without its port. */
+struct sockaddr;
+void listen_peer(const struct sockaddr *address, char host[LISTEN_NAME_BYTES]);
+
 #endif

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include <sys/random.h>
 #include <unistd.h>
 
 #include "server/log.h"
@@ -25,6 +26,11 @@ const char *const message_header_names[HEADER_COUNT] = {
     [HEADER_TRANSFER_ENCODING] = "Transfer-Encoding",
     [HEADER_LAST_EVENT_ID] = "Last-Event-ID",
     [HEADER_HOST] = "Host",
+    [HEADER_AUTHORIZATION] = "Authorization",
+    [HEADER_REQUEST_ID] = "X-Request-Id",
+    [HEADER_TRACEPARENT] = "traceparent",
+    [HEADER_CACHE_CONTROL] = "Cache-Control",
+    [HEADER_IDEMPOTENCY_KEY] = "Idempotency-Key",
 };
 
 /* ------------------------------------------------------------------------------------------------ responses */
@@ -95,6 +101,36 @@ void response_error(struct response *response, const struct error *error) {
 }
 
 /* ------------------------------------------------------------------------------------------------ requests */
+
+/* 1 to 64 letters, digits and marks that mean nothing in a log or a header. */
+static bool is_plain_id(const char *text) {
+    static const char allowed[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-";
+    size_t length = strlen(text);
+    return length > 0 && length < REQUEST_ID_BYTES && strspn(text, allowed) == length;
+}
+
+/* The trace id, 32 hexadecimal digits, of "00-TRACE-PARENT-FLAGS" (W3C Trace Context). */
+static bool read_trace(const char *text, char id[REQUEST_ID_BYTES]) {
+    static const char shape[] = "xx-xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx-xxxxxxxxxxxxxxxx-xx";
+    if (strlen(text) != sizeof shape - 1 || strncmp(text, "ff", 2) == 0) return false;
+    for (size_t i = 0; shape[i]; i++)
+        if (shape[i] == '-' ? text[i] != '-' : !strchr("0123456789abcdef", text[i])) return false;
+    if (strspn(text + 3, "0") >= 32 || strspn(text + 36, "0") >= 16) return false;
+    snprintf(id, REQUEST_ID_BYTES, "%.32s", text + 3);
+    return true;
+}
+
+void request_identify(struct request *request) {
+    const char *own = request->header[HEADER_REQUEST_ID], *trace = request->header[HEADER_TRACEPARENT];
+    uint64_t random = 0;
+    if (own && is_plain_id(own)) {
+        snprintf(request->id, sizeof request->id, "%s", own);
+    } else if (!trace || !read_trace(trace, request->id)) {
+        ssize_t n = getrandom(&random, sizeof random, 0); /* 8 bytes are never cut short */
+        (void)n;
+        snprintf(request->id, sizeof request->id, "%016llx", (unsigned long long)random);
+    }
+}
 
 /* Finds one preference of the list; returns what follows its name, or NULL. */
 static const char *find_preference(const char *list, const char *name) {

@@ -31,9 +31,14 @@ enum request_header {
     HEADER_CONTENT_LENGTH,
     HEADER_TRANSFER_ENCODING,
     HEADER_LAST_EVENT_ID,
-    HEADER_HOST
+    HEADER_HOST,
+    HEADER_AUTHORIZATION,
+    HEADER_REQUEST_ID,
+    HEADER_TRACEPARENT,
+    HEADER_CACHE_CONTROL,
+    HEADER_IDEMPOTENCY_KEY
 };
-#define HEADER_COUNT 11
+#define HEADER_COUNT 16
 
 /* "Range", ... */
 extern const char *const message_header_names[HEADER_COUNT];
@@ -52,7 +57,10 @@ struct request_wait {
     int state;           /* the same */
 };
 
+enum { REQUEST_ID_BYTES = 65 };
+
 struct request {
+    char id[REQUEST_ID_BYTES]; /* the client's, or made here; in the log and the response */
     const char *method, *path;
     bool head;
     struct route_match match;
@@ -68,7 +76,7 @@ struct request {
 
 enum response_kind { RESPONSE_TEXT, RESPONSE_FILE, RESPONSE_WAIT, RESPONSE_STREAM };
 
-enum { RESPONSE_MAX_HEADERS = 16, RESPONSE_HEADER_BYTES = 256 };
+enum { RESPONSE_MAX_HEADERS = 16, RESPONSE_HEADER_BYTES = 640 };
 
 struct response {
     enum response_kind kind;
@@ -110,6 +118,9 @@ void response_refuse(struct response *response, enum problem_kind kind, const ch
 
 /* What the service itself failed at: 500, and a line in the log. */
 void response_error(struct response *response, const struct error *error);
+
+/* Fills in request->id: of X-Request-Id or traceparent where these are well-formed, else random. */
+void request_identify(struct request *request);
 
 /* Seconds of `Prefer: wait=N` (up to max_ms, in ms); -1 where there is none.  And whether it holds respond-async. */
 int64_t request_prefer_wait_ms(const struct request *request, int64_t max_ms);

@@ -16,13 +16,14 @@
 struct principal {
     char name[JOB_PRINCIPAL_BYTES]; /* "" = anonymous */
     unsigned scopes;                /* a set of enum routes_scope */
+    bool by_signature;              /* has a signed link to what it asks for, whoever's it is */
 };
 
 static inline struct principal principal_anonymous(void) { return (struct principal){.scopes = ROUTES_ALL_SCOPES}; }
 
 /* Whether what belongs to owner is there for this principal. */
 static inline bool principal_sees(const struct principal *principal, const char *owner) {
-    return (principal->scopes & ROUTES_ADMIN) || strcmp(principal->name, owner) == 0;
+    return (principal->scopes & ROUTES_ADMIN) || principal->by_signature || strcmp(principal->name, owner) == 0;
 }
 
 #endif

@@ -13,6 +13,7 @@
 #include "api/problem.h"
 #include "server/clouds.h"
 #include "server/log.h"
+#include "server/metrics.h"
 #include "server/supervisor.h"
 #include "server/tokens.h"
 
@@ -122,6 +123,8 @@ enum status service_open(struct service *service, const struct config *config, s
     }
     if (status == STATUS_OK && config->tokens_file[0])
         status = tokens_open(config->tokens_file, &service->tokens, error);
+    service->metrics = metrics_new();
+    if (status == STATUS_OK && !service->metrics) status = error_set(error, STATUS_NO_MEMORY, "service", "no memory");
     if (status == STATUS_OK) status = mend(service, error);
     if (status == STATUS_OK) status = events_open(&service->events, error);
     if (status != STATUS_OK) service_close(service);
@@ -131,6 +134,7 @@ enum status service_open(struct service *service, const struct config *config, s
 void service_close(struct service *service) {
     events_free(service->events);
     tokens_close(service->tokens);
+    metrics_free(service->metrics);
     queue_close(service->queue);
     store_close(service->store);
     pthread_rwlock_destroy(&service->clouds);
@@ -158,6 +162,7 @@ enum status service_submit(struct service *service, struct upload *upload, const
     if (status != STATUS_OK) return status;
     log_line(LOG_INFO, "job=%s accepted: %llu bytes of %s who=%s", job->id, (unsigned long long)job->input_bytes,
              job->input_format, job->principal[0] ? job->principal : "-");
+    metrics_submitted(service->metrics);
     supervisor_notify(service->supervisor);
     events_publish(service->events, job->id);
     return STATUS_OK;

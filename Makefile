@@ -14,7 +14,7 @@ build := build/$(config)
 Q := $(if $(V),,@)
 say := $(if $(V),@:,@echo ' ')
 PYTHON ?= /usr/bin/python3
-VERSION := $(shell git describe --tags --always --dirty 2>/dev/null || echo unknown)
+VERSION := $(shell deploy/version.sh)
 
 # ---------------------------------------------------------------------------------------------------- flags
 WARNINGS := -Wall -Wextra -Wshadow -Wconversion -Wvla
@@ -75,12 +75,12 @@ help: ## list the targets
 $(build)/%.o: %.c
 	@mkdir -p $(@D)
 	$(say) CC $<
-	$(Q)$(CC) $(CFLAGS) -c -o $@ $<
+	$(Q)$(CC) $(CFLAGS) $(CPPFLAGS) -c -o $@ $<
 
 $(build)/%.o: %.cc
 	@mkdir -p $(@D)
 	$(say) CXX $<
-	$(Q)$(CXX) $(CXXFLAGS) -c -o $@ $<
+	$(Q)$(CXX) $(CXXFLAGS) $(CPPFLAGS) -c -o $@ $<
 
 $(libwhittle): $(call object,$(core_src))
 $(libapi): $(call object,$(api_src))
@@ -219,6 +219,9 @@ paper: deps ## Lee and Jong's evaluation again, with pictures; MODELS=horse,venu
 	@deploy/deps.sh $(paper_packages)
 	@$(MAKE) --no-print-directory all $(build)/tests/peers/surface_cgal
 	@$(PYTHON) tests/paper/run.py --build $(build) $(if $(MODELS),--models '$(MODELS)')
+
+# ---------------------------------------------------------------------------------------------------- deployment
+include deploy/deploy.mk
 
 # ---------------------------------------------------------------------------------------------------- more tests
 # Each unit test is a target, so that they run side by side; what one prints is shown when it fails.

@@ -62,6 +62,8 @@ static const struct setting table[] = {
     {"retention", DURATION, AT(retention_ms), "24h", 1, 3650 * DAY, "retention_ms", "How long ended jobs are kept"},
     {"min-free", BYTES, AT(min_free_bytes), "256M", 0, 1024 * KB *GB, "min_free_bytes",
      "Uploads are refused when less room would be left on the disk"},
+    {"result-cache", SWITCH, AT(result_cache), "1", 0, 1, NULL,
+     "Answer the same cloud with the same parameters from the outputs of the earlier job"},
     {"max-connections", COUNT, AT(max_connections), "1000", 8, 100000, "max_connections", "Connections at a time"},
     {"connections-per-address", COUNT, AT(connections_per_address), "200", 1, 100000, "connections_per_address",
      "Connections of one address at a time"},
@@ -291,11 +293,13 @@ static void fill_in(struct config *config) {
 
 static void print_help(void) {
     puts("Usage: whittled [--setting VALUE ...]\n"
-         "       whittled healthcheck [--url http://HOST:PORT/PATH] [--setting VALUE ...]\n\n"
+         "       whittled healthcheck [--url http://HOST:PORT/PATH] [--setting VALUE ...]\n"
+         "       whittled check --data FOLDER\n\n"
          "Serves whittle over HTTP.  Prints the address that it listens on, then logs to standard error.\n"
          "SIGTERM ends it when the running jobs are done; a second one ends it at once.\n"
          "SIGHUP makes it read settings and tokens again.\n"
-         "healthcheck asks a running one how it is: exit status 0 = well, 1 = not.\n\nSettings:");
+         "healthcheck asks a running one how it is: exit status 0 = well, 1 = not.\n"
+         "check compares database and files of a folder that none serves: 0 = nothing is damaged.\n\nSettings:");
     for (size_t i = 0; i < ROWS; i++)
         printf("  --%-26s%s%s%s%s\n", table[i].name, table[i].help, table[i].default_text[0] ? " (" : "",
                table[i].default_text, table[i].default_text[0] ? ")" : "");
@@ -362,6 +366,7 @@ static void print_man(void) {
     puts(".SH NAME\nwhittled \\- simplify point clouds over HTTP\n.SH SYNOPSIS\n.B whittled\n.RI [ "
          "\\-\\-setting\\~value "
          "...]\n.br\n.B whittled healthcheck\n.RI [ \\-\\-url\\~URL ]\n.RI [ \\-\\-setting\\~value ...]\n"
+         ".br\n.B whittled check\n.RI \\-\\-data\\~FOLDER\n"
          ".SH DESCRIPTION\nServes\n.BR whittle (1)\nover HTTP: clouds come in, simplified clouds, meshes and measured "
          "errors go out.\nPrints the address that it listens on, then logs to standard error.\n"
          "The service describes itself at /docs and /openapi.json.\n.PP\n"
@@ -383,6 +388,8 @@ static void print_man(void) {
     puts(
         ".SH HEALTHCHECK\n.B whittled healthcheck\nasks the service at the address in the settings, or the one that\n"
         ".B \\-\\-url\nnames, for /healthz.\nExit status 0: it answered that it is well; 1: it did not.\n"
+        ".SH CHECK\n.B whittled check\ncompares the database of a folder that no service has with its files, by their "
+        "hashes,\nand prints what is damaged (exit status 1), and what a crash left and the next start mends.\n"
         ".SH ENVIRONMENT\nEach setting is read from a variable:\n.B \\-\\-max\\-queue\nfrom\n.BR WHITTLED_MAX_QUEUE .\n"
         ".SH FILES\nThe file of\n.B \\-\\-config\nholds lines of name = value; # begins a comment.\n"
         ".B whittled \\-\\-print\\-config\nwrites one with every setting in it.\n"

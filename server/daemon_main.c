@@ -18,6 +18,7 @@
 #include <unistd.h>
 
 #include "core/version.h"
+#include "server/check.h"
 #include "server/config.h"
 #include "server/healthcheck.h"
 #include "server/http.h"
@@ -148,6 +149,7 @@ int main(int argc, char **argv) {
     struct config config;
     struct error error = {0};
     if (argc > 1 && strcmp(argv[1], "healthcheck") == 0) return healthcheck_main(argc - 1, argv + 1);
+    if (argc > 1 && strcmp(argv[1], "check") == 0) return check_main(argc - 1, argv + 1);
     switch (config_read(&config, argc, argv, environ, &error)) {
     case CONFIG_TOLD: return EXIT_SUCCESS;
     case CONFIG_REFUSED: fprintf(stderr, "whittled: %s: %s\n", error.where, error.text); return EXIT_USAGE;

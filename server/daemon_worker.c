@@ -31,7 +31,13 @@
 #include "server/metrics.h"
 #include "server/wire.h"
 
-enum { PROGRESS_EVERY_MS = 250, KILL_AFTER_MS = 2000, LAST_WORDS_BYTES = 200, REPORT_MAX_BYTES = 1 << 20 };
+enum {
+    PROGRESS_EVERY_MS = 250,
+    KILL_AFTER_MS = 2000,
+    LAST_WORDS_BYTES = 200,
+    RECORD_AGAIN_MS = 1000,
+    REPORT_MAX_BYTES = 1 << 20
+};
 
 struct run {
     struct service *service;
@@ -293,10 +299,20 @@ static void log_verdict(const struct run *run, const struct verdict *verdict) {
                 verdict->problem.detail);
 }
 
-static void settle(struct run *run, struct verdict *verdict) {
+/* Records the end.  A database that refuses is asked again: until it does, the job can't be anything else, and taking
+ * more work would lead nowhere.  A drain ends the wait; the next start finds the job running, and mends that. */
+static void record(const struct run *run, const struct verdict *verdict) {
     struct error error = {0};
+    bool changed;
+    while (queue_finish(run->service->queue, verdict->event, run->job, &changed, &error) != STATUS_OK) {
+        log_line(LOG_ERROR, "job=%s its end can't be recorded: %s", run->job->id, error.text);
+        if (atomic_load(&run->service->draining)) return;
+        poll(NULL, 0, RECORD_AGAIN_MS);
+    }
+}
+
+static void settle(struct run *run, struct verdict *verdict) {
     struct job *job = run->job;
-    bool changed = false;
     if (verdict->event == JOB_DONE) keep_outputs(run, verdict);
     store_outputs_drop(run->service->store, job->id);
     log_verdict(run, verdict);
@@ -306,8 +322,9 @@ static void settle(struct run *run, struct verdict *verdict) {
         job->problem = problem_encode(&verdict->problem);
     }
     job->expires_ms = job_now_ms() + run->service->config->retention_ms;
-    enum status status = queue_finish(run->service->queue, verdict->event, job, &changed, &error);
-    if (status != STATUS_OK) log_line(LOG_ERROR, "job=%s its end can't be recorded: %s", job->id, error.text);
+    struct job_cost cost = estimate_cost(job);
+    if (verdict->event == JOB_DONE) estimate_learn(run->service->estimate, &cost, job->wall_s, job_now_ms());
+    record(run, verdict);
     events_publish(run->service->events, job->id);
 }
 

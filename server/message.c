@@ -29,6 +29,8 @@ const char *const message_header_names[HEADER_COUNT] = {
     [HEADER_AUTHORIZATION] = "Authorization",
     [HEADER_REQUEST_ID] = "X-Request-Id",
     [HEADER_TRACEPARENT] = "traceparent",
+    [HEADER_CACHE_CONTROL] = "Cache-Control",
+    [HEADER_IDEMPOTENCY_KEY] = "Idempotency-Key",
 };
 
 /* ------------------------------------------------------------------------------------------------ responses */

@@ -34,9 +34,11 @@ enum request_header {
     HEADER_HOST,
     HEADER_AUTHORIZATION,
     HEADER_REQUEST_ID,
-    HEADER_TRACEPARENT
+    HEADER_TRACEPARENT,
+    HEADER_CACHE_CONTROL,
+    HEADER_IDEMPOTENCY_KEY
 };
-#define HEADER_COUNT 14
+#define HEADER_COUNT 16
 
 /* "Range", ... */
 extern const char *const message_header_names[HEADER_COUNT];
@@ -75,7 +77,7 @@ struct request {
 
 enum response_kind { RESPONSE_TEXT, RESPONSE_FILE, RESPONSE_WAIT, RESPONSE_STREAM };
 
-enum { RESPONSE_MAX_HEADERS = 16, RESPONSE_HEADER_BYTES = 256 };
+enum { RESPONSE_MAX_HEADERS = 16, RESPONSE_HEADER_BYTES = 640 };
 
 struct response {
     enum response_kind kind;

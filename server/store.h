@@ -69,6 +69,10 @@ enum status store_outputs_begin(struct store *store, const char *id, char path[S
 enum status store_outputs_keep(struct store *store, const char *id, struct job_output *outputs, size_t *count,
                                struct error *error) MUST_CHECK;
 
+/* Makes the outputs of one job another one's too, as links to the same files: deleting one leaves the other. */
+enum status store_outputs_share(struct store *store, const char *from_id, const char *to_id,
+                                struct error *error) MUST_CHECK;
+
 /* Removes that folder, if it is there. */
 void store_outputs_drop(struct store *store, const char *id);
 
@@ -82,10 +86,15 @@ int store_scratch_open(const struct store *store);
 /* Opens the job's log, for appending (made if it isn't there) or reading; -1 when it can't. */
 int store_log_open(struct store *store, const char *id, bool append);
 
-/* Removes the job's outputs and log: they vanish at once. */
+/* Removes the job's outputs, or outputs and log: they vanish at once. */
+void store_outputs_delete(struct store *store, const char *id);
 void store_job_delete(struct store *store, const char *id);
 
-enum store_thing { STORE_CLOUD, STORE_JOB };
+enum store_thing { STORE_CLOUD, STORE_JOB, STORE_TEMPORARY };
+
+/* Tells of everything that the store holds. */
+enum status store_each(const struct store *store, void (*found)(void *ctx, enum store_thing thing, const char *name),
+                       void *ctx, struct error *error) MUST_CHECK;
 
 /* Removes everything temporary, and every cloud and job that keep(ctx, thing, name) denies.  *removed counts them.
  * For the start, before anything else uses the store. */

@@ -119,6 +119,12 @@ class Daemon:
             return re.findall(rf"job={job_id} accepted -> running attempt=\d+ pid=(\d+)", self.log_text())
         return int(wait_until(started, "the worker's start")[-1])
 
+    def check(self):
+        """Runs `whittled check` on the folder, which nothing may serve; returns exit status and lines."""
+        done = subprocess.run([BUILD / "whittled", "check", "--data", self.data], capture_output=True, text=True,
+                              check=False)
+        return done.returncode, (done.stdout + done.stderr).splitlines()
+
     def leftovers(self):
         return sorted(p.name for p in (self.data / "tmp").iterdir())
 

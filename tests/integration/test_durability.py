@@ -176,7 +176,7 @@ def test_the_start_removes_what_nobody_knows(make_daemon):
     assert len(list((daemon.data / "clouds").iterdir())) == 1
     assert [p.name for p in (daemon.data / "jobs").iterdir()] == [job_id]
     assert daemon.curl(f"/v1/jobs/{job_id}/outputs/cloud.ply").status == 200
-    assert "left behind" in daemon.log_text()
+    assert "mended requeued=0 failed=0 inputs_lost=0 outputs_lost=0 clouds_lost=0 files_removed=4" in daemon.log_text()
 
 
 def test_the_start_tells_of_lost_outputs(make_daemon):

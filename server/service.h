@@ -17,6 +17,7 @@
 #include "server/store.h"
 #include "server/upload.h"
 
+struct metrics;
 struct supervisor;
 struct tokens;
 
@@ -27,6 +28,7 @@ struct service {
     struct store *store;
     struct queue *queue;
     struct events *events;
+    struct metrics *metrics;
     struct estimate *estimate;     /* how long jobs took */
     struct supervisor *supervisor; /* set by main, before the first request */
     pthread_rwlock_t clouds;       /* held shared while a cloud is kept and its job submitted, alone while clouds that

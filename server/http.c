@@ -334,7 +334,7 @@ static enum MHD_Result begin(struct exchange *x, const char *method, const char 
     if (!read_head(x)) return answer_and_close(x);
     watchdog_enter(x->watched, request->has_body ? WATCHDOG_BODY : WATCHDOG_BUSY);
     if (!admit(x)) return refuse(x);
-    set_uploading(x, request->upload != NULL);
+    set_uploading(x, request->body != NULL);
     return MHD_YES;
 }
 

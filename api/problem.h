@@ -48,7 +48,7 @@ enum problem_kind {
     PROBLEM_WORKER_CRASHED,
     PROBLEM_INTERNAL_ERROR
 };
-#define PROBLEM_COUNT 32
+#define PROBLEM_COUNT (PROBLEM_INTERNAL_ERROR + 1)
 
 /* One row of the table. */
 struct problem_type {

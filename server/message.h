@@ -40,7 +40,7 @@ enum request_header {
     HEADER_CONTENT_DIGEST,
     HEADER_REPR_DIGEST
 };
-#define HEADER_COUNT 18
+#define HEADER_COUNT (HEADER_REPR_DIGEST + 1)
 
 /* "Range", ... */
 extern const char *const message_header_names[HEADER_COUNT];

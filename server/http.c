@@ -220,8 +220,8 @@ static enum MHD_Result refuse(struct exchange *x) {
 
 /* Headers whose repetition makes a request mean two things. */
 static bool is_single(enum request_header header) {
-    static const enum request_header single[] = {HEADER_HOST, HEADER_CONTENT_LENGTH, HEADER_TRANSFER_ENCODING,
-                                                 HEADER_CONTENT_TYPE, HEADER_AUTHORIZATION};
+    static const enum request_header single[] = {HEADER_HOST,         HEADER_CONTENT_LENGTH, HEADER_TRANSFER_ENCODING,
+                                                 HEADER_CONTENT_TYPE, HEADER_AUTHORIZATION,  HEADER_IDEMPOTENCY_KEY};
     for (size_t i = 0; i < sizeof single / sizeof *single; i++)
         if (single[i] == header) return true;
     return false;
@@ -282,7 +282,8 @@ static bool admit(struct exchange *x) {
     if (request->match.route) {
         x->handler = handlers_find(request->match.route->operation);
         if (!access_admit(service, request, &x->response)) return false;
-        return !x->handler->admit || x->handler->admit(service, request, &x->response);
+        return handlers_admit_key(service, request, &x->response) &&
+               (!x->handler->admit || x->handler->admit(service, request, &x->response));
     }
     if (request->match.allow[0]) {
         response_refuse(&x->response, PROBLEM_METHOD_NOT_ALLOWED, "%.16s is not one of %s", request->method,
@@ -432,6 +433,7 @@ static void on_completed(void *ctx, struct MHD_Connection *connection, void **st
     log_access(x, why == MHD_REQUEST_TERMINATED_COMPLETED_OK);
     watchdog_enter(x->watched, WATCHDOG_IDLE);
     upload_free(x->request.upload);
+    idempotency_release(http->service->idempotency, &x->request.claim);
     response_done(&x->response);
     free(x);
     pthread_mutex_lock(&http->lock);

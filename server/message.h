@@ -17,6 +17,7 @@
 #include "api/query.h"
 #include "api/routes.h"
 #include "server/events.h"
+#include "server/idempotency.h"
 #include "server/principal.h"
 #include "server/upload.h"
 
@@ -69,8 +70,9 @@ struct request {
     size_t query_count;
     const char *header[HEADER_COUNT]; /* NULL = absent */
     bool has_body;
-    uint64_t content_length; /* UINT64_MAX = not known */
-    struct upload *upload;   /* the body, complete and checked; NULL = the operation takes none */
+    uint64_t content_length;        /* UINT64_MAX = not known */
+    struct upload *upload;          /* the body, complete and checked; NULL = the operation takes none */
+    struct idempotency_claim claim; /* on the request's Idempotency-Key */
     struct request_wait wait;
 };
 

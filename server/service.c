@@ -132,7 +132,10 @@ enum status service_open(struct service *service, const struct config *config, s
     service->config = config;
     pthread_rwlock_init(&service->clouds, NULL);
     service->estimate = estimate_new();
-    enum status status = service->estimate ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
+    service->idempotency = idempotency_new();
+    enum status status = service->estimate && service->idempotency
+                             ? STATUS_OK
+                             : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
     if (status == STATUS_OK) status = store_open(config->data, &service->store, error);
     if (status == STATUS_OK) {
         store_database_path(service->store, path);
@@ -156,6 +159,7 @@ void service_close(struct service *service) {
     queue_close(service->queue);
     store_close(service->store);
     estimate_free(service->estimate);
+    idempotency_free(service->idempotency);
     pthread_rwlock_destroy(&service->clouds);
 }
 
@@ -230,8 +234,7 @@ enum status service_submit(struct service *service, struct upload *upload, const
     if (status != STATUS_OK) return status;
     log_line(LOG_INFO, "job=%s %s: %llu bytes of %s who=%s", job->id,
              job->state == JOB_SUCCESSFUL ? "successful, as an earlier one" : "accepted",
-             (unsigned long long)job->input_bytes, job->input_format,
-             job->principal[0] ? job->principal : "-");
+             (unsigned long long)job->input_bytes, job->input_format, job->principal[0] ? job->principal : "-");
     supervisor_notify(service->supervisor);
     events_publish(service->events, job->id);
     return STATUS_OK;
@@ -388,7 +391,15 @@ bool service_answers(struct service *service) {
     return status == STATUS_OK && supervised;
 }
 
+static void sweep_keys(struct service *service) {
+    struct error error = {0};
+    int64_t before_ms = job_now_ms() - service->config->idempotency_retention_ms;
+    if (idempotency_forget(queue_writer(service->queue), before_ms, &error) != STATUS_OK)
+        log_line(LOG_ERROR, "can't forget old keys: %s", error.text);
+}
+
 void service_sweep(struct service *service) {
+    sweep_keys(service);
     sweep_jobs(service);
     sweep_clouds(service);
 }

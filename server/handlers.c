@@ -34,6 +34,7 @@ static const struct handler table[OPERATION_COUNT] = {
     [OPERATION_GET_PROBLEM] = {NULL, handlers_get_problem, true},
     [OPERATION_GET_HEALTH] = {NULL, handlers_get_health, true},
     [OPERATION_GET_READINESS] = {NULL, handlers_get_readiness, true},
+    [OPERATION_GET_METRICS] = {NULL, handlers_get_metrics, true},
 };
 
 const struct handler *handlers_find(enum operation operation) { return &table[operation]; }

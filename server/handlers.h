@@ -128,5 +128,6 @@ void handlers_get_contract(struct service *service, struct request *request, str
 void handlers_get_problem(struct service *service, struct request *request, struct response *response);
 void handlers_get_health(struct service *service, struct request *request, struct response *response);
 void handlers_get_readiness(struct service *service, struct request *request, struct response *response);
+void handlers_get_metrics(struct service *service, struct request *request, struct response *response);
 
 #endif

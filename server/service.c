@@ -16,6 +16,7 @@
 #include "server/clouds.h"
 #include "server/digest.h"
 #include "server/log.h"
+#include "server/metrics.h"
 #include "server/supervisor.h"
 #include "server/tokens.h"
 
@@ -147,6 +148,8 @@ enum status service_open(struct service *service, const struct config *config, s
     }
     if (status == STATUS_OK && config->tokens_file[0])
         status = tokens_open(config->tokens_file, &service->tokens, error);
+    service->metrics = metrics_new();
+    if (status == STATUS_OK && !service->metrics) status = error_set(error, STATUS_NO_MEMORY, "service", "no memory");
     if (status == STATUS_OK) status = mend(service, error);
     if (status == STATUS_OK) status = events_open(&service->events, error);
     if (status != STATUS_OK) service_close(service);
@@ -156,6 +159,7 @@ enum status service_open(struct service *service, const struct config *config, s
 void service_close(struct service *service) {
     events_free(service->events);
     tokens_close(service->tokens);
+    metrics_free(service->metrics);
     queue_close(service->queue);
     store_close(service->store);
     estimate_free(service->estimate);
@@ -232,6 +236,7 @@ enum status service_submit(struct service *service, struct upload *upload, const
     if (status == STATUS_OK) status = enqueue(service, job, fresh, error);
     pthread_rwlock_unlock(&service->clouds);
     if (status != STATUS_OK) return status;
+    metrics_submitted(service->metrics);
     log_line(LOG_INFO, "job=%s %s: %llu bytes of %s who=%s", job->id,
              job->state == JOB_SUCCESSFUL ? "successful, as an earlier one" : "accepted",
              (unsigned long long)job->input_bytes, job->input_format, job->principal[0] ? job->principal : "-");

@@ -18,6 +18,7 @@
 #include "server/store.h"
 #include "server/upload.h"
 
+struct metrics;
 struct supervisor;
 struct tokens;
 
@@ -28,6 +29,7 @@ struct service {
     struct store *store;
     struct queue *queue;
     struct events *events;
+    struct metrics *metrics;
     struct estimate *estimate; /* how long jobs took */
     struct idempotency *idempotency;
     struct supervisor *supervisor; /* set by main, before the first request */

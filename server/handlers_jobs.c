@@ -27,7 +27,8 @@ static bool read_create(const struct request *request, struct job *job, struct r
 
 bool handlers_admit_job(struct service *service, struct request *request, struct response *response) {
     struct job job = {0};
-    return read_create(request, &job, response) && handlers_admit_cloud(service, request, true, response);
+    return read_create(request, &job, response) &&
+           handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM | BODY_JSON, create_names, response);
 }
 
 /* The job as it is now, or the reply that was given to the same request before. */
@@ -48,7 +49,8 @@ static void answer_created(struct service *service, const struct request *reques
 void handlers_create_job(struct service *service, struct request *request, struct response *response) {
     struct job job = {0};
     struct idempotency_record before = {0};
-    if (read_create(request, &job, response) && handlers_submit(service, request, &job, &before, response))
+    if (handlers_end_body(request, response) && read_create(request, &job, response) &&
+        handlers_submit(service, request, &job, &before, response))
         answer_created(service, request, &job, &before, response);
     idempotency_record_done(&before);
     job_done(&job);

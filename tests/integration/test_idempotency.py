@@ -106,3 +106,24 @@ def test_a_key_on_other_operations_means_nothing(daemon):
     assert daemon.curl("/v1/jobs", *keyed("two words")).status == 200
     done = subprocess.run(["curl", "-sf", "-X", "DELETE", *keyed("k"), f"{daemon.url}/v1/jobs/x"], check=False)
     assert done.returncode == 22
+
+
+def test_clouds_have_keys_too(daemon):
+    first = daemon.post("/v1/clouds", SMALL, *keyed("c"))
+    again = daemon.post("/v1/clouds", SMALL, *keyed("c"))
+    assert first.status == again.status == 201 and first.body == again.body
+    assert first.headers["location"] == again.headers["location"]
+    assert daemon.post("/v1/clouds", SMALL).status == 200
+    assert daemon.post("/v1/clouds", sphere(200), *keyed("c")).slug == "idempotency-key-reused"
+    assert daemon.post("/v1/jobs", SMALL, *keyed("c")).slug == "idempotency-key-reused"
+
+
+def test_a_form_with_another_boundary_is_the_same_request(daemon, tmp_path):
+    source = tmp_path / "ball.xyz"
+    source.write_bytes(SMALL)
+    first, again = (daemon.curl("/v1/jobs?ratio=0.5", "-F", f"file=@{source}", *keyed("f")) for _ in range(2))
+    assert first.status == again.status == 201 and first.body == again.body
+    cloud = daemon.post("/v1/clouds", SMALL).headers["location"]
+    by_name = daemon.post("/v1/jobs", f'{{"input":"{cloud}","params":{{"ratio":0.5}}}}'.encode(), *keyed("f"), "-H",
+                          "Content-Type: application/json")
+    assert by_name.body == first.body  # the same job, asked for in another way

@@ -486,7 +486,7 @@ static enum status start(struct http *http, struct error *error) {
     struct watchdog_limits limits = {config->header_timeout_ms, config->idle_timeout_ms,
                                      config->min_upload_bytes_per_s};
     bool open = config->insecure_open || config->tokens_file[0];
-    int inherited = notify_inherited("http");
+    int inherited = notify_inherited(NOTIFY_MAIN_SOCKET);
     enum status status = inherited >= 0 ? listen_adopt(inherited, open, &http->listen_fd, error)
                                         : listen_open(config->listen, open, &http->listen_fd, error);
     if (status != STATUS_OK) return status;

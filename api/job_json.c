@@ -5,6 +5,7 @@
 
 #include <inttypes.h>
 #include <jansson.h>
+#include <math.h>
 #include <stdio.h>
 #include <time.h>
 
@@ -63,6 +64,11 @@ static json_t *resources_json(const struct job_document *job) {
                      (json_int_t)job->peak_rss_bytes);
 }
 
+static json_t *estimate_json(const struct job_document *job) {
+    if (isnan(job->time_left_s)) return json_null();
+    return json_pack("{s:f}", "seconds_left", round(job->time_left_s * 10) / 10);
+}
+
 static json_t *job_json(const struct job_document *job) {
     const struct {
         const char *name;
@@ -78,7 +84,8 @@ static json_t *job_json(const struct job_document *job) {
         {"finished", time_json(job->finished_ms)},
         {"updated", time_json(job->updated_ms)},
         {"expires", time_json(job->expires_ms)},
-        {"queue", json_pack("{s:I}", "ahead", (json_int_t)job->ahead)},
+        {"queue", json_pack("{s:I, s:i}", "ahead", (json_int_t)job->ahead, "priority", job->priority)},
+        {"estimate", estimate_json(job)},
         {"attempt", json_integer(job->attempt)},
         {"label", text_or_null(job->label)},
         {"principal", text_or_null(job->principal)},
@@ -125,9 +132,10 @@ char *job_link_encode(const char *href, int64_t expires_ms) {
 }
 
 char *job_event_encode(const struct job_document *job) {
-    return dump(json_pack("{s:s, s:s, s:o, s:I, s:o, s:I, s:i}", "id", job->id, "status", job->status, "stage",
+    return dump(json_pack("{s:s, s:s, s:o, s:I, s:o, s:I, s:o, s:i}", "id", job->id, "status", job->status, "stage",
                           text_or_null(job->stage), "progress", (json_int_t)(job->fraction * 100), "message",
-                          text_or_null(job->message), "ahead", (json_int_t)job->ahead, "attempt", job->attempt),
+                          text_or_null(job->message), "ahead", (json_int_t)job->ahead, "estimate", estimate_json(job),
+                          "attempt", job->attempt),
                 JSON_COMPACT);
 }
 

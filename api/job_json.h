@@ -17,6 +17,8 @@ struct job_document {
     double fraction;                                               /* 0 to 1; written as whole percent */
     int64_t created_ms, started_ms, finished_ms, updated_ms, expires_ms;
     uint64_t ahead; /* jobs before it in the queue */
+    int priority;
+    double time_left_s; /* NAN = not known (null) */
     int attempt;
     const char *cloud; /* sha256 of the input */
     uint64_t input_points, input_bytes;

@@ -27,6 +27,8 @@ static const struct problem_type types[PROBLEM_COUNT] = {
                                     "Send a PLY or XYZ cloud as the raw body, without content coding."},
     [PROBLEM_BODY_TOO_LARGE] = {"body-too-large", 413, "The body is over the limit",
                                 "limit is in bytes.  A binary PLY is several times smaller than text."},
+    [PROBLEM_HEADERS_TOO_LARGE] = {"headers-too-large", 431, "The headers are over the limit",
+                                   "limit is in bytes, the first line included.  Send fewer or shorter headers."},
     [PROBLEM_TOO_MANY_POINTS] = {"too-many-points", 413, "The cloud is over a limit of its reader",
                                  "See GET /v1/info for the limits."},
     [PROBLEM_NO_SUCH_JOB] = {"no-such-job", 404, "There is no such job", "GET /v1/jobs lists the jobs."},

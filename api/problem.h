@@ -22,6 +22,7 @@ enum problem_kind {
     PROBLEM_DEGENERATE_CLOUD,
     PROBLEM_UNSUPPORTED_FORMAT,
     PROBLEM_BODY_TOO_LARGE,
+    PROBLEM_HEADERS_TOO_LARGE,
     PROBLEM_TOO_MANY_POINTS,
     PROBLEM_NO_SUCH_JOB,
     PROBLEM_NO_SUCH_CLOUD,
@@ -46,7 +47,7 @@ enum problem_kind {
     PROBLEM_WORKER_CRASHED,
     PROBLEM_INTERNAL_ERROR
 };
-#define PROBLEM_COUNT 31
+#define PROBLEM_COUNT 32
 
 /* One row of the table. */
 struct problem_type {

@@ -28,6 +28,7 @@
 #include "api/report_read.h"
 #include "server/daemon_spawn.h"
 #include "server/log.h"
+#include "server/metrics.h"
 #include "server/wire.h"
 
 enum {
@@ -315,11 +316,14 @@ static void settle(struct run *run, struct verdict *verdict) {
     if (verdict->event == JOB_DONE) keep_outputs(run, verdict);
     store_outputs_drop(run->service->store, job->id);
     log_verdict(run, verdict);
+    metrics_run(run->service->metrics, verdict->event, job->cpu_s, job->wall_s);
     if (verdict->event == JOB_FAIL) {
         free(job->problem);
         job->problem = problem_encode(&verdict->problem);
     }
     job->expires_ms = job_now_ms() + run->service->config->retention_ms;
+    struct job_cost cost = estimate_cost(job);
+    if (verdict->event == JOB_DONE) estimate_learn(run->service->estimate, &cost, job->wall_s, job_now_ms());
     record(run, verdict);
     events_publish(run->service->events, job->id);
 }

@@ -150,7 +150,7 @@ double estimate_seconds(struct estimate *estimate, const struct job_cost *cost) 
 double estimate_assign(double *workers, unsigned count, double seconds) {
     unsigned first = 0;
     for (unsigned i = 0; i < count; i++) {
-        if (isnan(workers[i])) return NAN;
+        if (isnan(workers[i])) return NAN; /* which one is free first isn't known either */
         if (workers[i] < workers[first]) first = i;
     }
     workers[first] += seconds;

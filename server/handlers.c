@@ -3,6 +3,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/handlers.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -33,6 +34,7 @@ static const struct handler table[OPERATION_COUNT] = {
     [OPERATION_GET_PROBLEM] = {NULL, handlers_get_problem, true},
     [OPERATION_GET_HEALTH] = {NULL, handlers_get_health, true},
     [OPERATION_GET_READINESS] = {NULL, handlers_get_readiness, true},
+    [OPERATION_GET_METRICS] = {NULL, handlers_get_metrics, true},
 };
 
 const struct handler *handlers_find(enum operation operation) { return &table[operation]; }
@@ -92,7 +94,7 @@ bool handlers_admit_cloud(struct service *service, struct request *request, bool
     return request->upload != NULL;
 }
 
-bool handlers_read_label(const struct request *request, struct job *job, struct problem *problem) {
+bool handlers_read_wishes(const struct request *request, struct job *job, struct problem *problem) {
     const char *label = query_find(request->query, request->query_count, "label");
     if (label && (strlen(label) >= JOB_LABEL_BYTES || !query_is_text(label))) {
         problem_set(problem, PROBLEM_INVALID_PARAMETER, "label: takes up to 128 bytes of UTF-8");
@@ -100,7 +102,22 @@ bool handlers_read_label(const struct request *request, struct job *job, struct 
         return false;
     }
     snprintf(job->label, sizeof job->label, "%s", label ? label : "");
+    const char *priority = query_find(request->query, request->query_count, "priority");
+    bool digit = priority && priority[0] >= '0' && priority[0] <= '0' + JOB_PRIORITY_MAX && !priority[1];
+    if (priority && !digit) {
+        problem_set(problem, PROBLEM_INVALID_PARAMETER, "priority: takes a whole number from 0 to %d",
+                    JOB_PRIORITY_MAX);
+        problem_add_error(problem, "priority", priority, "a whole number from 0 to 9", NULL);
+        return false;
+    }
+    job->priority = priority ? priority[0] - '0' : JOB_PRIORITY_DEFAULT;
     return true;
+}
+
+/* Cache-Control: no-cache asks for a run, even where a result is there. */
+static bool wants_fresh(const struct request *request) {
+    const char *control = request->header[HEADER_CACHE_CONTROL];
+    return control && strcasestr(control, "no-cache");
 }
 
 bool handlers_end_upload(struct request *request, struct upload_facts *facts, struct response *response) {
@@ -116,7 +133,7 @@ bool handlers_submit(struct service *service, struct request *request, struct jo
     if (!handlers_end_upload(request, &facts, response)) return false;
     memcpy(job->principal, request->principal.name, sizeof job->principal);
     job->params.outputs |= OUTPUT_REPORT; /* the job document carries the report's figures */
-    enum status status = service_submit(service, request->upload, &facts, job, &error);
+    enum status status = service_submit(service, request->upload, &facts, job, wants_fresh(request), &error);
     upload_free(request->upload);
     request->upload = NULL;
     if (status == STATUS_LIMIT)
@@ -157,7 +174,7 @@ bool handlers_read_job(struct service *service, const struct request *request, c
     return false;
 }
 
-struct job_document handlers_document(const struct job *job) {
+struct job_document handlers_document(struct service *service, const struct job *job) {
     return (struct job_document){
         .id = job->id,
         .status = job_state_name(job->state),
@@ -172,6 +189,8 @@ struct job_document handlers_document(const struct job *job) {
         .updated_ms = job->updated_ms,
         .expires_ms = job->expires_ms,
         .ahead = job->ahead,
+        .priority = job->priority,
+        .time_left_s = job_ended(job->state) ? NAN : service_time_left(service, job),
         .attempt = job->attempt,
         .cloud = job->cloud,
         .input_points = job->input_points,
@@ -187,10 +206,14 @@ struct job_document handlers_document(const struct job *job) {
     };
 }
 
-void handlers_job_response(const struct job *job, int status, struct response *response) {
-    struct job_document document = handlers_document(job);
+void handlers_job_response(struct service *service, const struct job *job, int status, struct response *response) {
+    struct job_document document = handlers_document(service, job);
     response_text(response, status, "application/json", job_encode(&document));
     response_header(response, "ETag", "\"%llu\"", (unsigned long long)job->sequence);
     response_header(response, "Cache-Control", "no-cache");
     if (!job_ended(job->state)) response_header(response, "Retry-After", "1");
+}
+
+void handlers_cache_status(bool hit, struct response *response) {
+    response_header(response, "Cache-Status", hit ? "whittled; hit" : "whittled; fwd=miss");
 }

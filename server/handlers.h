@@ -39,8 +39,8 @@ bool handlers_end_upload(struct request *request, struct upload_facts *facts, st
 bool handlers_read_cloud(struct service *service, const struct request *request, const char *id,
                          struct clouds_record *record, struct response *response);
 
-/* Takes `label` from the query; false: *problem says why. */
-bool handlers_read_label(const struct request *request, struct job *job, struct problem *problem);
+/* Takes `label` and `priority` from the query; false: *problem says why. */
+bool handlers_read_wishes(const struct request *request, struct job *job, struct problem *problem);
 
 /* Reads the job of this id; false: there is none that the request's principal may see, and the response (404, 410) says
  * so.  The job is the caller's, to job_done, either way. */
@@ -51,10 +51,13 @@ bool handlers_read_job(struct service *service, const struct request *request, c
 bool handlers_submit(struct service *service, struct request *request, struct job *job, struct response *response);
 
 /* A view of the job as its document; borrows the job. */
-struct job_document handlers_document(const struct job *job);
+struct job_document handlers_document(struct service *service, const struct job *job);
 
 /* The job document as a response with this status, its ETag and, while the job has not ended, Retry-After. */
-void handlers_job_response(const struct job *job, int status, struct response *response);
+void handlers_job_response(struct service *service, const struct job *job, int status, struct response *response);
+
+/* Cache-Status: whether an earlier job's outputs serve this one: what service_submit found. */
+void handlers_cache_status(bool hit, struct response *response);
 
 /* A file's content, or the range of it that was asked for; takes fd.  etag NULL: none, nothing is conditional. */
 void handlers_send_file(const struct request *request, int fd, uint64_t bytes, const char *etag,
@@ -103,5 +106,6 @@ void handlers_get_contract(struct service *service, struct request *request, str
 void handlers_get_problem(struct service *service, struct request *request, struct response *response);
 void handlers_get_health(struct service *service, struct request *request, struct response *response);
 void handlers_get_readiness(struct service *service, struct request *request, struct response *response);
+void handlers_get_metrics(struct service *service, struct request *request, struct response *response);
 
 #endif

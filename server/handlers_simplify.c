@@ -11,7 +11,7 @@
 #include "api/report_read.h"
 #include "server/handlers.h"
 
-static const char *const own_names[] = {"label", "output", NULL};
+static const char *const own_names[] = {"label", "priority", "output", NULL};
 
 /* output=..., and the bit of `outputs` and the file that it stands for. */
 static const struct {
@@ -37,7 +37,7 @@ static bool read_simplify(const struct request *request, struct job *job, struct
     struct problem problem;
     size_t asked = output_asked(request);
     bool ok = query_decode_params(request->query, request->query_count, own_names, &job->params, &problem) &&
-              handlers_read_label(request, job, &problem);
+              handlers_read_wishes(request, job, &problem);
     if (ok && query_find(request->query, request->query_count, "outputs")) {
         problem_set(&problem, PROBLEM_CONFLICTING_PARAMETERS, "outputs: this operation has one output");
         problem_add_error(&problem, "outputs", NULL, "not here", "output");
@@ -89,6 +89,7 @@ static void answer_ended(struct service *service, const struct request *request,
     if (job->state == JOB_SUCCESSFUL) {
         handlers_send_output(service, request, job, outputs[output_asked(request)].file, response);
         put_stats(job, response);
+        handlers_cache_status(request->wait.state == JOB_SUCCESSFUL, response);
     } else if (job->state == JOB_FAILED && job->problem) {
         response_problem_text(response, job->problem);
     } else {
@@ -112,20 +113,23 @@ static void answer_late(const struct job *job, struct response *response) {
 static bool submit(struct service *service, struct request *request, struct response *response) {
     struct request_wait *wait = &request->wait;
     struct job job = {0};
-    if (!read_simplify(request, &job, response) || !handlers_submit(service, request, &job, response)) return false;
+    bool submitted = read_simplify(request, &job, response) && handlers_submit(service, request, &job, response);
     int64_t most_ms = service->config->sync_max_ms, prefer_ms = request_prefer_wait_ms(request, most_ms);
     memcpy(wait->id, job.id, sizeof wait->id);
+    wait->state = (int)job.state; /* successful where an earlier job serves */
     wait->end_ms = events_clock_ms() + (prefer_ms < 0 ? most_ms : prefer_ms);
-    return true;
+    job_done(&job);
+    return submitted;
 }
 
 static void answer_async(struct service *service, const struct request *request, struct response *response) {
     struct job job;
     const char *id = request->wait.id;
     if (handlers_read_job(service, request, id, &job, response)) {
-        handlers_job_response(&job, 202, response);
+        handlers_job_response(service, &job, 202, response);
         response_header(response, "Location", "/v1/jobs/%s", id);
         response_header(response, "Preference-Applied", "respond-async");
+        handlers_cache_status(request->wait.state == JOB_SUCCESSFUL, response);
     }
     job_done(&job);
 }

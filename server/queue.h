@@ -37,7 +37,16 @@ struct sql *queue_reader(struct queue *queue);
 enum status queue_submit(struct queue *queue, const struct job *job, uint64_t max_waiting,
                          struct error *error) MUST_CHECK;
 
-/* Makes the oldest accepted job running and hands it over (the caller's, to job_done).  *found false: none waits. */
+/* Adds a job that an earlier one's outputs serve: successful, with the outputs and the report that it holds. */
+enum status queue_submit_ended(struct queue *queue, const struct job *job, struct error *error) MUST_CHECK;
+
+/* The latest successful job of this principal with this result; *found false: there is none.  The job is the caller's,
+ * to job_done. */
+enum status queue_find_result(struct queue *queue, const char *result, const char *principal, struct job *job,
+                              bool *found, struct error *error) MUST_CHECK;
+
+/* Makes the accepted job whose turn it is (turns.h) running and hands it over (the caller's, to job_done).  *found
+ * false: none waits. */
 enum status queue_claim(struct queue *queue, struct job *job, bool *found, struct error *error) MUST_CHECK;
 
 /* Keeps a running job's stage, message and fraction; nothing when it isn't running any more.  Not durable. */
@@ -84,6 +93,11 @@ enum status queue_expired(struct queue *queue, int64_t now_ms, int64_t tombstone
 
 /* How many jobs and rows of clouds.h refer to a cloud. */
 enum status queue_cloud_uses(struct queue *queue, const char *cloud, uint64_t *uses, struct error *error) MUST_CHECK;
+
+/* What has to be done before a waiting job's turn comes: first the running jobs (started_ms > 0), then those whose turn
+ * comes before (started_ms = 0), in order.  From memory; visit is called under a lock, and must not call back. */
+void queue_outlook(struct queue *queue, const char *id,
+                   void (*visit)(void *ctx, const struct job_cost *cost, int64_t started_ms), void *ctx);
 
 /* Jobs waiting and running; from memory, never blocks for long. */
 void queue_depth(struct queue *queue, uint64_t *waiting, uint64_t *running);

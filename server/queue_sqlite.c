@@ -7,18 +7,22 @@
  * The schema's version is `user_version`, the number of its steps.  To change it: append a step to `schema`, never edit
  * one; each step runs once, in order.
  *
- * Invariant: `waiting` and `running` are the numbers of rows in these states; they change under the writer's lock,
- * after the commit.
+ * Invariant: `waiting` and `running` are the numbers of rows in these states, `turns` holds the rows that wait and
+ * `runs` those that run; they change under the writer's lock, after the commit.  `order` guards the last two, is taken
+ * after a connection's lock, and is held for no longer than a look at them takes.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/queue.h"
 
+#include <pthread.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "server/estimate.h"
 #include "server/sql.h"
+#include "server/turns.h"
 
 static const char *const schema[] = {
     "CREATE TABLE jobs (id TEXT PRIMARY KEY, state INTEGER NOT NULL, sequence INTEGER NOT NULL, "
@@ -43,6 +47,9 @@ static const char *const schema[] = {
     "PRIMARY KEY (sha256, principal)) STRICT, WITHOUT ROWID;"
     "CREATE INDEX clouds_by_expiry ON clouds (expires);"
     "CREATE INDEX clouds_by_principal ON clouds (principal);",
+    "ALTER TABLE jobs ADD COLUMN priority INTEGER NOT NULL DEFAULT 5;"
+    "ALTER TABLE jobs ADD COLUMN result TEXT NOT NULL DEFAULT '';"
+    "CREATE INDEX jobs_by_result ON jobs (result, id) WHERE result <> '';",
 };
 enum { SCHEMA_VERSION = sizeof schema / sizeof schema[0] };
 
@@ -50,60 +57,83 @@ enum { SCHEMA_VERSION = sizeof schema / sizeof schema[0] };
 #define JOB_COLUMNS                                                                                                    \
     "id, state, sequence, attempt, created, started, finished, updated, expires, label, cloud, input_bytes, "          \
     "input_points, input_format, params, stage, message, fraction, cpu, wall, rss, report, problem, principal, "       \
-    "CASE state WHEN 0 THEN (SELECT count(*) FROM jobs AS other WHERE other.state = 0 AND other.id < jobs.id) "        \
-    "ELSE 0 END"
+    "priority, result"
+
+enum { MAX_RUNS = 256 };
+static const int64_t PRIORITY_AGING_MS = 10 * 60 * 1000; /* what a step of priority is worth in waiting */
 
 struct queue {
     struct sql *writer, *reader;
     _Atomic uint64_t waiting, running;
+    pthread_mutex_t order;
+    struct turns *turns;
+    size_t run_count;
+    struct run {
+        char id[JOB_ID_BYTES];
+        struct job_cost cost;
+        int64_t started_ms;
+    } runs[MAX_RUNS]; /* more are not remembered */
 };
 
-/* ------------------------------------------------------------------------------------------------ open */
+/* ------------------------------------------------------------------------------------------------ turns */
 
-int queue_schema_version(void) { return SCHEMA_VERSION; }
-
-static enum status count_states(struct queue *queue, struct error *error) {
-    int64_t waiting = 0, running = 0;
-    const char *sql = "SELECT count(*) FROM jobs WHERE state = ?1";
-    enum status status = sql_number(queue->reader, sql, VALUES(I(JOB_ACCEPTED)), &waiting, error);
-    if (status == STATUS_OK) status = sql_number(queue->reader, sql, VALUES(I(JOB_RUNNING)), &running, error);
-    queue->waiting = (uint64_t)waiting;
-    queue->running = (uint64_t)running;
-    return status;
+/* A job has come to wait.  Where memory runs out it is not in the order, and claimed when nothing else is. */
+static void put_in_order(struct queue *queue, const struct job *job) {
+    struct turn turn = {.priority = job->priority, .created_ms = job->created_ms, .cost = estimate_cost(job)};
+    memcpy(turn.id, job->id, sizeof turn.id);
+    memcpy(turn.principal, job->principal, sizeof turn.principal);
+    pthread_mutex_lock(&queue->order);
+    bool kept = turns_add(queue->turns, &turn);
+    (void)kept;
+    pthread_mutex_unlock(&queue->order);
 }
 
-enum status queue_open(const char *path, struct queue **queue, struct error *error) {
-    struct queue *opened = calloc(1, sizeof *opened);
-    if (!opened) return error_set(error, STATUS_NO_MEMORY, "queue", "no memory");
-    enum status status = sql_open(path, &opened->writer, error);
-    if (status == STATUS_OK) status = sql_migrate(opened->writer, schema, SCHEMA_VERSION, error);
-    if (status == STATUS_OK) status = sql_open(path, &opened->reader, error);
-    if (status == STATUS_OK) status = count_states(opened, error);
-    if (status == STATUS_OK)
-        *queue = opened;
-    else
-        queue_close(opened);
-    return status;
+/* A waiting job runs from now on. */
+static void put_in_run(struct queue *queue, const struct job *job) {
+    pthread_mutex_lock(&queue->order);
+    turns_take(queue->turns, job->id);
+    if (queue->run_count < MAX_RUNS) {
+        struct run *run = &queue->runs[queue->run_count++];
+        *run = (struct run){.cost = estimate_cost(job), .started_ms = job->started_ms};
+        memcpy(run->id, job->id, sizeof run->id);
+    }
+    pthread_mutex_unlock(&queue->order);
 }
 
-void queue_close(struct queue *queue) {
-    if (!queue) return;
-    sql_close(queue->reader);
-    sql_close(queue->writer);
-    free(queue);
+/* A job neither waits nor runs any more. */
+static void take_out(struct queue *queue, const char *id) {
+    pthread_mutex_lock(&queue->order);
+    turns_remove(queue->turns, id);
+    for (size_t i = 0; i < queue->run_count; i++)
+        if (strcmp(queue->runs[i].id, id) == 0) queue->runs[i--] = queue->runs[--queue->run_count];
+    pthread_mutex_unlock(&queue->order);
 }
 
-struct sql *queue_writer(struct queue *queue) {
-    return queue->writer;
+static uint64_t ahead_of(struct queue *queue, const struct job *job) {
+    if (job->state != JOB_ACCEPTED) return 0;
+    pthread_mutex_lock(&queue->order);
+    uint64_t ahead = turns_ahead(queue->turns, job->id, NULL, NULL);
+    pthread_mutex_unlock(&queue->order);
+    return ahead;
 }
 
-struct sql *queue_reader(struct queue *queue) {
-    return queue->reader;
+struct outlook {
+    void (*visit)(void *ctx, const struct job_cost *cost, int64_t started_ms);
+    void *ctx;
+};
+
+static void look_at(void *ctx, const struct turn *turn) {
+    const struct outlook *outlook = ctx;
+    outlook->visit(outlook->ctx, &turn->cost, 0);
 }
 
-void queue_depth(struct queue *queue, uint64_t *waiting, uint64_t *running) {
-    *waiting = atomic_load(&queue->waiting);
-    *running = atomic_load(&queue->running);
+void queue_outlook(struct queue *queue, const char *id,
+                   void (*visit)(void *ctx, const struct job_cost *cost, int64_t started_ms), void *ctx) {
+    struct outlook outlook = {visit, ctx};
+    pthread_mutex_lock(&queue->order);
+    for (size_t i = 0; i < queue->run_count; i++) visit(ctx, &queue->runs[i].cost, queue->runs[i].started_ms);
+    turns_ahead(queue->turns, id, look_at, &outlook);
+    pthread_mutex_unlock(&queue->order);
 }
 
 /* ------------------------------------------------------------------------------------------------ rows */
@@ -133,7 +163,8 @@ static void read_job(struct sql_rows *row, struct job *job) {
     job->report = sql_new_text(row, c++);
     job->problem = sql_new_text(row, c++);
     sql_copy_text(row, c++, job->principal, sizeof job->principal);
-    job->ahead = (uint64_t)sql_integer(row, c);
+    job->priority = (int)sql_integer(row, c++);
+    sql_copy_text(row, c, job->result, sizeof job->result);
 }
 
 static enum status read_outputs(struct sql *db, struct job *job, struct error *error) {
@@ -172,19 +203,89 @@ static enum status find_job(struct sql *db, const char *id, struct job *job, boo
     return status;
 }
 
+/* ------------------------------------------------------------------------------------------------ open */
+
+int queue_schema_version(void) { return SCHEMA_VERSION; }
+
+static enum status count_states(struct queue *queue, struct error *error) {
+    int64_t waiting = 0, running = 0;
+    const char *sql = "SELECT count(*) FROM jobs WHERE state = ?1";
+    enum status status = sql_number(queue->reader, sql, VALUES(I(JOB_ACCEPTED)), &waiting, error);
+    if (status == STATUS_OK) status = sql_number(queue->reader, sql, VALUES(I(JOB_RUNNING)), &running, error);
+    queue->waiting = (uint64_t)waiting;
+    queue->running = (uint64_t)running;
+    return status;
+}
+
+/* Those that waited when the process before this one ended. */
+static enum status order_waiting(struct queue *queue, struct error *error) {
+    struct sql_rows *row;
+    enum status status = sql_select(queue->reader, "SELECT " JOB_COLUMNS " FROM jobs WHERE state = ?1 ORDER BY id",
+                                    VALUES(I(JOB_ACCEPTED)), &row, error);
+    if (status != STATUS_OK) return status;
+    struct job job;
+    while (sql_next(row)) {
+        read_job(row, &job);
+        put_in_order(queue, &job);
+        job_done(&job);
+    }
+    return sql_finish(row, error);
+}
+
+enum status queue_open(const char *path, struct queue **queue, struct error *error) {
+    struct queue *opened = calloc(1, sizeof *opened);
+    if (!opened) return error_set(error, STATUS_NO_MEMORY, "queue", "no memory");
+    pthread_mutex_init(&opened->order, NULL);
+    opened->turns = turns_new(PRIORITY_AGING_MS);
+    enum status status = opened->turns ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "queue", "no memory");
+    if (status == STATUS_OK) status = sql_open(path, &opened->writer, error);
+    if (status == STATUS_OK) status = sql_migrate(opened->writer, schema, SCHEMA_VERSION, error);
+    if (status == STATUS_OK) status = sql_open(path, &opened->reader, error);
+    if (status == STATUS_OK) status = count_states(opened, error);
+    if (status == STATUS_OK) status = order_waiting(opened, error);
+    if (status == STATUS_OK)
+        *queue = opened;
+    else
+        queue_close(opened);
+    return status;
+}
+
+void queue_close(struct queue *queue) {
+    if (!queue) return;
+    sql_close(queue->reader);
+    sql_close(queue->writer);
+    turns_free(queue->turns);
+    pthread_mutex_destroy(&queue->order);
+    free(queue);
+}
+
+struct sql *queue_writer(struct queue *queue) {
+    return queue->writer;
+}
+
+struct sql *queue_reader(struct queue *queue) {
+    return queue->reader;
+}
+
+void queue_depth(struct queue *queue, uint64_t *waiting, uint64_t *running) {
+    *waiting = atomic_load(&queue->waiting);
+    *running = atomic_load(&queue->running);
+}
+
 /* ------------------------------------------------------------------------------------------------ submit, claim */
 
 static enum status insert(struct sql *db, const struct job *job, struct error *error) {
     char *params = job_params_text(&job->params);
     if (!params) return error_set(error, STATUS_NO_MEMORY, "queue", "no memory");
-    enum status status = sql_run(
-        db,
-        "INSERT INTO jobs (id, state, sequence, attempt, created, started, finished, updated, expires, label, "
-        "cloud, input_bytes, input_points, input_format, params, principal) "
-        "VALUES (?1, ?2, ?3, 0, ?4, 0, 0, ?4, 0, ?5, ?6, ?7, ?8, ?9, ?10, ?11)",
-        VALUES(T(job->id), I(JOB_ACCEPTED), I(job->created_ms), I(job->created_ms), T(job->label), T(job->cloud),
-               I(job->input_bytes), I(job->input_points), T(job->input_format), T(params), T(job->principal)),
-        error);
+    enum status status =
+        sql_run(db,
+                "INSERT INTO jobs (id, state, sequence, attempt, created, started, finished, updated, expires, label, "
+                "cloud, input_bytes, input_points, input_format, params, principal, priority, result) "
+                "VALUES (?1, ?2, ?3, 0, ?4, ?14, 0, ?4, 0, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13)",
+                VALUES(T(job->id), I(JOB_ACCEPTED), I(job->created_ms), I(job->created_ms), T(job->label),
+                       T(job->cloud), I(job->input_bytes), I(job->input_points), T(job->input_format), T(params),
+                       T(job->principal), I(job->priority), T(job->result), I(job->started_ms)),
+                error);
     free(params);
     return status;
 }
@@ -196,21 +297,35 @@ enum status queue_submit(struct queue *queue, const struct job *job, uint64_t ma
         status = error_set(error, STATUS_LIMIT, "queue", "%llu jobs are waiting", (unsigned long long)queue->waiting);
     else
         status = insert(queue->writer, job, error);
-    if (status == STATUS_OK) queue->waiting++;
+    if (status == STATUS_OK) {
+        queue->waiting++;
+        put_in_order(queue, job);
+    }
     sql_unlock(queue->writer);
     return status;
 }
 
-static enum status claim(struct sql *db, struct job *job, bool *found, struct error *error) {
+/* Whose turn it is; "" where the order knows of nobody. */
+static void first_in_order(struct queue *queue, char id[JOB_ID_BYTES]) {
+    pthread_mutex_lock(&queue->order);
+    const struct turn *turn = turns_first(queue->turns);
+    snprintf(id, JOB_ID_BYTES, "%s", turn ? turn->id : "");
+    pthread_mutex_unlock(&queue->order);
+}
+
+static enum status claim(struct queue *queue, struct job *job, bool *found, struct error *error) {
+    struct sql *db = queue->writer;
     struct sql_rows *row;
     size_t count;
     int64_t now = job_now_ms();
+    char id[JOB_ID_BYTES];
+    first_in_order(queue, id);
     enum status status = sql_select(db,
                                     "UPDATE jobs SET state = ?1, attempt = attempt + 1, started = ?2, updated = ?2, "
                                     "sequence = max(sequence + 1, ?2), stage = '', message = '', fraction = 0 "
-                                    "WHERE id = (SELECT id FROM jobs WHERE state = ?3 ORDER BY id LIMIT 1) "
+                                    "WHERE id = (SELECT id FROM jobs WHERE state = ?3 ORDER BY id <> ?4, id LIMIT 1) "
                                     "RETURNING " JOB_COLUMNS,
-                                    VALUES(I(JOB_RUNNING), I(now), I(JOB_ACCEPTED)), &row, error);
+                                    VALUES(I(JOB_RUNNING), I(now), I(JOB_ACCEPTED), T(id)), &row, error);
     if (status == STATUS_OK) status = read_jobs(db, row, job, 1, &count, error);
     if (status == STATUS_OK) *found = count == 1;
     return status;
@@ -220,10 +335,11 @@ enum status queue_claim(struct queue *queue, struct job *job, bool *found, struc
     *found = false;
     sql_lock(queue->writer);
     enum status status = STATUS_OK;
-    if (queue->waiting) status = claim(queue->writer, job, found, error);
+    if (queue->waiting) status = claim(queue, job, found, error);
     if (*found) {
         queue->waiting--;
         queue->running++;
+        put_in_run(queue, job);
     }
     sql_unlock(queue->writer);
     return status;
@@ -292,8 +408,43 @@ enum status queue_finish(struct queue *queue, enum job_event event, const struct
     *changed = status == STATUS_OK && from != next;
     if (*changed && from == JOB_ACCEPTED) queue->waiting--;
     if (*changed && from == JOB_RUNNING) queue->running--;
-    if (*changed && next == JOB_ACCEPTED) queue->waiting++;
+    if (*changed) take_out(queue, job->id);
+    if (*changed && next == JOB_ACCEPTED) {
+        queue->waiting++;
+        put_in_order(queue, job);
+    }
     sql_unlock(queue->writer);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ reuse */
+
+enum status queue_submit_ended(struct queue *queue, const struct job *job, struct error *error) {
+    enum job_state next;
+    sql_lock(queue->writer);
+    enum status status = sql_begin(queue->writer, error);
+    if (status == STATUS_OK) {
+        status = insert(queue->writer, job, error);
+        if (status == STATUS_OK && job_transition(JOB_ACCEPTED, JOB_REUSE, &next))
+            status = write_end(queue->writer, job, next, error);
+        status = sql_end(queue->writer, status, error);
+    }
+    sql_unlock(queue->writer);
+    return status;
+}
+
+enum status queue_find_result(struct queue *queue, const char *result, const char *principal, struct job *job,
+                              bool *found, struct error *error) {
+    struct sql_rows *row;
+    size_t count = 0;
+    sql_lock(queue->reader);
+    enum status status = sql_select(queue->reader,
+                                    "SELECT " JOB_COLUMNS " FROM jobs WHERE result = ?1 AND result <> '' "
+                                    "AND principal = ?2 AND state = ?3 ORDER BY id DESC LIMIT 1",
+                                    VALUES(T(result), T(principal), I(JOB_SUCCESSFUL)), &row, error);
+    if (status == STATUS_OK) status = read_jobs(queue->reader, row, job, 1, &count, error);
+    sql_unlock(queue->reader);
+    *found = status == STATUS_OK && count == 1;
     return status;
 }
 
@@ -322,6 +473,7 @@ enum status queue_get(struct queue *queue, const char *id, struct job *job, enum
     enum status status = find_job(queue->reader, id, job, &found, error);
     if (status == STATUS_OK && !found) status = find_tombstone(queue->reader, id, tombstone, &gone, error);
     sql_unlock(queue->reader);
+    if (found) job->ahead = ahead_of(queue, job);
     *presence = found ? QUEUE_PRESENT : gone ? QUEUE_GONE : QUEUE_ABSENT;
     return status;
 }
@@ -340,6 +492,7 @@ enum status queue_list(struct queue *queue, const struct queue_filter *filter, s
                                     &row, error);
     if (status == STATUS_OK) status = read_jobs(queue->reader, row, jobs, max, count, error);
     sql_unlock(queue->reader);
+    for (size_t i = 0; i < *count; i++) jobs[i].ahead = ahead_of(queue, &jobs[i]);
     return status;
 }
 

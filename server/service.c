@@ -6,13 +6,17 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/service.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "api/problem.h"
+#include "core/version.h"
 #include "server/clouds.h"
+#include "server/digest.h"
 #include "server/log.h"
+#include "server/metrics.h"
 #include "server/supervisor.h"
 #include "server/tokens.h"
 
@@ -67,6 +71,8 @@ static enum status mend_running(struct service *service, struct job *job, struct
 static enum status mend_job(struct service *service, struct job *job, struct mending *mending, struct error *error) {
     bool changed;
     if (job->state == JOB_RUNNING) return mend_running(service, job, mending, error);
+    struct job_cost cost = estimate_cost(job);
+    if (job->state == JOB_SUCCESSFUL) estimate_learn(service->estimate, &cost, job->wall_s, job->finished_ms);
     if (job->state == JOB_ACCEPTED && !store_cloud_exists(service->store, job->cloud)) {
         log_line(LOG_ERROR, "job=%s has lost its input %s: it will fail", job->id, job->cloud);
         mending->inputs_lost++;
@@ -126,7 +132,9 @@ enum status service_open(struct service *service, const struct config *config, s
     memset(service, 0, sizeof *service);
     service->config = config;
     pthread_rwlock_init(&service->clouds, NULL);
-    enum status status = store_open(config->data, &service->store, error);
+    service->estimate = estimate_new();
+    enum status status = service->estimate ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
+    if (status == STATUS_OK) status = store_open(config->data, &service->store, error);
     if (status == STATUS_OK) {
         store_database_path(service->store, path);
         status = queue_open(path, &service->queue, error);
@@ -137,6 +145,8 @@ enum status service_open(struct service *service, const struct config *config, s
     }
     if (status == STATUS_OK && config->tokens_file[0])
         status = tokens_open(config->tokens_file, &service->tokens, error);
+    service->metrics = metrics_new();
+    if (status == STATUS_OK && !service->metrics) status = error_set(error, STATUS_NO_MEMORY, "service", "no memory");
     if (status == STATUS_OK) status = mend(service, error);
     if (status == STATUS_OK) status = events_open(&service->events, error);
     if (status != STATUS_OK) service_close(service);
@@ -146,15 +156,66 @@ enum status service_open(struct service *service, const struct config *config, s
 void service_close(struct service *service) {
     events_free(service->events);
     tokens_close(service->tokens);
+    metrics_free(service->metrics);
     queue_close(service->queue);
     store_close(service->store);
+    estimate_free(service->estimate);
     pthread_rwlock_destroy(&service->clouds);
 }
 
 /* ------------------------------------------------------------------------------------------------ submit, delete */
 
+/* The hash of what the job computes. */
+static enum status name_result(struct job *job, struct error *error) {
+    char *text = job_result_text(job, whittle_version());
+    struct digest *digest = digest_new();
+    bool ok = text && digest;
+    if (ok) {
+        digest_update(digest, text, strlen(text));
+        digest_finish(digest, job->result);
+    }
+    free(text);
+    digest_free(digest);
+    return ok ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
+}
+
+/* Takes over from an earlier job with the same result what it made.  false: there is none, or its files are gone. */
+static bool borrow(struct service *service, struct job *job) {
+    struct error error = {0};
+    struct job earlier;
+    bool found = false;
+    enum status status = queue_find_result(service->queue, job->result, job->principal, &earlier, &found, &error);
+    if (status == STATUS_OK && found) status = store_outputs_share(service->store, earlier.id, job->id, &error);
+    if (status != STATUS_OK) log_line(LOG_WARNING, "job=%s can't share outputs: %s", job->id, error.text);
+    if (!found) return false;
+    if (status == STATUS_OK) {
+        memcpy(job->output, earlier.output, sizeof job->output);
+        job->output_count = earlier.output_count;
+        job->report = earlier.report;
+        earlier.report = NULL;
+        job->started_ms = job->created_ms;
+        job->expires_ms = job->created_ms + service->config->retention_ms;
+    }
+    job_done(&earlier);
+    return status == STATUS_OK;
+}
+
+/* Adds the job's row: of one that waits, or of one whose result is there already. */
+static enum status enqueue(struct service *service, struct job *job, bool fresh, struct error *error) {
+    enum status status = name_result(job, error);
+    if (status != STATUS_OK) return status;
+    if (fresh || !service->config->result_cache || !borrow(service, job))
+        return queue_submit(service->queue, job, (uint64_t)service->config->max_queue, error);
+    status = queue_submit_ended(service->queue, job, error);
+    if (status == STATUS_OK)
+        job->state = JOB_SUCCESSFUL;
+    else
+        store_job_delete(service->store, job->id);
+    return status;
+}
+
 enum status service_submit(struct service *service, struct upload *upload, const struct upload_facts *facts,
-                           struct job *job, struct error *error) {
+                           struct job *job, bool fresh, struct error *error) {
     enum status status = upload_sync(upload, error);
     if (status != STATUS_OK) return status;
     struct timespec now;
@@ -168,15 +229,49 @@ enum status service_submit(struct service *service, struct upload *upload, const
 
     pthread_rwlock_rdlock(&service->clouds);
     status = upload_keep(upload, error);
-    if (status == STATUS_OK) status = queue_submit(service->queue, job, (uint64_t)service->config->max_queue, error);
+    if (status == STATUS_OK) status = enqueue(service, job, fresh, error);
     pthread_rwlock_unlock(&service->clouds);
     if (status != STATUS_OK) return status;
-    log_line(LOG_INFO, "job=%s accepted: %llu bytes of %s who=%s", job->id, (unsigned long long)job->input_bytes,
-             job->input_format, job->principal[0] ? job->principal : "-");
+    metrics_submitted(service->metrics);
+    log_line(LOG_INFO, "job=%s %s: %llu bytes of %s who=%s", job->id,
+             job->state == JOB_SUCCESSFUL ? "successful, as an earlier one" : "accepted",
+             (unsigned long long)job->input_bytes, job->input_format,
+             job->principal[0] ? job->principal : "-");
     supervisor_notify(service->supervisor);
     events_publish(service->events, job->id);
     return STATUS_OK;
 }
+
+/* ------------------------------------------------------------------------------------------------ time left */
+
+struct forecast {
+    struct service *service;
+    int64_t now_ms;
+    unsigned workers;
+    double busy_s[256]; /* how long each worker will be; NAN = not known */
+    double never;       /* becomes NAN where anything isn't known */
+};
+
+static void forecast_job(void *ctx, const struct job_cost *cost, int64_t started_ms) {
+    struct forecast *forecast = ctx;
+    double seconds = estimate_seconds(forecast->service->estimate, cost);
+    if (started_ms) seconds = estimate_rest(seconds, (double)(forecast->now_ms - started_ms) / 1000, 0);
+    forecast->never += estimate_assign(forecast->busy_s, forecast->workers, seconds);
+}
+
+double service_time_left(struct service *service, const struct job *job) {
+    struct job_cost cost = estimate_cost(job);
+    double seconds = estimate_seconds(service->estimate, &cost);
+    int64_t now = job_now_ms();
+    if (job->state == JOB_RUNNING) return estimate_rest(seconds, (double)(now - job->started_ms) / 1000, job->fraction);
+    if (job->state != JOB_ACCEPTED) return NAN;
+    struct forecast forecast = {.service = service, .now_ms = now, .workers = (unsigned)service->config->workers};
+    queue_outlook(service->queue, job->id, forecast_job, &forecast);
+    double end = estimate_assign(forecast.busy_s, forecast.workers, seconds);
+    return isnan(forecast.never) ? NAN : end;
+}
+
+/* ------------------------------------------------------------------------------------------------ letting go */
 
 /* Removes a cloud that nothing refers to any more. */
 static void forget_cloud(struct service *service, const char *cloud) {

@@ -10,12 +10,14 @@
 #include <stdbool.h>
 
 #include "server/config.h"
+#include "server/estimate.h"
 #include "server/events.h"
 #include "server/queue.h"
 #include "server/signature.h"
 #include "server/store.h"
 #include "server/upload.h"
 
+struct metrics;
 struct supervisor;
 struct tokens;
 
@@ -26,6 +28,8 @@ struct service {
     struct store *store;
     struct queue *queue;
     struct events *events;
+    struct metrics *metrics;
+    struct estimate *estimate;     /* how long jobs took */
     struct supervisor *supervisor; /* set by main, before the first request */
     pthread_rwlock_t clouds;       /* held shared while a cloud is kept and its job submitted, alone while clouds that
                                       no job refers to are removed */
@@ -38,10 +42,14 @@ struct service {
 enum status service_open(struct service *service, const struct config *config, struct error *error) MUST_CHECK;
 void service_close(struct service *service);
 
-/* Makes an upload that has passed upload_end, and its job, durable; fills in job's id, cloud, times.  STATUS_LIMIT:
- * the queue is full. */
+/* Makes an upload that has passed upload_end, and its job, durable; fills in job's id, cloud, times.  Where an earlier
+ * job of the same principal has computed the same (and fresh is not set, and the settings allow it), its outputs become
+ * this job's too, which then is successful at once: job->state says so.  STATUS_LIMIT: the queue is full. */
 enum status service_submit(struct service *service, struct upload *upload, const struct upload_facts *facts,
-                           struct job *job, struct error *error) MUST_CHECK;
+                           struct job *job, bool fresh, struct error *error) MUST_CHECK;
+
+/* How many seconds it will be until the job has ended, waiting included; NAN = not known, or it has ended. */
+double service_time_left(struct service *service, const struct job *job);
 
 /* Makes an upload that has passed upload_end, durably, a cloud of this principal, to be kept for the retention time.
  * *known: it was one already. */

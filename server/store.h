@@ -69,6 +69,10 @@ enum status store_outputs_begin(struct store *store, const char *id, char path[S
 enum status store_outputs_keep(struct store *store, const char *id, struct job_output *outputs, size_t *count,
                                struct error *error) MUST_CHECK;
 
+/* Makes the outputs of one job another one's too, as links to the same files: deleting one leaves the other. */
+enum status store_outputs_share(struct store *store, const char *from_id, const char *to_id,
+                                struct error *error) MUST_CHECK;
+
 /* Removes that folder, if it is there. */
 void store_outputs_drop(struct store *store, const char *id);
 

@@ -280,6 +280,38 @@ enum status store_outputs_keep(struct store *store, const char *id, struct job_o
     return status == STATUS_OK ? move_outputs(store, id, error) : status;
 }
 
+static enum status link_outputs(int from_fd, int to_fd, struct error *error) {
+    struct dirent **entries;
+    int n = scandirat(from_fd, ".", &entries, is_visible, alphasort);
+    if (n < 0) return refused(error, "list", "outputs");
+    enum status status = STATUS_OK;
+    for (int i = 0; i < n; i++) {
+        const char *name = entries[i]->d_name;
+        if (status == STATUS_OK && linkat(from_fd, name, to_fd, name, 0) != 0) status = refused(error, "link", name);
+        free(entries[i]);
+    }
+    free(entries);
+    if (status == STATUS_OK && fsync(to_fd) != 0) status = refused(error, "flush", "outputs");
+    return status;
+}
+
+enum status store_outputs_share(struct store *store, const char *from_id, const char *to_id, struct error *error) {
+    char path[128], to_path[STORE_PATH_BYTES];
+    snprintf(path, sizeof path, "%.80s/outputs", from_id);
+    int from_fd = open_folder(store->jobs_fd, path), to_fd = -1;
+    enum status status = from_fd < 0 ? refused(error, "open the outputs of", from_id)
+                                     : store_outputs_begin(store, to_id, to_path, error);
+    if (status == STATUS_OK) {
+        to_fd = open_folder(store->tmp_fd, to_id);
+        status = to_fd < 0 ? refused(error, "open a folder for", to_id) : link_outputs(from_fd, to_fd, error);
+        if (status == STATUS_OK) status = move_outputs(store, to_id, error);
+        if (status != STATUS_OK) store_outputs_drop(store, to_id);
+    }
+    close_if_open(from_fd);
+    close_if_open(to_fd);
+    return status;
+}
+
 /* Opens jobs/<id>/<name>, or jobs/<id>/<folder>/<name>. */
 static int open_in_job(const struct store *store, const char *id, const char *folder, const char *name) {
     char path[256];

@@ -216,7 +216,7 @@ static enum status enqueue(struct service *service, struct job *job, bool fresh,
 
 enum status service_submit(struct service *service, struct upload *upload, const struct upload_facts *facts,
                            struct job *job, bool fresh, struct error *error) {
-    enum status status = upload_sync(upload, error);
+    enum status status = upload ? upload_sync(upload, error) : STATUS_OK;
     if (status != STATUS_OK) return status;
     struct timespec now;
     clock_gettime(CLOCK_REALTIME, &now);
@@ -228,15 +228,17 @@ enum status service_submit(struct service *service, struct upload *upload, const
     job->input_points = facts->points;
 
     pthread_rwlock_rdlock(&service->clouds);
-    status = upload_keep(upload, error);
+    if (upload)
+        status = upload_keep(upload, error);
+    else if (!store_cloud_exists(service->store, job->cloud))
+        status = error_set(error, STATUS_BAD_PARAMETER, "input", "there is no cloud %s any more", job->cloud);
     if (status == STATUS_OK) status = enqueue(service, job, fresh, error);
     pthread_rwlock_unlock(&service->clouds);
     if (status != STATUS_OK) return status;
     metrics_submitted(service->metrics);
     log_line(LOG_INFO, "job=%s %s: %llu bytes of %s who=%s", job->id,
              job->state == JOB_SUCCESSFUL ? "successful, as an earlier one" : "accepted",
-             (unsigned long long)job->input_bytes, job->input_format,
-             job->principal[0] ? job->principal : "-");
+             (unsigned long long)job->input_bytes, job->input_format, job->principal[0] ? job->principal : "-");
     supervisor_notify(service->supervisor);
     events_publish(service->events, job->id);
     return STATUS_OK;

@@ -552,7 +552,7 @@ static enum status start(struct http *http, struct error *error) {
     if (offload_open(OFFLOAD_THREADS, &http->offload) != STATUS_OK ||
         watchdog_open(limits, http->service->metrics, &http->watchdog) != STATUS_OK)
         return error_set(error, STATUS_NO_MEMORY, "http", "can't start threads");
-    enum status status = start_listener(&http->main, "http", config->listen, error);
+    enum status status = start_listener(&http->main, NOTIFY_MAIN_SOCKET, config->listen, error);
     return status == STATUS_OK ? start_admin(http, error) : status;
 }
 

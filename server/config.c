@@ -66,6 +66,8 @@ static const struct setting table[] = {
      "Uploads are refused when less room would be left on the disk"},
     {"result-cache", SWITCH, AT(result_cache), "1", 0, 1, NULL,
      "Answer the same cloud with the same parameters from the outputs of the earlier job"},
+    {"idempotency-retention", DURATION, AT(idempotency_retention_ms), "24h", 1, 3650 * DAY, "idempotency_retention_ms",
+     "How long an Idempotency-Key is remembered"},
     {"max-connections", COUNT, AT(max_connections), "1000", 8, 100000, "max_connections", "Connections at a time"},
     {"connections-per-address", COUNT, AT(connections_per_address), "200", 1, 100000, "connections_per_address",
      "Connections of one address at a time"},

@@ -134,7 +134,10 @@ enum status service_open(struct service *service, const struct config *config, s
     service->config = config;
     pthread_rwlock_init(&service->clouds, NULL);
     service->estimate = estimate_new();
-    enum status status = service->estimate ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
+    service->idempotency = idempotency_new();
+    enum status status = service->estimate && service->idempotency
+                             ? STATUS_OK
+                             : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
     if (status == STATUS_OK) status = store_open(config->data, &service->store, error);
     if (status == STATUS_OK) {
         store_database_path(service->store, path);
@@ -161,6 +164,7 @@ void service_close(struct service *service) {
     queue_close(service->queue);
     store_close(service->store);
     estimate_free(service->estimate);
+    idempotency_free(service->idempotency);
     pthread_rwlock_destroy(&service->clouds);
 }
 
@@ -401,7 +405,15 @@ bool service_answers(struct service *service) {
     return status == STATUS_OK && supervised;
 }
 
+static void sweep_keys(struct service *service) {
+    struct error error = {0};
+    int64_t before_ms = job_now_ms() - service->config->idempotency_retention_ms;
+    if (idempotency_forget(queue_writer(service->queue), before_ms, &error) != STATUS_OK)
+        log_line(LOG_ERROR, "can't forget old keys: %s", error.text);
+}
+
 void service_sweep(struct service *service) {
+    sweep_keys(service);
     sweep_jobs(service);
     sweep_clouds(service);
 }

@@ -159,15 +159,22 @@ static json_t *output_files_json(void) {
     return list;
 }
 
+/* What an upload may be. */
+static json_t *features_json(void) {
+    return json_pack("{s:[s, s, s], s:[s, s], s:[s]}", "request_bodies", "application/octet-stream",
+                     "multipart/form-data", "application/json", "content_codings", "gzip", "zstd", "digests",
+                     "sha-256");
+}
+
 char *job_info_encode(const char *version, bool (*limit)(void *ctx, size_t i, const char **name, int64_t *value),
                       void *ctx) {
     json_t *limits = json_object();
     const char *name;
     int64_t value;
     for (size_t i = 0; limit(ctx, i, &name, &value); i++) json_object_set_new(limits, name, json_integer(value));
-    return dump(json_pack("{s:s, s:s, s:o, s:[s, s], s:o, s:o, s:{s:s, s:s}}", "name", "whittled", "version", version,
-                          "input_formats", names_json(cloud_sniff_formats()), "input_compressions", "gzip", "zstd",
-                          "outputs", output_files_json(), "limits", limits, "links", "contract", "/openapi.json",
-                          "parameters", "/v1/parameters"),
+    return dump(json_pack("{s:s, s:s, s:o, s:[s, s], s:o, s:o, s:o, s:{s:s, s:s}}", "name", "whittled", "version",
+                          version, "input_formats", names_json(cloud_sniff_formats()), "input_compressions", "gzip",
+                          "zstd", "outputs", output_files_json(), "features", features_json(), "limits", limits,
+                          "links", "contract", "/openapi.json", "parameters", "/v1/parameters"),
                 JSON_INDENT(2));
 }

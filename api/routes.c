@@ -32,6 +32,7 @@ static const struct route table[] = {
     {"GET", "/problems/{slug}", "getProblem", OPERATION_GET_PROBLEM, ROUTES_PUBLIC},
     {"GET", "/healthz", "getHealth", OPERATION_GET_HEALTH, ROUTES_PUBLIC},
     {"GET", "/readyz", "getReadiness", OPERATION_GET_READINESS, ROUTES_PUBLIC},
+    {"GET", "/metrics", "getMetrics", OPERATION_GET_METRICS, ROUTES_ADMIN},
 };
 enum { ROWS = sizeof table / sizeof table[0] };
 _Static_assert(ROWS == OPERATION_COUNT, "one row for each operation");

@@ -40,12 +40,16 @@ static const struct setting table[] = {
      "Confine jobs by seccomp, Landlock and namespaces, as far as the kernel has them; limits hold always"},
     {"config", TEXT, AT(file), "", 0, 0, NULL, "File of settings, lines of name = value"},
     {"insecure-open", SWITCH, AT(insecure_open), "0", 0, 1, NULL, "Allow an address beyond loopback without tokens"},
+    {"admin-listen", TEXT, AT(admin_listen), "auto", 0, 0, NULL,
+     "Address of health and metrics alone; auto: loopback, the port after listen's; off"},
     {"tokens-file", TEXT, AT(tokens_file), "", 0, 0, NULL, "File of tokens, lines of name:scopes:sha256"},
     {"link-max", DURATION, AT(link_max_ms), "7d", SECOND, 3650 * DAY, "link_max_ms", "Longest life of a signed link"},
     {"workers", COUNT, AT(workers), "0", 0, 256, "workers", "Jobs that run at the same time; 0 = processors"},
     {"threads-per-job", COUNT, AT(threads_per_job), "0", 0, 256, "threads_per_job",
      "Threads of a job that asks for all; 0 = processors / workers"},
     {"max-body-bytes", BYTES, AT(max_body_bytes), "2G", 1, 1024 * KB *GB, "max_body_bytes", "Longest request body"},
+    {"max-expansion", COUNT, AT(max_expansion), "250", 1, 1000000, "max_expansion",
+     "Bytes that a byte of a compressed body may become, beyond the first 16 MiB"},
     {"max-queue", COUNT, AT(max_queue), "1000", 1, 1000000, "max_queue", "Jobs that may wait"},
     {"job-memory", BYTES, AT(job_memory_bytes), "0", 0, 1024 * KB *GB, "job_memory_bytes",
      "Address space of a job; 0 = physical memory / workers"},
@@ -62,6 +66,8 @@ static const struct setting table[] = {
      "Uploads are refused when less room would be left on the disk"},
     {"result-cache", SWITCH, AT(result_cache), "1", 0, 1, NULL,
      "Answer the same cloud with the same parameters from the outputs of the earlier job"},
+    {"idempotency-retention", DURATION, AT(idempotency_retention_ms), "24h", 1, 3650 * DAY, "idempotency_retention_ms",
+     "How long an Idempotency-Key is remembered"},
     {"max-connections", COUNT, AT(max_connections), "1000", 8, 100000, "max_connections", "Connections at a time"},
     {"connections-per-address", COUNT, AT(connections_per_address), "200", 1, 100000, "connections_per_address",
      "Connections of one address at a time"},
@@ -70,10 +76,17 @@ static const struct setting table[] = {
     {"idle-timeout", DURATION, AT(idle_timeout_ms), "60s", SECOND, DAY, "idle_timeout_ms",
      "How long a connection may be silent, or between two requests"},
     {"min-upload-rate", BYTES, AT(min_upload_bytes_per_s), "1K", 0, GB, "min_upload_bytes_per_s",
-     "Bytes a second that an upload has to reach, from 30 s on"},
+     "Bytes a second that an upload has to reach"},
+    {"upload-grace", DURATION, AT(upload_grace_ms), "30s", 1, DAY, "upload_grace_ms",
+     "From which age of an upload on its rate counts"},
+    {"max-header-bytes", BYTES, AT(max_header_bytes), "32K", 1 * KB, 48 * KB, "max_header_bytes",
+     "Longest headers of a request, with its first line"},
+    {"max-parameters", COUNT, AT(max_parameters), "64", 1, 64, "max_parameters", "Parameters in a query"},
     {"refuse-drain-bytes", BYTES, AT(refuse_drain_bytes), "64M", 0, 1024 * GB, NULL,
      "How much of a refused body is read before the answer"},
     {"refuse-drain-time", DURATION, AT(refuse_drain_ms), "10s", 0, DAY, NULL, "And for how long"},
+    {"fault", TEXT, AT(fault), "", 0, 0, NULL,
+     "For tests: where and how to fail, such as commit=kill:3 (server/daemon_fault.c)"},
 };
 enum { ROWS = sizeof table / sizeof table[0] };
 
@@ -429,10 +442,10 @@ enum config_request config_read(struct config *config, int argc, char **argv, ch
 
 /* What is read each time that it is needed, and so may change while the service runs. */
 static bool is_live(const struct setting *setting) {
-    static const char *const live[] = {
-        "threads-per-job", "max-body-bytes", "max-queue",          "job-memory",       "job-cpu",
-        "job-wall",        "sync-max",       "wait-max",           "drain-timeout",    "retention",
-        "min-free",        "link-max",       "refuse-drain-bytes", "refuse-drain-time"};
+    static const char *const live[] = {"threads-per-job", "max-body-bytes",     "max-queue",        "job-memory",
+                                       "job-cpu",         "job-wall",           "sync-max",         "wait-max",
+                                       "drain-timeout",   "retention",          "min-free",         "link-max",
+                                       "job-file-bytes",  "refuse-drain-bytes", "refuse-drain-time"};
     for (size_t i = 0; i < sizeof live / sizeof *live; i++)
         if (strcmp(live[i], setting->name) == 0) return true;
     return false;

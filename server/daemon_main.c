@@ -8,7 +8,6 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <errno.h>
-#include <limits.h>
 #include <poll.h>
 #include <signal.h>
 #include <stdio.h>
@@ -21,6 +20,7 @@
 #include "core/version.h"
 #include "server/check.h"
 #include "server/config.h"
+#include "server/daemon_fault.h"
 #include "server/healthcheck.h"
 #include "server/http.h"
 #include "server/log.h"
@@ -29,7 +29,7 @@
 #include "server/service.h"
 #include "server/supervisor.h"
 
-enum { EXIT_USAGE = 2, SWEEP_MS = 30000 };
+enum { EXIT_USAGE = 2, SWEEP_MS = 30000, DRAIN_LOOK_MS = 50 };
 
 /* The signals become readable; none interrupts anything.  Threads started later inherit the mask. */
 static int open_signals(void) {
@@ -71,21 +71,24 @@ static void serve(struct service *service, struct reload *reload, int signals) {
     }
 }
 
-/* Until the running jobs have ended, or their time is over; a second signal ends everything. */
-static void drain(struct service *service, int signals) {
-    struct pollfd fds[] = {{.fd = supervisor_idle_fd(service->supervisor), .events = POLLIN},
-                           {.fd = signals, .events = POLLIN}};
+/* Until the running jobs have ended and no upload is on its way, or the time for that is over; a second signal ends
+ * everything. */
+static void drain(struct service *service, struct http *http, int signals) {
+    struct pollfd fds[] = {{.fd = signals, .events = POLLIN},
+                           {.fd = supervisor_idle_fd(service->supervisor), .events = POLLIN}};
+    int64_t end = events_clock_ms() + service->config->drain_timeout_ms;
     atomic_store(&service->draining, true);
-    log_line(LOG_INFO, "draining: no new work, running jobs have %lld s",
+    log_line(LOG_INFO, "draining: no new work, running jobs and uploads have %lld s",
              (long long)(service->config->drain_timeout_ms / 1000));
     supervisor_stop(service->supervisor);
-    int64_t end = events_clock_ms() + service->config->drain_timeout_ms;
-    for (bool late = false; !fds[0].revents;) {
-        int64_t left = end - events_clock_ms();
-        int n = poll(fds, 2, late ? -1 : left < 0 ? 0 : left > INT_MAX ? INT_MAX : (int)left);
-        if (n == 0) supervisor_requeue(service->supervisor);
-        late = late || n == 0;
-        if (n <= 0 || !fds[1].revents || read_signal(signals) == SIGHUP) continue;
+    for (bool late = false, idle = false; !idle || (!late && http_uploads(http));) {
+        poll(fds, idle ? 1 : 2, DRAIN_LOOK_MS);
+        if (!late && events_clock_ms() >= end) {
+            late = true;
+            supervisor_requeue(service->supervisor);
+        }
+        idle = idle || fds[1].revents;
+        if (!fds[0].revents || read_signal(signals) == SIGHUP) continue;
         log_line(LOG_WARNING, "second signal: ending at once");
         _exit(128 + SIGTERM);
     }
@@ -110,24 +113,26 @@ static int run(const struct config *config, int signals, int argc, char **argv) 
     struct notify_watch *watch = NULL;
     struct reload *reload = reload_open(&service, argc, argv);
     struct error error = {0};
-    char address[HTTP_ADDRESS_BYTES];
+    struct http_addresses addresses;
+    const char *address = addresses.main;
     if (!reload) return EXIT_FAILURE;
     if (service_open(&service, config, &error) != STATUS_OK) {
         reload_close(reload);
         return fail(&error);
     }
     enum status status = supervisor_open(&service, &service.supervisor, &error);
-    if (status == STATUS_OK) status = http_open(&service, &http, address, &error);
+    if (status == STATUS_OK) status = http_open(&service, &http, &addresses, &error);
     if (status == STATUS_OK) status = notify_watch(answers, &service, &watch, &error);
     if (status == STATUS_OK) {
         printf("listening on http://%s\n", address);
+        if (addresses.admin[0]) printf("health and metrics on http://%s\n", addresses.admin);
         fflush(stdout);
         log_line(LOG_INFO, "whittled %s listening on http://%s, data in %s, %lld workers", whittle_version(), address,
                  config->data, (long long)config->workers);
         tell_ready(address);
         serve(&service, reload, signals);
         notify_send("STOPPING=1\nSTATUS=draining");
-        drain(&service, signals);
+        drain(&service, http, signals);
     } else if (service.supervisor) {
         supervisor_stop(service.supervisor);
     }
@@ -150,6 +155,10 @@ int main(int argc, char **argv) {
     case CONFIG_TOLD: return EXIT_SUCCESS;
     case CONFIG_REFUSED: fprintf(stderr, "whittled: %s: %s\n", error.where, error.text); return EXIT_USAGE;
     case CONFIG_RUN: break;
+    }
+    if (fault_arm(config.fault, &error) != STATUS_OK) {
+        fprintf(stderr, "whittled: %s: %s\n", error.where, error.text);
+        return EXIT_USAGE;
     }
     raise_file_limit();
     int signals = open_signals();

@@ -184,6 +184,13 @@ lint: $(libwhittle) ## check layers, banned functions and line lengths
 test-integration:
 	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -p no:cacheprovider -n 4 tests/integration
 
+ROUNDS ?= 500
+SEED ?= 1
+.PHONY: test-crash
+test-crash: deps ## kill service and workers in ROUNDS=500 rounds at named and random moments (SEED=1), and look
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) tests/integration/crash.py --rounds $(ROUNDS) --seed $(SEED)
+
 # ---------------------------------------------------------------------------------------------------- figures
 .PHONY: bench
 bench: deps ## time of each stage, memory, threads, a job over HTTP; BENCH="--large --save file --compare file"
@@ -234,13 +241,13 @@ $(unit_runs): run-%: %
 # Fuzzers exist in config=fuzz alone; `make fuzz` goes there by itself.  What a run finds new stays in the corpus.
 FUZZ_SECONDS ?= 20
 ifeq ($(config),fuzz)
-$(fuzz_programs): $(build)/%: $(build)/%.o $(libwhittle)
-	$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $^ $(CODEC_LIBS) -lm
+$(fuzz_programs): $(build)/%: $(build)/%.o $(libserver) $(libapi) $(libwhittle)
+	$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $^ $(API_LIBS) $(CODEC_LIBS) -lm
 
 .PHONY: fuzz
 fuzz: $(fuzz_programs)
 	@set -e; for f in $(fuzz_programs); do echo "== $$f"; mkdir -p $$f.corpus $$f.seeds; \
-	    for s in tests/fixtures/*/*/input.*; do cp "$$s" "$$f.seeds/$$(echo "$$s" | tr / _)"; done; \
+	    for s in tests/fixtures/*/*/input.* tests/fuzz/seeds/*; do cp "$$s" "$$f.seeds/$$(echo "$$s" | tr / _)"; done; \
 	    $$f -max_total_time=$(FUZZ_SECONDS) -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 -verbosity=0 \
 	        -artifact_prefix=$$f. $$f.corpus $$f.seeds; done
 else

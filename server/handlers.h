@@ -12,8 +12,8 @@
 #include "server/service.h"
 
 struct handler {
-    /* Called when the headers are in, before the body: false refuses it, with a response.  Creates request->upload for
-     * an operation that takes a cloud.  Must not block.  NULL: the operation takes no body, and refuses nothing. */
+    /* Called when the headers are in, before the body: false refuses it, with a response.  Creates request->body for
+     * an operation that takes one.  Must not block.  NULL: the operation takes no body, and refuses nothing. */
     bool (*admit)(struct service *service, struct request *request, struct response *response);
 
     /* Makes the response; may block, unless `quick`. */
@@ -27,11 +27,17 @@ const struct handler *handlers_find(enum operation operation);
 
 /* ---- shared by the handlers_*.c ---- */
 
-/* Whether new work is taken now (for a job: and the queue has room), and the request's headers fit a cloud as its raw
- * body; else a response. */
-bool handlers_admit_cloud(struct service *service, struct request *request, bool for_job, struct response *response);
+/* Whether new work is taken now, and the request's headers fit a body that the operation takes (a set of enum
+ * body_kind; where it may be JSON, it is for a job, and the queue must have room; names as in struct body_plan); else a
+ * response. */
+bool handlers_admit_body(struct service *service, struct request *request, unsigned takes, const char *const *names,
+                         struct response *response);
 
-/* The last checks of the request's upload; false: the response says what is wrong. */
+/* The last checks of the request's body, and what it says of parameters is added to the query; false: the response says
+ * what is wrong.  To be called once, before the query is read. */
+bool handlers_end_body(struct request *request, struct response *response);
+
+/* The last checks of the cloud in the request's body; false: the response says what is wrong. */
 bool handlers_end_upload(struct request *request, struct upload_facts *facts, struct response *response);
 
 /* Reads the cloud of this id; false: there is none that the request's principal may see, and the response says so.  The
@@ -47,8 +53,11 @@ bool handlers_read_wishes(const struct request *request, struct job *job, struct
 bool handlers_read_job(struct service *service, const struct request *request, const char *id, struct job *job,
                        struct response *response);
 
-/* Submits the request's upload as a job with these parameters; false: the response says why. */
-bool handlers_submit(struct service *service, struct request *request, struct job *job, struct response *response);
+/* Submits a job for the cloud that the request's body holds or names, with these parameters; false: the response says
+ * why.  Where the same request came before under the same key, *before says what it made, job->id is that job's, and
+ * nothing is submitted; it is the caller's, to idempotency_record_done. */
+bool handlers_submit(struct service *service, struct request *request, struct job *job,
+                     struct idempotency_record *before, struct response *response);
 
 /* A view of the job as its document; borrows the job. */
 struct job_document handlers_document(struct service *service, const struct job *job);
@@ -79,6 +88,25 @@ bool handlers_read_successful(struct service *service, const struct request *req
 
 /* The job's output of this name; NULL where it has none. */
 const struct job_output *handlers_find_output(const struct job *job, const char *name);
+
+/* Takes hold of the request's Idempotency-Key, where it has one and the operation takes one; else a response: it is
+ * malformed, or another request with it is under way.  Must not block. */
+bool handlers_admit_key(struct service *service, struct request *request, struct response *response);
+
+/* The key, and a fingerprint of the complete request: for this cloud (its hash), and with what the job asks (NULL =
+ * nothing).  false: memory runs out. */
+bool handlers_fingerprint(const struct request *request, const struct job *job, const char *cloud, struct job_key *key);
+
+/* What the request made when it came before; false: the response says that the key stands for another one.  The record
+ * is the caller's where *found, to idempotency_record_done. */
+bool handlers_find_reply(struct service *service, const struct request *request, const struct job_key *key,
+                         struct idempotency_record *record, bool *found, struct response *response);
+
+/* Keeps the response for when the request comes again; nothing where it has no key, or is refused. */
+void handlers_keep_reply(struct service *service, const struct request *request, const struct response *response);
+
+/* Makes the response that was kept; takes it out of the record. */
+void handlers_replay(struct idempotency_record *record, struct response *response);
 
 /* The handlers themselves. */
 bool handlers_admit_job(struct service *service, struct request *request, struct response *response);

@@ -26,6 +26,8 @@ const char *const message_header_names[HEADER_COUNT] = {
     [HEADER_TRANSFER_ENCODING] = "Transfer-Encoding",
     [HEADER_LAST_EVENT_ID] = "Last-Event-ID",
     [HEADER_HOST] = "Host",
+    [HEADER_CONTENT_DIGEST] = "Content-Digest",
+    [HEADER_REPR_DIGEST] = "Repr-Digest",
     [HEADER_AUTHORIZATION] = "Authorization",
     [HEADER_REQUEST_ID] = "X-Request-Id",
     [HEADER_TRACEPARENT] = "traceparent",
@@ -116,8 +118,8 @@ void response_error(struct response *response, const struct error *error) {
 
 /* Headers whose repetition makes a request mean two things. */
 static bool is_single(size_t header) {
-    static const enum request_header single[] = {HEADER_HOST, HEADER_CONTENT_LENGTH, HEADER_TRANSFER_ENCODING,
-                                                 HEADER_CONTENT_TYPE, HEADER_AUTHORIZATION};
+    static const enum request_header single[] = {HEADER_HOST,         HEADER_CONTENT_LENGTH, HEADER_TRANSFER_ENCODING,
+                                                 HEADER_CONTENT_TYPE, HEADER_AUTHORIZATION,  HEADER_IDEMPOTENCY_KEY};
     for (size_t i = 0; i < sizeof single / sizeof *single; i++)
         if (single[i] == header) return true;
     return false;

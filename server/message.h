@@ -16,9 +16,10 @@
 #include "api/problem.h"
 #include "api/query.h"
 #include "api/routes.h"
+#include "server/body.h"
 #include "server/events.h"
+#include "server/idempotency.h"
 #include "server/principal.h"
-#include "server/upload.h"
 
 enum request_header {
     HEADER_RANGE,
@@ -36,9 +37,11 @@ enum request_header {
     HEADER_REQUEST_ID,
     HEADER_TRACEPARENT,
     HEADER_CACHE_CONTROL,
-    HEADER_IDEMPOTENCY_KEY
+    HEADER_IDEMPOTENCY_KEY,
+    HEADER_CONTENT_DIGEST,
+    HEADER_REPR_DIGEST
 };
-#define HEADER_COUNT 16
+#define HEADER_COUNT (HEADER_REPR_DIGEST + 1)
 
 /* "Range", ... */
 extern const char *const message_header_names[HEADER_COUNT];
@@ -70,8 +73,9 @@ struct request {
     const char *header[HEADER_COUNT]; /* NULL = absent */
     const char *fault;                /* what makes the head ambiguous or malformed; NULL = nothing */
     bool has_body;
-    uint64_t content_length; /* UINT64_MAX = not known */
-    struct upload *upload;   /* the body, complete and checked; NULL = the operation takes none */
+    uint64_t content_length;        /* UINT64_MAX = not known */
+    struct body *body;              /* complete, for body_end; NULL = the operation takes none */
+    struct idempotency_claim claim; /* on the request's Idempotency-Key */
     struct request_wait wait;
 };
 

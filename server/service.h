@@ -12,6 +12,7 @@
 #include "server/config.h"
 #include "server/estimate.h"
 #include "server/events.h"
+#include "server/idempotency.h"
 #include "server/queue.h"
 #include "server/signature.h"
 #include "server/store.h"
@@ -29,7 +30,8 @@ struct service {
     struct queue *queue;
     struct events *events;
     struct metrics *metrics;
-    struct estimate *estimate;     /* how long jobs took */
+    struct estimate *estimate; /* how long jobs took */
+    struct idempotency *idempotency;
     struct supervisor *supervisor; /* set by main, before the first request */
     pthread_rwlock_t clouds;       /* held shared while a cloud is kept and its job submitted, alone while clouds that
                                       no job refers to are removed */
@@ -42,9 +44,10 @@ struct service {
 enum status service_open(struct service *service, const struct config *config, struct error *error) MUST_CHECK;
 void service_close(struct service *service);
 
-/* Makes an upload that has passed upload_end, and its job, durable; fills in job's id, cloud, times.  Where an earlier
- * job of the same principal has computed the same (and fresh is not set, and the settings allow it), its outputs become
- * this job's too, which then is successful at once: job->state says so.  STATUS_LIMIT: the queue is full. */
+/* Makes an upload that has passed upload_end, and its job, durable; fills in job's id, cloud, times.  upload NULL: the
+ * facts are of a cloud that is here already.  Where an earlier job of the same principal has computed the same (and
+ * fresh is not set, and the settings allow it), its outputs become this job's too, which then is successful at once:
+ * job->state says so.  STATUS_LIMIT: the queue is full; STATUS_BAD_PARAMETER: that cloud is gone. */
 enum status service_submit(struct service *service, struct upload *upload, const struct upload_facts *facts,
                            struct job *job, bool fresh, struct error *error) MUST_CHECK;
 

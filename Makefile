@@ -14,7 +14,7 @@ build := build/$(config)
 Q := $(if $(V),,@)
 say := $(if $(V),@:,@echo ' ')
 PYTHON ?= /usr/bin/python3
-VERSION := $(shell git describe --tags --always --dirty 2>/dev/null || echo unknown)
+VERSION := $(shell deploy/version.sh)
 
 # ---------------------------------------------------------------------------------------------------- flags
 WARNINGS := -Wall -Wextra -Wshadow -Wconversion -Wvla
@@ -36,7 +36,8 @@ override CFLAGS += -std=c11 -D_GNU_SOURCE $(COMMON) $(WARNINGS) -Wstrict-prototy
 override CXXFLAGS += -std=c++17 $(COMMON) -Wall -Wextra -Wshadow -DCGAL_NDEBUG -frounding-math
 override LDFLAGS += $(filter -fsanitize% --coverage,$(flags_$(config))) -pthread
 
-CORE_LIBS := -lflann -lgmp -lmpfr -lstdc++ -lm
+CODEC_LIBS := -lz -lzstd
+CORE_LIBS := -lflann -lgmp -lmpfr -lstdc++ $(CODEC_LIBS) -lm
 API_LIBS := -ljansson
 DAEMON_LIBS := -lmicrohttpd -lsqlite3 -lnettle
 
@@ -59,7 +60,7 @@ libserver := $(build)/libserver.a
 programs := $(if $(worker_src),$(build)/whittle) $(if $(daemon_src),$(build)/whittled)
 unit_programs := $(patsubst tests/unit/%.c,$(build)/tests/unit/%,$(unit_src))
 fuzz_programs := $(patsubst %.c,$(build)/%,$(fuzz_src))
-tool_programs := $(addprefix $(build)/,$(basename $(tool_src)))
+tool_programs := $(addprefix $(build)/,$(basename $(filter-out %/confined_probe.c,$(tool_src))))
 peer_programs := $(addprefix $(build)/,$(basename $(peer_src)))
 
 # ---------------------------------------------------------------------------------------------------- targets
@@ -74,12 +75,12 @@ help: ## list the targets
 $(build)/%.o: %.c
 	@mkdir -p $(@D)
 	$(say) CC $<
-	$(Q)$(CC) $(CFLAGS) -c -o $@ $<
+	$(Q)$(CC) $(CFLAGS) $(CPPFLAGS) -c -o $@ $<
 
 $(build)/%.o: %.cc
 	@mkdir -p $(@D)
 	$(say) CXX $<
-	$(Q)$(CXX) $(CXXFLAGS) -c -o $@ $<
+	$(Q)$(CXX) $(CXXFLAGS) $(CPPFLAGS) -c -o $@ $<
 
 $(libwhittle): $(call object,$(core_src))
 $(libapi): $(call object,$(api_src))
@@ -95,7 +96,7 @@ $(build)/whittle: $(call object,$(worker_src)) $(libserver) $(libapi) $(libwhitt
 
 $(build)/whittled: $(call object,$(daemon_src)) $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@
-	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(DAEMON_LIBS) -lm
+	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(DAEMON_LIBS) $(CODEC_LIBS) -lseccomp -lm
 
 $(unit_programs): $(build)/tests/unit/%: $(build)/tests/unit/%.o $(call object,$(unit_support_src)) $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@
@@ -104,6 +105,12 @@ $(unit_programs): $(build)/tests/unit/%: $(build)/tests/unit/%.o $(call object,$
 $(tool_programs): $(build)/%: $(build)/%.o $(libapi) $(libwhittle)
 	$(say) LD $@
 	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(CORE_LIBS)
+
+# The probe is confined as whittle is, which sanitizers can't stand.
+$(build)/tests/tools/confined_probe.o: override CFLAGS := $(filter-out -fsanitize% --coverage,$(CFLAGS))
+$(build)/tests/tools/confined_probe: $(build)/tests/tools/confined_probe.o
+	$(say) LD $@
+	$(Q)$(CC) -pthread -o $@ $<
 
 # Each peer has libraries of its own; their headers are not ours to warn about.
 peer_cflags = $(subst -I/,-isystem /,$(filter-out -std=%,$(shell pkg-config --cflags $(1))))
@@ -132,7 +139,8 @@ FORCE:
 # ---------------------------------------------------------------------------------------------------- set-up
 # What building, testing and the demo want, by the names of Debian 12's packages.
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
-            libmicrohttpd-dev libsqlite3-dev nettle-dev libcmocka-dev curl jq python3 python3-pytest ca-certificates
+            libmicrohttpd-dev libsqlite3-dev libseccomp-dev nettle-dev zlib1g-dev libzstd-dev libcmocka-dev curl jq \
+            python3 python3-pytest python3-pytest-xdist ca-certificates
 peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev meshlab xvfb xauth
 paper_packages := libeigen3-dev libtbb-dev python3-matplotlib
 fuzz_packages := clang libclang-rt-14-dev
@@ -162,10 +170,11 @@ run: deps ## start whittled for use; LISTEN=127.0.0.1:8080 DATA=folder
 .PHONY: test
 test: deps ## build and run all tests; also with config=asan or tsan
 	@$(MAKE) --no-print-directory -j$$(nproc) all tests
-	@$(MAKE) --no-print-directory lint test-unit test-integration
+	@$(MAKE) --no-print-directory -j$$(nproc) lint test-unit
+	@$(MAKE) --no-print-directory test-integration
 
 .PHONY: tests
-tests: $(unit_programs) $(tool_programs)
+tests: $(unit_programs) $(tool_programs) $(build)/tests/tools/confined_probe
 
 .PHONY: lint
 lint: $(libwhittle) ## check layers, banned functions and line lengths
@@ -173,7 +182,14 @@ lint: $(libwhittle) ## check layers, banned functions and line lengths
 
 .PHONY: test-integration
 test-integration:
-	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -p no:cacheprovider tests/integration
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -p no:cacheprovider -n 4 tests/integration
+
+ROUNDS ?= 500
+SEED ?= 1
+.PHONY: test-crash
+test-crash: deps ## kill service and workers in ROUNDS=500 rounds at named and random moments (SEED=1), and look
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) tests/integration/crash.py --rounds $(ROUNDS) --seed $(SEED)
 
 # ---------------------------------------------------------------------------------------------------- figures
 .PHONY: bench
@@ -211,21 +227,27 @@ paper: deps ## Lee and Jong's evaluation again, with pictures; MODELS=horse,venu
 	@$(MAKE) --no-print-directory all $(build)/tests/peers/surface_cgal
 	@$(PYTHON) tests/paper/run.py --build $(build) $(if $(MODELS),--models '$(MODELS)')
 
+# ---------------------------------------------------------------------------------------------------- deployment
+include deploy/deploy.mk
+
 # ---------------------------------------------------------------------------------------------------- more tests
-.PHONY: test-unit
-test-unit: $(unit_programs)
-	@set -e; for t in $(unit_programs); do echo "== $$t"; $$t; done
+# Each unit test is a target, so that they run side by side; what one prints is shown when it fails.
+unit_runs := $(addprefix run-,$(unit_programs))
+.PHONY: test-unit $(unit_runs)
+test-unit: $(unit_runs) ## the unit tests alone
+$(unit_runs): run-%: %
+	@$* > $*.log 2>&1 && echo "  OK $* $$(grep -c '^\[       OK' $*.log) tests" || { cat $*.log; exit 1; }
 
 # Fuzzers exist in config=fuzz alone; `make fuzz` goes there by itself.  What a run finds new stays in the corpus.
 FUZZ_SECONDS ?= 20
 ifeq ($(config),fuzz)
-$(fuzz_programs): $(build)/%: $(build)/%.o $(libwhittle)
-	$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $^ -lm
+$(fuzz_programs): $(build)/%: $(build)/%.o $(libserver) $(libapi) $(libwhittle)
+	$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $^ $(API_LIBS) $(CODEC_LIBS) -lm
 
 .PHONY: fuzz
 fuzz: $(fuzz_programs)
 	@set -e; for f in $(fuzz_programs); do echo "== $$f"; mkdir -p $$f.corpus $$f.seeds; \
-	    for s in tests/fixtures/*/*/input.*; do cp "$$s" "$$f.seeds/$$(echo "$$s" | tr / _)"; done; \
+	    for s in tests/fixtures/*/*/input.* tests/fuzz/seeds/*; do cp "$$s" "$$f.seeds/$$(echo "$$s" | tr / _)"; done; \
 	    $$f -max_total_time=$(FUZZ_SECONDS) -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 -verbosity=0 \
 	        -artifact_prefix=$$f. $$f.corpus $$f.seeds; done
 else
@@ -235,8 +257,17 @@ fuzz: ## run each fuzzer for FUZZ_SECONDS=20 (needs clang)
 endif
 
 .PHONY: contract
-contract: $(build)/whittled ## bring the parameters in api/openapi.json up to date with core/params.c
+contract: $(build)/whittled ## bring parameters and scopes in api/openapi.json up to date with core/params.c and api/routes.c
 	@$(PYTHON) tests/tools/update_contract.py $(build)/whittled
+
+.PHONY: man
+man: $(build)/man/whittle.1 $(build)/man/whittled.8 ## write the manual pages of both programs
+
+$(build)/man/whittle.1: $(build)/whittle
+$(build)/man/whittled.8: $(build)/whittled
+$(build)/man/%:
+	@mkdir -p $(@D)
+	$(Q)$< --man > $@.tmp && mv $@.tmp $@
 
 .PHONY: format
 format: ## lay out the code with clang-format

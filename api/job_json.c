@@ -5,22 +5,28 @@
 
 #include <inttypes.h>
 #include <jansson.h>
+#include <math.h>
 #include <stdio.h>
+#include <string.h>
 #include <time.h>
 
 #include "api/params_json.h"
+#include "core/cloud_sniff.h"
 
 enum { DUMP = JSON_REAL_PRECISION(15) };
 
-static json_t *time_json(int64_t ms) {
-    if (!ms) return json_null();
+const char *job_json_time(int64_t ms, char text[JOB_JSON_TIME_BYTES]) {
     time_t seconds = (time_t)(ms / 1000);
     struct tm tm;
-    char text[40];
     gmtime_r(&seconds, &tm);
-    size_t used = strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%S", &tm);
-    snprintf(text + used, sizeof text - used, ".%03dZ", (int)(ms % 1000));
-    return json_string(text);
+    size_t used = strftime(text, JOB_JSON_TIME_BYTES, "%Y-%m-%dT%H:%M:%S", &tm);
+    snprintf(text + used, JOB_JSON_TIME_BYTES - used, ".%03dZ", (int)(ms % 1000));
+    return text;
+}
+
+static json_t *time_json(int64_t ms) {
+    char text[JOB_JSON_TIME_BYTES];
+    return ms ? json_string(job_json_time(ms, text)) : json_null();
 }
 
 static json_t *text_or_null(const char *text) {
@@ -49,14 +55,20 @@ static json_t *links_json(const struct job_document *job) {
 }
 
 static json_t *input_json(const struct job_document *job) {
-    return json_pack("{s:s, s:o, s:I, s:o}", "sha256", job->cloud, "points", count_or_null(job->input_points), "bytes",
-                     (json_int_t)job->input_bytes, "format", text_or_null(job->input_format));
+    return json_pack("{s:o, s:s, s:o, s:I, s:o}", "cloud", json_sprintf("/v1/clouds/%s", job->cloud), "sha256",
+                     job->cloud, "points", count_or_null(job->input_points), "bytes", (json_int_t)job->input_bytes,
+                     "format", text_or_null(job->input_format));
 }
 
 static json_t *resources_json(const struct job_document *job) {
     if (!job->peak_rss_bytes) return json_null();
     return json_pack("{s:f, s:f, s:I}", "cpu_seconds", job->cpu_s, "wall_seconds", job->wall_s, "peak_rss_bytes",
                      (json_int_t)job->peak_rss_bytes);
+}
+
+static json_t *estimate_json(const struct job_document *job) {
+    if (isnan(job->time_left_s)) return json_null();
+    return json_pack("{s:f}", "seconds_left", round(job->time_left_s * 10) / 10);
 }
 
 static json_t *job_json(const struct job_document *job) {
@@ -74,9 +86,11 @@ static json_t *job_json(const struct job_document *job) {
         {"finished", time_json(job->finished_ms)},
         {"updated", time_json(job->updated_ms)},
         {"expires", time_json(job->expires_ms)},
-        {"queue", json_pack("{s:I}", "ahead", (json_int_t)job->ahead)},
+        {"queue", json_pack("{s:I, s:i}", "ahead", (json_int_t)job->ahead, "priority", job->priority)},
+        {"estimate", estimate_json(job)},
         {"attempt", json_integer(job->attempt)},
         {"label", text_or_null(job->label)},
+        {"principal", text_or_null(job->principal)},
         {"input", input_json(job)},
         {"params", params_to_json(job->params)},
         {"resources", resources_json(job)},
@@ -115,11 +129,41 @@ char *job_outputs_encode(const char *id, const struct output_document *outputs, 
     return dump(json_pack("{s:o}", "outputs", list), JSON_COMPACT);
 }
 
+char *job_link_encode(const char *href, int64_t expires_ms) {
+    return dump(json_pack("{s:s, s:o}", "href", href, "expires", time_json(expires_ms)), JSON_COMPACT);
+}
+
 char *job_event_encode(const struct job_document *job) {
-    return dump(json_pack("{s:s, s:s, s:o, s:I, s:o, s:I, s:i}", "id", job->id, "status", job->status, "stage",
+    return dump(json_pack("{s:s, s:s, s:o, s:I, s:o, s:I, s:o, s:i}", "id", job->id, "status", job->status, "stage",
                           text_or_null(job->stage), "progress", (json_int_t)(job->fraction * 100), "message",
-                          text_or_null(job->message), "ahead", (json_int_t)job->ahead, "attempt", job->attempt),
+                          text_or_null(job->message), "ahead", (json_int_t)job->ahead, "estimate", estimate_json(job),
+                          "attempt", job->attempt),
                 JSON_COMPACT);
+}
+
+/* Names with commas between, as a list. */
+static json_t *names_json(const char *text) {
+    json_t *list = json_array();
+    for (; *text; text += *text == ',') {
+        size_t length = strcspn(text, ",");
+        json_array_append_new(list, json_stringn(text, length));
+        text += length;
+    }
+    return list;
+}
+
+static json_t *output_files_json(void) {
+    json_t *list = json_array();
+    for (unsigned bit = 0; bit < PARAMS_OUTPUTS; bit++)
+        json_array_append_new(list, json_string(params_output_file(bit)));
+    return list;
+}
+
+/* What an upload may be. */
+static json_t *features_json(void) {
+    return json_pack("{s:[s, s, s], s:[s, s], s:[s]}", "request_bodies", "application/octet-stream",
+                     "multipart/form-data", "application/json", "content_codings", "gzip", "zstd", "digests",
+                     "sha-256");
 }
 
 char *job_info_encode(const char *version, bool (*limit)(void *ctx, size_t i, const char **name, int64_t *value),
@@ -128,10 +172,9 @@ char *job_info_encode(const char *version, bool (*limit)(void *ctx, size_t i, co
     const char *name;
     int64_t value;
     for (size_t i = 0; limit(ctx, i, &name, &value); i++) json_object_set_new(limits, name, json_integer(value));
-    return dump(json_pack("{s:s, s:s, s:[s, s, s, s], s:[s, s, s, s, s, s], s:o, s:{s:s, s:s}}", "name", "whittled",
-                          "version", version, "input_formats", "ply/ascii", "ply/binary_little_endian",
-                          "ply/binary_big_endian", "xyz", "outputs", "cloud.ply", "cloud.xyz", "mesh.ply",
-                          "report.json", "dso.ply", "error.ply", "limits", limits, "links", "contract", "/openapi.json",
-                          "parameters", "/v1/parameters"),
+    return dump(json_pack("{s:s, s:s, s:o, s:[s, s], s:o, s:o, s:o, s:{s:s, s:s}}", "name", "whittled", "version",
+                          version, "input_formats", names_json(cloud_sniff_formats()), "input_compressions", "gzip",
+                          "zstd", "outputs", output_files_json(), "features", features_json(), "limits", limits,
+                          "links", "contract", "/openapi.json", "parameters", "/v1/parameters"),
                 JSON_INDENT(2));
 }

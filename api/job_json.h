@@ -13,10 +13,12 @@
 #include "core/params.h"
 
 struct job_document {
-    const char *id, *status, *stage, *message, *label;
-    double fraction; /* 0 to 1; written as whole percent */
+    const char *id, *status, *stage, *message, *label, *principal; /* principal: who submitted it, "" = null */
+    double fraction;                                               /* 0 to 1; written as whole percent */
     int64_t created_ms, started_ms, finished_ms, updated_ms, expires_ms;
     uint64_t ahead; /* jobs before it in the queue */
+    int priority;
+    double time_left_s; /* NAN = not known (null) */
     int attempt;
     const char *cloud; /* sha256 of the input */
     uint64_t input_points, input_bytes;
@@ -27,6 +29,10 @@ struct job_document {
     const char *report, *problem; /* JSON text; NULL or "" = null */
     bool has_outputs;
 };
+
+/* A time as text, "2026-01-31T12:00:00.123Z"; returns text. */
+enum { JOB_JSON_TIME_BYTES = 40 };
+const char *job_json_time(int64_t ms, char text[JOB_JSON_TIME_BYTES]);
 
 /* Returns new text, NULL when memory runs out. */
 char *job_encode(const struct job_document *job);
@@ -41,6 +47,9 @@ struct output_document {
 
 /* The manifest of a job's outputs; returns new. */
 char *job_outputs_encode(const char *id, const struct output_document *outputs, size_t count);
+
+/* A link that opens something until a time; returns new. */
+char *job_link_encode(const char *href, int64_t expires_ms);
 
 /* What goes into one server-sent event of kind progress or status; one line; returns new. */
 char *job_event_encode(const struct job_document *job);

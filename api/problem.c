@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/cloud_sniff.h"
+
 static const struct problem_type types[PROBLEM_COUNT] = {
     [PROBLEM_INVALID_PARAMETER] =
         {"invalid-parameter", 400, "A parameter's value is not allowed",
@@ -27,9 +29,18 @@ static const struct problem_type types[PROBLEM_COUNT] = {
                                     "Send a PLY or XYZ cloud as the raw body, without content coding."},
     [PROBLEM_BODY_TOO_LARGE] = {"body-too-large", 413, "The body is over the limit",
                                 "limit is in bytes.  A binary PLY is several times smaller than text."},
+    [PROBLEM_HEADERS_TOO_LARGE] = {"headers-too-large", 431, "The headers are over the limit",
+                                   "limit is in bytes, the first line included.  Send fewer or shorter headers."},
     [PROBLEM_TOO_MANY_POINTS] = {"too-many-points", 413, "The cloud is over a limit of its reader",
                                  "See GET /v1/info for the limits."},
+    [PROBLEM_DIGEST_MISMATCH] = {"digest-mismatch", 400, "The body is not what its digest says",
+                                 "Content-Digest and Repr-Digest are over the body as it is sent, with its content "
+                                 "coding.  Nothing was kept; send it again."},
     [PROBLEM_NO_SUCH_JOB] = {"no-such-job", 404, "There is no such job", "GET /v1/jobs lists the jobs."},
+    [PROBLEM_NO_SUCH_CLOUD] = {"no-such-cloud", 404, "There is no such cloud",
+                               "GET /v1/clouds lists the clouds that you have uploaded and that are still kept."},
+    [PROBLEM_CLOUD_IN_USE] = {"cloud-in-use", 409, "Jobs refer to the cloud",
+                              "Delete the jobs first; a cloud is kept as long as its jobs are."},
     [PROBLEM_NO_SUCH_OUTPUT] = {"no-such-output", 404, "The job has no such output",
                                 "GET /v1/jobs/{id}/outputs lists them; the outputs parameter chooses them."},
     [PROBLEM_NO_SUCH_RESOURCE] = {"no-such-resource", 404, "There is nothing at this path",
@@ -44,10 +55,21 @@ static const struct problem_type types[PROBLEM_COUNT] = {
                           "reason and at say why and when.  Outputs are kept for the retention time in GET /v1/info."},
     [PROBLEM_RANGE_NOT_SATISFIABLE] = {"range-not-satisfiable", 416, "The range lies outside of the content",
                                        "Content-Range gives the length."},
+    [PROBLEM_UNAUTHORIZED] = {"unauthorized", 401, "The operation wants a token",
+                              "Send Authorization: Bearer with a token that the service's operator has given out."},
+    [PROBLEM_FORBIDDEN] = {"forbidden", 403, "The token or the link doesn't open this",
+                           "scope names what the token lacks.  A signed link opens one output, until it expires."},
+    [PROBLEM_RATE_LIMITED] = {"rate-limited", 429, "A limit for each principal is reached",
+                              "limit says which.  Try again after Retry-After seconds, or delete what is not needed."},
+    [PROBLEM_IDEMPOTENCY_KEY_REUSED] = {"idempotency-key-reused", 422, "The key belongs to another request",
+                                        "A key stands for one request: send the same again, or choose another key."},
+    [PROBLEM_IDEMPOTENCY_IN_PROGRESS] = {"idempotency-in-progress", 409, "A request with this key is under way",
+                                         "Try again after Retry-After seconds: the reply to the other one is given."},
     [PROBLEM_QUEUE_FULL] = {"queue-full", 503, "The queue is full", "Try again after Retry-After seconds."},
     [PROBLEM_DRAINING] = {"draining", 503, "The service is about to stop and takes no new work",
                           "Try again after Retry-After seconds."},
-    [PROBLEM_STORAGE_FULL] = {"storage-full", 507, "There is no room to store the request", "Try again later."},
+    [PROBLEM_STORAGE_FULL] = {"storage-full", 507, "There is no room to store the request",
+                              "Try again later.  A file of a job has a limit too: job_file_bytes in GET /v1/info."},
     [PROBLEM_SYNC_TIMEOUT] = {"sync-timeout", 504, "The job takes longer than a request may wait",
                               "The job goes on: Location names it.  Nothing is lost."},
     [PROBLEM_ENGINE_ERROR] = {"engine-error", 500, "The computation failed",
@@ -74,6 +96,7 @@ static const enum problem_kind kinds[STATUS_COUNT] = {
     [STATUS_LIMIT] = PROBLEM_TOO_MANY_POINTS,
     [STATUS_CANCELLED] = PROBLEM_JOB_DISMISSED,
     [STATUS_ENGINE] = PROBLEM_ENGINE_ERROR,
+    [STATUS_NO_SPACE] = PROBLEM_STORAGE_FULL,
 };
 
 const struct problem_type *problem_type(enum problem_kind kind) { return &types[kind]; }
@@ -135,7 +158,7 @@ void problem_from_error(struct problem *problem, const struct error *error) {
     if (error->where[0])
         problem_add_text(problem, kind == PROBLEM_MALFORMED_CLOUD ? "property" : "where", error->where);
     if (kind == PROBLEM_UNSUPPORTED_FORMAT)
-        problem_add_list(problem, "supported", "ply/ascii,ply/binary_little_endian,ply/binary_big_endian,xyz");
+        problem_add_list(problem, "supported", cloud_sniff_formats());
 }
 
 /* ------------------------------------------------------------------------------------------------ JSON */

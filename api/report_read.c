@@ -22,6 +22,7 @@ void report_read_headline(const char *text, struct report_headline *headline) {
     if (!error) error = json_object_get(json_object_get(json, "cloud"), "tangent_error");
     *headline = (struct report_headline){
         .points_in = count_at(json, "points_in"),
+        .points_distinct = count_at(json_object_get(json, "input"), "points_distinct"),
         .points_out = count_at(json, "points_out"),
         .triangles = count_at(json_object_get(json, "mesh"), "triangles"),
         .mean_rel = number_at(error, "mean_rel"),

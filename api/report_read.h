@@ -6,7 +6,7 @@
 
 /* Absent numbers are NAN, absent counts 0. */
 struct report_headline {
-    unsigned long long points_in, points_out, triangles;
+    unsigned long long points_in, points_distinct, points_out, triangles;
     double mean_rel, rms_rel, max_rel; /* of the points to the mesh; to the tangent planes where there is no mesh */
 };
 

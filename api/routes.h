@@ -20,20 +20,32 @@ enum operation {
     OPERATION_GET_LOG,
     OPERATION_LIST_OUTPUTS,
     OPERATION_GET_OUTPUT,
+    OPERATION_CREATE_LINK,
+    OPERATION_CREATE_CLOUD,
+    OPERATION_LIST_CLOUDS,
+    OPERATION_GET_CLOUD,
+    OPERATION_DELETE_CLOUD,
+    OPERATION_GET_CLOUD_DATA,
     OPERATION_GET_PARAMETERS,
     OPERATION_GET_INFO,
     OPERATION_GET_CONTRACT,
     OPERATION_GET_PROBLEM,
     OPERATION_GET_HEALTH,
-    OPERATION_GET_READINESS
+    OPERATION_GET_READINESS,
+    OPERATION_GET_METRICS
 };
-#define OPERATION_COUNT 16
+#define OPERATION_COUNT (OPERATION_GET_METRICS + 1)
+
+/* What a principal needs for an operation; a set of the last three is what a principal has. */
+enum routes_scope { ROUTES_PUBLIC = 0, ROUTES_SUBMIT = 1, ROUTES_READ = 2, ROUTES_ADMIN = 4 };
+#define ROUTES_ALL_SCOPES 7
 
 struct route {
     const char *method;
     const char *pattern; /* {name} stands for one non-empty part of the path */
     const char *operation_id;
     enum operation operation;
+    enum routes_scope scope;
 };
 
 enum { ROUTES_MAX_CAPTURES = 2, ROUTES_CAPTURE_BYTES = 128, ROUTES_ALLOW_BYTES = 64 };

@@ -137,7 +137,9 @@ static enum status find_noisy(const struct knn *knn, const vec3 *point, size_t n
     return STATUS_OK;
 }
 
-static unsigned more(unsigned count) { return count * NOISY_TIMES < KNN_MAX_K ? count * NOISY_TIMES : KNN_MAX_K - 1; }
+unsigned neighbourhood_noisy_count(unsigned count) {
+    return count * NOISY_TIMES < KNN_MAX_K ? count * NOISY_TIMES : KNN_MAX_K - 1;
+}
 
 static enum status find_chunk(const struct search *search, size_t begin, size_t end) {
     unsigned k = search->options->max + 1;
@@ -170,7 +172,10 @@ enum status neighbourhood_find(const struct knn *knn, const vec3 *point, size_t 
     bool noisy;
     enum status status = find_noisy(knn, point, n, &noisy);
     if (status) return status;
-    if (noisy) fitting.min = more(options->min), fitting.max = more(options->max);
+    if (noisy) {
+        fitting.min = neighbourhood_noisy_count(options->min);
+        fitting.max = neighbourhood_noisy_count(options->max);
+    }
     struct neighbourhood found = {.n = n, .stride = fitting.max};
     size_t chunks = n / CHUNK + 1;
     found.id = alloc_array(n, found.stride * sizeof *found.id);

@@ -36,6 +36,9 @@ struct neighbourhood {
 enum status neighbourhood_find(const struct knn *knn, const vec3 *point, size_t n,
                                const struct neighbourhood_options *options, struct neighbourhood *out) MUST_CHECK;
 
+/* What a bound on the number of neighbours becomes where the cloud is noisy. */
+unsigned neighbourhood_noisy_count(unsigned count);
+
 /* Accepts a zeroed neighbourhood. */
 void neighbourhood_done(struct neighbourhood *neighbourhood);
 

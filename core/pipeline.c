@@ -35,7 +35,7 @@
 #include "core/alloc.h"
 #include "core/pipeline_run.h"
 
-static bool mesh_wanted(const struct params *params) { return params->outputs & (OUTPUT_MESH | OUTPUT_ERROR); }
+static bool mesh_wanted(const struct params *params) { return params->outputs & (OUTPUT_ANY_MESH | OUTPUT_ERROR); }
 
 static bool refinement_wanted(const struct params *params) {
     return mesh_wanted(params) && params->refine != REFINE_NONE;
@@ -186,6 +186,7 @@ enum status pipeline_run(const struct cloud *cloud, const struct params *params,
     struct run run = {.cloud = cloud, .params = params, .error = error, .threads = (unsigned)params->threads};
     struct pipeline_result made = {.level_count = params->levels.count ? params->levels.count : 1};
     double start_ms = now_ms();
+    run.mesh_follows = mesh_wanted(params);
     if (cloud->count == 0) return error_set(error, STATUS_DEGENERATE, "points", "the cloud has no points");
     enum status status = run_steps(&run, progress, &made);
     run.report.total_ms = now_ms() - start_ms;

@@ -3,12 +3,14 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/status.h"
 
+#include <errno.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
 
 static const char *const names[STATUS_COUNT] = {"ok",         "no-memory",     "io",    "unsupported", "malformed",
-                                                "degenerate", "bad-parameter", "limit", "cancelled",   "engine"};
+                                                "degenerate", "bad-parameter", "limit", "cancelled",   "engine",
+                                                "no-space"};
 
 const char *status_name(enum status status) { return (unsigned)status < STATUS_COUNT ? names[status] : "unknown"; }
 
@@ -16,6 +18,10 @@ enum status status_from_name(const char *name) {
     for (int i = 0; i < STATUS_COUNT; i++)
         if (strcmp(names[i], name) == 0) return (enum status)i;
     return STATUS_ENGINE;
+}
+
+enum status status_from_errno(int number) {
+    return number == ENOSPC || number == EDQUOT || number == EFBIG ? STATUS_NO_SPACE : STATUS_IO;
 }
 
 static void fill(struct error *error, enum status code, const char *where, uint64_t line, uint64_t byte_offset) {

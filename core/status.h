@@ -22,9 +22,10 @@ enum status {
     STATUS_BAD_PARAMETER, /* unknown, out of range, or in conflict with another one */
     STATUS_LIMIT,         /* over a named limit */
     STATUS_CANCELLED,     /* the tick callback asked to stop */
-    STATUS_ENGINE         /* a library threw or an invariant broke: our fault */
+    STATUS_ENGINE,        /* a library threw or an invariant broke: our fault */
+    STATUS_NO_SPACE       /* the disk, a quota or the length that a file may have is used up */
 };
-#define STATUS_COUNT 10
+#define STATUS_COUNT 11
 
 enum { ERROR_WHERE_BYTES = 64, ERROR_TEXT_BYTES = 320 };
 
@@ -42,6 +43,9 @@ const char *status_name(enum status status);
 
 /* The status whose name this is, or STATUS_ENGINE when there is none. */
 enum status status_from_name(const char *name);
+
+/* The status of a refused write or open by its errno: STATUS_NO_SPACE (ENOSPC, EDQUOT, EFBIG), else STATUS_IO. */
+enum status status_from_errno(int number);
 
 /* Fills error (may be NULL) with code, where and a printf-formatted text, position unknown, and returns code.  Text
  * that doesn't fit is cut. */

@@ -36,17 +36,27 @@ static const struct setting table[] = {
     {"listen", TEXT, AT(listen), "127.0.0.1:8080", 0, 0, NULL, "Address and port; port 0 takes a free one"},
     {"data", TEXT, AT(data), "whittled-data", 0, 0, NULL, "Folder for the queue, clouds and outputs"},
     {"worker", TEXT, AT(worker), "", 0, 0, NULL, "Path of whittle; default: beside this program"},
+    {"worker-sandbox", SWITCH, AT(worker_sandbox), "1", 0, 1, NULL,
+     "Confine jobs by seccomp, Landlock and namespaces, as far as the kernel has them; limits hold always"},
     {"config", TEXT, AT(file), "", 0, 0, NULL, "File of settings, lines of name = value"},
-    {"insecure-open", SWITCH, AT(insecure_open), "0", 0, 1, NULL, "Allow an address beyond loopback"},
+    {"insecure-open", SWITCH, AT(insecure_open), "0", 0, 1, NULL, "Allow an address beyond loopback without tokens"},
+    {"admin-listen", TEXT, AT(admin_listen), "auto", 0, 0, NULL,
+     "Address of health and metrics alone; auto: loopback, the port after listen's; off"},
+    {"tokens-file", TEXT, AT(tokens_file), "", 0, 0, NULL, "File of tokens, lines of name:scopes:sha256"},
+    {"link-max", DURATION, AT(link_max_ms), "7d", SECOND, 3650 * DAY, "link_max_ms", "Longest life of a signed link"},
     {"workers", COUNT, AT(workers), "0", 0, 256, "workers", "Jobs that run at the same time; 0 = processors"},
     {"threads-per-job", COUNT, AT(threads_per_job), "0", 0, 256, "threads_per_job",
      "Threads of a job that asks for all; 0 = processors / workers"},
     {"max-body-bytes", BYTES, AT(max_body_bytes), "2G", 1, 1024 * KB *GB, "max_body_bytes", "Longest request body"},
+    {"max-expansion", COUNT, AT(max_expansion), "250", 1, 1000000, "max_expansion",
+     "Bytes that a byte of a compressed body may become, beyond the first 16 MiB"},
     {"max-queue", COUNT, AT(max_queue), "1000", 1, 1000000, "max_queue", "Jobs that may wait"},
     {"job-memory", BYTES, AT(job_memory_bytes), "0", 0, 1024 * KB *GB, "job_memory_bytes",
      "Address space of a job; 0 = physical memory / workers"},
     {"job-cpu", DURATION, AT(job_cpu_ms), "1h", SECOND, 365 * DAY, "job_cpu_ms", "Processor time of a job"},
     {"job-wall", DURATION, AT(job_wall_ms), "1h", SECOND, 365 * DAY, "job_wall_ms", "Time from start to end of a job"},
+    {"job-file-bytes", BYTES, AT(job_file_bytes), "16G", KB, 1024 * KB *GB, "job_file_bytes",
+     "Longest file that a job may write"},
     {"sync-max", DURATION, AT(sync_max_ms), "60s", 1, DAY, "sync_max_ms", "Longest wait of POST /v1/simplify"},
     {"wait-max", DURATION, AT(wait_max_ms), "60s", 1, DAY, "wait_max_ms", "Longest wait of a long poll"},
     {"drain-timeout", DURATION, AT(drain_timeout_ms), "30s", 0, DAY, NULL,
@@ -54,6 +64,10 @@ static const struct setting table[] = {
     {"retention", DURATION, AT(retention_ms), "24h", 1, 3650 * DAY, "retention_ms", "How long ended jobs are kept"},
     {"min-free", BYTES, AT(min_free_bytes), "256M", 0, 1024 * KB *GB, "min_free_bytes",
      "Uploads are refused when less room would be left on the disk"},
+    {"result-cache", SWITCH, AT(result_cache), "1", 0, 1, NULL,
+     "Answer the same cloud with the same parameters from the outputs of the earlier job"},
+    {"idempotency-retention", DURATION, AT(idempotency_retention_ms), "24h", 1, 3650 * DAY, "idempotency_retention_ms",
+     "How long an Idempotency-Key is remembered"},
     {"max-connections", COUNT, AT(max_connections), "1000", 8, 100000, "max_connections", "Connections at a time"},
     {"connections-per-address", COUNT, AT(connections_per_address), "200", 1, 100000, "connections_per_address",
      "Connections of one address at a time"},
@@ -62,10 +76,17 @@ static const struct setting table[] = {
     {"idle-timeout", DURATION, AT(idle_timeout_ms), "60s", SECOND, DAY, "idle_timeout_ms",
      "How long a connection may be silent, or between two requests"},
     {"min-upload-rate", BYTES, AT(min_upload_bytes_per_s), "1K", 0, GB, "min_upload_bytes_per_s",
-     "Bytes a second that an upload has to reach, from 30 s on"},
+     "Bytes a second that an upload has to reach"},
+    {"upload-grace", DURATION, AT(upload_grace_ms), "30s", 1, DAY, "upload_grace_ms",
+     "From which age of an upload on its rate counts"},
+    {"max-header-bytes", BYTES, AT(max_header_bytes), "32K", 1 * KB, 48 * KB, "max_header_bytes",
+     "Longest headers of a request, with its first line"},
+    {"max-parameters", COUNT, AT(max_parameters), "64", 1, 64, "max_parameters", "Parameters in a query"},
     {"refuse-drain-bytes", BYTES, AT(refuse_drain_bytes), "64M", 0, 1024 * GB, NULL,
      "How much of a refused body is read before the answer"},
     {"refuse-drain-time", DURATION, AT(refuse_drain_ms), "10s", 0, DAY, NULL, "And for how long"},
+    {"fault", TEXT, AT(fault), "", 0, 0, NULL,
+     "For tests: where and how to fail, such as commit=kill:3 (server/daemon_fault.c)"},
 };
 enum { ROWS = sizeof table / sizeof table[0] };
 
@@ -95,27 +116,35 @@ static bool read_number(const char *text, const struct unit *units, int64_t *num
 }
 
 static bool read_switch(const char *text, int64_t *number) {
-    bool on = strcmp(text, "1") == 0 || strcmp(text, "true") == 0;
-    if (!on && strcmp(text, "0") != 0 && strcmp(text, "false") != 0) return false;
-    *number = on;
-    return true;
+    static const char *const words[][2] = {{"0", "1"}, {"false", "true"}, {"off", "on"}};
+    for (size_t i = 0; i < sizeof words / sizeof *words; i++)
+        for (int on = 0; on < 2; on++)
+            if (strcmp(text, words[i][on]) == 0) {
+                *number = on;
+                return true;
+            }
+    return false;
+}
+
+static const struct unit *units_of(enum kind kind) {
+    return kind == BYTES ? sizes : kind == DURATION ? durations : no_units;
 }
 
 static bool read_value(struct config *config, const struct setting *setting, const char *text) {
-    static const struct unit *const units[] = {[COUNT] = no_units, [BYTES] = sizes, [DURATION] = durations};
     int64_t number = 0;
     if (setting->kind == TEXT) {
         int n = snprintf((char *)config + setting->offset, CONFIG_TEXT_BYTES, "%s", text);
         return n >= 0 && n < CONFIG_TEXT_BYTES;
     }
-    bool ok = setting->kind == SWITCH ? read_switch(text, &number) : read_number(text, units[setting->kind], &number);
+    bool ok =
+        setting->kind == SWITCH ? read_switch(text, &number) : read_number(text, units_of(setting->kind), &number);
     if (!ok || number < setting->min || number > setting->max) return false;
     *number_of(config, setting) = number;
     return true;
 }
 
 static enum status set(struct config *config, const struct setting *setting, const char *text, struct error *error) {
-    static const char *const takes[] = {"a text", "0 or 1", "a whole number", "a size such as 512M",
+    static const char *const takes[] = {"a text", "on or off", "a whole number", "a size such as 512M",
                                         "a duration such as 30s"};
     if (read_value(config, setting, text)) return STATUS_OK;
     return error_set(error, STATUS_BAD_PARAMETER, setting->name, "'%.80s' is not allowed; it takes %s in its range",
@@ -129,6 +158,36 @@ static const struct setting *find(const char *name, size_t length) {
 }
 
 /* ------------------------------------------------------------------------------------------------ sources */
+
+/* Flags that ask for something else than serving: before the settings are read, or with what was read. */
+enum { PRINT_CONFIG = CONFIG_REFUSED + 1, CHECK_CONFIG, HELP, VERSION, MAN };
+
+static const struct {
+    const char *flag;
+    int action;
+    const char *help;
+} actions[] = {
+    {"--help", HELP, "Tell the settings and their defaults"},
+    {"-h", HELP, NULL},
+    {"--version", VERSION, "Tell the version"},
+    {"--man", MAN, "Print this program's manual page"},
+    {"--print-config", PRINT_CONFIG, "Print all settings as they are now, as a file for --config"},
+    {"--check-config", CHECK_CONFIG, "Read all settings and say whether they are allowed; serve nothing"},
+};
+enum { ACTIONS = sizeof actions / sizeof actions[0] };
+
+/* CONFIG_RUN where the argument is none of these. */
+static int find_action(const char *argument) {
+    for (size_t i = 0; i < ACTIONS; i++)
+        if (strcmp(argument, actions[i].flag) == 0) return actions[i].action;
+    return CONFIG_RUN;
+}
+
+static bool asks_for(int action, int argc, char **argv) {
+    for (int i = 1; i < argc; i++)
+        if (find_action(argv[i]) == action) return true;
+    return false;
+}
 
 static enum status read_defaults(struct config *config, struct error *error) {
     enum status status = STATUS_OK;
@@ -162,8 +221,17 @@ static char *trim(char *text) {
     return text;
 }
 
+/* A # begins a comment at the start of a line or after a blank, so a value may hold one. */
+static void cut_comment(char *line) {
+    for (char *hash = strchr(line, '#'); hash; hash = strchr(hash + 1, '#'))
+        if (hash == line || strchr(" \t", hash[-1])) {
+            *hash = 0;
+            return;
+        }
+}
+
 static enum status read_line(struct config *config, char *line, struct error *error) {
-    line[strcspn(line, "#")] = 0;
+    cut_comment(line);
     line = trim(line);
     if (!line[0]) return STATUS_OK;
     char *equals = strchr(line, '=');
@@ -199,7 +267,8 @@ static enum status read_flag(struct config *config, int argc, char **argv, int *
 
 static enum status read_flags(struct config *config, int argc, char **argv, struct error *error) {
     enum status status = STATUS_OK;
-    for (int i = 1; i < argc && status == STATUS_OK; i++) status = read_flag(config, argc, argv, &i, error);
+    for (int i = 1; i < argc && status == STATUS_OK; i++)
+        if (find_action(argv[i]) == CONFIG_RUN) status = read_flag(config, argc, argv, &i, error);
     return status;
 }
 
@@ -226,29 +295,125 @@ static void fill_in(struct config *config) {
     if (!config->worker[0]) beside_this_program(config->worker);
 }
 
+/* ------------------------------------------------------------------------------------------------ telling */
+
 static void print_help(void) {
-    puts("Usage: whittled [--setting VALUE ...]\n\n"
+    puts("Usage: whittled [--setting VALUE ...]\n"
+         "       whittled healthcheck [--url http://HOST:PORT/PATH] [--setting VALUE ...]\n"
+         "       whittled check --data FOLDER\n\n"
          "Serves whittle over HTTP.  Prints the address that it listens on, then logs to standard error.\n"
-         "SIGTERM ends it when the running jobs are done; a second one ends it at once.\n\nSettings:");
+         "SIGTERM ends it when the running jobs are done; a second one ends it at once.\n"
+         "SIGHUP makes it read settings and tokens again.\n"
+         "healthcheck asks a running one how it is: exit status 0 = well, 1 = not.\n"
+         "check compares database and files of a folder that none serves: 0 = nothing is damaged.\n\nSettings:");
     for (size_t i = 0; i < ROWS; i++)
         printf("  --%-26s%s%s%s%s\n", table[i].name, table[i].help, table[i].default_text[0] ? " (" : "",
                table[i].default_text, table[i].default_text[0] ? ")" : "");
-    puts("  --help, --version\n\nEach is also read from the environment: --max-queue from WHITTLED_MAX_QUEUE.");
+    puts("\nInstead of serving:");
+    for (size_t i = 0; i < ACTIONS; i++)
+        if (actions[i].help) printf("  %-28s%s\n", actions[i].flag, actions[i].help);
+    puts("\nEach setting is also read from the environment: --max-queue from WHITTLED_MAX_QUEUE.");
 }
 
-/* --help and --version come before anything that may be wrong. */
-static bool told(int argc, char **argv) {
-    for (int i = 1; i < argc; i++) {
-        if (strcmp(argv[i], "--help") == 0 || strcmp(argv[i], "-h") == 0) {
-            print_help();
-            return true;
-        }
-        if (strcmp(argv[i], "--version") == 0) {
-            printf("whittled %s\n", whittle_version());
-            return true;
-        }
+/* The largest unit that divides the number: it is read back as the same. */
+static void print_number(int64_t number, const struct unit *units) {
+    const struct unit *best = units;
+    for (const struct unit *unit = units; unit->name; unit++)
+        if (number % unit->factor == 0 && (number % best->factor != 0 || (number && unit->factor > best->factor)))
+            best = unit;
+    printf("%lld%s", (long long)(number / best->factor), best->name);
+}
+
+static void print_value(const struct config *config, const struct setting *setting) {
+    if (setting->kind == TEXT)
+        fputs((const char *)config + setting->offset, stdout);
+    else
+        print_number(*number_of((struct config *)config, setting), units_of(setting->kind));
+}
+
+/* The file that they were read from isn't named in it. */
+static void print_config(const struct config *config) {
+    printf("# Settings of whittled %s, as `whittled --print-config` tells them.\n", whittle_version());
+    for (size_t i = 0; i < ROWS; i++) {
+        if (table[i].offset == AT(file)) continue;
+        printf("\n# %s.\n%s = ", table[i].help, table[i].name);
+        print_value(config, &table[i]);
+        puts("");
     }
-    return false;
+}
+
+/* Text for a manual page: a hyphen that can be copied, no request at the start of a line. */
+static void print_roff(const char *text) {
+    if (*text == '.' || *text == '\'') fputs("\\&", stdout);
+    for (; *text; text++) {
+        if (*text == '-' || *text == '\\') putchar('\\');
+        fputs(*text == '\\' ? "e" : (char[]){*text, 0}, stdout);
+    }
+}
+
+static void print_man_settings(void) {
+    static const char *const takes[] = {"text", "0 or 1", "number", "size", "duration"};
+    for (size_t i = 0; i < ROWS; i++) {
+        printf(".TP\n\\fB\\-\\-");
+        print_roff(table[i].name);
+        printf("\\fR \\fI%s\\fR\n", takes[table[i].kind]);
+        print_roff(table[i].help);
+        puts(".");
+        if (!table[i].default_text[0]) continue;
+        printf("Default: ");
+        print_roff(table[i].default_text);
+        puts(".");
+    }
+}
+
+static void print_man(void) {
+    printf(".\\\" SPDX-License-Identifier: GPL-3.0-or-later\n.TH WHITTLED 8 \"\" \"whittle %s\" \"whittle\"\n",
+           whittle_version());
+    puts(".SH NAME\nwhittled \\- simplify point clouds over HTTP\n.SH SYNOPSIS\n.B whittled\n.RI [ "
+         "\\-\\-setting\\~value "
+         "...]\n.br\n.B whittled healthcheck\n.RI [ \\-\\-url\\~URL ]\n.RI [ \\-\\-setting\\~value ...]\n"
+         ".br\n.B whittled check\n.RI \\-\\-data\\~FOLDER\n"
+         ".SH DESCRIPTION\nServes\n.BR whittle (1)\nover HTTP: clouds come in, simplified clouds, meshes and measured "
+         "errors go out.\nPrints the address that it listens on, then logs to standard error.\n"
+         "The service describes itself at /docs and /openapi.json.\n.PP\n"
+         "SIGTERM ends it when the running jobs are done; a second one ends it at once.\n"
+         "What was accepted is never lost: jobs that were running are queued again.\n.PP\n"
+         "A setting comes from its flag, else from the environment, else from the file that\n.B \\-\\-config\nnames, "
+         "else from its default.\nWhatever is unknown or out of range ends the start.\n.SH SETTINGS\n"
+         "A size takes K, M, G or T (powers of 1024), a duration ms, s, m, h or d.");
+    print_man_settings();
+    puts(".SH OTHER OPTIONS");
+    for (size_t i = 0; i < ACTIONS; i++) {
+        if (!actions[i].help) continue;
+        printf(".TP\n.B ");
+        print_roff(actions[i].flag);
+        puts("");
+        print_roff(actions[i].help);
+        puts(".");
+    }
+    puts(
+        ".SH HEALTHCHECK\n.B whittled healthcheck\nasks the service at the address in the settings, or the one that\n"
+        ".B \\-\\-url\nnames, for /healthz.\nExit status 0: it answered that it is well; 1: it did not.\n"
+        ".SH CHECK\n.B whittled check\ncompares the database of a folder that no service has with its files, by their "
+        "hashes,\nand prints what is damaged (exit status 1), and what a crash left and the next start mends.\n"
+        ".SH ENVIRONMENT\nEach setting is read from a variable:\n.B \\-\\-max\\-queue\nfrom\n.BR WHITTLED_MAX_QUEUE .\n"
+        ".SH FILES\nThe file of\n.B \\-\\-config\nholds lines of name = value; # begins a comment.\n"
+        ".B whittled \\-\\-print\\-config\nwrites one with every setting in it.\n"
+        ".SH EXIT STATUS\n0 after SIGTERM, 2 when a setting is wrong, 1 when anything else is.\n"
+        ".SH SEE ALSO\n.BR whittle (1),\n.BR curl (1)");
+}
+
+/* What comes before anything that may be wrong. */
+static bool told(int argc, char **argv) {
+    if (asks_for(HELP, argc, argv))
+        print_help();
+    else if (asks_for(VERSION, argc, argv))
+        printf("whittled %s\n", whittle_version());
+    else if (asks_for(MAN, argc, argv))
+        print_man();
+    else
+        return false;
+    return true;
 }
 
 enum config_request config_read(struct config *config, int argc, char **argv, char **environment, struct error *error) {
@@ -267,8 +432,45 @@ enum config_request config_read(struct config *config, int argc, char **argv, ch
         *config = flags;
     }
     if (status != STATUS_OK) return CONFIG_REFUSED;
+    bool prints = asks_for(PRINT_CONFIG, argc, argv), checks = asks_for(CHECK_CONFIG, argc, argv);
+    if (prints) print_config(config);
+    if (checks && !prints) puts("the settings are allowed");
+    if (prints || checks) return CONFIG_TOLD;
     fill_in(config);
     return CONFIG_RUN;
+}
+
+/* What is read each time that it is needed, and so may change while the service runs. */
+static bool is_live(const struct setting *setting) {
+    static const char *const live[] = {"threads-per-job", "max-body-bytes",     "max-queue",        "job-memory",
+                                       "job-cpu",         "job-wall",           "sync-max",         "wait-max",
+                                       "drain-timeout",   "retention",          "min-free",         "link-max",
+                                       "job-file-bytes",  "refuse-drain-bytes", "refuse-drain-time"};
+    for (size_t i = 0; i < sizeof live / sizeof *live; i++)
+        if (strcmp(live[i], setting->name) == 0) return true;
+    return false;
+}
+
+static bool same(const struct config *a, const struct config *b, const struct setting *setting) {
+    const char *x = (const char *)a + setting->offset, *y = (const char *)b + setting->offset;
+    return setting->kind == TEXT ? strcmp(x, y) == 0 : memcmp(x, y, sizeof(int64_t)) == 0;
+}
+
+enum status config_reload(const struct config *config, int argc, char **argv, char **environment, struct config *next,
+                          void (*tell)(const char *name, bool live), struct error *error) {
+    struct config *read = malloc(sizeof *read);
+    if (!read) return error_set(error, STATUS_NO_MEMORY, "config", "no memory");
+    enum status status =
+        config_read(read, argc, argv, environment, error) == CONFIG_RUN ? STATUS_OK : STATUS_BAD_PARAMETER;
+    for (size_t i = 0; i < ROWS && status == STATUS_OK; i++) {
+        if (i == 0) *next = *config;
+        if (same(config, read, &table[i])) continue;
+        bool live = is_live(&table[i]);
+        if (live) *number_of(next, &table[i]) = *number_of(read, &table[i]);
+        tell(table[i].name, live);
+    }
+    free(read);
+    return status;
 }
 
 bool config_limit(void *config, size_t i, const char **name, int64_t *value) {

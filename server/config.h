@@ -16,22 +16,36 @@
 
 enum { CONFIG_TEXT_BYTES = 4096 };
 
+/* A member is read by whoever needs it, at any time; SIGHUP puts another struct in place (config_reload). */
 struct config {
     char listen[CONFIG_TEXT_BYTES], data[CONFIG_TEXT_BYTES], worker[CONFIG_TEXT_BYTES], file[CONFIG_TEXT_BYTES];
+    char fault[CONFIG_TEXT_BYTES];
+    char tokens_file[CONFIG_TEXT_BYTES], admin_listen[CONFIG_TEXT_BYTES];
+    int64_t link_max_ms;
     int64_t insecure_open; /* a switch: 0 or 1 */
+    int64_t result_cache;  /* a switch */
+    int64_t idempotency_retention_ms;
+    int64_t worker_sandbox; /* a switch */
     int64_t workers, threads_per_job;
-    int64_t max_body_bytes, max_queue, job_memory_bytes, job_cpu_ms, job_wall_ms;
+    int64_t max_body_bytes, max_expansion, max_queue, job_memory_bytes, job_cpu_ms, job_wall_ms, job_file_bytes;
     int64_t sync_max_ms, wait_max_ms, drain_timeout_ms, retention_ms, min_free_bytes;
-    int64_t max_connections, connections_per_address, header_timeout_ms, idle_timeout_ms, min_upload_bytes_per_s;
+    int64_t max_connections, connections_per_address, header_timeout_ms, idle_timeout_ms, min_upload_bytes_per_s,
+        upload_grace_ms;
+    int64_t max_header_bytes, max_parameters;
     int64_t refuse_drain_bytes, refuse_drain_ms;
 };
 
-enum config_request { CONFIG_RUN, CONFIG_TOLD /* --help or --version was printed */, CONFIG_REFUSED };
+enum config_request { CONFIG_RUN, CONFIG_TOLD /* --help and the like: done */, CONFIG_REFUSED };
 
 /* Reads everything; environment is environ-like, NULL-terminated.  What is 0 for "by the machine" (workers, memory and
  * threads of a job) is filled in. */
 enum config_request config_read(struct config *config, int argc, char **argv, char **environment,
                                 struct error *error) MUST_CHECK;
+
+/* Reads everything again, as config_read did, and takes over what may change while the service runs: *next is *config
+ * with these settings as they are now.  tell(name, live) is called for each setting that has changed, live or not. */
+enum status config_reload(const struct config *config, int argc, char **argv, char **environment, struct config *next,
+                          void (*tell)(const char *name, bool live), struct error *error) MUST_CHECK;
 
 /* The i-th limit for /v1/info; false past the last. */
 bool config_limit(void *config, size_t i, const char **name, int64_t *value);

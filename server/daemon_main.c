@@ -4,7 +4,7 @@
  *
  * Opens what it needs from the bottom up, says where it listens, waits for signals, and closes in the opposite order.
  * The first SIGTERM or SIGINT drains: no new work, running jobs may end, those that don't are queued again.  The second
- * ends the process at once; the next start finds everything that was accepted.
+ * ends the process at once; the next start finds everything that was accepted.  SIGHUP reads settings and tokens again.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <errno.h>
@@ -18,13 +18,18 @@
 #include <unistd.h>
 
 #include "core/version.h"
+#include "server/check.h"
 #include "server/config.h"
+#include "server/daemon_fault.h"
+#include "server/healthcheck.h"
 #include "server/http.h"
 #include "server/log.h"
+#include "server/notify.h"
+#include "server/reload.h"
 #include "server/service.h"
 #include "server/supervisor.h"
 
-enum { EXIT_USAGE = 2, SWEEP_MS = 30000 };
+enum { EXIT_USAGE = 2, SWEEP_MS = 30000, DRAIN_LOOK_MS = 50 };
 
 /* The signals become readable; none interrupts anything.  Threads started later inherit the mask. */
 static int open_signals(void) {
@@ -32,6 +37,7 @@ static int open_signals(void) {
     sigemptyset(&set);
     sigaddset(&set, SIGTERM);
     sigaddset(&set, SIGINT);
+    sigaddset(&set, SIGHUP);
     sigprocmask(SIG_BLOCK, &set, NULL);
     signal(SIGPIPE, SIG_IGN);
     return signalfd(-1, &set, SFD_CLOEXEC);
@@ -45,29 +51,47 @@ static void raise_file_limit(void) {
     setrlimit(RLIMIT_NOFILE, &files);
 }
 
-/* Sweeps now and then until a signal comes. */
-static void serve(struct service *service, int signals) {
-    struct pollfd fds = {.fd = signals, .events = POLLIN};
-    int64_t every = service->config->retention_ms < SWEEP_MS ? service->config->retention_ms : SWEEP_MS;
+/* The signal that has come. */
+static int read_signal(int signals) {
     struct signalfd_siginfo info;
-    while (poll(&fds, 1, (int)every) <= 0) service_sweep(service);
-    ssize_t n = read(signals, &info, sizeof info);
-    (void)n;
+    return read(signals, &info, sizeof info) == sizeof info ? (int)info.ssi_signo : SIGTERM;
 }
 
-/* Until the running jobs have ended, or their time is over; a second signal ends everything. */
-static void drain(struct service *service, int signals) {
-    struct pollfd fds[] = {{.fd = supervisor_idle_fd(service->supervisor), .events = POLLIN},
-                           {.fd = signals, .events = POLLIN}};
+/* Sweeps now and then until a signal ends it; SIGHUP doesn't. */
+static void serve(struct service *service, struct reload *reload, int signals) {
+    struct pollfd fds = {.fd = signals, .events = POLLIN};
+    int64_t every = service->config->retention_ms < SWEEP_MS ? service->config->retention_ms : SWEEP_MS;
+    for (;;) {
+        if (poll(&fds, 1, (int)every) <= 0)
+            service_sweep(service);
+        else if (read_signal(signals) != SIGHUP)
+            return;
+        else
+            reload_now(reload);
+    }
+}
+
+/* Until the running jobs have ended and no upload is on its way, or the time for that is over; a second signal ends
+ * everything. */
+static void drain(struct service *service, struct http *http, int signals) {
+    struct pollfd fds[] = {{.fd = signals, .events = POLLIN},
+                           {.fd = supervisor_idle_fd(service->supervisor), .events = POLLIN}};
+    int64_t end = events_clock_ms() + service->config->drain_timeout_ms;
     atomic_store(&service->draining, true);
-    log_line(LOG_INFO, "draining: no new work, running jobs have %lld s",
+    log_line(LOG_INFO, "draining: no new work, running jobs and uploads have %lld s",
              (long long)(service->config->drain_timeout_ms / 1000));
     supervisor_stop(service->supervisor);
-    if (poll(fds, 2, (int)service->config->drain_timeout_ms) == 0) supervisor_requeue(service->supervisor);
-    while (!fds[0].revents && !fds[1].revents) poll(fds, 2, -1);
-    if (!fds[1].revents) return;
-    log_line(LOG_WARNING, "second signal: ending at once");
-    _exit(128 + SIGTERM);
+    for (bool late = false, idle = false; !idle || (!late && http_uploads(http));) {
+        poll(fds, idle ? 1 : 2, DRAIN_LOOK_MS);
+        if (!late && events_clock_ms() >= end) {
+            late = true;
+            supervisor_requeue(service->supervisor);
+        }
+        idle = idle || fds[1].revents;
+        if (!fds[0].revents || read_signal(signals) == SIGHUP) continue;
+        log_line(LOG_WARNING, "second signal: ending at once");
+        _exit(128 + SIGTERM);
+    }
 }
 
 static int fail(const struct error *error) {
@@ -75,28 +99,49 @@ static int fail(const struct error *error) {
     return error->code == STATUS_BAD_PARAMETER ? EXIT_USAGE : EXIT_FAILURE;
 }
 
-static int run(const struct config *config, int signals) {
+static bool answers(void *service) { return service_answers(service); }
+
+static void tell_ready(const char *address) {
+    char message[HTTP_ADDRESS_BYTES + 64];
+    snprintf(message, sizeof message, "READY=1\nSTATUS=listening on http://%s", address);
+    notify_send(message);
+}
+
+static int run(const struct config *config, int signals, int argc, char **argv) {
     struct service service;
     struct http *http = NULL;
+    struct notify_watch *watch = NULL;
+    struct reload *reload = reload_open(&service, argc, argv);
     struct error error = {0};
-    char address[HTTP_ADDRESS_BYTES];
-    if (service_open(&service, config, &error) != STATUS_OK) return fail(&error);
+    struct http_addresses addresses;
+    const char *address = addresses.main;
+    if (!reload) return EXIT_FAILURE;
+    if (service_open(&service, config, &error) != STATUS_OK) {
+        reload_close(reload);
+        return fail(&error);
+    }
     enum status status = supervisor_open(&service, &service.supervisor, &error);
-    if (status == STATUS_OK) status = http_open(&service, &http, address, &error);
+    if (status == STATUS_OK) status = http_open(&service, &http, &addresses, &error);
+    if (status == STATUS_OK) status = notify_watch(answers, &service, &watch, &error);
     if (status == STATUS_OK) {
         printf("listening on http://%s\n", address);
+        if (addresses.admin[0]) printf("health and metrics on http://%s\n", addresses.admin);
         fflush(stdout);
         log_line(LOG_INFO, "whittled %s listening on http://%s, data in %s, %lld workers", whittle_version(), address,
                  config->data, (long long)config->workers);
-        serve(&service, signals);
-        drain(&service, signals);
+        tell_ready(address);
+        serve(&service, reload, signals);
+        notify_send("STOPPING=1\nSTATUS=draining");
+        drain(&service, http, signals);
     } else if (service.supervisor) {
         supervisor_stop(service.supervisor);
     }
     events_close(service.events);
     http_close(http);
+    notify_unwatch(watch);
     supervisor_close(service.supervisor);
     service_close(&service);
+    reload_close(reload);
     log_line(LOG_INFO, "ended");
     return status == STATUS_OK ? EXIT_SUCCESS : fail(&error);
 }
@@ -104,10 +149,16 @@ static int run(const struct config *config, int signals) {
 int main(int argc, char **argv) {
     struct config config;
     struct error error = {0};
+    if (argc > 1 && strcmp(argv[1], "healthcheck") == 0) return healthcheck_main(argc - 1, argv + 1);
+    if (argc > 1 && strcmp(argv[1], "check") == 0) return check_main(argc - 1, argv + 1);
     switch (config_read(&config, argc, argv, environ, &error)) {
     case CONFIG_TOLD: return EXIT_SUCCESS;
     case CONFIG_REFUSED: fprintf(stderr, "whittled: %s: %s\n", error.where, error.text); return EXIT_USAGE;
     case CONFIG_RUN: break;
+    }
+    if (fault_arm(config.fault, &error) != STATUS_OK) {
+        fprintf(stderr, "whittled: %s: %s\n", error.where, error.text);
+        return EXIT_USAGE;
     }
     raise_file_limit();
     int signals = open_signals();
@@ -115,5 +166,5 @@ int main(int argc, char **argv) {
         fprintf(stderr, "whittled: signals: %s\n", strerror(errno));
         return EXIT_FAILURE;
     }
-    return run(&config, signals);
+    return run(&config, signals, argc, argv);
 }

@@ -1,8 +1,7 @@
 /* Starting whittle: everything that needs memory or locks is done before fork, in the child only system calls.
  *
- * The child has no environment, no descriptor but 0 to 3, no new privileges, a process group of its own, limits on
- * address space, processor time, descriptors and core files, and dies with the thread that started it.  Under memory
- * pressure the kernel takes it before the service.
+ * The child has no descriptor but 0 (its input), 1 and 2 (its log), 3 (what it says), and a process group of its own;
+ * daemon_confine.c does the rest.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/daemon_spawn.h"
@@ -13,20 +12,17 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/prctl.h>
-#include <sys/resource.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
-enum { MAX_ARGUMENTS = 96, VALUE_BYTES = 512, PROGRESS_FD = 3, MAX_FILES = 64, NICE = 5, CANNOT_EXEC = 127 };
+enum { MAX_ARGUMENTS = 96, VALUE_BYTES = 512, PROGRESS_FD = 3, CANNOT_CONFINE = 126, CANNOT_EXEC = 127 };
 
 struct child {
-    const char *program;
+    const struct spawn_request *request;
     char *argv[MAX_ARGUMENTS];
-    int null_fd, log_fd, progress_fd;
+    int input_fd, log_fd, progress_fd;
     pid_t parent;
-    struct rlimit memory, cpu;
 };
 
 /* ------------------------------------------------------------------------------------------------ arguments */
@@ -51,7 +47,7 @@ static bool make_arguments(struct child *child, const struct spawn_request *requ
     const struct param *table = params_table(&rows);
     struct params params = *request->params;
     params.threads = request->threads;
-    bool ok = add(child, &count, "whittle") && add(child, &count, request->input);
+    bool ok = add(child, &count, "whittle") && add(child, &count, "-");
     for (size_t i = 0; ok && i < rows; i++) ok = add_parameter(child, &count, &params, &table[i]);
     return ok && add(child, &count, "-o") && add(child, &count, request->output) &&
            add(child, &count, "--progress-fd") && add(child, &count, "3") && add(child, &count, "--quiet");
@@ -63,24 +59,6 @@ static void free_arguments(struct child *child) {
 
 /* ------------------------------------------------------------------------------------------------ the child */
 
-static void limit(int resource, rlim_t most) {
-    struct rlimit limits = {most, most};
-    setrlimit(resource, &limits);
-}
-
-static void confine(const struct child *child) {
-    limit(RLIMIT_CORE, 0);
-    limit(RLIMIT_NOFILE, MAX_FILES);
-    setrlimit(RLIMIT_CPU, &child->cpu);
-    if (child->memory.rlim_cur) setrlimit(RLIMIT_AS, &child->memory);
-    prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
-    setpriority(PRIO_PROCESS, 0, NICE);
-    int fd = open("/proc/self/oom_score_adj", O_WRONLY | O_CLOEXEC);
-    ssize_t n = fd >= 0 ? write(fd, "500", 3) : 0;
-    (void)n;
-    if (fd >= 0) close(fd);
-}
-
 static void reset_signals(void) {
     sigset_t none;
     sigemptyset(&none);
@@ -90,7 +68,7 @@ static void reset_signals(void) {
 
 /* The descriptors given are all over PROGRESS_FD, so that none is overwritten before it is copied. */
 static void place_descriptors(const struct child *child) {
-    dup2(child->null_fd, STDIN_FILENO);
+    dup2(child->input_fd, STDIN_FILENO);
     dup2(child->log_fd, STDOUT_FILENO);
     dup2(child->log_fd, STDERR_FILENO);
     dup2(child->progress_fd, PROGRESS_FD);
@@ -98,14 +76,13 @@ static void place_descriptors(const struct child *child) {
 }
 
 __attribute__((noreturn)) static void become_worker(const struct child *child) {
-    static char *const no_environment[] = {NULL};
-    prctl(PR_SET_PDEATHSIG, SIGKILL);
-    if (getppid() != child->parent) _exit(CANNOT_EXEC);
+    const struct spawn_request *request = child->request;
     setpgid(0, 0);
-    confine(child);
     place_descriptors(child);
     reset_signals();
-    execve(child->program, child->argv, no_environment);
+    if (!confine_this_process(request->confinement, &request->limits, request->output)) _exit(CANNOT_CONFINE);
+    if (getppid() != child->parent) _exit(CANNOT_CONFINE);
+    confine_execute(request->confinement, child->argv);
     _exit(CANNOT_EXEC);
 }
 
@@ -132,26 +109,18 @@ static enum status fork_child(const struct child *child, struct spawned *spawned
 
 enum status spawn_worker(const struct spawn_request *request, struct spawned *spawned, struct error *error) {
     int ends[2] = {-1, -1};
-    rlim_t cpu_s = (rlim_t)((request->cpu_ms + 999) / 1000), memory = (rlim_t)request->memory_bytes;
-    struct child child = {.program = request->worker,
-                          .null_fd = -1,
-                          .log_fd = -1,
-                          .progress_fd = -1,
-                          .parent = getpid(),
-                          .memory = {memory, memory},
-                          .cpu = {cpu_s, cpu_s + 5}};
+    struct child child = {.request = request, .input_fd = -1, .log_fd = -1, .progress_fd = -1, .parent = getpid()};
     enum status status = STATUS_IO;
-    int null_fd = open("/dev/null", O_RDONLY | O_CLOEXEC);
-    if (null_fd >= 0) child.null_fd = above_progress_fd(null_fd);
+    child.input_fd = above_progress_fd(request->input_fd);
     child.log_fd = above_progress_fd(request->log_fd);
     if (pipe2(ends, O_CLOEXEC) == 0) child.progress_fd = above_progress_fd(ends[1]);
-    if (child.null_fd < 0 || child.log_fd < 0 || child.progress_fd < 0)
+    if (child.input_fd < 0 || child.log_fd < 0 || child.progress_fd < 0)
         error_set(error, status, "worker", "no descriptors: %s", strerror(errno));
     else if (!make_arguments(&child, request))
         status = error_set(error, STATUS_NO_MEMORY, "worker", "no memory");
     else
         status = fork_child(&child, spawned, error);
-    const int mine[] = {null_fd, child.null_fd, child.log_fd, child.progress_fd, ends[1]};
+    const int mine[] = {child.input_fd, child.log_fd, child.progress_fd, ends[1]};
     for (size_t i = 0; i < sizeof mine / sizeof *mine; i++) close_if_open(mine[i]);
     free_arguments(&child);
     if (status == STATUS_OK) {

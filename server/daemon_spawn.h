@@ -9,13 +9,16 @@
 
 #include "core/params.h"
 #include "core/status.h"
+#include "server/daemon_confine.h"
 
 struct spawn_request {
-    const char *worker, *input, *output; /* absolute paths */
+    const struct confinement *confinement; /* and the program */
+    int input_fd;                          /* the cloud; becomes standard input */
+    const char *output;                    /* absolute path of the folder for outputs */
     const struct params *params;
-    uint64_t threads;             /* instead of params->threads */
-    int log_fd;                   /* becomes standard output and error */
-    int64_t memory_bytes, cpu_ms; /* RLIMIT_AS (0 = none) and RLIMIT_CPU */
+    uint64_t threads; /* instead of params->threads */
+    int log_fd;       /* becomes standard output and error */
+    struct confine_limits limits;
 };
 
 struct spawned {
@@ -25,7 +28,7 @@ struct spawned {
 };
 
 /* Starts the program.  On success the descriptors are the caller's to close and the process to reap.  A program that
- * can't be executed is seen as exit status 127. */
+ * can't be executed is seen as exit status 127, one that can't be confined as 126. */
 enum status spawn_worker(const struct spawn_request *request, struct spawned *spawned, struct error *error) MUST_CHECK;
 
 #endif

@@ -16,17 +16,19 @@
 #include "server/log.h"
 #include "server/supervisor.h"
 
-enum { LOOK_AGAIN_S = 1, MAX_SLOTS = 256 };
+enum { LOOK_AGAIN_S = 1, OVERDUE_MS = 30000, MAX_SLOTS = 256 };
 
 struct slot {
     struct supervisor *supervisor;
     pthread_t thread;
     char id[JOB_ID_BYTES]; /* of the job that runs here; "" = none */
+    int64_t looked_ms;     /* when it last asked for a job, or could have */
     struct worker_control control;
 };
 
 struct supervisor {
     struct service *service;
+    struct confinement *confinement;
     pthread_mutex_t lock;
     pthread_cond_t submitted;
     bool stopping;
@@ -61,6 +63,7 @@ static bool next_job(struct slot *slot, struct job *job) {
     pthread_mutex_lock(&supervisor->lock);
     while (!supervisor->stopping && !(found = claim(slot, job))) {
         struct timespec until;
+        slot->looked_ms = events_clock_ms();
         clock_gettime(CLOCK_REALTIME, &until);
         until.tv_sec += LOOK_AGAIN_S;
         pthread_cond_timedwait(&supervisor->submitted, &supervisor->lock, &until);
@@ -75,10 +78,11 @@ static void *work(void *ctx) {
     struct job job;
     while (next_job(slot, &job)) {
         events_publish(supervisor->service->events, job.id);
-        worker_run(supervisor->service, &job, &slot->control);
+        worker_run(supervisor->service, supervisor->confinement, &job, &slot->control);
         job_done(&job);
         pthread_mutex_lock(&supervisor->lock);
         slot->id[0] = 0;
+        slot->looked_ms = events_clock_ms();
         pthread_mutex_unlock(&supervisor->lock);
     }
     pthread_mutex_lock(&supervisor->lock);
@@ -90,6 +94,7 @@ static void *work(void *ctx) {
 static bool start_slot(struct supervisor *supervisor) {
     struct slot *slot = &supervisor->slot[supervisor->slot_count];
     slot->supervisor = supervisor;
+    slot->looked_ms = events_clock_ms();
     slot->control.bell_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
     if (slot->control.bell_fd < 0) return false;
     pthread_mutex_lock(&supervisor->lock);
@@ -100,6 +105,18 @@ static bool start_slot(struct supervisor *supervisor) {
     return ok;
 }
 
+static enum status open_confinement(struct supervisor *supervisor, struct error *error) {
+    const struct config *config = supervisor->service->config;
+    char text[CONFINE_TEXT_BYTES];
+    if (supervisor->idle_fd < 0)
+        return error_set(error, STATUS_IO, "supervisor", "no descriptors: %s", strerror(errno));
+    enum status status = confine_open(config->worker, config->worker_sandbox, &supervisor->confinement, error);
+    if (status != STATUS_OK) return status;
+    confine_describe(supervisor->confinement, text);
+    log_line(LOG_INFO, "jobs are confined by %s", text);
+    return STATUS_OK;
+}
+
 enum status supervisor_open(struct service *service, struct supervisor **supervisor, struct error *error) {
     struct supervisor *opened = calloc(1, sizeof *opened);
     if (!opened) return error_set(error, STATUS_NO_MEMORY, "supervisor", "no memory");
@@ -107,16 +124,17 @@ enum status supervisor_open(struct service *service, struct supervisor **supervi
     pthread_mutex_init(&opened->lock, NULL);
     pthread_cond_init(&opened->submitted, NULL);
     opened->idle_fd = eventfd(0, EFD_CLOEXEC);
-    bool ok = opened->idle_fd >= 0;
-    for (int64_t i = 0; ok && i < service->config->workers; i++) ok = start_slot(opened);
-    if (ok) {
+    enum status status = open_confinement(opened, error);
+    for (int64_t i = 0; status == STATUS_OK && i < service->config->workers; i++)
+        if (!start_slot(opened))
+            status = error_set(error, STATUS_IO, "supervisor", "can't start its threads: %s", strerror(errno));
+    if (status == STATUS_OK) {
         *supervisor = opened;
         return STATUS_OK;
     }
-    error_set(error, STATUS_IO, "supervisor", "can't start its threads: %s", strerror(errno));
     supervisor_stop(opened);
     supervisor_close(opened);
-    return STATUS_IO;
+    return status;
 }
 
 void supervisor_notify(struct supervisor *supervisor) {
@@ -143,6 +161,16 @@ bool supervisor_cancel(struct supervisor *supervisor, const char *id) {
     return found;
 }
 
+bool supervisor_answers(struct supervisor *supervisor) {
+    bool all = true;
+    pthread_mutex_lock(&supervisor->lock);
+    int64_t overdue = events_clock_ms() - OVERDUE_MS;
+    for (unsigned i = 0; i < supervisor->slot_count && !supervisor->stopping; i++)
+        all = all && (supervisor->slot[i].id[0] || supervisor->slot[i].looked_ms > overdue);
+    pthread_mutex_unlock(&supervisor->lock);
+    return all;
+}
+
 void supervisor_stop(struct supervisor *supervisor) {
     pthread_mutex_lock(&supervisor->lock);
     supervisor->stopping = true;
@@ -166,6 +194,7 @@ void supervisor_close(struct supervisor *supervisor) {
         close(supervisor->slot[i].control.bell_fd);
     }
     if (supervisor->idle_fd >= 0) close(supervisor->idle_fd);
+    confine_close(supervisor->confinement);
     pthread_cond_destroy(&supervisor->submitted);
     pthread_mutex_destroy(&supervisor->lock);
     free(supervisor);

@@ -26,14 +26,23 @@
 
 #include "api/problem.h"
 #include "api/report_read.h"
+#include "core/fault.h"
 #include "server/daemon_spawn.h"
 #include "server/log.h"
+#include "server/metrics.h"
 #include "server/wire.h"
 
-enum { PROGRESS_EVERY_MS = 250, KILL_AFTER_MS = 2000, LAST_WORDS_BYTES = 200, REPORT_MAX_BYTES = 1 << 20 };
+enum {
+    PROGRESS_EVERY_MS = 250,
+    KILL_AFTER_MS = 2000,
+    LAST_WORDS_BYTES = 200,
+    RECORD_AGAIN_MS = 1000,
+    REPORT_MAX_BYTES = 1 << 20
+};
 
 struct run {
     struct service *service;
+    const struct confinement *confinement;
     struct job *job;
     struct worker_control *control;
     struct spawned process;
@@ -58,23 +67,28 @@ struct verdict {
 
 static enum status start(struct run *run, struct error *error) {
     const struct config *config = run->service->config;
-    char input[STORE_PATH_BYTES], output[STORE_PATH_BYTES];
-    store_cloud_path(run->service->store, run->job->cloud, input);
+    char output[STORE_PATH_BYTES];
+    fault_at("claimed");
     enum status status = store_outputs_begin(run->service->store, run->job->id, output, error);
     if (status != STATUS_OK) return status;
     run->log_fd = store_log_open(run->service->store, run->job->id, true);
     if (run->log_fd < 0) return error_set(error, STATUS_IO, "worker", "can't open the job's log: %s", strerror(errno));
     dprintf(run->log_fd, "attempt %d begins\n", run->job->attempt);
+    int input_fd = store_cloud_open(run->service->store, run->job->cloud);
+    if (input_fd < 0) return error_set(error, STATUS_IO, "worker", "can't open the job's input: %s", strerror(errno));
     uint64_t threads = run->job->params.threads ? run->job->params.threads : (uint64_t)config->threads_per_job;
-    struct spawn_request request = {.worker = config->worker,
-                                    .input = input,
+    struct spawn_request request = {.confinement = run->confinement,
+                                    .input_fd = input_fd,
                                     .output = output,
                                     .params = &run->job->params,
                                     .threads = threads,
                                     .log_fd = run->log_fd,
-                                    .memory_bytes = config->job_memory_bytes,
-                                    .cpu_ms = config->job_cpu_ms};
-    return spawn_worker(&request, &run->process, error);
+                                    .limits = {.memory_bytes = config->job_memory_bytes,
+                                               .cpu_ms = config->job_cpu_ms,
+                                               .file_bytes = config->job_file_bytes}};
+    status = spawn_worker(&request, &run->process, error);
+    close(input_fd);
+    return status;
 }
 
 /* ------------------------------------------------------------------------------------------------ watch */
@@ -192,6 +206,7 @@ static void write_obituary(const struct run *run, enum problem_kind kind, struct
     int number = by_signal ? WTERMSIG(run->wait_status) : WEXITSTATUS(run->wait_status);
     snprintf(how, sizeof how, "%s %d%s%s", by_signal ? "signal" : "exit status", number, by_signal ? ", " : "",
              by_signal ? strsignal(number) : "");
+    if (by_signal && number == SIGSYS) snprintf(how, sizeof how, "a system call that a job may not make");
     problem_set(problem, kind, "the process of attempt %d ended with %s%s%s", job->attempt, how,
                 job->stage[0] ? " in stage " : "", job->stage);
     problem_add_number(problem, by_signal ? "signal" : "exit_status", number);
@@ -269,7 +284,7 @@ static void keep_outputs(struct run *run, struct verdict *verdict) {
     log_line(LOG_ERROR, "job=%s outputs can't be kept: %s", job->id, error.text);
     job->output_count = 0;
     verdict->event = JOB_FAIL;
-    problem_set(&verdict->problem, PROBLEM_INTERNAL_ERROR, "the outputs can't be stored");
+    problem_from_error(&verdict->problem, &error);
 }
 
 static void log_verdict(const struct run *run, const struct verdict *verdict) {
@@ -286,31 +301,51 @@ static void log_verdict(const struct run *run, const struct verdict *verdict) {
                 verdict->problem.detail);
 }
 
-static void settle(struct run *run, struct verdict *verdict) {
+/* Records the end.  A database that refuses is asked again: until it does, the job can't be anything else, and taking
+ * more work would lead nowhere.  A drain ends the wait; the next start finds the job running, and mends that. */
+static void record(const struct run *run, const struct verdict *verdict) {
     struct error error = {0};
+    bool changed;
+    while (queue_finish(run->service->queue, verdict->event, run->job, &changed, &error) != STATUS_OK) {
+        log_line(LOG_ERROR, "job=%s its end can't be recorded: %s", run->job->id, error.text);
+        if (atomic_load(&run->service->draining)) return;
+        poll(NULL, 0, RECORD_AGAIN_MS);
+    }
+}
+
+static void settle(struct run *run, struct verdict *verdict) {
     struct job *job = run->job;
-    bool changed = false;
     if (verdict->event == JOB_DONE) keep_outputs(run, verdict);
+    fault_at("outputs-kept");
     store_outputs_drop(run->service->store, job->id);
     log_verdict(run, verdict);
+    metrics_run(run->service->metrics, verdict->event, job->cpu_s, job->wall_s);
     if (verdict->event == JOB_FAIL) {
         free(job->problem);
         job->problem = problem_encode(&verdict->problem);
     }
     job->expires_ms = job_now_ms() + run->service->config->retention_ms;
-    enum status status = queue_finish(run->service->queue, verdict->event, job, &changed, &error);
-    if (status != STATUS_OK) log_line(LOG_ERROR, "job=%s its end can't be recorded: %s", job->id, error.text);
+    struct job_cost cost = estimate_cost(job);
+    if (verdict->event == JOB_DONE) estimate_learn(run->service->estimate, &cost, job->wall_s, job_now_ms());
+    record(run, verdict);
+    fault_at("job-recorded");
     events_publish(run->service->events, job->id);
 }
 
-void worker_run(struct service *service, struct job *job, struct worker_control *control) {
-    struct run run = {
-        .service = service, .job = job, .control = control, .log_fd = -1, .started_ms = events_clock_ms()};
+void worker_run(struct service *service, const struct confinement *confinement, struct job *job,
+                struct worker_control *control) {
+    struct run run = {.service = service,
+                      .confinement = confinement,
+                      .job = job,
+                      .control = control,
+                      .log_fd = -1,
+                      .started_ms = events_clock_ms()};
     struct verdict *verdict = calloc(1, sizeof *verdict);
     struct error error = {0};
     enum status status = verdict ? start(&run, &error) : STATUS_NO_MEMORY;
     if (status == STATUS_OK) {
         log_line(LOG_INFO, "job=%s accepted -> running attempt=%d pid=%d", job->id, job->attempt, (int)run.process.pid);
+        fault_at("started");
         watch(&run);
         reap(&run);
         judge(&run, verdict);

@@ -6,6 +6,7 @@
 
 #include <stdatomic.h>
 
+#include "server/daemon_confine.h"
 #include "server/job.h"
 #include "server/service.h"
 
@@ -19,6 +20,7 @@ struct worker_control {
 
 /* Runs a claimed job to its end and records in the queue what became of it (published and logged).  Blocks for as long
  * as the process lives. */
-void worker_run(struct service *service, struct job *job, struct worker_control *control);
+void worker_run(struct service *service, const struct confinement *confinement, struct job *job,
+                struct worker_control *control);
 
 #endif

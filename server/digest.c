@@ -6,10 +6,14 @@
 #include <errno.h>
 #include <nettle/base16.h>
 #include <nettle/base64.h>
+#include <nettle/hmac.h>
+#include <nettle/memops.h>
 #include <nettle/sha2.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
+
+#include "core/alloc.h"
 
 enum { BLOCK_BYTES = 256 * 1024 };
 
@@ -18,7 +22,7 @@ struct digest {
 };
 
 struct digest *digest_new(void) {
-    struct digest *digest = malloc(sizeof *digest);
+    struct digest *digest = alloc_array(1, sizeof *digest);
     if (digest) sha256_init(&digest->sha);
     return digest;
 }
@@ -49,13 +53,36 @@ static int read_all(int fd, struct digest *digest, unsigned char *block, uint64_
 
 int digest_file(int fd, char hex[DIGEST_HEX_BYTES], uint64_t *bytes) {
     struct digest *digest = digest_new();
-    unsigned char *block = malloc(BLOCK_BYTES);
+    unsigned char *block = alloc_array(1, BLOCK_BYTES);
     int result = -1;
     if (digest && block) result = read_all(fd, digest, block, bytes);
     if (result == 0) digest_finish(digest, hex);
     free(block);
     digest_free(digest);
     return result;
+}
+
+bool digest_text(const char *text, char hex[DIGEST_HEX_BYTES]) {
+    struct digest *digest = digest_new();
+    if (!digest) return false;
+    digest_update(digest, text, strlen(text));
+    digest_finish(digest, hex);
+    digest_free(digest);
+    return true;
+}
+
+void digest_hmac(const void *key, size_t key_bytes, const void *message, size_t bytes, char hex[DIGEST_HEX_BYTES]) {
+    struct hmac_sha256_ctx ctx;
+    uint8_t raw[SHA256_DIGEST_SIZE];
+    hmac_sha256_set_key(&ctx, key_bytes, key);
+    hmac_sha256_update(&ctx, bytes, message);
+    hmac_sha256_digest(&ctx, sizeof raw, raw);
+    base16_encode_update(hex, sizeof raw, raw);
+    hex[DIGEST_HEX_BYTES - 1] = 0;
+}
+
+bool digest_same(const char a[DIGEST_HEX_BYTES], const char b[DIGEST_HEX_BYTES]) {
+    return memeql_sec(a, b, DIGEST_HEX_BYTES - 1) != 0;
 }
 
 void digest_base64(const char hex[DIGEST_HEX_BYTES], char base64[DIGEST_BASE64_BYTES]) {

@@ -4,6 +4,7 @@
 #ifndef WHITTLE_SERVER_DIGEST_H
 #define WHITTLE_SERVER_DIGEST_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -22,6 +23,15 @@ void digest_finish(struct digest *digest, char hex[DIGEST_HEX_BYTES]);
 
 /* The hash and length of an open file, read from its start in blocks.  -1 with errno when it can't be read. */
 int digest_file(int fd, char hex[DIGEST_HEX_BYTES], uint64_t *bytes);
+
+/* The hash of a text; false when memory runs out. */
+bool digest_text(const char *text, char hex[DIGEST_HEX_BYTES]);
+
+/* HMAC-SHA256 of a message, as lower-case hexadecimal. */
+void digest_hmac(const void *key, size_t key_bytes, const void *message, size_t bytes, char hex[DIGEST_HEX_BYTES]);
+
+/* Whether two hashes in hexadecimal are the same, in a time that doesn't tell where they differ. */
+bool digest_same(const char a[DIGEST_HEX_BYTES], const char b[DIGEST_HEX_BYTES]);
 
 /* Hexadecimal to base64, as Repr-Digest wants it. */
 void digest_base64(const char hex[DIGEST_HEX_BYTES], char base64[DIGEST_BASE64_BYTES]);

@@ -3,10 +3,10 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/handlers.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 
 #include "api/job_json.h"
 
@@ -21,48 +21,31 @@ static const struct handler table[OPERATION_COUNT] = {
     [OPERATION_GET_LOG] = {NULL, handlers_get_log, false},
     [OPERATION_LIST_OUTPUTS] = {NULL, handlers_list_outputs, false},
     [OPERATION_GET_OUTPUT] = {NULL, handlers_get_output, false},
+    [OPERATION_CREATE_LINK] = {NULL, handlers_create_link, false},
+    [OPERATION_CREATE_CLOUD] = {handlers_admit_new_cloud, handlers_create_cloud, false},
+    [OPERATION_LIST_CLOUDS] = {NULL, handlers_list_clouds, false},
+    [OPERATION_GET_CLOUD] = {NULL, handlers_get_cloud, false},
+    [OPERATION_DELETE_CLOUD] = {NULL, handlers_delete_cloud, false},
+    [OPERATION_GET_CLOUD_DATA] = {NULL, handlers_get_cloud_data, false},
     [OPERATION_GET_PARAMETERS] = {NULL, handlers_get_parameters, true},
     [OPERATION_GET_INFO] = {NULL, handlers_get_info, true},
     [OPERATION_GET_CONTRACT] = {NULL, handlers_get_contract, true},
     [OPERATION_GET_PROBLEM] = {NULL, handlers_get_problem, true},
     [OPERATION_GET_HEALTH] = {NULL, handlers_get_health, true},
     [OPERATION_GET_READINESS] = {NULL, handlers_get_readiness, true},
+    [OPERATION_GET_METRICS] = {NULL, handlers_get_metrics, true},
 };
 
 const struct handler *handlers_find(enum operation operation) { return &table[operation]; }
 
 /* ------------------------------------------------------------------------------------------------ clouds come in */
 
-/* curl's default, browsers' and honest types; what a cloud is, its first bytes tell. */
-static bool is_accepted_type(const char *type) {
-    static const char *const accepted[] = {"application/octet-stream",
-                                           "application/x-www-form-urlencoded",
-                                           "application/ply",
-                                           "application/x-ply",
-                                           "binary/octet-stream",
-                                           "text/",
-                                           "model/"};
-    if (!type || !*type) return true;
-    for (size_t i = 0; i < sizeof accepted / sizeof *accepted; i++)
-        if (strncasecmp(type, accepted[i], strlen(accepted[i])) == 0) return true;
-    return false;
-}
-
-static bool refuse_media(struct response *response, const char *what, const char *value, const char *supported) {
-    struct problem problem;
-    problem_set(&problem, PROBLEM_UNSUPPORTED_FORMAT, "%s %.80s is not taken; send the cloud as the raw body", what,
-                value);
-    problem_add_list(&problem, "supported", supported);
-    response_problem(response, &problem);
-    return false;
-}
-
-static bool has_room(struct service *service, const struct request *request, struct response *response) {
+static bool has_room(struct service *service, const struct request *request, bool for_job, struct response *response) {
     uint64_t waiting, running, body = request->content_length == UINT64_MAX ? 0 : request->content_length;
     queue_depth(service->queue, &waiting, &running);
     if (atomic_load(&service->draining))
         response_refuse(response, PROBLEM_DRAINING, "the service is about to stop");
-    else if (waiting >= (uint64_t)service->config->max_queue)
+    else if (for_job && waiting >= (uint64_t)service->config->max_queue)
         response_refuse(response, PROBLEM_QUEUE_FULL, "%llu jobs are waiting", (unsigned long long)waiting);
     else if (body <= (uint64_t)service->config->max_body_bytes &&
              store_free_bytes(service->store) < body + (uint64_t)service->config->min_free_bytes)
@@ -72,21 +55,41 @@ static bool has_room(struct service *service, const struct request *request, str
     return false;
 }
 
-bool handlers_admit_cloud(struct service *service, struct request *request, struct response *response) {
-    const char *type = request->header[HEADER_CONTENT_TYPE], *coding = request->header[HEADER_CONTENT_ENCODING];
+bool handlers_admit_body(struct service *service, struct request *request, unsigned takes, const char *const *names,
+                         struct response *response) {
+    const struct config *config = service->config;
+    struct body_plan plan = {.takes = takes,
+                             .store = service->store,
+                             .max_bytes = (uint64_t)config->max_body_bytes,
+                             .max_expansion = (uint32_t)config->max_expansion,
+                             .content_length = request->content_length,
+                             .type = request->header[HEADER_CONTENT_TYPE],
+                             .coding = request->header[HEADER_CONTENT_ENCODING],
+                             .content_digest = request->header[HEADER_CONTENT_DIGEST],
+                             .repr_digest = request->header[HEADER_REPR_DIGEST],
+                             .names = names};
     struct problem problem;
-    if (!is_accepted_type(type))
-        return refuse_media(response, "Content-Type", type, "application/octet-stream,text/plain,model/ply");
-    if (coding && strcasecmp(coding, "identity") != 0)
-        return refuse_media(response, "Content-Encoding", coding, "identity");
-    if (!has_room(service, request, response)) return false;
-    request->upload =
-        upload_new(service->store, request->content_length, (uint64_t)service->config->max_body_bytes, &problem);
-    if (!request->upload) response_problem(response, &problem);
-    return request->upload != NULL;
+    if (!has_room(service, request, takes & BODY_JSON, response)) return false;
+    request->body = body_new(&plan, &problem);
+    if (!request->body) response_problem(response, &problem);
+    return request->body != NULL;
 }
 
-bool handlers_read_label(const struct request *request, struct job *job, struct problem *problem) {
+bool handlers_end_body(struct request *request, struct response *response) {
+    struct problem problem;
+    size_t room = REQUEST_MAX_QUERY - request->query_count;
+    bool ok = body_end(request->body, &problem);
+    size_t count = ok ? body_pairs(request->body, request->query + request->query_count, room) : 0;
+    if (count > room) problem_set(&problem, PROBLEM_MALFORMED_REQUEST, "there are too many parameters");
+    if (ok && count <= room) {
+        request->query_count += count;
+        return true;
+    }
+    response_problem(response, &problem);
+    return false;
+}
+
+bool handlers_read_wishes(const struct request *request, struct job *job, struct problem *problem) {
     const char *label = query_find(request->query, request->query_count, "label");
     if (label && (strlen(label) >= JOB_LABEL_BYTES || !query_is_text(label))) {
         problem_set(problem, PROBLEM_INVALID_PARAMETER, "label: takes up to 128 bytes of UTF-8");
@@ -94,23 +97,79 @@ bool handlers_read_label(const struct request *request, struct job *job, struct 
         return false;
     }
     snprintf(job->label, sizeof job->label, "%s", label ? label : "");
+    const char *priority = query_find(request->query, request->query_count, "priority");
+    bool digit = priority && priority[0] >= '0' && priority[0] <= '0' + JOB_PRIORITY_MAX && !priority[1];
+    if (priority && !digit) {
+        problem_set(problem, PROBLEM_INVALID_PARAMETER, "priority: takes a whole number from 0 to %d",
+                    JOB_PRIORITY_MAX);
+        problem_add_error(problem, "priority", priority, "a whole number from 0 to 9", NULL);
+        return false;
+    }
+    job->priority = priority ? priority[0] - '0' : JOB_PRIORITY_DEFAULT;
     return true;
 }
 
-bool handlers_submit(struct service *service, struct request *request, struct job *job, struct response *response) {
-    struct upload_facts facts;
+/* Cache-Control: no-cache asks for a run, even where a result is there. */
+static bool wants_fresh(const struct request *request) {
+    const char *control = request->header[HEADER_CACHE_CONTROL];
+    return control && strcasestr(control, "no-cache");
+}
+
+bool handlers_end_upload(struct request *request, struct upload_facts *facts, struct response *response) {
     struct problem problem;
-    struct error error = {0};
-    if (!upload_end(request->upload, &facts, &problem)) {
-        response_problem(response, &problem);
+    if (upload_end(body_upload(request->body), facts, &problem)) return true;
+    response_problem(response, &problem);
+    return false;
+}
+
+/* What is known of the request's input, which is in its body or here already. */
+static bool read_input(struct service *service, struct request *request, struct upload_facts *facts,
+                       struct response *response) {
+    struct clouds_record record;
+    if (body_upload(request->body)) return handlers_end_upload(request, facts, response);
+    bool found = handlers_read_cloud(service, request, body_input(request->body), &record, response);
+    *facts = (struct upload_facts){.bytes = record.bytes, .points = record.points};
+    memcpy(facts->sha256, record.sha256, sizeof facts->sha256);
+    memcpy(facts->format, record.format, sizeof facts->format);
+    clouds_record_done(&record);
+    return found;
+}
+
+/* Whether the request came before under its key: then job->id is set.  false: the response says why. */
+static bool came_before(struct service *service, const struct request *request, struct job *job, const char *cloud,
+                        struct job_key *key, struct idempotency_record *before, struct response *response) {
+    bool found = false;
+    if (!request->claim.held) return true;
+    if (!handlers_fingerprint(request, job, cloud, key)) {
+        response_refuse(response, PROBLEM_INTERNAL_ERROR, "no memory");
         return false;
     }
+    if (!handlers_find_reply(service, request, key, before, &found, response)) return false;
+    if (found)
+        snprintf(job->id, sizeof job->id, "%.36s", before->made);
+    else
+        job->key = key;
+    return true;
+}
+
+bool handlers_submit(struct service *service, struct request *request, struct job *job,
+                     struct idempotency_record *before, struct response *response) {
+    struct upload_facts facts;
+    struct error error = {0};
+    struct job_key key;
+    memset(before, 0, sizeof *before);
+    if (!read_input(service, request, &facts, response)) return false;
+    memcpy(job->principal, request->principal.name, sizeof job->principal);
     job->params.outputs |= OUTPUT_REPORT; /* the job document carries the report's figures */
-    enum status status = service_submit(service, request->upload, &facts, job, &error);
-    upload_free(request->upload);
-    request->upload = NULL;
+    if (!came_before(service, request, job, facts.sha256, &key, before, response)) return false;
+    if (job->id[0]) return true;
+    enum status status = service_submit(service, body_upload(request->body), &facts, job, wants_fresh(request), &error);
+    job->key = NULL;
+    body_drop_upload(request->body);
     if (status == STATUS_LIMIT)
         response_refuse(response, PROBLEM_QUEUE_FULL, "%s", error.text);
+    else if (status == STATUS_BAD_PARAMETER)
+        response_refuse(response, PROBLEM_NO_SUCH_CLOUD, "%s", error.text);
     else if (status != STATUS_OK)
         response_error(response, &error);
     return status == STATUS_OK;
@@ -118,15 +177,21 @@ bool handlers_submit(struct service *service, struct request *request, struct jo
 
 /* ------------------------------------------------------------------------------------------------ jobs go out */
 
-bool handlers_read_job(struct service *service, const char *id, struct job *job, struct response *response) {
+bool handlers_read_job(struct service *service, const struct request *request, const char *id, struct job *job,
+                       struct response *response) {
     struct error error = {0};
     struct problem problem;
     enum queue_presence presence = QUEUE_ABSENT;
-    struct queue_tombstone tombstone;
+    struct queue_tombstone tombstone = {0};
     memset(job, 0, sizeof *job);
     if (job_id_valid(id) && queue_get(service->queue, id, job, &presence, &tombstone, &error) != STATUS_OK) {
         response_error(response, &error);
         return false;
+    }
+    const char *owner = presence == QUEUE_PRESENT ? job->principal : tombstone.principal;
+    if (presence != QUEUE_ABSENT && !principal_sees(&request->principal, owner)) {
+        job_done(job);
+        presence = QUEUE_ABSENT;
     }
     if (presence == QUEUE_PRESENT) return true;
     if (presence == QUEUE_ABSENT) {
@@ -141,13 +206,14 @@ bool handlers_read_job(struct service *service, const char *id, struct job *job,
     return false;
 }
 
-struct job_document handlers_document(const struct job *job) {
+struct job_document handlers_document(struct service *service, const struct job *job) {
     return (struct job_document){
         .id = job->id,
         .status = job_state_name(job->state),
         .stage = job->stage,
         .message = job->message,
         .label = job->label,
+        .principal = job->principal,
         .fraction = job->fraction,
         .created_ms = job->created_ms,
         .started_ms = job->started_ms,
@@ -155,6 +221,8 @@ struct job_document handlers_document(const struct job *job) {
         .updated_ms = job->updated_ms,
         .expires_ms = job->expires_ms,
         .ahead = job->ahead,
+        .priority = job->priority,
+        .time_left_s = job_ended(job->state) ? NAN : service_time_left(service, job),
         .attempt = job->attempt,
         .cloud = job->cloud,
         .input_points = job->input_points,
@@ -170,10 +238,14 @@ struct job_document handlers_document(const struct job *job) {
     };
 }
 
-void handlers_job_response(const struct job *job, int status, struct response *response) {
-    struct job_document document = handlers_document(job);
+void handlers_job_response(struct service *service, const struct job *job, int status, struct response *response) {
+    struct job_document document = handlers_document(service, job);
     response_text(response, status, "application/json", job_encode(&document));
     response_header(response, "ETag", "\"%llu\"", (unsigned long long)job->sequence);
     response_header(response, "Cache-Control", "no-cache");
     if (!job_ended(job->state)) response_header(response, "Retry-After", "1");
+}
+
+void handlers_cache_status(bool hit, struct response *response) {
+    response_header(response, "Cache-Status", hit ? "whittled; hit" : "whittled; fwd=miss");
 }

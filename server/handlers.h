@@ -7,12 +7,13 @@
 #include <stdbool.h>
 
 #include "api/job_json.h"
+#include "server/clouds.h"
 #include "server/message.h"
 #include "server/service.h"
 
 struct handler {
-    /* Called when the headers are in, before the body: false refuses it, with a response.  Creates request->upload for
-     * an operation that takes a cloud.  Must not block.  NULL: the operation takes no body, and refuses nothing. */
+    /* Called when the headers are in, before the body: false refuses it, with a response.  Creates request->body for
+     * an operation that takes one.  Must not block.  NULL: the operation takes no body, and refuses nothing. */
     bool (*admit)(struct service *service, struct request *request, struct response *response);
 
     /* Makes the response; may block, unless `quick`. */
@@ -26,24 +27,46 @@ const struct handler *handlers_find(enum operation operation);
 
 /* ---- shared by the handlers_*.c ---- */
 
-/* Whether new work is taken now, and the request's headers fit a cloud as its raw body; else a response. */
-bool handlers_admit_cloud(struct service *service, struct request *request, struct response *response);
+/* Whether new work is taken now, and the request's headers fit a body that the operation takes (a set of enum
+ * body_kind; where it may be JSON, it is for a job, and the queue must have room; names as in struct body_plan); else a
+ * response. */
+bool handlers_admit_body(struct service *service, struct request *request, unsigned takes, const char *const *names,
+                         struct response *response);
 
-/* Takes `label` from the query; false: *problem says why. */
-bool handlers_read_label(const struct request *request, struct job *job, struct problem *problem);
+/* The last checks of the request's body, and what it says of parameters is added to the query; false: the response says
+ * what is wrong.  To be called once, before the query is read. */
+bool handlers_end_body(struct request *request, struct response *response);
 
-/* Reads the job in the path; false: there is none, and the response (404, 410) says so.  The job is the caller's, to
- * job_done, either way. */
-bool handlers_read_job(struct service *service, const char *id, struct job *job, struct response *response);
+/* The last checks of the cloud in the request's body; false: the response says what is wrong. */
+bool handlers_end_upload(struct request *request, struct upload_facts *facts, struct response *response);
 
-/* Submits the request's upload as a job with these parameters; false: the response says why. */
-bool handlers_submit(struct service *service, struct request *request, struct job *job, struct response *response);
+/* Reads the cloud of this id; false: there is none that the request's principal may see, and the response says so.  The
+ * record is the caller's either way. */
+bool handlers_read_cloud(struct service *service, const struct request *request, const char *id,
+                         struct clouds_record *record, struct response *response);
+
+/* Takes `label` and `priority` from the query; false: *problem says why. */
+bool handlers_read_wishes(const struct request *request, struct job *job, struct problem *problem);
+
+/* Reads the job of this id; false: there is none that the request's principal may see, and the response (404, 410) says
+ * so.  The job is the caller's, to job_done, either way. */
+bool handlers_read_job(struct service *service, const struct request *request, const char *id, struct job *job,
+                       struct response *response);
+
+/* Submits a job for the cloud that the request's body holds or names, with these parameters; false: the response says
+ * why.  Where the same request came before under the same key, *before says what it made, job->id is that job's, and
+ * nothing is submitted; it is the caller's, to idempotency_record_done. */
+bool handlers_submit(struct service *service, struct request *request, struct job *job,
+                     struct idempotency_record *before, struct response *response);
 
 /* A view of the job as its document; borrows the job. */
-struct job_document handlers_document(const struct job *job);
+struct job_document handlers_document(struct service *service, const struct job *job);
 
 /* The job document as a response with this status, its ETag and, while the job has not ended, Retry-After. */
-void handlers_job_response(const struct job *job, int status, struct response *response);
+void handlers_job_response(struct service *service, const struct job *job, int status, struct response *response);
+
+/* Cache-Status: whether an earlier job's outputs serve this one: what service_submit found. */
+void handlers_cache_status(bool hit, struct response *response);
 
 /* A file's content, or the range of it that was asked for; takes fd.  etag NULL: none, nothing is conditional. */
 void handlers_send_file(const struct request *request, int fd, uint64_t bytes, const char *etag,
@@ -52,6 +75,38 @@ void handlers_send_file(const struct request *request, int fd, uint64_t bytes, c
 /* An output of a successful job with all of its headers, or 304, 404. */
 void handlers_send_output(struct service *service, const struct request *request, const struct job *job,
                           const char *name, struct response *response);
+
+/* The same for content that is open already; takes fd (-1: it could not be opened).  output names, measures and hashes
+ * it. */
+void handlers_send_content(const struct request *request, const struct job *job, const struct job_output *output,
+                           int fd, struct response *response);
+
+/* Reads the job of the path; false: the response says that there is none, or that it was not successful.  The job is
+ * the caller's either way. */
+bool handlers_read_successful(struct service *service, const struct request *request, struct job *job,
+                              struct response *response);
+
+/* The job's output of this name; NULL where it has none. */
+const struct job_output *handlers_find_output(const struct job *job, const char *name);
+
+/* Takes hold of the request's Idempotency-Key, where it has one and the operation takes one; else a response: it is
+ * malformed, or another request with it is under way.  Must not block. */
+bool handlers_admit_key(struct service *service, struct request *request, struct response *response);
+
+/* The key, and a fingerprint of the complete request: for this cloud (its hash), and with what the job asks (NULL =
+ * nothing).  false: memory runs out. */
+bool handlers_fingerprint(const struct request *request, const struct job *job, const char *cloud, struct job_key *key);
+
+/* What the request made when it came before; false: the response says that the key stands for another one.  The record
+ * is the caller's where *found, to idempotency_record_done. */
+bool handlers_find_reply(struct service *service, const struct request *request, const struct job_key *key,
+                         struct idempotency_record *record, bool *found, struct response *response);
+
+/* Keeps the response for when the request comes again; nothing where it has no key, or is refused. */
+void handlers_keep_reply(struct service *service, const struct request *request, const struct response *response);
+
+/* Makes the response that was kept; takes it out of the record. */
+void handlers_replay(struct idempotency_record *record, struct response *response);
 
 /* The handlers themselves. */
 bool handlers_admit_job(struct service *service, struct request *request, struct response *response);
@@ -65,6 +120,13 @@ void handlers_get_events(struct service *service, struct request *request, struc
 void handlers_get_log(struct service *service, struct request *request, struct response *response);
 void handlers_list_outputs(struct service *service, struct request *request, struct response *response);
 void handlers_get_output(struct service *service, struct request *request, struct response *response);
+void handlers_create_link(struct service *service, struct request *request, struct response *response);
+bool handlers_admit_new_cloud(struct service *service, struct request *request, struct response *response);
+void handlers_create_cloud(struct service *service, struct request *request, struct response *response);
+void handlers_list_clouds(struct service *service, struct request *request, struct response *response);
+void handlers_get_cloud(struct service *service, struct request *request, struct response *response);
+void handlers_delete_cloud(struct service *service, struct request *request, struct response *response);
+void handlers_get_cloud_data(struct service *service, struct request *request, struct response *response);
 void handlers_get_page(struct service *service, struct request *request, struct response *response);
 void handlers_get_parameters(struct service *service, struct request *request, struct response *response);
 void handlers_get_info(struct service *service, struct request *request, struct response *response);
@@ -72,5 +134,6 @@ void handlers_get_contract(struct service *service, struct request *request, str
 void handlers_get_problem(struct service *service, struct request *request, struct response *response);
 void handlers_get_health(struct service *service, struct request *request, struct response *response);
 void handlers_get_readiness(struct service *service, struct request *request, struct response *response);
+void handlers_get_metrics(struct service *service, struct request *request, struct response *response);
 
 #endif

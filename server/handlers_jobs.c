@@ -14,31 +14,46 @@ enum { LIST_DEFAULT = 50, LIST_MAX = 500, HEARTBEAT_MS = 15000, CANCEL_LOOK_MS =
 
 /* ------------------------------------------------------------------------------------------------ create */
 
-static const char *const create_names[] = {"label", NULL};
+static const char *const create_names[] = {"label", "priority", NULL};
 
 /* Reads parameters and label from the query. */
 static bool read_create(const struct request *request, struct job *job, struct response *response) {
     struct problem problem;
     bool ok = query_decode_params(request->query, request->query_count, create_names, &job->params, &problem) &&
-              handlers_read_label(request, job, &problem);
+              handlers_read_wishes(request, job, &problem);
     if (!ok) response_problem(response, &problem);
     return ok;
 }
 
 bool handlers_admit_job(struct service *service, struct request *request, struct response *response) {
     struct job job = {0};
-    return read_create(request, &job, response) && handlers_admit_cloud(service, request, response);
+    return read_create(request, &job, response) &&
+           handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM | BODY_JSON, create_names, response);
+}
+
+/* The job as it is now, or the reply that was given to the same request before. */
+static void answer_created(struct service *service, const struct request *request, const struct job *job,
+                           struct idempotency_record *before, struct response *response) {
+    struct job stored = {0};
+    if (before->reply) {
+        handlers_replay(before, response);
+    } else if (handlers_read_job(service, request, job->id, &stored, response)) {
+        handlers_job_response(service, &stored, 201, response);
+        handlers_keep_reply(service, request, response);
+        handlers_cache_status(job->state == JOB_SUCCESSFUL, response);
+    }
+    if (response->status == 201) response_header(response, "Location", "/v1/jobs/%s", job->id);
+    job_done(&stored);
 }
 
 void handlers_create_job(struct service *service, struct request *request, struct response *response) {
     struct job job = {0};
-    if (!read_create(request, &job, response) || !handlers_submit(service, request, &job, response)) return;
-    struct job stored;
-    if (handlers_read_job(service, job.id, &stored, response)) {
-        handlers_job_response(&stored, 201, response);
-        response_header(response, "Location", "/v1/jobs/%s", job.id);
-    }
-    job_done(&stored);
+    struct idempotency_record before = {0};
+    if (handlers_end_body(request, response) && read_create(request, &job, response) &&
+        handlers_submit(service, request, &job, &before, response))
+        answer_created(service, request, &job, &before, response);
+    idempotency_record_done(&before);
+    job_done(&job);
 }
 
 /* ------------------------------------------------------------------------------------------------ list */
@@ -104,13 +119,14 @@ void handlers_list_jobs(struct service *service, struct request *request, struct
     struct error error = {0};
     size_t limit, count = 0;
     if (!read_filter(request, &filter, &limit, response)) return;
+    if (!(request->principal.scopes & ROUTES_ADMIN)) filter.principal = request->principal.name;
     struct job *jobs = calloc(limit + 1, sizeof *jobs);
     struct job_document *documents = calloc(limit + 1, sizeof *documents);
     enum status status = jobs && documents ? STATUS_OK : error_set(&error, STATUS_NO_MEMORY, "jobs", "no memory");
     if (status == STATUS_OK) status = queue_list(service->queue, &filter, jobs, limit + 1, &count, &error);
     if (status == STATUS_OK) {
         size_t shown = count > limit ? limit : count;
-        for (size_t i = 0; i < shown; i++) documents[i] = handlers_document(&jobs[i]);
+        for (size_t i = 0; i < shown; i++) documents[i] = handlers_document(service, &jobs[i]);
         response_text(response, 200, "application/json", job_list_encode(documents, shown));
         response_header(response, "Cache-Control", "no-cache");
         if (count > limit) link_next(&filter, limit, jobs[limit - 1].id, response);
@@ -146,7 +162,7 @@ void handlers_get_job(struct service *service, struct request *request, struct r
     struct job job;
     if (!takes_no_query(request, response)) return;
     wait->seen = events_now(service->events);
-    if (handlers_read_job(service, request->match.capture[0], &job, response)) {
+    if (handlers_read_job(service, request, request->match.capture[0], &job, response)) {
         char etag[32];
         snprintf(etag, sizeof etag, "\"%llu\"", (unsigned long long)job.sequence);
         if (!wait->calls) {
@@ -162,7 +178,7 @@ void handlers_get_job(struct service *service, struct request *request, struct r
             response->status = 304;
             response_header(response, "ETag", "%s", etag);
         } else {
-            handlers_job_response(&job, 200, response);
+            handlers_job_response(service, &job, 200, response);
         }
     }
     job_done(&job);
@@ -205,11 +221,11 @@ void handlers_delete_job(struct service *service, struct request *request, struc
     bool changed = false;
     if (!takes_no_query(request, response)) return;
     request->wait.seen = events_now(service->events);
-    bool found = handlers_read_job(service, id, &job, response);
+    bool found = handlers_read_job(service, request, id, &job, response);
     if (found && job.state == JOB_ACCEPTED) {
         found = dismiss_waiting(service, &job, response);
         job_done(&job);
-        found = found && handlers_read_job(service, id, &job, response);
+        found = found && handlers_read_job(service, request, id, &job, response);
     } else if (found && job_ended(job.state) && request->wait.calls == 0 &&
                service_delete(service, &job, "deleted", &changed, &error) != STATUS_OK) {
         response_error(response, &error);
@@ -218,14 +234,14 @@ void handlers_delete_job(struct service *service, struct request *request, struc
     if (found && job.state == JOB_RUNNING && request->wait.why != EVENTS_CLOSED)
         dismiss_running(service, request, &job, response);
     else if (found)
-        handlers_job_response(&job, 200, response);
+        handlers_job_response(service, &job, 200, response);
     job_done(&job);
 }
 
 /* ------------------------------------------------------------------------------------------------ events */
 
-static void put_event(FILE *out, const char *name, const struct job *job) {
-    struct job_document document = handlers_document(job);
+static void put_event(struct service *service, FILE *out, const char *name, const struct job *job) {
+    struct job_document document = handlers_document(service, job);
     char *data = job_event_encode(&document);
     fprintf(out, "event: %s\nid: %llu\ndata: %s\n\n", name, (unsigned long long)job->sequence, data ? data : "{}");
     free(data);
@@ -238,13 +254,13 @@ static void put_outputs(FILE *out, const struct job *job) {
 }
 
 /* What is new since the last piece, as events; a comment where nothing is. */
-static void put_news(FILE *out, struct request_wait *wait, const struct job *job) {
+static void put_news(struct service *service, FILE *out, struct request_wait *wait, const struct job *job) {
     bool first = wait->calls == 0, state_changed = first || wait->state != (int)job->state;
-    if (state_changed) put_event(out, "status", job);
-    if (!state_changed && wait->sequence != job->sequence) put_event(out, "progress", job);
+    if (state_changed) put_event(service, out, "status", job);
+    if (!state_changed && wait->sequence != job->sequence) put_event(service, out, "progress", job);
     if (job_ended(job->state)) {
         put_outputs(out, job);
-        put_event(out, "end", job);
+        put_event(service, out, "end", job);
     } else if (!state_changed && wait->why == EVENTS_DEADLINE) {
         fputs(": still here\n\n", out);
     }
@@ -252,9 +268,10 @@ static void put_news(FILE *out, struct request_wait *wait, const struct job *job
     wait->sequence = job->sequence;
 }
 
-static void stream_news(struct request_wait *wait, const struct job *job, struct response *response) {
+static void stream_news(struct service *service, struct request_wait *wait, const struct job *job,
+                        struct response *response) {
     FILE *out = open_memstream(&response->text, &response->text_bytes);
-    if (out) put_news(out, wait, job);
+    if (out) put_news(service, out, wait, job);
     bool written = out && fclose(out) == 0;
     response->kind = RESPONSE_STREAM;
     response->last = !written || job_ended(job->state) ||
@@ -269,8 +286,8 @@ void handlers_get_events(struct service *service, struct request *request, struc
     bool streaming = request->wait.calls > 0;
     if (!streaming && !takes_no_query(request, response)) return;
     request->wait.seen = events_now(service->events);
-    if (handlers_read_job(service, request->match.capture[0], &job, response)) {
-        stream_news(&request->wait, &job, response);
+    if (handlers_read_job(service, request, request->match.capture[0], &job, response)) {
+        stream_news(service, &request->wait, &job, response);
         response_header(response, "Content-Type", "text/event-stream");
         response_header(response, "Cache-Control", "no-cache");
         response_header(response, "X-Accel-Buffering", "no");

@@ -1,15 +1,20 @@
 /* Outputs and logs: manifest, files, ranges.
  *
- * Outputs never change, so their tag is their hash and they may be cached for ever.
+ * Outputs never change, so their tag is their hash and they may be cached for ever.  The points of a cloud come in the
+ * order of their rank, so every coarser cloud is a prefix: it is copied out into a file without a name, which is gone
+ * when it is sent, and has the tag and the digest of the job that would have made it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <ctype.h>
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include "api/job_json.h"
+#include "api/report_read.h"
+#include "core/cloud_prefix.h"
 #include "server/digest.h"
 #include "server/handlers.h"
 
@@ -19,6 +24,9 @@ static const struct {
     {".ply", "model/ply"},
     {".xyz", "text/plain; charset=utf-8"},
     {".json", "application/json"},
+    {".obj", "model/obj"},
+    {".stl", "model/stl"},
+    {".glb", "model/gltf-binary"},
     {"", "application/octet-stream"},
 };
 
@@ -80,7 +88,7 @@ static void file_name(const struct job *job, const char *name, char *text, size_
     snprintf(text + used, bytes - used, "%s", name);
 }
 
-static const struct job_output *find_output(const struct job *job, const char *name) {
+const struct job_output *handlers_find_output(const struct job *job, const char *name) {
     for (size_t i = 0; i < job->output_count; i++)
         if (strcmp(job->output[i].name, name) == 0) return &job->output[i];
     return NULL;
@@ -96,39 +104,130 @@ static void describe_output(const struct job *job, const struct job_output *outp
     response_header(response, "Cache-Control", "private, max-age=31536000, immutable");
 }
 
-void handlers_send_output(struct service *service, const struct request *request, const struct job *job,
-                          const char *name, struct response *response) {
-    const struct job_output *output = find_output(job, name);
+void handlers_send_content(const struct request *request, const struct job *job, const struct job_output *output,
+                           int fd, struct response *response) {
     char etag[DIGEST_HEX_BYTES + 2];
-    if (!output) {
-        response_refuse(response, PROBLEM_NO_SUCH_OUTPUT, "the job has no output %.80s", name);
-        return;
-    }
     snprintf(etag, sizeof etag, "\"%s\"", output->sha256);
-    if (request_none_match(request, etag)) {
-        response->status = 304;
-        response_header(response, "ETag", "%s", etag);
-        return;
-    }
-    int fd = store_output_open(service->store, job->id, output->name);
     if (fd < 0) {
         response_refuse(response, PROBLEM_INTERNAL_ERROR, "the output can't be read");
-        return;
+    } else if (request_none_match(request, etag)) {
+        close(fd);
+        response->status = 304;
+        response_header(response, "ETag", "%s", etag);
+    } else {
+        handlers_send_file(request, fd, output->bytes, etag, response);
+        if (response->kind == RESPONSE_FILE) describe_output(job, output, response);
     }
-    handlers_send_file(request, fd, output->bytes, etag, response);
-    if (response->kind == RESPONSE_FILE) describe_output(job, output, response);
 }
 
-/* Reads the job and answers unless it was successful. */
-static bool read_successful(struct service *service, const struct request *request, struct job *job,
-                            struct response *response) {
+void handlers_send_output(struct service *service, const struct request *request, const struct job *job,
+                          const char *name, struct response *response) {
+    const struct job_output *output = handlers_find_output(job, name);
+    if (output)
+        handlers_send_content(request, job, output, store_output_open(service->store, job->id, output->name), response);
+    else
+        response_refuse(response, PROBLEM_NO_SUCH_OUTPUT, "the job has no output %.80s", name);
+}
+
+/* ------------------------------------------------------------------------------------------------ coarser levels */
+
+static const char *const level_names[] = {"points", "ratio", NULL};
+
+static bool refuse_level(struct response *response, const char *name, const char *value, const char *allowed) {
     struct problem problem;
-    memset(job, 0, sizeof *job);
-    if (!query_check(request->query, request->query_count, NULL, &problem)) {
-        response_problem(response, &problem);
-        return false;
+    problem_set(&problem, PROBLEM_INVALID_PARAMETER, "%s: takes %s", name, allowed);
+    problem_add_error(&problem, name, value, allowed, NULL);
+    response_problem(response, &problem);
+    return false;
+}
+
+/* Reads points=N or ratio=r; both as in a job.  *name is the one that was given, NULL = none: the whole output. */
+static bool read_level(const struct request *request, const char **name, struct params *params,
+                       struct response *response) {
+    struct problem problem;
+    struct error error = {0};
+    bool ok = query_check(request->query, request->query_count, level_names, &problem);
+    params_defaults(params);
+    *name = NULL;
+    for (size_t i = 0; ok && i < request->query_count; i++) {
+        const char *value = request->query[i].value ? request->query[i].value : "";
+        ok = params_set(params, request->query[i].name, value, &error) == STATUS_OK;
+        if (!ok) problem_from_error(&problem, &error);
+        *name = request->query[i].name;
     }
-    if (!handlers_read_job(service, request->match.capture[0], job, response)) return false;
+    if (ok && request->query_count > 1) {
+        problem_set(&problem, PROBLEM_CONFLICTING_PARAMETERS, "points: conflicts with ratio; give one of them");
+        problem_add_error(&problem, "points", NULL, "conflicts with ratio; give one of them", NULL);
+        ok = false;
+    }
+    if (!ok) response_problem(response, &problem);
+    return ok;
+}
+
+/* As many points as a job with this goal would keep of the same cloud. */
+static uint64_t level_points(const struct job *job, const struct params *params) {
+    struct report_headline facts;
+    if (params->points) return params->points;
+    report_read_headline(job->report, &facts);
+    uint64_t wanted = (uint64_t)floor(params->ratio * (double)facts.points_in);
+    if (facts.points_distinct && wanted > facts.points_distinct) wanted = facts.points_distinct;
+    return wanted ? wanted : 1;
+}
+
+/* Makes a nameless file of the first points, and hashes it into *level.  -1: the response says why. */
+static int make_level(struct service *service, const struct job *job, uint64_t points, struct job_output *level,
+                      const char *parameter, struct response *response) {
+    struct error error = {0};
+    uint64_t held = 0;
+    char allowed[80], value[24];
+    int from = store_output_open(service->store, job->id, level->name), to = store_scratch_open(service->store);
+    enum status status = from < 0 || to < 0
+                             ? error_set(&error, STATUS_IO, "level", "can't open %s or its copy", level->name)
+                             : cloud_prefix_copy(from, to, points, &held, &error);
+    if (status == STATUS_OK && digest_file(to, level->sha256, &level->bytes) != 0)
+        status = error_set(&error, STATUS_IO, "level", "can't read what was written");
+    if (from >= 0) close(from);
+    if (status == STATUS_OK) return to;
+    if (to >= 0) close(to);
+    snprintf(allowed, sizeof allowed, "1 to %llu points, those of this output", (unsigned long long)held);
+    snprintf(value, sizeof value, "%llu", (unsigned long long)points);
+    if (status == STATUS_LIMIT)
+        refuse_level(response, parameter, value, allowed);
+    else
+        response_error(response, &error);
+    return -1;
+}
+
+/* "cloud.ply" of 100 points is saved as "cloud-100.ply". */
+static void name_level(struct job_output *level, uint64_t points) {
+    char type[8];
+    char *dot = strrchr(level->name, '.');
+    snprintf(type, sizeof type, "%s", dot);
+    snprintf(dot, sizeof level->name - (size_t)(dot - level->name), "-%llu%s", (unsigned long long)points, type);
+}
+
+static void send_level(struct service *service, const struct request *request, const struct job *job,
+                       const struct params *params, const char *parameter, struct response *response) {
+    const struct job_output *output = handlers_find_output(job, request->match.capture[1]);
+    if (!output) {
+        response_refuse(response, PROBLEM_NO_SUCH_OUTPUT, "the job has no output %.80s", request->match.capture[1]);
+        return;
+    }
+    if (strncmp(output->name, "cloud", 5) != 0) {
+        refuse_level(response, parameter, NULL, "an output whose name begins with cloud");
+        return;
+    }
+    struct job_output level = *output;
+    uint64_t points = level_points(job, params);
+    int fd = make_level(service, job, points, &level, parameter, response);
+    if (fd < 0) return;
+    name_level(&level, points);
+    handlers_send_content(request, job, &level, fd, response);
+}
+
+bool handlers_read_successful(struct service *service, const struct request *request, struct job *job,
+                              struct response *response) {
+    if (!handlers_read_job(service, request, request->match.capture[0], job, response)) return false;
     if (job->state == JOB_SUCCESSFUL) return true;
     if (job_ended(job->state)) {
         response_refuse(response, PROBLEM_NO_SUCH_OUTPUT, "the job is %s and has no outputs",
@@ -141,9 +240,14 @@ static bool read_successful(struct service *service, const struct request *reque
 }
 
 void handlers_list_outputs(struct service *service, struct request *request, struct response *response) {
-    struct job job;
+    struct job job = {0};
     struct output_document documents[JOB_MAX_OUTPUTS];
-    if (read_successful(service, request, &job, response)) {
+    struct problem problem;
+    if (!query_check(request->query, request->query_count, NULL, &problem)) {
+        response_problem(response, &problem);
+        return;
+    }
+    if (handlers_read_successful(service, request, &job, response)) {
         for (size_t i = 0; i < job.output_count; i++)
             documents[i] = (struct output_document){.name = job.output[i].name,
                                                     .media_type = media_type_of(job.output[i].name),
@@ -156,8 +260,15 @@ void handlers_list_outputs(struct service *service, struct request *request, str
 
 void handlers_get_output(struct service *service, struct request *request, struct response *response) {
     struct job job;
-    if (read_successful(service, request, &job, response))
-        handlers_send_output(service, request, &job, request->match.capture[1], response);
+    struct params level;
+    const char *parameter;
+    if (!read_level(request, &parameter, &level, response)) return;
+    if (handlers_read_successful(service, request, &job, response)) {
+        if (parameter)
+            send_level(service, request, &job, &level, parameter, response);
+        else
+            handlers_send_output(service, request, &job, request->match.capture[1], response);
+    }
     job_done(&job);
 }
 
@@ -171,7 +282,7 @@ void handlers_get_log(struct service *service, struct request *request, struct r
         response_problem(response, &problem);
         return;
     }
-    if (handlers_read_job(service, request->match.capture[0], &job, response)) {
+    if (handlers_read_job(service, request, request->match.capture[0], &job, response)) {
         int fd = store_log_open(service->store, job.id, false);
         uint64_t bytes = fd >= 0 && fstat(fd, &facts) == 0 ? (uint64_t)facts.st_size : 0;
         if (fd >= 0)

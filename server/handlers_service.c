@@ -9,6 +9,7 @@
 #include "api/params_json.h"
 #include "core/version.h"
 #include "server/handlers.h"
+#include "server/metrics.h"
 #include "server/page.h"
 
 /* A query on a resource that takes none is refused, as everywhere. */
@@ -76,5 +77,11 @@ void handlers_get_readiness(struct service *service, struct request *request, st
         response_refuse(response, PROBLEM_STORAGE_FULL, "the disk is full");
     else
         response_text(response, 200, "application/json", strdup("{\"status\":\"ready\"}"));
+    response_header(response, "Cache-Control", "no-store");
+}
+
+void handlers_get_metrics(struct service *service, struct request *request, struct response *response) {
+    if (!plain(request, response)) return;
+    response_text(response, 200, "text/plain; version=0.0.4; charset=utf-8", metrics_text(service->metrics, service));
     response_header(response, "Cache-Control", "no-store");
 }

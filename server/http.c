@@ -5,7 +5,7 @@
  *
  *     headers -> admit --(no)--> refuse: answer at once, or read the body away first, then answer
  *                  |
- *                (yes)  body -> upload        each piece is hashed and written to the page cache
+ *                (yes)  body -> body_write     each piece is hashed and written to the page cache
  *                  |
  *                park -> handler -> unpark -> answer
  *                          |  ^
@@ -34,24 +34,34 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "server/access.h"
 #include "server/handlers.h"
 #include "server/listen.h"
 #include "server/log.h"
+#include "server/metrics.h"
+#include "server/notify.h"
 #include "server/offload.h"
 #include "server/watchdog.h"
 
 enum { MAX_SERVING_THREADS = 4, OFFLOAD_THREADS = 8, CONNECTION_MEMORY = 128 * 1024, STREAM_BLOCK = 32 * 1024 };
-enum { LOG_PATH_BYTES = 160, GOODBYE_MS = 2000 };
+enum { LOG_PATH_BYTES = 160, GOODBYE_MS = 2000, ADMIN_CONNECTIONS = 64 };
+
+/* One of the two sockets that are listened on. */
+struct listener {
+    struct http *http;
+    struct MHD_Daemon *daemon;
+    int fd;
+    bool admin; /* serves health and metrics alone */
+};
 
 struct http {
     struct service *service;
-    struct MHD_Daemon *daemon;
+    struct listener main, admin;
     struct offload *offload;
     struct watchdog *watchdog;
-    int listen_fd;
     pthread_mutex_t lock;
     pthread_cond_t fewer;
-    unsigned parked, exchanges;
+    unsigned parked, exchanges, uploads; /* uploads: exchanges whose body is still coming */
     bool stopping;
 };
 
@@ -65,20 +75,21 @@ enum phase {
 
 struct exchange {
     struct http *http;
+    bool admin;     /* came to the admin listener */
+    bool uploading; /* counted in http->uploads */
     struct MHD_Connection *connection;
     struct watched *watched;
     const struct handler *handler;
     enum phase phase;
     struct request request;
     struct response response;
-    uint64_t drained_bytes;
+    uint64_t received_bytes, sent_bytes, drained_bytes; /* of bodies */
     int64_t began_ms, refused_ms;
     size_t stream_sent; /* of response.text */
     bool streaming;
     struct offload_task task;
     struct events_waiter waiter;
-    bool malformed; /* what iterating over headers and arguments found */
-    int status;
+    int status, problem; /* of the response that was sent; problem -1 = it is none */
     char log_method[16], log_path[LOG_PATH_BYTES];
 };
 
@@ -153,6 +164,7 @@ static ssize_t read_stream(void *ctx, uint64_t position, char *buffer, size_t mo
     if (count) {
         memcpy(buffer, x->response.text + x->stream_sent, count);
         x->stream_sent += count;
+        x->sent_bytes += count;
         return (ssize_t)count;
     }
     if (x->response.last || !park(x)) return MHD_CONTENT_READER_END_OF_STREAM;
@@ -166,6 +178,7 @@ static struct MHD_Response *make_response(struct exchange *x) {
     struct MHD_Response *made = NULL;
     switch (r->kind) {
     case RESPONSE_FILE:
+        x->sent_bytes = r->file_bytes;
         made = MHD_create_response_from_fd_at_offset64(r->file_bytes, r->fd, r->file_offset);
         if (made) r->fd = -1;
         break;
@@ -174,6 +187,7 @@ static struct MHD_Response *make_response(struct exchange *x) {
         made = MHD_create_response_from_callback(MHD_SIZE_UNKNOWN, STREAM_BLOCK, read_stream, x, NULL);
         break;
     case RESPONSE_TEXT:
+        x->sent_bytes = r->text_bytes;
         made = MHD_create_response_from_buffer(r->text_bytes, r->text, MHD_RESPMEM_MUST_FREE);
         if (made) r->text = NULL;
         break;
@@ -188,11 +202,19 @@ static enum MHD_Result answer(struct exchange *x) {
     if (!made) return MHD_NO;
     for (size_t i = 0; i < r->header_count; i++) MHD_add_response_header(made, r->header[i].name, r->header[i].value);
     MHD_add_response_header(made, "X-Content-Type-Options", "nosniff");
+    MHD_add_response_header(made, "X-Request-Id", x->request.id);
     x->phase = PHASE_SENT;
     x->status = r->status;
+    x->problem = r->problem;
     enum MHD_Result result = MHD_queue_response(x->connection, (unsigned)r->status, made);
     MHD_destroy_response(made);
     return result;
+}
+
+/* The same, and nothing more is read from this connection. */
+static enum MHD_Result answer_and_close(struct exchange *x) {
+    response_header(&x->response, "Connection", "close");
+    return answer(x);
 }
 
 /* Answers with the response that is there: now, or when the body is read away. */
@@ -203,8 +225,8 @@ static enum MHD_Result refuse(struct exchange *x) {
     bool waits = expect && strcasecmp(expect, "100-continue") == 0;
     bool too_long =
         request->content_length != UINT64_MAX && request->content_length > (uint64_t)config->refuse_drain_bytes;
-    upload_free(x->request.upload);
-    x->request.upload = NULL;
+    body_free(x->request.body);
+    x->request.body = NULL;
     x->phase = PHASE_REFUSING;
     x->refused_ms = events_clock_ms();
     return request->has_body && (waits || too_long) ? answer(x) : MHD_YES;
@@ -214,49 +236,46 @@ static enum MHD_Result refuse(struct exchange *x) {
 
 static enum MHD_Result take_header(void *ctx, enum MHD_ValueKind kind, const char *name, size_t name_bytes,
                                    const char *value, size_t value_bytes) {
-    struct exchange *x = ctx;
     (void)kind;
     (void)name_bytes;
-    for (size_t i = 0; i < HEADER_COUNT; i++) {
-        if (strcasecmp(name, message_header_names[i]) != 0) continue;
-        bool once = i == HEADER_HOST || i == HEADER_CONTENT_LENGTH || i == HEADER_TRANSFER_ENCODING;
-        if (once && x->request.header[i]) x->malformed = true;
-        x->request.header[i] = value ? value : "";
-        if (value && strlen(value) != value_bytes) x->malformed = true;
-    }
+    request_take_header(ctx, name, value ? value : "", value_bytes);
     return MHD_YES;
 }
 
 static enum MHD_Result take_argument(void *ctx, enum MHD_ValueKind kind, const char *name, size_t name_bytes,
                                      const char *value, size_t value_bytes) {
-    struct exchange *x = ctx;
     (void)kind;
-    bool has_nul = strlen(name) != name_bytes || (value && strlen(value) != value_bytes);
-    if (has_nul || x->request.query_count == REQUEST_MAX_QUERY) {
-        x->malformed = true;
-        return MHD_NO;
-    }
-    x->request.query[x->request.query_count++] = (struct query_pair){name, value};
+    request_take_argument(ctx, name, name_bytes, value, value_bytes);
     return MHD_YES;
 }
 
-static bool read_length(const char *text, uint64_t *length) {
-    char *end;
-    if (text[0] < '0' || text[0] > '9' || strlen(text) > 18) return false;
-    *length = strtoull(text, &end, 10);
-    return !*end;
+/* Reads what the request's head says; false: a response is there, and where the next request begins is uncertain. */
+static bool read_head(struct exchange *x) {
+    struct request *request = &x->request;
+    const struct config *config = x->http->service->config;
+    const union MHD_ConnectionInfo *info =
+        MHD_get_connection_info(x->connection, MHD_CONNECTION_INFO_REQUEST_HEADER_SIZE);
+    uint64_t bytes = info ? info->header_size : 0, limit = (uint64_t)config->max_header_bytes;
+    MHD_get_connection_values_n(x->connection, MHD_HEADER_KIND, take_header, request);
+    MHD_get_connection_values_n(x->connection, MHD_GET_ARGUMENT_KIND, take_argument, request);
+    request_identify(request);
+    request_read_framing(request);
+    if (bytes > limit)
+        response_limit(&x->response, PROBLEM_HEADERS_TOO_LARGE, "max_header_bytes", limit, bytes);
+    else if (request->fault)
+        response_refuse(&x->response, PROBLEM_MALFORMED_REQUEST, "%s", request->fault);
+    else if (request->query_count > (uint64_t)config->max_parameters)
+        response_limit(&x->response, PROBLEM_MALFORMED_REQUEST, "max_parameters", (uint64_t)config->max_parameters,
+                       request->query_count);
+    else
+        return true;
+    return false;
 }
 
-/* Whether there is a body and how long it is; false where the framing is ambiguous or not ours. */
-static bool read_framing(struct request *request) {
-    const char *length = request->header[HEADER_CONTENT_LENGTH], *coding = request->header[HEADER_TRANSFER_ENCODING];
-    request->content_length = UINT64_MAX;
-    if (length && coding) return false;
-    if (coding && strcasecmp(coding, "chunked") != 0) return false;
-    if (length && !read_length(length, &request->content_length)) return false;
-    if (!length && !coding) request->content_length = 0;
-    request->has_body = request->content_length != 0;
-    return true;
+/* What the admin listener serves: nothing of it waits for anything. */
+static bool is_administrative(const struct route *route) {
+    return route && (route->operation == OPERATION_GET_HEALTH || route->operation == OPERATION_GET_READINESS ||
+                     route->operation == OPERATION_GET_METRICS);
 }
 
 /* Finds the operation, and asks it whether it wants the body; false: a response is there. */
@@ -264,9 +283,15 @@ static bool admit(struct exchange *x) {
     struct request *request = &x->request;
     struct service *service = x->http->service;
     routes_match(request->method, request->path, &request->match);
+    if (x->admin && !is_administrative(request->match.route)) {
+        request->match.route = NULL;
+        request->match.allow[0] = 0;
+    }
     if (request->match.route) {
         x->handler = handlers_find(request->match.route->operation);
-        return !x->handler->admit || x->handler->admit(service, request, &x->response);
+        if (!x->admin && !access_admit(service, request, &x->response)) return false;
+        return handlers_admit_key(service, request, &x->response) &&
+               (!x->handler->admit || x->handler->admit(service, request, &x->response));
     }
     if (request->match.allow[0]) {
         response_refuse(&x->response, PROBLEM_METHOD_NOT_ALLOWED, "%.16s is not one of %s", request->method,
@@ -278,24 +303,40 @@ static bool admit(struct exchange *x) {
     return false;
 }
 
+/* Blanks and what isn't ASCII would look like other things in the log. */
+static void put_plain(char *to, size_t bytes, const char *text) {
+    size_t used = 0;
+    for (; *text && used + 4 < bytes; text++) {
+        bool plain = *text > ' ' && *text < 0x7f && *text != '%';
+        used += (size_t)snprintf(to + used, bytes - used, plain ? "%c" : "%%%02X", (unsigned char)*text);
+    }
+    to[used] = 0;
+}
+
+/* Counts the exchange among the uploads while its body comes. */
+static void set_uploading(struct exchange *x, bool uploading) {
+    if (x->uploading == uploading) return;
+    x->uploading = uploading;
+    pthread_mutex_lock(&x->http->lock);
+    if (uploading)
+        x->http->uploads++;
+    else
+        x->http->uploads--;
+    pthread_mutex_unlock(&x->http->lock);
+}
+
 static enum MHD_Result begin(struct exchange *x, const char *method, const char *path) {
     struct request *request = &x->request;
     request->method = method;
     request->path = path;
     request->head = strcmp(method, "HEAD") == 0;
     snprintf(x->log_method, sizeof x->log_method, "%s", method);
-    snprintf(x->log_path, sizeof x->log_path, "%s", path);
-    MHD_get_connection_values_n(x->connection, MHD_HEADER_KIND, take_header, x);
-    MHD_get_connection_values_n(x->connection, MHD_GET_ARGUMENT_KIND, take_argument, x);
-    bool framed = read_framing(request);
-    if (!framed || x->malformed) {
-        response_refuse(&x->response, PROBLEM_MALFORMED_REQUEST, "%s",
-                        framed ? "a header or an argument holds NUL, comes twice, or there are too many"
-                               : "how long the body is can't be told");
-        return answer(x); /* where the next request begins is uncertain: the connection ends */
-    }
+    put_plain(x->log_path, sizeof x->log_path, path);
+    if (!read_head(x)) return answer_and_close(x);
     watchdog_enter(x->watched, request->has_body ? WATCHDOG_BODY : WATCHDOG_BUSY);
-    return admit(x) ? MHD_YES : refuse(x);
+    if (!admit(x)) return refuse(x);
+    set_uploading(x, request->body != NULL);
+    return MHD_YES;
 }
 
 /* ------------------------------------------------------------------------------------------------ body */
@@ -312,11 +353,12 @@ static enum MHD_Result drain(struct exchange *x, size_t count) {
 static enum MHD_Result take_body(struct exchange *x, const char *bytes, size_t count) {
     struct problem problem;
     watchdog_count(x->watched, count);
-    if (x->phase != PHASE_BODY || !x->request.upload) return drain(x, count);
-    if (upload_write(x->request.upload, bytes, count, &problem)) return MHD_YES;
+    x->received_bytes += count;
+    if (x->phase != PHASE_BODY || !x->request.body) return drain(x, count);
+    if (body_write(x->request.body, bytes, count, &problem)) return MHD_YES;
     response_problem(&x->response, &problem);
-    upload_free(x->request.upload);
-    x->request.upload = NULL;
+    body_free(x->request.body);
+    x->request.body = NULL;
     x->phase = PHASE_REFUSING;
     x->refused_ms = events_clock_ms();
     return MHD_YES;
@@ -324,6 +366,7 @@ static enum MHD_Result take_body(struct exchange *x, const char *bytes, size_t c
 
 /* The request is complete. */
 static enum MHD_Result dispatch(struct exchange *x) {
+    watchdog_enter(x->watched, WATCHDOG_BUSY);
     if (x->handler->quick) {
         x->handler->run(x->http->service, &x->request, &x->response);
         return answer(x);
@@ -339,15 +382,19 @@ static enum MHD_Result dispatch(struct exchange *x) {
 
 /* ------------------------------------------------------------------------------------------------ callbacks */
 
-static struct exchange *new_exchange(struct http *http, struct MHD_Connection *connection) {
+static struct exchange *new_exchange(struct listener *listener, struct MHD_Connection *connection) {
+    struct http *http = listener->http;
     struct exchange *x = calloc(1, sizeof *x);
     const union MHD_ConnectionInfo *info = MHD_get_connection_info(connection, MHD_CONNECTION_INFO_SOCKET_CONTEXT);
     if (!x) return NULL;
     x->http = http;
+    x->admin = listener->admin;
     x->connection = connection;
     x->watched = info ? info->socket_context : NULL;
     x->began_ms = events_clock_ms();
     x->task = (struct offload_task){.run = run_handler, .ctx = x};
+    x->request.principal = principal_anonymous();
+    x->problem = -1;
     response_init(&x->response);
     pthread_mutex_lock(&http->lock);
     http->exchanges++;
@@ -378,18 +425,43 @@ static enum MHD_Result on_request(void *ctx, struct MHD_Connection *connection, 
     return MHD_YES;
 }
 
+static void log_access(struct exchange *x, bool whole) {
+    const union MHD_ConnectionInfo *info = MHD_get_connection_info(x->connection, MHD_CONNECTION_INFO_CLIENT_ADDRESS);
+    const struct principal *who = &x->request.principal;
+    char peer[LISTEN_NAME_BYTES] = "-";
+    if (info && info->client_addr) listen_peer(info->client_addr, peer);
+    log_line(LOG_INFO, "http id=%s peer=%s who=%s method=%s path=%s status=%d ms=%lld in=%llu out=%llu end=%s",
+             x->request.id, peer,
+             who->by_signature ? "link"
+             : who->name[0]    ? who->name
+                               : "-",
+             x->log_method, x->log_path, x->status, (long long)(events_clock_ms() - x->began_ms),
+             (unsigned long long)x->received_bytes, (unsigned long long)(whole && !x->request.head ? x->sent_bytes : 0),
+             whole ? "whole" : "cut");
+}
+
+static void count(struct exchange *x, bool whole) {
+    struct metrics *metrics = x->http->service->metrics;
+    metrics_request(metrics, x->request.match.route, x->status, events_clock_ms() - x->began_ms);
+    metrics_received(metrics, x->received_bytes);
+    if (whole && !x->request.head) metrics_sent(metrics, x->sent_bytes);
+    if (x->problem >= 0) metrics_problem(metrics, (enum problem_kind)x->problem);
+}
+
 static void on_completed(void *ctx, struct MHD_Connection *connection, void **state,
                          enum MHD_RequestTerminationCode why) {
-    struct http *http = ctx;
+    struct http *http = ((struct listener *)ctx)->http;
     struct exchange *x = *state;
     (void)connection;
     if (!x) return;
     *state = NULL;
     bool whole = why == MHD_REQUEST_TERMINATED_COMPLETED_OK;
-    log_line(LOG_INFO, "http %s %s %d %lldms%s", x->log_method, x->log_path, x->status,
-             (long long)(events_clock_ms() - x->began_ms), whole ? "" : " cut");
+    set_uploading(x, false);
+    log_access(x, whole);
+    count(x, whole);
     watchdog_enter(x->watched, WATCHDOG_IDLE);
-    upload_free(x->request.upload);
+    body_free(x->request.body);
+    idempotency_release(http->service->idempotency, &x->request.claim);
     response_done(&x->response);
     free(x);
     pthread_mutex_lock(&http->lock);
@@ -400,8 +472,9 @@ static void on_completed(void *ctx, struct MHD_Connection *connection, void **st
 
 static void on_connection(void *ctx, struct MHD_Connection *connection, void **socket_context,
                           enum MHD_ConnectionNotificationCode code) {
-    struct http *http = ctx;
+    struct http *http = ((struct listener *)ctx)->http;
     const union MHD_ConnectionInfo *info = MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD);
+    metrics_connection(http->service->metrics, code == MHD_CONNECTION_NOTIFY_STARTED);
     if (code == MHD_CONNECTION_NOTIFY_STARTED) {
         *socket_context = info ? watchdog_add(http->watchdog, info->connect_fd) : NULL;
     } else {
@@ -423,51 +496,92 @@ __attribute__((noreturn)) static void on_panic(void *ctx, const char *file, unsi
 
 /* ------------------------------------------------------------------------------------------------ open, close */
 
-static struct MHD_Daemon *start_daemon(struct http *http) {
-    const struct config *config = http->service->config;
+/* Health has to come whatever the other listener does, so the admin one has a thread and connections of its own. */
+static struct MHD_Daemon *start_daemon(struct listener *listener) {
+    const struct config *config = listener->http->service->config;
     long processors = sysconf(_SC_NPROCESSORS_ONLN);
     unsigned threads = processors < MAX_SERVING_THREADS ? (unsigned)processors : MAX_SERVING_THREADS;
+    unsigned connections = listener->admin ? ADMIN_CONNECTIONS : (unsigned)config->max_connections;
+    unsigned per_address = listener->admin ? ADMIN_CONNECTIONS : (unsigned)config->connections_per_address;
     unsigned flags = MHD_USE_EPOLL_INTERNAL_THREAD | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ERROR_LOG;
+    struct MHD_OptionItem more[] = {{MHD_OPTION_THREAD_POOL_SIZE, (intptr_t)threads, NULL}, {MHD_OPTION_END, 0, NULL}};
+    if (listener->admin || threads < 2) more[0].option = MHD_OPTION_END;
     MHD_set_panic_func(on_panic, NULL);
-    return MHD_start_daemon(flags, 0, NULL, NULL, on_request, http, MHD_OPTION_EXTERNAL_LOGGER, on_log, NULL,
-                            MHD_OPTION_LISTEN_SOCKET, http->listen_fd, MHD_OPTION_THREAD_POOL_SIZE, threads,
-                            MHD_OPTION_CONNECTION_LIMIT, (unsigned)config->max_connections,
-                            MHD_OPTION_PER_IP_CONNECTION_LIMIT, (unsigned)config->connections_per_address,
+    return MHD_start_daemon(flags, 0, NULL, NULL, on_request, listener, MHD_OPTION_EXTERNAL_LOGGER, on_log, NULL,
+                            MHD_OPTION_LISTEN_SOCKET, listener->fd, MHD_OPTION_ARRAY, more, MHD_OPTION_CONNECTION_LIMIT,
+                            connections, MHD_OPTION_PER_IP_CONNECTION_LIMIT, per_address,
                             MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)CONNECTION_MEMORY,
                             MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)(config->idle_timeout_ms / 1000),
-                            MHD_OPTION_STRICT_FOR_CLIENT, 1, MHD_OPTION_NOTIFY_COMPLETED, on_completed, http,
-                            MHD_OPTION_NOTIFY_CONNECTION, on_connection, http, MHD_OPTION_END);
+                            MHD_OPTION_STRICT_FOR_CLIENT, 1, MHD_OPTION_NOTIFY_COMPLETED, on_completed, listener,
+                            MHD_OPTION_NOTIFY_CONNECTION, on_connection, listener, MHD_OPTION_END);
+}
+
+static enum status start_listener(struct listener *listener, const char *inherited_name, const char *address,
+                                  struct error *error) {
+    const struct config *config = listener->http->service->config;
+    bool open = config->insecure_open || config->tokens_file[0];
+    int inherited = notify_inherited(inherited_name);
+    enum status status = inherited >= 0 ? listen_adopt(inherited, open, &listener->fd, error)
+                                        : listen_open(address, open, &listener->fd, error);
+    if (status != STATUS_OK) return status;
+    listener->daemon = start_daemon(listener);
+    return listener->daemon ? STATUS_OK : error_set(error, STATUS_IO, "http", "libmicrohttpd doesn't start");
+}
+
+/* "auto" is loopback and the port after the main one; a free one where that is free. */
+static enum status start_admin(struct http *http, struct error *error) {
+    const struct config *config = http->service->config;
+    char address[LISTEN_NAME_BYTES];
+    if (strcmp(config->admin_listen, "off") == 0) return STATUS_OK;
+    if (strcmp(config->admin_listen, "auto") != 0)
+        return start_listener(&http->admin, "admin", config->admin_listen, error);
+    const char *colon = strrchr(config->listen, ':');
+    long port = colon ? strtol(colon + 1, NULL, 10) : 0;
+    snprintf(address, sizeof address, "127.0.0.1:%ld", port > 0 && port < 65535 ? port + 1 : 0);
+    enum status status = start_listener(&http->admin, "admin", address, error);
+    if (status == STATUS_IO)
+        error_set(error, status, "admin-listen", "can't listen on %s; --admin-listen names another address, or off",
+                  address);
+    return status;
 }
 
 static enum status start(struct http *http, struct error *error) {
     const struct config *config = http->service->config;
-    struct watchdog_limits limits = {config->header_timeout_ms, config->idle_timeout_ms,
-                                     config->min_upload_bytes_per_s};
-    enum status status = listen_open(config->listen, config->insecure_open != 0, &http->listen_fd, error);
-    if (status != STATUS_OK) return status;
+    struct watchdog_limits limits = {config->header_timeout_ms, config->idle_timeout_ms, config->min_upload_bytes_per_s,
+                                     config->upload_grace_ms};
     if (offload_open(OFFLOAD_THREADS, &http->offload) != STATUS_OK ||
-        watchdog_open(limits, &http->watchdog) != STATUS_OK)
+        watchdog_open(limits, http->service->metrics, &http->watchdog) != STATUS_OK)
         return error_set(error, STATUS_NO_MEMORY, "http", "can't start threads");
-    http->daemon = start_daemon(http);
-    return http->daemon ? STATUS_OK : error_set(error, STATUS_IO, "http", "libmicrohttpd doesn't start");
+    enum status status = start_listener(&http->main, NOTIFY_MAIN_SOCKET, config->listen, error);
+    return status == STATUS_OK ? start_admin(http, error) : status;
 }
 
-enum status http_open(struct service *service, struct http **http, char address[HTTP_ADDRESS_BYTES],
+enum status http_open(struct service *service, struct http **http, struct http_addresses *addresses,
                       struct error *error) {
     struct http *opened = calloc(1, sizeof *opened);
     if (!opened) return error_set(error, STATUS_NO_MEMORY, "http", "no memory");
     opened->service = service;
-    opened->listen_fd = -1;
+    opened->main = (struct listener){.http = opened, .fd = -1};
+    opened->admin = (struct listener){.http = opened, .fd = -1, .admin = true};
     pthread_mutex_init(&opened->lock, NULL);
     pthread_cond_init(&opened->fewer, NULL);
+    memset(addresses, 0, sizeof *addresses);
     enum status status = start(opened, error);
     if (status == STATUS_OK) {
-        listen_name(opened->listen_fd, address);
+        listen_name(opened->main.fd, addresses->main);
+        if (opened->admin.fd >= 0) listen_name(opened->admin.fd, addresses->admin);
         *http = opened;
     } else {
         http_close(opened);
     }
     return status;
+}
+
+unsigned http_uploads(struct http *http) {
+    pthread_mutex_lock(&http->lock);
+    unsigned uploads = http->uploads;
+    pthread_mutex_unlock(&http->lock);
+    return uploads;
 }
 
 /* Waits until nothing is parked and, for a little while, until all answers are sent. */
@@ -482,15 +596,19 @@ static void wait_for_exchanges(struct http *http) {
     pthread_mutex_unlock(&http->lock);
 }
 
+static void stop_listener(struct listener *listener, MHD_socket listening) {
+    if (listener->daemon) MHD_stop_daemon(listener->daemon);
+    bool closed = listener->daemon && listening == MHD_INVALID_SOCKET; /* by libmicrohttpd */
+    if (listener->fd >= 0 && !closed) close(listener->fd);
+}
+
 void http_close(struct http *http) {
     if (!http) return;
-    if (http->daemon) {
-        MHD_socket listening = MHD_quiesce_daemon(http->daemon);
-        wait_for_exchanges(http);
-        MHD_stop_daemon(http->daemon);
-        if (listening == MHD_INVALID_SOCKET) http->listen_fd = -1; /* libmicrohttpd has closed it */
-    }
-    if (http->listen_fd >= 0) close(http->listen_fd);
+    MHD_socket listening = http->main.daemon ? MHD_quiesce_daemon(http->main.daemon) : MHD_INVALID_SOCKET;
+    if (http->main.daemon) wait_for_exchanges(http);
+    stop_listener(&http->main, listening);
+    listening = http->admin.daemon ? MHD_quiesce_daemon(http->admin.daemon) : MHD_INVALID_SOCKET;
+    stop_listener(&http->admin, listening);
     offload_close(http->offload);
     watchdog_close(http->watchdog);
     pthread_cond_destroy(&http->fewer);

@@ -10,10 +10,18 @@ struct http;
 
 enum { HTTP_ADDRESS_BYTES = 128 };
 
-/* Listens on config->listen; address gets "HOST:PORT" with the true port.  STATUS_BAD_PARAMETER when the address is
- * malformed, or beyond loopback without insecure_open. */
-enum status http_open(struct service *service, struct http **http, char address[HTTP_ADDRESS_BYTES],
+/* "HOST:PORT" with the true ports; admin "" = there is none. */
+struct http_addresses {
+    char main[HTTP_ADDRESS_BYTES], admin[HTTP_ADDRESS_BYTES];
+};
+
+/* Listens on config->listen, and for health and metrics on config->admin_listen.  STATUS_BAD_PARAMETER when an address
+ * is malformed, or beyond loopback with neither tokens nor insecure_open. */
+enum status http_open(struct service *service, struct http **http, struct http_addresses *addresses,
                       struct error *error) MUST_CHECK;
+
+/* How many bodies of clouds are on their way in. */
+unsigned http_uploads(struct http *http);
 
 /* Takes no more connections, answers those that wait (service->events must be closed before), and ends.  Accepts
  * NULL. */

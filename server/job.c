@@ -15,12 +15,12 @@ enum { NO = -1 };
 
 /* What follows; NO = the event can't happen in this state. */
 static const int transitions[JOB_STATE_COUNT][JOB_EVENT_COUNT] = {
-    /*                   claim        done            fail        dismiss        requeue */
-    [JOB_ACCEPTED] = {JOB_RUNNING, NO, NO, JOB_DISMISSED, NO},
-    [JOB_RUNNING] = {NO, JOB_SUCCESSFUL, JOB_FAILED, JOB_DISMISSED, JOB_ACCEPTED},
-    [JOB_SUCCESSFUL] = {NO, NO, NO, NO, NO},
-    [JOB_FAILED] = {NO, NO, NO, NO, NO},
-    [JOB_DISMISSED] = {NO, NO, NO, NO, NO},
+    /*                   claim        done            fail        dismiss        requeue       reuse */
+    [JOB_ACCEPTED] = {JOB_RUNNING, NO, NO, JOB_DISMISSED, NO, JOB_SUCCESSFUL},
+    [JOB_RUNNING] = {NO, JOB_SUCCESSFUL, JOB_FAILED, JOB_DISMISSED, JOB_ACCEPTED, NO},
+    [JOB_SUCCESSFUL] = {NO, NO, NO, NO, NO, NO},
+    [JOB_FAILED] = {NO, NO, NO, NO, NO, NO},
+    [JOB_DISMISSED] = {NO, NO, NO, NO, NO, NO},
 };
 
 void job_done(struct job *job) {
@@ -73,20 +73,41 @@ bool job_id_valid(const char *text) {
 
 enum { VALUE_BYTES = 512 };
 
-char *job_params_text(const struct params *params) {
-    size_t count, bytes;
+static void print_params(FILE *out, const struct params *params, bool all) {
+    size_t count;
     const struct param *table = params_table(&count);
-    char *text = NULL;
-    FILE *out = open_memstream(&text, &bytes);
-    if (!out) return NULL;
     for (size_t i = 0; i < count; i++) {
         char value[VALUE_BYTES];
+        if (!all && !table[i].affects_result) continue;
         params_format(params, &table[i], value, sizeof value);
         if (value[0]) fprintf(out, "%s=%s\n", table[i].name, value);
     }
-    if (fclose(out) == 0) return text;
-    free(text);
+}
+
+/* The text, if all of it was written. */
+static char *close_text(FILE *out, char **text) {
+    if (fclose(out) == 0) return *text;
+    free(*text);
     return NULL;
+}
+
+char *job_params_text(const struct params *params) {
+    size_t bytes;
+    char *text = NULL;
+    FILE *out = open_memstream(&text, &bytes);
+    if (!out) return NULL;
+    print_params(out, params, true);
+    return close_text(out, &text);
+}
+
+char *job_result_text(const struct job *job, const char *version) {
+    size_t bytes;
+    char *text = NULL;
+    FILE *out = open_memstream(&text, &bytes);
+    if (!out) return NULL;
+    fprintf(out, "%s\n%s\n", version, job->cloud);
+    print_params(out, &job->params, false);
+    return close_text(out, &text);
 }
 
 void job_params_read(const char *text, struct params *params) {

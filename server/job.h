@@ -1,7 +1,8 @@
 /* A job: its states, what is known of it, and the table of what may become of it.
  *
- *                  claim                 done
- *     accepted ------------> running ------------> successful
+ *        +------------ reuse: an earlier job's outputs serve ---+
+ *        |         claim                 done                   v
+ *     accepted ------------> running ---------------------> successful
  *        |                    |  |  \  fail (its own fault, or its attempts are used up)
  *        | dismiss    dismiss |  |   +-----------> failed
  *        +------> dismissed <-+  +--> accepted   requeue (the host's fault: killed, or the service stops)
@@ -22,8 +23,8 @@
 enum job_state { JOB_ACCEPTED, JOB_RUNNING, JOB_SUCCESSFUL, JOB_FAILED, JOB_DISMISSED };
 #define JOB_STATE_COUNT 5
 
-enum job_event { JOB_CLAIM, JOB_DONE, JOB_FAIL, JOB_DISMISS, JOB_REQUEUE };
-#define JOB_EVENT_COUNT 5
+enum job_event { JOB_CLAIM, JOB_DONE, JOB_FAIL, JOB_DISMISS, JOB_REQUEUE, JOB_REUSE };
+#define JOB_EVENT_COUNT 6
 
 enum {
     JOB_ID_BYTES = 37,
@@ -32,15 +33,30 @@ enum {
     JOB_MESSAGE_BYTES = 256,
     JOB_HASH_BYTES = 65,
     JOB_FORMAT_BYTES = 32,
+    JOB_PRINCIPAL_BYTES = 65,
     JOB_OUTPUT_NAME_BYTES = 48,
-    JOB_MAX_OUTPUTS = 64,
-    JOB_MAX_ATTEMPTS = 3
+    JOB_MAX_OUTPUTS = PARAMS_MAX_FILES,
+    JOB_MAX_ATTEMPTS = 3,
+    JOB_PRIORITY_MAX = 9,
+    JOB_PRIORITY_DEFAULT = 5
 };
 
 struct job_output {
     char name[JOB_OUTPUT_NAME_BYTES];
     uint64_t bytes;
     char sha256[JOB_HASH_BYTES];
+};
+
+/* What a job costs, as far as that is known before it runs (estimate.h). */
+struct job_cost {
+    uint64_t kind; /* jobs of the same kind do the same work */
+    uint64_t size; /* points or, where they are not known, bytes */
+};
+
+/* The Idempotency-Key of the request that made a job, and a fingerprint of that request. */
+struct job_key {
+    const char *key; /* borrowed */
+    char fingerprint[JOB_HASH_BYTES];
 };
 
 struct job {
@@ -50,15 +66,20 @@ struct job {
     int attempt;       /* how often it was claimed */
     int64_t created_ms, started_ms, finished_ms, updated_ms, expires_ms; /* since 1970; 0 = not yet */
     char label[JOB_LABEL_BYTES];
+    int priority;                        /* 0 to JOB_PRIORITY_MAX, larger is sooner */
+    char principal[JOB_PRINCIPAL_BYTES]; /* who submitted it; "" = anonymous */
 
     char cloud[JOB_HASH_BYTES];
     uint64_t input_bytes, input_points; /* points: as the header says; 0 = not known */
     char input_format[JOB_FORMAT_BYTES];
     struct params params;
+    char result[JOB_HASH_BYTES]; /* names what it computes: jobs with the same have the same outputs; "" = none */
+
+    const struct job_key *key; /* borrowed, and kept with the job when it is submitted; NULL = none */
 
     char stage[JOB_STAGE_BYTES], message[JOB_MESSAGE_BYTES];
     double fraction;
-    uint64_t ahead; /* accepted jobs that come before it; filled by queue_get and queue_list */
+    uint64_t ahead; /* accepted jobs whose turn comes before its own; filled by queue_get and queue_list */
 
     double cpu_s, wall_s;
     uint64_t peak_rss_bytes;
@@ -92,6 +113,10 @@ bool job_id_valid(const char *text);
  * a name that is gone from the table is skipped. */
 char *job_params_text(const struct params *params);
 void job_params_read(const char *text, struct params *params);
+
+/* Text that two jobs have in common exactly when the same engine computes the same outputs for both: the cloud, every
+ * parameter that affects results, the version.  Returns new, NULL when memory runs out. */
+char *job_result_text(const struct job *job, const char *version);
 
 /* Milliseconds since 1970. */
 int64_t job_now_ms(void);

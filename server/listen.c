@@ -5,6 +5,7 @@
 
 #include <arpa/inet.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <netdb.h>
 #include <netinet/in.h>
 #include <stdio.h>
@@ -60,13 +61,39 @@ enum status listen_open(const char *address, bool open, int *fd, struct error *e
     if (rc) return error_set(error, STATUS_BAD_PARAMETER, "listen", "'%.80s': %s", address, gai_strerror(rc));
     enum status status;
     if (!open && !is_loopback(info->ai_addr))
-        status = error_set(error, STATUS_BAD_PARAMETER, "listen",
-                           "%.80s is beyond loopback, and requests need no authorisation; --insecure-open allows it",
-                           address);
+        status = error_set(
+            error, STATUS_BAD_PARAMETER, "listen",
+            "%.80s is beyond loopback, and requests need no token; --tokens-file or --insecure-open allows it",
+            address);
     else
         status = bind_to(info, fd, error);
     freeaddrinfo(info);
     return status;
+}
+
+/* What we can serve on: a TCP socket that listens. */
+static bool is_listening_tcp(int fd, struct sockaddr_storage *address) {
+    int type = 0, listening = 0;
+    socklen_t type_length = sizeof type, listening_length = sizeof listening, length = sizeof *address;
+    return getsockopt(fd, SOL_SOCKET, SO_TYPE, &type, &type_length) == 0 && type == SOCK_STREAM &&
+           getsockopt(fd, SOL_SOCKET, SO_ACCEPTCONN, &listening, &listening_length) == 0 && listening &&
+           getsockname(fd, (struct sockaddr *)address, &length) == 0 &&
+           (address->ss_family == AF_INET || address->ss_family == AF_INET6);
+}
+
+enum status listen_adopt(int inherited, bool open, int *fd, struct error *error) {
+    struct sockaddr_storage address;
+    int flags = fcntl(inherited, F_GETFL);
+    if (flags < 0 || !is_listening_tcp(inherited, &address))
+        return error_set(error, STATUS_BAD_PARAMETER, "listen", "descriptor %d is no listening TCP socket", inherited);
+    if (!open && !is_loopback((const struct sockaddr *)&address))
+        return error_set(error, STATUS_BAD_PARAMETER, "listen",
+                         "the inherited socket is beyond loopback, and requests need no token; "
+                         "--tokens-file or --insecure-open allows it");
+    if (fcntl(inherited, F_SETFL, flags | O_NONBLOCK) != 0)
+        return error_set(error, STATUS_IO, "listen", "descriptor %d: %s", inherited, strerror(errno));
+    *fd = inherited;
+    return STATUS_OK;
 }
 
 void listen_name(int fd, char name[LISTEN_NAME_BYTES]) {
@@ -78,4 +105,10 @@ void listen_name(int fd, char name[LISTEN_NAME_BYTES]) {
                     NI_NUMERICHOST | NI_NUMERICSERV);
     bool v6 = strchr(host, ':') != NULL;
     snprintf(name, LISTEN_NAME_BYTES, "%s%.80s%s:%.8s", v6 ? "[" : "", host, v6 ? "]" : "", port);
+}
+
+void listen_peer(const struct sockaddr *address, char host[LISTEN_NAME_BYTES]) {
+    socklen_t length = address->sa_family == AF_INET6 ? sizeof(struct sockaddr_in6) : sizeof(struct sockaddr_in);
+    if (getnameinfo(address, length, host, LISTEN_NAME_BYTES, NULL, 0, NI_NUMERICHOST) != 0)
+        snprintf(host, LISTEN_NAME_BYTES, "?");
 }

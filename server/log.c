@@ -25,6 +25,7 @@ void log_vline(enum log_level level, const char *format, va_list args) {
     int n = vsnprintf(line + start, sizeof line - start - 1, format, args);
     size_t used = start + (n < 0 ? 0 : (size_t)n);
     if (used > sizeof line - 2) used = sizeof line - 2;
+    if (used > start && line[used - 1] == '\n') used--; /* of a library's message */
     for (size_t i = start; i < used; i++)
         if ((unsigned char)line[i] < 0x20 || line[i] == 0x7f) line[i] = '?';
     line[used++] = '\n';

@@ -16,8 +16,10 @@
 #include "api/problem.h"
 #include "api/query.h"
 #include "api/routes.h"
+#include "server/body.h"
 #include "server/events.h"
-#include "server/upload.h"
+#include "server/idempotency.h"
+#include "server/principal.h"
 
 enum request_header {
     HEADER_RANGE,
@@ -30,9 +32,16 @@ enum request_header {
     HEADER_CONTENT_LENGTH,
     HEADER_TRANSFER_ENCODING,
     HEADER_LAST_EVENT_ID,
-    HEADER_HOST
+    HEADER_HOST,
+    HEADER_AUTHORIZATION,
+    HEADER_REQUEST_ID,
+    HEADER_TRACEPARENT,
+    HEADER_CACHE_CONTROL,
+    HEADER_IDEMPOTENCY_KEY,
+    HEADER_CONTENT_DIGEST,
+    HEADER_REPR_DIGEST
 };
-#define HEADER_COUNT 11
+#define HEADER_COUNT (HEADER_REPR_DIGEST + 1)
 
 /* "Range", ... */
 extern const char *const message_header_names[HEADER_COUNT];
@@ -51,22 +60,28 @@ struct request_wait {
     int state;           /* the same */
 };
 
+enum { REQUEST_ID_BYTES = 65 };
+
 struct request {
+    char id[REQUEST_ID_BYTES]; /* the client's, or made here; in the log and the response */
     const char *method, *path;
     bool head;
     struct route_match match;
+    struct principal principal; /* whose request it is */
     struct query_pair query[REQUEST_MAX_QUERY];
     size_t query_count;
     const char *header[HEADER_COUNT]; /* NULL = absent */
+    const char *fault;                /* what makes the head ambiguous or malformed; NULL = nothing */
     bool has_body;
-    uint64_t content_length; /* UINT64_MAX = not known */
-    struct upload *upload;   /* the body, complete and checked; NULL = the operation takes none */
+    uint64_t content_length;        /* UINT64_MAX = not known */
+    struct body *body;              /* complete, for body_end; NULL = the operation takes none */
+    struct idempotency_claim claim; /* on the request's Idempotency-Key */
     struct request_wait wait;
 };
 
 enum response_kind { RESPONSE_TEXT, RESPONSE_FILE, RESPONSE_WAIT, RESPONSE_STREAM };
 
-enum { RESPONSE_MAX_HEADERS = 16, RESPONSE_HEADER_BYTES = 256 };
+enum { RESPONSE_MAX_HEADERS = 16, RESPONSE_HEADER_BYTES = 640 };
 
 struct response {
     enum response_kind kind;
@@ -80,7 +95,8 @@ struct response {
     size_t text_bytes;
     int fd; /* owned; of RESPONSE_FILE */
     uint64_t file_offset, file_bytes;
-    bool last; /* RESPONSE_STREAM: ends after this piece */
+    int problem; /* enum problem_kind of a problem document; -1 = it is none */
+    bool last;   /* RESPONSE_STREAM: ends after this piece */
 };
 
 /* An empty text, status 200. */
@@ -106,8 +122,25 @@ void response_problem_text(struct response *response, const char *json);
 void response_refuse(struct response *response, enum problem_kind kind, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 
+/* A limit of /v1/info is reached. */
+void response_limit(struct response *response, enum problem_kind kind, const char *name, uint64_t limit,
+                    uint64_t actual);
+
 /* What the service itself failed at: 500, and a line in the log. */
 void response_error(struct response *response, const struct error *error);
+
+/* Takes a header or an argument, as they come; texts are borrowed and end in NUL.  What must not be is told in
+ * request->fault. */
+void request_take_header(struct request *request, const char *name, const char *value, size_t value_bytes);
+void request_take_argument(struct request *request, const char *name, size_t name_bytes, const char *value,
+                           size_t value_bytes);
+
+/* Whether there is a body, and how long it is, when all headers are there.  A framing that two readers could understand
+ * in two ways is a fault. */
+void request_read_framing(struct request *request);
+
+/* Fills in request->id: of X-Request-Id or traceparent where these are well-formed, else random. */
+void request_identify(struct request *request);
 
 /* Seconds of `Prefer: wait=N` (up to max_ms, in ms); -1 where there is none.  And whether it holds respond-async. */
 int64_t request_prefer_wait_ms(const struct request *request, int64_t max_ms);

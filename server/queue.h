@@ -19,17 +19,34 @@
 #include "server/job.h"
 
 struct queue;
+struct sql;
 
 /* Opens or creates the database file; its schema is brought up to date.  STATUS_UNSUPPORTED when it is newer than this
  * program.  queue_close accepts NULL. */
 enum status queue_open(const char *path, struct queue **queue, struct error *error) MUST_CHECK;
 void queue_close(struct queue *queue);
 
+/* The version that the database has after queue_open: the number of steps of its schema. */
+int queue_schema_version(void);
+
+/* The database's connection for writing and the one for reading, for what else is kept in it; borrowed. */
+struct sql *queue_writer(struct queue *queue);
+struct sql *queue_reader(struct queue *queue);
+
 /* Adds a job in state accepted.  STATUS_LIMIT when max_waiting jobs are waiting already. */
 enum status queue_submit(struct queue *queue, const struct job *job, uint64_t max_waiting,
                          struct error *error) MUST_CHECK;
 
-/* Makes the oldest accepted job running and hands it over (the caller's, to job_done).  *found false: none waits. */
+/* Adds a job that an earlier one's outputs serve: successful, with the outputs and the report that it holds. */
+enum status queue_submit_ended(struct queue *queue, const struct job *job, struct error *error) MUST_CHECK;
+
+/* The latest successful job of this principal with this result; *found false: there is none.  The job is the caller's,
+ * to job_done. */
+enum status queue_find_result(struct queue *queue, const char *result, const char *principal, struct job *job,
+                              bool *found, struct error *error) MUST_CHECK;
+
+/* Makes the accepted job whose turn it is (turns.h) running and hands it over (the caller's, to job_done).  *found
+ * false: none waits. */
 enum status queue_claim(struct queue *queue, struct job *job, bool *found, struct error *error) MUST_CHECK;
 
 /* Keeps a running job's stage, message and fraction; nothing when it isn't running any more.  Not durable. */
@@ -47,6 +64,7 @@ enum queue_presence { QUEUE_ABSENT, QUEUE_PRESENT, QUEUE_GONE };
 struct queue_tombstone {
     char reason[16]; /* "deleted" or "expired" */
     int64_t at_ms;
+    char principal[JOB_PRINCIPAL_BYTES]; /* whose job it was */
 };
 
 /* Reads one job into *job (the caller's, to job_done; zeroed when it isn't present) or its tombstone. */
@@ -56,8 +74,9 @@ enum status queue_get(struct queue *queue, const char *id, struct job *job, enum
 struct queue_filter {
     bool by_state;
     enum job_state state;
-    const char *label; /* NULL = any */
-    const char *after; /* only ids before (older than) this one; NULL = from the newest */
+    const char *label;     /* NULL = any */
+    const char *principal; /* only jobs of this one, "" = anonymous; NULL = of all */
+    const char *after;     /* only ids before (older than) this one; NULL = from the newest */
 };
 
 /* Reads up to max jobs, newest first; each the caller's, to job_done. */
@@ -72,8 +91,13 @@ enum status queue_delete(struct queue *queue, const char *id, const char *reason
 enum status queue_expired(struct queue *queue, int64_t now_ms, int64_t tombstones_before_ms, char (*ids)[JOB_ID_BYTES],
                           size_t max, size_t *count, struct error *error) MUST_CHECK;
 
-/* How many jobs refer to a cloud. */
+/* How many jobs and rows of clouds.h refer to a cloud. */
 enum status queue_cloud_uses(struct queue *queue, const char *cloud, uint64_t *uses, struct error *error) MUST_CHECK;
+
+/* What has to be done before a waiting job's turn comes: first the running jobs (started_ms > 0), then those whose turn
+ * comes before (started_ms = 0), in order.  From memory; visit is called under a lock, and must not call back. */
+void queue_outlook(struct queue *queue, const char *id,
+                   void (*visit)(void *ctx, const struct job_cost *cost, int64_t started_ms), void *ctx);
 
 /* Jobs waiting and running; from memory, never blocks for long. */
 void queue_depth(struct queue *queue, uint64_t *waiting, uint64_t *running);

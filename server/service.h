@@ -10,18 +10,28 @@
 #include <stdbool.h>
 
 #include "server/config.h"
+#include "server/estimate.h"
 #include "server/events.h"
+#include "server/idempotency.h"
 #include "server/queue.h"
+#include "server/signature.h"
 #include "server/store.h"
 #include "server/upload.h"
 
+struct metrics;
 struct supervisor;
+struct tokens;
 
 struct service {
-    const struct config *config; /* borrowed */
+    const struct config *_Atomic config; /* borrowed; each one lives as long as the service */
+    struct tokens *tokens;               /* NULL = requests need none */
+    struct signature_key signing_key;
     struct store *store;
     struct queue *queue;
     struct events *events;
+    struct metrics *metrics;
+    struct estimate *estimate; /* how long jobs took */
+    struct idempotency *idempotency;
     struct supervisor *supervisor; /* set by main, before the first request */
     pthread_rwlock_t clouds;       /* held shared while a cloud is kept and its job submitted, alone while clouds that
                                       no job refers to are removed */
@@ -34,16 +44,34 @@ struct service {
 enum status service_open(struct service *service, const struct config *config, struct error *error) MUST_CHECK;
 void service_close(struct service *service);
 
-/* Makes an upload that has passed upload_end, and its job, durable; fills in job's id, cloud, times.  STATUS_LIMIT:
- * the queue is full. */
+/* Makes an upload that has passed upload_end, and its job, durable; fills in job's id, cloud, times.  upload NULL: the
+ * facts are of a cloud that is here already.  Where an earlier job of the same principal has computed the same (and
+ * fresh is not set, and the settings allow it), its outputs become this job's too, which then is successful at once:
+ * job->state says so.  STATUS_LIMIT: the queue is full; STATUS_BAD_PARAMETER: that cloud is gone. */
 enum status service_submit(struct service *service, struct upload *upload, const struct upload_facts *facts,
-                           struct job *job, struct error *error) MUST_CHECK;
+                           struct job *job, bool fresh, struct error *error) MUST_CHECK;
+
+/* How many seconds it will be until the job has ended, waiting included; NAN = not known, or it has ended. */
+double service_time_left(struct service *service, const struct job *job);
+
+/* Makes an upload that has passed upload_end, durably, a cloud of this principal, to be kept for the retention time.
+ * *known: it was one already. */
+enum status service_keep_cloud(struct service *service, struct upload *upload, const struct upload_facts *facts,
+                               const char *principal, bool *known, struct error *error) MUST_CHECK;
+
+/* Deletes what this principal (NULL: anybody) has of a cloud, and the file when nothing refers to it any more; nothing
+ * is done while *jobs, the number of this principal's jobs that refer to it, isn't 0. */
+enum status service_delete_cloud(struct service *service, const char *sha256, const char *principal, uint64_t *jobs,
+                                 struct error *error) MUST_CHECK;
 
 /* Deletes an ended job with its files; reason as in queue_delete. */
 enum status service_delete(struct service *service, const struct job *job, const char *reason, bool *changed,
                            struct error *error) MUST_CHECK;
 
-/* Deletes the jobs whose time is over. */
+/* Deletes the jobs and clouds whose time is over. */
 void service_sweep(struct service *service);
+
+/* Whether the queue and the supervisor answer; logs what does not.  Blocks for as long as they do. */
+bool service_answers(struct service *service);
 
 #endif

@@ -29,6 +29,9 @@ void store_close(struct store *store);
 /* The database file's path in the folder. */
 void store_database_path(const struct store *store, char path[STORE_PATH_BYTES]);
 
+/* The path of the file that keeps the key of signed links. */
+void store_key_path(const struct store *store, char path[STORE_PATH_BYTES]);
+
 /* Bytes that may still be written; UINT64_MAX when that isn't known.  Doesn't block for long. */
 uint64_t store_free_bytes(const struct store *store);
 
@@ -53,6 +56,7 @@ void store_upload_drop(struct store *store, struct store_upload *upload);
 
 /* The path of a cloud, for a worker to read. */
 void store_cloud_path(const struct store *store, const char *sha256, char path[STORE_PATH_BYTES]);
+int store_cloud_open(const struct store *store, const char *sha256); /* for reading; -1 when there is none */
 bool store_cloud_exists(const struct store *store, const char *sha256);
 void store_cloud_delete(struct store *store, const char *sha256);
 
@@ -65,6 +69,10 @@ enum status store_outputs_begin(struct store *store, const char *id, char path[S
 enum status store_outputs_keep(struct store *store, const char *id, struct job_output *outputs, size_t *count,
                                struct error *error) MUST_CHECK;
 
+/* Makes the outputs of one job another one's too, as links to the same files: deleting one leaves the other. */
+enum status store_outputs_share(struct store *store, const char *from_id, const char *to_id,
+                                struct error *error) MUST_CHECK;
+
 /* Removes that folder, if it is there. */
 void store_outputs_drop(struct store *store, const char *id);
 
@@ -72,13 +80,21 @@ void store_outputs_drop(struct store *store, const char *id);
 int store_output_open(const struct store *store, const char *id, const char *name);
 bool store_outputs_exist(const struct store *store, const char *id);
 
+/* A file without a name, for reading and writing, gone when it is closed; -1 with errno when there can't be one. */
+int store_scratch_open(const struct store *store);
+
 /* Opens the job's log, for appending (made if it isn't there) or reading; -1 when it can't. */
 int store_log_open(struct store *store, const char *id, bool append);
 
-/* Removes the job's outputs and log: they vanish at once. */
+/* Removes the job's outputs, or outputs and log: they vanish at once. */
+void store_outputs_delete(struct store *store, const char *id);
 void store_job_delete(struct store *store, const char *id);
 
-enum store_thing { STORE_CLOUD, STORE_JOB };
+enum store_thing { STORE_CLOUD, STORE_JOB, STORE_TEMPORARY };
+
+/* Tells of everything that the store holds. */
+enum status store_each(const struct store *store, void (*found)(void *ctx, enum store_thing thing, const char *name),
+                       void *ctx, struct error *error) MUST_CHECK;
 
 /* Removes everything temporary, and every cloud and job that keep(ctx, thing, name) denies.  *removed counts them.
  * For the start, before anything else uses the store. */

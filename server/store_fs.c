@@ -1,6 +1,7 @@
 /* The store as a folder.
  *
  *     whittled.db             the queue's
+ *     signing.key             of the links that are handed out
  *     lock                    held by the process that serves the folder
  *     clouds/<sha256>         inputs, by content
  *     jobs/<id>/log           standard error of the job's processes
@@ -27,8 +28,11 @@
 #include <sys/random.h>
 #include <sys/stat.h>
 #include <sys/statvfs.h>
+#include <time.h>
 #include <unistd.h>
 
+#include "core/alloc.h"
+#include "core/fault.h"
 #include "server/digest.h"
 
 enum { FOLDER_MODE = 0700, FILE_MODE = 0600 };
@@ -39,7 +43,7 @@ struct store {
 };
 
 static enum status refused(struct error *error, const char *what, const char *name) {
-    return error_set(error, STATUS_IO, "store", "can't %s %s: %s", what, name, strerror(errno));
+    return error_set(error, status_from_errno(errno), "store", "can't %s %s: %s", what, name, strerror(errno));
 }
 
 /* ------------------------------------------------------------------------------------------------ open */
@@ -69,10 +73,17 @@ static int make_path(const char *folder) {
     return mkdir(path, FOLDER_MODE) != 0 && errno != EEXIST ? -1 : 0;
 }
 
+/* A killed service's lock outlives it for the moment in which a child of its own, forked, has not yet become another
+ * program: so the lock is tried for a while. */
 static enum status lock_folder(struct store *store, struct error *error) {
+    enum { TRIES = 100 };
+    static const struct timespec pause = {.tv_nsec = 20 * 1000 * 1000};
     store->lock_fd = openat(store->root_fd, "lock", O_RDWR | O_CREAT | O_CLOEXEC, FILE_MODE);
     if (store->lock_fd < 0) return refused(error, "open", "lock");
-    if (flock(store->lock_fd, LOCK_EX | LOCK_NB) == 0) return STATUS_OK;
+    for (int i = 0; i < TRIES; i++) {
+        if (flock(store->lock_fd, LOCK_EX | LOCK_NB) == 0) return STATUS_OK;
+        nanosleep(&pause, NULL);
+    }
     return error_set(error, STATUS_IO, "store", "another whittled serves the folder %s", store->root);
 }
 
@@ -91,7 +102,7 @@ static enum status open_folders(struct store *store, const char *folder, struct 
 }
 
 enum status store_open(const char *folder, struct store **store, struct error *error) {
-    struct store *opened = calloc(1, sizeof *opened);
+    struct store *opened = alloc_zeroed(1, sizeof *opened);
     if (!opened) return error_set(error, STATUS_NO_MEMORY, "store", "no memory");
     opened->root_fd = opened->clouds_fd = opened->jobs_fd = opened->tmp_fd = opened->lock_fd = -1;
     enum status status = open_folders(opened, folder, error);
@@ -115,6 +126,10 @@ void store_close(struct store *store) {
 
 void store_database_path(const struct store *store, char path[STORE_PATH_BYTES]) {
     snprintf(path, STORE_PATH_BYTES, "%.4000s/whittled.db", store->root);
+}
+
+void store_key_path(const struct store *store, char path[STORE_PATH_BYTES]) {
+    snprintf(path, STORE_PATH_BYTES, "%.4000s/signing.key", store->root);
 }
 
 uint64_t store_free_bytes(const struct store *store) {
@@ -153,8 +168,9 @@ static void random_name(const char *prefix, char name[STORE_NAME_BYTES]) {
 static void remove_by_way_of_tmp(struct store *store, int at, const char *name) {
     char gone[STORE_NAME_BYTES];
     random_name("gone", gone);
-    if (renameat(at, name, store->tmp_fd, gone) != 0) return;
+    if (fault_at("remove-rename") || renameat(at, name, store->tmp_fd, gone) != 0) return;
     fsync(at);
+    fault_at("removed");
     remove_tree(store->tmp_fd, gone, DEPTH);
 }
 
@@ -162,21 +178,25 @@ static void remove_by_way_of_tmp(struct store *store, int at, const char *name) 
 
 enum status store_upload_begin(struct store *store, struct store_upload *upload, struct error *error) {
     random_name("upload", upload->name);
-    upload->fd = openat(store->tmp_fd, upload->name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, FILE_MODE);
+    upload->fd = fault_at("upload-open")
+                     ? -1
+                     : openat(store->tmp_fd, upload->name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, FILE_MODE);
     return upload->fd < 0 ? refused(error, "make", upload->name) : STATUS_OK;
 }
 
 enum status store_upload_sync(struct store_upload *upload, struct error *error) {
-    return fsync(upload->fd) == 0 ? STATUS_OK : refused(error, "flush", upload->name);
+    bool failed = fault_at("upload-sync") || fsync(upload->fd) != 0;
+    return failed ? refused(error, "flush", upload->name) : STATUS_OK;
 }
 
 enum status store_upload_keep(struct store *store, struct store_upload *upload, const char *sha256,
                               struct error *error) {
-    if (renameat(store->tmp_fd, upload->name, store->clouds_fd, sha256) != 0 || fsync(store->clouds_fd) != 0)
+    if (fault_at("upload-rename") || renameat(store->tmp_fd, upload->name, store->clouds_fd, sha256) != 0)
         return refused(error, "keep", upload->name);
+    upload->name[0] = 0;
+    if (fault_at("upload-folder-sync") || fsync(store->clouds_fd) != 0) return refused(error, "keep", sha256);
     close(upload->fd);
     upload->fd = -1;
-    upload->name[0] = 0;
     return STATUS_OK;
 }
 
@@ -191,6 +211,10 @@ void store_cloud_path(const struct store *store, const char *sha256, char path[S
     snprintf(path, STORE_PATH_BYTES, "%.3900s/clouds/%.80s", store->root, sha256);
 }
 
+int store_cloud_open(const struct store *store, const char *sha256) {
+    return openat(store->clouds_fd, sha256, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
+}
+
 bool store_cloud_exists(const struct store *store, const char *sha256) {
     return faccessat(store->clouds_fd, sha256, R_OK, 0) == 0;
 }
@@ -201,7 +225,8 @@ void store_cloud_delete(struct store *store, const char *sha256) { unlinkat(stor
 
 enum status store_outputs_begin(struct store *store, const char *id, char path[STORE_PATH_BYTES], struct error *error) {
     remove_tree(store->tmp_fd, id, DEPTH);
-    if (mkdirat(store->tmp_fd, id, FOLDER_MODE) != 0) return refused(error, "make a folder for", id);
+    if (fault_at("outputs-begin") || mkdirat(store->tmp_fd, id, FOLDER_MODE) != 0)
+        return refused(error, "make a folder for", id);
     snprintf(path, STORE_PATH_BYTES, "%.3900s/tmp/%.80s", store->root, id);
     return STATUS_OK;
 }
@@ -210,13 +235,13 @@ void store_outputs_drop(struct store *store, const char *id) { remove_tree(store
 
 /* Hashes and flushes one output. */
 static enum status take_output(int folder_fd, const char *name, struct job_output *output, struct error *error) {
-    int fd = openat(folder_fd, name, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
+    int fd = fault_at("output-open") ? -1 : openat(folder_fd, name, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
     struct stat facts;
     if (fd < 0) return refused(error, "open", name);
     enum status status = STATUS_OK;
     if (fstat(fd, &facts) != 0 || !S_ISREG(facts.st_mode))
         status = error_set(error, STATUS_IO, "store", "%s is no file", name);
-    else if (digest_file(fd, output->sha256, &output->bytes) != 0 || fsync(fd) != 0)
+    else if (digest_file(fd, output->sha256, &output->bytes) != 0 || fault_at("output-sync") || fsync(fd) != 0)
         status = refused(error, "read", name);
     snprintf(output->name, sizeof output->name, "%.*s", JOB_OUTPUT_NAME_BYTES - 1, name);
     close(fd);
@@ -248,7 +273,8 @@ static enum status move_outputs(struct store *store, const char *id, struct erro
     if (job_fd < 0) return refused(error, "make a folder for", id);
     remove_by_way_of_tmp(store, job_fd, "outputs"); /* of a run whose end was never recorded */
     enum status status = STATUS_OK;
-    if (renameat(store->tmp_fd, id, job_fd, "outputs") != 0 || fsync(job_fd) != 0 || fsync(store->jobs_fd) != 0)
+    if (fault_at("outputs-rename") || renameat(store->tmp_fd, id, job_fd, "outputs") != 0 ||
+        fault_at("outputs-folder-sync") || fsync(job_fd) != 0 || fsync(store->jobs_fd) != 0)
         status = refused(error, "keep the outputs of", id);
     close(job_fd);
     return status;
@@ -263,6 +289,38 @@ enum status store_outputs_keep(struct store *store, const char *id, struct job_o
     return status == STATUS_OK ? move_outputs(store, id, error) : status;
 }
 
+static enum status link_outputs(int from_fd, int to_fd, struct error *error) {
+    struct dirent **entries;
+    int n = scandirat(from_fd, ".", &entries, is_visible, alphasort);
+    if (n < 0) return refused(error, "list", "outputs");
+    enum status status = STATUS_OK;
+    for (int i = 0; i < n; i++) {
+        const char *name = entries[i]->d_name;
+        if (status == STATUS_OK && linkat(from_fd, name, to_fd, name, 0) != 0) status = refused(error, "link", name);
+        free(entries[i]);
+    }
+    free(entries);
+    if (status == STATUS_OK && fsync(to_fd) != 0) status = refused(error, "flush", "outputs");
+    return status;
+}
+
+enum status store_outputs_share(struct store *store, const char *from_id, const char *to_id, struct error *error) {
+    char path[128], to_path[STORE_PATH_BYTES];
+    snprintf(path, sizeof path, "%.80s/outputs", from_id);
+    int from_fd = open_folder(store->jobs_fd, path), to_fd = -1;
+    enum status status = from_fd < 0 ? refused(error, "open the outputs of", from_id)
+                                     : store_outputs_begin(store, to_id, to_path, error);
+    if (status == STATUS_OK) {
+        to_fd = open_folder(store->tmp_fd, to_id);
+        status = to_fd < 0 ? refused(error, "open a folder for", to_id) : link_outputs(from_fd, to_fd, error);
+        if (status == STATUS_OK) status = move_outputs(store, to_id, error);
+        if (status != STATUS_OK) store_outputs_drop(store, to_id);
+    }
+    close_if_open(from_fd);
+    close_if_open(to_fd);
+    return status;
+}
+
 /* Opens jobs/<id>/<name>, or jobs/<id>/<folder>/<name>. */
 static int open_in_job(const struct store *store, const char *id, const char *folder, const char *name) {
     char path[256];
@@ -273,6 +331,16 @@ static int open_in_job(const struct store *store, const char *id, const char *fo
 
 int store_output_open(const struct store *store, const char *id, const char *name) {
     return open_in_job(store, id, "outputs", name);
+}
+
+int store_scratch_open(const struct store *store) {
+    char name[STORE_NAME_BYTES];
+    int fd = openat(store->tmp_fd, ".", O_RDWR | O_TMPFILE | O_CLOEXEC, FILE_MODE);
+    if (fd >= 0 || errno != EOPNOTSUPP) return fd;
+    random_name("scratch", name); /* a file system without nameless files */
+    fd = openat(store->tmp_fd, name, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, FILE_MODE);
+    if (fd >= 0) unlinkat(store->tmp_fd, name, 0);
+    return fd;
 }
 
 bool store_outputs_exist(const struct store *store, const char *id) {
@@ -290,7 +358,37 @@ int store_log_open(struct store *store, const char *id, bool append) {
     return fd;
 }
 
+void store_outputs_delete(struct store *store, const char *id) {
+    int job_fd = open_folder(store->jobs_fd, id);
+    if (job_fd < 0) return;
+    remove_by_way_of_tmp(store, job_fd, "outputs");
+    close(job_fd);
+}
+
 void store_job_delete(struct store *store, const char *id) { remove_by_way_of_tmp(store, store->jobs_fd, id); }
+
+/* ------------------------------------------------------------------------------------------------ all of it */
+
+static enum status each_in(int folder_fd, enum store_thing thing,
+                           void (*found)(void *ctx, enum store_thing thing, const char *name), void *ctx) {
+    struct dirent **entries;
+    int n = scandirat(folder_fd, ".", &entries, is_visible, alphasort);
+    if (n < 0) return STATUS_IO;
+    for (int i = 0; i < n; i++) {
+        found(ctx, thing, entries[i]->d_name);
+        free(entries[i]);
+    }
+    free(entries);
+    return STATUS_OK;
+}
+
+enum status store_each(const struct store *store, void (*found)(void *ctx, enum store_thing thing, const char *name),
+                       void *ctx, struct error *error) {
+    enum status status = each_in(store->clouds_fd, STORE_CLOUD, found, ctx);
+    if (status == STATUS_OK) status = each_in(store->jobs_fd, STORE_JOB, found, ctx);
+    if (status == STATUS_OK) status = each_in(store->tmp_fd, STORE_TEMPORARY, found, ctx);
+    return status == STATUS_OK ? STATUS_OK : refused(error, "list", store->root);
+}
 
 /* ------------------------------------------------------------------------------------------------ clean */
 
@@ -318,7 +416,7 @@ static enum status clean_folder(struct store *store, int folder_fd, enum store_t
 enum status store_clean(struct store *store, bool (*keep)(void *ctx, enum store_thing thing, const char *name),
                         void *ctx, size_t *removed, struct error *error) {
     *removed = 0;
-    enum status status = clean_folder(store, store->tmp_fd, STORE_CLOUD, NULL, NULL, removed);
+    enum status status = clean_folder(store, store->tmp_fd, STORE_TEMPORARY, NULL, NULL, removed);
     if (status == STATUS_OK) status = clean_folder(store, store->clouds_fd, STORE_CLOUD, keep, ctx, removed);
     if (status == STATUS_OK) status = clean_folder(store, store->jobs_fd, STORE_JOB, keep, ctx, removed);
     return status == STATUS_OK ? STATUS_OK : refused(error, "list", store->root);

@@ -12,7 +12,9 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "core/alloc.h"
 #include "core/cloud_sniff.h"
+#include "core/fault.h"
 #include "core/ply_header.h"
 #include "server/digest.h"
 
@@ -29,22 +31,16 @@ struct upload {
     unsigned char head[PLY_HEADER_MAX_BYTES]; /* the first bytes */
 };
 
-static void out_of_room(struct problem *problem, const struct error *error) {
-    problem_set(problem, PROBLEM_STORAGE_FULL, "%s", error->text);
-}
-
-static struct upload *too_large(const struct upload *upload, uint64_t bytes, struct problem *problem) {
-    problem_set(problem, PROBLEM_BODY_TOO_LARGE, "the body is longer than %llu bytes",
-                (unsigned long long)upload->max_bytes);
-    problem_add_number(problem, "limit", (int64_t)upload->max_bytes);
+void upload_too_large(uint64_t max_bytes, uint64_t bytes, struct problem *problem) {
+    problem_set(problem, PROBLEM_BODY_TOO_LARGE, "the body is longer than %llu bytes", (unsigned long long)max_bytes);
+    problem_add_number(problem, "limit", (int64_t)max_bytes);
     if (bytes <= INT64_MAX) problem_add_number(problem, "actual", (int64_t)bytes);
     problem_add_text(problem, "hint", "send binary PLY, or thin the cloud out first");
-    return NULL;
 }
 
 struct upload *upload_new(struct store *store, uint64_t expected_bytes, uint64_t max_bytes, struct problem *problem) {
     struct error error = {0};
-    struct upload *upload = calloc(1, sizeof *upload);
+    struct upload *upload = alloc_zeroed(1, sizeof *upload);
     if (!upload) {
         problem_set(problem, PROBLEM_INTERNAL_ERROR, "no memory");
         return NULL;
@@ -56,9 +52,11 @@ struct upload *upload_new(struct store *store, uint64_t expected_bytes, uint64_t
                               .max_bytes = max_bytes};
     bool fits = expected_bytes == UINT64_MAX || expected_bytes <= max_bytes;
     if (!fits)
-        too_large(upload, expected_bytes, problem);
-    else if (!upload->digest || store_upload_begin(store, &upload->file, &error) != STATUS_OK)
-        out_of_room(problem, &error);
+        upload_too_large(max_bytes, expected_bytes, problem);
+    else if (!upload->digest)
+        problem_set(problem, PROBLEM_INTERNAL_ERROR, "no memory");
+    else if (store_upload_begin(store, &upload->file, &error) != STATUS_OK)
+        problem_from_error(problem, &error);
     else
         return upload;
     upload_free(upload);
@@ -94,7 +92,8 @@ static bool check_ply(struct upload *upload, uint64_t total, struct problem *pro
 
 static bool refuse_kind(const char *looks_like, struct problem *problem) {
     struct error error = {0};
-    error_set(&error, STATUS_UNSUPPORTED, "", "the body looks like %s, not like a PLY or XYZ cloud", looks_like);
+    error_set(&error, STATUS_UNSUPPORTED, "", "the body looks like %s, not like a cloud of a format that is read",
+              looks_like);
     problem_from_error(problem, &error);
     return false;
 }
@@ -103,14 +102,14 @@ static bool refuse_kind(const char *looks_like, struct problem *problem) {
 static bool check_head(struct upload *upload, uint64_t total, bool at_end, struct problem *problem) {
     if (upload->head_bytes < SNIFF_BYTES && !at_end && upload->head_bytes < total) return true;
     struct cloud_guess guess = cloud_sniff(upload->head, upload->head_bytes);
-    switch (guess.kind) {
-    case CLOUD_KIND_PLY: return check_ply(upload, total, problem);
-    case CLOUD_KIND_OTHER: return refuse_kind(guess.looks_like, problem);
-    case CLOUD_KIND_EMPTY: problem_set(problem, PROBLEM_MALFORMED_CLOUD, "the body is empty"); return false;
-    case CLOUD_KIND_TEXT: break;
+    if (guess.kind == CLOUD_KIND_PLY) return check_ply(upload, total, problem);
+    if (guess.kind == CLOUD_KIND_OTHER) return refuse_kind(guess.looks_like, problem);
+    if (guess.kind == CLOUD_KIND_EMPTY) {
+        problem_set(problem, PROBLEM_MALFORMED_CLOUD, "the body is empty");
+        return false;
     }
     upload->checked = true;
-    snprintf(upload->facts.format, sizeof upload->facts.format, "xyz");
+    snprintf(upload->facts.format, sizeof upload->facts.format, "%s", guess.format);
     return true;
 }
 
@@ -125,11 +124,12 @@ static bool check_more(struct upload *upload, const void *bytes, size_t count, s
 
 static bool write_all(struct upload *upload, const char *bytes, size_t count, struct problem *problem) {
     while (count) {
-        ssize_t n = write(upload->file.fd, bytes, count);
+        ssize_t n = fault_at("upload-write") ? -1 : write(upload->file.fd, bytes, count);
         if (n < 0 && errno == EINTR) continue;
         if (n < 0) {
-            problem_set(problem, errno == ENOSPC || errno == EDQUOT ? PROBLEM_STORAGE_FULL : PROBLEM_INTERNAL_ERROR,
-                        "the body can't be stored: %s", strerror(errno));
+            struct error error;
+            error_set(&error, status_from_errno(errno), "", "the body can't be stored: %s", strerror(errno));
+            problem_from_error(problem, &error);
             return false;
         }
         bytes += n;
@@ -140,7 +140,7 @@ static bool write_all(struct upload *upload, const char *bytes, size_t count, st
 
 bool upload_write(struct upload *upload, const void *bytes, size_t count, struct problem *problem) {
     if (count > upload->max_bytes - upload->bytes) {
-        too_large(upload, UINT64_MAX, problem);
+        upload_too_large(upload->max_bytes, UINT64_MAX, problem);
         return false;
     }
     if (!check_more(upload, bytes, count, problem)) return false;

@@ -6,27 +6,33 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/watchdog.h"
 
+#include <poll.h>
 #include <pthread.h>
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stdlib.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <time.h>
 
 #include "server/events.h"
 
-enum { LOOK_EVERY_MS = 250 };
+enum { LOOK_EVERY_MS = 250, HALF_CLOSED_LOOKS = 3 };
 
 struct watched {
     int fd;
     _Atomic int phase;
     _Atomic int64_t since_ms;
     _Atomic uint64_t bytes;
+    uint64_t bytes_before; /* from here on the thread's own */
+    unsigned quiet_looks;
+    bool cut;
     struct watched *previous, *next;
 };
 
 struct watchdog {
     struct watchdog_limits limits;
+    struct metrics *metrics;
     pthread_mutex_t lock;
     pthread_cond_t ending_changed;
     bool ending;
@@ -34,17 +40,43 @@ struct watchdog {
     pthread_t thread;
 };
 
-static bool is_late(const struct watchdog_limits *limits, struct watched *watched, int64_t now) {
+/* Whether the client has closed its half, the kernel holds nothing more of it, and nothing has come for a few looks:
+ * the few are for bytes that libmicrohttpd has taken but not yet handed over. */
+static bool is_half_closed(struct watched *watched) {
+    struct pollfd ended = {.fd = watched->fd, .events = POLLRDHUP};
+    int left = 0;
+    uint64_t bytes = atomic_load(&watched->bytes);
+    bool quiet = poll(&ended, 1, 0) == 1 && (ended.revents & (POLLRDHUP | POLLHUP)) &&
+                 ioctl(watched->fd, FIONREAD, &left) == 0 && left == 0 && bytes == watched->bytes_before;
+    watched->quiet_looks = quiet ? watched->quiet_looks + 1 : 0;
+    watched->bytes_before = bytes;
+    return watched->quiet_looks >= HALF_CLOSED_LOOKS;
+}
+
+/* Whether it is to be cut, and why. */
+static bool is_late(const struct watchdog_limits *limits, struct watched *watched, int64_t now, enum metrics_cut *why) {
     int64_t age = now - atomic_load(&watched->since_ms);
     switch ((enum watchdog_phase)atomic_load(&watched->phase)) {
-    case WATCHDOG_HEADERS: return age > limits->header_ms;
-    case WATCHDOG_IDLE: return age > limits->idle_ms;
+    case WATCHDOG_HEADERS: *why = METRICS_CUT_HEADERS; return age > limits->header_ms;
+    case WATCHDOG_IDLE: *why = METRICS_CUT_IDLE; return age > limits->idle_ms;
     case WATCHDOG_BODY:
-        return age > WATCHDOG_GRACE_MS &&
-               (double)atomic_load(&watched->bytes) * 1e3 < (double)limits->min_bytes_per_s * (double)age;
+        *why = METRICS_CUT_SLOW;
+        if (age > limits->grace_ms &&
+            (double)atomic_load(&watched->bytes) * 1e3 < (double)limits->min_bytes_per_s * (double)age)
+            return true;
+        *why = METRICS_CUT_HALF_CLOSED;
+        return is_half_closed(watched);
     case WATCHDOG_BUSY: break;
     }
     return false;
+}
+
+static void look_at(struct watchdog *watchdog, struct watched *watched, int64_t now) {
+    enum metrics_cut why;
+    if (watched->cut || !is_late(&watchdog->limits, watched, now, &why)) return;
+    watched->cut = true;
+    metrics_cut(watchdog->metrics, why);
+    shutdown(watched->fd, SHUT_RDWR);
 }
 
 static void wait_a_little(struct watchdog *watchdog) {
@@ -61,18 +93,18 @@ static void *look(void *ctx) {
     pthread_mutex_lock(&watchdog->lock);
     while (!watchdog->ending) {
         int64_t now = events_clock_ms();
-        for (struct watched *w = watchdog->first; w; w = w->next)
-            if (is_late(&watchdog->limits, w, now)) shutdown(w->fd, SHUT_RDWR);
+        for (struct watched *w = watchdog->first; w; w = w->next) look_at(watchdog, w, now);
         wait_a_little(watchdog);
     }
     pthread_mutex_unlock(&watchdog->lock);
     return NULL;
 }
 
-enum status watchdog_open(struct watchdog_limits limits, struct watchdog **watchdog) {
+enum status watchdog_open(struct watchdog_limits limits, struct metrics *metrics, struct watchdog **watchdog) {
     struct watchdog *opened = calloc(1, sizeof *opened);
     if (!opened) return STATUS_NO_MEMORY;
     opened->limits = limits;
+    opened->metrics = metrics;
     pthread_mutex_init(&opened->lock, NULL);
     pthread_cond_init(&opened->ending_changed, NULL);
     if (pthread_create(&opened->thread, NULL, look, opened) != 0) {

@@ -1,4 +1,5 @@
-/* Cuts off connections that are too slow: no headers in time, silence between requests, bodies that trickle.
+/* Cuts off connections that are too slow: no headers in time, silence between requests, bodies that trickle, and bodies
+ * whose rest can't come any more because the client has closed its half of the connection.
  *
  * libmicrohttpd's own timeout starts again with every byte, so it is no defence against a client that sends one byte a
  * minute.
@@ -11,14 +12,14 @@
 #include <stdint.h>
 
 #include "core/status.h"
+#include "server/metrics.h"
 
 struct watchdog;
 struct watched; /* one connection */
 
 struct watchdog_limits {
-    int64_t header_ms, idle_ms, min_bytes_per_s; /* the rate counts from WATCHDOG_GRACE_MS on; 0 = none */
+    int64_t header_ms, idle_ms, min_bytes_per_s, grace_ms; /* the rate counts from grace_ms on; 0 = none */
 };
-enum { WATCHDOG_GRACE_MS = 30000 };
 
 enum watchdog_phase {
     WATCHDOG_HEADERS, /* connected, nothing complete yet */
@@ -27,7 +28,9 @@ enum watchdog_phase {
     WATCHDOG_IDLE     /* between two requests */
 };
 
-enum status watchdog_open(struct watchdog_limits limits, struct watchdog **watchdog) MUST_CHECK;
+/* metrics is borrowed. */
+enum status watchdog_open(struct watchdog_limits limits, struct metrics *metrics,
+                          struct watchdog **watchdog) MUST_CHECK;
 
 /* After the last connection was removed.  Accepts NULL. */
 void watchdog_close(struct watchdog *watchdog);

@@ -27,6 +27,7 @@ int wire_exit_status(enum status status) {
         [STATUS_LIMIT] = WIRE_EXIT_DATA,
         [STATUS_CANCELLED] = WIRE_EXIT_CANCELLED,
         [STATUS_ENGINE] = WIRE_EXIT_ENGINE,
+        [STATUS_NO_SPACE] = WIRE_EXIT_IO,
     };
     return (unsigned)status < STATUS_COUNT ? exits[status] : WIRE_EXIT_ENGINE;
 }

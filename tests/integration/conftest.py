@@ -53,16 +53,17 @@ class Daemon:
         self.data = folder / "data"
         self.log = folder / "log"
         self.process = None
+        self.prefix = ()  # a command that ends in exec of its arguments
 
     def start(self, *more):
-        # Sanitizers reserve address space that a limit would deny.
-        unlimited = ("--job-memory", "1024T") if re.search("asan|tsan", str(BUILD)) else ()
+        # Sanitizers reserve address space that a limit would deny, and do what confinement forbids.
+        unlimited = ("--job-memory", "1024T", "--worker-sandbox=off") if re.search("asan|tsan", str(BUILD)) else ()
         with open(self.log, "ab") as log:
             self.process = subprocess.Popen(
-                [BUILD / "whittled", "--listen", "127.0.0.1:0", "--data", self.data, *unlimited, *self.flags, *more],
+                [*self.prefix, BUILD / "whittled", "--listen", "127.0.0.1:0", "--data", self.data, *unlimited, *self.flags, *more],
                 stdout=subprocess.PIPE, stderr=log, text=True)
         line = self.process.stdout.readline()
-        assert line.startswith("listening on http://127.0.0.1:"), (line, self.log_text())
+        assert line.startswith("listening on http://127.0.0.1:"), (line, self.log_text()[-4000:])
         self.url = line.split()[-1]
         return self
 
@@ -117,6 +118,12 @@ class Daemon:
         def started():
             return re.findall(rf"job={job_id} accepted -> running attempt=\d+ pid=(\d+)", self.log_text())
         return int(wait_until(started, "the worker's start")[-1])
+
+    def check(self):
+        """Runs `whittled check` on the folder, which nothing may serve; returns exit status and lines."""
+        done = subprocess.run([BUILD / "whittled", "check", "--data", self.data], capture_output=True, text=True,
+                              check=False)
+        return done.returncode, (done.stdout + done.stderr).splitlines()
 
     def leftovers(self):
         return sorted(p.name for p in (self.data / "tmp").iterdir())

@@ -25,7 +25,8 @@ def test_a_job_from_cloud_to_outputs(daemon):
     assert job["report"]["points_in"] == 300 and job["report"]["points_out"] == 150
     assert job["report"]["mesh"]["watertight"] is True
     assert job["resources"]["peak_rss_bytes"] > 0
-    assert job["input"] == {"sha256": hashlib.sha256(SMALL).hexdigest(), "points": None, "bytes": len(SMALL),
+    sha256 = hashlib.sha256(SMALL).hexdigest()
+    assert job["input"] == {"cloud": f"/v1/clouds/{sha256}", "sha256": sha256, "points": None, "bytes": len(SMALL),
                             "format": "xyz"}
     assert job["created"] <= job["started"] <= job["finished"] < job["expires"]
 

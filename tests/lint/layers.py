@@ -12,15 +12,19 @@ import sys
 # Folder -> which project folders its files may include.
 MAY_INCLUDE = {"core": {"core"}, "api": {"api", "core"}, "server": {"server", "api", "core"}}
 # What api/ may know of core/.
-API_SEES = {"core/status.h", "core/params.h", "core/report.h", "core/version.h"}
+API_SEES = {"core/status.h", "core/params.h", "core/report.h", "core/version.h", "core/cloud_sniff.h"}
 # core/pipeline.h and the stages belong to the worker.
-DAEMON_SEES = API_SEES | {"core/cloud_sniff.h", "core/ply_header.h", "core/cloud_ply.h", "core/alloc.h"}
+DAEMON_SEES = API_SEES | {"core/cloud_sniff.h", "core/ply_header.h", "core/cloud_ply.h", "core/alloc.h", "core/fault.h",
+                          "core/cloud_prefix.h", "core/inflate.h"}
 # Third-party header -> the only files that include it (a pattern).
 OWNER = {
     r"flann/.*": r"core/knn\.c",
     r"CGAL/.*": r"core/\w+_cgal\.cc",
-    r"sqlite3\.h": r"server/queue_sqlite\.c",
+    r"zlib\.h": r"core/inflate_gzip\.c",
+    r"zstd(_errors)?\.h": r"core/inflate_zstd\.c",
+    r"sqlite3\.h": r"server/sql\.c",
     r"microhttpd\.h": r"server/http\.c",
+    r"seccomp\.h": r"server/daemon_seccomp\.c",
     r"jansson\.h": r"(api/\w+\.[ch]|server/handlers?_\w+\.c)",
 }
 BANNED = re.compile(r"(?<![\w.>])(sprintf|vsprintf|strcpy|strcat|gets|strtok|atoi|atol|atof|system)\s*\(")

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Brings the parameters in api/openapi.json up to date with the parameter table.
+"""Brings api/openapi.json up to date with the parameter table, and with the scopes of the route table.
 
 Usage: update_contract.py WHITTLED     (from the root of the tree)
 
@@ -9,6 +9,7 @@ contract is written by hand.  A new parameter may be used by every operation tha
 """
 import json
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -50,6 +51,32 @@ def update_operation(operation, old, new):
     operation["parameters"] = kept + others
 
 
+def scopes():
+    """(method, path) -> scope, of the route table."""
+    rows = re.findall(r'\{"([A-Z]+)", "([^"]+)",\s+"\w+",\s+OPERATION_\w+,\s+ROUTES_(\w+)\}',
+                      pathlib.Path("api/routes.c").read_text(encoding="utf-8"))
+    return {(method.lower(), path): scope.lower() for method, path, scope in rows}
+
+
+def problem(slug):
+    return {"description": f"A problem document: {slug}.",
+            "content": {"application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}}}
+
+
+def update_security(operation, scope):
+    """Which token an operation wants, and what it answers to others."""
+    if scope == "public":
+        operation["security"] = []
+        return
+    operation["security"] = [{"token": []}] + ([{"link": []}] if operation["operationId"] == "getOutput" else [])
+    operation["x-scope"] = scope
+    header = {"schema": {"type": "string"}, "description": "Bearer, and what is wrong with the token."}
+    responses = operation["responses"]
+    responses["401"] = problem("unauthorized") | {"headers": {"WWW-Authenticate": header}}
+    responses.setdefault("403", problem("forbidden"))
+    operation["responses"] = dict(sorted(responses.items()))
+
+
 def main():
     table = table_of(sys.argv[1])
     contract = json.loads(CONTRACT.read_text(encoding="utf-8"))
@@ -58,10 +85,12 @@ def main():
     components["parameters"] = {name: parameter(name, row) for name, row in table.items()}
     components["schemas"]["Params"]["properties"] = {
         name: {key: value for key, value in row.items() if not key.startswith("x-")} for name, row in table.items()}
-    for item in contract["paths"].values():
+    scope_of = scopes()
+    for path, item in contract["paths"].items():
         for method, operation in item.items():
             if method != "parameters":
                 update_operation(operation, old, table)
+                update_security(operation, scope_of[method, path])
     CONTRACT.write_text(json.dumps(contract, indent=1) + "\n", encoding="utf-8")
 
 

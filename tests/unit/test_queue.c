@@ -62,6 +62,7 @@ static enum status submit_limited(struct fixture *f, int n, uint64_t max) {
     id_of(n, job.id);
     snprintf(job.cloud, sizeof job.cloud, "cloud%d", n % 2);
     snprintf(job.label, sizeof job.label, "%s", n % 2 ? "odd" : "even");
+    snprintf(job.principal, sizeof job.principal, "%s", n % 3 ? "" : "third");
     params_defaults(&job.params);
     job.params.ratio = 0.25;
     return queue_submit(f->queue, &job, max, &f->error);
@@ -98,33 +99,95 @@ static void assert_depth(struct fixture *f, uint64_t waiting, uint64_t running) 
 
 /* ------------------------------------------------------------------------------------------------ order */
 
-static void the_oldest_is_claimed_first(void **state) {
+/* 3 and 6 are of another principal than 1, 2 and 4. */
+static void principals_take_turns_the_oldest_first(void **state) {
+    static const int order[] = {1, 3, 2, 6, 4};
     struct fixture *f = *state;
     struct job job;
     char id[JOB_ID_BYTES];
-    for (int n = 3; n > 0; n--) submit(f, n);
-    for (int n = 1; n <= 3; n++) {
+    submit(f, 6), submit(f, 4), submit(f, 3), submit(f, 2), submit(f, 1);
+    reopen(f);
+    for (size_t i = 0; i < sizeof order / sizeof *order; i++) {
+        get(f, order[i], &job);
+        assert_int_equal(job.ahead, 0);
+        job_done(&job);
+        get(f, 4, &job);
+        assert_int_equal(job.ahead, 4 - i);
+        job_done(&job);
         assert_true(claim(f, &job));
-        assert_string_equal(job.id, id_of(n, id));
+        assert_string_equal(job.id, id_of(order[i], id));
         assert_int_equal(job.state, JOB_RUNNING);
         assert_int_equal(job.attempt, 1);
         assert_float_equal(job.params.ratio, 0.25, 0);
         job_done(&job);
     }
     assert_false(claim(f, &job));
-    assert_depth(f, 0, 3);
+    assert_depth(f, 0, 5);
+}
+
+static void count_costs(void *ctx, const struct job_cost *cost, int64_t started_ms) {
+    int *counts = ctx;
+    assert_int_equal(cost->size, 12);
+    counts[started_ms > 0]++;
+}
+
+static void the_outlook_has_what_runs_and_what_comes_before(void **state) {
+    struct fixture *f = *state;
+    struct job job;
+    char id[JOB_ID_BYTES];
+    int counts[2] = {0};
+    for (int n = 1; n <= 5; n++) submit(f, n);
+    assert_true(claim(f, &job));
+    queue_outlook(f->queue, id_of(5, id), count_costs, counts);
+    assert_int_equal(counts[0], 3);
+    assert_int_equal(counts[1], 1);
+    assert_true(finish(f, JOB_DONE, &job));
+    job_done(&job);
+    queue_outlook(f->queue, id_of(5, id), count_costs, counts);
+    assert_int_equal(counts[0], 6);
+    assert_int_equal(counts[1], 1);
+}
+
+static void a_result_is_found_by_its_principal_while_it_is_there(void **state) {
+    struct fixture *f = *state;
+    struct job job = {.priority = 3, .created_ms = 50, .started_ms = 50, .result = "same", .principal = "me"};
+    struct job found;
+    bool is_found, changed;
+    params_defaults(&job.params);
+    id_of(7, job.id);
+    job.report = strdup("{}");
+    job.output_count = 1;
+    snprintf(job.output[0].name, sizeof job.output[0].name, "cloud.ply");
+    assert_int_equal(queue_submit_ended(f->queue, &job, &f->error), STATUS_OK);
+    assert_depth(f, 0, 0);
+    reopen(f);
+    assert_int_equal(queue_find_result(f->queue, "same", "you", &found, &is_found, &f->error), STATUS_OK);
+    assert_false(is_found);
+    assert_int_equal(queue_find_result(f->queue, "same", "me", &found, &is_found, &f->error), STATUS_OK);
+    assert_true(is_found);
+    assert_string_equal(found.id, job.id);
+    assert_string_equal(found.report, "{}");
+    assert_string_equal(found.output[0].name, "cloud.ply");
+    assert_int_equal(found.priority, 3);
+    assert_int_equal(found.started_ms, 50);
+    assert_int_equal(found.state, JOB_SUCCESSFUL);
+    job_done(&found);
+    assert_int_equal(queue_delete(f->queue, job.id, "deleted", &changed, &f->error), STATUS_OK);
+    assert_int_equal(queue_find_result(f->queue, "same", "me", &found, &is_found, &f->error), STATUS_OK);
+    assert_false(is_found);
+    job_done(&job);
 }
 
 static void how_many_are_ahead(void **state) {
     struct fixture *f = *state;
     struct job job;
-    for (int n = 0; n < 4; n++) submit(f, n);
+    for (int n = 1; n < 5; n++) submit(f, n);
     assert_true(claim(f, &job));
     job_done(&job);
-    get(f, 3, &job);
+    get(f, 4, &job);
     assert_int_equal(job.ahead, 2);
     job_done(&job);
-    get(f, 0, &job);
+    get(f, 1, &job);
     assert_int_equal(job.ahead, 0);
     job_done(&job);
 }
@@ -265,6 +328,9 @@ static void lists_are_newest_first_and_filtered(void **state) {
     assert_int_equal(list(f, (struct queue_filter){.after = id_of(2, id)}, jobs, 10), 2);
     assert_int_equal(list(f, (struct queue_filter){.label = "odd"}, jobs, 10), 3);
     assert_int_equal(list(f, (struct queue_filter){.label = "' OR 1=1 --"}, jobs, 10), 0);
+    assert_int_equal(list(f, (struct queue_filter){.principal = ""}, jobs, 10), 4);
+    assert_int_equal(list(f, (struct queue_filter){.principal = "third"}, jobs, 10), 2);
+    assert_string_equal(jobs[0].principal, "third");
     assert_int_equal(list(f, (struct queue_filter){.by_state = true, .state = JOB_RUNNING}, jobs, 10), 1);
     assert_int_equal(list(f, (struct queue_filter){.by_state = true, .state = JOB_FAILED}, jobs, 10), 0);
 }
@@ -274,7 +340,7 @@ static void deleting_leaves_a_tombstone(void **state) {
     struct job job;
     bool changed;
     uint64_t uses;
-    submit(f, 1);
+    submit(f, 3);
     assert_true(claim(f, &job));
     assert_int_equal(queue_delete(f->queue, job.id, "deleted", &changed, &f->error), STATUS_OK);
     assert_false(changed); /* it runs */
@@ -288,8 +354,9 @@ static void deleting_leaves_a_tombstone(void **state) {
     enum queue_presence presence;
     struct queue_tombstone tombstone;
     char id[JOB_ID_BYTES];
-    assert_int_equal(queue_get(f->queue, id_of(1, id), &job, &presence, &tombstone, &f->error), STATUS_OK);
+    assert_int_equal(queue_get(f->queue, id_of(3, id), &job, &presence, &tombstone, &f->error), STATUS_OK);
     assert_int_equal(presence, QUEUE_GONE);
+    assert_string_equal(tombstone.principal, "third");
     assert_string_equal(tombstone.reason, "deleted");
     assert_true(tombstone.at_ms > 0);
 }
@@ -480,7 +547,9 @@ static void each_job_is_claimed_by_one(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        TEST(the_oldest_is_claimed_first),
+        TEST(principals_take_turns_the_oldest_first),
+        TEST(the_outlook_has_what_runs_and_what_comes_before),
+        TEST(a_result_is_found_by_its_principal_while_it_is_there),
         TEST(how_many_are_ahead),
         TEST(a_full_queue_refuses),
         TEST(an_id_comes_once),

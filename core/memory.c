@@ -1,0 +1,121 @@
+/* The peak of a job as a table of its stages.
+ *
+ * Nearly all memory is in arrays with an entry for each point, so what is held during a stage is a sum of
+ *
+ *     HELD     by every stage once points are in order: records, coordinates, the points along the curve
+ *     point    bytes of the stage and of what others left for later ones, for each input point
+ *     near     the same for each point and each neighbour that it may have
+ *     kept     for each point that is kept
+ *     face     for each triangle of the input
+ *
+ * and the peak is the largest of them, with a margin.  The figures are sizes of the arrays where those are ours, and
+ * measured where they aren't (FLANN, CGAL); the test measures them all again.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/memory.h"
+
+#include <math.h>
+#include <stdbool.h>
+
+#include "core/cloud_sniff.h"
+#include "core/neighbourhood.h"
+#include "core/ply_header.h"
+
+static const double PROGRAM = 8e6; /* the program, its libraries, stacks and buffers */
+static const double MARGIN = 1.05;
+enum { POSITION = 24, TRIANGLE = 12, HELD = 32 };
+
+static bool mesh_wanted(const struct params *p) { return p->outputs & (OUTPUT_MESH | OUTPUT_ERROR); }
+static bool refined(const struct params *p) { return mesh_wanted(p) && p->refine != REFINE_NONE; }
+static bool denoised(const struct params *p) { return p->denoise != DENOISE_NONE; }
+static bool cloud_alone(const struct params *p) { return !mesh_wanted(p); }
+static bool reconstructed_whole(const struct params *p) {
+    return mesh_wanted(p) && p->reference == REFERENCE_RECONSTRUCTION;
+}
+static bool painted(const struct params *p) { return p->outputs & (OUTPUT_DSO | OUTPUT_ERROR); }
+
+static const struct stage {
+    const char *name;
+    bool (*wanted)(const struct params *params);
+    double point, near, kept, face;
+} stages[] = {
+    {"denoise", denoised, 470, 0, 0, 0},        {"join", cloud_alone, 86, 9, 0, 0},
+    {"contract", cloud_alone, 124, 7, 0, 0},    {"tangent", cloud_alone, 40, 0, 70, 0},
+    {"join", mesh_wanted, 122, 9, 0, 0},        {"contract", mesh_wanted, 165, 11, 0, 0},
+    {"delaunay", mesh_wanted, 81, 4, 1150, 0},  {"refine", refined, 330, 4, 650, 0},
+    {"measure", mesh_wanted, 105, 4, 300, 160}, {"reference", reconstructed_whole, 1250, 4, 150, 0},
+    {"paint", painted, 160, 4, 200, 0},
+};
+enum { STAGES = sizeof stages / sizeof stages[0] };
+
+/* The most neighbours of a point, in a noisy cloud. */
+static double most_neighbours(const struct params *params) {
+    return neighbourhood_noisy_count((unsigned)params->neighbours_max);
+}
+
+static double kept_points(const struct memory_job *job, const struct params *params) {
+    double points = (double)job->points, ratio = params->levels.count ? params->levels.ratio[0] : params->ratio;
+    for (uint32_t i = 1; i < params->levels.count; i++) ratio = fmax(ratio, params->levels.ratio[i]);
+    if (!isnan(params->max_error)) return points;
+    if (params->points) return fmin(points, (double)params->points);
+    return isnan(ratio) ? points : ratio * points;
+}
+
+/* What all levels leave behind: meshes. */
+static double results(const struct memory_job *job, const struct params *params) {
+    double points = (double)job->points, bytes = 0;
+    for (uint32_t i = 0; i < params->levels.count; i++) bytes += params->levels.ratio[i] * points;
+    if (params->levels.count == 0) bytes = kept_points(job, params);
+    return mesh_wanted(params) ? 60 * bytes : 0;
+}
+
+uint64_t memory_predict(const struct memory_job *job, const struct params *params) {
+    double points = (double)job->points, faces = (double)job->faces, kept = kept_points(job, params);
+    double cloud = points * (POSITION + (double)job->record_bytes) + faces * TRIANGLE;
+    if (params->denoise == DENOISE_FULL) cloud += points * POSITION;
+    double peak = cloud + (double)job->input_bytes;
+    for (int i = 0; i < STAGES; i++) {
+        const struct stage *s = &stages[i];
+        if (!s->wanted(params)) continue;
+        double each = HELD + s->point + s->near * most_neighbours(params);
+        peak = fmax(peak, cloud + points * each + kept * s->kept + faces * s->face);
+    }
+    peak = PROGRAM + MARGIN * (peak + results(job, params));
+    return peak < 0x1p64 ? (uint64_t)peak : UINT64_MAX;
+}
+
+/* ------------------------------------------------------------------------------------------------ what comes */
+
+static enum status job_of_ply(const void *bytes, size_t n, uint64_t total_bytes, struct memory_job *job) {
+    struct ply_summary summary;
+    struct error ignored;
+    enum status status = ply_header_check(bytes, n, total_bytes, &summary, &ignored);
+    if (status) return status;
+    if (!summary.complete) return STATUS_MALFORMED;
+    *job = (struct memory_job){summary.vertex_count, summary.record_bytes, summary.face_count, total_bytes};
+    return STATUS_OK;
+}
+
+static bool is_blank(char c) { return c == ' ' || c == '\t' || c == ',' || c == ';' || c == '\r' || c == '\n'; }
+
+/* Each word becomes a double; a line is as long as those that are there. */
+static void job_of_text(const char *text, size_t n, uint64_t total_bytes, struct memory_job *job) {
+    double lines = 0, words = 0;
+    for (size_t i = 0; i < n; i++) {
+        lines += text[i] == '\n';
+        words += !is_blank(text[i]) && (i + 1 == n || is_blank(text[i + 1]));
+    }
+    if (lines < 1) lines = 1;
+    *job = (struct memory_job){.points = (uint64_t)(1.1 * lines / (double)n * (double)total_bytes) + 1,
+                               .record_bytes = sizeof(double) * (uint64_t)ceil(words / lines),
+                               .input_bytes = total_bytes};
+}
+
+enum status memory_job_of(const void *first_bytes, size_t n, uint64_t total_bytes, struct memory_job *job) {
+    switch (cloud_sniff(first_bytes, n).kind) {
+    case CLOUD_KIND_PLY: return job_of_ply(first_bytes, n, total_bytes, job);
+    case CLOUD_KIND_TEXT: job_of_text(first_bytes, n, total_bytes, job); return STATUS_OK;
+    case CLOUD_KIND_EMPTY: return STATUS_MALFORMED;
+    default: return STATUS_UNSUPPORTED;
+    }
+}

@@ -1,0 +1,24 @@
+#!/bin/sh
+# Makes the Debian package from the tree that dist.sh leaves.
+# Usage: deb.sh FOLDER        prints the package's path
+# SPDX-License-Identifier: GPL-3.0-or-later
+set -eu
+here=$(cd "$(dirname "$0")/.." && pwd)
+mkdir -p "$1"
+folder=$(cd "$1" && pwd)
+version=$("$here/deploy/version.sh")
+SOURCE_DATE_EPOCH=$("$here/deploy/version.sh" --epoch)
+export SOURCE_DATE_EPOCH
+
+"$here/deploy/dist.sh" "$folder" >/dev/null
+cd "$folder/whittle-$version"
+cp -r deploy/debian debian
+cat >debian/changelog <<END
+whittle ($version) unstable; urgency=medium
+
+  * As in the history of the source.
+
+ -- The whittle developers <whittle@packages.invalid>  $(LC_ALL=C date -u -R -d "@$SOURCE_DATE_EPOCH")
+END
+dpkg-buildpackage -b -us -uc -j"$(nproc)" >"$folder/build.log" 2>&1 || { tail -n 40 "$folder/build.log" >&2; exit 1; }
+ls "$folder"/whittle_"$version"_*.deb

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the programs say of themselves: settings, manual pages, health."""
+import os
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from conftest import BUILD
+
+WHITTLED = BUILD / "whittled"
+PLAIN = {name: value for name, value in os.environ.items() if not name.startswith("WHITTLED_")}
+
+
+def run(*arguments, program=WHITTLED, **environment):
+    return subprocess.run([program, *map(str, arguments)], capture_output=True, text=True, env={**PLAIN, **environment},
+                          check=False, timeout=60)
+
+
+def settings_of(text):
+    return dict(line.split(" = ", 1) for line in text.splitlines() if " = " in line and not line.startswith("#"))
+
+
+def test_printed_settings_are_read_back_as_the_same(tmp_path):
+    odd = run("--max-body-bytes", "3000000", "--retention", "90m", "--job-wall=1500ms", "--max-queue", "7", "--data",
+              "a#b/c d", "--print-config", WHITTLED_SYNC_MAX="7200")
+    assert odd.returncode == 0, odd.stderr
+    settings = settings_of(odd.stdout)
+    assert settings["max-body-bytes"] == "3000000" and settings["retention"] == "90m"
+    assert settings["job-wall"] == "1500ms" and settings["sync-max"] == "2h" and settings["max-queue"] == "7"
+    assert settings["data"] == "a#b/c d" and "config" not in settings
+    file = tmp_path / "whittled.conf"
+    file.write_text(odd.stdout)
+    assert run("--config", file, "--print-config").stdout == odd.stdout
+
+
+def test_every_setting_is_in_help_page_and_file():
+    named = set(re.findall(r"^  --([a-z-]+)", run("--help").stdout, re.M)) - {"help", "version", "man", "config",
+                                                                              "print-config", "check-config"}
+    assert named == set(settings_of(run("--print-config").stdout))
+    page = run("--man").stdout.replace("\\-", "-")
+    assert all(f"--{name}" in page for name in named)
+
+
+def test_check_says_what_is_wrong_and_serves_nothing(tmp_path):
+    file = tmp_path / "bad.conf"
+    file.write_text("max-queue = many\n")
+    bad = run("--config", file, "--check-config")
+    assert bad.returncode == 2 and "max-queue" in bad.stderr and "many" in bad.stderr
+    file.write_text("# fine\nmax-queue = 5 # jobs\n")
+    good = run("--config", file, "--check-config", "--data", tmp_path / "never-made")
+    assert good.returncode == 0 and not (tmp_path / "never-made").exists()
+    assert run("--check-config", WHITTLED_NO_SUCH="1").returncode == 2
+
+
+def test_healthcheck(daemon):
+    address = daemon.url.removeprefix("http://")
+    assert run("healthcheck", "--url", f"{daemon.url}/healthz").returncode == 0
+    assert run("healthcheck", "--url", daemon.url).returncode == 0
+    assert run("healthcheck", "--listen", address).returncode == 0
+    assert run("healthcheck", WHITTLED_LISTEN=f"0.0.0.0:{daemon.port}").returncode == 0
+    assert run("healthcheck", "--url", f"{daemon.url}/nothing").returncode == 1
+    daemon.stop()
+    silent = run("healthcheck", "--listen", address)
+    assert silent.returncode == 1 and "nobody answers" in silent.stderr
+    assert run("healthcheck", "--url", "ftp://here").returncode == 1
+    assert run("healthcheck", "--listen", "nowhere").returncode == 1
+
+
+@pytest.mark.parametrize("program", ["whittle", "whittled"])
+def test_manual_pages_have_no_faults(program, tmp_path):
+    page = run("--man", program=BUILD / program).stdout
+    parts = re.findall(r"^\.SH (.+)$", page, re.M)
+    assert parts[:3] == ["NAME", "SYNOPSIS", "DESCRIPTION"] and "EXIT STATUS" in parts
+    for line in page.splitlines():
+        assert line and (not line.startswith(".") or re.match(r"\.(SH|TH|TP|PP|br|B|BR|RI|I|EX|EE|\\\") ?", line)), line
+    if not shutil.which("groff") and not shutil.which("mandoc"):
+        pytest.skip("neither groff nor mandoc is installed; looked at the page's text alone")
+    file = tmp_path / "page"
+    file.write_text(page)
+    if shutil.which("groff"):
+        told = subprocess.run(["groff", "-man", "-ww", "-z", "-Tutf8", file], capture_output=True, text=True, check=True)
+        assert told.stderr == ""
+    if shutil.which("mandoc"):
+        told = subprocess.run(["mandoc", "-T", "lint", "-W", "warning", file], capture_output=True, text=True,
+                              check=False)
+        # A date would make two builds of the same source differ.
+        assert [line for line in told.stdout.splitlines() if line.strip() and "missing date" not in line] == []

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is released: the tarball is the same bytes whenever it is made, versions come from git, the bill of materials
+names what the programs are linked with, and the shell completes what the programs know."""
+import json
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+
+import pytest
+
+import conftest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+RELEASE_BUILD = not re.search("asan|tsan", str(conftest.BUILD))
+needs_dpkg = pytest.mark.skipif(not shutil.which("dpkg-query"), reason="dpkg is not installed")
+needs_bash = pytest.mark.skipif(not shutil.which("bash"), reason="bash is not installed")
+
+
+def run(*command, **more):
+    done = subprocess.run([str(c) for c in command], capture_output=True, text=True, check=False, **more)
+    assert done.returncode == 0, (command, done.stdout, done.stderr)
+    return done.stdout.strip()
+
+
+@pytest.fixture(name="tarball", scope="module")
+def make_tarball(tmp_path_factory):
+    return pathlib.Path(run(ROOT / "deploy/dist.sh", tmp_path_factory.mktemp("dist")))
+
+
+def test_the_tarball_is_the_same_bytes_each_time(tarball, tmp_path):
+    again = run(ROOT / "deploy/dist.sh", tmp_path, env=dict(os.environ, TZ="Asia/Tokyo", LC_ALL="C.UTF-8"),
+                preexec_fn=lambda: os.umask(0o077))
+    assert pathlib.Path(again).read_bytes() == tarball.read_bytes()
+
+
+def test_a_tarball_made_from_the_tarball_is_the_same_bytes(tarball, tmp_path):
+    run("tar", "-xf", tarball, "-C", tmp_path)
+    tree = tmp_path / tarball.name.removesuffix(".tar.xz")
+    again = pathlib.Path(run(tree / "deploy/dist.sh", tmp_path / "again"))
+    assert again.name == tarball.name and again.read_bytes() == tarball.read_bytes()
+    assert run(tree / "deploy/version.sh") == run(ROOT / "deploy/version.sh")
+
+
+def test_the_tarball_holds_the_whole_source(tarball):
+    names = {n.split("/", 1)[1] for n in run("tar", "-tf", tarball).splitlines() if "/" in n}
+    assert {"Makefile", "README.md", "core/pipeline.c", "server/daemon_main.c", "deploy/Dockerfile"} <= names
+    assert not [n for n in names if n.startswith(("build/", "out/", ".git/"))]
+
+
+def test_the_package_is_built_with_what_the_makefile_wants():
+    wanted = run("make", "-C", ROOT, "--no-print-directory", "-s", "print-packages").split()
+    wanted = {p for p in wanted if p.endswith("-dev")} - {"libc6-dev", "libcmocka-dev"}
+    declared = set(re.findall(r"[a-z0-9.+-]+-dev", (ROOT / "deploy/debian/control").read_text()))
+    assert wanted == declared
+
+
+@pytest.fixture(name="repository")
+def make_repository(tmp_path):
+    """A repository with one commit that has version.sh."""
+    (tmp_path / "deploy").mkdir()
+    shutil.copy(ROOT / "deploy/version.sh", tmp_path / "deploy")
+
+    def git(*arguments):
+        return run("git", "-C", tmp_path, "-c", "user.name=a", "-c", "user.email=a@b", *arguments)
+
+    git("init", "-q")
+    git("add", ".")
+    git("commit", "-qm", "first")
+    return lambda: run(tmp_path / "deploy/version.sh"), git, tmp_path
+
+
+def test_versions_come_from_git(repository):
+    version, git, folder = repository
+    assert re.fullmatch(r"0\.0\.0\+1\.g[0-9a-f]{7}", version())
+    git("tag", "-a", "-m", "x", "v1.2.3")
+    assert version() == "1.2.3"
+    git("commit", "-q", "--allow-empty", "-m", "second")
+    assert re.fullmatch(r"1\.2\.3\+1\.g[0-9a-f]{7}", version())
+    with open(folder / "deploy/version.sh", "a", encoding="utf-8") as file:
+        file.write("# a change\n")
+    assert re.fullmatch(r"1\.2\.3\+1\.g[0-9a-f]{7}\.dirty", version())
+
+
+def test_a_tree_without_git_says_what_its_file_says(repository):
+    version, _, folder = repository
+    (folder / ".version").write_text("4.5.6 1700000000\n")
+    assert version() == "4.5.6"
+    assert run(folder / "deploy/version.sh", "--epoch", env={"PATH": os.environ["PATH"]}) == "1700000000"
+
+
+@needs_dpkg
+@pytest.mark.skipif(not RELEASE_BUILD, reason="the sanitizers' libraries are no part of a release")
+def test_the_bill_of_materials_names_what_is_linked():
+    programs = [conftest.BUILD / name for name in ("whittle", "whittled")]
+    text = run("python3", ROOT / "deploy/sbom.py", *programs)
+    assert text == run("python3", ROOT / "deploy/sbom.py", *programs)
+    bill = json.loads(text)
+    assert bill["spdxVersion"] == "SPDX-2.3"
+    packages = {p["SPDXID"]: p for p in bill["packages"]}
+    names = {p["name"] for p in bill["packages"]}
+    assert {"whittle", "libc6", "libmicrohttpd12", "libsqlite3-0", "libflann1.9", "libcgal-dev"} <= names
+    ids = set(packages) | {f["SPDXID"] for f in bill["files"]} | {"SPDXRef-DOCUMENT"}
+    for relation in bill["relationships"]:
+        assert {relation["spdxElementId"], relation["relatedSpdxElement"]} <= ids
+    assert all(p["versionInfo"] for p in bill["packages"])
+    print(f"{len(names)} packages")
+
+
+@needs_bash
+@pytest.mark.parametrize("program, typed, offered", [
+    ("whittle", "--rat", "--ratio"), ("whittle", "meas", "measure"), ("whittled", "--max-q", "--max-queue"),
+    ("whittled", "--dat", "--data")])
+def test_the_shell_completes_what_the_program_knows(program, typed, offered):
+    script = (f'source {ROOT}/deploy/completion/{program}; COMP_WORDS=("{conftest.BUILD / program}" "{typed}"); '
+              f'COMP_CWORD=1; _{program}; printf "%s\\n" "${{COMPREPLY[@]}}"')
+    assert offered in run("bash", "-c", script).splitlines()

@@ -1,0 +1,173 @@
+/* The predicted peak of a job against the peak of a process that runs it.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#include "core/cloud_read.h"
+#include "core/memory.h"
+#include "core/pipeline.h"
+#include "tests/unit/shapes.h"
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+enum { SANITIZED = 1 };
+#else
+enum { SANITIZED = 0 };
+#endif
+
+static struct params params_of(const char *settings) {
+    struct params params;
+    char name[64], value[64];
+    int used;
+    params_defaults(&params);
+    for (; sscanf(settings, " %63s %63s%n", name, value, &used) == 2; settings += used)
+        assert_int_equal(params_set(&params, name, value, NULL), STATUS_OK);
+    assert_int_equal(params_resolve(&params, NULL), STATUS_OK);
+    return params;
+}
+
+/* ------------------------------------------------------------------------------------------------ measured */
+
+/* A sphere with noise, as PLY with `attributes` floats beside the coordinates. */
+static void write_scan(const char *path, size_t n, double noise, unsigned attributes) {
+    FILE *file = fopen(path, "wb");
+    vec3 *point = shape_sphere(n, 1);
+    uint64_t state = 7;
+    fprintf(file,
+            "ply\nformat binary_little_endian 1.0\nelement vertex %zu\nproperty float x\nproperty float y\n"
+            "property float z\n",
+            n);
+    for (unsigned a = 0; a < attributes; a++) fprintf(file, "property float a%u\n", a);
+    fprintf(file, "end_header\n");
+    for (size_t i = 0; i < n; i++) {
+        double r = 1 + noise * (random_unit(&state) - 0.5);
+        float record[35] = {(float)(r * point[i].x), (float)(r * point[i].y), (float)(r * point[i].z)};
+        assert_int_equal(fwrite(record, (3 + attributes) * sizeof(float), 1, file), 1);
+    }
+    assert_int_equal(fclose(file), 0);
+    free(point);
+}
+
+static int run_job(const char *path, const struct params *params) {
+    struct cloud cloud = {0};
+    struct pipeline_result result = {0};
+    if (cloud_read_path(path, NULL, NULL, &cloud, NULL)) return 1;
+    return pipeline_run(&cloud, params, NULL, &result, NULL) ? 1 : 0;
+}
+
+static double peak_of(const char *path, const struct params *params) {
+    pid_t child = fork();
+    assert_true(child >= 0);
+    if (child == 0) _exit(run_job(path, params));
+    int how;
+    struct rusage usage;
+    assert_int_equal(wait4(child, &how, 0, &usage), child);
+    assert_true(WIFEXITED(how) && WEXITSTATUS(how) == 0);
+    return (double)usage.ru_maxrss * 1024;
+}
+
+static double predicted_for(const char *path, const struct params *params) {
+    unsigned char first[4096];
+    FILE *file = fopen(path, "rb");
+    size_t n = fread(first, 1, sizeof first, file);
+    assert_int_equal(fseek(file, 0, SEEK_END), 0);
+    struct memory_job job;
+    assert_int_equal(memory_job_of(first, n, (uint64_t)ftell(file), &job), STATUS_OK);
+    fclose(file);
+    return (double)memory_predict(&job, params);
+}
+
+/* times: how much more than the peak may be predicted; noise is counted in, so clouds without it take less. */
+static const struct {
+    size_t points;
+    double noise;
+    unsigned attributes;
+    const char *settings;
+    double times;
+} jobs[] = {
+    {20000, 0, 0, "", 1.7},
+    {100000, 0, 0, "", 1.8},
+    {100000, 0.02, 0, "", 1.5},
+    {100000, 0.02, 0, "neighbours_max 16 neighbours_min 12", 1.5},
+    {100000, 0, 32, "ratio 0.5", 1.8},
+    {100000, 0.02, 0, "denoise full", 1.5},
+    {30000, 0, 0, "outputs cloud,mesh,report", 1.8},
+    {30000, 0, 0, "outputs cloud,mesh,report ratio 0.5 refine none", 1.5},
+    {30000, 0, 0, "outputs cloud,mesh,report,dso,error levels 0.4,0.2,0.1", 1.5},
+    {30000, 0, 0, "outputs cloud,mesh,report ratio 0.1 reference reconstruction refine none", 1.5},
+};
+
+static void jobs_stay_below_the_prediction_and_near_it(void **state) {
+    (void)state;
+    unsigned missed = 0;
+    char path[] = "/tmp/whittle-memory-XXXXXX";
+    if (SANITIZED) skip();
+    int fd = mkstemp(path);
+    assert_true(fd >= 0);
+    close(fd);
+    for (size_t i = 0; i < sizeof jobs / sizeof jobs[0]; i++) {
+        struct params params = params_of(jobs[i].settings);
+        write_scan(path, jobs[i].points, jobs[i].noise, jobs[i].attributes);
+        double peak = peak_of(path, &params), predicted = predicted_for(path, &params);
+        print_message("%7zu points, noise %g, '%s': took %.1f MB, predicted %.2f times that\n", jobs[i].points,
+                      jobs[i].noise, jobs[i].settings, peak / 1e6, predicted / peak);
+        missed += predicted < peak || predicted > jobs[i].times * peak;
+    }
+    unlink(path);
+    assert_int_equal(missed, 0);
+}
+
+/* ------------------------------------------------------------------------------------------------ what comes */
+
+static void a_header_says_how_many_points_come(void **state) {
+    (void)state;
+    static const char header[] = "ply\nformat ascii 1.0\nelement vertex 5000000000\nproperty double x\n"
+                                 "property double y\nproperty double z\nproperty uchar red\nelement face 7\n"
+                                 "property list uchar int vertex_indices\nend_header\n";
+    struct memory_job job;
+    assert_int_equal(memory_job_of(header, sizeof header - 1, UINT64_MAX, &job), STATUS_OK);
+    assert_true(job.points == 5000000000 && job.record_bytes == 25 && job.faces == 7);
+    assert_int_equal(memory_job_of(header, 40, 100000, &job), STATUS_MALFORMED);
+}
+
+static void the_first_lines_say_how_many_points_come(void **state) {
+    (void)state;
+    static const char text[] = "1.5 2.5 3.5\n4.5 5.5 6.5\n";
+    struct memory_job job;
+    assert_int_equal(memory_job_of(text, sizeof text - 1, 24000, &job), STATUS_OK);
+    assert_true(job.points >= 2000 && job.points <= 2400 && job.record_bytes == 24 && job.input_bytes == 24000);
+    assert_int_equal(memory_job_of("\x89PNG\r\n\x1a\n", 8, 8, &job), STATUS_UNSUPPORTED);
+    assert_int_equal(memory_job_of("", 0, 0, &job), STATUS_MALFORMED);
+}
+
+static void more_of_anything_takes_no_less(void **state) {
+    (void)state;
+    struct params cloud = params_of(""), mesh = params_of("outputs cloud,mesh"), all = params_of("points 4000000000");
+    struct memory_job small = {1000000, 12, 0, 12000000}, more = {2000000, 12, 0, 24000000};
+    struct memory_job wide = {1000000, 120, 0, 120000000}, most = {UINT64_MAX, UINT64_MAX, UINT64_MAX, UINT64_MAX};
+    assert_true(memory_predict(&small, &cloud) < memory_predict(&more, &cloud));
+    assert_true(memory_predict(&small, &cloud) < memory_predict(&wide, &cloud));
+    assert_true(memory_predict(&small, &cloud) <= memory_predict(&small, &mesh));
+    assert_true(memory_predict(&small, &cloud) <= memory_predict(&small, &all));
+    assert_true(memory_predict(&most, &mesh) == UINT64_MAX);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(jobs_stay_below_the_prediction_and_near_it),
+        cmocka_unit_test(a_header_says_how_many_points_come),
+        cmocka_unit_test(the_first_lines_say_how_many_points_come),
+        cmocka_unit_test(more_of_anything_takes_no_less),
+    };
+    return cmocka_run_group_tests_name("memory", tests, NULL, NULL);
+}

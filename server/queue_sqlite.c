@@ -50,6 +50,9 @@ static const char *const schema[] = {
     "ALTER TABLE jobs ADD COLUMN priority INTEGER NOT NULL DEFAULT 5;"
     "ALTER TABLE jobs ADD COLUMN result TEXT NOT NULL DEFAULT '';"
     "CREATE INDEX jobs_by_result ON jobs (result, id) WHERE result <> '';",
+    "CREATE TABLE uploads (id TEXT PRIMARY KEY, principal TEXT NOT NULL, metadata TEXT NOT NULL, cloud TEXT NOT NULL, "
+    "created INTEGER NOT NULL, expires INTEGER NOT NULL, position INTEGER NOT NULL, length INTEGER NOT NULL, "
+    "boot TEXT NOT NULL) STRICT;",
 };
 enum { SCHEMA_VERSION = sizeof schema / sizeof schema[0] };
 

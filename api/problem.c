@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/cloud_sniff.h"
+
 static const struct problem_type types[PROBLEM_COUNT] = {
     [PROBLEM_INVALID_PARAMETER] =
         {"invalid-parameter", 400, "A parameter's value is not allowed",
@@ -69,6 +71,10 @@ static const struct problem_type types[PROBLEM_COUNT] = {
                            "scope names what the token lacks.  A signed link opens one output, until it expires."},
     [PROBLEM_RATE_LIMITED] = {"rate-limited", 429, "A limit for each principal is reached",
                               "limit says which.  Try again after Retry-After seconds, or delete what is not needed."},
+    [PROBLEM_IDEMPOTENCY_KEY_REUSED] = {"idempotency-key-reused", 422, "The key belongs to another request",
+                                        "A key stands for one request: send the same again, or choose another key."},
+    [PROBLEM_IDEMPOTENCY_IN_PROGRESS] = {"idempotency-in-progress", 409, "A request with this key is under way",
+                                         "Try again after Retry-After seconds: the reply to the other one is given."},
     [PROBLEM_QUEUE_FULL] = {"queue-full", 503, "The queue is full", "Try again after Retry-After seconds."},
     [PROBLEM_DRAINING] = {"draining", 503, "The service is about to stop and takes no new work",
                           "Try again after Retry-After seconds."},
@@ -162,7 +168,7 @@ void problem_from_error(struct problem *problem, const struct error *error) {
     if (error->where[0])
         problem_add_text(problem, kind == PROBLEM_MALFORMED_CLOUD ? "property" : "where", error->where);
     if (kind == PROBLEM_UNSUPPORTED_FORMAT)
-        problem_add_list(problem, "supported", "ply/ascii,ply/binary_little_endian,ply/binary_big_endian,xyz");
+        problem_add_list(problem, "supported", cloud_sniff_formats());
 }
 
 /* ------------------------------------------------------------------------------------------------ JSON */

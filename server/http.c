@@ -301,7 +301,8 @@ static bool admit(struct exchange *x) {
     if (request->match.route) {
         x->handler = handlers_find(request->match.route->operation);
         if (!x->admin && !access_admit(service, request, &x->response)) return false;
-        return !x->handler->admit || x->handler->admit(service, request, &x->response);
+        return handlers_admit_key(service, request, &x->response) &&
+               (!x->handler->admit || x->handler->admit(service, request, &x->response));
     }
     if (request->match.allow[0]) {
         response_refuse(&x->response, PROBLEM_METHOD_NOT_ALLOWED, "%.16s is not one of %s", request->method,
@@ -471,6 +472,7 @@ static void on_completed(void *ctx, struct MHD_Connection *connection, void **st
     count(x, whole);
     watchdog_enter(x->watched, WATCHDOG_IDLE);
     body_free(x->request.body);
+    idempotency_release(http->service->idempotency, &x->request.claim);
     response_done(&x->response);
     free(x);
     pthread_mutex_lock(&http->lock);
@@ -561,7 +563,7 @@ static enum status start(struct http *http, struct error *error) {
     if (offload_open(OFFLOAD_THREADS, &http->offload) != STATUS_OK ||
         watchdog_open(limits, http->service->metrics, &http->watchdog) != STATUS_OK)
         return error_set(error, STATUS_NO_MEMORY, "http", "can't start threads");
-    enum status status = start_listener(&http->main, "http", config->listen, error);
+    enum status status = start_listener(&http->main, NOTIFY_MAIN_SOCKET, config->listen, error);
     return status == STATUS_OK ? start_admin(http, error) : status;
 }
 

@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "api/problem.h"
+#include "core/fault.h"
 #include "core/version.h"
 #include "server/clouds.h"
 #include "server/digest.h"
@@ -135,7 +136,10 @@ enum status service_open(struct service *service, const struct config *config, s
     service->config = config;
     pthread_rwlock_init(&service->clouds, NULL);
     service->estimate = estimate_new();
-    enum status status = service->estimate ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
+    service->idempotency = idempotency_new();
+    enum status status = service->estimate && service->idempotency
+                             ? STATUS_OK
+                             : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
     if (status == STATUS_OK) status = store_open(config->data, &service->store, error);
     if (status == STATUS_OK) {
         store_database_path(service->store, path);
@@ -164,10 +168,21 @@ void service_close(struct service *service) {
     queue_close(service->queue);
     store_close(service->store);
     estimate_free(service->estimate);
+    idempotency_free(service->idempotency);
     pthread_rwlock_destroy(&service->clouds);
 }
 
 /* ------------------------------------------------------------------------------------------------ submit, delete */
+
+/* Removes a cloud that nothing refers to any more. */
+static void forget_cloud(struct service *service, const char *cloud) {
+    struct error error = {0};
+    uint64_t uses = 1;
+    pthread_rwlock_wrlock(&service->clouds);
+    if (queue_cloud_uses(service->queue, cloud, &uses, &error) == STATUS_OK && uses == 0)
+        store_cloud_delete(service->store, cloud);
+    pthread_rwlock_unlock(&service->clouds);
+}
 
 /* The hash of what the job computes. */
 static enum status name_result(struct job *job, struct error *error) {
@@ -236,9 +251,12 @@ enum status service_submit(struct service *service, struct upload *upload, const
         status = upload_keep(upload, error);
     else if (!store_cloud_exists(service->store, job->cloud))
         status = error_set(error, STATUS_BAD_PARAMETER, "input", "there is no cloud %s any more", job->cloud);
+    fault_at("submit-kept");
     if (status == STATUS_OK) status = enqueue(service, job, fresh, error);
     pthread_rwlock_unlock(&service->clouds);
+    if (status != STATUS_OK) forget_cloud(service, job->cloud);
     if (status != STATUS_OK) return status;
+    fault_at("submit-committed");
     metrics_submitted(service->metrics);
     log_line(LOG_INFO, "job=%s %s: %llu bytes of %s who=%s", job->id,
              job->state == JOB_SUCCESSFUL ? "successful, as an earlier one" : "accepted",
@@ -279,20 +297,11 @@ double service_time_left(struct service *service, const struct job *job) {
 
 /* ------------------------------------------------------------------------------------------------ letting go */
 
-/* Removes a cloud that nothing refers to any more. */
-static void forget_cloud(struct service *service, const char *cloud) {
-    struct error error = {0};
-    uint64_t uses = 1;
-    pthread_rwlock_wrlock(&service->clouds);
-    if (queue_cloud_uses(service->queue, cloud, &uses, &error) == STATUS_OK && uses == 0)
-        store_cloud_delete(service->store, cloud);
-    pthread_rwlock_unlock(&service->clouds);
-}
-
 enum status service_delete(struct service *service, const struct job *job, const char *reason, bool *changed,
                            struct error *error) {
     enum status status = queue_delete(service->queue, job->id, reason, changed, error);
     if (status != STATUS_OK || !*changed) return status;
+    fault_at("delete-committed");
     store_job_delete(service->store, job->id);
     forget_cloud(service, job->cloud);
     log_line(LOG_INFO, "job=%s %s", job->id, reason);
@@ -313,7 +322,9 @@ static struct clouds_record record_of(struct service *service, const struct uplo
     return record;
 }
 
-static enum status cloud_kept(const struct clouds_record *record, enum status status) {
+/* The end of keeping a cloud: of a failure, no file remains. */
+static enum status cloud_kept(struct service *service, const struct clouds_record *record, enum status status) {
+    if (status != STATUS_OK) forget_cloud(service, record->sha256);
     if (status == STATUS_OK)
         log_line(LOG_INFO, "cloud=%s kept: %llu bytes of %s", record->sha256, (unsigned long long)record->bytes,
                  record->format);
@@ -331,7 +342,7 @@ enum status service_keep_cloud(struct service *service, struct upload *upload, c
     if (status == STATUS_OK) status = clouds_put(service->queue, &record, error);
     pthread_rwlock_unlock(&service->clouds);
     clouds_record_done(&before);
-    return cloud_kept(&record, status);
+    return cloud_kept(service, &record, status);
 }
 
 enum status service_keep_part(struct service *service, const char *id, const struct upload_facts *facts,
@@ -341,7 +352,7 @@ enum status service_keep_part(struct service *service, const char *id, const str
     enum status status = store_part_keep(service->store, id, record.sha256, error);
     if (status == STATUS_OK) status = clouds_put(service->queue, &record, error);
     pthread_rwlock_unlock(&service->clouds);
-    return cloud_kept(&record, status);
+    return cloud_kept(service, &record, status);
 }
 
 enum status service_delete_cloud(struct service *service, const char *sha256, const char *principal, uint64_t *jobs,
@@ -418,7 +429,15 @@ bool service_answers(struct service *service) {
     return status == STATUS_OK && supervised;
 }
 
+static void sweep_keys(struct service *service) {
+    struct error error = {0};
+    int64_t before_ms = job_now_ms() - service->config->idempotency_retention_ms;
+    if (idempotency_forget(queue_writer(service->queue), before_ms, &error) != STATUS_OK)
+        log_line(LOG_ERROR, "can't forget old keys: %s", error.text);
+}
+
 void service_sweep(struct service *service) {
+    sweep_keys(service);
     sweep_jobs(service);
     sweep_clouds(service);
     uploads_sweep(service->uploads, job_now_ms());

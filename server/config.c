@@ -49,6 +49,10 @@ static const struct setting table[] = {
      "Threads of a job that asks for all; 0 = processors / workers"},
     {"max-body-bytes", BYTES, AT(max_body_bytes), "2G", 1, 1024 * KB *GB, "max_body_bytes", "Longest request body"},
     {"max-queue", COUNT, AT(max_queue), "1000", 1, 1000000, "max_queue", "Jobs that may wait"},
+    {"principal-jobs", COUNT, AT(principal_jobs), "0", 0, 1000000, "principal_jobs",
+     "Jobs of one principal that may wait or run; 0 = no limit of its own"},
+    {"principal-bytes", BYTES, AT(principal_bytes), "0", 0, 1024 * KB *GB, "principal_bytes",
+     "Bytes of inputs and outputs that are kept for one principal; 0 = no limit"},
     {"job-memory", BYTES, AT(job_memory_bytes), "0", 0, 1024 * KB *GB, "job_memory_bytes",
      "Address space of a job; 0 = physical memory / workers"},
     {"job-cpu", DURATION, AT(job_cpu_ms), "1h", SECOND, 365 * DAY, "job_cpu_ms", "Processor time of a job"},
@@ -437,9 +441,10 @@ enum config_request config_read(struct config *config, int argc, char **argv, ch
 /* What is read each time that it is needed, and so may change while the service runs. */
 static bool is_live(const struct setting *setting) {
     static const char *const live[] = {
-        "threads-per-job", "max-body-bytes", "max-queue",          "job-memory",       "job-cpu",
-        "job-wall",        "sync-max",       "wait-max",           "drain-timeout",    "retention",
-        "min-free",        "link-max",       "refuse-drain-bytes", "refuse-drain-time"};
+        "threads-per-job", "max-body-bytes",     "max-queue",        "job-memory",      "job-cpu",
+        "job-wall",        "sync-max",           "wait-max",         "drain-timeout",   "retention",
+        "min-free",        "link-max",           "principal-jobs",   "principal-bytes", "max-header-bytes",
+        "max-parameters",  "refuse-drain-bytes", "refuse-drain-time"};
     for (size_t i = 0; i < sizeof live / sizeof *live; i++)
         if (strcmp(live[i], setting->name) == 0) return true;
     return false;

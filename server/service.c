@@ -202,10 +202,13 @@ static bool borrow(struct service *service, struct job *job) {
 
 /* Adds the job's row: of one that waits, or of one whose result is there already. */
 static enum status enqueue(struct service *service, struct job *job, bool fresh, struct error *error) {
+    const struct config *config = service->config;
+    struct queue_limits limits = {(uint64_t)config->max_queue, (uint64_t)config->principal_jobs,
+                                  (uint64_t)config->principal_bytes};
     enum status status = name_result(job, error);
     if (status != STATUS_OK) return status;
     if (fresh || !service->config->result_cache || !borrow(service, job))
-        return queue_submit(service->queue, job, (uint64_t)service->config->max_queue, error);
+        return queue_submit(service->queue, job, &limits, error);
     status = queue_submit_ended(service->queue, job, error);
     if (status == STATUS_OK)
         job->state = JOB_SUCCESSFUL;
@@ -235,8 +238,7 @@ enum status service_submit(struct service *service, struct upload *upload, const
     metrics_submitted(service->metrics);
     log_line(LOG_INFO, "job=%s %s: %llu bytes of %s who=%s", job->id,
              job->state == JOB_SUCCESSFUL ? "successful, as an earlier one" : "accepted",
-             (unsigned long long)job->input_bytes, job->input_format,
-             job->principal[0] ? job->principal : "-");
+             (unsigned long long)job->input_bytes, job->input_format, job->principal[0] ? job->principal : "-");
     supervisor_notify(service->supervisor);
     events_publish(service->events, job->id);
     return STATUS_OK;

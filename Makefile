@@ -234,13 +234,13 @@ $(unit_runs): run-%: %
 # Fuzzers exist in config=fuzz alone; `make fuzz` goes there by itself.  What a run finds new stays in the corpus.
 FUZZ_SECONDS ?= 20
 ifeq ($(config),fuzz)
-$(fuzz_programs): $(build)/%: $(build)/%.o $(libwhittle)
-	$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $^ $(CODEC_LIBS) -lm
+$(fuzz_programs): $(build)/%: $(build)/%.o $(libserver) $(libapi) $(libwhittle)
+	$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $^ $(API_LIBS) $(CODEC_LIBS) -lm
 
 .PHONY: fuzz
 fuzz: $(fuzz_programs)
 	@set -e; for f in $(fuzz_programs); do echo "== $$f"; mkdir -p $$f.corpus $$f.seeds; \
-	    for s in tests/fixtures/*/*/input.*; do cp "$$s" "$$f.seeds/$$(echo "$$s" | tr / _)"; done; \
+	    for s in tests/fixtures/*/*/input.* tests/fuzz/seeds/*; do cp "$$s" "$$f.seeds/$$(echo "$$s" | tr / _)"; done; \
 	    $$f -max_total_time=$(FUZZ_SECONDS) -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 -verbosity=0 \
 	        -artifact_prefix=$$f. $$f.corpus $$f.seeds; done
 else

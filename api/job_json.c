@@ -139,16 +139,23 @@ char *job_event_encode(const struct job_document *job) {
                 JSON_COMPACT);
 }
 
+/* What an upload may be. */
+static json_t *features_json(void) {
+    return json_pack("{s:[s, s, s], s:[s, s], s:[s]}", "request_bodies", "application/octet-stream",
+                     "multipart/form-data", "application/json", "content_codings", "gzip", "zstd", "digests",
+                     "sha-256");
+}
+
 char *job_info_encode(const char *version, bool (*limit)(void *ctx, size_t i, const char **name, int64_t *value),
                       void *ctx) {
     json_t *limits = json_object();
     const char *name;
     int64_t value;
     for (size_t i = 0; limit(ctx, i, &name, &value); i++) json_object_set_new(limits, name, json_integer(value));
-    return dump(json_pack("{s:s, s:s, s:[s, s, s, s], s:[s, s, s, s, s, s], s:o, s:{s:s, s:s}}", "name", "whittled",
-                          "version", version, "input_formats", "ply/ascii", "ply/binary_little_endian",
+    return dump(json_pack("{s:s, s:s, s:[s, s, s, s], s:[s, s, s, s, s, s], s:o, s:o, s:{s:s, s:s}}", "name",
+                          "whittled", "version", version, "input_formats", "ply/ascii", "ply/binary_little_endian",
                           "ply/binary_big_endian", "xyz", "outputs", "cloud.ply", "cloud.xyz", "mesh.ply",
-                          "report.json", "dso.ply", "error.ply", "limits", limits, "links", "contract", "/openapi.json",
-                          "parameters", "/v1/parameters"),
+                          "report.json", "dso.ply", "error.ply", "features", features_json(), "limits", limits, "links",
+                          "contract", "/openapi.json", "parameters", "/v1/parameters"),
                 JSON_INDENT(2));
 }

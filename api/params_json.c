@@ -13,7 +13,7 @@
 
 #include "api/query.h"
 
-enum { VALUE_BYTES = 512, MAX_MEMBERS = 64 };
+enum { VALUE_BYTES = PARAMS_JSON_TEXT_BYTES, MAX_MEMBERS = 64 };
 
 static json_t *flags_json(const char *text) {
     json_t *list = json_array();
@@ -56,7 +56,23 @@ json_t *params_to_json(const struct params *params) {
     return json;
 }
 
-/* A value as query text; what has no such form becomes text that no parameter takes. */
+/* Whether a value is of the JSON type that the schema says. */
+static bool is_of_type(const struct param *param, const json_t *value) {
+    size_t i;
+    json_t *item;
+    bool ok = json_is_array(value);
+    switch (param->type) {
+    case PARAM_NUMBER: return json_is_number(value);
+    case PARAM_INTEGER: return json_is_integer(value);
+    case PARAM_CHOICE: return json_is_string(value);
+    case PARAM_FLAGS:
+        json_array_foreach(value, i, item) ok = ok && json_is_string(item) && !strchr(json_string_value(item), ',');
+        return ok;
+    case PARAM_LEVELS: json_array_foreach(value, i, item) ok = ok && json_is_number(item); return ok;
+    }
+    return false;
+}
+
 static void scalar_to_text(const json_t *value, char *text, size_t bytes) {
     if (json_is_integer(value))
         snprintf(text, bytes, "%lld", (long long)json_integer_value(value));
@@ -66,10 +82,22 @@ static void scalar_to_text(const json_t *value, char *text, size_t bytes) {
         snprintf(text, bytes, "%s", json_is_string(value) ? json_string_value(value) : "?");
 }
 
-static void json_to_text(const json_t *value, char text[VALUE_BYTES]) {
+/* JSON text of a wrong type, which no parameter takes. */
+static void dump_to_text(const json_t *value, char text[VALUE_BYTES]) {
+    char *dump = json_dumps(value, JSON_COMPACT | JSON_ENCODE_ANY);
+    snprintf(text, VALUE_BYTES, "%s", dump ? dump : "?");
+    free(dump);
+}
+
+void params_json_text(const char *name, const json_t *value, char text[PARAMS_JSON_TEXT_BYTES]) {
+    const struct param *param = params_find(name);
     size_t i, used = 0;
     json_t *item;
     text[0] = 0;
+    if (!param || !is_of_type(param, value)) {
+        dump_to_text(value, text);
+        return;
+    }
     if (!json_is_array(value)) {
         scalar_to_text(value, text, VALUE_BYTES);
         return;
@@ -93,7 +121,7 @@ bool params_from_json(const json_t *json, struct params *params, struct problem 
         return false;
     }
     json_object_foreach((json_t *)(uintptr_t)json, name, value) {
-        json_to_text(value, values[count]);
+        params_json_text(name, value, values[count]);
         pairs[count] = (struct query_pair){name, values[count]};
         count++;
     }

@@ -31,6 +31,9 @@ static const struct problem_type types[PROBLEM_COUNT] = {
                                    "limit is in bytes, the first line included.  Send fewer or shorter headers."},
     [PROBLEM_TOO_MANY_POINTS] = {"too-many-points", 413, "The cloud is over a limit of its reader",
                                  "See GET /v1/info for the limits."},
+    [PROBLEM_DIGEST_MISMATCH] = {"digest-mismatch", 400, "The body is not what its digest says",
+                                 "Content-Digest and Repr-Digest are over the body as it is sent, with its content "
+                                 "coding.  Nothing was kept; send it again."},
     [PROBLEM_NO_SUCH_JOB] = {"no-such-job", 404, "There is no such job", "GET /v1/jobs lists the jobs."},
     [PROBLEM_NO_SUCH_CLOUD] = {"no-such-cloud", 404, "There is no such cloud",
                                "GET /v1/clouds lists the clouds that you have uploaded and that are still kept."},

@@ -24,6 +24,7 @@ enum problem_kind {
     PROBLEM_BODY_TOO_LARGE,
     PROBLEM_HEADERS_TOO_LARGE,
     PROBLEM_TOO_MANY_POINTS,
+    PROBLEM_DIGEST_MISMATCH,
     PROBLEM_NO_SUCH_JOB,
     PROBLEM_NO_SUCH_CLOUD,
     PROBLEM_CLOUD_IN_USE,
@@ -47,7 +48,7 @@ enum problem_kind {
     PROBLEM_WORKER_CRASHED,
     PROBLEM_INTERNAL_ERROR
 };
-#define PROBLEM_COUNT 32
+#define PROBLEM_COUNT (PROBLEM_INTERNAL_ERROR + 1)
 
 /* One row of the table. */
 struct problem_type {

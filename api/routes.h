@@ -34,7 +34,7 @@ enum operation {
     OPERATION_GET_READINESS,
     OPERATION_GET_METRICS
 };
-#define OPERATION_COUNT 23
+#define OPERATION_COUNT (OPERATION_GET_METRICS + 1)
 
 /* What a principal needs for an operation; a set of the last three is what a principal has. */
 enum routes_scope { ROUTES_PUBLIC = 0, ROUTES_SUBMIT = 1, ROUTES_READ = 2, ROUTES_ADMIN = 4 };

@@ -1,16 +1,24 @@
-/* Lists live in one pool.  A list only shrinks in place; a merged point's new list goes to the end of the pool, and
- * when the pool is full the live lists are moved together into a fresh one.
+/* In three loops: how long each list gets, who goes into it, and sorting.  A point that names q without being named by
+ * q adds itself to q's list, whoever comes first; sorting makes the order that of the ids.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/adjacency.h"
 
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "core/alloc.h"
+#include "core/par.h"
 
-enum { DEGREE_LIMIT = UINT8_MAX };
+enum { GRAIN = 4096, DEGREE_LIMIT = UINT8_MAX };
+
+struct building {
+    const struct neighbourhood *hood;
+    struct adjacency *out;
+    atomic_uint *used; /* n: entries that p's list needs; then those that it has */
+};
 
 static bool lists(const struct neighbourhood *hood, uint32_t p, uint32_t q) {
     const uint32_t *id = &hood->id[(size_t)p * hood->stride];
@@ -19,85 +27,105 @@ static bool lists(const struct neighbourhood *hood, uint32_t p, uint32_t q) {
     return false;
 }
 
-static void insert_sorted(struct link *list, uint8_t *degree, uint32_t id) {
-    unsigned i = *degree;
-    for (; i > 0 && list[i - 1].id > id; i--) list[i] = list[i - 1];
-    list[i] = (struct link){id, NAN};
-    (*degree)++;
+static void start_count(void *ctx, size_t begin, size_t end) {
+    const struct building *b = ctx;
+    for (size_t p = begin; p < end; p++) atomic_init(&b->used[p], b->hood->count[p]);
 }
 
-/* room[p] = how many entries p needs: its own neighbours, and those that name it but aren't among them. */
-static void count_room(const struct neighbourhood *hood, uint32_t *room) {
-    for (size_t p = 0; p < hood->n; p++) room[p] = hood->count[p];
-    for (size_t p = 0; p < hood->n; p++)
-        for (unsigned i = 0; i < hood->count[p]; i++) {
-            uint32_t q = hood->id[p * hood->stride + i];
-            if (!lists(hood, q, (uint32_t)p)) room[q]++;
+static void count_others(void *ctx, size_t begin, size_t end) {
+    const struct building *b = ctx;
+    for (size_t p = begin; p < end; p++)
+        for (unsigned i = 0; i < b->hood->count[p]; i++) {
+            uint32_t q = b->hood->id[p * b->hood->stride + i];
+            if (!lists(b->hood, q, (uint32_t)p)) atomic_fetch_add_explicit(&b->used[q], 1, memory_order_relaxed);
         }
+}
+
+static void fill_own(void *ctx, size_t begin, size_t end) {
+    const struct building *b = ctx;
+    for (size_t p = begin; p < end; p++) {
+        unsigned count = b->hood->count[p];
+        memcpy(&b->out->list[b->out->start[p]], &b->hood->id[p * b->hood->stride], count * sizeof *b->out->list);
+        atomic_store_explicit(&b->used[p], count, memory_order_relaxed);
+    }
+}
+
+static void fill_others(void *ctx, size_t begin, size_t end) {
+    const struct building *b = ctx;
+    for (size_t p = begin; p < end; p++)
+        for (unsigned i = 0; i < b->hood->count[p]; i++) {
+            uint32_t q = b->hood->id[p * b->hood->stride + i];
+            if (lists(b->hood, q, (uint32_t)p)) continue;
+            b->out->list[b->out->start[q] + atomic_fetch_add_explicit(&b->used[q], 1, memory_order_relaxed)] =
+                (uint32_t)p;
+        }
+}
+
+static int compare_ids(const void *a, const void *b) {
+    uint32_t i = *(const uint32_t *)a, j = *(const uint32_t *)b;
+    return (i > j) - (i < j);
+}
+
+static void sort_ids(uint32_t *id, size_t n) {
+    if (n > DEGREE_LIMIT) {
+        qsort(id, n, sizeof *id, compare_ids);
+        return;
+    }
+    for (size_t i = 1; i < n; i++) {
+        uint32_t x = id[i];
+        size_t j = i;
+        for (; j > 0 && id[j - 1] > x; j--) id[j] = id[j - 1];
+        id[j] = x;
+    }
 }
 
 /* Who names a crowd's centre from outside its own list is left out once the list is full: that only happens around
  * outliers' favourite points. */
-static void fill(const struct neighbourhood *hood, struct adjacency *out) {
-    for (size_t p = 0; p < hood->n; p++)
-        for (unsigned i = 0; i < hood->count[p]; i++)
-            insert_sorted(&out->list[out->start[p]], &out->degree[p], hood->id[p * hood->stride + i]);
-    for (size_t p = 0; p < hood->n; p++)
-        for (unsigned i = 0; i < hood->count[p]; i++) {
-            uint32_t q = hood->id[p * hood->stride + i];
-            if (out->degree[q] < DEGREE_LIMIT && !lists(hood, q, (uint32_t)p))
-                insert_sorted(&out->list[out->start[q]], &out->degree[q], (uint32_t)p);
-        }
+static void sort_range(void *ctx, size_t begin, size_t end) {
+    const struct building *b = ctx;
+    for (size_t p = begin; p < end; p++) {
+        uint32_t *list = &b->out->list[b->out->start[p]];
+        size_t used = atomic_load_explicit(&b->used[p], memory_order_relaxed), own = b->hood->count[p];
+        if (used > DEGREE_LIMIT) sort_ids(list + own, used - own);
+        b->out->degree[p] = (uint8_t)(used < DEGREE_LIMIT ? used : DEGREE_LIMIT);
+        sort_ids(list, b->out->degree[p]);
+    }
 }
 
-enum status adjacency_from(const struct neighbourhood *hood, struct adjacency *out) {
+/* Gives each list its place. */
+static enum status place_lists(struct building *b) {
+    struct adjacency *out = b->out;
+    for (size_t p = 0; p < out->n; p++) {
+        out->start[p] = (uint32_t)out->capacity;
+        out->capacity += b->used[p];
+        if (out->capacity >= UINT32_MAX) return STATUS_NO_MEMORY;
+    }
+    out->list = alloc_array(out->capacity, sizeof *out->list);
+    return out->list ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+enum status adjacency_from(const struct neighbourhood *hood, unsigned threads, struct adjacency *out) {
     struct adjacency made = {.n = hood->n};
-    uint32_t *room = alloc_array(hood->n, sizeof *room);
+    struct building b = {hood, &made, alloc_array(hood->n, sizeof *b.used)};
     made.start = alloc_array(hood->n, sizeof *made.start);
-    made.degree = alloc_zeroed(hood->n, sizeof *made.degree);
-    if (!room || !made.start || !made.degree) goto no_memory;
-    count_room(hood, room);
-    for (size_t p = 0; p < hood->n; p++) {
-        made.start[p] = made.used;
-        made.used += room[p] < DEGREE_LIMIT ? room[p] : DEGREE_LIMIT;
+    made.degree = alloc_array(hood->n, sizeof *made.degree);
+    enum status status = b.used && made.start && made.degree ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) {
+        par_for(threads, hood->n, GRAIN, start_count, &b);
+        par_for(threads, hood->n, GRAIN, count_others, &b);
+        status = place_lists(&b);
     }
-    made.capacity = made.used + made.used / 4 + ADJACENCY_MAX;
-    made.list = alloc_array(made.capacity, sizeof *made.list);
-    if (!made.list) goto no_memory;
-    fill(hood, &made);
-    free(room);
-    *out = made;
-    return STATUS_OK;
-no_memory:
-    free(room);
-    adjacency_done(&made);
-    return STATUS_NO_MEMORY;
-}
-
-static size_t live_entries(const struct adjacency *adjacency, const uint32_t *live, size_t live_count) {
-    size_t entries = 0;
-    for (size_t i = 0; i < live_count; i++) entries += adjacency->degree[live[i]];
-    return entries;
-}
-
-enum status adjacency_reserve(struct adjacency *adjacency, const uint32_t *live, size_t live_count, size_t entries) {
-    if (adjacency->capacity - adjacency->used >= entries) return STATUS_OK;
-    size_t needed = live_entries(adjacency, live, live_count) + entries;
-    size_t capacity = needed + needed / 4;
-    struct link *list = alloc_array(capacity, sizeof *list);
-    if (!list) return STATUS_NO_MEMORY;
-    size_t used = 0;
-    for (size_t i = 0; i < live_count; i++) {
-        uint32_t p = live[i];
-        memcpy(&list[used], &adjacency->list[adjacency->start[p]], adjacency->degree[p] * sizeof *list);
-        adjacency->start[p] = used;
-        used += adjacency->degree[p];
+    if (!status) {
+        par_for(threads, hood->n, GRAIN, fill_own, &b);
+        par_for(threads, hood->n, GRAIN, fill_others, &b);
+        par_for(threads, hood->n, GRAIN, sort_range, &b);
     }
-    free(adjacency->list);
-    adjacency->list = list;
-    adjacency->used = used;
-    adjacency->capacity = capacity;
-    return STATUS_OK;
+    free(b.used);
+    if (status)
+        adjacency_done(&made);
+    else
+        *out = made;
+    return status;
 }
 
 void adjacency_done(struct adjacency *adjacency) {

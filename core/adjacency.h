@@ -1,4 +1,4 @@
-/* Which points are joined by virtual edges while points are contracted: lists in one pool.
+/* Which points are joined by virtual edges: lists in one pool.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_ADJACENCY_H
@@ -6,32 +6,21 @@
 
 #include "core/neighbourhood.h"
 
-enum { ADJACENCY_MAX = 24 }; /* nearest neighbours that a merged point keeps */
-
-/* One end's view of a virtual edge. */
-struct link {
-    uint32_t id; /* the other end */
-    float cost;  /* of contracting the edge; NAN = not known (any more) */
-};
-
-/* Links of p: list[start[p]] .. list[start[p] + degree[p] - 1], ascending ids, no p. */
+/* Neighbours of p: list[start[p]] .. list[start[p] + degree[p] - 1], ascending ids, no p.  32 bits are enough for the
+ * pool: clouds whose lists don't fit wouldn't fit into memory either. */
 struct adjacency {
     size_t n;
-    size_t *start;     /* n; owned */
-    uint8_t *degree;   /* n; owned */
-    struct link *list; /* capacity; owned */
-    size_t used, capacity;
+    uint32_t *start; /* n; owned */
+    uint8_t *degree; /* n; owned */
+    uint32_t *list;  /* capacity; owned */
+    size_t capacity; /* < 2^32 */
 };
 
 /* The symmetric closure of the neighbourhoods: q is joined to p where either has the other; at most 255 for a point,
- * and the first ones where there are more; all
- * costs unknown.  O(n k).  STATUS_NO_MEMORY. */
-enum status adjacency_from(const struct neighbourhood *neighbourhood, struct adjacency *out) MUST_CHECK;
-
-/* Makes room at the end of the pool for `entries` more, by moving the lists of the live points together or by growing
- * it.  STATUS_NO_MEMORY. */
-enum status adjacency_reserve(struct adjacency *adjacency, const uint32_t *live, size_t live_count,
-                              size_t entries) MUST_CHECK;
+ * its own neighbours and the lowest of the others where there are more.  The same for any number of threads.  O(n k).
+ * STATUS_NO_MEMORY, also where there would be 2^32 entries or more. */
+enum status adjacency_from(const struct neighbourhood *neighbourhood, unsigned threads,
+                           struct adjacency *out) MUST_CHECK;
 
 /* Accepts a zeroed adjacency. */
 void adjacency_done(struct adjacency *adjacency);

@@ -2,20 +2,26 @@
  *
  * The paper (Lee, Jong section 4.4) takes the cheapest pair from a heap, one at a time.  Here each pass
  *
- *     picks     for every live point the cheapest of its pairs            (parallel; costs are kept while valid)
- *     ranks     the picks by cost                                         (radix sort)
- *     performs  the cheapest ones that share no point, a fixed fraction   (sequential choice, parallel merging)
- *     updates   the lists of neighbours and marks what changed            (parallel)
+ *     gathers   for every live point the cheapest of its pairs             (parallel)
+ *     ranks     them by cost                                               (radix sort, parallel)
+ *     chooses   the cheapest ones that share no point, a fixed fraction    (one thread, marks alone)
+ *     merges    the quadrics of the chosen pairs                           (parallel)
+ *     updates   lists of neighbours, and the cheapest pair of who is near  (parallel)
  *
  * which removes the same points as the heap but for pairs that are close in cost.  A pass removes FRACTION of what is
  * live, whatever the goal, and contraction always goes on to one point: so the order is a ranking, and any number of
  * points can be taken from it afterwards.
  *
- * Invariants: into[p] == NONE for exactly the live points; the lists hold no dead points between passes; the quadric of
- * a live point is about that point.
+ * Points stand in slots, in ascending order of their ids.  A slot whose point is gone stays empty until half of all
+ * are; then the live ones move together, so that what is near in space stays near in memory.  Lists are written anew by
+ * each update, from one pool into another.
+ *
+ * Invariants between passes: target[s] == s for exactly the live slots; their lists hold live slots alone, ascending;
+ * partner[s] and cost[s] are of the cheapest pair of s; the quadric of a live point is about that point.
  *
  * A pair's cost is E_p + E_q at the end that stays, the cheaper of both (placement "subset": survivors are original
- * points), and a trace of the squared length, so that flat regions contract their short edges first.
+ * points), and a trace of the squared length, so that flat regions contract their short edges first.  Costs aren't kept
+ * but for the cheapest: unless that pair itself has changed, only pairs with neighbours that have can be cheaper.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/contract.h"
@@ -24,176 +30,188 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "core/adjacency.h"
 #include "core/alloc.h"
 #include "core/cloud.h"
+#include "core/knn.h"
 #include "core/par.h"
+#include "core/radix.h"
 
-enum { GRAIN = 512, RELINK_K = 9, KEY_DIGIT_BITS = 11, KEY_DIGITS = 1 << KEY_DIGIT_BITS, KEY_PASSES = 3 };
+enum { GRAIN = 1024, RELINK_K = 9, MOST_LINKS = 24, AHEAD = 24 };
 static const double FRACTION = 1.0 / 5, SLACK = 1.5, FEWEST = 1.0 / 6, LENGTH_BIAS = 1e-9;
 
-/* A pick of live point `owner`, sorted by key: the cost's float bits, which order as the cost does. */
-struct pick {
-    uint32_t key, owner;
-};
-
 struct contractor {
-    const vec3 *point;
+    size_t slots, live_count, removed;
+    const vec3 *point; /* by slot, as all that follow */
+    vec3 *own_point;   /* the same, once points have moved; else NULL */
     struct packed_quadric *quadric;
+    uint32_t *id;      /* the point that stands there */
+    uint32_t *target;  /* itself, or where its point went */
+    uint32_t *partner; /* other end of the cheapest pair, NONE where there is none; merged slots: the end that went */
+    float *cost;       /* of that pair */
+    uint8_t *changed;  /* its pair was chosen in this pass */
     struct adjacency near;
-    size_t live_count, removed;
-    uint32_t *live;    /* ids of the live points, ascending */
-    uint32_t *partner; /* by id: other end of the cheapest pair, NONE where there is none */
-    float *cost;       /* by id: of that pair */
-    uint8_t *dirty;    /* by id: the cheapest pair must be looked for again */
-    uint8_t *changed;  /* by id: merged in this pass */
-    struct pick *pick, *spare;
-    uint32_t *kept; /* by number of the merge within the pass: the end that stays; the other is order[removed + i] */
+    uint32_t *spare_list; /* the pool that the next update writes */
+    size_t spare_capacity;
+    size_t *chunk;         /* by range of GRAIN slots: how many picks it has; where its lists begin */
+    uint64_t *pick, *swap; /* keyed by the cost's float bits, which order as costs do, with the slot that picked */
+    uint32_t *chosen;      /* slots whose picks were chosen in this pass */
     double length_bias;
     unsigned threads;
     struct contraction out;
 };
 
-/* ------------------------------------------------------------------------------------------------ pick */
+static int is_live(const struct contractor *c, size_t s) { return c->target[s] == s; }
 
-/* Error of the pair (p, q) when q is moved to p. */
-static double error_at(const struct contractor *c, uint32_t p, uint32_t q) {
-    vec3 offset = vec3_sub(c->point[p], c->point[q]);
-    quadric moved = quadric_unpack(&c->quadric[q]);
-    return fmax((double)c->quadric[p].c, 0) + quadric_value(&moved, offset);
+/* ------------------------------------------------------------------------------------------------ costs */
+
+/* Errors of the pair (p, q) with p staying, and with q staying. */
+static void pair_errors(const struct contractor *c, uint32_t p, uint32_t q, double error[2]) {
+    const struct packed_quadric *at_p = &c->quadric[p], *at_q = &c->quadric[q];
+    struct monomials to_p = monomials_of(vec3_sub(c->point[p], c->point[q])), to_q = monomials_opposite(&to_p);
+    double cp = (double)at_p->c, cq = (double)at_q->c;
+    error[0] = (cp > 0 ? cp : 0) + packed_quadric_value(at_q, &to_p);
+    error[1] = (cq > 0 ? cq : 0) + packed_quadric_value(at_p, &to_q);
 }
 
-static double pair_error(const struct contractor *c, uint32_t p, uint32_t q) {
-    return fmin(error_at(c, p, q), error_at(c, q, p));
+static float pair_cost(const struct contractor *c, uint32_t p, uint32_t q) {
+    double error[2];
+    pair_errors(c, p, q, error);
+    double least = error[0] < error[1] ? error[0] : error[1];
+    return (float)(least + c->length_bias * vec3_distance_sq(c->point[p], c->point[q]));
 }
 
 /* The end of the pair that stays: the cheaper one; then the one with more weight; then the lower id. */
 static uint32_t staying_end(const struct contractor *c, uint32_t p, uint32_t q) {
-    double at_p = error_at(c, p, q), at_q = error_at(c, q, p);
-    if (at_p != at_q) return at_p < at_q ? p : q;
+    double error[2];
+    pair_errors(c, p, q, error);
+    if (error[0] != error[1]) return error[0] < error[1] ? p : q;
     float wp = c->quadric[p].weight, wq = c->quadric[q].weight;
     if (wp != wq) return wp > wq ? p : q;
     return p < q ? p : q;
 }
 
-static float pair_cost(const struct contractor *c, uint32_t p, uint32_t q) {
-    return (float)(pair_error(c, p, q) + c->length_bias * vec3_distance_sq(c->point[p], c->point[q]));
-}
+/* ------------------------------------------------------------------------------------------------ gather, rank */
 
-static void pick_for(struct contractor *c, uint32_t p) {
-    struct link *list = &c->near.list[c->near.start[p]];
-    float best = INFINITY;
-    uint32_t partner = NONE;
-    for (unsigned i = 0; i < c->near.degree[p]; i++) {
-        if (isnan(list[i].cost)) list[i].cost = pair_cost(c, p, list[i].id);
-        if (list[i].cost < best || partner == NONE) best = list[i].cost, partner = list[i].id;
-    }
-    c->partner[p] = partner;
-    c->cost[p] = best;
-}
-
-static void pick_range(void *ctx, size_t begin, size_t end) {
+/* Moves the picks of a range of slots to where its places begin. */
+static void gather_range(void *ctx, size_t begin, size_t end) {
     struct contractor *c = ctx;
-    for (size_t i = begin; i < end; i++) pick_for(c, c->live[i]);
-}
-
-/* ------------------------------------------------------------------------------------------------ rank */
-
-static uint32_t key_of(float cost) {
-    uint32_t bits;
-    memcpy(&bits, &cost, sizeof bits);
-    return bits; /* costs are not negative */
+    size_t count = 0;
+    for (size_t s = begin; s < end; s++) {
+        c->changed[s] = 0;
+        uint32_t q = c->partner[s];
+        if (!is_live(c, s) || q == NONE) continue;
+        if (c->partner[q] == s && q < s) continue; /* the other end has the same pick */
+        uint32_t key;
+        memcpy(&key, &c->cost[s], sizeof key); /* costs are not negative */
+        c->pick[begin + count++] = radix_item(key, (uint32_t)s);
+    }
+    c->chunk[begin / GRAIN] = count;
 }
 
 static size_t gather_picks(struct contractor *c) {
     size_t count = 0;
-    for (size_t i = 0; i < c->live_count; i++) {
-        uint32_t p = c->live[i], q = c->partner[p];
-        if (q == NONE) continue;
-        if (c->partner[q] == p && q < p) continue; /* the other end has the same pick */
-        c->pick[count++] = (struct pick){key_of(c->cost[p]), p};
+    par_for(c->threads, c->slots, GRAIN, gather_range, c);
+    for (size_t begin = 0; begin < c->slots; begin += GRAIN) {
+        size_t n = c->chunk[begin / GRAIN];
+        memmove(&c->pick[count], &c->pick[begin], n * sizeof *c->pick);
+        count += n;
     }
     return count;
 }
 
-static void sort_picks(struct contractor *c, size_t count) {
-    for (int pass = 0; pass < KEY_PASSES; pass++) {
-        size_t start[KEY_DIGITS] = {0}, sum = 0;
-        int shift = pass * KEY_DIGIT_BITS;
-        for (size_t i = 0; i < count; i++) start[c->pick[i].key >> shift & (KEY_DIGITS - 1)]++;
-        for (size_t d = 0; d < KEY_DIGITS; d++) {
-            size_t here = start[d];
-            start[d] = sum;
-            sum += here;
-        }
-        for (size_t i = 0; i < count; i++) c->spare[start[c->pick[i].key >> shift & (KEY_DIGITS - 1)]++] = c->pick[i];
-        struct pick *swap = c->pick;
-        c->pick = c->spare;
-        c->spare = swap;
-    }
+static void rank_picks(struct contractor *c, size_t count) {
+    uint64_t *sorted = radix_sort(c->pick, c->swap, count, c->threads);
+    if (sorted == c->pick) return;
+    c->swap = c->pick;
+    c->pick = sorted;
 }
 
-/* ------------------------------------------------------------------------------------------------ perform */
+/* ------------------------------------------------------------------------------------------------ choose */
 
-static void record(struct contractor *c, uint32_t stays, uint32_t goes) {
-    quadric there = quadric_unpack(&c->quadric[stays]), moved = quadric_unpack(&c->quadric[goes]);
-    quadric sum = quadric_add(there, quadric_shift(moved, vec3_sub(c->point[goes], c->point[stays])));
-    double error = sum.weight > 0 ? sqrt(fmax(sum.c, 0) / sum.weight) : 0;
-    float before = c->removed ? c->out.error[c->removed - 1] : 0;
-    c->quadric[stays] = quadric_pack(&sum);
-    c->out.into[goes] = stays;
-    c->out.order[c->removed] = goes;
-    c->out.error[c->removed++] = fmaxf((float)error, before);
-    c->changed[stays] = 1;
+static double cost_of(uint64_t pick) {
+    uint32_t key = radix_key(pick);
+    float cost;
+    memcpy(&cost, &key, sizeof cost);
+    return (double)cost;
+}
+
+static void fetch(const struct contractor *c, uint64_t pick) {
+    __builtin_prefetch(&c->partner[radix_value(pick)]);
+    __builtin_prefetch(&c->changed[radix_value(pick)]);
 }
 
 /* Takes picks from the cheapest on until enough are taken; those that share a point with one taken before must wait.
- * Returns how many were performed; kept[i] is the end that stays of the i-th. */
-static size_t perform(struct contractor *c, size_t count) {
+ * Returns how many are chosen. */
+static size_t choose(struct contractor *c, size_t count) {
     size_t goal = (size_t)ceil((double)c->live_count * FRACTION), done = 0;
     if (goal >= c->live_count) goal = c->live_count - 1;
-    size_t pivot = goal < count ? goal : count - 1;
-    double limit = SLACK * (double)c->cost[c->pick[pivot].owner];
+    double limit = SLACK * cost_of(c->pick[goal < count ? goal : count - 1]);
     for (size_t i = 0; i < count && done < goal; i++) {
-        uint32_t p = c->pick[i].owner, q = c->partner[p];
-        if ((double)c->cost[p] > limit && (double)done > FEWEST * (double)goal) break;
-        if (c->changed[p] || c->changed[q] || c->out.into[p] != NONE || c->out.into[q] != NONE) continue;
-        uint32_t stays = staying_end(c, p, q);
-        record(c, stays, stays == p ? q : p);
-        c->kept[done++] = stays;
+        if (cost_of(c->pick[i]) > limit && (double)done > FEWEST * (double)goal) break;
+        if (i + AHEAD < count) fetch(c, c->pick[i + AHEAD]);
+        uint32_t p = radix_value(c->pick[i]), q = c->partner[p];
+        if (c->changed[p] || c->changed[q]) continue;
+        c->changed[p] = c->changed[q] = 1;
+        c->chosen[done++] = p;
     }
     return done;
 }
 
+/* ------------------------------------------------------------------------------------------------ merge */
+
+static void merge_range(void *ctx, size_t begin, size_t end) {
+    struct contractor *c = ctx;
+    for (size_t i = begin; i < end; i++) {
+        uint32_t p = c->chosen[i], q = c->partner[p], stays = staying_end(c, p, q), goes = stays == p ? q : p;
+        quadric there = quadric_unpack(&c->quadric[stays]), moved = quadric_unpack(&c->quadric[goes]);
+        quadric sum = quadric_add(there, quadric_shift(moved, vec3_sub(c->point[goes], c->point[stays])));
+        double error = sum.weight > 0 ? sqrt((sum.c > 0 ? sum.c : 0) / sum.weight) : 0;
+        c->quadric[stays] = quadric_pack(&sum);
+        c->target[goes] = stays;
+        c->partner[stays] = goes;
+        c->out.into[c->id[goes]] = c->id[stays];
+        c->out.order[c->removed + i] = c->id[goes];
+        c->out.error[c->removed + i] = (float)error;
+    }
+}
+
+static void merge(struct contractor *c, size_t count) {
+    par_for(c->threads, count, GRAIN, merge_range, c);
+    float largest = c->removed ? c->out.error[c->removed - 1] : 0;
+    for (float *error = &c->out.error[c->removed], *end = error + count; error < end; error++) {
+        if (*error > largest) largest = *error;
+        *error = largest;
+    }
+    c->removed += count;
+    c->live_count -= count;
+}
+
 /* ------------------------------------------------------------------------------------------------ update */
 
-/* Where p's neighbour q is now: itself, or what it was contracted into in this pass. */
-static uint32_t current(const struct contractor *c, uint32_t q) { return c->out.into[q] == NONE ? q : c->out.into[q]; }
-
-static void sort_links(struct link *link, unsigned n) {
+static void sort_links(uint32_t *link, unsigned n) {
     for (unsigned i = 1; i < n; i++) {
-        struct link x = link[i];
+        uint32_t x = link[i];
         unsigned j = i;
-        for (; j > 0 && link[j - 1].id > x.id; j--) link[j] = link[j - 1];
+        for (; j > 0 && link[j - 1] > x; j--) link[j] = link[j - 1];
         link[j] = x;
     }
 }
 
 /* Sorted links without repetitions and without p itself. */
-static unsigned unique_links(struct link *link, unsigned n, uint32_t p) {
+static unsigned unique_links(uint32_t *link, unsigned n, uint32_t p) {
     unsigned count = 0;
     for (unsigned i = 0; i < n; i++)
-        if (link[i].id != p && (count == 0 || link[count - 1].id != link[i].id)) link[count++] = link[i];
+        if (link[i] != p && (count == 0 || link[count - 1] != link[i])) link[count++] = link[i];
     return count;
 }
 
-/* Drops the farthest until ADJACENCY_MAX are left (ties: the higher id goes). */
-static unsigned keep_nearest(const struct contractor *c, uint32_t p, struct link *link, unsigned n) {
-    while (n > ADJACENCY_MAX) {
+/* Drops the farthest until MOST_LINKS are left (ties: the higher id goes). */
+static unsigned keep_nearest(const struct contractor *c, uint32_t p, uint32_t *link, unsigned n) {
+    while (n > MOST_LINKS) {
         unsigned farthest = 0;
         double farthest_sq = -1;
         for (unsigned i = 0; i < n; i++) {
-            double d = vec3_distance_sq(c->point[p], c->point[link[i].id]);
+            double d = vec3_distance_sq(c->point[p], c->point[link[i]]);
             if (d >= farthest_sq) farthest = i, farthest_sq = d;
         }
         memmove(&link[farthest], &link[farthest + 1], (n - farthest - 1) * sizeof *link);
@@ -202,96 +220,184 @@ static unsigned keep_nearest(const struct contractor *c, uint32_t p, struct link
     return n;
 }
 
-struct merging {
-    struct contractor *c;
-    size_t first_removed; /* order[first_removed + i] went into kept[i] */
-    size_t pool_start;    /* the i-th merged list goes to pool_start + i * ADJACENCY_MAX */
-};
-
-/* Appends p's links, their costs unknown, to n others. */
-static unsigned take_links(const struct contractor *c, uint32_t p, struct link *link, unsigned n) {
-    for (unsigned i = 0; i < c->near.degree[p]; i++)
-        link[n++] = (struct link){current(c, c->near.list[c->near.start[p] + i].id), NAN};
-    return n;
+/* Appends p's links as they are now; tells whether any is another than it was. */
+static int take_links(const struct contractor *c, uint32_t p, uint32_t *link, unsigned *n) {
+    const uint32_t *list = &c->near.list[c->near.start[p]];
+    uint32_t differs = 0;
+    for (unsigned i = 0; i < c->near.degree[p]; i++) {
+        uint32_t now = c->target[list[i]];
+        differs |= now ^ list[i];
+        link[(*n)++] = now;
+    }
+    return differs != 0;
 }
 
-static void merge_range(void *ctx, size_t begin, size_t end) {
-    const struct merging *merging = ctx;
-    struct contractor *c = merging->c;
-    for (size_t i = begin; i < end; i++) {
-        uint32_t stays = c->kept[i], goes = c->out.order[merging->first_removed + i];
-        struct link link[2 * UINT8_MAX];
-        unsigned n = take_links(c, goes, link, take_links(c, stays, link, 0));
+static unsigned links_of(const struct contractor *c, uint32_t p, uint32_t *link) {
+    unsigned n = 0;
+    int differs = take_links(c, p, link, &n);
+    if (!c->changed[p]) {
+        if (!differs) return n;
         sort_links(link, n);
-        n = keep_nearest(c, stays, link, unique_links(link, n, stays));
-        c->near.start[stays] = merging->pool_start + i * ADJACENCY_MAX;
-        c->near.degree[stays] = (uint8_t)n;
-        memcpy(&c->near.list[c->near.start[stays]], link, n * sizeof *link);
+        return unique_links(link, n, p);
+    }
+    take_links(c, c->partner[p], link, &n);
+    sort_links(link, n);
+    return keep_nearest(c, p, link, unique_links(link, n, p));
+}
+
+/* Whether all of p's pairs must be looked at again. */
+static int pair_is_stale(const struct contractor *c, uint32_t p) {
+    uint32_t q = c->partner[p];
+    return q == NONE || c->changed[p] || c->changed[q] || !is_live(c, q);
+}
+
+/* Of the same cost, the lower id. */
+static void pick_for(struct contractor *c, uint32_t p, const uint32_t *link, unsigned n, int anew) {
+    float best = anew ? INFINITY : c->cost[p];
+    uint32_t partner = anew ? NONE : c->partner[p];
+    for (unsigned i = 0; i < n; i++) {
+        if (!anew && !c->changed[link[i]]) continue;
+        float cost = pair_cost(c, p, link[i]);
+        if (cost < best || (cost == best && link[i] < partner) || partner == NONE) best = cost, partner = link[i];
+    }
+    c->partner[p] = partner;
+    c->cost[p] = best;
+}
+
+static void pick_range(void *ctx, size_t begin, size_t end) {
+    struct contractor *c = ctx;
+    for (size_t p = begin; p < end; p++)
+        pick_for(c, (uint32_t)p, &c->near.list[c->near.start[p]], c->near.degree[p], 1);
+}
+
+/* How long the list of a live slot can get. */
+static unsigned most_links(const struct contractor *c, size_t p) {
+    if (!c->changed[p]) return c->near.degree[p];
+    unsigned both = c->near.degree[p] + c->near.degree[c->partner[p]];
+    return both < MOST_LINKS ? both : MOST_LINKS;
+}
+
+static void measure_range(void *ctx, size_t begin, size_t end) {
+    struct contractor *c = ctx;
+    size_t links = 0;
+    for (size_t s = begin; s < end; s++) links += is_live(c, s) ? most_links(c, s) : 0;
+    c->chunk[begin / GRAIN] = links;
+}
+
+/* Lists of merged points and of who had merged neighbours; then the cheapest pairs of both. */
+static void update_range(void *ctx, size_t begin, size_t end) {
+    struct contractor *c = ctx;
+    uint32_t link[2 * UINT8_MAX], *list = c->spare_list + c->chunk[begin / GRAIN];
+    for (uint32_t p = (uint32_t)begin; p < end; p++) {
+        if (!is_live(c, p)) continue;
+        unsigned n = links_of(c, p, link);
+        memcpy(list, link, n * sizeof *link);
+        c->near.start[p] = (uint32_t)(list - c->spare_list);
+        c->near.degree[p] = (uint8_t)n;
+        list += n;
+        pick_for(c, p, link, n, pair_is_stale(c, p));
     }
 }
 
-/* Points that merely have merged neighbours: their lists stay in place with the dead replaced. */
+/* Gives every range of slots its part of the other pool, which is made as large as that takes. */
+static enum status place_lists(struct contractor *c) {
+    size_t needed = 0;
+    par_for(c->threads, c->slots, GRAIN, measure_range, c);
+    for (size_t i = 0; i * GRAIN < c->slots; i++) {
+        size_t links = c->chunk[i];
+        c->chunk[i] = needed;
+        needed += links;
+    }
+    if (needed <= c->spare_capacity) return STATUS_OK;
+    free(c->spare_list);
+    c->spare_list = alloc_array(needed, sizeof *c->spare_list);
+    c->spare_capacity = c->spare_list ? needed : 0;
+    return c->spare_list && needed < UINT32_MAX ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+static enum status update(struct contractor *c) {
+    if (place_lists(c)) return STATUS_NO_MEMORY;
+    par_for(c->threads, c->slots, GRAIN, update_range, c);
+    uint32_t *list = c->near.list;
+    size_t capacity = c->near.capacity;
+    c->near.list = c->spare_list, c->near.capacity = c->spare_capacity;
+    c->spare_list = list, c->spare_capacity = capacity;
+    return STATUS_OK;
+}
+
+/* ------------------------------------------------------------------------------------------------ move together */
+
+static uint32_t place_of(const struct contractor *c, uint32_t slot) { return (uint32_t)c->pick[slot]; }
+
 static void rename_range(void *ctx, size_t begin, size_t end) {
     struct contractor *c = ctx;
-    for (size_t i = begin; i < end; i++) {
-        uint32_t p = c->live[i];
-        struct link *link = &c->near.list[c->near.start[p]];
-        unsigned renamed = 0;
-        for (unsigned j = 0; j < c->near.degree[p]; j++) {
-            uint32_t q = current(c, link[j].id);
-            if (c->changed[q]) link[j].cost = NAN;
-            renamed |= q != link[j].id;
-            link[j].id = q;
-        }
-        if (!renamed) continue;
-        sort_links(link, c->near.degree[p]);
-        c->near.degree[p] = (uint8_t)unique_links(link, c->near.degree[p], p);
+    for (size_t s = begin; s < end; s++) {
+        if (!is_live(c, s)) continue;
+        uint32_t *list = &c->near.list[c->near.start[s]];
+        for (unsigned i = 0; i < c->near.degree[s]; i++) list[i] = place_of(c, list[i]);
+        if (c->partner[s] != NONE) c->partner[s] = place_of(c, c->partner[s]);
     }
 }
 
-static void drop_dead(struct contractor *c) {
-    size_t count = 0;
-    for (size_t i = 0; i < c->live_count; i++)
-        if (c->out.into[c->live[i]] == NONE) c->live[count++] = c->live[i];
-    c->live_count = count;
+static void move_slot(struct contractor *c, size_t from, size_t to) {
+    c->own_point[to] = c->point[from];
+    c->quadric[to] = c->quadric[from];
+    c->id[to] = c->id[from];
+    c->partner[to] = c->partner[from];
+    c->cost[to] = c->cost[from];
+    c->near.start[to] = c->near.start[from];
+    c->near.degree[to] = c->near.degree[from];
+    c->target[to] = (uint32_t)to;
 }
 
-static enum status update(struct contractor *c, size_t merged) {
-    enum status status = adjacency_reserve(&c->near, c->live, c->live_count, merged * ADJACENCY_MAX);
-    if (status) return status;
-    struct merging merging = {c, c->removed - merged, c->near.used};
-    c->near.used += merged * ADJACENCY_MAX;
-    par_for(c->threads, merged, GRAIN, merge_range, &merging);
-    drop_dead(c);
-    par_for(c->threads, c->live_count, GRAIN, rename_range, c);
-    for (size_t i = 0; i < merged; i++) c->changed[c->kept[i]] = 0;
+/* Afterwards every slot is live.  The picks, of no use between passes, hold where each slot goes. */
+static enum status move_together(struct contractor *c) {
+    size_t count = 0;
+    if (!c->own_point) c->own_point = alloc_array(c->live_count, sizeof *c->own_point);
+    if (!c->own_point) return STATUS_NO_MEMORY;
+    free(c->spare_list);
+    c->spare_list = NULL, c->spare_capacity = 0;
+    for (size_t s = 0; s < c->slots; s++)
+        if (is_live(c, s)) c->pick[s] = count++;
+    par_for(c->threads, c->slots, GRAIN, rename_range, c);
+    for (size_t s = 0; s < c->slots; s++)
+        if (is_live(c, s)) move_slot(c, s, c->pick[s]);
+    c->point = c->own_point;
+    c->slots = count;
     return STATUS_OK;
 }
 
 /* ------------------------------------------------------------------------------------------------ relink */
 
+/* Every slot's nearest others. */
+static enum status neighbours_anew(const struct contractor *c, struct neighbourhood *hood) {
+    struct knn *knn = NULL;
+    size_t n = c->slots;
+    uint32_t *found = alloc_array(n, RELINK_K * sizeof *found);
+    double *distance_sq = alloc_array(n, RELINK_K * sizeof *distance_sq);
+    *hood = (struct neighbourhood){.n = n, .stride = RELINK_K};
+    hood->id = alloc_array(n, RELINK_K * sizeof *hood->id);
+    hood->count = alloc_zeroed(n, sizeof *hood->count);
+    enum status status = found && distance_sq && hood->id && hood->count ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) status = knn_new(c->point, n, &knn, NULL);
+    if (!status) status = knn_search(knn, c->point, n, RELINK_K, c->threads, found, distance_sq);
+    for (size_t i = 0; !status && i < n * RELINK_K; i++) {
+        size_t p = i / RELINK_K;
+        if (found[i] != NONE && found[i] != p) hood->id[p * RELINK_K + hood->count[p]++] = found[i];
+    }
+    knn_free(knn);
+    free(found), free(distance_sq);
+    return status;
+}
+
 /* When no pairs are left but several points are (components that were far apart), joins the live points anew. */
 static enum status relink(struct contractor *c) {
-    struct knn *knn = NULL;
-    struct neighbourhood hood = {.n = c->near.n, .stride = RELINK_K};
-    vec3 *point = alloc_array(c->live_count, sizeof *point);
-    uint32_t *found = alloc_array(c->live_count * RELINK_K, sizeof *found);
-    double *distance_sq = alloc_array(c->live_count * RELINK_K, sizeof *distance_sq);
-    hood.id = alloc_array(hood.n, RELINK_K * sizeof *hood.id);
-    hood.count = alloc_zeroed(hood.n, sizeof *hood.count);
-    enum status status = point && found && distance_sq && hood.id && hood.count ? STATUS_OK : STATUS_NO_MEMORY;
-    for (size_t i = 0; !status && i < c->live_count; i++) point[i] = c->point[c->live[i]];
-    if (!status) status = knn_new(point, c->live_count, &knn, NULL);
-    if (!status) status = knn_search(knn, point, c->live_count, RELINK_K, c->threads, found, distance_sq);
-    for (size_t i = 0; !status && i < c->live_count; i++)
-        for (unsigned j = 0; j < RELINK_K; j++) {
-            uint32_t p = c->live[i], q = found[i * RELINK_K + j];
-            if (q != NONE && q != i) hood.id[(size_t)p * RELINK_K + hood.count[p]++] = c->live[q];
-        }
+    struct neighbourhood hood = {0};
+    enum status status = move_together(c);
+    if (!status) status = neighbours_anew(c, &hood);
     adjacency_done(&c->near);
-    if (!status) status = adjacency_from(&hood, &c->near);
-    knn_free(knn);
-    free(point), free(found), free(distance_sq);
+    if (!status) status = adjacency_from(&hood, c->threads, &c->near);
+    if (!status) par_for(c->threads, c->slots, GRAIN, pick_range, c);
     neighbourhood_done(&hood);
     return status;
 }
@@ -300,58 +406,64 @@ static enum status relink(struct contractor *c) {
 
 static void contractor_done(struct contractor *c) {
     adjacency_done(&c->near);
-    free(c->live), free(c->partner), free(c->cost), free(c->changed);
-    free(c->pick), free(c->spare), free(c->kept);
+    free(c->own_point), free(c->id), free(c->target), free(c->partner), free(c->cost), free(c->changed);
+    free(c->spare_list), free(c->chunk), free(c->pick), free(c->swap), free(c->chosen);
 }
 
-static enum status contractor_init(struct contractor *c, const struct neighbourhood *hood) {
-    size_t n = hood->n;
-    enum status status = adjacency_from(hood, &c->near);
-    if (status) return status;
-    c->live = alloc_array(n, sizeof *c->live);
+static enum status contractor_init(struct contractor *c) {
+    size_t n = c->slots;
+    c->id = alloc_array(n, sizeof *c->id);
+    c->target = alloc_array(n, sizeof *c->target);
     c->partner = alloc_array(n, sizeof *c->partner);
     c->cost = alloc_array(n, sizeof *c->cost);
     c->changed = alloc_zeroed(n, sizeof *c->changed);
+    c->chunk = alloc_array(n / GRAIN + 1, sizeof *c->chunk);
     c->pick = alloc_array(n, sizeof *c->pick);
-    c->spare = alloc_array(n, sizeof *c->spare);
-    c->kept = alloc_array(n, sizeof *c->kept);
+    c->swap = alloc_array(n, sizeof *c->swap);
+    c->chosen = alloc_array((size_t)((double)n * FRACTION) + 2, sizeof *c->chosen);
     c->out.order = alloc_array(n, sizeof *c->out.order);
     c->out.into = alloc_array(n, sizeof *c->out.into);
     c->out.error = alloc_array(n, sizeof *c->out.error);
-    if (!c->live || !c->partner || !c->cost || !c->changed || !c->pick || !c->spare || !c->kept || !c->out.order ||
-        !c->out.into || !c->out.error)
+    if (!c->id || !c->target || !c->partner || !c->cost || !c->changed || !c->chunk || !c->pick || !c->swap ||
+        !c->chosen || !c->out.order || !c->out.into || !c->out.error)
         return STATUS_NO_MEMORY;
     double weight = 0;
     for (size_t i = 0; i < n; i++) {
-        c->live[i] = (uint32_t)i;
-        c->out.into[i] = NONE;
+        c->id[i] = c->target[i] = (uint32_t)i;
         weight += (double)c->quadric[i].weight;
     }
     c->live_count = n;
     c->length_bias = LENGTH_BIAS * weight / (double)n;
+    par_for(c->threads, n, GRAIN, pick_range, c);
     return STATUS_OK;
 }
 
 static enum status pass(struct contractor *c) {
-    par_for(c->threads, c->live_count, GRAIN, pick_range, c);
     size_t count = gather_picks(c);
     if (count == 0) return relink(c);
-    sort_picks(c, count);
-    return update(c, perform(c, count));
+    rank_picks(c, count);
+    merge(c, choose(c, count));
+    enum status status = update(c);
+    return !status && c->live_count <= c->slots / 2 ? move_together(c) : status;
 }
 
-enum status contract(const vec3 *point, const struct neighbourhood *neighbourhood, struct packed_quadric *quadrics,
-                     unsigned threads, const struct progress *progress, struct contraction *out) {
-    size_t n = neighbourhood->n;
+enum status contract(const vec3 *point, struct adjacency *near, struct packed_quadric *quadrics, unsigned threads,
+                     const struct progress *progress, struct contraction *out) {
+    size_t n = near->n;
     assert(n >= 1 && n < NONE);
-    struct contractor c = {.point = point, .quadric = quadrics, .threads = threads, .out = {.n = n}};
-    enum status status = contractor_init(&c, neighbourhood);
+    struct contractor c = {
+        .slots = n, .point = point, .quadric = quadrics, .near = *near, .threads = threads, .out = {.n = n}};
+    *near = (struct adjacency){0};
+    enum status status = contractor_init(&c);
     while (!status && c.live_count > 1) {
         status = pass(&c);
         if (!status && progress_tick(progress, "contract", (double)c.removed / (double)n)) status = STATUS_CANCELLED;
     }
     if (!status) {
-        c.out.order[n - 1] = c.live[0];
+        uint32_t left = 0;
+        while (!is_live(&c, left)) left++;
+        c.out.order[n - 1] = c.id[left];
+        c.out.into[c.id[left]] = NONE;
         c.out.error[n - 1] = INFINITY;
         *out = c.out;
     } else {

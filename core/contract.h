@@ -4,7 +4,7 @@
 #ifndef WHITTLE_CORE_CONTRACT_H
 #define WHITTLE_CORE_CONTRACT_H
 
-#include "core/neighbourhood.h"
+#include "core/adjacency.h"
 #include "core/progress.h"
 #include "core/quadric.h"
 
@@ -19,11 +19,11 @@ struct contraction {
                         normalised frame; the last one is infinite; owned */
 };
 
-/* Contracts n points (n >= 1) with placement at one of the two ends.  The quadrics are taken as working memory and hold
- * nothing of use afterwards.  Neighbourhoods are made symmetric inside.  The same result for any number of threads.
- * About O(n k).  STATUS_NO_MEMORY, STATUS_CANCELLED. */
-enum status contract(const vec3 *point, const struct neighbourhood *neighbourhood, struct packed_quadric *quadrics,
-                     unsigned threads, const struct progress *progress, struct contraction *out) MUST_CHECK;
+/* Contracts the near->n >= 1 points along the edges of near, which is taken, with placement at one of the two ends. The
+ * quadrics are working memory and hold nothing of use afterwards.  The same result for any number of threads.  About
+ * O(n k).  STATUS_NO_MEMORY, STATUS_CANCELLED. */
+enum status contract(const vec3 *point, struct adjacency *near, struct packed_quadric *quadrics, unsigned threads,
+                     const struct progress *progress, struct contraction *out) MUST_CHECK;
 
 /* How many points are left when nothing with an error over max_error (normalised) is contracted. */
 size_t contraction_count_for_error(const struct contraction *contraction, double max_error);

@@ -186,6 +186,7 @@ enum status pipeline_run(const struct cloud *cloud, const struct params *params,
     struct run run = {.cloud = cloud, .params = params, .error = error, .threads = (unsigned)params->threads};
     struct pipeline_result made = {.level_count = params->levels.count ? params->levels.count : 1};
     double start_ms = now_ms();
+    run.mesh_follows = mesh_wanted(params);
     if (cloud->count == 0) return error_set(error, STATUS_DEGENERATE, "points", "the cloud has no points");
     enum status status = run_steps(&run, progress, &made);
     run.report.total_ms = now_ms() - start_ms;

@@ -61,6 +61,10 @@ enum status pipeline_neighbours(struct run *run) {
     struct neighbourhood_options options = {run->params->neighbourhood, (unsigned)run->params->neighbours_min,
                                             (unsigned)run->params->neighbours_max, run->threads};
     status = neighbourhood_find(run->knn, run->points.point, run->points.count, &options, &run->hood);
+    if (!run->mesh_follows) {
+        knn_free(run->knn);
+        run->knn = NULL;
+    }
     return status ? pipeline_no_memory(run, "neighbours") : STATUS_OK;
 }
 
@@ -93,8 +97,11 @@ enum status pipeline_quadrics(struct run *run) {
 }
 
 enum status pipeline_contract(struct run *run) {
-    enum status status =
-        contract(run->points.point, &run->hood, run->quadrics, run->threads, &run->progress, &run->contraction);
+    struct adjacency near = {0};
+    enum status status = adjacency_from(&run->hood, run->threads, &near);
+    if (!run->mesh_follows) neighbourhood_done(&run->hood);
+    if (!status)
+        status = contract(run->points.point, &near, run->quadrics, run->threads, &run->progress, &run->contraction);
     free(run->quadrics);
     run->quadrics = NULL;
     return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "contract") : status;

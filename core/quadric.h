@@ -8,6 +8,8 @@
 #ifndef WHITTLE_CORE_QUADRIC_H
 #define WHITTLE_CORE_QUADRIC_H
 
+#include <string.h>
+
 #include "core/neighbourhood.h"
 #include "core/params.h"
 #include "core/sym3.h"
@@ -71,6 +73,37 @@ static inline quadric quadric_unpack(const struct packed_quadric *p) {
         {(double)p->b[0], (double)p->b[1], (double)p->b[2]},
         (double)p->c,
         (double)p->weight};
+}
+
+/* What E is linear in at an offset x, twice the mixed ones: xx xy | xz yy | yz zz | x y | z 1, in the order of a packed
+ * quadric's first ten coefficients.  Two at a time, which is what every processor can do at once. */
+typedef double quadric_two __attribute__((vector_size(16)));
+typedef float quadric_two_floats __attribute__((vector_size(8)));
+struct monomials {
+    quadric_two m[5];
+};
+
+static inline struct monomials monomials_of(vec3 x) {
+    vec3 d = vec3_scale(x, 2);
+    return (struct monomials){
+        {{x.x * x.x, d.x * x.y}, {d.x * x.z, x.y * x.y}, {d.y * x.z, x.z * x.z}, {d.x, d.y}, {d.z, 1}}};
+}
+
+/* Those of -x. */
+static inline struct monomials monomials_opposite(const struct monomials *of) {
+    return (struct monomials){{of->m[0], of->m[1], of->m[2], -of->m[3], {-of->m[4][0], 1}}};
+}
+
+/* E at the offset that the monomials are of; never negative. */
+static inline double packed_quadric_value(const struct packed_quadric *q, const struct monomials *at) {
+    quadric_two sum = {0, 0};
+    for (size_t i = 0; i < 5; i++) {
+        quadric_two_floats coefficient;
+        memcpy(&coefficient, (const unsigned char *)q + i * sizeof coefficient, sizeof coefficient);
+        sum += __builtin_convertvector(coefficient, quadric_two) * at->m[i];
+    }
+    double e = sum[0] + sum[1];
+    return e > 0 ? e : 0;
 }
 
 struct quadric_options {

@@ -48,6 +48,8 @@ static const struct setting table[] = {
     {"threads-per-job", COUNT, AT(threads_per_job), "0", 0, 256, "threads_per_job",
      "Threads of a job that asks for all; 0 = processors / workers"},
     {"max-body-bytes", BYTES, AT(max_body_bytes), "2G", 1, 1024 * KB *GB, "max_body_bytes", "Longest request body"},
+    {"max-expansion", COUNT, AT(max_expansion), "250", 1, 1000000, "max_expansion",
+     "Bytes that a byte of a compressed body may become, beyond the first 16 MiB"},
     {"max-queue", COUNT, AT(max_queue), "1000", 1, 1000000, "max_queue", "Jobs that may wait"},
     {"principal-jobs", COUNT, AT(principal_jobs), "0", 0, 1000000, "principal_jobs",
      "Jobs of one principal that may wait or run; 0 = no limit of its own"},

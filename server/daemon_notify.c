@@ -162,7 +162,7 @@ int notify_inherited(const char *name) {
     long long count = number_of("LISTEN_FDS", 0);
     if (count < 1 || count > MAX_INHERITED || number_of("LISTEN_PID", 0) != getpid()) return -1;
     int i = names ? index_of(names, name) : -1;
-    if (i < 0 && count == 1 && has_no_name(names)) i = 0;
+    if (i < 0 && count == 1 && strcmp(name, NOTIFY_MAIN_SOCKET) == 0 && has_no_name(names)) i = 0;
     if (i < 0 || i >= count) return -1;
     int fd = FIRST_FD + i;
     return fcntl(fd, F_SETFD, FD_CLOEXEC) == 0 ? fd : -1;

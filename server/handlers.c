@@ -7,7 +7,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 
 #include "api/job_json.h"
 
@@ -41,30 +40,6 @@ const struct handler *handlers_find(enum operation operation) { return &table[op
 
 /* ------------------------------------------------------------------------------------------------ clouds come in */
 
-/* curl's default, browsers' and honest types; what a cloud is, its first bytes tell. */
-static bool is_accepted_type(const char *type) {
-    static const char *const accepted[] = {"application/octet-stream",
-                                           "application/x-www-form-urlencoded",
-                                           "application/ply",
-                                           "application/x-ply",
-                                           "binary/octet-stream",
-                                           "text/",
-                                           "model/"};
-    if (!type || !*type) return true;
-    for (size_t i = 0; i < sizeof accepted / sizeof *accepted; i++)
-        if (strncasecmp(type, accepted[i], strlen(accepted[i])) == 0) return true;
-    return false;
-}
-
-static bool refuse_media(struct response *response, const char *what, const char *value, const char *supported) {
-    struct problem problem;
-    problem_set(&problem, PROBLEM_UNSUPPORTED_FORMAT, "%s %.80s is not taken; send the cloud as the raw body", what,
-                value);
-    problem_add_list(&problem, "supported", supported);
-    response_problem(response, &problem);
-    return false;
-}
-
 /* Whether the principal may have another job, and so many bytes more. */
 static bool is_within_share(struct service *service, const struct request *request, uint64_t body, bool for_job,
                             struct response *response) {
@@ -95,18 +70,38 @@ static bool has_room(struct service *service, const struct request *request, boo
     return false;
 }
 
-bool handlers_admit_cloud(struct service *service, struct request *request, bool for_job, struct response *response) {
-    const char *type = request->header[HEADER_CONTENT_TYPE], *coding = request->header[HEADER_CONTENT_ENCODING];
+bool handlers_admit_body(struct service *service, struct request *request, unsigned takes, const char *const *names,
+                         struct response *response) {
+    const struct config *config = service->config;
+    struct body_plan plan = {.takes = takes,
+                             .store = service->store,
+                             .max_bytes = (uint64_t)config->max_body_bytes,
+                             .max_expansion = (uint32_t)config->max_expansion,
+                             .content_length = request->content_length,
+                             .type = request->header[HEADER_CONTENT_TYPE],
+                             .coding = request->header[HEADER_CONTENT_ENCODING],
+                             .content_digest = request->header[HEADER_CONTENT_DIGEST],
+                             .repr_digest = request->header[HEADER_REPR_DIGEST],
+                             .names = names};
     struct problem problem;
-    if (!is_accepted_type(type))
-        return refuse_media(response, "Content-Type", type, "application/octet-stream,text/plain,model/ply");
-    if (coding && strcasecmp(coding, "identity") != 0)
-        return refuse_media(response, "Content-Encoding", coding, "identity");
-    if (!has_room(service, request, for_job, response)) return false;
-    request->upload =
-        upload_new(service->store, request->content_length, (uint64_t)service->config->max_body_bytes, &problem);
-    if (!request->upload) response_problem(response, &problem);
-    return request->upload != NULL;
+    if (!has_room(service, request, takes & BODY_JSON, response)) return false;
+    request->body = body_new(&plan, &problem);
+    if (!request->body) response_problem(response, &problem);
+    return request->body != NULL;
+}
+
+bool handlers_end_body(struct request *request, struct response *response) {
+    struct problem problem;
+    size_t room = REQUEST_MAX_QUERY - request->query_count;
+    bool ok = body_end(request->body, &problem);
+    size_t count = ok ? body_pairs(request->body, request->query + request->query_count, room) : 0;
+    if (count > room) problem_set(&problem, PROBLEM_MALFORMED_REQUEST, "there are too many parameters");
+    if (ok && count <= room) {
+        request->query_count += count;
+        return true;
+    }
+    response_problem(response, &problem);
+    return false;
 }
 
 bool handlers_read_wishes(const struct request *request, struct job *job, struct problem *problem) {
@@ -137,23 +132,37 @@ static bool wants_fresh(const struct request *request) {
 
 bool handlers_end_upload(struct request *request, struct upload_facts *facts, struct response *response) {
     struct problem problem;
-    if (upload_end(request->upload, facts, &problem)) return true;
+    if (upload_end(body_upload(request->body), facts, &problem)) return true;
     response_problem(response, &problem);
     return false;
+}
+
+/* What is known of the request's input, which is in its body or here already. */
+static bool read_input(struct service *service, struct request *request, struct upload_facts *facts,
+                       struct response *response) {
+    struct clouds_record record;
+    if (body_upload(request->body)) return handlers_end_upload(request, facts, response);
+    bool found = handlers_read_cloud(service, request, body_input(request->body), &record, response);
+    *facts = (struct upload_facts){.bytes = record.bytes, .points = record.points};
+    memcpy(facts->sha256, record.sha256, sizeof facts->sha256);
+    memcpy(facts->format, record.format, sizeof facts->format);
+    clouds_record_done(&record);
+    return found;
 }
 
 bool handlers_submit(struct service *service, struct request *request, struct job *job, struct response *response) {
     struct upload_facts facts;
     struct error error = {0};
-    if (!handlers_end_upload(request, &facts, response)) return false;
+    if (!read_input(service, request, &facts, response)) return false;
     memcpy(job->principal, request->principal.name, sizeof job->principal);
     job->params.outputs |= OUTPUT_REPORT; /* the job document carries the report's figures */
-    enum status status = service_submit(service, request->upload, &facts, job, wants_fresh(request), &error);
-    upload_free(request->upload);
-    request->upload = NULL;
+    enum status status = service_submit(service, body_upload(request->body), &facts, job, wants_fresh(request), &error);
+    body_drop_upload(request->body);
     if (status == STATUS_LIMIT)
         response_refuse(response, strcmp(error.where, "queue") == 0 ? PROBLEM_QUEUE_FULL : PROBLEM_RATE_LIMITED, "%s",
                         error.text);
+    else if (status == STATUS_BAD_PARAMETER)
+        response_refuse(response, PROBLEM_NO_SUCH_CLOUD, "%s", error.text);
     else if (status != STATUS_OK)
         response_error(response, &error);
     return status == STATUS_OK;

@@ -12,8 +12,8 @@
 #include "server/service.h"
 
 struct handler {
-    /* Called when the headers are in, before the body: false refuses it, with a response.  Creates request->upload for
-     * an operation that takes a cloud.  Must not block.  NULL: the operation takes no body, and refuses nothing. */
+    /* Called when the headers are in, before the body: false refuses it, with a response.  Creates request->body for
+     * an operation that takes one.  Must not block.  NULL: the operation takes no body, and refuses nothing. */
     bool (*admit)(struct service *service, struct request *request, struct response *response);
 
     /* Makes the response; may block, unless `quick`. */
@@ -27,11 +27,17 @@ const struct handler *handlers_find(enum operation operation);
 
 /* ---- shared by the handlers_*.c ---- */
 
-/* Whether new work is taken now (for a job: and the queue has room), and the request's headers fit a cloud as its raw
- * body; else a response. */
-bool handlers_admit_cloud(struct service *service, struct request *request, bool for_job, struct response *response);
+/* Whether new work is taken now, and the request's headers fit a body that the operation takes (a set of enum
+ * body_kind; where it may be JSON, it is for a job, and the queue must have room; names as in struct body_plan); else a
+ * response. */
+bool handlers_admit_body(struct service *service, struct request *request, unsigned takes, const char *const *names,
+                         struct response *response);
 
-/* The last checks of the request's upload; false: the response says what is wrong. */
+/* The last checks of the request's body, and what it says of parameters is added to the query; false: the response says
+ * what is wrong.  To be called once, before the query is read. */
+bool handlers_end_body(struct request *request, struct response *response);
+
+/* The last checks of the cloud in the request's body; false: the response says what is wrong. */
 bool handlers_end_upload(struct request *request, struct upload_facts *facts, struct response *response);
 
 /* Reads the cloud of this id; false: there is none that the request's principal may see, and the response says so.  The
@@ -47,7 +53,8 @@ bool handlers_read_wishes(const struct request *request, struct job *job, struct
 bool handlers_read_job(struct service *service, const struct request *request, const char *id, struct job *job,
                        struct response *response);
 
-/* Submits the request's upload as a job with these parameters; false: the response says why. */
+/* Submits a job for the cloud that the request's body holds or names, with these parameters; false: the response says
+ * why. */
 bool handlers_submit(struct service *service, struct request *request, struct job *job, struct response *response);
 
 /* A view of the job as its document; borrows the job. */

@@ -109,7 +109,8 @@ bool handlers_read_cloud(struct service *service, const struct request *request,
 /* ------------------------------------------------------------------------------------------------ create */
 
 bool handlers_admit_new_cloud(struct service *service, struct request *request, struct response *response) {
-    return takes_no_query(request, response) && handlers_admit_cloud(service, request, false, response);
+    return takes_no_query(request, response) &&
+           handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM, NULL, response);
 }
 
 /* 201 for what is new to this principal, 200 for what it has already, which is kept from now on. */
@@ -118,10 +119,12 @@ void handlers_create_cloud(struct service *service, struct request *request, str
     struct clouds_record record;
     struct error error = {0};
     bool known = false;
-    if (!handlers_end_upload(request, &facts, response)) return;
-    enum status status = service_keep_cloud(service, request->upload, &facts, request->principal.name, &known, &error);
-    upload_free(request->upload);
-    request->upload = NULL;
+    if (!handlers_end_body(request, response) || !takes_no_query(request, response) ||
+        !handlers_end_upload(request, &facts, response))
+        return;
+    enum status status =
+        service_keep_cloud(service, body_upload(request->body), &facts, request->principal.name, &known, &error);
+    body_drop_upload(request->body);
     if (status != STATUS_OK) {
         response_error(response, &error);
     } else if (handlers_read_cloud(service, request, facts.sha256, &record, response)) {

@@ -27,12 +27,14 @@ static bool read_create(const struct request *request, struct job *job, struct r
 
 bool handlers_admit_job(struct service *service, struct request *request, struct response *response) {
     struct job job = {0};
-    return read_create(request, &job, response) && handlers_admit_cloud(service, request, true, response);
+    return read_create(request, &job, response) &&
+           handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM | BODY_JSON, create_names, response);
 }
 
 void handlers_create_job(struct service *service, struct request *request, struct response *response) {
     struct job job = {0}, stored;
-    if (read_create(request, &job, response) && handlers_submit(service, request, &job, response)) {
+    if (handlers_end_body(request, response) && read_create(request, &job, response) &&
+        handlers_submit(service, request, &job, response)) {
         if (handlers_read_job(service, request, job.id, &stored, response)) {
             handlers_job_response(service, &stored, 201, response);
             response_header(response, "Location", "/v1/jobs/%s", job.id);

@@ -58,7 +58,8 @@ static bool read_simplify(const struct request *request, struct job *job, struct
 
 bool handlers_admit_simplify(struct service *service, struct request *request, struct response *response) {
     struct job job = {0};
-    return read_simplify(request, &job, response) && handlers_admit_cloud(service, request, true, response);
+    return read_simplify(request, &job, response) &&
+           handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM | BODY_JSON, own_names, response);
 }
 
 /* ------------------------------------------------------------------------------------------------ answers */
@@ -113,7 +114,8 @@ static void answer_late(const struct job *job, struct response *response) {
 static bool submit(struct service *service, struct request *request, struct response *response) {
     struct request_wait *wait = &request->wait;
     struct job job = {0};
-    bool submitted = read_simplify(request, &job, response) && handlers_submit(service, request, &job, response);
+    bool submitted = handlers_end_body(request, response) && read_simplify(request, &job, response) &&
+                     handlers_submit(service, request, &job, response);
     int64_t most_ms = service->config->sync_max_ms, prefer_ms = request_prefer_wait_ms(request, most_ms);
     memcpy(wait->id, job.id, sizeof wait->id);
     wait->state = (int)job.state; /* successful where an earlier job serves */

@@ -5,7 +5,7 @@
  *
  *     headers -> admit --(no)--> refuse: answer at once, or read the body away first, then answer
  *                  |
- *                (yes)  body -> upload        each piece is hashed and written to the page cache
+ *                (yes)  body -> body_write     each piece is hashed and written to the page cache
  *                  |
  *                park -> handler -> unpark -> answer
  *                          |  ^
@@ -225,8 +225,8 @@ static enum MHD_Result refuse(struct exchange *x) {
     bool waits = expect && strcasecmp(expect, "100-continue") == 0;
     bool too_long =
         request->content_length != UINT64_MAX && request->content_length > (uint64_t)config->refuse_drain_bytes;
-    upload_free(x->request.upload);
-    x->request.upload = NULL;
+    body_free(x->request.body);
+    x->request.body = NULL;
     x->phase = PHASE_REFUSING;
     x->refused_ms = events_clock_ms();
     return request->has_body && (waits || too_long) ? answer(x) : MHD_YES;
@@ -334,7 +334,7 @@ static enum MHD_Result begin(struct exchange *x, const char *method, const char 
     if (!read_head(x)) return answer_and_close(x);
     watchdog_enter(x->watched, request->has_body ? WATCHDOG_BODY : WATCHDOG_BUSY);
     if (!admit(x)) return refuse(x);
-    set_uploading(x, request->upload != NULL);
+    set_uploading(x, request->body != NULL);
     return MHD_YES;
 }
 
@@ -353,11 +353,11 @@ static enum MHD_Result take_body(struct exchange *x, const char *bytes, size_t c
     struct problem problem;
     watchdog_count(x->watched, count);
     x->received_bytes += count;
-    if (x->phase != PHASE_BODY || !x->request.upload) return drain(x, count);
-    if (upload_write(x->request.upload, bytes, count, &problem)) return MHD_YES;
+    if (x->phase != PHASE_BODY || !x->request.body) return drain(x, count);
+    if (body_write(x->request.body, bytes, count, &problem)) return MHD_YES;
     response_problem(&x->response, &problem);
-    upload_free(x->request.upload);
-    x->request.upload = NULL;
+    body_free(x->request.body);
+    x->request.body = NULL;
     x->phase = PHASE_REFUSING;
     x->refused_ms = events_clock_ms();
     return MHD_YES;
@@ -459,7 +459,7 @@ static void on_completed(void *ctx, struct MHD_Connection *connection, void **st
     log_access(x, whole);
     count(x, whole);
     watchdog_enter(x->watched, WATCHDOG_IDLE);
-    upload_free(x->request.upload);
+    body_free(x->request.body);
     response_done(&x->response);
     free(x);
     pthread_mutex_lock(&http->lock);
@@ -550,7 +550,7 @@ static enum status start(struct http *http, struct error *error) {
     if (offload_open(OFFLOAD_THREADS, &http->offload) != STATUS_OK ||
         watchdog_open(limits, http->service->metrics, &http->watchdog) != STATUS_OK)
         return error_set(error, STATUS_NO_MEMORY, "http", "can't start threads");
-    enum status status = start_listener(&http->main, "http", config->listen, error);
+    enum status status = start_listener(&http->main, NOTIFY_MAIN_SOCKET, config->listen, error);
     return status == STATUS_OK ? start_admin(http, error) : status;
 }
 

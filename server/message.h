@@ -16,9 +16,9 @@
 #include "api/problem.h"
 #include "api/query.h"
 #include "api/routes.h"
+#include "server/body.h"
 #include "server/events.h"
 #include "server/principal.h"
-#include "server/upload.h"
 
 enum request_header {
     HEADER_RANGE,
@@ -36,9 +36,11 @@ enum request_header {
     HEADER_REQUEST_ID,
     HEADER_TRACEPARENT,
     HEADER_CACHE_CONTROL,
-    HEADER_IDEMPOTENCY_KEY
+    HEADER_IDEMPOTENCY_KEY,
+    HEADER_CONTENT_DIGEST,
+    HEADER_REPR_DIGEST
 };
-#define HEADER_COUNT 16
+#define HEADER_COUNT (HEADER_REPR_DIGEST + 1)
 
 /* "Range", ... */
 extern const char *const message_header_names[HEADER_COUNT];
@@ -71,7 +73,7 @@ struct request {
     const char *fault;                /* what makes the head ambiguous or malformed; NULL = nothing */
     bool has_body;
     uint64_t content_length; /* UINT64_MAX = not known */
-    struct upload *upload;   /* the body, complete and checked; NULL = the operation takes none */
+    struct body *body;       /* complete, for body_end; NULL = the operation takes none */
     struct request_wait wait;
 };
 

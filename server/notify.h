@@ -29,9 +29,11 @@ enum status notify_watch(bool (*answers)(void *ctx), void *ctx, struct notify_wa
 /* Waits for a check under way, then for the thread's end.  Accepts NULL. */
 void notify_unwatch(struct notify_watch *watch);
 
+#define NOTIFY_MAIN_SOCKET "http"
+
 /* The descriptor called name (FileDescriptorName= of the socket unit) among those that the manager handed over with
- * LISTEN_PID, LISTEN_FDS and LISTEN_FDNAMES; where there is one alone and it has no name of its own ("whittled.socket",
- * "unknown", or no names at all), that one.  Closed on exec from then on.  -1: none. */
+ * LISTEN_PID, LISTEN_FDS and LISTEN_FDNAMES.  A single one without a name of its own ("whittled.socket", "unknown", or
+ * no names at all) is NOTIFY_MAIN_SOCKET.  Closed on exec from then on.  -1: none. */
 int notify_inherited(const char *name);
 
 #endif

@@ -219,7 +219,7 @@ static enum status enqueue(struct service *service, struct job *job, bool fresh,
 
 enum status service_submit(struct service *service, struct upload *upload, const struct upload_facts *facts,
                            struct job *job, bool fresh, struct error *error) {
-    enum status status = upload_sync(upload, error);
+    enum status status = upload ? upload_sync(upload, error) : STATUS_OK;
     if (status != STATUS_OK) return status;
     struct timespec now;
     clock_gettime(CLOCK_REALTIME, &now);
@@ -231,7 +231,10 @@ enum status service_submit(struct service *service, struct upload *upload, const
     job->input_points = facts->points;
 
     pthread_rwlock_rdlock(&service->clouds);
-    status = upload_keep(upload, error);
+    if (upload)
+        status = upload_keep(upload, error);
+    else if (!store_cloud_exists(service->store, job->cloud))
+        status = error_set(error, STATUS_BAD_PARAMETER, "input", "there is no cloud %s any more", job->cloud);
     if (status == STATUS_OK) status = enqueue(service, job, fresh, error);
     pthread_rwlock_unlock(&service->clouds);
     if (status != STATUS_OK) return status;

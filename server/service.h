@@ -42,9 +42,10 @@ struct service {
 enum status service_open(struct service *service, const struct config *config, struct error *error) MUST_CHECK;
 void service_close(struct service *service);
 
-/* Makes an upload that has passed upload_end, and its job, durable; fills in job's id, cloud, times.  Where an earlier
- * job of the same principal has computed the same (and fresh is not set, and the settings allow it), its outputs become
- * this job's too, which then is successful at once: job->state says so.  STATUS_LIMIT: the queue is full. */
+/* Makes an upload that has passed upload_end, and its job, durable; fills in job's id, cloud, times.  upload NULL: the
+ * facts are of a cloud that is here already.  Where an earlier job of the same principal has computed the same (and
+ * fresh is not set, and the settings allow it), its outputs become this job's too, which then is successful at once:
+ * job->state says so.  STATUS_LIMIT: the queue is full; STATUS_BAD_PARAMETER: that cloud is gone. */
 enum status service_submit(struct service *service, struct upload *upload, const struct upload_facts *facts,
                            struct job *job, bool fresh, struct error *error) MUST_CHECK;
 

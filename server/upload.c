@@ -29,13 +29,11 @@ struct upload {
     unsigned char head[PLY_HEADER_MAX_BYTES]; /* the first bytes */
 };
 
-static struct upload *too_large(const struct upload *upload, uint64_t bytes, struct problem *problem) {
-    problem_set(problem, PROBLEM_BODY_TOO_LARGE, "the body is longer than %llu bytes",
-                (unsigned long long)upload->max_bytes);
-    problem_add_number(problem, "limit", (int64_t)upload->max_bytes);
+void upload_too_large(uint64_t max_bytes, uint64_t bytes, struct problem *problem) {
+    problem_set(problem, PROBLEM_BODY_TOO_LARGE, "the body is longer than %llu bytes", (unsigned long long)max_bytes);
+    problem_add_number(problem, "limit", (int64_t)max_bytes);
     if (bytes <= INT64_MAX) problem_add_number(problem, "actual", (int64_t)bytes);
     problem_add_text(problem, "hint", "send binary PLY, or thin the cloud out first");
-    return NULL;
 }
 
 struct upload *upload_new(struct store *store, uint64_t expected_bytes, uint64_t max_bytes, struct problem *problem) {
@@ -52,7 +50,7 @@ struct upload *upload_new(struct store *store, uint64_t expected_bytes, uint64_t
                               .max_bytes = max_bytes};
     bool fits = expected_bytes == UINT64_MAX || expected_bytes <= max_bytes;
     if (!fits)
-        too_large(upload, expected_bytes, problem);
+        upload_too_large(max_bytes, expected_bytes, problem);
     else if (!upload->digest)
         problem_set(problem, PROBLEM_INTERNAL_ERROR, "no memory");
     else if (store_upload_begin(store, &upload->file, &error) != STATUS_OK)
@@ -139,7 +137,7 @@ static bool write_all(struct upload *upload, const char *bytes, size_t count, st
 
 bool upload_write(struct upload *upload, const void *bytes, size_t count, struct problem *problem) {
     if (count > upload->max_bytes - upload->bytes) {
-        too_large(upload, UINT64_MAX, problem);
+        upload_too_large(upload->max_bytes, UINT64_MAX, problem);
         return false;
     }
     if (!check_more(upload, bytes, count, problem)) return false;

@@ -16,6 +16,9 @@
 
 struct upload;
 
+/* The problem of a body of so many bytes (UINT64_MAX = not known) that is over its limit. */
+void upload_too_large(uint64_t max_bytes, uint64_t bytes, struct problem *problem);
+
 /* What is known of a complete upload. */
 struct upload_facts {
     char sha256[JOB_HASH_BYTES];

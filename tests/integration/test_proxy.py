@@ -109,6 +109,11 @@ def test_http_2_is_spoken(proxy):
     assert done.stdout == "2"
 
 
+def test_metrics_are_not_for_everyone(proxy, daemon):
+    assert daemon.curl("/metrics").status == 200
+    assert proxy.curl("/metrics").status == proxy.curl("/whittle/metrics").status == 404
+
+
 def links_in(value):
     """Every text in a document that looks like a link of ours."""
     if isinstance(value, dict):

@@ -65,7 +65,8 @@ class Unit(conftest.Daemon):
         unlimited = ("--job-memory", "1024T") if re.search("asan|tsan", str(conftest.BUILD)) else ()
         with open(self.log, "ab") as log:
             self.process = subprocess.Popen(
-                [*map(str, prefix), str(conftest.BUILD / "whittled"), "--data", str(self.data), *unlimited, *flags],
+                [*map(str, prefix), str(conftest.BUILD / "whittled"), "--data", str(self.data), "--admin-listen",
+                 "127.0.0.1:0", *unlimited, *flags],
                 stdout=subprocess.PIPE, stderr=log, text=True, pass_fds=pass_fds,
                 env=dict(os.environ, **(environment or {})))
         return self
@@ -180,6 +181,14 @@ def test_who_comes_while_the_service_restarts_is_served_by_the_next(unit):
         activate(unit, held, {"LISTEN_FDNAMES": "http"}).answered()
         reply = conftest.parse_reply(early.communicate(timeout=conftest.PATIENCE_S)[0])
         assert reply.json["status"] == "successful"
+
+
+def test_one_socket_without_a_name_is_not_taken_twice(unit):
+    with listening_socket() as inherited:
+        activate(unit, inherited, {}).answered()
+        administrative = unit.process.stdout.readline()
+        assert administrative.startswith("health and metrics on"), administrative
+        assert int(administrative.rsplit(":", 1)[1]) != inherited.getsockname()[1]
 
 
 def test_a_socket_for_something_else_is_left_alone(unit):

@@ -57,6 +57,13 @@ static struct neighbourhood neighbours_of(const vec3 *point, size_t n) {
     return hood;
 }
 
+static enum status contract_along(const vec3 *point, const struct neighbourhood *hood, struct packed_quadric *quadrics,
+                                  unsigned threads, const struct progress *progress, struct contraction *out) {
+    struct adjacency near = {0};
+    enum status status = adjacency_from(hood, threads, &near);
+    return status ? status : contract(point, &near, quadrics, threads, progress, out);
+}
+
 static struct packed_quadric *quadrics_of(const vec3 *point, const vec3 *normal, const struct neighbourhood *hood) {
     size_t n = hood->n;
     struct packed_quadric *quadrics = malloc(n * sizeof *quadrics);
@@ -74,7 +81,7 @@ static struct made make(vec3 *point, size_t n, unsigned threads) {
     struct neighbourhood hood = neighbours_of(point, n);
     normals_fit(point, &hood, threads, made.normal, NULL);
     struct packed_quadric *quadrics = quadrics_of(point, made.normal, &hood);
-    assert_int_equal(contract(point, &hood, quadrics, threads, NULL, &made.contraction), STATUS_OK);
+    assert_int_equal(contract_along(point, &hood, quadrics, threads, NULL, &made.contraction), STATUS_OK);
     free(quadrics);
     neighbourhood_done(&hood);
     return made;
@@ -218,7 +225,7 @@ static void cancelling_stops_it(void **state) {
     struct packed_quadric *quadrics = quadrics_of(point, normal, &hood);
     struct contraction out = {0};
     struct progress progress = {stop_at_once, NULL};
-    assert_int_equal(contract(point, &hood, quadrics, 1, &progress, &out), STATUS_CANCELLED);
+    assert_int_equal(contract_along(point, &hood, quadrics, 1, &progress, &out), STATUS_CANCELLED);
     assert_null(out.order);
     free(quadrics), free(normal), free(point);
     neighbourhood_done(&hood);
@@ -239,7 +246,7 @@ static void every_allocation_may_fail(void **state) {
         struct contraction out = {0};
         int countdown = nth;
         alloc_fail_ctx = &countdown, alloc_fail = fails_at_zero;
-        status = contract(point, &hood, quadrics, 1, NULL, &out);
+        status = contract_along(point, &hood, quadrics, 1, NULL, &out);
         alloc_fail = NULL;
         contraction_done(&out);
         free(quadrics);

@@ -95,12 +95,12 @@ static const struct {
     const char *settings;
     double times;
 } jobs[] = {
-    {20000, 0, 0, "", 2},
-    {100000, 0, 0, "", 2},
+    {20000, 0, 0, "", 1.7},
+    {100000, 0, 0, "", 1.8},
     {100000, 0.02, 0, "", 1.5},
     {100000, 0.02, 0, "neighbours_max 16 neighbours_min 12", 1.5},
     {100000, 0, 32, "ratio 0.5", 1.8},
-    {100000, 0.02, 0, "denoise full", 1.6},
+    {100000, 0.02, 0, "denoise full", 1.5},
     {30000, 0, 0, "outputs cloud,mesh,report", 1.8},
     {30000, 0, 0, "outputs cloud,mesh,report ratio 0.5 refine none", 1.5},
     {30000, 0, 0, "outputs cloud,mesh,report,dso,error levels 0.4,0.2,0.1", 1.5},

@@ -1,0 +1,20 @@
+/* Sorting of integers, in linear time.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_RADIX_H
+#define WHITTLE_CORE_RADIX_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+/* An item: what is sorted by, and what comes along. */
+static inline uint64_t radix_item(uint32_t key, uint32_t value) { return (uint64_t)key << 32 | value; }
+static inline uint32_t radix_key(uint64_t item) { return (uint32_t)(item >> 32); }
+static inline uint32_t radix_value(uint64_t item) { return (uint32_t)item; }
+
+/* Sorts n < 2^32 items by their keys, ascending; equal keys stay in the order that they come in.  spare is scratch for
+ * n more.  Returns whichever of the two arrays holds the result.  0 threads = all processors; the result doesn't depend
+ * on them.  O(n). */
+uint64_t *radix_sort(uint64_t *item, uint64_t *spare, size_t n, unsigned threads);
+
+#endif

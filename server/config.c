@@ -70,6 +70,8 @@ static const struct setting table[] = {
      "Uploads are refused when less room would be left on the disk"},
     {"result-cache", SWITCH, AT(result_cache), "1", 0, 1, NULL,
      "Answer the same cloud with the same parameters from the outputs of the earlier job"},
+    {"idempotency-retention", DURATION, AT(idempotency_retention_ms), "24h", 1, 3650 * DAY, "idempotency_retention_ms",
+     "How long an Idempotency-Key is remembered"},
     {"max-connections", COUNT, AT(max_connections), "1000", 8, 100000, "max_connections", "Connections at a time"},
     {"connections-per-address", COUNT, AT(connections_per_address), "200", 1, 100000, "connections_per_address",
      "Connections of one address at a time"},
@@ -87,6 +89,8 @@ static const struct setting table[] = {
     {"refuse-drain-bytes", BYTES, AT(refuse_drain_bytes), "64M", 0, 1024 * GB, NULL,
      "How much of a refused body is read before the answer"},
     {"refuse-drain-time", DURATION, AT(refuse_drain_ms), "10s", 0, DAY, NULL, "And for how long"},
+    {"fault", TEXT, AT(fault), "", 0, 0, NULL,
+     "For tests: where and how to fail, such as commit=kill:3 (server/daemon_fault.c)"},
 };
 enum { ROWS = sizeof table / sizeof table[0] };
 
@@ -442,11 +446,11 @@ enum config_request config_read(struct config *config, int argc, char **argv, ch
 
 /* What is read each time that it is needed, and so may change while the service runs. */
 static bool is_live(const struct setting *setting) {
-    static const char *const live[] = {
-        "threads-per-job", "max-body-bytes",     "max-queue",        "job-memory",      "job-cpu",
-        "job-wall",        "sync-max",           "wait-max",         "drain-timeout",   "retention",
-        "min-free",        "link-max",           "principal-jobs",   "principal-bytes", "max-header-bytes",
-        "max-parameters",  "refuse-drain-bytes", "refuse-drain-time"};
+    static const char *const live[] = {"threads-per-job", "max-body-bytes",     "max-queue",        "job-memory",
+                                       "job-cpu",         "job-file-bytes",     "job-wall",         "sync-max",
+                                       "wait-max",        "drain-timeout",      "retention",        "min-free",
+                                       "link-max",        "principal-jobs",     "principal-bytes",  "max-header-bytes",
+                                       "max-parameters",  "refuse-drain-bytes", "refuse-drain-time"};
     for (size_t i = 0; i < sizeof live / sizeof *live; i++)
         if (strcmp(live[i], setting->name) == 0) return true;
     return false;

@@ -19,10 +19,12 @@ enum { CONFIG_TEXT_BYTES = 4096 };
 /* A member is read by whoever needs it, at any time; SIGHUP puts another struct in place (config_reload). */
 struct config {
     char listen[CONFIG_TEXT_BYTES], data[CONFIG_TEXT_BYTES], worker[CONFIG_TEXT_BYTES], file[CONFIG_TEXT_BYTES];
+    char fault[CONFIG_TEXT_BYTES];
     char tokens_file[CONFIG_TEXT_BYTES], admin_listen[CONFIG_TEXT_BYTES];
     int64_t link_max_ms;
-    int64_t insecure_open;  /* a switch: 0 or 1 */
-    int64_t result_cache;   /* a switch */
+    int64_t insecure_open; /* a switch: 0 or 1 */
+    int64_t result_cache;  /* a switch */
+    int64_t idempotency_retention_ms;
     int64_t worker_sandbox; /* a switch */
     int64_t workers, threads_per_job;
     int64_t max_body_bytes, max_expansion, max_queue, job_memory_bytes, job_cpu_ms, job_wall_ms, job_file_bytes;

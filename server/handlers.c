@@ -150,13 +150,36 @@ static bool read_input(struct service *service, struct request *request, struct 
     return found;
 }
 
-bool handlers_submit(struct service *service, struct request *request, struct job *job, struct response *response) {
+/* Whether the request came before under its key: then job->id is set.  false: the response says why. */
+static bool came_before(struct service *service, const struct request *request, struct job *job, const char *cloud,
+                        struct job_key *key, struct idempotency_record *before, struct response *response) {
+    bool found = false;
+    if (!request->claim.held) return true;
+    if (!handlers_fingerprint(request, job, cloud, key)) {
+        response_refuse(response, PROBLEM_INTERNAL_ERROR, "no memory");
+        return false;
+    }
+    if (!handlers_find_reply(service, request, key, before, &found, response)) return false;
+    if (found)
+        snprintf(job->id, sizeof job->id, "%.36s", before->made);
+    else
+        job->key = key;
+    return true;
+}
+
+bool handlers_submit(struct service *service, struct request *request, struct job *job,
+                     struct idempotency_record *before, struct response *response) {
     struct upload_facts facts;
     struct error error = {0};
+    struct job_key key;
+    memset(before, 0, sizeof *before);
     if (!read_input(service, request, &facts, response)) return false;
     memcpy(job->principal, request->principal.name, sizeof job->principal);
     job->params.outputs |= OUTPUT_REPORT; /* the job document carries the report's figures */
+    if (!came_before(service, request, job, facts.sha256, &key, before, response)) return false;
+    if (job->id[0]) return true;
     enum status status = service_submit(service, body_upload(request->body), &facts, job, wants_fresh(request), &error);
+    job->key = NULL;
     body_drop_upload(request->body);
     if (status == STATUS_LIMIT)
         response_refuse(response, strcmp(error.where, "queue") == 0 ? PROBLEM_QUEUE_FULL : PROBLEM_RATE_LIMITED, "%s",

@@ -54,8 +54,10 @@ bool handlers_read_job(struct service *service, const struct request *request, c
                        struct response *response);
 
 /* Submits a job for the cloud that the request's body holds or names, with these parameters; false: the response says
- * why. */
-bool handlers_submit(struct service *service, struct request *request, struct job *job, struct response *response);
+ * why.  Where the same request came before under the same key, *before says what it made, job->id is that job's, and
+ * nothing is submitted; it is the caller's, to idempotency_record_done. */
+bool handlers_submit(struct service *service, struct request *request, struct job *job,
+                     struct idempotency_record *before, struct response *response);
 
 /* A view of the job as its document; borrows the job. */
 struct job_document handlers_document(struct service *service, const struct job *job);
@@ -86,6 +88,25 @@ bool handlers_read_successful(struct service *service, const struct request *req
 
 /* The job's output of this name; NULL where it has none. */
 const struct job_output *handlers_find_output(const struct job *job, const char *name);
+
+/* Takes hold of the request's Idempotency-Key, where it has one and the operation takes one; else a response: it is
+ * malformed, or another request with it is under way.  Must not block. */
+bool handlers_admit_key(struct service *service, struct request *request, struct response *response);
+
+/* The key, and a fingerprint of the complete request: for this cloud (its hash), and with what the job asks (NULL =
+ * nothing).  false: memory runs out. */
+bool handlers_fingerprint(const struct request *request, const struct job *job, const char *cloud, struct job_key *key);
+
+/* What the request made when it came before; false: the response says that the key stands for another one.  The record
+ * is the caller's where *found, to idempotency_record_done. */
+bool handlers_find_reply(struct service *service, const struct request *request, const struct job_key *key,
+                         struct idempotency_record *record, bool *found, struct response *response);
+
+/* Keeps the response for when the request comes again; nothing where it has no key, or is refused. */
+void handlers_keep_reply(struct service *service, const struct request *request, const struct response *response);
+
+/* Makes the response that was kept; takes it out of the record. */
+void handlers_replay(struct idempotency_record *record, struct response *response);
 
 /* The handlers themselves. */
 bool handlers_admit_job(struct service *service, struct request *request, struct response *response);

@@ -13,6 +13,7 @@
 #include "core/ply_header.h"
 #include "server/clouds.h"
 #include "server/handlers.h"
+#include "server/sql.h"
 
 enum { LIST_DEFAULT = 50, LIST_MAX = 500 };
 
@@ -113,22 +114,58 @@ bool handlers_admit_new_cloud(struct service *service, struct request *request, 
            handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM, NULL, response);
 }
 
+/* Keeps the uploaded cloud, and under which key it came.  false: the response says why not. */
+static bool keep_cloud(struct service *service, struct request *request, const struct upload_facts *facts,
+                       const struct job_key *key, bool *known, struct response *response) {
+    struct error error = {0};
+    struct sql *writer = queue_writer(service->queue);
+    enum status status =
+        service_keep_cloud(service, body_upload(request->body), facts, request->principal.name, known, &error);
+    body_drop_upload(request->body);
+    if (status == STATUS_OK && key->key) {
+        sql_lock(writer);
+        status = idempotency_add(writer, request->principal.name, key, facts->sha256, job_now_ms(), &error);
+        sql_unlock(writer);
+    }
+    if (status != STATUS_OK) response_error(response, &error);
+    return status == STATUS_OK;
+}
+
+/* Whether there is a response: what the same request was answered before under its key, or why it is refused. */
+static bool answered_before(struct service *service, const struct request *request, const struct upload_facts *facts,
+                            struct job_key *key, struct response *response) {
+    struct idempotency_record before = {0};
+    bool found = false;
+    *key = (struct job_key){.key = NULL};
+    if (!request->claim.held) return false;
+    if (!handlers_fingerprint(request, NULL, facts->sha256, key)) {
+        response_refuse(response, PROBLEM_INTERNAL_ERROR, "no memory");
+        return true;
+    }
+    if (!handlers_find_reply(service, request, key, &before, &found, response)) return true;
+    bool replayed = found && before.reply;
+    if (found) key->key = NULL; /* there is a row for it */
+    if (replayed) {
+        handlers_replay(&before, response);
+        response_header(response, "Location", "/v1/clouds/%s", before.made);
+    }
+    if (found) idempotency_record_done(&before);
+    return replayed;
+}
+
 /* 201 for what is new to this principal, 200 for what it has already, which is kept from now on. */
 void handlers_create_cloud(struct service *service, struct request *request, struct response *response) {
     struct upload_facts facts;
     struct clouds_record record;
-    struct error error = {0};
+    struct job_key key;
     bool known = false;
     if (!handlers_end_body(request, response) || !takes_no_query(request, response) ||
-        !handlers_end_upload(request, &facts, response))
+        !handlers_end_upload(request, &facts, response) || answered_before(service, request, &facts, &key, response) ||
+        !keep_cloud(service, request, &facts, &key, &known, response))
         return;
-    enum status status =
-        service_keep_cloud(service, body_upload(request->body), &facts, request->principal.name, &known, &error);
-    body_drop_upload(request->body);
-    if (status != STATUS_OK) {
-        response_error(response, &error);
-    } else if (handlers_read_cloud(service, request, facts.sha256, &record, response)) {
+    if (handlers_read_cloud(service, request, facts.sha256, &record, response)) {
         answer_cloud(service, &record, known ? 200 : 201, response);
+        handlers_keep_reply(service, request, response);
         response_header(response, "Location", "/v1/clouds/%s", record.sha256);
         clouds_record_done(&record);
     }

@@ -31,17 +31,28 @@ bool handlers_admit_job(struct service *service, struct request *request, struct
            handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM | BODY_JSON, create_names, response);
 }
 
-void handlers_create_job(struct service *service, struct request *request, struct response *response) {
-    struct job job = {0}, stored;
-    if (handlers_end_body(request, response) && read_create(request, &job, response) &&
-        handlers_submit(service, request, &job, response)) {
-        if (handlers_read_job(service, request, job.id, &stored, response)) {
-            handlers_job_response(service, &stored, 201, response);
-            response_header(response, "Location", "/v1/jobs/%s", job.id);
-            handlers_cache_status(job.state == JOB_SUCCESSFUL, response);
-        }
-        job_done(&stored);
+/* The job as it is now, or the reply that was given to the same request before. */
+static void answer_created(struct service *service, const struct request *request, const struct job *job,
+                           struct idempotency_record *before, struct response *response) {
+    struct job stored = {0};
+    if (before->reply) {
+        handlers_replay(before, response);
+    } else if (handlers_read_job(service, request, job->id, &stored, response)) {
+        handlers_job_response(service, &stored, 201, response);
+        handlers_keep_reply(service, request, response);
+        handlers_cache_status(job->state == JOB_SUCCESSFUL, response);
     }
+    if (response->status == 201) response_header(response, "Location", "/v1/jobs/%s", job->id);
+    job_done(&stored);
+}
+
+void handlers_create_job(struct service *service, struct request *request, struct response *response) {
+    struct job job = {0};
+    struct idempotency_record before = {0};
+    if (handlers_end_body(request, response) && read_create(request, &job, response) &&
+        handlers_submit(service, request, &job, &before, response))
+        answer_created(service, request, &job, &before, response);
+    idempotency_record_done(&before);
     job_done(&job);
 }
 

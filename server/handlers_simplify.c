@@ -110,16 +110,18 @@ static void answer_late(const struct job *job, struct response *response) {
 
 /* ------------------------------------------------------------------------------------------------ the handler */
 
-/* The first call: submits.  false: the response is there. */
+/* The first call: submits, or finds the job that the same request made before.  false: the response is there. */
 static bool submit(struct service *service, struct request *request, struct response *response) {
     struct request_wait *wait = &request->wait;
     struct job job = {0};
+    struct idempotency_record before = {0};
     bool submitted = handlers_end_body(request, response) && read_simplify(request, &job, response) &&
-                     handlers_submit(service, request, &job, response);
+                     handlers_submit(service, request, &job, &before, response);
     int64_t most_ms = service->config->sync_max_ms, prefer_ms = request_prefer_wait_ms(request, most_ms);
     memcpy(wait->id, job.id, sizeof wait->id);
     wait->state = (int)job.state; /* successful where an earlier job serves */
     wait->end_ms = events_clock_ms() + (prefer_ms < 0 ? most_ms : prefer_ms);
+    idempotency_record_done(&before);
     job_done(&job);
     return submitted;
 }

@@ -290,7 +290,8 @@ static bool admit(struct exchange *x) {
     if (request->match.route) {
         x->handler = handlers_find(request->match.route->operation);
         if (!x->admin && !access_admit(service, request, &x->response)) return false;
-        return !x->handler->admit || x->handler->admit(service, request, &x->response);
+        return handlers_admit_key(service, request, &x->response) &&
+               (!x->handler->admit || x->handler->admit(service, request, &x->response));
     }
     if (request->match.allow[0]) {
         response_refuse(&x->response, PROBLEM_METHOD_NOT_ALLOWED, "%.16s is not one of %s", request->method,
@@ -460,6 +461,7 @@ static void on_completed(void *ctx, struct MHD_Connection *connection, void **st
     count(x, whole);
     watchdog_enter(x->watched, WATCHDOG_IDLE);
     body_free(x->request.body);
+    idempotency_release(http->service->idempotency, &x->request.claim);
     response_done(&x->response);
     free(x);
     pthread_mutex_lock(&http->lock);

@@ -53,6 +53,12 @@ struct job_cost {
     uint64_t size; /* points or, where they are not known, bytes */
 };
 
+/* The Idempotency-Key of the request that made a job, and a fingerprint of that request. */
+struct job_key {
+    const char *key; /* borrowed */
+    char fingerprint[JOB_HASH_BYTES];
+};
+
 struct job {
     char id[JOB_ID_BYTES]; /* UUIDv7: ids sort by their time */
     enum job_state state;
@@ -68,6 +74,8 @@ struct job {
     char input_format[JOB_FORMAT_BYTES];
     struct params params;
     char result[JOB_HASH_BYTES]; /* names what it computes: jobs with the same have the same outputs; "" = none */
+
+    const struct job_key *key; /* borrowed, and kept with the job when it is submitted; NULL = none */
 
     char stage[JOB_STAGE_BYTES], message[JOB_MESSAGE_BYTES];
     double fraction;

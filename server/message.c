@@ -118,8 +118,8 @@ void response_error(struct response *response, const struct error *error) {
 
 /* Headers whose repetition makes a request mean two things. */
 static bool is_single(size_t header) {
-    static const enum request_header single[] = {HEADER_HOST, HEADER_CONTENT_LENGTH, HEADER_TRANSFER_ENCODING,
-                                                 HEADER_CONTENT_TYPE, HEADER_AUTHORIZATION};
+    static const enum request_header single[] = {HEADER_HOST,         HEADER_CONTENT_LENGTH, HEADER_TRANSFER_ENCODING,
+                                                 HEADER_CONTENT_TYPE, HEADER_AUTHORIZATION,  HEADER_IDEMPOTENCY_KEY};
     for (size_t i = 0; i < sizeof single / sizeof *single; i++)
         if (single[i] == header) return true;
     return false;

@@ -18,6 +18,7 @@
 #include "api/routes.h"
 #include "server/body.h"
 #include "server/events.h"
+#include "server/idempotency.h"
 #include "server/principal.h"
 
 enum request_header {
@@ -72,8 +73,9 @@ struct request {
     const char *header[HEADER_COUNT]; /* NULL = absent */
     const char *fault;                /* what makes the head ambiguous or malformed; NULL = nothing */
     bool has_body;
-    uint64_t content_length; /* UINT64_MAX = not known */
-    struct body *body;       /* complete, for body_end; NULL = the operation takes none */
+    uint64_t content_length;        /* UINT64_MAX = not known */
+    struct body *body;              /* complete, for body_end; NULL = the operation takes none */
+    struct idempotency_claim claim; /* on the request's Idempotency-Key */
     struct request_wait wait;
 };
 

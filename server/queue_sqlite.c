@@ -20,7 +20,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/alloc.h"
 #include "server/estimate.h"
+#include "server/idempotency.h"
 #include "server/sql.h"
 #include "server/turns.h"
 #include "server/usage.h"
@@ -51,6 +53,10 @@ static const char *const schema[] = {
     "ALTER TABLE jobs ADD COLUMN priority INTEGER NOT NULL DEFAULT 5;"
     "ALTER TABLE jobs ADD COLUMN result TEXT NOT NULL DEFAULT '';"
     "CREATE INDEX jobs_by_result ON jobs (result, id) WHERE result <> '';",
+    "CREATE TABLE replies (principal TEXT NOT NULL, key TEXT NOT NULL, fingerprint TEXT NOT NULL, made TEXT NOT NULL, "
+    "at INTEGER NOT NULL, status INTEGER NOT NULL DEFAULT 0, etag TEXT NOT NULL DEFAULT '', reply TEXT, "
+    "PRIMARY KEY (principal, key)) STRICT, WITHOUT ROWID;"
+    "CREATE INDEX replies_by_age ON replies (at);",
     "CREATE TABLE usage (principal TEXT PRIMARY KEY, active INTEGER NOT NULL, bytes INTEGER NOT NULL) STRICT;"
     "INSERT INTO usage SELECT principal, sum(active), sum(bytes) FROM "
     "(SELECT principal, state IN (0, 1) AS active, input_bytes AS bytes FROM jobs "
@@ -282,7 +288,7 @@ static enum status order_waiting(struct queue *queue, struct error *error) {
 }
 
 enum status queue_open(const char *path, struct queue **queue, struct error *error) {
-    struct queue *opened = calloc(1, sizeof *opened);
+    struct queue *opened = alloc_zeroed(1, sizeof *opened);
     if (!opened) return error_set(error, STATUS_NO_MEMORY, "queue", "no memory");
     pthread_mutex_init(&opened->order, NULL);
     opened->turns = turns_new(PRIORITY_AGING_MS);
@@ -327,7 +333,7 @@ void queue_depth(struct queue *queue, uint64_t *waiting, uint64_t *running) {
 
 /* ------------------------------------------------------------------------------------------------ submit, claim */
 
-static enum status insert(struct sql *db, const struct job *job, struct error *error) {
+static enum status insert_row(struct sql *db, const struct job *job, struct error *error) {
     char *params = job_params_text(&job->params);
     if (!params) return error_set(error, STATUS_NO_MEMORY, "queue", "no memory");
     enum status status =
@@ -343,11 +349,23 @@ static enum status insert(struct sql *db, const struct job *job, struct error *e
     return status;
 }
 
+/* The job, and the key that it was submitted under; in a transaction. */
+static enum status insert(struct sql *db, const struct job *job, struct error *error) {
+    enum status status = insert_row(db, job, error);
+    if (status != STATUS_OK || !job->key) return status;
+    return idempotency_add(db, job->principal, job->key, job->id, job->created_ms, error);
+}
+
+static enum status insert_alone(struct sql *db, const struct job *job, struct error *error) {
+    enum status status = sql_begin(db, error);
+    return status == STATUS_OK ? sql_end(db, insert(db, job, error), error) : status;
+}
+
 enum status queue_submit(struct queue *queue, const struct job *job, const struct queue_limits *limits,
                          struct error *error) {
     sql_lock(queue->writer);
     enum status status = check_limits(queue, job, limits, error);
-    if (status == STATUS_OK) status = insert(queue->writer, job, error);
+    if (status == STATUS_OK) status = insert_alone(queue->writer, job, error);
     if (status == STATUS_OK) {
         queue_refresh_usage(queue, job->principal);
         queue->waiting++;

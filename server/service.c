@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "api/problem.h"
+#include "core/fault.h"
 #include "core/version.h"
 #include "server/clouds.h"
 #include "server/digest.h"
@@ -133,7 +134,10 @@ enum status service_open(struct service *service, const struct config *config, s
     service->config = config;
     pthread_rwlock_init(&service->clouds, NULL);
     service->estimate = estimate_new();
-    enum status status = service->estimate ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
+    service->idempotency = idempotency_new();
+    enum status status = service->estimate && service->idempotency
+                             ? STATUS_OK
+                             : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
     if (status == STATUS_OK) status = store_open(config->data, &service->store, error);
     if (status == STATUS_OK) {
         store_database_path(service->store, path);
@@ -160,10 +164,21 @@ void service_close(struct service *service) {
     queue_close(service->queue);
     store_close(service->store);
     estimate_free(service->estimate);
+    idempotency_free(service->idempotency);
     pthread_rwlock_destroy(&service->clouds);
 }
 
 /* ------------------------------------------------------------------------------------------------ submit, delete */
+
+/* Removes a cloud that nothing refers to any more. */
+static void forget_cloud(struct service *service, const char *cloud) {
+    struct error error = {0};
+    uint64_t uses = 1;
+    pthread_rwlock_wrlock(&service->clouds);
+    if (queue_cloud_uses(service->queue, cloud, &uses, &error) == STATUS_OK && uses == 0)
+        store_cloud_delete(service->store, cloud);
+    pthread_rwlock_unlock(&service->clouds);
+}
 
 /* The hash of what the job computes. */
 static enum status name_result(struct job *job, struct error *error) {
@@ -235,9 +250,12 @@ enum status service_submit(struct service *service, struct upload *upload, const
         status = upload_keep(upload, error);
     else if (!store_cloud_exists(service->store, job->cloud))
         status = error_set(error, STATUS_BAD_PARAMETER, "input", "there is no cloud %s any more", job->cloud);
+    fault_at("submit-kept");
     if (status == STATUS_OK) status = enqueue(service, job, fresh, error);
     pthread_rwlock_unlock(&service->clouds);
+    if (status != STATUS_OK) forget_cloud(service, job->cloud);
     if (status != STATUS_OK) return status;
+    fault_at("submit-committed");
     metrics_submitted(service->metrics);
     log_line(LOG_INFO, "job=%s %s: %llu bytes of %s who=%s", job->id,
              job->state == JOB_SUCCESSFUL ? "successful, as an earlier one" : "accepted",
@@ -278,20 +296,11 @@ double service_time_left(struct service *service, const struct job *job) {
 
 /* ------------------------------------------------------------------------------------------------ letting go */
 
-/* Removes a cloud that nothing refers to any more. */
-static void forget_cloud(struct service *service, const char *cloud) {
-    struct error error = {0};
-    uint64_t uses = 1;
-    pthread_rwlock_wrlock(&service->clouds);
-    if (queue_cloud_uses(service->queue, cloud, &uses, &error) == STATUS_OK && uses == 0)
-        store_cloud_delete(service->store, cloud);
-    pthread_rwlock_unlock(&service->clouds);
-}
-
 enum status service_delete(struct service *service, const struct job *job, const char *reason, bool *changed,
                            struct error *error) {
     enum status status = queue_delete(service->queue, job->id, reason, changed, error);
     if (status != STATUS_OK || !*changed) return status;
+    fault_at("delete-committed");
     store_job_delete(service->store, job->id);
     forget_cloud(service, job->cloud);
     log_line(LOG_INFO, "job=%s %s", job->id, reason);
@@ -318,6 +327,7 @@ enum status service_keep_cloud(struct service *service, struct upload *upload, c
     if (status == STATUS_OK) status = clouds_put(service->queue, &record, error);
     pthread_rwlock_unlock(&service->clouds);
     clouds_record_done(&before);
+    if (status != STATUS_OK) forget_cloud(service, record.sha256);
     if (status == STATUS_OK)
         log_line(LOG_INFO, "cloud=%s kept: %llu bytes of %s", record.sha256, (unsigned long long)record.bytes,
                  record.format);
@@ -398,7 +408,15 @@ bool service_answers(struct service *service) {
     return status == STATUS_OK && supervised;
 }
 
+static void sweep_keys(struct service *service) {
+    struct error error = {0};
+    int64_t before_ms = job_now_ms() - service->config->idempotency_retention_ms;
+    if (idempotency_forget(queue_writer(service->queue), before_ms, &error) != STATUS_OK)
+        log_line(LOG_ERROR, "can't forget old keys: %s", error.text);
+}
+
 void service_sweep(struct service *service) {
+    sweep_keys(service);
     sweep_jobs(service);
     sweep_clouds(service);
 }

@@ -12,6 +12,7 @@
 #include "server/config.h"
 #include "server/estimate.h"
 #include "server/events.h"
+#include "server/idempotency.h"
 #include "server/queue.h"
 #include "server/signature.h"
 #include "server/store.h"
@@ -29,7 +30,8 @@ struct service {
     struct queue *queue;
     struct events *events;
     struct metrics *metrics;
-    struct estimate *estimate;     /* how long jobs took */
+    struct estimate *estimate; /* how long jobs took */
+    struct idempotency *idempotency;
     struct supervisor *supervisor; /* set by main, before the first request */
     pthread_rwlock_t clouds;       /* held shared while a cloud is kept and its job submitted, alone while clouds that
                                       no job refers to are removed */

@@ -1,15 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Every limit of /v1/info can be reached, and says so."""
 import hashlib
-import pathlib
 import re
 import socket
 
 import pytest
 
-from conftest import SMALL, Daemon, sphere, wait_until
-
-HERE = pathlib.Path(__file__).parent
+from conftest import SMALL, sphere, wait_until
 
 
 def connect(daemon):
@@ -27,18 +24,6 @@ def is_cut(connection):
         if not part:
             return answer
         answer += part
-
-
-def test_every_limit_has_a_test(daemon):
-    """By the flag that a test sets: max_body_bytes is --max-body-bytes or --max-body."""
-    text = "".join(p.read_text() for p in HERE.glob("test_*.py"))
-    flags = {"min_upload_bytes_per_s": "min-upload-rate", "threads_per_job": "workers"}
-    missing = []
-    for name in daemon.curl("/v1/info").json["limits"]:
-        stem = flags.get(name) or re.sub("_(bytes|ms)$", "", name).replace("_", "-")
-        if f'"--{stem}' not in text:
-            missing.append(name)
-    assert missing == []
 
 
 # ---------------------------------------------------------------------------------------------- heads

@@ -19,6 +19,7 @@
 #include "server/log.h"
 #include "server/metrics.h"
 #include "server/supervisor.h"
+#include "server/tls.h"
 #include "server/tokens.h"
 
 enum { PAGE = 64, TOMBSTONE_MS = 7 * 24 * 3600 * 1000 };
@@ -149,6 +150,8 @@ enum status service_open(struct service *service, const struct config *config, s
     }
     if (status == STATUS_OK && config->tokens_file[0])
         status = tokens_open(config->tokens_file, &service->tokens, error);
+    if (status == STATUS_OK && (config->tls_cert[0] || config->tls_key[0]))
+        status = tls_open(config->tls_cert, config->tls_key, &service->tls, error);
     service->metrics = metrics_new();
     if (status == STATUS_OK && !service->metrics) status = error_set(error, STATUS_NO_MEMORY, "service", "no memory");
     if (status == STATUS_OK) status = mend(service, error);
@@ -160,6 +163,7 @@ enum status service_open(struct service *service, const struct config *config, s
 void service_close(struct service *service) {
     events_free(service->events);
     tokens_close(service->tokens);
+    tls_close(service->tls);
     metrics_free(service->metrics);
     queue_close(service->queue);
     store_close(service->store);

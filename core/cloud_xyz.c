@@ -11,7 +11,7 @@
  * Lines end by \n, \r\n or \r.  Columns are named by the names line, or by a comment whose words contain x, y and z
  * (CloudCompare's "//X Y Z R G B"), when it has as many names as there are columns; x, y and z may then stand anywhere.
  * Else the first three columns are x, y, z and the others column4, column5 ...; but a names line that has x, y and z
- * and another number of names is refused, since columns would be taken for others.  Names are separated by commas,
+ * in other places is refused then, since columns would be taken for others.  Names are separated by commas,
  * where there are any, else by semicolons, tabs, or blanks; quotes around them are dropped, blanks in them become "_".
  *
  * There is no header that could promise anything, so arrays grow by half as points come in.
@@ -230,11 +230,19 @@ static void name_columns(struct reader *r) {
     }
 }
 
-/* A header that means other columns than there are. */
+static bool begins_with_xyz(const char *at, const char *end) {
+    char mark = mark_of(at, end);
+    const char *from, *stop;
+    for (char axis = 'x'; axis <= 'z'; axis++)
+        if (!next_name(&at, end, mark, &from, &stop) || stop - from != 1 || (*from | 32) != axis) return false;
+    return true;
+}
+
+/* Names that aren't as many as the columns, and say that x, y, z aren't the first three. */
 static enum status check_names(struct reader *r) {
     if (!r->names || r->names_are_comment || !names_xyz(r->names, r->end)) return STATUS_OK;
     size_t names = count_names(r->names, r->end), columns = r->cloud->property_count;
-    if (names == columns) return STATUS_OK;
+    if (names == columns || begins_with_xyz(r->names, r->end)) return STATUS_OK;
     return error_set_at(r->error, STATUS_MALFORMED, "columns", r->line, UINT64_MAX,
                         "the point has %zu values, but the line of names has %zu", columns, names);
 }

@@ -4,10 +4,12 @@
  *
  * Opens what it needs from the bottom up, says where it listens, waits for signals, and closes in the opposite order.
  * The first SIGTERM or SIGINT drains: no new work, running jobs may end, those that don't are queued again.  The second
- * ends the process at once; the next start finds everything that was accepted.  SIGHUP reads settings and tokens again.
+ * ends the process at once; the next start finds everything that was accepted.  SIGHUP reads settings, tokens and
+ * certificate again.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <errno.h>
+#include <malloc.h>
 #include <poll.h>
 #include <signal.h>
 #include <stdio.h>
@@ -29,7 +31,7 @@
 #include "server/service.h"
 #include "server/supervisor.h"
 
-enum { EXIT_USAGE = 2, SWEEP_MS = 30000, DRAIN_LOOK_MS = 50 };
+enum { EXIT_USAGE = 2, SWEEP_MS = 30000, DRAIN_LOOK_MS = 50, LARGE_BYTES = 1 << 20, ARENAS = 4 };
 
 /* The signals become readable; none interrupts anything.  Threads started later inherit the mask. */
 static int open_signals(void) {
@@ -55,6 +57,13 @@ static void raise_file_limit(void) {
 static int read_signal(int signals) {
     struct signalfd_siginfo info;
     return read(signals, &info, sizeof info) == sizeof info ? (int)info.ssi_signo : SIGTERM;
+}
+
+/* What is large and rare, such as a long list of jobs, goes back to the system when it is freed: otherwise each thread
+ * keeps the largest that it ever had. */
+static void give_memory_back(void) {
+    mallopt(M_MMAP_THRESHOLD, LARGE_BYTES);
+    mallopt(M_ARENA_MAX, ARENAS);
 }
 
 /* Sweeps now and then until a signal ends it; SIGHUP doesn't. */
@@ -103,7 +112,7 @@ static bool answers(void *service) { return service_answers(service); }
 
 static void tell_ready(const char *address) {
     char message[HTTP_ADDRESS_BYTES + 64];
-    snprintf(message, sizeof message, "READY=1\nSTATUS=listening on http://%s", address);
+    snprintf(message, sizeof message, "READY=1\nSTATUS=listening on %s", address);
     notify_send(message);
 }
 
@@ -124,10 +133,10 @@ static int run(const struct config *config, int signals, int argc, char **argv) 
     if (status == STATUS_OK) status = http_open(&service, &http, &addresses, &error);
     if (status == STATUS_OK) status = notify_watch(answers, &service, &watch, &error);
     if (status == STATUS_OK) {
-        printf("listening on http://%s\n", address);
-        if (addresses.admin[0]) printf("health and metrics on http://%s\n", addresses.admin);
+        printf("listening on %s\n", address);
+        if (addresses.admin[0]) printf("health and metrics on %s\n", addresses.admin);
         fflush(stdout);
-        log_line(LOG_INFO, "whittled %s listening on http://%s, data in %s, %lld workers", whittle_version(), address,
+        log_line(LOG_INFO, "whittled %s listening on %s, data in %s, %lld workers", whittle_version(), address,
                  config->data, (long long)config->workers);
         tell_ready(address);
         serve(&service, reload, signals);
@@ -161,6 +170,7 @@ int main(int argc, char **argv) {
         return EXIT_USAGE;
     }
     raise_file_limit();
+    give_memory_back();
     int signals = open_signals();
     if (signals < 0) {
         fprintf(stderr, "whittled: signals: %s\n", strerror(errno));

@@ -27,6 +27,11 @@ static const struct handler table[OPERATION_COUNT] = {
     [OPERATION_GET_CLOUD] = {NULL, handlers_get_cloud, false},
     [OPERATION_DELETE_CLOUD] = {NULL, handlers_delete_cloud, false},
     [OPERATION_GET_CLOUD_DATA] = {NULL, handlers_get_cloud_data, false},
+    [OPERATION_UPLOAD_OPTIONS] = {NULL, handlers_upload_options, true},
+    [OPERATION_CREATE_UPLOAD] = {handlers_admit_upload, handlers_create_upload, false},
+    [OPERATION_GET_UPLOAD] = {NULL, handlers_get_upload, false},
+    [OPERATION_CONTINUE_UPLOAD] = {handlers_admit_piece, handlers_continue_upload, false},
+    [OPERATION_DELETE_UPLOAD] = {NULL, handlers_delete_upload, false},
     [OPERATION_GET_PARAMETERS] = {NULL, handlers_get_parameters, true},
     [OPERATION_GET_INFO] = {NULL, handlers_get_info, true},
     [OPERATION_GET_CONTRACT] = {NULL, handlers_get_contract, true},
@@ -40,8 +45,24 @@ const struct handler *handlers_find(enum operation operation) { return &table[op
 
 /* ------------------------------------------------------------------------------------------------ clouds come in */
 
-static bool has_room(struct service *service, const struct request *request, bool for_job, struct response *response) {
-    uint64_t waiting, running, body = request->content_length == UINT64_MAX ? 0 : request->content_length;
+/* Whether the principal may have another job, and so many bytes more. */
+static bool is_within_share(struct service *service, const struct request *request, uint64_t body, bool for_job,
+                            struct response *response) {
+    const struct config *config = service->config;
+    struct usage_figures has = queue_usage(service->queue, request->principal.name);
+    uint64_t jobs = (uint64_t)config->principal_jobs, bytes = (uint64_t)config->principal_bytes;
+    if (for_job && jobs && has.active >= jobs)
+        response_limit(response, PROBLEM_RATE_LIMITED, "principal_jobs", jobs, has.active);
+    else if (bytes && (has.bytes >= bytes || body > bytes - has.bytes))
+        response_limit(response, PROBLEM_RATE_LIMITED, "principal_bytes", bytes, has.bytes);
+    else
+        return true;
+    return false;
+}
+
+bool handlers_has_room(struct service *service, const struct request *request, uint64_t body, bool for_job,
+                       struct response *response) {
+    uint64_t waiting, running;
     queue_depth(service->queue, &waiting, &running);
     if (atomic_load(&service->draining))
         response_refuse(response, PROBLEM_DRAINING, "the service is about to stop");
@@ -51,7 +72,7 @@ static bool has_room(struct service *service, const struct request *request, boo
              store_free_bytes(service->store) < body + (uint64_t)service->config->min_free_bytes)
         response_refuse(response, PROBLEM_STORAGE_FULL, "the disk has no room for this body");
     else
-        return true;
+        return is_within_share(service, request, body, for_job, response);
     return false;
 }
 
@@ -69,7 +90,8 @@ bool handlers_admit_body(struct service *service, struct request *request, unsig
                              .repr_digest = request->header[HEADER_REPR_DIGEST],
                              .names = names};
     struct problem problem;
-    if (!has_room(service, request, takes & BODY_JSON, response)) return false;
+    uint64_t bytes = request->content_length == UINT64_MAX ? 0 : request->content_length;
+    if (!handlers_has_room(service, request, bytes, takes & BODY_JSON, response)) return false;
     request->body = body_new(&plan, &problem);
     if (!request->body) response_problem(response, &problem);
     return request->body != NULL;
@@ -167,7 +189,8 @@ bool handlers_submit(struct service *service, struct request *request, struct jo
     job->key = NULL;
     body_drop_upload(request->body);
     if (status == STATUS_LIMIT)
-        response_refuse(response, PROBLEM_QUEUE_FULL, "%s", error.text);
+        response_refuse(response, strcmp(error.where, "queue") == 0 ? PROBLEM_QUEUE_FULL : PROBLEM_RATE_LIMITED, "%s",
+                        error.text);
     else if (status == STATUS_BAD_PARAMETER)
         response_refuse(response, PROBLEM_NO_SUCH_CLOUD, "%s", error.text);
     else if (status != STATUS_OK)

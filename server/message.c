@@ -27,6 +27,14 @@ const char *const message_header_names[HEADER_COUNT] = {
     [HEADER_LAST_EVENT_ID] = "Last-Event-ID",
     [HEADER_HOST] = "Host",
     [HEADER_CONTENT_DIGEST] = "Content-Digest",
+    [HEADER_METHOD_OVERRIDE] = "X-HTTP-Method-Override",
+    [HEADER_TUS_RESUMABLE] = "Tus-Resumable",
+    [HEADER_UPLOAD_LENGTH] = "Upload-Length",
+    [HEADER_UPLOAD_DEFER_LENGTH] = "Upload-Defer-Length",
+    [HEADER_UPLOAD_OFFSET] = "Upload-Offset",
+    [HEADER_UPLOAD_METADATA] = "Upload-Metadata",
+    [HEADER_UPLOAD_CHECKSUM] = "Upload-Checksum",
+    [HEADER_UPLOAD_CONCAT] = "Upload-Concat",
     [HEADER_REPR_DIGEST] = "Repr-Digest",
     [HEADER_AUTHORIZATION] = "Authorization",
     [HEADER_REQUEST_ID] = "X-Request-Id",
@@ -70,7 +78,7 @@ void response_text(struct response *response, int status, const char *media_type
 }
 
 static void retry_later(struct response *response, int status) {
-    if (status == 503) response_header(response, "Retry-After", "%d", 5);
+    if (status == 503 || status == 429) response_header(response, "Retry-After", "%d", 5);
 }
 
 void response_problem(struct response *response, const struct problem *problem) {

@@ -65,7 +65,7 @@ static enum status submit_limited(struct fixture *f, int n, uint64_t max) {
     snprintf(job.principal, sizeof job.principal, "%s", n % 3 ? "" : "third");
     params_defaults(&job.params);
     job.params.ratio = 0.25;
-    return queue_submit(f->queue, &job, max, &f->error);
+    return queue_submit(f->queue, &job, &(struct queue_limits){.waiting = max}, &f->error);
 }
 
 static void submit(struct fixture *f, int n) { assert_int_equal(submit_limited(f, n, 1000), STATUS_OK); }
@@ -252,7 +252,8 @@ static void only_legal_transitions_change_anything(void **state) {
     assert_false(finish(f, JOB_DONE, &job));
     assert_false(finish(f, JOB_FAIL, &job));
     assert_false(finish(f, JOB_REQUEUE, &job));
-    assert_true(finish(f, JOB_DISMISS, &job));
+    assert_false(finish(f, JOB_DISMISS, &job)); /* there is no process that it would end */
+    assert_true(finish(f, JOB_WITHDRAW, &job));
     for (int event = JOB_DONE; event < JOB_EVENT_COUNT; event++) assert_false(finish(f, (enum job_event)event, &job));
     get(f, 1, &back);
     assert_int_equal(back.state, JOB_DISMISSED);
@@ -333,6 +334,44 @@ static void lists_are_newest_first_and_filtered(void **state) {
     assert_string_equal(jobs[0].principal, "third");
     assert_int_equal(list(f, (struct queue_filter){.by_state = true, .state = JOB_RUNNING}, jobs, 10), 1);
     assert_int_equal(list(f, (struct queue_filter){.by_state = true, .state = JOB_FAILED}, jobs, 10), 0);
+}
+
+static void usage_follows_every_change(void **state) {
+    struct fixture *f = *state;
+    struct job job;
+    bool changed;
+    for (int n = 0; n < 4; n++) submit(f, n); /* 0 and 3 are "third"'s, 12 bytes each */
+    assert_int_equal(queue_usage(f->queue, "third").active, 2);
+    assert_int_equal(queue_usage(f->queue, "third").bytes, 24);
+    assert_true(claim(f, &job)); /* 0 */
+    assert_int_equal(queue_usage(f->queue, "third").active, 2);
+    job.output_count = 1;
+    job.output[0] = (struct job_output){.name = "cloud.ply", .bytes = 100};
+    assert_true(finish(f, JOB_DONE, &job));
+    assert_int_equal(queue_usage(f->queue, "third").active, 1);
+    assert_int_equal(queue_usage(f->queue, "third").bytes, 124);
+    reopen(f);
+    assert_int_equal(queue_usage(f->queue, "third").bytes, 124);
+    assert_int_equal(queue_delete(f->queue, job.id, "deleted", &changed, &f->error), STATUS_OK);
+    assert_int_equal(queue_usage(f->queue, "third").bytes, 12);
+    assert_int_equal(queue_usage(f->queue, "").active, 2);
+    assert_int_equal(queue_usage(f->queue, "nobody").active, 0);
+    job_done(&job);
+}
+
+static void a_principal_has_limits_of_its_own(void **state) {
+    struct fixture *f = *state;
+    struct queue_limits jobs = {.waiting = 100, .principal_jobs = 1}, bytes = {.waiting = 100, .principal_bytes = 20};
+    struct job job = {.created_ms = 1, .input_bytes = 12, .input_format = "xyz", .principal = "third"};
+    submit(f, 3);
+    id_of(10, job.id);
+    params_defaults(&job.params);
+    assert_int_equal(queue_submit(f->queue, &job, &jobs, &f->error), STATUS_LIMIT);
+    assert_string_equal(f->error.where, "principal_jobs");
+    assert_int_equal(queue_submit(f->queue, &job, &bytes, &f->error), STATUS_LIMIT);
+    assert_string_equal(f->error.where, "principal_bytes");
+    job.principal[0] = 0;
+    assert_int_equal(queue_submit(f->queue, &job, &jobs, &f->error), STATUS_OK);
 }
 
 static void deleting_leaves_a_tombstone(void **state) {
@@ -528,6 +567,18 @@ static void *claim_and_finish(void *ctx) {
     return (void *)count;
 }
 
+static void what_runs_is_not_withdrawn(void **state) {
+    struct fixture *f = *state;
+    struct job job, back;
+    submit(f, 1);
+    assert_true(claim(f, &job));
+    assert_false(finish(f, JOB_WITHDRAW, &job));
+    get(f, 1, &back);
+    assert_int_equal(back.state, JOB_RUNNING);
+    job_done(&job);
+    job_done(&back);
+}
+
 static void each_job_is_claimed_by_one(void **state) {
     struct fixture *f = *state;
     pthread_t thread[THREADS];
@@ -559,6 +610,8 @@ int main(void) {
         TEST(sequences_only_grow),
         TEST(progress_of_an_ended_job_changes_nothing),
         TEST(lists_are_newest_first_and_filtered),
+        TEST(usage_follows_every_change),
+        TEST(a_principal_has_limits_of_its_own),
         TEST(deleting_leaves_a_tombstone),
         TEST(what_is_past_its_time_is_found),
         TEST(tombstones_are_forgotten),
@@ -569,6 +622,7 @@ int main(void) {
         TEST(a_database_that_refuses_is_an_error_and_changes_nothing),
         TEST(a_file_that_is_no_database_is_refused),
         TEST(a_newer_schema_is_refused),
+        TEST(what_runs_is_not_withdrawn),
         TEST(each_job_is_claimed_by_one),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -51,6 +51,9 @@ static const struct setting table[] = {
     {"max-expansion", COUNT, AT(max_expansion), "250", 1, 1000000, "max_expansion",
      "Bytes that a byte of a compressed body may become, beyond the first 16 MiB"},
     {"max-queue", COUNT, AT(max_queue), "1000", 1, 1000000, "max_queue", "Jobs that may wait"},
+    {"max-points", COUNT, AT(max_points), "2147483647", 1, INT32_MAX, "max_points", "Points of a cloud"},
+    {"total-memory", BYTES, AT(total_memory_bytes), "0", 0, 1024 * KB *GB, "total_memory_bytes",
+     "What running jobs may be predicted to take in sum, others wait; 0 = physical memory"},
     {"job-memory", BYTES, AT(job_memory_bytes), "0", 0, 1024 * KB *GB, "job_memory_bytes",
      "Address space of a job; 0 = physical memory / workers"},
     {"job-cpu", DURATION, AT(job_cpu_ms), "1h", SECOND, 365 * DAY, "job_cpu_ms", "Processor time of a job"},
@@ -291,6 +294,7 @@ static void fill_in(struct config *config) {
     if (!config->workers) config->workers = processors;
     if (!config->threads_per_job) config->threads_per_job = processors / config->workers;
     if (!config->threads_per_job) config->threads_per_job = 1;
+    if (!config->total_memory_bytes) config->total_memory_bytes = memory;
     if (!config->job_memory_bytes) config->job_memory_bytes = memory / config->workers;
     if (!config->worker[0]) beside_this_program(config->worker);
 }

@@ -28,7 +28,8 @@ static bool read_create(const struct request *request, struct job *job, struct r
 bool handlers_admit_job(struct service *service, struct request *request, struct response *response) {
     struct job job = {0};
     return read_create(request, &job, response) &&
-           handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM | BODY_JSON, create_names, response);
+           handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM | BODY_JSON, create_names, &job.params,
+                               response);
 }
 
 /* The job as it is now, or the reply that was given to the same request before. */
@@ -191,7 +192,7 @@ static bool dismiss_waiting(struct service *service, struct job *job, struct res
     struct error error = {0};
     bool changed = false;
     job->expires_ms = job_now_ms() + service->config->retention_ms;
-    enum status status = queue_finish(service->queue, JOB_DISMISS, job, &changed, &error);
+    enum status status = queue_finish(service->queue, JOB_WITHDRAW, job, &changed, &error);
     if (status != STATUS_OK) {
         response_error(response, &error);
         return false;

@@ -31,6 +31,11 @@ static const struct handler table[OPERATION_COUNT] = {
     [OPERATION_GET_CLOUD] = {NULL, handlers_get_cloud, false},
     [OPERATION_DELETE_CLOUD] = {NULL, handlers_delete_cloud, false},
     [OPERATION_GET_CLOUD_DATA] = {NULL, handlers_get_cloud_data, false},
+    [OPERATION_UPLOAD_OPTIONS] = {NULL, handlers_upload_options, true},
+    [OPERATION_CREATE_UPLOAD] = {handlers_admit_upload, handlers_create_upload, false},
+    [OPERATION_GET_UPLOAD] = {NULL, handlers_get_upload, false},
+    [OPERATION_CONTINUE_UPLOAD] = {handlers_admit_piece, handlers_continue_upload, false},
+    [OPERATION_DELETE_UPLOAD] = {NULL, handlers_delete_upload, false},
     [OPERATION_GET_PARAMETERS] = {NULL, handlers_get_parameters, true},
     [OPERATION_GET_INFO] = {NULL, handlers_get_info, true},
     [OPERATION_GET_CONTRACT] = {NULL, handlers_get_contract, true},
@@ -59,8 +64,9 @@ static bool is_within_share(struct service *service, const struct request *reque
     return false;
 }
 
-static bool has_room(struct service *service, const struct request *request, bool for_job, struct response *response) {
-    uint64_t waiting, running, body = request->content_length == UINT64_MAX ? 0 : request->content_length;
+bool handlers_has_room(struct service *service, const struct request *request, uint64_t body, bool for_job,
+                       struct response *response) {
+    uint64_t waiting, running;
     queue_depth(service->queue, &waiting, &running);
     if (atomic_load(&service->draining))
         response_refuse(response, PROBLEM_DRAINING, "the service is about to stop");
@@ -74,7 +80,7 @@ static bool has_room(struct service *service, const struct request *request, boo
     return false;
 }
 
-static struct admission admission_of(const struct config *config, const struct params *params) {
+struct admission handlers_admission(const struct config *config, const struct params *params) {
     struct admission admission = {.max_points = (uint64_t)config->max_points,
                                   .max_memory_bytes = (uint64_t)config->job_memory_bytes,
                                   .has_params = params != NULL};
@@ -88,7 +94,7 @@ bool handlers_admit_body(struct service *service, struct request *request, unsig
     struct body_plan plan = {.takes = takes,
                              .store = service->store,
                              .max_bytes = (uint64_t)config->max_body_bytes,
-                             .admission = admission_of(config, params),
+                             .admission = handlers_admission(config, params),
                              .max_expansion = (uint32_t)config->max_expansion,
                              .content_length = request->content_length,
                              .type = request->header[HEADER_CONTENT_TYPE],
@@ -97,7 +103,8 @@ bool handlers_admit_body(struct service *service, struct request *request, unsig
                              .repr_digest = request->header[HEADER_REPR_DIGEST],
                              .names = names};
     struct problem problem;
-    if (!has_room(service, request, takes & BODY_JSON, response)) return false;
+    uint64_t bytes = request->content_length == UINT64_MAX ? 0 : request->content_length;
+    if (!handlers_has_room(service, request, bytes, takes & BODY_JSON, response)) return false;
     request->body = body_new(&plan, &problem);
     if (!request->body) response_problem(response, &problem);
     return request->body != NULL;
@@ -196,7 +203,7 @@ static unsigned char *read_head(struct service *service, const struct request *r
 /* Whether the job, of which all is known now, fits the limits; fills in what it will take. */
 static bool fits(struct service *service, const struct request *request, const struct upload_facts *facts,
                  struct job *job, struct response *response) {
-    struct admission admission = admission_of(service->config, &job->params);
+    struct admission admission = handlers_admission(service->config, &job->params);
     struct problem problem;
     size_t count;
     unsigned char *head = read_head(service, request, facts->sha256, &count);

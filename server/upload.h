@@ -44,6 +44,9 @@ bool upload_end(struct upload *upload, struct upload_facts *facts, struct proble
 /* Its first bytes; borrowed. */
 const void *upload_head(const struct upload *upload, size_t *count);
 
+/* The same for a file that holds all of a cloud: reads it. */
+bool upload_check_file(int fd, const struct admission *admission, struct upload_facts *facts, struct problem *problem);
+
 /* Flushes to disk; blocks.  Then makes it the cloud of its hash. */
 enum status upload_sync(struct upload *upload, struct error *error) MUST_CHECK;
 enum status upload_keep(struct upload *upload, struct error *error) MUST_CHECK;

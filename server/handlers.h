@@ -108,8 +108,8 @@ void handlers_keep_reply(struct service *service, const struct request *request,
 /* Makes the response that was kept; takes it out of the record. */
 void handlers_replay(struct idempotency_record *record, struct response *response);
 
-/* Dismisses a job that waits; STATUS_OK also where it waits no more. */
-enum status handlers_dismiss_waiting(struct service *service, struct job *job, struct error *error) MUST_CHECK;
+/* Dismisses a job that waits; *changed false: it doesn't wait any more. */
+enum status handlers_withdraw(struct service *service, struct job *job, bool *changed, struct error *error) MUST_CHECK;
 
 /* The handlers themselves. */
 bool handlers_admit_job(struct service *service, struct request *request, struct response *response);
@@ -130,6 +130,13 @@ void handlers_list_clouds(struct service *service, struct request *request, stru
 void handlers_get_cloud(struct service *service, struct request *request, struct response *response);
 void handlers_delete_cloud(struct service *service, struct request *request, struct response *response);
 void handlers_get_cloud_data(struct service *service, struct request *request, struct response *response);
+void handlers_upload_options(struct service *service, struct request *request, struct response *response);
+bool handlers_admit_upload(struct service *service, struct request *request, struct response *response);
+void handlers_create_upload(struct service *service, struct request *request, struct response *response);
+void handlers_get_upload(struct service *service, struct request *request, struct response *response);
+bool handlers_admit_piece(struct service *service, struct request *request, struct response *response);
+void handlers_continue_upload(struct service *service, struct request *request, struct response *response);
+void handlers_delete_upload(struct service *service, struct request *request, struct response *response);
 void handlers_get_page(struct service *service, struct request *request, struct response *response);
 void handlers_get_parameters(struct service *service, struct request *request, struct response *response);
 void handlers_get_info(struct service *service, struct request *request, struct response *response);

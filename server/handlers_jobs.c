@@ -280,17 +280,30 @@ static void stream_news(struct service *service, struct request_wait *wait, cons
     memcpy(wait->id, job->id, sizeof wait->id);
 }
 
-/* The current state comes first, whatever Last-Event-ID says: it is all that a client that was away has missed. */
+/* Whether the client has seen the last event that there will be. */
+static bool has_seen_the_end(const struct request *request, const struct job *job) {
+    const char *last = request->header[HEADER_LAST_EVENT_ID];
+    char sequence[24];
+    snprintf(sequence, sizeof sequence, "%llu", (unsigned long long)job->sequence);
+    return job_ended(job->state) && last && strcmp(last, sequence) == 0;
+}
+
+/* The current state comes first: it is all that a client that was away has missed.  One that has seen the end is told
+ * not to come again, which is what 204 means to an EventSource. */
 void handlers_get_events(struct service *service, struct request *request, struct response *response) {
     struct job job;
     bool streaming = request->wait.calls > 0;
     if (!streaming && !takes_no_query(request, response)) return;
     request->wait.seen = events_now(service->events);
     if (handlers_read_job(service, request, request->match.capture[0], &job, response)) {
-        stream_news(service, &request->wait, &job, response);
-        response_header(response, "Content-Type", "text/event-stream");
         response_header(response, "Cache-Control", "no-cache");
-        response_header(response, "X-Accel-Buffering", "no");
+        if (!streaming && has_seen_the_end(request, &job)) {
+            response->status = 204;
+        } else {
+            stream_news(service, &request->wait, &job, response);
+            response_header(response, "Content-Type", "text/event-stream");
+            response_header(response, "X-Accel-Buffering", "no");
+        }
     } else if (streaming) { /* deleted while it was followed */
         response_done(response);
         response->kind = RESPONSE_STREAM;

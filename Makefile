@@ -140,7 +140,7 @@ FORCE:
 # What building, testing and the demo want, by the names of Debian 12's packages.
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
             libmicrohttpd-dev libsqlite3-dev libseccomp-dev nettle-dev zlib1g-dev libzstd-dev libcmocka-dev curl jq \
-            python3 python3-pytest python3-pytest-xdist ca-certificates
+            python3 python3-pytest python3-pytest-xdist python3-jsonschema ca-certificates
 peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev meshlab xvfb xauth
 paper_packages := libeigen3-dev libtbb-dev python3-matplotlib
 fuzz_packages := clang libclang-rt-14-dev
@@ -255,6 +255,12 @@ else
 fuzz: ## run each fuzzer for FUZZ_SECONDS=20 (needs clang)
 	$(MAKE) config=fuzz fuzz
 endif
+
+.PHONY: test-contract
+test-contract: all ## hold the contract against linters and a validating proxy from npm (needs node 18 and npm)
+	@cd tests/node && npm ci --no-audit --no-fund --ignore-scripts
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -n 2 -p no:cacheprovider \
+	    $(addprefix tests/integration/test_,contract.py matrix.py description.py)
 
 .PHONY: contract
 contract: $(build)/whittled ## bring parameters and scopes in api/openapi.json up to date with core/params.c and api/routes.c

@@ -7,6 +7,7 @@ A case is a function named after the operation and the status; what several oper
 import hashlib
 import json
 import signal
+import socket
 import subprocess
 
 import pytest
@@ -165,15 +166,13 @@ def refused(reply):
 
 
 def intake_409(world, operation):
+    """Another request with the same key has been admitted, and its body isn't there yet."""
     daemon = world.daemon()
-    first = subprocess.Popen(daemon.curl_command(operation.path, "-X", "POST", "-T", "-", "-H", "Idempotency-Key: k"),
-                             stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
-    first.stdin.write(SMALL[:100])
-    first.stdin.flush()
-    reply = wait_until(lambda: refused(send(daemon, operation, operation.path, "-H", "Idempotency-Key: k", data=SMALL)))
-    first.kill()
-    first.communicate()
-    return reply
+    with socket.create_connection(("127.0.0.1", daemon.port)) as first:
+        first.sendall(f"POST {operation.path} HTTP/1.1\r\nHost: here\r\nContent-Length: {len(SMALL)}\r\n"
+                      "Idempotency-Key: k\r\nExpect: 100-continue\r\n\r\n".encode())
+        assert b"100 Continue" in first.recv(100)
+        return send(daemon, operation, operation.path, "-H", "Idempotency-Key: k", data=SMALL)
 
 
 def intake_413(world, operation):

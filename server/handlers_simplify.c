@@ -1,7 +1,8 @@
 /* The one-shot: a cloud in, one output back.
  *
  * It is a job like any other, and a wait for its end.  The client gets bytes of an output with 200 or a problem, never
- * a 202 that it didn't ask for: that would land in its file.  Whatever becomes of the connection, the job goes on.
+ * a 202 that it didn't ask for: that would land in its file.  A job whose
+ * client has hung up is dismissed (--oneshot-abandon).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <math.h>
@@ -10,49 +11,50 @@
 
 #include "api/report_read.h"
 #include "server/handlers.h"
+#include "server/log.h"
+#include "server/supervisor.h"
 
 static const char *const own_names[] = {"label", "priority", "output", NULL};
 
-/* output=..., and the bit of `outputs` and the file that it stands for. */
-static const struct {
-    const char *value;
-    uint32_t bit;
-    const char *file;
-} outputs[] = {
-    {"cloud", OUTPUT_CLOUD, "cloud.ply"}, {"xyz", OUTPUT_CLOUD_XYZ, "cloud.xyz"},
-    {"mesh", OUTPUT_MESH, "mesh.ply"},    {"report", OUTPUT_REPORT, "report.json"},
-    {"dso", OUTPUT_DSO, "dso.ply"},       {"error", OUTPUT_ERROR, "error.ply"},
-};
-enum { OUTPUTS = sizeof outputs / sizeof outputs[0] };
-
-/* The row asked for; OUTPUTS where there is none of that name. */
-static size_t output_asked(const struct request *request) {
+/* The bit of `outputs` that output=... stands for, by any of its names; 0 where there is none of that name. */
+static uint32_t output_asked(const struct request *request) {
     const char *value = query_find(request->query, request->query_count, "output");
-    size_t i = 0;
-    while (value && i < OUTPUTS && strcmp(outputs[i].value, value) != 0) i++;
-    return i;
+    struct params one;
+    struct error error;
+    params_defaults(&one);
+    if (params_set(&one, "outputs", value ? value : "cloud", &error)) return 0;
+    return one.outputs & (one.outputs - 1) ? 0 : one.outputs;
+}
+
+static const char *file_asked(const struct request *request) {
+    return params_output_file((unsigned)__builtin_ctz(output_asked(request)));
+}
+
+static void refuse_output(const struct request *request, struct problem *problem) {
+    static const char allowed[] =
+        "one of cloud, xyz, cloud.pcd, mesh, mesh.obj, mesh.stl, mesh.glb, report, dso, error";
+    problem_set(problem, PROBLEM_INVALID_PARAMETER, "output: takes %s", allowed);
+    problem_add_error(problem, "output", query_find(request->query, request->query_count, "output"), allowed, NULL);
 }
 
 static bool read_simplify(const struct request *request, struct job *job, struct response *response) {
     struct problem problem;
-    size_t asked = output_asked(request);
+    uint32_t asked = output_asked(request);
     bool ok = query_decode_params(request->query, request->query_count, own_names, &job->params, &problem) &&
               handlers_read_wishes(request, job, &problem);
     if (ok && query_find(request->query, request->query_count, "outputs")) {
         problem_set(&problem, PROBLEM_CONFLICTING_PARAMETERS, "outputs: this operation has one output");
         problem_add_error(&problem, "outputs", NULL, "not here", "output");
         ok = false;
-    } else if (ok && asked == OUTPUTS) {
-        problem_set(&problem, PROBLEM_INVALID_PARAMETER, "output: takes one of cloud, xyz, mesh, report, dso, error");
-        problem_add_error(&problem, "output", query_find(request->query, request->query_count, "output"),
-                          "one of cloud, xyz, mesh, report, dso, error", NULL);
+    } else if (ok && !asked) {
+        refuse_output(request, &problem);
         ok = false;
     }
     if (!ok) {
         response_problem(response, &problem);
         return false;
     }
-    job->params.outputs = outputs[asked].bit;
+    job->params.outputs = asked;
     return true;
 }
 
@@ -88,7 +90,7 @@ static void put_stats(const struct job *job, struct response *response) {
 static void answer_ended(struct service *service, const struct request *request, const struct job *job,
                          struct response *response) {
     if (job->state == JOB_SUCCESSFUL) {
-        handlers_send_output(service, request, job, outputs[output_asked(request)].file, response);
+        handlers_send_output(service, request, job, file_asked(request), response);
         put_stats(job, response);
         handlers_cache_status(request->wait.state == JOB_SUCCESSFUL, response);
     } else if (job->state == JOB_FAILED && job->problem) {
@@ -138,6 +140,18 @@ static void answer_async(struct service *service, const struct request *request,
     job_done(&job);
 }
 
+/* The client is gone, and can't come back for the result: where it named no key to ask again under, the job's place is
+ * freed. */
+static void abandon(struct service *service, const struct request *request, struct job *job) {
+    struct error error = {0};
+    if (!service->config->oneshot_abandon || request->header[HEADER_IDEMPOTENCY_KEY]) return;
+    log_line(LOG_INFO, "job=%s its client is gone", job->id);
+    if (job->state == JOB_RUNNING)
+        supervisor_cancel(service->supervisor, job->id);
+    else if (handlers_dismiss_waiting(service, job, &error) != STATUS_OK)
+        log_line(LOG_ERROR, "job=%s can't be dismissed: %s", job->id, error.text);
+}
+
 void handlers_simplify(struct service *service, struct request *request, struct response *response) {
     struct request_wait *wait = &request->wait;
     struct job job;
@@ -146,12 +160,14 @@ void handlers_simplify(struct service *service, struct request *request, struct 
         answer_async(service, request, response);
         return;
     }
-    bool nobody_waits = wait->calls && (wait->why == EVENTS_HANGUP || wait->why == EVENTS_CLOSED);
     wait->seen = events_now(service->events);
     if (handlers_read_job(service, request, wait->id, &job, response)) {
         if (job_ended(job.state)) {
             answer_ended(service, request, &job, response);
-        } else if (nobody_waits || events_clock_ms() >= wait->end_ms) {
+        } else if (wait->calls && wait->why == EVENTS_HANGUP) {
+            abandon(service, request, &job);
+            answer_late(&job, response);
+        } else if ((wait->calls && wait->why == EVENTS_CLOSED) || events_clock_ms() >= wait->end_ms) {
             answer_late(&job, response);
         } else {
             response->kind = RESPONSE_WAIT;

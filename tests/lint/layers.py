@@ -12,7 +12,7 @@ import sys
 # Folder -> which project folders its files may include.
 MAY_INCLUDE = {"core": {"core"}, "api": {"api", "core"}, "server": {"server", "api", "core"}}
 # What api/ may know of core/.
-API_SEES = {"core/status.h", "core/params.h", "core/report.h", "core/version.h"}
+API_SEES = {"core/status.h", "core/params.h", "core/report.h", "core/version.h", "core/cloud_sniff.h"}
 # core/pipeline.h and the stages belong to the worker.
 DAEMON_SEES = API_SEES | {"core/cloud_sniff.h", "core/ply_header.h", "core/cloud_ply.h", "core/alloc.h", "core/fault.h",
                           "core/cloud_prefix.h", "core/inflate.h"}
@@ -24,6 +24,7 @@ OWNER = {
     r"zstd(_errors)?\.h": r"core/inflate_zstd\.c",
     r"sqlite3\.h": r"server/sql\.c",
     r"microhttpd\.h": r"server/http\.c",
+    r"gnutls/.*": r"server/tls\.c",
     r"seccomp\.h": r"server/daemon_seccomp\.c",
     r"jansson\.h": r"(api/\w+\.[ch]|server/handlers?_\w+\.c)",
 }

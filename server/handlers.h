@@ -130,6 +130,13 @@ void handlers_list_clouds(struct service *service, struct request *request, stru
 void handlers_get_cloud(struct service *service, struct request *request, struct response *response);
 void handlers_delete_cloud(struct service *service, struct request *request, struct response *response);
 void handlers_get_cloud_data(struct service *service, struct request *request, struct response *response);
+void handlers_upload_options(struct service *service, struct request *request, struct response *response);
+bool handlers_admit_upload(struct service *service, struct request *request, struct response *response);
+void handlers_create_upload(struct service *service, struct request *request, struct response *response);
+void handlers_get_upload(struct service *service, struct request *request, struct response *response);
+bool handlers_admit_piece(struct service *service, struct request *request, struct response *response);
+void handlers_continue_upload(struct service *service, struct request *request, struct response *response);
+void handlers_delete_upload(struct service *service, struct request *request, struct response *response);
 void handlers_get_page(struct service *service, struct request *request, struct response *response);
 void handlers_get_parameters(struct service *service, struct request *request, struct response *response);
 void handlers_get_info(struct service *service, struct request *request, struct response *response);

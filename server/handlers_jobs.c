@@ -8,13 +8,14 @@
 #include "api/job_json.h"
 #include "server/handlers.h"
 #include "server/log.h"
+#include "server/post.h"
 #include "server/supervisor.h"
 
 enum { LIST_DEFAULT = 50, LIST_MAX = 500, HEARTBEAT_MS = 15000, CANCEL_LOOK_MS = 1000 };
 
 /* ------------------------------------------------------------------------------------------------ create */
 
-static const char *const create_names[] = {"label", "priority", NULL};
+static const char *const create_names[] = {"label", "priority", "webhook", NULL};
 
 /* Reads parameters and label from the query. */
 static bool read_create(const struct request *request, struct job *job, struct response *response) {
@@ -25,9 +26,26 @@ static bool read_create(const struct request *request, struct job *job, struct r
     return ok;
 }
 
+/* Takes `webhook` from the query; borrowed there. */
+static bool read_webhook(const struct service *service, const struct request *request, struct job *job,
+                         struct response *response) {
+    struct problem problem;
+    const char *url = query_find(request->query, request->query_count, "webhook"), *allowed = NULL;
+    job->webhook = url;
+    if (url && !service->config->webhooks)
+        allowed = "nothing: webhooks are off here";
+    else if (url && (strlen(url) >= JOB_WEBHOOK_BYTES || !post_url_valid(url)))
+        allowed = "an http or https URL without user and password, up to 2047 bytes";
+    if (!allowed) return true;
+    problem_set(&problem, PROBLEM_INVALID_PARAMETER, "webhook: takes %s", allowed);
+    problem_add_error(&problem, "webhook", NULL, allowed, NULL);
+    response_problem(response, &problem);
+    return false;
+}
+
 bool handlers_admit_job(struct service *service, struct request *request, struct response *response) {
     struct job job = {0};
-    return read_create(request, &job, response) &&
+    return read_create(request, &job, response) && read_webhook(service, request, &job, response) &&
            handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM | BODY_JSON, create_names, response);
 }
 
@@ -50,7 +68,7 @@ void handlers_create_job(struct service *service, struct request *request, struc
     struct job job = {0};
     struct idempotency_record before = {0};
     if (handlers_end_body(request, response) && read_create(request, &job, response) &&
-        handlers_submit(service, request, &job, &before, response))
+        read_webhook(service, request, &job, response) && handlers_submit(service, request, &job, &before, response))
         answer_created(service, request, &job, &before, response);
     idempotency_record_done(&before);
     job_done(&job);

@@ -38,7 +38,7 @@ def test_parameters_are_the_parameter_table(daemon, contract):
     assert described == table["properties"]
     create = [p.get("$ref", "").rsplit("/", 1)[-1] or p["name"] for p in
               contract["paths"]["/v1/jobs"]["post"]["parameters"] if p.get("in") != "header"]
-    assert set(create) == set(table["properties"]) | {"label", "priority"}
+    assert set(create) == set(table["properties"]) | {"label", "priority", "webhook"}
 
 
 def test_every_reference_leads_somewhere(contract):

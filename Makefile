@@ -272,6 +272,18 @@ test-contract: all ## hold the contract against linters and a validating proxy f
 	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -n 2 -p no:cacheprovider \
 	    $(addprefix tests/integration/test_,contract.py matrix.py description.py)
 
+LOAD ?=
+SECONDS ?= 3600
+.PHONY: test-load
+test-load: deps ## many clients at once, then many jobs; LOAD="--uploads 8 --bytes 8000000 --jobs 100"
+	@$(MAKE) --no-print-directory all
+	@$(PYTHON) tests/load/load.py $(build) $(LOAD)
+
+.PHONY: test-soak
+test-soak: deps ## mixed traffic with workers killed at random; nothing may grow; SECONDS=3600
+	@$(MAKE) --no-print-directory all
+	@$(PYTHON) tests/load/soak.py $(build) --seconds $(SECONDS)
+
 .PHONY: contract
 contract: $(build)/whittled ## bring parameters and scopes in api/openapi.json up to date with core/params.c and api/routes.c
 	@$(PYTHON) tests/tools/update_contract.py $(build)/whittled

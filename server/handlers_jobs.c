@@ -46,7 +46,8 @@ static bool read_webhook(const struct service *service, const struct request *re
 bool handlers_admit_job(struct service *service, struct request *request, struct response *response) {
     struct job job = {0};
     return read_create(request, &job, response) && read_webhook(service, request, &job, response) &&
-           handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM | BODY_JSON, create_names, response);
+           handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM | BODY_JSON, create_names, &job.params,
+                               response);
 }
 
 /* The job as it is now, or the reply that was given to the same request before. */

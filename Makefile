@@ -184,6 +184,13 @@ lint: $(libwhittle) ## check layers, banned functions and line lengths
 test-integration:
 	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -p no:cacheprovider -n 4 tests/integration
 
+ROUNDS ?= 500
+SEED ?= 1
+.PHONY: test-crash
+test-crash: deps ## kill service and workers in ROUNDS=500 rounds at named and random moments (SEED=1), and look
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) tests/integration/crash.py --rounds $(ROUNDS) --seed $(SEED)
+
 # ---------------------------------------------------------------------------------------------------- figures
 .PHONY: bench
 bench: deps ## time of each stage, memory, threads, a job over HTTP; BENCH="--large --save file --compare file"

@@ -64,26 +64,18 @@ static int is_live(const struct contractor *c, size_t s) { return c->target[s] =
 
 /* ------------------------------------------------------------------------------------------------ costs */
 
-/* Errors of the pair (p, q) with p staying, and with q staying. */
-static void pair_errors(const struct contractor *c, uint32_t p, uint32_t q, double error[2]) {
-    const struct packed_quadric *at_p = &c->quadric[p], *at_q = &c->quadric[q];
-    struct monomials to_p = monomials_of(vec3_sub(c->point[p], c->point[q])), to_q = monomials_opposite(&to_p);
-    double cp = (double)at_p->c, cq = (double)at_q->c;
-    error[0] = (cp > 0 ? cp : 0) + packed_quadric_value(at_q, &to_p);
-    error[1] = (cq > 0 ? cq : 0) + packed_quadric_value(at_p, &to_q);
-}
-
-static float pair_cost(const struct contractor *c, uint32_t p, uint32_t q) {
+static float pair_cost(const struct contractor *c, const struct quadric_end *p, uint32_t q) {
     double error[2];
-    pair_errors(c, p, q, error);
+    quadric_pair_errors(p, &c->quadric[q], c->point[q], error);
     double least = error[0] < error[1] ? error[0] : error[1];
-    return (float)(least + c->length_bias * vec3_distance_sq(c->point[p], c->point[q]));
+    return (float)(least + c->length_bias * vec3_distance_sq(p->point, c->point[q]));
 }
 
 /* The end of the pair that stays: the cheaper one; then the one with more weight; then the lower id. */
 static uint32_t staying_end(const struct contractor *c, uint32_t p, uint32_t q) {
+    struct quadric_end end = quadric_end_of(&c->quadric[p], c->point[p]);
     double error[2];
-    pair_errors(c, p, q, error);
+    quadric_pair_errors(&end, &c->quadric[q], c->point[q], error);
     if (error[0] != error[1]) return error[0] < error[1] ? p : q;
     float wp = c->quadric[p].weight, wq = c->quadric[q].weight;
     if (wp != wq) return wp > wq ? p : q;
@@ -255,9 +247,10 @@ static int pair_is_stale(const struct contractor *c, uint32_t p) {
 static void pick_for(struct contractor *c, uint32_t p, const uint32_t *link, unsigned n, int anew) {
     float best = anew ? INFINITY : c->cost[p];
     uint32_t partner = anew ? NONE : c->partner[p];
+    struct quadric_end end = quadric_end_of(&c->quadric[p], c->point[p]);
     for (unsigned i = 0; i < n; i++) {
         if (!anew && !c->changed[link[i]]) continue;
-        float cost = pair_cost(c, p, link[i]);
+        float cost = pair_cost(c, &end, link[i]);
         if (cost < best || (cost == best && link[i] < partner) || partner == NONE) best = cost, partner = link[i];
     }
     c->partner[p] = partner;

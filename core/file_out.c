@@ -16,6 +16,7 @@
 #include <unistd.h>
 
 #include "core/alloc.h"
+#include "core/fault.h"
 
 enum { ATTEMPTS = 16, SUFFIX_BYTES = 16 }; /* .XXXXXXXX.part and the dot before the name, and a NUL */
 
@@ -41,7 +42,7 @@ static int open_new(char *temporary, size_t bytes, const char *path) {
         uint32_t random;
         if (getrandom(&random, sizeof random, 0) != sizeof random) return -1;
         snprintf(temporary, bytes, "%.*s.%s.%08x.part", folder, path, path + folder, random);
-        fd = open(temporary, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+        fd = fault_at("file-open") ? -1 : open(temporary, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
         if (fd < 0 && errno != EEXIST) return -1;
     }
     return fd;
@@ -68,9 +69,10 @@ static enum status sync_folder(const char *path, struct error *error) {
     char *folder = copy_text(path);
     if (!folder) return error_set(error, STATUS_NO_MEMORY, "write", "no memory for a name");
     folder[folder_length(path)] = '\0';
-    int fd = open(folder[0] ? folder : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    int fd = fault_at("file-folder-open") ? -1 : open(folder[0] ? folder : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     enum status status = STATUS_OK;
-    if (fd < 0 || (fsync(fd) != 0 && errno != EINVAL)) status = failed(error, "sync the folder of", path);
+    if (fd < 0 || ((fault_at("file-folder-sync") || fsync(fd) != 0) && errno != EINVAL))
+        status = failed(error, "sync the folder of", path);
     if (fd >= 0) close(fd);
     free(folder);
     return status;
@@ -78,8 +80,9 @@ static enum status sync_folder(const char *path, struct error *error) {
 
 enum status file_out_commit(struct file_out *file, struct error *error) {
     enum status status = STATUS_OK;
-    if (fsync(file->fd) != 0 && errno != EINVAL) status = failed(error, "sync", file->path);
-    if (!status && rename(file->temporary, file->path) != 0) status = failed(error, "rename to", file->path);
+    if ((fault_at("file-sync") || fsync(file->fd) != 0) && errno != EINVAL) status = failed(error, "sync", file->path);
+    if (!status && (fault_at("file-rename") || rename(file->temporary, file->path) != 0))
+        status = failed(error, "rename to", file->path);
     if (!status) {
         file->temporary[0] = '\0';
         status = sync_folder(file->path, error);

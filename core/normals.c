@@ -29,12 +29,12 @@ static sym3 covariance(const struct fit *fit, size_t p) {
 static void fit_range(void *ctx, size_t begin, size_t end) {
     const struct fit *fit = ctx;
     for (size_t p = begin; p < end; p++) {
-        double value[3];
-        vec3 axis[3];
-        sym3_eigen(covariance(fit, p), value, axis);
-        double trace = value[0] + value[1] + value[2];
-        fit->normal[p] = trace > 0 ? axis[0] : (vec3){0, 0, 1};
-        if (fit->variation) fit->variation[p] = trace > 0 ? (float)(fmax(value[0], 0) / trace) : 0;
+        sym3 spread = covariance(fit, p);
+        double least, trace = sym3_trace(spread);
+        vec3 across;
+        sym3_least(spread, &least, &across);
+        fit->normal[p] = trace > 0 ? across : (vec3){0, 0, 1};
+        if (fit->variation) fit->variation[p] = trace > 0 ? (float)(fmax(least, 0) / trace) : 0;
     }
 }
 

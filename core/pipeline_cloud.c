@@ -29,7 +29,7 @@ void pipeline_scale(struct distance_stats *stats, double scale) {
 static enum status check_size(struct run *run) {
     for (size_t i = 0; i < run->cloud->count; i++) {
         vec3 p = run->cloud->position[i];
-        if (fmax(fabs(p.x), fmax(fabs(p.y), fabs(p.z))) < ORDER_LARGEST) continue;
+        if (fabs(p.x) < ORDER_LARGEST && fabs(p.y) < ORDER_LARGEST && fabs(p.z) < ORDER_LARGEST) continue;
         return error_set(run->error, STATUS_MALFORMED, "order", "the coordinates of point %zu are over %g", i + 1,
                          ORDER_LARGEST);
     }

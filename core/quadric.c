@@ -17,7 +17,7 @@
 #include "core/par.h"
 
 enum { GRAIN = 1024 };
-static const double WIDEST_SECTOR = 0.9 * M_PI;
+static const double WIDEST_COSINE = -0.95105651629515357; /* of 0.9 pi */
 static const double BOUNDARY = 1.0;
 
 struct assembly {
@@ -30,9 +30,24 @@ struct assembly {
 
 struct spoke {
     vec3 e;       /* neighbour - p */
-    double angle; /* around the normal */
+    double u, v;  /* the same in the tangent plane */
+    double angle; /* around the normal, in quarters of a turn (see quarters_of) */
     uint32_t id;
 };
+
+/* A number from -2 to 2 that grows with the angle of (u, v): what an arctangent would sort by, for one division. */
+static double quarters_of(double u, double v) {
+    double sum = fabs(u) + fabs(v), side = sum > 0 ? v / sum : 0;
+    return u >= 0 ? side : (v >= 0 ? 2 : -2) - side;
+}
+
+/* Whether the angle from s on to t, turns more than s, is over 0.9 pi. */
+static int is_wide(const struct spoke *s, const struct spoke *t, double turns) {
+    if (t->angle - s->angle + 4 * turns > 2) return 1;
+    double dot = s->u * t->u + s->v * t->v;
+    return dot < 0 &&
+           dot * dot > WIDEST_COSINE * WIDEST_COSINE * (s->u * s->u + s->v * s->v) * (t->u * t->u + t->v * t->v);
+}
 
 static int spoke_before(const struct spoke *a, const struct spoke *b) {
     if (a->angle != b->angle) return a->angle < b->angle;
@@ -48,7 +63,8 @@ static unsigned sorted_spokes(const struct assembly *assembly, size_t p, struct 
     for (unsigned i = 0; i < hood->count[p]; i++) {
         uint32_t id = hood->id[p * hood->stride + i];
         vec3 e = vec3_sub(assembly->point[id], assembly->point[p]);
-        struct spoke s = {e, atan2(vec3_dot(e, v), vec3_dot(e, u)), id};
+        struct spoke s = {e, vec3_dot(e, u), vec3_dot(e, v), 0, id};
+        s.angle = quarters_of(s.u, s.v);
         unsigned j = i;
         for (; j > 0 && spoke_before(&s, &spoke[j - 1]); j--) spoke[j] = spoke[j - 1];
         spoke[j] = s;
@@ -70,7 +86,9 @@ static void add_sector(const struct assembly *assembly, quadric *q, const struct
     if (twice_area <= 0) return;
     double area = twice_area / 2;
     *area_sum += area;
-    quadric_add_plane(q, vec3_scale(normal, 1 / twice_area), assembly->options->area_weight == AREA_AREA ? area : 1);
+    double weight = assembly->options->area_weight == AREA_AREA ? area : 1;
+    q->a = sym3_add(q->a, sym3_scale(sym3_outer(normal), weight / (twice_area * twice_area)));
+    q->weight += weight;
 }
 
 static quadric weighted(quadric q, double w) {
@@ -84,8 +102,7 @@ static void assemble_point(const struct assembly *assembly, size_t p) {
     double area = 0;
     for (unsigned i = 0; i < count; i++) {
         const struct spoke *s = &spoke[i], *t = &spoke[(i + 1) % count];
-        double sector = t->angle - s->angle + (i + 1 == count ? 2 * M_PI : 0);
-        if (sector <= WIDEST_SECTOR) {
+        if (!is_wide(s, t, i + 1 == count)) {
             add_sector(assembly, q, s, t, &area);
         } else if (count >= 3) {
             add_boundary(q, s->e, assembly->normal[p], 1);

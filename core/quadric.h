@@ -75,35 +75,54 @@ static inline quadric quadric_unpack(const struct packed_quadric *p) {
         (double)p->weight};
 }
 
-/* What E is linear in at an offset x, twice the mixed ones: xx xy | xz yy | yz zz | x y | z 1, in the order of a packed
- * quadric's first ten coefficients.  Two at a time, which is what every processor can do at once. */
+/* Costs of contractions are most of the work of all: two coefficients at a time, which is what every processor can do.
+ * The first ten of a packed quadric are, in pairs, what these monomials of the offset are multiplied by. */
 typedef double quadric_two __attribute__((vector_size(16)));
 typedef float quadric_two_floats __attribute__((vector_size(8)));
-struct monomials {
-    quadric_two m[5];
+enum { QUADRIC_TWOS = 5 };
+
+static inline void quadric_monomials(vec3 x, quadric_two monomial[QUADRIC_TWOS]) {
+    vec3 d = vec3_add(x, x);
+    monomial[0] = (quadric_two){x.x, x.x} * (quadric_two){x.x, d.y};
+    monomial[1] = (quadric_two){d.x, x.y} * (quadric_two){x.z, x.y};
+    monomial[2] = (quadric_two){x.z, x.z} * (quadric_two){d.y, x.z};
+    monomial[3] = (quadric_two){d.x, d.y};
+    monomial[4] = (quadric_two){d.z, 1};
+}
+
+static inline quadric_two quadric_coefficients(const struct packed_quadric *q, size_t i) {
+    quadric_two_floats two;
+    memcpy(&two, (const unsigned char *)q + i * sizeof two, sizeof two);
+    return __builtin_convertvector(two, quadric_two);
+}
+
+/* One end of pairs: its quadric, ready for offsets of the opposite sign. */
+struct quadric_end {
+    quadric_two opposite[QUADRIC_TWOS];
+    vec3 point;
+    double own; /* E at the point itself */
 };
 
-static inline struct monomials monomials_of(vec3 x) {
-    vec3 d = vec3_scale(x, 2);
-    return (struct monomials){
-        {{x.x * x.x, d.x * x.y}, {d.x * x.z, x.y * x.y}, {d.y * x.z, x.z * x.z}, {d.x, d.y}, {d.z, 1}}};
+static inline struct quadric_end quadric_end_of(const struct packed_quadric *q, vec3 point) {
+    struct quadric_end end = {.point = point, .own = q->c > 0 ? (double)q->c : 0};
+    for (size_t i = 0; i < QUADRIC_TWOS; i++) end.opposite[i] = quadric_coefficients(q, i);
+    end.opposite[3] = -end.opposite[3];
+    end.opposite[4][0] = -end.opposite[4][0];
+    return end;
 }
 
-/* Those of -x. */
-static inline struct monomials monomials_opposite(const struct monomials *of) {
-    return (struct monomials){{of->m[0], of->m[1], of->m[2], -of->m[3], {-of->m[4][0], 1}}};
-}
-
-/* E at the offset that the monomials are of; never negative. */
-static inline double packed_quadric_value(const struct packed_quadric *q, const struct monomials *at) {
-    quadric_two sum = {0, 0};
-    for (size_t i = 0; i < 5; i++) {
-        quadric_two_floats coefficient;
-        memcpy(&coefficient, (const unsigned char *)q + i * sizeof coefficient, sizeof coefficient);
-        sum += __builtin_convertvector(coefficient, quadric_two) * at->m[i];
+/* Errors of contracting p and q, a point with its quadric: error[0] with p staying, error[1] with q staying. */
+static inline void quadric_pair_errors(const struct quadric_end *p, const struct packed_quadric *q, vec3 point,
+                                       double error[2]) {
+    quadric_two monomial[QUADRIC_TWOS], at_p = {0, 0}, at_q = {0, 0};
+    quadric_monomials(vec3_sub(p->point, point), monomial);
+    for (size_t i = 0; i < QUADRIC_TWOS; i++) {
+        at_p += quadric_coefficients(q, i) * monomial[i];
+        at_q += p->opposite[i] * monomial[i];
     }
-    double e = sum[0] + sum[1];
-    return e > 0 ? e : 0;
+    double moved_q = at_p[0] + at_p[1], moved_p = at_q[0] + at_q[1], own = (double)q->c;
+    error[0] = p->own + (moved_q > 0 ? moved_q : 0);
+    error[1] = (own > 0 ? own : 0) + (moved_p > 0 ? moved_p : 0);
 }
 
 struct quadric_options {

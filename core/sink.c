@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #include "core/alloc.h"
+#include "core/fault.h"
 
 enum { BUFFER_BYTES = 256 * 1024, MOST_RESERVED = 4096 };
 
@@ -22,7 +23,7 @@ enum status sink_init(struct sink *sink, int fd) {
 
 static void write_all(struct sink *sink, const unsigned char *bytes, size_t n) {
     while (n > 0 && !sink->failure) {
-        ssize_t wrote = write(sink->fd, bytes, n);
+        ssize_t wrote = fault_at("file-write") ? -1 : write(sink->fd, bytes, n);
         if (wrote < 0 && errno != EINTR) sink->failure = errno;
         if (wrote > 0) bytes += wrote, n -= (size_t)wrote;
     }

@@ -6,6 +6,7 @@
 #include "core/sym3.h"
 
 enum { MAX_SWEEPS = 12 };
+static const double APART = 1e-3; /* (middle - least) (largest - least), of the trace squared */
 
 /* Rotates in the plane (p, q) of the symmetric matrix a so that a[p][q] becomes 0, and v's columns with it. */
 static void rotate(double a[3][3], double v[3][3], int p, int q) {
@@ -55,4 +56,60 @@ void sym3_eigen(sym3 m, double value[3], vec3 vector[3]) {
         vector[i] = (vec3){v[0][order[i]], v[1][order[i]], v[2][order[i]]};
     }
     vector[2] = vec3_cross(vector[0], vector[1]);
+}
+
+enum { MAX_STEPS = 16 };
+
+/* The smallest root of x^3 - x^2 + minors x - determinant, all of whose roots are in 0 .. 1 and sum to 1: Newton's
+ * steps from 0 on never pass it, for the polynomial is concave there.  False where it isn't found, as near a double
+ * root. */
+static int least_root(double minors, double determinant, double *root) {
+    double x = 0;
+    for (int step = 0; step < MAX_STEPS; step++) {
+        double f = ((x - 1) * x + minors) * x - determinant, slope = (3 * x - 2) * x + minors;
+        if (!(slope > 0)) return 0;
+        double next = x - f / slope;
+        if (fabs(next - x) <= 1e-16) {
+            *root = next;
+            return 1;
+        }
+        x = next;
+    }
+    return 0;
+}
+
+/* Any two rows of m - value span the plane across the vector: the longest of their cross products is its direction. */
+static int direction_across(sym3 m, double value, vec3 *direction) {
+    vec3 x = {m.xx - value, m.xy, m.xz}, y = {m.xy, m.yy - value, m.yz}, z = {m.xz, m.yz, m.zz - value};
+    vec3 across[3] = {vec3_cross(x, y), vec3_cross(y, z), vec3_cross(z, x)};
+    int longest = 0;
+    double length_sq[3];
+    for (int i = 0; i < 3; i++) {
+        length_sq[i] = vec3_length_sq(across[i]);
+        if (length_sq[i] > length_sq[longest]) longest = i;
+    }
+    if (!(length_sq[longest] > APART * APART)) return 0;
+    *direction = vec3_scale(across[longest], 1 / sqrt(length_sq[longest]));
+    return 1;
+}
+
+void sym3_least(sym3 m, double *value, vec3 *vector) {
+    double trace = sym3_trace(m), root;
+    if (trace > 0 && isfinite(1 / trace)) {
+        sym3 unit = sym3_scale(m, 1 / trace);
+        double minors = unit.xx * unit.yy - unit.xy * unit.xy + unit.xx * unit.zz - unit.xz * unit.xz +
+                        unit.yy * unit.zz - unit.yz * unit.yz;
+        double determinant = unit.xx * (unit.yy * unit.zz - unit.yz * unit.yz) -
+                             unit.xy * (unit.xy * unit.zz - unit.yz * unit.xz) +
+                             unit.xz * (unit.xy * unit.yz - unit.yy * unit.xz);
+        if (least_root(minors, determinant, &root) && direction_across(unit, root, vector)) {
+            *value = root * trace;
+            return;
+        }
+    }
+    double values[3];
+    vec3 axis[3];
+    sym3_eigen(m, values, axis);
+    *value = values[0];
+    *vector = axis[0];
 }

@@ -85,6 +85,8 @@ static const struct setting table[] = {
     {"refuse-drain-bytes", BYTES, AT(refuse_drain_bytes), "64M", 0, 1024 * GB, NULL,
      "How much of a refused body is read before the answer"},
     {"refuse-drain-time", DURATION, AT(refuse_drain_ms), "10s", 0, DAY, NULL, "And for how long"},
+    {"fault", TEXT, AT(fault), "", 0, 0, NULL,
+     "For tests: where and how to fail, such as commit=kill:3 (server/daemon_fault.c)"},
 };
 enum { ROWS = sizeof table / sizeof table[0] };
 
@@ -440,10 +442,10 @@ enum config_request config_read(struct config *config, int argc, char **argv, ch
 
 /* What is read each time that it is needed, and so may change while the service runs. */
 static bool is_live(const struct setting *setting) {
-    static const char *const live[] = {
-        "threads-per-job", "max-body-bytes", "max-queue",          "job-memory",       "job-cpu",
-        "job-wall",        "sync-max",       "wait-max",           "drain-timeout",    "retention",
-        "min-free",        "link-max",       "refuse-drain-bytes", "refuse-drain-time"};
+    static const char *const live[] = {"threads-per-job", "max-body-bytes",     "max-queue",        "job-memory",
+                                       "job-cpu",         "job-wall",           "sync-max",         "wait-max",
+                                       "drain-timeout",   "retention",          "min-free",         "link-max",
+                                       "job-file-bytes",  "refuse-drain-bytes", "refuse-drain-time"};
     for (size_t i = 0; i < sizeof live / sizeof *live; i++)
         if (strcmp(live[i], setting->name) == 0) return true;
     return false;

@@ -19,6 +19,7 @@ enum { CONFIG_TEXT_BYTES = 4096 };
 /* A member is read by whoever needs it, at any time; SIGHUP puts another struct in place (config_reload). */
 struct config {
     char listen[CONFIG_TEXT_BYTES], data[CONFIG_TEXT_BYTES], worker[CONFIG_TEXT_BYTES], file[CONFIG_TEXT_BYTES];
+    char fault[CONFIG_TEXT_BYTES];
     char tokens_file[CONFIG_TEXT_BYTES], admin_listen[CONFIG_TEXT_BYTES];
     int64_t link_max_ms;
     int64_t insecure_open; /* a switch: 0 or 1 */

@@ -20,6 +20,7 @@
 #include "core/version.h"
 #include "server/check.h"
 #include "server/config.h"
+#include "server/daemon_fault.h"
 #include "server/healthcheck.h"
 #include "server/http.h"
 #include "server/log.h"
@@ -154,6 +155,10 @@ int main(int argc, char **argv) {
     case CONFIG_TOLD: return EXIT_SUCCESS;
     case CONFIG_REFUSED: fprintf(stderr, "whittled: %s: %s\n", error.where, error.text); return EXIT_USAGE;
     case CONFIG_RUN: break;
+    }
+    if (fault_arm(config.fault, &error) != STATUS_OK) {
+        fprintf(stderr, "whittled: %s: %s\n", error.where, error.text);
+        return EXIT_USAGE;
     }
     raise_file_limit();
     int signals = open_signals();

@@ -26,6 +26,7 @@
 
 #include "api/problem.h"
 #include "api/report_read.h"
+#include "core/fault.h"
 #include "server/daemon_spawn.h"
 #include "server/log.h"
 #include "server/metrics.h"
@@ -67,6 +68,7 @@ struct verdict {
 static enum status start(struct run *run, struct error *error) {
     const struct config *config = run->service->config;
     char output[STORE_PATH_BYTES];
+    fault_at("claimed");
     enum status status = store_outputs_begin(run->service->store, run->job->id, output, error);
     if (status != STATUS_OK) return status;
     run->log_fd = store_log_open(run->service->store, run->job->id, true);
@@ -314,6 +316,7 @@ static void record(const struct run *run, const struct verdict *verdict) {
 static void settle(struct run *run, struct verdict *verdict) {
     struct job *job = run->job;
     if (verdict->event == JOB_DONE) keep_outputs(run, verdict);
+    fault_at("outputs-kept");
     store_outputs_drop(run->service->store, job->id);
     log_verdict(run, verdict);
     metrics_run(run->service->metrics, verdict->event, job->cpu_s, job->wall_s);
@@ -325,6 +328,7 @@ static void settle(struct run *run, struct verdict *verdict) {
     struct job_cost cost = estimate_cost(job);
     if (verdict->event == JOB_DONE) estimate_learn(run->service->estimate, &cost, job->wall_s, job_now_ms());
     record(run, verdict);
+    fault_at("job-recorded");
     events_publish(run->service->events, job->id);
 }
 
@@ -341,6 +345,7 @@ void worker_run(struct service *service, const struct confinement *confinement, 
     enum status status = verdict ? start(&run, &error) : STATUS_NO_MEMORY;
     if (status == STATUS_OK) {
         log_line(LOG_INFO, "job=%s accepted -> running attempt=%d pid=%d", job->id, job->attempt, (int)run.process.pid);
+        fault_at("started");
         watch(&run);
         reap(&run);
         judge(&run, verdict);

@@ -13,6 +13,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "core/alloc.h"
+
 enum { BLOCK_BYTES = 256 * 1024 };
 
 struct digest {
@@ -20,7 +22,7 @@ struct digest {
 };
 
 struct digest *digest_new(void) {
-    struct digest *digest = malloc(sizeof *digest);
+    struct digest *digest = alloc_array(1, sizeof *digest);
     if (digest) sha256_init(&digest->sha);
     return digest;
 }
@@ -51,7 +53,7 @@ static int read_all(int fd, struct digest *digest, unsigned char *block, uint64_
 
 int digest_file(int fd, char hex[DIGEST_HEX_BYTES], uint64_t *bytes) {
     struct digest *digest = digest_new();
-    unsigned char *block = malloc(BLOCK_BYTES);
+    unsigned char *block = alloc_array(1, BLOCK_BYTES);
     int result = -1;
     if (digest && block) result = read_all(fd, digest, block, bytes);
     if (result == 0) digest_finish(digest, hex);

@@ -20,6 +20,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/alloc.h"
 #include "server/estimate.h"
 #include "server/idempotency.h"
 #include "server/sql.h"
@@ -238,7 +239,7 @@ static enum status order_waiting(struct queue *queue, struct error *error) {
 }
 
 enum status queue_open(const char *path, struct queue **queue, struct error *error) {
-    struct queue *opened = calloc(1, sizeof *opened);
+    struct queue *opened = alloc_zeroed(1, sizeof *opened);
     if (!opened) return error_set(error, STATUS_NO_MEMORY, "queue", "no memory");
     pthread_mutex_init(&opened->order, NULL);
     opened->turns = turns_new(PRIORITY_AGING_MS);

@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "api/problem.h"
+#include "core/fault.h"
 #include "core/version.h"
 #include "server/clouds.h"
 #include "server/digest.h"
@@ -169,6 +170,16 @@ void service_close(struct service *service) {
 
 /* ------------------------------------------------------------------------------------------------ submit, delete */
 
+/* Removes a cloud that nothing refers to any more. */
+static void forget_cloud(struct service *service, const char *cloud) {
+    struct error error = {0};
+    uint64_t uses = 1;
+    pthread_rwlock_wrlock(&service->clouds);
+    if (queue_cloud_uses(service->queue, cloud, &uses, &error) == STATUS_OK && uses == 0)
+        store_cloud_delete(service->store, cloud);
+    pthread_rwlock_unlock(&service->clouds);
+}
+
 /* The hash of what the job computes. */
 static enum status name_result(struct job *job, struct error *error) {
     char *text = job_result_text(job, whittle_version());
@@ -236,9 +247,12 @@ enum status service_submit(struct service *service, struct upload *upload, const
         status = upload_keep(upload, error);
     else if (!store_cloud_exists(service->store, job->cloud))
         status = error_set(error, STATUS_BAD_PARAMETER, "input", "there is no cloud %s any more", job->cloud);
+    fault_at("submit-kept");
     if (status == STATUS_OK) status = enqueue(service, job, fresh, error);
     pthread_rwlock_unlock(&service->clouds);
+    if (status != STATUS_OK) forget_cloud(service, job->cloud);
     if (status != STATUS_OK) return status;
+    fault_at("submit-committed");
     metrics_submitted(service->metrics);
     log_line(LOG_INFO, "job=%s %s: %llu bytes of %s who=%s", job->id,
              job->state == JOB_SUCCESSFUL ? "successful, as an earlier one" : "accepted",
@@ -279,20 +293,11 @@ double service_time_left(struct service *service, const struct job *job) {
 
 /* ------------------------------------------------------------------------------------------------ letting go */
 
-/* Removes a cloud that nothing refers to any more. */
-static void forget_cloud(struct service *service, const char *cloud) {
-    struct error error = {0};
-    uint64_t uses = 1;
-    pthread_rwlock_wrlock(&service->clouds);
-    if (queue_cloud_uses(service->queue, cloud, &uses, &error) == STATUS_OK && uses == 0)
-        store_cloud_delete(service->store, cloud);
-    pthread_rwlock_unlock(&service->clouds);
-}
-
 enum status service_delete(struct service *service, const struct job *job, const char *reason, bool *changed,
                            struct error *error) {
     enum status status = queue_delete(service->queue, job->id, reason, changed, error);
     if (status != STATUS_OK || !*changed) return status;
+    fault_at("delete-committed");
     store_job_delete(service->store, job->id);
     forget_cloud(service, job->cloud);
     log_line(LOG_INFO, "job=%s %s", job->id, reason);
@@ -319,6 +324,7 @@ enum status service_keep_cloud(struct service *service, struct upload *upload, c
     if (status == STATUS_OK) status = clouds_put(service->queue, &record, error);
     pthread_rwlock_unlock(&service->clouds);
     clouds_record_done(&before);
+    if (status != STATUS_OK) forget_cloud(service, record.sha256);
     if (status == STATUS_OK)
         log_line(LOG_INFO, "cloud=%s kept: %llu bytes of %s", record.sha256, (unsigned long long)record.bytes,
                  record.format);

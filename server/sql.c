@@ -9,6 +9,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/alloc.h"
+#include "core/fault.h"
+
 enum { BUSY_MS = 10000 };
 
 struct sql {
@@ -33,7 +36,7 @@ static enum status refused(struct sql *sql, struct error *error) {
 
 enum status sql_open(const char *path, struct sql **sql, struct error *error) {
     int flags = SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX;
-    struct sql *opened = calloc(1, sizeof *opened);
+    struct sql *opened = alloc_zeroed(1, sizeof *opened);
     if (!opened) return error_set(error, STATUS_NO_MEMORY, "database", "no memory");
     pthread_mutex_init(&opened->lock, NULL);
     enum status status = STATUS_OK;
@@ -127,6 +130,8 @@ enum status sql_number(struct sql *sql, const char *text, const struct sql_value
 enum status sql_begin(struct sql *sql, struct error *error) { return sql_execute(sql, "BEGIN IMMEDIATE", error); }
 
 enum status sql_end(struct sql *sql, enum status status, struct error *error) {
+    if (status == STATUS_OK && fault_at("commit"))
+        status = error_set(error, STATUS_IO, "database", "a fault was armed");
     if (status == STATUS_OK) status = sql_execute(sql, "COMMIT", error);
     if (status != STATUS_OK) sqlite3_exec(sql->db, "ROLLBACK", NULL, NULL, NULL);
     return status;
@@ -136,7 +141,7 @@ enum status sql_end(struct sql *sql, enum status status, struct error *error) {
 
 enum status sql_select(struct sql *sql, const char *text, const struct sql_value *values, size_t count,
                        struct sql_rows **rows, struct error *error) {
-    struct sql_rows *made = calloc(1, sizeof *made);
+    struct sql_rows *made = alloc_zeroed(1, sizeof *made);
     if (!made) return error_set(error, STATUS_NO_MEMORY, "database", "no memory");
     made->sql = sql;
     made->step = SQLITE_DONE;

@@ -31,6 +31,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "core/alloc.h"
+#include "core/fault.h"
 #include "server/digest.h"
 
 enum { FOLDER_MODE = 0700, FILE_MODE = 0600 };
@@ -100,7 +102,7 @@ static enum status open_folders(struct store *store, const char *folder, struct 
 }
 
 enum status store_open(const char *folder, struct store **store, struct error *error) {
-    struct store *opened = calloc(1, sizeof *opened);
+    struct store *opened = alloc_zeroed(1, sizeof *opened);
     if (!opened) return error_set(error, STATUS_NO_MEMORY, "store", "no memory");
     opened->root_fd = opened->clouds_fd = opened->jobs_fd = opened->tmp_fd = opened->lock_fd = -1;
     enum status status = open_folders(opened, folder, error);
@@ -166,8 +168,9 @@ static void random_name(const char *prefix, char name[STORE_NAME_BYTES]) {
 static void remove_by_way_of_tmp(struct store *store, int at, const char *name) {
     char gone[STORE_NAME_BYTES];
     random_name("gone", gone);
-    if (renameat(at, name, store->tmp_fd, gone) != 0) return;
+    if (fault_at("remove-rename") || renameat(at, name, store->tmp_fd, gone) != 0) return;
     fsync(at);
+    fault_at("removed");
     remove_tree(store->tmp_fd, gone, DEPTH);
 }
 
@@ -175,21 +178,25 @@ static void remove_by_way_of_tmp(struct store *store, int at, const char *name) 
 
 enum status store_upload_begin(struct store *store, struct store_upload *upload, struct error *error) {
     random_name("upload", upload->name);
-    upload->fd = openat(store->tmp_fd, upload->name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, FILE_MODE);
+    upload->fd = fault_at("upload-open")
+                     ? -1
+                     : openat(store->tmp_fd, upload->name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, FILE_MODE);
     return upload->fd < 0 ? refused(error, "make", upload->name) : STATUS_OK;
 }
 
 enum status store_upload_sync(struct store_upload *upload, struct error *error) {
-    return fsync(upload->fd) == 0 ? STATUS_OK : refused(error, "flush", upload->name);
+    bool failed = fault_at("upload-sync") || fsync(upload->fd) != 0;
+    return failed ? refused(error, "flush", upload->name) : STATUS_OK;
 }
 
 enum status store_upload_keep(struct store *store, struct store_upload *upload, const char *sha256,
                               struct error *error) {
-    if (renameat(store->tmp_fd, upload->name, store->clouds_fd, sha256) != 0 || fsync(store->clouds_fd) != 0)
+    if (fault_at("upload-rename") || renameat(store->tmp_fd, upload->name, store->clouds_fd, sha256) != 0)
         return refused(error, "keep", upload->name);
+    upload->name[0] = 0;
+    if (fault_at("upload-folder-sync") || fsync(store->clouds_fd) != 0) return refused(error, "keep", sha256);
     close(upload->fd);
     upload->fd = -1;
-    upload->name[0] = 0;
     return STATUS_OK;
 }
 
@@ -218,7 +225,8 @@ void store_cloud_delete(struct store *store, const char *sha256) { unlinkat(stor
 
 enum status store_outputs_begin(struct store *store, const char *id, char path[STORE_PATH_BYTES], struct error *error) {
     remove_tree(store->tmp_fd, id, DEPTH);
-    if (mkdirat(store->tmp_fd, id, FOLDER_MODE) != 0) return refused(error, "make a folder for", id);
+    if (fault_at("outputs-begin") || mkdirat(store->tmp_fd, id, FOLDER_MODE) != 0)
+        return refused(error, "make a folder for", id);
     snprintf(path, STORE_PATH_BYTES, "%.3900s/tmp/%.80s", store->root, id);
     return STATUS_OK;
 }
@@ -227,13 +235,13 @@ void store_outputs_drop(struct store *store, const char *id) { remove_tree(store
 
 /* Hashes and flushes one output. */
 static enum status take_output(int folder_fd, const char *name, struct job_output *output, struct error *error) {
-    int fd = openat(folder_fd, name, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
+    int fd = fault_at("output-open") ? -1 : openat(folder_fd, name, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
     struct stat facts;
     if (fd < 0) return refused(error, "open", name);
     enum status status = STATUS_OK;
     if (fstat(fd, &facts) != 0 || !S_ISREG(facts.st_mode))
         status = error_set(error, STATUS_IO, "store", "%s is no file", name);
-    else if (digest_file(fd, output->sha256, &output->bytes) != 0 || fsync(fd) != 0)
+    else if (digest_file(fd, output->sha256, &output->bytes) != 0 || fault_at("output-sync") || fsync(fd) != 0)
         status = refused(error, "read", name);
     snprintf(output->name, sizeof output->name, "%.*s", JOB_OUTPUT_NAME_BYTES - 1, name);
     close(fd);
@@ -265,7 +273,8 @@ static enum status move_outputs(struct store *store, const char *id, struct erro
     if (job_fd < 0) return refused(error, "make a folder for", id);
     remove_by_way_of_tmp(store, job_fd, "outputs"); /* of a run whose end was never recorded */
     enum status status = STATUS_OK;
-    if (renameat(store->tmp_fd, id, job_fd, "outputs") != 0 || fsync(job_fd) != 0 || fsync(store->jobs_fd) != 0)
+    if (fault_at("outputs-rename") || renameat(store->tmp_fd, id, job_fd, "outputs") != 0 ||
+        fault_at("outputs-folder-sync") || fsync(job_fd) != 0 || fsync(store->jobs_fd) != 0)
         status = refused(error, "keep the outputs of", id);
     close(job_fd);
     return status;

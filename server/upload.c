@@ -12,7 +12,9 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "core/alloc.h"
 #include "core/cloud_sniff.h"
+#include "core/fault.h"
 #include "core/ply_header.h"
 #include "server/digest.h"
 
@@ -38,7 +40,7 @@ void upload_too_large(uint64_t max_bytes, uint64_t bytes, struct problem *proble
 
 struct upload *upload_new(struct store *store, uint64_t expected_bytes, uint64_t max_bytes, struct problem *problem) {
     struct error error = {0};
-    struct upload *upload = calloc(1, sizeof *upload);
+    struct upload *upload = alloc_zeroed(1, sizeof *upload);
     if (!upload) {
         problem_set(problem, PROBLEM_INTERNAL_ERROR, "no memory");
         return NULL;
@@ -121,7 +123,7 @@ static bool check_more(struct upload *upload, const void *bytes, size_t count, s
 
 static bool write_all(struct upload *upload, const char *bytes, size_t count, struct problem *problem) {
     while (count) {
-        ssize_t n = write(upload->file.fd, bytes, count);
+        ssize_t n = fault_at("upload-write") ? -1 : write(upload->file.fd, bytes, count);
         if (n < 0 && errno == EINTR) continue;
         if (n < 0) {
             struct error error;

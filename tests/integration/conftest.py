@@ -63,7 +63,7 @@ class Daemon:
                 [*self.prefix, BUILD / "whittled", "--listen", "127.0.0.1:0", "--data", self.data, *unlimited, *self.flags, *more],
                 stdout=subprocess.PIPE, stderr=log, text=True)
         line = self.process.stdout.readline()
-        assert line.startswith("listening on http://127.0.0.1:"), (line, self.log_text())
+        assert line.startswith("listening on http://127.0.0.1:"), (line, self.log_text()[-4000:])
         self.url = line.split()[-1]
         return self
 

@@ -1,0 +1,53 @@
+/* One fault, armed from the command line: the crash campaign ends the service at each of these points in turn.
+ *
+ *     upload-open -write -sync -rename -folder-sync       a body on its way to being a cloud
+ *     submit-kept -committed                              the cloud has its name; the job's row is there too
+ *     claimed started                                     a job is running for the queue; its process exists
+ *     outputs-begin, output-open -sync,                   outputs on their way to being visible
+ *     outputs-rename -folder-sync -kept, job-recorded     ... and the end's row
+ *     delete-committed, remove-rename removed             the row is gone; the name is; the files are
+ *     commit                                              any change of the database
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/daemon_fault.h"
+
+#include <errno.h>
+#include <signal.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/fault.h"
+
+static const struct {
+    const char *name;
+    int number; /* 0: kill */
+} actions[] = {{"kill", 0}, {"enospc", ENOSPC}, {"eio", EIO}, {"emfile", EMFILE}, {"enomem", ENOMEM}};
+enum { ACTIONS = sizeof actions / sizeof actions[0] };
+
+/* Written once, before there are other threads. */
+static char armed_point[64];
+static int armed_number;
+static atomic_long passes_left;
+
+static int ask(const char *point) {
+    if (strcmp(point, armed_point) != 0 || atomic_fetch_sub(&passes_left, 1) != 1) return 0;
+    if (!armed_number) raise(SIGKILL);
+    return armed_number;
+}
+
+enum status fault_arm(const char *text, struct error *error) {
+    char action[16] = "";
+    long nth = 1;
+    size_t i = 0;
+    if (!text[0]) return STATUS_OK;
+    int found = sscanf(text, "%63[a-z-]=%15[a-z]:%ld", armed_point, action, &nth);
+    while (i < ACTIONS && strcmp(actions[i].name, action) != 0) i++;
+    if (found < 2 || i == ACTIONS || nth < 1)
+        return error_set(error, STATUS_BAD_PARAMETER, "fault", "'%.80s' is not like POINT=ACTION:N", text);
+    armed_number = actions[i].number;
+    atomic_store(&passes_left, nth);
+    fault_ask = ask;
+    return STATUS_OK;
+}

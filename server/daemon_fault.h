@@ -1,0 +1,13 @@
+/* The setting `fault`: what a test wants to go wrong.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_DAEMON_FAULT_H
+#define WHITTLE_SERVER_DAEMON_FAULT_H
+
+#include "core/status.h"
+
+/* Takes POINT=ACTION, or POINT=ACTION:N for the N-th time that the point is passed: ACTION is kill (this process gets
+ * SIGKILL) or the failure there, enospc, eio, emfile, enomem.  "" does nothing.  Before there are other threads. */
+enum status fault_arm(const char *text, struct error *error) MUST_CHECK;
+
+#endif

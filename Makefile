@@ -197,6 +197,12 @@ bench: deps ## time of each stage, memory, threads, a job over HTTP; BENCH="--la
 	@$(MAKE) --no-print-directory -j$$(nproc) all tools
 	@$(PYTHON) tests/bench/bench.py $(build) $(BENCH)
 
+.PHONY: overhead
+overhead: deps ## what the service costs beside the work, against nginx: requests a second, uploads, downloads
+	@deploy/deps.sh nginx-light wrk
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@$(PYTHON) tests/bench/overhead.py $(build)
+
 .PHONY: accuracy
 accuracy: deps ## the error table of the README; MESHES="mesh.ply ..." for others than Horse and Venus
 	@$(MAKE) --no-print-directory -j$$(nproc) all

@@ -7,9 +7,11 @@
 #include <jansson.h>
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 #include <time.h>
 
 #include "api/params_json.h"
+#include "core/cloud_sniff.h"
 
 enum { DUMP = JSON_REAL_PRECISION(15) };
 
@@ -139,6 +141,24 @@ char *job_event_encode(const struct job_document *job) {
                 JSON_COMPACT);
 }
 
+/* Names with commas between, as a list. */
+static json_t *names_json(const char *text) {
+    json_t *list = json_array();
+    for (; *text; text += *text == ',') {
+        size_t length = strcspn(text, ",");
+        json_array_append_new(list, json_stringn(text, length));
+        text += length;
+    }
+    return list;
+}
+
+static json_t *output_files_json(void) {
+    json_t *list = json_array();
+    for (unsigned bit = 0; bit < PARAMS_OUTPUTS; bit++)
+        json_array_append_new(list, json_string(params_output_file(bit)));
+    return list;
+}
+
 /* What an upload may be. */
 static json_t *features_json(void) {
     return json_pack("{s:[s, s, s], s:[s, s], s:[s]}", "request_bodies", "application/octet-stream",
@@ -152,10 +172,9 @@ char *job_info_encode(const char *version, bool (*limit)(void *ctx, size_t i, co
     const char *name;
     int64_t value;
     for (size_t i = 0; limit(ctx, i, &name, &value); i++) json_object_set_new(limits, name, json_integer(value));
-    return dump(json_pack("{s:s, s:s, s:[s, s, s, s], s:[s, s, s, s, s, s], s:o, s:o, s:{s:s, s:s}}", "name",
-                          "whittled", "version", version, "input_formats", "ply/ascii", "ply/binary_little_endian",
-                          "ply/binary_big_endian", "xyz", "outputs", "cloud.ply", "cloud.xyz", "mesh.ply",
-                          "report.json", "dso.ply", "error.ply", "features", features_json(), "limits", limits, "links",
-                          "contract", "/openapi.json", "parameters", "/v1/parameters"),
+    return dump(json_pack("{s:s, s:s, s:o, s:[s, s], s:o, s:o, s:o, s:{s:s, s:s}}", "name", "whittled", "version",
+                          version, "input_formats", names_json(cloud_sniff_formats()), "input_compressions", "gzip",
+                          "zstd", "outputs", output_files_json(), "features", features_json(), "limits", limits,
+                          "links", "contract", "/openapi.json", "parameters", "/v1/parameters"),
                 JSON_INDENT(2));
 }

@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/cloud_sniff.h"
+
 static const struct problem_type types[PROBLEM_COUNT] = {
     [PROBLEM_INVALID_PARAMETER] =
         {"invalid-parameter", 400, "A parameter's value is not allowed",
@@ -156,7 +158,7 @@ void problem_from_error(struct problem *problem, const struct error *error) {
     if (error->where[0])
         problem_add_text(problem, kind == PROBLEM_MALFORMED_CLOUD ? "property" : "where", error->where);
     if (kind == PROBLEM_UNSUPPORTED_FORMAT)
-        problem_add_list(problem, "supported", "ply/ascii,ply/binary_little_endian,ply/binary_big_endian,xyz");
+        problem_add_list(problem, "supported", cloud_sniff_formats());
 }
 
 /* ------------------------------------------------------------------------------------------------ JSON */

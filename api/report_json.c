@@ -83,11 +83,20 @@ static json_t *timings_json(const struct report *r) {
     return timings;
 }
 
+static json_t *losses_json(const struct losses *losses) {
+    json_t *list = json_array();
+    for (size_t i = 0; i < losses->count; i++)
+        json_array_append_new(list,
+                              json_pack("{s:s, s:s}", "file", losses->loss[i].where, "what", losses->loss[i].what));
+    return list;
+}
+
 json_t *report_json(const struct report *r) {
     json_t *json = json_pack("{s:o, s:o}", "points_in", count(r->points_in), "input", input_json(r));
     if (!json) return NULL;
     add_level(json, &r->level[0], r->diagonal);
     if (r->level_count > 1) json_object_set_new(json, "levels", levels_json(r));
+    json_object_set_new(json, "left_out", losses_json(&r->losses));
     json_object_set_new(json, "timings_ms", timings_json(r));
     json_object_set_new(json, "peak_rss_bytes", count(r->peak_rss_bytes));
     return json;

@@ -76,6 +76,7 @@ void cloud_done(struct cloud *cloud) {
     free(cloud->position);
     free(cloud->triangle);
     free(cloud->comments);
+    free(cloud->left_out);
     *cloud = (struct cloud){0};
 }
 
@@ -103,6 +104,8 @@ void cloud_move(struct cloud *cloud, const vec3 *position) {
 }
 
 const char *cloud_format_name(enum cloud_format format) {
-    static const char *const names[] = {"ply/ascii", "ply/binary_little_endian", "ply/binary_big_endian", "xyz"};
+    static const char *const names[] = {"ply/ascii", "ply/binary_little_endian", "ply/binary_big_endian", "xyz",
+                                        "pcd/ascii", "pcd/binary", "pcd/binary_compressed", "obj", "off",
+                                        "stl/ascii", "stl/binary", "las"};
     return names[format];
 }

@@ -59,7 +59,15 @@ enum cloud_format {
     CLOUD_PLY_ASCII,
     CLOUD_PLY_LITTLE_ENDIAN,
     CLOUD_PLY_BIG_ENDIAN,
-    CLOUD_XYZ
+    CLOUD_XYZ,
+    CLOUD_PCD_ASCII,
+    CLOUD_PCD_BINARY,
+    CLOUD_PCD_COMPRESSED,
+    CLOUD_OBJ,
+    CLOUD_OFF,
+    CLOUD_STL_ASCII,
+    CLOUD_STL_BINARY,
+    CLOUD_LAS
 };
 
 struct cloud {
@@ -77,6 +85,7 @@ struct cloud {
 
     enum cloud_format format;
     char *comments;            /* comment and obj_info lines of the header, each ended by \n; NULL = none; owned */
+    char *left_out;            /* what the file has and a cloud can't hold, each ended by \n; NULL = nothing; owned */
 };
 
 /* Frees everything that the cloud owns and zeroes it.  Accepts a zeroed cloud. */
@@ -88,7 +97,8 @@ vec3 cloud_round(const struct cloud *cloud, vec3 p);
 /* Moves every point: position has cloud->count of them.  Coordinates are rounded to their types. */
 void cloud_move(struct cloud *cloud, const vec3 *position);
 
-/* "ply/ascii", "ply/binary_little_endian", "ply/binary_big_endian", "xyz". */
+/* "ply/ascii", "ply/binary_little_endian", "ply/binary_big_endian", "xyz", "pcd/ascii", "pcd/binary",
+ * "pcd/binary_compressed", "obj", "off", "stl/ascii", "stl/binary", "las". */
 const char *cloud_format_name(enum cloud_format format);
 
 #endif

@@ -1,8 +1,11 @@
 /* Bytes from a descriptor, and the reader for their format.
  *
- * Both readers want all bytes at once.  A regular file is mapped, so that they come straight from the page cache; a
- * pipe is read into a buffer that grows by half.  What a pipe's first bytes say is believed as soon as they are there:
- * data of an unknown kind, or more than a PLY header promises, isn't read to its end.
+ *     regular file -> mapped --+-----------------------------> reader of its kind
+ *     pipe --------> buffer ---+--> inflate --> buffer ----->
+ *
+ * All readers want all bytes at once.  A regular file is mapped, so that they come straight from the page cache; what
+ * comes from a pipe or is decompressed goes into a buffer that grows by half.  What the first bytes say is believed as
+ * soon as they are there: data of an unknown kind, or more than a PLY header promises, isn't read to its end.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/cloud_read.h"
@@ -18,36 +21,48 @@
 #include <unistd.h>
 
 #include "core/alloc.h"
+#include "core/cloud_las.h"
+#include "core/cloud_obj.h"
+#include "core/cloud_off.h"
+#include "core/cloud_pcd.h"
 #include "core/cloud_ply.h"
 #include "core/cloud_sniff.h"
+#include "core/cloud_stl.h"
 #include "core/cloud_xyz.h"
+#include "core/inflate.h"
 
-enum { FIRST_BYTES = PLY_HEADER_MAX_BYTES };
+enum { FIRST_BYTES = PLY_HEADER_MAX_BYTES, PIECE_BYTES = 64 * 1024 };
 
 /* ------------------------------------------------------------------------------------------------ formats */
 
+typedef enum status reader(const void *bytes, size_t n, const struct cloud_limits *limits,
+                           const struct progress *progress, struct cloud *cloud, struct error *error);
+
+static reader *const readers[] = {
+    [CLOUD_KIND_PLY] = cloud_ply_read,  [CLOUD_KIND_PCD] = cloud_pcd_read, [CLOUD_KIND_OBJ] = cloud_obj_read,
+    [CLOUD_KIND_OFF] = cloud_off_read,  [CLOUD_KIND_STL] = cloud_stl_read, [CLOUD_KIND_LAS] = cloud_las_read,
+    [CLOUD_KIND_TEXT] = cloud_xyz_read, [CLOUD_KIND_OTHER] = NULL,
+};
+
+/* Whether there is a reader for what these bytes begin, which aren't compressed any more. */
 static enum status check_kind(const void *bytes, size_t n, struct error *error) {
     struct cloud_guess guess = cloud_sniff(bytes, n);
-    switch (guess.kind) {
-    case CLOUD_KIND_EMPTY: return error_set_at(error, STATUS_MALFORMED, "read", 0, 0, "the file is empty");
-    case CLOUD_KIND_OTHER:
-        return error_set_at(error, STATUS_UNSUPPORTED, "read", 0, 0, "this looks like %s; PLY and XYZ are read",
-                            guess.looks_like);
-    case CLOUD_KIND_PLY:
-    case CLOUD_KIND_TEXT: return STATUS_OK;
-    }
-    return STATUS_ENGINE;
+    if (guess.kind == CLOUD_KIND_EMPTY) return error_set_at(error, STATUS_MALFORMED, "read", 0, 0, "the file is empty");
+    if (readers[guess.kind]) return STATUS_OK;
+    bool compressed = guess.kind == CLOUD_KIND_GZIP || guess.kind == CLOUD_KIND_ZSTD;
+    return error_set_at(error, STATUS_UNSUPPORTED, "read", 0, 0,
+                        compressed ? "this is %s twice over; once is read"
+                                   : "this looks like %s; PLY, PCD, OBJ, OFF, STL, LAS and XYZ text are read",
+                        guess.looks_like);
 }
 
-enum status cloud_read_memory(const void *bytes, size_t n, const struct cloud_limits *limits,
+static enum status read_plain(const void *bytes, size_t n, const struct cloud_limits *limits,
                               const struct progress *progress, struct cloud *cloud, struct error *error) {
     enum status status = check_kind(bytes, n, error);
-    if (status) return status;
-    return (cloud_sniff(bytes, n).kind == CLOUD_KIND_PLY ? cloud_ply_read : cloud_xyz_read)(bytes, n, limits, progress,
-                                                                                            cloud, error);
+    return status ? status : readers[cloud_sniff(bytes, n).kind](bytes, n, limits, progress, cloud, error);
 }
 
-/* ------------------------------------------------------------------------------------------------ pipes */
+/* ------------------------------------------------------------------------------------------------ buffers */
 
 struct buffer {
     unsigned char *bytes; /* owned */
@@ -55,16 +70,21 @@ struct buffer {
     bool ended;
 };
 
+static enum status make_room(struct buffer *b, size_t n, struct error *error) {
+    if (b->capacity - b->used >= n) return STATUS_OK;
+    size_t capacity = b->capacity + b->capacity / 2 + FIRST_BYTES + n;
+    unsigned char *grown = alloc_resize(b->bytes, capacity, 1);
+    if (!grown) return error_set(error, STATUS_NO_MEMORY, "read", "no memory after %zu bytes", b->used);
+    b->bytes = grown;
+    b->capacity = capacity;
+    return STATUS_OK;
+}
+
 /* Reads until the buffer holds want bytes or the data ends. */
 static enum status fill(int fd, struct buffer *b, size_t want, struct error *error) {
     while (!b->ended && b->used < want) {
-        if (b->used == b->capacity) {
-            size_t capacity = b->capacity + b->capacity / 2 + FIRST_BYTES;
-            unsigned char *grown = alloc_resize(b->bytes, capacity, 1);
-            if (!grown) return error_set(error, STATUS_NO_MEMORY, "read", "no memory after %zu bytes", b->used);
-            b->bytes = grown;
-            b->capacity = capacity;
-        }
+        enum status status = make_room(b, 1, error);
+        if (status) return status;
         size_t room = b->capacity - b->used, missing = want - b->used;
         ssize_t got = read(fd, b->bytes + b->used, room < missing ? room : missing);
         if (got < 0 && errno != EINTR) return error_set(error, STATUS_IO, "read", "can't read: %s", strerror(errno));
@@ -86,18 +106,81 @@ static enum status worth_reading(const struct buffer *b, size_t *want, struct er
     return status;
 }
 
-static enum status read_pipe(int fd, struct buffer *b, struct error *error) {
-    size_t want;
-    enum status status = fill(fd, b, FIRST_BYTES, error);
-    if (!status) status = worth_reading(b, &want, error);
-    return status ? status : fill(fd, b, want, error);
+/* ------------------------------------------------------------------------------------------------ compressed */
+
+struct unpack {
+    struct buffer out;
+    size_t want; /* 0: the first bytes aren't all there yet */
+    bool enough; /* as many as are wanted are there */
+    const struct progress *progress;
+    struct error *error;
+};
+
+static enum status take(void *ctx, const void *bytes, size_t n) {
+    struct unpack *u = ctx;
+    if (progress_tick(u->progress, "read", 0)) return error_set(u->error, STATUS_CANCELLED, "read", "cancelled");
+    enum status status = make_room(&u->out, n, u->error);
+    if (status) return status;
+    memcpy(u->out.bytes + u->out.used, bytes, n);
+    u->out.used += n;
+    if (!u->want && u->out.used >= FIRST_BYTES) status = worth_reading(&u->out, &u->want, u->error);
+    u->enough = !status && u->want && u->out.used >= u->want;
+    return u->enough ? STATUS_CANCELLED : status;
 }
+
+/* Pushes n bytes, and what fd (-1 = none) has after them. */
+static enum status push_all(struct inflate *inflate, const void *bytes, size_t n, int fd, struct error *error) {
+    struct buffer piece = {0};
+    enum status status = inflate_push(inflate, bytes, n, error);
+    while (!status && fd >= 0 && !piece.ended) {
+        piece.used = 0;
+        status = fill(fd, &piece, PIECE_BYTES, error);
+        if (!status) status = inflate_push(inflate, piece.bytes, piece.used, error);
+    }
+    free(piece.bytes);
+    return status ? status : inflate_end(inflate, error);
+}
+
+static bool is_compressed(const void *bytes, size_t n) {
+    enum inflate_kind kind;
+    return inflate_sniff(bytes, n, &kind);
+}
+
+static enum status read_packed(const void *bytes, size_t n, int fd, const struct cloud_limits *limits,
+                               const struct progress *progress, struct cloud *cloud, struct error *error) {
+    struct unpack u = {.progress = progress, .error = error};
+    struct inflate *inflate = NULL;
+    enum inflate_kind kind = INFLATE_GZIP;
+    (void)inflate_sniff(bytes, n, &kind);
+    enum status status = inflate_new(kind, NULL, (struct inflate_out){take, &u}, &inflate, error);
+    if (!status) status = push_all(inflate, bytes, n, fd, error);
+    inflate_free(inflate);
+    if (u.enough) status = STATUS_OK;
+    if (!status) status = read_plain(u.out.bytes, u.out.used, limits, progress, cloud, error);
+    free(u.out.bytes);
+    return status;
+}
+
+enum status cloud_read_memory(const void *bytes, size_t n, const struct cloud_limits *limits,
+                              const struct progress *progress, struct cloud *cloud, struct error *error) {
+    if (is_compressed(bytes, n)) return read_packed(bytes, n, -1, limits, progress, cloud, error);
+    return read_plain(bytes, n, limits, progress, cloud, error);
+}
+
+/* ------------------------------------------------------------------------------------------------ pipes */
 
 static enum status read_from_pipe(int fd, const struct cloud_limits *limits, const struct progress *progress,
                                   struct cloud *cloud, struct error *error) {
     struct buffer b = {0};
-    enum status status = read_pipe(fd, &b, error);
-    if (!status) status = cloud_read_memory(b.bytes, b.used, limits, progress, cloud, error);
+    size_t want;
+    enum status status = fill(fd, &b, FIRST_BYTES, error);
+    if (!status && is_compressed(b.bytes, b.used)) {
+        status = read_packed(b.bytes, b.used, fd, limits, progress, cloud, error);
+    } else {
+        if (!status) status = worth_reading(&b, &want, error);
+        if (!status) status = fill(fd, &b, want, error);
+        if (!status) status = read_plain(b.bytes, b.used, limits, progress, cloud, error);
+    }
     free(b.bytes);
     return status;
 }

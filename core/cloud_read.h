@@ -1,4 +1,5 @@
-/* Reading a cloud of any format that we know, from anywhere.  The format is told by the content, never by a name.
+/* Reading a cloud of any format that we know, compressed by gzip or zstd or not, from anywhere.  The format is told by
+ * the content, never by a name.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_CLOUD_READ_H
@@ -14,7 +15,8 @@
  * cloud_done; else it is untouched.  STATUS_MALFORMED (empty, or what the format's reader says, with the line or the
  * byte offset), STATUS_UNSUPPORTED (says what it looks like), STATUS_LIMIT, STATUS_IO, STATUS_NO_MEMORY,
  * STATUS_CANCELLED.  Time is linear in the bytes; memory is what the cloud needs, and the bytes too where they come
- * from a pipe. */
+ * from a pipe or are decompressed.  Positions in errors count decompressed bytes, but for errors in the compressed data
+ * itself (where "inflate"), whose limits are those of core/inflate.h. */
 
 /* Reads from where fd stands to its end: a regular file is mapped, anything else (a pipe, a terminal) is read.  fd
  * stays open.  A regular file that somebody cuts short meanwhile ends the process by SIGBUS. */

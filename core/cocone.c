@@ -1,11 +1,15 @@
 /* Tight Cocone over flat arrays, step by step.
  *
  *     tets -> star -> frame -> label -----------------------------------> surface
- *             cells   poles,   tight:   orient, cut, repair               manifold mesh
+ *             cells   poles,   tight:   orient, cut, judge, repair        manifold mesh
  *             around  normals  literal: candidates, umbrellas, mark, peel
  *
  * Whatever the labels, the surface between inner and outer cells is closed and oriented; the labelling decides how good
  * it is, and the last step makes it a manifold.
+ *
+ * Normals that were fitted to the original points are better than those of the poles, but for thin parts, where a
+ * neighbourhood reaches through to the other side.  There are two labellings therefore, one with each, and the original
+ * points judge between them where they differ.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/cocone.h"
@@ -17,6 +21,7 @@
 #include "core/cocone_cut.h"
 #include "core/cocone_facets.h"
 #include "core/cocone_frame.h"
+#include "core/cocone_judge.h"
 #include "core/cocone_orient.h"
 #include "core/cocone_peel.h"
 #include "core/cocone_repair.h"
@@ -42,29 +47,54 @@ static enum status tick(struct run *run, double fraction) {
 
 /* Votes depend on which way the normals point, and a vote that is overruled says that its normal points the wrong way.
  */
-static enum status label_by_cuts(struct run *run, struct cocone_lies *lies, struct cocone_cost *cost) {
+static enum status label_by_cuts(struct run *run, struct cocone_lies *lies, struct cocone_cost *cost, uint8_t *inside) {
     enum status status = STATUS_OK;
     const double *support = run->input->support;
     size_t turned = 1;
     for (int round = 0; round < ROUNDS && turned > 0 && !status; round++) {
         cocone_cut_done(cost);
         status = cocone_cut_costs(&run->star, &run->frame, lies, support, run->options->threads, cost);
-        if (!status) status = cocone_cut_label(&run->star, cost, run->progress, run->inside);
-        if (!status) turned = cocone_orient_by_labels(&run->star, run->inside, &run->frame, lies);
+        if (!status) status = cocone_cut_label(&run->star, cost, run->progress, inside);
+        if (!status) turned = cocone_orient_by_labels(&run->star, inside, &run->frame, lies);
     }
+    return status;
+}
+
+/* A labelling with the normals of the frame. */
+static enum status label_once(struct run *run, struct cocone_cost *cost, uint8_t *inside, size_t *conflicts) {
+    struct cocone_lies lies = {0};
+    enum status status = cocone_orient_measure(&run->star, &run->frame, run->options->threads, &lies);
+    if (!status) status = cocone_orient(&run->star, &run->frame, &lies, conflicts);
+    if (!status) status = label_by_cuts(run, &lies, cost, inside);
+    cocone_orient_done(&lies);
+    return status;
+}
+
+/* Labels once more, with normals from the poles, and takes what is better of that. */
+static enum status reconsider(struct run *run) {
+    struct cocone_cost cost = {0};
+    size_t conflicts;
+    uint8_t *other = alloc_zeroed(run->star.tets->cell_count, 1);
+    if (!other) return STATUS_NO_MEMORY;
+    cocone_frame_done(&run->frame);
+    enum status status = cocone_frame_build(&run->star, NULL, run->options->threads, &run->frame);
+    if (!status) status = label_once(run, &cost, other, &conflicts);
+    cocone_cut_done(&cost);
+    if (!status)
+        status = cocone_judge(&run->star, run->input->dense, run->options->threads, other, run->inside,
+                              &run->facts.reconsidered);
+    free(other);
     return status;
 }
 
 static enum status label_tight(struct run *run) {
     struct cocone_cost cost = {0};
-    struct cocone_lies lies = {0};
-    enum status status = cocone_orient_measure(&run->star, &run->frame, run->options->threads, &lies);
-    if (!status) status = cocone_orient(&run->star, &run->frame, &lies, &run->facts.conflicts);
-    if (!status) status = tick(run, 0.4);
-    if (!status) status = label_by_cuts(run, &lies, &cost);
+    enum status status = label_once(run, &cost, run->inside, &run->facts.conflicts);
+    if (!status) status = tick(run, 0.5);
+    if (!status && run->input->dense && run->input->normals) status = reconsider(run);
+    if (!status) status = tick(run, 0.7);
     if (!status) status = cocone_repair(&run->star, &cost, run->progress, run->inside, &run->facts.flips);
     cocone_cut_done(&cost);
-    cocone_orient_done(&lies);
     return status;
 }
 

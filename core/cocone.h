@@ -3,7 +3,8 @@
  * T. K. Dey, S. Goswami, Tight Cocone: a water-tight surface reconstructor (2003).  COCONE_LITERAL is the paper's
  * method rule by rule.  COCONE_TIGHT, the default, keeps the cocone and the labels of cells, but finds the labels by
  * one cut over all votes and repairs what is left: it needs no point to have a good umbrella, which few have after
- * simplification.
+ * simplification.  It labels twice, with the normals given and with those of the poles, and takes of both what lies
+ * nearer to the original points.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_COCONE_H
@@ -19,12 +20,25 @@
 #include "core/tets.h"
 #include "core/vec3.h"
 
+struct knn;
+
+/* The points that those to be meshed were chosen from.  All borrowed. */
+struct cocone_dense {
+    size_t n;
+    const vec3 *point, *normal; /* n; unit normals of either sign */
+    const float *spacing;       /* n: mean distance to the neighbours */
+    const uint32_t *site;       /* n: which of the points to be meshed stands for each */
+    const struct knn *knn;      /* over them */
+};
+
 struct cocone_input {
     const vec3 *points; /* n, those that the tetrahedra are of */
     size_t n;
     const vec3 *normals; /* n unit vectors with any sign, better ones than so few points give; NULL = from the poles */
     const double *support; /* n: how far around each point the points that it stands for reach; NULL = not known: then
                               no facet is a hole's */
+    const struct cocone_dense
+        *dense; /* what surfaces are judged by; NULL = not known: then there is nothing to choose */
 };
 
 struct cocone_options {
@@ -40,6 +54,7 @@ struct cocone_facts {
     size_t hole_fill;      /* facets that no points support, also where they are left out */
     size_t conflicts;      /* cells on which two of their points disagree with certainty, after orientation */
     size_t flips;          /* cells whose label the repair changed */
+    size_t reconsidered;   /* cells whose label the normals from the poles gave, as the better one */
 };
 
 /* Reconstructs.  With BOUNDARY_FILL the mesh is closed: each edge has exactly two triangles, in opposite directions,

@@ -25,7 +25,10 @@ static const char *const refine_forms[] = {"none", "flips", "full", NULL};
 static const char *const reference_forms[] = {"auto", "points", "faces", "reconstruction", NULL};
 static const char *const denoise_forms[] = {"none", "outliers", "full", NULL};
 static const char *const encodings[] = {"binary", "ascii", NULL};
-static const char *const output_names[] = {"cloud", "xyz", "mesh", "report", "dso", "error", NULL};
+/* The bits of outputs; then the first ones' second names, which are those of their files. */
+static const char *const output_names[] = {
+    "cloud",    "xyz",       "mesh",      "report",   "dso",         "error",   "cloud.pcd", "mesh.obj", "mesh.stl",
+    "mesh.glb", "cloud.ply", "cloud.xyz", "mesh.ply", "report.json", "dso.ply", "error.ply", NULL};
 
 #define AT(member) offsetof(struct params, member)
 
@@ -39,9 +42,12 @@ static const struct param table[] = {
     {"levels", PARAM_LEVELS, AT(levels), 0, 1, true, "", NULL, "", true,
      "Ratios, separated by commas: a cloud and a mesh of each, from one contraction, named cloud_RATIO.ply and "
      "mesh_RATIO.ply; cloud.ply and mesh.ply are those of the largest"},
-    {"outputs", PARAM_FLAGS, AT(outputs), 0, 0, false, "cloud,report", output_names, "", true,
-     "What to write, separated by commas: cloud.ply, cloud.xyz, mesh.ply, report.json, "
-     "dso.ply and error.ply (every original point with its discrete shape operator, its distance to the mesh)"},
+    {"outputs", PARAM_FLAGS, AT(outputs), 0, PARAMS_OUTPUTS, false, "cloud,report", output_names, "", true,
+     "What to write, separated by commas: the cloud as cloud.ply (cloud), cloud.xyz (xyz), cloud.pcd; the mesh as "
+     "mesh.ply "
+     "(mesh), mesh.obj, mesh.stl, mesh.glb; report.json (report); dso.ply (dso) and error.ply (error), which show "
+     "every "
+     "original point with its discrete shape operator, its distance to the mesh"},
     {"denoise", PARAM_CHOICE, AT(denoise), 0, 0, false, "none", denoise_forms, "", true,
      "Before all else: outliers drops points that belong to no surface; full also smooths the others along their "
      "normals, edges kept: points are then written at their smoothed positions, all else as it was, and errors are "
@@ -117,6 +123,11 @@ static size_t edit_distance(const char *a, const char *b) {
 static void consider(const char *name, const char *candidate, const char **best, size_t *best_distance) {
     size_t distance = edit_distance(name, candidate);
     if (distance < *best_distance) *best = candidate, *best_distance = distance;
+}
+
+const char *params_output_file(unsigned bit) {
+    assert(bit < PARAMS_OUTPUTS);
+    return strchr(output_names[bit], '.') ? output_names[bit] : output_names[PARAMS_OUTPUTS + bit];
 }
 
 const char *params_suggest(const char *name, const char *const *extra) {
@@ -198,7 +209,7 @@ static bool set_flags(void *member, const struct param *param, const char *text)
         size_t length = strcspn(item, ",");
         int index = choice_index(param->choices, item, length);
         if (index < 0) return false;
-        bits |= 1u << index;
+        bits |= 1u << (unsigned)index % (unsigned)param->max;
         if (!item[length]) break;
         item += length + 1;
     }
@@ -277,6 +288,12 @@ enum status params_set(struct params *params, const char *name, const char *valu
     return error_set(error, STATUS_BAD_PARAMETER, name, "'%.40s' is not allowed; it takes %s", value, allowed);
 }
 
+static unsigned count_files(const struct params *params) {
+    const uint32_t of_levels = OUTPUT_CLOUD | OUTPUT_CLOUD_XYZ | OUTPUT_CLOUD_PCD | OUTPUT_ANY_MESH;
+    return (unsigned)__builtin_popcount(params->outputs) +
+           params->levels.count * (unsigned)__builtin_popcount(params->outputs & of_levels);
+}
+
 enum status params_resolve(struct params *params, struct error *error) {
     bool has_ratio = !isnan(params->ratio), has_points = params->points != 0;
     if (has_ratio && has_points)
@@ -286,16 +303,19 @@ enum status params_resolve(struct params *params, struct error *error) {
     if (params->neighbours_min > params->neighbours_max)
         return error_set(error, STATUS_BAD_PARAMETER, "neighbours_max", "is below neighbours_min (%llu)",
                          (unsigned long long)params->neighbours_min);
+    if (count_files(params) > PARAMS_MAX_FILES)
+        return error_set(error, STATUS_BAD_PARAMETER, "outputs", "%u files with all levels, at most %d are written",
+                         count_files(params), PARAMS_MAX_FILES);
     if (!has_ratio && !has_points && isnan(params->max_error) && !params->levels.count) params->ratio = 0.1;
     return STATUS_OK;
 }
 
-static void format_flags(uint32_t bits, const char *const *choices, char *text, size_t text_bytes) {
+static void format_flags(uint32_t bits, const struct param *param, char *text, size_t text_bytes) {
     size_t used = 0;
     text[0] = 0;
-    for (size_t i = 0; choices[i] && used < text_bytes; i++)
+    for (unsigned i = 0; i < (unsigned)param->max && used < text_bytes; i++)
         if (bits & 1u << i)
-            used += (size_t)snprintf(text + used, text_bytes - used, "%s%s", used ? "," : "", choices[i]);
+            used += (size_t)snprintf(text + used, text_bytes - used, "%s%s", used ? "," : "", param->choices[i]);
 }
 
 /* The fewest digits that read back as the same number. */
@@ -331,7 +351,7 @@ void params_format(const struct params *params, const struct param *param, char 
         break;
     }
     case PARAM_CHOICE: snprintf(text, text_bytes, "%s", param->choices[*(const int *)member]); break;
-    case PARAM_FLAGS: format_flags(*(const uint32_t *)member, param->choices, text, text_bytes); break;
+    case PARAM_FLAGS: format_flags(*(const uint32_t *)member, param, text, text_bytes); break;
     case PARAM_LEVELS: format_levels(member, text, text_bytes); break;
     }
 }

@@ -24,15 +24,21 @@ enum reference_form { REFERENCE_AUTO, REFERENCE_POINTS, REFERENCE_FACES, REFEREN
 enum denoise_form { DENOISE_NONE, DENOISE_OUTLIERS, DENOISE_FULL };
 enum encoding { ENCODING_BINARY, ENCODING_ASCII };
 
-/* Bits of params.outputs. */
+/* Bits of params.outputs, in the order of the table's choices. */
 enum output {
     OUTPUT_CLOUD = 1 << 0,     /* cloud.ply */
     OUTPUT_CLOUD_XYZ = 1 << 1, /* cloud.xyz */
     OUTPUT_MESH = 1 << 2,      /* mesh.ply */
     OUTPUT_REPORT = 1 << 3,    /* report.json */
     OUTPUT_DSO = 1 << 4,       /* dso.ply: the discrete shape operator of every original point */
-    OUTPUT_ERROR = 1 << 5      /* error.ply: the distance of every original point to the mesh */
+    OUTPUT_ERROR = 1 << 5,     /* error.ply: the distance of every original point to the mesh */
+    OUTPUT_CLOUD_PCD = 1 << 6, /* cloud.pcd */
+    OUTPUT_MESH_OBJ = 1 << 7,  /* mesh.obj */
+    OUTPUT_MESH_STL = 1 << 8,  /* mesh.stl */
+    OUTPUT_MESH_GLB = 1 << 9,  /* mesh.glb */
+    OUTPUT_ANY_MESH = OUTPUT_MESH | OUTPUT_MESH_OBJ | OUTPUT_MESH_STL | OUTPUT_MESH_GLB
 };
+enum { PARAMS_OUTPUTS = 10, PARAMS_MAX_FILES = 64 /* that one job may write */ };
 
 enum { PARAMS_MAX_LEVELS = 16 };
 
@@ -48,7 +54,7 @@ struct params {
     double max_error;           /* fraction of the diagonal; NAN = not given */
     struct param_levels levels; /* count 0 = not given: one level */
     uint32_t outputs;           /* enum output */
-    int denoise;      /* enum denoise_form */
+    int denoise;                /* enum denoise_form */
     int placement;              /* enum placement */
     int dso;                    /* enum dso_form */
     double dso_exponent;
@@ -72,10 +78,11 @@ struct param {
     const char *name;
     enum param_type type;
     size_t offset;   /* of the member in struct params */
-    double min, max; /* numbers and integers, both inclusive but for exclusive_min */
+    double min, max; /* numbers and integers, both inclusive but for exclusive_min; flags: max is how many bits */
     bool exclusive_min;
     const char *default_text;   /* as a user would write it; "" = not given */
-    const char *const *choices; /* choices: index = value; flags: index = bit; NULL-terminated */
+    const char *const *choices; /* choices: index = value; flags: index = bit, those beyond max are second
+                                   names of the bits from 0 on; NULL-terminated */
     const char *unit;           /* "" = none */
     bool affects_result;        /* false: only how fast (threads) */
     const char *help;           /* one sentence */
@@ -86,6 +93,9 @@ const struct param *params_table(size_t *count);
 
 /* The row of this name, or NULL. */
 const struct param *params_find(const char *name);
+
+/* The file that this bit of outputs stands for, e.g. "cloud.ply"; bit < PARAMS_OUTPUTS. */
+const char *params_output_file(unsigned bit);
 
 /* The name in the table (or in extra, a NULL-terminated list that may be NULL) nearest to a mistyped one by edit
  * distance, or NULL when nothing is near. */

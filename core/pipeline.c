@@ -35,7 +35,7 @@
 #include "core/alloc.h"
 #include "core/pipeline_run.h"
 
-static bool mesh_wanted(const struct params *params) { return params->outputs & (OUTPUT_MESH | OUTPUT_ERROR); }
+static bool mesh_wanted(const struct params *params) { return params->outputs & (OUTPUT_ANY_MESH | OUTPUT_ERROR); }
 
 static bool refinement_wanted(const struct params *params) {
     return mesh_wanted(params) && params->refine != REFINE_NONE;

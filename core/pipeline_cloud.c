@@ -16,7 +16,7 @@ enum status pipeline_no_memory(struct run *run, const char *where) {
 }
 
 void pipeline_sites_done(struct sites *sites) {
-    free(sites->id), free(sites->point), free(sites->normal), free(sites->support);
+    free(sites->id), free(sites->point), free(sites->normal), free(sites->support), free(sites->of_point);
     *sites = (struct sites){0};
 }
 

@@ -19,22 +19,22 @@ static int compare_ids(const void *a, const void *b) {
     return (i > j) - (i < j);
 }
 
-/* support[v] = max over the points x that v stands for of |x - v| + the spacing at x. */
+/* of_point, and support = max over the points that a site stands for of the distance to it + the spacing there. */
 static enum status find_support(const struct run *run, struct sites *sites) {
     size_t n = run->points.count;
-    uint32_t *representative = alloc_array(n, sizeof *representative);
-    double *support = alloc_zeroed(n, sizeof *support);
-    if (representative && support) {
-        contraction_representatives(&run->contraction, sites->count, representative);
+    uint32_t *index = alloc_array(n, sizeof *index);
+    sites->of_point = alloc_array(n, sizeof *sites->of_point);
+    bool ok = index && sites->of_point;
+    if (ok) {
+        contraction_representatives(&run->contraction, sites->count, sites->of_point);
+        for (uint32_t i = 0; i < sites->count; i++) index[sites->id[i]] = i, sites->support[i] = 0;
         for (size_t x = 0; x < n; x++) {
-            uint32_t v = representative[x];
-            double reach = vec3_distance(run->points.point[x], run->points.point[v]) + (double)run->hood.spacing[x];
-            support[v] = fmax(support[v], reach);
+            uint32_t i = sites->of_point[x] = index[sites->of_point[x]];
+            double reach = vec3_distance(run->points.point[x], sites->point[i]) + (double)run->hood.spacing[x];
+            sites->support[i] = fmax(sites->support[i], reach);
         }
-        for (size_t i = 0; i < sites->count; i++) sites->support[i] = support[sites->id[i]];
     }
-    bool ok = representative && support;
-    free(representative), free(support);
+    free(index);
     return ok ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
@@ -98,7 +98,9 @@ enum status pipeline_delaunay(struct run *run) {
 /* Tight Cocone over the sites; the mesh's sources become ids along the curve. */
 static enum status reconstruct(const struct run *run, const struct sites *sites, const struct tets *tets,
                                struct mesh *mesh, struct cocone_facts *facts) {
-    struct cocone_input input = {sites->point, sites->count, sites->normal, sites->support};
+    struct cocone_dense dense = {run->points.count, run->points.point, run->normal,
+                                 run->hood.spacing, sites->of_point,   run->knn};
+    struct cocone_input input = {sites->point, sites->count, sites->normal, sites->support, &dense};
     struct cocone_options options = {.form = (enum cocone_form)run->params->cocone,
                                      .boundary = (enum boundary_form)run->params->boundary,
                                      .threads = run->threads};

@@ -19,6 +19,7 @@ struct sites {
     uint32_t *id; /* ascending, so along the curve */
     vec3 *point, *normal;
     double *support;
+    uint32_t *of_point; /* of each point along the curve: which of the sites stands for it */
 };
 
 struct run {

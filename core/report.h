@@ -10,6 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "core/losses.h"
 #include "core/params.h"
 
 /* Distances of samples to a surface.  count == 0: not measured. */
@@ -58,6 +59,8 @@ struct report {
 
     size_t level_count;
     struct report_level level[PARAMS_MAX_LEVELS]; /* the finest first; that is the one of cloud.ply and mesh.ply */
+
+    struct losses losses; /* what the cloud doesn't hold of the input, and the outputs not of the cloud */
 
     size_t stage_count;
     struct report_stage stage[REPORT_MAX_STAGES];

@@ -13,7 +13,7 @@
 
 enum { POINT_GRAIN = 1024, MAX_MIDDLES = 8 };
 
-#define REACH 2.0f /* of the spacing */
+#define REACH 1.0f /* of the spacing */
 
 #define STEEPEST 0.5 /* sine of the angle between a chord and the tangent plane */
 #define LARGEST_WEIGHT 8

@@ -24,6 +24,9 @@ static const struct {
     {".ply", "model/ply"},
     {".xyz", "text/plain; charset=utf-8"},
     {".json", "application/json"},
+    {".obj", "model/obj"},
+    {".stl", "model/stl"},
+    {".glb", "model/gltf-binary"},
     {"", "application/octet-stream"},
 };
 

@@ -13,46 +13,45 @@
 
 static const char *const own_names[] = {"label", "priority", "output", NULL};
 
-/* output=..., and the bit of `outputs` and the file that it stands for. */
-static const struct {
-    const char *value;
-    uint32_t bit;
-    const char *file;
-} outputs[] = {
-    {"cloud", OUTPUT_CLOUD, "cloud.ply"}, {"xyz", OUTPUT_CLOUD_XYZ, "cloud.xyz"},
-    {"mesh", OUTPUT_MESH, "mesh.ply"},    {"report", OUTPUT_REPORT, "report.json"},
-    {"dso", OUTPUT_DSO, "dso.ply"},       {"error", OUTPUT_ERROR, "error.ply"},
-};
-enum { OUTPUTS = sizeof outputs / sizeof outputs[0] };
-
-/* The row asked for; OUTPUTS where there is none of that name. */
-static size_t output_asked(const struct request *request) {
+/* The bit of `outputs` that output=... stands for, by any of its names; 0 where there is none of that name. */
+static uint32_t output_asked(const struct request *request) {
     const char *value = query_find(request->query, request->query_count, "output");
-    size_t i = 0;
-    while (value && i < OUTPUTS && strcmp(outputs[i].value, value) != 0) i++;
-    return i;
+    struct params one;
+    struct error error;
+    params_defaults(&one);
+    if (params_set(&one, "outputs", value ? value : "cloud", &error)) return 0;
+    return one.outputs & (one.outputs - 1) ? 0 : one.outputs;
+}
+
+static const char *file_asked(const struct request *request) {
+    return params_output_file((unsigned)__builtin_ctz(output_asked(request)));
+}
+
+static void refuse_output(const struct request *request, struct problem *problem) {
+    static const char allowed[] =
+        "one of cloud, xyz, cloud.pcd, mesh, mesh.obj, mesh.stl, mesh.glb, report, dso, error";
+    problem_set(problem, PROBLEM_INVALID_PARAMETER, "output: takes %s", allowed);
+    problem_add_error(problem, "output", query_find(request->query, request->query_count, "output"), allowed, NULL);
 }
 
 static bool read_simplify(const struct request *request, struct job *job, struct response *response) {
     struct problem problem;
-    size_t asked = output_asked(request);
+    uint32_t asked = output_asked(request);
     bool ok = query_decode_params(request->query, request->query_count, own_names, &job->params, &problem) &&
               handlers_read_wishes(request, job, &problem);
     if (ok && query_find(request->query, request->query_count, "outputs")) {
         problem_set(&problem, PROBLEM_CONFLICTING_PARAMETERS, "outputs: this operation has one output");
         problem_add_error(&problem, "outputs", NULL, "not here", "output");
         ok = false;
-    } else if (ok && asked == OUTPUTS) {
-        problem_set(&problem, PROBLEM_INVALID_PARAMETER, "output: takes one of cloud, xyz, mesh, report, dso, error");
-        problem_add_error(&problem, "output", query_find(request->query, request->query_count, "output"),
-                          "one of cloud, xyz, mesh, report, dso, error", NULL);
+    } else if (ok && !asked) {
+        refuse_output(request, &problem);
         ok = false;
     }
     if (!ok) {
         response_problem(response, &problem);
         return false;
     }
-    job->params.outputs = outputs[asked].bit;
+    job->params.outputs = asked;
     return true;
 }
 
@@ -88,7 +87,7 @@ static void put_stats(const struct job *job, struct response *response) {
 static void answer_ended(struct service *service, const struct request *request, const struct job *job,
                          struct response *response) {
     if (job->state == JOB_SUCCESSFUL) {
-        handlers_send_output(service, request, job, outputs[output_asked(request)].file, response);
+        handlers_send_output(service, request, job, file_asked(request), response);
         put_stats(job, response);
         handlers_cache_status(request->wait.state == JOB_SUCCESSFUL, response);
     } else if (job->state == JOB_FAILED && job->problem) {

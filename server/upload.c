@@ -92,7 +92,8 @@ static bool check_ply(struct upload *upload, uint64_t total, struct problem *pro
 
 static bool refuse_kind(const char *looks_like, struct problem *problem) {
     struct error error = {0};
-    error_set(&error, STATUS_UNSUPPORTED, "", "the body looks like %s, not like a PLY or XYZ cloud", looks_like);
+    error_set(&error, STATUS_UNSUPPORTED, "", "the body looks like %s, not like a cloud of a format that is read",
+              looks_like);
     problem_from_error(problem, &error);
     return false;
 }
@@ -101,14 +102,14 @@ static bool refuse_kind(const char *looks_like, struct problem *problem) {
 static bool check_head(struct upload *upload, uint64_t total, bool at_end, struct problem *problem) {
     if (upload->head_bytes < SNIFF_BYTES && !at_end && upload->head_bytes < total) return true;
     struct cloud_guess guess = cloud_sniff(upload->head, upload->head_bytes);
-    switch (guess.kind) {
-    case CLOUD_KIND_PLY: return check_ply(upload, total, problem);
-    case CLOUD_KIND_OTHER: return refuse_kind(guess.looks_like, problem);
-    case CLOUD_KIND_EMPTY: problem_set(problem, PROBLEM_MALFORMED_CLOUD, "the body is empty"); return false;
-    case CLOUD_KIND_TEXT: break;
+    if (guess.kind == CLOUD_KIND_PLY) return check_ply(upload, total, problem);
+    if (guess.kind == CLOUD_KIND_OTHER) return refuse_kind(guess.looks_like, problem);
+    if (guess.kind == CLOUD_KIND_EMPTY) {
+        problem_set(problem, PROBLEM_MALFORMED_CLOUD, "the body is empty");
+        return false;
     }
     upload->checked = true;
-    snprintf(upload->facts.format, sizeof upload->facts.format, "xyz");
+    snprintf(upload->facts.format, sizeof upload->facts.format, "%s", guess.format);
     return true;
 }
 

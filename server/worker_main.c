@@ -1,6 +1,7 @@
 /* whittle: a cloud in, the simplified cloud, a mesh and a report out.
  *
  *     whittle scan.ply --ratio 0.1 --outputs cloud,mesh,report -o out/
+ *     zcat scan.ply.gz | whittle - --outputs mesh.glb -o - | upload
  *     whittle measure out/mesh.ply scan.ply                              (server/worker_measure.c)
  *
  * Reads like its --help: options, then read, run, write.  The same program is what whittled starts for each job; then
@@ -25,13 +26,14 @@ static const double READ_SHARE = 0.05; /* of the whole job */
 
 static void stop(int signal) { stopping = signal; }
 
-/* TERM and INT ask the pipeline to stop at its next tick; nothing that is half written keeps its name. */
-static void catch_signals(void) {
+/* TERM and INT ask the pipeline to stop at its next tick; nothing that is half written keeps its name.  Where the
+ * output is a pipe that nobody reads any more, the process ends by SIGPIPE, silently, as programs in pipes do. */
+static void catch_signals(bool to_standard) {
     struct sigaction action = {.sa_handler = stop};
     sigemptyset(&action.sa_mask);
     sigaction(SIGTERM, &action, NULL);
     sigaction(SIGINT, &action, NULL);
-    signal(SIGPIPE, SIG_IGN);
+    signal(SIGPIPE, to_standard ? SIG_DFL : SIG_IGN);
     signal(SIGXFSZ, SIG_IGN); /* writing says so too */
 }
 
@@ -52,7 +54,7 @@ static enum status run(const struct worker_options *options, struct worker_progr
     if (!status && result.moved) cloud_move(&cloud, result.moved);
     if (!status) status = worker_output_write(options, &cloud, &result, error);
     worker_progress_end(display, status, error);
-    if (!status && options->summary) worker_output_summary(&result.report, stdout);
+    if (!status && options->summary) worker_output_summary(&result.report, options->to_standard ? stderr : stdout);
     pipeline_result_done(&result);
     cloud_done(&cloud);
     return status;
@@ -69,7 +71,7 @@ int main(int argc, char **argv) {
         fprintf(stderr, "whittle: %s: %s\nTry 'whittle --help'.\n", error.where, error.text);
         return wire_exit_status(STATUS_BAD_PARAMETER);
     }
-    catch_signals();
+    catch_signals(options.to_standard);
     struct worker_progress display;
     worker_progress_init(&display, options.progress_fd, &stopping);
     enum status status = run(&options, &display, &error);

@@ -24,20 +24,26 @@ static void print_parameters(void) {
 }
 
 static void print_help(void) {
-    puts("Usage: whittle INPUT [--parameter value ...] [-o FOLDER]\n"
-         "       whittle measure A B [...]         distances between two clouds or meshes; see whittle measure --help\n"
-         "\n"
-         "Simplifies a point cloud (PLY or XYZ, told by its content; - is standard input), reconstructs a watertight\n"
-         "mesh and measures the error. Writes cloud.ply, cloud.xyz, mesh.ply and report.json, as asked for by "
-         "--outputs.\n"
-         "\n"
-         "Options:\n"
-         "  -o, --output FOLDER\n        Where outputs go, made if it isn't there; default .\n"
-         "  --progress-fd N\n        Tell progress and the end on this inherited descriptor, one line each.\n"
-         "  -q, --quiet\n        Print no summary.\n"
-         "  -h, --help, --version, --man\n"
-         "\n"
-         "Parameters:");
+    puts(
+        "Usage: whittle INPUT [--parameter value ...] [-o FOLDER]\n"
+        "       whittle INPUT [--parameter value ...] [--outputs ONE] -o -      in a pipe\n"
+        "       whittle measure A B [...]         distances between two clouds or meshes; see whittle measure --help\n"
+        "\n"
+        "Simplifies a point cloud, reconstructs a watertight mesh and measures the error. INPUT is PLY, PCD, OBJ, "
+        "OFF,\n"
+        "STL, LAS or text (XYZ, CSV), each also compressed by gzip or zstd, told by its content; - is standard input.\n"
+        "Faces of the input become the surface that the mesh is measured against. Writes what --outputs asks for;\n"
+        "report.json says what an output could not hold of the input.\n"
+        "\n"
+        "Options:\n"
+        "  -o, --output FOLDER\n        Where outputs go, made if it isn't there; default .\n"
+        "        - writes one output to standard output (--outputs names it; default the cloud), and the summary to\n"
+        "        standard error.\n"
+        "  --progress-fd N\n        Tell progress and the end on this inherited descriptor, one line each.\n"
+        "  -q, --quiet\n        Print no summary.\n"
+        "  -h, --help, --version, --man\n"
+        "\n"
+        "Parameters:");
     print_parameters();
     puts("\nExit status: 0 done; 2 a parameter is wrong; 65 the input is malformed, degenerate or over a limit;\n"
          "70 internal error; 71 out of memory; 74 reading or writing failed; 75 stopped by a signal.");
@@ -142,6 +148,7 @@ static enum worker_request parse_long(struct worker_options *options, int argc, 
     const char *value = take_value(argc, argv, i);
     if (!value) return refuse(error, name, "a value is missing");
     if (own) return set_own(options, name, value, error);
+    if (strcmp(name, "outputs") == 0) options->outputs_given = true;
     return params_set(&options->params, name, value, error) ? WORKER_REFUSED : WORKER_RUN;
 }
 
@@ -166,6 +173,14 @@ static enum worker_request parse_argument(struct worker_options *options, int ar
     return WORKER_RUN;
 }
 
+/* Standard output takes exactly one output: false where more are asked for. */
+static bool settle_standard(struct worker_options *options) {
+    options->to_standard = true;
+    if (!options->outputs_given) options->params.outputs = OUTPUT_CLOUD;
+    uint32_t outputs = options->params.outputs;
+    return (outputs & (outputs - 1)) == 0 && !options->params.levels.count;
+}
+
 enum worker_request worker_options_parse(struct worker_options *options, int argc, char **argv, struct error *error) {
     *options = (struct worker_options){.output = ".", .progress_fd = -1, .summary = true};
     params_defaults(&options->params);
@@ -174,5 +189,7 @@ enum worker_request worker_options_parse(struct worker_options *options, int arg
         if (request != WORKER_RUN) return request;
     }
     if (!options->input) return refuse(error, "INPUT", "name a cloud, or - for standard input");
+    if (strcmp(options->output, "-") == 0 && !settle_standard(options))
+        return refuse(error, "-o", "standard output takes one output, of one level; name one by --outputs");
     return params_resolve(&options->params, error) ? WORKER_REFUSED : WORKER_RUN;
 }

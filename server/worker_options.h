@@ -12,9 +12,11 @@
 struct worker_options {
     struct params params;
     const char *input;  /* a path, or "-" for standard input; borrowed from argv */
-    const char *output; /* folder for the outputs; borrowed from argv */
+    const char *output; /* folder for the outputs, or "-" for standard output; borrowed from argv */
+    bool to_standard;   /* output is "-": there is exactly one output, and messages go to standard error */
     int progress_fd;    /* -1: none */
     bool summary;       /* print what was done */
+    bool outputs_given; /* the parameter outputs was set, and isn't the default */
 };
 
 enum worker_request {

@@ -6,11 +6,17 @@
 #include <limits.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include "api/report_json.h"
+#include "core/cloud_pcd_write.h"
 #include "core/cloud_write.h"
 #include "core/file_out.h"
+#include "core/mesh_attributes.h"
+#include "core/mesh_glb.h"
+#include "core/mesh_obj.h"
 #include "core/mesh_ply.h"
+#include "core/mesh_stl.h"
 #include "core/paint.h"
 
 struct outputs {
@@ -18,6 +24,7 @@ struct outputs {
     const struct cloud *cloud;
     const struct pipeline_result *result;
     const struct pipeline_level *level; /* the one to write */
+    struct losses *losses;              /* of the report */
 };
 
 static enum status write_cloud(int fd, const struct outputs *o, struct error *error) {
@@ -26,11 +33,38 @@ static enum status write_cloud(int fd, const struct outputs *o, struct error *er
 }
 
 static enum status write_xyz(int fd, const struct outputs *o, struct error *error) {
+    for (size_t j = 0; j < o->cloud->property_count; j++)
+        if (o->cloud->property[j].is_list)
+            losses_add(o->losses, "cloud.xyz", "%s: lines of text have no lists", o->cloud->property[j].name);
     return cloud_write_xyz(fd, o->cloud, o->result->kept, o->level->kept_count, error);
 }
 
+static enum status write_pcd(int fd, const struct outputs *o, struct error *error) {
+    return cloud_write_pcd(fd, o->cloud, o->result->kept, o->level->kept_count, o->losses, error);
+}
+
+static bool is_scalar(const struct mesh_attributes *attributes, const struct property *property) {
+    (void)attributes;
+    return !property->is_list;
+}
+
 static enum status write_mesh(int fd, const struct outputs *o, struct error *error) {
+    struct mesh_attributes attributes;
+    mesh_attributes_find(&o->level->mesh, o->cloud, &attributes);
+    mesh_attributes_note(&attributes, o->cloud, "mesh.ply", is_scalar, true, o->losses);
     return mesh_write_ply(fd, &o->level->mesh, o->cloud, (enum encoding)o->options->params.encoding, error);
+}
+
+static enum status write_obj(int fd, const struct outputs *o, struct error *error) {
+    return mesh_write_obj(fd, &o->level->mesh, o->cloud, o->losses, error);
+}
+
+static enum status write_stl(int fd, const struct outputs *o, struct error *error) {
+    return mesh_write_stl(fd, &o->level->mesh, o->cloud, o->losses, error);
+}
+
+static enum status write_glb(int fd, const struct outputs *o, struct error *error) {
+    return mesh_write_glb(fd, &o->level->mesh, o->cloud, o->losses, error);
 }
 
 static enum status write_report(int fd, const struct outputs *o, struct error *error) {
@@ -64,10 +98,13 @@ struct file {
 };
 
 static const struct file files[] = {
-    {OUTPUT_CLOUD, "cloud", "ply", true, write_cloud},  {OUTPUT_CLOUD_XYZ, "cloud", "xyz", true, write_xyz},
-    {OUTPUT_MESH, "mesh", "ply", true, write_mesh},     {OUTPUT_DSO, "dso", "ply", false, write_dso},
-    {OUTPUT_ERROR, "error", "ply", false, write_error}, {OUTPUT_REPORT, "report", "json", false, write_report},
+    {OUTPUT_CLOUD, "cloud", "ply", true, write_cloud},   {OUTPUT_CLOUD_XYZ, "cloud", "xyz", true, write_xyz},
+    {OUTPUT_CLOUD_PCD, "cloud", "pcd", true, write_pcd}, {OUTPUT_MESH, "mesh", "ply", true, write_mesh},
+    {OUTPUT_MESH_OBJ, "mesh", "obj", true, write_obj},   {OUTPUT_MESH_STL, "mesh", "stl", true, write_stl},
+    {OUTPUT_MESH_GLB, "mesh", "glb", true, write_glb},   {OUTPUT_DSO, "dso", "ply", false, write_dso},
+    {OUTPUT_ERROR, "error", "ply", false, write_error},  {OUTPUT_REPORT, "report", "json", false, write_report},
 };
+enum { FILES = sizeof files / sizeof files[0] };
 
 static enum status write_file(const struct outputs *outputs, const struct file *file, const char *suffix,
                               struct error *error) {
@@ -93,20 +130,42 @@ static enum status write_levels(struct outputs *outputs, const struct file *file
     return status;
 }
 
-enum status worker_output_write(const struct worker_options *options, const struct cloud *cloud,
-                                const struct pipeline_result *result, struct error *error) {
-    struct outputs outputs = {options, cloud, result, NULL};
+/* The lines of what the input's reader left out. */
+static void note_input(const struct cloud *cloud, struct losses *losses) {
+    for (const char *at = cloud->left_out; at && *at;) {
+        size_t n = strcspn(at, "\n");
+        losses_add(losses, "input", "%.*s", (int)n, at);
+        at += n + (at[n] == '\n');
+    }
+}
+
+/* The one output, to standard output. */
+static enum status write_standard(struct outputs *outputs, struct error *error) {
+    size_t i = 0;
+    while (i + 1 < FILES && !(outputs->options->params.outputs & files[i].bit)) i++;
+    return files[i].write(STDOUT_FILENO, outputs, error);
+}
+
+static enum status write_folder(struct outputs *outputs, struct error *error) {
+    const struct worker_options *options = outputs->options;
     if (mkdir(options->output, 0777) != 0 && errno != EEXIST)
         return error_set(error, status_from_errno(errno), "output", "can't make the folder %s: %s", options->output,
                          strerror(errno));
-    for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
+    for (size_t i = 0; i < FILES; i++) {
         if (!(options->params.outputs & files[i].bit)) continue;
-        enum status status = files[i].each_level ? write_levels(&outputs, &files[i], error) : STATUS_OK;
-        outputs.level = &result->level[0];
-        if (!status) status = write_file(&outputs, &files[i], "", error);
+        enum status status = files[i].each_level ? write_levels(outputs, &files[i], error) : STATUS_OK;
+        outputs->level = &outputs->result->level[0];
+        if (!status) status = write_file(outputs, &files[i], "", error);
         if (status) return status;
     }
     return STATUS_OK;
+}
+
+enum status worker_output_write(const struct worker_options *options, const struct cloud *cloud,
+                                struct pipeline_result *result, struct error *error) {
+    struct outputs outputs = {options, cloud, result, &result->level[0], &result->report.losses};
+    note_input(cloud, outputs.losses);
+    return options->to_standard ? write_standard(&outputs, error) : write_folder(&outputs, error);
 }
 
 static void print_distances(FILE *to, const char *name, const struct distance_stats *stats, double diagonal) {
@@ -130,6 +189,8 @@ void worker_output_summary(const struct report *report, FILE *to) {
     for (size_t i = 0; i < report->level_count; i++) summarise_level(report, &report->level[i], to);
     if (report->points_outliers) fprintf(to, "%-16s %" PRIu64 " points\n", "outliers", report->points_outliers);
     if (report->noise > 0) fprintf(to, "%-16s %.3e of the diagonal\n", "noise", report->noise / report->diagonal);
+    for (size_t i = 0; i < report->losses.count; i++)
+        fprintf(to, "%-16s %s: %s\n", i ? "" : "left out", report->losses.loss[i].where, report->losses.loss[i].what);
     fprintf(to, "%-16s %.0f ms, %.1f MiB at the peak\n", "cost", report->total_ms,
             (double)report->peak_rss_bytes / 1048576);
 }

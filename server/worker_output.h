@@ -9,10 +9,11 @@
 #include "core/pipeline.h"
 #include "server/worker_options.h"
 
-/* Writes the outputs that were asked for into the folder, which is made where it isn't there.  Each file appears whole
- * or not at all; report.json comes last.  STATUS_IO (error->where = the file), STATUS_NO_MEMORY. */
+/* Writes the outputs that were asked for into the folder, which is made where it isn't there, or the one output to
+ * standard output.  Each file appears whole or not at all; report.json comes last.  What files can't hold is added to
+ * result->report.  STATUS_IO (error->where = the file), STATUS_NO_MEMORY. */
 enum status worker_output_write(const struct worker_options *options, const struct cloud *cloud,
-                                const struct pipeline_result *result, struct error *error) MUST_CHECK;
+                                struct pipeline_result *result, struct error *error) MUST_CHECK;
 
 /* A few lines for people. */
 void worker_output_summary(const struct report *report, FILE *to);

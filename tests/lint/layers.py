@@ -12,7 +12,7 @@ import sys
 # Folder -> which project folders its files may include.
 MAY_INCLUDE = {"core": {"core"}, "api": {"api", "core"}, "server": {"server", "api", "core"}}
 # What api/ may know of core/.
-API_SEES = {"core/status.h", "core/params.h", "core/report.h", "core/version.h"}
+API_SEES = {"core/status.h", "core/params.h", "core/report.h", "core/version.h", "core/cloud_sniff.h"}
 # core/pipeline.h and the stages belong to the worker.
 DAEMON_SEES = API_SEES | {"core/cloud_sniff.h", "core/ply_header.h", "core/cloud_ply.h", "core/alloc.h", "core/fault.h",
                           "core/cloud_prefix.h", "core/inflate.h"}

@@ -246,8 +246,16 @@ static void sniffing_tells_kinds_apart(void **state) {
     assert_int_equal(cloud_sniff("plywood", 7).kind, CLOUD_KIND_TEXT);
     assert_int_equal(cloud_sniff("1 2 3\n", 6).kind, CLOUD_KIND_TEXT);
     assert_int_equal(cloud_sniff("1 2\0 3", 6).kind, CLOUD_KIND_OTHER);
-    assert_int_equal(cloud_sniff("\x1f\x8b\x08", 3).kind, CLOUD_KIND_OTHER);
+    assert_int_equal(cloud_sniff("\x1f\x8b\x08", 3).kind, CLOUD_KIND_GZIP);
     assert_non_null(strstr(cloud_sniff("\x28\xb5\x2f\xfd", 4).looks_like, "zstd"));
+    assert_int_equal(cloud_sniff("COFF 1 0 0\n", 11).kind, CLOUD_KIND_OFF);
+    assert_int_equal(cloud_sniff("# one\n\nv 1 2 3\n", 15).kind, CLOUD_KIND_OBJ);
+    assert_int_equal(cloud_sniff("g x y z\n1 2 3\n", 14).kind, CLOUD_KIND_OBJ);
+    assert_int_equal(cloud_sniff("v x y\n1 2 3\n", 12).kind, CLOUD_KIND_TEXT);
+    assert_int_equal(cloud_sniff("solid x\nfacet normal", 20).kind, CLOUD_KIND_STL);
+    assert_int_equal(cloud_sniff("VERSION 0.7\n", 12).kind, CLOUD_KIND_PCD);
+    assert_string_equal(cloud_sniff("# .PCD v0.7\nDATA binary\n", 24).format, "pcd/binary");
+    assert_int_equal(cloud_sniff("LASF", 4).kind, CLOUD_KIND_LAS);
 }
 
 /* ------------------------------------------------------------------------------------------------ limits, cancel */

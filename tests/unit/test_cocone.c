@@ -80,7 +80,7 @@ static enum status run(const struct points *p, struct cocone_options options, st
                        struct cocone_facts *facts) {
     struct tets tets = {0};
     assert_int_equal(delaunay_build(p->point, p->n, NULL, &tets, NULL), STATUS_OK);
-    struct cocone_input input = {p->point, p->n, p->normal, p->support};
+    struct cocone_input input = {p->point, p->n, p->normal, p->support, NULL};
     enum status status = cocone_reconstruct(&tets, &input, &options, NULL, mesh, facts);
     tets_done(&tets);
     return status;
@@ -476,7 +476,7 @@ static void every_failing_allocation_is_a_status(void **state) {
     add_sphere(&p, 150, 0.3, (vec3){0, 0, 0}, 1);
     struct tets tets = {0};
     assert_int_equal(delaunay_build(p.point, p.n, NULL, &tets, NULL), STATUS_OK);
-    struct cocone_input input = {p.point, p.n, p.normal, p.support};
+    struct cocone_input input = {p.point, p.n, p.normal, p.support, NULL};
     for (int form = COCONE_TIGHT; form <= COCONE_LITERAL; form++) {
         int nth = 0;
         while (run_with_failure(&tets, &input, form, nth) != STATUS_OK) nth++;
@@ -498,7 +498,7 @@ static void it_stops_whenever_it_is_asked(void **state) {
     add_sphere(&p, 150, 0.3, (vec3){0, 0, 0}, 1);
     struct tets tets = {0};
     assert_int_equal(delaunay_build(p.point, p.n, NULL, &tets, NULL), STATUS_OK);
-    struct cocone_input input = {p.point, p.n, p.normal, p.support};
+    struct cocone_input input = {p.point, p.n, p.normal, p.support, NULL};
     struct cocone_options options = {COCONE_TIGHT, BOUNDARY_FILL, 1};
     struct mesh mesh = {0};
     enum status status = STATUS_CANCELLED;

@@ -3,6 +3,7 @@
  * expect has one fact on each line; a fact's name is its first word:
  *     valid:   format NAME | count N | triangles N | properties NAME:TYPE ... (a list is NAME:list:COUNT_TYPE:TYPE)
  *              value VERTEX PROPERTY NUMBER | list VERTEX PROPERTY NUMBER ... | triangle T A B C | comment TEXT
+ *              left_out TEXT
  *     invalid: status NAME | line N | byte_offset N | where TEXT | text PART
  * A valid case is read from memory, through a file and through a pipe; an invalid one must leave its output alone.
  * Every valid case is also written in both encodings and read again.  Run from the root of the tree.
@@ -104,13 +105,19 @@ static void check_comment(const struct cloud *cloud, const char *rest) {
     assert_non_null(strstr(cloud->comments, rest));
 }
 
+static void check_left_out(const struct cloud *cloud, const char *rest) {
+    assert_non_null(cloud->left_out);
+    assert_non_null(strstr(cloud->left_out, rest));
+}
+
 static const struct {
     const char *name;
     void (*check)(const struct cloud *cloud, const char *rest);
-} cloud_facts[] = {{"count", check_count},     {"triangles", check_triangles},
-                   {"format", check_format},   {"value", check_value},
-                   {"list", check_list},       {"triangle", check_triangle},
-                   {"comment", check_comment}, {"properties", check_properties}};
+} cloud_facts[] = {{"count", check_count},      {"triangles", check_triangles},
+                   {"format", check_format},    {"value", check_value},
+                   {"list", check_list},        {"triangle", check_triangle},
+                   {"comment", check_comment},  {"properties", check_properties},
+                   {"left_out", check_left_out}};
 
 static void check_cloud_fact(const void *cloud, const char *name, const char *rest) {
     for (size_t i = 0; i < sizeof cloud_facts / sizeof *cloud_facts; i++)

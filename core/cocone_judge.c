@@ -1,0 +1,269 @@
+/* Judging by the original points.
+ *
+ * Two labellings of the same cells differ in a few groups of cells: a thin part that one fills and the other leaves
+ * out, a gap that one bridges.  For each group both surfaces are there to be measured, in both directions:
+ *
+ *     from the points   distances of the original points to the two surfaces, where they differ; by the area that a
+ *                       point stands for
+ *     from the surface  distances of the facets that only one surface has to the tangent disks of the points nearest
+ *                       to them; by the facet's area
+ *
+ * less a part of the facets' own size, so that nothing is changed for a hair's breadth: two ways to mesh the same
+ * surface are the refinement's business.
+ *
+ * A score is a volume: about the one that lies between surface and points.  Only points that stand for a vertex of a
+ * cell that differs are measured, and only facets that touch such a vertex.
+ *
+ * Invariant: sums are added up in the order of points and of facets, so the result doesn't depend on threads.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/cocone_judge.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/alloc.h"
+#include "core/bvh.h"
+#include "core/cloud.h"
+#include "core/knn.h"
+#include "core/par.h"
+
+enum { GRAIN = 256, BATCH = 1 << 14, PLACES = 4 };
+
+#define MATTERS 0.02 /* of a facet's size: what it has to be nearer by */
+#define DISK 2.0     /* radius of a tangent disk, in spacings of its point */
+
+/* Where a facet is measured: the middle, and towards the middles of its edges. */
+static const double place_at[PLACES][3] = {
+    {1 / 3.0, 1 / 3.0, 1 / 3.0}, {0.1, 0.45, 0.45}, {0.45, 0.1, 0.45}, {0.45, 0.45, 0.1}};
+
+/* One of the two surfaces, near the differences. */
+struct side {
+    const uint8_t *inside;
+    struct mesh mesh;
+    uint32_t *half; /* of each triangle, of the inner cell; owned */
+    struct bvh *bvh;
+};
+
+struct judge {
+    const struct cocone_star *star;
+    const struct cocone_dense *dense;
+    unsigned threads;
+    struct side side[2]; /* inside as it is; the other */
+    uint32_t *group;     /* of each cell that differs; NONE for the others */
+    uint32_t group_count;
+    uint8_t *near;   /* of each vertex: it belongs to a cell that differs */
+    double *score;   /* of each group: > 0 when the other is better */
+    uint32_t *point; /* the original points to be measured */
+    size_t point_count;
+    struct bvh_hit (*hit)[2];
+};
+
+/* ------------------------------------------------------------------------------------------------ groups */
+
+static bool differs(const struct judge *j, uint32_t cell) { return j->side[0].inside[cell] != j->side[1].inside[cell]; }
+
+static void flood(struct judge *j, uint32_t cell, uint32_t *stack) {
+    size_t depth = 0;
+    j->group[cell] = j->group_count;
+    stack[depth++] = cell;
+    while (depth > 0) {
+        uint32_t c = stack[--depth];
+        for (int i = 0; i < 4; i++) {
+            uint32_t other = j->star->tets->neighbour[c][i];
+            j->near[j->star->tets->vertex[c][i]] = 1;
+            if (j->group[other] != NONE || !differs(j, other)) continue;
+            j->group[other] = j->group_count;
+            stack[depth++] = other;
+        }
+    }
+    j->group_count++;
+}
+
+static enum status find_groups(struct judge *j) {
+    const struct tets *tets = j->star->tets;
+    j->group = alloc_array(tets->cell_count, sizeof *j->group);
+    j->near = alloc_zeroed(j->star->n, 1);
+    uint32_t *stack = alloc_array(tets->finite_count, sizeof *stack);
+    bool ok = j->group && j->near && stack;
+    if (ok) memset(j->group, 0xff, tets->cell_count * sizeof *j->group);
+    for (uint32_t c = 0; ok && c < tets->finite_count; c++)
+        if (j->group[c] == NONE && differs(j, c)) flood(j, c, stack);
+    free(stack);
+    return ok ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+/* ------------------------------------------------------------------------------------------------ surfaces */
+
+/* Calls visit for the half facets of inner cells at the surface that touch a near vertex; how many. */
+static size_t list_facets(const struct judge *j, const uint8_t *inside, uint32_t *half) {
+    const struct tets *tets = j->star->tets;
+    size_t count = 0;
+    for (uint32_t c = 0; c < tets->finite_count; c++) {
+        if (!inside[c]) continue;
+        for (unsigned i = 0; i < 4; i++) {
+            if (inside[tets->neighbour[c][i]]) continue;
+            uint32_t v[3];
+            cocone_star_vertices(j->star, cocone_star_pack(c, i), v);
+            if (!j->near[v[0]] && !j->near[v[1]] && !j->near[v[2]]) continue;
+            if (half) half[count] = cocone_star_pack(c, i);
+            count++;
+        }
+    }
+    return count;
+}
+
+static enum status build_side(const struct judge *j, struct side *side) {
+    struct mesh *mesh = &side->mesh;
+    size_t count = list_facets(j, side->inside, NULL);
+    side->half = alloc_array(count, sizeof *side->half);
+    mesh->triangle = alloc_array(count, sizeof *mesh->triangle);
+    if (!side->half || !mesh->triangle) return STATUS_NO_MEMORY;
+    list_facets(j, side->inside, side->half);
+    for (size_t t = 0; t < count; t++) cocone_star_vertices(j->star, side->half[t], mesh->triangle[t]);
+    mesh->triangle_count = count;
+    mesh->vertex_count = j->star->n;
+    mesh->vertex = (vec3 *)j->star->point;
+    return bvh_new(mesh, &side->bvh);
+}
+
+static void side_done(struct side *side) {
+    free(side->half), free(side->mesh.triangle);
+    bvh_free(side->bvh);
+}
+
+/* The group that a facet is one side's alone by; NONE when both have it. */
+static uint32_t group_of(const struct judge *j, uint32_t half) {
+    uint32_t cell = cocone_star_cell(half);
+    if (j->group[cell] != NONE) return j->group[cell];
+    return j->group[j->star->tets->neighbour[cell][cocone_star_index(half)]];
+}
+
+/* ------------------------------------------------------------------------------------------------ from the points */
+
+static void hit_range(void *ctx, size_t begin, size_t end) {
+    struct judge *j = ctx;
+    uint32_t hint[2] = {NONE, NONE};
+    for (size_t i = begin; i < end; i++) {
+        for (int s = 0; s < 2; s++) {
+            j->hit[i][s] = bvh_closest(j->side[s].bvh, j->dense->point[j->point[i]], hint[s]);
+            hint[s] = j->hit[i][s].triangle;
+        }
+    }
+}
+
+static double distance_of(const struct bvh_hit *hit) { return hit->triangle == NONE ? 1 : sqrt(hit->distance_sq); }
+
+/* The nearer facet is one that the other side hasn't. */
+static void score_point(struct judge *j, size_t i) {
+    const struct bvh_hit *hit = j->hit[i];
+    double difference = distance_of(&hit[0]) - distance_of(&hit[1]);
+    if (difference == 0) return;
+    int nearer = difference > 0;
+    uint32_t group = group_of(j, j->side[nearer].half[hit[nearer].triangle]);
+    double spacing = (double)j->dense->spacing[j->point[i]];
+    if (group != NONE) j->score[group] += spacing * spacing * difference;
+}
+
+static enum status score_points(struct judge *j) {
+    const struct cocone_dense *dense = j->dense;
+    j->point = alloc_array(dense->n, sizeof *j->point);
+    if (!j->point) return STATUS_NO_MEMORY;
+    for (uint32_t p = 0; p < dense->n; p++)
+        if (j->near[dense->site[p]]) j->point[j->point_count++] = p;
+    j->hit = alloc_array(j->point_count, sizeof *j->hit);
+    if (!j->hit) return STATUS_NO_MEMORY;
+    par_for(j->threads, j->point_count, GRAIN, hit_range, j);
+    for (size_t i = 0; i < j->point_count; i++) score_point(j, i);
+    return STATUS_OK;
+}
+
+/* ------------------------------------------------------------------------------------------------ from the surface */
+
+/* Facets that are waiting for the points nearest to them. */
+struct batch {
+    size_t n;
+    uint32_t group[BATCH / PLACES];
+    double weight[BATCH / PLACES];
+    vec3 place[BATCH];
+    uint32_t nearest[BATCH];
+    double distance_sq[BATCH];
+};
+
+static double to_disk(const struct cocone_dense *dense, vec3 place, uint32_t q, double distance_sq) {
+    double reach = DISK * (double)dense->spacing[q];
+    if (distance_sq > reach * reach) return sqrt(distance_sq);
+    return fabs(vec3_dot(vec3_sub(place, dense->point[q]), dense->normal[q]));
+}
+
+static enum status score_batch(struct judge *j, struct batch *b) {
+    enum status status = knn_search(j->dense->knn, b->place, b->n, 1, j->threads, b->nearest, b->distance_sq);
+    for (size_t i = 0; i < b->n && !status; i++)
+        j->score[b->group[i / PLACES]] +=
+            b->weight[i / PLACES] * to_disk(j->dense, b->place[i], b->nearest[i], b->distance_sq[i]);
+    b->n = 0;
+    return status;
+}
+
+static void add_facet(const struct judge *j, struct batch *b, const uint32_t v[3], uint32_t group, double sign) {
+    const vec3 *p = j->star->point;
+    b->group[b->n / PLACES] = group;
+    double area = vec3_length(vec3_triangle_normal(p[v[0]], p[v[1]], p[v[2]])) / 2;
+    b->weight[b->n / PLACES] = sign * area / PLACES;
+    j->score[group] -= MATTERS * area * sqrt(area);
+    for (int k = 0; k < PLACES; k++) {
+        vec3 at = vec3_scale(p[v[0]], place_at[k][0]);
+        at = vec3_add(at, vec3_scale(p[v[1]], place_at[k][1]));
+        b->place[b->n++] = vec3_add(at, vec3_scale(p[v[2]], place_at[k][2]));
+    }
+}
+
+static enum status score_facets(struct judge *j) {
+    struct batch *b = alloc_array(1, sizeof *b);
+    if (!b) return STATUS_NO_MEMORY;
+    enum status status = STATUS_OK;
+    b->n = 0;
+    for (int s = 0; s < 2; s++) {
+        const struct side *side = &j->side[s];
+        for (size_t t = 0; t < side->mesh.triangle_count && !status; t++) {
+            uint32_t group = group_of(j, side->half[t]);
+            if (group == NONE) continue;
+            add_facet(j, b, side->mesh.triangle[t], group, s ? -1 : 1);
+            if (b->n == BATCH) status = score_batch(j, b);
+        }
+    }
+    if (!status && b->n > 0) status = score_batch(j, b);
+    free(b);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ */
+
+static size_t take_better(const struct judge *j, uint8_t *inside) {
+    size_t taken = 0;
+    for (size_t c = 0; c < j->star->tets->finite_count; c++) {
+        if (j->group[c] == NONE || !(j->score[j->group[c]] > 0)) continue;
+        inside[c] ^= 1;
+        taken++;
+    }
+    return taken;
+}
+
+enum status cocone_judge(const struct cocone_star *star, const struct cocone_dense *dense, unsigned threads,
+                         const uint8_t *other, uint8_t *inside, size_t *taken) {
+    struct judge j = {
+        .star = star, .dense = dense, .threads = threads, .side = {{.inside = inside}, {.inside = other}}};
+    enum status status = find_groups(&j);
+    *taken = 0;
+    if (!status && j.group_count > 0) {
+        j.score = alloc_zeroed(j.group_count, sizeof *j.score);
+        status = j.score ? STATUS_OK : STATUS_NO_MEMORY;
+        for (int s = 0; s < 2 && !status; s++) status = build_side(&j, &j.side[s]);
+        if (!status) status = score_points(&j);
+        if (!status) status = score_facets(&j);
+        if (!status) *taken = take_better(&j, inside);
+    }
+    side_done(&j.side[0]), side_done(&j.side[1]);
+    free(j.group), free(j.near), free(j.score), free(j.point), free(j.hit);
+    return status;
+}

@@ -39,7 +39,7 @@ override LDFLAGS += $(filter -fsanitize% --coverage,$(flags_$(config))) -pthread
 CODEC_LIBS := -lz -lzstd
 CORE_LIBS := -lflann -lgmp -lmpfr -lstdc++ $(CODEC_LIBS) -lm
 API_LIBS := -ljansson
-DAEMON_LIBS := -lmicrohttpd -lsqlite3 -lnettle
+DAEMON_LIBS := -lmicrohttpd -lsqlite3 -lnettle -lgnutls
 
 # ---------------------------------------------------------------------------------------------------- sources
 core_src := $(wildcard core/*.c core/*.cc)
@@ -139,9 +139,10 @@ FORCE:
 # ---------------------------------------------------------------------------------------------------- set-up
 # What building, testing and the demo want, by the names of Debian 12's packages.
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
-            libmicrohttpd-dev libsqlite3-dev libseccomp-dev nettle-dev zlib1g-dev libzstd-dev libcmocka-dev curl jq \
+            libmicrohttpd-dev libgnutls28-dev libsqlite3-dev libseccomp-dev nettle-dev zlib1g-dev libzstd-dev libcmocka-dev curl jq \
             python3 python3-pytest python3-pytest-xdist ca-certificates
 peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev meshlab xvfb xauth
+bench_packages := valgrind
 paper_packages := libeigen3-dev libtbb-dev python3-matplotlib
 fuzz_packages := clang libclang-rt-14-dev
 
@@ -193,8 +194,10 @@ test-crash: deps ## kill service and workers in ROUNDS=500 rounds at named and r
 
 # ---------------------------------------------------------------------------------------------------- figures
 .PHONY: bench
-bench: deps ## time of each stage, memory, threads, a job over HTTP; BENCH="--large --save file --compare file"
-	@$(MAKE) --no-print-directory -j$$(nproc) all tools
+bench: deps ## time of each stage, memory, threads, peers; BENCH="--large --peers --save file --compare file"
+	@$(if $(findstring --peers,$(BENCH)),deploy/deps.sh libeigen3-dev libtbb-dev libopen3d-dev)
+	@$(MAKE) --no-print-directory -j$$(nproc) all tools $(if $(findstring --peers,$(BENCH)),\
+	    $(addprefix $(build)/tests/peers/,points_cgal surface_cgal open3d))
 	@$(PYTHON) tests/bench/bench.py $(build) $(BENCH)
 
 .PHONY: overhead
@@ -202,6 +205,12 @@ overhead: deps ## what the service costs beside the work, against nginx: request
 	@deploy/deps.sh nginx-light wrk
 	@$(MAKE) --no-print-directory -j$$(nproc) all
 	@$(PYTHON) tests/bench/overhead.py $(build)
+
+.PHONY: bench-counts
+bench-counts: deps ## instructions of each stage against the stored ones; BENCH=--save stores them
+	@deploy/deps.sh $(bench_packages)
+	@$(MAKE) --no-print-directory -j$$(nproc) all tools
+	@$(PYTHON) tests/bench/counts.py $(build) $(BENCH)
 
 .PHONY: accuracy
 accuracy: deps ## the error table of the README; MESHES="mesh.ply ..." for others than Horse and Venus

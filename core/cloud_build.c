@@ -116,9 +116,8 @@ enum status cloud_build_room(struct cloud_build *build, uint64_t points) {
 /* Room for one more. */
 static enum status make_room(struct cloud_build *build) {
     size_t count = build->cloud.count;
-    if (count < build->point_capacity) return STATUS_OK;
     enum status status = check_limit(build, (uint64_t)count + 1);
-    return status ? status : resize(build, count + count / 2 + FIRST_CAPACITY);
+    return status || count < build->point_capacity ? status : resize(build, count + count / 2 + FIRST_CAPACITY);
 }
 
 static enum status not_finite(struct cloud_build *build, int axis, double value, struct cloud_place place) {

@@ -322,6 +322,20 @@ static enum status read_compressed(struct reader *r) {
 
 /* ------------------------------------------------------------------------------------------------ the whole */
 
+/* Keeps the header's lines of comment, but for the first one, which names the format. */
+static enum status keep_comments(struct reader *r) {
+    const char *at = (const char *)r->bytes, *end = at + r->header.bytes;
+    enum status status = STATUS_OK;
+    while (!status && at < end) {
+        const char *stop = at;
+        while (stop < end && *stop != '\n' && *stop != '\r') stop++;
+        bool names_format = stop - at >= 6 && memcmp(at, "# .PCD", 6) == 0;
+        if (*at == '#' && !names_format) status = cloud_build_comment(&r->build, at + 1, (size_t)(stop - at) - 1);
+        at = stop + 1;
+    }
+    return status;
+}
+
 static enum status note(struct reader *r) {
     char text[256];
     const double *v = r->header.viewpoint;
@@ -338,6 +352,7 @@ static enum status read_file(struct reader *r) {
         [PCD_ASCII] = read_ascii, [PCD_BINARY] = read_binary, [PCD_COMPRESSED] = read_compressed};
     enum status status = describe(r);
     if (!status) status = readers[r->header.data](r);
+    if (!status) status = keep_comments(r);
     return status ? status : note(r);
 }
 

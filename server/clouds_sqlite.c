@@ -62,6 +62,7 @@ static enum status run(struct queue *queue, const char *text, const struct sql_v
     struct sql *db = queue_writer(queue);
     sql_lock(db);
     enum status status = sql_run(db, text, values, count, error);
+    queue_refresh_usage(queue, NULL);
     sql_unlock(db);
     return status;
 }
@@ -136,6 +137,7 @@ enum status clouds_expire(struct queue *queue, int64_t now_ms, char (*names)[JOB
     *count = 0;
     sql_lock(db);
     enum status status = expire(db, now_ms, names, max, count, error);
+    if (*count) queue_refresh_usage(queue, NULL);
     sql_unlock(db);
     return status;
 }

@@ -43,6 +43,10 @@ static const struct setting table[] = {
     {"admin-listen", TEXT, AT(admin_listen), "auto", 0, 0, NULL,
      "Address of health and metrics alone; auto: loopback, the port after listen's; off"},
     {"tokens-file", TEXT, AT(tokens_file), "", 0, 0, NULL, "File of tokens, lines of name:scopes:sha256"},
+    {"tls-cert", TEXT, AT(tls_cert), "", 0, 0, NULL, "File of the certificate chain (PEM), for HTTPS"},
+    {"tls-key", TEXT, AT(tls_key), "", 0, 0, NULL, "File of its key (PEM)"},
+    {"oneshot-abandon", SWITCH, AT(oneshot_abandon), "1", 0, 1, NULL,
+     "Dismiss the job of POST /v1/simplify when its client is gone; 0 = it goes on"},
     {"link-max", DURATION, AT(link_max_ms), "7d", SECOND, 3650 * DAY, "link_max_ms", "Longest life of a signed link"},
     {"workers", COUNT, AT(workers), "0", 0, 256, "workers", "Jobs that run at the same time; 0 = processors"},
     {"threads-per-job", COUNT, AT(threads_per_job), "0", 0, 256, "threads_per_job",
@@ -51,6 +55,10 @@ static const struct setting table[] = {
     {"max-expansion", COUNT, AT(max_expansion), "250", 1, 1000000, "max_expansion",
      "Bytes that a byte of a compressed body may become, beyond the first 16 MiB"},
     {"max-queue", COUNT, AT(max_queue), "1000", 1, 1000000, "max_queue", "Jobs that may wait"},
+    {"principal-jobs", COUNT, AT(principal_jobs), "0", 0, 1000000, "principal_jobs",
+     "Jobs of one principal that may wait or run; 0 = no limit of its own"},
+    {"principal-bytes", BYTES, AT(principal_bytes), "0", 0, 1024 * KB *GB, "principal_bytes",
+     "Bytes of inputs and outputs that are kept for one principal; 0 = no limit"},
     {"job-memory", BYTES, AT(job_memory_bytes), "0", 0, 1024 * KB *GB, "job_memory_bytes",
      "Address space of a job; 0 = physical memory / workers"},
     {"job-cpu", DURATION, AT(job_cpu_ms), "1h", SECOND, 365 * DAY, "job_cpu_ms", "Processor time of a job"},
@@ -442,10 +450,11 @@ enum config_request config_read(struct config *config, int argc, char **argv, ch
 
 /* What is read each time that it is needed, and so may change while the service runs. */
 static bool is_live(const struct setting *setting) {
-    static const char *const live[] = {"threads-per-job", "max-body-bytes",     "max-queue",        "job-memory",
-                                       "job-cpu",         "job-wall",           "sync-max",         "wait-max",
-                                       "drain-timeout",   "retention",          "min-free",         "link-max",
-                                       "job-file-bytes",  "refuse-drain-bytes", "refuse-drain-time"};
+    static const char *const live[] = {
+        "threads-per-job", "max-body-bytes",   "max-queue",      "job-memory",         "job-cpu",
+        "job-file-bytes",  "job-wall",         "sync-max",       "wait-max",           "drain-timeout",
+        "retention",       "min-free",         "link-max",       "oneshot-abandon",    "principal-jobs",
+        "principal-bytes", "max-header-bytes", "max-parameters", "refuse-drain-bytes", "refuse-drain-time"};
     for (size_t i = 0; i < sizeof live / sizeof *live; i++)
         if (strcmp(live[i], setting->name) == 0) return true;
     return false;

@@ -21,9 +21,11 @@ struct config {
     char listen[CONFIG_TEXT_BYTES], data[CONFIG_TEXT_BYTES], worker[CONFIG_TEXT_BYTES], file[CONFIG_TEXT_BYTES];
     char fault[CONFIG_TEXT_BYTES];
     char tokens_file[CONFIG_TEXT_BYTES], admin_listen[CONFIG_TEXT_BYTES];
+    char tls_cert[CONFIG_TEXT_BYTES], tls_key[CONFIG_TEXT_BYTES];
     int64_t link_max_ms;
-    int64_t insecure_open; /* a switch: 0 or 1 */
-    int64_t result_cache;  /* a switch */
+    int64_t oneshot_abandon; /* a switch: a one-shot whose client is gone is dismissed */
+    int64_t insecure_open;   /* a switch: 0 or 1 */
+    int64_t result_cache;    /* a switch */
     int64_t idempotency_retention_ms;
     int64_t worker_sandbox; /* a switch */
     int64_t workers, threads_per_job;
@@ -31,7 +33,7 @@ struct config {
     int64_t sync_max_ms, wait_max_ms, drain_timeout_ms, retention_ms, min_free_bytes;
     int64_t max_connections, connections_per_address, header_timeout_ms, idle_timeout_ms, min_upload_bytes_per_s,
         upload_grace_ms;
-    int64_t max_header_bytes, max_parameters;
+    int64_t max_header_bytes, max_parameters, principal_jobs, principal_bytes;
     int64_t refuse_drain_bytes, refuse_drain_ms;
 };
 

@@ -8,6 +8,7 @@
 #include <netdb.h>
 #include <stdbool.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <sys/time.h>
@@ -91,6 +92,17 @@ static int ask(const struct target *target) {
     return status;
 }
 
+/* The address to ask: the main listener's, or, where that speaks TLS, the admin one's. */
+static bool find_listener(const struct config *config, struct target *target) {
+    bool automatic = strcmp(config->admin_listen, "auto") == 0;
+    const char *address = config->tls_cert[0] && !automatic ? config->admin_listen : config->listen;
+    if (!split_address(address, strlen(address), target)) return false;
+    if (!config->tls_cert[0] || !automatic) return true;
+    snprintf(target->host, sizeof target->host, "127.0.0.1");
+    snprintf(target->port, sizeof target->port, "%u", (unsigned)(strtoul(target->port, NULL, 10) & 0xffff) + 1);
+    return true;
+}
+
 int healthcheck_main(int argc, char **argv) {
     struct target target = {.path = "/healthz"};
     struct config config;
@@ -104,8 +116,8 @@ int healthcheck_main(int argc, char **argv) {
     if (request == CONFIG_TOLD) return WELL;
     if (request == CONFIG_REFUSED)
         fprintf(stderr, "whittled: %s: %s\n", error.where, error.text);
-    else if (!split_address(config.listen, strlen(config.listen), &target))
-        fprintf(stderr, "whittled: listen: '%s' has no port\n", config.listen);
+    else if (!find_listener(&config, &target))
+        fprintf(stderr, "whittled: listen: '%s' has no port, or HTTPS alone is served\n", config.listen);
     else
         return ask(&target);
     return USAGE;

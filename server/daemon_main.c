@@ -4,7 +4,8 @@
  *
  * Opens what it needs from the bottom up, says where it listens, waits for signals, and closes in the opposite order.
  * The first SIGTERM or SIGINT drains: no new work, running jobs may end, those that don't are queued again.  The second
- * ends the process at once; the next start finds everything that was accepted.  SIGHUP reads settings and tokens again.
+ * ends the process at once; the next start finds everything that was accepted.  SIGHUP reads settings, tokens and
+ * certificate again.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <errno.h>
@@ -103,7 +104,7 @@ static bool answers(void *service) { return service_answers(service); }
 
 static void tell_ready(const char *address) {
     char message[HTTP_ADDRESS_BYTES + 64];
-    snprintf(message, sizeof message, "READY=1\nSTATUS=listening on http://%s", address);
+    snprintf(message, sizeof message, "READY=1\nSTATUS=listening on %s", address);
     notify_send(message);
 }
 
@@ -124,10 +125,10 @@ static int run(const struct config *config, int signals, int argc, char **argv) 
     if (status == STATUS_OK) status = http_open(&service, &http, &addresses, &error);
     if (status == STATUS_OK) status = notify_watch(answers, &service, &watch, &error);
     if (status == STATUS_OK) {
-        printf("listening on http://%s\n", address);
-        if (addresses.admin[0]) printf("health and metrics on http://%s\n", addresses.admin);
+        printf("listening on %s\n", address);
+        if (addresses.admin[0]) printf("health and metrics on %s\n", addresses.admin);
         fflush(stdout);
-        log_line(LOG_INFO, "whittled %s listening on http://%s, data in %s, %lld workers", whittle_version(), address,
+        log_line(LOG_INFO, "whittled %s listening on %s, data in %s, %lld workers", whittle_version(), address,
                  config->data, (long long)config->workers);
         tell_ready(address);
         serve(&service, reload, signals);

@@ -1,4 +1,4 @@
-/* SIGHUP: settings and tokens again.
+/* SIGHUP: settings, tokens and certificate again.
  *
  * Other threads may be reading the settings that are replaced, at any time and without a lock: so they are not freed
  * before the service has ended.  Whoever needs two settings that belong together takes service->config once.
@@ -10,6 +10,7 @@
 
 #include "server/log.h"
 #include "server/reload.h"
+#include "server/tls.h"
 #include "server/tokens.h"
 
 struct generation {
@@ -72,8 +73,19 @@ static void reload_tokens(struct reload *reload) {
         log_line(LOG_ERROR, "reload: the tokens stay as they were: %s", error.text);
 }
 
+static void reload_certificate(struct reload *reload) {
+    struct error error = {0};
+    struct tls *tls = reload->service->tls;
+    if (!tls) return;
+    if (tls_reload(tls, &error) == STATUS_OK)
+        log_line(LOG_INFO, "reload: the certificate is read");
+    else
+        log_line(LOG_ERROR, "reload: the certificate stays as it was: %s: %s", error.where, error.text);
+}
+
 void reload_now(struct reload *reload) {
-    log_line(LOG_INFO, "reload: settings and tokens are read again");
+    log_line(LOG_INFO, "reload: settings, tokens and certificate are read again");
     reload_config(reload);
+    reload_certificate(reload);
     reload_tokens(reload);
 }

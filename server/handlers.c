@@ -40,6 +40,21 @@ const struct handler *handlers_find(enum operation operation) { return &table[op
 
 /* ------------------------------------------------------------------------------------------------ clouds come in */
 
+/* Whether the principal may have another job, and so many bytes more. */
+static bool is_within_share(struct service *service, const struct request *request, uint64_t body, bool for_job,
+                            struct response *response) {
+    const struct config *config = service->config;
+    struct usage_figures has = queue_usage(service->queue, request->principal.name);
+    uint64_t jobs = (uint64_t)config->principal_jobs, bytes = (uint64_t)config->principal_bytes;
+    if (for_job && jobs && has.active >= jobs)
+        response_limit(response, PROBLEM_RATE_LIMITED, "principal_jobs", jobs, has.active);
+    else if (bytes && (has.bytes >= bytes || body > bytes - has.bytes))
+        response_limit(response, PROBLEM_RATE_LIMITED, "principal_bytes", bytes, has.bytes);
+    else
+        return true;
+    return false;
+}
+
 static bool has_room(struct service *service, const struct request *request, bool for_job, struct response *response) {
     uint64_t waiting, running, body = request->content_length == UINT64_MAX ? 0 : request->content_length;
     queue_depth(service->queue, &waiting, &running);
@@ -51,7 +66,7 @@ static bool has_room(struct service *service, const struct request *request, boo
              store_free_bytes(service->store) < body + (uint64_t)service->config->min_free_bytes)
         response_refuse(response, PROBLEM_STORAGE_FULL, "the disk has no room for this body");
     else
-        return true;
+        return is_within_share(service, request, body, for_job, response);
     return false;
 }
 
@@ -167,7 +182,8 @@ bool handlers_submit(struct service *service, struct request *request, struct jo
     job->key = NULL;
     body_drop_upload(request->body);
     if (status == STATUS_LIMIT)
-        response_refuse(response, PROBLEM_QUEUE_FULL, "%s", error.text);
+        response_refuse(response, strcmp(error.where, "queue") == 0 ? PROBLEM_QUEUE_FULL : PROBLEM_RATE_LIMITED, "%s",
+                        error.text);
     else if (status == STATUS_BAD_PARAMETER)
         response_refuse(response, PROBLEM_NO_SUCH_CLOUD, "%s", error.text);
     else if (status != STATUS_OK)

@@ -216,21 +216,23 @@ void handlers_get_job(struct service *service, struct request *request, struct r
 
 /* ------------------------------------------------------------------------------------------------ delete */
 
-/* Tries accepted -> dismissed. */
-static bool dismiss_waiting(struct service *service, struct job *job, struct response *response) {
-    struct error error = {0};
+enum status handlers_dismiss_waiting(struct service *service, struct job *job, struct error *error) {
     bool changed = false;
     job->expires_ms = job_now_ms() + service->config->retention_ms;
-    enum status status = queue_finish(service->queue, JOB_DISMISS, job, &changed, &error);
-    if (status != STATUS_OK) {
-        response_error(response, &error);
-        return false;
-    }
-    if (changed) {
+    enum status status = queue_finish(service->queue, JOB_DISMISS, job, &changed, error);
+    if (status == STATUS_OK && changed) {
         log_line(LOG_INFO, "job=%s accepted -> dismissed", job->id);
         events_publish(service->events, job->id);
     }
-    return true;
+    return status;
+}
+
+/* Tries accepted -> dismissed. */
+static bool dismiss_waiting(struct service *service, struct job *job, struct response *response) {
+    struct error error = {0};
+    if (handlers_dismiss_waiting(service, job, &error) == STATUS_OK) return true;
+    response_error(response, &error);
+    return false;
 }
 
 /* Ends the process of a running job, and waits for its end. */

@@ -1,7 +1,8 @@
 /* The one-shot: a cloud in, one output back.
  *
  * It is a job like any other, and a wait for its end.  The client gets bytes of an output with 200 or a problem, never
- * a 202 that it didn't ask for: that would land in its file.  Whatever becomes of the connection, the job goes on.
+ * a 202 that it didn't ask for: that would land in its file.  A job whose
+ * client has hung up is dismissed (--oneshot-abandon).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <math.h>
@@ -10,6 +11,8 @@
 
 #include "api/report_read.h"
 #include "server/handlers.h"
+#include "server/log.h"
+#include "server/supervisor.h"
 
 static const char *const own_names[] = {"label", "priority", "output", NULL};
 
@@ -137,6 +140,18 @@ static void answer_async(struct service *service, const struct request *request,
     job_done(&job);
 }
 
+/* The client is gone, and can't come back for the result: where it named no key to ask again under, the job's place is
+ * freed. */
+static void abandon(struct service *service, const struct request *request, struct job *job) {
+    struct error error = {0};
+    if (!service->config->oneshot_abandon || request->header[HEADER_IDEMPOTENCY_KEY]) return;
+    log_line(LOG_INFO, "job=%s its client is gone", job->id);
+    if (job->state == JOB_RUNNING)
+        supervisor_cancel(service->supervisor, job->id);
+    else if (handlers_dismiss_waiting(service, job, &error) != STATUS_OK)
+        log_line(LOG_ERROR, "job=%s can't be dismissed: %s", job->id, error.text);
+}
+
 void handlers_simplify(struct service *service, struct request *request, struct response *response) {
     struct request_wait *wait = &request->wait;
     struct job job;
@@ -145,12 +160,14 @@ void handlers_simplify(struct service *service, struct request *request, struct 
         answer_async(service, request, response);
         return;
     }
-    bool nobody_waits = wait->calls && (wait->why == EVENTS_HANGUP || wait->why == EVENTS_CLOSED);
     wait->seen = events_now(service->events);
     if (handlers_read_job(service, request, wait->id, &job, response)) {
         if (job_ended(job.state)) {
             answer_ended(service, request, &job, response);
-        } else if (nobody_waits || events_clock_ms() >= wait->end_ms) {
+        } else if (wait->calls && wait->why == EVENTS_HANGUP) {
+            abandon(service, request, &job);
+            answer_late(&job, response);
+        } else if ((wait->calls && wait->why == EVENTS_CLOSED) || events_clock_ms() >= wait->end_ms) {
             answer_late(&job, response);
         } else {
             response->kind = RESPONSE_WAIT;

@@ -41,9 +41,16 @@
 #include "server/metrics.h"
 #include "server/notify.h"
 #include "server/offload.h"
+#include "server/tls.h"
 #include "server/watchdog.h"
 
-enum { MAX_SERVING_THREADS = 4, OFFLOAD_THREADS = 8, CONNECTION_MEMORY = 128 * 1024, STREAM_BLOCK = 32 * 1024 };
+enum {
+    MAX_SERVING_THREADS = 4,
+    OFFLOAD_THREADS = 8,
+    CONNECTION_MEMORY = 128 * 1024,
+    STREAM_BLOCK = 32 * 1024,
+    FILE_BLOCK = 256 * 1024
+};
 enum { LOG_PATH_BYTES = 160, GOODBYE_MS = 2000, ADMIN_CONNECTIONS = 64 };
 
 /* One of the two sockets that are listened on. */
@@ -51,7 +58,8 @@ struct listener {
     struct http *http;
     struct MHD_Daemon *daemon;
     int fd;
-    bool admin; /* serves health and metrics alone */
+    bool admin;  /* serves health and metrics alone */
+    bool secure; /* speaks TLS */
 };
 
 struct http {
@@ -76,6 +84,7 @@ enum phase {
 struct exchange {
     struct http *http;
     bool admin;     /* came to the admin listener */
+    bool secure;    /* came by TLS */
     bool uploading; /* counted in http->uploads */
     struct MHD_Connection *connection;
     struct watched *watched;
@@ -172,6 +181,13 @@ static ssize_t read_stream(void *ctx, uint64_t position, char *buffer, size_t mo
     return 0;
 }
 
+/* The same of a file, for TLS: libmicrohttpd itself would read it in pieces of a page. */
+static ssize_t read_file(void *ctx, uint64_t position, char *buffer, size_t most) {
+    const struct exchange *x = ctx;
+    ssize_t n = pread(x->response.fd, buffer, most, (off_t)(x->response.file_offset + position));
+    return n > 0 ? n : MHD_CONTENT_READER_END_WITH_ERROR;
+}
+
 /* The body as libmicrohttpd's response; takes it out of ours. */
 static struct MHD_Response *make_response(struct exchange *x) {
     struct response *r = &x->response;
@@ -179,8 +195,9 @@ static struct MHD_Response *make_response(struct exchange *x) {
     switch (r->kind) {
     case RESPONSE_FILE:
         x->sent_bytes = r->file_bytes;
-        made = MHD_create_response_from_fd_at_offset64(r->file_bytes, r->fd, r->file_offset);
-        if (made) r->fd = -1;
+        made = x->secure ? MHD_create_response_from_callback(r->file_bytes, FILE_BLOCK, read_file, x, NULL)
+                         : MHD_create_response_from_fd_at_offset64(r->file_bytes, r->fd, r->file_offset);
+        if (made && !x->secure) r->fd = -1;
         break;
     case RESPONSE_STREAM:
         x->streaming = true;
@@ -390,6 +407,7 @@ static struct exchange *new_exchange(struct listener *listener, struct MHD_Conne
     if (!x) return NULL;
     x->http = http;
     x->admin = listener->admin;
+    x->secure = listener->secure;
     x->connection = connection;
     x->watched = info ? info->socket_context : NULL;
     x->began_ms = events_clock_ms();
@@ -403,12 +421,24 @@ static struct exchange *new_exchange(struct listener *listener, struct MHD_Conne
     return x;
 }
 
+static char nul_in_path; /* its address marks a request whose path holds one */
+
+/* Sees the request line before it is decoded: a path would seem to end at its first NUL. */
+static void *on_request_line(void *ctx, const char *line, struct MHD_Connection *connection) {
+    const char *nul = strstr(line, "%00"), *query = strchr(line, '?');
+    (void)ctx;
+    (void)connection;
+    return nul && (!query || nul < query) ? &nul_in_path : NULL;
+}
+
 static enum MHD_Result on_request(void *ctx, struct MHD_Connection *connection, const char *path, const char *method,
                                   const char *version, const char *body, size_t *body_bytes, void **state) {
     struct exchange *x = *state;
     (void)version;
-    if (!x) {
+    bool has_nul = *state == &nul_in_path;
+    if (!x || has_nul) {
         *state = x = new_exchange(ctx, connection);
+        if (x && has_nul) x->request.fault = "the path holds NUL";
         return x ? begin(x, method, path) : MHD_NO;
     }
     if (*body_bytes) {
@@ -454,7 +484,7 @@ static void on_completed(void *ctx, struct MHD_Connection *connection, void **st
     struct http *http = ((struct listener *)ctx)->http;
     struct exchange *x = *state;
     (void)connection;
-    if (!x) return;
+    if (!x || *state == &nul_in_path) return;
     *state = NULL;
     bool whole = why == MHD_REQUEST_TERMINATED_COMPLETED_OK;
     set_uploading(x, false);
@@ -505,16 +535,24 @@ static struct MHD_Daemon *start_daemon(struct listener *listener) {
     unsigned connections = listener->admin ? ADMIN_CONNECTIONS : (unsigned)config->max_connections;
     unsigned per_address = listener->admin ? ADMIN_CONNECTIONS : (unsigned)config->connections_per_address;
     unsigned flags = MHD_USE_EPOLL_INTERNAL_THREAD | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ERROR_LOG;
-    struct MHD_OptionItem more[] = {{MHD_OPTION_THREAD_POOL_SIZE, (intptr_t)threads, NULL}, {MHD_OPTION_END, 0, NULL}};
-    if (listener->admin || threads < 2) more[0].option = MHD_OPTION_END;
+    struct MHD_OptionItem more[4];
+    size_t count = 0;
+    if (!listener->admin && threads > 1)
+        more[count++] = (struct MHD_OptionItem){MHD_OPTION_THREAD_POOL_SIZE, (intptr_t)threads, NULL};
+    if (listener->secure) {
+        flags |= MHD_USE_TLS;
+        more[count++] = (struct MHD_OptionItem){MHD_OPTION_HTTPS_CERT_CALLBACK, 0, tls_retrieve_function()};
+        more[count++] = (struct MHD_OptionItem){MHD_OPTION_HTTPS_PRIORITIES, 0, (void *)(intptr_t)tls_priorities};
+    }
+    more[count] = (struct MHD_OptionItem){MHD_OPTION_END, 0, NULL};
     MHD_set_panic_func(on_panic, NULL);
-    return MHD_start_daemon(flags, 0, NULL, NULL, on_request, listener, MHD_OPTION_EXTERNAL_LOGGER, on_log, NULL,
-                            MHD_OPTION_LISTEN_SOCKET, listener->fd, MHD_OPTION_ARRAY, more, MHD_OPTION_CONNECTION_LIMIT,
-                            connections, MHD_OPTION_PER_IP_CONNECTION_LIMIT, per_address,
-                            MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)CONNECTION_MEMORY,
-                            MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)(config->idle_timeout_ms / 1000),
-                            MHD_OPTION_STRICT_FOR_CLIENT, 1, MHD_OPTION_NOTIFY_COMPLETED, on_completed, listener,
-                            MHD_OPTION_NOTIFY_CONNECTION, on_connection, listener, MHD_OPTION_END);
+    return MHD_start_daemon(
+        flags, 0, NULL, NULL, on_request, listener, MHD_OPTION_EXTERNAL_LOGGER, on_log, NULL, MHD_OPTION_LISTEN_SOCKET,
+        listener->fd, MHD_OPTION_ARRAY, more, MHD_OPTION_CONNECTION_LIMIT, connections,
+        MHD_OPTION_PER_IP_CONNECTION_LIMIT, per_address, MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)CONNECTION_MEMORY,
+        MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)(config->idle_timeout_ms / 1000), MHD_OPTION_STRICT_FOR_CLIENT, 1,
+        MHD_OPTION_URI_LOG_CALLBACK, on_request_line, NULL, MHD_OPTION_NOTIFY_COMPLETED, on_completed, listener,
+        MHD_OPTION_NOTIFY_CONNECTION, on_connection, listener, MHD_OPTION_END);
 }
 
 static enum status start_listener(struct listener *listener, const char *inherited_name, const char *address,
@@ -553,8 +591,17 @@ static enum status start(struct http *http, struct error *error) {
     if (offload_open(OFFLOAD_THREADS, &http->offload) != STATUS_OK ||
         watchdog_open(limits, http->service->metrics, &http->watchdog) != STATUS_OK)
         return error_set(error, STATUS_NO_MEMORY, "http", "can't start threads");
+    http->main.secure = http->service->tls != NULL;
     enum status status = start_listener(&http->main, NOTIFY_MAIN_SOCKET, config->listen, error);
     return status == STATUS_OK ? start_admin(http, error) : status;
+}
+
+/* Its URL. */
+static void name_listener(const struct listener *listener, char url[HTTP_ADDRESS_BYTES]) {
+    char name[LISTEN_NAME_BYTES];
+    if (listener->fd < 0) return;
+    listen_name(listener->fd, name);
+    snprintf(url, HTTP_ADDRESS_BYTES, "%s://%s", listener->secure ? "https" : "http", name);
 }
 
 enum status http_open(struct service *service, struct http **http, struct http_addresses *addresses,
@@ -569,8 +616,8 @@ enum status http_open(struct service *service, struct http **http, struct http_a
     memset(addresses, 0, sizeof *addresses);
     enum status status = start(opened, error);
     if (status == STATUS_OK) {
-        listen_name(opened->main.fd, addresses->main);
-        if (opened->admin.fd >= 0) listen_name(opened->admin.fd, addresses->admin);
+        name_listener(&opened->main, addresses->main);
+        name_listener(&opened->admin, addresses->admin);
         *http = opened;
     } else {
         http_close(opened);

@@ -8,9 +8,9 @@
 
 struct http;
 
-enum { HTTP_ADDRESS_BYTES = 128 };
+enum { HTTP_ADDRESS_BYTES = 160 };
 
-/* "HOST:PORT" with the true ports; admin "" = there is none. */
+/* URLs without a path, with the true ports; admin "" = there is none. */
 struct http_addresses {
     char main[HTTP_ADDRESS_BYTES], admin[HTTP_ADDRESS_BYTES];
 };

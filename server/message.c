@@ -70,7 +70,7 @@ void response_text(struct response *response, int status, const char *media_type
 }
 
 static void retry_later(struct response *response, int status) {
-    if (status == 503) response_header(response, "Retry-After", "%d", 5);
+    if (status == 503 || status == 429) response_header(response, "Retry-After", "%d", 5);
 }
 
 void response_problem(struct response *response, const struct problem *problem) {

@@ -17,6 +17,7 @@
 
 #include "core/status.h"
 #include "server/job.h"
+#include "server/usage.h"
 
 struct queue;
 struct sql;
@@ -33,9 +34,22 @@ int queue_schema_version(void);
 struct sql *queue_writer(struct queue *queue);
 struct sql *queue_reader(struct queue *queue);
 
-/* Adds a job in state accepted.  STATUS_LIMIT when max_waiting jobs are waiting already. */
-enum status queue_submit(struct queue *queue, const struct job *job, uint64_t max_waiting,
+/* How many jobs may wait, and what each principal may have; the latter 0 = no limit. */
+struct queue_limits {
+    uint64_t waiting, principal_jobs, principal_bytes;
+};
+
+/* Adds a job in state accepted.  STATUS_LIMIT when a limit is reached, error->where says which: "queue",
+ * "principal_jobs" or "principal_bytes". */
+enum status queue_submit(struct queue *queue, const struct job *job, const struct queue_limits *limits,
                          struct error *error) MUST_CHECK;
+
+/* What a principal has; from memory, never blocks for long. */
+struct usage_figures queue_usage(struct queue *queue, const char *principal);
+
+/* To be called after a change of what a principal has (NULL: of anybody) that was not made by this module, with the
+ * writer locked. */
+void queue_refresh_usage(struct queue *queue, const char *principal);
 
 /* Adds a job that an earlier one's outputs serve: successful, with the outputs and the report that it holds. */
 enum status queue_submit_ended(struct queue *queue, const struct job *job, struct error *error) MUST_CHECK;

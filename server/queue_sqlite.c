@@ -25,6 +25,7 @@
 #include "server/idempotency.h"
 #include "server/sql.h"
 #include "server/turns.h"
+#include "server/usage.h"
 
 static const char *const schema[] = {
     "CREATE TABLE jobs (id TEXT PRIMARY KEY, state INTEGER NOT NULL, sequence INTEGER NOT NULL, "
@@ -56,6 +57,27 @@ static const char *const schema[] = {
     "at INTEGER NOT NULL, status INTEGER NOT NULL DEFAULT 0, etag TEXT NOT NULL DEFAULT '', reply TEXT, "
     "PRIMARY KEY (principal, key)) STRICT, WITHOUT ROWID;"
     "CREATE INDEX replies_by_age ON replies (at);",
+    "CREATE TABLE usage (principal TEXT PRIMARY KEY, active INTEGER NOT NULL, bytes INTEGER NOT NULL) STRICT;"
+    "INSERT INTO usage SELECT principal, sum(active), sum(bytes) FROM "
+    "(SELECT principal, state IN (0, 1) AS active, input_bytes AS bytes FROM jobs "
+    "UNION ALL SELECT jobs.principal, 0, outputs.bytes FROM outputs JOIN jobs ON jobs.id = outputs.job "
+    "UNION ALL SELECT principal, 0, bytes FROM clouds) GROUP BY principal;"
+    "CREATE TRIGGER usage_job_new AFTER INSERT ON jobs BEGIN "
+    "INSERT INTO usage VALUES (NEW.principal, NEW.state IN (0, 1), NEW.input_bytes) ON CONFLICT (principal) "
+    "DO UPDATE SET active = active + excluded.active, bytes = bytes + excluded.bytes; END;"
+    "CREATE TRIGGER usage_job_changed AFTER UPDATE OF state ON jobs BEGIN UPDATE usage SET "
+    "active = active + (NEW.state IN (0, 1)) - (OLD.state IN (0, 1)) WHERE principal = NEW.principal; END;"
+    "CREATE TRIGGER usage_job_gone AFTER DELETE ON jobs BEGIN UPDATE usage SET "
+    "active = active - (OLD.state IN (0, 1)), bytes = bytes - OLD.input_bytes WHERE principal = OLD.principal; END;"
+    "CREATE TRIGGER usage_output_new AFTER INSERT ON outputs BEGIN UPDATE usage SET bytes = bytes + NEW.bytes "
+    "WHERE principal = (SELECT principal FROM jobs WHERE id = NEW.job); END;"
+    "CREATE TRIGGER usage_output_gone AFTER DELETE ON outputs BEGIN UPDATE usage SET bytes = bytes - OLD.bytes "
+    "WHERE principal = (SELECT principal FROM jobs WHERE id = OLD.job); END;"
+    "CREATE TRIGGER usage_cloud_new AFTER INSERT ON clouds BEGIN "
+    "INSERT INTO usage VALUES (NEW.principal, 0, NEW.bytes) ON CONFLICT (principal) "
+    "DO UPDATE SET bytes = bytes + excluded.bytes; END;"
+    "CREATE TRIGGER usage_cloud_gone AFTER DELETE ON clouds BEGIN "
+    "UPDATE usage SET bytes = bytes - OLD.bytes WHERE principal = OLD.principal; END;",
 };
 enum { SCHEMA_VERSION = sizeof schema / sizeof schema[0] };
 
@@ -73,6 +95,7 @@ struct queue {
     _Atomic uint64_t waiting, running;
     pthread_mutex_t order;
     struct turns *turns;
+    struct usage *usage;
     size_t run_count;
     struct run {
         char id[JOB_ID_BYTES];
@@ -140,6 +163,32 @@ void queue_outlook(struct queue *queue, const char *id,
     for (size_t i = 0; i < queue->run_count; i++) visit(ctx, &queue->runs[i].cost, queue->runs[i].started_ms);
     turns_ahead(queue->turns, id, look_at, &outlook);
     pthread_mutex_unlock(&queue->order);
+}
+
+/* ------------------------------------------------------------------------------------------------ usage */
+
+void queue_refresh_usage(struct queue *queue, const char *principal) {
+    struct error error = {0};
+    enum status status = usage_refresh(queue->usage, queue->writer, principal, &error);
+    (void)status; /* the older figures stand; the next change brings them up to date */
+}
+
+struct usage_figures queue_usage(struct queue *queue, const char *principal) {
+    return usage_of(queue->usage, principal);
+}
+
+static enum status check_limits(const struct queue *queue, const struct job *job, const struct queue_limits *limits,
+                                struct error *error) {
+    struct usage_figures has = usage_of(queue->usage, job->principal);
+    if (queue->waiting >= limits->waiting)
+        return error_set(error, STATUS_LIMIT, "queue", "%llu jobs are waiting", (unsigned long long)queue->waiting);
+    if (limits->principal_jobs && has.active >= limits->principal_jobs)
+        return error_set(error, STATUS_LIMIT, "principal_jobs", "%llu of your jobs wait or run",
+                         (unsigned long long)has.active);
+    if (limits->principal_bytes && has.bytes + job->input_bytes > limits->principal_bytes)
+        return error_set(error, STATUS_LIMIT, "principal_bytes", "%llu bytes are kept for you",
+                         (unsigned long long)has.bytes);
+    return STATUS_OK;
 }
 
 /* ------------------------------------------------------------------------------------------------ rows */
@@ -243,12 +292,15 @@ enum status queue_open(const char *path, struct queue **queue, struct error *err
     if (!opened) return error_set(error, STATUS_NO_MEMORY, "queue", "no memory");
     pthread_mutex_init(&opened->order, NULL);
     opened->turns = turns_new(PRIORITY_AGING_MS);
-    enum status status = opened->turns ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "queue", "no memory");
+    opened->usage = usage_new();
+    enum status status =
+        opened->turns && opened->usage ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "queue", "no memory");
     if (status == STATUS_OK) status = sql_open(path, &opened->writer, error);
     if (status == STATUS_OK) status = sql_migrate(opened->writer, schema, SCHEMA_VERSION, error);
     if (status == STATUS_OK) status = sql_open(path, &opened->reader, error);
     if (status == STATUS_OK) status = count_states(opened, error);
     if (status == STATUS_OK) status = order_waiting(opened, error);
+    if (status == STATUS_OK) status = usage_refresh(opened->usage, opened->writer, NULL, error);
     if (status == STATUS_OK)
         *queue = opened;
     else
@@ -261,6 +313,7 @@ void queue_close(struct queue *queue) {
     sql_close(queue->reader);
     sql_close(queue->writer);
     turns_free(queue->turns);
+    usage_free(queue->usage);
     pthread_mutex_destroy(&queue->order);
     free(queue);
 }
@@ -308,14 +361,13 @@ static enum status insert_alone(struct sql *db, const struct job *job, struct er
     return status == STATUS_OK ? sql_end(db, insert(db, job, error), error) : status;
 }
 
-enum status queue_submit(struct queue *queue, const struct job *job, uint64_t max_waiting, struct error *error) {
-    enum status status;
+enum status queue_submit(struct queue *queue, const struct job *job, const struct queue_limits *limits,
+                         struct error *error) {
     sql_lock(queue->writer);
-    if (queue->waiting >= max_waiting)
-        status = error_set(error, STATUS_LIMIT, "queue", "%llu jobs are waiting", (unsigned long long)queue->waiting);
-    else
-        status = insert_alone(queue->writer, job, error);
+    enum status status = check_limits(queue, job, limits, error);
+    if (status == STATUS_OK) status = insert_alone(queue->writer, job, error);
     if (status == STATUS_OK) {
+        queue_refresh_usage(queue, job->principal);
         queue->waiting++;
         put_in_order(queue, job);
     }
@@ -427,6 +479,7 @@ enum status queue_finish(struct queue *queue, enum job_event event, const struct
     if (*changed && from == JOB_ACCEPTED) queue->waiting--;
     if (*changed && from == JOB_RUNNING) queue->running--;
     if (*changed) take_out(queue, job->id);
+    if (*changed) queue_refresh_usage(queue, job->principal);
     if (*changed && next == JOB_ACCEPTED) {
         queue->waiting++;
         put_in_order(queue, job);
@@ -447,6 +500,7 @@ enum status queue_submit_ended(struct queue *queue, const struct job *job, struc
             status = write_end(queue->writer, job, next, error);
         status = sql_end(queue->writer, status, error);
     }
+    if (status == STATUS_OK) queue_refresh_usage(queue, job->principal);
     sql_unlock(queue->writer);
     return status;
 }
@@ -548,6 +602,7 @@ enum status queue_delete(struct queue *queue, const char *id, const char *reason
     int64_t deleted = 0;
     sql_lock(queue->writer);
     enum status status = delete_rows(queue->writer, id, reason, &deleted, error);
+    if (deleted) queue_refresh_usage(queue, NULL);
     sql_unlock(queue->writer);
     *changed = status == STATUS_OK && deleted;
     return status;

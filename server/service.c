@@ -19,6 +19,7 @@
 #include "server/log.h"
 #include "server/metrics.h"
 #include "server/supervisor.h"
+#include "server/tls.h"
 #include "server/tokens.h"
 
 enum { PAGE = 64, TOMBSTONE_MS = 7 * 24 * 3600 * 1000 };
@@ -150,6 +151,8 @@ enum status service_open(struct service *service, const struct config *config, s
     }
     if (status == STATUS_OK && config->tokens_file[0])
         status = tokens_open(config->tokens_file, &service->tokens, error);
+    if (status == STATUS_OK && (config->tls_cert[0] || config->tls_key[0]))
+        status = tls_open(config->tls_cert, config->tls_key, &service->tls, error);
     service->metrics = metrics_new();
     if (status == STATUS_OK && !service->metrics) status = error_set(error, STATUS_NO_MEMORY, "service", "no memory");
     if (status == STATUS_OK) status = mend(service, error);
@@ -161,6 +164,7 @@ enum status service_open(struct service *service, const struct config *config, s
 void service_close(struct service *service) {
     events_free(service->events);
     tokens_close(service->tokens);
+    tls_close(service->tls);
     metrics_free(service->metrics);
     queue_close(service->queue);
     store_close(service->store);
@@ -219,10 +223,13 @@ static bool borrow(struct service *service, struct job *job) {
 
 /* Adds the job's row: of one that waits, or of one whose result is there already. */
 static enum status enqueue(struct service *service, struct job *job, bool fresh, struct error *error) {
+    const struct config *config = service->config;
+    struct queue_limits limits = {(uint64_t)config->max_queue, (uint64_t)config->principal_jobs,
+                                  (uint64_t)config->principal_bytes};
     enum status status = name_result(job, error);
     if (status != STATUS_OK) return status;
     if (fresh || !service->config->result_cache || !borrow(service, job))
-        return queue_submit(service->queue, job, (uint64_t)service->config->max_queue, error);
+        return queue_submit(service->queue, job, &limits, error);
     status = queue_submit_ended(service->queue, job, error);
     if (status == STATUS_OK)
         job->state = JOB_SUCCESSFUL;

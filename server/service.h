@@ -21,12 +21,14 @@
 
 struct metrics;
 struct supervisor;
+struct tls;
 struct tokens;
 
 struct service {
     const struct config *_Atomic config; /* borrowed; each one lives as long as the service */
     struct tokens *tokens;               /* NULL = requests need none */
     struct signature_key signing_key;
+    struct tls *tls; /* NULL = plain HTTP */
     struct store *store;
     struct queue *queue;
     struct events *events;

@@ -2,13 +2,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Where the time goes, and how much of it there is.
 
-Usage: bench.py BUILD_FOLDER [--large] [--save FILE | --compare FILE]
+Usage: bench.py BUILD_FOLDER [--large] [--peers] [--save FILE | --compare FILE]
 
 Prints, for Horse and Venus where ../shared/data is there and for synthetic scans of 100 thousand and 1 million points
 (and 10 million with --large): time of each stage, points per second, bytes per point at the peak, for clouds and for
-meshes; what a second thread gains; and the time of a whole job over HTTP on Horse at 10 % with mesh and error, from
-POST to outputs ready.  Machines differ and are noisy: compare ratios within one run.  --save writes the figures as
-JSON, --compare prints the ratios against such a file.
+meshes; what a second thread gains; how the time for each point grows; and the time of a whole job over HTTP on Horse
+at 10 % with mesh and error, from POST to outputs ready.  --peers adds the most exact peers that pick points, CGAL's WLOP
+and Open3D's farthest-point sampling, at the same count, their error against the same points by the same tool after the
+same reconstruction (CGAL's advancing front).  Machines differ and are noisy: compare ratios within one run.  --save
+writes the figures as JSON, --compare prints the ratios against such a file.
 """
 import argparse
 import json
@@ -18,7 +20,12 @@ import sys
 import tempfile
 import time
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "peers"))
+import models  # noqa: E402
+from programs import Failed, Made, Programs, best, work_ms  # noqa: E402
+
 SHARED = pathlib.Path("../shared/data")
+FARTHEST_MOST = 10**9  # distances between points that farthest-point sampling may take: 10^10 take a minute
 
 
 def run(*arguments, **options):
@@ -42,10 +49,11 @@ def whittle(build, cloud, folder, *extra, repeat=3):
 
 
 def print_run(name, report, wall):
-    stages = "  ".join(f"{k} {v:.0f}" for k, v in report["timings_ms"].items() if k != "total" and v >= 0.5)
     points = report["points_in"]
+    stages = "  ".join(f"{k} {v:.0f} ({v / points * 1e6:.0f})" for k, v in report["timings_ms"].items()
+                       if k != "total" and v >= 0.5)
     print(f"{name:34s} {wall:8.3f} s  {points / wall / 1e6:6.2f} M points/s  "
-          f"{report['peak_rss_bytes'] / points:6.0f} B/point   ms: {stages}", flush=True)
+          f"{report['peak_rss_bytes'] / points:6.0f} B/point   ms (ns for each point): {stages}", flush=True)
 
 
 def job_over_http(build, cloud, folder):
@@ -71,14 +79,56 @@ def job_over_http(build, cloud, folder):
         daemon.wait()
 
 
+def beside_peers(build, folder, clouds, figures):
+    """Time and error of the peers that pick points, divided by whittle's."""
+    programs = Programs(build, folder / "peers")
+    for label, cloud in clouds:
+        plain = folder / f"{label}.plain.ply"
+        models.to_plain(cloud, plain)
+        count = None
+        for method, program in (("whittle", None), ("wlop", "points_cgal"), ("farthest", "open3d")):
+            if program and not (build / "tests/peers" / program).exists():
+                print(f"skipped: {method}, for {program} isn't built (make peers builds it)")
+                continue
+            try:
+                made, error = pick_and_measure(programs, method, program, plain, count)
+            except Failed as failure:
+                print(f"{label}, {method}: {failure}")
+                continue
+            if not program:
+                count, own = made.points, (made.ms, error)
+            print(f"{label + ', ' + method:34s} {made.ms / 1e3:8.3f} s  {made.points} points, mean distance to the mesh "
+                  f"{1e4 * error:.3f}e-4   {made.ms / own[0]:.1f} times the time, {error / own[1]:.2f} times the error",
+                  flush=True)
+            figures[f"{label}.{method}.ratio"] = made.ms / own[0]
+
+
+def pick_and_measure(programs, method, program, cloud, count):
+    """What was made (the points), and the mean distance of the input's points to CGAL's front through them."""
+    if program:
+        most = max(1, FARTHEST_MOST // models.count_of(cloud)) if method == "farthest" else count
+        made = programs.peer(program, method, Made(cloud, 0, 0), min(count, most))
+    else:
+        made = best(lambda: own_pick(programs, cloud), 3)
+    front = programs.peer("surface_cgal", "front", made, 0)
+    told = json.loads(run(programs.build / "whittle", "measure", front.path, cloud, "--json"))
+    return made, told["forward"]["mean_rel"]
+
+
+def own_pick(programs, cloud):
+    folder, report = programs.whittle(cloud, "--ratio", 0.1, outputs="cloud,report")
+    return Made(programs.plain(folder / "cloud.ply", "kept"), report["points_out"], work_ms(report))
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("build", type=pathlib.Path)
     parser.add_argument("--large", action="store_true")
+    parser.add_argument("--peers", action="store_true")
     parser.add_argument("--save", type=pathlib.Path)
     parser.add_argument("--compare", type=pathlib.Path)
     options = parser.parse_args()
-    build, figures = options.build, {}
+    build, figures, each = options.build, {}, {}
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
         clouds = [(p, SHARED / f"{p}.points.ply") for p in ("horse", "venus") if (SHARED / f"{p}.points.ply").exists()]
@@ -94,6 +144,7 @@ def main():
             report, wall = whittle(build, path, folder / "out", "--ratio", "0.1", repeat=1 if heavy else 3)
             print_run(f"{label}, cloud at 10 %", report, wall)
             figures[f"{label}.cloud"] = wall
+            each[label] = wall / report["points_in"]
             figures.update({f"{label}.{k}": v / 1e3 for k, v in report["timings_ms"].items()})
             if label == "1M":
                 _, one = whittle(build, path, folder / "out", "--ratio", "0.1", "--threads", "1")
@@ -103,6 +154,11 @@ def main():
                 report, wall = whittle(build, path, folder / "out", "--ratio", "0.1", "--outputs", "cloud,mesh,report")
                 print_run(f"{label}, mesh and error at 10 %", report, wall)
                 figures[f"{label}.mesh"] = wall
+        for label in [x for x in ("1M", "10M") if x in each]:
+            print(f"{label + ', a point against 100k':34s} {each[label] / each['100k']:8.2f} times the time")
+            figures[f"{label}.growth"] = each[label] / each["100k"]
+        if options.peers:
+            beside_peers(build, folder, [c for c in clouds if c[0] in ("horse", "1M")], figures)
         if clouds[0][0] == "horse" and (build / "whittled").exists():
             wall = job_over_http(build, clouds[0][1].resolve(), folder)
             print(f"{'horse, job over HTTP at 10 %':34s} {wall:8.3f} s  from POST to outputs ready, mesh and error included")

@@ -96,8 +96,10 @@ def make_scan(tmp_path_factory):
 
 @pytest.fixture(name="debian", scope="session")
 def make_debian(tmp_path_factory):
-    """A fresh Debian 12 with documentation left out, as a tar file."""
+    """A fresh Debian 12 with documentation left out, as a tar file; WHITTLE_DEBIAN names one from before."""
     need_root()
+    if os.environ.get("WHITTLE_DEBIAN"):
+        return pathlib.Path(os.environ["WHITTLE_DEBIAN"])
     need("mmdebstrap")
     path = tmp_path_factory.mktemp("debian") / "root.tar"
     began = time.monotonic()

@@ -53,6 +53,7 @@ class Daemon:
         self.data = folder / "data"
         self.log = folder / "log"
         self.process = None
+        self.curl_flags = ()
         self.prefix = ()  # a command that ends in exec of its arguments
 
     def start(self, *more):
@@ -63,7 +64,7 @@ class Daemon:
                 [*self.prefix, BUILD / "whittled", "--listen", "127.0.0.1:0", "--data", self.data, *unlimited, *self.flags, *more],
                 stdout=subprocess.PIPE, stderr=log, text=True)
         line = self.process.stdout.readline()
-        assert line.startswith("listening on http://127.0.0.1:"), (line, self.log_text()[-4000:])
+        assert re.match("listening on https?://127.0.0.1:", line), (line, self.log_text()[-4000:])
         self.url = line.split()[-1]
         return self
 
@@ -86,7 +87,8 @@ class Daemon:
         return self.process.returncode if self.process else None
 
     def curl_command(self, path, *arguments):
-        return ["curl", "-sS", "--max-time", str(PATIENCE_S), "-D", "-", *map(str, arguments), self.url + path]
+        return ["curl", "-sS", "--max-time", str(PATIENCE_S), "-D", "-", *map(str, (*self.curl_flags, *arguments)),
+                self.url + path]
 
     def curl(self, path, *arguments, data=None):
         done = subprocess.run(self.curl_command(path, *arguments), input=data, capture_output=True, check=False)

@@ -24,6 +24,7 @@ OWNER = {
     r"zstd(_errors)?\.h": r"core/inflate_zstd\.c",
     r"sqlite3\.h": r"server/sql\.c",
     r"microhttpd\.h": r"server/http\.c",
+    r"gnutls/.*": r"server/tls\.c",
     r"seccomp\.h": r"server/daemon_seccomp\.c",
     r"jansson\.h": r"(api/\w+\.[ch]|server/handlers?_\w+\.c)",
 }

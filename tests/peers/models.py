@@ -48,6 +48,12 @@ def read_ply_header(file):
     raise ValueError(f"{file.name}: no end_header")
 
 
+def count_of(path):
+    """How many vertices a PLY has."""
+    with open(path, "rb") as file:
+        return next(count for element, count, _ in read_ply_header(file) if element == "vertex")
+
+
 def read_ply(path):
     """({property: values of the vertices}, triangles as flat corners)."""
     columns, corners = {}, array.array("i")

@@ -64,7 +64,7 @@ static void submit(struct fixture *f, char letter, const char *principal) {
     params_defaults(&job.params);
     snprintf(job.cloud, sizeof job.cloud, "%s", name_of(letter));
     snprintf(job.principal, sizeof job.principal, "%s", principal);
-    assert_int_equal(queue_submit(f->queue, &job, 10, &f->error), STATUS_OK);
+    assert_int_equal(queue_submit(f->queue, &job, &(struct queue_limits){.waiting = 10}, &f->error), STATUS_OK);
 }
 
 static void each_sees_what_it_has_uploaded(void **state) {

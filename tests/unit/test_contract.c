@@ -117,6 +117,45 @@ static vec3 *cube_surface(size_t side, size_t *n) {
     return point;
 }
 
+/* ------------------------------------------------------------------------------------------------ adjacency */
+
+static void lists_are_symmetric_sorted_and_without_their_owner(void **state) {
+    (void)state;
+    enum { N = 9000 };
+    vec3 *point = shape_sphere(N, 0.5);
+    struct neighbourhood hood = neighbours_of(point, N);
+    struct adjacency near;
+    assert_int_equal(adjacency_from(&hood, 3, &near), STATUS_OK);
+    for (uint32_t p = 0; p < N; p++)
+        for (unsigned i = 0; i < near.degree[p]; i++) {
+            uint32_t q = near.list[near.start[p] + i], found = 0;
+            assert_true(q != p && (i == 0 || q > near.list[near.start[p] + i - 1]));
+            for (unsigned j = 0; j < near.degree[q]; j++) found += near.list[near.start[q] + j] == p;
+            assert_int_equal(found, 1);
+        }
+    adjacency_done(&near);
+    neighbourhood_done(&hood);
+    free(point);
+}
+
+/* All name point 0, which names the highest three. */
+static void a_crowd_s_centre_keeps_its_own_and_the_lowest_of_the_others(void **state) {
+    (void)state;
+    enum { N = 20000 };
+    static uint32_t id[3 * N];
+    static uint8_t count[N];
+    struct neighbourhood hood = {.n = N, .stride = 3, .id = id, .count = count};
+    for (uint32_t p = 1; p < N; p++) count[p] = 1;
+    count[0] = 3;
+    for (uint32_t i = 0; i < 3; i++) id[i] = N - 3 + i;
+    struct adjacency near;
+    assert_int_equal(adjacency_from(&hood, 4, &near), STATUS_OK);
+    assert_int_equal(near.degree[0], 255);
+    for (uint32_t i = 0; i < 252; i++) assert_int_equal(near.list[near.start[0] + i], i + 1);
+    for (uint32_t i = 0; i < 3; i++) assert_int_equal(near.list[near.start[0] + 252 + i], N - 3 + i);
+    adjacency_done(&near);
+}
+
 /* ------------------------------------------------------------------------------------------------ contraction */
 
 static void every_point_is_ranked_once_and_goes_into_a_later_one(void **state) {
@@ -261,6 +300,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_plane_s_quadric_is_weight_times_squared_distance),
         cmocka_unit_test(a_line_s_quadric_is_the_squared_distance_to_it),
+        cmocka_unit_test(lists_are_symmetric_sorted_and_without_their_owner),
+        cmocka_unit_test(a_crowd_s_centre_keeps_its_own_and_the_lowest_of_the_others),
         cmocka_unit_test(every_point_is_ranked_once_and_goes_into_a_later_one),
         cmocka_unit_test(tiny_clouds_are_ranked_too),
         cmocka_unit_test(far_components_are_joined_in_the_end),

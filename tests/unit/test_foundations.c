@@ -89,10 +89,21 @@ static void a_basis_is_orthonormal_and_right_handed(void **state) {
     }
 }
 
+static void check_least(sym3 m, double least) {
+    double value, scale = fabs(sym3_trace(m)) + 1e-300;
+    vec3 vector;
+    sym3_least(m, &value, &vector);
+    vec3 residual = vec3_sub(sym3_mul(m, vector), vec3_scale(vector, value));
+    assert_true(fabs(value - least) < 1e-13 * scale);
+    assert_true(vec3_length(residual) < 1e-12 * scale);
+    assert_true(fabs(vec3_length(vector) - 1) < 1e-12);
+}
+
 static void check_eigen(sym3 m) {
     double value[3], scale = fabs(sym3_trace(m)) + 1e-300;
     vec3 vector[3];
     sym3_eigen(m, value, vector);
+    check_least(m, value[0]);
     assert_true(value[0] <= value[1] && value[1] <= value[2]);
     for (int i = 0; i < 3; i++) {
         vec3 residual = vec3_sub(sym3_mul(m, vector[i]), vec3_scale(vector[i], value[i]));

@@ -76,6 +76,28 @@ static void the_order_does_not_depend_on_the_input_s(void **state) {
 
 /* ------------------------------------------------------------------------------------------------ neighbours */
 
+/* A stray makes all others share the upper half of their keys; with duplicates among them. */
+static void a_stray_far_away_leaves_the_others_in_order(void **state) {
+    (void)state;
+    enum { N = 50000 };
+    vec3 *point = shape_sphere(N, 1), *reversed = malloc(N * sizeof *reversed);
+    point[7] = (vec3){1e3, 1e3, 1e3};
+    for (size_t i = 1000; i < 2000; i++) point[i] = point[i + 20000];
+    for (size_t i = 0; i < N; i++) reversed[i] = point[N - 1 - i];
+    struct ordered_points a = {0}, b = {0};
+    double jumps = 0;
+    assert_int_equal(order_points(point, N, 1, &a), STATUS_OK);
+    assert_int_equal(order_points(reversed, N, 4, &b), STATUS_OK);
+    assert_int_equal(a.count, N - 1000);
+    assert_int_equal(b.count, N - 1000);
+    assert_memory_equal(a.point, b.point, a.count * sizeof *a.point);
+    for (size_t i = 0; i < N; i++) assert_true(a.distinct[i] == b.distinct[N - 1 - i]);
+    for (size_t i = 1; i + 1 < a.count; i++) jumps += vec3_distance(a.point[i], a.point[i - 1]) * a.scale;
+    assert_true(jumps / N < 0.05); /* the spacing is 0.016; in no order it would be 1.3 */
+    ordered_points_done(&a), ordered_points_done(&b);
+    free(point), free(reversed);
+}
+
 static void nearest_neighbours_equal_brute_force(void **state) {
     (void)state;
     enum { N = 500, K = 7 };
@@ -263,6 +285,7 @@ int main(void) {
         cmocka_unit_test(one_point_is_a_frame_of_its_own),
         cmocka_unit_test(huge_and_tiny_coordinates_are_normalised),
         cmocka_unit_test(the_order_does_not_depend_on_the_input_s),
+        cmocka_unit_test(a_stray_far_away_leaves_the_others_in_order),
         cmocka_unit_test(nearest_neighbours_equal_brute_force),
         cmocka_unit_test(fewer_points_than_neighbours_are_padded),
         cmocka_unit_test(a_grid_has_eight_neighbours_within_gopi_s_radius),

@@ -65,7 +65,7 @@ static enum status submit_limited(struct fixture *f, int n, uint64_t max) {
     snprintf(job.principal, sizeof job.principal, "%s", n % 3 ? "" : "third");
     params_defaults(&job.params);
     job.params.ratio = 0.25;
-    return queue_submit(f->queue, &job, max, &f->error);
+    return queue_submit(f->queue, &job, &(struct queue_limits){.waiting = max}, &f->error);
 }
 
 static void submit(struct fixture *f, int n) { assert_int_equal(submit_limited(f, n, 1000), STATUS_OK); }
@@ -335,6 +335,44 @@ static void lists_are_newest_first_and_filtered(void **state) {
     assert_int_equal(list(f, (struct queue_filter){.by_state = true, .state = JOB_FAILED}, jobs, 10), 0);
 }
 
+static void usage_follows_every_change(void **state) {
+    struct fixture *f = *state;
+    struct job job;
+    bool changed;
+    for (int n = 0; n < 4; n++) submit(f, n); /* 0 and 3 are "third"'s, 12 bytes each */
+    assert_int_equal(queue_usage(f->queue, "third").active, 2);
+    assert_int_equal(queue_usage(f->queue, "third").bytes, 24);
+    assert_true(claim(f, &job)); /* 0 */
+    assert_int_equal(queue_usage(f->queue, "third").active, 2);
+    job.output_count = 1;
+    job.output[0] = (struct job_output){.name = "cloud.ply", .bytes = 100};
+    assert_true(finish(f, JOB_DONE, &job));
+    assert_int_equal(queue_usage(f->queue, "third").active, 1);
+    assert_int_equal(queue_usage(f->queue, "third").bytes, 124);
+    reopen(f);
+    assert_int_equal(queue_usage(f->queue, "third").bytes, 124);
+    assert_int_equal(queue_delete(f->queue, job.id, "deleted", &changed, &f->error), STATUS_OK);
+    assert_int_equal(queue_usage(f->queue, "third").bytes, 12);
+    assert_int_equal(queue_usage(f->queue, "").active, 2);
+    assert_int_equal(queue_usage(f->queue, "nobody").active, 0);
+    job_done(&job);
+}
+
+static void a_principal_has_limits_of_its_own(void **state) {
+    struct fixture *f = *state;
+    struct queue_limits jobs = {.waiting = 100, .principal_jobs = 1}, bytes = {.waiting = 100, .principal_bytes = 20};
+    struct job job = {.created_ms = 1, .input_bytes = 12, .input_format = "xyz", .principal = "third"};
+    submit(f, 3);
+    id_of(10, job.id);
+    params_defaults(&job.params);
+    assert_int_equal(queue_submit(f->queue, &job, &jobs, &f->error), STATUS_LIMIT);
+    assert_string_equal(f->error.where, "principal_jobs");
+    assert_int_equal(queue_submit(f->queue, &job, &bytes, &f->error), STATUS_LIMIT);
+    assert_string_equal(f->error.where, "principal_bytes");
+    job.principal[0] = 0;
+    assert_int_equal(queue_submit(f->queue, &job, &jobs, &f->error), STATUS_OK);
+}
+
 static void deleting_leaves_a_tombstone(void **state) {
     struct fixture *f = *state;
     struct job job;
@@ -559,6 +597,8 @@ int main(void) {
         TEST(sequences_only_grow),
         TEST(progress_of_an_ended_job_changes_nothing),
         TEST(lists_are_newest_first_and_filtered),
+        TEST(usage_follows_every_change),
+        TEST(a_principal_has_limits_of_its_own),
         TEST(deleting_leaves_a_tombstone),
         TEST(what_is_past_its_time_is_found),
         TEST(tombstones_are_forgotten),

@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Formats from end to end: pipes, compressed input, every output of the command and of the service."""
+import gzip
+import json
+import os
+import pathlib
+import shutil
+import struct
+import subprocess
+import tempfile
+
+import pytest
+
+from test_cli import FIXTURES, WHITTLE, sphere, whittle
+
+TREE = pathlib.Path(__file__).parent.parent.parent
+ALL = "cloud,xyz,cloud.pcd,mesh,mesh.obj,mesh.stl,mesh.glb,report"
+FILES = ["cloud.pcd", "cloud.ply", "cloud.xyz", "mesh.glb", "mesh.obj", "mesh.ply", "mesh.stl", "report.json"]
+# Real meshes: those of Debian's libcgal-demo, where tests/demo/scan.sh has unpacked them.
+SCANS = pathlib.Path(os.environ.get("WHITTLE_SCANS", f"{tempfile.gettempdir()}/whittle-scans-{os.getuid()}"))
+
+
+def run(*arguments, stdin=b""):
+    return subprocess.run([WHITTLE, *map(str, arguments)], input=stdin, capture_output=True, check=False)
+
+
+def coloured(count):
+    """A PLY of a sphere far from the origin with normals, colours, an intensity and a list."""
+    points = sphere(count)
+    header = (f"ply\nformat ascii 1.0\nelement vertex {count}\nproperty double x\nproperty double y\nproperty double z\n"
+              "property float nx\nproperty float ny\nproperty float nz\nproperty uchar red\nproperty uchar green\n"
+              "property uchar blue\nproperty ushort intensity\nproperty list uchar int seen_by\nend_header\n")
+    return (header + "".join(f"{5e6 + x:.7f} {y:.7f} {z:.7f} {x:.6f} {y:.6f} {z:.6f} {i % 256} 128 7 {i} 2 {i} 1\n"
+                             for i, (x, y, z) in enumerate(points))).encode()
+
+
+CLOUD = coloured(500)
+
+
+@pytest.fixture(name="outputs", scope="module")
+def make_outputs(tmp_path_factory):
+    """All outputs of one run, and what it said."""
+    folder = tmp_path_factory.mktemp("all")
+    done = run("-", "--ratio", 0.4, "--outputs", ALL, "-o", folder, stdin=CLOUD)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_all_outputs_are_there(outputs):
+    assert sorted(p.name for p in outputs.iterdir()) == FILES
+
+
+def test_names_of_files_are_names_of_outputs(tmp_path):
+    names = "cloud.ply,cloud.xyz,mesh.ply,report.json"
+    assert run("-", "--outputs", names, "-o", tmp_path, stdin=CLOUD).returncode == 0
+    assert json.loads((tmp_path / "report.json").read_text())["params"]["outputs"] == ["cloud", "xyz", "mesh", "report"]
+
+
+def test_the_report_says_what_was_left_out(outputs):
+    left_out = json.loads((outputs / "report.json").read_text())["left_out"]
+    said = {(entry["file"], entry["what"].split(":")[0]) for entry in left_out}
+    assert ("cloud.pcd", "seen_by") in said and ("cloud.xyz", "seen_by") in said
+    assert ("mesh.stl", "precision") in said and ("mesh.stl", "properties of the points") in said
+    assert ("mesh.glb", "properties of the points") in said
+    assert next(e["what"] for e in left_out if e["file"] == "mesh.obj").endswith(": intensity, seen_by")
+
+
+def points_of(text):
+    return sorted(tuple(line.split()[:3]) for line in text.decode().splitlines() if line[0] != "#")
+
+
+@pytest.mark.parametrize("name", ["cloud.pcd", "cloud.ply", "cloud.xyz"])
+def test_clouds_read_back_to_the_same_points(outputs, name):
+    again = run(outputs / name, "--ratio", 1, "--outputs", "xyz", "-q", "-o", "-")
+    assert points_of(again.stdout) == points_of((outputs / "cloud.xyz").read_bytes())
+    assert len(points_of(again.stdout)) == 200
+
+
+@pytest.mark.parametrize("name", ["mesh.obj", "mesh.stl", "mesh.ply"])
+def test_meshes_read_back_to_the_same_surface(outputs, name):
+    found = json.loads(whittle("measure", outputs / name, outputs / "mesh.ply", "--json").stdout)
+    assert found["hausdorff"] < (0.3 if name.endswith("stl") else 1e-6)
+
+
+def test_glb_is_valid(outputs):
+    validator = TREE / "tests" / "node" / "validate_glb.js"
+    if not shutil.which("node") or not (validator.parent / "node_modules" / "gltf-validator").exists():
+        pytest.skip("gltf-validator isn't installed: npm ci in tests/node")
+    done = subprocess.run(["node", validator, outputs / "mesh.glb"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_glb_has_lengths_that_agree(outputs):
+    data = (outputs / "mesh.glb").read_bytes()
+    magic, version, length, json_bytes, kind = struct.unpack_from("<4sIII4s", data)
+    assert (magic, version, length, kind) == (b"glTF", 2, len(data), b"JSON")
+    scene = json.loads(data[20:20 + json_bytes])
+    assert scene["nodes"][0]["translation"][0] == pytest.approx(5e6, abs=1)
+    assert set(scene["meshes"][0]["primitives"][0]["attributes"]) == {"POSITION", "NORMAL", "COLOR_0", "_INTENSITY"}
+    assert scene["buffers"][0]["byteLength"] == len(data) - 28 - json_bytes
+
+
+def test_levels_come_in_every_format(tmp_path):
+    assert run("-", "--levels", "0.4,0.2", "--outputs", "cloud.pcd,mesh.stl", "-o", tmp_path, stdin=CLOUD).returncode == 0
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "cloud.pcd", "cloud_0.2.pcd", "cloud_0.4.pcd", "mesh.stl", "mesh_0.2.stl", "mesh_0.4.stl"]
+
+
+def test_too_many_files_are_refused():
+    levels = ",".join(f"0.{i:02}" for i in range(1, 16))
+    done = run("-", "--levels", levels, "--outputs", ALL, stdin=CLOUD)
+    assert done.returncode == 2 and b"at most 64" in done.stderr
+
+
+# ---------------------------------------------------------------------------------------------- pipes
+def test_a_pipe_through_whittle_equals_files(tmp_path):
+    piped = run("-", "--points", 100, "-o", "-", stdin=CLOUD)
+    assert run("-", "--points", 100, "--outputs", "cloud", "-o", tmp_path, stdin=CLOUD).returncode == 0
+    assert piped.stdout == (tmp_path / "cloud.ply").read_bytes()
+    assert b"points" in piped.stderr
+    twice = run("-", "--points", 50, "-q", "-o", "-", stdin=piped.stdout)
+    assert twice.stdout.startswith(b"ply\n") and twice.stderr == b""
+
+
+def test_one_output_alone_goes_to_standard_output():
+    for arguments in (["--outputs", "cloud,mesh"], ["--levels", "0.4,0.2"]):
+        done = run("-", *arguments, "-o", "-", stdin=CLOUD)
+        assert done.returncode == 2 and b"one output" in done.stderr and done.stdout == b""
+
+
+def test_a_reader_that_goes_away_ends_it_silently():
+    with subprocess.Popen([WHITTLE, "-", "--ratio", "1", "-q", "-o", "-"], stdin=subprocess.PIPE,
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        process.stdout.close()
+        process.stdin.write(CLOUD)
+        process.stdin.close()
+        assert process.wait(60) == -13 and process.stderr.read() == b""
+
+
+@pytest.mark.parametrize("name", ["gzip-of-xyz", "zstd-of-off", "gzip-of-pcd"])
+def test_compressed_input_is_read_from_files_and_pipes(name):
+    path = next((FIXTURES / "valid" / name).glob("input.*"))
+    from_file = run(path, "--ratio", 1, "--outputs", "xyz", "-o", "-")
+    from_pipe = run("-", "--ratio", 1, "--outputs", "xyz", "-o", "-", stdin=path.read_bytes())
+    assert from_file.returncode == 0 and from_file.stdout == from_pipe.stdout != b""
+
+
+def test_a_bomb_in_a_pipe_is_refused():
+    done = run("-", stdin=gzip.compress(b"0 0 0\n" * (1 << 23)))
+    assert done.returncode == 65 and b"times as large" in done.stderr
+
+
+def test_faces_of_any_format_become_the_reference(tmp_path):
+    for name in ("mesh.obj", "mesh.stl", "mesh.ply"):
+        source = tmp_path / name
+        assert run("-", "--ratio", 1, "--outputs", name, "-o", tmp_path, stdin=CLOUD).returncode == 0
+        assert run(source, "--ratio", 0.5, "--outputs", "mesh,report", "-o", tmp_path / "out").returncode == 0
+        report = json.loads((tmp_path / "out" / "report.json").read_text())
+        assert report["error"]["reference"] == "faces"
+
+
+# ---------------------------------------------------------------------------------------------- real files
+def test_real_meshes_go_through_every_format(tmp_path):
+    found = [p for p in sorted(SCANS.glob("data/meshes/*")) if 20_000 < p.stat().st_size < 300_000
+             and p.suffix in (".off", ".stl", ".obj", ".ply")][::4]
+    if not found:
+        pytest.skip("tests/demo/scan.sh hasn't unpacked Debian's libcgal-demo")
+    for path in found:
+        done = run(path, "--ratio", 1, "--outputs", "xyz,cloud.pcd", "-q", "-o", tmp_path)
+        assert done.returncode == 0, (path, done.stderr)
+        again = run(tmp_path / "cloud.pcd", "--ratio", 1, "--outputs", "xyz", "-q", "-o", "-")
+        assert points_of(again.stdout) == points_of((tmp_path / "cloud.xyz").read_bytes()), path
+
+
+# ---------------------------------------------------------------------------------------------- the service
+def test_the_service_writes_all_outputs(daemon):
+    job = daemon.submit(CLOUD, f"?ratio=0.4&outputs={ALL}")
+    assert daemon.ended(job)["status"] == "successful"
+    listed = daemon.curl(f"/v1/jobs/{job}/outputs").json["outputs"]
+    assert sorted(o["name"] for o in listed) == FILES
+    types = {o["name"]: o["media_type"] for o in listed}
+    assert (types["mesh.glb"], types["mesh.obj"], types["mesh.stl"]) == ("model/gltf-binary", "model/obj", "model/stl")
+    info = daemon.curl("/v1/info").json
+    assert {"las", "obj", "pcd/binary", "stl/ascii"} <= set(info["input_formats"])
+    assert set(FILES) <= set(info["outputs"])
+
+
+@pytest.mark.parametrize("name,format_name", [("las-3-time-and-colour", "las"), ("pcd-binary-compressed",
+                         "pcd/binary_compressed"), ("obj-tetrahedron", "obj"), ("zstd-of-off", "zstd")])
+def test_the_service_takes_every_format(daemon, name, format_name):
+    body = next((FIXTURES / "valid" / name).glob("input.*")).read_bytes()
+    job = daemon.ended(daemon.submit(body, "?ratio=1&outputs=cloud.pcd"))
+    assert job["status"] == "successful" and job["input"]["format"] == format_name
+
+
+def test_a_one_shot_gives_any_output(daemon):
+    assert daemon.post("/v1/simplify?ratio=0.4&output=mesh.glb", CLOUD).body.startswith(b"glTF")
+    assert daemon.post("/v1/simplify?ratio=0.4&output=cloud.ply", CLOUD).body.startswith(b"ply")
+    assert daemon.post("/v1/simplify?output=mesh.fbx", CLOUD).slug == "invalid-parameter"
+    assert daemon.post("/v1/simplify?output=cloud,mesh", CLOUD).slug == "invalid-parameter"

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Requests that two readers could understand in two ways are refused, and what follows them is never a request."""
+import http.client
+import re
+import shutil
+import socket
+import subprocess
+
+import pytest
+
+from conftest import SMALL, Daemon
+
+SMUGGLED = b"GET /v1/info HTTP/1.1\r\nHost: smuggled\r\nX-Request-Id: smuggled\r\n\r\n"
+
+
+@pytest.fixture(name="daemon", scope="module")
+def make_shared_daemon(tmp_path_factory):
+    daemon = Daemon(tmp_path_factory.mktemp("daemon")).start()
+    yield daemon
+    assert daemon.leftovers() == []
+    assert daemon.curl("/v1/jobs").json["jobs"] == []
+    assert daemon.stop() == 0
+    assert "id=smuggled" not in daemon.log_text()
+    print(daemon.log_text()[-20000:])
+
+
+def raw(daemon, data):
+    """Sends bytes, returns all that comes back until the other side closes."""
+    with socket.create_connection(("127.0.0.1", daemon.port), timeout=60) as connection:
+        answer = b""
+        try:
+            connection.sendall(data)
+            while True:
+                part = connection.recv(65536)
+                if not part:
+                    return answer
+                answer += part
+        except ConnectionResetError:
+            return answer
+
+
+def statuses(answer):
+    return re.findall(rb"HTTP/1\.[01] (\d{3}) ", answer)
+
+
+@pytest.mark.parametrize("head, ours", [
+    (b"Content-Length: 5\r\nTransfer-Encoding: chunked\r\n", True),
+    (b"Transfer-Encoding: chunked\r\nContent-Length: 5\r\n", True),
+    (b"Content-Length: 5\r\nContent-Length: 5\r\n", True),
+    (b"Content-Length: 5\r\nContent-Length: 50\r\n", True),
+    (b"Content-Length: 5, 5\r\n", False),
+    (b"Content-Length: -1\r\n", False), (b"Content-Length: +5\r\n", False), (b"Content-Length: 0x5\r\n", False),
+    (b"Content-Length: 5 5\r\n", False), (b"Content-Length: 99999999999999999999\r\n", False),
+    (b"Content-Length:\r\n", False), (b"Content-Length: five\r\n", False),
+    (b"Transfer-Encoding: gzip, chunked\r\n", True), (b"Transfer-Encoding: chunked, identity\r\n", True),
+    (b"Transfer-Encoding: identity\r\n", True), (b"Transfer-Encoding: xchunked\r\n", True),
+    (b"Transfer-Encoding: chunked\r\nTransfer-Encoding: identity\r\n", True),
+    (b"Host: b\r\n", True), (b"Content-Type: text/plain\r\nContent-Type: image/png\r\n", True),
+], ids=lambda value: value.decode("latin-1").strip().replace("\r\n", " | ") if isinstance(value, bytes) else "")
+def test_ambiguous_heads(daemon, head, ours):
+    answer = raw(daemon, b"POST /v1/jobs HTTP/1.1\r\nHost: a\r\n" + head + b"\r\n0\r\n\r\n" + SMUGGLED)
+    assert {status[:1] for status in statuses(answer)} <= {b"4"} and b"smuggled" not in answer, answer
+    if ours:  # libmicrohttpd refuses the others by itself
+        assert statuses(answer) == [b"400"]
+        assert b"application/problem+json" in answer and b"malformed-request" in answer, answer
+        assert b"onnection: close" in answer
+
+
+@pytest.mark.parametrize("body", [b"zz\r\n", b"5\r\nabc", b"-1\r\n\r\n", b"ffffffffffffffffff\r\n", b"0x5\r\nabcde\r\n0\r\n\r\n"])
+def test_malformed_chunks(daemon, body):
+    with socket.create_connection(("127.0.0.1", daemon.port), timeout=60) as connection:
+        connection.sendall(b"POST /v1/jobs HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: chunked\r\n\r\n" + body)
+        connection.shutdown(socket.SHUT_WR)
+        try:
+            answer = connection.recv(65536)
+        except ConnectionResetError:
+            answer = b""
+    assert answer == b"" or statuses(answer)[0][:1] == b"4", answer
+
+
+@pytest.mark.parametrize("request_line", [
+    b"GET /v1/info HTTP/1.1\r\n Host: folded\r\n", b"GET  /v1/info HTTP/1.1\r\n", b"GET /v1/info\r\n", b"GET\r\n",
+    b"get /v1/info HTTP/1.1\r\n", b"GET /v1/info HTTP/1.1\r\nHost a\r\n", b"GET /v1/info HTTP/1.1\r\nHost : a\r\n",
+    b"GET /v1/info HTTP/2.0\r\n", b"PRI * HTTP/2.0\r\n\r\nSM\r\n", b"CONNECT a:80 HTTP/1.1\r\n", b"OPTIONS * HTTP/1.1\r\n",
+    b"GET http://other/v1/jobs/x HTTP/1.1\r\n"], ids=range(12))
+def test_odd_first_lines_do_no_harm(daemon, request_line):
+    with socket.create_connection(("127.0.0.1", daemon.port), timeout=60) as connection:
+        connection.sendall(request_line + b"\r\n\r\n")
+        connection.shutdown(socket.SHUT_WR)
+        try:
+            answer = connection.recv(65536)
+        except ConnectionResetError:
+            answer = b""
+    assert answer == b"" or statuses(answer)
+    assert daemon.curl("/healthz").status == 200
+
+
+@pytest.mark.parametrize("path", ["/v1/%2e%2e/v1/info", "/v1/../v1/info", "//v1/info", "/v1//info", "/v1/info/",
+                                  "/v1%2finfo%2f", "/.%2e/etc/passwd", "/v1/info%0d%0aX:%20y", "/%", "/%zz", "/v1/info%20",
+                                  "/" + "a/" * 2000, "/\\..\\"])
+def test_paths_are_matched_and_nothing_else(daemon, path):
+    reply = daemon.curl(path, "--path-as-is", "--globoff")
+    assert (reply.status, reply.slug) == (404, "no-such-resource")
+    assert "x" not in reply.headers
+
+
+@pytest.mark.parametrize("path", ["/v1/info%00", "/v1/jobs%00/x", "/%00", "/v1/info%00?x=1"])
+def test_nul_in_paths(daemon, path):
+    assert daemon.curl(path).slug == "malformed-request"
+
+
+@pytest.mark.parametrize("query", ["label=a%00b", "%00=1", "label=%00"])
+def test_nul_in_arguments(daemon, query):
+    assert daemon.post(f"/v1/jobs?{query}", SMALL).slug == "malformed-request"
+
+
+def test_an_argument_longer_than_the_head_may_be(daemon):
+    reply = daemon.curl("/v1/jobs?label=" + "x" * 40000)
+    assert (reply.status, reply.slug) == (431, "headers-too-large")
+
+
+def test_what_follows_a_refused_request_is_not_answered(daemon):
+    answer = raw(daemon, b"POST /v1/jobs?ratio=9 HTTP/1.1\r\nHost: a\r\nContent-Length: 100000000\r\n\r\n" + SMUGGLED)
+    assert statuses(answer) == [b"400"]
+
+
+def test_pipelined_requests_are_each_answered(daemon):
+    answer = raw(daemon, b"GET /healthz HTTP/1.1\r\nHost: a\r\n\r\n" * 2 +
+                 b"GET /healthz HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n")
+    assert statuses(answer) == [b"200"] * 3
+
+
+def test_a_body_where_none_is_taken_is_read_away(daemon):
+    answer = raw(daemon, b"GET /v1/info HTTP/1.1\r\nHost: a\r\nContent-Length: 5\r\n\r\nabcde"
+                 b"GET /healthz HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n")
+    assert statuses(answer) == [b"200", b"200"] and b"alive" in answer
+
+
+# ---------------------------------------------------------------------------------------------- early refusals
+
+CASES = [("/v1/jobs?ratio=9", "text/plain", 400), ("/v1/jobs", "image/png", 415), ("/nowhere", "text/plain", 404)]
+
+
+@pytest.mark.parametrize("path, media, status", CASES)
+def test_python_gets_the_answer_to_a_body_that_it_sent_in_vain(daemon, path, media, status):
+    connection = http.client.HTTPConnection("127.0.0.1", daemon.port, timeout=60)
+    connection.request("POST", path, body=b"0 0 0\n" * (4 << 20), headers={"Content-Type": media})
+    assert connection.getresponse().status == status
+    connection.close()
+
+
+@pytest.mark.parametrize("path, media, status", CASES)
+def test_curl_too_with_and_without_expect(daemon, path, media, status, tmp_path):
+    body = tmp_path / "body"
+    body.write_bytes(b"0 0 0\n" * (4 << 20))
+    for expect in ("Expect: 100-continue", "Expect:"):
+        reply = daemon.curl(path, "-X", "POST", "-T", body, "-H", expect, "-H", f"Content-Type: {media}")
+        assert reply.status == status
+
+
+NODE = """
+const http = require('http');
+const request = http.request({host: '127.0.0.1', port: process.argv[1], path: process.argv[2], method: 'POST',
+    headers: {'Content-Type': process.argv[3]}},
+    (reply) => { console.log(reply.statusCode); reply.resume(); reply.on('end', () => process.exit(0)); });
+request.on('error', (error) => { console.log(error.code); process.exit(1); });
+request.end(Buffer.alloc(24 << 20, '0 0 0\\n'));
+"""
+
+
+@pytest.mark.skipif(not shutil.which("node"), reason="node is not installed")
+@pytest.mark.parametrize("path, media, status", CASES)
+def test_node_too(daemon, path, media, status):
+    done = subprocess.run(["node", "-e", NODE, str(daemon.port), path, media], capture_output=True, text=True, check=False,
+                          timeout=60)
+    assert done.stdout.strip() == str(status), done

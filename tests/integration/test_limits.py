@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Every limit of /v1/info can be reached, and says so."""
+import hashlib
+import re
+import socket
+
+import pytest
+
+from conftest import SMALL, sphere, wait_until
+
+
+def connect(daemon):
+    return socket.create_connection(("127.0.0.1", daemon.port), timeout=60)
+
+
+def is_cut(connection):
+    """Reads to the end of the connection; what came before it."""
+    answer = b""
+    while True:
+        try:
+            part = connection.recv(65536)
+        except ConnectionResetError:
+            return answer
+        if not part:
+            return answer
+        answer += part
+
+
+# ---------------------------------------------------------------------------------------------- heads
+
+def test_headers_over_the_limit(make_daemon):
+    daemon = make_daemon("--max-header-bytes", "2K")
+    assert daemon.curl("/v1/info", "-H", "X: " + "x" * 1500).status == 200
+    reply = daemon.curl("/v1/info", "-H", "X: " + "x" * 2500)
+    assert (reply.status, reply.slug) == (431, "headers-too-large")
+    assert reply.json["limit"] == 2048 < reply.json["actual"]
+    assert reply.headers["connection"] == "close"
+
+
+def test_headers_over_what_can_be_read_at_all(daemon):
+    with connect(daemon) as connection:
+        connection.sendall(b"GET / HTTP/1.1\r\nHost: a\r\nX: " + b"x" * 300000)
+        answer = is_cut(connection)
+    assert answer == b"" or answer.startswith((b"HTTP/1.1 431", b"HTTP/1.1 413", b"HTTP/1.0 431"))
+    assert daemon.curl("/healthz").status == 200
+
+
+def test_parameters_over_the_limit(make_daemon):
+    daemon = make_daemon("--max-parameters", "3")
+    assert daemon.curl("/v1/jobs?limit=1&label=x&status=failed").status == 200
+    reply = daemon.curl("/v1/jobs?limit=1&label=x&status=failed&more=1")
+    assert (reply.status, reply.slug, reply.json["limit"]) == (400, "malformed-request", 3)
+
+
+# ---------------------------------------------------------------------------------------------- principals
+
+def line(name):
+    return f"{name}:submit,read:{hashlib.sha256(name.encode()).hexdigest()}\n"
+
+
+@pytest.fixture(name="shared")
+def make_shared(tmp_path, make_daemon):
+    """make(*flags): a daemon with the tokens a and b."""
+    tokens = tmp_path / "tokens"
+    tokens.write_text(line("a") + line("b"))
+    return lambda *flags: make_daemon("--tokens-file", tokens, *flags)
+
+
+def post(daemon, name, data, path="/v1/jobs"):
+    return daemon.post(path, data, "-H", f"Authorization: Bearer {name}")
+
+
+def test_jobs_of_one_principal(shared, large):
+    daemon = shared("--principal-jobs", "1", "--workers", "1")
+    first = post(daemon, "a", large)
+    assert first.status == 201
+    for path in ("/v1/jobs", "/v1/simplify"):
+        reply = post(daemon, "a", SMALL, path)
+        assert (reply.status, reply.slug, reply.json["limit"]) == (429, "rate-limited", 1)
+        assert int(reply.headers["retry-after"]) > 0
+    assert post(daemon, "b", SMALL).status == 201
+    path = first.headers["location"]
+    assert daemon.curl(path, "-X", "DELETE", "-H", "Authorization: Bearer a").json["status"] == "dismissed"
+    assert post(daemon, "a", SMALL).status == 201
+
+
+def test_bytes_of_one_principal(shared):
+    daemon = shared("--principal-bytes", str(len(SMALL) + 100))
+    first = post(daemon, "a", SMALL)
+    assert first.status == 201
+    reply = post(daemon, "a", sphere(50))
+    assert (reply.status, reply.slug, reply.json["limit"]) == (429, "rate-limited", len(SMALL) + 100)
+    assert post(daemon, "b", SMALL).status == 201
+    path = first.headers["location"]
+    wait_until(lambda: daemon.curl(path, "-H", "Authorization: Bearer a").json["finished"], "the end")
+    assert daemon.curl(path, "-X", "DELETE", "-H", "Authorization: Bearer a").status == 200
+    assert post(daemon, "a", sphere(50)).status == 201
+
+
+def test_bytes_are_counted_where_no_length_is_told(shared):
+    daemon = shared("--principal-bytes", "1K")
+    reply = daemon.post("/v1/jobs", SMALL, "-H", "Authorization: Bearer a", "-H", "Transfer-Encoding: chunked")
+    assert (reply.status, reply.slug) == (429, "rate-limited")
+    assert daemon.leftovers() == []
+
+
+# ---------------------------------------------------------------------------------------------- connections
+
+def test_connections(make_daemon):
+    daemon = make_daemon("--max-connections", "8", "--admin-listen", "off")
+    held = [connect(daemon) for _ in range(30)]
+    for connection in held:
+        connection.sendall(b"GET /healthz HTTP/1.1\r\nHost: a\r\n\r\n")
+        connection.settimeout(0.2)
+    answered = []
+    for connection in held:
+        try:
+            answered.append(connection.recv(12))
+        except (TimeoutError, ConnectionResetError):
+            pass
+    assert 0 < sum(a == b"HTTP/1.1 200" for a in answered) <= 8
+    for connection in held:
+        connection.close()
+    assert daemon.curl("/healthz").status == 200
+
+
+def test_connections_of_one_address(make_daemon):
+    daemon = make_daemon("--connections-per-address", "3")
+    held = []
+    for _ in range(3):
+        held.append(connect(daemon))
+        held[-1].sendall(b"GET /healthz HTTP/1.1\r\nHost: a\r\n\r\n")
+        assert held[-1].recv(12) == b"HTTP/1.1 200"
+    with connect(daemon) as connection:
+        try:
+            connection.sendall(b"GET /healthz HTTP/1.1\r\nHost: a\r\n\r\n")
+        except OSError:
+            pass
+        assert is_cut(connection) == b""
+    with socket.create_connection(("127.0.0.1", daemon.port), source_address=("127.0.0.2", 0)) as other:
+        other.sendall(b"GET /healthz HTTP/1.1\r\nHost: a\r\n\r\n")
+        assert other.recv(12) == b"HTTP/1.1 200"
+    for connection in held:
+        connection.close()
+
+
+def cut_count(daemon, reason):
+    text = daemon.curl("/metrics").body.decode()
+    return int(re.search(rf'connections_cut_total{{reason="{reason}"}} (\d+)', text)[1])
+
+
+def test_headers_that_take_too_long(make_daemon):
+    daemon = make_daemon("--header-timeout", "300ms")
+    with connect(daemon) as connection:
+        connection.sendall(b"GET / HTTP/1.1\r\nHost: a\r\n")
+        assert is_cut(connection) == b""
+    assert cut_count(daemon, "headers") == 1
+
+
+def test_a_connection_that_is_idle(make_daemon):
+    daemon = make_daemon("--idle-timeout", "1s")
+    with connect(daemon) as connection:
+        connection.sendall(b"GET /healthz HTTP/1.1\r\nHost: a\r\n\r\n")
+        assert is_cut(connection).startswith(b"HTTP/1.1 200")
+
+
+def test_an_upload_that_trickles(make_daemon):
+    daemon = make_daemon("--min-upload-rate", "1M", "--upload-grace", "100ms")
+    with connect(daemon) as connection:
+        connection.sendall(b"POST /v1/jobs HTTP/1.1\r\nHost: a\r\nContent-Length: 1000000\r\n\r\n0 0 0\n")
+        assert is_cut(connection) == b""
+    wait_until(lambda: not daemon.leftovers(), "the file's removal")
+    assert cut_count(daemon, "slow") == 1
+
+
+# ---------------------------------------------------------------------------------------------- time
+
+def test_results_expire_and_say_so(make_daemon):
+    daemon = make_daemon("--retention", "1s")
+    job_id = daemon.submit(SMALL)
+    wait_until(lambda: daemon.curl(f"/v1/jobs/{job_id}").status == 410, "the job's expiry")
+    reply = daemon.curl(f"/v1/jobs/{job_id}/outputs/cloud.ply")
+    assert (reply.status, reply.slug, reply.json["reason"]) == (410, "job-gone", "expired") and reply.json["at"]
+    wait_until(lambda: not list((daemon.data / "jobs").iterdir()), "the removal of its files")
+    assert not list((daemon.data / "clouds").iterdir())
+    assert daemon.leftovers() == []
+
+
+def test_a_link_lives_no_longer_than_allowed(make_daemon):
+    daemon = make_daemon("--link-max", "10s")
+    job_id = daemon.submit(SMALL)
+    daemon.ended(job_id)
+    path = f"/v1/jobs/{job_id}/outputs/cloud.ply/link"
+    assert daemon.curl(path + "?seconds=10", "-X", "POST").status == 200
+    assert daemon.curl(path + "?seconds=11", "-X", "POST").slug == "invalid-parameter"
+    assert daemon.curl(path, "-X", "POST").status == 200
+
+
+def test_a_long_poll_waits_no_longer_than_allowed(make_daemon, large):
+    daemon = make_daemon("--wait-max", "10ms", "--workers", "1")
+    running = daemon.submit(large)
+    waiting = daemon.submit(large + b"0 0 0\n")
+    etag = daemon.curl(f"/v1/jobs/{waiting}").headers["etag"]
+    reply = daemon.curl(f"/v1/jobs/{waiting}", "-H", "Prefer: wait=50", "-H", f"If-None-Match: {etag}")
+    assert reply.status == 304 and daemon.job(running)["status"] == "running"

@@ -15,6 +15,7 @@
 #include <unistd.h>
 
 #include "core/alloc.h"
+#include "core/pcd_header.h"
 #include "core/ply_header.h"
 #include "core/sink.h"
 
@@ -181,6 +182,46 @@ static enum status copy_xyz(struct source *source, struct sink *sink, uint64_t n
     return error_set(error, STATUS_LIMIT, "prefix", "the cloud has %" PRIu64 " points", copied);
 }
 
+/* ------------------------------------------------------------------------------------------------ PCD */
+
+/* The header as it was, but for WIDTH and POINTS. */
+static void copy_pcd_header(struct source *source, struct sink *sink, size_t bytes, uint64_t n) {
+    static const char *const counts[] = {"WIDTH ", "POINTS "};
+    const char *at = (const char *)source->block, *end = at + bytes;
+    while (at < end) {
+        const char *newline = memchr(at, '\n', (size_t)(end - at)), *next = newline ? newline + 1 : end;
+        size_t i = 0;
+        while (i < 2 && strncmp(at, counts[i], strlen(counts[i])) != 0) i++;
+        if (i < 2)
+            sink_format(sink, "%s%" PRIu64 "\n", counts[i], n);
+        else
+            sink_bytes(sink, at, (size_t)(next - at));
+        at = next;
+    }
+    source->at = bytes;
+}
+
+static enum status copy_pcd(struct source *source, struct sink *sink, uint64_t n, uint64_t *held, struct error *error) {
+    struct pcd_header header;
+    enum status status = pcd_header_parse(source->block, source->end, &header, error);
+    if (status) return status;
+    if (header.data != PCD_BINARY)
+        return error_set(error, STATUS_MALFORMED, "prefix", "this is no cloud that whittle wrote");
+    if (n > header.points) {
+        *held = header.points;
+        return error_set(error, STATUS_LIMIT, "prefix", "the cloud has %" PRIu64 " points", *held);
+    }
+    copy_pcd_header(source, sink, header.bytes, n);
+    return copy_bytes(source, sink, n * header.record_bytes) ? STATUS_OK : cut_short(source, error);
+}
+
+typedef enum status copier(struct source *source, struct sink *sink, uint64_t n, uint64_t *held, struct error *error);
+
+static copier *copier_of(const struct source *source) {
+    if (source->end >= 4 && memcmp(source->block, "ply\n", 4) == 0) return copy_ply;
+    return source->end >= 6 && memcmp(source->block, "# .PCD", 6) == 0 ? copy_pcd : copy_xyz;
+}
+
 enum status cloud_prefix_copy(int from, int to, uint64_t n, uint64_t *held, struct error *error) {
     struct source source = {.fd = from, .block = alloc_array(BLOCK_BYTES, 1)};
     struct sink sink = {0};
@@ -189,8 +230,7 @@ enum status cloud_prefix_copy(int from, int to, uint64_t n, uint64_t *held, stru
         error_set(error, status, "prefix", "no memory for a buffer");
     } else {
         fill_first(&source);
-        bool is_ply = source.end >= 4 && memcmp(source.block, "ply\n", 4) == 0;
-        status = is_ply ? copy_ply(&source, &sink, n, held, error) : copy_xyz(&source, &sink, n, held, error);
+        status = copier_of(&source)(&source, &sink, n, held, error);
         status = sink_done(&sink, status, error);
     }
     free(source.block);

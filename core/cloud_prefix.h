@@ -1,7 +1,7 @@
 /* The first n points of a cloud file that whittle wrote, as the file that it would have written of these n alone.
  *
  * The points of an output stand in the order of their rank, so a prefix is the coarser cloud: nothing is computed, the
- * header's count changes and the rest is copied.  Serves PLY (ascii, binary, with lists) and XYZ text.
+ * header's count changes and the rest is copied.  Serves PLY (ascii, binary, with lists), binary PCD and XYZ text.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_CLOUD_PREFIX_H

@@ -9,8 +9,10 @@
  *                 commas look.  One may stand at the end of a line.
  *
  * Lines end by \n, \r\n or \r.  Columns are named by the names line, or by a comment whose words contain x, y and z
- * (CloudCompare's "//X Y Z R G B"), when it has as many words as there are columns; x, y and z may then stand anywhere.
- * Else the first three columns are x, y, z and the others column4, column5 ...
+ * (CloudCompare's "//X Y Z R G B"), when it has as many names as there are columns; x, y and z may then stand anywhere.
+ * Else the first three columns are x, y, z and the others column4, column5 ...; but a names line that has x, y and z
+ * in other places is refused then, since columns would be taken for others.  Names are separated by commas,
+ * where there are any, else by semicolons, tabs, or blanks; quotes around them are dropped, blanks in them become "_".
  *
  * There is no header that could promise anything, so arrays grow by half as points come in.
  *
@@ -85,6 +87,41 @@ static bool is_number(const char *at, const char *stop) {
     return number_parse_f64(at, stop, &value) == stop;
 }
 
+/* What separates the names of a line; 0 = blanks. */
+static char mark_of(const char *at, const char *end) {
+    static const char marks[] = ",;\t";
+    for (const char *mark = marks; *mark; mark++)
+        for (const char *c = at; c < end && !is_newline(*c); c++)
+            if (*c == *mark) return *mark;
+    return 0;
+}
+
+static bool is_quote(char c) { return c == '"' || c == '\''; }
+
+/* The next name at *at of a line, which is moved past it; false at the line's end. */
+static bool next_name(const char **at, const char *end, char mark, const char **from, const char **stop) {
+    if (!mark) {
+        if (!next_word(at, end, stop)) return false;
+        *from = *at;
+        *at = *stop;
+    } else {
+        if (*at == end || is_newline(**at)) return false;
+        for (*from = *at; *at < end && **at != mark && !is_newline(**at);) ++*at;
+        *stop = *at;
+        if (*at < end && **at == mark) ++*at;
+    }
+    while (*from < *stop && (is_blank(**from) || is_quote(**from))) ++*from;
+    while (*from < *stop && (is_blank((*stop)[-1]) || is_quote((*stop)[-1]))) --*stop;
+    return true;
+}
+
+static size_t count_names(const char *at, const char *end) {
+    char mark = mark_of(at, end);
+    size_t n = 0;
+    for (const char *from, *stop; next_name(&at, end, mark, &from, &stop);) n++;
+    return n;
+}
+
 /* ------------------------------------------------------------------------------------------------ before the points */
 
 static bool no_word_is_a_number(const char *at, const char *end) {
@@ -106,11 +143,12 @@ static bool take_count(struct reader *r) {
     return true;
 }
 
-/* Whether the words at a comment's line name x, y and z. */
+/* Whether a line's names have x, y and z among them. */
 static bool names_xyz(const char *at, const char *end) {
+    char mark = mark_of(at, end);
     unsigned found = 0;
-    for (const char *stop; next_word(&at, end, &stop); at = stop)
-        if (stop - at == 1 && (*at | 32) >= 'x' && (*at | 32) <= 'z') found |= 1u << ((*at | 32) - 'x');
+    for (const char *from, *stop; next_name(&at, end, mark, &from, &stop);)
+        if (stop - from == 1 && (*from | 32) >= 'x' && (*from | 32) <= 'z') found |= 1u << ((*from | 32) - 'x');
     return found == 7;
 }
 
@@ -148,7 +186,7 @@ static bool is_fit_name(const char *at, const char *stop) {
     if (stop - at >= PROPERTY_NAME_BYTES) return false;
     if (stop - at >= 6 && memcmp(at, "column", 6) == 0) return false; /* those are ours, and so can't clash */
     for (; at < stop; at++)
-        if (*at < 33 || *at > 126) return false;
+        if ((*at < 33 || *at > 126) && !is_blank(*at)) return false;
     return true;
 }
 
@@ -167,7 +205,7 @@ static bool is_taken(const struct cloud *cloud, size_t columns, const char *name
 static void name_column(struct cloud *cloud, size_t j, const char *at, const char *stop) {
     char *name = cloud->property[j].name;
     if (stop > at && is_fit_name(at, stop)) {
-        memcpy(name, at, (size_t)(stop - at));
+        for (size_t k = 0; at + k < stop; k++) name[k] = is_blank(at[k]) ? '_' : at[k];
         lower_axis(name);
         if (!is_taken(cloud, j, name)) return;
     }
@@ -177,18 +215,36 @@ static void name_column(struct cloud *cloud, size_t j, const char *at, const cha
 static void name_columns(struct reader *r) {
     static const char xyz[] = "xyz";
     struct cloud *cloud = r->cloud;
-    bool fits = r->names && count_words(r->names, r->end) == cloud->property_count;
+    bool fits = r->names && count_names(r->names, r->end) == cloud->property_count;
     bool has_xyz = fits && names_xyz(r->names, r->end);
-    const char *at = fits ? r->names : r->end, *stop;
-    for (size_t j = 0; j < cloud->property_count; j++, at = stop) {
-        next_word(&at, r->end, &stop);
+    const char *at = fits ? r->names : r->end, *from = at, *stop = at;
+    char mark = mark_of(at, r->end);
+    for (size_t j = 0; j < cloud->property_count; j++) {
+        if (fits) (void)next_name(&at, r->end, mark, &from, &stop);
         if (!has_xyz && j < 3)
             name_column(cloud, j, xyz + j, xyz + j + 1);
         else
-            name_column(cloud, j, at, stop);
+            name_column(cloud, j, from, stop);
         for (unsigned axis = 0; axis < 3; axis++)
             if (strcmp(cloud->property[j].name, (const char[2]){xyz[axis]}) == 0) cloud->xyz[axis] = (uint32_t)j;
     }
+}
+
+static bool begins_with_xyz(const char *at, const char *end) {
+    char mark = mark_of(at, end);
+    const char *from, *stop;
+    for (char axis = 'x'; axis <= 'z'; axis++)
+        if (!next_name(&at, end, mark, &from, &stop) || stop - from != 1 || (*from | 32) != axis) return false;
+    return true;
+}
+
+/* Names that aren't as many as the columns, and say that x, y, z aren't the first three. */
+static enum status check_names(struct reader *r) {
+    if (!r->names || r->names_are_comment || !names_xyz(r->names, r->end)) return STATUS_OK;
+    size_t names = count_names(r->names, r->end), columns = r->cloud->property_count;
+    if (names == columns || begins_with_xyz(r->names, r->end)) return STATUS_OK;
+    return error_set_at(r->error, STATUS_MALFORMED, "columns", r->line, UINT64_MAX,
+                        "the point has %zu values, but the line of names has %zu", columns, names);
 }
 
 static enum status no_memory(struct reader *r) {
@@ -321,6 +377,7 @@ static enum status read_file(struct reader *r) {
     if (!status && r->cloud->property_count < 3)
         status = error_set_at(r->error, STATUS_MALFORMED, "columns", r->line, UINT64_MAX,
                               "the line has %zu values, a point has at least 3", r->cloud->property_count);
+    if (!status) status = check_names(r);
     if (!status) status = take_points(r);
     if (!status) status = check_count(r);
     return status ? status : resize(r, r->cloud->count);

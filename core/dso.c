@@ -77,10 +77,21 @@ static double mean(const float *value, size_t n) {
     return n ? sum / (double)n : 0;
 }
 
-void dso_weights(const float *dso, size_t n, double exponent, float *weight) {
-    double average = mean(dso, n);
-    for (size_t i = 0; i < n; i++) {
-        double relative = average > 0 ? ((double)dso[i] / average + WEIGHT_FLOOR) / (1 + WEIGHT_FLOOR) : 1;
-        weight[i] = (float)fmin(fmax(pow(relative, exponent), WEIGHT_MIN), WEIGHT_MAX);
+struct weighting {
+    const float *dso;
+    double average, exponent;
+    float *weight;
+};
+
+static void weight_range(void *ctx, size_t begin, size_t end) {
+    const struct weighting *w = ctx;
+    for (size_t i = begin; i < end; i++) {
+        double relative = w->average > 0 ? ((double)w->dso[i] / w->average + WEIGHT_FLOOR) / (1 + WEIGHT_FLOOR) : 1;
+        w->weight[i] = (float)fmin(fmax(pow(relative, w->exponent), WEIGHT_MIN), WEIGHT_MAX);
     }
+}
+
+void dso_weights(const float *dso, size_t n, double exponent, unsigned threads, float *weight) {
+    struct weighting weighting = {dso, mean(dso, n), exponent, weight};
+    par_for(threads, n, GRAIN, weight_range, &weighting);
 }

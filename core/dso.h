@@ -17,6 +17,6 @@ void dso_compute(const vec3 *point, const vec3 *normal, const struct neighbourho
 
 /* weight[p] = (dso[p] / mean dso)^exponent, kept within 1e-3 .. 1e3 and with a floor that keeps flat regions alive; 1
  * where the mean is 0 (a plane) or the exponent is 0. */
-void dso_weights(const float *dso, size_t n, double exponent, float *weight);
+void dso_weights(const float *dso, size_t n, double exponent, unsigned threads, float *weight);
 
 #endif

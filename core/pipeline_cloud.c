@@ -89,7 +89,7 @@ enum status pipeline_quadrics(struct run *run) {
     if (weight && run->quadrics) {
         struct quadric_options options = {(enum area_weight)run->params->area_weight, run->params->line_quadric,
                                           run->threads};
-        dso_weights(run->dso, n, run->params->dso_exponent, weight);
+        dso_weights(run->dso, n, run->params->dso_exponent, run->threads, weight);
         quadric_assemble(run->points.point, run->normal, &run->hood, weight, &options, run->quadrics);
     }
     free(weight);

@@ -71,18 +71,26 @@ static bool is_type(const char *type, const char *name) {
 }
 
 static bool refuse_type(const struct body_plan *plan, struct problem *problem) {
-    char supported[PROBLEM_TEXT_BYTES] = "application/octet-stream,text/plain,model/ply";
+    char supported[PROBLEM_TEXT_BYTES];
+    bool piece = plan->takes & BODY_PIECE;
+    snprintf(supported, sizeof supported, "%s",
+             piece ? "application/offset+octet-stream" : "application/octet-stream,text/plain,model/ply");
     size_t used = strlen(supported);
     snprintf(supported + used, sizeof supported - used, "%s%s", plan->takes & BODY_FORM ? ",multipart/form-data" : "",
              plan->takes & BODY_JSON ? ",application/json" : "");
-    problem_set(problem, PROBLEM_UNSUPPORTED_FORMAT, "Content-Type %.80s is not taken here", plan->type);
+    problem_set(problem, PROBLEM_UNSUPPORTED_FORMAT, "Content-Type %.80s is not taken here",
+                plan->type ? plan->type : "(none)");
     problem_add_list(problem, "supported", supported);
     return false;
 }
 
 static bool choose_kind(struct body *body, struct problem *problem) {
     const struct body_plan *plan = &body->plan;
-    if ((plan->takes & BODY_FORM) && is_type(plan->type, "multipart/form-data"))
+    if (plan->takes & BODY_PIECE && is_type(plan->type, "application/offset+octet-stream"))
+        body->kind = BODY_PIECE;
+    else if (plan->takes & BODY_PIECE)
+        return refuse_type(plan, problem);
+    else if ((plan->takes & BODY_FORM) && is_type(plan->type, "multipart/form-data"))
         body->kind = BODY_FORM;
     else if ((plan->takes & BODY_JSON) && is_type(plan->type, "application/json"))
         body->kind = BODY_JSON;
@@ -161,6 +169,7 @@ static bool take_plain(struct body *body, const void *bytes, size_t count, struc
     switch (body->kind) {
     case BODY_CLOUD: return upload_write(body->upload, bytes, count, problem);
     case BODY_FORM: return multipart_push(body->form, bytes, count, problem);
+    case BODY_PIECE: return uploads_write(body->plan.writer, bytes, count, problem);
     case BODY_JSON: break;
     }
     return add_text(body, bytes, count, TEXT_BYTES, problem);
@@ -197,14 +206,14 @@ static bool start_inflating(struct body *body, struct problem *problem) {
     const char *coding = body->plan.coding;
     struct error error = {0};
     if (!coding || !*coding || strcasecmp(coding, "identity") == 0) return true;
-    for (size_t i = 0; i < sizeof codings / sizeof *codings; i++) {
+    for (size_t i = body->kind == BODY_PIECE ? 3 : 0; i < sizeof codings / sizeof *codings; i++) {
         if (strcasecmp(coding, codings[i].name) != 0) continue;
         struct inflate_out out = {take_inflated, body};
         return inflate_new(codings[i].kind, &limits, out, &body->inflate, &error) == STATUS_OK ||
                refuse_inflated(body, &error, problem);
     }
     problem_set(problem, PROBLEM_UNSUPPORTED_FORMAT, "Content-Encoding %.80s is not taken", coding);
-    problem_add_list(problem, "supported", "gzip,zstd,identity");
+    problem_add_list(problem, "supported", body->kind == BODY_PIECE ? "identity" : "gzip,zstd,identity");
     return false;
 }
 
@@ -275,7 +284,8 @@ static bool start(struct body *body, struct problem *problem) {
     switch (body->kind) {
     case BODY_CLOUD: return start_upload(body, body->inflate ? UINT64_MAX : expected, problem);
     case BODY_FORM: return (body->form = multipart_new(plan->type, sink, problem)) != NULL;
-    case BODY_JSON: break;
+    case BODY_JSON:
+    case BODY_PIECE: break;
     }
     return true;
 }
@@ -283,6 +293,7 @@ static bool start(struct body *body, struct problem *problem) {
 struct body *body_new(const struct body_plan *plan, struct problem *problem) {
     struct body *body = calloc(1, sizeof *body);
     if (!body) {
+        uploads_writer_free(plan->writer);
         problem_set(problem, PROBLEM_INTERNAL_ERROR, "no memory");
         return NULL;
     }
@@ -298,6 +309,7 @@ void body_free(struct body *body) {
     inflate_free(body->inflate);
     digest_free(body->digest);
     multipart_free(body->form);
+    uploads_writer_free(body->plan.writer);
     free(body);
 }
 
@@ -322,7 +334,7 @@ bool body_end(struct body *body, struct problem *problem) {
     if (body->kind == BODY_JSON)
         return job_request_read(&body->request, body->text, body->text_bytes, body->plan.names, problem);
     if (body->kind == BODY_FORM && !multipart_end(body->form, problem)) return false;
-    if (body->upload) return true;
+    if (body->upload || body->kind == BODY_PIECE) return true;
     problem_set(problem, PROBLEM_MALFORMED_REQUEST, "the form has no part called file");
     return false;
 }
@@ -334,6 +346,10 @@ struct upload *body_upload(struct body *body) {
 void body_drop_upload(struct body *body) {
     upload_free(body->upload);
     body->upload = NULL;
+}
+
+struct uploads_writer *body_writer(struct body *body) {
+    return body->plan.writer;
 }
 
 const char *body_input(const struct body *body) { return body->request.input; }

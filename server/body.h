@@ -19,9 +19,10 @@
 #include "api/query.h"
 #include "server/store.h"
 #include "server/upload.h"
+#include "server/uploads.h"
 
 /* What an operation takes: a set. */
-enum body_kind { BODY_CLOUD = 1, BODY_FORM = 2, BODY_JSON = 4 };
+enum body_kind { BODY_CLOUD = 1, BODY_FORM = 2, BODY_JSON = 4, BODY_PIECE = 8 };
 
 /* What the request's headers say (NULL = absent), and the limits; all borrowed for as long as the body lives. */
 struct body_plan {
@@ -31,6 +32,8 @@ struct body_plan {
     uint32_t max_expansion;  /* bytes of the cloud for each byte of a compressed body */
     uint64_t content_length; /* UINT64_MAX = not known */
     const char *type, *coding, *content_digest, *repr_digest;
+    struct uploads_writer
+        *writer;              /* for BODY_PIECE: takes the bytes; the body's from body_new on, also where it fails */
     const char *const *names; /* members that a document may have besides input and params; NULL-terminated */
 };
 
@@ -52,6 +55,9 @@ struct upload *body_upload(struct body *body);
 
 /* Frees the upload early: it is kept, or not wanted. */
 void body_drop_upload(struct body *body);
+
+/* Who takes the piece of a resumable upload. */
+struct uploads_writer *body_writer(struct body *body);
 
 /* The cloud that the body names; "" where it holds one. */
 const char *body_input(const struct body *body);

@@ -136,6 +136,7 @@ static void look_at_thing(void *ctx, enum store_thing thing, const char *name) {
     switch (thing) {
     case STORE_CLOUD: look_at_name(check, cloud_uses[check->cloud_tables], "clouds", name); break;
     case STORE_JOB: look_at_name(check, "SELECT count(*) FROM jobs WHERE id = ?1", "jobs", name); break;
+    case STORE_PART: look_at_name(check, "SELECT count(*) FROM uploads WHERE id = ?1", "uploads", name); break;
     case STORE_TEMPORARY: unfinished(check, "tmp/%s is half written, or half removed", name); break;
     }
 }

@@ -8,7 +8,9 @@
 #include <nettle/base64.h>
 #include <nettle/hmac.h>
 #include <nettle/memops.h>
+#include <nettle/sha1.h>
 #include <nettle/sha2.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -18,19 +20,32 @@
 enum { BLOCK_BYTES = 256 * 1024 };
 
 struct digest {
+    bool is_sha1;
     struct sha256_ctx sha;
+    struct sha1_ctx sha1;
 };
 
 struct digest *digest_new(void) {
     struct digest *digest = alloc_array(1, sizeof *digest);
     if (digest) sha256_init(&digest->sha);
+    if (digest) digest->is_sha1 = false;
+    return digest;
+}
+
+struct digest *digest_new_sha1(void) {
+    struct digest *digest = malloc(sizeof *digest);
+    if (digest) sha1_init(&digest->sha1);
+    if (digest) digest->is_sha1 = true;
     return digest;
 }
 
 void digest_free(struct digest *digest) { free(digest); }
 
 void digest_update(struct digest *digest, const void *bytes, size_t count) {
-    sha256_update(&digest->sha, count, bytes);
+    if (digest->is_sha1)
+        sha1_update(&digest->sha1, count, bytes);
+    else
+        sha256_update(&digest->sha, count, bytes);
 }
 
 void digest_finish(struct digest *digest, char hex[DIGEST_HEX_BYTES]) {
@@ -38,6 +53,17 @@ void digest_finish(struct digest *digest, char hex[DIGEST_HEX_BYTES]) {
     sha256_digest(&digest->sha, sizeof raw, raw);
     base16_encode_update(hex, sizeof raw, raw);
     hex[DIGEST_HEX_BYTES - 1] = 0;
+}
+
+void digest_finish_base64(struct digest *digest, char base64[DIGEST_BASE64_BYTES]) {
+    uint8_t raw[SHA256_DIGEST_SIZE];
+    size_t length = digest->is_sha1 ? SHA1_DIGEST_SIZE : SHA256_DIGEST_SIZE;
+    if (digest->is_sha1)
+        sha1_digest(&digest->sha1, length, raw);
+    else
+        sha256_digest(&digest->sha, length, raw);
+    base64_encode_raw(base64, length, raw);
+    base64[BASE64_ENCODE_RAW_LENGTH(length)] = 0;
 }
 
 static int read_all(int fd, struct digest *digest, unsigned char *block, uint64_t *bytes) {

@@ -1,4 +1,4 @@
-/* SHA-256, by nettle: the name of a cloud and the tag of an output.
+/* SHA-256, by nettle: the name of a cloud and the tag of an output; and SHA-1, for checksums of pieces.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_SERVER_DIGEST_H
@@ -12,14 +12,18 @@ enum { DIGEST_HEX_BYTES = 65, DIGEST_BASE64_BYTES = 45 };
 
 struct digest; /* a hash in the making */
 
-/* Returns new, NULL when memory runs out; digest_free accepts NULL. */
+/* Returns new, NULL when memory runs out; digest_free accepts NULL.  One of SHA-1 has no use but in base64. */
 struct digest *digest_new(void);
+struct digest *digest_new_sha1(void);
 void digest_free(struct digest *digest);
 
 void digest_update(struct digest *digest, const void *bytes, size_t count);
 
 /* Writes the hash as lower-case hexadecimal, and starts anew. */
 void digest_finish(struct digest *digest, char hex[DIGEST_HEX_BYTES]);
+
+/* The same as base64, of either hash. */
+void digest_finish_base64(struct digest *digest, char base64[DIGEST_BASE64_BYTES]);
 
 /* The hash and length of an open file, read from its start in blocks.  -1 with errno when it can't be read. */
 int digest_file(int fd, char hex[DIGEST_HEX_BYTES], uint64_t *bytes);

@@ -30,6 +30,10 @@ const struct handler *handlers_find(enum operation operation);
 
 /* ---- shared by the handlers_*.c ---- */
 
+/* Whether so many bytes more are taken now, of this principal, and (for_job) another job; else a response. */
+bool handlers_has_room(struct service *service, const struct request *request, uint64_t body, bool for_job,
+                       struct response *response);
+
 /* Whether new work is taken now, and the request's headers fit a body that the operation takes (a set of enum
  * body_kind; where it may be JSON, it is for a job, and the queue must have room; names as in struct body_plan); else a
  * response. */
@@ -114,8 +118,8 @@ void handlers_keep_reply(struct service *service, const struct request *request,
 /* Makes the response that was kept; takes it out of the record. */
 void handlers_replay(struct idempotency_record *record, struct response *response);
 
-/* Dismisses a job that waits; STATUS_OK also where it waits no more. */
-enum status handlers_dismiss_waiting(struct service *service, struct job *job, struct error *error) MUST_CHECK;
+/* Dismisses a job that waits; *changed false: it doesn't wait any more. */
+enum status handlers_withdraw(struct service *service, struct job *job, bool *changed, struct error *error) MUST_CHECK;
 
 /* The handlers themselves. */
 bool handlers_admit_job(struct service *service, struct request *request, struct response *response);
@@ -137,6 +141,13 @@ void handlers_list_clouds(struct service *service, struct request *request, stru
 void handlers_get_cloud(struct service *service, struct request *request, struct response *response);
 void handlers_delete_cloud(struct service *service, struct request *request, struct response *response);
 void handlers_get_cloud_data(struct service *service, struct request *request, struct response *response);
+void handlers_upload_options(struct service *service, struct request *request, struct response *response);
+bool handlers_admit_upload(struct service *service, struct request *request, struct response *response);
+void handlers_create_upload(struct service *service, struct request *request, struct response *response);
+void handlers_get_upload(struct service *service, struct request *request, struct response *response);
+bool handlers_admit_piece(struct service *service, struct request *request, struct response *response);
+void handlers_continue_upload(struct service *service, struct request *request, struct response *response);
+void handlers_delete_upload(struct service *service, struct request *request, struct response *response);
 void handlers_get_page(struct service *service, struct request *request, struct response *response);
 void handlers_get_parameters(struct service *service, struct request *request, struct response *response);
 void handlers_get_info(struct service *service, struct request *request, struct response *response);

@@ -220,6 +220,7 @@ static enum MHD_Result answer(struct exchange *x) {
     for (size_t i = 0; i < r->header_count; i++) MHD_add_response_header(made, r->header[i].name, r->header[i].value);
     MHD_add_response_header(made, "X-Content-Type-Options", "nosniff");
     MHD_add_response_header(made, "X-Request-Id", x->request.id);
+    if (x->request.tus) MHD_add_response_header(made, "Tus-Resumable", "1.0.0");
     x->phase = PHASE_SENT;
     x->status = r->status;
     x->problem = r->problem;
@@ -295,10 +296,20 @@ static bool is_administrative(const struct route *route) {
                      route->operation == OPERATION_GET_METRICS);
 }
 
+/* Who can't send PATCH or DELETE for a resumable upload sends POST and says so. */
+static const char *method_of(const struct request *request) {
+    static const char uploads[] = "/v1/uploads/";
+    const char *other = request->header[HEADER_METHOD_OVERRIDE];
+    bool taken = other && (strcmp(other, "PATCH") == 0 || strcmp(other, "DELETE") == 0);
+    bool here = strcmp(request->method, "POST") == 0 && strncmp(request->path, uploads, sizeof uploads - 1) == 0;
+    return taken && here ? other : request->method;
+}
+
 /* Finds the operation, and asks it whether it wants the body; false: a response is there. */
 static bool admit(struct exchange *x) {
     struct request *request = &x->request;
     struct service *service = x->http->service;
+    request->method = method_of(request);
     routes_match(request->method, request->path, &request->match);
     if (x->admin && !is_administrative(request->match.route)) {
         request->match.route = NULL;
@@ -394,6 +405,7 @@ static enum MHD_Result dispatch(struct exchange *x) {
         response_refuse(&x->response, PROBLEM_DRAINING, "the service stops");
         return answer(x);
     }
+    set_uploading(x, false); /* parked by now: closing waits for it */
     offload_post(x->http->offload, &x->task);
     return MHD_YES;
 }

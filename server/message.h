@@ -39,6 +39,14 @@ enum request_header {
     HEADER_CACHE_CONTROL,
     HEADER_IDEMPOTENCY_KEY,
     HEADER_CONTENT_DIGEST,
+    HEADER_METHOD_OVERRIDE,
+    HEADER_TUS_RESUMABLE,
+    HEADER_UPLOAD_LENGTH,
+    HEADER_UPLOAD_DEFER_LENGTH,
+    HEADER_UPLOAD_OFFSET,
+    HEADER_UPLOAD_METADATA,
+    HEADER_UPLOAD_CHECKSUM,
+    HEADER_UPLOAD_CONCAT,
     HEADER_REPR_DIGEST
 };
 #define HEADER_COUNT (HEADER_REPR_DIGEST + 1)
@@ -73,6 +81,7 @@ struct request {
     const char *header[HEADER_COUNT]; /* NULL = absent */
     const char *fault;                /* what makes the head ambiguous or malformed; NULL = nothing */
     bool has_body;
+    bool tus;                       /* of a resumable upload: every answer says so */
     uint64_t content_length;        /* UINT64_MAX = not known */
     struct body *body;              /* complete, for body_end; NULL = the operation takes none */
     struct idempotency_claim claim; /* on the request's Idempotency-Key */

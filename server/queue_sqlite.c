@@ -78,6 +78,9 @@ static const char *const schema[] = {
     "DO UPDATE SET bytes = bytes + excluded.bytes; END;"
     "CREATE TRIGGER usage_cloud_gone AFTER DELETE ON clouds BEGIN "
     "UPDATE usage SET bytes = bytes - OLD.bytes WHERE principal = OLD.principal; END;",
+    "CREATE TABLE uploads (id TEXT PRIMARY KEY, principal TEXT NOT NULL, metadata TEXT NOT NULL, cloud TEXT NOT NULL, "
+    "created INTEGER NOT NULL, expires INTEGER NOT NULL, position INTEGER NOT NULL, length INTEGER NOT NULL, "
+    "boot TEXT NOT NULL) STRICT;",
 };
 enum { SCHEMA_VERSION = sizeof schema / sizeof schema[0] };
 

@@ -30,6 +30,8 @@ enum { PAGE = 64, TOMBSTONE_MS = 7 * 24 * 3600 * 1000 };
 static bool is_known(void *ctx, enum store_thing thing, const char *name) {
     struct service *service = ctx;
     struct error error = {0};
+    struct uploads_info upload;
+    if (thing == STORE_PART) return uploads_find(service->uploads, name, &upload) && !upload.cloud[0];
     if (thing == STORE_CLOUD) {
         uint64_t uses = 1;
         return queue_cloud_uses(service->queue, name, &uses, &error) != STATUS_OK || uses > 0;
@@ -155,6 +157,7 @@ enum status service_open(struct service *service, const struct config *config, s
         status = tls_open(config->tls_cert, config->tls_key, &service->tls, error);
     service->metrics = metrics_new();
     if (status == STATUS_OK && !service->metrics) status = error_set(error, STATUS_NO_MEMORY, "service", "no memory");
+    if (status == STATUS_OK) status = uploads_open(service->queue, service->store, &service->uploads, error);
     if (status == STATUS_OK) status = mend(service, error);
     if (status == STATUS_OK) status = events_open(&service->events, error);
     if (status != STATUS_OK) service_close(service);
@@ -166,6 +169,7 @@ void service_close(struct service *service) {
     tokens_close(service->tokens);
     tls_close(service->tls);
     metrics_free(service->metrics);
+    uploads_close(service->uploads);
     queue_close(service->queue);
     store_close(service->store);
     estimate_free(service->estimate);
@@ -315,17 +319,31 @@ enum status service_delete(struct service *service, const struct job *job, const
     return STATUS_OK;
 }
 
-enum status service_keep_cloud(struct service *service, struct upload *upload, const struct upload_facts *facts,
-                               const char *principal, bool *known, struct error *error) {
+static struct clouds_record record_of(struct service *service, const struct upload_facts *facts,
+                                      const char *principal) {
     int64_t now = job_now_ms();
     struct clouds_record record = {.created_ms = now,
                                    .expires_ms = now + service->config->retention_ms,
                                    .bytes = facts->bytes,
-                                   .points = facts->points},
-                         before = {0};
+                                   .points = facts->points};
     memcpy(record.sha256, facts->sha256, sizeof record.sha256);
     memcpy(record.format, facts->format, sizeof record.format);
     snprintf(record.principal, sizeof record.principal, "%s", principal);
+    return record;
+}
+
+/* The end of keeping a cloud: of a failure, no file remains. */
+static enum status cloud_kept(struct service *service, const struct clouds_record *record, enum status status) {
+    if (status != STATUS_OK) forget_cloud(service, record->sha256);
+    if (status == STATUS_OK)
+        log_line(LOG_INFO, "cloud=%s kept: %llu bytes of %s", record->sha256, (unsigned long long)record->bytes,
+                 record->format);
+    return status;
+}
+
+enum status service_keep_cloud(struct service *service, struct upload *upload, const struct upload_facts *facts,
+                               const char *principal, bool *known, struct error *error) {
+    struct clouds_record record = record_of(service, facts, principal), before = {0};
     enum status status = upload_sync(upload, error);
     if (status != STATUS_OK) return status;
     pthread_rwlock_rdlock(&service->clouds);
@@ -334,11 +352,17 @@ enum status service_keep_cloud(struct service *service, struct upload *upload, c
     if (status == STATUS_OK) status = clouds_put(service->queue, &record, error);
     pthread_rwlock_unlock(&service->clouds);
     clouds_record_done(&before);
-    if (status != STATUS_OK) forget_cloud(service, record.sha256);
-    if (status == STATUS_OK)
-        log_line(LOG_INFO, "cloud=%s kept: %llu bytes of %s", record.sha256, (unsigned long long)record.bytes,
-                 record.format);
-    return status;
+    return cloud_kept(service, &record, status);
+}
+
+enum status service_keep_part(struct service *service, const char *id, const struct upload_facts *facts,
+                              const char *principal, struct error *error) {
+    struct clouds_record record = record_of(service, facts, principal);
+    pthread_rwlock_rdlock(&service->clouds);
+    enum status status = store_part_keep(service->store, id, record.sha256, error);
+    if (status == STATUS_OK) status = clouds_put(service->queue, &record, error);
+    pthread_rwlock_unlock(&service->clouds);
+    return cloud_kept(service, &record, status);
 }
 
 enum status service_delete_cloud(struct service *service, const char *sha256, const char *principal, uint64_t *jobs,
@@ -426,4 +450,5 @@ void service_sweep(struct service *service) {
     sweep_keys(service);
     sweep_jobs(service);
     sweep_clouds(service);
+    uploads_sweep(service->uploads, job_now_ms());
 }

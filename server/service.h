@@ -18,6 +18,7 @@
 #include "server/signature.h"
 #include "server/store.h"
 #include "server/upload.h"
+#include "server/uploads.h"
 
 struct metrics;
 struct supervisor;
@@ -32,6 +33,7 @@ struct service {
     struct store *store;
     struct queue *queue;
     struct events *events;
+    struct uploads *uploads;
     struct metrics *metrics;
     struct estimate *estimate; /* how long jobs took */
     struct idempotency *idempotency;
@@ -63,6 +65,10 @@ double service_time_left(struct service *service, const struct job *job);
 enum status service_keep_cloud(struct service *service, struct upload *upload, const struct upload_facts *facts,
                                const char *principal, bool *known, struct error *error) MUST_CHECK;
 
+/* The same for a resumable upload that is whole; the upload stays. */
+enum status service_keep_part(struct service *service, const char *id, const struct upload_facts *facts,
+                              const char *principal, struct error *error) MUST_CHECK;
+
 /* Deletes what this principal (NULL: anybody) has of a cloud, and the file when nothing refers to it any more; nothing
  * is done while *jobs, the number of this principal's jobs that refer to it, isn't 0. */
 enum status service_delete_cloud(struct service *service, const char *sha256, const char *principal, uint64_t *jobs,
@@ -72,7 +78,7 @@ enum status service_delete_cloud(struct service *service, const char *sha256, co
 enum status service_delete(struct service *service, const struct job *job, const char *reason, bool *changed,
                            struct error *error) MUST_CHECK;
 
-/* Deletes the jobs and clouds whose time is over. */
+/* Deletes the jobs, clouds and uploads whose time is over. */
 void service_sweep(struct service *service);
 
 /* Whether the queue and the supervisor answer; logs what does not.  Blocks for as long as they do. */

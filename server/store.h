@@ -60,6 +60,17 @@ int store_cloud_open(const struct store *store, const char *sha256); /* for read
 bool store_cloud_exists(const struct store *store, const char *sha256);
 void store_cloud_delete(struct store *store, const char *sha256);
 
+/* A resumable upload's file: opened for reading and writing (create: a new one), -1 with errno when it can't.  Doesn't
+ * block for long. */
+int store_part_open(struct store *store, const char *id, bool create);
+
+/* Flushes the file, and that it is there. */
+enum status store_part_sync(struct store *store, int fd, struct error *error) MUST_CHECK;
+
+/* Makes the file's content the cloud of this hash, too; the part stays. */
+enum status store_part_keep(struct store *store, const char *id, const char *sha256, struct error *error) MUST_CHECK;
+void store_part_delete(struct store *store, const char *id);
+
 /* Makes an empty folder for the outputs of a running job, and gives its path. */
 enum status store_outputs_begin(struct store *store, const char *id, char path[STORE_PATH_BYTES],
                                 struct error *error) MUST_CHECK;
@@ -90,14 +101,14 @@ int store_log_open(struct store *store, const char *id, bool append);
 void store_outputs_delete(struct store *store, const char *id);
 void store_job_delete(struct store *store, const char *id);
 
-enum store_thing { STORE_CLOUD, STORE_JOB, STORE_TEMPORARY };
+enum store_thing { STORE_CLOUD, STORE_JOB, STORE_PART, STORE_TEMPORARY };
 
 /* Tells of everything that the store holds. */
 enum status store_each(const struct store *store, void (*found)(void *ctx, enum store_thing thing, const char *name),
                        void *ctx, struct error *error) MUST_CHECK;
 
-/* Removes everything temporary, and every cloud and job that keep(ctx, thing, name) denies.  *removed counts them.
- * For the start, before anything else uses the store. */
+/* Removes everything temporary, and every cloud, job and part that keep(ctx, thing, name) denies.  *removed counts
+ * them. For the start, before anything else uses the store. */
 enum status store_clean(struct store *store, bool (*keep)(void *ctx, enum store_thing thing, const char *name),
                         void *ctx, size_t *removed, struct error *error) MUST_CHECK;
 

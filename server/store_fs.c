@@ -6,6 +6,7 @@
  *     clouds/<sha256>         inputs, by content
  *     jobs/<id>/log           standard error of the job's processes
  *     jobs/<id>/outputs/...   outputs of a job that succeeded
+ *     uploads/<id>            resumable uploads, as much of them as there is
  *     tmp/                    what is being written, or being removed; emptied at the start
  *
  * Invariant: a name outside of tmp/ stands for complete content: it appears by rename after fsync, and the folder is
@@ -39,7 +40,7 @@ enum { FOLDER_MODE = 0700, FILE_MODE = 0600 };
 
 struct store {
     char root[PATH_MAX];
-    int root_fd, clouds_fd, jobs_fd, tmp_fd, lock_fd;
+    int root_fd, clouds_fd, jobs_fd, parts_fd, tmp_fd, lock_fd;
 };
 
 static enum status refused(struct error *error, const char *what, const char *name) {
@@ -95,8 +96,10 @@ static enum status open_folders(struct store *store, const char *folder, struct 
     if (status != STATUS_OK) return status;
     store->clouds_fd = make_folder(store->root_fd, "clouds");
     store->jobs_fd = make_folder(store->root_fd, "jobs");
+    store->parts_fd = make_folder(store->root_fd, "uploads");
     store->tmp_fd = make_folder(store->root_fd, "tmp");
-    if (store->clouds_fd < 0 || store->jobs_fd < 0 || store->tmp_fd < 0 || fsync(store->root_fd) != 0)
+    if (store->clouds_fd < 0 || store->jobs_fd < 0 || store->parts_fd < 0 || store->tmp_fd < 0 ||
+        fsync(store->root_fd) != 0)
         return refused(error, "make folders in", store->root);
     return STATUS_OK;
 }
@@ -104,7 +107,7 @@ static enum status open_folders(struct store *store, const char *folder, struct 
 enum status store_open(const char *folder, struct store **store, struct error *error) {
     struct store *opened = alloc_zeroed(1, sizeof *opened);
     if (!opened) return error_set(error, STATUS_NO_MEMORY, "store", "no memory");
-    opened->root_fd = opened->clouds_fd = opened->jobs_fd = opened->tmp_fd = opened->lock_fd = -1;
+    opened->root_fd = opened->clouds_fd = opened->jobs_fd = opened->parts_fd = opened->tmp_fd = opened->lock_fd = -1;
     enum status status = open_folders(opened, folder, error);
     if (status == STATUS_OK)
         *store = opened;
@@ -119,7 +122,8 @@ static void close_if_open(int fd) {
 
 void store_close(struct store *store) {
     if (!store) return;
-    const int fds[] = {store->clouds_fd, store->jobs_fd, store->tmp_fd, store->root_fd, store->lock_fd};
+    const int fds[] = {store->clouds_fd, store->jobs_fd, store->parts_fd,
+                       store->tmp_fd,    store->root_fd, store->lock_fd};
     for (size_t i = 0; i < sizeof fds / sizeof *fds; i++) close_if_open(fds[i]);
     free(store);
 }
@@ -180,7 +184,7 @@ enum status store_upload_begin(struct store *store, struct store_upload *upload,
     random_name("upload", upload->name);
     upload->fd = fault_at("upload-open")
                      ? -1
-                     : openat(store->tmp_fd, upload->name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, FILE_MODE);
+                     : openat(store->tmp_fd, upload->name, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, FILE_MODE);
     return upload->fd < 0 ? refused(error, "make", upload->name) : STATUS_OK;
 }
 
@@ -220,6 +224,24 @@ bool store_cloud_exists(const struct store *store, const char *sha256) {
 }
 
 void store_cloud_delete(struct store *store, const char *sha256) { unlinkat(store->clouds_fd, sha256, 0); }
+
+/* ------------------------------------------------------------------------------------------------ parts */
+
+int store_part_open(struct store *store, const char *id, bool create) {
+    int flags = O_RDWR | O_CLOEXEC | O_NOFOLLOW | (create ? O_CREAT | O_EXCL : 0);
+    return openat(store->parts_fd, id, flags, FILE_MODE);
+}
+
+enum status store_part_sync(struct store *store, int fd, struct error *error) {
+    return fsync(fd) == 0 && fsync(store->parts_fd) == 0 ? STATUS_OK : refused(error, "flush", "an upload");
+}
+
+enum status store_part_keep(struct store *store, const char *id, const char *sha256, struct error *error) {
+    bool there = linkat(store->parts_fd, id, store->clouds_fd, sha256, 0) == 0 || errno == EEXIST;
+    return there && fsync(store->clouds_fd) == 0 ? STATUS_OK : refused(error, "keep", id);
+}
+
+void store_part_delete(struct store *store, const char *id) { unlinkat(store->parts_fd, id, 0); }
 
 /* ------------------------------------------------------------------------------------------------ outputs */
 
@@ -386,6 +408,7 @@ enum status store_each(const struct store *store, void (*found)(void *ctx, enum 
                        void *ctx, struct error *error) {
     enum status status = each_in(store->clouds_fd, STORE_CLOUD, found, ctx);
     if (status == STATUS_OK) status = each_in(store->jobs_fd, STORE_JOB, found, ctx);
+    if (status == STATUS_OK) status = each_in(store->parts_fd, STORE_PART, found, ctx);
     if (status == STATUS_OK) status = each_in(store->tmp_fd, STORE_TEMPORARY, found, ctx);
     return status == STATUS_OK ? STATUS_OK : refused(error, "list", store->root);
 }
@@ -419,5 +442,6 @@ enum status store_clean(struct store *store, bool (*keep)(void *ctx, enum store_
     enum status status = clean_folder(store, store->tmp_fd, STORE_TEMPORARY, NULL, NULL, removed);
     if (status == STATUS_OK) status = clean_folder(store, store->clouds_fd, STORE_CLOUD, keep, ctx, removed);
     if (status == STATUS_OK) status = clean_folder(store, store->jobs_fd, STORE_JOB, keep, ctx, removed);
+    if (status == STATUS_OK) status = clean_folder(store, store->parts_fd, STORE_PART, keep, ctx, removed);
     return status == STATUS_OK ? STATUS_OK : refused(error, "list", store->root);
 }

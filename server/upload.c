@@ -157,6 +157,21 @@ bool upload_end(struct upload *upload, struct upload_facts *facts, struct proble
     return true;
 }
 
+bool upload_check_file(int fd, struct upload_facts *facts, struct problem *problem) {
+    struct upload *upload = calloc(1, sizeof *upload);
+    ssize_t n = upload ? pread(fd, upload->head, sizeof upload->head, 0) : -1;
+    bool ok = n >= 0 && digest_file(fd, upload->facts.sha256, &upload->facts.bytes) == 0;
+    if (ok) {
+        upload->head_bytes = (size_t)n;
+        ok = check_head(upload, upload->facts.bytes, true, problem);
+        *facts = upload->facts;
+    } else {
+        problem_set(problem, PROBLEM_INTERNAL_ERROR, "the upload can't be read");
+    }
+    free(upload);
+    return ok;
+}
+
 enum status upload_sync(struct upload *upload, struct error *error) { return store_upload_sync(&upload->file, error); }
 
 enum status upload_keep(struct upload *upload, struct error *error) {

@@ -38,6 +38,9 @@ bool upload_write(struct upload *upload, const void *bytes, size_t count, struct
 /* All bytes were given: the last checks.  false: *problem says why. */
 bool upload_end(struct upload *upload, struct upload_facts *facts, struct problem *problem);
 
+/* The same for a file that holds all of a cloud: reads it. */
+bool upload_check_file(int fd, struct upload_facts *facts, struct problem *problem);
+
 /* Flushes to disk; blocks.  Then makes it the cloud of its hash. */
 enum status upload_sync(struct upload *upload, struct error *error) MUST_CHECK;
 enum status upload_keep(struct upload *upload, struct error *error) MUST_CHECK;

@@ -193,6 +193,13 @@ def test_the_service_takes_every_format(daemon, name, format_name):
     assert job["status"] == "successful" and job["input"]["format"] == format_name
 
 
+def test_a_coarser_level_of_a_pcd_is_that_of_a_job(daemon):
+    job, fresh = (daemon.submit(CLOUD, f"?points={points}&outputs=cloud.pcd") for points in (200, 50))
+    assert daemon.ended(job)["status"] == daemon.ended(fresh)["status"] == "successful"
+    level = daemon.curl(f"/v1/jobs/{job}/outputs/cloud.pcd?points=50")
+    assert level.status == 200 and level.body == daemon.curl(f"/v1/jobs/{fresh}/outputs/cloud.pcd").body
+
+
 def test_a_one_shot_gives_any_output(daemon):
     assert daemon.post("/v1/simplify?ratio=0.4&output=mesh.glb", CLOUD).body.startswith(b"glTF")
     assert daemon.post("/v1/simplify?ratio=0.4&output=cloud.ply", CLOUD).body.startswith(b"ply")

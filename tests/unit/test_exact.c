@@ -41,7 +41,7 @@ static struct start start_from(vec3 *point) {
     knn_free(knn);
     normals_fit(point, &s.hood, 1, s.normal, NULL);
     dso_compute(point, s.normal, &s.hood, DSO_RMS, 1, dso);
-    dso_weights(dso, N, 0.5, weight);
+    dso_weights(dso, N, 0.5, 1, weight);
     quadric_assemble(point, s.normal, &s.hood, weight, &options, s.quadrics);
     return s;
 }

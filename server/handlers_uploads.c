@@ -1,0 +1,302 @@
+/* Resumable uploads as tus 1.0.0 has them: core, creation, creation-with-upload, creation-defer-length, expiration,
+ * checksum, termination.
+ *
+ * An upload that is whole becomes a cloud: Whittle-Cloud names it in the answer to its last piece, and in every later
+ * answer to HEAD and GET.  Where the service ended between the last byte and that, HEAD and GET do what is left to do.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "api/upload_json.h"
+#include "server/handlers.h"
+#include "server/log.h"
+
+static const char version[] = "1.0.0";
+
+/* ------------------------------------------------------------------------------------------------ headers */
+
+static bool speaks_tus(struct request *request, struct response *response) {
+    const char *spoken = request->header[HEADER_TUS_RESUMABLE];
+    request->tus = true;
+    if (spoken && strcmp(spoken, version) == 0) return true;
+    response_refuse(response, PROBLEM_UPLOAD_PROTOCOL, "Tus-Resumable must be %s", version);
+    response_header(response, "Tus-Version", "%s", version);
+    return false;
+}
+
+static bool takes_no_query(const struct request *request, struct response *response) {
+    struct problem problem;
+    if (query_check(request->query, request->query_count, NULL, &problem)) return true;
+    response_problem(response, &problem);
+    return false;
+}
+
+/* A whole number in a header; absent leaves it alone. */
+static bool read_number(const struct request *request, enum request_header header, uint64_t *number,
+                        struct response *response) {
+    const char *text = request->header[header];
+    char *end;
+    if (!text) return true;
+    errno = 0;
+    unsigned long long value = strtoull(text, &end, 10);
+    if (text[0] >= '0' && text[0] <= '9' && !*end && !errno && value <= INT64_MAX) {
+        *number = value;
+        return true;
+    }
+    response_refuse(response, PROBLEM_MALFORMED_REQUEST, "%s is no whole number", message_header_names[header]);
+    return false;
+}
+
+/* Upload-Checksum: "sha1 BASE64" or "sha256 BASE64". */
+static bool read_check(const struct request *request, struct uploads_check *check, struct response *response) {
+    const char *text = request->header[HEADER_UPLOAD_CHECKSUM], *hash = text ? strchr(text, ' ') : NULL;
+    *check = (struct uploads_check){.whole = text || request->header[HEADER_CONTENT_DIGEST] ||
+                                             request->header[HEADER_REPR_DIGEST]};
+    if (!text) return true;
+    size_t name = hash ? (size_t)(hash - text) : 0, length = hash ? strlen(hash + 1) : 0;
+    check->is_sha1 = name == 4 && strncmp(text, "sha1", 4) == 0;
+    bool is_sha256 = name == 6 && strncmp(text, "sha256", 6) == 0;
+    if ((check->is_sha1 && length == 28) || (is_sha256 && length == 44)) {
+        memcpy(check->base64, hash + 1, length + 1);
+        return true;
+    }
+    response_refuse(response, PROBLEM_MALFORMED_REQUEST,
+                    "Upload-Checksum takes sha1 or sha256, and the hash as base64");
+    return false;
+}
+
+static void put_state(const struct uploads_info *info, struct response *response) {
+    char text[64];
+    struct tm tm;
+    time_t seconds = (time_t)(info->expires_ms / 1000);
+    response_header(response, "Upload-Offset", "%llu", (unsigned long long)info->offset);
+    if (strftime(text, sizeof text, "%a, %d %b %Y %H:%M:%S GMT", gmtime_r(&seconds, &tm)))
+        response_header(response, "Upload-Expires", "%s", text);
+    if (info->cloud[0]) response_header(response, "Whittle-Cloud", "/v1/clouds/%s", info->cloud);
+    response_header(response, "Cache-Control", "no-store");
+}
+
+static void put_document(const struct uploads_info *info, int status, struct response *response) {
+    struct upload_document document = {.id = info->id,
+                                       .metadata = info->metadata,
+                                       .cloud = info->cloud,
+                                       .offset = info->offset,
+                                       .length = info->length,
+                                       .created_ms = info->created_ms,
+                                       .expires_ms = info->expires_ms};
+    response_text(response, status, "application/json", upload_encode(&document));
+    put_state(info, response);
+}
+
+/* ------------------------------------------------------------------------------------------------ OPTIONS */
+
+void handlers_upload_options(struct service *service, struct request *request, struct response *response) {
+    request->tus = true;
+    response->status = 204;
+    response_header(response, "Tus-Version", "%s", version);
+    response_header(response, "Tus-Extension",
+                    "creation,creation-with-upload,creation-defer-length,expiration,checksum,termination");
+    response_header(response, "Tus-Checksum-Algorithm", "sha1,sha256");
+    response_header(response, "Tus-Max-Size", "%lld", (long long)service->config->max_body_bytes);
+}
+
+/* ------------------------------------------------------------------------------------------------ admission */
+
+/* The upload in the path, if the request's principal may see it. */
+static bool find(struct service *service, const struct request *request, struct uploads_info *info,
+                 struct response *response) {
+    const char *id = request->match.capture[0];
+    bool found = uploads_find(service->uploads, id, info) && principal_sees(&request->principal, info->principal);
+    if (!found) response_refuse(response, PROBLEM_NO_SUCH_UPLOAD, "there is no upload %.40s", id);
+    return found;
+}
+
+/* Gives the writer the request's body; a piece that would be too long is refused by its length. */
+static bool take_piece(struct service *service, struct request *request, struct uploads_writer *writer, uint64_t most,
+                       struct response *response) {
+    struct body_plan plan = {.takes = BODY_PIECE,
+                             .store = service->store,
+                             .max_bytes = most,
+                             .content_length = request->content_length,
+                             .type = request->header[HEADER_CONTENT_TYPE],
+                             .coding = request->header[HEADER_CONTENT_ENCODING],
+                             .content_digest = request->header[HEADER_CONTENT_DIGEST],
+                             .repr_digest = request->header[HEADER_REPR_DIGEST],
+                             .writer = writer};
+    struct problem problem;
+    if (!request->has_body) plan.type = "application/offset+octet-stream"; /* an empty one needs no type */
+    request->body = body_new(&plan, &problem);
+    if (!request->body) response_problem(response, &problem);
+    return request->body != NULL;
+}
+
+static bool read_length(struct service *service, const struct request *request, uint64_t *length,
+                        struct response *response) {
+    const char *defer = request->header[HEADER_UPLOAD_DEFER_LENGTH];
+    uint64_t most = (uint64_t)service->config->max_body_bytes;
+    struct problem problem;
+    *length = UINT64_MAX;
+    if (!read_number(request, HEADER_UPLOAD_LENGTH, length, response)) return false;
+    bool known = *length != UINT64_MAX;
+    if ((defer && strcmp(defer, "1") != 0) || known == (defer != NULL)) {
+        response_refuse(response, PROBLEM_MALFORMED_REQUEST,
+                        "either Upload-Length or Upload-Defer-Length: 1 must be there");
+        return false;
+    }
+    if (!known || *length <= most) return true;
+    upload_too_large(most, *length, &problem);
+    response_problem(response, &problem);
+    return false;
+}
+
+/* Visible ASCII and blanks, as a header is; it is given back as it came. */
+static bool read_metadata(const struct request *request, struct uploads_info *info, struct response *response) {
+    const char *text = request->header[HEADER_UPLOAD_METADATA];
+    bool ok = !text || strlen(text) < sizeof info->metadata;
+    for (const char *c = text; ok && c && *c; c++) ok = *c >= ' ' && *c <= '~';
+    if (ok)
+        snprintf(info->metadata, sizeof info->metadata, "%s", text ? text : "");
+    else
+        response_refuse(response, PROBLEM_MALFORMED_REQUEST, "Upload-Metadata takes up to %d visible characters",
+                        UPLOADS_METADATA_BYTES - 1);
+    return ok;
+}
+
+bool handlers_admit_upload(struct service *service, struct request *request, struct response *response) {
+    struct uploads_info info = {.expires_ms = job_now_ms() + service->config->upload_expiry_ms};
+    struct uploads_check check;
+    struct problem problem;
+    if (!speaks_tus(request, response) || !takes_no_query(request, response) ||
+        !read_length(service, request, &info.length, response) || !read_metadata(request, &info, response) ||
+        !read_check(request, &check, response) ||
+        !handlers_has_room(service, request, info.length == UINT64_MAX ? 0 : info.length, false, response))
+        return false;
+    if (request->header[HEADER_UPLOAD_CONCAT]) {
+        response_refuse(response, PROBLEM_MALFORMED_REQUEST, "Upload-Concat is an extension that is not here");
+        return false;
+    }
+    memcpy(info.principal, request->principal.name, sizeof info.principal);
+    struct uploads_writer *writer =
+        uploads_create(service->uploads, &info, &check, (uint64_t)service->config->max_uploads, &problem);
+    if (!writer) {
+        response_problem(response, &problem);
+        return false;
+    }
+    uint64_t most = (uint64_t)service->config->max_body_bytes;
+    return take_piece(service, request, writer, info.length < most ? info.length : most, response);
+}
+
+bool handlers_admit_piece(struct service *service, struct request *request, struct response *response) {
+    struct uploads_info info;
+    struct uploads_check check;
+    struct problem problem;
+    uint64_t offset = UINT64_MAX, length = UINT64_MAX, most = (uint64_t)service->config->max_body_bytes;
+    if (!speaks_tus(request, response) || !takes_no_query(request, response) ||
+        !find(service, request, &info, response) || !read_number(request, HEADER_UPLOAD_OFFSET, &offset, response) ||
+        !read_number(request, HEADER_UPLOAD_LENGTH, &length, response) || !read_check(request, &check, response) ||
+        !handlers_has_room(service, request, 0, false, response))
+        return false;
+    if (offset == UINT64_MAX) {
+        response_refuse(response, PROBLEM_MALFORMED_REQUEST, "Upload-Offset must be there");
+        return false;
+    }
+    if (length != UINT64_MAX && length > most) {
+        upload_too_large(most, length, &problem);
+        response_problem(response, &problem);
+        return false;
+    }
+    struct uploads_writer *writer = uploads_resume(service->uploads, info.id, offset, length, &check, &problem);
+    if (!writer) {
+        response_problem(response, &problem);
+        response_header(response, "Upload-Offset", "%llu", (unsigned long long)info.offset);
+        return false;
+    }
+    uint64_t whole = length != UINT64_MAX ? length : info.length;
+    return take_piece(service, request, writer, (whole < most ? whole : most) - offset, response);
+}
+
+/* ------------------------------------------------------------------------------------------------ pieces */
+
+/* Makes the whole upload a cloud; what is no cloud is removed.  false: the response says why. */
+static bool finish(struct service *service, struct uploads_info *info, struct response *response) {
+    struct upload_facts facts = {0};
+    struct problem problem;
+    struct error error = {0};
+    if (info->offset != info->length || info->cloud[0]) return true;
+    int fd = store_part_open(service->store, info->id, false);
+    bool ok = upload_check_file(fd, &facts, &problem);
+    if (fd >= 0) close(fd);
+    if (!ok) {
+        response_problem(response, &problem);
+        if (problem.kind != PROBLEM_INTERNAL_ERROR && uploads_delete(service->uploads, info->id, &error) != STATUS_OK)
+            log_line(LOG_ERROR, "upload=%s: %s", info->id, error.text);
+        return false;
+    }
+    enum status status = service_keep_part(service, info->id, &facts, info->principal, &error);
+    if (status == STATUS_OK) status = uploads_complete(service->uploads, info->id, facts.sha256, &error);
+    if (status != STATUS_OK) response_error(response, &error);
+    memcpy(info->cloud, facts.sha256, sizeof info->cloud);
+    return status == STATUS_OK;
+}
+
+/* The end of a piece.  false: the response says why. */
+static bool end_piece(struct service *service, struct request *request, struct uploads_info *info,
+                      struct response *response) {
+    struct problem problem;
+    int64_t expires_ms = job_now_ms() + service->config->upload_expiry_ms;
+    if (!body_end(request->body, &problem) || !uploads_end(body_writer(request->body), expires_ms, info, &problem)) {
+        response_problem(response, &problem);
+        return false;
+    }
+    return finish(service, info, response);
+}
+
+void handlers_create_upload(struct service *service, struct request *request, struct response *response) {
+    struct uploads_info info;
+    if (!end_piece(service, request, &info, response)) return;
+    put_document(&info, 201, response);
+    response_header(response, "Location", "/v1/uploads/%s", info.id);
+}
+
+void handlers_continue_upload(struct service *service, struct request *request, struct response *response) {
+    struct uploads_info info;
+    if (!end_piece(service, request, &info, response)) return;
+    response->status = 204;
+    put_state(&info, response);
+}
+
+/* ------------------------------------------------------------------------------------------------ read, delete */
+
+/* Who asks with HEAD is about to go on: whoever wrote until now can't any more.  GET only looks. */
+void handlers_get_upload(struct service *service, struct request *request, struct response *response) {
+    struct uploads_info info;
+    request->tus = true;
+    if ((request->head && !speaks_tus(request, response)) || !takes_no_query(request, response) ||
+        !find(service, request, &info, response))
+        return;
+    if (request->head) uploads_interrupt(service->uploads, info.id);
+    if (!find(service, request, &info, response) || !finish(service, &info, response)) return;
+    put_document(&info, 200, response);
+    if (info.length == UINT64_MAX)
+        response_header(response, "Upload-Defer-Length", "1");
+    else
+        response_header(response, "Upload-Length", "%llu", (unsigned long long)info.length);
+    if (info.metadata[0]) response_header(response, "Upload-Metadata", "%s", info.metadata);
+}
+
+void handlers_delete_upload(struct service *service, struct request *request, struct response *response) {
+    struct uploads_info info;
+    struct error error = {0};
+    if (!speaks_tus(request, response) || !takes_no_query(request, response) ||
+        !find(service, request, &info, response))
+        return;
+    if (uploads_delete(service->uploads, info.id, &error) == STATUS_OK)
+        response->status = 204;
+    else
+        response_error(response, &error);
+}

@@ -1,0 +1,110 @@
+/* Resumable uploads: files that grow piece by piece, through broken connections and restarts.
+ *
+ *     begin -> write ... -> end -> (cut, HEAD, begin at the offset, write ... -> end)* -> whole: becomes a cloud
+ *
+ * All are in memory, so that what must not block can ask; a row of each is in the queue's database (uploads_sqlite.c),
+ * its bytes are a file in the store.  What a piece has brought before its connection broke is kept, unless the piece
+ * came with a checksum: then it is kept whole or not at all.
+ *
+ * One writer has an upload at a time, the newest: a client that comes back need not wait until its old connection is
+ * found to be dead, whose bytes are refused from then on.
+ *
+ * After a crash of the service an upload goes on with every byte that was written, after one of the host with those
+ * that were flushed: at the end of each piece, and at each sweep.
+ *
+ * All functions may be called from any thread.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_UPLOADS_H
+#define WHITTLE_SERVER_UPLOADS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "api/problem.h"
+#include "core/status.h"
+#include "server/job.h"
+#include "server/queue.h"
+#include "server/store.h"
+
+enum { UPLOADS_METADATA_BYTES = 601, UPLOADS_BOOT_BYTES = 64 };
+
+/* What is known of one. */
+struct uploads_info {
+    char id[JOB_ID_BYTES]; /* UUIDv7 */
+    char principal[JOB_PRINCIPAL_BYTES];
+    char metadata[UPLOADS_METADATA_BYTES]; /* as the client sent it */
+    char cloud[JOB_HASH_BYTES];            /* what it has become; "" = it isn't whole */
+    int64_t created_ms, expires_ms;
+    uint64_t offset, length; /* length UINT64_MAX = not known yet */
+};
+
+struct uploads;
+struct uploads_writer;
+
+/* Reads all; those whose files are lost are forgotten (logged).  Queue and store are borrowed.  uploads_close accepts
+ * NULL, and wants every writer freed. */
+enum status uploads_open(struct queue *queue, struct store *store, struct uploads **uploads,
+                         struct error *error) MUST_CHECK;
+void uploads_close(struct uploads *uploads);
+
+/* Whether there is one of this id, and what is known of it.  Doesn't block for long. */
+bool uploads_find(struct uploads *uploads, const char *id, struct uploads_info *info);
+
+/* How pieces are checked: a hash in base64 that must come out. */
+struct uploads_check {
+    bool whole; /* the piece is kept whole or not at all, by this hash or by another one that the caller knows */
+    bool is_sha1;
+    char base64[64]; /* "" = none */
+};
+
+/* Starts a new upload with its first piece, which may be empty: fills in info's id.  It is durable, and there for
+ * uploads_open, once uploads_end was called; freeing the writer before that undoes it.  max_open: how many there may
+ * be.  NULL: *problem says why.  Doesn't block for long. */
+struct uploads_writer *uploads_create(struct uploads *uploads, struct uploads_info *info,
+                                      const struct uploads_check *check, uint64_t max_open, struct problem *problem);
+
+/* Starts the next piece, at this offset; a length that wasn't known is set (UINT64_MAX = leave it).  Whoever wrote
+ * before can't any more.  NULL: *problem says why.  Doesn't block for long. */
+struct uploads_writer *uploads_resume(struct uploads *uploads, const char *id, uint64_t offset, uint64_t length,
+                                      const struct uploads_check *check, struct problem *problem);
+
+/* Whoever writes can't any more: the offset is final until the next piece.  Waits for a piece that is just ending. */
+void uploads_interrupt(struct uploads *uploads, const char *id);
+
+/* Takes the next bytes of a piece, to the page cache.  false: *problem says why. */
+bool uploads_write(struct uploads_writer *writer, const void *bytes, size_t count, struct problem *problem);
+
+/* The piece is complete: it is checked and made durable; the upload expires at expires_ms.  *info is what it has
+ * become. Blocks.  false: *problem says why, and nothing that the writer has checked is kept. */
+bool uploads_end(struct uploads_writer *writer, int64_t expires_ms, struct uploads_info *info, struct problem *problem);
+
+/* Accepts NULL. */
+void uploads_writer_free(struct uploads_writer *writer);
+
+/* The upload's file is a cloud now: that is noted, and the file removed.  Blocks. */
+enum status uploads_complete(struct uploads *uploads, const char *id, const char *sha256,
+                             struct error *error) MUST_CHECK;
+
+/* Removes an upload, row and file; nothing where there is none.  Blocks. */
+enum status uploads_delete(struct uploads *uploads, const char *id, struct error *error) MUST_CHECK;
+
+/* Removes what has expired, and flushes what has come since the last piece's end.  Blocks. */
+void uploads_sweep(struct uploads *uploads, int64_t now_ms);
+
+/* ---- rows, for uploads.c (uploads_sqlite.c) ---- */
+
+struct uploads_row {
+    struct uploads_info info;
+    char boot[UPLOADS_BOOT_BYTES]; /* of the kernel that has written the file */
+};
+
+enum status uploads_row_put(struct queue *queue, const struct uploads_row *row, struct error *error) MUST_CHECK;
+enum status uploads_row_delete(struct queue *queue, const char *id, struct error *error) MUST_CHECK;
+
+/* The first row behind the id `after` ("" = from the beginning). */
+enum status uploads_row_next(struct queue *queue, const char *after, struct uploads_row *row, bool *found,
+                             struct error *error) MUST_CHECK;
+
+#endif

@@ -1,0 +1,327 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Resumable uploads: tus 1.0 by the letter, through cut connections, kills and restarts."""
+import base64
+import hashlib
+import json
+import os
+import socket
+import threading
+
+import pytest
+
+from conftest import SMALL, sphere, wait_until
+
+NAME = hashlib.sha256(SMALL).hexdigest()
+TUS = ("-H", "Tus-Resumable: 1.0.0")
+PIECE = ("-H", "Content-Type: application/offset+octet-stream")
+
+
+def headers(**named):
+    return [part for name, value in named.items() for part in ("-H", f"{name.replace('_', '-')}: {value}")]
+
+
+def create(daemon, length=None, *more):
+    size = headers(Upload_Length=length) if length is not None else headers(Upload_Defer_Length=1)
+    reply = daemon.curl("/v1/uploads", "-X", "POST", *TUS, *size, *more)
+    assert reply.status == 201 and reply.headers["tus-resumable"] == "1.0.0", reply.body
+    return reply.headers["location"]
+
+
+def patch(daemon, path, offset, data, *more):
+    return daemon.post(path, data, *TUS, *PIECE, *headers(Upload_Offset=offset), *more, "-X", "PATCH")
+
+
+def head(daemon, path):
+    return daemon.curl(path, "-I", "-o", os.devnull, *TUS)
+
+
+def offset_of(daemon, path):
+    reply = head(daemon, path)
+    assert reply.status == 200 and reply.headers["cache-control"] == "no-store", reply.body
+    return int(reply.headers["upload-offset"])
+
+
+def parts(daemon):
+    return sorted(p.name for p in (daemon.data / "uploads").iterdir())
+
+
+def test_options(daemon):
+    reply = daemon.curl("/v1/uploads", "-X", "OPTIONS")
+    assert reply.status == 204 and not reply.body
+    assert reply.headers["tus-resumable"] == reply.headers["tus-version"] == "1.0.0"
+    assert int(reply.headers["tus-max-size"]) == 2 << 30
+    assert set(reply.headers["tus-extension"].split(",")) == {
+        "creation", "creation-with-upload", "creation-defer-length", "expiration", "checksum", "termination"}
+    assert set(reply.headers["tus-checksum-algorithm"].split(",")) == {"sha1", "sha256"}
+
+
+def test_piece_by_piece_to_a_job(daemon):
+    path = create(daemon, len(SMALL), *headers(Upload_Metadata="filename YS54eXo=,empty"))
+    for start in range(0, len(SMALL), 1000):
+        assert offset_of(daemon, path) == start
+        reply = patch(daemon, path, start, SMALL[start:start + 1000])
+        assert reply.status == 204 and reply.headers["tus-resumable"] == "1.0.0" and reply.headers["upload-expires"]
+        assert int(reply.headers["upload-offset"]) == min(start + 1000, len(SMALL))
+    assert reply.headers["whittle-cloud"] == f"/v1/clouds/{NAME}"
+    seen = head(daemon, path)
+    assert seen.headers["whittle-cloud"] == f"/v1/clouds/{NAME}" and int(seen.headers["upload-length"]) == len(SMALL)
+    assert seen.headers["upload-metadata"] == "filename YS54eXo=,empty"
+    document = daemon.curl(path).json
+    assert document["cloud"] == f"/v1/clouds/{NAME}" and document["offset"] == document["length"] == len(SMALL)
+    assert daemon.curl(f"/v1/clouds/{NAME}/data").body == SMALL and parts(daemon) == []
+    job = daemon.post("/v1/jobs", json.dumps({"input": document["cloud"], "params": {"points": 50}}).encode(),
+                      "-H", "Content-Type: application/json")
+    assert daemon.ended(job.json["id"])["status"] == "successful"
+
+
+def test_creation_with_upload(daemon):
+    whole = daemon.post("/v1/uploads", SMALL, *TUS, *PIECE, *headers(Upload_Length=len(SMALL)))
+    assert whole.status == 201 and int(whole.headers["upload-offset"]) == len(SMALL)
+    assert whole.headers["whittle-cloud"] == f"/v1/clouds/{NAME}" and whole.json["cloud"]
+    part = daemon.post("/v1/uploads", SMALL[:100], *TUS, *PIECE, *headers(Upload_Length=len(SMALL)))
+    assert part.status == 201 and int(part.headers["upload-offset"]) == 100 and part.json["cloud"] is None
+    assert patch(daemon, part.headers["location"], 100, SMALL[100:]).headers["whittle-cloud"]
+
+
+def test_length_may_come_later(daemon):
+    path = create(daemon)
+    seen = head(daemon, path)
+    assert seen.headers["upload-defer-length"] == "1" and "upload-length" not in seen.headers
+    assert patch(daemon, path, 0, SMALL[:500]).status == 204
+    assert "whittle-cloud" not in head(daemon, path).headers
+    assert patch(daemon, path, 500, b"", *headers(Upload_Length=400)).slug == "malformed-request"
+    reply = patch(daemon, path, 500, SMALL[500:], *headers(Upload_Length=len(SMALL)))
+    assert reply.status == 204 and reply.headers["whittle-cloud"] == f"/v1/clouds/{NAME}"
+
+
+def test_length_alone_may_end_an_upload(daemon):
+    path = create(daemon)
+    assert patch(daemon, path, 0, SMALL).status == 204
+    reply = patch(daemon, path, len(SMALL), b"", *headers(Upload_Length=len(SMALL)))
+    assert reply.headers["whittle-cloud"] == f"/v1/clouds/{NAME}"
+
+
+@pytest.mark.parametrize("method, more", [("PATCH", PIECE), ("HEAD", ("-I", "-o", os.devnull)), ("DELETE", ()),
+                                          ("POST", ())])
+@pytest.mark.parametrize("spoken", [(), ("-H", "Tus-Resumable: 0.2.2")])
+def test_other_versions(daemon, method, more, spoken):
+    path = "/v1/uploads" if method == "POST" else create(daemon, 10)
+    verb = () if method == "HEAD" else ("-X", method)
+    reply = daemon.curl(path, *verb, *more, *spoken, *headers(Upload_Length=5, Upload_Offset=0))
+    assert reply.status == 412 and reply.headers["tus-version"] == "1.0.0"
+    assert reply.headers["tus-resumable"] == "1.0.0"
+
+
+@pytest.mark.parametrize("more, status, slug", [
+    (headers(), 400, "malformed-request"),
+    (headers(Upload_Length="x"), 400, "malformed-request"),
+    (headers(Upload_Length=-1), 400, "malformed-request"),
+    (headers(Upload_Length=5, Upload_Defer_Length=1), 400, "malformed-request"),
+    (headers(Upload_Defer_Length=2), 400, "malformed-request"),
+    (headers(Upload_Length=3 << 30), 413, "body-too-large"),
+    (headers(Upload_Length=5, Upload_Concat="partial"), 400, "malformed-request"),
+    (headers(Upload_Length=5, Upload_Metadata="x" * 700), 400, "malformed-request"),
+    (headers(Upload_Length=5, Upload_Checksum="md5 x"), 400, "malformed-request"),
+])
+def test_refused_creations(daemon, more, status, slug):
+    reply = daemon.curl("/v1/uploads", "-X", "POST", *TUS, *more)
+    assert (reply.status, reply.slug) == (status, slug) and parts(daemon) == []
+    assert reply.headers["tus-resumable"] == "1.0.0"
+
+
+def test_refused_pieces(daemon):
+    path = create(daemon, 100)
+    assert patch(daemon, path, 0, b"0 0 0\n").status == 204
+    wrong = patch(daemon, path, 5, b"1 1 1\n")
+    assert (wrong.status, wrong.slug, wrong.json["offset"]) == (409, "offset-mismatch", 6)
+    assert wrong.headers["upload-offset"] == "6"
+    assert daemon.post(path, b"x", *TUS, *headers(Upload_Offset=6, Content_Type="text/plain"), "-X", "PATCH").status == 415
+    assert daemon.post(path, b"x", *TUS, *PIECE, "-X", "PATCH").slug == "malformed-request"
+    assert patch(daemon, path, 6, b"x", *headers(Content_Encoding="gzip")).json["supported"] == ["identity"]
+    assert patch(daemon, path, 6, b"x" * 95).slug == "body-too-large"
+    assert patch(daemon, path, 6, b"x" * 95, *headers(Transfer_Encoding="chunked")).slug == "body-too-large"
+    assert patch(daemon, path, 6, b"", *headers(Upload_Length=101)).slug == "malformed-request"
+    assert patch(daemon, "/v1/uploads/none", 0, b"x").slug == "no-such-upload"
+    assert daemon.curl("/v1/uploads/none").slug == "no-such-upload"
+
+
+@pytest.mark.parametrize("algorithm", ["sha1", "sha256"])
+def test_checksums(daemon, algorithm):
+    def checksum(data):
+        return headers(Upload_Checksum=f"{algorithm} {base64.b64encode(hashlib.new(algorithm, data).digest()).decode()}")
+    path = create(daemon, len(SMALL))
+    assert patch(daemon, path, 0, SMALL[:1000], *checksum(SMALL[:1000])).status == 204
+    wrong = patch(daemon, path, 1000, SMALL[1000:2000], *checksum(b"x"))
+    assert (wrong.status, wrong.slug) == (460, "checksum-mismatch") and offset_of(daemon, path) == 1000
+    digest = base64.b64encode(hashlib.sha256(b"x").digest()).decode()
+    wrong = patch(daemon, path, 1000, SMALL[1000:2000], *headers(Content_Digest=f"sha-256=:{digest}:"))
+    assert wrong.slug == "digest-mismatch" and offset_of(daemon, path) == 1000
+    assert patch(daemon, path, 1000, SMALL[1000:], *checksum(SMALL[1000:])).headers["whittle-cloud"].endswith(NAME)
+    refused = daemon.post("/v1/uploads", SMALL, *TUS, *PIECE, *headers(Upload_Length=len(SMALL)), *checksum(b"x"))
+    assert refused.status == 460 and parts(daemon) == [] and daemon.leftovers() == []
+
+
+def test_termination(daemon):
+    path = create(daemon, 100)
+    assert patch(daemon, path, 0, b"0 0 0\n").status == 204
+    assert daemon.curl(path, "-X", "DELETE", *TUS).status == 204 and parts(daemon) == []
+    assert head(daemon, path).status == 404 and daemon.curl(path, "-X", "DELETE", *TUS).slug == "no-such-upload"
+    assert patch(daemon, path, 6, b"x").slug == "no-such-upload"
+    path = create(daemon, 100)
+    assert daemon.curl(path, "-X", "POST", *TUS, *headers(X_HTTP_Method_Override="DELETE")).status == 204
+
+
+def test_what_is_no_cloud_ends_the_upload(daemon):
+    data = b"\x89PNG\r\n\x1a\n" + bytes(100)
+    path = create(daemon, len(data))
+    assert patch(daemon, path, 0, data).slug == "unsupported-format"
+    assert head(daemon, path).status == 404 and parts(daemon) == []
+
+
+def test_expiration(make_daemon):
+    daemon = make_daemon("--retention", "200ms", "--upload-expiry", "300ms")
+    path = create(daemon, 100)
+    wait_until(lambda: daemon.curl(path).status == 404, "the upload's end")
+    wait_until(lambda: parts(daemon) == [], "the file's end")
+
+
+def test_a_number_of_uploads(make_daemon):
+    daemon = make_daemon("--max-uploads", "2")
+    paths = [create(daemon, 10), create(daemon, 10)]
+    full = daemon.curl("/v1/uploads", "-X", "POST", *TUS, *headers(Upload_Length=10))
+    assert (full.status, full.slug) == (503, "too-many-uploads") and full.headers["retry-after"]
+    assert daemon.curl(paths[0], "-X", "DELETE", *TUS).status == 204
+    create(daemon, 10)
+
+
+class Half:
+    """A request whose body is only begun."""
+
+    def __init__(self, daemon, path, offset, length, data, more=""):
+        self.socket = socket.create_connection(("127.0.0.1", daemon.port))
+        self.socket.sendall(f"PATCH {path} HTTP/1.1\r\nHost: x\r\nTus-Resumable: 1.0.0\r\nUpload-Offset: {offset}\r\n"
+                            f"Content-Type: application/offset+octet-stream\r\n{more}"
+                            f"Content-Length: {length}\r\n\r\n".encode() + data)
+
+    def more(self, data):
+        self.socket.sendall(data)
+
+    def end(self):
+        self.socket.close()
+
+
+def got(daemon, path, count):
+    """Waits, without going between, until so many bytes are there."""
+    wait_until(lambda: daemon.curl(path).json["offset"] == count, f"{count} bytes")
+
+
+def test_what_came_before_the_connection_broke_is_kept(daemon):
+    path = create(daemon, len(SMALL))
+    half = Half(daemon, path, 0, len(SMALL), SMALL[:3000])
+    got(daemon, path, 3000)
+    half.end()
+    assert offset_of(daemon, path) == 3000
+    assert patch(daemon, path, 3000, SMALL[3000:]).headers["whittle-cloud"].endswith(NAME)
+
+
+def test_half_a_piece_with_a_checksum_is_not_kept(daemon):
+    path = create(daemon, len(SMALL))
+    digest = base64.b64encode(hashlib.sha1(SMALL).digest()).decode()
+    half = Half(daemon, path, 0, len(SMALL), SMALL[:3000], f"Upload-Checksum: sha1 {digest}\r\n")
+    wait_until(lambda: sum(p.stat().st_size for p in (daemon.data / "tmp").iterdir()) == 3000, "the piece")
+    half.end()
+    wait_until(lambda: daemon.leftovers() == [], "its end")
+    assert offset_of(daemon, path) == 0
+    assert patch(daemon, path, 0, SMALL).headers["whittle-cloud"].endswith(NAME)
+
+
+def test_who_comes_back_does_not_wait_for_the_dead(daemon):
+    path = create(daemon, len(SMALL))
+    half = Half(daemon, path, 0, len(SMALL), SMALL[:3000])
+    got(daemon, path, 3000)
+    assert offset_of(daemon, path) == 3000
+    half.more(SMALL[3000:4000])  # comes too late
+    assert patch(daemon, path, 3000, SMALL[3000:]).headers["whittle-cloud"].endswith(NAME)
+    assert daemon.curl(f"/v1/clouds/{NAME}/data").body == SMALL
+    half.end()
+
+
+def test_many_at_once_on_one_upload_keep_it_whole(daemon):
+    cloud = sphere(20000)
+    path = create(daemon, len(cloud))
+
+    def push():
+        while True:
+            seen = head(daemon, path)
+            start = int(seen.headers["upload-offset"])
+            if start == len(cloud):
+                return
+            patch(daemon, path, start, cloud[start:start + 50000])
+    threads = [threading.Thread(target=push) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert head(daemon, path).headers["whittle-cloud"].endswith(hashlib.sha256(cloud).hexdigest())
+
+
+def test_an_upload_survives_kills(make_daemon):
+    daemon = make_daemon()
+    path, start = create(daemon, len(SMALL), *headers(Upload_Metadata="a Yg==")), 0
+    while start + 2000 < len(SMALL):
+        half = Half(daemon, path, start, len(SMALL) - start, SMALL[start:start + 1500])
+        got(daemon, path, start + 1500)
+        daemon.kill()
+        half.end()
+        daemon.start()
+        assert offset_of(daemon, path) == start + 1500  # all that was written
+        start += 1500
+        assert patch(daemon, path, start, SMALL[start:start + 500]).status == 204
+        start += 500
+    assert head(daemon, path).headers["upload-metadata"] == "a Yg=="
+    assert patch(daemon, path, start, SMALL[start:]).headers["whittle-cloud"].endswith(NAME)
+    daemon.kill()
+    daemon.start()
+    assert head(daemon, path).headers["whittle-cloud"].endswith(NAME) and parts(daemon) == []
+
+
+def test_after_another_boot_only_what_was_flushed_counts(make_daemon):
+    import sqlite3
+    daemon = make_daemon()
+    path = create(daemon, len(SMALL))
+    assert patch(daemon, path, 0, SMALL[:1000]).status == 204
+    half = Half(daemon, path, 1000, len(SMALL) - 1000, SMALL[1000:3000])
+    got(daemon, path, 3000)
+    daemon.kill()
+    half.end()
+    with sqlite3.connect(daemon.data / "whittled.db") as database:
+        database.execute("UPDATE uploads SET boot = 'another'")
+    database.close()
+    daemon.start()
+    assert offset_of(daemon, path) == 1000
+    assert patch(daemon, path, 1000, SMALL[1000:]).headers["whittle-cloud"].endswith(NAME)
+
+
+def test_whole_but_for_the_last_word(make_daemon):
+    """Killed between the last byte and its answer: asking for the offset makes it a cloud."""
+    daemon = make_daemon()
+    path = create(daemon, len(SMALL))
+    half = Half(daemon, path, 0, len(SMALL) + 1, SMALL)
+    half.end()
+    path = create(daemon, len(SMALL))
+    daemon.kill()
+    (daemon.data / "uploads" / path.rsplit("/", 1)[1]).write_bytes(SMALL)
+    daemon.start()
+    assert head(daemon, path).headers["whittle-cloud"] == f"/v1/clouds/{NAME}"
+
+
+def test_lost_files_and_leftover_files(make_daemon):
+    daemon = make_daemon()
+    lost, kept = create(daemon, 10), create(daemon, 10)
+    assert patch(daemon, lost, 0, b"0 0").status == 204
+    daemon.kill()
+    (daemon.data / "uploads" / lost.rsplit("/", 1)[1]).unlink()
+    (daemon.data / "uploads" / "0198c7d2-4a10-7cc3-9d0e-6f1f2b3c4d5e").write_bytes(b"x")
+    daemon.start()
+    assert head(daemon, lost).status == 404 and offset_of(daemon, kept) == 0
+    assert parts(daemon) == [kept.rsplit("/", 1)[1]]

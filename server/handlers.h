@@ -34,11 +34,14 @@ const struct handler *handlers_find(enum operation operation);
 bool handlers_has_room(struct service *service, const struct request *request, uint64_t body, bool for_job,
                        struct response *response);
 
+/* The limits of a cloud and, where params is given, of a job on it. */
+struct admission handlers_admission(const struct config *config, const struct params *params);
+
 /* Whether new work is taken now, and the request's headers fit a body that the operation takes (a set of enum
- * body_kind; where it may be JSON, it is for a job, and the queue must have room; names as in struct body_plan); else a
- * response. */
+ * body_kind; where it may be JSON, it is for a job, and the queue must have room; names as in struct body_plan; params
+ * is what is known of the job, NULL for none); else a response. */
 bool handlers_admit_body(struct service *service, struct request *request, unsigned takes, const char *const *names,
-                         struct response *response);
+                         const struct params *params, struct response *response);
 
 /* The last checks of the request's body, and what it says of parameters is added to the query; false: the response says
  * what is wrong.  To be called once, before the query is read. */

@@ -28,7 +28,8 @@ static bool read_create(const struct request *request, struct job *job, struct r
 bool handlers_admit_job(struct service *service, struct request *request, struct response *response) {
     struct job job = {0};
     return read_create(request, &job, response) &&
-           handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM | BODY_JSON, create_names, response);
+           handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM | BODY_JSON, create_names, &job.params,
+                               response);
 }
 
 /* The job as it is now, or the reply that was given to the same request before. */

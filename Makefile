@@ -265,6 +265,18 @@ fuzz: ## run each fuzzer for FUZZ_SECONDS=20 (needs clang)
 	$(MAKE) config=fuzz fuzz
 endif
 
+LOAD ?=
+SECONDS ?= 3600
+.PHONY: test-load
+test-load: deps ## many clients at once, then many jobs; LOAD="--uploads 8 --bytes 8000000 --jobs 100"
+	@$(MAKE) --no-print-directory all
+	@$(PYTHON) tests/load/load.py $(build) $(LOAD)
+
+.PHONY: test-soak
+test-soak: deps ## mixed traffic with workers killed at random; nothing may grow; SECONDS=3600
+	@$(MAKE) --no-print-directory all
+	@$(PYTHON) tests/load/soak.py $(build) --seconds $(SECONDS)
+
 .PHONY: contract
 contract: $(build)/whittled ## bring parameters and scopes in api/openapi.json up to date with core/params.c and api/routes.c
 	@$(PYTHON) tests/tools/update_contract.py $(build)/whittled

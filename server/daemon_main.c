@@ -9,6 +9,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <errno.h>
+#include <malloc.h>
 #include <poll.h>
 #include <signal.h>
 #include <stdio.h>
@@ -30,7 +31,7 @@
 #include "server/service.h"
 #include "server/supervisor.h"
 
-enum { EXIT_USAGE = 2, SWEEP_MS = 30000, DRAIN_LOOK_MS = 50 };
+enum { EXIT_USAGE = 2, SWEEP_MS = 30000, DRAIN_LOOK_MS = 50, LARGE_BYTES = 1 << 20, ARENAS = 4 };
 
 /* The signals become readable; none interrupts anything.  Threads started later inherit the mask. */
 static int open_signals(void) {
@@ -56,6 +57,13 @@ static void raise_file_limit(void) {
 static int read_signal(int signals) {
     struct signalfd_siginfo info;
     return read(signals, &info, sizeof info) == sizeof info ? (int)info.ssi_signo : SIGTERM;
+}
+
+/* What is large and rare, such as a long list of jobs, goes back to the system when it is freed: otherwise each thread
+ * keeps the largest that it ever had. */
+static void give_memory_back(void) {
+    mallopt(M_MMAP_THRESHOLD, LARGE_BYTES);
+    mallopt(M_ARENA_MAX, ARENAS);
 }
 
 /* Sweeps now and then until a signal ends it; SIGHUP doesn't. */
@@ -162,6 +170,7 @@ int main(int argc, char **argv) {
         return EXIT_USAGE;
     }
     raise_file_limit();
+    give_memory_back();
     int signals = open_signals();
     if (signals < 0) {
         fprintf(stderr, "whittled: signals: %s\n", strerror(errno));

@@ -108,8 +108,8 @@ void handlers_keep_reply(struct service *service, const struct request *request,
 /* Makes the response that was kept; takes it out of the record. */
 void handlers_replay(struct idempotency_record *record, struct response *response);
 
-/* Dismisses a job that waits; STATUS_OK also where it waits no more. */
-enum status handlers_dismiss_waiting(struct service *service, struct job *job, struct error *error) MUST_CHECK;
+/* Dismisses a job that waits; *changed false: it doesn't wait any more. */
+enum status handlers_withdraw(struct service *service, struct job *job, bool *changed, struct error *error) MUST_CHECK;
 
 /* The handlers themselves. */
 bool handlers_admit_job(struct service *service, struct request *request, struct response *response);

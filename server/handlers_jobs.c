@@ -186,21 +186,21 @@ void handlers_get_job(struct service *service, struct request *request, struct r
 
 /* ------------------------------------------------------------------------------------------------ delete */
 
-enum status handlers_dismiss_waiting(struct service *service, struct job *job, struct error *error) {
-    bool changed = false;
+enum status handlers_withdraw(struct service *service, struct job *job, bool *changed, struct error *error) {
     job->expires_ms = job_now_ms() + service->config->retention_ms;
-    enum status status = queue_finish(service->queue, JOB_DISMISS, job, &changed, error);
-    if (status == STATUS_OK && changed) {
+    enum status status = queue_finish(service->queue, JOB_WITHDRAW, job, changed, error);
+    if (status == STATUS_OK && *changed) {
         log_line(LOG_INFO, "job=%s accepted -> dismissed", job->id);
         events_publish(service->events, job->id);
     }
     return status;
 }
 
-/* Tries accepted -> dismissed. */
+/* Tries accepted -> dismissed; it may have begun to run by now. */
 static bool dismiss_waiting(struct service *service, struct job *job, struct response *response) {
     struct error error = {0};
-    if (handlers_dismiss_waiting(service, job, &error) == STATUS_OK) return true;
+    bool changed;
+    if (handlers_withdraw(service, job, &changed, &error) == STATUS_OK) return true;
     response_error(response, &error);
     return false;
 }

@@ -144,12 +144,13 @@ static void answer_async(struct service *service, const struct request *request,
  * freed. */
 static void abandon(struct service *service, const struct request *request, struct job *job) {
     struct error error = {0};
+    bool changed = false;
     if (!service->config->oneshot_abandon || request->header[HEADER_IDEMPOTENCY_KEY]) return;
     log_line(LOG_INFO, "job=%s its client is gone", job->id);
-    if (job->state == JOB_RUNNING)
-        supervisor_cancel(service->supervisor, job->id);
-    else if (handlers_dismiss_waiting(service, job, &error) != STATUS_OK)
+    if (handlers_withdraw(service, job, &changed, &error) != STATUS_OK)
         log_line(LOG_ERROR, "job=%s can't be dismissed: %s", job->id, error.text);
+    else if (!changed)
+        supervisor_cancel(service->supervisor, job->id);
 }
 
 void handlers_simplify(struct service *service, struct request *request, struct response *response) {

@@ -404,6 +404,7 @@ static enum MHD_Result dispatch(struct exchange *x) {
         response_refuse(&x->response, PROBLEM_DRAINING, "the service stops");
         return answer(x);
     }
+    set_uploading(x, false); /* parked by now: closing waits for it */
     offload_post(x->http->offload, &x->task);
     return MHD_YES;
 }

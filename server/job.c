@@ -14,13 +14,14 @@ static const char *const names[JOB_STATE_COUNT] = {"accepted", "running", "succe
 enum { NO = -1 };
 
 /* What follows; NO = the event can't happen in this state. */
-static const int transitions[JOB_STATE_COUNT][JOB_EVENT_COUNT] = {
-    /*                   claim        done            fail        dismiss        requeue       reuse */
-    [JOB_ACCEPTED] = {JOB_RUNNING, NO, NO, JOB_DISMISSED, NO, JOB_SUCCESSFUL},
-    [JOB_RUNNING] = {NO, JOB_SUCCESSFUL, JOB_FAILED, JOB_DISMISSED, JOB_ACCEPTED, NO},
-    [JOB_SUCCESSFUL] = {NO, NO, NO, NO, NO, NO},
-    [JOB_FAILED] = {NO, NO, NO, NO, NO, NO},
-    [JOB_DISMISSED] = {NO, NO, NO, NO, NO, NO},
+static const int transitions[JOB_STATE_COUNT][JOB_EVENT_COUNT] =
+    {
+        /*                   claim        done            fail        dismiss        requeue       reuse withdraw */
+        [JOB_ACCEPTED] = {JOB_RUNNING, NO, NO, NO, NO, JOB_SUCCESSFUL, JOB_DISMISSED},
+        [JOB_RUNNING] = {NO, JOB_SUCCESSFUL, JOB_FAILED, JOB_DISMISSED, JOB_ACCEPTED, NO, NO},
+        [JOB_SUCCESSFUL] = {NO, NO, NO, NO, NO, NO, NO},
+        [JOB_FAILED] = {NO, NO, NO, NO, NO, NO, NO},
+        [JOB_DISMISSED] = {NO, NO, NO, NO, NO, NO, NO},
 };
 
 void job_done(struct job *job) {

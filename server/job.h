@@ -4,7 +4,7 @@
  *        |         claim                 done                   v
  *     accepted ------------> running ---------------------> successful
  *        |                    |  |  \  fail (its own fault, or its attempts are used up)
- *        | dismiss    dismiss |  |   +-----------> failed
+ *        | withdraw   dismiss |  |   +-----------> failed
  *        +------> dismissed <-+  +--> accepted   requeue (the host's fault: killed, or the service stops)
  *
  * To add a member that is kept: here, a column in queue_sqlite.c with a step of its schema, and api/job_json.h.
@@ -23,8 +23,8 @@
 enum job_state { JOB_ACCEPTED, JOB_RUNNING, JOB_SUCCESSFUL, JOB_FAILED, JOB_DISMISSED };
 #define JOB_STATE_COUNT 5
 
-enum job_event { JOB_CLAIM, JOB_DONE, JOB_FAIL, JOB_DISMISS, JOB_REQUEUE, JOB_REUSE };
-#define JOB_EVENT_COUNT 6
+enum job_event { JOB_CLAIM, JOB_DONE, JOB_FAIL, JOB_DISMISS, JOB_REQUEUE, JOB_REUSE, JOB_WITHDRAW };
+#define JOB_EVENT_COUNT 7
 
 enum {
     JOB_ID_BYTES = 37,

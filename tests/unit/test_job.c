@@ -18,7 +18,7 @@ static void only_the_transitions_that_are_drawn(void **state) {
         enum job_event event;
         enum job_state to;
     } drawn[] = {
-        {JOB_ACCEPTED, JOB_CLAIM, JOB_RUNNING},    {JOB_ACCEPTED, JOB_DISMISS, JOB_DISMISSED},
+        {JOB_ACCEPTED, JOB_CLAIM, JOB_RUNNING},    {JOB_ACCEPTED, JOB_WITHDRAW, JOB_DISMISSED},
         {JOB_RUNNING, JOB_DONE, JOB_SUCCESSFUL},   {JOB_RUNNING, JOB_FAIL, JOB_FAILED},
         {JOB_RUNNING, JOB_DISMISS, JOB_DISMISSED}, {JOB_RUNNING, JOB_REQUEUE, JOB_ACCEPTED},
         {JOB_ACCEPTED, JOB_REUSE, JOB_SUCCESSFUL},

@@ -252,7 +252,8 @@ static void only_legal_transitions_change_anything(void **state) {
     assert_false(finish(f, JOB_DONE, &job));
     assert_false(finish(f, JOB_FAIL, &job));
     assert_false(finish(f, JOB_REQUEUE, &job));
-    assert_true(finish(f, JOB_DISMISS, &job));
+    assert_false(finish(f, JOB_DISMISS, &job)); /* there is no process that it would end */
+    assert_true(finish(f, JOB_WITHDRAW, &job));
     for (int event = JOB_DONE; event < JOB_EVENT_COUNT; event++) assert_false(finish(f, (enum job_event)event, &job));
     get(f, 1, &back);
     assert_int_equal(back.state, JOB_DISMISSED);
@@ -566,6 +567,18 @@ static void *claim_and_finish(void *ctx) {
     return (void *)count;
 }
 
+static void what_runs_is_not_withdrawn(void **state) {
+    struct fixture *f = *state;
+    struct job job, back;
+    submit(f, 1);
+    assert_true(claim(f, &job));
+    assert_false(finish(f, JOB_WITHDRAW, &job));
+    get(f, 1, &back);
+    assert_int_equal(back.state, JOB_RUNNING);
+    job_done(&job);
+    job_done(&back);
+}
+
 static void each_job_is_claimed_by_one(void **state) {
     struct fixture *f = *state;
     pthread_t thread[THREADS];
@@ -609,6 +622,7 @@ int main(void) {
         TEST(a_database_that_refuses_is_an_error_and_changes_nothing),
         TEST(a_file_that_is_no_database_is_refused),
         TEST(a_newer_schema_is_refused),
+        TEST(what_runs_is_not_withdrawn),
         TEST(each_job_is_claimed_by_one),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

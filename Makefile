@@ -194,7 +194,7 @@ test-crash: deps ## kill service and workers in ROUNDS=500 rounds at named and r
 
 # ---------------------------------------------------------------------------------------------------- figures
 .PHONY: bench
-bench: deps ## time of each stage, memory, threads, peers; BENCH="--large --peers --save file --compare file"
+bench: deps ## time of each stage, memory, threads, peers; BENCH="--large --peers --save-ratios ..."
 	@$(if $(findstring --peers,$(BENCH)),deploy/deps.sh libeigen3-dev libtbb-dev libopen3d-dev)
 	@$(MAKE) --no-print-directory -j$$(nproc) all tools $(if $(findstring --peers,$(BENCH)),\
 	    $(addprefix $(build)/tests/peers/,points_cgal surface_cgal open3d))

@@ -60,8 +60,9 @@ static bool is_within_share(struct service *service, const struct request *reque
     return false;
 }
 
-static bool has_room(struct service *service, const struct request *request, bool for_job, struct response *response) {
-    uint64_t waiting, running, body = request->content_length == UINT64_MAX ? 0 : request->content_length;
+bool handlers_has_room(struct service *service, const struct request *request, uint64_t body, bool for_job,
+                       struct response *response) {
+    uint64_t waiting, running;
     queue_depth(service->queue, &waiting, &running);
     if (atomic_load(&service->draining))
         response_refuse(response, PROBLEM_DRAINING, "the service is about to stop");
@@ -89,7 +90,8 @@ bool handlers_admit_body(struct service *service, struct request *request, unsig
                              .repr_digest = request->header[HEADER_REPR_DIGEST],
                              .names = names};
     struct problem problem;
-    if (!has_room(service, request, takes & BODY_JSON, response)) return false;
+    uint64_t bytes = request->content_length == UINT64_MAX ? 0 : request->content_length;
+    if (!handlers_has_room(service, request, bytes, takes & BODY_JSON, response)) return false;
     request->body = body_new(&plan, &problem);
     if (!request->body) response_problem(response, &problem);
     return request->body != NULL;

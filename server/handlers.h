@@ -27,6 +27,10 @@ const struct handler *handlers_find(enum operation operation);
 
 /* ---- shared by the handlers_*.c ---- */
 
+/* Whether so many bytes more are taken now, of this principal, and (for_job) another job; else a response. */
+bool handlers_has_room(struct service *service, const struct request *request, uint64_t body, bool for_job,
+                       struct response *response);
+
 /* Whether new work is taken now, and the request's headers fit a body that the operation takes (a set of enum
  * body_kind; where it may be JSON, it is for a job, and the queue must have room; names as in struct body_plan); else a
  * response. */

@@ -135,16 +135,6 @@ static bool take_piece(struct service *service, struct request *request, struct 
     return request->body != NULL;
 }
 
-static bool has_room(struct service *service, uint64_t bytes, struct response *response) {
-    if (atomic_load(&service->draining))
-        response_refuse(response, PROBLEM_DRAINING, "the service is about to stop");
-    else if (store_free_bytes(service->store) < bytes + (uint64_t)service->config->min_free_bytes)
-        response_refuse(response, PROBLEM_STORAGE_FULL, "the disk has no room for this upload");
-    else
-        return true;
-    return false;
-}
-
 static bool read_length(struct service *service, const struct request *request, uint64_t *length,
                         struct response *response) {
     const char *defer = request->header[HEADER_UPLOAD_DEFER_LENGTH];
@@ -184,7 +174,7 @@ bool handlers_admit_upload(struct service *service, struct request *request, str
     if (!speaks_tus(request, response) || !takes_no_query(request, response) ||
         !read_length(service, request, &info.length, response) || !read_metadata(request, &info, response) ||
         !read_check(request, &check, response) ||
-        !has_room(service, info.length == UINT64_MAX ? 0 : info.length, response))
+        !handlers_has_room(service, request, info.length == UINT64_MAX ? 0 : info.length, false, response))
         return false;
     if (request->header[HEADER_UPLOAD_CONCAT]) {
         response_refuse(response, PROBLEM_MALFORMED_REQUEST, "Upload-Concat is an extension that is not here");
@@ -209,7 +199,7 @@ bool handlers_admit_piece(struct service *service, struct request *request, stru
     if (!speaks_tus(request, response) || !takes_no_query(request, response) ||
         !find(service, request, &info, response) || !read_number(request, HEADER_UPLOAD_OFFSET, &offset, response) ||
         !read_number(request, HEADER_UPLOAD_LENGTH, &length, response) || !read_check(request, &check, response) ||
-        !has_room(service, 0, response))
+        !handlers_has_room(service, request, 0, false, response))
         return false;
     if (offset == UINT64_MAX) {
         response_refuse(response, PROBLEM_MALFORMED_REQUEST, "Upload-Offset must be there");

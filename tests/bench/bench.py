@@ -10,7 +10,9 @@ meshes; what a second thread gains; how the time for each point grows; and the t
 at 10 % with mesh and error, from POST to outputs ready.  --peers adds the most exact peers that pick points, CGAL's WLOP
 and Open3D's farthest-point sampling, at the same count, their error against the same points by the same tool after the
 same reconstruction (CGAL's advancing front).  Machines differ and are noisy: compare ratios within one run.  --save
-writes the figures as JSON, --compare prints the ratios against such a file.
+writes the figures as JSON, --compare prints the ratios against such a file.  Ratios within a run, which other machines
+have much the same (each stage's share of a million points, how the time for each point grows), are always compared with
+tests/bench/ratios.json; a figure over MORE times its old one is told.  --save-ratios stores them.
 """
 import argparse
 import json
@@ -26,6 +28,8 @@ import models  # noqa: E402
 from programs import Failed, Made, Programs, best, work_ms  # noqa: E402
 
 SHARED = pathlib.Path("../shared/data")
+RATIOS = pathlib.Path(__file__).with_name("ratios.json")
+MORE, LEAST_SHARE = 1.25, 0.02
 FARTHEST_MOST = 10**9  # distances between points that farthest-point sampling may take: 10^10 take a minute
 
 
@@ -126,11 +130,22 @@ def own_pick(programs, cloud):
     return Made(programs.plain(folder / "cloud.ply", "kept"), report["points_out"], work_ms(report))
 
 
+def compare_ratios(figures, save):
+    now = {k: round(v, 4) for k, v in figures.items() if k.endswith((".share", ".growth"))}
+    before = json.loads(RATIOS.read_text()) if RATIOS.exists() else {}
+    for key in sorted(now.keys() & before.keys()):
+        if now[key] > LEAST_SHARE and now[key] > MORE * before[key]:
+            print(f"{key:34s} {now[key]:6.3f}, was {before[key]:.3f}: MORE")
+    if save:
+        RATIOS.write_text(json.dumps({**before, **now}, indent=1, sort_keys=True) + "\n")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("build", type=pathlib.Path)
     parser.add_argument("--large", action="store_true")
     parser.add_argument("--peers", action="store_true")
+    parser.add_argument("--save-ratios", action="store_true")
     parser.add_argument("--save", type=pathlib.Path)
     parser.add_argument("--compare", type=pathlib.Path)
     options = parser.parse_args()
@@ -154,6 +169,8 @@ def main():
             each[label] = processor / report["points_in"]
             figures.update({f"{label}.{k}": v / 1e3 for k, v in report["timings_ms"].items()})
             if label == "1M":
+                stages = report["timings_ms"]
+                figures.update({f"1M.{k}.share": v / stages["total"] for k, v in stages.items() if k != "total"})
                 _, one, _ = whittle(build, path, folder / "out", "--ratio", "0.1", "--threads", "1")
                 print(f"{'1M, one thread against all':34s} {one / wall:8.2f} times the time")
                 figures["1M.one-thread-ratio"] = one / wall
@@ -171,6 +188,7 @@ def main():
             wall = job_over_http(build, clouds[0][1].resolve(), folder)
             print(f"{'horse, job over HTTP at 10 %':34s} {wall:8.3f} s  from POST to outputs ready, mesh and error included")
             figures["horse.job"] = wall
+    compare_ratios(figures, options.save_ratios)
     if options.save:
         options.save.write_text(json.dumps(figures, indent=1, sort_keys=True) + "\n")
     if options.compare:

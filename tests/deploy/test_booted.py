@@ -115,12 +115,12 @@ def test_the_unit_runs_and_is_looked_after(booted, scan):
     say("systemctl stop and start: its data is there")
 
     pid = booted.show("whittled.service", "MainPID")
-    booted("kill", "-KILL", pid)
+    booted("systemctl", "kill", "--kill-who=main", "--signal=KILL", "whittled")
     wait_until(lambda: booted.show("whittled.service", "MainPID") not in ("0", pid) and booted.is_active(), "a restart")
     say("killed: systemd starts it again")
 
     pid = booted.show("whittled.service", "MainPID")
-    booted("kill", "-STOP", pid)
+    booted("systemctl", "kill", "--kill-who=main", "--signal=STOP", "whittled")
     wait_until(lambda: booted.show("whittled.service", "MainPID") not in ("0", pid) and booted.is_active(),
                "the watchdog")
     assert "watchdog" in booted("journalctl", "--no-pager", "-o", "cat", "-u", "whittled").lower()

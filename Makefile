@@ -200,6 +200,12 @@ bench: deps ## time of each stage, memory, threads, peers; BENCH="--large --peer
 	    $(addprefix $(build)/tests/peers/,points_cgal surface_cgal open3d))
 	@$(PYTHON) tests/bench/bench.py $(build) $(BENCH)
 
+.PHONY: overhead
+overhead: deps ## what the service costs beside the work, against nginx: requests a second, uploads, downloads
+	@deploy/deps.sh nginx-light wrk
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@$(PYTHON) tests/bench/overhead.py $(build)
+
 .PHONY: bench-counts
 bench-counts: deps ## instructions of each stage against the stored ones; BENCH=--save stores them
 	@deploy/deps.sh $(bench_packages)
@@ -246,6 +252,22 @@ unit_runs := $(addprefix run-,$(unit_programs))
 test-unit: $(unit_runs) ## the unit tests alone
 $(unit_runs): run-%: %
 	@$* > $*.log 2>&1 && echo "  OK $* $$(grep -c '^\[       OK' $*.log) tests" || { cat $*.log; exit 1; }
+
+# CGAL changes the way of rounding, which valgrind doesn't follow: what triangulates is left to the sanitizers.
+valgrind_programs := $(filter-out %/test_delaunay %/test_cocone %/test_pipeline %/test_refine %/test_metro \
+    %/test_denoise %/test_fixtures %/test_memory,$(unit_programs))
+.PHONY: valgrind
+valgrind: $(valgrind_programs) ## the unit tests under valgrind: no invalid access, nothing lost
+	@$(PYTHON) -c 'import shutil, sys; sys.exit(not shutil.which("valgrind"))' || deploy/deps.sh valgrind
+	@set -e; for t in $(valgrind_programs); do echo "== $$t"; \
+	    valgrind -q --error-exitcode=9 --leak-check=full --errors-for-leak-kinds=definite $$t > $$t.valgrind 2>&1 \
+	        || { tail -60 $$t.valgrind; exit 1; }; done
+
+SCANS ?=
+COUNT ?= 5000
+.PHONY: test-mutations
+test-mutations: all ## send COUNT=5000 mutated clouds, of SCANS too, to a service of its own
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) tests/integration/mutations.py --count $(COUNT) --seed $(SEED) $(SCANS)
 
 # Fuzzers exist in config=fuzz alone; `make fuzz` goes there by itself.  What a run finds new stays in the corpus.
 FUZZ_SECONDS ?= 20

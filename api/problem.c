@@ -33,6 +33,8 @@ static const struct problem_type types[PROBLEM_COUNT] = {
                                    "limit is in bytes, the first line included.  Send fewer or shorter headers."},
     [PROBLEM_TOO_MANY_POINTS] = {"too-many-points", 413, "The cloud is over a limit of its reader",
                                  "See GET /v1/info for the limits."},
+    [PROBLEM_WOULD_EXCEED_MEMORY] = {"would-exceed-memory", 413, "The job would need more memory than it may use",
+                                     "limit and actual (a prediction) are in bytes; hint says what would fit."},
     [PROBLEM_DIGEST_MISMATCH] = {"digest-mismatch", 400, "The body is not what its digest says",
                                  "Content-Digest and Repr-Digest are over the body as it is sent, with its content "
                                  "coding.  Nothing was kept; send it again."},

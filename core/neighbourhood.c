@@ -28,7 +28,7 @@
 enum { CHUNK = 4096, WIDE_K = 48, SECTORS = 8 };
 static const double LINE_RATIO = 0.02;
 
-enum { SAMPLES = 1024, NARROW_K = 11, BROAD_K = 31, NOISY_TIMES = 3 };
+enum { SAMPLES = 1024, NARROW_K = 11, BROAD_K = 31 };
 static const double THICK = 0.006, FLATTER = 0.95; /* surface variation, and its ratio, that noise has */
 static const double BALL = 0.1, BALL_RATIO = 1.6;  /* and where even the wider neighbourhood is nearly a ball */
 
@@ -135,10 +135,6 @@ static enum status find_noisy(const struct knn *knn, const vec3 *point, size_t n
     double usual = (double)quantile_of(narrow, count, 0.5), usual_ratio = (double)quantile_of(ratio, count, 0.5);
     *noisy = (usual > THICK && usual_ratio < FLATTER) || (usual > BALL && usual_ratio < BALL_RATIO);
     return STATUS_OK;
-}
-
-unsigned neighbourhood_noisy_count(unsigned count) {
-    return count * NOISY_TIMES < KNN_MAX_K ? count * NOISY_TIMES : KNN_MAX_K - 1;
 }
 
 static enum status find_chunk(const struct search *search, size_t begin, size_t end) {

@@ -37,7 +37,10 @@ enum status neighbourhood_find(const struct knn *knn, const vec3 *point, size_t 
                                const struct neighbourhood_options *options, struct neighbourhood *out) MUST_CHECK;
 
 /* What a bound on the number of neighbours becomes where the cloud is noisy. */
-unsigned neighbourhood_noisy_count(unsigned count);
+static inline unsigned neighbourhood_noisy_count(unsigned count) {
+    enum { NOISY_TIMES = 3 };
+    return count * NOISY_TIMES < KNN_MAX_K ? count * NOISY_TIMES : KNN_MAX_K - 1;
+}
 
 /* Accepts a zeroed neighbourhood. */
 void neighbourhood_done(struct neighbourhood *neighbourhood);

@@ -56,7 +56,7 @@ static const struct param table[] = {
      "subset: mesh vertices are original points; optimal: mesh vertices move freely for the lowest error"},
     {"dso", PARAM_CHOICE, AT(dso), 0, 0, false, "rms", dso_forms, "", true,
      "Form of the discrete shape operator that weights the quadrics: rms (robust), sum (the paper's), none"},
-    {"dso_exponent", PARAM_NUMBER, AT(dso_exponent), -2, 4, false, "0.5", NULL, "", true,
+    {"dso_exponent", PARAM_NUMBER, AT(dso_exponent), -2, 4, false, "0.25", NULL, "", true,
      "Exponent of the discrete shape operator in the weight; 1 is the paper's"},
     {"area_weight", PARAM_CHOICE, AT(area_weight), 0, 0, false, "area", area_weights, "", true,
      "Weight of a virtual triangle's plane: its area, or unit (the paper's)"},

@@ -122,7 +122,9 @@ static bool refuse_field(const char *name, const char *why, const char *suggesti
 }
 
 static bool start_upload(struct body *body, uint64_t expected_bytes, struct problem *problem) {
-    body->upload = upload_new(body->plan.store, expected_bytes, body->plan.max_bytes, problem);
+    struct admission admission = body->plan.admission;
+    if (body->kind == BODY_FORM) admission.has_params = false; /* some may still come */
+    body->upload = upload_new(body->plan.store, expected_bytes, body->plan.max_bytes, &admission, problem);
     return body->upload != NULL;
 }
 

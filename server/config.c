@@ -58,6 +58,9 @@ static const struct setting table[] = {
     {"upload-expiry", DURATION, AT(upload_expiry_ms), "24h", 1, 365 * DAY, "upload_expiry_ms",
      "How long a resumable upload is kept after its last piece"},
     {"max-queue", COUNT, AT(max_queue), "1000", 1, 1000000, "max_queue", "Jobs that may wait"},
+    {"max-points", COUNT, AT(max_points), "2147483647", 1, INT32_MAX, "max_points", "Points of a cloud"},
+    {"total-memory", BYTES, AT(total_memory_bytes), "0", 0, 1024 * KB *GB, "total_memory_bytes",
+     "What running jobs may be predicted to take in sum, others wait; 0 = physical memory"},
     {"principal-jobs", COUNT, AT(principal_jobs), "0", 0, 1000000, "principal_jobs",
      "Jobs of one principal that may wait or run; 0 = no limit of its own"},
     {"principal-bytes", BYTES, AT(principal_bytes), "0", 0, 1024 * KB *GB, "principal_bytes",
@@ -302,6 +305,7 @@ static void fill_in(struct config *config) {
     if (!config->workers) config->workers = processors;
     if (!config->threads_per_job) config->threads_per_job = processors / config->workers;
     if (!config->threads_per_job) config->threads_per_job = 1;
+    if (!config->total_memory_bytes) config->total_memory_bytes = memory;
     if (!config->job_memory_bytes) config->job_memory_bytes = memory / config->workers;
     if (!config->worker[0]) beside_this_program(config->worker);
 }

@@ -22,6 +22,7 @@ struct slot {
     struct supervisor *supervisor;
     pthread_t thread;
     char id[JOB_ID_BYTES]; /* of the job that runs here; "" = none */
+    uint64_t memory_bytes; /* that it is predicted to take */
     int64_t looked_ms;     /* when it last asked for a job, or could have */
     struct worker_control control;
 };
@@ -42,16 +43,31 @@ static void ring(int fd) {
     (void)n; /* full means that it rings already */
 }
 
+/* What the next job may take, under the lock; anything where none runs, so that none waits for ever. */
+static int64_t memory_left(const struct supervisor *supervisor) {
+    int64_t left = supervisor->service->config->total_memory_bytes;
+    bool runs = false;
+    for (unsigned i = 0; i < supervisor->slot_count; i++) {
+        const struct slot *slot = &supervisor->slot[i];
+        if (!slot->id[0]) continue;
+        runs = true;
+        left = slot->memory_bytes < (uint64_t)left ? left - (int64_t)slot->memory_bytes : 0;
+    }
+    return runs ? left : INT64_MAX;
+}
+
 /* Claims the next job, under the lock; logs what goes wrong. */
 static bool claim(struct slot *slot, struct job *job) {
     struct error error = {0};
     bool found;
-    if (queue_claim(slot->supervisor->service->queue, job, &found, &error) != STATUS_OK) {
+    struct supervisor *supervisor = slot->supervisor;
+    if (queue_claim(supervisor->service->queue, memory_left(supervisor), job, &found, &error) != STATUS_OK) {
         log_line(LOG_ERROR, "can't claim a job: %s", error.text);
         return false;
     }
     if (!found) return false;
     memcpy(slot->id, job->id, sizeof slot->id);
+    slot->memory_bytes = job->memory_bytes;
     atomic_store(&slot->control.wish, WORKER_GO_ON);
     return true;
 }
@@ -82,6 +98,7 @@ static void *work(void *ctx) {
         job_done(&job);
         pthread_mutex_lock(&supervisor->lock);
         slot->id[0] = 0;
+        pthread_cond_broadcast(&supervisor->submitted); /* who waits for memory may have it now */
         slot->looked_ms = events_clock_ms();
         pthread_mutex_unlock(&supervisor->lock);
     }

@@ -221,6 +221,13 @@ static void write_obituary(const struct run *run, enum problem_kind kind, struct
     problem_add_text(problem, "log", link);
 }
 
+/* What was expected, what it took, and what it may take. */
+static void add_memory(const struct run *run, struct problem *problem) {
+    if (run->job->memory_bytes) problem_add_number(problem, "predicted_bytes", (int64_t)run->job->memory_bytes);
+    problem_add_number(problem, "used_bytes", (int64_t)run->job->peak_rss_bytes);
+    problem_add_number(problem, "limit", run->service->config->job_memory_bytes);
+}
+
 /* The processor-time limit shows as SIGXCPU, or as SIGKILL where that was ignored. */
 static bool out_of_time(const struct run *run) {
     bool by_signal = WIFSIGNALED(run->wait_status);
@@ -258,6 +265,8 @@ static void judge(const struct run *run, struct verdict *verdict) {
     } else {
         write_obituary(run, no_memory ? PROBLEM_OUT_OF_MEMORY : PROBLEM_WORKER_CRASHED, &verdict->problem);
     }
+    if (verdict->event == JOB_FAIL && verdict->problem.kind == PROBLEM_OUT_OF_MEMORY)
+        add_memory(run, &verdict->problem);
 }
 
 /* ------------------------------------------------------------------------------------------------ settle */
@@ -282,6 +291,7 @@ static void keep_outputs(struct run *run, struct verdict *verdict) {
         return;
     }
     log_line(LOG_ERROR, "job=%s outputs can't be kept: %s", job->id, error.text);
+    store_outputs_delete(run->service->store, job->id);
     job->output_count = 0;
     verdict->event = JOB_FAIL;
     problem_from_error(&verdict->problem, &error);

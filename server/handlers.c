@@ -7,38 +7,42 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "api/job_json.h"
+#include "core/alloc.h"
+
+enum { HEAD_BYTES = 64 * 1024 }; /* of a cloud, for what it says of its size */
 
 static const struct handler table[OPERATION_COUNT] = {
-    [OPERATION_GET_PAGE] = {NULL, handlers_get_page, true},
-    [OPERATION_SIMPLIFY] = {handlers_admit_simplify, handlers_simplify, false},
-    [OPERATION_CREATE_JOB] = {handlers_admit_job, handlers_create_job, false},
-    [OPERATION_LIST_JOBS] = {NULL, handlers_list_jobs, false},
-    [OPERATION_GET_JOB] = {NULL, handlers_get_job, false},
-    [OPERATION_DELETE_JOB] = {NULL, handlers_delete_job, false},
-    [OPERATION_GET_EVENTS] = {NULL, handlers_get_events, false},
-    [OPERATION_GET_LOG] = {NULL, handlers_get_log, false},
-    [OPERATION_LIST_OUTPUTS] = {NULL, handlers_list_outputs, false},
-    [OPERATION_GET_OUTPUT] = {NULL, handlers_get_output, false},
-    [OPERATION_CREATE_LINK] = {NULL, handlers_create_link, false},
-    [OPERATION_CREATE_CLOUD] = {handlers_admit_new_cloud, handlers_create_cloud, false},
-    [OPERATION_LIST_CLOUDS] = {NULL, handlers_list_clouds, false},
-    [OPERATION_GET_CLOUD] = {NULL, handlers_get_cloud, false},
-    [OPERATION_DELETE_CLOUD] = {NULL, handlers_delete_cloud, false},
-    [OPERATION_GET_CLOUD_DATA] = {NULL, handlers_get_cloud_data, false},
-    [OPERATION_UPLOAD_OPTIONS] = {NULL, handlers_upload_options, true},
-    [OPERATION_CREATE_UPLOAD] = {handlers_admit_upload, handlers_create_upload, false},
-    [OPERATION_GET_UPLOAD] = {NULL, handlers_get_upload, false},
-    [OPERATION_CONTINUE_UPLOAD] = {handlers_admit_piece, handlers_continue_upload, false},
-    [OPERATION_DELETE_UPLOAD] = {NULL, handlers_delete_upload, false},
-    [OPERATION_GET_PARAMETERS] = {NULL, handlers_get_parameters, true},
-    [OPERATION_GET_INFO] = {NULL, handlers_get_info, true},
-    [OPERATION_GET_CONTRACT] = {NULL, handlers_get_contract, true},
-    [OPERATION_GET_PROBLEM] = {NULL, handlers_get_problem, true},
-    [OPERATION_GET_HEALTH] = {NULL, handlers_get_health, true},
-    [OPERATION_GET_READINESS] = {NULL, handlers_get_readiness, true},
-    [OPERATION_GET_METRICS] = {NULL, handlers_get_metrics, true},
+    [OPERATION_GET_PAGE] = {NULL, handlers_get_page, NULL, true},
+    [OPERATION_SIMPLIFY] = {handlers_admit_simplify, handlers_simplify, NULL, false},
+    [OPERATION_CREATE_JOB] = {handlers_admit_job, handlers_create_job, NULL, false},
+    [OPERATION_LIST_JOBS] = {NULL, handlers_list_jobs, NULL, false},
+    [OPERATION_GET_JOB] = {NULL, handlers_get_job, handlers_job_at_hand, false},
+    [OPERATION_DELETE_JOB] = {NULL, handlers_delete_job, NULL, false},
+    [OPERATION_GET_EVENTS] = {NULL, handlers_get_events, NULL, false},
+    [OPERATION_GET_LOG] = {NULL, handlers_get_log, NULL, false},
+    [OPERATION_LIST_OUTPUTS] = {NULL, handlers_list_outputs, NULL, false},
+    [OPERATION_GET_OUTPUT] = {NULL, handlers_get_output, NULL, false},
+    [OPERATION_CREATE_LINK] = {NULL, handlers_create_link, NULL, false},
+    [OPERATION_CREATE_CLOUD] = {handlers_admit_new_cloud, handlers_create_cloud, NULL, false},
+    [OPERATION_LIST_CLOUDS] = {NULL, handlers_list_clouds, NULL, false},
+    [OPERATION_GET_CLOUD] = {NULL, handlers_get_cloud, NULL, false},
+    [OPERATION_DELETE_CLOUD] = {NULL, handlers_delete_cloud, NULL, false},
+    [OPERATION_GET_CLOUD_DATA] = {NULL, handlers_get_cloud_data, NULL, false},
+    [OPERATION_UPLOAD_OPTIONS] = {NULL, handlers_upload_options, NULL, true},
+    [OPERATION_CREATE_UPLOAD] = {handlers_admit_upload, handlers_create_upload, NULL, false},
+    [OPERATION_GET_UPLOAD] = {NULL, handlers_get_upload, NULL, false},
+    [OPERATION_CONTINUE_UPLOAD] = {handlers_admit_piece, handlers_continue_upload, NULL, false},
+    [OPERATION_DELETE_UPLOAD] = {NULL, handlers_delete_upload, NULL, false},
+    [OPERATION_GET_PARAMETERS] = {NULL, handlers_get_parameters, NULL, true},
+    [OPERATION_GET_INFO] = {NULL, handlers_get_info, NULL, true},
+    [OPERATION_GET_CONTRACT] = {NULL, handlers_get_contract, NULL, true},
+    [OPERATION_GET_PROBLEM] = {NULL, handlers_get_problem, NULL, true},
+    [OPERATION_GET_HEALTH] = {NULL, handlers_get_health, NULL, true},
+    [OPERATION_GET_READINESS] = {NULL, handlers_get_readiness, NULL, true},
+    [OPERATION_GET_METRICS] = {NULL, handlers_get_metrics, NULL, true},
 };
 
 const struct handler *handlers_find(enum operation operation) { return &table[operation]; }
@@ -76,12 +80,21 @@ bool handlers_has_room(struct service *service, const struct request *request, u
     return false;
 }
 
+struct admission handlers_admission(const struct config *config, const struct params *params) {
+    struct admission admission = {.max_points = (uint64_t)config->max_points,
+                                  .max_memory_bytes = (uint64_t)config->job_memory_bytes,
+                                  .has_params = params != NULL};
+    if (params) admission.params = *params;
+    return admission;
+}
+
 bool handlers_admit_body(struct service *service, struct request *request, unsigned takes, const char *const *names,
-                         struct response *response) {
+                         const struct params *params, struct response *response) {
     const struct config *config = service->config;
     struct body_plan plan = {.takes = takes,
                              .store = service->store,
                              .max_bytes = (uint64_t)config->max_body_bytes,
+                             .admission = handlers_admission(config, params),
                              .max_expansion = (uint32_t)config->max_expansion,
                              .content_length = request->content_length,
                              .type = request->header[HEADER_CONTENT_TYPE],
@@ -167,11 +180,37 @@ static bool came_before(struct service *service, const struct request *request, 
         return false;
     }
     if (!handlers_find_reply(service, request, key, before, &found, response)) return false;
-    if (found)
-        snprintf(job->id, sizeof job->id, "%.36s", before->made);
-    else
-        job->key = key;
+    if (found) snprintf(job->id, sizeof job->id, "%.36s", before->made);
     return true;
+}
+
+/* The first bytes of the request's cloud, which is in its body or here already; returns new, NULL: it can't be read. */
+static unsigned char *read_head(struct service *service, const struct request *request, const char *sha256,
+                                size_t *count) {
+    const struct upload *upload = body_upload(request->body);
+    unsigned char *head = alloc_array(HEAD_BYTES, 1);
+    int fd = upload ? -1 : store_cloud_open(service->store, sha256);
+    const void *bytes = upload ? upload_head(upload, count) : NULL;
+    ssize_t n = fd >= 0 && head ? pread(fd, head, HEAD_BYTES, 0) : -1;
+    if (bytes && head) memcpy(head, bytes, *count = *count < HEAD_BYTES ? *count : HEAD_BYTES);
+    if (n >= 0) *count = (size_t)n;
+    if (fd >= 0) close(fd);
+    if (head && (bytes || n >= 0)) return head;
+    free(head);
+    return NULL;
+}
+
+/* Whether the job, of which all is known now, fits the limits; fills in what it will take. */
+static bool fits(struct service *service, const struct request *request, const struct upload_facts *facts,
+                 struct job *job, struct response *response) {
+    struct admission admission = handlers_admission(service->config, &job->params);
+    struct problem problem;
+    size_t count;
+    unsigned char *head = read_head(service, request, facts->sha256, &count);
+    bool ok = !head || admission_check(&admission, head, count, facts->bytes, &job->memory_bytes, &problem);
+    if (!ok) response_problem(response, &problem);
+    free(head);
+    return ok;
 }
 
 bool handlers_submit(struct service *service, struct request *request, struct job *job,
@@ -183,8 +222,10 @@ bool handlers_submit(struct service *service, struct request *request, struct jo
     if (!read_input(service, request, &facts, response)) return false;
     memcpy(job->principal, request->principal.name, sizeof job->principal);
     job->params.outputs |= OUTPUT_REPORT; /* the job document carries the report's figures */
+    if (!fits(service, request, &facts, job, response)) return false;
     if (!came_before(service, request, job, facts.sha256, &key, before, response)) return false;
     if (job->id[0]) return true;
+    job->key = request->claim.held ? &key : NULL;
     enum status status = service_submit(service, body_upload(request->body), &facts, job, wants_fresh(request), &error);
     job->key = NULL;
     body_drop_upload(request->body);
@@ -261,11 +302,15 @@ struct job_document handlers_document(struct service *service, const struct job 
     };
 }
 
+void handlers_document_response(char *text, uint64_t sequence, int status, struct response *response) {
+    response_text(response, status, "application/json", text);
+    response_header(response, "ETag", "\"%llu\"", (unsigned long long)sequence);
+    response_header(response, "Cache-Control", "no-cache");
+}
+
 void handlers_job_response(struct service *service, const struct job *job, int status, struct response *response) {
     struct job_document document = handlers_document(service, job);
-    response_text(response, status, "application/json", job_encode(&document));
-    response_header(response, "ETag", "\"%llu\"", (unsigned long long)job->sequence);
-    response_header(response, "Cache-Control", "no-cache");
+    handlers_document_response(job_encode(&document), job->sequence, status, response);
     if (!job_ended(job->state)) response_header(response, "Retry-After", "1");
 }
 

@@ -111,7 +111,7 @@ bool handlers_read_cloud(struct service *service, const struct request *request,
 
 bool handlers_admit_new_cloud(struct service *service, struct request *request, struct response *response) {
     return takes_no_query(request, response) &&
-           handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM, NULL, response);
+           handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM, NULL, NULL, response);
 }
 
 /* Keeps the uploaded cloud, and under which key it came.  false: the response says why not. */

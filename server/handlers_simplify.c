@@ -61,7 +61,7 @@ static bool read_simplify(const struct request *request, struct job *job, struct
 bool handlers_admit_simplify(struct service *service, struct request *request, struct response *response) {
     struct job job = {0};
     return read_simplify(request, &job, response) &&
-           handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM | BODY_JSON, own_names, response);
+           handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM | BODY_JSON, own_names, &job.params, response);
 }
 
 /* ------------------------------------------------------------------------------------------------ answers */

@@ -229,7 +229,8 @@ static bool finish(struct service *service, struct uploads_info *info, struct re
     struct error error = {0};
     if (info->offset != info->length || info->cloud[0]) return true;
     int fd = store_part_open(service->store, info->id, false);
-    bool ok = upload_check_file(fd, &facts, &problem);
+    struct admission admission = handlers_admission(service->config, NULL);
+    bool ok = upload_check_file(fd, &admission, &facts, &problem);
     if (fd >= 0) close(fd);
     if (!ok) {
         response_problem(response, &problem);

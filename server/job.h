@@ -83,6 +83,7 @@ struct job {
 
     double cpu_s, wall_s;
     uint64_t peak_rss_bytes;
+    uint64_t memory_bytes;  /* that it is predicted to take; 0 = not known */
     char *report, *problem; /* JSON text; owned; NULL = none */
 
     size_t output_count;

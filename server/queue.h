@@ -60,8 +60,9 @@ enum status queue_find_result(struct queue *queue, const char *result, const cha
                               bool *found, struct error *error) MUST_CHECK;
 
 /* Makes the accepted job whose turn it is (turns.h) running and hands it over (the caller's, to job_done).  *found
- * false: none waits. */
-enum status queue_claim(struct queue *queue, struct job *job, bool *found, struct error *error) MUST_CHECK;
+ * false: none waits, or that one is predicted to take more than memory_bytes. */
+enum status queue_claim(struct queue *queue, int64_t memory_bytes, struct job *job, bool *found,
+                        struct error *error) MUST_CHECK;
 
 /* Keeps a running job's stage, message and fraction; nothing when it isn't running any more.  Not durable. */
 enum status queue_progress(struct queue *queue, const char *id, const char *stage, const char *message, double fraction,

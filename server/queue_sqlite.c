@@ -81,6 +81,7 @@ static const char *const schema[] = {
     "CREATE TABLE uploads (id TEXT PRIMARY KEY, principal TEXT NOT NULL, metadata TEXT NOT NULL, cloud TEXT NOT NULL, "
     "created INTEGER NOT NULL, expires INTEGER NOT NULL, position INTEGER NOT NULL, length INTEGER NOT NULL, "
     "boot TEXT NOT NULL) STRICT;",
+    "ALTER TABLE jobs ADD COLUMN memory INTEGER NOT NULL DEFAULT 0;",
 };
 enum { SCHEMA_VERSION = sizeof schema / sizeof schema[0] };
 
@@ -88,7 +89,7 @@ enum { SCHEMA_VERSION = sizeof schema / sizeof schema[0] };
 #define JOB_COLUMNS                                                                                                    \
     "id, state, sequence, attempt, created, started, finished, updated, expires, label, cloud, input_bytes, "          \
     "input_points, input_format, params, stage, message, fraction, cpu, wall, rss, report, problem, principal, "       \
-    "priority, result"
+    "priority, result, memory"
 
 enum { MAX_RUNS = 256 };
 static const int64_t PRIORITY_AGING_MS = 10 * 60 * 1000; /* what a step of priority is worth in waiting */
@@ -222,7 +223,8 @@ static void read_job(struct sql_rows *row, struct job *job) {
     job->problem = sql_new_text(row, c++);
     sql_copy_text(row, c++, job->principal, sizeof job->principal);
     job->priority = (int)sql_integer(row, c++);
-    sql_copy_text(row, c, job->result, sizeof job->result);
+    sql_copy_text(row, c++, job->result, sizeof job->result);
+    job->memory_bytes = (uint64_t)sql_integer(row, c);
 }
 
 static enum status read_outputs(struct sql *db, struct job *job, struct error *error) {
@@ -342,11 +344,11 @@ static enum status insert_row(struct sql *db, const struct job *job, struct erro
     enum status status =
         sql_run(db,
                 "INSERT INTO jobs (id, state, sequence, attempt, created, started, finished, updated, expires, label, "
-                "cloud, input_bytes, input_points, input_format, params, principal, priority, result) "
-                "VALUES (?1, ?2, ?3, 0, ?4, ?14, 0, ?4, 0, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13)",
+                "cloud, input_bytes, input_points, input_format, params, principal, priority, result, memory) "
+                "VALUES (?1, ?2, ?3, 0, ?4, ?14, 0, ?4, 0, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?15)",
                 VALUES(T(job->id), I(JOB_ACCEPTED), I(job->created_ms), I(job->created_ms), T(job->label),
                        T(job->cloud), I(job->input_bytes), I(job->input_points), T(job->input_format), T(params),
-                       T(job->principal), I(job->priority), T(job->result), I(job->started_ms)),
+                       T(job->principal), I(job->priority), T(job->result), I(job->started_ms), I(job->memory_bytes)),
                 error);
     free(params);
     return status;
@@ -386,29 +388,31 @@ static void first_in_order(struct queue *queue, char id[JOB_ID_BYTES]) {
     pthread_mutex_unlock(&queue->order);
 }
 
-static enum status claim(struct queue *queue, struct job *job, bool *found, struct error *error) {
+static enum status claim(struct queue *queue, int64_t memory_bytes, struct job *job, bool *found, struct error *error) {
     struct sql *db = queue->writer;
     struct sql_rows *row;
     size_t count;
     int64_t now = job_now_ms();
     char id[JOB_ID_BYTES];
     first_in_order(queue, id);
-    enum status status = sql_select(db,
-                                    "UPDATE jobs SET state = ?1, attempt = attempt + 1, started = ?2, updated = ?2, "
-                                    "sequence = max(sequence + 1, ?2), stage = '', message = '', fraction = 0 "
-                                    "WHERE id = (SELECT id FROM jobs WHERE state = ?3 ORDER BY id <> ?4, id LIMIT 1) "
-                                    "RETURNING " JOB_COLUMNS,
-                                    VALUES(I(JOB_RUNNING), I(now), I(JOB_ACCEPTED), T(id)), &row, error);
+    enum status status =
+        sql_select(db,
+                   "UPDATE jobs SET state = ?1, attempt = attempt + 1, started = ?2, updated = ?2, "
+                   "sequence = max(sequence + 1, ?2), stage = '', message = '', fraction = 0 "
+                   "WHERE id = (SELECT id FROM jobs WHERE state = ?3 ORDER BY id <> ?4, id LIMIT 1) "
+                   "AND memory <= ?5 "
+                   "RETURNING " JOB_COLUMNS,
+                   VALUES(I(JOB_RUNNING), I(now), I(JOB_ACCEPTED), T(id), I(memory_bytes)), &row, error);
     if (status == STATUS_OK) status = read_jobs(db, row, job, 1, &count, error);
     if (status == STATUS_OK) *found = count == 1;
     return status;
 }
 
-enum status queue_claim(struct queue *queue, struct job *job, bool *found, struct error *error) {
+enum status queue_claim(struct queue *queue, int64_t memory_bytes, struct job *job, bool *found, struct error *error) {
     *found = false;
     sql_lock(queue->writer);
     enum status status = STATUS_OK;
-    if (queue->waiting) status = claim(queue, job, found, error);
+    if (queue->waiting) status = claim(queue, memory_bytes, job, found, error);
     if (*found) {
         queue->waiting--;
         queue->running++;

@@ -26,6 +26,7 @@ struct upload {
     struct digest *digest;
     uint64_t bytes, expected_bytes, max_bytes;
     bool checked; /* the format is known and right, as far as the first bytes tell */
+    struct admission admission;
     struct upload_facts facts;
     size_t head_bytes;
     unsigned char head[PLY_HEADER_MAX_BYTES]; /* the first bytes */
@@ -38,7 +39,8 @@ void upload_too_large(uint64_t max_bytes, uint64_t bytes, struct problem *proble
     problem_add_text(problem, "hint", "send binary PLY, or thin the cloud out first");
 }
 
-struct upload *upload_new(struct store *store, uint64_t expected_bytes, uint64_t max_bytes, struct problem *problem) {
+struct upload *upload_new(struct store *store, uint64_t expected_bytes, uint64_t max_bytes,
+                          const struct admission *admission, struct problem *problem) {
     struct error error = {0};
     struct upload *upload = alloc_zeroed(1, sizeof *upload);
     if (!upload) {
@@ -49,7 +51,8 @@ struct upload *upload_new(struct store *store, uint64_t expected_bytes, uint64_t
                               .file.fd = -1,
                               .digest = digest_new(),
                               .expected_bytes = expected_bytes,
-                              .max_bytes = max_bytes};
+                              .max_bytes = max_bytes,
+                              .admission = *admission};
     bool fits = expected_bytes == UINT64_MAX || expected_bytes <= max_bytes;
     if (!fits)
         upload_too_large(max_bytes, expected_bytes, problem);
@@ -99,7 +102,7 @@ static bool refuse_kind(const char *looks_like, struct problem *problem) {
 }
 
 /* Looks at the first bytes; total is the length of all, UINT64_MAX = not known. */
-static bool check_head(struct upload *upload, uint64_t total, bool at_end, struct problem *problem) {
+static bool check_kind(struct upload *upload, uint64_t total, bool at_end, struct problem *problem) {
     if (upload->head_bytes < SNIFF_BYTES && !at_end && upload->head_bytes < total) return true;
     struct cloud_guess guess = cloud_sniff(upload->head, upload->head_bytes);
     if (guess.kind == CLOUD_KIND_PLY) return check_ply(upload, total, problem);
@@ -111,6 +114,13 @@ static bool check_head(struct upload *upload, uint64_t total, bool at_end, struc
     upload->checked = true;
     snprintf(upload->facts.format, sizeof upload->facts.format, "%s", guess.format);
     return true;
+}
+
+static bool check_head(struct upload *upload, uint64_t total, bool at_end, struct problem *problem) {
+    uint64_t ignored;
+    if (!check_kind(upload, total, at_end, problem)) return false;
+    return !upload->checked ||
+           admission_check(&upload->admission, upload->head, upload->head_bytes, total, &ignored, problem);
 }
 
 static bool check_more(struct upload *upload, const void *bytes, size_t count, struct problem *problem) {
@@ -157,11 +167,17 @@ bool upload_end(struct upload *upload, struct upload_facts *facts, struct proble
     return true;
 }
 
-bool upload_check_file(int fd, struct upload_facts *facts, struct problem *problem) {
-    struct upload *upload = calloc(1, sizeof *upload);
+const void *upload_head(const struct upload *upload, size_t *count) {
+    *count = upload->head_bytes;
+    return upload->head;
+}
+
+bool upload_check_file(int fd, const struct admission *admission, struct upload_facts *facts, struct problem *problem) {
+    struct upload *upload = alloc_zeroed(1, sizeof *upload);
     ssize_t n = upload ? pread(fd, upload->head, sizeof upload->head, 0) : -1;
     bool ok = n >= 0 && digest_file(fd, upload->facts.sha256, &upload->facts.bytes) == 0;
     if (ok) {
+        upload->admission = *admission;
         upload->head_bytes = (size_t)n;
         ok = check_head(upload, upload->facts.bytes, true, problem);
         *facts = upload->facts;

@@ -11,6 +11,7 @@
 #include <stdint.h>
 
 #include "api/problem.h"
+#include "server/admission.h"
 #include "server/job.h"
 #include "server/store.h"
 
@@ -26,8 +27,10 @@ struct upload_facts {
     char format[JOB_FORMAT_BYTES];
 };
 
-/* Starts one; expected_bytes UINT64_MAX = not known.  NULL: *problem says why.  Doesn't block for long. */
-struct upload *upload_new(struct store *store, uint64_t expected_bytes, uint64_t max_bytes, struct problem *problem);
+/* Starts one; expected_bytes UINT64_MAX = not known.  What the first bytes say is judged by the admission (copied) as
+ * soon as they are here.  NULL: *problem says why.  Doesn't block for long. */
+struct upload *upload_new(struct store *store, uint64_t expected_bytes, uint64_t max_bytes,
+                          const struct admission *admission, struct problem *problem);
 
 /* Frees it, and removes it from the disk unless it was kept.  Accepts NULL. */
 void upload_free(struct upload *upload);
@@ -38,8 +41,11 @@ bool upload_write(struct upload *upload, const void *bytes, size_t count, struct
 /* All bytes were given: the last checks.  false: *problem says why. */
 bool upload_end(struct upload *upload, struct upload_facts *facts, struct problem *problem);
 
+/* Its first bytes; borrowed. */
+const void *upload_head(const struct upload *upload, size_t *count);
+
 /* The same for a file that holds all of a cloud: reads it. */
-bool upload_check_file(int fd, struct upload_facts *facts, struct problem *problem);
+bool upload_check_file(int fd, const struct admission *admission, struct upload_facts *facts, struct problem *problem);
 
 /* Flushes to disk; blocks.  Then makes it the cloud of its hash. */
 enum status upload_sync(struct upload *upload, struct error *error) MUST_CHECK;

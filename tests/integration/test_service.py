@@ -158,10 +158,11 @@ def test_a_long_poll_whose_client_leaves_is_let_go(make_daemon, large):
     def sockets():
         links = subprocess.run(["ls", "-l", fds], capture_output=True, text=True, check=False).stdout
         return links.count("socket:")
-    wait_until(lambda: sockets() > 1, "the poll's connection")
+    listening = 2  # for clients, and for health and metrics
+    wait_until(lambda: sockets() > listening, "the poll's connection")
     poll.kill()
     poll.wait()
-    wait_until(lambda: sockets() == 1, "the end of the poll's connection")
+    wait_until(lambda: sockets() == listening, "the end of the poll's connection")
 
 
 # ---------------------------------------------------------------------------------------------- deleting

@@ -50,6 +50,7 @@ def test_a_job_over_https(secure):
     assert secure.post("/v1/simplify", SMALL).status == 200
 
 
+@pytest.mark.filterwarnings("ignore:ssl.TLSVersion")
 def test_old_versions_and_plain_http_are_not_served(secure):
     with socket.create_connection(("127.0.0.1", secure.port), timeout=60) as connection:
         connection.sendall(b"GET /healthz HTTP/1.1\r\nHost: a\r\n\r\n")

@@ -15,6 +15,7 @@ MAY_INCLUDE = {"core": {"core"}, "api": {"api", "core"}, "server": {"server", "a
 API_SEES = {"core/status.h", "core/params.h", "core/report.h", "core/version.h", "core/cloud_sniff.h"}
 # core/pipeline.h and the stages belong to the worker.
 DAEMON_SEES = API_SEES | {"core/cloud_sniff.h", "core/ply_header.h", "core/cloud_ply.h", "core/alloc.h", "core/fault.h",
+                         "core/memory.h",
                           "core/cloud_prefix.h", "core/inflate.h"}
 # Third-party header -> the only files that include it (a pattern).
 OWNER = {

@@ -72,7 +72,7 @@ static void submit(struct fixture *f, int n) { assert_int_equal(submit_limited(f
 
 static bool claim(struct fixture *f, struct job *job) {
     bool found;
-    assert_int_equal(queue_claim(f->queue, job, &found, &f->error), STATUS_OK);
+    assert_int_equal(queue_claim(f->queue, INT64_MAX, job, &found, &f->error), STATUS_OK);
     return found;
 }
 
@@ -560,7 +560,7 @@ static void *claim_and_finish(void *ctx) {
     intptr_t count = 0;
     struct job job;
     bool found = true, changed;
-    while (queue_claim(queue, &job, &found, &error) == STATUS_OK && found) {
+    while (queue_claim(queue, INT64_MAX, &job, &found, &error) == STATUS_OK && found) {
         if (queue_finish(queue, JOB_DISMISS, &job, &changed, &error) == STATUS_OK) count += changed;
         job_done(&job);
     }

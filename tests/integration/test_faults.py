@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The system refuses, at each point in turn: a right answer, nothing left behind, and the next request is served."""
+import sqlite3
+import threading
+import time
+
+import pytest
+
+from conftest import SMALL, wait_until
+
+UPLOAD = ["upload-open", "upload-write", "upload-sync", "upload-rename", "upload-folder-sync"]
+OUTPUTS = ["output-open", "output-sync", "outputs-rename", "outputs-folder-sync"]
+ANSWERS = {"enospc": (507, "storage-full"), "eio": (500, "internal-error"), "emfile": (500, "internal-error")}
+
+
+def check(daemon):
+    assert daemon.post("/v1/simplify?ratio=0.5", SMALL).status == 200
+    assert daemon.leftovers() == []
+    assert daemon.stop() == 0
+    status, lines = daemon.check()
+    assert status == 0 and len(lines) == 1, lines
+
+
+@pytest.mark.parametrize("action", sorted(ANSWERS))
+@pytest.mark.parametrize("point", UPLOAD)
+def test_an_upload_that_cannot_be_stored(make_daemon, point, action):
+    daemon = make_daemon("--fault", f"{point}={action}")
+    reply = daemon.post("/v1/jobs", SMALL)
+    assert (reply.status, reply.slug) == ANSWERS[action]
+    assert daemon.curl("/v1/jobs").json["jobs"] == []
+    check(daemon)
+
+
+@pytest.mark.parametrize("action", sorted(ANSWERS))
+@pytest.mark.parametrize("point", OUTPUTS)
+def test_outputs_that_cannot_be_kept(make_daemon, point, action):
+    daemon = make_daemon("--fault", f"{point}={action}")
+    job = daemon.ended(daemon.submit(SMALL))
+    assert job["status"] == "failed" and job["problem"]["type"] == f"/problems/{ANSWERS[action][1]}"
+    check(daemon)
+
+
+def test_an_end_that_cannot_be_recorded_is_recorded_later(make_daemon):
+    daemon = make_daemon()
+    daemon.ended(daemon.submit(SMALL, "?ratio=0.3"))
+    daemon.stop()
+    daemon.start("--fault", "commit=eio:3")  # the schema's, the job's, its end's
+    job = daemon.ended(daemon.submit(SMALL, "?ratio=0.4"))
+    assert job["status"] == "successful" and job["attempt"] == 1
+    check(daemon)
+
+
+def test_a_database_that_is_locked_for_seconds(make_daemon):
+    daemon = make_daemon()
+    database = sqlite3.connect(daemon.data / "whittled.db", isolation_level=None, check_same_thread=False)
+    database.execute("BEGIN IMMEDIATE")
+    replies = []
+    threads = [threading.Thread(target=lambda: replies.append(daemon.post("/v1/jobs", SMALL))) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    wait_until(lambda: len(daemon.leftovers()) + len(list((daemon.data / "clouds").iterdir())) > 0, "the uploads")
+    assert daemon.curl("/healthz").status == 200
+    assert daemon.curl("/v1/jobs").status == 200  # readers don't wait
+    time.sleep(2)
+    assert replies == []
+    database.execute("ROLLBACK")
+    database.close()
+    for thread in threads:
+        thread.join()
+    assert [reply.status for reply in replies] == [201] * 3
+    for reply in replies:
+        assert daemon.ended(reply.json["id"])["status"] == "successful"
+    check(daemon)

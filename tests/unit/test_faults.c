@@ -1,0 +1,364 @@
+/* What happens when memory runs out, and when the system refuses, at each place in turn: a status, nothing leaked,
+ * nothing half done, and everything as before for whoever comes next.
+ *
+ * Each test does the same work again and again, and lets the n-th allocation or the n-th call fail, n = 1, 2, ... until
+ * the work gets through.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <setjmp.h>
+#include <sqlite3.h>
+#include <stdarg.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#include "core/alloc.h"
+#include "core/cloud_ply.h"
+#include "core/cloud_write.h"
+#include "core/fault.h"
+#include "core/file_out.h"
+#include "server/queue.h"
+#include "server/store.h"
+#include "server/upload.h"
+
+static const char id[] = "0198c7d2-4a10-7cc3-9d0e-6f1f2b3c4d5e";
+static const char cloud_text[] = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n";
+
+/* ------------------------------------------------------------------------------------------------ the faults */
+
+static long passes_left; /* until the fault; 0 = none */
+static int fault_number;
+
+static bool due(void) { return passes_left > 0 && --passes_left == 0; }
+
+static bool refuse_memory(void *ctx) {
+    (void)ctx;
+    return due();
+}
+
+static int refuse_call(const char *point) {
+    (void)point;
+    return due() ? fault_number : 0;
+}
+
+/* SQLite's memory fails by the same count. */
+static sqlite3_mem_methods sqlite_memory;
+
+static void *sqlite_malloc_or_not(int bytes) { return alloc_fail && due() ? NULL : sqlite_memory.xMalloc(bytes); }
+static void *sqlite_realloc_or_not(void *old, int bytes) {
+    return alloc_fail && due() ? NULL : sqlite_memory.xRealloc(old, bytes);
+}
+
+static int hook_sqlite(void **state) {
+    (void)state;
+    sqlite3_config(SQLITE_CONFIG_LOOKASIDE, 0, 0);
+    if (sqlite3_config(SQLITE_CONFIG_GETMALLOC, &sqlite_memory) != SQLITE_OK) return -1;
+    sqlite3_mem_methods mine = sqlite_memory;
+    mine.xMalloc = sqlite_malloc_or_not;
+    mine.xRealloc = sqlite_realloc_or_not;
+    return sqlite3_config(SQLITE_CONFIG_MALLOC, &mine) == SQLITE_OK ? 0 : -1;
+}
+
+static void fail_memory(long nth) {
+    passes_left = nth;
+    alloc_fail = refuse_memory;
+}
+
+static void fail_call(long nth, int number) {
+    passes_left = nth;
+    fault_number = number;
+    fault_ask = refuse_call;
+}
+
+/* Ends the faults; whether one has happened. */
+static bool stop_faults(void) {
+    bool happened = passes_left == 0;
+    passes_left = 0;
+    alloc_fail = NULL;
+    fault_ask = NULL;
+    return happened;
+}
+
+/* ------------------------------------------------------------------------------------------------ a folder */
+
+struct fixture {
+    char folder[64], path[96];
+    struct error error;
+};
+
+static void remove_all(int at, const char *name) {
+    int fd = openat(at, name, O_RDONLY | O_DIRECTORY);
+    DIR *folder = fd >= 0 ? fdopendir(fd) : NULL;
+    for (struct dirent *entry; folder && (entry = readdir(folder));)
+        if (strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0) remove_all(fd, entry->d_name);
+    if (folder) closedir(folder);
+    unlinkat(at, name, folder ? AT_REMOVEDIR : 0);
+}
+
+static int set_up(void **state) {
+    struct fixture *f = calloc(1, sizeof *f);
+    snprintf(f->folder, sizeof f->folder, "/tmp/test_faults.XXXXXX");
+    if (!mkdtemp(f->folder)) return -1;
+    snprintf(f->path, sizeof f->path, "%s/whittled.db", f->folder);
+    *state = f;
+    return 0;
+}
+
+static int tear_down(void **state) {
+    struct fixture *f = *state;
+    stop_faults();
+    remove_all(AT_FDCWD, f->folder);
+    free(f);
+    return 0;
+}
+
+static int entries(struct fixture *f, const char *name) {
+    char path[128];
+    int count = -2; /* . and .. */
+    snprintf(path, sizeof path, "%s/%s", f->folder, name);
+    DIR *folder = opendir(path);
+    assert_non_null(folder);
+    while (readdir(folder)) count++;
+    closedir(folder);
+    return count;
+}
+
+/* ------------------------------------------------------------------------------------------------ the queue */
+
+/* How far the work has come, each step with success. */
+enum step { NOTHING, OPENED, SUBMITTED, CLAIMED, TOLD, FINISHED, READ, DELETED, DONE };
+
+static enum step work_on_queue(struct fixture *f, enum status *status) {
+    struct queue *queue = NULL;
+    struct job job = {0}, mine = {.created_ms = 1, .input_format = "xyz", .label = "label"}, listed[4];
+    struct queue_filter filter = {0};
+    struct queue_limits limits = {.waiting = 10};
+    enum queue_presence presence;
+    struct queue_tombstone tombstone;
+    size_t count = 0;
+    bool found = false, changed = false;
+    enum step step = NOTHING;
+    memcpy(mine.id, id, sizeof mine.id);
+    params_defaults(&mine.params);
+    *status = queue_open(f->path, &queue, &f->error);
+    if (*status == STATUS_OK) step = OPENED, *status = queue_submit(queue, &mine, &limits, &f->error);
+    if (*status == STATUS_OK) step = SUBMITTED, *status = queue_claim(queue, INT64_MAX, &job, &found, &f->error);
+    if (*status == STATUS_OK) step = CLAIMED, *status = queue_progress(queue, id, "knn", "half", 0.5, &f->error);
+    job.output_count = 1;
+    memcpy(job.output[0].name, "cloud.ply", sizeof "cloud.ply");
+    if (*status == STATUS_OK) step = TOLD, *status = queue_finish(queue, JOB_DONE, &job, &changed, &f->error);
+    job_done(&job);
+    if (*status == STATUS_OK) step = FINISHED, *status = queue_list(queue, &filter, listed, 4, &count, &f->error);
+    for (size_t i = 0; i < count; i++) job_done(&listed[i]);
+    if (*status == STATUS_OK) *status = queue_get(queue, id, &job, &presence, &tombstone, &f->error);
+    if (*status == STATUS_OK) step = READ;
+    job_done(&job);
+    if (*status == STATUS_OK) *status = queue_delete(queue, id, "deleted", &changed, &f->error);
+    if (*status == STATUS_OK) step = DONE;
+    queue_close(queue);
+    return step;
+}
+
+/* What is there afterwards must be what was said to be done, or one step more: the step that failed. */
+static void look_at_queue(struct fixture *f, enum step step) {
+    struct queue *queue = NULL;
+    struct job job;
+    enum queue_presence presence;
+    struct queue_tombstone tombstone;
+    assert_int_equal(queue_open(f->path, &queue, &f->error), STATUS_OK);
+    assert_int_equal(queue_get(queue, id, &job, &presence, &tombstone, &f->error), STATUS_OK);
+    if (step == OPENED || step == NOTHING) assert_int_equal(presence, QUEUE_ABSENT);
+    if (step >= SUBMITTED && step < READ) assert_int_equal(presence, QUEUE_PRESENT);
+    if (step == CLAIMED || step == TOLD) assert_int_equal(job.state, JOB_RUNNING);
+    if (step == FINISHED) assert_int_equal(job.state, JOB_SUCCESSFUL);
+    if (step == FINISHED) assert_int_equal(job.output_count, 1);
+    if (step == DONE) assert_int_equal(presence, QUEUE_GONE);
+    job_done(&job);
+    queue_close(queue);
+}
+
+static void remove_database(struct fixture *f) {
+    static const char *const names[] = {"whittled.db", "whittled.db-wal", "whittled.db-shm"};
+    int fd = open(f->folder, O_RDONLY | O_DIRECTORY);
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) unlinkat(fd, names[i], 0);
+    close(fd);
+}
+
+static void every_allocation_of_the_queue_fails_in_turn(void **state) {
+    struct fixture *f = *state;
+    enum status status;
+    long failures = 0;
+    for (long nth = 1;; nth += 1 + nth / 8) { /* SQLite makes thousands */
+        fail_memory(nth);
+        enum step step = work_on_queue(f, &status);
+        bool happened = stop_faults();
+        if (status != STATUS_OK) assert_true(status == STATUS_NO_MEMORY || status == STATUS_IO);
+        look_at_queue(f, step);
+        remove_database(f);
+        failures += status != STATUS_OK;
+        if (!happened) break;
+    }
+    assert_int_equal(status, STATUS_OK);
+    assert_true(failures > 20);
+}
+
+static void every_commit_that_fails_leaves_the_queue_as_it_was(void **state) {
+    struct fixture *f = *state;
+    enum status status;
+    for (long nth = 1;; nth++) {
+        fail_call(nth, EIO);
+        enum step step = work_on_queue(f, &status);
+        bool happened = stop_faults();
+        look_at_queue(f, step);
+        remove_database(f);
+        if (!happened) break;
+        assert_int_equal(status, STATUS_IO);
+    }
+    assert_int_equal(status, STATUS_OK);
+}
+
+/* ------------------------------------------------------------------------------------------------ the store */
+
+static enum status write_output(const char *folder) {
+    char path[STORE_PATH_BYTES + 16];
+    snprintf(path, sizeof path, "%s/cloud.ply", folder);
+    int fd = open(path, O_WRONLY | O_CREAT, 0600);
+    assert_true(fd >= 0);
+    assert_int_equal(write(fd, "abc", 3), 3);
+    close(fd);
+    return STATUS_OK;
+}
+
+/* An upload becomes a cloud; a problem counts as the status that made it. */
+static enum status work_on_upload(struct store *store, struct error *error) {
+    struct admission admission = {.max_points = 100};
+    struct upload_facts facts;
+    struct problem problem = {0};
+    struct upload *upload = upload_new(store, UINT64_MAX, 1000, &admission, &problem);
+    enum status status = upload ? STATUS_OK : STATUS_IO;
+    if (upload &&
+        !(upload_write(upload, cloud_text, sizeof cloud_text - 1, &problem) && upload_end(upload, &facts, &problem)))
+        status = STATUS_IO;
+    if (status == STATUS_IO && problem.kind == PROBLEM_STORAGE_FULL) status = STATUS_NO_SPACE;
+    if (status == STATUS_OK) status = upload_sync(upload, error);
+    if (status == STATUS_OK) status = upload_keep(upload, error);
+    upload_free(upload);
+    return status;
+}
+
+static enum status work_on_store(struct fixture *f) {
+    struct store *store = NULL;
+    struct job_output outputs[JOB_MAX_OUTPUTS];
+    char path[STORE_PATH_BYTES];
+    size_t count;
+    enum status status = store_open(f->folder, &store, &f->error);
+    if (status == STATUS_OK) status = work_on_upload(store, &f->error);
+    if (status == STATUS_OK) status = store_outputs_begin(store, id, path, &f->error);
+    if (status == STATUS_OK) status = write_output(path);
+    if (status == STATUS_OK) status = store_outputs_keep(store, id, outputs, &count, &f->error);
+    if (store) store_outputs_drop(store, id);
+    store_close(store);
+    return status;
+}
+
+static bool keep_all(void *ctx, enum store_thing thing, const char *name) {
+    (void)ctx, (void)thing, (void)name;
+    return true;
+}
+
+static void look_at_store(struct fixture *f, enum status worked) {
+    struct store *store = NULL;
+    struct stat facts;
+    size_t removed;
+    assert_int_equal(store_open(f->folder, &store, &f->error), STATUS_OK);
+    assert_int_equal(entries(f, "tmp"), 0);
+    assert_int_equal(store_clean(store, keep_all, NULL, &removed, &f->error), STATUS_OK);
+    int fd = store_output_open(store, id, "cloud.ply");
+    if (worked == STATUS_OK) assert_true(fd >= 0);
+    if (fd >= 0) assert_int_equal(fstat(fd, &facts), 0);
+    if (fd >= 0) assert_int_equal(facts.st_size, 3);
+    if (fd >= 0) close(fd);
+    store_job_delete(store, id);
+    assert_int_equal(entries(f, "jobs"), 0);
+    store_close(store);
+}
+
+static void every_call_of_the_store_fails_in_turn(void **state) {
+    struct fixture *f = *state;
+    static const struct {
+        int number;
+        enum status status;
+    } kinds[] = {{ENOSPC, STATUS_NO_SPACE}, {EDQUOT, STATUS_NO_SPACE}, {EIO, STATUS_IO}, {EMFILE, STATUS_IO}};
+    for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++)
+        for (long nth = 1;; nth++) {
+            fail_call(nth, kinds[i].number);
+            enum status status = work_on_store(f);
+            bool happened = stop_faults();
+            look_at_store(f, status);
+            if (!happened) break;
+            assert_true(status == kinds[i].status || status == STATUS_OK); /* OK: where removing failed */
+        }
+}
+
+static void every_allocation_of_the_store_fails_in_turn(void **state) {
+    struct fixture *f = *state;
+    for (long nth = 1;; nth++) {
+        fail_memory(nth);
+        enum status status = work_on_store(f);
+        bool happened = stop_faults();
+        look_at_store(f, status);
+        if (!happened) break;
+        assert_int_not_equal(status, STATUS_OK);
+    }
+}
+
+/* ------------------------------------------------------------------------------------------------ outputs */
+
+static enum status write_cloud(const struct cloud *cloud, const char *path, struct error *error) {
+    struct file_out out = {0};
+    enum status status = file_out_begin(&out, path, error);
+    if (status == STATUS_OK) status = cloud_write_ply(out.fd, cloud, NULL, cloud->count, ENCODING_BINARY, error);
+    if (status == STATUS_OK) return file_out_commit(&out, error);
+    file_out_abort(&out);
+    return status;
+}
+
+static void every_call_of_a_writer_fails_in_turn(void **state) {
+    struct fixture *f = *state;
+    struct cloud cloud;
+    char path[96];
+    static const char text[] = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
+                               "property float z\nend_header\n0 0 0\n1 2 3\n";
+    assert_int_equal(cloud_ply_read(text, sizeof text - 1, NULL, NULL, &cloud, NULL), STATUS_OK);
+    snprintf(path, sizeof path, "%s/out.ply", f->folder);
+    static const int numbers[] = {ENOSPC, EFBIG, EIO, EMFILE};
+    for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
+        for (long nth = 1;; nth++) {
+            fail_call(nth, numbers[i]);
+            enum status status = write_cloud(&cloud, path, &f->error);
+            if (!stop_faults()) break;
+            assert_int_equal(status, status_from_errno(numbers[i]));
+            assert_true(entries(f, ".") == 0 || (access(path, R_OK) == 0 && entries(f, ".") == 1));
+            unlink(path);
+        }
+    cloud_done(&cloud);
+}
+
+#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        TEST(every_allocation_of_the_queue_fails_in_turn), TEST(every_commit_that_fails_leaves_the_queue_as_it_was),
+        TEST(every_call_of_the_store_fails_in_turn),       TEST(every_allocation_of_the_store_fails_in_turn),
+        TEST(every_call_of_a_writer_fails_in_turn),
+    };
+    return cmocka_run_group_tests(tests, hook_sqlite, NULL);
+}

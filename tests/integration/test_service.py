@@ -152,16 +152,18 @@ def test_a_long_poll_whose_client_leaves_is_let_go(make_daemon, large):
     daemon = make_daemon("--workers", "1")
     daemon.submit(large)
     waiting = daemon.submit(SMALL)
-    poll = subprocess.Popen(daemon.curl_command(f"/v1/jobs/{waiting}", "-H", "Prefer: wait=50"),
-                            stdout=subprocess.PIPE)
     fds = f"/proc/{daemon.process.pid}/fd"
     def sockets():
         links = subprocess.run(["ls", "-l", fds], capture_output=True, text=True, check=False).stdout
         return links.count("socket:")
-    wait_until(lambda: sockets() > 1, "the poll's connection")
+    listening = 2  # the main one and the admin one
+    wait_until(lambda: sockets() == listening, "the end of earlier connections")
+    poll = subprocess.Popen(daemon.curl_command(f"/v1/jobs/{waiting}", "-H", "Prefer: wait=50"),
+                            stdout=subprocess.PIPE)
+    wait_until(lambda: sockets() > listening, "the poll's connection")
     poll.kill()
     poll.wait()
-    wait_until(lambda: sockets() == 1, "the end of the poll's connection")
+    wait_until(lambda: sockets() == listening, "the end of the poll's connection")
 
 
 # ---------------------------------------------------------------------------------------------- deleting

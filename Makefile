@@ -200,6 +200,12 @@ bench: deps ## time of each stage, memory, threads, peers; BENCH="--large --peer
 	    $(addprefix $(build)/tests/peers/,points_cgal surface_cgal open3d))
 	@$(PYTHON) tests/bench/bench.py $(build) $(BENCH)
 
+.PHONY: overhead
+overhead: deps ## what the service costs beside the work, against nginx: requests a second, uploads, downloads
+	@deploy/deps.sh nginx-light wrk
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@$(PYTHON) tests/bench/overhead.py $(build)
+
 .PHONY: bench-counts
 bench-counts: deps ## instructions of each stage against the stored ones; BENCH=--save stores them
 	@deploy/deps.sh $(bench_packages)

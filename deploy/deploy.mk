@@ -4,7 +4,8 @@
 
 deb_packages := debhelper dpkg-dev bash-completion xz-utils
 deploy_packages := $(deb_packages) lintian mmdebstrap buildah umoci runc systemd systemd-container nginx-light openssl \
-                   prometheus sqlite3 docker-compose yamllint python3-yaml kubernetes-client python3-kubernetes procps $(if $(shell command -v npm),,nodejs npm)
+                   prometheus sqlite3 docker-compose yamllint python3-yaml python3-kubernetes procps \
+                   $(if $(shell command -v kubectl),,kubernetes-client) $(if $(shell command -v npm),,nodejs npm)
 
 .PHONY: print-packages
 print-packages: # for those who keep a list of their own

@@ -15,34 +15,34 @@
 enum { HEAD_BYTES = 64 * 1024 }; /* of a cloud, for what it says of its size */
 
 static const struct handler table[OPERATION_COUNT] = {
-    [OPERATION_GET_PAGE] = {NULL, handlers_get_page, true},
-    [OPERATION_SIMPLIFY] = {handlers_admit_simplify, handlers_simplify, false},
-    [OPERATION_CREATE_JOB] = {handlers_admit_job, handlers_create_job, false},
-    [OPERATION_LIST_JOBS] = {NULL, handlers_list_jobs, false},
-    [OPERATION_GET_JOB] = {NULL, handlers_get_job, false},
-    [OPERATION_DELETE_JOB] = {NULL, handlers_delete_job, false},
-    [OPERATION_GET_EVENTS] = {NULL, handlers_get_events, false},
-    [OPERATION_GET_LOG] = {NULL, handlers_get_log, false},
-    [OPERATION_LIST_OUTPUTS] = {NULL, handlers_list_outputs, false},
-    [OPERATION_GET_OUTPUT] = {NULL, handlers_get_output, false},
-    [OPERATION_CREATE_LINK] = {NULL, handlers_create_link, false},
-    [OPERATION_CREATE_CLOUD] = {handlers_admit_new_cloud, handlers_create_cloud, false},
-    [OPERATION_LIST_CLOUDS] = {NULL, handlers_list_clouds, false},
-    [OPERATION_GET_CLOUD] = {NULL, handlers_get_cloud, false},
-    [OPERATION_DELETE_CLOUD] = {NULL, handlers_delete_cloud, false},
-    [OPERATION_GET_CLOUD_DATA] = {NULL, handlers_get_cloud_data, false},
-    [OPERATION_UPLOAD_OPTIONS] = {NULL, handlers_upload_options, true},
-    [OPERATION_CREATE_UPLOAD] = {handlers_admit_upload, handlers_create_upload, false},
-    [OPERATION_GET_UPLOAD] = {NULL, handlers_get_upload, false},
-    [OPERATION_CONTINUE_UPLOAD] = {handlers_admit_piece, handlers_continue_upload, false},
-    [OPERATION_DELETE_UPLOAD] = {NULL, handlers_delete_upload, false},
-    [OPERATION_GET_PARAMETERS] = {NULL, handlers_get_parameters, true},
-    [OPERATION_GET_INFO] = {NULL, handlers_get_info, true},
-    [OPERATION_GET_CONTRACT] = {NULL, handlers_get_contract, true},
-    [OPERATION_GET_PROBLEM] = {NULL, handlers_get_problem, true},
-    [OPERATION_GET_HEALTH] = {NULL, handlers_get_health, true},
-    [OPERATION_GET_READINESS] = {NULL, handlers_get_readiness, true},
-    [OPERATION_GET_METRICS] = {NULL, handlers_get_metrics, true},
+    [OPERATION_GET_PAGE] = {NULL, handlers_get_page, NULL, true},
+    [OPERATION_SIMPLIFY] = {handlers_admit_simplify, handlers_simplify, NULL, false},
+    [OPERATION_CREATE_JOB] = {handlers_admit_job, handlers_create_job, NULL, false},
+    [OPERATION_LIST_JOBS] = {NULL, handlers_list_jobs, NULL, false},
+    [OPERATION_GET_JOB] = {NULL, handlers_get_job, handlers_job_at_hand, false},
+    [OPERATION_DELETE_JOB] = {NULL, handlers_delete_job, NULL, false},
+    [OPERATION_GET_EVENTS] = {NULL, handlers_get_events, NULL, false},
+    [OPERATION_GET_LOG] = {NULL, handlers_get_log, NULL, false},
+    [OPERATION_LIST_OUTPUTS] = {NULL, handlers_list_outputs, NULL, false},
+    [OPERATION_GET_OUTPUT] = {NULL, handlers_get_output, NULL, false},
+    [OPERATION_CREATE_LINK] = {NULL, handlers_create_link, NULL, false},
+    [OPERATION_CREATE_CLOUD] = {handlers_admit_new_cloud, handlers_create_cloud, NULL, false},
+    [OPERATION_LIST_CLOUDS] = {NULL, handlers_list_clouds, NULL, false},
+    [OPERATION_GET_CLOUD] = {NULL, handlers_get_cloud, NULL, false},
+    [OPERATION_DELETE_CLOUD] = {NULL, handlers_delete_cloud, NULL, false},
+    [OPERATION_GET_CLOUD_DATA] = {NULL, handlers_get_cloud_data, NULL, false},
+    [OPERATION_UPLOAD_OPTIONS] = {NULL, handlers_upload_options, NULL, true},
+    [OPERATION_CREATE_UPLOAD] = {handlers_admit_upload, handlers_create_upload, NULL, false},
+    [OPERATION_GET_UPLOAD] = {NULL, handlers_get_upload, NULL, false},
+    [OPERATION_CONTINUE_UPLOAD] = {handlers_admit_piece, handlers_continue_upload, NULL, false},
+    [OPERATION_DELETE_UPLOAD] = {NULL, handlers_delete_upload, NULL, false},
+    [OPERATION_GET_PARAMETERS] = {NULL, handlers_get_parameters, NULL, true},
+    [OPERATION_GET_INFO] = {NULL, handlers_get_info, NULL, true},
+    [OPERATION_GET_CONTRACT] = {NULL, handlers_get_contract, NULL, true},
+    [OPERATION_GET_PROBLEM] = {NULL, handlers_get_problem, NULL, true},
+    [OPERATION_GET_HEALTH] = {NULL, handlers_get_health, NULL, true},
+    [OPERATION_GET_READINESS] = {NULL, handlers_get_readiness, NULL, true},
+    [OPERATION_GET_METRICS] = {NULL, handlers_get_metrics, NULL, true},
 };
 
 const struct handler *handlers_find(enum operation operation) { return &table[operation]; }
@@ -302,11 +302,15 @@ struct job_document handlers_document(struct service *service, const struct job 
     };
 }
 
+void handlers_document_response(char *text, uint64_t sequence, int status, struct response *response) {
+    response_text(response, status, "application/json", text);
+    response_header(response, "ETag", "\"%llu\"", (unsigned long long)sequence);
+    response_header(response, "Cache-Control", "no-cache");
+}
+
 void handlers_job_response(struct service *service, const struct job *job, int status, struct response *response) {
     struct job_document document = handlers_document(service, job);
-    response_text(response, status, "application/json", job_encode(&document));
-    response_header(response, "ETag", "\"%llu\"", (unsigned long long)job->sequence);
-    response_header(response, "Cache-Control", "no-cache");
+    handlers_document_response(job_encode(&document), job->sequence, status, response);
     if (!job_ended(job->state)) response_header(response, "Retry-After", "1");
 }
 

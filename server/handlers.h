@@ -19,6 +19,9 @@ struct handler {
     /* Makes the response; may block, unless `quick`. */
     void (*run)(struct service *service, struct request *request, struct response *response);
 
+    /* The same from what is in memory, without blocking; false: it can't, run has to.  NULL: it never can. */
+    bool (*at_hand)(struct service *service, struct request *request, struct response *response);
+
     bool quick; /* run doesn't block: it is called where the connection is served, and so answers under any load */
 };
 
@@ -71,6 +74,9 @@ struct job_document handlers_document(struct service *service, const struct job 
 
 /* The job document as a response with this status, its ETag and, while the job has not ended, Retry-After. */
 void handlers_job_response(struct service *service, const struct job *job, int status, struct response *response);
+
+/* The same of a document that is there already; takes text.  The job has ended. */
+void handlers_document_response(char *text, uint64_t sequence, int status, struct response *response);
 
 /* Cache-Status: whether an earlier job's outputs serve this one: what service_submit found. */
 void handlers_cache_status(bool hit, struct response *response);
@@ -125,6 +131,7 @@ void handlers_simplify(struct service *service, struct request *request, struct 
 void handlers_create_job(struct service *service, struct request *request, struct response *response);
 void handlers_list_jobs(struct service *service, struct request *request, struct response *response);
 void handlers_get_job(struct service *service, struct request *request, struct response *response);
+bool handlers_job_at_hand(struct service *service, struct request *request, struct response *response);
 void handlers_delete_job(struct service *service, struct request *request, struct response *response);
 void handlers_get_events(struct service *service, struct request *request, struct response *response);
 void handlers_get_log(struct service *service, struct request *request, struct response *response);

@@ -158,11 +158,42 @@ static bool wants_to_wait(const struct request *request, const struct job *job, 
     return wait->sequence == job->sequence;
 }
 
+static void answer_unchanged(const char *etag, struct response *response) {
+    response->status = 304;
+    response_header(response, "ETag", "%s", etag);
+}
+
+static void answer_job(struct service *service, uint64_t since, const struct job *job, struct response *response) {
+    handlers_job_response(service, job, 200, response);
+    if (job_ended(job->state) && response->status == 200)
+        documents_keep(service->documents, since, job, response->text);
+}
+
+bool handlers_job_at_hand(struct service *service, struct request *request, struct response *response) {
+    char owner[JOB_PRINCIPAL_BYTES], etag[32];
+    uint64_t sequence;
+    char *text =
+        request->query_count ? NULL : documents_find(service->documents, request->match.capture[0], owner, &sequence);
+    if (!text || !principal_sees(&request->principal, owner)) {
+        free(text);
+        return false;
+    }
+    snprintf(etag, sizeof etag, "\"%llu\"", (unsigned long long)sequence);
+    if (request_none_match(request, etag)) {
+        free(text);
+        answer_unchanged(etag, response);
+    } else {
+        handlers_document_response(text, sequence, 200, response);
+    }
+    return true;
+}
+
 void handlers_get_job(struct service *service, struct request *request, struct response *response) {
     struct request_wait *wait = &request->wait;
     struct job job;
     if (!takes_no_query(request, response)) return;
     wait->seen = events_now(service->events);
+    uint64_t since = documents_now(service->documents);
     if (handlers_read_job(service, request, request->match.capture[0], &job, response)) {
         char etag[32];
         snprintf(etag, sizeof etag, "\"%llu\"", (unsigned long long)job.sequence);
@@ -176,10 +207,9 @@ void handlers_get_job(struct service *service, struct request *request, struct r
             response->kind = RESPONSE_WAIT;
             wait->deadline_ms = wait->end_ms;
         } else if (request_none_match(request, etag)) {
-            response->status = 304;
-            response_header(response, "ETag", "%s", etag);
+            answer_unchanged(etag, response);
         } else {
-            handlers_job_response(service, &job, 200, response);
+            answer_job(service, since, &job, response);
         }
     }
     job_done(&job);

@@ -399,6 +399,7 @@ static enum MHD_Result dispatch(struct exchange *x) {
         x->handler->run(x->http->service, &x->request, &x->response);
         return answer(x);
     }
+    if (x->handler->at_hand && x->handler->at_hand(x->http->service, &x->request, &x->response)) return answer(x);
     x->phase = PHASE_PARKED;
     if (!park(x)) {
         response_refuse(&x->response, PROBLEM_DRAINING, "the service stops");

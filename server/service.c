@@ -138,7 +138,8 @@ enum status service_open(struct service *service, const struct config *config, s
     pthread_rwlock_init(&service->clouds, NULL);
     service->estimate = estimate_new();
     service->idempotency = idempotency_new();
-    enum status status = service->estimate && service->idempotency
+    service->documents = documents_new();
+    enum status status = service->estimate && service->idempotency && service->documents
                              ? STATUS_OK
                              : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
     if (status == STATUS_OK) status = store_open(config->data, &service->store, error);
@@ -173,6 +174,7 @@ void service_close(struct service *service) {
     store_close(service->store);
     estimate_free(service->estimate);
     idempotency_free(service->idempotency);
+    documents_free(service->documents);
     pthread_rwlock_destroy(&service->clouds);
 }
 
@@ -308,6 +310,7 @@ enum status service_delete(struct service *service, const struct job *job, const
                            struct error *error) {
     enum status status = queue_delete(service->queue, job->id, reason, changed, error);
     if (status != STATUS_OK || !*changed) return status;
+    documents_forget(service->documents, job->id);
     fault_at("delete-committed");
     store_job_delete(service->store, job->id);
     forget_cloud(service, job->cloud);

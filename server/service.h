@@ -10,6 +10,7 @@
 #include <stdbool.h>
 
 #include "server/config.h"
+#include "server/documents.h"
 #include "server/estimate.h"
 #include "server/events.h"
 #include "server/idempotency.h"
@@ -36,6 +37,7 @@ struct service {
     struct metrics *metrics;
     struct estimate *estimate; /* how long jobs took */
     struct idempotency *idempotency;
+    struct documents *documents; /* of ended jobs, in memory */
     struct supervisor *supervisor; /* set by main, before the first request */
     pthread_rwlock_t clouds;       /* held shared while a cloud is kept and its job submitted, alone while clouds that
                                       no job refers to are removed */

@@ -264,7 +264,8 @@ def test_unknown_codings(daemon, coding):
 
 
 @pytest.mark.parametrize("body", [SMALL, b"", gzip.compress(SMALL)[:-3], gzip.compress(SMALL)[:100],
-                                  gzip.compress(SMALL) + b"x"])
+                                  gzip.compress(SMALL) + b"x"],
+                         ids=["plain", "nothing", "without its end", "a part", "with more behind"])
 def test_what_is_not_compressed_as_it_says(daemon, body):
     reply = daemon.post("/v1/jobs", body, "-H", "Content-Encoding: gzip")
     assert (reply.status, reply.slug) == (400, "malformed-request") and "Content-Encoding" in reply.json["detail"]

@@ -152,14 +152,13 @@ def test_a_long_poll_whose_client_leaves_is_let_go(make_daemon, large):
     daemon = make_daemon("--workers", "1")
     daemon.submit(large)
     waiting = daemon.submit(SMALL)
+    poll = subprocess.Popen(daemon.curl_command(f"/v1/jobs/{waiting}", "-H", "Prefer: wait=50"),
+                            stdout=subprocess.PIPE)
     fds = f"/proc/{daemon.process.pid}/fd"
     def sockets():
         links = subprocess.run(["ls", "-l", fds], capture_output=True, text=True, check=False).stdout
         return links.count("socket:")
-    listening = 2  # the main one and the admin one
-    wait_until(lambda: sockets() == listening, "the end of earlier connections")
-    poll = subprocess.Popen(daemon.curl_command(f"/v1/jobs/{waiting}", "-H", "Prefer: wait=50"),
-                            stdout=subprocess.PIPE)
+    listening = 2  # for clients, and for health and metrics
     wait_until(lambda: sockets() > listening, "the poll's connection")
     poll.kill()
     poll.wait()

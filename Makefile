@@ -39,7 +39,7 @@ override LDFLAGS += $(filter -fsanitize% --coverage,$(flags_$(config))) -pthread
 CODEC_LIBS := -lz -lzstd
 CORE_LIBS := -lflann -lgmp -lmpfr -lstdc++ $(CODEC_LIBS) -lm
 API_LIBS := -ljansson
-DAEMON_LIBS := -lmicrohttpd -lsqlite3 -lnettle -lgnutls
+DAEMON_LIBS := -lcurl -lmicrohttpd -lsqlite3 -lnettle -lgnutls
 
 # ---------------------------------------------------------------------------------------------------- sources
 core_src := $(wildcard core/*.c core/*.cc)
@@ -139,8 +139,9 @@ FORCE:
 # ---------------------------------------------------------------------------------------------------- set-up
 # What building, testing and the demo want, by the names of Debian 12's packages.
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
-            libmicrohttpd-dev libgnutls28-dev libsqlite3-dev libseccomp-dev nettle-dev zlib1g-dev libzstd-dev libcmocka-dev curl jq \
-            python3 python3-pytest python3-pytest-xdist ca-certificates
+            libmicrohttpd-dev libgnutls28-dev libcurl4-openssl-dev libsqlite3-dev libseccomp-dev nettle-dev zlib1g-dev \
+            libzstd-dev libcmocka-dev curl jq python3 python3-pytest python3-pytest-xdist python3-jsonschema \
+            ca-certificates
 peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev meshlab xvfb xauth
 bench_packages := valgrind
 paper_packages := libeigen3-dev libtbb-dev python3-matplotlib
@@ -260,7 +261,7 @@ valgrind_programs := $(filter-out %/test_delaunay %/test_cocone %/test_pipeline 
 valgrind: $(valgrind_programs) ## the unit tests under valgrind: no invalid access, nothing lost
 	@$(PYTHON) -c 'import shutil, sys; sys.exit(not shutil.which("valgrind"))' || deploy/deps.sh valgrind
 	@set -e; for t in $(valgrind_programs); do echo "== $$t"; \
-	    valgrind -q --error-exitcode=9 --leak-check=full --errors-for-leak-kinds=definite $$t > $$t.valgrind 2>&1 \
+	    valgrind -q --error-exitcode=9 --leak-check=full --show-leak-kinds=definite --errors-for-leak-kinds=definite $$t > $$t.valgrind 2>&1 \
 	        || { tail -60 $$t.valgrind; exit 1; }; done
 
 SCANS ?=
@@ -286,6 +287,12 @@ else
 fuzz: ## run each fuzzer for FUZZ_SECONDS=20 (needs clang)
 	$(MAKE) config=fuzz fuzz
 endif
+
+.PHONY: test-contract
+test-contract: all ## hold the contract against linters and a validating proxy from npm (needs node 18 and npm)
+	@cd tests/node && npm ci --no-audit --no-fund --ignore-scripts
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -n 2 -p no:cacheprovider \
+	    $(addprefix tests/integration/test_,contract.py matrix.py description.py)
 
 LOAD ?=
 SECONDS ?= 3600

@@ -26,7 +26,7 @@ static const struct problem_type types[PROBLEM_COUNT] = {
     [PROBLEM_DEGENERATE_CLOUD] = {"degenerate-cloud", 422, "The cloud has too few distinct points",
                                   "A mesh needs four points that are not all in one plane."},
     [PROBLEM_UNSUPPORTED_FORMAT] = {"unsupported-format", 415, "The content is of no format that is read here",
-                                    "Send a PLY or XYZ cloud as the raw body, without content coding."},
+                                    "Send a cloud of one of the formats in supported; gzip and zstd may be around it."},
     [PROBLEM_BODY_TOO_LARGE] = {"body-too-large", 413, "The body is over the limit",
                                 "limit is in bytes.  A binary PLY is several times smaller than text."},
     [PROBLEM_HEADERS_TOO_LARGE] = {"headers-too-large", 431, "The headers are over the limit",
@@ -169,8 +169,7 @@ void problem_from_error(struct problem *problem, const struct error *error) {
     if (error->byte_offset != UINT64_MAX) problem_add_number(problem, "byte_offset", (int64_t)error->byte_offset);
     if (error->where[0])
         problem_add_text(problem, kind == PROBLEM_MALFORMED_CLOUD ? "property" : "where", error->where);
-    if (kind == PROBLEM_UNSUPPORTED_FORMAT)
-        problem_add_list(problem, "supported", cloud_sniff_formats());
+    if (kind == PROBLEM_UNSUPPORTED_FORMAT) problem_add_list(problem, "supported", cloud_sniff_formats());
 }
 
 /* ------------------------------------------------------------------------------------------------ JSON */

@@ -11,6 +11,7 @@
 
 static const struct route table[] = {
     {"GET", "/", "getPage", OPERATION_GET_PAGE, ROUTES_PUBLIC},
+    {"GET", "/docs", "getDocs", OPERATION_GET_DOCS, ROUTES_PUBLIC},
     {"POST", "/v1/simplify", "simplify", OPERATION_SIMPLIFY, ROUTES_SUBMIT},
     {"POST", "/v1/jobs", "createJob", OPERATION_CREATE_JOB, ROUTES_SUBMIT},
     {"GET", "/v1/jobs", "listJobs", OPERATION_LIST_JOBS, ROUTES_READ},

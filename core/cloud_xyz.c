@@ -12,7 +12,8 @@
  * (CloudCompare's "//X Y Z R G B"), when it has as many names as there are columns; x, y and z may then stand anywhere.
  * Else the first three columns are x, y, z and the others column4, column5 ...; but a names line that has x, y and z
  * in other places is refused then, since columns would be taken for others.  Names are separated by commas,
- * where there are any, else by semicolons, tabs, or blanks; quotes around them are dropped, blanks in them become "_".
+ * where there are any, else by semicolons, tabs, or blanks; quotes around them are dropped, blanks, commas and
+ * semicolons in them become "_".
  *
  * There is no header that could promise anything, so arrays grow by half as points come in.
  *
@@ -205,7 +206,7 @@ static bool is_taken(const struct cloud *cloud, size_t columns, const char *name
 static void name_column(struct cloud *cloud, size_t j, const char *at, const char *stop) {
     char *name = cloud->property[j].name;
     if (stop > at && is_fit_name(at, stop)) {
-        for (size_t k = 0; at + k < stop; k++) name[k] = is_blank(at[k]) ? '_' : at[k];
+        for (size_t k = 0; at + k < stop; k++) name[k] = is_separator(at[k]) ? '_' : at[k];
         lower_axis(name);
         if (!is_taken(cloud, j, name)) return;
     }

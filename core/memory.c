@@ -16,16 +16,18 @@
 
 #include <math.h>
 #include <stdbool.h>
+#include <string.h>
 
 #include "core/cloud_sniff.h"
 #include "core/neighbourhood.h"
+#include "core/pcd_header.h"
 #include "core/ply_header.h"
 
 static const double PROGRAM = 8e6; /* the program, its libraries, stacks and buffers */
 static const double MARGIN = 1.05;
 enum { POSITION = 24, TRIANGLE = 12, HELD = 32 };
 
-static bool mesh_wanted(const struct params *p) { return p->outputs & (OUTPUT_MESH | OUTPUT_ERROR); }
+static bool mesh_wanted(const struct params *p) { return p->outputs & (OUTPUT_ANY_MESH | OUTPUT_ERROR); }
 static bool refined(const struct params *p) { return mesh_wanted(p) && p->refine != REFINE_NONE; }
 static bool denoised(const struct params *p) { return p->denoise != DENOISE_NONE; }
 static bool cloud_alone(const struct params *p) { return !mesh_wanted(p); }
@@ -111,10 +113,61 @@ static void job_of_text(const char *text, size_t n, uint64_t total_bytes, struct
                                .input_bytes = total_bytes};
 }
 
+/* Lines of a mesh are points or faces: each is counted as both. */
+static void job_of_mesh_text(const char *text, size_t n, uint64_t total_bytes, struct memory_job *job) {
+    job_of_text(text, n, total_bytes, job);
+    job->faces = job->points;
+}
+
+/* A scalar of PCD may become one as large, or three bytes of a colour; compressed data is there unpacked, too. */
+static enum status job_of_pcd(const void *bytes, size_t n, uint64_t total_bytes, struct memory_job *job) {
+    struct pcd_header header;
+    struct error ignored;
+    enum status status = pcd_header_parse(bytes, n, &header, &ignored);
+    if (status) return status;
+    *job = (struct memory_job){header.points, header.record_bytes, 0, total_bytes};
+    if (header.data == PCD_COMPRESSED) job->input_bytes += header.points * header.record_bytes;
+    return STATUS_OK;
+}
+
+static uint64_t load(const unsigned char *p, size_t bytes) {
+    uint64_t value = 0;
+    for (size_t i = bytes; i-- > 0;) value = value << 8 | p[i];
+    return value;
+}
+
+/* Coordinates become double, and the three bytes of bit fields eight of their own. */
+static enum status job_of_las(const unsigned char *bytes, size_t n, uint64_t total_bytes, struct memory_job *job) {
+    enum { COUNT = 107, RECORD_BYTES = 105, LONG_COUNT = 247, LEAST_BYTES = 255, GROWS_BY = 24 };
+    if (n < LEAST_BYTES) return STATUS_MALFORMED;
+    uint64_t points = load(bytes + COUNT, 4);
+    if (bytes[25] >= 4 && load(bytes + LONG_COUNT, 8)) points = load(bytes + LONG_COUNT, 8);
+    *job = (struct memory_job){points, load(bytes + RECORD_BYTES, 2) + GROWS_BY, 0, total_bytes};
+    return STATUS_OK;
+}
+
+/* A closed surface has half as many points as facets; twice that is counted, and the table that joins corners. */
+static void job_of_stl(const unsigned char *bytes, uint64_t total_bytes, struct memory_job *job) {
+    enum { COUNT = 80, RECORD_BYTES = 12, TABLE_BYTES = 16 };
+    uint64_t facets = load(bytes + COUNT, 4);
+    *job = (struct memory_job){facets, RECORD_BYTES + TABLE_BYTES, facets, total_bytes};
+}
+
 enum status memory_job_of(const void *first_bytes, size_t n, uint64_t total_bytes, struct memory_job *job) {
-    switch (cloud_sniff(first_bytes, n).kind) {
+    struct cloud_guess guess = cloud_sniff(first_bytes, n);
+    switch (guess.kind) {
     case CLOUD_KIND_PLY: return job_of_ply(first_bytes, n, total_bytes, job);
+    case CLOUD_KIND_PCD: return job_of_pcd(first_bytes, n, total_bytes, job);
+    case CLOUD_KIND_LAS: return job_of_las(first_bytes, n, total_bytes, job);
     case CLOUD_KIND_TEXT: job_of_text(first_bytes, n, total_bytes, job); return STATUS_OK;
+    case CLOUD_KIND_OBJ:
+    case CLOUD_KIND_OFF: job_of_mesh_text(first_bytes, n, total_bytes, job); return STATUS_OK;
+    case CLOUD_KIND_STL:
+        if (strcmp(guess.format, "stl/ascii") == 0)
+            job_of_mesh_text(first_bytes, n, total_bytes, job);
+        else
+            job_of_stl(first_bytes, total_bytes, job);
+        return STATUS_OK;
     case CLOUD_KIND_EMPTY: return STATUS_MALFORMED;
     default: return STATUS_UNSUPPORTED;
     }

@@ -25,9 +25,9 @@ struct memory_job {
  * them are counted, and a mesh is predicted to take ten times what it will.  O(1). */
 uint64_t memory_predict(const struct memory_job *job, const struct params *params);
 
-/* Fills *job from the first n bytes (as many as are at hand) of a file of total_bytes: exactly where it has a PLY
- * header, by the length of the first lines where it is text.  STATUS_UNSUPPORTED for anything else, STATUS_MALFORMED
- * where a header is broken or not whole; *job is untouched then.  O(n). */
+/* Fills *job from the first n bytes (as many as are at hand) of a file of total_bytes: by the header where there is one
+ * (PLY, PCD, LAS, binary STL), by the length of the first lines where it is text.  STATUS_UNSUPPORTED for anything
+ * else, compressed data too, STATUS_MALFORMED where a header is broken or not whole; *job is untouched then.  O(n). */
 enum status memory_job_of(const void *first_bytes, size_t n, uint64_t total_bytes, struct memory_job *job) MUST_CHECK;
 
 #endif

@@ -27,6 +27,9 @@ struct config {
     int64_t insecure_open;   /* a switch: 0 or 1 */
     int64_t result_cache;    /* a switch */
     int64_t idempotency_retention_ms;
+    int64_t webhooks; /* a switch */
+    int64_t webhook_retry_ms;
+    char webhook_secret_file[CONFIG_TEXT_BYTES], webhook_allow[CONFIG_TEXT_BYTES];
     int64_t worker_sandbox; /* a switch */
     int64_t workers, threads_per_job;
     int64_t max_body_bytes, max_expansion, max_uploads, upload_expiry_ms, max_queue, max_points, job_memory_bytes,

@@ -30,6 +30,7 @@
 #include "server/reload.h"
 #include "server/service.h"
 #include "server/supervisor.h"
+#include "server/webhooks.h"
 
 enum { EXIT_USAGE = 2, SWEEP_MS = 30000, DRAIN_LOOK_MS = 50, LARGE_BYTES = 1 << 20, ARENAS = 4 };
 
@@ -119,6 +120,7 @@ static void tell_ready(const char *address) {
 static int run(const struct config *config, int signals, int argc, char **argv) {
     struct service service;
     struct http *http = NULL;
+    struct webhooks *webhooks = NULL;
     struct notify_watch *watch = NULL;
     struct reload *reload = reload_open(&service, argc, argv);
     struct error error = {0};
@@ -130,6 +132,7 @@ static int run(const struct config *config, int signals, int argc, char **argv) 
         return fail(&error);
     }
     enum status status = supervisor_open(&service, &service.supervisor, &error);
+    if (status == STATUS_OK) status = webhooks_open(&service, &webhooks, &error);
     if (status == STATUS_OK) status = http_open(&service, &http, &addresses, &error);
     if (status == STATUS_OK) status = notify_watch(answers, &service, &watch, &error);
     if (status == STATUS_OK) {
@@ -149,6 +152,7 @@ static int run(const struct config *config, int signals, int argc, char **argv) 
     http_close(http);
     notify_unwatch(watch);
     supervisor_close(service.supervisor);
+    webhooks_close(webhooks);
     service_close(&service);
     reload_close(reload);
     log_line(LOG_INFO, "ended");

@@ -216,9 +216,6 @@ static void write_obituary(const struct run *run, enum problem_kind kind, struct
     problem_add_number(problem, "cpu_ms", (int64_t)(job->cpu_s * 1e3));
     last_words(run, words, sizeof words);
     if (words[0]) problem_add_text(problem, "last_words", words);
-    char link[64];
-    snprintf(link, sizeof link, "/v1/jobs/%s/log", job->id);
-    problem_add_text(problem, "log", link);
 }
 
 /* What was expected, what it took, and what it may take. */
@@ -233,6 +230,21 @@ static bool out_of_time(const struct run *run) {
     bool by_signal = WIFSIGNALED(run->wait_status);
     bool out_of_cpu = run->job->cpu_s * 1e3 >= (double)run->service->config->job_cpu_ms;
     return run->timed_out || (by_signal && WTERMSIG(run->wait_status) == SIGXCPU) || (by_signal && out_of_cpu);
+}
+
+/* Which limit it was, and what would help. */
+static void explain_time(const struct run *run, struct problem *problem) {
+    const struct config *config = run->service->config;
+    const struct job *job = run->job;
+    const char *setting = run->timed_out ? "job-wall" : "job-cpu";
+    int64_t limit_ms = run->timed_out ? config->job_wall_ms : config->job_cpu_ms;
+    problem_add_text(problem, "setting", setting);
+    problem_add_number(problem, "limit_ms", limit_ms);
+    snprintf(problem->detail, sizeof problem->detail,
+             "the job was ended in stage %.31s, after %.1f s, at %.0f %%: over the limit of %.1f s (setting %s); fewer "
+             "points, or no mesh, or refine=flips take less",
+             job->stage[0] ? job->stage : "start", run->timed_out ? job->wall_s : job->cpu_s, job->fraction * 100,
+             (double)limit_ms / 1000, setting);
 }
 
 /* Whether it ended by somebody's hand rather than by its own. */
@@ -257,6 +269,7 @@ static void judge(const struct run *run, struct verdict *verdict) {
         verdict->event = JOB_REQUEUE;
     } else if (out_of_time(run)) {
         write_obituary(run, PROBLEM_TIME_LIMIT, &verdict->problem);
+        explain_time(run, &verdict->problem);
     } else if (by_the_host(run)) {
         write_obituary(run, PROBLEM_WORKER_CRASHED, &verdict->problem);
         if (run->job->attempt < JOB_MAX_ATTEMPTS) verdict->event = JOB_REQUEUE;
@@ -331,6 +344,9 @@ static void settle(struct run *run, struct verdict *verdict) {
     log_verdict(run, verdict);
     metrics_run(run->service->metrics, verdict->event, job->cpu_s, job->wall_s);
     if (verdict->event == JOB_FAIL) {
+        char link[64];
+        snprintf(link, sizeof link, "/v1/jobs/%s/log", job->id);
+        problem_add_text(&verdict->problem, "log", link);
         free(job->problem);
         job->problem = problem_encode(&verdict->problem);
     }

@@ -120,3 +120,11 @@ void digest_base64(const char hex[DIGEST_HEX_BYTES], char base64[DIGEST_BASE64_B
     base64_encode_raw(base64, sizeof raw, raw);
     base64[DIGEST_BASE64_BYTES - 1] = 0;
 }
+
+bool digest_base64_read(const char *base64, unsigned char *bytes, size_t *count) {
+    struct base64_decode_ctx ctx;
+    size_t length = strlen(base64), room = *count;
+    if (BASE64_DECODE_LENGTH(length) > room) return false;
+    base64_decode_init(&ctx);
+    return base64_decode_update(&ctx, count, bytes, length, base64) && base64_decode_final(&ctx);
+}

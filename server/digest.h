@@ -37,6 +37,9 @@ void digest_hmac(const void *key, size_t key_bytes, const void *message, size_t 
 /* Whether two hashes in hexadecimal are the same, in a time that doesn't tell where they differ. */
 bool digest_same(const char a[DIGEST_HEX_BYTES], const char b[DIGEST_HEX_BYTES]);
 
+/* Base64 to bytes, at most *count of them; *count is how many there were.  false: it is no base64, or too much. */
+bool digest_base64_read(const char *base64, unsigned char *bytes, size_t *count);
+
 /* Hexadecimal to base64, as Repr-Digest wants it. */
 void digest_base64(const char hex[DIGEST_HEX_BYTES], char base64[DIGEST_BASE64_BYTES]);
 

@@ -16,6 +16,7 @@ enum { HEAD_BYTES = 64 * 1024 }; /* of a cloud, for what it says of its size */
 
 static const struct handler table[OPERATION_COUNT] = {
     [OPERATION_GET_PAGE] = {NULL, handlers_get_page, NULL, true},
+    [OPERATION_GET_DOCS] = {NULL, handlers_get_docs, NULL, true},
     [OPERATION_SIMPLIFY] = {handlers_admit_simplify, handlers_simplify, NULL, false},
     [OPERATION_CREATE_JOB] = {handlers_admit_job, handlers_create_job, NULL, false},
     [OPERATION_LIST_JOBS] = {NULL, handlers_list_jobs, NULL, false},

@@ -151,6 +151,7 @@ void handlers_get_upload(struct service *service, struct request *request, struc
 bool handlers_admit_piece(struct service *service, struct request *request, struct response *response);
 void handlers_continue_upload(struct service *service, struct request *request, struct response *response);
 void handlers_delete_upload(struct service *service, struct request *request, struct response *response);
+void handlers_get_docs(struct service *service, struct request *request, struct response *response);
 void handlers_get_page(struct service *service, struct request *request, struct response *response);
 void handlers_get_parameters(struct service *service, struct request *request, struct response *response);
 void handlers_get_info(struct service *service, struct request *request, struct response *response);

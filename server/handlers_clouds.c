@@ -181,14 +181,23 @@ void handlers_get_cloud(struct service *service, struct request *request, struct
     clouds_record_done(&record);
 }
 
+/* The beginning of its hash, and what files of its format end in: "pcd/binary" is .pcd. */
+static void file_name(const struct clouds_record *record, char *name, size_t bytes) {
+    static const char *const endings[][2] = {{"gzip", "gz"}, {"zstd", "zst"}};
+    char ending[JOB_FORMAT_BYTES];
+    snprintf(ending, sizeof ending, "%.*s", (int)strcspn(record->format, "/"), record->format);
+    for (size_t i = 0; i < sizeof endings / sizeof *endings; i++)
+        if (strcmp(ending, endings[i][0]) == 0) snprintf(ending, sizeof ending, "%s", endings[i][1]);
+    snprintf(name, bytes, "%.12s.%s", record->sha256, ending);
+}
+
 void handlers_get_cloud_data(struct service *service, struct request *request, struct response *response) {
     struct clouds_record record;
     if (!takes_no_query(request, response)) return;
     if (handlers_read_cloud(service, request, request->match.capture[0], &record, response)) {
-        const char *suffix = strncmp(record.format, "ply/", 4) == 0 ? "ply" : record.format;
         struct job nameless = {0};
         struct job_output output = {.bytes = record.bytes};
-        snprintf(output.name, sizeof output.name, "%.12s.%s", record.sha256, suffix);
+        file_name(&record, output.name, sizeof output.name);
         memcpy(output.sha256, record.sha256, sizeof output.sha256);
         handlers_send_content(request, &nameless, &output, store_cloud_open(service->store, record.sha256), response);
     }

@@ -39,7 +39,9 @@ bool handlers_fingerprint(const struct request *request, const struct job *job, 
     struct digest *digest = digest_new();
     FILE *out = open_memstream(&text, &bytes);
     if (out) fprintf(out, "%s\n%s\n", request->match.route->operation_id, cloud);
-    if (out && job) fprintf(out, "%d\n%s\n%s", job->priority, job->label, params ? params : "");
+    if (out && job)
+        fprintf(out, "%d\n%s\n%s\n%s", job->priority, job->label, job->webhook ? job->webhook : "",
+                params ? params : "");
     bool ok = out && fclose(out) == 0 && digest && (!job || params);
     key->key = request->claim.key;
     if (ok) {

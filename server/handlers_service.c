@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "api/docs_page.h"
 #include "api/job_json.h"
 #include "api/openapi.h"
 #include "api/params_json.h"
@@ -26,6 +27,13 @@ void handlers_get_page(struct service *service, struct request *request, struct 
     if (!plain(request, response)) return;
     const char *page = page_document(&bytes);
     response_text(response, 200, "text/html; charset=utf-8", strndup(page, bytes));
+    response_header(response, "Content-Security-Policy", "default-src 'none'; style-src 'unsafe-inline'");
+}
+
+void handlers_get_docs(struct service *service, struct request *request, struct response *response) {
+    (void)service;
+    if (!plain(request, response)) return;
+    response_text(response, 200, "text/html; charset=utf-8", docs_page());
     response_header(response, "Content-Security-Policy", "default-src 'none'; style-src 'unsafe-inline'");
 }
 

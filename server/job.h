@@ -36,6 +36,7 @@ enum {
     JOB_PRINCIPAL_BYTES = 65,
     JOB_OUTPUT_NAME_BYTES = 48,
     JOB_MAX_OUTPUTS = PARAMS_MAX_FILES,
+    JOB_WEBHOOK_BYTES = 2048,
     JOB_MAX_ATTEMPTS = 3,
     JOB_PRIORITY_MAX = 9,
     JOB_PRIORITY_DEFAULT = 5
@@ -76,6 +77,7 @@ struct job {
     char result[JOB_HASH_BYTES]; /* names what it computes: jobs with the same have the same outputs; "" = none */
 
     const struct job_key *key; /* borrowed, and kept with the job when it is submitted; NULL = none */
+    const char *webhook;       /* the same: where to tell of its end */
 
     char stage[JOB_STAGE_BYTES], message[JOB_MESSAGE_BYTES];
     double fraction;

@@ -23,6 +23,7 @@
 #include "core/alloc.h"
 #include "server/estimate.h"
 #include "server/idempotency.h"
+#include "server/outbox.h"
 #include "server/sql.h"
 #include "server/turns.h"
 #include "server/usage.h"
@@ -82,6 +83,9 @@ static const char *const schema[] = {
     "created INTEGER NOT NULL, expires INTEGER NOT NULL, position INTEGER NOT NULL, length INTEGER NOT NULL, "
     "boot TEXT NOT NULL) STRICT;",
     "ALTER TABLE jobs ADD COLUMN memory INTEGER NOT NULL DEFAULT 0;",
+    "CREATE TABLE outbox (job TEXT PRIMARY KEY, url TEXT NOT NULL, attempts INTEGER NOT NULL DEFAULT 0, "
+    "due INTEGER NOT NULL DEFAULT 0) STRICT;"
+    "CREATE INDEX outbox_by_due ON outbox (due) WHERE due > 0;",
 };
 enum { SCHEMA_VERSION = sizeof schema / sizeof schema[0] };
 
@@ -354,11 +358,13 @@ static enum status insert_row(struct sql *db, const struct job *job, struct erro
     return status;
 }
 
-/* The job, and the key that it was submitted under; in a transaction. */
+/* The job, the key that it was submitted under, and who is told of its end; in a transaction. */
 static enum status insert(struct sql *db, const struct job *job, struct error *error) {
     enum status status = insert_row(db, job, error);
-    if (status != STATUS_OK || !job->key) return status;
-    return idempotency_add(db, job->principal, job->key, job->id, job->created_ms, error);
+    if (status == STATUS_OK && job->key)
+        status = idempotency_add(db, job->principal, job->key, job->id, job->created_ms, error);
+    if (status == STATUS_OK && job->webhook) status = outbox_add(db, job->id, job->webhook, error);
+    return status;
 }
 
 static enum status insert_alone(struct sql *db, const struct job *job, struct error *error) {
@@ -453,7 +459,7 @@ static enum status write_end(struct sql *db, const struct job *job, enum job_sta
         status = sql_run(
             db, "INSERT INTO outputs (job, position, name, bytes, sha256) VALUES (?1, ?2, ?3, ?4, ?5)",
             VALUES(T(job->id), I(i), T(job->output[i].name), I(job->output[i].bytes), T(job->output[i].sha256)), error);
-    return status;
+    return status == STATUS_OK ? outbox_make_due(db, job->id, job_now_ms(), error) : status;
 }
 
 static enum status write_requeue(struct sql *db, const char *id, struct error *error) {
@@ -601,6 +607,7 @@ static enum status delete_rows(struct sql *db, const char *id, const char *reaso
     if (*deleted) {
         status = sql_run(db, "DELETE FROM outputs WHERE job = ?1", VALUES(T(id)), error);
         if (status == STATUS_OK) status = sql_run(db, "DELETE FROM jobs WHERE id = ?1", VALUES(T(id)), error);
+        if (status == STATUS_OK) status = outbox_remove(db, id, error);
     }
     return sql_end(db, status, error);
 }

@@ -44,27 +44,27 @@ struct request {
 enum outcome { MEASURE, TOLD, REFUSED };
 
 static void print_help(void) {
-    puts(
-        "Usage: whittle measure A B [--samples N] [--seed S] [--method uniform|metro] [--threads N] [--json]\n"
-        "\n"
-        "Measures how far A, the simplified one, is from B, what it stands for: mean, root mean square and largest\n"
-        "distance in both directions, in the files' units and relative to the diagonal of the bounding box of B.\n"
-        "A and B are PLY files. One without faces is a set of points, and only the distances from those points to the\n"
-        "other one's surface are measured; at least one of the two needs faces.\n"
-        "\n"
-        "  --samples N     Samples of each surface; default 10 for each triangle, and for uniform at least 100000.\n"
-        "  --seed S        Of where the samples lie; default 0. The same seed gives the same figures.\n"
-        "  --method M      uniform (the default): all points of B, and samples uniform by area of both surfaces.\n"
-        "                  metro: vertices, edges and faces as the program Metro samples them, to compare with "
-        "figures\n"
-        "                  that it has printed; needs faces in both.\n"
-        "  --threads N     Default 0: all processors. The figures don't depend on it.\n"
-        "  --json          JSON instead of a table.\n"
-        "  -h, --help\n"
-        "\n"
-        "Exit status: 0 done; 2 an argument is wrong; 65 a file is malformed, of no format that is read, over a "
-        "limit,\n"
-        "or without the faces that are needed; 70 internal error; 71 out of memory; 74 reading or writing failed.");
+    puts("Usage: whittle measure A B [--samples N] [--seed S] [--method uniform|metro] [--threads N] [--json]\n"
+         "\n"
+         "Measures how far A, the simplified one, is from B, what it stands for: mean, root mean square and largest\n"
+         "distance in both directions, in the files' units and relative to the diagonal of the bounding box of B.\n"
+         "A and B are clouds or meshes of any format that whittle reads. One without faces is a set of points,\n"
+         "and only the distances from those points to the other one's surface are measured; at least one of the two\n"
+         "needs faces.\n"
+         "\n"
+         "  --samples N     Samples of each surface; default 10 for each triangle, and for uniform at least 100000.\n"
+         "  --seed S        Of where the samples lie; default 0. The same seed gives the same figures.\n"
+         "  --method M      uniform (the default): all points of B, and samples uniform by area of both surfaces.\n"
+         "                  metro: vertices, edges and faces as the program Metro samples them, to compare with "
+         "figures\n"
+         "                  that it has printed; needs faces in both.\n"
+         "  --threads N     Default 0: all processors. The figures don't depend on it.\n"
+         "  --json          JSON instead of a table.\n"
+         "  -h, --help\n"
+         "\n"
+         "Exit status: 0 done; 2 an argument is wrong; 65 a file is malformed, of no format that is read, over a "
+         "limit,\n"
+         "or without the faces that are needed; 70 internal error; 71 out of memory; 74 reading or writing failed.");
 }
 
 static enum outcome refuse(const char *what, const char *why) {

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """/v1/clouds: upload once; by content; kept as long as somebody needs it."""
 import base64
+import gzip
 import hashlib
 import os
 
@@ -55,6 +56,18 @@ def test_content_comes_back_whole_in_parts_and_not_twice(daemon):
     assert daemon.curl(path, "-H", "Range: bytes=999999999-").slug == "range-not-satisfiable"
     assert daemon.curl(path, "-H", f'If-None-Match: {whole.headers["etag"]}').status == 304
     assert daemon.curl("/v1/clouds/" + "0" * 64 + "/data").slug == "no-such-cloud"
+
+
+PCD = (b"# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 4\nHEIGHT 1\n"
+       b"VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 4\nDATA ascii\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n")
+
+
+@pytest.mark.parametrize("content, ending", [(PLY, "ply"), (SMALL, "xyz"), (PCD, "pcd"), (gzip.compress(SMALL), "gz")])
+def test_content_comes_back_under_a_name_of_its_format(daemon, content, ending):
+    made = daemon.post("/v1/clouds", content)
+    assert made.status == 201, made.body
+    disposition = daemon.curl(made.headers["location"] + "/data").headers["content-disposition"]
+    assert disposition == f'attachment; filename="{name_of(content)[:12]}.{ending}"'
 
 
 def test_the_same_content_is_the_same_cloud(daemon):

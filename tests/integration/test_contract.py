@@ -38,7 +38,7 @@ def test_parameters_are_the_parameter_table(daemon, contract):
     assert described == table["properties"]
     create = [p.get("$ref", "").rsplit("/", 1)[-1] or p["name"] for p in
               contract["paths"]["/v1/jobs"]["post"]["parameters"] if p.get("in") != "header"]
-    assert set(create) == set(table["properties"]) | {"label", "priority"}
+    assert set(create) == set(table["properties"]) | {"label", "priority", "webhook"}
 
 
 def test_every_reference_leads_somewhere(contract):
@@ -93,3 +93,19 @@ def test_info_tells_the_limits(daemon):
     assert info["version"] and "xyz" in info["input_formats"] and "mesh.ply" in info["outputs"]
     for name in ("max_body_bytes", "max_queue", "job_memory_bytes", "job_wall_ms", "retention_ms", "sync_max_ms"):
         assert info["limits"][name] > 0
+
+
+def test_the_reference_page_has_everything_and_loads_nothing(daemon, contract):
+    reply = daemon.curl("/docs")
+    page = reply.body.decode()
+    assert reply.headers["content-type"].startswith("text/html")
+    assert reply.headers["content-security-policy"].startswith("default-src 'none'")
+    assert not re.search(r"<script|<link|<img|@import|url\(|https?://", page)
+    for path, item in contract["paths"].items():
+        for method, operation in item.items():
+            if method != "parameters":
+                assert f'<h3 id="{operation["operationId"]}"><code>{method.upper()} {path}</code></h3>' in page
+    for name in contract["components"]["schemas"]:
+        assert f'<h3 id="{name}">' in page
+    targets = set(re.findall(r'href="#(\w+)"', page))
+    assert targets and targets <= set(re.findall(r'id="(\w+)"', page))

@@ -273,12 +273,15 @@ def test_a_job_that_needs_too_much_processor_time(make_daemon):
     daemon = make_daemon("--job-cpu", "1s")
     reply = daemon.post("/v1/simplify?output=mesh", sphere(600000))
     assert (reply.status, reply.slug) == (504, "time-limit")
+    assert (reply.json["setting"], reply.json["limit_ms"]) == ("job-cpu", 1000) and reply.json["log"].endswith("/log")
 
 
 def test_a_job_that_takes_too_long(make_daemon, large):
     daemon = make_daemon("--job-wall", "1s")
     reply = daemon.post("/v1/simplify?output=mesh", large)
     assert (reply.status, reply.slug) == (504, "time-limit")
+    assert (reply.json["setting"], reply.json["limit_ms"]) == ("job-wall", 1000)
+    assert reply.json["stage"] in reply.json["detail"] and "refine=flips" in reply.json["detail"]
 
 
 # ---------------------------------------------------------------------------------------------- starting

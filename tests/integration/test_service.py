@@ -132,6 +132,21 @@ def test_events_of_an_ended_job_end_at_once(daemon):
     assert names[0] == "status" and names[-1] == "end"
 
 
+def test_events_resume_where_the_client_was(daemon, large):
+    job_id = daemon.submit(large, "?ratio=0.1")
+    path = f"/v1/jobs/{job_id}/events"
+    first = subprocess.Popen(daemon.curl_command(path, "-N"), stdout=subprocess.PIPE, text=True)
+    seen = next(line for line in first.stdout if line.startswith("id: ")).split()[1]
+    first.kill()
+    first.communicate()
+    daemon.ended(job_id)
+    events = events_of(daemon.curl(path, "-H", f"Last-Event-ID: {seen}").body.decode())
+    assert [name for name, _, _ in events] == ["status", "output", "output", "end"]
+    assert events[0][1] > int(seen) and events[0][2]["status"] == "successful"
+    over = daemon.curl(path, "-H", f"Last-Event-ID: {events[-1][1]}")
+    assert over.status == 204 and over.body == b""  # an EventSource doesn't come again
+
+
 def test_long_poll_answers_when_the_job_has_changed(make_daemon, large):
     daemon = make_daemon("--workers", "1")
     running = daemon.submit(large)

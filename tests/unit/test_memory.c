@@ -146,6 +146,17 @@ static void the_first_lines_say_how_many_points_come(void **state) {
     struct memory_job job;
     assert_int_equal(memory_job_of(text, sizeof text - 1, 24000, &job), STATUS_OK);
     assert_true(job.points >= 2000 && job.points <= 2400 && job.record_bytes == 24 && job.input_bytes == 24000);
+    static const char pcd[] = "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 8\nTYPE F F F\nWIDTH 70\nDATA binary_compressed\n";
+    assert_int_equal(memory_job_of(pcd, sizeof pcd - 1, 5000, &job), STATUS_OK);
+    assert_true(job.points == 70 && job.record_bytes == 16 && job.input_bytes == 5000 + 70 * 16);
+    unsigned char las[375] = "LASF";
+    las[24] = 1, las[25] = 4, las[105] = 30, las[247] = 9;
+    assert_int_equal(memory_job_of(las, sizeof las, 1000, &job), STATUS_OK);
+    assert_true(job.points == 9 && job.record_bytes >= 30);
+    assert_int_equal(memory_job_of(las, 100, 1000, &job), STATUS_MALFORMED);
+    assert_int_equal(memory_job_of("v 0 0 0\nf 1 1 1\n", 16, 16, &job), STATUS_OK);
+    assert_true(job.points >= 1 && job.faces >= 1);
+    assert_int_equal(memory_job_of("\x1f\x8b\x08", 3, 3, &job), STATUS_UNSUPPORTED);
     assert_int_equal(memory_job_of("\x89PNG\r\n\x1a\n", 8, 8, &job), STATUS_UNSUPPORTED);
     assert_int_equal(memory_job_of("", 0, 0, &job), STATUS_MALFORMED);
 }

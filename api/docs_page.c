@@ -1,0 +1,249 @@
+/* The reference page: for each tag its operations, for each operation what goes in and what comes out; then the
+ * schemas.
+ *
+ * The document is our own, so what is missing from it is left out silently; the tests hold that nothing is.  Whatever
+ * is written passes through put_escaped.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "api/docs_page.h"
+
+#include <jansson.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "api/openapi.h"
+
+static const char style[] =
+    "body{font:15px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 "
+    "1rem;color:#222;background:#fff}"
+    "table{border-collapse:collapse;width:100%}td,th{text-align:left;vertical-align:top;padding:.2rem .6rem .2rem 0;"
+    "border-bottom:1px solid #8884}code{font-size:95%}h3{margin-top:2.2rem}h3 code{background:#8882;padding:.1rem "
+    ".4rem}"
+    "nav a{margin-right:1rem}@media(prefers-color-scheme:dark){body{color:#ddd;background:#181818}a{color:#8bf}}";
+
+static void put_escaped(FILE *out, const char *text) {
+    for (; text && *text; text++) {
+        switch (*text) {
+        case '<': fputs("&lt;", out); break;
+        case '>': fputs("&gt;", out); break;
+        case '&': fputs("&amp;", out); break;
+        case '"': fputs("&quot;", out); break;
+        default: fputc(*text, out);
+        }
+    }
+}
+
+static const char *text_at(const json_t *json, const char *name) {
+    const char *text = json_string_value(json_object_get(json, name));
+    return text ? text : "";
+}
+
+static void put_element(FILE *out, const char *element, const char *text) {
+    if (!text[0]) return;
+    fprintf(out, "<%s>", element);
+    put_escaped(out, text);
+    fprintf(out, "</%s>\n", element);
+}
+
+/* Follows "#/components/..." once. */
+static const json_t *resolve(const json_t *root, const json_t *node) {
+    const char *reference = json_string_value(json_object_get(node, "$ref"));
+    if (!reference || strncmp(reference, "#/", 2) != 0) return node;
+    for (const char *part = reference + 2; root && *part;) {
+        char name[128];
+        size_t length = strcspn(part, "/");
+        snprintf(name, sizeof name, "%.*s", (int)length, part);
+        root = json_object_get(root, name);
+        part += length + (part[length] == '/');
+    }
+    return root;
+}
+
+/* ------------------------------------------------------------------------------------------------ types */
+
+static void put_json(FILE *out, const char *before, const json_t *value) {
+    char *text = value ? json_dumps(value, JSON_ENCODE_ANY | JSON_COMPACT) : NULL;
+    if (text) {
+        fputs(before, out);
+        put_escaped(out, text);
+    }
+    free(text);
+}
+
+/* "integer, from 1, default 5", or the name of a schema as a link. */
+static void put_type(FILE *out, const json_t *schema) {
+    const char *reference = json_string_value(json_object_get(schema, "$ref"));
+    if (reference) {
+        const char *name = strrchr(reference, '/') + 1;
+        fprintf(out, "<a href=\"#%s\">%s</a>", name, name);
+        return;
+    }
+    const json_t *type = json_object_get(schema, "type"), *items = json_object_get(schema, "items"), *each;
+    size_t i;
+    if (json_is_string(type)) put_escaped(out, json_string_value(type));
+    json_array_foreach(type, i, each) {
+        fputs(i ? " or " : "", out);
+        put_escaped(out, json_string_value(each));
+    }
+    if (items) fputs(" of ", out), put_type(out, items);
+    put_json(out, ": ", json_object_get(schema, "enum"));
+    put_json(out, ", from ", json_object_get(schema, "minimum"));
+    put_json(out, ", over ", json_object_get(schema, "exclusiveMinimum"));
+    put_json(out, ", at most ", json_object_get(schema, "maximum"));
+    put_json(out, ", default ", json_object_get(schema, "default"));
+}
+
+static void put_row(FILE *out, const char *name, const char *where, const json_t *schema, const char *description) {
+    fputs("<tr><td><code>", out);
+    put_escaped(out, name);
+    fputs("</code><td>", out);
+    put_escaped(out, where);
+    fputs("<td>", out);
+    put_type(out, schema);
+    fputs("<td>", out);
+    put_escaped(out, description);
+    fputs("\n", out);
+}
+
+/* ------------------------------------------------------------------------------------------------ operations */
+
+static void put_parameters(FILE *out, const json_t *root, const json_t *list) {
+    size_t i;
+    const json_t *each;
+    json_array_foreach(list, i, each) {
+        const json_t *parameter = resolve(root, each);
+        put_row(out, text_at(parameter, "name"), text_at(parameter, "in"), json_object_get(parameter, "schema"),
+                text_at(parameter, "description"));
+    }
+}
+
+static void put_media(FILE *out, const json_t *content) {
+    const char *media, *between = "";
+    json_t *each;
+    json_object_foreach((json_t *)content, media, each) {
+        const json_t *schema = json_object_get(each, "schema");
+        fprintf(out, "%s<code>%s</code>", between, media);
+        if (json_object_get(schema, "$ref")) fputs(" ", out), put_type(out, schema);
+        between = ", ";
+    }
+}
+
+/* A description; the problems that it names lead to their pages. */
+static void put_response(FILE *out, const json_t *response) {
+    static const char prefix[] = "A problem document: ";
+    const char *text = text_at(response, "description");
+    if (strncmp(text, prefix, sizeof prefix - 1) != 0) {
+        put_escaped(out, text);
+        return;
+    }
+    for (const char *slug = text + sizeof prefix - 1; *slug;) {
+        int length = (int)strcspn(slug, ",.");
+        fprintf(out, "<a href=\"problems/%.*s\">%.*s</a> ", length, slug, length, slug);
+        slug += length;
+        slug += strspn(slug, ",. ");
+    }
+}
+
+static void put_responses(FILE *out, const json_t *root, const json_t *responses) {
+    const char *status;
+    json_t *each;
+    fputs("<table><tr><th>Status<th>Meaning<th>Content\n", out);
+    json_object_foreach((json_t *)responses, status, each) {
+        const json_t *response = resolve(root, each);
+        fprintf(out, "<tr><td>%s<td>", status);
+        put_response(out, response);
+        fputs("<td>", out);
+        put_media(out, json_object_get(response, "content"));
+        fputs("\n", out);
+    }
+    fputs("</table>\n", out);
+}
+
+static void put_operation(FILE *out, const json_t *root, const char *path, const char *method, const json_t *shared,
+                          const json_t *operation) {
+    fprintf(out, "<h3 id=\"%s\"><code>", text_at(operation, "operationId"));
+    for (const char *c = method; *c; c++) fputc(*c - 'a' + 'A', out);
+    fputs(" ", out);
+    put_escaped(out, path);
+    fputs("</code></h3>\n", out);
+    put_element(out, "p", text_at(operation, "summary"));
+    put_element(out, "p", text_at(operation, "description"));
+    const json_t *own = json_object_get(operation, "parameters"), *body = json_object_get(operation, "requestBody");
+    if (json_array_size(own) || json_array_size(shared)) {
+        fputs("<table><tr><th>Parameter<th>In<th>Type<th>Meaning\n", out);
+        put_parameters(out, root, shared);
+        put_parameters(out, root, own);
+        fputs("</table>\n", out);
+    }
+    if (body) {
+        fputs("<p>Body: ", out);
+        put_media(out, json_object_get(body, "content"));
+        fputs("</p>\n", out);
+    }
+    put_responses(out, root, json_object_get(operation, "responses"));
+}
+
+static bool has_tag(const json_t *operation, const char *tag) {
+    const char *own = json_string_value(json_array_get(json_object_get(operation, "tags"), 0));
+    return own && strcmp(own, tag) == 0;
+}
+
+static void put_tag(FILE *out, const json_t *root, const json_t *tag) {
+    const char *path, *method, *name = text_at(tag, "name");
+    json_t *item, *operation;
+    fprintf(out, "<h2 id=\"%s\">%s</h2>\n", name, name);
+    put_element(out, "p", text_at(tag, "description"));
+    json_object_foreach(json_object_get(root, "paths"), path, item)
+        json_object_foreach(item, method, operation) if (has_tag(operation, name))
+            put_operation(out, root, path, method, json_object_get(item, "parameters"), operation);
+}
+
+/* ------------------------------------------------------------------------------------------------ the page */
+
+static void put_schema(FILE *out, const char *name, const json_t *schema) {
+    const char *member;
+    json_t *each;
+    fprintf(out, "<h3 id=\"%s\"><code>%s</code></h3>\n", name, name);
+    put_element(out, "p", text_at(schema, "description"));
+    fputs("<table><tr><th>Member<th><th>Type<th>Meaning\n", out);
+    json_object_foreach(json_object_get(schema, "properties"), member, each)
+        put_row(out, member, "", each, text_at(each, "description"));
+    fputs("</table>\n", out);
+}
+
+static void put_page(FILE *out, const json_t *root) {
+    const json_t *info = json_object_get(root, "info"), *tags = json_object_get(root, "tags"), *tag;
+    const char *name;
+    json_t *schema;
+    size_t i;
+    fprintf(out,
+            "<!doctype html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n"
+            "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
+            "<title>whittled: reference</title>\n<style>%s</style>\n<h1>whittled</h1>\n",
+            style);
+    put_element(out, "p", text_at(info, "description"));
+    fputs("<nav>", out);
+    json_array_foreach(tags, i, tag) fprintf(out, "<a href=\"#%s\">%s</a>", text_at(tag, "name"), text_at(tag, "name"));
+    fputs("<a href=\"#schemas\">schemas</a><a href=\"openapi.json\">openapi.json</a></nav>\n", out);
+    json_array_foreach(tags, i, tag) put_tag(out, root, tag);
+    fputs("<h2 id=\"schemas\">schemas</h2>\n", out);
+    json_object_foreach(json_object_get(json_object_get(root, "components"), "schemas"), name, schema)
+        put_schema(out, name, schema);
+    fputs("</html>\n", out);
+}
+
+char *docs_page(void) {
+    size_t bytes, page_bytes;
+    const char *document = openapi_document(&bytes);
+    char *page = NULL;
+    json_t *root = json_loadb(document, bytes, 0, NULL);
+    FILE *out = root ? open_memstream(&page, &page_bytes) : NULL;
+    if (out) put_page(out, root);
+    bool whole = out && fclose(out) == 0;
+    json_decref(root);
+    if (whole) return page;
+    free(page);
+    return NULL;
+}

@@ -1,0 +1,10 @@
+/* The contract as a page for people, made of api/openapi.json: no script, no style and no font from anywhere else.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_API_DOCS_PAGE_H
+#define WHITTLE_API_DOCS_PAGE_H
+
+/* Returns new HTML text, NULL when memory runs out. */
+char *docs_page(void);
+
+#endif

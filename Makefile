@@ -261,7 +261,7 @@ valgrind_programs := $(filter-out %/test_delaunay %/test_cocone %/test_pipeline 
 valgrind: $(valgrind_programs) ## the unit tests under valgrind: no invalid access, nothing lost
 	@$(PYTHON) -c 'import shutil, sys; sys.exit(not shutil.which("valgrind"))' || deploy/deps.sh valgrind
 	@set -e; for t in $(valgrind_programs); do echo "== $$t"; \
-	    valgrind -q --error-exitcode=9 --leak-check=full --errors-for-leak-kinds=definite $$t > $$t.valgrind 2>&1 \
+	    valgrind -q --error-exitcode=9 --leak-check=full --show-leak-kinds=definite --errors-for-leak-kinds=definite $$t > $$t.valgrind 2>&1 \
 	        || { tail -60 $$t.valgrind; exit 1; }; done
 
 SCANS ?=

@@ -80,9 +80,9 @@ static bool next_job(struct slot *slot, struct job *job) {
     while (!supervisor->stopping && !(found = claim(slot, job))) {
         struct timespec until;
         slot->looked_ms = events_clock_ms();
-        clock_gettime(CLOCK_REALTIME, &until);
+        clock_gettime(CLOCK_MONOTONIC, &until);
         until.tv_sec += LOOK_AGAIN_S;
-        pthread_cond_timedwait(&supervisor->submitted, &supervisor->lock, &until);
+        pthread_cond_clockwait(&supervisor->submitted, &supervisor->lock, CLOCK_MONOTONIC, &until);
     }
     pthread_mutex_unlock(&supervisor->lock);
     return found;

@@ -647,12 +647,12 @@ unsigned http_uploads(struct http *http) {
 /* Waits until nothing is parked and, for a little while, until all answers are sent. */
 static void wait_for_exchanges(struct http *http) {
     struct timespec until;
-    clock_gettime(CLOCK_REALTIME, &until);
+    clock_gettime(CLOCK_MONOTONIC, &until);
     until.tv_sec += GOODBYE_MS / 1000;
     pthread_mutex_lock(&http->lock);
     http->stopping = true;
     while (http->parked) pthread_cond_wait(&http->fewer, &http->lock);
-    while (http->exchanges && pthread_cond_timedwait(&http->fewer, &http->lock, &until) == 0) continue;
+    while (http->exchanges && pthread_cond_clockwait(&http->fewer, &http->lock, CLOCK_MONOTONIC, &until) == 0) continue;
     pthread_mutex_unlock(&http->lock);
 }
 

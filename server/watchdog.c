@@ -81,11 +81,11 @@ static void look_at(struct watchdog *watchdog, struct watched *watched, int64_t 
 
 static void wait_a_little(struct watchdog *watchdog) {
     struct timespec until;
-    clock_gettime(CLOCK_REALTIME, &until);
+    clock_gettime(CLOCK_MONOTONIC, &until);
     until.tv_nsec += LOOK_EVERY_MS * 1000000L;
     until.tv_sec += until.tv_nsec / 1000000000L;
     until.tv_nsec %= 1000000000L;
-    pthread_cond_timedwait(&watchdog->ending_changed, &watchdog->lock, &until);
+    pthread_cond_clockwait(&watchdog->ending_changed, &watchdog->lock, CLOCK_MONOTONIC, &until);
 }
 
 static void *look(void *ctx) {

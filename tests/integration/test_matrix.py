@@ -47,11 +47,11 @@ class World:
     def daemon(self, *flags):
         return self.make_daemon(*flags)
 
-    def guarded(self):
+    def guarded(self, *flags):
         tokens = self.folder / "tokens"
         tokens.write_text("".join(f"{name}:{name}:{hashlib.sha256(name.encode()).hexdigest()}\n"
                                   for name in ("submit", "read")))
-        return self.daemon("--tokens-file", tokens)
+        return self.daemon("--tokens-file", tokens, *flags)
 
 
 @pytest.fixture(name="world")
@@ -210,6 +210,13 @@ def draining(world, operation):
     return wait_until(lambda: refused(send(daemon, operation, operation.path, data=SMALL)))
 
 
+def over_quota(world, operation):
+    """More bytes than a principal may have here."""
+    length = () if operation.path != "/v1/uploads" else (*TUS, "-H", f"Upload-Length: {len(SMALL)}", *PIECE)
+    return send(world.guarded("--principal-bytes", "1K"), operation, operation.path, "-H", "Authorization: Bearer submit",
+                *length, data=SMALL)
+
+
 def by_name_404(world, operation):
     body = json.dumps({"input": "/v1/clouds/" + hashlib.sha256(b"").hexdigest(), "params": {}}).encode()
     return send(world.daemon(), operation, operation.path, "-H", "Content-Type: application/json", data=body)
@@ -219,6 +226,8 @@ for _operation in ("createJob", "createCloud", "simplify"):
     for _status, _function in (("409", intake_409), ("413", intake_413), ("415", intake_415), ("422", intake_422),
                                ("507", intake_507), ("503", queue_is_full)):
         CASES[_operation, _status] = _function
+for _operation in ("createJob", "createCloud", "simplify", "createUpload"):
+    CASES[_operation, "429"] = over_quota
 for _operation in ("createJob", "simplify"):
     CASES[_operation, "404"] = by_name_404
 for _operation in ("createJob", "createCloud"):

@@ -62,7 +62,8 @@ class Unit(conftest.Daemon):
     """A whittled that is started the way a manager does it."""
 
     def launch(self, environment=None, prefix=(), flags=(), pass_fds=()):
-        unlimited = ("--job-memory", "1024T") if re.search("asan|tsan", str(conftest.BUILD)) else ()
+        sanitized = re.search("asan|tsan", str(conftest.BUILD))
+        unlimited = ("--job-memory", "1024T", "--worker-sandbox=off") if sanitized else ()
         with open(self.log, "ab") as log:
             self.process = subprocess.Popen(
                 [*map(str, prefix), str(conftest.BUILD / "whittled"), "--data", str(self.data), "--admin-listen",

@@ -16,13 +16,13 @@ errors are means of both directions in 1e-4 of the diagonal. Mean improvement: {
 TABLE_2_ERRORS = """The time is one side of it. R knows the connectivity of the full cloud and may move vertices, so its
 error is lower: S makes {loss:.2f} times the error of R. The three columns after the errors are S with whittle's
 refinement of the mesh against the original points, which is how whittle runs by default: {refined_loss:.2f} times the
-error of R, and {refined_improvement:.1f} % improvement (ratios are geometric means, improvements arithmetic). The improvement also
-depends on how fast the programs are written: time_R is mostly CGAL's collapse, time_S mostly whittle's contraction and
-reconstruction."""
+error of R, and {refined_improvement:.1f} % improvement (ratios are geometric means, improvements arithmetic). The
+improvement also depends on how fast the programs are written: time_R is mostly CGAL's collapse, time_S mostly whittle's
+contraction and reconstruction."""
 
 TABLE_2_PEERS = """The last column is the fastest way to reconstruct first with what there is: whittle's Tight Cocone
-or CGAL's advancing front of all points, then CGAL's Garland-Heckbert or Lindstrom-Turk, whichever pair takes least time.
-Against it the mean improvement is {improvement[0]:.1f} %, and {improvement[1]:.1f} % with the refinement."""
+or CGAL's advancing front of all points, then CGAL's Garland-Heckbert or Lindstrom-Turk, whichever pair takes least
+time. Against it the mean improvement is {improvement[0]:.1f} %, and {improvement[1]:.1f} % with the refinement."""
 
 FIGURE_4 = """Colours are those of whittle's dso.ply. The paper's sums let neighbours on opposite sides cancel: where a
 surface is a saddle, their DSO is small though the surface bends. The root mean square has no such blind spots."""

@@ -28,8 +28,8 @@ def make_shared_daemon(tmp_path_factory):
     from conftest import Daemon
     daemon = Daemon(tmp_path_factory.mktemp("daemon"), "--result-cache=0").start()
     yield daemon
-    assert daemon.leftovers() == []
     assert daemon.stop() == 0
+    assert daemon.leftovers() == []
     print(daemon.log_text()[-20000:])
 
 

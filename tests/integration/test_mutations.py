@@ -4,7 +4,7 @@ from mutations import campaign
 
 
 def test_mutated_clouds_end_as_results_or_refusals(make_daemon):
-    daemon = make_daemon("--job-memory", "2G")
+    daemon = make_daemon()
     assert 0 < campaign(daemon, 150, 1) < 150
     assert daemon.stop() == 0
     status, lines = daemon.check()

@@ -177,14 +177,14 @@ test: deps ## build and run all tests; also with config=asan or tsan
 	@$(MAKE) --no-print-directory test-integration
 
 .PHONY: tests
-tests: $(unit_programs) $(tool_programs) $(build)/tests/tools/confined_probe
+tests: $(unit_programs) $(tool_programs) $(build)/tests/tools/confined_probe ## build the programs that the tests run
 
 .PHONY: lint
-lint: $(libwhittle) ## check layers, banned functions and line lengths
+lint: $(libwhittle) ## check layers, banned functions, licence lines and line lengths
 	@$(PYTHON) tests/lint/layers.py $(libwhittle)
 
 .PHONY: test-integration
-test-integration:
+test-integration: ## the integration tests alone, with the programs that are there
 	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -p no:cacheprovider -n 4 tests/integration
 
 ROUNDS ?= 500

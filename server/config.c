@@ -13,6 +13,7 @@
 #include <unistd.h>
 
 #include "core/version.h"
+#include "server/roff.h"
 
 enum kind { TEXT, SWITCH, COUNT, BYTES, DURATION };
 
@@ -363,26 +364,17 @@ static void print_config(const struct config *config) {
     }
 }
 
-/* Text for a manual page: a hyphen that can be copied, no request at the start of a line. */
-static void print_roff(const char *text) {
-    if (*text == '.' || *text == '\'') fputs("\\&", stdout);
-    for (; *text; text++) {
-        if (*text == '-' || *text == '\\') putchar('\\');
-        fputs(*text == '\\' ? "e" : (char[]){*text, 0}, stdout);
-    }
-}
-
 static void print_man_settings(void) {
     static const char *const takes[] = {"text", "0 or 1", "number", "size", "duration"};
     for (size_t i = 0; i < ROWS; i++) {
         printf(".TP\n\\fB\\-\\-");
-        print_roff(table[i].name);
+        roff_print(table[i].name);
         printf("\\fR \\fI%s\\fR\n", takes[table[i].kind]);
-        print_roff(table[i].help);
+        roff_print(table[i].help);
         puts(".");
         if (!table[i].default_text[0]) continue;
         printf("Default: ");
-        print_roff(table[i].default_text);
+        roff_print(table[i].default_text);
         puts(".");
     }
 }
@@ -407,9 +399,9 @@ static void print_man(void) {
     for (size_t i = 0; i < ACTIONS; i++) {
         if (!actions[i].help) continue;
         printf(".TP\n.B ");
-        print_roff(actions[i].flag);
+        roff_print(actions[i].flag);
         puts("");
-        print_roff(actions[i].help);
+        roff_print(actions[i].help);
         puts(".");
     }
     puts(

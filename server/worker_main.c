@@ -64,7 +64,6 @@ int main(int argc, char **argv) {
     if (argc > 1 && strcmp(argv[1], "measure") == 0) return worker_measure_main(argc - 1, argv + 1);
     struct worker_options options;
     struct error error = {0};
-    if (argc > 1 && strcmp(argv[1], "measure") == 0) return worker_measure_main(argc - 1, argv + 1);
     enum worker_request request = worker_options_parse(&options, argc, argv, &error);
     if (request == WORKER_TOLD) return 0;
     if (request == WORKER_REFUSED) {

@@ -1,4 +1,6 @@
-/* SPDX-License-Identifier: GPL-3.0-or-later */
+/* The command line of whittle: options of its own, and every row of core/params.c by its name.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/worker_options.h"
 
 #include <stdio.h>
@@ -6,6 +8,7 @@
 #include <string.h>
 
 #include "core/version.h"
+#include "server/roff.h"
 
 enum { NAME_BYTES = 64 };
 
@@ -49,15 +52,6 @@ static void print_help(void) {
          "70 internal error; 71 out of memory; 74 reading or writing failed; 75 stopped by a signal.");
 }
 
-/* Text for a manual page: a hyphen that can be copied, no request at the start of a line. */
-static void print_roff(const char *text) {
-    if (*text == '.' || *text == '\'') fputs("\\&", stdout);
-    for (; *text; text++) {
-        if (*text == '-' || *text == '\\') putchar('\\');
-        fputs(*text == '\\' ? "e" : (char[]){*text, 0}, stdout);
-    }
-}
-
 static void print_man_parameters(void) {
     size_t count;
     const struct param *table = params_table(&count);
@@ -65,10 +59,10 @@ static void print_man_parameters(void) {
         char allowed[256];
         params_allowed(&table[i], allowed, sizeof allowed);
         printf(".TP\n\\fB\\-\\-%s\\fR \\fIvalue\\fR\n", table[i].name);
-        print_roff(table[i].help);
+        roff_print(table[i].help);
         puts(".");
         printf("Takes ");
-        print_roff(allowed);
+        roff_print(allowed);
         if (table[i].unit[0]) printf(", in %s", table[i].unit);
         printf(table[i].default_text[0] ? "; default %s.\n" : ".\n", table[i].default_text);
     }

@@ -1,4 +1,8 @@
-/* SPDX-License-Identifier: GPL-3.0-or-later */
+/* What whittle writes: a table of files, one row for each bit of the parameter `outputs`.
+ *
+ * The report comes last, because it lists what the others could not hold.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/worker_output.h"
 
 #include <errno.h>

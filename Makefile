@@ -98,7 +98,8 @@ $(build)/whittled: $(call object,$(daemon_src)) $(libserver) $(libapi) $(libwhit
 	$(say) LD $@
 	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(DAEMON_LIBS) $(CODEC_LIBS) -lseccomp -lm
 
-$(unit_programs): $(build)/tests/unit/%: $(build)/tests/unit/%.o $(call object,$(unit_support_src)) $(libserver) $(libapi) $(libwhittle)
+$(unit_programs): $(build)/tests/unit/%: $(build)/tests/unit/%.o $(call object,$(unit_support_src)) \
+    $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@
 	$(Q)$(CC) $(LDFLAGS) -o $@ $^ -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CORE_LIBS)
 
@@ -259,10 +260,10 @@ valgrind_programs := $(filter-out %/test_delaunay %/test_cocone %/test_pipeline 
     %/test_denoise %/test_fixtures %/test_memory,$(unit_programs))
 .PHONY: valgrind
 valgrind: $(valgrind_programs) ## the unit tests under valgrind: no invalid access, nothing lost
-	@$(PYTHON) -c 'import shutil, sys; sys.exit(not shutil.which("valgrind"))' || deploy/deps.sh valgrind
+	@command -v valgrind > /dev/null || deploy/deps.sh valgrind
 	@set -e; for t in $(valgrind_programs); do echo "== $$t"; \
-	    valgrind -q --error-exitcode=9 --leak-check=full --show-leak-kinds=definite --errors-for-leak-kinds=definite $$t > $$t.valgrind 2>&1 \
-	        || { tail -60 $$t.valgrind; exit 1; }; done
+	    valgrind -q --error-exitcode=9 --leak-check=full --show-leak-kinds=definite \
+	        --errors-for-leak-kinds=definite $$t > $$t.valgrind 2>&1 || { tail -60 $$t.valgrind; exit 1; }; done
 
 SCANS ?=
 COUNT ?= 5000
@@ -284,8 +285,9 @@ fuzz: $(fuzz_programs)
 	        -artifact_prefix=$$f. $$f.corpus $$f.seeds; done
 else
 .PHONY: fuzz
-fuzz: ## run each fuzzer for FUZZ_SECONDS=20 (needs clang)
-	$(MAKE) config=fuzz fuzz
+fuzz: deps ## run each fuzzer for FUZZ_SECONDS=20
+	@deploy/deps.sh $(fuzz_packages)
+	@$(MAKE) --no-print-directory -j$$(nproc) config=fuzz fuzz
 endif
 
 .PHONY: test-contract
@@ -307,7 +309,7 @@ test-soak: deps ## mixed traffic with workers killed at random; nothing may grow
 	@$(PYTHON) tests/load/soak.py $(build) --seconds $(SECONDS)
 
 .PHONY: contract
-contract: $(build)/whittled ## bring parameters and scopes in api/openapi.json up to date with core/params.c and api/routes.c
+contract: $(build)/whittled ## bring api/openapi.json up to date with core/params.c and api/routes.c
 	@$(PYTHON) tests/tools/update_contract.py $(build)/whittled
 
 .PHONY: man

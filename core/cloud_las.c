@@ -18,6 +18,7 @@
 #include <string.h>
 
 #include "core/cloud_build.h"
+#include "core/little.h"
 
 enum {
     LEAST_HEADER_BYTES = 227,
@@ -125,14 +126,8 @@ static const size_t format_bytes[FORMATS] = {20, 28, 26, 34, 57, 63, 30, 36, 38,
 
 /* ------------------------------------------------------------------------------------------------ numbers */
 
-static uint64_t load(const unsigned char *p, size_t bytes) {
-    uint64_t value = 0;
-    for (size_t i = bytes; i-- > 0;) value = value << 8 | p[i];
-    return value;
-}
-
 static double load_f64(const unsigned char *p) {
-    uint64_t bits = load(p, 8);
+    uint64_t bits = little_load(p, 8);
     double value;
     memcpy(&value, &bits, sizeof value);
     return value;
@@ -141,7 +136,7 @@ static double load_f64(const unsigned char *p) {
 /* A scalar in the file's byte order to one in ours. */
 static void load_scalar(const unsigned char *p, enum scalar_type type, void *to) {
     size_t bytes = scalar_bytes(type);
-    uint64_t value = load(p, bytes);
+    uint64_t value = little_load(p, bytes);
     if (bytes == 1) memcpy(to, &(uint8_t){(uint8_t)value}, 1);
     if (bytes == 2) memcpy(to, &(uint16_t){(uint16_t)value}, 2);
     if (bytes == 4) memcpy(to, &(uint32_t){(uint32_t)value}, 4);
@@ -190,12 +185,13 @@ static enum status take_header(struct reader *r) {
     if (r->n < LEAST_HEADER_BYTES) return bad(r, "header", r->n, "the file ends in its header; bytes there", r->n);
     enum status status = check_version(r);
     if (status) return status;
-    r->header_bytes = load(r->bytes + 94, 2);
-    r->first_point = load(r->bytes + 96, 4);
-    r->record_count = load(r->bytes + 100, 4);
-    r->record_bytes = load(r->bytes + 105, 2);
-    r->points = load(r->bytes + 107, 4);
-    if (r->minor >= 4 && r->n >= HEADER_14_BYTES && load(r->bytes + 247, 8)) r->points = load(r->bytes + 247, 8);
+    r->header_bytes = little_load(r->bytes + 94, 2);
+    r->first_point = little_load(r->bytes + 96, 4);
+    r->record_count = little_load(r->bytes + 100, 4);
+    r->record_bytes = little_load(r->bytes + 105, 2);
+    r->points = little_load(r->bytes + 107, 4);
+    if (r->minor >= 4 && r->n >= HEADER_14_BYTES && little_load(r->bytes + 247, 8))
+        r->points = little_load(r->bytes + 247, 8);
     for (size_t axis = 0; axis < 3; axis++) {
         r->scale[axis] = load_f64(r->bytes + 131 + 8 * axis);
         r->add[axis] = load_f64(r->bytes + 155 + 8 * axis);
@@ -278,7 +274,7 @@ static enum status take_records(struct reader *r, size_t *extra) {
     for (uint64_t i = 0; !status && i < r->record_count; i++) {
         if (r->first_point - at < VLR_BYTES) return bad(r, "header", at, "a variable length record is cut short", i);
         const unsigned char *vlr = r->bytes + at;
-        uint64_t id = load(vlr + 18, 2), length = load(vlr + 20, 2);
+        uint64_t id = little_load(vlr + 18, 2), length = little_load(vlr + 20, 2);
         at += VLR_BYTES;
         if (r->first_point - at < length) return bad(r, "header", at, "a variable length record is cut short", i);
         if (is_user(vlr, "LASF_Projection")) status = cloud_build_leave_out(&r->build, "the coordinate system");
@@ -313,7 +309,7 @@ static void take_field(const struct field *field, const unsigned char *from, voi
             load_scalar(from, (enum scalar_type)field->type, scalar);
             value = scalar_load(scalar, (enum scalar_type)field->type);
         } else {
-            value = field->type == RAW_U64 ? (double)load(from, 8) : (double)(int64_t)load(from, 8);
+            value = field->type == RAW_U64 ? (double)little_load(from, 8) : (double)(int64_t)little_load(from, 8);
         }
         if (field->scaled) value = value * field->scale + field->add;
         memcpy(to, &value, sizeof value);

@@ -25,6 +25,7 @@
 
 #include "core/alloc.h"
 #include "core/cloud_build.h"
+#include "core/little.h"
 #include "core/lzf.h"
 #include "core/pcd_header.h"
 #include "core/scan.h"
@@ -134,12 +135,6 @@ static enum status describe(struct reader *r) {
 
 /* ------------------------------------------------------------------------------------------------ points */
 
-static uint64_t load(const unsigned char *p, size_t bytes) {
-    uint64_t value = 0;
-    for (size_t i = bytes; i-- > 0;) value = value << 8 | p[i];
-    return value;
-}
-
 /* A scalar's bits to our record. */
 static void store(const struct column *column, uint64_t bits, unsigned char *record) {
     unsigned char *to = record + column->offset;
@@ -177,7 +172,7 @@ static enum status take_binary(struct reader *r, const unsigned char *data, uint
     for (uint64_t i = 0; !status && i < r->header.points; i++) {
         for (size_t j = 0; j < r->column_count; j++) {
             const struct column *column = &r->column[j];
-            store(column, load(data + column->start + i * column->stride, column->field->bytes), record);
+            store(column, little_load(data + column->start + i * column->stride, column->field->bytes), record);
         }
         status = add_point(r, record, (struct cloud_place){0, byte + i * stride});
     }
@@ -297,7 +292,7 @@ static enum status read_compressed(struct reader *r) {
     size_t begin = r->header.bytes, left = r->n - begin;
     uint64_t expected;
     if (left < LENGTHS_BYTES) return wrong_length(r, begin + LENGTHS_BYTES, r->n);
-    uint64_t packed = load(r->bytes + begin, 4), bytes = load(r->bytes + begin + 4, 4);
+    uint64_t packed = little_load(r->bytes + begin, 4), bytes = little_load(r->bytes + begin + 4, 4);
     if (__builtin_mul_overflow(r->header.points, r->header.record_bytes, &expected) || expected != bytes)
         return cloud_build_bad(&r->build, "DATA", (struct cloud_place){0, begin + 4},
                                "%" PRIu64 " bytes are packed, which isn't what %" PRIu64 " points have", bytes,

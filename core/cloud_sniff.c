@@ -10,6 +10,7 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "core/little.h"
 #include "core/scan.h"
 
 enum {
@@ -133,8 +134,7 @@ static struct cloud_guess pcd_of(const char *text, size_t n) {
 static bool is_facet(const unsigned char *at) {
     float value[12];
     for (int i = 0; i < 12; i++) {
-        uint32_t bits = (uint32_t)at[4 * i] | (uint32_t)at[4 * i + 1] << 8 | (uint32_t)at[4 * i + 2] << 16 |
-                        (uint32_t)at[4 * i + 3] << 24;
+        uint32_t bits = (uint32_t)little_load(at + 4 * i, 4);
         memcpy(&value[i], &bits, sizeof bits);
         if (!isfinite(value[i]) || fabsf(value[i]) > 1e12f || (value[i] != 0 && fabsf(value[i]) < 1e-30f)) return false;
     }
@@ -144,8 +144,7 @@ static bool is_facet(const unsigned char *at) {
 
 static bool is_stl_binary(const unsigned char *bytes, size_t n) {
     if (n < STL_HEADER_BYTES) return false;
-    uint64_t facets =
-        (uint64_t)bytes[80] | (uint64_t)bytes[81] << 8 | (uint64_t)bytes[82] << 16 | (uint64_t)bytes[83] << 24;
+    uint64_t facets = little_load(bytes + STL_HEADER_BYTES - 4, 4);
     uint64_t length = STL_HEADER_BYTES + facets * STL_FACET_BYTES;
     if (length == n && facets > 0) return true;
     if (length < n || n < STL_HEADER_BYTES + STL_FACET_BYTES) return false;

@@ -21,6 +21,7 @@
 
 #include "core/alloc.h"
 #include "core/cloud_build.h"
+#include "core/little.h"
 #include "core/scan.h"
 
 enum { HEADER_BYTES = 84, FACET_BYTES = 50, FIRST_SLOTS = 1024 };
@@ -89,14 +90,10 @@ static enum status describe(struct reader *r, enum scalar_type type) {
 
 /* ------------------------------------------------------------------------------------------------ binary */
 
-static uint32_t load_u32(const unsigned char *p) {
-    return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
-}
-
 static enum status take_binary_corner(struct reader *r, const unsigned char *at, uint64_t byte, uint32_t *id) {
     float record[3];
     for (int axis = 0; axis < 3; axis++) {
-        uint32_t bits = load_u32(at + 4 * axis);
+        uint32_t bits = (uint32_t)little_load(at + 4 * axis, 4);
         memcpy(&record[axis], &bits, sizeof bits);
         record[axis] += 0.0f; /* -0 becomes 0 */
     }
@@ -108,7 +105,7 @@ static enum status read_binary(struct reader *r, const unsigned char *bytes, siz
     enum status status = describe(r, SCALAR_FLOAT32);
     if (n < HEADER_BYTES)
         return cloud_build_bad(&r->build, "header", (struct cloud_place){0, n}, "%zu bytes are no binary STL", n);
-    uint64_t facets = load_u32(bytes + 80);
+    uint64_t facets = little_load(bytes + 80, 4);
     if (facets * FACET_BYTES + HEADER_BYTES != n)
         return cloud_build_bad(&r->build, "count", (struct cloud_place){0, 80},
                                "%" PRIu64 " facets are promised: %" PRIu64 " bytes expected, %zu bytes are there",

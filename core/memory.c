@@ -19,6 +19,7 @@
 #include <string.h>
 
 #include "core/cloud_sniff.h"
+#include "core/little.h"
 #include "core/neighbourhood.h"
 #include "core/pcd_header.h"
 #include "core/ply_header.h"
@@ -130,26 +131,20 @@ static enum status job_of_pcd(const void *bytes, size_t n, uint64_t total_bytes,
     return STATUS_OK;
 }
 
-static uint64_t load(const unsigned char *p, size_t bytes) {
-    uint64_t value = 0;
-    for (size_t i = bytes; i-- > 0;) value = value << 8 | p[i];
-    return value;
-}
-
 /* Coordinates become double, and the three bytes of bit fields eight of their own. */
 static enum status job_of_las(const unsigned char *bytes, size_t n, uint64_t total_bytes, struct memory_job *job) {
     enum { COUNT = 107, RECORD_BYTES = 105, LONG_COUNT = 247, LEAST_BYTES = 255, GROWS_BY = 24 };
     if (n < LEAST_BYTES) return STATUS_MALFORMED;
-    uint64_t points = load(bytes + COUNT, 4);
-    if (bytes[25] >= 4 && load(bytes + LONG_COUNT, 8)) points = load(bytes + LONG_COUNT, 8);
-    *job = (struct memory_job){points, load(bytes + RECORD_BYTES, 2) + GROWS_BY, 0, total_bytes};
+    uint64_t points = little_load(bytes + COUNT, 4);
+    if (bytes[25] >= 4 && little_load(bytes + LONG_COUNT, 8)) points = little_load(bytes + LONG_COUNT, 8);
+    *job = (struct memory_job){points, little_load(bytes + RECORD_BYTES, 2) + GROWS_BY, 0, total_bytes};
     return STATUS_OK;
 }
 
 /* A closed surface has half as many points as facets; twice that is counted, and the table that joins corners. */
 static void job_of_stl(const unsigned char *bytes, uint64_t total_bytes, struct memory_job *job) {
     enum { COUNT = 80, RECORD_BYTES = 12, TABLE_BYTES = 16 };
-    uint64_t facets = load(bytes + COUNT, 4);
+    uint64_t facets = little_load(bytes + COUNT, 4);
     *job = (struct memory_job){facets, RECORD_BYTES + TABLE_BYTES, facets, total_bytes};
 }
 

@@ -54,8 +54,6 @@ static bool is_cloud_type(const char *type) {
                                            "application/gzip",
                                            "application/x-gzip",
                                            "application/zstd",
-                                           "application/gzip",
-                                           "application/zstd",
                                            "binary/octet-stream",
                                            "text/",
                                            "model/"};

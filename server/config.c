@@ -293,8 +293,7 @@ static enum status read_flags(struct config *config, int argc, char **argv, stru
     return status;
 }
 
-/* ------------------------------------------------------------------------------------------------ what is by the
- * machine */
+/* ------------------------------------------------------------------------------------------------ defaults */
 
 static void beside_this_program(char *worker) {
     char path[CONFIG_TEXT_BYTES];

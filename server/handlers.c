@@ -48,6 +48,13 @@ static const struct handler table[OPERATION_COUNT] = {
 
 const struct handler *handlers_find(enum operation operation) { return &table[operation]; }
 
+bool handlers_takes_no_query(const struct request *request, struct response *response) {
+    struct problem problem;
+    if (query_check(request->query, request->query_count, NULL, &problem)) return true;
+    response_problem(response, &problem);
+    return false;
+}
+
 /* ------------------------------------------------------------------------------------------------ clouds come in */
 
 /* Whether the principal may have another job, and so many bytes more. */

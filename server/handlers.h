@@ -30,6 +30,9 @@ const struct handler *handlers_find(enum operation operation);
 
 /* ---- shared by the handlers_*.c ---- */
 
+/* For an operation that takes no query: whether there is none; else the response names the first of its parameters. */
+bool handlers_takes_no_query(const struct request *request, struct response *response);
+
 /* Whether so many bytes more are taken now, of this principal, and (for_job) another job; else a response. */
 bool handlers_has_room(struct service *service, const struct request *request, uint64_t body, bool for_job,
                        struct response *response);

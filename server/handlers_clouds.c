@@ -87,13 +87,6 @@ static const char *owner_of(const struct request *request) {
     return request->principal.scopes & ROUTES_ADMIN ? NULL : request->principal.name;
 }
 
-static bool takes_no_query(const struct request *request, struct response *response) {
-    struct problem problem;
-    if (query_check(request->query, request->query_count, NULL, &problem)) return true;
-    response_problem(response, &problem);
-    return false;
-}
-
 bool handlers_read_cloud(struct service *service, const struct request *request, const char *id,
                          struct clouds_record *record, struct response *response) {
     struct error error = {0};
@@ -110,7 +103,7 @@ bool handlers_read_cloud(struct service *service, const struct request *request,
 /* ------------------------------------------------------------------------------------------------ create */
 
 bool handlers_admit_new_cloud(struct service *service, struct request *request, struct response *response) {
-    return takes_no_query(request, response) &&
+    return handlers_takes_no_query(request, response) &&
            handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM, NULL, NULL, response);
 }
 
@@ -159,7 +152,7 @@ void handlers_create_cloud(struct service *service, struct request *request, str
     struct clouds_record record;
     struct job_key key;
     bool known = false;
-    if (!handlers_end_body(request, response) || !takes_no_query(request, response) ||
+    if (!handlers_end_body(request, response) || !handlers_takes_no_query(request, response) ||
         !handlers_end_upload(request, &facts, response) || answered_before(service, request, &facts, &key, response) ||
         !keep_cloud(service, request, &facts, &key, &known, response))
         return;
@@ -175,7 +168,7 @@ void handlers_create_cloud(struct service *service, struct request *request, str
 
 void handlers_get_cloud(struct service *service, struct request *request, struct response *response) {
     struct clouds_record record;
-    if (!takes_no_query(request, response)) return;
+    if (!handlers_takes_no_query(request, response)) return;
     if (handlers_read_cloud(service, request, request->match.capture[0], &record, response))
         answer_cloud(service, &record, 200, response);
     clouds_record_done(&record);
@@ -193,7 +186,7 @@ static void file_name(const struct clouds_record *record, char *name, size_t byt
 
 void handlers_get_cloud_data(struct service *service, struct request *request, struct response *response) {
     struct clouds_record record;
-    if (!takes_no_query(request, response)) return;
+    if (!handlers_takes_no_query(request, response)) return;
     if (handlers_read_cloud(service, request, request->match.capture[0], &record, response)) {
         struct job nameless = {0};
         struct job_output output = {.bytes = record.bytes};
@@ -208,7 +201,7 @@ void handlers_delete_cloud(struct service *service, struct request *request, str
     struct clouds_record record;
     struct error error = {0};
     uint64_t jobs = 0;
-    if (!takes_no_query(request, response)) return;
+    if (!handlers_takes_no_query(request, response)) return;
     if (handlers_read_cloud(service, request, request->match.capture[0], &record, response)) {
         answer_cloud(service, &record, 200, response);
         enum status status = service_delete_cloud(service, record.sha256, owner_of(request), &jobs, &error);

@@ -159,13 +159,6 @@ void handlers_list_jobs(struct service *service, struct request *request, struct
 
 /* ------------------------------------------------------------------------------------------------ read */
 
-static bool takes_no_query(const struct request *request, struct response *response) {
-    struct problem problem;
-    if (query_check(request->query, request->query_count, NULL, &problem)) return true;
-    response_problem(response, &problem);
-    return false;
-}
-
 /* Whether the client wants to wait for a change that has not come: only while the job can still change. */
 static bool wants_to_wait(const struct request *request, const struct job *job, const char *etag) {
     const struct request_wait *wait = &request->wait;
@@ -209,7 +202,7 @@ bool handlers_job_at_hand(struct service *service, struct request *request, stru
 void handlers_get_job(struct service *service, struct request *request, struct response *response) {
     struct request_wait *wait = &request->wait;
     struct job job;
-    if (!takes_no_query(request, response)) return;
+    if (!handlers_takes_no_query(request, response)) return;
     wait->seen = events_now(service->events);
     uint64_t since = documents_now(service->documents);
     if (handlers_read_job(service, request, request->match.capture[0], &job, response)) {
@@ -270,7 +263,7 @@ void handlers_delete_job(struct service *service, struct request *request, struc
     struct error error = {0};
     struct job job;
     bool changed = false;
-    if (!takes_no_query(request, response)) return;
+    if (!handlers_takes_no_query(request, response)) return;
     request->wait.seen = events_now(service->events);
     bool found = handlers_read_job(service, request, id, &job, response);
     if (found && job.state == JOB_ACCEPTED) {
@@ -344,7 +337,7 @@ static bool has_seen_the_end(const struct request *request, const struct job *jo
 void handlers_get_events(struct service *service, struct request *request, struct response *response) {
     struct job job;
     bool streaming = request->wait.calls > 0;
-    if (!streaming && !takes_no_query(request, response)) return;
+    if (!streaming && !handlers_takes_no_query(request, response)) return;
     request->wait.seen = events_now(service->events);
     if (handlers_read_job(service, request, request->match.capture[0], &job, response)) {
         response_header(response, "Cache-Control", "no-cache");

@@ -242,11 +242,7 @@ bool handlers_read_successful(struct service *service, const struct request *req
 void handlers_list_outputs(struct service *service, struct request *request, struct response *response) {
     struct job job = {0};
     struct output_document documents[JOB_MAX_OUTPUTS];
-    struct problem problem;
-    if (!query_check(request->query, request->query_count, NULL, &problem)) {
-        response_problem(response, &problem);
-        return;
-    }
+    if (!handlers_takes_no_query(request, response)) return;
     if (handlers_read_successful(service, request, &job, response)) {
         for (size_t i = 0; i < job.output_count; i++)
             documents[i] = (struct output_document){.name = job.output[i].name,
@@ -277,11 +273,7 @@ void handlers_get_output(struct service *service, struct request *request, struc
 void handlers_get_log(struct service *service, struct request *request, struct response *response) {
     struct job job;
     struct stat facts;
-    struct problem problem;
-    if (!query_check(request->query, request->query_count, NULL, &problem)) {
-        response_problem(response, &problem);
-        return;
-    }
+    if (!handlers_takes_no_query(request, response)) return;
     if (handlers_read_job(service, request, request->match.capture[0], &job, response)) {
         int fd = store_log_open(service->store, job.id, false);
         uint64_t bytes = fd >= 0 && fstat(fd, &facts) == 0 ? (uint64_t)facts.st_size : 0;

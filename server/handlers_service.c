@@ -13,18 +13,10 @@
 #include "server/metrics.h"
 #include "server/page.h"
 
-/* A query on a resource that takes none is refused, as everywhere. */
-static bool plain(const struct request *request, struct response *response) {
-    struct problem problem;
-    if (query_check(request->query, request->query_count, NULL, &problem)) return true;
-    response_problem(response, &problem);
-    return false;
-}
-
 void handlers_get_page(struct service *service, struct request *request, struct response *response) {
     size_t bytes;
     (void)service;
-    if (!plain(request, response)) return;
+    if (!handlers_takes_no_query(request, response)) return;
     const char *page = page_document(&bytes);
     response_text(response, 200, "text/html; charset=utf-8", strndup(page, bytes));
     response_header(response, "Content-Security-Policy", "default-src 'none'; style-src 'unsafe-inline'");
@@ -32,18 +24,19 @@ void handlers_get_page(struct service *service, struct request *request, struct 
 
 void handlers_get_docs(struct service *service, struct request *request, struct response *response) {
     (void)service;
-    if (!plain(request, response)) return;
+    if (!handlers_takes_no_query(request, response)) return;
     response_text(response, 200, "text/html; charset=utf-8", docs_page());
     response_header(response, "Content-Security-Policy", "default-src 'none'; style-src 'unsafe-inline'");
 }
 
 void handlers_get_parameters(struct service *service, struct request *request, struct response *response) {
     (void)service;
-    if (plain(request, response)) response_text(response, 200, "application/schema+json", params_schema());
+    if (handlers_takes_no_query(request, response))
+        response_text(response, 200, "application/schema+json", params_schema());
 }
 
 void handlers_get_info(struct service *service, struct request *request, struct response *response) {
-    if (!plain(request, response)) return;
+    if (!handlers_takes_no_query(request, response)) return;
     struct config limits = *service->config;
     response_text(response, 200, "application/json", job_info_encode(whittle_version(), config_limit, &limits));
 }
@@ -51,7 +44,7 @@ void handlers_get_info(struct service *service, struct request *request, struct 
 void handlers_get_contract(struct service *service, struct request *request, struct response *response) {
     size_t bytes;
     (void)service;
-    if (!plain(request, response)) return;
+    if (!handlers_takes_no_query(request, response)) return;
     const char *document = openapi_document(&bytes);
     response_text(response, 200, "application/json", strndup(document, bytes));
 }
@@ -59,7 +52,7 @@ void handlers_get_contract(struct service *service, struct request *request, str
 void handlers_get_problem(struct service *service, struct request *request, struct response *response) {
     const struct problem_type *type = problem_type_of_slug(request->match.capture[0]);
     (void)service;
-    if (!plain(request, response)) return;
+    if (!handlers_takes_no_query(request, response)) return;
     if (type)
         response_text(response, 200, "text/html; charset=utf-8", problem_page(type));
     else
@@ -89,7 +82,7 @@ void handlers_get_readiness(struct service *service, struct request *request, st
 }
 
 void handlers_get_metrics(struct service *service, struct request *request, struct response *response) {
-    if (!plain(request, response)) return;
+    if (!handlers_takes_no_query(request, response)) return;
     response_text(response, 200, "text/plain; version=0.0.4; charset=utf-8", metrics_text(service->metrics, service));
     response_header(response, "Cache-Control", "no-store");
 }

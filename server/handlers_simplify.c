@@ -1,8 +1,8 @@
 /* The one-shot: a cloud in, one output back.
  *
  * It is a job like any other, and a wait for its end.  The client gets bytes of an output with 200 or a problem, never
- * a 202 that it didn't ask for: that would land in its file.  A job whose
- * client has hung up is dismissed (--oneshot-abandon).
+ * a 202 that it didn't ask for: that would land in its file.  A job whose client has hung up is dismissed
+ * (--oneshot-abandon).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <math.h>

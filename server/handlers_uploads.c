@@ -29,13 +29,6 @@ static bool speaks_tus(struct request *request, struct response *response) {
     return false;
 }
 
-static bool takes_no_query(const struct request *request, struct response *response) {
-    struct problem problem;
-    if (query_check(request->query, request->query_count, NULL, &problem)) return true;
-    response_problem(response, &problem);
-    return false;
-}
-
 /* A whole number in a header; absent leaves it alone. */
 static bool read_number(const struct request *request, enum request_header header, uint64_t *number,
                         struct response *response) {
@@ -171,7 +164,7 @@ bool handlers_admit_upload(struct service *service, struct request *request, str
     struct uploads_info info = {.expires_ms = job_now_ms() + service->config->upload_expiry_ms};
     struct uploads_check check;
     struct problem problem;
-    if (!speaks_tus(request, response) || !takes_no_query(request, response) ||
+    if (!speaks_tus(request, response) || !handlers_takes_no_query(request, response) ||
         !read_length(service, request, &info.length, response) || !read_metadata(request, &info, response) ||
         !read_check(request, &check, response) ||
         !handlers_has_room(service, request, info.length == UINT64_MAX ? 0 : info.length, false, response))
@@ -196,7 +189,7 @@ bool handlers_admit_piece(struct service *service, struct request *request, stru
     struct uploads_check check;
     struct problem problem;
     uint64_t offset = UINT64_MAX, length = UINT64_MAX, most = (uint64_t)service->config->max_body_bytes;
-    if (!speaks_tus(request, response) || !takes_no_query(request, response) ||
+    if (!speaks_tus(request, response) || !handlers_takes_no_query(request, response) ||
         !find(service, request, &info, response) || !read_number(request, HEADER_UPLOAD_OFFSET, &offset, response) ||
         !read_number(request, HEADER_UPLOAD_LENGTH, &length, response) || !read_check(request, &check, response) ||
         !handlers_has_room(service, request, 0, false, response))
@@ -217,7 +210,8 @@ bool handlers_admit_piece(struct service *service, struct request *request, stru
         return false;
     }
     uint64_t whole = length != UINT64_MAX ? length : info.length;
-    return take_piece(service, request, writer, (whole < most ? whole : most) - offset, response);
+    if (whole > most) whole = most;
+    return take_piece(service, request, writer, whole > offset ? whole - offset : 0, response);
 }
 
 /* ------------------------------------------------------------------------------------------------ pieces */
@@ -277,7 +271,7 @@ void handlers_continue_upload(struct service *service, struct request *request, 
 void handlers_get_upload(struct service *service, struct request *request, struct response *response) {
     struct uploads_info info;
     request->tus = true;
-    if ((request->head && !speaks_tus(request, response)) || !takes_no_query(request, response) ||
+    if ((request->head && !speaks_tus(request, response)) || !handlers_takes_no_query(request, response) ||
         !find(service, request, &info, response))
         return;
     if (request->head) uploads_interrupt(service->uploads, info.id);
@@ -293,7 +287,7 @@ void handlers_get_upload(struct service *service, struct request *request, struc
 void handlers_delete_upload(struct service *service, struct request *request, struct response *response) {
     struct uploads_info info;
     struct error error = {0};
-    if (!speaks_tus(request, response) || !takes_no_query(request, response) ||
+    if (!speaks_tus(request, response) || !handlers_takes_no_query(request, response) ||
         !find(service, request, &info, response))
         return;
     if (uploads_delete(service->uploads, info.id, &error) == STATUS_OK)

@@ -4,6 +4,7 @@ import base64
 import hashlib
 import json
 import os
+import signal
 import socket
 import threading
 
@@ -92,6 +93,18 @@ def test_length_may_come_later(daemon):
     assert patch(daemon, path, 500, b"", *headers(Upload_Length=400)).slug == "malformed-request"
     reply = patch(daemon, path, 500, SMALL[500:], *headers(Upload_Length=len(SMALL)))
     assert reply.status == 204 and reply.headers["whittle-cloud"] == f"/v1/clouds/{NAME}"
+
+
+def test_a_limit_that_fell_below_what_has_come(make_daemon, tmp_path):
+    settings = tmp_path / "settings"
+    settings.write_text("max-body-bytes = 1M\n")
+    daemon = make_daemon("--config", settings)
+    path = create(daemon)
+    assert patch(daemon, path, 0, SMALL).status == 204
+    settings.write_text(f"max-body-bytes = {len(SMALL) // 2}\n")
+    daemon.process.send_signal(signal.SIGHUP)
+    wait_until(lambda: "max-body-bytes has changed" in daemon.log_text())
+    assert patch(daemon, path, len(SMALL), b"more").slug == "body-too-large"
 
 
 def test_length_alone_may_end_an_upload(daemon):

@@ -192,7 +192,7 @@ bool handlers_admit_piece(struct service *service, struct request *request, stru
     if (!speaks_tus(request, response) || !handlers_takes_no_query(request, response) ||
         !find(service, request, &info, response) || !read_number(request, HEADER_UPLOAD_OFFSET, &offset, response) ||
         !read_number(request, HEADER_UPLOAD_LENGTH, &length, response) || !read_check(request, &check, response) ||
-        !handlers_has_room(service, request, 0, false, response))
+        !handlers_has_room(service, request, length == UINT64_MAX ? 0 : length, false, response))
         return false;
     if (offset == UINT64_MAX) {
         response_refuse(response, PROBLEM_MALFORMED_REQUEST, "Upload-Offset must be there");

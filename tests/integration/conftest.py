@@ -26,6 +26,11 @@ def wait_until(condition, what="the condition"):
     raise AssertionError(f"{what} did not come in {PATIENCE_S} s")
 
 
+def pytest_make_parametrize_id(val):
+    """Bytes are named by their length: the content may differ between two processes that collect the same tests."""
+    return f"{len(val)} bytes" if isinstance(val, bytes) else None
+
+
 class Reply:
     """What curl -D gives: status, headers (lower-case names), body."""
 

@@ -23,7 +23,7 @@ FLAT = "".join(f"{i % 5} {i // 5} 0\n" for i in range(25)).encode()
 NOT_PROVOKED = {
     ("simplify", "500"), ("createJob", "500"), ("createCloud", "500"),
     ("getReadiness", "503"), ("getReadiness", "507"), ("createUpload", "500"), ("continueUpload", "500"),
-    ("continueUpload", "507"), ("continueUpload", "429"),  # what was free has to go while the upload runs
+    ("continueUpload", "507"),  # what was free has to go while the upload runs
     ("getUpload", "412"),  # HEAD's; below
     ("getUpload", "415"), ("getUpload", "422"),  # of an upload whose last bytes came just before a crash
     ("createUpload", "409"),  # two requests have to meet in one upload that has just been made
@@ -327,6 +327,8 @@ CASES |= {
     ("continueUpload", "413"): on_upload(*TUS, data=SMALL, flags=("--max-body-bytes", "100")),
     ("continueUpload", "415"): on_upload(*TUS, "-H", "Content-Type: text/plain", "--data-binary", "x"),
     ("continueUpload", "422"): on_upload(*TUS, "-H", f"Upload-Length: {len(MALFORMED)}", data=MALFORMED),
+    ("continueUpload", "429"): on_upload(*TUS, "-H", "Upload-Length: 1025", data=b"1 2 3\n",
+                                         flags=("--principal-bytes", "1K")),
     ("continueUpload", "460"): on_upload(*TUS, *CHECKSUM, data=b"1 2 3\n"),
     ("continueUpload", "503"): draining_upload,
     ("deleteUpload", "204"): on_upload(*TUS),

@@ -27,7 +27,8 @@ def test_bringing_it_up_to_date_changes_nothing(tmp_path):
     (tmp_path / "api").mkdir()
     for name in ("openapi.json", "routes.c"):
         shutil.copy(ROOT / "api" / name, tmp_path / "api")
-    subprocess.run([sys.executable, ROOT / "tests/tools/update_contract.py", BUILD / "whittled"], cwd=tmp_path, check=True)
+    subprocess.run([sys.executable, ROOT / "tests/tools/update_contract.py", (BUILD / "whittled").resolve()],
+                   cwd=tmp_path, check=True)
     assert json.loads((tmp_path / "api/openapi.json").read_text()) == json.loads((ROOT / "api/openapi.json").read_text())
 
 

@@ -162,8 +162,8 @@ static json_t *output_files_json(void) {
 /* What an upload may be. */
 static json_t *features_json(void) {
     return json_pack("{s:[s, s, s], s:[s, s], s:[s], s:[s]}", "request_bodies", "application/octet-stream",
-                     "multipart/form-data", "application/json", "content_codings", "gzip", "zstd", "digests",
-                     "sha-256", "resumable_uploads", "tus/1.0.0");
+                     "multipart/form-data", "application/json", "content_codings", "gzip", "zstd", "digests", "sha-256",
+                     "resumable_uploads", "tus/1.0.0");
 }
 
 char *job_info_encode(const char *version, bool (*limit)(void *ctx, size_t i, const char **name, int64_t *value),

@@ -104,8 +104,17 @@ void cloud_move(struct cloud *cloud, const vec3 *position) {
 }
 
 const char *cloud_format_name(enum cloud_format format) {
-    static const char *const names[] = {"ply/ascii", "ply/binary_little_endian", "ply/binary_big_endian", "xyz",
-                                        "pcd/ascii", "pcd/binary", "pcd/binary_compressed", "obj", "off",
-                                        "stl/ascii", "stl/binary", "las"};
+    static const char *const names[] = {"ply/ascii",
+                                        "ply/binary_little_endian",
+                                        "ply/binary_big_endian",
+                                        "xyz",
+                                        "pcd/ascii",
+                                        "pcd/binary",
+                                        "pcd/binary_compressed",
+                                        "obj",
+                                        "off",
+                                        "stl/ascii",
+                                        "stl/binary",
+                                        "las"};
     return names[format];
 }

@@ -80,12 +80,12 @@ struct cloud {
     unsigned char *record;     /* count * record_bytes; owned */
     uint32_t xyz[3];           /* which properties are x, y, z */
 
-    size_t triangle_count;     /* the file's own faces, as fans of triangles; 0 where it has none */
-    uint32_t (*triangle)[3];   /* ids < count; owned; NULL where triangle_count is 0 */
+    size_t triangle_count;   /* the file's own faces, as fans of triangles; 0 where it has none */
+    uint32_t (*triangle)[3]; /* ids < count; owned; NULL where triangle_count is 0 */
 
     enum cloud_format format;
-    char *comments;            /* comment and obj_info lines of the header, each ended by \n; NULL = none; owned */
-    char *left_out;            /* what the file has and a cloud can't hold, each ended by \n; NULL = nothing; owned */
+    char *comments; /* comment and obj_info lines of the header, each ended by \n; NULL = none; owned */
+    char *left_out; /* what the file has and a cloud can't hold, each ended by \n; NULL = nothing; owned */
 };
 
 /* Frees everything that the cloud owns and zeroes it.  Accepts a zeroed cloud. */

@@ -79,15 +79,6 @@ enum status cloud_build_property(struct cloud_build *build, const char *name, en
     return STATUS_OK;
 }
 
-bool cloud_build_store(double value, enum scalar_type type, void *to) {
-    static const double low[] = {INT8_MIN, 0, INT16_MIN, 0, INT32_MIN, 0};
-    static const double high[] = {INT8_MAX, UINT8_MAX, INT16_MAX, UINT16_MAX, INT32_MAX, UINT32_MAX};
-    if (type < SCALAR_FLOAT32 && !(value >= low[type] && value <= high[type] && value == (double)(int64_t)value))
-        return false;
-    scalar_store(to, type, value);
-    return true;
-}
-
 /* ------------------------------------------------------------------------------------------------ points */
 
 static enum status resize(struct cloud_build *build, size_t capacity) {

@@ -56,9 +56,6 @@ enum status cloud_build_leave_out(struct cloud_build *build, const char *what) M
 /* Adds a comment of n bytes without its mark; what isn't printable becomes a blank, what is too much is dropped. */
 enum status cloud_build_comment(struct cloud_build *build, const char *text, size_t n) MUST_CHECK;
 
-/* Stores a number as a scalar of this type; false where it isn't a whole number in the range of an integer type. */
-bool cloud_build_store(double value, enum scalar_type type, void *to);
-
 /* STATUS_MALFORMED at a place: for readers. */
 enum status cloud_build_bad(struct cloud_build *build, const char *where, struct cloud_place place, const char *format,
                             ...) MUST_CHECK __attribute__((format(printf, 4, 5)));

@@ -28,7 +28,7 @@
 /* Multiples of the mean distance at the beginning: */
 #define FIT_FAR 2.0    /* distances over this count by their square */
 #define FIT_NEAR 0.4   /* distances under this count no more than others where a vertex is placed */
-#define FIT_STRAY 7.0 /* no part of the surface gets farther from the data, where it isn't already */
+#define FIT_STRAY 7.0  /* no part of the surface gets farther from the data, where it isn't already */
 #define FIT_ENOUGH 40  /* points for each triangle that make middles needless */
 #define FIT_EXACT 1e-7 /* distance that is none */
 #define FIT_THIN 0.02  /* shape below which no triangle may get thinner */

@@ -42,8 +42,6 @@ struct inflate {
     unsigned char buffer[BUFFER_BYTES];
 };
 
-const char *inflate_name(enum inflate_kind kind) { return kinds[kind].name; }
-
 bool inflate_sniff(const void *first, size_t n, enum inflate_kind *kind) {
     for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
         if (n < kinds[i].magic_bytes || memcmp(first, kinds[i].magic, kinds[i].magic_bytes) != 0) continue;
@@ -131,9 +129,6 @@ enum status inflate_end(struct inflate *inflate, struct error *error) {
     return inflate->failed = error_set_at(error, STATUS_MALFORMED, "inflate", 0, inflate->bytes_in,
                                           "the %s data ends before it is complete", kinds[inflate->kind].name);
 }
-
-uint64_t inflate_bytes_in(const struct inflate *inflate) { return inflate->bytes_in; }
-uint64_t inflate_bytes_out(const struct inflate *inflate) { return inflate->bytes_out; }
 
 void inflate_free(struct inflate *inflate) {
     if (!inflate) return;

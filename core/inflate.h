@@ -37,9 +37,6 @@ struct inflate_out {
 
 struct inflate;
 
-/* "gzip" or "zstd". */
-const char *inflate_name(enum inflate_kind kind);
-
 /* Whether the n first bytes of a file begin such a stream (4 are enough to tell). */
 bool inflate_sniff(const void *first, size_t n, enum inflate_kind *kind);
 
@@ -54,10 +51,6 @@ enum status inflate_push(struct inflate *inflate, const void *bytes, size_t n, s
 
 /* All bytes were pushed.  STATUS_MALFORMED where the stream isn't complete. */
 enum status inflate_end(struct inflate *inflate, struct error *error) MUST_CHECK;
-
-/* Bytes that went in and came out so far. */
-uint64_t inflate_bytes_in(const struct inflate *inflate);
-uint64_t inflate_bytes_out(const struct inflate *inflate);
 
 /* Accepts NULL. */
 void inflate_free(struct inflate *inflate);

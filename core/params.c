@@ -44,10 +44,8 @@ static const struct param table[] = {
      "mesh_RATIO.ply; cloud.ply and mesh.ply are those of the largest"},
     {"outputs", PARAM_FLAGS, AT(outputs), 0, PARAMS_OUTPUTS, false, "cloud,report", output_names, "", true,
      "What to write, separated by commas: the cloud as cloud.ply (cloud), cloud.xyz (xyz), cloud.pcd; the mesh as "
-     "mesh.ply "
-     "(mesh), mesh.obj, mesh.stl, mesh.glb; report.json (report); dso.ply (dso) and error.ply (error), which show "
-     "every "
-     "original point with its discrete shape operator, its distance to the mesh"},
+     "mesh.ply (mesh), mesh.obj, mesh.stl, mesh.glb; report.json (report); dso.ply (dso) and error.ply (error), which "
+     "show every original point with its discrete shape operator, its distance to the mesh"},
     {"denoise", PARAM_CHOICE, AT(denoise), 0, 0, false, "none", denoise_forms, "", true,
      "Before all else: outliers drops points that belong to no surface; full also smooths the others along their "
      "normals, edges kept: points are then written at their smoothed positions, all else as it was, and errors are "

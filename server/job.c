@@ -11,17 +11,14 @@
 
 static const char *const names[JOB_STATE_COUNT] = {"accepted", "running", "successful", "failed", "dismissed"};
 
-enum { NO = -1 };
-
-/* What follows; NO = the event can't happen in this state. */
-static const int transitions[JOB_STATE_COUNT][JOB_EVENT_COUNT] =
-    {
-        /*                   claim        done            fail        dismiss        requeue       reuse withdraw */
-        [JOB_ACCEPTED] = {JOB_RUNNING, NO, NO, NO, NO, JOB_SUCCESSFUL, JOB_DISMISSED},
-        [JOB_RUNNING] = {NO, JOB_SUCCESSFUL, JOB_FAILED, JOB_DISMISSED, JOB_ACCEPTED, NO, NO},
-        [JOB_SUCCESSFUL] = {NO, NO, NO, NO, NO, NO, NO},
-        [JOB_FAILED] = {NO, NO, NO, NO, NO, NO, NO},
-        [JOB_DISMISSED] = {NO, NO, NO, NO, NO, NO, NO},
+/* Each event happens in one state, and leads to one. */
+static const struct {
+    enum job_state from, next;
+} transitions[JOB_EVENT_COUNT] = {
+    [JOB_CLAIM] = {JOB_ACCEPTED, JOB_RUNNING},      [JOB_DONE] = {JOB_RUNNING, JOB_SUCCESSFUL},
+    [JOB_FAIL] = {JOB_RUNNING, JOB_FAILED},         [JOB_DISMISS] = {JOB_RUNNING, JOB_DISMISSED},
+    [JOB_REQUEUE] = {JOB_RUNNING, JOB_ACCEPTED},    [JOB_REUSE] = {JOB_ACCEPTED, JOB_SUCCESSFUL},
+    [JOB_WITHDRAW] = {JOB_ACCEPTED, JOB_DISMISSED},
 };
 
 void job_done(struct job *job) {
@@ -42,9 +39,8 @@ bool job_state_from_name(const char *name, enum job_state *state) {
 }
 
 bool job_transition(enum job_state state, enum job_event event, enum job_state *next) {
-    int follows = transitions[state][event];
-    if (follows == NO) return false;
-    *next = (enum job_state)follows;
+    if (transitions[event].from != state) return false;
+    *next = transitions[event].next;
     return true;
 }
 

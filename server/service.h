@@ -37,7 +37,7 @@ struct service {
     struct metrics *metrics;
     struct estimate *estimate; /* how long jobs took */
     struct idempotency *idempotency;
-    struct documents *documents; /* of ended jobs, in memory */
+    struct documents *documents;   /* of ended jobs, in memory */
     struct supervisor *supervisor; /* set by main, before the first request */
     pthread_rwlock_t clouds;       /* held shared while a cloud is kept and its job submitted, alone while clouds that
                                       no job refers to are removed */

@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """openapi.json says what is there: no more, no less."""
+import json
 import pathlib
 import re
+import shutil
+import subprocess
+import sys
 
 import pytest
 
-from conftest import SMALL
+from conftest import BUILD, SMALL
 
 ROOT = pathlib.Path(__file__).parent.parent.parent
 
@@ -17,6 +21,15 @@ def make_contract(daemon):
 
 def test_the_contract_is_the_file(daemon):
     assert daemon.curl("/openapi.json").body == (ROOT / "api/openapi.json").read_bytes()
+
+
+def test_bringing_it_up_to_date_changes_nothing(tmp_path):
+    (tmp_path / "api").mkdir()
+    for name in ("openapi.json", "routes.c"):
+        shutil.copy(ROOT / "api" / name, tmp_path / "api")
+    subprocess.run([sys.executable, ROOT / "tests/tools/update_contract.py", (BUILD / "whittled").resolve()],
+                   cwd=tmp_path, check=True)
+    assert json.loads((tmp_path / "api/openapi.json").read_text()) == json.loads((ROOT / "api/openapi.json").read_text())
 
 
 def test_operations_are_the_route_table(contract):

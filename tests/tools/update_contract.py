@@ -60,19 +60,22 @@ def scopes():
 
 def problem(slug):
     return {"description": f"A problem document: {slug}.",
-            "content": {"application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}}}
+            "content": {"application/problem+json": {
+                "schema": {"$ref": "#/components/schemas/Problem"},
+                "examples": {slug: {"$ref": f"#/components/examples/{slug}"}}}}}
 
 
 def update_security(operation, scope):
-    """Which token an operation wants, and what it answers to others."""
+    """Which token an operation wants, and what it answers to others, where that isn't described yet."""
     if scope == "public":
         operation["security"] = []
         return
     operation["security"] = [{"token": []}] + ([{"link": []}] if operation["operationId"] == "getOutput" else [])
     operation["x-scope"] = scope
-    header = {"schema": {"type": "string"}, "description": "Bearer, and what is wrong with the token."}
+    header = {"schema": {"type": "string"}, "description": "Bearer, and what is wrong with the token.",
+              "required": True}
     responses = operation["responses"]
-    responses["401"] = problem("unauthorized") | {"headers": {"WWW-Authenticate": header}}
+    responses.setdefault("401", problem("unauthorized") | {"headers": {"WWW-Authenticate": header}})
     responses.setdefault("403", problem("forbidden"))
     operation["responses"] = dict(sorted(responses.items()))
 

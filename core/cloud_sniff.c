@@ -50,6 +50,7 @@ static const struct {
     {"# vtk DataFile", 14, {CLOUD_KIND_OTHER, "a VTK file", ""}},
     {"glTF", 4, {CLOUD_KIND_OTHER, "a binary glTF scene", ""}},
     {"SQLite format 3", 15, {CLOUD_KIND_OTHER, "an SQLite database", ""}},
+    {"\xef\xbb\xbfply", 6, {CLOUD_KIND_OTHER, "PLY after a byte order mark (its first 3 bytes): remove that", ""}},
     {"\xff\xfe", 2, {CLOUD_KIND_OTHER, "UTF-16 text", ""}},
     {"\xfe\xff", 2, {CLOUD_KIND_OTHER, "UTF-16 text", ""}},
     {"{", 1, {CLOUD_KIND_OTHER, "JSON", ""}},

@@ -157,7 +157,8 @@ void params_allowed(const struct param *param, char *text, size_t text_bytes) {
     case PARAM_CHOICE: snprintf(text, text_bytes, "one of %s", list); break;
     case PARAM_FLAGS: snprintf(text, text_bytes, "one or more of %s, separated by commas", list); break;
     case PARAM_LEVELS:
-        snprintf(text, text_bytes, "up to %d numbers over 0, at most 1, separated by commas", PARAMS_MAX_LEVELS);
+        snprintf(text, text_bytes, "up to %d different numbers over 0, at most 1, separated by commas",
+                 PARAMS_MAX_LEVELS);
         break;
     }
 }
@@ -215,14 +216,16 @@ static bool set_flags(void *member, const struct param *param, const char *text)
     return true;
 }
 
+/* Whether two ratios might be the same in the names of files, which have ten digits of them. */
+static bool same_level(double a, double b) { return fabs(a - b) <= 1e-9 * a; }
+
 /* Puts a ratio into its place; false when it is there already or there is no room. */
 static bool insert_level(struct param_levels *levels, double ratio) {
     uint32_t i = levels->count;
     if (i == PARAMS_MAX_LEVELS) return false;
-    for (; i > 0 && levels->ratio[i - 1] <= ratio; i--) {
-        if (levels->ratio[i - 1] == ratio) return false;
-        levels->ratio[i] = levels->ratio[i - 1];
-    }
+    for (uint32_t k = 0; k < i; k++)
+        if (same_level(levels->ratio[k], ratio)) return false;
+    for (; i > 0 && levels->ratio[i - 1] < ratio; i--) levels->ratio[i] = levels->ratio[i - 1];
     levels->ratio[i] = ratio;
     levels->count++;
     return true;

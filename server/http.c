@@ -221,6 +221,8 @@ static enum MHD_Result answer(struct exchange *x) {
     MHD_add_response_header(made, "X-Content-Type-Options", "nosniff");
     MHD_add_response_header(made, "X-Request-Id", x->request.id);
     if (x->request.tus) MHD_add_response_header(made, "Tus-Resumable", "1.0.0");
+    /* To HEAD libmicrohttpd would send a stream's last chunk, and the next response would seem to begin with it. */
+    if (x->streaming && x->request.head) MHD_set_response_options(made, MHD_RF_HTTP_1_0_COMPATIBLE_STRICT, MHD_RO_END);
     x->phase = PHASE_SENT;
     x->status = r->status;
     x->problem = r->problem;
@@ -353,8 +355,17 @@ static void set_uploading(struct exchange *x, bool uploading) {
     pthread_mutex_unlock(&x->http->lock);
 }
 
-static enum MHD_Result begin(struct exchange *x, const char *method, const char *path) {
+/* The path of a target in absolute form, "http://host/path"; else the target itself. */
+static const char *path_of(const char *target) {
+    size_t scheme = strncasecmp(target, "http://", 7) == 0 ? 7 : strncasecmp(target, "https://", 8) == 0 ? 8 : 0;
+    if (!scheme) return target;
+    const char *path = strchr(target + scheme, '/');
+    return path ? path : "/";
+}
+
+static enum MHD_Result begin(struct exchange *x, const char *method, const char *target) {
     struct request *request = &x->request;
+    const char *path = path_of(target);
     request->method = method;
     request->path = path;
     request->head = strcmp(method, "HEAD") == 0;

@@ -48,7 +48,8 @@ static enum status run(const struct worker_options *options, struct worker_progr
     struct pipeline_result result = {0};
     struct progress progress = {worker_progress_tick, display};
     worker_progress_span(display, 0, READ_SHARE);
-    enum status status = read_input(options, &progress, &cloud, error);
+    enum status status = worker_output_check(options, error);
+    if (!status) status = read_input(options, &progress, &cloud, error);
     worker_progress_span(display, READ_SHARE, 1);
     if (!status) status = pipeline_run(&cloud, &options->params, &progress, &result, error);
     if (!status && result.moved) cloud_move(&cloud, result.moved);

@@ -183,6 +183,7 @@ enum worker_request worker_options_parse(struct worker_options *options, int arg
         if (request != WORKER_RUN) return request;
     }
     if (!options->input) return refuse(error, "INPUT", "name a cloud, or - for standard input");
+    if (!options->output[0]) return refuse(error, "-o", "a folder is missing");
     if (strcmp(options->output, "-") == 0 && !settle_standard(options))
         return refuse(error, "-o", "standard output takes one output, of one level; name one by --outputs");
     return params_resolve(&options->params, error) ? WORKER_REFUSED : WORKER_RUN;

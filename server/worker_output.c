@@ -7,6 +7,7 @@
 
 #include <errno.h>
 #include <inttypes.h>
+#include <libgen.h>
 #include <limits.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -148,6 +149,20 @@ static enum status write_standard(struct outputs *outputs, struct error *error) 
     size_t i = 0;
     while (i + 1 < FILES && !(outputs->options->params.outputs & files[i].bit)) i++;
     return files[i].write(STDOUT_FILENO, outputs, error);
+}
+
+enum status worker_output_check(const struct worker_options *options, struct error *error) {
+    char path[PATH_MAX];
+    if (options->to_standard) return STATUS_OK;
+    snprintf(path, sizeof path, "%s/.", options->output);
+    if (access(path, W_OK | X_OK) == 0) return STATUS_OK;
+    if (errno != ENOENT)
+        return error_set(error, status_from_errno(errno), "output", "can't write into the folder %s: %s",
+                         options->output, strerror(errno));
+    snprintf(path, sizeof path, "%s", options->output);
+    if (access(dirname(path), W_OK | X_OK) == 0) return STATUS_OK;
+    return error_set(error, status_from_errno(errno), "output", "can't make the folder %s: %s", options->output,
+                     strerror(errno));
 }
 
 static enum status write_folder(struct outputs *outputs, struct error *error) {

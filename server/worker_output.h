@@ -9,6 +9,10 @@
 #include "core/pipeline.h"
 #include "server/worker_options.h"
 
+/* Whether the outputs' folder is there and takes files, or can be made: asked before the work, not after it. STATUS_IO.
+ */
+enum status worker_output_check(const struct worker_options *options, struct error *error) MUST_CHECK;
+
 /* Writes the outputs that were asked for into the folder, which is made where it isn't there, or the one output to
  * standard output.  Each file appears whole or not at all; report.json comes last.  What files can't hold is added to
  * result->report.  STATUS_IO (error->where = the file), STATUS_NO_MEMORY. */

@@ -84,6 +84,18 @@ static void the_edge_of_a_range_is_taken(void **state) {
     assert_int_equal(params.outputs, OUTPUT_MESH | OUTPUT_CLOUD);
 }
 
+/* Their files would have the same name. */
+static void levels_that_are_nearly_the_same_are_refused(void **state) {
+    (void)state;
+    struct params params = defaults();
+    struct error error = {0};
+    assert_int_equal(params_set(&params, "levels", "0.1,0.5,0.499999999999", &error), STATUS_BAD_PARAMETER);
+    assert_non_null(strstr(error.text, "different"));
+    assert_int_equal(params_set(&params, "levels", "0.5,0.1,0.5", NULL), STATUS_BAD_PARAMETER);
+    assert_int_equal(params_set(&params, "levels", "0.1,0.4999999,0.5", NULL), STATUS_OK);
+    assert_true(params.levels.ratio[0] == 0.5 && params.levels.ratio[2] == 0.1);
+}
+
 static void goals_that_conflict_are_named(void **state) {
     (void)state;
     struct params params = defaults();
@@ -108,6 +120,7 @@ int main(void) {
         cmocka_unit_test(values_out_of_range_are_refused_and_change_nothing),
         cmocka_unit_test(an_unknown_name_gets_a_suggestion),
         cmocka_unit_test(the_edge_of_a_range_is_taken),
+        cmocka_unit_test(levels_that_are_nearly_the_same_are_refused),
         cmocka_unit_test(goals_that_conflict_are_named),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What clumsy and hostile clients ask: odd targets, odd folders, files that are nearly right."""
+import re
+import socket
+import subprocess
+
+import pytest
+
+from conftest import BUILD, SMALL
+
+
+def exchange(daemon, request):
+    """All that comes until the other side closes."""
+    with socket.create_connection(("127.0.0.1", daemon.port), 60) as connection:
+        connection.sendall(request)
+        received = b""
+        while piece := connection.recv(65536):
+            received += piece
+    return received
+
+
+def whittle(*arguments):
+    return subprocess.run([BUILD / "whittle", *map(str, arguments)], capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("target, status", [(b"http://a:1/healthz", 200), (b"HTTPS://a/healthz?", 200),
+                                            (b"http://a", 200), (b"http://a/nowhere", 404)])
+def test_a_target_in_absolute_form_is_its_path(daemon, target, status):
+    reply = exchange(daemon, b"GET " + target + b" HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n")
+    assert reply.startswith(b"HTTP/1.1 %d" % status)
+
+
+def test_head_of_events_sends_nothing_after_the_headers(daemon):
+    job_id = daemon.submit(SMALL)
+    reply = exchange(daemon, f"HEAD /v1/jobs/{job_id}/events HTTP/1.1\r\nHost: a\r\n\r\n".encode())
+    head, _, rest = reply.partition(b"\r\n\r\n")
+    assert head.startswith(b"HTTP/1.1 200") and not rest
+    assert re.search(rb"(?i)connection: close", head)
+
+
+def test_ply_after_a_byte_order_mark_is_named(daemon):
+    body = b"\xef\xbb\xbfply\nformat ascii 1.0\nelement vertex 1\n"
+    reply = daemon.post("/v1/jobs", body)
+    assert reply.status == 415 and "byte order mark" in reply.json["detail"]
+
+
+def test_a_folder_that_takes_no_files_is_refused_before_the_input_is_read(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    for folder in (tmp_path / "file", tmp_path / "file" / "under", tmp_path / "no" / "such"):
+        done = whittle(tmp_path / "input-that-is-not-there", "-o", folder)
+        assert done.returncode == 74 and "folder" in done.stderr, done
+    for empty in (("-o", ""), ("--output=",)):
+        assert whittle(tmp_path / "input", *empty).returncode == 2
+    assert (tmp_path / "file").read_text() == "mine" and not (tmp_path / "no").exists()

@@ -257,7 +257,7 @@ $(unit_runs): run-%: %
 
 # CGAL changes the way of rounding, which valgrind doesn't follow: what triangulates is left to the sanitizers.
 valgrind_programs := $(filter-out %/test_delaunay %/test_cocone %/test_pipeline %/test_refine %/test_metro \
-    %/test_denoise %/test_fixtures %/test_memory,$(unit_programs))
+    %/test_denoise %/test_fixtures %/test_judge %/test_memory,$(unit_programs))
 .PHONY: valgrind
 valgrind: $(valgrind_programs) ## the unit tests under valgrind: no invalid access, nothing lost
 	@command -v valgrind > /dev/null || deploy/deps.sh valgrind

@@ -18,6 +18,7 @@
  * 11 refine       flips and moves against the original points
  * 12 examine      is it closed, oriented, a manifold
  * 13 measure      distances in both directions
+ *    distances    where error.ply is asked for: of every original point to the mesh
  *
  * Lee, Jong: Point-based simplification algorithm, section 4, is steps 2 to 7 and 10; step 11 is ours.
  *

@@ -160,12 +160,13 @@ static enum status deliver(struct webhooks *webhooks, const struct outbox_row *r
 /* Until there may be something to do, or the end. */
 static void pause_a_little(struct webhooks *webhooks) {
     struct timespec until;
-    clock_gettime(CLOCK_REALTIME, &until);
+    clock_gettime(CLOCK_MONOTONIC, &until);
     until.tv_nsec += LOOK_MS * 1000000L;
     until.tv_sec += until.tv_nsec / 1000000000L;
     until.tv_nsec %= 1000000000L;
     pthread_mutex_lock(&webhooks->lock);
-    if (!atomic_load(&webhooks->stop)) pthread_cond_timedwait(&webhooks->stopped, &webhooks->lock, &until);
+    if (!atomic_load(&webhooks->stop))
+        pthread_cond_clockwait(&webhooks->stopped, &webhooks->lock, CLOCK_MONOTONIC, &until);
     pthread_mutex_unlock(&webhooks->lock);
 }
 

@@ -366,20 +366,18 @@ void worker_run(struct service *service, const struct confinement *confinement, 
                       .control = control,
                       .log_fd = -1,
                       .started_ms = events_clock_ms()};
-    struct verdict *verdict = calloc(1, sizeof *verdict);
+    struct verdict verdict = {0};
     struct error error = {0};
-    enum status status = verdict ? start(&run, &error) : STATUS_NO_MEMORY;
-    if (status == STATUS_OK) {
+    if (start(&run, &error) == STATUS_OK) {
         log_line(LOG_INFO, "job=%s accepted -> running attempt=%d pid=%d", job->id, job->attempt, (int)run.process.pid);
         fault_at("started");
         watch(&run);
         reap(&run);
-        judge(&run, verdict);
-    } else if (verdict) {
-        verdict->event = job->attempt < JOB_MAX_ATTEMPTS ? JOB_REQUEUE : JOB_FAIL;
-        problem_set(&verdict->problem, PROBLEM_INTERNAL_ERROR, "the job's process can't be started: %s", error.text);
+        judge(&run, &verdict);
+    } else {
+        verdict.event = job->attempt < JOB_MAX_ATTEMPTS ? JOB_REQUEUE : JOB_FAIL;
+        problem_set(&verdict.problem, PROBLEM_INTERNAL_ERROR, "the job's process can't be started: %s", error.text);
     }
-    if (verdict) settle(&run, verdict);
-    free(verdict);
+    settle(&run, &verdict);
     if (run.log_fd >= 0) close(run.log_fd);
 }

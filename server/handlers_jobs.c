@@ -247,11 +247,16 @@ static bool dismiss_waiting(struct service *service, struct job *job, struct res
     return false;
 }
 
-/* Ends the process of a running job, and waits for its end. */
+/* Ends the process of a running job, and waits until its end is recorded: not for ever, the disk may be full. */
 static void dismiss_running(struct service *service, struct request *request, const struct job *job,
                             struct response *response) {
     struct request_wait *wait = &request->wait;
+    if (!wait->calls) wait->end_ms = events_clock_ms() + service->config->wait_max_ms;
     supervisor_cancel(service->supervisor, job->id);
+    if (events_clock_ms() >= wait->end_ms) {
+        response_refuse(response, PROBLEM_INTERNAL_ERROR, "the job is told to end, but its end can't be recorded yet");
+        return;
+    }
     response->kind = RESPONSE_WAIT;
     memcpy(wait->id, job->id, sizeof wait->id);
     wait->deadline_ms = events_clock_ms() + CANCEL_LOOK_MS;

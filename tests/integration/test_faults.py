@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from conftest import SMALL, wait_until
+from conftest import SMALL, sphere, wait_until
 
 UPLOAD = ["upload-open", "upload-write", "upload-sync", "upload-rename", "upload-folder-sync"]
 OUTPUTS = ["output-open", "output-sync", "outputs-rename", "outputs-folder-sync"]
@@ -70,4 +70,18 @@ def test_a_database_that_is_locked_for_seconds(make_daemon):
     assert [reply.status for reply in replies] == [201] * 3
     for reply in replies:
         assert daemon.ended(reply.json["id"])["status"] == "successful"
+    check(daemon)
+
+
+def test_a_delete_whose_end_cannot_be_recorded_is_answered(make_daemon):
+    daemon = make_daemon("--workers", "1", "--wait-max", "1s")
+    job_id = daemon.submit(sphere(400000))
+    daemon.wait_for(job_id, "running")
+    database = sqlite3.connect(daemon.data / "whittled.db", isolation_level=None)
+    database.execute("BEGIN IMMEDIATE")
+    reply = daemon.curl(f"/v1/jobs/{job_id}", "-X", "DELETE")
+    assert (reply.status, reply.slug) == (500, "internal-error")
+    database.execute("ROLLBACK")
+    database.close()
+    assert daemon.ended(job_id)["status"] == "dismissed"
     check(daemon)

@@ -21,7 +21,7 @@ NOBODY = "01900000-0000-7000-8000-000000000000"
 FLAT = "".join(f"{i % 5} {i // 5} 0\n" for i in range(25)).encode()
 # What only a fault of the machine or of the service itself brings about.
 NOT_PROVOKED = {
-    ("simplify", "500"), ("createJob", "500"), ("createCloud", "500"),
+    ("simplify", "500"), ("deleteJob", "500"), ("createJob", "500"), ("createCloud", "500"),
     ("getReadiness", "503"), ("getReadiness", "507"), ("createUpload", "500"), ("continueUpload", "500"),
     ("continueUpload", "507"),  # what was free has to go while the upload runs
     ("getUpload", "412"),  # HEAD's; below

@@ -35,6 +35,8 @@
 #include "server/daemon_landlock.h"
 #include "server/daemon_seccomp.h"
 
+#define ADDRESSABLE ((rlim_t)1 << 47)
+
 enum { MAX_FILES = 64, NICE = 5, CPU_GRACE_S = 5 };
 
 struct confinement {
@@ -53,14 +55,15 @@ static void limit(int resource, rlim_t soft, rlim_t hard) {
     setrlimit(resource, &limits);
 }
 
-/* SIGXCPU at the limit of time, SIGKILL a little later. */
+/* SIGXCPU at the limit of time, SIGKILL a little later.  More memory than a process can address is no limit, and isn't
+ * set as one: a program under ThreadSanitizer would refuse to run. */
 static void set_limits(const struct confine_limits *limits) {
     rlim_t cpu_s = (rlim_t)((limits->cpu_ms + 999) / 1000), memory = (rlim_t)limits->memory_bytes;
     limit(RLIMIT_CORE, 0, 0);
     limit(RLIMIT_NOFILE, MAX_FILES, MAX_FILES);
     limit(RLIMIT_CPU, cpu_s, cpu_s + CPU_GRACE_S);
     limit(RLIMIT_FSIZE, (rlim_t)limits->file_bytes, (rlim_t)limits->file_bytes);
-    if (memory) limit(RLIMIT_AS, memory, memory);
+    if (memory && memory < ADDRESSABLE) limit(RLIMIT_AS, memory, memory);
 }
 
 /* Under memory pressure the kernel takes the job before the service. */

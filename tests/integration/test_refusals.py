@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Everything that a client can do wrong is answered with a problem document, and leaves nothing behind."""
+import gzip
 import http.client
 import os
 import pathlib
@@ -126,7 +127,8 @@ def cases():
 def test_every_bad_cloud_is_a_problem(daemon, case):
     reply = daemon.post("/v1/simplify", next(case.glob("input.*")).read_bytes())
     assert reply.status in (413, 415, 422), reply.body
-    assert reply.slug in ("malformed-cloud", "unsupported-format", "too-many-points", "degenerate-cloud")
+    assert reply.slug in ("malformed-cloud", "unsupported-format", "too-many-points", "degenerate-cloud",
+                          "would-exceed-memory")
     if reply.slug == "unsupported-format":
         assert "xyz" in reply.json["supported"]
 
@@ -265,6 +267,8 @@ def test_a_disk_without_room(make_daemon):
 def test_a_job_that_needs_too_much_memory(make_daemon):
     daemon = make_daemon("--job-memory", "160M")
     reply = daemon.post("/v1/simplify?output=mesh", sphere(300000))
+    assert (reply.status, reply.slug) == (413, "would-exceed-memory")
+    reply = daemon.post("/v1/simplify?output=mesh", gzip.compress(sphere(300000), 1))  # what is in it shows when it runs
     assert (reply.status, reply.slug) == (507, "out-of-memory")
     assert daemon.post("/v1/simplify", SMALL).status == 200
 

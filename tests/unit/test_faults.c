@@ -5,7 +5,6 @@
  * the work gets through.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <setjmp.h>
@@ -28,6 +27,7 @@
 #include "server/queue.h"
 #include "server/store.h"
 #include "server/upload.h"
+#include "tests/unit/folder.h"
 
 static const char id[] = "0198c7d2-4a10-7cc3-9d0e-6f1f2b3c4d5e";
 static const char cloud_text[] = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n";
@@ -94,15 +94,6 @@ struct fixture {
     struct error error;
 };
 
-static void remove_all(int at, const char *name) {
-    int fd = openat(at, name, O_RDONLY | O_DIRECTORY);
-    DIR *folder = fd >= 0 ? fdopendir(fd) : NULL;
-    for (struct dirent *entry; folder && (entry = readdir(folder));)
-        if (strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0) remove_all(fd, entry->d_name);
-    if (folder) closedir(folder);
-    unlinkat(at, name, folder ? AT_REMOVEDIR : 0);
-}
-
 static int set_up(void **state) {
     struct fixture *f = calloc(1, sizeof *f);
     snprintf(f->folder, sizeof f->folder, "/tmp/test_faults.XXXXXX");
@@ -115,20 +106,9 @@ static int set_up(void **state) {
 static int tear_down(void **state) {
     struct fixture *f = *state;
     stop_faults();
-    remove_all(AT_FDCWD, f->folder);
+    folder_remove(f->folder);
     free(f);
     return 0;
-}
-
-static int entries(struct fixture *f, const char *name) {
-    char path[128];
-    int count = -2; /* . and .. */
-    snprintf(path, sizeof path, "%s/%s", f->folder, name);
-    DIR *folder = opendir(path);
-    assert_non_null(folder);
-    while (readdir(folder)) count++;
-    closedir(folder);
-    return count;
 }
 
 /* ------------------------------------------------------------------------------------------------ the queue */
@@ -279,7 +259,7 @@ static void look_at_store(struct fixture *f, enum status worked) {
     struct stat facts;
     size_t removed;
     assert_int_equal(store_open(f->folder, &store, &f->error), STATUS_OK);
-    assert_int_equal(entries(f, "tmp"), 0);
+    assert_int_equal(folder_entries(f->folder, "tmp"), 0);
     assert_int_equal(store_clean(store, keep_all, NULL, &removed, &f->error), STATUS_OK);
     int fd = store_output_open(store, id, "cloud.ply");
     if (worked == STATUS_OK) assert_true(fd >= 0);
@@ -287,7 +267,7 @@ static void look_at_store(struct fixture *f, enum status worked) {
     if (fd >= 0) assert_int_equal(facts.st_size, 3);
     if (fd >= 0) close(fd);
     store_job_delete(store, id);
-    assert_int_equal(entries(f, "jobs"), 0);
+    assert_int_equal(folder_entries(f->folder, "jobs"), 0);
     store_close(store);
 }
 
@@ -346,7 +326,8 @@ static void every_call_of_a_writer_fails_in_turn(void **state) {
             enum status status = write_cloud(&cloud, path, &f->error);
             if (!stop_faults()) break;
             assert_int_equal(status, status_from_errno(numbers[i]));
-            assert_true(entries(f, ".") == 0 || (access(path, R_OK) == 0 && entries(f, ".") == 1));
+            assert_true(folder_entries(f->folder, ".") == 0 ||
+                        (access(path, R_OK) == 0 && folder_entries(f->folder, ".") == 1));
             unlink(path);
         }
     cloud_done(&cloud);

@@ -3,7 +3,6 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/store.h"
 
-#include <dirent.h>
 #include <fcntl.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -15,6 +14,8 @@
 #include <unistd.h>
 
 #include <cmocka.h>
+
+#include "tests/unit/folder.h"
 
 static const char id[] = "0198c7d2-4a10-7cc3-9d0e-6f1f2b3c4d5e";
 
@@ -32,32 +33,12 @@ static int set_up(void **state) {
     return store_open(f->folder, &f->store, &f->error) == STATUS_OK ? 0 : -1;
 }
 
-static void remove_all(int at, const char *name) {
-    int fd = openat(at, name, O_RDONLY | O_DIRECTORY);
-    DIR *folder = fd >= 0 ? fdopendir(fd) : NULL;
-    for (struct dirent *entry; folder && (entry = readdir(folder));)
-        if (strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0) remove_all(fd, entry->d_name);
-    if (folder) closedir(folder);
-    unlinkat(at, name, folder ? AT_REMOVEDIR : 0);
-}
-
 static int tear_down(void **state) {
     struct fixture *f = *state;
     store_close(f->store);
-    remove_all(AT_FDCWD, f->folder);
+    folder_remove(f->folder);
     free(f);
     return 0;
-}
-
-static int entries(struct fixture *f, const char *name) {
-    char path[128];
-    int count = -2; /* . and .. */
-    snprintf(path, sizeof path, "%s/%s", f->folder, name);
-    DIR *folder = opendir(path);
-    assert_non_null(folder);
-    while (readdir(folder)) count++;
-    closedir(folder);
-    return count;
 }
 
 static void write_file(const char *folder, const char *name, const char *text) {
@@ -90,10 +71,10 @@ static void an_upload_is_visible_once_it_is_kept(void **state) {
     struct store_upload u;
     char path[STORE_PATH_BYTES];
     upload(f, &u, "cloud");
-    assert_int_equal(entries(f, "tmp"), 1);
-    assert_int_equal(entries(f, "clouds"), 0);
+    assert_int_equal(folder_entries(f->folder, "tmp"), 1);
+    assert_int_equal(folder_entries(f->folder, "clouds"), 0);
     assert_int_equal(store_upload_keep(f->store, &u, "abc", &f->error), STATUS_OK);
-    assert_int_equal(entries(f, "tmp"), 0);
+    assert_int_equal(folder_entries(f->folder, "tmp"), 0);
     assert_true(store_cloud_exists(f->store, "abc"));
     store_cloud_path(f->store, "abc", path);
     assert_content(open(path, O_RDONLY), "cloud");
@@ -109,7 +90,7 @@ static void a_dropped_upload_leaves_nothing(void **state) {
     upload(f, &u, "cloud");
     store_upload_drop(f->store, &u);
     store_upload_drop(f->store, &u);
-    assert_int_equal(entries(f, "tmp"), 0);
+    assert_int_equal(folder_entries(f->folder, "tmp"), 0);
     assert_int_equal(u.fd, -1);
 }
 
@@ -120,8 +101,8 @@ static void the_same_content_twice_is_one_cloud(void **state) {
     upload(f, &b, "same");
     assert_int_equal(store_upload_keep(f->store, &a, "abc", &f->error), STATUS_OK);
     assert_int_equal(store_upload_keep(f->store, &b, "abc", &f->error), STATUS_OK);
-    assert_int_equal(entries(f, "clouds"), 1);
-    assert_int_equal(entries(f, "tmp"), 0);
+    assert_int_equal(folder_entries(f->folder, "clouds"), 1);
+    assert_int_equal(folder_entries(f->folder, "tmp"), 0);
 }
 
 /* ------------------------------------------------------------------------------------------------ outputs */
@@ -144,7 +125,7 @@ static void outputs_appear_together_with_their_hashes(void **state) {
     assert_string_equal(outputs[0].sha256, "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
     assert_string_equal(outputs[1].sha256, "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
     assert_content(store_output_open(f->store, id, "cloud.ply"), "abc");
-    assert_int_equal(entries(f, "tmp"), 0);
+    assert_int_equal(folder_entries(f->folder, "tmp"), 0);
 }
 
 static void outputs_of_a_second_run_take_the_place_of_the_first(void **state) {
@@ -159,7 +140,7 @@ static void outputs_of_a_second_run_take_the_place_of_the_first(void **state) {
         assert_int_equal(store_outputs_keep(f->store, id, outputs, &count, &f->error), STATUS_OK);
     }
     assert_content(store_output_open(f->store, id, "cloud.ply"), "second");
-    assert_int_equal(entries(f, "tmp"), 0);
+    assert_int_equal(folder_entries(f->folder, "tmp"), 0);
 }
 
 static void a_run_begins_with_an_empty_folder(void **state) {
@@ -173,7 +154,7 @@ static void a_run_begins_with_an_empty_folder(void **state) {
     close(fd);
     store_outputs_drop(f->store, id);
     store_outputs_drop(f->store, id);
-    assert_int_equal(entries(f, "tmp"), 0);
+    assert_int_equal(folder_entries(f->folder, "tmp"), 0);
 }
 
 static void what_is_no_plain_file_is_no_output(void **state) {
@@ -215,8 +196,8 @@ static void a_log_is_appended_to(void **state) {
     assert_content(store_log_open(f->store, id, false), "line\nline\n");
     store_job_delete(f->store, id);
     assert_int_equal(store_log_open(f->store, id, false), -1);
-    assert_int_equal(entries(f, "jobs"), 0);
-    assert_int_equal(entries(f, "tmp"), 0);
+    assert_int_equal(folder_entries(f->folder, "jobs"), 0);
+    assert_int_equal(folder_entries(f->folder, "tmp"), 0);
 }
 
 /* ------------------------------------------------------------------------------------------------ opening, cleaning */
@@ -264,9 +245,9 @@ static void cleaning_removes_what_nobody_keeps(void **state) {
     assert_int_equal(removed, 4);
     assert_int_equal(asked[STORE_CLOUD], 2);
     assert_int_equal(asked[STORE_JOB], 2);
-    assert_int_equal(entries(f, "tmp"), 0);
-    assert_int_equal(entries(f, "clouds"), 1);
-    assert_int_equal(entries(f, "jobs"), 1);
+    assert_int_equal(folder_entries(f->folder, "tmp"), 0);
+    assert_int_equal(folder_entries(f->folder, "clouds"), 1);
+    assert_int_equal(folder_entries(f->folder, "jobs"), 1);
 }
 
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from conftest import BUILD
+from conftest import BUILD, SANITIZED
 
 LOAD = pathlib.Path(__file__).parent.parent / "load"
 
@@ -23,6 +23,6 @@ def test_many_clients_at_once_and_many_jobs(tmp_path):
         "--no-times", "--folder", tmp_path)
 
 
-@pytest.mark.skipif("asan" in str(BUILD) or "tsan" in str(BUILD), reason="sanitizers keep freed memory")
+@pytest.mark.skipif(SANITIZED, reason="sanitizers keep freed memory")
 def test_mixed_traffic_leaves_nothing():
     run("soak.py", "--seconds", 2)

@@ -257,7 +257,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     put_ids(request, size);
     service.tokens = memmem(request, size, "Authorization", 13) ? tokens : NULL;
     exchange(request, size + END_LENGTH, PATIENCE_MS, answer);
-    require(!answer[0] || (strncmp(answer, "HTTP/1.1 ", 9) == 0 && strncmp(answer + 9, "500", 3) != 0));
+    bool right = !answer[0] || (strncmp(answer, "HTTP/1.1 ", 9) == 0 && strncmp(answer + 9, "500", 3) != 0);
+    if (!right) fprintf(stderr, "%s\n", answer);
+    require(right);
     learn(answer);
     free(request);
     return 0;

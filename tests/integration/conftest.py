@@ -13,7 +13,7 @@ import pytest
 
 BUILD = pathlib.Path(os.environ.get("WHITTLE_BUILD", "build/release"))
 SANITIZED = bool(re.search("asan|tsan", str(BUILD)))
-PATIENCE_S = 600 if SANITIZED else 60  # how long a condition may take before the test gives up
+PATIENCE_S = 600 if SANITIZED else 180  # how long a condition may take before the test gives up
 # Sanitizers reserve address space that a limit would deny, and do what confinement forbids.
 UNLIMITED = ("--job-memory", "1024T", "--worker-sandbox=off") if SANITIZED else ()
 

@@ -306,12 +306,12 @@ SECONDS ?= 3600
 .PHONY: test-load
 test-load: deps ## many clients at once, then many jobs; LOAD="--uploads 8 --bytes 8000000 --jobs 100"
 	@$(MAKE) --no-print-directory all
-	@$(PYTHON) tests/load/load.py $(build) $(LOAD)
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) tests/load/load.py $(LOAD)
 
 .PHONY: test-soak
 test-soak: deps ## mixed traffic with workers killed at random; nothing may grow; SECONDS=3600
 	@$(MAKE) --no-print-directory all
-	@$(PYTHON) tests/load/soak.py $(build) --seconds $(SECONDS)
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) tests/load/soak.py --seconds $(SECONDS) --seed $(SEED)
 
 .PHONY: contract
 contract: $(build)/whittled ## bring api/openapi.json up to date with core/params.c and api/routes.c

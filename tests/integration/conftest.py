@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Starts whittled for a test, on a free port and a data folder of its own, and talks to it with curl."""
+import http.client
 import json
 import math
 import os
@@ -91,6 +92,17 @@ class Daemon:
             self.process.send_signal(signal.SIGTERM)
             self.process.wait(PATIENCE_S)
         return self.process.returncode if self.process else None
+
+    def request(self, method, path, body=None, headers=None, connection=None):
+        """(status, headers, body) without curl, for the many requests of a campaign; connection: one that is kept."""
+        own = connection or http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)
+        try:
+            own.request(method, path, body=body, headers=headers or {})
+            reply = own.getresponse()
+            return reply.status, dict(reply.getheaders()), reply.read()
+        finally:
+            if not connection:
+                own.close()
 
     def curl_command(self, path, *arguments):
         return ["curl", "-sS", "--max-time", str(PATIENCE_S), "-D", "-", *map(str, (*self.curl_flags, *arguments)),

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The load and the soak in small: what they check of every byte and every job, and not the times."""
+import os
 import pathlib
 import subprocess
 import sys
@@ -12,8 +13,8 @@ LOAD = pathlib.Path(__file__).parent.parent / "load"
 
 
 def run(program, *arguments):
-    done = subprocess.run([sys.executable, LOAD / program, BUILD, *map(str, arguments)], capture_output=True, text=True,
-                          check=False)
+    done = subprocess.run([sys.executable, LOAD / program, *map(str, arguments)], capture_output=True, text=True, check=False,
+                          env=dict(os.environ, WHITTLE_BUILD=str(BUILD)))
     print(done.stdout)
     assert done.returncode == 0, done.stdout + done.stderr
 

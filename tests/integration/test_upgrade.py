@@ -2,7 +2,7 @@
 """Data folders of older versions: whatever schema the database has, the service brings it to its own, serves what is
 there and ends what waited; a folder of a newer version is refused.
 
-An older database is made of the first steps of the schema in server/queue_sqlite.c, which are never edited, and of what
+An older database is made of the first steps of the schema in server/schema.c, which are never edited, and of what
 the current one holds of their columns."""
 import contextlib
 import pathlib
@@ -14,12 +14,12 @@ import pytest
 
 from conftest import BUILD, PATIENCE_S, SMALL, sphere
 
-SOURCE = (pathlib.Path(__file__).resolve().parents[2] / "server/queue_sqlite.c").read_text()
+SOURCE = (pathlib.Path(__file__).resolve().parents[2] / "server/schema.c").read_text()
 
 
 def schema_steps():
     """The steps as one text each: literals side by side are one, commas part them."""
-    body = re.search(r"schema\[\] = \{\n(.*?)\n\};", SOURCE, re.S)[1]
+    body = re.search(r"steps\[\] = \{\n(.*?)\n\};", SOURCE, re.S)[1]
     steps = [""]
     for literal, comma in re.findall(r'"((?:[^"\\]|\\.)*)"|(,)', body):
         if comma:

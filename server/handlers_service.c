@@ -74,7 +74,7 @@ void handlers_get_readiness(struct service *service, struct request *request, st
         response_refuse(response, PROBLEM_DRAINING, "the service is about to stop");
     else if (waiting >= (uint64_t)service->config->max_queue)
         response_refuse(response, PROBLEM_QUEUE_FULL, "%llu jobs are waiting", (unsigned long long)waiting);
-    else if (store_free_bytes(service->store) < (uint64_t)service->config->min_free_bytes)
+    else if (!store_has_room(service->store, 0) || !store_takes_files(service->store))
         response_refuse(response, PROBLEM_STORAGE_FULL, "the disk is full");
     else
         response_text(response, 200, "application/json", strdup("{\"status\":\"ready\"}"));

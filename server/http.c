@@ -417,7 +417,8 @@ static enum MHD_Result dispatch(struct exchange *x) {
         response_refuse(&x->response, PROBLEM_DRAINING, "the service stops");
         return answer(x);
     }
-    set_uploading(x, false); /* parked by now: closing waits for it */
+    set_uploading(x, false);                                              /* parked by now: closing waits for it */
+    x->task.slow = strcmp(x->log_method, "GET") != 0 && !x->request.head; /* who changes something waits for others */
     offload_post(x->http->offload, &x->task);
     return MHD_YES;
 }

@@ -1,4 +1,4 @@
-/* Stages tick as often as they like; what goes out is one line in INTERVAL_MS, and the first of every stage, so that short
+/* Stages tick as often as they like; what goes out is a line in INTERVAL_MS and the first of every stage, so that short
  * stages show too.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */

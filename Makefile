@@ -52,6 +52,7 @@ unit_support_src := $(filter-out $(unit_src),$(wildcard tests/unit/*.c))
 tool_src := $(wildcard tests/tools/*.c tests/tools/*.cc tests/bench/*.c tests/bench/*.cc)
 fuzz_src := $(wildcard tests/fuzz/fuzz_*.c)
 peer_src := $(wildcard tests/peers/*.cc)
+comma := ,
 object = $(patsubst %,$(build)/%.o,$(basename $(1)))
 
 libwhittle := $(build)/libwhittle.a
@@ -98,10 +99,12 @@ $(build)/whittled: $(call object,$(daemon_src)) $(libserver) $(libapi) $(libwhit
 	$(say) LD $@
 	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(DAEMON_LIBS) $(CODEC_LIBS) -lseccomp -lm
 
+# Unit tests can make each allocation fail (tests/unit/faults.c).
+wrapped := $(patsubst %,-Wl$(comma)--wrap=%,malloc calloc realloc reallocarray strdup strndup)
 $(unit_programs): $(build)/tests/unit/%: $(build)/tests/unit/%.o $(call object,$(unit_support_src)) \
     $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@
-	$(Q)$(CC) $(LDFLAGS) -o $@ $^ -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CORE_LIBS)
+	$(Q)$(CC) $(LDFLAGS) $(wrapped) -o $@ $^ -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CORE_LIBS)
 
 $(tool_programs): $(build)/%: $(build)/%.o $(libapi) $(libwhittle)
 	$(say) LD $@

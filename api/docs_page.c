@@ -13,6 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "api/links.h"
 #include "api/openapi.h"
 
 static const char style[] =
@@ -224,6 +225,7 @@ static void put_page(FILE *out, const json_t *root) {
             "<title>whittled: reference</title>\n<style>%s</style>\n<h1>whittled</h1>\n",
             style);
     put_element(out, "p", text_at(info, "description"));
+    if (links_base()[0]) fprintf(out, "<p>All paths are below <code>%s</code>.</p>\n", links_base());
     fputs("<nav>", out);
     json_array_foreach(tags, i, tag) fprintf(out, "<a href=\"#%s\">%s</a>", text_at(tag, "name"), text_at(tag, "name"));
     fputs("<a href=\"#schemas\">schemas</a><a href=\"openapi.json\">openapi.json</a></nav>\n", out);

@@ -19,6 +19,7 @@
 #include <sys/signalfd.h>
 #include <unistd.h>
 
+#include "api/links.h"
 #include "core/version.h"
 #include "server/check.h"
 #include "server/config.h"
@@ -173,6 +174,7 @@ int main(int argc, char **argv) {
         fprintf(stderr, "whittled: %s: %s\n", error.where, error.text);
         return EXIT_USAGE;
     }
+    links_set_base(config.base_path);
     raise_file_limit();
     give_memory_back();
     int signals = open_signals();

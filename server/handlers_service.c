@@ -42,11 +42,8 @@ void handlers_get_info(struct service *service, struct request *request, struct 
 }
 
 void handlers_get_contract(struct service *service, struct request *request, struct response *response) {
-    size_t bytes;
     (void)service;
-    if (!handlers_takes_no_query(request, response)) return;
-    const char *document = openapi_document(&bytes);
-    response_text(response, 200, "application/json", strndup(document, bytes));
+    if (handlers_takes_no_query(request, response)) response_text(response, 200, "application/json", openapi_here());
 }
 
 void handlers_get_problem(struct service *service, struct request *request, struct response *response) {

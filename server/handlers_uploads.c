@@ -12,6 +12,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "api/links.h"
 #include "api/upload_json.h"
 #include "server/handlers.h"
 #include "server/log.h"
@@ -70,7 +71,7 @@ static void put_state(const struct uploads_info *info, struct response *response
     response_header(response, "Upload-Offset", "%llu", (unsigned long long)info->offset);
     if (strftime(text, sizeof text, "%a, %d %b %Y %H:%M:%S GMT", gmtime_r(&seconds, &tm)))
         response_header(response, "Upload-Expires", "%s", text);
-    if (info->cloud[0]) response_header(response, "Whittle-Cloud", "/v1/clouds/%s", info->cloud);
+    if (info->cloud[0]) response_header(response, "Whittle-Cloud", "%s/v1/clouds/%s", links_base(), info->cloud);
     response_header(response, "Cache-Control", "no-store");
 }
 
@@ -255,7 +256,7 @@ void handlers_create_upload(struct service *service, struct request *request, st
     struct uploads_info info;
     if (!end_piece(service, request, &info, response)) return;
     put_document(&info, 201, response);
-    response_header(response, "Location", "/v1/uploads/%s", info.id);
+    response_header(response, "Location", "%s/v1/uploads/%s", links_base(), info.id);
 }
 
 void handlers_continue_upload(struct service *service, struct request *request, struct response *response) {

@@ -34,6 +34,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "api/links.h"
 #include "server/access.h"
 #include "server/handlers.h"
 #include "server/listen.h"
@@ -365,7 +366,7 @@ static enum MHD_Result begin(struct exchange *x, const char *method, const char 
     struct request *request = &x->request;
     const char *path = path_of(target);
     request->method = method;
-    request->path = path;
+    request->path = links_below_base(path);
     request->head = strcmp(method, "HEAD") == 0;
     snprintf(x->log_method, sizeof x->log_method, "%s", method);
     put_plain(x->log_path, sizeof x->log_path, path);

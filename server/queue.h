@@ -27,9 +27,6 @@ struct sql;
 enum status queue_open(const char *path, struct queue **queue, struct error *error) MUST_CHECK;
 void queue_close(struct queue *queue);
 
-/* The version that the database has after queue_open: the number of steps of its schema. */
-int queue_schema_version(void);
-
 /* The database's connection for writing and the one for reading, for what else is kept in it; borrowed. */
 struct sql *queue_writer(struct queue *queue);
 struct sql *queue_reader(struct queue *queue);

@@ -50,6 +50,36 @@ def test_an_end_that_cannot_be_recorded_is_recorded_later(make_daemon):
     check(daemon)
 
 
+DISK = {"database-write=enospc": 507, "database-write=eio": 500, "database-sync=eio": 500, "database-read=eio": 500,
+        "database-map=eio": 500}
+
+
+@pytest.mark.parametrize("first", [1, 3, 6, 10, 15, 22])
+@pytest.mark.parametrize("fault", sorted(DISK))
+def test_a_database_whose_disk_refuses_for_a_while(make_daemon, fault, first):
+    daemon = make_daemon()
+    kept = daemon.submit(SMALL)
+    daemon.ended(kept)
+    daemon.stop()
+    try:
+        daemon.start("--fault", f"{fault}:{first}-{first + 4}")
+    except AssertionError:
+        assert daemon.process.wait(60) == 1  # refused to start, and said why
+        assert "the database says" in daemon.log_text()
+        daemon.start()
+    accepted = [kept]
+    for i in range(12):
+        reply = daemon.post(f"/v1/jobs?points={20 + i}", SMALL)
+        assert reply.status in (201, DISK[fault]), reply.body
+        if reply.status == 201:
+            accepted.append(reply.json["id"])
+    assert len(accepted) > 6
+    for job_id in accepted:
+        wait_until(lambda j=job_id: daemon.curl(f"/v1/jobs/{j}").status == 200, "the database")
+        assert daemon.ended(job_id)["status"] == "successful"
+    check(daemon)
+
+
 def test_a_database_that_is_locked_for_seconds(make_daemon):
     daemon = make_daemon()
     database = sqlite3.connect(daemon.data / "whittled.db", isolation_level=None, check_same_thread=False)

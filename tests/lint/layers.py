@@ -23,7 +23,7 @@ OWNER = {
     r"zlib\.h": r"core/inflate_gzip\.c",
     r"zstd(_errors)?\.h": r"core/inflate_zstd\.c",
     r"curl/.*": r"server/post\.c",
-    r"sqlite3\.h": r"server/sql\.c",
+    r"sqlite3\.h": r"server/sql(_faults)?\.c",
     r"microhttpd\.h": r"server/http\.c",
     r"gnutls/.*": r"server/tls\.c",
     r"seccomp\.h": r"server/daemon_seccomp\.c",

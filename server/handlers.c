@@ -105,6 +105,7 @@ bool handlers_admit_body(struct service *service, struct request *request, unsig
     const struct config *config = service->config;
     struct body_plan plan = {.takes = takes,
                              .store = service->store,
+                             .threads = service->hashing,
                              .max_bytes = (uint64_t)config->max_body_bytes,
                              .admission = handlers_admission(config, params),
                              .max_expansion = (uint32_t)config->max_expansion,

@@ -10,6 +10,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "api/problem.h"
 #include "core/fault.h"
@@ -151,6 +152,14 @@ static enum status mend(struct service *service, struct error *error) {
     return status;
 }
 
+/* As many threads as can hash at once. */
+static enum status open_hashing(struct offload **threads, struct error *error) {
+    long processors = sysconf(_SC_NPROCESSORS_ONLN);
+    unsigned count = processors > 0 ? (unsigned)processors : 1;
+    enum status status = offload_open(count, threads);
+    return status == STATUS_OK ? STATUS_OK : error_set(error, status, "service", "can't start threads");
+}
+
 enum status service_open(struct service *service, const struct config *config, struct error *error) {
     char path[STORE_PATH_BYTES];
     memset(service, 0, sizeof *service);
@@ -164,6 +173,7 @@ enum status service_open(struct service *service, const struct config *config, s
                              ? STATUS_OK
                              : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
     if (status == STATUS_OK) status = store_open(config->data, &service->store, error);
+    if (status == STATUS_OK) status = open_hashing(&service->hashing, error);
     if (status == STATUS_OK) {
         store_keep_free(service->store, (uint64_t)config->min_free_bytes);
         store_database_path(service->store, path);
@@ -193,6 +203,7 @@ void service_close(struct service *service) {
     metrics_free(service->metrics);
     uploads_close(service->uploads);
     queue_close(service->queue);
+    offload_close(service->hashing);
     store_close(service->store);
     estimate_free(service->estimate);
     idempotency_free(service->idempotency);

@@ -31,6 +31,7 @@ struct service {
     struct signature_key signing_key;
     struct tls *tls; /* NULL = plain HTTP */
     struct store *store;
+    struct offload *hashing; /* threads that hash uploads on their way in */
     struct queue *queue;
     struct events *events;
     struct uploads *uploads;

@@ -90,7 +90,7 @@ void response_problem(struct response *response, const struct problem *problem) 
 }
 
 void response_problem_text(struct response *response, const char *json) {
-    response_text(response, problem_status_of(json), "application/problem+json", strdup(json));
+    response_text(response, problem_status_of(json), "application/problem+json", problem_relocate(json));
 }
 
 void response_refuse(struct response *response, enum problem_kind kind, const char *format, ...) {

@@ -145,8 +145,8 @@ FORCE:
 # What building, testing and the demo want, by the names of Debian 12's packages.
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
             libmicrohttpd-dev libgnutls28-dev libcurl4-openssl-dev libsqlite3-dev libseccomp-dev nettle-dev zlib1g-dev \
-            libzstd-dev libcmocka-dev libfaketime curl jq python3 python3-pytest python3-pytest-xdist python3-jsonschema \
-            ca-certificates
+            libzstd-dev libcmocka-dev libfaketime xz-utils zstd sqlite3 curl jq python3 python3-pytest \
+            python3-pytest-xdist python3-jsonschema ca-certificates
 peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev libmeshoptimizer-dev meshlab xvfb xauth
 bench_packages := valgrind
 paper_packages := libeigen3-dev libtbb-dev libmeshoptimizer-dev python3-matplotlib
@@ -218,6 +218,12 @@ bench-counts: deps ## instructions of each stage against the stored ones; BENCH=
 	@deploy/deps.sh $(bench_packages)
 	@$(MAKE) --no-print-directory -j$$(nproc) all tools
 	@$(PYTHON) tests/bench/counts.py $(build) $(BENCH)
+
+POINTS ?= 1000000
+.PHONY: sizing
+sizing: deps ## the table of deploy/README.md: processor, memory, disk for each million points; POINTS=1000000
+	@$(MAKE) --no-print-directory -j$$(nproc) all tools
+	@$(PYTHON) tests/bench/sizing.py $(build) $(POINTS)
 
 .PHONY: accuracy
 accuracy: deps ## the error table of the README; MESHES="mesh.ply ..." for others than Horse and Venus

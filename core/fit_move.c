@@ -79,12 +79,12 @@ static bool move_is_fair(const struct fit *fit, const struct star *star) {
         const struct triangle_frame *old = &star->old[i], *new = &star->new[i];
         size_t j = i + 1 < star->n ? i + 1 : 0;
         if (vec3_dot(old->n, new->n) < MOVE_LEAST_TURN) return false;
-        double before = triangle_frame_shape(old), after = triangle_frame_shape(new);
-        if (after < FIT_THIN && after < before) return false;
+        const struct facing *before = &fit->facing[star->region.triangle[i]];
+        if (!fit_shape_is_fair(before->shape, triangle_frame_shape(new))) return false;
         if (!fit_fold_is_fair(vec3_dot(old->n, star->old[j].n), vec3_dot(new->n, star->new[j].n))) return false;
         uint32_t across = fit->he.twin[halfedge_next(star->ring[i])];
         if (across == NONE) continue;
-        vec3 outside = fit_frame(fit, across / 3).n;
+        vec3 outside = fit->facing[across / 3].normal;
         if (!fit_fold_is_fair(vec3_dot(old->n, outside), vec3_dot(new->n, outside))) return false;
     }
     return true;
@@ -96,9 +96,7 @@ static double cost_at(const struct fit *fit, struct star *star, vec3 place, doub
     if (!move_is_fair(fit, star)) return INFINITY;
     double cost = fit_cost_with(fit, &star->region, star->new, star->n, limit);
     if (cost >= limit) return INFINITY;
-    double stray_sq = fit_stray_sq(fit, &star->region, star->new, star->n);
-    if (stray_sq <= fit->stray_sq) return cost;
-    return stray_sq <= fit_stray_sq(fit, &star->region, star->old, star->n) ? cost : INFINITY;
+    return fit_stays(fit, &star->region, star->new, star->n) ? cost : INFINITY;
 }
 
 static void settle(struct fit *fit, const struct star *star, vec3 place, uint32_t source) {
@@ -121,27 +119,37 @@ static bool move_freely(struct fit *fit, struct star *star, vec3 step) {
 }
 
 struct choice {
-    double value;
+    float value;
     uint32_t point;
 };
+
+/* Puts the points of a cluster among the choices as far as they are better; the number of choices. */
+static size_t choose_among(const struct fit *fit, const struct cluster *cluster, const float *value,
+                           struct choice choice[CANDIDATES], size_t count) {
+    for (size_t i = 0; i < cluster->n; i++) {
+        if (count == CANDIDATES && value[i] >= choice[count - 1].value) continue;
+        uint32_t point = fit->samples.point[cluster->sample[i]];
+        if (point == NONE || fit->taken[point]) continue;
+        size_t at = count < CANDIDATES ? count++ : count - 1;
+        for (; at > 0 && choice[at - 1].value > value[i]; at--) choice[at] = choice[at - 1];
+        choice[at] = (struct choice){value[i], point};
+    }
+    return count;
+}
 
 /* The points of the star where the model is smallest, best first; their number. */
 static size_t choose(const struct fit *fit, const struct star *star, const struct cluster_model *model, vec3 step,
                      struct choice choice[CANDIDATES]) {
     vec3 target = vec3_add(fit->mesh->vertex[star->vertex], step);
-    double stay = MOVE_STAY * sym3_trace(model->a);
+    sym3 a = model->a;
+    double stay = MOVE_STAY * sym3_trace(a);
+    a.xx += stay, a.yy += stay, a.zz += stay;
     size_t count = 0;
-    for (size_t k = 0; k < star->n; k++) {
-        for (uint32_t i = fit->first[star->region.triangle[k]]; i != NONE; i = fit->samples.sample[i].next) {
-            uint32_t point = fit->samples.point[i];
-            if (point == NONE || fit->taken[point]) continue;
-            vec3 s = vec3_sub(fit->samples.sample[i].place, target);
-            double value = vec3_dot(s, sym3_mul(model->a, s)) + stay * vec3_length_sq(s);
-            if (count == CANDIDATES && value >= choice[count - 1].value) continue;
-            size_t at = count < CANDIDATES ? count++ : count - 1;
-            for (; at > 0 && choice[at - 1].value > value; at--) choice[at] = choice[at - 1];
-            choice[at] = (struct choice){value, point};
-        }
+    struct fit_region more;
+    float value[CLUSTER_ROOM];
+    for (const struct fit_region *part = &star->region; part; part = fit_next_part(fit, part, &more)) {
+        cluster_values(&part->cluster, &a, target, value);
+        count = choose_among(fit, &part->cluster, value, choice, count);
     }
     return count;
 }

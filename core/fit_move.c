@@ -25,6 +25,7 @@
 enum { VERTEX_GRAIN = 16, COLOURS = 64, CANDIDATES = 3 };
 
 #define MOVE_LEAST_GAIN 1e-3 /* of what the star costs */
+#define MOVE_HOPELESS 1.5    /* of what the star costs: where the first choice is over that, the others are no better */
 #define MOVE_STAY 1e-4       /* pull towards the present place, of the quadric's trace */
 #define MOVE_LEAST_TURN 0.5  /* smallest cosine between a triangle's normals before and after */
 
@@ -90,13 +91,13 @@ static bool move_is_fair(const struct fit *fit, const struct star *star) {
     return true;
 }
 
-/* The star's cost with the vertex at place, or INFINITY when that isn't fair or not under limit. */
+/* The star's cost with the vertex at place, or INFINITY when that isn't fair.  What isn't under limit is known less
+ * well, and not looked at any further, but it is known whether that is hopeless. */
 static double cost_at(const struct fit *fit, struct star *star, vec3 place, double limit) {
     set_new_frames(fit, star, place);
     if (!move_is_fair(fit, star)) return INFINITY;
-    double cost = fit_cost_with(fit, &star->region, star->new, star->n, limit);
-    if (cost >= limit) return INFINITY;
-    return fit_stays(fit, &star->region, star->new, star->n) ? cost : INFINITY;
+    double cost = fit_cost_with(fit, &star->region, star->new, star->n, MOVE_HOPELESS * star->cost);
+    return cost >= limit || fit_stays(fit, &star->region, star->new, star->n) ? cost : INFINITY;
 }
 
 static void settle(struct fit *fit, const struct star *star, vec3 place, uint32_t source) {
@@ -111,7 +112,7 @@ static bool move_freely(struct fit *fit, struct star *star, vec3 step) {
     double limit = star->cost * (1 - MOVE_LEAST_GAIN);
     for (size_t i = 0; i < sizeof part / sizeof *part; i++) {
         vec3 place = vec3_add(from, vec3_scale(step, part[i]));
-        if (cost_at(fit, star, place, limit) == INFINITY) continue;
+        if (cost_at(fit, star, place, limit) >= limit) continue;
         settle(fit, star, place, NONE);
         return true;
     }
@@ -162,6 +163,7 @@ static bool move_to_point(struct fit *fit, struct star *star, const struct clust
     for (size_t i = 0; i < count; i++) {
         double cost = cost_at(fit, star, fit->input->points[choice[i].point], limit);
         if (cost < limit) limit = cost, best = choice[i].point;
+        if (i == 0 && cost < INFINITY && cost > MOVE_HOPELESS * star->cost) break;
     }
     if (best == NONE) return false;
     fit_take(fit, best);
@@ -211,22 +213,23 @@ static void move_batch(void *ctx, size_t begin, size_t end) {
     }
 }
 
-/* Stale vertices by colour: vertex[start[c] .. start[c + 1]). */
-static void sort_by_colour(const struct fit *fit, const uint8_t *colour, uint32_t *vertex, size_t start[COLOURS + 1]) {
-    size_t n = fit->mesh->vertex_count, at[COLOURS] = {0};
+/* The coloured vertices: vertex[start[c] .. start[c + 1]). */
+static void sort_by_colour(const uint8_t *colour, size_t n, uint32_t *vertex, size_t start[COLOURS + 1]) {
+    size_t at[COLOURS] = {0};
     memset(start, 0, (COLOURS + 1) * sizeof *start);
     for (size_t v = 0; v < n; v++)
-        if (colour[v] < COLOURS && fit->stale[v]) start[colour[v] + 1]++;
+        if (colour[v] < COLOURS) start[colour[v] + 1]++;
     for (size_t c = 0; c < COLOURS; c++) start[c + 1] += start[c];
     memcpy(at, start, sizeof at);
     for (uint32_t v = 0; v < n; v++)
-        if (colour[v] < COLOURS && fit->stale[v]) vertex[at[colour[v]]++] = v;
+        if (colour[v] < COLOURS) vertex[at[colour[v]]++] = v;
 }
 
+/* Only what is stale is going to move. */
 static void paint(const struct fit *fit, uint8_t *colour) {
     memset(colour, COLOURS, fit->mesh->vertex_count);
     for (uint32_t v = 0; v < fit->mesh->vertex_count; v++)
-        if (!fit->he.locked[v] && fit->he.out[v] != NONE) colour[v] = free_colour(&fit->he, colour, v);
+        if (fit->stale[v] && !fit->he.locked[v] && fit->he.out[v] != NONE) colour[v] = free_colour(&fit->he, colour, v);
 }
 
 /* The star has changed, and so have those of the neighbours. */
@@ -259,7 +262,7 @@ enum status fit_move(struct fit *fit, size_t *moves) {
     bool enough = colour && moved && vertex && left;
     if (enough) {
         paint(fit, colour);
-        sort_by_colour(fit, colour, vertex, start);
+        sort_by_colour(colour, n, vertex, start);
         for (size_t c = 0; c < COLOURS; c++) {
             struct batch batch = {fit, vertex + start[c], left, moved};
             *moves += move_colour(&batch, start[c + 1] - start[c]);

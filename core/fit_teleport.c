@@ -14,8 +14,9 @@
 #include "core/alloc.h"
 #include "core/cloud.h"
 #include "core/par.h"
+#include "core/radix.h"
 
-enum { GRAIN = 64 };
+enum { GRAIN = 64, ESTIMATES = 4096 };
 
 #define TELEPORT_PAYS 0.7 /* gain over loss, at least */
 #define TELEPORT_MOST 0.2 /* of the vertices */
@@ -97,12 +98,12 @@ static struct offer cheapest_merge(const struct fit *fit, uint32_t vertex) {
     struct fan fan;
     if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE || !fan_of(fit, vertex, &fan)) return best;
     for (size_t to = 0; to < fan.n; to++) {
-        if (!halfedge_may_collapse(&fit->he, fan.ring[to])) continue;
         set_merged_frames(fit, &fan, to);
         if (!merge_is_fair(fit, &fan, to)) continue;
         double limit = best.value + fan.cost;
         double cost = fit_cost_with(fit, &fan.region, fan.new, fan.n - 2, limit);
         if (cost >= limit) continue;
+        if (!halfedge_may_collapse(&fit->he, fan.ring[to])) continue;
         if (!fit_stays(fit, &fan.region, fan.new, fan.n - 2)) continue;
         best.value = cost - fan.cost;
         best.halfedge = fan.ring[to];
@@ -251,16 +252,45 @@ static int compare_rising(const void *a, const void *b) {
 
 static int compare_falling(const void *a, const void *b) { return compare_rising(b, a); }
 
-/* The vertices whose estimate is lowest, measured, cheapest first. */
-static size_t offer_merges(struct fit *fit, struct offer *offer) {
-    size_t count = 0, n = fit->mesh->vertex_count;
-    for (uint32_t v = 0; v < n; v++) {
-        double estimate = merge_estimate(fit, v);
-        if (estimate < INFINITY) offer[count++] = (struct offer){.value = estimate, .halfedge = NONE, .source = v};
+/* What may be offered, by a key that is quick to find: items of radix_sort, and room for twice as many. */
+struct shortlist {
+    const struct fit *fit;
+    uint64_t *item;
+};
+
+/* Positive floats are in the order of their bits. */
+static uint32_t rising_key(double x) {
+    float value = (float)x;
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    return bits;
+}
+
+static void estimate_merges(void *ctx, size_t begin, size_t end) {
+    struct shortlist *list = ctx;
+    for (size_t v = begin; v < end; v++)
+        list->item[v] = radix_item(rising_key(merge_estimate(list->fit, (uint32_t)v)), (uint32_t)v);
+}
+
+/* An edge by its triangles' cost, the dearest first; one that can't be split, or its twin, last. */
+static void estimate_splits(void *ctx, size_t begin, size_t end) {
+    struct shortlist *list = ctx;
+    const struct fit *fit = list->fit;
+    for (size_t h = begin; h < end; h++) {
+        uint32_t g = fit->he.twin[h];
+        bool counts = g != NONE && g > h;
+        uint32_t key = counts ? rising_key(fit->cost[h / 3] + fit->cost[g / 3]) : 0;
+        list->item[h] = radix_item(UINT32_MAX - key, (uint32_t)h);
     }
-    qsort(offer, count, sizeof *offer, compare_rising);
-    size_t most = (size_t)(CHEAP_PART * (double)n) + 1;
-    if (count > most) count = most;
+}
+
+/* The vertices whose estimate is lowest, measured, cheapest first. */
+static size_t offer_merges(struct fit *fit, uint64_t *item, struct offer *offer) {
+    size_t n = fit->mesh->vertex_count, most = (size_t)(CHEAP_PART * (double)n) + 1, count = 0;
+    par_for(fit->threads, n, ESTIMATES, estimate_merges, &(struct shortlist){fit, item});
+    const uint64_t *sorted = radix_sort(item, item + n, n, fit->threads);
+    for (; count < n && count < most && radix_key(sorted[count]) < rising_key(INFINITY); count++)
+        offer[count] = (struct offer){.halfedge = NONE, .source = radix_value(sorted[count])};
     par_for(fit->threads, count, GRAIN, measure_merges, &(struct market){fit, offer});
     qsort(offer, count, sizeof *offer, compare_rising);
     while (count > 0 && offer[count - 1].halfedge == NONE) count--;
@@ -268,16 +298,13 @@ static size_t offer_merges(struct fit *fit, struct offer *offer) {
 }
 
 /* The edges whose triangles cost most, measured, most rewarding first. */
-static size_t offer_splits(struct fit *fit, struct offer *offer) {
+static size_t offer_splits(struct fit *fit, uint64_t *item, struct offer *offer) {
+    size_t n = 3 * fit->mesh->triangle_count, most = (size_t)(DEAR_PART * (double)fit->mesh->vertex_count) + 1;
     size_t count = 0;
-    for (uint32_t h = 0; h < 3 * fit->mesh->triangle_count; h++) {
-        uint32_t g = fit->he.twin[h];
-        if (g == NONE || g < h) continue;
-        offer[count++] = (struct offer){.value = fit->cost[h / 3] + fit->cost[g / 3], .halfedge = h, .source = NONE};
-    }
-    qsort(offer, count, sizeof *offer, compare_falling);
-    size_t most = (size_t)(DEAR_PART * (double)fit->mesh->vertex_count) + 1;
-    if (count > most) count = most;
+    par_for(fit->threads, n, ESTIMATES, estimate_splits, &(struct shortlist){fit, item});
+    const uint64_t *sorted = radix_sort(item, item + n, n, fit->threads);
+    for (; count < n && count < most && radix_key(sorted[count]) < UINT32_MAX; count++)
+        offer[count] = (struct offer){.halfedge = radix_value(sorted[count]), .source = NONE};
     par_for(fit->threads, count, GRAIN, measure_splits, &(struct market){fit, offer});
     qsort(offer, count, sizeof *offer, compare_falling);
     while (count > 0 && offer[count - 1].halfedge == NONE) count--;
@@ -358,14 +385,16 @@ static size_t trade(struct fit *fit, const struct offer *loss, size_t losses, co
 }
 
 enum status fit_teleport(struct fit *fit, size_t *teleports) {
-    struct offer *loss = alloc_array(fit->mesh->vertex_count, sizeof *loss);
-    struct offer *gain = alloc_array(3 * fit->mesh->triangle_count / 2 + 1, sizeof *gain);
+    size_t vertices = fit->mesh->vertex_count, halfedges = 3 * fit->mesh->triangle_count;
+    struct offer *loss = alloc_array((size_t)(CHEAP_PART * (double)vertices) + 1, sizeof *loss);
+    struct offer *gain = alloc_array((size_t)(DEAR_PART * (double)vertices) + 1, sizeof *gain);
+    uint64_t *item = alloc_array(2 * (vertices > halfedges ? vertices : halfedges), sizeof *item);
     uint8_t *changed = alloc_zeroed(fit->mesh->triangle_count, 1);
-    bool enough = loss && gain && changed;
+    bool enough = loss && gain && item && changed;
     if (enough) {
-        size_t losses = offer_merges(fit, loss), gains = offer_splits(fit, gain);
+        size_t losses = offer_merges(fit, item, loss), gains = offer_splits(fit, item, gain);
         *teleports += trade(fit, loss, losses, gain, gains, changed);
     }
-    free(loss), free(gain), free(changed);
+    free(loss), free(gain), free(item), free(changed);
     return enough ? STATUS_OK : STATUS_NO_MEMORY;
 }

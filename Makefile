@@ -125,6 +125,7 @@ $(build)/tests/peers/points_pcl.o: override CXXFLAGS += $(call peer_cflags,pcl_f
 $(build)/tests/peers/points_pcl: peer_libs = -lpcl_filters -lpcl_search -lpcl_common
 $(build)/tests/peers/open3d.o: override CXXFLAGS += -isystem /usr/include/eigen3 $(call peer_cflags,Open3D)
 $(build)/tests/peers/open3d: peer_libs = -lOpen3D
+$(build)/tests/peers/meshoptimizer: peer_libs = -lmeshoptimizer
 $(peer_programs): $(build)/%: $(build)/%.o
 	$(CXX) $(LDFLAGS) -o $@ $^ $(peer_libs)
 
@@ -144,12 +145,13 @@ FORCE:
 # What building, testing and the demo want, by the names of Debian 12's packages.
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
             libmicrohttpd-dev libgnutls28-dev libcurl4-openssl-dev libsqlite3-dev libseccomp-dev nettle-dev zlib1g-dev \
-            libzstd-dev libcmocka-dev curl jq python3 python3-pytest python3-pytest-xdist python3-jsonschema \
+            libzstd-dev libcmocka-dev libfaketime curl jq python3 python3-pytest python3-pytest-xdist python3-jsonschema \
             ca-certificates
-peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev meshlab xvfb xauth
+peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev libmeshoptimizer-dev meshlab xvfb xauth
 bench_packages := valgrind
-paper_packages := libeigen3-dev libtbb-dev python3-matplotlib
+paper_packages := libeigen3-dev libtbb-dev libmeshoptimizer-dev python3-matplotlib
 fuzz_packages := clang libclang-rt-14-dev
+contract_packages := chromium nginx-light openssl wget zstd groff $(if $(shell command -v npm),,nodejs npm)
 
 .PHONY: deps
 deps: ## install the Debian packages that are missing (root, or sudo)
@@ -231,7 +233,7 @@ RATIOS ?=
 chosen = $(if $(MODELS),--models '$(MODELS)') $(if $(RATIOS),--ratios '$(RATIOS)')
 
 .PHONY: peers
-peers: deps ## compare with CGAL, PCL and Open3D; MODELS=horse,venus RATIOS=0.2,0.1 -> out/peers.md
+peers: deps ## compare with CGAL, PCL, Open3D and meshoptimizer; MODELS=horse,venus RATIOS=0.2,0.1 -> out/peers.md
 	@deploy/deps.sh $(peers_packages)
 	@$(MAKE) --no-print-directory all $(peer_programs)
 	@$(PYTHON) tests/peers/run.py --build $(build) $(chosen)
@@ -244,7 +246,7 @@ ablation: deps ## what the discrete shape operator is worth; MODELS= RATIOS= -> 
 .PHONY: paper
 paper: deps ## Lee and Jong's evaluation again, with pictures; MODELS=horse,venus -> out/paper.html
 	@deploy/deps.sh $(paper_packages)
-	@$(MAKE) --no-print-directory all $(build)/tests/peers/surface_cgal
+	@$(MAKE) --no-print-directory all $(addprefix $(build)/tests/peers/,surface_cgal meshoptimizer)
 	@$(PYTHON) tests/paper/run.py --build $(build) $(if $(MODELS),--models '$(MODELS)')
 
 # ---------------------------------------------------------------------------------------------------- deployment
@@ -295,11 +297,17 @@ fuzz: deps ## run each fuzzer for FUZZ_SECONDS=20
 	@$(MAKE) --no-print-directory -j$$(nproc) config=fuzz fuzz
 endif
 
+# Everything of the contract, with what it wants of others: linters, a validating proxy and a client from npm, a
+# browser, nginx, wget.
+contract_tests := contract matrix description browser clients prefix proxy clouds uploads formats levels cache \
+                  idempotency webhooks access config cli memory
 .PHONY: test-contract
-test-contract: all ## hold the contract against linters and a validating proxy from npm (needs node 18 and npm)
+test-contract: deps ## the whole contract, held by linters, a validating proxy, browser, proxies and clients of others
+	@deploy/deps.sh $(contract_packages)
+	@$(MAKE) --no-print-directory -j$$(nproc) all tests
 	@cd tests/node && npm ci --no-audit --no-fund --ignore-scripts
-	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -n 2 -p no:cacheprovider \
-	    $(addprefix tests/integration/test_,contract.py matrix.py description.py)
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -n 2 -p no:cacheprovider \
+	    $(contract_tests:%=tests/integration/test_%.py)
 
 LOAD ?=
 SECONDS ?= 3600

@@ -150,8 +150,7 @@ static void look_at_schema(struct check *check) {
     if (sql_number(check->sql, "PRAGMA user_version", NULL, 0, &version, &error) != STATUS_OK)
         damaged(check, "%s", error.text);
     else if (version > schema_version())
-        damaged(check, "the database has schema %lld, this program knows %d", (long long)version,
-                schema_version());
+        damaged(check, "the database has schema %lld, this program knows %d", (long long)version, schema_version());
     else if (version < schema_version())
         unfinished(check, "the database has schema %lld; the next start makes it %d", (long long)version,
                    schema_version());

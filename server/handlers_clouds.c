@@ -155,6 +155,7 @@ void handlers_create_cloud(struct service *service, struct request *request, str
     bool known = false;
     if (!handlers_end_body(request, response) || !handlers_takes_no_query(request, response) ||
         !handlers_end_upload(request, &facts, response) || answered_before(service, request, &facts, &key, response) ||
+        !handlers_is_within_share(service, request, facts.bytes, false, response) || /* its length may be new */
         !keep_cloud(service, request, &facts, &key, &known, response))
         return;
     if (handlers_read_cloud(service, request, facts.sha256, &record, response)) {

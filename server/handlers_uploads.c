@@ -185,6 +185,16 @@ bool handlers_admit_upload(struct service *service, struct request *request, str
     return take_piece(service, request, writer, info.length < most ? info.length : most, response);
 }
 
+/* The length of an upload counts from the time on that it is known; a length that is told now is new. */
+static bool has_room_for_piece(struct service *service, const struct request *request, const struct uploads_info *info,
+                               uint64_t length, struct response *response) {
+    uint64_t body = request->content_length == UINT64_MAX ? 0 : request->content_length;
+    if (!handlers_is_open(service, body, false, response)) return false;
+    if (info->length != UINT64_MAX) return true;
+    if (length != UINT64_MAX && length > info->offset) body = length - info->offset;
+    return handlers_is_within_share(service, request, body, false, response);
+}
+
 bool handlers_admit_piece(struct service *service, struct request *request, struct response *response) {
     struct uploads_info info;
     struct uploads_check check;
@@ -193,7 +203,7 @@ bool handlers_admit_piece(struct service *service, struct request *request, stru
     if (!speaks_tus(request, response) || !handlers_takes_no_query(request, response) ||
         !find(service, request, &info, response) || !read_number(request, HEADER_UPLOAD_OFFSET, &offset, response) ||
         !read_number(request, HEADER_UPLOAD_LENGTH, &length, response) || !read_check(request, &check, response) ||
-        !handlers_has_room(service, request, length == UINT64_MAX ? 0 : length, false, response))
+        !has_room_for_piece(service, request, &info, length, response))
         return false;
     if (offset == UINT64_MAX) {
         response_refuse(response, PROBLEM_MALFORMED_REQUEST, "Upload-Offset must be there");
@@ -216,6 +226,14 @@ bool handlers_admit_piece(struct service *service, struct request *request, stru
 }
 
 /* ------------------------------------------------------------------------------------------------ pieces */
+
+/* Whether its principal has more than its share, the upload included, whose length may not have been told before. */
+static bool is_over_share(struct service *service, const struct uploads_info *info, uint64_t *has) {
+    uint64_t limit = (uint64_t)service->config->principal_bytes;
+    if (!limit || info->cloud[0]) return false;
+    *has = queue_usage(service->queue, info->principal).bytes + uploads_bytes_of(service->uploads, info->principal);
+    return *has > limit;
+}
 
 /* Makes the whole upload a cloud; what is no cloud is removed.  false: *error says why, or *problem where that has no
  * code. */
@@ -275,7 +293,10 @@ static bool end_piece(struct service *service, struct request *request, struct u
         response_problem(response, &problem);
         return false;
     }
-    return finish(service, info, response);
+    uint64_t has;
+    if (!is_over_share(service, info, &has)) return finish(service, info, response);
+    response_limit(response, PROBLEM_RATE_LIMITED, "principal_bytes", (uint64_t)service->config->principal_bytes, has);
+    return false;
 }
 
 void handlers_create_upload(struct service *service, struct request *request, struct response *response) {
@@ -302,7 +323,9 @@ void handlers_get_upload(struct service *service, struct request *request, struc
         !find(service, request, &info, response))
         return;
     if (request->head) uploads_interrupt(service->uploads, info.id);
-    if (!find(service, request, &info, response) || !finish(service, &info, response)) return;
+    if (!find(service, request, &info, response)) return;
+    uint64_t has;
+    if (!is_over_share(service, &info, &has) && !finish(service, &info, response)) return;
     put_document(&info, 200, response);
     if (info.length == UINT64_MAX)
         response_header(response, "Upload-Defer-Length", "1");

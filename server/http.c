@@ -50,7 +50,7 @@ enum {
     OFFLOAD_THREADS = 8,
     CONNECTION_MEMORY = 128 * 1024,
     STREAM_BLOCK = 32 * 1024,
-    FILE_BLOCK = 256 * 1024
+    FILE_BLOCK = 128 * 1024
 };
 enum { LOG_PATH_BYTES = 160, GOODBYE_MS = 2000, ADMIN_CONNECTIONS = 64 };
 
@@ -196,9 +196,7 @@ static struct MHD_Response *make_response(struct exchange *x) {
     switch (r->kind) {
     case RESPONSE_FILE:
         x->sent_bytes = r->file_bytes;
-        made = x->secure ? MHD_create_response_from_callback(r->file_bytes, FILE_BLOCK, read_file, x, NULL)
-                         : MHD_create_response_from_fd_at_offset64(r->file_bytes, r->fd, r->file_offset);
-        if (made && !x->secure) r->fd = -1;
+        made = MHD_create_response_from_callback(r->file_bytes, FILE_BLOCK, read_file, x, NULL);
         break;
     case RESPONSE_STREAM:
         x->streaming = true;
@@ -417,7 +415,8 @@ static enum MHD_Result dispatch(struct exchange *x) {
         response_refuse(&x->response, PROBLEM_DRAINING, "the service stops");
         return answer(x);
     }
-    set_uploading(x, false); /* parked by now: closing waits for it */
+    set_uploading(x, false);                                              /* parked by now: closing waits for it */
+    x->task.slow = strcmp(x->log_method, "GET") != 0 && !x->request.head; /* who changes something waits for others */
     offload_post(x->http->offload, &x->task);
     return MHD_YES;
 }

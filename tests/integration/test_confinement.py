@@ -112,6 +112,16 @@ def test_the_process_seen_from_outside(probe):
     assert probe.curl(f"/v1/jobs/{job_id}", "-X", "DELETE").json["status"] == "dismissed"
 
 
+def test_a_job_is_nicer_than_the_service(probe):
+    own = min(os.getpriority(os.PRIO_PROCESS, probe.process.pid) + 3, 14)
+    for thread in pathlib.Path("/proc", str(probe.process.pid), "task").iterdir():
+        os.setpriority(os.PRIO_PROCESS, int(thread.name), own)
+    job_id = probe.submit(b"# probe nothing\n" + SMALL)
+    wait_until(lambda: probe.job(job_id)["stage"] == "nothing", "the probe's word")
+    assert os.getpriority(os.PRIO_PROCESS, probe.worker_pid(job_id)) == own + 5
+    assert probe.curl(f"/v1/jobs/{job_id}", "-X", "DELETE").json["status"] == "dismissed"
+
+
 def test_without_the_sandbox_limits_hold_alone(make_daemon):
     if not PROBE.exists():
         pytest.skip("the probe isn't built")

@@ -164,7 +164,7 @@ static enum status work_on_upload(struct store *store, struct error *error) {
     struct admission admission = {.max_points = 100};
     struct upload_facts facts;
     struct problem problem = {0};
-    struct upload *upload = upload_new(store, UINT64_MAX, 1000, &admission, &problem);
+    struct upload *upload = upload_new(store, NULL, UINT64_MAX, 1000, &admission, &problem);
     enum status status = upload ? STATUS_OK : STATUS_IO;
     if (upload &&
         !(upload_write(upload, cloud_text, sizeof cloud_text - 1, &problem) && upload_end(upload, &facts, &problem)))

@@ -279,8 +279,10 @@ test-mutations: all ## send COUNT=5000 mutated clouds, of SCANS too, to a servic
 # Fuzzers exist in config=fuzz alone; `make fuzz` goes there by itself.  What a run finds new stays in the corpus.
 FUZZ_SECONDS ?= 20
 ifeq ($(config),fuzz)
+$(build)/tests/fuzz/fuzz_http: $(build)/tests/unit/folder.o
 $(fuzz_programs): $(build)/%: $(build)/%.o $(libserver) $(libapi) $(libwhittle)
-	$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $^ $(API_LIBS) $(CODEC_LIBS) -lm
+	$(say) LD $@
+	$(Q)$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $^ -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CODEC_LIBS) -lm
 
 .PHONY: fuzz
 fuzz: $(fuzz_programs)
@@ -312,12 +314,12 @@ SECONDS ?= 3600
 .PHONY: test-load
 test-load: deps ## many clients at once, then many jobs; LOAD="--uploads 8 --bytes 8000000 --jobs 100"
 	@$(MAKE) --no-print-directory all
-	@$(PYTHON) tests/load/load.py $(build) $(LOAD)
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) tests/load/load.py $(LOAD)
 
 .PHONY: test-soak
 test-soak: deps ## mixed traffic with workers killed at random; nothing may grow; SECONDS=3600
 	@$(MAKE) --no-print-directory all
-	@$(PYTHON) tests/load/soak.py $(build) --seconds $(SECONDS)
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) tests/load/soak.py --seconds $(SECONDS) --seed $(SEED)
 
 .PHONY: contract
 contract: $(build)/whittled ## bring api/openapi.json up to date with core/params.c and api/routes.c

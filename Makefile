@@ -52,6 +52,7 @@ unit_support_src := $(filter-out $(unit_src),$(wildcard tests/unit/*.c))
 tool_src := $(wildcard tests/tools/*.c tests/tools/*.cc tests/bench/*.c tests/bench/*.cc)
 fuzz_src := $(wildcard tests/fuzz/fuzz_*.c)
 peer_src := $(wildcard tests/peers/*.cc)
+comma := ,
 object = $(patsubst %,$(build)/%.o,$(basename $(1)))
 
 libwhittle := $(build)/libwhittle.a
@@ -98,10 +99,12 @@ $(build)/whittled: $(call object,$(daemon_src)) $(libserver) $(libapi) $(libwhit
 	$(say) LD $@
 	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(DAEMON_LIBS) $(CODEC_LIBS) -lseccomp -lm
 
+# Unit tests can make each allocation fail (tests/unit/faults.c).
+wrapped := $(patsubst %,-Wl$(comma)--wrap=%,malloc calloc realloc reallocarray strdup strndup)
 $(unit_programs): $(build)/tests/unit/%: $(build)/tests/unit/%.o $(call object,$(unit_support_src)) \
     $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@
-	$(Q)$(CC) $(LDFLAGS) -o $@ $^ -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CORE_LIBS)
+	$(Q)$(CC) $(LDFLAGS) $(wrapped) -o $@ $^ -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CORE_LIBS)
 
 $(tool_programs): $(build)/%: $(build)/%.o $(libapi) $(libwhittle)
 	$(say) LD $@
@@ -122,6 +125,7 @@ $(build)/tests/peers/points_pcl.o: override CXXFLAGS += $(call peer_cflags,pcl_f
 $(build)/tests/peers/points_pcl: peer_libs = -lpcl_filters -lpcl_search -lpcl_common
 $(build)/tests/peers/open3d.o: override CXXFLAGS += -isystem /usr/include/eigen3 $(call peer_cflags,Open3D)
 $(build)/tests/peers/open3d: peer_libs = -lOpen3D
+$(build)/tests/peers/meshoptimizer: peer_libs = -lmeshoptimizer
 $(peer_programs): $(build)/%: $(build)/%.o
 	$(CXX) $(LDFLAGS) -o $@ $^ $(peer_libs)
 
@@ -141,12 +145,13 @@ FORCE:
 # What building, testing and the demo want, by the names of Debian 12's packages.
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
             libmicrohttpd-dev libgnutls28-dev libcurl4-openssl-dev libsqlite3-dev libseccomp-dev nettle-dev zlib1g-dev \
-            libzstd-dev libcmocka-dev curl jq python3 python3-pytest python3-pytest-xdist python3-jsonschema \
+            libzstd-dev libcmocka-dev libfaketime curl jq python3 python3-pytest python3-pytest-xdist python3-jsonschema \
             ca-certificates
-peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev meshlab xvfb xauth
+peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev libmeshoptimizer-dev meshlab xvfb xauth
 bench_packages := valgrind
-paper_packages := libeigen3-dev libtbb-dev python3-matplotlib
+paper_packages := libeigen3-dev libtbb-dev libmeshoptimizer-dev python3-matplotlib
 fuzz_packages := clang libclang-rt-14-dev
+contract_packages := chromium nginx-light openssl wget zstd groff $(if $(shell command -v npm),,nodejs npm)
 
 .PHONY: deps
 deps: ## install the Debian packages that are missing (root, or sudo)
@@ -228,7 +233,7 @@ RATIOS ?=
 chosen = $(if $(MODELS),--models '$(MODELS)') $(if $(RATIOS),--ratios '$(RATIOS)')
 
 .PHONY: peers
-peers: deps ## compare with CGAL, PCL and Open3D; MODELS=horse,venus RATIOS=0.2,0.1 -> out/peers.md
+peers: deps ## compare with CGAL, PCL, Open3D and meshoptimizer; MODELS=horse,venus RATIOS=0.2,0.1 -> out/peers.md
 	@deploy/deps.sh $(peers_packages)
 	@$(MAKE) --no-print-directory all $(peer_programs)
 	@$(PYTHON) tests/peers/run.py --build $(build) $(chosen)
@@ -246,7 +251,7 @@ closed: deps ## whether every closed model comes out closed, with all points; MO
 .PHONY: paper
 paper: deps ## Lee and Jong's evaluation again, with pictures; MODELS=horse,venus -> out/paper.html
 	@deploy/deps.sh $(paper_packages)
-	@$(MAKE) --no-print-directory all $(build)/tests/peers/surface_cgal
+	@$(MAKE) --no-print-directory all $(addprefix $(build)/tests/peers/,surface_cgal meshoptimizer)
 	@$(PYTHON) tests/paper/run.py --build $(build) $(if $(MODELS),--models '$(MODELS)')
 
 # ---------------------------------------------------------------------------------------------------- deployment
@@ -279,8 +284,10 @@ test-mutations: all ## send COUNT=5000 mutated clouds, of SCANS too, to a servic
 # Fuzzers exist in config=fuzz alone; `make fuzz` goes there by itself.  What a run finds new stays in the corpus.
 FUZZ_SECONDS ?= 20
 ifeq ($(config),fuzz)
+$(build)/tests/fuzz/fuzz_http: $(build)/tests/unit/folder.o
 $(fuzz_programs): $(build)/%: $(build)/%.o $(libserver) $(libapi) $(libwhittle)
-	$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $^ $(API_LIBS) $(CODEC_LIBS) -lm
+	$(say) LD $@
+	$(Q)$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $^ -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CODEC_LIBS) -lm
 
 .PHONY: fuzz
 fuzz: $(fuzz_programs)
@@ -295,23 +302,29 @@ fuzz: deps ## run each fuzzer for FUZZ_SECONDS=20
 	@$(MAKE) --no-print-directory -j$$(nproc) config=fuzz fuzz
 endif
 
+# Everything of the contract, with what it wants of others: linters, a validating proxy and a client from npm, a
+# browser, nginx, wget.
+contract_tests := contract matrix description browser clients prefix proxy clouds uploads formats levels cache \
+                  idempotency webhooks access config cli memory
 .PHONY: test-contract
-test-contract: all ## hold the contract against linters and a validating proxy from npm (needs node 18 and npm)
+test-contract: deps ## the whole contract, held by linters, a validating proxy, browser, proxies and clients of others
+	@deploy/deps.sh $(contract_packages)
+	@$(MAKE) --no-print-directory -j$$(nproc) all tests
 	@cd tests/node && npm ci --no-audit --no-fund --ignore-scripts
-	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -n 2 -p no:cacheprovider \
-	    $(addprefix tests/integration/test_,contract.py matrix.py description.py)
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -n 2 -p no:cacheprovider \
+	    $(contract_tests:%=tests/integration/test_%.py)
 
 LOAD ?=
 SECONDS ?= 3600
 .PHONY: test-load
 test-load: deps ## many clients at once, then many jobs; LOAD="--uploads 8 --bytes 8000000 --jobs 100"
 	@$(MAKE) --no-print-directory all
-	@$(PYTHON) tests/load/load.py $(build) $(LOAD)
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) tests/load/load.py $(LOAD)
 
 .PHONY: test-soak
 test-soak: deps ## mixed traffic with workers killed at random; nothing may grow; SECONDS=3600
 	@$(MAKE) --no-print-directory all
-	@$(PYTHON) tests/load/soak.py $(build) --seconds $(SECONDS)
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) tests/load/soak.py --seconds $(SECONDS) --seed $(SEED)
 
 .PHONY: contract
 contract: $(build)/whittled ## bring api/openapi.json up to date with core/params.c and api/routes.c

@@ -6,6 +6,7 @@
 #include <jansson.h>
 
 #include "api/job_json.h"
+#include "api/links.h"
 
 static json_t *properties_json(const struct cloud_document *cloud) {
     if (!cloud->property_count) return json_null();
@@ -40,13 +41,14 @@ static json_t *time_or_null(int64_t ms) {
 static json_t *cloud_json(const struct cloud_document *cloud) {
     json_t *report = cloud->report ? json_loads(cloud->report, 0, NULL) : NULL;
     const json_t *input = json_object_get(report, "input");
-    json_t *href = json_sprintf("/v1/clouds/%s", cloud->sha256);
-    json_t *json = json_pack(
-        "{s:s, s:s, s:s, s:I, s:o, s:o, s:o, s:o, s:o, s:I, s:[{s:s, s:O}, {s:s, s:o}]}", "id", cloud->sha256, "sha256",
-        cloud->sha256, "format", cloud->format, "bytes", (json_int_t)cloud->bytes, "points", points_json(cloud, input),
-        "properties", properties_json(cloud), "bounding_box", box_json(input), "created",
-        time_or_null(cloud->created_ms), "expires", time_or_null(cloud->expires_ms), "jobs", (json_int_t)cloud->jobs,
-        "links", "rel", "self", "href", href, "rel", "data", "href", json_sprintf("/v1/clouds/%s/data", cloud->sha256));
+    json_t *href = json_sprintf("%s/v1/clouds/%s", links_base(), cloud->sha256);
+    json_t *json =
+        json_pack("{s:s, s:s, s:s, s:I, s:o, s:o, s:o, s:o, s:o, s:I, s:[{s:s, s:O}, {s:s, s:o}]}", "id", cloud->sha256,
+                  "sha256", cloud->sha256, "format", cloud->format, "bytes", (json_int_t)cloud->bytes, "points",
+                  points_json(cloud, input), "properties", properties_json(cloud), "bounding_box", box_json(input),
+                  "created", time_or_null(cloud->created_ms), "expires", time_or_null(cloud->expires_ms), "jobs",
+                  (json_int_t)cloud->jobs, "links", "rel", "self", "href", href, "rel", "data", "href",
+                  json_sprintf("%s/v1/clouds/%s/data", links_base(), cloud->sha256));
     json_decref(href);
     json_decref(report);
     return json;

@@ -13,15 +13,20 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "api/links.h"
 #include "api/openapi.h"
 
 static const char style[] =
     "body{font:15px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;"
     "color:#222;background:#fff}"
     "table{border-collapse:collapse;width:100%}td,th{text-align:left;vertical-align:top;padding:.2rem .6rem .2rem 0;"
-    "border-bottom:1px solid #8884}code{font-size:95%}h3{margin-top:2.2rem}"
+    "border-bottom:1px solid #8884}td,h3,p{overflow-wrap:anywhere}td:first-child{overflow-wrap:normal}"
+    "code{font-size:95%}h3{margin-top:2.2rem}"
     "h3 code{background:#8882;padding:.1rem .4rem}"
-    "nav a{margin-right:1rem}@media(prefers-color-scheme:dark){body{color:#ddd;background:#181818}a{color:#8bf}}";
+    "nav{display:flex;flex-wrap:wrap;gap:.2rem 1rem}"
+    "@media(max-width:40rem){table,tbody,tr,td{display:block}tr:has(th){display:none}td{border:0;padding:0}"
+    "tr{padding:.5rem 0;border-bottom:1px solid #8884}}"
+    "@media(prefers-color-scheme:dark){body{color:#ddd;background:#181818}a{color:#8bf}}";
 
 static void put_escaped(FILE *out, const char *text) {
     for (; text && *text; text++) {
@@ -224,6 +229,7 @@ static void put_page(FILE *out, const json_t *root) {
             "<title>whittled: reference</title>\n<style>%s</style>\n<h1>whittled</h1>\n",
             style);
     put_element(out, "p", text_at(info, "description"));
+    if (links_base()[0]) fprintf(out, "<p>All paths are below <code>%s</code>.</p>\n", links_base());
     fputs("<nav>", out);
     json_array_foreach(tags, i, tag) fprintf(out, "<a href=\"#%s\">%s</a>", text_at(tag, "name"), text_at(tag, "name"));
     fputs("<a href=\"#schemas\">schemas</a><a href=\"openapi.json\">openapi.json</a></nav>\n", out);

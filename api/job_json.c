@@ -7,10 +7,13 @@
 #include <jansson.h>
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <time.h>
 
+#include "api/links.h"
 #include "api/params_json.h"
+#include "api/problem.h"
 #include "core/cloud_sniff.h"
 
 enum { DUMP = JSON_REAL_PRECISION(15) };
@@ -39,10 +42,17 @@ static json_t *parsed_or_null(const char *text) {
     return json ? json : json_null();
 }
 
+static json_t *problem_json(const char *text) {
+    char *relocated = text && *text ? problem_relocate(text) : NULL;
+    json_t *json = parsed_or_null(relocated);
+    free(relocated);
+    return json;
+}
+
 static json_t *count_or_null(uint64_t value) { return value ? json_integer((json_int_t)value) : json_null(); }
 
 static json_t *link_json(const char *rel, const char *id, const char *suffix) {
-    return json_pack("{s:s, s:o}", "rel", rel, "href", json_sprintf("/v1/jobs/%s%s", id, suffix));
+    return json_pack("{s:s, s:o}", "rel", rel, "href", json_sprintf("%s/v1/jobs/%s%s", links_base(), id, suffix));
 }
 
 static json_t *links_json(const struct job_document *job) {
@@ -55,9 +65,9 @@ static json_t *links_json(const struct job_document *job) {
 }
 
 static json_t *input_json(const struct job_document *job) {
-    return json_pack("{s:o, s:s, s:o, s:I, s:o}", "cloud", json_sprintf("/v1/clouds/%s", job->cloud), "sha256",
-                     job->cloud, "points", count_or_null(job->input_points), "bytes", (json_int_t)job->input_bytes,
-                     "format", text_or_null(job->input_format));
+    return json_pack("{s:o, s:s, s:o, s:I, s:o}", "cloud", json_sprintf("%s/v1/clouds/%s", links_base(), job->cloud),
+                     "sha256", job->cloud, "points", count_or_null(job->input_points), "bytes",
+                     (json_int_t)job->input_bytes, "format", text_or_null(job->input_format));
 }
 
 static json_t *resources_json(const struct job_document *job) {
@@ -95,7 +105,7 @@ static json_t *job_json(const struct job_document *job) {
         {"params", params_to_json(job->params)},
         {"resources", resources_json(job)},
         {"report", parsed_or_null(job->report)},
-        {"problem", parsed_or_null(job->problem)},
+        {"problem", problem_json(job->problem)},
         {"links", links_json(job)},
     };
     json_t *json = json_object();
@@ -122,10 +132,10 @@ char *job_list_encode(const struct job_document *jobs, size_t count) {
 char *job_outputs_encode(const char *id, const struct output_document *outputs, size_t count) {
     json_t *list = json_array();
     for (size_t i = 0; i < count; i++)
-        json_array_append_new(list, json_pack("{s:s, s:o, s:s, s:I, s:s}", "name", outputs[i].name, "href",
-                                              json_sprintf("/v1/jobs/%s/outputs/%s", id, outputs[i].name), "media_type",
-                                              outputs[i].media_type, "bytes", (json_int_t)outputs[i].bytes, "sha256",
-                                              outputs[i].sha256));
+        json_array_append_new(
+            list, json_pack("{s:s, s:o, s:s, s:I, s:s}", "name", outputs[i].name, "href",
+                            json_sprintf("%s/v1/jobs/%s/outputs/%s", links_base(), id, outputs[i].name), "media_type",
+                            outputs[i].media_type, "bytes", (json_int_t)outputs[i].bytes, "sha256", outputs[i].sha256));
     return dump(json_pack("{s:o}", "outputs", list), JSON_COMPACT);
 }
 
@@ -172,9 +182,10 @@ char *job_info_encode(const char *version, bool (*limit)(void *ctx, size_t i, co
     const char *name;
     int64_t value;
     for (size_t i = 0; limit(ctx, i, &name, &value); i++) json_object_set_new(limits, name, json_integer(value));
-    return dump(json_pack("{s:s, s:s, s:o, s:[s, s], s:o, s:o, s:o, s:{s:s, s:s}}", "name", "whittled", "version",
+    return dump(json_pack("{s:s, s:s, s:o, s:[s, s], s:o, s:o, s:o, s:{s:o, s:o}}", "name", "whittled", "version",
                           version, "input_formats", names_json(cloud_sniff_formats()), "input_compressions", "gzip",
                           "zstd", "outputs", output_files_json(), "features", features_json(), "limits", limits,
-                          "links", "contract", "/openapi.json", "parameters", "/v1/parameters"),
+                          "links", "contract", json_sprintf("%s/openapi.json", links_base()), "parameters",
+                          json_sprintf("%s/v1/parameters", links_base())),
                 JSON_INDENT(2));
 }

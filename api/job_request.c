@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "api/links.h"
 #include "api/params_json.h"
 #include "core/params.h"
 
@@ -135,7 +136,7 @@ static void check_member(const char *name, const json_t *value, const char *cons
 }
 
 static void read_input(struct job_request *request, const json_t *value, struct problem *problem) {
-    const char *text = json_string_value(value);
+    const char *given = json_string_value(value), *text = given ? links_below_base(given) : NULL;
     size_t prefix = sizeof input_path - 1;
     if (!value) {
         add_fault(problem, PROBLEM_INVALID_PARAMETER, "input", "must be there", NULL);

@@ -9,4 +9,7 @@
 /* The document's text, static, *bytes long, not ended by NUL. */
 const char *openapi_document(size_t *bytes);
 
+/* The same with the base path (api/links.h) as its server; returns new, NULL when memory runs out. */
+char *openapi_here(void);
+
 #endif

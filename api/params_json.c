@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "api/links.h"
 #include "api/query.h"
 
 enum { VALUE_BYTES = PARAMS_JSON_TEXT_BYTES, MAX_MEMBERS = 64 };
@@ -189,9 +190,9 @@ char *params_schema(void) {
     json_t *properties = json_object();
     for (size_t i = 0; i < count; i++) json_object_set_new(properties, table[i].name, param_schema(&table[i]));
     json_t *schema =
-        json_pack("{s:s, s:s, s:s, s:s, s:o, s:b}", "$schema", "https://json-schema.org/draft/2020-12/schema", "$id",
-                  "/v1/parameters", "title", "Parameters of a job", "type", "object", "properties", properties,
-                  "additionalProperties", 0);
+        json_pack("{s:s, s:o, s:s, s:s, s:o, s:b}", "$schema", "https://json-schema.org/draft/2020-12/schema", "$id",
+                  json_sprintf("%s/v1/parameters", links_base()), "title", "Parameters of a job", "type", "object",
+                  "properties", properties, "additionalProperties", 0);
     char *text = schema ? json_dumps(schema, JSON_INDENT(2) | JSON_REAL_PRECISION(15)) : NULL;
     json_decref(schema);
     return text;

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "api/links.h"
 #include "core/cloud_sniff.h"
 
 static const struct problem_type types[PROBLEM_COUNT] = {
@@ -220,7 +221,7 @@ static json_t *error_json(const struct problem_error *error) {
 char *problem_encode(const struct problem *problem) {
     const struct problem_type *type = &types[problem->kind];
     json_t *json = json_object(), *errors = json_array();
-    json_object_set_new(json, "type", json_sprintf("/problems/%s", type->slug));
+    json_object_set_new(json, "type", json_sprintf("%s/problems/%s", links_base(), type->slug));
     json_object_set_new(json, "title", json_string(type->title));
     json_object_set_new(json, "status", json_integer(type->http_status));
     json_object_set_new(json, "detail", text_json(problem->detail));
@@ -234,6 +235,21 @@ char *problem_encode(const struct problem *problem) {
     return text;
 }
 
+/* Whatever stood before the path is replaced by the base path. */
+static void relocate(json_t *json, const char *member, const char *path) {
+    const char *link = json_string_value(json_object_get(json, member)), *found = link ? strstr(link, path) : NULL;
+    if (found) json_object_set_new(json, member, json_sprintf("%s%s", links_base(), found));
+}
+
+char *problem_relocate(const char *text) {
+    json_t *json = json_loads(text, 0, NULL);
+    relocate(json, "type", "/problems/");
+    relocate(json, "log", "/v1/jobs/");
+    char *relocated = json ? json_dumps(json, JSON_COMPACT) : NULL;
+    json_decref(json);
+    return relocated;
+}
+
 int problem_status_of(const char *text) {
     json_t *json = text ? json_loads(text, 0, NULL) : NULL;
     json_int_t status = json_integer_value(json_object_get(json, "status"));
@@ -244,7 +260,11 @@ int problem_status_of(const char *text) {
 char *problem_page(const struct problem_type *type) {
     char *page;
     int n = asprintf(&page,
-                     "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><title>%s</title>\n"
+                     "<!doctype html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n"
+                     "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
+                     "<meta name=\"color-scheme\" content=\"light dark\">\n<title>%s</title>\n"
+                     "<style>body{font:16px/1.5 system-ui,sans-serif;max-width:46rem;margin:2rem auto;padding:0 1rem}"
+                     "</style>\n"
                      "<h1>%s</h1>\n<p><code>%s</code>, HTTP status %d</p>\n<p>%s</p>\n</html>\n",
                      type->title, type->title, type->slug, type->http_status, type->help);
     return n < 0 ? NULL : page;

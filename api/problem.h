@@ -113,6 +113,10 @@ void problem_from_error(struct problem *problem, const struct error *error);
 /* Returns new JSON text, or NULL when memory runs out. */
 char *problem_encode(const struct problem *problem);
 
+/* An encoded problem that was kept, with its links (type, log) below today's base path; returns new, NULL when memory
+ * runs out or it is no JSON. */
+char *problem_relocate(const char *json);
+
 /* The `status` member of an encoded problem; 500 when it has none.  NULL is allowed. */
 int problem_status_of(const char *json);
 

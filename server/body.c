@@ -25,7 +25,7 @@ struct body {
     enum body_kind kind;
     struct upload *upload;
     struct inflate *inflate; /* NULL: no content coding */
-    struct digest *digest;   /* NULL: no header asks for it */
+    struct digest *digest;   /* NULL: no header asks for it, or the upload has it */
     struct multipart *form;
     struct problem *problem; /* while bytes are inflated: where a refusal goes */
     bool refused;            /* it has gone there */
@@ -122,7 +122,8 @@ static bool refuse_field(const char *name, const char *why, const char *suggesti
 static bool start_upload(struct body *body, uint64_t expected_bytes, struct problem *problem) {
     struct admission admission = body->plan.admission;
     if (body->kind == BODY_FORM) admission.has_params = false; /* some may still come */
-    body->upload = upload_new(body->plan.store, expected_bytes, body->plan.max_bytes, &admission, problem);
+    body->upload =
+        upload_new(body->plan.store, body->plan.threads, expected_bytes, body->plan.max_bytes, &admission, problem);
     return body->upload != NULL;
 }
 
@@ -234,6 +235,9 @@ static bool is_digest(const char *value) {
     return value[0] == ':' && strspn(value + 1, digits) == 43 && strncmp(value + 44, "=:", 2) == 0;
 }
 
+/* Whether the bytes come in as the cloud's, so that its hash is theirs. */
+static bool is_upload(const struct body *body) { return body->kind == BODY_CLOUD && !body->inflate; }
+
 static bool start_digest(struct body *body, struct problem *problem) {
     const struct {
         const char *name, *value;
@@ -247,8 +251,8 @@ static bool start_digest(struct body *body, struct problem *problem) {
         problem_set(problem, PROBLEM_MALFORMED_REQUEST, "%s: sha-256 wants 32 bytes as :BASE64:", headers[i].name);
         return false;
     }
-    if (asked) body->digest = digest_new();
-    if (!asked || body->digest) return true;
+    if (!asked || is_upload(body)) return true;
+    if ((body->digest = digest_new())) return true;
     problem_set(problem, PROBLEM_INTERNAL_ERROR, "no memory");
     return false;
 }
@@ -256,9 +260,14 @@ static bool start_digest(struct body *body, struct problem *problem) {
 /* Both headers are over the body as it came: what is sent is what is represented. */
 static bool check_digest(struct body *body, struct problem *problem) {
     const char *const given[] = {find_digest(body->plan.content_digest), find_digest(body->plan.repr_digest)};
-    char hex[DIGEST_HEX_BYTES], found[DIGEST_BASE64_BYTES];
-    if (!body->digest) return true;
-    digest_finish(body->digest, hex);
+    char own[DIGEST_HEX_BYTES], found[DIGEST_BASE64_BYTES];
+    const char *hex = own;
+    if (!given[0] && !given[1]) return true;
+    if (is_upload(body))
+        hex = upload_hash(body->upload, problem);
+    else
+        digest_finish(body->digest, own);
+    if (!hex) return false;
     digest_base64(hex, found);
     for (size_t i = 0; i < 2; i++) {
         if (!given[i] || strncmp(given[i] + 1, found, DIGEST_BASE64_BYTES - 1) == 0) continue;

@@ -12,10 +12,11 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "api/links.h"
 #include "core/version.h"
 #include "server/roff.h"
 
-enum kind { TEXT, SWITCH, COUNT, BYTES, DURATION };
+enum kind { TEXT, SWITCH, COUNT, BYTES, DURATION, BASE };
 
 struct setting {
     const char *name;
@@ -39,6 +40,8 @@ static const struct setting table[] = {
     {"worker", TEXT, AT(worker), "", 0, 0, NULL, "Path of whittle; default: beside this program"},
     {"worker-sandbox", SWITCH, AT(worker_sandbox), "1", 0, 1, NULL,
      "Confine jobs by seccomp, Landlock and namespaces, as far as the kernel has them; limits hold always"},
+    {"base-path", BASE, AT(base_path), "", 0, 0, NULL,
+     "Where the service lies below its host, such as /whittle: links begin with it, and requests may"},
     {"config", TEXT, AT(file), "", 0, 0, NULL, "File of settings, lines of name = value"},
     {"insecure-open", SWITCH, AT(insecure_open), "0", 0, 1, NULL, "Allow an address beyond loopback without tokens"},
     {"admin-listen", TEXT, AT(admin_listen), "auto", 0, 0, NULL,
@@ -152,9 +155,12 @@ static const struct unit *units_of(enum kind kind) {
     return kind == BYTES ? sizes : kind == DURATION ? durations : no_units;
 }
 
+static bool is_text(const struct setting *setting) { return setting->kind == TEXT || setting->kind == BASE; }
+
 static bool read_value(struct config *config, const struct setting *setting, const char *text) {
     int64_t number = 0;
-    if (setting->kind == TEXT) {
+    if (setting->kind == BASE && !links_base_valid(text)) return false;
+    if (is_text(setting)) {
         int n = snprintf((char *)config + setting->offset, CONFIG_TEXT_BYTES, "%s", text);
         return n >= 0 && n < CONFIG_TEXT_BYTES;
     }
@@ -166,11 +172,15 @@ static bool read_value(struct config *config, const struct setting *setting, con
 }
 
 static enum status set(struct config *config, const struct setting *setting, const char *text, struct error *error) {
-    static const char *const takes[] = {"a text", "on or off", "a whole number", "a size such as 512M",
-                                        "a duration such as 30s"};
+    static const char *const takes[] = {"a text",
+                                        "on or off",
+                                        "a whole number in its range",
+                                        "a size such as 512M in its range",
+                                        "a duration such as 30s in its range",
+                                        "a path such as /whittle, without a slash at its end"};
     if (read_value(config, setting, text)) return STATUS_OK;
-    return error_set(error, STATUS_BAD_PARAMETER, setting->name, "'%.80s' is not allowed; it takes %s in its range",
-                     text, takes[setting->kind]);
+    return error_set(error, STATUS_BAD_PARAMETER, setting->name, "'%.80s' is not allowed; it takes %s", text,
+                     takes[setting->kind]);
 }
 
 static const struct setting *find(const char *name, size_t length) {
@@ -232,7 +242,8 @@ static enum status read_environment(struct config *config, char **environment, s
             name[i] = from[i] == '_' ? '-' : (char)tolower((unsigned char)from[i]);
         const struct setting *setting = find(name, strlen(name));
         status = setting ? set(config, setting, equals + 1, error)
-                         : error_set(error, STATUS_BAD_PARAMETER, name, "unknown setting in the environment");
+                         : error_set(error, STATUS_BAD_PARAMETER, name[0] ? name : "WHITTLED_",
+                                     "unknown setting in the environment");
     }
     return status;
 }
@@ -260,7 +271,8 @@ static enum status read_line(struct config *config, char *line, struct error *er
     if (equals) *equals = 0;
     const char *name = trim(line);
     const struct setting *setting = find(name, strlen(name));
-    if (!equals || !setting) return error_set(error, STATUS_BAD_PARAMETER, name, "unknown setting in the file");
+    if (!equals || !setting)
+        return error_set(error, STATUS_BAD_PARAMETER, name[0] ? name : "config", "unknown setting in the file");
     return set(config, setting, trim(equals + 1), error);
 }
 
@@ -347,7 +359,7 @@ static void print_number(int64_t number, const struct unit *units) {
 }
 
 static void print_value(const struct config *config, const struct setting *setting) {
-    if (setting->kind == TEXT)
+    if (is_text(setting))
         fputs((const char *)config + setting->offset, stdout);
     else
         print_number(*number_of((struct config *)config, setting), units_of(setting->kind));
@@ -365,7 +377,7 @@ static void print_config(const struct config *config) {
 }
 
 static void print_man_settings(void) {
-    static const char *const takes[] = {"text", "0 or 1", "number", "size", "duration"};
+    static const char *const takes[] = {"text", "0 or 1", "number", "size", "duration", "path"};
     for (size_t i = 0; i < ROWS; i++) {
         printf(".TP\n\\fB\\-\\-");
         roff_print(table[i].name);
@@ -467,7 +479,7 @@ static bool is_live(const struct setting *setting) {
 
 static bool same(const struct config *a, const struct config *b, const struct setting *setting) {
     const char *x = (const char *)a + setting->offset, *y = (const char *)b + setting->offset;
-    return setting->kind == TEXT ? strcmp(x, y) == 0 : memcmp(x, y, sizeof(int64_t)) == 0;
+    return is_text(setting) ? strcmp(x, y) == 0 : memcmp(x, y, sizeof(int64_t)) == 0;
 }
 
 enum status config_reload(const struct config *config, int argc, char **argv, char **environment, struct config *next,

@@ -21,7 +21,7 @@ struct config {
     char listen[CONFIG_TEXT_BYTES], data[CONFIG_TEXT_BYTES], worker[CONFIG_TEXT_BYTES], file[CONFIG_TEXT_BYTES];
     char fault[CONFIG_TEXT_BYTES];
     char tokens_file[CONFIG_TEXT_BYTES], admin_listen[CONFIG_TEXT_BYTES];
-    char tls_cert[CONFIG_TEXT_BYTES], tls_key[CONFIG_TEXT_BYTES];
+    char tls_cert[CONFIG_TEXT_BYTES], tls_key[CONFIG_TEXT_BYTES], base_path[CONFIG_TEXT_BYTES];
     int64_t link_max_ms;
     int64_t oneshot_abandon; /* a switch: a one-shot whose client is gone is dismissed */
     int64_t insecure_open;   /* a switch: 0 or 1 */

@@ -17,7 +17,8 @@
 #include "server/check.h"
 #include "server/config.h"
 #include "server/digest.h"
-#include "server/queue.h"
+#include "server/job.h"
+#include "server/schema.h"
 #include "server/sql.h"
 #include "server/store.h"
 
@@ -148,12 +149,11 @@ static void look_at_schema(struct check *check) {
     int64_t version = 0;
     if (sql_number(check->sql, "PRAGMA user_version", NULL, 0, &version, &error) != STATUS_OK)
         damaged(check, "%s", error.text);
-    else if (version > queue_schema_version())
-        damaged(check, "the database has schema %lld, this program knows %d", (long long)version,
-                queue_schema_version());
-    else if (version < queue_schema_version())
+    else if (version > schema_version())
+        damaged(check, "the database has schema %lld, this program knows %d", (long long)version, schema_version());
+    else if (version < schema_version())
         unfinished(check, "the database has schema %lld; the next start makes it %d", (long long)version,
-                   queue_schema_version());
+                   schema_version());
     if (sql_number(check->sql, "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name = 'clouds'", NULL, 0,
                    &check->cloud_tables, &error) != STATUS_OK)
         damaged(check, "%s", error.text);

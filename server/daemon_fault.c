@@ -7,6 +7,7 @@
  *     outputs-rename -folder-sync -kept, job-recorded     ... and the end's row
  *     delete-committed, remove-rename removed             the row is gone; the name is; the files are
  *     commit                                              any change of the database
+ *     database-open -read -write -sync -truncate -map     the database's own files (sql_faults.c)
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/daemon_fault.h"
@@ -29,25 +30,27 @@ enum { ACTIONS = sizeof actions / sizeof actions[0] };
 /* Written once, before there are other threads. */
 static char armed_point[64];
 static int armed_number;
-static atomic_long passes_left;
+static long first_pass = 1, last_pass;
+static atomic_long passes;
 
 static int ask(const char *point) {
-    if (strcmp(point, armed_point) != 0 || atomic_fetch_sub(&passes_left, 1) != 1) return 0;
+    if (strcmp(point, armed_point) != 0) return 0;
+    long pass = atomic_fetch_add(&passes, 1) + 1;
+    if (pass < first_pass || pass > last_pass) return 0;
     if (!armed_number) raise(SIGKILL);
     return armed_number;
 }
 
 enum status fault_arm(const char *text, struct error *error) {
     char action[16] = "";
-    long nth = 1;
     size_t i = 0;
     if (!text[0]) return STATUS_OK;
-    int found = sscanf(text, "%63[a-z-]=%15[a-z]:%ld", armed_point, action, &nth);
+    int found = sscanf(text, "%63[a-z-]=%15[a-z]:%ld-%ld", armed_point, action, &first_pass, &last_pass);
+    if (found < 4) last_pass = first_pass;
     while (i < ACTIONS && strcmp(actions[i].name, action) != 0) i++;
-    if (found < 2 || i == ACTIONS || nth < 1)
+    if (found < 2 || i == ACTIONS || first_pass < 1 || last_pass < first_pass)
         return error_set(error, STATUS_BAD_PARAMETER, "fault", "'%.80s' is not like POINT=ACTION:N", text);
     armed_number = actions[i].number;
-    atomic_store(&passes_left, nth);
     fault_ask = ask;
     return STATUS_OK;
 }

@@ -6,8 +6,9 @@
 
 #include "core/status.h"
 
-/* Takes POINT=ACTION, or POINT=ACTION:N for the N-th time that the point is passed: ACTION is kill (this process gets
- * SIGKILL) or the failure there, enospc, eio, emfile, enomem.  "" does nothing.  Before there are other threads. */
+/* Takes POINT=ACTION, or POINT=ACTION:N for the N-th time that the point is passed, or POINT=ACTION:N-M: ACTION is kill
+ * (this process gets SIGKILL) or the failure there, enospc, eio, emfile, enomem.  "" does nothing.  Before there are
+ * other threads. */
 enum status fault_arm(const char *text, struct error *error) MUST_CHECK;
 
 #endif

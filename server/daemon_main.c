@@ -19,6 +19,7 @@
 #include <sys/signalfd.h>
 #include <unistd.h>
 
+#include "api/links.h"
 #include "core/version.h"
 #include "server/check.h"
 #include "server/config.h"
@@ -32,7 +33,7 @@
 #include "server/supervisor.h"
 #include "server/webhooks.h"
 
-enum { EXIT_USAGE = 2, SWEEP_MS = 30000, DRAIN_LOOK_MS = 50, LARGE_BYTES = 1 << 20, ARENAS = 4 };
+enum { EXIT_USAGE = 2, SWEEP_MS = 30000, SWEEP_MIN_MS = 50, DRAIN_LOOK_MS = 50, LARGE_BYTES = 1 << 20, ARENAS = 4 };
 
 /* The signals become readable; none interrupts anything.  Threads started later inherit the mask. */
 static int open_signals(void) {
@@ -67,10 +68,19 @@ static void give_memory_back(void) {
     mallopt(M_ARENA_MAX, ARENAS);
 }
 
+/* As often as the shortest time that anything is kept for, SWEEP_MS at most, SWEEP_MIN_MS at least. */
+static int64_t sweep_every_ms(const struct config *config) {
+    const int64_t times[] = {config->retention_ms, config->upload_expiry_ms, config->idempotency_retention_ms};
+    int64_t every = SWEEP_MS;
+    for (size_t i = 0; i < sizeof times / sizeof *times; i++)
+        if (times[i] < every) every = times[i];
+    return every < SWEEP_MIN_MS ? SWEEP_MIN_MS : every;
+}
+
 /* Sweeps now and then until a signal ends it; SIGHUP doesn't. */
 static void serve(struct service *service, struct reload *reload, int signals) {
     struct pollfd fds = {.fd = signals, .events = POLLIN};
-    int64_t every = service->config->retention_ms < SWEEP_MS ? service->config->retention_ms : SWEEP_MS;
+    int64_t every = sweep_every_ms(service->config);
     for (;;) {
         if (poll(&fds, 1, (int)every) <= 0)
             service_sweep(service);
@@ -173,6 +183,7 @@ int main(int argc, char **argv) {
         fprintf(stderr, "whittled: %s: %s\n", error.where, error.text);
         return EXIT_USAGE;
     }
+    links_set_base(config.base_path);
     raise_file_limit();
     give_memory_back();
     int signals = open_signals();

@@ -17,7 +17,7 @@
 
 #include "core/alloc.h"
 
-enum { BLOCK_BYTES = 256 * 1024 };
+enum { BLOCK_BYTES = 64 * 1024 /* on the stack */ };
 
 struct digest {
     bool is_sha1;
@@ -66,26 +66,37 @@ void digest_finish_base64(struct digest *digest, char base64[DIGEST_BASE64_BYTES
     base64[BASE64_ENCODE_RAW_LENGTH(length)] = 0;
 }
 
-static int read_all(int fd, struct digest *digest, unsigned char *block, uint64_t *bytes) {
-    *bytes = 0;
-    for (;;) {
-        ssize_t n = pread(fd, block, BLOCK_BYTES, (off_t)*bytes);
+/* Hashes up to so many bytes; returns how many there were, or -1 with errno. */
+static int64_t read_some(int fd, struct digest *digest, uint64_t offset, uint64_t most) {
+    unsigned char block[BLOCK_BYTES];
+    uint64_t done = 0;
+    while (done < most) {
+        size_t wanted = most - done < BLOCK_BYTES ? (size_t)(most - done) : BLOCK_BYTES;
+        ssize_t n = pread(fd, block, wanted, (off_t)(offset + done));
         if (n < 0 && errno == EINTR) continue;
-        if (n <= 0) return (int)n;
+        if (n < 0) return -1;
+        if (n == 0) break;
         digest_update(digest, block, (size_t)n);
-        *bytes += (uint64_t)n;
+        done += (uint64_t)n;
     }
+    return (int64_t)done;
+}
+
+int digest_range(struct digest *digest, int fd, uint64_t offset, uint64_t count) {
+    int64_t found = read_some(fd, digest, offset, count);
+    if (found >= 0 && (uint64_t)found < count) errno = EIO;
+    return found >= 0 && (uint64_t)found == count ? 0 : -1;
 }
 
 int digest_file(int fd, char hex[DIGEST_HEX_BYTES], uint64_t *bytes) {
     struct digest *digest = digest_new();
-    unsigned char *block = alloc_array(1, BLOCK_BYTES);
-    int result = -1;
-    if (digest && block) result = read_all(fd, digest, block, bytes);
-    if (result == 0) digest_finish(digest, hex);
-    free(block);
+    int64_t found = digest ? read_some(fd, digest, 0, INT64_MAX) : -1;
+    if (found >= 0) {
+        *bytes = (uint64_t)found;
+        digest_finish(digest, hex);
+    }
     digest_free(digest);
-    return result;
+    return found >= 0 ? 0 : -1;
 }
 
 bool digest_text(const char *text, char hex[DIGEST_HEX_BYTES]) {

@@ -25,6 +25,9 @@ void digest_finish(struct digest *digest, char hex[DIGEST_HEX_BYTES]);
 /* The same as base64, of either hash. */
 void digest_finish_base64(struct digest *digest, char base64[DIGEST_BASE64_BYTES]);
 
+/* Adds count bytes of an open file.  -1 with errno when they can't be read; EIO: the file ends before. */
+int digest_range(struct digest *digest, int fd, uint64_t offset, uint64_t count);
+
 /* The hash and length of an open file, read from its start in blocks.  -1 with errno when it can't be read. */
 int digest_file(int fd, char hex[DIGEST_HEX_BYTES], uint64_t *bytes);
 

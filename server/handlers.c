@@ -57,12 +57,12 @@ bool handlers_takes_no_query(const struct request *request, struct response *res
 
 /* ------------------------------------------------------------------------------------------------ clouds come in */
 
-/* Whether the principal may have another job, and so many bytes more. */
-static bool is_within_share(struct service *service, const struct request *request, uint64_t body, bool for_job,
-                            struct response *response) {
+bool handlers_is_within_share(struct service *service, const struct request *request, uint64_t body, bool for_job,
+                              struct response *response) {
     const struct config *config = service->config;
     struct usage_figures has = queue_usage(service->queue, request->principal.name);
     uint64_t jobs = (uint64_t)config->principal_jobs, bytes = (uint64_t)config->principal_bytes;
+    if (bytes) has.bytes += uploads_bytes_of(service->uploads, request->principal.name);
     if (for_job && jobs && has.active >= jobs)
         response_limit(response, PROBLEM_RATE_LIMITED, "principal_jobs", jobs, has.active);
     else if (bytes && (has.bytes >= bytes || body > bytes - has.bytes))
@@ -72,20 +72,24 @@ static bool is_within_share(struct service *service, const struct request *reque
     return false;
 }
 
-bool handlers_has_room(struct service *service, const struct request *request, uint64_t body, bool for_job,
-                       struct response *response) {
+bool handlers_is_open(struct service *service, uint64_t body, bool for_job, struct response *response) {
     uint64_t waiting, running;
     queue_depth(service->queue, &waiting, &running);
     if (atomic_load(&service->draining))
         response_refuse(response, PROBLEM_DRAINING, "the service is about to stop");
     else if (for_job && waiting >= (uint64_t)service->config->max_queue)
         response_refuse(response, PROBLEM_QUEUE_FULL, "%llu jobs are waiting", (unsigned long long)waiting);
-    else if (body <= (uint64_t)service->config->max_body_bytes &&
-             store_free_bytes(service->store) < body + (uint64_t)service->config->min_free_bytes)
+    else if (body <= (uint64_t)service->config->max_body_bytes && !store_has_room(service->store, body))
         response_refuse(response, PROBLEM_STORAGE_FULL, "the disk has no room for this body");
     else
-        return is_within_share(service, request, body, for_job, response);
+        return true;
     return false;
+}
+
+bool handlers_has_room(struct service *service, const struct request *request, uint64_t body, bool for_job,
+                       struct response *response) {
+    return handlers_is_open(service, body, for_job, response) &&
+           handlers_is_within_share(service, request, body, for_job, response);
 }
 
 struct admission handlers_admission(const struct config *config, const struct params *params) {
@@ -101,6 +105,7 @@ bool handlers_admit_body(struct service *service, struct request *request, unsig
     const struct config *config = service->config;
     struct body_plan plan = {.takes = takes,
                              .store = service->store,
+                             .threads = service->hashing,
                              .max_bytes = (uint64_t)config->max_body_bytes,
                              .admission = handlers_admission(config, params),
                              .max_expansion = (uint32_t)config->max_expansion,

@@ -33,7 +33,11 @@ const struct handler *handlers_find(enum operation operation);
 /* For an operation that takes no query: whether there is none; else the response names the first of its parameters. */
 bool handlers_takes_no_query(const struct request *request, struct response *response);
 
-/* Whether so many bytes more are taken now, of this principal, and (for_job) another job; else a response. */
+/* Whether so many bytes more are taken now, and (for_job) another job; whether they are within the principal's share,
+ * to which resumable uploads count that are not whole; both.  Else a response. */
+bool handlers_is_open(struct service *service, uint64_t body, bool for_job, struct response *response);
+bool handlers_is_within_share(struct service *service, const struct request *request, uint64_t body, bool for_job,
+                              struct response *response);
 bool handlers_has_room(struct service *service, const struct request *request, uint64_t body, bool for_job,
                        struct response *response);
 

@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "api/cloud_json.h"
+#include "api/links.h"
 #include "core/ply_header.h"
 #include "server/clouds.h"
 #include "server/handlers.h"
@@ -140,7 +141,7 @@ static bool answered_before(struct service *service, const struct request *reque
     if (found) key->key = NULL; /* there is a row for it */
     if (replayed) {
         handlers_replay(&before, response);
-        response_header(response, "Location", "/v1/clouds/%s", before.made);
+        response_header(response, "Location", "%s/v1/clouds/%s", links_base(), before.made);
     }
     if (found) idempotency_record_done(&before);
     return replayed;
@@ -154,12 +155,13 @@ void handlers_create_cloud(struct service *service, struct request *request, str
     bool known = false;
     if (!handlers_end_body(request, response) || !handlers_takes_no_query(request, response) ||
         !handlers_end_upload(request, &facts, response) || answered_before(service, request, &facts, &key, response) ||
+        !handlers_is_within_share(service, request, facts.bytes, false, response) || /* its length may be new */
         !keep_cloud(service, request, &facts, &key, &known, response))
         return;
     if (handlers_read_cloud(service, request, facts.sha256, &record, response)) {
         answer_cloud(service, &record, known ? 200 : 201, response);
         handlers_keep_reply(service, request, response);
-        response_header(response, "Location", "/v1/clouds/%s", record.sha256);
+        response_header(response, "Location", "%s/v1/clouds/%s", links_base(), record.sha256);
         clouds_record_done(&record);
     }
 }
@@ -271,7 +273,7 @@ void handlers_list_clouds(struct service *service, struct request *request, stru
     else
         response_error(response, &error);
     if (count > limit)
-        response_header(response, "Link", "</v1/clouds?limit=%zu&after=%s>; rel=\"next\"", limit,
+        response_header(response, "Link", "<%s/v1/clouds?limit=%zu&after=%s>; rel=\"next\"", links_base(), limit,
                         records[limit - 1].sha256);
     for (size_t i = 0; i < count; i++) clouds_record_done(&records[i]);
     free(records);

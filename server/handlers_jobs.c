@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "api/job_json.h"
+#include "api/links.h"
 #include "server/handlers.h"
 #include "server/log.h"
 #include "server/post.h"
@@ -61,7 +62,7 @@ static void answer_created(struct service *service, const struct request *reques
         handlers_keep_reply(service, request, response);
         handlers_cache_status(job->state == JOB_SUCCESSFUL, response);
     }
-    if (response->status == 201) response_header(response, "Location", "/v1/jobs/%s", job->id);
+    if (response->status == 201) response_header(response, "Location", "%s/v1/jobs/%s", links_base(), job->id);
     job_done(&stored);
 }
 
@@ -126,8 +127,8 @@ static void put_escaped(char *to, size_t bytes, const char *text) {
 static void link_next(const struct queue_filter *filter, size_t limit, const char *last, struct response *response) {
     char label[3 * JOB_LABEL_BYTES] = "", link[RESPONSE_HEADER_BYTES];
     if (filter->label) put_escaped(label, sizeof label, filter->label);
-    int n = snprintf(link, sizeof link, "</v1/jobs?limit=%zu&after=%s%s%s%s%s>; rel=\"next\"", limit, last,
-                     filter->by_state ? "&status=" : "", filter->by_state ? job_state_name(filter->state) : "",
+    int n = snprintf(link, sizeof link, "<%s/v1/jobs?limit=%zu&after=%s%s%s%s%s>; rel=\"next\"", links_base(), limit,
+                     last, filter->by_state ? "&status=" : "", filter->by_state ? job_state_name(filter->state) : "",
                      filter->label ? "&label=" : "", label);
     if (n > 0 && (size_t)n < sizeof link) response_header(response, "Link", "%s", link);
 }
@@ -298,8 +299,8 @@ static void put_event(struct service *service, FILE *out, const char *name, cons
 
 static void put_outputs(FILE *out, const struct job *job) {
     for (size_t i = 0; i < job->output_count; i++)
-        fprintf(out, "event: output\nid: %llu\ndata: {\"name\":\"%s\",\"href\":\"/v1/jobs/%s/outputs/%s\"}\n\n",
-                (unsigned long long)job->sequence, job->output[i].name, job->id, job->output[i].name);
+        fprintf(out, "event: output\nid: %llu\ndata: {\"name\":\"%s\",\"href\":\"%s/v1/jobs/%s/outputs/%s\"}\n\n",
+                (unsigned long long)job->sequence, job->output[i].name, links_base(), job->id, job->output[i].name);
 }
 
 /* What is new since the last piece, as events; a comment where nothing is. */

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 
 #include "api/job_json.h"
+#include "api/links.h"
 #include "server/access.h"
 #include "server/handlers.h"
 
@@ -31,10 +32,10 @@ static int64_t read_seconds(const struct service *service, const struct request 
 }
 
 static void answer(const struct service *service, const char *path, int64_t seconds, struct response *response) {
-    char signature[SIGNATURE_HEX_BYTES], href[ACCESS_PATH_BYTES + 128];
+    char signature[SIGNATURE_HEX_BYTES], href[LINKS_BASE_BYTES + ACCESS_PATH_BYTES + 128];
     int64_t expires_s = job_now_ms() / 1000 + seconds;
     signature_make(&service->signing_key, path, expires_s, signature);
-    snprintf(href, sizeof href, "%s?exp=%" PRId64 "&sig=%s", path, expires_s, signature);
+    snprintf(href, sizeof href, "%s%s?exp=%" PRId64 "&sig=%s", links_base(), path, expires_s, signature);
     response_text(response, 200, "application/json", job_link_encode(href, expires_s * 1000));
     response_header(response, "Cache-Control", "no-store");
 }

@@ -9,6 +9,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "api/links.h"
 #include "api/report_read.h"
 #include "server/handlers.h"
 #include "server/log.h"
@@ -98,7 +99,7 @@ static void answer_ended(struct service *service, const struct request *request,
     } else {
         response_refuse(response, PROBLEM_JOB_DISMISSED, "the job was dismissed");
     }
-    response_header(response, "Link", "</v1/jobs/%s>; rel=\"monitor\"", job->id);
+    response_header(response, "Link", "<%s/v1/jobs/%s>; rel=\"monitor\"", links_base(), job->id);
 }
 
 static void answer_late(const struct job *job, struct response *response) {
@@ -106,8 +107,8 @@ static void answer_late(const struct job *job, struct response *response) {
     problem_set(&problem, PROBLEM_SYNC_TIMEOUT, "the job is %s; it goes on", job_state_name(job->state));
     problem_add_text(&problem, "job", job->id);
     response_problem(response, &problem);
-    response_header(response, "Location", "/v1/jobs/%s", job->id);
-    response_header(response, "Link", "</v1/jobs/%s>; rel=\"monitor\"", job->id);
+    response_header(response, "Location", "%s/v1/jobs/%s", links_base(), job->id);
+    response_header(response, "Link", "<%s/v1/jobs/%s>; rel=\"monitor\"", links_base(), job->id);
 }
 
 /* ------------------------------------------------------------------------------------------------ the handler */
@@ -133,7 +134,7 @@ static void answer_async(struct service *service, const struct request *request,
     const char *id = request->wait.id;
     if (handlers_read_job(service, request, id, &job, response)) {
         handlers_job_response(service, &job, 202, response);
-        response_header(response, "Location", "/v1/jobs/%s", id);
+        response_header(response, "Location", "%s/v1/jobs/%s", links_base(), id);
         response_header(response, "Preference-Applied", "respond-async");
         handlers_cache_status(request->wait.state == JOB_SUCCESSFUL, response);
     }

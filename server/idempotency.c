@@ -106,14 +106,11 @@ enum status idempotency_add(struct sql *writer, const char *principal, const str
 enum status idempotency_keep_reply(struct sql *writer, const char *principal, const char *key, int status_code,
                                    const char *etag, const char *reply, struct error *error) {
     sql_lock(writer);
-    enum status status = sql_execute(writer, "PRAGMA synchronous = NORMAL", error);
-    if (status == STATUS_OK)
-        status =
-            sql_run(writer, "UPDATE replies SET status = ?3, etag = ?4, reply = ?5 WHERE principal = ?1 AND key = ?2",
-                    VALUES(T(principal), T(key), I(status_code), T(etag), T(reply)), error);
-    enum status again = sql_execute(writer, "PRAGMA synchronous = FULL", error);
+    enum status status = sql_run_casually(
+        writer, "UPDATE replies SET status = ?3, etag = ?4, reply = ?5 WHERE principal = ?1 AND key = ?2",
+        VALUES(T(principal), T(key), I(status_code), T(etag), T(reply)), error);
     sql_unlock(writer);
-    return status == STATUS_OK ? again : status;
+    return status;
 }
 
 enum status idempotency_forget(struct sql *writer, int64_t before_ms, struct error *error) {

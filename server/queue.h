@@ -27,9 +27,6 @@ struct sql;
 enum status queue_open(const char *path, struct queue **queue, struct error *error) MUST_CHECK;
 void queue_close(struct queue *queue);
 
-/* The version that the database has after queue_open: the number of steps of its schema. */
-int queue_schema_version(void);
-
 /* The database's connection for writing and the one for reading, for what else is kept in it; borrowed. */
 struct sql *queue_writer(struct queue *queue);
 struct sql *queue_reader(struct queue *queue);
@@ -105,6 +102,10 @@ enum status queue_delete(struct queue *queue, const char *id, const char *reason
 /* The ids of ended jobs whose expiry is past, up to max; forgets tombstones older than tombstones_before_ms. */
 enum status queue_expired(struct queue *queue, int64_t now_ms, int64_t tombstones_before_ms, char (*ids)[JOB_ID_BYTES],
                           size_t max, size_t *count, struct error *error) MUST_CHECK;
+
+/* Moves what is kept for a time: the ends of jobs, clouds and uploads, the ages of keys and tombstones, when webhooks
+ * are due, and how long jobs have waited.  For a clock that was set by step_ms; no job was updated after now then. */
+enum status queue_move_times(struct queue *queue, int64_t step_ms, struct error *error) MUST_CHECK;
 
 /* How many jobs and rows of clouds.h refer to a cloud. */
 enum status queue_cloud_uses(struct queue *queue, const char *cloud, uint64_t *uses, struct error *error) MUST_CHECK;

@@ -1,11 +1,8 @@
 /* The queue in an SQLite database (WAL), the backend for one host.
  *
  * Two connections: one that writes, under a lock, and one that reads, under another, so that a reader never waits for
- * an fsync.  Commits of submit, claim, finish and delete are durable (synchronous=FULL); progress is written with
- * synchronous=NORMAL, which costs no fsync: after a power cut the last progress may be missing, nothing else.
- *
- * The schema's version is `user_version`, the number of its steps.  To change it: append a step to `schema`, never edit
- * one; each step runs once, in order.
+ * an fsync.  Commits of submit, claim, finish and delete are durable (synchronous=FULL); progress is written
+ * casually (sql.h), which costs no fsync: after a power cut the last progress may be missing, nothing else.
  *
  * Invariant: `waiting` and `running` are the numbers of rows in these states, `turns` holds the rows that wait and
  * `runs` those that run; they change under the writer's lock, after the commit.  `order` guards the last two, is taken
@@ -24,70 +21,10 @@
 #include "server/estimate.h"
 #include "server/idempotency.h"
 #include "server/outbox.h"
+#include "server/schema.h"
 #include "server/sql.h"
 #include "server/turns.h"
 #include "server/usage.h"
-
-static const char *const schema[] = {
-    "CREATE TABLE jobs (id TEXT PRIMARY KEY, state INTEGER NOT NULL, sequence INTEGER NOT NULL, "
-    "attempt INTEGER NOT NULL, created INTEGER NOT NULL, started INTEGER NOT NULL, finished INTEGER NOT NULL, "
-    "updated INTEGER NOT NULL, expires INTEGER NOT NULL, label TEXT NOT NULL, cloud TEXT NOT NULL, "
-    "input_bytes INTEGER NOT NULL, input_points INTEGER NOT NULL, input_format TEXT NOT NULL, params TEXT NOT NULL, "
-    "stage TEXT NOT NULL DEFAULT '', message TEXT NOT NULL DEFAULT '', fraction REAL NOT NULL DEFAULT 0, "
-    "cpu REAL NOT NULL DEFAULT 0, wall REAL NOT NULL DEFAULT 0, rss INTEGER NOT NULL DEFAULT 0, report TEXT, "
-    "problem TEXT) STRICT;"
-    "CREATE INDEX jobs_by_state ON jobs (state, id);"
-    "CREATE INDEX jobs_by_label ON jobs (label, id);"
-    "CREATE INDEX jobs_by_cloud ON jobs (cloud);"
-    "CREATE INDEX jobs_by_expiry ON jobs (expires);"
-    "CREATE TABLE outputs (job TEXT NOT NULL, position INTEGER NOT NULL, name TEXT NOT NULL, bytes INTEGER NOT NULL, "
-    "sha256 TEXT NOT NULL, PRIMARY KEY (job, position)) STRICT, WITHOUT ROWID;"
-    "CREATE TABLE tombstones (id TEXT PRIMARY KEY, reason TEXT NOT NULL, at INTEGER NOT NULL) STRICT;",
-    "ALTER TABLE jobs ADD COLUMN principal TEXT NOT NULL DEFAULT '';"
-    "ALTER TABLE tombstones ADD COLUMN principal TEXT NOT NULL DEFAULT '';"
-    "CREATE INDEX jobs_by_principal ON jobs (principal, id);",
-    "CREATE TABLE clouds (sha256 TEXT NOT NULL, principal TEXT NOT NULL, created INTEGER NOT NULL, "
-    "expires INTEGER NOT NULL, bytes INTEGER NOT NULL, points INTEGER NOT NULL, format TEXT NOT NULL, "
-    "PRIMARY KEY (sha256, principal)) STRICT, WITHOUT ROWID;"
-    "CREATE INDEX clouds_by_expiry ON clouds (expires);"
-    "CREATE INDEX clouds_by_principal ON clouds (principal);",
-    "ALTER TABLE jobs ADD COLUMN priority INTEGER NOT NULL DEFAULT 5;"
-    "ALTER TABLE jobs ADD COLUMN result TEXT NOT NULL DEFAULT '';"
-    "CREATE INDEX jobs_by_result ON jobs (result, id) WHERE result <> '';",
-    "CREATE TABLE replies (principal TEXT NOT NULL, key TEXT NOT NULL, fingerprint TEXT NOT NULL, made TEXT NOT NULL, "
-    "at INTEGER NOT NULL, status INTEGER NOT NULL DEFAULT 0, etag TEXT NOT NULL DEFAULT '', reply TEXT, "
-    "PRIMARY KEY (principal, key)) STRICT, WITHOUT ROWID;"
-    "CREATE INDEX replies_by_age ON replies (at);",
-    "CREATE TABLE usage (principal TEXT PRIMARY KEY, active INTEGER NOT NULL, bytes INTEGER NOT NULL) STRICT;"
-    "INSERT INTO usage SELECT principal, sum(active), sum(bytes) FROM "
-    "(SELECT principal, state IN (0, 1) AS active, input_bytes AS bytes FROM jobs "
-    "UNION ALL SELECT jobs.principal, 0, outputs.bytes FROM outputs JOIN jobs ON jobs.id = outputs.job "
-    "UNION ALL SELECT principal, 0, bytes FROM clouds) GROUP BY principal;"
-    "CREATE TRIGGER usage_job_new AFTER INSERT ON jobs BEGIN "
-    "INSERT INTO usage VALUES (NEW.principal, NEW.state IN (0, 1), NEW.input_bytes) ON CONFLICT (principal) "
-    "DO UPDATE SET active = active + excluded.active, bytes = bytes + excluded.bytes; END;"
-    "CREATE TRIGGER usage_job_changed AFTER UPDATE OF state ON jobs BEGIN UPDATE usage SET "
-    "active = active + (NEW.state IN (0, 1)) - (OLD.state IN (0, 1)) WHERE principal = NEW.principal; END;"
-    "CREATE TRIGGER usage_job_gone AFTER DELETE ON jobs BEGIN UPDATE usage SET "
-    "active = active - (OLD.state IN (0, 1)), bytes = bytes - OLD.input_bytes WHERE principal = OLD.principal; END;"
-    "CREATE TRIGGER usage_output_new AFTER INSERT ON outputs BEGIN UPDATE usage SET bytes = bytes + NEW.bytes "
-    "WHERE principal = (SELECT principal FROM jobs WHERE id = NEW.job); END;"
-    "CREATE TRIGGER usage_output_gone AFTER DELETE ON outputs BEGIN UPDATE usage SET bytes = bytes - OLD.bytes "
-    "WHERE principal = (SELECT principal FROM jobs WHERE id = OLD.job); END;"
-    "CREATE TRIGGER usage_cloud_new AFTER INSERT ON clouds BEGIN "
-    "INSERT INTO usage VALUES (NEW.principal, 0, NEW.bytes) ON CONFLICT (principal) "
-    "DO UPDATE SET bytes = bytes + excluded.bytes; END;"
-    "CREATE TRIGGER usage_cloud_gone AFTER DELETE ON clouds BEGIN "
-    "UPDATE usage SET bytes = bytes - OLD.bytes WHERE principal = OLD.principal; END;",
-    "CREATE TABLE uploads (id TEXT PRIMARY KEY, principal TEXT NOT NULL, metadata TEXT NOT NULL, cloud TEXT NOT NULL, "
-    "created INTEGER NOT NULL, expires INTEGER NOT NULL, position INTEGER NOT NULL, length INTEGER NOT NULL, "
-    "boot TEXT NOT NULL) STRICT;",
-    "ALTER TABLE jobs ADD COLUMN memory INTEGER NOT NULL DEFAULT 0;",
-    "CREATE TABLE outbox (job TEXT PRIMARY KEY, url TEXT NOT NULL, attempts INTEGER NOT NULL DEFAULT 0, "
-    "due INTEGER NOT NULL DEFAULT 0) STRICT;"
-    "CREATE INDEX outbox_by_due ON outbox (due) WHERE due > 0;",
-};
-enum { SCHEMA_VERSION = sizeof schema / sizeof schema[0] };
 
 /* In the order in which read_job takes them. */
 #define JOB_COLUMNS                                                                                                    \
@@ -269,8 +206,6 @@ static enum status find_job(struct sql *db, const char *id, struct job *job, boo
 
 /* ------------------------------------------------------------------------------------------------ open */
 
-int queue_schema_version(void) { return SCHEMA_VERSION; }
-
 static enum status count_states(struct queue *queue, struct error *error) {
     int64_t waiting = 0, running = 0;
     const char *sql = "SELECT count(*) FROM jobs WHERE state = ?1";
@@ -305,7 +240,7 @@ enum status queue_open(const char *path, struct queue **queue, struct error *err
     enum status status =
         opened->turns && opened->usage ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "queue", "no memory");
     if (status == STATUS_OK) status = sql_open(path, &opened->writer, error);
-    if (status == STATUS_OK) status = sql_migrate(opened->writer, schema, SCHEMA_VERSION, error);
+    if (status == STATUS_OK) status = schema_migrate(opened->writer, error);
     if (status == STATUS_OK) status = sql_open(path, &opened->reader, error);
     if (status == STATUS_OK) status = count_states(opened, error);
     if (status == STATUS_OK) status = order_waiting(opened, error);
@@ -394,10 +329,11 @@ static void first_in_order(struct queue *queue, char id[JOB_ID_BYTES]) {
     pthread_mutex_unlock(&queue->order);
 }
 
-static enum status claim(struct queue *queue, int64_t memory_bytes, struct job *job, bool *found, struct error *error) {
+/* In a transaction, so that nothing is claimed that can't be handed over. */
+static enum status claim(struct queue *queue, int64_t memory_bytes, struct job *job, size_t *count,
+                         struct error *error) {
     struct sql *db = queue->writer;
     struct sql_rows *row;
-    size_t count;
     int64_t now = job_now_ms();
     char id[JOB_ID_BYTES];
     first_in_order(queue, id);
@@ -409,8 +345,18 @@ static enum status claim(struct queue *queue, int64_t memory_bytes, struct job *
                    "AND memory <= ?5 "
                    "RETURNING " JOB_COLUMNS,
                    VALUES(I(JOB_RUNNING), I(now), I(JOB_ACCEPTED), T(id), I(memory_bytes)), &row, error);
-    if (status == STATUS_OK) status = read_jobs(db, row, job, 1, &count, error);
-    if (status == STATUS_OK) *found = count == 1;
+    return status == STATUS_OK ? read_jobs(db, row, job, 1, count, error) : status;
+}
+
+static enum status claim_alone(struct queue *queue, int64_t memory_bytes, struct job *job, bool *found,
+                               struct error *error) {
+    size_t count = 0;
+    enum status status = sql_begin(queue->writer, error);
+    if (status != STATUS_OK) return status;
+    status = claim(queue, memory_bytes, job, &count, error);
+    status = sql_end(queue->writer, status, error);
+    *found = status == STATUS_OK && count == 1;
+    if (count == 1 && !*found) job_done(job);
     return status;
 }
 
@@ -418,7 +364,7 @@ enum status queue_claim(struct queue *queue, int64_t memory_bytes, struct job *j
     *found = false;
     sql_lock(queue->writer);
     enum status status = STATUS_OK;
-    if (queue->waiting) status = claim(queue, memory_bytes, job, found, error);
+    if (queue->waiting) status = claim_alone(queue, memory_bytes, job, found, error);
     if (*found) {
         queue->waiting--;
         queue->running++;
@@ -431,15 +377,11 @@ enum status queue_claim(struct queue *queue, int64_t memory_bytes, struct job *j
 enum status queue_progress(struct queue *queue, const char *id, const char *stage, const char *message, double fraction,
                            struct error *error) {
     sql_lock(queue->writer);
-    struct sql *db = queue->writer;
-    enum status status = sql_execute(db, "PRAGMA synchronous = NORMAL", error);
-    if (status == STATUS_OK)
-        status = sql_run(db,
+    enum status status =
+        sql_run_casually(queue->writer,
                          "UPDATE jobs SET stage = ?2, message = ?3, fraction = ?4, updated = ?5, "
                          "sequence = max(sequence + 1, ?5) WHERE id = ?1 AND state = ?6",
                          VALUES(T(id), T(stage), T(message), R(fraction), I(job_now_ms()), I(JOB_RUNNING)), error);
-    enum status again = sql_execute(db, "PRAGMA synchronous = FULL", error);
-    if (status == STATUS_OK) status = again;
     sql_unlock(queue->writer);
     return status;
 }
@@ -638,4 +580,33 @@ enum status queue_expired(struct queue *queue, int64_t now_ms, int64_t tombstone
     }
     sql_unlock(queue->writer);
     return status;
+}
+
+static enum status move_times(struct sql *db, int64_t step_ms, struct error *error) {
+    static const char *const changes[] = {
+        "UPDATE jobs SET expires = expires + ?1, sequence = sequence + 1 WHERE expires > 0",
+        "UPDATE clouds SET expires = expires + ?1 WHERE expires > 0",
+        "UPDATE uploads SET expires = expires + ?1",
+        "UPDATE replies SET at = at + ?1",
+        "UPDATE tombstones SET at = at + ?1",
+        "UPDATE outbox SET due = due + ?1 WHERE due > 0"};
+    enum status status = sql_begin(db, error);
+    if (status != STATUS_OK) return status;
+    for (size_t i = 0; status == STATUS_OK && i < sizeof changes / sizeof *changes; i++)
+        status = sql_run(db, changes[i], VALUES(I(step_ms)), error);
+    if (status == STATUS_OK)
+        status = sql_run(db, "UPDATE jobs SET updated = ?1 WHERE updated > ?1", VALUES(I(job_now_ms())), error);
+    return sql_end(db, status, error);
+}
+
+enum status queue_move_times(struct queue *queue, int64_t step_ms, struct error *error) {
+    sql_lock(queue->writer);
+    enum status status = move_times(queue->writer, step_ms, error);
+    sql_unlock(queue->writer);
+    if (status != STATUS_OK) return status;
+    pthread_mutex_lock(&queue->order);
+    turns_move_times(queue->turns, step_ms);
+    for (size_t i = 0; i < queue->run_count; i++) queue->runs[i].started_ms += step_ms;
+    pthread_mutex_unlock(&queue->order);
+    return STATUS_OK;
 }

@@ -3,7 +3,7 @@
  * What keeps something in the database (queue_sqlite.c, clouds_sqlite.c, uploads_sqlite.c) is written with these.  A
  * connection is used by whoever holds its lock.
  *
- * Statuses: STATUS_IO with a text when the database refuses.
+ * Statuses: STATUS_IO with a text when the database refuses, STATUS_NO_SPACE where the disk is full, STATUS_NO_MEMORY.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_SERVER_SQL_H
@@ -50,6 +50,10 @@ enum status sql_run(struct sql *sql, const char *text, const struct sql_value *v
                     struct error *error) MUST_CHECK;
 int64_t sql_changes(const struct sql *sql);
 
+/* The same, not in a transaction, and not durable: it costs no fsync, and a power cut may take it back. */
+enum status sql_run_casually(struct sql *sql, const char *text, const struct sql_value *values, size_t count,
+                             struct error *error) MUST_CHECK;
+
 /* Runs a statement that returns one number; *number is untouched where there is no row. */
 enum status sql_number(struct sql *sql, const char *text, const struct sql_value *values, size_t count, int64_t *number,
                        struct error *error) MUST_CHECK;
@@ -66,11 +70,13 @@ enum status sql_select(struct sql *sql, const char *text, const struct sql_value
 /* Goes to the next row; false: there is none, or the database refuses. */
 bool sql_next(struct sql_rows *rows);
 
-/* Ends reading; STATUS_IO when the last sql_next was false because the database refused. */
+/* Ends reading; STATUS_IO when the last sql_next was false because the database refused, or when it refuses what the
+ * statement has changed. */
 enum status sql_finish(struct sql_rows *rows, struct error *error) MUST_CHECK;
 
 /* Columns of the present row, counted from 0.  sql_text borrows until the next call, sql_copy_text cuts what doesn't
- * fit, both make null ""; sql_new_text returns new, NULL for null. */
+ * fit, both make null ""; sql_new_text returns new, NULL for null.  A text for which there is no memory is "" or NULL,
+ * and makes sql_finish STATUS_NO_MEMORY. */
 int64_t sql_integer(struct sql_rows *rows, int column);
 double sql_real(struct sql_rows *rows, int column);
 const char *sql_text(struct sql_rows *rows, int column);

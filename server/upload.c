@@ -16,6 +16,7 @@
 #include "core/cloud_sniff.h"
 #include "core/fault.h"
 #include "core/ply_header.h"
+#include "server/behind.h"
 #include "server/digest.h"
 
 enum { SNIFF_BYTES = 4096 };
@@ -23,7 +24,7 @@ enum { SNIFF_BYTES = 4096 };
 struct upload {
     struct store *store;
     struct store_upload file;
-    struct digest *digest;
+    struct behind *behind; /* hashes the file */
     uint64_t bytes, expected_bytes, max_bytes;
     bool checked; /* the format is known and right, as far as the first bytes tell */
     struct admission admission;
@@ -39,7 +40,7 @@ void upload_too_large(uint64_t max_bytes, uint64_t bytes, struct problem *proble
     problem_add_text(problem, "hint", "send binary PLY, or thin the cloud out first");
 }
 
-struct upload *upload_new(struct store *store, uint64_t expected_bytes, uint64_t max_bytes,
+struct upload *upload_new(struct store *store, struct offload *threads, uint64_t expected_bytes, uint64_t max_bytes,
                           const struct admission *admission, struct problem *problem) {
     struct error error = {0};
     struct upload *upload = alloc_zeroed(1, sizeof *upload);
@@ -49,17 +50,16 @@ struct upload *upload_new(struct store *store, uint64_t expected_bytes, uint64_t
     }
     *upload = (struct upload){.store = store,
                               .file.fd = -1,
-                              .digest = digest_new(),
                               .expected_bytes = expected_bytes,
                               .max_bytes = max_bytes,
                               .admission = *admission};
     bool fits = expected_bytes == UINT64_MAX || expected_bytes <= max_bytes;
     if (!fits)
         upload_too_large(max_bytes, expected_bytes, problem);
-    else if (!upload->digest)
-        problem_set(problem, PROBLEM_INTERNAL_ERROR, "no memory");
     else if (store_upload_begin(store, &upload->file, &error) != STATUS_OK)
         problem_from_error(problem, &error);
+    else if (!(upload->behind = behind_new(threads, upload->file.fd, expected_bytes)))
+        problem_set(problem, PROBLEM_INTERNAL_ERROR, "no memory");
     else
         return upload;
     upload_free(upload);
@@ -69,7 +69,7 @@ struct upload *upload_new(struct store *store, uint64_t expected_bytes, uint64_t
 void upload_free(struct upload *upload) {
     if (!upload) return;
     store_upload_drop(upload->store, &upload->file);
-    digest_free(upload->digest);
+    behind_free(upload->behind);
     free(upload);
 }
 
@@ -134,7 +134,8 @@ static bool check_more(struct upload *upload, const void *bytes, size_t count, s
 
 static bool write_all(struct upload *upload, const char *bytes, size_t count, struct problem *problem) {
     while (count) {
-        ssize_t n = fault_at("upload-write") ? -1 : write(upload->file.fd, bytes, count);
+        bool fails = fault_at("upload-write") || !store_may_go_on(upload->store, upload->bytes - count, count);
+        ssize_t n = fails ? -1 : write(upload->file.fd, bytes, count);
         if (n < 0 && errno == EINTR) continue;
         if (n < 0) {
             struct error error;
@@ -155,13 +156,20 @@ bool upload_write(struct upload *upload, const void *bytes, size_t count, struct
     }
     if (!check_more(upload, bytes, count, problem)) return false;
     upload->bytes += count;
-    digest_update(upload->digest, bytes, count);
-    return write_all(upload, bytes, count, problem);
+    if (!write_all(upload, bytes, count, problem)) return false;
+    behind_advance(upload->behind, count);
+    return true;
+}
+
+const char *upload_hash(struct upload *upload, struct problem *problem) {
+    if (upload->facts.sha256[0] || behind_finish(upload->behind, upload->facts.sha256) == 0)
+        return upload->facts.sha256;
+    problem_set(problem, PROBLEM_INTERNAL_ERROR, "the body can't be read back: %s", strerror(errno));
+    return NULL;
 }
 
 bool upload_end(struct upload *upload, struct upload_facts *facts, struct problem *problem) {
-    if (!check_head(upload, upload->bytes, true, problem)) return false;
-    digest_finish(upload->digest, upload->facts.sha256);
+    if (!check_head(upload, upload->bytes, true, problem) || !upload_hash(upload, problem)) return false;
     upload->facts.bytes = upload->bytes;
     *facts = upload->facts;
     return true;

@@ -13,6 +13,7 @@
 #include "api/problem.h"
 #include "server/admission.h"
 #include "server/job.h"
+#include "server/offload.h"
 #include "server/store.h"
 
 struct upload;
@@ -29,7 +30,7 @@ struct upload_facts {
 
 /* Starts one; expected_bytes UINT64_MAX = not known.  What the first bytes say is judged by the admission (copied) as
  * soon as they are here.  NULL: *problem says why.  Doesn't block for long. */
-struct upload *upload_new(struct store *store, uint64_t expected_bytes, uint64_t max_bytes,
+struct upload *upload_new(struct store *store, struct offload *threads, uint64_t expected_bytes, uint64_t max_bytes,
                           const struct admission *admission, struct problem *problem);
 
 /* Frees it, and removes it from the disk unless it was kept.  Accepts NULL. */
@@ -38,7 +39,10 @@ void upload_free(struct upload *upload);
 /* Takes the next bytes; false: *problem says why, and no more may be given.  Writes to the page cache, no more. */
 bool upload_write(struct upload *upload, const void *bytes, size_t count, struct problem *problem);
 
-/* All bytes were given: the last checks.  false: *problem says why. */
+/* All bytes were given: their hash; borrowed.  NULL: *problem says why. */
+const char *upload_hash(struct upload *upload, struct problem *problem);
+
+/* The same, and the last checks.  false: *problem says why. */
 bool upload_end(struct upload *upload, struct upload_facts *facts, struct problem *problem);
 
 /* Its first bytes; borrowed. */

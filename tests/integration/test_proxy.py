@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The nginx configuration of deploy/nginx, run by Debian's nginx in front of a daemon: TLS, uploads, events, ranges,
-limits, and the service under a prefix.  Only ports, paths and certificates are put in their places."""
+limits.  Only ports, paths and certificates are put in their places.  Under a prefix: test_prefix.py."""
 import json
 import pathlib
 import shutil
@@ -45,7 +45,7 @@ class Proxy(conftest.Daemon):
                     "listen [::]:443 ssl http2;": "", "/etc/nginx/whittled/": f"{folder}/",
                     "127.0.0.1:8080": f"127.0.0.1:{upstream}", **changes}
         for name, place in (("upstream.conf", "conf.d"), ("whittled.conf", "conf.d"),
-                            ("whittled-proxy.conf", "snippets"), ("whittled-prefix.conf", "snippets")):
+                            ("whittled-proxy.conf", "snippets")):
             text = (FILES / name).read_text()
             for old, new in replaced.items():
                 text = text.replace(old, new)
@@ -81,8 +81,8 @@ def make_proxy(daemon, tmp_path):
     print(proxy.log_text()[-5000:])
 
 
-def done_job(proxy, prefix=""):
-    reply = proxy.post(f"{prefix}/v1/jobs?points=50&outputs=cloud,mesh,report", conftest.SMALL)
+def done_job(proxy):
+    reply = proxy.post("/v1/jobs?points=50&outputs=cloud,mesh,report", conftest.SMALL)
     assert reply.status == 201, reply.body
     where = reply.headers["location"]
     conftest.wait_until(lambda: proxy.curl(where).json["status"] == "successful", "the job")
@@ -114,50 +114,15 @@ def test_metrics_are_not_for_everyone(proxy, daemon):
     assert proxy.curl("/metrics").status == proxy.curl("/whittle/metrics").status == 404
 
 
-def links_in(value):
-    """Every text in a document that looks like a link of ours."""
-    if isinstance(value, dict):
-        return [link for v in value.values() for link in links_in(v)]
-    if isinstance(value, list):
-        return [link for v in value for link in links_in(v)]
-    return [value] if isinstance(value, str) and value.startswith(("/v1/", "/whittle/", "/problems/")) else []
-
-
-def test_under_a_prefix_all_links_lead_there(proxy):
-    where = done_job(proxy, "/whittle")
-    assert where.startswith("/whittle/v1/jobs/")
-    job = proxy.curl(where).json
-    links = links_in(job["links"]) + links_in(proxy.curl(where + "/outputs").json)
-    assert len(links) >= 4
-    for link in links:
-        assert link.startswith("/whittle/v1/"), link
-        assert proxy.curl(link, "--max-time", "20").status == 200, link
-    done_job(proxy)
-    following = proxy.curl("/whittle/v1/jobs?limit=1").headers["link"]
-    assert following.startswith("</whittle/v1/jobs?limit=1&after="), following
-    problem = proxy.curl("/whittle/v1/jobs/00000000-0000-0000-0000-000000000000")
-    assert problem.status == 404 and problem.json["type"] == "/whittle/problems/no-such-job"
-    assert b'href="/whittle/v1/' in proxy.curl("/whittle/").body
-
-
-def test_under_a_prefix_outputs_stay_as_they_are(proxy, daemon):
-    where = done_job(proxy, "/whittle")
-    for name in ("report.json", "cloud.ply"):
-        direct = daemon.curl(where.removeprefix("/whittle") + "/outputs/" + name)
-        passed = proxy.curl(where + "/outputs/" + name)
-        assert passed.body == direct.body and passed.headers["etag"] == direct.headers["etag"]
-
-
-@pytest.mark.parametrize("prefix", ["", "/whittle"])
-def test_events_come_while_the_job_runs(proxy, daemon, large, prefix):
-    job = proxy.post(f"{prefix}/v1/jobs?ratio=0.1", large).json["id"]
-    with subprocess.Popen(proxy.curl_command(f"{prefix}/v1/jobs/{job}/events", "-N"), stdout=subprocess.PIPE,
+def test_events_come_while_the_job_runs(proxy, daemon, large):
+    job = proxy.post("/v1/jobs?ratio=0.1", large).json["id"]
+    with subprocess.Popen(proxy.curl_command(f"/v1/jobs/{job}/events", "-N"), stdout=subprocess.PIPE,
                           text=True) as events:
         for line in events.stdout:
             if line.startswith("event: progress"):
                 break
         assert daemon.job(job)["status"] == "running", "the event came after the job's end"
-        assert proxy.curl(f"{prefix}/v1/jobs/{job}", "-X", "DELETE").json["status"] == "dismissed"
+        assert proxy.curl(f"/v1/jobs/{job}", "-X", "DELETE").json["status"] == "dismissed"
         rest = events.stdout.read()
     assert "event: end" in rest
 

@@ -23,7 +23,7 @@ OWNER = {
     r"zlib\.h": r"core/inflate_gzip\.c",
     r"zstd(_errors)?\.h": r"core/inflate_zstd\.c",
     r"curl/.*": r"server/post\.c",
-    r"sqlite3\.h": r"server/sql\.c",
+    r"sqlite3\.h": r"server/sql(_faults)?\.c",
     r"microhttpd\.h": r"server/http\.c",
     r"gnutls/.*": r"server/tls\.c",
     r"seccomp\.h": r"server/daemon_seccomp\.c",
@@ -72,7 +72,7 @@ def problems_of(path):
 def main():
     found = 0
     files = [p for top in ("core", "api", "server", "tests") for p in sorted(pathlib.Path(top).rglob("*.[ch]*"))
-             if p.suffix in (".c", ".h", ".cc")]
+             if p.suffix in (".c", ".h", ".cc") and "node_modules" not in p.parts]
     for path in files:
         for problem in problems_of(path):
             print(f"{path}: {problem}")

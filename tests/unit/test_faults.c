@@ -8,7 +8,6 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <setjmp.h>
-#include <sqlite3.h>
 #include <stdarg.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -19,73 +18,17 @@
 
 #include <cmocka.h>
 
-#include "core/alloc.h"
 #include "core/cloud_ply.h"
 #include "core/cloud_write.h"
-#include "core/fault.h"
 #include "core/file_out.h"
 #include "server/queue.h"
 #include "server/store.h"
 #include "server/upload.h"
+#include "tests/unit/faults.h"
 #include "tests/unit/folder.h"
 
 static const char id[] = "0198c7d2-4a10-7cc3-9d0e-6f1f2b3c4d5e";
 static const char cloud_text[] = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n";
-
-/* ------------------------------------------------------------------------------------------------ the faults */
-
-static long passes_left; /* until the fault; 0 = none */
-static int fault_number;
-
-static bool due(void) { return passes_left > 0 && --passes_left == 0; }
-
-static bool refuse_memory(void *ctx) {
-    (void)ctx;
-    return due();
-}
-
-static int refuse_call(const char *point) {
-    (void)point;
-    return due() ? fault_number : 0;
-}
-
-/* SQLite's memory fails by the same count. */
-static sqlite3_mem_methods sqlite_memory;
-
-static void *sqlite_malloc_or_not(int bytes) { return alloc_fail && due() ? NULL : sqlite_memory.xMalloc(bytes); }
-static void *sqlite_realloc_or_not(void *old, int bytes) {
-    return alloc_fail && due() ? NULL : sqlite_memory.xRealloc(old, bytes);
-}
-
-static int hook_sqlite(void **state) {
-    (void)state;
-    sqlite3_config(SQLITE_CONFIG_LOOKASIDE, 0, 0);
-    if (sqlite3_config(SQLITE_CONFIG_GETMALLOC, &sqlite_memory) != SQLITE_OK) return -1;
-    sqlite3_mem_methods mine = sqlite_memory;
-    mine.xMalloc = sqlite_malloc_or_not;
-    mine.xRealloc = sqlite_realloc_or_not;
-    return sqlite3_config(SQLITE_CONFIG_MALLOC, &mine) == SQLITE_OK ? 0 : -1;
-}
-
-static void fail_memory(long nth) {
-    passes_left = nth;
-    alloc_fail = refuse_memory;
-}
-
-static void fail_call(long nth, int number) {
-    passes_left = nth;
-    fault_number = number;
-    fault_ask = refuse_call;
-}
-
-/* Ends the faults; whether one has happened. */
-static bool stop_faults(void) {
-    bool happened = passes_left == 0;
-    passes_left = 0;
-    alloc_fail = NULL;
-    fault_ask = NULL;
-    return happened;
-}
 
 /* ------------------------------------------------------------------------------------------------ a folder */
 
@@ -96,8 +39,7 @@ struct fixture {
 
 static int set_up(void **state) {
     struct fixture *f = calloc(1, sizeof *f);
-    snprintf(f->folder, sizeof f->folder, "/tmp/test_faults.XXXXXX");
-    if (!mkdtemp(f->folder)) return -1;
+    folder_make_in_memory(f->folder, sizeof f->folder);
     snprintf(f->path, sizeof f->path, "%s/whittled.db", f->folder);
     *state = f;
     return 0;
@@ -105,7 +47,7 @@ static int set_up(void **state) {
 
 static int tear_down(void **state) {
     struct fixture *f = *state;
-    stop_faults();
+    faults_stop();
     folder_remove(f->folder);
     free(f);
     return 0;
@@ -177,9 +119,9 @@ static void every_allocation_of_the_queue_fails_in_turn(void **state) {
     enum status status;
     long failures = 0;
     for (long nth = 1;; nth += 1 + nth / 8) { /* SQLite makes thousands */
-        fail_memory(nth);
+        faults_in_memory(nth, false);
         enum step step = work_on_queue(f, &status);
-        bool happened = stop_faults();
+        bool happened = faults_stop();
         if (status != STATUS_OK) assert_true(status == STATUS_NO_MEMORY || status == STATUS_IO);
         look_at_queue(f, step);
         remove_database(f);
@@ -194,9 +136,9 @@ static void every_commit_that_fails_leaves_the_queue_as_it_was(void **state) {
     struct fixture *f = *state;
     enum status status;
     for (long nth = 1;; nth++) {
-        fail_call(nth, EIO);
+        faults_in_calls("commit", nth, false, EIO);
         enum step step = work_on_queue(f, &status);
-        bool happened = stop_faults();
+        bool happened = faults_stop();
         look_at_queue(f, step);
         remove_database(f);
         if (!happened) break;
@@ -222,7 +164,7 @@ static enum status work_on_upload(struct store *store, struct error *error) {
     struct admission admission = {.max_points = 100};
     struct upload_facts facts;
     struct problem problem = {0};
-    struct upload *upload = upload_new(store, UINT64_MAX, 1000, &admission, &problem);
+    struct upload *upload = upload_new(store, NULL, UINT64_MAX, 1000, &admission, &problem);
     enum status status = upload ? STATUS_OK : STATUS_IO;
     if (upload &&
         !(upload_write(upload, cloud_text, sizeof cloud_text - 1, &problem) && upload_end(upload, &facts, &problem)))
@@ -279,9 +221,9 @@ static void every_call_of_the_store_fails_in_turn(void **state) {
     } kinds[] = {{ENOSPC, STATUS_NO_SPACE}, {EDQUOT, STATUS_NO_SPACE}, {EIO, STATUS_IO}, {EMFILE, STATUS_IO}};
     for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++)
         for (long nth = 1;; nth++) {
-            fail_call(nth, kinds[i].number);
+            faults_in_calls("", nth, false, kinds[i].number);
             enum status status = work_on_store(f);
-            bool happened = stop_faults();
+            bool happened = faults_stop();
             look_at_store(f, status);
             if (!happened) break;
             assert_true(status == kinds[i].status || status == STATUS_OK); /* OK: where removing failed */
@@ -291,9 +233,9 @@ static void every_call_of_the_store_fails_in_turn(void **state) {
 static void every_allocation_of_the_store_fails_in_turn(void **state) {
     struct fixture *f = *state;
     for (long nth = 1;; nth++) {
-        fail_memory(nth);
+        faults_in_memory(nth, false);
         enum status status = work_on_store(f);
-        bool happened = stop_faults();
+        bool happened = faults_stop();
         look_at_store(f, status);
         if (!happened) break;
         assert_int_not_equal(status, STATUS_OK);
@@ -322,9 +264,9 @@ static void every_call_of_a_writer_fails_in_turn(void **state) {
     static const int numbers[] = {ENOSPC, EFBIG, EIO, EMFILE};
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
         for (long nth = 1;; nth++) {
-            fail_call(nth, numbers[i]);
+            faults_in_calls("", nth, false, numbers[i]);
             enum status status = write_cloud(&cloud, path, &f->error);
-            if (!stop_faults()) break;
+            if (!faults_stop()) break;
             assert_int_equal(status, status_from_errno(numbers[i]));
             assert_true(folder_entries(f->folder, ".") == 0 ||
                         (access(path, R_OK) == 0 && folder_entries(f->folder, ".") == 1));
@@ -341,5 +283,5 @@ int main(void) {
         TEST(every_call_of_the_store_fails_in_turn),       TEST(every_allocation_of_the_store_fails_in_turn),
         TEST(every_call_of_a_writer_fails_in_turn),
     };
-    return cmocka_run_group_tests(tests, hook_sqlite, NULL);
+    return cmocka_run_group_tests(tests, faults_set_up, NULL);
 }

@@ -1,0 +1,104 @@
+/* Faults for unit tests.
+ *
+ * The programs are linked with --wrap for each function of malloc's family, so that what the project calls are the
+ * functions here.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "tests/unit/faults.h"
+
+#include <errno.h>
+#include <jansson.h>
+#include <sqlite3.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/fault.h"
+
+static struct {
+    bool in_memory, lasts, happened;
+    const char *prefix; /* of the calls */
+    int number;
+    long passes_left; /* until the fault; 0 = none */
+} faults;
+
+static bool due(void) {
+    if (!faults.passes_left || --faults.passes_left) return false;
+    faults.passes_left = faults.lasts;
+    faults.happened = true;
+    return true;
+}
+
+static bool refuses(void) {
+    bool now = faults.in_memory && due();
+    if (now) errno = ENOMEM;
+    return now;
+}
+
+static int refuse_call(const char *point) {
+    return strncmp(point, faults.prefix, strlen(faults.prefix)) == 0 && due() ? faults.number : 0;
+}
+
+/* ------------------------------------------------------------------------------------------------ memory */
+
+void *__real_malloc(size_t bytes);
+void *__real_calloc(size_t count, size_t bytes);
+void *__real_realloc(void *old, size_t bytes);
+void *__real_reallocarray(void *old, size_t count, size_t bytes);
+char *__real_strdup(const char *text);
+char *__real_strndup(const char *text, size_t most);
+
+void *__wrap_malloc(size_t bytes);
+void *__wrap_calloc(size_t count, size_t bytes);
+void *__wrap_realloc(void *old, size_t bytes);
+void *__wrap_reallocarray(void *old, size_t count, size_t bytes);
+char *__wrap_strdup(const char *text);
+char *__wrap_strndup(const char *text, size_t most);
+
+void *__wrap_malloc(size_t bytes) { return refuses() ? NULL : __real_malloc(bytes); }
+void *__wrap_calloc(size_t count, size_t bytes) { return refuses() ? NULL : __real_calloc(count, bytes); }
+void *__wrap_realloc(void *old, size_t bytes) { return refuses() ? NULL : __real_realloc(old, bytes); }
+void *__wrap_reallocarray(void *old, size_t count, size_t bytes) {
+    return refuses() ? NULL : __real_reallocarray(old, count, bytes);
+}
+char *__wrap_strdup(const char *text) { return refuses() ? NULL : __real_strdup(text); }
+char *__wrap_strndup(const char *text, size_t most) { return refuses() ? NULL : __real_strndup(text, most); }
+
+static sqlite3_mem_methods sqlite_memory;
+
+static void *sqlite_malloc(int bytes) { return refuses() ? NULL : sqlite_memory.xMalloc(bytes); }
+static void *sqlite_realloc(void *old, int bytes) { return refuses() ? NULL : sqlite_memory.xRealloc(old, bytes); }
+
+int faults_set_up(void **state) {
+    (void)state;
+    json_set_alloc_funcs(__wrap_malloc, free);
+    sqlite3_config(SQLITE_CONFIG_LOOKASIDE, 0, 0);
+    if (sqlite3_config(SQLITE_CONFIG_GETMALLOC, &sqlite_memory) != SQLITE_OK) return -1;
+    sqlite3_mem_methods mine = sqlite_memory;
+    mine.xMalloc = sqlite_malloc;
+    mine.xRealloc = sqlite_realloc;
+    return sqlite3_config(SQLITE_CONFIG_MALLOC, &mine) == SQLITE_OK ? 0 : -1;
+}
+
+/* ------------------------------------------------------------------------------------------------ faults */
+
+void faults_in_memory(long nth, bool lasts) {
+    faults.in_memory = true;
+    faults.lasts = lasts;
+    faults.passes_left = nth;
+}
+
+void faults_in_calls(const char *prefix, long nth, bool lasts, int number) {
+    faults.prefix = prefix;
+    faults.number = number;
+    faults.lasts = lasts;
+    faults.passes_left = nth;
+    fault_ask = refuse_call;
+}
+
+bool faults_stop(void) {
+    bool happened = faults.happened;
+    memset(&faults, 0, sizeof faults);
+    fault_ask = NULL;
+    return happened;
+}

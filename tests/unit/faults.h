@@ -1,0 +1,24 @@
+/* Faults for unit tests: the n-th allocation, or the n-th call that core/fault.h names, fails.
+ *
+ * Allocations are those of the project's own code (the linker puts ours before the library's), SQLite's and jansson's.
+ * One thread at a time.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_TESTS_UNIT_FAULTS_H
+#define WHITTLE_TESTS_UNIT_FAULTS_H
+
+#include <stdbool.h>
+
+/* Before anything of SQLite is used: a set-up of a group. */
+int faults_set_up(void **state);
+
+/* The nth allocation fails, and those after it too where it lasts. */
+void faults_in_memory(long nth, bool lasts);
+
+/* The same of calls whose point starts with prefix; they fail with this errno. */
+void faults_in_calls(const char *prefix, long nth, bool lasts, int number);
+
+/* Ends the faults; whether one has happened. */
+bool faults_stop(void);
+
+#endif

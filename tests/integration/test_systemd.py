@@ -62,12 +62,10 @@ class Unit(conftest.Daemon):
     """A whittled that is started the way a manager does it."""
 
     def launch(self, environment=None, prefix=(), flags=(), pass_fds=()):
-        sanitized = re.search("asan|tsan", str(conftest.BUILD))
-        unlimited = ("--job-memory", "1024T", "--worker-sandbox=off") if sanitized else ()
         with open(self.log, "ab") as log:
             self.process = subprocess.Popen(
                 [*map(str, prefix), str(conftest.BUILD / "whittled"), "--data", str(self.data), "--admin-listen",
-                 "127.0.0.1:0", *unlimited, *flags],
+                 "127.0.0.1:0", *conftest.UNLIMITED, *flags],
                 stdout=subprocess.PIPE, stderr=log, text=True, pass_fds=pass_fds,
                 env=dict(os.environ, **(environment or {})))
         return self

@@ -43,6 +43,7 @@ struct fit {
     unsigned threads;
     double stray_sq; /* how far from the data any part of the surface may get, squared */
     double far, near;
+    double unit_area; /* of the surface at the beginning, for each unit of the samples' weight */
     struct samples samples;
     uint32_t *first;    /* triangle_count: first sample of the list (samples.sample[].next), or NONE */
     double *cost;       /* triangle_count */

@@ -246,6 +246,11 @@ ablation: deps ## what the discrete shape operator is worth; MODELS= RATIOS= -> 
 	@$(MAKE) --no-print-directory all
 	@$(PYTHON) tests/peers/ablation.py --build $(build) $(chosen)
 
+.PHONY: closed
+closed: deps ## whether every closed model comes out closed, with all points; MODELS= RATIOS= -> out/closed.md
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@$(PYTHON) tests/peers/closed.py --build $(build) $(chosen)
+
 .PHONY: paper
 paper: deps ## Lee and Jong's evaluation again, with pictures; MODELS=horse,venus -> out/paper.html
 	@deploy/deps.sh $(paper_packages)

@@ -10,6 +10,7 @@
 #include "core/alloc.h"
 #include "core/bvh.h"
 #include "core/cloud.h"
+#include "core/fit_gap.h"
 #include "core/par.h"
 
 enum { SAMPLE_GRAIN = 2048 };
@@ -197,7 +198,7 @@ struct assignment {
     float *distance_sq;
 };
 
-/* Lengths that the fit goes by, from the mean distance before it. */
+/* Lengths that the fit goes by, from the mean distance before it, and what area a sample stands for. */
 static void set_scale(struct fit *fit, const float *distance_sq) {
     double sum = 0, weight = 0;
     for (size_t i = 0; i < fit->samples.n; i++) {
@@ -205,6 +206,7 @@ static void set_scale(struct fit *fit, const float *distance_sq) {
         weight += (double)fit->samples.sample[i].weight;
     }
     double mean = fmax(weight > 0 ? sum / weight : 0, SMALLEST_MEAN);
+    fit->unit_area = fit_gap_unit_area(fit, weight);
     fit->far = FIT_FAR * mean;
     fit->near = FIT_NEAR * mean;
     fit->stray_sq = FIT_STRAY * mean * FIT_STRAY * mean;

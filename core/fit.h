@@ -50,6 +50,7 @@ struct fit {
     unsigned threads;
     double stray_sq; /* how far from the data any part of the surface may get, squared */
     double far, near;
+    double unit_area; /* of the surface at the beginning, for each unit of the samples' weight */
     struct samples samples;
     struct sample_lists lists; /* of each triangle */
     double *cost;              /* triangle_count */

@@ -14,6 +14,7 @@
 
 #include "core/alloc.h"
 #include "core/cloud.h"
+#include "core/fit_gap.h"
 #include "core/par.h"
 
 enum { EDGE_GRAIN = 256 };
@@ -80,20 +81,22 @@ static bool flip_is_possible(const struct fit *fit, uint32_t h) {
     return fit->he.locked[c] == HALFEDGE_KNOTTED ? !halfedge_joined(&fit->he, d, c) : !halfedge_joined(&fit->he, c, d);
 }
 
-/* How much the flip of h lowers the cost; 0 when it doesn't, or isn't allowed. */
+/* How much the flip of h lowers the cost; 0 when it doesn't, or isn't allowed.  In a gap there is no data to stray
+ * from.
+ */
 static double flip_gain(const struct fit *fit, uint32_t h) {
     double cost = fit->cost[h / 3] + fit->cost[fit->he.twin[h] / 3];
-    if (!(cost > 0)) return 0;
     struct quad q = quad_of(fit, h);
     if (!flip_is_fair(fit, h, &q)) return 0;
     struct fit_region region;
     region.n = 2;
     memcpy(region.triangle, q.triangle, sizeof q.triangle);
     fit_gather(fit, &region);
-    if (fit_is_exact(&region, cost)) return 0;
-    double gain = cost - fit_cost_with(fit, &region, q.new, 2, cost);
-    if (gain < FLIP_LEAST_GAIN * cost || !flip_is_possible(fit, h)) return 0;
-    return fit_stays(fit, &region, q.new, 2) ? gain : 0;
+    double in_gap = fit_gap_gain(fit, &region, h, q.new);
+    if (fit_is_exact(&region, cost) && !(in_gap > 0)) return 0;
+    double gain = cost + in_gap - fit_cost_with(fit, &region, q.new, 2, cost + in_gap);
+    if (!(gain > FLIP_LEAST_GAIN * cost) || !flip_is_possible(fit, h)) return 0;
+    return in_gap > 0 || fit_stays(fit, &region, q.new, 2) ? gain : 0;
 }
 
 static void measure(void *ctx, size_t begin, size_t end) {

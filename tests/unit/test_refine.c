@@ -400,6 +400,43 @@ static void test_many_points_for_few_triangles(void **state) {
     dense_done(&dense);
 }
 
+/* Beside a square of many points two triangles that only have points at their corners, and maybe along an edge between
+ * them. */
+static void bridge_gap(bool with_ridge, bool flips) {
+    static const vec3 corner[8] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0},     {0, 1, 0},
+                                   {4, 0, 0}, {6, 0, 0}, {5, 0.4, 0.2}, {5, -0.4, 0.2}};
+    static const uint32_t triangle[4][3] = {{0, 1, 2}, {0, 2, 3}, {4, 5, 6}, {5, 4, 7}};
+    enum { SIDE = 21, RIDGE = 99 };
+    struct dense square_points = field(SIDE, flat), dense = dense_new(SIDE * SIDE + 4 + (with_ridge ? RIDGE : 0));
+    for (size_t i = 0; i < dense.n; i++) {
+        size_t k = i - SIDE * SIDE;
+        bool in_square = i < SIDE * SIDE, at_corner = !in_square && k < 4;
+        dense.point[i] = in_square   ? vec3_add(square_points.point[i], (vec3){0, 0, 1e-3})
+                         : at_corner ? corner[4 + k]
+                                     : (vec3){4 + 0.02 * (double)(k - 3), 0, 0};
+        dense.normal[i] = (vec3){0, 0, 1};
+        dense.spacing[i] = 0.05f;
+    }
+    struct mesh mesh = mesh_new(corner, 8, triangle, 4);
+    struct refine_facts facts;
+    refine(&mesh, &dense, REFINE_FLIPS, PLACEMENT_SUBSET, &facts);
+    assert_int_equal(facts.flips, flips);
+    assert_int_equal(has_edge(&mesh, 6, 7), flips);
+    mesh_done(&mesh);
+    dense_done(&square_points);
+    dense_done(&dense);
+}
+
+static void test_gap_takes_the_shorter_diagonal(void **state) {
+    (void)state;
+    bridge_gap(false, true);
+}
+
+static void test_points_take_the_longer_diagonal(void **state) {
+    (void)state;
+    bridge_gap(true, false);
+}
+
 static void test_filled_holes_stay_marked(void **state) {
     (void)state;
     static const uint32_t wrong[2][3] = {{0, 1, 3}, {1, 2, 3}};
@@ -638,6 +675,8 @@ int main(void) {
         cmocka_unit_test(test_tip_moves_to_the_point),
         cmocka_unit_test(test_tip_moves_to_the_best_place),
         cmocka_unit_test(test_many_points_for_few_triangles),
+        cmocka_unit_test(test_gap_takes_the_shorter_diagonal),
+        cmocka_unit_test(test_points_take_the_longer_diagonal),
         cmocka_unit_test(test_filled_holes_stay_marked),
         cmocka_unit_test(test_closed_stays_closed_and_gets_better),
         cmocka_unit_test(test_subset_stays_a_subset),

@@ -108,13 +108,25 @@ def step_back():
     os.setpriority(os.PRIO_PROCESS, 0, min(19, os.getpriority(os.PRIO_PROCESS, 0) + 10))
 
 
-def run_traffic(service, args):
-    """All at once; returns the figures."""
+class Probe:
+    """Asks a service for its health until the end."""
+
+    def __init__(self, service):
+        self.process = subprocess.Popen(
+            [sys.executable, str(pathlib.Path(__file__).with_name("probe.py")), str(service.admin_port)],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def end(self):
+        """All times in milliseconds."""
+        return [float(line) for line in self.process.communicate("end\n")[0].split()]
+
+
+def run_traffic(service, idle, args):
+    """All at once; returns the figures.  A second service that does nothing shows what the machine alone costs."""
     cloud = Cloud(-1, args.bytes)
     name = check_upload(service, cloud)
     crowd = Crowd(service, args.listeners, args.slow)
-    probe = subprocess.Popen([sys.executable, str(pathlib.Path(__file__).with_name("probe.py")), str(service.admin_port)],
-                             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    probes = [Probe(service), Probe(idle)]
     begin, most = time.monotonic(), 0
     try:
         with concurrent.futures.ThreadPoolExecutor(args.uploads + args.downloads, initializer=step_back) as pool:
@@ -127,17 +139,17 @@ def run_traffic(service, args):
                 task.result()
         seconds = time.monotonic() - begin
     finally:
-        times, _ = probe.communicate("end\n")
+        times, idle_times = (probe.end() for probe in probes)
         crowd.leave()
-    times = [float(line) for line in times.split()]
     connections = max(most, args.listeners + args.slow)
     return {"seconds": seconds, "upload_bytes_per_s": args.uploads * args.bytes / seconds, "probes": len(times),
             "health_ms_median": percentile(times, 0.5), "health_ms_99": percentile(times, 0.99), "health_ms_max": max(times),
+            "idle_health_ms_99": percentile(idle_times, 0.99), "idle_health_ms_max": max(idle_times),
             "connections": connections, "resident_bytes_max": service.resident(peak=True),
             "resident_bytes_allowed": BASE_BYTES + CONNECTION_BYTES * int(connections)}
 
 
-def run_jobs(service, args):
+def run_jobs(service, _, args):
     """Tiny jobs, each another one; returns the figures."""
     count, before, begin = args.jobs, service.metrics(), time.monotonic()
 
@@ -169,12 +181,13 @@ def run_jobs(service, args):
 
 def measure(run, args, *flags):
     """Runs it against a service of its own and prints the figures, and how busy the machine was."""
-    with tempfile.TemporaryDirectory(dir=args.folder) as folder:
-        service = Service(folder, *flags)
+    with tempfile.TemporaryDirectory(dir=args.folder) as folder, tempfile.TemporaryDirectory() as other:
+        services = [Service(folder, *flags), Service(other)]
         try:
-            figures = run(service, args)
+            figures = run(*services, args)
         finally:
-            service.stop()
+            for service in services:
+                service.stop()
     figures["load_average"] = os.getloadavg()[0]
     print(json.dumps(figures, indent=1), flush=True)
     return figures

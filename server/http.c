@@ -256,7 +256,7 @@ static enum MHD_Result refuse(struct exchange *x) {
 static enum MHD_Result take_header(void *ctx, enum MHD_ValueKind kind, const char *name, size_t name_bytes,
                                    const char *value, size_t value_bytes) {
     (void)kind;
-    (void)name_bytes;
+    (void)name_bytes; /* the name ends at its first NUL, and isn't one that the service knows then */
     request_take_header(ctx, name, value ? value : "", value_bytes);
     return MHD_YES;
 }

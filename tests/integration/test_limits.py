@@ -120,7 +120,8 @@ def test_clouds_without_a_length_count_too(shared):
     packed = daemon.post("/v1/clouds", gzip.compress(b"0 0 0\n" * 1000), "-H", "Authorization: Bearer a", "-H",
                          "Content-Encoding: gzip")
     assert (packed.status, packed.slug) == (429, "rate-limited")
-    assert not list((daemon.data / "clouds").iterdir()) and daemon.leftovers() == []
+    assert not list((daemon.data / "clouds").iterdir())
+    wait_until(lambda: daemon.leftovers() == [], "the removal of what came")
 
 
 def test_resumable_uploads_count_with_what_they_will_have(shared):

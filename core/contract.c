@@ -192,8 +192,13 @@ static void sort_links(uint32_t *link, unsigned n) {
 /* Sorted links without repetitions and without p itself. */
 static unsigned unique_links(uint32_t *link, unsigned n, uint32_t p) {
     unsigned count = 0;
-    for (unsigned i = 0; i < n; i++)
-        if (link[i] != p && (count == 0 || link[count - 1] != link[i])) link[count++] = link[i];
+    uint32_t last = NONE;
+    for (unsigned i = 0; i < n; i++) { /* no branch to guess wrong */
+        uint32_t x = link[i];
+        link[count] = x;
+        count += (unsigned)((x != p) & (x != last));
+        last = x;
+    }
     return count;
 }
 

@@ -251,7 +251,8 @@ static enum status read_environment(struct config *config, char **environment, s
             name[i] = from[i] == '_' ? '-' : (char)tolower((unsigned char)from[i]);
         const struct setting *setting = find(name, strlen(name));
         status = setting ? set(config, setting, equals + 1, error)
-                         : error_set(error, STATUS_BAD_PARAMETER, name, "unknown setting in the environment");
+                         : error_set(error, STATUS_BAD_PARAMETER, name[0] ? name : "WHITTLED_",
+                                     "unknown setting in the environment");
     }
     return status;
 }
@@ -279,7 +280,8 @@ static enum status read_line(struct config *config, char *line, struct error *er
     if (equals) *equals = 0;
     const char *name = trim(line);
     const struct setting *setting = find(name, strlen(name));
-    if (!equals || !setting) return error_set(error, STATUS_BAD_PARAMETER, name, "unknown setting in the file");
+    if (!equals || !setting)
+        return error_set(error, STATUS_BAD_PARAMETER, name[0] ? name : "config", "unknown setting in the file");
     return set(config, setting, trim(equals + 1), error);
 }
 

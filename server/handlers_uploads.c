@@ -235,27 +235,53 @@ static bool is_over_share(struct service *service, const struct uploads_info *in
     return *has > limit;
 }
 
-/* Makes the whole upload a cloud; what is no cloud is removed.  false: the response says why. */
-static bool finish(struct service *service, struct uploads_info *info, struct response *response) {
+/* Makes the whole upload a cloud; what is no cloud is removed.  false: *error says why, or *problem where that has no
+ * code. */
+static bool make_cloud(struct service *service, struct uploads_info *info, struct problem *problem,
+                       struct error *error) {
     struct upload_facts facts = {0};
-    struct problem problem;
-    struct error error = {0};
-    if (info->offset != info->length || info->cloud[0]) return true;
-    int fd = store_part_open(service->store, info->id, false);
+    struct error ignored = {0};
     struct admission admission = handlers_admission(service->config, NULL);
-    bool ok = upload_check_file(fd, &admission, &facts, &problem);
-    if (fd >= 0) close(fd);
-    if (!ok) {
-        response_problem(response, &problem);
-        if (problem.kind != PROBLEM_INTERNAL_ERROR && uploads_delete(service->uploads, info->id, &error) != STATUS_OK)
-            log_line(LOG_ERROR, "upload=%s: %s", info->id, error.text);
+    int fd = store_part_open(service->store, info->id, false);
+    if (fd < 0) {
+        error_set(error, STATUS_IO, "uploads", "can't open upload %s: %s", info->id, strerror(errno));
         return false;
     }
-    enum status status = service_keep_part(service, info->id, &facts, info->principal, &error);
-    if (status == STATUS_OK) status = uploads_complete(service->uploads, info->id, facts.sha256, &error);
-    if (status != STATUS_OK) response_error(response, &error);
-    memcpy(info->cloud, facts.sha256, sizeof info->cloud);
+    bool ok = upload_check_file(fd, &admission, &facts, problem);
+    close(fd);
+    if (!ok) {
+        if (problem->kind != PROBLEM_INTERNAL_ERROR && uploads_delete(service->uploads, info->id, &ignored))
+            log_line(LOG_ERROR, "upload=%s: %s", info->id, ignored.text);
+        return false;
+    }
+    enum status status = service_keep_part(service, info->id, &facts, info->principal, error);
+    if (status == STATUS_OK) status = uploads_complete(service->uploads, info->id, facts.sha256, error);
+    if (status == STATUS_OK) memcpy(info->cloud, facts.sha256, sizeof info->cloud);
     return status == STATUS_OK;
+}
+
+/* Whether another request has made the cloud meanwhile, or deleted the upload: then no cloud is named. */
+static bool is_settled(struct service *service, struct uploads_info *info) {
+    struct uploads_info now = {0};
+    bool open = uploads_find(service->uploads, info->id, &now) && !now.cloud[0];
+    if (!open) memcpy(info->cloud, now.cloud, sizeof info->cloud);
+    return !open;
+}
+
+/* Makes the upload a cloud if it is whole and none yet; false: the response says why that can't be. */
+static bool finish(struct service *service, struct uploads_info *info, struct response *response) {
+    struct problem problem;
+    struct error error = {0};
+    if (info->offset != info->length || info->cloud[0] || make_cloud(service, info, &problem, &error)) return true;
+    if (!error.code)
+        response_problem(response, &problem);
+    else if (!is_settled(service, info))
+        response_error(response, &error);
+    else if (info->cloud[0])
+        return true;
+    else
+        response_refuse(response, PROBLEM_NO_SUCH_UPLOAD, "upload %s was deleted", info->id);
+    return false;
 }
 
 /* The end of a piece.  false: the response says why. */

@@ -48,11 +48,29 @@ static bool is_single(size_t header) {
     return false;
 }
 
+static bool is_token(const char *name) {
+    static const char allowed[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789!#$%&'*+-.^_`|~";
+    return name[0] && !name[strspn(name, allowed)];
+}
+
+/* Whether the name goes on behind that of a header which says where a request ends.  libmicrohttpd makes such names of
+ * lines that are folded, which others read as the header itself. */
+static bool is_framing_and_more(const char *name) {
+    static const enum request_header framing[] = {HEADER_CONTENT_LENGTH, HEADER_TRANSFER_ENCODING};
+    for (size_t i = 0; i < sizeof framing / sizeof *framing; i++) {
+        size_t length = strlen(message_header_names[framing[i]]);
+        if (strncasecmp(name, message_header_names[framing[i]], length) == 0 && name[length]) return true;
+    }
+    return false;
+}
+
 void request_take_header(struct request *request, const char *name, const char *value, size_t value_bytes) {
+    if (!is_token(name) || is_framing_and_more(name)) request->fault = "a header's name is malformed";
+    if (strlen(value) != value_bytes) request->fault = "a header holds NUL";
+    if (strpbrk(value, "\r\n")) request->fault = "a header holds the end of a line";
     for (size_t i = 0; i < HEADER_COUNT; i++) {
         if (strcasecmp(name, message_header_names[i]) != 0) continue;
         if (is_single(i) && request->header[i]) request->fault = "a header comes twice that may come once";
-        if (strlen(value) != value_bytes) request->fault = "a header holds NUL";
         request->header[i] = value;
     }
 }
@@ -74,6 +92,12 @@ static bool read_length(const char *text, uint64_t *length) {
     return !*end;
 }
 
+/* What may be in HOST[:PORT]. */
+static bool is_host(const char *text) {
+    static const char allowed[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-_~%!$&'()*+,;=:[]";
+    return !text[strspn(text, allowed)];
+}
+
 void request_read_framing(struct request *request) {
     const char *length = request->header[HEADER_CONTENT_LENGTH], *coding = request->header[HEADER_TRANSFER_ENCODING];
     request->content_length = coding ? UINT64_MAX : 0;
@@ -83,6 +107,8 @@ void request_read_framing(struct request *request) {
         request->fault = "the only transfer coding that is read is chunked";
     else if (length && !read_length(length, &request->content_length))
         request->fault = "Content-Length is no length";
+    else if (request->header[HEADER_HOST] && !is_host(request->header[HEADER_HOST]))
+        request->fault = "Host is no host";
     request->has_body = request->content_length != 0;
 }
 

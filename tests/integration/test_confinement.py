@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from conftest import BUILD, SMALL, wait_until
+from conftest import BUILD, SANITIZED, SMALL, wait_until
 
 PROBE = BUILD / "tests" / "tools" / "confined_probe"
 NOT_PERMITTED, NO_ACCESS = "refused: Operation not permitted", "refused: Permission denied"
@@ -131,7 +131,7 @@ def test_without_the_sandbox_limits_hold_alone(make_daemon):
     assert outcome(daemon, "memory", 1000) == "refused: Cannot allocate memory"
 
 
-@pytest.mark.skipif("asan" in str(BUILD) or "tsan" in str(BUILD), reason="sanitizers can't be confined")
+@pytest.mark.skipif(SANITIZED, reason="sanitizers can't be confined")
 def test_whittle_does_everything_confined(daemon):
     outputs = "cloud,xyz,mesh,dso,error,report"
     job = daemon.ended(daemon.submit(SMALL, f"?ratio=0.5&outputs={outputs}&threads=4&denoise=full"))

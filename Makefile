@@ -278,11 +278,12 @@ $(unit_runs): run-%: %
 valgrind_programs := $(filter-out %/test_delaunay %/test_cocone %/test_pipeline %/test_refine %/test_metro \
     %/test_denoise %/test_fixtures %/test_judge %/test_memory,$(unit_programs))
 .PHONY: valgrind
-valgrind: $(valgrind_programs) ## the unit tests under valgrind: no invalid access, nothing lost
+valgrind: all $(valgrind_programs) ## unit tests and service under valgrind: no invalid access, nothing lost
 	@command -v valgrind > /dev/null || deploy/deps.sh valgrind
 	@set -e; for t in $(valgrind_programs); do echo "== $$t"; \
 	    valgrind -q --error-exitcode=9 --leak-check=full --show-leak-kinds=definite \
 	        --errors-for-leak-kinds=definite $$t > $$t.valgrind 2>&1 || { tail -60 $$t.valgrind; exit 1; }; done
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -p no:cacheprovider tests/integration/valgrind.py
 
 SCANS ?=
 COUNT ?= 5000
@@ -292,6 +293,7 @@ test-mutations: all ## send COUNT=5000 mutated clouds, of SCANS too, to a servic
 
 # Fuzzers exist in config=fuzz alone; `make fuzz` goes there by itself.  What a run finds new stays in the corpus.
 FUZZ_SECONDS ?= 20
+CORPORA ?= $(abspath build/fuzz/tests/fuzz)
 ifeq ($(config),fuzz)
 $(build)/tests/fuzz/fuzz_http: $(build)/tests/unit/folder.o
 $(fuzz_programs): $(build)/%: $(build)/%.o $(libserver) $(libapi) $(libwhittle)
@@ -300,13 +302,14 @@ $(fuzz_programs): $(build)/%: $(build)/%.o $(libserver) $(libapi) $(libwhittle)
 
 .PHONY: fuzz
 fuzz: $(fuzz_programs)
-	@set -e; for f in $(fuzz_programs); do echo "== $$f"; mkdir -p $$f.corpus $$f.seeds; \
+	@set -e; for f in $(fuzz_programs); do echo "== $$f"; corpus=$(CORPORA)/$${f##*/}.corpus; \
+	    mkdir -p $$corpus $$f.seeds; \
 	    for s in tests/fixtures/*/*/input.* tests/fuzz/seeds/*; do cp "$$s" "$$f.seeds/$$(echo "$$s" | tr / _)"; done; \
-	    $$f -max_total_time=$(FUZZ_SECONDS) -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 -verbosity=0 \
-	        -artifact_prefix=$$f. $$f.corpus $$f.seeds; done
+	    $$f -max_total_time=$(FUZZ_SECONDS) -timeout=60 -rss_limit_mb=2048 -print_final_stats=1 -verbosity=0 \
+	        -artifact_prefix=$$f. $$corpus $$f.seeds; done
 else
 .PHONY: fuzz
-fuzz: deps ## run each fuzzer for FUZZ_SECONDS=20
+fuzz: deps ## run each fuzzer for FUZZ_SECONDS=20; CORPORA=folder keeps what they find
 	@deploy/deps.sh $(fuzz_packages)
 	@$(MAKE) --no-print-directory -j$$(nproc) config=fuzz fuzz
 endif

@@ -37,6 +37,7 @@
 #include "api/links.h"
 #include "server/access.h"
 #include "server/handlers.h"
+#include "server/handlers_keys.h"
 #include "server/listen.h"
 #include "server/log.h"
 #include "server/metrics.h"

@@ -134,6 +134,7 @@ static bool is_single(size_t header) {
 }
 
 void request_take_header(struct request *request, const char *name, const char *value, size_t value_bytes) {
+    if (strpbrk(name, " \t")) request->fault = "a header's name holds a blank";
     for (size_t i = 0; i < HEADER_COUNT; i++) {
         if (strcasecmp(name, message_header_names[i]) != 0) continue;
         if (is_single(i) && request->header[i]) request->fault = "a header comes twice that may come once";

@@ -125,8 +125,12 @@ $(build)/tests/peers/points_pcl.o: override CXXFLAGS += $(call peer_cflags,pcl_f
 $(build)/tests/peers/points_pcl: peer_libs = -lpcl_filters -lpcl_search -lpcl_common
 $(build)/tests/peers/open3d.o: override CXXFLAGS += -isystem /usr/include/eigen3 $(call peer_cflags,Open3D)
 $(build)/tests/peers/open3d: peer_libs = -lOpen3D
+$(build)/tests/peers/meshoptimizer: peer_libs = -lmeshoptimizer
 $(peer_programs): $(build)/%: $(build)/%.o
 	$(CXX) $(LDFLAGS) -o $@ $^ $(peer_libs)
+
+# Its vectors are passed between functions that are inlined, so how others would get them doesn't matter.
+$(build)/core/cluster.o: override CFLAGS += -Wno-psabi
 
 # Files that are compiled into the program.
 $(build)/api/openapi.o: api/openapi.json
@@ -144,12 +148,13 @@ FORCE:
 # What building, testing and the demo want, by the names of Debian 12's packages.
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
             libmicrohttpd-dev libgnutls28-dev libcurl4-openssl-dev libsqlite3-dev libseccomp-dev nettle-dev zlib1g-dev \
-            libzstd-dev libcmocka-dev curl jq python3 python3-pytest python3-pytest-xdist python3-jsonschema \
-            ca-certificates
-peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev meshlab xvfb xauth
+            libzstd-dev libcmocka-dev libfaketime xz-utils zstd sqlite3 curl jq python3 python3-pytest \
+            python3-pytest-xdist python3-jsonschema ca-certificates
+peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev libmeshoptimizer-dev meshlab xvfb xauth
 bench_packages := valgrind
-paper_packages := libeigen3-dev libtbb-dev python3-matplotlib
+paper_packages := libeigen3-dev libtbb-dev libmeshoptimizer-dev python3-matplotlib
 fuzz_packages := clang libclang-rt-14-dev
+contract_packages := chromium nginx-light openssl wget zstd groff $(if $(shell command -v npm),,nodejs npm)
 
 .PHONY: deps
 deps: ## install the Debian packages that are missing (root, or sudo)
@@ -217,6 +222,12 @@ bench-counts: deps ## instructions of each stage against the stored ones; BENCH=
 	@$(MAKE) --no-print-directory -j$$(nproc) all tools
 	@$(PYTHON) tests/bench/counts.py $(build) $(BENCH)
 
+POINTS ?= 1000000
+.PHONY: sizing
+sizing: deps ## the table of deploy/README.md: processor, memory, disk for each million points; POINTS=1000000
+	@$(MAKE) --no-print-directory -j$$(nproc) all tools
+	@$(PYTHON) tests/bench/sizing.py $(build) $(POINTS)
+
 .PHONY: accuracy
 accuracy: deps ## the error table of the README; MESHES="mesh.ply ..." for others than Horse and Venus
 	@$(MAKE) --no-print-directory -j$$(nproc) all
@@ -231,7 +242,7 @@ RATIOS ?=
 chosen = $(if $(MODELS),--models '$(MODELS)') $(if $(RATIOS),--ratios '$(RATIOS)')
 
 .PHONY: peers
-peers: deps ## compare with CGAL, PCL and Open3D; MODELS=horse,venus RATIOS=0.2,0.1 -> out/peers.md
+peers: deps ## compare with CGAL, PCL, Open3D and meshoptimizer; MODELS=horse,venus RATIOS=0.2,0.1 -> out/peers.md
 	@deploy/deps.sh $(peers_packages)
 	@$(MAKE) --no-print-directory all $(peer_programs)
 	@$(PYTHON) tests/peers/run.py --build $(build) $(chosen)
@@ -241,10 +252,15 @@ ablation: deps ## what the discrete shape operator is worth; MODELS= RATIOS= -> 
 	@$(MAKE) --no-print-directory all
 	@$(PYTHON) tests/peers/ablation.py --build $(build) $(chosen)
 
+.PHONY: closed
+closed: deps ## whether every closed model comes out closed, with all points; MODELS= RATIOS= -> out/closed.md
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@$(PYTHON) tests/peers/closed.py --build $(build) $(chosen)
+
 .PHONY: paper
 paper: deps ## Lee and Jong's evaluation again, with pictures; MODELS=horse,venus -> out/paper.html
 	@deploy/deps.sh $(paper_packages)
-	@$(MAKE) --no-print-directory all $(build)/tests/peers/surface_cgal
+	@$(MAKE) --no-print-directory all $(addprefix $(build)/tests/peers/,surface_cgal meshoptimizer)
 	@$(PYTHON) tests/paper/run.py --build $(build) $(if $(MODELS),--models '$(MODELS)')
 
 # ---------------------------------------------------------------------------------------------------- deployment
@@ -262,11 +278,12 @@ $(unit_runs): run-%: %
 valgrind_programs := $(filter-out %/test_delaunay %/test_cocone %/test_pipeline %/test_refine %/test_metro \
     %/test_denoise %/test_fixtures %/test_judge %/test_memory,$(unit_programs))
 .PHONY: valgrind
-valgrind: $(valgrind_programs) ## the unit tests under valgrind: no invalid access, nothing lost
+valgrind: all $(valgrind_programs) ## unit tests and service under valgrind: no invalid access, nothing lost
 	@command -v valgrind > /dev/null || deploy/deps.sh valgrind
 	@set -e; for t in $(valgrind_programs); do echo "== $$t"; \
 	    valgrind -q --error-exitcode=9 --leak-check=full --show-leak-kinds=definite \
 	        --errors-for-leak-kinds=definite $$t > $$t.valgrind 2>&1 || { tail -60 $$t.valgrind; exit 1; }; done
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -p no:cacheprovider tests/integration/valgrind.py
 
 SCANS ?=
 COUNT ?= 5000
@@ -276,40 +293,50 @@ test-mutations: all ## send COUNT=5000 mutated clouds, of SCANS too, to a servic
 
 # Fuzzers exist in config=fuzz alone; `make fuzz` goes there by itself.  What a run finds new stays in the corpus.
 FUZZ_SECONDS ?= 20
+CORPORA ?= $(abspath build/fuzz/tests/fuzz)
 ifeq ($(config),fuzz)
+$(build)/tests/fuzz/fuzz_http: $(build)/tests/unit/folder.o
 $(fuzz_programs): $(build)/%: $(build)/%.o $(libserver) $(libapi) $(libwhittle)
-	$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $^ $(API_LIBS) $(CODEC_LIBS) -lm
+	$(say) LD $@
+	$(Q)$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $^ -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CODEC_LIBS) -lm
 
 .PHONY: fuzz
 fuzz: $(fuzz_programs)
-	@set -e; for f in $(fuzz_programs); do echo "== $$f"; mkdir -p $$f.corpus $$f.seeds; \
+	@set -e; for f in $(fuzz_programs); do echo "== $$f"; corpus=$(CORPORA)/$${f##*/}.corpus; \
+	    mkdir -p $$corpus $$f.seeds; \
 	    for s in tests/fixtures/*/*/input.* tests/fuzz/seeds/*; do cp "$$s" "$$f.seeds/$$(echo "$$s" | tr / _)"; done; \
-	    $$f -max_total_time=$(FUZZ_SECONDS) -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 -verbosity=0 \
-	        -artifact_prefix=$$f. $$f.corpus $$f.seeds; done
+	    $$f -max_total_time=$(FUZZ_SECONDS) -timeout=60 -rss_limit_mb=2048 -print_final_stats=1 -verbosity=0 \
+	        -artifact_prefix=$$f. $$corpus $$f.seeds; done
 else
 .PHONY: fuzz
-fuzz: deps ## run each fuzzer for FUZZ_SECONDS=20
+fuzz: deps ## run each fuzzer for FUZZ_SECONDS=20; CORPORA=folder keeps what they find
 	@deploy/deps.sh $(fuzz_packages)
 	@$(MAKE) --no-print-directory -j$$(nproc) config=fuzz fuzz
 endif
 
+# Everything of the contract, with what it wants of others: linters, a validating proxy and a client from npm, a
+# browser, nginx, wget.
+contract_tests := contract matrix description browser clients prefix proxy clouds uploads formats levels cache \
+                  idempotency webhooks access config cli memory
 .PHONY: test-contract
-test-contract: all ## hold the contract against linters and a validating proxy from npm (needs node 18 and npm)
+test-contract: deps ## the whole contract, held by linters, a validating proxy, browser, proxies and clients of others
+	@deploy/deps.sh $(contract_packages)
+	@$(MAKE) --no-print-directory -j$$(nproc) all tests
 	@cd tests/node && npm ci --no-audit --no-fund --ignore-scripts
-	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -n 2 -p no:cacheprovider \
-	    $(addprefix tests/integration/test_,contract.py matrix.py description.py)
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -n 2 -p no:cacheprovider \
+	    $(contract_tests:%=tests/integration/test_%.py)
 
 LOAD ?=
 SECONDS ?= 3600
 .PHONY: test-load
 test-load: deps ## many clients at once, then many jobs; LOAD="--uploads 8 --bytes 8000000 --jobs 100"
 	@$(MAKE) --no-print-directory all
-	@$(PYTHON) tests/load/load.py $(build) $(LOAD)
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) tests/load/load.py $(LOAD)
 
 .PHONY: test-soak
 test-soak: deps ## mixed traffic with workers killed at random; nothing may grow; SECONDS=3600
 	@$(MAKE) --no-print-directory all
-	@$(PYTHON) tests/load/soak.py $(build) --seconds $(SECONDS)
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) tests/load/soak.py --seconds $(SECONDS) --seed $(SEED)
 
 .PHONY: contract
 contract: $(build)/whittled ## bring api/openapi.json up to date with core/params.c and api/routes.c

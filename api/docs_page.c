@@ -20,9 +20,13 @@ static const char style[] =
     "body{font:15px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;"
     "color:#222;background:#fff}"
     "table{border-collapse:collapse;width:100%}td,th{text-align:left;vertical-align:top;padding:.2rem .6rem .2rem 0;"
-    "border-bottom:1px solid #8884}code{font-size:95%}h3{margin-top:2.2rem}"
+    "border-bottom:1px solid #8884}td,h3,p{overflow-wrap:anywhere}td:first-child{overflow-wrap:normal}"
+    "code{font-size:95%}h3{margin-top:2.2rem}"
     "h3 code{background:#8882;padding:.1rem .4rem}"
-    "nav a{margin-right:1rem}@media(prefers-color-scheme:dark){body{color:#ddd;background:#181818}a{color:#8bf}}";
+    "nav{display:flex;flex-wrap:wrap;gap:.2rem 1rem}"
+    "@media(max-width:40rem){table,tbody,tr,td{display:block}tr:has(th){display:none}td{border:0;padding:0}"
+    "tr{padding:.5rem 0;border-bottom:1px solid #8884}}"
+    "@media(prefers-color-scheme:dark){body{color:#ddd;background:#181818}a{color:#8bf}}";
 
 static void put_escaped(FILE *out, const char *text) {
     for (; text && *text; text++) {

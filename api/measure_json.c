@@ -1,25 +1,21 @@
-/* SPDX-License-Identifier: GPL-3.0-or-later */
+/* What was measured is packed in one go; what wasn't is NULL, which json_pack leaves out.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "api/measure_json.h"
 
 #include <jansson.h>
-#include <math.h>
 #include <stdbool.h>
 
-/* Numbers that JSON can't hold (a cloud of one point has no diagonal to be relative to) are null. */
-static json_t *number(double value) { return isfinite(value) ? json_real(value) : json_null(); }
-
-static json_t *count(uint64_t value) { return json_integer((json_int_t)value); }
+#include "api/stats_json.h"
 
 static json_t *side_json(const struct measurement *m, int i) {
-    return json_pack("{s:o, s:o}", "points", count(m->points[i]), "triangles", count(m->triangles[i]));
+    return json_pack("{s:o, s:o}", "points", stats_json_count(m->points[i]), "triangles",
+                     stats_json_count(m->triangles[i]));
 }
 
 /* NULL, which json_pack's s:o* leaves out, where nothing was measured. */
 static json_t *distances(const struct distance_stats *stats, double diagonal) {
-    if (!stats->count) return NULL;
-    return json_pack("{s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "samples", count(stats->count), "mean", number(stats->mean),
-                     "rms", number(stats->rms), "max", number(stats->max), "mean_rel", number(stats->mean / diagonal),
-                     "rms_rel", number(stats->rms / diagonal), "max_rel", number(stats->max / diagonal));
+    return stats->count ? stats_json(stats, diagonal) : NULL;
 }
 
 void measure_json_sides(const struct measurement *m, const struct distance_stats *side[2]) {
@@ -32,19 +28,19 @@ void measure_json_sides(const struct measurement *m, const struct distance_stats
 static json_t *mean_of_sides(const struct measurement *m, double unit) {
     const struct distance_stats *side[2];
     measure_json_sides(m, side);
-    return side[0] ? number((side[0]->mean + side[1]->mean) / 2 / unit) : NULL;
+    return side[0] ? stats_json_number((side[0]->mean + side[1]->mean) / 2 / unit) : NULL;
 }
 
 static json_t *measurement_json(const struct measurement *m) {
     double d = m->diagonal;
     bool metro = m->metro_diagonal > 0;
     return json_pack("{s:s, s:o, s:o*, s:o, s:o, s:o*, s:o*, s:o*, s:o*, s:o*, s:o, s:o, s:o*}", "method", m->method,
-                     "diagonal", number(d), "metro_diagonal", metro ? number(m->metro_diagonal) : NULL, "a",
-                     side_json(m, 0), "b", side_json(m, 1), "forward", distances(&m->forward, d), "surface",
-                     distances(&m->surface, d), "backward", distances(&m->backward, d), "mean", mean_of_sides(m, 1),
-                     "mean_rel", mean_of_sides(m, d), "hausdorff", number(m->hausdorff), "hausdorff_rel",
-                     number(m->hausdorff / d), "hausdorff_metro_rel",
-                     metro ? number(m->hausdorff / m->metro_diagonal) : NULL);
+                     "diagonal", stats_json_number(d), "metro_diagonal",
+                     metro ? stats_json_number(m->metro_diagonal) : NULL, "a", side_json(m, 0), "b", side_json(m, 1),
+                     "forward", distances(&m->forward, d), "surface", distances(&m->surface, d), "backward",
+                     distances(&m->backward, d), "mean", mean_of_sides(m, 1), "mean_rel", mean_of_sides(m, d),
+                     "hausdorff", stats_json_number(m->hausdorff), "hausdorff_rel", stats_json_number(m->hausdorff / d),
+                     "hausdorff_metro_rel", metro ? stats_json_number(m->hausdorff / m->metro_diagonal) : NULL);
 }
 
 enum status measure_json_write(FILE *to, const struct measurement *measurement) {

@@ -260,7 +260,11 @@ int problem_status_of(const char *text) {
 char *problem_page(const struct problem_type *type) {
     char *page;
     int n = asprintf(&page,
-                     "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><title>%s</title>\n"
+                     "<!doctype html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n"
+                     "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
+                     "<meta name=\"color-scheme\" content=\"light dark\">\n<title>%s</title>\n"
+                     "<style>body{font:16px/1.5 system-ui,sans-serif;max-width:46rem;margin:2rem auto;padding:0 1rem}"
+                     "</style>\n"
                      "<h1>%s</h1>\n<p><code>%s</code>, HTTP status %d</p>\n<p>%s</p>\n</html>\n",
                      type->title, type->title, type->slug, type->http_status, type->help);
     return n < 0 ? NULL : page;

@@ -1,112 +1,120 @@
-/* SPDX-License-Identifier: GPL-3.0-or-later */
+/* A report is whole or it isn't there: a member that memory didn't suffice for would read as one that wasn't measured.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "api/report_json.h"
 
 #include <errno.h>
-#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "api/params_json.h"
+#include "api/stats_json.h"
 #include "core/version.h"
 
-/* Numbers that JSON can't hold (infinity, NaN) are null. */
-static json_t *number(double value) { return isfinite(value) ? json_real(value) : json_null(); }
+/* Puts a member in; nonzero where memory ran out for it, for value, or for json before it. */
+static int put(json_t *json, const char *key, json_t *value) { return json_object_set_new(json, key, value); }
 
-static json_t *count(uint64_t value) { return json_integer((json_int_t)value); }
-
-static json_t *triple(const double value[3]) {
-    return json_pack("[o, o, o]", number(value[0]), number(value[1]), number(value[2]));
+/* json, or NULL where a part of it is bad. */
+static json_t *whole(json_t *json, int bad) {
+    if (!bad) return json;
+    json_decref(json);
+    return NULL;
 }
 
-static json_t *distances(const struct distance_stats *stats, double diagonal) {
-    return json_pack("{s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "samples", count(stats->count), "mean", number(stats->mean),
-                     "rms", number(stats->rms), "max", number(stats->max), "mean_rel", number(stats->mean / diagonal),
-                     "rms_rel", number(stats->rms / diagonal), "max_rel", number(stats->max / diagonal));
+static json_t *triple(const double value[3]) {
+    return json_pack("[o, o, o]", stats_json_number(value[0]), stats_json_number(value[1]),
+                     stats_json_number(value[2]));
 }
 
 static json_t *input_json(const struct report *r) {
-    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "format", r->format, "points", count(r->points_in),
-                     "points_distinct", count(r->points_distinct), "points_outliers", count(r->points_outliers),
-                     "noise_rel", number(r->noise / r->diagonal), "diagonal", number(r->diagonal), "box_min",
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "format", r->format, "points",
+                     stats_json_count(r->points_in), "points_distinct", stats_json_count(r->points_distinct),
+                     "points_outliers", stats_json_count(r->points_outliers), "noise_rel",
+                     stats_json_number(r->noise / r->diagonal), "diagonal", stats_json_number(r->diagonal), "box_min",
                      triple(r->box_min), "box_max", triple(r->box_max));
 }
 
 static json_t *cloud_json(const struct report_level *r, double diagonal) {
-    return json_pack("{s:o, s:o, s:o}", "points", count(r->points_out), "contraction_error_rel",
-                     number(r->contraction_error / diagonal), "tangent_error", distances(&r->tangent, diagonal));
+    return json_pack("{s:o, s:o, s:o}", "points", stats_json_count(r->points_out), "contraction_error_rel",
+                     stats_json_number(r->contraction_error / diagonal), "tangent_error",
+                     stats_json(&r->tangent, diagonal));
 }
 
 static json_t *mesh_json(const struct report_level *r) {
-    return json_pack("{s:o, s:o, s:b, s:b, s:b, s:o, s:o, s:o, s:o, s:o, s:o, s:s}", "vertices", count(r->vertices),
-                     "triangles", count(r->triangles), "watertight", r->watertight, "manifold", r->manifold, "oriented",
-                     r->oriented, "components", count(r->components), "hole_fill_triangles",
-                     count(r->hole_fill_triangles), "points_lost", count(r->points_lost), "vertices_split",
-                     count(r->vertices_split), "area", number(r->area), "volume", number(r->volume), "reconstruction",
-                     r->reconstruction);
+    return json_pack("{s:o, s:o, s:b, s:b, s:b, s:o, s:o, s:o, s:o, s:o, s:o, s:s}", "vertices",
+                     stats_json_count(r->vertices), "triangles", stats_json_count(r->triangles), "watertight",
+                     r->watertight, "manifold", r->manifold, "oriented", r->oriented, "components",
+                     stats_json_count(r->components), "hole_fill_triangles", stats_json_count(r->hole_fill_triangles),
+                     "points_lost", stats_json_count(r->points_lost), "vertices_split",
+                     stats_json_count(r->vertices_split), "area", stats_json_number(r->area), "volume",
+                     stats_json_number(r->volume), "reconstruction", r->reconstruction);
 }
 
 /* mean, rms and max are those of the forward direction, the one that every input has; hausdorff is over all. */
 static json_t *error_json(const struct report_level *r, double diagonal) {
-    json_t *error = distances(&r->forward, diagonal);
-    json_object_set_new(error, "hausdorff", number(r->hausdorff));
-    json_object_set_new(error, "hausdorff_rel", number(r->hausdorff / diagonal));
-    json_object_set_new(error, "reference", json_string(r->reference));
-    json_object_set_new(error, "forward", distances(&r->forward, diagonal));
-    if (r->backward.count) json_object_set_new(error, "backward", distances(&r->backward, diagonal));
-    if (r->surface.count) json_object_set_new(error, "surface", distances(&r->surface, diagonal));
-    return error;
+    json_t *error = stats_json(&r->forward, diagonal);
+    int bad = put(error, "hausdorff", stats_json_number(r->hausdorff));
+    bad |= put(error, "hausdorff_rel", stats_json_number(r->hausdorff / diagonal));
+    bad |= put(error, "reference", json_string(r->reference));
+    bad |= put(error, "forward", stats_json(&r->forward, diagonal));
+    if (r->backward.count) bad |= put(error, "backward", stats_json(&r->backward, diagonal));
+    if (r->surface.count) bad |= put(error, "surface", stats_json(&r->surface, diagonal));
+    return whole(error, bad);
 }
 
 /* The members that every level has, put into json. */
-static void add_level(json_t *json, const struct report_level *r, double diagonal) {
-    json_object_set_new(json, "points_out", count(r->points_out));
-    json_object_set_new(json, "cloud", cloud_json(r, diagonal));
-    if (r->has_mesh) json_object_set_new(json, "mesh", mesh_json(r));
-    if (r->has_error) json_object_set_new(json, "error", error_json(r, diagonal));
+static int add_level(json_t *json, const struct report_level *r, double diagonal) {
+    int bad = put(json, "points_out", stats_json_count(r->points_out));
+    bad |= put(json, "cloud", cloud_json(r, diagonal));
+    if (r->has_mesh) bad |= put(json, "mesh", mesh_json(r));
+    if (r->has_error) bad |= put(json, "error", error_json(r, diagonal));
+    return bad;
 }
 
 static json_t *levels_json(const struct report *r) {
     json_t *levels = json_array();
+    int bad = 0;
     for (size_t i = 0; i < r->level_count; i++) {
-        json_t *level = json_pack("{s:o}", "ratio", number(r->level[i].ratio));
-        add_level(level, &r->level[i], r->diagonal);
-        json_array_append_new(levels, level);
+        json_t *level = json_pack("{s:o}", "ratio", stats_json_number(r->level[i].ratio));
+        bad |= add_level(level, &r->level[i], r->diagonal);
+        bad |= json_array_append_new(levels, level);
     }
-    return levels;
+    return whole(levels, bad);
 }
 
 static json_t *timings_json(const struct report *r) {
     json_t *timings = json_object();
+    int bad = 0;
     for (size_t i = 0; i < r->stage_count; i++)
-        json_object_set_new(timings, r->stage[i].name, number(r->stage[i].wall_ms));
-    json_object_set_new(timings, "total", number(r->total_ms));
-    return timings;
+        bad |= put(timings, r->stage[i].name, stats_json_number(r->stage[i].wall_ms));
+    bad |= put(timings, "total", stats_json_number(r->total_ms));
+    return whole(timings, bad);
 }
 
 static json_t *losses_json(const struct losses *losses) {
     json_t *list = json_array();
+    int bad = 0;
     for (size_t i = 0; i < losses->count; i++)
-        json_array_append_new(list,
-                              json_pack("{s:s, s:s}", "file", losses->loss[i].where, "what", losses->loss[i].what));
-    return list;
+        bad |= json_array_append_new(
+            list, json_pack("{s:s, s:s}", "file", losses->loss[i].where, "what", losses->loss[i].what));
+    return whole(list, bad);
 }
 
 json_t *report_json(const struct report *r) {
-    json_t *json = json_pack("{s:o, s:o}", "points_in", count(r->points_in), "input", input_json(r));
-    if (!json) return NULL;
-    add_level(json, &r->level[0], r->diagonal);
-    if (r->level_count > 1) json_object_set_new(json, "levels", levels_json(r));
-    json_object_set_new(json, "left_out", losses_json(&r->losses));
-    json_object_set_new(json, "timings_ms", timings_json(r));
-    json_object_set_new(json, "peak_rss_bytes", count(r->peak_rss_bytes));
-    return json;
+    json_t *json = json_pack("{s:o, s:o}", "points_in", stats_json_count(r->points_in), "input", input_json(r));
+    int bad = add_level(json, &r->level[0], r->diagonal);
+    if (r->level_count > 1) bad |= put(json, "levels", levels_json(r));
+    bad |= put(json, "left_out", losses_json(&r->losses));
+    bad |= put(json, "timings_ms", timings_json(r));
+    bad |= put(json, "peak_rss_bytes", stats_json_count(r->peak_rss_bytes));
+    return whole(json, bad);
 }
 
 enum status report_json_write(int fd, const struct report *report, const struct params *params, struct error *error) {
     json_t *json = report_json(report);
+    int bad = put(json, "version", json_string(whittle_version()));
+    json = whole(json, bad | put(json, "params", params_to_json(params)));
     if (!json) return error_set(error, STATUS_NO_MEMORY, "report", "no memory for the report");
-    json_object_set_new(json, "version", json_string(whittle_version()));
-    json_object_set_new(json, "params", params_to_json(params));
     int rc = json_dumpfd(json, fd, JSON_INDENT(2) | JSON_REAL_PRECISION(9));
     json_decref(json);
     if (rc != 0 || dprintf(fd, "\n") != 1)

@@ -4,6 +4,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/adjacency.h"
 
+#include <assert.h>
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stdlib.h>
@@ -17,7 +18,8 @@ enum { GRAIN = 4096, DEGREE_LIMIT = UINT8_MAX };
 struct building {
     const struct neighbourhood *hood;
     struct adjacency *out;
-    atomic_uint *used; /* n: entries that p's list needs; then those that it has */
+    atomic_uint *used;   /* n: entries that p's list needs; then those that it has */
+    uint64_t *one_sided; /* n: bit i is set where p's i-th neighbour doesn't name p */
 };
 
 static bool lists(const struct neighbourhood *hood, uint32_t p, uint32_t q) {
@@ -34,11 +36,16 @@ static void start_count(void *ctx, size_t begin, size_t end) {
 
 static void count_others(void *ctx, size_t begin, size_t end) {
     const struct building *b = ctx;
-    for (size_t p = begin; p < end; p++)
+    for (size_t p = begin; p < end; p++) {
+        uint64_t one_sided = 0;
         for (unsigned i = 0; i < b->hood->count[p]; i++) {
             uint32_t q = b->hood->id[p * b->hood->stride + i];
-            if (!lists(b->hood, q, (uint32_t)p)) atomic_fetch_add_explicit(&b->used[q], 1, memory_order_relaxed);
+            if (lists(b->hood, q, (uint32_t)p)) continue;
+            atomic_fetch_add_explicit(&b->used[q], 1, memory_order_relaxed);
+            one_sided |= (uint64_t)1 << i;
         }
+        b->one_sided[p] = one_sided;
+    }
 }
 
 static void fill_own(void *ctx, size_t begin, size_t end) {
@@ -53,9 +60,8 @@ static void fill_own(void *ctx, size_t begin, size_t end) {
 static void fill_others(void *ctx, size_t begin, size_t end) {
     const struct building *b = ctx;
     for (size_t p = begin; p < end; p++)
-        for (unsigned i = 0; i < b->hood->count[p]; i++) {
-            uint32_t q = b->hood->id[p * b->hood->stride + i];
-            if (lists(b->hood, q, (uint32_t)p)) continue;
+        for (uint64_t left = b->one_sided[p]; left; left &= left - 1) {
+            uint32_t q = b->hood->id[p * b->hood->stride + (unsigned)__builtin_ctzll(left)];
             b->out->list[b->out->start[q] + atomic_fetch_add_explicit(&b->used[q], 1, memory_order_relaxed)] =
                 (uint32_t)p;
         }
@@ -106,10 +112,14 @@ static enum status place_lists(struct building *b) {
 
 enum status adjacency_from(const struct neighbourhood *hood, unsigned threads, struct adjacency *out) {
     struct adjacency made = {.n = hood->n};
-    struct building b = {hood, &made, alloc_array(hood->n, sizeof *b.used)};
+    struct building b = {.hood = hood, .out = &made};
+    assert(hood->stride <= KNN_MAX_K);
+    static_assert(KNN_MAX_K <= 64, "a bit for each neighbour");
+    b.used = alloc_array(hood->n, sizeof *b.used);
+    b.one_sided = alloc_array(hood->n, sizeof *b.one_sided);
     made.start = alloc_array(hood->n, sizeof *made.start);
     made.degree = alloc_array(hood->n, sizeof *made.degree);
-    enum status status = b.used && made.start && made.degree ? STATUS_OK : STATUS_NO_MEMORY;
+    enum status status = b.used && b.one_sided && made.start && made.degree ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) {
         par_for(threads, hood->n, GRAIN, start_count, &b);
         par_for(threads, hood->n, GRAIN, count_others, &b);
@@ -120,7 +130,7 @@ enum status adjacency_from(const struct neighbourhood *hood, unsigned threads, s
         par_for(threads, hood->n, GRAIN, fill_others, &b);
         par_for(threads, hood->n, GRAIN, sort_range, &b);
     }
-    free(b.used);
+    free(b.used), free(b.one_sided);
     if (status)
         adjacency_done(&made);
     else

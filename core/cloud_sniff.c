@@ -9,7 +9,9 @@
 #include <math.h>
 #include <stdbool.h>
 #include <string.h>
+#include <strings.h>
 
+#include "core/inflate.h"
 #include "core/little.h"
 #include "core/scan.h"
 
@@ -31,13 +33,16 @@ static const struct cloud_guess las = {CLOUD_KIND_LAS, "a LAS cloud", "las"};
 static const struct cloud_guess laz = {CLOUD_KIND_OTHER, "a LAZ cloud, which is compressed LAS: decompress it", ""};
 static const struct cloud_guess text_of_any = {CLOUD_KIND_TEXT, "text", "xyz"};
 
+static const struct cloud_guess compressed[] = {
+    [INFLATE_GZIP] = {CLOUD_KIND_GZIP, "gzip-compressed data", "gzip"},
+    [INFLATE_ZSTD] = {CLOUD_KIND_ZSTD, "zstd-compressed data", "zstd"},
+};
+
 static const struct {
     const char *beginning;
     size_t bytes;
     struct cloud_guess guess;
 } known[] = {
-    {"\x1f\x8b", 2, {CLOUD_KIND_GZIP, "gzip-compressed data", "gzip"}},
-    {"\x28\xb5\x2f\xfd", 4, {CLOUD_KIND_ZSTD, "zstd-compressed data", "zstd"}},
     {"\x89PNG", 4, {CLOUD_KIND_OTHER, "a PNG image", ""}},
     {"\xff\xd8\xff", 3, {CLOUD_KIND_OTHER, "a JPEG image", ""}},
     {"GIF8", 4, {CLOUD_KIND_OTHER, "a GIF image", ""}},
@@ -103,19 +108,21 @@ static const struct cloud_guess *by_word(const char *text, size_t n) {
     scan.comment = '#';
     if (!scan_token(&scan, &word)) return NULL;
     if (is_off_word(&word)) return &off;
-    if (scan_is(&word, "VERSION") || scan_is(&word, "FIELDS")) return &pcd;
+    if (scan_is(&word, "VERSION") || scan_is(&word, "FIELDS") || scan_is(&word, "COLUMNS")) return &pcd;
     return is_obj_line(&word, &scan) ? &obj : NULL;
 }
 
 static bool contains(const char *text, size_t n, const char *word) {
     size_t bytes = strlen(word);
     for (size_t i = 0; i + bytes <= n; i++)
-        if (text[i] == *word && memcmp(text + i, word, bytes) == 0) return true;
+        if (strncasecmp(text + i, word, bytes) == 0) return true;
     return false;
 }
 
 static bool is_stl_text(const char *text, size_t n) {
-    if (!begins(text, n, "solid", 5) || (n > 5 && !strchr(" \t\r\n", text[5]))) return false;
+    struct scan scan = scan_start(text, n);
+    struct scan_word word;
+    if (!scan_token(&scan, &word) || !scan_is_any_case(&word, "solid")) return false;
     return contains(text, n, "facet") || contains(text, n, "endsolid");
 }
 
@@ -161,6 +168,8 @@ struct cloud_guess cloud_sniff(const void *first, size_t n) {
     const char *text = first;
     size_t looked = n < LOOK_BYTES ? n : LOOK_BYTES;
     if (n == 0) return (struct cloud_guess){CLOUD_KIND_EMPTY, "an empty file", ""};
+    enum inflate_kind kind;
+    if (inflate_sniff(first, n, &kind)) return compressed[kind];
     if (begins(text, n, "ply", 3) && (n == 3 || strchr("\r\n \t", text[3]))) return ply;
     if (begins(text, n, "# .PCD", 6)) return pcd_of(text, looked);
     if (begins(text, n, "LASF", 4)) return n > LAS_FORMAT_BYTE && text[LAS_FORMAT_BYTE] & 0x80 ? laz : las;

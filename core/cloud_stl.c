@@ -4,6 +4,8 @@
  *                "endsolid" name }
  *     binary   80 bytes of anything, count (uint32), count * (normal, 3 corners: 12 float32; 2 bytes), little endian
  *
+ * Words of the ascii form may be in capitals, and blanks may come first.
+ *
  * STL names no points, only corners.  Corners with the same coordinates (-0 is 0) become one point, found by hashing;
  * so the faces are joined again, as they were before somebody wrote STL.  Text is read as float64.  Facets with two
  * corners at one place have no surface and are dropped.  Normals of facets follow from their corners and are dropped as
@@ -18,6 +20,7 @@
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "core/alloc.h"
 #include "core/cloud_build.h"
@@ -133,7 +136,7 @@ static enum status expected(struct reader *r, const struct scan *scan, const str
 
 static enum status take_keyword(struct reader *r, struct scan *scan, const char *keyword) {
     struct scan_word word;
-    return scan_token(scan, &word) && scan_is(&word, keyword) ? STATUS_OK : expected(r, scan, &word, keyword);
+    return scan_token(scan, &word) && scan_is_any_case(&word, keyword) ? STATUS_OK : expected(r, scan, &word, keyword);
 }
 
 static enum status take_numbers(struct reader *r, struct scan *scan, double value[3]) {
@@ -170,8 +173,8 @@ static enum status take_solid(struct reader *r, struct scan *scan) {
     scan_next_line(scan);
     for (enum status status = STATUS_OK;;) {
         if (!scan_token(scan, &word)) return expected(r, scan, &word, "facet or endsolid");
-        if (scan_is(&word, "endsolid")) break;
-        if (!scan_is(&word, "facet")) return expected(r, scan, &word, "facet or endsolid");
+        if (scan_is_any_case(&word, "endsolid")) break;
+        if (!scan_is_any_case(&word, "facet")) return expected(r, scan, &word, "facet or endsolid");
         status = take_facet(r, scan);
         if (status) return status;
     }
@@ -183,14 +186,16 @@ static enum status read_text(struct reader *r, struct scan scan) {
     struct scan_word word;
     enum status status = describe(r, SCALAR_FLOAT64);
     while (!status && scan_token(&scan, &word))
-        status = scan_is(&word, "solid") ? take_solid(r, &scan) : expected(r, &scan, &word, "solid");
+        status = scan_is_any_case(&word, "solid") ? take_solid(r, &scan) : expected(r, &scan, &word, "solid");
     return status;
 }
 
 bool cloud_stl_is_text(const void *first, size_t n) {
     const char *text = first;
-    if (n < 5 || memcmp(text, "solid", 5) != 0) return false;
-    for (size_t i = 5; i < n && i < HEADER_BYTES + FACET_BYTES; i++)
+    struct scan scan = scan_start(first, n);
+    struct scan_word word;
+    if (!scan_token(&scan, &word) || word.n < 5 || strncasecmp(word.text, "solid", 5) != 0) return false;
+    for (size_t i = (size_t)(word.text - text); i < n && i < HEADER_BYTES + FACET_BYTES; i++)
         if ((unsigned char)text[i] < 32 && !(text[i] >= '\t' && text[i] <= '\r')) return false;
     return true;
 }

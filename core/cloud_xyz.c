@@ -5,6 +5,7 @@
  *     names   = word { separator word }                      once, before the first point, no word of it a number
  *     count   = digits                                       once, before the first point; the points must be as many
  *     point   = number { separator number }                  all with as many columns as the first, at least 3
+ *     number  = digits and so on, or the same in quotes
  *     separator = blanks with at most one "," or one ";"; a line that has both is refused, since that is how decimal
  *                 commas look.  One may stand at the end of a line.
  *
@@ -83,9 +84,19 @@ static size_t count_words(const char *at, const char *end) {
     return n;
 }
 
+static bool is_quote(char c) { return c == '"' || c == '\''; }
+
+/* Reads a number, which may stand in quotes; returns what follows it, NULL: there is none. */
+static const char *parse_value(const char *at, const char *end, double *value) {
+    char quote = at < end && is_quote(*at) ? *at++ : '\0';
+    const char *after = number_parse_f64(at, end, value);
+    if (!quote || !after) return after;
+    return after < end && *after == quote ? after + 1 : NULL;
+}
+
 static bool is_number(const char *at, const char *stop) {
     double value;
-    return number_parse_f64(at, stop, &value) == stop;
+    return parse_value(at, stop, &value) == stop;
 }
 
 /* What separates the names of a line; 0 = blanks. */
@@ -96,8 +107,6 @@ static char mark_of(const char *at, const char *end) {
             if (*c == *mark) return *mark;
     return 0;
 }
-
-static bool is_quote(char c) { return c == '"' || c == '\''; }
 
 /* The next name at *at of a line, which is moved past it; false at the line's end. */
 static bool next_name(const char **at, const char *end, char mark, const char **from, const char **stop) {
@@ -318,7 +327,7 @@ static enum status take_values(struct reader *r, double *record) {
     char mark = 0;
     for (; !at_line_end(r); j++) {
         if (j == columns) return bad_width(r, j + 1);
-        const char *after = number_parse_f64(r->at, r->end, &record[j]);
+        const char *after = parse_value(r->at, r->end, &record[j]);
         if (!after || (after < r->end && !is_separator(*after) && !is_newline(*after)))
             return bad(r, j, "not a number");
         r->at = after;

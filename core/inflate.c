@@ -38,11 +38,19 @@ struct inflate {
     void *state; /* of the codec; owned */
     uint64_t bytes_in, bytes_out;
     bool begun;         /* a member that isn't complete */
+    bool ended;         /* a member that is */
     enum status failed; /* sticks */
     unsigned char buffer[BUFFER_BYTES];
 };
 
+/* A frame of zstd that holds no data may come first: 0x184d2a50 to 0x184d2a5f. */
+static bool is_skippable(const unsigned char *bytes, size_t n) {
+    return n >= 4 && (bytes[0] & 0xf0) == 0x50 && bytes[1] == 0x2a && bytes[2] == 0x4d && bytes[3] == 0x18;
+}
+
 bool inflate_sniff(const void *first, size_t n, enum inflate_kind *kind) {
+    *kind = INFLATE_ZSTD;
+    if (is_skippable(first, n)) return true;
     for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
         if (n < kinds[i].magic_bytes || memcmp(first, kinds[i].magic, kinds[i].magic_bytes) != 0) continue;
         *kind = (enum inflate_kind)i;
@@ -62,7 +70,7 @@ enum status inflate_new(enum inflate_kind kind, const struct inflate_limits *lim
     made->limits.max_window_bytes = l.max_window_bytes ? l.max_window_bytes : DEFAULT_WINDOW_BYTES;
     made->out = out;
     made->bytes_in = made->bytes_out = 0;
-    made->begun = false;
+    made->begun = made->ended = false;
     made->failed = STATUS_OK;
     made->state = kinds[kind].codec->start(made->limits.max_window_bytes);
     if (made->state) {
@@ -98,6 +106,12 @@ static enum status explain(const struct inflate *inflate, enum codec_result resu
                         "the %s data is broken: %s", name, io->why);
 }
 
+/* Zeros after a member of gzip are padding, as gzip itself has it. */
+static void skip_padding(const struct inflate *inflate, struct codec_io *io) {
+    if (inflate->kind != INFLATE_GZIP || inflate->begun || !inflate->ended) return;
+    while (io->in_bytes > 0 && *io->in == 0) io->in++, io->in_bytes--;
+}
+
 /* One step of the codec; what it makes is given away. */
 static enum status step(struct inflate *inflate, struct codec_io *io, bool *full, struct error *error) {
     const struct inflate_codec *codec = kinds[inflate->kind].codec;
@@ -111,6 +125,7 @@ static enum status step(struct inflate *inflate, struct codec_io *io, bool *full
     if (!status && result > CODEC_ENDED) status = explain(inflate, result, io, error);
     if (!status && made) status = inflate->out.take(inflate->out.ctx, inflate->buffer, made);
     inflate->begun = result != CODEC_ENDED;
+    inflate->ended |= result == CODEC_ENDED;
     if (result == CODEC_ENDED) codec->restart(inflate->state);
     return status;
 }
@@ -119,7 +134,10 @@ enum status inflate_push(struct inflate *inflate, const void *bytes, size_t n, s
     struct codec_io io = {.in = bytes, .in_bytes = n};
     enum status status = inflate->failed;
     if (!status) inflate->bytes_in += n;
-    for (bool full = false; !status && (io.in_bytes > 0 || full);) status = step(inflate, &io, &full, error);
+    for (bool full = false; !status; status = step(inflate, &io, &full, error)) {
+        if (!full) skip_padding(inflate, &io);
+        if (io.in_bytes == 0 && !full) break;
+    }
     return inflate->failed = status;
 }
 

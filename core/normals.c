@@ -1,4 +1,10 @@
-/* SPDX-License-Identifier: GPL-3.0-or-later */
+/* Coordinates are taken relative to the point itself before anything is squared: a scan that lies a million units from
+ * the origin keeps all its digits.
+ *
+ * Lee, Jong: Point-based Simplification Algorithm, section 4.2.
+ * Pauly, Gross, Kobbelt: Efficient Simplification of Point-Sampled Surfaces (2002), for the surface variation.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/normals.h"
 
 #include "core/par.h"

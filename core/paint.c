@@ -1,4 +1,9 @@
-/* SPDX-License-Identifier: GPL-3.0-or-later */
+/* Red begins where one point in twenty is: a few extreme values, at a crease or a stray point, would leave all others
+ * green if the largest one were the end of the scale.  What the numbers are is in the property beside the colour.
+ *
+ * Lee, Jong: Point-based Simplification Algorithm, figure 4.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/paint.h"
 
 #include <stdio.h>
@@ -6,24 +11,20 @@
 #include <string.h>
 
 #include "core/alloc.h"
+#include "core/quantile.h"
 
 enum { PROPERTIES = 7 };           /* x y z value red green blue */
 static const double RED_AT = 0.95; /* of the points are below the value that is painted red */
 
-static int compare_floats(const void *a, const void *b) {
-    float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
-
 /* The value painted red; never 0. */
 static enum status find_red(const float *value, size_t n, double *red) {
-    float *sorted = alloc_array(n, sizeof *sorted);
-    if (!sorted) return STATUS_NO_MEMORY;
-    memcpy(sorted, value, n * sizeof *sorted);
-    qsort(sorted, n, sizeof *sorted, compare_floats);
-    *red = n ? (double)sorted[(size_t)(RED_AT * (double)(n - 1))] : 0;
-    if (!(*red > 0)) *red = n && sorted[n - 1] > 0 ? (double)sorted[n - 1] : 1;
-    free(sorted);
+    float *some = alloc_array(n, sizeof *some);
+    if (!some) return STATUS_NO_MEMORY;
+    memcpy(some, value, n * sizeof *some);
+    *red = n ? (double)quantile_of(some, n, RED_AT) : 0;
+    if (!(*red > 0)) *red = n ? (double)quantile_of(some, n, 1) : 0;
+    if (!(*red > 0)) *red = 1;
+    free(some);
     return STATUS_OK;
 }
 

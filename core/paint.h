@@ -9,7 +9,7 @@
 
 /* Fills *out (the caller's, for cloud_done) with all points of the cloud: x, y, z in their own type and bit for bit,
  * the property `name` as float, and uchar red, green, blue.  value (cloud->count of them, not negative) goes from green
- * (0) over yellow to red at the value that one point in twenty exceeds (Lee, Jong figure 4).  O(n log n).
+ * (0) over yellow to red at the value that one point in twenty exceeds (Lee, Jong figure 4).  O(n) on average.
  * STATUS_NO_MEMORY. */
 enum status paint_cloud(const struct cloud *cloud, const char *name, const float *value, struct cloud *out) MUST_CHECK;
 

@@ -3,8 +3,8 @@
  *     FIELDS x y z rgb     SIZE 4 4 4 4     TYPE F F F U     COUNT 1 1 1 1     WIDTH 640     HEIGHT 480
  *     VIEWPOINT 0 0 0 1 0 0 0     POINTS 307200     DATA ascii | binary | binary_compressed
  *
- * FIELDS comes before SIZE, TYPE and COUNT; COUNT, HEIGHT, VIEWPOINT and POINTS may be left out.  "#" begins a comment.
- * Each keyword is a row of a table.
+ * FIELDS (COLUMNS in old files) comes before SIZE, TYPE and COUNT; COUNT, HEIGHT, VIEWPOINT and POINTS may be left out.
+ * "#" begins a comment. Each keyword is a row of a table.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/pcd_header.h"
@@ -132,9 +132,14 @@ static const struct {
     [POINTS] = {"POINTS", take_points},    [DATA] = {"DATA", take_data},
 };
 
+/* Old files have COLUMNS for FIELDS. */
+static bool is_keyword(const struct scan_word *word, size_t i) {
+    return scan_is(word, keywords[i].word) || (i == FIELDS && scan_is(word, "COLUMNS"));
+}
+
 static enum status take_line(struct reader *r, const struct scan_word *word) {
     for (size_t i = 0; i < sizeof keywords / sizeof *keywords; i++) {
-        if (!scan_is(word, keywords[i].word)) continue;
+        if (!is_keyword(word, i)) continue;
         if (r->seen & 1u << i) return bad(r, "header", "this keyword is there twice", word);
         if (i != FIELDS && i != VERSION && !(r->seen & 1u << FIELDS) && i >= SIZE && i <= COUNT)
             return bad(r, "header", "FIELDS must come before this", word);

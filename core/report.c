@@ -1,4 +1,6 @@
-/* SPDX-License-Identifier: GPL-3.0-or-later */
+/* A stage that runs several times, once for each level, has one row with its times added.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/report.h"
 
 #include <stdio.h>

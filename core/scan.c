@@ -6,6 +6,7 @@
 #include "core/scan.h"
 
 #include <string.h>
+#include <strings.h>
 
 static bool is_newline(char c) { return c == '\n' || c == '\r'; }
 static bool is_blank(char c) { return c == ' ' || c == '\t' || c == '\v' || c == '\f'; }
@@ -76,6 +77,10 @@ size_t scan_count_words(struct scan scan) {
 
 bool scan_is(const struct scan_word *word, const char *text) {
     return strlen(text) == word->n && memcmp(word->text, text, word->n) == 0;
+}
+
+bool scan_is_any_case(const struct scan_word *word, const char *text) {
+    return word->n == strlen(text) && strncasecmp(word->text, text, word->n) == 0;
 }
 
 bool scan_f64(const struct scan_word *word, double *value) {

@@ -42,6 +42,9 @@ size_t scan_count_words(struct scan scan);
 /* Whether the word is this text. */
 bool scan_is(const struct scan_word *word, const char *text);
 
+/* The same in capitals or not. */
+bool scan_is_any_case(const struct scan_word *word, const char *text);
+
 /* The whole word as a number, or as a whole number (decimal digits alone, with a sign for the latter).  False: it isn't
  * one, or it doesn't fit; *value is untouched. */
 bool scan_f64(const struct scan_word *word, double *value);

@@ -1,4 +1,7 @@
-/* SPDX-License-Identifier: GPL-3.0-or-later */
+/* Chunks of points are measured side by side and added up in their order, so the sums don't depend on the number of
+ * threads.  The sign of a normal doesn't matter to a distance, so nothing is oriented here.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/tangent.h"
 
 #include <stdlib.h>

@@ -1,4 +1,6 @@
-/* SPDX-License-Identifier: GPL-3.0-or-later */
+/* The arrays come from the Delaunay shim, which knows how they are filled; here is only how they end.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/tets.h"
 
 #include <stdlib.h>

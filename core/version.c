@@ -1,4 +1,6 @@
-/* SPDX-License-Identifier: GPL-3.0-or-later */
+/* The build passes the version, from git or from a release's file, to this file alone: a new commit compiles one file.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/version.h"
 
 #ifndef WHITTLE_VERSION

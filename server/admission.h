@@ -17,10 +17,15 @@ struct admission {
     struct params params;
 };
 
-/* Judges by the first n bytes of a cloud of total_bytes (UINT64_MAX = not known).  false: *problem says too-many-points
- * or would-exceed-memory.  *memory_bytes becomes what the job is predicted to take, 0 where nothing can be said; then
- * true, for whether the bytes are a cloud is for others to say.  O(n). */
+/* Judges by the first n bytes of a cloud of total_bytes (UINT64_MAX = not known); what is compressed is looked into.
+ * false: *problem says too-many-points or would-exceed-memory.  *memory_bytes becomes what the job is predicted to
+ * take, 0 where nothing can be said; then true, for whether the bytes are a cloud is for others to say.  O(n). */
 bool admission_check(const struct admission *admission, const void *first_bytes, size_t n, uint64_t total_bytes,
                      uint64_t *memory_bytes, struct problem *problem);
+
+/* What would fit, for a job that ran out of memory although it was admitted: a part to keep or a number of points whose
+ * prediction is a quarter below the limit, and below this job's.  Always writes a text. */
+void admission_advise(const struct admission *admission, const void *first_bytes, size_t n, uint64_t total_bytes,
+                      char *advice, size_t bytes);
 
 #endif

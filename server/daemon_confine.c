@@ -66,9 +66,10 @@ static void set_limits(const struct confine_limits *limits) {
     if (memory && memory < ADDRESSABLE) limit(RLIMIT_AS, memory, memory);
 }
 
-/* Under memory pressure the kernel takes the job before the service. */
+/* Nicer than the service, whatever that is set to.  Under memory pressure the kernel takes the job first. */
 static void be_modest(void) {
-    setpriority(PRIO_PROCESS, 0, NICE);
+    int niceness = nice(NICE);
+    (void)niceness; /* as nice as can be already */
     int fd = open("/proc/self/oom_score_adj", O_WRONLY | O_CLOEXEC);
     ssize_t n = fd >= 0 ? write(fd, "500", 3) : 0;
     (void)n;

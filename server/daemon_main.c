@@ -33,7 +33,7 @@
 #include "server/supervisor.h"
 #include "server/webhooks.h"
 
-enum { EXIT_USAGE = 2, SWEEP_MS = 30000, DRAIN_LOOK_MS = 50, LARGE_BYTES = 1 << 20, ARENAS = 4 };
+enum { EXIT_USAGE = 2, SWEEP_MS = 30000, SWEEP_MIN_MS = 50, DRAIN_LOOK_MS = 50, LARGE_BYTES = 1 << 20, ARENAS = 4 };
 
 /* The signals become readable; none interrupts anything.  Threads started later inherit the mask. */
 static int open_signals(void) {
@@ -68,10 +68,19 @@ static void give_memory_back(void) {
     mallopt(M_ARENA_MAX, ARENAS);
 }
 
+/* As often as the shortest time that anything is kept for, SWEEP_MS at most, SWEEP_MIN_MS at least. */
+static int64_t sweep_every_ms(const struct config *config) {
+    const int64_t times[] = {config->retention_ms, config->upload_expiry_ms, config->idempotency_retention_ms};
+    int64_t every = SWEEP_MS;
+    for (size_t i = 0; i < sizeof times / sizeof *times; i++)
+        if (times[i] < every) every = times[i];
+    return every < SWEEP_MIN_MS ? SWEEP_MIN_MS : every;
+}
+
 /* Sweeps now and then until a signal ends it; SIGHUP doesn't. */
 static void serve(struct service *service, struct reload *reload, int signals) {
     struct pollfd fds = {.fd = signals, .events = POLLIN};
-    int64_t every = service->config->retention_ms < SWEEP_MS ? service->config->retention_ms : SWEEP_MS;
+    int64_t every = sweep_every_ms(service->config);
     for (;;) {
         if (poll(&fds, 1, (int)every) <= 0)
             service_sweep(service);
@@ -82,8 +91,26 @@ static void serve(struct service *service, struct reload *reload, int signals) {
     }
 }
 
-/* Until the running jobs have ended and no upload is on its way, or the time for that is over; a second signal ends
- * everything. */
+static void end_at_once(int signal) {
+    static const char words[] = "second signal: ending at once\n";
+    ssize_t n = write(STDERR_FILENO, words, sizeof words - 1);
+    (void)n, (void)signal;
+    _exit(128 + SIGTERM);
+}
+
+/* From now on a signal ends the process, whatever the others wait for and however long. */
+static void let_signals_end(void) {
+    struct sigaction action = {.sa_handler = end_at_once};
+    sigset_t set;
+    sigemptyset(&set);
+    sigaddset(&set, SIGTERM);
+    sigaddset(&set, SIGINT);
+    sigaction(SIGTERM, &action, NULL);
+    sigaction(SIGINT, &action, NULL);
+    sigprocmask(SIG_UNBLOCK, &set, NULL);
+}
+
+/* Until the running jobs have ended and no upload is on its way, or the time for that is over. */
 static void drain(struct service *service, struct http *http, int signals) {
     struct pollfd fds[] = {{.fd = signals, .events = POLLIN},
                            {.fd = supervisor_idle_fd(service->supervisor), .events = POLLIN}};
@@ -91,6 +118,7 @@ static void drain(struct service *service, struct http *http, int signals) {
     atomic_store(&service->draining, true);
     log_line(LOG_INFO, "draining: no new work, running jobs and uploads have %lld s",
              (long long)(service->config->drain_timeout_ms / 1000));
+    let_signals_end();
     supervisor_stop(service->supervisor);
     for (bool late = false, idle = false; !idle || (!late && http_uploads(http));) {
         poll(fds, idle ? 1 : 2, DRAIN_LOOK_MS);
@@ -99,9 +127,7 @@ static void drain(struct service *service, struct http *http, int signals) {
             supervisor_requeue(service->supervisor);
         }
         idle = idle || fds[1].revents;
-        if (!fds[0].revents || read_signal(signals) == SIGHUP) continue;
-        log_line(LOG_WARNING, "second signal: ending at once");
-        _exit(128 + SIGTERM);
+        if (fds[0].revents) read_signal(signals); /* SIGHUP, which changes nothing any more */
     }
 }
 

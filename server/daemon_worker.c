@@ -27,7 +27,9 @@
 #include "api/problem.h"
 #include "api/report_read.h"
 #include "core/fault.h"
+#include "server/admission.h"
 #include "server/daemon_spawn.h"
+#include "server/handlers.h"
 #include "server/log.h"
 #include "server/metrics.h"
 #include "server/wire.h"
@@ -37,7 +39,8 @@ enum {
     KILL_AFTER_MS = 2000,
     LAST_WORDS_BYTES = 200,
     RECORD_AGAIN_MS = 1000,
-    REPORT_MAX_BYTES = 1 << 20
+    REPORT_MAX_BYTES = 1 << 20,
+    HEAD_BYTES = 64 * 1024 /* of a cloud, for what it says of its size */
 };
 
 struct run {
@@ -218,11 +221,35 @@ static void write_obituary(const struct run *run, enum problem_kind kind, struct
     if (words[0]) problem_add_text(problem, "last_words", words);
 }
 
-/* What was expected, what it took, and what it may take. */
-static void add_memory(const struct run *run, struct problem *problem) {
-    if (run->job->memory_bytes) problem_add_number(problem, "predicted_bytes", (int64_t)run->job->memory_bytes);
-    problem_add_number(problem, "used_bytes", (int64_t)run->job->peak_rss_bytes);
-    problem_add_number(problem, "limit", run->service->config->job_memory_bytes);
+/* What would fit instead, by the first bytes of the job's cloud. */
+static void advise(const struct run *run, char *advice, size_t bytes) {
+    const struct job *job = run->job;
+    struct admission admission = handlers_admission(run->service->config, &job->params);
+    unsigned char *head = calloc(1, HEAD_BYTES);
+    int fd = store_cloud_open(run->service->store, job->cloud);
+    ssize_t n = fd >= 0 && head ? pread(fd, head, HEAD_BYTES, 0) : 0;
+    admission_advise(&admission, head, n > 0 ? (size_t)n : 0, job->input_bytes, advice, bytes);
+    if (fd >= 0) close(fd);
+    free(head);
+}
+
+/* What was expected, what it took, what it may take, and what would do. */
+static void explain_memory(const struct run *run, struct problem *problem) {
+    const struct job *job = run->job;
+    char advice[160], predicted[64] = "", said[160];
+    unsigned long long limit = (unsigned long long)run->service->config->job_memory_bytes, megabyte = 1 << 20;
+    advise(run, advice, sizeof advice);
+    if (job->memory_bytes) {
+        problem_add_number(problem, "predicted_bytes", (int64_t)job->memory_bytes);
+        snprintf(predicted, sizeof predicted, "%llu MiB were predicted, ",
+                 (unsigned long long)job->memory_bytes / megabyte);
+    }
+    problem_add_number(problem, "used_bytes", (int64_t)job->peak_rss_bytes);
+    problem_add_number(problem, "limit", (int64_t)limit);
+    problem_add_text(problem, "hint", advice);
+    snprintf(said, sizeof said, "%.159s", problem->detail);
+    snprintf(problem->detail, sizeof problem->detail, "%s: %s%llu MiB used, %llu MiB of address space allowed; %s",
+             said, predicted, (unsigned long long)job->peak_rss_bytes / megabyte, limit / megabyte, advice);
 }
 
 /* The processor-time limit shows as SIGXCPU, or as SIGKILL where that was ignored. */
@@ -279,7 +306,7 @@ static void judge(const struct run *run, struct verdict *verdict) {
         write_obituary(run, no_memory ? PROBLEM_OUT_OF_MEMORY : PROBLEM_WORKER_CRASHED, &verdict->problem);
     }
     if (verdict->event == JOB_FAIL && verdict->problem.kind == PROBLEM_OUT_OF_MEMORY)
-        add_memory(run, &verdict->problem);
+        explain_memory(run, &verdict->problem);
 }
 
 /* ------------------------------------------------------------------------------------------------ settle */

@@ -78,13 +78,16 @@ char *documents_find(struct documents *documents, const char *id, char principal
     return found;
 }
 
+static void empty(struct slot *slot) {
+    free(slot->text);
+    *slot = (struct slot){0};
+}
+
 void documents_forget(struct documents *documents, const char *id) {
     pthread_mutex_lock(&documents->lock);
     documents->forgotten++;
-    struct slot *slot = slot_of(documents, id);
-    if (slot->text && strcmp(slot->id, id) == 0) {
-        free(slot->text);
-        *slot = (struct slot){0};
-    }
+    struct slot *slot = id ? slot_of(documents, id) : NULL;
+    if (slot && slot->text && strcmp(slot->id, id) == 0) empty(slot);
+    for (size_t i = 0; !id && i < SLOTS; i++) empty(&documents->slot[i]);
     pthread_mutex_unlock(&documents->lock);
 }

@@ -29,6 +29,7 @@ void documents_keep(struct documents *documents, uint64_t since, const struct jo
 char *documents_find(struct documents *documents, const char *id, char principal[JOB_PRINCIPAL_BYTES],
                      uint64_t *sequence);
 
+/* Forgets one, or all (NULL). */
 void documents_forget(struct documents *documents, const char *id);
 
 #endif

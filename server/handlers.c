@@ -2,6 +2,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/handlers.h"
+#include "server/handlers_keys.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -12,7 +13,11 @@
 #include "api/job_json.h"
 #include "core/alloc.h"
 
-enum { HEAD_BYTES = 64 * 1024 }; /* of a cloud, for what it says of its size */
+enum {
+    HEAD_BYTES = 64 * 1024, /* of a cloud, for what it says of its size */
+    PAGE_DEFAULT = 50,
+    PAGE_MAX = 500
+};
 
 static const struct handler table[OPERATION_COUNT] = {
     [OPERATION_GET_PAGE] = {NULL, handlers_get_page, NULL, true},
@@ -55,14 +60,33 @@ bool handlers_takes_no_query(const struct request *request, struct response *res
     return false;
 }
 
+bool handlers_read_page(const struct request *request, const char *const *names, bool (*valid)(const char *id),
+                        const char *what, struct handlers_page *page, struct response *response) {
+    struct problem problem;
+    const char *most = query_find(request->query, request->query_count, "limit");
+    char *end = "";
+    unsigned long number = most ? strtoul(most, &end, 10) : PAGE_DEFAULT;
+    bool whole = !most || (most[0] >= '0' && most[0] <= '9' && !*end);
+    *page = (struct handlers_page){number, query_find(request->query, request->query_count, "after")};
+    if (!query_check(request->query, request->query_count, names, &problem))
+        response_problem(response, &problem);
+    else if (page->after && !valid(page->after))
+        response_invalid(response, "after", page->after, what);
+    else if (!whole || number < 1 || number > PAGE_MAX)
+        response_invalid(response, "limit", most, "a whole number from 1 to 500");
+    else
+        return true;
+    return false;
+}
+
 /* ------------------------------------------------------------------------------------------------ clouds come in */
 
-/* Whether the principal may have another job, and so many bytes more. */
-static bool is_within_share(struct service *service, const struct request *request, uint64_t body, bool for_job,
-                            struct response *response) {
+bool handlers_is_within_share(struct service *service, const struct request *request, uint64_t body, bool for_job,
+                              struct response *response) {
     const struct config *config = service->config;
     struct usage_figures has = queue_usage(service->queue, request->principal.name);
     uint64_t jobs = (uint64_t)config->principal_jobs, bytes = (uint64_t)config->principal_bytes;
+    if (bytes) has.bytes += uploads_bytes_of(service->uploads, request->principal.name);
     if (for_job && jobs && has.active >= jobs)
         response_limit(response, PROBLEM_RATE_LIMITED, "principal_jobs", jobs, has.active);
     else if (bytes && (has.bytes >= bytes || body > bytes - has.bytes))
@@ -72,20 +96,24 @@ static bool is_within_share(struct service *service, const struct request *reque
     return false;
 }
 
-bool handlers_has_room(struct service *service, const struct request *request, uint64_t body, bool for_job,
-                       struct response *response) {
+bool handlers_is_open(struct service *service, uint64_t body, bool for_job, struct response *response) {
     uint64_t waiting, running;
     queue_depth(service->queue, &waiting, &running);
     if (atomic_load(&service->draining))
         response_refuse(response, PROBLEM_DRAINING, "the service is about to stop");
     else if (for_job && waiting >= (uint64_t)service->config->max_queue)
         response_refuse(response, PROBLEM_QUEUE_FULL, "%llu jobs are waiting", (unsigned long long)waiting);
-    else if (body <= (uint64_t)service->config->max_body_bytes &&
-             store_free_bytes(service->store) < body + (uint64_t)service->config->min_free_bytes)
+    else if (body <= (uint64_t)service->config->max_body_bytes && !store_has_room(service->store, body))
         response_refuse(response, PROBLEM_STORAGE_FULL, "the disk has no room for this body");
     else
-        return is_within_share(service, request, body, for_job, response);
+        return true;
     return false;
+}
+
+bool handlers_has_room(struct service *service, const struct request *request, uint64_t body, bool for_job,
+                       struct response *response) {
+    return handlers_is_open(service, body, for_job, response) &&
+           handlers_is_within_share(service, request, body, for_job, response);
 }
 
 struct admission handlers_admission(const struct config *config, const struct params *params) {

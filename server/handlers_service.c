@@ -13,20 +13,23 @@
 #include "server/metrics.h"
 #include "server/page.h"
 
+/* A page that loads nothing; takes text. */
+static void answer_page(char *text, struct response *response) {
+    response_text(response, 200, "text/html; charset=utf-8", text);
+    response_header(response, "Content-Security-Policy", "default-src 'none'; style-src 'unsafe-inline'");
+}
+
 void handlers_get_page(struct service *service, struct request *request, struct response *response) {
     size_t bytes;
     (void)service;
     if (!handlers_takes_no_query(request, response)) return;
     const char *page = page_document(&bytes);
-    response_text(response, 200, "text/html; charset=utf-8", strndup(page, bytes));
-    response_header(response, "Content-Security-Policy", "default-src 'none'; style-src 'unsafe-inline'");
+    answer_page(strndup(page, bytes), response);
 }
 
 void handlers_get_docs(struct service *service, struct request *request, struct response *response) {
     (void)service;
-    if (!handlers_takes_no_query(request, response)) return;
-    response_text(response, 200, "text/html; charset=utf-8", docs_page());
-    response_header(response, "Content-Security-Policy", "default-src 'none'; style-src 'unsafe-inline'");
+    if (handlers_takes_no_query(request, response)) answer_page(docs_page(), response);
 }
 
 void handlers_get_parameters(struct service *service, struct request *request, struct response *response) {
@@ -51,7 +54,7 @@ void handlers_get_problem(struct service *service, struct request *request, stru
     (void)service;
     if (!handlers_takes_no_query(request, response)) return;
     if (type)
-        response_text(response, 200, "text/html; charset=utf-8", problem_page(type));
+        answer_page(problem_page(type), response);
     else
         response_refuse(response, PROBLEM_NO_SUCH_RESOURCE, "there is no problem of this name");
 }
@@ -71,7 +74,7 @@ void handlers_get_readiness(struct service *service, struct request *request, st
         response_refuse(response, PROBLEM_DRAINING, "the service is about to stop");
     else if (waiting >= (uint64_t)service->config->max_queue)
         response_refuse(response, PROBLEM_QUEUE_FULL, "%llu jobs are waiting", (unsigned long long)waiting);
-    else if (store_free_bytes(service->store) < (uint64_t)service->config->min_free_bytes)
+    else if (!store_has_room(service->store, 0) || !store_takes_files(service->store))
         response_refuse(response, PROBLEM_STORAGE_FULL, "the disk is full");
     else
         response_text(response, 200, "application/json", strdup("{\"status\":\"ready\"}"));

@@ -185,6 +185,16 @@ bool handlers_admit_upload(struct service *service, struct request *request, str
     return take_piece(service, request, writer, info.length < most ? info.length : most, response);
 }
 
+/* The length of an upload counts from the time on that it is known; a length that is told now is new. */
+static bool has_room_for_piece(struct service *service, const struct request *request, const struct uploads_info *info,
+                               uint64_t length, struct response *response) {
+    uint64_t body = request->content_length == UINT64_MAX ? 0 : request->content_length;
+    if (!handlers_is_open(service, body, false, response)) return false;
+    if (info->length != UINT64_MAX) return true;
+    if (length != UINT64_MAX && length > info->offset) body = length - info->offset;
+    return handlers_is_within_share(service, request, body, false, response);
+}
+
 bool handlers_admit_piece(struct service *service, struct request *request, struct response *response) {
     struct uploads_info info;
     struct uploads_check check;
@@ -193,7 +203,7 @@ bool handlers_admit_piece(struct service *service, struct request *request, stru
     if (!speaks_tus(request, response) || !handlers_takes_no_query(request, response) ||
         !find(service, request, &info, response) || !read_number(request, HEADER_UPLOAD_OFFSET, &offset, response) ||
         !read_number(request, HEADER_UPLOAD_LENGTH, &length, response) || !read_check(request, &check, response) ||
-        !handlers_has_room(service, request, length == UINT64_MAX ? 0 : length, false, response))
+        !has_room_for_piece(service, request, &info, length, response))
         return false;
     if (offset == UINT64_MAX) {
         response_refuse(response, PROBLEM_MALFORMED_REQUEST, "Upload-Offset must be there");
@@ -217,27 +227,61 @@ bool handlers_admit_piece(struct service *service, struct request *request, stru
 
 /* ------------------------------------------------------------------------------------------------ pieces */
 
-/* Makes the whole upload a cloud; what is no cloud is removed.  false: the response says why. */
-static bool finish(struct service *service, struct uploads_info *info, struct response *response) {
+/* Whether its principal has more than its share, the upload included, whose length may not have been told before. */
+static bool is_over_share(struct service *service, const struct uploads_info *info, uint64_t *has) {
+    uint64_t limit = (uint64_t)service->config->principal_bytes;
+    if (!limit || info->cloud[0]) return false;
+    *has = queue_usage(service->queue, info->principal).bytes + uploads_bytes_of(service->uploads, info->principal);
+    return *has > limit;
+}
+
+/* Makes the whole upload a cloud; what is no cloud is removed.  false: *error says why, or *problem where that has no
+ * code. */
+static bool make_cloud(struct service *service, struct uploads_info *info, struct problem *problem,
+                       struct error *error) {
     struct upload_facts facts = {0};
-    struct problem problem;
-    struct error error = {0};
-    if (info->offset != info->length || info->cloud[0]) return true;
-    int fd = store_part_open(service->store, info->id, false);
+    struct error ignored = {0};
     struct admission admission = handlers_admission(service->config, NULL);
-    bool ok = upload_check_file(fd, &admission, &facts, &problem);
-    if (fd >= 0) close(fd);
-    if (!ok) {
-        response_problem(response, &problem);
-        if (problem.kind != PROBLEM_INTERNAL_ERROR && uploads_delete(service->uploads, info->id, &error) != STATUS_OK)
-            log_line(LOG_ERROR, "upload=%s: %s", info->id, error.text);
+    int fd = store_part_open(service->store, info->id, false);
+    if (fd < 0) {
+        error_set(error, STATUS_IO, "uploads", "can't open upload %s: %s", info->id, strerror(errno));
         return false;
     }
-    enum status status = service_keep_part(service, info->id, &facts, info->principal, &error);
-    if (status == STATUS_OK) status = uploads_complete(service->uploads, info->id, facts.sha256, &error);
-    if (status != STATUS_OK) response_error(response, &error);
-    memcpy(info->cloud, facts.sha256, sizeof info->cloud);
+    bool ok = upload_check_file(fd, &admission, &facts, problem);
+    close(fd);
+    if (!ok) {
+        if (problem->kind != PROBLEM_INTERNAL_ERROR && uploads_delete(service->uploads, info->id, &ignored))
+            log_line(LOG_ERROR, "upload=%s: %s", info->id, ignored.text);
+        return false;
+    }
+    enum status status = service_keep_part(service, info->id, &facts, info->principal, error);
+    if (status == STATUS_OK) status = uploads_complete(service->uploads, info->id, facts.sha256, error);
+    if (status == STATUS_OK) memcpy(info->cloud, facts.sha256, sizeof info->cloud);
     return status == STATUS_OK;
+}
+
+/* Whether another request has made the cloud meanwhile, or deleted the upload: then no cloud is named. */
+static bool is_settled(struct service *service, struct uploads_info *info) {
+    struct uploads_info now = {0};
+    bool open = uploads_find(service->uploads, info->id, &now) && !now.cloud[0];
+    if (!open) memcpy(info->cloud, now.cloud, sizeof info->cloud);
+    return !open;
+}
+
+/* Makes the upload a cloud if it is whole and none yet; false: the response says why that can't be. */
+static bool finish(struct service *service, struct uploads_info *info, struct response *response) {
+    struct problem problem;
+    struct error error = {0};
+    if (info->offset != info->length || info->cloud[0] || make_cloud(service, info, &problem, &error)) return true;
+    if (!error.code)
+        response_problem(response, &problem);
+    else if (!is_settled(service, info))
+        response_error(response, &error);
+    else if (info->cloud[0])
+        return true;
+    else
+        response_refuse(response, PROBLEM_NO_SUCH_UPLOAD, "upload %s was deleted", info->id);
+    return false;
 }
 
 /* The end of a piece.  false: the response says why. */
@@ -249,7 +293,10 @@ static bool end_piece(struct service *service, struct request *request, struct u
         response_problem(response, &problem);
         return false;
     }
-    return finish(service, info, response);
+    uint64_t has;
+    if (!is_over_share(service, info, &has)) return finish(service, info, response);
+    response_limit(response, PROBLEM_RATE_LIMITED, "principal_bytes", (uint64_t)service->config->principal_bytes, has);
+    return false;
 }
 
 void handlers_create_upload(struct service *service, struct request *request, struct response *response) {
@@ -276,7 +323,9 @@ void handlers_get_upload(struct service *service, struct request *request, struc
         !find(service, request, &info, response))
         return;
     if (request->head) uploads_interrupt(service->uploads, info.id);
-    if (!find(service, request, &info, response) || !finish(service, &info, response)) return;
+    if (!find(service, request, &info, response)) return;
+    uint64_t has;
+    if (!is_over_share(service, &info, &has) && !finish(service, &info, response)) return;
     put_document(&info, 200, response);
     if (info.length == UINT64_MAX)
         response_header(response, "Upload-Defer-Length", "1");

@@ -9,6 +9,7 @@
 #include <strings.h>
 
 #include "server/access.h"
+#include "server/handlers_keys.h"
 
 const char *head_path(const char *target) {
     size_t scheme = strncasecmp(target, "http://", 7) == 0 ? 7 : strncasecmp(target, "https://", 8) == 0 ? 8 : 0;

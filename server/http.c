@@ -58,6 +58,7 @@ enum { LOG_PATH_BYTES = 160, GOODBYE_S = 2, ADMIN_CONNECTIONS = 64 };
 struct listener {
     struct http *http;
     struct MHD_Daemon *daemon;
+    struct watchdog *watchdog; /* its own: looking at a thousand connections holds a lock for a while */
     int fd;
     bool admin;  /* serves health and metrics alone */
     bool secure; /* speaks TLS */
@@ -67,7 +68,6 @@ struct http {
     struct service *service;
     struct listener main, admin;
     struct offload *offload;
-    struct watchdog *watchdog;
     struct tally tally;
 };
 
@@ -245,7 +245,7 @@ static enum MHD_Result refuse(struct exchange *x) {
 static enum MHD_Result take_header(void *ctx, enum MHD_ValueKind kind, const char *name, size_t name_bytes,
                                    const char *value, size_t value_bytes) {
     (void)kind;
-    (void)name_bytes;
+    (void)name_bytes; /* the name ends at its first NUL, and isn't one that the service knows then */
     request_take_header(ctx, name, value ? value : "", value_bytes);
     return MHD_YES;
 }
@@ -332,7 +332,8 @@ static enum MHD_Result dispatch(struct exchange *x) {
         response_refuse(&x->response, PROBLEM_DRAINING, "the service stops");
         return answer(x);
     }
-    set_uploading(x, false); /* parked by now: closing waits for it */
+    set_uploading(x, false);                                              /* parked by now: closing waits for it */
+    x->task.slow = strcmp(x->log_method, "GET") != 0 && !x->request.head; /* who changes something waits for others */
     offload_post(x->http->offload, &x->task);
     return MHD_YES;
 }
@@ -440,13 +441,13 @@ static void on_completed(void *ctx, struct MHD_Connection *connection, void **st
 
 static void on_connection(void *ctx, struct MHD_Connection *connection, void **socket_context,
                           enum MHD_ConnectionNotificationCode code) {
-    struct http *http = ((struct listener *)ctx)->http;
+    struct listener *listener = ctx;
     const union MHD_ConnectionInfo *info = MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD);
-    metrics_connection(http->service->metrics, code == MHD_CONNECTION_NOTIFY_STARTED);
+    metrics_connection(listener->http->service->metrics, code == MHD_CONNECTION_NOTIFY_STARTED);
     if (code == MHD_CONNECTION_NOTIFY_STARTED) {
-        *socket_context = info ? watchdog_add(http->watchdog, info->connect_fd) : NULL;
+        *socket_context = info ? watchdog_add(listener->watchdog, info->connect_fd) : NULL;
     } else {
-        watchdog_remove(http->watchdog, *socket_context);
+        watchdog_remove(listener->watchdog, *socket_context);
         *socket_context = NULL;
     }
 }
@@ -497,11 +498,15 @@ static struct MHD_Daemon *start_daemon(struct listener *listener) {
 static enum status start_listener(struct listener *listener, const char *inherited_name, const char *address,
                                   struct error *error) {
     const struct config *config = listener->http->service->config;
+    struct watchdog_limits limits = {config->header_timeout_ms, config->idle_timeout_ms, config->min_upload_bytes_per_s,
+                                     config->upload_grace_ms};
     bool open = config->insecure_open || config->tokens_file[0];
     int inherited = notify_inherited(inherited_name);
     enum status status = inherited >= 0 ? listen_adopt(inherited, open, &listener->fd, error)
                                         : listen_open(address, open, &listener->fd, error);
     if (status != STATUS_OK) return status;
+    if (watchdog_open(limits, listener->http->service->metrics, &listener->watchdog) != STATUS_OK)
+        return error_set(error, STATUS_NO_MEMORY, "http", "can't start a watchdog");
     listener->daemon = start_daemon(listener);
     return listener->daemon ? STATUS_OK : error_set(error, STATUS_IO, "http", "libmicrohttpd doesn't start");
 }
@@ -525,10 +530,7 @@ static enum status start_admin(struct http *http, struct error *error) {
 
 static enum status start(struct http *http, struct error *error) {
     const struct config *config = http->service->config;
-    struct watchdog_limits limits = {config->header_timeout_ms, config->idle_timeout_ms, config->min_upload_bytes_per_s,
-                                     config->upload_grace_ms};
-    if (offload_open(OFFLOAD_THREADS, &http->offload) != STATUS_OK ||
-        watchdog_open(limits, http->service->metrics, &http->watchdog) != STATUS_OK)
+    if (offload_open(OFFLOAD_THREADS, &http->offload) != STATUS_OK)
         return error_set(error, STATUS_NO_MEMORY, "http", "can't start threads");
     http->main.secure = http->service->tls != NULL;
     enum status status = start_listener(&http->main, NOTIFY_MAIN_SOCKET, config->listen, error);
@@ -567,6 +569,7 @@ unsigned http_uploads(struct http *http) { return tally_uploads(&http->tally); }
 
 static void stop_listener(struct listener *listener, MHD_socket listening) {
     if (listener->daemon) MHD_stop_daemon(listener->daemon);
+    watchdog_close(listener->watchdog);
     bool closed = listener->daemon && listening == MHD_INVALID_SOCKET; /* by libmicrohttpd */
     if (listener->fd >= 0 && !closed) close(listener->fd);
 }
@@ -579,7 +582,6 @@ void http_close(struct http *http) {
     listening = http->admin.daemon ? MHD_quiesce_daemon(http->admin.daemon) : MHD_INVALID_SOCKET;
     stop_listener(&http->admin, listening);
     offload_close(http->offload);
-    watchdog_close(http->watchdog);
     tally_done(&http->tally);
     free(http);
 }

@@ -4,6 +4,8 @@
 #ifndef WHITTLE_SERVER_OFFLOAD_H
 #define WHITTLE_SERVER_OFFLOAD_H
 
+#include <stdbool.h>
+
 #include "core/status.h"
 
 struct offload;
@@ -12,6 +14,7 @@ struct offload;
 struct offload_task {
     void (*run)(void *ctx);
     void *ctx;
+    bool slow; /* it may wait for long: there is always room for others beside those that are */
     struct offload_task *next;
 };
 
@@ -20,7 +23,8 @@ enum status offload_open(unsigned threads, struct offload **offload) MUST_CHECK;
 /* Runs what has been posted, then ends the threads.  Accepts NULL. */
 void offload_close(struct offload *offload);
 
-/* Has task->run(task->ctx) called soon, in the order of posting.  Never fails, never blocks for long. */
+/* Has task->run(task->ctx) called soon, in the order of posting, but past those that are slow and have no
+ * room.  Never fails, never blocks for long. */
 void offload_post(struct offload *offload, struct offload_task *task);
 
 #endif

@@ -103,6 +103,10 @@ enum status queue_delete(struct queue *queue, const char *id, const char *reason
 enum status queue_expired(struct queue *queue, int64_t now_ms, int64_t tombstones_before_ms, char (*ids)[JOB_ID_BYTES],
                           size_t max, size_t *count, struct error *error) MUST_CHECK;
 
+/* Moves what is kept for a time: the ends of jobs, clouds and uploads, the ages of keys and tombstones, when webhooks
+ * are due, and how long jobs have waited.  For a clock that was set by step_ms; no job was updated after now then. */
+enum status queue_move_times(struct queue *queue, int64_t step_ms, struct error *error) MUST_CHECK;
+
 /* How many jobs and rows of clouds.h refer to a cloud. */
 enum status queue_cloud_uses(struct queue *queue, const char *cloud, uint64_t *uses, struct error *error) MUST_CHECK;
 

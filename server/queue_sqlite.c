@@ -581,3 +581,32 @@ enum status queue_expired(struct queue *queue, int64_t now_ms, int64_t tombstone
     sql_unlock(queue->writer);
     return status;
 }
+
+static enum status move_times(struct sql *db, int64_t step_ms, struct error *error) {
+    static const char *const changes[] = {
+        "UPDATE jobs SET expires = expires + ?1, sequence = sequence + 1 WHERE expires > 0",
+        "UPDATE clouds SET expires = expires + ?1 WHERE expires > 0",
+        "UPDATE uploads SET expires = expires + ?1",
+        "UPDATE replies SET at = at + ?1",
+        "UPDATE tombstones SET at = at + ?1",
+        "UPDATE outbox SET due = due + ?1 WHERE due > 0"};
+    enum status status = sql_begin(db, error);
+    if (status != STATUS_OK) return status;
+    for (size_t i = 0; status == STATUS_OK && i < sizeof changes / sizeof *changes; i++)
+        status = sql_run(db, changes[i], VALUES(I(step_ms)), error);
+    if (status == STATUS_OK)
+        status = sql_run(db, "UPDATE jobs SET updated = ?1 WHERE updated > ?1", VALUES(I(job_now_ms())), error);
+    return sql_end(db, status, error);
+}
+
+enum status queue_move_times(struct queue *queue, int64_t step_ms, struct error *error) {
+    sql_lock(queue->writer);
+    enum status status = move_times(queue->writer, step_ms, error);
+    sql_unlock(queue->writer);
+    if (status != STATUS_OK) return status;
+    pthread_mutex_lock(&queue->order);
+    turns_move_times(queue->turns, step_ms);
+    for (size_t i = 0; i < queue->run_count; i++) queue->runs[i].started_ms += step_ms;
+    pthread_mutex_unlock(&queue->order);
+    return STATUS_OK;
+}

@@ -22,6 +22,7 @@
 #include "server/supervisor.h"
 #include "server/tls.h"
 #include "server/tokens.h"
+#include "server/wall_clock.h"
 
 enum { PAGE = 64, TOMBSTONE_MS = 7 * 24 * 3600 * 1000 };
 
@@ -49,6 +50,7 @@ static bool is_known(void *ctx, enum store_thing thing, const char *name) {
 /* What the start did. */
 struct mending {
     size_t requeued, failed, inputs_lost, outputs_lost, clouds_lost, files_removed;
+    int64_t latest_ms; /* when a job has changed last */
 };
 
 /* A job that was running when the service ended. */
@@ -75,6 +77,7 @@ static enum status mend_running(struct service *service, struct job *job, struct
 
 static enum status mend_job(struct service *service, struct job *job, struct mending *mending, struct error *error) {
     bool changed;
+    if (job->updated_ms > mending->latest_ms) mending->latest_ms = job->updated_ms;
     if (job->state == JOB_RUNNING) return mend_running(service, job, mending, error);
     struct job_cost cost = estimate_cost(job);
     if (job->state == JOB_SUCCESSFUL) estimate_learn(service->estimate, &cost, job->wall_s, job->finished_ms);
@@ -120,9 +123,26 @@ static enum status mend_clouds(struct service *service, struct mending *mending,
     return status;
 }
 
+/* Moves all ends with a clock that was set by so much. */
+static enum status move_ends(struct service *service, int64_t step_ms, struct error *error) {
+    log_line(LOG_WARNING, "the clock was set by %lld s: what is kept for a time is kept for the same time",
+             (long long)(step_ms / 1000));
+    enum status status = queue_move_times(service->queue, step_ms, error);
+    if (status == STATUS_OK) uploads_move_ends(service->uploads, step_ms);
+    documents_forget(service->documents, NULL);
+    return status;
+}
+
+/* A job that changed in the future: the clock was set back while there was no service. */
+static enum status mend_clock(struct service *service, const struct mending *mending, struct error *error) {
+    int64_t step_ms = job_now_ms() - mending->latest_ms;
+    return step_ms <= -WALL_CLOCK_STEP_MS ? move_ends(service, step_ms, error) : STATUS_OK;
+}
+
 static enum status mend(struct service *service, struct error *error) {
     struct mending m = {0};
     enum status status = mend_jobs(service, &m, error);
+    if (status == STATUS_OK) status = mend_clock(service, &m, error);
     if (status == STATUS_OK) status = mend_clouds(service, &m, error);
     if (status == STATUS_OK) status = store_clean(service->store, is_known, service, &m.files_removed, error);
     bool anything = m.requeued || m.failed || m.inputs_lost || m.outputs_lost || m.clouds_lost || m.files_removed;
@@ -144,6 +164,7 @@ enum status service_open(struct service *service, const struct config *config, s
     char path[STORE_PATH_BYTES];
     memset(service, 0, sizeof *service);
     service->config = config;
+    service->clock_ahead_ms = wall_clock_ahead_ms();
     pthread_rwlock_init(&service->clouds, NULL);
     service->estimate = estimate_new();
     service->idempotency = idempotency_new();
@@ -154,6 +175,7 @@ enum status service_open(struct service *service, const struct config *config, s
     if (status == STATUS_OK) status = store_open(config->data, &service->store, error);
     if (status == STATUS_OK) status = open_hashing(&service->hashing, error);
     if (status == STATUS_OK) {
+        store_keep_free(service->store, (uint64_t)config->min_free_bytes);
         store_database_path(service->store, path);
         status = queue_open(path, &service->queue, error);
     }
@@ -457,7 +479,18 @@ static void sweep_keys(struct service *service) {
         log_line(LOG_ERROR, "can't forget old keys: %s", error.text);
 }
 
+/* false: the clock was set and the ends can't be moved with it, so nothing may end by it. */
+static bool follow_clock(struct service *service) {
+    struct error error = {0};
+    int64_t before = service->clock_ahead_ms, step_ms = wall_clock_step_ms(&service->clock_ahead_ms);
+    if (!step_ms || move_ends(service, step_ms, &error) == STATUS_OK) return true;
+    log_line(LOG_ERROR, "the ends can't be moved with the clock: %s", error.text);
+    service->clock_ahead_ms = before;
+    return false;
+}
+
 void service_sweep(struct service *service) {
+    if (!follow_clock(service)) return;
     sweep_keys(service);
     sweep_jobs(service);
     sweep_clouds(service);

@@ -43,6 +43,7 @@ struct service {
     pthread_rwlock_t clouds;       /* held shared while a cloud is kept and its job submitted, alone while clouds that
                                       no job refers to are removed */
     _Atomic bool draining;         /* no new work is taken */
+    int64_t clock_ahead_ms;        /* of wall_clock.h, at the last sweep */
 };
 
 /* Opens the store and the queue, and mends what an earlier process left (logged): running jobs are queued again, or
@@ -79,7 +80,7 @@ enum status service_delete_cloud(struct service *service, const char *sha256, co
 enum status service_delete(struct service *service, const struct job *job, const char *reason, bool *changed,
                            struct error *error) MUST_CHECK;
 
-/* Deletes the jobs, clouds and uploads whose time is over. */
+/* Deletes the jobs, clouds and uploads whose time is over.  By one thread alone. */
 void service_sweep(struct service *service);
 
 /* Whether the queue and the supervisor answer; logs what does not.  Blocks for as long as they do. */

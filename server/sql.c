@@ -80,7 +80,9 @@ enum status sql_migrate(struct sql *sql, const char *const *steps, size_t count,
     status = sql_number(sql, "PRAGMA user_version", NULL, 0, &version, error);
     if (status == STATUS_OK && version > (int64_t)count)
         status = error_set(error, STATUS_UNSUPPORTED, "database",
-                           "the database has schema %lld, this program knows %zu", (long long)version, count);
+                           "it was written by a newer version (schema %lld, this one knows %zu); install that, or put "
+                           "the backup from before the upgrade back",
+                           (long long)version, count);
     for (size_t i = (size_t)version; status == STATUS_OK && i < count; i++) status = sql_execute(sql, steps[i], error);
     char text[64];
     snprintf(text, sizeof text, "PRAGMA user_version = %zu", count);

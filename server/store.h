@@ -35,6 +35,19 @@ void store_key_path(const struct store *store, char path[STORE_PATH_BYTES]);
 /* Bytes that may still be written; UINT64_MAX when that isn't known.  Doesn't block for long. */
 uint64_t store_free_bytes(const struct store *store);
 
+/* How many bytes are to stay free (0 at first), and whether so many more may be written beside them.  Neither blocks
+ * for long. */
+void store_keep_free(struct store *store, uint64_t bytes);
+bool store_has_room(const struct store *store, uint64_t bytes);
+
+/* Whether files can be written at all: a small one is, and vanishes. */
+bool store_takes_files(const struct store *store);
+
+/* Whether writing `count` bytes after `before` others is fine by store_has_room, asked once for each
+ * STORE_STRIDE_BYTES; else errno is ENOSPC. */
+enum { STORE_STRIDE_BYTES = 1 << 20 };
+bool store_may_go_on(const struct store *store, uint64_t before, uint64_t count);
+
 /* An upload in the making: write to fd, then keep or drop it.  Zero-initialise with fd = -1. */
 struct store_upload {
     int fd;
@@ -90,6 +103,9 @@ void store_outputs_drop(struct store *store, const char *id);
 /* Opens an output for reading; -1 when there is none. */
 int store_output_open(const struct store *store, const char *id, const char *name);
 bool store_outputs_exist(const struct store *store, const char *id);
+
+/* How many there are; -1 where they can't be listed. */
+int store_outputs_count(const struct store *store, const char *id);
 
 /* A file without a name, for reading and writing, gone when it is closed; -1 with errno when there can't be one. */
 int store_scratch_open(const struct store *store);

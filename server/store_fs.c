@@ -41,6 +41,7 @@ enum { FOLDER_MODE = 0700, FILE_MODE = 0600 };
 struct store {
     char root[PATH_MAX];
     int root_fd, clouds_fd, jobs_fd, parts_fd, tmp_fd, lock_fd;
+    _Atomic uint64_t kept_free_bytes;
 };
 
 static enum status refused(struct error *error, const char *what, const char *name) {
@@ -140,6 +141,28 @@ uint64_t store_free_bytes(const struct store *store) {
     struct statvfs figures;
     if (fstatvfs(store->tmp_fd, &figures) != 0) return UINT64_MAX;
     return (uint64_t)figures.f_bavail * figures.f_frsize;
+}
+
+void store_keep_free(struct store *store, uint64_t bytes) { store->kept_free_bytes = bytes; }
+
+bool store_has_room(const struct store *store, uint64_t bytes) {
+    uint64_t room = store_free_bytes(store), kept = store->kept_free_bytes;
+    return room >= kept && room - kept >= bytes;
+}
+
+bool store_may_go_on(const struct store *store, uint64_t before, uint64_t count) {
+    bool asks = before / STORE_STRIDE_BYTES != (before + count) / STORE_STRIDE_BYTES;
+    if (!asks || store_has_room(store, 0)) return true;
+    errno = ENOSPC;
+    return false;
+}
+
+bool store_takes_files(const struct store *store) {
+    static const char block[4096] = "x";
+    int fd = store_scratch_open(store);
+    bool takes = fd >= 0 && write(fd, block, sizeof block) == sizeof block;
+    close_if_open(fd);
+    return takes;
 }
 
 /* ------------------------------------------------------------------------------------------------ removing */
@@ -369,6 +392,16 @@ bool store_outputs_exist(const struct store *store, const char *id) {
     char path[128];
     snprintf(path, sizeof path, "%.80s/outputs", id);
     return faccessat(store->jobs_fd, path, X_OK, 0) == 0;
+}
+
+int store_outputs_count(const struct store *store, const char *id) {
+    char path[128];
+    struct dirent **entries;
+    snprintf(path, sizeof path, "%.80s/outputs", id);
+    int n = scandirat(store->jobs_fd, path, &entries, is_visible, alphasort);
+    for (int i = 0; i < n; i++) free(entries[i]);
+    if (n >= 0) free(entries);
+    return n;
 }
 
 int store_log_open(struct store *store, const char *id, bool append) {

@@ -101,6 +101,10 @@ void turns_take(struct turns *turns, const char *id) {
     turns_remove(turns, id);
 }
 
+void turns_move_times(struct turns *turns, int64_t step_ms) {
+    for (size_t i = 0; i < turns->count; i++) turns->entry[i].due_ms += step_ms;
+}
+
 /* ------------------------------------------------------------------------------------------------ order */
 
 static int compare(uint64_t a, uint64_t b) { return (a > b) - (a < b); }

@@ -44,6 +44,9 @@ const struct turn *turns_first(struct turns *turns);
 /* It has had its turn: takes it out, and its principal goes to the end of the round. */
 void turns_take(struct turns *turns, const char *id);
 
+/* The clock by which jobs were created was set by step_ms: those that wait keep their ages. */
+void turns_move_times(struct turns *turns, int64_t step_ms);
+
 /* How many jobs come before this one; 0 when it isn't there.  Each of them is given to visit (NULL = nobody), in the
  * order of their turns. */
 size_t turns_ahead(struct turns *turns, const char *id, void (*visit)(void *ctx, const struct turn *turn), void *ctx);

@@ -134,7 +134,8 @@ static bool check_more(struct upload *upload, const void *bytes, size_t count, s
 
 static bool write_all(struct upload *upload, const char *bytes, size_t count, struct problem *problem) {
     while (count) {
-        ssize_t n = fault_at("upload-write") ? -1 : write(upload->file.fd, bytes, count);
+        bool fails = fault_at("upload-write") || !store_may_go_on(upload->store, upload->bytes - count, count);
+        ssize_t n = fails ? -1 : write(upload->file.fd, bytes, count);
         if (n < 0 && errno == EINTR) continue;
         if (n < 0) {
             struct error error;

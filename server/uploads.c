@@ -346,6 +346,8 @@ bool uploads_write(struct uploads_writer *writer, const void *bytes, size_t coun
         upload_too_large(most, UINT64_MAX, problem);
         ok = false;
     }
+    if (ok && !store_may_go_on(writer->uploads->store, had, count))
+        ok = refuse_io("the piece can't be stored", problem);
     ok = ok && write_at(staged ? writer->staged.fd : writer->fd, staged ? writer->staged_bytes : info->offset, bytes,
                         count, problem);
     if (ok && staged) writer->staged_bytes += count;
@@ -538,4 +540,29 @@ void uploads_sweep(struct uploads *uploads, int64_t now_ms) {
         sweep_one(uploads, entry, now_ms);
         let_go(uploads, entry);
     }
+}
+
+void uploads_move_ends(struct uploads *uploads, int64_t step_ms) {
+    pthread_mutex_lock(&uploads->lock);
+    for (struct entry *entry = uploads->first; entry; entry = entry->next) {
+        pthread_mutex_lock(&entry->lock);
+        entry->info.expires_ms += step_ms;
+        pthread_mutex_unlock(&entry->lock);
+    }
+    pthread_mutex_unlock(&uploads->lock);
+}
+
+/* What is not whole counts with the length that it is to have, where that is known. */
+uint64_t uploads_bytes_of(struct uploads *uploads, const char *principal) {
+    uint64_t bytes = 0;
+    pthread_mutex_lock(&uploads->lock);
+    for (struct entry *entry = uploads->first; entry; entry = entry->next) {
+        pthread_mutex_lock(&entry->lock);
+        const struct uploads_info *info = &entry->info;
+        if (strcmp(info->principal, principal) == 0 && !info->cloud[0])
+            bytes += info->length != UINT64_MAX ? info->length : info->offset;
+        pthread_mutex_unlock(&entry->lock);
+    }
+    pthread_mutex_unlock(&uploads->lock);
+    return bytes;
 }

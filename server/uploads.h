@@ -93,6 +93,12 @@ enum status uploads_delete(struct uploads *uploads, const char *id, struct error
 /* Removes what has expired, and flushes what has come since the last piece's end.  Blocks. */
 void uploads_sweep(struct uploads *uploads, int64_t now_ms);
 
+/* All expire by so much later. */
+void uploads_move_ends(struct uploads *uploads, int64_t step_ms);
+
+/* How many bytes those of this principal that are not whole yet have, or will have. */
+uint64_t uploads_bytes_of(struct uploads *uploads, const char *principal);
+
 /* ---- rows, for uploads.c (uploads_sqlite.c) ---- */
 
 struct uploads_row {

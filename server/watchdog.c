@@ -56,19 +56,26 @@ static bool is_half_closed(struct watched *watched) {
 /* Whether it is to be cut, and why. */
 static bool is_late(const struct watchdog_limits *limits, struct watched *watched, int64_t now, enum metrics_cut *why) {
     int64_t age = now - atomic_load(&watched->since_ms);
+    bool late = false;
     switch ((enum watchdog_phase)atomic_load(&watched->phase)) {
-    case WATCHDOG_HEADERS: *why = METRICS_CUT_HEADERS; return age > limits->header_ms;
-    case WATCHDOG_IDLE: *why = METRICS_CUT_IDLE; return age > limits->idle_ms;
+    case WATCHDOG_HEADERS:
+        *why = METRICS_CUT_HEADERS;
+        late = age > limits->header_ms;
+        break;
+    case WATCHDOG_IDLE:
+        *why = METRICS_CUT_IDLE;
+        late = age > limits->idle_ms;
+        break;
     case WATCHDOG_BODY:
         *why = METRICS_CUT_SLOW;
-        if (age > limits->grace_ms &&
-            (double)atomic_load(&watched->bytes) * 1e3 < (double)limits->min_bytes_per_s * (double)age)
-            return true;
-        *why = METRICS_CUT_HALF_CLOSED;
-        return is_half_closed(watched);
-    case WATCHDOG_BUSY: break;
+        late = age > limits->grace_ms &&
+               (double)atomic_load(&watched->bytes) * 1e3 < (double)limits->min_bytes_per_s * (double)age;
+        break;
+    case WATCHDOG_BUSY: return false;
     }
-    return false;
+    if (late || !is_half_closed(watched)) return late;
+    *why = METRICS_CUT_HALF_CLOSED;
+    return true;
 }
 
 static void look_at(struct watchdog *watchdog, struct watched *watched, int64_t now) {

@@ -1,4 +1,7 @@
-/* SPDX-License-Identifier: GPL-3.0-or-later */
+/* Stages tick as often as they like; what goes out is a line in INTERVAL_MS and the first of every stage, so that short
+ * stages show too.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/worker_progress.h"
 
 #include <errno.h>

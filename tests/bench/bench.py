@@ -8,16 +8,16 @@ Prints, for Horse and Venus where ../shared/data is there and for synthetic scan
 (and 10 million with --large): time of each stage, points per second, bytes per point at the peak, for clouds and for
 meshes; what a second thread gains; how the time for each point grows; and the time of a whole job over HTTP on Horse
 at 10 % with mesh and error, from POST to outputs ready.  --peers adds the most exact peers that pick points, CGAL's WLOP
-and Open3D's farthest-point sampling, at the same count, their error against the same points by the same tool after the
-same reconstruction (CGAL's advancing front).  Machines differ and are noisy: compare ratios within one run.  --save
-writes the figures as JSON, --compare prints the ratios against such a file.  Ratios within a run, which other machines
-have much the same (each stage's share of a million points, how the time for each point grows), are always compared with
+and Open3D's farthest-point sampling: a tenth of the points, or as many as farthest-point sampling picks in half a
+minute, and whittle at the same count; errors against the same points by the same tool after the same reconstruction
+(CGAL's advancing front).  Machines differ and are noisy: compare ratios within one run.  --save writes the figures as
+JSON, --compare prints the ratios against such a file.  Ratios within a run, which other machines have much the same
+(each stage's share of a million points, how the time for each point grows), are always compared with
 tests/bench/ratios.json; a figure over MORE times its old one is told.  --save-ratios stores them.
 """
 import argparse
 import json
 import pathlib
-import resource
 import subprocess
 import sys
 import tempfile
@@ -25,12 +25,15 @@ import time
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "peers"))
 import models  # noqa: E402
-from programs import Failed, Made, Programs, best, work_ms  # noqa: E402
+from programs import Failed, Made, Programs, best, processor_ms  # noqa: E402
 
 SHARED = pathlib.Path("../shared/data")
 RATIOS = pathlib.Path(__file__).with_name("ratios.json")
 MORE, LEAST_SHARE = 1.25, 0.02
-FARTHEST_MOST = 10**9  # distances between points that farthest-point sampling may take: 10^10 take a minute
+# The most exact peers that pick points: their program, and how many picks times points they may take (farthest-point
+# sampling looks at all points for each that it picks: 10^10 take half a minute).
+PEERS = {"wlop": ("points_cgal", 10**12), "farthest": ("open3d", 10**10)}
+LONG = 10**5  # points; a peer runs once on more
 
 
 def run(*arguments, **options):
@@ -44,18 +47,12 @@ def whittle(build, cloud, folder, *extra, repeat=3):
     """The report, and wall and processor time in seconds, file to file, of the fastest of some runs."""
     runs = []
     for _ in range(repeat):
-        before, start = processor_time(), time.monotonic()
+        before, start = processor_ms(), time.monotonic()
         run(build / "whittle", cloud, "-o", folder, "-q", *extra)
         wall = time.monotonic() - start
-        runs.append((wall, processor_time() - before, json.loads((folder / "report.json").read_text())))
+        runs.append((wall, (processor_ms() - before) / 1e3, json.loads((folder / "report.json").read_text())))
     wall, _, report = min(runs, key=lambda one: one[0])
     return report, wall, min(one[1] for one in runs)
-
-
-def processor_time():
-    """Of all programs that have ended, all their threads together."""
-    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return usage.ru_utime + usage.ru_stime
 
 
 def print_run(name, report, wall, processor):
@@ -90,44 +87,41 @@ def job_over_http(build, cloud, folder):
 
 
 def beside_peers(build, folder, clouds, figures):
-    """Time and error of the peers that pick points, divided by whittle's."""
+    """Time and error of the peers that pick points, divided by whittle's at the same count."""
     programs = Programs(build, folder / "peers")
     for label, cloud in clouds:
         plain = folder / f"{label}.plain.ply"
         models.to_plain(cloud, plain)
-        count = None
-        for method, program in (("whittle", None), ("wlop", "points_cgal"), ("farthest", "open3d")):
-            if program and not (build / "tests/peers" / program).exists():
+        points = models.count_of(cloud)
+        for method, (program, most) in PEERS.items():
+            if not (build / "tests/peers" / program).exists():
                 print(f"skipped: {method}, for {program} isn't built (make peers builds it)")
                 continue
+            count = min(points // 10, most // points)
             try:
-                made, error = pick_and_measure(programs, method, program, plain, count)
+                made = best(lambda: programs.peer(program, method, Made(plain), count), 1 if points > LONG else 3)
+                own = best(lambda: programs.kept(cloud, "--points", made.points), 3)
+                print_beside(f"{label}, {method}", made, own, *(error_of(programs, m, plain) for m in (made, own)))
             except Failed as failure:
                 print(f"{label}, {method}: {failure}")
                 continue
-            if not program:
-                count, own = made.points, (made.ms, error)
-            print(f"{label + ', ' + method:34s} {made.ms / 1e3:8.3f} s  {made.points} points, mean distance to the mesh "
-                  f"{1e4 * error:.3f}e-4   {made.ms / own[0]:.1f} times the time, {error / own[1]:.2f} times the error",
-                  flush=True)
-            figures[f"{label}.{method}.ratio"] = made.ms / own[0]
+            figures[f"{label}.{method}.ratio"] = made.ms / own.ms
+            figures[f"{label}.{method}.processor-ratio"] = made.processor_ms / own.processor_ms
 
 
-def pick_and_measure(programs, method, program, cloud, count):
-    """What was made (the points), and the mean distance of the input's points to CGAL's front through them."""
-    if program:
-        most = max(1, FARTHEST_MOST // models.count_of(cloud)) if method == "farthest" else count
-        made = programs.peer(program, method, Made(cloud, 0, 0), min(count, most))
-    else:
-        made = best(lambda: own_pick(programs, cloud), 3)
+def error_of(programs, made, cloud):
+    """The mean distance of the input's points to CGAL's front through those that were picked."""
     front = programs.peer("surface_cgal", "front", made, 0)
     told = json.loads(run(programs.build / "whittle", "measure", front.path, cloud, "--json"))
-    return made, told["forward"]["mean_rel"]
+    return told["forward"]["mean_rel"]
 
 
-def own_pick(programs, cloud):
-    folder, report = programs.whittle(cloud, "--ratio", 0.1, outputs="cloud,report")
-    return Made(programs.plain(folder / "cloud.ply", "kept"), report["points_out"], work_ms(report))
+def print_beside(label, made, own, error, own_error):
+    for name, m, e in ((label, made, error), (f"{label}: whittle", own, own_error)):
+        print(f"{name:34s} {m.ms / 1e3:8.3f} s  {m.processor_ms / 1e3:8.3f} s of processors  {m.points} points, "
+              f"mean distance to the mesh {1e4 * e:.3f}e-4")
+    print(f"{label + ' / whittle':34s} {made.ms / own.ms:8.2f}    {made.processor_ms / own.processor_ms:8.2f} of the "
+          f"processors' time   {error / own_error:.2f} of the error", flush=True)
 
 
 def compare_ratios(figures, save):

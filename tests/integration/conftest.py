@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Starts whittled for a test, on a free port and a data folder of its own, and talks to it with curl."""
+import http.client
 import json
 import math
 import os
@@ -12,7 +13,10 @@ import time
 import pytest
 
 BUILD = pathlib.Path(os.environ.get("WHITTLE_BUILD", "build/release"))
-PATIENCE_S = 60  # how long a condition may take before the test gives up
+SANITIZED = bool(re.search("asan|tsan", str(BUILD)))
+PATIENCE_S = 600 if SANITIZED else 180  # how long a condition may take before the test gives up
+# Sanitizers reserve address space that a limit would deny, and do what confinement forbids.
+UNLIMITED = ("--job-memory", "1024T", "--worker-sandbox=off") if SANITIZED else ()
 
 
 def wait_until(condition, what="the condition"):
@@ -62,11 +66,9 @@ class Daemon:
         self.prefix = ()  # a command that ends in exec of its arguments
 
     def start(self, *more):
-        # Sanitizers reserve address space that a limit would deny, and do what confinement forbids.
-        unlimited = ("--job-memory", "1024T", "--worker-sandbox=off") if re.search("asan|tsan", str(BUILD)) else ()
         with open(self.log, "ab") as log:
             self.process = subprocess.Popen(
-                [*self.prefix, BUILD / "whittled", "--listen", "127.0.0.1:0", "--data", self.data, *unlimited, *self.flags, *more],
+                [*self.prefix, BUILD / "whittled", "--listen", "127.0.0.1:0", "--data", self.data, *UNLIMITED, *self.flags, *more],
                 stdout=subprocess.PIPE, stderr=log, text=True)
         line = self.process.stdout.readline()
         assert re.match("listening on https?://127.0.0.1:", line), (line, self.log_text()[-4000:])
@@ -90,6 +92,17 @@ class Daemon:
             self.process.send_signal(signal.SIGTERM)
             self.process.wait(PATIENCE_S)
         return self.process.returncode if self.process else None
+
+    def request(self, method, path, body=None, headers=None, connection=None):
+        """(status, headers, body) without curl, for the many requests of a campaign; connection: one that is kept."""
+        own = connection or http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)
+        try:
+            own.request(method, path, body=body, headers=headers or {})
+            reply = own.getresponse()
+            return reply.status, dict(reply.getheaders()), reply.read()
+        finally:
+            if not connection:
+                own.close()
 
     def curl_command(self, path, *arguments):
         return ["curl", "-sS", "--max-time", str(PATIENCE_S), "-D", "-", *map(str, (*self.curl_flags, *arguments)),
@@ -160,14 +173,14 @@ def process_lives(pid):
         return False
 
 
-def sphere(count):
-    """Points spread evenly over a unit sphere, as XYZ text."""
+def sphere(count, place=0):
+    """Points spread evenly over a unit sphere about (place, 0, 0), as XYZ text."""
     turn = math.pi * (3 - math.sqrt(5))
     lines = []
     for i in range(count):
         z = 1 - (2 * i + 1) / count
         r = math.sqrt(1 - z * z)
-        lines.append(f"{r * math.cos(turn * i):.6f} {r * math.sin(turn * i):.6f} {z:.6f}\n")
+        lines.append(f"{r * math.cos(turn * i) + place:.6f} {r * math.sin(turn * i):.6f} {z:.6f}\n")
     return "".join(lines).encode()
 
 

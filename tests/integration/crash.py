@@ -34,16 +34,12 @@ FEW, MANY = sphere(300), sphere(20000)
 
 
 def request(daemon, method, path, body=None):
-    """One request on a connection of its own; None when the service is gone."""
-    connection = http.client.HTTPConnection("127.0.0.1", daemon.port, timeout=PATIENCE_S)
+    """Status and body; None when the service is gone."""
     try:
-        connection.request(method, path, body=body)
-        reply = connection.getresponse()
-        return reply.status, reply.read()
+        status, _, answer = daemon.request(method, path, body)
+        return status, answer
     except (OSError, http.client.HTTPException):
         return None
-    finally:
-        connection.close()
 
 
 class Round:

@@ -6,14 +6,13 @@
 """
 import argparse
 import concurrent.futures
-import http.client
 import json
 import pathlib
 import random
 import sys
 import tempfile
 
-from conftest import PATIENCE_S, Daemon, sphere
+from conftest import Daemon, sphere
 
 FIXTURES = pathlib.Path(__file__).parent.parent / "fixtures"
 LONGEST_SEED = 4 << 20
@@ -75,18 +74,8 @@ def seeds(scans):
     return [seed for seed in found if seed]
 
 
-def send(daemon, output, body):
-    connection = http.client.HTTPConnection("127.0.0.1", daemon.port, timeout=PATIENCE_S)
-    try:
-        connection.request("POST", f"/v1/simplify?ratio=0.3&output={output}", body=body)
-        reply = connection.getresponse()
-        return reply.status, reply.read()
-    finally:
-        connection.close()
-
-
 def one(daemon, output, body):
-    status, answer = send(daemon, output, body)
+    status, _, answer = daemon.request("POST", f"/v1/simplify?ratio=0.3&output={output}", body)
     assert status == 200 or 400 <= status < 500, (status, answer[:500], body[:300])
     if status != 200:
         problem = json.loads(answer)

@@ -52,6 +52,8 @@ def test_check_says_what_is_wrong_and_serves_nothing(tmp_path):
     good = run("--config", file, "--check-config", "--data", tmp_path / "never-made")
     assert good.returncode == 0 and not (tmp_path / "never-made").exists()
     assert run("--check-config", WHITTLED_NO_SUCH="1").returncode == 2
+    file.write_text("= 5\n")
+    assert run("--config", file, "--check-config").stderr == "whittled: config: unknown setting in the file\n"
 
 
 def test_healthcheck(daemon):

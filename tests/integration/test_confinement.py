@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from conftest import BUILD, SMALL, wait_until
+from conftest import BUILD, SANITIZED, SMALL, wait_until
 
 PROBE = BUILD / "tests" / "tools" / "confined_probe"
 NOT_PERMITTED, NO_ACCESS = "refused: Operation not permitted", "refused: Permission denied"
@@ -47,6 +47,25 @@ def test_what_only_a_hijacked_process_would_do_ends_it(probe, deed):
     assert problem["type"] == "/problems/worker-crashed" and problem["signal"] == signal.SIGSYS
     assert problem["stage"] == deed.split()[0] and "system call" in problem["detail"]
     assert outcome(probe, "thread") == "got through"  # the daemon lives and runs the next
+
+
+CALLS = ["unshare", "setns", "mount", "umount2", "pivot_root", "chroot", "kill", "tkill", "process_vm_readv", "pidfd_open",
+         "io_uring_setup", "bpf", "perf_event_open", "userfaultfd", "keyctl", "execveat", "setuid", "setgroups",
+         "memfd_create", "personality", "linkat", "mknodat", "fchmodat", "fchownat", "setxattr", "open_by_handle_at",
+         "inotify_init1", "fanotify_init", "shmget", "msgget", "mq_open", "init_module", "reboot", "sethostname",
+         "settimeofday", "setpriority", "sched_setaffinity", "setpgid", "setsid", "chdir", "quotactl", "unknown", "x32"]
+
+
+def test_no_system_call_gets_through_that_a_job_has_no_use_for(probe):
+    need(probe, "seccomp")
+    through = {}
+    for deed in [("call", name) for name in CALLS] + [("old",)]:
+        problem = attempt(probe, *deed)
+        killed = problem["type"] == "/problems/worker-crashed" and problem.get("signal") == signal.SIGSYS
+        if not killed and problem["detail"] != NOT_PERMITTED:
+            through[deed] = problem
+    assert through == {}
+    assert outcome(probe, "thread") == "got through"
 
 
 @pytest.mark.parametrize("deed", ["signal", "code", "unlimit"])
@@ -112,6 +131,16 @@ def test_the_process_seen_from_outside(probe):
     assert probe.curl(f"/v1/jobs/{job_id}", "-X", "DELETE").json["status"] == "dismissed"
 
 
+def test_a_job_is_nicer_than_the_service(probe):
+    own = min(os.getpriority(os.PRIO_PROCESS, probe.process.pid) + 3, 14)
+    for thread in pathlib.Path("/proc", str(probe.process.pid), "task").iterdir():
+        os.setpriority(os.PRIO_PROCESS, int(thread.name), own)
+    job_id = probe.submit(b"# probe nothing\n" + SMALL)
+    wait_until(lambda: probe.job(job_id)["stage"] == "nothing", "the probe's word")
+    assert os.getpriority(os.PRIO_PROCESS, probe.worker_pid(job_id)) == own + 5
+    assert probe.curl(f"/v1/jobs/{job_id}", "-X", "DELETE").json["status"] == "dismissed"
+
+
 def test_without_the_sandbox_limits_hold_alone(make_daemon):
     if not PROBE.exists():
         pytest.skip("the probe isn't built")
@@ -121,7 +150,7 @@ def test_without_the_sandbox_limits_hold_alone(make_daemon):
     assert outcome(daemon, "memory", 1000) == "refused: Cannot allocate memory"
 
 
-@pytest.mark.skipif("asan" in str(BUILD) or "tsan" in str(BUILD), reason="sanitizers can't be confined")
+@pytest.mark.skipif(SANITIZED, reason="sanitizers can't be confined")
 def test_whittle_does_everything_confined(daemon):
     outputs = "cloud,xyz,mesh,dso,error,report"
     job = daemon.ended(daemon.submit(SMALL, f"?ratio=0.5&outputs={outputs}&threads=4&denoise=full"))

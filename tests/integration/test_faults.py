@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The system refuses, at each point in turn: a right answer, nothing left behind, and the next request is served."""
+import concurrent.futures
+import json
 import sqlite3
 import threading
 import time
@@ -101,6 +103,49 @@ def test_a_database_that_is_locked_for_seconds(make_daemon):
     for reply in replies:
         assert daemon.ended(reply.json["id"])["status"] == "successful"
     check(daemon)
+
+
+TUS = ("-H", "Tus-Resumable: 1.0.0")
+PIECE = ("-H", "Content-Type: application/offset+octet-stream", "-H", "Upload-Offset: 0", "-X", "PATCH")
+
+
+def test_all_that_writes_waits_for_a_locked_database_and_nothing_else_does(make_daemon):
+    daemon = make_daemon()
+    job_id = daemon.submit(SMALL)
+    daemon.ended(job_id)
+    clouds = [daemon.post("/v1/clouds", sphere(20 + i)).headers["location"] for i in range(2)]
+    uploads = [daemon.curl("/v1/uploads", "-X", "POST", *TUS, "-H", "Upload-Length: 10").headers["location"]
+               for _ in range(2)]
+    document = json.dumps({"input": clouds[0]}).encode()
+    writes = [
+        (200, lambda i: daemon.curl(f"/v1/jobs/{job_id}", "-X", "DELETE")),
+        (200, lambda i: daemon.curl(clouds[1], "-X", "DELETE")),
+        (204, lambda i: daemon.curl(uploads[1], "-X", "DELETE", *TUS)),
+        (204, lambda i: daemon.post(uploads[0], b"0 0 0", *TUS, *PIECE)),
+        (201, lambda i: daemon.post("/v1/jobs", document, "-H", "Content-Type: application/json")),
+        *[(201, lambda i: daemon.curl("/v1/uploads", "-X", "POST", *TUS, "-H", "Upload-Length: 10"))] * 4,
+        *[(201, lambda i: daemon.post("/v1/clouds", sphere(100 + i)))] * 4,
+        *[(200, lambda i: daemon.post("/v1/simplify", sphere(200 + i)))] * 4,
+        *[(201, lambda i: daemon.post("/v1/jobs", sphere(300 + i)))] * 4]
+    database = sqlite3.connect(daemon.data / "whittled.db", isolation_level=None, check_same_thread=False)
+    database.execute("BEGIN IMMEDIATE")
+    with concurrent.futures.ThreadPoolExecutor(len(writes)) as pool:
+        replies = [pool.submit(write, i) for i, (_, write) in enumerate(writes)]
+        wait_until(lambda: len(daemon.leftovers()) + len(list((daemon.data / "clouds").iterdir())) > 8, "the uploads")
+        begin = time.monotonic()
+        for path in ("/healthz", "/readyz", "/v1/jobs", f"/v1/jobs/{job_id}", f"/v1/jobs/{job_id}/outputs/cloud.ply",
+                     "/v1/clouds", clouds[0], uploads[0], "/metrics"):
+            assert daemon.curl(path).status == 200, path
+        took = time.monotonic() - begin
+        assert not any(reply.done() for reply in replies)
+        database.execute("ROLLBACK")
+        database.close()
+    assert took < 8, took
+    for (status, _), reply in zip(writes, replies):
+        assert reply.result().status == status, reply.result().body
+    assert daemon.stop() == 0
+    status, lines = daemon.check()
+    assert status == 0 and "0 damaged" in lines[-1], lines
 
 
 def test_a_delete_whose_end_cannot_be_recorded_is_answered(make_daemon):

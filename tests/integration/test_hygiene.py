@@ -8,7 +8,7 @@ import subprocess
 
 import pytest
 
-from conftest import SMALL, Daemon
+from conftest import SMALL, Daemon, wait_until
 
 SMUGGLED = b"GET /v1/info HTTP/1.1\r\nHost: smuggled\r\nX-Request-Id: smuggled\r\n\r\n"
 
@@ -81,6 +81,45 @@ def test_http_1_0_needs_no_host(daemon):
     assert statuses(raw(daemon, b"GET /v1/info HTTP/1.0\r\n\r\n")) == [b"200"]
 
 
+POST = b"POST /v1/jobs HTTP/1.1\r\nHost: a\r\n"
+
+
+@pytest.mark.parametrize("request_head", [
+    POST + b"Content-Length: 5\r\n 0\r\n", POST + b"Content-Length:\r\n 5\r\n", POST + b"X: y\r\n Content-Length: 5\r\n",
+    POST + b"Transfer-Encoding:\r\n chunked\r\n", POST + b"Transfer-Encoding: chunked\r\n\tx\r\n",
+    POST + b"Transfer-Encoding : chunked\r\nContent-Length: 5\r\n", POST + b"Content-Length : 5\r\n",
+    POST + b"Transfer-Encoding\t: chunked\r\n", POST + b": 5\r\n", POST + b"a b: 5\r\n",
+    POST + b"X: b\rTransfer-Encoding: chunked\r\n", POST + b"Transfer-Encoding: \x0bchunked\r\n",
+    POST + b"Transfer-Encoding: \"chunked\"\r\nContent-Length: 5\r\n",
+    b"POST /v1/jobs HTTP/1.0\r\nHost: a\r\nTransfer-Encoding: chunked\r\n",
+    b"GET /v1/jobs HTTP/1.1\r\n", b"GET /v1/jobs HTTP/1.1\r\nHost: a b\r\n", b"GET /v1/jobs HTTP/1.1\r\nHost: a/b\r\n",
+    b"GET /v1/jobs HTTP/1.1\r\nHost: u@a\r\n", b"GET /v1/jobs HTTP/1.1\r\nHost:\r\n a\r\n",
+], ids=lambda head: head.decode("latin-1").partition("1.1\r\n")[2].strip().encode("unicode_escape").decode())
+def test_heads_that_others_could_read_otherwise(daemon, request_head):
+    answer = raw(daemon, request_head + b"\r\n0\r\n\r\n" + SMUGGLED)
+    assert {status[:1] for status in statuses(answer)} <= {b"4"} and b"smuggled" not in answer, answer
+
+
+PICTURE = b"\x89PNG\r\n"  # is read, and refused for what it is
+
+
+@pytest.mark.parametrize("body, status", [
+    (b"6;name=value\r\n" + PICTURE + b"\r\n0;last\r\n\r\n", b"415"),
+    (b"6\r\n" + PICTURE + b"\r\n0\r\nHost: evil\r\nContent-Length: 4\r\n\r\n", b"415"),
+    (b"5\r\n" + PICTURE + b"\r\n0\r\n\r\n", b"400"), (b"6 \r\n" + PICTURE + b"\r\n0\r\n\r\n", b"400"),
+    (b"fffffffffffffffff\r\n" + PICTURE, b"413")], ids=["extension", "trailer", "longer", "blank", "huge"])
+def test_chunks_with_more_than_their_size(daemon, body, status):
+    answer = raw(daemon, POST + b"Transfer-Encoding: chunked\r\nConnection: close\r\n\r\n" + body)
+    assert statuses(answer) == [status], answer
+
+
+def test_a_chunk_that_never_ends_is_limited_by_the_body(make_daemon):
+    small = make_daemon("--max-body-bytes", "100K", "--refuse-drain-bytes", "100K")
+    answer = raw(small, POST + b"Transfer-Encoding: chunked\r\n\r\n7fffffffffffffff\r\n" + b"0 0 0\n" * 60000)
+    assert statuses(answer) in ([], [b"413"])  # nothing: it was cut off while it still sent
+    wait_until(lambda: small.leftovers() == [], "the upload's end")
+
+
 @pytest.mark.parametrize("body", [b"zz\r\n", b"5\r\nabc", b"-1\r\n\r\n", b"ffffffffffffffffff\r\n", b"0x5\r\nabcde\r\n0\r\n\r\n"])
 def test_malformed_chunks(daemon, body):
     with socket.create_connection(("127.0.0.1", daemon.port), timeout=60) as connection:
@@ -112,7 +151,8 @@ def test_odd_first_lines_do_no_harm(daemon, request_line):
 
 @pytest.mark.parametrize("path", ["/v1/%2e%2e/v1/info", "/v1/../v1/info", "//v1/info", "/v1//info", "/v1/info/",
                                   "/v1%2finfo%2f", "/.%2e/etc/passwd", "/v1/info%0d%0aX:%20y", "/%", "/%zz", "/v1/info%20",
-                                  "/" + "a/" * 2000, "/\\..\\"])
+                                  "/" + "a/" * 2000, "/\\..\\", "/v1/%c0%ae%c0%ae/v1/info", "/v1%c0%afinfo", "/v1/\udcff",
+                                  "/v1/jobs/..%2f..%2fwhittled.db"])
 def test_paths_are_matched_and_nothing_else(daemon, path):
     reply = daemon.curl(path, "--path-as-is", "--globoff")
     assert (reply.status, reply.slug) == (404, "no-such-resource")
@@ -152,6 +192,13 @@ def test_a_body_where_none_is_taken_is_read_away(daemon):
 
 
 # ---------------------------------------------------------------------------------------------- early refusals
+
+def test_who_waits_for_100_is_refused_instead(daemon):
+    head = b"POST /v1/jobs?ratio=9 HTTP/1.1\r\nHost: a\r\nContent-Length: 100\r\nExpect: 100-continue\r\n\r\n"
+    answer = raw(daemon, head)
+    assert statuses(answer) == [b"400"] and b"onnection: close" in answer
+    assert statuses(raw(daemon, head + SMUGGLED)) == [b"400"]  # who doesn't wait isn't heard either
+
 
 CASES = [("/v1/jobs?ratio=9", "text/plain", 400), ("/v1/jobs", "image/png", 415), ("/nowhere", "text/plain", 404)]
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Every limit of /v1/info can be reached, and says so."""
+import gzip
 import hashlib
 import re
 import socket
@@ -102,6 +103,52 @@ def test_bytes_are_counted_where_no_length_is_told(shared):
     reply = daemon.post("/v1/jobs", SMALL, "-H", "Authorization: Bearer a", "-H", "Transfer-Encoding: chunked")
     assert (reply.status, reply.slug) == (429, "rate-limited")
     assert daemon.leftovers() == []
+
+
+def tus(daemon, method, path, *headers, data=b""):
+    lines = [part for header in ("Tus-Resumable: 1.0.0", "Authorization: Bearer a", *headers) for part in ("-H", header)]
+    if method == "PATCH":
+        lines += ["-H", "Content-Type: application/offset+octet-stream"]
+    return daemon.post(path, data, *lines, "-X", method)
+
+
+def test_clouds_without_a_length_count_too(shared):
+    daemon = shared("--principal-bytes", "1K")
+    reply = daemon.post("/v1/clouds", SMALL, "-H", "Authorization: Bearer a", "-H", "Transfer-Encoding: chunked")
+    assert (reply.status, reply.slug) == (429, "rate-limited")
+    packed = daemon.post("/v1/clouds", gzip.compress(b"0 0 0\n" * 1000), "-H", "Authorization: Bearer a", "-H",
+                         "Content-Encoding: gzip")
+    assert (packed.status, packed.slug) == (429, "rate-limited")
+    assert not list((daemon.data / "clouds").iterdir()) and daemon.leftovers() == []
+
+
+def test_resumable_uploads_count_with_what_they_will_have(shared):
+    daemon = shared("--principal-bytes", "10K")
+    first = tus(daemon, "POST", "/v1/uploads", f"Upload-Length: {len(SMALL)}")
+    assert first.status == 201
+    path = first.headers["location"]
+    for refused in (tus(daemon, "POST", "/v1/uploads", "Upload-Length: 2000"), post(daemon, "a", SMALL)):
+        assert (refused.status, refused.slug, refused.json["limit"]) == (429, "rate-limited", 10240)
+    assert post(daemon, "b", SMALL).status == 201
+    assert tus(daemon, "PATCH", path, "Upload-Offset: 0", data=SMALL[:5000]).status == 204  # its own bytes are within
+    assert tus(daemon, "PATCH", path, "Upload-Offset: 5000", data=SMALL[5000:]).status == 204
+    assert tus(daemon, "POST", "/v1/uploads", "Upload-Length: 2000").slug == "rate-limited"  # a cloud now
+    assert tus(daemon, "POST", "/v1/uploads", "Upload-Length: 1000").status == 201
+
+
+def test_resumable_uploads_of_no_known_length_count_with_what_has_come(shared):
+    daemon = shared("--principal-bytes", "4K")
+    path = tus(daemon, "POST", "/v1/uploads", "Upload-Defer-Length: 1").headers["location"]
+    assert tus(daemon, "PATCH", path, "Upload-Offset: 0", data=SMALL[:3000]).status == 204
+    assert tus(daemon, "PATCH", path, "Upload-Offset: 3000", data=SMALL[3000:]).slug == "rate-limited"
+    assert tus(daemon, "PATCH", path, "Upload-Offset: 3000", f"Upload-Length: {len(SMALL)}").slug == "rate-limited"
+    rest = tus(daemon, "PATCH", path, "Upload-Offset: 3000", "Transfer-Encoding: chunked", data=SMALL[3000:])
+    assert rest.slug == "rate-limited"  # nobody knew how much it would be ...
+    assert tus(daemon, "PATCH", path, f"Upload-Offset: {len(SMALL)}", "Upload-Length: 8548").slug == "rate-limited"
+    assert "whittle-cloud" not in daemon.curl(path, "-H", "Authorization: Bearer a").headers  # ... and becomes no cloud
+    assert not list((daemon.data / "clouds").iterdir())
+    assert tus(daemon, "DELETE", path).status == 204
+    assert tus(daemon, "POST", "/v1/uploads", "Upload-Length: 4096").status == 201
 
 
 # ---------------------------------------------------------------------------------------------- connections

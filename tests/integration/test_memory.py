@@ -1,7 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Memory and points: what can't fit is refused before its body, what can't run now waits."""
+import gzip
+import os
 import re
 import struct
+
+import pytest
 
 from conftest import SMALL, process_lives, sphere
 
@@ -80,11 +84,49 @@ def test_jobs_that_do_not_fit_together_wait(make_daemon, large):
     assert order[:2] == [first, first], "the second began while the first ran"
 
 
-def test_a_prediction_that_was_wrong_says_so(make_daemon, tmp_path):
-    worker = tmp_path / "worker"
+def packed_ply(points):
+    """Compressed, with a header that can be believed and a body that never comes whole."""
+    return gzip.compress(ply_header(points) + os.urandom(200000))
+
+
+def test_what_is_compressed_is_looked_into(make_daemon):
+    daemon = make_daemon("--job-memory", "400M", "--worker-sandbox=off", "--max-points", "20000000")
+    for body in (packed_ply(10_000_000), packed_ply(10_000_000)[:70000]):
+        reply = daemon.post("/v1/jobs?ratio=0.1", body)
+        assert (reply.status, reply.slug) == (413, "would-exceed-memory")
+        assert reply.json["actual"] > 10_000_000 * 50
+    assert daemon.post("/v1/clouds", packed_ply(20_000_001)).slug == "too-many-points"
+    assert daemon.leftovers() == []
+
+
+def failing_worker(folder):
+    worker = folder / "worker"
     worker.write_text("#!/bin/sh\necho 'failed no-memory 0 - knn no memory for the tree' >&3\nexit 71\n")
     worker.chmod(0o755)
-    daemon = make_daemon("--worker", worker, "--worker-sandbox=off", "--job-memory", "300M")
-    problem = daemon.ended(daemon.submit(SMALL))["problem"]
-    assert problem["type"] == "/problems/out-of-memory" and problem["detail"] == "no memory for the tree"
-    assert 0 < problem["predicted_bytes"] < problem["limit"] and problem["used_bytes"] > 0
+    return worker
+
+
+@pytest.mark.parametrize("pack", [bytes, gzip.compress], ids=["plain", "gzip"])
+def test_a_prediction_that_was_wrong_says_so_and_what_would_fit(make_daemon, tmp_path, pack):
+    daemon = make_daemon("--worker", failing_worker(tmp_path), "--worker-sandbox=off", "--job-memory", "300M")
+    cloud = pack(ply(200000))
+    job = daemon.ended(daemon.submit(cloud, "?ratio=0.9&outputs=mesh"))
+    problem = job["problem"]
+    assert problem["type"] == "/problems/out-of-memory"
+    assert 0 < problem["predicted_bytes"] < problem["limit"] == 300 << 20 and problem["used_bytes"] > 0
+    said = re.fullmatch(r"no memory for the tree: (\d+) MiB were predicted, \d+ MiB used, 300 MiB of address space "
+                        r"allowed; (ratio=(0\.\d+) would fit)", problem["detail"])
+    assert int(said[1]) == problem["predicted_bytes"] >> 20 and said[2] == problem["hint"]
+    # With that ratio, a quarter less is predicted.
+    again = daemon.ended(daemon.submit(cloud, f"?ratio={said[3]}&outputs=mesh"))["problem"]
+    assert 0.6 < again["predicted_bytes"] / problem["predicted_bytes"] <= 0.751
+
+
+def test_texts_are_predicted_too(make_daemon, tmp_path):
+    daemon = make_daemon("--worker", failing_worker(tmp_path), "--worker-sandbox=off", "--job-memory", "3G")
+    cloud = sphere(100000)
+    plain, packed = (daemon.ended(daemon.submit(body))["problem"]["predicted_bytes"]
+                     for body in (cloud, gzip.compress(cloud)))
+    assert 0.7 < packed / plain < 1.4
+    nothing_known = daemon.ended(daemon.submit(b"OFF\n1 0 0\n0 0 0\n"))["problem"]
+    assert nothing_known["hint"] and nothing_known["detail"].endswith(nothing_known["hint"])

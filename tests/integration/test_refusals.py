@@ -2,14 +2,13 @@
 """Everything that a client can do wrong is answered with a problem document, and leaves nothing behind."""
 import gzip
 import http.client
-import os
 import pathlib
 import socket
 import subprocess
 
 import pytest
 
-from conftest import SMALL, sphere, wait_until
+from conftest import SANITIZED, SMALL, sphere, wait_until
 
 FIXTURES = pathlib.Path(__file__).parent.parent / "fixtures"
 
@@ -262,8 +261,7 @@ def test_a_disk_without_room(make_daemon):
     assert daemon.curl("/readyz").status == 507
 
 
-@pytest.mark.skipif("asan" in os.environ.get("WHITTLE_BUILD", "") or "tsan" in os.environ.get("WHITTLE_BUILD", ""),
-                    reason="sanitizers reserve address space")
+@pytest.mark.skipif(SANITIZED, reason="sanitizers reserve address space")
 def test_a_job_that_needs_too_much_memory(make_daemon):
     daemon = make_daemon("--job-memory", "160M")
     reply = daemon.post("/v1/simplify?output=mesh", sphere(300000))

@@ -13,7 +13,7 @@ import pytest
 import conftest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-RELEASE_BUILD = not re.search("asan|tsan", str(conftest.BUILD))
+RELEASE_BUILD = not conftest.SANITIZED
 needs_dpkg = pytest.mark.skipif(not shutil.which("dpkg-query"), reason="dpkg is not installed")
 needs_bash = pytest.mark.skipif(not shutil.which("bash"), reason="bash is not installed")
 

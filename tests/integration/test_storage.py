@@ -1,29 +1,51 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Disks that fill, and files that grow too long: in uploads, in jobs, in the database."""
 import os
+import pathlib
 import subprocess
 
 import pytest
 
 from conftest import SMALL, Daemon, sphere
 
-SMALL_DISK = "mount -t tmpfs -o size=1500k whittled \"$DATA\" && exec \"$@\""
+SMALL_DISK = "mount -t tmpfs -o size=$SIZE whittled \"$DATA\" && exec \"$@\""
+
+
+def on_a_disk_of(size, tmp_path, *flags):
+    """A daemon whose data folder is a file system that it alone sees."""
+    data = tmp_path / "data"
+    data.mkdir()
+    prefix = ["unshare", "--mount", *([] if os.geteuid() == 0 else ["--map-root-user"]),
+              "env", f"DATA={data}", f"SIZE={size}", "sh", "-c", SMALL_DISK, "sh"]
+    if subprocess.run([*prefix, "true"], capture_output=True, check=False).returncode:
+        pytest.skip("mounting a file system of one's own isn't allowed here")
+    daemon = Daemon(tmp_path, *flags)
+    daemon.prefix = prefix
+    try:
+        yield daemon.start()
+    finally:
+        daemon.stop()
+        print(daemon.log_text())
 
 
 @pytest.fixture(name="cramped")
 def make_cramped(tmp_path):
-    """A daemon whose data folder is a file system of 1.5 MB that it alone sees."""
-    data = tmp_path / "data"
-    data.mkdir()
-    prefix = ["unshare", "--mount", *([] if os.geteuid() == 0 else ["--map-root-user"]),
-              "env", f"DATA={data}", "sh", "-c", SMALL_DISK, "sh"]
-    if subprocess.run([*prefix, "true"], capture_output=True, check=False).returncode:
-        pytest.skip("mounting a file system of one's own isn't allowed here")
-    daemon = Daemon(tmp_path, "--min-free", "0")
-    daemon.prefix = prefix
-    yield daemon.start()
-    daemon.stop()
-    print(daemon.log_text())
+    yield from on_a_disk_of("1500k", tmp_path, "--min-free", "0")
+
+
+@pytest.fixture(name="reserved")
+def make_reserved(tmp_path):
+    yield from on_a_disk_of("8M", tmp_path, "--min-free", "4M", "--principal-bytes", "0")
+
+
+def inside(daemon):
+    """The data folder as the daemon sees it."""
+    return pathlib.Path(f"/proc/{daemon.process.pid}/root{daemon.data}")
+
+
+def free_bytes(daemon):
+    figures = os.statvfs(inside(daemon))
+    return figures.f_bavail * figures.f_frsize
 
 
 def test_a_disk_that_fills_during_the_upload(cramped):
@@ -44,6 +66,40 @@ def test_a_disk_that_fills_during_the_job(cramped):
     assert "No space left on device" in problem["detail"]
     assert cramped.curl(f"/v1/jobs/{job_id}", "-X", "DELETE").status == 200
     assert cramped.post("/v1/simplify?ratio=0.5", SMALL).status == 200
+
+
+def test_a_full_disk_is_not_ready(cramped):
+    assert cramped.curl("/readyz").status == 200
+    filler = inside(cramped) / "filler"
+    with pytest.raises(OSError), open(filler, "wb", buffering=0) as file:
+        while True:
+            file.write(bytes(4096))
+    reply = cramped.curl("/readyz")
+    assert (reply.status, reply.slug) == (507, "storage-full")
+    assert cramped.post("/v1/jobs", SMALL).slug == "storage-full"
+    assert cramped.curl("/healthz").status == 200
+    filler.unlink()
+    assert cramped.curl("/readyz").status == 200
+    assert cramped.ended(cramped.submit(SMALL))["status"] == "successful"
+
+
+TUS = ("-H", "Tus-Resumable: 1.0.0")
+
+
+def test_what_is_to_stay_free_stays_free_while_bodies_of_no_known_length_come(reserved):
+    cloud = sphere(250000)  # 7 MB
+    chunked = ("-H", "Transfer-Encoding: chunked")
+    for path in ("/v1/jobs", "/v1/clouds"):
+        reply = reserved.post(path, cloud, *chunked)
+        assert (reply.status, reply.slug) == (507, "storage-full")
+    upload = reserved.curl("/v1/uploads", "-X", "POST", *TUS, "-H", "Upload-Defer-Length: 1").headers["location"]
+    piece = ("-H", "Content-Type: application/offset+octet-stream", "-H", "Upload-Offset: 0", "-X", "PATCH")
+    reply = reserved.post(upload, cloud, *TUS, *piece, *chunked)
+    assert (reply.status, reply.slug) == (507, "storage-full")
+    assert 2 << 20 < free_bytes(reserved) < 5 << 20  # what came is kept, and the rest is free
+    assert reserved.post(upload, cloud, *TUS, *piece).slug == "storage-full"  # refused by its length
+    assert reserved.curl(upload, "-X", "DELETE", *TUS).status == 204
+    assert reserved.ended(reserved.submit(SMALL))["status"] == "successful"
 
 
 def test_a_file_longer_than_a_job_may_write(make_daemon):

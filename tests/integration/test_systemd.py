@@ -62,12 +62,10 @@ class Unit(conftest.Daemon):
     """A whittled that is started the way a manager does it."""
 
     def launch(self, environment=None, prefix=(), flags=(), pass_fds=()):
-        sanitized = re.search("asan|tsan", str(conftest.BUILD))
-        unlimited = ("--job-memory", "1024T", "--worker-sandbox=off") if sanitized else ()
         with open(self.log, "ab") as log:
             self.process = subprocess.Popen(
                 [*map(str, prefix), str(conftest.BUILD / "whittled"), "--data", str(self.data), "--admin-listen",
-                 "127.0.0.1:0", *unlimited, *flags],
+                 "127.0.0.1:0", *conftest.UNLIMITED, *flags],
                 stdout=subprocess.PIPE, stderr=log, text=True, pass_fds=pass_fds,
                 env=dict(os.environ, **(environment or {})))
         return self
@@ -150,6 +148,30 @@ def test_the_watchdog_starves_when_the_queue_is_broken(unit, manager):
             with open(path, "r+b") as file:
                 file.write(os.urandom(path.stat().st_size))
     conftest.wait_until(lambda: "its watchdog isn't fed" in unit.log_text(), "the starved watchdog")
+
+
+def test_the_watchdog_starves_when_the_supervisor_hangs(unit, manager):
+    unit.launch({"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "200000"},
+                flags=("--listen", "127.0.0.1:0", "--fault", "commit=hang:3"))  # the schema's, the job's, its claim's
+    unit.answered()
+    manager.hear_until("WATCHDOG=1")
+    job = unit.submit(conftest.SMALL)
+
+    def is_silent():
+        manager.silence()
+        manager.socket.settimeout(4)
+        try:
+            return not manager.hear()
+        except TimeoutError:
+            return True
+    conftest.wait_until(is_silent, "the end of the feeding")
+    assert unit.curl("/healthz").status == 200  # only who asks the supervisor can know
+    for _ in range(2):
+        unit.process.send_signal(signal.SIGTERM)
+        conftest.wait_until(lambda: "draining" in unit.log_text(), "the drain")
+    assert unit.process.wait(conftest.PATIENCE_S) == 128 + signal.SIGTERM
+    unit.launch(flags=("--listen", "127.0.0.1:0")).answered()
+    assert unit.ended(job)["status"] == "successful"
 
 
 def activate(unit, inherited, environment, *flags):

@@ -56,6 +56,32 @@ def test_options(daemon):
     assert set(reply.headers["tus-checksum-algorithm"].split(",")) == {"sha1", "sha256"}
 
 
+@pytest.mark.parametrize("last", ["GET", "DELETE"])
+def test_an_upload_that_becomes_a_cloud_is_asked_for_meanwhile(daemon, last):
+    """Whoever comes first makes the cloud; the others find it, or, after a DELETE, nothing."""
+    data = SMALL * 1000
+    path = create(daemon, len(data))
+    assert patch(daemon, path, 0, data[:-100]).status == 204
+    ended, seen = threading.Event(), []
+
+    def ask():
+        while not ended.is_set():
+            seen.append(daemon.curl(path).status)
+    askers = [threading.Thread(target=ask) for _ in range(3)]
+    for asker in askers:
+        asker.start()
+    sender = threading.Thread(target=lambda: seen.append(patch(daemon, path, len(data) - 100, data[-100:]).status))
+    sender.start()
+    wait_until(lambda: daemon.curl(path).json.get("offset") == len(data) or not sender.is_alive(), "the last byte")
+    seen.append(daemon.curl(path, "-X", last, *TUS).status)
+    sender.join()
+    ended.set()
+    for asker in askers:
+        asker.join()
+    assert set(seen) <= ({200, 204} if last == "GET" else {200, 204, 404}), seen
+    assert parts(daemon) == []
+
+
 def test_piece_by_piece_to_a_job(daemon):
     path = create(daemon, len(SMALL), *headers(Upload_Metadata="filename YS54eXo=,empty"))
     for start in range(0, len(SMALL), 1000):

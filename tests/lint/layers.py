@@ -72,7 +72,7 @@ def problems_of(path):
 def main():
     found = 0
     files = [p for top in ("core", "api", "server", "tests") for p in sorted(pathlib.Path(top).rglob("*.[ch]*"))
-             if p.suffix in (".c", ".h", ".cc")]
+             if p.suffix in (".c", ".h", ".cc") and "node_modules" not in p.parts]
     for path in files:
         for problem in problems_of(path):
             print(f"{path}: {problem}")

@@ -1,48 +1,33 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A whittled of one's own, under load: starting it, talking to it over sockets and http.client, and its figures."""
+"""A whittled of one's own, under load: its figures, and the clouds that are sent to it."""
 import hashlib
 import http.client
 import json
 import os
 import pathlib
 import re
-import signal
 import socket
 import struct
-import subprocess
+import sys
 import time
 
-PATIENCE_S = 600
+sys.path.insert(0, str(pathlib.Path(__file__).parent.parent / "integration"))
+from conftest import PATIENCE_S, Daemon  # noqa: E402
+
 VERTEX = struct.Struct("<fff")
+UNLIMITED = ("--max-queue", "100000", "--max-connections", "4000", "--connections-per-address", "4000",
+             "--header-timeout", "1h", "--idle-timeout", "1h", "--min-upload-rate", "0", "--min-free", "0")
 
 
-class Service:
+class Service(Daemon):
     """Limits are set out of the way: it is the load that is looked at."""
 
-    def __init__(self, build, folder, *flags):
-        self.data = pathlib.Path(folder) / "data"
-        self.log = pathlib.Path(folder) / "log"
-        sanitized = re.search("asan|tsan", str(build))
-        unlimited = ("--job-memory", "1024T", "--worker-sandbox=off") if sanitized else ()
-        with open(self.log, "ab") as log:
-            self.process = subprocess.Popen(
-                [pathlib.Path(build) / "whittled", "--listen", "127.0.0.1:0", "--data", self.data, "--max-queue", "100000",
-                 "--max-connections", "4000", "--connections-per-address", "4000", "--header-timeout", "1h",
-                 "--idle-timeout", "1h", "--min-upload-rate", "0", "--min-free", "0", *unlimited, *flags],
-                stdout=subprocess.PIPE, stderr=log, text=True)
-        self.port = self.read_port("listening on http://")
-        self.admin_port = self.read_port("health and metrics on http://")
-
-    def read_port(self, words):
+    def __init__(self, folder, *flags):
+        super().__init__(pathlib.Path(folder), *UNLIMITED, *flags)
+        self.start()
         line = self.process.stdout.readline()
-        if not line.startswith(words):
-            raise RuntimeError(f"{line!r}: {self.log.read_text()[-2000:]}")
-        return int(line.rsplit(":", 1)[1])
-
-    def stop(self):
-        if self.process.poll() is None:
-            self.process.send_signal(signal.SIGTERM)
-        return self.process.wait(PATIENCE_S)
+        assert line.startswith("health and metrics on http://"), line
+        self.admin_port = int(line.rsplit(":", 1)[1])
 
     def connect(self):
         return socket.create_connection(("127.0.0.1", self.port), timeout=PATIENCE_S)
@@ -50,31 +35,29 @@ class Service:
     def client(self):
         return http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)
 
-    def ask(self, method, path, body=None, client=None, headers=None):
-        """(status, headers, body) of one request."""
-        own = client or self.client()
-        own.request(method, path, body=body, headers=headers or {})
-        reply = own.getresponse()
-        answer = reply.status, dict(reply.getheaders()), reply.read()
-        if not client:
-            own.close()
-        return answer
-
-    def document(self, path, method="GET"):
-        return json.loads(self.ask(method, path)[2])
+    def document(self, path):
+        return json.loads(self.request("GET", path)[2])
 
     def metrics(self):
-        text = self.ask("GET", "/metrics")[2].decode()
+        text = self.request("GET", "/metrics")[2].decode()
         return {m[1]: float(m[2]) for m in re.finditer(r"^(whittled_\S+(?:\{.*\})?) (\S+)$", text, re.M)}
 
-    def wait_for(self, condition, what):
-        end = time.monotonic() + PATIENCE_S
-        while time.monotonic() < end:
-            answer = condition()
-            if answer:
-                return answer
-            time.sleep(0.02)
-        raise RuntimeError(f"{what} did not come")
+    def connections(self):
+        return self.metrics()["whittled_http_connections"]
+
+    def unfinished(self):
+        metrics = self.metrics()
+        return sum(metrics[f'whittled_jobs{{state="{state}"}}'] for state in ("accepted", "running"))
+
+    def finish_jobs(self):
+        """Waits for the end of all jobs, as long as some end."""
+        left, since = self.unfinished(), time.monotonic()
+        while left:
+            time.sleep(0.2)
+            now = self.unfinished()
+            if now < left:
+                left, since = now, time.monotonic()
+            assert time.monotonic() - since < PATIENCE_S, f"none of {left} jobs ends"
 
     # ------------------------------------------------------------------------------------------ figures
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Mixed traffic for a time, with workers killed at random; nothing may grow: memory, descriptors, processes, disk.
 
-Usage: soak.py BUILD [--seconds 3600] [--seed 1]
+Usage: WHITTLE_BUILD=FOLDER soak.py [--seconds 3600] [--seed 1]
 
 Each round sends jobs, one-shots, listeners, downloads, uploads that are cut off and requests that are wrong, kills a
 worker now and then, and deletes what it has made.  Figures are taken between rounds, when nothing is under way; those of
@@ -20,8 +20,8 @@ import threading
 import time
 
 sys.path.insert(0, str(pathlib.Path(__file__).parent))
-from load import sphere  # noqa: E402
-from service import Service  # noqa: E402
+from service import Service  # noqa: E402  (it knows where conftest is)
+from conftest import sphere, wait_until  # noqa: E402
 
 MEMORY_GROWTH, DESCRIPTOR_GROWTH = 24 << 20, 8
 
@@ -39,13 +39,13 @@ class Soak:
         return sphere(points, self.number % 100000)
 
     def submit(self):
-        status, _, body = self.service.ask("POST", "/v1/jobs?outputs=cloud,mesh", self.another(self.chance.choice([30, 300, 3000])))
+        status, _, body = self.service.request("POST", "/v1/jobs?outputs=cloud,mesh", self.another(self.chance.choice([30, 300, 3000])))
         assert status == 201, body
         self.note("job")
         return json.loads(body)["id"]
 
     def one_shot(self):
-        status, _, body = self.service.ask("POST", "/v1/simplify", self.another(200))
+        status, _, body = self.service.request("POST", "/v1/simplify", self.another(200))
         assert status == 200 or b"worker-crashed" in body, body
         self.note("one-shot")
 
@@ -64,8 +64,8 @@ class Soak:
 
     def wrong(self):
         for path, status in (("/nowhere", 404), ("/v1/jobs?ratoi=1", 400), ("/v1/jobs/x", 404)):
-            assert self.service.ask("GET", path)[0] == status
-        assert self.service.ask("POST", "/v1/jobs", b"\x89PNG\r\n\x1a\n" + bytes(5000))[0] == 415
+            assert self.service.request("GET", path)[0] == status
+        assert self.service.request("POST", "/v1/jobs", b"\x89PNG\r\n\x1a\n" + bytes(5000))[0] == 415
         self.note("wrong")
 
     def listen(self, job):
@@ -78,9 +78,9 @@ class Soak:
         self.note("listener")
 
     def download(self, job):
-        status, _, body = self.service.ask("GET", f"/v1/jobs/{job}/outputs/cloud.ply")
+        status, _, body = self.service.request("GET", f"/v1/jobs/{job}/outputs/cloud.ply")
         if status == 200:
-            part = self.service.ask("GET", f"/v1/jobs/{job}/outputs/cloud.ply", headers={"Range": "bytes=3-50"})
+            part = self.service.request("GET", f"/v1/jobs/{job}/outputs/cloud.ply", headers={"Range": "bytes=3-50"})
             assert part[0] == 206 and part[2] == body[3:51]
             self.note("download")
 
@@ -107,19 +107,15 @@ class Soak:
         finally:
             ended.set()
             killer.join()
-        self.service.wait_for(self.alone, "the end of all connections")
-        self.service.wait_for(lambda: not self.pending(), "the end of all jobs")
+        wait_until(self.alone, "the end of all connections")
+        self.service.finish_jobs()
         for job in self.service.document("/v1/jobs?limit=500")["jobs"]:
             self.download(job["id"])
-            assert self.service.ask("DELETE", f"/v1/jobs/{job['id']}")[0] == 200
-        self.service.wait_for(self.alone, "the end of all connections")
+            assert self.service.request("DELETE", f"/v1/jobs/{job['id']}")[0] == 200
+        wait_until(self.alone, "the end of all connections")
 
     def alone(self):
-        return self.service.metrics()["whittled_http_connections"] <= 1
-
-    def pending(self):
-        metrics = self.service.metrics()
-        return any(metrics[f'whittled_jobs{{state="{state}"}}'] for state in ("accepted", "running"))
+        return self.service.connections() <= 1
 
     def figures(self):
         return {"resident": self.service.resident(), "descriptors": self.service.descriptors(),
@@ -132,9 +128,9 @@ def check(first, last):
     return [f"{name}: {first[name]} -> {last[name]}" for name, more in allowed.items() if last[name] > first[name] + more]
 
 
-def run(build, folder, seconds, seed):
+def run(folder, seconds, seed):
     """Returns what has grown, and the figures before and after."""
-    service = Service(build, folder, "--workers", "2")
+    service = Service(folder, "--workers", "2")
     soak, begin, first, rounds = Soak(service, seed), time.monotonic(), None, 0
     try:
         while first is None or time.monotonic() - begin < seconds:
@@ -145,18 +141,17 @@ def run(build, folder, seconds, seed):
         last = soak.figures()
     finally:
         status = service.stop()
-    assert status == 0, service.log.read_text()[-2000:]
+    assert status == 0, service.log_text()[-2000:]
     return check(first, last), {"rounds": rounds, "done": soak.count, "first": first, "last": last}
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("build")
     parser.add_argument("--seconds", type=float, default=3600)
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        grown, figures = run(args.build, folder, args.seconds, args.seed)
+        grown, figures = run(folder, args.seconds, args.seed)
     print(json.dumps(figures, indent=1))
     print("; ".join(grown) or "nothing has grown")
     sys.exit(bool(grown))

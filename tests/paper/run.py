@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The evaluation of Lee and Jong's "Point-based Simplification Algorithm", made again with whittle.
 
-Usage: run.py [--build build/release] [--models horse,venus,armadillo,bunny00] [-o out/paper]
+Usage: run.py [--build build/release] [--models horse,venus,armadillo,bunny00] [--parts table_2,figure_8] [-o out/paper]
 
 Writes out/paper.md, out/paper.html and the pictures that they show, in out/paper/.  Its tables and figures are the
 paper's: the time of the discrete shape operator (DSO, table 1), simplifying first against reconstructing first (table
@@ -12,6 +12,7 @@ defaults.
 SPDX-License-Identifier: GPL-3.0-or-later
 """
 import argparse
+import collections
 import math
 import pathlib
 import statistics
@@ -25,7 +26,7 @@ import draw
 import models
 import words
 from page import Page
-from programs import Failed, Made, Programs, best, work_ms
+from programs import NOT_TO_RECONSTRUCT, Failed, Made, Programs, best
 
 # What the paper prints, of its figure 7; errors relative to the diagonal.
 PAPER_POINTS = {"horse": (9697, 4848, 2424), "santa": (15156, 7578, 3789), "venus": (10000, 5000, 2500)}
@@ -36,10 +37,20 @@ KEPT = (0.2, 0.1, 0.05)
 KEPT_IN_TABLE_2 = (0.4, 0.3, 0.2, 0.1)
 REPEATS = 3
 
+
+# Table 2: how whittle goes about it, what it is held against, and by which clock.
+OURS = {"S": ("--refine", "none"), "S refined": ()}
+REFERENCES = ("R", "peers")
+WAYS = (*OURS, *REFERENCES)
+ALL_THREADS, ONE_THREAD = (), ("--threads", 1)
+CLOCKS = {"all threads, wall time": (ALL_THREADS, "ms"), "all threads, processor time": (ALL_THREADS, "processor_ms"),
+          "one thread each, wall time": (ONE_THREAD, "ms"),
+          "one thread each, processor time": (ONE_THREAD, "processor_ms")}
+Case = collections.namedtuple("Case", "points made errors")  # made: {threads: {way: Made}}; errors: {way: mean}
+
 LITERAL = ("--dso", "sum", "--dso_exponent", 1, "--area_weight", "unit", "--line_quadric", 0, "--cocone", "literal",
            "--refine", "none")
 SETTINGS = {"the paper's formulas": LITERAL, "whittle": ()}
-ONE_THREAD = ("--threads", 1)
 
 
 def log(text):
@@ -62,17 +73,17 @@ def percent(ratio):
     return f"{100 * ratio:g} %"
 
 
-def improvement(ways, way, against="R"):
-    """(time_R - time_S) / time_R in %."""
-    return 100 * (ways[against][1] - ways[way][1]) / ways[against][1]
+def seconds(case, clock, way):
+    threads, figure = CLOCKS[clock]
+    return getattr(case.made[threads][way], figure) / 1e3
 
 
-def row_of_table_2(model, ratio, ways):
-    seconds = {way: f"{w[1]:.2f}" for way, w in ways.items()}
-    errors = {way: f"{1e4 * w[2]:.2f}" for way, w in ways.items()}
-    better = {way: f"{improvement(ways, way):.1f} %" for way in ways}
-    return [model.name, percent(ratio), ways["S"][0], seconds["S"], seconds["R"], better["S"], errors["S"], errors["R"],
-            seconds["refined"], better["refined"], errors["refined"], seconds["peers"]]
+def improvements(clock, cases):
+    """Means of (time_R - time_S) / time_R in %: a row of table 2's summary."""
+    def one(case, way, other):
+        return 100 * (1 - seconds(case, clock, way) / seconds(case, clock, other))
+    return [clock, *(f"{statistics.fmean(one(case, way, other) for case in cases):.1f} %"
+                     for other in REFERENCES for way in OURS)]
 
 
 class Evaluation:
@@ -82,7 +93,7 @@ class Evaluation:
         self.programs = Programs(build, "out/paper-work")
         self.pictures = pathlib.Path(stem)
         self.pictures.mkdir(parents=True, exist_ok=True)
-        self.full = {}  # reconstructions of all points, by model
+        self.full = {}  # reconstructions of all points, by model and threads
         self.front = {}  # the same by CGAL's advancing front
         self.page = Page("Lee and Jong's evaluation, again")
 
@@ -112,56 +123,74 @@ class Evaluation:
     def table_2(self, chosen):
         """Simplify first, or reconstruct first."""
         self.page.heading("Table 2: simplify first, or reconstruct first")
-        rows, ways = [], []
+        cases = {}
         for model in chosen:
             for ratio in KEPT_IN_TABLE_2:
                 log(f"{model.name} {percent(ratio)}: table 2")
-                ways.append(self.both_ways(model, ratio))
-                rows.append(row_of_table_2(model, ratio, ways[-1]))
-        self.page.table(["model", "kept", "points", "time_S (s)", "time_R (s)", "improvement", "error S", "error R",
-                         "S refined (s)", "improvement", "error", "peers (s)"], rows)
-        self.discuss_table_2(ways)
+                cases[model.name, ratio] = self.all_ways(model, ratio)
+        self.page.text(words.TABLE_2.format(repeats=REPEATS))
+        for clock in CLOCKS:
+            self.page.text(f"Seconds, {clock}:")
+            self.page.table(["model", "kept", *WAYS],
+                            [[name, percent(ratio), *(f"{seconds(case, clock, way):.3f}" for way in WAYS)]
+                             for (name, ratio), case in cases.items()])
+        self.page.table(["mean improvement", *(f"{way} against {other}" for other in REFERENCES for way in OURS)],
+                        [*(improvements(clock, cases.values()) for clock in CLOCKS),
+                         ["the paper", f"{PAPER_IMPROVEMENT} %", "-", "-", "-"]])
+        self.page.text(words.TABLE_2_IMPROVEMENT)
+        self.page.table(["mean error", "kept", "points", *WAYS],
+                        [[name, percent(ratio), case.points, *(f"{1e4 * case.errors[way]:.2f}" for way in WAYS)]
+                         for (name, ratio), case in cases.items()])
+        losses = {way: statistics.geometric_mean(c.errors[way] / c.errors["R"] for c in cases.values()) for way in WAYS}
+        self.page.text(words.TABLE_2_ERRORS.format(loss=losses["S"], refined=losses["S refined"],
+                                                   peers=losses["peers"]))
 
-    def both_ways(self, model, ratio):
-        """{way: (points, seconds, mean error)} of S, R, S refined and the fastest of the peers."""
-        count = math.floor(ratio * model.points)
-        options = ("--ratio", ratio, *ONE_THREAD)
-        ways = {"S": lambda: self.programs.mesh(model.cloud, *options, "--refine", "none", name="S"),
-                "R": lambda: self.programs.peer("surface_cgal", "garland-heckbert", self.full_mesh(model), count),
-                "refined": lambda: self.programs.mesh(model.cloud, *options, name="refined"),
-                "peers": lambda: self.fastest_of_peers(model, count)}
-        made = {way: best(make, REPEATS) for way, make in ways.items()}
-        return {way: (m.points, m.ms / 1000, self.programs.measure(m.path, model.mesh).mean) for way, m in made.items()}
+    def all_ways(self, model, ratio):
+        """One case of table 2."""
+        collapsed = self.collapses(model, math.floor(ratio * model.points))
+        made = {threads: {**self.simplify_first(model, ratio, threads),
+                          **self.reconstruct_first(model, threads, collapsed)}
+                for threads in (ALL_THREADS, ONE_THREAD)}
+        ways = made[ALL_THREADS]
+        errors = {way: self.programs.measure(ways[way].path, model.mesh).mean for way in WAYS}
+        return Case(ways["S"].points, made, errors)
 
-    def full_mesh(self, model):
+    def simplify_first(self, model, ratio, threads):
+        return {way: best(lambda options=options: self.programs.mesh(model.cloud, "--ratio", ratio, *threads, *options,
+                                                                     name=way), REPEATS)
+                for way, options in OURS.items()}
+
+    def reconstruct_first(self, model, threads, collapsed):
+        """The surface's time and the collapse's together; of the peers' pairs the fastest."""
+        def whole(surface, small):
+            large = surface(model, threads)
+            return small._replace(ms=large.ms + small.ms, processor_ms=large.processor_ms + small.processor_ms)
+        return {way: min((whole(*pair) for pair in pairs), key=lambda made: made.ms)
+                for way, pairs in collapsed.items()}
+
+    def collapses(self, model, count):
+        """{way: pairs of a surface of all points and what it is made into}; one thread whatever is asked for."""
+        return {way: [(surface, best(lambda surface=surface: self.programs.peer(
+            *collapse, Made(surface(model, ALL_THREADS).path), count, f"{way}.{surface.__name__}"), REPEATS))
+                      for surface in (self.full_mesh, *others)]
+                for way, collapse, others in (("R", ("surface_cgal", "garland-heckbert"), ()),
+                                              ("peers", ("meshoptimizer", "simplify"), (self.front_mesh,)))}
+
+    def full_mesh(self, model, threads):
         """The Tight Cocone of all points, in the peers' format, with its time; made once for each model."""
-        if model.name not in self.full:
-            made = best(lambda: self.programs.mesh(model.cloud, "--ratio", 1, "--refine", "none", *ONE_THREAD,
-                                                   name="full"), REPEATS)
-            self.full[model.name] = Made(self.programs.plain(made.path, f"{model.name}.full"), *made[1:])
-        return self.full[model.name]
+        if (model.name, threads) not in self.full:
+            made = best(lambda: self.programs.mesh(model.cloud, "--ratio", 1, "--refine", "none", *threads, name="full",
+                                                   without=NOT_TO_RECONSTRUCT), REPEATS)
+            path = self.programs.plain(made.path, f"{model.name}.full")
+            self.full[model.name, threads] = made._replace(path=path)
+        return self.full[model.name, threads]
 
-    def front_mesh(self, model):
-        """CGAL's advancing front over all points; made once for each model."""
+    def front_mesh(self, model, _):
+        """CGAL's advancing front over all points, one thread whatever is asked for; made once for each model."""
         if model.name not in self.front:
             self.front[model.name] = best(lambda: self.programs.peer(
-                "surface_cgal", "front", Made(model.cloud, 0, 0), 0, f"{model.name}.front"), REPEATS)
+                "surface_cgal", "front", Made(model.cloud), 0, f"{model.name}.front"), REPEATS)
         return self.front[model.name]
-
-    def fastest_of_peers(self, model, count):
-        """Either surface of all points, made smaller by either of CGAL's collapses: whichever takes least time."""
-        return min((self.programs.peer("surface_cgal", collapse, full, count, f"{collapse}.{i}")
-                    for i, full in enumerate((self.full_mesh(model), self.front_mesh(model)))
-                    for collapse in ("garland-heckbert", "lindstrom-turk")), key=lambda made: made.ms)
-
-    def discuss_table_2(self, ways):
-        means = {way: statistics.fmean(improvement(w, way) for w in ways) for way in ("S", "refined")}
-        losses = {way: statistics.geometric_mean(w[way][2] / w["R"][2] for w in ways) for way in ("S", "refined")}
-        self.page.text(words.TABLE_2.format(repeats=REPEATS, improvement=means["S"], paper=PAPER_IMPROVEMENT))
-        peers = [statistics.fmean(improvement(w, way, "peers") for w in ways) for way in ("S", "refined")]
-        self.page.text(words.TABLE_2_PEERS.format(improvement=peers))
-        self.page.text(words.TABLE_2_ERRORS.format(loss=losses["S"], refined_loss=losses["refined"],
-                                                   refined_improvement=means["refined"]))
 
     # ------------------------------------------------------------------------------------------------ figure 4
     def figure_4(self, chosen):
@@ -262,10 +291,14 @@ class Evaluation:
         self.page.text(words.FIGURE_8)
 
 
+PARTS = ("table_1", "table_2", "figure_4", "figures_7_and_9", "figure_8")
+
+
 def parse():
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("--build", default="build/release", type=pathlib.Path)
     parser.add_argument("--models", default="horse,venus,armadillo,bunny00", help="separated by commas")
+    parser.add_argument("--parts", default=",".join(PARTS), help="separated by commas")
     parser.add_argument("-o", "--output", default="out/paper", type=pathlib.Path)
     return parser.parse_args()
 
@@ -275,9 +308,8 @@ def main():
     chosen = models.find(options.models.split(","))
     evaluation = Evaluation(options.build, options.output)
     try:
-        for part in (evaluation.table_1, evaluation.table_2, evaluation.figure_4, evaluation.figures_7_and_9,
-                     evaluation.figure_8):
-            part(chosen)
+        for part in options.parts.split(","):
+            getattr(evaluation, part)(chosen)
     except Failed as failure:
         sys.exit(f"paper: {failure}")
     evaluation.page.save(str(options.output))

@@ -26,19 +26,18 @@ static surface surface_of(const vectors &p, const std::vector<Eigen::Vector3i> &
 static peer::outcome run_farthest(const surface &in, std::size_t count) {
     geometry::PointCloud all(vectors_of(in));
     std::shared_ptr<geometry::PointCloud> made;
-    double ms = peer::clock_ms([&] { made = all.FarthestPointDownSample(count); });
-    return {surface_of(made->points_, {}), ms};
+    peer::spent time = peer::time_of([&] { made = all.FarthestPointDownSample(count); });
+    return {surface_of(made->points_, {}), time};
 }
 
 static peer::outcome run_decimation(const surface &in, std::size_t count) {
     std::vector<Eigen::Vector3i> triangles;
     for (const auto &t : in.triangle) triangles.emplace_back(t[0], t[1], t[2]);
     geometry::TriangleMesh mesh(vectors_of(in), triangles);
-    /* V - T / 2, which a collapse of a closed mesh keeps. */
-    int surplus = int(in.vertex.size()) - int(in.triangle.size() / 2);
     std::shared_ptr<geometry::TriangleMesh> made;
-    double ms = peer::clock_ms([&] { made = mesh.SimplifyQuadricDecimation(2 * (int(count) - surplus), HUGE_VAL, 1); });
-    return {surface_of(made->vertices_, made->triangles_), ms};
+    int goal = int(peer::triangles_for(in, count));
+    peer::spent time = peer::time_of([&] { made = mesh.SimplifyQuadricDecimation(goal, HUGE_VAL, 1); });
+    return {surface_of(made->vertices_, made->triangles_), time};
 }
 
 int main(int argc, char **argv) {

@@ -39,8 +39,8 @@ static surface surface_of(const points &p) {
 
 /* Times an algorithm that moves what it removes to the end. */
 template <class remove> static peer::outcome keep_first(points p, remove algorithm) {
-    double ms = peer::clock_ms([&] { p.erase(algorithm(p), p.end()); });
-    return {surface_of(p), ms};
+    peer::spent time = peer::time_of([&] { p.erase(algorithm(p), p.end()); });
+    return {surface_of(p), time};
 }
 
 static peer::outcome run_random(const surface &in, std::size_t count) {
@@ -71,13 +71,13 @@ static peer::outcome run_hierarchy(const surface &in, std::size_t count) {
 static peer::outcome run_wlop(const surface &in, std::size_t count) {
     points all = points_of(in), made;
     double n = double(all.size()), percent = 100 * (double(count) + 0.5) / n;
-    double ms = peer::clock_ms([&] {
+    peer::spent time = peer::time_of([&] {
         double spacing = CGAL::compute_average_spacing<CGAL::Parallel_if_available_tag>(all, 6);
         double radius = wlop_spacings * spacing * std::sqrt(n / double(count));
         CGAL::wlop_simplify_and_regularize_point_set<CGAL::Parallel_if_available_tag>(
             all, std::back_inserter(made), CGAL::parameters::select_percentage(percent).neighbor_radius(radius));
     });
-    return {surface_of(made), ms};
+    return {surface_of(made), time};
 }
 
 int main(int argc, char **argv) {

@@ -30,13 +30,13 @@ static peer::outcome run_filter(const surface &in, std::size_t count, setter set
     /* Under 1/1000 of the diagonal PCL's indices of cells may pass 32 bits. */
     return peer::search(count, 1e-3 * size, size, [&](double cell) {
         cloud made;
-        double ms = peer::clock_ms([&] {
+        peer::spent time = peer::time_of([&] {
             filter f;
             f.setInputCloud(all);
             set(f, float(cell));
             f.filter(made);
         });
-        return peer::outcome{surface_of(made), ms};
+        return peer::outcome{surface_of(made), time};
     });
 }
 

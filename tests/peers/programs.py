@@ -8,14 +8,16 @@ SPDX-License-Identifier: GPL-3.0-or-later
 import collections
 import json
 import pathlib
+import resource
 import subprocess
 
 import models
 
 SAMPLES = 200000  # of each surface
 NOT_THE_WORK = ("total", "tangent", "examine", "measure")  # stages of whittle's report that only look at the result
+NOT_TO_RECONSTRUCT = (*NOT_THE_WORK, "dso", "quadrics", "contract", "keep")  # what the mesh of all points doesn't need
 
-Made = collections.namedtuple("Made", "path points ms")
+Made = collections.namedtuple("Made", "path points ms processor_ms", defaults=(0, 0, 0))
 Errors = collections.namedtuple("Errors", "mean rms max forward backward")  # of both directions, / diagonal
 
 
@@ -25,7 +27,8 @@ class Failed(Exception):
 
 def best(make, times):
     """Of so many runs that make the same thing the shortest: whatever disturbs a run makes it longer."""
-    return min((make() for _ in range(times)), key=lambda made: made.ms)
+    runs = [make() for _ in range(times)]
+    return min(runs, key=lambda made: made.ms)._replace(processor_ms=min(made.processor_ms for made in runs))
 
 
 def run(command):
@@ -36,6 +39,12 @@ def run(command):
     return done.stdout
 
 
+def processor_ms():
+    """Of all programs that have ended, all their threads together."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return 1e3 * (usage.ru_utime + usage.ru_stime)
+
+
 class Programs:
     """The programs of one build, and a folder for what they write."""
 
@@ -44,21 +53,26 @@ class Programs:
         self.folder.mkdir(parents=True, exist_ok=True)
 
     def whittle(self, cloud, *options, outputs="cloud,mesh,report", name="whittle"):
-        """Runs whittle; (folder of its outputs, its report)."""
-        folder = self.folder / name
+        """Runs whittle; (folder of its outputs, its report, with the processors' time)."""
+        folder, before = self.folder / name, processor_ms()
         run([self.build / "whittle", cloud, "-q", "--outputs", outputs, "-o", folder, *options])
-        return folder, json.loads((folder / "report.json").read_text())
+        return folder, {**json.loads((folder / "report.json").read_text()), "processor_ms": processor_ms() - before}
 
     def peer(self, program, method, made, count, name=None):
         """Runs one method of a peer on a file."""
         target = self.folder / f"{name or method}.ply"
         told = json.loads(run([self.build / "tests/peers" / program, method, made.path, count, target]))
-        return Made(target, told["points"], made.ms + told["ms"])
+        return Made(target, told["points"], made.ms + told["ms"], made.processor_ms + told["processor_ms"])
 
-    def mesh(self, cloud, *options, name="whittle"):
+    def mesh(self, cloud, *options, name="whittle", without=NOT_THE_WORK):
         """Runs whittle for its mesh."""
         folder, report = self.whittle(cloud, *options, name=name)
-        return Made(folder / "mesh.ply", report["mesh"]["vertices"], work_ms(report))
+        return Made(folder / "mesh.ply", report["mesh"]["vertices"], *work_of(report, without))
+
+    def kept(self, cloud, *options):
+        """Runs whittle for the points that it keeps."""
+        folder, report = self.whittle(cloud, *options, outputs="cloud,report")
+        return Made(self.plain(folder / "cloud.ply", "kept"), report["points_out"], *work_of(report))
 
     def plain(self, path, name):
         """A copy of what whittle wrote, for the peers."""
@@ -84,9 +98,11 @@ def errors_of(told):
                   back["mean_rel"])
 
 
-def work_ms(report):
-    """The time of all stages that make the result."""
-    return sum(ms for stage, ms in report["timings_ms"].items() if stage not in NOT_THE_WORK)
+def work_of(report, without=NOT_THE_WORK):
+    """(ms, ms of processors) of the stages that make the result; of the program's processor time as large a share."""
+    stages = report["timings_ms"]
+    ms = sum(ms for stage, ms in stages.items() if stage not in without)
+    return ms, report["processor_ms"] * ms / stages["total"]
 
 
 def markdown(header, rows):

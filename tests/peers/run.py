@@ -20,7 +20,7 @@ import subprocess
 import sys
 
 import models
-from programs import SAMPLES, Failed, Made, Programs, best, markdown, work_ms
+from programs import SAMPLES, Failed, Made, Programs, best, markdown
 
 WHITTLE = {"whittle": (), "whittle, no refinement": ("--refine", "none"), "whittle, flips": ("--refine", "flips"),
            "whittle, optimal": ("--placement", "optimal")}
@@ -30,7 +30,8 @@ FRONT = {"whittle + front": ("whittle", ""), "CGAL wlop + front": ("points_cgal"
          "Open3D farthest + front": ("open3d", "farthest"), "PCL voxel + front": ("points_pcl", "voxel"),
          "PCL uniform + front": ("points_pcl", "uniform")}
 MESH = {"CGAL Lindstrom-Turk": ("surface_cgal", "lindstrom-turk"),
-        "CGAL Garland-Heckbert": ("surface_cgal", "garland-heckbert"), "Open3D decimation": ("open3d", "decimation")}
+        "CGAL Garland-Heckbert": ("surface_cgal", "garland-heckbert"), "Open3D decimation": ("open3d", "decimation"),
+        "meshoptimizer": ("meshoptimizer", "simplify")}
 METHODS = [*WHITTLE, *FRONT, *MESH]
 FROM = {**{m: "points" for m in [*WHITTLE, *FRONT]}, **{m: "true mesh" for m in MESH}}
 
@@ -41,15 +42,14 @@ def make(programs, method, model, ratio):
     if method in WHITTLE:
         return programs.mesh(model.cloud, "--ratio", ratio, *WHITTLE[method])
     if method in MESH:
-        return programs.peer(*MESH[method], Made(model.mesh, 0, 0), count)
+        return programs.peer(*MESH[method], Made(model.mesh), count)
     return programs.peer("surface_cgal", "front", pick(programs, method, model, ratio, count), 0)
 
 
 def pick(programs, method, model, ratio, count):
     if FRONT[method][0] != "whittle":
-        return programs.peer(*FRONT[method], Made(model.cloud, 0, 0), count)
-    folder, report = programs.whittle(model.cloud, "--ratio", ratio, outputs="cloud,report")
-    return Made(programs.plain(folder / "cloud.ply", "kept"), report["points_out"], work_ms(report))
+        return programs.peer(*FRONT[method], Made(model.cloud), count)
+    return programs.kept(model.cloud, "--ratio", ratio)
 
 
 def row_of(programs, method, model, ratio, times):

@@ -62,7 +62,7 @@ static peer::outcome run_front(const surface &in, std::size_t) {
     std::vector<kernel::Point_3> p = points_of(in);
     std::vector<std::array<std::size_t, 3>> facets;
     peer::outcome o;
-    o.ms = peer::clock_ms(
+    o.time = peer::time_of(
         [&] { CGAL::advancing_front_surface_reconstruction(p.begin(), p.end(), std::back_inserter(facets)); });
     o.made.vertex = in.vertex;
     for (const auto &f : facets)
@@ -80,24 +80,24 @@ static collapse::Count_stop_predicate<mesh> stop_at(const mesh &m, std::size_t c
 static peer::outcome run_lindstrom_turk(const surface &in, std::size_t count) {
     mesh m = mesh_of(in);
     auto stop = stop_at(m, count);
-    double ms = peer::clock_ms([&] {
+    peer::spent time = peer::time_of([&] {
         collapse::edge_collapse(m, stop,
                                 CGAL::parameters::get_cost(collapse::LindstromTurk_cost<mesh>())
                                     .get_placement(collapse::LindstromTurk_placement<mesh>()));
     });
-    return {surface_of(m), ms};
+    return {surface_of(m), time};
 }
 
 static peer::outcome run_garland_heckbert(const surface &in, std::size_t count) {
     using policies = collapse::GarlandHeckbert_plane_policies<mesh, kernel>;
     mesh m = mesh_of(in);
     auto stop = stop_at(m, count);
-    double ms = peer::clock_ms([&] {
+    peer::spent time = peer::time_of([&] {
         policies quadrics(m);
         collapse::Bounded_normal_change_placement<policies::Get_placement> placement(quadrics.get_placement());
         collapse::edge_collapse(m, stop, CGAL::parameters::get_cost(quadrics.get_cost()).get_placement(placement));
     });
-    return {surface_of(m), ms};
+    return {surface_of(m), time};
 }
 
 int main(int argc, char **argv) {

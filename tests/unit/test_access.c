@@ -136,6 +136,34 @@ static void ambiguous_framing_is_a_fault(void **state) {
     assert_non_null(fault_of("5", "chunked"));
 }
 
+static const char *fault_of_header(const char *name, const char *value) {
+    struct request request = {0};
+    request_take_header(&request, name, value, strlen(value));
+    request_read_framing(&request);
+    return request.fault;
+}
+
+static void names_and_hosts_that_others_read_otherwise_are_a_fault(void **state) {
+    (void)state;
+    static const char *const names[] = {"",
+                                        "a b",
+                                        "a:",
+                                        "Content-Length ",
+                                        "Content-Length5",
+                                        "a\tb",
+                                        "content-length0",
+                                        "caf\xc3\xa9",
+                                        "Transfer-Encodingchunked"};
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) assert_non_null(fault_of_header(names[i], "5"));
+    assert_non_null(fault_of_header("X", "a\rContent-Length: 5"));
+    assert_non_null(fault_of_header("X", "a\n b"));
+    assert_null(fault_of_header("X-Content-Length", "5"));
+    static const char *const hosts[] = {"a b", "a/b", "u@a", "a?b", "a#b", "a\\b", "caf\xc3\xa9"};
+    for (size_t i = 0; i < sizeof hosts / sizeof *hosts; i++) assert_non_null(fault_of_header("Host", hosts[i]));
+    static const char *const good[] = {"", "a", "a.example:80", "[::1]:80", "127.0.0.1", "xn--caf-dma.example"};
+    for (size_t i = 0; i < sizeof good / sizeof *good; i++) assert_null(fault_of_header("Host", good[i]));
+}
+
 static void what_comes_twice_or_holds_nul_is_a_fault(void **state) {
     (void)state;
     struct request request = {0};
@@ -185,6 +213,7 @@ int main(void) {
         TEST(the_key_is_made_once_and_kept_private),
         TEST(a_signature_is_of_one_path_and_one_time),
         TEST(ambiguous_framing_is_a_fault),
+        TEST(names_and_hosts_that_others_read_otherwise_are_a_fault),
         TEST(what_comes_twice_or_holds_nul_is_a_fault),
         TEST(ids_are_taken_where_they_are_well_formed),
     };

@@ -198,7 +198,17 @@ static enum status close_and_open(struct life *life) {
     return open_it(life);
 }
 
+static enum status move_times(struct life *life) { return queue_move_times(life->queue, 5, &life->error); }
+
 static enum status expire(struct life *life) {
+    struct job job;
+    enum queue_presence presence;
+    struct queue_tombstone tombstone;
+    enum status found = queue_get(life->queue, id, &job, &presence, &tombstone, &life->error);
+    if (found == STATUS_OK) assert_int_equal(job.expires_ms, 15);
+    job_done(&job);
+    if (found != STATUS_OK) return found;
+
     char ids[2][JOB_ID_BYTES];
     size_t count;
     enum status status = queue_expired(life->queue, 20, 0, ids, 2, &count, &life->error);
@@ -228,10 +238,11 @@ static enum status forget_keys(struct life *life) {
 }
 
 static enum status (*const steps[])(struct life *life) = {
-    open_it,    submit,        keep_reply,   find_reply,     claim,   progress,  requeue,   claim,
-    finish,     get,           list,         webhook,        deliver, keep_part, find_part, delete_part,
-    keep_cloud, look_at_cloud, expire_cloud, close_and_open, get,     expire,    delete,    look_at_tombstone,
-    forget_keys};
+    open_it,           submit,         keep_reply, find_reply,  claim,      progress,
+    requeue,           claim,          finish,     get,         list,       webhook,
+    deliver,           keep_part,      find_part,  delete_part, keep_cloud, look_at_cloud,
+    expire_cloud,      close_and_open, get,        move_times,  expire,     delete,
+    look_at_tombstone, forget_keys};
 
 /* ------------------------------------------------------------------------------------------------ lives */
 

@@ -56,6 +56,10 @@ static void what_is_forgotten_is_gone(void **state) {
     documents_forget(*state, job.id);
     assert_absent(*state, &job);
     assert_kept(*state, &other, "2");
+    keep(*state, &job, "3");
+    documents_forget(*state, NULL);
+    assert_absent(*state, &job);
+    assert_absent(*state, &other);
 }
 
 static void what_was_read_before_a_deletion_is_not_kept_after_it(void **state) {

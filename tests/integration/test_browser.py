@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The pages for people in a real browser, Debian's chromium: nothing is loaded from elsewhere, nothing fails, everything
+is there and legible on a desk and in a hand.  `make test-contract` installs browser and driver."""
+import json
+import pathlib
+import shutil
+import subprocess
+
+import pytest
+
+
+NODE = pathlib.Path(__file__).parent.parent / "node"
+BROWSER = shutil.which("chromium")
+pytestmark = pytest.mark.skipif(
+    not BROWSER or not shutil.which("node") or not (NODE / "node_modules/puppeteer-core").exists(),
+    reason="chromium, node, or what make test-contract installs into tests/node, is not there")
+
+
+def look(url, width, folder):
+    picture = folder / "page.png"
+    done = subprocess.run(["node", NODE / "docs_page.js", BROWSER, url, str(width), picture], capture_output=True,
+                          text=True, check=False, timeout=180)
+    assert done.returncode == 0, done.stderr
+    assert picture.read_bytes().startswith(b"\x89PNG") and picture.stat().st_size > 10000
+    seen = json.loads(done.stdout)
+    assert seen["status"] == 200
+    assert seen["console"] == seen["errors"] == []
+    page = seen["page"]
+    assert page["clientWidth"] == width and page["scrollWidth"] <= width, page["wide"]
+    assert page["wide"] == [] and page["dead"] == [] and page["invisible"] == 0 and page["fontPx"] >= 12
+    return seen
+
+
+def only_from(seen, *urls):
+    """What else a browser asks for by itself is the icon of the site."""
+    assert set(seen["requests"]) <= set(urls), seen["requests"]
+    assert urls[0] in seen["requests"]
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+@pytest.mark.parametrize("base", ["", "/whittle"])
+def test_the_reference_page(make_daemon, tmp_path, base, width):
+    daemon = make_daemon("--base-path", base)
+    contract = daemon.curl("/openapi.json").json
+    seen = look(f"{daemon.url}{base}/docs", width, tmp_path)
+    only_from(seen, f"{daemon.url}{base}/docs")
+    headings = seen["page"]["headings"]
+    for path, item in contract["paths"].items():
+        for method in item:
+            assert method == "parameters" or f"{method.upper()} {path}" in headings
+    assert set(contract["components"]["schemas"]) <= set(headings)
+    assert seen["hash"] == "#" + contract["tags"][0]["name"] and -5 < seen["top"] < 450
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+def test_the_first_page(daemon, tmp_path, width):
+    seen = look(f"{daemon.url}/", width, tmp_path)
+    only_from(seen, f"{daemon.url}/")
+    assert seen["page"]["title"] == "whittled"
+
+
+def test_a_problems_page(daemon, tmp_path):
+    seen = look(f"{daemon.url}/problems/would-exceed-memory", 400, tmp_path)
+    only_from(seen, f"{daemon.url}/problems/would-exceed-memory")
+    assert "The job would need more memory than it may use" in seen["page"]["headings"]

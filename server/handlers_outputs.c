@@ -17,6 +17,7 @@
 #include "core/cloud_prefix.h"
 #include "server/digest.h"
 #include "server/handlers.h"
+#include "server/handlers_outputs.h"
 
 static const struct {
     const char *suffix, *media_type;

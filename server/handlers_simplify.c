@@ -12,6 +12,7 @@
 #include "api/links.h"
 #include "api/report_read.h"
 #include "server/handlers.h"
+#include "server/handlers_outputs.h"
 #include "server/log.h"
 #include "server/supervisor.h"
 

@@ -274,10 +274,12 @@ struct uploads_writer *uploads_create(struct uploads *uploads, struct uploads_in
     }
     int fd = store_part_open(uploads->store, info->id, true);
     struct uploads_writer *writer = new_writer(uploads, hold(uploads, info->id), fd, check, problem);
-    if (writer)
+    if (writer) {
         entry->writer = writer->number;
-    else
+    } else {
+        store_part_delete(uploads->store, info->id);
         take_out(uploads, entry);
+    }
     return writer;
 }
 

@@ -8,12 +8,10 @@
 #include <string.h>
 
 #include "core/alloc.h"
-#include "core/bvh.h"
 #include "core/cloud.h"
+#include "core/fit_assign.h"
 #include "core/fit_gap.h"
 #include "core/par.h"
-
-enum { SAMPLE_GRAIN = 2048 };
 
 #define SMALLEST_MEAN 1e-9 /* so that a perfect mesh has lengths to go by, too */
 
@@ -191,13 +189,6 @@ double fit_mean(const struct fit *fit) {
     return weight > 0 ? sum / weight : 0;
 }
 
-struct assignment {
-    const struct fit *fit;
-    const struct bvh *bvh;
-    uint32_t *triangle;
-    float *distance_sq;
-};
-
 /* Lengths that the fit goes by, from the mean distance before it, and what area a sample stands for. */
 static void set_scale(struct fit *fit, const float *distance_sq) {
     double sum = 0, weight = 0;
@@ -212,43 +203,26 @@ static void set_scale(struct fit *fit, const float *distance_sq) {
     fit->stray_sq = FIT_STRAY * mean * FIT_STRAY * mean;
 }
 
-/* Each query starts from the answer of the one before, which lies nearby. */
-static void assign_range(void *ctx, size_t begin, size_t end) {
-    struct assignment *assignment = ctx;
-    uint32_t hint = NONE;
-    for (size_t i = begin; i < end; i++) {
-        struct bvh_hit hit = bvh_closest(assignment->bvh, assignment->fit->samples.sample[i].place, hint);
-        assignment->triangle[i] = hint = hit.triangle;
-        assignment->distance_sq[i] = (float)hit.distance_sq;
-    }
-}
-
-static void assign(struct fit *fit, const struct assignment *assignment) {
+static void fill_lists(struct fit *fit, const uint32_t *triangle, const float *distance_sq) {
     uint32_t spare = NONE;
     for (uint32_t i = 0; i < fit->samples.n; i++) {
-        uint32_t t = assignment->triangle[i];
         const struct sample *sample = &fit->samples.sample[i];
-        sample_lists_add(&fit->lists, t, i, sample, &spare);
-        fit->cost[t] += (double)sample->weight * fit_cost_of(fit, (double)assignment->distance_sq[i]);
+        sample_lists_add(&fit->lists, triangle[i], i, sample, &spare);
+        fit->cost[triangle[i]] += (double)sample->weight * fit_cost_of(fit, (double)distance_sq[i]);
     }
 }
 
 static enum status assign_all(struct fit *fit) {
-    struct bvh *bvh = NULL;
     size_t n = fit->samples.n;
-    struct assignment assignment = {.fit = fit};
-    assignment.triangle = alloc_array(n, sizeof *assignment.triangle);
-    assignment.distance_sq = alloc_array(n, sizeof *assignment.distance_sq);
-    bool enough = assignment.triangle && assignment.distance_sq && bvh_new(fit->mesh, &bvh) == STATUS_OK;
-    if (enough) {
-        assignment.bvh = bvh;
-        par_for(fit->threads, n, SAMPLE_GRAIN, assign_range, &assignment);
-        bvh_free(bvh);
-        set_scale(fit, assignment.distance_sq);
-        assign(fit, &assignment);
+    uint32_t *triangle = alloc_array(n, sizeof *triangle);
+    float *distance_sq = alloc_array(n, sizeof *distance_sq);
+    enum status status = triangle && distance_sq ? fit_assign(fit, triangle, distance_sq) : STATUS_NO_MEMORY;
+    if (status == STATUS_OK) {
+        set_scale(fit, distance_sq);
+        fill_lists(fit, triangle, distance_sq);
     }
-    free(assignment.triangle), free(assignment.distance_sq);
-    return enough ? STATUS_OK : STATUS_NO_MEMORY;
+    free(triangle), free(distance_sq);
+    return status;
 }
 
 static enum status allocate(struct fit *fit) {

@@ -8,6 +8,8 @@
 #ifndef WHITTLE_CORE_TRIANGLE_FRAME_H
 #define WHITTLE_CORE_TRIANGLE_FRAME_H
 
+#include <stdint.h>
+
 #include "core/vec3.h"
 
 /* An edge in the plane. */
@@ -57,26 +59,39 @@ static inline vec3 triangle_frame_middle(const struct triangle_frame *f) {
     return vec3_add(f->a, vec3_add(vec3_scale(f->u, (f->bx + f->cx) / 3), vec3_scale(f->v, f->cy / 3)));
 }
 
-/* Squared distance in the plane from (x, y), seen from the start of the edge. */
-static inline double triangle_edge_distance_sq(const struct triangle_edge *e, double x, double y) {
-    double half = e->length / 2, off = x * e->y - y * e->x;
-    double past = fabs(x * e->x + y * e->y - half) - half;
-    return off * off + (past > 0 ? past * past : 0);
-}
-
 static inline double triangle_frame_smaller(double x, double y) { return x < y ? x : y; }
 
-/* The squared distance from p to the triangle. */
-static inline double triangle_frame_distance_sq(const struct triangle_frame *f, vec3 p) {
+enum triangle_feature { TRIANGLE_INSIDE, TRIANGLE_EDGE, TRIANGLE_CORNER };
+
+/* Where on a triangle the nearest place is: inside, on the edge from this corner to the next, or on this corner. */
+struct triangle_hit {
+    double distance_sq;
+    enum triangle_feature feature;
+    uint8_t corner;
+};
+
+/* The part of it that lies in the plane of (x, y), seen from the start of the edge. */
+static inline struct triangle_hit triangle_edge_hit(const struct triangle_edge *e, uint8_t start, double x, double y) {
+    double along = x * e->x + y * e->y, off = x * e->y - y * e->x;
+    if (along <= 0) return (struct triangle_hit){x * x + y * y, TRIANGLE_CORNER, start};
+    if (along < e->length) return (struct triangle_hit){off * off, TRIANGLE_EDGE, start};
+    double past = along - e->length;
+    return (struct triangle_hit){off * off + past * past, TRIANGLE_CORNER, start == 2 ? 0 : start + 1};
+}
+
+static inline struct triangle_hit triangle_frame_hit(const struct triangle_frame *f, vec3 p) {
     vec3 r = vec3_sub(p, f->a);
     double height = vec3_dot(r, f->n), x = vec3_dot(r, f->u), y = vec3_dot(r, f->v), beyond = x - f->bx;
-    bool over = y > 0 && f->bc.x * y > f->bc.y * beyond && f->ac.y * x > f->ac.x * y;
-    if (over) return height * height;
-    const struct triangle_edge ab = {1, 0, f->bx};
-    double edge_sq = triangle_edge_distance_sq(&ab, x, y);
-    edge_sq = triangle_frame_smaller(edge_sq, triangle_edge_distance_sq(&f->bc, beyond, y));
-    edge_sq = triangle_frame_smaller(edge_sq, triangle_edge_distance_sq(&f->ac, x, y));
-    return height * height + edge_sq;
+    if (y > 0 && f->bc.x * y > f->bc.y * beyond && f->ac.y * x > f->ac.x * y)
+        return (struct triangle_hit){height * height, TRIANGLE_INSIDE, 0};
+    const struct triangle_edge ab = {1, 0, f->bx}, ca = {-f->ac.x, -f->ac.y, f->ac.length};
+    struct triangle_hit best = triangle_edge_hit(&ab, 0, x, y);
+    struct triangle_hit other = triangle_edge_hit(&f->bc, 1, beyond, y);
+    if (other.distance_sq < best.distance_sq) best = other;
+    other = triangle_edge_hit(&ca, 2, x - f->cx, y - f->cy);
+    if (other.distance_sq < best.distance_sq) best = other;
+    best.distance_sq += height * height;
+    return best;
 }
 
 #endif

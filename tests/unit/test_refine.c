@@ -13,6 +13,7 @@
 #include "core/alloc.h"
 #include "core/cloud.h"
 #include "core/cluster.h"
+#include "core/fit_assign.h"
 #include "core/knn.h"
 #include "core/refine.h"
 #include "core/samples.h"
@@ -115,10 +116,10 @@ static void check_cluster(const struct sample *sample, uint32_t n, const struct 
         const struct sample *this = &sample[cluster.sample[i]];
         double nearest_sq = INFINITY;
         for (size_t j = 0; j < frames; j++)
-            nearest_sq = fmin(nearest_sq, triangle_frame_distance_sq(&frame[j], this->place));
+            nearest_sq = fmin(nearest_sq, triangle_frame_hit(&frame[j], this->place).distance_sq);
         double tolerance = 1e-5 * (1 + nearest_sq);
         assert_true(fabs((double)distance_sq[i] - nearest_sq) < tolerance);
-        assert_true(triangle_frame_distance_sq(&frame[owner[i]], this->place) < nearest_sq + tolerance);
+        assert_true(triangle_frame_hit(&frame[owner[i]], this->place).distance_sq < nearest_sq + tolerance);
         cost += (double)this->weight * (sqrt(nearest_sq) + 2 * nearest_sq);
     }
     assert_true(fabs(cluster_cost(&cluster, frame, frames, 2, INFINITY) - cost) < 1e-4 * cost);
@@ -150,7 +151,7 @@ static void test_distances_to_degenerate_triangles(void **state) {
         {{0, 0, 0}, {0, 0, 0}, {1, 0, 0}},                   /* segments, whichever edge has no length */
         {{0, 0, 0}, {1, 0, 0}, {1, 0, 0}},
         {{0, 0, 0}, {0, 1, 0}, {0, 0, 0}},
-        {{0, 0, 0}, {1, 0, 0}, {0.5, 0, 0}},                 /* corners in line, in either order */
+        {{0, 0, 0}, {1, 0, 0}, {0.5, 0, 0}}, /* corners in line, in either order */
         {{0, 0, 0}, {0.5, 0, 0}, {1, 0, 0}},
         {{0, 0, 0}, {1, 0, 0}, {0.5, 1e-7, 0}}, /* a sliver */
     };
@@ -163,7 +164,29 @@ static void test_distances_to_degenerate_triangles(void **state) {
     for (size_t i = 0; i < sizeof corner / sizeof *corner; i++) {
         struct triangle_frame frame = triangle_frame_of(corner[i][0], corner[i][1], corner[i][2]);
         check_cluster(sample, 64, &frame, 1);
-        if (i > 0) assert_true(triangle_frame_distance_sq(&frame, (vec3){2, 0, 0}) > 0.99);
+        if (i > 0) assert_true(triangle_frame_hit(&frame, (vec3){2, 0, 0}).distance_sq > 0.99);
+    }
+}
+
+/* The seven regions around a triangle. */
+static void test_where_on_a_triangle_is_nearest(void **state) {
+    (void)state;
+    struct triangle_frame frame = triangle_frame_of((vec3){0, 0, 0}, (vec3){4, 0, 0}, (vec3){1, 3, 0});
+    static const struct {
+        vec3 place;
+        enum triangle_feature feature;
+        uint8_t corner;
+        double distance_sq;
+    } expect[] = {
+        {{1.5, 1, 2}, TRIANGLE_INSIDE, 0, 4}, {{2, -3, 1}, TRIANGLE_EDGE, 0, 10},   {{4, 3, 0}, TRIANGLE_EDGE, 1, 4.5},
+        {{-1, 2, 0}, TRIANGLE_EDGE, 2, 2.5},  {{-1, -1, 0}, TRIANGLE_CORNER, 0, 2}, {{6, 0, 0}, TRIANGLE_CORNER, 1, 4},
+        {{1, 5, 1}, TRIANGLE_CORNER, 2, 5},
+    };
+    for (size_t i = 0; i < sizeof expect / sizeof *expect; i++) {
+        struct triangle_hit hit = triangle_frame_hit(&frame, expect[i].place);
+        assert_int_equal(hit.feature, expect[i].feature);
+        assert_int_equal(hit.corner, expect[i].corner);
+        assert_true(fabs(hit.distance_sq - expect[i].distance_sq) < 1e-12);
     }
 }
 
@@ -514,6 +537,48 @@ static struct mesh sphere_mesh(const struct dense *dense) {
     return mesh;
 }
 
+static double nearest_sq(const struct fit *fit, vec3 place) {
+    double best_sq = INFINITY;
+    for (uint32_t t = 0; t < fit->mesh->triangle_count; t++) {
+        struct triangle_frame frame = fit_frame(fit, t);
+        best_sq = fmin(best_sq, triangle_frame_hit(&frame, place).distance_sq);
+    }
+    return best_sq;
+}
+
+/* Points belong to the nearest triangle of all, and so do nearly all middles. */
+static void test_samples_start_with_the_nearest_triangle(void **state) {
+    (void)state;
+    struct dense dense = sphere_points();
+    struct mesh mesh = sphere_mesh(&dense);
+    struct neighbourhood hood = hood_of(&dense);
+    struct refine_input input = input_of(&dense);
+    struct fit fit = {.mesh = &mesh, .threads = 2};
+    input.hood = &hood;
+    assert_int_equal(samples_init(&fit.samples, &input, true, 2), STATUS_OK);
+    assert_int_equal(halfedge_init(&fit.he, &mesh), STATUS_OK);
+    uint32_t *triangle = alloc_array(fit.samples.n, sizeof *triangle);
+    float *distance_sq = alloc_array(fit.samples.n, sizeof *distance_sq);
+    assert_true(triangle && distance_sq && fit.samples.n > 2 * SPHERE_POINTS);
+    assert_int_equal(fit_assign(&fit, triangle, distance_sq), STATUS_OK);
+    size_t farther = 0;
+    for (size_t i = 0; i < fit.samples.n; i++) {
+        vec3 place = fit.samples.sample[i].place;
+        struct triangle_frame frame = fit_frame(&fit, triangle[i]);
+        double d_sq = triangle_frame_hit(&frame, place).distance_sq, best_sq = nearest_sq(&fit, place);
+        assert_true(fabs(d_sq - (double)distance_sq[i]) < 1e-6 * d_sq + 1e-15);
+        if (fit.samples.point[i] != NONE) assert_true(d_sq < best_sq + 1e-12);
+        farther += d_sq > best_sq + 1e-12;
+    }
+    assert_true(farther < fit.samples.n / 100);
+    free(triangle), free(distance_sq);
+    halfedge_done(&fit.he);
+    samples_done(&fit.samples);
+    neighbourhood_done(&hood);
+    mesh_done(&mesh);
+    dense_done(&dense);
+}
+
 static size_t folds(const struct mesh *mesh) {
     size_t count = 0;
     for (size_t s = 0; s < mesh->triangle_count; s++) {
@@ -664,6 +729,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_eight_at_a_time_is_one_at_a_time),
         cmocka_unit_test(test_distances_to_degenerate_triangles),
+        cmocka_unit_test(test_where_on_a_triangle_is_nearest),
         cmocka_unit_test(test_nearest_and_values),
         cmocka_unit_test(test_lists_are_filled_again),
         cmocka_unit_test(test_model_is_the_slope_of_the_cost),
@@ -678,6 +744,7 @@ int main(void) {
         cmocka_unit_test(test_gap_takes_the_shorter_diagonal),
         cmocka_unit_test(test_points_take_the_longer_diagonal),
         cmocka_unit_test(test_filled_holes_stay_marked),
+        cmocka_unit_test(test_samples_start_with_the_nearest_triangle),
         cmocka_unit_test(test_closed_stays_closed_and_gets_better),
         cmocka_unit_test(test_subset_stays_a_subset),
         cmocka_unit_test(test_threads_change_nothing),

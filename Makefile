@@ -129,6 +129,9 @@ $(build)/tests/peers/meshoptimizer: peer_libs = -lmeshoptimizer
 $(peer_programs): $(build)/%: $(build)/%.o
 	$(CXX) $(LDFLAGS) -o $@ $^ $(peer_libs)
 
+# Its vectors are passed between functions that are inlined, so how others would get them doesn't matter.
+$(build)/core/cluster.o: override CFLAGS += -Wno-psabi
+
 # Files that are compiled into the program.
 $(build)/api/openapi.o: api/openapi.json
 $(build)/server/page.o: server/page.html
@@ -145,8 +148,8 @@ FORCE:
 # What building, testing and the demo want, by the names of Debian 12's packages.
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
             libmicrohttpd-dev libgnutls28-dev libcurl4-openssl-dev libsqlite3-dev libseccomp-dev nettle-dev zlib1g-dev \
-            libzstd-dev libcmocka-dev libfaketime curl jq python3 python3-pytest python3-pytest-xdist python3-jsonschema \
-            ca-certificates
+            libzstd-dev libcmocka-dev libfaketime xz-utils zstd sqlite3 procps curl jq python3 python3-pytest \
+            python3-pytest-xdist python3-jsonschema ca-certificates
 peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev libmeshoptimizer-dev meshlab xvfb xauth
 bench_packages := valgrind
 paper_packages := libeigen3-dev libtbb-dev libmeshoptimizer-dev python3-matplotlib
@@ -219,6 +222,12 @@ bench-counts: deps ## instructions of each stage against the stored ones; BENCH=
 	@$(MAKE) --no-print-directory -j$$(nproc) all tools
 	@$(PYTHON) tests/bench/counts.py $(build) $(BENCH)
 
+POINTS ?= 1000000
+.PHONY: sizing
+sizing: deps ## the table of deploy/README.md: processor, memory, disk for each million points; POINTS=1000000
+	@$(MAKE) --no-print-directory -j$$(nproc) all tools
+	@$(PYTHON) tests/bench/sizing.py $(build) $(POINTS)
+
 .PHONY: accuracy
 accuracy: deps ## the error table of the README; MESHES="mesh.ply ..." for others than Horse and Venus
 	@$(MAKE) --no-print-directory -j$$(nproc) all
@@ -269,11 +278,12 @@ $(unit_runs): run-%: %
 valgrind_programs := $(filter-out %/test_delaunay %/test_cocone %/test_pipeline %/test_refine %/test_metro \
     %/test_denoise %/test_fixtures %/test_judge %/test_memory,$(unit_programs))
 .PHONY: valgrind
-valgrind: $(valgrind_programs) ## the unit tests under valgrind: no invalid access, nothing lost
+valgrind: all $(valgrind_programs) ## unit tests and service under valgrind: no invalid access, nothing lost
 	@command -v valgrind > /dev/null || deploy/deps.sh valgrind
 	@set -e; for t in $(valgrind_programs); do echo "== $$t"; \
 	    valgrind -q --error-exitcode=9 --leak-check=full --show-leak-kinds=definite \
 	        --errors-for-leak-kinds=definite $$t > $$t.valgrind 2>&1 || { tail -60 $$t.valgrind; exit 1; }; done
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -p no:cacheprovider tests/integration/valgrind.py
 
 SCANS ?=
 COUNT ?= 5000
@@ -283,6 +293,7 @@ test-mutations: all ## send COUNT=5000 mutated clouds, of SCANS too, to a servic
 
 # Fuzzers exist in config=fuzz alone; `make fuzz` goes there by itself.  What a run finds new stays in the corpus.
 FUZZ_SECONDS ?= 20
+CORPORA ?= $(abspath build/fuzz/tests/fuzz)
 ifeq ($(config),fuzz)
 $(build)/tests/fuzz/fuzz_http: $(build)/tests/unit/folder.o
 $(fuzz_programs): $(build)/%: $(build)/%.o $(libserver) $(libapi) $(libwhittle)
@@ -291,13 +302,14 @@ $(fuzz_programs): $(build)/%: $(build)/%.o $(libserver) $(libapi) $(libwhittle)
 
 .PHONY: fuzz
 fuzz: $(fuzz_programs)
-	@set -e; for f in $(fuzz_programs); do echo "== $$f"; mkdir -p $$f.corpus $$f.seeds; \
+	@set -e; for f in $(fuzz_programs); do echo "== $$f"; corpus=$(CORPORA)/$${f##*/}.corpus; \
+	    mkdir -p $$corpus $$f.seeds; \
 	    for s in tests/fixtures/*/*/input.* tests/fuzz/seeds/*; do cp "$$s" "$$f.seeds/$$(echo "$$s" | tr / _)"; done; \
-	    $$f -max_total_time=$(FUZZ_SECONDS) -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 -verbosity=0 \
-	        -artifact_prefix=$$f. $$f.corpus $$f.seeds; done
+	    $$f -max_total_time=$(FUZZ_SECONDS) -timeout=60 -rss_limit_mb=2048 -print_final_stats=1 -verbosity=0 \
+	        -artifact_prefix=$$f. $$corpus $$f.seeds; done
 else
 .PHONY: fuzz
-fuzz: deps ## run each fuzzer for FUZZ_SECONDS=20
+fuzz: deps ## run each fuzzer for FUZZ_SECONDS=20; CORPORA=folder keeps what they find
 	@deploy/deps.sh $(fuzz_packages)
 	@$(MAKE) --no-print-directory -j$$(nproc) config=fuzz fuzz
 endif

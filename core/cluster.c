@@ -1,7 +1,8 @@
-/* The kernels are written over vectors of four floats, as the compilers' extension has them, without branches: a sample
- * over the triangle is as far as its height; any other is nearest to one of the three edges.
+/* The kernels are written over vectors of eight floats, as the compilers' extension has them, without branches: a
+ * sample over the triangle is as far as its height; any other is nearest to one of the three edges.
  *
- * After the samples of a cluster come four of weight 0, so that vectors may reach over the end.
+ * Processors with such vectors get functions of their own; on others the compiler makes two vectors of four of each.
+ * Both do the same operations in the same order (and none is fused), so the results are the same.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/cluster.h"
@@ -11,94 +12,152 @@
 
 #include "core/cloud.h"
 
-enum { LANES = 4 };
+enum { LANES = SAMPLE_BLOCK };
 
-#define THINNEST 1e-5 /* shape of triangles that don't pull at their corners */
+#define THINNEST 1e-5   /* shape of triangles that don't pull at their corners */
+#define FAR_AWAY 1.0e9f /* where nothing is; its square times anything reasonable is finite */
 
-typedef float lanes __attribute__((vector_size(16)));
-typedef int32_t mask __attribute__((vector_size(16)));
+/* Sanitizers can't stand functions that are chosen while the program is loaded. */
+#if defined(__x86_64__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#define FOR_EACH_PROCESSOR __attribute__((target_clones("avx2", "default")))
+#else
+#define FOR_EACH_PROCESSOR
+#endif
 
-static inline lanes pick(mask m, lanes a, lanes b) { return (lanes)((m & (mask)a) | (~m & (mask)b)); }
-static inline lanes lower(lanes a, lanes b) { return pick(a < b, a, b); }
-static inline lanes higher(lanes a, lanes b) { return pick(a > b, a, b); }
-static inline lanes all(float x) { return (lanes){x, x, x, x}; }
-static inline lanes load(const float *p) { return *(const lanes *)p; }
+#define INLINE static inline __attribute__((always_inline))
 
-static inline lanes load_any(const float *p) {
+typedef float lanes __attribute__((vector_size(32)));
+typedef int32_t mask __attribute__((vector_size(32)));
+
+INLINE lanes pick(mask m, lanes a, lanes b) { return (lanes)((m & (mask)a) | (~m & (mask)b)); }
+INLINE lanes lower(lanes a, lanes b) { return pick(a < b, a, b); }
+INLINE lanes where(mask m, lanes a) { return (lanes)(m & (mask)a); }
+INLINE lanes positive(lanes a) { return where(a > 0, a); }
+INLINE lanes magnitude(lanes a) { return (lanes)((mask)a & INT32_MAX); }
+INLINE lanes all(float x) { return (lanes){x, x, x, x, x, x, x, x}; }
+
+INLINE lanes load(const float *p) {
     lanes x;
     memcpy(&x, p, sizeof x);
     return x;
 }
 
-static inline lanes root(lanes x) { return (lanes){sqrtf(x[0]), sqrtf(x[1]), sqrtf(x[2]), sqrtf(x[3])}; }
-static inline double total(lanes x) { return ((double)x[0] + (double)x[1]) + ((double)x[2] + (double)x[3]); }
+/* Eight floats in memory, to be written. */
+typedef float loose __attribute__((vector_size(32), aligned(4), may_alias));
+INLINE loose *at(float *p) { return (loose *)p; }
+
+INLINE lanes root(lanes x) {
+    return (lanes){sqrtf(x[0]), sqrtf(x[1]), sqrtf(x[2]), sqrtf(x[3]),
+                   sqrtf(x[4]), sqrtf(x[5]), sqrtf(x[6]), sqrtf(x[7])};
+}
+
+INLINE double total(lanes x) {
+    double low = ((double)x[0] + (double)x[1]) + ((double)x[2] + (double)x[3]);
+    double high = ((double)x[4] + (double)x[5]) + ((double)x[6] + (double)x[7]);
+    return low + high;
+}
 
 /* A triangle_frame in float, relative to the cluster's origin. */
-struct flat {
-    float ax, ay, az, ux, uy, uz, vx, vy, vz, nx, ny, nz;
-    float bx, cx, cy, ex, inv_bc, inv_ca;
+struct flat_edge {
+    float x, y, half;
 };
 
-static struct flat flat_of(const struct triangle_frame *f, vec3 origin) {
+struct flat {
+    float ax, ay, az, ux, uy, uz, vx, vy, vz, nx, ny, nz;
+    float bx;
+    struct flat_edge ab, bc, ac;
+};
+
+INLINE struct flat_edge flat_edge_of(const struct triangle_edge *e) {
+    return (struct flat_edge){(float)e->x, (float)e->y, (float)e->length / 2};
+}
+
+INLINE struct flat flat_of(const struct triangle_frame *f, vec3 origin) {
     vec3 a = vec3_sub(f->a, origin);
-    return (struct flat){
-        (float)a.x,    (float)a.y,    (float)a.z,    (float)f->u.x,          (float)f->u.y,    (float)f->u.z,
-        (float)f->v.x, (float)f->v.y, (float)f->v.z, (float)f->n.x,          (float)f->n.y,    (float)f->n.z,
-        (float)f->bx,  (float)f->cx,  (float)f->cy,  (float)(f->cx - f->bx), (float)f->inv_bc, (float)f->inv_ca};
+    return (struct flat){(float)a.x,           (float)a.y,
+                         (float)a.z,           (float)f->u.x,
+                         (float)f->u.y,        (float)f->u.z,
+                         (float)f->v.x,        (float)f->v.y,
+                         (float)f->v.z,        (float)f->n.x,
+                         (float)f->n.y,        (float)f->n.z,
+                         (float)f->bx,         {1, 0, (float)f->bx / 2},
+                         flat_edge_of(&f->bc), flat_edge_of(&f->ac)};
 }
 
-static inline lanes to_edge_sq(lanes x, lanes y, lanes ex, lanes ey, lanes inverse) {
-    lanes t = higher(all(0), lower(all(1), (x * ex + y * ey) * inverse));
-    lanes dx = x - t * ex, dy = y - t * ey;
-    return dx * dx + dy * dy;
-}
+struct spot {
+    lanes x, y, z;
+};
 
-/* Squared distances of four samples to a triangle. */
-static inline __attribute__((always_inline)) lanes distance_sq(const struct flat *f, lanes px, lanes py, lanes pz) {
+/* Eight places as the triangle's axes have them. */
+INLINE struct spot in_axes(const struct flat *f, lanes px, lanes py, lanes pz) {
     lanes rx = px - f->ax, ry = py - f->ay, rz = pz - f->az;
-    lanes h = rx * f->nx + ry * f->ny + rz * f->nz;
-    lanes x = rx * f->ux + ry * f->uy + rz * f->uz;
-    lanes y = rx * f->vx + ry * f->vy + rz * f->vz;
-    lanes bx = all(f->bx), cx = all(f->cx), cy = all(f->cy), ex = all(f->ex), beyond = x - bx;
-    mask over = (y >= 0) & (ex * y >= cy * beyond) & (cy * x >= cx * y);
-    lanes along = x - higher(all(0), lower(bx, x));
-    lanes edge_sq = lower(along * along + y * y, to_edge_sq(beyond, y, ex, cy, all(f->inv_bc)));
-    edge_sq = lower(edge_sq, to_edge_sq(x, y, cx, cy, all(f->inv_ca)));
-    return h * h + pick(over, all(0), edge_sq);
+    return (struct spot){rx * f->ux + ry * f->uy + rz * f->uz, rx * f->vx + ry * f->vy + rz * f->vz,
+                         rx * f->nx + ry * f->ny + rz * f->nz};
+}
+
+/* How far beside an edge, on the left, and how far past either of its ends. */
+struct beside {
+    lanes left, past;
+};
+
+INLINE struct beside beside_edge(const struct flat_edge *e, lanes x, lanes y) {
+    return (struct beside){y * e->x - x * e->y, positive(magnitude(x * e->x + y * e->y - e->half) - e->half)};
+}
+
+INLINE lanes beside_sq(struct beside b) { return b.left * b.left + b.past * b.past; }
+
+/* Squared distances of eight samples to a triangle. */
+INLINE lanes distance_sq(const struct flat *f, lanes px, lanes py, lanes pz) {
+    struct spot p = in_axes(f, px, py, pz);
+    lanes past = positive(magnitude(p.x - f->ab.half) - f->ab.half);
+    struct beside bc = beside_edge(&f->bc, p.x - f->bx, p.y), ac = beside_edge(&f->ac, p.x, p.y);
+    mask over = (p.y > 0) & (bc.left > 0) & (ac.left < 0);
+    lanes edge_sq = lower(p.y * p.y + past * past, lower(beside_sq(bc), beside_sq(ac)));
+    return p.z * p.z + where(~over, edge_sq);
 }
 
 void cluster_clear(struct cluster *cluster, vec3 origin) {
     cluster->origin = origin;
     cluster->n = 0;
-    cluster->total_weight = 0;
 }
 
-uint32_t cluster_add(struct cluster *cluster, const struct sample *sample, uint32_t first) {
+FOR_EACH_PROCESSOR
+uint32_t cluster_add(struct cluster *cluster, const struct sample_block *block, uint32_t first) {
     size_t n = cluster->n;
     uint32_t i = first;
-    for (; i != NONE && n < CLUSTER_MOST; i = sample[i].next, n++) {
-        vec3 p = vec3_sub(sample[i].place, cluster->origin);
-        cluster->x[n] = (float)p.x, cluster->y[n] = (float)p.y, cluster->z[n] = (float)p.z;
-        cluster->weight[n] = sample[i].weight;
-        cluster->sample[n] = i;
-        cluster->total_weight += (double)sample[i].weight;
+    for (; i != NONE && n + block[i].count <= CLUSTER_MOST; n += block[i].count, i = block[i].next) {
+        vec3 shift = vec3_sub(block[i].origin, cluster->origin);
+        *at(&cluster->x[n]) = load(block[i].x) + (float)shift.x;
+        *at(&cluster->y[n]) = load(block[i].y) + (float)shift.y;
+        *at(&cluster->z[n]) = load(block[i].z) + (float)shift.z;
+        *at(&cluster->weight[n]) = load(block[i].weight);
+        memcpy(&cluster->sample[n], block[i].sample, sizeof block[i].sample);
     }
     cluster->n = n;
-    for (int k = 0; k < LANES; k++, n++) cluster->x[n] = cluster->y[n] = cluster->z[n] = cluster->weight[n] = 0;
+    *at(&cluster->x[n]) = all(FAR_AWAY);
+    *at(&cluster->y[n]) = all(FAR_AWAY);
+    *at(&cluster->z[n]) = all(FAR_AWAY);
+    *at(&cluster->weight[n]) = all(0);
     return i;
+}
+
+double cluster_weight(const struct cluster *cluster) {
+    lanes sum = all(0);
+    for (size_t i = 0; i < cluster->n; i += LANES) sum += load(&cluster->weight[i]);
+    return total(sum);
 }
 
 enum { STRIP = 8 }; /* vectors whose nearest distances are held while the triangles are gone through */
 
 /* The squared distances of vectors [begin, begin + count) to the nearest of the triangles. */
-static void strip_nearest(const struct cluster *cluster, const struct flat *flat, size_t n, size_t begin, size_t count,
+INLINE void strip_nearest(const struct cluster *cluster, const struct flat *flat, size_t n, size_t begin, size_t count,
                           lanes nearest_sq[STRIP]) {
     for (size_t k = 0; k < count; k++) nearest_sq[k] = all(INFINITY);
     for (size_t j = 0; j < n; j++) {
         const struct flat f = flat[j];
         for (size_t k = 0; k < count; k++) {
-            size_t at = (begin + k) * LANES;
-            lanes d_sq = distance_sq(&f, load(&cluster->x[at]), load(&cluster->y[at]), load(&cluster->z[at]));
+            size_t i = (begin + k) * LANES;
+            lanes d_sq = distance_sq(&f, load(&cluster->x[i]), load(&cluster->y[i]), load(&cluster->z[i]));
             nearest_sq[k] = lower(d_sq, nearest_sq[k]);
         }
     }
@@ -106,6 +165,7 @@ static void strip_nearest(const struct cluster *cluster, const struct flat *flat
 
 enum { MOST_TRIANGLES = 64 };
 
+FOR_EACH_PROCESSOR
 double cluster_cost(const struct cluster *cluster, const struct triangle_frame *frame, size_t n, float further,
                     double limit) {
     assert(n <= MOST_TRIANGLES);
@@ -125,31 +185,31 @@ double cluster_cost(const struct cluster *cluster, const struct triangle_frame *
     return total(sum);
 }
 
-/* Where four samples' nearest places on a triangle are: the corner a's share in them, and what is left to the sample in
- * the triangle's own axes. */
+/* Where eight samples' nearest places on a triangle are: the corner a's share in them, and what is left to the sample
+ * in the triangle's own axes. */
 struct feet {
     lanes share, x, y, z;
 };
 
-static inline struct feet feet_of(const struct flat *f, lanes px, lanes py, lanes pz) {
-    lanes rx = px - f->ax, ry = py - f->ay, rz = pz - f->az;
-    lanes x = rx * f->ux + ry * f->uy + rz * f->uz;
-    lanes y = rx * f->vx + ry * f->vy + rz * f->vz;
-    struct feet feet = {.z = rx * f->nx + ry * f->ny + rz * f->nz};
-    lanes bx = all(f->bx), cx = all(f->cx), cy = all(f->cy), ex = all(f->ex), beyond = x - bx;
-    mask over = (y >= 0) & (ex * y >= cy * beyond) & (cy * x >= cx * y);
-    lanes share_c = y / cy, share = 1 - share_c - (x - cx * share_c) / bx;
-    lanes t = higher(all(0), lower(all(1), x / bx));
-    lanes dx = x - t * bx, dy = y, best_sq = dx * dx + dy * dy, best = 1 - t;
-    t = higher(all(0), lower(all(1), (x * cx + y * cy) * f->inv_ca));
-    lanes ux = x - t * cx, uy = y - t * cy, other_sq = ux * ux + uy * uy;
+INLINE lanes clamped(lanes t) {
+    t = positive(t);
+    return lower(t, all(1));
+}
+
+INLINE struct feet feet_of(const struct flat *f, lanes px, lanes py, lanes pz) {
+    struct spot p = in_axes(f, px, py, pz);
+    struct beside bc = beside_edge(&f->bc, p.x - f->bx, p.y);
+    lanes cx = all(f->ac.x * f->ac.half * 2), cy = all(f->ac.y * f->ac.half * 2);
+    mask over = (p.y > 0) & (bc.left > 0) & (p.y * f->ac.x < p.x * f->ac.y);
+    lanes share_c = p.y / cy, share = 1 - share_c - (p.x - cx * share_c) / f->bx;
+    lanes t = clamped(p.x / f->bx);
+    lanes dx = p.x - t * f->bx, dy = p.y, best_sq = dx * dx + dy * dy, best = 1 - t;
+    t = clamped((p.x * f->ac.x + p.y * f->ac.y) / (2 * f->ac.half));
+    lanes ux = p.x - t * cx, uy = p.y - t * cy, other_sq = ux * ux + uy * uy;
     mask nearer = other_sq < best_sq;
     dx = pick(nearer, ux, dx), dy = pick(nearer, uy, dy), best = pick(nearer, 1 - t, best);
-    best_sq = lower(other_sq, best_sq);
-    nearer = to_edge_sq(beyond, y, ex, cy, all(f->inv_bc)) < best_sq;
-    best = pick(nearer, all(0), best);
-    feet.share = pick(over, share, best), feet.x = pick(over, all(0), dx), feet.y = pick(over, all(0), dy);
-    return feet;
+    best = where(~(beside_sq(bc) < lower(other_sq, best_sq)), best);
+    return (struct feet){pick(over, share, best), where(~over, dx), where(~over, dy), p.z};
 }
 
 static vec3 from_axes(const struct triangle_frame *f, vec3 s) {
@@ -166,21 +226,21 @@ static sym3 sym3_from_axes(const struct triangle_frame *f, sym3 a) {
     return (sym3){rx.x, rx.y, rx.z, ry.y, ry.z, rz.z};
 }
 
+FOR_EACH_PROCESSOR
 void cluster_fit_corner(const struct cluster *cluster, size_t begin, size_t end, const struct triangle_frame *frame,
                         float near, float further, struct cluster_model *model) {
-    if (!(triangle_frame_shape(frame) > THINNEST)) return;
+    if (begin == end || !(triangle_frame_shape(frame) > THINNEST)) return;
     const struct flat f = flat_of(frame, cluster->origin);
     lanes xx = all(0), xy = xx, xz = xx, yy = xx, yz = xx, zz = xx, gx = xx, gy = xx, gz = xx;
     for (size_t i = begin; i < end; i += LANES) {
-        mask in = (mask){0, 1, 2, 3} < (int32_t)(end - i);
-        struct feet r = feet_of(&f, load_any(&cluster->x[i]), load_any(&cluster->y[i]), load_any(&cluster->z[i]));
+        mask in = (mask){0, 1, 2, 3, 4, 5, 6, 7} < (int32_t)(end - i);
+        struct feet r = feet_of(&f, load(&cluster->x[i]), load(&cluster->y[i]), load(&cluster->z[i]));
         lanes d = root(r.x * r.x + r.y * r.y + r.z * r.z);
-        lanes weight = pick(in & (r.share > 0), load_any(&cluster->weight[i]), all(0));
-        lanes pull = weight * r.share * (1 + 2 * further * d) / higher(d, all(near));
+        lanes weight = where(in & (r.share > 0), load(&cluster->weight[i]));
         mask off = d > 1e-9f;
+        lanes pull = weight * r.share * (1 + 2 * further * d) / pick(d > near, d, all(near));
         lanes inverse = 1 / pick(off, d, all(1)), stiff = pull * r.share;
-        lanes nx = pick(off, r.x * inverse, all(0)), ny = pick(off, r.y * inverse, all(0));
-        lanes nz = pick(off, r.z * inverse, all(1));
+        lanes nx = where(off, r.x * inverse), ny = where(off, r.y * inverse), nz = pick(off, r.z * inverse, all(1));
         xx += stiff * nx * nx, xy += stiff * nx * ny, xz += stiff * nx * nz;
         yy += stiff * ny * ny, yz += stiff * ny * nz, zz += stiff * nz * nz;
         gx += pull * r.x, gy += pull * r.y, gz += pull * r.z;
@@ -190,48 +250,53 @@ void cluster_fit_corner(const struct cluster *cluster, size_t begin, size_t end,
     model->g = vec3_add(model->g, from_axes(frame, (vec3){total(gx), total(gy), total(gz)}));
 }
 
-void cluster_owners(const struct cluster *cluster, const struct triangle_frame *frame, size_t n,
-                    uint8_t owner[CLUSTER_MOST], float distance_sq_out[CLUSTER_MOST]) {
-    lanes nearest_sq[CLUSTER_MOST / LANES];
-    mask nearest[CLUSTER_MOST / LANES];
-    size_t vectors = (cluster->n + LANES - 1) / LANES;
-    for (size_t k = 0; k < vectors; k++) nearest_sq[k] = all(INFINITY), nearest[k] = (mask){0};
-    for (size_t j = 0; j < n; j++) {
-        const struct flat f = flat_of(&frame[j], cluster->origin);
-        int32_t id = (int32_t)j;
-        for (size_t k = 0; k < vectors; k++) {
-            size_t at = k * LANES;
-            lanes d_sq = distance_sq(&f, load(&cluster->x[at]), load(&cluster->y[at]), load(&cluster->z[at]));
-            mask nearer = d_sq < nearest_sq[k];
-            nearest_sq[k] = pick(nearer, d_sq, nearest_sq[k]);
-            nearest[k] = (nearer & (mask){id, id, id, id}) | (~nearer & nearest[k]);
-        }
-    }
-    for (size_t i = 0; i < cluster->n; i++) {
-        owner[i] = (uint8_t)nearest[i / LANES][i % LANES];
-        distance_sq_out[i] = nearest_sq[i / LANES][i % LANES];
+FOR_EACH_PROCESSOR
+void cluster_values(const struct cluster *cluster, const sym3 *a, vec3 place, float value[CLUSTER_ROOM]) {
+    vec3 p = vec3_sub(place, cluster->origin);
+    float xx = (float)a->xx, xy = (float)a->xy, xz = (float)a->xz, yy = (float)a->yy, yz = (float)a->yz;
+    float zz = (float)a->zz;
+    for (size_t i = 0; i < cluster->n; i += LANES) {
+        lanes x = load(&cluster->x[i]) - (float)p.x, y = load(&cluster->y[i]) - (float)p.y;
+        lanes z = load(&cluster->z[i]) - (float)p.z;
+        *at(&value[i]) = x * (x * xx + y * (2 * xy) + z * (2 * xz)) + y * (y * yy + z * (2 * yz)) + z * z * zz;
     }
 }
 
+FOR_EACH_PROCESSOR
+void cluster_owners(const struct cluster *cluster, const struct triangle_frame *frame, size_t n,
+                    uint8_t owner[CLUSTER_ROOM], float distance_sq_out[CLUSTER_ROOM]) {
+    mask nearest[CLUSTER_ROOM / LANES];
+    size_t vectors = (cluster->n + LANES - 1) / LANES;
+    for (size_t k = 0; k < vectors; k++) *at(&distance_sq_out[k * LANES]) = all(INFINITY), nearest[k] = (mask){0};
+    for (size_t j = 0; j < n; j++) {
+        const struct flat f = flat_of(&frame[j], cluster->origin);
+        mask id = (mask){0} + (int32_t)j;
+        for (size_t k = 0; k < vectors; k++) {
+            size_t i = k * LANES;
+            lanes before = load(&distance_sq_out[i]);
+            lanes d_sq = distance_sq(&f, load(&cluster->x[i]), load(&cluster->y[i]), load(&cluster->z[i]));
+            mask nearer = d_sq < before;
+            *at(&distance_sq_out[i]) = pick(nearer, d_sq, before);
+            nearest[k] = (nearer & id) | (~nearer & nearest[k]);
+        }
+    }
+    for (size_t i = 0; i < cluster->n; i++) owner[i] = (uint8_t)nearest[i / LANES][i % LANES];
+}
+
+FOR_EACH_PROCESSOR
 void cluster_nearest(const struct cluster *cluster, vec3 place, double *nearest_sq, uint32_t *nearest) {
     vec3 p = vec3_sub(place, cluster->origin);
-    lanes px = all((float)p.x), py = all((float)p.y), pz = all((float)p.z), best_sq = all(INFINITY);
-    mask best = {0}, id = {0, 1, 2, 3};
-    size_t whole = cluster->n / LANES * LANES;
-    for (size_t i = 0; i < whole; i += LANES, id += LANES) {
-        lanes dx = load(&cluster->x[i]) - px, dy = load(&cluster->y[i]) - py, dz = load(&cluster->z[i]) - pz;
+    lanes best_sq = all(INFINITY);
+    mask best = {0}, id = {0, 1, 2, 3, 4, 5, 6, 7};
+    for (size_t i = 0; i < cluster->n; i += LANES, id += LANES) {
+        lanes dx = load(&cluster->x[i]) - (float)p.x, dy = load(&cluster->y[i]) - (float)p.y;
+        lanes dz = load(&cluster->z[i]) - (float)p.z;
         lanes d_sq = dx * dx + dy * dy + dz * dz;
         mask nearer = d_sq < best_sq;
-        best_sq = pick(nearer, d_sq, best_sq);
+        best_sq = lower(d_sq, best_sq);
         best = (nearer & id) | (~nearer & best);
     }
-    for (int k = 0; k < LANES; k++) {
-        if ((double)best_sq[k] >= *nearest_sq) continue;
-        *nearest_sq = (double)best_sq[k], *nearest = cluster->sample[best[k]];
-    }
-    for (size_t i = whole; i < cluster->n; i++) {
-        float dx = cluster->x[i] - px[0], dy = cluster->y[i] - py[0], dz = cluster->z[i] - pz[0];
-        double d_sq = (double)(dx * dx + dy * dy + dz * dz);
-        if (d_sq < *nearest_sq) *nearest_sq = d_sq, *nearest = cluster->sample[i];
-    }
+    for (int k = 0; k < LANES; k++)
+        if ((double)best_sq[k] < *nearest_sq && (size_t)best[k] < cluster->n)
+            *nearest_sq = (double)best_sq[k], *nearest = cluster->sample[best[k]];
 }

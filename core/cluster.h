@@ -1,7 +1,7 @@
-/* Samples of a few triangles, gathered so that their distances to other triangles can be measured four at a time.
+/* Samples of a few triangles, gathered so that their distances to other triangles can be measured eight at a time.
  *
  * Coordinates are relative to an origin amid the samples, which makes float exact enough: distances are good to 1e-7 of
- * the cluster's extent.  A sum over a cluster is added up in a fixed order.
+ * the cluster's extent.  A sum over a cluster is added up in a fixed order, the same on all processors.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_CLUSTER_H
@@ -10,26 +10,28 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "core/samples.h"
+#include "core/sample_lists.h"
 #include "core/sym3.h"
 #include "core/triangle_frame.h"
 
-enum { CLUSTER_MOST = 512, CLUSTER_ROOM = CLUSTER_MOST + 4 };
+enum { CLUSTER_MOST = 512, CLUSTER_ROOM = CLUSTER_MOST + 2 * SAMPLE_BLOCK };
 
 struct cluster {
     vec3 origin;
-    size_t n;            /* samples, at most CLUSTER_MOST */
-    double total_weight; /* of them */
-    _Alignas(16) float x[CLUSTER_ROOM], y[CLUSTER_ROOM], z[CLUSTER_ROOM], weight[CLUSTER_ROOM];
-    uint32_t sample[CLUSTER_MOST];
+    size_t n; /* samples, at most CLUSTER_MOST; those behind have no weight and are far away */
+    _Alignas(32) float x[CLUSTER_ROOM], y[CLUSTER_ROOM], z[CLUSTER_ROOM], weight[CLUSTER_ROOM];
+    uint32_t sample[CLUSTER_ROOM];
 };
 
 /* Empties the cluster. */
 void cluster_clear(struct cluster *cluster, vec3 origin);
 
-/* Adds the list of samples that begins with `first`, until its end or until the cluster is full; the first sample that
- * isn't in, or NONE. */
-uint32_t cluster_add(struct cluster *cluster, const struct sample *sample, uint32_t first);
+/* Adds a list of samples, from the block `first` to its end or until the cluster is full; the first block that isn't
+ * in, or NONE. */
+uint32_t cluster_add(struct cluster *cluster, const struct sample_block *block, uint32_t first);
+
+/* The sum of the weights. */
+double cluster_weight(const struct cluster *cluster);
 
 /* The sum over the samples of weight * (d + d^2 * further), d being the distance to the nearest of n triangles; or a
  * part of it that is over limit already. */
@@ -47,9 +49,12 @@ struct cluster_model {
 void cluster_fit_corner(const struct cluster *cluster, size_t begin, size_t end, const struct triangle_frame *frame,
                         float near, float further, struct cluster_model *model);
 
+/* s^T a s for each sample, s being where it is as seen from place. */
+void cluster_values(const struct cluster *cluster, const sym3 *a, vec3 place, float value[CLUSTER_ROOM]);
+
 /* For each sample which of n triangles (n < 256) is nearest, the first of equals, and its squared distance. */
 void cluster_owners(const struct cluster *cluster, const struct triangle_frame *frame, size_t n,
-                    uint8_t owner[CLUSTER_MOST], float distance_sq[CLUSTER_MOST]);
+                    uint8_t owner[CLUSTER_ROOM], float distance_sq[CLUSTER_ROOM]);
 
 /* Of place[0 .. n) to the nearest sample: updates nearest_sq and nearest (an index into the cluster's samples' ids)
  * where a sample of this cluster is nearer. */

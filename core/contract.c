@@ -36,7 +36,7 @@
 #include "core/par.h"
 #include "core/radix.h"
 
-enum { GRAIN = 1024, RELINK_K = 9, MOST_LINKS = 24, AHEAD = 24 };
+enum { GRAIN = 1024, RELINK_K = 9, MOST_LINKS = 24, AHEAD = 24, CHOOSER = 2 };
 static const double FRACTION = 1.0 / 5, SLACK = 1.5, FEWEST = 1.0 / 6, LENGTH_BIAS = 1e-9;
 
 struct contractor {
@@ -48,13 +48,12 @@ struct contractor {
     uint32_t *target;  /* itself, or where its point went */
     uint32_t *partner; /* other end of the cheapest pair, NONE where there is none; merged slots: the end that went */
     float *cost;       /* of that pair */
-    uint8_t *changed;  /* its pair was chosen in this pass */
+    uint8_t *changed;  /* its pair was chosen in this pass, and CHOOSER: by this end of it */
     struct adjacency near;
     uint32_t *spare_list; /* the pool that the next update writes */
     size_t spare_capacity;
     size_t *chunk;         /* by range of GRAIN slots: how many picks it has; where its lists begin */
     uint64_t *pick, *swap; /* keyed by the cost's float bits, which order as costs do, with the slot that picked */
-    uint32_t *chosen;      /* slots whose picks were chosen in this pass */
     double length_bias;
     unsigned threads;
     struct contraction out;
@@ -133,9 +132,10 @@ static void fetch(const struct contractor *c, uint64_t pick) {
 }
 
 /* Takes picks from the cheapest on until enough are taken; those that share a point with one taken before must wait.
- * Returns how many are chosen. */
+ * Returns how many are chosen; the swap, of no use until the next sorting, holds each one's rank. */
 static size_t choose(struct contractor *c, size_t count) {
     size_t goal = (size_t)ceil((double)c->live_count * FRACTION), done = 0;
+    uint64_t *rank = c->swap;
     if (goal >= c->live_count) goal = c->live_count - 1;
     double limit = SLACK * cost_of(c->pick[goal < count ? goal : count - 1]);
     for (size_t i = 0; i < count && done < goal; i++) {
@@ -143,18 +143,22 @@ static size_t choose(struct contractor *c, size_t count) {
         if (i + AHEAD < count) fetch(c, c->pick[i + AHEAD]);
         uint32_t p = radix_value(c->pick[i]), q = c->partner[p];
         if (c->changed[p] || c->changed[q]) continue;
-        c->changed[p] = c->changed[q] = 1;
-        c->chosen[done++] = p;
+        c->changed[p] = CHOOSER;
+        c->changed[q] = 1;
+        rank[p] = done++;
     }
     return done;
 }
 
 /* ------------------------------------------------------------------------------------------------ merge */
 
+/* In the order of slots, not of costs, so that what is near in memory is merged together. */
 static void merge_range(void *ctx, size_t begin, size_t end) {
     struct contractor *c = ctx;
-    for (size_t i = begin; i < end; i++) {
-        uint32_t p = c->chosen[i], q = c->partner[p], stays = staying_end(c, p, q), goes = stays == p ? q : p;
+    for (size_t s = begin; s < end; s++) {
+        if (c->changed[s] != CHOOSER) continue;
+        uint32_t p = (uint32_t)s, q = c->partner[p], stays = staying_end(c, p, q), goes = stays == p ? q : p;
+        size_t i = c->removed + c->swap[s];
         quadric there = quadric_unpack(&c->quadric[stays]), moved = quadric_unpack(&c->quadric[goes]);
         quadric sum = quadric_add(there, quadric_shift(moved, vec3_sub(c->point[goes], c->point[stays])));
         double error = sum.weight > 0 ? sqrt((sum.c > 0 ? sum.c : 0) / sum.weight) : 0;
@@ -162,13 +166,13 @@ static void merge_range(void *ctx, size_t begin, size_t end) {
         c->target[goes] = stays;
         c->partner[stays] = goes;
         c->out.into[c->id[goes]] = c->id[stays];
-        c->out.order[c->removed + i] = c->id[goes];
-        c->out.error[c->removed + i] = (float)error;
+        c->out.order[i] = c->id[goes];
+        c->out.error[i] = (float)error;
     }
 }
 
 static void merge(struct contractor *c, size_t count) {
-    par_for(c->threads, count, GRAIN, merge_range, c);
+    par_for(c->threads, c->slots, GRAIN, merge_range, c);
     float largest = c->removed ? c->out.error[c->removed - 1] : 0;
     for (float *error = &c->out.error[c->removed], *end = error + count; error < end; error++) {
         if (*error > largest) largest = *error;
@@ -405,7 +409,7 @@ static enum status relink(struct contractor *c) {
 static void contractor_done(struct contractor *c) {
     adjacency_done(&c->near);
     free(c->own_point), free(c->id), free(c->target), free(c->partner), free(c->cost), free(c->changed);
-    free(c->spare_list), free(c->chunk), free(c->pick), free(c->swap), free(c->chosen);
+    free(c->spare_list), free(c->chunk), free(c->pick), free(c->swap);
 }
 
 static enum status contractor_init(struct contractor *c) {
@@ -418,12 +422,11 @@ static enum status contractor_init(struct contractor *c) {
     c->chunk = alloc_array(n / GRAIN + 1, sizeof *c->chunk);
     c->pick = alloc_array(n, sizeof *c->pick);
     c->swap = alloc_array(n, sizeof *c->swap);
-    c->chosen = alloc_array((size_t)((double)n * FRACTION) + 2, sizeof *c->chosen);
     c->out.order = alloc_array(n, sizeof *c->out.order);
     c->out.into = alloc_array(n, sizeof *c->out.into);
     c->out.error = alloc_array(n, sizeof *c->out.error);
     if (!c->id || !c->target || !c->partner || !c->cost || !c->changed || !c->chunk || !c->pick || !c->swap ||
-        !c->chosen || !c->out.order || !c->out.into || !c->out.error)
+        !c->out.order || !c->out.into || !c->out.error)
         return STATUS_NO_MEMORY;
     double weight = 0;
     for (size_t i = 0; i < n; i++) {

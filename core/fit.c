@@ -8,12 +8,10 @@
 #include <string.h>
 
 #include "core/alloc.h"
-#include "core/bvh.h"
 #include "core/cloud.h"
+#include "core/fit_assign.h"
 #include "core/fit_gap.h"
 #include "core/par.h"
-
-enum { SAMPLE_GRAIN = 2048 };
 
 #define SMALLEST_MEAN 1e-9 /* so that a perfect mesh has lengths to go by, too */
 
@@ -23,29 +21,32 @@ struct triangle_frame fit_frame(const struct fit *fit, uint32_t triangle) {
     return triangle_frame_of(vertex[corner[0]], vertex[corner[1]], vertex[corner[2]]);
 }
 
+vec3 fit_middle(const struct fit *fit, uint32_t triangle) {
+    const uint32_t *corner = fit->mesh->triangle[triangle];
+    const vec3 *vertex = fit->mesh->vertex;
+    return vec3_scale(vec3_add(vec3_add(vertex[corner[0]], vertex[corner[1]]), vertex[corner[2]]), 1.0 / 3);
+}
+
 /* Fills the cluster with what comes after region->reached and ->rest. */
 static void gather_on(const struct fit *fit, struct fit_region *region) {
     for (size_t k = 0; k <= region->reached; k++) region->begin[k] = 0;
     while (region->reached < region->n) {
-        region->rest = cluster_add(&region->cluster, fit->samples.sample, region->rest);
+        region->rest = cluster_add(&region->cluster, fit->lists.block, region->rest);
         if (region->rest != NONE) break;
         region->begin[++region->reached] = region->cluster.n;
-        if (region->reached < region->n) region->rest = fit->first[region->triangle[region->reached]];
+        if (region->reached < region->n) region->rest = fit->lists.first[region->triangle[region->reached]];
     }
     for (size_t k = region->reached; k < region->n; k++) region->begin[k + 1] = region->cluster.n;
 }
 
 void fit_gather(const struct fit *fit, struct fit_region *region) {
     region->reached = 0;
-    region->rest = fit->first[region->triangle[0]];
+    region->rest = fit->lists.first[region->triangle[0]];
     cluster_clear(&region->cluster, fit->mesh->vertex[fit->mesh->triangle[region->triangle[0]][0]]);
     gather_on(fit, region);
 }
 
-/* Goes through the samples of a region, as many at a time as a cluster holds: part is the region itself at first, and
- * more, which takes turns, after that.  NULL when there are none left. */
-static const struct fit_region *next_part(const struct fit *fit, const struct fit_region *part,
-                                          struct fit_region *more) {
+const struct fit_region *fit_next_part(const struct fit *fit, const struct fit_region *part, struct fit_region *more) {
     if (part->reached == part->n) return NULL;
     if (part != more) {
         more->n = part->n, more->reached = part->reached, more->rest = part->rest;
@@ -61,7 +62,7 @@ struct cluster_model fit_model(const struct fit *fit, const struct fit_region *r
     struct cluster_model model = {0};
     struct fit_region more;
     float further = (float)(1 / fit->far);
-    for (const struct fit_region *part = region; part; part = next_part(fit, part, &more))
+    for (const struct fit_region *part = region; part; part = fit_next_part(fit, part, &more))
         for (size_t k = 0; k < part->n; k++)
             cluster_fit_corner(&part->cluster, part->begin[k], part->begin[k + 1], &frame[k], (float)near, further,
                                &model);
@@ -72,61 +73,77 @@ double fit_cost_with(const struct fit *fit, const struct fit_region *region, con
                      size_t frames, double limit) {
     struct fit_region more;
     double sum = 0;
-    for (const struct fit_region *part = region; part && sum <= limit; part = next_part(fit, part, &more))
+    for (const struct fit_region *part = region; part && sum <= limit; part = fit_next_part(fit, part, &more))
         sum += cluster_cost(&part->cluster, frame, frames, (float)(1 / fit->far), limit - sum);
     return sum;
 }
 
 static double stray_of_sq(const struct fit *fit, vec3 middle, double nearest_sq, uint32_t nearest) {
     if (nearest == NONE) return 0;
-    double reach = (double)fit->samples.reach[nearest];
-    if (nearest_sq > reach * reach) return nearest_sq;
-    double height = vec3_dot(vec3_sub(middle, fit->samples.sample[nearest].place), fit->samples.normal[nearest]);
+    const struct sample *sample = &fit->samples.sample[nearest];
+    if (nearest_sq > (double)sample->reach * (double)sample->reach) return nearest_sq;
+    double height = vec3_dot(vec3_sub(middle, sample->place), fit->samples.normal[nearest]);
     return height * height;
 }
 
-double fit_stray_sq(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
-                    size_t frames) {
+double fit_stray_sq(const struct fit *fit, const struct fit_region *region, const vec3 *middle, size_t n) {
     double nearest_sq[FIT_MAX_RING], farthest_sq = 0;
     uint32_t nearest[FIT_MAX_RING];
-    for (size_t j = 0; j < frames; j++) nearest_sq[j] = INFINITY, nearest[j] = NONE;
+    for (size_t j = 0; j < n; j++) nearest_sq[j] = INFINITY, nearest[j] = NONE;
     struct fit_region more;
-    for (const struct fit_region *part = region; part; part = next_part(fit, part, &more))
-        for (size_t j = 0; j < frames; j++)
-            cluster_nearest(&part->cluster, triangle_frame_middle(&frame[j]), &nearest_sq[j], &nearest[j]);
-    for (size_t j = 0; j < frames; j++)
-        farthest_sq = fmax(farthest_sq, stray_of_sq(fit, triangle_frame_middle(&frame[j]), nearest_sq[j], nearest[j]));
+    for (const struct fit_region *part = region; part; part = fit_next_part(fit, part, &more))
+        for (size_t j = 0; j < n; j++) cluster_nearest(&part->cluster, middle[j], &nearest_sq[j], &nearest[j]);
+    for (size_t j = 0; j < n; j++) {
+        double stray_sq = stray_of_sq(fit, middle[j], nearest_sq[j], nearest[j]);
+        if (stray_sq > farthest_sq) farthest_sq = stray_sq;
+    }
     return farthest_sq;
 }
 
-/* Takes the points out of the lists, as one list in the order of the triangles. */
-static uint32_t take_points(struct fit *fit, const uint32_t *triangle, size_t n) {
+bool fit_stays(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
+               size_t frames) {
+    vec3 middle[FIT_MAX_RING];
+    for (size_t j = 0; j < frames; j++) middle[j] = triangle_frame_middle(&frame[j]);
+    double stray_sq = fit_stray_sq(fit, region, middle, frames);
+    if (stray_sq <= fit->stray_sq) return true;
+    for (size_t k = 0; k < region->n; k++) middle[k] = fit_middle(fit, region->triangle[k]);
+    return stray_sq <= fit_stray_sq(fit, region, middle, region->n);
+}
+
+/* Empties the lists into one chain of blocks, in the order of the triangles. */
+static uint32_t take_samples(struct fit *fit, const uint32_t *triangle, size_t n) {
     uint32_t chain = NONE;
     for (size_t k = n; k-- > 0;) {
-        uint32_t i = fit->first[triangle[k]];
-        fit->first[triangle[k]] = NONE;
+        uint32_t first = sample_lists_take(&fit->lists, triangle[k]), last = first;
         fit->cost[triangle[k]] = 0;
-        while (i != NONE) {
-            uint32_t next = fit->samples.sample[i].next;
-            fit->samples.sample[i].next = chain;
-            chain = i;
-            i = next;
-        }
+        if (first == NONE) continue;
+        while (fit->lists.block[last].next != NONE) last = fit->lists.block[last].next;
+        fit->lists.block[last].next = chain;
+        chain = first;
+    }
+    return chain;
+}
+
+/* Puts the blocks from `first` to before `end` in front of the chain. */
+static uint32_t put_back(struct fit *fit, uint32_t first, uint32_t end, uint32_t chain) {
+    while (first != end) {
+        uint32_t next = fit->lists.block[first].next;
+        fit->lists.block[first].next = chain;
+        chain = first;
+        first = next;
     }
     return chain;
 }
 
 static void hand_out(struct fit *fit, const struct cluster *cluster, const struct triangle_frame *frame,
-                     const uint32_t *to, size_t m) {
-    uint8_t owner[CLUSTER_MOST];
-    float distance_sq[CLUSTER_MOST];
+                     const uint32_t *to, size_t m, uint32_t *spare) {
+    uint8_t owner[CLUSTER_ROOM];
+    float distance_sq[CLUSTER_ROOM];
     cluster_owners(cluster, frame, m, owner, distance_sq);
     for (size_t i = 0; i < cluster->n; i++) {
         uint32_t id = cluster->sample[i], t = to[owner[i]];
-        struct sample *sample = &fit->samples.sample[id];
-        sample->next = fit->first[t];
-        fit->first[t] = id;
-        fit->cost[t] += (double)sample->weight * fit_cost_of(fit, (double)distance_sq[i]);
+        sample_lists_add(&fit->lists, t, id, &fit->samples.sample[id], spare);
+        fit->cost[t] += (double)cluster->weight[i] * fit_cost_of(fit, (double)distance_sq[i]);
     }
 }
 
@@ -134,13 +151,19 @@ void fit_share(struct fit *fit, const uint32_t *from, size_t n, const uint32_t *
     assert(m <= FIT_MAX_RING);
     struct triangle_frame frame[FIT_MAX_RING];
     struct cluster cluster;
-    for (size_t k = 0; k < m; k++) frame[k] = fit_frame(fit, to[k]);
-    uint32_t rest = take_points(fit, from, n);
-    do {
+    for (size_t k = 0; k < m; k++) {
+        frame[k] = fit_frame(fit, to[k]);
+        fit->facing[to[k]] = fit_facing_of(&frame[k]);
+    }
+    uint32_t rest = take_samples(fit, from, n), spare = NONE;
+    while (rest != NONE) {
+        uint32_t first = rest;
         cluster_clear(&cluster, frame[0].a);
-        rest = cluster_add(&cluster, fit->samples.sample, rest);
-        hand_out(fit, &cluster, frame, to, m);
-    } while (rest != NONE);
+        rest = cluster_add(&cluster, fit->lists.block, first);
+        spare = put_back(fit, first, rest, spare);
+        hand_out(fit, &cluster, frame, to, m, &spare);
+    }
+    sample_lists_give(&fit->lists, spare);
 }
 
 void fit_take(struct fit *fit, uint32_t point) {
@@ -153,23 +176,18 @@ void fit_leave(struct fit *fit, uint32_t point) {
 
 double fit_mean(const struct fit *fit) {
     double sum = 0, weight = 0;
+    struct cluster cluster;
     for (uint32_t t = 0; t < fit->mesh->triangle_count; t++) {
         struct triangle_frame frame = fit_frame(fit, t);
-        for (uint32_t i = fit->first[t]; i != NONE; i = fit->samples.sample[i].next) {
-            const struct sample *sample = &fit->samples.sample[i];
-            sum += (double)sample->weight * sqrt(triangle_frame_nearer_sq(&frame, sample->place, INFINITY));
-            weight += (double)sample->weight;
+        for (uint32_t rest = fit->lists.first[t]; rest != NONE;) {
+            cluster_clear(&cluster, frame.a);
+            rest = cluster_add(&cluster, fit->lists.block, rest);
+            sum += cluster_cost(&cluster, &frame, 1, 0, INFINITY);
+            weight += cluster_weight(&cluster);
         }
     }
     return weight > 0 ? sum / weight : 0;
 }
-
-struct assignment {
-    const struct fit *fit;
-    const struct bvh *bvh;
-    uint32_t *triangle;
-    float *distance_sq;
-};
 
 /* Lengths that the fit goes by, from the mean distance before it, and what area a sample stands for. */
 static void set_scale(struct fit *fit, const float *distance_sq) {
@@ -185,59 +203,42 @@ static void set_scale(struct fit *fit, const float *distance_sq) {
     fit->stray_sq = FIT_STRAY * mean * FIT_STRAY * mean;
 }
 
-/* Each query starts from the answer of the one before, which lies nearby. */
-static void assign_range(void *ctx, size_t begin, size_t end) {
-    struct assignment *assignment = ctx;
-    uint32_t hint = NONE;
-    for (size_t i = begin; i < end; i++) {
-        struct bvh_hit hit = bvh_closest(assignment->bvh, assignment->fit->samples.sample[i].place, hint);
-        assignment->triangle[i] = hint = hit.triangle;
-        assignment->distance_sq[i] = (float)hit.distance_sq;
-    }
-}
-
-static void assign(struct fit *fit, const struct assignment *assignment) {
-    for (uint32_t i = (uint32_t)fit->samples.n; i-- > 0;) {
-        uint32_t t = assignment->triangle[i];
-        struct sample *sample = &fit->samples.sample[i];
-        sample->next = fit->first[t];
-        fit->first[t] = i;
-        fit->cost[t] += (double)sample->weight * fit_cost_of(fit, (double)assignment->distance_sq[i]);
+static void fill_lists(struct fit *fit, const uint32_t *triangle, const float *distance_sq) {
+    uint32_t spare = NONE;
+    for (uint32_t i = 0; i < fit->samples.n; i++) {
+        const struct sample *sample = &fit->samples.sample[i];
+        sample_lists_add(&fit->lists, triangle[i], i, sample, &spare);
+        fit->cost[triangle[i]] += (double)sample->weight * fit_cost_of(fit, (double)distance_sq[i]);
     }
 }
 
 static enum status assign_all(struct fit *fit) {
-    struct bvh *bvh = NULL;
     size_t n = fit->samples.n;
-    struct assignment assignment = {.fit = fit};
-    assignment.triangle = alloc_array(n, sizeof *assignment.triangle);
-    assignment.distance_sq = alloc_array(n, sizeof *assignment.distance_sq);
-    bool enough = assignment.triangle && assignment.distance_sq && bvh_new(fit->mesh, &bvh) == STATUS_OK;
-    if (enough) {
-        assignment.bvh = bvh;
-        par_for(fit->threads, n, SAMPLE_GRAIN, assign_range, &assignment);
-        set_scale(fit, assignment.distance_sq);
-        assign(fit, &assignment);
+    uint32_t *triangle = alloc_array(n, sizeof *triangle);
+    float *distance_sq = alloc_array(n, sizeof *distance_sq);
+    enum status status = triangle && distance_sq ? fit_assign(fit, triangle, distance_sq) : STATUS_NO_MEMORY;
+    if (status == STATUS_OK) {
+        set_scale(fit, distance_sq);
+        fill_lists(fit, triangle, distance_sq);
     }
-    bvh_free(bvh);
-    free(assignment.triangle), free(assignment.distance_sq);
-    return enough ? STATUS_OK : STATUS_NO_MEMORY;
+    free(triangle), free(distance_sq);
+    return status;
 }
 
 static enum status allocate(struct fit *fit) {
     size_t n = fit->input->n, triangles = fit->mesh->triangle_count, vertices = fit->mesh->vertex_count;
-    fit->first = alloc_array(triangles, sizeof *fit->first);
+    size_t threads = fit->threads ? fit->threads : par_processors();
     fit->cost = alloc_zeroed(triangles, sizeof *fit->cost);
+    fit->facing = alloc_array(triangles, sizeof *fit->facing);
     fit->taken = alloc_zeroed(n, 1);
     fit->stale = alloc_array(vertices, 1);
     fit->touched = alloc_array(triangles, 1);
     fit->postponed = alloc_zeroed(triangles, 1);
-    if (!fit->first || !fit->cost || !fit->taken || !fit->stale || !fit->touched || !fit->postponed)
+    if (!fit->cost || !fit->facing || !fit->taken || !fit->stale || !fit->touched || !fit->postponed)
         return STATUS_NO_MEMORY;
-    memset(fit->first, 0xff, triangles * sizeof *fit->first);
     memset(fit->stale, 1, vertices);
     memset(fit->touched, 1, triangles);
-    return STATUS_OK;
+    return sample_lists_init(&fit->lists, triangles, fit->samples.n, threads * FIT_MAX_RING);
 }
 
 static bool wants_middles(const struct mesh *mesh, const struct refine_input *input) {
@@ -252,6 +253,10 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
     if (status == STATUS_OK) status = halfedge_init(&new.he, mesh);
     if (status == STATUS_OK) {
         for (size_t v = 0; mesh->source && v < mesh->vertex_count; v++) fit_take(&new, mesh->source[v]);
+        for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+            struct triangle_frame frame = fit_frame(&new, t);
+            new.facing[t] = fit_facing_of(&frame);
+        }
         status = assign_all(&new);
     }
     if (status != STATUS_OK) {
@@ -265,7 +270,8 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
 void fit_done(struct fit *fit) {
     halfedge_done(&fit->he);
     samples_done(&fit->samples);
-    free(fit->first), free(fit->cost);
+    sample_lists_done(&fit->lists);
+    free(fit->cost), free(fit->facing);
     free(fit->taken), free(fit->stale), free(fit->touched), free(fit->postponed);
     *fit = (struct fit){0};
 }

@@ -1,13 +1,13 @@
 /* A mesh that is being fitted to dense points: what all refining operations share.
  *
  * Every sample (a dense point, or the middle of two) belongs to one triangle, the nearest as far as is known: each
- * operation that changes triangles hands the samples of these triangles out among them again, and looks no further. The
- * lists are linked through flat arrays.
+ * operation that changes triangles hands the samples of these triangles out among them again, and looks no further.
  *
  * What is made small is the sum over the samples of  weight * (d + d^2 / far):  the mean distance, with large distances
  * counted more, so that the largest falls as well.  A sample's weight is the area that it stands for.
  *
- * Invariant: cost[t] is the sum over the samples of triangle t's list, and each sample is in exactly one list.
+ * Invariant: cost[t] is the sum over the samples of triangle t's list, facing[t] is the triangle's as it is, and each
+ * sample is in exactly one list.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_FIT_H
@@ -22,6 +22,7 @@
 #include "core/mesh.h"
 #include "core/params.h"
 #include "core/refine.h"
+#include "core/sample_lists.h"
 #include "core/samples.h"
 #include "core/triangle_frame.h"
 
@@ -35,6 +36,12 @@
 
 enum { FIT_MAX_RING = 32 };
 
+/* What neighbours want to know of a triangle. */
+struct facing {
+    vec3 normal;
+    double shape;
+};
+
 struct fit {
     struct mesh *mesh;
     struct halfedge he;
@@ -45,12 +52,13 @@ struct fit {
     double far, near;
     double unit_area; /* of the surface at the beginning, for each unit of the samples' weight */
     struct samples samples;
-    uint32_t *first;    /* triangle_count: first sample of the list (samples.sample[].next), or NONE */
-    double *cost;       /* triangle_count */
-    uint8_t *taken;     /* input->n: how many vertices stand there, up to 255 */
-    uint8_t *stale;     /* vertex_count: its star has changed since it was last tried */
-    uint8_t *touched;   /* triangle_count: it has changed since its edges were last tried */
-    uint8_t *postponed; /* triangle_count: all 0 between passes */
+    struct sample_lists lists; /* of each triangle */
+    double *cost;              /* triangle_count */
+    struct facing *facing;     /* triangle_count */
+    uint8_t *taken;            /* input->n: how many vertices stand there, up to 255 */
+    uint8_t *stale;            /* vertex_count: its star has changed since it was last tried */
+    uint8_t *touched;          /* triangle_count: it has changed since its edges were last tried */
+    uint8_t *postponed;        /* triangle_count: all 0 between passes */
 };
 
 enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_input *input,
@@ -74,7 +82,16 @@ static inline vec3 fit_corner(const struct fit *fit, uint32_t h) {
  * to after: up to 90 degrees, or where it was more already (a sharp edge), no further. */
 static inline bool fit_fold_is_fair(double before, double after) { return after >= 0 || after >= before; }
 
+static inline struct facing fit_facing_of(const struct triangle_frame *frame) {
+    return (struct facing){frame->n, triangle_frame_shape(frame)};
+}
+
+/* Whether a triangle may take the place of another as far as its shape goes: not thinner than it may be, nor than it
+ * was. */
+static inline bool fit_shape_is_fair(double before, double after) { return after >= FIT_THIN || after >= before; }
+
 struct triangle_frame fit_frame(const struct fit *fit, uint32_t triangle);
+vec3 fit_middle(const struct fit *fit, uint32_t triangle);
 
 /* The samples in the lists of a few triangles. */
 struct fit_region {
@@ -86,12 +103,16 @@ struct fit_region {
     struct cluster cluster;
 };
 
+/* The samples of a region, as many at a time as a cluster holds: part is the region itself at first, and more, which
+ * takes turns, after that.  NULL when there are none left. */
+const struct fit_region *fit_next_part(const struct fit *fit, const struct fit_region *part, struct fit_region *more);
+
 /* Gathers the samples of region->triangle[0 .. n). */
 void fit_gather(const struct fit *fit, struct fit_region *region);
 
 /* Whether the region costs so little that it is rounding. */
 static inline bool fit_is_exact(const struct fit_region *region, double cost) {
-    return !(cost > FIT_EXACT * region->cluster.total_weight);
+    return !(cost > FIT_EXACT * cluster_weight(&region->cluster));
 }
 
 /* The quadric of a vertex whose star the region is; frame[i], of triangle[i], has it as corner a. */
@@ -102,13 +123,17 @@ struct cluster_model fit_model(const struct fit *fit, const struct fit_region *r
 double fit_cost_with(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
                      size_t frames, double limit);
 
-/* The largest squared distance of the middles of frame[0 .. frames) to the tangent disks of the region's nearest
- * samples: so that no part of the surface leaves the data. */
-double fit_stray_sq(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
-                    size_t frames);
+/* The largest squared distance of middle[0 .. n) of triangles to the tangent disks of the region's nearest samples: so
+ * that no part of the surface leaves the data. */
+double fit_stray_sq(const struct fit *fit, const struct fit_region *region, const vec3 *middle, size_t n);
+
+/* Whether the surface frame[0 .. frames) strays no farther from the data than anything may, or than the region's
+ * triangles do now. */
+bool fit_stays(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
+               size_t frames);
 
 /* Hands the samples in the lists of from[0 .. n) out to the nearest of the triangles to[0 .. m) as they are now, and
- * sets the costs of both.  m <= FIT_MAX_RING. */
+ * sets the costs of both, and how the latter face.  n, m <= FIT_MAX_RING.  Triangles of its own for each thread. */
 void fit_share(struct fit *fit, const uint32_t *from, size_t n, const uint32_t *to, size_t m);
 
 /* Mean distance of the samples to the triangles that they belong to, by weight. */

@@ -34,23 +34,20 @@ struct round {
 /* The edge of h and its other diagonal. */
 struct quad {
     uint32_t triangle[2];
-    uint32_t a, b, c, d;
-    struct triangle_frame old[2], new[2];
+    const struct facing *old[2];
+    struct triangle_frame new[2];
+    struct facing after[2];
 };
 
 static struct quad quad_of(const struct fit *fit, uint32_t h) {
-    const struct halfedge *he = &fit->he;
     const vec3 *p = fit->mesh->vertex;
-    uint32_t g = he->twin[h];
-    struct quad q = {.triangle = {h / 3, g / 3},
-                     .a = halfedge_from(he, h),
-                     .b = halfedge_to(he, h),
-                     .c = halfedge_apex(he, h),
-                     .d = halfedge_apex(he, g)};
-    q.old[0] = triangle_frame_of(p[q.a], p[q.b], p[q.c]);
-    q.old[1] = triangle_frame_of(p[q.b], p[q.a], p[q.d]);
-    q.new[0] = triangle_frame_of(p[q.a], p[q.d], p[q.c]);
-    q.new[1] = triangle_frame_of(p[q.d], p[q.b], p[q.c]);
+    uint32_t g = fit->he.twin[h];
+    vec3 a = p[halfedge_from(&fit->he, h)], b = p[halfedge_from(&fit->he, g)];
+    vec3 c = p[halfedge_apex(&fit->he, h)], d = p[halfedge_apex(&fit->he, g)];
+    struct quad q = {.triangle = {h / 3, g / 3}, .old = {&fit->facing[h / 3], &fit->facing[g / 3]}};
+    q.new[0] = triangle_frame_of(a, d, c);
+    q.new[1] = triangle_frame_of(d, b, c);
+    for (int i = 0; i < 2; i++) q.after[i] = fit_facing_of(&q.new[i]);
     return q;
 }
 
@@ -58,28 +55,27 @@ static struct quad quad_of(const struct fit *fit, uint32_t h) {
 static bool border_is_fair(const struct fit *fit, uint32_t g, vec3 before, vec3 after) {
     uint32_t twin = fit->he.twin[g];
     if (twin == NONE) return true;
-    struct triangle_frame outside = fit_frame(fit, twin / 3);
-    return fit_fold_is_fair(vec3_dot(outside.n, before), vec3_dot(outside.n, after));
+    vec3 outside = fit->facing[twin / 3].normal;
+    return fit_fold_is_fair(vec3_dot(outside, before), vec3_dot(outside, after));
 }
 
 static bool flip_is_fair(const struct fit *fit, uint32_t h, const struct quad *q) {
-    vec3 mean = vec3_add(q->old[0].n, q->old[1].n);
-    if (!fit_fold_is_fair(vec3_dot(q->old[0].n, q->old[1].n), vec3_dot(q->new[0].n, q->new[1].n))) return false;
-    if (vec3_dot(q->new[0].n, mean) <= 0 || vec3_dot(q->new[1].n, mean) <= 0) return false;
-    double before = fmin(triangle_frame_shape(&q->old[0]), triangle_frame_shape(&q->old[1]));
-    double after = fmin(triangle_frame_shape(&q->new[0]), triangle_frame_shape(&q->new[1]));
-    if (after < FIT_THIN && after < before) return false;
+    vec3 old[2] = {q->old[0]->normal, q->old[1]->normal}, new[2] = {q->after[0].normal, q->after[1].normal};
+    vec3 mean = vec3_add(old[0], old[1]);
+    if (!fit_fold_is_fair(vec3_dot(old[0], old[1]), vec3_dot(new[0], new[1]))) return false;
+    if (vec3_dot(new[0], mean) <= 0 || vec3_dot(new[1], mean) <= 0) return false;
+    double before = triangle_frame_smaller(q->old[0]->shape, q->old[1]->shape);
+    if (!fit_shape_is_fair(before, triangle_frame_smaller(q->after[0].shape, q->after[1].shape))) return false;
     uint32_t g = fit->he.twin[h];
-    return border_is_fair(fit, halfedge_prev(h), q->old[0].n, q->new[0].n) &&
-           border_is_fair(fit, halfedge_next(h), q->old[0].n, q->new[1].n) &&
-           border_is_fair(fit, halfedge_next(g), q->old[1].n, q->new[0].n) &&
-           border_is_fair(fit, halfedge_prev(g), q->old[1].n, q->new[1].n);
+    return border_is_fair(fit, halfedge_prev(h), old[0], new[0]) &&
+           border_is_fair(fit, halfedge_next(h), old[0], new[1]) &&
+           border_is_fair(fit, halfedge_next(g), old[1], new[0]) &&
+           border_is_fair(fit, halfedge_prev(g), old[1], new[1]);
 }
 
+/* Whether the other diagonal isn't an edge yet. */
 static bool flip_is_possible(const struct fit *fit, uint32_t h) {
-    uint32_t g = fit->he.twin[h];
-    if (g == NONE) return false;
-    uint32_t c = halfedge_apex(&fit->he, h), d = halfedge_apex(&fit->he, g);
+    uint32_t c = halfedge_apex(&fit->he, h), d = halfedge_apex(&fit->he, fit->he.twin[h]);
     if (c == d) return false;
     if (fit->he.locked[c] == HALFEDGE_KNOTTED && fit->he.locked[d] == HALFEDGE_KNOTTED) return false;
     return fit->he.locked[c] == HALFEDGE_KNOTTED ? !halfedge_joined(&fit->he, d, c) : !halfedge_joined(&fit->he, c, d);
@@ -89,7 +85,6 @@ static bool flip_is_possible(const struct fit *fit, uint32_t h) {
  * from.
  */
 static double flip_gain(const struct fit *fit, uint32_t h) {
-    if (!flip_is_possible(fit, h)) return 0;
     double cost = fit->cost[h / 3] + fit->cost[fit->he.twin[h] / 3];
     struct quad q = quad_of(fit, h);
     if (!flip_is_fair(fit, h, &q)) return 0;
@@ -100,10 +95,8 @@ static double flip_gain(const struct fit *fit, uint32_t h) {
     double in_gap = fit_gap_gain(fit, &region, h, q.new);
     if (fit_is_exact(&region, cost) && !(in_gap > 0)) return 0;
     double gain = cost + in_gap - fit_cost_with(fit, &region, q.new, 2, cost + in_gap);
-    if (!(gain > FLIP_LEAST_GAIN * cost)) return 0;
-    if (in_gap > 0) return gain;
-    double stray_sq = fit_stray_sq(fit, &region, q.new, 2);
-    return stray_sq > fit->stray_sq && stray_sq > fit_stray_sq(fit, &region, q.old, 2) ? 0 : gain;
+    if (!(gain > FLIP_LEAST_GAIN * cost) || !flip_is_possible(fit, h)) return 0;
+    return in_gap > 0 || fit_stays(fit, &region, q.new, 2) ? gain : 0;
 }
 
 static void measure(void *ctx, size_t begin, size_t end) {

@@ -22,7 +22,7 @@ double fit_gap_gain(const struct fit *fit, const struct fit_region *region, uint
                     const struct triangle_frame new[2]) {
     if (region->reached < region->n) return 0;
     double area = (new[0].bx *new[0].cy + new[1].bx *new[1].cy) / 2;
-    double missing = area / fit->unit_area - SAMPLED * region->cluster.total_weight;
+    double missing = area / fit->unit_area - SAMPLED * cluster_weight(&region->cluster);
     if (!(missing > 0)) return 0;
     uint32_t g = fit->he.twin[h];
     double before = vec3_distance(fit_corner(fit, h), fit_corner(fit, g));

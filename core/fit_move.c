@@ -25,6 +25,7 @@
 enum { VERTEX_GRAIN = 16, COLOURS = 64, CANDIDATES = 3 };
 
 #define MOVE_LEAST_GAIN 1e-3 /* of what the star costs */
+#define MOVE_HOPELESS 1.5    /* of what the star costs: where the first choice is over that, the others are no better */
 #define MOVE_STAY 1e-4       /* pull towards the present place, of the quadric's trace */
 #define MOVE_LEAST_TURN 0.5  /* smallest cosine between a triangle's normals before and after */
 
@@ -79,26 +80,24 @@ static bool move_is_fair(const struct fit *fit, const struct star *star) {
         const struct triangle_frame *old = &star->old[i], *new = &star->new[i];
         size_t j = i + 1 < star->n ? i + 1 : 0;
         if (vec3_dot(old->n, new->n) < MOVE_LEAST_TURN) return false;
-        double before = triangle_frame_shape(old), after = triangle_frame_shape(new);
-        if (after < FIT_THIN && after < before) return false;
+        const struct facing *before = &fit->facing[star->region.triangle[i]];
+        if (!fit_shape_is_fair(before->shape, triangle_frame_shape(new))) return false;
         if (!fit_fold_is_fair(vec3_dot(old->n, star->old[j].n), vec3_dot(new->n, star->new[j].n))) return false;
         uint32_t across = fit->he.twin[halfedge_next(star->ring[i])];
         if (across == NONE) continue;
-        vec3 outside = fit_frame(fit, across / 3).n;
+        vec3 outside = fit->facing[across / 3].normal;
         if (!fit_fold_is_fair(vec3_dot(old->n, outside), vec3_dot(new->n, outside))) return false;
     }
     return true;
 }
 
-/* The star's cost with the vertex at place, or INFINITY when that isn't fair or not under limit. */
+/* The star's cost with the vertex at place, or INFINITY when that isn't fair.  What isn't under limit is known less
+ * well, and not looked at any further, but it is known whether that is hopeless. */
 static double cost_at(const struct fit *fit, struct star *star, vec3 place, double limit) {
     set_new_frames(fit, star, place);
     if (!move_is_fair(fit, star)) return INFINITY;
-    double cost = fit_cost_with(fit, &star->region, star->new, star->n, limit);
-    if (cost >= limit) return INFINITY;
-    double stray_sq = fit_stray_sq(fit, &star->region, star->new, star->n);
-    if (stray_sq <= fit->stray_sq) return cost;
-    return stray_sq <= fit_stray_sq(fit, &star->region, star->old, star->n) ? cost : INFINITY;
+    double cost = fit_cost_with(fit, &star->region, star->new, star->n, MOVE_HOPELESS * star->cost);
+    return cost >= limit || fit_stays(fit, &star->region, star->new, star->n) ? cost : INFINITY;
 }
 
 static void settle(struct fit *fit, const struct star *star, vec3 place, uint32_t source) {
@@ -113,7 +112,7 @@ static bool move_freely(struct fit *fit, struct star *star, vec3 step) {
     double limit = star->cost * (1 - MOVE_LEAST_GAIN);
     for (size_t i = 0; i < sizeof part / sizeof *part; i++) {
         vec3 place = vec3_add(from, vec3_scale(step, part[i]));
-        if (cost_at(fit, star, place, limit) == INFINITY) continue;
+        if (cost_at(fit, star, place, limit) >= limit) continue;
         settle(fit, star, place, NONE);
         return true;
     }
@@ -121,27 +120,37 @@ static bool move_freely(struct fit *fit, struct star *star, vec3 step) {
 }
 
 struct choice {
-    double value;
+    float value;
     uint32_t point;
 };
+
+/* Puts the points of a cluster among the choices as far as they are better; the number of choices. */
+static size_t choose_among(const struct fit *fit, const struct cluster *cluster, const float *value,
+                           struct choice choice[CANDIDATES], size_t count) {
+    for (size_t i = 0; i < cluster->n; i++) {
+        if (count == CANDIDATES && value[i] >= choice[count - 1].value) continue;
+        uint32_t point = fit->samples.point[cluster->sample[i]];
+        if (point == NONE || fit->taken[point]) continue;
+        size_t at = count < CANDIDATES ? count++ : count - 1;
+        for (; at > 0 && choice[at - 1].value > value[i]; at--) choice[at] = choice[at - 1];
+        choice[at] = (struct choice){value[i], point};
+    }
+    return count;
+}
 
 /* The points of the star where the model is smallest, best first; their number. */
 static size_t choose(const struct fit *fit, const struct star *star, const struct cluster_model *model, vec3 step,
                      struct choice choice[CANDIDATES]) {
     vec3 target = vec3_add(fit->mesh->vertex[star->vertex], step);
-    double stay = MOVE_STAY * sym3_trace(model->a);
+    sym3 a = model->a;
+    double stay = MOVE_STAY * sym3_trace(a);
+    a.xx += stay, a.yy += stay, a.zz += stay;
     size_t count = 0;
-    for (size_t k = 0; k < star->n; k++) {
-        for (uint32_t i = fit->first[star->region.triangle[k]]; i != NONE; i = fit->samples.sample[i].next) {
-            uint32_t point = fit->samples.point[i];
-            if (point == NONE || fit->taken[point]) continue;
-            vec3 s = vec3_sub(fit->samples.sample[i].place, target);
-            double value = vec3_dot(s, sym3_mul(model->a, s)) + stay * vec3_length_sq(s);
-            if (count == CANDIDATES && value >= choice[count - 1].value) continue;
-            size_t at = count < CANDIDATES ? count++ : count - 1;
-            for (; at > 0 && choice[at - 1].value > value; at--) choice[at] = choice[at - 1];
-            choice[at] = (struct choice){value, point};
-        }
+    struct fit_region more;
+    float value[CLUSTER_ROOM];
+    for (const struct fit_region *part = &star->region; part; part = fit_next_part(fit, part, &more)) {
+        cluster_values(&part->cluster, &a, target, value);
+        count = choose_among(fit, &part->cluster, value, choice, count);
     }
     return count;
 }
@@ -154,6 +163,7 @@ static bool move_to_point(struct fit *fit, struct star *star, const struct clust
     for (size_t i = 0; i < count; i++) {
         double cost = cost_at(fit, star, fit->input->points[choice[i].point], limit);
         if (cost < limit) limit = cost, best = choice[i].point;
+        if (i == 0 && cost < INFINITY && cost > MOVE_HOPELESS * star->cost) break;
     }
     if (best == NONE) return false;
     fit_take(fit, best);
@@ -203,22 +213,23 @@ static void move_batch(void *ctx, size_t begin, size_t end) {
     }
 }
 
-/* Stale vertices by colour: vertex[start[c] .. start[c + 1]). */
-static void sort_by_colour(const struct fit *fit, const uint8_t *colour, uint32_t *vertex, size_t start[COLOURS + 1]) {
-    size_t n = fit->mesh->vertex_count, at[COLOURS] = {0};
+/* The coloured vertices: vertex[start[c] .. start[c + 1]). */
+static void sort_by_colour(const uint8_t *colour, size_t n, uint32_t *vertex, size_t start[COLOURS + 1]) {
+    size_t at[COLOURS] = {0};
     memset(start, 0, (COLOURS + 1) * sizeof *start);
     for (size_t v = 0; v < n; v++)
-        if (colour[v] < COLOURS && fit->stale[v]) start[colour[v] + 1]++;
+        if (colour[v] < COLOURS) start[colour[v] + 1]++;
     for (size_t c = 0; c < COLOURS; c++) start[c + 1] += start[c];
     memcpy(at, start, sizeof at);
     for (uint32_t v = 0; v < n; v++)
-        if (colour[v] < COLOURS && fit->stale[v]) vertex[at[colour[v]]++] = v;
+        if (colour[v] < COLOURS) vertex[at[colour[v]]++] = v;
 }
 
+/* Only what is stale is going to move. */
 static void paint(const struct fit *fit, uint8_t *colour) {
     memset(colour, COLOURS, fit->mesh->vertex_count);
     for (uint32_t v = 0; v < fit->mesh->vertex_count; v++)
-        if (!fit->he.locked[v] && fit->he.out[v] != NONE) colour[v] = free_colour(&fit->he, colour, v);
+        if (fit->stale[v] && !fit->he.locked[v] && fit->he.out[v] != NONE) colour[v] = free_colour(&fit->he, colour, v);
 }
 
 /* The star has changed, and so have those of the neighbours. */
@@ -251,7 +262,7 @@ enum status fit_move(struct fit *fit, size_t *moves) {
     bool enough = colour && moved && vertex && left;
     if (enough) {
         paint(fit, colour);
-        sort_by_colour(fit, colour, vertex, start);
+        sort_by_colour(colour, n, vertex, start);
         for (size_t c = 0; c < COLOURS; c++) {
             struct batch batch = {fit, vertex + start[c], left, moved};
             *moves += move_colour(&batch, start[c + 1] - start[c]);

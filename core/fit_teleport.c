@@ -14,8 +14,9 @@
 #include "core/alloc.h"
 #include "core/cloud.h"
 #include "core/par.h"
+#include "core/radix.h"
 
-enum { GRAIN = 64 };
+enum { GRAIN = 64, ESTIMATES = 4096 };
 
 #define TELEPORT_PAYS 0.7 /* gain over loss, at least */
 #define TELEPORT_MOST 0.2 /* of the vertices */
@@ -42,8 +43,8 @@ struct fan {
     size_t n;
     uint32_t ring[FIT_MAX_RING];
     struct fit_region region;
-    struct triangle_frame old[FIT_MAX_RING], new[FIT_MAX_RING];
-    double cost, stray_sq;
+    struct triangle_frame new[FIT_MAX_RING];
+    double cost;
 };
 
 static bool fan_of(const struct fit *fit, uint32_t vertex, struct fan *fan) {
@@ -51,19 +52,17 @@ static bool fan_of(const struct fit *fit, uint32_t vertex, struct fan *fan) {
     fan->cost = 0;
     for (size_t i = 0; i < fan->n; i++) {
         fan->region.triangle[i] = fan->ring[i] / 3;
-        fan->old[i] = fit_frame(fit, fan->region.triangle[i]);
         fan->cost += fit->cost[fan->region.triangle[i]];
     }
     if (fan->n <= 3) return false;
     fan->region.n = fan->n;
     fit_gather(fit, &fan->region);
-    fan->stray_sq = fmax(fit->stray_sq, fit_stray_sq(fit, &fan->region, fan->old, fan->n));
     return true;
 }
 
 static vec3 outside_normal(const struct fit *fit, uint32_t h, vec3 otherwise) {
     uint32_t across = fit->he.twin[h];
-    return across == NONE ? otherwise : fit_frame(fit, across / 3).n;
+    return across == NONE ? otherwise : fit->facing[across / 3].normal;
 }
 
 /* Whether the fan without its vertex, all corners joined to the one at ring[to], folds nowhere. */
@@ -72,12 +71,12 @@ static bool merge_is_fair(const struct fit *fit, const struct fan *fan, size_t t
     vec3 before = outside_normal(fit, halfedge_next(fan->ring[to]), fan->new[0].n);
     for (size_t j = 0; j + 2 < n; j++) {
         size_t i = (to + 1 + j) % n;
-        const struct triangle_frame *old = &fan->old[i], *new = &fan->new[j];
-        if (vec3_dot(old->n, new->n) < LEAST_TURN) return false;
-        double shape = triangle_frame_shape(new);
-        if (shape < FIT_THIN && shape < triangle_frame_shape(old)) return false;
+        const struct triangle_frame *new = &fan->new[j];
+        const struct facing *old = &fit->facing[fan->region.triangle[i]];
+        if (vec3_dot(old->normal, new->n) < LEAST_TURN) return false;
+        if (!fit_shape_is_fair(old->shape, triangle_frame_shape(new))) return false;
         vec3 outside = outside_normal(fit, halfedge_next(fan->ring[i]), new->n);
-        if (!fit_fold_is_fair(vec3_dot(old->n, outside), vec3_dot(new->n, outside))) return false;
+        if (!fit_fold_is_fair(vec3_dot(old->normal, outside), vec3_dot(new->n, outside))) return false;
         if (vec3_dot(before, new->n) < 0) return false;
         before = new->n;
     }
@@ -99,13 +98,13 @@ static struct offer cheapest_merge(const struct fit *fit, uint32_t vertex) {
     struct fan fan;
     if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE || !fan_of(fit, vertex, &fan)) return best;
     for (size_t to = 0; to < fan.n; to++) {
-        if (!halfedge_may_collapse(&fit->he, fan.ring[to])) continue;
         set_merged_frames(fit, &fan, to);
         if (!merge_is_fair(fit, &fan, to)) continue;
         double limit = best.value + fan.cost;
         double cost = fit_cost_with(fit, &fan.region, fan.new, fan.n - 2, limit);
         if (cost >= limit) continue;
-        if (fit_stray_sq(fit, &fan.region, fan.new, fan.n - 2) > fan.stray_sq) continue;
+        if (!halfedge_may_collapse(&fit->he, fan.ring[to])) continue;
+        if (!fit_stays(fit, &fan.region, fan.new, fan.n - 2)) continue;
         best.value = cost - fan.cost;
         best.halfedge = fan.ring[to];
     }
@@ -123,20 +122,17 @@ static double merge_estimate(const struct fit *fit, uint32_t vertex) {
     if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE) return INFINITY;
     size_t n = halfedge_ring(&fit->he, vertex, ring, FIT_MAX_RING);
     if (n < 4) return INFINITY;
-    vec3 area = {0}, middle = {0};
+    vec3 at = fit->mesh->vertex[vertex], area = {0}, spoke[FIT_MAX_RING];
+    double part[FIT_MAX_RING], volume = 0;
+    for (size_t i = 0; i < n; i++) spoke[i] = vec3_sub(fit_corner(fit, halfedge_next(ring[i])), at);
     for (size_t i = 0; i < n; i++) {
-        struct triangle_frame f = fit_frame(fit, ring[i] / 3);
-        area = vec3_add(area, vec3_scale(f.n, f.bx * f.cy));
-        middle = vec3_add(middle, fit_corner(fit, halfedge_next(ring[i])));
+        vec3 normal = vec3_cross(spoke[i], spoke[i + 1 < n ? i + 1 : 0]);
+        area = vec3_add(area, normal);
+        part[i] = vec3_length(normal);
     }
-    double size = vec3_length(area), volume = 0;
-    vec3 at = fit->mesh->vertex[vertex];
-    for (size_t i = 0; i < n; i++) {
-        struct triangle_frame f = fit_frame(fit, ring[i] / 3);
-        double height = vec3_dot(vec3_sub(fit_corner(fit, halfedge_next(ring[i])), at), area) / (size > 0 ? size : 1);
-        volume += fabs(height) * f.bx * f.cy;
-    }
-    return volume;
+    for (size_t i = 0; i < n; i++) volume += fabs(vec3_dot(spoke[i], area)) * part[i];
+    double size = vec3_length(area);
+    return size > 0 ? volume / size : 0;
 }
 
 /* ---------------------------------------------------------------------------------------------- putting in */
@@ -144,7 +140,7 @@ static double merge_estimate(const struct fit *fit, uint32_t vertex) {
 struct gap {
     struct fit_region region;
     vec3 a, b, c, d;
-    struct triangle_frame old[2], new[4];
+    struct triangle_frame new[4];
     double cost;
 };
 
@@ -154,8 +150,6 @@ static void gap_of(const struct fit *fit, uint32_t h, struct gap *gap) {
     gap->b = fit_corner(fit, g);
     gap->c = fit_corner(fit, halfedge_prev(h));
     gap->d = fit_corner(fit, halfedge_prev(g));
-    gap->old[0] = triangle_frame_of(gap->a, gap->b, gap->c);
-    gap->old[1] = triangle_frame_of(gap->b, gap->a, gap->d);
     gap->cost = fit->cost[h / 3] + fit->cost[g / 3];
     gap->region.n = 2;
     gap->region.triangle[0] = h / 3;
@@ -167,12 +161,13 @@ static bool split_is_fair(const struct fit *fit, const struct gap *gap, uint32_t
     static const uint8_t old_of[4] = {0, 0, 1, 1}, beside[4] = {1, 3, 0, 2};
     uint32_t g = fit->he.twin[h];
     uint32_t border[4] = {halfedge_prev(h), halfedge_next(h), halfedge_next(g), halfedge_prev(g)};
+    double across = vec3_dot(fit->facing[h / 3].normal, fit->facing[g / 3].normal);
     for (int i = 0; i < 4; i++) {
-        vec3 old = gap->old[old_of[i]].n, new = gap->new[i].n, outside = outside_normal(fit, border[i], new);
+        vec3 old = fit->facing[gap->region.triangle[old_of[i]]].normal, new = gap->new[i].n;
+        vec3 outside = outside_normal(fit, border[i], new);
         if (vec3_dot(old, new) < LEAST_TURN || triangle_frame_shape(&gap->new[i]) < FIT_THIN) return false;
         if (!fit_fold_is_fair(vec3_dot(old, outside), vec3_dot(new, outside))) return false;
-        double across = vec3_dot(gap->old[0].n, gap->old[1].n);
-        if (!fit_fold_is_fair(fmin(across, 1), vec3_dot(new, gap->new[beside[i]].n))) return false;
+        if (!fit_fold_is_fair(across, vec3_dot(new, gap->new[beside[i]].n))) return false;
     }
     return true;
 }
@@ -185,31 +180,41 @@ static double cost_of_split(const struct fit *fit, struct gap *gap, uint32_t h, 
     if (!split_is_fair(fit, gap, h)) return INFINITY;
     double cost = fit_cost_with(fit, &gap->region, gap->new, 4, limit);
     if (cost >= limit) return INFINITY;
-    double stray_sq = fit_stray_sq(fit, &gap->region, gap->new, 4);
-    bool strays = stray_sq > fit->stray_sq && stray_sq > fit_stray_sq(fit, &gap->region, gap->old, 2);
-    return strays ? INFINITY : cost;
+    return fit_stays(fit, &gap->region, gap->new, 4) ? cost : INFINITY;
 }
 
 enum { PLACES = 4 };
 
 struct place {
-    double distance_sq;
+    float distance_sq;
     uint32_t sample;
 };
 
+/* Puts the samples of a cluster among the places as far as they are farther off; the number of places. */
+static size_t farthest_among(const struct fit *fit, const struct cluster *cluster, const float *distance_sq,
+                             struct place place[PLACES], size_t count) {
+    for (size_t i = 0; i < cluster->n; i++) {
+        if (count == PLACES && distance_sq[i] <= place[count - 1].distance_sq) continue;
+        uint32_t point = fit->samples.point[cluster->sample[i]];
+        if (fit->placement == PLACEMENT_SUBSET && (point == NONE || fit->taken[point])) continue;
+        size_t at = count < PLACES ? count++ : count - 1;
+        for (; at > 0 && place[at - 1].distance_sq < distance_sq[i]; at--) place[at] = place[at - 1];
+        place[at] = (struct place){distance_sq[i], cluster->sample[i]};
+    }
+    return count;
+}
+
 /* The samples of the two triangles that are farthest off, the farthest first; of the free points alone for a subset. */
 static size_t farthest(const struct fit *fit, const struct gap *gap, struct place place[PLACES]) {
+    struct triangle_frame old[2] = {triangle_frame_of(gap->a, gap->b, gap->c),
+                                    triangle_frame_of(gap->b, gap->a, gap->d)};
+    uint8_t owner[CLUSTER_ROOM];
+    float distance_sq[CLUSTER_ROOM];
+    struct fit_region more;
     size_t count = 0;
-    for (int k = 0; k < 2; k++) {
-        for (uint32_t i = fit->first[gap->region.triangle[k]]; i != NONE; i = fit->samples.sample[i].next) {
-            uint32_t point = fit->samples.point[i];
-            if (fit->placement == PLACEMENT_SUBSET && (point == NONE || fit->taken[point])) continue;
-            double d_sq = triangle_frame_nearer_sq(&gap->old[k], fit->samples.sample[i].place, INFINITY);
-            if (count == PLACES && d_sq <= place[count - 1].distance_sq) continue;
-            size_t at = count < PLACES ? count++ : count - 1;
-            for (; at > 0 && place[at - 1].distance_sq < d_sq; at--) place[at] = place[at - 1];
-            place[at] = (struct place){d_sq, i};
-        }
+    for (const struct fit_region *part = &gap->region; part; part = fit_next_part(fit, part, &more)) {
+        cluster_owners(&part->cluster, old, 2, owner, distance_sq);
+        count = farthest_among(fit, &part->cluster, distance_sq, place, count);
     }
     return count;
 }
@@ -247,16 +252,45 @@ static int compare_rising(const void *a, const void *b) {
 
 static int compare_falling(const void *a, const void *b) { return compare_rising(b, a); }
 
-/* The vertices whose estimate is lowest, measured, cheapest first. */
-static size_t offer_merges(struct fit *fit, struct offer *offer) {
-    size_t count = 0, n = fit->mesh->vertex_count;
-    for (uint32_t v = 0; v < n; v++) {
-        double estimate = merge_estimate(fit, v);
-        if (estimate < INFINITY) offer[count++] = (struct offer){.value = estimate, .halfedge = NONE, .source = v};
+/* What may be offered, by a key that is quick to find: items of radix_sort, and room for twice as many. */
+struct shortlist {
+    const struct fit *fit;
+    uint64_t *item;
+};
+
+/* Positive floats are in the order of their bits. */
+static uint32_t rising_key(double x) {
+    float value = (float)x;
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    return bits;
+}
+
+static void estimate_merges(void *ctx, size_t begin, size_t end) {
+    struct shortlist *list = ctx;
+    for (size_t v = begin; v < end; v++)
+        list->item[v] = radix_item(rising_key(merge_estimate(list->fit, (uint32_t)v)), (uint32_t)v);
+}
+
+/* An edge by its triangles' cost, the dearest first; one that can't be split, or its twin, last. */
+static void estimate_splits(void *ctx, size_t begin, size_t end) {
+    struct shortlist *list = ctx;
+    const struct fit *fit = list->fit;
+    for (size_t h = begin; h < end; h++) {
+        uint32_t g = fit->he.twin[h];
+        bool counts = g != NONE && g > h;
+        uint32_t key = counts ? rising_key(fit->cost[h / 3] + fit->cost[g / 3]) : 0;
+        list->item[h] = radix_item(UINT32_MAX - key, (uint32_t)h);
     }
-    qsort(offer, count, sizeof *offer, compare_rising);
-    size_t most = (size_t)(CHEAP_PART * (double)n) + 1;
-    if (count > most) count = most;
+}
+
+/* The vertices whose estimate is lowest, measured, cheapest first. */
+static size_t offer_merges(struct fit *fit, uint64_t *item, struct offer *offer) {
+    size_t n = fit->mesh->vertex_count, most = (size_t)(CHEAP_PART * (double)n) + 1, count = 0;
+    par_for(fit->threads, n, ESTIMATES, estimate_merges, &(struct shortlist){fit, item});
+    const uint64_t *sorted = radix_sort(item, item + n, n, fit->threads);
+    for (; count < n && count < most && radix_key(sorted[count]) < rising_key(INFINITY); count++)
+        offer[count] = (struct offer){.halfedge = NONE, .source = radix_value(sorted[count])};
     par_for(fit->threads, count, GRAIN, measure_merges, &(struct market){fit, offer});
     qsort(offer, count, sizeof *offer, compare_rising);
     while (count > 0 && offer[count - 1].halfedge == NONE) count--;
@@ -264,16 +298,13 @@ static size_t offer_merges(struct fit *fit, struct offer *offer) {
 }
 
 /* The edges whose triangles cost most, measured, most rewarding first. */
-static size_t offer_splits(struct fit *fit, struct offer *offer) {
+static size_t offer_splits(struct fit *fit, uint64_t *item, struct offer *offer) {
+    size_t n = 3 * fit->mesh->triangle_count, most = (size_t)(DEAR_PART * (double)fit->mesh->vertex_count) + 1;
     size_t count = 0;
-    for (uint32_t h = 0; h < 3 * fit->mesh->triangle_count; h++) {
-        uint32_t g = fit->he.twin[h];
-        if (g == NONE || g < h) continue;
-        offer[count++] = (struct offer){.value = fit->cost[h / 3] + fit->cost[g / 3], .halfedge = h, .source = NONE};
-    }
-    qsort(offer, count, sizeof *offer, compare_falling);
-    size_t most = (size_t)(DEAR_PART * (double)fit->mesh->vertex_count) + 1;
-    if (count > most) count = most;
+    par_for(fit->threads, n, ESTIMATES, estimate_splits, &(struct shortlist){fit, item});
+    const uint64_t *sorted = radix_sort(item, item + n, n, fit->threads);
+    for (; count < n && count < most && radix_key(sorted[count]) < UINT32_MAX; count++)
+        offer[count] = (struct offer){.halfedge = radix_value(sorted[count]), .source = NONE};
     par_for(fit->threads, count, GRAIN, measure_splits, &(struct market){fit, offer});
     qsort(offer, count, sizeof *offer, compare_falling);
     while (count > 0 && offer[count - 1].halfedge == NONE) count--;
@@ -354,14 +385,16 @@ static size_t trade(struct fit *fit, const struct offer *loss, size_t losses, co
 }
 
 enum status fit_teleport(struct fit *fit, size_t *teleports) {
-    struct offer *loss = alloc_array(fit->mesh->vertex_count, sizeof *loss);
-    struct offer *gain = alloc_array(3 * fit->mesh->triangle_count / 2 + 1, sizeof *gain);
+    size_t vertices = fit->mesh->vertex_count, halfedges = 3 * fit->mesh->triangle_count;
+    struct offer *loss = alloc_array((size_t)(CHEAP_PART * (double)vertices) + 1, sizeof *loss);
+    struct offer *gain = alloc_array((size_t)(DEAR_PART * (double)vertices) + 1, sizeof *gain);
+    uint64_t *item = alloc_array(2 * (vertices > halfedges ? vertices : halfedges), sizeof *item);
     uint8_t *changed = alloc_zeroed(fit->mesh->triangle_count, 1);
-    bool enough = loss && gain && changed;
+    bool enough = loss && gain && item && changed;
     if (enough) {
-        size_t losses = offer_merges(fit, loss), gains = offer_splits(fit, gain);
+        size_t losses = offer_merges(fit, item, loss), gains = offer_splits(fit, item, gain);
         *teleports += trade(fit, loss, losses, gain, gains, changed);
     }
-    free(loss), free(gain), free(changed);
+    free(loss), free(gain), free(item), free(changed);
     return enough ? STATUS_OK : STATUS_NO_MEMORY;
 }

@@ -91,18 +91,16 @@ static void add_sample(struct filling *filling, uint32_t p, uint32_t q, double s
     double area = (area_of(filling, p) + area_of(filling, q)) / 2;
     samples->sample[i].place = p == q ? input->points[p] : vec3_lerp(input->points[p], input->points[q], 0.5);
     samples->sample[i].weight = (float)(share * area);
-    samples->sample[i].next = NONE;
     samples->point[i] = p == q ? p : NONE;
     samples->normal[i] = p == q ? input->normals[p] : between(input->normals[p], input->normals[q]);
-    samples->reach[i] = REACH * fmaxf(input->spacing[p], input->spacing[q]);
+    samples->sample[i].reach = REACH * fmaxf(input->spacing[p], input->spacing[q]);
 }
 
 static enum status allocate(struct samples *samples, size_t n) {
     samples->sample = alloc_array(n, sizeof *samples->sample);
     samples->point = alloc_array(n, sizeof *samples->point);
     samples->normal = alloc_array(n, sizeof *samples->normal);
-    samples->reach = alloc_array(n, sizeof *samples->reach);
-    return samples->sample && samples->point && samples->normal && samples->reach ? STATUS_OK : STATUS_NO_MEMORY;
+    return samples->sample && samples->point && samples->normal ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
 static enum status place_all(struct samples *samples, const struct refine_input *input, const struct search *search) {
@@ -145,6 +143,6 @@ out:
 }
 
 void samples_done(struct samples *samples) {
-    free(samples->sample), free(samples->point), free(samples->normal), free(samples->reach);
+    free(samples->sample), free(samples->point), free(samples->normal);
     *samples = (struct samples){0};
 }

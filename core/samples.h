@@ -6,11 +6,10 @@
 
 #include "core/refine.h"
 
-/* What the inner loops read, together in half a cache line. */
 struct sample {
     vec3 place;
-    float weight;  /* about the area that it stands for: those of n points and their middles sum up to about n */
-    uint32_t next; /* for whoever keeps lists of samples */
+    float weight; /* about the area that it stands for: those of n points and their middles sum up to about n */
+    float reach;  /* how far around it its tangent plane stands for the surface */
 };
 
 struct samples {
@@ -18,7 +17,6 @@ struct samples {
     struct sample *sample; /* n; each point is followed by the middles between it and later points; owned */
     uint32_t *point;       /* n: the point that a sample is, or NONE for a middle; owned */
     vec3 *normal;          /* n, unit, of either sign; owned */
-    float *reach;          /* n: how far around a sample its tangent plane stands for the surface; owned */
 };
 
 /* Takes the points, and with middles also the middle of each pair of neighbours that has no other point in the ball

@@ -18,9 +18,12 @@
 
 enum kind { TEXT, SWITCH, COUNT, BYTES, DURATION, BASE };
 
+/* Beside its kind: a number that is read each time that it is needed, and so may change while the service runs. */
+enum { LIVE = 8 };
+
 struct setting {
     const char *name;
-    enum kind kind;
+    unsigned kind; /* enum kind, and LIVE */
     size_t offset;
     const char *default_text;
     int64_t min, max;
@@ -49,38 +52,42 @@ static const struct setting table[] = {
     {"tokens-file", TEXT, AT(tokens_file), "", 0, 0, NULL, "File of tokens, lines of name:scopes:sha256"},
     {"tls-cert", TEXT, AT(tls_cert), "", 0, 0, NULL, "File of the certificate chain (PEM), for HTTPS"},
     {"tls-key", TEXT, AT(tls_key), "", 0, 0, NULL, "File of its key (PEM)"},
-    {"oneshot-abandon", SWITCH, AT(oneshot_abandon), "1", 0, 1, NULL,
+    {"oneshot-abandon", SWITCH | LIVE, AT(oneshot_abandon), "1", 0, 1, NULL,
      "Dismiss the job of POST /v1/simplify when its client is gone; 0 = it goes on"},
-    {"link-max", DURATION, AT(link_max_ms), "7d", SECOND, 3650 * DAY, "link_max_ms", "Longest life of a signed link"},
+    {"link-max", DURATION | LIVE, AT(link_max_ms), "7d", SECOND, 3650 * DAY, "link_max_ms",
+     "Longest life of a signed link"},
     {"workers", COUNT, AT(workers), "0", 0, 256, "workers", "Jobs that run at the same time; 0 = processors"},
-    {"threads-per-job", COUNT, AT(threads_per_job), "0", 0, 256, "threads_per_job",
+    {"threads-per-job", COUNT | LIVE, AT(threads_per_job), "0", 0, 256, "threads_per_job",
      "Threads of a job that asks for all; 0 = processors / workers"},
-    {"max-body-bytes", BYTES, AT(max_body_bytes), "2G", 1, 1024 * KB *GB, "max_body_bytes", "Longest request body"},
+    {"max-body-bytes", BYTES | LIVE, AT(max_body_bytes), "2G", 1, 1024 * KB *GB, "max_body_bytes",
+     "Longest request body"},
     {"max-expansion", COUNT, AT(max_expansion), "250", 1, 1000000, "max_expansion",
      "Bytes that a byte of a compressed body may become, beyond the first 16 MiB"},
     {"max-uploads", COUNT, AT(max_uploads), "1000", 1, 100000, "max_uploads", "Resumable uploads that may be there"},
     {"upload-expiry", DURATION, AT(upload_expiry_ms), "24h", 1, 365 * DAY, "upload_expiry_ms",
      "How long a resumable upload is kept after its last piece"},
-    {"max-queue", COUNT, AT(max_queue), "1000", 1, 1000000, "max_queue", "Jobs that may wait"},
+    {"max-queue", COUNT | LIVE, AT(max_queue), "1000", 1, 1000000, "max_queue", "Jobs that may wait"},
     {"max-points", COUNT, AT(max_points), "2147483647", 1, INT32_MAX, "max_points", "Points of a cloud"},
     {"total-memory", BYTES, AT(total_memory_bytes), "0", 0, 1024 * KB *GB, "total_memory_bytes",
      "What running jobs may be predicted to take in sum, others wait; 0 = physical memory"},
-    {"principal-jobs", COUNT, AT(principal_jobs), "0", 0, 1000000, "principal_jobs",
+    {"principal-jobs", COUNT | LIVE, AT(principal_jobs), "0", 0, 1000000, "principal_jobs",
      "Jobs of one principal that may wait or run; 0 = no limit of its own"},
-    {"principal-bytes", BYTES, AT(principal_bytes), "0", 0, 1024 * KB *GB, "principal_bytes",
+    {"principal-bytes", BYTES | LIVE, AT(principal_bytes), "0", 0, 1024 * KB *GB, "principal_bytes",
      "Bytes of inputs and outputs that are kept for one principal; 0 = no limit"},
-    {"job-memory", BYTES, AT(job_memory_bytes), "0", 0, 1024 * KB *GB, "job_memory_bytes",
+    {"job-memory", BYTES | LIVE, AT(job_memory_bytes), "0", 0, 1024 * KB *GB, "job_memory_bytes",
      "Address space of a job; 0 = physical memory / workers"},
-    {"job-cpu", DURATION, AT(job_cpu_ms), "1h", SECOND, 365 * DAY, "job_cpu_ms", "Processor time of a job"},
-    {"job-wall", DURATION, AT(job_wall_ms), "1h", SECOND, 365 * DAY, "job_wall_ms", "Time from start to end of a job"},
-    {"job-file-bytes", BYTES, AT(job_file_bytes), "16G", KB, 1024 * KB *GB, "job_file_bytes",
+    {"job-cpu", DURATION | LIVE, AT(job_cpu_ms), "1h", SECOND, 365 * DAY, "job_cpu_ms", "Processor time of a job"},
+    {"job-wall", DURATION | LIVE, AT(job_wall_ms), "1h", SECOND, 365 * DAY, "job_wall_ms",
+     "Time from start to end of a job"},
+    {"job-file-bytes", BYTES | LIVE, AT(job_file_bytes), "16G", KB, 1024 * KB *GB, "job_file_bytes",
      "Longest file that a job may write"},
-    {"sync-max", DURATION, AT(sync_max_ms), "60s", 1, DAY, "sync_max_ms", "Longest wait of POST /v1/simplify"},
-    {"wait-max", DURATION, AT(wait_max_ms), "60s", 1, DAY, "wait_max_ms", "Longest wait of a long poll"},
-    {"drain-timeout", DURATION, AT(drain_timeout_ms), "30s", 0, DAY, NULL,
+    {"sync-max", DURATION | LIVE, AT(sync_max_ms), "60s", 1, DAY, "sync_max_ms", "Longest wait of POST /v1/simplify"},
+    {"wait-max", DURATION | LIVE, AT(wait_max_ms), "60s", 1, DAY, "wait_max_ms", "Longest wait of a long poll"},
+    {"drain-timeout", DURATION | LIVE, AT(drain_timeout_ms), "30s", 0, DAY, NULL,
      "How long running jobs may go on after SIGTERM; then they are queued again"},
-    {"retention", DURATION, AT(retention_ms), "24h", 1, 3650 * DAY, "retention_ms", "How long ended jobs are kept"},
-    {"min-free", BYTES, AT(min_free_bytes), "256M", 0, 1024 * KB *GB, "min_free_bytes",
+    {"retention", DURATION | LIVE, AT(retention_ms), "24h", 1, 3650 * DAY, "retention_ms",
+     "How long ended jobs are kept"},
+    {"min-free", BYTES | LIVE, AT(min_free_bytes), "256M", 0, 1024 * KB *GB, "min_free_bytes",
      "Uploads are refused when less room would be left on the disk"},
     {"result-cache", SWITCH, AT(result_cache), "1", 0, 1, NULL,
      "Answer the same cloud with the same parameters from the outputs of the earlier job"},
@@ -104,16 +111,18 @@ static const struct setting table[] = {
      "Bytes a second that an upload has to reach"},
     {"upload-grace", DURATION, AT(upload_grace_ms), "30s", 1, DAY, "upload_grace_ms",
      "From which age of an upload on its rate counts"},
-    {"max-header-bytes", BYTES, AT(max_header_bytes), "32K", 1 * KB, 48 * KB, "max_header_bytes",
+    {"max-header-bytes", BYTES | LIVE, AT(max_header_bytes), "32K", 1 * KB, 48 * KB, "max_header_bytes",
      "Longest headers of a request, with its first line"},
-    {"max-parameters", COUNT, AT(max_parameters), "64", 1, 64, "max_parameters", "Parameters in a query"},
-    {"refuse-drain-bytes", BYTES, AT(refuse_drain_bytes), "64M", 0, 1024 * GB, NULL,
+    {"max-parameters", COUNT | LIVE, AT(max_parameters), "64", 1, 64, "max_parameters", "Parameters in a query"},
+    {"refuse-drain-bytes", BYTES | LIVE, AT(refuse_drain_bytes), "64M", 0, 1024 * GB, NULL,
      "How much of a refused body is read before the answer"},
-    {"refuse-drain-time", DURATION, AT(refuse_drain_ms), "10s", 0, DAY, NULL, "And for how long"},
+    {"refuse-drain-time", DURATION | LIVE, AT(refuse_drain_ms), "10s", 0, DAY, NULL, "And for how long"},
     {"fault", TEXT, AT(fault), "", 0, 0, NULL,
      "For tests: where and how to fail, such as commit=kill:3 (server/daemon_fault.c)"},
 };
 enum { ROWS = sizeof table / sizeof table[0] };
+
+static enum kind kind_of(const struct setting *setting) { return (enum kind)(setting->kind & ~(unsigned)LIVE); }
 
 static int64_t *number_of(struct config *config, const struct setting *setting) {
     return (int64_t *)(void *)((char *)config + setting->offset);
@@ -155,17 +164,17 @@ static const struct unit *units_of(enum kind kind) {
     return kind == BYTES ? sizes : kind == DURATION ? durations : no_units;
 }
 
-static bool is_text(const struct setting *setting) { return setting->kind == TEXT || setting->kind == BASE; }
+static bool is_text(const struct setting *setting) { return kind_of(setting) == TEXT || kind_of(setting) == BASE; }
 
 static bool read_value(struct config *config, const struct setting *setting, const char *text) {
     int64_t number = 0;
-    if (setting->kind == BASE && !links_base_valid(text)) return false;
+    if (kind_of(setting) == BASE && !links_base_valid(text)) return false;
     if (is_text(setting)) {
         int n = snprintf((char *)config + setting->offset, CONFIG_TEXT_BYTES, "%s", text);
         return n >= 0 && n < CONFIG_TEXT_BYTES;
     }
-    bool ok =
-        setting->kind == SWITCH ? read_switch(text, &number) : read_number(text, units_of(setting->kind), &number);
+    bool ok = kind_of(setting) == SWITCH ? read_switch(text, &number)
+                                         : read_number(text, units_of(kind_of(setting)), &number);
     if (!ok || number < setting->min || number > setting->max) return false;
     *number_of(config, setting) = number;
     return true;
@@ -180,7 +189,7 @@ static enum status set(struct config *config, const struct setting *setting, con
                                         "a path such as /whittle, without a slash at its end"};
     if (read_value(config, setting, text)) return STATUS_OK;
     return error_set(error, STATUS_BAD_PARAMETER, setting->name, "'%.80s' is not allowed; it takes %s", text,
-                     takes[setting->kind]);
+                     takes[kind_of(setting)]);
 }
 
 static const struct setting *find(const char *name, size_t length) {
@@ -294,7 +303,7 @@ static enum status read_flag(struct config *config, int argc, char **argv, int *
     const struct setting *setting = find(flag + 2, length);
     if (!setting) return error_set(error, STATUS_BAD_PARAMETER, flag, "unknown flag; see --help");
     if (flag[2 + length] == '=') return set(config, setting, flag + 3 + length, error);
-    if (setting->kind == SWITCH) return set(config, setting, "1", error);
+    if (kind_of(setting) == SWITCH) return set(config, setting, "1", error);
     if (*i + 1 == argc) return error_set(error, STATUS_BAD_PARAMETER, flag, "wants a value");
     return set(config, setting, argv[++*i], error);
 }
@@ -362,7 +371,7 @@ static void print_value(const struct config *config, const struct setting *setti
     if (is_text(setting))
         fputs((const char *)config + setting->offset, stdout);
     else
-        print_number(*number_of((struct config *)config, setting), units_of(setting->kind));
+        print_number(*number_of((struct config *)config, setting), units_of(kind_of(setting)));
 }
 
 /* The file that they were read from isn't named in it. */
@@ -381,7 +390,7 @@ static void print_man_settings(void) {
     for (size_t i = 0; i < ROWS; i++) {
         printf(".TP\n\\fB\\-\\-");
         roff_print(table[i].name);
-        printf("\\fR \\fI%s\\fR\n", takes[table[i].kind]);
+        printf("\\fR \\fI%s\\fR\n", takes[kind_of(&table[i])]);
         roff_print(table[i].help);
         puts(".");
         if (!table[i].default_text[0]) continue;
@@ -465,18 +474,6 @@ enum config_request config_read(struct config *config, int argc, char **argv, ch
     return CONFIG_RUN;
 }
 
-/* What is read each time that it is needed, and so may change while the service runs. */
-static bool is_live(const struct setting *setting) {
-    static const char *const live[] = {
-        "threads-per-job", "max-body-bytes",   "max-queue",      "job-memory",         "job-cpu",
-        "job-file-bytes",  "job-wall",         "sync-max",       "wait-max",           "drain-timeout",
-        "retention",       "min-free",         "link-max",       "oneshot-abandon",    "principal-jobs",
-        "principal-bytes", "max-header-bytes", "max-parameters", "refuse-drain-bytes", "refuse-drain-time"};
-    for (size_t i = 0; i < sizeof live / sizeof *live; i++)
-        if (strcmp(live[i], setting->name) == 0) return true;
-    return false;
-}
-
 static bool same(const struct config *a, const struct config *b, const struct setting *setting) {
     const char *x = (const char *)a + setting->offset, *y = (const char *)b + setting->offset;
     return is_text(setting) ? strcmp(x, y) == 0 : memcmp(x, y, sizeof(int64_t)) == 0;
@@ -491,7 +488,7 @@ enum status config_reload(const struct config *config, int argc, char **argv, ch
     for (size_t i = 0; i < ROWS && status == STATUS_OK; i++) {
         if (i == 0) *next = *config;
         if (same(config, read, &table[i])) continue;
-        bool live = is_live(&table[i]);
+        bool live = table[i].kind & LIVE;
         if (live) *number_of(next, &table[i]) = *number_of(read, &table[i]);
         tell(table[i].name, live);
     }

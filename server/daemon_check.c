@@ -110,6 +110,8 @@ static void look_at_job(struct check *check, struct sql_rows *rows) {
     if (state == JOB_RUNNING) unfinished(check, "job %s was running; it will be queued again", id);
     if (state == JOB_SUCCESSFUL && !outputs) damaged(check, "job %s is successful and has no outputs", id);
     if (state != JOB_SUCCESSFUL && outputs) damaged(check, "job %s has outputs and is not successful", id);
+    int there = state == JOB_SUCCESSFUL ? store_outputs_count(check->store, id) : -1;
+    if (there > outputs) damaged(check, "jobs/%s/outputs has %d files, not %lld", id, there, (long long)outputs);
     if (state != JOB_SUCCESSFUL && store_outputs_exist(check->store, id))
         unfinished(check, "jobs/%s/outputs are of a run whose end was not recorded", id);
 }

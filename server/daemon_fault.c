@@ -18,13 +18,17 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "core/fault.h"
 
+enum { KILL = -1, HANG = -2 };
+
 static const struct {
     const char *name;
-    int number; /* 0: kill */
-} actions[] = {{"kill", 0}, {"enospc", ENOSPC}, {"eio", EIO}, {"emfile", EMFILE}, {"enomem", ENOMEM}};
+    int number;
+} actions[] = {{"kill", KILL}, {"hang", HANG},     {"enospc", ENOSPC},
+               {"eio", EIO},   {"emfile", EMFILE}, {"enomem", ENOMEM}};
 enum { ACTIONS = sizeof actions / sizeof actions[0] };
 
 /* Written once, before there are other threads. */
@@ -37,7 +41,8 @@ static int ask(const char *point) {
     if (strcmp(point, armed_point) != 0) return 0;
     long pass = atomic_fetch_add(&passes, 1) + 1;
     if (pass < first_pass || pass > last_pass) return 0;
-    if (!armed_number) raise(SIGKILL);
+    if (armed_number == KILL) raise(SIGKILL);
+    while (armed_number == HANG) pause();
     return armed_number;
 }
 

@@ -7,8 +7,8 @@
 #include "core/status.h"
 
 /* Takes POINT=ACTION, or POINT=ACTION:N for the N-th time that the point is passed, or POINT=ACTION:N-M: ACTION is kill
- * (this process gets SIGKILL) or the failure there, enospc, eio, emfile, enomem.  "" does nothing.  Before there are
- * other threads. */
+ * (this process gets SIGKILL), hang (who passes it stays there) or the failure there, enospc, eio, emfile, enomem.  ""
+ * does nothing.  Before there are other threads. */
 enum status fault_arm(const char *text, struct error *error) MUST_CHECK;
 
 #endif

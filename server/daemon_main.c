@@ -91,8 +91,26 @@ static void serve(struct service *service, struct reload *reload, int signals) {
     }
 }
 
-/* Until the running jobs have ended and no upload is on its way, or the time for that is over; a second signal ends
- * everything. */
+static void end_at_once(int signal) {
+    static const char words[] = "second signal: ending at once\n";
+    ssize_t n = write(STDERR_FILENO, words, sizeof words - 1);
+    (void)n, (void)signal;
+    _exit(128 + SIGTERM);
+}
+
+/* From now on a signal ends the process, whatever the others wait for and however long. */
+static void let_signals_end(void) {
+    struct sigaction action = {.sa_handler = end_at_once};
+    sigset_t set;
+    sigemptyset(&set);
+    sigaddset(&set, SIGTERM);
+    sigaddset(&set, SIGINT);
+    sigaction(SIGTERM, &action, NULL);
+    sigaction(SIGINT, &action, NULL);
+    sigprocmask(SIG_UNBLOCK, &set, NULL);
+}
+
+/* Until the running jobs have ended and no upload is on its way, or the time for that is over. */
 static void drain(struct service *service, struct http *http, int signals) {
     struct pollfd fds[] = {{.fd = signals, .events = POLLIN},
                            {.fd = supervisor_idle_fd(service->supervisor), .events = POLLIN}};
@@ -100,6 +118,7 @@ static void drain(struct service *service, struct http *http, int signals) {
     atomic_store(&service->draining, true);
     log_line(LOG_INFO, "draining: no new work, running jobs and uploads have %lld s",
              (long long)(service->config->drain_timeout_ms / 1000));
+    let_signals_end();
     supervisor_stop(service->supervisor);
     for (bool late = false, idle = false; !idle || (!late && http_uploads(http));) {
         poll(fds, idle ? 1 : 2, DRAIN_LOOK_MS);
@@ -108,9 +127,7 @@ static void drain(struct service *service, struct http *http, int signals) {
             supervisor_requeue(service->supervisor);
         }
         idle = idle || fds[1].revents;
-        if (!fds[0].revents || read_signal(signals) == SIGHUP) continue;
-        log_line(LOG_WARNING, "second signal: ending at once");
-        _exit(128 + SIGTERM);
+        if (fds[0].revents) read_signal(signals); /* SIGHUP, which changes nothing any more */
     }
 }
 

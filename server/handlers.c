@@ -2,6 +2,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/handlers.h"
+#include "server/handlers_keys.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -12,7 +13,11 @@
 #include "api/job_json.h"
 #include "core/alloc.h"
 
-enum { HEAD_BYTES = 64 * 1024 }; /* of a cloud, for what it says of its size */
+enum {
+    HEAD_BYTES = 64 * 1024, /* of a cloud, for what it says of its size */
+    PAGE_DEFAULT = 50,
+    PAGE_MAX = 500
+};
 
 static const struct handler table[OPERATION_COUNT] = {
     [OPERATION_GET_PAGE] = {NULL, handlers_get_page, NULL, true},
@@ -52,6 +57,25 @@ bool handlers_takes_no_query(const struct request *request, struct response *res
     struct problem problem;
     if (query_check(request->query, request->query_count, NULL, &problem)) return true;
     response_problem(response, &problem);
+    return false;
+}
+
+bool handlers_read_page(const struct request *request, const char *const *names, bool (*valid)(const char *id),
+                        const char *what, struct handlers_page *page, struct response *response) {
+    struct problem problem;
+    const char *most = query_find(request->query, request->query_count, "limit");
+    char *end = "";
+    unsigned long number = most ? strtoul(most, &end, 10) : PAGE_DEFAULT;
+    bool whole = !most || (most[0] >= '0' && most[0] <= '9' && !*end);
+    *page = (struct handlers_page){number, query_find(request->query, request->query_count, "after")};
+    if (!query_check(request->query, request->query_count, names, &problem))
+        response_problem(response, &problem);
+    else if (page->after && !valid(page->after))
+        response_invalid(response, "after", page->after, what);
+    else if (!whole || number < 1 || number > PAGE_MAX)
+        response_invalid(response, "limit", most, "a whole number from 1 to 500");
+    else
+        return true;
     return false;
 }
 

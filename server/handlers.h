@@ -62,6 +62,17 @@ bool handlers_end_upload(struct request *request, struct upload_facts *facts, st
 bool handlers_read_cloud(struct service *service, const struct request *request, const char *id,
                          struct clouds_record *record, struct response *response);
 
+/* Which part of a listing the query asks for. */
+struct handlers_page {
+    size_t limit;
+    const char *after; /* the last one before it, borrowed of the query; NULL = from the beginning */
+};
+
+/* Reads limit and after, of a query that takes these names; valid(after) says whether that may be an id, which is what
+ * (as in "the id of a job"); false: the response says what is wrong. */
+bool handlers_read_page(const struct request *request, const char *const *names, bool (*valid)(const char *id),
+                        const char *what, struct handlers_page *page, struct response *response);
+
 /* Takes `label` and `priority` from the query; false: *problem says why. */
 bool handlers_read_wishes(const struct request *request, struct job *job, struct problem *problem);
 
@@ -87,46 +98,6 @@ void handlers_document_response(char *text, uint64_t sequence, int status, struc
 
 /* Cache-Status: whether an earlier job's outputs serve this one: what service_submit found. */
 void handlers_cache_status(bool hit, struct response *response);
-
-/* A file's content, or the range of it that was asked for; takes fd.  etag NULL: none, nothing is conditional. */
-void handlers_send_file(const struct request *request, int fd, uint64_t bytes, const char *etag,
-                        struct response *response);
-
-/* An output of a successful job with all of its headers, or 304, 404. */
-void handlers_send_output(struct service *service, const struct request *request, const struct job *job,
-                          const char *name, struct response *response);
-
-/* The same for content that is open already; takes fd (-1: it could not be opened).  output names, measures and hashes
- * it. */
-void handlers_send_content(const struct request *request, const struct job *job, const struct job_output *output,
-                           int fd, struct response *response);
-
-/* Reads the job of the path; false: the response says that there is none, or that it was not successful.  The job is
- * the caller's either way. */
-bool handlers_read_successful(struct service *service, const struct request *request, struct job *job,
-                              struct response *response);
-
-/* The job's output of this name; NULL where it has none. */
-const struct job_output *handlers_find_output(const struct job *job, const char *name);
-
-/* Takes hold of the request's Idempotency-Key, where it has one and the operation takes one; else a response: it is
- * malformed, or another request with it is under way.  Must not block. */
-bool handlers_admit_key(struct service *service, struct request *request, struct response *response);
-
-/* The key, and a fingerprint of the complete request: for this cloud (its hash), and with what the job asks (NULL =
- * nothing).  false: memory runs out. */
-bool handlers_fingerprint(const struct request *request, const struct job *job, const char *cloud, struct job_key *key);
-
-/* What the request made when it came before; false: the response says that the key stands for another one.  The record
- * is the caller's where *found, to idempotency_record_done. */
-bool handlers_find_reply(struct service *service, const struct request *request, const struct job_key *key,
-                         struct idempotency_record *record, bool *found, struct response *response);
-
-/* Keeps the response for when the request comes again; nothing where it has no key, or is refused. */
-void handlers_keep_reply(struct service *service, const struct request *request, const struct response *response);
-
-/* Makes the response that was kept; takes it out of the record. */
-void handlers_replay(struct idempotency_record *record, struct response *response);
 
 /* Dismisses a job that waits; *changed false: it doesn't wait any more. */
 enum status handlers_withdraw(struct service *service, struct job *job, bool *changed, struct error *error) MUST_CHECK;

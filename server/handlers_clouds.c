@@ -14,9 +14,8 @@
 #include "core/ply_header.h"
 #include "server/clouds.h"
 #include "server/handlers.h"
-#include "server/sql.h"
-
-enum { LIST_DEFAULT = 50, LIST_MAX = 500 };
+#include "server/handlers_keys.h"
+#include "server/handlers_outputs.h"
 
 /* ------------------------------------------------------------------------------------------------ documents */
 
@@ -112,15 +111,12 @@ bool handlers_admit_new_cloud(struct service *service, struct request *request, 
 static bool keep_cloud(struct service *service, struct request *request, const struct upload_facts *facts,
                        const struct job_key *key, bool *known, struct response *response) {
     struct error error = {0};
-    struct sql *writer = queue_writer(service->queue);
     enum status status =
         service_keep_cloud(service, body_upload(request->body), facts, request->principal.name, known, &error);
     body_drop_upload(request->body);
-    if (status == STATUS_OK && key->key) {
-        sql_lock(writer);
-        status = idempotency_add(writer, request->principal.name, key, facts->sha256, job_now_ms(), &error);
-        sql_unlock(writer);
-    }
+    if (status == STATUS_OK && key->key)
+        status = idempotency_put(queue_writer(service->queue), request->principal.name, key, facts->sha256,
+                                 job_now_ms(), &error);
     if (status != STATUS_OK) response_error(response, &error);
     return status == STATUS_OK;
 }
@@ -222,25 +218,7 @@ void handlers_delete_cloud(struct service *service, struct request *request, str
 
 /* ------------------------------------------------------------------------------------------------ list */
 
-static bool read_page(const struct request *request, const char **after, size_t *limit, struct response *response) {
-    static const char *const names[] = {"limit", "after", NULL};
-    struct problem problem;
-    const char *most = query_find(request->query, request->query_count, "limit"), *wrong = NULL;
-    *after = query_find(request->query, request->query_count, "after");
-    char *end = "";
-    unsigned long number = most ? strtoul(most, &end, 10) : LIST_DEFAULT;
-    bool ok = query_check(request->query, request->query_count, names, &problem);
-    if (ok && *after && !clouds_id_valid(*after)) wrong = "after";
-    if (ok && most && (most[0] < '0' || most[0] > '9' || *end || number < 1 || number > LIST_MAX)) wrong = "limit";
-    if (wrong) {
-        const char *allowed = *wrong == 'a' ? "the id of a cloud" : "a whole number from 1 to 500";
-        problem_set(&problem, PROBLEM_INVALID_PARAMETER, "%s: takes %s", wrong, allowed);
-        problem_add_error(&problem, wrong, *wrong == 'a' ? *after : most, allowed, NULL);
-    }
-    if (!ok || wrong) response_problem(response, &problem);
-    *limit = (size_t)number;
-    return ok && !wrong;
-}
+static const char *const list_names[] = {"limit", "after", NULL};
 
 static void answer_list(struct service *service, const struct clouds_record *records, size_t count,
                         struct response *response) {
@@ -261,20 +239,20 @@ static void answer_list(struct service *service, const struct clouds_record *rec
 /* One more than asked for is read, to know whether there is a next page. */
 void handlers_list_clouds(struct service *service, struct request *request, struct response *response) {
     struct error error = {0};
-    const char *after;
-    size_t limit, count = 0;
-    if (!read_page(request, &after, &limit, response)) return;
-    struct clouds_record *records = calloc(limit + 1, sizeof *records);
+    struct handlers_page page;
+    size_t count = 0;
+    if (!handlers_read_page(request, list_names, clouds_id_valid, "the id of a cloud", &page, response)) return;
+    struct clouds_record *records = calloc(page.limit + 1, sizeof *records);
     enum status status = records ? STATUS_OK : error_set(&error, STATUS_NO_MEMORY, "clouds", "no memory");
     if (status == STATUS_OK)
-        status = clouds_list(service->queue, owner_of(request), after, records, limit + 1, &count, &error);
+        status = clouds_list(service->queue, owner_of(request), page.after, records, page.limit + 1, &count, &error);
     if (status == STATUS_OK)
-        answer_list(service, records, count < limit ? count : limit, response);
+        answer_list(service, records, count < page.limit ? count : page.limit, response);
     else
         response_error(response, &error);
-    if (count > limit)
-        response_header(response, "Link", "<%s/v1/clouds?limit=%zu&after=%s>; rel=\"next\"", links_base(), limit,
-                        records[limit - 1].sha256);
+    if (count > page.limit)
+        response_header(response, "Link", "<%s/v1/clouds?limit=%zu&after=%s>; rel=\"next\"", links_base(), page.limit,
+                        records[page.limit - 1].sha256);
     for (size_t i = 0; i < count; i++) clouds_record_done(&records[i]);
     free(records);
 }

@@ -8,11 +8,12 @@
 #include "api/job_json.h"
 #include "api/links.h"
 #include "server/handlers.h"
+#include "server/handlers_keys.h"
 #include "server/log.h"
 #include "server/post.h"
 #include "server/supervisor.h"
 
-enum { LIST_DEFAULT = 50, LIST_MAX = 500, HEARTBEAT_MS = 15000, CANCEL_LOOK_MS = 1000 };
+enum { HEARTBEAT_MS = 15000, CANCEL_LOOK_MS = 1000 };
 
 /* ------------------------------------------------------------------------------------------------ create */
 
@@ -30,7 +31,6 @@ static bool read_create(const struct request *request, struct job *job, struct r
 /* Takes `webhook` from the query; borrowed there. */
 static bool read_webhook(const struct service *service, const struct request *request, struct job *job,
                          struct response *response) {
-    struct problem problem;
     const char *url = query_find(request->query, request->query_count, "webhook"), *allowed = NULL;
     job->webhook = url;
     if (url && !service->config->webhooks)
@@ -38,9 +38,7 @@ static bool read_webhook(const struct service *service, const struct request *re
     else if (url && (strlen(url) >= JOB_WEBHOOK_BYTES || !post_url_valid(url)))
         allowed = "an http or https URL without user and password, up to 2047 bytes";
     if (!allowed) return true;
-    problem_set(&problem, PROBLEM_INVALID_PARAMETER, "webhook: takes %s", allowed);
-    problem_add_error(&problem, "webhook", NULL, allowed, NULL);
-    response_problem(response, &problem);
+    response_invalid(response, "webhook", NULL, allowed);
     return false;
 }
 
@@ -80,37 +78,18 @@ void handlers_create_job(struct service *service, struct request *request, struc
 
 static const char *const list_names[] = {"status", "label", "limit", "after", NULL};
 
-static bool refuse_value(struct response *response, const char *name, const char *value, const char *allowed) {
-    struct problem problem;
-    problem_set(&problem, PROBLEM_INVALID_PARAMETER, "%s: takes %s", name, allowed);
-    problem_add_error(&problem, name, value, allowed, NULL);
-    response_problem(response, &problem);
-    return false;
-}
-
 static bool read_filter(const struct request *request, struct queue_filter *filter, size_t *limit,
                         struct response *response) {
-    struct problem problem;
-    const struct query_pair *query = request->query;
-    size_t count = request->query_count;
-    if (!query_check(query, count, list_names, &problem)) {
-        response_problem(response, &problem);
-        return false;
-    }
-    const char *state = query_find(query, count, "status"), *most = query_find(query, count, "limit");
-    filter->label = query_find(query, count, "label");
-    filter->after = query_find(query, count, "after");
+    struct handlers_page page;
+    if (!handlers_read_page(request, list_names, job_id_valid, "the id of a job", &page, response)) return false;
+    const char *state = query_find(request->query, request->query_count, "status");
+    filter->label = query_find(request->query, request->query_count, "label");
+    filter->after = page.after;
     filter->by_state = state != NULL;
-    if (state && !job_state_from_name(state, &filter->state))
-        return refuse_value(response, "status", state, "accepted, running, successful, failed or dismissed");
-    if (filter->after && !job_id_valid(filter->after))
-        return refuse_value(response, "after", filter->after, "the id of a job");
-    char *end;
-    unsigned long number = most ? strtoul(most, &end, 10) : LIST_DEFAULT;
-    if (most && (most[0] < '0' || most[0] > '9' || *end || number < 1 || number > LIST_MAX))
-        return refuse_value(response, "limit", most, "a whole number from 1 to 500");
-    *limit = (size_t)number;
-    return true;
+    *limit = page.limit;
+    if (!state || job_state_from_name(state, &filter->state)) return true;
+    response_invalid(response, "status", state, "accepted, running, successful, failed or dismissed");
+    return false;
 }
 
 /* Writes text into a link, with what isn't plain as %XX. */

@@ -11,6 +11,7 @@
 
 #include "server/digest.h"
 #include "server/handlers.h"
+#include "server/handlers_keys.h"
 #include "server/log.h"
 
 static bool takes_key(enum operation operation) {

@@ -9,6 +9,7 @@
 #include "api/links.h"
 #include "server/access.h"
 #include "server/handlers.h"
+#include "server/handlers_outputs.h"
 
 enum { DEFAULT_S = 3600 };
 
@@ -23,11 +24,10 @@ static int64_t read_seconds(const struct service *service, const struct request 
     if (known && text) seconds = text[0] >= '0' && text[0] <= '9' ? strtoll(text, &end, 10) : 0;
     if (known && seconds >= 1 && seconds <= most && !(end && *end)) return seconds;
     snprintf(allowed, sizeof allowed, "a whole number from 1 to %" PRId64, most);
-    if (known) {
-        problem_set(&problem, PROBLEM_INVALID_PARAMETER, "seconds: takes %s", allowed);
-        problem_add_error(&problem, "seconds", text, allowed, NULL);
-    }
-    response_problem(response, &problem);
+    if (known)
+        response_invalid(response, "seconds", text, allowed);
+    else
+        response_problem(response, &problem);
     return 0;
 }
 

@@ -103,6 +103,14 @@ enum status idempotency_add(struct sql *writer, const char *principal, const str
                    VALUES(T(principal), T(key->key), T(key->fingerprint), T(made), I(now_ms)), error);
 }
 
+enum status idempotency_put(struct sql *writer, const char *principal, const struct job_key *key, const char *made,
+                            int64_t now_ms, struct error *error) {
+    sql_lock(writer);
+    enum status status = idempotency_add(writer, principal, key, made, now_ms, error);
+    sql_unlock(writer);
+    return status;
+}
+
 enum status idempotency_keep_reply(struct sql *writer, const char *principal, const char *key, int status_code,
                                    const char *etag, const char *reply, struct error *error) {
     sql_lock(writer);

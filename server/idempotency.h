@@ -59,6 +59,10 @@ void idempotency_record_done(struct idempotency_record *record);
 enum status idempotency_add(struct sql *writer, const char *principal, const struct job_key *key, const char *made,
                             int64_t now_ms, struct error *error) MUST_CHECK;
 
+/* The same by itself; takes the writer's lock. */
+enum status idempotency_put(struct sql *writer, const char *principal, const struct job_key *key, const char *made,
+                            int64_t now_ms, struct error *error) MUST_CHECK;
+
 /* Keeps the reply to that request.  Takes the writer's lock; not durable at once, and nothing is lost if it isn't. */
 enum status idempotency_keep_reply(struct sql *writer, const char *principal, const char *key, int status,
                                    const char *etag, const char *reply, struct error *error) MUST_CHECK;

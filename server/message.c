@@ -1,18 +1,14 @@
-/* Requests and responses: reading what headers say, and putting answers together.
+/* Requests: reading what headers say.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/message.h"
 
 #include <errno.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 #include <sys/random.h>
-#include <unistd.h>
-
-#include "server/log.h"
 
 const char *const message_header_names[HEADER_COUNT] = {
     [HEADER_RANGE] = "Range",
@@ -36,93 +32,13 @@ const char *const message_header_names[HEADER_COUNT] = {
     [HEADER_UPLOAD_CHECKSUM] = "Upload-Checksum",
     [HEADER_UPLOAD_CONCAT] = "Upload-Concat",
     [HEADER_REPR_DIGEST] = "Repr-Digest",
+    [HEADER_ACCEPT] = "Accept",
     [HEADER_AUTHORIZATION] = "Authorization",
     [HEADER_REQUEST_ID] = "X-Request-Id",
     [HEADER_TRACEPARENT] = "traceparent",
     [HEADER_CACHE_CONTROL] = "Cache-Control",
     [HEADER_IDEMPOTENCY_KEY] = "Idempotency-Key",
 };
-
-/* ------------------------------------------------------------------------------------------------ responses */
-
-void response_init(struct response *response) {
-    memset(response, 0, sizeof *response);
-    response->status = 200;
-    response->fd = -1;
-    response->problem = -1;
-}
-
-void response_done(struct response *response) {
-    free(response->text);
-    if (response->fd >= 0) close(response->fd);
-    response_init(response);
-}
-
-void response_header(struct response *response, const char *name, const char *format, ...) {
-    if (response->header_count == RESPONSE_MAX_HEADERS) return;
-    response->header[response->header_count].name = name;
-    va_list args;
-    va_start(args, format);
-    vsnprintf(response->header[response->header_count].value, RESPONSE_HEADER_BYTES, format, args);
-    va_end(args);
-    response->header_count++;
-}
-
-void response_text(struct response *response, int status, const char *media_type, char *text) {
-    free(response->text);
-    response->kind = RESPONSE_TEXT;
-    response->status = text ? status : 500;
-    response->text = text;
-    response->text_bytes = text ? strlen(text) : 0;
-    response_header(response, "Content-Type", "%s", media_type);
-}
-
-static void retry_later(struct response *response, int status) {
-    if (status == 503 || status == 429) response_header(response, "Retry-After", "%d", 5);
-}
-
-void response_problem(struct response *response, const struct problem *problem) {
-    int status = problem_type(problem->kind)->http_status;
-    response->problem = (int)problem->kind;
-    response_text(response, status, "application/problem+json", problem_encode(problem));
-    response_header(response, "Cache-Control", "no-store");
-    retry_later(response, status);
-}
-
-void response_problem_text(struct response *response, const char *json) {
-    response_text(response, problem_status_of(json), "application/problem+json", problem_relocate(json));
-}
-
-void response_refuse(struct response *response, enum problem_kind kind, const char *format, ...) {
-    struct problem problem;
-    char detail[PROBLEM_DETAIL_BYTES];
-    va_list args;
-    va_start(args, format);
-    vsnprintf(detail, sizeof detail, format, args);
-    va_end(args);
-    problem_set(&problem, kind, "%s", detail);
-    response_problem(response, &problem);
-}
-
-void response_limit(struct response *response, enum problem_kind kind, const char *name, uint64_t limit,
-                    uint64_t actual) {
-    struct problem problem;
-    problem_set(&problem, kind, "%s is %llu, and this is %llu", name, (unsigned long long)limit,
-                (unsigned long long)actual);
-    problem_add_number(&problem, "limit", (int64_t)limit);
-    problem_add_number(&problem, "actual", (int64_t)actual);
-    response_problem(response, &problem);
-}
-
-void response_error(struct response *response, const struct error *error) {
-    log_line(LOG_ERROR, "%s: %s", error->where, error->text);
-    if (error->code == STATUS_NO_SPACE)
-        response_refuse(response, PROBLEM_STORAGE_FULL, "%s", error->text);
-    else
-        response_refuse(response, PROBLEM_INTERNAL_ERROR, "%s", "the service could not do this; its log says why");
-}
-
-/* ------------------------------------------------------------------------------------------------ requests */
 
 /* Headers whose repetition makes a request mean two things. */
 static bool is_single(size_t header) {
@@ -251,6 +167,35 @@ int64_t request_prefer_wait_ms(const struct request *request, int64_t max_ms) {
 
 bool request_prefers_async(const struct request *request) {
     return find_preference(request->header[HEADER_PREFER], "respond-async") != NULL;
+}
+
+/* Whether "type/subtype", "type/" and a star, or two stars, of n characters, cover the media type. */
+static bool covers(const char *range, size_t n, const char *media_type) {
+    size_t type = strcspn(media_type, "/") + 1;
+    if (n == 3 && memcmp(range, "*/*", 3) == 0) return true;
+    if (n == type + 1 && range[type] == '*') return strncasecmp(range, media_type, type) == 0;
+    return n == strlen(media_type) && strncasecmp(range, media_type, n) == 0;
+}
+
+/* Whether parameters, up to n characters, hold q=0, which excludes. */
+static bool excludes(const char *parameters, size_t n) {
+    for (const char *q = parameters, *end = parameters + n; (q = memchr(q, ';', (size_t)(end - q)));) {
+        q += 1 + strspn(q + 1, " \t");
+        if (end - q >= 3 && strncasecmp(q, "q=0", 3) == 0) return strspn(q + 3, ".0") == strcspn(q + 3, ",; \t");
+    }
+    return false;
+}
+
+bool request_accepts(const struct request *request, const char *media_type) {
+    const char *list = request->header[HEADER_ACCEPT];
+    bool accepts = !list || !list[strspn(list, " \t,")];
+    for (; list && *list; list += *list == ',') {
+        list += strspn(list, " \t");
+        size_t n = strcspn(list, ",; \t"), whole = strcspn(list, ",");
+        if (covers(list, n, media_type) && !excludes(list + n, whole - n)) accepts = true;
+        list += whole;
+    }
+    return accepts;
 }
 
 bool request_none_match(const struct request *request, const char *etag) {

@@ -13,13 +13,13 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "api/problem.h"
 #include "api/query.h"
 #include "api/routes.h"
 #include "server/body.h"
 #include "server/events.h"
 #include "server/idempotency.h"
 #include "server/principal.h"
+#include "server/response.h"
 
 enum request_header {
     HEADER_RANGE,
@@ -47,9 +47,10 @@ enum request_header {
     HEADER_UPLOAD_METADATA,
     HEADER_UPLOAD_CHECKSUM,
     HEADER_UPLOAD_CONCAT,
-    HEADER_REPR_DIGEST
+    HEADER_REPR_DIGEST,
+    HEADER_ACCEPT
 };
-#define HEADER_COUNT (HEADER_REPR_DIGEST + 1)
+#define HEADER_COUNT (HEADER_ACCEPT + 1)
 
 /* "Range", ... */
 extern const char *const message_header_names[HEADER_COUNT];
@@ -88,56 +89,6 @@ struct request {
     struct request_wait wait;
 };
 
-enum response_kind { RESPONSE_TEXT, RESPONSE_FILE, RESPONSE_WAIT, RESPONSE_STREAM };
-
-enum { RESPONSE_MAX_HEADERS = 16, RESPONSE_HEADER_BYTES = 640 };
-
-struct response {
-    enum response_kind kind;
-    int status;
-    size_t header_count;
-    struct {
-        const char *name; /* static */
-        char value[RESPONSE_HEADER_BYTES];
-    } header[RESPONSE_MAX_HEADERS];
-    char *text; /* owned; text of RESPONSE_TEXT, next piece of RESPONSE_STREAM (NULL = nothing yet) */
-    size_t text_bytes;
-    int fd; /* owned; of RESPONSE_FILE */
-    uint64_t file_offset, file_bytes;
-    int problem; /* enum problem_kind of a problem document; -1 = it is none */
-    bool last;   /* RESPONSE_STREAM: ends after this piece */
-};
-
-/* An empty text, status 200. */
-void response_init(struct response *response);
-
-/* Frees what the response owns. */
-void response_done(struct response *response);
-
-/* Adds a header; the name is static.  A value that doesn't fit is cut. */
-void response_header(struct response *response, const char *name, const char *format, ...)
-    __attribute__((format(printf, 3, 4)));
-
-/* Makes it a text of this type; takes text (NULL: memory ran out, which becomes an empty 500). */
-void response_text(struct response *response, int status, const char *media_type, char *text);
-
-/* Makes it a problem document, with the status of its kind, and Retry-After where one is due. */
-void response_problem(struct response *response, const struct problem *problem);
-
-/* The same for a problem that is JSON already (of a failed job). */
-void response_problem_text(struct response *response, const char *json);
-
-/* A problem without members, from a printf-formatted sentence. */
-void response_refuse(struct response *response, enum problem_kind kind, const char *format, ...)
-    __attribute__((format(printf, 3, 4)));
-
-/* A limit of /v1/info is reached. */
-void response_limit(struct response *response, enum problem_kind kind, const char *name, uint64_t limit,
-                    uint64_t actual);
-
-/* What the service itself failed at: 500, and a line in the log. */
-void response_error(struct response *response, const struct error *error);
-
 /* Takes a header or an argument, as they come; texts are borrowed and end in NUL.  What must not be is told in
  * request->fault. */
 void request_take_header(struct request *request, const char *name, const char *value, size_t value_bytes);
@@ -154,6 +105,9 @@ void request_identify(struct request *request);
 /* Seconds of `Prefer: wait=N` (up to max_ms, in ms); -1 where there is none.  And whether it holds respond-async. */
 int64_t request_prefer_wait_ms(const struct request *request, int64_t max_ms);
 bool request_prefers_async(const struct request *request);
+
+/* Whether Accept, if it is there, allows this media type ("model/ply"; no parameters). */
+bool request_accepts(const struct request *request, const char *media_type);
 
 /* Whether the list of entity tags in If-None-Match holds this one (with quotes, compared weakly) or is *. */
 bool request_none_match(const struct request *request, const char *etag);

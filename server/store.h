@@ -104,6 +104,9 @@ void store_outputs_drop(struct store *store, const char *id);
 int store_output_open(const struct store *store, const char *id, const char *name);
 bool store_outputs_exist(const struct store *store, const char *id);
 
+/* How many there are; -1 where they can't be listed. */
+int store_outputs_count(const struct store *store, const char *id);
+
 /* A file without a name, for reading and writing, gone when it is closed; -1 with errno when there can't be one. */
 int store_scratch_open(const struct store *store);
 

@@ -394,6 +394,16 @@ bool store_outputs_exist(const struct store *store, const char *id) {
     return faccessat(store->jobs_fd, path, X_OK, 0) == 0;
 }
 
+int store_outputs_count(const struct store *store, const char *id) {
+    char path[128];
+    struct dirent **entries;
+    snprintf(path, sizeof path, "%.80s/outputs", id);
+    int n = scandirat(store->jobs_fd, path, &entries, is_visible, alphasort);
+    for (int i = 0; i < n; i++) free(entries[i]);
+    if (n >= 0) free(entries);
+    return n;
+}
+
 int store_log_open(struct store *store, const char *id, bool append) {
     if (!append) return open_in_job(store, id, NULL, "log");
     int job_fd = make_folder(store->jobs_fd, id);

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`whittled check`: what is whole, what is damaged, what a crash left; and databases of earlier versions."""
 import hashlib
+import shutil
 import sqlite3
 
 import pytest
@@ -79,6 +80,62 @@ def test_content_that_has_changed_is_named(ended):
         ["damaged:", f"jobs/{ended.job_id}/outputs/cloud.ply"],
         ["damaged:", f"jobs/{ended.job_id}/outputs/report.json"]]
     assert "has the hash" in lines[0] and "has 0 bytes" in lines[1] and "is missing" in lines[2]
+
+
+def test_one_flipped_bit_is_found_wherever_it_is(ended):
+    files = [*(ended.data / "clouds").iterdir(), *(ended.data / "jobs" / ended.job_id / "outputs").iterdir()]
+    for file in files:
+        whole = file.read_bytes()
+        for at in (0, len(whole) // 2, len(whole) - 1):
+            file.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1:])
+            lines = findings(ended, 1)
+            assert len(lines) == 1 and file.name in lines[0] and "has the hash" in lines[0]
+        file.write_bytes(whole)
+    assert findings(ended, 0) == []
+
+
+def test_a_file_that_no_row_names_is_found_among_outputs(ended):
+    (ended.data / "jobs" / ended.job_id / "outputs" / "other.ply").write_bytes(b"x")
+    assert findings(ended, 1) == [f"damaged: jobs/{ended.job_id}/outputs has 3 files, not 2"]
+    ended.start()
+    assert ended.curl(f"/v1/jobs/{ended.job_id}/outputs/other.ply").slug == "no-such-output"
+
+
+def test_a_job_whose_folder_is_gone(ended):
+    shutil.rmtree(ended.data / "jobs" / ended.job_id)
+    lines = findings(ended, 1)
+    assert len(lines) == 2 and all("is missing" in line for line in lines)
+
+
+def test_a_database_of_a_later_version_is_damage_that_is_named(ended):
+    change_database(ended, "PRAGMA user_version = 999")
+    lines = findings(ended, 1)
+    assert len(lines) == 1 and lines[0].startswith("damaged: the database has schema 999, this program knows ")
+
+
+def test_a_journal_that_is_cut_anywhere_leaves_the_last_whole_state(make_daemon):
+    daemon = make_daemon()
+    job_id = daemon.submit(SMALL)
+    daemon.ended(job_id)
+    daemon.kill()  # so that the journal stays
+    journal = daemon.data / "whittled.db-wal"
+    whole, files = journal.read_bytes(), {name: (daemon.data / name).read_bytes() for name in ("whittled.db",)}
+    assert len(whole) > 10000
+    for cut in range(0, len(whole), len(whole) // 12):
+        (daemon.data / "whittled.db-shm").unlink(missing_ok=True)
+        (daemon.data / "whittled.db").write_bytes(files["whittled.db"])
+        journal.write_bytes(whole[:cut])
+        status, lines = daemon.check()
+        assert status in (0, 1), lines
+        assert not any("malformed" in line or "database:" in line for line in lines), lines  # no page is torn
+    (daemon.data / "whittled.db-shm").unlink(missing_ok=True)
+    (daemon.data / "whittled.db").write_bytes(files["whittled.db"])
+    journal.write_bytes(whole[:len(whole) // 2])
+    daemon.start()  # an earlier state, or none at all, is served
+    assert daemon.curl(f"/v1/jobs/{job_id}").status in (200, 404)
+    assert daemon.ended(daemon.submit(SMALL))["status"] == "successful"
+    daemon.stop()
+    assert daemon.check()[0] == 0
 
 
 def test_what_a_crash_leaves_is_no_damage(ended):

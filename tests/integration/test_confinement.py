@@ -49,6 +49,25 @@ def test_what_only_a_hijacked_process_would_do_ends_it(probe, deed):
     assert outcome(probe, "thread") == "got through"  # the daemon lives and runs the next
 
 
+CALLS = ["unshare", "setns", "mount", "umount2", "pivot_root", "chroot", "kill", "tkill", "process_vm_readv", "pidfd_open",
+         "io_uring_setup", "bpf", "perf_event_open", "userfaultfd", "keyctl", "execveat", "setuid", "setgroups",
+         "memfd_create", "personality", "linkat", "mknodat", "fchmodat", "fchownat", "setxattr", "open_by_handle_at",
+         "inotify_init1", "fanotify_init", "shmget", "msgget", "mq_open", "init_module", "reboot", "sethostname",
+         "settimeofday", "setpriority", "sched_setaffinity", "setpgid", "setsid", "chdir", "quotactl", "unknown", "x32"]
+
+
+def test_no_system_call_gets_through_that_a_job_has_no_use_for(probe):
+    need(probe, "seccomp")
+    through = {}
+    for deed in [("call", name) for name in CALLS] + [("old",)]:
+        problem = attempt(probe, *deed)
+        killed = problem["type"] == "/problems/worker-crashed" and problem.get("signal") == signal.SIGSYS
+        if not killed and problem["detail"] != NOT_PERMITTED:
+            through[deed] = problem
+    assert through == {}
+    assert outcome(probe, "thread") == "got through"
+
+
 @pytest.mark.parametrize("deed", ["signal", "code", "unlimit"])
 def test_what_a_job_may_not_do_fails(probe, deed):
     need(probe, "seccomp")

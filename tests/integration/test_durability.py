@@ -157,6 +157,21 @@ def test_a_second_signal_ends_at_once(make_daemon, large):
     assert daemon.ended(job_id)["status"] == "successful"
 
 
+def test_sighup_lets_jobs_uploads_and_streams_go_on(make_daemon, large):
+    daemon = make_daemon("--workers", "1")
+    running, waiting = daemon.submit(large), daemon.submit(SMALL)
+    pid = daemon.worker_pid(running)
+    events = subprocess.Popen(daemon.curl_command(f"/v1/jobs/{running}/events", "-N"), stdout=subprocess.PIPE)
+    for i in range(1, 4):
+        daemon.process.send_signal(signal.SIGHUP)
+        wait_until(lambda n=i: daemon.log_text().count("are read again") == n, "the reload")
+    assert daemon.worker_pid(running) == pid
+    job = daemon.ended(running)
+    assert job["status"] == "successful" and job["attempt"] == 1
+    assert b"event: end" in events.communicate(timeout=60)[0]
+    assert daemon.ended(waiting)["status"] == "successful"
+
+
 # ---------------------------------------------------------------------------------------------- mending
 
 def test_the_start_removes_what_nobody_knows(make_daemon):

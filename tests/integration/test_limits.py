@@ -2,6 +2,7 @@
 """Every limit of /v1/info can be reached, and says so."""
 import gzip
 import hashlib
+import pathlib
 import re
 import socket
 
@@ -119,7 +120,8 @@ def test_clouds_without_a_length_count_too(shared):
     packed = daemon.post("/v1/clouds", gzip.compress(b"0 0 0\n" * 1000), "-H", "Authorization: Bearer a", "-H",
                          "Content-Encoding: gzip")
     assert (packed.status, packed.slug) == (429, "rate-limited")
-    assert not list((daemon.data / "clouds").iterdir()) and daemon.leftovers() == []
+    assert not list((daemon.data / "clouds").iterdir())
+    wait_until(lambda: daemon.leftovers() == [], "the removal of what came")
 
 
 def test_resumable_uploads_count_with_what_they_will_have(shared):
@@ -250,3 +252,53 @@ def test_a_long_poll_waits_no_longer_than_allowed(make_daemon, large):
     etag = daemon.curl(f"/v1/jobs/{waiting}").headers["etag"]
     reply = daemon.curl(f"/v1/jobs/{waiting}", "-H", "Prefer: wait=50", "-H", f"If-None-Match: {etag}")
     assert reply.status == 304 and daemon.job(running)["status"] == "running"
+
+
+# ---------------------------------------------------------------------------------------------- jobs at a time
+
+def test_no_more_jobs_run_than_allowed_and_with_no_more_threads(make_daemon, tmp_path):
+    go, patient = tmp_path / "go", tmp_path / "patient"
+    patient.write_text(f'#!/bin/sh\necho "arguments: $@" >&2\nwhile [ ! -e {go} ]; do sleep 0.1; done\nexit 9\n')
+    patient.chmod(0o755)
+    daemon = make_daemon("--worker", patient, "--worker-sandbox=off", "--workers", "2", "--threads-per-job", "3")
+    jobs = [daemon.submit(sphere(100 + i)) for i in range(5)]
+    logs = [daemon.data / "jobs" / job / "log" for job in jobs]
+
+    def begun():
+        return [log for log in logs if log.exists() and "arguments:" in log.read_text()]
+    wait_until(lambda: len(begun()) == 2, "two at work")
+    assert sorted(daemon.job(job)["status"] for job in jobs) == ["accepted"] * 3 + ["running"] * 2
+    assert all(" --threads 3 " in f"{log.read_text()} ".replace("\n", " ") for log in begun())
+    go.touch()
+    for job in jobs:
+        daemon.ended(job)
+
+
+# ---------------------------------------------------------------------------------------------- none is left out
+
+REACHED_BY = {
+    "connections_per_address": "test_connections_of_one_address", "header_timeout_ms": "test_headers_that_take_too_long",
+    "idempotency_retention_ms": "test_keys_are_forgotten_after_their_time", "idle_timeout_ms": "test_a_connection_that_is_idle",
+    "job_cpu_ms": "test_a_job_that_needs_too_much_processor_time", "job_wall_ms": "test_a_job_that_takes_too_long",
+    "job_file_bytes": "test_a_file_longer_than_a_job_may_write",
+    "job_memory_bytes": "test_a_job_that_needs_too_much_memory",
+    "link_max_ms": "test_a_link_lives_no_longer_than_allowed", "max_body_bytes": "test_too_large_without_a_length",
+    "max_connections": "test_connections", "max_expansion": "test_a_small_body_that_becomes_a_large_one",
+    "max_header_bytes": "test_headers_over_the_limit", "max_parameters": "test_parameters_over_the_limit",
+    "max_points": "test_too_many_points", "max_queue": "test_a_full_queue", "max_uploads": "test_a_number_of_uploads",
+    "min_free_bytes": "test_what_is_to_stay_free_stays_free_while_bodies_of_no_known_length_come",
+    "min_upload_bytes_per_s": "test_an_upload_that_trickles", "upload_grace_ms": "test_an_upload_that_trickles",
+    "principal_bytes": "test_resumable_uploads_count_with_what_they_will_have",
+    "principal_jobs": "test_jobs_of_one_principal", "retention_ms": "test_results_expire_and_say_so",
+    "sync_max_ms": "test_one_shot_that_takes_too_long_names_its_job",
+    "threads_per_job": "test_no_more_jobs_run_than_allowed_and_with_no_more_threads",
+    "total_memory_bytes": "test_jobs_that_do_not_fit_together_wait", "upload_expiry_ms": "test_expiration",
+    "wait_max_ms": "test_a_long_poll_waits_no_longer_than_allowed",
+    "workers": "test_no_more_jobs_run_than_allowed_and_with_no_more_threads"}
+
+
+def test_each_limit_has_a_test_that_reaches_it(daemon):
+    assert set(daemon.curl("/v1/info").json["limits"]) == set(REACHED_BY)
+    tests = "".join(path.read_text() for path in pathlib.Path(__file__).parent.glob("test_*.py"))
+    missing = [test for test in REACHED_BY.values() if f"\ndef {test}(" not in tests]
+    assert missing == []

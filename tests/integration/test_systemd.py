@@ -150,6 +150,30 @@ def test_the_watchdog_starves_when_the_queue_is_broken(unit, manager):
     conftest.wait_until(lambda: "its watchdog isn't fed" in unit.log_text(), "the starved watchdog")
 
 
+def test_the_watchdog_starves_when_the_supervisor_hangs(unit, manager):
+    unit.launch({"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "200000"},
+                flags=("--listen", "127.0.0.1:0", "--fault", "commit=hang:3"))  # the schema's, the job's, its claim's
+    unit.answered()
+    manager.hear_until("WATCHDOG=1")
+    job = unit.submit(conftest.SMALL)
+
+    def is_silent():
+        manager.silence()
+        manager.socket.settimeout(4)
+        try:
+            return not manager.hear()
+        except TimeoutError:
+            return True
+    conftest.wait_until(is_silent, "the end of the feeding")
+    assert unit.curl("/healthz").status == 200  # only who asks the supervisor can know
+    for _ in range(2):
+        unit.process.send_signal(signal.SIGTERM)
+        conftest.wait_until(lambda: "draining" in unit.log_text(), "the drain")
+    assert unit.process.wait(conftest.PATIENCE_S) == 128 + signal.SIGTERM
+    unit.launch(flags=("--listen", "127.0.0.1:0")).answered()
+    assert unit.ended(job)["status"] == "successful"
+
+
 def activate(unit, inherited, environment, *flags):
     fd = inherited.fileno()
     return unit.launch({"LISTEN_FDS": "1", **environment}, (sys.executable, "-c", ACTIVATE, fd), flags, (fd,))

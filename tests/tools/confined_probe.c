@@ -109,6 +109,79 @@ static bool try_unlimit(const char *argument, const char *folder) {
     return syscall(SYS_prlimit64, 0, 1 /* RLIMIT_FSIZE */, &most, NULL) == 0;
 }
 
+static bool try_call(const char *name, const char *folder) {
+    static const struct {
+        const char *name;
+        long number;
+    } calls[] = {
+        {"unshare", SYS_unshare},
+        {"setns", SYS_setns},
+        {"mount", SYS_mount},
+        {"umount2", SYS_umount2},
+        {"pivot_root", SYS_pivot_root},
+        {"chroot", SYS_chroot},
+        {"kill", SYS_kill},
+        {"tkill", SYS_tkill},
+        {"process_vm_readv", SYS_process_vm_readv},
+        {"pidfd_open", SYS_pidfd_open},
+        {"io_uring_setup", SYS_io_uring_setup},
+        {"bpf", SYS_bpf},
+        {"perf_event_open", SYS_perf_event_open},
+        {"userfaultfd", SYS_userfaultfd},
+        {"keyctl", SYS_keyctl},
+        {"execveat", SYS_execveat},
+        {"setuid", SYS_setuid},
+        {"setgroups", SYS_setgroups},
+        {"memfd_create", SYS_memfd_create},
+        {"personality", SYS_personality},
+        {"linkat", SYS_linkat},
+        {"mknodat", SYS_mknodat},
+        {"fchmodat", SYS_fchmodat},
+        {"fchownat", SYS_fchownat},
+        {"setxattr", SYS_setxattr},
+        {"open_by_handle_at", SYS_open_by_handle_at},
+        {"inotify_init1", SYS_inotify_init1},
+        {"fanotify_init", SYS_fanotify_init},
+        {"shmget", SYS_shmget},
+        {"msgget", SYS_msgget},
+        {"mq_open", SYS_mq_open},
+        {"init_module", SYS_init_module},
+        {"reboot", SYS_reboot},
+        {"sethostname", SYS_sethostname},
+        {"settimeofday", SYS_settimeofday},
+        {"setpriority", SYS_setpriority},
+        {"sched_setaffinity", SYS_sched_setaffinity},
+        {"setpgid", SYS_setpgid},
+        {"setsid", SYS_setsid},
+        {"ioctl", SYS_ioctl},
+        {"chdir", SYS_chdir},
+        {"quotactl", SYS_quotactl},
+        {"unknown", 100000},
+#ifdef __x86_64__
+        {"x32", 0x40000000 | SYS_socket},
+#endif
+    };
+    (void)folder;
+    for (size_t i = 0; i < sizeof calls / sizeof *calls; i++)
+        if (strcmp(calls[i].name, name) == 0) return syscall(calls[i].number, 0, 0, 0, 0, 0, 0) >= 0;
+    errno = ENOSYS;
+    return false;
+}
+
+/* A call by the door of 32-bit programs, where numbers mean something else. */
+static bool try_old(const char *argument, const char *folder) {
+    (void)argument, (void)folder;
+#ifdef __x86_64__
+    long answer = 359; /* socket */
+    __asm__ volatile("int $0x80" : "+a"(answer) : "b"(2), "c"(1), "d"(0) : "memory");
+    errno = (int)-answer;
+    return answer >= 0;
+#else
+    raise(SIGSYS);
+    return false;
+#endif
+}
+
 static bool try_memory(const char *argument, const char *folder) {
     (void)folder;
     for (long left = strtol(argument, NULL, 10); left > 0; left--) {
@@ -159,11 +232,12 @@ static bool try_nothing(const char *argument, const char *folder) {
 }
 
 static const struct deed deeds[] = {
-    {"read", try_read},     {"list", try_list},     {"write", try_write},     {"above", try_above},
-    {"rename", try_rename}, {"link", try_link},     {"socket", try_socket},   {"fork", try_fork},
-    {"exec", try_exec},     {"trace", try_trace},   {"signal", try_signal},   {"abort", try_abort},
-    {"code", try_code},     {"memory", try_memory}, {"unlimit", try_unlimit}, {"time", try_time},
-    {"length", try_length}, {"files", try_files},   {"thread", try_thread},   {"nothing", try_nothing},
+    {"read", try_read},     {"list", try_list},       {"write", try_write},     {"above", try_above},
+    {"rename", try_rename}, {"link", try_link},       {"socket", try_socket},   {"fork", try_fork},
+    {"exec", try_exec},     {"trace", try_trace},     {"signal", try_signal},   {"abort", try_abort},
+    {"code", try_code},     {"memory", try_memory},   {"unlimit", try_unlimit}, {"time", try_time},
+    {"call", try_call},     {"old", try_old},         {"length", try_length},   {"files", try_files},
+    {"thread", try_thread}, {"nothing", try_nothing},
 };
 
 static void try_deed(const char *name, const char *argument, const char *folder) {

@@ -16,14 +16,14 @@
 #include "core/fault.h"
 
 static struct {
-    bool in_memory, lasts, happened;
+    bool in_memory, lasts, happened, paused;
     const char *prefix; /* of the calls */
     int number;
     long passes_left; /* until the fault; 0 = none */
 } faults;
 
 static bool due(void) {
-    if (!faults.passes_left || --faults.passes_left) return false;
+    if (faults.paused || !faults.passes_left || --faults.passes_left) return false;
     faults.passes_left = faults.lasts;
     faults.happened = true;
     return true;
@@ -95,6 +95,9 @@ void faults_in_calls(const char *prefix, long nth, bool lasts, int number) {
     faults.passes_left = nth;
     fault_ask = refuse_call;
 }
+
+void faults_pause(void) { faults.paused = true; }
+void faults_go_on(void) { faults.paused = false; }
 
 bool faults_stop(void) {
     bool happened = faults.happened;

@@ -18,6 +18,10 @@ void faults_in_memory(long nth, bool lasts);
 /* The same of calls whose point starts with prefix; they fail with this errno. */
 void faults_in_calls(const char *prefix, long nth, bool lasts, int number);
 
+/* Nothing fails in between, and nothing counts. */
+void faults_pause(void);
+void faults_go_on(void);
+
 /* Ends the faults; whether one has happened. */
 bool faults_stop(void);
 

@@ -1,0 +1,14 @@
+/* Which triangle each sample belongs to before anything has changed.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_FIT_ASSIGN_H
+#define WHITTLE_CORE_FIT_ASSIGN_H
+
+#include "core/fit.h"
+
+/* triangle[i], distance_sq[i] = where sample i belongs, and how far off it is: for points the nearest triangle, for
+ * middles the nearest that is found downhill from their points'.  Both are for fit->samples.n.  The half-edges must be
+ * there.  STATUS_NO_MEMORY. */
+enum status fit_assign(const struct fit *fit, uint32_t *triangle, float *distance_sq) MUST_CHECK;
+
+#endif

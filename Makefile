@@ -148,7 +148,7 @@ FORCE:
 # What building, testing and the demo want, by the names of Debian 12's packages.
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
             libmicrohttpd-dev libgnutls28-dev libcurl4-openssl-dev libsqlite3-dev libseccomp-dev nettle-dev zlib1g-dev \
-            libzstd-dev libcmocka-dev libfaketime xz-utils zstd sqlite3 curl jq python3 python3-pytest \
+            libzstd-dev libcmocka-dev libfaketime xz-utils zstd sqlite3 procps curl jq python3 python3-pytest \
             python3-pytest-xdist python3-jsonschema ca-certificates
 peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev libmeshoptimizer-dev meshlab xvfb xauth
 bench_packages := valgrind

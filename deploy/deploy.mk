@@ -3,8 +3,9 @@
 # Packages, images and releases; part of the Makefile.
 
 deb_packages := debhelper dpkg-dev bash-completion xz-utils
-deploy_packages := $(deb_packages) lintian mmdebstrap buildah umoci runc systemd systemd-container nginx-light openssl \
-                   prometheus sqlite3 docker-compose yamllint python3-yaml python3-kubernetes procps \
+deploy_packages := $(deb_packages) lintian mmdebstrap buildah umoci runc podman netavark aardvark-dns catatonit \
+                   docker-compose systemd systemd-container nginx-light openssl prometheus sqlite3 \
+                   yamllint python3-yaml python3-kubernetes procps \
                    $(if $(shell command -v kubectl),,kubernetes-client) $(if $(shell command -v npm),,nodejs npm)
 
 .PHONY: print-packages
@@ -34,4 +35,5 @@ sbom: all ## what the programs are linked with, as SPDX, in build/whittle.spdx.j
 test-deploy: deps ## image, package, fresh machine, proxy, Kubernetes, monitoring: each made and run (root; 15 minutes)
 	@deploy/deps.sh $(deploy_packages)
 	@$(MAKE) --no-print-directory -j$$(nproc) all
-	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -v -s -p no:cacheprovider tests/deploy
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -v -s -rs --durations=0 -p no:cacheprovider \
+	    tests/deploy

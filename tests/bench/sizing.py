@@ -15,8 +15,8 @@ ROWS = {"the cloud alone": "cloud,report", "cloud, mesh and measured error": "cl
 
 def measured(build, cloud, outputs, folder):
     """Processor time in seconds, peak of memory and size of the outputs in bytes."""
-    program = subprocess.Popen([build / "whittle", cloud, "--ratio", "0.1", "--threads", "1", "--outputs", outputs, "-q",
-                                "-o", folder])
+    program = subprocess.Popen([build / "whittle", cloud, "--ratio", "0.1", "--threads", "1", "--outputs", outputs,
+                                "-q", "-o", folder])
     _, status, usage = os.wait4(program.pid, 0)
     if status:
         sys.exit(f"whittle ended with {os.waitstatus_to_exitcode(status)}")
@@ -30,7 +30,8 @@ def main():
         cloud = pathlib.Path(name) / "scan.ply"
         with open(cloud, "wb") as out:
             subprocess.run([build / "tests/bench/make_scan", str(points)], stdout=out, check=True)
-        print("| for each million points | processor time | memory at the peak | disk: input, outputs |\n|---|---|---|---|")
+        print("| for each million points | processor time | memory at the peak | disk: input, outputs |")
+        print("|---|---|---|---|")
         for row, outputs in ROWS.items():
             seconds, memory, written = measured(build, cloud, outputs, pathlib.Path(name) / outputs)
             each = 10**6 / points

@@ -6,20 +6,20 @@ import json
 import os
 import pathlib
 import shutil
+import socket
 import subprocess
-import sys
 import time
 
 import pytest
 
+import containers
+
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 BUILD = pathlib.Path(os.environ.get("WHITTLE_BUILD", ROOT / "build/release"))
-PATIENCE_S = 120
+PATIENCE_S = int(os.environ.get("WHITTLE_PATIENCE_S", "120"))
 # As Debian's own slim images leave documentation out.
 SLIM = ["--dpkgopt=path-exclude=/usr/share/doc/*", "--dpkgopt=path-include=/usr/share/doc/*/copyright",
         "--dpkgopt=path-exclude=/usr/share/man/*", "--dpkgopt=path-exclude=/usr/share/locale/*"]
-
-sys.path.insert(0, str(ROOT / "tests" / "integration"))
 
 
 def say(text):
@@ -64,20 +64,60 @@ def answers(url):
                           check=False).returncode == 0
 
 
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def certificate(folder, name):
+    """Puts tls.crt and tls.key for the name (IP:..., DNS:...) there; the certificate, which signed itself."""
+    run("openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2",
+        "-subj", "/CN=whittle test", "-addext", f"subjectAltName={name}", "-keyout", folder / "tls.key", "-out",
+        folder / "tls.crt")
+    return folder / "tls.crt"
+
+
+def submit(url, scan, query, *curl_flags):
+    """The address of the new job."""
+    job = json.loads(curl(f"{url}/v1/jobs?{query}", "-X", "POST", "-T", scan, *curl_flags))
+    return url + next(link["href"] for link in job["links"] if link["rel"] == "self")
+
+
 def main_job(url, scan, *curl_flags):
     """Uploads the scan, waits for the end; the job's address and its report."""
-    job = json.loads(curl(f"{url}/v1/jobs?ratio=0.1&outputs=cloud,mesh,report", "-X", "POST", "-T", scan, *curl_flags))
-    where = url + next(link["href"] for link in job["links"] if link["rel"] == "self")
+    where = submit(url, scan, "ratio=0.1&outputs=cloud,mesh,report", *curl_flags)
     return where, report_of(where, *curl_flags)
 
 
-def report_of(where, *curl_flags):
-    def ended():
-        job = json.loads(curl(where, *curl_flags))
+def ended(where, *curl_flags):
+    """The job, as soon as it has ended; while it restarts, the service may be away."""
+    def look():
+        done = subprocess.run(["curl", "-sS", "--fail", "--max-time", "60", *map(str, curl_flags), where],
+                              capture_output=True, text=True, check=False)
+        job = json.loads(done.stdout) if done.returncode == 0 else {"status": done.stderr}
         return job if job["status"] in ("successful", "failed", "dismissed") else None
-    job = wait_until(ended, "the job's end")
+    return wait_until(look, "the job's end")
+
+
+def crash_during_a_job(url, scan, crash, *curl_flags):
+    """crash() while a job of some seconds runs; the job has to come to its end by itself, in a second attempt."""
+    where = submit(url, scan, "ratio=1&outputs=cloud,mesh,report", *curl_flags)
+    wait_until(lambda: json.loads(curl(where, *curl_flags))["status"] != "accepted", "the job's start")
+    crash()
+    job = ended(where, *curl_flags)
+    assert job["status"] == "successful" and job["attempt"] == 2, job
+    return where
+
+
+def report_of(where, *curl_flags):
+    """The main job's report, after a look at it and at the mesh."""
+    job = ended(where, *curl_flags)
     assert job["status"] == "successful", job["problem"]
     report = job["report"]
+    mesh = subprocess.run(["curl", "-sS", "--fail", *map(str, curl_flags), where + "/outputs/mesh.ply"],
+                          capture_output=True, check=True).stdout
+    assert f"element face {report['mesh']['triangles']}\n".encode() in mesh.partition(b"end_header\n")[0]
     assert report["mesh"]["watertight"] and report["points_out"] == round(report["points_in"] / 10), report
     say(f"{report['points_in']} points -> {report['points_out']}, {report['mesh']['triangles']} triangles, watertight, "
         f"mean error {report['error']['mean_rel']:.2e} of the diagonal")
@@ -143,6 +183,24 @@ class Machine:
 
     def __call__(self, *command):
         return run(*self.command(*command))
+
+
+@pytest.fixture(name="store", scope="session")
+def make_store(debian, tmp_path_factory):
+    """Where images and containers are kept, with a Debian in it."""
+    need("buildah")
+    store = containers.Store(tmp_path_factory.mktemp("store"))
+    containers.build_debian(store, debian)
+    yield store
+    store.close()
+    shutil.rmtree(store.folder, ignore_errors=True)
+
+
+@pytest.fixture(name="image", scope="session")
+def make_image(store):
+    """The image of deploy/Dockerfile: an OCI folder, and its configuration."""
+    containers.build_whittle(store)
+    return containers.unpacked(store)
 
 
 @pytest.fixture(name="package", scope="session")

@@ -1,63 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The image: deploy/Dockerfile built by buildah upon a Debian of mmdebstrap's, turned into a bundle by umoci, and run by
-runc as the image says: not as root, with a read-only root and one volume."""
-import gzip
+"""The image: deploy/Dockerfile built by buildah upon a Debian of mmdebstrap's, turned into a bundle by umoci, and run
+by runc as the image says: not as root, with a read-only root and one volume; killed during a job; its volume full."""
 import json
 import os
 import pathlib
-import shutil
+import signal
 import subprocess
-import time
 
 import pytest
 
-from conftest import ROOT, answers, main_job, need, need_root, report_of, run, say, wait_until
+from conftest import crash_during_a_job, free_port, main_job, need, report_of, run, say, wait_until
 
 MOST_COMPRESSED_MB = 100
 UID = 10001
-
-
-class Store:
-    """buildah with a store of its own."""
-
-    def __init__(self, folder):
-        self.base = ["buildah", "--root", folder / "root", "--runroot", folder / "run", "--storage-driver",
-                     "overlay" if overlay_works(folder) else "vfs"]
-
-    def __call__(self, *command):
-        return run(*self.base, *command)
-
-
-def overlay_works(folder):
-    probe = folder / "probe"
-    for name in ("lower", "upper", "work", "merged"):
-        (probe / name).mkdir(parents=True)
-    options = f"lowerdir={probe}/lower,upperdir={probe}/upper,workdir={probe}/work"
-    done = subprocess.run(["unshare", "--mount", "mount", "-t", "overlay", "overlay", "-o", options, probe / "merged"],
-                          capture_output=True, check=False)
-    return done.returncode == 0
-
-
-@pytest.fixture(name="image", scope="session")
-def make_image(debian, tmp_path_factory):
-    """The built image as an OCI folder, and its configuration."""
-    need_root()
-    need("buildah", "umoci", "runc")
-    folder = tmp_path_factory.mktemp("image")
-    began = time.monotonic()
-    buildah = Store(folder)
-    scratch = buildah("from", "scratch")
-    buildah("add", scratch, debian, "/")
-    buildah("commit", "--rm", scratch, "docker.io/library/debian:12-slim")
-    run(ROOT / "deploy/dist.sh", folder / "source")
-    source = next(p for p in (folder / "source").iterdir() if p.is_dir())
-    buildah("build", "--pull-never", "--isolation", "chroot", "--format", "docker", "--layers=false", "-f",
-            source / "deploy/Dockerfile", "-t", "whittle", source)
-    config = json.loads(buildah("inspect", "--type", "image", "whittle"))["Docker"]["config"]
-    buildah("push", "whittle", f"oci:{folder}/oci:whittle")
-    say(f"the image of deploy/Dockerfile in {time.monotonic() - began:.0f} s")
-    yield folder / "oci", config
-    shutil.rmtree(folder, ignore_errors=True)
 
 
 def test_it_is_small(image):
@@ -81,24 +36,36 @@ class Container:
     def __init__(self, oci, config, folder):
         self.folder, self.config = folder, config
         self.name = f"whittle-test-{os.getpid()}-{folder.name}"
-        self.data = folder / "data"
-        self.data.mkdir()
-        os.chown(self.data, UID, UID)
+        self.url = f"http://127.0.0.1:{free_port()}"
         self.runc = ["runc", "--root", folder / "state"]
         run("umoci", "unpack", "--image", f"{oci}:whittle", folder / "bundle")
-        path = folder / "bundle/config.json"
-        spec = json.loads(path.read_text())
+        spec = self.spec()
         process = spec["process"]
         process.update(terminal=False, noNewPrivileges=True, capabilities={}, args=[
-            *config["Entrypoint"], *config["Cmd"], "--listen", "127.0.0.1:0"])
+            *config["Entrypoint"], *config["Cmd"], "--listen", self.url.removeprefix("http://"),
+            "--admin-listen", "127.0.0.1:0"])
         assert process["user"]["uid"] == UID and process["user"]["gid"] == UID
         spec["root"]["readonly"] = True
         spec["linux"]["namespaces"] = [{"type": t} for t in ("pid", "ipc", "uts", "mount")]
         spec["linux"].pop("resources", None)
         spec["mounts"] = [m for m in spec["mounts"] if m["destination"] not in ("/data", "/etc/resolv.conf")]
-        spec["mounts"].append({"destination": "/data", "type": "bind", "source": str(self.data),
-                               "options": ["rbind", "rw", "nosuid", "nodev", "noexec"]})
-        path.write_text(json.dumps(spec))
+        self.write(spec)
+        (folder / "data").mkdir()
+        os.chown(folder / "data", UID, UID)
+        self.put_volume({"type": "bind", "source": str(folder / "data"), "options": ["rbind", "rw", "nosuid", "nodev"]})
+
+    def spec(self):
+        return json.loads((self.folder / "bundle/config.json").read_text())
+
+    def write(self, spec):
+        (self.folder / "bundle/config.json").write_text(json.dumps(spec))
+
+    def put_volume(self, mount, *flags):
+        """What is mounted on /data, and more flags for the service."""
+        spec = self.spec()
+        spec["mounts"] = [m for m in spec["mounts"] if m["destination"] != "/data"] + [{"destination": "/data", **mount}]
+        spec["process"]["args"].extend(flags)
+        self.write(spec)
 
     def start(self):
         self.log = open(self.folder / "log", "ab")
@@ -109,11 +76,17 @@ class Container:
             why = (self.folder / "log").read_text()
             assert "runc" not in why, pytest.skip(f"runc can't run here: {why[-300:]}")
             raise AssertionError(why)
-        self.url = line.split()[-1]
-        return self
+        assert line.split()[-1] == self.url
 
     def execute(self, *command):
         return subprocess.run([*self.runc, "exec", self.name, *command], capture_output=True, text=True, check=False)
+
+    def crash(self):
+        """Kills process 1, and with it the container; starts it again."""
+        os.kill(json.loads(run(*self.runc, "state", self.name))["pid"], signal.SIGKILL)
+        assert self.process.wait(90) == 128 + signal.SIGKILL
+        subprocess.run([*self.runc, "delete", "--force", self.name], capture_output=True, check=False)
+        self.start()
 
     def stop(self):
         run(*self.runc, "kill", self.name, self.config["StopSignal"])
@@ -157,6 +130,30 @@ def test_it_does_the_main_job_stops_cleanly_and_keeps_its_data(container, scan):
     assert container.stop() == 0
     say("stopped by SIGTERM with status 0")
     container.start()
-    assert report_of(container.url + where[where.index("/v1/"):]) == report
+    assert report_of(where) == report
     say("its data is there after a restart")
+    assert container.stop() == 0
+
+
+def test_what_is_killed_during_a_job_goes_on_after_the_start(container, scan):
+    container.start()
+    crash_during_a_job(container.url, scan, container.crash)
+    say("process 1 killed during a job: the next start ended the job")
+    assert container.stop() == 0
+
+
+def test_a_full_volume_is_said_and_survived(container, scan):
+    container.put_volume({"type": "tmpfs", "source": "tmpfs", "options": [
+        "size=16m", f"uid={UID}", f"gid={UID}", "mode=0700"]}, "--min-free", "0")
+    container.start()
+    where, report = main_job(container.url, scan)
+    assert container.execute("/bin/sh", "-c", "head -c 20000000 /dev/zero > /data/other").returncode
+    refused = subprocess.run(["curl", "-s", "-X", "POST", "-T", scan, container.url + "/v1/jobs"], capture_output=True,
+                             check=True).stdout
+    assert json.loads(refused)["status"] == 507 and json.loads(refused)["type"] == "/problems/storage-full"
+    assert report_of(where) == report
+    say("full volume: an upload is refused with 507, what is there is served")
+    assert container.execute("/bin/rm", "/data/other").returncode == 0
+    main_job(container.url, scan)
+    say("room again: it works again")
     assert container.stop() == 0

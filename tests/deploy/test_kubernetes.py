@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The manifests of deploy/kubernetes: put together by kubectl, validated against the JSON schemas of their kinds (types
 and what is required) and against the models of Kubernetes' client (unknown fields), and checked for what ties them
-together: selectors, ports, volumes, limits, and settings that the daemon itself accepts."""
+together: selectors, ports, volumes, limits, and settings that the daemon itself accepts.  Then podman runs the pod from
+the manifests as they are: the test makes the secret, asks what the probes would ask, and crashes and ends the pod."""
+import hashlib
 import json
+import os
 import re
+import signal
 import subprocess
 
 import pytest
 
-from conftest import BUILD, ROOT, need, run, say
+from conftest import BUILD, ROOT, crash_during_a_job, free_port, main_job, need, report_of, run, say, wait_until
 
 NODE = ROOT / "tests/node"
 yaml = pytest.importorskip("yaml")
@@ -152,3 +156,83 @@ def test_the_daemon_accepts_its_settings_and_they_fit_the_limits(by_kind, contai
     assert settings["listen"].endswith(f":{ports['http']}")
     assert settings["admin-listen"].endswith(f":{ports['admin']}")
     say("whittled accepts the settings, and memory and drain time fit the pod's")
+
+
+TOKEN = "a token of this test"
+BEARER = ("-H", f"Authorization: Bearer {TOKEN}")
+
+
+class Pod:
+    """The deployment with what it mounts, played by podman kube play; its ports are published on loopback."""
+
+    def __init__(self, store, objects, folder):
+        self.store, self.folder = store, folder
+        by_kind = {o["kind"]: o for o in json.loads(json.dumps(objects))}
+        self.workload, self.claim = [by_kind["ConfigMap"], by_kind["Deployment"]], by_kind["PersistentVolumeClaim"]
+        self.spec = by_kind["Deployment"]["spec"]["template"]["spec"]["containers"][0]
+        for port in self.spec["ports"]:
+            port.update(hostPort=free_port(), hostIP="127.0.0.1")
+        self.url = self.address("http")
+        # What kubectl create secret does; podman 4.3 takes the text as it is.
+        tokens = {"tokens": f"ci:submit,read:{hashlib.sha256(TOKEN.encode()).hexdigest()}\n"}
+        (folder / "secret").write_text(json.dumps({"kind": "Secret", "data": tokens}))
+        store.podman("secret", "create", "whittled-tokens", folder / "secret")
+
+    def address(self, port):
+        return next(f"http://127.0.0.1:{p['hostPort']}" for p in self.spec["ports"] if p["name"] == port)
+
+    def play(self, *objects):
+        (self.folder / "pod.yaml").write_text(yaml.safe_dump_all(objects))
+        self.store.podman("kube", "play", self.folder / "pod.yaml")
+        self.container = self.store.podman("ps", "-aq", "--filter", "name=-whittled$")
+        wait_until(lambda: self.probe("startupProbe") == 200, "the startup probe")
+
+    def probe(self, name):
+        """The status that the kubelet would see."""
+        get, seconds = self.spec[name]["httpGet"], self.spec[name].get("timeoutSeconds", 1)
+        return int(subprocess.run(
+            ["curl", "-s", "-o", os.devnull, "-w", "%{http_code}", "--max-time", str(seconds),
+             self.address(get["port"]) + get["path"]],
+            capture_output=True, text=True, check=False).stdout)
+
+    def inspect(self, what):
+        return self.store.podman("inspect", "--format", what, self.container)
+
+    def kill(self):
+        os.kill(int(self.inspect("{{.State.Pid}}")), signal.SIGKILL)
+
+    def down(self):
+        """The exit status of a stop as the kubelet does it; then the pod and what belongs to it are gone."""
+        self.store.podman("pod", "stop", "--time", "90", self.inspect("{{.Pod}}"))
+        status = self.inspect("{{.State.ExitCode}}")
+        self.store.podman("kube", "down", self.folder / "pod.yaml")
+        self.store.podman("volume", "rm", "whittled-tokens", self.workload[0]["metadata"]["name"])
+        return status
+
+
+@pytest.fixture(name="pod")
+def make_pod(store, image, objects, tmp_path):
+    need("podman")
+    assert image
+    store.needs_podman()
+    return Pod(store, objects, tmp_path)
+
+
+def test_the_pod_does_the_main_job_and_keeps_its_data(pod, scan):
+    pod.play(pod.claim, *pod.workload)
+    assert [pod.probe(p) for p in ("livenessProbe", "readinessProbe")] == [200, 200]
+    say("podman plays the deployment: startup, liveness and readiness probe are answered with 200")
+    assert pod.inspect("{{.Config.User}} {{.HostConfig.ReadonlyRootfs}} {{.EffectiveCaps}}") == "10001:10001 true []"
+    assert run("curl", "-s", "-o", os.devnull, "-w", "%{http_code}", pod.url + "/v1/jobs") == "401"
+    where, report = main_job(pod.url, scan, *BEARER)
+    metrics = run("curl", "-sS", "--fail", pod.address("admin") + "/metrics")
+    assert re.search(r"^whittled_\w+.* [1-9]", metrics, re.M)
+
+    crash_during_a_job(pod.url, scan, pod.kill, *BEARER)
+    say("process 1 killed during a job: the container was started again, the job went on")
+    assert pod.down() == "0"
+    say("stopped with status 0, and removed; the claim stays")
+    pod.play(*pod.workload)
+    assert report_of(where, *BEARER) == report
+    say("a new pod on the same claim: its data is there")
+    assert pod.down() == "0"

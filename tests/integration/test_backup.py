@@ -22,7 +22,7 @@ def back_up(daemon, path):
 def put_back(path, folder):
     """Another daemon's folder with the backup in it, checked by restore.sh."""
     daemon = conftest.Daemon(folder)
-    folder.mkdir()
+    folder.mkdir(exist_ok=True)
     done = subprocess.run([DEPLOY / "restore.sh", path, daemon.data], capture_output=True, text=True, check=False,
                           env=dict(os.environ, WHITTLED=str((conftest.BUILD / "whittled").resolve())))
     assert done.returncode == 0, done.stdout + done.stderr
@@ -62,6 +62,18 @@ def test_a_backup_under_load_is_complete(daemon, tmp_path):
                 assert restored.ended(job["id"])["status"] in ("successful", "dismissed"), job
         finally:
             restored.stop()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
+def test_what_is_put_back_belongs_to_the_folders_owner(daemon, tmp_path):
+    daemon.ended(daemon.submit(conftest.SMALL, "?points=40"))
+    path = back_up(daemon, tmp_path / "backup.tar")
+    folder = tmp_path / "restored" / "data"
+    folder.mkdir(parents=True)
+    os.chown(folder, 12345, 12345)
+    put_back(path, folder.parent)
+    entries = [folder, *folder.rglob("*")]
+    assert len(entries) > 5 and {p.lstat().st_uid for p in entries} == {12345}
 
 
 def test_nothing_is_put_back_over_data(daemon, tmp_path):

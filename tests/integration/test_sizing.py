@@ -16,8 +16,8 @@ ROW = r"^\| (the cloud alone|cloud, mesh and measured error) \| ([\d.]+) s \| (\
 def test_the_table_is_printed():
     if not (conftest.BUILD / "tests/bench/make_scan").exists():
         pytest.skip("make_scan isn't built: make tests")
-    done = subprocess.run([sys.executable, ROOT / "tests/bench/sizing.py", conftest.BUILD, "20000"], capture_output=True,
-                          text=True, check=True)
+    done = subprocess.run([sys.executable, ROOT / "tests/bench/sizing.py", conftest.BUILD, "20000"],
+                          capture_output=True, text=True, check=True)
     cloud, mesh = re.findall(ROW, done.stdout, re.M)
     assert [row[0] for row in re.findall(ROW, (ROOT / "deploy/README.md").read_text(), re.M)] == [cloud[0], mesh[0]]
     assert float(mesh[1]) > float(cloud[1]) > 0 and int(mesh[2]) >= int(cloud[2]) > 0

@@ -26,7 +26,6 @@
 #include "server/http.h"
 
 #include <microhttpd.h>
-#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -35,14 +34,14 @@
 #include <unistd.h>
 
 #include "api/links.h"
-#include "server/access.h"
 #include "server/handlers.h"
-#include "server/handlers_keys.h"
+#include "server/head.h"
 #include "server/listen.h"
 #include "server/log.h"
 #include "server/metrics.h"
 #include "server/notify.h"
 #include "server/offload.h"
+#include "server/tally.h"
 #include "server/tls.h"
 #include "server/watchdog.h"
 
@@ -53,7 +52,7 @@ enum {
     STREAM_BLOCK = 32 * 1024,
     FILE_BLOCK = 128 * 1024
 };
-enum { LOG_PATH_BYTES = 160, GOODBYE_MS = 2000, ADMIN_CONNECTIONS = 64 };
+enum { LOG_PATH_BYTES = 160, GOODBYE_S = 2, ADMIN_CONNECTIONS = 64 };
 
 /* One of the two sockets that are listened on. */
 struct listener {
@@ -69,10 +68,7 @@ struct http {
     struct service *service;
     struct listener main, admin;
     struct offload *offload;
-    pthread_mutex_t lock;
-    pthread_cond_t fewer;
-    unsigned parked, exchanges, uploads; /* uploads: exchanges whose body is still coming */
-    bool stopping;
+    struct tally tally;
 };
 
 enum phase {
@@ -87,7 +83,7 @@ struct exchange {
     struct http *http;
     bool admin;     /* came to the admin listener */
     bool secure;    /* came by TLS */
-    bool uploading; /* counted in http->uploads */
+    bool uploading; /* tallied as one whose body is coming */
     struct MHD_Connection *connection;
     struct watched *watched;
     const struct handler *handler;
@@ -108,12 +104,7 @@ struct exchange {
 
 /* Suspends the connection; false when the service stops. */
 static bool park(struct exchange *x) {
-    struct http *http = x->http;
-    pthread_mutex_lock(&http->lock);
-    bool stopping = http->stopping;
-    if (!stopping) http->parked++;
-    pthread_mutex_unlock(&http->lock);
-    if (stopping) return false;
+    if (!tally_park(&x->http->tally)) return false;
     watchdog_enter(x->watched, WATCHDOG_BUSY);
     MHD_suspend_connection(x->connection);
     return true;
@@ -123,10 +114,7 @@ static bool park(struct exchange *x) {
 static void unpark(struct exchange *x) {
     struct http *http = x->http;
     MHD_resume_connection(x->connection);
-    pthread_mutex_lock(&http->lock);
-    http->parked--;
-    pthread_cond_broadcast(&http->fewer);
-    pthread_mutex_unlock(&http->lock);
+    tally_unpark(&http->tally);
 }
 
 /* From the events' thread, or whoever publishes. */
@@ -269,111 +257,39 @@ static enum MHD_Result take_argument(void *ctx, enum MHD_ValueKind kind, const c
     return MHD_YES;
 }
 
-/* Reads what the request's head says; false: a response is there, and where the next request begins is uncertain. */
-static bool read_head(struct exchange *x) {
+/* Takes what the request's head says; returns its length. */
+static uint64_t take_head(struct exchange *x) {
     struct request *request = &x->request;
-    const struct config *config = x->http->service->config;
     const union MHD_ConnectionInfo *info =
         MHD_get_connection_info(x->connection, MHD_CONNECTION_INFO_REQUEST_HEADER_SIZE);
-    uint64_t bytes = info ? info->header_size : 0, limit = (uint64_t)config->max_header_bytes;
     MHD_get_connection_values_n(x->connection, MHD_HEADER_KIND, take_header, request);
     MHD_get_connection_values_n(x->connection, MHD_GET_ARGUMENT_KIND, take_argument, request);
     request_identify(request);
     request_read_framing(request);
-    if (bytes > limit)
-        response_limit(&x->response, PROBLEM_HEADERS_TOO_LARGE, "max_header_bytes", limit, bytes);
-    else if (request->fault)
-        response_refuse(&x->response, PROBLEM_MALFORMED_REQUEST, "%s", request->fault);
-    else if (request->query_count > (uint64_t)config->max_parameters)
-        response_limit(&x->response, PROBLEM_MALFORMED_REQUEST, "max_parameters", (uint64_t)config->max_parameters,
-                       request->query_count);
-    else
-        return true;
-    return false;
-}
-
-/* What the admin listener serves: nothing of it waits for anything. */
-static bool is_administrative(const struct route *route) {
-    return route && (route->operation == OPERATION_GET_HEALTH || route->operation == OPERATION_GET_READINESS ||
-                     route->operation == OPERATION_GET_METRICS);
-}
-
-/* Who can't send PATCH or DELETE for a resumable upload sends POST and says so. */
-static const char *method_of(const struct request *request) {
-    static const char uploads[] = "/v1/uploads/";
-    const char *other = request->header[HEADER_METHOD_OVERRIDE];
-    bool taken = other && (strcmp(other, "PATCH") == 0 || strcmp(other, "DELETE") == 0);
-    bool here = strcmp(request->method, "POST") == 0 && strncmp(request->path, uploads, sizeof uploads - 1) == 0;
-    return taken && here ? other : request->method;
-}
-
-/* Finds the operation, and asks it whether it wants the body; false: a response is there. */
-static bool admit(struct exchange *x) {
-    struct request *request = &x->request;
-    struct service *service = x->http->service;
-    request->method = method_of(request);
-    routes_match(request->method, request->path, &request->match);
-    if (x->admin && !is_administrative(request->match.route)) {
-        request->match.route = NULL;
-        request->match.allow[0] = 0;
-    }
-    if (request->match.route) {
-        x->handler = handlers_find(request->match.route->operation);
-        if (!x->admin && !access_admit(service, request, &x->response)) return false;
-        return handlers_admit_key(service, request, &x->response) &&
-               (!x->handler->admit || x->handler->admit(service, request, &x->response));
-    }
-    if (request->match.allow[0]) {
-        response_refuse(&x->response, PROBLEM_METHOD_NOT_ALLOWED, "%.16s is not one of %s", request->method,
-                        request->match.allow);
-        response_header(&x->response, "Allow", "%s", request->match.allow);
-    } else {
-        response_refuse(&x->response, PROBLEM_NO_SUCH_RESOURCE, "there is nothing at %.200s", request->path);
-    }
-    return false;
-}
-
-/* Blanks and what isn't ASCII would look like other things in the log. */
-static void put_plain(char *to, size_t bytes, const char *text) {
-    size_t used = 0;
-    for (; *text && used + 4 < bytes; text++) {
-        bool plain = *text > ' ' && *text < 0x7f && *text != '%';
-        used += (size_t)snprintf(to + used, bytes - used, plain ? "%c" : "%%%02X", (unsigned char)*text);
-    }
-    to[used] = 0;
+    return info ? info->header_size : 0;
 }
 
 /* Counts the exchange among the uploads while its body comes. */
 static void set_uploading(struct exchange *x, bool uploading) {
     if (x->uploading == uploading) return;
     x->uploading = uploading;
-    pthread_mutex_lock(&x->http->lock);
-    if (uploading)
-        x->http->uploads++;
-    else
-        x->http->uploads--;
-    pthread_mutex_unlock(&x->http->lock);
+    tally_upload(&x->http->tally, uploading);
 }
 
-/* The path of a target in absolute form, "http://host/path"; else the target itself. */
-static const char *path_of(const char *target) {
-    size_t scheme = strncasecmp(target, "http://", 7) == 0 ? 7 : strncasecmp(target, "https://", 8) == 0 ? 8 : 0;
-    if (!scheme) return target;
-    const char *path = strchr(target + scheme, '/');
-    return path ? path : "/";
-}
-
-static enum MHD_Result begin(struct exchange *x, const char *method, const char *target) {
+static enum MHD_Result begin(struct exchange *x, const char *method, const char *target, const char *version) {
     struct request *request = &x->request;
-    const char *path = path_of(target);
+    struct service *service = x->http->service;
+    const char *path = head_path(target);
     request->method = method;
     request->path = links_below_base(path);
     request->head = strcmp(method, "HEAD") == 0;
     snprintf(x->log_method, sizeof x->log_method, "%s", method);
-    put_plain(x->log_path, sizeof x->log_path, path);
-    if (!read_head(x)) return answer_and_close(x);
+    log_plain(x->log_path, sizeof x->log_path, path);
+    uint64_t bytes = take_head(x);
+    if (!head_check(service->config, request, version, bytes, &x->response)) return answer_and_close(x);
     watchdog_enter(x->watched, request->has_body ? WATCHDOG_BODY : WATCHDOG_BUSY);
-    if (!admit(x)) return refuse(x);
+    x->handler = head_admit(service, request, x->admin, &x->response);
+    if (!x->handler) return refuse(x);
     set_uploading(x, request->body != NULL);
     return MHD_YES;
 }
@@ -439,31 +355,32 @@ static struct exchange *new_exchange(struct listener *listener, struct MHD_Conne
     x->request.principal = principal_anonymous();
     x->problem = -1;
     response_init(&x->response);
-    pthread_mutex_lock(&http->lock);
-    http->exchanges++;
-    pthread_mutex_unlock(&http->lock);
+    tally_begin(&http->tally);
     return x;
 }
 
-static char nul_in_path; /* its address marks a request whose path holds one */
+/* Faults of request lines; the address of one marks its request until it has an exchange. */
+static const char *const nul_in_path = "the path holds NUL", *const blank_in_target = "the target holds a blank";
 
-/* Sees the request line before it is decoded: a path would seem to end at its first NUL. */
-static void *on_request_line(void *ctx, const char *line, struct MHD_Connection *connection) {
-    const char *nul = strstr(line, "%00"), *query = strchr(line, '?');
+/* Sees the target before it is decoded: a path would seem to end at its first NUL. */
+static void *on_target(void *ctx, const char *target, struct MHD_Connection *connection) {
+    const char *nul = strstr(target, "%00"), *query = strchr(target, '?');
     (void)ctx;
     (void)connection;
-    return nul && (!query || nul < query) ? &nul_in_path : NULL;
+    bool has_nul = nul && (!query || nul < query);
+    return (void *)(has_nul ? &nul_in_path : strpbrk(target, " \t") ? &blank_in_target : NULL);
 }
+
+static bool is_fault(const void *state) { return state == &nul_in_path || state == &blank_in_target; }
 
 static enum MHD_Result on_request(void *ctx, struct MHD_Connection *connection, const char *path, const char *method,
                                   const char *version, const char *body, size_t *body_bytes, void **state) {
     struct exchange *x = *state;
-    (void)version;
-    bool has_nul = *state == &nul_in_path;
-    if (!x || has_nul) {
+    if (!x || is_fault(x)) {
+        const char *const *fault = *state;
         *state = x = new_exchange(ctx, connection);
-        if (x && has_nul) x->request.fault = "the path holds NUL";
-        return x ? begin(x, method, path) : MHD_NO;
+        if (x && fault) x->request.fault = *fault;
+        return x ? begin(x, method, path, version) : MHD_NO;
     }
     if (*body_bytes) {
         size_t count = *body_bytes;
@@ -508,7 +425,7 @@ static void on_completed(void *ctx, struct MHD_Connection *connection, void **st
     struct http *http = ((struct listener *)ctx)->http;
     struct exchange *x = *state;
     (void)connection;
-    if (!x || *state == &nul_in_path) return;
+    if (!x || is_fault(x)) return;
     *state = NULL;
     bool whole = why == MHD_REQUEST_TERMINATED_COMPLETED_OK;
     set_uploading(x, false);
@@ -519,10 +436,7 @@ static void on_completed(void *ctx, struct MHD_Connection *connection, void **st
     idempotency_release(http->service->idempotency, &x->request.claim);
     response_done(&x->response);
     free(x);
-    pthread_mutex_lock(&http->lock);
-    http->exchanges--;
-    pthread_cond_broadcast(&http->fewer);
-    pthread_mutex_unlock(&http->lock);
+    tally_end(&http->tally);
 }
 
 static void on_connection(void *ctx, struct MHD_Connection *connection, void **socket_context,
@@ -551,7 +465,9 @@ __attribute__((noreturn)) static void on_panic(void *ctx, const char *file, unsi
 
 /* ------------------------------------------------------------------------------------------------ open, close */
 
-/* Health has to come whatever the other listener does, so the admin one has a thread and connections of its own. */
+/* Strictness is ours (head.c, on_target), as libmicrohttpd answers for itself without a problem document.
+ *
+ * Health has to come whatever the other listener does, so the admin one has a thread and connections of its own. */
 static struct MHD_Daemon *start_daemon(struct listener *listener) {
     const struct config *config = listener->http->service->config;
     long processors = sysconf(_SC_NPROCESSORS_ONLN);
@@ -574,8 +490,8 @@ static struct MHD_Daemon *start_daemon(struct listener *listener) {
         flags, 0, NULL, NULL, on_request, listener, MHD_OPTION_EXTERNAL_LOGGER, on_log, NULL, MHD_OPTION_LISTEN_SOCKET,
         listener->fd, MHD_OPTION_ARRAY, more, MHD_OPTION_CONNECTION_LIMIT, connections,
         MHD_OPTION_PER_IP_CONNECTION_LIMIT, per_address, MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)CONNECTION_MEMORY,
-        MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)(config->idle_timeout_ms / 1000), MHD_OPTION_STRICT_FOR_CLIENT, 1,
-        MHD_OPTION_URI_LOG_CALLBACK, on_request_line, NULL, MHD_OPTION_NOTIFY_COMPLETED, on_completed, listener,
+        MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)(config->idle_timeout_ms / 1000), MHD_OPTION_STRICT_FOR_CLIENT, 0,
+        MHD_OPTION_URI_LOG_CALLBACK, on_target, NULL, MHD_OPTION_NOTIFY_COMPLETED, on_completed, listener,
         MHD_OPTION_NOTIFY_CONNECTION, on_connection, listener, MHD_OPTION_END);
 }
 
@@ -636,8 +552,7 @@ enum status http_open(struct service *service, struct http **http, struct http_a
     opened->service = service;
     opened->main = (struct listener){.http = opened, .fd = -1};
     opened->admin = (struct listener){.http = opened, .fd = -1, .admin = true};
-    pthread_mutex_init(&opened->lock, NULL);
-    pthread_cond_init(&opened->fewer, NULL);
+    tally_init(&opened->tally);
     memset(addresses, 0, sizeof *addresses);
     enum status status = start(opened, error);
     if (status == STATUS_OK) {
@@ -650,24 +565,7 @@ enum status http_open(struct service *service, struct http **http, struct http_a
     return status;
 }
 
-unsigned http_uploads(struct http *http) {
-    pthread_mutex_lock(&http->lock);
-    unsigned uploads = http->uploads;
-    pthread_mutex_unlock(&http->lock);
-    return uploads;
-}
-
-/* Waits until nothing is parked and, for a little while, until all answers are sent. */
-static void wait_for_exchanges(struct http *http) {
-    struct timespec until;
-    clock_gettime(CLOCK_MONOTONIC, &until);
-    until.tv_sec += GOODBYE_MS / 1000;
-    pthread_mutex_lock(&http->lock);
-    http->stopping = true;
-    while (http->parked) pthread_cond_wait(&http->fewer, &http->lock);
-    while (http->exchanges && pthread_cond_clockwait(&http->fewer, &http->lock, CLOCK_MONOTONIC, &until) == 0) continue;
-    pthread_mutex_unlock(&http->lock);
-}
+unsigned http_uploads(struct http *http) { return tally_uploads(&http->tally); }
 
 static void stop_listener(struct listener *listener, MHD_socket listening) {
     if (listener->daemon) MHD_stop_daemon(listener->daemon);
@@ -679,12 +577,11 @@ static void stop_listener(struct listener *listener, MHD_socket listening) {
 void http_close(struct http *http) {
     if (!http) return;
     MHD_socket listening = http->main.daemon ? MHD_quiesce_daemon(http->main.daemon) : MHD_INVALID_SOCKET;
-    if (http->main.daemon) wait_for_exchanges(http);
+    if (http->main.daemon) tally_stop(&http->tally, GOODBYE_S);
     stop_listener(&http->main, listening);
     listening = http->admin.daemon ? MHD_quiesce_daemon(http->admin.daemon) : MHD_INVALID_SOCKET;
     stop_listener(&http->admin, listening);
     offload_close(http->offload);
-    pthread_cond_destroy(&http->fewer);
-    pthread_mutex_destroy(&http->lock);
+    tally_done(&http->tally);
     free(http);
 }

@@ -3,6 +3,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/log.h"
 
+#include <stdbool.h>
 #include <stdio.h>
 #include <time.h>
 #include <unistd.h>
@@ -38,4 +39,13 @@ void log_line(enum log_level level, const char *format, ...) {
     va_start(args, format);
     log_vline(level, format, args);
     va_end(args);
+}
+
+void log_plain(char *to, size_t bytes, const char *text) {
+    size_t used = 0;
+    for (; *text && used + 4 < bytes; text++) {
+        bool plain = *text > ' ' && *text < 0x7f && *text != '%';
+        used += (size_t)snprintf(to + used, bytes - used, plain ? "%c" : "%%%02X", (unsigned char)*text);
+    }
+    to[used] = 0;
 }

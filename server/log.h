@@ -7,6 +7,7 @@
 #define WHITTLE_SERVER_LOG_H
 
 #include <stdarg.h>
+#include <stddef.h>
 
 enum log_level { LOG_INFO, LOG_WARNING, LOG_ERROR };
 
@@ -14,5 +15,9 @@ enum log_level { LOG_INFO, LOG_WARNING, LOG_ERROR };
  * sends can't forge a line. */
 void log_line(enum log_level level, const char *format, ...) __attribute__((format(printf, 2, 3)));
 void log_vline(enum log_level level, const char *format, va_list args) __attribute__((format(printf, 2, 0)));
+
+/* Copies a text of a client's for use as a value in a line: blanks and what isn't ASCII, which would look like other
+ * things there, become %XX; cut where it doesn't fit. */
+void log_plain(char *to, size_t bytes, const char *text);
 
 #endif

@@ -55,6 +55,7 @@ def statuses(answer):
     (b"Transfer-Encoding: gzip, chunked\r\n", True), (b"Transfer-Encoding: chunked, identity\r\n", True),
     (b"Transfer-Encoding: identity\r\n", True), (b"Transfer-Encoding: xchunked\r\n", True),
     (b"Transfer-Encoding: chunked\r\nTransfer-Encoding: identity\r\n", True),
+    (b"Transfer-Encoding : chunked\r\n", True), (b"Content-Length : 5\r\n", True), (b"Content Length: 5\r\n", True),
     (b"Host: b\r\n", True), (b"Content-Type: text/plain\r\nContent-Type: image/png\r\n", True),
 ], ids=lambda value: value.decode("latin-1").strip().replace("\r\n", " | ") if isinstance(value, bytes) else "")
 def test_ambiguous_heads(daemon, head, ours):
@@ -64,6 +65,20 @@ def test_ambiguous_heads(daemon, head, ours):
         assert statuses(answer) == [b"400"]
         assert b"application/problem+json" in answer and b"malformed-request" in answer, answer
         assert b"onnection: close" in answer
+
+
+@pytest.mark.parametrize("head", [
+    b"POST /v1/jobs HTTP/1.1\r\nContent-Length: 100\r\n", b"GET /v1/jobs HTTP/1.1\r\n",
+    b"GET /v1/ jobs HTTP/1.1\r\nHost: a\r\n", b"GET /v1/jobs?label=a b HTTP/1.1\r\nHost: a\r\n",
+    b"GET /v1/jobs\t HTTP/1.1\r\nHost: a\r\n", b"GET /v1/jobs HTTP/1.1\r\n Host: a\r\n"], ids=range(6))
+def test_heads_against_the_grammar(daemon, head):
+    answer = raw(daemon, head + b"\r\n" + SMUGGLED)
+    assert statuses(answer) == [b"400"] and b"smuggled" not in answer, answer
+    assert b"application/problem+json" in answer and b"malformed-request" in answer, answer
+
+
+def test_http_1_0_needs_no_host(daemon):
+    assert statuses(raw(daemon, b"GET /v1/info HTTP/1.0\r\n\r\n")) == [b"200"]
 
 
 POST = b"POST /v1/jobs HTTP/1.1\r\nHost: a\r\n"

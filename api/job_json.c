@@ -64,10 +64,18 @@ static json_t *links_json(const struct job_document *job) {
     return links;
 }
 
+/* Of the header, else as the job has counted them. */
+static json_t *points_json(const struct job_document *job) {
+    json_t *report = job->input_points ? NULL : parsed_or_null(job->report);
+    json_int_t counted = json_integer_value(json_object_get(report, "points_in"));
+    json_decref(report);
+    return count_or_null(job->input_points ? job->input_points : (uint64_t)counted);
+}
+
 static json_t *input_json(const struct job_document *job) {
     return json_pack("{s:o, s:s, s:o, s:I, s:o}", "cloud", json_sprintf("%s/v1/clouds/%s", links_base(), job->cloud),
-                     "sha256", job->cloud, "points", count_or_null(job->input_points), "bytes",
-                     (json_int_t)job->input_bytes, "format", text_or_null(job->input_format));
+                     "sha256", job->cloud, "points", points_json(job), "bytes", (json_int_t)job->input_bytes, "format",
+                     text_or_null(job->input_format));
 }
 
 static json_t *resources_json(const struct job_document *job) {

@@ -28,6 +28,9 @@ static const struct problem_type types[PROBLEM_COUNT] = {
                                   "A mesh needs four points that are not all in one plane."},
     [PROBLEM_UNSUPPORTED_FORMAT] = {"unsupported-format", 415, "The content is of no format that is read here",
                                     "Send a cloud of one of the formats in supported; gzip and zstd may be around it."},
+    [PROBLEM_NOT_ACCEPTABLE] = {"not-acceptable", 406, "The reply is of no kind that the request accepts",
+                                "The output parameter decides what comes back.  Leave Accept away, or name one of "
+                                "supported in it."},
     [PROBLEM_BODY_TOO_LARGE] = {"body-too-large", 413, "The body is over the limit",
                                 "limit is in bytes.  A binary PLY is several times smaller than text."},
     [PROBLEM_HEADERS_TOO_LARGE] = {"headers-too-large", 431, "The headers are over the limit",

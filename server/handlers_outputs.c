@@ -31,7 +31,7 @@ static const struct {
     {"", "application/octet-stream"},
 };
 
-static const char *media_type_of(const char *name) {
+const char *handlers_media_type(const char *name) {
     for (size_t i = 0;; i++) {
         size_t length = strlen(name), suffix = strlen(media_types[i].suffix);
         if (suffix <= length && strcmp(name + length - suffix, media_types[i].suffix) == 0)
@@ -99,7 +99,7 @@ static void describe_output(const struct job *job, const struct job_output *outp
     char digest[DIGEST_BASE64_BYTES], name[128];
     digest_base64(output->sha256, digest);
     file_name(job, output->name, name, sizeof name);
-    response_header(response, "Content-Type", "%s", media_type_of(output->name));
+    response_header(response, "Content-Type", "%s", handlers_media_type(output->name));
     response_header(response, "Repr-Digest", "sha-256=:%s:", digest);
     response_header(response, "Content-Disposition", "attachment; filename=\"%s\"", name);
     response_header(response, "Cache-Control", "private, max-age=31536000, immutable");
@@ -247,7 +247,7 @@ void handlers_list_outputs(struct service *service, struct request *request, str
     if (handlers_read_successful(service, request, &job, response)) {
         for (size_t i = 0; i < job.output_count; i++)
             documents[i] = (struct output_document){.name = job.output[i].name,
-                                                    .media_type = media_type_of(job.output[i].name),
+                                                    .media_type = handlers_media_type(job.output[i].name),
                                                     .sha256 = job.output[i].sha256,
                                                     .bytes = job.output[i].bytes};
         response_text(response, 200, "application/json", job_outputs_encode(job.id, documents, job.output_count));

@@ -14,6 +14,9 @@
 void handlers_send_file(const struct request *request, int fd, uint64_t bytes, const char *etag,
                         struct response *response);
 
+/* The media type of an output of this name, "model/ply". */
+const char *handlers_media_type(const char *name);
+
 /* An output of a successful job with all of its headers, or 304, 404. */
 void handlers_send_output(struct service *service, const struct request *request, const struct job *job,
                           const char *name, struct response *response);

@@ -60,9 +60,27 @@ static bool read_simplify(const struct request *request, struct job *job, struct
     return true;
 }
 
+/* Whether the client takes what its output is; any of it may be taken for bytes.  That the reply comes later says
+ * something else: the job document. */
+static bool is_acceptable(const struct request *request, struct response *response) {
+    struct problem problem;
+    char type[64], supported[128];
+    const char *name = file_asked(request), *whole = handlers_media_type(name);
+    snprintf(type, sizeof type, "%.*s", (int)strcspn(whole, ";"), whole);
+    if (request_prefers_async(request) || request_accepts(request, type) ||
+        request_accepts(request, "application/octet-stream"))
+        return true;
+    snprintf(supported, sizeof supported, "%s,application/octet-stream", type);
+    problem_set(&problem, PROBLEM_NOT_ACCEPTABLE, "%s is %s, which Accept: %.80s leaves out", name, type,
+                request->header[HEADER_ACCEPT]);
+    problem_add_list(&problem, "supported", supported);
+    response_problem(response, &problem);
+    return false;
+}
+
 bool handlers_admit_simplify(struct service *service, struct request *request, struct response *response) {
     struct job job = {0};
-    return read_simplify(request, &job, response) &&
+    return read_simplify(request, &job, response) && is_acceptable(request, response) &&
            handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM | BODY_JSON, own_names, &job.params, response);
 }
 

@@ -32,6 +32,7 @@ const char *const message_header_names[HEADER_COUNT] = {
     [HEADER_UPLOAD_CHECKSUM] = "Upload-Checksum",
     [HEADER_UPLOAD_CONCAT] = "Upload-Concat",
     [HEADER_REPR_DIGEST] = "Repr-Digest",
+    [HEADER_ACCEPT] = "Accept",
     [HEADER_AUTHORIZATION] = "Authorization",
     [HEADER_REQUEST_ID] = "X-Request-Id",
     [HEADER_TRACEPARENT] = "traceparent",
@@ -166,6 +167,35 @@ int64_t request_prefer_wait_ms(const struct request *request, int64_t max_ms) {
 
 bool request_prefers_async(const struct request *request) {
     return find_preference(request->header[HEADER_PREFER], "respond-async") != NULL;
+}
+
+/* Whether "type/subtype", "type/" and a star, or two stars, of n characters, cover the media type. */
+static bool covers(const char *range, size_t n, const char *media_type) {
+    size_t type = strcspn(media_type, "/") + 1;
+    if (n == 3 && memcmp(range, "*/*", 3) == 0) return true;
+    if (n == type + 1 && range[type] == '*') return strncasecmp(range, media_type, type) == 0;
+    return n == strlen(media_type) && strncasecmp(range, media_type, n) == 0;
+}
+
+/* Whether parameters, up to n characters, hold q=0, which excludes. */
+static bool excludes(const char *parameters, size_t n) {
+    for (const char *q = parameters, *end = parameters + n; (q = memchr(q, ';', (size_t)(end - q)));) {
+        q += 1 + strspn(q + 1, " \t");
+        if (end - q >= 3 && strncasecmp(q, "q=0", 3) == 0) return strspn(q + 3, ".0") == strcspn(q + 3, ",; \t");
+    }
+    return false;
+}
+
+bool request_accepts(const struct request *request, const char *media_type) {
+    const char *list = request->header[HEADER_ACCEPT];
+    bool accepts = !list || !list[strspn(list, " \t,")];
+    for (; list && *list; list += *list == ',') {
+        list += strspn(list, " \t");
+        size_t n = strcspn(list, ",; \t"), whole = strcspn(list, ",");
+        if (covers(list, n, media_type) && !excludes(list + n, whole - n)) accepts = true;
+        list += whole;
+    }
+    return accepts;
 }
 
 bool request_none_match(const struct request *request, const char *etag) {

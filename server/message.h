@@ -47,9 +47,10 @@ enum request_header {
     HEADER_UPLOAD_METADATA,
     HEADER_UPLOAD_CHECKSUM,
     HEADER_UPLOAD_CONCAT,
-    HEADER_REPR_DIGEST
+    HEADER_REPR_DIGEST,
+    HEADER_ACCEPT
 };
-#define HEADER_COUNT (HEADER_REPR_DIGEST + 1)
+#define HEADER_COUNT (HEADER_ACCEPT + 1)
 
 /* "Range", ... */
 extern const char *const message_header_names[HEADER_COUNT];
@@ -104,6 +105,9 @@ void request_identify(struct request *request);
 /* Seconds of `Prefer: wait=N` (up to max_ms, in ms); -1 where there is none.  And whether it holds respond-async. */
 int64_t request_prefer_wait_ms(const struct request *request, int64_t max_ms);
 bool request_prefers_async(const struct request *request);
+
+/* Whether Accept, if it is there, allows this media type ("model/ply"; no parameters). */
+bool request_accepts(const struct request *request, const char *media_type);
 
 /* Whether the list of entity tags in If-None-Match holds this one (with quotes, compared weakly) or is *. */
 bool request_none_match(const struct request *request, const char *etag);

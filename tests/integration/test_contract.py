@@ -73,6 +73,7 @@ def test_job_documents_have_the_members_described(daemon, contract):
     job = daemon.ended(daemon.submit(SMALL))
     schema = contract["components"]["schemas"]["Job"]
     assert set(job) == set(schema["properties"]) == set(schema["required"])
+    assert job["input"]["points"] == job["report"]["points_in"] == 300  # no header told them
     assert set(job["params"]) <= set(contract["components"]["schemas"]["Params"]["properties"])
 
 

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.skipif(not (PROGRAMS / "prism").exists() or not shutil.
 
 
 def run(*command):
-    return subprocess.run(command, cwd=NODE, env=QUIET, capture_output=True, text=True, check=False, timeout=120)
+    return subprocess.run(command, cwd=NODE, env=QUIET, capture_output=True, text=True, check=False, timeout=600)
 
 
 def test_redocly_finds_nothing():

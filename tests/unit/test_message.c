@@ -130,6 +130,32 @@ static void headers_that_do_not_fit_are_cut_or_dropped(void **state) {
     response_done(&response);
 }
 
+static bool accepts(const char *header) {
+    struct request request = {.header[HEADER_ACCEPT] = header};
+    return request_accepts(&request, "model/ply");
+}
+
+static void accepted_types(void **state) {
+    static const char *const yes[] = {"",
+                                      "*/*",
+                                      "model/ply",
+                                      "MODEL/Ply",
+                                      "model/*",
+                                      "text/html, */*;q=0.8",
+                                      "image/png,model/ply",
+                                      "model/ply;q=0.001",
+                                      "model/ply ; a=b",
+                                      ", model/*",
+                                      "model/ply;q=0;x, model/ply"};
+    static const char *const no[] = {"image/png",          "text/*",        "model/plyx",
+                                     "model/pl",           "model/ply;q=0", "*/*; q=0.000",
+                                     "model/obj, */*;q=0", "model",         "*"};
+    (void)state;
+    assert_true(accepts(NULL));
+    for (size_t i = 0; i < sizeof yes / sizeof *yes; i++) assert_true(accepts(yes[i]));
+    for (size_t i = 0; i < sizeof no / sizeof *no; i++) assert_false(accepts(no[i]));
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(one_range),
@@ -139,6 +165,7 @@ int main(void) {
         cmocka_unit_test(entity_tags),
         cmocka_unit_test(a_text_that_is_missing_is_a_failure),
         cmocka_unit_test(headers_that_do_not_fit_are_cut_or_dropped),
+        cmocka_unit_test(accepted_types),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

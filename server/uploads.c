@@ -230,25 +230,26 @@ static bool refuse_io(const char *what, struct problem *problem) {
     return false;
 }
 
-/* Takes over the caller's hold of the entry in any case. */
-static struct uploads_writer *new_writer(struct uploads *uploads, struct entry *entry, bool create,
+/* Takes over the caller's hold of the entry, and fd, in any case; fd -1 with errno: the file couldn't be opened. */
+static struct uploads_writer *new_writer(struct uploads *uploads, struct entry *entry, int fd,
                                          const struct uploads_check *check, struct problem *problem) {
-    struct uploads_writer *writer = calloc(1, sizeof *writer);
+    struct uploads_writer *writer = NULL;
     struct error error = {0};
-    if (!writer) {
-        let_go(uploads, entry);
+    if (fd < 0)
+        refuse_io("the upload's file can't be opened", problem);
+    else if (!(writer = calloc(1, sizeof *writer)))
         refuse(PROBLEM_INTERNAL_ERROR, "no memory", problem);
+    if (!writer) {
+        if (fd >= 0) close(fd);
+        let_go(uploads, entry);
         return NULL;
     }
-    *writer = (struct uploads_writer){.uploads = uploads, .entry = entry, .check = *check, .staged.fd = -1};
-    writer->fd = store_part_open(uploads->store, entry->info.id, create);
+    *writer = (struct uploads_writer){.uploads = uploads, .entry = entry, .fd = fd, .check = *check, .staged.fd = -1};
     if (check->base64[0]) writer->digest = check->is_sha1 ? digest_new_sha1() : digest_new();
     pthread_mutex_lock(&uploads->lock);
     writer->number = ++uploads->writers;
     pthread_mutex_unlock(&uploads->lock);
-    if (writer->fd < 0)
-        refuse_io("the upload's file can't be opened", problem);
-    else if (check->base64[0] && !writer->digest)
+    if (check->base64[0] && !writer->digest)
         refuse(PROBLEM_INTERNAL_ERROR, "no memory", problem);
     else if (check->whole && store_upload_begin(uploads->store, &writer->staged, &error) != STATUS_OK)
         problem_from_error(problem, &error);
@@ -271,11 +272,14 @@ struct uploads_writer *uploads_create(struct uploads *uploads, struct uploads_in
         problem_add_number(problem, "limit", (int64_t)max_open);
         return NULL;
     }
-    struct uploads_writer *writer = new_writer(uploads, hold(uploads, info->id), true, check, problem);
-    if (writer)
+    int fd = store_part_open(uploads->store, info->id, true);
+    struct uploads_writer *writer = new_writer(uploads, hold(uploads, info->id), fd, check, problem);
+    if (writer) {
         entry->writer = writer->number;
-    else
+    } else {
+        store_part_delete(uploads->store, info->id);
         take_out(uploads, entry);
+    }
     return writer;
 }
 
@@ -304,10 +308,18 @@ struct uploads_writer *uploads_resume(struct uploads *uploads, const char *id, u
         refuse(PROBLEM_NO_SUCH_UPLOAD, "there is no such upload", problem);
         return NULL;
     }
-    struct uploads_writer *writer = new_writer(uploads, entry, false, check, problem);
-    if (!writer) return NULL;
     pthread_mutex_lock(&entry->lock);
     bool ok = may_resume(entry, offset, length, problem);
+    int fd = ok ? store_part_open(uploads->store, id, false) : -1; /* of one that is complete there is none */
+    pthread_mutex_unlock(&entry->lock);
+    if (!ok) {
+        let_go(uploads, entry);
+        return NULL;
+    }
+    struct uploads_writer *writer = new_writer(uploads, entry, fd, check, problem);
+    if (!writer) return NULL;
+    pthread_mutex_lock(&entry->lock);
+    ok = may_resume(entry, offset, length, problem);
     if (ok) entry->writer = writer->number;
     if (ok && length != UINT64_MAX) entry->info.length = length;
     pthread_mutex_unlock(&entry->lock);

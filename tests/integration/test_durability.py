@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 
-from conftest import SMALL, process_lives, wait_until
+from conftest import PATIENCE_S, SMALL, process_lives, wait_until
 
 
 def test_kill_of_the_daemon_in_mid_job(make_daemon, large):
@@ -100,7 +100,7 @@ def test_a_worker_that_ignores_everything_is_killed(make_daemon, tmp_path):
 # ---------------------------------------------------------------------------------------------- drain
 
 def test_drain_lets_running_jobs_end(make_daemon, large):
-    daemon = make_daemon("--workers", "1")
+    daemon = make_daemon("--workers", "1", "--drain-timeout", "1h")
     job_id = daemon.submit(large)
     waiting = daemon.submit(SMALL)
     daemon.worker_pid(job_id)
@@ -110,7 +110,7 @@ def test_drain_lets_running_jobs_end(make_daemon, large):
     assert daemon.post("/v1/jobs", SMALL).slug == "draining"
     assert daemon.curl("/healthz").status == 200
     assert daemon.job(waiting)["status"] == "accepted"
-    assert daemon.process.wait(60) == 0
+    assert daemon.process.wait(PATIENCE_S) == 0
     daemon.start()
     assert daemon.job(job_id)["status"] == "successful" and daemon.job(job_id)["attempt"] == 1
     assert daemon.ended(waiting)["status"] == "successful"
@@ -139,8 +139,8 @@ def test_drain_answers_those_who_wait(make_daemon, large):
     wait_until(lambda: subprocess.run(["ls", "-l", fds], capture_output=True, text=True,
                                       check=False).stdout.count("socket:") > 2, "both connections")
     assert daemon.stop() == 0
-    assert b"200 OK" in poll.communicate(timeout=60)[0]
-    events.communicate(timeout=60)
+    assert b"200 OK" in poll.communicate(timeout=PATIENCE_S)[0]
+    events.communicate(timeout=PATIENCE_S)
     assert events.returncode == 0
 
 
@@ -151,7 +151,7 @@ def test_a_second_signal_ends_at_once(make_daemon, large):
     daemon.process.send_signal(signal.SIGTERM)
     wait_until(lambda: "draining" in daemon.log_text(), "the drain")
     daemon.process.send_signal(signal.SIGTERM)
-    assert daemon.process.wait(60) == 128 + signal.SIGTERM
+    assert daemon.process.wait(PATIENCE_S) == 128 + signal.SIGTERM
     wait_until(lambda: not process_lives(pid), "the worker's end")
     daemon.start()
     assert daemon.ended(job_id)["status"] == "successful"
@@ -168,7 +168,7 @@ def test_sighup_lets_jobs_uploads_and_streams_go_on(make_daemon, large):
     assert daemon.worker_pid(running) == pid
     job = daemon.ended(running)
     assert job["status"] == "successful" and job["attempt"] == 1
-    assert b"event: end" in events.communicate(timeout=60)[0]
+    assert b"event: end" in events.communicate(timeout=PATIENCE_S)[0]
     assert daemon.ended(waiting)["status"] == "successful"
 
 

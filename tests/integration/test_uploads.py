@@ -56,6 +56,15 @@ def test_options(daemon):
     assert set(reply.headers["tus-checksum-algorithm"].split(",")) == {"sha1", "sha256"}
 
 
+def test_a_piece_after_the_last_one_is_refused(daemon):
+    path = create(daemon, len(SMALL))
+    assert patch(daemon, path, 0, SMALL).status == 204
+    for offset, data in ((0, SMALL), (len(SMALL), b"x"), (len(SMALL), b"")):
+        late = patch(daemon, path, offset, data)
+        assert (late.status, late.slug) == (409, "offset-mismatch"), late.body
+    assert daemon.curl(f"/v1/clouds/{NAME}").status == 200
+
+
 @pytest.mark.parametrize("last", ["GET", "DELETE"])
 def test_an_upload_that_becomes_a_cloud_is_asked_for_meanwhile(daemon, last):
     """Whoever comes first makes the cloud; the others find it, or, after a DELETE, nothing."""

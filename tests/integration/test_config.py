@@ -43,6 +43,12 @@ def test_every_setting_is_in_help_page_and_file():
     assert all(f"--{name}" in page for name in named)
 
 
+def test_whittles_page_has_what_its_help_has():
+    flags = [set(re.findall(r"--[a-z][a-z_-]+", run(what, program=BUILD / "whittle").stdout.replace("\\-", "-")))
+             for what in ("--help", "--man")]
+    assert flags[0] == flags[1] and {"--ratio", "--outputs"} <= flags[0]
+
+
 def test_check_says_what_is_wrong_and_serves_nothing(tmp_path):
     file = tmp_path / "bad.conf"
     file.write_text("max-queue = many\n")

@@ -516,6 +516,29 @@ def test_every_output_of_a_one_shot_is_described(daemon, output):
     check(OPERATIONS["simplify"], daemon.post(f"/v1/simplify?ratio=0.5&output={output}", SMALL))
 
 
+def test_a_one_shot_whose_job_is_dismissed_says_so(world):
+    daemon = world.daemon("--workers", "1")
+    daemon.submit(sphere(400000))
+    command = daemon.curl_command("/v1/simplify?label=mine", "-X", "POST", "--data-binary", "@-", "-H", "Expect:")
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as waiting:
+        waiting.stdin.write(SMALL)
+        waiting.stdin.close()
+        job = wait_until(lambda: daemon.curl("/v1/jobs?label=mine").json["jobs"], "the one-shot's job")[0]
+        assert daemon.curl(f"/v1/jobs/{job['id']}", "-X", "DELETE").json["status"] == "dismissed"
+        reply = check(OPERATIONS["simplify"], parse_reply(waiting.stdout.read()))
+    assert (reply.status, reply.slug) == (409, "job-dismissed") and job["id"] in reply.headers["link"]
+
+
+def test_what_the_engine_cannot_do_is_said(world):
+    worker = world.folder / "worker"
+    worker.write_text("#!/bin/sh\necho 'failed engine 0 - contract this can not be' >&3\nexit 70\n")
+    worker.chmod(0o755)
+    reply = world.daemon("--worker", worker, "--worker-sandbox=off").post("/v1/simplify", SMALL)
+    check(OPERATIONS["simplify"], reply)
+    assert (reply.status, reply.slug) == (500, "engine-error")
+    assert reply.json["detail"] == "this can not be" and reply.json["where"] == "contract"
+
+
 def test_every_output_of_a_job_is_described(daemon):
     outputs = "cloud,xyz,cloud.pcd,mesh,mesh.obj,mesh.stl,mesh.glb,report,dso,error"
     job_id = job_of(daemon, f"?ratio=0.5&outputs={outputs}")

@@ -39,6 +39,8 @@ enum {
     KILL_AFTER_MS = 2000,
     LAST_WORDS_BYTES = 200,
     RECORD_AGAIN_MS = 1000,
+    START_AGAIN_MS = 1000,
+    START_PATIENCE_MS = 600000,
     REPORT_MAX_BYTES = 1 << 20,
     HEAD_BYTES = 64 * 1024 /* of a cloud, for what it says of its size */
 };
@@ -91,7 +93,30 @@ static enum status start(struct run *run, struct error *error) {
                                                .file_bytes = config->job_file_bytes}};
     status = spawn_worker(&request, &run->process, error);
     close(input_fd);
+    run->started_ms = events_clock_ms();
     return status;
+}
+
+/* Waits, or until somebody wishes something. */
+static void wait_for_wish(const struct run *run, int wait_ms) {
+    struct pollfd bell = {.fd = run->control->bell_fd, .events = POLLIN};
+    poll(&bell, 1, wait_ms);
+}
+
+/* Starts it, and again for as long as the machine lacks what that takes: descriptors, processes, memory, disk.  Nothing
+ * of the job has run yet, so it stays the same attempt. */
+static enum status start_when_possible(struct run *run, struct error *error) {
+    int64_t until = run->started_ms + START_PATIENCE_MS;
+    for (;;) {
+        enum status status = start(run, error);
+        bool hopeless = !store_cloud_exists(run->service->store, run->job->cloud);
+        bool wanted = atomic_load(&run->control->wish) == WORKER_GO_ON;
+        if (status == STATUS_OK || hopeless || !wanted || events_clock_ms() >= until) return status;
+        log_line(LOG_WARNING, "job=%s can't be started yet: %s", run->job->id, error->text);
+        if (run->log_fd >= 0) close(run->log_fd);
+        run->log_fd = -1;
+        wait_for_wish(run, START_AGAIN_MS);
+    }
 }
 
 /* ------------------------------------------------------------------------------------------------ watch */
@@ -283,6 +308,14 @@ static bool by_the_host(const struct run *run) {
     return false;
 }
 
+/* What becomes of a job whose process couldn't be started. */
+static void judge_unstarted(const struct run *run, const struct error *error, struct verdict *verdict) {
+    int wish = atomic_load(&run->control->wish);
+    bool again = wish == WORKER_REQUEUE || run->job->attempt < JOB_MAX_ATTEMPTS;
+    verdict->event = wish == WORKER_DISMISS ? JOB_DISMISS : again ? JOB_REQUEUE : JOB_FAIL;
+    problem_set(&verdict->problem, PROBLEM_INTERNAL_ERROR, "the job's process can't be started: %s", error->text);
+}
+
 static void judge(const struct run *run, struct verdict *verdict) {
     int wish = atomic_load(&run->control->wish);
     bool exited_well = WIFEXITED(run->wait_status) && WEXITSTATUS(run->wait_status) == 0;
@@ -395,15 +428,14 @@ void worker_run(struct service *service, const struct confinement *confinement, 
                       .started_ms = events_clock_ms()};
     struct verdict verdict = {0};
     struct error error = {0};
-    if (start(&run, &error) == STATUS_OK) {
+    if (start_when_possible(&run, &error) == STATUS_OK) {
         log_line(LOG_INFO, "job=%s accepted -> running attempt=%d pid=%d", job->id, job->attempt, (int)run.process.pid);
         fault_at("started");
         watch(&run);
         reap(&run);
         judge(&run, &verdict);
     } else {
-        verdict.event = job->attempt < JOB_MAX_ATTEMPTS ? JOB_REQUEUE : JOB_FAIL;
-        problem_set(&verdict.problem, PROBLEM_INTERNAL_ERROR, "the job's process can't be started: %s", error.text);
+        judge_unstarted(&run, &error, &verdict);
     }
     settle(&run, &verdict);
     if (run.log_fd >= 0) close(run.log_fd);

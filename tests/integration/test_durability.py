@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What was accepted is never lost: kills, restarts, drains."""
+import http.client
 import os
+import resource
 import signal
 import sqlite3
 import subprocess
@@ -44,6 +46,35 @@ def test_kill_of_the_worker_is_tried_again(daemon, large):
     job = daemon.ended(job_id)
     assert job["status"] == "successful" and job["attempt"] == 2
     assert b"signal 9" in daemon.curl(f"/v1/jobs/{job_id}/log").body
+
+
+def test_a_job_waits_for_what_its_start_lacks(daemon, large):
+    job_id = daemon.submit(large)
+    pid, service = daemon.worker_pid(job_id), daemon.process.pid
+    limits = resource.prlimit(service, resource.RLIMIT_NOFILE)
+    resource.prlimit(service, resource.RLIMIT_NOFILE, (3, limits[1]))
+    os.kill(pid, signal.SIGKILL)
+    wait_until(lambda: daemon.log_text().count(f"job={job_id} can't be started yet") > 3, "more tries than attempts")
+    resource.prlimit(service, resource.RLIMIT_NOFILE, limits)
+    job = daemon.ended(job_id)
+    assert job["status"] == "successful" and job["attempt"] == 2  # the one that was killed, and the one that came to run
+    assert daemon.leftovers() == []
+
+
+def test_a_job_that_waits_for_its_start_can_be_dismissed(daemon, large):
+    job_id = daemon.submit(large)
+    pid, service = daemon.worker_pid(job_id), daemon.process.pid
+    limits = resource.prlimit(service, resource.RLIMIT_NOFILE)
+    connection = http.client.HTTPConnection("127.0.0.1", daemon.port, timeout=PATIENCE_S)
+    connection.connect()
+    assert daemon.request("GET", f"/v1/jobs/{job_id}", connection=connection)[0] == 200
+    resource.prlimit(service, resource.RLIMIT_NOFILE, (3, limits[1]))
+    os.kill(pid, signal.SIGKILL)
+    wait_until(lambda: f"job={job_id} can't be started yet" in daemon.log_text(), "the wait")
+    assert daemon.request("DELETE", f"/v1/jobs/{job_id}", connection=connection)[0] in (200, 202)
+    resource.prlimit(service, resource.RLIMIT_NOFILE, limits)
+    assert daemon.ended(job_id)["status"] == "dismissed"
+    connection.close()
 
 
 def test_kill_of_the_worker_each_time_ends_with_an_obituary(daemon, large):

@@ -26,7 +26,7 @@ def test_a_job_from_cloud_to_outputs(daemon):
     assert job["report"]["mesh"]["watertight"] is True
     assert job["resources"]["peak_rss_bytes"] > 0
     sha256 = hashlib.sha256(SMALL).hexdigest()
-    assert job["input"] == {"cloud": f"/v1/clouds/{sha256}", "sha256": sha256, "points": None, "bytes": len(SMALL),
+    assert job["input"] == {"cloud": f"/v1/clouds/{sha256}", "sha256": sha256, "points": 300, "bytes": len(SMALL),
                             "format": "xyz"}
     assert job["created"] <= job["started"] <= job["finished"] < job["expires"]
 

@@ -40,8 +40,8 @@ uint64_t store_free_bytes(const struct store *store);
 void store_keep_free(struct store *store, uint64_t bytes);
 bool store_has_room(const struct store *store, uint64_t bytes);
 
-/* Whether files can be written at all: a small one is, and vanishes. */
-bool store_takes_files(const struct store *store);
+/* Whether files can be written at all: a small one is, and vanishes; once a second, however often it is asked. */
+bool store_takes_files(struct store *store);
 
 /* Whether writing `count` bytes after `before` others is fine by store_has_room, asked once for each
  * STORE_STRIDE_BYTES; else errno is ENOSPC. */

@@ -42,6 +42,8 @@ struct store {
     char root[PATH_MAX];
     int root_fd, clouds_fd, jobs_fd, parts_fd, tmp_fd, lock_fd;
     _Atomic uint64_t kept_free_bytes;
+    _Atomic int64_t tried_s; /* when store_takes_files has written one; 0 = never */
+    _Atomic bool took;       /* and whether that went well */
 };
 
 static enum status refused(struct error *error, const char *what, const char *name) {
@@ -157,12 +159,16 @@ bool store_may_go_on(const struct store *store, uint64_t before, uint64_t count)
     return false;
 }
 
-bool store_takes_files(const struct store *store) {
+bool store_takes_files(struct store *store) {
     static const char block[4096] = "x";
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    if (store->tried_s == now.tv_sec + 1) return store->took; /* + 1, for that clock may begin at 0 */
     int fd = store_scratch_open(store);
-    bool takes = fd >= 0 && write(fd, block, sizeof block) == sizeof block;
+    store->took = fd >= 0 && write(fd, block, sizeof block) == sizeof block;
+    store->tried_s = now.tv_sec + 1;
     close_if_open(fd);
-    return takes;
+    return store->took;
 }
 
 /* ------------------------------------------------------------------------------------------------ removing */

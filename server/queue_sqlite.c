@@ -427,7 +427,7 @@ static enum status finish(struct sql *db, enum job_event event, const struct job
 
 enum status queue_finish(struct queue *queue, enum job_event event, const struct job *job, bool *changed,
                          struct error *error) {
-    enum job_state from, next;
+    enum job_state from = JOB_ACCEPTED, next = JOB_ACCEPTED;
     sql_lock(queue->writer);
     enum status status = finish(queue->writer, event, job, &from, &next, error);
     *changed = status == STATUS_OK && from != next;

@@ -215,8 +215,8 @@ static unsigned keep_nearest(const struct contractor *c, uint32_t p, uint32_t *l
             double d = vec3_distance_sq(c->point[p], c->point[link[i]]);
             if (d >= farthest_sq) farthest = i, farthest_sq = d;
         }
-        memmove(&link[farthest], &link[farthest + 1], (n - farthest - 1) * sizeof *link);
         n--;
+        for (unsigned i = farthest; i < n; i++) link[i] = link[i + 1];
     }
     return n;
 }

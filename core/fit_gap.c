@@ -19,9 +19,9 @@ double fit_gap_unit_area(const struct fit *fit, double total_weight) {
 }
 
 double fit_gap_gain(const struct fit *fit, const struct fit_region *region, uint32_t h,
-                    const struct triangle_frame new[2]) {
+                    const struct triangle_frame made[2]) {
     if (region->reached < region->n) return 0;
-    double area = (new[0].bx *new[0].cy + new[1].bx *new[1].cy) / 2;
+    double area = (made[0].bx * made[0].cy + made[1].bx * made[1].cy) / 2;
     double missing = area / fit->unit_area - SAMPLED * cluster_weight(&region->cluster);
     if (!(missing > 0)) return 0;
     uint32_t g = fit->he.twin[h];

@@ -97,10 +97,17 @@ static enum status start(struct run *run, struct error *error) {
     return status;
 }
 
-/* Waits, or until somebody wishes something. */
+/* Makes the bell ring no more; what it rang for stands in the wish. */
+static void hush(const struct run *run) {
+    uint64_t rings;
+    ssize_t got = read(run->control->bell_fd, &rings, sizeof rings);
+    (void)got;
+}
+
+/* Waits, or until somebody wishes something.  The bell may still ring for the job before. */
 static void wait_for_wish(const struct run *run, int wait_ms) {
     struct pollfd bell = {.fd = run->control->bell_fd, .events = POLLIN};
-    poll(&bell, 1, wait_ms);
+    if (poll(&bell, 1, wait_ms) > 0) hush(run);
 }
 
 /* Starts it, and again for as long as the machine lacks what that takes: descriptors, processes, memory, disk.  Nothing
@@ -190,9 +197,7 @@ static void watch(struct run *run) {
         int n = poll(fds, 3, look_around(run));
         if (n < 0) continue;
         if (fds[1].revents && !read_progress(run)) fds[1].fd = -1;
-        uint64_t rings;
-        ssize_t got = fds[2].revents ? read(run->control->bell_fd, &rings, sizeof rings) : 0;
-        (void)got;
+        if (fds[2].revents) hush(run);
     }
     read_progress(run);
 }

@@ -16,7 +16,7 @@
 static sqlite3_vfs *below, here;
 static _Thread_local int last_errno; /* of the last fault, for xGetLastError */
 
-struct behind {
+struct layer {
     const sqlite3_io_methods *real;
     sqlite3_io_methods mine;
 };
@@ -27,7 +27,7 @@ static size_t room_below(void) {
 }
 
 static const sqlite3_io_methods *real(sqlite3_file *file) {
-    return ((struct behind *)(void *)((char *)file + room_below()))->real;
+    return ((struct layer *)(void *)((char *)file + room_below()))->real;
 }
 
 /* SQLITE_OK, or the code that the system's VFS returns where the call fails. */
@@ -65,19 +65,19 @@ static int map_file(sqlite3_file *file, int page, int bytes, int extend, void vo
 
 static int open_file(sqlite3_vfs *vfs, sqlite3_filename name, sqlite3_file *file, int flags, int *out) {
     (void)vfs;
-    struct behind *behind = (void *)((char *)file + room_below());
+    struct layer *layer = (void *)((char *)file + room_below());
     file->pMethods = NULL;
     int code = ask("database-open", SQLITE_CANTOPEN);
     if (!code) code = below->xOpen(below, name, file, flags, out);
     if (!file->pMethods) return code;
-    behind->real = file->pMethods;
-    behind->mine = *file->pMethods;
-    behind->mine.xRead = read_file;
-    behind->mine.xWrite = write_file;
-    behind->mine.xSync = sync_file;
-    behind->mine.xTruncate = truncate_file;
-    behind->mine.xShmMap = map_file;
-    file->pMethods = &behind->mine;
+    layer->real = file->pMethods;
+    layer->mine = *file->pMethods;
+    layer->mine.xRead = read_file;
+    layer->mine.xWrite = write_file;
+    layer->mine.xSync = sync_file;
+    layer->mine.xTruncate = truncate_file;
+    layer->mine.xShmMap = map_file;
+    file->pMethods = &layer->mine;
     return code;
 }
 
@@ -92,7 +92,7 @@ const char *sql_faults_vfs(void) {
     if (!below) return NULL;
     here = *below;
     here.zName = "whittle-faults";
-    here.szOsFile = (int)(room_below() + sizeof(struct behind));
+    here.szOsFile = (int)(room_below() + sizeof(struct layer));
     here.xOpen = open_file;
     here.xGetLastError = get_last_error;
     return sqlite3_vfs_register(&here, 0) == SQLITE_OK ? here.zName : NULL;

@@ -13,6 +13,7 @@
 
 #include "core/inflate.h"
 #include "core/little.h"
+#include "core/padding.h"
 #include "core/scan.h"
 
 enum {
@@ -154,8 +155,10 @@ static bool is_stl_binary(const unsigned char *bytes, size_t n) {
     uint64_t facets = little_load(bytes + STL_HEADER_BYTES - 4, 4);
     uint64_t length = STL_HEADER_BYTES + facets * STL_FACET_BYTES;
     if (length == n && facets > 0) return true;
-    if (length < n || n < STL_HEADER_BYTES + STL_FACET_BYTES) return false;
-    size_t looked = n < LOOK_BYTES ? n : LOOK_BYTES;
+    if (n < STL_HEADER_BYTES + STL_FACET_BYTES || facets == 0) return false;
+    if (length < n && n - length > PADDING_MOST_BYTES) return false;
+    size_t looked = length < n ? (size_t)length : n;
+    if (looked > LOOK_BYTES) looked = LOOK_BYTES;
     for (size_t at = STL_HEADER_BYTES; at + STL_FACET_BYTES <= looked; at += STL_FACET_BYTES)
         if (!is_facet(bytes + at)) return false;
     return true;

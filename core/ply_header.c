@@ -26,6 +26,7 @@
 
 #include "core/alloc.h"
 #include "core/number.h"
+#include "core/padding.h"
 
 enum { MAX_WORDS = 6 };
 
@@ -351,7 +352,8 @@ uint64_t ply_header_file_bytes(const struct ply_header *header, bool *exact) {
 enum status ply_header_fits(const struct ply_header *header, uint64_t total_bytes, struct error *error) {
     bool exact;
     uint64_t expected = ply_header_file_bytes(header, &exact);
-    if (total_bytes == expected || (total_bytes > expected && !exact)) return STATUS_OK;
+    uint64_t most = !exact || expected > UINT64_MAX - PADDING_MOST_BYTES ? UINT64_MAX : expected + PADDING_MOST_BYTES;
+    if (total_bytes >= expected && total_bytes <= most) return STATUS_OK;
     return error_set_at(error, STATUS_MALFORMED, "header", 0, total_bytes < expected ? total_bytes : expected,
                         "the header promises %" PRIu64 " vertices: %s%" PRIu64 " bytes expected, %" PRIu64
                         " bytes are there",

@@ -4,10 +4,12 @@
  *     vertex = x y z [nx ny nz] [red green blue [alpha]] [s t]      as the letters before OFF promise
  *     face   = count index ... [colour]                              the colour up to the end of its line
  *
- * "#" begins a comment.  Numbers may be spread over lines as one likes, but how many a vertex has is told by the first
- * vertex's line: colours have three or four, and what stands there without a letter that promises it becomes columns
- * without a name where the second vertex's line is as long.  Everything becomes float64, so that what is written is
- * what is kept.  Faces become fans of triangles; their colours are left out.
+ * "#" begins a comment, and letters may be small ("noff" is then NOFF).  Numbers may be spread over lines as one likes,
+ * but how many a vertex has is told by the first vertex's line: colours have three or four, and what stands there
+ * without a letter that promises it becomes columns without a name where the second vertex's line is as long.  Where
+ * all stands on one line, vertices have what the letters promise (without faces, equal parts of the line), and faces
+ * have no colours.  Everything becomes float64, so that what is written is what is kept.  Faces become fans of
+ * triangles; their colours are left out.
  *
  * Invariant: every number takes at least two bytes of the file, so its counts bound what is allocated.
  *
@@ -25,6 +27,7 @@ struct reader {
     struct cloud_build build;
     struct scan scan;
     bool texture, colour, normal;
+    bool one_line; /* all that follows the header is on one */
     uint64_t vertices, faces;
 };
 
@@ -39,7 +42,7 @@ static enum status bad_word(struct reader *r, const char *where, const struct sc
 }
 
 static enum status unsupported(struct reader *r, const char *what) {
-    return error_set_at(r->build.error, STATUS_UNSUPPORTED, "header", r->scan.line, UINT64_MAX, "%s isn't read", what);
+    return error_set_at(r->build.error, STATUS_UNSUPPORTED, "header", r->scan.line, UINT64_MAX, "%s", what);
 }
 
 /* ------------------------------------------------------------------------------------------------ header */
@@ -55,12 +58,13 @@ static enum status take_keyword(struct reader *r) {
     struct scan_word word;
     if (!scan_token(&r->scan, &word)) return bad_word(r, "header", &word, "OFF");
     const char *at = word.text, *end = at + word.n;
-    r->texture = pass(&at, end, "ST");
-    r->colour = pass(&at, end, "C");
-    r->normal = pass(&at, end, "N");
-    if (pass(&at, end, "4")) return unsupported(r, "OFF with homogeneous coordinates");
-    if (pass(&at, end, "n")) return unsupported(r, "OFF of more dimensions than three");
-    if (!pass(&at, end, "OFF") || at != end) return bad_word(r, "header", &word, "an OFF keyword");
+    r->texture = pass(&at, end, "ST") || pass(&at, end, "st");
+    r->colour = pass(&at, end, "C") || pass(&at, end, "c");
+    r->normal = pass(&at, end, "N") || (end - at == 4 && memcmp(at, "noff", 4) == 0 && pass(&at, end, "n"));
+    if (pass(&at, end, "4")) return unsupported(r, "OFF with homogeneous coordinates isn't read");
+    if (pass(&at, end, "n")) return unsupported(r, "OFF of more dimensions than three isn't read");
+    if ((!pass(&at, end, "OFF") && !pass(&at, end, "off")) || at != end)
+        return bad_word(r, "header", &word, "an OFF keyword");
     return STATUS_OK;
 }
 
@@ -85,7 +89,7 @@ static enum status take_header(struct reader *r) {
     struct scan_word word;
     enum status status = take_keyword(r);
     struct scan ahead = r->scan;
-    if (!status && scan_word(&ahead, &word) && scan_is(&word, "BINARY")) return unsupported(r, "binary OFF");
+    if (!status && scan_word(&ahead, &word) && scan_is(&word, "BINARY")) return unsupported(r, "binary OFF isn't read");
     if (!status) status = take_count(r, "the count of vertices", &r->vertices);
     if (!status) status = take_count(r, "the count of faces", &r->faces);
     if (!status && scan_word(&r->scan, &word)) { /* edges: of no use to anybody */
@@ -97,17 +101,29 @@ static enum status take_header(struct reader *r) {
 
 /* ------------------------------------------------------------------------------------------------ vertices */
 
-/* How many numbers the first vertex has; the scan stands before it. */
-static size_t width_of(const struct reader *r, size_t promised) {
-    struct scan ahead = r->scan;
+/* How many words the line of the next one has, and the one after that; 0 = there is none.  Moves the cursor. */
+static size_t words_of_line(struct scan *ahead) {
     struct scan_word word;
-    if (!scan_token(&ahead, &word)) return promised;
-    size_t here_words = 1 + scan_count_words(ahead);
-    scan_next_line(&ahead);
-    if (!scan_token(&ahead, &word)) return here_words > promised ? here_words : promised;
-    size_t next_words = 1 + scan_count_words(ahead);
-    bool alone = r->vertices == 1 || next_words == here_words || r->colour;
-    return alone && here_words > promised ? here_words : promised;
+    size_t n = scan_token(ahead, &word) ? 1 + scan_count_words(*ahead) : 0;
+    scan_next_line(ahead);
+    return n;
+}
+
+/* The numbers of the first vertex where all that follows the header is on one line of so many words; 0: can't be told.
+ */
+static size_t width_on_one_line(const struct reader *r, size_t words, size_t promised) {
+    if (r->faces) return r->colour ? 0 : promised;
+    return r->vertices && words % r->vertices == 0 ? (size_t)(words / r->vertices) : promised;
+}
+
+/* How many numbers the first vertex has, 0: can't be told; the scan stands before it. */
+static size_t width_of(struct reader *r, size_t promised) {
+    struct scan ahead = r->scan;
+    size_t here_words = words_of_line(&ahead), next_words = words_of_line(&ahead), width = here_words;
+    r->one_line = !next_words;
+    if (r->one_line) width = width_on_one_line(r, here_words, promised);
+    bool alone = r->vertices == 1 || next_words == here_words || r->colour || r->one_line;
+    return width && (!alone || width < promised) ? promised : width;
 }
 
 static enum status add_properties(struct reader *r, const char *const *names, size_t n) {
@@ -120,7 +136,9 @@ static enum status describe(struct reader *r) {
     static const char *const xyz[] = {"x", "y", "z"}, *const normal[] = {"nx", "ny", "nz"}, *const st[] = {"s", "t"},
                              *const colour[] = {"red", "green", "blue", "alpha"}, *const unnamed[] = {""};
     size_t promised = 3u + (r->normal ? 3u : 0u) + (r->colour ? 3u : 0u) + (r->texture ? 2u : 0u);
-    size_t width = width_of(r, promised), extra = width - promised;
+    size_t width = width_of(r, promised);
+    if (!width) return unsupported(r, "COFF with faces, all on one line: put a line end after each vertex");
+    size_t extra = width - promised;
     size_t colours = r->colour ? 3 + (extra > 0) : 0;
     if (r->colour && extra > 0) extra--;
     enum status status = add_properties(r, xyz, 3);
@@ -171,6 +189,7 @@ static enum status take_face(struct reader *r) {
         if (i == 0) first = next;
         if (!status && i >= 2) status = cloud_build_triangle(&r->build, first, last, next);
     }
+    if (r->one_line) return status;
     if (!status && scan_word(&r->scan, &word)) status = cloud_build_leave_out(&r->build, "colours of faces");
     scan_next_line(&r->scan);
     return status;

@@ -27,6 +27,7 @@
 #include "core/cloud_build.h"
 #include "core/little.h"
 #include "core/lzf.h"
+#include "core/padding.h"
 #include "core/pcd_header.h"
 #include "core/scan.h"
 
@@ -256,12 +257,13 @@ static enum status wrong_length(struct reader *r, uint64_t expected, uint64_t th
                            r->header.points, expected, there);
 }
 
-/* Whether nothing but zeros follows. */
+/* Whether nothing but padding follows. */
 static enum status check_tail(struct reader *r, size_t at) {
-    for (; at < r->n; at++)
-        if (r->bytes[at])
-            return cloud_build_bad(&r->build, "read", (struct cloud_place){0, at}, "data after the last point");
-    return STATUS_OK;
+    if (at == r->n) return STATUS_OK;
+    char note[PADDING_NOTE_BYTES];
+    padding_note(note, r->n - at);
+    if (padding_is(r->bytes + at, r->n - at)) return cloud_build_leave_out(&r->build, note);
+    return cloud_build_bad(&r->build, "read", (struct cloud_place){0, at}, "data after the last point");
 }
 
 static enum status read_binary(struct reader *r) {

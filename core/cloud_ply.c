@@ -4,7 +4,8 @@
  * which gives the next scalar in native byte order, from text or from binary: so lists, faces and unknown elements are
  * written once.  The one case that matters for speed in binary, vertices without lists, is copied in blocks instead.
  *
- * In text each record stands on a line of its own; blank lines are skipped, \r, \n and \r\n all end a line.
+ * In text each record stands on a line of its own; blank lines are skipped, \r, \n and \r\n all end a line.  After the
+ * last element padding may follow, and nothing else.
  *
  * Invariant: begin <= at <= end, and nothing is allocated that is larger than a small multiple of the bytes that are
  * there: ply_header_fits has been asked before, and each list's length is compared with the bytes left.
@@ -14,11 +15,13 @@
 
 #include <inttypes.h>
 #include <stdbool.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "core/alloc.h"
 #include "core/number.h"
+#include "core/padding.h"
 
 enum { BLOCK_RECORDS = 16384, TICK_RECORDS = 16384 };
 
@@ -448,6 +451,16 @@ static enum status read_element(struct reader *r) {
     return each_record(r, skip_record);
 }
 
+/* Padding after the last element goes to the report. */
+static enum status note_padding(struct reader *r, size_t n) {
+    char note[PADDING_NOTE_BYTES];
+    padding_note(note, n);
+    char *line = r->cloud->left_out = alloc_array(sizeof note + 1, 1);
+    if (!line) return no_memory(r);
+    snprintf(line, sizeof note + 1, "%s\n", note);
+    return STATUS_OK;
+}
+
 static enum status check_end(struct reader *r) {
     while (r->text && (at_blank(r) || at_newline(r))) {
         if (at_newline(r))
@@ -455,9 +468,11 @@ static enum status check_end(struct reader *r) {
         else
             r->at++;
     }
-    if (r->at == r->end) return STATUS_OK;
+    size_t left = (size_t)(r->end - r->at);
+    if (left == 0) return STATUS_OK;
+    if (padding_is(r->at, left)) return note_padding(r, left);
     return error_set_at(r->error, STATUS_MALFORMED, "read", line_of(r), offset_of(r, r->at),
-                        "data after the last element: %zu bytes expected, %zu bytes are there",
+                        "data after the last element that the header promises: %zu bytes expected, %zu bytes are there",
                         (size_t)(r->at - r->begin), (size_t)(r->end - r->begin));
 }
 

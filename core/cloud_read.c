@@ -30,6 +30,7 @@
 #include "core/cloud_stl.h"
 #include "core/cloud_xyz.h"
 #include "core/inflate.h"
+#include "core/padding.h"
 
 enum { FIRST_BYTES = PLY_HEADER_MAX_BYTES, PIECE_BYTES = 64 * 1024 };
 
@@ -94,15 +95,15 @@ static enum status fill(int fd, struct buffer *b, size_t want, struct error *err
     return STATUS_OK;
 }
 
-/* How many bytes are worth reading after the first: one more than a header of known length promises. */
+/* How many bytes are worth reading: one more than a header of known length promises, and padding may add. */
 static enum status worth_reading(const struct buffer *b, size_t *want, struct error *error) {
     *want = SIZE_MAX;
     enum status status = check_kind(b->bytes, b->used, error);
     if (status || cloud_sniff(b->bytes, b->used).kind != CLOUD_KIND_PLY) return status;
     struct ply_summary summary;
     status = ply_header_check(b->bytes, b->used, b->ended ? b->used : UINT64_MAX, &summary, error);
-    if (!status && summary.complete && summary.bytes_exact && summary.bytes_expected < SIZE_MAX)
-        *want = (size_t)summary.bytes_expected + 1;
+    if (!status && summary.complete && summary.bytes_exact && summary.bytes_expected < SIZE_MAX - PADDING_MOST_BYTES)
+        *want = (size_t)summary.bytes_expected + PADDING_MOST_BYTES + 1;
     return status;
 }
 

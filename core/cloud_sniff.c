@@ -13,6 +13,7 @@
 
 #include "core/inflate.h"
 #include "core/little.h"
+#include "core/padding.h"
 #include "core/scan.h"
 
 enum {
@@ -55,9 +56,8 @@ static const struct {
     {"# vtk DataFile", 14, {CLOUD_KIND_OTHER, "a VTK file", ""}},
     {"glTF", 4, {CLOUD_KIND_OTHER, "a binary glTF scene", ""}},
     {"SQLite format 3", 15, {CLOUD_KIND_OTHER, "an SQLite database", ""}},
-    {"\xef\xbb\xbfply", 6, {CLOUD_KIND_OTHER, "PLY after a byte order mark (its first 3 bytes): remove that", ""}},
-    {"\xff\xfe", 2, {CLOUD_KIND_OTHER, "UTF-16 text", ""}},
-    {"\xfe\xff", 2, {CLOUD_KIND_OTHER, "UTF-16 text", ""}},
+    {"\xff\xfe", 2, {CLOUD_KIND_OTHER, "UTF-16 text (iconv -f UTF-16 -t UTF-8 converts it)", ""}},
+    {"\xfe\xff", 2, {CLOUD_KIND_OTHER, "UTF-16 text (iconv -f UTF-16 -t UTF-8 converts it)", ""}},
     {"{", 1, {CLOUD_KIND_OTHER, "JSON", ""}},
     {"<", 1, {CLOUD_KIND_OTHER, "XML or HTML", ""}},
 };
@@ -94,11 +94,11 @@ static bool is_obj_line(const struct scan_word *word, struct scan *rest) {
 }
 
 static bool is_off_word(const struct scan_word *word) {
-    static const char *const marks[] = {"ST", "C", "N", "4", "n"};
+    static const char *const marks[] = {"ST", "st", "C", "c", "N", "4", "n"};
     const char *at = word->text, *end = at + word->n;
     for (size_t i = 0; i < sizeof marks / sizeof *marks; i++)
         if (begins(at, (size_t)(end - at), marks[i], strlen(marks[i]))) at += strlen(marks[i]);
-    return end - at == 3 && memcmp(at, "OFF", 3) == 0;
+    return end - at == 3 && (memcmp(at, "OFF", 3) == 0 || memcmp(at, "off", 3) == 0);
 }
 
 /* What the first word that is no comment says; NULL: nothing. */
@@ -155,8 +155,10 @@ static bool is_stl_binary(const unsigned char *bytes, size_t n) {
     uint64_t facets = little_load(bytes + STL_HEADER_BYTES - 4, 4);
     uint64_t length = STL_HEADER_BYTES + facets * STL_FACET_BYTES;
     if (length == n && facets > 0) return true;
-    if (length < n || n < STL_HEADER_BYTES + STL_FACET_BYTES) return false;
-    size_t looked = n < LOOK_BYTES ? n : LOOK_BYTES;
+    if (n < STL_HEADER_BYTES + STL_FACET_BYTES || facets == 0) return false;
+    if (length < n && n - length > PADDING_MOST_BYTES) return false;
+    size_t looked = length < n ? (size_t)length : n;
+    if (looked > LOOK_BYTES) looked = LOOK_BYTES;
     for (size_t at = STL_HEADER_BYTES; at + STL_FACET_BYTES <= looked; at += STL_FACET_BYTES)
         if (!is_facet(bytes + at)) return false;
     return true;
@@ -164,13 +166,18 @@ static bool is_stl_binary(const unsigned char *bytes, size_t n) {
 
 /* ------------------------------------------------------------------------------------------------ the whole */
 
+static bool is_ply(const char *text, size_t n) {
+    if (begins(text, n, "\xef\xbb\xbf", 3)) text += 3, n -= 3;
+    return begins(text, n, "ply", 3) && (n == 3 || strchr("\r\n \t", text[3]));
+}
+
 struct cloud_guess cloud_sniff(const void *first, size_t n) {
     const char *text = first;
     size_t looked = n < LOOK_BYTES ? n : LOOK_BYTES;
     if (n == 0) return (struct cloud_guess){CLOUD_KIND_EMPTY, "an empty file", ""};
     enum inflate_kind kind;
     if (inflate_sniff(first, n, &kind)) return compressed[kind];
-    if (begins(text, n, "ply", 3) && (n == 3 || strchr("\r\n \t", text[3]))) return ply;
+    if (is_ply(text, n)) return ply;
     if (begins(text, n, "# .PCD", 6)) return pcd_of(text, looked);
     if (begins(text, n, "LASF", 4)) return n > LAS_FORMAT_BYTE && text[LAS_FORMAT_BYTE] & 0x80 ? laz : las;
     for (size_t i = 0; i < sizeof known / sizeof *known; i++)

@@ -2,7 +2,8 @@
  *
  *     ascii    { "solid" name  { "facet normal" nx ny nz  "outer loop"  3 * ("vertex" x y z)  "endloop"  "endfacet" }
  *                "endsolid" name }
- *     binary   80 bytes of anything, count (uint32), count * (normal, 3 corners: 12 float32; 2 bytes), little endian
+ *     binary   80 bytes of anything, count (uint32), count * (normal, 3 corners: 12 float32; 2 bytes), little endian,
+ *              then padding, if anything
  *
  * Words of the ascii form may be in capitals, and blanks may come first.
  *
@@ -25,6 +26,7 @@
 #include "core/alloc.h"
 #include "core/cloud_build.h"
 #include "core/little.h"
+#include "core/padding.h"
 #include "core/scan.h"
 
 enum { HEADER_BYTES = 84, FACET_BYTES = 50, FIRST_SLOTS = 1024 };
@@ -104,15 +106,25 @@ static enum status take_binary_corner(struct reader *r, const unsigned char *at,
     return point_at(r, p, record, (struct cloud_place){0, byte}, id);
 }
 
+/* Whether as many facets as are promised are there, and nothing but padding after them. */
+static enum status check_length(struct reader *r, const unsigned char *bytes, size_t n, uint64_t facets) {
+    uint64_t expected = facets * FACET_BYTES + HEADER_BYTES;
+    if (expected == n) return STATUS_OK;
+    if (expected > n || !padding_is(bytes + expected, n - (size_t)expected))
+        return cloud_build_bad(&r->build, "count", (struct cloud_place){0, 80},
+                               "%" PRIu64 " facets are promised: %" PRIu64 " bytes expected, %zu bytes are there",
+                               facets, expected, n);
+    char note[PADDING_NOTE_BYTES];
+    padding_note(note, n - (size_t)expected);
+    return cloud_build_leave_out(&r->build, note);
+}
+
 static enum status read_binary(struct reader *r, const unsigned char *bytes, size_t n) {
     enum status status = describe(r, SCALAR_FLOAT32);
     if (n < HEADER_BYTES)
         return cloud_build_bad(&r->build, "header", (struct cloud_place){0, n}, "%zu bytes are no binary STL", n);
     uint64_t facets = little_load(bytes + 80, 4);
-    if (facets * FACET_BYTES + HEADER_BYTES != n)
-        return cloud_build_bad(&r->build, "count", (struct cloud_place){0, 80},
-                               "%" PRIu64 " facets are promised: %" PRIu64 " bytes expected, %zu bytes are there",
-                               facets, facets * FACET_BYTES + HEADER_BYTES, n);
+    if (!status) status = check_length(r, bytes, n, facets);
     for (uint64_t i = 0; !status && i < facets; i++) {
         uint64_t byte = HEADER_BYTES + i * FACET_BYTES;
         uint32_t id[3];

@@ -93,7 +93,8 @@ static enum status label_tight(struct run *run) {
     if (!status) status = tick(run, 0.5);
     if (!status && run->input->dense && run->input->normals) status = reconsider(run);
     if (!status) status = tick(run, 0.7);
-    if (!status) status = cocone_repair(&run->star, &cost, run->progress, run->inside, &run->facts.flips);
+    if (!status) status = cocone_repair(&run->star, &cost, run->progress, run->options->threads, run->inside,
+                               &run->facts.flips);
     cocone_cut_done(&cost);
     return status;
 }

@@ -23,6 +23,7 @@
 
 #include "core/alloc.h"
 #include "core/cloud.h"
+#include "core/par.h"
 
 enum {
     LOST = 3,
@@ -30,7 +31,9 @@ enum {
     STEPS_PER_CELL = 300,
     SET_MOST = 3,
     SET_VERTICES = 4 * SET_MOST,
-    VERTICES_PER_TICK = 256
+    VERTICES_PER_TICK = 256,
+    FAN_MOST = 32,
+    GRAIN = 1024
 };
 
 #define DEFECT_WORTH (8 * (int64_t)COCONE_CUT_UNIT)
@@ -98,6 +101,62 @@ static int count_defect(struct repair *r, uint32_t v) {
         flood(r, v, cell);
     }
     return regions[0] == 0 || regions[1] == 0 ? LOST : regions[0] + regions[1] - 2;
+}
+
+/* The half facet at which the surface goes on over the edge (v, w), through inner cells. */
+static uint32_t next_facet(const struct repair *r, uint32_t half, uint32_t v, uint32_t w) {
+    for (;;) {
+        half = cocone_star_turn(r->star, half, v, w);
+        uint32_t twin = cocone_star_twin(r->star, half);
+        if (!r->inside[cocone_star_cell(twin)]) return half;
+        half = twin;
+    }
+}
+
+/* How many half facets of inner cells at v are surface, and one of them. */
+static int count_facets(const struct repair *r, uint32_t v, uint32_t *half) {
+    int count = 0;
+    for (uint32_t i = r->star->begin[v]; i < r->star->begin[v + 1]; i++) {
+        uint32_t cell = cocone_star_cell(r->star->corner[i]);
+        for (unsigned k = 0; k < 4 && r->inside[cell]; k++) {
+            if (k == cocone_star_index(r->star->corner[i]) || r->inside[r->star->tets->neighbour[cell][k]]) continue;
+            *half = cocone_star_pack(cell, k);
+            count++;
+        }
+    }
+    return count;
+}
+
+/* The vertex of a half facet that is neither v nor w. */
+static uint32_t third(const struct repair *r, uint32_t half, uint32_t v, uint32_t w) {
+    uint32_t vertex[3];
+    cocone_star_vertices(r->star, half, vertex);
+    int k = 0;
+    while (vertex[k] == v || vertex[k] == w) k++;
+    return vertex[k];
+}
+
+/* Whether all facets of the surface at v are one fan that comes to no edge twice: then there is no defect.  False also
+ * where there are too many of them. */
+static bool is_one_fan(const struct repair *r, uint32_t v) {
+    uint32_t first = NONE, rim[FAN_MOST];
+    int count = count_facets(r, v, &first);
+    if (count == 0 || count > FAN_MOST) return false;
+    uint32_t half = first, w = third(r, first, v, v);
+    for (int n = 0; n < count; n++) {
+        for (int k = 0; k < n; k++)
+            if (rim[k] == w) return false;
+        rim[n] = w;
+        half = next_facet(r, half, v, w);
+        w = third(r, half, v, w);
+        if (half == first) return n + 1 == count;
+    }
+    return false;
+}
+
+static void know_range(void *ctx, size_t begin, size_t end) {
+    const struct repair *r = ctx;
+    for (uint32_t v = (uint32_t)begin; v < end; v++) r->known[v] = is_one_fan(r, v);
 }
 
 /* The defect with the labels as they are, remembered until a cell around v is flipped for good. */
@@ -250,7 +309,7 @@ static size_t largest_star(const struct cocone_star *star) {
 }
 
 enum status cocone_repair(const struct cocone_star *star, const struct cocone_cost *cost,
-                          const struct progress *progress, uint8_t *inside, size_t *flips) {
+                          const struct progress *progress, unsigned threads, uint8_t *inside, size_t *flips) {
     enum status status = STATUS_NO_MEMORY;
     struct repair r = {.star = star, .cost = cost, .inside = inside};
     r.stamp = alloc_zeroed(star->tets->cell_count, sizeof *r.stamp);
@@ -261,6 +320,7 @@ enum status cocone_repair(const struct cocone_star *star, const struct cocone_co
     r.step_limit = (uint64_t)star->tets->cell_count * STEPS_PER_CELL;
     if (!r.stamp || !r.stack || !r.queue || !r.queued || !r.known) goto out;
     status = STATUS_OK;
+    par_for(threads, star->n, GRAIN, know_range, &r);
     for (size_t i = 0; i < sizeof passes / sizeof *passes && !status; i++) status = mend_all(&r, &passes[i], progress);
     if (!status) *flips = r.flips;
 out:

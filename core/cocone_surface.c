@@ -22,6 +22,7 @@
 #include "core/alloc.h"
 #include "core/cloud.h"
 #include "core/cocone_cut.h"
+#include "core/radix.h"
 
 struct surface {
     const struct cocone_star *star;
@@ -114,37 +115,41 @@ static uint32_t partner(const struct surface *s, uint32_t half, uint32_t a, uint
     return other;
 }
 
+/* Every pair once: of the two triangles one alone runs along the edge from the smaller to the larger point. */
 static void chain_fans(struct surface *s) {
     for (uint32_t i = 0; i < 3 * s->count; i++) s->fan[i] = i;
     for (uint32_t t = 0; t < s->count; t++) {
         for (int k = 0; k < 3; k++) {
             uint32_t a = s->vertex[t][k], b = s->vertex[t][(k + 1) % 3];
+            if (a > b) continue;
             uint32_t other = s->triangle[partner(s, s->half[t], a, b)];
-            if (other != NONE && other > t) join_at_edge(s, t, other, a, b);
+            if (other != NONE) join_at_edge(s, t, other, a, b);
         }
     }
 }
 
 /* ------------------------------------------------------------------------------------------------ double edges */
 
-static int by_edge(const void *x, const void *y) {
-    const struct edge *a = x, *b = y;
-    if (a->low != b->low) return a->low < b->low ? -1 : 1;
-    if (a->high != b->high) return a->high < b->high ? -1 : 1;
-    return a->triangle < b->triangle ? -1 : 1;
+/* The edge from corner i % 3 of triangle i / 3: between fans, or between points. */
+static struct edge edge_at(const struct surface *s, bool between_fans, uint32_t i) {
+    uint32_t t = i / 3, k = i % 3, next = (k + 1) % 3;
+    uint32_t a = between_fans ? find(s->fan, i) : s->vertex[t][k];
+    uint32_t b = between_fans ? find(s->fan, 3 * t + next) : s->vertex[t][next];
+    return (struct edge){a < b ? a : b, a < b ? b : a, t, (uint8_t)k};
 }
 
-/* All edges in order: between fans, or between points. */
-static void list_edges(struct surface *s, bool between_fans, struct edge *edge) {
-    for (uint32_t t = 0; t < s->count; t++) {
-        for (uint8_t k = 0; k < 3; k++) {
-            uint8_t next = (uint8_t)((k + 1) % 3);
-            uint32_t a = between_fans ? find(s->fan, 3 * t + k) : s->vertex[t][k];
-            uint32_t b = between_fans ? find(s->fan, 3 * t + next) : s->vertex[t][next];
-            edge[3 * t + k] = (struct edge){a < b ? a : b, a < b ? b : a, t, k};
-        }
+/* All edges in order of low, high and triangle: sorted by high, then by low.  item: scratch for two of each. */
+static void list_edges(const struct surface *s, bool between_fans, uint64_t *item, struct edge *edge) {
+    size_t count = 3 * s->count;
+    uint64_t *other = item + count;
+    for (uint32_t i = 0; i < count; i++) item[i] = radix_item(edge_at(s, between_fans, i).high, i);
+    uint64_t *sorted = radix_sort(item, other, count, 1);
+    for (size_t i = 0; i < count; i++) {
+        uint32_t at = radix_value(sorted[i]);
+        sorted[i] = radix_item(edge_at(s, between_fans, at).low, at);
     }
-    qsort(edge, 3 * s->count, sizeof *edge, by_edge);
+    sorted = radix_sort(sorted, sorted == item ? other : item, count, 1);
+    for (size_t i = 0; i < count; i++) edge[i] = edge_at(s, between_fans, radix_value(sorted[i]));
 }
 
 /* Puts the outer wedge across the half facet at one of its edges inside, unless it has an infinite cell. */
@@ -245,16 +250,17 @@ static void surface_done(struct surface *s) {
 static enum status attempt(struct surface s, struct mesh *mesh, bool *again) {
     size_t most = count_boundary(&s);
     struct edge *edge = alloc_array(3 * most, sizeof *edge);
+    uint64_t *item = alloc_array(6 * most, sizeof *item);
     enum status status = surface_init(&s, most, s.star->tets->finite_count);
-    if (!edge) status = STATUS_NO_MEMORY;
+    if (!edge || !item) status = STATUS_NO_MEMORY;
     if (!status) {
         collect(&s);
         chain_fans(&s);
-        list_edges(&s, true, edge);
+        list_edges(&s, true, item, edge);
         *again = separate(&s, edge);
         if (!*again) status = make_mesh(&s, mesh);
     }
-    free(edge);
+    free(edge), free(item);
     surface_done(&s);
     return status;
 }
@@ -272,19 +278,20 @@ enum status cocone_surface_planar(const struct tets *tets, const vec3 *point, co
                                   struct mesh *mesh) {
     struct surface s = {.point = point, .support = support, .keep_boundary = keep_boundary};
     struct edge *edge = alloc_array(3 * tets->planar_count, sizeof *edge);
+    uint64_t *item = alloc_array(6 * tets->planar_count, sizeof *item);
     enum status status = surface_init(&s, tets->planar_count, 0);
-    if (!edge) status = STATUS_NO_MEMORY;
+    if (!edge || !item) status = STATUS_NO_MEMORY;
     if (!status) {
         for (size_t t = 0; t < tets->planar_count; t++)
             add(&s, tets->planar[t][0], tets->planar[t][1], tets->planar[t][2]);
         for (uint32_t i = 0; i < 3 * s.count; i++) s.fan[i] = i;
-        list_edges(&s, false, edge);
+        list_edges(&s, false, item, edge);
         for (size_t i = 0; i + 1 < 3 * s.count; i++)
             if (edge[i].low == edge[i + 1].low && edge[i].high == edge[i + 1].high)
                 join_at_edge(&s, edge[i].triangle, edge[i + 1].triangle, edge[i].low, edge[i].high);
         status = make_mesh(&s, mesh);
     }
-    free(edge);
+    free(edge), free(item);
     surface_done(&s);
     return status;
 }

@@ -13,6 +13,8 @@
 #include "core/fit_gap.h"
 #include "core/par.h"
 
+enum { FACE_GRAIN = 1024 };
+
 #define SMALLEST_MEAN 1e-9 /* so that a perfect mesh has lengths to go by, too */
 
 struct triangle_frame fit_frame(const struct fit *fit, uint32_t triangle) {
@@ -203,15 +205,6 @@ static void set_scale(struct fit *fit, const float *distance_sq) {
     fit->stray_sq = FIT_STRAY * mean * FIT_STRAY * mean;
 }
 
-static void fill_lists(struct fit *fit, const uint32_t *triangle, const float *distance_sq) {
-    uint32_t spare = NONE;
-    for (uint32_t i = 0; i < fit->samples.n; i++) {
-        const struct sample *sample = &fit->samples.sample[i];
-        sample_lists_add(&fit->lists, triangle[i], i, sample, &spare);
-        fit->cost[triangle[i]] += (double)sample->weight * fit_cost_of(fit, (double)distance_sq[i]);
-    }
-}
-
 static enum status assign_all(struct fit *fit) {
     size_t n = fit->samples.n;
     uint32_t *triangle = alloc_array(n, sizeof *triangle);
@@ -219,10 +212,18 @@ static enum status assign_all(struct fit *fit) {
     enum status status = triangle && distance_sq ? fit_assign(fit, triangle, distance_sq) : STATUS_NO_MEMORY;
     if (status == STATUS_OK) {
         set_scale(fit, distance_sq);
-        fill_lists(fit, triangle, distance_sq);
+        status = fit_fill(fit, triangle, distance_sq);
     }
     free(triangle), free(distance_sq);
     return status;
+}
+
+static void face_range(void *ctx, size_t begin, size_t end) {
+    struct fit *fit = ctx;
+    for (size_t t = begin; t < end; t++) {
+        struct triangle_frame frame = fit_frame(fit, (uint32_t)t);
+        fit->facing[t] = fit_facing_of(&frame);
+    }
 }
 
 static enum status allocate(struct fit *fit) {
@@ -253,10 +254,7 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
     if (status == STATUS_OK) status = halfedge_init(&new.he, mesh);
     if (status == STATUS_OK) {
         for (size_t v = 0; mesh->source && v < mesh->vertex_count; v++) fit_take(&new, mesh->source[v]);
-        for (uint32_t t = 0; t < mesh->triangle_count; t++) {
-            struct triangle_frame frame = fit_frame(&new, t);
-            new.facing[t] = fit_facing_of(&frame);
-        }
+        par_for(new.threads, mesh->triangle_count, FACE_GRAIN, face_range, &new);
         status = assign_all(&new);
     }
     if (status != STATUS_OK) {

@@ -8,11 +8,14 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/fit_assign.h"
 
+#include <stdlib.h>
+
+#include "core/alloc.h"
 #include "core/bvh.h"
 #include "core/cloud.h"
 #include "core/par.h"
 
-enum { SAMPLE_GRAIN = 2048 };
+enum { SAMPLE_GRAIN = 2048, LIST_GRAIN = 512 };
 
 #define TRUSTED 0.15 /* of the spacing: farther off than that, a middle is looked for in the hierarchy as well */
 
@@ -87,9 +90,53 @@ static void assign_range(void *ctx, size_t begin, size_t end) {
 
 enum status fit_assign(const struct fit *fit, uint32_t *triangle, float *distance_sq) {
     struct bvh *bvh = NULL;
-    enum status status = bvh_new(fit->mesh, &bvh);
+    enum status status = bvh_new(fit->mesh, fit->threads, &bvh);
     struct assignment assignment = {fit, bvh, triangle, distance_sq};
     if (status == STATUS_OK) par_for(fit->threads, fit->samples.n, SAMPLE_GRAIN, assign_range, &assignment);
     bvh_free(bvh);
     return status;
+}
+
+struct filling {
+    struct fit *fit;
+    const float *distance_sq;
+    const uint32_t *sample; /* sorted by their triangles: those of t are sample[start[t] .. start[t + 1]) */
+    const size_t *start;
+};
+
+static void fill_range(void *ctx, size_t begin, size_t end) {
+    const struct filling *filling = ctx;
+    struct fit *fit = filling->fit;
+    const size_t *start = filling->start;
+    size_t blocks = 0;
+    for (size_t t = begin; t < end; t++) blocks += (start[t + 1] - start[t] + SAMPLE_BLOCK - 1) / SAMPLE_BLOCK;
+    uint32_t spare = sample_lists_reserve(&fit->lists, blocks);
+    for (size_t t = begin; t < end; t++)
+        for (size_t i = start[t]; i < start[t + 1]; i++) {
+            uint32_t id = filling->sample[i];
+            const struct sample *sample = &fit->samples.sample[id];
+            sample_lists_add(&fit->lists, (uint32_t)t, id, sample, &spare);
+            fit->cost[t] += (double)sample->weight * fit_cost_of(fit, (double)filling->distance_sq[id]);
+        }
+}
+
+/* start[t + 2] becomes the beginning of what follows t, and with each sample that is put there the end of t. */
+static void sort_samples(const uint32_t *triangle, size_t n, size_t triangles, uint32_t *sample, size_t *start) {
+    for (size_t i = 0; i < n; i++) start[triangle[i] + 2]++;
+    for (size_t t = 2; t < triangles + 2; t++) start[t] += start[t - 1];
+    for (size_t i = 0; i < n; i++) sample[start[triangle[i] + 1]++] = (uint32_t)i;
+}
+
+enum status fit_fill(struct fit *fit, const uint32_t *triangle, const float *distance_sq) {
+    size_t n = fit->samples.n, triangles = fit->mesh->triangle_count;
+    uint32_t *sample = alloc_array(n, sizeof *sample);
+    size_t *start = alloc_zeroed(triangles + 2, sizeof *start);
+    struct filling filling = {fit, distance_sq, sample, start};
+    bool enough = sample && start;
+    if (enough) {
+        sort_samples(triangle, n, triangles, sample, start);
+        par_for(fit->threads, triangles, LIST_GRAIN, fill_range, &filling);
+    }
+    free(sample), free(start);
+    return enough ? STATUS_OK : STATUS_NO_MEMORY;
 }

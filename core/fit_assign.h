@@ -11,4 +11,7 @@
  * there.  STATUS_NO_MEMORY. */
 enum status fit_assign(const struct fit *fit, uint32_t *triangle, float *distance_sq) MUST_CHECK;
 
+/* Fills the lists, and sets the costs, by what fit_assign has found.  STATUS_NO_MEMORY. */
+enum status fit_fill(struct fit *fit, const uint32_t *triangle, const float *distance_sq) MUST_CHECK;
+
 #endif

@@ -1,6 +1,6 @@
 /* A round measures what each edge would gain (in parallel, nothing changes), sorts, and flips the best that don't touch
- * each other (in order, so the result doesn't depend on threads).  Only edges of triangles that changed are measured
- * again.
+ * each other (in order, so the result doesn't depend on threads).  Only then, in parallel again, are the samples shared
+ * out, since no triangle is in two flips of a round.  Only edges of triangles that changed are measured again.
  *
  * A flip must not fold the surface: the new pair turns by 90 degrees at most or by less than the old pair, each of the
  * two looks the way that the old pair did on average, neither folds onto the triangles around, and none gets thinner
@@ -17,7 +17,7 @@
 #include "core/fit_gap.h"
 #include "core/par.h"
 
-enum { EDGE_GRAIN = 256 };
+enum { EDGE_GRAIN = 256, SHARE_GRAIN = 64 };
 
 #define FLIP_LEAST_GAIN 1e-4 /* of what the two triangles cost */
 
@@ -110,13 +110,17 @@ static int compare_gain(const void *a, const void *b) {
     return (x->halfedge > y->halfedge) - (x->halfedge < y->halfedge);
 }
 
-/* The edges of touched triangles, once each; no triangle is touched afterwards. */
+/* The edges of touched triangles, once each, and each by the lower of its half-edges; no triangle is touched
+ * afterwards. */
 static size_t collect(struct fit *fit, struct candidate *candidate) {
     size_t count = 0;
-    for (uint32_t h = 0; h < 3 * fit->mesh->triangle_count; h++) {
-        uint32_t g = fit->he.twin[h];
-        if (g == NONE || g < h || !(fit->touched[h / 3] || fit->touched[g / 3])) continue;
-        candidate[count++].halfedge = h;
+    for (uint32_t t = 0; t < fit->mesh->triangle_count; t++) {
+        if (!fit->touched[t]) continue;
+        for (uint32_t h = 3 * t; h < 3 * t + 3; h++) {
+            uint32_t g = fit->he.twin[h];
+            if (g == NONE || (g < h && fit->touched[g / 3])) continue;
+            candidate[count++].halfedge = g < h ? g : h;
+        }
     }
     memset(fit->touched, 0, fit->mesh->triangle_count);
     return count;
@@ -146,28 +150,42 @@ static void flip(struct fit *fit, uint32_t h) {
     halfedge_flip(&fit->he, h);
     uint8_t *tag = fit->mesh->tag;
     if (tag && tag[triangle[0]] != tag[triangle[1]]) tag[triangle[0]] = tag[triangle[1]] = MESH_SUPPORTED;
-    fit_share(fit, triangle, 2, triangle, 2);
     for (int i = 0; i < 2; i++) {
         fit->touched[triangle[i]] = 1;
         for (int k = 0; k < 3; k++) fit->stale[fit->mesh->triangle[triangle[i]][k]] = 1;
     }
 }
 
-static size_t flip_round(struct fit *fit, struct candidate *candidate) {
-    struct round round = {fit, candidate};
-    size_t count = collect(fit, candidate), flips = 0;
-    par_for(fit->threads, count, EDGE_GRAIN, measure, &round);
-    count = keep_rewarding(candidate, count);
+/* Flips the candidates that are still what they were measured as, and keeps those; their number. */
+static size_t flip_fresh(struct fit *fit, struct candidate *candidate, size_t count) {
+    size_t flips = 0;
     for (size_t i = 0; i < count; i++) {
         uint32_t h = candidate[i].halfedge;
         if (is_outdated(fit, h)) {
             fit->postponed[h / 3] = 1;
-            continue;
+        } else if (flip_is_possible(fit, h)) {
+            flip(fit, h);
+            candidate[flips++] = candidate[i];
         }
-        if (!flip_is_possible(fit, h)) continue;
-        flip(fit, h);
-        flips++;
     }
+    return flips;
+}
+
+static void share_flipped(void *ctx, size_t begin, size_t end) {
+    struct round *round = ctx;
+    for (size_t i = begin; i < end; i++) {
+        uint32_t t = round->candidate[i].halfedge / 3;
+        uint32_t triangle[2] = {t, round->fit->he.twin[3 * t + 1] / 3};
+        fit_share(round->fit, triangle, 2, triangle, 2);
+    }
+}
+
+static size_t flip_round(struct fit *fit, struct candidate *candidate) {
+    struct round round = {fit, candidate};
+    size_t count = collect(fit, candidate);
+    par_for(fit->threads, count, EDGE_GRAIN, measure, &round);
+    size_t flips = flip_fresh(fit, candidate, keep_rewarding(candidate, count));
+    par_for(fit->threads, flips, SHARE_GRAIN, share_flipped, &round);
     for (size_t t = 0; t < fit->mesh->triangle_count; t++) {
         fit->touched[t] |= fit->postponed[t];
         fit->postponed[t] = 0;

@@ -1,7 +1,8 @@
 /* What each vertex costs when it is merged into its best neighbour, and what each edge gains when a vertex is put on
  * it, is measured in parallel with nothing changed.  Then the cheapest loss pays for the greatest gain, the next for
  * the next, skipping whatever touches triangles that changed, until a gain no longer pays.  In order, so the result
- * doesn't depend on threads.
+ * doesn't depend on threads; what the trades do to samples is done afterwards, in parallel, since no triangle is in two
+ * of them.
  *
  * Both are measured before flips and moves help, so a pair that breaks even now will gain.
  *
@@ -16,7 +17,7 @@
 #include "core/par.h"
 #include "core/radix.h"
 
-enum { GRAIN = 64, ESTIMATES = 4096 };
+enum { GRAIN = 64, ESTIMATES = 4096, DEALS = 16 };
 
 #define TELEPORT_PAYS 0.7 /* gain over loss, at least */
 #define TELEPORT_MOST 0.2 /* of the vertices */
@@ -311,6 +312,10 @@ static size_t offer_splits(struct fit *fit, uint64_t *item, struct offer *offer)
     return count;
 }
 
+static size_t most_deals(const struct fit *fit) {
+    return (size_t)(TELEPORT_MOST * (double)fit->mesh->vertex_count) + 1;
+}
+
 static bool has_changed_around(const struct fit *fit, uint32_t h, const uint8_t *changed) {
     uint32_t across = fit->he.twin[h];
     return changed[h / 3] || (across != NONE && changed[across / 3]);
@@ -339,20 +344,37 @@ static void mark(struct fit *fit, uint8_t *changed, const uint32_t *triangle, si
     }
 }
 
-static struct halfedge_spare take_out(struct fit *fit, uint32_t h, uint8_t *changed) {
-    uint32_t ring[FIT_MAX_RING], before[FIT_MAX_RING], after[FIT_MAX_RING], vertex = halfedge_from(&fit->he, h);
-    size_t n = halfedge_ring(&fit->he, vertex, ring, FIT_MAX_RING), left = 0;
-    for (size_t i = 0; i < n; i++) before[i] = ring[i] / 3;
+/* A trade that was made: the star that the vertex left, the two triangles of it that were left over, and the two of
+ * the edge that it was put on. */
+struct deal {
+    size_t begin, n; /* of the star, in trade.star */
+    uint32_t spare[2], edge[2];
+};
+
+struct trade {
+    struct fit *fit;
+    uint8_t *changed; /* triangle_count */
+    uint32_t *star;   /* triangle_count: the triangles of all stars that vertices left */
+    struct deal *deal;
+    size_t stars, deals;
+};
+
+static struct halfedge_spare take_out(struct trade *trade, uint32_t h) {
+    struct fit *fit = trade->fit;
+    uint32_t ring[FIT_MAX_RING], vertex = halfedge_from(&fit->he, h), *star = trade->star + trade->stars;
+    size_t n = halfedge_ring(&fit->he, vertex, ring, FIT_MAX_RING);
+    for (size_t i = 0; i < n; i++) star[i] = ring[i] / 3;
+    trade->deal[trade->deals].begin = trade->stars;
+    trade->deal[trade->deals].n = n;
+    trade->stars += n;
     struct halfedge_spare spare = halfedge_collapse(&fit->he, h);
-    for (size_t i = 0; i < n; i++)
-        if (before[i] != spare.triangle[0] && before[i] != spare.triangle[1]) after[left++] = before[i];
-    fit_share(fit, before, n, after, left);
-    mark(fit, changed, after, left);
+    mark(fit, trade->changed, star, n);
     if (fit->mesh->source) fit_leave(fit, fit->mesh->source[vertex]);
     return spare;
 }
 
-static void put_in(struct fit *fit, const struct offer *offer, struct halfedge_spare spare, uint8_t *changed) {
+static void put_in(struct trade *trade, const struct offer *offer, struct halfedge_spare spare) {
+    struct fit *fit = trade->fit;
     uint32_t h = offer->halfedge;
     uint32_t triangle[4] = {h / 3, fit->he.twin[h] / 3, spare.triangle[0], spare.triangle[1]};
     fit->mesh->vertex[spare.vertex] = offer->place;
@@ -363,25 +385,57 @@ static void put_in(struct fit *fit, const struct offer *offer, struct halfedge_s
         fit->mesh->tag[triangle[3]] = fit->mesh->tag[triangle[1]];
     }
     halfedge_split(&fit->he, h, spare);
-    fit_share(fit, triangle, 2, triangle, 4);
-    mark(fit, changed, triangle, 4);
+    mark(fit, trade->changed, triangle, 4);
+    struct deal *deal = &trade->deal[trade->deals++];
+    memcpy(deal->edge, triangle, sizeof deal->edge);
+    memcpy(deal->spare, spare.triangle, sizeof deal->spare);
 }
 
 /* A merge is made only when the split that it pays for is known to hold, also after it. */
-static size_t trade(struct fit *fit, const struct offer *loss, size_t losses, const struct offer *gain, size_t gains,
-                    uint8_t *changed) {
-    size_t made = 0, i = 0, most = (size_t)(TELEPORT_MOST * (double)fit->mesh->vertex_count) + 1;
-    for (size_t j = 0; j < gains && made < most; j++) {
-        if (!split_holds(fit, gain[j].halfedge, changed)) continue;
+static void make_deals(struct trade *trade, const struct offer *loss, size_t losses, const struct offer *gain,
+                       size_t gains) {
+    struct fit *fit = trade->fit;
+    size_t i = 0, most = most_deals(fit);
+    for (size_t j = 0; j < gains && trade->deals < most; j++) {
+        if (!split_holds(fit, gain[j].halfedge, trade->changed)) continue;
         uint32_t quad[2] = {gain[j].halfedge / 3, fit->he.twin[gain[j].halfedge] / 3};
-        changed[quad[0]] = changed[quad[1]] = 1;
-        while (i < losses && !merge_holds(fit, loss[i].halfedge, changed)) i++;
+        trade->changed[quad[0]] = trade->changed[quad[1]] = 1;
+        while (i < losses && !merge_holds(fit, loss[i].halfedge, trade->changed)) i++;
         if (i == losses || gain[j].value < TELEPORT_PAYS * loss[i].value) break;
-        struct halfedge_spare spare = take_out(fit, loss[i++].halfedge, changed);
-        put_in(fit, &gain[j], spare, changed);
-        made++;
+        struct halfedge_spare spare = take_out(trade, loss[i++].halfedge);
+        put_in(trade, &gain[j], spare);
     }
-    return made;
+}
+
+static void share_dealt(void *ctx, size_t begin, size_t end) {
+    const struct trade *trade = ctx;
+    for (size_t i = begin; i < end; i++) {
+        const struct deal *deal = &trade->deal[i];
+        const uint32_t *star = trade->star + deal->begin, *spare = deal->spare, *edge = deal->edge;
+        uint32_t left[FIT_MAX_RING], after[4] = {edge[0], edge[1], spare[0], spare[1]};
+        size_t n = 0;
+        for (size_t k = 0; k < deal->n; k++)
+            if (star[k] != spare[0] && star[k] != spare[1]) left[n++] = star[k];
+        fit_share(trade->fit, star, deal->n, left, n);
+        fit_share(trade->fit, edge, 2, after, 4);
+    }
+}
+
+static enum status trade_offers(struct fit *fit, const struct offer *loss, size_t losses, const struct offer *gain,
+                                size_t gains, size_t *teleports) {
+    size_t triangles = fit->mesh->triangle_count;
+    struct trade trade = {.fit = fit};
+    trade.changed = alloc_zeroed(triangles, 1);
+    trade.star = alloc_array(triangles, sizeof *trade.star);
+    trade.deal = alloc_array(most_deals(fit), sizeof *trade.deal);
+    bool enough = trade.changed && trade.star && trade.deal;
+    if (enough) {
+        make_deals(&trade, loss, losses, gain, gains);
+        par_for(fit->threads, trade.deals, DEALS, share_dealt, &trade);
+        *teleports += trade.deals;
+    }
+    free(trade.changed), free(trade.star), free(trade.deal);
+    return enough ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
 enum status fit_teleport(struct fit *fit, size_t *teleports) {
@@ -389,12 +443,11 @@ enum status fit_teleport(struct fit *fit, size_t *teleports) {
     struct offer *loss = alloc_array((size_t)(CHEAP_PART * (double)vertices) + 1, sizeof *loss);
     struct offer *gain = alloc_array((size_t)(DEAR_PART * (double)vertices) + 1, sizeof *gain);
     uint64_t *item = alloc_array(2 * (vertices > halfedges ? vertices : halfedges), sizeof *item);
-    uint8_t *changed = alloc_zeroed(fit->mesh->triangle_count, 1);
-    bool enough = loss && gain && item && changed;
-    if (enough) {
+    enum status status = STATUS_NO_MEMORY;
+    if (loss && gain && item) {
         size_t losses = offer_merges(fit, item, loss), gains = offer_splits(fit, item, gain);
-        *teleports += trade(fit, loss, losses, gain, gains, changed);
+        status = trade_offers(fit, loss, losses, gain, gains, teleports);
     }
-    free(loss), free(gain), free(item), free(changed);
-    return enough ? STATUS_OK : STATUS_NO_MEMORY;
+    free(loss), free(gain), free(item);
+    return status;
 }

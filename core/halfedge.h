@@ -65,7 +65,8 @@ size_t halfedge_ring(const struct halfedge *he, uint32_t vertex, uint32_t *ring,
 bool halfedge_joined(const struct halfedge *he, uint32_t a, uint32_t b);
 
 /* Turns the edge of h (which has a twin) into the other diagonal.  The two triangles keep their ids: h / 3 becomes
- * (a, d, c) and twin[h] / 3 becomes (d, b, c).  The caller has seen to it that c and d aren't joined. */
+ * (a, d, c), whose second half-edge is the new diagonal, and twin[h] / 3 becomes (d, b, c).  The caller has seen to it
+ * that c and d aren't joined. */
 void halfedge_flip(struct halfedge *he, uint32_t h);
 
 /* Whether `from` may be merged into `to` (h runs between them) without changing the surface's topology. */

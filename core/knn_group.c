@@ -20,10 +20,10 @@
 
 enum { LANES = 4, GROUP = 16, PLACE_BITS = 8, PLACES = 1 << PLACE_BITS };
 static const double ROOM = 1.2;          /* of the ball beyond the queries, in usual distances */
-static const double NEAR = 1.75;         /* of the first bound, in squares of usual distances */
+static const double NEAR = 1.5;          /* of the first bound, in squares of usual distances */
 static const double ROUNDING = 1e-9;     /* far more than what the tree's bounds are off by */
 static const double FARTHEST = 0x1p1000; /* squared; what is farther than that is left to the tree */
-static const uint64_t ONE = 1ULL << 52;  /* added to bits: doubles a number, and 0 isn't subnormal, which is slow */
+static const int64_t ONE = 1LL << 52;    /* added to bits: doubles a number, and 0 isn't subnormal, which is slow */
 
 static_assert((int)KNN_GROUP_POINTS <= (int)PLACES, "a place for each point");
 
@@ -44,18 +44,54 @@ INLINE four all(double x) { return (four){x, x, x, x}; }
 INLINE loose *at(double *p) { return (loose *)p; }
 INLINE four load(const double *p) { return *(const loose *)p; }
 
-/* A query's points: distances, by place; keys of those that are near, then those keys in order. */
+/* A query's points: distances and keys, by place; keys of those that are near, then those keys in order. */
 struct ranking {
-    double distance_sq[KNN_GROUP_POINTS], key[KNN_GROUP_POINTS + LANES], ranked[KNN_GROUP_POINTS];
-    unsigned near;
+    double distance_sq[KNN_GROUP_POINTS], key[KNN_GROUP_POINTS];
+    double near[KNN_GROUP_POINTS + LANES], ranked[KNN_GROUP_POINTS + LANES];
+    unsigned count;
 };
 
-static double key_of(double distance_sq, uint64_t place) {
-    uint64_t bits;
-    memcpy(&bits, &distance_sq, sizeof bits);
-    bits = ((bits + ONE) & ~(uint64_t)(PLACES - 1)) | place;
-    memcpy(&distance_sq, &bits, sizeof bits);
-    return distance_sq;
+INLINE four keys_of(four distance_sq, mask place) {
+    return (four)((((mask)distance_sq + ONE) & -(int64_t)PLACES) | place);
+}
+
+INLINE void measure(const struct knn_group *g, vec3 query, struct ranking *r) {
+    mask place = {0, 1, 2, 3};
+    for (unsigned i = 0; i < g->count; i += LANES, place += LANES) {
+        four x = all(query.x) - load(&g->x[i]), y = all(query.y) - load(&g->y[i]), z = all(query.z) - load(&g->z[i]);
+        four distance_sq = x * x + y * y + z * z;
+        *at(&r->distance_sq[i]) = distance_sq;
+        *at(&r->key[i]) = keys_of(distance_sq, place);
+    }
+}
+
+/* Those of n keys that are of distances below a bound. */
+INLINE void select_near(unsigned n, double bound_sq, struct ranking *r) {
+    double bound = keys_of(all(bound_sq), (mask){0})[0];
+    unsigned count = 0;
+    for (unsigned i = 0; i < n; i++) {
+        r->near[count] = r->key[i];
+        count += r->key[i] < bound;
+    }
+    *at(&r->near[count]) = all(INFINITY);
+    r->count = count;
+}
+
+INLINE void rank_near(struct ranking *r) {
+    for (unsigned i = 0; i < r->count; i += LANES) {
+        four key = load(&r->near[i]);
+        mask rank = {0};
+        for (unsigned j = 0; j < r->count; j++) rank -= all(r->near[j]) < key;
+        for (unsigned lane = 0; lane < LANES; lane++) r->ranked[rank[lane]] = key[lane];
+    }
+}
+
+FOR_EACH_PROCESSOR
+static void rank(const struct knn_group *g, vec3 query, unsigned k, double usual, struct ranking *r) {
+    measure(g, query, r);
+    select_near(g->count, NEAR * usual * usual, r);
+    if (r->count < k) select_near(g->count, FARTHEST, r);
+    rank_near(r);
 }
 
 static uint64_t bits_of(double key) {
@@ -64,45 +100,10 @@ static uint64_t bits_of(double key) {
     return bits;
 }
 
-INLINE void measure(const struct knn_group *g, vec3 query, struct ranking *r) {
-    for (unsigned i = 0; i < g->count; i += LANES) {
-        four x = all(query.x) - load(&g->x[i]), y = all(query.y) - load(&g->y[i]), z = all(query.z) - load(&g->z[i]);
-        *at(&r->distance_sq[i]) = x * x + y * y + z * z;
-    }
-}
-
-/* Keys of the distances below a bound. */
-INLINE void select_near(unsigned count, double bound_sq, struct ranking *r) {
-    double bound = key_of(bound_sq, 0);
-    r->near = 0;
-    for (unsigned i = 0; i < count; i++) {
-        double key = key_of(r->distance_sq[i], i);
-        r->key[r->near] = key;
-        r->near += key < bound;
-    }
-    *at(&r->key[r->near]) = all(INFINITY);
-}
-
-INLINE void rank_near(struct ranking *r) {
-    for (unsigned i = 0; i < r->near; i++) {
-        mask below = {0, 0, 0, 0};
-        for (unsigned j = 0; j < r->near; j += LANES) below -= load(&r->key[j]) < all(r->key[i]);
-        r->ranked[below[0] + below[1] + below[2] + below[3]] = r->key[i];
-    }
-}
-
-FOR_EACH_PROCESSOR
-static void rank(const struct knn_group *g, vec3 query, unsigned k, double usual, struct ranking *r) {
-    measure(g, query, r);
-    select_near(g->count, NEAR * usual * usual, r);
-    if (r->near <= k) select_near(g->count, FARTHEST, r);
-    rank_near(r);
-}
-
 /* Whether any of the first k may be as far as the one after it. */
 static bool has_equals(const struct ranking *r, unsigned k) {
     bool equal = false;
-    for (unsigned i = 0; i < k && i + 1 < r->near; i++)
+    for (unsigned i = 0; i < k && i + 1 < r->count; i++)
         equal |= bits_of(r->ranked[i]) >> PLACE_BITS == bits_of(r->ranked[i + 1]) >> PLACE_BITS;
     return equal;
 }
@@ -112,7 +113,7 @@ bool knn_group_nearest(const struct knn_group *group, vec3 query, unsigned k, do
     struct ranking r;
     if (group->count < k) return false;
     rank(group, query, k, usual, &r);
-    if (r.near < k) return false;
+    if (r.count < k) return false;
     double farthest = sqrt(r.distance_sq[bits_of(r.ranked[k - 1]) & (PLACES - 1)]);
     if (farthest + vec3_distance(query, group->centre) >= group->radius * (1 - ROUNDING)) return false;
     if (has_equals(&r, k)) return false;

@@ -70,6 +70,7 @@ struct decimal {
 };
 
 static bool is_digit(char c) { return (unsigned char)(c - '0') < 10; }
+static bool is_exponent_mark(char c) { return (c | 32) == 'e' || (c | 32) == 'd'; }
 
 /* 2^e for exponents of normal doubles. */
 static double power_of_two(int e) {
@@ -118,9 +119,9 @@ static const char *scan_digits(const char *p, const char *end, struct decimal *n
     return p;
 }
 
-/* Reads e+12 at p, if it is there. */
+/* Reads e+12 at p, if it is there; Fortran writes d for it. */
 static const char *scan_exponent(const char *p, const char *end, int *exponent) {
-    if (p == end || (*p | 32) != 'e') return p;
+    if (p == end || !is_exponent_mark(*p)) return p;
     const char *q = p + 1;
     bool negative = q < end && *q == '-';
     if (q < end && (*q == '-' || *q == '+')) q++;
@@ -175,6 +176,8 @@ static void library_parse(const char *text, const char *after, double *f64, floa
     size_t length = (size_t)(after - text) < sizeof copy ? (size_t)(after - text) : sizeof copy - 1;
     memcpy(copy, text, length);
     copy[length] = '\0';
+    for (char *mark = copy; *mark; mark++)
+        if (is_exponent_mark(*mark)) *mark = 'e';
     locale_t c = newlocale(LC_ALL_MASK, "C", (locale_t)0);
     if (f64) *f64 = strtod_l(copy, NULL, c);
     if (f32) *f32 = strtof_l(copy, NULL, c);
@@ -196,7 +199,7 @@ static const char *parse_plain(const char *text, const char *end, double *value)
         else
             break;
     }
-    if (p == first + 16 || (p < end && (*p | 32) == 'e') || p - first <= (point ? 1 : 0)) return NULL;
+    if (p == first + 16 || (p < end && is_exponent_mark(*p)) || p - first <= (point ? 1 : 0)) return NULL;
     double v = point ? (double)w / power_of_ten[p - point - 1] : (double)w;
     *value = negative ? -v : v;
     return p;

@@ -9,7 +9,8 @@
  *     end_header
  *
  * Lines end by \n or \r\n; a file whose first line ends by a lone \r has lone \r throughout.  The first line decides,
- * so that a binary body that begins with \n isn't taken for a part of the header.
+ * so that a binary body that begins with \n isn't taken for a part of the header.  A byte order mark may come before it
+ * (an editor's), and coordinates may be named in capitals; they become x, y and z.
  *
  * The parser knows one line at a time, split into words; a table gives each keyword its function.  Nothing that the
  * header promises is allocated here but room for the properties that it names, which PLY_HEADER_MAX_BYTES bounds.
@@ -25,6 +26,7 @@
 
 #include "core/alloc.h"
 #include "core/number.h"
+#include "core/padding.h"
 
 enum { MAX_WORDS = 6 };
 
@@ -237,9 +239,13 @@ static size_t find_property(const struct ply_header *h, const struct ply_element
 }
 
 static enum status find_xyz(struct parser *p, const struct ply_element *vertex) {
-    static const char *const names[3] = {"x", "y", "z"};
+    static const char *const names[3] = {"x", "y", "z"}, *const capitals[3] = {"X", "Y", "Z"};
     for (int axis = 0; axis < 3; axis++) {
         size_t i = find_property(p->header, vertex, names[axis]);
+        if (i == vertex->property_count) {
+            i = find_property(p->header, vertex, capitals[axis]);
+            if (i < vertex->property_count) memcpy(p->header->property[vertex->first + i].name, names[axis], 2);
+        }
         if (i == vertex->property_count || p->header->property[vertex->first + i].is_list)
             return error_set(p->error, STATUS_MALFORMED, names[axis], "the vertex element has no scalar property %s",
                              names[axis]);
@@ -275,10 +281,10 @@ static enum status no_end(struct parser *p, size_t n) {
 }
 
 static struct parser start(const void *bytes, size_t n) {
-    const char *text = bytes;
-    size_t limit = n < PLY_HEADER_MAX_BYTES ? n : PLY_HEADER_MAX_BYTES;
-    bool lone_return = n > 4 && text[3] == '\r' && text[4] != '\n';
-    return (struct parser){.at = text, .end = text + limit, .terminator = lone_return ? '\r' : '\n'};
+    const char *text = bytes, *end = text + (n < PLY_HEADER_MAX_BYTES ? n : PLY_HEADER_MAX_BYTES);
+    if (n >= 3 && memcmp(text, "\xef\xbb\xbf", 3) == 0) text += 3;
+    bool lone_return = end - text > 4 && text[3] == '\r' && text[4] != '\n';
+    return (struct parser){.at = text, .end = end, .terminator = lone_return ? '\r' : '\n'};
 }
 
 enum status ply_header_parse(const void *bytes, size_t n, struct ply_header *header, struct error *error) {
@@ -346,7 +352,8 @@ uint64_t ply_header_file_bytes(const struct ply_header *header, bool *exact) {
 enum status ply_header_fits(const struct ply_header *header, uint64_t total_bytes, struct error *error) {
     bool exact;
     uint64_t expected = ply_header_file_bytes(header, &exact);
-    if (total_bytes == expected || (total_bytes > expected && !exact)) return STATUS_OK;
+    uint64_t most = !exact || expected > UINT64_MAX - PADDING_MOST_BYTES ? UINT64_MAX : expected + PADDING_MOST_BYTES;
+    if (total_bytes >= expected && total_bytes <= most) return STATUS_OK;
     return error_set_at(error, STATUS_MALFORMED, "header", 0, total_bytes < expected ? total_bytes : expected,
                         "the header promises %" PRIu64 " vertices: %s%" PRIu64 " bytes expected, %" PRIu64
                         " bytes are there",

@@ -68,10 +68,9 @@ enum status refine_mesh(struct mesh *mesh, const struct refine_input *input, con
     enum status status = copy_mesh(&refined, mesh);
     if (!status) status = fit_init(&fit, &refined, input, options);
     if (!status) {
-        made.mean_before = fit_mean(&fit);
-        if (options->form != REFINE_NONE && made.mean_before > 0)
-            status = run_schedule(&fit, options->form, progress, &made);
-        made.mean_after = fit_mean(&fit);
+        if (facts) made.mean_before = fit_mean(&fit);
+        if (options->form != REFINE_NONE) status = run_schedule(&fit, options->form, progress, &made);
+        if (facts && !status) made.mean_after = fit_mean(&fit);
     }
     fit_done(&fit);
     if (!status) {

@@ -29,6 +29,17 @@ void sample_lists_done(struct sample_lists *lists) {
     *lists = (struct sample_lists){0};
 }
 
+uint32_t sample_lists_reserve(struct sample_lists *lists, size_t count) {
+    if (count == 0) return NONE;
+    pthread_mutex_lock(&lists->lock);
+    uint32_t first = lists->fresh;
+    lists->fresh += (uint32_t)count;
+    pthread_mutex_unlock(&lists->lock);
+    for (uint32_t i = first; i < first + count - 1; i++) lists->block[i].next = i + 1;
+    lists->block[first + count - 1].next = NONE;
+    return first;
+}
+
 uint32_t sample_lists_take(struct sample_lists *lists, uint32_t list) {
     uint32_t chain = lists->first[list];
     lists->first[list] = NONE;

@@ -38,6 +38,9 @@ struct sample_lists {
 enum status sample_lists_init(struct sample_lists *lists, size_t count, size_t n, size_t busy) MUST_CHECK;
 void sample_lists_done(struct sample_lists *lists);
 
+/* A chain of `count` blocks that were never used, to fill lists out of. */
+uint32_t sample_lists_reserve(struct sample_lists *lists, size_t count);
+
 /* Empties a list; returns its first block (or NONE), which is the caller's to give back. */
 uint32_t sample_lists_take(struct sample_lists *lists, uint32_t list);
 

@@ -70,6 +70,8 @@ static void find_partners(void *ctx, size_t begin, size_t end) {
 
 struct filling {
     const struct refine_input *input;
+    const struct search *search; /* NULL: points alone */
+    const size_t *first;         /* of each point, its sample; its middles follow */
     struct samples *samples;
     double mean_area;
 };
@@ -83,11 +85,10 @@ static double area_of(const struct filling *filling, uint32_t p) {
 
 static vec3 between(vec3 a, vec3 b) { return vec3_unit(vec3_dot(a, b) < 0 ? vec3_sub(a, b) : vec3_add(a, b)); }
 
-/* The middle of pq; p itself where q is p. */
-static void add_sample(struct filling *filling, uint32_t p, uint32_t q, double share) {
+/* Sample i is the middle of pq; p itself where q is p. */
+static void set_sample(const struct filling *filling, size_t i, uint32_t p, uint32_t q, double share) {
     const struct refine_input *input = filling->input;
     struct samples *samples = filling->samples;
-    size_t i = samples->n++;
     double area = (area_of(filling, p) + area_of(filling, q)) / 2;
     samples->sample[i].place = p == q ? input->points[p] : vec3_lerp(input->points[p], input->points[q], 0.5);
     samples->sample[i].weight = (float)(share * area);
@@ -96,28 +97,39 @@ static void add_sample(struct filling *filling, uint32_t p, uint32_t q, double s
     samples->sample[i].reach = REACH * fmaxf(input->spacing[p], input->spacing[q]);
 }
 
+static void place_range(void *ctx, size_t begin, size_t end) {
+    const struct filling *filling = ctx;
+    const struct search *search = filling->search;
+    for (uint32_t p = (uint32_t)begin; p < end; p++) {
+        size_t at = filling->first[p];
+        set_sample(filling, at, p, p, search ? POINT_SHARE : 1);
+        for (unsigned i = 0; search && i < search->count[p]; i++)
+            set_sample(filling, at + 1 + i, p, search->partner[(size_t)p * MAX_MIDDLES + i], MIDDLE_SHARE);
+    }
+}
+
 static enum status allocate(struct samples *samples, size_t n) {
+    samples->n = n;
     samples->sample = alloc_array(n, sizeof *samples->sample);
     samples->point = alloc_array(n, sizeof *samples->point);
     samples->normal = alloc_array(n, sizeof *samples->normal);
     return samples->sample && samples->point && samples->normal ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
-static enum status place_all(struct samples *samples, const struct refine_input *input, const struct search *search) {
-    size_t total = input->n;
-    struct filling filling = {input, samples, 0};
-    for (size_t p = 0; p < input->n; p++) {
+static enum status place_all(struct samples *samples, const struct refine_input *input, const struct search *search,
+                             unsigned threads) {
+    size_t total = 0, *first = alloc_array(input->n, sizeof *first);
+    struct filling filling = {input, search, first, samples, 0};
+    for (size_t p = 0; first && p < input->n; p++) {
         double spacing = (double)input->spacing[p];
         filling.mean_area += spacing * spacing / (double)input->n;
-        total += search ? search->count[p] : 0;
+        first[p] = total;
+        total += 1 + (search ? search->count[p] : 0U);
     }
-    if (allocate(samples, total)) return STATUS_NO_MEMORY;
-    for (uint32_t p = 0; p < input->n; p++) {
-        add_sample(&filling, p, p, search ? POINT_SHARE : 1);
-        for (unsigned i = 0; search && i < search->count[p]; i++)
-            add_sample(&filling, p, search->partner[(size_t)p * MAX_MIDDLES + i], MIDDLE_SHARE);
-    }
-    return STATUS_OK;
+    enum status status = first ? allocate(samples, total) : STATUS_NO_MEMORY;
+    if (status == STATUS_OK) par_for(threads, input->n, POINT_GRAIN, place_range, &filling);
+    free(first);
+    return status;
 }
 
 enum status samples_init(struct samples *samples, const struct refine_input *input, bool middles, unsigned threads) {
@@ -130,7 +142,7 @@ enum status samples_init(struct samples *samples, const struct refine_input *inp
         if (!search.partner || !search.count) goto out;
         par_for(threads, input->n, POINT_GRAIN, find_partners, &search);
     }
-    status = place_all(&new, input, middles ? &search : NULL);
+    status = place_all(&new, input, middles ? &search : NULL, threads);
 out:
     free(search.partner);
     free(search.count);

@@ -23,6 +23,10 @@ def whittle(*arguments):
     return subprocess.run([BUILD / "whittle", *map(str, arguments)], capture_output=True, text=True, check=False)
 
 
+CORNERS = (b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+           b"0 0 0\n1 0 0\n0 1 0\n0 0 1\n")
+
+
 @pytest.mark.parametrize("target, status", [(b"http://a:1/healthz", 200), (b"HTTPS://a/healthz?", 200),
                                             (b"http://a", 200), (b"http://a/nowhere", 404)])
 def test_a_target_in_absolute_form_is_its_path(daemon, target, status):
@@ -38,10 +42,9 @@ def test_head_of_events_sends_nothing_after_the_headers(daemon):
     assert re.search(rb"(?i)connection: close", head)
 
 
-def test_ply_after_a_byte_order_mark_is_named(daemon):
-    body = b"\xef\xbb\xbfply\nformat ascii 1.0\nelement vertex 1\n"
-    reply = daemon.post("/v1/jobs", body)
-    assert reply.status == 415 and "byte order mark" in reply.json["detail"]
+def test_ply_after_a_byte_order_mark_is_a_cloud(daemon):
+    job = daemon.ended(daemon.submit(b"\xef\xbb\xbf" + CORNERS, "?ratio=0.5"))
+    assert job["status"] == "successful" and job["input"]["format"].startswith("ply/")
 
 
 def test_a_folder_that_takes_no_files_is_refused_before_the_input_is_read(tmp_path):

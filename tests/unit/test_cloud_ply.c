@@ -17,6 +17,7 @@
 #include "core/cloud_read.h"
 #include "core/cloud_sniff.h"
 #include "core/cloud_write.h"
+#include "core/padding.h"
 
 enum { BYTES = 1 << 16, POINTS = 40, LARGE = 50000 };
 
@@ -234,7 +235,8 @@ static void header_check_compares_with_the_length(void **state) {
     assert_true(summary.complete && summary.bytes_exact && summary.bytes_expected == n + 1200);
     assert_int_equal(ply_header_check(header, n, UINT64_MAX, &summary, &error), STATUS_OK);
     assert_int_equal(ply_header_check(header, n, n + 1199, &summary, &error), STATUS_MALFORMED);
-    assert_int_equal(ply_header_check(header, n, n + 1201, &summary, &error), STATUS_MALFORMED);
+    assert_int_equal(ply_header_check(header, n, n + 1200 + PADDING_MOST_BYTES, &summary, &error), STATUS_OK);
+    assert_int_equal(ply_header_check(header, n, n + 1201 + PADDING_MOST_BYTES, &summary, &error), STATUS_MALFORMED);
     assert_int_equal(summary.bytes_expected, n + 1200);
 }
 
@@ -314,6 +316,26 @@ static void every_failing_allocation_is_survived(void **state) {
     assert_true(n > 8);
 }
 
+static void every_failing_allocation_with_padding_is_survived(void **state) {
+    (void)state;
+    char padded[sizeof four + 1];
+    snprintf(padded, sizeof padded, "%s\x1a", four);
+    enum status status = STATUS_NO_MEMORY;
+    int n = 0;
+    for (; status == STATUS_NO_MEMORY && n < 100; n++) {
+        struct cloud cloud = {0};
+        int left = n;
+        alloc_fail = countdown;
+        alloc_fail_ctx = &left;
+        status = cloud_read_memory(padded, sizeof padded - 1, NULL, NULL, &cloud, NULL);
+        alloc_fail = NULL;
+        assert_true(status ? !cloud.left_out : cloud.left_out != NULL);
+        cloud_done(&cloud);
+    }
+    assert_int_equal(status, STATUS_OK);
+    assert_true(n > 8);
+}
+
 static void every_failing_allocation_of_a_pipe_is_survived(void **state) {
     (void)state;
     enum status status = STATUS_NO_MEMORY;
@@ -368,7 +390,7 @@ static void endless_pipe_is_left_when_the_promise_is_over(void **state) {
                                  "property float y\nproperty float z\nend_header\n";
     int ends[2];
     assert_int_equal(pipe(ends), 0);
-    static char zeros[BYTES + 13];
+    static char zeros[BYTES + PADDING_MOST_BYTES + 13];
     memcpy(zeros, header, sizeof header - 1);
     fcntl(ends[1], F_SETPIPE_SZ, 4 * BYTES);
     assert_int_equal(write(ends[1], zeros, sizeof zeros), sizeof zeros);
@@ -408,6 +430,7 @@ int main(void) {
         cmocka_unit_test(limits_hold_before_anything_is_read),
         cmocka_unit_test(cancel_stops_reading),
         cmocka_unit_test(every_failing_allocation_is_survived),
+        cmocka_unit_test(every_failing_allocation_with_padding_is_survived),
         cmocka_unit_test(every_failing_allocation_of_a_pipe_is_survived),
         cmocka_unit_test(writing_without_memory_or_room_is_told),
         cmocka_unit_test(missing_file_and_folder_are_io),

@@ -161,6 +161,20 @@ static void the_first_lines_say_how_many_points_come(void **state) {
     assert_int_equal(memory_job_of("", 0, 0, &job), STATUS_MALFORMED);
 }
 
+static void points_are_counted_whatever_ends_their_lines(void **state) {
+    (void)state;
+    static const char *const twelve_bytes_each[] = {"1.5 2.5 3.5\r4.5 5.5 6.5\r", "1.5 2.5 3.\r\n4.5 5.5 6.\r\n"};
+    struct memory_job job;
+    for (size_t i = 0; i < 2; i++) {
+        assert_int_equal(memory_job_of(twelve_bytes_each[i], 24, 24000, &job), STATUS_OK);
+        assert_true(job.points >= 2000 && job.points <= 2400 && job.record_bytes == 24);
+    }
+    char line[4096] = "OFF 1000 0 0";
+    for (size_t n = strlen(line); n + 12 < sizeof line; n += 12) memcpy(line + n, " 1.5 2.5 3.5", 12);
+    assert_int_equal(memory_job_of(line, strlen(line), 12012, &job), STATUS_OK);
+    assert_true(job.points >= 1000 && job.points <= 1300 && job.record_bytes == 24);
+}
+
 static void more_of_anything_takes_no_less(void **state) {
     (void)state;
     struct params cloud = params_of(""), mesh = params_of("outputs cloud,mesh"), all = params_of("points 4000000000");
@@ -178,6 +192,7 @@ int main(void) {
         cmocka_unit_test(jobs_stay_below_the_prediction_and_near_it),
         cmocka_unit_test(a_header_says_how_many_points_come),
         cmocka_unit_test(the_first_lines_say_how_many_points_come),
+        cmocka_unit_test(points_are_counted_whatever_ends_their_lines),
         cmocka_unit_test(more_of_anything_takes_no_less),
     };
     return cmocka_run_group_tests_name("memory", tests, NULL, NULL);

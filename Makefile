@@ -37,7 +37,7 @@ override CXXFLAGS += -std=c++17 $(COMMON) -Wall -Wextra -Wshadow -DCGAL_NDEBUG -
 override LDFLAGS += $(filter -fsanitize% --coverage,$(flags_$(config))) -pthread
 
 CODEC_LIBS := -lz -lzstd
-CORE_LIBS := -lflann -lgmp -lmpfr -lstdc++ $(CODEC_LIBS) -lm
+CORE_LIBS := -llz4 -lgmp -lmpfr -lstdc++ $(CODEC_LIBS) -lm
 API_LIBS := -ljansson
 DAEMON_LIBS := -lcurl -lmicrohttpd -lsqlite3 -lnettle -lgnutls
 
@@ -129,8 +129,8 @@ $(build)/tests/peers/meshoptimizer: peer_libs = -lmeshoptimizer
 $(peer_programs): $(build)/%: $(build)/%.o
 	$(CXX) $(LDFLAGS) -o $@ $^ $(peer_libs)
 
-# Its vectors are passed between functions that are inlined, so how others would get them doesn't matter.
-$(build)/core/cluster.o: override CFLAGS += -Wno-psabi
+# Their vectors are passed between functions that are inlined, so how others would get them doesn't matter.
+$(build)/core/cluster.o $(build)/core/knn_group.o: override CFLAGS += -Wno-psabi
 
 # Files that are compiled into the program.
 $(build)/api/openapi.o: api/openapi.json
@@ -148,8 +148,8 @@ FORCE:
 # What building, testing and the demo want, by the names of Debian 12's packages.
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
             libmicrohttpd-dev libgnutls28-dev libcurl4-openssl-dev libsqlite3-dev libseccomp-dev nettle-dev zlib1g-dev \
-            libzstd-dev libcmocka-dev libfaketime xz-utils zstd sqlite3 procps curl jq python3 python3-pytest \
-            python3-pytest-xdist python3-jsonschema ca-certificates
+            libzstd-dev liblz4-dev libcmocka-dev libfaketime xz-utils zstd sqlite3 procps curl jq python3 \
+            python3-pytest python3-pytest-xdist python3-jsonschema ca-certificates
 peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev libmeshoptimizer-dev meshlab xvfb xauth
 bench_packages := valgrind
 paper_packages := libeigen3-dev libtbb-dev libmeshoptimizer-dev python3-matplotlib

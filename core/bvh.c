@@ -13,8 +13,9 @@
  * So a triangle is passed over only where it can't win, and the answer (the least distance, and the lowest id of those
  * that have it) depends neither on the hint nor on the order of the search.
  *
- * Splits are by the surface area heuristic over binned centres.  Meshes that defeat it (all centres equal, sizes
- * that shrink exponentially) are halved after DEEP levels, which bounds the stack.
+ * Splits are by the surface area heuristic over binned centres.  One thread makes the upper levels, any thread the
+ * subtrees below, each with nodes of its own, so that the tree doesn't depend on the threads.  Meshes that defeat it
+ * (all centres equal, sizes that shrink exponentially) are halved after DEEP levels, which bounds the stack.
  *
  * Sources: Goldsmith and Salmon 1987; Wald, On fast construction of SAH-based bounding volume hierarchies, 2007;
  * Dammertz, Hanika and Keller, Shallow bounding volume hierarchies, 2008.
@@ -32,9 +33,11 @@
 #include "core/par.h"
 #include "core/triangle.h"
 
-enum { WIDTH = 4, LEAF = 3, BINS = 16, DEEP = 40, STACK = WIDTH * (DEEP + 40), GRAIN = 512 };
+enum { WIDTH = 4, LEAF = 3, DEEP = 40, STACK = WIDTH * (DEEP + 40) };
+enum { BINS = 16, FEW = 8, MANY = 32 };               /* runs of less than these get fewer bins */
+enum { TASK = 1024, GRAIN = 512, ITEM_GRAIN = 4096 }; /* triangles of a subtree that is built apart; queries; items */
 
-#define PAD 0x1p-20
+#define PAD 0x1p-20f
 #define SLACK (1 - 0x1p-18f)
 #define FAR 0x1p50 /* where squares of float come near their end */
 
@@ -68,8 +71,9 @@ struct bvh {
 
 /* ------------------------------------------------------------------------------------------------- building */
 
+/* As float, which is what nodes hold; the fourth lanes mean nothing. */
 struct box {
-    double lo[3], hi[3];
+    lanes lo, hi;
 };
 
 /* A triangle, as far as building goes. */
@@ -78,53 +82,75 @@ struct item {
     uint32_t id;
 };
 
-struct build {
-    struct item *item; /* in the order of the leaves in the making */
-    struct node *node;
-    uint32_t node_count;
-};
-
-static const struct box EMPTY = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-
-static void box_add_point(struct box *box, vec3 p) {
-    const double x[3] = {p.x, p.y, p.z};
-    for (int i = 0; i < 3; i++) {
-        box->lo[i] = x[i] < box->lo[i] ? x[i] : box->lo[i];
-        box->hi[i] = x[i] > box->hi[i] ? x[i] : box->hi[i];
-    }
-}
-
-static void box_add_box(struct box *box, const struct box *other) {
-    for (int i = 0; i < 3; i++) {
-        box->lo[i] = other->lo[i] < box->lo[i] ? other->lo[i] : box->lo[i];
-        box->hi[i] = other->hi[i] > box->hi[i] ? other->hi[i] : box->hi[i];
-    }
-}
-
-/* Half of the surface; 0 when empty. */
-static double box_area(const struct box *box) {
-    double x = box->hi[0] - box->lo[0], y = box->hi[1] - box->lo[1], z = box->hi[2] - box->lo[2];
-    return x < 0 ? 0 : x * y + y * z + z * x;
-}
-
-/* Twice the centre, along an axis. */
-static double centre_of(const struct box *box, int axis) { return box->lo[axis] + box->hi[axis]; }
-
 /* A run of triangles that becomes one child: item[begin] .. item[end - 1]. */
 struct run {
     uint32_t begin, end;
     struct box box;
 };
 
-/* A way to cut a run: bins of centres below `cut` to the left. */
-struct cut {
-    int axis, cut;
-    double low, per_length, cost;
+/* A subtree that is put off, to be built by any thread: its nodes are node[first] and on. */
+struct task {
+    struct run run;
+    int depth;
+    uint32_t first;
 };
 
-static int bin_of(const struct cut *cut, const struct box *box) {
-    int bin = (int)((centre_of(box, cut->axis) - cut->low) * cut->per_length);
-    return bin < BINS ? bin : BINS - 1;
+struct build {
+    struct item *item; /* in the order of the leaves in the making */
+    struct node *node;
+    uint32_t node_count;
+    struct task *task; /* NULL: nothing is put off */
+    uint32_t task_count, most_tasks;
+};
+
+static const struct box EMPTY = {{INFINITY, INFINITY, INFINITY, INFINITY},
+                                 {-INFINITY, -INFINITY, -INFINITY, -INFINITY}};
+
+static inline lanes pick(masks m, lanes a, lanes b) { return (lanes)((m & (masks)a) | (~m & (masks)b)); }
+
+static inline void box_add_point(struct box *box, lanes p) {
+    box->lo = pick(p < box->lo, p, box->lo);
+    box->hi = pick(p > box->hi, p, box->hi);
+}
+
+static inline void box_add_box(struct box *box, const struct box *other) {
+    box->lo = pick(other->lo < box->lo, other->lo, box->lo);
+    box->hi = pick(other->hi > box->hi, other->hi, box->hi);
+}
+
+/* Half of the surface; 0 when empty. */
+static float box_area(const struct box *box) {
+    lanes d = box->hi - box->lo;
+    return d[0] < 0 ? 0 : d[0] * d[1] + d[1] * d[2] + d[2] * d[0];
+}
+
+/* Twice the centre. */
+static inline lanes centre_of(const struct box *box) { return box->lo + box->hi; }
+
+/* How the centres of a run are put into bins, along all axes at once. */
+struct ruler {
+    int bins;
+    lanes low, per_length;
+};
+
+static inline masks bins_of(const struct ruler *ruler, const struct box *box) {
+    masks bin = __builtin_convertvector((centre_of(box) - ruler->low) * ruler->per_length, masks);
+    masks last = (masks){0} + (ruler->bins - 1);
+    masks over = bin > last;
+    return (over & last) | (~over & bin);
+}
+
+static struct ruler ruler_of(const struct build *build, const struct run *run) {
+    struct box centres = EMPTY;
+    uint32_t n = run->end - run->begin;
+    struct ruler ruler = {.bins = n < FEW ? BINS / 4 : n < MANY ? BINS / 2 : BINS};
+    for (uint32_t i = run->begin; i < run->end; i++) box_add_point(&centres, centre_of(&build->item[i].box));
+    ruler.low = centres.lo;
+    for (int axis = 0; axis < 3; axis++) {
+        float per_length = (float)ruler.bins / (centres.hi[axis] - centres.lo[axis]);
+        if (per_length <= FLT_MAX) ruler.per_length[axis] = per_length;
+    }
+    return ruler;
 }
 
 struct bin {
@@ -132,59 +158,55 @@ struct bin {
     uint32_t count;
 };
 
-/* The best of the BINS - 1 cuts along an axis; cost INFINITY where there is none. */
-static void sweep(const struct bin *bins, struct cut *cut) {
-    double right_cost[BINS];
-    struct bin side = {.box = EMPTY};
-    for (int i = BINS - 1; i > 0; i--) {
-        box_add_box(&side.box, &bins[i].box);
-        side.count += bins[i].count;
-        right_cost[i] = side.count ? box_area(&side.box) * side.count : INFINITY;
+static void bin_add(struct bin *bin, const struct bin *other) {
+    box_add_box(&bin->box, &other->box);
+    bin->count += other->count;
+}
+
+/* A way to cut a run: bins below `cut` to the left. */
+struct cut {
+    int axis, cut;
+    float cost;
+    struct box left, right;
+};
+
+/* Takes the best of the cuts along an axis if that is better; there is none where all centres are in one bin. */
+static void sweep(const struct bin *bins, int count, int axis, struct cut *best) {
+    struct bin right[BINS + 1], left = {.box = EMPTY};
+    right[count] = left;
+    for (int i = count - 1; i > 0; i--) {
+        right[i] = right[i + 1];
+        bin_add(&right[i], &bins[i]);
     }
-    side = (struct bin){.box = EMPTY};
-    for (int i = 1; i < BINS; i++) {
-        box_add_box(&side.box, &bins[i - 1].box);
-        side.count += bins[i - 1].count;
-        double cost = (side.count ? box_area(&side.box) * side.count : INFINITY) + right_cost[i];
-        if (cost < cut->cost) cut->cost = cost, cut->cut = i;
+    for (int i = 1; i < count; i++) {
+        bin_add(&left, &bins[i - 1]);
+        if (left.count == 0 || right[i].count == 0) continue;
+        float cost = box_area(&left.box) * (float)left.count + box_area(&right[i].box) * (float)right[i].count;
+        if (cost < best->cost) *best = (struct cut){axis, i, cost, left.box, right[i].box};
     }
 }
 
-static struct cut best_cut_along(const struct build *build, const struct run *run, int axis, double low, double high) {
-    struct cut cut = {.axis = axis, .low = low, .per_length = BINS / (high - low), .cost = INFINITY};
-    if (!(high > low) || !isfinite(cut.per_length)) return cut;
-    struct bin bins[BINS];
-    for (int i = 0; i < BINS; i++) bins[i] = (struct bin){.box = EMPTY};
-    for (uint32_t i = run->begin; i < run->end; i++) {
-        const struct box *box = &build->item[i].box;
-        struct bin *bin = &bins[bin_of(&cut, box)];
-        box_add_box(&bin->box, box);
-        bin->count++;
-    }
-    sweep(bins, &cut);
-    return cut;
-}
-
-static struct cut best_cut(const struct build *build, const struct run *run) {
-    struct box centres = EMPTY;
-    for (uint32_t i = run->begin; i < run->end; i++) {
-        const struct box *box = &build->item[i].box;
-        box_add_point(&centres, (vec3){centre_of(box, 0), centre_of(box, 1), centre_of(box, 2)});
-    }
+static struct cut best_cut(const struct build *build, const struct run *run, const struct ruler *ruler) {
+    struct bin bins[3][BINS];
     struct cut best = {.cost = INFINITY};
-    for (int axis = 0; axis < 3; axis++) {
-        struct cut cut = best_cut_along(build, run, axis, centres.lo[axis], centres.hi[axis]);
-        if (cut.cost < best.cost) best = cut;
+    for (int axis = 0; axis < 3; axis++)
+        for (int i = 0; i < ruler->bins; i++) bins[axis][i] = (struct bin){.box = EMPTY};
+    for (uint32_t i = run->begin; i < run->end; i++) {
+        const struct bin one = {build->item[i].box, 1};
+        masks bin = bins_of(ruler, &one.box);
+        for (int axis = 0; axis < 3; axis++) bin_add(&bins[axis][bin[axis]], &one);
     }
+    for (int axis = 0; axis < 3; axis++) sweep(bins[axis], ruler->bins, axis, &best);
     return best;
 }
 
 /* Moves the left side of the cut to the front; returns where the right side begins. */
-static uint32_t partition(struct build *build, const struct run *run, const struct cut *cut) {
+static uint32_t partition(struct build *build, const struct run *run, const struct ruler *ruler,
+                          const struct cut *cut) {
     uint32_t left = run->begin;
     for (uint32_t i = run->begin; i < run->end; i++) {
         struct item item = build->item[i];
-        if (bin_of(cut, &item.box) >= cut->cut) continue;
+        if (bins_of(ruler, &item.box)[cut->axis] >= cut->cut) continue;
         build->item[i] = build->item[left];
         build->item[left++] = item;
     }
@@ -196,15 +218,24 @@ static void measure_run(const struct build *build, struct run *run) {
     for (uint32_t i = run->begin; i < run->end; i++) box_add_box(&run->box, &build->item[i].box);
 }
 
-static void split(struct build *build, bool halve, struct run *run, struct run *right) {
-    struct cut cut = {.cost = INFINITY};
-    if (!halve) cut = best_cut(build, run);
-    uint32_t middle = run->begin + (run->end - run->begin) / 2;
-    if (cut.cost < INFINITY) middle = partition(build, run, &cut);
-    *right = (struct run){.begin = middle, .end = run->end};
-    run->end = middle;
+static void halve(const struct build *build, struct run *run, struct run *right) {
+    *right = (struct run){.begin = run->begin + (run->end - run->begin) / 2, .end = run->end};
+    run->end = right->begin;
     measure_run(build, run);
     measure_run(build, right);
+}
+
+static void split(struct build *build, bool too_deep, struct run *run, struct run *right) {
+    struct ruler ruler = ruler_of(build, run);
+    struct cut cut = {.cost = INFINITY};
+    if (!too_deep) cut = best_cut(build, run, &ruler);
+    if (!(cut.cost < INFINITY)) {
+        halve(build, run, right);
+        return;
+    }
+    uint32_t middle = partition(build, run, &ruler, &cut);
+    *right = (struct run){middle, run->end, cut.right};
+    *run = (struct run){run->begin, middle, cut.left};
 }
 
 /* The run of the largest box that is too long for a leaf, or -1. */
@@ -219,16 +250,30 @@ static int run_to_split(const struct run *runs, int count) {
 
 static void set_lane(struct node *node, int lane, const struct box *box, struct link link) {
     for (int i = 0; i < 3; i++) {
-        node->lo[i][lane] = (float)(box->lo[i] - PAD);
-        node->hi[i][lane] = (float)(box->hi[i] + PAD);
+        node->lo[i][lane] = box->lo[i] - PAD;
+        node->hi[i][lane] = box->hi[i] + PAD;
     }
     node->link[lane] = link;
 }
 
-/* Makes the subtree over a run. */
+/* The most nodes of a subtree.  By induction: a node has at least LEAF + 1 triangles, so one without children that are
+ * nodes keeps the bound; one with such children has WIDTH children, and (1 for itself) + the sum of (n_i - 1) / 3 over
+ * some of them is at most 1 + (n - WIDTH) / 3. */
+static uint32_t most_nodes(uint32_t n) {
+    static_assert(LEAF >= 3 && WIDTH == 4, "or there are more nodes");
+    return n ? (n - 1) / 3 : 0;
+}
+
+/* Makes the subtree over a run, or puts it off. */
 static struct link build_run(struct build *build, const struct run *whole, int depth) {
-    if (whole->end - whole->begin <= LEAF) return (struct link){whole->begin, whole->end - whole->begin};
-    uint32_t self = build->node_count++;
+    uint32_t n = whole->end - whole->begin, self = build->node_count;
+    if (n <= LEAF) return (struct link){whole->begin, n};
+    if (build->task_count < build->most_tasks && n <= TASK) {
+        build->task[build->task_count++] = (struct task){*whole, depth, self};
+        build->node_count += most_nodes(n);
+        return (struct link){self, 0};
+    }
+    build->node_count++;
     struct run runs[WIDTH] = {*whole};
     int count = 1;
     for (int i; count < WIDTH && (i = run_to_split(runs, count)) >= 0; count++)
@@ -242,23 +287,33 @@ static struct link build_run(struct build *build, const struct run *whole, int d
     return (struct link){self, 0};
 }
 
+static void build_tasks(void *ctx, size_t begin, size_t end) {
+    const struct build *whole = ctx;
+    for (size_t i = begin; i < end; i++) {
+        const struct task *task = &whole->task[i];
+        struct build build = {.item = whole->item, .node = whole->node, .node_count = task->first};
+        build_run(&build, &task->run, task->depth);
+    }
+}
+
 static vec3 to_inside(const struct bvh *bvh, vec3 p) { return vec3_scale(vec3_sub(p, bvh->centre), bvh->scale); }
 
 /* Where to move and how to scale so that the triangles lie in [-1/2, 1/2]. */
 static void choose_frame(struct bvh *bvh, const struct mesh *mesh) {
-    struct box box = EMPTY;
+    vec3 lo = {INFINITY, INFINITY, INFINITY}, hi = vec3_scale(lo, -1);
     for (size_t t = 0; t < mesh->triangle_count; t++)
-        for (int i = 0; i < 3; i++) box_add_point(&box, mesh->vertex[mesh->triangle[t][i]]);
-    double extent = 0;
-    for (int i = 0; i < 3; i++) extent = fmax(extent, box.hi[i] / 2 - box.lo[i] / 2);
+        for (int i = 0; i < 3; i++) {
+            lo = vec3_min(lo, mesh->vertex[mesh->triangle[t][i]]);
+            hi = vec3_max(hi, mesh->vertex[mesh->triangle[t][i]]);
+        }
+    vec3 half = vec3_sub(vec3_scale(hi, 0.5), vec3_scale(lo, 0.5));
+    double extent = fmax(0, fmax(half.x, fmax(half.y, half.z)));
     int exponent = 0;
     if (extent > 0) frexp(extent, &exponent);
     exponent = exponent < -900 ? -900 : exponent > 900 ? 900 : exponent;
     bvh->scale = ldexp(1, -exponent - 1);
     bvh->unscale = ldexp(1, exponent + 1);
-    if (mesh->triangle_count)
-        bvh->centre =
-            (vec3){box.lo[0] / 2 + box.hi[0] / 2, box.lo[1] / 2 + box.hi[1] / 2, box.lo[2] / 2 + box.hi[2] / 2};
+    if (mesh->triangle_count) bvh->centre = vec3_add(vec3_scale(lo, 0.5), vec3_scale(hi, 0.5));
 }
 
 static struct corners corners_of(const struct bvh *bvh, const struct mesh *mesh, size_t t) {
@@ -267,53 +322,73 @@ static struct corners corners_of(const struct bvh *bvh, const struct mesh *mesh,
                             to_inside(bvh, mesh->vertex[v[2]])};
 }
 
-/* There are at most (n - 1) / 3 nodes.  By induction: a node has at least LEAF + 1 triangles, so one without children
- * that are nodes keeps the bound; one with such children has WIDTH children, and (1 for itself) + the sum of
- * (n_i - 1) / 3 over some of them is at most 1 + (n - WIDTH) / 3. */
 static bool allocate(struct bvh *bvh, size_t n) {
-    static_assert(LEAF >= 3 && WIDTH == 4, "or there are more nodes");
     bvh->triangle_count = n;
     bvh->corners = alloc_array(n, sizeof *bvh->corners);
     bvh->id = alloc_array(n, sizeof *bvh->id);
     bvh->slot = alloc_array(n, sizeof *bvh->slot);
-    bvh->node = alloc_array(n / 3, sizeof *bvh->node);
+    bvh->node = alloc_array(most_nodes((uint32_t)n), sizeof *bvh->node);
     return bvh->corners && bvh->id && bvh->slot && bvh->node;
 }
 
-static void build_tree(struct bvh *bvh, const struct mesh *mesh, struct item *item) {
-    struct build build = {.item = item, .node = bvh->node};
-    struct run whole = {.begin = 0, .end = (uint32_t)bvh->triangle_count};
-    for (uint32_t t = 0; t < whole.end; t++) {
-        struct corners corners = corners_of(bvh, mesh, t);
-        item[t] = (struct item){.box = EMPTY, .id = t};
-        box_add_point(&item[t].box, corners.a);
-        box_add_point(&item[t].box, corners.b);
-        box_add_point(&item[t].box, corners.c);
+struct loading {
+    struct bvh *bvh;
+    const struct mesh *mesh;
+    struct item *item;
+};
+
+static lanes to_lanes(vec3 p) { return (lanes){(float)p.x, (float)p.y, (float)p.z}; }
+
+static void load_items(void *ctx, size_t begin, size_t end) {
+    const struct loading *loading = ctx;
+    for (size_t t = begin; t < end; t++) {
+        struct corners corners = corners_of(loading->bvh, loading->mesh, t);
+        struct item item = {.box = EMPTY, .id = (uint32_t)t};
+        box_add_point(&item.box, to_lanes(corners.a));
+        box_add_point(&item.box, to_lanes(corners.b));
+        box_add_point(&item.box, to_lanes(corners.c));
+        loading->item[t] = item;
     }
-    measure_run(&build, &whole);
-    bvh->root = build_run(&build, &whole, 0);
-    for (uint32_t i = 0; i < whole.end; i++) {
-        bvh->id[i] = item[i].id;
-        bvh->slot[item[i].id] = i;
-        bvh->corners[i] = corners_of(bvh, mesh, item[i].id);
-    }
-    assert(build.node_count <= bvh->triangle_count / 3);
 }
 
-enum status bvh_new(const struct mesh *mesh, struct bvh **out) {
+static void store_items(void *ctx, size_t begin, size_t end) {
+    const struct loading *loading = ctx;
+    struct bvh *bvh = loading->bvh;
+    for (size_t i = begin; i < end; i++) {
+        uint32_t id = bvh->id[i] = loading->item[i].id;
+        bvh->slot[id] = (uint32_t)i;
+        bvh->corners[i] = corners_of(bvh, loading->mesh, id);
+    }
+}
+
+static void build_tree(struct bvh *bvh, const struct mesh *mesh, unsigned threads, struct build *build) {
+    struct run whole = {.begin = 0, .end = (uint32_t)bvh->triangle_count};
+    struct loading loading = {bvh, mesh, build->item};
+    par_for(threads, whole.end, ITEM_GRAIN, load_items, &loading);
+    measure_run(build, &whole);
+    bvh->root = build_run(build, &whole, 0);
+    par_for(threads, build->task_count, 1, build_tasks, build);
+    par_for(threads, whole.end, ITEM_GRAIN, store_items, &loading);
+    assert(build->node_count <= most_nodes(whole.end));
+}
+
+enum status bvh_new(const struct mesh *mesh, unsigned threads, struct bvh **out) {
     assert(mesh->triangle_count < NONE);
     enum status status = STATUS_NO_MEMORY;
-    struct item *item = alloc_array(mesh->triangle_count, sizeof *item);
+    struct build build = {.most_tasks = (uint32_t)(mesh->triangle_count / (TASK / WIDTH))};
+    build.item = alloc_array(mesh->triangle_count, sizeof *build.item);
+    build.task = alloc_array(build.most_tasks, sizeof *build.task);
     struct bvh *bvh = alloc_zeroed(1, sizeof *bvh);
-    if (!item || !bvh || !allocate(bvh, mesh->triangle_count)) goto out;
+    if (!build.item || !build.task || !bvh || !allocate(bvh, mesh->triangle_count)) goto out;
+    build.node = bvh->node;
     choose_frame(bvh, mesh);
-    build_tree(bvh, mesh, item);
+    build_tree(bvh, mesh, threads, &build);
     *out = bvh;
     bvh = NULL;
     status = STATUS_OK;
 out:
     bvh_free(bvh);
-    free(item);
+    free(build.item), free(build.task);
     return status;
 }
 

@@ -3,18 +3,22 @@
  *     file    = [BOM] { blank | comment | names | count | point }
  *     comment = ("#" | "//" | "%" | ";") anything            anywhere
  *     names   = word { separator word }                      once, before the first point, no word of it a number
+ *     units   = unit { separator unit }                      once, after the names; passed over
  *     count   = digits                                       once, before the first point; the points must be as many
  *     point   = number { separator number }                  all with as many columns as the first, at least 3
  *     number  = digits and so on, or the same in quotes
- *     separator = blanks with at most one "," or one ";"; a line that has both is refused, since that is how decimal
- *                 commas look.  One may stand at the end of a line.
+ *     separator = blanks with at most one "," or one ";".  One may stand at the end of a line.
+ *
+ * Where semicolons separate the first point's values, commas in the file are decimal ("1,5; 2,5; 3,5").  Where blanks
+ * separate them and single commas stand inside of numbers ("1,5 2,5 3,5"), nobody can tell three columns from six: that
+ * is refused.
  *
  * Lines end by \n, \r\n or \r.  Columns are named by the names line, or by a comment whose words contain x, y and z
  * (CloudCompare's "//X Y Z R G B"), when it has as many names as there are columns; x, y and z may then stand anywhere.
  * Else the first three columns are x, y, z and the others column4, column5 ...; but a names line that has x, y and z
  * in other places is refused then, since columns would be taken for others.  Names are separated by commas,
  * where there are any, else by semicolons, tabs, or blanks; quotes around them are dropped, blanks, commas and
- * semicolons in them become "_".
+ * semicolons in them become "_".  A unit in brackets after x, y or z ("X [m]") is dropped.
  *
  * There is no header that could promise anything, so arrays grow by half as points come in.
  *
@@ -31,13 +35,14 @@
 #include "core/alloc.h"
 #include "core/number.h"
 
-enum { TICK_POINTS = 16384, FIRST_CAPACITY = 1024 };
+enum { TICK_POINTS = 16384, FIRST_CAPACITY = 1024, WORD_BYTES = 512 };
 
 struct reader {
     const char *begin, *at, *end;
     uint64_t line;     /* which one at is on */
     const char *names; /* line that may name the columns; NULL = none */
     bool names_are_comment;
+    bool decimal_commas;
     bool has_count;
     uint64_t count; /* promised, if has_count */
     uint64_t max_points;
@@ -52,7 +57,12 @@ struct reader {
 
 static bool is_newline(char c) { return c == '\n' || c == '\r'; }
 static bool is_blank(char c) { return c == ' ' || c == '\t'; }
-static bool is_separator(char c) { return is_blank(c) || c == ',' || c == ';'; }
+static bool is_mark(char c) { return c == ',' || c == ';'; }
+static bool is_digit(char c) { return c >= '0' && c <= '9'; }
+
+static bool is_separator(const struct reader *r, char c) {
+    return is_blank(c) || c == ';' || (c == ',' && !r->decimal_commas);
+}
 
 static void skip_blanks(struct reader *r) {
     while (r->at < r->end && is_blank(*r->at)) r->at++;
@@ -72,31 +82,70 @@ static bool at_comment(const struct reader *r) {
 }
 
 /* The next word at *at of a line, its end in *stop; false at the line's end. */
-static bool next_word(const char **at, const char *end, const char **stop) {
-    while (*at < end && is_separator(**at)) ++*at;
-    for (*stop = *at; *stop < end && !is_separator(**stop) && !is_newline(**stop);) ++*stop;
+static bool next_word(const struct reader *r, const char **at, const char **stop) {
+    while (*at < r->end && is_separator(r, **at)) ++*at;
+    for (*stop = *at; *stop < r->end && !is_separator(r, **stop) && !is_newline(**stop);) ++*stop;
     return *stop > *at;
 }
 
-static size_t count_words(const char *at, const char *end) {
+static size_t count_words(const struct reader *r, const char *at) {
     size_t n = 0;
-    for (const char *stop; next_word(&at, end, &stop); at = stop) n++;
+    for (const char *stop; next_word(r, &at, &stop); at = stop) n++;
     return n;
 }
 
 static bool is_quote(char c) { return c == '"' || c == '\''; }
 
-/* Reads a number, which may stand in quotes; returns what follows it, NULL: there is none. */
-static const char *parse_value(const char *at, const char *end, double *value) {
-    char quote = at < end && is_quote(*at) ? *at++ : '\0';
+/* The same as number_parse_f64, of a copy that has points for commas. */
+static const char *parse_decimal_comma(const char *at, const char *end, double *value) {
+    char copy[WORD_BYTES];
+    size_t n = 0;
+    for (; at + n < end && n < sizeof copy && !is_blank(at[n]) && !is_newline(at[n]); n++)
+        copy[n] = at[n] == ',' ? '.' : at[n];
+    const char *after = number_parse_f64(copy, copy + n, value);
+    return after ? at + (after - copy) : NULL;
+}
+
+static const char *parse_number(const struct reader *r, const char *at, const char *end, double *value) {
     const char *after = number_parse_f64(at, end, value);
+    bool whole = !r->decimal_commas || (after && (after == end || *after != ','));
+    return whole ? after : parse_decimal_comma(at, end, value);
+}
+
+/* Reads a number, which may stand in quotes; returns what follows it, NULL: there is none. */
+static const char *parse_value(const struct reader *r, const char *at, const char *end, double *value) {
+    char quote = at < end && is_quote(*at) ? *at++ : '\0';
+    const char *after = parse_number(r, at, end, value);
     if (!quote || !after) return after;
     return after < end && *after == quote ? after + 1 : NULL;
 }
 
-static bool is_number(const char *at, const char *stop) {
+static bool is_number(const struct reader *r, const char *at, const char *stop) {
     double value;
-    return parse_value(at, stop, &value) == stop;
+    return parse_value(r, at, stop, &value) == stop;
+}
+
+static bool has_semicolon(const char *at, const char *end) {
+    while (at < end && !is_newline(*at) && *at != ';') at++;
+    return at < end && *at == ';';
+}
+
+/* Blanks separate the words of a line, at least three, and inside of some is a comma, and nowhere else: the first such
+ * word; NULL: it isn't so. */
+static const char *comma_inside(const char *at, const char *end) {
+    const char *found = NULL;
+    size_t words = 0;
+    for (; at < end && !is_newline(*at); words++) {
+        const char *word = at, *comma = NULL;
+        for (; at < end && !is_blank(*at) && !is_newline(*at); at++) {
+            if (*at != ',') continue;
+            if (comma || at == word || !is_digit(at[-1]) || at + 1 == end || !is_digit(at[1])) return NULL;
+            comma = at;
+        }
+        if (comma && !found) found = word;
+        while (at < end && is_blank(*at)) at++;
+    }
+    return words >= 3 ? found : NULL;
 }
 
 /* What separates the names of a line; 0 = blanks. */
@@ -108,12 +157,20 @@ static char mark_of(const char *at, const char *end) {
     return 0;
 }
 
-/* The next name at *at of a line, which is moved past it; false at the line's end. */
+static bool is_bracketed(const char *from, const char *stop) {
+    return stop - from >= 2 && ((*from == '[' && stop[-1] == ']') || (*from == '(' && stop[-1] == ')'));
+}
+
+/* The next name at *at of a line, which is moved past it; false at the line's end.  Among blanks, what stands in
+ * brackets is the unit of the name before it. */
 static bool next_name(const char **at, const char *end, char mark, const char **from, const char **stop) {
     if (!mark) {
-        if (!next_word(at, end, stop)) return false;
-        *from = *at;
-        *at = *stop;
+        do {
+            while (*at < end && is_blank(**at)) ++*at;
+            for (*from = *at; *at < end && !is_blank(**at) && !is_newline(**at);) ++*at;
+            *stop = *at;
+            if (*stop == *from) return false;
+        } while (is_bracketed(*from, *stop));
     } else {
         if (*at == end || is_newline(**at)) return false;
         for (*from = *at; *at < end && **at != mark && !is_newline(**at);) ++*at;
@@ -134,17 +191,33 @@ static size_t count_names(const char *at, const char *end) {
 
 /* ------------------------------------------------------------------------------------------------ before the points */
 
-static bool no_word_is_a_number(const char *at, const char *end) {
-    for (const char *stop; next_word(&at, end, &stop); at = stop)
-        if (is_number(at, stop)) return false;
+static bool no_word_is_a_number(const struct reader *r) {
+    const char *at = r->at;
+    for (const char *stop; next_word(r, &at, &stop); at = stop)
+        if (is_number(r, at, stop)) return false;
     return true;
+}
+
+static bool is_unit(const char *at, const char *stop) {
+    static const char *const units[] = {"m", "mm", "cm", "dm", "km", "um", "nm", "ft", "in", "deg", "rad", "-"};
+    if (is_bracketed(at, stop)) return true;
+    for (size_t i = 0; i < sizeof units / sizeof *units; i++)
+        if ((size_t)(stop - at) == strlen(units[i]) && strncasecmp(at, units[i], (size_t)(stop - at)) == 0) return true;
+    return false;
+}
+
+static bool all_words_are_units(const struct reader *r) {
+    const char *at = r->at;
+    for (const char *stop; next_word(r, &at, &stop); at = stop)
+        if (!is_unit(at, stop)) return false;
+    return count_words(r, r->at) > 0;
 }
 
 /* Takes a line with a single whole number as the count of points; false when it is something else. */
 static bool take_count(struct reader *r) {
-    if (r->has_count || count_words(r->at, r->end) != 1) return false;
+    if (r->has_count || count_words(r, r->at) != 1) return false;
     uint64_t n = 0;
-    for (const char *c = r->at; c < r->end && !is_newline(*c) && !is_separator(*c); c++)
+    for (const char *c = r->at; c < r->end && !is_newline(*c) && !is_separator(r, *c); c++)
         if (*c < '0' || *c > '9' || __builtin_mul_overflow(n, 10u, &n) ||
             __builtin_add_overflow(n, (uint64_t)(*c - '0'), &n))
             return false;
@@ -153,13 +226,20 @@ static bool take_count(struct reader *r) {
     return true;
 }
 
+/* Which axis a name is of, with or without a unit ("Y", "y [m]", "Y(mm)"): 0, 1, 2; 3 = none. */
+static unsigned axis_of(const char *from, const char *stop) {
+    if (from == stop || (*from | 32) < 'x' || (*from | 32) > 'z') return 3;
+    const char *unit = from + 1;
+    while (unit < stop && (is_blank(*unit) || *unit == '_')) unit++;
+    return stop - from == 1 || is_bracketed(unit, stop) ? (unsigned)((*from | 32) - 'x') : 3;
+}
+
 /* Whether a line's names have x, y and z among them. */
 static bool names_xyz(const char *at, const char *end) {
     char mark = mark_of(at, end);
     unsigned found = 0;
-    for (const char *from, *stop; next_name(&at, end, mark, &from, &stop);)
-        if (stop - from == 1 && (*from | 32) >= 'x' && (*from | 32) <= 'z') found |= 1u << ((*from | 32) - 'x');
-    return found == 7;
+    for (const char *from, *stop; next_name(&at, end, mark, &from, &stop);) found |= 1u << axis_of(from, stop);
+    return (found & 7) == 7;
 }
 
 static void take_comment(struct reader *r) {
@@ -174,15 +254,17 @@ static void take_comment(struct reader *r) {
 /* Skips what stands before the first point, taking names and the count from it; false at the end of the file. */
 static bool find_first_point(struct reader *r) {
     if (r->end - r->at >= 3 && memcmp(r->at, "\xef\xbb\xbf", 3) == 0) r->at += 3;
-    bool has_names = false;
+    bool has_names = false, has_units = false;
     for (; skip_blanks(r), r->at < r->end; skip_line(r)) {
         if (is_newline(*r->at)) continue;
         if (at_comment(r)) {
             take_comment(r);
-        } else if (!has_names && no_word_is_a_number(r->at, r->end)) {
+        } else if (!has_names && no_word_is_a_number(r)) {
             has_names = true;
             r->names = r->at;
             r->names_are_comment = false;
+        } else if (has_names && !has_units && all_words_are_units(r)) {
+            has_units = true;
         } else if (!take_count(r)) {
             return true;
         }
@@ -200,11 +282,6 @@ static bool is_fit_name(const char *at, const char *stop) {
     return true;
 }
 
-/* x, y, z for their capitals. */
-static void lower_axis(char *name) {
-    if (name[0] >= 'X' && name[0] <= 'Z' && name[1] == '\0') name[0] = (char)(name[0] | 32);
-}
-
 static bool is_taken(const struct cloud *cloud, size_t columns, const char *name) {
     for (size_t j = 0; j < columns; j++)
         if (strcmp(cloud->property[j].name, name) == 0) return true;
@@ -215,8 +292,7 @@ static bool is_taken(const struct cloud *cloud, size_t columns, const char *name
 static void name_column(struct cloud *cloud, size_t j, const char *at, const char *stop) {
     char *name = cloud->property[j].name;
     if (stop > at && is_fit_name(at, stop)) {
-        for (size_t k = 0; at + k < stop; k++) name[k] = is_separator(at[k]) ? '_' : at[k];
-        lower_axis(name);
+        for (size_t k = 0; at + k < stop; k++) name[k] = is_blank(at[k]) || is_mark(at[k]) ? '_' : at[k];
         if (!is_taken(cloud, j, name)) return;
     }
     snprintf(name, PROPERTY_NAME_BYTES, "column%zu", j + 1);
@@ -231,8 +307,9 @@ static void name_columns(struct reader *r) {
     char mark = mark_of(at, r->end);
     for (size_t j = 0; j < cloud->property_count; j++) {
         if (fits) (void)next_name(&at, r->end, mark, &from, &stop);
-        if (!has_xyz && j < 3)
-            name_column(cloud, j, xyz + j, xyz + j + 1);
+        size_t axis_here = !has_xyz && j < 3 ? j : axis_of(from, stop);
+        if (axis_here < 3)
+            name_column(cloud, j, xyz + axis_here, xyz + axis_here + 1);
         else
             name_column(cloud, j, from, stop);
         for (unsigned axis = 0; axis < 3; axis++)
@@ -243,8 +320,8 @@ static void name_columns(struct reader *r) {
 static bool begins_with_xyz(const char *at, const char *end) {
     char mark = mark_of(at, end);
     const char *from, *stop;
-    for (char axis = 'x'; axis <= 'z'; axis++)
-        if (!next_name(&at, end, mark, &from, &stop) || stop - from != 1 || (*from | 32) != axis) return false;
+    for (unsigned axis = 0; axis < 3; axis++)
+        if (!next_name(&at, end, mark, &from, &stop) || axis_of(from, stop) != axis) return false;
     return true;
 }
 
@@ -265,7 +342,8 @@ static enum status no_memory(struct reader *r) {
 /* Sets up the columns from the first point's line, where at is. */
 static enum status describe(struct reader *r) {
     struct cloud *cloud = r->cloud;
-    size_t columns = count_words(r->at, r->end);
+    r->decimal_commas = has_semicolon(r->at, r->end);
+    size_t columns = count_words(r, r->at);
     if (columns > r->max_columns)
         return error_set_at(r->error, STATUS_LIMIT, "properties", r->line, UINT64_MAX,
                             "%zu columns, at most %zu are allowed", columns, r->max_columns);
@@ -313,10 +391,18 @@ static enum status bad_width(struct reader *r, size_t columns) {
 static enum status take_separator(struct reader *r, char *mark, size_t column) {
     skip_blanks(r);
     if (r->at == r->end || (*r->at != ',' && *r->at != ';')) return STATUS_OK;
-    if (*mark && *mark != *r->at) return bad(r, column, "both commas and semicolons (decimal commas aren't read)");
+    if (*mark && *mark != *r->at) return bad(r, column, "both commas and semicolons between values");
     *mark = *r->at++;
     skip_blanks(r);
     return STATUS_OK;
+}
+
+static enum status one_or_two(struct reader *r, const char *word) {
+    char quote[NUMBER_QUOTE_BYTES];
+    return error_set_at(r->error, STATUS_MALFORMED, "columns", r->line, UINT64_MAX,
+                        "'%s' may be one value or two: if its comma is decimal, write a point for it (tr , .) or put "
+                        "semicolons between the values; if not, put commas between all",
+                        number_quote(word, r->end, quote));
 }
 
 static bool at_line_end(const struct reader *r) { return r->at == r->end || is_newline(*r->at); }
@@ -327,8 +413,8 @@ static enum status take_values(struct reader *r, double *record) {
     char mark = 0;
     for (; !at_line_end(r); j++) {
         if (j == columns) return bad_width(r, j + 1);
-        const char *after = parse_value(r->at, r->end, &record[j]);
-        if (!after || (after < r->end && !is_separator(*after) && !is_newline(*after)))
+        const char *after = parse_value(r, r->at, r->end, &record[j]);
+        if (!after || (after < r->end && !is_separator(r, *after) && !is_newline(*after)))
             return bad(r, j, "not a number");
         r->at = after;
         enum status status = take_separator(r, &mark, j + 1);
@@ -346,7 +432,10 @@ static enum status not_finite(struct reader *r, int axis, double value) {
 static enum status take_point(struct reader *r) {
     struct cloud *cloud = r->cloud;
     double record[CLOUD_MAX_PROPERTIES];
+    const char *line = r->at;
     enum status status = take_values(r, record);
+    const char *unclear = status || cloud->count == 0 ? comma_inside(line, r->end) : NULL;
+    if (unclear && !r->decimal_commas) return one_or_two(r, unclear);
     if (status) return status;
     for (int axis = 0; axis < 3; axis++)
         if (!isfinite(record[cloud->xyz[axis]])) return not_finite(r, axis, record[cloud->xyz[axis]]);

@@ -124,7 +124,7 @@ static enum status build_side(const struct judge *j, struct side *side) {
     mesh->triangle_count = count;
     mesh->vertex_count = j->star->n;
     mesh->vertex = (vec3 *)j->star->point;
-    return bvh_new(mesh, &side->bvh);
+    return bvh_new(mesh, j->threads, &side->bvh);
 }
 
 static void side_done(struct side *side) {

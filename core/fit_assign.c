@@ -90,7 +90,7 @@ static void assign_range(void *ctx, size_t begin, size_t end) {
 
 enum status fit_assign(const struct fit *fit, uint32_t *triangle, float *distance_sq) {
     struct bvh *bvh = NULL;
-    enum status status = bvh_new(fit->mesh, &bvh);
+    enum status status = bvh_new(fit->mesh, fit->threads, &bvh);
     struct assignment assignment = {fit, bvh, triangle, distance_sq};
     if (status == STATUS_OK) par_for(fit->threads, fit->samples.n, SAMPLE_GRAIN, assign_range, &assignment);
     bvh_free(bvh);

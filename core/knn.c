@@ -1,53 +1,37 @@
-/* FLANN behind four functions.
+/* Queries along the curve in groups (knn_group.c), the others one by one (knn_flann.cc).
  *
- * What to know of FLANN 1.9 (Muja, Lowe): KDTREE_SINGLE with unlimited checks and eps 0 is exact; radius searches take
- * their radius as a squared float even in the double interface, so only k-nearest queries are used and radii are cut
- * elsewhere in double; each call copies its parameters into library globals, so every call gets its own struct with
- * random_seed 0, which leaves the generator alone; `cores` needs a build with OpenMP, so batches are split here.
+ * How far the k-th neighbour of the last query was tells how wide the next group may be.  A group of few isn't worth
+ * gathering for; so queries in no order cost what they would without groups.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/knn.h"
 
 #include <assert.h>
-#include <flann/flann.h>
 #include <limits.h>
 #include <stdatomic.h>
 #include <stdlib.h>
 
 #include "core/alloc.h"
+#include "core/knn_flann.h"
+#include "core/knn_group.h"
 #include "core/par.h"
 
-enum { LEAF_POINTS = 12, BATCH = 2048 };
+enum { BATCH = 2048, FEWEST = 3 };
+static const double WIDTH = 2; /* of a group, in distances to the k-th neighbour */
 
 struct knn {
-    flann_index_t index;
+    const vec3 *point;
     size_t n;
+    struct knn_flann *tree;
 };
 
-static struct FLANNParameters exact_search(void) {
-    struct FLANNParameters parameters = DEFAULT_FLANN_PARAMETERS;
-    parameters.algorithm = FLANN_INDEX_KDTREE_SINGLE;
-    parameters.leaf_max_size = LEAF_POINTS;
-    parameters.checks = -1;
-    parameters.eps = 0;
-    parameters.sorted = 1;
-    parameters.cores = 1;
-    parameters.random_seed = 0;
-    parameters.log_level = FLANN_LOG_NONE;
-    return parameters;
-}
-
 enum status knn_new(const vec3 *points, size_t n, struct knn **out, struct error *error) {
-    static_assert(sizeof(vec3) == 3 * sizeof(double), "a row of FLANN's matrix");
     assert(n > 0);
     if (n > INT_MAX) return error_set(error, STATUS_LIMIT, "knn", "%zu points are more than FLANN counts", n);
     struct knn *knn = alloc_zeroed(1, sizeof *knn);
     if (!knn) return error_set(error, STATUS_NO_MEMORY, "knn", "no memory for the index");
-    struct FLANNParameters parameters = exact_search();
-    float speedup = 0;
-    knn->n = n;
-    knn->index = flann_build_index_double((double *)(uintptr_t)points, (int)n, 3, &speedup, &parameters);
-    if (!knn->index) {
+    *knn = (struct knn){.point = points, .n = n};
+    if (knn_flann_new(points, n, &knn->tree)) {
         free(knn);
         return error_set(error, STATUS_NO_MEMORY, "knn", "FLANN could not build its index");
     }
@@ -64,26 +48,40 @@ struct search {
     atomic_bool failed;
 };
 
-/* Of m results in rows of `found`, widened to rows of k from the last to the first. */
-static void widen_rows(const struct search *search, size_t begin, size_t m, unsigned found) {
-    for (size_t q = m; q-- > 0;)
-        for (unsigned i = search->k; i-- > 0;) {
-            size_t to = (begin + q) * search->k + i, from = begin * search->k + q * found + i;
-            search->id[to] = i < found ? search->id[from] : UINT32_MAX;
-            search->distance_sq[to] = i < found ? search->distance_sq[from] : INFINITY;
-        }
+static enum status ask_alone(const struct search *search, size_t q) {
+    uint32_t *id = &search->id[q * search->k];
+    double *distance_sq = &search->distance_sq[q * search->k];
+    unsigned found;
+    enum status status = knn_flann_nearest(search->knn->tree, search->queries[q], search->k, id, distance_sq, &found);
+    for (unsigned i = found; !status && i < search->k; i++) id[i] = UINT32_MAX, distance_sq[i] = INFINITY;
+    return status;
+}
+
+/* Answers the n queries from q on, whose k-th neighbours are expected to be about `usual` away. */
+static enum status ask_group(const struct search *search, size_t q, unsigned n, double usual) {
+    const struct knn *knn = search->knn;
+    struct knn_group group;
+    bool gathered = false;
+    enum status status = STATUS_OK;
+    if (n >= FEWEST) status = knn_group_gather(&group, knn->tree, knn->point, &search->queries[q], n, usual, &gathered);
+    for (size_t end = q + n; q < end && !status; q++)
+        if (!gathered || !knn_group_nearest(&group, search->queries[q], search->k, usual, &search->id[q * search->k],
+                                            &search->distance_sq[q * search->k]))
+            status = ask_alone(search, q);
+    return status;
 }
 
 static void search_range(void *ctx, size_t begin, size_t end) {
     struct search *search = ctx;
-    unsigned found = search->knn->n < search->k ? (unsigned)search->knn->n : search->k;
-    struct FLANNParameters parameters = exact_search();
-    double *queries = (double *)(uintptr_t)&search->queries[begin];
-    int rc = flann_find_nearest_neighbors_index_double(
-        search->knn->index, queries, (int)(end - begin), (int *)&search->id[begin * search->k],
-        &search->distance_sq[begin * search->k], (int)found, &parameters);
-    if (rc != 0) atomic_store(&search->failed, true);
-    if (found < search->k) widen_rows(search, begin, end - begin, found);
+    enum status status = STATUS_OK;
+    double usual = 0;
+    for (size_t q = begin; q < end && !status;) {
+        unsigned n = knn_group_length(&search->queries[q], end - q, WIDTH * usual);
+        status = ask_group(search, q, n, usual);
+        q += n;
+        usual = sqrt(search->distance_sq[q * search->k - 1]);
+    }
+    if (status) atomic_store(&search->failed, true);
 }
 
 enum status knn_search(const struct knn *knn, const vec3 *queries, size_t m, unsigned k, unsigned threads, uint32_t *id,
@@ -96,7 +94,6 @@ enum status knn_search(const struct knn *knn, const vec3 *queries, size_t m, uns
 
 void knn_free(struct knn *knn) {
     if (!knn) return;
-    struct FLANNParameters parameters = exact_search();
-    flann_free_index_double(knn->index, &parameters);
+    knn_flann_free(knn->tree);
     free(knn);
 }

@@ -163,15 +163,15 @@ static size_t sample_count(const struct metro_options *options, const struct mes
     return count > METRO_MIN_SAMPLES ? count : METRO_MIN_SAMPLES;
 }
 
-static enum status target_surface(const struct mesh *mesh, struct target *target) {
-    return mesh->triangle_count ? bvh_new(mesh, &target->bvh) : STATUS_DEGENERATE;
+static enum status target_surface(const struct mesh *mesh, unsigned threads, struct target *target) {
+    return mesh->triangle_count ? bvh_new(mesh, threads, &target->bvh) : STATUS_DEGENERATE;
 }
 
 enum status metro_points(const vec3 *point, size_t n, const struct mesh *mesh, const struct metro_options *options,
                          struct distance_stats *stats) {
     struct target target = {0};
     struct sampler sampler = sampler_points(point, n);
-    enum status status = target_surface(mesh, &target);
+    enum status status = target_surface(mesh, options->threads, &target);
     if (!status) status = measure_all(&(struct direction){&sampler, &target, stats}, 1, options);
     bvh_free(target.bvh);
     return status;
@@ -184,8 +184,8 @@ enum status metro_measure(const struct mesh *mesh, const struct metro_reference 
     struct sampler points = sampler_points(reference->point, reference->point_count), on_mesh = {0}, on_surface = {0};
     struct target to_mesh = {0}, to_reference = {.disks = reference};
     struct metro_errors new = {0};
-    enum status status = target_surface(mesh, &to_mesh);
-    if (!status && surface) status = target_surface(surface, &to_reference);
+    enum status status = target_surface(mesh, options->threads, &to_mesh);
+    if (!status && surface) status = target_surface(surface, options->threads, &to_reference);
     if (!status && (surface || (reference->normal && reference->point_count)))
         status = sampler_uniform(mesh, sample_count(options, mesh), options->seed, &on_mesh);
     if (!status && surface)
@@ -242,8 +242,8 @@ enum status metro_compatible(const struct mesh *mesh, const struct mesh *origina
     struct target to_mesh = {0}, to_original = {0};
     struct metro_errors new = {0};
     struct direction directions[6];
-    enum status status = target_surface(mesh, &to_mesh);
-    if (!status) status = target_surface(original, &to_original);
+    enum status status = target_surface(mesh, options->threads, &to_mesh);
+    if (!status) status = target_surface(original, options->threads, &to_original);
     if (!status) status = sampler_metro(original, count, on_original);
     if (!status) status = sampler_metro(mesh, count, on_mesh);
     for (int i = 0; i < 3; i++) {

@@ -232,7 +232,7 @@ enum status pipeline_distances(struct run *run) {
     size_t n = run->points.count;
     struct bvh_hit *hit = alloc_array(DISTANCE_CHUNK, sizeof *hit);
     run->distance = alloc_array(n, sizeof *run->distance);
-    enum status status = hit && run->distance ? bvh_new(&run->mesh, &bvh) : STATUS_NO_MEMORY;
+    enum status status = hit && run->distance ? bvh_new(&run->mesh, run->threads, &bvh) : STATUS_NO_MEMORY;
     for (size_t begin = 0; !status && begin < n; begin += DISTANCE_CHUNK) {
         size_t m = n - begin < DISTANCE_CHUNK ? n - begin : DISTANCE_CHUNK;
         bvh_closest_all(bvh, &run->points.point[begin], m, run->threads, hit);

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Prints the bill of materials of programs as SPDX 2.3 JSON: the programs, and the Debian packages that they are linked
-with (from the dynamic linker and dpkg) or compiled from headers of (CGAL).
+with (from the dynamic linker and dpkg) or compiled from headers of (CGAL, FLANN).
 
 Usage: sbom.py PROGRAM...       the same bytes for the same programs and packages
 SPDX-License-Identifier: GPL-3.0-or-later
@@ -14,7 +14,7 @@ import subprocess
 import sys
 
 HERE = pathlib.Path(__file__).resolve().parent
-COMPILED_IN = ["libcgal-dev"]
+COMPILED_IN = ["libcgal-dev", "libflann-dev"]
 
 
 def run(*command):

@@ -100,7 +100,7 @@ def test_the_bill_of_materials_names_what_is_linked():
     assert bill["spdxVersion"] == "SPDX-2.3"
     packages = {p["SPDXID"]: p for p in bill["packages"]}
     names = {p["name"] for p in bill["packages"]}
-    assert {"whittle", "libc6", "libmicrohttpd12", "libsqlite3-0", "libflann1.9", "libcgal-dev"} <= names
+    assert {"whittle", "libc6", "libmicrohttpd12", "libsqlite3-0", "libflann-dev", "libcgal-dev"} <= names
     ids = set(packages) | {f["SPDXID"] for f in bill["files"]} | {"SPDXRef-DOCUMENT"}
     for relation in bill["relationships"]:
         assert {relation["spdxElementId"], relation["relatedSpdxElement"]} <= ids

@@ -18,7 +18,7 @@ DAEMON_SEES = API_SEES | {"core/alloc.h", "core/cloud_ply.h", "core/cloud_prefix
                           "core/memory.h", "core/ply_header.h"}
 # Third-party header -> the only files that include it (a pattern).
 OWNER = {
-    r"flann/.*": r"core/knn\.c",
+    r"flann/.*": r"core/knn_flann\.cc",
     r"CGAL/.*": r"core/\w+_cgal\.cc",
     r"zlib\.h": r"core/inflate_gzip\.c",
     r"zstd(_errors)?\.h": r"core/inflate_zstd\.c",

@@ -136,7 +136,7 @@ static void free_mesh(struct mesh *mesh) { free(mesh->vertex), free(mesh->triang
 
 static struct bvh *bvh_of(const struct mesh *mesh) {
     struct bvh *bvh = NULL;
-    assert_int_equal(bvh_new(mesh, &bvh), STATUS_OK);
+    assert_int_equal(bvh_new(mesh, 2, &bvh), STATUS_OK);
     return bvh;
 }
 
@@ -163,7 +163,7 @@ static void check_hit(const struct mesh *mesh, vec3 p, struct bvh_hit hit, doubl
 
 static void meshes_of_any_length_agree_with_brute_force(void **state) {
     (void)state;
-    static const size_t lengths[] = {1, 2, 3, 4, 5, 7, 12, 13, 50, 1000};
+    static const size_t lengths[] = {1, 2, 3, 4, 5, 7, 12, 13, 50, 1000, 3000};
     uint64_t seed = 4;
     for (size_t i = 0; i < sizeof lengths / sizeof lengths[0]; i++) {
         struct mesh mesh = random_mesh(lengths[i], i % 2 ? 1 : 0.05, i);
@@ -310,21 +310,26 @@ static void any_number_of_threads_gives_the_same_bits(void **state) {
     (void)state;
     enum { N = 20000 };
     struct mesh mesh = random_mesh(2000, 0.05, 9);
-    struct bvh *bvh = bvh_of(&mesh);
+    struct bvh *bvh;
     vec3 *p = malloc(N * sizeof *p);
     struct bvh_hit *one = malloc(N * sizeof *one), *many = malloc(N * sizeof *many);
     uint64_t seed = 9;
     for (size_t i = 0; i < N; i++) p[i] = random_point(&seed);
+    assert_int_equal(bvh_new(&mesh, 1, &bvh), STATUS_OK);
     bvh_closest_all(bvh, p, N, 1, one);
+    bvh_free(bvh);
+    for (size_t i = 0; i < N; i += 200) check_hit(&mesh, p[i], one[i], 1);
     for (unsigned threads = 2; threads < 9; threads += 3) {
+        assert_int_equal(bvh_new(&mesh, threads, &bvh), STATUS_OK);
         bvh_closest_all(bvh, p, N, threads, many);
+        bvh_free(bvh);
         for (size_t i = 0; i < N; i++) {
             assert_true(one[i].distance_sq == many[i].distance_sq && one[i].triangle == many[i].triangle);
             assert_true(vec3_equal(one[i].point, many[i].point));
         }
     }
     free(p), free(one), free(many);
-    bvh_free(bvh), free_mesh(&mesh);
+    free_mesh(&mesh);
 }
 
 static bool fails_at_zero(void *ctx) { return (*(int *)ctx)-- == 0; }
@@ -338,14 +343,14 @@ static void any_allocation_that_fails_is_reported(void **state) {
         struct bvh *bvh = NULL;
         int countdown = nth;
         alloc_fail_ctx = &countdown, alloc_fail = fails_at_zero;
-        status = bvh_new(&mesh, &bvh);
+        status = bvh_new(&mesh, 2, &bvh);
         alloc_fail = NULL;
         assert_true(status == (bvh ? STATUS_OK : STATUS_NO_MEMORY));
         if (status) refused++;
         if (bvh) check_hit(&mesh, (vec3){0, 0, 0}, bvh_closest(bvh, (vec3){0, 0, 0}, NONE), 1);
         bvh_free(bvh);
     }
-    assert_int_equal(refused, 6);
+    assert_int_equal(refused, 7);
     free_mesh(&mesh);
 }
 

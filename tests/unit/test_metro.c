@@ -405,8 +405,8 @@ static void any_allocation_that_fails_is_reported(void **state) {
             assert_true(errors.hausdorff == (status ? 42 : 1));
             refused[way] += status != STATUS_OK;
         }
-    assert_int_equal(refused[0], 2 * 6 + 2 + 3); /* two hierarchies, two samplers, the batch */
-    assert_int_equal(refused[1], 2 * 6 + 2 * 5 + 3);
+    assert_int_equal(refused[0], 2 * 7 + 2 + 3); /* two hierarchies, two samplers, the batch */
+    assert_int_equal(refused[1], 2 * 7 + 2 * 5 + 3);
     free_mesh(&a), free_mesh(&b);
 }
 

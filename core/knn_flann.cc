@@ -1,0 +1,136 @@
+/* The shim around FLANN (Muja, Lowe), by its templates: with the distance in three dimensions and these sets of results
+ * compiled together, and with queries for all points of a ball, which its C interface lacks.
+ *
+ * What to know of FLANN 1.9: KDTreeSingleIndex with unlimited checks and eps 0 is exact.  It has no generator of random
+ * numbers and no globals, so trees are built and asked by any threads.  It copies the points in the order of its
+ * leaves. Its pool of nodes prints, and goes on with a null pointer, where malloc fails; so malloc is one that throws
+ * there.
+ *
+ * Conventions of the border: every extern "C" function is noexcept and its whole body runs inside guard().
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/knn_flann.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+#include <limits>
+#include <new>
+
+static inline void *malloc_or_throw(size_t bytes) {
+    void *memory = malloc(bytes);
+    if (!memory) throw std::bad_alloc();
+    return memory;
+}
+
+#define malloc malloc_or_throw
+#include <flann/util/allocator.h>
+#undef malloc
+
+#include <flann/util/params.h>
+
+#include <flann/algorithms/dist.h>
+#include <flann/algorithms/kdtree_single_index.h>
+
+namespace {
+
+constexpr int LEAF_POINTS = 12;
+constexpr double FARTHEST = std::numeric_limits<double>::max();
+
+using Tree = flann::KDTreeSingleIndex<flann::L2_3D<double>>;
+
+/* Of equals the lower index comes first, as in the FLANN that Debian builds; of those that equal the k-th, the one that
+ * was found first is in. */
+class Nearest final : public flann::ResultSet<double> {
+  public:
+    Nearest(unsigned most, uint32_t *ids, double *distances_sq) : k(most), id(ids), distance_sq(distances_sq) {}
+    bool full() const override { return count == k; }
+    double worstDist() const override { return worst; }
+    void addPoint(double d, size_t index) override {
+        if (d >= worst) return;
+        unsigned i = count < k ? count++ : k - 1;
+        for (; i > 0 && is_after(i - 1, d, index); i--) distance_sq[i] = distance_sq[i - 1], id[i] = id[i - 1];
+        distance_sq[i] = d, id[i] = static_cast<uint32_t>(index);
+        if (count == k) worst = distance_sq[k - 1];
+    }
+
+    unsigned count = 0;
+
+  private:
+    bool is_after(unsigned i, double d, size_t index) const {
+        return distance_sq[i] > d || (distance_sq[i] == d && id[i] > index);
+    }
+
+    unsigned k;
+    uint32_t *id;
+    double *distance_sq, worst = FARTHEST;
+};
+
+class Ball final : public flann::ResultSet<double> {
+  public:
+    Ball(double radius, unsigned capacity, uint32_t *ids) : most(capacity), id(ids), radius_sq(radius * radius) {}
+    bool full() const override { return count > most; }
+    double worstDist() const override { return radius_sq; }
+    void addPoint(double, size_t index) override {
+        if (count < most) id[count] = static_cast<uint32_t>(index);
+        if (++count > most) radius_sq = -1; /* nothing is worth looking at any more */
+    }
+
+    unsigned count = 0;
+
+  private:
+    unsigned most;
+    uint32_t *id;
+    double radius_sq;
+};
+
+template <class Body> enum status guard(Body &&body) noexcept {
+    try {
+        body();
+        return STATUS_OK;
+    } catch (...) { /* nothing else can go wrong with points that are there */
+        return STATUS_NO_MEMORY;
+    }
+}
+
+} // namespace
+
+struct knn_flann {
+    knn_flann(const vec3 *points, size_t n)
+        : tree(flann::Matrix<double>(const_cast<double *>(&points->x), n, 3),
+               flann::KDTreeSingleIndexParams(LEAF_POINTS)) {
+        tree.buildIndex();
+    }
+    void ask(flann::ResultSet<double> &results, vec3 query) const { tree.findNeighbors(results, &query.x, exact); }
+
+    Tree tree;
+    flann::SearchParams exact{flann::FLANN_CHECKS_UNLIMITED, 0, true};
+};
+
+extern "C" {
+
+enum status knn_flann_new(const vec3 *points, size_t n, struct knn_flann **tree) {
+    static_assert(sizeof(vec3) == 3 * sizeof(double), "a row of FLANN's matrix");
+    return guard([&] { *tree = new knn_flann(points, n); });
+}
+
+enum status knn_flann_nearest(const struct knn_flann *tree, vec3 query, unsigned k, uint32_t *id, double *distance_sq,
+                              unsigned *count) {
+    return guard([&] {
+        Nearest nearest(k, id, distance_sq);
+        tree->ask(nearest, query);
+        *count = nearest.count;
+    });
+}
+
+enum status knn_flann_within(const struct knn_flann *tree, vec3 centre, double radius, unsigned most, uint32_t *id,
+                             unsigned *count) {
+    return guard([&] {
+        Ball ball(radius, most, id);
+        tree->ask(ball, centre);
+        *count = ball.count;
+    });
+}
+
+void knn_flann_free(struct knn_flann *tree) { delete tree; }
+}

@@ -1,0 +1,181 @@
+/* Nearest neighbours: whoever is asked for together with others gets what it would get alone, to the bit.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "core/cloud.h"
+#include "core/knn.h"
+#include "core/order.h"
+#include "tests/unit/faults.h"
+#include "tests/unit/shapes.h"
+
+/* Takes the points, as order_points leaves them. */
+static struct ordered_points ordered(vec3 *point, size_t n) {
+    struct ordered_points out = {0};
+    assert_int_equal(order_points(point, n, 1, &out), STATUS_OK);
+    free(point);
+    return out;
+}
+
+static void assert_exact(const vec3 *point, size_t n, vec3 query, unsigned k, const uint32_t *id,
+                         const double *distance_sq) {
+    size_t nearer = 0, as_near = 0;
+    double last = distance_sq[k - 1];
+    for (size_t i = 0; i < n; i++) {
+        double d = vec3_distance_sq(query, point[i]);
+        nearer += d < last;
+        as_near += d <= last;
+    }
+    assert_true(nearer < k && as_near >= k);
+    for (unsigned i = 0; i < k; i++) {
+        assert_true(distance_sq[i] == vec3_distance_sq(query, point[id[i]]));
+        assert_true(i == 0 || distance_sq[i - 1] < distance_sq[i] ||
+                    (distance_sq[i - 1] == distance_sq[i] && id[i - 1] < id[i]));
+    }
+}
+
+/* Asks for all queries at once, by one thread and by two, and for each alone. */
+static void assert_together_as_alone(const vec3 *point, size_t n, const vec3 *query, size_t m, unsigned k) {
+    struct knn *knn = NULL;
+    uint32_t *id[2], alone_id[KNN_MAX_K];
+    double *distance_sq[2], alone_sq[KNN_MAX_K];
+    assert_int_equal(knn_new(point, n, &knn, NULL), STATUS_OK);
+    for (unsigned t = 0; t < 2; t++) {
+        id[t] = malloc(m * k * sizeof *id[t]);
+        distance_sq[t] = malloc(m * k * sizeof *distance_sq[t]);
+        assert_int_equal(knn_search(knn, query, m, k, t + 1, id[t], distance_sq[t]), STATUS_OK);
+    }
+    assert_memory_equal(id[0], id[1], m * k * sizeof *id[0]);
+    assert_memory_equal(distance_sq[0], distance_sq[1], m * k * sizeof *distance_sq[0]);
+    for (size_t q = 0; q < m; q++) {
+        assert_int_equal(knn_search(knn, &query[q], 1, k, 1, alone_id, alone_sq), STATUS_OK);
+        assert_memory_equal(&id[0][q * k], alone_id, k * sizeof *alone_id);
+        assert_memory_equal(&distance_sq[0][q * k], alone_sq, k * sizeof *alone_sq);
+        if (q % 50 == 0) assert_exact(point, n, query[q], k, alone_id, alone_sq);
+    }
+    for (unsigned t = 0; t < 2; t++) free(id[t]), free(distance_sq[t]);
+    knn_free(knn);
+}
+
+static void assert_each_as_alone(vec3 *point, size_t n) {
+    const unsigned counts[] = {1, 2, 11, 31, KNN_MAX_K};
+    struct ordered_points all = ordered(point, n);
+    for (size_t i = 0; i < sizeof counts / sizeof counts[0]; i++)
+        assert_together_as_alone(all.point, all.count, all.point, all.count, counts[i]);
+    ordered_points_done(&all);
+}
+
+static void points_of_a_surface(void **state) {
+    (void)state;
+    assert_each_as_alone(shape_sphere(5000, 1), 5000);
+}
+
+/* Nearly all have neighbours that are equally far. */
+static void points_of_a_grid(void **state) {
+    (void)state;
+    assert_each_as_alone(shape_height_field(65, height_plane), 65 * 65);
+}
+
+/* Each step is 1.02 times the one before, then the same again far away: what was usual isn't any more. */
+static void points_that_are_dense_and_sparse(void **state) {
+    (void)state;
+    enum { N = 2000 };
+    uint64_t seed = 5;
+    vec3 *point = malloc(N * sizeof *point);
+    for (size_t i = 0; i < N; i++) {
+        double r = pow(1.02, (double)(i % (N / 2))) + (i < N / 2 ? 0 : 1e9);
+        point[i] = (vec3){r, r * 0.1 * random_unit(&seed), r * 0.1 * random_unit(&seed)};
+    }
+    assert_each_as_alone(point, N);
+}
+
+/* Balls of a few usual distances hold hundreds of points. */
+static void points_in_crowds(void **state) {
+    (void)state;
+    enum { N = 3000 };
+    uint64_t seed = 6;
+    vec3 *point = malloc(N * sizeof *point);
+    for (size_t i = 0; i < N; i++) {
+        double size = i % 2 ? 1e-6 : 1, at = i % 2 ? (double)(i % 7) / 7 : 0;
+        point[i] = (vec3){at + size * random_unit(&seed), size * random_unit(&seed), size * random_unit(&seed)};
+    }
+    assert_each_as_alone(point, N);
+}
+
+/* As for the tangent error: many queries, few points, none of which is a query. */
+static void queries_that_are_no_points(void **state) {
+    (void)state;
+    enum { N = 4000, FEW = 90 };
+    struct ordered_points all = ordered(shape_sphere(N, 1), N);
+    vec3 few[FEW];
+    for (size_t i = 0; i < FEW; i++) few[i] = vec3_scale(all.point[i * (N / FEW)], 1.01);
+    assert_together_as_alone(few, FEW, all.point, N, 1);
+    assert_together_as_alone(few, FEW, all.point, N, 5);
+    ordered_points_done(&all);
+}
+
+/* Differences whose squares leave what is finite, or what is normal. */
+static void huge_and_tiny_distances(void **state) {
+    (void)state;
+    enum { N = 600 };
+    const double scales[] = {1e160, 1e130, 1e-130, 1e-160};
+    for (size_t s = 0; s < 4; s++) {
+        struct ordered_points all = ordered(shape_sphere(N, 1), N);
+        for (size_t i = 0; i < N; i++) all.point[i] = vec3_scale(all.point[i], scales[s]);
+        struct knn *knn = NULL;
+        uint32_t id[N * 6];
+        double distance_sq[N * 6];
+        assert_int_equal(knn_new(all.point, N, &knn, NULL), STATUS_OK);
+        assert_int_equal(knn_search(knn, all.point, N, 6, 1, id, distance_sq), STATUS_OK);
+        for (size_t q = 0; q < N; q++) {
+            uint32_t alone_id[6];
+            double alone_sq[6];
+            assert_int_equal(knn_search(knn, &all.point[q], 1, 6, 1, alone_id, alone_sq), STATUS_OK);
+            assert_memory_equal(&id[q * 6], alone_id, sizeof alone_id);
+            assert_memory_equal(&distance_sq[q * 6], alone_sq, sizeof alone_sq);
+        }
+        knn_free(knn);
+        ordered_points_done(&all);
+    }
+}
+
+/* FLANN's own pool would go on with a null pointer. */
+static void an_index_without_memory_is_told(void **state) {
+    (void)state;
+    enum { N = 3000 };
+    vec3 *point = shape_sphere(N, 1);
+    bool failed = true;
+    long nth = 0;
+    while (failed) {
+        struct knn *knn = NULL;
+        struct error error = {0};
+        faults_in_memory(++nth, false);
+        enum status status = knn_new(point, N, &knn, &error);
+        failed = faults_stop();
+        assert_int_equal(status, failed ? STATUS_NO_MEMORY : STATUS_OK);
+        assert_true(failed == !knn);
+        knn_free(knn);
+    }
+    assert_true(nth > 3);
+    free(point);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(points_of_a_surface),
+        cmocka_unit_test(points_of_a_grid),
+        cmocka_unit_test(points_that_are_dense_and_sparse),
+        cmocka_unit_test(points_in_crowds),
+        cmocka_unit_test(queries_that_are_no_points),
+        cmocka_unit_test(huge_and_tiny_distances),
+        cmocka_unit_test(an_index_without_memory_is_told),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

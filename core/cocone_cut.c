@@ -77,9 +77,9 @@ static double facet_price(const struct cocone_voters *voters, const uint32_t v[3
     return price;
 }
 
-/* The prices of a half facet of a finite cell and of its twin, in each frame.  Turning the normals of its vertices makes
- * one of them cheaper by as much as the other becomes dearer: by the sum of the cosines between them and the facet's
- * normal, into the cell. */
+/* The prices of a half facet of a finite cell and of its twin, in each frame.  Turning the normals of its vertices
+ * makes one of them cheaper by as much as the other becomes dearer: by the sum of the cosines between them and the
+ * facet's normal, into the cell. */
 static void find_prices(const struct cocone_voters *voters, uint32_t half, int count, int32_t price[][2]) {
     const vec3 *point = voters->star->point;
     uint32_t v[3];

@@ -30,8 +30,8 @@ struct cocone_voters {
  * rho_b).  True where support is NULL. */
 bool cocone_cut_supported(const vec3 *point, const double *support, const uint32_t facet[3]);
 
-/* The costs with each of count frames and lies of the voters.  O(cells).  STATUS_NO_MEMORY, and then whoever calls gives
- * what is there to cocone_cost_done. */
+/* The costs with each of count frames and lies of the voters.  O(cells).  STATUS_NO_MEMORY, and then whoever calls
+ * gives what is there to cocone_cost_done. */
 enum status cocone_cut_costs(const struct cocone_voters *voters, int count, unsigned threads,
                              struct cocone_cost cost[]) MUST_CHECK;
 
@@ -49,9 +49,9 @@ void cocone_cut_free(struct cocone_cut *cut);
 /* inside[c] = 1 for the cells inside; infinite cells are outside always.  STATUS_CANCELLED. */
 enum status cocone_cut_label(struct cocone_cut *cut, const struct progress *progress, uint8_t *inside) MUST_CHECK;
 
-/* Takes the votes of count vertices (listed without repeats) out of the costs, by = -1, or puts them in as the frame and
- * the lies are now, by = 1: what there is to do before and after they are turned.  Time for what changes alone, and so
- * for cocone_cut_label after it. */
+/* Takes the votes of count vertices (listed without repeats) out of the costs, by = -1, or puts them in as the frame
+ * and the lies are now, by = 1: what there is to do before and after they are turned.  Time for what changes alone, and
+ * so for cocone_cut_label after it. */
 void cocone_cut_change(struct cocone_cut *cut, const uint32_t *vertex, size_t count, int by);
 
 #endif

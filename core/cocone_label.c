@@ -5,11 +5,11 @@
  *                                           +- turn       orient, cut, turn: each labelling by itself, on one thread
  *
  * Votes depend on which way the normals point, and a vote that is overruled says that its normal points the wrong way.
- * So normals are turned where the labels overrule them, and the cut goes on from there: few are, and nothing else has to
- * be found again.
+ * So normals are turned where the labels overrule them, and the cut goes on from there: few are, and nothing else has
+ * to be found again.
  *
- * Invariant: while labellings are made side by side nothing is allocated, and only the thread that called asks whether to
- * go on; the other one finds its answer in `stop`.
+ * Invariant: while labellings are made side by side nothing is allocated, and only the thread that called asks whether
+ * to go on; the other one finds its answer in `stop`.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/cocone_label.h"

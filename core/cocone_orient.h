@@ -12,8 +12,8 @@ struct cocone_lies {
     float (*lie)[4]; /* cell_count; owned */
 };
 
-/* Measures the lies in each of count frames.  O(cells).  STATUS_NO_MEMORY, and then whoever calls gives what is there to
- * cocone_orient_done. */
+/* Measures the lies in each of count frames.  O(cells).  STATUS_NO_MEMORY, and then whoever calls gives what is there
+ * to cocone_orient_done. */
 enum status cocone_orient_measure(const struct cocone_star *star, const struct cocone_frame frame[], int count,
                                   unsigned threads, struct cocone_lies lies[]) MUST_CHECK;
 

@@ -13,8 +13,8 @@
  * Distances to the terminal are remembered with the time of their computation, so that tracing to the root stops at
  * what is known of this phase.
  *
- * Capacities may change after a search.  What flows stays, as far as there is room, and so do the trees: the next search
- * begins with the nodes that were touched, as orphans or as new roots.
+ * Capacities may change after a search.  What flows stays, as far as there is room, and so do the trees: the next
+ * search begins with the nodes that were touched, as orphans or as new roots.
  *
  * Sources: Y. Boykov, V. Kolmogorov, An experimental comparison of min-cut/max-flow algorithms (2004).  P. Kohli, P.
  * Torr, Dynamic graph cuts for efficient inference in Markov random fields (2007), for the changes.

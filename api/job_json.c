@@ -64,18 +64,38 @@ static json_t *links_json(const struct job_document *job) {
     return links;
 }
 
-/* Of the header, else as the job has counted them. */
-static json_t *points_json(const struct job_document *job) {
-    json_t *report = job->input_points ? NULL : parsed_or_null(job->report);
-    json_int_t counted = json_integer_value(json_object_get(report, "points_in"));
-    json_decref(report);
-    return count_or_null(job->input_points ? job->input_points : (uint64_t)counted);
+/* A count that the report has; 0 where there is none. */
+static uint64_t counted(const json_t *report, const char *name) {
+    return (uint64_t)json_integer_value(json_object_get(report, name));
 }
 
-static json_t *input_json(const struct job_document *job) {
+/* Of the header, else as the job has counted them. */
+static uint64_t points_of(const struct job_document *job, const json_t *report) {
+    return job->input_points ? job->input_points : counted(report, "points_in");
+}
+
+static json_t *input_json(const struct job_document *job, const json_t *report) {
     return json_pack("{s:o, s:s, s:o, s:I, s:o}", "cloud", json_sprintf("%s/v1/clouds/%s", links_base(), job->cloud),
-                     "sha256", job->cloud, "points", points_json(job), "bytes", (json_int_t)job->input_bytes, "format",
-                     text_or_null(job->input_format));
+                     "sha256", job->cloud, "points", count_or_null(points_of(job, report)), "bytes",
+                     (json_int_t)job->input_bytes, "format", text_or_null(job->input_format));
+}
+
+/* How many points the ratio comes to, as they will be or were kept; 0: that isn't known, or isn't the goal. */
+static uint64_t points_of_ratio(const struct job_document *job, const json_t *report) {
+    const struct params *params = job->params;
+    uint64_t points = points_of(job, report), kept = counted(report, "points_out");
+    if (isnan(params->ratio) || !isnan(params->max_error) || !points) return 0;
+    double wanted = floor(params->ratio * (double)points);
+    return kept ? kept : wanted < 1 ? 1 : (uint64_t)wanted;
+}
+
+/* What runs or has run, rather than what was sent. */
+static json_t *params_json(const struct job_document *job, const json_t *report) {
+    struct params params = *job->params;
+    uint64_t threads = counted(json_object_get(report, "params"), "threads"), points = points_of_ratio(job, report);
+    params.threads = threads ? threads : job->threads;
+    if (points) params.points = points;
+    return params_to_json(&params);
 }
 
 static json_t *resources_json(const struct job_document *job) {
@@ -90,6 +110,7 @@ static json_t *estimate_json(const struct job_document *job) {
 }
 
 static json_t *job_json(const struct job_document *job) {
+    json_t *report = parsed_or_null(job->report);
     const struct {
         const char *name;
         json_t *value;
@@ -109,10 +130,10 @@ static json_t *job_json(const struct job_document *job) {
         {"attempt", json_integer(job->attempt)},
         {"label", text_or_null(job->label)},
         {"principal", text_or_null(job->principal)},
-        {"input", input_json(job)},
-        {"params", params_to_json(job->params)},
+        {"input", input_json(job, report)},
+        {"params", params_json(job, report)},
         {"resources", resources_json(job)},
-        {"report", parsed_or_null(job->report)},
+        {"report", report},
         {"problem", problem_json(job->problem)},
         {"links", links_json(job)},
     };

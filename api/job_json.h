@@ -23,7 +23,8 @@ struct job_document {
     const char *cloud; /* sha256 of the input */
     uint64_t input_points, input_bytes;
     const char *input_format;
-    const struct params *params;
+    const struct params *params; /* resolved, as they were sent */
+    uint64_t threads;            /* that it runs with, where the report doesn't say */
     double cpu_s, wall_s;
     uint64_t peak_rss_bytes;
     const char *report, *problem; /* JSON text; NULL or "" = null */

@@ -72,6 +72,8 @@ static const struct setting table[] = {
      "What running jobs may be predicted to take in sum, others wait; 0 = physical memory"},
     {"principal-jobs", COUNT | LIVE, AT(principal_jobs), "0", 0, 1000000, "principal_jobs",
      "Jobs of one principal that may wait or run; 0 = no limit of its own"},
+    {"principal-uploads", COUNT | LIVE, AT(principal_uploads), "0", 0, 100000, "principal_uploads",
+     "Resumable uploads of one principal; 0 = a quarter of max-uploads where there are tokens, else all"},
     {"principal-bytes", BYTES | LIVE, AT(principal_bytes), "0", 0, 1024 * KB *GB, "principal_bytes",
      "Bytes of inputs and outputs that are kept for one principal; 0 = no limit"},
     {"job-memory", BYTES | LIVE, AT(job_memory_bytes), "0", 0, 1024 * KB *GB, "job_memory_bytes",
@@ -335,6 +337,8 @@ static void fill_in(struct config *config) {
     if (!config->threads_per_job) config->threads_per_job = 1;
     if (!config->total_memory_bytes) config->total_memory_bytes = memory;
     if (!config->job_memory_bytes) config->job_memory_bytes = memory / config->workers;
+    if (!config->principal_uploads)
+        config->principal_uploads = config->tokens_file[0] ? (config->max_uploads + 3) / 4 : config->max_uploads;
     if (!config->worker[0]) beside_this_program(config->worker);
 }
 

@@ -37,7 +37,7 @@ struct config {
     int64_t sync_max_ms, wait_max_ms, drain_timeout_ms, retention_ms, min_free_bytes;
     int64_t max_connections, connections_per_address, header_timeout_ms, idle_timeout_ms, min_upload_bytes_per_s,
         upload_grace_ms;
-    int64_t max_header_bytes, max_parameters, principal_jobs, principal_bytes;
+    int64_t max_header_bytes, max_parameters, principal_jobs, principal_uploads, principal_bytes;
     int64_t refuse_drain_bytes, refuse_drain_ms;
 };
 

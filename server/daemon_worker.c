@@ -81,12 +81,11 @@ static enum status start(struct run *run, struct error *error) {
     dprintf(run->log_fd, "attempt %d begins\n", run->job->attempt);
     int input_fd = store_cloud_open(run->service->store, run->job->cloud);
     if (input_fd < 0) return error_set(error, STATUS_IO, "worker", "can't open the job's input: %s", strerror(errno));
-    uint64_t threads = run->job->params.threads ? run->job->params.threads : (uint64_t)config->threads_per_job;
     struct spawn_request request = {.confinement = run->confinement,
                                     .input_fd = input_fd,
                                     .output = output,
                                     .params = &run->job->params,
-                                    .threads = threads,
+                                    .threads = service_threads(run->service, &run->job->params),
                                     .log_fd = run->log_fd,
                                     .limits = {.memory_bytes = config->job_memory_bytes,
                                                .cpu_ms = config->job_cpu_ms,

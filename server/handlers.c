@@ -330,6 +330,7 @@ struct job_document handlers_document(struct service *service, const struct job 
         .input_bytes = job->input_bytes,
         .input_format = job->input_format,
         .params = &job->params,
+        .threads = service_threads(service, &job->params),
         .cpu_s = job->cpu_s,
         .wall_s = job->wall_s,
         .peak_rss_bytes = job->peak_rss_bytes,

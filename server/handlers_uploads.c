@@ -175,13 +175,14 @@ bool handlers_admit_upload(struct service *service, struct request *request, str
         return false;
     }
     memcpy(info.principal, request->principal.name, sizeof info.principal);
-    struct uploads_writer *writer =
-        uploads_create(service->uploads, &info, &check, (uint64_t)service->config->max_uploads, &problem);
+    const struct config *config = service->config;
+    struct uploads_limits limits = {(uint64_t)config->max_uploads, (uint64_t)config->principal_uploads};
+    struct uploads_writer *writer = uploads_create(service->uploads, &info, &check, &limits, &problem);
     if (!writer) {
         response_problem(response, &problem);
         return false;
     }
-    uint64_t most = (uint64_t)service->config->max_body_bytes;
+    uint64_t most = (uint64_t)config->max_body_bytes;
     return take_piece(service, request, writer, info.length < most ? info.length : most, response);
 }
 

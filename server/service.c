@@ -308,6 +308,10 @@ enum status service_submit(struct service *service, struct upload *upload, const
     return STATUS_OK;
 }
 
+uint64_t service_threads(const struct service *service, const struct params *params) {
+    return params->threads ? params->threads : (uint64_t)service->config->threads_per_job;
+}
+
 /* ------------------------------------------------------------------------------------------------ time left */
 
 struct forecast {

@@ -62,6 +62,9 @@ enum status service_submit(struct service *service, struct upload *upload, const
 /* How many seconds it will be until the job has ended, waiting included; NAN = not known, or it has ended. */
 double service_time_left(struct service *service, const struct job *job);
 
+/* How many threads a job with these parameters runs with. */
+uint64_t service_threads(const struct service *service, const struct params *params);
+
 /* Makes an upload that has passed upload_end, durably, a cloud of this principal, to be kept for the retention time.
  * *known: it was one already. */
 enum status service_keep_cloud(struct service *service, struct upload *upload, const struct upload_facts *facts,

@@ -91,15 +91,40 @@ static void let_go(struct uploads *uploads, struct entry *entry) {
     if (last) free_entry(entry);
 }
 
-static struct entry *add(struct uploads *uploads, const struct uploads_info *info, uint64_t max_open) {
+static bool refuse(enum problem_kind kind, const char *why, struct problem *problem) {
+    problem_set(problem, kind, "%s", why);
+    return false;
+}
+
+static bool is_below(uint64_t count, uint64_t limit, enum problem_kind kind, const char *name,
+                     struct problem *problem) {
+    if (count < limit) return true;
+    problem_set(problem, kind, "%s is %llu, and as many are there", name, (unsigned long long)limit);
+    problem_add_number(problem, "limit", (int64_t)limit);
+    return false;
+}
+
+/* Whether the principal may have one more.  Under the list's lock. */
+static bool has_room(const struct uploads *uploads, const char *principal, const struct uploads_limits *limits,
+                     struct problem *problem) {
+    uint64_t own = 0;
+    for (const struct entry *entry = uploads->first; entry; entry = entry->next)
+        own += strcmp(entry->info.principal, principal) == 0;
+    return is_below(uploads->count, limits->all, PROBLEM_TOO_MANY_UPLOADS, "max_uploads", problem) &&
+           is_below(own, limits->of_principal, PROBLEM_RATE_LIMITED, "principal_uploads", problem);
+}
+
+/* limits NULL: it is there already. */
+static struct entry *add(struct uploads *uploads, const struct uploads_info *info, const struct uploads_limits *limits,
+                         struct problem *problem) {
     struct entry *entry = calloc(1, sizeof *entry);
-    if (!entry) return NULL;
+    if (!entry) return (void)refuse(PROBLEM_INTERNAL_ERROR, "no memory", problem), NULL;
     pthread_mutex_init(&entry->lock, NULL);
     pthread_cond_init(&entry->changed, NULL);
     entry->info = *info;
     entry->holders = 1;
     pthread_mutex_lock(&uploads->lock);
-    bool room = uploads->count < max_open;
+    bool room = !limits || has_room(uploads, info->principal, limits, problem);
     if (room) {
         entry->next = uploads->first;
         uploads->first = entry;
@@ -179,7 +204,8 @@ static enum status take_row(struct uploads *uploads, struct uploads_row *row, st
         log_line(LOG_ERROR, "upload=%s has lost its file: forgotten", row->info.id);
         return uploads_row_delete(uploads->queue, row->info.id, error);
     }
-    struct entry *entry = add(uploads, &row->info, UINT64_MAX);
+    struct problem problem;
+    struct entry *entry = add(uploads, &row->info, NULL, &problem);
     if (!entry) return error_set(error, STATUS_NO_MEMORY, "uploads", "no memory");
     entry->durable = durable;
     entry->known = true;
@@ -218,11 +244,6 @@ void uploads_close(struct uploads *uploads) {
 
 /* ------------------------------------------------------------------------------------------------ writers */
 
-static bool refuse(enum problem_kind kind, const char *why, struct problem *problem) {
-    problem_set(problem, kind, "%s", why);
-    return false;
-}
-
 static bool refuse_io(const char *what, struct problem *problem) {
     struct error error;
     error_set(&error, status_from_errno(errno), "", "%s: %s", what, strerror(errno));
@@ -260,18 +281,15 @@ static struct uploads_writer *new_writer(struct uploads *uploads, struct entry *
 }
 
 struct uploads_writer *uploads_create(struct uploads *uploads, struct uploads_info *info,
-                                      const struct uploads_check *check, uint64_t max_open, struct problem *problem) {
+                                      const struct uploads_check *check, const struct uploads_limits *limits,
+                                      struct problem *problem) {
     struct timespec now;
     clock_gettime(CLOCK_REALTIME, &now);
     job_new_id(&now, info->id);
     info->created_ms = (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
     info->offset = 0;
-    struct entry *entry = add(uploads, info, max_open);
-    if (!entry) {
-        problem_set(problem, PROBLEM_TOO_MANY_UPLOADS, "%llu uploads are open", (unsigned long long)max_open);
-        problem_add_number(problem, "limit", (int64_t)max_open);
-        return NULL;
-    }
+    struct entry *entry = add(uploads, info, limits, problem);
+    if (!entry) return NULL;
     int fd = store_part_open(uploads->store, info->id, true);
     struct uploads_writer *writer = new_writer(uploads, hold(uploads, info->id), fd, check, problem);
     if (writer) {

@@ -59,11 +59,17 @@ struct uploads_check {
     char base64[64]; /* "" = none */
 };
 
+/* How many there may be. */
+struct uploads_limits {
+    uint64_t all, of_principal;
+};
+
 /* Starts a new upload with its first piece, which may be empty: fills in info's id.  It is durable, and there for
- * uploads_open, once uploads_end was called; freeing the writer before that undoes it.  max_open: how many there may
- * be.  NULL: *problem says why.  Doesn't block for long. */
+ * uploads_open, once uploads_end was called; freeing the writer before that undoes it.  NULL: *problem says why.
+ * Doesn't block for long. */
 struct uploads_writer *uploads_create(struct uploads *uploads, struct uploads_info *info,
-                                      const struct uploads_check *check, uint64_t max_open, struct problem *problem);
+                                      const struct uploads_check *check, const struct uploads_limits *limits,
+                                      struct problem *problem);
 
 /* Starts the next piece, at this offset; a length that wasn't known is set (UINT64_MAX = leave it).  Whoever wrote
  * before can't any more.  NULL: *problem says why.  Doesn't block for long. */

@@ -86,6 +86,34 @@ def test_jobs_of_one_principal(shared, large):
     assert post(daemon, "a", SMALL).status == 201
 
 
+def upload(daemon, who):
+    """A resumable upload, its length yet to come."""
+    return daemon.curl("/v1/uploads", "-X", "POST", "-H", "Tus-Resumable: 1.0.0", "-H", "Upload-Defer-Length: 1", "-H",
+                       f"Authorization: Bearer {who}")
+
+
+@pytest.mark.parametrize("flags, own", [((), 2), (("--principal-uploads", "3"), 3)])
+def test_resumable_uploads_of_one_principal(shared, flags, own):
+    daemon = shared("--max-uploads", "7", *flags)
+    assert daemon.curl("/v1/info").json["limits"]["principal_uploads"] == own
+    paths = [upload(daemon, "a").headers["location"] for _ in range(own)]
+    reply = upload(daemon, "a")
+    assert (reply.status, reply.slug, reply.json["limit"]) == (429, "rate-limited", own)
+    assert int(reply.headers["retry-after"]) > 0 and "principal_uploads" in reply.json["detail"]
+    assert upload(daemon, "b").status == 201
+    daemon.stop()
+    daemon.start()
+    assert upload(daemon, "a").status == 429
+    gone = daemon.curl(paths[0], "-X", "DELETE", "-H", "Tus-Resumable: 1.0.0", "-H", "Authorization: Bearer a")
+    assert gone.status == 204 and upload(daemon, "a").status == 201
+
+
+def test_without_tokens_all_resumable_uploads_are_one_principals(make_daemon):
+    daemon = make_daemon("--max-uploads", "7")
+    assert daemon.curl("/v1/info").json["limits"]["principal_uploads"] == 7
+    assert [upload(daemon, "nobody").status for _ in range(8)] == [201] * 7 + [503]
+
+
 def test_bytes_of_one_principal(shared):
     daemon = shared("--principal-bytes", str(len(SMALL) + 100))
     first = post(daemon, "a", SMALL)
@@ -289,6 +317,7 @@ REACHED_BY = {
     "min_free_bytes": "test_what_is_to_stay_free_stays_free_while_bodies_of_no_known_length_come",
     "min_upload_bytes_per_s": "test_an_upload_that_trickles", "upload_grace_ms": "test_an_upload_that_trickles",
     "principal_bytes": "test_resumable_uploads_count_with_what_they_will_have",
+    "principal_uploads": "test_resumable_uploads_of_one_principal",
     "principal_jobs": "test_jobs_of_one_principal", "retention_ms": "test_results_expire_and_say_so",
     "sync_max_ms": "test_one_shot_that_takes_too_long_names_its_job",
     "threads_per_job": "test_no_more_jobs_run_than_allowed_and_with_no_more_threads",

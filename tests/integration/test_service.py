@@ -40,6 +40,29 @@ def test_a_job_from_cloud_to_outputs(daemon):
     assert daemon.leftovers() == []
 
 
+POINTS = (b"ply\nformat ascii 1.0\nelement vertex 300\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+          + SMALL)
+
+
+@pytest.mark.parametrize("query, points", [("?ratio=0.105", 31), ("?ratio=0.001", 1), ("", 30), ("?points=7", 7),
+                                           ("?ratio=0.1&max_error=0.01", None), ("?levels=0.5,0.1", None)])
+def test_parameters_are_those_that_run_before_the_end_and_after(make_daemon, query, points):
+    daemon = make_daemon("--workers", "1", "--threads-per-job", "2")
+    created = daemon.post(f"/v1/jobs{query}", POINTS).json
+    assert not created["report"] and created["params"]["threads"] == 2 and created["params"].get("points") == points
+    job = daemon.ended(created["id"])
+    assert job["params"] == created["params"] and job["report"]["params"]["threads"] == 2
+    assert points in (None, job["report"]["points_out"])
+
+
+def test_points_of_a_text_are_known_once_they_are_counted(make_daemon):
+    daemon = make_daemon("--threads-per-job", "2")
+    created = daemon.post("/v1/jobs?ratio=0.5&threads=1", SMALL + SMALL[:SMALL.index(b"\n") + 1] * 300).json
+    assert created["params"]["threads"] == 1 and "points" not in created["params"]
+    job = daemon.ended(created["id"])
+    assert job["params"]["points"] == job["report"]["points_out"] == 300  # of 300 distinct ones among 600
+
+
 def test_one_shot_answers_bytes_and_numbers(daemon):
     reply = daemon.post("/v1/simplify?ratio=0.1", SMALL)
     assert reply.status == 200 and reply.body.startswith(b"ply\n")

@@ -180,7 +180,7 @@ static bool write_piece(struct uploads_writer *writer, const char *bytes, struct
 static bool upload_in_pieces(struct uploads *uploads, struct uploads_info *info, struct error *error) {
     static const struct uploads_check plain = {0}, checked = {.whole = true, .base64 = "never"};
     struct problem problem = {0};
-    struct uploads_writer *writer = uploads_create(uploads, info, &plain, 10, &problem);
+    struct uploads_writer *writer = uploads_create(uploads, info, &plain, &(struct uploads_limits){10, 10}, &problem);
     if (!write_piece(writer, "0 0 ", info, &problem)) return false;
     writer = uploads_resume(uploads, info->id, 4, UINT64_MAX, &checked, &problem);
     assert_false(write_piece(writer, "x", info, &problem)); /* its hash is another */

@@ -65,7 +65,8 @@ static int tear_down(void **state) {
 /* Begins an upload of 10 bytes, with a first piece. */
 static void begin(struct fixture *f, const char *piece, struct uploads_info *info) {
     *info = (struct uploads_info){.length = 10};
-    struct uploads_writer *writer = uploads_create(f->uploads, info, &unchecked, 10, &f->problem);
+    struct uploads_writer *writer =
+        uploads_create(f->uploads, info, &unchecked, &(struct uploads_limits){10, 10}, &f->problem);
     assert_non_null(writer);
     assert_true(uploads_write(writer, piece, strlen(piece), &f->problem));
     assert_true(uploads_end(writer, INT64_MAX, info, &f->problem));
@@ -128,9 +129,16 @@ static void a_checked_piece_comes_whole_or_not_at_all(void **state) {
 static void what_was_never_ended_was_never_begun(void **state) {
     struct fixture *f = *state;
     struct uploads_info info = {.length = 10};
-    struct uploads_writer *writer = uploads_create(f->uploads, &info, &unchecked, 1, &f->problem);
-    assert_null(uploads_create(f->uploads, &(struct uploads_info){.length = 1}, &unchecked, 1, &f->problem));
+    struct uploads_writer *writer =
+        uploads_create(f->uploads, &info, &unchecked, &(struct uploads_limits){1, 1}, &f->problem);
+    struct uploads_limits one = {1, 1}, one_each = {9, 1};
+    assert_null(uploads_create(f->uploads, &(struct uploads_info){.length = 1}, &unchecked, &one, &f->problem));
     assert_int_equal(f->problem.kind, PROBLEM_TOO_MANY_UPLOADS);
+    assert_null(uploads_create(f->uploads, &(struct uploads_info){.length = 1}, &unchecked, &one_each, &f->problem));
+    assert_int_equal(f->problem.kind, PROBLEM_RATE_LIMITED);
+    struct uploads_info other = {.length = 1, .principal = "other"};
+    uploads_writer_free(uploads_create(f->uploads, &other, &unchecked, &one_each, &f->problem));
+    assert_true(other.id[0]);
     uploads_writer_free(writer);
     assert_false(uploads_find(f->uploads, info.id, &info));
     assert_int_equal(store_part_open(f->store, info.id, false), -1);

@@ -2,6 +2,7 @@
 """What was accepted is never lost: kills, restarts, drains."""
 import http.client
 import os
+import re
 import resource
 import signal
 import sqlite3
@@ -258,3 +259,29 @@ def test_kill_at_any_moment_loses_no_accepted_job(make_daemon, moment):
     for job_id in accepted:
         assert daemon.ended(job_id)["status"] == "successful"
     assert daemon.leftovers() == []
+
+
+@pytest.mark.parametrize("stops", [1, 3])
+def test_a_process_that_stands_still_is_ended_and_its_job_tried_again(make_daemon, large, stops):
+    daemon = make_daemon("--workers", "1", "--job-stall", "1s")
+    job_id = daemon.submit(large, "?outputs=mesh")
+    for attempt in range(1, stops + 1):
+        pid = int(wait_until(lambda: re.search(rf"job={job_id} .* attempt={attempt} pid=(\d+)", daemon.log_text()),
+                             f"attempt {attempt}")[1])
+        os.kill(pid, signal.SIGSTOP)
+        wait_until(lambda: not process_lives(pid), "the end of what stands still")
+    job = daemon.ended(job_id)
+    assert "it stood still" in daemon.log_text()
+    if stops == 1:
+        assert (job["status"], job["attempt"]) == ("successful", 2)
+    else:
+        problem = job["problem"]
+        assert (job["status"], job["attempt"]) == ("failed", 3) and problem["type"] == "/problems/worker-crashed"
+        assert (problem["setting"], problem["limit_ms"]) == ("job-stall", 1000) and "stood still" in problem["detail"]
+
+
+def test_a_process_may_stand_still_for_ever_where_nothing_forbids_it(make_daemon, large):
+    daemon = make_daemon("--workers", "1", "--job-stall", "0", "--job-wall", "3s")
+    job_id = daemon.submit(large, "?outputs=mesh")
+    os.kill(daemon.worker_pid(job_id), signal.SIGSTOP)
+    assert daemon.ended(job_id)["problem"]["type"] == "/problems/time-limit"

@@ -1,8 +1,8 @@
 /* Tight Cocone over flat arrays, step by step.
  *
- *     tets -> star -> frame -> label -----------------------------------> surface
- *             cells   poles,   tight:   orient, cut, judge, repair        manifold mesh
- *             around  normals  literal: candidates, umbrellas, mark, peel
+ *     tets -> star -> label ----------------------------------------------> surface
+ *             cells   tight:   frame, orient, cut (twice), judge, repair     manifold mesh
+ *             around  literal: frame, candidates, umbrellas, mark, peel
  *
  * Whatever the labels, the surface between inner and outer cells is closed and oriented; the labelling decides how good
  * it is, and the last step makes it a manifold.
@@ -18,25 +18,20 @@
 #include <string.h>
 
 #include "core/alloc.h"
-#include "core/cocone_cut.h"
 #include "core/cocone_facets.h"
-#include "core/cocone_frame.h"
 #include "core/cocone_judge.h"
-#include "core/cocone_orient.h"
+#include "core/cocone_label.h"
 #include "core/cocone_peel.h"
 #include "core/cocone_repair.h"
 #include "core/cocone_star.h"
 #include "core/cocone_surface.h"
 #include "core/cocone_umbrella.h"
 
-enum { ROUNDS = 3 }; /* of cuts */
-
 struct run {
     const struct cocone_input *input;
     const struct cocone_options *options;
     const struct progress *progress;
     struct cocone_star star;
-    struct cocone_frame frame;
     uint8_t *inside; /* of each cell */
     struct cocone_facts facts;
 };
@@ -45,81 +40,52 @@ static enum status tick(struct run *run, double fraction) {
     return progress_tick(run->progress, "cocone", fraction) ? STATUS_CANCELLED : STATUS_OK;
 }
 
-/* Votes depend on which way the normals point, and a vote that is overruled says that its normal points the wrong way.
- */
-static enum status label_by_cuts(struct run *run, struct cocone_lies *lies, struct cocone_cost *cost, uint8_t *inside) {
-    enum status status = STATUS_OK;
-    const double *support = run->input->support;
-    size_t turned = 1;
-    for (int round = 0; round < ROUNDS && turned > 0 && !status; round++) {
-        cocone_cut_done(cost);
-        status = cocone_cut_costs(&run->star, &run->frame, lies, support, run->options->threads, cost);
-        if (!status) status = cocone_cut_label(&run->star, cost, run->progress, inside);
-        if (!status) turned = cocone_orient_by_labels(&run->star, inside, &run->frame, lies);
-    }
-    return status;
-}
-
-/* A labelling with the normals of the frame. */
-static enum status label_once(struct run *run, struct cocone_cost *cost, uint8_t *inside, size_t *conflicts) {
-    struct cocone_lies lies = {0};
-    enum status status = cocone_orient_measure(&run->star, &run->frame, run->options->threads, &lies);
-    if (!status) status = cocone_orient(&run->star, &run->frame, &lies, conflicts);
-    if (!status) status = label_by_cuts(run, &lies, cost, inside);
-    cocone_orient_done(&lies);
-    return status;
-}
-
-/* Labels once more, with normals from the poles, and takes what is better of that. */
-static enum status reconsider(struct run *run) {
-    struct cocone_cost cost = {0};
-    size_t conflicts;
-    uint8_t *other = alloc_zeroed(run->star.tets->cell_count, 1);
-    if (!other) return STATUS_NO_MEMORY;
-    cocone_frame_done(&run->frame);
-    enum status status = cocone_frame_build(&run->star, NULL, run->options->threads, &run->frame);
-    if (!status) status = label_once(run, &cost, other, &conflicts);
-    cocone_cut_done(&cost);
-    if (!status)
-        status = cocone_judge(&run->star, run->input->dense, run->options->threads, other, run->inside,
-                              &run->facts.reconsidered);
-    free(other);
-    return status;
-}
-
+/* With the normals given and with those of the poles; takes what is better of each. */
 static enum status label_tight(struct run *run) {
-    struct cocone_cost cost = {0};
-    enum status status = label_once(run, &cost, run->inside, &run->facts.conflicts);
-    if (!status) status = tick(run, 0.5);
-    if (!status && run->input->dense && run->input->normals) status = reconsider(run);
+    struct cocone_label label[COCONE_FRAMES] = {{0}};
+    const struct cocone_dense *dense = run->input->dense;
+    unsigned threads = run->options->threads;
+    int count = dense && run->input->normals ? 2 : 1;
+    enum status status = cocone_label_make(&run->star, run->input, threads, run->progress, label, count);
+    if (!status) status = tick(run, 0.6);
+    if (!status && count == 2)
+        status = cocone_judge(&run->star, dense, threads, label[1].inside, label[0].inside, &run->facts.reconsidered);
+    cocone_label_done(&label[1]);
     if (!status) status = tick(run, 0.7);
-    if (!status) status = cocone_repair(&run->star, &cost, run->progress, run->options->threads, run->inside,
-                               &run->facts.flips);
-    cocone_cut_done(&cost);
+    if (!status)
+        status = cocone_repair(&run->star, &label[0].cost, run->progress, threads, label[0].inside, &run->facts.flips);
+    run->facts.conflicts = label[0].conflicts;
+    run->inside = label[0].inside;
+    label[0].inside = NULL;
+    cocone_label_done(&label[0]);
     return status;
 }
 
+/* With normals from the poles. */
 static enum status label_literal(struct run *run) {
+    struct cocone_frame frame = {0};
     struct cocone_facets facets = {0};
     uint8_t *good = alloc_zeroed(run->star.n, 1);
-    enum status status = good ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status) status = cocone_facets_find(&run->star, &run->frame, &facets);
+    run->inside = alloc_zeroed(run->star.tets->cell_count, 1);
+    enum status status = good && run->inside ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) status = cocone_frame_build(&run->star, NULL, run->options->threads, &frame, 1);
+    if (!status) status = cocone_facets_find(&run->star, &frame, &facets);
     if (!status) status = tick(run, 0.5);
     if (!status) status = cocone_umbrella_choose(&run->star, &facets, good);
     if (!status) status = cocone_peel(&run->star, &facets, good, run->inside);
     cocone_facets_done(&facets);
+    cocone_frame_done(&frame);
     free(good);
     return status;
 }
 
-/* How each form labels the cells; the literal one has its normals from the poles. */
+/* How each form labels the cells. */
 static const struct form {
     const char *name;
-    bool dense_normals;
     enum status (*label)(struct run *run);
 } forms[] = {
-    [COCONE_TIGHT] = {"tight-cocone", true, label_tight},
-    [COCONE_LITERAL] = {"literal", false, label_literal},
+    [COCONE_TIGHT] = {"tight-cocone", label_tight},
+    [COCONE_LITERAL] = {"literal", label_literal},
 };
 
 static void count_facts(struct run *run, const struct mesh *mesh, uint8_t *seen) {
@@ -137,12 +103,8 @@ static void count_facts(struct run *run, const struct mesh *mesh, uint8_t *seen)
 static enum status reconstruct_solid(struct run *run, const struct tets *tets, struct mesh *mesh) {
     const struct cocone_input *input = run->input;
     const struct form *form = &forms[run->options->form];
-    const vec3 *normals = form->dense_normals ? input->normals : NULL;
     run->facts.form = form->name;
-    run->inside = alloc_zeroed(tets->cell_count, 1);
-    if (!run->inside) return STATUS_NO_MEMORY;
     enum status status = cocone_star_build(tets, input->points, input->n, &run->star);
-    if (!status) status = cocone_frame_build(&run->star, normals, run->options->threads, &run->frame);
     if (!status) status = tick(run, 0.2);
     if (!status) status = form->label(run);
     if (!status) status = tick(run, 0.9);
@@ -175,7 +137,6 @@ enum status cocone_reconstruct(const struct tets *tets, const struct cocone_inpu
     }
     mesh_done(&made);
     free(seen), free(run.inside);
-    cocone_frame_done(&run.frame);
     cocone_star_done(&run.star);
     return status;
 }

@@ -92,13 +92,27 @@ static bool is_alone(void *ctx, uint32_t half) {
     return true;
 }
 
+/* How far the Voronoi cell reaches on the shorter side of the tangent plane. */
+static double least_height(const struct cocone_star *star, const struct cocone_frame *frame, uint32_t v) {
+    double above_sq = 0, below_sq = 0;
+    for (uint32_t i = star->begin[v]; i < star->begin[v + 1]; i++) {
+        uint32_t cell = cocone_star_cell(star->corner[i]);
+        vec3 dual = cocone_star_dual(star, cell, v);
+        double *side_sq = vec3_dot(dual, frame->normal[v]) < 0 ? &below_sq : &above_sq;
+        if (cocone_star_is_finite(star, cell))
+            *side_sq = fmax(*side_sq, vec3_length_sq(dual));
+        else
+            above_sq = INFINITY;
+    }
+    return sqrt(fmin(above_sq, below_sq));
+}
+
 /* thin[v]: the ratio test; flat[v]: and the normal test. */
 static void find_flat(const struct cocone_star *star, const struct cocone_frame *frame, uint8_t *thin, uint8_t *flat) {
     for (uint32_t v = 0; v < star->n; v++) {
         struct view view = {star, frame, v, 0, NULL};
         all_facets(star, v, widen, &view);
-        double width = THINNESS * sqrt(view.width_sq);
-        thin[v] = width <= frame->below[v] && width <= frame->above[v];
+        thin[v] = THINNESS * sqrt(view.width_sq) <= least_height(star, frame, v);
         flat[v] = thin[v] && all_facets(star, v, agrees_with_all, &view);
     }
 }

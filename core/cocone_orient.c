@@ -83,7 +83,8 @@ static void join(struct forest *forest, uint32_t a, uint32_t b, uint8_t parity) 
 struct measuring {
     const struct cocone_star *star;
     const struct cocone_frame *frame;
-    float (*lie)[4];
+    struct cocone_lies *lies;
+    int count;
 };
 
 static vec3 centroid_direction(const struct cocone_star *star, uint32_t cell, uint32_t vertex) {
@@ -93,27 +94,41 @@ static vec3 centroid_direction(const struct cocone_star *star, uint32_t cell, ui
     return vec3_unit(sum);
 }
 
-static float measure(const struct cocone_star *star, const struct cocone_frame *frame, uint32_t cell, uint32_t vertex) {
-    if (vertex == NONE) return HULL_LIE;
-    double dual = cocone_frame_cosine(star, frame, cell, vertex), own = dual;
-    if (cocone_star_is_finite(star, cell))
-        own = vec3_dot(centroid_direction(star, cell, vertex), frame->normal[vertex]);
-    double certainty = FAINT + sqrt(fmax(own * dual, 0));
+/* From the cosines of the normal with the directions of the dual and of the cell itself. */
+static float lie_of(double dual, double own) {
+    double certainty = FAINT + sqrt(own * dual > 0 ? own * dual : 0);
     return (float)(dual < 0 ? -certainty : certainty);
 }
 
-static void measure_range(void *ctx, size_t begin, size_t end) {
-    const struct measuring *m = ctx;
-    for (uint32_t c = (uint32_t)begin; c < end; c++)
-        for (int i = 0; i < 4; i++) m->lie[c][i] = measure(m->star, m->frame, c, m->star->tets->vertex[c][i]);
+/* How a cell lies to its vertex i, in all frames. */
+static void measure(const struct measuring *m, uint32_t cell, int i) {
+    uint32_t vertex = m->star->tets->vertex[cell][i];
+    vec3 dual = {0}, own = {0};
+    if (vertex != NONE) dual = own = vec3_unit(cocone_star_dual(m->star, cell, vertex));
+    if (cocone_star_is_finite(m->star, cell)) own = centroid_direction(m->star, cell, vertex);
+    for (int k = 0; k < m->count; k++) {
+        float lie = HULL_LIE;
+        if (vertex != NONE) {
+            vec3 normal = m->frame[k].normal[vertex];
+            lie = lie_of(vec3_dot(dual, normal), vec3_dot(own, normal));
+        }
+        m->lies[k].lie[cell][i] = lie;
+    }
 }
 
-enum status cocone_orient_measure(const struct cocone_star *star, const struct cocone_frame *frame, unsigned threads,
-                                  struct cocone_lies *lies) {
-    struct measuring m = {star, frame, alloc_array(star->tets->cell_count, sizeof *m.lie)};
-    if (!m.lie) return STATUS_NO_MEMORY;
+static void measure_range(void *ctx, size_t begin, size_t end) {
+    for (uint32_t c = (uint32_t)begin; c < end; c++)
+        for (int i = 0; i < 4; i++) measure(ctx, c, i);
+}
+
+enum status cocone_orient_measure(const struct cocone_star *star, const struct cocone_frame frame[], int count,
+                                  unsigned threads, struct cocone_lies lies[]) {
+    for (int k = 0; k < count; k++) {
+        lies[k].lie = alloc_array(star->tets->cell_count, sizeof *lies->lie);
+        if (!lies[k].lie) return STATUS_NO_MEMORY;
+    }
+    struct measuring m = {star, frame, lies, count};
     par_for(threads, star->tets->cell_count, GRAIN, measure_range, &m);
-    lies->lie = m.lie;
     return STATUS_OK;
 }
 
@@ -173,7 +188,7 @@ static size_t link_vertices(const struct cocone_star *star, const float (*lie)[4
 
 /* ------------------------------------------------------------------------------------------------ rounds */
 
-struct gathering {
+struct cocone_gathering {
     size_t nodes;
     struct link *link, *next; /* next: room for as many */
     size_t count;
@@ -183,13 +198,13 @@ struct gathering {
     struct sums sums;
 };
 
-static bool is_stronger(const struct gathering *g, uint32_t a, uint32_t b) {
+static bool is_stronger(const struct cocone_gathering *g, uint32_t a, uint32_t b) {
     if (b == NONE) return true;
     double wa = fabs(g->link[a].weight), wb = fabs(g->link[b].weight);
     return wa > wb || (wa == wb && a < b);
 }
 
-static void find_best(struct gathering *g) {
+static void find_best(struct cocone_gathering *g) {
     for (size_t i = 0; i < g->nodes; i++) g->best[i] = NONE;
     for (uint32_t i = 0; i < g->count; i++) {
         uint32_t *low = &g->best[g->link[i].low], *high = &g->best[g->link[i].high];
@@ -199,7 +214,7 @@ static void find_best(struct gathering *g) {
 }
 
 /* What a link must weigh to be joined now: MEANS times the mean of all clusters' best ones, at most the strongest. */
-static double least_weight(const struct gathering *g) {
+static double least_weight(const struct cocone_gathering *g) {
     double sum = 0, strongest = 0;
     size_t count = 0;
     for (size_t i = 0; i < g->nodes; i++) {
@@ -212,7 +227,7 @@ static double least_weight(const struct gathering *g) {
     return fmin(MEANS * sum / (double)count, strongest);
 }
 
-static void join_best(struct gathering *g, double least) {
+static void join_best(struct cocone_gathering *g, double least) {
     for (uint32_t i = 0; i < g->count; i++) {
         const struct link *link = &g->link[i];
         if (g->best[link->low] != i && g->best[link->high] != i) continue;
@@ -221,14 +236,14 @@ static void join_best(struct gathering *g, double least) {
 }
 
 /* The link between the roots of its ends; low == high where they are the same. */
-static struct link at_roots(struct gathering *g, struct link link) {
+static struct link at_roots(struct cocone_gathering *g, struct link link) {
     uint8_t pa, pb;
     uint32_t a = find(&g->forest, link.low, &pa), b = find(&g->forest, link.high, &pb);
     return (struct link){a < b ? a : b, a < b ? b : a, pa ^ pb ? -link.weight : link.weight};
 }
 
 /* Moves all links to the roots and adds up those between the same two: sorted by low, then summed by high. */
-static void gather(struct gathering *g) {
+static void gather(struct cocone_gathering *g) {
     for (size_t i = 0; i <= g->nodes; i++) g->begin[i] = 0;
     size_t kept = 0;
     for (size_t i = 0; i < g->count; i++) {
@@ -246,7 +261,7 @@ static void gather(struct gathering *g) {
     }
 }
 
-static void gather_all(struct gathering *g) {
+static void gather_all(struct cocone_gathering *g) {
     while (g->count > 0) {
         find_best(g);
         join_best(g, least_weight(g));
@@ -254,7 +269,11 @@ static void gather_all(struct gathering *g) {
     }
 }
 
-static enum status gathering_init(struct gathering *g, size_t nodes, size_t links) {
+enum status cocone_gathering_new(const struct cocone_star *star, struct cocone_gathering **room) {
+    /* In a triangulation of the sphere in four dimensions there are as many edges as cells and vertices together. */
+    size_t nodes = star->n + 1, links = star->tets->cell_count + nodes;
+    struct cocone_gathering *g = alloc_zeroed(1, sizeof *g);
+    if (!g) return STATUS_NO_MEMORY;
     g->nodes = nodes;
     g->link = alloc_array(links, sizeof *g->link);
     g->next = alloc_array(links, sizeof *g->next);
@@ -265,25 +284,29 @@ static enum status gathering_init(struct gathering *g, size_t nodes, size_t link
     g->sums = (struct sums){alloc_array(nodes, sizeof(double)), alloc_zeroed(nodes, 1),
                             alloc_array(nodes, sizeof(uint32_t)), 0};
     bool ok = g->link && g->next && g->best && g->begin && g->forest.parent && g->forest.parity && g->forest.size;
-    if (!ok || !g->sums.sum || !g->sums.used || !g->sums.ids) return STATUS_NO_MEMORY;
+    if (!ok || !g->sums.sum || !g->sums.used || !g->sums.ids) {
+        cocone_gathering_free(g);
+        return STATUS_NO_MEMORY;
+    }
     for (uint32_t i = 0; i < nodes; i++) g->forest.parent[i] = i, g->forest.size[i] = 1;
+    *room = g;
     return STATUS_OK;
 }
 
-static void gathering_done(struct gathering *g) {
+void cocone_gathering_free(struct cocone_gathering *g) {
+    if (!g) return;
     free(g->link), free(g->next), free(g->best), free(g->begin);
     free(g->forest.parent), free(g->forest.parity), free(g->forest.size);
     free(g->sums.sum), free(g->sums.used), free(g->sums.ids);
+    free(g);
 }
 
 /* ------------------------------------------------------------------------------------------------ normals */
 
-static void turn(const struct cocone_star *star, struct cocone_frame *frame, struct cocone_lies *lies, uint32_t v) {
-    frame->normal[v] = vec3_scale(frame->normal[v], -1);
-    double above = frame->above[v];
-    frame->above[v] = frame->below[v];
-    frame->below[v] = above;
-    for (uint32_t i = star->begin[v]; i < star->begin[v + 1]; i++) {
+void cocone_orient_turn(const struct cocone_star *star, struct cocone_frame *frame, struct cocone_lies *lies,
+                        uint32_t vertex) {
+    cocone_frame_turn(frame, vertex);
+    for (uint32_t i = star->begin[vertex]; i < star->begin[vertex + 1]; i++) {
         float *lie = &lies->lie[cocone_star_cell(star->corner[i])][cocone_star_index(star->corner[i])];
         *lie = -*lie;
     }
@@ -295,7 +318,7 @@ static void turn_normals(const struct cocone_star *star, struct forest *forest, 
     find(forest, (uint32_t)star->n, &out);
     for (uint32_t v = 0; v < star->n; v++) {
         find(forest, v, &parity);
-        if (parity != out && star->begin[v] < star->begin[v + 1]) turn(star, frame, lies, v);
+        if (parity != out && star->begin[v] < star->begin[v + 1]) cocone_orient_turn(star, frame, lies, v);
     }
 }
 
@@ -309,24 +332,17 @@ static size_t count_conflicts(const struct cocone_star *star, const struct cocon
     return conflicts;
 }
 
-enum status cocone_orient(const struct cocone_star *star, struct cocone_frame *frame, struct cocone_lies *lies,
-                          size_t *conflicts) {
-    struct gathering g = {0};
-    /* In a triangulation of the sphere in four dimensions there are as many edges as cells and vertices together. */
-    enum status status = gathering_init(&g, star->n + 1, star->tets->cell_count + star->n + 1);
-    if (!status) {
-        g.count = link_vertices(star, (const float(*)[4])lies->lie, &g.sums, g.link);
-        gather_all(&g);
-        turn_normals(star, &g.forest, frame, lies);
-        *conflicts = count_conflicts(star, lies);
-    }
-    gathering_done(&g);
-    return status;
+size_t cocone_orient(const struct cocone_star *star, struct cocone_frame *frame, struct cocone_lies *lies,
+                     struct cocone_gathering *room) {
+    room->count = link_vertices(star, (const float(*)[4])lies->lie, &room->sums, room->link);
+    gather_all(room);
+    turn_normals(star, &room->forest, frame, lies);
+    return count_conflicts(star, lies);
 }
 
-size_t cocone_orient_by_labels(const struct cocone_star *star, const uint8_t *inside, struct cocone_frame *frame,
-                               struct cocone_lies *lies) {
-    size_t turned = 0;
+size_t cocone_orient_doubt(const struct cocone_star *star, const uint8_t *inside, const struct cocone_lies *lies,
+                           uint32_t *list) {
+    size_t count = 0;
     for (uint32_t v = 0; v < star->n; v++) {
         double agreement = 0;
         for (uint32_t i = star->begin[v]; i < star->begin[v + 1]; i++) {
@@ -334,9 +350,7 @@ size_t cocone_orient_by_labels(const struct cocone_star *star, const uint8_t *in
             double lie = (double)lies->lie[cell][cocone_star_index(star->corner[i])];
             agreement += inside[cell] ? -lie : lie;
         }
-        if (agreement >= 0) continue;
-        turn(star, frame, lies, v);
-        turned++;
+        if (agreement < 0) list[count++] = v;
     }
-    return turned;
+    return count;
 }

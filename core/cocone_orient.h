@@ -12,20 +12,32 @@ struct cocone_lies {
     float (*lie)[4]; /* cell_count; owned */
 };
 
-/* Measures the lies in a frame.  O(cells).  STATUS_NO_MEMORY. */
-enum status cocone_orient_measure(const struct cocone_star *star, const struct cocone_frame *frame, unsigned threads,
-                                  struct cocone_lies *lies) MUST_CHECK;
+/* Measures the lies in each of count frames.  O(cells).  STATUS_NO_MEMORY, and then whoever calls gives what is there
+ * to cocone_orient_done. */
+enum status cocone_orient_measure(const struct cocone_star *star, const struct cocone_frame frame[], int count,
+                                  unsigned threads, struct cocone_lies lies[]) MUST_CHECK;
 
 /* Accepts zeroed lies. */
 void cocone_orient_done(struct cocone_lies *lies);
 
-/* Turns the normals outwards, all of them, and the lies with them.  *conflicts = the cells that two of their vertices
- * still see on opposite sides with certainty.  O(cells log cells) in practice.  STATUS_NO_MEMORY. */
-enum status cocone_orient(const struct cocone_star *star, struct cocone_frame *frame, struct cocone_lies *lies,
-                          size_t *conflicts) MUST_CHECK;
+/* Room to work in for cocone_orient, which can't fail then.  STATUS_NO_MEMORY. */
+struct cocone_gathering;
+enum status cocone_gathering_new(const struct cocone_star *star, struct cocone_gathering **room) MUST_CHECK;
 
-/* Turns the normals that disagree with the labels of most cells around them; how many.  O(cells). */
-size_t cocone_orient_by_labels(const struct cocone_star *star, const uint8_t *inside, struct cocone_frame *frame,
-                               struct cocone_lies *lies);
+/* Accepts NULL. */
+void cocone_gathering_free(struct cocone_gathering *room);
+
+/* Turns the normals outwards, all of them, and the lies with them.  Returns the number of cells that two of their
+ * vertices still see on opposite sides with certainty.  room: fresh.  O(cells log cells) in practice. */
+size_t cocone_orient(const struct cocone_star *star, struct cocone_frame *frame, struct cocone_lies *lies,
+                     struct cocone_gathering *room);
+
+/* Lists the vertices whose normals disagree with the labels of most cells around them; how many.  O(cells). */
+size_t cocone_orient_doubt(const struct cocone_star *star, const uint8_t *inside, const struct cocone_lies *lies,
+                           uint32_t *list);
+
+/* Turns the normal of a vertex, and the lies with it. */
+void cocone_orient_turn(const struct cocone_star *star, struct cocone_frame *frame, struct cocone_lies *lies,
+                        uint32_t vertex);
 
 #endif

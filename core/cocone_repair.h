@@ -10,7 +10,6 @@
  * that costs least.  *flips counts the cells.  O(cells) and then a few microseconds for each defect.
  * STATUS_NO_MEMORY, STATUS_CANCELLED. */
 enum status cocone_repair(const struct cocone_star *star, const struct cocone_cost *cost,
-                          const struct progress *progress, unsigned threads, uint8_t *inside,
-                          size_t *flips) MUST_CHECK;
+                          const struct progress *progress, unsigned threads, uint8_t *inside, size_t *flips) MUST_CHECK;
 
 #endif

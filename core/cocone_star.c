@@ -80,8 +80,3 @@ vec3 cocone_star_hull_normal(const struct cocone_star *star, uint32_t cell) {
     cocone_star_vertices(star, cocone_star_pack(cell, i), v);
     return vec3_unit(vec3_triangle_normal(star->point[v[0]], star->point[v[1]], star->point[v[2]]));
 }
-
-vec3 cocone_star_dual(const struct cocone_star *star, uint32_t cell, uint32_t vertex) {
-    if (!cocone_star_is_finite(star, cell)) return cocone_star_hull_normal(star, cell);
-    return vec3_sub(star->tets->circumcentre[cell], star->point[vertex]);
-}

@@ -63,6 +63,9 @@ vec3 cocone_star_hull_normal(const struct cocone_star *star, uint32_t cell);
 
 /* The direction in which a cell's dual lies from its vertex: circumcentre - point, or the outward normal of an infinite
  * cell.  Not normalised. */
-vec3 cocone_star_dual(const struct cocone_star *star, uint32_t cell, uint32_t vertex);
+static inline vec3 cocone_star_dual(const struct cocone_star *star, uint32_t cell, uint32_t vertex) {
+    if (!cocone_star_is_finite(star, cell)) return cocone_star_hull_normal(star, cell);
+    return vec3_sub(star->tets->circumcentre[cell], star->point[vertex]);
+}
 
 #endif

@@ -13,7 +13,11 @@
  * Distances to the terminal are remembered with the time of their computation, so that tracing to the root stops at
  * what is known of this phase.
  *
- * Source: Y. Boykov, V. Kolmogorov, An experimental comparison of min-cut/max-flow algorithms (2004).
+ * Capacities may change after a search.  What flows stays, as far as there is room, and so do the trees: the next
+ * search begins with the nodes that were touched, as orphans or as new roots.
+ *
+ * Sources: Y. Boykov, V. Kolmogorov, An experimental comparison of min-cut/max-flow algorithms (2004).  P. Kohli, P.
+ * Torr, Dynamic graph cuts for efficient inference in Markov random fields (2007), for the changes.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/mincut.h"
@@ -36,18 +40,18 @@ struct queue {
     uint32_t *next; /* of each node; NONE = last; its own id = not queued */
 };
 
-struct search {
+struct mincut_search {
     struct mincut *graph;
     uint8_t *tree, *parent;
     uint32_t *distance, *stamp; /* to the terminal, and the phase in which that was true */
     uint32_t phase;
-    struct queue active, orphans;
-    uint64_t steps, step_limit;
+    struct queue active, orphans, changed;
+    uint64_t steps;
 };
 
-static void queue_init(struct queue *queue, uint32_t *next, size_t n) {
-    *queue = (struct queue){NONE, NONE, next};
-    for (uint32_t i = 0; i < n; i++) next[i] = i;
+static void queue_init(struct queue *queue, size_t n) {
+    queue->first = queue->last = NONE;
+    for (uint32_t i = 0; i < n; i++) queue->next[i] = i;
 }
 
 static void queue_push(struct queue *queue, uint32_t node) {
@@ -71,13 +75,13 @@ static uint32_t queue_pop(struct queue *queue) {
 
 /* Capacity left between a node and its neighbour across arc i, in the direction from the tree's root outwards or, for
  * outwards = false, back to it.  Flow runs away from the source and towards the sink. */
-static int32_t residual(const struct search *s, uint32_t node, unsigned i, bool outwards) {
+static int32_t residual(const struct mincut_search *s, uint32_t node, unsigned i, bool outwards) {
     const struct mincut *g = s->graph;
     bool forward = (s->tree[node] == SOURCE) == outwards;
     return forward ? g->capacity[node][i] : g->capacity[g->neighbour[node][i]][g->mirror[node][i]];
 }
 
-static void plant(struct search *s) {
+static void plant(struct mincut_search *s) {
     for (uint32_t c = 0; c < s->graph->node_count; c++) {
         int32_t terminal = s->graph->terminal[c];
         s->tree[c] = terminal > 0 ? SOURCE : terminal < 0 ? SINK : FREE;
@@ -88,7 +92,7 @@ static void plant(struct search *s) {
 }
 
 /* A node takes a free neighbour into its tree, or becomes the parent of one that would be nearer to the root so. */
-static void take(struct search *s, uint32_t node, unsigned i) {
+static void take(struct mincut_search *s, uint32_t node, unsigned i) {
     uint32_t other = s->graph->neighbour[node][i];
     bool is_new = s->tree[other] == FREE;
     bool is_nearer = s->tree[other] == s->tree[node] && s->stamp[other] <= s->stamp[node] &&
@@ -102,7 +106,7 @@ static void take(struct search *s, uint32_t node, unsigned i) {
 }
 
 /* Grows from the node until the trees touch: the arc over which they do, or 4. */
-static unsigned grow(struct search *s, uint32_t node) {
+static unsigned grow(struct mincut_search *s, uint32_t node) {
     for (unsigned i = 0; i < 4; i++) {
         if (!residual(s, node, i, true)) continue;
         uint32_t other = s->graph->neighbour[node][i];
@@ -112,13 +116,13 @@ static unsigned grow(struct search *s, uint32_t node) {
     return 4;
 }
 
-static void orphan(struct search *s, uint32_t node) {
+static void orphan(struct mincut_search *s, uint32_t node) {
     s->parent[node] = ORPHAN;
     queue_push(&s->orphans, node);
 }
 
 /* The capacity left along the parents of a node and at its terminal. */
-static int32_t bottleneck(const struct search *s, uint32_t node, int32_t least) {
+static int32_t bottleneck(const struct mincut_search *s, uint32_t node, int32_t least) {
     while (s->parent[node] != TERMINAL) {
         unsigned i = s->parent[node];
         int32_t left = residual(s, node, i, false);
@@ -129,7 +133,7 @@ static int32_t bottleneck(const struct search *s, uint32_t node, int32_t least) 
     return end < least ? end : least;
 }
 
-static void push(struct search *s, uint32_t node, int32_t flow) {
+static void push(struct mincut_search *s, uint32_t node, int32_t flow) {
     struct mincut *g = s->graph;
     int32_t sign = s->tree[node] == SOURCE ? 1 : -1;
     while (s->parent[node] != TERMINAL) {
@@ -145,7 +149,7 @@ static void push(struct search *s, uint32_t node, int32_t flow) {
 }
 
 /* Fills the path over arc i of a node where the trees touch. */
-static void augment(struct search *s, uint32_t node, unsigned i) {
+static void augment(struct mincut_search *s, uint32_t node, unsigned i) {
     struct mincut *g = s->graph;
     if (s->tree[node] == SINK) {
         uint32_t other = g->neighbour[node][i];
@@ -161,7 +165,7 @@ static void augment(struct search *s, uint32_t node, unsigned i) {
 }
 
 /* Distance of a node to its terminal along parents, UINT32_MAX where it hangs on an orphan; remembered on the way. */
-static uint32_t trace(struct search *s, uint32_t node) {
+static uint32_t trace(struct mincut_search *s, uint32_t node) {
     uint32_t length = 0, at = node;
     while (s->stamp[at] != s->phase && s->parent[at] < TERMINAL) {
         at = s->graph->neighbour[at][s->parent[at]];
@@ -178,7 +182,7 @@ static uint32_t trace(struct search *s, uint32_t node) {
     return length;
 }
 
-static bool find_parent(struct search *s, uint32_t node) {
+static bool find_parent(struct mincut_search *s, uint32_t node) {
     uint32_t best = UINT32_MAX;
     unsigned best_arc = 4;
     for (unsigned i = 0; i < 4; i++) {
@@ -196,7 +200,7 @@ static bool find_parent(struct search *s, uint32_t node) {
 }
 
 /* Its children become orphans; neighbours that could take it in again become active. */
-static void leave(struct search *s, uint32_t node) {
+static void leave(struct mincut_search *s, uint32_t node) {
     for (unsigned i = 0; i < 4; i++) {
         uint32_t other = s->graph->neighbour[node][i];
         if (s->tree[other] != s->tree[node]) continue;
@@ -207,17 +211,72 @@ static void leave(struct search *s, uint32_t node) {
     s->parent[node] = ROOTLESS;
 }
 
-static void adopt(struct search *s) {
+static void adopt(struct mincut_search *s) {
     for (uint32_t node = queue_pop(&s->orphans); node != NONE; node = queue_pop(&s->orphans)) {
         s->steps++;
         if (!find_parent(s, node)) leave(s, node);
     }
 }
 
-static enum status flow(struct search *s, const char *stage, const struct progress *progress) {
-    uint64_t phases = 0;
-    for (uint32_t node = queue_pop(&s->active); node != NONE && s->steps < s->step_limit;
-         node = queue_pop(&s->active)) {
+/* ------------------------------------------------------------------------------------------------ changes */
+
+/* A node whose terminal has changed sides starts anew: its children lose it, and the other tree may have it. */
+static void plant_anew(struct mincut_search *s, uint32_t node) {
+    s->tree[node] = s->graph->terminal[node] > 0 ? SOURCE : SINK;
+    for (unsigned i = 0; i < 4; i++) {
+        uint32_t other = s->graph->neighbour[node][i];
+        if (s->changed.next[other] != other || s->tree[other] == FREE) continue;
+        if (s->parent[other] == s->graph->mirror[node][i]) orphan(s, other);
+        if (s->tree[other] != s->tree[node] && residual(s, node, i, true)) queue_push(&s->active, other);
+    }
+}
+
+/* Where terminals or arcs have changed, trees are mended before they grow on. */
+static void mend(struct mincut_search *s) {
+    s->phase++;
+    for (uint32_t node = queue_pop(&s->changed); node != NONE; node = queue_pop(&s->changed)) {
+        int32_t terminal = s->graph->terminal[node];
+        queue_push(&s->active, node);
+        if (!terminal) {
+            if (s->tree[node] != FREE) orphan(s, node);
+            continue;
+        }
+        if (s->tree[node] != (terminal > 0 ? SOURCE : SINK)) plant_anew(s, node);
+        s->parent[node] = TERMINAL;
+        s->distance[node] = 1;
+        s->stamp[node] = s->phase;
+    }
+    adopt(s);
+}
+
+void mincut_add_terminal(struct mincut_search *s, uint32_t node, int32_t by) {
+    s->graph->terminal[node] += by;
+    queue_push(&s->changed, node);
+}
+
+/* Flow that an arc has no room for any more goes back: its tail has it left over, its head wants it. */
+void mincut_add_arc(struct mincut_search *s, uint32_t node, unsigned i, int32_t by) {
+    struct mincut *g = s->graph;
+    uint32_t other = g->neighbour[node][i];
+    int32_t *capacity = &g->capacity[node][i], excess = -(*capacity + by);
+    *capacity += by;
+    if (excess > 0) {
+        *capacity = 0;
+        g->capacity[other][g->mirror[node][i]] -= excess;
+        g->terminal[node] += excess;
+        g->terminal[other] -= excess;
+    }
+    queue_push(&s->changed, node);
+    queue_push(&s->changed, other);
+}
+
+/* ------------------------------------------------------------------------------------------------ the search */
+
+enum status mincut_flow(struct mincut_search *s, const char *stage, const struct progress *progress) {
+    uint64_t phases = 0, step_limit = s->steps + (uint64_t)s->graph->node_count * STEPS_PER_NODE;
+    if (s->phase == 0) plant(s);
+    mend(s);
+    for (uint32_t node = queue_pop(&s->active); node != NONE && s->steps < step_limit; node = queue_pop(&s->active)) {
         while (s->tree[node] != FREE) {
             unsigned arc = grow(s, node);
             if (arc == 4) break;
@@ -225,30 +284,39 @@ static enum status flow(struct search *s, const char *stage, const struct progre
             augment(s, node, arc);
             adopt(s);
             if (++phases % PHASES_PER_TICK == 0 && progress_tick(progress, stage, 0.5)) return STATUS_CANCELLED;
-            if (s->steps >= s->step_limit) break;
+            if (s->steps >= step_limit) break;
         }
     }
     return STATUS_OK;
 }
 
-enum status mincut_solve(struct mincut *graph, const char *stage, const struct progress *progress, uint8_t *side) {
+bool mincut_is_source(const struct mincut_search *s, uint32_t node) { return s->tree[node] == SOURCE; }
+
+enum status mincut_new(struct mincut *graph, struct mincut_search **out) {
     size_t n = graph->node_count;
-    enum status status = STATUS_NO_MEMORY;
-    struct search s = {.graph = graph, .phase = 1, .step_limit = (uint64_t)n * STEPS_PER_NODE};
-    uint32_t *next_active = alloc_array(n, sizeof *next_active), *next_orphan = alloc_array(n, sizeof *next_orphan);
-    s.tree = alloc_array(n, sizeof *s.tree);
-    s.parent = alloc_array(n, sizeof *s.parent);
-    s.distance = alloc_array(n, sizeof *s.distance);
-    s.stamp = alloc_zeroed(n, sizeof *s.stamp);
-    if (!next_active || !next_orphan || !s.tree || !s.parent || !s.distance || !s.stamp) goto out;
-    queue_init(&s.active, next_active, n);
-    queue_init(&s.orphans, next_orphan, n);
-    plant(&s);
-    status = flow(&s, stage, progress);
-    for (size_t c = 0; c < n && !status; c++) side[c] = s.tree[c] == SOURCE;
-out:
-    free(next_active), free(next_orphan);
-    free(s.tree), free(s.parent);
-    free(s.distance), free(s.stamp);
-    return status;
+    struct mincut_search *s = alloc_zeroed(1, sizeof *s);
+    if (!s) return STATUS_NO_MEMORY;
+    *s = (struct mincut_search){.graph = graph,
+                                .tree = alloc_array(n, sizeof *s->tree),
+                                .parent = alloc_array(n, sizeof *s->parent),
+                                .distance = alloc_array(n, sizeof *s->distance),
+                                .stamp = alloc_zeroed(n, sizeof *s->stamp),
+                                .active.next = alloc_array(n, sizeof(uint32_t)),
+                                .orphans.next = alloc_array(n, sizeof(uint32_t)),
+                                .changed.next = alloc_array(n, sizeof(uint32_t))};
+    if (!s->tree || !s->parent || !s->distance || !s->stamp || !s->active.next || !s->orphans.next ||
+        !s->changed.next) {
+        mincut_free(s);
+        return STATUS_NO_MEMORY;
+    }
+    queue_init(&s->active, n), queue_init(&s->orphans, n), queue_init(&s->changed, n);
+    *out = s;
+    return STATUS_OK;
+}
+
+void mincut_free(struct mincut_search *s) {
+    if (!s) return;
+    free(s->tree), free(s->parent), free(s->distance), free(s->stamp);
+    free(s->active.next), free(s->orphans.next), free(s->changed.next);
+    free(s);
 }

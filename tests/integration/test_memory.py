@@ -110,7 +110,7 @@ def failing_worker(folder):
 def test_a_prediction_that_was_wrong_says_so_and_what_would_fit(make_daemon, tmp_path, pack):
     daemon = make_daemon("--worker", failing_worker(tmp_path), "--worker-sandbox=off", "--job-memory", "300M")
     cloud = pack(ply(200000))
-    job = daemon.ended(daemon.submit(cloud, "?ratio=0.9&outputs=mesh"))
+    job = daemon.ended(daemon.submit(cloud, "?ratio=0.8&outputs=mesh"))
     problem = job["problem"]
     assert problem["type"] == "/problems/out-of-memory"
     assert 0 < problem["predicted_bytes"] < problem["limit"] == 300 << 20 and problem["used_bytes"] > 0

@@ -449,7 +449,11 @@ static void the_cut_goes_through_the_cheapest_arc(void **state) {
         memcpy(left, capacity, sizeof left);
         memcpy(terminal, cases[k].terminal, sizeof terminal);
         struct mincut graph = {N, (const uint32_t(*)[4])neighbour, (const uint8_t(*)[4])mirror, left, terminal};
-        assert_int_equal(mincut_solve(&graph, "cut", NULL, side), STATUS_OK);
+        struct mincut_search *search = NULL;
+        assert_int_equal(mincut_new(&graph, &search), STATUS_OK);
+        assert_int_equal(mincut_flow(search, "cut", NULL), STATUS_OK);
+        for (uint32_t c = 0; c < N; c++) side[c] = mincut_is_source(search, c);
+        mincut_free(search);
         assert_memory_equal(side, cases[k].side, sizeof side);
     }
 }

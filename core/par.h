@@ -1,4 +1,5 @@
-/* Parallel loops.  The only place in core/ that starts threads; none outlives the call.
+/* Parallel loops.  The only place in core/ that starts threads; none outlives the call, or the team that the caller has
+ * made.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_PAR_H
@@ -15,5 +16,14 @@ unsigned par_processors(void);
  * are the same for any number of threads, so a sum can be kept for each range (index begin / grain) and added up in
  * order.  Where no thread can be started the caller's own thread does everything. */
 void par_for(unsigned threads, size_t n, size_t grain, void (*body)(void *ctx, size_t begin, size_t end), void *ctx);
+
+/* Threads that stay from one loop to the next: until par_team_free all par_for of the calling thread, but for loops
+ * inside a loop's body, share them.  They are started when a loop first wants them, and sleep where none does.  Returns
+ * new; NULL where there is no memory.  A thread has one team at most. */
+struct par_team;
+struct par_team *par_team_new(void);
+
+/* By the thread that made it, outside loops.  Accepts NULL. */
+void par_team_free(struct par_team *team);
 
 #endif

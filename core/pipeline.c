@@ -34,6 +34,7 @@
 #include <time.h>
 
 #include "core/alloc.h"
+#include "core/par.h"
 #include "core/pipeline_run.h"
 
 static bool mesh_wanted(const struct params *params) { return params->outputs & (OUTPUT_ANY_MESH | OUTPUT_ERROR); }
@@ -189,7 +190,9 @@ enum status pipeline_run(const struct cloud *cloud, const struct params *params,
     double start_ms = now_ms();
     run.mesh_follows = mesh_wanted(params);
     if (cloud->count == 0) return error_set(error, STATUS_DEGENERATE, "points", "the cloud has no points");
-    enum status status = run_steps(&run, progress, &made);
+    struct par_team *team = par_team_new();
+    enum status status = team ? run_steps(&run, progress, &made) : pipeline_no_memory(&run, "threads");
+    par_team_free(team);
     run.report.total_ms = now_ms() - start_ms;
     if (!status) status = hand_over(&run, &made);
     if (status == STATUS_CANCELLED) error_set(error, status, "pipeline", "cancelled");

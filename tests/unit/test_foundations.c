@@ -1,12 +1,15 @@
 /* The bottom of the core: statuses, allocation, parallel loops, vectors, eigenvectors.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <pthread.h>
 #include <setjmp.h>
+#include <signal.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include <cmocka.h>
 
@@ -78,6 +81,54 @@ static void a_parallel_loop_visits_every_index_once(void **state) {
         }
 }
 
+struct meeting {
+    pthread_barrier_t barrier;
+    pid_t who[2];
+};
+
+/* Two ranges that wait for each other are run by two threads. */
+static void meet(void *ctx, size_t begin, size_t end) {
+    struct meeting *meeting = ctx;
+    (void)end;
+    pthread_barrier_wait(&meeting->barrier);
+    meeting->who[begin] = gettid();
+}
+
+static void a_team_s_threads_stay_from_loop_to_loop(void **state) {
+    (void)state;
+    struct meeting meeting;
+    pid_t self = gettid(), helper = 0;
+    pthread_barrier_init(&meeting.barrier, NULL, 2);
+    struct par_team *team = par_team_new();
+    assert_non_null(team);
+    for (int i = 0; i < 300; i++) {
+        par_for(2, 2, 1, meet, &meeting);
+        unsigned mine = meeting.who[1] == self;
+        assert_int_equal(meeting.who[mine], self);
+        assert_true(i == 0 || meeting.who[1 - mine] == helper);
+        helper = meeting.who[1 - mine];
+    }
+    par_team_free(team);
+    par_team_free(NULL);
+    assert_int_equal(tgkill(getpid(), helper, 0), -1); /* it has gone home */
+    par_for(2, 2, 1, meet, &meeting);
+    pthread_barrier_destroy(&meeting.barrier);
+}
+
+static void count_nested(void *ctx, size_t begin, size_t end) {
+    for (size_t i = begin; i < end; i++) par_for(3, 100, 10, count_range, (unsigned char *)ctx + i * 100);
+}
+
+static void a_team_visits_every_index_once(void **state) {
+    (void)state;
+    struct par_team *team = par_team_new();
+    a_parallel_loop_visits_every_index_once(NULL);
+    unsigned char seen[2000] = {0};
+    par_for(4, 20, 1, count_nested, seen);
+    for (size_t i = 0; i < sizeof seen; i++) assert_int_equal(seen[i], 1);
+    par_team_free(team);
+}
+
 static void a_basis_is_orthonormal_and_right_handed(void **state) {
     (void)state;
     uint64_t seed = 1;
@@ -135,6 +186,8 @@ int main(void) {
         cmocka_unit_test(an_array_whose_size_overflows_is_refused),
         cmocka_unit_test(the_seam_makes_allocations_fail),
         cmocka_unit_test(a_parallel_loop_visits_every_index_once),
+        cmocka_unit_test(a_team_s_threads_stay_from_loop_to_loop),
+        cmocka_unit_test(a_team_visits_every_index_once),
         cmocka_unit_test(a_basis_is_orthonormal_and_right_handed),
         cmocka_unit_test(eigenvectors_stand_coinciding_eigenvalues),
     };

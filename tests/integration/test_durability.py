@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What was accepted is never lost: kills, restarts, drains."""
+import contextlib
 import http.client
 import os
+import re
 import resource
 import signal
 import sqlite3
@@ -258,3 +260,43 @@ def test_kill_at_any_moment_loses_no_accepted_job(make_daemon, moment):
     for job_id in accepted:
         assert daemon.ended(job_id)["status"] == "successful"
     assert daemon.leftovers() == []
+
+
+def stop_attempt(daemon, job_id, attempt):
+    """Stops the process of an attempt, and waits until it is ended for that."""
+    pid = int(wait_until(lambda: re.search(rf"job={job_id} .* attempt={attempt} pid=(\d+)", daemon.log_text()),
+                         f"attempt {attempt}")[1])
+    with contextlib.suppress(ProcessLookupError):  # on a busy machine it may have stood still by itself
+        os.kill(pid, signal.SIGSTOP)
+    wait_until(lambda: not process_lives(pid), "the end of what stands still")
+
+
+def test_a_process_that_stands_still_is_ended_and_its_job_tried_again(make_daemon, large, tmp_path):
+    settings = tmp_path / "settings"
+    settings.write_text("job-stall = 1s\n")
+    daemon = make_daemon("--workers", "1", "--config", settings)
+    job_id = daemon.submit(large)
+    stop_attempt(daemon, job_id, 1)
+    settings.write_text("job-stall = 1h\n")  # so that waiting for a processor doesn't count, however long
+    daemon.process.send_signal(signal.SIGHUP)
+    job = daemon.ended(job_id)
+    assert job["status"] == "successful" and job["attempt"] > 1
+    assert re.search(r"queued again attempt=1 .* it stood still", daemon.log_text())
+
+
+def test_a_process_that_always_stands_still_fails_its_job(make_daemon, large):
+    daemon = make_daemon("--workers", "1", "--job-stall", "1s")
+    job_id = daemon.submit(large)
+    for attempt in (1, 2, 3):
+        stop_attempt(daemon, job_id, attempt)
+    job = daemon.ended(job_id)
+    problem = job["problem"]
+    assert (job["status"], job["attempt"]) == ("failed", 3) and problem["type"] == "/problems/worker-crashed"
+    assert (problem["setting"], problem["limit_ms"]) == ("job-stall", 1000) and "stood still" in problem["detail"]
+
+
+def test_a_process_may_stand_still_for_ever_where_nothing_forbids_it(make_daemon, large):
+    daemon = make_daemon("--workers", "1", "--job-stall", "0", "--job-wall", "3s")
+    job_id = daemon.submit(large)
+    os.kill(daemon.worker_pid(job_id), signal.SIGSTOP)
+    assert daemon.ended(job_id)["problem"]["type"] == "/problems/time-limit"

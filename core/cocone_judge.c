@@ -33,8 +33,7 @@ enum { GRAIN = 256, BATCH = 1 << 14, PLACES = 4 };
 
 static const uint32_t NOT_JUDGED = NONE - 1; /* the group of cells whose difference is too small */
 
-#define MATTERS 0.02 /* of a facet's size: what it has to be nearer by */
-#define DISK 2.0     /* radius of a tangent disk, in spacings of its point */
+#define DISK 2.0 /* radius of a tangent disk, in spacings of its point */
 
 /* Where a facet is measured: the middle, and towards the middles of its edges. */
 static const double place_at[PLACES][3] = {
@@ -53,7 +52,8 @@ struct judge {
     const struct cocone_dense *dense;
     unsigned threads;
     struct side side[2]; /* inside as it is; the other */
-    uint32_t *group;     /* of each cell that differs, or NOT_JUDGED; NONE for the others */
+    double patience, matters;
+    uint32_t *group; /* of each cell that differs, or NOT_JUDGED; NONE for the others */
     uint32_t group_count;
     uint8_t *near;   /* of each vertex: it belongs to a cell that differs */
     double *score;   /* of each group: > 0 when the other is better */
@@ -92,7 +92,7 @@ static double volume_of(const struct judge *j, uint32_t cell) {
 static double facet_matters(const struct judge *j, const uint32_t v[3]) {
     const vec3 *p = j->star->point;
     double area = vec3_length(vec3_triangle_normal(p[v[0]], p[v[1]], p[v[2]])) / 2;
-    return MATTERS * area * sqrt(area);
+    return j->matters * area * sqrt(area);
 }
 
 /* The same of all facets that either surface has at the cell, each of them once. */
@@ -126,18 +126,34 @@ static void add_group(struct judge *j, uint32_t *list) {
     }
 }
 
-static enum status find_groups(struct judge *j) {
+static void find_connected(struct judge *j, uint32_t *list) {
+    for (uint32_t c = 0; c < j->star->tets->finite_count; c++) {
+        if (j->group[c] != NONE || !differs(j, c)) continue;
+        list[0] = c;
+        add_group(j, list);
+    }
+}
+
+static void copy_groups(struct judge *j, const struct cocone_proposal *proposal) {
+    for (uint32_t c = 0; c < j->star->tets->finite_count; c++) {
+        if (!differs(j, c)) continue;
+        j->group[c] = proposal->group[c];
+        for (int i = 0; i < 4; i++) j->near[j->star->tets->vertex[c][i]] = 1;
+    }
+    j->group_count = proposal->groups;
+}
+
+static enum status find_groups(struct judge *j, const struct cocone_proposal *proposal) {
     const struct tets *tets = j->star->tets;
     j->group = alloc_array(tets->cell_count, sizeof *j->group);
     j->near = alloc_zeroed(j->star->n, 1);
     uint32_t *list = alloc_array(tets->finite_count, sizeof *list);
     bool ok = j->group && j->near && list;
     if (ok) memset(j->group, 0xff, tets->cell_count * sizeof *j->group);
-    for (uint32_t c = 0; ok && c < tets->finite_count; c++) {
-        if (j->group[c] != NONE || !differs(j, c)) continue;
-        list[0] = c;
-        add_group(j, list);
-    }
+    if (ok && proposal->group)
+        copy_groups(j, proposal);
+    else if (ok)
+        find_connected(j, list);
     free(list);
     return ok ? STATUS_OK : STATUS_NO_MEMORY;
 }
@@ -207,12 +223,12 @@ static double distance_of(const struct bvh_hit *hit) { return hit->triangle == N
 /* The nearer facet is one that the other side hasn't. */
 static void score_point(struct judge *j, size_t i) {
     const struct bvh_hit *hit = j->hit[i];
-    double difference = distance_of(&hit[0]) - distance_of(&hit[1]);
-    if (difference == 0) return;
-    int nearer = difference > 0;
+    double now = distance_of(&hit[0]), then = distance_of(&hit[1]);
+    if (now == then) return;
+    int nearer = now > then;
     uint32_t group = group_of(j, j->side[nearer].half[hit[nearer].triangle]);
     double spacing = (double)j->dense->spacing[j->point[i]];
-    if (group != NONE) j->score[group] += spacing * spacing * difference;
+    if (group != NONE) j->score[group] += spacing * spacing * (j->patience * now - then);
 }
 
 static enum status score_points(struct judge *j) {
@@ -255,11 +271,11 @@ static enum status score_batch(struct judge *j, struct batch *b) {
     return status;
 }
 
-static void add_facet(const struct judge *j, struct batch *b, const uint32_t v[3], uint32_t group, double sign) {
+static void add_facet(const struct judge *j, struct batch *b, const uint32_t v[3], uint32_t group, double weight) {
     const vec3 *p = j->star->point;
     b->group[b->n / PLACES] = group;
     double area = vec3_length(vec3_triangle_normal(p[v[0]], p[v[1]], p[v[2]])) / 2;
-    b->weight[b->n / PLACES] = sign * area / PLACES;
+    b->weight[b->n / PLACES] = weight * area / PLACES;
     j->score[group] -= facet_matters(j, v);
     for (int k = 0; k < PLACES; k++) {
         vec3 at = vec3_scale(p[v[0]], place_at[k][0]);
@@ -278,7 +294,7 @@ static enum status score_facets(struct judge *j) {
         for (size_t t = 0; t < side->mesh.triangle_count && !status; t++) {
             uint32_t group = group_of(j, side->half[t]);
             if (group == NONE) continue;
-            add_facet(j, b, side->mesh.triangle[t], group, s ? -1 : 1);
+            add_facet(j, b, side->mesh.triangle[t], group, s ? -1 : j->patience);
             if (b->n == BATCH) status = score_batch(j, b);
         }
     }
@@ -300,10 +316,14 @@ static size_t take_better(const struct judge *j, uint8_t *inside) {
 }
 
 enum status cocone_judge(const struct cocone_star *star, const struct cocone_dense *dense, unsigned threads,
-                         const uint8_t *other, uint8_t *inside, size_t *taken) {
-    struct judge j = {
-        .star = star, .dense = dense, .threads = threads, .side = {{.inside = inside}, {.inside = other}}};
-    enum status status = find_groups(&j);
+                         const struct cocone_proposal *proposal, uint8_t *inside, size_t *taken) {
+    struct judge j = {.star = star,
+                      .dense = dense,
+                      .threads = threads,
+                      .side = {{.inside = inside}, {.inside = proposal->inside}},
+                      .patience = proposal->patience,
+                      .matters = proposal->matters};
+    enum status status = find_groups(&j, proposal);
     *taken = 0;
     if (!status && j.group_count > 0) {
         j.score = alloc_zeroed(j.group_count, sizeof *j.score);

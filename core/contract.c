@@ -36,6 +36,7 @@
 #include "core/pair_cost.h"
 #include "core/par.h"
 #include "core/radix.h"
+#include "core/rank_sort.h"
 
 enum { GRAIN = 1024, RELINK_K = 9, MOST_LINKS = 24, AHEAD = 24, CHOOSER = 2, WAITING = 256 };
 static const double FRACTION = 1.0 / 5, SLACK = 1.5, FEWEST = 1.0 / 6, LENGTH_BIAS = 1e-9;
@@ -68,6 +69,20 @@ static struct pair_field field_of(const struct contractor *c) {
     return (struct pair_field){c->point, c->quadric, c->length_bias};
 }
 
+/* Items are in the order of costs, which are not negative, as their bits are. */
+static uint64_t item_of(float cost, uint32_t slot) {
+    uint32_t key;
+    memcpy(&key, &cost, sizeof key);
+    return radix_item(key, slot);
+}
+
+static float cost_of(uint64_t item) {
+    uint32_t key = radix_key(item);
+    float cost;
+    memcpy(&cost, &key, sizeof cost);
+    return cost;
+}
+
 /* ------------------------------------------------------------------------------------------------ gather, rank */
 
 /* Moves the picks of a range of slots to where its places begin. */
@@ -79,9 +94,7 @@ static void gather_range(void *ctx, size_t begin, size_t end) {
         uint32_t q = c->partner[s];
         if (!is_live(c, s) || q == NONE) continue;
         if (c->partner[q] == s && q < s) continue; /* the other end has the same pick */
-        uint32_t key;
-        memcpy(&key, &c->cost[s], sizeof key); /* costs are not negative */
-        c->pick[begin + count++] = radix_item(key, (uint32_t)s);
+        c->pick[begin + count++] = item_of(c->cost[s], (uint32_t)s);
     }
     c->chunk[begin / GRAIN] = count;
 }
@@ -106,13 +119,6 @@ static void rank_picks(struct contractor *c, size_t count) {
 
 /* ------------------------------------------------------------------------------------------------ choose */
 
-static double cost_of(uint64_t pick) {
-    uint32_t key = radix_key(pick);
-    float cost;
-    memcpy(&cost, &key, sizeof cost);
-    return (double)cost;
-}
-
 static void fetch(const struct contractor *c, uint64_t pick) {
     __builtin_prefetch(&c->partner[radix_value(pick)]);
     __builtin_prefetch(&c->changed[radix_value(pick)]);
@@ -124,9 +130,9 @@ static size_t choose(struct contractor *c, size_t count) {
     size_t goal = (size_t)ceil((double)c->live_count * FRACTION), done = 0;
     uint64_t *rank = c->swap;
     if (goal >= c->live_count) goal = c->live_count - 1;
-    double limit = SLACK * cost_of(c->pick[goal < count ? goal : count - 1]);
+    double limit = SLACK * (double)cost_of(c->pick[goal < count ? goal : count - 1]);
     for (size_t i = 0; i < count && done < goal; i++) {
-        if (cost_of(c->pick[i]) > limit && (double)done > FEWEST * (double)goal) break;
+        if ((double)cost_of(c->pick[i]) > limit && (double)done > FEWEST * (double)goal) break;
         if (i + AHEAD < count) fetch(c, c->pick[i + AHEAD]);
         uint32_t p = radix_value(c->pick[i]), q = c->partner[p];
         if (c->changed[p] || c->changed[q]) continue;
@@ -191,28 +197,6 @@ static void merge(struct contractor *c, size_t count) {
 
 /* ------------------------------------------------------------------------------------------------ update */
 
-static void sort_links(uint32_t *link, unsigned n) {
-    for (unsigned i = 1; i < n; i++) {
-        uint32_t x = link[i];
-        unsigned j = i;
-        for (; j > 0 && link[j - 1] > x; j--) link[j] = link[j - 1];
-        link[j] = x;
-    }
-}
-
-/* Sorted links without repetitions and without p itself. */
-static unsigned unique_links(uint32_t *link, unsigned n, uint32_t p) {
-    unsigned count = 0;
-    uint32_t last = NONE;
-    for (unsigned i = 0; i < n; i++) { /* no branch to guess wrong */
-        uint32_t x = link[i];
-        link[count] = x;
-        count += (unsigned)((x != p) & (x != last));
-        last = x;
-    }
-    return count;
-}
-
 /* Drops the farthest until MOST_LINKS are left (ties: the higher id goes). */
 static unsigned keep_nearest(const struct contractor *c, uint32_t p, uint32_t *link, unsigned n) {
     while (n > MOST_LINKS) {
@@ -228,29 +212,26 @@ static unsigned keep_nearest(const struct contractor *c, uint32_t p, uint32_t *l
     return n;
 }
 
-/* Appends p's links as they are now; tells whether any is another than it was. */
-static int take_links(const struct contractor *c, uint32_t p, uint32_t *link, unsigned *n) {
-    const uint32_t *list = &c->near.list[c->near.start[p]];
-    uint32_t differs = 0;
-    for (unsigned i = 0; i < c->near.degree[p]; i++) {
+/* Appends the links of `of` as they are now, NONE for p itself; tells whether any is another than it was. */
+static int take_links(const struct contractor *c, uint32_t of, uint32_t p, uint32_t *link, unsigned *n) {
+    const uint32_t *list = &c->near.list[c->near.start[of]];
+    unsigned degree = c->near.degree[of];
+    uint32_t differs = 0, *to = link + *n;
+    for (unsigned i = 0; i < degree; i++) {
         uint32_t now = c->target[list[i]];
         differs |= now ^ list[i];
-        link[(*n)++] = now;
+        to[i] = now == p ? NONE : now;
     }
+    *n += degree;
     return differs != 0;
 }
 
 static unsigned links_of(const struct contractor *c, uint32_t p, uint32_t *link) {
     unsigned n = 0;
-    int differs = take_links(c, p, link, &n);
-    if (!c->changed[p]) {
-        if (!differs) return n;
-        sort_links(link, n);
-        return unique_links(link, n, p);
-    }
-    take_links(c, c->partner[p], link, &n);
-    sort_links(link, n);
-    return keep_nearest(c, p, link, unique_links(link, n, p));
+    int differs = take_links(c, p, p, link, &n);
+    if (!c->changed[p]) return differs ? rank_sort_ids(link, n) : n;
+    take_links(c, c->partner[p], p, link, &n);
+    return keep_nearest(c, p, link, rank_sort_ids(link, n));
 }
 
 /* Whether all of p's pairs must be looked at again. */
@@ -268,14 +249,15 @@ struct choosing {
     float cost[WAITING + UINT8_MAX];
 };
 
-/* Of the same cost, the lower id. */
+/* The cheapest pair, and of the same cost the lower id: the least item of cost and id. */
 static void choose_cheapest(struct contractor *c, uint32_t p, const uint32_t *q, const float *cost, unsigned n) {
-    float best = c->cost[p];
-    uint32_t partner = c->partner[p];
-    for (unsigned i = 0; i < n; i++)
-        if (cost[i] < best || (cost[i] == best && q[i] < partner) || partner == NONE) best = cost[i], partner = q[i];
-    c->partner[p] = partner;
-    c->cost[p] = best;
+    uint64_t best = item_of(c->cost[p], c->partner[p]);
+    for (unsigned i = 0; i < n; i++) {
+        uint64_t item = item_of(cost[i], q[i]);
+        best = item < best ? item : best;
+    }
+    c->partner[p] = radix_value(best);
+    c->cost[p] = cost_of(best);
 }
 
 static void settle(struct contractor *c, struct choosing *w) {

@@ -8,6 +8,7 @@
 #ifndef WHITTLE_CORE_LANES_H
 #define WHITTLE_CORE_LANES_H
 
+#include <math.h>
 #include <stdint.h>
 
 /* Sanitizers can't stand functions that are chosen while the program is loaded. */
@@ -27,10 +28,11 @@ typedef double lanes_loose __attribute__((vector_size(32), aligned(8), may_alias
 INLINE lanes lanes_all(double x) { return (lanes){x, x, x, x}; }
 INLINE lanes lanes_load(const double *p) { return *(const lanes_loose *)p; }
 INLINE void lanes_store(double *p, lanes x) { *(lanes_loose *)p = x; }
-INLINE lanes lanes_positive(lanes x) { return (lanes)((x > 0) & (lanes_mask)x); }
-INLINE lanes lanes_lower(lanes a, lanes b) {
-    lanes_mask lower = a < b;
-    return (lanes)((lower & (lanes_mask)a) | (~lower & (lanes_mask)b));
-}
+INLINE lanes lanes_where(lanes_mask m, lanes x) { return (lanes)(m & (lanes_mask)x); }
+INLINE lanes lanes_pick(lanes_mask m, lanes a, lanes b) { return (lanes)((m & (lanes_mask)a) | (~m & (lanes_mask)b)); }
+INLINE lanes lanes_positive(lanes x) { return lanes_where(x > 0, x); }
+INLINE lanes lanes_lower(lanes a, lanes b) { return lanes_pick(a < b, a, b); }
+INLINE lanes lanes_magnitude(lanes x) { return (lanes)((lanes_mask)x & INT64_MAX); }
+INLINE lanes lanes_root(lanes x) { return (lanes){sqrt(x[0]), sqrt(x[1]), sqrt(x[2]), sqrt(x[3])}; }
 
 #endif

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What was accepted is never lost: kills, restarts, drains."""
 import contextlib
+import datetime
 import http.client
 import os
 import re
@@ -76,6 +77,32 @@ def test_a_job_that_waits_for_its_start_can_be_dismissed(daemon, large):
     assert daemon.request("DELETE", f"/v1/jobs/{job_id}", connection=connection)[0] in (200, 202)
     resource.prlimit(service, resource.RLIMIT_NOFILE, limits)
     assert daemon.ended(job_id)["status"] == "dismissed"
+    connection.close()
+
+
+def test_a_bell_that_rang_for_the_job_before_wakes_the_next_one_only_once(make_daemon, large):
+    daemon = make_daemon("--workers", "1", "--wait-max", "1s")
+    first, second = daemon.submit(large), daemon.submit(SMALL)
+    daemon.worker_pid(first)
+    connection = http.client.HTTPConnection("127.0.0.1", daemon.port, timeout=PATIENCE_S)
+    database = sqlite3.connect(daemon.data / "whittled.db", isolation_level=None)
+    database.execute("BEGIN IMMEDIATE")  # the end of the first can't be recorded
+    for word in ("running -> dismissed", ""):  # what the second DELETE rings, no process is there to hear
+        assert daemon.request("DELETE", f"/v1/jobs/{first}", connection=connection)[0] == 500
+        wait_until(lambda end=f"job={first} {word}": end in daemon.log_text(), "the process's end")
+    limits = resource.prlimit(daemon.process.pid, resource.RLIMIT_NOFILE)
+    resource.prlimit(daemon.process.pid, resource.RLIMIT_NOFILE, (3, limits[1]))
+    database.execute("ROLLBACK")
+    database.close()
+
+    def tries():
+        return re.findall(rf"^(\S+)Z warn  job={second} can't be started yet", daemon.log_text(), re.MULTILINE)
+    wait_until(lambda: len(tries()) > 4, "some tries")
+    times = [datetime.datetime.fromisoformat(time) for time in tries()]
+    pauses = [(later - before).total_seconds() for before, later in zip(times, times[1:])]
+    assert pauses[0] < min(pauses[1:]) and min(pauses[1:]) >= 0.99, pauses
+    resource.prlimit(daemon.process.pid, resource.RLIMIT_NOFILE, limits)
+    assert daemon.ended(second)["status"] == "successful" and daemon.ended(first)["status"] == "dismissed"
     connection.close()
 
 

@@ -71,7 +71,6 @@ static void find_partners(void *ctx, size_t begin, size_t end) {
 struct filling {
     const struct refine_input *input;
     const struct search *search; /* NULL: points alone */
-    const size_t *first;         /* of each point, its sample; its middles follow */
     struct samples *samples;
     double mean_area;
 };
@@ -92,7 +91,6 @@ static void set_sample(const struct filling *filling, size_t i, uint32_t p, uint
     double area = (area_of(filling, p) + area_of(filling, q)) / 2;
     samples->sample[i].place = p == q ? input->points[p] : vec3_lerp(input->points[p], input->points[q], 0.5);
     samples->sample[i].weight = (float)(share * area);
-    samples->point[i] = p == q ? p : NONE;
     samples->normal[i] = p == q ? input->normals[p] : between(input->normals[p], input->normals[q]);
     samples->sample[i].reach = REACH * fmaxf(input->spacing[p], input->spacing[q]);
 }
@@ -101,35 +99,39 @@ static void place_range(void *ctx, size_t begin, size_t end) {
     const struct filling *filling = ctx;
     const struct search *search = filling->search;
     for (uint32_t p = (uint32_t)begin; p < end; p++) {
-        size_t at = filling->first[p];
-        set_sample(filling, at, p, p, search ? POINT_SHARE : 1);
+        set_sample(filling, p, p, p, search ? POINT_SHARE : 1);
         for (unsigned i = 0; search && i < search->count[p]; i++)
-            set_sample(filling, at + 1 + i, p, search->partner[(size_t)p * MAX_MIDDLES + i], MIDDLE_SHARE);
+            set_sample(filling, filling->samples->middle[p] + i, p, search->partner[(size_t)p * MAX_MIDDLES + i],
+                       MIDDLE_SHARE);
     }
 }
 
-static enum status allocate(struct samples *samples, size_t n) {
-    samples->n = n;
-    samples->sample = alloc_array(n, sizeof *samples->sample);
-    samples->point = alloc_array(n, sizeof *samples->point);
-    samples->normal = alloc_array(n, sizeof *samples->normal);
-    return samples->sample && samples->point && samples->normal ? STATUS_OK : STATUS_NO_MEMORY;
+/* Where the middles of each point go. */
+static enum status number_middles(struct samples *samples, size_t points, const struct search *search) {
+    samples->points = points;
+    samples->middle = alloc_array(points + 1, sizeof *samples->middle);
+    if (!samples->middle) return STATUS_NO_MEMORY;
+    samples->middle[0] = (uint32_t)points;
+    for (size_t p = 0; p < points; p++) samples->middle[p + 1] = samples->middle[p] + (search ? search->count[p] : 0U);
+    samples->n = samples->middle[points];
+    return STATUS_OK;
+}
+
+static double mean_area(const struct refine_input *input) {
+    double sum = 0;
+    for (size_t p = 0; p < input->n; p++) sum += (double)input->spacing[p] * (double)input->spacing[p];
+    return sum / (double)input->n;
 }
 
 static enum status place_all(struct samples *samples, const struct refine_input *input, const struct search *search,
                              unsigned threads) {
-    size_t total = 0, *first = alloc_array(input->n, sizeof *first);
-    struct filling filling = {input, search, first, samples, 0};
-    for (size_t p = 0; first && p < input->n; p++) {
-        double spacing = (double)input->spacing[p];
-        filling.mean_area += spacing * spacing / (double)input->n;
-        first[p] = total;
-        total += 1 + (search ? search->count[p] : 0U);
-    }
-    enum status status = first ? allocate(samples, total) : STATUS_NO_MEMORY;
-    if (status == STATUS_OK) par_for(threads, input->n, POINT_GRAIN, place_range, &filling);
-    free(first);
-    return status;
+    if (number_middles(samples, input->n, search)) return STATUS_NO_MEMORY;
+    struct filling filling = {input, search, samples, mean_area(input)};
+    samples->sample = alloc_array(samples->n, sizeof *samples->sample);
+    samples->normal = alloc_array(samples->n, sizeof *samples->normal);
+    if (!samples->sample || !samples->normal) return STATUS_NO_MEMORY;
+    par_for(threads, input->n, POINT_GRAIN, place_range, &filling);
+    return STATUS_OK;
 }
 
 enum status samples_init(struct samples *samples, const struct refine_input *input, bool middles, unsigned threads) {
@@ -155,6 +157,6 @@ out:
 }
 
 void samples_done(struct samples *samples) {
-    free(samples->sample), free(samples->point), free(samples->normal);
+    free(samples->sample), free(samples->normal), free(samples->middle);
     *samples = (struct samples){0};
 }

@@ -299,8 +299,8 @@ static void test_middles_of_a_grid_are_those_of_its_edges(void **state) {
     size_t points = 0;
     for (size_t i = 0; i < samples.n; i++) {
         vec3 p = vec3_scale(samples.sample[i].place, 8);
-        points += samples.point[i] != NONE;
-        assert_int_equal(((int)p.x % 2 + (int)p.y % 2) == 0, samples.point[i] != NONE);
+        points += samples_point(&samples, (uint32_t)i) != NONE;
+        assert_int_equal(((int)p.x % 2 + (int)p.y % 2) == 0, samples_point(&samples, (uint32_t)i) != NONE);
         assert_true((int)p.x % 2 + (int)p.y % 2 < 2);
         assert_true(samples.sample[i].weight == samples.sample[0].weight);
     }
@@ -567,7 +567,7 @@ static void test_samples_start_with_the_nearest_triangle(void **state) {
         struct triangle_frame frame = fit_frame(&fit, triangle[i]);
         double d_sq = triangle_frame_hit(&frame, place).distance_sq, best_sq = nearest_sq(&fit, place);
         assert_true(fabs(d_sq - (double)distance_sq[i]) < 1e-6 * d_sq + 1e-15);
-        if (fit.samples.point[i] != NONE) assert_true(d_sq < best_sq + 1e-12);
+        if (samples_point(&fit.samples, (uint32_t)i) != NONE) assert_true(d_sq < best_sq + 1e-12);
         farther += d_sq > best_sq + 1e-12;
     }
     assert_true(farther < fit.samples.n / 100);

@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "api/json_memory.h"
 #include "api/links.h"
 #include "api/params_json.h"
 #include "core/params.h"
@@ -93,9 +94,13 @@ static bool read_params(struct job_request *request, const json_t *json, struct 
 
 static json_t *parse(const char *text, size_t bytes, const char *what, struct problem *problem) {
     json_error_t error;
+    json_memory_reset();
     json_t *json = json_loadb(text, bytes, JSON_REJECT_DUPLICATES, &error);
-    if (json && json_is_object(json)) return json;
-    if (json) {
+    bool no_memory = json_memory_failed();
+    if (json && json_is_object(json) && !no_memory) return json;
+    if (no_memory) {
+        problem_set(problem, PROBLEM_INTERNAL_ERROR, "no memory");
+    } else if (json) {
         problem_set(problem, PROBLEM_MALFORMED_REQUEST, "%s is JSON, but not an object", what);
     } else {
         problem_set(problem, PROBLEM_MALFORMED_REQUEST, "%s is no JSON: line %d, column %d: %s", what, error.line,

@@ -7,6 +7,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "api/json_memory.h"
+
 static bool in_list(const char *name, const char *const *list) {
     for (; list && *list; list++)
         if (strcmp(*list, name) == 0) return true;
@@ -100,8 +102,9 @@ const char *query_find(const struct query_pair *pairs, size_t count, const char 
 }
 
 bool query_is_text(const char *value) {
+    json_memory_reset();
     json_t *json = json_string(value);
-    bool is_text = json != NULL;
+    bool is_text = json || json_memory_failed(); /* what can't be told is nobody's fault */
     json_decref(json);
     return is_text;
 }

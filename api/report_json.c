@@ -5,6 +5,7 @@
 
 #include <errno.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "api/params_json.h"
@@ -115,9 +116,11 @@ enum status report_json_write(int fd, const struct report *report, const struct 
     int bad = put(json, "version", json_string(whittle_version()));
     json = whole(json, bad | put(json, "params", params_to_json(params)));
     if (!json) return error_set(error, STATUS_NO_MEMORY, "report", "no memory for the report");
-    int rc = json_dumpfd(json, fd, JSON_INDENT(2) | JSON_REAL_PRECISION(9));
+    char *text = json_dumps(json, JSON_INDENT(2) | JSON_REAL_PRECISION(9)); /* dumpfd would write each word */
     json_decref(json);
-    if (rc != 0 || dprintf(fd, "\n") != 1)
-        return error_set(error, STATUS_IO, "report", "can't write the report: %s", strerror(errno));
+    if (!text) return error_set(error, STATUS_NO_MEMORY, "report", "no memory for the report");
+    int wrote = dprintf(fd, "%s\n", text);
+    free(text);
+    if (wrote < 0) return error_set(error, STATUS_IO, "report", "can't write the report: %s", strerror(errno));
     return STATUS_OK;
 }

@@ -12,6 +12,7 @@
 
 #include "core/alloc.h"
 #include "core/par.h"
+#include "core/rank_sort.h"
 
 enum { GRAIN = 4096, DEGREE_LIMIT = UINT8_MAX };
 
@@ -24,9 +25,9 @@ struct building {
 
 static bool lists(const struct neighbourhood *hood, uint32_t p, uint32_t q) {
     const uint32_t *id = &hood->id[(size_t)p * hood->stride];
-    for (unsigned i = 0; i < hood->count[p]; i++)
-        if (id[i] == q) return true;
-    return false;
+    unsigned count = hood->count[p], equal = 0;
+    for (unsigned i = 0; i < count; i++) equal |= id[i] == q; /* no branch to guess wrong */
+    return equal;
 }
 
 static void start_count(void *ctx, size_t begin, size_t end) {
@@ -72,19 +73,6 @@ static int compare_ids(const void *a, const void *b) {
     return (i > j) - (i < j);
 }
 
-static void sort_ids(uint32_t *id, size_t n) {
-    if (n > DEGREE_LIMIT) {
-        qsort(id, n, sizeof *id, compare_ids);
-        return;
-    }
-    for (size_t i = 1; i < n; i++) {
-        uint32_t x = id[i];
-        size_t j = i;
-        for (; j > 0 && id[j - 1] > x; j--) id[j] = id[j - 1];
-        id[j] = x;
-    }
-}
-
 /* Who names a crowd's centre from outside its own list is left out once the list is full: that only happens around
  * outliers' favourite points. */
 static void sort_range(void *ctx, size_t begin, size_t end) {
@@ -92,9 +80,8 @@ static void sort_range(void *ctx, size_t begin, size_t end) {
     for (size_t p = begin; p < end; p++) {
         uint32_t *list = &b->out->list[b->out->start[p]];
         size_t used = atomic_load_explicit(&b->used[p], memory_order_relaxed), own = b->hood->count[p];
-        if (used > DEGREE_LIMIT) sort_ids(list + own, used - own);
-        b->out->degree[p] = (uint8_t)(used < DEGREE_LIMIT ? used : DEGREE_LIMIT);
-        sort_ids(list, b->out->degree[p]);
+        if (used > DEGREE_LIMIT) qsort(list + own, used - own, sizeof *list, compare_ids);
+        b->out->degree[p] = (uint8_t)rank_sort_ids(list, used < DEGREE_LIMIT ? (unsigned)used : DEGREE_LIMIT);
     }
 }
 

@@ -19,6 +19,7 @@
 
 #include "core/alloc.h"
 #include "core/cocone_facets.h"
+#include "core/cocone_handles.h"
 #include "core/cocone_judge.h"
 #include "core/cocone_label.h"
 #include "core/cocone_peel.h"
@@ -26,6 +27,8 @@
 #include "core/cocone_star.h"
 #include "core/cocone_surface.h"
 #include "core/cocone_umbrella.h"
+
+#define MATTERS 0.02 /* so that nothing is changed for a hair's breadth */
 
 struct run {
     const struct cocone_input *input;
@@ -40,20 +43,34 @@ static enum status tick(struct run *run, double fraction) {
     return progress_tick(run->progress, "cocone", fraction) ? STATUS_CANCELLED : STATUS_OK;
 }
 
+/* Takes of both labellings what lies nearer to the original points. */
+static enum status judge(struct run *run, struct cocone_label label[COCONE_FRAMES]) {
+    struct cocone_proposal proposal = {.inside = label[1].inside, .patience = 1, .matters = MATTERS};
+    return cocone_judge(&run->star, run->input->dense, run->options->threads, &proposal, label[0].inside,
+                        &run->facts.reconsidered);
+}
+
+static enum status mend(struct run *run, struct cocone_label *label) {
+    const struct cocone_dense *dense = run->input->dense;
+    unsigned threads = run->options->threads;
+    struct cocone_handles_input input = {&run->star, &label->cost, dense, run->progress, threads};
+    enum status status =
+        cocone_repair(&run->star, &label->cost, run->progress, threads, label->inside, &run->facts.flips);
+    if (!status && dense) status = cocone_handles_close(&input, label->inside, &run->facts.closed);
+    return status;
+}
+
 /* With the normals given and with those of the poles; takes what is better of each. */
 static enum status label_tight(struct run *run) {
     struct cocone_label label[COCONE_FRAMES] = {{0}};
-    const struct cocone_dense *dense = run->input->dense;
-    unsigned threads = run->options->threads;
-    int count = dense && run->input->normals ? 2 : 1;
-    enum status status = cocone_label_make(&run->star, run->input, threads, run->progress, label, count);
+    const struct cocone_input *input = run->input;
+    int count = input->dense && input->normals ? 2 : 1;
+    enum status status = cocone_label_make(&run->star, input, run->options->threads, run->progress, label, count);
     if (!status) status = tick(run, 0.6);
-    if (!status && count == 2)
-        status = cocone_judge(&run->star, dense, threads, label[1].inside, label[0].inside, &run->facts.reconsidered);
+    if (!status && count == 2) status = judge(run, label);
     cocone_label_done(&label[1]);
     if (!status) status = tick(run, 0.7);
-    if (!status)
-        status = cocone_repair(&run->star, &label[0].cost, run->progress, threads, label[0].inside, &run->facts.flips);
+    if (!status) status = mend(run, &label[0]);
     run->facts.conflicts = label[0].conflicts;
     run->inside = label[0].inside;
     label[0].inside = NULL;
@@ -61,7 +78,6 @@ static enum status label_tight(struct run *run) {
     return status;
 }
 
-/* With normals from the poles. */
 static enum status label_literal(struct run *run) {
     struct cocone_frame frame = {0};
     struct cocone_facets facets = {0};

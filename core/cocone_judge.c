@@ -9,7 +9,8 @@
  *                       to them; by the facet's area
  *
  * less a part of the facets' own size, so that nothing is changed for a hair's breadth: two ways to mesh the same
- * surface are the refinement's business.
+ * surface are the refinement's business.  Groups that are too thin to make up for that part aren't measured at all; on
+ * a dense cloud most are.
  *
  * A score is a volume: about the one that lies between surface and points.  Only points that stand for a vertex of a
  * cell that differs are measured, and only facets that touch such a vertex.
@@ -30,8 +31,9 @@
 
 enum { GRAIN = 256, BATCH = 1 << 14, PLACES = 4 };
 
-#define MATTERS 0.02 /* of a facet's size: what it has to be nearer by */
-#define DISK 2.0     /* radius of a tangent disk, in spacings of its point */
+static const uint32_t NOT_JUDGED = NONE - 1; /* the group of cells whose difference is too small */
+
+#define DISK 2.0 /* radius of a tangent disk, in spacings of its point */
 
 /* Where a facet is measured: the middle, and towards the middles of its edges. */
 static const double place_at[PLACES][3] = {
@@ -50,7 +52,8 @@ struct judge {
     const struct cocone_dense *dense;
     unsigned threads;
     struct side side[2]; /* inside as it is; the other */
-    uint32_t *group;     /* of each cell that differs; NONE for the others */
+    double patience, matters;
+    uint32_t *group; /* of each cell that differs, or NOT_JUDGED; NONE for the others */
     uint32_t group_count;
     uint8_t *near;   /* of each vertex: it belongs to a cell that differs */
     double *score;   /* of each group: > 0 when the other is better */
@@ -63,33 +66,95 @@ struct judge {
 
 static bool differs(const struct judge *j, uint32_t cell) { return j->side[0].inside[cell] != j->side[1].inside[cell]; }
 
-static void flood(struct judge *j, uint32_t cell, uint32_t *stack) {
-    size_t depth = 0;
-    j->group[cell] = j->group_count;
-    stack[depth++] = cell;
-    while (depth > 0) {
-        uint32_t c = stack[--depth];
+/* Lists the cells connected with the first one of the list that differ, too; how many. */
+static size_t flood(struct judge *j, uint32_t *list) {
+    size_t count = 1;
+    j->group[list[0]] = j->group_count;
+    for (size_t k = 0; k < count; k++) {
         for (int i = 0; i < 4; i++) {
-            uint32_t other = j->star->tets->neighbour[c][i];
-            j->near[j->star->tets->vertex[c][i]] = 1;
+            uint32_t other = j->star->tets->neighbour[list[k]][i];
             if (j->group[other] != NONE || !differs(j, other)) continue;
             j->group[other] = j->group_count;
-            stack[depth++] = other;
+            list[count++] = other;
         }
     }
-    j->group_count++;
+    return count;
 }
 
-static enum status find_groups(struct judge *j) {
+static double volume_of(const struct judge *j, uint32_t cell) {
+    const uint32_t *v = j->star->tets->vertex[cell];
+    const vec3 *p = j->star->point;
+    vec3 normal = vec3_triangle_normal(p[v[0]], p[v[1]], p[v[2]]);
+    return fabs(vec3_dot(normal, vec3_sub(p[v[3]], p[v[0]]))) / 6;
+}
+
+/* What a facet of one surface alone has to be better by. */
+static double facet_matters(const struct judge *j, const uint32_t v[3]) {
+    const vec3 *p = j->star->point;
+    double area = vec3_length(vec3_triangle_normal(p[v[0]], p[v[1]], p[v[2]])) / 2;
+    return j->matters * area * sqrt(area);
+}
+
+/* The same of all facets that either surface has at the cell, each of them once. */
+static double cell_matters(const struct judge *j, uint32_t cell) {
+    double sum = 0;
+    for (unsigned i = 0; i < 4; i++) {
+        uint32_t other = j->star->tets->neighbour[cell][i], v[3];
+        if (j->group[other] == j->group_count && other < cell) continue;
+        cocone_star_vertices(j->star, cocone_star_pack(cell, i), v);
+        for (int s = 0; s < 2; s++)
+            if (j->side[s].inside[cell] != j->side[s].inside[other]) sum += facet_matters(j, v);
+    }
+    return sum;
+}
+
+/* Whether the group could win at all: in each of the two directions a score is about its volume at most. */
+static bool is_worth_it(const struct judge *j, const uint32_t *list, size_t count) {
+    double volume = 0, matters = 0;
+    for (size_t k = 0; k < count; k++) volume += volume_of(j, list[k]), matters += cell_matters(j, list[k]);
+    return 2 * volume > matters;
+}
+
+static void add_group(struct judge *j, uint32_t *list) {
+    size_t count = flood(j, list);
+    if (is_worth_it(j, list, count)) {
+        for (size_t k = 0; k < count; k++)
+            for (int i = 0; i < 4; i++) j->near[j->star->tets->vertex[list[k]][i]] = 1;
+        j->group_count++;
+    } else {
+        for (size_t k = 0; k < count; k++) j->group[list[k]] = NOT_JUDGED;
+    }
+}
+
+static void find_connected(struct judge *j, uint32_t *list) {
+    for (uint32_t c = 0; c < j->star->tets->finite_count; c++) {
+        if (j->group[c] != NONE || !differs(j, c)) continue;
+        list[0] = c;
+        add_group(j, list);
+    }
+}
+
+static void copy_groups(struct judge *j, const struct cocone_proposal *proposal) {
+    for (uint32_t c = 0; c < j->star->tets->finite_count; c++) {
+        if (!differs(j, c)) continue;
+        j->group[c] = proposal->group[c];
+        for (int i = 0; i < 4; i++) j->near[j->star->tets->vertex[c][i]] = 1;
+    }
+    j->group_count = proposal->groups;
+}
+
+static enum status find_groups(struct judge *j, const struct cocone_proposal *proposal) {
     const struct tets *tets = j->star->tets;
     j->group = alloc_array(tets->cell_count, sizeof *j->group);
     j->near = alloc_zeroed(j->star->n, 1);
-    uint32_t *stack = alloc_array(tets->finite_count, sizeof *stack);
-    bool ok = j->group && j->near && stack;
+    uint32_t *list = alloc_array(tets->finite_count, sizeof *list);
+    bool ok = j->group && j->near && list;
     if (ok) memset(j->group, 0xff, tets->cell_count * sizeof *j->group);
-    for (uint32_t c = 0; ok && c < tets->finite_count; c++)
-        if (j->group[c] == NONE && differs(j, c)) flood(j, c, stack);
-    free(stack);
+    if (ok && proposal->group)
+        copy_groups(j, proposal);
+    else if (ok)
+        find_connected(j, list);
+    free(list);
     return ok ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
@@ -132,11 +197,12 @@ static void side_done(struct side *side) {
     bvh_free(side->bvh);
 }
 
-/* The group that a facet is one side's alone by; NONE when both have it. */
+static bool is_judged(const struct judge *j, uint32_t cell) { return j->group[cell] < j->group_count; }
+
+/* The group that a facet is one side's alone by; NONE when there is none that is judged. */
 static uint32_t group_of(const struct judge *j, uint32_t half) {
-    uint32_t cell = cocone_star_cell(half);
-    if (j->group[cell] != NONE) return j->group[cell];
-    return j->group[j->star->tets->neighbour[cell][cocone_star_index(half)]];
+    uint32_t cell = cocone_star_cell(half), other = j->star->tets->neighbour[cell][cocone_star_index(half)];
+    return is_judged(j, cell) ? j->group[cell] : is_judged(j, other) ? j->group[other] : NONE;
 }
 
 /* ------------------------------------------------------------------------------------------------ from the points */
@@ -157,12 +223,12 @@ static double distance_of(const struct bvh_hit *hit) { return hit->triangle == N
 /* The nearer facet is one that the other side hasn't. */
 static void score_point(struct judge *j, size_t i) {
     const struct bvh_hit *hit = j->hit[i];
-    double difference = distance_of(&hit[0]) - distance_of(&hit[1]);
-    if (difference == 0) return;
-    int nearer = difference > 0;
+    double now = distance_of(&hit[0]), then = distance_of(&hit[1]);
+    if (now == then) return;
+    int nearer = now > then;
     uint32_t group = group_of(j, j->side[nearer].half[hit[nearer].triangle]);
     double spacing = (double)j->dense->spacing[j->point[i]];
-    if (group != NONE) j->score[group] += spacing * spacing * difference;
+    if (group != NONE) j->score[group] += spacing * spacing * (j->patience * now - then);
 }
 
 static enum status score_points(struct judge *j) {
@@ -205,12 +271,12 @@ static enum status score_batch(struct judge *j, struct batch *b) {
     return status;
 }
 
-static void add_facet(const struct judge *j, struct batch *b, const uint32_t v[3], uint32_t group, double sign) {
+static void add_facet(const struct judge *j, struct batch *b, const uint32_t v[3], uint32_t group, double weight) {
     const vec3 *p = j->star->point;
     b->group[b->n / PLACES] = group;
     double area = vec3_length(vec3_triangle_normal(p[v[0]], p[v[1]], p[v[2]])) / 2;
-    b->weight[b->n / PLACES] = sign * area / PLACES;
-    j->score[group] -= MATTERS * area * sqrt(area);
+    b->weight[b->n / PLACES] = weight * area / PLACES;
+    j->score[group] -= facet_matters(j, v);
     for (int k = 0; k < PLACES; k++) {
         vec3 at = vec3_scale(p[v[0]], place_at[k][0]);
         at = vec3_add(at, vec3_scale(p[v[1]], place_at[k][1]));
@@ -228,7 +294,7 @@ static enum status score_facets(struct judge *j) {
         for (size_t t = 0; t < side->mesh.triangle_count && !status; t++) {
             uint32_t group = group_of(j, side->half[t]);
             if (group == NONE) continue;
-            add_facet(j, b, side->mesh.triangle[t], group, s ? -1 : 1);
+            add_facet(j, b, side->mesh.triangle[t], group, s ? -1 : j->patience);
             if (b->n == BATCH) status = score_batch(j, b);
         }
     }
@@ -242,7 +308,7 @@ static enum status score_facets(struct judge *j) {
 static size_t take_better(const struct judge *j, uint8_t *inside) {
     size_t taken = 0;
     for (size_t c = 0; c < j->star->tets->finite_count; c++) {
-        if (j->group[c] == NONE || !(j->score[j->group[c]] > 0)) continue;
+        if (!is_judged(j, (uint32_t)c) || !(j->score[j->group[c]] > 0)) continue;
         inside[c] ^= 1;
         taken++;
     }
@@ -250,10 +316,14 @@ static size_t take_better(const struct judge *j, uint8_t *inside) {
 }
 
 enum status cocone_judge(const struct cocone_star *star, const struct cocone_dense *dense, unsigned threads,
-                         const uint8_t *other, uint8_t *inside, size_t *taken) {
-    struct judge j = {
-        .star = star, .dense = dense, .threads = threads, .side = {{.inside = inside}, {.inside = other}}};
-    enum status status = find_groups(&j);
+                         const struct cocone_proposal *proposal, uint8_t *inside, size_t *taken) {
+    struct judge j = {.star = star,
+                      .dense = dense,
+                      .threads = threads,
+                      .side = {{.inside = inside}, {.inside = proposal->inside}},
+                      .patience = proposal->patience,
+                      .matters = proposal->matters};
+    enum status status = find_groups(&j, proposal);
     *taken = 0;
     if (!status && j.group_count > 0) {
         j.score = alloc_zeroed(j.group_count, sizeof *j.score);

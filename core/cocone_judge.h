@@ -7,11 +7,20 @@
 #include "core/cocone.h"
 #include "core/cocone_star.h"
 
-/* Compares two labellings (see cocone_cut_label) where they differ: each connected group of cells with different
- * labels is decided by itself.  Where other is the better one of the two inside takes its labels; *taken counts the
- * cells.  Infinite cells have to be outside in both.  O(cells), and a few microseconds for each original point that is
- * near a difference.  STATUS_NO_MEMORY. */
+/* Another labelling (see cocone_cut_label), and how to look at it. */
+struct cocone_proposal {
+    const uint8_t *inside;
+    const uint32_t *group; /* of each finite cell, for those that differ: which of the changes it belongs to, < groups;
+                              NULL = each connected group of cells with different labels is a change by itself */
+    uint32_t groups;
+    double patience; /* a change is the better one that is less than this many times as far from the points */
+    double matters;  /* and that is nearer by this part of the size of the facets that differ */
+};
+
+/* Compares inside with the proposal where they differ; each change is decided by itself.  Where the proposal is the
+ * better one of the two inside takes its labels; *taken counts the cells.  Infinite cells have to be outside in both.
+ * O(cells), and a few microseconds for each original point that is near a difference.  STATUS_NO_MEMORY. */
 enum status cocone_judge(const struct cocone_star *star, const struct cocone_dense *dense, unsigned threads,
-                         const uint8_t *other, uint8_t *inside, size_t *taken) MUST_CHECK;
+                         const struct cocone_proposal *proposal, uint8_t *inside, size_t *taken) MUST_CHECK;
 
 #endif

@@ -141,28 +141,30 @@ void cocone_orient_done(struct cocone_lies *lies) {
 
 /* Adds up weights by a second id, for one first id at a time. */
 struct sums {
-    double *sum;   /* of each id */
-    uint8_t *used; /* of each id */
-    uint32_t *ids; /* those that have a sum */
+    struct sum {
+        double weight;
+        uint32_t low; /* what it is a sum for; another id = none yet */
+    } * sum;          /* of each id */
+    uint32_t *ids;    /* those that have a sum */
     size_t count;
 };
 
-static void sums_add(struct sums *sums, uint32_t id, double weight) {
-    if (!sums->used[id]) {
-        sums->used[id] = 1;
-        sums->sum[id] = 0;
+static inline void sums_add(struct sums *sums, uint32_t low, uint32_t id, double weight) {
+    struct sum *sum = &sums->sum[id];
+    if (sum->low != low) {
+        *sum = (struct sum){0, low};
         sums->ids[sums->count++] = id;
     }
-    sums->sum[id] += weight;
+    sum->weight += weight;
 }
 
 /* Writes the sums as links of low, and forgets them. */
 static size_t sums_flush(struct sums *sums, uint32_t low, struct link *link) {
     size_t count = sums->count;
     for (size_t i = 0; i < count; i++) {
-        uint32_t id = sums->ids[i];
-        link[i] = (struct link){low, id, sums->sum[id]};
-        sums->used[id] = 0;
+        struct sum *sum = &sums->sum[sums->ids[i]];
+        link[i] = (struct link){low, sums->ids[i], sum->weight};
+        sum->low = NONE;
     }
     sums->count = 0;
     return count;
@@ -178,7 +180,8 @@ static size_t link_vertices(const struct cocone_star *star, const float (*lie)[4
             double mine = (double)lie[cell][cocone_star_index(star->corner[i])];
             for (int k = 0; k < 4; k++) {
                 uint32_t other = star->tets->vertex[cell][k];
-                if (other > v) sums_add(sums, other == NONE ? (uint32_t)star->n : other, mine * (double)lie[cell][k]);
+                if (other > v)
+                    sums_add(sums, v, other == NONE ? (uint32_t)star->n : other, mine * (double)lie[cell][k]);
             }
         }
         count += sums_flush(sums, v, link + count);
@@ -189,27 +192,35 @@ static size_t link_vertices(const struct cocone_star *star, const float (*lie)[4
 /* ------------------------------------------------------------------------------------------------ rounds */
 
 struct cocone_gathering {
-    size_t nodes;
-    struct link *link, *next; /* next: room for as many */
+    size_t nodes, clusters;
+    struct link *link, *next; /* between clusters; next: room for as many */
     size_t count;
-    uint32_t *best;  /* of each node: its strongest link; NONE = it has none */
+    uint32_t *root; /* of each cluster: its node that is a root, ascending */
+    struct best {
+        double weight;
+        uint32_t link; /* NONE = it has none */
+    } * best;          /* of each cluster: its strongest link */
+    struct merged {
+        uint32_t into;
+        uint8_t parity;
+    } * merged;      /* of each cluster: which one it belongs to after a round */
+    uint32_t *rank;  /* of each node that is a root: its cluster */
     uint32_t *begin; /* nodes + 1 */
     struct forest forest;
     struct sums sums;
 };
 
-static bool is_stronger(const struct cocone_gathering *g, uint32_t a, uint32_t b) {
-    if (b == NONE) return true;
-    double wa = fabs(g->link[a].weight), wb = fabs(g->link[b].weight);
-    return wa > wb || (wa == wb && a < b);
+/* Of equals the first link, as they come in order. */
+static void consider(struct best *best, uint32_t i, double weight) {
+    if (weight > best->weight || best->link == NONE) *best = (struct best){weight, i};
 }
 
 static void find_best(struct cocone_gathering *g) {
-    for (size_t i = 0; i < g->nodes; i++) g->best[i] = NONE;
+    for (size_t c = 0; c < g->clusters; c++) g->best[c] = (struct best){0, NONE};
     for (uint32_t i = 0; i < g->count; i++) {
-        uint32_t *low = &g->best[g->link[i].low], *high = &g->best[g->link[i].high];
-        if (is_stronger(g, i, *low)) *low = i;
-        if (is_stronger(g, i, *high)) *high = i;
+        double weight = fabs(g->link[i].weight);
+        consider(&g->best[g->link[i].low], i, weight);
+        consider(&g->best[g->link[i].high], i, weight);
     }
 }
 
@@ -217,47 +228,63 @@ static void find_best(struct cocone_gathering *g) {
 static double least_weight(const struct cocone_gathering *g) {
     double sum = 0, strongest = 0;
     size_t count = 0;
-    for (size_t i = 0; i < g->nodes; i++) {
-        if (g->best[i] == NONE) continue;
-        double weight = fabs(g->link[g->best[i]].weight);
-        sum += weight;
-        strongest = fmax(strongest, weight);
+    for (size_t c = 0; c < g->clusters; c++) {
+        if (g->best[c].link == NONE) continue;
+        sum += g->best[c].weight;
+        strongest = g->best[c].weight > strongest ? g->best[c].weight : strongest;
         count++;
     }
-    return fmin(MEANS * sum / (double)count, strongest);
+    double mean = MEANS * sum / (double)count;
+    return mean < strongest ? mean : strongest;
 }
 
 static void join_best(struct cocone_gathering *g, double least) {
     for (uint32_t i = 0; i < g->count; i++) {
         const struct link *link = &g->link[i];
-        if (g->best[link->low] != i && g->best[link->high] != i) continue;
-        if (fabs(link->weight) >= least) join(&g->forest, link->low, link->high, link->weight < 0);
+        if (g->best[link->low].link != i && g->best[link->high].link != i) continue;
+        if (fabs(link->weight) >= least) join(&g->forest, g->root[link->low], g->root[link->high], link->weight < 0);
     }
 }
 
-/* The link between the roots of its ends; low == high where they are the same. */
-static struct link at_roots(struct cocone_gathering *g, struct link link) {
-    uint8_t pa, pb;
-    uint32_t a = find(&g->forest, link.low, &pa), b = find(&g->forest, link.high, &pb);
-    return (struct link){a < b ? a : b, a < b ? b : a, pa ^ pb ? -link.weight : link.weight};
+/* Numbers the clusters that are left, in the order of their roots. */
+static void number_clusters(struct cocone_gathering *g) {
+    size_t left = 0;
+    for (size_t c = 0; c < g->clusters; c++)
+        if (g->forest.parent[g->root[c]] == g->root[c]) g->rank[g->root[c]] = (uint32_t)left++;
+    for (size_t c = 0; c < g->clusters; c++) {
+        struct merged *merged = &g->merged[c];
+        merged->into = g->rank[find(&g->forest, g->root[c], &merged->parity)];
+    }
+    left = 0;
+    for (size_t c = 0; c < g->clusters; c++)
+        if (g->forest.parent[g->root[c]] == g->root[c]) g->root[left++] = g->root[c];
+    g->clusters = left;
 }
 
-/* Moves all links to the roots and adds up those between the same two: sorted by low, then summed by high. */
+/* A link after the clusters at its ends were joined to others; low == high where they are the same. */
+static struct link moved(const struct cocone_gathering *g, struct link link) {
+    struct merged a = g->merged[link.low], b = g->merged[link.high];
+    double weight = a.parity ^ b.parity ? -link.weight : link.weight;
+    return a.into < b.into ? (struct link){a.into, b.into, weight} : (struct link){b.into, a.into, weight};
+}
+
+/* Moves all links to the new clusters and adds up those between the same two: sorted by low, then summed by high. */
 static void gather(struct cocone_gathering *g) {
-    for (size_t i = 0; i <= g->nodes; i++) g->begin[i] = 0;
+    for (size_t i = 0; i <= g->clusters; i++) g->begin[i] = 0;
     size_t kept = 0;
     for (size_t i = 0; i < g->count; i++) {
-        struct link link = at_roots(g, g->link[i]);
+        struct link link = moved(g, g->link[i]);
         if (link.low == link.high) continue;
         g->link[kept++] = link;
         g->begin[link.low]++;
     }
-    for (size_t i = 0; i < g->nodes; i++) g->begin[i + 1] += g->begin[i];
+    for (size_t i = 0; i < g->clusters; i++) g->begin[i + 1] += g->begin[i];
     for (size_t i = kept; i-- > 0;) g->next[--g->begin[g->link[i].low]] = g->link[i];
     g->count = 0;
-    for (uint32_t v = 0; v < g->nodes; v++) {
-        for (uint32_t i = g->begin[v]; i < g->begin[v + 1]; i++) sums_add(&g->sums, g->next[i].high, g->next[i].weight);
-        g->count += sums_flush(&g->sums, v, g->link + g->count);
+    for (uint32_t c = 0; c < g->clusters; c++) {
+        for (uint32_t i = g->begin[c]; i < g->begin[c + 1]; i++)
+            sums_add(&g->sums, c, g->next[i].high, g->next[i].weight);
+        g->count += sums_flush(&g->sums, c, g->link + g->count);
     }
 }
 
@@ -265,6 +292,7 @@ static void gather_all(struct cocone_gathering *g) {
     while (g->count > 0) {
         find_best(g);
         join_best(g, least_weight(g));
+        number_clusters(g);
         gather(g);
     }
 }
@@ -274,30 +302,37 @@ enum status cocone_gathering_new(const struct cocone_star *star, struct cocone_g
     size_t nodes = star->n + 1, links = star->tets->cell_count + nodes;
     struct cocone_gathering *g = alloc_zeroed(1, sizeof *g);
     if (!g) return STATUS_NO_MEMORY;
-    g->nodes = nodes;
+    g->nodes = g->clusters = nodes;
     g->link = alloc_array(links, sizeof *g->link);
     g->next = alloc_array(links, sizeof *g->next);
+    g->root = alloc_array(nodes, sizeof *g->root);
     g->best = alloc_array(nodes, sizeof *g->best);
+    g->merged = alloc_array(nodes, sizeof *g->merged);
+    g->rank = alloc_array(nodes, sizeof *g->rank);
     g->begin = alloc_array(nodes + 1, sizeof *g->begin);
     g->forest = (struct forest){alloc_array(nodes, sizeof(uint32_t)), alloc_zeroed(nodes, 1),
                                 alloc_array(nodes, sizeof(uint32_t))};
-    g->sums = (struct sums){alloc_array(nodes, sizeof(double)), alloc_zeroed(nodes, 1),
-                            alloc_array(nodes, sizeof(uint32_t)), 0};
-    bool ok = g->link && g->next && g->best && g->begin && g->forest.parent && g->forest.parity && g->forest.size;
-    if (!ok || !g->sums.sum || !g->sums.used || !g->sums.ids) {
+    g->sums = (struct sums){alloc_array(nodes, sizeof(struct sum)), alloc_array(nodes, sizeof(uint32_t)), 0};
+    bool ok = g->link && g->next && g->root && g->best && g->merged && g->rank && g->begin;
+    if (!ok || !g->forest.parent || !g->forest.parity || !g->forest.size || !g->sums.sum || !g->sums.ids) {
         cocone_gathering_free(g);
         return STATUS_NO_MEMORY;
     }
-    for (uint32_t i = 0; i < nodes; i++) g->forest.parent[i] = i, g->forest.size[i] = 1;
+    for (uint32_t i = 0; i < nodes; i++) {
+        g->forest.parent[i] = g->root[i] = i;
+        g->forest.size[i] = 1;
+        g->sums.sum[i].low = NONE;
+    }
     *room = g;
     return STATUS_OK;
 }
 
 void cocone_gathering_free(struct cocone_gathering *g) {
     if (!g) return;
-    free(g->link), free(g->next), free(g->best), free(g->begin);
+    free(g->link), free(g->next);
+    free(g->root), free(g->best), free(g->merged), free(g->rank), free(g->begin);
     free(g->forest.parent), free(g->forest.parity), free(g->forest.size);
-    free(g->sums.sum), free(g->sums.used), free(g->sums.ids);
+    free(g->sums.sum), free(g->sums.ids);
     free(g);
 }
 

@@ -33,10 +33,12 @@
 #include "core/alloc.h"
 #include "core/cloud.h"
 #include "core/knn.h"
+#include "core/pair_cost.h"
 #include "core/par.h"
 #include "core/radix.h"
+#include "core/rank_sort.h"
 
-enum { GRAIN = 1024, RELINK_K = 9, MOST_LINKS = 24, AHEAD = 24, CHOOSER = 2 };
+enum { GRAIN = 1024, RELINK_K = 9, MOST_LINKS = 24, AHEAD = 24, CHOOSER = 2, WAITING = 256 };
 static const double FRACTION = 1.0 / 5, SLACK = 1.5, FEWEST = 1.0 / 6, LENGTH_BIAS = 1e-9;
 
 struct contractor {
@@ -63,22 +65,22 @@ static int is_live(const struct contractor *c, size_t s) { return c->target[s] =
 
 /* ------------------------------------------------------------------------------------------------ costs */
 
-static float pair_cost(const struct contractor *c, const struct quadric_end *p, uint32_t q) {
-    double error[2];
-    quadric_pair_errors(p, &c->quadric[q], c->point[q], error);
-    double least = error[0] < error[1] ? error[0] : error[1];
-    return (float)(least + c->length_bias * vec3_distance_sq(p->point, c->point[q]));
+static struct pair_field field_of(const struct contractor *c) {
+    return (struct pair_field){c->point, c->quadric, c->length_bias};
 }
 
-/* The end of the pair that stays: the cheaper one; then the one with more weight; then the lower id. */
-static uint32_t staying_end(const struct contractor *c, uint32_t p, uint32_t q) {
-    struct quadric_end end = quadric_end_of(&c->quadric[p], c->point[p]);
-    double error[2];
-    quadric_pair_errors(&end, &c->quadric[q], c->point[q], error);
-    if (error[0] != error[1]) return error[0] < error[1] ? p : q;
-    float wp = c->quadric[p].weight, wq = c->quadric[q].weight;
-    if (wp != wq) return wp > wq ? p : q;
-    return p < q ? p : q;
+/* Items are in the order of costs, which are not negative, as their bits are. */
+static uint64_t item_of(float cost, uint32_t slot) {
+    uint32_t key;
+    memcpy(&key, &cost, sizeof key);
+    return radix_item(key, slot);
+}
+
+static float cost_of(uint64_t item) {
+    uint32_t key = radix_key(item);
+    float cost;
+    memcpy(&cost, &key, sizeof cost);
+    return cost;
 }
 
 /* ------------------------------------------------------------------------------------------------ gather, rank */
@@ -92,9 +94,7 @@ static void gather_range(void *ctx, size_t begin, size_t end) {
         uint32_t q = c->partner[s];
         if (!is_live(c, s) || q == NONE) continue;
         if (c->partner[q] == s && q < s) continue; /* the other end has the same pick */
-        uint32_t key;
-        memcpy(&key, &c->cost[s], sizeof key); /* costs are not negative */
-        c->pick[begin + count++] = radix_item(key, (uint32_t)s);
+        c->pick[begin + count++] = item_of(c->cost[s], (uint32_t)s);
     }
     c->chunk[begin / GRAIN] = count;
 }
@@ -119,13 +119,6 @@ static void rank_picks(struct contractor *c, size_t count) {
 
 /* ------------------------------------------------------------------------------------------------ choose */
 
-static double cost_of(uint64_t pick) {
-    uint32_t key = radix_key(pick);
-    float cost;
-    memcpy(&cost, &key, sizeof cost);
-    return (double)cost;
-}
-
 static void fetch(const struct contractor *c, uint64_t pick) {
     __builtin_prefetch(&c->partner[radix_value(pick)]);
     __builtin_prefetch(&c->changed[radix_value(pick)]);
@@ -137,9 +130,9 @@ static size_t choose(struct contractor *c, size_t count) {
     size_t goal = (size_t)ceil((double)c->live_count * FRACTION), done = 0;
     uint64_t *rank = c->swap;
     if (goal >= c->live_count) goal = c->live_count - 1;
-    double limit = SLACK * cost_of(c->pick[goal < count ? goal : count - 1]);
+    double limit = SLACK * (double)cost_of(c->pick[goal < count ? goal : count - 1]);
     for (size_t i = 0; i < count && done < goal; i++) {
-        if (cost_of(c->pick[i]) > limit && (double)done > FEWEST * (double)goal) break;
+        if ((double)cost_of(c->pick[i]) > limit && (double)done > FEWEST * (double)goal) break;
         if (i + AHEAD < count) fetch(c, c->pick[i + AHEAD]);
         uint32_t p = radix_value(c->pick[i]), q = c->partner[p];
         if (c->changed[p] || c->changed[q]) continue;
@@ -152,22 +145,42 @@ static size_t choose(struct contractor *c, size_t count) {
 
 /* ------------------------------------------------------------------------------------------------ merge */
 
+/* Moves a pair's quadrics into one. */
+static void merge_pair(struct contractor *c, uint32_t stays, uint32_t goes, size_t place) {
+    quadric there = quadric_unpack(&c->quadric[stays]), moved = quadric_unpack(&c->quadric[goes]);
+    quadric sum = quadric_add(there, quadric_shift(moved, vec3_sub(c->point[goes], c->point[stays])));
+    double error = sum.weight > 0 ? sqrt((sum.c > 0 ? sum.c : 0) / sum.weight) : 0;
+    c->quadric[stays] = quadric_pack(&sum);
+    c->target[goes] = stays;
+    c->partner[stays] = goes;
+    c->out.into[c->id[goes]] = c->id[stays];
+    c->out.order[place] = c->id[goes];
+    c->out.error[place] = (float)error;
+}
+
+/* The end that stays is the cheaper one; then the one with more weight; then the lower id. */
+static int first_stays(const struct contractor *c, uint32_t p, uint32_t q, double p_stays, double q_stays) {
+    if (p_stays != q_stays) return p_stays < q_stays;
+    float wp = c->quadric[p].weight, wq = c->quadric[q].weight;
+    return wp != wq ? wp > wq : p < q;
+}
+
 /* In the order of slots, not of costs, so that what is near in memory is merged together. */
 static void merge_range(void *ctx, size_t begin, size_t end) {
     struct contractor *c = ctx;
-    for (size_t s = begin; s < end; s++) {
-        if (c->changed[s] != CHOOSER) continue;
-        uint32_t p = (uint32_t)s, q = c->partner[p], stays = staying_end(c, p, q), goes = stays == p ? q : p;
-        size_t i = c->removed + c->swap[s];
-        quadric there = quadric_unpack(&c->quadric[stays]), moved = quadric_unpack(&c->quadric[goes]);
-        quadric sum = quadric_add(there, quadric_shift(moved, vec3_sub(c->point[goes], c->point[stays])));
-        double error = sum.weight > 0 ? sqrt((sum.c > 0 ? sum.c : 0) / sum.weight) : 0;
-        c->quadric[stays] = quadric_pack(&sum);
-        c->target[goes] = stays;
-        c->partner[stays] = goes;
-        c->out.into[c->id[goes]] = c->id[stays];
-        c->out.order[i] = c->id[goes];
-        c->out.error[i] = (float)error;
+    struct pair_field field = field_of(c);
+    uint32_t p[GRAIN + PAIR_COST_ROOM], q[GRAIN + PAIR_COST_ROOM];
+    double p_stays[GRAIN + PAIR_COST_ROOM], q_stays[GRAIN + PAIR_COST_ROOM];
+    size_t count = 0;
+    for (size_t s = begin; s < end; s++)
+        if (c->changed[s] == CHOOSER) p[count] = (uint32_t)s, q[count++] = c->partner[s];
+    pair_errors(&field, p, q, count, p_stays, q_stays);
+    for (size_t i = 0; i < count; i++) {
+        size_t place = c->removed + c->swap[p[i]];
+        if (first_stays(c, p[i], q[i], p_stays[i], q_stays[i]))
+            merge_pair(c, p[i], q[i], place);
+        else
+            merge_pair(c, q[i], p[i], place);
     }
 }
 
@@ -184,28 +197,6 @@ static void merge(struct contractor *c, size_t count) {
 
 /* ------------------------------------------------------------------------------------------------ update */
 
-static void sort_links(uint32_t *link, unsigned n) {
-    for (unsigned i = 1; i < n; i++) {
-        uint32_t x = link[i];
-        unsigned j = i;
-        for (; j > 0 && link[j - 1] > x; j--) link[j] = link[j - 1];
-        link[j] = x;
-    }
-}
-
-/* Sorted links without repetitions and without p itself. */
-static unsigned unique_links(uint32_t *link, unsigned n, uint32_t p) {
-    unsigned count = 0;
-    uint32_t last = NONE;
-    for (unsigned i = 0; i < n; i++) { /* no branch to guess wrong */
-        uint32_t x = link[i];
-        link[count] = x;
-        count += (unsigned)((x != p) & (x != last));
-        last = x;
-    }
-    return count;
-}
-
 /* Drops the farthest until MOST_LINKS are left (ties: the higher id goes). */
 static unsigned keep_nearest(const struct contractor *c, uint32_t p, uint32_t *link, unsigned n) {
     while (n > MOST_LINKS) {
@@ -221,29 +212,26 @@ static unsigned keep_nearest(const struct contractor *c, uint32_t p, uint32_t *l
     return n;
 }
 
-/* Appends p's links as they are now; tells whether any is another than it was. */
-static int take_links(const struct contractor *c, uint32_t p, uint32_t *link, unsigned *n) {
-    const uint32_t *list = &c->near.list[c->near.start[p]];
-    uint32_t differs = 0;
-    for (unsigned i = 0; i < c->near.degree[p]; i++) {
+/* Appends the links of `of` as they are now, NONE for p itself; tells whether any is another than it was. */
+static int take_links(const struct contractor *c, uint32_t of, uint32_t p, uint32_t *link, unsigned *n) {
+    const uint32_t *list = &c->near.list[c->near.start[of]];
+    unsigned degree = c->near.degree[of];
+    uint32_t differs = 0, *to = link + *n;
+    for (unsigned i = 0; i < degree; i++) {
         uint32_t now = c->target[list[i]];
         differs |= now ^ list[i];
-        link[(*n)++] = now;
+        to[i] = now == p ? NONE : now;
     }
+    *n += degree;
     return differs != 0;
 }
 
 static unsigned links_of(const struct contractor *c, uint32_t p, uint32_t *link) {
     unsigned n = 0;
-    int differs = take_links(c, p, link, &n);
-    if (!c->changed[p]) {
-        if (!differs) return n;
-        sort_links(link, n);
-        return unique_links(link, n, p);
-    }
-    take_links(c, c->partner[p], link, &n);
-    sort_links(link, n);
-    return keep_nearest(c, p, link, unique_links(link, n, p));
+    int differs = take_links(c, p, p, link, &n);
+    if (!c->changed[p]) return differs ? rank_sort_ids(link, n) : n;
+    take_links(c, c->partner[p], p, link, &n);
+    return keep_nearest(c, p, link, rank_sort_ids(link, n));
 }
 
 /* Whether all of p's pairs must be looked at again. */
@@ -252,24 +240,57 @@ static int pair_is_stale(const struct contractor *c, uint32_t p) {
     return q == NONE || c->changed[p] || c->changed[q] || !is_live(c, q);
 }
 
-/* Of the same cost, the lower id. */
-static void pick_for(struct contractor *c, uint32_t p, const uint32_t *link, unsigned n, int anew) {
-    float best = anew ? INFINITY : c->cost[p];
-    uint32_t partner = anew ? NONE : c->partner[p];
-    struct quadric_end end = quadric_end_of(&c->quadric[p], c->point[p]);
+/* Points that choose among pairs whose costs are still to be worked out: many at a time is faster. */
+struct choosing {
+    uint32_t point[WAITING];
+    uint16_t end[WAITING]; /* of the point's pairs */
+    unsigned points, pairs;
+    uint32_t p[WAITING + UINT8_MAX], q[WAITING + UINT8_MAX];
+    float cost[WAITING + UINT8_MAX];
+};
+
+/* The cheapest pair, and of the same cost the lower id: the least item of cost and id. */
+static void choose_cheapest(struct contractor *c, uint32_t p, const uint32_t *q, const float *cost, unsigned n) {
+    uint64_t best = item_of(c->cost[p], c->partner[p]);
     for (unsigned i = 0; i < n; i++) {
-        if (!anew && !c->changed[link[i]]) continue;
-        float cost = pair_cost(c, &end, link[i]);
-        if (cost < best || (cost == best && link[i] < partner) || partner == NONE) best = cost, partner = link[i];
+        uint64_t item = item_of(cost[i], q[i]);
+        best = item < best ? item : best;
     }
-    c->partner[p] = partner;
-    c->cost[p] = best;
+    c->partner[p] = radix_value(best);
+    c->cost[p] = cost_of(best);
+}
+
+static void settle(struct contractor *c, struct choosing *w) {
+    struct pair_field field = field_of(c);
+    pair_costs(&field, w->p, w->q, w->pairs, w->cost);
+    for (unsigned i = 0, from = 0; i < w->points; from = w->end[i++])
+        choose_cheapest(c, w->point[i], &w->q[from], &w->cost[from], w->end[i] - from);
+    w->points = w->pairs = 0;
+}
+
+/* Lets p choose among all of its pairs, or, where the present one still is as it was, among those that have changed. */
+static void let_choose(struct contractor *c, struct choosing *w, uint32_t p, const uint32_t *link, unsigned n,
+                       int anew) {
+    unsigned count = w->pairs;
+    for (unsigned i = 0; i < n; i++) { /* no branch to guess wrong */
+        w->p[count] = p;
+        w->q[count] = link[i];
+        count += (unsigned)(anew | (c->changed[link[i]] != 0));
+    }
+    if (anew) c->partner[p] = NONE, c->cost[p] = INFINITY;
+    if (count == w->pairs) return;
+    w->point[w->points] = p;
+    w->end[w->points++] = (uint16_t)count;
+    w->pairs = count;
+    if (count >= WAITING - PAIR_COST_ROOM || w->points == WAITING) settle(c, w);
 }
 
 static void pick_range(void *ctx, size_t begin, size_t end) {
     struct contractor *c = ctx;
+    struct choosing waiting = {.points = 0, .pairs = 0};
     for (size_t p = begin; p < end; p++)
-        pick_for(c, (uint32_t)p, &c->near.list[c->near.start[p]], c->near.degree[p], 1);
+        let_choose(c, &waiting, (uint32_t)p, &c->near.list[c->near.start[p]], c->near.degree[p], 1);
+    settle(c, &waiting);
 }
 
 /* How long the list of a live slot can get. */
@@ -290,6 +311,7 @@ static void measure_range(void *ctx, size_t begin, size_t end) {
 static void update_range(void *ctx, size_t begin, size_t end) {
     struct contractor *c = ctx;
     uint32_t link[2 * UINT8_MAX], *list = c->spare_list + c->chunk[begin / GRAIN];
+    struct choosing waiting = {.points = 0, .pairs = 0};
     for (uint32_t p = (uint32_t)begin; p < end; p++) {
         if (!is_live(c, p)) continue;
         unsigned n = links_of(c, p, link);
@@ -297,8 +319,9 @@ static void update_range(void *ctx, size_t begin, size_t end) {
         c->near.start[p] = (uint32_t)(list - c->spare_list);
         c->near.degree[p] = (uint8_t)n;
         list += n;
-        pick_for(c, p, link, n, pair_is_stale(c, p));
+        let_choose(c, &waiting, p, link, n, pair_is_stale(c, p));
     }
+    settle(c, &waiting);
 }
 
 /* Gives every range of slots its part of the other pool, which is made as large as that takes. */

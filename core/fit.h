@@ -1,6 +1,6 @@
 /* A mesh that is being fitted to dense points: what all refining operations share.
  *
- * Every sample (a dense point, or the middle of two) belongs to one triangle, the nearest as far as is known: each
+ * Every sample (a dense point, or the middle of three) belongs to one triangle, the nearest as far as is known: each
  * operation that changes triangles hands the samples of these triangles out among them again, and looks no further.
  *
  * What is made small is the sum over the samples of  weight * (d + d^2 / far):  the mean distance, with large distances

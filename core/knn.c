@@ -16,7 +16,7 @@
 #include "core/knn_group.h"
 #include "core/par.h"
 
-enum { BATCH = 2048, FEWEST = 3 };
+enum { BATCH = 2048, FEWEST = 2 };
 static const double WIDTH = 2; /* of a group, in distances to the k-th neighbour */
 
 struct knn {

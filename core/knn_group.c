@@ -17,8 +17,9 @@
 #include <string.h>
 
 #include "core/knn.h"
+#include "core/lanes.h"
 
-enum { LANES = 4, GROUP = 16, PLACE_BITS = 8, PLACES = 1 << PLACE_BITS };
+enum { GROUP = 16, PLACE_BITS = 8, PLACES = 1 << PLACE_BITS };
 static const double ROOM = 1.2;          /* of the ball beyond the queries, in usual distances */
 static const double NEAR = 1.5;          /* of the first bound, in squares of usual distances */
 static const double ROUNDING = 1e-9;     /* far more than what the tree's bounds are off by */
@@ -27,23 +28,6 @@ static const int64_t ONE = 1LL << 52;    /* added to bits: doubles a number, and
 
 static_assert((int)KNN_GROUP_POINTS <= (int)PLACES, "a place for each point");
 
-/* Sanitizers can't stand functions that are chosen while the program is loaded. */
-#if defined(__x86_64__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define FOR_EACH_PROCESSOR __attribute__((target_clones("avx2", "default")))
-#else
-#define FOR_EACH_PROCESSOR
-#endif
-
-#define INLINE static inline __attribute__((always_inline))
-
-typedef double four __attribute__((vector_size(32)));
-typedef int64_t mask __attribute__((vector_size(32)));
-typedef double loose __attribute__((vector_size(32), aligned(8), may_alias));
-
-INLINE four all(double x) { return (four){x, x, x, x}; }
-INLINE loose *at(double *p) { return (loose *)p; }
-INLINE four load(const double *p) { return *(const loose *)p; }
-
 /* A query's points: distances and keys, by place; keys of those that are near, then those keys in order. */
 struct ranking {
     double distance_sq[KNN_GROUP_POINTS], key[KNN_GROUP_POINTS];
@@ -51,37 +35,38 @@ struct ranking {
     unsigned count;
 };
 
-INLINE four keys_of(four distance_sq, mask place) {
-    return (four)((((mask)distance_sq + ONE) & -(int64_t)PLACES) | place);
+INLINE lanes keys_of(lanes distance_sq, lanes_mask place) {
+    return (lanes)((((lanes_mask)distance_sq + ONE) & -(int64_t)PLACES) | place);
 }
 
 INLINE void measure(const struct knn_group *g, vec3 query, struct ranking *r) {
-    mask place = {0, 1, 2, 3};
+    lanes_mask place = {0, 1, 2, 3};
     for (unsigned i = 0; i < g->count; i += LANES, place += LANES) {
-        four x = all(query.x) - load(&g->x[i]), y = all(query.y) - load(&g->y[i]), z = all(query.z) - load(&g->z[i]);
-        four distance_sq = x * x + y * y + z * z;
-        *at(&r->distance_sq[i]) = distance_sq;
-        *at(&r->key[i]) = keys_of(distance_sq, place);
+        lanes x = lanes_all(query.x) - lanes_load(&g->x[i]), y = lanes_all(query.y) - lanes_load(&g->y[i]),
+              z = lanes_all(query.z) - lanes_load(&g->z[i]);
+        lanes distance_sq = x * x + y * y + z * z;
+        lanes_store(&r->distance_sq[i], distance_sq);
+        lanes_store(&r->key[i], keys_of(distance_sq, place));
     }
 }
 
 /* Those of n keys that are of distances below a bound. */
 INLINE void select_near(unsigned n, double bound_sq, struct ranking *r) {
-    double bound = keys_of(all(bound_sq), (mask){0})[0];
+    double bound = keys_of(lanes_all(bound_sq), (lanes_mask){0})[0];
     unsigned count = 0;
     for (unsigned i = 0; i < n; i++) {
         r->near[count] = r->key[i];
         count += r->key[i] < bound;
     }
-    *at(&r->near[count]) = all(INFINITY);
+    lanes_store(&r->near[count], lanes_all(INFINITY));
     r->count = count;
 }
 
 INLINE void rank_near(struct ranking *r) {
     for (unsigned i = 0; i < r->count; i += LANES) {
-        four key = load(&r->near[i]);
-        mask rank = {0};
-        for (unsigned j = 0; j < r->count; j++) rank -= all(r->near[j]) < key;
+        lanes key = lanes_load(&r->near[i]);
+        lanes_mask rank = {0};
+        for (unsigned j = 0; j < r->count; j++) rank -= lanes_all(r->near[j]) < key;
         for (unsigned lane = 0; lane < LANES; lane++) r->ranked[rank[lane]] = key[lane];
     }
 }

@@ -40,10 +40,14 @@ struct queue {
     uint32_t *next; /* of each node; NONE = last; its own id = not queued */
 };
 
+struct node {
+    uint32_t distance, stamp; /* to the terminal, and the phase in which that was true */
+    uint8_t tree, parent;
+};
+
 struct mincut_search {
     struct mincut *graph;
-    uint8_t *tree, *parent;
-    uint32_t *distance, *stamp; /* to the terminal, and the phase in which that was true */
+    struct node *node;
     uint32_t phase;
     struct queue active, orphans, changed;
     uint64_t steps;
@@ -77,54 +81,53 @@ static uint32_t queue_pop(struct queue *queue) {
  * outwards = false, back to it.  Flow runs away from the source and towards the sink. */
 static int32_t residual(const struct mincut_search *s, uint32_t node, unsigned i, bool outwards) {
     const struct mincut *g = s->graph;
-    bool forward = (s->tree[node] == SOURCE) == outwards;
+    bool forward = (s->node[node].tree == SOURCE) == outwards;
     return forward ? g->capacity[node][i] : g->capacity[g->neighbour[node][i]][g->mirror[node][i]];
 }
 
 static void plant(struct mincut_search *s) {
     for (uint32_t c = 0; c < s->graph->node_count; c++) {
         int32_t terminal = s->graph->terminal[c];
-        s->tree[c] = terminal > 0 ? SOURCE : terminal < 0 ? SINK : FREE;
-        s->parent[c] = terminal ? TERMINAL : ROOTLESS;
-        s->distance[c] = terminal ? 1 : 0;
+        s->node[c].tree = terminal > 0 ? SOURCE : terminal < 0 ? SINK : FREE;
+        s->node[c].parent = terminal ? TERMINAL : ROOTLESS;
+        s->node[c].distance = terminal ? 1 : 0;
         if (terminal) queue_push(&s->active, c);
     }
 }
 
 /* A node takes a free neighbour into its tree, or becomes the parent of one that would be nearer to the root so. */
 static void take(struct mincut_search *s, uint32_t node, unsigned i) {
-    uint32_t other = s->graph->neighbour[node][i];
-    bool is_new = s->tree[other] == FREE;
-    bool is_nearer = s->tree[other] == s->tree[node] && s->stamp[other] <= s->stamp[node] &&
-                     s->distance[other] > s->distance[node] + 1 && s->parent[other] < TERMINAL;
-    if (!is_new && !is_nearer) return;
-    s->tree[other] = s->tree[node];
-    s->parent[other] = s->graph->mirror[node][i];
-    s->distance[other] = s->distance[node] + 1;
-    s->stamp[other] = s->stamp[node];
-    if (is_new) queue_push(&s->active, other);
+    uint32_t at = s->graph->neighbour[node][i];
+    const struct node *from = &s->node[node];
+    struct node *to = &s->node[at];
+    bool is_new = to->tree == FREE;
+    if (!is_new && (to->stamp > from->stamp || to->parent >= TERMINAL)) return;
+    *to = (struct node){from->distance + 1, from->stamp, from->tree, s->graph->mirror[node][i]};
+    if (is_new) queue_push(&s->active, at);
 }
 
-/* Grows from the node until the trees touch: the arc over which they do, or 4. */
+/* Grows from the node until the trees touch: the arc over which they do, or 4.  Most neighbours are in the same tree,
+ * and as near to the root. */
 static unsigned grow(struct mincut_search *s, uint32_t node) {
     for (unsigned i = 0; i < 4; i++) {
+        const struct node *from = &s->node[node], *to = &s->node[s->graph->neighbour[node][i]];
+        if (to->tree == from->tree && to->distance <= from->distance + 1) continue;
         if (!residual(s, node, i, true)) continue;
-        uint32_t other = s->graph->neighbour[node][i];
-        if (s->tree[other] != FREE && s->tree[other] != s->tree[node]) return i;
+        if (to->tree != FREE && to->tree != from->tree) return i;
         take(s, node, i);
     }
     return 4;
 }
 
 static void orphan(struct mincut_search *s, uint32_t node) {
-    s->parent[node] = ORPHAN;
+    s->node[node].parent = ORPHAN;
     queue_push(&s->orphans, node);
 }
 
 /* The capacity left along the parents of a node and at its terminal. */
 static int32_t bottleneck(const struct mincut_search *s, uint32_t node, int32_t least) {
-    while (s->parent[node] != TERMINAL) {
-        unsigned i = s->parent[node];
+    while (s->node[node].parent != TERMINAL) {
+        unsigned i = s->node[node].parent;
         int32_t left = residual(s, node, i, false);
         if (left < least) least = left;
         node = s->graph->neighbour[node][i];
@@ -135,9 +138,9 @@ static int32_t bottleneck(const struct mincut_search *s, uint32_t node, int32_t 
 
 static void push(struct mincut_search *s, uint32_t node, int32_t flow) {
     struct mincut *g = s->graph;
-    int32_t sign = s->tree[node] == SOURCE ? 1 : -1;
-    while (s->parent[node] != TERMINAL) {
-        unsigned i = s->parent[node], j = g->mirror[node][i];
+    int32_t sign = s->node[node].tree == SOURCE ? 1 : -1;
+    while (s->node[node].parent != TERMINAL) {
+        unsigned i = s->node[node].parent, j = g->mirror[node][i];
         uint32_t up = g->neighbour[node][i];
         g->capacity[node][i] += sign * flow;
         g->capacity[up][j] -= sign * flow;
@@ -151,7 +154,7 @@ static void push(struct mincut_search *s, uint32_t node, int32_t flow) {
 /* Fills the path over arc i of a node where the trees touch. */
 static void augment(struct mincut_search *s, uint32_t node, unsigned i) {
     struct mincut *g = s->graph;
-    if (s->tree[node] == SINK) {
+    if (s->node[node].tree == SINK) {
         uint32_t other = g->neighbour[node][i];
         i = g->mirror[node][i];
         node = other;
@@ -167,17 +170,18 @@ static void augment(struct mincut_search *s, uint32_t node, unsigned i) {
 /* Distance of a node to its terminal along parents, UINT32_MAX where it hangs on an orphan; remembered on the way. */
 static uint32_t trace(struct mincut_search *s, uint32_t node) {
     uint32_t length = 0, at = node;
-    while (s->stamp[at] != s->phase && s->parent[at] < TERMINAL) {
-        at = s->graph->neighbour[at][s->parent[at]];
+    while (s->node[at].stamp != s->phase && s->node[at].parent < TERMINAL) {
+        at = s->graph->neighbour[at][s->node[at].parent];
         length++;
     }
     s->steps += length + 1;
-    if (s->parent[at] > TERMINAL) return UINT32_MAX;
-    length += s->stamp[at] == s->phase ? s->distance[at] : 1;
-    if (s->stamp[at] != s->phase) s->distance[at] = 1, s->stamp[at] = s->phase;
-    for (uint32_t d = length; s->stamp[node] != s->phase; node = s->graph->neighbour[node][s->parent[node]], d--) {
-        s->distance[node] = d;
-        s->stamp[node] = s->phase;
+    if (s->node[at].parent > TERMINAL) return UINT32_MAX;
+    length += s->node[at].stamp == s->phase ? s->node[at].distance : 1;
+    if (s->node[at].stamp != s->phase) s->node[at].distance = 1, s->node[at].stamp = s->phase;
+    for (uint32_t d = length; s->node[node].stamp != s->phase;
+         node = s->graph->neighbour[node][s->node[node].parent], d--) {
+        s->node[node].distance = d;
+        s->node[node].stamp = s->phase;
     }
     return length;
 }
@@ -187,15 +191,15 @@ static bool find_parent(struct mincut_search *s, uint32_t node) {
     unsigned best_arc = 4;
     for (unsigned i = 0; i < 4; i++) {
         uint32_t other = s->graph->neighbour[node][i];
-        if (s->tree[other] != s->tree[node] || s->parent[other] == ROOTLESS) continue;
+        if (s->node[other].tree != s->node[node].tree || s->node[other].parent == ROOTLESS) continue;
         if (!residual(s, node, i, false)) continue;
         uint32_t distance = trace(s, other);
         if (distance < best) best = distance, best_arc = i;
     }
     if (best_arc == 4) return false;
-    s->parent[node] = (uint8_t)best_arc;
-    s->distance[node] = best + 1;
-    s->stamp[node] = s->phase;
+    s->node[node].parent = (uint8_t)best_arc;
+    s->node[node].distance = best + 1;
+    s->node[node].stamp = s->phase;
     return true;
 }
 
@@ -203,12 +207,12 @@ static bool find_parent(struct mincut_search *s, uint32_t node) {
 static void leave(struct mincut_search *s, uint32_t node) {
     for (unsigned i = 0; i < 4; i++) {
         uint32_t other = s->graph->neighbour[node][i];
-        if (s->tree[other] != s->tree[node]) continue;
+        if (s->node[other].tree != s->node[node].tree) continue;
         if (residual(s, node, i, false)) queue_push(&s->active, other);
-        if (s->parent[other] == s->graph->mirror[node][i]) orphan(s, other);
+        if (s->node[other].parent == s->graph->mirror[node][i]) orphan(s, other);
     }
-    s->tree[node] = FREE;
-    s->parent[node] = ROOTLESS;
+    s->node[node].tree = FREE;
+    s->node[node].parent = ROOTLESS;
 }
 
 static void adopt(struct mincut_search *s) {
@@ -222,12 +226,12 @@ static void adopt(struct mincut_search *s) {
 
 /* A node whose terminal has changed sides starts anew: its children lose it, and the other tree may have it. */
 static void plant_anew(struct mincut_search *s, uint32_t node) {
-    s->tree[node] = s->graph->terminal[node] > 0 ? SOURCE : SINK;
+    s->node[node].tree = s->graph->terminal[node] > 0 ? SOURCE : SINK;
     for (unsigned i = 0; i < 4; i++) {
         uint32_t other = s->graph->neighbour[node][i];
-        if (s->changed.next[other] != other || s->tree[other] == FREE) continue;
-        if (s->parent[other] == s->graph->mirror[node][i]) orphan(s, other);
-        if (s->tree[other] != s->tree[node] && residual(s, node, i, true)) queue_push(&s->active, other);
+        if (s->changed.next[other] != other || s->node[other].tree == FREE) continue;
+        if (s->node[other].parent == s->graph->mirror[node][i]) orphan(s, other);
+        if (s->node[other].tree != s->node[node].tree && residual(s, node, i, true)) queue_push(&s->active, other);
     }
 }
 
@@ -238,13 +242,13 @@ static void mend(struct mincut_search *s) {
         int32_t terminal = s->graph->terminal[node];
         queue_push(&s->active, node);
         if (!terminal) {
-            if (s->tree[node] != FREE) orphan(s, node);
+            if (s->node[node].tree != FREE) orphan(s, node);
             continue;
         }
-        if (s->tree[node] != (terminal > 0 ? SOURCE : SINK)) plant_anew(s, node);
-        s->parent[node] = TERMINAL;
-        s->distance[node] = 1;
-        s->stamp[node] = s->phase;
+        if (s->node[node].tree != (terminal > 0 ? SOURCE : SINK)) plant_anew(s, node);
+        s->node[node].parent = TERMINAL;
+        s->node[node].distance = 1;
+        s->node[node].stamp = s->phase;
     }
     adopt(s);
 }
@@ -277,7 +281,7 @@ enum status mincut_flow(struct mincut_search *s, const char *stage, const struct
     if (s->phase == 0) plant(s);
     mend(s);
     for (uint32_t node = queue_pop(&s->active); node != NONE && s->steps < step_limit; node = queue_pop(&s->active)) {
-        while (s->tree[node] != FREE) {
+        while (s->node[node].tree != FREE) {
             unsigned arc = grow(s, node);
             if (arc == 4) break;
             s->phase++;
@@ -290,22 +294,18 @@ enum status mincut_flow(struct mincut_search *s, const char *stage, const struct
     return STATUS_OK;
 }
 
-bool mincut_is_source(const struct mincut_search *s, uint32_t node) { return s->tree[node] == SOURCE; }
+bool mincut_is_source(const struct mincut_search *s, uint32_t node) { return s->node[node].tree == SOURCE; }
 
 enum status mincut_new(struct mincut *graph, struct mincut_search **out) {
     size_t n = graph->node_count;
     struct mincut_search *s = alloc_zeroed(1, sizeof *s);
     if (!s) return STATUS_NO_MEMORY;
     *s = (struct mincut_search){.graph = graph,
-                                .tree = alloc_array(n, sizeof *s->tree),
-                                .parent = alloc_array(n, sizeof *s->parent),
-                                .distance = alloc_array(n, sizeof *s->distance),
-                                .stamp = alloc_zeroed(n, sizeof *s->stamp),
+                                .node = alloc_zeroed(n, sizeof *s->node),
                                 .active.next = alloc_array(n, sizeof(uint32_t)),
                                 .orphans.next = alloc_array(n, sizeof(uint32_t)),
                                 .changed.next = alloc_array(n, sizeof(uint32_t))};
-    if (!s->tree || !s->parent || !s->distance || !s->stamp || !s->active.next || !s->orphans.next ||
-        !s->changed.next) {
+    if (!s->node || !s->active.next || !s->orphans.next || !s->changed.next) {
         mincut_free(s);
         return STATUS_NO_MEMORY;
     }
@@ -316,7 +316,7 @@ enum status mincut_new(struct mincut *graph, struct mincut_search **out) {
 
 void mincut_free(struct mincut_search *s) {
     if (!s) return;
-    free(s->tree), free(s->parent), free(s->distance), free(s->stamp);
+    free(s->node);
     free(s->active.next), free(s->orphans.next), free(s->changed.next);
     free(s);
 }

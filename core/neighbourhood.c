@@ -28,7 +28,7 @@
 enum { CHUNK = 4096, WIDE_K = 48, SECTORS = 8 };
 static const double LINE_RATIO = 0.02;
 
-enum { SAMPLES = 1024, NARROW_K = 11, BROAD_K = 31 };
+enum { SAMPLES = 1024, SAMPLE_GRAIN = 64, NARROW_K = 11, BROAD_K = 31 };
 static const double THICK = 0.006, FLATTER = 0.95; /* surface variation, and its ratio, that noise has */
 static const double BALL = 0.1, BALL_RATIO = 1.6;  /* and where even the wider neighbourhood is nearly a ball */
 
@@ -118,21 +118,36 @@ static double variation_of(const vec3 *point, const uint32_t *id, unsigned k) {
     return trace > 0 ? fmax(value[0], 0) / trace : 0;
 }
 
-static enum status find_noisy(const struct knn *knn, const vec3 *point, size_t n, bool *noisy) {
+struct sampling {
+    const struct knn *knn;
+    const vec3 *point;
+    size_t step; /* between the points that are looked at */
     float narrow[SAMPLES], ratio[SAMPLES];
-    size_t count = 0, step = (n - 1) / SAMPLES + 1;
-    *noisy = false;
-    if (n < BROAD_K) return STATUS_OK;
-    for (size_t p = 0; p < n; p += step, count++) {
+    enum status status[SAMPLES];
+};
+
+static void sample_range(void *ctx, size_t begin, size_t end) {
+    struct sampling *s = ctx;
+    for (size_t i = begin; i < end; i++) {
         uint32_t id[BROAD_K];
         double distance_sq[BROAD_K];
-        enum status status = knn_search(knn, &point[p], 1, BROAD_K, 1, id, distance_sq);
-        if (status) return status;
-        double variation = variation_of(point, id, NARROW_K);
-        narrow[count] = (float)variation;
-        ratio[count] = variation > 0 ? (float)fmin(variation_of(point, id, BROAD_K) / variation, 100) : 100;
+        s->status[i] = knn_search(s->knn, &s->point[i * s->step], 1, BROAD_K, 1, id, distance_sq);
+        if (s->status[i]) continue;
+        double variation = variation_of(s->point, id, NARROW_K);
+        s->narrow[i] = (float)variation;
+        s->ratio[i] = variation > 0 ? (float)fmin(variation_of(s->point, id, BROAD_K) / variation, 100) : 100;
     }
-    double usual = (double)quantile_of(narrow, count, 0.5), usual_ratio = (double)quantile_of(ratio, count, 0.5);
+}
+
+static enum status find_noisy(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, bool *noisy) {
+    struct sampling s = {.knn = knn, .point = point, .step = (n - 1) / SAMPLES + 1};
+    size_t count = (n - 1) / s.step + 1;
+    *noisy = false;
+    if (n < BROAD_K) return STATUS_OK;
+    par_for(threads, count, SAMPLE_GRAIN, sample_range, &s);
+    for (size_t i = 0; i < count; i++)
+        if (s.status[i]) return s.status[i];
+    double usual = (double)quantile_of(s.narrow, count, 0.5), usual_ratio = (double)quantile_of(s.ratio, count, 0.5);
     *noisy = (usual > THICK && usual_ratio < FLATTER) || (usual > BALL && usual_ratio < BALL_RATIO);
     return STATUS_OK;
 }
@@ -166,7 +181,7 @@ enum status neighbourhood_find(const struct knn *knn, const vec3 *point, size_t 
     assert(options->min >= 3 && options->min <= options->max && options->max < KNN_MAX_K);
     struct neighbourhood_options fitting = *options;
     bool noisy;
-    enum status status = find_noisy(knn, point, n, &noisy);
+    enum status status = find_noisy(knn, point, n, options->threads, &noisy);
     if (status) return status;
     if (noisy) {
         fitting.min = neighbourhood_noisy_count(options->min);

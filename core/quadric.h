@@ -8,8 +8,6 @@
 #ifndef WHITTLE_CORE_QUADRIC_H
 #define WHITTLE_CORE_QUADRIC_H
 
-#include <string.h>
-
 #include "core/neighbourhood.h"
 #include "core/params.h"
 #include "core/sym3.h"
@@ -73,65 +71,6 @@ static inline quadric quadric_unpack(const struct packed_quadric *p) {
         {(double)p->b[0], (double)p->b[1], (double)p->b[2]},
         (double)p->c,
         (double)p->weight};
-}
-
-/* Costs of contractions are most of the work of all: two coefficients at a time, which is what every processor can do.
- * The first ten of a packed quadric are, in pairs, what these monomials of the offset are multiplied by. */
-typedef double quadric_two __attribute__((vector_size(16)));
-typedef float quadric_four_floats __attribute__((vector_size(16)));
-typedef double quadric_four __attribute__((vector_size(32)));
-enum { QUADRIC_TWOS = 5 };
-
-static inline void quadric_monomials(vec3 x, quadric_two monomial[QUADRIC_TWOS]) {
-    vec3 d = vec3_add(x, x);
-    monomial[0] = (quadric_two){x.x, x.x} * (quadric_two){x.x, d.y};
-    monomial[1] = (quadric_two){d.x, x.y} * (quadric_two){x.z, x.y};
-    monomial[2] = (quadric_two){x.z, x.z} * (quadric_two){d.y, x.z};
-    monomial[3] = (quadric_two){d.x, d.y};
-    monomial[4] = (quadric_two){d.z, 1};
-}
-
-/* Four at once, the last four overlapping: that is how conversions become one instruction each. */
-static inline void quadric_coefficients(const struct packed_quadric *q, quadric_two two[QUADRIC_TWOS]) {
-    static const size_t at[] = {0, 4, 6};
-#pragma GCC unroll 3
-    for (size_t i = 0; i < 3; i++) {
-        quadric_four_floats four;
-        memcpy(&four, (const float *)q + at[i], sizeof four);
-        quadric_four converted = __builtin_convertvector(four, quadric_four);
-        memcpy(&two[at[i] / 2], &converted, sizeof converted);
-    }
-}
-
-/* One end of pairs: its quadric, ready for offsets of the opposite sign. */
-struct quadric_end {
-    quadric_two opposite[QUADRIC_TWOS];
-    vec3 point;
-    double own; /* E at the point itself */
-};
-
-static inline struct quadric_end quadric_end_of(const struct packed_quadric *q, vec3 point) {
-    struct quadric_end end = {.point = point, .own = q->c > 0 ? (double)q->c : 0};
-    quadric_coefficients(q, end.opposite);
-    end.opposite[3] = -end.opposite[3];
-    end.opposite[4][0] = -end.opposite[4][0];
-    return end;
-}
-
-/* Errors of contracting p and q, a point with its quadric: error[0] with p staying, error[1] with q staying. */
-static inline void quadric_pair_errors(const struct quadric_end *p, const struct packed_quadric *q, vec3 point,
-                                       double error[2]) {
-    quadric_two monomial[QUADRIC_TWOS], other[QUADRIC_TWOS], at_p = {0, 0}, at_q = {0, 0};
-    quadric_monomials(vec3_sub(p->point, point), monomial);
-    quadric_coefficients(q, other);
-#pragma GCC unroll 5
-    for (size_t i = 0; i < QUADRIC_TWOS; i++) {
-        at_p += other[i] * monomial[i];
-        at_q += p->opposite[i] * monomial[i];
-    }
-    double moved_q = at_p[0] + at_p[1], moved_p = at_q[0] + at_q[1], own = (double)q->c;
-    error[0] = p->own + (moved_q > 0 ? moved_q : 0);
-    error[1] = (own > 0 ? own : 0) + (moved_p > 0 ? moved_p : 0);
 }
 
 struct quadric_options {

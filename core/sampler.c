@@ -17,19 +17,13 @@
 
 #include "core/alloc.h"
 #include "core/cloud.h"
+#include "core/scramble.h"
 
 /* 1 / g and 1 / g^2 as fractions of 2^64, g the real root of x^3 = x + 1. */
 #define STEP_U 0xC13FA9A902A6328Fu
 #define STEP_V 0x91E10DA5C79E7B1Du
 
 /* ------------------------------------------------------------------------------------------------- places */
-
-/* Scrambles 64 bits (the finisher of SplitMix64; Steele, Lea, Flood 2014). */
-static uint64_t scramble(uint64_t x) {
-    x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9u;
-    x = (x ^ (x >> 27)) * 0x94D049BB133111EBu;
-    return x ^ (x >> 31);
-}
 
 static uint64_t random_bits(uint64_t seed, uint64_t index) {
     return scramble(scramble(seed + 0x9E3779B97F4A7C15u) + index * 0x9E3779B97F4A7C15u);

@@ -1,6 +1,9 @@
-/* A mesh that is fitted to points alone bends between them where there are only a few for each triangle.  The chord
- * between two neighbours is near the surface (at most by a quarter of what the mesh through all points is off anyway),
- * and Gabriel's rule takes only chords that any sensible mesh of the points has as edges.
+/* A mesh that is fitted to points alone bends between them where there are only a few for each triangle.  The middles
+ * of the triangles between neighbours are near the surface, and on a sharp edge they tell the faces beside it, which
+ * the points on it don't.
+ *
+ * Weights are areas.  A point stands for a part of the square of its spacing, a middle for a part of its triangle, the
+ * less the fewer of the triangle's corners have it: where neighbours see no triangles there are the points.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/samples.h"
@@ -10,67 +13,19 @@
 #include "core/alloc.h"
 #include "core/cloud.h"
 #include "core/par.h"
+#include "core/umbrella.h"
 
-enum { POINT_GRAIN = 1024, MAX_MIDDLES = 8 };
+enum { POINT_GRAIN = 1024 };
 
 #define REACH 1.0f /* of the spacing */
 
-#define STEEPEST 0.5 /* sine of the angle between a chord and the tangent plane */
 #define LARGEST_WEIGHT 8
-#define POINT_SHARE 0.27 /* a point has 2.7 middles on average, and all count the same */
-#define MIDDLE_SHARE 0.27
-
-struct search {
-    const struct refine_input *input;
-    uint32_t *partner; /* MAX_MIDDLES for each point */
-    uint8_t *count;
-};
-
-static bool list_has(const struct neighbourhood *hood, uint32_t p, uint32_t q) {
-    for (unsigned i = 0; i < hood->count[p]; i++)
-        if (hood->id[p * hood->stride + i] == q) return true;
-    return false;
-}
-
-/* Whether no neighbour of p is as near to the middle of pq as p and q are: of a square's diagonals neither passes. */
-static bool ball_is_empty(const struct refine_input *input, uint32_t p, uint32_t q) {
-    const struct neighbourhood *hood = input->hood;
-    vec3 middle = vec3_lerp(input->points[p], input->points[q], 0.5);
-    double radius_sq = vec3_distance_sq(input->points[p], middle) * (1 + 1e-9);
-    for (unsigned i = 0; i < hood->count[p]; i++) {
-        uint32_t r = hood->id[p * hood->stride + i];
-        if (r != q && vec3_distance_sq(input->points[r], middle) < radius_sq) return false;
-    }
-    return true;
-}
-
-/* Whether the chord pq runs along the surface at both of its ends, rather than across an edge or a gap. */
-static bool chord_is_tangent(const struct refine_input *input, uint32_t p, uint32_t q) {
-    vec3 along = vec3_unit(vec3_sub(input->points[q], input->points[p]));
-    double off = fmax(fabs(vec3_dot(along, input->normals[p])), fabs(vec3_dot(along, input->normals[q])));
-    return off < STEEPEST;
-}
-
-/* Each pair is found from its lower point, or from the other where only that one knows of the pair. */
-static void find_partners(void *ctx, size_t begin, size_t end) {
-    struct search *search = ctx;
-    const struct neighbourhood *hood = search->input->hood;
-    for (size_t p = begin; p < end; p++) {
-        search->count[p] = 0;
-        for (unsigned i = 0; i < hood->count[p] && search->count[p] < MAX_MIDDLES; i++) {
-            uint32_t q = hood->id[p * hood->stride + i];
-            if (q < p && list_has(hood, q, (uint32_t)p)) continue;
-            if (!chord_is_tangent(search->input, (uint32_t)p, q)) continue;
-            if (!ball_is_empty(search->input, (uint32_t)p, q) || !ball_is_empty(search->input, q, (uint32_t)p))
-                continue;
-            search->partner[p * MAX_MIDDLES + search->count[p]++] = q;
-        }
-    }
-}
+#define POINT_SHARE 0.25
+#define MIDDLE_SHARE 0.75
 
 struct filling {
     const struct refine_input *input;
-    const struct search *search; /* NULL: points alone */
+    const struct umbrellas *umbrellas; /* NULL: points alone */
     struct samples *samples;
     double mean_area;
 };
@@ -82,37 +37,54 @@ static double area_of(const struct filling *filling, uint32_t p) {
     return relative > LARGEST_WEIGHT ? LARGEST_WEIGHT : relative;
 }
 
-static vec3 between(vec3 a, vec3 b) { return vec3_unit(vec3_dot(a, b) < 0 ? vec3_sub(a, b) : vec3_add(a, b)); }
-
-/* Sample i is the middle of pq; p itself where q is p. */
-static void set_sample(const struct filling *filling, size_t i, uint32_t p, uint32_t q, double share) {
+static void set_point(const struct filling *filling, uint32_t p) {
     const struct refine_input *input = filling->input;
-    struct samples *samples = filling->samples;
-    double area = (area_of(filling, p) + area_of(filling, q)) / 2;
-    samples->sample[i].place = p == q ? input->points[p] : vec3_lerp(input->points[p], input->points[q], 0.5);
-    samples->sample[i].weight = (float)(share * area);
-    samples->normal[i] = p == q ? input->normals[p] : between(input->normals[p], input->normals[q]);
-    samples->sample[i].reach = REACH * fmaxf(input->spacing[p], input->spacing[q]);
+    double share = filling->umbrellas ? POINT_SHARE : 1;
+    filling->samples->sample[p] =
+        (struct sample){input->points[p], (float)(share * area_of(filling, p)), REACH * input->spacing[p]};
+    filling->samples->normal[p] = input->normals[p];
+}
+
+static void set_middle(const struct filling *filling, size_t i, const uint32_t corner[3], unsigned votes) {
+    const struct refine_input *input = filling->input;
+    vec3 a = input->points[corner[0]], b = input->points[corner[1]], c = input->points[corner[2]];
+    vec3 normal = vec3_triangle_normal(a, b, c);
+    double area = vec3_length(normal) / 2 * votes / 3;
+    float widest = fmaxf(fmaxf(input->spacing[corner[0]], input->spacing[corner[1]]), input->spacing[corner[2]]);
+    filling->samples->sample[i] =
+        (struct sample){vec3_scale(vec3_add(vec3_add(a, b), c), 1.0 / 3),
+                        filling->mean_area > 0 ? (float)(MIDDLE_SHARE * area / filling->mean_area) : 0, REACH * widest};
+    filling->samples->normal[i] = vec3_unit(normal);
 }
 
 static void place_range(void *ctx, size_t begin, size_t end) {
     const struct filling *filling = ctx;
-    const struct search *search = filling->search;
+    const struct umbrellas *umbrellas = filling->umbrellas;
     for (uint32_t p = (uint32_t)begin; p < end; p++) {
-        set_sample(filling, p, p, p, search ? POINT_SHARE : 1);
-        for (unsigned i = 0; search && i < search->count[p]; i++)
-            set_sample(filling, filling->samples->middle[p] + i, p, search->partner[(size_t)p * MAX_MIDDLES + i],
-                       MIDDLE_SHARE);
+        size_t at = filling->samples->middle[p];
+        set_point(filling, p);
+        for (unsigned i = 0; umbrellas && i < UMBRELLA_RIBS; i++) {
+            unsigned votes = umbrella_votes(umbrellas, p, i);
+            if (votes == 0) continue;
+            set_middle(filling, at++, (uint32_t[3]){p, umbrellas->rib[p][i], umbrella_after(umbrellas, p, i)}, votes);
+        }
     }
 }
 
+static unsigned count_middles(const struct umbrellas *umbrellas, size_t p) {
+    unsigned count = 0;
+    for (unsigned i = 0; i < UMBRELLA_RIBS; i++) count += umbrella_votes(umbrellas, p, i) > 0;
+    return count;
+}
+
 /* Where the middles of each point go. */
-static enum status number_middles(struct samples *samples, size_t points, const struct search *search) {
+static enum status number_middles(struct samples *samples, size_t points, const struct umbrellas *umbrellas) {
     samples->points = points;
     samples->middle = alloc_array(points + 1, sizeof *samples->middle);
     if (!samples->middle) return STATUS_NO_MEMORY;
     samples->middle[0] = (uint32_t)points;
-    for (size_t p = 0; p < points; p++) samples->middle[p + 1] = samples->middle[p] + (search ? search->count[p] : 0U);
+    for (size_t p = 0; p < points; p++)
+        samples->middle[p + 1] = samples->middle[p] + (umbrellas ? count_middles(umbrellas, p) : 0);
     samples->n = samples->middle[points];
     return STATUS_OK;
 }
@@ -123,10 +95,10 @@ static double mean_area(const struct refine_input *input) {
     return sum / (double)input->n;
 }
 
-static enum status place_all(struct samples *samples, const struct refine_input *input, const struct search *search,
-                             unsigned threads) {
-    if (number_middles(samples, input->n, search)) return STATUS_NO_MEMORY;
-    struct filling filling = {input, search, samples, mean_area(input)};
+static enum status place_all(struct samples *samples, const struct refine_input *input,
+                             const struct umbrellas *umbrellas, unsigned threads) {
+    if (number_middles(samples, input->n, umbrellas)) return STATUS_NO_MEMORY;
+    struct filling filling = {input, umbrellas, samples, mean_area(input)};
     samples->sample = alloc_array(samples->n, sizeof *samples->sample);
     samples->normal = alloc_array(samples->n, sizeof *samples->normal);
     if (!samples->sample || !samples->normal) return STATUS_NO_MEMORY;
@@ -136,18 +108,11 @@ static enum status place_all(struct samples *samples, const struct refine_input 
 
 enum status samples_init(struct samples *samples, const struct refine_input *input, bool middles, unsigned threads) {
     struct samples new = {0};
-    struct search search = {.input = input};
-    enum status status = STATUS_NO_MEMORY;
-    if (middles) {
-        search.partner = alloc_array(input->n, MAX_MIDDLES * sizeof *search.partner);
-        search.count = alloc_array(input->n, 1);
-        if (!search.partner || !search.count) goto out;
-        par_for(threads, input->n, POINT_GRAIN, find_partners, &search);
-    }
-    status = place_all(&new, input, middles ? &search : NULL, threads);
-out:
-    free(search.partner);
-    free(search.count);
+    struct umbrellas umbrellas = {0};
+    enum status status = STATUS_OK;
+    if (middles) status = umbrella_find(input->points, input->normals, input->hood, threads, &umbrellas);
+    if (status == STATUS_OK) status = place_all(&new, input, middles ? &umbrellas : NULL, threads);
+    umbrella_done(&umbrellas);
     if (status == STATUS_OK) {
         *samples = new;
     } else {

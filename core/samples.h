@@ -1,4 +1,4 @@
-/* Where the surface is known to be: the dense points, and the middles of short edges between them.
+/* Where the surface is known to be: the dense points, and the middles of the triangles between neighbours.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_SAMPLES_H
@@ -9,7 +9,7 @@
 
 struct sample {
     vec3 place;
-    float weight; /* about the area that it stands for: those of n points and their middles sum up to about n */
+    float weight; /* about the area that it stands for: mean 1 without middles, about 0.7 for each point with them */
     float reach;  /* how far around it its tangent plane stands for the surface */
 };
 
@@ -17,8 +17,7 @@ struct samples {
     size_t n, points;      /* of them all; of the points, which come first and keep their ids */
     struct sample *sample; /* n; owned */
     vec3 *normal;          /* n, unit, of either sign; owned */
-    uint32_t *middle;      /* points + 1: the middles that were found from point p are middle[p] .. middle[p + 1) - 1;
-                              owned */
+    uint32_t *middle;      /* points + 1: those of the triangles of point p are middle[p] .. middle[p + 1) - 1; owned */
 };
 
 /* The point that a sample is, or NONE for a middle. */
@@ -26,9 +25,8 @@ static inline uint32_t samples_point(const struct samples *samples, uint32_t sam
     return sample < samples->points ? sample : NONE;
 }
 
-/* Takes the points, and with middles also the middle of each pair of neighbours that has no other point in the ball
- * over it (a Gabriel edge) and runs along the surface; input->hood must be there then.  O(n k^2), k neighbours each.
- * STATUS_NO_MEMORY. */
+/* Takes the points, and with middles also the middle of each triangle of the umbrellas; input->hood must be there then.
+ * O(n k^2), k neighbours each.  STATUS_NO_MEMORY. */
 enum status samples_init(struct samples *samples, const struct refine_input *input, bool middles,
                          unsigned threads) MUST_CHECK;
 void samples_done(struct samples *samples);

@@ -81,6 +81,8 @@ static const struct setting table[] = {
     {"job-cpu", DURATION | LIVE, AT(job_cpu_ms), "1h", SECOND, 365 * DAY, "job_cpu_ms", "Processor time of a job"},
     {"job-wall", DURATION | LIVE, AT(job_wall_ms), "1h", SECOND, 365 * DAY, "job_wall_ms",
      "Time from start to end of a job"},
+    {"job-stall", DURATION | LIVE, AT(job_stall_ms), "10m", 0, 365 * DAY, "job_stall_ms",
+     "How long a job's process may stand still, no word and no processor time, before it is tried again; 0 = for ever"},
     {"job-file-bytes", BYTES | LIVE, AT(job_file_bytes), "16G", KB, 1024 * KB *GB, "job_file_bytes",
      "Longest file that a job may write"},
     {"sync-max", DURATION | LIVE, AT(sync_max_ms), "60s", 1, DAY, "sync_max_ms", "Longest wait of POST /v1/simplify"},

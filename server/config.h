@@ -33,7 +33,7 @@ struct config {
     int64_t worker_sandbox; /* a switch */
     int64_t workers, threads_per_job;
     int64_t max_body_bytes, max_expansion, max_uploads, upload_expiry_ms, max_queue, max_points, job_memory_bytes,
-        total_memory_bytes, job_cpu_ms, job_wall_ms, job_file_bytes;
+        total_memory_bytes, job_cpu_ms, job_wall_ms, job_stall_ms, job_file_bytes;
     int64_t sync_max_ms, wait_max_ms, drain_timeout_ms, retention_ms, min_free_bytes;
     int64_t max_connections, connections_per_address, header_timeout_ms, idle_timeout_ms, min_upload_bytes_per_s,
         upload_grace_ms;

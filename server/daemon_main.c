@@ -19,6 +19,7 @@
 #include <sys/signalfd.h>
 #include <unistd.h>
 
+#include "api/json_memory.h"
 #include "api/links.h"
 #include "core/version.h"
 #include "server/check.h"
@@ -201,6 +202,7 @@ int main(int argc, char **argv) {
         return EXIT_USAGE;
     }
     links_set_base(config.base_path);
+    json_memory_watch();
     raise_file_limit();
     give_memory_back();
     int signals = open_signals();

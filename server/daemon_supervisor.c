@@ -16,7 +16,8 @@
 #include "server/log.h"
 #include "server/supervisor.h"
 
-enum { LOOK_AGAIN_S = 1, OVERDUE_MS = 30000, MAX_SLOTS = 256 };
+/* A thread that runs a job may be silent for long: its outputs are hashed and flushed meanwhile. */
+enum { LOOK_AGAIN_S = 1, OVERDUE_MS = 30000, STALLS = 3, MAX_SLOTS = 256 };
 
 struct slot {
     struct supervisor *supervisor;
@@ -69,6 +70,7 @@ static bool claim(struct slot *slot, struct job *job) {
     memcpy(slot->id, job->id, sizeof slot->id);
     slot->memory_bytes = job->memory_bytes;
     atomic_store(&slot->control.wish, WORKER_GO_ON);
+    atomic_store(&slot->control.seen_ms, events_clock_ms());
     return true;
 }
 
@@ -178,12 +180,23 @@ bool supervisor_cancel(struct supervisor *supervisor, const char *id) {
     return found;
 }
 
+/* Whether the slot's thread has shown in time that it goes on, under the lock. */
+static bool goes_on(const struct slot *slot, int64_t now) {
+    int64_t patience_ms = STALLS * slot->supervisor->service->config->job_stall_ms;
+    if (!slot->id[0]) return slot->looked_ms > now - OVERDUE_MS;
+    if (!patience_ms) return true;
+    if (patience_ms < OVERDUE_MS) patience_ms = OVERDUE_MS;
+    if (atomic_load(&slot->control.seen_ms) > now - patience_ms) return true;
+    log_line(LOG_ERROR, "job=%s: the thread that runs it stands still since %d s", slot->id, (int)(patience_ms / 1000));
+    return false;
+}
+
 bool supervisor_answers(struct supervisor *supervisor) {
     bool all = true;
     pthread_mutex_lock(&supervisor->lock);
-    int64_t overdue = events_clock_ms() - OVERDUE_MS;
+    int64_t now = events_clock_ms();
     for (unsigned i = 0; i < supervisor->slot_count && !supervisor->stopping; i++)
-        all = all && (supervisor->slot[i].id[0] || supervisor->slot[i].looked_ms > overdue);
+        all = goes_on(&supervisor->slot[i], now) && all;
     pthread_mutex_unlock(&supervisor->lock);
     return all;
 }

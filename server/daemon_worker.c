@@ -1,14 +1,15 @@
 /* One run of one job.
  *
  *     start: folder for outputs, log, fork + exec
- *     watch: progress, the end, a wish to end it, its time limit -- whichever comes first
+ *     watch: progress, the end, a wish to end it, its time limit, its standing still -- whichever comes first
  *     judge: what the exit status, the signal and its last message mean for the job
  *     settle: keep or drop outputs, one transition in the queue
  *
  * A process that dies without a word gets an obituary: how it ended, its last stage, its resources, and the last bytes
  * of its standard error.  SIGKILL and SIGTERM that didn't come from here are the host's fault (the kernel short of
- * memory, an operator): the job is tried again, JOB_MAX_ATTEMPTS times at most.  SIGSEGV and its like would only come
- * again, so they fail the job at once.
+ * memory, an operator): the job is tried again, JOB_MAX_ATTEMPTS times at most.  So it is where the process stood
+ * still: no word and no processor time for job-stall, which no stage of the work looks like.  SIGSEGV and its like
+ * would only come again, so they fail the job at once.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/daemon_worker.h"
@@ -22,6 +23,7 @@
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "api/problem.h"
@@ -58,7 +60,8 @@ struct run {
     bool progress_due;           /* something to tell that was not told yet */
     int64_t told_ms;             /* when progress was told last */
     int64_t started_ms, kill_ms; /* of events_clock_ms; kill_ms: when TERM becomes KILL, 0 = no TERM was sent */
-    bool timed_out;
+    int64_t moved_ms, cpu_ns;    /* when it was last known to go on; the processor time that it had then */
+    bool timed_out, stalled;
     int wait_status;
 };
 
@@ -92,9 +95,12 @@ static enum status start(struct run *run, struct error *error) {
                                                .file_bytes = config->job_file_bytes}};
     status = spawn_worker(&request, &run->process, error);
     close(input_fd);
-    run->started_ms = events_clock_ms();
+    run->started_ms = run->moved_ms = events_clock_ms();
     return status;
 }
+
+/* Shows the supervisor that this thread goes on. */
+static void show(const struct run *run) { atomic_store(&run->control->seen_ms, events_clock_ms()); }
 
 /* Makes the bell ring no more; what it rang for stands in the wish. */
 static void hush(const struct run *run) {
@@ -114,6 +120,7 @@ static void wait_for_wish(const struct run *run, int wait_ms) {
 static enum status start_when_possible(struct run *run, struct error *error) {
     int64_t until = run->started_ms + START_PATIENCE_MS;
     for (;;) {
+        show(run);
         enum status status = start(run, error);
         bool hopeless = !store_cloud_exists(run->service->store, run->job->cloud);
         bool wanted = atomic_load(&run->control->wish) == WORKER_GO_ON;
@@ -129,6 +136,7 @@ static enum status start_when_possible(struct run *run, struct error *error) {
 
 static void hear(void *ctx, const struct wire_message *message) {
     struct run *run = ctx;
+    run->moved_ms = events_clock_ms();
     if (run->is_done || run->has_failed) return; /* nothing counts after the end */
     run->is_done = message->kind == WIRE_DONE;
     run->has_failed = message->kind == WIRE_FAILED;
@@ -168,9 +176,32 @@ static void terminate(struct run *run, int64_t now) {
     run->kill_ms = now + KILL_AFTER_MS;
 }
 
+/* Processor time of the process, all its threads; -1: not known. */
+static int64_t cpu_ns_of(pid_t pid) {
+    clockid_t clock;
+    struct timespec used;
+    if (clock_getcpuclockid(pid, &clock) != 0 || clock_gettime(clock, &used) != 0) return -1;
+    return (int64_t)used.tv_sec * 1000000000 + used.tv_nsec;
+}
+
+/* Ends it where it stands still; returns when to look again. */
+static int64_t look_for_stall(struct run *run, int64_t now) {
+    int64_t stall_ms = run->service->config->job_stall_ms;
+    if (!stall_ms || run->kill_ms) return INT64_MAX;
+    if (now - run->moved_ms >= stall_ms) {
+        int64_t cpu_ns = cpu_ns_of(run->process.pid);
+        run->stalled = cpu_ns >= 0 && cpu_ns == run->cpu_ns;
+        run->cpu_ns = cpu_ns;
+        run->moved_ms = now;
+        if (run->stalled) terminate(run, now);
+    }
+    return run->moved_ms + stall_ms;
+}
+
 /* Does what is due, and returns how long nothing else will be, in milliseconds. */
 static int look_around(struct run *run) {
-    int64_t now = events_clock_ms(), end = run->started_ms + run->service->config->job_wall_ms, next = end;
+    int64_t now = events_clock_ms(), end = run->started_ms + run->service->config->job_wall_ms;
+    int64_t stall = look_for_stall(run, now), next = stall < end ? stall : end;
     if (atomic_load(&run->control->wish) != WORKER_GO_ON) terminate(run, now);
     if (now >= end && !run->kill_ms) {
         run->timed_out = true;
@@ -193,6 +224,7 @@ static void watch(struct run *run) {
                            {.fd = run->process.progress_fd, .events = POLLIN},
                            {.fd = run->control->bell_fd, .events = POLLIN}};
     while (!fds[0].revents) {
+        show(run);
         int n = poll(fds, 3, look_around(run));
         if (n < 0) continue;
         if (fds[1].revents && !read_progress(run)) fds[1].fd = -1;
@@ -303,6 +335,17 @@ static void explain_time(const struct run *run, struct problem *problem) {
              (double)limit_ms / 1000, setting);
 }
 
+static void explain_stall(const struct run *run, struct problem *problem) {
+    const struct job *job = run->job;
+    int64_t limit_ms = run->service->config->job_stall_ms;
+    problem_add_text(problem, "setting", "job-stall");
+    problem_add_number(problem, "limit_ms", limit_ms);
+    snprintf(problem->detail, sizeof problem->detail,
+             "the process of attempt %d was ended in stage %.31s: it stood still, with no word and no processor time "
+             "for %.1f s (setting job-stall)",
+             job->attempt, job->stage[0] ? job->stage : "start", (double)limit_ms / 1000);
+}
+
 /* Whether it ended by somebody's hand rather than by its own. */
 static bool by_the_host(const struct run *run) {
     static const int signals[] = {SIGKILL, SIGTERM, SIGINT, SIGHUP, SIGQUIT};
@@ -336,6 +379,7 @@ static void judge(const struct run *run, struct verdict *verdict) {
         explain_time(run, &verdict->problem);
     } else if (by_the_host(run)) {
         write_obituary(run, PROBLEM_WORKER_CRASHED, &verdict->problem);
+        if (run->stalled) explain_stall(run, &verdict->problem);
         if (run->job->attempt < JOB_MAX_ATTEMPTS) verdict->event = JOB_REQUEUE;
     } else if (run->has_failed) {
         problem_from_error(&verdict->problem, &run->said.error);
@@ -396,6 +440,7 @@ static void record(const struct run *run, const struct verdict *verdict) {
     while (queue_finish(run->service->queue, verdict->event, run->job, &changed, &error) != STATUS_OK) {
         log_line(LOG_ERROR, "job=%s its end can't be recorded: %s", run->job->id, error.text);
         if (atomic_load(&run->service->draining)) return;
+        show(run);
         poll(NULL, 0, RECORD_AGAIN_MS);
     }
 }
@@ -405,6 +450,7 @@ static void settle(struct run *run, struct verdict *verdict) {
     if (verdict->event == JOB_DONE) keep_outputs(run, verdict);
     fault_at("outputs-kept");
     store_outputs_drop(run->service->store, job->id);
+    show(run);
     log_verdict(run, verdict);
     metrics_run(run->service->metrics, verdict->event, job->cpu_s, job->wall_s);
     if (verdict->event == JOB_FAIL) {

@@ -14,7 +14,8 @@
 enum worker_wish { WORKER_GO_ON, WORKER_DISMISS, WORKER_REQUEUE };
 
 struct worker_control {
-    _Atomic int wish; /* enum worker_wish */
+    _Atomic int wish;        /* enum worker_wish */
+    _Atomic int64_t seen_ms; /* when the run last showed that it goes on (events_clock_ms) */
     int bell_fd;
 };
 

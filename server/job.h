@@ -7,7 +7,7 @@
  *        | withdraw   dismiss |  |   +-----------> failed
  *        +------> dismissed <-+  +--> accepted   requeue (the host's fault: killed, or the service stops)
  *
- * To add a member that is kept: here, a column in queue_sqlite.c with a step of its schema, and api/job_json.h.
+ * To add a member that is kept: here, a column in job_rows.h with a step of the schema, and api/job_json.h.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_SERVER_JOB_H

@@ -20,17 +20,12 @@
 #include "core/alloc.h"
 #include "server/estimate.h"
 #include "server/idempotency.h"
+#include "server/job_rows.h"
 #include "server/outbox.h"
 #include "server/schema.h"
 #include "server/sql.h"
 #include "server/turns.h"
 #include "server/usage.h"
-
-/* In the order in which read_job takes them. */
-#define JOB_COLUMNS                                                                                                    \
-    "id, state, sequence, attempt, created, started, finished, updated, expires, label, cloud, input_bytes, "          \
-    "input_points, input_format, params, stage, message, fraction, cpu, wall, rss, report, problem, principal, "       \
-    "priority, result, memory"
 
 enum { MAX_RUNS = 256 };
 static const int64_t PRIORITY_AGING_MS = 10 * 60 * 1000; /* what a step of priority is worth in waiting */
@@ -136,74 +131,6 @@ static enum status check_limits(const struct queue *queue, const struct job *job
     return STATUS_OK;
 }
 
-/* ------------------------------------------------------------------------------------------------ rows */
-
-static void read_job(struct sql_rows *row, struct job *job) {
-    int c = 0;
-    memset(job, 0, sizeof *job);
-    sql_copy_text(row, c++, job->id, sizeof job->id);
-    job->state = (enum job_state)sql_integer(row, c++);
-    job->sequence = (uint64_t)sql_integer(row, c++);
-    job->attempt = (int)sql_integer(row, c++);
-    int64_t *const times[] = {&job->created_ms, &job->started_ms, &job->finished_ms, &job->updated_ms,
-                              &job->expires_ms};
-    for (size_t i = 0; i < sizeof times / sizeof *times; i++) *times[i] = sql_integer(row, c++);
-    sql_copy_text(row, c++, job->label, sizeof job->label);
-    sql_copy_text(row, c++, job->cloud, sizeof job->cloud);
-    job->input_bytes = (uint64_t)sql_integer(row, c++);
-    job->input_points = (uint64_t)sql_integer(row, c++);
-    sql_copy_text(row, c++, job->input_format, sizeof job->input_format);
-    job_params_read(sql_text(row, c++), &job->params);
-    sql_copy_text(row, c++, job->stage, sizeof job->stage);
-    sql_copy_text(row, c++, job->message, sizeof job->message);
-    job->fraction = sql_real(row, c++);
-    job->cpu_s = sql_real(row, c++);
-    job->wall_s = sql_real(row, c++);
-    job->peak_rss_bytes = (uint64_t)sql_integer(row, c++);
-    job->report = sql_new_text(row, c++);
-    job->problem = sql_new_text(row, c++);
-    sql_copy_text(row, c++, job->principal, sizeof job->principal);
-    job->priority = (int)sql_integer(row, c++);
-    sql_copy_text(row, c++, job->result, sizeof job->result);
-    job->memory_bytes = (uint64_t)sql_integer(row, c);
-}
-
-static enum status read_outputs(struct sql *db, struct job *job, struct error *error) {
-    struct sql_rows *row;
-    enum status status = sql_select(db, "SELECT name, bytes, sha256 FROM outputs WHERE job = ?1 ORDER BY position",
-                                    VALUES(T(job->id)), &row, error);
-    if (status != STATUS_OK) return status;
-    while (job->output_count < JOB_MAX_OUTPUTS && sql_next(row)) {
-        struct job_output *output = &job->output[job->output_count++];
-        sql_copy_text(row, 0, output->name, sizeof output->name);
-        output->bytes = (uint64_t)sql_integer(row, 1);
-        sql_copy_text(row, 2, output->sha256, sizeof output->sha256);
-    }
-    return sql_finish(row, error);
-}
-
-/* Reads the rows of a SELECT JOB_COLUMNS; *count is 0 on failure. */
-static enum status read_jobs(struct sql *db, struct sql_rows *row, struct job *jobs, size_t max, size_t *count,
-                             struct error *error) {
-    *count = 0;
-    while (*count < max && sql_next(row)) read_job(row, &jobs[(*count)++]);
-    enum status status = sql_finish(row, error);
-    for (size_t i = 0; status == STATUS_OK && i < *count; i++) status = read_outputs(db, &jobs[i], error);
-    if (status == STATUS_OK) return STATUS_OK;
-    for (size_t i = 0; i < *count; i++) job_done(&jobs[i]);
-    *count = 0;
-    return status;
-}
-
-static enum status find_job(struct sql *db, const char *id, struct job *job, bool *found, struct error *error) {
-    struct sql_rows *row;
-    size_t count = 0;
-    enum status status = sql_select(db, "SELECT " JOB_COLUMNS " FROM jobs WHERE id = ?1", VALUES(T(id)), &row, error);
-    if (status == STATUS_OK) status = read_jobs(db, row, job, 1, &count, error);
-    *found = count == 1;
-    return status;
-}
-
 /* ------------------------------------------------------------------------------------------------ open */
 
 static enum status count_states(struct queue *queue, struct error *error) {
@@ -219,12 +146,12 @@ static enum status count_states(struct queue *queue, struct error *error) {
 /* Those that waited when the process before this one ended. */
 static enum status order_waiting(struct queue *queue, struct error *error) {
     struct sql_rows *row;
-    enum status status = sql_select(queue->reader, "SELECT " JOB_COLUMNS " FROM jobs WHERE state = ?1 ORDER BY id",
+    enum status status = sql_select(queue->reader, "SELECT " JOB_ROWS_COLUMNS " FROM jobs WHERE state = ?1 ORDER BY id",
                                     VALUES(I(JOB_ACCEPTED)), &row, error);
     if (status != STATUS_OK) return status;
     struct job job;
     while (sql_next(row)) {
-        read_job(row, &job);
+        job_rows_read_one(row, &job);
         put_in_order(queue, &job);
         job_done(&job);
     }
@@ -277,25 +204,9 @@ void queue_depth(struct queue *queue, uint64_t *waiting, uint64_t *running) {
 
 /* ------------------------------------------------------------------------------------------------ submit, claim */
 
-static enum status insert_row(struct sql *db, const struct job *job, struct error *error) {
-    char *params = job_params_text(&job->params);
-    if (!params) return error_set(error, STATUS_NO_MEMORY, "queue", "no memory");
-    enum status status =
-        sql_run(db,
-                "INSERT INTO jobs (id, state, sequence, attempt, created, started, finished, updated, expires, label, "
-                "cloud, input_bytes, input_points, input_format, params, principal, priority, result, memory) "
-                "VALUES (?1, ?2, ?3, 0, ?4, ?14, 0, ?4, 0, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?15)",
-                VALUES(T(job->id), I(JOB_ACCEPTED), I(job->created_ms), I(job->created_ms), T(job->label),
-                       T(job->cloud), I(job->input_bytes), I(job->input_points), T(job->input_format), T(params),
-                       T(job->principal), I(job->priority), T(job->result), I(job->started_ms), I(job->memory_bytes)),
-                error);
-    free(params);
-    return status;
-}
-
 /* The job, the key that it was submitted under, and who is told of its end; in a transaction. */
 static enum status insert(struct sql *db, const struct job *job, struct error *error) {
-    enum status status = insert_row(db, job, error);
+    enum status status = job_rows_insert(db, job, error);
     if (status == STATUS_OK && job->key)
         status = idempotency_add(db, job->principal, job->key, job->id, job->created_ms, error);
     if (status == STATUS_OK && job->webhook) status = outbox_add(db, job->id, job->webhook, error);
@@ -343,9 +254,9 @@ static enum status claim(struct queue *queue, int64_t memory_bytes, struct job *
                    "sequence = max(sequence + 1, ?2), stage = '', message = '', fraction = 0 "
                    "WHERE id = (SELECT id FROM jobs WHERE state = ?3 ORDER BY id <> ?4, id LIMIT 1) "
                    "AND memory <= ?5 "
-                   "RETURNING " JOB_COLUMNS,
+                   "RETURNING " JOB_ROWS_COLUMNS,
                    VALUES(I(JOB_RUNNING), I(now), I(JOB_ACCEPTED), T(id), I(memory_bytes)), &row, error);
-    return status == STATUS_OK ? read_jobs(db, row, job, 1, count, error) : status;
+    return status == STATUS_OK ? job_rows_read(db, row, job, 1, count, error) : status;
 }
 
 static enum status claim_alone(struct queue *queue, int64_t memory_bytes, struct job *job, bool *found,
@@ -389,27 +300,8 @@ enum status queue_progress(struct queue *queue, const char *id, const char *stag
 /* ------------------------------------------------------------------------------------------------ finish */
 
 static enum status write_end(struct sql *db, const struct job *job, enum job_state next, struct error *error) {
-    enum status status = sql_run(
-        db,
-        "UPDATE jobs SET state = ?2, finished = ?3, updated = ?3, sequence = max(sequence + 1, ?3), expires = ?4, "
-        "fraction = CASE ?2 WHEN 2 THEN 1.0 ELSE fraction END, message = '', "
-        "cpu = ?5, wall = ?6, rss = ?7, report = ?8, problem = ?9 WHERE id = ?1",
-        VALUES(T(job->id), I(next), I(job_now_ms()), I(job->expires_ms), R(job->cpu_s), R(job->wall_s),
-               I(job->peak_rss_bytes), T(job->report), T(job->problem)),
-        error);
-    for (size_t i = 0; status == STATUS_OK && i < job->output_count; i++)
-        status = sql_run(
-            db, "INSERT INTO outputs (job, position, name, bytes, sha256) VALUES (?1, ?2, ?3, ?4, ?5)",
-            VALUES(T(job->id), I(i), T(job->output[i].name), I(job->output[i].bytes), T(job->output[i].sha256)), error);
+    enum status status = job_rows_end(db, job, next, error);
     return status == STATUS_OK ? outbox_make_due(db, job->id, job_now_ms(), error) : status;
-}
-
-static enum status write_requeue(struct sql *db, const char *id, struct error *error) {
-    return sql_run(
-        db,
-        "UPDATE jobs SET state = ?2, updated = ?3, sequence = max(sequence + 1, ?3), stage = '', message = '', "
-        "fraction = 0 WHERE id = ?1",
-        VALUES(T(id), I(JOB_ACCEPTED), I(job_now_ms())), error);
 }
 
 /* One transaction; *from and *next are set when *changed is. */
@@ -421,7 +313,7 @@ static enum status finish(struct sql *db, enum job_event event, const struct job
     status = sql_number(db, "SELECT state FROM jobs WHERE id = ?1", VALUES(T(job->id)), &state, error);
     *from = *next = (enum job_state)(state < 0 ? JOB_DISMISSED : state);
     if (status == STATUS_OK && job_transition(*from, event, next))
-        status = event == JOB_REQUEUE ? write_requeue(db, job->id, error) : write_end(db, job, *next, error);
+        status = event == JOB_REQUEUE ? job_rows_requeue(db, job->id, error) : write_end(db, job, *next, error);
     return sql_end(db, status, error);
 }
 
@@ -466,10 +358,10 @@ enum status queue_find_result(struct queue *queue, const char *result, const cha
     size_t count = 0;
     sql_lock(queue->reader);
     enum status status = sql_select(queue->reader,
-                                    "SELECT " JOB_COLUMNS " FROM jobs WHERE result = ?1 AND result <> '' "
+                                    "SELECT " JOB_ROWS_COLUMNS " FROM jobs WHERE result = ?1 AND result <> '' "
                                     "AND principal = ?2 AND state = ?3 ORDER BY id DESC LIMIT 1",
                                     VALUES(T(result), T(principal), I(JOB_SUCCESSFUL)), &row, error);
-    if (status == STATUS_OK) status = read_jobs(queue->reader, row, job, 1, &count, error);
+    if (status == STATUS_OK) status = job_rows_read(queue->reader, row, job, 1, &count, error);
     sql_unlock(queue->reader);
     *found = status == STATUS_OK && count == 1;
     return status;
@@ -497,7 +389,7 @@ enum status queue_get(struct queue *queue, const char *id, struct job *job, enum
     bool found = false, gone = false;
     memset(job, 0, sizeof *job);
     sql_lock(queue->reader);
-    enum status status = find_job(queue->reader, id, job, &found, error);
+    enum status status = job_rows_find(queue->reader, id, job, &found, error);
     if (status == STATUS_OK && !found) status = find_tombstone(queue->reader, id, tombstone, &gone, error);
     sql_unlock(queue->reader);
     if (found) job->ahead = ahead_of(queue, job);
@@ -511,13 +403,13 @@ enum status queue_list(struct queue *queue, const struct queue_filter *filter, s
     *count = 0;
     sql_lock(queue->reader);
     enum status status = sql_select(queue->reader,
-                                    "SELECT " JOB_COLUMNS " FROM jobs WHERE (?1 < 0 OR state = ?1) "
+                                    "SELECT " JOB_ROWS_COLUMNS " FROM jobs WHERE (?1 < 0 OR state = ?1) "
                                     "AND (?2 IS NULL OR label = ?2) AND (?3 IS NULL OR id < ?3) "
                                     "AND (?4 IS NULL OR principal = ?4) ORDER BY id DESC LIMIT ?5",
                                     VALUES(I(filter->by_state ? (int)filter->state : -1), T(filter->label),
                                            T(filter->after), T(filter->principal), I(max)),
                                     &row, error);
-    if (status == STATUS_OK) status = read_jobs(queue->reader, row, jobs, max, count, error);
+    if (status == STATUS_OK) status = job_rows_read(queue->reader, row, jobs, max, count, error);
     sql_unlock(queue->reader);
     for (size_t i = 0; i < *count; i++) jobs[i].ahead = ahead_of(queue, &jobs[i]);
     return status;

@@ -472,7 +472,7 @@ bool service_answers(struct service *service) {
     job_done(&job);
     if (status != STATUS_OK) log_line(LOG_ERROR, "the queue doesn't answer: %s", error.text);
     bool supervised = supervisor_answers(service->supervisor);
-    if (!supervised) log_line(LOG_ERROR, "the supervisor's threads don't ask for jobs");
+    if (!supervised) log_line(LOG_ERROR, "the supervisor's threads neither ask for jobs nor go on with them");
     return status == STATUS_OK && supervised;
 }
 

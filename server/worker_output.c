@@ -1,6 +1,7 @@
 /* What whittle writes: a table of files, one row for each bit of the parameter `outputs`.
  *
- * The report comes last, because it lists what the others could not hold.
+ * The report comes last, because it lists what the others could not hold.  Files get their names together, at the end,
+ * or whenever there are many of them.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/worker_output.h"
@@ -24,12 +25,16 @@
 #include "core/mesh_stl.h"
 #include "core/paint.h"
 
+enum { MOST_OPEN = 16 };
+
 struct outputs {
     const struct worker_options *options;
     const struct cloud *cloud;
     const struct pipeline_result *result;
     const struct pipeline_level *level; /* the one to write */
     struct losses *losses;              /* of the report */
+    struct file_out file[MOST_OPEN];    /* written, without their names yet */
+    size_t files;
 };
 
 static enum status write_cloud(int fd, const struct outputs *o, struct error *error) {
@@ -111,16 +116,22 @@ static const struct file files[] = {
 };
 enum { FILES = sizeof files / sizeof files[0] };
 
-static enum status write_file(const struct outputs *outputs, const struct file *file, const char *suffix,
+static enum status commit_files(struct outputs *outputs, struct error *error) {
+    size_t count = outputs->files;
+    outputs->files = 0;
+    return count ? file_out_commit(outputs->file, count, error) : STATUS_OK;
+}
+
+static enum status write_file(struct outputs *outputs, const struct file *file, const char *suffix,
                               struct error *error) {
     char path[PATH_MAX];
-    struct file_out out = {0};
+    struct file_out *out = &outputs->file[outputs->files];
     snprintf(path, sizeof path, "%s/%s%s.%s", outputs->options->output, file->stem, suffix, file->type);
-    enum status status = file_out_begin(&out, path, error);
-    if (!status) status = file->write(out.fd, outputs, error);
-    if (!status) return file_out_commit(&out, error);
-    file_out_abort(&out);
-    return status;
+    enum status status = file_out_begin(out, path, error);
+    if (status) return status;
+    outputs->files++;
+    status = file->write(out->fd, outputs, error);
+    return !status && outputs->files == MOST_OPEN ? commit_files(outputs, error) : status;
 }
 
 static enum status write_levels(struct outputs *outputs, const struct file *file, struct error *error) {
@@ -165,24 +176,34 @@ enum status worker_output_check(const struct worker_options *options, struct err
                      strerror(errno));
 }
 
-static enum status write_folder(struct outputs *outputs, struct error *error) {
-    const struct worker_options *options = outputs->options;
-    if (mkdir(options->output, 0777) != 0 && errno != EEXIST)
-        return error_set(error, status_from_errno(errno), "output", "can't make the folder %s: %s", options->output,
-                         strerror(errno));
-    for (size_t i = 0; i < FILES; i++) {
-        if (!(options->params.outputs & files[i].bit)) continue;
-        enum status status = files[i].each_level ? write_levels(outputs, &files[i], error) : STATUS_OK;
+static enum status write_files(struct outputs *outputs, struct error *error) {
+    enum status status = STATUS_OK;
+    for (size_t i = 0; i < FILES && !status; i++) {
+        if (!(outputs->options->params.outputs & files[i].bit)) continue;
+        if (files[i].each_level) status = write_levels(outputs, &files[i], error);
         outputs->level = &outputs->result->level[0];
         if (!status) status = write_file(outputs, &files[i], "", error);
-        if (status) return status;
     }
-    return STATUS_OK;
+    return status ? status : commit_files(outputs, error);
+}
+
+static enum status write_folder(struct outputs *outputs, struct error *error) {
+    const char *folder = outputs->options->output;
+    if (mkdir(folder, 0777) != 0 && errno != EEXIST)
+        return error_set(error, status_from_errno(errno), "output", "can't make the folder %s: %s", folder,
+                         strerror(errno));
+    enum status status = write_files(outputs, error);
+    for (size_t i = 0; i < outputs->files; i++) file_out_abort(&outputs->file[i]);
+    return status;
 }
 
 enum status worker_output_write(const struct worker_options *options, const struct cloud *cloud,
                                 struct pipeline_result *result, struct error *error) {
-    struct outputs outputs = {options, cloud, result, &result->level[0], &result->report.losses};
+    struct outputs outputs = {.options = options,
+                              .cloud = cloud,
+                              .result = result,
+                              .level = &result->level[0],
+                              .losses = &result->report.losses};
     note_input(cloud, outputs.losses);
     return options->to_standard ? write_standard(&outputs, error) : write_folder(&outputs, error);
 }

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What was accepted is never lost: kills, restarts, drains."""
+import contextlib
+import datetime
 import http.client
 import os
+import re
 import resource
 import signal
 import sqlite3
@@ -74,6 +77,32 @@ def test_a_job_that_waits_for_its_start_can_be_dismissed(daemon, large):
     assert daemon.request("DELETE", f"/v1/jobs/{job_id}", connection=connection)[0] in (200, 202)
     resource.prlimit(service, resource.RLIMIT_NOFILE, limits)
     assert daemon.ended(job_id)["status"] == "dismissed"
+    connection.close()
+
+
+def test_a_bell_that_rang_for_the_job_before_wakes_the_next_one_only_once(make_daemon, large):
+    daemon = make_daemon("--workers", "1", "--wait-max", "1s")
+    first, second = daemon.submit(large), daemon.submit(SMALL)
+    daemon.worker_pid(first)
+    connection = http.client.HTTPConnection("127.0.0.1", daemon.port, timeout=PATIENCE_S)
+    database = sqlite3.connect(daemon.data / "whittled.db", isolation_level=None)
+    database.execute("BEGIN IMMEDIATE")  # the end of the first can't be recorded
+    for word in ("running -> dismissed", ""):  # what the second DELETE rings, no process is there to hear
+        assert daemon.request("DELETE", f"/v1/jobs/{first}", connection=connection)[0] == 500
+        wait_until(lambda end=f"job={first} {word}": end in daemon.log_text(), "the process's end")
+    limits = resource.prlimit(daemon.process.pid, resource.RLIMIT_NOFILE)
+    resource.prlimit(daemon.process.pid, resource.RLIMIT_NOFILE, (3, limits[1]))
+    database.execute("ROLLBACK")
+    database.close()
+
+    def tries():
+        return re.findall(rf"^(\S+)Z warn  job={second} can't be started yet", daemon.log_text(), re.MULTILINE)
+    wait_until(lambda: len(tries()) > 4, "some tries")
+    times = [datetime.datetime.fromisoformat(time) for time in tries()]
+    pauses = [(later - before).total_seconds() for before, later in zip(times, times[1:])]
+    assert pauses[0] < min(pauses[1:]) and min(pauses[1:]) >= 0.99, pauses
+    resource.prlimit(daemon.process.pid, resource.RLIMIT_NOFILE, limits)
+    assert daemon.ended(second)["status"] == "successful" and daemon.ended(first)["status"] == "dismissed"
     connection.close()
 
 
@@ -258,3 +287,43 @@ def test_kill_at_any_moment_loses_no_accepted_job(make_daemon, moment):
     for job_id in accepted:
         assert daemon.ended(job_id)["status"] == "successful"
     assert daemon.leftovers() == []
+
+
+def stop_attempt(daemon, job_id, attempt):
+    """Stops the process of an attempt, and waits until it is ended for that."""
+    pid = int(wait_until(lambda: re.search(rf"job={job_id} .* attempt={attempt} pid=(\d+)", daemon.log_text()),
+                         f"attempt {attempt}")[1])
+    with contextlib.suppress(ProcessLookupError):  # on a busy machine it may have stood still by itself
+        os.kill(pid, signal.SIGSTOP)
+    wait_until(lambda: not process_lives(pid), "the end of what stands still")
+
+
+def test_a_process_that_stands_still_is_ended_and_its_job_tried_again(make_daemon, large, tmp_path):
+    settings = tmp_path / "settings"
+    settings.write_text("job-stall = 1s\n")
+    daemon = make_daemon("--workers", "1", "--config", settings)
+    job_id = daemon.submit(large)
+    stop_attempt(daemon, job_id, 1)
+    settings.write_text("job-stall = 1h\n")  # so that waiting for a processor doesn't count, however long
+    daemon.process.send_signal(signal.SIGHUP)
+    job = daemon.ended(job_id)
+    assert job["status"] == "successful" and job["attempt"] > 1
+    assert re.search(r"queued again attempt=1 .* it stood still", daemon.log_text())
+
+
+def test_a_process_that_always_stands_still_fails_its_job(make_daemon, large):
+    daemon = make_daemon("--workers", "1", "--job-stall", "1s")
+    job_id = daemon.submit(large)
+    for attempt in (1, 2, 3):
+        stop_attempt(daemon, job_id, attempt)
+    job = daemon.ended(job_id)
+    problem = job["problem"]
+    assert (job["status"], job["attempt"]) == ("failed", 3) and problem["type"] == "/problems/worker-crashed"
+    assert (problem["setting"], problem["limit_ms"]) == ("job-stall", 1000) and "stood still" in problem["detail"]
+
+
+def test_a_process_may_stand_still_for_ever_where_nothing_forbids_it(make_daemon, large):
+    daemon = make_daemon("--workers", "1", "--job-stall", "0", "--job-wall", "3s")
+    job_id = daemon.submit(large)
+    os.kill(daemon.worker_pid(job_id), signal.SIGSTOP)
+    assert daemon.ended(job_id)["problem"]["type"] == "/problems/time-limit"

@@ -308,6 +308,7 @@ REACHED_BY = {
     "connections_per_address": "test_connections_of_one_address", "header_timeout_ms": "test_headers_that_take_too_long",
     "idempotency_retention_ms": "test_keys_are_forgotten_after_their_time", "idle_timeout_ms": "test_a_connection_that_is_idle",
     "job_cpu_ms": "test_a_job_that_needs_too_much_processor_time", "job_wall_ms": "test_a_job_that_takes_too_long",
+    "job_stall_ms": "test_a_process_that_stands_still_is_ended_and_its_job_tried_again",
     "job_file_bytes": "test_a_file_longer_than_a_job_may_write",
     "job_memory_bytes": "test_a_job_that_needs_too_much_memory",
     "link_max_ms": "test_a_link_lives_no_longer_than_allowed", "max_body_bytes": "test_too_large_without_a_length",

@@ -150,9 +150,11 @@ def test_the_watchdog_starves_when_the_queue_is_broken(unit, manager):
     conftest.wait_until(lambda: "its watchdog isn't fed" in unit.log_text(), "the starved watchdog")
 
 
-def test_the_watchdog_starves_when_the_supervisor_hangs(unit, manager):
+@pytest.mark.parametrize("fault", ["commit=hang:3",  # the schema's, the job's, its claim's: with the lock held
+                                   "outputs-rename=hang"])  # in the thread that runs the job, half a minute ago
+def test_the_watchdog_starves_when_the_supervisor_hangs(unit, manager, fault):
     unit.launch({"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "200000"},
-                flags=("--listen", "127.0.0.1:0", "--fault", "commit=hang:3"))  # the schema's, the job's, its claim's
+                flags=("--listen", "127.0.0.1:0", "--job-stall", "1s", "--fault", fault))
     unit.answered()
     manager.hear_until("WATCHDOG=1")
     job = unit.submit(conftest.SMALL)

@@ -7,13 +7,16 @@
 #include "tests/unit/faults.h"
 
 #include <errno.h>
-#include <jansson.h>
+#include <pthread.h>
 #include <sqlite3.h>
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "api/json_memory.h"
 #include "core/fault.h"
+
+static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 
 static struct {
     bool in_memory, lasts, happened, paused;
@@ -30,13 +33,18 @@ static bool due(void) {
 }
 
 static bool refuses(void) {
+    pthread_mutex_lock(&lock);
     bool now = faults.in_memory && due();
+    pthread_mutex_unlock(&lock);
     if (now) errno = ENOMEM;
     return now;
 }
 
 static int refuse_call(const char *point) {
-    return strncmp(point, faults.prefix, strlen(faults.prefix)) == 0 && due() ? faults.number : 0;
+    pthread_mutex_lock(&lock);
+    int number = strncmp(point, faults.prefix, strlen(faults.prefix)) == 0 && due() ? faults.number : 0;
+    pthread_mutex_unlock(&lock);
+    return number;
 }
 
 /* ------------------------------------------------------------------------------------------------ memory */
@@ -71,7 +79,7 @@ static void *sqlite_realloc(void *old, int bytes) { return refuses() ? NULL : sq
 
 int faults_set_up(void **state) {
     (void)state;
-    json_set_alloc_funcs(__wrap_malloc, free);
+    json_memory_watch();
     sqlite3_config(SQLITE_CONFIG_LOOKASIDE, 0, 0);
     if (sqlite3_config(SQLITE_CONFIG_GETMALLOC, &sqlite_memory) != SQLITE_OK) return -1;
     sqlite3_mem_methods mine = sqlite_memory;
@@ -83,9 +91,11 @@ int faults_set_up(void **state) {
 /* ------------------------------------------------------------------------------------------------ faults */
 
 void faults_in_memory(long nth, bool lasts) {
+    pthread_mutex_lock(&lock);
     faults.in_memory = true;
     faults.lasts = lasts;
     faults.passes_left = nth;
+    pthread_mutex_unlock(&lock);
 }
 
 void faults_in_calls(const char *prefix, long nth, bool lasts, int number) {
@@ -96,12 +106,20 @@ void faults_in_calls(const char *prefix, long nth, bool lasts, int number) {
     fault_ask = refuse_call;
 }
 
-void faults_pause(void) { faults.paused = true; }
-void faults_go_on(void) { faults.paused = false; }
+static void pause_faults(bool paused) {
+    pthread_mutex_lock(&lock);
+    faults.paused = paused;
+    pthread_mutex_unlock(&lock);
+}
+
+void faults_pause(void) { pause_faults(true); }
+void faults_go_on(void) { pause_faults(false); }
 
 bool faults_stop(void) {
+    pthread_mutex_lock(&lock);
     bool happened = faults.happened;
     memset(&faults, 0, sizeof faults);
+    pthread_mutex_unlock(&lock);
     fault_ask = NULL;
     return happened;
 }

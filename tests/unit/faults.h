@@ -1,7 +1,7 @@
 /* Faults for unit tests: the n-th allocation, or the n-th call that core/fault.h names, fails.
  *
  * Allocations are those of the project's own code (the linker puts ours before the library's), SQLite's and jansson's.
- * One thread at a time.
+ * Those of all threads count; calls are to be refused where there is one thread alone.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_TESTS_UNIT_FAULTS_H

@@ -248,7 +248,7 @@ static enum status write_cloud(const struct cloud *cloud, const char *path, stru
     struct file_out out = {0};
     enum status status = file_out_begin(&out, path, error);
     if (status == STATUS_OK) status = cloud_write_ply(out.fd, cloud, NULL, cloud->count, ENCODING_BINARY, error);
-    if (status == STATUS_OK) return file_out_commit(&out, error);
+    if (status == STATUS_OK) return file_out_commit(&out, 1, error);
     file_out_abort(&out);
     return status;
 }

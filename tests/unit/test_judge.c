@@ -45,7 +45,7 @@ static int set_up(void **state) {
     ball->of_point = alloc_array(DENSE, sizeof *ball->of_point);
     for (size_t i = 0; i < DENSE; i++) ball->spacing[i] = 0.02f, ball->of_point[i] = nearest_site(ball, ball->point[i]);
     assert_int_equal(knn_new(ball->point, DENSE, &ball->knn, NULL), STATUS_OK);
-    assert_int_equal(delaunay_build(ball->site, SITES, NULL, &ball->tets, NULL), STATUS_OK);
+    assert_int_equal(delaunay_build(ball->site, SITES, 1, NULL, &ball->tets, NULL), STATUS_OK);
     assert_int_equal(cocone_star_build(&ball->tets, ball->site, SITES, &ball->star), STATUS_OK);
     ball->dense = (struct cocone_dense){DENSE, ball->point, ball->normal, ball->spacing, ball->of_point, ball->knn};
     ball->whole = alloc_zeroed(ball->tets.cell_count, 1);
@@ -91,7 +91,8 @@ static uint32_t another_at_hull(const struct ball *ball, uint32_t cell) {
 static size_t judged(struct ball *ball, const uint8_t *inside, const uint8_t *other, unsigned threads) {
     size_t taken = 99;
     memcpy(ball->labels, inside, ball->tets.cell_count);
-    assert_int_equal(cocone_judge(&ball->star, &ball->dense, threads, other, ball->labels, &taken), STATUS_OK);
+    struct cocone_proposal proposal = {.inside = other, .patience = 1, .matters = 0.02};
+    assert_int_equal(cocone_judge(&ball->star, &ball->dense, threads, &proposal, ball->labels, &taken), STATUS_OK);
     return taken;
 }
 
@@ -152,7 +153,8 @@ static void a_failing_allocation_leaves_the_labels(void **state) {
         assert_memory_equal(ball->labels, ball->dug, ball->tets.cell_count);
         alloc_fail_ctx = &left;
         alloc_fail = is_due;
-        status = cocone_judge(&ball->star, &ball->dense, 1, ball->whole, ball->labels, &taken);
+        struct cocone_proposal proposal = {.inside = ball->whole, .patience = 1, .matters = 0.02};
+        status = cocone_judge(&ball->star, &ball->dense, 1, &proposal, ball->labels, &taken);
         alloc_fail = NULL;
     }
     assert_int_equal(status, STATUS_OK);

@@ -306,13 +306,37 @@ static void file_appears_at_commit_alone(void **state) {
     assert_int_equal(write(file.fd, "new", 3), 3);
     assert_int_not_equal(stat(path, &about), 0);
     assert_int_equal(entries(*state), 1);
-    assert_int_equal(file_out_commit(&file, &error), STATUS_OK);
+    assert_int_equal(file_out_commit(&file, 1, &error), STATUS_OK);
     file_out_abort(&file); /* does nothing */
     assert_int_equal(entries(*state), 1);
     int fd = open(path, O_RDONLY);
     assert_int_equal(read(fd, text, sizeof text), 3);
     assert_string_equal(text, "new");
     close(fd);
+}
+
+/* The second one's name is that of a folder. */
+static void files_get_their_names_in_their_order(void **state) {
+    enum { FILES = 3 };
+    char path[FILES][128];
+    struct error error = {0};
+    struct file_out file[FILES];
+    struct stat about;
+    for (int blocked = 0; blocked < 2; blocked++) {
+        for (int i = 0; i < FILES; i++) {
+            snprintf(path[i], sizeof path[i], "%s/%c", (char *)*state, 'a' + i);
+            assert_int_equal(file_out_begin(&file[i], path[i], &error), STATUS_OK);
+        }
+        if (blocked) assert_int_equal(mkdir(path[1], 0700), 0);
+        assert_int_equal(file_out_commit(file, FILES, &error), blocked ? STATUS_IO : STATUS_OK);
+        for (int i = 0; i < FILES; i++) {
+            bool there = stat(path[i], &about) == 0 && S_ISREG(about.st_mode);
+            assert_int_equal(there, !blocked || i == 0);
+            if (there) assert_int_equal(unlink(path[i]), 0);
+        }
+        assert_int_equal(entries(*state), blocked);
+    }
+    assert_int_equal(rmdir(path[1]), 0);
 }
 
 static void aborted_file_leaves_what_was_there(void **state) {
@@ -348,7 +372,7 @@ static void file_out_tells_why_it_cannot(void **state) {
     }
     assert_int_equal(entries(*state), 0);
     assert_int_equal(file_out_begin(&file, *state, &error), STATUS_OK); /* the name of a folder: fails at commit */
-    assert_int_equal(file_out_commit(&file, &error), STATUS_IO);
+    assert_int_equal(file_out_commit(&file, 1, &error), STATUS_IO);
     assert_int_equal(entries(*state), 0);
 }
 
@@ -369,6 +393,7 @@ int main(void) {
         cmocka_unit_test(integer_coordinates_widen_only_when_they_must),
         cmocka_unit_test(filled_holes_are_marked),
         cmocka_unit_test_setup_teardown(file_appears_at_commit_alone, in_new_folder, remove_folder),
+        cmocka_unit_test_setup_teardown(files_get_their_names_in_their_order, in_new_folder, remove_folder),
         cmocka_unit_test_setup_teardown(aborted_file_leaves_what_was_there, in_new_folder, remove_folder),
         cmocka_unit_test_setup_teardown(file_out_tells_why_it_cannot, in_new_folder, remove_folder),
     };

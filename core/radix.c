@@ -9,7 +9,7 @@
 
 #include "core/par.h"
 
-enum { DIGIT_BITS = 11, DIGITS = 1 << DIGIT_BITS, PASSES = 3, MOST_PARTS = 8, LEAST_PART = 1 << 15 };
+enum { DIGIT_BITS = 11, DIGITS = 1 << DIGIT_BITS, PASSES = 3, MOST_PARTS = 8, LEAST_PART = 1 << 13 };
 
 struct sort {
     const uint64_t *from;

@@ -31,7 +31,7 @@ extern const uint8_t cocone_star_facet[4][3];
 
 /* Builds the tables over tets of dimension 3 with n points, both borrowed.  At most 2^30 cells, else STATUS_LIMIT;
  * STATUS_NO_MEMORY.  O(cells). */
-enum status cocone_star_build(const struct tets *tets, const vec3 *point, size_t n,
+enum status cocone_star_build(const struct tets *tets, const vec3 *point, size_t n, unsigned threads,
                               struct cocone_star *star) MUST_CHECK;
 
 /* Accepts a zeroed star. */

@@ -122,7 +122,7 @@ static void set_up(struct scene *s, solid *labelled, solid *is_true) {
     for (size_t i = 0; i < s->points; i++) s->of_point[i] = nearest_site(s, s->point[i]);
     assert_int_equal(knn_new(s->point, s->points, &s->knn, NULL), STATUS_OK);
     assert_int_equal(delaunay_build(s->site, s->sites, 1, NULL, &s->tets, NULL), STATUS_OK);
-    assert_int_equal(cocone_star_build(&s->tets, s->site, s->sites, &s->star), STATUS_OK);
+    assert_int_equal(cocone_star_build(&s->tets, s->site, s->sites, 1, &s->star), STATUS_OK);
     s->dense = (struct cocone_dense){s->points, s->point, s->normal, s->spacing, s->of_point, s->knn};
     s->cost.price = alloc_zeroed(s->tets.cell_count, sizeof *s->cost.price);
     s->cost.vote = alloc_zeroed(s->tets.cell_count, sizeof *s->cost.vote);
@@ -142,7 +142,7 @@ static void tear_down(struct scene *s) {
 static int excess_of(const struct scene *s) {
     struct mesh mesh;
     struct mesh_facts facts;
-    assert_int_equal(cocone_surface_extract(&s->star, NULL, false, s->inside, &mesh), STATUS_OK);
+    assert_int_equal(cocone_surface_extract(&s->star, NULL, false, 1, s->inside, &mesh), STATUS_OK);
     assert_int_equal(mesh_examine(&mesh, &facts), STATUS_OK);
     assert_true(facts.watertight && facts.manifold);
     assert_int_equal(mesh.vertex_count, s->sites);

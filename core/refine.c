@@ -18,7 +18,7 @@
 #include "core/fit_teleport.h"
 
 enum { SWEEPS = 5, TELEPORT_SWEEPS = 3 };
-enum { FIRST_ROUNDS = 12, ROUNDS = 3 };
+enum { FIRST_ROUNDS = 12, ROUNDS = 2 };
 
 #define LARGEST ((size_t)1 << 28) /* points or triangles */
 

@@ -3,7 +3,7 @@
  * Design.  Points are sorted along a space-filling curve and inserted one by one, each found from the cell of the one
  * before; so that a caller can cancel.  Predicates are exact (EPICK), constructions are not needed but for the
  * circumcentres, which are computed here in double relative to a vertex, and in rational numbers for the few flat
- * cells where double would lose them.
+ * cells where double would lose them.  Insertion is one thread's work; all threads share what comes after it.
  *
  * Invariant.  The Delaunay triangulation with CGAL's symbolic perturbation is unique for a set of points, so the set of
  * cells doesn't depend on the order of insertion; `Numbering` makes the arrays unique, too: it orders the vertices in
@@ -18,7 +18,6 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/delaunay_cgal.h"
 
-#include <math.h>
 #include <stdlib.h>
 
 #include <CGAL/Delaunay_triangulation_3.h>
@@ -33,14 +32,17 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <exception>
 #include <memory>
 #include <new>
 #include <numeric>
+#include <type_traits>
 #include <vector>
 
 extern "C" {
 #include "core/alloc.h"
+#include "core/par.h"
 }
 
 namespace {
@@ -48,6 +50,7 @@ namespace {
 constexpr uint32_t AT_INFINITY = UINT32_MAX; /* NONE of core/cloud.h */
 constexpr size_t MAX_POINTS = size_t{1} << 28;
 constexpr size_t TICK_EVERY = 2048; /* insertions: a few milliseconds */
+constexpr size_t GRAIN = 2048;      /* cells, or buckets of cells */
 constexpr double FLAT = 1e-10;      /* of the cube of the longest edge: below, double loses the circumcentre */
 constexpr double FARTHEST = 1e100;  /* squares and products of coordinates up to here stay finite */
 
@@ -156,19 +159,18 @@ vec3 exact_circumcentre(const vec3 p[4]) {
 
 bool is_near(vec3 a) { return vec3_is_finite(a) && fabs(a.x) + fabs(a.y) + fabs(a.z) < FARTHEST; }
 
-vec3 circumcentre(const vec3 p[4]) {
+vec3 presentable(vec3 centre, const vec3 p[4]) { return is_near(centre) ? centre : largest_facet_circumcentre(p); }
+
+/* In double; false where that would lose it. */
+bool circumcentre(const vec3 p[4], vec3 *centre) noexcept {
     vec3 a = vec3_sub(p[1], p[0]), b = vec3_sub(p[2], p[0]), c = vec3_sub(p[3], p[0]);
     vec3 bc = vec3_cross(b, c), ca = vec3_cross(c, a), ab = vec3_cross(a, b);
     double det = vec3_dot(a, bc), aa = vec3_length_sq(a), bb = vec3_length_sq(b), cc = vec3_length_sq(c);
     double longest = sqrt(std::max({aa, bb, cc}));
-    vec3 centre;
-    if (fabs(det) > FLAT * longest * longest * longest) {
-        vec3 sum = vec3_add(vec3_add(vec3_scale(bc, aa), vec3_scale(ca, bb)), vec3_scale(ab, cc));
-        centre = vec3_add(p[0], vec3_scale(sum, 1 / (2 * det)));
-    } else {
-        centre = exact_circumcentre(p);
-    }
-    return is_near(centre) ? centre : largest_facet_circumcentre(p);
+    if (!(fabs(det) > FLAT * longest * longest * longest)) return false;
+    vec3 sum = vec3_add(vec3_add(vec3_scale(bc, aa), vec3_scale(ca, bb)), vec3_scale(ab, cc));
+    *centre = presentable(vec3_add(p[0], vec3_scale(sum, 1 / (2 * det))), p);
+    return true;
 }
 
 /* ------------------------------------------------------------------------------------------------ numbering */
@@ -179,70 +181,113 @@ struct Cell {
     Delaunay::Cell_handle handle;
 };
 
+/* Cells with the same smallest id are in the order of the others. */
+struct Place {
+    uint64_t key;  /* the two next ids */
+    uint32_t high; /* the largest */
+    uint32_t cell;
+    bool operator<(const Place &other) const { return key != other.key ? key < other.key : high < other.high; }
+};
+
+/* par_for over a body that doesn't throw. */
+template <class Body> void for_ranges(unsigned threads, size_t n, Body &&body) {
+    auto run = [](void *ctx, size_t begin, size_t end) {
+        (*static_cast<std::remove_reference_t<Body> *>(ctx))(begin, end);
+    };
+    par_for(threads, n, GRAIN, run, &body);
+}
+
 /* Ascending ids; where that is an odd permutation the last two change places. */
-Cell canonical(const Delaunay &delaunay, Delaunay::Cell_handle handle) {
-    Cell cell{{}, {0, 1, 2, 3}, handle};
+void make_canonical(Cell &cell) noexcept {
     std::array<uint32_t, 4> id;
-    for (int i = 0; i < 4; i++)
-        id[i] = delaunay.is_infinite(handle->vertex(i)) ? AT_INFINITY : handle->vertex(i)->info();
+    cell.index = {0, 1, 2, 3};
+    for (int i = 0; i < 4; i++) id[i] = cell.handle->vertex(i)->info();
     bool odd = false;
     for (int i = 1; i < 4; i++)
         for (int j = i; j > 0 && id[cell.index[j]] < id[cell.index[j - 1]]; j--)
             std::swap(cell.index[j], cell.index[j - 1]), odd = !odd;
     if (odd) std::swap(cell.index[2], cell.index[3]);
     for (int i = 0; i < 4; i++) cell.id[i] = id[cell.index[i]];
-    return cell;
-}
-
-bool comes_before(const Cell &a, const Cell &b) {
-    auto key = [](const Cell &c) {
-        return std::array<uint32_t, 3>{c.id[1], std::min(c.id[2], c.id[3]), std::max(c.id[2], c.id[3])};
-    };
-    return key(a) < key(b);
 }
 
 bool is_infinite(const Cell &cell) { return cell.id[2] == AT_INFINITY || cell.id[3] == AT_INFINITY; }
 
-/* All cells in their final order: buckets by (infinite, smallest id), each small, sorted by the rest. */
-std::vector<Cell> number_cells(const Delaunay &delaunay, size_t n) {
+std::vector<Cell> list_cells(Delaunay &delaunay, unsigned threads) {
     std::vector<Cell> cells;
     cells.reserve(delaunay.number_of_cells());
-    std::vector<size_t> begin(2 * n + 1, 0);
-    auto bucket = [n](const Cell &cell) { return (is_infinite(cell) ? n : 0) + cell.id[0]; };
-    for (auto c = delaunay.all_cells_begin(); c != delaunay.all_cells_end(); ++c) {
-        cells.push_back(canonical(delaunay, c));
-        begin[bucket(cells.back()) + 1]++;
-    }
-    std::partial_sum(begin.begin(), begin.end(), begin.begin());
-    std::vector<size_t> next(begin.begin(), begin.end() - 1);
-    std::vector<Cell> sorted(cells.size());
-    for (const Cell &cell : cells) sorted[next[bucket(cell)]++] = cell;
-    for (size_t b = 0; b < 2 * n; b++)
-        std::sort(sorted.begin() + static_cast<ptrdiff_t>(begin[b]),
-                  sorted.begin() + static_cast<ptrdiff_t>(begin[b + 1]), comes_before);
-    for (size_t i = 0; i < sorted.size(); i++) sorted[i].handle->info() = static_cast<uint32_t>(i);
-    return sorted;
+    delaunay.infinite_vertex()->info() = AT_INFINITY;
+    for (auto c = delaunay.all_cells_begin(); c != delaunay.all_cells_end(); ++c) cells.push_back({{}, {}, c});
+    for_ranges(threads, cells.size(), [&](size_t begin, size_t end) noexcept {
+        for (size_t c = begin; c < end; c++) make_canonical(cells[c]);
+    });
+    return cells;
 }
 
-void fill_cells(const Delaunay &delaunay, const vec3 *points, size_t n, struct tets *tets) {
-    std::vector<Cell> cells = number_cells(delaunay, n);
+/* All cells in their final order: buckets by (infinite, smallest id), each small, sorted by the rest. */
+std::vector<Place> number_cells(const std::vector<Cell> &cells, size_t n, unsigned threads) {
+    std::vector<size_t> begin(2 * n + 1, 0);
+    auto bucket = [n](const Cell &cell) { return (is_infinite(cell) ? n : 0) + cell.id[0]; };
+    for (const Cell &cell : cells) begin[bucket(cell) + 1]++;
+    std::partial_sum(begin.begin(), begin.end(), begin.begin());
+    std::vector<size_t> next(begin.begin(), begin.end() - 1);
+    std::vector<Place> places(cells.size());
+    for (size_t c = 0; c < cells.size(); c++) {
+        const auto &id = cells[c].id;
+        uint64_t key = uint64_t{id[1]} << 32 | std::min(id[2], id[3]);
+        places[next[bucket(cells[c])]++] = {key, std::max(id[2], id[3]), static_cast<uint32_t>(c)};
+    }
+    for_ranges(threads, 2 * n, [&](size_t first, size_t last) noexcept {
+        for (size_t b = first; b < last; b++) std::sort(&places[0] + begin[b], &places[0] + begin[b + 1]);
+        for (size_t i = begin[first]; i < begin[last]; i++)
+            cells[places[i].cell].handle->info() = static_cast<uint32_t>(i);
+    });
+    return places;
+}
+
+/* ------------------------------------------------------------------------------------------------ flat arrays */
+
+std::array<vec3, 4> corners_of(const struct tets &tets, const vec3 *points, size_t c) {
+    const uint32_t *v = tets.vertex[c];
+    return {points[v[0]], points[v[1]], points[v[2]], points[v[3]]};
+}
+
+void fill_corners(const std::vector<Cell> &cells, const std::vector<Place> &places, unsigned threads,
+                  struct tets &tets) {
+    for_ranges(threads, cells.size(), [&](size_t begin, size_t end) noexcept {
+        for (size_t c = begin; c < end; c++) {
+            const Cell &cell = cells[places[c].cell];
+            for (int i = 0; i < 4; i++) tets.vertex[c][i] = cell.id[i];
+        }
+        for (size_t c = begin; c < end; c++) {
+            const Cell &cell = cells[places[c].cell];
+            for (int i = 0; i < 4; i++) tets.neighbour[c][i] = cell.handle->neighbor(cell.index[i])->info();
+        }
+    });
+}
+
+/* Rational numbers allocate, and may throw, so they have the calling thread to themselves. */
+void fill_circumcentres(const vec3 *points, unsigned threads, struct tets &tets) {
+    for_ranges(threads, tets.finite_count, [&](size_t begin, size_t end) noexcept {
+        for (size_t c = begin; c < end; c++)
+            if (!circumcentre(corners_of(tets, points, c).data(), &tets.circumcentre[c])) tets.circumcentre[c].x = NAN;
+    });
+    for (size_t c = 0; c < tets.finite_count; c++) {
+        if (!std::isnan(tets.circumcentre[c].x)) continue;
+        auto p = corners_of(tets, points, c);
+        tets.circumcentre[c] = presentable(exact_circumcentre(p.data()), p.data());
+    }
+}
+
+void fill_cells(Delaunay &delaunay, const vec3 *points, size_t n, unsigned threads, struct tets *tets) {
+    std::vector<Cell> cells = list_cells(delaunay, threads);
+    std::vector<Place> places = number_cells(cells, n, threads);
     tets->cell_count = cells.size();
-    tets->finite_count = static_cast<size_t>(
-        std::partition_point(cells.begin(), cells.end(), [](const Cell &c) { return !is_infinite(c); }) -
-        cells.begin());
+    tets->finite_count = cells.size() - static_cast<size_t>(std::count_if(cells.begin(), cells.end(), is_infinite));
     tets->vertex = new_array<uint32_t[4]>(tets->cell_count);
     tets->neighbour = new_array<uint32_t[4]>(tets->cell_count);
     tets->circumcentre = new_array<vec3>(tets->finite_count);
-    for (size_t c = 0; c < cells.size(); c++) {
-        for (int i = 0; i < 4; i++) {
-            tets->vertex[c][i] = cells[c].id[i];
-            tets->neighbour[c][i] = cells[c].handle->neighbor(cells[c].index[i])->info();
-        }
-        if (c >= tets->finite_count) continue;
-        const vec3 p[4] = {points[cells[c].id[0]], points[cells[c].id[1]], points[cells[c].id[2]],
-                           points[cells[c].id[3]]};
-        tets->circumcentre[c] = circumcentre(p);
-    }
+    fill_corners(cells, places, threads, *tets);
+    fill_circumcentres(points, threads, *tets);
 }
 
 /* The first triangle says which way all turn. */
@@ -263,7 +308,7 @@ void fill_planar(const Delaunay &delaunay, const vec3 *points, struct tets *tets
     for (size_t t = 0; t < triangles.size(); t++) std::copy(triangles[t].begin(), triangles[t].end(), tets->planar[t]);
 }
 
-void build(const vec3 *points, size_t n, const struct progress *progress, struct tets *tets) {
+void build(const vec3 *points, size_t n, unsigned threads, const struct progress *progress, struct tets *tets) {
     if (n > MAX_POINTS) throw Failure{STATUS_LIMIT, "too many points for one triangulation"};
     std::vector<Point> places;
     places.reserve(n);
@@ -272,14 +317,14 @@ void build(const vec3 *points, size_t n, const struct progress *progress, struct
     if (n > 0) insert_all(delaunay, places, progress);
     Tets_owner owner;
     owner.tets.dimension = std::max(delaunay.dimension(), 0);
-    if (delaunay.dimension() == 3) fill_cells(delaunay, points, n, &owner.tets);
+    if (delaunay.dimension() == 3) fill_cells(delaunay, points, n, threads, &owner.tets);
     if (delaunay.dimension() == 2) fill_planar(delaunay, points, &owner.tets);
     *tets = owner.release();
 }
 
 } // namespace
 
-extern "C" enum status delaunay_build(const vec3 *points, size_t n, const struct progress *progress, struct tets *tets,
-                                      struct error *error) noexcept {
-    return guard(error, [&] { build(points, n, progress, tets); });
+extern "C" enum status delaunay_build(const vec3 *points, size_t n, unsigned threads, const struct progress *progress,
+                                      struct tets *tets, struct error *error) noexcept {
+    return guard(error, [&] { build(points, n, threads, progress, tets); });
 }

@@ -22,17 +22,17 @@ extern "C" {
  *
  * Dimension 3: all cells, finite ones first, each group in ascending order of its sorted vertex ids; within a cell the
  * vertices ascend but for the last two, which give the orientation (NONE counts as the largest id).  So equal points
- * in equal order give equal arrays, whatever the order of insertion was.  Cospherical points are triangulated as
- * CGAL's symbolic perturbation says.  Circumcentres are finite numbers always: of a cell so flat that its own can't be
- * represented it is that of its largest facet.
- * Dimension 2 (all points on one plane): planar holds the planar Delaunay triangles, all turning the same way.
- * Dimension 1 and less: nothing but the dimension.
+ * in equal order give equal arrays, whatever the order of insertion or the number of threads (0 = all processors).
+ * Cospherical points are triangulated as CGAL's symbolic perturbation says.  Circumcentres are finite numbers always:
+ * of a cell so flat that its own can't be represented it is that of its largest facet. Dimension 2 (all points on one
+ * plane): planar holds the planar Delaunay triangles, all turning the same way. Dimension 1 and less: nothing but the
+ * dimension.
  *
  * n at most 2^28.  STATUS_LIMIT over that, STATUS_NO_MEMORY, STATUS_CANCELLED (stage "delaunay"), STATUS_ENGINE when
  * CGAL throws; error (may be NULL) then says why and *tets is untouched.  Expected O(n log n): 50 000 points of a
  * surface in about 0.4 s and 0.1 kB for each cell, of which there are about 7 for each point. */
-enum status delaunay_build(const vec3 *points, size_t n, const struct progress *progress, struct tets *tets,
-                           struct error *error)
+enum status delaunay_build(const vec3 *points, size_t n, unsigned threads, const struct progress *progress,
+                           struct tets *tets, struct error *error)
 #ifdef __cplusplus
     noexcept
 #endif

@@ -103,9 +103,9 @@ static void find_range(void *ctx, size_t begin, size_t end) {
 /* The plane of least squares through p's neighbourhood, a point at height z over the plane (mean, normal) weighing less
  * the more its height exceeds `scale`. */
 static vec3 fit_plane(const struct surface *s, size_t p, vec3 *mean, vec3 normal, double scale_sq) {
-    vec3 sum = {0, 0, 0}, axis[3];
+    vec3 sum = {0, 0, 0}, across;
     sym3 moment = {0};
-    double total = 0, value[3];
+    double total = 0, least;
     for (unsigned i = 0; i <= s->k; i++) {
         vec3 e = i < s->k ? vec3_sub(s->point[s->near[p * s->k + i]], s->point[p]) : (vec3){0, 0, 0};
         double w = nearness(s, p, e);
@@ -115,9 +115,9 @@ static vec3 fit_plane(const struct surface *s, size_t p, vec3 *mean, vec3 normal
         moment = sym3_add(moment, sym3_scale(sym3_outer(e), w));
     }
     *mean = vec3_scale(sum, 1 / total);
-    sym3_eigen(sym3_add(moment, sym3_scale(sym3_outer(sum), -1 / total)), value, axis);
-    s->spread[p] = (float)sqrt(fmax(value[0], 0) / total);
-    return axis[0];
+    sym3_least(sym3_add(moment, sym3_scale(sym3_outer(sum), -1 / total)), &least, &across);
+    s->spread[p] = (float)sqrt(fmax(least, 0) / total);
+    return across;
 }
 
 static void fit_range(void *ctx, size_t begin, size_t end) {

@@ -92,7 +92,7 @@ enum status pipeline_delaunay(struct run *run) {
     if (dimension < 3)
         return error_set(run->error, STATUS_DEGENERATE, "delaunay",
                          "all %zu kept points %s: there is no closed mesh of them", run->sites.count, flat[dimension]);
-    return delaunay_build(run->sites.point, run->sites.count, &run->progress, &run->tets, run->error);
+    return delaunay_build(run->sites.point, run->sites.count, run->threads, &run->progress, &run->tets, run->error);
 }
 
 /* Tight Cocone over the sites; the mesh's sources become ids along the curve. */
@@ -159,7 +159,7 @@ static enum status reconstruction_of(struct run *run, struct mesh *surface) {
     struct tets tets = {0};
     struct cocone_facts facts = {0};
     enum status status = sites_of(run, run->points.count, &sites);
-    if (!status) status = delaunay_build(sites.point, sites.count, &run->progress, &tets, run->error);
+    if (!status) status = delaunay_build(sites.point, sites.count, run->threads, &run->progress, &tets, run->error);
     if (!status) status = reconstruct(run, &sites, &tets, surface, &facts);
     tets_done(&tets);
     pipeline_sites_done(&sites);

@@ -22,7 +22,7 @@ static const struct sweeps {
     size_t all, with_teleports;
 } sweeps_of[] = {[PLACEMENT_SUBSET] = {5, 3}, [PLACEMENT_OPTIMAL] = {8, 5}};
 
-enum { FIRST_ROUNDS = 12, ROUNDS = 3 };
+enum { FIRST_ROUNDS = 12, ROUNDS = 2 };
 
 #define LARGEST ((size_t)1 << 28) /* points or triangles */
 

@@ -79,7 +79,7 @@ static void add_noise(struct points *p, size_t n, uint64_t seed) {
 static enum status run(const struct points *p, struct cocone_options options, struct mesh *mesh,
                        struct cocone_facts *facts) {
     struct tets tets = {0};
-    assert_int_equal(delaunay_build(p->point, p->n, NULL, &tets, NULL), STATUS_OK);
+    assert_int_equal(delaunay_build(p->point, p->n, 1, NULL, &tets, NULL), STATUS_OK);
     struct cocone_input input = {p->point, p->n, p->normal, p->support, NULL};
     enum status status = cocone_reconstruct(&tets, &input, &options, NULL, mesh, facts);
     tets_done(&tets);
@@ -479,7 +479,7 @@ static void every_failing_allocation_is_a_status(void **state) {
     struct points p = points_new(200);
     add_sphere(&p, 150, 0.3, (vec3){0, 0, 0}, 1);
     struct tets tets = {0};
-    assert_int_equal(delaunay_build(p.point, p.n, NULL, &tets, NULL), STATUS_OK);
+    assert_int_equal(delaunay_build(p.point, p.n, 1, NULL, &tets, NULL), STATUS_OK);
     struct cocone_input input = {p.point, p.n, p.normal, p.support, NULL};
     for (int form = COCONE_TIGHT; form <= COCONE_LITERAL; form++) {
         int nth = 0;
@@ -501,7 +501,7 @@ static void it_stops_whenever_it_is_asked(void **state) {
     struct points p = points_new(200);
     add_sphere(&p, 150, 0.3, (vec3){0, 0, 0}, 1);
     struct tets tets = {0};
-    assert_int_equal(delaunay_build(p.point, p.n, NULL, &tets, NULL), STATUS_OK);
+    assert_int_equal(delaunay_build(p.point, p.n, 1, NULL, &tets, NULL), STATUS_OK);
     struct cocone_input input = {p.point, p.n, p.normal, p.support, NULL};
     struct cocone_options options = {COCONE_TIGHT, BOUNDARY_FILL, 1};
     struct mesh mesh = {0};

@@ -40,7 +40,7 @@ static vec3 *random_points(size_t n, uint64_t seed) {
 static struct tets build(const vec3 *point, size_t n) {
     struct tets tets = {0};
     struct error error = {0};
-    assert_int_equal(delaunay_build(point, n, NULL, &tets, &error), STATUS_OK);
+    assert_int_equal(delaunay_build(point, n, 1, NULL, &tets, &error), STATUS_OK);
     return tets;
 }
 
@@ -216,6 +216,25 @@ static void the_order_of_points_does_not_matter(void **state) {
     free(point), free(shuffled);
 }
 
+static void the_number_of_threads_does_not_matter(void **state) {
+    (void)state;
+    enum { N = 2000 };
+    vec3 *point = random_points(N, 11);
+    struct tets one = build(point, N);
+    for (unsigned threads = 2; threads <= 4; threads++) {
+        struct tets many = {0};
+        assert_int_equal(delaunay_build(point, N, threads, NULL, &many, NULL), STATUS_OK);
+        assert_int_equal(many.cell_count, one.cell_count);
+        assert_int_equal(many.finite_count, one.finite_count);
+        assert_memory_equal(many.vertex, one.vertex, one.cell_count * sizeof *one.vertex);
+        assert_memory_equal(many.neighbour, one.neighbour, one.cell_count * sizeof *one.neighbour);
+        assert_memory_equal(many.circumcentre, one.circumcentre, one.finite_count * sizeof *one.circumcentre);
+        tets_done(&many);
+    }
+    tets_done(&one);
+    free(point);
+}
+
 static int stop(void *ctx, const char *stage, double fraction) {
     (void)fraction;
     assert_string_equal(stage, "delaunay");
@@ -229,7 +248,7 @@ static void it_stops_when_asked(void **state) {
     struct progress progress = {stop, &calls};
     struct tets tets = {0};
     struct error error = {0};
-    assert_int_equal(delaunay_build(point, 5000, &progress, &tets, &error), STATUS_CANCELLED);
+    assert_int_equal(delaunay_build(point, 5000, 1, &progress, &tets, &error), STATUS_CANCELLED);
     assert_int_equal(error.code, STATUS_CANCELLED);
     assert_null(tets.vertex);
     free(point);
@@ -245,7 +264,7 @@ static void a_failing_allocation_is_a_status(void **state) {
         struct tets tets = {0};
         alloc_fail_ctx = &left;
         alloc_fail = is_due;
-        enum status status = delaunay_build(point, 50, NULL, &tets, NULL);
+        enum status status = delaunay_build(point, 50, 1, NULL, &tets, NULL);
         alloc_fail = NULL;
         assert_int_equal(status, STATUS_NO_MEMORY);
         assert_null(tets.vertex);
@@ -263,6 +282,7 @@ int main(void) {
         cmocka_unit_test(coplanar_points_give_triangles_that_turn_the_same_way),
         cmocka_unit_test(fewer_dimensions_give_nothing),
         cmocka_unit_test(the_order_of_points_does_not_matter),
+        cmocka_unit_test(the_number_of_threads_does_not_matter),
         cmocka_unit_test(it_stops_when_asked),
         cmocka_unit_test(a_failing_allocation_is_a_status),
     };

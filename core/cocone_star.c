@@ -75,14 +75,6 @@ void cocone_star_done(struct cocone_star *star) {
     *star = (struct cocone_star){0};
 }
 
-uint32_t cocone_star_turn(const struct cocone_star *star, uint32_t half, uint32_t a, uint32_t b) {
-    uint32_t cell = cocone_star_cell(half);
-    const uint32_t *v = star->tets->vertex[cell];
-    for (unsigned i = 0; i < 4; i++)
-        if (i != cocone_star_index(half) && v[i] != a && v[i] != b) return cocone_star_pack(cell, i);
-    return half;
-}
-
 vec3 cocone_star_hull_normal(const struct cocone_star *star, uint32_t cell) {
     unsigned i = 0;
     while (i < 3 && star->tets->vertex[cell][i] != NONE) i++;

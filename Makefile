@@ -277,13 +277,15 @@ $(unit_runs): run-%: %
 # CGAL changes the way of rounding, which valgrind doesn't follow: what triangulates is left to the sanitizers.
 valgrind_programs := $(filter-out %/test_delaunay %/test_cocone %/test_pipeline %/test_refine %/test_metro \
     %/test_denoise %/test_fixtures %/test_judge %/test_memory,$(unit_programs))
-.PHONY: valgrind
+valgrind_runs := $(addprefix valgrind-,$(valgrind_programs))
+.PHONY: valgrind $(valgrind_runs)
 valgrind: all $(valgrind_programs) ## unit tests and service under valgrind: no invalid access, nothing lost
 	@command -v valgrind > /dev/null || deploy/deps.sh valgrind
-	@set -e; for t in $(valgrind_programs); do echo "== $$t"; \
-	    valgrind -q --error-exitcode=9 --leak-check=full --show-leak-kinds=definite \
-	        --errors-for-leak-kinds=definite $$t > $$t.valgrind 2>&1 || { tail -60 $$t.valgrind; exit 1; }; done
+	@$(MAKE) --no-print-directory -j$$(nproc) $(valgrind_runs)
 	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -p no:cacheprovider tests/integration/valgrind.py
+$(valgrind_runs): valgrind-%: %
+	@valgrind -q --error-exitcode=9 --leak-check=full --show-leak-kinds=definite --errors-for-leak-kinds=definite $* \
+	    > $*.valgrind 2>&1 && echo "  OK $* under valgrind" || { tail -60 $*.valgrind; exit 1; }
 
 SCANS ?=
 COUNT ?= 5000

@@ -120,12 +120,13 @@ static enum status reconstruct_solid(struct run *run, const struct tets *tets, s
     const struct cocone_input *input = run->input;
     const struct form *form = &forms[run->options->form];
     run->facts.form = form->name;
-    enum status status = cocone_star_build(tets, input->points, input->n, &run->star);
+    enum status status = cocone_star_build(tets, input->points, input->n, run->options->threads, &run->star);
     if (!status) status = tick(run, 0.2);
     if (!status) status = form->label(run);
     if (!status) status = tick(run, 0.9);
     bool keep = run->options->boundary == BOUNDARY_KEEP;
-    if (!status) status = cocone_surface_extract(&run->star, input->support, keep, run->inside, mesh);
+    if (!status)
+        status = cocone_surface_extract(&run->star, input->support, keep, run->options->threads, run->inside, mesh);
     return status;
 }
 

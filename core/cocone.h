@@ -54,7 +54,7 @@ struct cocone_facts {
     size_t hole_fill;      /* facets that no points support, also where they are left out */
     size_t conflicts;      /* cells on which two of their points disagree with certainty, after orientation */
     size_t flips;          /* cells whose label the repair changed */
-    size_t closed;         /* handles and tunnels that nothing spoke for */
+    size_t closed;         /* handles, tunnels and shells that nothing spoke for */
     size_t reconsidered;   /* cells whose label the normals from the poles gave, as the better one */
 };
 

@@ -10,12 +10,14 @@
  *        _____(_____)_____
  *
  * The cells that the disc runs through are flipped and the repair mends what that does to the points around; of such
- * changes those count that take a handle away and lose nothing.  The original points judge them: a true tunnel has
- * no points across its mouth, a true bridge has some all around.
+ * changes those count that take a handle away and lose nothing.  A shell too many, a piece that has come off or a
+ * bubble in a wall, is joined to another one in the same way, by a cell that has vertices of both.  The original points
+ * judge: a true tunnel has no points across its mouth, a true bridge has some all around, and so has a true gap on both
+ * sides.
  *
- *     mesh -> loops -> discs -> trials, apart from each other -> judge -> again until nothing changes
+ *     mesh -> loops, shells -> discs, cells -> trials, apart from each other -> judge -> again until nothing changes
  *
- * With as many points, a handle less is four triangles less (Euler), so trials need no mesh to be counted.
+ * Trials need no mesh: V - E + F (Euler) is counted around their cells.
  *
  * Invariant: a round whose surface hasn't fewer handles and shells than the one before is taken back.
  *
@@ -30,18 +32,23 @@
 #include "core/cocone_disc.h"
 #include "core/cocone_judge.h"
 #include "core/cocone_repair.h"
+#include "core/cocone_shells.h"
 #include "core/cocone_surface.h"
+#include "core/forest.h"
 #include "core/loops.h"
 
 enum {
     ROUNDS_MOST = 24,
-    LOOPS_PER_ROUND = 256,
+    TRIALS_PER_ROUND = 2048,
     ATTEMPTS = 2,             /* for each loop */
-    STEPS_PER_TRIANGLE = 200, /* of the search for loops */
-    FACETS_OF_HANDLE = 4
+    STEPS_PER_TRIANGLE = 400, /* of all searches for loops */
+    ONE_HANDLE_LESS = 2,      /* what it changes V - E + F by */
+    ONE_SHELL_LESS = -2
 };
 
-#define PATIENCE 1.25 /* how many times as far from the points a surface with a handle less may be */
+/* What a surface with a handle or a shell less may be farther from the points by. */
+#define PATIENCE 1.25 /* times as far */
+#define HAIR 0.02     /* of the size of the facets that differ */
 
 static const double shift[] = {1e-3, 0.2}; /* of discs, to either side */
 
@@ -52,39 +59,30 @@ struct handles {
     uint32_t *group;                  /* of each cell of a trial: which */
     uint8_t *touched;                 /* of each vertex: a trial of this round has it */
     struct cocone_repair *repair;
-    struct cocone_repair_trial *trial; /* of this round: LOOPS_PER_ROUND */
+    struct cocone_repair_trial *trial; /* of this round: TRIALS_PER_ROUND */
     size_t trials;
     uint64_t *tried; /* fingerprints of loops */
     size_t tried_count, tried_room;
+    size_t steps; /* of the search for loops that are left */
+};
+
+/* Where a surface has too much. */
+struct places {
+    const struct mesh *mesh;
+    struct loops loops;
+    struct cocone_shell *shell; /* owned */
+    size_t shells;
 };
 
 /* ------------------------------------------------------------------------------------------------ counting */
 
-static uint32_t root_of(uint32_t *parent, uint32_t v) {
-    for (; parent[v] != v; v = parent[v]) parent[v] = parent[parent[v]];
-    return v;
-}
-
-/* Unites the shells that v0 and v1 are of; how many shells that is less. */
-static size_t unite(uint32_t *parent, uint32_t v0, uint32_t v1) {
-    uint32_t a = root_of(parent, v0), b = root_of(parent, v1);
-    parent[a] = b;
-    return a != b;
-}
-
-static uint32_t *new_forest(size_t n) {
-    uint32_t *parent = alloc_array(n, sizeof *parent);
-    for (uint32_t v = 0; parent && v < n; v++) parent[v] = v;
-    return parent;
-}
-
 /* Shells beyond the first one, and handles, of a closed mesh: V - E + F = 2 (shells - handles). */
 static enum status count_excess(const struct mesh *mesh, size_t *excess) {
     size_t shells = mesh->vertex_count;
-    uint32_t *parent = new_forest(mesh->vertex_count);
+    uint32_t *parent = forest_new(mesh->vertex_count);
     if (!parent) return STATUS_NO_MEMORY;
     for (size_t t = 0; t < mesh->triangle_count; t++)
-        for (int k = 0; k < 2; k++) shells -= unite(parent, mesh->triangle[t][k], mesh->triangle[t][k + 1]);
+        for (int k = 0; k < 2; k++) shells -= forest_unite(parent, mesh->triangle[t][k], mesh->triangle[t][k + 1]);
     free(parent);
     long euler = (long)mesh->vertex_count - (long)(mesh->triangle_count / 2);
     *excess = (size_t)(2 * (long)shells - 1 - euler / 2);
@@ -96,14 +94,14 @@ static enum status count_excess(const struct mesh *mesh, size_t *excess) {
 static enum status is_sphere(const struct handles *h, bool *sphere) {
     const struct tets *tets = h->star->tets;
     size_t facets = 0, shells = h->star->n;
-    uint32_t *parent = new_forest(h->star->n);
+    uint32_t *parent = forest_new(h->star->n);
     if (!parent) return STATUS_NO_MEMORY;
     for (uint32_t half = 0; half < 4 * tets->finite_count; half++) {
         uint32_t cell = cocone_star_cell(half), v[3];
         if (!h->inside[cell] || h->inside[tets->neighbour[cell][cocone_star_index(half)]]) continue;
         cocone_star_vertices(h->star, half, v);
         facets++;
-        for (int k = 0; k < 2; k++) shells -= unite(parent, v[k], v[k + 1]);
+        for (int k = 0; k < 2; k++) shells -= forest_unite(parent, v[k], v[k + 1]);
     }
     free(parent);
     *sphere = shells == 1 && facets + 4 == 2 * h->star->n;
@@ -112,15 +110,12 @@ static enum status is_sphere(const struct handles *h, bool *sphere) {
 
 /* ------------------------------------------------------------------------------------------------ trials */
 
-/* How often the loop was tried before; it counts as tried once more from then on.  Loops are told apart by a sum of
- * cubes, which doesn't depend on where they begin. */
-static enum status count_attempts(struct handles *h, const uint32_t *point, size_t count, int *attempts) {
-    uint64_t fingerprint = 0;
+/* How often what has this fingerprint was tried before; it counts as tried once more from then on. */
+static enum status count_attempts(struct handles *h, uint64_t fingerprint, int *attempts) {
     *attempts = 0;
-    for (uint64_t k = 0; k < count; k++) fingerprint += (point[k] + 1ull) * (point[k] + 1ull) * (point[k] + 1ull);
     for (size_t i = 0; i < h->tried_count; i++) *attempts += h->tried[i] == fingerprint;
     if (h->tried_count == h->tried_room) {
-        size_t room = 2 * h->tried_room + LOOPS_PER_ROUND;
+        size_t room = 2 * h->tried_room + TRIALS_PER_ROUND;
         uint64_t *grown = alloc_resize(h->tried, room, sizeof *grown);
         if (!grown) return STATUS_NO_MEMORY;
         h->tried = grown, h->tried_room = room;
@@ -129,9 +124,11 @@ static enum status count_attempts(struct handles *h, const uint32_t *point, size
     return STATUS_OK;
 }
 
-/* A change that takes handles away and loses nothing. */
-static bool is_sound(const struct cocone_repair_trial *trial) {
-    return trial->count > 0 && trial->defects <= 0 && trial->facets <= -FACETS_OF_HANDLE;
+/* Doesn't depend on where the loop begins. */
+static uint64_t fingerprint_of(const uint32_t *point, size_t count) {
+    uint64_t sum = 0;
+    for (size_t k = 0; k < count; k++) sum += cocone_shells_fingerprint(point[k]);
+    return sum;
 }
 
 /* Of trials that are sound or empty. */
@@ -140,13 +137,30 @@ static bool is_better(const struct cocone_repair_trial *a, const struct cocone_r
     return a->cost != b->cost ? a->cost < b->cost : a->count < b->count;
 }
 
-/* The trial of one disc; its count is 0 where it isn't sound. */
+/* The trial of some seeds; its count is 0 where it loses something, or where V - E + F doesn't change as it should. */
+static void try_cells(struct handles *h, const uint32_t *cell, size_t count, int euler,
+                      struct cocone_repair_trial *trial) {
+    trial->count = 0;
+    if (count > 0) cocone_repair_try(h->repair, cell, count, trial);
+    if (trial->count == 0) return;
+    bool right = euler > 0 ? trial->euler >= euler : trial->euler == euler;
+    if (!right || trial->defects > 0 || trial->lost > 0) trial->count = 0;
+}
+
 static void try_disc(struct handles *h, const struct cocone_disc *disc, struct cocone_repair_trial *trial) {
     uint32_t cell[COCONE_REPAIR_TRIAL_CELLS];
     size_t count = cocone_disc_cells(h->star, h->inside, disc, cell, COCONE_REPAIR_TRIAL_CELLS);
-    trial->count = 0;
-    if (count > 0) cocone_repair_try(h->repair, cell, count, trial);
-    if (!is_sound(trial)) trial->count = 0;
+    try_cells(h, cell, count, ONE_HANDLE_LESS, trial);
+}
+
+/* Tries to join a shell to another one at each of its places. */
+static void try_shell(struct handles *h, const struct cocone_shell *shell, struct cocone_repair_trial *best) {
+    best->count = 0;
+    for (size_t i = 0; i < shell->count; i++) {
+        struct cocone_repair_trial trial;
+        try_cells(h, &shell->cell[i], 1, ONE_SHELL_LESS, &trial);
+        if (is_better(&trial, best)) *best = trial;
+    }
 }
 
 /* Tries the discs nearest to the loop that have a sound trial, on either side of it: at the first attempt the better
@@ -175,7 +189,14 @@ static void touch(struct handles *h, const struct cocone_repair_trial *trial, ui
         for (int i = 0; i < 4; i++) h->touched[h->star->tets->vertex[trial->cell[k]][i]] = touched;
 }
 
+/* Adds what was counted as an attempt last, unless it is empty.  If it is in the way of another one, its time is yet to
+ * come. */
 static void add_trial(struct handles *h, const struct cocone_repair_trial *trial) {
+    if (trial->count == 0) return;
+    if (!is_apart(h, trial)) {
+        h->tried_count--;
+        return;
+    }
     for (size_t k = 0; k < trial->count; k++) {
         h->other[trial->cell[k]] ^= 1;
         h->group[trial->cell[k]] = (uint32_t)h->trials;
@@ -190,21 +211,38 @@ static bool is_free(const struct handles *h, const uint32_t *point, size_t count
     return free;
 }
 
-/* Tries loops that weren't tried before, those apart from each other. */
-static enum status propose(struct handles *h, const struct mesh *mesh, const struct loops *loops) {
+static enum status propose_loop(struct handles *h, const struct mesh *mesh, const struct loop *loop) {
+    uint32_t point[LOOPS_MOST_EDGES];
+    struct cocone_repair_trial trial;
+    int attempts;
+    for (size_t k = 0; k < loop->count; k++) point[k] = mesh->source[loop->vertex[k]];
+    if (!is_free(h, point, loop->count)) return STATUS_OK;
+    enum status status = count_attempts(h, fingerprint_of(point, loop->count), &attempts);
+    if (status || attempts == ATTEMPTS) return status;
+    try_loop(h, point, loop->count, attempts, &trial);
+    add_trial(h, &trial);
+    return STATUS_OK;
+}
+
+static enum status propose_shell(struct handles *h, const struct cocone_shell *shell) {
+    struct cocone_repair_trial trial;
+    int attempts;
+    enum status status = count_attempts(h, shell->fingerprint, &attempts);
+    if (status || attempts > 0) return status;
+    try_shell(h, shell, &trial);
+    add_trial(h, &trial);
+    return STATUS_OK;
+}
+
+/* Tries what wasn't tried before, as far as it is apart from each other. */
+static enum status propose(struct handles *h, const struct places *places) {
     enum status status = STATUS_OK;
-    for (size_t i = 0; i < loops->count && h->trials < LOOPS_PER_ROUND && !status; i++) {
-        uint32_t point[LOOPS_MOST_EDGES];
-        const struct loop *loop = &loops->loop[i];
-        struct cocone_repair_trial trial;
-        int attempts = 0;
-        for (size_t k = 0; k < loop->count; k++) point[k] = mesh->source[loop->vertex[k]];
-        if (!is_free(h, point, loop->count)) continue;
-        if (progress_tick(h->input->progress, "cocone", 0.8)) status = STATUS_CANCELLED;
-        if (!status) status = count_attempts(h, point, loop->count, &attempts);
-        if (status || attempts == ATTEMPTS) continue;
-        try_loop(h, point, loop->count, attempts, &trial);
-        if (trial.count > 0 && is_apart(h, &trial)) add_trial(h, &trial);
+    size_t loops = places->loops.count;
+    for (size_t i = 0; i < loops + places->shells && h->trials < TRIALS_PER_ROUND && !status; i++) {
+        if (!cocone_repair_may_try(h->repair)) break;
+        if (progress_tick(h->input->progress, "cocone", 0.8)) return STATUS_CANCELLED;
+        status = i < loops ? propose_loop(h, places->mesh, &places->loops.loop[i])
+                           : propose_shell(h, &places->shell[i - loops]);
     }
     return status;
 }
@@ -213,7 +251,7 @@ static enum status propose(struct handles *h, const struct mesh *mesh, const str
 
 /* Has the trials judged, and takes the good ones. */
 static enum status decide(struct handles *h, size_t *taken) {
-    struct cocone_proposal proposal = {h->other, h->group, (uint32_t)h->trials, PATIENCE, 0};
+    struct cocone_proposal proposal = {h->other, h->group, (uint32_t)h->trials, PATIENCE, -HAIR};
     const struct cocone_handles_input *input = h->input;
     size_t cells;
     *taken = 0;
@@ -231,18 +269,29 @@ static enum status decide(struct handles *h, size_t *taken) {
     return status;
 }
 
-/* Loops of one mesh, as long as there are new ones, until some are closed. */
-static enum status close_some(struct handles *h, const struct mesh *mesh, size_t *taken) {
-    struct loops loops = {0};
-    enum status status = loops_find(mesh, STEPS_PER_TRIANGLE * mesh->triangle_count, &loops);
+/* Places of one mesh, as long as there are new ones, until something is closed or joined. */
+static enum status try_places(struct handles *h, const struct places *places, size_t *taken) {
+    enum status status = STATUS_OK;
     bool more = true;
-    *taken = 0;
     while (more && *taken == 0 && !status) {
-        status = propose(h, mesh, &loops);
+        status = propose(h, places);
         more = h->trials > 0;
         if (!status && more) status = decide(h, taken);
     }
-    loops_done(&loops);
+    return status;
+}
+
+/* Short loops first: where there are many, they are found and closed in no time, and of the long ones few are left. */
+static enum status close_some(struct handles *h, const struct mesh *mesh, size_t *taken) {
+    struct places places = {.mesh = mesh};
+    *taken = 0;
+    enum status status = cocone_shells_list(h->star, mesh, &places.shell, &places.shells);
+    for (uint32_t edges = LOOPS_MOST_EDGES / 2; edges <= LOOPS_MOST_EDGES && *taken == 0 && !status; edges *= 2) {
+        status = loops_find(mesh, edges, &h->steps, &places.loops);
+        if (!status) status = try_places(h, &places, taken);
+        loops_done(&places.loops);
+    }
+    free(places.shell);
     return status;
 }
 
@@ -251,7 +300,7 @@ static enum status make_mesh(const struct handles *h, struct mesh *mesh) {
     uint8_t *copy = alloc_array(h->star->tets->cell_count, 1);
     if (!copy) return STATUS_NO_MEMORY;
     memcpy(copy, h->inside, h->star->tets->cell_count);
-    enum status status = cocone_surface_extract(h->star, NULL, false, copy, mesh);
+    enum status status = cocone_surface_extract(h->star, NULL, false, h->input->threads, copy, mesh);
     free(copy);
     return status;
 }
@@ -268,6 +317,7 @@ static enum status close_all(struct handles *h, size_t *closed) {
             memcpy(h->inside, h->before, h->star->tets->cell_count);
             taken = 0;
         } else if (!status) {
+            if (round == 0) h->steps = STEPS_PER_TRIANGLE * mesh.triangle_count;
             if (round > 0) *closed += least - excess;
             least = excess;
             status = close_some(h, &mesh, &taken);
@@ -283,7 +333,7 @@ static enum status handles_init(struct handles *h) {
     h->other = alloc_array(star->tets->cell_count, 1);
     h->group = alloc_array(star->tets->cell_count, sizeof *h->group);
     h->touched = alloc_zeroed(star->n, 1);
-    h->trial = alloc_array(LOOPS_PER_ROUND, sizeof *h->trial);
+    h->trial = alloc_array(TRIALS_PER_ROUND, sizeof *h->trial);
     if (!h->before || !h->other || !h->group || !h->touched || !h->trial) return STATUS_NO_MEMORY;
     memcpy(h->other, h->inside, star->tets->cell_count);
     return cocone_repair_new(star, h->input->cost, h->inside, &h->repair);

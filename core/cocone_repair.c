@@ -34,7 +34,8 @@ enum {
     VERTICES_PER_TICK = 256,
     FAN_MOST = 32,
     GRAIN = 1024,
-    STEPS_PER_TRIAL = 50000
+    STEPS_PER_TRIAL = 50000,
+    TRIAL_STEPS_PER_CELL = 300 /* of all trials together */
 };
 
 #define DEFECT_WORTH (8 * (int64_t)COCONE_CUT_UNIT)
@@ -387,17 +388,40 @@ static int flip_one(struct cocone_repair *r, uint32_t cell, int64_t *cost) {
     return facets;
 }
 
-static void flip_trial(struct cocone_repair *r, struct cocone_repair_trial *trial) {
-    trial->facets = 0, trial->cost = 0;
-    for (size_t k = 0; k < trial->count; k++) trial->facets += flip_one(r, trial->cell[k], &trial->cost);
+/* How many facets more. */
+static int flip_trial(struct cocone_repair *r, struct cocone_repair_trial *trial) {
+    int facets = 0;
+    trial->cost = 0;
+    for (size_t k = 0; k < trial->count; k++) facets += flip_one(r, trial->cell[k], &trial->cost);
+    return facets;
 }
 
-/* At all vertices of the trial's cells, each counted as often as it has cells. */
-static int sum_defects(struct cocone_repair *r, const struct cocone_repair_trial *trial) {
-    int sum = 0;
-    for (size_t k = 0; k < trial->count; k++)
-        for (int i = 0; i < 4; i++) sum += defect(r, r->star->tets->vertex[trial->cell[k]][i]);
-    return sum;
+static bool is_lost(const struct cocone_repair *r, uint32_t v) {
+    uint8_t first = r->inside[cocone_star_cell(r->star->corner[r->star->begin[v]])];
+    for (uint32_t i = r->star->begin[v]; i < r->star->begin[v + 1]; i++)
+        if (r->inside[cocone_star_cell(r->star->corner[i])] != first) return false;
+    return true;
+}
+
+struct tally {
+    int defects, lost, vertices;
+};
+
+/* At the points of a trial's cells, each counted once.  Nothing is queued, so the marks of the queue are free. */
+static struct tally count_at(struct cocone_repair *r, const struct cocone_repair_trial *trial) {
+    const struct tets *tets = r->star->tets;
+    struct tally tally = {0, 0, 0};
+    for (size_t k = 0; k < 4 * trial->count; k++) {
+        uint32_t v = tets->vertex[trial->cell[k / 4]][k % 4];
+        if (r->queued[v]) continue;
+        bool lost = is_lost(r, v);
+        r->queued[v] = 1;
+        tally.defects += defect(r, v);
+        tally.lost += lost;
+        tally.vertices += lost ? 0 : defect(r, v) + 1;
+    }
+    for (size_t k = 0; k < 4 * trial->count; k++) r->queued[tets->vertex[trial->cell[k / 4]][k % 4]] = 0;
+    return tally;
 }
 
 static void enqueue_defects(struct cocone_repair *r, const struct cocone_repair_trial *trial, const struct pass *pass) {
@@ -428,6 +452,10 @@ static void mend_one_way(struct cocone_repair *r, uint8_t label, struct cocone_r
     hold(r, trial, true);
 }
 
+bool cocone_repair_may_try(const struct cocone_repair *r) {
+    return r->steps < TRIAL_STEPS_PER_CELL * r->star->tets->cell_count;
+}
+
 void cocone_repair_try(struct cocone_repair *r, const uint32_t *seed, size_t count, struct cocone_repair_trial *trial) {
     *trial = (struct cocone_repair_trial){0};
     if (count > COCONE_REPAIR_TRIAL_CELLS) return;
@@ -444,10 +472,13 @@ void cocone_repair_try(struct cocone_repair *r, const uint32_t *seed, size_t cou
     mend_trial(r, trial);
     r->trial = NULL;
     hold(r, trial, false);
-    trial->defects = sum_defects(r, trial);
-    flip_trial(r, trial);
-    trial->defects -= sum_defects(r, trial);
-    trial->facets = -trial->facets, trial->cost = -trial->cost;
+    struct tally after = count_at(r, trial);
+    int facets = -flip_trial(r, trial);
+    struct tally before = count_at(r, trial);
+    trial->cost = -trial->cost;
+    trial->defects = after.defects - before.defects;
+    trial->lost = after.lost - before.lost;
+    trial->euler = after.vertices - before.vertices - facets / 2;
     if (r->step_limit == 0) trial->count = 0;
 }
 

@@ -20,9 +20,10 @@ enum { COCONE_REPAIR_TRIAL_CELLS = 64 };
 /* What a change of some cells leads to. */
 struct cocone_repair_trial {
     uint32_t cell[COCONE_REPAIR_TRIAL_CELLS]; /* to be flipped, all of them */
-    size_t count;                             /* 0: the repair took more than there is room for */
+    size_t count;                             /* 0: it takes more than there is room for */
     int defects;                              /* how many more there are then, at all vertices of the cells */
-    int facets;                               /* how many more the surface has then */
+    int lost;                                 /* how many more of them are lost */
+    int euler;                                /* how much larger V - E + F is then; a shell is 2, a handle -2 */
     int64_t cost;                             /* what that adds to the cost of the labelling */
 };
 
@@ -33,6 +34,9 @@ enum status cocone_repair_new(const struct cocone_star *star, const struct cocon
 
 /* Accepts NULL. */
 void cocone_repair_free(struct cocone_repair *repair);
+
+/* Whether there is time for more trials: all of them together may take about as long as a reconstruction. */
+bool cocone_repair_may_try(const struct cocone_repair *repair);
 
 /* Flips the seeds (at least one, finite, all of one label), which are held from then on, and mends what gets defects by
  * that: by flipping cells of that label as far as possible, then others too.  Tells what came out, and puts everything

@@ -31,7 +31,7 @@ extern const uint8_t cocone_star_facet[4][3];
 
 /* Builds the tables over tets of dimension 3 with n points, both borrowed.  At most 2^30 cells, else STATUS_LIMIT;
  * STATUS_NO_MEMORY.  O(cells). */
-enum status cocone_star_build(const struct tets *tets, const vec3 *point, size_t n,
+enum status cocone_star_build(const struct tets *tets, const vec3 *point, size_t n, unsigned threads,
                               struct cocone_star *star) MUST_CHECK;
 
 /* Accepts a zeroed star. */
@@ -56,7 +56,13 @@ static inline void cocone_star_vertices(const struct cocone_star *star, uint32_t
 }
 
 /* From a half facet across its cell to the cell's other half facet at the edge (a, b). */
-uint32_t cocone_star_turn(const struct cocone_star *star, uint32_t half, uint32_t a, uint32_t b);
+static inline uint32_t cocone_star_turn(const struct cocone_star *star, uint32_t half, uint32_t a, uint32_t b) {
+    uint32_t cell = cocone_star_cell(half);
+    const uint32_t *v = star->tets->vertex[cell];
+    for (unsigned i = 0; i < 4; i++)
+        if (i != cocone_star_index(half) && v[i] != a && v[i] != b) return cocone_star_pack(cell, i);
+    return half;
+}
 
 /* The unit normal of the hull facet of an infinite cell, outwards. */
 vec3 cocone_star_hull_normal(const struct cocone_star *star, uint32_t cell);

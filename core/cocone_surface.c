@@ -22,7 +22,10 @@
 #include "core/alloc.h"
 #include "core/cloud.h"
 #include "core/cocone_cut.h"
+#include "core/par.h"
 #include "core/radix.h"
+
+enum { GRAIN = 2048 };
 
 struct surface {
     const struct cocone_star *star;
@@ -36,6 +39,8 @@ struct surface {
     uint32_t *half;        /* count: the triangle as a half facet of an inner cell */
     uint32_t *triangle;    /* of each half facet of finite cells; NONE = it isn't one */
     uint32_t *fan;         /* 3 * count: forest over corners; after numbering the vertex */
+    uint32_t *pair; /* 3 * count: of the edge from each corner, the triangle that is paired with this one there */
+    unsigned threads;
 };
 
 /* An edge of a triangle, from its corner `side` to the next, between two ids. */
@@ -116,14 +121,24 @@ static uint32_t partner(const struct surface *s, uint32_t half, uint32_t a, uint
 }
 
 /* Every pair once: of the two triangles one alone runs along the edge from the smaller to the larger point. */
+static bool is_first(const struct surface *s, uint32_t t, int k) { return s->vertex[t][k] < s->vertex[t][(k + 1) % 3]; }
+
+static void pair_range(void *ctx, size_t begin, size_t end) {
+    const struct surface *s = ctx;
+    for (uint32_t t = (uint32_t)begin; t < end; t++)
+        for (int k = 0; k < 3; k++)
+            if (is_first(s, t, k))
+                s->pair[3 * t + (uint32_t)k] =
+                    s->triangle[partner(s, s->half[t], s->vertex[t][k], s->vertex[t][(k + 1) % 3])];
+}
+
 static void chain_fans(struct surface *s) {
+    par_for(s->threads, s->count, GRAIN, pair_range, s);
     for (uint32_t i = 0; i < 3 * s->count; i++) s->fan[i] = i;
     for (uint32_t t = 0; t < s->count; t++) {
         for (int k = 0; k < 3; k++) {
-            uint32_t a = s->vertex[t][k], b = s->vertex[t][(k + 1) % 3];
-            if (a > b) continue;
-            uint32_t other = s->triangle[partner(s, s->half[t], a, b)];
-            if (other != NONE) join_at_edge(s, t, other, a, b);
+            if (!is_first(s, t, k) || s->pair[3 * t + (uint32_t)k] == NONE) continue;
+            join_at_edge(s, t, s->pair[3 * t + (uint32_t)k], s->vertex[t][k], s->vertex[t][(k + 1) % 3]);
         }
     }
 }
@@ -143,12 +158,12 @@ static void list_edges(const struct surface *s, bool between_fans, uint64_t *ite
     size_t count = 3 * s->count;
     uint64_t *other = item + count;
     for (uint32_t i = 0; i < count; i++) item[i] = radix_item(edge_at(s, between_fans, i).high, i);
-    uint64_t *sorted = radix_sort(item, other, count, 1);
+    uint64_t *sorted = radix_sort(item, other, count, s->threads);
     for (size_t i = 0; i < count; i++) {
         uint32_t at = radix_value(sorted[i]);
         sorted[i] = radix_item(edge_at(s, between_fans, at).low, at);
     }
-    sorted = radix_sort(sorted, sorted == item ? other : item, count, 1);
+    sorted = radix_sort(sorted, sorted == item ? other : item, count, s->threads);
     for (size_t i = 0; i < count; i++) edge[i] = edge_at(s, between_fans, radix_value(sorted[i]));
 }
 
@@ -237,13 +252,14 @@ static enum status surface_init(struct surface *s, size_t most, size_t finite_co
     s->tag = alloc_array(most, sizeof *s->tag);
     s->half = alloc_array(most, sizeof *s->half);
     s->fan = alloc_array(3 * most, sizeof *s->fan);
+    s->pair = alloc_array(3 * most, sizeof *s->pair);
     s->triangle = alloc_array(4 * finite_count, sizeof *s->triangle);
-    return s->vertex && s->tag && s->half && s->fan && s->triangle ? STATUS_OK : STATUS_NO_MEMORY;
+    return s->vertex && s->tag && s->half && s->fan && s->pair && s->triangle ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
 static void surface_done(struct surface *s) {
     free(s->vertex), free(s->tag), free(s->half);
-    free(s->fan), free(s->triangle);
+    free(s->fan), free(s->pair), free(s->triangle);
 }
 
 /* One attempt; *again when a wedge had to be filled. */
@@ -266,9 +282,13 @@ static enum status attempt(struct surface s, struct mesh *mesh, bool *again) {
 }
 
 enum status cocone_surface_extract(const struct cocone_star *star, const double *support, bool keep_boundary,
-                                   uint8_t *inside, struct mesh *mesh) {
-    struct surface s = {
-        .star = star, .point = star->point, .support = support, .keep_boundary = keep_boundary, .inside = inside};
+                                   unsigned threads, uint8_t *inside, struct mesh *mesh) {
+    struct surface s = {.star = star,
+                        .point = star->point,
+                        .support = support,
+                        .keep_boundary = keep_boundary,
+                        .inside = inside,
+                        .threads = threads};
     enum status status = STATUS_OK;
     for (bool again = true; again && !status;) status = attempt(s, mesh, &again);
     return status;
@@ -276,7 +296,7 @@ enum status cocone_surface_extract(const struct cocone_star *star, const double 
 
 enum status cocone_surface_planar(const struct tets *tets, const vec3 *point, const double *support, bool keep_boundary,
                                   struct mesh *mesh) {
-    struct surface s = {.point = point, .support = support, .keep_boundary = keep_boundary};
+    struct surface s = {.point = point, .support = support, .keep_boundary = keep_boundary, .threads = 1};
     struct edge *edge = alloc_array(3 * tets->planar_count, sizeof *edge);
     uint64_t *item = alloc_array(6 * tets->planar_count, sizeof *item);
     enum status status = surface_init(&s, tets->planar_count, 0);

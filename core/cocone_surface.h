@@ -14,7 +14,7 @@
  * them. Where copies can't tell two sheets apart at an edge, the cells between them are added to inside. The mesh is
  * the caller's; it is empty where no facet is left.  O(cells log cells).  STATUS_NO_MEMORY. */
 enum status cocone_surface_extract(const struct cocone_star *star, const double *support, bool keep_boundary,
-                                   uint8_t *inside, struct mesh *mesh) MUST_CHECK;
+                                   unsigned threads, uint8_t *inside, struct mesh *mesh) MUST_CHECK;
 
 /* Meshes planar triangles (tets of dimension 2) over n points in the same way: tags, keep_boundary, one fan at each
  * vertex.  The mesh is open.  O(triangles log triangles).  STATUS_NO_MEMORY. */

@@ -1,4 +1,5 @@
-/* Points are looked for in a hierarchy of the triangles, each from the answer of the one before, which lies nearby.
+/* Points are looked for in a hierarchy of the triangles, each from the answer of the one before, which lies nearby; but
+ * for those that a vertex stands at, which have its first triangle, as the hierarchy would have it.
  *
  * A middle is near its point, so it goes downhill from there, over the mesh: where the nearest place of a triangle is
  * on an edge, the triangle behind it may be nearer still, and where it is a corner, any around that; amid a triangle
@@ -9,19 +10,22 @@
 #include "core/fit_assign.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 #include "core/alloc.h"
 #include "core/bvh.h"
 #include "core/cloud.h"
 #include "core/par.h"
 
-enum { SAMPLE_GRAIN = 2048, LIST_GRAIN = 512 };
+enum { POINT_GRAIN = 1024, FRAME_GRAIN = 1024, LIST_GRAIN = 512 };
 
 #define TRUSTED 0.15 /* of the spacing: farther off than that, a middle is looked for in the hierarchy as well */
 
 struct assignment {
     const struct fit *fit;
     const struct bvh *bvh;
+    struct triangle_frame *frame; /* of each triangle */
+    uint32_t *star;               /* of each point: the first triangle at a vertex that stands there, or NONE */
     uint32_t *triangle;
     float *distance_sq;
 };
@@ -32,67 +36,96 @@ struct stop {
 };
 
 /* Moves to the triangle if it is nearer. */
-static bool try_triangle(const struct fit *fit, vec3 place, uint32_t triangle, struct stop *best) {
-    struct triangle_frame frame = fit_frame(fit, triangle);
-    struct triangle_hit hit = triangle_frame_hit(&frame, place);
+static bool try_triangle(const struct assignment *a, vec3 place, uint32_t triangle, struct stop *best) {
+    struct triangle_hit hit = triangle_frame_hit(&a->frame[triangle], place);
     if (!(hit.distance_sq < best->hit.distance_sq)) return false;
     *best = (struct stop){triangle, hit};
     return true;
 }
 
-static bool try_around(const struct fit *fit, vec3 place, uint32_t h, struct stop *best) {
+static bool try_around(const struct assignment *a, vec3 place, uint32_t h, struct stop *best) {
     bool nearer = false;
     uint32_t e = h;
     do {
-        e = halfedge_around(&fit->he, e);
+        e = halfedge_around(&a->fit->he, e);
         if (e == NONE || e == h) return nearer;
-        nearer |= try_triangle(fit, place, e / 3, best);
+        nearer |= try_triangle(a, place, e / 3, best);
     } while (true);
 }
 
-static struct stop go_downhill(const struct fit *fit, vec3 place, uint32_t start) {
+static struct stop go_downhill(const struct assignment *a, vec3 place, uint32_t start) {
     struct stop best = {start, {.distance_sq = INFINITY}};
-    bool nearer = try_triangle(fit, place, start, &best);
+    bool nearer = try_triangle(a, place, start, &best);
     while (nearer && best.hit.feature != TRIANGLE_INSIDE) {
-        uint32_t h = 3 * best.triangle + best.hit.corner, twin = fit->he.twin[h];
+        uint32_t h = 3 * best.triangle + best.hit.corner, twin = a->fit->he.twin[h];
         if (best.hit.feature == TRIANGLE_CORNER)
-            nearer = try_around(fit, place, h, &best);
+            nearer = try_around(a, place, h, &best);
         else
-            nearer = twin != NONE && try_triangle(fit, place, twin / 3, &best);
+            nearer = twin != NONE && try_triangle(a, place, twin / 3, &best);
     }
     return best;
 }
 
-static struct stop search(const struct bvh *bvh, vec3 place, uint32_t hint) {
-    struct bvh_hit hit = bvh_closest(bvh, place, hint);
-    return (struct stop){hit.triangle, {.distance_sq = hit.distance_sq}};
+static uint32_t settle(const struct assignment *a, size_t i, uint32_t triangle, double distance_sq) {
+    a->triangle[i] = triangle;
+    a->distance_sq[i] = (float)distance_sq;
+    return triangle;
 }
 
-static struct stop place_middle(const struct assignment *assignment, const struct sample *middle, uint32_t start) {
-    struct stop stop = go_downhill(assignment->fit, middle->place, start);
-    double trusted = TRUSTED * (double)middle->reach;
-    return stop.hit.distance_sq < trusted * trusted ? stop : search(assignment->bvh, middle->place, stop.triangle);
+/* The nearest triangle of all; hint is one nearby. */
+static uint32_t look_up(const struct assignment *a, size_t i, uint32_t hint) {
+    struct bvh_hit hit = bvh_closest(a->bvh, a->fit->samples.sample[i].place, hint);
+    return settle(a, i, hit.triangle, hit.distance_sq);
+}
+
+/* The nearest that is found from a triangle nearby. */
+static uint32_t place_from(const struct assignment *a, size_t i, uint32_t start) {
+    const struct sample *sample = &a->fit->samples.sample[i];
+    struct stop stop = go_downhill(a, sample->place, start);
+    double trusted = TRUSTED * (double)sample->reach;
+    if (stop.hit.distance_sq < trusted * trusted) return settle(a, i, stop.triangle, stop.hit.distance_sq);
+    return look_up(a, i, stop.triangle);
 }
 
 static void assign_range(void *ctx, size_t begin, size_t end) {
-    struct assignment *assignment = ctx;
-    const struct samples *samples = &assignment->fit->samples;
-    uint32_t hint = NONE;
-    for (size_t i = begin; i < end; i++) {
-        bool is_middle = samples->point[i] == NONE && hint != NONE;
-        struct stop stop = is_middle ? place_middle(assignment, &samples->sample[i], hint)
-                                     : search(assignment->bvh, samples->sample[i].place, hint);
-        assignment->triangle[i] = stop.triangle;
-        assignment->distance_sq[i] = (float)stop.hit.distance_sq;
-        if (!is_middle) hint = stop.triangle;
+    const struct assignment *a = ctx;
+    const uint32_t *middle = a->fit->samples.middle;
+    uint32_t near = NONE;
+    for (uint32_t p = (uint32_t)begin; p < end; p++) {
+        near = a->star[p] == NONE ? look_up(a, p, near) : place_from(a, p, a->star[p]);
+        for (uint32_t i = middle[p]; i < middle[p + 1]; i++) place_from(a, i, near);
     }
+}
+
+static void frame_range(void *ctx, size_t begin, size_t end) {
+    const struct assignment *a = ctx;
+    for (size_t t = begin; t < end; t++) a->frame[t] = fit_frame(a->fit, (uint32_t)t);
+}
+
+static void find_stars(const struct fit *fit, uint32_t *star) {
+    const struct mesh *mesh = fit->mesh;
+    memset(star, 0xff, fit->samples.points * sizeof *star);
+    for (size_t t = mesh->source ? mesh->triangle_count : 0; t-- > 0;)
+        for (int k = 0; k < 3; k++) {
+            uint32_t point = mesh->source[mesh->triangle[t][k]];
+            if (point != NONE) star[point] = (uint32_t)t;
+        }
 }
 
 enum status fit_assign(const struct fit *fit, uint32_t *triangle, float *distance_sq) {
     struct bvh *bvh = NULL;
-    enum status status = bvh_new(fit->mesh, fit->threads, &bvh);
-    struct assignment assignment = {fit, bvh, triangle, distance_sq};
-    if (status == STATUS_OK) par_for(fit->threads, fit->samples.n, SAMPLE_GRAIN, assign_range, &assignment);
+    size_t triangles = fit->mesh->triangle_count, points = fit->samples.points;
+    struct assignment a = {.fit = fit, .triangle = triangle, .distance_sq = distance_sq};
+    a.frame = alloc_array(triangles, sizeof *a.frame);
+    a.star = alloc_array(points, sizeof *a.star);
+    enum status status = a.frame && a.star ? bvh_new(fit->mesh, fit->threads, &bvh) : STATUS_NO_MEMORY;
+    if (status == STATUS_OK) {
+        a.bvh = bvh;
+        find_stars(fit, a.star);
+        par_for(fit->threads, triangles, FRAME_GRAIN, frame_range, &a);
+        par_for(fit->threads, points, POINT_GRAIN, assign_range, &a);
+    }
+    free(a.frame), free(a.star);
     bvh_free(bvh);
     return status;
 }

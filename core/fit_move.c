@@ -129,7 +129,7 @@ static size_t choose_among(const struct fit *fit, const struct cluster *cluster,
                            struct choice choice[CANDIDATES], size_t count) {
     for (size_t i = 0; i < cluster->n; i++) {
         if (count == CANDIDATES && value[i] >= choice[count - 1].value) continue;
-        uint32_t point = fit->samples.point[cluster->sample[i]];
+        uint32_t point = samples_point(&fit->samples, cluster->sample[i]);
         if (point == NONE || fit->taken[point]) continue;
         size_t at = count < CANDIDATES ? count++ : count - 1;
         for (; at > 0 && choice[at - 1].value > value[i]; at--) choice[at] = choice[at - 1];

@@ -11,7 +11,7 @@
 #include "core/alloc.h"
 #include "core/cloud.h"
 
-enum { MAX_RING = 256 };
+enum { MAX_RING = 256, FEW = 32 };
 
 struct keyed {
     uint32_t low, high, halfedge;
@@ -22,6 +22,20 @@ static int compare_keyed(const void *a, const void *b) {
     if (x->low != y->low) return x->low < y->low ? -1 : 1;
     if (x->high != y->high) return x->high < y->high ? -1 : 1;
     return (x->halfedge > y->halfedge) - (x->halfedge < y->halfedge);
+}
+
+/* The half-edges of one vertex: a few as a rule. */
+static void sort_bucket(struct keyed *key, size_t n) {
+    if (n > FEW) {
+        qsort(key, n, sizeof *key, compare_keyed);
+        return;
+    }
+    for (size_t i = 1; i < n; i++) {
+        struct keyed moving = key[i];
+        size_t at = i;
+        for (; at > 0 && compare_keyed(&key[at - 1], &moving) > 0; at--) key[at] = key[at - 1];
+        key[at] = moving;
+    }
 }
 
 /* Buckets by the smaller vertex first, so that only a few half-edges are sorted at a time. */
@@ -38,10 +52,7 @@ static void sort_keys(const struct halfedge *he, struct keyed *key, size_t *star
     }
     for (size_t v = he->vertex_count; v > 0; v--) start[v] = start[v - 1];
     start[0] = 0;
-    for (size_t v = 0; v < he->vertex_count; v++) {
-        size_t length = start[v + 1] - start[v];
-        if (length > 1) qsort(key + start[v], length, sizeof *key, compare_keyed);
-    }
+    for (size_t v = 0; v < he->vertex_count; v++) sort_bucket(key + start[v], start[v + 1] - start[v]);
 }
 
 static void pair_group(struct halfedge *he, const struct keyed *group, size_t length) {

@@ -26,7 +26,7 @@
 #include "core/halfedge.h"
 #include "core/scramble.h"
 
-enum { LEVELS_MOST = LOOPS_MOST_EDGES / 2, CLASSES_AT_ONCE = 8 };
+enum { CLASSES_AT_ONCE = 8 };
 
 /* A vertex as it is seen from the base. */
 struct visit {
@@ -52,8 +52,9 @@ struct search {
     uint32_t *queue; /* of triangles or vertices */
     uint8_t *seen;   /* of each of them */
     struct visit *visit;
-    uint32_t *order;                         /* of visits, as long as all vertices; those of the last search are seen */
-    size_t most, visited, steps, steps_most; /* most: of vertices and of triangles */
+    uint32_t *order; /* of visits, as long as all vertices; those of the last search are seen */
+    uint32_t edges_most;
+    size_t most, visited, steps; /* most: of vertices and of triangles */
     struct found *found;
     size_t found_count, found_room;
 };
@@ -156,49 +157,57 @@ static enum status remember(struct search *s, size_t first, struct found loop) {
     return STATUS_OK;
 }
 
-static void reach(struct search *s, uint32_t v, struct visit visit) {
-    if (!s->seen[v]) {
-        s->seen[v] = 1;
-        s->order[s->visited++] = v;
-    } else if (visit.level != s->visit[v].level || visit.length >= s->visit[v].length) {
-        return;
-    }
-    s->visit[v] = visit;
+/* Comes to the end of h from its start.  Of two paths with as many edges the shorter one is kept; lengths are worked
+ * out where that is the question. */
+static void step(struct search *s, uint32_t h) {
+    uint32_t from = halfedge_from(&s->he, h), to = halfedge_to(&s->he, h);
+    const struct visit *at = &s->visit[from];
+    s->steps -= s->steps > 0;
+    if (s->seen[to] && s->visit[to].level != at->level + 1) return;
+    double length = at->length + length_of(s, h);
+    if (s->seen[to] && length >= s->visit[to].length) return;
+    s->visit[to] = (struct visit){h, at->level + 1, at->mark ^ s->mark[h], length};
+    if (s->seen[to]) return;
+    s->seen[to] = 1;
+    s->order[s->visited++] = to;
 }
 
-/* Visits what is up to LEVELS_MOST edges from the base.  A level is whole before the next one starts, so that a path
- * replaced by a shorter one of as many edges has nothing that hangs on it. */
+/* Visits what is up to half of the most edges from the base.  A level is whole before the next one starts, so that a
+ * path replaced by a shorter one of as many edges has nothing that hangs on it. */
 static void look_around(struct search *s, uint32_t base) {
     for (size_t i = 0; i < s->visited; i++) s->seen[s->order[i]] = 0;
-    s->visited = 0;
-    reach(s, base, (struct visit){NONE, 0, 0, 0});
+    s->visited = 1;
+    s->order[0] = base;
+    s->seen[base] = 1;
+    s->visit[base] = (struct visit){NONE, 0, 0, 0};
     for (size_t i = 0; i < s->visited; i++) {
-        uint32_t v = s->order[i], start = s->he.out[v], h = start;
-        struct visit at = s->visit[v];
-        if (at.level == LEVELS_MOST) break;
+        uint32_t start = s->he.out[s->order[i]], h = start;
+        if (s->visit[s->order[i]].level == s->edges_most / 2) break;
         do {
-            struct visit next = {h, at.level + 1, at.mark ^ s->mark[h], at.length + length_of(s, h)};
-            reach(s, halfedge_to(&s->he, h), next);
+            step(s, h);
             h = halfedge_around(&s->he, h);
-            s->steps++;
         } while (h != start);
     }
+}
+
+/* Remembers the loop that the half-edge closes, if it closes one that doesn't bound. */
+static enum status close_loop(struct search *s, uint32_t base, size_t first, uint32_t h) {
+    uint32_t from = halfedge_from(&s->he, h), to = halfedge_to(&s->he, h);
+    if (!s->seen[to] || from > to) return STATUS_OK;
+    const struct visit *a = &s->visit[from], *b = &s->visit[to];
+    uint64_t class = a->mark ^ b->mark ^ s->mark[h];
+    uint32_t count = a->level + b->level + 1;
+    if (class == 0 || count > s->edges_most) return STATUS_OK;
+    return remember(s, first, (struct found){class, base, h, count, a->length + b->length + length_of(s, h)});
 }
 
 static enum status close_loops(struct search *s, uint32_t base) {
     size_t first = s->found_count;
     enum status status = STATUS_OK;
     for (size_t i = 0; i < s->visited && !status; i++) {
-        uint32_t v = s->order[i], start = s->he.out[v], h = start;
+        uint32_t start = s->he.out[s->order[i]], h = start;
         do {
-            uint32_t to = halfedge_to(&s->he, h);
-            if (s->seen[to] && h < s->he.twin[h]) {
-                const struct visit *a = &s->visit[v], *b = &s->visit[to];
-                uint64_t class = a->mark ^ b->mark ^ s->mark[h];
-                uint32_t count = a->level + b->level + 1;
-                struct found loop = {class, base, h, count, a->length + b->length + length_of(s, h)};
-                if (class != 0 && count <= LOOPS_MOST_EDGES) status = remember(s, first, loop);
-            }
+            status = close_loop(s, base, first, h);
             h = halfedge_around(&s->he, h);
         } while (h != start && !status);
     }
@@ -217,7 +226,7 @@ static bool is_marked(const struct search *s, uint32_t v) {
 static enum status search_all(struct search *s) {
     enum status status = STATUS_OK;
     memset(s->seen, 0, s->most);
-    for (uint32_t v = 0; v < s->he.vertex_count && !status && s->steps < s->steps_most; v++) {
+    for (uint32_t v = 0; v < s->he.vertex_count && !status && s->steps > 0; v++) {
         if (!is_marked(s, v)) continue;
         look_around(s, v);
         status = close_loops(s, v);
@@ -299,12 +308,13 @@ static void search_done(struct search *s) {
     halfedge_done(&s->he);
 }
 
-enum status loops_find(const struct mesh *mesh, size_t steps_most, struct loops *out) {
-    struct search s = {.mesh = mesh, .steps_most = steps_most};
+enum status loops_find(const struct mesh *mesh, uint32_t edges_most, size_t *steps, struct loops *out) {
+    struct search s = {.mesh = mesh, .edges_most = edges_most, .steps = *steps};
     struct loops loops = {0};
     enum status status = search_init(&s);
     if (!status && mark_edges(&s) > 0) {
         status = search_all(&s);
+        *steps = s.steps;
         if (!status) status = take_shortest(&s, &loops);
     }
     search_done(&s);

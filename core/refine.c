@@ -17,8 +17,12 @@
 #include "core/fit_move.h"
 #include "core/fit_teleport.h"
 
-enum { SWEEPS = 5, TELEPORT_SWEEPS = 3 };
-enum { FIRST_ROUNDS = 12, ROUNDS = 3 };
+/* By placement.  Vertices that move freely gain from more. */
+static const struct sweeps {
+    size_t all, with_teleports;
+} sweeps_of[] = {[PLACEMENT_SUBSET] = {5, 3}, [PLACEMENT_OPTIMAL] = {8, 5}};
+
+enum { FIRST_ROUNDS = 12, ROUNDS = 2 };
 
 #define LARGEST ((size_t)1 << 28) /* points or triangles */
 
@@ -48,12 +52,12 @@ static enum status sweep(struct fit *fit, bool with_teleports, struct refine_fac
 
 static enum status run_schedule(struct fit *fit, enum refine_form form, const struct progress *progress,
                                 struct refine_facts *facts) {
-    size_t sweeps = form == REFINE_FULL ? SWEEPS : 0;
+    struct sweeps sweeps = form == REFINE_FULL ? sweeps_of[fit->placement] : (struct sweeps){0};
     if (progress_tick(progress, "refine", 0.1)) return STATUS_CANCELLED;
     enum status status = fit_flip(fit, FIRST_ROUNDS, &facts->flips);
-    for (size_t i = 0; i < sweeps && !status; i++) {
-        if (progress_tick(progress, "refine", 0.2 + 0.8 * (double)i / (double)sweeps)) return STATUS_CANCELLED;
-        status = sweep(fit, i < TELEPORT_SWEEPS, facts);
+    for (size_t i = 0; i < sweeps.all && !status; i++) {
+        if (progress_tick(progress, "refine", 0.2 + 0.8 * (double)i / (double)sweeps.all)) return STATUS_CANCELLED;
+        status = sweep(fit, i < sweeps.with_teleports, facts);
     }
     return status;
 }

@@ -26,7 +26,6 @@ enum { POINT_GRAIN = 1024 };
 struct filling {
     const struct refine_input *input;
     const struct umbrellas *umbrellas; /* NULL: points alone */
-    const size_t *first;               /* of each point, its sample; its middles follow */
     struct samples *samples;
     double mean_area;
 };
@@ -38,13 +37,12 @@ static double area_of(const struct filling *filling, uint32_t p) {
     return relative > LARGEST_WEIGHT ? LARGEST_WEIGHT : relative;
 }
 
-static void set_point(const struct filling *filling, size_t i, uint32_t p) {
+static void set_point(const struct filling *filling, uint32_t p) {
     const struct refine_input *input = filling->input;
     double share = filling->umbrellas ? POINT_SHARE : 1;
-    filling->samples->sample[i] =
+    filling->samples->sample[p] =
         (struct sample){input->points[p], (float)(share * area_of(filling, p)), REACH * input->spacing[p]};
-    filling->samples->point[i] = p;
-    filling->samples->normal[i] = input->normals[p];
+    filling->samples->normal[p] = input->normals[p];
 }
 
 static void set_middle(const struct filling *filling, size_t i, const uint32_t corner[3], unsigned votes) {
@@ -56,7 +54,6 @@ static void set_middle(const struct filling *filling, size_t i, const uint32_t c
     filling->samples->sample[i] =
         (struct sample){vec3_scale(vec3_add(vec3_add(a, b), c), 1.0 / 3),
                         filling->mean_area > 0 ? (float)(MIDDLE_SHARE * area / filling->mean_area) : 0, REACH * widest};
-    filling->samples->point[i] = NONE;
     filling->samples->normal[i] = vec3_unit(normal);
 }
 
@@ -64,8 +61,8 @@ static void place_range(void *ctx, size_t begin, size_t end) {
     const struct filling *filling = ctx;
     const struct umbrellas *umbrellas = filling->umbrellas;
     for (uint32_t p = (uint32_t)begin; p < end; p++) {
-        size_t at = filling->first[p];
-        set_point(filling, at++, p);
+        size_t at = filling->samples->middle[p];
+        set_point(filling, p);
         for (unsigned i = 0; umbrellas && i < UMBRELLA_RIBS; i++) {
             unsigned votes = umbrella_votes(umbrellas, p, i);
             if (votes == 0) continue;
@@ -74,34 +71,39 @@ static void place_range(void *ctx, size_t begin, size_t end) {
     }
 }
 
-static size_t count_middles(const struct umbrellas *umbrellas, size_t p) {
-    size_t count = 0;
+static unsigned count_middles(const struct umbrellas *umbrellas, size_t p) {
+    unsigned count = 0;
     for (unsigned i = 0; i < UMBRELLA_RIBS; i++) count += umbrella_votes(umbrellas, p, i) > 0;
     return count;
 }
 
-static enum status allocate(struct samples *samples, size_t n) {
-    samples->n = n;
-    samples->sample = alloc_array(n, sizeof *samples->sample);
-    samples->point = alloc_array(n, sizeof *samples->point);
-    samples->normal = alloc_array(n, sizeof *samples->normal);
-    return samples->sample && samples->point && samples->normal ? STATUS_OK : STATUS_NO_MEMORY;
+/* Where the middles of each point go. */
+static enum status number_middles(struct samples *samples, size_t points, const struct umbrellas *umbrellas) {
+    samples->points = points;
+    samples->middle = alloc_array(points + 1, sizeof *samples->middle);
+    if (!samples->middle) return STATUS_NO_MEMORY;
+    samples->middle[0] = (uint32_t)points;
+    for (size_t p = 0; p < points; p++)
+        samples->middle[p + 1] = samples->middle[p] + (umbrellas ? count_middles(umbrellas, p) : 0);
+    samples->n = samples->middle[points];
+    return STATUS_OK;
+}
+
+static double mean_area(const struct refine_input *input) {
+    double sum = 0;
+    for (size_t p = 0; p < input->n; p++) sum += (double)input->spacing[p] * (double)input->spacing[p];
+    return sum / (double)input->n;
 }
 
 static enum status place_all(struct samples *samples, const struct refine_input *input,
                              const struct umbrellas *umbrellas, unsigned threads) {
-    size_t total = 0, *first = alloc_array(input->n, sizeof *first);
-    struct filling filling = {input, umbrellas, first, samples, 0};
-    for (size_t p = 0; first && p < input->n; p++) {
-        double spacing = (double)input->spacing[p];
-        filling.mean_area += spacing * spacing / (double)input->n;
-        first[p] = total;
-        total += 1 + (umbrellas ? count_middles(umbrellas, p) : 0);
-    }
-    enum status status = first ? allocate(samples, total) : STATUS_NO_MEMORY;
-    if (status == STATUS_OK) par_for(threads, input->n, POINT_GRAIN, place_range, &filling);
-    free(first);
-    return status;
+    if (number_middles(samples, input->n, umbrellas)) return STATUS_NO_MEMORY;
+    struct filling filling = {input, umbrellas, samples, mean_area(input)};
+    samples->sample = alloc_array(samples->n, sizeof *samples->sample);
+    samples->normal = alloc_array(samples->n, sizeof *samples->normal);
+    if (!samples->sample || !samples->normal) return STATUS_NO_MEMORY;
+    par_for(threads, input->n, POINT_GRAIN, place_range, &filling);
+    return STATUS_OK;
 }
 
 enum status samples_init(struct samples *samples, const struct refine_input *input, bool middles, unsigned threads) {
@@ -120,6 +122,6 @@ enum status samples_init(struct samples *samples, const struct refine_input *inp
 }
 
 void samples_done(struct samples *samples) {
-    free(samples->sample), free(samples->point), free(samples->normal);
+    free(samples->sample), free(samples->normal), free(samples->middle);
     *samples = (struct samples){0};
 }

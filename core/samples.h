@@ -4,6 +4,7 @@
 #ifndef WHITTLE_CORE_SAMPLES_H
 #define WHITTLE_CORE_SAMPLES_H
 
+#include "core/cloud.h"
 #include "core/refine.h"
 
 struct sample {
@@ -13,11 +14,16 @@ struct sample {
 };
 
 struct samples {
-    size_t n;
-    struct sample *sample; /* n; each point is followed by the middles of its triangles; owned */
-    uint32_t *point;       /* n: the point that a sample is, or NONE for a middle; owned */
+    size_t n, points;      /* of them all; of the points, which come first and keep their ids */
+    struct sample *sample; /* n; owned */
     vec3 *normal;          /* n, unit, of either sign; owned */
+    uint32_t *middle;      /* points + 1: those of the triangles of point p are middle[p] .. middle[p + 1) - 1; owned */
 };
+
+/* The point that a sample is, or NONE for a middle. */
+static inline uint32_t samples_point(const struct samples *samples, uint32_t sample) {
+    return sample < samples->points ? sample : NONE;
+}
 
 /* Takes the points, and with middles also the middle of each triangle of the umbrellas; input->hood must be there then.
  * O(n k^2), k neighbours each.  STATUS_NO_MEMORY. */

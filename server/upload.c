@@ -98,6 +98,8 @@ static bool refuse_kind(const char *looks_like, struct problem *problem) {
     error_set(&error, STATUS_UNSUPPORTED, "", "the body looks like %s, not like a cloud of a format that is read",
               looks_like);
     problem_from_error(problem, &error);
+    if (strcmp(looks_like, "JSON") == 0)
+        problem_add_text(problem, "hint", "a job on a cloud that is here comes as Content-Type: application/json");
     return false;
 }
 

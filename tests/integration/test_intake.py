@@ -146,6 +146,11 @@ def test_a_cloud_is_no_document(daemon):
 
 # ---------------------------------------------------------------------------------------------- forms
 
+def test_a_document_that_comes_as_a_cloud_is_told_how_to_come(daemon):
+    reply = daemon.curl("/v1/jobs", "-d", '{"input": "/v1/clouds/0"}')
+    assert reply.slug == "unsupported-format" and "application/json" in reply.json["hint"]
+
+
 def test_curls_form(daemon, tmp_path):
     path = tmp_path / "a cloud.xyz"
     path.write_bytes(SMALL)

@@ -1,5 +1,5 @@
-/* Closing handles: solids of unit cubes whose corners are the points to be meshed, with original points all over their
- * true surface, and labels that say that one cube is there, or isn't, contrary to it.
+/* Closing handles, joining shells: solids of unit cubes whose corners are the points to be meshed, with original points
+ * all over their true surface, and labels that say that one cube is there, or isn't, contrary to it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <setjmp.h>
@@ -32,6 +32,19 @@ static bool clamp_with_bridge(int x, int y, int z) { return clamp(x, y, z) || (x
 /* Two fingers side by side, joined by a palm at one end; and the same with a bridge from one to the other. */
 static bool fork(int x, int y, int z) { return plate(x, y, z) && (y < 2 || y > 4 || x < 2); }
 static bool fork_that_touches(int x, int y, int z) { return fork(x, y, z) || (plate(x, y, z) && x == 5); }
+
+/* A plate with a knob on a stalk, and without the stalk. */
+static bool knob(int x, int y, int z) { return plate(x, y, z) || (x == 3 && y == 3 && z >= 1 && z <= 2); }
+static bool knob_in_the_air(int x, int y, int z) { return knob(x, y, z) && z != 1; }
+
+/* A box in a box. */
+static bool cube(int x, int y, int z, int from, int to) {
+    return x >= from && y >= from && z >= from && x < to && y < to && z < to;
+}
+static bool box(int x, int y, int z) { return cube(x, y, z, 0, 5) && !cube(x, y, z, 1, 4); }
+static bool box_in_box(int x, int y, int z) {
+    return (cube(x, y, z, 0, 7) && !cube(x, y, z, 1, 6)) || cube(x, y, z, 3, 4);
+}
 
 struct scene {
     vec3 *site, *point, *normal;
@@ -109,7 +122,7 @@ static void set_up(struct scene *s, solid *labelled, solid *is_true) {
     for (size_t i = 0; i < s->points; i++) s->of_point[i] = nearest_site(s, s->point[i]);
     assert_int_equal(knn_new(s->point, s->points, &s->knn, NULL), STATUS_OK);
     assert_int_equal(delaunay_build(s->site, s->sites, 1, NULL, &s->tets, NULL), STATUS_OK);
-    assert_int_equal(cocone_star_build(&s->tets, s->site, s->sites, &s->star), STATUS_OK);
+    assert_int_equal(cocone_star_build(&s->tets, s->site, s->sites, 1, &s->star), STATUS_OK);
     s->dense = (struct cocone_dense){s->points, s->point, s->normal, s->spacing, s->of_point, s->knn};
     s->cost.price = alloc_zeroed(s->tets.cell_count, sizeof *s->cost.price);
     s->cost.vote = alloc_zeroed(s->tets.cell_count, sizeof *s->cost.vote);
@@ -125,17 +138,16 @@ static void tear_down(struct scene *s) {
     free(s->site), free(s->point), free(s->normal), free(s->spacing), free(s->of_point), free(s->inside);
 }
 
-/* Handles of the one shell that the labels make, which has all points. */
-static int handles_of(const struct scene *s) {
+/* Handles, and shells beyond the first one, of the surface, which has all points. */
+static int excess_of(const struct scene *s) {
     struct mesh mesh;
     struct mesh_facts facts;
-    assert_int_equal(cocone_surface_extract(&s->star, NULL, false, s->inside, &mesh), STATUS_OK);
+    assert_int_equal(cocone_surface_extract(&s->star, NULL, false, 1, s->inside, &mesh), STATUS_OK);
     assert_int_equal(mesh_examine(&mesh, &facts), STATUS_OK);
     assert_true(facts.watertight && facts.manifold);
-    assert_int_equal(facts.components, 1);
     assert_int_equal(mesh.vertex_count, s->sites);
     mesh_done(&mesh);
-    return (int)(1 - facts.euler / 2);
+    return (int)facts.components - 1 + (int)((long)facts.components - facts.euler / 2);
 }
 
 static enum status close_handles(struct scene *s, unsigned threads, size_t *closed) {
@@ -147,9 +159,9 @@ static void expect(solid *labelled, solid *is_true, int before, int after) {
     size_t closed;
     struct scene s;
     set_up(&s, labelled, is_true);
-    assert_int_equal(handles_of(&s), before);
+    assert_int_equal(excess_of(&s), before);
     assert_int_equal(close_handles(&s, 1, &closed), STATUS_OK);
-    assert_int_equal(handles_of(&s), after);
+    assert_int_equal(excess_of(&s), after);
     assert_int_equal(closed, before - after);
     tear_down(&s);
 }
@@ -191,6 +203,22 @@ static void fingers_that_have_grown_together_stay(void **state) {
     expect(fork_that_touches, fork_that_touches, 1, 1);
 }
 
+static void a_piece_that_has_come_off_is_joined(void **state) {
+    (void)state;
+    expect(knob_in_the_air, knob, 1, 0);
+}
+
+static void a_true_gap_stays(void **state) {
+    (void)state;
+    expect(knob_in_the_air, knob_in_the_air, 1, 1);
+}
+
+static void true_cavities_and_what_is_in_them_stay(void **state) {
+    (void)state;
+    expect(box, box, 1, 1);
+    expect(box_in_box, box_in_box, 2, 2);
+}
+
 static void threads_change_nothing(void **state) {
     (void)state;
     struct scene one, three;
@@ -221,7 +249,7 @@ static void a_failing_allocation_is_told(void **state) {
         alloc_fail = NULL;
     }
     assert_int_equal(status, STATUS_OK);
-    assert_int_equal(handles_of(&s), 0);
+    assert_int_equal(excess_of(&s), 0);
     assert_true(nth > 20);
     tear_down(&s);
 }
@@ -235,6 +263,9 @@ int main(void) {
         cmocka_unit_test(a_true_bridge_stays),
         cmocka_unit_test(fingers_that_touch_are_parted),
         cmocka_unit_test(fingers_that_have_grown_together_stay),
+        cmocka_unit_test(a_piece_that_has_come_off_is_joined),
+        cmocka_unit_test(a_true_gap_stays),
+        cmocka_unit_test(true_cavities_and_what_is_in_them_stay),
         cmocka_unit_test(threads_change_nothing),
         cmocka_unit_test(a_failing_allocation_is_told),
     };

@@ -34,7 +34,9 @@ static struct mesh torus(uint32_t around, uint32_t along) {
 
 static struct loops found(const struct mesh *mesh) {
     struct loops loops = {0};
-    assert_int_equal(loops_find(mesh, PLENTY, &loops), STATUS_OK);
+    size_t steps = PLENTY;
+    assert_int_equal(loops_find(mesh, LOOPS_MOST_EDGES, &steps, &loops), STATUS_OK);
+    assert_true(steps > 0);
     return loops;
 }
 
@@ -77,6 +79,20 @@ static void long_loops_are_not_looked_for(void **state) {
     loops_done(&loops), mesh_done(&mesh);
 }
 
+static void the_search_ends_with_its_steps(void **state) {
+    (void)state;
+    struct mesh mesh = torus(4, 7);
+    struct loops loops = {0};
+    size_t steps = 0;
+    assert_int_equal(loops_find(&mesh, LOOPS_MOST_EDGES, &steps, &loops), STATUS_OK);
+    assert_int_equal(loops.count, 0);
+    steps = PLENTY;
+    assert_int_equal(loops_find(&mesh, 4, &steps, &loops), STATUS_OK);
+    assert_int_equal(loops.count, 1);
+    assert_true(steps < PLENTY);
+    loops_done(&loops), mesh_done(&mesh);
+}
+
 /* Neighbours on a loop are joined by an edge, and no vertex comes twice. */
 static void loops_are_closed_paths_along_edges(void **state) {
     (void)state;
@@ -109,9 +125,10 @@ static void a_failing_allocation_is_told(void **state) {
     int nth = 0;
     for (; status == STATUS_NO_MEMORY; nth++) {
         int left = nth;
+        size_t steps = PLENTY;
         alloc_fail_ctx = &left;
         alloc_fail = is_due;
-        status = loops_find(&mesh, PLENTY, &loops);
+        status = loops_find(&mesh, LOOPS_MOST_EDGES, &steps, &loops);
         alloc_fail = NULL;
         assert_true(status == STATUS_OK || loops.loop == NULL);
     }
@@ -126,6 +143,7 @@ int main(void) {
         cmocka_unit_test(a_thin_tube_has_one_around_it),
         cmocka_unit_test(a_short_torus_has_one_each_way_and_both_at_once),
         cmocka_unit_test(long_loops_are_not_looked_for),
+        cmocka_unit_test(the_search_ends_with_its_steps),
         cmocka_unit_test(loops_are_closed_paths_along_edges),
         cmocka_unit_test(a_failing_allocation_is_told),
     };

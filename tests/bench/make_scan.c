@@ -1,8 +1,8 @@
 /* Writes a synthetic scan: make_scan POINTS [SEED [NOISE]] > scan.ply
  *
  * A closed surface with features: a sphere with bumps, a groove and a flattened cap with a sharp rim, sampled unevenly
- * (twice as dense on one side) and with noise of a tenth of the spacing, or of NOISE of it: with 0 the same points where
- * the surface is.  The same bytes for the same arguments.
+ * (twice as dense on one side) and with noise of a tenth of the spacing, or of NOISE of it: with 0 the same points on
+ * the surface.  The same bytes for the same arguments.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <math.h>

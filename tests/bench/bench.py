@@ -7,13 +7,15 @@ Usage: bench.py BUILD_FOLDER [--large] [--peers] [--save FILE | --compare FILE]
 Prints, for Horse and Venus where ../shared/data is there and for synthetic scans of 100 thousand and 1 million points
 (and 10 million with --large): time of each stage, points per second, bytes per point at the peak, for clouds and for
 meshes; what a second thread gains; how the time for each point grows; and the time of a whole job over HTTP on Horse
-at 10 % with mesh and error, from POST to outputs ready.  --peers adds the most exact peers that pick points, CGAL's WLOP
-and Open3D's farthest-point sampling: a tenth of the points, or as many as farthest-point sampling picks in half a
-minute, and whittle at the same count; errors against the same points by the same tool after the same reconstruction
-(CGAL's advancing front).  Machines differ and are noisy: compare ratios within one run.  --save writes the figures as
-JSON, --compare prints the ratios against such a file.  Ratios within a run, which other machines have much the same
-(each stage's share of a million points, how the time for each point grows), are always compared with
-tests/bench/ratios.json; a figure over MORE times its old one is told.  --save-ratios stores them.
+at 10 % with mesh and error, from POST to outputs ready. --peers adds the most exact peers that pick points, CGAL's
+WLOP and Open3D's farthest-point sampling: a tenth of the points, or as many as farthest-point sampling picks in half
+a minute, and whittle at the same count; errors against the same points by the same tool after the same reconstruction
+(CGAL's advancing front). WLOP moves points, which averages noise; so on the synthetic scan it is compared with
+denoise=full, too, and errors are also against the scan without its noise. Machines differ and are noisy: compare
+ratios within one run. --save writes the figures as JSON, --compare prints the ratios against such a file. Ratios
+within a run, which other machines have much the same (each stage's share of a million points, how the time for each
+point grows), are always compared with tests/bench/ratios.json; a figure over MORE times its old one is told.
+--save-ratios stores them.
 """
 import argparse
 import json
@@ -30,10 +32,11 @@ from programs import Failed, Made, Programs, best, processor_ms  # noqa: E402
 SHARED = pathlib.Path("../shared/data")
 RATIOS = pathlib.Path(__file__).with_name("ratios.json")
 MORE, LEAST_SHARE = 1.25, 0.02
-# The most exact peers that pick points: their program, and how many picks times points they may take (farthest-point
-# sampling looks at all points for each that it picks: 10^10 take half a minute).
-PEERS = {"wlop": ("points_cgal", 10**12), "farthest": ("open3d", 10**10)}
+# The most exact peers that pick points: their program, how many picks times points they may take (farthest-point
+# sampling looks at all points for each that it picks: 10^10 take half a minute), and whether they move what they pick.
+PEERS = {"wlop": ("points_cgal", 10**12, True), "farthest": ("open3d", 10**10, False)}
 LONG = 10**5  # points; a peer runs once on more
+SYNTHETIC = {"100k": 10**5, "1M": 10**6, "10M": 10**7}
 
 
 def run(*arguments, **options):
@@ -90,38 +93,59 @@ def beside_peers(build, folder, clouds, figures):
     """Time and error of the peers that pick points, divided by whittle's at the same count."""
     programs = Programs(build, folder / "peers")
     for label, cloud in clouds:
-        plain = folder / f"{label}.plain.ply"
-        models.to_plain(cloud, plain)
+        measured = measured_against(build, folder, label, cloud)
+        plain = measured[0]
         points = models.count_of(cloud)
-        for method, (program, most) in PEERS.items():
+        for method, (program, most, moves) in PEERS.items():
             if not (build / "tests/peers" / program).exists():
                 print(f"skipped: {method}, for {program} isn't built (make peers builds it)")
                 continue
             count = min(points // 10, most // points)
             try:
                 made = best(lambda: programs.peer(program, method, Made(plain), count), 1 if points > LONG else 3)
-                own = best(lambda: programs.kept(cloud, "--points", made.points), 3)
-                print_beside(f"{label}, {method}", made, own, *(error_of(programs, m, plain) for m in (made, own)))
+                errors = errors_of(programs, made, measured)
+                print_made(f"{label}, {method}", made, errors)
+                for options in [(), ("--denoise", "full")][:2 if moves and len(measured) > 1 else 1]:
+                    own = best(lambda: programs.kept(cloud, "--points", made.points, *options), 3)
+                    name = " ".join(("whittle", *options))
+                    key = ".".join((label, method, *options[1:]))
+                    print_beside(f"{label}, {method}", name, made, own, errors, errors_of(programs, own, measured))
+                    figures[f"{key}.ratio"] = made.ms / own.ms
+                    figures[f"{key}.processor-ratio"] = made.processor_ms / own.processor_ms
             except Failed as failure:
                 print(f"{label}, {method}: {failure}")
-                continue
-            figures[f"{label}.{method}.ratio"] = made.ms / own.ms
-            figures[f"{label}.{method}.processor-ratio"] = made.processor_ms / own.processor_ms
 
 
-def error_of(programs, made, cloud):
-    """The mean distance of the input's points to CGAL's front through those that were picked."""
+def measured_against(build, folder, label, cloud):
+    """The cloud as peers read it, and, of a synthetic scan, the same points without noise."""
+    paths = [folder / f"{label}.plain.ply"]
+    models.to_plain(cloud, paths[0])
+    if label in SYNTHETIC:
+        exact = folder / f"{label}.exact.ply"
+        exact.write_bytes(run(build / "tests/bench/make_scan", SYNTHETIC[label], 1, 0))
+        paths.append(folder / f"{label}.exact.plain.ply")
+        models.to_plain(exact, paths[1])
+    return paths
+
+
+def errors_of(programs, made, clouds):
+    """The mean distances of clouds' points to CGAL's front through those that were picked."""
     front = programs.peer("surface_cgal", "front", made, 0)
-    told = json.loads(run(programs.build / "whittle", "measure", front.path, cloud, "--json"))
-    return told["forward"]["mean_rel"]
+    return [json.loads(run(programs.build / "whittle", "measure", front.path, cloud, "--json"))["forward"]["mean_rel"]
+            for cloud in clouds]
 
 
-def print_beside(label, made, own, error, own_error):
-    for name, m, e in ((label, made, error), (f"{label}: whittle", own, own_error)):
-        print(f"{name:34s} {m.ms / 1e3:8.3f} s  {m.processor_ms / 1e3:8.3f} s of processors  {m.points} points, "
-              f"mean distance to the mesh {1e4 * e:.3f}e-4")
-    print(f"{label + ' / whittle':34s} {made.ms / own.ms:8.2f}    {made.processor_ms / own.processor_ms:8.2f} of the "
-          f"processors' time   {error / own_error:.2f} of the error", flush=True)
+def print_made(name, made, errors):
+    exact = "".join(f", without noise {1e4 * e:.3f}e-4" for e in errors[1:])
+    print(f"{name:34s} {made.ms / 1e3:8.3f} s  {made.processor_ms / 1e3:8.3f} s of processors  {made.points} points, "
+          f"mean distance to the mesh {1e4 * errors[0]:.3f}e-4{exact}", flush=True)
+
+
+def print_beside(label, name, made, own, errors, own_errors):
+    print_made(f"{label}: {name}", own, own_errors)
+    shares = ", without noise ".join(f"{e / o:.2f}" for e, o in zip(errors, own_errors))
+    print(f"{f'{label} / {name}':34s} {made.ms / own.ms:8.2f}    {made.processor_ms / own.processor_ms:8.2f} of the "
+          f"processors' time   {shares} of the error", flush=True)
 
 
 def compare_ratios(figures, save):
@@ -149,7 +173,9 @@ def main():
         clouds = [(p, SHARED / f"{p}.points.ply") for p in ("horse", "venus") if (SHARED / f"{p}.points.ply").exists()]
         if not clouds:
             print("skipped: Horse and Venus, for ../shared/data isn't there")
-        for label, count in [("100k", 10**5), ("1M", 10**6)] + ([("10M", 10**7)] if options.large else []):
+        for label, count in SYNTHETIC.items():
+            if label == "10M" and not options.large:
+                continue
             path = folder / f"{label}.ply"
             with open(path, "wb") as out:
                 subprocess.run([build / "tests/bench/make_scan", str(count)], stdout=out, check=True)

@@ -1,7 +1,8 @@
-/* Writes a synthetic scan: make_scan POINTS [SEED] > scan.ply
+/* Writes a synthetic scan: make_scan POINTS [SEED [NOISE]] > scan.ply
  *
  * A closed surface with features: a sphere with bumps, a groove and a flattened cap with a sharp rim, sampled unevenly
- * (twice as dense on one side) and with noise of a tenth of the spacing.  The same bytes for the same arguments.
+ * (twice as dense on one side) and with noise of a tenth of the spacing, or of NOISE of it: with 0 the same points on
+ * the surface.  The same bytes for the same arguments.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <math.h>
@@ -27,13 +28,13 @@ static double radius(double x, double y, double z) {
 }
 
 int main(int argc, char **argv) {
-    if (argc < 2 || argc > 3) {
-        fprintf(stderr, "Usage: make_scan POINTS [SEED] > scan.ply\n");
+    if (argc < 2 || argc > 4) {
+        fprintf(stderr, "Usage: make_scan POINTS [SEED [NOISE]] > scan.ply\n");
         return 2;
     }
     size_t n = strtoull(argv[1], NULL, 10);
     uint64_t state = argc > 2 ? strtoull(argv[2], NULL, 10) : 1;
-    double noise = 0.1 * sqrt(4 * M_PI / (double)(n ? n : 1));
+    double noise = (argc > 3 ? strtod(argv[3], NULL) : 0.1) * sqrt(4 * M_PI / (double)(n ? n : 1));
     printf("ply\nformat binary_little_endian 1.0\nelement vertex %zu\n"
            "property float x\nproperty float y\nproperty float z\nend_header\n",
            n);

@@ -1,0 +1,216 @@
+/* What is computed over lists of samples, eight at a time, against the same one at a time.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+
+#include <cmocka.h>
+
+#include "core/cloud.h"
+#include "core/cluster.h"
+#include "tests/unit/shapes.h"
+
+/* A cluster of n samples, by way of a list. */
+static void gather(struct cluster *cluster, vec3 origin, const struct sample *sample, uint32_t n) {
+    struct sample_lists lists;
+    uint32_t spare = NONE;
+    assert_int_equal(sample_lists_init(&lists, 1, n, 1), STATUS_OK);
+    for (uint32_t i = 0; i < n; i++) sample_lists_add(&lists, 0, i, &sample[i], &spare);
+    cluster_clear(cluster, origin);
+    assert_int_equal(cluster_add(cluster, lists.block, lists.first[0]), NONE);
+    assert_int_equal(cluster->n, n);
+    sample_lists_done(&lists);
+}
+
+static void random_samples(uint64_t *seed, double from, double extent, struct sample *sample, size_t n) {
+    for (size_t i = 0; i < n; i++) {
+        vec3 place = {from + extent * random_unit(seed), from + extent * random_unit(seed),
+                      from + extent * random_unit(seed)};
+        sample[i] = (struct sample){.place = place, .weight = 0.5f + (float)random_unit(seed)};
+    }
+}
+
+/* The kernels against the distance to one triangle after the other, in double. */
+static void check_cluster(const struct sample *sample, uint32_t n, const struct triangle_frame *frame, size_t frames) {
+    static struct cluster cluster;
+    uint8_t owner[CLUSTER_ROOM];
+    float distance_sq[CLUSTER_ROOM];
+    double cost = 0;
+    gather(&cluster, (vec3){0.3, 0.4, 0.5}, sample, n);
+    cluster_owners(&cluster, frame, frames, owner, distance_sq);
+    for (size_t i = 0; i < n; i++) {
+        const struct sample *this = &sample[cluster.sample[i]];
+        double nearest_sq = INFINITY;
+        for (size_t j = 0; j < frames; j++)
+            nearest_sq = fmin(nearest_sq, triangle_frame_hit(&frame[j], this->place).distance_sq);
+        double tolerance = 1e-5 * (1 + nearest_sq);
+        assert_true(fabs((double)distance_sq[i] - nearest_sq) < tolerance);
+        assert_true(triangle_frame_hit(&frame[owner[i]], this->place).distance_sq < nearest_sq + tolerance);
+        cost += (double)this->weight * (sqrt(nearest_sq) + 2 * nearest_sq);
+    }
+    assert_true(fabs(cluster_cost(&cluster, frame, frames, 2, INFINITY) - cost) < 1e-4 * cost);
+    double part = cluster_cost(&cluster, frame, frames, 2, cost / 2);
+    assert_true(part > cost / 2 && part <= 1.0001 * cost);
+}
+
+static void test_eight_at_a_time_is_one_at_a_time(void **state) {
+    (void)state;
+    uint64_t seed = 7;
+    static struct sample sample[461];
+    for (uint32_t n = 1; n <= 461; n += 23) {
+        struct triangle_frame frame[3];
+        for (int i = 0; i < 3; i++) {
+            vec3 corner[3];
+            for (int k = 0; k < 3; k++) corner[k] = (vec3){random_unit(&seed), random_unit(&seed), random_unit(&seed)};
+            frame[i] = triangle_frame_of(corner[0], corner[1], corner[2]);
+        }
+        random_samples(&seed, -0.5, 2, sample, n);
+        check_cluster(sample, n, frame, 3);
+    }
+}
+
+/* Points, segments and slivers for triangles; samples on their corners and edges, and far away. */
+static void test_distances_to_degenerate_triangles(void **state) {
+    (void)state;
+    static const vec3 corner[][3] = {
+        {{0.1, 0.2, 0.3}, {0.1, 0.2, 0.3}, {0.1, 0.2, 0.3}}, /* a point */
+        {{0, 0, 0}, {0, 0, 0}, {1, 0, 0}},                   /* segments, whichever edge has no length */
+        {{0, 0, 0}, {1, 0, 0}, {1, 0, 0}},
+        {{0, 0, 0}, {0, 1, 0}, {0, 0, 0}},
+        {{0, 0, 0}, {1, 0, 0}, {0.5, 0, 0}}, /* corners in line, in either order */
+        {{0, 0, 0}, {0.5, 0, 0}, {1, 0, 0}},
+        {{0, 0, 0}, {1, 0, 0}, {0.5, 1e-7, 0}}, /* a sliver */
+    };
+    uint64_t seed = 5;
+    static struct sample sample[64];
+    random_samples(&seed, -1, 3, sample, 64);
+    for (int k = 0; k < 3; k++) sample[k].place = corner[4][k];
+    sample[3].place = (vec3){2, 0, 0}, sample[4].place = (vec3){-1, 0, 0}, sample[5].place = (vec3){0.25, 0, 0};
+    sample[6].place = (vec3){1e5, 1e5, -1e5};
+    for (size_t i = 0; i < sizeof corner / sizeof *corner; i++) {
+        struct triangle_frame frame = triangle_frame_of(corner[i][0], corner[i][1], corner[i][2]);
+        check_cluster(sample, 64, &frame, 1);
+        if (i > 0) assert_true(triangle_frame_hit(&frame, (vec3){2, 0, 0}).distance_sq > 0.99);
+    }
+}
+
+/* The seven regions around a triangle. */
+static void test_where_on_a_triangle_is_nearest(void **state) {
+    (void)state;
+    struct triangle_frame frame = triangle_frame_of((vec3){0, 0, 0}, (vec3){4, 0, 0}, (vec3){1, 3, 0});
+    static const struct {
+        vec3 place;
+        enum triangle_feature feature;
+        uint8_t corner;
+        double distance_sq;
+    } expect[] = {
+        {{1.5, 1, 2}, TRIANGLE_INSIDE, 0, 4}, {{2, -3, 1}, TRIANGLE_EDGE, 0, 10},   {{4, 3, 0}, TRIANGLE_EDGE, 1, 4.5},
+        {{-1, 2, 0}, TRIANGLE_EDGE, 2, 2.5},  {{-1, -1, 0}, TRIANGLE_CORNER, 0, 2}, {{6, 0, 0}, TRIANGLE_CORNER, 1, 4},
+        {{1, 5, 1}, TRIANGLE_CORNER, 2, 5},
+    };
+    for (size_t i = 0; i < sizeof expect / sizeof *expect; i++) {
+        struct triangle_hit hit = triangle_frame_hit(&frame, expect[i].place);
+        assert_int_equal(hit.feature, expect[i].feature);
+        assert_int_equal(hit.corner, expect[i].corner);
+        assert_true(fabs(hit.distance_sq - expect[i].distance_sq) < 1e-12);
+    }
+}
+
+/* The nearest of the samples, and values of a quadric, against one sample after the other. */
+static void test_nearest_and_values(void **state) {
+    (void)state;
+    uint64_t seed = 3;
+    static struct sample sample[77];
+    static struct cluster cluster;
+    float value[CLUSTER_ROOM];
+    const sym3 a = {2, 0.3, -0.4, 1, 0.2, 3};
+    const vec3 place = {0.4, 0.1, 0.7};
+    random_samples(&seed, 0, 1, sample, 77);
+    gather(&cluster, (vec3){0.5, 0.5, 0.5}, sample, 77);
+    cluster_values(&cluster, &a, place, value);
+    double nearest_sq = INFINITY, least_sq = INFINITY, weight = 0;
+    uint32_t nearest = NONE;
+    cluster_nearest(&cluster, place, &nearest_sq, &nearest);
+    for (size_t i = 0; i < 77; i++) {
+        vec3 s = vec3_sub(sample[cluster.sample[i]].place, place);
+        least_sq = fmin(least_sq, vec3_length_sq(s));
+        weight += (double)sample[i].weight;
+        assert_true(fabs(vec3_dot(s, sym3_mul(a, s)) - (double)value[i]) < 1e-5);
+    }
+    assert_true(fabs(nearest_sq - least_sq) < 1e-5);
+    assert_true(fabs(vec3_distance_sq(sample[nearest].place, place) - least_sq) < 1e-5);
+    assert_true(fabs(cluster_weight(&cluster) - weight) < 1e-4);
+}
+
+/* The quadric's linear part is how the cost changes when the corner moves: against differences. */
+static void test_model_is_the_slope_of_the_cost(void **state) {
+    (void)state;
+    uint64_t seed = 11;
+    static struct sample sample[29];
+    static struct cluster cluster;
+    vec3 a = {0.1, 0, 0}, b = {1, 0.1, 0}, c = {0.2, 1.1, 0.2};
+    for (uint32_t i = 0; i < 29; i++) {
+        vec3 place = {1.4 * random_unit(&seed) - 0.3, 1.4 * random_unit(&seed) - 0.3, 0.3 + random_unit(&seed)};
+        sample[i] = (struct sample){.place = place, .weight = 1};
+    }
+    gather(&cluster, a, sample, 29);
+    struct triangle_frame frame = triangle_frame_of(a, b, c);
+    struct cluster_model model = {0};
+    cluster_fit_corner(&cluster, 0, 13, &frame, 1e-6f, 0, &model);
+    cluster_fit_corner(&cluster, 13, 29, &frame, 1e-6f, 0, &model);
+    vec3 step[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+    for (int k = 0; k < 3; k++) {
+        double h = 1e-2;
+        struct triangle_frame ahead = triangle_frame_of(vec3_add(a, vec3_scale(step[k], h)), b, c);
+        struct triangle_frame behind = triangle_frame_of(vec3_sub(a, vec3_scale(step[k], h)), b, c);
+        double slope =
+            (cluster_cost(&cluster, &ahead, 1, 0, INFINITY) - cluster_cost(&cluster, &behind, 1, 0, INFINITY)) /
+            (2 * h);
+        assert_true(fabs(slope + vec3_dot(model.g, step[k])) < 0.02);
+    }
+}
+
+/* Lists that are emptied and filled in turns never need more blocks than there are, and lose nothing. */
+static void test_lists_are_filled_again(void **state) {
+    (void)state;
+    enum { LISTS = 5, SAMPLES = 203 };
+    static struct sample sample[SAMPLES];
+    uint64_t seed = 9;
+    struct sample_lists lists;
+    uint32_t spare = NONE;
+    random_samples(&seed, 0, 1, sample, SAMPLES);
+    assert_int_equal(sample_lists_init(&lists, LISTS, SAMPLES, 1), STATUS_OK);
+    for (uint32_t i = 0; i < SAMPLES; i++) sample_lists_add(&lists, i % LISTS, i, &sample[i], &spare);
+    for (int round = 0; round < 100; round++) {
+        uint32_t from = (uint32_t)(random_unit(&seed) * LISTS), to = (uint32_t)(random_unit(&seed) * LISTS);
+        uint32_t id[SAMPLES], count = 0;
+        spare = sample_lists_take(&lists, from);
+        assert_int_equal(lists.first[from], NONE);
+        for (uint32_t b = spare; b != NONE; b = lists.block[b].next)
+            for (uint32_t i = 0; i < lists.block[b].count; i++) id[count++] = lists.block[b].sample[i];
+        for (uint32_t i = 0; i < count; i++) sample_lists_add(&lists, i % 2 ? to : from, id[i], &sample[id[i]], &spare);
+        sample_lists_give(&lists, spare);
+        assert_true(lists.fresh <= SAMPLES / SAMPLE_BLOCK + LISTS);
+    }
+    bool seen[SAMPLES] = {false};
+    for (size_t k = 0; k < LISTS; k++)
+        for (uint32_t b = lists.first[k]; b != NONE; b = lists.block[b].next)
+            for (uint32_t i = 0; i < lists.block[b].count; i++) seen[lists.block[b].sample[i]] = true;
+    for (size_t i = 0; i < SAMPLES; i++) assert_true(seen[i]);
+    sample_lists_done(&lists);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_eight_at_a_time_is_one_at_a_time),
+        cmocka_unit_test(test_distances_to_degenerate_triangles),
+        cmocka_unit_test(test_where_on_a_triangle_is_nearest),
+        cmocka_unit_test(test_nearest_and_values),
+        cmocka_unit_test(test_lists_are_filled_again),
+        cmocka_unit_test(test_model_is_the_slope_of_the_cost),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

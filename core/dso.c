@@ -71,6 +71,27 @@ void dso_compute(const vec3 *point, const vec3 *normal, const struct neighbourho
     par_for(threads, neighbourhood->n, GRAIN, dso_range, &shape);
 }
 
+struct smoothing {
+    const struct neighbourhood *hood;
+    const float *dso;
+    float *smooth;
+};
+
+static void smooth_range(void *ctx, size_t begin, size_t end) {
+    const struct smoothing *s = ctx;
+    for (size_t p = begin; p < end; p++) {
+        const uint32_t *near = s->hood->id + p * s->hood->stride;
+        double sum = (double)s->dso[p];
+        for (unsigned i = 0; i < s->hood->count[p]; i++) sum += (double)s->dso[near[i]];
+        s->smooth[p] = (float)(sum / (1.0 + s->hood->count[p]));
+    }
+}
+
+void dso_smooth(const float *dso, const struct neighbourhood *neighbourhood, unsigned threads, float *smooth) {
+    struct smoothing smoothing = {neighbourhood, dso, smooth};
+    par_for(threads, neighbourhood->n, GRAIN, smooth_range, &smoothing);
+}
+
 static double mean(const float *value, size_t n) {
     double sum = 0;
     for (size_t i = 0; i < n; i++) sum += (double)value[i];

@@ -15,6 +15,10 @@
 void dso_compute(const vec3 *point, const vec3 *normal, const struct neighbourhood *neighbourhood, enum dso_form form,
                  unsigned threads, float *dso);
 
+/* smooth[p] = the mean of dso over p and its neighbours; smooth is not dso.  A single point's operator is noisy, and a
+ * weight that changes from point to point favours some neighbours over others without a reason in the shape.  O(n). */
+void dso_smooth(const float *dso, const struct neighbourhood *neighbourhood, unsigned threads, float *smooth);
+
 /* weight[p] = (dso[p] / mean dso)^exponent, kept within 1e-3 .. 1e3 and with a floor that keeps flat regions alive; 1
  * where the mean is 0 (a plane) or the exponent is 0. */
 void dso_weights(const float *dso, size_t n, double exponent, unsigned threads, float *weight);

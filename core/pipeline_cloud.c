@@ -82,18 +82,26 @@ enum status pipeline_dso(struct run *run) {
     return STATUS_OK;
 }
 
+/* The weights of points; smooth is room for n.  The paper's form is used as it is. */
+static void weigh(const struct run *run, float *smooth, float *weight) {
+    bool smoothed = run->params->dso == DSO_RMS;
+    if (smoothed) dso_smooth(run->dso, &run->hood, run->threads, smooth);
+    dso_weights(smoothed ? smooth : run->dso, run->points.count, run->params->dso_exponent, run->threads, weight);
+}
+
 enum status pipeline_quadrics(struct run *run) {
     size_t n = run->points.count;
-    float *weight = alloc_array(n, sizeof *weight);
+    float *smooth = alloc_array(n, sizeof *smooth), *weight = alloc_array(n, sizeof *weight);
     run->quadrics = alloc_array(n, sizeof *run->quadrics);
-    if (weight && run->quadrics) {
+    bool room = smooth && weight && run->quadrics;
+    if (room) {
         struct quadric_options options = {(enum area_weight)run->params->area_weight, run->params->line_quadric,
                                           run->threads};
-        dso_weights(run->dso, n, run->params->dso_exponent, run->threads, weight);
+        weigh(run, smooth, weight);
         quadric_assemble(run->points.point, run->normal, &run->hood, weight, &options, run->quadrics);
     }
-    free(weight);
-    return weight && run->quadrics ? STATUS_OK : pipeline_no_memory(run, "quadrics");
+    free(smooth), free(weight);
+    return room ? STATUS_OK : pipeline_no_memory(run, "quadrics");
 }
 
 enum status pipeline_contract(struct run *run) {

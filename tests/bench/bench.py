@@ -8,14 +8,14 @@ Prints, for Horse and Venus where ../shared/data is there and for synthetic scan
 (and 10 million with --large): time of each stage, points per second, bytes per point at the peak, for clouds and for
 meshes; what a second thread gains; how the time for each point grows; and the time of a whole job over HTTP on Horse
 at 10 % with mesh and error, from POST to outputs ready. --peers adds the most exact peers that pick points, CGAL's
-WLOP and Open3D's farthest-point sampling: a tenth of the points, or as many as farthest-point sampling picks in half
-a minute, and whittle at the same count; errors against the same points by the same tool after the same reconstruction
-(CGAL's advancing front). WLOP moves points, which averages noise; so on the synthetic scan it is compared with
-denoise=full, too, and errors are also against the scan without its noise. Machines differ and are noisy: compare
-ratios within one run. --save writes the figures as JSON, --compare prints the ratios against such a file. Ratios
-within a run, which other machines have much the same (each stage's share of a million points, how the time for each
-point grows), are always compared with tests/bench/ratios.json; a figure over MORE times its old one is told.
---save-ratios stores them.
+WLOP and Open3D's farthest-point sampling (which looks at all points for each that it picks: minutes for a million): a
+tenth of the points, and whittle at the same count; errors against the same points by the same tool after the same
+reconstruction (CGAL's advancing front). WLOP moves points, which averages noise; so on the synthetic scan it is
+compared with denoise=full, too, and errors are also against the scan without its noise. Machines differ and are
+noisy: compare ratios within one run. --save writes the figures as JSON, --compare prints the ratios against such a
+file. Ratios within a run, which other machines have much the same (each stage's share of a million points, how the
+time for each point grows), are always compared with tests/bench/ratios.json; a figure over MORE times its old one is
+told. --save-ratios stores them.
 """
 import argparse
 import json
@@ -32,9 +32,8 @@ from programs import Failed, Made, Programs, best, processor_ms  # noqa: E402
 SHARED = pathlib.Path("../shared/data")
 RATIOS = pathlib.Path(__file__).with_name("ratios.json")
 MORE, LEAST_SHARE = 1.25, 0.02
-# The most exact peers that pick points: their program, how many picks times points they may take (farthest-point
-# sampling looks at all points for each that it picks: 10^10 take half a minute), and whether they move what they pick.
-PEERS = {"wlop": ("points_cgal", 10**12, True), "farthest": ("open3d", 10**10, False)}
+# The most exact peers that pick points: their program, and whether they move what they pick.
+PEERS = {"wlop": ("points_cgal", True), "farthest": ("open3d", False)}
 LONG = 10**5  # points; a peer runs once on more
 SYNTHETIC = {"100k": 10**5, "1M": 10**6, "10M": 10**7}
 
@@ -96,13 +95,13 @@ def beside_peers(build, folder, clouds, figures):
         measured = measured_against(build, folder, label, cloud)
         plain = measured[0]
         points = models.count_of(cloud)
-        for method, (program, most, moves) in PEERS.items():
+        for method, (program, moves) in PEERS.items():
             if not (build / "tests/peers" / program).exists():
                 print(f"skipped: {method}, for {program} isn't built (make peers builds it)")
                 continue
-            count = min(points // 10, most // points)
             try:
-                made = best(lambda: programs.peer(program, method, Made(plain), count), 1 if points > LONG else 3)
+                repeat = 1 if points > LONG else 3
+                made = best(lambda: programs.peer(program, method, Made(plain), points // 10), repeat)
                 errors = errors_of(programs, made, measured)
                 print_made(f"{label}, {method}", made, errors)
                 for options in [(), ("--denoise", "full")][:2 if moves and len(measured) > 1 else 1]:

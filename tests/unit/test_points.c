@@ -279,6 +279,19 @@ static void weights_of_a_plane_are_one_and_others_average_around_it(void **state
     for (int i = 0; i < 3; i++) assert_true(weight[i] == 1);
 }
 
+static void the_operator_is_smoothed_over_a_point_and_its_neighbours(void **state) {
+    (void)state;
+    uint32_t id[] = {1, 2, 0, 9, 9, 9};
+    uint8_t count[] = {2, 1, 0};
+    const struct neighbourhood hood = {.n = 3, .stride = 2, .id = id, .count = count};
+    const float dso[] = {1, 4, 10};
+    float smooth[3];
+    dso_smooth(dso, &hood, 2, smooth);
+    assert_true(smooth[0] == 5);
+    assert_true(smooth[1] == 2.5f);
+    assert_true(smooth[2] == 10);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(duplicates_and_negative_zero_become_one_point),
@@ -295,6 +308,7 @@ int main(void) {
         cmocka_unit_test(lonely_and_collinear_points_still_have_a_unit_normal),
         cmocka_unit_test(dso_has_its_exact_values),
         cmocka_unit_test(the_rms_form_does_not_cancel_on_a_saddle),
+        cmocka_unit_test(the_operator_is_smoothed_over_a_point_and_its_neighbours),
         cmocka_unit_test(weights_of_a_plane_are_one_and_others_average_around_it),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

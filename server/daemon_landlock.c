@@ -14,7 +14,6 @@
 #include <fcntl.h>
 #include <stddef.h>
 #include <stdint.h>
-#include <sys/stat.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 
@@ -51,12 +50,16 @@ int landlock_version(void) {
     return version > 0 ? (int)version : 0;
 }
 
-/* A path that isn't there needs no rule. */
+/* A path that isn't there needs no rule.  Whether it is a folder is found by opening it rather than by fstat, which is
+ * not always a system call alone: a preloaded library that sets the clock takes a lock in it, which another thread may
+ * have held when this process was forked. */
 static bool allow(int ruleset_fd, const char *path, uint64_t rights) {
-    struct path_rule rule = {.rights = rights, .fd = open(path, O_PATH | O_CLOEXEC)};
-    struct stat facts;
+    struct path_rule rule = {.rights = rights, .fd = open(path, O_PATH | O_CLOEXEC | O_DIRECTORY)};
+    if (rule.fd < 0) {
+        rule.fd = open(path, O_PATH | O_CLOEXEC);
+        rule.rights &= OF_A_FILE;
+    }
     if (rule.fd < 0) return true;
-    if (fstat(rule.fd, &facts) == 0 && !S_ISDIR(facts.st_mode)) rule.rights &= OF_A_FILE;
     bool ok = syscall(ADD_RULE, ruleset_fd, PATH_BENEATH, &rule, 0) == 0;
     close(rule.fd);
     return ok;

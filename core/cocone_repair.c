@@ -12,6 +12,9 @@
  * of three; of the sets that take defects away the one that is worth most is flipped.  Moves that insert a point into a
  * facet, swap an edge, open or close a pinch are all among them.
  *
+ * Points that are still lost in the end count as LOST_DEARLY, so that they come onto the surface at the price of
+ * pinches, which are taken apart when it is extracted.
+ *
  * Invariant: the sum of all defects falls with each move, so the repair ends; and as a vertex with a very large star
  * makes each try dear, the steps of all floods together have a limit in proportion to the cells, after which things
  * stay as they are.
@@ -27,6 +30,7 @@
 
 enum {
     LOST = 3,
+    LOST_DEARLY = 12,
     MANY = 200, /* more defects at one vertex count as so many */
     STEPS_PER_CELL = 300,
     SET_MOST = 3,
@@ -51,17 +55,20 @@ struct cocone_repair {
     uint8_t *known; /* of each vertex: its defect + 1; 0 = not known */
     size_t first, length;
     size_t flips;
+    int lost;                          /* defects that a lost point counts as */
     uint64_t steps, step_limit;        /* of floods, from cell to cell */
     uint8_t *held;                     /* of each cell: not to be flipped */
     bool held_label[2];                /* nor those of this label */
     struct cocone_repair_trial *trial; /* that is going on, or NULL: its cells are those flipped so far */
 };
 
-/* The order of the repair: points first, then the manifold; small sets first. */
+/* The order of the repair: points first, then the manifold; small sets first; then points that nothing else brought. */
 static const struct pass {
     bool lost_alone;
     int size; /* of the sets */
-} passes[] = {{true, 1}, {true, 2}, {true, 3}, {false, 1}, {false, 2}, {false, 3}};
+    int lost; /* defects that a lost point counts as */
+} passes[] = {{true, 1, LOST},  {true, 2, LOST},  {true, 3, LOST},       {false, 1, LOST},
+              {false, 2, LOST}, {false, 3, LOST}, {true, 1, LOST_DEARLY}};
 
 /* Cells to be flipped together. */
 struct set {
@@ -105,7 +112,7 @@ static int count_defect(struct cocone_repair *r, uint32_t v) {
         regions[r->inside[cell]]++;
         flood(r, v, cell);
     }
-    return regions[0] == 0 || regions[1] == 0 ? LOST : regions[0] + regions[1] - 2;
+    return regions[0] == 0 || regions[1] == 0 ? r->lost : regions[0] + regions[1] - 2;
 }
 
 /* The half facet at which the surface goes on over the edge (v, w), through inner cells. */
@@ -283,7 +290,7 @@ static uint32_t dequeue(struct cocone_repair *r) {
 
 static bool is_due(struct cocone_repair *r, uint32_t v, const struct pass *pass) {
     if (r->star->begin[v] == r->star->begin[v + 1]) return false;
-    return defect(r, v) >= (pass->lost_alone ? LOST : 1);
+    return defect(r, v) >= (pass->lost_alone ? r->lost : 1);
 }
 
 /* Adds the set to the cells of the trial; those that are there already are taken out.  False, and the end of the trial,
@@ -316,7 +323,14 @@ static void mend(struct cocone_repair *r, uint32_t v, const struct pass *pass) {
         if (is_due(r, vertex[k], pass)) enqueue(r, vertex[k]);
 }
 
+static void count_lost_as(struct cocone_repair *r, int lost) {
+    for (uint32_t v = 0; v < r->star->n && lost != r->lost; v++)
+        if (r->known[v] == r->lost + 1) r->known[v] = 0;
+    r->lost = lost;
+}
+
 static enum status mend_all(struct cocone_repair *r, const struct pass *pass, const struct progress *progress) {
+    count_lost_as(r, pass->lost);
     for (uint32_t v = 0; v < r->star->n; v++)
         if (is_due(r, v, pass)) enqueue(r, v);
     for (size_t i = 0; r->length > 0; i++) {
@@ -339,7 +353,7 @@ enum status cocone_repair_new(const struct cocone_star *star, const struct cocon
                               struct cocone_repair **out) {
     struct cocone_repair *r = alloc_zeroed(1, sizeof *r);
     if (!r) return STATUS_NO_MEMORY;
-    r->star = star, r->cost = cost, r->inside = inside;
+    r->star = star, r->cost = cost, r->inside = inside, r->lost = LOST;
     r->stamp = alloc_zeroed(star->tets->cell_count, sizeof *r->stamp);
     r->held = alloc_zeroed(star->tets->cell_count, sizeof *r->held);
     r->stack = alloc_array(largest_star(star), sizeof *r->stack);

@@ -12,7 +12,8 @@
  * Partners run along their edge in opposite directions, so the mesh is oriented.
  *
  * One case is left: two pairs at an edge whose ends both have their fans joined elsewhere would share both vertices.
- * Then an outer wedge at that edge is filled and everything is done once more; as cells are only added, that ends.
+ * Then an outer wedge at that edge is filled and everything is done once more.  Where that would lose a point, an inner
+ * wedge is emptied instead, in the first EMPTYING rounds; after those cells are only added, and that ends.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/cocone_surface.h"
@@ -25,7 +26,7 @@
 #include "core/par.h"
 #include "core/radix.h"
 
-enum { GRAIN = 2048 };
+enum { GRAIN = 2048, EMPTYING = 4 };
 
 struct surface {
     const struct cocone_star *star;
@@ -167,36 +168,76 @@ static void list_edges(const struct surface *s, bool between_fans, uint64_t *ite
     for (size_t i = 0; i < count; i++) edge[i] = edge_at(s, between_fans, radix_value(sorted[i]));
 }
 
-/* Puts the outer wedge across the half facet at one of its edges inside, unless it has an infinite cell. */
-static bool fill_wedge(struct surface *s, uint32_t half, uint32_t a, uint32_t b) {
-    uint32_t start = cocone_star_twin(s->star, half);
-    bool finite = true;
-    for (int pass = 0; pass < 2 && finite; pass++) {
-        uint32_t at = start;
-        while (!s->inside[cocone_star_cell(at)]) {
-            uint32_t cell = cocone_star_cell(at);
-            finite &= cocone_star_is_finite(s->star, cell);
-            uint32_t next = cocone_star_twin(s->star, cocone_star_turn(s->star, at, a, b));
-            if (pass) s->inside[cell] = 1;
-            at = next;
-        }
+/* Cells of one label around an edge, between two facets of the surface. */
+struct wedge {
+    uint32_t start, a, b; /* half facet of the first cell; the edge */
+    size_t cells;         /* 0 where one is infinite */
+};
+
+static struct wedge wedge_at(const struct surface *s, uint32_t start, const uint32_t edge[2]) {
+    struct wedge wedge = {start, edge[0], edge[1], 0};
+    uint8_t label = s->inside[cocone_star_cell(start)];
+    size_t count = 0;
+    for (uint32_t at = start; s->inside[cocone_star_cell(at)] == label; count++) {
+        if (!cocone_star_is_finite(s->star, cocone_star_cell(at))) return wedge;
+        at = cocone_star_twin(s->star, cocone_star_turn(s->star, at, wedge.a, wedge.b));
     }
-    return finite;
+    wedge.cells = count;
+    return wedge;
 }
 
-/* Fills a wedge at each edge that has more than two triangles; true when there was one. */
-static bool separate(struct surface *s, const struct edge *edge) {
+static bool is_lost(const struct surface *s, uint32_t v) {
+    const struct cocone_star *star = s->star;
+    uint8_t first = s->inside[cocone_star_cell(star->corner[star->begin[v]])];
+    for (uint32_t i = star->begin[v]; i < star->begin[v + 1]; i++)
+        if (s->inside[cocone_star_cell(star->corner[i])] != first) return false;
+    return true;
+}
+
+/* Whether that leaves one of their points without a surface. */
+static bool flip_wedge(struct surface *s, const struct wedge *wedge) {
+    bool loses = false;
+    uint32_t at = wedge->start;
+    for (size_t i = 0; i < wedge->cells; i++) {
+        uint32_t cell = cocone_star_cell(at);
+        s->inside[cell] ^= 1;
+        for (int k = 0; k < 4; k++) loses |= is_lost(s, s->star->tets->vertex[cell][k]);
+        at = cocone_star_twin(s->star, cocone_star_turn(s->star, at, wedge->a, wedge->b));
+    }
+    return loses;
+}
+
+/* Ways to take the wedges at an edge apart, the best first. */
+enum way { FILL, EMPTY, FILL_AND_LOSE, WAYS };
+
+/* Flips the wedge on the outer or the inner side of a half facet.  False, and nothing done, where that isn't possible,
+ * or would lose a point that may not be lost. */
+static bool take_apart(struct surface *s, uint32_t half, const uint32_t edge[2], enum way way) {
+    struct wedge wedge = wedge_at(s, way == EMPTY ? half : cocone_star_twin(s->star, half), edge);
+    bool loses = flip_wedge(s, &wedge);
+    if (!loses || way == FILL_AND_LOSE) return wedge.cells > 0;
+    flip_wedge(s, &wedge);
+    return false;
+}
+
+static bool separate_edge(struct surface *s, const struct edge *edge, size_t n, enum way way) {
+    for (size_t j = 0; j < n; j++) {
+        const uint32_t *v = s->vertex[edge[j].triangle], ends[] = {v[edge[j].side], v[(edge[j].side + 1) % 3]};
+        uint32_t half = s->half[edge[j].triangle];
+        if (is_boundary(s, half) && take_apart(s, half, ends, way)) return true;
+    }
+    return false;
+}
+
+/* Takes a wedge away at each edge that has more than two triangles; true when there was one. */
+static bool separate(struct surface *s, const struct edge *edge, bool may_empty) {
     bool changed = false;
     size_t end;
     for (size_t i = 0; i < 3 * s->count; i = end) {
         for (end = i + 1; end < 3 * s->count && edge[end].low == edge[i].low && edge[end].high == edge[i].high;) end++;
-        bool filled = false;
-        for (size_t j = i; j < end && end - i > 2 && !filled; j++) {
-            const uint32_t *v = s->vertex[edge[j].triangle];
-            uint32_t half = s->half[edge[j].triangle];
-            filled = is_boundary(s, half) && fill_wedge(s, half, v[edge[j].side], v[(edge[j].side + 1) % 3]);
-        }
-        changed |= filled;
+        bool done = end - i <= 2;
+        for (enum way way = FILL; way < WAYS && !done; way++)
+            if (way != EMPTY || may_empty) changed |= done = separate_edge(s, edge + i, end - i, way);
     }
     return changed;
 }
@@ -263,7 +304,7 @@ static void surface_done(struct surface *s) {
 }
 
 /* One attempt; *again when a wedge had to be filled. */
-static enum status attempt(struct surface s, struct mesh *mesh, bool *again) {
+static enum status attempt(struct surface s, bool may_empty, struct mesh *mesh, bool *again) {
     size_t most = count_boundary(&s);
     struct edge *edge = alloc_array(3 * most, sizeof *edge);
     uint64_t *item = alloc_array(6 * most, sizeof *item);
@@ -273,7 +314,7 @@ static enum status attempt(struct surface s, struct mesh *mesh, bool *again) {
         collect(&s);
         chain_fans(&s);
         list_edges(&s, true, item, edge);
-        *again = separate(&s, edge);
+        *again = separate(&s, edge, may_empty);
         if (!*again) status = make_mesh(&s, mesh);
     }
     free(edge), free(item);
@@ -290,7 +331,8 @@ enum status cocone_surface_extract(const struct cocone_star *star, const double 
                         .inside = inside,
                         .threads = threads};
     enum status status = STATUS_OK;
-    for (bool again = true; again && !status;) status = attempt(s, mesh, &again);
+    bool again = true;
+    for (int round = 0; again && !status; round++) status = attempt(s, round < EMPTYING, mesh, &again);
     return status;
 }
 

@@ -11,20 +11,12 @@
 #include <string.h>
 
 #include "core/cloud.h"
+#include "core/processor.h"
 
 enum { LANES = SAMPLE_BLOCK };
 
 #define THINNEST 1e-5   /* shape of triangles that don't pull at their corners */
 #define FAR_AWAY 1.0e9f /* where nothing is; its square times anything reasonable is finite */
-
-/* Sanitizers can't stand functions that are chosen while the program is loaded. */
-#if defined(__x86_64__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define FOR_EACH_PROCESSOR __attribute__((target_clones("avx2", "default")))
-#else
-#define FOR_EACH_PROCESSOR
-#endif
-
-#define INLINE static inline __attribute__((always_inline))
 
 typedef float lanes __attribute__((vector_size(32)));
 typedef int32_t mask __attribute__((vector_size(32)));

@@ -11,14 +11,7 @@
 #include <math.h>
 #include <stdint.h>
 
-/* Sanitizers can't stand functions that are chosen while the program is loaded. */
-#if defined(__x86_64__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define FOR_EACH_PROCESSOR __attribute__((target_clones("avx2", "default")))
-#else
-#define FOR_EACH_PROCESSOR
-#endif
-
-#define INLINE static inline __attribute__((always_inline))
+#include "core/processor.h"
 
 enum { LANES = 4 };
 typedef double lanes __attribute__((vector_size(32)));

@@ -1,7 +1,7 @@
-/* Every sample goes downhill over the mesh, from a triangle nearby: where the nearest place of a triangle is on an edge,
- * the triangle behind it may be nearer still, and where it is a corner, any around that; amid a triangle the way ends.
- * Few steps are needed.  A point sets out from its vertex's first triangle, or where there is none from where the point
- * before it came to; a middle from its point's.
+/* Every sample goes downhill over the mesh, from a triangle nearby: where the nearest place of a triangle is on an
+ * edge, the triangle behind it may be nearer still, and where it is a corner, any around that; amid a triangle the way
+ * ends.  Few steps are needed.  A point sets out from its vertex's first triangle, or where there is none from where
+ * the point before it came to; a middle from its point's.
  *
  * The surface may be nearer elsewhere, behind a fold.  So what ends farther off than may be expected is looked for in a
  * hierarchy of all triangles as well.

@@ -61,7 +61,7 @@ def test_clang_takes_the_sources_too():
     """The fuzzers are made with it."""
     sources = [path for folder in ("core", "api", "server") for path in sorted((ROOT / folder).glob("*.c"))]
     assert len(sources) > 100
-    run("clang", "-fsyntax-only", "-std=c11", "-D_GNU_SOURCE", "-w", *sources, cwd=ROOT)
+    run("clang", "-fsyntax-only", "-std=c11", "-D_GNU_SOURCE", "-I.", "-w", *sources, cwd=ROOT)
 
 
 @pytest.fixture(name="repository")

@@ -22,11 +22,20 @@ typedef float lanes __attribute__((vector_size(32)));
 typedef int32_t mask __attribute__((vector_size(32)));
 
 INLINE lanes pick(mask m, lanes a, lanes b) { return (lanes)((m & (mask)a) | (~m & (mask)b)); }
-INLINE lanes lower(lanes a, lanes b) { return pick(a < b, a, b); }
 INLINE lanes where(mask m, lanes a) { return (lanes)(m & (mask)a); }
-INLINE lanes positive(lanes a) { return where(a > 0, a); }
 INLINE lanes magnitude(lanes a) { return (lanes)((mask)a & INT32_MAX); }
 INLINE lanes all(float x) { return (lanes){x, x, x, x, x, x, x, x}; }
+
+/* Loops, which compilers know to be one instruction. */
+INLINE lanes lower(lanes a, lanes b) {
+    for (int k = 0; k < LANES; k++) a[k] = a[k] < b[k] ? a[k] : b[k];
+    return a;
+}
+
+INLINE lanes positive(lanes a) {
+    for (int k = 0; k < LANES; k++) a[k] = a[k] > 0 ? a[k] : 0;
+    return a;
+}
 
 INLINE lanes load(const float *p) {
     lanes x;

@@ -1,10 +1,10 @@
-/* Points are looked for in a hierarchy of the triangles, each from the answer of the one before, which lies nearby; but
- * for those that a vertex stands at, which have its first triangle, as the hierarchy would have it.
+/* Every sample goes downhill over the mesh, from a triangle nearby: where the nearest place of a triangle is on an
+ * edge, the triangle behind it may be nearer still, and where it is a corner, any around that; amid a triangle the way
+ * ends.  Few steps are needed.  A point sets out from its vertex's first triangle, or where there is none from where
+ * the point before it came to; a middle from its point's.
  *
- * A middle is near its point, so it goes downhill from there, over the mesh: where the nearest place of a triangle is
- * on an edge, the triangle behind it may be nearer still, and where it is a corner, any around that; amid a triangle
- * the way ends.  Few steps are needed, for a quarter of the time.  The surface may be nearer elsewhere, behind a fold;
- * but there it isn't what the middle's point stands on.
+ * The surface may be nearer elsewhere, behind a fold.  So what ends farther off than may be expected is looked for in a
+ * hierarchy of all triangles as well.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/fit_assign.h"
@@ -19,7 +19,7 @@
 
 enum { POINT_GRAIN = 1024, FRAME_GRAIN = 1024, LIST_GRAIN = 512 };
 
-#define TRUSTED 0.15 /* of the spacing: farther off than that, a middle is looked for in the hierarchy as well */
+#define TRUSTED 0.1 /* of the spacing: farther off than that, a sample is looked for in the hierarchy as well */
 
 struct assignment {
     const struct fit *fit;
@@ -92,7 +92,8 @@ static void assign_range(void *ctx, size_t begin, size_t end) {
     const uint32_t *middle = a->fit->samples.middle;
     uint32_t near = NONE;
     for (uint32_t p = (uint32_t)begin; p < end; p++) {
-        near = a->star[p] == NONE ? look_up(a, p, near) : place_from(a, p, a->star[p]);
+        uint32_t start = a->star[p] == NONE ? near : a->star[p];
+        near = start == NONE ? look_up(a, p, NONE) : place_from(a, p, start);
         for (uint32_t i = middle[p]; i < middle[p + 1]; i++) place_from(a, i, near);
     }
 }

@@ -151,7 +151,6 @@ enum status pipeline_tangent(struct run *run) {
     struct distance_stats *tangent = &run->report.level[run->level].tangent;
     enum status status = tangent_error(run->points.point, run->normal, run->points.count, run->kept, run->kept_count,
                                        run->threads, tangent);
-    if (status) return pipeline_no_memory(run, "tangent");
-    pipeline_scale(tangent, run->points.scale);
-    return STATUS_OK;
+    if (!status) pipeline_scale(tangent, run->points.scale);
+    return status;
 }

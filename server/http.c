@@ -136,6 +136,14 @@ static void wait_for_job(struct exchange *x) {
     events_wait(x->http->service->events, &x->waiter);
 }
 
+/* Lets go what the request holds for itself alone: the client that has its answer may come again at once, and must find
+ * its key and its place free. */
+static void let_go(struct exchange *x) {
+    body_free(x->request.body);
+    x->request.body = NULL;
+    idempotency_release(x->http->service->idempotency, &x->request.claim);
+}
+
 /* On an offload thread, parked. */
 static void run_handler(void *ctx) {
     struct exchange *x = ctx;
@@ -149,6 +157,7 @@ static void run_handler(void *ctx) {
         wait_for_job(x);
         return;
     }
+    let_go(x);
     x->phase = PHASE_ANSWER;
     unpark(x);
 }
@@ -206,6 +215,7 @@ static struct MHD_Response *make_response(struct exchange *x) {
 static enum MHD_Result answer(struct exchange *x) {
     struct response *r = &x->response;
     struct MHD_Response *made = make_response(x);
+    let_go(x);
     if (!made) return MHD_NO;
     for (size_t i = 0; i < r->header_count; i++) MHD_add_response_header(made, r->header[i].name, r->header[i].value);
     MHD_add_response_header(made, "X-Content-Type-Options", "nosniff");
@@ -235,8 +245,7 @@ static enum MHD_Result refuse(struct exchange *x) {
     bool waits = expect && strcasecmp(expect, "100-continue") == 0;
     bool too_long =
         request->content_length != UINT64_MAX && request->content_length > (uint64_t)config->refuse_drain_bytes;
-    body_free(x->request.body);
-    x->request.body = NULL;
+    let_go(x);
     x->phase = PHASE_REFUSING;
     x->refused_ms = events_clock_ms();
     return request->has_body && (waits || too_long) ? answer(x) : MHD_YES;
@@ -314,8 +323,7 @@ static enum MHD_Result take_body(struct exchange *x, const char *bytes, size_t c
     if (x->phase != PHASE_BODY || !x->request.body) return drain(x, count);
     if (body_write(x->request.body, bytes, count, &problem)) return MHD_YES;
     response_problem(&x->response, &problem);
-    body_free(x->request.body);
-    x->request.body = NULL;
+    let_go(x);
     x->phase = PHASE_REFUSING;
     x->refused_ms = events_clock_ms();
     return MHD_YES;
@@ -434,8 +442,7 @@ static void on_completed(void *ctx, struct MHD_Connection *connection, void **st
     log_access(x, whole);
     count(x, whole);
     watchdog_enter(x->watched, WATCHDOG_IDLE);
-    body_free(x->request.body);
-    idempotency_release(http->service->idempotency, &x->request.claim);
+    let_go(x);
     response_done(&x->response);
     free(x);
     tally_end(&http->tally);

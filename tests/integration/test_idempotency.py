@@ -75,6 +75,14 @@ def test_a_refused_request_leaves_its_key_free(daemon):
     assert daemon.post("/v1/jobs?ratio=0.5", SMALL, *keyed("k2")).status == 201
 
 
+def test_a_key_is_free_once_its_answer_is_there(daemon):
+    both = [http.client.HTTPConnection("127.0.0.1", daemon.port) for _ in range(2)]
+    for i in range(100):
+        answers = [daemon.request("POST", "/v1/clouds", SMALL, {"Idempotency-Key": f"k{i}"}, one) for one in both]
+        assert [status for status, _, _ in answers] == [200 if i else 201] * 2
+        assert answers[0][2] == answers[1][2]
+
+
 def test_a_one_shot_that_timed_out_is_taken_up_again(daemon):
     cloud = sphere(60000)
     late = daemon.post("/v1/simplify?ratio=0.1", cloud, *keyed("k"), "-H", "Prefer: wait=0")

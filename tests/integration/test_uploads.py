@@ -2,6 +2,7 @@
 """Resumable uploads: tus 1.0 by the letter, through cut connections, kills and restarts."""
 import base64
 import hashlib
+import http.client
 import json
 import os
 import signal
@@ -240,6 +241,16 @@ def test_a_number_of_uploads(make_daemon):
     assert (full.status, full.slug) == (503, "too-many-uploads") and full.headers["retry-after"]
     assert daemon.curl(paths[0], "-X", "DELETE", *TUS).status == 204
     create(daemon, 10)
+
+
+def test_a_refused_upload_makes_room_before_it_is_told(make_daemon):
+    daemon = make_daemon("--max-uploads", "1")
+    both = [http.client.HTTPConnection("127.0.0.1", daemon.port) for _ in range(2)]
+    wrong = {"Tus-Resumable": "1.0.0", "Content-Type": "application/offset+octet-stream",
+             "Upload-Length": str(len(SMALL)), "Upload-Checksum": f"sha1 {'A' * 27}="}
+    for one in both * 100:
+        assert daemon.request("POST", "/v1/uploads", SMALL, wrong, one)[0] == 460
+        assert parts(daemon) == [] and daemon.leftovers() == []
 
 
 class Half:

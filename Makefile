@@ -48,7 +48,8 @@ worker_src := $(wildcard server/worker_*.c)
 daemon_src := $(wildcard server/daemon_*.c)
 either_src := $(filter-out $(worker_src) $(daemon_src),$(wildcard server/*.c))
 unit_src := $(wildcard tests/unit/test_*.c)
-unit_support_src := $(filter-out $(unit_src),$(wildcard tests/unit/*.c))
+instant_service := tests/unit/instant_service
+unit_support_src := $(filter-out $(unit_src) $(instant_service).c,$(wildcard tests/unit/*.c))
 tool_src := $(wildcard tests/tools/*.c tests/tools/*.cc tests/bench/*.c tests/bench/*.cc)
 fuzz_src := $(wildcard tests/fuzz/fuzz_*.c)
 peer_src := $(wildcard tests/peers/*.cc)
@@ -98,6 +99,8 @@ $(build)/whittle: $(call object,$(worker_src)) $(libserver) $(libapi) $(libwhitt
 $(build)/whittled: $(call object,$(daemon_src)) $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@
 	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(DAEMON_LIBS) $(CODEC_LIBS) -lseccomp -lm
+
+$(build)/tests/unit/test_service_faults $(build)/tests/fuzz/fuzz_http: $(build)/$(instant_service).o
 
 # Unit tests can make each allocation fail (tests/unit/faults.c).
 wrapped := $(patsubst %,-Wl$(comma)--wrap=%,malloc calloc realloc reallocarray strdup strndup)

@@ -7,9 +7,10 @@
  * "#" begins a comment, and letters may be small ("noff" is then NOFF).  Numbers may be spread over lines as one likes,
  * but how many a vertex has is told by the first vertex's line: colours have three or four, and what stands there
  * without a letter that promises it becomes columns without a name where the second vertex's line is as long.  Where
- * all stands on one line, vertices have what the letters promise (without faces, equal parts of the line), and faces
- * have no colours.  Everything becomes float64, so that what is written is what is kept.  Faces become fans of
- * triangles; their colours are left out.
+ * one line holds all vertices, they are equal parts of it.  Where it holds the faces, too, vertices have what the
+ * letters promise, with three or four components of a colour as the faces fit, and faces have no colours.  Everything
+ * becomes float64, so that what is written is what is kept.  Faces become fans of triangles; their colours are left
+ * out.
  *
  * Invariant: every number takes at least two bytes of the file, so its counts bound what is allocated.
  *
@@ -109,11 +110,26 @@ static size_t words_of_line(struct scan *ahead) {
     return n;
 }
 
-/* The numbers of the first vertex where all that follows the header is on one line of so many words; 0: can't be told.
- */
-static size_t width_on_one_line(const struct reader *r, size_t words, size_t promised) {
-    if (r->faces) return r->colour ? 0 : promised;
-    return r->vertices && words % r->vertices == 0 ? (size_t)(words / r->vertices) : promised;
+/* Whether vertices of this many numbers leave just the faces, of three corners or more. */
+static bool fits_before_faces(const struct reader *r, size_t width) {
+    struct scan ahead = r->scan;
+    struct scan_word word;
+    uint64_t n, index;
+    for (uint64_t i = 0; i < r->vertices * width; i++)
+        if (!scan_token(&ahead, &word)) return false;
+    for (uint64_t i = 0; i < r->faces; i++) {
+        if (!scan_token(&ahead, &word) || !scan_u64(&word, &n) || n < 3) return false;
+        for (; n; n--)
+            if (!scan_token(&ahead, &word) || !scan_u64(&word, &index) || index >= r->vertices) return false;
+    }
+    return !scan_token(&ahead, &word);
+}
+
+/* The numbers of a vertex where faces are on the same line: colours may have one more, and only one of both may fit. */
+static size_t width_before_faces(const struct reader *r, size_t promised) {
+    if (!r->colour) return promised;
+    bool three = fits_before_faces(r, promised), four = fits_before_faces(r, promised + 1);
+    return three == four ? 0 : four ? promised + 1 : promised;
 }
 
 /* How many numbers the first vertex has, 0: can't be told; the scan stands before it. */
@@ -121,9 +137,12 @@ static size_t width_of(struct reader *r, size_t promised) {
     struct scan ahead = r->scan;
     size_t here_words = words_of_line(&ahead), next_words = words_of_line(&ahead), width = here_words;
     r->one_line = !next_words;
-    if (r->one_line) width = width_on_one_line(r, here_words, promised);
-    bool alone = r->vertices == 1 || next_words == here_words || r->colour || r->one_line;
-    return width && (!alone || width < promised) ? promised : width;
+    if (here_words && r->one_line && r->faces) return width_before_faces(r, promised);
+    if (here_words != next_words) {
+        bool all_here = r->vertices && here_words % r->vertices == 0;
+        width = all_here ? (size_t)(here_words / r->vertices) : r->colour ? here_words : promised;
+    }
+    return width < promised ? promised : width;
 }
 
 static enum status add_properties(struct reader *r, const char *const *names, size_t n) {
@@ -137,7 +156,9 @@ static enum status describe(struct reader *r) {
                              *const colour[] = {"red", "green", "blue", "alpha"}, *const unnamed[] = {""};
     size_t promised = 3u + (r->normal ? 3u : 0u) + (r->colour ? 3u : 0u) + (r->texture ? 2u : 0u);
     size_t width = width_of(r, promised);
-    if (!width) return unsupported(r, "COFF with faces, all on one line: put a line end after each vertex");
+    if (!width)
+        return unsupported(r, "faces on the line of the vertices don't tell whether colours have three or four "
+                              "components: put a line end after each vertex");
     size_t extra = width - promised;
     size_t colours = r->colour ? 3 + (extra > 0) : 0;
     if (r->colour && extra > 0) extra--;

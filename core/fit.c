@@ -247,7 +247,7 @@ static enum status allocate(struct fit *fit) {
 }
 
 static bool wants_middles(const struct mesh *mesh, const struct refine_input *input) {
-    return input->hood && (double)input->n < FIT_ENOUGH * (double)mesh->triangle_count;
+    return input->hood && refine_wants_umbrellas(input->n, mesh->triangle_count);
 }
 
 enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_input *input,

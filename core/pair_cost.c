@@ -17,7 +17,6 @@
 enum { TERMS = 10, LAST_FOUR = 7 };
 
 typedef float floats __attribute__((vector_size(16)));
-typedef int32_t floats_mask __attribute__((vector_size(16)));
 
 INLINE lanes widened(floats x) { return (lanes){(double)x[0], (double)x[1], (double)x[2], (double)x[3]}; }
 
@@ -31,13 +30,12 @@ INLINE floats floats_at(const struct packed_quadric *q, size_t at) {
 INLINE void across(const struct packed_quadric *all, const uint32_t id[LANES], size_t at, lanes coefficient[LANES]) {
     floats a = floats_at(&all[id[0]], at), b = floats_at(&all[id[1]], at);
     floats c = floats_at(&all[id[2]], at), d = floats_at(&all[id[3]], at);
-    const floats_mask low = {0, 4, 1, 5}, high = {2, 6, 3, 7}, first = {0, 1, 4, 5}, second = {2, 3, 6, 7};
-    floats ab = __builtin_shuffle(a, b, low), cd = __builtin_shuffle(c, d, low);
-    coefficient[0] = widened(__builtin_shuffle(ab, cd, first));
-    coefficient[1] = widened(__builtin_shuffle(ab, cd, second));
-    ab = __builtin_shuffle(a, b, high), cd = __builtin_shuffle(c, d, high);
-    coefficient[2] = widened(__builtin_shuffle(ab, cd, first));
-    coefficient[3] = widened(__builtin_shuffle(ab, cd, second));
+    floats ab = __builtin_shufflevector(a, b, 0, 4, 1, 5), cd = __builtin_shufflevector(c, d, 0, 4, 1, 5);
+    coefficient[0] = widened(__builtin_shufflevector(ab, cd, 0, 1, 4, 5));
+    coefficient[1] = widened(__builtin_shufflevector(ab, cd, 2, 3, 6, 7));
+    ab = __builtin_shufflevector(a, b, 2, 6, 3, 7), cd = __builtin_shufflevector(c, d, 2, 6, 3, 7);
+    coefficient[2] = widened(__builtin_shufflevector(ab, cd, 0, 1, 4, 5));
+    coefficient[3] = widened(__builtin_shufflevector(ab, cd, 2, 3, 6, 7));
 }
 
 INLINE void coefficients_of(const struct packed_quadric *all, const uint32_t id[LANES], lanes coefficient[TERMS]) {

@@ -1,8 +1,8 @@
 /* par_for hands out ranges through one atomic counter; a team is the threads that help with loops.
  *
- *     caller    opens a loop with so many places, counts the call, wakes who sleeps; runs ranges; closes the loop, and
- *               waits for those that have taken a place
- *     helper    waits for another call; takes a place if there is one left; runs ranges; leaves
+ *     caller    opens a loop with so many places and tells the team; runs ranges; closes the loop, and waits for those
+ *               that have taken a place
+ *     helper    waits for news; takes a place in an open loop if there is one left; runs ranges; leaves
  *
  * Whoever waits looks for a while before it sleeps: in a row of short loops the next one comes within microseconds,
  * where starting or waking a thread takes tens of them.  A helper that wakes too late finds no place, and nobody waits
@@ -10,6 +10,10 @@
  *
  * Which team its loops take is known to a thread alone (`current`), from par_team_new to par_team_free, and forgotten
  * while it runs a loop: a loop inside a loop's body has a team of its own, as all have where there is none.
+ *
+ * Work beside other work is a loop of one index that is open while the caller does something else, and its thread does
+ * know the team: so several loops may be open at once, of either side, and helpers go to any of them.  A caller that is
+ * done first takes part in the others', too, until both sides are done.
  *
  * Invariant: a helper touches a loop only between taking a place and leaving, so that it may live on the stack.
  *
@@ -32,15 +36,17 @@ struct loop {
     size_t n, grain;
     void (*body)(void *ctx, size_t begin, size_t end);
     void *ctx;
+    bool beside;      /* its body is work beside the caller's: loops inside are for all of the team */
+    unsigned places;  /* that are left; with all below under the team's lock */
+    unsigned working; /* helpers that have a place */
+    struct loop *next_open;
 };
 
 struct par_team {
-    pthread_mutex_t lock; /* whoever changes anything but `thread` holds it */
-    pthread_cond_t called, left;
-    atomic_uint calls;   /* so far */
-    atomic_uint working; /* helpers that have a place */
-    unsigned places;     /* that are left */
-    struct loop *loop;
+    pthread_mutex_t lock; /* whoever changes anything below holds it */
+    pthread_cond_t told;
+    atomic_uint news;  /* how often loops were opened, or left by their last helper */
+    struct loop *open; /* the latest first */
     bool over;
     unsigned helpers;
     pthread_t thread[MAX_THREADS];
@@ -72,71 +78,90 @@ static void look_again(void) {
 #endif
 }
 
-/* Holds the lock when it returns. */
-static void wait_for_call(struct par_team *team, unsigned seen) {
-    for (unsigned i = 0; i < LOOKS && atomic_load(&team->calls) == seen; i++) look_again();
+/* All who wait look again.  Under the lock. */
+static void tell(struct par_team *team) {
+    atomic_fetch_add(&team->news, 1);
+    pthread_cond_broadcast(&team->told);
+}
+
+/* Gives the lock up meanwhile. */
+static void wait_for_news(struct par_team *team) {
+    unsigned seen = atomic_load(&team->news);
+    pthread_mutex_unlock(&team->lock);
+    for (unsigned i = 0; i < LOOKS && atomic_load(&team->news) == seen; i++) look_again();
     pthread_mutex_lock(&team->lock);
-    while (atomic_load(&team->calls) == seen) pthread_cond_wait(&team->called, &team->lock);
+    while (atomic_load(&team->news) == seen) pthread_cond_wait(&team->told, &team->lock);
+}
+
+/* Gives the lock up meanwhile. */
+static void take_part(struct par_team *team, struct loop *loop) {
+    struct par_team *before = current;
+    loop->places--, loop->working++;
+    pthread_mutex_unlock(&team->lock);
+    current = loop->beside ? team : NULL;
+    run(loop);
+    current = before;
+    pthread_mutex_lock(&team->lock);
+    if (--loop->working == 0) tell(team);
+}
+
+static struct loop *loop_with_place(const struct par_team *team) {
+    struct loop *loop = team->open;
+    while (loop && loop->places == 0) loop = loop->next_open;
+    return loop;
+}
+
+/* Takes part in what is open, or waits for it. */
+static void serve(struct par_team *team) {
+    struct loop *loop = loop_with_place(team);
+    if (loop)
+        take_part(team, loop);
+    else
+        wait_for_news(team);
 }
 
 static void *help(void *arg) {
     struct par_team *team = arg;
-    bool over = false;
-    for (unsigned seen = 0; !over;) {
-        wait_for_call(team, seen);
-        seen = atomic_load(&team->calls);
-        over = team->over;
-        struct loop *loop = team->places > 0 ? team->loop : NULL;
-        if (loop) team->places--, atomic_fetch_add(&team->working, 1);
-        pthread_mutex_unlock(&team->lock);
-        if (!loop) continue;
-        run(loop);
-        pthread_mutex_lock(&team->lock);
-        if (atomic_fetch_sub(&team->working, 1) == 1) pthread_cond_signal(&team->left);
-        pthread_mutex_unlock(&team->lock);
-    }
+    pthread_mutex_lock(&team->lock);
+    while (!team->over) serve(team);
+    pthread_mutex_unlock(&team->lock);
     return NULL;
 }
 
-static void call(struct par_team *team, struct loop *loop, unsigned places) {
+static void open_loop(struct par_team *team, struct loop *loop, unsigned helpers) {
     pthread_mutex_lock(&team->lock);
-    team->loop = loop;
-    team->places = places;
-    team->over = !loop;
-    atomic_fetch_add(&team->calls, 1);
-    pthread_cond_broadcast(&team->called);
-    pthread_mutex_unlock(&team->lock);
-}
-
-static void close_loop(struct par_team *team) {
-    pthread_mutex_lock(&team->lock);
-    team->places = 0;
-    pthread_mutex_unlock(&team->lock);
-    for (unsigned i = 0; i < LOOKS && atomic_load(&team->working) > 0; i++) look_again();
-    pthread_mutex_lock(&team->lock);
-    while (atomic_load(&team->working) > 0) pthread_cond_wait(&team->left, &team->lock);
-    pthread_mutex_unlock(&team->lock);
-}
-
-static void run_with(struct par_team *team, struct loop *loop, unsigned helpers) {
-    struct par_team *before = current;
     while (team->helpers < helpers && pthread_create(&team->thread[team->helpers], NULL, help, team) == 0)
         team->helpers++;
-    current = NULL;
-    call(team, loop, helpers);
-    run(loop);
-    close_loop(team);
-    current = before;
+    loop->places = loop->beside ? 1 : helpers;
+    loop->next_open = team->open;
+    team->open = loop;
+    tell(team);
+    pthread_mutex_unlock(&team->lock);
+}
+
+static void close_loop(struct par_team *team, struct loop *loop) {
+    pthread_mutex_lock(&team->lock);
+    struct loop **link = &team->open;
+    while (*link != loop) link = &(*link)->next_open;
+    *link = loop->next_open;
+    while (loop->working > 0)
+        if (loop->beside)
+            serve(team);
+        else
+            wait_for_news(team);
+    pthread_mutex_unlock(&team->lock);
 }
 
 static void end_team(struct par_team *team) {
-    if (team->helpers) call(team, NULL, 0);
+    pthread_mutex_lock(&team->lock);
+    team->over = true;
+    tell(team);
+    pthread_mutex_unlock(&team->lock);
     for (unsigned i = 0; i < team->helpers; i++) pthread_join(team->thread[i], NULL);
 }
 
 static struct par_team nobody(void) {
-    return (struct par_team){
-        .lock = PTHREAD_MUTEX_INITIALIZER, .called = PTHREAD_COND_INITIALIZER, .left = PTHREAD_COND_INITIALIZER};
+    return (struct par_team){.lock = PTHREAD_MUTEX_INITIALIZER, .told = PTHREAD_COND_INITIALIZER};
 }
 
 struct par_team *par_team_new(void) {
@@ -156,13 +181,26 @@ void par_team_free(struct par_team *team) {
 
 /* ------------------------------------------------------------------------------------------------ loops */
 
+static void run_with(struct par_team *team, struct loop *loop, unsigned helpers) {
+    struct par_team *before = current;
+    open_loop(team, loop, helpers);
+    current = NULL;
+    run(loop);
+    current = before;
+    close_loop(team, loop);
+}
+
+static unsigned all_or(unsigned threads) {
+    if (threads == 0) threads = par_processors();
+    return threads < MAX_THREADS ? threads : MAX_THREADS;
+}
+
 void par_for(unsigned threads, size_t n, size_t grain, void (*body)(void *ctx, size_t begin, size_t end), void *ctx) {
     assert(grain > 0);
     struct loop loop = {.n = n, .grain = grain, .body = body, .ctx = ctx};
     size_t ranges = n / grain + (n % grain != 0);
-    if (threads == 0) threads = par_processors();
+    threads = all_or(threads);
     if (threads > ranges) threads = (unsigned)ranges;
-    if (threads > MAX_THREADS) threads = MAX_THREADS;
     if (threads <= 1) {
         run(&loop);
     } else if (current) {
@@ -172,4 +210,27 @@ void par_for(unsigned threads, size_t n, size_t grain, void (*body)(void *ctx, s
         run_with(&team, &loop, threads - 1);
         end_team(&team);
     }
+}
+
+/* ------------------------------------------------------------------------------------------------ side by side */
+
+struct other {
+    void (*work)(void *ctx);
+    void *ctx;
+};
+
+static void do_other(void *ctx, size_t begin, size_t end) {
+    const struct other *other = ctx;
+    for (; begin < end; begin++) other->work(other->ctx);
+}
+
+void par_beside(unsigned threads, void (*mine)(void *ctx), void (*others)(void *ctx), void *ctx) {
+    struct other other = {others, ctx};
+    struct loop loop = {.n = 1, .grain = 1, .body = do_other, .ctx = &other, .beside = true};
+    threads = all_or(threads);
+    bool team = current && threads > 1;
+    if (team) open_loop(current, &loop, threads - 1);
+    mine(ctx);
+    run(&loop);
+    if (team) close_loop(current, &loop);
 }

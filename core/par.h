@@ -23,6 +23,12 @@ void par_for(unsigned threads, size_t n, size_t grain, void (*body)(void *ctx, s
 struct par_team;
 struct par_team *par_team_new(void);
 
+/* Calls mine(ctx) on the caller's thread and others(ctx) beside it, on another one of the caller's team, and returns
+ * when both are done; with one thread, without a team, or where all of it are busy until then, others comes after mine.
+ * Loops of either are shared out among all threads of the team that are free, the caller's too once mine is done.  What
+ * the two do must not depend on which is first. */
+void par_beside(unsigned threads, void (*mine)(void *ctx), void (*others)(void *ctx), void *ctx);
+
 /* By the thread that made it, outside loops.  Accepts NULL. */
 void par_team_free(struct par_team *team);
 

@@ -13,6 +13,7 @@
  *  6 contract     virtual edges, all the way: a ranking of the points
  *  7 keep         as many as are wanted
  *  8 tangent      the error of the cloud alone
+ *    umbrellas    for a mesh that is refined: triangles that the original points see between them
  *  9 delaunay     tetrahedra of the kept points
  * 10 reconstruct  Tight Cocone
  * 11 refine       flips and moves against the original points
@@ -26,9 +27,15 @@
  * only the result speaks of the input's ids and coordinates.  A step's scratch dies with it; what later steps need is
  * in struct run.
  *
+ * Delaunay is one thread's work, and tangent and umbrellas need nothing of it: they run beside it, as examine does
+ * beside measure.  Each step's time is from its own beginning to its own end, so those of steps side by side come to
+ * more than the whole takes.
+ *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/pipeline.h"
 
+#include <stdatomic.h>
+#include <stddef.h>
 #include <stdlib.h>
 #include <sys/resource.h>
 #include <time.h>
@@ -52,29 +59,33 @@ static bool always(const struct params *params) {
     return true;
 }
 
-/* share: of the whole's time, roughly, for progress. */
+enum how { ONCE, EACH, BESIDE /* each level, at the same time as the step after it */ };
+
+/* share: of the whole's time, roughly, for progress.  A step beside another asks for no progress, fails for want of
+ * memory alone, and says nothing of it. */
 static const struct step {
     const char *name;
     enum status (*run)(struct run *run);
     bool (*wanted)(const struct params *params);
-    bool each_level;
+    enum how how;
     double share;
 } steps[] = {
-    {"order", pipeline_order, always, false, 2},
-    {"denoise", pipeline_denoise, denoise_wanted, false, 30},
-    {"neighbours", pipeline_neighbours, always, false, 10},
-    {"normals", pipeline_normals, always, false, 4},
-    {"dso", pipeline_dso, always, false, 2},
-    {"quadrics", pipeline_quadrics, always, false, 5},
-    {"contract", pipeline_contract, always, false, 20},
-    {"keep", pipeline_keep, always, true, 1},
-    {"tangent", pipeline_tangent, always, true, 4},
-    {"delaunay", pipeline_delaunay, mesh_wanted, true, 10},
-    {"reconstruct", pipeline_reconstruct, mesh_wanted, true, 10},
-    {"refine", pipeline_refine, refinement_wanted, true, 60},
-    {"examine", pipeline_examine, mesh_wanted, true, 1},
-    {"measure", pipeline_measure, mesh_wanted, true, 20},
-    {"distances", pipeline_distances, distances_wanted, true, 4},
+    {"order", pipeline_order, always, ONCE, 2},
+    {"denoise", pipeline_denoise, denoise_wanted, ONCE, 30},
+    {"neighbours", pipeline_neighbours, always, ONCE, 10},
+    {"normals", pipeline_normals, always, ONCE, 4},
+    {"dso", pipeline_dso, always, ONCE, 2},
+    {"quadrics", pipeline_quadrics, always, ONCE, 5},
+    {"contract", pipeline_contract, always, ONCE, 20},
+    {"keep", pipeline_keep, always, EACH, 1},
+    {"umbrellas", pipeline_umbrellas, refinement_wanted, BESIDE, 4},
+    {"tangent", pipeline_tangent, always, BESIDE, 2},
+    {"delaunay", pipeline_delaunay, mesh_wanted, EACH, 10},
+    {"reconstruct", pipeline_reconstruct, mesh_wanted, EACH, 10},
+    {"refine", pipeline_refine, refinement_wanted, EACH, 60},
+    {"examine", pipeline_examine, mesh_wanted, BESIDE, 1},
+    {"measure", pipeline_measure, mesh_wanted, EACH, 20},
+    {"distances", pipeline_distances, distances_wanted, EACH, 4},
 };
 enum { STEPS = sizeof steps / sizeof steps[0] };
 
@@ -111,27 +122,87 @@ static void take_level(struct run *run, struct pipeline_level *level) {
     pipeline_sites_done(&run->sites);
 }
 
-static enum status run_step(struct run *run, const struct step *step, struct overall *overall) {
-    if (!step->wanted(run->params)) return STATUS_OK;
+/* A step and those beside it, which come before it in the table, one after the other. */
+struct group {
+    struct run *run;
+    const struct step *first, *last;
+    enum status status[STEPS];
+    double ms[STEPS];
+    atomic_bool failed;
+};
+
+static void run_step(struct group *group, const struct step *step) {
+    ptrdiff_t i = step - group->first;
+    if (!step->wanted(group->run->params) || atomic_load(&group->failed)) return;
     double start_ms = now_ms();
-    overall->share = step->share;
-    enum status status = overall_tick(overall, step->name, 0) ? STATUS_CANCELLED : step->run(run);
+    group->status[i] = step->run(group->run);
+    group->ms[i] = now_ms() - start_ms;
+    if (group->status[i]) atomic_store(&group->failed, true);
+}
+
+static void run_last(void *ctx) {
+    struct group *group = ctx;
+    run_step(group, group->last);
+}
+
+static void run_others(void *ctx) {
+    struct group *group = ctx;
+    for (const struct step *step = group->first; step < group->last; step++) run_step(group, step);
+}
+
+/* Tells the times, and, unless the last one has failed, which of the others did. */
+static enum status report_group(struct group *group) {
+    enum status status = group->status[group->last - group->first];
+    for (const struct step *step = group->first; step <= group->last; step++) {
+        ptrdiff_t i = step - group->first;
+        if (!step->wanted(group->run->params)) continue;
+        report_add_stage(&group->run->report, step->name, group->ms[i]);
+        if (!status && group->status[i]) status = pipeline_no_memory(group->run, step->name);
+    }
+    return status;
+}
+
+static enum status run_group(struct run *run, const struct step *first, const struct step *last,
+                             struct overall *overall) {
+    struct group group = {.run = run, .first = first, .last = last};
+    enum status status = STATUS_OK;
+    overall->share = 0;
+    for (const struct step *step = first; step <= last && !status; step++) {
+        if (!step->wanted(run->params)) continue;
+        if (overall_tick(overall, step->name, 0)) status = STATUS_CANCELLED;
+        overall->share += step->share;
+    }
+    if (!status) {
+        par_beside(first < last ? run->threads : 1, run_last, run_others, &group);
+        status = report_group(&group);
+    }
     overall->before += overall->share;
-    report_add_stage(&run->report, step->name, now_ms() - start_ms);
+    return status;
+}
+
+/* Runs the groups from *next on that are to be run once, or for each level. */
+static enum status run_groups(struct run *run, const struct step **next, bool once, struct overall *overall) {
+    enum status status = STATUS_OK;
+    while (*next < steps + STEPS && ((*next)->how == ONCE) == once && !status) {
+        const struct step *first = *next, *last = first;
+        while (last->how == BESIDE) last++;
+        status = run_group(run, first, last, overall);
+        *next = last + 1;
+    }
     return status;
 }
 
 static enum status run_steps(struct run *run, const struct progress *progress, struct pipeline_result *made) {
     struct overall overall = {.progress = progress};
-    enum status status = STATUS_OK;
-    size_t i = 0;
+    const struct step *of_levels = steps;
     for (size_t j = 0; j < STEPS; j++)
         if (steps[j].wanted(run->params))
-            overall.total += steps[j].share * (double)(steps[j].each_level ? made->level_count : 1);
+            overall.total += steps[j].share * (double)(steps[j].how == ONCE ? 1 : made->level_count);
     run->progress = (struct progress){overall_tick, &overall};
-    for (; !steps[i].each_level && !status; i++) status = run_step(run, &steps[i], &overall);
+    enum status status = run_groups(run, &of_levels, true, &overall);
     for (run->level = 0; run->level < made->level_count && !status; run->level++) {
-        for (size_t j = i; j < STEPS && !status; j++) status = run_step(run, &steps[j], &overall);
+        const struct step *next = of_levels;
+        status = run_groups(run, &next, false, &overall);
         take_level(run, &made->level[run->level]);
     }
     return status;
@@ -179,6 +250,7 @@ static void run_done(struct run *run) {
     free(run->normal), free(run->dso), free(run->distance), free(run->quadrics), free(run->kept);
     contraction_done(&run->contraction);
     pipeline_sites_done(&run->sites);
+    umbrella_done(&run->umbrellas);
     tets_done(&run->tets);
     mesh_done(&run->mesh);
 }

@@ -56,7 +56,7 @@ enum status pipeline_order(struct run *run) {
 }
 
 enum status pipeline_neighbours(struct run *run) {
-    enum status status = knn_new(run->points.point, run->points.count, &run->knn, run->error);
+    enum status status = knn_new(run->points.point, run->points.count, run->threads, &run->knn, run->error);
     if (status) return status;
     struct neighbourhood_options options = {run->params->neighbourhood, (unsigned)run->params->neighbours_min,
                                             (unsigned)run->params->neighbours_max, run->threads};
@@ -151,7 +151,6 @@ enum status pipeline_tangent(struct run *run) {
     struct distance_stats *tangent = &run->report.level[run->level].tangent;
     enum status status = tangent_error(run->points.point, run->normal, run->points.count, run->kept, run->kept_count,
                                        run->threads, tangent);
-    if (status) return pipeline_no_memory(run, "tangent");
-    pipeline_scale(tangent, run->points.scale);
-    return STATUS_OK;
+    if (!status) pipeline_scale(tangent, run->points.scale);
+    return status;
 }

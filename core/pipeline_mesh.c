@@ -128,12 +128,19 @@ enum status pipeline_reconstruct(struct run *run) {
     return STATUS_OK;
 }
 
+/* There are about twice as many triangles as points; refine_mesh finds what it hasn't got. */
+enum status pipeline_umbrellas(struct run *run) {
+    if (!refine_wants_umbrellas(run->points.count, 2 * run->kept_count)) return STATUS_OK;
+    return umbrella_find(run->points.point, run->normal, &run->hood, run->threads, &run->umbrellas);
+}
+
 enum status pipeline_refine(struct run *run) {
     struct refine_input input = {.points = run->points.point,
                                  .normals = run->normal,
                                  .n = run->points.count,
                                  .spacing = run->hood.spacing,
-                                 .hood = &run->hood};
+                                 .hood = &run->hood,
+                                 .umbrellas = &run->umbrellas};
     struct refine_options options = {(enum refine_form)run->params->refine, (enum placement)run->params->placement,
                                      run->threads};
     enum status status = refine_mesh(&run->mesh, &input, &options, &run->progress, NULL);
@@ -207,7 +214,8 @@ enum status pipeline_measure(struct run *run) {
 
 enum status pipeline_examine(struct run *run) {
     struct mesh_facts facts;
-    if (mesh_examine(&run->mesh, &facts)) return pipeline_no_memory(run, "examine");
+    enum status status = mesh_examine(&run->mesh, &facts);
+    if (status) return status;
     struct report_level *report = &run->report.level[run->level];
     double scale = run->points.scale;
     report->has_mesh = true;

@@ -11,6 +11,7 @@
 #include "core/pipeline.h"
 #include "core/quadric.h"
 #include "core/tets.h"
+#include "core/umbrella.h"
 
 /* Points that are to be triangulated: positions and normals of the points `id`, and how far the surface around each is
  * known to reach. */
@@ -41,6 +42,7 @@ struct run {
     size_t kept_count; /* of that level */
     uint32_t *kept;    /* of the finest level, along the curve's ids, most important first */
     struct sites sites;
+    struct umbrellas umbrellas; /* for the refinement, which takes them */
     struct tets tets;
     float *distance;  /* of every distinct point to the mesh, normalised; NULL unless asked for */
     struct mesh mesh; /* sources are ids along the curve */
@@ -48,7 +50,7 @@ struct run {
 };
 
 /* The steps, in their order (core/pipeline.c says what each does).  Each fills its own members of struct run, and
- * run->error where it fails. */
+ * run->error where it fails, but for those that run beside others: umbrellas, tangent, examine. */
 enum status pipeline_order(struct run *run) MUST_CHECK;
 enum status pipeline_denoise(struct run *run) MUST_CHECK;
 enum status pipeline_neighbours(struct run *run) MUST_CHECK;
@@ -57,6 +59,7 @@ enum status pipeline_dso(struct run *run) MUST_CHECK;
 enum status pipeline_quadrics(struct run *run) MUST_CHECK;
 enum status pipeline_contract(struct run *run) MUST_CHECK;
 enum status pipeline_keep(struct run *run) MUST_CHECK;
+enum status pipeline_umbrellas(struct run *run) MUST_CHECK;
 enum status pipeline_tangent(struct run *run) MUST_CHECK;
 enum status pipeline_delaunay(struct run *run) MUST_CHECK;
 enum status pipeline_reconstruct(struct run *run) MUST_CHECK;

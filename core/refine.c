@@ -62,6 +62,10 @@ static enum status run_schedule(struct fit *fit, enum refine_form form, const st
     return status;
 }
 
+bool refine_wants_umbrellas(size_t points, size_t triangles) {
+    return (double)points < FIT_ENOUGH * (double)triangles;
+}
+
 enum status refine_mesh(struct mesh *mesh, const struct refine_input *input, const struct refine_options *options,
                         const struct progress *progress, struct refine_facts *facts) {
     struct fit fit = {0};

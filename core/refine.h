@@ -24,7 +24,11 @@ struct refine_input {
     const struct neighbourhood *hood; /* of the points: the middles of triangles between neighbours are
                                          fitted to as well, which is what keeps a mesh from bending between
                                          few points; NULL: points alone */
+    struct umbrellas *umbrellas; /* the same points': taken and zeroed; NULL or zeroed where they are to be found */
 };
+
+/* Whether the middles are of use to a mesh of so many triangles; where there are many points for each, they aren't. */
+bool refine_wants_umbrellas(size_t points, size_t triangles);
 
 struct refine_options {
     enum refine_form form;    /* none: nothing is done; flips: edges alone; full: vertices as well */

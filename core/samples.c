@@ -110,7 +110,9 @@ enum status samples_init(struct samples *samples, const struct refine_input *inp
     struct samples new = {0};
     struct umbrellas umbrellas = {0};
     enum status status = STATUS_OK;
-    if (middles) status = umbrella_find(input->points, input->normals, input->hood, threads, &umbrellas);
+    if (input->umbrellas) umbrellas = *input->umbrellas, *input->umbrellas = (struct umbrellas){0};
+    if (middles && umbrellas.n == 0)
+        status = umbrella_find(input->points, input->normals, input->hood, threads, &umbrellas);
     if (status == STATUS_OK) status = place_all(&new, input, middles ? &umbrellas : NULL, threads);
     umbrella_done(&umbrellas);
     if (status == STATUS_OK) {

@@ -25,7 +25,8 @@ static inline uint32_t samples_point(const struct samples *samples, uint32_t sam
     return sample < samples->points ? sample : NONE;
 }
 
-/* Takes the points, and with middles also the middle of each triangle of the umbrellas; input->hood must be there then.
+/* Takes the points, and with middles also the middle of each triangle of the umbrellas, those of the input, or found
+ * here; input->hood must be there then.
  * O(n k^2), k neighbours each.  STATUS_NO_MEMORY. */
 enum status samples_init(struct samples *samples, const struct refine_input *input, bool middles,
                          unsigned threads) MUST_CHECK;

@@ -6,8 +6,6 @@
  * id of a job or an upload that is there. Requests with an Authorization header meet a service that wants a token.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include <arpa/inet.h>
-#include <fcntl.h>
 #include <poll.h>
 #include <signal.h>
 #include <stdio.h>
@@ -16,13 +14,10 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "server/http.h"
 #include "server/log.h"
-#include "server/notify.h"
-#include "server/service.h"
-#include "server/supervisor.h"
 #include "server/tokens.h"
 #include "tests/unit/folder.h"
+#include "tests/unit/instant_service.h"
 
 int LLVMFuzzerInitialize(int *argc, char ***argv);
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
@@ -40,10 +35,8 @@ enum {
 
 static char folder[] = "/dev/shm/fuzz_http.XXXXXX", tokens_path[64];
 static struct config config;
-static struct service service;
+static struct instant_service instant;
 static struct tokens *tokens;
-static struct http *http;
-static struct sockaddr_in address;
 static struct {
     const char *path;
     char id[ID_LENGTH];
@@ -72,59 +65,13 @@ void log_line(enum log_level level, const char *format, ...) {
     va_end(args);
 }
 
-int notify_inherited(const char *name) {
-    (void)name;
-    return -1;
-}
-
-bool supervisor_answers(struct supervisor *supervisor) { return supervisor != NULL; }
-
-bool supervisor_cancel(struct supervisor *supervisor, const char *id) {
-    (void)supervisor;
-    (void)id;
-    return false;
-}
-
-static void write_file(const char *path, const char *name, const char *text) {
-    char whole[STORE_PATH_BYTES + 16];
-    snprintf(whole, sizeof whole, "%s/%s", path, name);
-    int fd = open(whole, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
-    require(fd >= 0 && write(fd, text, strlen(text)) == (ssize_t)strlen(text));
-    close(fd);
-}
-
-/* Every job ends at once, well. */
-void supervisor_notify(struct supervisor *supervisor) {
-    static const char report[] = "{\"points_in\":9,\"points_out\":3,\"timings_ms\":{\"read\":1.5,\"total\":2}}";
-    char path[STORE_PATH_BYTES];
-    struct error error = {0};
-    struct job job = {0};
-    bool found = true, changed;
-    (void)supervisor;
-    while (queue_claim(service.queue, INT64_MAX, &job, &found, &error) == STATUS_OK && found) {
-        require(store_outputs_begin(service.store, job.id, path, &error) == STATUS_OK);
-        write_file(path, "cloud.ply", "ply\nformat ascii 1.0\nelement vertex 0\nend_header\n");
-        write_file(path, "report.json", report);
-        require(store_outputs_keep(service.store, job.id, job.output, &job.output_count, &error) == STATUS_OK);
-        job.report = strdup(report);
-        require(queue_finish(service.queue, JOB_DONE, &job, &changed, &error) == STATUS_OK);
-        job_done(&job);
-    }
-}
-
 /* ------------------------------------------------------------------------------------------------ the client */
-
-static int connect_to_service(void) {
-    int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    require(fd >= 0 && connect(fd, (const struct sockaddr *)&address, sizeof address) == 0);
-    return fd;
-}
 
 /* Sends everything and reads to the end, the beginning into answer; cuts the connection where nothing comes for a
  * while. */
 static void exchange(const char *bytes, size_t size, int patience_ms, char answer[ANSWER_BYTES + 1]) {
     static char rest[ANSWER_BYTES];
-    int fd = connect_to_service();
+    int fd = instant_service_connect(&instant);
     size_t sent = 0, got = 0;
     struct pollfd ready = {.fd = fd, .events = POLLIN | POLLOUT};
     for (ssize_t n = 1; n > 0 && poll(&ready, 1, patience_ms) == 1;) {
@@ -174,16 +121,8 @@ static void send_first(const char *request) {
 
 /* With nothing in it but a cloud, a job, and an upload that waits for more. */
 static void open_service(void) {
-    struct http_addresses addresses;
     struct error error = {0};
-    require(service_open(&service, &config, &error) == STATUS_OK);
-    service.supervisor = (struct supervisor *)(void *)&service; /* never looked into */
-    require(http_open(&service, &http, &addresses, &error) == STATUS_OK);
-    const char *port = strrchr(addresses.main, ':');
-    require(port != NULL);
-    address = (struct sockaddr_in){.sin_family = AF_INET,
-                                   .sin_port = htons((uint16_t)strtoul(port + 1, NULL, 10)),
-                                   .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    require(instant_service_open(&instant, &config, &error) == STATUS_OK);
     send_first("POST /v1/clouds HTTP/1.1\r\nHost: a\r\nContent-Length: 18\r\n\r\n0 0 0\n1 0 0\n0 1 0\n");
     send_first("POST /v1/jobs HTTP/1.1\r\nHost: a\r\nContent-Length: 18\r\n\r\n0 0 0\n1 0 0\n0 1 0\n");
     send_first("POST /v1/uploads HTTP/1.1\r\nHost: a\r\nTus-Resumable: 1.0.0\r\nUpload-Length: 18\r\n\r\n");
@@ -193,11 +132,9 @@ static void open_service(void) {
 static void close_service(void) {
     static const char *const endings[] = {"", "-wal", "-shm"};
     char path[STORE_PATH_BYTES], whole[STORE_PATH_BYTES + 8];
-    store_database_path(service.store, path);
-    service.tokens = NULL;
-    events_close(service.events);
-    http_close(http);
-    service_close(&service);
+    store_database_path(instant.service.store, path);
+    instant.service.tokens = NULL;
+    instant_service_close(&instant);
     for (size_t i = 0; i < sizeof endings / sizeof *endings; i++) {
         snprintf(whole, sizeof whole, "%s%s", path, endings[i]);
         unlink(whole);
@@ -236,7 +173,8 @@ int LLVMFuzzerInitialize(int *argc, char ***argv) {
     atexit(leave);
     require(config_read(&config, sizeof flags / sizeof *flags - 1, flags, NULL, &error) == CONFIG_RUN);
     /* The token is "t". */
-    write_file(folder, "tokens", "a:submit,read:e3b98a4da31a127d4bde6e43033f66ba274cab0eb7eb1c70ec41402bf6273dd8\n");
+    instant_service_write(folder, "tokens",
+                          "a:submit,read:e3b98a4da31a127d4bde6e43033f66ba274cab0eb7eb1c70ec41402bf6273dd8\n");
     snprintf(tokens_path, sizeof tokens_path, "%s/tokens", folder);
     require(tokens_open(tokens_path, &tokens, &error) == STATUS_OK);
     return 0;
@@ -255,7 +193,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     memcpy(request, data, size);
     memcpy(request + size, END, END_LENGTH);
     put_ids(request, size);
-    service.tokens = memmem(request, size, "Authorization", 13) ? tokens : NULL;
+    instant.service.tokens = memmem(request, size, "Authorization", 13) ? tokens : NULL;
     exchange(request, size + END_LENGTH, PATIENCE_MS, answer);
     bool right = !answer[0] || (strncmp(answer, "HTTP/1.1 ", 9) == 0 && strncmp(answer + 9, "500", 3) != 0);
     if (!right) fprintf(stderr, "%s\n", answer);

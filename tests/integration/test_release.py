@@ -56,6 +56,14 @@ def test_the_package_is_built_with_what_the_makefile_wants():
     assert wanted == declared
 
 
+@pytest.mark.skipif(not shutil.which("clang"), reason="clang is not installed")
+def test_clang_takes_the_sources_too():
+    """The fuzzers are made with it."""
+    sources = [path for folder in ("core", "api", "server") for path in sorted((ROOT / folder).glob("*.c"))]
+    assert len(sources) > 100
+    run("clang", "-fsyntax-only", "-std=c11", "-D_GNU_SOURCE", "-I.", "-w", *sources, cwd=ROOT)
+
+
 @pytest.fixture(name="repository")
 def make_repository(tmp_path):
     """A repository with one commit that has version.sh."""

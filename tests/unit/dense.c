@@ -20,7 +20,7 @@ struct dense dense_new(size_t n) {
 void dense_done(struct dense *dense) { free(dense->point), free(dense->normal), free(dense->spacing); }
 
 struct refine_input dense_input(const struct dense *dense) {
-    return (struct refine_input){dense->point, dense->normal, dense->spacing, dense->n, NULL};
+    return (struct refine_input){dense->point, dense->normal, dense->spacing, dense->n, NULL, NULL};
 }
 
 struct dense dense_field(size_t side, double (*f)(double x, double y)) {
@@ -42,7 +42,7 @@ struct neighbourhood dense_hood(const struct dense *dense) {
     struct error error;
     struct neighbourhood hood;
     struct neighbourhood_options options = {3, 6, 16, 1};
-    assert_int_equal(knn_new(dense->point, dense->n, &knn, &error), STATUS_OK);
+    assert_int_equal(knn_new(dense->point, dense->n, 1, &knn, &error), STATUS_OK);
     assert_int_equal(neighbourhood_find(knn, dense->point, dense->n, &options, &hood), STATUS_OK);
     knn_free(knn);
     return hood;

@@ -15,6 +15,7 @@
 
 #include "api/json_memory.h"
 #include "core/fault.h"
+#include "tests/unit/folder.h"
 
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 
@@ -122,4 +123,12 @@ bool faults_stop(void) {
     pthread_mutex_unlock(&lock);
     fault_ask = NULL;
     return happened;
+}
+
+int faults_tear_down(void **state) {
+    const char *folder = *state;
+    faults_stop();
+    folder_remove(folder);
+    free(*state);
+    return 0;
 }

@@ -12,6 +12,10 @@
 /* Before anything of SQLite is used: a set-up of a group. */
 int faults_set_up(void **state);
 
+/* For tests whose *state is memory that begins with the name of a folder: ends the faults, removes the folder, frees
+ * the memory. */
+int faults_tear_down(void **state);
+
 /* The nth allocation fails, and those after it too where it lasts. */
 void faults_in_memory(long nth, bool lasts);
 

@@ -45,14 +45,6 @@ static int set_up(void **state) {
     return 0;
 }
 
-static int tear_down(void **state) {
-    struct fixture *f = *state;
-    faults_stop();
-    folder_remove(f->folder);
-    free(f);
-    return 0;
-}
-
 /* ------------------------------------------------------------------------------------------------ the queue */
 
 /* How far the work has come, each step with success. */
@@ -275,7 +267,7 @@ static void every_call_of_a_writer_fails_in_turn(void **state) {
     cloud_done(&cloud);
 }
 
-#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, faults_tear_down)
 
 int main(void) {
     const struct CMUnitTest tests[] = {

@@ -116,6 +116,52 @@ static void a_team_s_threads_stay_from_loop_to_loop(void **state) {
     pthread_barrier_destroy(&meeting.barrier);
 }
 
+/* Two that wait for each other are on two threads; so are the ranges of a loop that is left when one is done. */
+struct sides {
+    struct meeting meeting, loop;
+    bool loop_is_mine;
+};
+
+static void do_side(struct sides *sides, bool mine) {
+    meet(&sides->meeting, mine, 0);
+    if (mine == sides->loop_is_mine) par_for(2, 2, 1, meet, &sides->loop);
+}
+
+static void do_mine(void *ctx) { do_side(ctx, true); }
+static void do_others(void *ctx) { do_side(ctx, false); }
+
+static void what_is_beside_runs_at_once_and_whoever_is_done_helps(void **state) {
+    (void)state;
+    struct sides sides;
+    pthread_barrier_init(&sides.meeting.barrier, NULL, 2);
+    pthread_barrier_init(&sides.loop.barrier, NULL, 2);
+    struct par_team *team = par_team_new();
+    for (int i = 0; i < 300; i++) {
+        sides.loop_is_mine = i % 2;
+        par_beside(2, do_mine, do_others, &sides);
+        assert_int_equal(sides.meeting.who[1], gettid());
+        assert_int_not_equal(sides.meeting.who[0], gettid());
+        assert_int_not_equal(sides.loop.who[0], sides.loop.who[1]);
+    }
+    par_team_free(team);
+    pthread_barrier_destroy(&sides.meeting.barrier);
+    pthread_barrier_destroy(&sides.loop.barrier);
+}
+
+static void double_it(void *ctx) { *(int *)ctx *= 2; }
+static void add_one(void *ctx) { *(int *)ctx += 1; }
+
+static void without_a_team_the_others_come_after(void **state) {
+    (void)state;
+    int value = 5;
+    par_beside(2, double_it, add_one, &value);
+    assert_int_equal(value, 11);
+    struct par_team *team = par_team_new();
+    par_beside(1, double_it, add_one, &value);
+    par_team_free(team);
+    assert_int_equal(value, 23);
+}
+
 static void count_nested(void *ctx, size_t begin, size_t end) {
     for (size_t i = begin; i < end; i++) par_for(3, 100, 10, count_range, (unsigned char *)ctx + i * 100);
 }
@@ -188,6 +234,8 @@ int main(void) {
         cmocka_unit_test(the_seam_makes_allocations_fail),
         cmocka_unit_test(a_parallel_loop_visits_every_index_once),
         cmocka_unit_test(a_team_s_threads_stay_from_loop_to_loop),
+        cmocka_unit_test(what_is_beside_runs_at_once_and_whoever_is_done_helps),
+        cmocka_unit_test(without_a_team_the_others_come_after),
         cmocka_unit_test(a_team_visits_every_index_once),
         cmocka_unit_test(a_basis_is_orthonormal_and_right_handed),
         cmocka_unit_test(eigenvectors_stand_coinciding_eigenvalues),

@@ -103,6 +103,7 @@ static const struct {
     {100000, 0.02, 0, "denoise full", 1.5},
     {30000, 0, 0, "outputs cloud,mesh,report", 1.8},
     {30000, 0, 0, "outputs cloud,mesh,report ratio 0.5 refine none", 1.5},
+    {30000, 0, 0, "outputs cloud,mesh,report ratio 0.9", 1.5},
     {30000, 0, 0, "outputs cloud,mesh,report,dso,error levels 0.4,0.2,0.1", 1.5},
     {30000, 0, 0, "outputs cloud,mesh,report ratio 0.1 reference reconstruction refine none", 1.5},
 };

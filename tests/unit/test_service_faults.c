@@ -4,8 +4,6 @@
  * Requests go over a connection to the service as it runs, but for jobs, which end as soon as they are submitted.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include <arpa/inet.h>
-#include <fcntl.h>
 #include <poll.h>
 #include <setjmp.h>
 #include <signal.h>
@@ -19,94 +17,22 @@
 
 #include <cmocka.h>
 
-#include "server/http.h"
-#include "server/notify.h"
-#include "server/service.h"
-#include "server/supervisor.h"
 #include "tests/unit/faults.h"
 #include "tests/unit/folder.h"
+#include "tests/unit/instant_service.h"
 
 enum { ANSWER_BYTES = 1 << 20, REQUEST_BYTES = 2048, PATIENCE_MS = 120000, MOST_FAULTS = 100000 };
 
 struct fixture {
     char folder[64];
     struct config config;
-    struct service service;
-    struct http *http;
-    struct sockaddr_in address;
+    struct instant_service instant;
     char answer[ANSWER_BYTES];
 };
 
-static struct service *running; /* whose jobs supervisor_notify ends */
-
-/* ------------------------------------------------------------------------------------------------ around the service
- */
-
-int notify_inherited(const char *name) {
-    (void)name;
-    return -1;
-}
-
-bool supervisor_answers(struct supervisor *supervisor) { return supervisor != NULL; }
-
-bool supervisor_cancel(struct supervisor *supervisor, const char *id) {
-    (void)supervisor;
-    (void)id;
-    return false;
-}
-
-static void write_file(const char *path, const char *name, const char *text) {
-    char whole[STORE_PATH_BYTES + 16];
-    snprintf(whole, sizeof whole, "%s/%s", path, name);
-    int fd = open(whole, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
-    assert_int_equal(write(fd, text, strlen(text)), strlen(text));
-    close(fd);
-}
-
-/* Every job ends at once, well; nothing fails meanwhile. */
-void supervisor_notify(struct supervisor *supervisor) {
-    static const char report[] = "{\"points_in\":9,\"points_out\":3,\"timings_ms\":{\"read\":1.5,\"total\":2}}";
-    char path[STORE_PATH_BYTES];
-    struct error error = {0};
-    struct job job = {0};
-    bool found = true, changed;
-    (void)supervisor;
-    faults_pause();
-    while (queue_claim(running->queue, INT64_MAX, &job, &found, &error) == STATUS_OK && found) {
-        assert_int_equal(store_outputs_begin(running->store, job.id, path, &error), STATUS_OK);
-        write_file(path, "cloud.ply", "ply\nformat ascii 1.0\nelement vertex 0\nend_header\n");
-        write_file(path, "report.json", report);
-        assert_int_equal(store_outputs_keep(running->store, job.id, job.output, &job.output_count, &error), STATUS_OK);
-        job.report = strdup(report);
-        assert_int_equal(queue_finish(running->queue, JOB_DONE, &job, &changed, &error), STATUS_OK);
-        job_done(&job);
-    }
-    faults_go_on();
-}
-
 static enum status open_all(struct fixture *f) {
-    struct http_addresses addresses;
     struct error error = {0};
-    enum status status = service_open(&f->service, &f->config, &error);
-    if (status != STATUS_OK) return status;
-    f->service.supervisor = (struct supervisor *)(void *)f; /* never looked into */
-    status = http_open(&f->service, &f->http, &addresses, &error);
-    if (status != STATUS_OK) {
-        events_close(f->service.events);
-        service_close(&f->service);
-        return status;
-    }
-    f->address = (struct sockaddr_in){.sin_family = AF_INET,
-                                      .sin_port = htons((uint16_t)strtoul(strrchr(addresses.main, ':') + 1, NULL, 10)),
-                                      .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
-    running = &f->service;
-    return STATUS_OK;
-}
-
-static void close_all(struct fixture *f) {
-    events_close(f->service.events);
-    http_close(f->http);
-    service_close(&f->service);
+    return instant_service_open(&f->instant, &f->config, &error);
 }
 
 static int set_up(void **state) {
@@ -118,25 +44,18 @@ static int set_up(void **state) {
     signal(SIGPIPE, SIG_IGN);
     folder_make_in_memory(f->folder, sizeof f->folder);
     *state = f;
+    f->instant.before = faults_pause;
+    f->instant.after = faults_go_on;
     bool read = config_read(&f->config, sizeof flags / sizeof *flags - 1, flags, NULL, &error) == CONFIG_RUN;
     if (!read) print_error("%s\n", error.text);
     return !read;
-}
-
-static int tear_down(void **state) {
-    struct fixture *f = *state;
-    faults_stop();
-    folder_remove(f->folder);
-    free(f);
-    return 0;
 }
 
 /* ------------------------------------------------------------------------------------------------ requests */
 
 /* Sends a request that asks for the connection's end, and takes what comes until then. */
 static void exchange(struct fixture *f, const char *request) {
-    int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    assert_int_equal(connect(fd, (const struct sockaddr *)&f->address, sizeof f->address), 0);
+    int fd = instant_service_connect(&f->instant);
     assert_int_equal(send(fd, request, strlen(request), MSG_NOSIGNAL), strlen(request));
     struct pollfd ready = {.fd = fd, .events = POLLIN};
     size_t got = 0;
@@ -256,7 +175,7 @@ static void each_request_without_memory_is_told_so_or_cut(void **state) {
         if (!is_right(status_of(f), i)) fail_msg("%s: %s", cases[i].request, f->answer);
     }
     assert_true(failures > 100);
-    close_all(f);
+    instant_service_close(&f->instant);
 }
 
 static void opening_without_memory_fails_and_leaves_nothing(void **state) {
@@ -268,12 +187,12 @@ static void opening_without_memory_fails_and_leaves_nothing(void **state) {
         enum status status = open_all(f);
         happened = faults_stop();
         failures += status != STATUS_OK;
-        if (status == STATUS_OK) close_all(f);
+        if (status == STATUS_OK) instant_service_close(&f->instant);
     }
     assert_true(failures > 10);
 }
 
-#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, faults_tear_down)
 
 int main(void) {
     const struct CMUnitTest tests[] = {

@@ -404,7 +404,7 @@ static enum status neighbours_anew(const struct contractor *c, struct neighbourh
     hood->id = alloc_array(n, RELINK_K * sizeof *hood->id);
     hood->count = alloc_zeroed(n, sizeof *hood->count);
     enum status status = found && distance_sq && hood->id && hood->count ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status) status = knn_new(c->point, n, &knn, NULL);
+    if (!status) status = knn_new(c->point, n, c->threads, &knn, NULL);
     if (!status) status = knn_search(knn, c->point, n, RELINK_K, c->threads, found, distance_sq);
     for (size_t i = 0; !status && i < n * RELINK_K; i++) {
         size_t p = i / RELINK_K;

@@ -242,7 +242,7 @@ static enum status index_listened(struct surface *s) {
     s->listened = alloc_array(m, sizeof *s->listened);
     if (!s->listened) return STATUS_NO_MEMORY;
     for (size_t i = 0; i < m; i++) s->listened[i] = s->point[i * s->level->step];
-    return knn_new(s->listened, m, &s->knn, NULL);
+    return knn_new(s->listened, m, s->threads, &s->knn, NULL);
 }
 
 static enum status allocate_near(struct surface *s, unsigned k) {

@@ -1,4 +1,4 @@
-/* Queries along the curve in groups (knn_group.c), the others one by one (knn_flann.cc).
+/* Queries along the curve in groups (knn_group.c), the others one by one (knn_pieces.c).
  *
  * How far the k-th neighbour of the last query was tells how wide the next group may be.  A group of few isn't worth
  * gathering for; so queries in no order cost what they would without groups.
@@ -12,8 +12,8 @@
 #include <stdlib.h>
 
 #include "core/alloc.h"
-#include "core/knn_flann.h"
 #include "core/knn_group.h"
+#include "core/knn_pieces.h"
 #include "core/par.h"
 
 enum { BATCH = 2048, FEWEST = 2 };
@@ -22,16 +22,16 @@ static const double WIDTH = 2; /* of a group, in distances to the k-th neighbour
 struct knn {
     const vec3 *point;
     size_t n;
-    struct knn_flann *tree;
+    struct knn_pieces *pieces;
 };
 
-enum status knn_new(const vec3 *points, size_t n, struct knn **out, struct error *error) {
+enum status knn_new(const vec3 *points, size_t n, unsigned threads, struct knn **out, struct error *error) {
     assert(n > 0);
     if (n > INT_MAX) return error_set(error, STATUS_LIMIT, "knn", "%zu points are more than FLANN counts", n);
     struct knn *knn = alloc_zeroed(1, sizeof *knn);
     if (!knn) return error_set(error, STATUS_NO_MEMORY, "knn", "no memory for the index");
     *knn = (struct knn){.point = points, .n = n};
-    if (knn_flann_new(points, n, &knn->tree)) {
+    if (knn_pieces_new(points, n, threads, &knn->pieces)) {
         free(knn);
         return error_set(error, STATUS_NO_MEMORY, "knn", "FLANN could not build its index");
     }
@@ -52,7 +52,8 @@ static enum status ask_alone(const struct search *search, size_t q) {
     uint32_t *id = &search->id[q * search->k];
     double *distance_sq = &search->distance_sq[q * search->k];
     unsigned found;
-    enum status status = knn_flann_nearest(search->knn->tree, search->queries[q], search->k, id, distance_sq, &found);
+    enum status status =
+        knn_pieces_nearest(search->knn->pieces, search->queries[q], search->k, id, distance_sq, &found);
     for (unsigned i = found; !status && i < search->k; i++) id[i] = UINT32_MAX, distance_sq[i] = INFINITY;
     return status;
 }
@@ -63,7 +64,8 @@ static enum status ask_group(const struct search *search, size_t q, unsigned n, 
     struct knn_group group;
     bool gathered = false;
     enum status status = STATUS_OK;
-    if (n >= FEWEST) status = knn_group_gather(&group, knn->tree, knn->point, &search->queries[q], n, usual, &gathered);
+    if (n >= FEWEST)
+        status = knn_group_gather(&group, knn->pieces, knn->point, &search->queries[q], n, usual, &gathered);
     for (size_t end = q + n; q < end && !status; q++)
         if (!gathered || !knn_group_nearest(&group, search->queries[q], search->k, usual, &search->id[q * search->k],
                                             &search->distance_sq[q * search->k]))
@@ -94,6 +96,6 @@ enum status knn_search(const struct knn *knn, const vec3 *queries, size_t m, uns
 
 void knn_free(struct knn *knn) {
     if (!knn) return;
-    knn_flann_free(knn->tree);
+    knn_pieces_free(knn->pieces);
     free(knn);
 }

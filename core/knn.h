@@ -1,4 +1,4 @@
-/* Nearest neighbours, exact, by FLANN's single kd-tree in double precision.
+/* Nearest neighbours, exact, by FLANN's single kd-trees in double precision.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_KNN_H
@@ -14,14 +14,16 @@ struct knn;
 
 enum { KNN_MAX_K = 64 };
 
-/* Builds an index over n points (1 <= n < 2^31), which are borrowed and must outlive it unchanged.  *knn is the
- * caller's, to be given to knn_free.  O(n log n).  STATUS_NO_MEMORY, STATUS_LIMIT. */
-enum status knn_new(const vec3 *points, size_t n, struct knn **knn, struct error *error) MUST_CHECK;
+/* Builds an index over n points (1 <= n < 2^31), which are borrowed and must outlive it unchanged, on up to `threads`
+ * threads (0 = all processors).  Points in space-filling order make it several times as fast as those in no order.
+ * *knn is the caller's, to be given to knn_free.  O(n log n).  STATUS_NO_MEMORY, STATUS_LIMIT. */
+enum status knn_new(const vec3 *points, size_t n, unsigned threads, struct knn **knn, struct error *error) MUST_CHECK;
 
-/* The k nearest points of each of m queries, nearest first: id[q * k + i] and distance_sq[q * k + i] (squared
- * Euclidean, double).  A query that is itself a point finds itself at distance 0.  Where there are fewer than k points
- * the rest is NONE (UINT32_MAX) and infinity.  k <= KNN_MAX_K.  Queries that lie in space-filling order are twice as
- * fast as random ones.  Deterministic for any number of threads (0 = all processors). */
+/* The k nearest points of each of m queries, nearest first, of points that are equally far the lower index:
+ * id[q * k + i] and distance_sq[q * k + i] (squared Euclidean, double).  A query that is itself a point finds itself at
+ * distance 0.  Where there are fewer than k points the rest is NONE (UINT32_MAX) and infinity.  k <= KNN_MAX_K.
+ * Queries that lie in space-filling order are twice as fast as random ones.  Deterministic for any number of threads
+ * (0 = all processors). */
 enum status knn_search(const struct knn *knn, const vec3 *queries, size_t m, unsigned k, unsigned threads, uint32_t *id,
                        double *distance_sq) MUST_CHECK;
 

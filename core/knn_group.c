@@ -126,12 +126,12 @@ static void surround(struct knn_group *group, const vec3 *query, unsigned n) {
     group->radius = sqrt(reach_sq);
 }
 
-enum status knn_group_gather(struct knn_group *group, const struct knn_flann *tree, const vec3 *point,
+enum status knn_group_gather(struct knn_group *group, const struct knn_pieces *pieces, const vec3 *point,
                              const vec3 *query, unsigned n, double usual, bool *gathered) {
     surround(group, query, n);
     group->radius += ROOM * usual;
     enum status status =
-        knn_flann_within(tree, group->centre, group->radius, KNN_GROUP_POINTS, group->id, &group->count);
+        knn_pieces_within(pieces, group->centre, group->radius, KNN_GROUP_POINTS, group->id, &group->count);
     *gathered = !status && group->count <= KNN_GROUP_POINTS;
     if (!*gathered) return status;
     for (unsigned i = 0; i < group->count; i++) {

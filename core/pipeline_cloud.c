@@ -56,7 +56,7 @@ enum status pipeline_order(struct run *run) {
 }
 
 enum status pipeline_neighbours(struct run *run) {
-    enum status status = knn_new(run->points.point, run->points.count, &run->knn, run->error);
+    enum status status = knn_new(run->points.point, run->points.count, run->threads, &run->knn, run->error);
     if (status) return status;
     struct neighbourhood_options options = {run->params->neighbourhood, (unsigned)run->params->neighbours_min,
                                             (unsigned)run->params->neighbours_max, run->threads};

@@ -54,7 +54,8 @@ static enum status drop_outliers(struct run *run, struct remains *remains) {
     struct knn *knn = NULL;
     size_t count;
     uint8_t *outlier = alloc_array(remains->count, sizeof *outlier);
-    enum status status = outlier ? knn_new(remains->point, remains->count, &knn, run->error) : STATUS_NO_MEMORY;
+    enum status status = outlier ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) status = knn_new(remains->point, remains->count, run->threads, &knn, run->error);
     if (!status) status = outliers_find(knn, remains->point, remains->count, run->threads, outlier, &count);
     if (!status) drop(remains, outlier);
     knn_free(knn);

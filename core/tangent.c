@@ -1,5 +1,6 @@
 /* Chunks of points are measured side by side and added up in their order, so the sums don't depend on the number of
- * threads.  The sign of a normal doesn't matter to a distance, so nothing is oriented here.
+ * threads.  The sign of a normal doesn't matter to a distance, so nothing is oriented here.  Kept points come by their
+ * importance; their index is built along the curve.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/tangent.h"
@@ -9,6 +10,7 @@
 #include "core/alloc.h"
 #include "core/knn.h"
 #include "core/par.h"
+#include "core/radix.h"
 
 enum { CHUNK = 4096 };
 
@@ -20,8 +22,8 @@ struct part {
 struct tangent {
     const struct knn *knn;
     const vec3 *point, *normal;
-    const uint32_t *kept;
-    struct part *part; /* one for each chunk, added up in order */
+    const uint32_t *kept; /* along the curve */
+    struct part *part;    /* one for each chunk, added up in order */
 };
 
 static void measure_chunk(void *ctx, size_t begin, size_t end) {
@@ -53,22 +55,33 @@ static enum status add_up(const struct part *part, size_t parts, size_t n, struc
     return STATUS_OK;
 }
 
+/* The kept points along the curve; item and spare are scratch for k each. */
+static void sort_kept(const uint32_t *kept, size_t k, unsigned threads, uint64_t *item, uint64_t *spare,
+                      uint32_t *sorted) {
+    for (size_t i = 0; i < k; i++) item[i] = radix_item(kept[i], 0);
+    item = radix_sort(item, spare, k, threads);
+    for (size_t i = 0; i < k; i++) sorted[i] = radix_key(item[i]);
+}
+
 enum status tangent_error(const vec3 *point, const vec3 *normal, size_t n, const uint32_t *kept, size_t k,
                           unsigned threads, struct distance_stats *stats) {
     struct knn *knn = NULL;
     size_t parts = (n + CHUNK - 1) / CHUNK;
     vec3 *kept_point = alloc_array(k, sizeof *kept_point);
+    uint32_t *sorted = alloc_array(k, sizeof *sorted);
+    uint64_t *item = alloc_array(k, 2 * sizeof *item);
     struct part *part = alloc_zeroed(parts, sizeof *part);
-    enum status status = kept_point && part ? STATUS_OK : STATUS_NO_MEMORY;
-    for (size_t i = 0; !status && i < k; i++) kept_point[i] = point[kept[i]];
-    if (!status) status = knn_new(kept_point, k, &knn, NULL);
+    enum status status = kept_point && sorted && item && part ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) sort_kept(kept, k, threads, item, item + k, sorted);
+    free(item);
+    for (size_t i = 0; !status && i < k; i++) kept_point[i] = point[sorted[i]];
+    if (!status) status = knn_new(kept_point, k, threads, &knn, NULL);
     if (!status) {
-        struct tangent tangent = {knn, point, normal, kept, part};
+        struct tangent tangent = {knn, point, normal, sorted, part};
         par_for(threads, n, CHUNK, measure_chunk, &tangent);
         status = add_up(part, parts, n, stats);
     }
     knn_free(knn);
-    free(kept_point);
-    free(part);
+    free(kept_point), free(sorted), free(part);
     return status;
 }

@@ -42,7 +42,7 @@ struct neighbourhood dense_hood(const struct dense *dense) {
     struct error error;
     struct neighbourhood hood;
     struct neighbourhood_options options = {3, 6, 16, 1};
-    assert_int_equal(knn_new(dense->point, dense->n, &knn, &error), STATUS_OK);
+    assert_int_equal(knn_new(dense->point, dense->n, 1, &knn, &error), STATUS_OK);
     assert_int_equal(neighbourhood_find(knn, dense->point, dense->n, &options, &hood), STATUS_OK);
     knn_free(knn);
     return hood;

@@ -51,7 +51,7 @@ static struct neighbourhood neighbours_of(const vec3 *point, size_t n) {
     struct knn *knn = NULL;
     struct neighbourhood hood = {0};
     struct neighbourhood_options options = {2.5, 6, 10, 1};
-    assert_int_equal(knn_new(point, n, &knn, NULL), STATUS_OK);
+    assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
     assert_int_equal(neighbourhood_find(knn, point, n, &options, &hood), STATUS_OK);
     knn_free(knn);
     return hood;

@@ -91,7 +91,7 @@ static void the_spread_leaves_values_alone(void **state) {
 static size_t find_outliers(const vec3 *point, size_t n, unsigned threads, uint8_t *outlier) {
     struct knn *knn = NULL;
     size_t count = SIZE_MAX;
-    assert_int_equal(knn_new(point, n, &knn, NULL), STATUS_OK);
+    assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
     assert_int_equal(outliers_find(knn, point, n, threads, outlier, &count), STATUS_OK);
     knn_free(knn);
     return count;
@@ -304,7 +304,7 @@ static unsigned neighbours_max(const vec3 *point, size_t n, unsigned max) {
     struct neighbourhood hood = {0};
     struct neighbourhood_options options = {2.5, 6, max, 2};
     unsigned most = 0;
-    assert_int_equal(knn_new(point, n, &knn, NULL), STATUS_OK);
+    assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
     assert_int_equal(neighbourhood_find(knn, point, n, &options, &hood), STATUS_OK);
     for (size_t i = 0; i < n; i++) most = hood.count[i] > most ? hood.count[i] : most;
     neighbourhood_done(&hood);
@@ -360,7 +360,7 @@ static void every_allocation_may_fail(void **state) {
     vec3 *point = sphere_with_dust(N - 30, 30);
     add_noise(point, N - 30, 0.1);
     struct knn *knn = NULL;
-    assert_int_equal(knn_new(point, N, &knn, NULL), STATUS_OK);
+    assert_int_equal(knn_new(point, N, 1, &knn, NULL), STATUS_OK);
     size_t failures = 0;
     for (long at = 0;; at++) {
         long countdown = at;

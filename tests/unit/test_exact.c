@@ -36,7 +36,7 @@ static struct start start_from(vec3 *point) {
     struct neighbourhood_options near = {2.5, 6, 10, 1};
     struct quadric_options options = {AREA_AREA, 3e-3, 1};
     float dso[N], weight[N];
-    assert_int_equal(knn_new(point, N, &knn, NULL), STATUS_OK);
+    assert_int_equal(knn_new(point, N, 1, &knn, NULL), STATUS_OK);
     assert_int_equal(neighbourhood_find(knn, point, N, &near, &s.hood), STATUS_OK);
     knn_free(knn);
     normals_fit(point, &s.hood, 1, s.normal, NULL);

@@ -120,7 +120,7 @@ static void set_up(struct scene *s, solid *labelled, solid *is_true) {
     add_sites(s, labelled);
     add_points(s, is_true);
     for (size_t i = 0; i < s->points; i++) s->of_point[i] = nearest_site(s, s->point[i]);
-    assert_int_equal(knn_new(s->point, s->points, &s->knn, NULL), STATUS_OK);
+    assert_int_equal(knn_new(s->point, s->points, 1, &s->knn, NULL), STATUS_OK);
     assert_int_equal(delaunay_build(s->site, s->sites, 1, NULL, &s->tets, NULL), STATUS_OK);
     assert_int_equal(cocone_star_build(&s->tets, s->site, s->sites, 1, &s->star), STATUS_OK);
     s->dense = (struct cocone_dense){s->points, s->point, s->normal, s->spacing, s->of_point, s->knn};

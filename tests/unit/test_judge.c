@@ -44,7 +44,7 @@ static int set_up(void **state) {
     ball->spacing = alloc_array(DENSE, sizeof *ball->spacing);
     ball->of_point = alloc_array(DENSE, sizeof *ball->of_point);
     for (size_t i = 0; i < DENSE; i++) ball->spacing[i] = 0.02f, ball->of_point[i] = nearest_site(ball, ball->point[i]);
-    assert_int_equal(knn_new(ball->point, DENSE, &ball->knn, NULL), STATUS_OK);
+    assert_int_equal(knn_new(ball->point, DENSE, 1, &ball->knn, NULL), STATUS_OK);
     assert_int_equal(delaunay_build(ball->site, SITES, 1, NULL, &ball->tets, NULL), STATUS_OK);
     assert_int_equal(cocone_star_build(&ball->tets, ball->site, SITES, 1, &ball->star), STATUS_OK);
     ball->dense = (struct cocone_dense){DENSE, ball->point, ball->normal, ball->spacing, ball->of_point, ball->knn};

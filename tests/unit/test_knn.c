@@ -24,16 +24,16 @@ static struct ordered_points ordered(vec3 *point, size_t n) {
     return out;
 }
 
+/* The k nearest by distance, then id: no other point comes before the last of them. */
 static void assert_exact(const vec3 *point, size_t n, vec3 query, unsigned k, const uint32_t *id,
                          const double *distance_sq) {
-    size_t nearer = 0, as_near = 0;
+    size_t in = 0;
     double last = distance_sq[k - 1];
     for (size_t i = 0; i < n; i++) {
         double d = vec3_distance_sq(query, point[i]);
-        nearer += d < last;
-        as_near += d <= last;
+        in += d < last || (d == last && i <= id[k - 1]);
     }
-    assert_true(nearer < k && as_near >= k);
+    assert_int_equal(in, k);
     for (unsigned i = 0; i < k; i++) {
         assert_true(distance_sq[i] == vec3_distance_sq(query, point[id[i]]));
         assert_true(i == 0 || distance_sq[i - 1] < distance_sq[i] ||
@@ -46,7 +46,7 @@ static void assert_together_as_alone(const vec3 *point, size_t n, const vec3 *qu
     struct knn *knn = NULL;
     uint32_t *id[2], alone_id[KNN_MAX_K];
     double *distance_sq[2], alone_sq[KNN_MAX_K];
-    assert_int_equal(knn_new(point, n, &knn, NULL), STATUS_OK);
+    assert_int_equal(knn_new(point, n, 2, &knn, NULL), STATUS_OK);
     for (unsigned t = 0; t < 2; t++) {
         id[t] = malloc(m * k * sizeof *id[t]);
         distance_sq[t] = malloc(m * k * sizeof *distance_sq[t]);
@@ -132,7 +132,7 @@ static void huge_and_tiny_distances(void **state) {
         struct knn *knn = NULL;
         uint32_t id[N * 6];
         double distance_sq[N * 6];
-        assert_int_equal(knn_new(all.point, N, &knn, NULL), STATUS_OK);
+        assert_int_equal(knn_new(all.point, N, 1, &knn, NULL), STATUS_OK);
         assert_int_equal(knn_search(knn, all.point, N, 6, 1, id, distance_sq), STATUS_OK);
         for (size_t q = 0; q < N; q++) {
             uint32_t alone_id[6];
@@ -146,10 +146,89 @@ static void huge_and_tiny_distances(void **state) {
     }
 }
 
+/* Clouds of more than 16384 points have several trees. */
+enum { MANY = 20000 };
+
+/* Every 97th point, and as many places far off. */
+static void assert_pieces_exact(vec3 *point, size_t n) {
+    enum { STEP = 97 };
+    struct ordered_points all = ordered(point, n);
+    size_t m = all.count / STEP;
+    vec3 *query = malloc(2 * m * sizeof *query);
+    for (size_t i = 0; i < m; i++) {
+        query[i] = all.point[i * STEP];
+        query[m + i] = vec3_scale(query[i], 3);
+    }
+    assert_together_as_alone(all.point, all.count, query, 2 * m, 1);
+    assert_together_as_alone(all.point, all.count, query, 2 * m, 11);
+    assert_together_as_alone(all.point, all.count, query, 2 * m, KNN_MAX_K);
+    free(query);
+    ordered_points_done(&all);
+}
+
+static void pieces_of_a_surface(void **state) {
+    (void)state;
+    assert_pieces_exact(shape_sphere(5 * MANY, 1), 5 * MANY);
+}
+
+/* Equals lie on both sides of the cuts. */
+static void pieces_of_a_grid(void **state) {
+    (void)state;
+    assert_pieces_exact(shape_height_field(151, height_plane), 151 * 151);
+}
+
+static void pieces_of_a_line(void **state) {
+    (void)state;
+    vec3 *point = malloc(MANY * sizeof *point);
+    for (size_t i = 0; i < MANY; i++) point[i] = (vec3){0.25 * (double)i, 0.5 * (double)i, 0};
+    assert_pieces_exact(point, MANY);
+}
+
+/* The middle of the sample is where nearly all points are: one piece has seven, and k is more. */
+static void a_piece_of_fewer_than_k(void **state) {
+    (void)state;
+    vec3 *point = malloc(MANY * sizeof *point);
+    for (size_t i = 0; i < MANY; i++)
+        point[i] = (vec3){i % (MANY / 7) == 5 ? -2 : 0, (double)(i % 141) / 141, (double)i / 141 / 141};
+    assert_pieces_exact(point, MANY);
+}
+
+/* All of a sample are at one place, and some more: a cut there leaves one side empty. */
+static void pieces_without_points(void **state) {
+    (void)state;
+    vec3 *point = malloc(MANY * sizeof *point);
+    struct knn *knn = NULL;
+    uint32_t id[KNN_MAX_K];
+    double distance_sq[KNN_MAX_K];
+    for (size_t i = 0; i < MANY; i++) point[i] = (vec3){i == MANY - 1 ? 1 : 0, 0, 0};
+    assert_int_equal(knn_new(point, MANY, 2, &knn, NULL), STATUS_OK);
+    for (int side = -1; side <= 1; side++) {
+        vec3 query = {side, 0, 0};
+        assert_int_equal(knn_search(knn, &query, 1, KNN_MAX_K, 1, id, distance_sq), STATUS_OK);
+        assert_exact(point, MANY, query, KNN_MAX_K, id, distance_sq);
+    }
+    knn_free(knn);
+    free(point);
+}
+
+/* Pieces are found whatever the order of the points is. */
+static void pieces_of_points_in_no_order(void **state) {
+    (void)state;
+    vec3 *point = shape_sphere(MANY, 1);
+    uint64_t seed = 7;
+    for (size_t i = MANY - 1; i > 0; i--) {
+        size_t j = (size_t)(random_unit(&seed) * (double)i);
+        vec3 p = point[i];
+        point[i] = point[j], point[j] = p;
+    }
+    assert_together_as_alone(point, MANY, point, 500, 12);
+    free(point);
+}
+
 /* FLANN's own pool would go on with a null pointer. */
 static void an_index_without_memory_is_told(void **state) {
     (void)state;
-    enum { N = 3000 };
+    enum { N = 17000 };
     vec3 *point = shape_sphere(N, 1);
     bool failed = true;
     long nth = 0;
@@ -157,7 +236,7 @@ static void an_index_without_memory_is_told(void **state) {
         struct knn *knn = NULL;
         struct error error = {0};
         faults_in_memory(++nth, false);
-        enum status status = knn_new(point, N, &knn, &error);
+        enum status status = knn_new(point, N, 1, &knn, &error);
         failed = faults_stop();
         assert_int_equal(status, failed ? STATUS_NO_MEMORY : STATUS_OK);
         assert_true(failed == !knn);
@@ -175,6 +254,12 @@ int main(void) {
         cmocka_unit_test(points_in_crowds),
         cmocka_unit_test(queries_that_are_no_points),
         cmocka_unit_test(huge_and_tiny_distances),
+        cmocka_unit_test(pieces_of_a_surface),
+        cmocka_unit_test(pieces_of_a_grid),
+        cmocka_unit_test(pieces_of_a_line),
+        cmocka_unit_test(a_piece_of_fewer_than_k),
+        cmocka_unit_test(pieces_without_points),
+        cmocka_unit_test(pieces_of_points_in_no_order),
         cmocka_unit_test(an_index_without_memory_is_told),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

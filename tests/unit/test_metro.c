@@ -287,7 +287,7 @@ static void tangent_disks_stand_for_the_surface(void **state) {
     float spacing[N];
     for (int i = 0; i < N; i++) normal[i] = (vec3){0, 0, i % 2 ? 1 : -1}, spacing[i] = 0.1F;
     struct knn *knn = NULL;
-    assert_int_equal(knn_new(plane.vertex, N, &knn, NULL), STATUS_OK);
+    assert_int_equal(knn_new(plane.vertex, N, 1, &knn, NULL), STATUS_OK);
     struct metro_reference reference = {
         .point = plane.vertex, .point_count = N, .normal = normal, .spacing = spacing, .knn = knn};
     struct metro_errors errors;

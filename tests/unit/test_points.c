@@ -107,7 +107,7 @@ static void nearest_neighbours_equal_brute_force(void **state) {
     struct knn *knn = NULL;
     uint32_t id[N * K];
     double distance_sq[N * K];
-    assert_int_equal(knn_new(point, N, &knn, NULL), STATUS_OK);
+    assert_int_equal(knn_new(point, N, 1, &knn, NULL), STATUS_OK);
     assert_int_equal(knn_search(knn, point, N, K, 2, id, distance_sq), STATUS_OK);
     for (size_t p = 0; p < N; p++) {
         assert_int_equal(id[p * K], p);
@@ -128,7 +128,7 @@ static void fewer_points_than_neighbours_are_padded(void **state) {
     struct knn *knn = NULL;
     uint32_t id[8];
     double distance_sq[8];
-    assert_int_equal(knn_new(point, 2, &knn, NULL), STATUS_OK);
+    assert_int_equal(knn_new(point, 2, 1, &knn, NULL), STATUS_OK);
     assert_int_equal(knn_search(knn, point, 2, 4, 1, id, distance_sq), STATUS_OK);
     const uint32_t expected[8] = {0, 1, NONE, NONE, 1, 0, NONE, NONE};
     assert_memory_equal(id, expected, sizeof id);
@@ -146,7 +146,7 @@ struct found {
 static struct found find(vec3 *point, size_t n, double radius, unsigned min, unsigned max) {
     struct found found = {.n = n, .point = point, .normal = malloc(n * sizeof(vec3))};
     struct neighbourhood_options options = {radius, min, max, 2};
-    assert_int_equal(knn_new(point, n, &found.knn, NULL), STATUS_OK);
+    assert_int_equal(knn_new(point, n, 1, &found.knn, NULL), STATUS_OK);
     assert_int_equal(neighbourhood_find(found.knn, point, n, &options, &found.hood), STATUS_OK);
     normals_fit(point, &found.hood, 2, found.normal, NULL);
     return found;

@@ -1,0 +1,193 @@
+/* Building a tree is one thread's work, so there are several, of pieces of space, built side by side.
+ *
+ *      +-----+--------+     Cuts at the middles of a sample, across the longest side of its box, make pieces of about
+ *      |  1  |   .    |     as many points each.  A query asks the tree of its own piece, then those whose boxes are
+ *      +-----+  . 3   |     nearer than what it has found so far; few queries lie that near a cut.  Lower trees make up
+ *      |  2  +--------+     for that.
+ *      |  .  |   4    |
+ *      +-----+--------+
+ *
+ * Invariant: the pieces depend on the points alone, not on threads; and since of equals the lower id is in, no answer
+ * depends on the pieces.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/knn_pieces.h"
+
+#include <stdlib.h>
+
+#include "core/alloc.h"
+#include "core/knn_flann.h"
+#include "core/par.h"
+#include "core/quantile.h"
+#include "core/radix.h"
+
+enum { MOST_PIECES = 16, LEAST_POINTS = 1 << 13, SAMPLES = 1024, GRAIN = 1 << 14 };
+
+struct cut {
+    unsigned axis;
+    double at;
+};
+
+struct piece {
+    vec3 least, most; /* its box */
+    size_t begin, end;
+    struct knn_flann *tree; /* NULL where there are no points */
+    enum status status;
+};
+
+struct knn_pieces {
+    const vec3 *point;
+    size_t n;
+    unsigned count;              /* a power of two */
+    struct cut cut[MOST_PIECES]; /* of [1] in two; what comes of [i] is cut by [2 i] and [2 i + 1] */
+    struct piece piece[MOST_PIECES];
+};
+
+/* ------------------------------------------------------------------------------------------------ cuts */
+
+static double along(vec3 p, unsigned axis) { return (&p.x)[axis]; }
+
+static bool is_beyond(const struct cut *cut, vec3 p) { return along(p, cut->axis) >= cut->at; }
+
+/* The middle of n >= 1 points across the longest side of their box. */
+static struct cut middle_of(const vec3 *sample, size_t n) {
+    vec3 least = sample[0], most = sample[0];
+    float value[SAMPLES];
+    for (size_t i = 1; i < n; i++) least = vec3_min(least, sample[i]), most = vec3_max(most, sample[i]);
+    vec3 side = vec3_sub(most, least);
+    unsigned axis = side.x >= side.y && side.x >= side.z ? 0 : side.y >= side.z ? 1 : 2;
+    for (size_t i = 0; i < n; i++) value[i] = (float)along(sample[i], axis);
+    return (struct cut){axis, (double)quantile_of(value, n, 0.5)};
+}
+
+/* Makes the cut that is numbered and all that come of it, by the n points of the sample there. */
+static void make_cuts(struct knn_pieces *pieces, unsigned number, vec3 *sample, size_t n) {
+    if (number >= pieces->count || n == 0) return;
+    struct cut cut = pieces->cut[number] = middle_of(sample, n);
+    size_t before = 0;
+    for (size_t i = 0; i < n; i++) {
+        vec3 p = sample[i];
+        if (is_beyond(&cut, p)) continue;
+        sample[i] = sample[before];
+        sample[before++] = p;
+    }
+    make_cuts(pieces, 2 * number, sample, before);
+    make_cuts(pieces, 2 * number + 1, sample + before, n - before);
+}
+
+static void cut_space(struct knn_pieces *pieces) {
+    vec3 sample[SAMPLES];
+    size_t step = (pieces->n - 1) / SAMPLES + 1, taken = (pieces->n - 1) / step + 1;
+    for (size_t i = 0; i < taken; i++) sample[i] = pieces->point[i * step];
+    make_cuts(pieces, 1, sample, taken);
+}
+
+static unsigned piece_of(const struct knn_pieces *pieces, vec3 p) {
+    unsigned number = 1;
+    while (number < pieces->count) number = 2 * number + is_beyond(&pieces->cut[number], p);
+    return number - pieces->count;
+}
+
+/* ------------------------------------------------------------------------------------------------ trees */
+
+/* Points by their pieces, in each in the order of their ids. */
+struct sorting {
+    struct knn_pieces *pieces;
+    uint64_t *item;
+};
+
+static void key_range(void *ctx, size_t begin, size_t end) {
+    const struct sorting *s = ctx;
+    for (size_t i = begin; i < end; i++) s->item[i] = radix_item(piece_of(s->pieces, s->pieces->point[i]), (uint32_t)i);
+}
+
+static void find_pieces(const struct sorting *s) {
+    for (size_t i = s->pieces->n, j = i; i > 0; i = j) {
+        struct piece *piece = &s->pieces->piece[radix_key(s->item[i - 1])];
+        for (j = i; j > 0 && radix_key(s->item[j - 1]) == radix_key(s->item[i - 1]);) j--;
+        piece->begin = j, piece->end = i;
+    }
+}
+
+static void build_tree(void *ctx, size_t number, size_t end) {
+    const struct sorting *s = ctx;
+    struct piece *piece = &s->pieces->piece[number];
+    (void)end;
+    if (piece->begin == piece->end) return;
+    const vec3 *point = s->pieces->point;
+    piece->least = piece->most = point[radix_value(s->item[piece->begin])];
+    for (size_t i = piece->begin + 1; i < piece->end; i++) {
+        vec3 p = point[radix_value(s->item[i])];
+        piece->least = vec3_min(piece->least, p), piece->most = vec3_max(piece->most, p);
+    }
+    piece->status = knn_flann_new(point, &s->item[piece->begin], piece->end - piece->begin, &piece->tree);
+}
+
+static enum status build_trees(struct knn_pieces *pieces, unsigned threads) {
+    enum status status = STATUS_OK;
+    uint64_t *item = alloc_array(pieces->n, sizeof *item), *spare = alloc_array(pieces->n, sizeof *spare);
+    if (item && spare) {
+        struct sorting s = {pieces, item};
+        par_for(threads, pieces->n, GRAIN, key_range, &s);
+        s.item = radix_sort(item, spare, pieces->n, threads);
+        find_pieces(&s);
+        par_for(threads, pieces->count, 1, build_tree, &s);
+        for (unsigned i = 0; i < pieces->count && !status; i++) status = pieces->piece[i].status;
+    } else {
+        status = STATUS_NO_MEMORY;
+    }
+    free(item), free(spare);
+    return status;
+}
+
+enum status knn_pieces_new(const vec3 *points, size_t n, unsigned threads, struct knn_pieces **out) {
+    struct knn_pieces *pieces = alloc_zeroed(1, sizeof *pieces);
+    if (!pieces) return STATUS_NO_MEMORY;
+    pieces->point = points;
+    pieces->n = n;
+    for (pieces->count = 1; pieces->count < MOST_PIECES && n / pieces->count >= 2 * LEAST_POINTS;) pieces->count *= 2;
+    cut_space(pieces);
+    enum status status = build_trees(pieces, threads);
+    if (status)
+        knn_pieces_free(pieces);
+    else
+        *out = pieces;
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ queries */
+
+/* How far a piece's box is from a place.  Rounding never makes it more than how far its points are. */
+static double box_distance_sq(const struct piece *piece, vec3 p) {
+    vec3 inside = vec3_min(vec3_max(p, piece->least), piece->most);
+    return vec3_distance_sq(p, inside);
+}
+
+enum status knn_pieces_nearest(const struct knn_pieces *pieces, vec3 query, unsigned k, uint32_t *id,
+                               double *distance_sq, unsigned *count) {
+    const struct piece *piece = pieces->piece, *own = &piece[piece_of(pieces, query)], *end = &piece[pieces->count];
+    enum status status = STATUS_OK;
+    *count = 0;
+    if (own->tree) status = knn_flann_nearest(own->tree, query, k, id, distance_sq, count);
+    for (; piece < end && !status; piece++)
+        if (piece != own && piece->tree && (*count < k || box_distance_sq(piece, query) <= distance_sq[k - 1]))
+            status = knn_flann_nearest(piece->tree, query, k, id, distance_sq, count);
+    return status;
+}
+
+enum status knn_pieces_within(const struct knn_pieces *pieces, vec3 centre, double radius, unsigned most, uint32_t *id,
+                              unsigned *count) {
+    const struct piece *piece = pieces->piece, *end = &piece[pieces->count];
+    enum status status = STATUS_OK;
+    *count = 0;
+    for (; piece < end && *count <= most && !status; piece++)
+        if (piece->tree && box_distance_sq(piece, centre) < radius * radius)
+            status = knn_flann_within(piece->tree, centre, radius, most, id, count);
+    return status;
+}
+
+void knn_pieces_free(struct knn_pieces *pieces) {
+    if (!pieces) return;
+    for (unsigned i = 0; i < pieces->count; i++) knn_flann_free(pieces->piece[i].tree);
+    free(pieces);
+}

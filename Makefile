@@ -133,7 +133,8 @@ $(peer_programs): $(build)/%: $(build)/%.o
 	$(CXX) $(LDFLAGS) -o $@ $^ $(peer_libs)
 
 # Their vectors are passed between functions that are inlined, so how others would get them doesn't matter.
-$(addprefix $(build)/core/,cluster.o knn_group.o pair_cost.o quadric.o rank_sort.o): override CFLAGS += -Wno-psabi
+$(addprefix $(build)/core/,cluster.o knn_group.o pair_cost.o quadric.o rank_sort.o \
+    triangle_frames.o): override CFLAGS += -Wno-psabi
 
 # Files that are compiled into the program.
 $(build)/api/openapi.o: api/openapi.json

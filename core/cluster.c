@@ -7,7 +7,6 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/cluster.h"
 
-#include <assert.h>
 #include <string.h>
 
 #include "core/cloud.h"
@@ -69,21 +68,76 @@ struct flat {
     struct flat_edge ab, bc, ac;
 };
 
-INLINE struct flat_edge flat_edge_of(const struct triangle_edge *e) {
-    return (struct flat_edge){(float)e->x, (float)e->y, (float)e->length / 2};
+typedef float four __attribute__((vector_size(16)));
+typedef double wide __attribute__((vector_size(32), aligned(8), may_alias));
+
+/* Four of them. */
+struct flat_four {
+    four ax, ay, az, ux, uy, uz, vx, vy, vz, nx, ny, nz, bx, bc_x, bc_y, bc_half, ac_x, ac_y, ac_half;
+};
+
+INLINE four narrow(const double *x) { return __builtin_convertvector(*(const wide *)x, four); }
+INLINE four narrow_from(const double *x, double origin) {
+    return __builtin_convertvector(*(const wide *)x - origin, four);
 }
 
-INLINE struct flat flat_of(const struct triangle_frame *f, vec3 origin) {
-    vec3 a = vec3_sub(f->a, origin);
-    return (struct flat){(float)a.x,           (float)a.y,
-                         (float)a.z,           (float)f->u.x,
-                         (float)f->u.y,        (float)f->u.z,
-                         (float)f->v.x,        (float)f->v.y,
-                         (float)f->v.z,        (float)f->n.x,
-                         (float)f->n.y,        (float)f->n.z,
-                         (float)f->bx,         {1, 0, (float)f->bx / 2},
-                         flat_edge_of(&f->bc), flat_edge_of(&f->ac)};
+INLINE void flatten(const struct frames_four *f, vec3 origin, struct flat_four *out) {
+    *out = (struct flat_four){
+        .ax = narrow_from(f->ax, origin.x),
+        .ay = narrow_from(f->ay, origin.y),
+        .az = narrow_from(f->az, origin.z),
+        .ux = narrow(f->ux),
+        .uy = narrow(f->uy),
+        .uz = narrow(f->uz),
+        .vx = narrow(f->vx),
+        .vy = narrow(f->vy),
+        .vz = narrow(f->vz),
+        .nx = narrow(f->nx),
+        .ny = narrow(f->ny),
+        .nz = narrow(f->nz),
+        .bx = narrow(f->bx),
+        .bc_x = narrow(f->bc_x),
+        .bc_y = narrow(f->bc_y),
+        .bc_half = narrow(f->bc_length) / 2,
+        .ac_x = narrow(f->ac_x),
+        .ac_y = narrow(f->ac_y),
+        .ac_half = narrow(f->ac_length) / 2,
+    };
 }
+
+enum { FLAT_ROOM = FRAMES_MOST / FRAMES_WIDTH };
+
+/* The triangles of a surface: the first is number surface->first % FRAMES_WIDTH of flat[]. */
+INLINE size_t flatten_all(const struct surface *surface, vec3 origin, struct flat_four flat[FLAT_ROOM]) {
+    size_t begin = surface->first / FRAMES_WIDTH, end = (surface->first + surface->n + FRAMES_WIDTH - 1) / FRAMES_WIDTH;
+    for (size_t k = begin; k < end; k++) flatten(&surface->four[k], origin, &flat[k - begin]);
+    return surface->first % FRAMES_WIDTH;
+}
+
+INLINE struct flat flat_at(const struct flat_four *all, size_t j) {
+    const struct flat_four *f = &all[j / FRAMES_WIDTH];
+    size_t k = j % FRAMES_WIDTH;
+    return (struct flat){.ax = f->ax[k],
+                         .ay = f->ay[k],
+                         .az = f->az[k],
+                         .ux = f->ux[k],
+                         .uy = f->uy[k],
+                         .uz = f->uz[k],
+                         .vx = f->vx[k],
+                         .vy = f->vy[k],
+                         .vz = f->vz[k],
+                         .nx = f->nx[k],
+                         .ny = f->ny[k],
+                         .nz = f->nz[k],
+                         .bx = f->bx[k],
+                         .ab = {1, 0, f->bx[k] / 2},
+                         .bc = {f->bc_x[k], f->bc_y[k], f->bc_half[k]},
+                         .ac = {f->ac_x[k], f->ac_y[k], f->ac_half[k]}};
+}
+
+struct span {
+    size_t begin, end;
+};
 
 struct spot {
     lanes x, y, z;
@@ -151,11 +205,11 @@ double cluster_weight(const struct cluster *cluster) {
 enum { STRIP = 8 }; /* vectors whose nearest distances are held while the triangles are gone through */
 
 /* The squared distances of vectors [begin, begin + count) to the nearest of the triangles. */
-INLINE void strip_nearest(const struct cluster *cluster, const struct flat *flat, size_t n, size_t begin, size_t count,
-                          lanes nearest_sq[STRIP]) {
+INLINE void strip_nearest(const struct cluster *cluster, const struct flat_four *flat, struct span triangles,
+                          size_t begin, size_t count, lanes nearest_sq[STRIP]) {
     for (size_t k = 0; k < count; k++) nearest_sq[k] = all(INFINITY);
-    for (size_t j = 0; j < n; j++) {
-        const struct flat f = flat[j];
+    for (size_t j = triangles.begin; j < triangles.end; j++) {
+        const struct flat f = flat_at(flat, j);
         for (size_t k = 0; k < count; k++) {
             size_t i = (begin + k) * LANES;
             lanes d_sq = distance_sq(&f, load(&cluster->x[i]), load(&cluster->y[i]), load(&cluster->z[i]));
@@ -164,19 +218,15 @@ INLINE void strip_nearest(const struct cluster *cluster, const struct flat *flat
     }
 }
 
-enum { MOST_TRIANGLES = 64 };
-
 FOR_EACH_PROCESSOR
-double cluster_cost(const struct cluster *cluster, const struct triangle_frame *frame, size_t n, float further,
-                    double limit) {
-    assert(n <= MOST_TRIANGLES);
-    struct flat flat[MOST_TRIANGLES];
+double cluster_cost(const struct cluster *cluster, const struct surface *surface, float further, double limit) {
+    struct flat_four flat[FLAT_ROOM];
     lanes nearest_sq[STRIP], sum = all(0);
-    size_t vectors = (cluster->n + LANES - 1) / LANES;
-    for (size_t j = 0; j < n; j++) flat[j] = flat_of(&frame[j], cluster->origin);
+    size_t vectors = (cluster->n + LANES - 1) / LANES, first = flatten_all(surface, cluster->origin, flat);
+    struct span triangles = {first, first + surface->n};
     for (size_t begin = 0; begin < vectors; begin += STRIP) {
         size_t count = vectors - begin < STRIP ? vectors - begin : STRIP;
-        strip_nearest(cluster, flat, n, begin, count, nearest_sq);
+        strip_nearest(cluster, flat, triangles, begin, count, nearest_sq);
         for (size_t k = 0; k < count; k++) {
             lanes d_sq = nearest_sq[k];
             sum += load(&cluster->weight[(begin + k) * LANES]) * (root(d_sq) + d_sq * further);
@@ -213,42 +263,50 @@ INLINE struct feet feet_of(const struct flat *f, lanes px, lanes py, lanes pz) {
     return (struct feet){pick(over, share, best), where(~over, dx), where(~over, dy), p.z};
 }
 
-static vec3 from_axes(const struct triangle_frame *f, vec3 s) {
-    return vec3_add(vec3_scale(f->u, s.x), vec3_add(vec3_scale(f->v, s.y), vec3_scale(f->n, s.z)));
-}
+/* A model in the making, eight samples side by side. */
+struct sums {
+    lanes xx, xy, xz, yy, yz, zz, gx, gy, gz;
+};
 
-/* a in the triangle's axes, in the axes of space. */
-static sym3 sym3_from_axes(const struct triangle_frame *f, sym3 a) {
-    vec3 x = from_axes(f, (vec3){a.xx, a.xy, a.xz});
-    vec3 y = from_axes(f, (vec3){a.xy, a.yy, a.yz});
-    vec3 z = from_axes(f, (vec3){a.xz, a.yz, a.zz});
-    vec3 rx = from_axes(f, (vec3){x.x, y.x, z.x}), ry = from_axes(f, (vec3){x.y, y.y, z.y});
-    vec3 rz = from_axes(f, (vec3){x.z, y.z, z.z});
-    return (sym3){rx.x, rx.y, rx.z, ry.y, ry.z, rz.z};
+struct lengths {
+    float near, further;
+};
+
+/* Adds the samples [begin, end), which belong to the triangle.  Directions are turned into the axes of space before
+ * they are added up, so that there are only nine sums for all triangles. */
+INLINE void fit_triangle(const struct cluster *cluster, const struct flat *f, struct span in, struct lengths by,
+                         struct sums *s) {
+    for (size_t i = in.begin; i < in.end; i += LANES) {
+        mask inside = (mask){0, 1, 2, 3, 4, 5, 6, 7} < (int32_t)(in.end - i);
+        struct feet r = feet_of(f, load(&cluster->x[i]), load(&cluster->y[i]), load(&cluster->z[i]));
+        lanes d = root(r.x * r.x + r.y * r.y + r.z * r.z);
+        lanes weight = where(inside & (r.share > 0), load(&cluster->weight[i]));
+        mask off = d > 1e-9f;
+        lanes pull = weight * r.share * (1 + 2 * by.further * d) / pick(d > by.near, d, all(by.near));
+        lanes inverse = 1 / pick(off, d, all(1)), stiff = pull * r.share, far = pull * d;
+        lanes x = where(off, r.x * inverse), y = where(off, r.y * inverse), z = pick(off, r.z * inverse, all(1));
+        lanes nx = x * f->ux + y * f->vx + z * f->nx, ny = x * f->uy + y * f->vy + z * f->ny;
+        lanes nz = x * f->uz + y * f->vz + z * f->nz, sx = stiff * nx, sy = stiff * ny, sz = stiff * nz;
+        s->xx += sx * nx, s->xy += sx * ny, s->xz += sx * nz;
+        s->yy += sy * ny, s->yz += sy * nz, s->zz += sz * nz;
+        s->gx += far * nx, s->gy += far * ny, s->gz += far * nz;
+    }
 }
 
 FOR_EACH_PROCESSOR
-void cluster_fit_corner(const struct cluster *cluster, size_t begin, size_t end, const struct triangle_frame *frame,
-                        float near, float further, struct cluster_model *model) {
-    if (begin == end || !(triangle_frame_shape(frame) > THINNEST)) return;
-    const struct flat f = flat_of(frame, cluster->origin);
-    lanes xx = all(0), xy = xx, xz = xx, yy = xx, yz = xx, zz = xx, gx = xx, gy = xx, gz = xx;
-    for (size_t i = begin; i < end; i += LANES) {
-        mask in = (mask){0, 1, 2, 3, 4, 5, 6, 7} < (int32_t)(end - i);
-        struct feet r = feet_of(&f, load(&cluster->x[i]), load(&cluster->y[i]), load(&cluster->z[i]));
-        lanes d = root(r.x * r.x + r.y * r.y + r.z * r.z);
-        lanes weight = where(in & (r.share > 0), load(&cluster->weight[i]));
-        mask off = d > 1e-9f;
-        lanes pull = weight * r.share * (1 + 2 * further * d) / pick(d > near, d, all(near));
-        lanes inverse = 1 / pick(off, d, all(1)), stiff = pull * r.share;
-        lanes nx = where(off, r.x * inverse), ny = where(off, r.y * inverse), nz = pick(off, r.z * inverse, all(1));
-        xx += stiff * nx * nx, xy += stiff * nx * ny, xz += stiff * nx * nz;
-        yy += stiff * ny * ny, yz += stiff * ny * nz, zz += stiff * nz * nz;
-        gx += pull * r.x, gy += pull * r.y, gz += pull * r.z;
+void cluster_fit(const struct cluster *cluster, const size_t *begin, const struct surface *star, float near,
+                 float further, struct cluster_model *model) {
+    struct flat_four flat[FLAT_ROOM];
+    size_t first = flatten_all(star, cluster->origin, flat);
+    struct sums s = {0};
+    for (size_t k = 0; k < star->n; k++) {
+        if (begin[k] == begin[k + 1] || !(surface_shape(star, k) > THINNEST)) continue;
+        const struct flat f = flat_at(flat, first + k);
+        fit_triangle(cluster, &f, (struct span){begin[k], begin[k + 1]}, (struct lengths){near, further}, &s);
     }
-    sym3 a = {total(xx), total(xy), total(xz), total(yy), total(yz), total(zz)};
-    model->a = sym3_add(model->a, sym3_from_axes(frame, a));
-    model->g = vec3_add(model->g, from_axes(frame, (vec3){total(gx), total(gy), total(gz)}));
+    sym3 a = {total(s.xx), total(s.xy), total(s.xz), total(s.yy), total(s.yz), total(s.zz)};
+    model->a = sym3_add(model->a, a);
+    model->g = vec3_add(model->g, (vec3){total(s.gx), total(s.gy), total(s.gz)});
 }
 
 FOR_EACH_PROCESSOR
@@ -264,13 +322,14 @@ void cluster_values(const struct cluster *cluster, const sym3 *a, vec3 place, fl
 }
 
 FOR_EACH_PROCESSOR
-void cluster_owners(const struct cluster *cluster, const struct triangle_frame *frame, size_t n,
-                    uint8_t owner[CLUSTER_ROOM], float distance_sq_out[CLUSTER_ROOM]) {
+void cluster_owners(const struct cluster *cluster, const struct surface *surface, uint8_t owner[CLUSTER_ROOM],
+                    float distance_sq_out[CLUSTER_ROOM]) {
     mask nearest[CLUSTER_ROOM / LANES];
-    size_t vectors = (cluster->n + LANES - 1) / LANES;
+    struct flat_four flat[FLAT_ROOM];
+    size_t vectors = (cluster->n + LANES - 1) / LANES, first = flatten_all(surface, cluster->origin, flat);
     for (size_t k = 0; k < vectors; k++) *at(&distance_sq_out[k * LANES]) = all(INFINITY), nearest[k] = (mask){0};
-    for (size_t j = 0; j < n; j++) {
-        const struct flat f = flat_of(&frame[j], cluster->origin);
+    for (size_t j = 0; j < surface->n; j++) {
+        const struct flat f = flat_at(flat, first + j);
         mask id = (mask){0} + (int32_t)j;
         for (size_t k = 0; k < vectors; k++) {
             size_t i = k * LANES;

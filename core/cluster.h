@@ -12,7 +12,7 @@
 
 #include "core/sample_lists.h"
 #include "core/sym3.h"
-#include "core/triangle_frame.h"
+#include "core/triangle_frames.h"
 
 enum { CLUSTER_MOST = 512, CLUSTER_ROOM = CLUSTER_MOST + 2 * SAMPLE_BLOCK };
 
@@ -33,10 +33,9 @@ uint32_t cluster_add(struct cluster *cluster, const struct sample_block *block, 
 /* The sum of the weights. */
 double cluster_weight(const struct cluster *cluster);
 
-/* The sum over the samples of weight * (d + d^2 * further), d being the distance to the nearest of n triangles; or a
- * part of it that is over limit already. */
-double cluster_cost(const struct cluster *cluster, const struct triangle_frame *frame, size_t n, float further,
-                    double limit);
+/* The sum over the samples of weight * (d + d^2 * further), d being the distance to the surface; or a part of it that
+ * is over limit already. */
+double cluster_cost(const struct cluster *cluster, const struct surface *surface, float further, double limit);
 
 /* A quadric of a vertex: s^T a s - 2 g s is what the squares of its samples' distances change by when it moves by s. */
 struct cluster_model {
@@ -44,17 +43,18 @@ struct cluster_model {
     vec3 g;
 };
 
-/* Adds the samples [begin, end) to the model of the corner a of the triangle that they belong to.  Each square is
- * divided by the distance itself (at least near), so that the model is one of weight * (d + d^2 * further). */
-void cluster_fit_corner(const struct cluster *cluster, size_t begin, size_t end, const struct triangle_frame *frame,
-                        float near, float further, struct cluster_model *model);
+/* Adds the cluster's samples to the model of a vertex that is corner a of all the surface's triangles; those of
+ * triangle k are begin[k] .. begin[k + 1] - 1.  Each square is divided by the distance itself (at least near), so that
+ * the model is one of weight * (d + d^2 * further). */
+void cluster_fit(const struct cluster *cluster, const size_t *begin, const struct surface *star, float near,
+                 float further, struct cluster_model *model);
 
 /* s^T a s for each sample, s being where it is as seen from place. */
 void cluster_values(const struct cluster *cluster, const sym3 *a, vec3 place, float value[CLUSTER_ROOM]);
 
-/* For each sample which of n triangles (n < 256) is nearest, the first of equals, and its squared distance. */
-void cluster_owners(const struct cluster *cluster, const struct triangle_frame *frame, size_t n,
-                    uint8_t owner[CLUSTER_ROOM], float distance_sq[CLUSTER_ROOM]);
+/* For each sample which triangle of the surface is nearest, the first of equals, and its squared distance. */
+void cluster_owners(const struct cluster *cluster, const struct surface *surface, uint8_t owner[CLUSTER_ROOM],
+                    float distance_sq[CLUSTER_ROOM]);
 
 /* Of place[0 .. n) to the nearest sample: updates nearest_sq and nearest (an index into the cluster's samples' ids)
  * where a sample of this cluster is nearer. */

@@ -17,10 +17,14 @@ enum { FACE_GRAIN = 1024 };
 
 #define SMALLEST_MEAN 1e-9 /* so that a perfect mesh has lengths to go by, too */
 
-struct triangle_frame fit_frame(const struct fit *fit, uint32_t triangle) {
-    const uint32_t *corner = fit->mesh->triangle[triangle];
+struct surface fit_frames(const struct fit *fit, const uint32_t *triangle, size_t n, struct triangle_frames *frames) {
+    struct triangle_corners corners[FRAMES_MOST];
     const vec3 *vertex = fit->mesh->vertex;
-    return triangle_frame_of(vertex[corner[0]], vertex[corner[1]], vertex[corner[2]]);
+    for (size_t i = 0; i < n; i++) {
+        const uint32_t *corner = fit->mesh->triangle[triangle[i]];
+        corners[i] = (struct triangle_corners){&vertex[corner[0]], &vertex[corner[1]], &vertex[corner[2]]};
+    }
+    return triangle_frames_make(frames, corners, n);
 }
 
 vec3 fit_middle(const struct fit *fit, uint32_t triangle) {
@@ -59,24 +63,22 @@ const struct fit_region *fit_next_part(const struct fit *fit, const struct fit_r
     return more;
 }
 
-struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region,
-                               const struct triangle_frame *frame, double near) {
+struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region, const struct surface *star,
+                               double near) {
     struct cluster_model model = {0};
     struct fit_region more;
     float further = (float)(1 / fit->far);
     for (const struct fit_region *part = region; part; part = fit_next_part(fit, part, &more))
-        for (size_t k = 0; k < part->n; k++)
-            cluster_fit_corner(&part->cluster, part->begin[k], part->begin[k + 1], &frame[k], (float)near, further,
-                               &model);
+        cluster_fit(&part->cluster, part->begin, star, (float)near, further, &model);
     return model;
 }
 
-double fit_cost_with(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
-                     size_t frames, double limit) {
+double fit_cost_with(const struct fit *fit, const struct fit_region *region, const struct surface *surface,
+                     double limit) {
     struct fit_region more;
     double sum = 0;
     for (const struct fit_region *part = region; part && sum <= limit; part = fit_next_part(fit, part, &more))
-        sum += cluster_cost(&part->cluster, frame, frames, (float)(1 / fit->far), limit - sum);
+        sum += cluster_cost(&part->cluster, surface, (float)(1 / fit->far), limit - sum);
     return sum;
 }
 
@@ -102,11 +104,10 @@ double fit_stray_sq(const struct fit *fit, const struct fit_region *region, cons
     return farthest_sq;
 }
 
-bool fit_stays(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
-               size_t frames) {
+bool fit_stays(const struct fit *fit, const struct fit_region *region, const struct surface *surface) {
     vec3 middle[FIT_MAX_RING];
-    for (size_t j = 0; j < frames; j++) middle[j] = triangle_frame_middle(&frame[j]);
-    double stray_sq = fit_stray_sq(fit, region, middle, frames);
+    for (size_t j = 0; j < surface->n; j++) middle[j] = surface_middle(surface, j);
+    double stray_sq = fit_stray_sq(fit, region, middle, surface->n);
     if (stray_sq <= fit->stray_sq) return true;
     for (size_t k = 0; k < region->n; k++) middle[k] = fit_middle(fit, region->triangle[k]);
     return stray_sq <= fit_stray_sq(fit, region, middle, region->n);
@@ -137,11 +138,11 @@ static uint32_t put_back(struct fit *fit, uint32_t first, uint32_t end, uint32_t
     return chain;
 }
 
-static void hand_out(struct fit *fit, const struct cluster *cluster, const struct triangle_frame *frame,
-                     const uint32_t *to, size_t m, uint32_t *spare) {
+static void hand_out(struct fit *fit, const struct cluster *cluster, const struct surface *surface, const uint32_t *to,
+                     uint32_t *spare) {
     uint8_t owner[CLUSTER_ROOM];
     float distance_sq[CLUSTER_ROOM];
-    cluster_owners(cluster, frame, m, owner, distance_sq);
+    cluster_owners(cluster, surface, owner, distance_sq);
     for (size_t i = 0; i < cluster->n; i++) {
         uint32_t id = cluster->sample[i], t = to[owner[i]];
         sample_lists_add(&fit->lists, t, id, &fit->samples.sample[id], spare);
@@ -151,19 +152,17 @@ static void hand_out(struct fit *fit, const struct cluster *cluster, const struc
 
 void fit_share(struct fit *fit, const uint32_t *from, size_t n, const uint32_t *to, size_t m) {
     assert(m <= FIT_MAX_RING);
-    struct triangle_frame frame[FIT_MAX_RING];
+    struct triangle_frames frames;
     struct cluster cluster;
-    for (size_t k = 0; k < m; k++) {
-        frame[k] = fit_frame(fit, to[k]);
-        fit->facing[to[k]] = fit_facing_of(&frame[k]);
-    }
+    struct surface surface = fit_frames(fit, to, m, &frames);
+    for (size_t k = 0; k < m; k++) fit->facing[to[k]] = fit_facing_of(&surface, k);
     uint32_t rest = take_samples(fit, from, n), spare = NONE;
     while (rest != NONE) {
         uint32_t first = rest;
-        cluster_clear(&cluster, frame[0].a);
+        cluster_clear(&cluster, fit->mesh->vertex[fit->mesh->triangle[to[0]][0]]);
         rest = cluster_add(&cluster, fit->lists.block, first);
         spare = put_back(fit, first, rest, spare);
-        hand_out(fit, &cluster, frame, to, m, &spare);
+        hand_out(fit, &cluster, &surface, to, &spare);
     }
     sample_lists_give(&fit->lists, spare);
 }
@@ -180,11 +179,12 @@ double fit_mean(const struct fit *fit) {
     double sum = 0, weight = 0;
     struct cluster cluster;
     for (uint32_t t = 0; t < fit->mesh->triangle_count; t++) {
-        struct triangle_frame frame = fit_frame(fit, t);
+        struct triangle_frames frames;
+        struct surface surface = fit_frames(fit, &t, 1, &frames);
         for (uint32_t rest = fit->lists.first[t]; rest != NONE;) {
-            cluster_clear(&cluster, frame.a);
+            cluster_clear(&cluster, fit->mesh->vertex[fit->mesh->triangle[t][0]]);
             rest = cluster_add(&cluster, fit->lists.block, rest);
-            sum += cluster_cost(&cluster, &frame, 1, 0, INFINITY);
+            sum += cluster_cost(&cluster, &surface, 0, INFINITY);
             weight += cluster_weight(&cluster);
         }
     }
@@ -220,9 +220,13 @@ static enum status assign_all(struct fit *fit) {
 
 static void face_range(void *ctx, size_t begin, size_t end) {
     struct fit *fit = ctx;
-    for (size_t t = begin; t < end; t++) {
-        struct triangle_frame frame = fit_frame(fit, (uint32_t)t);
-        fit->facing[t] = fit_facing_of(&frame);
+    for (size_t t = begin; t < end; t += FRAMES_MOST) {
+        uint32_t triangle[FRAMES_MOST];
+        size_t n = end - t < FRAMES_MOST ? end - t : FRAMES_MOST;
+        struct triangle_frames frames;
+        for (size_t k = 0; k < n; k++) triangle[k] = (uint32_t)(t + k);
+        struct surface surface = fit_frames(fit, triangle, n, &frames);
+        for (size_t k = 0; k < n; k++) fit->facing[t + k] = fit_facing_of(&surface, k);
     }
 }
 

@@ -24,7 +24,7 @@
 #include "core/refine.h"
 #include "core/sample_lists.h"
 #include "core/samples.h"
-#include "core/triangle_frame.h"
+#include "core/triangle_frames.h"
 
 /* Multiples of the mean distance at the beginning: */
 #define FIT_FAR 2.0    /* distances over this count by their square */
@@ -82,15 +82,16 @@ static inline vec3 fit_corner(const struct fit *fit, uint32_t h) {
  * to after: up to 90 degrees, or where it was more already (a sharp edge), no further. */
 static inline bool fit_fold_is_fair(double before, double after) { return after >= 0 || after >= before; }
 
-static inline struct facing fit_facing_of(const struct triangle_frame *frame) {
-    return (struct facing){frame->n, triangle_frame_shape(frame)};
+static inline struct facing fit_facing_of(const struct surface *surface, size_t i) {
+    return (struct facing){surface_normal(surface, i), surface_shape(surface, i)};
 }
 
 /* Whether a triangle may take the place of another as far as its shape goes: not thinner than it may be, nor than it
  * was. */
 static inline bool fit_shape_is_fair(double before, double after) { return after >= FIT_THIN || after >= before; }
 
-struct triangle_frame fit_frame(const struct fit *fit, uint32_t triangle);
+/* The frames of n (1 .. FRAMES_MOST) triangles as they are. */
+struct surface fit_frames(const struct fit *fit, const uint32_t *triangle, size_t n, struct triangle_frames *frames);
 vec3 fit_middle(const struct fit *fit, uint32_t triangle);
 
 /* The samples in the lists of a few triangles. */
@@ -115,22 +116,20 @@ static inline bool fit_is_exact(const struct fit_region *region, double cost) {
     return !(cost > FIT_EXACT * cluster_weight(&region->cluster));
 }
 
-/* The quadric of a vertex whose star the region is; frame[i], of triangle[i], has it as corner a. */
-struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region,
-                               const struct triangle_frame *frame, double near);
+/* The quadric of a vertex whose star the region is; the surface is made of its triangles, and has it as corner a. */
+struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region, const struct surface *star,
+                               double near);
 
-/* What the region's samples would cost with the surface frame[0 .. frames), or something over limit where that does. */
-double fit_cost_with(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
-                     size_t frames, double limit);
+/* What the region's samples would cost with the surface, or something over limit where that does. */
+double fit_cost_with(const struct fit *fit, const struct fit_region *region, const struct surface *surface,
+                     double limit);
 
 /* The largest squared distance of middle[0 .. n) of triangles to the tangent disks of the region's nearest samples: so
  * that no part of the surface leaves the data. */
 double fit_stray_sq(const struct fit *fit, const struct fit_region *region, const vec3 *middle, size_t n);
 
-/* Whether the surface frame[0 .. frames) strays no farther from the data than anything may, or than the region's
- * triangles do now. */
-bool fit_stays(const struct fit *fit, const struct fit_region *region, const struct triangle_frame *frame,
-               size_t frames);
+/* Whether the surface strays no farther from the data than anything may, or than the region's triangles do now. */
+bool fit_stays(const struct fit *fit, const struct fit_region *region, const struct surface *surface);
 
 /* Hands the samples in the lists of from[0 .. n) out to the nearest of the triangles to[0 .. m) as they are now, and
  * sets the costs of both, and how the latter face.  n, m <= FIT_MAX_RING.  Triangles of its own for each thread. */

@@ -100,7 +100,11 @@ static void assign_range(void *ctx, size_t begin, size_t end) {
 
 static void frame_range(void *ctx, size_t begin, size_t end) {
     const struct assignment *a = ctx;
-    for (size_t t = begin; t < end; t++) a->frame[t] = fit_frame(a->fit, (uint32_t)t);
+    const vec3 *vertex = a->fit->mesh->vertex;
+    for (size_t t = begin; t < end; t++) {
+        const uint32_t *corner = a->fit->mesh->triangle[t];
+        a->frame[t] = triangle_frame_of(vertex[corner[0]], vertex[corner[1]], vertex[corner[2]]);
+    }
 }
 
 static void find_stars(const struct fit *fit, uint32_t *star) {

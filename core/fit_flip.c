@@ -31,24 +31,14 @@ struct round {
     struct candidate *candidate;
 };
 
-/* The edge of h and its other diagonal. */
-struct quad {
-    uint32_t triangle[2];
-    const struct facing *old[2];
-    struct triangle_frame new[2];
-    struct facing after[2];
-};
-
-static struct quad quad_of(const struct fit *fit, uint32_t h) {
-    const vec3 *p = fit->mesh->vertex;
+/* The two triangles that the flip of h would make. */
+static void set_new_corners(const struct fit *fit, uint32_t h, struct triangle_corners corners[2]) {
+    const vec3 *place = fit->mesh->vertex;
     uint32_t g = fit->he.twin[h];
-    vec3 a = p[halfedge_from(&fit->he, h)], b = p[halfedge_from(&fit->he, g)];
-    vec3 c = p[halfedge_apex(&fit->he, h)], d = p[halfedge_apex(&fit->he, g)];
-    struct quad q = {.triangle = {h / 3, g / 3}, .old = {&fit->facing[h / 3], &fit->facing[g / 3]}};
-    q.new[0] = triangle_frame_of(a, d, c);
-    q.new[1] = triangle_frame_of(d, b, c);
-    for (int i = 0; i < 2; i++) q.after[i] = fit_facing_of(&q.new[i]);
-    return q;
+    const vec3 *a = &place[halfedge_from(&fit->he, h)], *b = &place[halfedge_from(&fit->he, g)];
+    const vec3 *c = &place[halfedge_apex(&fit->he, h)], *d = &place[halfedge_apex(&fit->he, g)];
+    corners[0] = (struct triangle_corners){a, d, c};
+    corners[1] = (struct triangle_corners){d, b, c};
 }
 
 /* Whether the edge g of old triangle `before` may be one of new triangle `after`. */
@@ -59,13 +49,15 @@ static bool border_is_fair(const struct fit *fit, uint32_t g, vec3 before, vec3 
     return fit_fold_is_fair(vec3_dot(outside, before), vec3_dot(outside, after));
 }
 
-static bool flip_is_fair(const struct fit *fit, uint32_t h, const struct quad *q) {
-    vec3 old[2] = {q->old[0]->normal, q->old[1]->normal}, new[2] = {q->after[0].normal, q->after[1].normal};
+static bool flip_is_fair(const struct fit *fit, uint32_t h, const struct surface *made) {
+    const struct facing *left = &fit->facing[h / 3], *right = &fit->facing[fit->he.twin[h] / 3];
+    vec3 old[2] = {left->normal, right->normal}, new[2] = {surface_normal(made, 0), surface_normal(made, 1)};
     vec3 mean = vec3_add(old[0], old[1]);
     if (!fit_fold_is_fair(vec3_dot(old[0], old[1]), vec3_dot(new[0], new[1]))) return false;
     if (vec3_dot(new[0], mean) <= 0 || vec3_dot(new[1], mean) <= 0) return false;
-    double before = triangle_frame_smaller(q->old[0]->shape, q->old[1]->shape);
-    if (!fit_shape_is_fair(before, triangle_frame_smaller(q->after[0].shape, q->after[1].shape))) return false;
+    double before = triangle_frame_smaller(left->shape, right->shape);
+    if (!fit_shape_is_fair(before, triangle_frame_smaller(surface_shape(made, 0), surface_shape(made, 1))))
+        return false;
     uint32_t g = fit->he.twin[h];
     return border_is_fair(fit, halfedge_prev(h), old[0], new[0]) &&
            border_is_fair(fit, halfedge_next(h), old[0], new[1]) &&
@@ -84,24 +76,38 @@ static bool flip_is_possible(const struct fit *fit, uint32_t h) {
 /* How much the flip of h lowers the cost; 0 when it doesn't, or isn't allowed.  In a gap there is no data to stray
  * from.
  */
-static double flip_gain(const struct fit *fit, uint32_t h) {
-    double cost = fit->cost[h / 3] + fit->cost[fit->he.twin[h] / 3];
-    struct quad q = quad_of(fit, h);
-    if (!flip_is_fair(fit, h, &q)) return 0;
+static double flip_gain(const struct fit *fit, uint32_t h, const struct surface *made) {
+    uint32_t g = fit->he.twin[h];
+    double cost = fit->cost[h / 3] + fit->cost[g / 3];
+    if (!flip_is_fair(fit, h, made)) return 0;
     struct fit_region region;
     region.n = 2;
-    memcpy(region.triangle, q.triangle, sizeof q.triangle);
+    region.triangle[0] = h / 3, region.triangle[1] = g / 3;
     fit_gather(fit, &region);
-    double in_gap = fit_gap_gain(fit, &region, h, q.new);
+    double in_gap = fit_gap_gain(fit, &region, h, made);
     if (fit_is_exact(&region, cost) && !(in_gap > 0)) return 0;
-    double gain = cost + in_gap - fit_cost_with(fit, &region, q.new, 2, cost + in_gap);
+    double gain = cost + in_gap - fit_cost_with(fit, &region, made, cost + in_gap);
     if (!(gain > FLIP_LEAST_GAIN * cost) || !flip_is_possible(fit, h)) return 0;
-    return in_gap > 0 || fit_stays(fit, &region, q.new, 2) ? gain : 0;
+    return in_gap > 0 || fit_stays(fit, &region, made) ? gain : 0;
+}
+
+enum { BATCH = 8 }; /* edges whose triangles are made together */
+
+static void measure_batch(const struct fit *fit, struct candidate *candidate, size_t n) {
+    struct triangle_corners corners[2 * BATCH];
+    struct triangle_frames frames;
+    for (size_t i = 0; i < n; i++) set_new_corners(fit, candidate[i].halfedge, &corners[2 * i]);
+    struct surface all = triangle_frames_make(&frames, corners, 2 * n);
+    for (size_t i = 0; i < n; i++) {
+        struct surface made = {all.four, 2 * i, 2};
+        candidate[i].gain = flip_gain(fit, candidate[i].halfedge, &made);
+    }
 }
 
 static void measure(void *ctx, size_t begin, size_t end) {
     struct round *round = ctx;
-    for (size_t i = begin; i < end; i++) round->candidate[i].gain = flip_gain(round->fit, round->candidate[i].halfedge);
+    for (size_t i = begin; i < end; i += BATCH)
+        measure_batch(round->fit, &round->candidate[i], end - i < BATCH ? end - i : BATCH);
 }
 
 static int compare_gain(const void *a, const void *b) {

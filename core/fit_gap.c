@@ -18,10 +18,9 @@ double fit_gap_unit_area(const struct fit *fit, double total_weight) {
     return total_weight > 0 ? area / total_weight : INFINITY;
 }
 
-double fit_gap_gain(const struct fit *fit, const struct fit_region *region, uint32_t h,
-                    const struct triangle_frame made[2]) {
+double fit_gap_gain(const struct fit *fit, const struct fit_region *region, uint32_t h, const struct surface *made) {
     if (region->reached < region->n) return 0;
-    double area = (made[0].bx * made[0].cy + made[1].bx * made[1].cy) / 2;
+    double area = surface_area(made, 0) + surface_area(made, 1);
     double missing = area / fit->unit_area - SAMPLED * cluster_weight(&region->cluster);
     if (!(missing > 0)) return 0;
     uint32_t g = fit->he.twin[h];

@@ -11,7 +11,6 @@ double fit_gap_unit_area(const struct fit *fit, double total_weight);
 
 /* What the flip of h gains beside the distances of the region's samples, in the same units; made = the two triangles
  * that it makes.  0 where there are samples enough to decide. */
-double fit_gap_gain(const struct fit *fit, const struct fit_region *region, uint32_t h,
-                    const struct triangle_frame made[2]);
+double fit_gap_gain(const struct fit *fit, const struct fit_region *region, uint32_t h, const struct surface *made);
 
 #endif

@@ -34,7 +34,9 @@ struct star {
     size_t n;
     uint32_t ring[FIT_MAX_RING]; /* half-edges out of the vertex */
     struct fit_region region;
-    struct triangle_frame old[FIT_MAX_RING], new[FIT_MAX_RING];
+    struct triangle_corners corners[FIT_MAX_RING]; /* the vertex first */
+    struct triangle_frames old_frames, new_frames;
+    struct surface old, new;
     double cost;
 };
 
@@ -42,16 +44,19 @@ static bool star_of(const struct fit *fit, uint32_t vertex, struct star *star) {
     star->vertex = vertex;
     star->n = halfedge_ring(&fit->he, vertex, star->ring, FIT_MAX_RING);
     star->cost = 0;
+    if (star->n < 3) return false;
+    const vec3 *place = fit->mesh->vertex;
     for (size_t i = 0; i < star->n; i++) {
-        star->region.triangle[i] = star->ring[i] / 3;
         uint32_t h = star->ring[i];
-        star->old[i] =
-            triangle_frame_of(fit_corner(fit, h), fit_corner(fit, halfedge_next(h)), fit_corner(fit, halfedge_prev(h)));
-        star->cost += fit->cost[star->region.triangle[i]];
+        star->region.triangle[i] = h / 3;
+        star->corners[i] = (struct triangle_corners){&place[vertex], &place[halfedge_to(&fit->he, h)],
+                                                     &place[halfedge_apex(&fit->he, h)]};
+        star->cost += fit->cost[h / 3];
     }
+    star->old = triangle_frames_make(&star->old_frames, star->corners, star->n);
     star->region.n = star->n;
-    if (star->n >= 3) fit_gather(fit, &star->region);
-    return star->n >= 3;
+    fit_gather(fit, &star->region);
+    return true;
 }
 
 /* The s where the model is smallest; zero where it says nothing. */
@@ -68,25 +73,23 @@ static vec3 model_minimum(const struct cluster_model *model) {
     return vec3_is_finite(s) ? s : (vec3){0};
 }
 
-static void set_new_frames(const struct fit *fit, struct star *star, vec3 place) {
-    for (size_t i = 0; i < star->n; i++) {
-        uint32_t h = star->ring[i];
-        star->new[i] = triangle_frame_of(place, fit_corner(fit, halfedge_next(h)), fit_corner(fit, halfedge_prev(h)));
-    }
+static void set_new_frames(struct star *star, const vec3 *place) {
+    for (size_t i = 0; i < star->n; i++) star->corners[i].a = place;
+    star->new = triangle_frames_make(&star->new_frames, star->corners, star->n);
 }
 
 static bool move_is_fair(const struct fit *fit, const struct star *star) {
     for (size_t i = 0; i < star->n; i++) {
-        const struct triangle_frame *old = &star->old[i], *new = &star->new[i];
+        vec3 old = surface_normal(&star->old, i), new = surface_normal(&star->new, i);
         size_t j = i + 1 < star->n ? i + 1 : 0;
-        if (vec3_dot(old->n, new->n) < MOVE_LEAST_TURN) return false;
-        const struct facing *before = &fit->facing[star->region.triangle[i]];
-        if (!fit_shape_is_fair(before->shape, triangle_frame_shape(new))) return false;
-        if (!fit_fold_is_fair(vec3_dot(old->n, star->old[j].n), vec3_dot(new->n, star->new[j].n))) return false;
+        if (vec3_dot(old, new) < MOVE_LEAST_TURN) return false;
+        if (!fit_shape_is_fair(surface_shape(&star->old, i), surface_shape(&star->new, i))) return false;
+        vec3 old_next = surface_normal(&star->old, j), new_next = surface_normal(&star->new, j);
+        if (!fit_fold_is_fair(vec3_dot(old, old_next), vec3_dot(new, new_next))) return false;
         uint32_t across = fit->he.twin[halfedge_next(star->ring[i])];
         if (across == NONE) continue;
         vec3 outside = fit->facing[across / 3].normal;
-        if (!fit_fold_is_fair(vec3_dot(old->n, outside), vec3_dot(new->n, outside))) return false;
+        if (!fit_fold_is_fair(vec3_dot(old, outside), vec3_dot(new, outside))) return false;
     }
     return true;
 }
@@ -94,10 +97,10 @@ static bool move_is_fair(const struct fit *fit, const struct star *star) {
 /* The star's cost with the vertex at place, or INFINITY when that isn't fair.  What isn't under limit is known less
  * well, and not looked at any further, but it is known whether that is hopeless. */
 static double cost_at(const struct fit *fit, struct star *star, vec3 place, double limit) {
-    set_new_frames(fit, star, place);
+    set_new_frames(star, &place);
     if (!move_is_fair(fit, star)) return INFINITY;
-    double cost = fit_cost_with(fit, &star->region, star->new, star->n, MOVE_HOPELESS * star->cost);
-    return cost >= limit || fit_stays(fit, &star->region, star->new, star->n) ? cost : INFINITY;
+    double cost = fit_cost_with(fit, &star->region, &star->new, MOVE_HOPELESS * star->cost);
+    return cost >= limit || fit_stays(fit, &star->region, &star->new) ? cost : INFINITY;
 }
 
 static void settle(struct fit *fit, const struct star *star, vec3 place, uint32_t source) {
@@ -176,7 +179,7 @@ static bool move_vertex(struct fit *fit, uint32_t vertex) {
     fit->stale[vertex] = 0;
     if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE || !star_of(fit, vertex, &star)) return false;
     if (fit_is_exact(&star.region, star.cost)) return false;
-    struct cluster_model model = fit_model(fit, &star.region, star.old, fit->near);
+    struct cluster_model model = fit_model(fit, &star.region, &star.old, fit->near);
     vec3 step = model_minimum(&model);
     return fit->placement == PLACEMENT_SUBSET ? move_to_point(fit, &star, &model, step) : move_freely(fit, &star, step);
 }

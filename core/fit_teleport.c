@@ -44,7 +44,8 @@ struct fan {
     size_t n;
     uint32_t ring[FIT_MAX_RING];
     struct fit_region region;
-    struct triangle_frame new[FIT_MAX_RING];
+    struct triangle_frames frames;
+    struct surface new;
     double cost;
 };
 
@@ -69,17 +70,17 @@ static vec3 outside_normal(const struct fit *fit, uint32_t h, vec3 otherwise) {
 /* Whether the fan without its vertex, all corners joined to the one at ring[to], folds nowhere. */
 static bool merge_is_fair(const struct fit *fit, const struct fan *fan, size_t to) {
     size_t n = fan->n;
-    vec3 before = outside_normal(fit, halfedge_next(fan->ring[to]), fan->new[0].n);
+    vec3 before = outside_normal(fit, halfedge_next(fan->ring[to]), surface_normal(&fan->new, 0));
     for (size_t j = 0; j + 2 < n; j++) {
         size_t i = (to + 1 + j) % n;
-        const struct triangle_frame *new = &fan->new[j];
+        vec3 new = surface_normal(&fan->new, j);
         const struct facing *old = &fit->facing[fan->region.triangle[i]];
-        if (vec3_dot(old->normal, new->n) < LEAST_TURN) return false;
-        if (!fit_shape_is_fair(old->shape, triangle_frame_shape(new))) return false;
-        vec3 outside = outside_normal(fit, halfedge_next(fan->ring[i]), new->n);
-        if (!fit_fold_is_fair(vec3_dot(old->normal, outside), vec3_dot(new->n, outside))) return false;
-        if (vec3_dot(before, new->n) < 0) return false;
-        before = new->n;
+        if (vec3_dot(old->normal, new) < LEAST_TURN) return false;
+        if (!fit_shape_is_fair(old->shape, surface_shape(&fan->new, j))) return false;
+        vec3 outside = outside_normal(fit, halfedge_next(fan->ring[i]), new);
+        if (!fit_fold_is_fair(vec3_dot(old->normal, outside), vec3_dot(new, outside))) return false;
+        if (vec3_dot(before, new) < 0) return false;
+        before = new;
     }
     vec3 last = outside_normal(fit, halfedge_next(fan->ring[(to + n - 1) % n]), before);
     return vec3_dot(last, before) >= 0;
@@ -87,11 +88,14 @@ static bool merge_is_fair(const struct fit *fit, const struct fan *fan, size_t t
 
 /* n - 2 triangles, from the corner at ring[to] over those behind it. */
 static void set_merged_frames(const struct fit *fit, struct fan *fan, size_t to) {
-    vec3 corner = fit_corner(fit, halfedge_next(fan->ring[to]));
+    struct triangle_corners corners[FIT_MAX_RING];
+    const vec3 *place = fit->mesh->vertex, *end = &place[halfedge_to(&fit->he, fan->ring[to])];
     for (size_t j = 0; j + 2 < fan->n; j++) {
         uint32_t h = fan->ring[(to + 1 + j) % fan->n];
-        fan->new[j] = triangle_frame_of(corner, fit_corner(fit, halfedge_next(h)), fit_corner(fit, halfedge_prev(h)));
+        corners[j] =
+            (struct triangle_corners){end, &place[halfedge_to(&fit->he, h)], &place[halfedge_apex(&fit->he, h)]};
     }
+    fan->new = triangle_frames_make(&fan->frames, corners, fan->n - 2);
 }
 
 /* The neighbours that the vertex is nearest to, the nearest first; their number.  Farther ones are hardly ever worth
@@ -119,10 +123,10 @@ static struct offer cheapest_merge(const struct fit *fit, uint32_t vertex) {
         set_merged_frames(fit, &fan, to);
         if (!merge_is_fair(fit, &fan, to)) continue;
         double limit = best.value + fan.cost;
-        double cost = fit_cost_with(fit, &fan.region, fan.new, fan.n - 2, limit);
+        double cost = fit_cost_with(fit, &fan.region, &fan.new, limit);
         if (cost >= limit) continue;
         if (!halfedge_may_collapse(&fit->he, fan.ring[to])) continue;
-        if (!fit_stays(fit, &fan.region, fan.new, fan.n - 2)) continue;
+        if (!fit_stays(fit, &fan.region, &fan.new)) continue;
         best.value = cost - fan.cost;
         best.halfedge = fan.ring[to];
     }
@@ -157,17 +161,19 @@ static double merge_estimate(const struct fit *fit, uint32_t vertex) {
 
 struct gap {
     struct fit_region region;
-    vec3 a, b, c, d;
-    struct triangle_frame new[4];
+    const vec3 *a, *b, *c, *d;
+    struct triangle_frames frames;
+    struct surface new;
     double cost;
 };
 
 static void gap_of(const struct fit *fit, uint32_t h, struct gap *gap) {
     uint32_t g = fit->he.twin[h];
-    gap->a = fit_corner(fit, h);
-    gap->b = fit_corner(fit, g);
-    gap->c = fit_corner(fit, halfedge_prev(h));
-    gap->d = fit_corner(fit, halfedge_prev(g));
+    const vec3 *place = fit->mesh->vertex;
+    gap->a = &place[halfedge_from(&fit->he, h)];
+    gap->b = &place[halfedge_from(&fit->he, g)];
+    gap->c = &place[halfedge_apex(&fit->he, h)];
+    gap->d = &place[halfedge_apex(&fit->he, g)];
     gap->cost = fit->cost[h / 3] + fit->cost[g / 3];
     gap->region.n = 2;
     gap->region.triangle[0] = h / 3;
@@ -181,24 +187,23 @@ static bool split_is_fair(const struct fit *fit, const struct gap *gap, uint32_t
     uint32_t border[4] = {halfedge_prev(h), halfedge_next(h), halfedge_next(g), halfedge_prev(g)};
     double across = vec3_dot(fit->facing[h / 3].normal, fit->facing[g / 3].normal);
     for (int i = 0; i < 4; i++) {
-        vec3 old = fit->facing[gap->region.triangle[old_of[i]]].normal, new = gap->new[i].n;
+        vec3 old = fit->facing[gap->region.triangle[old_of[i]]].normal, new = surface_normal(&gap->new, (size_t)i);
         vec3 outside = outside_normal(fit, border[i], new);
-        if (vec3_dot(old, new) < LEAST_TURN || triangle_frame_shape(&gap->new[i]) < FIT_THIN) return false;
+        if (vec3_dot(old, new) < LEAST_TURN || surface_shape(&gap->new, (size_t)i) < FIT_THIN) return false;
         if (!fit_fold_is_fair(vec3_dot(old, outside), vec3_dot(new, outside))) return false;
-        if (!fit_fold_is_fair(across, vec3_dot(new, gap->new[beside[i]].n))) return false;
+        if (!fit_fold_is_fair(across, vec3_dot(new, surface_normal(&gap->new, beside[i])))) return false;
     }
     return true;
 }
 
 static double cost_of_split(const struct fit *fit, struct gap *gap, uint32_t h, vec3 place, double limit) {
-    gap->new[0] = triangle_frame_of(gap->a, place, gap->c);
-    gap->new[1] = triangle_frame_of(place, gap->b, gap->c);
-    gap->new[2] = triangle_frame_of(place, gap->a, gap->d);
-    gap->new[3] = triangle_frame_of(gap->b, place, gap->d);
+    const struct triangle_corners corners[4] = {
+        {gap->a, &place, gap->c}, {&place, gap->b, gap->c}, {&place, gap->a, gap->d}, {gap->b, &place, gap->d}};
+    gap->new = triangle_frames_make(&gap->frames, corners, 4);
     if (!split_is_fair(fit, gap, h)) return INFINITY;
-    double cost = fit_cost_with(fit, &gap->region, gap->new, 4, limit);
+    double cost = fit_cost_with(fit, &gap->region, &gap->new, limit);
     if (cost >= limit) return INFINITY;
-    return fit_stays(fit, &gap->region, gap->new, 4) ? cost : INFINITY;
+    return fit_stays(fit, &gap->region, &gap->new) ? cost : INFINITY;
 }
 
 enum { PLACES = 4 };
@@ -223,15 +228,15 @@ static size_t farthest_among(const struct fit *fit, const struct cluster *cluste
 }
 
 /* The samples of the two triangles that are farthest off, the farthest first; of the free points alone for a subset. */
-static size_t farthest(const struct fit *fit, const struct gap *gap, struct place place[PLACES]) {
-    struct triangle_frame old[2] = {triangle_frame_of(gap->a, gap->b, gap->c),
-                                    triangle_frame_of(gap->b, gap->a, gap->d)};
+static size_t farthest(const struct fit *fit, struct gap *gap, struct place place[PLACES]) {
+    const struct triangle_corners corners[2] = {{gap->a, gap->b, gap->c}, {gap->b, gap->a, gap->d}};
+    struct surface old = triangle_frames_make(&gap->frames, corners, 2);
     uint8_t owner[CLUSTER_ROOM];
     float distance_sq[CLUSTER_ROOM];
     struct fit_region more;
     size_t count = 0;
     for (const struct fit_region *part = &gap->region; part; part = fit_next_part(fit, part, &more)) {
-        cluster_owners(&part->cluster, old, 2, owner, distance_sq);
+        cluster_owners(&part->cluster, &old, owner, distance_sq);
         count = farthest_among(fit, &part->cluster, distance_sq, place, count);
     }
     return count;

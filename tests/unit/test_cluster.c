@@ -33,26 +33,36 @@ static void random_samples(uint64_t *seed, double from, double extent, struct sa
     }
 }
 
+static struct surface surface_of(struct triangle_frames *frames, const vec3 (*corner)[3], size_t n) {
+    struct triangle_corners corners[FRAMES_MOST];
+    for (size_t i = 0; i < n; i++) corners[i] = (struct triangle_corners){&corner[i][0], &corner[i][1], &corner[i][2]};
+    return triangle_frames_make(frames, corners, n);
+}
+
 /* The kernels against the distance to one triangle after the other, in double. */
-static void check_cluster(const struct sample *sample, uint32_t n, const struct triangle_frame *frame, size_t frames) {
+static void check_cluster(const struct sample *sample, uint32_t n, const vec3 (*corner)[3], size_t triangles) {
     static struct cluster cluster;
+    struct triangle_frame frame[FRAMES_MOST];
+    struct triangle_frames frames;
+    struct surface surface = surface_of(&frames, corner, triangles);
+    for (size_t j = 0; j < triangles; j++) frame[j] = triangle_frame_of(corner[j][0], corner[j][1], corner[j][2]);
     uint8_t owner[CLUSTER_ROOM];
     float distance_sq[CLUSTER_ROOM];
     double cost = 0;
     gather(&cluster, (vec3){0.3, 0.4, 0.5}, sample, n);
-    cluster_owners(&cluster, frame, frames, owner, distance_sq);
+    cluster_owners(&cluster, &surface, owner, distance_sq);
     for (size_t i = 0; i < n; i++) {
         const struct sample *this = &sample[cluster.sample[i]];
         double nearest_sq = INFINITY;
-        for (size_t j = 0; j < frames; j++)
+        for (size_t j = 0; j < triangles; j++)
             nearest_sq = fmin(nearest_sq, triangle_frame_hit(&frame[j], this->place).distance_sq);
         double tolerance = 1e-5 * (1 + nearest_sq);
         assert_true(fabs((double)distance_sq[i] - nearest_sq) < tolerance);
         assert_true(triangle_frame_hit(&frame[owner[i]], this->place).distance_sq < nearest_sq + tolerance);
         cost += (double)this->weight * (sqrt(nearest_sq) + 2 * nearest_sq);
     }
-    assert_true(fabs(cluster_cost(&cluster, frame, frames, 2, INFINITY) - cost) < 1e-4 * cost);
-    double part = cluster_cost(&cluster, frame, frames, 2, cost / 2);
+    assert_true(fabs(cluster_cost(&cluster, &surface, 2, INFINITY) - cost) < 1e-4 * cost);
+    double part = cluster_cost(&cluster, &surface, 2, cost / 2);
     assert_true(part > cost / 2 && part <= 1.0001 * cost);
 }
 
@@ -61,14 +71,12 @@ static void test_eight_at_a_time_is_one_at_a_time(void **state) {
     uint64_t seed = 7;
     static struct sample sample[461];
     for (uint32_t n = 1; n <= 461; n += 23) {
-        struct triangle_frame frame[3];
-        for (int i = 0; i < 3; i++) {
-            vec3 corner[3];
-            for (int k = 0; k < 3; k++) corner[k] = (vec3){random_unit(&seed), random_unit(&seed), random_unit(&seed)};
-            frame[i] = triangle_frame_of(corner[0], corner[1], corner[2]);
-        }
+        vec3 corner[6][3];
+        for (int i = 0; i < 18; i++)
+            corner[i / 3][i % 3] = (vec3){random_unit(&seed), random_unit(&seed), random_unit(&seed)};
         random_samples(&seed, -0.5, 2, sample, n);
-        check_cluster(sample, n, frame, 3);
+        check_cluster(sample, n, (const vec3(*)[3])corner, 3);
+        check_cluster(sample, n, (const vec3(*)[3])corner, 6);
     }
 }
 
@@ -92,8 +100,36 @@ static void test_distances_to_degenerate_triangles(void **state) {
     sample[6].place = (vec3){1e5, 1e5, -1e5};
     for (size_t i = 0; i < sizeof corner / sizeof *corner; i++) {
         struct triangle_frame frame = triangle_frame_of(corner[i][0], corner[i][1], corner[i][2]);
-        check_cluster(sample, 64, &frame, 1);
+        check_cluster(sample, 64, &corner[i], 1);
         if (i > 0) assert_true(triangle_frame_hit(&frame, (vec3){2, 0, 0}).distance_sq > 0.99);
+    }
+}
+
+/* Frames made four at a time are those made one at a time, bit for bit, whatever is beside them. */
+static void test_four_frames_are_each_one_frame(void **state) {
+    (void)state;
+    uint64_t seed = 13;
+    for (size_t n = 1; n <= FRAMES_MOST; n++) {
+        vec3 corner[FRAMES_MOST][3];
+        struct triangle_frames frames;
+        for (size_t i = 0; i < 3 * n; i++)
+            corner[i / 3][i % 3] = (vec3){random_unit(&seed), random_unit(&seed), random_unit(&seed)};
+        corner[n / 2][2] = corner[n / 2][n % 2]; /* without area */
+        struct surface surface = surface_of(&frames, (const vec3(*)[3])corner, n);
+        for (size_t i = 0; i < n; i++) {
+            struct triangle_frame frame = triangle_frame_of(corner[i][0], corner[i][1], corner[i][2]);
+            const struct frames_four *four = &surface.four[i / FRAMES_WIDTH];
+            size_t k = i % FRAMES_WIDTH;
+            assert_true(vec3_equal(surface_normal(&surface, i), frame.n));
+            assert_true(vec3_equal((vec3){four->ux[k], four->uy[k], four->uz[k]}, frame.u));
+            assert_true(vec3_equal((vec3){four->vx[k], four->vy[k], four->vz[k]}, frame.v));
+            assert_true(vec3_equal((vec3){four->ax[k], four->ay[k], four->az[k]}, frame.a));
+            assert_true(four->bx[k] == frame.bx && four->cx[k] == frame.cx && four->cy[k] == frame.cy);
+            assert_true(four->bc_length[k] == frame.bc.length && four->ac_length[k] == frame.ac.length);
+            assert_true(four->bc_x[k] == frame.bc.x && four->ac_y[k] == frame.ac.y);
+            assert_true(surface_shape(&surface, i) == triangle_frame_shape(&frame));
+            assert_true(vec3_equal(surface_middle(&surface, i), triangle_frame_middle(&frame)));
+        }
     }
 }
 
@@ -157,18 +193,20 @@ static void test_model_is_the_slope_of_the_cost(void **state) {
         sample[i] = (struct sample){.place = place, .weight = 1};
     }
     gather(&cluster, a, sample, 29);
-    struct triangle_frame frame = triangle_frame_of(a, b, c);
+    struct triangle_frames frames;
+    const vec3 corner[2][3] = {{a, b, c}, {a, b, c}};
+    struct surface surface = surface_of(&frames, corner, 2);
     struct cluster_model model = {0};
-    cluster_fit_corner(&cluster, 0, 13, &frame, 1e-6f, 0, &model);
-    cluster_fit_corner(&cluster, 13, 29, &frame, 1e-6f, 0, &model);
+    cluster_fit(&cluster, (size_t[3]){0, 13, 29}, &surface, 1e-6f, 0, &model);
     vec3 step[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
     for (int k = 0; k < 3; k++) {
         double h = 1e-2;
-        struct triangle_frame ahead = triangle_frame_of(vec3_add(a, vec3_scale(step[k], h)), b, c);
-        struct triangle_frame behind = triangle_frame_of(vec3_sub(a, vec3_scale(step[k], h)), b, c);
-        double slope =
-            (cluster_cost(&cluster, &ahead, 1, 0, INFINITY) - cluster_cost(&cluster, &behind, 1, 0, INFINITY)) /
-            (2 * h);
+        const vec3 ahead[1][3] = {{vec3_add(a, vec3_scale(step[k], h)), b, c}};
+        const vec3 behind[1][3] = {{vec3_sub(a, vec3_scale(step[k], h)), b, c}};
+        surface = surface_of(&frames, ahead, 1);
+        double rise = cluster_cost(&cluster, &surface, 0, INFINITY);
+        surface = surface_of(&frames, behind, 1);
+        double slope = (rise - cluster_cost(&cluster, &surface, 0, INFINITY)) / (2 * h);
         assert_true(fabs(slope + vec3_dot(model.g, step[k])) < 0.02);
     }
 }
@@ -207,6 +245,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_eight_at_a_time_is_one_at_a_time),
         cmocka_unit_test(test_distances_to_degenerate_triangles),
+        cmocka_unit_test(test_four_frames_are_each_one_frame),
         cmocka_unit_test(test_where_on_a_triangle_is_nearest),
         cmocka_unit_test(test_nearest_and_values),
         cmocka_unit_test(test_lists_are_filled_again),

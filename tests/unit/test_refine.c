@@ -250,10 +250,16 @@ static struct mesh sphere_mesh(const struct dense *dense) {
     return mesh;
 }
 
+static struct triangle_frame frame_of(const struct fit *fit, uint32_t triangle) {
+    const uint32_t *corner = fit->mesh->triangle[triangle];
+    const vec3 *vertex = fit->mesh->vertex;
+    return triangle_frame_of(vertex[corner[0]], vertex[corner[1]], vertex[corner[2]]);
+}
+
 static double nearest_sq(const struct fit *fit, vec3 place) {
     double best_sq = INFINITY;
     for (uint32_t t = 0; t < fit->mesh->triangle_count; t++) {
-        struct triangle_frame frame = fit_frame(fit, t);
+        struct triangle_frame frame = frame_of(fit, t);
         best_sq = fmin(best_sq, triangle_frame_hit(&frame, place).distance_sq);
     }
     return best_sq;
@@ -277,7 +283,7 @@ static void test_samples_start_with_the_nearest_triangle(void **state) {
     size_t farther = 0;
     for (size_t i = 0; i < fit.samples.n; i++) {
         vec3 place = fit.samples.sample[i].place;
-        struct triangle_frame frame = fit_frame(&fit, triangle[i]);
+        struct triangle_frame frame = frame_of(&fit, triangle[i]);
         double d_sq = triangle_frame_hit(&frame, place).distance_sq, best_sq = nearest_sq(&fit, place);
         assert_true(fabs(d_sq - (double)distance_sq[i]) < 1e-6 * d_sq + 1e-15);
         if (samples_point(&fit.samples, (uint32_t)i) != NONE) assert_true(d_sq < best_sq + 1e-12);

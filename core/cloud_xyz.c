@@ -9,9 +9,9 @@
  *     number  = digits and so on, or the same in quotes
  *     separator = blanks with at most one "," or one ";".  One may stand at the end of a line.
  *
- * Where semicolons separate the first point's values, commas in the file are decimal ("1,5; 2,5; 3,5").  Where blanks
- * separate them and single commas stand inside of numbers ("1,5 2,5 3,5"), nobody can tell three columns from six: that
- * is refused.
+ * Where semicolons separate the first point's values, commas in the file are decimal ("1,5; 2,5; 3,5"), and points then
+ * can't be: one of both might set off thousands, so a file with both is refused.  Where blanks separate them and single
+ * commas stand inside of numbers ("1,5 2,5 3,5"), nobody can tell three columns from six: that is refused, too.
  *
  * Lines end by \n, \r\n or \r.  Columns are named by the names line, or by a comment whose words contain x, y and z
  * (CloudCompare's "//X Y Z R G B"), when it has as many names as there are columns; x, y and z may then stand anywhere.
@@ -43,6 +43,7 @@ struct reader {
     const char *names; /* line that may name the columns; NULL = none */
     bool names_are_comment;
     bool decimal_commas;
+    bool seen_comma, seen_point; /* in numbers, where commas may be decimal */
     bool has_count;
     uint64_t count; /* promised, if has_count */
     uint64_t max_points;
@@ -407,6 +408,14 @@ static enum status one_or_two(struct reader *r, const char *word) {
 
 static bool at_line_end(const struct reader *r) { return r->at == r->end || is_newline(*r->at); }
 
+/* Whether the file has had both decimal commas and decimal points, now that this number was read. */
+static bool mixes_decimals(struct reader *r, const char *at, const char *after) {
+    size_t n = (size_t)(after - at);
+    r->seen_comma = r->seen_comma || memchr(at, ',', n);
+    r->seen_point = r->seen_point || memchr(at, '.', n);
+    return r->seen_comma && r->seen_point;
+}
+
 /* Reads the values of one line into record. */
 static enum status take_values(struct reader *r, double *record) {
     size_t j = 0, columns = r->cloud->property_count;
@@ -416,6 +425,10 @@ static enum status take_values(struct reader *r, double *record) {
         const char *after = parse_value(r, r->at, r->end, &record[j]);
         if (!after || (after < r->end && !is_separator(r, *after) && !is_newline(*after)))
             return bad(r, j, "not a number");
+        if (r->decimal_commas && mixes_decimals(r, r->at, after))
+            return bad(r, j,
+                       "the file has commas and points in numbers, one of which may set off thousands; write "
+                       "points for decimals and nothing for thousands");
         r->at = after;
         enum status status = take_separator(r, &mark, j + 1);
         if (status) return status;

@@ -54,7 +54,8 @@ struct contractor {
     struct adjacency near;
     uint32_t *spare_list; /* the pool that the next update writes */
     size_t spare_capacity;
-    size_t *chunk;         /* by range of GRAIN slots: how many picks it has; where its lists begin */
+    size_t *chunk;         /* by range of GRAIN slots: how many picks it has; where its lists begin; where it goes */
+    size_t wave;           /* the first of the slots that are moved side by side */
     uint64_t *pick, *swap; /* keyed by the cost's float bits, which order as costs do, with the slot that picked */
     double length_bias;
     unsigned threads;
@@ -324,15 +325,21 @@ static void update_range(void *ctx, size_t begin, size_t end) {
     settle(c, &waiting);
 }
 
+/* Turns what each chunk has into where it begins; returns the sum, which the one after the last gets too. */
+static size_t add_up(size_t *chunk, size_t n) {
+    size_t sum = 0;
+    for (size_t i = 0; i < n; i++) {
+        size_t count = chunk[i];
+        chunk[i] = sum;
+        sum += count;
+    }
+    return chunk[n] = sum;
+}
+
 /* Gives every range of slots its part of the other pool, which is made as large as that takes. */
 static enum status place_lists(struct contractor *c) {
-    size_t needed = 0;
     par_for(c->threads, c->slots, GRAIN, measure_range, c);
-    for (size_t i = 0; i * GRAIN < c->slots; i++) {
-        size_t links = c->chunk[i];
-        c->chunk[i] = needed;
-        needed += links;
-    }
+    size_t needed = add_up(c->chunk, (c->slots + GRAIN - 1) / GRAIN);
     if (needed <= c->spare_capacity) return STATUS_OK;
     free(c->spare_list);
     c->spare_list = alloc_array(needed, sizeof *c->spare_list);
@@ -353,6 +360,22 @@ static enum status update(struct contractor *c) {
 /* ------------------------------------------------------------------------------------------------ move together */
 
 static uint32_t place_of(const struct contractor *c, uint32_t slot) { return (uint32_t)c->pick[slot]; }
+
+static void count_live(void *ctx, size_t begin, size_t end) {
+    struct contractor *c = ctx;
+    size_t count = 0;
+    for (size_t s = begin; s < end; s++) count += (size_t)is_live(c, s);
+    c->chunk[begin / GRAIN] = count;
+}
+
+static void place_range(void *ctx, size_t begin, size_t end) {
+    struct contractor *c = ctx;
+    size_t place = c->chunk[begin / GRAIN];
+    for (size_t s = begin; s < end; s++) {
+        c->pick[s] = place;
+        place += (size_t)is_live(c, s);
+    }
+}
 
 static void rename_range(void *ctx, size_t begin, size_t end) {
     struct contractor *c = ctx;
@@ -375,18 +398,34 @@ static void move_slot(struct contractor *c, size_t from, size_t to) {
     c->target[to] = (uint32_t)to;
 }
 
+static void move_range(void *ctx, size_t begin, size_t end) {
+    struct contractor *c = ctx;
+    for (size_t s = c->wave + begin; s < c->wave + end; s++)
+        if (is_live(c, s)) move_slot(c, s, c->pick[s]);
+}
+
+/* In waves of ranges, each as long as what it goes to is before its beginning, where all slots have gone already: twice
+ * as many each time where half of the slots are live. */
+static void move_all(struct contractor *c, size_t ranges) {
+    for (size_t begin = 0, end; begin < ranges; begin = end) {
+        for (end = begin + 1; end < ranges && c->chunk[end + 1] <= begin * GRAIN;) end++;
+        c->wave = begin * GRAIN;
+        par_for(c->threads, (end < ranges ? end * GRAIN : c->slots) - c->wave, GRAIN, move_range, c);
+    }
+}
+
 /* Afterwards every slot is live.  The picks, of no use between passes, hold where each slot goes. */
 static enum status move_together(struct contractor *c) {
-    size_t count = 0;
+    size_t ranges = (c->slots + GRAIN - 1) / GRAIN;
     if (!c->own_point) c->own_point = alloc_array(c->live_count, sizeof *c->own_point);
     if (!c->own_point) return STATUS_NO_MEMORY;
     free(c->spare_list);
     c->spare_list = NULL, c->spare_capacity = 0;
-    for (size_t s = 0; s < c->slots; s++)
-        if (is_live(c, s)) c->pick[s] = count++;
+    par_for(c->threads, c->slots, GRAIN, count_live, c);
+    size_t count = add_up(c->chunk, ranges);
+    par_for(c->threads, c->slots, GRAIN, place_range, c);
     par_for(c->threads, c->slots, GRAIN, rename_range, c);
-    for (size_t s = 0; s < c->slots; s++)
-        if (is_live(c, s)) move_slot(c, s, c->pick[s]);
+    move_all(c, ranges);
     c->point = c->own_point;
     c->slots = count;
     return STATUS_OK;
@@ -435,6 +474,11 @@ static void contractor_done(struct contractor *c) {
     free(c->spare_list), free(c->chunk), free(c->pick), free(c->swap);
 }
 
+static void name_range(void *ctx, size_t begin, size_t end) {
+    struct contractor *c = ctx;
+    for (size_t s = begin; s < end; s++) c->id[s] = c->target[s] = (uint32_t)s;
+}
+
 static enum status contractor_init(struct contractor *c) {
     size_t n = c->slots;
     c->id = alloc_array(n, sizeof *c->id);
@@ -442,7 +486,7 @@ static enum status contractor_init(struct contractor *c) {
     c->partner = alloc_array(n, sizeof *c->partner);
     c->cost = alloc_array(n, sizeof *c->cost);
     c->changed = alloc_zeroed(n, sizeof *c->changed);
-    c->chunk = alloc_array(n / GRAIN + 1, sizeof *c->chunk);
+    c->chunk = alloc_array(n / GRAIN + 2, sizeof *c->chunk);
     c->pick = alloc_array(n, sizeof *c->pick);
     c->swap = alloc_array(n, sizeof *c->swap);
     c->out.order = alloc_array(n, sizeof *c->out.order);
@@ -452,12 +496,10 @@ static enum status contractor_init(struct contractor *c) {
         !c->out.order || !c->out.into || !c->out.error)
         return STATUS_NO_MEMORY;
     double weight = 0;
-    for (size_t i = 0; i < n; i++) {
-        c->id[i] = c->target[i] = (uint32_t)i;
-        weight += (double)c->quadric[i].weight;
-    }
+    for (size_t i = 0; i < n; i++) weight += (double)c->quadric[i].weight;
     c->live_count = n;
     c->length_bias = LENGTH_BIAS * weight / (double)n;
+    par_for(c->threads, n, GRAIN, name_range, c);
     par_for(c->threads, n, GRAIN, pick_range, c);
     return STATUS_OK;
 }

@@ -20,6 +20,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/denoise.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
@@ -87,7 +88,7 @@ static enum status find_chunk(const struct surface *s, size_t begin, size_t end)
         unsigned taken = 0;
         for (unsigned i = 0; i <= s->k && taken < s->k; i++)
             if (found[row + i] * s->level->step != p) s->near[p * s->k + taken++] = found[row + i] * s->level->step;
-        s->rim_sq[p] = (float)(RIM * RIM * distance_sq[row + s->k]);
+        s->rim_sq[p] = fmaxf((float)(RIM * RIM * distance_sq[row + s->k]), FLT_MIN); /* what is divided by */
     }
     free(distance_sq);
     return status;

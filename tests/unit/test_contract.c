@@ -156,6 +156,38 @@ static void a_crowd_s_centre_keeps_its_own_and_the_lowest_of_the_others(void **s
     adjacency_done(&near);
 }
 
+static bool names(const struct neighbourhood *hood, uint32_t p, uint32_t q) {
+    bool found = false;
+    for (unsigned i = 0; i < hood->count[p]; i++) found |= hood->id[p * hood->stride + i] == q;
+    return found;
+}
+
+/* Beyond its count a row holds everybody: none of them counts. */
+static void rows_of_any_length_are_searched(void **state) {
+    (void)state;
+    enum { N = 40, LONGEST = 13 };
+    uint64_t seed = 3;
+    for (unsigned stride = 3; stride <= LONGEST; stride++) {
+        uint32_t id[N * LONGEST];
+        uint8_t count[N];
+        struct neighbourhood hood = {.n = N, .stride = stride, .id = id, .count = count};
+        struct adjacency near;
+        for (uint32_t p = 0; p < N; p++) {
+            count[p] = (uint8_t)(random_unit(&seed) * (stride + 1));
+            uint32_t step = 1 + (uint32_t)(random_unit(&seed) * 2);
+            for (uint32_t i = 0; i < stride; i++) id[p * stride + i] = (p + 1 + i * step) % N;
+        }
+        assert_int_equal(adjacency_from(&hood, 2, &near), STATUS_OK);
+        for (uint32_t p = 0; p < N; p++)
+            for (uint32_t q = 0, i = near.start[p]; q < N; q++) {
+                bool is_joined = i < near.start[p] + near.degree[p] && near.list[i] == q;
+                assert_true(is_joined == (names(&hood, p, q) || names(&hood, q, p)));
+                i += is_joined;
+            }
+        adjacency_done(&near);
+    }
+}
+
 /* ------------------------------------------------------------------------------------------------ contraction */
 
 static void every_point_is_ranked_once_and_goes_into_a_later_one(void **state) {
@@ -301,6 +333,7 @@ int main(void) {
         cmocka_unit_test(a_plane_s_quadric_is_weight_times_squared_distance),
         cmocka_unit_test(a_line_s_quadric_is_the_squared_distance_to_it),
         cmocka_unit_test(lists_are_symmetric_sorted_and_without_their_owner),
+        cmocka_unit_test(rows_of_any_length_are_searched),
         cmocka_unit_test(a_crowd_s_centre_keeps_its_own_and_the_lowest_of_the_others),
         cmocka_unit_test(every_point_is_ranked_once_and_goes_into_a_later_one),
         cmocka_unit_test(tiny_clouds_are_ranked_too),

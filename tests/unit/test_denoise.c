@@ -282,6 +282,21 @@ static void flat_and_straight_clouds_survive(void **state) {
     free(plane);
 }
 
+/* Strays far away make everything else small in the frame that all of them share. */
+static void points_whose_squares_vanish_stay(void **state) {
+    (void)state;
+    enum { N = 200 };
+    static const double radius[] = {1e-20, 1e-30, 1e-150, 1e-200, 1e-310};
+    for (size_t r = 0; r < sizeof radius / sizeof *radius; r++) {
+        vec3 *point = shape_sphere(N, radius[r]);
+        struct denoise_result result = smooth(point, N, 1);
+        for (size_t i = 0; i < N; i++) assert_true(vec3_distance(result.point[i], point[i]) <= radius[r]);
+        assert_int_equal(result.stray_count, 0);
+        denoise_done(&result);
+        free(point);
+    }
+}
+
 /* ------------------------------------------------------------------------------------------------ neighbourhoods */
 
 static unsigned neighbours_max(const vec3 *point, size_t n, unsigned max) {
@@ -481,6 +496,7 @@ int main(void) {
         cmocka_unit_test(a_point_that_no_surface_is_near_stays_and_is_marked),
         cmocka_unit_test(few_points_stay_where_they_are),
         cmocka_unit_test(flat_and_straight_clouds_survive),
+        cmocka_unit_test(points_whose_squares_vanish_stay),
         cmocka_unit_test(noise_and_not_curvature_widens_neighbourhoods),
         cmocka_unit_test(threads_do_not_change_a_bit),
         cmocka_unit_test(every_allocation_may_fail),

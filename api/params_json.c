@@ -57,6 +57,13 @@ json_t *params_to_json(const struct params *params) {
     return json;
 }
 
+static bool is_list(const struct param *param) { return param->type == PARAM_FLAGS || param->type == PARAM_LEVELS; }
+
+/* As JSON Schema has it, 5.0 is an integer. */
+static bool is_whole(const json_t *value) {
+    return json_is_integer(value) || (json_is_real(value) && rint(json_real_value(value)) == json_real_value(value));
+}
+
 /* Whether a value is of the JSON type that the schema says. */
 static bool is_of_type(const struct param *param, const json_t *value) {
     size_t i;
@@ -64,7 +71,7 @@ static bool is_of_type(const struct param *param, const json_t *value) {
     bool ok = json_is_array(value);
     switch (param->type) {
     case PARAM_NUMBER: return json_is_number(value);
-    case PARAM_INTEGER: return json_is_integer(value);
+    case PARAM_INTEGER: return is_whole(value);
     case PARAM_CHOICE: return json_is_string(value);
     case PARAM_FLAGS:
         json_array_foreach(value, i, item) ok = ok && json_is_string(item) && !strchr(json_string_value(item), ',');
@@ -83,10 +90,10 @@ static void scalar_to_text(const json_t *value, char *text, size_t bytes) {
         snprintf(text, bytes, "%s", json_is_string(value) ? json_string_value(value) : "?");
 }
 
-/* JSON text of a wrong type, which no parameter takes. */
-static void dump_to_text(const json_t *value, char text[VALUE_BYTES]) {
+/* JSON text of a wrong type, which no parameter takes; a list is told how it should come. */
+static void dump_to_text(const json_t *value, bool wants_array, char text[VALUE_BYTES]) {
     char *dump = json_dumps(value, JSON_COMPACT | JSON_ENCODE_ANY);
-    snprintf(text, VALUE_BYTES, "%s", dump ? dump : "?");
+    snprintf(text, VALUE_BYTES, "%s%s", wants_array ? "no array: " : "", dump ? dump : "?");
     free(dump);
 }
 
@@ -96,7 +103,7 @@ void params_json_text(const char *name, const json_t *value, char text[PARAMS_JS
     json_t *item;
     text[0] = 0;
     if (!param || !is_of_type(param, value)) {
-        dump_to_text(value, text);
+        dump_to_text(value, param && is_list(param) && !json_is_array(value), text);
         return;
     }
     if (!json_is_array(value)) {

@@ -1,9 +1,11 @@
 /* The shim around CGAL's Delaunay triangulation: in go points, out come flat arrays, and no exception.
  *
- * Design.  Points are sorted along a space-filling curve and inserted one by one, each found from the cell of the one
- * before; so that a caller can cancel.  Predicates are exact (EPICK), constructions are not needed but for the
- * circumcentres, which are computed here in double relative to a vertex, and in rational numbers for the few flat
- * cells where double would lose them.  Insertion is one thread's work; all threads share what comes after it.
+ * Design.  Points are inserted one by one, each found from the cell of the one before, so that a caller can cancel.
+ * They come along a space-filling curve, so sorting them is saved: rounds of ever more points go along it, each round's
+ * spread evenly over all that are left for it (a biased randomised insertion order).  Predicates are exact (EPICK),
+ * constructions are not needed but for the circumcentres, which are computed here in double relative to a vertex, and
+ * in rational numbers for the few flat cells where double would lose them.  Insertion is one thread's work; all threads
+ * share what comes after it.
  *
  * Invariant.  The Delaunay triangulation with CGAL's symbolic perturbation is unique for a set of points, so the set of
  * cells doesn't depend on the order of insertion; `Numbering` makes the arrays unique, too: it orders the vertices in
@@ -12,7 +14,8 @@
  * Conventions of the border: every extern "C" function is noexcept and its whole body runs inside guard(), which turns
  * exceptions into statuses; CGAL's failure handlers throw quietly while it runs.
  *
- * Sources: C. Jamin, S. Pion, M. Teillaud, 3D Triangulations, CGAL manual.  O. Devillers, M. Teillaud, Perturbations
+ * Sources: N. Amenta, S. Choi, G. Rote, Incremental constructions con BRIO, 2003.  C. Jamin, S. Pion, M. Teillaud, 3D
+ * Triangulations, CGAL manual.  O. Devillers, M. Teillaud, Perturbations
  * for Delaunay and weighted Delaunay 3D triangulations, 2011.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -23,12 +26,9 @@
 #include <CGAL/Delaunay_triangulation_3.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Exact_rational.h>
-#include <CGAL/Spatial_sort_traits_adapter_3.h>
 #include <CGAL/Triangulation_cell_base_with_info_3.h>
 #include <CGAL/Triangulation_vertex_base_with_info_3.h>
 #include <CGAL/assertions_behaviour.h>
-#include <CGAL/property_map.h>
-#include <CGAL/spatial_sort.h>
 
 #include <algorithm>
 #include <array>
@@ -50,6 +50,8 @@ namespace {
 constexpr uint32_t AT_INFINITY = UINT32_MAX; /* NONE of core/cloud.h */
 constexpr size_t MAX_POINTS = size_t{1} << 28;
 constexpr size_t TICK_EVERY = 2048; /* insertions: a few milliseconds */
+constexpr size_t FIRST_ROUND = 64;  /* points, at most */
+constexpr size_t GROWTH = 8;        /* of a round from those before */
 constexpr size_t GRAIN = 2048;      /* cells, or buckets of cells */
 constexpr double FLAT = 1e-10;      /* of the cube of the longest edge: below, double loses the circumcentre */
 constexpr double FARTHEST = 1e100;  /* squares and products of coordinates up to here stay finite */
@@ -111,12 +113,24 @@ template <class Item> Item *new_array(size_t n) {
 
 /* ------------------------------------------------------------------------------------------------ insertion */
 
+/* A number below n for each index below n.  Those of indices in a row are spread evenly: i times the golden ratio, of
+ * which the whole part is left out. */
+size_t spread(size_t i, size_t n) { return static_cast<uint32_t>(i * 2654435769u) * uint64_t{n} >> 32; }
+
+/* Round by round, the last one with most of the points. */
+std::vector<size_t> insertion_order(size_t n) {
+    std::vector<size_t> order;
+    order.reserve(n);
+    size_t before = 0, end = n;
+    while (end > FIRST_ROUND) end /= GROWTH;
+    for (; before < n; before = end, end = std::min(n, end * GROWTH + GROWTH))
+        for (size_t i = 0; i < n; i++)
+            if (size_t at = spread(i, n); at >= before && at < end) order.push_back(i);
+    return order;
+}
+
 void insert_all(Delaunay &delaunay, const std::vector<Point> &points, const struct progress *progress) {
-    using Map = CGAL::Pointer_property_map<Point>::const_type;
-    using Traits = CGAL::Spatial_sort_traits_adapter_3<Kernel, Map>;
-    std::vector<size_t> order(points.size());
-    std::iota(order.begin(), order.end(), size_t{0});
-    CGAL::spatial_sort(order.begin(), order.end(), Traits(CGAL::make_property_map(points)));
+    std::vector<size_t> order = insertion_order(points.size());
     Delaunay::Cell_handle near;
     for (size_t i = 0; i < order.size(); i++) {
         if (i % TICK_EVERY == 0 &&

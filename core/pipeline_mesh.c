@@ -14,45 +14,45 @@
 #include "core/refine.h"
 #include "core/sym3.h"
 
-static int compare_ids(const void *a, const void *b) {
-    uint32_t i = *(const uint32_t *)a, j = *(const uint32_t *)b;
-    return (i > j) - (i < j);
+/* The points that stand for themselves, and the index of each among them. */
+static void number_sites(const struct run *run, struct sites *sites, uint32_t *index) {
+    uint32_t i = 0;
+    for (uint32_t p = 0; p < run->points.count; p++) {
+        if (sites->of_point[p] != p) continue;
+        sites->id[i] = p;
+        sites->point[i] = run->points.point[p];
+        sites->normal[i] = run->normal[p];
+        sites->support[i] = 0;
+        index[p] = i++;
+    }
 }
 
-/* of_point, and support = max over the points that a site stands for of the distance to it + the spacing there. */
-static enum status find_support(const struct run *run, struct sites *sites) {
-    size_t n = run->points.count;
-    uint32_t *index = alloc_array(n, sizeof *index);
-    sites->of_point = alloc_array(n, sizeof *sites->of_point);
-    bool ok = index && sites->of_point;
-    if (ok) {
-        contraction_representatives(&run->contraction, sites->count, sites->of_point);
-        for (uint32_t i = 0; i < sites->count; i++) index[sites->id[i]] = i, sites->support[i] = 0;
-        for (size_t x = 0; x < n; x++) {
-            uint32_t i = sites->of_point[x] = index[sites->of_point[x]];
-            double reach = vec3_distance(run->points.point[x], sites->point[i]) + (double)run->hood.spacing[x];
-            sites->support[i] = fmax(sites->support[i], reach);
-        }
+/* support = max over the points that a site stands for of the distance to it + the spacing there. */
+static void find_support(const struct run *run, const uint32_t *index, struct sites *sites) {
+    for (size_t x = 0; x < run->points.count; x++) {
+        uint32_t i = sites->of_point[x] = index[sites->of_point[x]];
+        double reach = vec3_distance(run->points.point[x], sites->point[i]) + (double)run->hood.spacing[x];
+        sites->support[i] = fmax(sites->support[i], reach);
     }
-    free(index);
-    return ok ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
 /* The k most important points as sites. */
 static enum status sites_of(const struct run *run, size_t k, struct sites *sites) {
     *sites = (struct sites){.count = k};
+    uint32_t *index = alloc_array(run->points.count, sizeof *index);
     sites->id = alloc_array(k, sizeof *sites->id);
     sites->point = alloc_array(k, sizeof *sites->point);
     sites->normal = alloc_array(k, sizeof *sites->normal);
     sites->support = alloc_array(k, sizeof *sites->support);
-    if (!sites->id || !sites->point || !sites->normal || !sites->support) return STATUS_NO_MEMORY;
-    memcpy(sites->id, &run->contraction.order[run->contraction.n - k], k * sizeof *sites->id);
-    qsort(sites->id, k, sizeof *sites->id, compare_ids);
-    for (size_t i = 0; i < k; i++) {
-        sites->point[i] = run->points.point[sites->id[i]];
-        sites->normal[i] = run->normal[sites->id[i]];
+    sites->of_point = alloc_array(run->points.count, sizeof *sites->of_point);
+    bool ok = index && sites->id && sites->point && sites->normal && sites->support && sites->of_point;
+    if (ok) {
+        contraction_representatives(&run->contraction, k, sites->of_point);
+        number_sites(run, sites, index);
+        find_support(run, index, sites);
     }
-    return find_support(run, sites);
+    free(index);
+    return ok ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
 /* How many of the sites' principal extents are over FLAT: 0 when they coincide, 3 when they span space.  Rounding of

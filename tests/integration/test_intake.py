@@ -91,7 +91,7 @@ def test_strict_documents(daemon, document, slug, parameter, word):
     ({"ratio": "0.1"}, "invalid-parameter", "params.ratio", "number"),
     ({"ratio": True}, "invalid-parameter", "params.ratio", "number"),
     ({"ratio": None}, "invalid-parameter", "params.ratio", "number"),
-    ({"points": 5.0}, "invalid-parameter", "params.points", "whole number"),
+    ({"points": 5.5}, "invalid-parameter", "params.points", "whole number"),
     ({"outputs": "cloud"}, "invalid-parameter", "params.outputs", "cloud"),
     ({"outputs": ["cloud,mesh"]}, "invalid-parameter", "params.outputs", "cloud"),
     ({"placement": ["subset"]}, "invalid-parameter", "params.placement", "subset"),
@@ -105,6 +105,7 @@ def test_types_are_named_by_path(daemon, cloud, params, slug, path, word):
     assert (reply.status, reply.slug) == (400, slug)
     error = reply.json["errors"][0]
     assert error["parameter"] == path and reply.json["detail"].startswith("params.")
+    assert ("no array" in reply.json["detail"]) == (params == {"outputs": "cloud"})
     assert not word or word in error.get("allowed", "") + error.get("did_you_mean", "")
 
 

@@ -99,10 +99,13 @@ def errors_of(told):
 
 
 def work_of(report, without=NOT_THE_WORK):
-    """(ms, ms of processors) of the stages that make the result; of the program's processor time as large a share."""
+    """(ms, ms of processors) of the stages that make the result; of the program's processor time as large a share.
+
+    Stages side by side come to more than they take together: never more than the whole without what is measured."""
     stages = report["timings_ms"]
-    ms = sum(ms for stage, ms in stages.items() if stage not in without)
-    return ms, report["processor_ms"] * ms / stages["total"]
+    each = sum(ms for stage, ms in stages.items() if stage not in without)
+    share = each / sum(ms for stage, ms in stages.items() if stage != "total")
+    return min(each, stages["total"] - stages.get("measure", 0)), report["processor_ms"] * share
 
 
 def markdown(header, rows):

@@ -122,6 +122,8 @@ static void json_and_back(void **state) {
     json_decref(json);
     assert_true(decode_json("{\"levels\":[0.5,0.1,0.02]}"));
     assert_int_equal(params.levels.count, 3);
+    assert_true(decode_json("{\"points\":4294967294.0}"));
+    assert_int_equal(params.points, 4294967294);
 }
 
 static void json_of_a_wrong_type_is_refused(void **state) {
@@ -136,7 +138,10 @@ static void json_of_a_wrong_type_is_refused(void **state) {
                                         "{\"outputs\":[1]}",
                                         "{\"outputs\":[null]}",
                                         "{\"placement\":[[]]}",
+                                        "{\"points\":1e300}",
                                         "{\"levels\":[0.1,\"x\"]}",
+                                        "{\"levels\":0.5}",
+                                        "{\"levels\":\"0.5\"}",
                                         "{\"nonsense\":1}"};
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) assert_false(decode_json(wrong[i]));
 }

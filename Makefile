@@ -101,13 +101,14 @@ $(build)/whittled: $(call object,$(daemon_src)) $(libserver) $(libapi) $(libwhit
 	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(DAEMON_LIBS) $(CODEC_LIBS) -lseccomp -lm
 
 $(build)/tests/unit/test_service_faults $(build)/tests/fuzz/fuzz_http: $(build)/$(instant_service).o
+objects_first = $(filter %.o,$^) $(filter %.a,$^)
 
 # Unit tests can make each allocation fail (tests/unit/faults.c).
 wrapped := $(patsubst %,-Wl$(comma)--wrap=%,malloc calloc realloc reallocarray strdup strndup)
 $(unit_programs): $(build)/tests/unit/%: $(build)/tests/unit/%.o $(call object,$(unit_support_src)) \
     $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@
-	$(Q)$(CC) $(LDFLAGS) $(wrapped) -o $@ $^ -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CORE_LIBS)
+	$(Q)$(CC) $(LDFLAGS) $(wrapped) -o $@ $(objects_first) -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CORE_LIBS)
 
 $(tool_programs): $(build)/%: $(build)/%.o $(libapi) $(libwhittle)
 	$(say) LD $@
@@ -134,7 +135,7 @@ $(peer_programs): $(build)/%: $(build)/%.o
 
 # Their vectors are passed between functions that are inlined, so how others would get them doesn't matter.
 $(addprefix $(build)/core/,cluster.o knn_group.o pair_cost.o quadric.o rank_sort.o \
-    triangle_frames.o): override CFLAGS += -Wno-psabi
+    triangle_frames.o umbrella.o): override CFLAGS += -Wno-psabi
 
 # Files that are compiled into the program.
 $(build)/api/openapi.o: api/openapi.json
@@ -304,7 +305,7 @@ ifeq ($(config),fuzz)
 $(build)/tests/fuzz/fuzz_http: $(build)/tests/unit/folder.o
 $(fuzz_programs): $(build)/%: $(build)/%.o $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@
-	$(Q)$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $^ -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CODEC_LIBS) -lm
+	$(Q)$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $(objects_first) -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CODEC_LIBS) -lm
 
 .PHONY: fuzz
 fuzz: $(fuzz_programs)

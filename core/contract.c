@@ -9,8 +9,8 @@
  *     updates   lists of neighbours, and the cheapest pair of who is near  (parallel)
  *
  * which removes the same points as the heap but for pairs that are close in cost.  A pass removes FRACTION of what is
- * live, whatever the goal, and contraction always goes on to one point: so the order is a ranking, and any number of
- * points can be taken from it afterwards.
+ * live, whatever the goal, and contraction goes on to one point: so the order is a ranking, and any number of points
+ * can be taken from it afterwards.  Where as many as are left needn't be ranked it ends with the pass before.
  *
  * Points stand in slots, in ascending order of their ids.  A slot whose point is gone stays empty until half of all
  * are; then the live ones move together, so that what is near in space stays near in memory.  Lists are written anew by
@@ -514,24 +514,31 @@ static enum status pass(struct contractor *c) {
     return !status && c->live_count <= c->slots / 2 ? move_together(c) : status;
 }
 
-enum status contract(const vec3 *point, struct adjacency *near, struct packed_quadric *quadrics, unsigned threads,
-                     const struct progress *progress, struct contraction *out) {
+/* What was never removed comes last. */
+static void list_left(struct contractor *c) {
+    size_t place = c->removed;
+    for (uint32_t s = 0; s < c->slots; s++) {
+        if (!is_live(c, s)) continue;
+        c->out.order[place] = c->id[s];
+        c->out.into[c->id[s]] = NONE;
+        c->out.error[place++] = INFINITY;
+    }
+}
+
+enum status contract(const vec3 *point, struct adjacency *near, struct packed_quadric *quadrics,
+                     const struct contract_options *options, const struct progress *progress, struct contraction *out) {
     size_t n = near->n;
     assert(n >= 1 && n < NONE);
     struct contractor c = {
-        .slots = n, .point = point, .quadric = quadrics, .near = *near, .threads = threads, .out = {.n = n}};
+        .slots = n, .point = point, .quadric = quadrics, .near = *near, .threads = options->threads, .out = {.n = n}};
     *near = (struct adjacency){0};
     enum status status = contractor_init(&c);
-    while (!status && c.live_count > 1) {
+    while (!status && c.live_count > 1 && c.live_count > options->least) {
         status = pass(&c);
         if (!status && progress_tick(progress, "contract", (double)c.removed / (double)n)) status = STATUS_CANCELLED;
     }
     if (!status) {
-        uint32_t left = 0;
-        while (!is_live(&c, left)) left++;
-        c.out.order[n - 1] = c.id[left];
-        c.out.into[c.id[left]] = NONE;
-        c.out.error[n - 1] = INFINITY;
+        list_left(&c);
         *out = c.out;
     } else {
         contraction_done(&c.out);

@@ -135,7 +135,7 @@ $(peer_programs): $(build)/%: $(build)/%.o
 
 # Their vectors are passed between functions that are inlined, so how others would get them doesn't matter.
 $(addprefix $(build)/core/,cluster.o knn_group.o pair_cost.o quadric.o rank_sort.o \
-    triangle_frames.o): override CFLAGS += -Wno-psabi
+    triangle_frames.o umbrella.o): override CFLAGS += -Wno-psabi
 
 # Files that are compiled into the program.
 $(build)/api/openapi.o: api/openapi.json

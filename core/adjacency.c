@@ -16,7 +16,7 @@
 
 enum { GRAIN = 4096, DEGREE_LIMIT = UINT8_MAX, FOUR = 4 };
 
-typedef uint32_t fours __attribute__((vector_size(16)));
+typedef int32_t fours __attribute__((vector_size(16)));
 
 struct building {
     const struct neighbourhood *hood;
@@ -25,20 +25,23 @@ struct building {
     uint64_t *one_sided; /* n: bit i is set where p's i-th neighbour doesn't name p */
 };
 
+/* Adds whether q is among the first four ids from i on, of those before count. */
+static inline fours look(const uint32_t *id, unsigned i, unsigned count, uint32_t q) {
+    fours four, place = {0, 1, 2, 3};
+    memcpy(&four, &id[i], sizeof four);
+    return (four == (int32_t)q) & (place < (int32_t)count - (int32_t)i);
+}
+
 /* All of a row are looked at, so that there is no branch to guess wrong: four at a time, the last four where they
  * aren't a multiple of it, each one alone in a row of fewer. */
 static bool lists(const struct neighbourhood *hood, uint32_t p, uint32_t q) {
     const uint32_t *id = &hood->id[(size_t)p * hood->stride];
-    unsigned count = hood->count[p], any = 0;
+    unsigned stride = hood->stride, count = hood->count[p], any = 0;
     fours equal = {0};
-    for (unsigned i = 0; i < hood->stride && hood->stride < FOUR; i++) any |= (id[i] == q) & (i < count);
-    for (unsigned i = 0; i < hood->stride && hood->stride >= FOUR; i += FOUR) {
-        if (i + FOUR > hood->stride) i = hood->stride - FOUR;
-        fours four;
-        memcpy(&four, &id[i], sizeof four);
-        equal |= (fours)(four == q) & (fours)((fours){i, i + 1, i + 2, i + 3} < count);
-    }
-    for (unsigned i = 0; i < FOUR; i++) any |= equal[i];
+    for (unsigned i = 0; i < stride && stride < FOUR; i++) any |= (id[i] == q) & (i < count);
+    for (unsigned i = 0; i + FOUR <= stride; i += FOUR) equal |= look(id, i, count, q);
+    if (stride >= FOUR) equal |= look(id, stride - FOUR, count, q);
+    for (unsigned i = 0; i < FOUR; i++) any |= (unsigned)equal[i];
     return any;
 }
 

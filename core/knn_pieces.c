@@ -13,6 +13,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/knn_pieces.h"
 
+#include <math.h>
 #include <stdlib.h>
 
 #include "core/alloc.h"
@@ -82,9 +83,15 @@ static void cut_space(struct knn_pieces *pieces) {
     make_cuts(pieces, 1, sample, taken);
 }
 
-static unsigned piece_of(const struct knn_pieces *pieces, vec3 p) {
+/* The number of the piece that a place is in, and how far the nearest cut is: nothing of another piece is nearer. */
+static unsigned piece_of(const struct knn_pieces *pieces, vec3 p, double *margin) {
     unsigned number = 1;
-    while (number < pieces->count) number = 2 * number + is_beyond(&pieces->cut[number], p);
+    *margin = INFINITY;
+    while (number < pieces->count) {
+        double beyond = along(p, pieces->cut[number].axis) - pieces->cut[number].at;
+        *margin = fabs(beyond) < *margin ? fabs(beyond) : *margin;
+        number = 2 * number + (beyond >= 0);
+    }
     return number - pieces->count;
 }
 
@@ -98,7 +105,9 @@ struct sorting {
 
 static void key_range(void *ctx, size_t begin, size_t end) {
     const struct sorting *s = ctx;
-    for (size_t i = begin; i < end; i++) s->item[i] = radix_item(piece_of(s->pieces, s->pieces->point[i]), (uint32_t)i);
+    double margin;
+    for (size_t i = begin; i < end; i++)
+        s->item[i] = radix_item(piece_of(s->pieces, s->pieces->point[i], &margin), (uint32_t)i);
 }
 
 static void find_pieces(const struct sorting *s) {
@@ -165,11 +174,13 @@ static double box_distance_sq(const struct piece *piece, vec3 p) {
 
 enum status knn_pieces_nearest(const struct knn_pieces *pieces, vec3 query, unsigned k, uint32_t *id,
                                double *distance_sq, unsigned *count) {
-    const struct piece *piece = pieces->piece, *own = &piece[piece_of(pieces, query)], *end = &piece[pieces->count];
+    double margin;
+    const struct piece *own = &pieces->piece[piece_of(pieces, query, &margin)], *end = &pieces->piece[pieces->count];
     enum status status = STATUS_OK;
     *count = 0;
     if (own->tree) status = knn_flann_nearest(own->tree, query, k, id, distance_sq, count);
-    for (; piece < end && !status; piece++)
+    if (*count == k && distance_sq[k - 1] < margin * margin) return status;
+    for (const struct piece *piece = pieces->piece; piece < end && !status; piece++)
         if (piece != own && piece->tree && (*count < k || box_distance_sq(piece, query) <= distance_sq[k - 1]))
             status = knn_flann_nearest(piece->tree, query, k, id, distance_sq, count);
     return status;
@@ -177,9 +188,11 @@ enum status knn_pieces_nearest(const struct knn_pieces *pieces, vec3 query, unsi
 
 enum status knn_pieces_within(const struct knn_pieces *pieces, vec3 centre, double radius, unsigned most, uint32_t *id,
                               unsigned *count) {
-    const struct piece *piece = pieces->piece, *end = &piece[pieces->count];
+    double margin;
+    const struct piece *piece = &pieces->piece[piece_of(pieces, centre, &margin)], *end = piece + 1;
     enum status status = STATUS_OK;
     *count = 0;
+    if (margin < radius) piece = pieces->piece, end = piece + pieces->count;
     for (; piece < end && *count <= most && !status; piece++)
         if (piece->tree && box_distance_sq(piece, centre) < radius * radius)
             status = knn_flann_within(piece->tree, centre, radius, most, id, count);

@@ -14,13 +14,15 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/umbrella.h"
 
+#include <math.h>
 #include <stdlib.h>
 
 #include "core/alloc.h"
 #include "core/cloud.h"
+#include "core/lanes.h"
 #include "core/par.h"
 
-enum { POINT_GRAIN = 1024 };
+enum { POINT_GRAIN = 1024, ROOM = KNN_MAX_K + LANES };
 
 #define STEEPEST_SQ 0.64 /* of the sine of the angle between a rib and the tangent plane */
 #define WIDEST (-0.95)   /* cosine of the widest angle between consecutive ribs */
@@ -33,81 +35,124 @@ struct search {
     struct umbrellas *out;
 };
 
-struct rib {
-    double x, y;   /* in the tangent plane */
-    double ix, iy; /* the same, divided by the squared length */
-    double length_sq;
-    double quarters; /* grows with the angle, by 4 in a turn */
-    uint32_t id;
+/* Neighbours laid out in the tangent plane. */
+struct ribs {
+    unsigned n;
+    double x[ROOM], y[ROOM];   /* in the plane */
+    double ix[ROOM], iy[ROOM]; /* the same, divided by the squared length */
+    double length_sq[ROOM];
+    double quarters[ROOM]; /* grows with the angle, by 4 in a turn */
+    uint32_t id[ROOM];
 };
 
-static bool lay_out(const struct search *search, size_t p, uint32_t q, vec3 u, vec3 v, struct rib *rib) {
-    vec3 e = vec3_sub(search->point[q], search->point[p]);
-    double x = vec3_dot(e, u), y = vec3_dot(e, v), flat_sq = x * x + y * y, length_sq = vec3_length_sq(e);
-    if (!(flat_sq > (1 - STEEPEST_SQ) * length_sq)) return false;
-    double stretch = sqrt(length_sq / flat_sq), side = y / (fabs(x) + fabs(y));
+struct plane {
+    vec3 at, u, v;
+};
+
+/* Four of them, without those that are too steep. */
+INLINE void lay_out(const struct search *search, const struct plane *plane, const uint32_t id[LANES], unsigned count,
+                    struct ribs *ribs) {
+    const vec3 *q[LANES], *at = &plane->at, *u = &plane->u, *v = &plane->v;
+    for (unsigned k = 0; k < LANES; k++) q[k] = &search->point[id[k < count ? k : 0]];
+    lanes ex = (lanes){q[0]->x, q[1]->x, q[2]->x, q[3]->x} - at->x;
+    lanes ey = (lanes){q[0]->y, q[1]->y, q[2]->y, q[3]->y} - at->y;
+    lanes ez = (lanes){q[0]->z, q[1]->z, q[2]->z, q[3]->z} - at->z;
+    lanes x = ex * u->x + ey * u->y + ez * u->z, y = ex * v->x + ey * v->y + ez * v->z;
+    lanes flat_sq = x * x + y * y, length_sq = ex * ex + ey * ey + ez * ez;
+    lanes_mask lies = flat_sq > (1 - STEEPEST_SQ) * length_sq;
+    lanes stretch = lanes_root(length_sq / flat_sq), side = y / (lanes_magnitude(x) + lanes_magnitude(y));
     x *= stretch, y *= stretch;
-    double quarters = x >= 0 ? side : (y >= 0 ? 2 : -2) - side;
-    *rib = (struct rib){x, y, x / length_sq, y / length_sq, length_sq, quarters, q};
-    return true;
-}
-
-/* Sorted by angle; ties by length, then id. */
-static bool comes_before(const struct rib *a, const struct rib *b) {
-    if (a->quarters != b->quarters) return a->quarters < b->quarters;
-    return a->length_sq != b->length_sq ? a->length_sq < b->length_sq : a->id < b->id;
-}
-
-static unsigned lay_out_all(const struct search *search, size_t p, struct rib rib[KNN_MAX_K]) {
-    const struct neighbourhood *hood = search->hood;
-    vec3 u, v;
-    unsigned n = 0;
-    vec3_basis(search->normal[p], &u, &v);
-    for (unsigned i = 0; i < hood->count[p]; i++) {
-        struct rib new;
-        if (!lay_out(search, p, hood->id[p * hood->stride + i], u, v, &new)) continue;
-        unsigned j = n++;
-        for (; j > 0 && comes_before(&new, &rib[j - 1]); j--) rib[j] = rib[j - 1];
-        rib[j] = new;
+    lanes behind = lanes_pick(y >= 0, lanes_all(2), lanes_all(-2)) - side, quarters = lanes_pick(x >= 0, side, behind);
+    lanes ix = x / length_sq, iy = y / length_sq;
+    for (unsigned k = 0; k < count; k++) {
+        unsigned i = ribs->n;
+        ribs->x[i] = x[k], ribs->y[i] = y[k], ribs->ix[i] = ix[k], ribs->iy[i] = iy[k];
+        ribs->length_sq[i] = length_sq[k], ribs->quarters[i] = quarters[k], ribs->id[i] = id[k];
+        ribs->n += lies[k] != 0;
     }
-    return n;
+}
+
+FOR_EACH_PROCESSOR
+static void lay_out_all(const struct search *search, size_t p, struct ribs *ribs) {
+    const struct neighbourhood *hood = search->hood;
+    const uint32_t *id = &hood->id[p * hood->stride];
+    struct plane plane = {.at = search->point[p]};
+    vec3_basis(search->normal[p], &plane.u, &plane.v);
+    ribs->n = 0;
+    for (unsigned i = 0; i < hood->count[p]; i += LANES) {
+        unsigned left = hood->count[p] - i;
+        lay_out(search, &plane, id + i, left < LANES ? left : LANES, ribs);
+    }
+}
+
+/* By angle; ties by length, then id. */
+static bool comes_before(const struct ribs *r, unsigned a, unsigned b) {
+    if (r->quarters[a] != r->quarters[b]) return r->quarters[a] < r->quarters[b];
+    return r->length_sq[a] != r->length_sq[b] ? r->length_sq[a] < r->length_sq[b] : r->id[a] < r->id[b];
+}
+
+static void sort_slowly(const struct ribs *ribs, unsigned order[ROOM]) {
+    for (unsigned i = 0; i < ribs->n; i++) {
+        unsigned j = i;
+        for (; j > 0 && comes_before(ribs, i, order[j - 1]); j--) order[j] = order[j - 1];
+        order[j] = i;
+    }
+}
+
+/* A rib comes after as many as have a smaller angle: to count these takes no branch that might be guessed wrong.  False
+ * where two have the same. */
+FOR_EACH_PROCESSOR
+static bool sort_by_counting(struct ribs *ribs, unsigned order[ROOM]) {
+    uint64_t places = 0;
+    for (unsigned k = 0; k < LANES; k++) ribs->quarters[ribs->n + k] = INFINITY;
+    for (unsigned i = 0; i < ribs->n; i++) {
+        lanes_mask before = {0};
+        for (unsigned j = 0; j < ribs->n; j += LANES) before -= lanes_load(&ribs->quarters[j]) < ribs->quarters[i];
+        unsigned place = (unsigned)(before[0] + before[1] + before[2] + before[3]);
+        order[place] = i;
+        places |= (uint64_t)1 << place;
+    }
+    return (unsigned)__builtin_popcountll(places) == ribs->n;
 }
 
 /* Whether the sides of a and c leave none of the cell to b, which is between them. */
-static bool is_hidden(const struct rib *a, const struct rib *b, const struct rib *c) {
-    if (a->x * c->y - a->y * c->x <= 0) return false;
-    return (b->ix - a->ix) * (c->iy - b->iy) <= (b->iy - a->iy) * (c->ix - b->ix);
+static bool is_hidden(const struct ribs *r, unsigned a, unsigned b, unsigned c) {
+    if (r->x[a] * r->y[c] - r->y[a] * r->x[c] <= 0) return false;
+    return (r->ix[b] - r->ix[a]) * (r->iy[c] - r->iy[b]) <= (r->iy[b] - r->iy[a]) * (r->ix[c] - r->ix[b]);
 }
 
-/* Graham's round; hull[0 .. result) are the ribs that are left. */
-static unsigned keep_natural(const struct rib *rib, unsigned n, const struct rib *hull[KNN_MAX_K]) {
-    unsigned start = 0, kept = 1;
+/* Graham's round over the ribs in their order; hull[0 .. result) are those that are left. */
+static unsigned keep_natural(const struct ribs *ribs, const unsigned *order, unsigned hull[ROOM]) {
+    unsigned start = 0, kept = 1, n = ribs->n;
     for (unsigned i = 1; i < n; i++)
-        if (rib[i].length_sq < rib[start].length_sq) start = i;
-    hull[0] = &rib[start];
-    for (unsigned k = 1; k <= n; k++) {
-        const struct rib *next = &rib[(start + k) % n];
-        while (kept > 1 && is_hidden(hull[kept - 2], hull[kept - 1], next)) kept--;
-        if (k < n) hull[kept++] = next;
+        if (ribs->length_sq[order[i]] < ribs->length_sq[order[start]]) start = i;
+    hull[0] = order[start];
+    for (unsigned k = 1, at = start; k <= n; k++) {
+        at = at + 1 < n ? at + 1 : 0;
+        while (kept > 1 && is_hidden(ribs, hull[kept - 2], hull[kept - 1], order[at])) kept--;
+        if (k < n) hull[kept++] = order[at];
     }
     return kept;
 }
 
-static bool is_closed(const struct rib *a, const struct rib *b) {
-    double lengths = sqrt(a->length_sq * b->length_sq);
-    return a->x * b->y - a->y * b->x > NARROWEST * lengths && a->x * b->x + a->y * b->y > WIDEST * lengths;
+static bool is_closed(const struct ribs *r, unsigned a, unsigned b) {
+    double lengths = sqrt(r->length_sq[a] * r->length_sq[b]);
+    return r->x[a] * r->y[b] - r->y[a] * r->x[b] > NARROWEST * lengths &&
+           r->x[a] * r->x[b] + r->y[a] * r->y[b] > WIDEST * lengths;
 }
 
 static void open_range(void *ctx, size_t begin, size_t end) {
     const struct search *search = ctx;
     for (size_t p = begin; p < end; p++) {
-        struct rib rib[KNN_MAX_K];
-        const struct rib *hull[KNN_MAX_K];
-        unsigned n = lay_out_all(search, p, rib), closed = 0;
-        if (n > 0) n = keep_natural(rib, n, hull);
+        struct ribs ribs;
+        unsigned order[ROOM], hull[ROOM], n = 0, closed = 0;
+        lay_out_all(search, p, &ribs);
+        if (!sort_by_counting(&ribs, order)) sort_slowly(&ribs, order);
+        if (ribs.n > 0) n = keep_natural(&ribs, order, hull);
         if (n > UMBRELLA_RIBS) n = UMBRELLA_RIBS;
-        for (unsigned i = 0; i < UMBRELLA_RIBS; i++) search->out->rib[p][i] = i < n ? hull[i]->id : NONE;
-        for (unsigned i = 0; i < n; i++) closed |= (unsigned)is_closed(hull[i], hull[i + 1 < n ? i + 1 : 0]) << i;
+        for (unsigned i = 0; i < UMBRELLA_RIBS; i++) search->out->rib[p][i] = i < n ? ribs.id[hull[i]] : NONE;
+        for (unsigned i = 0; i < n; i++)
+            closed |= (unsigned)is_closed(&ribs, hull[i], hull[i + 1 < n ? i + 1 : 0]) << i;
         search->out->closed[p] = (uint16_t)closed;
     }
 }
@@ -117,14 +162,17 @@ uint32_t umbrella_after(const struct umbrellas *umbrellas, size_t p, unsigned i)
     return i + 1 < UMBRELLA_RIBS && rib[i + 1] != NONE ? rib[i + 1] : rib[0];
 }
 
+static bool is_rib(const uint32_t *rib, unsigned i) { return i < UMBRELLA_RIBS && rib[i] != NONE; }
+
 /* Whether p has the triangle with q and r, in either order: normals have either sign. */
 static bool has_triangle(const struct umbrellas *umbrellas, uint32_t p, uint32_t q, uint32_t r) {
-    for (unsigned i = 0; i < UMBRELLA_RIBS && umbrellas->rib[p][i] != NONE; i++) {
-        if (!(umbrellas->closed[p] >> i & 1)) continue;
-        uint32_t a = umbrellas->rib[p][i], b = umbrella_after(umbrellas, p, i);
-        if ((a == q && b == r) || (a == r && b == q)) return true;
-    }
-    return false;
+    const uint32_t *rib = umbrellas->rib[p];
+    unsigned i = 0, before, closed = umbrellas->closed[p];
+    while (is_rib(rib, i) && rib[i] != q) i++;
+    if (!is_rib(rib, i)) return false;
+    if (closed >> i & 1 && rib[is_rib(rib, i + 1) ? i + 1 : 0] == r) return true;
+    for (before = i > 0 ? i - 1 : 0; i == 0 && is_rib(rib, before + 1);) before++;
+    return closed >> before & 1 && rib[before] == r;
 }
 
 static bool lies_along(const struct search *search, uint32_t p, uint32_t q, uint32_t r) {

@@ -32,7 +32,6 @@ struct surface {
     const struct cocone_star *star;
     const vec3 *point;
     const double *support;
-    bool keep_boundary;
     uint8_t *inside;
     size_t count;
     uint32_t (*vertex)[3]; /* count: points of each triangle, counter-clockwise from outside */
@@ -61,11 +60,10 @@ static size_t count_boundary(const struct surface *s) {
     return count;
 }
 
-/* Adds a triangle with its tag, unless it is to be left out: its id or NONE. */
+/* Adds a triangle with its tag; its id. */
 static uint32_t add(struct surface *s, uint32_t a, uint32_t b, uint32_t c) {
     uint32_t v[3] = {a, b, c};
     bool supported = cocone_cut_supported(s->point, s->support, v);
-    if (!supported && s->keep_boundary) return NONE;
     for (int k = 0; k < 3; k++) s->vertex[s->count][k] = v[k];
     s->tag[s->count] = supported ? MESH_SUPPORTED : MESH_HOLE_FILL;
     return (uint32_t)s->count++;
@@ -79,7 +77,7 @@ static void collect(struct surface *s) {
         uint32_t v[3];
         cocone_star_vertices(s->star, half, v);
         s->triangle[half] = add(s, v[2], v[1], v[0]);
-        if (s->triangle[half] != NONE) s->half[s->triangle[half]] = half;
+        s->half[s->triangle[half]] = half;
     }
 }
 
@@ -138,7 +136,7 @@ static void chain_fans(struct surface *s) {
     for (uint32_t i = 0; i < 3 * s->count; i++) s->fan[i] = i;
     for (uint32_t t = 0; t < s->count; t++) {
         for (int k = 0; k < 3; k++) {
-            if (!is_first(s, t, k) || s->pair[3 * t + (uint32_t)k] == NONE) continue;
+            if (!is_first(s, t, k)) continue;
             join_at_edge(s, t, s->pair[3 * t + (uint32_t)k], s->vertex[t][k], s->vertex[t][(k + 1) % 3]);
         }
     }
@@ -322,12 +320,11 @@ static enum status attempt(struct surface s, bool may_empty, struct mesh *mesh, 
     return status;
 }
 
-enum status cocone_surface_extract(const struct cocone_star *star, const double *support, bool keep_boundary,
-                                   unsigned threads, uint8_t *inside, struct mesh *mesh) {
+enum status cocone_surface_extract(const struct cocone_star *star, const double *support, unsigned threads,
+                                   uint8_t *inside, struct mesh *mesh) {
     struct surface s = {.star = star,
                         .point = star->point,
                         .support = support,
-                        .keep_boundary = keep_boundary,
                         .inside = inside,
                         .threads = threads};
     enum status status = STATUS_OK;
@@ -336,9 +333,9 @@ enum status cocone_surface_extract(const struct cocone_star *star, const double 
     return status;
 }
 
-enum status cocone_surface_planar(const struct tets *tets, const vec3 *point, const double *support, bool keep_boundary,
+enum status cocone_surface_planar(const struct tets *tets, const vec3 *point, const double *support,
                                   struct mesh *mesh) {
-    struct surface s = {.point = point, .support = support, .keep_boundary = keep_boundary, .threads = 1};
+    struct surface s = {.point = point, .support = support, .threads = 1};
     struct edge *edge = alloc_array(3 * tets->planar_count, sizeof *edge);
     uint64_t *item = alloc_array(6 * tets->planar_count, sizeof *item);
     enum status status = surface_init(&s, tets->planar_count, 0);

@@ -86,16 +86,16 @@ static float cost_of(uint64_t item) {
 
 /* ------------------------------------------------------------------------------------------------ gather, rank */
 
-/* Moves the picks of a range of slots to where its places begin. */
+/* Moves the picks of a range of slots to where its places begin; no branch to guess wrong. */
 static void gather_range(void *ctx, size_t begin, size_t end) {
     struct contractor *c = ctx;
     size_t count = 0;
+    memset(&c->changed[begin], 0, end - begin);
     for (size_t s = begin; s < end; s++) {
-        c->changed[s] = 0;
-        uint32_t q = c->partner[s];
-        if (!is_live(c, s) || q == NONE) continue;
-        if (c->partner[q] == s && q < s) continue; /* the other end has the same pick */
-        c->pick[begin + count++] = item_of(c->cost[s], (uint32_t)s);
+        uint32_t q = c->partner[s], other = q == NONE ? (uint32_t)s : q;
+        int is_second = (c->partner[other] == s) & (other < s); /* the other end has the same pick */
+        c->pick[begin + count] = item_of(c->cost[s], (uint32_t)s);
+        count += (size_t)(is_live(c, s) & (q != NONE) & !is_second);
     }
     c->chunk[begin / GRAIN] = count;
 }
@@ -173,8 +173,11 @@ static void merge_range(void *ctx, size_t begin, size_t end) {
     uint32_t p[GRAIN + PAIR_COST_ROOM], q[GRAIN + PAIR_COST_ROOM];
     double p_stays[GRAIN + PAIR_COST_ROOM], q_stays[GRAIN + PAIR_COST_ROOM];
     size_t count = 0;
-    for (size_t s = begin; s < end; s++)
-        if (c->changed[s] == CHOOSER) p[count] = (uint32_t)s, q[count++] = c->partner[s];
+    for (size_t s = begin; s < end; s++) { /* no branch to guess wrong */
+        p[count] = (uint32_t)s;
+        q[count] = c->partner[s];
+        count += c->changed[s] == CHOOSER;
+    }
     pair_errors(&field, p, q, count, p_stays, q_stays);
     for (size_t i = 0; i < count; i++) {
         size_t place = c->removed + c->swap[p[i]];
@@ -294,17 +297,15 @@ static void pick_range(void *ctx, size_t begin, size_t end) {
     settle(c, &waiting);
 }
 
-/* How long the list of a live slot can get. */
-static unsigned most_links(const struct contractor *c, size_t p) {
-    if (!c->changed[p]) return c->near.degree[p];
-    unsigned both = c->near.degree[p] + c->near.degree[c->partner[p]];
-    return both < MOST_LINKS ? both : MOST_LINKS;
-}
-
+/* How long the lists of live slots can get. */
 static void measure_range(void *ctx, size_t begin, size_t end) {
     struct contractor *c = ctx;
     size_t links = 0;
-    for (size_t s = begin; s < end; s++) links += is_live(c, s) ? most_links(c, s) : 0;
+    for (size_t s = begin; s < end; s++) {
+        unsigned own = c->near.degree[s], both = own + c->near.degree[c->changed[s] ? c->partner[s] : s];
+        unsigned most = c->changed[s] ? (both < MOST_LINKS ? both : MOST_LINKS) : own;
+        links += is_live(c, s) ? most : 0;
+    }
     c->chunk[begin / GRAIN] = links;
 }
 

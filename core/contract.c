@@ -9,8 +9,8 @@
  *     updates   lists of neighbours, and the cheapest pair of who is near  (parallel)
  *
  * which removes the same points as the heap but for pairs that are close in cost.  A pass removes FRACTION of what is
- * live, whatever the goal, and contraction always goes on to one point: so the order is a ranking, and any number of
- * points can be taken from it afterwards.
+ * live, whatever the goal, and contraction goes on to one point: so the order is a ranking, and any number of points
+ * can be taken from it afterwards.  Where as many as are left needn't be ranked it ends with the pass before.
  *
  * Points stand in slots, in ascending order of their ids.  A slot whose point is gone stays empty until half of all
  * are; then the live ones move together, so that what is near in space stays near in memory.  Lists are written anew by
@@ -86,16 +86,16 @@ static float cost_of(uint64_t item) {
 
 /* ------------------------------------------------------------------------------------------------ gather, rank */
 
-/* Moves the picks of a range of slots to where its places begin. */
+/* Moves the picks of a range of slots to where its places begin; no branch to guess wrong. */
 static void gather_range(void *ctx, size_t begin, size_t end) {
     struct contractor *c = ctx;
     size_t count = 0;
+    memset(&c->changed[begin], 0, end - begin);
     for (size_t s = begin; s < end; s++) {
-        c->changed[s] = 0;
-        uint32_t q = c->partner[s];
-        if (!is_live(c, s) || q == NONE) continue;
-        if (c->partner[q] == s && q < s) continue; /* the other end has the same pick */
-        c->pick[begin + count++] = item_of(c->cost[s], (uint32_t)s);
+        uint32_t q = c->partner[s], other = q == NONE ? (uint32_t)s : q;
+        int is_second = (c->partner[other] == s) & (other < s); /* the other end has the same pick */
+        c->pick[begin + count] = item_of(c->cost[s], (uint32_t)s);
+        count += (size_t)(is_live(c, s) & (q != NONE) & !is_second);
     }
     c->chunk[begin / GRAIN] = count;
 }
@@ -173,8 +173,11 @@ static void merge_range(void *ctx, size_t begin, size_t end) {
     uint32_t p[GRAIN + PAIR_COST_ROOM], q[GRAIN + PAIR_COST_ROOM];
     double p_stays[GRAIN + PAIR_COST_ROOM], q_stays[GRAIN + PAIR_COST_ROOM];
     size_t count = 0;
-    for (size_t s = begin; s < end; s++)
-        if (c->changed[s] == CHOOSER) p[count] = (uint32_t)s, q[count++] = c->partner[s];
+    for (size_t s = begin; s < end; s++) { /* no branch to guess wrong */
+        p[count] = (uint32_t)s;
+        q[count] = c->partner[s];
+        count += c->changed[s] == CHOOSER;
+    }
     pair_errors(&field, p, q, count, p_stays, q_stays);
     for (size_t i = 0; i < count; i++) {
         size_t place = c->removed + c->swap[p[i]];
@@ -294,17 +297,15 @@ static void pick_range(void *ctx, size_t begin, size_t end) {
     settle(c, &waiting);
 }
 
-/* How long the list of a live slot can get. */
-static unsigned most_links(const struct contractor *c, size_t p) {
-    if (!c->changed[p]) return c->near.degree[p];
-    unsigned both = c->near.degree[p] + c->near.degree[c->partner[p]];
-    return both < MOST_LINKS ? both : MOST_LINKS;
-}
-
+/* How long the lists of live slots can get. */
 static void measure_range(void *ctx, size_t begin, size_t end) {
     struct contractor *c = ctx;
     size_t links = 0;
-    for (size_t s = begin; s < end; s++) links += is_live(c, s) ? most_links(c, s) : 0;
+    for (size_t s = begin; s < end; s++) {
+        unsigned own = c->near.degree[s], both = own + c->near.degree[c->changed[s] ? c->partner[s] : s];
+        unsigned most = c->changed[s] ? (both < MOST_LINKS ? both : MOST_LINKS) : own;
+        links += is_live(c, s) ? most : 0;
+    }
     c->chunk[begin / GRAIN] = links;
 }
 
@@ -513,24 +514,31 @@ static enum status pass(struct contractor *c) {
     return !status && c->live_count <= c->slots / 2 ? move_together(c) : status;
 }
 
-enum status contract(const vec3 *point, struct adjacency *near, struct packed_quadric *quadrics, unsigned threads,
-                     const struct progress *progress, struct contraction *out) {
+/* What was never removed comes last. */
+static void list_left(struct contractor *c) {
+    size_t place = c->removed;
+    for (uint32_t s = 0; s < c->slots; s++) {
+        if (!is_live(c, s)) continue;
+        c->out.order[place] = c->id[s];
+        c->out.into[c->id[s]] = NONE;
+        c->out.error[place++] = INFINITY;
+    }
+}
+
+enum status contract(const vec3 *point, struct adjacency *near, struct packed_quadric *quadrics,
+                     const struct contract_options *options, const struct progress *progress, struct contraction *out) {
     size_t n = near->n;
     assert(n >= 1 && n < NONE);
     struct contractor c = {
-        .slots = n, .point = point, .quadric = quadrics, .near = *near, .threads = threads, .out = {.n = n}};
+        .slots = n, .point = point, .quadric = quadrics, .near = *near, .threads = options->threads, .out = {.n = n}};
     *near = (struct adjacency){0};
     enum status status = contractor_init(&c);
-    while (!status && c.live_count > 1) {
+    while (!status && c.live_count > 1 && c.live_count > options->least) {
         status = pass(&c);
         if (!status && progress_tick(progress, "contract", (double)c.removed / (double)n)) status = STATUS_CANCELLED;
     }
     if (!status) {
-        uint32_t left = 0;
-        while (!is_live(&c, left)) left++;
-        c.out.order[n - 1] = c.id[left];
-        c.out.into[c.id[left]] = NONE;
-        c.out.error[n - 1] = INFINITY;
+        list_left(&c);
         *out = c.out;
     } else {
         contraction_done(&c.out);

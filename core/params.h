@@ -36,6 +36,7 @@ enum output {
     OUTPUT_MESH_OBJ = 1 << 7,  /* mesh.obj */
     OUTPUT_MESH_STL = 1 << 8,  /* mesh.stl */
     OUTPUT_MESH_GLB = 1 << 9,  /* mesh.glb */
+    OUTPUT_ANY_CLOUD = OUTPUT_CLOUD | OUTPUT_CLOUD_XYZ | OUTPUT_CLOUD_PCD,
     OUTPUT_ANY_MESH = OUTPUT_MESH | OUTPUT_MESH_OBJ | OUTPUT_MESH_STL | OUTPUT_MESH_GLB
 };
 enum { PARAMS_OUTPUTS = 10, PARAMS_MAX_FILES = 64 /* that one job may write */ };

@@ -104,22 +104,11 @@ enum status pipeline_quadrics(struct run *run) {
     return room ? STATUS_OK : pipeline_no_memory(run, "quadrics");
 }
 
-enum status pipeline_contract(struct run *run) {
-    struct adjacency near = {0};
-    enum status status = adjacency_from(&run->hood, run->threads, &near);
-    if (!run->mesh_follows) neighbourhood_done(&run->hood);
-    if (!status)
-        status = contract(run->points.point, &near, run->quadrics, run->threads, &run->progress, &run->contraction);
-    free(run->quadrics);
-    run->quadrics = NULL;
-    return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "contract") : status;
-}
-
 /* How many points are wanted: at least one, at most all distinct ones. */
-static size_t wanted_points(const struct run *run) {
+static size_t wanted_points(const struct run *run, size_t level) {
     const struct params *params = run->params;
     size_t wanted = 1, distinct = run->points.count;
-    double ratio = params->levels.count ? params->levels.ratio[run->level] : params->ratio;
+    double ratio = params->levels.count ? params->levels.ratio[level] : params->ratio;
     if (params->points) wanted = params->points;
     if (!isnan(ratio)) wanted = (size_t)floor(ratio * (double)run->cloud->count);
     if (!isnan(params->max_error)) {
@@ -130,11 +119,31 @@ static size_t wanted_points(const struct run *run) {
     return wanted < distinct ? wanted : distinct;
 }
 
+/* From how many points on nobody asks which of them are more important: a mesh, if it isn't to have an error of some
+ * size, needs to know which points are left alone. */
+static size_t fewest_ranked(const struct run *run) {
+    const struct params *params = run->params;
+    if (params->outputs & OUTPUT_ANY_CLOUD || !run->mesh_follows || !isnan(params->max_error)) return 1;
+    return wanted_points(run, params->levels.count ? params->levels.count - 1 : 0);
+}
+
+enum status pipeline_contract(struct run *run) {
+    struct adjacency near = {0};
+    struct contract_options options = {run->threads, fewest_ranked(run)};
+    enum status status = adjacency_from(&run->hood, run->threads, &near);
+    if (!run->mesh_follows) neighbourhood_done(&run->hood);
+    if (!status)
+        status = contract(run->points.point, &near, run->quadrics, &options, &run->progress, &run->contraction);
+    free(run->quadrics);
+    run->quadrics = NULL;
+    return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "contract") : status;
+}
+
 /* The levels come finest first, so that the points of the first one hold those of all others as prefixes. */
 enum status pipeline_keep(struct run *run) {
     const struct contraction *contraction = &run->contraction;
     struct report_level *level = &run->report.level[run->level];
-    run->kept_count = wanted_points(run);
+    run->kept_count = wanted_points(run, run->level);
     if (run->level == 0) {
         run->kept = alloc_array(run->kept_count, sizeof *run->kept);
         if (!run->kept) return pipeline_no_memory(run, "keep");

@@ -134,6 +134,8 @@ static int64_t *number_of(struct config *config, const struct setting *setting) 
 
 /* ------------------------------------------------------------------------------------------------ values */
 
+enum { NUMBER_BYTES = 32 }; /* with its unit */
+
 struct unit {
     const char *name;
     int64_t factor;
@@ -184,16 +186,30 @@ static bool read_value(struct config *config, const struct setting *setting, con
     return true;
 }
 
+/* With the largest unit that divides the number, so it is read back as the same.  Returns text. */
+static const char *with_unit(const struct setting *setting, int64_t number, char text[NUMBER_BYTES]) {
+    const struct unit *units = units_of(kind_of(setting)), *best = units;
+    for (const struct unit *unit = units; unit->name; unit++)
+        if (number % unit->factor == 0 && (number % best->factor != 0 || (number && unit->factor > best->factor)))
+            best = unit;
+    snprintf(text, NUMBER_BYTES, "%lld%s", (long long)(number / best->factor), best->name);
+    return text;
+}
+
 static enum status set(struct config *config, const struct setting *setting, const char *text, struct error *error) {
     static const char *const takes[] = {"a text",
                                         "on or off",
-                                        "a whole number in its range",
-                                        "a size such as 512M in its range",
-                                        "a duration such as 30s in its range",
+                                        "a whole number",
+                                        "a size such as 512M,",
+                                        "a duration such as 30s,",
                                         "a path such as /whittle, without a slash at its end"};
+    char least[NUMBER_BYTES], most[NUMBER_BYTES], range[2 * NUMBER_BYTES + 16] = "";
     if (read_value(config, setting, text)) return STATUS_OK;
-    return error_set(error, STATUS_BAD_PARAMETER, setting->name, "'%.80s' is not allowed; it takes %s", text,
-                     takes[kind_of(setting)]);
+    if (!is_text(setting) && kind_of(setting) != SWITCH)
+        snprintf(range, sizeof range, " from %s to %s", with_unit(setting, setting->min, least),
+                 with_unit(setting, setting->max, most));
+    return error_set(error, STATUS_BAD_PARAMETER, setting->name, "'%.80s' is not allowed; it takes %s%s", text,
+                     takes[kind_of(setting)], range);
 }
 
 static const struct setting *find(const char *name, size_t length) {
@@ -364,20 +380,12 @@ static void print_help(void) {
     puts("\nEach setting is also read from the environment: --max-queue from WHITTLED_MAX_QUEUE.");
 }
 
-/* The largest unit that divides the number: it is read back as the same. */
-static void print_number(int64_t number, const struct unit *units) {
-    const struct unit *best = units;
-    for (const struct unit *unit = units; unit->name; unit++)
-        if (number % unit->factor == 0 && (number % best->factor != 0 || (number && unit->factor > best->factor)))
-            best = unit;
-    printf("%lld%s", (long long)(number / best->factor), best->name);
-}
-
 static void print_value(const struct config *config, const struct setting *setting) {
+    char number[NUMBER_BYTES];
     if (is_text(setting))
         fputs((const char *)config + setting->offset, stdout);
     else
-        print_number(*number_of((struct config *)config, setting), units_of(kind_of(setting)));
+        fputs(with_unit(setting, *number_of((struct config *)config, setting), number), stdout);
 }
 
 /* The file that they were read from isn't named in it. */

@@ -62,6 +62,19 @@ def test_check_says_what_is_wrong_and_serves_nothing(tmp_path):
     assert run("--config", file, "--check-config").stderr == "whittled: config: unknown setting in the file\n"
 
 
+@pytest.mark.parametrize("flag, value, takes", [
+    ("--max-uploads", "0", "a whole number from 1 to "),
+    ("--max-parameters", "65", "a whole number from 1 to 64\n"),
+    ("--refuse-drain-bytes", "1025G", "a size such as 512M, from 0 to 1T\n"),
+    ("--refuse-drain-time", "2d", "a duration such as 30s, from 0 to 1d\n"),
+    ("--worker-sandbox", "maybe", "on or off\n"),
+])
+def test_what_is_out_of_its_range_is_told_the_range(flag, value, takes):
+    refused = run(f"{flag}={value}", "--check-config")
+    assert refused.returncode == 2
+    assert f"'{value}' is not allowed; it takes {takes}" in refused.stderr
+
+
 def test_healthcheck(daemon):
     address = daemon.url.removeprefix("http://")
     assert run("healthcheck", "--url", f"{daemon.url}/healthz").returncode == 0

@@ -58,10 +58,11 @@ static struct neighbourhood neighbours_of(const vec3 *point, size_t n) {
 }
 
 static enum status contract_along(const vec3 *point, const struct neighbourhood *hood, struct packed_quadric *quadrics,
-                                  unsigned threads, const struct progress *progress, struct contraction *out) {
+                                  const struct contract_options *options, const struct progress *progress,
+                                  struct contraction *out) {
     struct adjacency near = {0};
-    enum status status = adjacency_from(hood, threads, &near);
-    return status ? status : contract(point, &near, quadrics, threads, progress, out);
+    enum status status = adjacency_from(hood, options->threads, &near);
+    return status ? status : contract(point, &near, quadrics, options, progress, out);
 }
 
 static struct packed_quadric *quadrics_of(const vec3 *point, const vec3 *normal, const struct neighbourhood *hood) {
@@ -76,16 +77,19 @@ static struct packed_quadric *quadrics_of(const vec3 *point, const vec3 *normal,
     return quadrics;
 }
 
-static struct made make(vec3 *point, size_t n, unsigned threads) {
+static struct made make_down_to(size_t least, vec3 *point, size_t n, unsigned threads) {
+    struct contract_options options = {threads, least};
     struct made made = {.n = n, .point = point, .normal = malloc(n * sizeof(vec3))};
     struct neighbourhood hood = neighbours_of(point, n);
     normals_fit(point, &hood, threads, made.normal, NULL);
     struct packed_quadric *quadrics = quadrics_of(point, made.normal, &hood);
-    assert_int_equal(contract_along(point, &hood, quadrics, threads, NULL, &made.contraction), STATUS_OK);
+    assert_int_equal(contract_along(point, &hood, quadrics, &options, NULL, &made.contraction), STATUS_OK);
     free(quadrics);
     neighbourhood_done(&hood);
     return made;
 }
+
+static struct made make(vec3 *point, size_t n, unsigned threads) { return make_down_to(1, point, n, threads); }
 
 static void made_done(struct made *made) {
     contraction_done(&made->contraction);
@@ -268,6 +272,23 @@ static void representatives_are_survivors(void **state) {
     made_done(&made);
 }
 
+static void a_ranking_may_end_early_with_the_same_points(void **state) {
+    (void)state;
+    enum { N = 2000, K = 300 };
+    struct made whole = make(shape_sphere(N, 0.5), N, 1), part = make_down_to(K, shape_sphere(N, 0.5), N, 2);
+    uint32_t there[N], here[N];
+    size_t left = 0;
+    for (size_t i = 0; i < N; i++) left += part.contraction.into[i] == NONE;
+    assert_true(left <= K && left > K / 2);
+    assert_memory_equal(whole.contraction.order, part.contraction.order, (N - left) * sizeof(uint32_t));
+    assert_memory_equal(whole.contraction.error, part.contraction.error, (N - left) * sizeof(float));
+    for (size_t i = N - left; i + 1 < N; i++) assert_true(part.contraction.order[i] < part.contraction.order[i + 1]);
+    contraction_representatives(&whole.contraction, K, there);
+    contraction_representatives(&part.contraction, K, here);
+    assert_memory_equal(there, here, sizeof there);
+    made_done(&whole), made_done(&part);
+}
+
 static void an_error_bound_leaves_the_fewest_points_that_keep_it(void **state) {
     (void)state;
     enum { N = 2000 };
@@ -296,7 +317,8 @@ static void cancelling_stops_it(void **state) {
     struct packed_quadric *quadrics = quadrics_of(point, normal, &hood);
     struct contraction out = {0};
     struct progress progress = {stop_at_once, NULL};
-    assert_int_equal(contract_along(point, &hood, quadrics, 1, &progress, &out), STATUS_CANCELLED);
+    assert_int_equal(contract_along(point, &hood, quadrics, &(struct contract_options){1, 1}, &progress, &out),
+                     STATUS_CANCELLED);
     assert_null(out.order);
     free(quadrics), free(normal), free(point);
     neighbourhood_done(&hood);
@@ -317,7 +339,7 @@ static void every_allocation_may_fail(void **state) {
         struct contraction out = {0};
         int countdown = nth;
         alloc_fail_ctx = &countdown, alloc_fail = fails_at_zero;
-        status = contract_along(point, &hood, quadrics, 1, NULL, &out);
+        status = contract_along(point, &hood, quadrics, &(struct contract_options){1, 1}, NULL, &out);
         alloc_fail = NULL;
         contraction_done(&out);
         free(quadrics);
@@ -342,6 +364,7 @@ int main(void) {
         cmocka_unit_test(the_corners_of_a_cube_survive),
         cmocka_unit_test(threads_do_not_change_a_bit),
         cmocka_unit_test(representatives_are_survivors),
+        cmocka_unit_test(a_ranking_may_end_early_with_the_same_points),
         cmocka_unit_test(an_error_bound_leaves_the_fewest_points_that_keep_it),
         cmocka_unit_test(cancelling_stops_it),
         cmocka_unit_test(every_allocation_may_fail),

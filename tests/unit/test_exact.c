@@ -191,7 +191,8 @@ static void passes_are_as_exact_as_the_heap(struct start start) {
     struct contraction contraction;
     struct adjacency near;
     assert_int_equal(adjacency_from(&start.hood, 1, &near), STATUS_OK);
-    assert_int_equal(contract(start.point, &near, start.quadrics, 1, NULL, &contraction), STATUS_OK);
+    assert_int_equal(contract(start.point, &near, start.quadrics, &(struct contract_options){1, 1}, NULL, &contraction),
+                     STATUS_OK);
     for (int i = 0; i < 2; i++) passes[i] = error_of(&start, &contraction.order[N - counts[i]], counts[i]);
     print_message("mean tangent error, passes against heap: %.4f at 10 %%, %.4f at 5 %%\n", passes[0] / heap[0],
                   passes[1] / heap[1]);

@@ -93,7 +93,7 @@ static void any_prefix_is_the_smaller_cloud(void **state) {
     (void)state;
     struct cloud cloud = cloud_of(shape_sphere(2000, 1), 2000);
     struct pipeline_result large = succeed(&cloud, "points 900"), small = succeed(&cloud, "points 55");
-    struct pipeline_result levels = succeed(&cloud, "levels 0.2,0.45,0.0275 outputs mesh");
+    struct pipeline_result levels = succeed(&cloud, "levels 0.2,0.45,0.0275 outputs cloud,mesh");
     assert_memory_equal(large.kept, small.kept, 55 * sizeof *small.kept);
     assert_memory_equal(large.kept, levels.kept, 900 * sizeof *large.kept);
     assert_int_equal(levels.report.level_count, 3);

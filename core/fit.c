@@ -12,6 +12,7 @@
 #include "core/fit_assign.h"
 #include "core/fit_gap.h"
 #include "core/par.h"
+#include "core/umbrella.h"
 
 enum { FACE_GRAIN = 1024 };
 
@@ -205,13 +206,13 @@ static void set_scale(struct fit *fit, const float *distance_sq) {
     fit->stray_sq = FIT_STRAY * mean * FIT_STRAY * mean;
 }
 
-static enum status assign_all(struct fit *fit) {
+static enum status assign_all(struct fit *fit, bool is_first) {
     size_t n = fit->samples.n;
     uint32_t *triangle = alloc_array(n, sizeof *triangle);
     float *distance_sq = alloc_array(n, sizeof *distance_sq);
     enum status status = triangle && distance_sq ? fit_assign(fit, triangle, distance_sq) : STATUS_NO_MEMORY;
     if (status == STATUS_OK) {
-        set_scale(fit, distance_sq);
+        if (is_first) set_scale(fit, distance_sq);
         status = fit_fill(fit, triangle, distance_sq);
     }
     free(triangle), free(distance_sq);
@@ -230,9 +231,13 @@ static void face_range(void *ctx, size_t begin, size_t end) {
     }
 }
 
+static enum status make_lists(struct fit *fit) {
+    size_t threads = fit->threads ? fit->threads : par_processors();
+    return sample_lists_init(&fit->lists, fit->mesh->triangle_count, fit->samples.n, threads * FIT_MAX_RING);
+}
+
 static enum status allocate(struct fit *fit) {
     size_t n = fit->input->n, triangles = fit->mesh->triangle_count, vertices = fit->mesh->vertex_count;
-    size_t threads = fit->threads ? fit->threads : par_processors();
     fit->cost = alloc_zeroed(triangles, sizeof *fit->cost);
     fit->facing = alloc_array(triangles, sizeof *fit->facing);
     fit->taken = alloc_zeroed(n, 1);
@@ -243,7 +248,11 @@ static enum status allocate(struct fit *fit) {
         return STATUS_NO_MEMORY;
     memset(fit->stale, 1, vertices);
     memset(fit->touched, 1, triangles);
-    return sample_lists_init(&fit->lists, triangles, fit->samples.n, threads * FIT_MAX_RING);
+    return make_lists(fit);
+}
+
+static void forget_umbrellas(const struct fit *fit) {
+    if (fit->input && fit->input->umbrellas) umbrella_done(fit->input->umbrellas);
 }
 
 static bool wants_middles(const struct mesh *mesh, const struct refine_input *input) {
@@ -254,12 +263,14 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
                      const struct refine_options *options) {
     struct fit new = {.mesh = mesh, .input = input, .placement = options->placement, .threads = options->threads};
     enum status status = samples_init(&new.samples, input, wants_middles(mesh, input), options->threads);
+    if (options->placement == PLACEMENT_SUBSET) forget_umbrellas(&new);
     if (status == STATUS_OK) status = allocate(&new);
     if (status == STATUS_OK) status = halfedge_init(&new.he, mesh);
+    if (status == STATUS_OK) status = fit_zones_init(&new.zones, &new.he);
     if (status == STATUS_OK) {
         for (size_t v = 0; mesh->source && v < mesh->vertex_count; v++) fit_take(&new, mesh->source[v]);
         par_for(new.threads, mesh->triangle_count, FACE_GRAIN, face_range, &new);
-        status = assign_all(&new);
+        status = assign_all(&new, true);
     }
     if (status != STATUS_OK) {
         fit_done(&new);
@@ -269,10 +280,29 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
     return STATUS_OK;
 }
 
+static bool wants_quarters(const struct fit *fit) {
+    return fit->input->hood && (double)fit->input->n < FIT_CLOSE * (double)fit->mesh->triangle_count;
+}
+
+enum status fit_look_closer(struct fit *fit) {
+    if (!wants_quarters(fit)) return STATUS_OK;
+    samples_done(&fit->samples);
+    sample_lists_done(&fit->lists);
+    memset(fit->cost, 0, fit->mesh->triangle_count * sizeof *fit->cost);
+    memset(fit->stale, 1, fit->mesh->vertex_count);
+    memset(fit->touched, 1, fit->mesh->triangle_count);
+    enum status status = samples_init(&fit->samples, fit->input, SAMPLES_QUARTERS, fit->threads);
+    forget_umbrellas(fit);
+    if (status == STATUS_OK) status = make_lists(fit);
+    return status == STATUS_OK ? assign_all(fit, false) : status;
+}
+
 void fit_done(struct fit *fit) {
+    forget_umbrellas(fit);
     halfedge_done(&fit->he);
     samples_done(&fit->samples);
     sample_lists_done(&fit->lists);
+    fit_zones_done(&fit->zones);
     free(fit->cost), free(fit->facing);
     free(fit->taken), free(fit->stale), free(fit->touched), free(fit->postponed);
     *fit = (struct fit){0};

@@ -1,6 +1,6 @@
 /* A mesh that is being fitted to dense points: what all refining operations share.
  *
- * Every sample (a dense point, or the middle of three) belongs to one triangle, the nearest as far as is known: each
+ * Every sample (a dense point, or a place between three) belongs to one triangle, the nearest as far as is known: each
  * operation that changes triangles hands the samples of these triangles out among them again, and looks no further.
  *
  * What is made small is the sum over the samples of  weight * (d + d^2 / far):  the mean distance, with large distances
@@ -18,6 +18,7 @@
 #include <stdint.h>
 
 #include "core/cluster.h"
+#include "core/fit_zones.h"
 #include "core/halfedge.h"
 #include "core/mesh.h"
 #include "core/params.h"
@@ -31,6 +32,7 @@
 #define FIT_NEAR 0.4   /* distances under this count no more than others where a vertex is placed */
 #define FIT_STRAY 7.0  /* no part of the surface gets farther from the data, where it isn't already */
 #define FIT_ENOUGH 40  /* points for each triangle that make middles needless */
+#define FIT_CLOSE 8    /* points for each triangle that make a closer look needless */
 #define FIT_EXACT 1e-7 /* distance that is none */
 #define FIT_THIN 0.02  /* shape below which no triangle may get thinner */
 
@@ -53,6 +55,7 @@ struct fit {
     double unit_area; /* of the surface at the beginning, for each unit of the samples' weight */
     struct samples samples;
     struct sample_lists lists; /* of each triangle */
+    struct fit_zones zones;
     double *cost;              /* triangle_count */
     struct facing *facing;     /* triangle_count */
     uint8_t *taken;            /* input->n: how many vertices stand there, up to 255 */
@@ -64,6 +67,11 @@ struct fit {
 enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_input *input,
                      const struct refine_options *options) MUST_CHECK;
 void fit_done(struct fit *fit);
+
+/* Where there are few points for each triangle, takes the middles of quarters of the triangles between the points in
+ * place of their own, and looks for the nearest triangles of the mesh anew.  Lengths to go by stay what they were.
+ * STATUS_NO_MEMORY: then the fit is only to be done with. */
+enum status fit_look_closer(struct fit *fit) MUST_CHECK;
 
 /* A vertex comes to stand at a point, or leaves it (NONE: at no point). */
 void fit_take(struct fit *fit, uint32_t point);

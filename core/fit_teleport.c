@@ -21,9 +21,17 @@ enum { GRAIN = 64, ESTIMATES = 4096, DEALS = 16, ENDS = 3 };
 
 #define TELEPORT_PAYS 0.7 /* gain over loss, at least */
 #define TELEPORT_MOST 0.2 /* of the vertices */
-#define CHEAP_PART 0.2    /* of the vertices: so many are measured for leaving */
-#define DEAR_PART 0.3     /* of the vertices: so many edges are measured for being split */
 #define LEAST_TURN 0.2    /* smallest cosine between the normals of a triangle and what takes its place */
+
+/* So many vertices are measured for leaving, and so many edges for being split, both for each vertex.  A vertex that
+ * may stand anywhere finds more places that are worth it. */
+static const struct parts {
+    double cheap, dear;
+} parts_of[] = {[PLACEMENT_SUBSET] = {0.2, 0.3}, [PLACEMENT_OPTIMAL] = {0.4, 0.6}};
+
+static size_t part_of(const struct fit *fit, double part) {
+    return (size_t)(part * (double)fit->mesh->vertex_count) + 1;
+}
 
 /* A vertex that may go: the half-edge to the neighbour that it merges into.  Or an edge that may be split, and where.
  */
@@ -317,7 +325,7 @@ static const uint64_t *sort_by_value(const uint64_t *sorted, uint64_t *item, siz
 
 /* The vertices whose estimate is lowest, measured, cheapest first. */
 static size_t offer_merges(struct fit *fit, uint64_t *item, struct offer *offer) {
-    size_t n = fit->mesh->vertex_count, most = (size_t)(CHEAP_PART * (double)n) + 1, count = 0;
+    size_t n = fit->mesh->vertex_count, most = part_of(fit, parts_of[fit->placement].cheap), count = 0;
     par_for(fit->threads, n, ESTIMATES, estimate_merges, &(struct shortlist){fit, item});
     const uint64_t *sorted = radix_sort(item, item + n, n, fit->threads);
     while (count < n && count < most && radix_key(sorted[count]) < rising_key(INFINITY)) count++;
@@ -331,7 +339,7 @@ static size_t offer_merges(struct fit *fit, uint64_t *item, struct offer *offer)
 
 /* The edges whose triangles cost most, measured, most rewarding first. */
 static size_t offer_splits(struct fit *fit, uint64_t *item, struct offer *offer) {
-    size_t n = 3 * fit->mesh->triangle_count, most = (size_t)(DEAR_PART * (double)fit->mesh->vertex_count) + 1;
+    size_t n = 3 * fit->mesh->triangle_count, most = part_of(fit, parts_of[fit->placement].dear);
     size_t count = 0;
     par_for(fit->threads, n, ESTIMATES, estimate_splits, &(struct shortlist){fit, item});
     const uint64_t *sorted = radix_sort(item, item + n, n, fit->threads);
@@ -344,9 +352,7 @@ static size_t offer_splits(struct fit *fit, uint64_t *item, struct offer *offer)
     return count;
 }
 
-static size_t most_deals(const struct fit *fit) {
-    return (size_t)(TELEPORT_MOST * (double)fit->mesh->vertex_count) + 1;
-}
+static size_t most_deals(const struct fit *fit) { return part_of(fit, TELEPORT_MOST); }
 
 static bool has_changed_around(const struct fit *fit, uint32_t h, const uint8_t *changed) {
     uint32_t across = fit->he.twin[h];
@@ -416,6 +422,7 @@ static void put_in(struct trade *trade, const struct offer *offer, struct halfed
         fit->mesh->tag[triangle[2]] = fit->mesh->tag[triangle[0]];
         fit->mesh->tag[triangle[3]] = fit->mesh->tag[triangle[1]];
     }
+    fit->zones.of[spare.vertex] = fit->zones.of[halfedge_from(&fit->he, h)];
     halfedge_split(&fit->he, h, spare);
     mark(fit, trade->changed, triangle, 4);
     struct deal *deal = &trade->deal[trade->deals++];
@@ -471,9 +478,10 @@ static enum status trade_offers(struct fit *fit, const struct offer *loss, size_
 }
 
 enum status fit_teleport(struct fit *fit, size_t *teleports) {
+    const struct parts *parts = &parts_of[fit->placement];
     size_t vertices = fit->mesh->vertex_count, halfedges = 3 * fit->mesh->triangle_count;
-    struct offer *loss = alloc_array((size_t)(CHEAP_PART * (double)vertices) + 1, sizeof *loss);
-    struct offer *gain = alloc_array((size_t)(DEAR_PART * (double)vertices) + 1, sizeof *gain);
+    struct offer *loss = alloc_array(part_of(fit, parts->cheap), sizeof *loss);
+    struct offer *gain = alloc_array(part_of(fit, parts->dear), sizeof *gain);
     uint64_t *item = alloc_array(2 * (vertices > halfedges ? vertices : halfedges), sizeof *item);
     enum status status = STATUS_NO_MEMORY;
     if (loss && gain && item) {

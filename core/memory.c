@@ -30,6 +30,7 @@ enum { POSITION = 24, TRIANGLE = 12, HELD = 32 };
 
 static bool mesh_wanted(const struct params *p) { return p->outputs & (OUTPUT_ANY_MESH | OUTPUT_ERROR); }
 static bool refined(const struct params *p) { return mesh_wanted(p) && p->refine != REFINE_NONE; }
+static bool refined_closely(const struct params *p) { return refined(p) && p->placement == PLACEMENT_OPTIMAL; }
 static bool denoised(const struct params *p) { return p->denoise != DENOISE_NONE; }
 static bool cloud_alone(const struct params *p) { return !mesh_wanted(p); }
 static bool reconstructed_whole(const struct params *p) {
@@ -42,17 +43,12 @@ static const struct stage {
     bool (*wanted)(const struct params *params);
     double point, near, kept, face;
 } stages[] = {
-    {"denoise", denoised, 470, 0, 0, 0},
-    {"join", cloud_alone, 94, 9, 0, 0},
-    {"contract", cloud_alone, 124, 7, 0, 0},
-    {"tangent", cloud_alone, 40, 0, 70, 0},
-    {"join", mesh_wanted, 130, 9, 0, 0},
-    {"contract", mesh_wanted, 165, 11, 0, 0},
-    {"delaunay", mesh_wanted, 81, 4, 1350, 0},
-    {"umbrellas", refined, 135, 4, 1350, 0},
-    {"refine", refined, 400, 4, 800, 0},
-    {"measure", mesh_wanted, 105, 4, 300, 160},
-    {"reference", reconstructed_whole, 1350, 4, 150, 0},
+    {"denoise", denoised, 470, 0, 0, 0},        {"join", cloud_alone, 94, 9, 0, 0},
+    {"contract", cloud_alone, 124, 7, 0, 0},    {"tangent", cloud_alone, 40, 0, 70, 0},
+    {"join", mesh_wanted, 130, 9, 0, 0},        {"contract", mesh_wanted, 165, 11, 0, 0},
+    {"delaunay", mesh_wanted, 81, 4, 1350, 0},  {"umbrellas", refined, 135, 4, 1350, 0},
+    {"refine", refined, 400, 4, 800, 0},        {"closer", refined_closely, 950, 4, 1300, 0},
+    {"measure", mesh_wanted, 105, 4, 300, 160}, {"reference", reconstructed_whole, 1350, 4, 150, 0},
     {"paint", painted, 160, 4, 200, 0},
 };
 enum { STAGES = sizeof stages / sizeof stages[0] };

@@ -42,7 +42,7 @@ struct run {
     size_t kept_count; /* of that level */
     uint32_t *kept;    /* of the finest level, along the curve's ids, most important first */
     struct sites sites;
-    struct umbrellas umbrellas; /* for the refinement, which takes them */
+    struct umbrellas umbrellas; /* for the refinement, which empties them */
     struct tets tets;
     float *distance;  /* of every distinct point to the mesh, normalised; NULL unless asked for */
     struct mesh mesh; /* sources are ids along the curve */

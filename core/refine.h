@@ -24,7 +24,8 @@ struct refine_input {
     const struct neighbourhood *hood; /* of the points: the middles of triangles between neighbours are
                                          fitted to as well, which is what keeps a mesh from bending between
                                          few points; NULL: points alone */
-    struct umbrellas *umbrellas; /* the same points': taken and zeroed; NULL or zeroed where they are to be found */
+    struct umbrellas
+        *umbrellas; /* the same points': zeroed when done with; NULL or zeroed where they are to be found */
 };
 
 /* Whether the middles are of use to a mesh of so many triangles; where there are many points for each, they aren't. */

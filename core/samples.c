@@ -2,12 +2,17 @@
  * of the triangles between neighbours are near the surface, and on a sharp edge they tell the faces beside it, which
  * the points on it don't.
  *
+ * Where there are few points for each triangle of the mesh, one middle is little: what lies at one side of an edge and
+ * what at the other is one place's.  For a closer look the middles of a triangle's edges divide it into quarters, and
+ * each has a middle.
+ *
  * Weights are areas.  A point stands for a part of the square of its spacing, a middle for a part of its triangle, the
  * less the fewer of the triangle's corners have it: where neighbours see no triangles there are the points.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/samples.h"
 
+#include <assert.h>
 #include <stdlib.h>
 
 #include "core/alloc.h"
@@ -20,12 +25,14 @@ enum { POINT_GRAIN = 1024 };
 #define REACH 1.0f /* of the spacing */
 
 #define LARGEST_WEIGHT 8
-#define POINT_SHARE 0.25
-#define MIDDLE_SHARE 0.75
+
+/* By the parts that a triangle is in: the more places tell of its inside, the less its corners count. */
+static const double point_share[SAMPLES_QUARTERS + 1] = {[0] = 1, [1] = 0.25, [SAMPLES_QUARTERS] = 0.1};
 
 struct filling {
     const struct refine_input *input;
     const struct umbrellas *umbrellas; /* NULL: points alone */
+    unsigned parts;
     struct samples *samples;
     double mean_area;
 };
@@ -39,22 +46,30 @@ static double area_of(const struct filling *filling, uint32_t p) {
 
 static void set_point(const struct filling *filling, uint32_t p) {
     const struct refine_input *input = filling->input;
-    double share = filling->umbrellas ? POINT_SHARE : 1;
-    filling->samples->sample[p] =
-        (struct sample){input->points[p], (float)(share * area_of(filling, p)), REACH * input->spacing[p]};
+    double weight = point_share[filling->parts] * area_of(filling, p);
+    filling->samples->sample[p] = (struct sample){input->points[p], (float)weight, REACH * input->spacing[p]};
     filling->samples->normal[p] = input->normals[p];
 }
 
-static void set_middle(const struct filling *filling, size_t i, const uint32_t corner[3], unsigned votes) {
+/* The middle of the triangle, which is that of one of its quarters, too, and those of the other three. */
+static void find_middles(const vec3 corner[3], vec3 middle[SAMPLES_QUARTERS]) {
+    vec3 sum = vec3_add(vec3_add(corner[0], corner[1]), corner[2]);
+    middle[0] = vec3_scale(sum, 1.0 / 3);
+    for (int k = 0; k < 3; k++) middle[k + 1] = vec3_add(vec3_scale(sum, 1.0 / 6), vec3_scale(corner[k], 0.5));
+}
+
+static void set_middles(const struct filling *filling, size_t first, const uint32_t id[3], unsigned votes) {
     const struct refine_input *input = filling->input;
-    vec3 a = input->points[corner[0]], b = input->points[corner[1]], c = input->points[corner[2]];
-    vec3 normal = vec3_triangle_normal(a, b, c);
-    double area = vec3_length(normal) / 2 * votes / 3;
-    float widest = fmaxf(fmaxf(input->spacing[corner[0]], input->spacing[corner[1]]), input->spacing[corner[2]]);
-    filling->samples->sample[i] =
-        (struct sample){vec3_scale(vec3_add(vec3_add(a, b), c), 1.0 / 3),
-                        filling->mean_area > 0 ? (float)(MIDDLE_SHARE * area / filling->mean_area) : 0, REACH * widest};
-    filling->samples->normal[i] = vec3_unit(normal);
+    vec3 corner[3] = {input->points[id[0]], input->points[id[1]], input->points[id[2]]}, middle[SAMPLES_QUARTERS];
+    vec3 normal = vec3_triangle_normal(corner[0], corner[1], corner[2]);
+    double share = (1 - point_share[filling->parts]) / filling->parts, area = vec3_length(normal) / 2 * votes / 3;
+    float weight = filling->mean_area > 0 ? (float)(share * area / filling->mean_area) : 0;
+    float widest = fmaxf(fmaxf(input->spacing[id[0]], input->spacing[id[1]]), input->spacing[id[2]]);
+    find_middles(corner, middle);
+    for (unsigned k = 0; k < filling->parts; k++) {
+        filling->samples->sample[first + k] = (struct sample){middle[k], weight, REACH * widest};
+        filling->samples->normal[first + k] = vec3_unit(normal);
+    }
 }
 
 static void place_range(void *ctx, size_t begin, size_t end) {
@@ -66,25 +81,27 @@ static void place_range(void *ctx, size_t begin, size_t end) {
         for (unsigned i = 0; umbrellas && i < UMBRELLA_RIBS; i++) {
             unsigned votes = umbrella_votes(umbrellas, p, i);
             if (votes == 0) continue;
-            set_middle(filling, at++, (uint32_t[3]){p, umbrellas->rib[p][i], umbrella_after(umbrellas, p, i)}, votes);
+            set_middles(filling, at, (uint32_t[3]){p, umbrellas->rib[p][i], umbrella_after(umbrellas, p, i)}, votes);
+            at += filling->parts;
         }
     }
 }
 
-static unsigned count_middles(const struct umbrellas *umbrellas, size_t p) {
+static unsigned count_triangles(const struct umbrellas *umbrellas, size_t p) {
     unsigned count = 0;
     for (unsigned i = 0; i < UMBRELLA_RIBS; i++) count += umbrella_votes(umbrellas, p, i) > 0;
     return count;
 }
 
 /* Where the middles of each point go. */
-static enum status number_middles(struct samples *samples, size_t points, const struct umbrellas *umbrellas) {
+static enum status number_middles(struct samples *samples, size_t points, const struct umbrellas *umbrellas,
+                                  unsigned parts) {
     samples->points = points;
     samples->middle = alloc_array(points + 1, sizeof *samples->middle);
     if (!samples->middle) return STATUS_NO_MEMORY;
     samples->middle[0] = (uint32_t)points;
     for (size_t p = 0; p < points; p++)
-        samples->middle[p + 1] = samples->middle[p] + (umbrellas ? count_middles(umbrellas, p) : 0);
+        samples->middle[p + 1] = samples->middle[p] + (umbrellas ? parts * count_triangles(umbrellas, p) : 0);
     samples->n = samples->middle[points];
     return STATUS_OK;
 }
@@ -96,9 +113,9 @@ static double mean_area(const struct refine_input *input) {
 }
 
 static enum status place_all(struct samples *samples, const struct refine_input *input,
-                             const struct umbrellas *umbrellas, unsigned threads) {
-    if (number_middles(samples, input->n, umbrellas)) return STATUS_NO_MEMORY;
-    struct filling filling = {input, umbrellas, samples, mean_area(input)};
+                             const struct umbrellas *umbrellas, unsigned parts, unsigned threads) {
+    if (number_middles(samples, input->n, umbrellas, parts)) return STATUS_NO_MEMORY;
+    struct filling filling = {input, umbrellas, parts, samples, mean_area(input)};
     samples->sample = alloc_array(samples->n, sizeof *samples->sample);
     samples->normal = alloc_array(samples->n, sizeof *samples->normal);
     if (!samples->sample || !samples->normal) return STATUS_NO_MEMORY;
@@ -106,15 +123,15 @@ static enum status place_all(struct samples *samples, const struct refine_input 
     return STATUS_OK;
 }
 
-enum status samples_init(struct samples *samples, const struct refine_input *input, bool middles, unsigned threads) {
+enum status samples_init(struct samples *samples, const struct refine_input *input, unsigned parts, unsigned threads) {
+    assert(parts <= 1 || parts == SAMPLES_QUARTERS);
     struct samples new = {0};
-    struct umbrellas umbrellas = {0};
+    struct umbrellas mine = {0}, *umbrellas = input->umbrellas ? input->umbrellas : &mine;
     enum status status = STATUS_OK;
-    if (input->umbrellas) umbrellas = *input->umbrellas, *input->umbrellas = (struct umbrellas){0};
-    if (middles && umbrellas.n == 0)
-        status = umbrella_find(input->points, input->normals, input->hood, threads, &umbrellas);
-    if (status == STATUS_OK) status = place_all(&new, input, middles ? &umbrellas : NULL, threads);
-    umbrella_done(&umbrellas);
+    if (parts && umbrellas->n == 0)
+        status = umbrella_find(input->points, input->normals, input->hood, threads, umbrellas);
+    if (status == STATUS_OK) status = place_all(&new, input, parts ? umbrellas : NULL, parts, threads);
+    umbrella_done(&mine);
     if (status == STATUS_OK) {
         *samples = new;
     } else {

@@ -104,6 +104,8 @@ static const struct {
     {30000, 0, 0, "outputs cloud,mesh,report", 1.8},
     {30000, 0, 0, "outputs cloud,mesh,report ratio 0.5 refine none", 1.5},
     {30000, 0, 0, "outputs cloud,mesh,report ratio 0.9", 1.5},
+    {30000, 0, 0, "outputs cloud,mesh,report ratio 0.2 placement optimal", 1.5},
+    {30000, 0, 0, "outputs cloud,mesh,report ratio 0.9 placement optimal", 1.5},
     {30000, 0, 0, "outputs cloud,mesh,report,dso,error levels 0.4,0.2,0.1", 1.5},
     {30000, 0, 0, "outputs cloud,mesh,report ratio 0.1 reference reconstruction refine none", 1.5},
 };

@@ -14,6 +14,7 @@
 #include "core/cloud.h"
 #include "core/fit_assign.h"
 #include "core/refine.h"
+#include "core/umbrella.h"
 #include "tests/unit/dense.h"
 #include "tests/unit/shapes.h"
 
@@ -274,7 +275,7 @@ static void test_samples_start_with_the_nearest_triangle(void **state) {
     struct refine_input input = dense_input(&dense);
     struct fit fit = {.mesh = &mesh, .threads = 2};
     input.hood = &hood;
-    assert_int_equal(samples_init(&fit.samples, &input, true, 2), STATUS_OK);
+    assert_int_equal(samples_init(&fit.samples, &input, 1, 2), STATUS_OK);
     assert_int_equal(halfedge_init(&fit.he, &mesh), STATUS_OK);
     uint32_t *triangle = alloc_array(fit.samples.n, sizeof *triangle);
     float *distance_sq = alloc_array(fit.samples.n, sizeof *distance_sq);
@@ -293,6 +294,54 @@ static void test_samples_start_with_the_nearest_triangle(void **state) {
     free(triangle), free(distance_sq);
     halfedge_done(&fit.he);
     samples_done(&fit.samples);
+    neighbourhood_done(&hood);
+    mesh_done(&mesh);
+    dense_done(&dense);
+}
+
+/* The samples in the list of a triangle, each counted; how many. */
+static size_t count_listed(const struct fit *fit, uint32_t t, uint8_t *seen) {
+    struct cluster cluster;
+    size_t count = 0;
+    for (uint32_t rest = fit->lists.first[t]; rest != NONE; count += cluster.n) {
+        cluster_clear(&cluster, fit->mesh->vertex[fit->mesh->triangle[t][0]]);
+        rest = cluster_add(&cluster, fit->lists.block, rest);
+        for (size_t i = 0; i < cluster.n; i++) seen[cluster.sample[i]]++;
+    }
+    return count;
+}
+
+/* After a closer look every sample is in one list, and the whole mesh is to be tried again. */
+static void test_a_closer_look_has_all_samples_in_the_lists(void **state) {
+    (void)state;
+    struct dense dense = sphere_points();
+    dense.n /= 4;
+    for (size_t k = 0; k < dense.n; k++) dense.point[k] = dense.point[4 * k], dense.normal[k] = dense.normal[4 * k];
+    struct mesh mesh = sphere_mesh(&dense);
+    struct neighbourhood hood = dense_hood(&dense);
+    struct umbrellas umbrellas = {0};
+    struct refine_input input = dense_input(&dense);
+    struct refine_options options = {REFINE_FULL, PLACEMENT_OPTIMAL, 2};
+    struct fit fit;
+    input.hood = &hood, input.umbrellas = &umbrellas;
+    assert_true((double)input.n < FIT_CLOSE * (double)mesh.triangle_count);
+    assert_int_equal(fit_init(&fit, &mesh, &input, &options), STATUS_OK);
+    size_t coarse = fit.samples.n - fit.samples.points, listed = 0;
+    double far = fit.far, mean = fit_mean(&fit);
+    assert_true(umbrellas.n == input.n);
+    memset(fit.stale, 0, mesh.vertex_count), memset(fit.touched, 0, mesh.triangle_count);
+    assert_int_equal(fit_look_closer(&fit), STATUS_OK);
+    assert_int_equal(fit.samples.n - fit.samples.points, SAMPLES_QUARTERS * coarse);
+    assert_true(umbrellas.n == 0 && fit.far == far && fabs(fit_mean(&fit) / mean - 1) < 0.2);
+    uint8_t *seen = alloc_zeroed(fit.samples.n, 1);
+    assert_non_null(seen);
+    for (uint32_t t = 0; t < mesh.triangle_count; t++) listed += count_listed(&fit, t, seen);
+    assert_int_equal(listed, fit.samples.n);
+    for (size_t i = 0; i < fit.samples.n; i++) assert_int_equal(seen[i], 1);
+    for (size_t v = 0; v < mesh.vertex_count; v++) assert_int_equal(fit.stale[v], 1);
+    for (size_t t = 0; t < mesh.triangle_count; t++) assert_int_equal(fit.touched[t], 1);
+    free(seen);
+    fit_done(&fit);
     neighbourhood_done(&hood);
     mesh_done(&mesh);
     dense_done(&dense);
@@ -389,6 +438,68 @@ static void test_threads_change_nothing(void **state) {
     dense_done(&dense);
 }
 
+enum { FIELD = 121, STEP = 3, GRID = (FIELD - 1) / STEP + 1 };
+
+static double waves(double x, double y) { return 0.05 * sin(9 * x + 2 * y) * cos(7 * y); }
+
+/* Every third point of each row and column is a vertex: too many for one zone. */
+static struct mesh field_mesh(const struct dense *dense) {
+    static vec3 vertex[GRID * GRID];
+    static uint32_t triangle[2 * (GRID - 1) * (GRID - 1)][3];
+    size_t t = 0;
+    for (uint32_t v = 0; v < GRID * GRID; v++) vertex[v] = dense->point[STEP * (v / GRID * FIELD + v % GRID)];
+    for (uint32_t v = 0; v + GRID + 1 < GRID * GRID; v++) {
+        if (v % GRID == GRID - 1) continue;
+        memcpy(triangle[t++], (uint32_t[3]){v, v + 1, v + GRID + 1}, sizeof *triangle);
+        memcpy(triangle[t++], (uint32_t[3]){v, v + GRID + 1, v + GRID}, sizeof *triangle);
+    }
+    struct mesh mesh = mesh_new(vertex, GRID * GRID, (const uint32_t(*)[3])triangle, t);
+    for (uint32_t v = 0; v < GRID * GRID; v++) mesh.source[v] = STEP * (v / GRID * FIELD + v % GRID);
+    return mesh;
+}
+
+/* Every vertex is in a zone, none is too large, and most neighbours are in the same. */
+static void test_zones_are_compact(void **state) {
+    (void)state;
+    struct dense dense = dense_field(FIELD, waves);
+    struct mesh mesh = field_mesh(&dense);
+    struct halfedge he;
+    struct fit_zones zones;
+    size_t size[GRID * GRID] = {0}, apart = 0;
+    assert_int_equal(halfedge_init(&he, &mesh), STATUS_OK);
+    assert_int_equal(fit_zones_init(&zones, &he), STATUS_OK);
+    assert_true(zones.count > GRID * GRID / FIT_ZONE_MOST && zones.count < GRID * GRID / 100);
+    for (uint32_t v = 0; v < GRID * GRID; v++) {
+        assert_true(zones.of[v] < zones.count);
+        assert_true(++size[zones.of[v]] <= FIT_ZONE_MOST);
+    }
+    for (uint32_t h = 0; h < 3 * mesh.triangle_count; h++)
+        apart += zones.of[halfedge_from(&he, h)] != zones.of[halfedge_to(&he, h)];
+    assert_true(apart > 0 && apart < 3 * mesh.triangle_count / 5);
+    fit_zones_done(&zones);
+    halfedge_done(&he);
+    mesh_done(&mesh);
+    dense_done(&dense);
+}
+
+static void test_threads_change_nothing_in_many_zones(void **state) {
+    (void)state;
+    struct dense dense = dense_field(FIELD, waves);
+    struct refine_input input = dense_input(&dense);
+    struct mesh mesh[2];
+    struct refine_facts facts;
+    for (unsigned i = 0; i < 2; i++) {
+        struct refine_options options = {REFINE_FULL, PLACEMENT_SUBSET, 1 + 3 * i};
+        mesh[i] = field_mesh(&dense);
+        assert_int_equal(refine_mesh(&mesh[i], &input, &options, NULL, &facts), STATUS_OK);
+        assert_true(facts.moves > GRID && facts.mean_after < 0.8 * facts.mean_before);
+    }
+    assert_memory_equal(mesh[1].vertex, mesh[0].vertex, GRID * GRID * sizeof(vec3));
+    assert_memory_equal(mesh[1].triangle, mesh[0].triangle, mesh[0].triangle_count * sizeof(uint32_t[3]));
+    mesh_done(&mesh[0]), mesh_done(&mesh[1]);
+    dense_done(&dense);
+}
+
 /* ---------------------------------------------------------------------------------------------- faults */
 
 static bool fail_at(void *ctx) {
@@ -456,9 +567,12 @@ int main(void) {
         cmocka_unit_test(test_points_take_the_longer_diagonal),
         cmocka_unit_test(test_filled_holes_stay_marked),
         cmocka_unit_test(test_samples_start_with_the_nearest_triangle),
+        cmocka_unit_test(test_a_closer_look_has_all_samples_in_the_lists),
         cmocka_unit_test(test_closed_stays_closed_and_gets_better),
         cmocka_unit_test(test_subset_stays_a_subset),
         cmocka_unit_test(test_threads_change_nothing),
+        cmocka_unit_test(test_zones_are_compact),
+        cmocka_unit_test(test_threads_change_nothing_in_many_zones),
         cmocka_unit_test(test_failure_leaves_the_mesh),
         cmocka_unit_test(test_cancel_leaves_the_mesh),
     };

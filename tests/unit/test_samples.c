@@ -22,7 +22,7 @@ static void test_middles_of_a_grid_are_those_of_its_corners(void **state) {
     struct samples samples;
     size_t points = 0, beside[16] = {0};
     input.hood = &hood;
-    assert_int_equal(samples_init(&samples, &input, true, 2), STATUS_OK);
+    assert_int_equal(samples_init(&samples, &input, 1, 2), STATUS_OK);
     assert_int_equal(samples.n, 25 + 4 * 16);
     for (size_t i = 0; i < samples.n; i++) {
         vec3 p = vec3_scale(samples.sample[i].place, 4);
@@ -36,6 +36,37 @@ static void test_middles_of_a_grid_are_those_of_its_corners(void **state) {
     assert_int_equal(points, 25);
     for (size_t i = 0; i < 16; i++) assert_int_equal(beside[i], 4);
     samples_done(&samples);
+    neighbourhood_done(&hood);
+    dense_done(&dense);
+}
+
+/* All samples together stand for as much as with whole triangles, points for less of it. */
+static void test_quarters_lie_in_their_triangle_and_weigh_as_much(void **state) {
+    (void)state;
+    enum { SIDE = 9 };
+    struct dense dense = dense_field(SIDE, dense_flat);
+    struct neighbourhood hood = dense_hood(&dense);
+    struct refine_input input = dense_input(&dense);
+    struct samples samples[2];
+    double points[2] = {0, 0}, middles[2] = {0, 0};
+    input.hood = &hood;
+    assert_int_equal(samples_init(&samples[0], &input, 1, 2), STATUS_OK);
+    assert_int_equal(samples_init(&samples[1], &input, SAMPLES_QUARTERS, 2), STATUS_OK);
+    assert_int_equal(samples[1].n - samples[1].points, SAMPLES_QUARTERS * (samples[0].n - samples[0].points));
+    for (int k = 0; k < 2; k++)
+        for (uint32_t i = 0; i < samples[k].n; i++)
+            *(samples_point(&samples[k], i) == NONE ? &middles[k] : &points[k]) += (double)samples[k].sample[i].weight;
+    assert_true(fabs(points[1] / points[0] - 0.4) < 1e-3 && fabs(middles[1] / middles[0] - 1.2) < 1e-3);
+    for (size_t i = samples[0].points; i < samples[0].n; i++) {
+        const struct sample *whole = &samples[0].sample[i];
+        const struct sample *part = &samples[1].sample[samples[1].points + SAMPLES_QUARTERS * (i - samples[0].points)];
+        vec3 sum = {0};
+        for (int k = 0; k < SAMPLES_QUARTERS; k++) sum = vec3_add(sum, part[k].place);
+        assert_true(vec3_distance(vec3_scale(sum, 0.25), whole->place) < 1e-12);
+        for (int k = 0; k < SAMPLES_QUARTERS; k++)
+            for (int j = 0; j < k; j++) assert_true(vec3_distance(part[j].place, part[k].place) > 0.1 / (SIDE - 1));
+    }
+    for (int k = 0; k < 2; k++) samples_done(&samples[k]);
     neighbourhood_done(&hood);
     dense_done(&dense);
 }
@@ -64,7 +95,7 @@ static void test_middles_beside_a_sharp_edge_lie_on_its_faces(void **state) {
     struct samples samples;
     double middles = 0, one = 0;
     input.hood = &hood;
-    assert_int_equal(samples_init(&samples, &input, true, 2), STATUS_OK);
+    assert_int_equal(samples_init(&samples, &input, 1, 2), STATUS_OK);
     for (size_t i = 0; i < samples.n; i++) {
         vec3 p = samples.sample[i].place;
         assert_true(fabs(p.z + fabs(p.y)) < 1e-9);
@@ -92,7 +123,7 @@ static void test_no_middle_lies_across_a_gap(void **state) {
     struct refine_input input = dense_input(&dense);
     struct samples samples;
     input.hood = &hood;
-    assert_int_equal(samples_init(&samples, &input, true, 2), STATUS_OK);
+    assert_int_equal(samples_init(&samples, &input, 1, 2), STATUS_OK);
     assert_true(samples.n > 72);
     for (size_t i = 0; i < samples.n; i++) {
         double z = samples.sample[i].place.z;
@@ -107,6 +138,7 @@ static void test_no_middle_lies_across_a_gap(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_middles_of_a_grid_are_those_of_its_corners),
+        cmocka_unit_test(test_quarters_lie_in_their_triangle_and_weigh_as_much),
         cmocka_unit_test(test_middles_beside_a_sharp_edge_lie_on_its_faces),
         cmocka_unit_test(test_no_middle_lies_across_a_gap),
     };

@@ -23,7 +23,7 @@
 #include "core/par.h"
 #include "core/sym3.h"
 
-enum { VERTEX_GRAIN = 16, COLOURS = 64, CANDIDATES = 3 };
+enum { VERTEX_GRAIN = 16, PLACE_GRAIN = 512, COLOURS = 64, CANDIDATES = 3 };
 
 #define MOVE_LEAST_GAIN 1e-3 /* of what the star costs */
 #define MOVE_HOPELESS 1.5    /* of what the star costs: where the first choice is over that, the others are no better */
@@ -198,17 +198,30 @@ static size_t find_near(const struct halfedge *he, uint32_t vertex, uint32_t nea
 
 /* In which order vertices are moved: group by group.  Each zone is a group, and after them each colour. */
 struct plan {
+    const struct fit *fit;
+    uint8_t *place;  /* of each vertex that is due: enum place */
     uint32_t *group; /* of each vertex, or NONE for those that aren't due */
     uint32_t *vertex;
     size_t *start; /* vertex[start[g] .. start[g + 1]) are those of group g */
     size_t zones, groups;
 };
 
-/* Whether no vertex near this one is due in another zone. */
-static bool is_inside(const struct fit *fit, const uint32_t *group, const uint32_t *near, size_t n, uint32_t zone) {
+enum place { INSIDE, ON_BORDER, IN_A_CROWD };
+
+/* Inside where no vertex near this one is due in another zone. */
+static enum place place_of(const struct plan *plan, uint32_t vertex) {
+    uint32_t near[2 * FIT_MAX_RING];
+    size_t n = find_near(&plan->fit->he, vertex, near);
+    if (n == 0) return IN_A_CROWD;
     for (size_t i = 0; i < n; i++)
-        if (group[near[i]] != NONE && fit->zones.of[near[i]] != zone) return false;
-    return true;
+        if (plan->group[near[i]] != NONE && plan->group[near[i]] != plan->group[vertex]) return ON_BORDER;
+    return INSIDE;
+}
+
+static void find_places(void *ctx, size_t begin, size_t end) {
+    const struct plan *plan = ctx;
+    for (size_t v = begin; v < end; v++)
+        if (plan->group[v] != NONE) plan->place[v] = (uint8_t)place_of(plan, (uint32_t)v);
 }
 
 /* The lowest colour that no vertex near this one has. */
@@ -222,17 +235,16 @@ static uint32_t free_colour(const struct plan *plan, const uint32_t *near, size_
 }
 
 /* Only what is stale is going to move. */
-static void find_groups(const struct fit *fit, const struct plan *plan) {
+static void find_groups(const struct fit *fit, struct plan *plan) {
     uint32_t near[2 * FIT_MAX_RING], *group = plan->group;
     for (uint32_t v = 0; v < fit->mesh->vertex_count; v++) {
         bool due = fit->stale[v] && !fit->he.locked[v] && fit->he.out[v] != NONE;
         group[v] = due ? fit->zones.of[v] : NONE;
     }
+    par_for(fit->threads, fit->mesh->vertex_count, PLACE_GRAIN, find_places, plan);
     for (uint32_t v = 0; v < fit->mesh->vertex_count; v++) {
-        if (group[v] == NONE) continue;
-        size_t n = find_near(&fit->he, v, near);
-        if (!is_inside(fit, group, near, n, fit->zones.of[v])) group[v] = free_colour(plan, near, n);
-        if (n == 0) group[v] = NONE;
+        if (group[v] == NONE || plan->place[v] == INSIDE) continue;
+        group[v] = plan->place[v] == ON_BORDER ? free_colour(plan, near, find_near(&fit->he, v, near)) : NONE;
     }
 }
 
@@ -247,17 +259,20 @@ static void sort_by_group(const struct plan *plan, size_t n) {
 
 static enum status plan_new(const struct fit *fit, struct plan *plan) {
     size_t n = fit->mesh->vertex_count;
-    *plan = (struct plan){.zones = fit->zones.count, .groups = fit->zones.count + COLOURS};
+    *plan = (struct plan){.fit = fit, .zones = fit->zones.count, .groups = fit->zones.count + COLOURS};
+    plan->place = alloc_array(n, 1);
     plan->group = alloc_array(n, sizeof *plan->group);
     plan->vertex = alloc_array(n, sizeof *plan->vertex);
     plan->start = alloc_zeroed(plan->groups + 2, sizeof *plan->start);
-    if (!plan->group || !plan->vertex || !plan->start) return STATUS_NO_MEMORY;
+    if (!plan->place || !plan->group || !plan->vertex || !plan->start) return STATUS_NO_MEMORY;
     find_groups(fit, plan);
     sort_by_group(plan, n);
     return STATUS_OK;
 }
 
-static void plan_done(struct plan *plan) { free(plan->group), free(plan->vertex), free(plan->start); }
+static void plan_done(struct plan *plan) {
+    free(plan->place), free(plan->group), free(plan->vertex), free(plan->start);
+}
 
 struct batch {
     struct fit *fit;

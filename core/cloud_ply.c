@@ -273,6 +273,8 @@ static void gather(struct cloud *cloud, int axis, size_t begin, size_t end) {
             memcpy(&value, from, sizeof value);
             *to = (double)value;
         }
+    } else if (property->type == SCALAR_FLOAT64) {
+        for (size_t i = begin; i < end; i++, from += cloud->record_bytes, to += 3) memcpy(to, from, sizeof *to);
     } else {
         for (size_t i = begin; i < end; i++, from += cloud->record_bytes, to += 3)
             *to = scalar_load(from, property->type);

@@ -29,6 +29,7 @@
 
 #include "core/alloc.h"
 #include "core/cloud.h"
+#include "core/cocone_boundary.h"
 #include "core/cocone_disc.h"
 #include "core/cocone_judge.h"
 #include "core/cocone_repair.h"
@@ -89,23 +90,31 @@ static enum status count_excess(const struct mesh *mesh, size_t *excess) {
     return STATUS_OK;
 }
 
-/* Whether the surface is one sphere through all points.  With a point lost, or two vertices at one, it isn't found to
- * be. */
-static enum status is_sphere(const struct handles *h, bool *sphere) {
-    const struct tets *tets = h->star->tets;
-    size_t facets = 0, shells = h->star->n;
-    uint32_t *parent = forest_new(h->star->n);
+/* Whether the vertices of some facets are all connected. */
+static enum status are_one_shell(const struct cocone_star *star, const uint32_t *half, size_t count, bool *one) {
+    size_t shells = star->n;
+    uint32_t *parent = forest_new(star->n);
     if (!parent) return STATUS_NO_MEMORY;
-    for (uint32_t half = 0; half < 4 * tets->finite_count; half++) {
-        uint32_t cell = cocone_star_cell(half), v[3];
-        if (!h->inside[cell] || h->inside[tets->neighbour[cell][cocone_star_index(half)]]) continue;
-        cocone_star_vertices(h->star, half, v);
-        facets++;
+    for (size_t t = 0; t < count; t++) {
+        uint32_t v[3];
+        cocone_star_vertices(star, half[t], v);
         for (int k = 0; k < 2; k++) shells -= forest_unite(parent, v[k], v[k + 1]);
     }
     free(parent);
-    *sphere = shells == 1 && facets + 4 == 2 * h->star->n;
+    *one = shells == 1;
     return STATUS_OK;
+}
+
+/* Whether the surface is one sphere through all points.  With a point lost, or two vertices at one, it isn't found to
+ * be. */
+static enum status is_sphere(const struct handles *h, bool *sphere) {
+    uint32_t *half = NULL;
+    size_t count = 0;
+    enum status status = cocone_boundary_list(h->star, h->inside, NULL, h->input->threads, &half, &count);
+    *sphere = false;
+    if (!status && count + 4 == 2 * h->star->n) status = are_one_shell(h->star, half, count, sphere);
+    free(half);
+    return status;
 }
 
 /* ------------------------------------------------------------------------------------------------ trials */
@@ -300,7 +309,7 @@ static enum status make_mesh(const struct handles *h, struct mesh *mesh) {
     uint8_t *copy = alloc_array(h->star->tets->cell_count, 1);
     if (!copy) return STATUS_NO_MEMORY;
     memcpy(copy, h->inside, h->star->tets->cell_count);
-    enum status status = cocone_surface_extract(h->star, NULL, false, h->input->threads, copy, mesh);
+    enum status status = cocone_surface_extract(h->star, NULL, h->input->threads, copy, mesh);
     free(copy);
     return status;
 }

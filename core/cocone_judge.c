@@ -26,10 +26,11 @@
 #include "core/alloc.h"
 #include "core/bvh.h"
 #include "core/cloud.h"
+#include "core/cocone_boundary.h"
 #include "core/knn.h"
 #include "core/par.h"
 
-enum { GRAIN = 256, BATCH = 1 << 14, PLACES = 4 };
+enum { GRAIN = 256, CORNER_GRAIN = 4096, BATCH = 1 << 14, PLACES = 4 };
 
 static const uint32_t NOT_JUDGED = NONE - 1; /* the group of cells whose difference is too small */
 
@@ -160,33 +161,26 @@ static enum status find_groups(struct judge *j, const struct cocone_proposal *pr
 
 /* ------------------------------------------------------------------------------------------------ surfaces */
 
-/* Calls visit for the half facets of inner cells at the surface that touch a near vertex; how many. */
-static size_t list_facets(const struct judge *j, const uint8_t *inside, uint32_t *half) {
-    const struct tets *tets = j->star->tets;
-    size_t count = 0;
-    for (uint32_t c = 0; c < tets->finite_count; c++) {
-        if (!inside[c]) continue;
-        for (unsigned i = 0; i < 4; i++) {
-            if (inside[tets->neighbour[c][i]]) continue;
-            uint32_t v[3];
-            cocone_star_vertices(j->star, cocone_star_pack(c, i), v);
-            if (!j->near[v[0]] && !j->near[v[1]] && !j->near[v[2]]) continue;
-            if (half) half[count] = cocone_star_pack(c, i);
-            count++;
-        }
-    }
-    return count;
+struct corners {
+    const struct cocone_star *star;
+    struct side *side;
+};
+
+static void corner_range(void *ctx, size_t begin, size_t end) {
+    const struct corners *corners = ctx;
+    for (size_t t = begin; t < end; t++)
+        cocone_star_vertices(corners->star, corners->side->half[t], corners->side->mesh.triangle[t]);
 }
 
 static enum status build_side(const struct judge *j, struct side *side) {
     struct mesh *mesh = &side->mesh;
-    size_t count = list_facets(j, side->inside, NULL);
-    side->half = alloc_array(count, sizeof *side->half);
-    mesh->triangle = alloc_array(count, sizeof *mesh->triangle);
-    if (!side->half || !mesh->triangle) return STATUS_NO_MEMORY;
-    list_facets(j, side->inside, side->half);
-    for (size_t t = 0; t < count; t++) cocone_star_vertices(j->star, side->half[t], mesh->triangle[t]);
-    mesh->triangle_count = count;
+    struct corners corners = {j->star, side};
+    enum status status =
+        cocone_boundary_list(j->star, side->inside, j->near, j->threads, &side->half, &mesh->triangle_count);
+    if (status) return status;
+    mesh->triangle = alloc_array(mesh->triangle_count, sizeof *mesh->triangle);
+    if (!mesh->triangle) return STATUS_NO_MEMORY;
+    par_for(j->threads, mesh->triangle_count, CORNER_GRAIN, corner_range, &corners);
     mesh->vertex_count = j->star->n;
     mesh->vertex = (vec3 *)j->star->point;
     return bvh_new(mesh, j->threads, &side->bvh);

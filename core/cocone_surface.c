@@ -19,30 +19,17 @@
 #include "core/cocone_surface.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 #include "core/alloc.h"
 #include "core/cloud.h"
+#include "core/cocone_boundary.h"
 #include "core/cocone_cut.h"
+#include "core/forest.h"
 #include "core/par.h"
 #include "core/radix.h"
 
-enum { GRAIN = 2048, EMPTYING = 4 };
-
-struct surface {
-    const struct cocone_star *star;
-    const vec3 *point;
-    const double *support;
-    bool keep_boundary;
-    uint8_t *inside;
-    size_t count;
-    uint32_t (*vertex)[3]; /* count: points of each triangle, counter-clockwise from outside */
-    uint8_t *tag;          /* count */
-    uint32_t *half;        /* count: the triangle as a half facet of an inner cell */
-    uint32_t *triangle;    /* of each half facet of finite cells; NONE = it isn't one */
-    uint32_t *fan;         /* 3 * count: forest over corners; after numbering the vertex */
-    uint32_t *pair; /* 3 * count: of the edge from each corner, the triangle that is paired with this one there */
-    unsigned threads;
-};
+enum { GRAIN = 2048, EDGE_GRAIN = 8192, EMPTYING = 4 };
 
 /* An edge of a triangle, from its corner `side` to the next, between two ids. */
 struct edge {
@@ -50,58 +37,43 @@ struct edge {
     uint8_t side;
 };
 
+struct surface {
+    const struct cocone_star *star;
+    const vec3 *point;
+    const double *support;
+    uint8_t *inside;
+    size_t count;
+    uint32_t (*vertex)[3]; /* count: points of each triangle, counter-clockwise from outside */
+    uint8_t *tag;          /* count */
+    uint32_t *half;        /* count: the triangle as a half facet of an inner cell */
+    uint32_t *triangle;    /* of each half facet that is boundary */
+    uint32_t *fan;         /* 3 * count: forest over corners; after numbering the vertex */
+    uint32_t *pair;    /* 3 * count: of the edge from each corner, the triangle that is paired with this one there */
+    struct edge *edge; /* 3 * count */
+    uint64_t *item;    /* 6 * count: to sort them by */
+    unsigned threads;
+};
+
 static bool is_boundary(const struct surface *s, uint32_t half) {
-    uint32_t cell = cocone_star_cell(half);
-    return s->inside[cell] && !s->inside[s->star->tets->neighbour[cell][cocone_star_index(half)]];
+    return cocone_boundary_has(s->star, s->inside, half);
 }
 
-static size_t count_boundary(const struct surface *s) {
-    size_t count = 0;
-    for (uint32_t half = 0; half < 4 * s->star->tets->finite_count; half++) count += is_boundary(s, half);
-    return count;
+static void set_triangle(struct surface *s, size_t t, const uint32_t v[3]) {
+    memcpy(s->vertex[t], v, sizeof s->vertex[t]);
+    s->tag[t] = cocone_cut_supported(s->point, s->support, v) ? MESH_SUPPORTED : MESH_HOLE_FILL;
 }
 
-/* Adds a triangle with its tag, unless it is to be left out: its id or NONE. */
-static uint32_t add(struct surface *s, uint32_t a, uint32_t b, uint32_t c) {
-    uint32_t v[3] = {a, b, c};
-    bool supported = cocone_cut_supported(s->point, s->support, v);
-    if (!supported && s->keep_boundary) return NONE;
-    for (int k = 0; k < 3; k++) s->vertex[s->count][k] = v[k];
-    s->tag[s->count] = supported ? MESH_SUPPORTED : MESH_HOLE_FILL;
-    return (uint32_t)s->count++;
-}
-
-static void collect(struct surface *s) {
-    s->count = 0;
-    for (uint32_t half = 0; half < 4 * s->star->tets->finite_count; half++) {
-        s->triangle[half] = NONE;
-        if (!is_boundary(s, half)) continue;
+static void set_range(void *ctx, size_t begin, size_t end) {
+    struct surface *s = ctx;
+    for (size_t t = begin; t < end; t++) {
         uint32_t v[3];
-        cocone_star_vertices(s->star, half, v);
-        s->triangle[half] = add(s, v[2], v[1], v[0]);
-        if (s->triangle[half] != NONE) s->half[s->triangle[half]] = half;
+        cocone_star_vertices(s->star, s->half[t], v);
+        set_triangle(s, t, (uint32_t[3]){v[2], v[1], v[0]});
+        s->triangle[s->half[t]] = (uint32_t)t;
     }
 }
 
 /* ------------------------------------------------------------------------------------------------ fans */
-
-static uint32_t find(uint32_t *parent, uint32_t i) {
-    while (parent[i] != i) {
-        parent[i] = parent[parent[i]];
-        i = parent[i];
-    }
-    return i;
-}
-
-/* The smaller id is the root, so numbering by first appearance needs no table. */
-static void join(uint32_t *parent, uint32_t a, uint32_t b) {
-    a = find(parent, a);
-    b = find(parent, b);
-    if (a < b)
-        parent[b] = a;
-    else
-        parent[a] = b;
-}
 
 static uint32_t corner_of(const struct surface *s, uint32_t triangle, uint32_t vertex) {
     const uint32_t *v = s->vertex[triangle];
@@ -110,8 +82,8 @@ static uint32_t corner_of(const struct surface *s, uint32_t triangle, uint32_t v
 
 /* The fans of two triangles go on over their common edge. */
 static void join_at_edge(struct surface *s, uint32_t t, uint32_t u, uint32_t a, uint32_t b) {
-    join(s->fan, corner_of(s, t, a), corner_of(s, u, a));
-    join(s->fan, corner_of(s, t, b), corner_of(s, u, b));
+    forest_unite(s->fan, corner_of(s, t, a), corner_of(s, u, a));
+    forest_unite(s->fan, corner_of(s, t, b), corner_of(s, u, b));
 }
 
 /* The half facet that bounds the same inner wedge at the edge. */
@@ -135,13 +107,17 @@ static void pair_range(void *ctx, size_t begin, size_t end) {
 
 static void chain_fans(struct surface *s) {
     par_for(s->threads, s->count, GRAIN, pair_range, s);
-    for (uint32_t i = 0; i < 3 * s->count; i++) s->fan[i] = i;
     for (uint32_t t = 0; t < s->count; t++) {
         for (int k = 0; k < 3; k++) {
-            if (!is_first(s, t, k) || s->pair[3 * t + (uint32_t)k] == NONE) continue;
+            if (!is_first(s, t, k)) continue;
             join_at_edge(s, t, s->pair[3 * t + (uint32_t)k], s->vertex[t][k], s->vertex[t][(k + 1) % 3]);
         }
     }
+}
+
+/* A fan's smallest corner is its root; from now on the parent of all. */
+static void flatten_fans(struct surface *s) {
+    for (uint32_t i = 0; i < 3 * s->count; i++) s->fan[i] = s->fan[s->fan[i]];
 }
 
 /* ------------------------------------------------------------------------------------------------ double edges */
@@ -149,23 +125,46 @@ static void chain_fans(struct surface *s) {
 /* The edge from corner i % 3 of triangle i / 3: between fans, or between points. */
 static struct edge edge_at(const struct surface *s, bool between_fans, uint32_t i) {
     uint32_t t = i / 3, k = i % 3, next = (k + 1) % 3;
-    uint32_t a = between_fans ? find(s->fan, i) : s->vertex[t][k];
-    uint32_t b = between_fans ? find(s->fan, 3 * t + next) : s->vertex[t][next];
+    uint32_t a = between_fans ? s->fan[i] : s->vertex[t][k];
+    uint32_t b = between_fans ? s->fan[3 * t + next] : s->vertex[t][next];
     return (struct edge){a < b ? a : b, a < b ? b : a, t, (uint8_t)k};
+}
+
+struct edge_list {
+    const struct surface *surface;
+    bool between_fans;
+    uint64_t *item;
+    struct edge *edge;
+};
+
+static void high_range(void *ctx, size_t begin, size_t end) {
+    const struct edge_list *l = ctx;
+    for (size_t i = begin; i < end; i++)
+        l->item[i] = radix_item(edge_at(l->surface, l->between_fans, (uint32_t)i).high, (uint32_t)i);
+}
+
+static void low_range(void *ctx, size_t begin, size_t end) {
+    const struct edge_list *l = ctx;
+    for (size_t i = begin; i < end; i++) {
+        uint32_t at = radix_value(l->item[i]);
+        l->item[i] = radix_item(edge_at(l->surface, l->between_fans, at).low, at);
+    }
+}
+
+static void edge_range(void *ctx, size_t begin, size_t end) {
+    const struct edge_list *l = ctx;
+    for (size_t i = begin; i < end; i++) l->edge[i] = edge_at(l->surface, l->between_fans, radix_value(l->item[i]));
 }
 
 /* All edges in order of low, high and triangle: sorted by high, then by low.  item: scratch for two of each. */
 static void list_edges(const struct surface *s, bool between_fans, uint64_t *item, struct edge *edge) {
     size_t count = 3 * s->count;
-    uint64_t *other = item + count;
-    for (uint32_t i = 0; i < count; i++) item[i] = radix_item(edge_at(s, between_fans, i).high, i);
-    uint64_t *sorted = radix_sort(item, other, count, s->threads);
-    for (size_t i = 0; i < count; i++) {
-        uint32_t at = radix_value(sorted[i]);
-        sorted[i] = radix_item(edge_at(s, between_fans, at).low, at);
-    }
-    sorted = radix_sort(sorted, sorted == item ? other : item, count, s->threads);
-    for (size_t i = 0; i < count; i++) edge[i] = edge_at(s, between_fans, radix_value(sorted[i]));
+    struct edge_list l = {s, between_fans, item, edge};
+    par_for(s->threads, count, EDGE_GRAIN, high_range, &l);
+    l.item = radix_sort(item, item + count, count, s->threads);
+    par_for(s->threads, count, EDGE_GRAIN, low_range, &l);
+    l.item = radix_sort(l.item, l.item == item ? item + count : item, count, s->threads);
+    par_for(s->threads, count, EDGE_GRAIN, edge_range, &l);
 }
 
 /* Cells of one label around an edge, between two facets of the surface. */
@@ -250,7 +249,7 @@ static enum status number_vertices(struct surface *s, struct mesh *mesh) {
     if (!vertex) return STATUS_NO_MEMORY;
     mesh->vertex_count = 0;
     for (uint32_t i = 0; i < 3 * s->count; i++) {
-        uint32_t root = find(s->fan, i);
+        uint32_t root = forest_root(s->fan, i);
         vertex[i] = root == i ? (uint32_t)mesh->vertex_count++ : vertex[root];
     }
     free(s->fan);
@@ -287,73 +286,61 @@ static enum status make_mesh(struct surface *s, struct mesh *out) {
     return STATUS_OK;
 }
 
-/* Room for most triangles, and for the half facets of all finite cells. */
-static enum status surface_init(struct surface *s, size_t most, size_t finite_count) {
-    s->vertex = alloc_array(most, sizeof *s->vertex);
-    s->tag = alloc_array(most, sizeof *s->tag);
-    s->half = alloc_array(most, sizeof *s->half);
-    s->fan = alloc_array(3 * most, sizeof *s->fan);
-    s->pair = alloc_array(3 * most, sizeof *s->pair);
+/* Room for `count` triangles, and for the half facets of all finite cells. */
+static enum status surface_init(struct surface *s, size_t finite_count) {
+    s->vertex = alloc_array(s->count, sizeof *s->vertex);
+    s->tag = alloc_array(s->count, sizeof *s->tag);
+    s->fan = forest_new(3 * s->count);
+    s->pair = alloc_array(3 * s->count, sizeof *s->pair);
     s->triangle = alloc_array(4 * finite_count, sizeof *s->triangle);
-    return s->vertex && s->tag && s->half && s->fan && s->pair && s->triangle ? STATUS_OK : STATUS_NO_MEMORY;
+    s->edge = alloc_array(3 * s->count, sizeof *s->edge);
+    s->item = alloc_array(6 * s->count, sizeof *s->item);
+    bool triangles = s->vertex && s->tag && s->fan && s->pair && s->triangle;
+    return triangles && s->edge && s->item ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
 static void surface_done(struct surface *s) {
     free(s->vertex), free(s->tag), free(s->half);
-    free(s->fan), free(s->pair), free(s->triangle);
+    free(s->fan), free(s->pair), free(s->triangle), free(s->edge), free(s->item);
 }
 
 /* One attempt; *again when a wedge had to be filled. */
 static enum status attempt(struct surface s, bool may_empty, struct mesh *mesh, bool *again) {
-    size_t most = count_boundary(&s);
-    struct edge *edge = alloc_array(3 * most, sizeof *edge);
-    uint64_t *item = alloc_array(6 * most, sizeof *item);
-    enum status status = surface_init(&s, most, s.star->tets->finite_count);
-    if (!edge || !item) status = STATUS_NO_MEMORY;
+    enum status status = cocone_boundary_list(s.star, s.inside, NULL, s.threads, &s.half, &s.count);
+    if (!status) status = surface_init(&s, s.star->tets->finite_count);
     if (!status) {
-        collect(&s);
+        par_for(s.threads, s.count, GRAIN, set_range, &s);
         chain_fans(&s);
-        list_edges(&s, true, item, edge);
-        *again = separate(&s, edge, may_empty);
+        flatten_fans(&s);
+        list_edges(&s, true, s.item, s.edge);
+        *again = separate(&s, s.edge, may_empty);
         if (!*again) status = make_mesh(&s, mesh);
     }
-    free(edge), free(item);
     surface_done(&s);
     return status;
 }
 
-enum status cocone_surface_extract(const struct cocone_star *star, const double *support, bool keep_boundary,
-                                   unsigned threads, uint8_t *inside, struct mesh *mesh) {
-    struct surface s = {.star = star,
-                        .point = star->point,
-                        .support = support,
-                        .keep_boundary = keep_boundary,
-                        .inside = inside,
-                        .threads = threads};
+enum status cocone_surface_extract(const struct cocone_star *star, const double *support, unsigned threads,
+                                   uint8_t *inside, struct mesh *mesh) {
+    struct surface s = {.star = star, .point = star->point, .support = support, .inside = inside, .threads = threads};
     enum status status = STATUS_OK;
     bool again = true;
     for (int round = 0; again && !status; round++) status = attempt(s, round < EMPTYING, mesh, &again);
     return status;
 }
 
-enum status cocone_surface_planar(const struct tets *tets, const vec3 *point, const double *support, bool keep_boundary,
+enum status cocone_surface_planar(const struct tets *tets, const vec3 *point, const double *support,
                                   struct mesh *mesh) {
-    struct surface s = {.point = point, .support = support, .keep_boundary = keep_boundary, .threads = 1};
-    struct edge *edge = alloc_array(3 * tets->planar_count, sizeof *edge);
-    uint64_t *item = alloc_array(6 * tets->planar_count, sizeof *item);
-    enum status status = surface_init(&s, tets->planar_count, 0);
-    if (!edge || !item) status = STATUS_NO_MEMORY;
+    struct surface s = {.point = point, .support = support, .count = tets->planar_count, .threads = 1};
+    enum status status = surface_init(&s, 0);
     if (!status) {
-        for (size_t t = 0; t < tets->planar_count; t++)
-            add(&s, tets->planar[t][0], tets->planar[t][1], tets->planar[t][2]);
-        for (uint32_t i = 0; i < 3 * s.count; i++) s.fan[i] = i;
-        list_edges(&s, false, item, edge);
+        for (size_t t = 0; t < s.count; t++) set_triangle(&s, t, tets->planar[t]);
+        list_edges(&s, false, s.item, s.edge);
         for (size_t i = 0; i + 1 < 3 * s.count; i++)
-            if (edge[i].low == edge[i + 1].low && edge[i].high == edge[i + 1].high)
-                join_at_edge(&s, edge[i].triangle, edge[i + 1].triangle, edge[i].low, edge[i].high);
+            if (s.edge[i].low == s.edge[i + 1].low && s.edge[i].high == s.edge[i + 1].high)
+                join_at_edge(&s, s.edge[i].triangle, s.edge[i + 1].triangle, s.edge[i].low, s.edge[i].high);
         status = make_mesh(&s, mesh);
     }
-    free(edge), free(item);
     surface_done(&s);
     return status;
 }

@@ -18,6 +18,7 @@
 #include <stdint.h>
 
 #include "core/cluster.h"
+#include "core/fit_zones.h"
 #include "core/halfedge.h"
 #include "core/mesh.h"
 #include "core/params.h"
@@ -54,6 +55,7 @@ struct fit {
     double unit_area; /* of the surface at the beginning, for each unit of the samples' weight */
     struct samples samples;
     struct sample_lists lists; /* of each triangle */
+    struct fit_zones zones;
     double *cost;              /* triangle_count */
     struct facing *facing;     /* triangle_count */
     uint8_t *taken;            /* input->n: how many vertices stand there, up to 255 */

@@ -32,7 +32,7 @@
 #define FIT_NEAR 0.4   /* distances under this count no more than others where a vertex is placed */
 #define FIT_STRAY 7.0  /* no part of the surface gets farther from the data, where it isn't already */
 #define FIT_ENOUGH 40  /* points for each triangle that make middles needless */
-#define FIT_CLOSE 8    /* points for each triangle that make a closer look needless */
+#define FIT_CLOSE 16   /* points for each triangle that make a closer look needless */
 #define FIT_EXACT 1e-7 /* distance that is none */
 #define FIT_THIN 0.02  /* shape below which no triangle may get thinner */
 

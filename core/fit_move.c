@@ -96,11 +96,11 @@ static bool move_is_fair(const struct fit *fit, const struct star *star) {
 }
 
 /* The star's cost with the vertex at place, or INFINITY when that isn't fair.  What isn't under limit is known less
- * well, and not looked at any further, but it is known whether that is hopeless. */
-static double cost_at(const struct fit *fit, struct star *star, vec3 place, double limit) {
+ * well, and not looked at any further, but it is known whether it is over `most` (at least limit). */
+static double cost_at(const struct fit *fit, struct star *star, vec3 place, double limit, double most) {
     set_new_frames(star, &place);
     if (!move_is_fair(fit, star)) return INFINITY;
-    double cost = fit_cost_with(fit, &star->region, &star->new, MOVE_HOPELESS * star->cost);
+    double cost = fit_cost_with(fit, &star->region, &star->new, most);
     return cost >= limit || fit_stays(fit, &star->region, &star->new) ? cost : INFINITY;
 }
 
@@ -116,7 +116,7 @@ static bool move_freely(struct fit *fit, struct star *star, vec3 step) {
     double limit = star->cost * (1 - MOVE_LEAST_GAIN);
     for (size_t i = 0; i < sizeof part / sizeof *part; i++) {
         vec3 place = vec3_add(from, vec3_scale(step, part[i]));
-        if (cost_at(fit, star, place, limit) >= limit) continue;
+        if (cost_at(fit, star, place, limit, limit) >= limit) continue;
         settle(fit, star, place, NONE);
         return true;
     }
@@ -163,11 +163,12 @@ static bool move_to_point(struct fit *fit, struct star *star, const struct clust
     struct choice choice[CANDIDATES];
     size_t count = choose(fit, star, model, step, choice);
     double limit = star->cost * (1 - MOVE_LEAST_GAIN);
+    double hopeless = MOVE_HOPELESS * star->cost;
     uint32_t best = NONE;
     for (size_t i = 0; i < count; i++) {
-        double cost = cost_at(fit, star, fit->input->points[choice[i].point], limit);
+        double cost = cost_at(fit, star, fit->input->points[choice[i].point], limit, i == 0 ? hopeless : limit);
         if (cost < limit) limit = cost, best = choice[i].point;
-        if (i == 0 && cost < INFINITY && cost > MOVE_HOPELESS * star->cost) break;
+        if (i == 0 && cost < INFINITY && cost > hopeless) break;
     }
     if (best == NONE) return false;
     fit_take(fit, best);

@@ -262,6 +262,11 @@ closed: deps ## whether every closed model comes out closed, with all points; MO
 	@$(MAKE) --no-print-directory -j$$(nproc) all
 	@$(PYTHON) tests/peers/closed.py --build $(build) $(chosen)
 
+.PHONY: open-scans
+open-scans: deps ## whether holes of scans stay open along their borders; MODELS= RATIOS= -> out/open_scans.md
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@$(PYTHON) tests/peers/open_scans.py --build $(build) $(chosen)
+
 .PHONY: paper
 paper: deps ## Lee and Jong's evaluation again, with pictures; MODELS=horse,venus -> out/paper.html
 	@deploy/deps.sh $(paper_packages)
@@ -303,6 +308,7 @@ FUZZ_SECONDS ?= 20
 CORPORA ?= $(abspath build/fuzz/tests/fuzz)
 ifeq ($(config),fuzz)
 $(build)/tests/fuzz/fuzz_http: $(build)/tests/unit/folder.o
+$(build)/tests/fuzz/fuzz_http: override LDFLAGS += -Wl,--wrap=log_line,--wrap=log_vline
 $(fuzz_programs): $(build)/%: $(build)/%.o $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@
 	$(Q)$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $(objects_first) -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CODEC_LIBS) -lm

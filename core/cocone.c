@@ -2,7 +2,8 @@
  *
  *     tets -> star -> label ----------------------------------------------> surface
  *             cells   tight:   frame, orient, cut (twice), judge, repair     manifold mesh
- *             around  literal: frame, candidates, umbrellas, mark, peel
+ *             around  literal: frame, candidates, umbrellas, mark, peel                |
+ *                                                            boundary=keep: without what spans holes
  *
  * Whatever the labels, the surface between inner and outer cells is closed and oriented; the labelling decides how good
  * it is, and the last step makes it a manifold.
@@ -20,6 +21,7 @@
 #include "core/alloc.h"
 #include "core/cocone_facets.h"
 #include "core/cocone_handles.h"
+#include "core/cocone_holes.h"
 #include "core/cocone_judge.h"
 #include "core/cocone_label.h"
 #include "core/cocone_peel.h"
@@ -27,6 +29,8 @@
 #include "core/cocone_star.h"
 #include "core/cocone_surface.h"
 #include "core/cocone_umbrella.h"
+#include "core/halfedge.h"
+#include "core/mesh_without.h"
 
 #define MATTERS 0.02 /* so that nothing is changed for a hair's breadth */
 
@@ -124,16 +128,34 @@ static enum status reconstruct_solid(struct run *run, const struct tets *tets, s
     if (!status) status = tick(run, 0.2);
     if (!status) status = form->label(run);
     if (!status) status = tick(run, 0.9);
-    bool keep = run->options->boundary == BOUNDARY_KEEP;
-    if (!status)
-        status = cocone_surface_extract(&run->star, input->support, keep, run->options->threads, run->inside, mesh);
+    if (!status) status = cocone_surface_extract(&run->star, input->support, run->options->threads, run->inside, mesh);
     return status;
 }
 
 static enum status reconstruct_plane(struct run *run, const struct tets *tets, struct mesh *mesh) {
     run->facts.form = "planar";
-    return cocone_surface_planar(tets, run->input->points, run->input->support, run->options->boundary == BOUNDARY_KEEP,
-                                 mesh);
+    return cocone_surface_planar(tets, run->input->points, run->input->support, mesh);
+}
+
+/* Leaves out what spans holes: by the original points, or where those aren't known by the facets' tags. */
+static enum status open_holes(struct run *run, struct mesh *mesh) {
+    const struct cocone_input *input = run->input;
+    struct halfedge he = {0};
+    uint8_t *hole = alloc_array(mesh->triangle_count, 1);
+    enum status status = hole ? halfedge_init(&he, mesh) : STATUS_NO_MEMORY;
+    if (!status && input->dense) {
+        status = cocone_holes_find(mesh, &he, input->dense, input->n, run->options->threads, hole);
+        for (size_t t = 0; !status && t < mesh->triangle_count; t++)
+            mesh->tag[t] = hole[t] ? MESH_HOLE_FILL : MESH_SUPPORTED;
+    }
+    for (size_t t = 0; !status && t < mesh->triangle_count; t++) {
+        hole[t] = mesh->tag[t] == MESH_HOLE_FILL;
+        run->facts.hole_fill += hole[t];
+    }
+    if (!status) status = mesh_without(mesh, &he, hole);
+    halfedge_done(&he);
+    free(hole);
+    return status;
 }
 
 enum status cocone_reconstruct(const struct tets *tets, const struct cocone_input *input,
@@ -145,6 +167,7 @@ enum status cocone_reconstruct(const struct tets *tets, const struct cocone_inpu
     enum status status = seen ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status && tets->dimension < 2) status = STATUS_DEGENERATE;
     if (!status) status = (tets->dimension == 2 ? reconstruct_plane : reconstruct_solid)(&run, tets, &made);
+    if (!status && options->boundary == BOUNDARY_KEEP && made.triangle_count > 0) status = open_holes(&run, &made);
     if (!status && made.triangle_count == 0) status = STATUS_DEGENERATE;
     if (!status) {
         count_facts(&run, &made, seen);

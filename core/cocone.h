@@ -43,7 +43,7 @@ struct cocone_input {
 
 struct cocone_options {
     enum cocone_form form;
-    enum boundary_form boundary; /* BOUNDARY_KEEP leaves the hole_fill facets out: the mesh may be open */
+    enum boundary_form boundary; /* BOUNDARY_KEEP leaves out what spans holes: the mesh may be open */
     unsigned threads;            /* 0 = all processors */
 };
 
@@ -51,7 +51,7 @@ struct cocone_facts {
     const char *form;      /* "tight-cocone", "literal" or "planar" */
     size_t points_lost;    /* points that are no vertex of the mesh */
     size_t vertices_split; /* vertices over one for each point */
-    size_t hole_fill;      /* facets that no points support, also where they are left out */
+    size_t hole_fill;      /* facets tagged as such, or left out */
     size_t conflicts;      /* cells on which two of their points disagree with certainty, after orientation */
     size_t flips;          /* cells whose label the repair changed */
     size_t closed;         /* handles, tunnels and shells that nothing spoke for */

@@ -309,7 +309,7 @@ static enum status make_mesh(const struct handles *h, struct mesh *mesh) {
     uint8_t *copy = alloc_array(h->star->tets->cell_count, 1);
     if (!copy) return STATUS_NO_MEMORY;
     memcpy(copy, h->inside, h->star->tets->cell_count);
-    enum status status = cocone_surface_extract(h->star, NULL, false, h->input->threads, copy, mesh);
+    enum status status = cocone_surface_extract(h->star, NULL, h->input->threads, copy, mesh);
     free(copy);
     return status;
 }

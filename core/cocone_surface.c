@@ -41,13 +41,12 @@ struct surface {
     const struct cocone_star *star;
     const vec3 *point;
     const double *support;
-    bool keep_boundary;
     uint8_t *inside;
     size_t count;
     uint32_t (*vertex)[3]; /* count: points of each triangle, counter-clockwise from outside */
     uint8_t *tag;          /* count */
     uint32_t *half;        /* count: the triangle as a half facet of an inner cell */
-    uint32_t *triangle;    /* of each half facet that is boundary; NONE = it is left out */
+    uint32_t *triangle;    /* of each half facet that is boundary */
     uint32_t *fan;         /* 3 * count: forest over corners; after numbering the vertex */
     uint32_t *pair;    /* 3 * count: of the edge from each corner, the triangle that is paired with this one there */
     struct edge *edge; /* 3 * count */
@@ -72,20 +71,6 @@ static void set_range(void *ctx, size_t begin, size_t end) {
         set_triangle(s, t, (uint32_t[3]){v[2], v[1], v[0]});
         s->triangle[s->half[t]] = (uint32_t)t;
     }
-}
-
-/* Where the boundary is kept, triangles across holes are none. */
-static void drop_fills(struct surface *s) {
-    size_t kept = 0;
-    for (size_t t = 0; t < s->count; t++) {
-        bool keep = s->tag[t] == MESH_SUPPORTED;
-        if (s->half) s->triangle[s->half[t]] = keep ? (uint32_t)kept : NONE;
-        if (!keep) continue;
-        memmove(s->vertex[kept], s->vertex[t], sizeof s->vertex[t]);
-        if (s->half) s->half[kept] = s->half[t];
-        s->tag[kept++] = MESH_SUPPORTED;
-    }
-    s->count = kept;
 }
 
 /* ------------------------------------------------------------------------------------------------ fans */
@@ -124,7 +109,7 @@ static void chain_fans(struct surface *s) {
     par_for(s->threads, s->count, GRAIN, pair_range, s);
     for (uint32_t t = 0; t < s->count; t++) {
         for (int k = 0; k < 3; k++) {
-            if (!is_first(s, t, k) || s->pair[3 * t + (uint32_t)k] == NONE) continue;
+            if (!is_first(s, t, k)) continue;
             join_at_edge(s, t, s->pair[3 * t + (uint32_t)k], s->vertex[t][k], s->vertex[t][(k + 1) % 3]);
         }
     }
@@ -325,7 +310,6 @@ static enum status attempt(struct surface s, bool may_empty, struct mesh *mesh, 
     if (!status) status = surface_init(&s, s.star->tets->finite_count);
     if (!status) {
         par_for(s.threads, s.count, GRAIN, set_range, &s);
-        if (s.keep_boundary) drop_fills(&s);
         chain_fans(&s);
         flatten_fans(&s);
         list_edges(&s, true, s.item, s.edge);
@@ -336,27 +320,21 @@ static enum status attempt(struct surface s, bool may_empty, struct mesh *mesh, 
     return status;
 }
 
-enum status cocone_surface_extract(const struct cocone_star *star, const double *support, bool keep_boundary,
-                                   unsigned threads, uint8_t *inside, struct mesh *mesh) {
-    struct surface s = {.star = star,
-                        .point = star->point,
-                        .support = support,
-                        .keep_boundary = keep_boundary,
-                        .inside = inside,
-                        .threads = threads};
+enum status cocone_surface_extract(const struct cocone_star *star, const double *support, unsigned threads,
+                                   uint8_t *inside, struct mesh *mesh) {
+    struct surface s = {.star = star, .point = star->point, .support = support, .inside = inside, .threads = threads};
     enum status status = STATUS_OK;
     bool again = true;
     for (int round = 0; again && !status; round++) status = attempt(s, round < EMPTYING, mesh, &again);
     return status;
 }
 
-enum status cocone_surface_planar(const struct tets *tets, const vec3 *point, const double *support, bool keep_boundary,
+enum status cocone_surface_planar(const struct tets *tets, const vec3 *point, const double *support,
                                   struct mesh *mesh) {
     struct surface s = {.point = point, .support = support, .count = tets->planar_count, .threads = 1};
     enum status status = surface_init(&s, 0);
     if (!status) {
         for (size_t t = 0; t < s.count; t++) set_triangle(&s, t, tets->planar[t]);
-        if (keep_boundary) drop_fills(&s);
         list_edges(&s, false, s.item, s.edge);
         for (size_t i = 0; i + 1 < 3 * s.count; i++)
             if (s.edge[i].low == s.edge[i + 1].low && s.edge[i].high == s.edge[i + 1].high)

@@ -8,17 +8,17 @@
 #include "core/mesh.h"
 
 /* Meshes the facets between the cells with inside[c] = 1 and the others, counter-clockwise seen from outside.
- * support (may be NULL) says which facets are MESH_HOLE_FILL (cocone_cut_supported); with keep_boundary those are left
- * out.  Infinite cells are outside.  Every edge has two triangles in opposite directions (one at a boundary that is
- * kept) and the triangles at each vertex are one fan: where surface sheets touch, the point has a vertex for each of
- * them. Where copies can't tell two sheets apart at an edge, the cells between them are added to inside. The mesh is
- * the caller's; it is empty where no facet is left.  O(cells log cells).  STATUS_NO_MEMORY. */
-enum status cocone_surface_extract(const struct cocone_star *star, const double *support, bool keep_boundary,
-                                   unsigned threads, uint8_t *inside, struct mesh *mesh) MUST_CHECK;
+ * support (may be NULL) says which facets are MESH_HOLE_FILL (cocone_cut_supported).  Infinite cells are outside.
+ * Every edge has two triangles in opposite directions and the triangles at each vertex are one fan: where surface
+ * sheets touch, the point has a vertex for each of them.  Where copies can't tell two sheets apart at an edge, the
+ * cells between them are added to inside.  The mesh is the caller's; it is empty where no cell is inside.
+ * O(cells log cells).  STATUS_NO_MEMORY. */
+enum status cocone_surface_extract(const struct cocone_star *star, const double *support, unsigned threads,
+                                   uint8_t *inside, struct mesh *mesh) MUST_CHECK;
 
-/* Meshes planar triangles (tets of dimension 2) over n points in the same way: tags, keep_boundary, one fan at each
- * vertex.  The mesh is open.  O(triangles log triangles).  STATUS_NO_MEMORY. */
-enum status cocone_surface_planar(const struct tets *tets, const vec3 *point, const double *support, bool keep_boundary,
+/* Meshes planar triangles (tets of dimension 2) over n points in the same way: tags, one fan at each vertex.  The mesh
+ * is open.  O(triangles log triangles).  STATUS_NO_MEMORY. */
+enum status cocone_surface_planar(const struct tets *tets, const vec3 *point, const double *support,
                                   struct mesh *mesh) MUST_CHECK;
 
 #endif

@@ -266,6 +266,7 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
     if (options->placement == PLACEMENT_SUBSET) forget_umbrellas(&new);
     if (status == STATUS_OK) status = allocate(&new);
     if (status == STATUS_OK) status = halfedge_init(&new.he, mesh);
+    if (status == STATUS_OK) status = fit_zones_init(&new.zones, &new.he);
     if (status == STATUS_OK) {
         for (size_t v = 0; mesh->source && v < mesh->vertex_count; v++) fit_take(&new, mesh->source[v]);
         par_for(new.threads, mesh->triangle_count, FACE_GRAIN, face_range, &new);
@@ -301,6 +302,7 @@ void fit_done(struct fit *fit) {
     halfedge_done(&fit->he);
     samples_done(&fit->samples);
     sample_lists_done(&fit->lists);
+    fit_zones_done(&fit->zones);
     free(fit->cost), free(fit->facing);
     free(fit->taken), free(fit->stale), free(fit->touched), free(fit->postponed);
     *fit = (struct fit){0};

@@ -18,6 +18,7 @@
 #include <stdint.h>
 
 #include "core/cluster.h"
+#include "core/fit_zones.h"
 #include "core/halfedge.h"
 #include "core/mesh.h"
 #include "core/params.h"
@@ -31,7 +32,7 @@
 #define FIT_NEAR 0.4   /* distances under this count no more than others where a vertex is placed */
 #define FIT_STRAY 7.0  /* no part of the surface gets farther from the data, where it isn't already */
 #define FIT_ENOUGH 40  /* points for each triangle that make middles needless */
-#define FIT_CLOSE 8    /* points for each triangle that make a closer look needless */
+#define FIT_CLOSE 16   /* points for each triangle that make a closer look needless */
 #define FIT_EXACT 1e-7 /* distance that is none */
 #define FIT_THIN 0.02  /* shape below which no triangle may get thinner */
 
@@ -54,6 +55,7 @@ struct fit {
     double unit_area; /* of the surface at the beginning, for each unit of the samples' weight */
     struct samples samples;
     struct sample_lists lists; /* of each triangle */
+    struct fit_zones zones;
     double *cost;              /* triangle_count */
     struct facing *facing;     /* triangle_count */
     uint8_t *taken;            /* input->n: how many vertices stand there, up to 255 */

@@ -8,8 +8,9 @@
  * Optimal placement takes the minimum, or a part of the way; subset placement takes the one of the star's points where
  * the quadric is smallest.  Both only when the star then costs less, measured anew, and nothing folds.
  *
- * Vertices are coloured so that no two of a colour share a star, nor a triangle that either looks at; a colour is
- * moved in parallel, and the colours one after the other.
+ * Two vertices are near each other where they share a star, or a triangle that either looks at.  Those that are near
+ * none of another zone are moved zone by zone, which are in parallel; then those along the borders of zones, coloured
+ * so that no two of a colour are near each other, colour by colour, each in parallel.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/fit_move.h"
@@ -22,7 +23,7 @@
 #include "core/par.h"
 #include "core/sym3.h"
 
-enum { VERTEX_GRAIN = 16, COLOURS = 64, CANDIDATES = 3 };
+enum { VERTEX_GRAIN = 16, PLACE_GRAIN = 512, COLOURS = 64, CANDIDATES = 3 };
 
 #define MOVE_LEAST_GAIN 1e-3 /* of what the star costs */
 #define MOVE_HOPELESS 1.5    /* of what the star costs: where the first choice is over that, the others are no better */
@@ -95,11 +96,11 @@ static bool move_is_fair(const struct fit *fit, const struct star *star) {
 }
 
 /* The star's cost with the vertex at place, or INFINITY when that isn't fair.  What isn't under limit is known less
- * well, and not looked at any further, but it is known whether that is hopeless. */
-static double cost_at(const struct fit *fit, struct star *star, vec3 place, double limit) {
+ * well, and not looked at any further, but it is known whether it is over `most` (at least limit). */
+static double cost_at(const struct fit *fit, struct star *star, vec3 place, double limit, double most) {
     set_new_frames(star, &place);
     if (!move_is_fair(fit, star)) return INFINITY;
-    double cost = fit_cost_with(fit, &star->region, &star->new, MOVE_HOPELESS * star->cost);
+    double cost = fit_cost_with(fit, &star->region, &star->new, most);
     return cost >= limit || fit_stays(fit, &star->region, &star->new) ? cost : INFINITY;
 }
 
@@ -115,7 +116,7 @@ static bool move_freely(struct fit *fit, struct star *star, vec3 step) {
     double limit = star->cost * (1 - MOVE_LEAST_GAIN);
     for (size_t i = 0; i < sizeof part / sizeof *part; i++) {
         vec3 place = vec3_add(from, vec3_scale(step, part[i]));
-        if (cost_at(fit, star, place, limit) >= limit) continue;
+        if (cost_at(fit, star, place, limit, limit) >= limit) continue;
         settle(fit, star, place, NONE);
         return true;
     }
@@ -162,11 +163,12 @@ static bool move_to_point(struct fit *fit, struct star *star, const struct clust
     struct choice choice[CANDIDATES];
     size_t count = choose(fit, star, model, step, choice);
     double limit = star->cost * (1 - MOVE_LEAST_GAIN);
+    double hopeless = MOVE_HOPELESS * star->cost;
     uint32_t best = NONE;
     for (size_t i = 0; i < count; i++) {
-        double cost = cost_at(fit, star, fit->input->points[choice[i].point], limit);
+        double cost = cost_at(fit, star, fit->input->points[choice[i].point], limit, i == 0 ? hopeless : limit);
         if (cost < limit) limit = cost, best = choice[i].point;
-        if (i == 0 && cost < INFINITY && cost > MOVE_HOPELESS * star->cost) break;
+        if (i == 0 && cost < INFINITY && cost > hopeless) break;
     }
     if (best == NONE) return false;
     fit_take(fit, best);
@@ -176,7 +178,6 @@ static bool move_to_point(struct fit *fit, struct star *star, const struct clust
 
 static bool move_vertex(struct fit *fit, uint32_t vertex) {
     struct star star;
-    fit->stale[vertex] = 0;
     if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE || !star_of(fit, vertex, &star)) return false;
     if (fit_is_exact(&star.region, star.cost)) return false;
     struct cluster_model model = fit_model(fit, &star.region, &star.old, fit->near);
@@ -184,55 +185,121 @@ static bool move_vertex(struct fit *fit, uint32_t vertex) {
     return fit->placement == PLACEMENT_SUBSET ? move_to_point(fit, &star, &model, step) : move_freely(fit, &star, step);
 }
 
-/* The lowest colour that no vertex has whose star this one's moves touch or look at. */
-static uint8_t free_colour(const struct halfedge *he, const uint8_t *colour, uint32_t vertex) {
-    uint64_t used = 0;
+/* The vertices that are near this one; their number, or 0 where there are more than fit. */
+static size_t find_near(const struct halfedge *he, uint32_t vertex, uint32_t near[2 * FIT_MAX_RING]) {
     uint32_t ring[FIT_MAX_RING];
-    size_t n = halfedge_ring(he, vertex, ring, FIT_MAX_RING);
+    size_t n = halfedge_ring(he, vertex, ring, FIT_MAX_RING), count = 0;
     for (size_t i = 0; i < n; i++) {
-        uint8_t beside = colour[halfedge_to(he, ring[i])];
-        if (beside < COLOURS) used |= (uint64_t)1 << beside;
         uint32_t across = he->twin[halfedge_next(ring[i])];
-        uint8_t beyond = across == NONE ? COLOURS : colour[halfedge_apex(he, across)];
-        if (beyond < COLOURS) used |= (uint64_t)1 << beyond;
+        near[count++] = halfedge_to(he, ring[i]);
+        if (across != NONE) near[count++] = halfedge_apex(he, across);
     }
-    return n == 0 || used == UINT64_MAX ? COLOURS : (uint8_t)__builtin_ctzll(~used);
+    return count;
+}
+
+/* In which order vertices are moved: group by group.  Each zone is a group, and after them each colour. */
+struct plan {
+    const struct fit *fit;
+    uint8_t *place;  /* of each vertex that is due: enum place */
+    uint32_t *group; /* of each vertex, or NONE for those that aren't due */
+    uint32_t *vertex;
+    size_t *start; /* vertex[start[g] .. start[g + 1]) are those of group g */
+    size_t zones, groups;
+};
+
+enum place { INSIDE, ON_BORDER, IN_A_CROWD };
+
+/* Inside where no vertex near this one is due in another zone. */
+static enum place place_of(const struct plan *plan, uint32_t vertex) {
+    uint32_t near[2 * FIT_MAX_RING];
+    size_t n = find_near(&plan->fit->he, vertex, near);
+    if (n == 0) return IN_A_CROWD;
+    for (size_t i = 0; i < n; i++)
+        if (plan->group[near[i]] != NONE && plan->group[near[i]] != plan->group[vertex]) return ON_BORDER;
+    return INSIDE;
+}
+
+static void find_places(void *ctx, size_t begin, size_t end) {
+    const struct plan *plan = ctx;
+    for (size_t v = begin; v < end; v++)
+        if (plan->group[v] != NONE) plan->place[v] = (uint8_t)place_of(plan, (uint32_t)v);
+}
+
+/* The lowest colour that no vertex near this one has. */
+static uint32_t free_colour(const struct plan *plan, const uint32_t *near, size_t n) {
+    uint64_t used = 0;
+    for (size_t i = 0; i < n; i++) {
+        size_t colour = plan->group[near[i]] - plan->zones;
+        if (plan->group[near[i]] != NONE && colour < COLOURS) used |= (uint64_t)1 << colour;
+    }
+    return used == UINT64_MAX ? NONE : (uint32_t)(plan->zones + (size_t)__builtin_ctzll(~used));
+}
+
+/* Only what is stale is going to move. */
+static void find_groups(const struct fit *fit, struct plan *plan) {
+    uint32_t near[2 * FIT_MAX_RING], *group = plan->group;
+    for (uint32_t v = 0; v < fit->mesh->vertex_count; v++) {
+        bool due = fit->stale[v] && !fit->he.locked[v] && fit->he.out[v] != NONE;
+        group[v] = due ? fit->zones.of[v] : NONE;
+    }
+    par_for(fit->threads, fit->mesh->vertex_count, PLACE_GRAIN, find_places, plan);
+    for (uint32_t v = 0; v < fit->mesh->vertex_count; v++) {
+        if (group[v] == NONE || plan->place[v] == INSIDE) continue;
+        group[v] = plan->place[v] == ON_BORDER ? free_colour(plan, near, find_near(&fit->he, v, near)) : NONE;
+    }
+}
+
+static void sort_by_group(const struct plan *plan, size_t n) {
+    size_t *start = plan->start;
+    for (size_t v = 0; v < n; v++)
+        if (plan->group[v] != NONE) start[plan->group[v] + 2]++;
+    for (size_t g = 2; g < plan->groups + 2; g++) start[g] += start[g - 1];
+    for (uint32_t v = 0; v < n; v++)
+        if (plan->group[v] != NONE) plan->vertex[start[plan->group[v] + 1]++] = v;
+}
+
+static enum status plan_new(const struct fit *fit, struct plan *plan) {
+    size_t n = fit->mesh->vertex_count;
+    *plan = (struct plan){.fit = fit, .zones = fit->zones.count, .groups = fit->zones.count + COLOURS};
+    plan->place = alloc_array(n, 1);
+    plan->group = alloc_array(n, sizeof *plan->group);
+    plan->vertex = alloc_array(n, sizeof *plan->vertex);
+    plan->start = alloc_zeroed(plan->groups + 2, sizeof *plan->start);
+    if (!plan->place || !plan->group || !plan->vertex || !plan->start) return STATUS_NO_MEMORY;
+    find_groups(fit, plan);
+    sort_by_group(plan, n);
+    return STATUS_OK;
+}
+
+static void plan_done(struct plan *plan) {
+    free(plan->place), free(plan->group), free(plan->vertex), free(plan->start);
 }
 
 struct batch {
     struct fit *fit;
-    const uint32_t *vertex;
+    const struct plan *plan;
     uint32_t *left; /* the points that vertices left, or NONE */
     uint8_t *moved;
+    size_t begin; /* of the vertices that are moved in parallel, where each is a range of its own */
 };
 
-static void move_batch(void *ctx, size_t begin, size_t end) {
-    struct batch *batch = ctx;
+static void move_range(const struct batch *batch, size_t begin, size_t end) {
     for (size_t i = begin; i < end; i++) {
-        uint32_t v = batch->vertex[i], *source = batch->fit->mesh->source;
+        uint32_t v = batch->plan->vertex[i], *source = batch->fit->mesh->source;
         uint32_t before = source ? source[v] : NONE;
         batch->moved[i] = move_vertex(batch->fit, v);
         batch->left[i] = batch->moved[i] ? before : NONE;
     }
 }
 
-/* The coloured vertices: vertex[start[c] .. start[c + 1]). */
-static void sort_by_colour(const uint8_t *colour, size_t n, uint32_t *vertex, size_t start[COLOURS + 1]) {
-    size_t at[COLOURS] = {0};
-    memset(start, 0, (COLOURS + 1) * sizeof *start);
-    for (size_t v = 0; v < n; v++)
-        if (colour[v] < COLOURS) start[colour[v] + 1]++;
-    for (size_t c = 0; c < COLOURS; c++) start[c + 1] += start[c];
-    memcpy(at, start, sizeof at);
-    for (uint32_t v = 0; v < n; v++)
-        if (colour[v] < COLOURS) vertex[at[colour[v]]++] = v;
+static void move_zones(void *ctx, size_t begin, size_t end) {
+    const struct batch *batch = ctx;
+    move_range(batch, batch->plan->start[begin], batch->plan->start[end]);
 }
 
-/* Only what is stale is going to move. */
-static void paint(const struct fit *fit, uint8_t *colour) {
-    memset(colour, COLOURS, fit->mesh->vertex_count);
-    for (uint32_t v = 0; v < fit->mesh->vertex_count; v++)
-        if (fit->stale[v] && !fit->he.locked[v] && fit->he.out[v] != NONE) colour[v] = free_colour(&fit->he, colour, v);
+static void move_colour(void *ctx, size_t begin, size_t end) {
+    const struct batch *batch = ctx;
+    move_range(batch, batch->begin + begin, batch->begin + end);
 }
 
 /* The star has changed, and so have those of the neighbours. */
@@ -246,31 +313,41 @@ static void mark_moved(struct fit *fit, uint32_t vertex) {
     fit->stale[vertex] = 1;
 }
 
-/* Released points become free only when a colour is done, so that what a vertex may take doesn't depend on threads. */
-static size_t move_colour(struct batch *batch, size_t count) {
+/* Tells what has become of vertices after they were tried, in the same order; how many moved.  Points that they left
+ * become free only now, so that what a vertex may take doesn't depend on threads. */
+static size_t conclude(const struct batch *batch, size_t begin, size_t end) {
     size_t moves = 0;
-    par_for(batch->fit->threads, count, VERTEX_GRAIN, move_batch, batch);
-    for (size_t i = 0; i < count; i++) {
+    for (size_t i = begin; i < end; i++) {
+        uint32_t v = batch->plan->vertex[i];
         moves += batch->moved[i];
-        if (batch->moved[i]) mark_moved(batch->fit, batch->vertex[i]);
+        batch->fit->stale[v] = 0;
+        if (batch->moved[i]) mark_moved(batch->fit, v);
         fit_leave(batch->fit, batch->left[i]);
     }
     return moves;
 }
 
-enum status fit_move(struct fit *fit, size_t *moves) {
-    size_t n = fit->mesh->vertex_count, start[COLOURS + 1];
-    uint8_t *colour = alloc_array(n, 1), *moved = alloc_array(n, 1);
-    uint32_t *vertex = alloc_array(n, sizeof *vertex), *left = alloc_array(n, sizeof *left);
-    bool enough = colour && moved && vertex && left;
-    if (enough) {
-        paint(fit, colour);
-        sort_by_colour(colour, n, vertex, start);
-        for (size_t c = 0; c < COLOURS; c++) {
-            struct batch batch = {fit, vertex + start[c], left, moved};
-            *moves += move_colour(&batch, start[c + 1] - start[c]);
-        }
+static size_t move_groups(struct batch *batch) {
+    const struct plan *plan = batch->plan;
+    par_for(batch->fit->threads, plan->zones, 1, move_zones, batch);
+    size_t moves = conclude(batch, 0, plan->start[plan->zones]);
+    for (size_t g = plan->zones; g < plan->groups; g++) {
+        batch->begin = plan->start[g];
+        par_for(batch->fit->threads, plan->start[g + 1] - plan->start[g], VERTEX_GRAIN, move_colour, batch);
+        moves += conclude(batch, plan->start[g], plan->start[g + 1]);
     }
-    free(colour), free(moved), free(vertex), free(left);
-    return enough ? STATUS_OK : STATUS_NO_MEMORY;
+    return moves;
+}
+
+enum status fit_move(struct fit *fit, size_t *moves) {
+    struct plan plan;
+    size_t n = fit->mesh->vertex_count;
+    uint8_t *moved = alloc_array(n, 1);
+    uint32_t *left = alloc_array(n, sizeof *left);
+    enum status status = plan_new(fit, &plan);
+    if (!moved || !left) status = STATUS_NO_MEMORY;
+    if (status == STATUS_OK) *moves += move_groups(&(struct batch){fit, &plan, left, moved, 0});
+    plan_done(&plan);
+    free(moved), free(left);
+    return status;
 }

@@ -422,6 +422,7 @@ static void put_in(struct trade *trade, const struct offer *offer, struct halfed
         fit->mesh->tag[triangle[2]] = fit->mesh->tag[triangle[0]];
         fit->mesh->tag[triangle[3]] = fit->mesh->tag[triangle[1]];
     }
+    fit->zones.of[spare.vertex] = fit->zones.of[halfedge_from(&fit->he, h)];
     halfedge_split(&fit->he, h, spare);
     mark(fit, trade->changed, triangle, 4);
     struct deal *deal = &trade->deal[trade->deals++];

@@ -47,6 +47,11 @@ def loops_of(corners):
     return sorted(loops, key=len)
 
 
+def length_of(loop):
+    """Of a loop that is a list of points."""
+    return sum(map(math.dist, loop, loop[1:] + loop[:1]))
+
+
 def to_segment(p, a, b):
     along = [y - x for x, y in zip(a, b)]
     length_sq = sum(x * x for x in along)
@@ -57,4 +62,4 @@ def to_segment(p, a, b):
 def distances(points, loops):
     """From each point to the nearest segment of the loops, which are lists of points."""
     segments = [segment for loop in loops for segment in zip(loop, loop[1:] + loop[:1])]
-    return [min(to_segment(point, *segment) for segment in segments) for point in points]
+    return [min((to_segment(point, *segment) for segment in segments), default=math.inf) for point in points]

@@ -142,7 +142,7 @@ static void tear_down(struct scene *s) {
 static int excess_of(const struct scene *s) {
     struct mesh mesh;
     struct mesh_facts facts;
-    assert_int_equal(cocone_surface_extract(&s->star, NULL, false, 1, s->inside, &mesh), STATUS_OK);
+    assert_int_equal(cocone_surface_extract(&s->star, NULL, 1, s->inside, &mesh), STATUS_OK);
     assert_int_equal(mesh_examine(&mesh, &facts), STATUS_OK);
     assert_true(facts.watertight && facts.manifold);
     assert_int_equal(mesh.vertex_count, s->sites);

@@ -438,6 +438,68 @@ static void test_threads_change_nothing(void **state) {
     dense_done(&dense);
 }
 
+enum { FIELD = 121, STEP = 3, GRID = (FIELD - 1) / STEP + 1 };
+
+static double waves(double x, double y) { return 0.05 * sin(9 * x + 2 * y) * cos(7 * y); }
+
+/* Every third point of each row and column is a vertex: too many for one zone. */
+static struct mesh field_mesh(const struct dense *dense) {
+    static vec3 vertex[GRID * GRID];
+    static uint32_t triangle[2 * (GRID - 1) * (GRID - 1)][3];
+    size_t t = 0;
+    for (uint32_t v = 0; v < GRID * GRID; v++) vertex[v] = dense->point[STEP * (v / GRID * FIELD + v % GRID)];
+    for (uint32_t v = 0; v + GRID + 1 < GRID * GRID; v++) {
+        if (v % GRID == GRID - 1) continue;
+        memcpy(triangle[t++], (uint32_t[3]){v, v + 1, v + GRID + 1}, sizeof *triangle);
+        memcpy(triangle[t++], (uint32_t[3]){v, v + GRID + 1, v + GRID}, sizeof *triangle);
+    }
+    struct mesh mesh = mesh_new(vertex, GRID * GRID, (const uint32_t(*)[3])triangle, t);
+    for (uint32_t v = 0; v < GRID * GRID; v++) mesh.source[v] = STEP * (v / GRID * FIELD + v % GRID);
+    return mesh;
+}
+
+/* Every vertex is in a zone, none is too large, and most neighbours are in the same. */
+static void test_zones_are_compact(void **state) {
+    (void)state;
+    struct dense dense = dense_field(FIELD, waves);
+    struct mesh mesh = field_mesh(&dense);
+    struct halfedge he;
+    struct fit_zones zones;
+    size_t size[GRID * GRID] = {0}, apart = 0;
+    assert_int_equal(halfedge_init(&he, &mesh), STATUS_OK);
+    assert_int_equal(fit_zones_init(&zones, &he), STATUS_OK);
+    assert_true(zones.count > GRID * GRID / FIT_ZONE_MOST && zones.count < GRID * GRID / 100);
+    for (uint32_t v = 0; v < GRID * GRID; v++) {
+        assert_true(zones.of[v] < zones.count);
+        assert_true(++size[zones.of[v]] <= FIT_ZONE_MOST);
+    }
+    for (uint32_t h = 0; h < 3 * mesh.triangle_count; h++)
+        apart += zones.of[halfedge_from(&he, h)] != zones.of[halfedge_to(&he, h)];
+    assert_true(apart > 0 && apart < 3 * mesh.triangle_count / 5);
+    fit_zones_done(&zones);
+    halfedge_done(&he);
+    mesh_done(&mesh);
+    dense_done(&dense);
+}
+
+static void test_threads_change_nothing_in_many_zones(void **state) {
+    (void)state;
+    struct dense dense = dense_field(FIELD, waves);
+    struct refine_input input = dense_input(&dense);
+    struct mesh mesh[2];
+    struct refine_facts facts;
+    for (unsigned i = 0; i < 2; i++) {
+        struct refine_options options = {REFINE_FULL, PLACEMENT_SUBSET, 1 + 3 * i};
+        mesh[i] = field_mesh(&dense);
+        assert_int_equal(refine_mesh(&mesh[i], &input, &options, NULL, &facts), STATUS_OK);
+        assert_true(facts.moves > GRID && facts.mean_after < 0.8 * facts.mean_before);
+    }
+    assert_memory_equal(mesh[1].vertex, mesh[0].vertex, GRID * GRID * sizeof(vec3));
+    assert_memory_equal(mesh[1].triangle, mesh[0].triangle, mesh[0].triangle_count * sizeof(uint32_t[3]));
+    mesh_done(&mesh[0]), mesh_done(&mesh[1]);
+    dense_done(&dense);
+}
+
 /* ---------------------------------------------------------------------------------------------- faults */
 
 static bool fail_at(void *ctx) {
@@ -509,6 +571,8 @@ int main(void) {
         cmocka_unit_test(test_closed_stays_closed_and_gets_better),
         cmocka_unit_test(test_subset_stays_a_subset),
         cmocka_unit_test(test_threads_change_nothing),
+        cmocka_unit_test(test_zones_are_compact),
+        cmocka_unit_test(test_threads_change_nothing_in_many_zones),
         cmocka_unit_test(test_failure_leaves_the_mesh),
         cmocka_unit_test(test_cancel_leaves_the_mesh),
     };

@@ -23,11 +23,14 @@ enum { GRAIN = 64, ESTIMATES = 4096, DEALS = 16, ENDS = 3 };
 #define TELEPORT_MOST 0.2 /* of the vertices */
 #define LEAST_TURN 0.2    /* smallest cosine between the normals of a triangle and what takes its place */
 
-/* So many vertices are measured for leaving, and so many edges for being split, both for each vertex.  A vertex that
- * may stand anywhere finds more places that are worth it. */
+enum { PLACES = 6 };
+
+/* So many vertices are measured for leaving, and so many edges for being split, both for each vertex, and in so many
+ * places.  A vertex that may stand anywhere finds more that are worth it. */
 static const struct parts {
     double cheap, dear;
-} parts_of[] = {[PLACEMENT_SUBSET] = {0.2, 0.3}, [PLACEMENT_OPTIMAL] = {0.4, 0.6}};
+    size_t places; /* at most PLACES */
+} parts_of[] = {[PLACEMENT_SUBSET] = {0.2, 0.3, 4}, [PLACEMENT_OPTIMAL] = {0.4, 0.6, PLACES}};
 
 static size_t part_of(const struct fit *fit, double part) {
     return (size_t)(part * (double)fit->mesh->vertex_count) + 1;
@@ -214,8 +217,6 @@ static double cost_of_split(const struct fit *fit, struct gap *gap, uint32_t h, 
     return fit_stays(fit, &gap->region, &gap->new) ? cost : INFINITY;
 }
 
-enum { PLACES = 4 };
-
 struct place {
     float distance_sq;
     uint32_t sample;
@@ -224,11 +225,12 @@ struct place {
 /* Puts the samples of a cluster among the places as far as they are farther off; the number of places. */
 static size_t farthest_among(const struct fit *fit, const struct cluster *cluster, const float *distance_sq,
                              struct place place[PLACES], size_t count) {
+    size_t most = parts_of[fit->placement].places;
     for (size_t i = 0; i < cluster->n; i++) {
-        if (count == PLACES && distance_sq[i] <= place[count - 1].distance_sq) continue;
+        if (count == most && distance_sq[i] <= place[count - 1].distance_sq) continue;
         uint32_t point = samples_point(&fit->samples, cluster->sample[i]);
         if (fit->placement == PLACEMENT_SUBSET && (point == NONE || fit->taken[point])) continue;
-        size_t at = count < PLACES ? count++ : count - 1;
+        size_t at = count < most ? count++ : count - 1;
         for (; at > 0 && place[at - 1].distance_sq < distance_sq[i]; at--) place[at] = place[at - 1];
         place[at] = (struct place){distance_sq[i], cluster->sample[i]};
     }

@@ -291,18 +291,10 @@ struct shortlist {
     uint64_t *item;
 };
 
-/* Positive floats are in the order of their bits. */
-static uint32_t rising_key(double x) {
-    float value = (float)x;
-    uint32_t bits;
-    memcpy(&bits, &value, sizeof bits);
-    return bits;
-}
-
 static void estimate_merges(void *ctx, size_t begin, size_t end) {
     struct shortlist *list = ctx;
     for (size_t v = begin; v < end; v++)
-        list->item[v] = radix_item(rising_key(merge_estimate(list->fit, (uint32_t)v)), (uint32_t)v);
+        list->item[v] = radix_item(radix_key_of(merge_estimate(list->fit, (uint32_t)v)), (uint32_t)v);
 }
 
 /* An edge by its triangles' cost, the dearest first; one that can't be split, or its twin, last. */
@@ -312,7 +304,7 @@ static void estimate_splits(void *ctx, size_t begin, size_t end) {
     for (size_t h = begin; h < end; h++) {
         uint32_t g = fit->he.twin[h];
         bool counts = g != NONE && g > h;
-        uint32_t key = counts ? rising_key(fit->cost[h / 3] + fit->cost[g / 3]) : 0;
+        uint32_t key = counts ? radix_key_of(fit->cost[h / 3] + fit->cost[g / 3]) : 0;
         list->item[h] = radix_item(UINT32_MAX - key, (uint32_t)h);
     }
 }
@@ -330,7 +322,7 @@ static size_t offer_merges(struct fit *fit, uint64_t *item, struct offer *offer)
     size_t n = fit->mesh->vertex_count, most = part_of(fit, parts_of[fit->placement].cheap), count = 0;
     par_for(fit->threads, n, ESTIMATES, estimate_merges, &(struct shortlist){fit, item});
     const uint64_t *sorted = radix_sort(item, item + n, n, fit->threads);
-    while (count < n && count < most && radix_key(sorted[count]) < rising_key(INFINITY)) count++;
+    while (count < n && count < most && radix_key(sorted[count]) < radix_key_of(INFINITY)) count++;
     sorted = sort_by_value(sorted, item, n, count);
     for (size_t i = 0; i < count; i++) offer[i] = (struct offer){.halfedge = NONE, .source = radix_value(sorted[i])};
     par_for(fit->threads, count, GRAIN, measure_merges, &(struct market){fit, offer});

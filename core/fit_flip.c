@@ -87,8 +87,8 @@ static double flip_gain(const struct fit *fit, uint32_t h, const struct surface 
     region.n = 2;
     region.triangle[0] = h / 3, region.triangle[1] = g / 3;
     fit_gather(fit, &region);
-    double in_gap = fit_gap_gain(fit, &region, h, made);
-    if (fit_is_exact(&region, cost) && !(in_gap > 0)) return 0;
+    double weight = cluster_weight(&region.cluster), in_gap = fit_gap_gain(fit, &region, weight, h, made);
+    if (fit_is_exact(weight, cost) && !(in_gap > 0)) return 0;
     double gain = cost + in_gap - fit_cost_with(fit, &region, made, cost + in_gap);
     if (!(gain > FLIP_LEAST_GAIN * cost) || !flip_is_possible(fit, h)) return 0;
     return in_gap > 0 || fit_stays(fit, &region, made) ? gain : 0;

@@ -257,7 +257,7 @@ static struct offer best_split(const struct fit *fit, uint32_t h) {
     struct gap gap;
     gap_of(fit, h, &gap);
     struct place place[PLACES];
-    if (fit_is_exact(&gap.region, gap.cost)) return best;
+    if (fit_is_exact(cluster_weight(&gap.region.cluster), gap.cost)) return best;
     size_t count = farthest(fit, &gap, place);
     for (size_t i = 0; i < count; i++) {
         vec3 at = fit->samples.sample[place[i].sample].place;

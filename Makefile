@@ -308,6 +308,7 @@ FUZZ_SECONDS ?= 20
 CORPORA ?= $(abspath build/fuzz/tests/fuzz)
 ifeq ($(config),fuzz)
 $(build)/tests/fuzz/fuzz_http: $(build)/tests/unit/folder.o
+$(build)/tests/fuzz/fuzz_http: override LDFLAGS += -Wl,--wrap=log_line,--wrap=log_vline
 $(fuzz_programs): $(build)/%: $(build)/%.o $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@
 	$(Q)$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $(objects_first) -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CODEC_LIBS) -lm

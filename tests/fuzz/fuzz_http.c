@@ -50,18 +50,21 @@ static void require(int condition) {
 /* ------------------------------------------------------------------------------------------------ around the service
  */
 
-/* What the service can't do is a finding. */
-void log_vline(enum log_level level, const char *format, va_list args) {
+/* What the service can't do is a finding: the linker puts these in the place of the log's own. */
+void __wrap_log_vline(enum log_level level, const char *format, va_list args) __attribute__((format(printf, 2, 0)));
+void __wrap_log_line(enum log_level level, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+void __wrap_log_vline(enum log_level level, const char *format, va_list args) {
     char line[1024];
     require(vsnprintf(line, sizeof line, format, args) >= 0);
     if (level == LOG_ERROR) fprintf(stderr, "%s\n", line);
     require(level != LOG_ERROR);
 }
 
-void log_line(enum log_level level, const char *format, ...) {
+void __wrap_log_line(enum log_level level, const char *format, ...) {
     va_list args;
     va_start(args, format);
-    log_vline(level, format, args);
+    __wrap_log_vline(level, format, args);
     va_end(args);
 }
 

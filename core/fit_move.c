@@ -23,7 +23,7 @@
 #include "core/par.h"
 #include "core/sym3.h"
 
-enum { VERTEX_GRAIN = 16, COLOURS = 64, CANDIDATES = 3 };
+enum { VERTEX_GRAIN = 16, PLACE_GRAIN = 512, COLOURS = 64, CANDIDATES = 3 };
 
 #define MOVE_LEAST_GAIN 1e-3 /* of what the star costs */
 #define MOVE_HOPELESS 1.5    /* of what the star costs: where the first choice is over that, the others are no better */
@@ -96,11 +96,11 @@ static bool move_is_fair(const struct fit *fit, const struct star *star) {
 }
 
 /* The star's cost with the vertex at place, or INFINITY when that isn't fair.  What isn't under limit is known less
- * well, and not looked at any further, but it is known whether that is hopeless. */
-static double cost_at(const struct fit *fit, struct star *star, vec3 place, double limit) {
+ * well, and not looked at any further, but it is known whether it is over `most` (at least limit). */
+static double cost_at(const struct fit *fit, struct star *star, vec3 place, double limit, double most) {
     set_new_frames(star, &place);
     if (!move_is_fair(fit, star)) return INFINITY;
-    double cost = fit_cost_with(fit, &star->region, &star->new, MOVE_HOPELESS * star->cost);
+    double cost = fit_cost_with(fit, &star->region, &star->new, most);
     return cost >= limit || fit_stays(fit, &star->region, &star->new) ? cost : INFINITY;
 }
 
@@ -116,7 +116,7 @@ static bool move_freely(struct fit *fit, struct star *star, vec3 step) {
     double limit = star->cost * (1 - MOVE_LEAST_GAIN);
     for (size_t i = 0; i < sizeof part / sizeof *part; i++) {
         vec3 place = vec3_add(from, vec3_scale(step, part[i]));
-        if (cost_at(fit, star, place, limit) >= limit) continue;
+        if (cost_at(fit, star, place, limit, limit) >= limit) continue;
         settle(fit, star, place, NONE);
         return true;
     }
@@ -163,11 +163,12 @@ static bool move_to_point(struct fit *fit, struct star *star, const struct clust
     struct choice choice[CANDIDATES];
     size_t count = choose(fit, star, model, step, choice);
     double limit = star->cost * (1 - MOVE_LEAST_GAIN);
+    double hopeless = MOVE_HOPELESS * star->cost;
     uint32_t best = NONE;
     for (size_t i = 0; i < count; i++) {
-        double cost = cost_at(fit, star, fit->input->points[choice[i].point], limit);
+        double cost = cost_at(fit, star, fit->input->points[choice[i].point], limit, i == 0 ? hopeless : limit);
         if (cost < limit) limit = cost, best = choice[i].point;
-        if (i == 0 && cost < INFINITY && cost > MOVE_HOPELESS * star->cost) break;
+        if (i == 0 && cost < INFINITY && cost > hopeless) break;
     }
     if (best == NONE) return false;
     fit_take(fit, best);
@@ -178,7 +179,7 @@ static bool move_to_point(struct fit *fit, struct star *star, const struct clust
 static bool move_vertex(struct fit *fit, uint32_t vertex) {
     struct star star;
     if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE || !star_of(fit, vertex, &star)) return false;
-    if (fit_is_exact(&star.region, star.cost)) return false;
+    if (fit_is_exact(cluster_weight(&star.region.cluster), star.cost)) return false;
     struct cluster_model model = fit_model(fit, &star.region, &star.old, fit->near);
     vec3 step = model_minimum(&model);
     return fit->placement == PLACEMENT_SUBSET ? move_to_point(fit, &star, &model, step) : move_freely(fit, &star, step);
@@ -198,17 +199,30 @@ static size_t find_near(const struct halfedge *he, uint32_t vertex, uint32_t nea
 
 /* In which order vertices are moved: group by group.  Each zone is a group, and after them each colour. */
 struct plan {
+    const struct fit *fit;
+    uint8_t *place;  /* of each vertex that is due: enum place */
     uint32_t *group; /* of each vertex, or NONE for those that aren't due */
     uint32_t *vertex;
     size_t *start; /* vertex[start[g] .. start[g + 1]) are those of group g */
     size_t zones, groups;
 };
 
-/* Whether no vertex near this one is due in another zone. */
-static bool is_inside(const struct fit *fit, const uint32_t *group, const uint32_t *near, size_t n, uint32_t zone) {
+enum place { INSIDE, ON_BORDER, IN_A_CROWD };
+
+/* Inside where no vertex near this one is due in another zone. */
+static enum place place_of(const struct plan *plan, uint32_t vertex) {
+    uint32_t near[2 * FIT_MAX_RING];
+    size_t n = find_near(&plan->fit->he, vertex, near);
+    if (n == 0) return IN_A_CROWD;
     for (size_t i = 0; i < n; i++)
-        if (group[near[i]] != NONE && fit->zones.of[near[i]] != zone) return false;
-    return true;
+        if (plan->group[near[i]] != NONE && plan->group[near[i]] != plan->group[vertex]) return ON_BORDER;
+    return INSIDE;
+}
+
+static void find_places(void *ctx, size_t begin, size_t end) {
+    const struct plan *plan = ctx;
+    for (size_t v = begin; v < end; v++)
+        if (plan->group[v] != NONE) plan->place[v] = (uint8_t)place_of(plan, (uint32_t)v);
 }
 
 /* The lowest colour that no vertex near this one has. */
@@ -222,17 +236,16 @@ static uint32_t free_colour(const struct plan *plan, const uint32_t *near, size_
 }
 
 /* Only what is stale is going to move. */
-static void find_groups(const struct fit *fit, const struct plan *plan) {
+static void find_groups(const struct fit *fit, struct plan *plan) {
     uint32_t near[2 * FIT_MAX_RING], *group = plan->group;
     for (uint32_t v = 0; v < fit->mesh->vertex_count; v++) {
         bool due = fit->stale[v] && !fit->he.locked[v] && fit->he.out[v] != NONE;
         group[v] = due ? fit->zones.of[v] : NONE;
     }
+    par_for(fit->threads, fit->mesh->vertex_count, PLACE_GRAIN, find_places, plan);
     for (uint32_t v = 0; v < fit->mesh->vertex_count; v++) {
-        if (group[v] == NONE) continue;
-        size_t n = find_near(&fit->he, v, near);
-        if (!is_inside(fit, group, near, n, fit->zones.of[v])) group[v] = free_colour(plan, near, n);
-        if (n == 0) group[v] = NONE;
+        if (group[v] == NONE || plan->place[v] == INSIDE) continue;
+        group[v] = plan->place[v] == ON_BORDER ? free_colour(plan, near, find_near(&fit->he, v, near)) : NONE;
     }
 }
 
@@ -247,17 +260,20 @@ static void sort_by_group(const struct plan *plan, size_t n) {
 
 static enum status plan_new(const struct fit *fit, struct plan *plan) {
     size_t n = fit->mesh->vertex_count;
-    *plan = (struct plan){.zones = fit->zones.count, .groups = fit->zones.count + COLOURS};
+    *plan = (struct plan){.fit = fit, .zones = fit->zones.count, .groups = fit->zones.count + COLOURS};
+    plan->place = alloc_array(n, 1);
     plan->group = alloc_array(n, sizeof *plan->group);
     plan->vertex = alloc_array(n, sizeof *plan->vertex);
     plan->start = alloc_zeroed(plan->groups + 2, sizeof *plan->start);
-    if (!plan->group || !plan->vertex || !plan->start) return STATUS_NO_MEMORY;
+    if (!plan->place || !plan->group || !plan->vertex || !plan->start) return STATUS_NO_MEMORY;
     find_groups(fit, plan);
     sort_by_group(plan, n);
     return STATUS_OK;
 }
 
-static void plan_done(struct plan *plan) { free(plan->group), free(plan->vertex), free(plan->start); }
+static void plan_done(struct plan *plan) {
+    free(plan->place), free(plan->group), free(plan->vertex), free(plan->start);
+}
 
 struct batch {
     struct fit *fit;

@@ -71,12 +71,30 @@ INLINE void rank_near(struct ranking *r) {
     }
 }
 
+/* The same with two vectors of two. */
+INLINE void rank_near_narrow(struct ranking *r) {
+    for (unsigned i = 0; i < r->count; i += LANES) {
+        lanes_half low = {r->near[i], r->near[i + 1]}, high = {r->near[i + 2], r->near[i + 3]};
+        lanes_half_mask low_rank = {0}, high_rank = {0};
+        for (unsigned j = 0; j < r->count; j++) {
+            lanes_half other = {r->near[j], r->near[j]};
+            low_rank -= other < low;
+            high_rank -= other < high;
+        }
+        r->ranked[low_rank[0]] = low[0], r->ranked[low_rank[1]] = low[1];
+        r->ranked[high_rank[0]] = high[0], r->ranked[high_rank[1]] = high[1];
+    }
+}
+
 FOR_EACH_PROCESSOR
 static void rank(const struct knn_group *g, vec3 query, unsigned k, double usual, struct ranking *r) {
     measure(g, query, r);
     select_near(g->count, NEAR * usual * usual, r);
     if (r->count < k) select_near(g->count, FARTHEST, r);
-    rank_near(r);
+    if (processor_is_wide())
+        rank_near(r);
+    else
+        rank_near_narrow(r);
 }
 
 static uint64_t bits_of(double key) {

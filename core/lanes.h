@@ -16,6 +16,8 @@
 enum { LANES = 4 };
 typedef double lanes __attribute__((vector_size(32)));
 typedef int64_t lanes_mask __attribute__((vector_size(32)));
+typedef double lanes_half __attribute__((vector_size(16)));
+typedef int64_t lanes_half_mask __attribute__((vector_size(16)));
 typedef double lanes_loose __attribute__((vector_size(32), aligned(8), may_alias)); /* in memory */
 
 INLINE lanes lanes_all(double x) { return (lanes){x, x, x, x}; }

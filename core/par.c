@@ -29,7 +29,7 @@
 
 #include "core/alloc.h"
 
-enum { MAX_THREADS = 256, LOOKS = 1000 };
+enum { MAX_THREADS = 256, LOOKS = 4000 };
 
 struct loop {
     atomic_size_t next; /* first index that nobody has taken */

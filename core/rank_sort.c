@@ -11,9 +11,10 @@
 
 #include "core/lanes.h"
 
-enum { EIGHT = 8, FEW = 64, EMPTY = -1 }; /* EMPTY is NONE, signed: comparisons of vectors are */
+enum { EIGHT = 8, FOUR = 4, FEW = 64, EMPTY = -1 }; /* EMPTY is NONE, signed: comparisons of vectors are */
 
 typedef int32_t eight __attribute__((vector_size(32)));
+typedef int32_t four __attribute__((vector_size(16)));
 
 INLINE eight eight_at(const int32_t *p) {
     eight x;
@@ -33,6 +34,22 @@ INLINE void place_all(const int32_t *from, unsigned n, int32_t *to) {
     }
 }
 
+/* The same with two vectors of four. */
+INLINE void place_all_narrow(const int32_t *from, unsigned n, int32_t *to) {
+    for (unsigned i = 0; i < n; i += EIGHT) {
+        four low, high, low_place = {0}, high_place = {0};
+        memcpy(&low, &from[i], sizeof low);
+        memcpy(&high, &from[i + FOUR], sizeof high);
+        for (unsigned j = 0; j < n; j++) {
+            four other = {from[j], from[j], from[j], from[j]};
+            low_place -= other < low;
+            high_place -= other < high;
+        }
+        for (unsigned lane = 0; lane < FOUR; lane++) to[low_place[lane]] = low[lane];
+        for (unsigned lane = 0; lane < FOUR; lane++) to[high_place[lane]] = high[lane];
+    }
+}
+
 FOR_EACH_PROCESSOR
 static unsigned sort_few(uint32_t *id, unsigned n) {
     int32_t from[FEW + EIGHT], to[FEW + 1];
@@ -40,7 +57,10 @@ static unsigned sort_few(uint32_t *id, unsigned n) {
     memcpy(from, id, n * sizeof *id);
     for (unsigned i = 0; i < EIGHT; i++) from[n + i] = INT32_MAX;
     for (unsigned i = 0; i < n; i++) to[i] = EMPTY;
-    place_all(from, n, to);
+    if (processor_is_wide())
+        place_all(from, n, to);
+    else
+        place_all_narrow(from, n, to);
     for (unsigned i = 0; i < n; i++) {
         id[count] = (uint32_t)to[i];
         count += to[i] != EMPTY;

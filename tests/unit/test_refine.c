@@ -209,6 +209,14 @@ static struct dense sphere_points(void) {
     return dense;
 }
 
+/* So few for each triangle of the mesh that a closer look is worth it. */
+static struct dense fewer_sphere_points(void) {
+    struct dense dense = sphere_points();
+    dense.n /= 4;
+    for (size_t k = 0; k < dense.n; k++) dense.point[k] = dense.point[4 * k], dense.normal[k] = dense.normal[4 * k];
+    return dense;
+}
+
 static uint32_t nearest_point(const struct dense *dense, vec3 p, const uint32_t *used, size_t n) {
     uint32_t best = NONE;
     for (uint32_t i = 0; i < dense->n; i++) {
@@ -314,9 +322,7 @@ static size_t count_listed(const struct fit *fit, uint32_t t, uint8_t *seen) {
 /* After a closer look every sample is in one list, and the whole mesh is to be tried again. */
 static void test_a_closer_look_has_all_samples_in_the_lists(void **state) {
     (void)state;
-    struct dense dense = sphere_points();
-    dense.n /= 4;
-    for (size_t k = 0; k < dense.n; k++) dense.point[k] = dense.point[4 * k], dense.normal[k] = dense.normal[4 * k];
+    struct dense dense = fewer_sphere_points();
     struct mesh mesh = sphere_mesh(&dense);
     struct neighbourhood hood = dense_hood(&dense);
     struct umbrellas umbrellas = {0};
@@ -507,13 +513,13 @@ static bool fail_at(void *ctx) {
     return (*left)-- == 0;
 }
 
-static void test_failure_leaves_the_mesh(void **state) {
-    (void)state;
-    struct dense dense = sphere_points();
-    struct mesh mesh = sphere_mesh(&dense), copy = sphere_mesh(&dense);
-    struct refine_input input = dense_input(&dense);
-    struct refine_options options = {REFINE_FULL, PLACEMENT_SUBSET, 1};
+static void fail_each_allocation(const struct dense *dense, const struct neighbourhood *hood,
+                                 enum placement placement) {
+    struct mesh mesh = sphere_mesh(dense), copy = sphere_mesh(dense);
+    struct refine_input input = dense_input(dense);
+    struct refine_options options = {REFINE_FULL, placement, 1};
     int failures = 0;
+    input.hood = hood;
     alloc_fail = fail_at;
     for (int n = 0; n < 1000; n++) {
         int left = n;
@@ -529,7 +535,16 @@ static void test_failure_leaves_the_mesh(void **state) {
     assert_true(failures > 10 && failures < 1000);
     mesh_done(&mesh);
     mesh_done(&copy);
-    dense_done(&dense);
+}
+
+static void test_failure_leaves_the_mesh(void **state) {
+    (void)state;
+    struct dense dense = sphere_points(), fewer = fewer_sphere_points();
+    struct neighbourhood hood = dense_hood(&fewer);
+    fail_each_allocation(&dense, NULL, PLACEMENT_SUBSET);
+    fail_each_allocation(&fewer, &hood, PLACEMENT_OPTIMAL);
+    neighbourhood_done(&hood);
+    dense_done(&dense), dense_done(&fewer);
 }
 
 static int stop_at(void *ctx, const char *stage, double fraction) {

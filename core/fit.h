@@ -56,12 +56,12 @@ struct fit {
     struct samples samples;
     struct sample_lists lists; /* of each triangle */
     struct fit_zones zones;
-    double *cost;              /* triangle_count */
-    struct facing *facing;     /* triangle_count */
-    uint8_t *taken;            /* input->n: how many vertices stand there, up to 255 */
-    uint8_t *stale;            /* vertex_count: its star has changed since it was last tried */
-    uint8_t *touched;          /* triangle_count: it has changed since its edges were last tried */
-    uint8_t *postponed;        /* triangle_count: all 0 between passes */
+    double *cost;          /* triangle_count */
+    struct facing *facing; /* triangle_count */
+    uint8_t *taken;        /* input->n: how many vertices stand there, up to 255 */
+    uint8_t *stale;        /* vertex_count: its star has changed since it was last tried */
+    uint8_t *touched;      /* triangle_count: it has changed since its edges were last tried */
+    uint8_t *postponed;    /* triangle_count: all 0 between passes */
 };
 
 enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_input *input,
@@ -119,10 +119,8 @@ const struct fit_region *fit_next_part(const struct fit *fit, const struct fit_r
 /* Gathers the samples of region->triangle[0 .. n). */
 void fit_gather(const struct fit *fit, struct fit_region *region);
 
-/* Whether the region costs so little that it is rounding. */
-static inline bool fit_is_exact(const struct fit_region *region, double cost) {
-    return !(cost > FIT_EXACT * cluster_weight(&region->cluster));
-}
+/* Whether samples of this weight cost so little that it is rounding. */
+static inline bool fit_is_exact(double weight, double cost) { return !(cost > FIT_EXACT * weight); }
 
 /* The quadric of a vertex whose star the region is; the surface is made of its triangles, and has it as corner a. */
 struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region, const struct surface *star,

@@ -19,7 +19,7 @@
 
 enum { POINT_GRAIN = 1024, FRAME_GRAIN = 1024, LIST_GRAIN = 512 };
 
-#define TRUSTED 0.1 /* of the spacing: farther off than that, a sample is looked for in the hierarchy as well */
+#define TRUSTED 0.15 /* of the spacing: farther off than that, a sample is looked for in the hierarchy as well */
 
 struct assignment {
     const struct fit *fit;

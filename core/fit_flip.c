@@ -16,6 +16,7 @@
 #include "core/cloud.h"
 #include "core/fit_gap.h"
 #include "core/par.h"
+#include "core/radix.h"
 
 enum { EDGE_GRAIN = 256, SHARE_GRAIN = 64 };
 
@@ -29,6 +30,8 @@ struct candidate {
 struct round {
     struct fit *fit;
     struct candidate *candidate;
+    uint64_t *room; /* for twice as many items of radix_sort */
+    uint64_t *item; /* in the room: edges that are flipped */
 };
 
 /* The two triangles that the flip of h would make. */
@@ -84,8 +87,8 @@ static double flip_gain(const struct fit *fit, uint32_t h, const struct surface 
     region.n = 2;
     region.triangle[0] = h / 3, region.triangle[1] = g / 3;
     fit_gather(fit, &region);
-    double in_gap = fit_gap_gain(fit, &region, h, made);
-    if (fit_is_exact(&region, cost) && !(in_gap > 0)) return 0;
+    double weight = cluster_weight(&region.cluster), in_gap = fit_gap_gain(fit, &region, weight, h, made);
+    if (fit_is_exact(weight, cost) && !(in_gap > 0)) return 0;
     double gain = cost + in_gap - fit_cost_with(fit, &region, made, cost + in_gap);
     if (!(gain > FLIP_LEAST_GAIN * cost) || !flip_is_possible(fit, h)) return 0;
     return in_gap > 0 || fit_stays(fit, &region, made) ? gain : 0;
@@ -110,12 +113,6 @@ static void measure(void *ctx, size_t begin, size_t end) {
         measure_batch(round->fit, &round->candidate[i], end - i < BATCH ? end - i : BATCH);
 }
 
-static int compare_gain(const void *a, const void *b) {
-    const struct candidate *x = a, *y = b;
-    if (x->gain != y->gain) return x->gain > y->gain ? -1 : 1;
-    return (x->halfedge > y->halfedge) - (x->halfedge < y->halfedge);
-}
-
 /* The edges of touched triangles, once each, and each by the lower of its half-edges; no triangle is touched
  * afterwards. */
 static size_t collect(struct fit *fit, struct candidate *candidate) {
@@ -132,11 +129,14 @@ static size_t collect(struct fit *fit, struct candidate *candidate) {
     return count;
 }
 
-static size_t keep_rewarding(struct candidate *candidate, size_t count) {
+/* The edges that gain, the most rewarding first, are set as the values of round->item; their number. */
+static size_t sort_rewarding(struct round *round, size_t count) {
     size_t kept = 0;
-    for (size_t i = 0; i < count; i++)
-        if (candidate[i].gain > 0) candidate[kept++] = candidate[i];
-    qsort(candidate, kept, sizeof *candidate, compare_gain);
+    for (size_t i = 0; i < count; i++) {
+        const struct candidate *c = &round->candidate[i];
+        if (c->gain > 0) round->room[kept++] = radix_item(UINT32_MAX - radix_key_of(c->gain), c->halfedge);
+    }
+    round->item = radix_sort(round->room, round->room + kept, kept, round->fit->threads);
     return kept;
 }
 
@@ -162,36 +162,40 @@ static void flip(struct fit *fit, uint32_t h) {
     }
 }
 
-/* Flips the candidates that are still what they were measured as, and keeps those; their number. */
-static size_t flip_fresh(struct fit *fit, struct candidate *candidate, size_t count) {
+/* Flips the edges that are still what they were measured as, and keeps those, in the order of memory, in which their
+ * samples are handed out faster; their number. */
+static size_t flip_fresh(struct round *round, size_t count) {
+    struct fit *fit = round->fit;
     size_t flips = 0;
     for (size_t i = 0; i < count; i++) {
-        uint32_t h = candidate[i].halfedge;
+        uint32_t h = radix_value(round->item[i]);
         if (is_outdated(fit, h)) {
             fit->postponed[h / 3] = 1;
         } else if (flip_is_possible(fit, h)) {
             flip(fit, h);
-            candidate[flips++] = candidate[i];
+            round->item[flips++] = radix_item(h, h);
         }
     }
+    memmove(round->room, round->item, flips * sizeof *round->item);
+    round->item = radix_sort(round->room, round->room + flips, flips, fit->threads);
     return flips;
 }
 
 static void share_flipped(void *ctx, size_t begin, size_t end) {
     struct round *round = ctx;
     for (size_t i = begin; i < end; i++) {
-        uint32_t t = round->candidate[i].halfedge / 3;
+        uint32_t t = radix_value(round->item[i]) / 3;
         uint32_t triangle[2] = {t, round->fit->he.twin[3 * t + 1] / 3};
         fit_share(round->fit, triangle, 2, triangle, 2);
     }
 }
 
-static size_t flip_round(struct fit *fit, struct candidate *candidate) {
-    struct round round = {fit, candidate};
-    size_t count = collect(fit, candidate);
-    par_for(fit->threads, count, EDGE_GRAIN, measure, &round);
-    size_t flips = flip_fresh(fit, candidate, keep_rewarding(candidate, count));
-    par_for(fit->threads, flips, SHARE_GRAIN, share_flipped, &round);
+static size_t flip_round(struct round *round) {
+    struct fit *fit = round->fit;
+    size_t count = collect(fit, round->candidate);
+    par_for(fit->threads, count, EDGE_GRAIN, measure, round);
+    size_t flips = flip_fresh(round, sort_rewarding(round, count));
+    par_for(fit->threads, flips, SHARE_GRAIN, share_flipped, round);
     for (size_t t = 0; t < fit->mesh->triangle_count; t++) {
         fit->touched[t] |= fit->postponed[t];
         fit->postponed[t] = 0;
@@ -200,13 +204,16 @@ static size_t flip_round(struct fit *fit, struct candidate *candidate) {
 }
 
 enum status fit_flip(struct fit *fit, size_t rounds, size_t *flips) {
-    struct candidate *candidate = alloc_array(3 * fit->mesh->triangle_count / 2 + 1, sizeof *candidate);
-    if (!candidate) return STATUS_NO_MEMORY;
-    for (size_t round = 0; round < rounds; round++) {
-        size_t made = flip_round(fit, candidate);
+    size_t most = 3 * fit->mesh->triangle_count / 2 + 1;
+    struct round round = {.fit = fit};
+    round.candidate = alloc_array(most, sizeof *round.candidate);
+    round.room = alloc_array(2 * most, sizeof *round.room);
+    bool enough = round.candidate && round.room;
+    for (size_t i = 0; enough && i < rounds; i++) {
+        size_t made = flip_round(&round);
         *flips += made;
         if (made == 0) break;
     }
-    free(candidate);
-    return STATUS_OK;
+    free(round.candidate), free(round.room);
+    return enough ? STATUS_OK : STATUS_NO_MEMORY;
 }

@@ -18,10 +18,11 @@ double fit_gap_unit_area(const struct fit *fit, double total_weight) {
     return total_weight > 0 ? area / total_weight : INFINITY;
 }
 
-double fit_gap_gain(const struct fit *fit, const struct fit_region *region, uint32_t h, const struct surface *made) {
+double fit_gap_gain(const struct fit *fit, const struct fit_region *region, double weight, uint32_t h,
+                    const struct surface *made) {
     if (region->reached < region->n) return 0;
     double area = surface_area(made, 0) + surface_area(made, 1);
-    double missing = area / fit->unit_area - SAMPLED * cluster_weight(&region->cluster);
+    double missing = area / fit->unit_area - SAMPLED * weight;
     if (!(missing > 0)) return 0;
     uint32_t g = fit->he.twin[h];
     double before = vec3_distance(fit_corner(fit, h), fit_corner(fit, g));

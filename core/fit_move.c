@@ -179,7 +179,7 @@ static bool move_to_point(struct fit *fit, struct star *star, const struct clust
 static bool move_vertex(struct fit *fit, uint32_t vertex) {
     struct star star;
     if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE || !star_of(fit, vertex, &star)) return false;
-    if (fit_is_exact(&star.region, star.cost)) return false;
+    if (fit_is_exact(cluster_weight(&star.region.cluster), star.cost)) return false;
     struct cluster_model model = fit_model(fit, &star.region, &star.old, fit->near);
     vec3 step = model_minimum(&model);
     return fit->placement == PLACEMENT_SUBSET ? move_to_point(fit, &star, &model, step) : move_freely(fit, &star, step);

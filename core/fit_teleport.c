@@ -23,11 +23,14 @@ enum { GRAIN = 64, ESTIMATES = 4096, DEALS = 16, ENDS = 3 };
 #define TELEPORT_MOST 0.2 /* of the vertices */
 #define LEAST_TURN 0.2    /* smallest cosine between the normals of a triangle and what takes its place */
 
-/* So many vertices are measured for leaving, and so many edges for being split, both for each vertex.  A vertex that
- * may stand anywhere finds more places that are worth it. */
+enum { PLACES = 6 };
+
+/* So many vertices are measured for leaving, and so many edges for being split, both for each vertex, and in so many
+ * places.  A vertex that may stand anywhere finds more that are worth it. */
 static const struct parts {
     double cheap, dear;
-} parts_of[] = {[PLACEMENT_SUBSET] = {0.2, 0.3}, [PLACEMENT_OPTIMAL] = {0.4, 0.6}};
+    size_t places; /* at most PLACES */
+} parts_of[] = {[PLACEMENT_SUBSET] = {0.2, 0.3, 4}, [PLACEMENT_OPTIMAL] = {0.4, 0.6, PLACES}};
 
 static size_t part_of(const struct fit *fit, double part) {
     return (size_t)(part * (double)fit->mesh->vertex_count) + 1;
@@ -214,8 +217,6 @@ static double cost_of_split(const struct fit *fit, struct gap *gap, uint32_t h, 
     return fit_stays(fit, &gap->region, &gap->new) ? cost : INFINITY;
 }
 
-enum { PLACES = 4 };
-
 struct place {
     float distance_sq;
     uint32_t sample;
@@ -224,11 +225,12 @@ struct place {
 /* Puts the samples of a cluster among the places as far as they are farther off; the number of places. */
 static size_t farthest_among(const struct fit *fit, const struct cluster *cluster, const float *distance_sq,
                              struct place place[PLACES], size_t count) {
+    size_t most = parts_of[fit->placement].places;
     for (size_t i = 0; i < cluster->n; i++) {
-        if (count == PLACES && distance_sq[i] <= place[count - 1].distance_sq) continue;
+        if (count == most && distance_sq[i] <= place[count - 1].distance_sq) continue;
         uint32_t point = samples_point(&fit->samples, cluster->sample[i]);
         if (fit->placement == PLACEMENT_SUBSET && (point == NONE || fit->taken[point])) continue;
-        size_t at = count < PLACES ? count++ : count - 1;
+        size_t at = count < most ? count++ : count - 1;
         for (; at > 0 && place[at - 1].distance_sq < distance_sq[i]; at--) place[at] = place[at - 1];
         place[at] = (struct place){distance_sq[i], cluster->sample[i]};
     }
@@ -255,7 +257,7 @@ static struct offer best_split(const struct fit *fit, uint32_t h) {
     struct gap gap;
     gap_of(fit, h, &gap);
     struct place place[PLACES];
-    if (fit_is_exact(&gap.region, gap.cost)) return best;
+    if (fit_is_exact(cluster_weight(&gap.region.cluster), gap.cost)) return best;
     size_t count = farthest(fit, &gap, place);
     for (size_t i = 0; i < count; i++) {
         vec3 at = fit->samples.sample[place[i].sample].place;
@@ -289,18 +291,10 @@ struct shortlist {
     uint64_t *item;
 };
 
-/* Positive floats are in the order of their bits. */
-static uint32_t rising_key(double x) {
-    float value = (float)x;
-    uint32_t bits;
-    memcpy(&bits, &value, sizeof bits);
-    return bits;
-}
-
 static void estimate_merges(void *ctx, size_t begin, size_t end) {
     struct shortlist *list = ctx;
     for (size_t v = begin; v < end; v++)
-        list->item[v] = radix_item(rising_key(merge_estimate(list->fit, (uint32_t)v)), (uint32_t)v);
+        list->item[v] = radix_item(radix_key_of(merge_estimate(list->fit, (uint32_t)v)), (uint32_t)v);
 }
 
 /* An edge by its triangles' cost, the dearest first; one that can't be split, or its twin, last. */
@@ -310,7 +304,7 @@ static void estimate_splits(void *ctx, size_t begin, size_t end) {
     for (size_t h = begin; h < end; h++) {
         uint32_t g = fit->he.twin[h];
         bool counts = g != NONE && g > h;
-        uint32_t key = counts ? rising_key(fit->cost[h / 3] + fit->cost[g / 3]) : 0;
+        uint32_t key = counts ? radix_key_of(fit->cost[h / 3] + fit->cost[g / 3]) : 0;
         list->item[h] = radix_item(UINT32_MAX - key, (uint32_t)h);
     }
 }
@@ -328,7 +322,7 @@ static size_t offer_merges(struct fit *fit, uint64_t *item, struct offer *offer)
     size_t n = fit->mesh->vertex_count, most = part_of(fit, parts_of[fit->placement].cheap), count = 0;
     par_for(fit->threads, n, ESTIMATES, estimate_merges, &(struct shortlist){fit, item});
     const uint64_t *sorted = radix_sort(item, item + n, n, fit->threads);
-    while (count < n && count < most && radix_key(sorted[count]) < rising_key(INFINITY)) count++;
+    while (count < n && count < most && radix_key(sorted[count]) < radix_key_of(INFINITY)) count++;
     sorted = sort_by_value(sorted, item, n, count);
     for (size_t i = 0; i < count; i++) offer[i] = (struct offer){.halfedge = NONE, .source = radix_value(sorted[i])};
     par_for(fit->threads, count, GRAIN, measure_merges, &(struct market){fit, offer});

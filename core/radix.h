@@ -6,11 +6,20 @@
 
 #include <stddef.h>
 #include <stdint.h>
+#include <string.h>
 
 /* An item: what is sorted by, and what comes along. */
 static inline uint64_t radix_item(uint32_t key, uint32_t value) { return (uint64_t)key << 32 | value; }
 static inline uint32_t radix_key(uint64_t item) { return (uint32_t)(item >> 32); }
 static inline uint32_t radix_value(uint64_t item) { return (uint32_t)item; }
+
+/* The key of a number that isn't negative: positive floats are in the order of their bits. */
+static inline uint32_t radix_key_of(double x) {
+    float value = (float)x;
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    return bits;
+}
 
 /* Sorts n < 2^32 items by their keys, ascending; equal keys stay in the order that they come in.  spare is scratch for
  * n more.  Returns whichever of the two arrays holds the result.  0 threads = all processors; the result doesn't depend

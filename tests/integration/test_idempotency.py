@@ -83,7 +83,8 @@ def test_a_key_is_free_once_its_answer_is_there(daemon):
         assert answers[0][2] == answers[1][2]
 
 
-def test_a_one_shot_that_timed_out_is_taken_up_again(daemon):
+def test_a_one_shot_that_timed_out_is_taken_up_again(make_daemon):
+    daemon = make_daemon("--sync-max", "10m")
     cloud = sphere(60000)
     late = daemon.post("/v1/simplify?ratio=0.1", cloud, *keyed("k"), "-H", "Prefer: wait=0")
     assert late.status == 504

@@ -94,7 +94,7 @@ static void long_triangles_over_points_are_no_holes(void **state) {
     (void)state;
     uint8_t hole[4 * CELLS * CELLS];
     struct mesh mesh = sheet();
-    for (size_t steps = 1; steps < 12; steps += 5) {
+    for (size_t steps = 1; steps < 12; steps++) {
         struct dense flat = dense_field(steps * CELLS + 1, dense_flat), bent = dense_field(steps * CELLS + 1, wavy);
         assert_int_equal(count_holes(&mesh, &flat, hole), 0);
         assert_int_equal(count_holes(&mesh, &bent, hole), 0);
@@ -130,7 +130,7 @@ static void a_lid_that_faces_the_other_way_is_a_hole(void **state) {
     uint8_t hole[4 * CELLS * CELLS];
     struct mesh mesh = sheet();
     add_sheet(&mesh, -0.001, false);
-    struct dense dense = dense_field(12 * CELLS + 1, dense_flat);
+    struct dense dense = dense_field(11 * CELLS + 1, dense_flat);
     assert_int_equal(count_holes(&mesh, &dense, hole), 2 * CELLS * CELLS);
     for (size_t t = 0; t < mesh.triangle_count; t++) assert_int_equal(hole[t], t >= 2 * CELLS * CELLS);
     dense_done(&dense), mesh_done(&mesh);

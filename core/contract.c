@@ -175,9 +175,9 @@ static void merge_range(void *ctx, size_t begin, size_t end) {
     size_t count = 0;
     for (size_t s = begin; s < end; s++) { /* no branch to guess wrong */
         p[count] = (uint32_t)s;
-        q[count] = c->partner[s];
         count += c->changed[s] == CHOOSER;
     }
+    for (size_t i = 0; i < count; i++) q[i] = c->partner[p[i]]; /* those of others may be written meanwhile */
     pair_errors(&field, p, q, count, p_stays, q_stays);
     for (size_t i = 0; i < count; i++) {
         size_t place = c->removed + c->swap[p[i]];

@@ -133,6 +133,11 @@ $(build)/tests/peers/meshoptimizer: peer_libs = -lmeshoptimizer
 $(peer_programs): $(build)/%: $(build)/%.o
 	$(CXX) $(LDFLAGS) -o $@ $^ $(peer_libs)
 
+# What takes the time of a job.
+ifeq ($(config),release)
+$(call object,$(core_src)): override CFLAGS += -O3
+endif
+
 # Their vectors are passed between functions that are inlined, so how others would get them doesn't matter.
 $(addprefix $(build)/core/,cluster.o knn_group.o pair_cost.o quadric.o rank_sort.o \
     triangle_frames.o umbrella.o): override CFLAGS += -Wno-psabi

@@ -20,6 +20,7 @@ enum { FACE_GRAIN = 1024 };
 
 struct surface fit_frames(const struct fit *fit, const uint32_t *triangle, size_t n, struct triangle_frames *frames) {
     struct triangle_corners corners[FRAMES_MOST];
+    assert(n > 0 && n <= FRAMES_MOST);
     const vec3 *vertex = fit->mesh->vertex;
     for (size_t i = 0; i < n; i++) {
         const uint32_t *corner = fit->mesh->triangle[triangle[i]];
@@ -152,7 +153,7 @@ static void hand_out(struct fit *fit, const struct cluster *cluster, const struc
 }
 
 void fit_share(struct fit *fit, const uint32_t *from, size_t n, const uint32_t *to, size_t m) {
-    assert(m <= FIT_MAX_RING);
+    assert(m > 0 && m <= FIT_MAX_RING);
     struct triangle_frames frames;
     struct cluster cluster;
     struct surface surface = fit_frames(fit, to, m, &frames);

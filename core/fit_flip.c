@@ -9,6 +9,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/fit_flip.h"
 
+#include <assert.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -99,6 +100,7 @@ enum { BATCH = 8 }; /* edges whose triangles are made together */
 static void measure_batch(const struct fit *fit, struct candidate *candidate, size_t n) {
     struct triangle_corners corners[2 * BATCH];
     struct triangle_frames frames;
+    assert(n > 0 && n <= BATCH);
     for (size_t i = 0; i < n; i++) set_new_corners(fit, candidate[i].halfedge, &corners[2 * i]);
     struct surface all = triangle_frames_make(&frames, corners, 2 * n);
     for (size_t i = 0; i < n; i++) {

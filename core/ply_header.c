@@ -99,7 +99,7 @@ static void split(struct parser *p) {
 /* STATUS_MALFORMED on this line: what is wrong, and the word that is. */
 static enum status bad(struct parser *p, const char *what, size_t word) {
     char quote[NUMBER_QUOTE_BYTES] = "";
-    if (word < p->word_count) number_quote(p->word[word].text, p->word[word].end, quote);
+    if (word < MAX_WORDS && word < p->word_count) number_quote(p->word[word].text, p->word[word].end, quote);
     return error_set_at(p->error, STATUS_MALFORMED, "header", p->line, UINT64_MAX, quote[0] ? "%s: '%s'" : "%s", what,
                         quote);
 }

@@ -13,6 +13,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/knn_pieces.h"
 
+#include <malloc.h>
 #include <math.h>
 #include <stdlib.h>
 
@@ -203,4 +204,5 @@ void knn_pieces_free(struct knn_pieces *pieces) {
     if (!pieces) return;
     for (unsigned i = 0; i < pieces->count; i++) knn_flann_free(pieces->piece[i].tree);
     free(pieces);
+    malloc_trim(0); /* the heap of each thread that built a tree would keep what it was made of */
 }

@@ -24,7 +24,7 @@
 #include "core/pcd_header.h"
 #include "core/ply_header.h"
 
-static const double PROGRAM = 6.5e6; /* the program, its libraries, stacks and buffers */
+static const double PROGRAM = 5.6e6; /* the program, its libraries, stacks and buffers */
 static const double MARGIN = 1.05;
 enum { POSITION = 24, TRIANGLE = 12, HELD = 32 };
 

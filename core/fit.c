@@ -149,6 +149,7 @@ static void hand_out(struct fit *fit, const struct cluster *cluster, const struc
                      uint32_t *spare) {
     uint8_t owner[CLUSTER_ROOM];
     float distance_sq[CLUSTER_ROOM];
+    for (size_t i = 0; i < cluster->n; i++) __builtin_prefetch(&fit->samples.sample[cluster->sample[i]]);
     cluster_owners(cluster, surface, owner, distance_sq);
     for (size_t i = 0; i < cluster->n; i++) {
         uint32_t id = cluster->sample[i], t = to[owner[i]];

@@ -100,6 +100,11 @@ double fit_stray_sq(const struct fit *fit, const struct fit_region *region, cons
     for (const struct fit_region *part = region; part; part = fit_next_part(fit, part, &more))
         for (size_t j = 0; j < n; j++) cluster_nearest(&part->cluster, middle[j], &nearest_sq[j], &nearest[j]);
     for (size_t j = 0; j < n; j++) {
+        if (nearest[j] == NONE) continue;
+        __builtin_prefetch(&fit->samples.sample[nearest[j]]);
+        __builtin_prefetch(&fit->samples.normal[nearest[j]]);
+    }
+    for (size_t j = 0; j < n; j++) {
         double stray_sq = stray_of_sq(fit, middle[j], nearest_sq[j], nearest[j]);
         if (stray_sq > farthest_sq) farthest_sq = stray_sq;
     }
@@ -144,6 +149,7 @@ static void hand_out(struct fit *fit, const struct cluster *cluster, const struc
                      uint32_t *spare) {
     uint8_t owner[CLUSTER_ROOM];
     float distance_sq[CLUSTER_ROOM];
+    for (size_t i = 0; i < cluster->n; i++) __builtin_prefetch(&fit->samples.sample[cluster->sample[i]]);
     cluster_owners(cluster, surface, owner, distance_sq);
     for (size_t i = 0; i < cluster->n; i++) {
         uint32_t id = cluster->sample[i], t = to[owner[i]];

@@ -272,7 +272,7 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
     enum status status = samples_init(&new.samples, input, wants_middles(mesh, input), options->threads);
     if (options->placement == PLACEMENT_SUBSET) forget_umbrellas(&new);
     if (status == STATUS_OK) status = allocate(&new);
-    if (status == STATUS_OK) status = halfedge_init(&new.he, mesh);
+    if (status == STATUS_OK) status = halfedge_init(&new.he, mesh, new.threads);
     if (status == STATUS_OK) status = fit_zones_init(&new.zones, &new.he);
     if (status == STATUS_OK) {
         for (size_t v = 0; mesh->source && v < mesh->vertex_count; v++) fit_take(&new, mesh->source[v]);

@@ -44,10 +44,15 @@ struct offer {
     vec3 place;
 };
 
+/* What may be offered, by a key that is quick to find, and what of it is: items of radix_sort. */
 struct market {
     struct fit *fit;
-    struct offer *offer;
+    uint64_t *item;      /* in the order of memory, in which they are read faster */
+    struct offer *offer; /* of each item */
+    uint64_t *order;     /* of offers */
 };
+
+#define NEVER UINT32_MAX /* key of what can't be offered */
 
 /* ---------------------------------------------------------------------------------------------- taking out */
 
@@ -55,8 +60,6 @@ struct fan {
     size_t n;
     uint32_t ring[FIT_MAX_RING];
     struct fit_region region;
-    struct triangle_frames frames;
-    struct surface new;
     double cost;
 };
 
@@ -66,6 +69,9 @@ static bool fan_of(const struct fit *fit, uint32_t vertex, struct fan *fan) {
     for (size_t i = 0; i < fan->n; i++) {
         fan->region.triangle[i] = fan->ring[i] / 3;
         fan->cost += fit->cost[fan->region.triangle[i]];
+        __builtin_prefetch(&fit->facing[fan->region.triangle[i]]);
+        uint32_t across = fit->he.twin[halfedge_next(fan->ring[i])];
+        if (across != NONE) __builtin_prefetch(&fit->facing[across / 3]);
     }
     if (fan->n <= 3) return false;
     fan->region.n = fan->n;
@@ -79,15 +85,15 @@ static vec3 outside_normal(const struct fit *fit, uint32_t h, vec3 otherwise) {
 }
 
 /* Whether the fan without its vertex, all corners joined to the one at ring[to], folds nowhere. */
-static bool merge_is_fair(const struct fit *fit, const struct fan *fan, size_t to) {
+static bool merge_is_fair(const struct fit *fit, const struct fan *fan, size_t to, const struct surface *made) {
     size_t n = fan->n;
-    vec3 before = outside_normal(fit, halfedge_next(fan->ring[to]), surface_normal(&fan->new, 0));
+    vec3 before = outside_normal(fit, halfedge_next(fan->ring[to]), surface_normal(made, 0));
     for (size_t j = 0; j + 2 < n; j++) {
         size_t i = (to + 1 + j) % n;
-        vec3 new = surface_normal(&fan->new, j);
+        vec3 new = surface_normal(made, j);
         const struct facing *old = &fit->facing[fan->region.triangle[i]];
         if (vec3_dot(old->normal, new) < LEAST_TURN) return false;
-        if (!fit_shape_is_fair(old->shape, surface_shape(&fan->new, j))) return false;
+        if (!fit_shape_is_fair(old->shape, surface_shape(made, j))) return false;
         vec3 outside = outside_normal(fit, halfedge_next(fan->ring[i]), new);
         if (!fit_fold_is_fair(vec3_dot(old->normal, outside), vec3_dot(new, outside))) return false;
         if (vec3_dot(before, new) < 0) return false;
@@ -98,7 +104,7 @@ static bool merge_is_fair(const struct fit *fit, const struct fan *fan, size_t t
 }
 
 /* n - 2 triangles, from the corner at ring[to] over those behind it. */
-static void set_merged_frames(const struct fit *fit, struct fan *fan, size_t to) {
+static struct surface merged(const struct fit *fit, const struct fan *fan, size_t to, struct triangle_frames *frames) {
     struct triangle_corners corners[FIT_MAX_RING];
     const vec3 *place = fit->mesh->vertex, *end = &place[halfedge_to(&fit->he, fan->ring[to])];
     for (size_t j = 0; j + 2 < fan->n; j++) {
@@ -106,7 +112,7 @@ static void set_merged_frames(const struct fit *fit, struct fan *fan, size_t to)
         corners[j] =
             (struct triangle_corners){end, &place[halfedge_to(&fit->he, h)], &place[halfedge_apex(&fit->he, h)]};
     }
-    fan->new = triangle_frames_make(&fan->frames, corners, fan->n - 2);
+    return triangle_frames_make(frames, corners, fan->n - 2);
 }
 
 /* The neighbours that the vertex is nearest to, the nearest first; their number.  Farther ones are hardly ever worth
@@ -124,29 +130,53 @@ static size_t nearest_ends(const struct fit *fit, const struct fan *fan, vec3 fr
     return count;
 }
 
-static struct offer cheapest_merge(const struct fit *fit, uint32_t vertex) {
-    struct offer best = {.value = INFINITY, .halfedge = NONE, .source = NONE};
-    struct fan fan;
-    if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE || !fan_of(fit, vertex, &fan)) return best;
-    size_t end[ENDS], ends = nearest_ends(fit, &fan, fit->mesh->vertex[vertex], end);
-    for (size_t i = 0; i < ends; i++) {
-        size_t to = end[i];
-        set_merged_frames(fit, &fan, to);
-        if (!merge_is_fair(fit, &fan, to)) continue;
-        double limit = best.value + fan.cost;
-        double cost = fit_cost_with(fit, &fan.region, &fan.new, limit);
-        if (cost >= limit) continue;
-        if (!halfedge_may_collapse(&fit->he, fan.ring[to])) continue;
-        if (!fit_stays(fit, &fan.region, &fan.new)) continue;
-        best.value = cost - fan.cost;
-        best.halfedge = fan.ring[to];
+/* A neighbour that the vertex may be merged into, and what the fan becomes. */
+struct end {
+    uint32_t h;
+    struct surface made;
+};
+
+/* The nearest of those that fold nothing; their number. */
+static size_t fair_ends(const struct fit *fit, const struct fan *fan, vec3 from, struct triangle_frames frames[ENDS],
+                        struct end end[ENDS]) {
+    size_t to[ENDS], near = nearest_ends(fit, fan, from, to), count = 0;
+    for (size_t i = 0; i < near; i++) {
+        struct surface made = merged(fit, fan, to[i], &frames[count]);
+        if (merge_is_fair(fit, fan, to[i], &made)) end[count++] = (struct end){fan->ring[to[i]], made};
     }
-    return best;
+    return count;
+}
+
+/* Which end is merged into for the least; the loss. */
+static double cheapest_end(const struct fit *fit, const struct fan *fan, const struct end *end, size_t ends,
+                           size_t *which) {
+    double loss = INFINITY;
+    for (size_t i = 0; i < ends; i++) {
+        double limit = loss + fan->cost, cost = fit_cost_with(fit, &fan->region, &end[i].made, limit);
+        if (cost < limit) loss = cost - fan->cost, *which = i;
+    }
+    return loss;
+}
+
+/* Whether the merge may be made is looked at last: that takes as long as finding what it costs. */
+static struct offer cheapest_merge(const struct fit *fit, uint32_t vertex) {
+    struct offer none = {.value = INFINITY, .halfedge = NONE, .source = NONE};
+    struct fan fan;
+    if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE || !fan_of(fit, vertex, &fan)) return none;
+    struct triangle_frames frames[ENDS];
+    struct end end[ENDS];
+    size_t ends = fair_ends(fit, &fan, fit->mesh->vertex[vertex], frames, end), i = 0;
+    for (double loss; (loss = cheapest_end(fit, &fan, end, ends, &i)) < INFINITY;) {
+        if (halfedge_may_collapse(&fit->he, end[i].h) && fit_stays(fit, &fan.region, &end[i].made))
+            return (struct offer){.value = loss, .halfedge = end[i].h, .source = NONE};
+        memmove(&end[i], &end[i + 1], (--ends - i) * sizeof *end);
+    }
+    return none;
 }
 
 static void measure_merges(void *ctx, size_t begin, size_t end) {
-    struct market *market = ctx;
-    for (size_t i = begin; i < end; i++) market->offer[i] = cheapest_merge(market->fit, market->offer[i].source);
+    const struct market *market = ctx;
+    for (size_t i = begin; i < end; i++) market->offer[i] = cheapest_merge(market->fit, radix_value(market->item[i]));
 }
 
 /* About the volume between the star and what would close the gap: a vertex amid a plane has none. */
@@ -174,7 +204,6 @@ struct gap {
     struct fit_region region;
     const vec3 *a, *b, *c, *d;
     struct triangle_frames frames;
-    struct surface new;
     double cost;
 };
 
@@ -192,29 +221,19 @@ static void gap_of(const struct fit *fit, uint32_t h, struct gap *gap) {
     fit_gather(fit, &gap->region);
 }
 
-static bool split_is_fair(const struct fit *fit, const struct gap *gap, uint32_t h) {
+static bool split_is_fair(const struct fit *fit, const struct gap *gap, uint32_t h, const struct surface *made) {
     static const uint8_t old_of[4] = {0, 0, 1, 1}, beside[4] = {1, 3, 0, 2};
     uint32_t g = fit->he.twin[h];
     uint32_t border[4] = {halfedge_prev(h), halfedge_next(h), halfedge_next(g), halfedge_prev(g)};
     double across = vec3_dot(fit->facing[h / 3].normal, fit->facing[g / 3].normal);
     for (int i = 0; i < 4; i++) {
-        vec3 old = fit->facing[gap->region.triangle[old_of[i]]].normal, new = surface_normal(&gap->new, (size_t)i);
+        vec3 old = fit->facing[gap->region.triangle[old_of[i]]].normal, new = surface_normal(made, (size_t)i);
         vec3 outside = outside_normal(fit, border[i], new);
-        if (vec3_dot(old, new) < LEAST_TURN || surface_shape(&gap->new, (size_t)i) < FIT_THIN) return false;
+        if (vec3_dot(old, new) < LEAST_TURN || surface_shape(made, (size_t)i) < FIT_THIN) return false;
         if (!fit_fold_is_fair(vec3_dot(old, outside), vec3_dot(new, outside))) return false;
-        if (!fit_fold_is_fair(across, vec3_dot(new, surface_normal(&gap->new, beside[i])))) return false;
+        if (!fit_fold_is_fair(across, vec3_dot(new, surface_normal(made, beside[i])))) return false;
     }
     return true;
-}
-
-static double cost_of_split(const struct fit *fit, struct gap *gap, uint32_t h, vec3 place, double limit) {
-    const struct triangle_corners corners[4] = {
-        {gap->a, &place, gap->c}, {&place, gap->b, gap->c}, {&place, gap->a, gap->d}, {gap->b, &place, gap->d}};
-    gap->new = triangle_frames_make(&gap->frames, corners, 4);
-    if (!split_is_fair(fit, gap, h)) return INFINITY;
-    double cost = fit_cost_with(fit, &gap->region, &gap->new, limit);
-    if (cost >= limit) return INFINITY;
-    return fit_stays(fit, &gap->region, &gap->new) ? cost : INFINITY;
 }
 
 struct place {
@@ -252,98 +271,167 @@ static size_t farthest(const struct fit *fit, struct gap *gap, struct place plac
     return count;
 }
 
+/* A place that the new vertex may take, and what the two triangles become. */
+struct split {
+    vec3 at;
+    uint32_t sample;
+    struct surface made;
+};
+
+/* Puts a vertex on the edge at each of the places (at least one). */
+static struct surface splits_at(const struct gap *gap, const struct split *split, size_t n,
+                                struct triangle_frames *frames) {
+    struct triangle_corners corners[4 * PLACES], *out = corners;
+    for (size_t i = 0; i < n; i++) {
+        const vec3 *p = &split[i].at;
+        *out++ = (struct triangle_corners){gap->a, p, gap->c};
+        *out++ = (struct triangle_corners){p, gap->b, gap->c};
+        *out++ = (struct triangle_corners){p, gap->a, gap->d};
+        *out++ = (struct triangle_corners){gap->b, p, gap->d};
+    }
+    return triangle_frames_make(frames, corners, 4 * n);
+}
+
+/* The farthest places, without those where something folds; their number. */
+static size_t fair_splits(const struct fit *fit, struct gap *gap, uint32_t h, struct split split[PLACES]) {
+    struct place place[PLACES];
+    size_t places = farthest(fit, gap, place), count = 0;
+    if (places == 0) return 0;
+    for (size_t i = 0; i < places; i++) {
+        split[i].sample = place[i].sample;
+        split[i].at = fit->samples.sample[place[i].sample].place;
+    }
+    struct surface all = splits_at(gap, split, places, &gap->frames);
+    for (size_t i = 0; i < places; i++) {
+        split[i].made = (struct surface){all.four, 4 * i, 4};
+        if (split_is_fair(fit, gap, h, &split[i].made)) split[count++] = split[i];
+    }
+    return count;
+}
+
+/* Which split gains most; the gain. */
+static double dearest_split(const struct fit *fit, const struct gap *gap, const struct split *split, size_t splits,
+                            size_t *which) {
+    double gain = 0;
+    for (size_t i = 0; i < splits; i++) {
+        double limit = gap->cost - gain, cost = fit_cost_with(fit, &gap->region, &split[i].made, limit);
+        if (cost < limit) gain = gap->cost - cost, *which = i;
+    }
+    return gain;
+}
+
 static struct offer best_split(const struct fit *fit, uint32_t h) {
-    struct offer best = {.value = 0, .halfedge = NONE, .source = NONE};
+    struct offer none = {.value = 0, .halfedge = NONE, .source = NONE};
     struct gap gap;
     gap_of(fit, h, &gap);
-    struct place place[PLACES];
-    if (fit_is_exact(cluster_weight(&gap.region.cluster), gap.cost)) return best;
-    size_t count = farthest(fit, &gap, place);
-    for (size_t i = 0; i < count; i++) {
-        vec3 at = fit->samples.sample[place[i].sample].place;
-        double limit = gap.cost - best.value, cost = cost_of_split(fit, &gap, h, at, limit);
-        if (cost == INFINITY) continue;
+    if (fit_is_exact(cluster_weight(&gap.region.cluster), gap.cost)) return none;
+    struct split split[PLACES];
+    size_t splits = fair_splits(fit, &gap, h, split), i = 0;
+    for (double gain; (gain = dearest_split(fit, &gap, split, splits, &i)) > 0;) {
         bool is_point = fit->placement == PLACEMENT_SUBSET;
-        best = (struct offer){gap.cost - cost, h, is_point ? samples_point(&fit->samples, place[i].sample) : NONE, at};
+        if (fit_stays(fit, &gap.region, &split[i].made))
+            return (struct offer){gain, h, is_point ? samples_point(&fit->samples, split[i].sample) : NONE,
+                                  split[i].at};
+        memmove(&split[i], &split[i + 1], (--splits - i) * sizeof *split);
     }
-    return best;
+    return none;
 }
 
 static void measure_splits(void *ctx, size_t begin, size_t end) {
-    struct market *market = ctx;
-    for (size_t i = begin; i < end; i++) market->offer[i] = best_split(market->fit, market->offer[i].halfedge);
+    const struct market *market = ctx;
+    for (size_t i = begin; i < end; i++) market->offer[i] = best_split(market->fit, radix_value(market->item[i]));
 }
 
 /* ---------------------------------------------------------------------------------------------- the trade */
 
-static int compare_rising(const void *a, const void *b) {
-    const struct offer *x = a, *y = b;
-    if (x->value != y->value) return x->value < y->value ? -1 : 1;
-    return x->halfedge != y->halfedge ? (x->halfedge > y->halfedge) - (x->halfedge < y->halfedge)
-                                      : (x->source > y->source) - (x->source < y->source);
+static bool is_before(const struct offer *a, const struct offer *b) {
+    return a->value != b->value ? a->value < b->value : a->halfedge < b->halfedge;
 }
 
-static int compare_falling(const void *a, const void *b) { return compare_rising(b, a); }
+/* Puts items that lie in order by their keys in that of their offers: float isn't as exact as they are. */
+static void order_equals(const struct offer *offer, uint64_t *order, size_t n, bool falling) {
+    for (size_t i = 1; i < n; i++) {
+        uint64_t moving = order[i];
+        size_t at = i;
+        for (; at > 0 && radix_key(order[at - 1]) == radix_key(moving); at--) {
+            const struct offer *before = &offer[radix_value(order[at - 1])], *after = &offer[radix_value(moving)];
+            if (falling ? is_before(after, before) : is_before(before, after)) break;
+            order[at] = order[at - 1];
+        }
+        order[at] = moving;
+    }
+}
 
-/* What may be offered, by a key that is quick to find: items of radix_sort, and room for twice as many. */
-struct shortlist {
-    const struct fit *fit;
-    uint64_t *item;
+/* The offers that stand, by their values. */
+struct ranking {
+    const struct offer *offer;
+    const uint64_t *order;
+    size_t n;
 };
 
-static void estimate_merges(void *ctx, size_t begin, size_t end) {
-    struct shortlist *list = ctx;
-    for (size_t v = begin; v < end; v++)
-        list->item[v] = radix_item(radix_key_of(merge_estimate(list->fit, (uint32_t)v)), (uint32_t)v);
+static const struct offer *offer_at(const struct ranking *ranking, size_t i) {
+    return &ranking->offer[radix_value(ranking->order[i])];
 }
 
-/* An edge by its triangles' cost, the dearest first; one that can't be split, or its twin, last. */
+static struct ranking rank_offers(const struct market *market, size_t count, bool falling) {
+    uint64_t *order = market->order;
+    size_t n = 0;
+    for (size_t i = 0; i < count; i++) {
+        if (market->offer[i].halfedge == NONE) continue;
+        uint32_t key = radix_key_of_signed(market->offer[i].value);
+        order[n++] = radix_item(falling ? ~key : key, (uint32_t)i);
+    }
+    order = radix_sort(order, order + n, n, 1);
+    order_equals(market->offer, order, n, falling);
+    return (struct ranking){market->offer, order, n};
+}
+
+static void estimate_merges(void *ctx, size_t begin, size_t end) {
+    const struct market *market = ctx;
+    for (size_t v = begin; v < end; v++) {
+        double estimate = merge_estimate(market->fit, (uint32_t)v);
+        market->item[v] = radix_item(estimate < INFINITY ? radix_key_of(estimate) : NEVER, (uint32_t)v);
+    }
+}
+
+/* An edge by its triangles' cost, the dearest first. */
 static void estimate_splits(void *ctx, size_t begin, size_t end) {
-    struct shortlist *list = ctx;
-    const struct fit *fit = list->fit;
+    const struct market *market = ctx;
+    const struct fit *fit = market->fit;
     for (size_t h = begin; h < end; h++) {
         uint32_t g = fit->he.twin[h];
         bool counts = g != NONE && g > h;
         uint32_t key = counts ? radix_key_of(fit->cost[h / 3] + fit->cost[g / 3]) : 0;
-        list->item[h] = radix_item(UINT32_MAX - key, (uint32_t)h);
+        market->item[h] = radix_item(NEVER - key, (uint32_t)h);
     }
 }
 
-/* The first of n sorted items in the order of their values, which is that of memory: they are read faster so.  item has
- * room for 2 n, and sorted is one half of it. */
-static const uint64_t *sort_by_value(const uint64_t *sorted, uint64_t *item, size_t n, size_t count) {
-    uint64_t *mine = item + (sorted - item), *other = sorted == item ? item + n : item;
-    for (size_t i = 0; i < count; i++) mine[i] = radix_item(radix_value(sorted[i]), radix_value(sorted[i]));
-    return radix_sort(mine, other, count, 1);
+/* Keeps the lowest of n items, `most` of them, as far as they can be offered; their number. */
+static size_t shortlist(uint64_t *item, size_t n, size_t most) {
+    size_t count = radix_keep_lowest(item, item + n, n, most), kept = 0;
+    for (size_t i = 0; i < count; i++)
+        if (radix_key(item[i]) != NEVER) item[kept++] = item[i];
+    return kept;
 }
 
 /* The vertices whose estimate is lowest, measured, cheapest first. */
-static size_t offer_merges(struct fit *fit, uint64_t *item, struct offer *offer) {
-    size_t n = fit->mesh->vertex_count, most = part_of(fit, parts_of[fit->placement].cheap), count = 0;
-    par_for(fit->threads, n, ESTIMATES, estimate_merges, &(struct shortlist){fit, item});
-    const uint64_t *sorted = radix_sort(item, item + n, n, fit->threads);
-    while (count < n && count < most && radix_key(sorted[count]) < radix_key_of(INFINITY)) count++;
-    sorted = sort_by_value(sorted, item, n, count);
-    for (size_t i = 0; i < count; i++) offer[i] = (struct offer){.halfedge = NONE, .source = radix_value(sorted[i])};
-    par_for(fit->threads, count, GRAIN, measure_merges, &(struct market){fit, offer});
-    qsort(offer, count, sizeof *offer, compare_rising);
-    while (count > 0 && offer[count - 1].halfedge == NONE) count--;
-    return count;
+static struct ranking offer_merges(struct market *market) {
+    struct fit *fit = market->fit;
+    size_t n = fit->mesh->vertex_count;
+    par_for(fit->threads, n, ESTIMATES, estimate_merges, market);
+    size_t count = shortlist(market->item, n, part_of(fit, parts_of[fit->placement].cheap));
+    par_for(fit->threads, count, GRAIN, measure_merges, market);
+    return rank_offers(market, count, false);
 }
 
 /* The edges whose triangles cost most, measured, most rewarding first. */
-static size_t offer_splits(struct fit *fit, uint64_t *item, struct offer *offer) {
-    size_t n = 3 * fit->mesh->triangle_count, most = part_of(fit, parts_of[fit->placement].dear);
-    size_t count = 0;
-    par_for(fit->threads, n, ESTIMATES, estimate_splits, &(struct shortlist){fit, item});
-    const uint64_t *sorted = radix_sort(item, item + n, n, fit->threads);
-    while (count < n && count < most && radix_key(sorted[count]) < UINT32_MAX) count++;
-    sorted = sort_by_value(sorted, item, n, count);
-    for (size_t i = 0; i < count; i++) offer[i] = (struct offer){.halfedge = radix_value(sorted[i]), .source = NONE};
-    par_for(fit->threads, count, GRAIN, measure_splits, &(struct market){fit, offer});
-    qsort(offer, count, sizeof *offer, compare_falling);
-    while (count > 0 && offer[count - 1].halfedge == NONE) count--;
-    return count;
+static struct ranking offer_splits(struct market *market) {
+    struct fit *fit = market->fit;
+    size_t n = 3 * fit->mesh->triangle_count;
+    par_for(fit->threads, n, ESTIMATES, estimate_splits, market);
+    size_t count = shortlist(market->item, n, part_of(fit, parts_of[fit->placement].dear));
+    par_for(fit->threads, count, GRAIN, measure_splits, market);
+    return rank_offers(market, count, true);
 }
 
 static size_t most_deals(const struct fit *fit) { return part_of(fit, TELEPORT_MOST); }
@@ -425,18 +513,18 @@ static void put_in(struct trade *trade, const struct offer *offer, struct halfed
 }
 
 /* A merge is made only when the split that it pays for is known to hold, also after it. */
-static void make_deals(struct trade *trade, const struct offer *loss, size_t losses, const struct offer *gain,
-                       size_t gains) {
+static void make_deals(struct trade *trade, const struct ranking *loss, const struct ranking *gain) {
     struct fit *fit = trade->fit;
     size_t i = 0, most = most_deals(fit);
-    for (size_t j = 0; j < gains && trade->deals < most; j++) {
-        if (!split_holds(fit, gain[j].halfedge, trade->changed)) continue;
-        uint32_t quad[2] = {gain[j].halfedge / 3, fit->he.twin[gain[j].halfedge] / 3};
+    for (size_t j = 0; j < gain->n && trade->deals < most; j++) {
+        const struct offer *split = offer_at(gain, j);
+        if (!split_holds(fit, split->halfedge, trade->changed)) continue;
+        uint32_t quad[2] = {split->halfedge / 3, fit->he.twin[split->halfedge] / 3};
         trade->changed[quad[0]] = trade->changed[quad[1]] = 1;
-        while (i < losses && !merge_holds(fit, loss[i].halfedge, trade->changed)) i++;
-        if (i == losses || gain[j].value < TELEPORT_PAYS * loss[i].value) break;
-        struct halfedge_spare spare = take_out(trade, loss[i++].halfedge);
-        put_in(trade, &gain[j], spare);
+        while (i < loss->n && !merge_holds(fit, offer_at(loss, i)->halfedge, trade->changed)) i++;
+        if (i == loss->n || split->value < TELEPORT_PAYS * offer_at(loss, i)->value) break;
+        struct halfedge_spare spare = take_out(trade, offer_at(loss, i++)->halfedge);
+        put_in(trade, split, spare);
     }
 }
 
@@ -454,8 +542,8 @@ static void share_dealt(void *ctx, size_t begin, size_t end) {
     }
 }
 
-static enum status trade_offers(struct fit *fit, const struct offer *loss, size_t losses, const struct offer *gain,
-                                size_t gains, size_t *teleports) {
+static enum status trade_offers(struct fit *fit, const struct ranking *loss, const struct ranking *gain,
+                                size_t *teleports) {
     size_t triangles = fit->mesh->triangle_count;
     struct trade trade = {.fit = fit};
     trade.changed = alloc_zeroed(triangles, 1);
@@ -463,7 +551,7 @@ static enum status trade_offers(struct fit *fit, const struct offer *loss, size_
     trade.deal = alloc_array(most_deals(fit), sizeof *trade.deal);
     bool enough = trade.changed && trade.star && trade.deal;
     if (enough) {
-        make_deals(&trade, loss, losses, gain, gains);
+        make_deals(&trade, loss, gain);
         par_for(fit->threads, trade.deals, DEALS, share_dealt, &trade);
         *teleports += trade.deals;
     }
@@ -474,14 +562,17 @@ static enum status trade_offers(struct fit *fit, const struct offer *loss, size_
 enum status fit_teleport(struct fit *fit, size_t *teleports) {
     const struct parts *parts = &parts_of[fit->placement];
     size_t vertices = fit->mesh->vertex_count, halfedges = 3 * fit->mesh->triangle_count;
-    struct offer *loss = alloc_array(part_of(fit, parts->cheap), sizeof *loss);
-    struct offer *gain = alloc_array(part_of(fit, parts->dear), sizeof *gain);
-    uint64_t *item = alloc_array(2 * (vertices > halfedges ? vertices : halfedges), sizeof *item);
+    size_t merges = part_of(fit, parts->cheap), splits = part_of(fit, parts->dear);
+    struct market out = {.fit = fit}, in = {.fit = fit};
+    out.item = in.item = alloc_array(2 * (vertices > halfedges ? vertices : halfedges), sizeof *out.item);
+    out.offer = alloc_array(merges + splits, sizeof *out.offer);
+    out.order = alloc_array(2 * (merges + splits), sizeof *out.order);
     enum status status = STATUS_NO_MEMORY;
-    if (loss && gain && item) {
-        size_t losses = offer_merges(fit, item, loss), gains = offer_splits(fit, item, gain);
-        status = trade_offers(fit, loss, losses, gain, gains, teleports);
+    if (out.item && out.offer && out.order) {
+        in.offer = out.offer + merges, in.order = out.order + 2 * merges;
+        struct ranking loss = offer_merges(&out), gain = offer_splits(&in);
+        status = trade_offers(fit, &loss, &gain, teleports);
     }
-    free(loss), free(gain), free(item);
+    free(out.item), free(out.offer), free(out.order);
     return status;
 }

@@ -195,7 +195,7 @@ test: deps ## build and run all tests; also with config=asan or tsan
 	@$(MAKE) --no-print-directory test-integration
 
 .PHONY: tests
-tests: $(unit_programs) $(tool_programs) $(build)/tests/tools/confined_probe ## build the programs that the tests run
+tests: $(unit_programs) $(fuzz_programs) $(tool_programs) $(build)/tests/tools/confined_probe ## build the programs that the tests run
 
 .PHONY: lint
 lint: $(libwhittle) ## check layers, banned functions, licence lines and line lengths
@@ -284,10 +284,13 @@ include deploy/deploy.mk
 # ---------------------------------------------------------------------------------------------------- more tests
 # Each unit test is a target, so that they run side by side; what one prints is shown when it fails.
 unit_runs := $(addprefix run-,$(unit_programs))
-.PHONY: test-unit $(unit_runs)
-test-unit: $(unit_runs) ## the unit tests alone
-$(unit_runs): run-%: %
-	@$* > $*.log 2>&1 && echo "  OK $* $$(grep -c '^\[       OK' $*.log) tests" || { cat $*.log; exit 1; }
+fuzz_runs := $(addprefix run-,$(fuzz_programs))
+$(fuzz_runs): seeds := $(wildcard tests/fuzz/seeds/* tests/fixtures/*/*/input.*)
+$(filter %_http,$(fuzz_runs)): seeds := $(wildcard tests/fuzz/seeds/*)
+.PHONY: test-unit $(unit_runs) $(fuzz_runs)
+test-unit: $(unit_runs) $(fuzz_runs) ## the unit tests alone
+$(unit_runs) $(fuzz_runs): run-%: %
+	@$* $(seeds) > $*.log 2>&1 && echo "  OK $* $$(grep -c '^\[       OK' $*.log) tests" || { cat $*.log; exit 1; }
 
 # CGAL changes the way of rounding, which valgrind doesn't follow: what triangulates is left to the sanitizers.
 valgrind_programs := $(filter-out %/test_delaunay %/test_cocone %/test_pipeline %/test_refine %/test_metro \
@@ -308,16 +311,19 @@ COUNT ?= 5000
 test-mutations: all ## send COUNT=5000 mutated clouds, of SCANS too, to a service of its own
 	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) tests/integration/mutations.py --count $(COUNT) --seed $(SEED) $(SCANS)
 
-# Fuzzers exist in config=fuzz alone; `make fuzz` goes there by itself.  What a run finds new stays in the corpus.
+# libFuzzer is there in config=fuzz alone; `make fuzz` goes there by itself.  What a run finds new stays in the corpus.
+# Everywhere else the same targets run once on what the fuzzers begin with, as tests.
 FUZZ_SECONDS ?= 20
 CORPORA ?= $(abspath build/fuzz/tests/fuzz)
-ifeq ($(config),fuzz)
 $(build)/tests/fuzz/fuzz_http: $(build)/tests/unit/folder.o
 $(build)/tests/fuzz/fuzz_http: override LDFLAGS += -Wl,--wrap=log_line,--wrap=log_vline
-$(fuzz_programs): $(build)/%: $(build)/%.o $(libserver) $(libapi) $(libwhittle)
+$(fuzz_programs): override LDFLAGS += $(if $(filter fuzz,$(config)),-fsanitize=fuzzer)
+$(fuzz_programs): $(build)/%: $(build)/%.o $(if $(filter fuzz,$(config)),,$(build)/tests/fuzz/replay.o) \
+    $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@
-	$(Q)$(CC) $(LDFLAGS) -fsanitize=fuzzer -o $@ $(objects_first) -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CODEC_LIBS) -lm
+	$(Q)$(CC) $(LDFLAGS) -o $@ $(objects_first) -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CODEC_LIBS) -lm
 
+ifeq ($(config),fuzz)
 .PHONY: fuzz
 fuzz: $(fuzz_programs)
 	@set -e; for f in $(fuzz_programs); do echo "== $$f"; corpus=$(CORPORA)/$${f##*/}.corpus; \

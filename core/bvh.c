@@ -17,6 +17,9 @@
  * subtrees below, each with nodes of its own, so that the tree doesn't depend on the threads.  Meshes that defeat it
  * (all centres equal, sizes that shrink exponentially) are halved after DEEP levels, which bounds the stack.
  *
+ * The rough kind takes triangles in their order, LEAF to a leaf, and puts WIDTH neighbours under one node, level by
+ * level.  What holds for every query holds there too, so it finds the same.
+ *
  * Sources: Goldsmith and Salmon 1987; Wald, On fast construction of SAH-based bounding volume hierarchies, 2007;
  * Dammertz, Hanika and Keller, Shallow bounding volume hierarchies, 2008.
  *
@@ -339,14 +342,18 @@ struct loading {
 
 static lanes to_lanes(vec3 p) { return (lanes){(float)p.x, (float)p.y, (float)p.z}; }
 
+static void box_add_corners(struct box *box, const struct corners *corners) {
+    box_add_point(box, to_lanes(corners->a));
+    box_add_point(box, to_lanes(corners->b));
+    box_add_point(box, to_lanes(corners->c));
+}
+
 static void load_items(void *ctx, size_t begin, size_t end) {
     const struct loading *loading = ctx;
     for (size_t t = begin; t < end; t++) {
         struct corners corners = corners_of(loading->bvh, loading->mesh, t);
         struct item item = {.box = EMPTY, .id = (uint32_t)t};
-        box_add_point(&item.box, to_lanes(corners.a));
-        box_add_point(&item.box, to_lanes(corners.b));
-        box_add_point(&item.box, to_lanes(corners.c));
+        box_add_corners(&item.box, &corners);
         loading->item[t] = item;
     }
 }
@@ -390,6 +397,83 @@ out:
     bvh_free(bvh);
     free(build.item), free(build.task);
     return status;
+}
+
+/* A leaf or a node with all that is under it. */
+struct part {
+    struct box box;
+    struct link link;
+};
+
+struct stacking {
+    struct bvh *bvh;
+    const struct mesh *mesh;
+    const struct part *below; /* n; the parts of a level are made of those below */
+    size_t n;
+    struct part *part;
+    uint32_t first_node;
+};
+
+static void make_leaves(void *ctx, size_t begin, size_t end) {
+    const struct stacking *stacking = ctx;
+    struct bvh *bvh = stacking->bvh;
+    for (size_t i = begin; i < end; i++) {
+        uint32_t first = (uint32_t)(LEAF * i), left = (uint32_t)bvh->triangle_count - first;
+        struct part part = {EMPTY, {first, left < LEAF ? left : LEAF}};
+        for (uint32_t t = first; t < first + part.link.count; t++) {
+            bvh->corners[t] = corners_of(bvh, stacking->mesh, t);
+            bvh->id[t] = bvh->slot[t] = t;
+            box_add_corners(&part.box, &bvh->corners[t]);
+        }
+        stacking->part[i] = part;
+    }
+}
+
+static void make_level(void *ctx, size_t begin, size_t end) {
+    const struct stacking *stacking = ctx;
+    const struct part nothing = {EMPTY, {0, 0}};
+    for (size_t i = begin; i < end; i++) {
+        uint32_t self = stacking->first_node + (uint32_t)i;
+        struct part part = {EMPTY, {self, 0}};
+        for (int lane = 0; lane < WIDTH; lane++) {
+            size_t child = WIDTH * i + (size_t)lane;
+            const struct part *below = child < stacking->n ? &stacking->below[child] : &nothing;
+            set_lane(&stacking->bvh->node[self], lane, &below->box, below->link);
+            box_add_box(&part.box, &below->box);
+        }
+        stacking->part[i] = part;
+    }
+}
+
+/* part: room for those of all levels, which follow each other. */
+static void stack_up(struct bvh *bvh, const struct mesh *mesh, unsigned threads, struct part *part) {
+    struct stacking level = {.bvh = bvh, .mesh = mesh, .part = part};
+    size_t n = (bvh->triangle_count + LEAF - 1) / LEAF;
+    par_for(threads, n, GRAIN, make_leaves, &level);
+    while (n > 1) {
+        level.below = level.part, level.n = n;
+        level.part += n, n = (n + WIDTH - 1) / WIDTH;
+        par_for(threads, n, GRAIN, make_level, &level);
+        level.first_node += (uint32_t)n;
+    }
+    if (n) bvh->root = level.part->link;
+    assert(level.first_node <= most_nodes((uint32_t)bvh->triangle_count));
+}
+
+enum status bvh_new_rough(const struct mesh *mesh, unsigned threads, struct bvh **out) {
+    assert(mesh->triangle_count < NONE);
+    struct part *part = alloc_array(mesh->triangle_count + 1, sizeof *part);
+    struct bvh *bvh = alloc_zeroed(1, sizeof *bvh);
+    bool enough = part && bvh && allocate(bvh, mesh->triangle_count);
+    if (enough) {
+        choose_frame(bvh, mesh);
+        stack_up(bvh, mesh, threads, part);
+        *out = bvh;
+    } else {
+        bvh_free(bvh);
+    }
+    free(part);
+    return enough ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
 void bvh_free(struct bvh *bvh) {

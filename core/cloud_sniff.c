@@ -185,7 +185,7 @@ struct cloud_guess cloud_sniff(const void *first, size_t n) {
     const struct cloud_guess *word = by_word(text, n);
     if (word == &pcd) return pcd_of(text, looked);
     if (word == &off) return off;
-    if (has_control_character(text, looked))
+    if (has_control_character(text, looked < n ? looked : padding_text_bytes(text, n)))
         return is_stl_binary(first, n) ? stl_binary : (struct cloud_guess){CLOUD_KIND_OTHER, "binary data", ""};
     if (word) return *word;
     return is_stl_text(text, looked) ? stl_text : text_of_any;

@@ -34,6 +34,7 @@
 
 #include "core/alloc.h"
 #include "core/number.h"
+#include "core/padding.h"
 
 enum { TICK_POINTS = 16384, FIRST_CAPACITY = 1024, WORD_BYTES = 512 };
 
@@ -501,7 +502,7 @@ static struct reader start(const void *bytes, size_t n, const struct cloud_limit
     const char *text = bytes;
     return (struct reader){.begin = text,
                            .at = text,
-                           .end = text + n,
+                           .end = text + padding_text_bytes(text, n),
                            .line = 1,
                            .max_points = points < NONE - 1 ? points : NONE - 1,
                            .max_columns = columns < CLOUD_MAX_PROPERTIES ? columns : CLOUD_MAX_PROPERTIES};

@@ -310,14 +310,18 @@ void cluster_fit(const struct cluster *cluster, const size_t *begin, const struc
 }
 
 FOR_EACH_PROCESSOR
-void cluster_values(const struct cluster *cluster, const sym3 *a, vec3 place, float value[CLUSTER_ROOM]) {
+void cluster_values(const struct cluster *cluster, const sym3 *a, vec3 place, size_t points,
+                    float value[CLUSTER_ROOM]) {
     vec3 p = vec3_sub(place, cluster->origin);
     float xx = (float)a->xx, xy = (float)a->xy, xz = (float)a->xz, yy = (float)a->yy, yz = (float)a->yz;
     float zz = (float)a->zz;
     for (size_t i = 0; i < cluster->n; i += LANES) {
         lanes x = load(&cluster->x[i]) - (float)p.x, y = load(&cluster->y[i]) - (float)p.y;
         lanes z = load(&cluster->z[i]) - (float)p.z;
-        *at(&value[i]) = x * (x * xx + y * (2 * xy) + z * (2 * xz)) + y * (y * yy + z * (2 * yz)) + z * z * zz;
+        lanes sum = x * (x * xx + y * (2 * xy) + z * (2 * xz)) + y * (y * yy + z * (2 * yz)) + z * z * zz;
+        mask id;
+        memcpy(&id, &cluster->sample[i], sizeof id);
+        *at(&value[i]) = pick((id >= 0) & (id < (int32_t)points), sum, all(INFINITY));
     }
 }
 

@@ -49,8 +49,8 @@ struct cluster_model {
 void cluster_fit(const struct cluster *cluster, const size_t *begin, const struct surface *star, float near,
                  float further, struct cluster_model *model);
 
-/* s^T a s for each sample, s being where it is as seen from place. */
-void cluster_values(const struct cluster *cluster, const sym3 *a, vec3 place, float value[CLUSTER_ROOM]);
+/* s^T a s for each sample, s being where it is as seen from place; INFINITY for those whose ids aren't below points. */
+void cluster_values(const struct cluster *cluster, const sym3 *a, vec3 place, size_t points, float value[CLUSTER_ROOM]);
 
 /* For each sample which triangle of the surface is nearest, the first of equals, and its squared distance. */
 void cluster_owners(const struct cluster *cluster, const struct surface *surface, uint8_t owner[CLUSTER_ROOM],

@@ -142,7 +142,7 @@ static enum status open_holes(struct run *run, struct mesh *mesh) {
     const struct cocone_input *input = run->input;
     struct halfedge he = {0};
     uint8_t *hole = alloc_array(mesh->triangle_count, 1);
-    enum status status = hole ? halfedge_init(&he, mesh) : STATUS_NO_MEMORY;
+    enum status status = hole ? halfedge_init(&he, mesh, run->options->threads) : STATUS_NO_MEMORY;
     if (!status && input->dense) {
         status = cocone_holes_find(mesh, &he, input->dense, input->n, run->options->threads, hole);
         for (size_t t = 0; !status && t < mesh->triangle_count; t++)

@@ -100,6 +100,11 @@ double fit_stray_sq(const struct fit *fit, const struct fit_region *region, cons
     for (const struct fit_region *part = region; part; part = fit_next_part(fit, part, &more))
         for (size_t j = 0; j < n; j++) cluster_nearest(&part->cluster, middle[j], &nearest_sq[j], &nearest[j]);
     for (size_t j = 0; j < n; j++) {
+        if (nearest[j] == NONE) continue;
+        __builtin_prefetch(&fit->samples.sample[nearest[j]]);
+        __builtin_prefetch(&fit->samples.normal[nearest[j]]);
+    }
+    for (size_t j = 0; j < n; j++) {
         double stray_sq = stray_of_sq(fit, middle[j], nearest_sq[j], nearest[j]);
         if (stray_sq > farthest_sq) farthest_sq = stray_sq;
     }
@@ -144,6 +149,7 @@ static void hand_out(struct fit *fit, const struct cluster *cluster, const struc
                      uint32_t *spare) {
     uint8_t owner[CLUSTER_ROOM];
     float distance_sq[CLUSTER_ROOM];
+    for (size_t i = 0; i < cluster->n; i++) __builtin_prefetch(&fit->samples.sample[cluster->sample[i]]);
     cluster_owners(cluster, surface, owner, distance_sq);
     for (size_t i = 0; i < cluster->n; i++) {
         uint32_t id = cluster->sample[i], t = to[owner[i]];
@@ -266,7 +272,7 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
     enum status status = samples_init(&new.samples, input, wants_middles(mesh, input), options->threads);
     if (options->placement == PLACEMENT_SUBSET) forget_umbrellas(&new);
     if (status == STATUS_OK) status = allocate(&new);
-    if (status == STATUS_OK) status = halfedge_init(&new.he, mesh);
+    if (status == STATUS_OK) status = halfedge_init(&new.he, mesh, new.threads);
     if (status == STATUS_OK) status = fit_zones_init(&new.zones, &new.he);
     if (status == STATUS_OK) {
         for (size_t v = 0; mesh->source && v < mesh->vertex_count; v++) fit_take(&new, mesh->source[v]);

@@ -123,7 +123,7 @@ enum status fit_assign(const struct fit *fit, uint32_t *triangle, float *distanc
     struct assignment a = {.fit = fit, .triangle = triangle, .distance_sq = distance_sq};
     a.frame = alloc_array(triangles, sizeof *a.frame);
     a.star = alloc_array(points, sizeof *a.star);
-    enum status status = a.frame && a.star ? bvh_new(fit->mesh, fit->threads, &bvh) : STATUS_NO_MEMORY;
+    enum status status = a.frame && a.star ? bvh_new_rough(fit->mesh, fit->threads, &bvh) : STATUS_NO_MEMORY;
     if (status == STATUS_OK) {
         a.bvh = bvh;
         find_stars(fit, a.star);

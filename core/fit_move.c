@@ -24,6 +24,7 @@
 #include "core/sym3.h"
 
 enum { VERTEX_GRAIN = 16, PLACE_GRAIN = 512, COLOURS = 64, CANDIDATES = 3 };
+enum { STARS_AHEAD = 4, RINGS_AHEAD = 8 }; /* so many vertices before theirs, memory is asked for what they need */
 
 #define MOVE_LEAST_GAIN 1e-3 /* of what the star costs */
 #define MOVE_HOPELESS 1.5    /* of what the star costs: where the first choice is over that, the others are no better */
@@ -60,6 +61,25 @@ static bool star_of(const struct fit *fit, uint32_t vertex, struct star *star) {
     return true;
 }
 
+/* What a star is made of lies all over memory, and no wait is as long as that for it. */
+static void fetch_ring(const struct fit *fit, uint32_t vertex) {
+    uint32_t first = fit->he.out[vertex] / 3;
+    __builtin_prefetch(fit->he.triangle[first]);
+    __builtin_prefetch(&fit->he.twin[3 * first]);
+}
+
+static void fetch_star(const struct fit *fit, uint32_t vertex) {
+    uint32_t ring[FIT_MAX_RING];
+    size_t n = halfedge_ring(&fit->he, vertex, ring, FIT_MAX_RING);
+    for (size_t i = 0; i < n; i++) {
+        uint32_t t = ring[i] / 3, across = fit->he.twin[halfedge_next(ring[i])];
+        __builtin_prefetch(&fit->mesh->vertex[halfedge_to(&fit->he, ring[i])]);
+        __builtin_prefetch(&fit->cost[t]);
+        if (across != NONE) __builtin_prefetch(&fit->facing[across / 3]);
+        sample_lists_fetch(&fit->lists, t);
+    }
+}
+
 /* The s where the model is smallest; zero where it says nothing. */
 static vec3 model_minimum(const struct cluster_model *model) {
     sym3 a = model->a;
@@ -79,6 +99,12 @@ static void set_new_frames(struct star *star, const vec3 *place) {
     star->new = triangle_frames_make(&star->new_frames, star->corners, star->n);
 }
 
+/* Whether two of the star's neighbours, whose normals were a and b, may turn so that they are c and d. */
+static bool turn_is_fair(vec3 a, vec3 b, vec3 c, vec3 d) {
+    double after = vec3_dot(c, d);
+    return after >= 0 || fit_fold_is_fair(vec3_dot(a, b), after);
+}
+
 static bool move_is_fair(const struct fit *fit, const struct star *star) {
     for (size_t i = 0; i < star->n; i++) {
         vec3 old = surface_normal(&star->old, i), new = surface_normal(&star->new, i);
@@ -86,11 +112,11 @@ static bool move_is_fair(const struct fit *fit, const struct star *star) {
         if (vec3_dot(old, new) < MOVE_LEAST_TURN) return false;
         if (!fit_shape_is_fair(surface_shape(&star->old, i), surface_shape(&star->new, i))) return false;
         vec3 old_next = surface_normal(&star->old, j), new_next = surface_normal(&star->new, j);
-        if (!fit_fold_is_fair(vec3_dot(old, old_next), vec3_dot(new, new_next))) return false;
+        if (!turn_is_fair(old, old_next, new, new_next)) return false;
         uint32_t across = fit->he.twin[halfedge_next(star->ring[i])];
         if (across == NONE) continue;
         vec3 outside = fit->facing[across / 3].normal;
-        if (!fit_fold_is_fair(vec3_dot(old, outside), vec3_dot(new, outside))) return false;
+        if (!turn_is_fair(old, outside, new, outside)) return false;
     }
     return true;
 }
@@ -131,13 +157,15 @@ struct choice {
 /* Puts the points of a cluster among the choices as far as they are better; the number of choices. */
 static size_t choose_among(const struct fit *fit, const struct cluster *cluster, const float *value,
                            struct choice choice[CANDIDATES], size_t count) {
+    float worst = count < CANDIDATES ? INFINITY : choice[count - 1].value;
     for (size_t i = 0; i < cluster->n; i++) {
-        if (count == CANDIDATES && value[i] >= choice[count - 1].value) continue;
-        uint32_t point = samples_point(&fit->samples, cluster->sample[i]);
-        if (point == NONE || fit->taken[point]) continue;
+        if (!(value[i] < worst)) continue;
+        uint32_t point = cluster->sample[i];
+        if (fit->taken[point]) continue;
         size_t at = count < CANDIDATES ? count++ : count - 1;
         for (; at > 0 && choice[at - 1].value > value[i]; at--) choice[at] = choice[at - 1];
         choice[at] = (struct choice){value[i], point};
+        if (count == CANDIDATES) worst = choice[count - 1].value;
     }
     return count;
 }
@@ -153,7 +181,7 @@ static size_t choose(const struct fit *fit, const struct star *star, const struc
     struct fit_region more;
     float value[CLUSTER_ROOM];
     for (const struct fit_region *part = &star->region; part; part = fit_next_part(fit, part, &more)) {
-        cluster_values(&part->cluster, &a, target, value);
+        cluster_values(&part->cluster, &a, target, fit->samples.points, value);
         count = choose_among(fit, &part->cluster, value, choice, count);
     }
     return count;
@@ -284,8 +312,11 @@ struct batch {
 };
 
 static void move_range(const struct batch *batch, size_t begin, size_t end) {
+    const uint32_t *vertex = batch->plan->vertex;
     for (size_t i = begin; i < end; i++) {
-        uint32_t v = batch->plan->vertex[i], *source = batch->fit->mesh->source;
+        if (i + RINGS_AHEAD < end) fetch_ring(batch->fit, vertex[i + RINGS_AHEAD]);
+        if (i + STARS_AHEAD < end) fetch_star(batch->fit, vertex[i + STARS_AHEAD]);
+        uint32_t v = vertex[i], *source = batch->fit->mesh->source;
         uint32_t before = source ? source[v] : NONE;
         batch->moved[i] = move_vertex(batch->fit, v);
         batch->left[i] = batch->moved[i] ? before : NONE;

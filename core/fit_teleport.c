@@ -55,8 +55,6 @@ struct fan {
     size_t n;
     uint32_t ring[FIT_MAX_RING];
     struct fit_region region;
-    struct triangle_frames frames;
-    struct surface new;
     double cost;
 };
 
@@ -66,6 +64,9 @@ static bool fan_of(const struct fit *fit, uint32_t vertex, struct fan *fan) {
     for (size_t i = 0; i < fan->n; i++) {
         fan->region.triangle[i] = fan->ring[i] / 3;
         fan->cost += fit->cost[fan->region.triangle[i]];
+        __builtin_prefetch(&fit->facing[fan->region.triangle[i]]);
+        uint32_t across = fit->he.twin[halfedge_next(fan->ring[i])];
+        if (across != NONE) __builtin_prefetch(&fit->facing[across / 3]);
     }
     if (fan->n <= 3) return false;
     fan->region.n = fan->n;
@@ -79,15 +80,15 @@ static vec3 outside_normal(const struct fit *fit, uint32_t h, vec3 otherwise) {
 }
 
 /* Whether the fan without its vertex, all corners joined to the one at ring[to], folds nowhere. */
-static bool merge_is_fair(const struct fit *fit, const struct fan *fan, size_t to) {
+static bool merge_is_fair(const struct fit *fit, const struct fan *fan, size_t to, const struct surface *made) {
     size_t n = fan->n;
-    vec3 before = outside_normal(fit, halfedge_next(fan->ring[to]), surface_normal(&fan->new, 0));
+    vec3 before = outside_normal(fit, halfedge_next(fan->ring[to]), surface_normal(made, 0));
     for (size_t j = 0; j + 2 < n; j++) {
         size_t i = (to + 1 + j) % n;
-        vec3 new = surface_normal(&fan->new, j);
+        vec3 new = surface_normal(made, j);
         const struct facing *old = &fit->facing[fan->region.triangle[i]];
         if (vec3_dot(old->normal, new) < LEAST_TURN) return false;
-        if (!fit_shape_is_fair(old->shape, surface_shape(&fan->new, j))) return false;
+        if (!fit_shape_is_fair(old->shape, surface_shape(made, j))) return false;
         vec3 outside = outside_normal(fit, halfedge_next(fan->ring[i]), new);
         if (!fit_fold_is_fair(vec3_dot(old->normal, outside), vec3_dot(new, outside))) return false;
         if (vec3_dot(before, new) < 0) return false;
@@ -98,7 +99,7 @@ static bool merge_is_fair(const struct fit *fit, const struct fan *fan, size_t t
 }
 
 /* n - 2 triangles, from the corner at ring[to] over those behind it. */
-static void set_merged_frames(const struct fit *fit, struct fan *fan, size_t to) {
+static struct surface merged(const struct fit *fit, const struct fan *fan, size_t to, struct triangle_frames *frames) {
     struct triangle_corners corners[FIT_MAX_RING];
     const vec3 *place = fit->mesh->vertex, *end = &place[halfedge_to(&fit->he, fan->ring[to])];
     for (size_t j = 0; j + 2 < fan->n; j++) {
@@ -106,7 +107,7 @@ static void set_merged_frames(const struct fit *fit, struct fan *fan, size_t to)
         corners[j] =
             (struct triangle_corners){end, &place[halfedge_to(&fit->he, h)], &place[halfedge_apex(&fit->he, h)]};
     }
-    fan->new = triangle_frames_make(&fan->frames, corners, fan->n - 2);
+    return triangle_frames_make(frames, corners, fan->n - 2);
 }
 
 /* The neighbours that the vertex is nearest to, the nearest first; their number.  Farther ones are hardly ever worth
@@ -124,24 +125,48 @@ static size_t nearest_ends(const struct fit *fit, const struct fan *fan, vec3 fr
     return count;
 }
 
-static struct offer cheapest_merge(const struct fit *fit, uint32_t vertex) {
-    struct offer best = {.value = INFINITY, .halfedge = NONE, .source = NONE};
-    struct fan fan;
-    if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE || !fan_of(fit, vertex, &fan)) return best;
-    size_t end[ENDS], ends = nearest_ends(fit, &fan, fit->mesh->vertex[vertex], end);
-    for (size_t i = 0; i < ends; i++) {
-        size_t to = end[i];
-        set_merged_frames(fit, &fan, to);
-        if (!merge_is_fair(fit, &fan, to)) continue;
-        double limit = best.value + fan.cost;
-        double cost = fit_cost_with(fit, &fan.region, &fan.new, limit);
-        if (cost >= limit) continue;
-        if (!halfedge_may_collapse(&fit->he, fan.ring[to])) continue;
-        if (!fit_stays(fit, &fan.region, &fan.new)) continue;
-        best.value = cost - fan.cost;
-        best.halfedge = fan.ring[to];
+/* A neighbour that the vertex may be merged into, and what the fan becomes. */
+struct end {
+    uint32_t h;
+    struct surface made;
+};
+
+/* The nearest of those that fold nothing; their number. */
+static size_t fair_ends(const struct fit *fit, const struct fan *fan, vec3 from, struct triangle_frames frames[ENDS],
+                        struct end end[ENDS]) {
+    size_t to[ENDS], near = nearest_ends(fit, fan, from, to), count = 0;
+    for (size_t i = 0; i < near; i++) {
+        struct surface made = merged(fit, fan, to[i], &frames[count]);
+        if (merge_is_fair(fit, fan, to[i], &made)) end[count++] = (struct end){fan->ring[to[i]], made};
     }
-    return best;
+    return count;
+}
+
+/* Which end is merged into for the least; the loss. */
+static double cheapest_end(const struct fit *fit, const struct fan *fan, const struct end *end, size_t ends,
+                           size_t *which) {
+    double loss = INFINITY;
+    for (size_t i = 0; i < ends; i++) {
+        double limit = loss + fan->cost, cost = fit_cost_with(fit, &fan->region, &end[i].made, limit);
+        if (cost < limit) loss = cost - fan->cost, *which = i;
+    }
+    return loss;
+}
+
+/* Whether the merge may be made is looked at last: that takes as long as finding what it costs. */
+static struct offer cheapest_merge(const struct fit *fit, uint32_t vertex) {
+    struct offer none = {.value = INFINITY, .halfedge = NONE, .source = NONE};
+    struct fan fan;
+    if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE || !fan_of(fit, vertex, &fan)) return none;
+    struct triangle_frames frames[ENDS];
+    struct end end[ENDS];
+    size_t ends = fair_ends(fit, &fan, fit->mesh->vertex[vertex], frames, end), i = 0;
+    for (double loss; (loss = cheapest_end(fit, &fan, end, ends, &i)) < INFINITY;) {
+        if (halfedge_may_collapse(&fit->he, end[i].h) && fit_stays(fit, &fan.region, &end[i].made))
+            return (struct offer){.value = loss, .halfedge = end[i].h, .source = NONE};
+        memmove(&end[i], &end[i + 1], (--ends - i) * sizeof *end);
+    }
+    return none;
 }
 
 static void measure_merges(void *ctx, size_t begin, size_t end) {
@@ -174,7 +199,6 @@ struct gap {
     struct fit_region region;
     const vec3 *a, *b, *c, *d;
     struct triangle_frames frames;
-    struct surface new;
     double cost;
 };
 
@@ -192,29 +216,19 @@ static void gap_of(const struct fit *fit, uint32_t h, struct gap *gap) {
     fit_gather(fit, &gap->region);
 }
 
-static bool split_is_fair(const struct fit *fit, const struct gap *gap, uint32_t h) {
+static bool split_is_fair(const struct fit *fit, const struct gap *gap, uint32_t h, const struct surface *made) {
     static const uint8_t old_of[4] = {0, 0, 1, 1}, beside[4] = {1, 3, 0, 2};
     uint32_t g = fit->he.twin[h];
     uint32_t border[4] = {halfedge_prev(h), halfedge_next(h), halfedge_next(g), halfedge_prev(g)};
     double across = vec3_dot(fit->facing[h / 3].normal, fit->facing[g / 3].normal);
     for (int i = 0; i < 4; i++) {
-        vec3 old = fit->facing[gap->region.triangle[old_of[i]]].normal, new = surface_normal(&gap->new, (size_t)i);
+        vec3 old = fit->facing[gap->region.triangle[old_of[i]]].normal, new = surface_normal(made, (size_t)i);
         vec3 outside = outside_normal(fit, border[i], new);
-        if (vec3_dot(old, new) < LEAST_TURN || surface_shape(&gap->new, (size_t)i) < FIT_THIN) return false;
+        if (vec3_dot(old, new) < LEAST_TURN || surface_shape(made, (size_t)i) < FIT_THIN) return false;
         if (!fit_fold_is_fair(vec3_dot(old, outside), vec3_dot(new, outside))) return false;
-        if (!fit_fold_is_fair(across, vec3_dot(new, surface_normal(&gap->new, beside[i])))) return false;
+        if (!fit_fold_is_fair(across, vec3_dot(new, surface_normal(made, beside[i])))) return false;
     }
     return true;
-}
-
-static double cost_of_split(const struct fit *fit, struct gap *gap, uint32_t h, vec3 place, double limit) {
-    const struct triangle_corners corners[4] = {
-        {gap->a, &place, gap->c}, {&place, gap->b, gap->c}, {&place, gap->a, gap->d}, {gap->b, &place, gap->d}};
-    gap->new = triangle_frames_make(&gap->frames, corners, 4);
-    if (!split_is_fair(fit, gap, h)) return INFINITY;
-    double cost = fit_cost_with(fit, &gap->region, &gap->new, limit);
-    if (cost >= limit) return INFINITY;
-    return fit_stays(fit, &gap->region, &gap->new) ? cost : INFINITY;
 }
 
 struct place {
@@ -252,21 +266,70 @@ static size_t farthest(const struct fit *fit, struct gap *gap, struct place plac
     return count;
 }
 
+/* A place that the new vertex may take, and what the two triangles become. */
+struct split {
+    vec3 at;
+    uint32_t sample;
+    struct surface made;
+};
+
+/* Puts a vertex on the edge at each of the places (at least one). */
+static struct surface splits_at(const struct gap *gap, const struct split *split, size_t n,
+                                struct triangle_frames *frames) {
+    struct triangle_corners corners[4 * PLACES], *out = corners;
+    for (size_t i = 0; i < n; i++) {
+        const vec3 *p = &split[i].at;
+        *out++ = (struct triangle_corners){gap->a, p, gap->c};
+        *out++ = (struct triangle_corners){p, gap->b, gap->c};
+        *out++ = (struct triangle_corners){p, gap->a, gap->d};
+        *out++ = (struct triangle_corners){gap->b, p, gap->d};
+    }
+    return triangle_frames_make(frames, corners, 4 * n);
+}
+
+/* The farthest places, without those where something folds; their number. */
+static size_t fair_splits(const struct fit *fit, struct gap *gap, uint32_t h, struct split split[PLACES]) {
+    struct place place[PLACES];
+    size_t places = farthest(fit, gap, place), count = 0;
+    if (places == 0) return 0;
+    for (size_t i = 0; i < places; i++) {
+        split[i].sample = place[i].sample;
+        split[i].at = fit->samples.sample[place[i].sample].place;
+    }
+    struct surface all = splits_at(gap, split, places, &gap->frames);
+    for (size_t i = 0; i < places; i++) {
+        split[i].made = (struct surface){all.four, 4 * i, 4};
+        if (split_is_fair(fit, gap, h, &split[i].made)) split[count++] = split[i];
+    }
+    return count;
+}
+
+/* Which split gains most; the gain. */
+static double dearest_split(const struct fit *fit, const struct gap *gap, const struct split *split, size_t splits,
+                            size_t *which) {
+    double gain = 0;
+    for (size_t i = 0; i < splits; i++) {
+        double limit = gap->cost - gain, cost = fit_cost_with(fit, &gap->region, &split[i].made, limit);
+        if (cost < limit) gain = gap->cost - cost, *which = i;
+    }
+    return gain;
+}
+
 static struct offer best_split(const struct fit *fit, uint32_t h) {
-    struct offer best = {.value = 0, .halfedge = NONE, .source = NONE};
+    struct offer none = {.value = 0, .halfedge = NONE, .source = NONE};
     struct gap gap;
     gap_of(fit, h, &gap);
-    struct place place[PLACES];
-    if (fit_is_exact(cluster_weight(&gap.region.cluster), gap.cost)) return best;
-    size_t count = farthest(fit, &gap, place);
-    for (size_t i = 0; i < count; i++) {
-        vec3 at = fit->samples.sample[place[i].sample].place;
-        double limit = gap.cost - best.value, cost = cost_of_split(fit, &gap, h, at, limit);
-        if (cost == INFINITY) continue;
+    if (fit_is_exact(cluster_weight(&gap.region.cluster), gap.cost)) return none;
+    struct split split[PLACES];
+    size_t splits = fair_splits(fit, &gap, h, split), i = 0;
+    for (double gain; (gain = dearest_split(fit, &gap, split, splits, &i)) > 0;) {
         bool is_point = fit->placement == PLACEMENT_SUBSET;
-        best = (struct offer){gap.cost - cost, h, is_point ? samples_point(&fit->samples, place[i].sample) : NONE, at};
+        if (fit_stays(fit, &gap.region, &split[i].made))
+            return (struct offer){gain, h, is_point ? samples_point(&fit->samples, split[i].sample) : NONE,
+                                  split[i].at};
+        memmove(&split[i], &split[i + 1], (--splits - i) * sizeof *split);
     }
-    return best;
+    return none;
 }
 
 static void measure_splits(void *ctx, size_t begin, size_t end) {

@@ -1,5 +1,6 @@
-/* Twins are found by sorting: each half-edge's key is its two vertices, smaller first, so the half-edges of an edge end
- * up side by side, and a group of exactly two that run in opposite directions is a regular edge.
+/* The half-edges are put into lists by the vertex that they start at.  A half-edge's twin is the only one in the list
+ * of its end that comes back, if it is alone on its way there, too.  Lists are short, so they are gone through from end
+ * to end; the long ones of a mesh's hubs are sorted.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/halfedge.h"
@@ -10,75 +11,92 @@
 
 #include "core/alloc.h"
 #include "core/cloud.h"
+#include "core/par.h"
 
-enum { MAX_RING = 256, FEW = 32 };
+enum { MAX_RING = 256, FEW = 32, AT_ONCE = 8, VERTEX_GRAIN = 1024, HALFEDGE_GRAIN = 4096 };
 
-struct keyed {
-    uint32_t low, high, halfedge;
+struct leaving {
+    uint32_t to, halfedge;
 };
 
-static int compare_keyed(const void *a, const void *b) {
-    const struct keyed *x = a, *y = b;
-    if (x->low != y->low) return x->low < y->low ? -1 : 1;
-    if (x->high != y->high) return x->high < y->high ? -1 : 1;
+/* The half-edges that start at v: leaving[start[v] .. start[v + 1]), in order; where they aren't few, by their ends. */
+struct fans {
+    struct halfedge *he;
+    struct leaving *leaving; /* with AT_ONCE more behind, that mean nothing */
+    uint32_t *start;
+    uint32_t *back; /* of each half-edge: the only one that comes back, or NONE where there are none or several */
+};
+
+/* start[v + 2] becomes the beginning of what follows v, and with each half-edge that is put there the end of v. */
+static void sort_by_start(const struct fans *fans) {
+    const struct halfedge *he = fans->he;
+    uint32_t count = (uint32_t)(3 * he->triangle_count), *start = fans->start;
+    for (uint32_t h = 0; h < count; h++) start[halfedge_from(he, h) + 2]++;
+    for (size_t v = 2; v < he->vertex_count + 2; v++) start[v] += start[v - 1];
+    for (uint32_t h = 0; h < count; h++)
+        fans->leaving[start[halfedge_from(he, h) + 1]++] = (struct leaving){halfedge_to(he, h), h};
+}
+
+static int compare_leaving(const void *a, const void *b) {
+    const struct leaving *x = a, *y = b;
+    if (x->to != y->to) return x->to < y->to ? -1 : 1;
     return (x->halfedge > y->halfedge) - (x->halfedge < y->halfedge);
 }
 
-/* The half-edges of one vertex: a few as a rule. */
-static void sort_bucket(struct keyed *key, size_t n) {
+static void open_range(void *ctx, size_t begin, size_t end) {
+    const struct fans *fans = ctx;
+    for (size_t v = begin; v < end; v++) {
+        uint32_t first = fans->start[v], n = fans->start[v + 1] - first;
+        fans->he->out[v] = n ? fans->leaving[first + n - 1].halfedge : NONE;
+        if (n > FEW) qsort(&fans->leaving[first], n, sizeof *fans->leaving, compare_leaving);
+    }
+}
+
+/* Of n that are sorted by their ends, the first that doesn't end before b. */
+static uint32_t first_to(const struct leaving *leaving, uint32_t n, uint32_t b) {
+    uint32_t begin = 0;
+    while (begin < n) {
+        uint32_t middle = begin + (n - begin) / 2;
+        if (leaving[middle].to < b)
+            begin = middle + 1;
+        else
+            n = middle;
+    }
+    return begin;
+}
+
+/* The half-edge from a to b, or NONE where there are none or several.  No branch depends on which it is. */
+static uint32_t only_one(const struct fans *fans, uint32_t a, uint32_t b) {
+    const struct leaving *leaving = &fans->leaving[fans->start[a]];
+    uint32_t n = fans->start[a + 1] - fans->start[a], found = NONE, count = 0;
     if (n > FEW) {
-        qsort(key, n, sizeof *key, compare_keyed);
-        return;
+        uint32_t first = first_to(leaving, n, b);
+        leaving += first;
+        n = n - first < 2 ? n - first : 2;
     }
-    for (size_t i = 1; i < n; i++) {
-        struct keyed moving = key[i];
-        size_t at = i;
-        for (; at > 0 && compare_keyed(&key[at - 1], &moving) > 0; at--) key[at] = key[at - 1];
-        key[at] = moving;
+    for (uint32_t i = 0; i < n; i += AT_ONCE)
+        for (uint32_t k = i; k < i + AT_ONCE; k++) {
+            uint32_t same = -(uint32_t)((leaving[k].to == b) & (k < n));
+            found = (leaving[k].halfedge & same) | (found & ~same);
+            count -= same;
+        }
+    return count == 1 ? found : NONE;
+}
+
+static void look_back(void *ctx, size_t begin, size_t end) {
+    const struct fans *fans = ctx;
+    for (uint32_t h = (uint32_t)begin; h < end; h++) {
+        uint32_t from = halfedge_from(fans->he, h), to = halfedge_to(fans->he, h);
+        fans->back[h] = from == to ? NONE : only_one(fans, to, from);
     }
 }
 
-/* Buckets by the smaller vertex first, so that only a few half-edges are sorted at a time. */
-static void sort_keys(const struct halfedge *he, struct keyed *key, size_t *start) {
-    size_t count = 3 * he->triangle_count;
-    for (uint32_t h = 0; h < count; h++) {
-        uint32_t a = halfedge_from(he, h), b = halfedge_to(he, h);
-        start[(a < b ? a : b) + 1]++;
+static void pair_range(void *ctx, size_t begin, size_t end) {
+    const struct fans *fans = ctx;
+    for (uint32_t h = (uint32_t)begin; h < end; h++) {
+        uint32_t g = fans->back[h];
+        fans->he->twin[h] = g != NONE && fans->back[g] == h ? g : NONE;
     }
-    for (size_t v = 0; v < he->vertex_count; v++) start[v + 1] += start[v];
-    for (uint32_t h = 0; h < count; h++) {
-        uint32_t a = halfedge_from(he, h), b = halfedge_to(he, h), low = a < b ? a : b;
-        key[start[low]++] = (struct keyed){low, a < b ? b : a, h};
-    }
-    for (size_t v = he->vertex_count; v > 0; v--) start[v] = start[v - 1];
-    start[0] = 0;
-    for (size_t v = 0; v < he->vertex_count; v++) sort_bucket(key + start[v], start[v + 1] - start[v]);
-}
-
-static void pair_group(struct halfedge *he, const struct keyed *group, size_t length) {
-    uint32_t g = group[0].halfedge, h = group[length - 1].halfedge;
-    if (length == 2 && halfedge_from(he, g) != halfedge_from(he, h)) {
-        he->twin[g] = h;
-        he->twin[h] = g;
-    }
-}
-
-static enum status pair_twins(struct halfedge *he) {
-    size_t count = 3 * he->triangle_count;
-    enum status status = STATUS_NO_MEMORY;
-    struct keyed *key = alloc_array(count, sizeof *key);
-    size_t *start = alloc_zeroed(he->vertex_count + 1, sizeof *start);
-    if (!key || !start) goto out;
-    sort_keys(he, key, start);
-    for (size_t begin = 0, end; begin < count; begin = end) {
-        for (end = begin + 1; end < count && key[end].low == key[begin].low && key[end].high == key[begin].high;) end++;
-        pair_group(he, key + begin, end - begin);
-    }
-    status = STATUS_OK;
-out:
-    free(key);
-    free(start);
-    return status;
 }
 
 /* The number of triangles met from out[v] around v both ways; *closed tells whether that comes back. */
@@ -98,42 +116,39 @@ static size_t fan_size(const struct halfedge *he, uint32_t v, bool *closed) {
     return count;
 }
 
-static enum status find_locks(struct halfedge *he) {
-    uint32_t *uses = alloc_zeroed(he->vertex_count, sizeof *uses);
-    if (!uses) return STATUS_NO_MEMORY;
-    for (uint32_t h = 0; h < 3 * he->triangle_count; h++) uses[halfedge_from(he, h)]++;
-    for (uint32_t v = 0; v < he->vertex_count; v++) {
+static void lock_range(void *ctx, size_t begin, size_t end) {
+    const struct fans *fans = ctx;
+    struct halfedge *he = fans->he;
+    for (uint32_t v = (uint32_t)begin; v < end; v++) {
         bool closed = true;
-        if (he->out[v] == NONE) continue;
-        if (fan_size(he, v, &closed) != uses[v])
-            he->locked[v] = HALFEDGE_KNOTTED;
-        else if (!closed)
-            he->locked[v] = HALFEDGE_BORDER;
+        size_t uses = fans->start[v + 1] - fans->start[v];
+        bool knotted = uses && fan_size(he, v, &closed) != uses;
+        he->locked[v] = knotted ? HALFEDGE_KNOTTED : closed ? HALFEDGE_FREE : HALFEDGE_BORDER;
     }
-    free(uses);
-    return STATUS_OK;
 }
 
-enum status halfedge_init(struct halfedge *he, const struct mesh *mesh) {
+enum status halfedge_init(struct halfedge *he, const struct mesh *mesh, unsigned threads) {
     assert(mesh->triangle_count < (size_t)1 << 30);
-    struct halfedge new = {
-        .vertex_count = mesh->vertex_count, .triangle_count = mesh->triangle_count, .triangle = mesh->triangle};
-    new.twin = alloc_array(3 * mesh->triangle_count, sizeof *new.twin);
-    new.out = alloc_array(mesh->vertex_count, sizeof *new.out);
-    new.locked = alloc_zeroed(mesh->vertex_count, 1);
-    enum status status = STATUS_NO_MEMORY;
-    if (!new.twin || !new.out || !new.locked) goto fail;
-    memset(new.twin, 0xff, 3 * mesh->triangle_count * sizeof *new.twin);
-    memset(new.out, 0xff, mesh->vertex_count * sizeof *new.out);
-    for (uint32_t h = 0; h < 3 * mesh->triangle_count; h++) new.out[halfedge_from(&new, h)] = h;
-    status = pair_twins(&new);
-    if (status == STATUS_OK) status = find_locks(&new);
-    if (status != STATUS_OK) goto fail;
-    *he = new;
-    return STATUS_OK;
-fail:
-    halfedge_done(&new);
-    return status;
+    size_t count = 3 * mesh->triangle_count, vertices = mesh->vertex_count;
+    struct halfedge new = {.vertex_count = vertices, .triangle_count = count / 3, .triangle = mesh->triangle};
+    new.twin = alloc_array(count, sizeof *new.twin);
+    new.out = alloc_array(vertices, sizeof *new.out);
+    new.locked = alloc_array(vertices, 1);
+    struct fans fans = {&new, alloc_zeroed(count + AT_ONCE, sizeof *fans.leaving),
+                        alloc_zeroed(vertices + 2, sizeof *fans.start), alloc_array(count, sizeof *fans.back)};
+    bool enough = new.twin &&new.out &&new.locked &&fans.leaving &&fans.start &&fans.back;
+    if (enough) {
+        sort_by_start(&fans);
+        par_for(threads, vertices, VERTEX_GRAIN, open_range, &fans);
+        par_for(threads, count, HALFEDGE_GRAIN, look_back, &fans);
+        par_for(threads, count, HALFEDGE_GRAIN, pair_range, &fans);
+        par_for(threads, vertices, VERTEX_GRAIN, lock_range, &fans);
+        *he = new;
+    } else {
+        halfedge_done(&new);
+    }
+    free(fans.leaving), free(fans.start), free(fans.back);
+    return enough ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
 void halfedge_done(struct halfedge *he) {

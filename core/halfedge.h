@@ -39,9 +39,9 @@ struct halfedge {
     uint8_t *locked;         /* vertex_count: enum halfedge_lock */
 };
 
-/* Builds the half-edges of the mesh's triangles (fewer than 2^30).  O(triangles log triangles).  STATUS_NO_MEMORY only.
- */
-enum status halfedge_init(struct halfedge *he, const struct mesh *mesh) MUST_CHECK;
+/* Builds the half-edges of the mesh's triangles (fewer than 2^30).  O(triangles log triangles), where no vertex has
+ * many O(triangles).  Same result for any number of threads (0 = all processors).  STATUS_NO_MEMORY only. */
+enum status halfedge_init(struct halfedge *he, const struct mesh *mesh, unsigned threads) MUST_CHECK;
 void halfedge_done(struct halfedge *he);
 
 static inline uint32_t halfedge_next(uint32_t h) { return h % 3 == 2 ? h - 2 : h + 1; }

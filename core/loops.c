@@ -290,7 +290,7 @@ static enum status take_shortest(struct search *s, struct loops *out) {
 static enum status search_init(struct search *s) {
     size_t triangles = s->mesh->triangle_count, vertices = s->mesh->vertex_count;
     s->most = triangles > vertices ? triangles : vertices;
-    enum status status = halfedge_init(&s->he, s->mesh);
+    enum status status = halfedge_init(&s->he, s->mesh, 1);
     s->mark = alloc_zeroed(3 * triangles, sizeof *s->mark);
     s->tree = alloc_zeroed(3 * triangles, 1);
     s->climb = alloc_array(triangles, sizeof *s->climb);

@@ -192,6 +192,15 @@ static enum status run_groups(struct run *run, const struct step **next, bool on
     return status;
 }
 
+/* Says which of several levels it was that couldn't be made. */
+static enum status in_level(const struct run *run, size_t level, enum status status) {
+    const struct param_levels *levels = &run->params->levels;
+    if (!status || status == STATUS_CANCELLED || levels->count < 2 || !run->error) return status;
+    struct error plain = *run->error;
+    return error_set_at(run->error, status, plain.where, plain.line, plain.byte_offset, "level %g: %s",
+                        levels->ratio[level], plain.text);
+}
+
 static enum status run_steps(struct run *run, const struct progress *progress, struct pipeline_result *made) {
     struct overall overall = {.progress = progress};
     const struct step *of_levels = steps;
@@ -202,7 +211,7 @@ static enum status run_steps(struct run *run, const struct progress *progress, s
     enum status status = run_groups(run, &of_levels, true, &overall);
     for (run->level = 0; run->level < made->level_count && !status; run->level++) {
         const struct step *next = of_levels;
-        status = run_groups(run, &next, false, &overall);
+        status = in_level(run, run->level, run_groups(run, &next, false, &overall));
         take_level(run, &made->level[run->level]);
     }
     return status;

@@ -8,12 +8,14 @@
 #include <string.h>
 #include <strings.h>
 
+#include "core/padding.h"
+
 static bool is_newline(char c) { return c == '\n' || c == '\r'; }
 static bool is_blank(char c) { return c == ' ' || c == '\t' || c == '\v' || c == '\f'; }
 
 struct scan scan_start(const void *bytes, size_t n) {
     const char *text = bytes;
-    struct scan scan = {.begin = text, .at = text, .end = text + n, .line = 1};
+    struct scan scan = {.begin = text, .at = text, .end = text + padding_text_bytes(text, n), .line = 1};
     if (n >= 3 && memcmp(text, "\xef\xbb\xbf", 3) == 0) scan.at += 3;
     return scan;
 }

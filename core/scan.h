@@ -24,7 +24,7 @@ struct scan_word {
     size_t n;
 };
 
-/* At the beginning of n bytes, after a byte order mark. */
+/* At the beginning of n bytes, after a byte order mark; the text ends before a mark of its end (DOS has one). */
 struct scan scan_start(const void *bytes, size_t n);
 
 /* The next word on this line; false at its end. */

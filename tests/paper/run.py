@@ -12,8 +12,6 @@ defaults.
 SPDX-License-Identifier: GPL-3.0-or-later
 """
 import argparse
-import collections
-import math
 import pathlib
 import statistics
 import sys
@@ -24,29 +22,17 @@ import numpy as np
 
 import draw
 import models
+import table_2
 import words
 from page import Page
-from programs import NOT_TO_RECONSTRUCT, Failed, Made, Programs, best
+from programs import Failed, Programs
 
 # What the paper prints, of its figure 7; errors relative to the diagonal.
 PAPER_POINTS = {"horse": (9697, 4848, 2424), "santa": (15156, 7578, 3789), "venus": (10000, 5000, 2500)}
 PAPER_ERRORS = {"horse": (0.006335, 0.007514, 0.016095), "santa": (0.002241, 0.003527, 0.005259),
                 "venus": (0.002784, 0.00405, 0.005678)}
-PAPER_IMPROVEMENT = 65.3  # in %, mean of table 2
 KEPT = (0.2, 0.1, 0.05)
-KEPT_IN_TABLE_2 = (0.4, 0.3, 0.2, 0.1)
 REPEATS = 3
-
-
-# Table 2: how whittle goes about it, what it is held against, and by which clock.
-OURS = {"S": ("--refine", "none"), "S refined": ()}
-REFERENCES = ("R", "peers")
-WAYS = (*OURS, *REFERENCES)
-ALL_THREADS, ONE_THREAD = (), ("--threads", 1)
-CLOCKS = {"all threads, wall time": (ALL_THREADS, "ms"), "all threads, processor time": (ALL_THREADS, "processor_ms"),
-          "one thread each, wall time": (ONE_THREAD, "ms"),
-          "one thread each, processor time": (ONE_THREAD, "processor_ms")}
-Case = collections.namedtuple("Case", "points made errors")  # made: {threads: {way: Made}}; errors: {way: mean}
 
 LITERAL = ("--dso", "sum", "--dso_exponent", 1, "--area_weight", "unit", "--line_quadric", 0, "--cocone", "literal",
            "--refine", "none")
@@ -73,19 +59,6 @@ def percent(ratio):
     return f"{100 * ratio:g} %"
 
 
-def seconds(case, clock, way):
-    threads, figure = CLOCKS[clock]
-    return getattr(case.made[threads][way], figure) / 1e3
-
-
-def improvements(clock, cases):
-    """Means of (time_R - time_S) / time_R in %: a row of table 2's summary."""
-    def one(case, way, other):
-        return 100 * (1 - seconds(case, clock, way) / seconds(case, clock, other))
-    return [clock, *(f"{statistics.fmean(one(case, way, other) for case in cases):.1f} %"
-                     for other in REFERENCES for way in OURS)]
-
-
 class Evaluation:
     """The programs, the page that grows, and where the pictures go."""
 
@@ -93,8 +66,6 @@ class Evaluation:
         self.programs = Programs(build, "out/paper-work")
         self.pictures = pathlib.Path(stem)
         self.pictures.mkdir(parents=True, exist_ok=True)
-        self.full = {}  # reconstructions of all points, by model and threads
-        self.front = {}  # the same by CGAL's advancing front
         self.page = Page("Lee and Jong's evaluation, again")
 
     def picture(self, name, caption):
@@ -116,81 +87,13 @@ class Evaluation:
         self.page.text(words.TABLE_1.format(repeats=REPEATS))
 
     def stages(self, model):
-        return self.programs.whittle(model.cloud, "--ratio", 0.5, *LITERAL, *ONE_THREAD,
+        return self.programs.whittle(model.cloud, "--ratio", 0.5, *LITERAL, "--threads", 1,
                                      outputs="cloud,report")[1]["timings_ms"]
 
     # ------------------------------------------------------------------------------------------------ table 2
     def table_2(self, chosen):
         """Simplify first, or reconstruct first."""
-        self.page.heading("Table 2: simplify first, or reconstruct first")
-        cases = {}
-        for model in chosen:
-            for ratio in KEPT_IN_TABLE_2:
-                log(f"{model.name} {percent(ratio)}: table 2")
-                cases[model.name, ratio] = self.all_ways(model, ratio)
-        self.page.text(words.TABLE_2.format(repeats=REPEATS))
-        for clock in CLOCKS:
-            self.page.text(f"Seconds, {clock}:")
-            self.page.table(["model", "kept", *WAYS],
-                            [[name, percent(ratio), *(f"{seconds(case, clock, way):.3f}" for way in WAYS)]
-                             for (name, ratio), case in cases.items()])
-        self.page.table(["mean improvement", *(f"{way} against {other}" for other in REFERENCES for way in OURS)],
-                        [*(improvements(clock, cases.values()) for clock in CLOCKS),
-                         ["the paper", f"{PAPER_IMPROVEMENT} %", "-", "-", "-"]])
-        self.page.text(words.TABLE_2_IMPROVEMENT)
-        self.page.table(["mean error", "kept", "points", *WAYS],
-                        [[name, percent(ratio), case.points, *(f"{1e4 * case.errors[way]:.2f}" for way in WAYS)]
-                         for (name, ratio), case in cases.items()])
-        losses = {way: statistics.geometric_mean(c.errors[way] / c.errors["R"] for c in cases.values()) for way in WAYS}
-        self.page.text(words.TABLE_2_ERRORS.format(loss=losses["S"], refined=losses["S refined"],
-                                                   peers=losses["peers"]))
-
-    def all_ways(self, model, ratio):
-        """One case of table 2."""
-        collapsed = self.collapses(model, math.floor(ratio * model.points))
-        made = {threads: {**self.simplify_first(model, ratio, threads),
-                          **self.reconstruct_first(model, threads, collapsed)}
-                for threads in (ALL_THREADS, ONE_THREAD)}
-        ways = made[ALL_THREADS]
-        errors = {way: self.programs.measure(ways[way].path, model.mesh).mean for way in WAYS}
-        return Case(ways["S"].points, made, errors)
-
-    def simplify_first(self, model, ratio, threads):
-        return {way: best(lambda options=options: self.programs.mesh(model.cloud, "--ratio", ratio, *threads, *options,
-                                                                     name=way), REPEATS)
-                for way, options in OURS.items()}
-
-    def reconstruct_first(self, model, threads, collapsed):
-        """The surface's time and the collapse's together; of the peers' pairs the fastest."""
-        def whole(surface, small):
-            large = surface(model, threads)
-            return small._replace(ms=large.ms + small.ms, processor_ms=large.processor_ms + small.processor_ms)
-        return {way: min((whole(*pair) for pair in pairs), key=lambda made: made.ms)
-                for way, pairs in collapsed.items()}
-
-    def collapses(self, model, count):
-        """{way: pairs of a surface of all points and what it is made into}; one thread whatever is asked for."""
-        return {way: [(surface, best(lambda surface=surface: self.programs.peer(
-            *collapse, Made(surface(model, ALL_THREADS).path), count, f"{way}.{surface.__name__}"), REPEATS))
-                      for surface in (self.full_mesh, *others)]
-                for way, collapse, others in (("R", ("surface_cgal", "garland-heckbert"), ()),
-                                              ("peers", ("meshoptimizer", "simplify"), (self.front_mesh,)))}
-
-    def full_mesh(self, model, threads):
-        """The Tight Cocone of all points, in the peers' format, with its time; made once for each model."""
-        if (model.name, threads) not in self.full:
-            made = best(lambda: self.programs.mesh(model.cloud, "--ratio", 1, "--refine", "none", *threads, name="full",
-                                                   without=NOT_TO_RECONSTRUCT), REPEATS)
-            path = self.programs.plain(made.path, f"{model.name}.full")
-            self.full[model.name, threads] = made._replace(path=path)
-        return self.full[model.name, threads]
-
-    def front_mesh(self, model, _):
-        """CGAL's advancing front over all points, one thread whatever is asked for; made once for each model."""
-        if model.name not in self.front:
-            self.front[model.name] = best(lambda: self.programs.peer(
-                "surface_cgal", "front", Made(model.cloud), 0, f"{model.name}.front"), REPEATS)
-        return self.front[model.name]
+        table_2.write(self.page, table_2.Table2(self.programs, chosen, log).measure())
 
     # ------------------------------------------------------------------------------------------------ figure 4
     def figure_4(self, chosen):

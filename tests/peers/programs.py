@@ -25,10 +25,13 @@ class Failed(Exception):
     """A program ended with an error; its last words."""
 
 
-def best(make, times):
-    """Of so many runs that make the same thing the shortest: whatever disturbs a run makes it longer."""
-    runs = [make() for _ in range(times)]
+def fastest(runs):
+    """Of runs that made the same thing the shortest: whatever disturbs a run makes it longer."""
     return min(runs, key=lambda made: made.ms)._replace(processor_ms=min(made.processor_ms for made in runs))
+
+
+def best(make, times):
+    return fastest([make() for _ in range(times)])
 
 
 def run(command):

@@ -332,25 +332,52 @@ static void any_number_of_threads_gives_the_same_bits(void **state) {
     free_mesh(&mesh);
 }
 
+/* Of triangles in no order at all, and any number of them. */
+static void a_rough_one_gives_the_same_bits(void **state) {
+    (void)state;
+    static const size_t counts[] = {0, 1, 3, 4, 12, 13, 49, 3000};
+    uint64_t seed = 21;
+    for (size_t c = 0; c < sizeof counts / sizeof *counts; c++)
+        for (unsigned threads = 1; threads < 4; threads++) {
+            struct mesh mesh = random_mesh(counts[c], 0.05, 21 + c);
+            struct bvh *well = bvh_of(&mesh), *rough = NULL;
+            assert_int_equal(bvh_new_rough(&mesh, threads, &rough), STATUS_OK);
+            for (size_t i = 0; i < 300; i++) {
+                vec3 p = random_point(&seed);
+                uint32_t hint = counts[c] ? (uint32_t)(i % counts[c]) : NONE;
+                struct bvh_hit a = bvh_closest(well, p, NONE), b = bvh_closest(rough, p, i % 2 ? hint : NONE);
+                assert_true(a.distance_sq == b.distance_sq && a.triangle == b.triangle);
+                assert_true(a.triangle == NONE || vec3_equal(a.point, b.point));
+            }
+            bvh_free(well), bvh_free(rough), free_mesh(&mesh);
+        }
+}
+
 static bool fails_at_zero(void *ctx) { return (*(int *)ctx)-- == 0; }
 
-static void any_allocation_that_fails_is_reported(void **state) {
-    (void)state;
-    struct mesh mesh = random_mesh(100, 0.1, 10);
+static int refusals(const struct mesh *mesh,
+                    enum status (*make)(const struct mesh *mesh, unsigned threads, struct bvh **bvh)) {
     enum status status = STATUS_NO_MEMORY;
     int nth = 0, refused = 0;
     for (; status || nth < 10; nth++) {
         struct bvh *bvh = NULL;
         int countdown = nth;
         alloc_fail_ctx = &countdown, alloc_fail = fails_at_zero;
-        status = bvh_new(&mesh, 2, &bvh);
+        status = make(mesh, 2, &bvh);
         alloc_fail = NULL;
         assert_true(status == (bvh ? STATUS_OK : STATUS_NO_MEMORY));
         if (status) refused++;
-        if (bvh) check_hit(&mesh, (vec3){0, 0, 0}, bvh_closest(bvh, (vec3){0, 0, 0}, NONE), 1);
+        if (bvh) check_hit(mesh, (vec3){0, 0, 0}, bvh_closest(bvh, (vec3){0, 0, 0}, NONE), 1);
         bvh_free(bvh);
     }
-    assert_int_equal(refused, 7);
+    return refused;
+}
+
+static void any_allocation_that_fails_is_reported(void **state) {
+    (void)state;
+    struct mesh mesh = random_mesh(100, 0.1, 10);
+    assert_int_equal(refusals(&mesh, bvh_new), 7);
+    assert_int_equal(refusals(&mesh, bvh_new_rough), 6);
     free_mesh(&mesh);
 }
 
@@ -369,6 +396,7 @@ int main(void) {
         cmocka_unit_test(far_queries_still_find_the_mesh),
         cmocka_unit_test(meshes_that_split_badly_are_still_exact),
         cmocka_unit_test(any_number_of_threads_gives_the_same_bits),
+        cmocka_unit_test(a_rough_one_gives_the_same_bits),
         cmocka_unit_test(any_allocation_that_fails_is_reported),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -26,7 +26,7 @@ static void build(struct fixture *f, const uint32_t (*triangle)[3], size_t trian
     memset(f, 0, sizeof *f);
     memcpy(f->triangle, triangle, triangles * sizeof *triangle);
     f->mesh = (struct mesh){.vertex_count = vertices, .triangle_count = triangles, .triangle = f->triangle};
-    assert_int_equal(halfedge_init(&f->he, &f->mesh), STATUS_OK);
+    assert_int_equal(halfedge_init(&f->he, &f->mesh, 2), STATUS_OK);
 }
 
 /* Every twin is mutual and runs the other way round; every vertex in use has a half-edge that starts there. */
@@ -158,7 +158,7 @@ static void test_collapse_that_would_pinch_is_refused(void **state) {
     }
     struct mesh mesh = {.vertex_count = 9, .triangle_count = 18, .triangle = torus};
     struct halfedge he;
-    assert_int_equal(halfedge_init(&he, &mesh), STATUS_OK);
+    assert_int_equal(halfedge_init(&he, &mesh, 2), STATUS_OK);
     check(&he);
     for (uint32_t h = 0; h < 54; h++) {
         assert_int_not_equal(he.twin[h], NONE);
@@ -192,6 +192,42 @@ static void test_collapse_and_split_keep_the_counts(void **state) {
     halfedge_done(&f.he);
 }
 
+/* By the definition: the only one that comes back, of the only one that goes. */
+static uint32_t twin_of(const struct halfedge *he, uint32_t h) {
+    uint32_t back = NONE, there = 0, backs = 0;
+    for (uint32_t g = 0; g < 3 * he->triangle_count; g++) {
+        there += halfedge_from(he, g) == halfedge_from(he, h) && halfedge_to(he, g) == halfedge_to(he, h);
+        if (halfedge_from(he, g) != halfedge_to(he, h) || halfedge_to(he, g) != halfedge_from(he, h)) continue;
+        back = g, backs++;
+    }
+    return there == 1 && backs == 1 && back != h ? back : NONE;
+}
+
+/* Hubs of hundreds of triangles, beside edges that aren't regular in all ways there are, for any number of threads. */
+static void test_twins_are_found_in_any_heap_of_triangles(void **state) {
+    (void)state;
+    enum { VERTICES = 60, TRIANGLES = 500 };
+    static uint32_t triangle[TRIANGLES][3];
+    struct mesh mesh = {.vertex_count = VERTICES, .triangle_count = TRIANGLES, .triangle = triangle};
+    size_t paired = 0, alone = 0;
+    for (uint32_t t = 0, x = 1; t < TRIANGLES; t++)
+        for (uint32_t k = 0; k < 3; k++) {
+            x = x * 1664525 + 1013904223;
+            triangle[t][k] = t % 2 && k == 0 ? 3 : (x >> 16) % VERTICES;
+        }
+    for (unsigned threads = 1; threads <= 3; threads++) {
+        struct halfedge he;
+        assert_int_equal(halfedge_init(&he, &mesh, threads), STATUS_OK);
+        check(&he);
+        for (uint32_t h = 0; h < 3 * TRIANGLES; h++) {
+            assert_int_equal(he.twin[h], twin_of(&he, h));
+            *(he.twin[h] == NONE ? &alone : &paired) += 1;
+        }
+        halfedge_done(&he);
+    }
+    assert_true(paired > 300 && alone > 300);
+}
+
 static bool fail_at(void *ctx) {
     int *left = ctx;
     return (*left)-- == 0;
@@ -207,7 +243,7 @@ static void test_every_allocation_may_fail(void **state) {
     for (int n = 0;; n++) {
         int left = n;
         alloc_fail_ctx = &left;
-        enum status status = halfedge_init(&f.he, &f.mesh);
+        enum status status = halfedge_init(&f.he, &f.mesh, 2);
         if (status == STATUS_OK) break;
         assert_int_equal(status, STATUS_NO_MEMORY);
         failures++;
@@ -228,6 +264,7 @@ int main(void) {
         cmocka_unit_test(test_collapse_of_a_tetrahedron_is_refused),
         cmocka_unit_test(test_collapse_that_would_pinch_is_refused),
         cmocka_unit_test(test_collapse_and_split_keep_the_counts),
+        cmocka_unit_test(test_twins_are_found_in_any_heap_of_triangles),
         cmocka_unit_test(test_every_allocation_may_fail),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -75,7 +75,7 @@ static struct dense with_hole(size_t steps, double (*f)(double x, double y)) {
 static enum status find(const struct mesh *mesh, const struct dense *dense, unsigned threads, uint8_t *hole) {
     struct halfedge he = {0};
     struct cocone_dense points = {dense->n, dense->point, dense->normal, dense->spacing, NULL, NULL};
-    enum status status = halfedge_init(&he, mesh);
+    enum status status = halfedge_init(&he, mesh, 2);
     if (!status) status = cocone_holes_find(mesh, &he, &points, SITES, threads, hole);
     halfedge_done(&he);
     return status;
@@ -172,7 +172,7 @@ static struct mesh left_of(bool (*is_out)(uint32_t cell)) {
     struct halfedge he;
     uint8_t out[2 * CELLS * CELLS];
     for (uint32_t t = 0; t < mesh.triangle_count; t++) out[t] = is_out(t / 2), mesh.tag[t] = t % 2;
-    assert_int_equal(halfedge_init(&he, &mesh), STATUS_OK);
+    assert_int_equal(halfedge_init(&he, &mesh, 2), STATUS_OK);
     assert_int_equal(mesh_without(&mesh, &he, out), STATUS_OK);
     halfedge_done(&he);
     return mesh;
@@ -227,7 +227,7 @@ static enum status open_with_failure(struct mesh *mesh, const struct dense *dens
     alloc_fail_ctx = &nth;
     alloc_fail = is_due;
     enum status status = find(mesh, dense, 1, hole);
-    if (!status) status = halfedge_init(&he, mesh);
+    if (!status) status = halfedge_init(&he, mesh, 2);
     if (!status) status = mesh_without(mesh, &he, hole);
     alloc_fail = NULL;
     halfedge_done(&he);

@@ -161,15 +161,24 @@ static void tiny_clouds_pass_through_without_a_mesh(void **state) {
     }
 }
 
-static void check_degenerate(vec3 *point, size_t n, const char *part) {
+static void check_without_mesh(vec3 *point, size_t n, const char *params, const char *part) {
     struct cloud cloud = cloud_of(point, n);
     struct pipeline_result result = {0};
     struct error error = {0};
-    assert_int_equal(run(&cloud, "ratio 1 outputs mesh", &result, &error), STATUS_DEGENERATE);
+    assert_int_equal(run(&cloud, params, &result, &error), STATUS_DEGENERATE);
     if (!strstr(error.text, part)) print_error("'%s' lacks '%s'\n", error.text, part);
     assert_non_null(strstr(error.text, part));
     assert_null(result.kept);
     cloud_done(&cloud);
+}
+
+static void check_degenerate(vec3 *point, size_t n, const char *part) {
+    check_without_mesh(point, n, "ratio 1 outputs mesh", part);
+}
+
+static void a_level_without_a_mesh_is_named(void **state) {
+    (void)state;
+    check_without_mesh(shape_sphere(100, 1), 100, "levels 0.5,0.02 outputs mesh", "level 0.02: a closed mesh takes");
 }
 
 static void what_has_no_volume_has_no_mesh(void **state) {
@@ -332,6 +341,7 @@ int main(void) {
         cmocka_unit_test(the_input_s_order_does_not_matter),
         cmocka_unit_test(tiny_clouds_pass_through_without_a_mesh),
         cmocka_unit_test(what_has_no_volume_has_no_mesh),
+        cmocka_unit_test(a_level_without_a_mesh_is_named),
         cmocka_unit_test(flat_clouds_are_simplified_all_the_same),
         cmocka_unit_test(duplicates_count_as_points_but_are_kept_once),
         cmocka_unit_test(every_stage_can_be_cancelled),

@@ -284,7 +284,7 @@ static void test_samples_start_with_the_nearest_triangle(void **state) {
     struct fit fit = {.mesh = &mesh, .threads = 2};
     input.hood = &hood;
     assert_int_equal(samples_init(&fit.samples, &input, 1, 2), STATUS_OK);
-    assert_int_equal(halfedge_init(&fit.he, &mesh), STATUS_OK);
+    assert_int_equal(halfedge_init(&fit.he, &mesh, 2), STATUS_OK);
     uint32_t *triangle = alloc_array(fit.samples.n, sizeof *triangle);
     float *distance_sq = alloc_array(fit.samples.n, sizeof *distance_sq);
     assert_true(triangle && distance_sq && fit.samples.n > 2 * SPHERE_POINTS);
@@ -472,7 +472,7 @@ static void test_zones_are_compact(void **state) {
     struct halfedge he;
     struct fit_zones zones;
     size_t size[GRID * GRID] = {0}, apart = 0;
-    assert_int_equal(halfedge_init(&he, &mesh), STATUS_OK);
+    assert_int_equal(halfedge_init(&he, &mesh, 2), STATUS_OK);
     assert_int_equal(fit_zones_init(&zones, &he), STATUS_OK);
     assert_true(zones.count > GRID * GRID / FIT_ZONE_MOST && zones.count < GRID * GRID / 100);
     for (uint32_t v = 0; v < GRID * GRID; v++) {

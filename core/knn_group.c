@@ -183,8 +183,7 @@ static unsigned places_within(const struct knn_group *wide, const struct knn_gro
     return count;
 }
 
-bool knn_group_narrow(const struct knn_group *wide, const vec3 *query, size_t n, double room,
-                      struct knn_group *group) {
+bool knn_group_narrow(const struct knn_group *wide, const vec3 *query, size_t n, double room, struct knn_group *group) {
     uint16_t place[KNN_GROUP_POINTS + 1];
     surround(group, query, n, room);
     if (vec3_distance(group->centre, wide->centre) + group->radius >= wide->radius * (1 - ROUNDING)) return false;

@@ -44,10 +44,15 @@ struct offer {
     vec3 place;
 };
 
+/* What may be offered, by a key that is quick to find, and what of it is: items of radix_sort. */
 struct market {
     struct fit *fit;
-    struct offer *offer;
+    uint64_t *item;      /* in the order of memory, in which they are read faster */
+    struct offer *offer; /* of each item */
+    uint64_t *order;     /* of offers */
 };
+
+#define NEVER UINT32_MAX /* key of what can't be offered */
 
 /* ---------------------------------------------------------------------------------------------- taking out */
 
@@ -170,8 +175,8 @@ static struct offer cheapest_merge(const struct fit *fit, uint32_t vertex) {
 }
 
 static void measure_merges(void *ctx, size_t begin, size_t end) {
-    struct market *market = ctx;
-    for (size_t i = begin; i < end; i++) market->offer[i] = cheapest_merge(market->fit, market->offer[i].source);
+    const struct market *market = ctx;
+    for (size_t i = begin; i < end; i++) market->offer[i] = cheapest_merge(market->fit, radix_value(market->item[i]));
 }
 
 /* About the volume between the star and what would close the gap: a vertex amid a plane has none. */
@@ -333,80 +338,100 @@ static struct offer best_split(const struct fit *fit, uint32_t h) {
 }
 
 static void measure_splits(void *ctx, size_t begin, size_t end) {
-    struct market *market = ctx;
-    for (size_t i = begin; i < end; i++) market->offer[i] = best_split(market->fit, market->offer[i].halfedge);
+    const struct market *market = ctx;
+    for (size_t i = begin; i < end; i++) market->offer[i] = best_split(market->fit, radix_value(market->item[i]));
 }
 
 /* ---------------------------------------------------------------------------------------------- the trade */
 
-static int compare_rising(const void *a, const void *b) {
-    const struct offer *x = a, *y = b;
-    if (x->value != y->value) return x->value < y->value ? -1 : 1;
-    return x->halfedge != y->halfedge ? (x->halfedge > y->halfedge) - (x->halfedge < y->halfedge)
-                                      : (x->source > y->source) - (x->source < y->source);
+static bool is_before(const struct offer *a, const struct offer *b) {
+    return a->value != b->value ? a->value < b->value : a->halfedge < b->halfedge;
 }
 
-static int compare_falling(const void *a, const void *b) { return compare_rising(b, a); }
+/* Puts items that lie in order by their keys in that of their offers: float isn't as exact as they are. */
+static void order_equals(const struct offer *offer, uint64_t *order, size_t n, bool falling) {
+    for (size_t i = 1; i < n; i++) {
+        uint64_t moving = order[i];
+        size_t at = i;
+        for (; at > 0 && radix_key(order[at - 1]) == radix_key(moving); at--) {
+            const struct offer *before = &offer[radix_value(order[at - 1])], *after = &offer[radix_value(moving)];
+            if (falling ? is_before(after, before) : is_before(before, after)) break;
+            order[at] = order[at - 1];
+        }
+        order[at] = moving;
+    }
+}
 
-/* What may be offered, by a key that is quick to find: items of radix_sort, and room for twice as many. */
-struct shortlist {
-    const struct fit *fit;
-    uint64_t *item;
+/* The offers that stand, by their values. */
+struct ranking {
+    const struct offer *offer;
+    const uint64_t *order;
+    size_t n;
 };
 
-static void estimate_merges(void *ctx, size_t begin, size_t end) {
-    struct shortlist *list = ctx;
-    for (size_t v = begin; v < end; v++)
-        list->item[v] = radix_item(radix_key_of(merge_estimate(list->fit, (uint32_t)v)), (uint32_t)v);
+static const struct offer *offer_at(const struct ranking *ranking, size_t i) {
+    return &ranking->offer[radix_value(ranking->order[i])];
 }
 
-/* An edge by its triangles' cost, the dearest first; one that can't be split, or its twin, last. */
+static struct ranking rank_offers(const struct market *market, size_t count, bool falling) {
+    uint64_t *order = market->order;
+    size_t n = 0;
+    for (size_t i = 0; i < count; i++) {
+        if (market->offer[i].halfedge == NONE) continue;
+        uint32_t key = radix_key_of_signed(market->offer[i].value);
+        order[n++] = radix_item(falling ? ~key : key, (uint32_t)i);
+    }
+    order = radix_sort(order, order + n, n, 1);
+    order_equals(market->offer, order, n, falling);
+    return (struct ranking){market->offer, order, n};
+}
+
+static void estimate_merges(void *ctx, size_t begin, size_t end) {
+    const struct market *market = ctx;
+    for (size_t v = begin; v < end; v++) {
+        double estimate = merge_estimate(market->fit, (uint32_t)v);
+        market->item[v] = radix_item(estimate < INFINITY ? radix_key_of(estimate) : NEVER, (uint32_t)v);
+    }
+}
+
+/* An edge by its triangles' cost, the dearest first. */
 static void estimate_splits(void *ctx, size_t begin, size_t end) {
-    struct shortlist *list = ctx;
-    const struct fit *fit = list->fit;
+    const struct market *market = ctx;
+    const struct fit *fit = market->fit;
     for (size_t h = begin; h < end; h++) {
         uint32_t g = fit->he.twin[h];
         bool counts = g != NONE && g > h;
         uint32_t key = counts ? radix_key_of(fit->cost[h / 3] + fit->cost[g / 3]) : 0;
-        list->item[h] = radix_item(UINT32_MAX - key, (uint32_t)h);
+        market->item[h] = radix_item(NEVER - key, (uint32_t)h);
     }
 }
 
-/* The first of n sorted items in the order of their values, which is that of memory: they are read faster so.  item has
- * room for 2 n, and sorted is one half of it. */
-static const uint64_t *sort_by_value(const uint64_t *sorted, uint64_t *item, size_t n, size_t count) {
-    uint64_t *mine = item + (sorted - item), *other = sorted == item ? item + n : item;
-    for (size_t i = 0; i < count; i++) mine[i] = radix_item(radix_value(sorted[i]), radix_value(sorted[i]));
-    return radix_sort(mine, other, count, 1);
+/* Keeps the lowest of n items, `most` of them, as far as they can be offered; their number. */
+static size_t shortlist(uint64_t *item, size_t n, size_t most) {
+    size_t count = radix_keep_lowest(item, item + n, n, most), kept = 0;
+    for (size_t i = 0; i < count; i++)
+        if (radix_key(item[i]) != NEVER) item[kept++] = item[i];
+    return kept;
 }
 
 /* The vertices whose estimate is lowest, measured, cheapest first. */
-static size_t offer_merges(struct fit *fit, uint64_t *item, struct offer *offer) {
-    size_t n = fit->mesh->vertex_count, most = part_of(fit, parts_of[fit->placement].cheap), count = 0;
-    par_for(fit->threads, n, ESTIMATES, estimate_merges, &(struct shortlist){fit, item});
-    const uint64_t *sorted = radix_sort(item, item + n, n, fit->threads);
-    while (count < n && count < most && radix_key(sorted[count]) < radix_key_of(INFINITY)) count++;
-    sorted = sort_by_value(sorted, item, n, count);
-    for (size_t i = 0; i < count; i++) offer[i] = (struct offer){.halfedge = NONE, .source = radix_value(sorted[i])};
-    par_for(fit->threads, count, GRAIN, measure_merges, &(struct market){fit, offer});
-    qsort(offer, count, sizeof *offer, compare_rising);
-    while (count > 0 && offer[count - 1].halfedge == NONE) count--;
-    return count;
+static struct ranking offer_merges(struct market *market) {
+    struct fit *fit = market->fit;
+    size_t n = fit->mesh->vertex_count;
+    par_for(fit->threads, n, ESTIMATES, estimate_merges, market);
+    size_t count = shortlist(market->item, n, part_of(fit, parts_of[fit->placement].cheap));
+    par_for(fit->threads, count, GRAIN, measure_merges, market);
+    return rank_offers(market, count, false);
 }
 
 /* The edges whose triangles cost most, measured, most rewarding first. */
-static size_t offer_splits(struct fit *fit, uint64_t *item, struct offer *offer) {
-    size_t n = 3 * fit->mesh->triangle_count, most = part_of(fit, parts_of[fit->placement].dear);
-    size_t count = 0;
-    par_for(fit->threads, n, ESTIMATES, estimate_splits, &(struct shortlist){fit, item});
-    const uint64_t *sorted = radix_sort(item, item + n, n, fit->threads);
-    while (count < n && count < most && radix_key(sorted[count]) < UINT32_MAX) count++;
-    sorted = sort_by_value(sorted, item, n, count);
-    for (size_t i = 0; i < count; i++) offer[i] = (struct offer){.halfedge = radix_value(sorted[i]), .source = NONE};
-    par_for(fit->threads, count, GRAIN, measure_splits, &(struct market){fit, offer});
-    qsort(offer, count, sizeof *offer, compare_falling);
-    while (count > 0 && offer[count - 1].halfedge == NONE) count--;
-    return count;
+static struct ranking offer_splits(struct market *market) {
+    struct fit *fit = market->fit;
+    size_t n = 3 * fit->mesh->triangle_count;
+    par_for(fit->threads, n, ESTIMATES, estimate_splits, market);
+    size_t count = shortlist(market->item, n, part_of(fit, parts_of[fit->placement].dear));
+    par_for(fit->threads, count, GRAIN, measure_splits, market);
+    return rank_offers(market, count, true);
 }
 
 static size_t most_deals(const struct fit *fit) { return part_of(fit, TELEPORT_MOST); }
@@ -488,18 +513,18 @@ static void put_in(struct trade *trade, const struct offer *offer, struct halfed
 }
 
 /* A merge is made only when the split that it pays for is known to hold, also after it. */
-static void make_deals(struct trade *trade, const struct offer *loss, size_t losses, const struct offer *gain,
-                       size_t gains) {
+static void make_deals(struct trade *trade, const struct ranking *loss, const struct ranking *gain) {
     struct fit *fit = trade->fit;
     size_t i = 0, most = most_deals(fit);
-    for (size_t j = 0; j < gains && trade->deals < most; j++) {
-        if (!split_holds(fit, gain[j].halfedge, trade->changed)) continue;
-        uint32_t quad[2] = {gain[j].halfedge / 3, fit->he.twin[gain[j].halfedge] / 3};
+    for (size_t j = 0; j < gain->n && trade->deals < most; j++) {
+        const struct offer *split = offer_at(gain, j);
+        if (!split_holds(fit, split->halfedge, trade->changed)) continue;
+        uint32_t quad[2] = {split->halfedge / 3, fit->he.twin[split->halfedge] / 3};
         trade->changed[quad[0]] = trade->changed[quad[1]] = 1;
-        while (i < losses && !merge_holds(fit, loss[i].halfedge, trade->changed)) i++;
-        if (i == losses || gain[j].value < TELEPORT_PAYS * loss[i].value) break;
-        struct halfedge_spare spare = take_out(trade, loss[i++].halfedge);
-        put_in(trade, &gain[j], spare);
+        while (i < loss->n && !merge_holds(fit, offer_at(loss, i)->halfedge, trade->changed)) i++;
+        if (i == loss->n || split->value < TELEPORT_PAYS * offer_at(loss, i)->value) break;
+        struct halfedge_spare spare = take_out(trade, offer_at(loss, i++)->halfedge);
+        put_in(trade, split, spare);
     }
 }
 
@@ -517,8 +542,8 @@ static void share_dealt(void *ctx, size_t begin, size_t end) {
     }
 }
 
-static enum status trade_offers(struct fit *fit, const struct offer *loss, size_t losses, const struct offer *gain,
-                                size_t gains, size_t *teleports) {
+static enum status trade_offers(struct fit *fit, const struct ranking *loss, const struct ranking *gain,
+                                size_t *teleports) {
     size_t triangles = fit->mesh->triangle_count;
     struct trade trade = {.fit = fit};
     trade.changed = alloc_zeroed(triangles, 1);
@@ -526,7 +551,7 @@ static enum status trade_offers(struct fit *fit, const struct offer *loss, size_
     trade.deal = alloc_array(most_deals(fit), sizeof *trade.deal);
     bool enough = trade.changed && trade.star && trade.deal;
     if (enough) {
-        make_deals(&trade, loss, losses, gain, gains);
+        make_deals(&trade, loss, gain);
         par_for(fit->threads, trade.deals, DEALS, share_dealt, &trade);
         *teleports += trade.deals;
     }
@@ -537,14 +562,17 @@ static enum status trade_offers(struct fit *fit, const struct offer *loss, size_
 enum status fit_teleport(struct fit *fit, size_t *teleports) {
     const struct parts *parts = &parts_of[fit->placement];
     size_t vertices = fit->mesh->vertex_count, halfedges = 3 * fit->mesh->triangle_count;
-    struct offer *loss = alloc_array(part_of(fit, parts->cheap), sizeof *loss);
-    struct offer *gain = alloc_array(part_of(fit, parts->dear), sizeof *gain);
-    uint64_t *item = alloc_array(2 * (vertices > halfedges ? vertices : halfedges), sizeof *item);
+    size_t merges = part_of(fit, parts->cheap), splits = part_of(fit, parts->dear);
+    struct market out = {.fit = fit}, in = {.fit = fit};
+    out.item = in.item = alloc_array(2 * (vertices > halfedges ? vertices : halfedges), sizeof *out.item);
+    out.offer = alloc_array(merges + splits, sizeof *out.offer);
+    out.order = alloc_array(2 * (merges + splits), sizeof *out.order);
     enum status status = STATUS_NO_MEMORY;
-    if (loss && gain && item) {
-        size_t losses = offer_merges(fit, item, loss), gains = offer_splits(fit, item, gain);
-        status = trade_offers(fit, loss, losses, gain, gains, teleports);
+    if (out.item && out.offer && out.order) {
+        in.offer = out.offer + merges, in.order = out.order + 2 * merges;
+        struct ranking loss = offer_merges(&out), gain = offer_splits(&in);
+        status = trade_offers(fit, &loss, &gain, teleports);
     }
-    free(loss), free(gain), free(item);
+    free(out.item), free(out.offer), free(out.order);
     return status;
 }

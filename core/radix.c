@@ -66,3 +66,36 @@ uint64_t *radix_sort(uint64_t *item, uint64_t *spare, size_t n, unsigned threads
     }
     return item;
 }
+
+/* The lowest digit that as many as `rank` items, or fewer, lie below; *rank becomes the rank among those that have it.
+ */
+static unsigned digit_at_rank(const uint64_t *item, size_t n, unsigned shift, size_t *rank) {
+    uint32_t count[DIGITS] = {0};
+    unsigned digit = 0;
+    for (size_t i = 0; i < n; i++) count[item[i] >> shift & (DIGITS - 1)]++;
+    for (; count[digit] <= *rank; digit++) *rank -= count[digit];
+    return digit;
+}
+
+/* Most significant digit first: only items with the digits of the wanted one are looked at any further. */
+static uint64_t item_at_rank(const uint64_t *item, uint64_t *spare, size_t n, size_t rank) {
+    for (unsigned shift = 64 - DIGIT_BITS; n > 1; shift = shift > DIGIT_BITS ? shift - DIGIT_BITS : 0) {
+        unsigned digit = digit_at_rank(item, n, shift, &rank);
+        size_t left = 0;
+        for (size_t i = 0; i < n; i++)
+            if ((item[i] >> shift & (DIGITS - 1)) == digit) spare[left++] = item[i];
+        item = spare;
+        n = left;
+    }
+    return item[0];
+}
+
+size_t radix_keep_lowest(uint64_t *item, uint64_t *spare, size_t n, size_t count) {
+    if (count >= n) return n;
+    if (count == 0) return 0;
+    uint64_t last = item_at_rank(item, spare, n, count - 1);
+    size_t kept = 0;
+    for (size_t i = 0; i < n; i++)
+        if (item[i] <= last) item[kept++] = item[i];
+    return kept;
+}

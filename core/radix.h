@@ -21,9 +21,19 @@ static inline uint32_t radix_key_of(double x) {
     return bits;
 }
 
+/* The key of any number: the order of the bits is turned round for those below zero. */
+static inline uint32_t radix_key_of_signed(double x) {
+    uint32_t bits = radix_key_of(x);
+    return bits >> 31 ? ~bits : bits | UINT32_C(1) << 31;
+}
+
 /* Sorts n < 2^32 items by their keys, ascending; equal keys stay in the order that they come in.  spare is scratch for
  * n more.  Returns whichever of the two arrays holds the result.  0 threads = all processors; the result doesn't depend
  * on them.  O(n). */
 uint64_t *radix_sort(uint64_t *item, uint64_t *spare, size_t n, unsigned threads);
+
+/* Keeps the `count` lowest of n < 2^32 different items (by key, then by value) in the order that they come in; returns
+ * their number, which is n where there are no more.  spare is scratch for n.  O(n), in less time than sorting takes. */
+size_t radix_keep_lowest(uint64_t *item, uint64_t *spare, size_t n, size_t count);
 
 #endif

@@ -139,7 +139,7 @@ $(call object,$(core_src)): override CFLAGS += -O3
 endif
 
 # Their vectors are passed between functions that are inlined, so how others would get them doesn't matter.
-$(addprefix $(build)/core/,cluster.o knn_group.o pair_cost.o quadric.o rank_sort.o \
+$(addprefix $(build)/core/,cluster.o fit_assign.o knn_group.o pair_cost.o quadric.o rank_sort.o \
     triangle_frames.o umbrella.o): override CFLAGS += -Wno-psabi
 
 # Files that are compiled into the program.

@@ -3,62 +3,105 @@
  * ends.  Few steps are needed.  A point sets out from its vertex's first triangle, or where there is none from where
  * the point before it came to; a middle from its point's.
  *
+ * Triangles are measured to in frames of their own, which are in the room of the lists until these are filled.
+ *
  * The surface may be nearer elsewhere, behind a fold.  So what ends farther off than may be expected is looked for in a
  * hierarchy of all triangles as well.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/fit_assign.h"
 
+#include <assert.h>
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "core/alloc.h"
 #include "core/bvh.h"
 #include "core/cloud.h"
+#include "core/lanes.h"
 #include "core/par.h"
 
 enum { POINT_GRAIN = 1024, FRAME_GRAIN = 1024, LIST_GRAIN = 512 };
 
 #define TRUSTED 0.15 /* of the spacing: farther off than that, a sample is looked for in the hierarchy as well */
 
+/* A triangle in its frame (triangle_frame.h), with its edges bc, ca and ab (unit directions, lengths) as lanes, whose
+ * fourth means nothing.  It fits into the room of a block of samples. */
+struct slope {
+    double along_x[3], along_y[3], length[3];
+    double cx, zero; /* after the length of ab, which is bx: so that there the edges' beginnings follow */
+    double cy;
+    vec3 a, u, v, n;
+};
+static_assert(sizeof(struct slope) <= sizeof(struct sample_block), "or it has no room there");
+static_assert(offsetof(struct slope, zero) == offsetof(struct slope, length) + 4 * sizeof(double), "lanes follow");
+
+enum { BC, CA, AB };
+
 struct assignment {
     const struct fit *fit;
     const struct bvh *bvh;
-    struct triangle_frame *frame; /* of each triangle */
-    uint32_t *star;               /* of each point: the first triangle at a vertex that stands there, or NONE */
+    struct slope *slope; /* of each triangle; in the room of the lists */
+    uint32_t *star;      /* of each point: the first triangle at a vertex that stands there, or NONE */
     uint32_t *triangle;
     float *distance_sq;
 };
 
+/* How far off a triangle is; by edge: how far off they are in the triangle's plane, and where on them, from their
+ * beginnings. */
 struct stop {
     uint32_t triangle;
-    struct triangle_hit hit;
+    bool inside;
+    double distance_sq;
+    lanes edge_sq, along;
 };
 
-/* Moves to the triangle if it is nearer. */
-static bool try_triangle(const struct assignment *a, vec3 place, uint32_t triangle, struct stop *best) {
-    struct triangle_hit hit = triangle_frame_hit(&a->frame[triangle], place);
-    if (!(hit.distance_sq < best->hit.distance_sq)) return false;
-    *best = (struct stop){triangle, hit};
+/* Of the edges, that which the nearest place is on. */
+INLINE unsigned nearest_edge(lanes edge_sq) {
+    unsigned nearest = edge_sq[BC] < edge_sq[AB] ? BC : AB;
+    return edge_sq[CA] < edge_sq[nearest] ? CA : nearest;
+}
+
+/* Moves to the triangle if it is nearer.  Which part of it is nearest is hard to foresee, so no branch depends on it.
+ */
+INLINE bool try_triangle(const struct assignment *a, vec3 place, uint32_t triangle, struct stop *best) {
+    const struct slope *s = &a->slope[triangle];
+    vec3 r = vec3_sub(place, s->a);
+    double height = vec3_dot(r, s->n), x = vec3_dot(r, s->u), y = vec3_dot(r, s->v);
+    lanes dx = x - lanes_load(&s->length[AB]), dy = y - (lanes){0, s->cy, 0, 0};
+    lanes ex = lanes_load(s->along_x), ey = lanes_load(s->along_y);
+    lanes along = dx * ex + dy * ey, off = dx * ey - dy * ex, past = lanes_positive(along - lanes_load(s->length));
+    lanes edge_sq = lanes_pick(along <= 0, dx * dx + dy * dy, off * off + past * past);
+    bool inside = (y > 0) & (off[BC] < 0) & (s->along_y[CA] * x < s->along_x[CA] * y);
+    double least = edge_sq[BC] < edge_sq[AB] ? edge_sq[BC] : edge_sq[AB];
+    least = edge_sq[CA] < least ? edge_sq[CA] : least;
+    double distance_sq = (inside ? 0 : least) + height * height;
+    if (!(distance_sq < best->distance_sq)) return false;
+    *best = (struct stop){triangle, inside, distance_sq, edge_sq, along};
     return true;
 }
 
-static bool try_around(const struct assignment *a, vec3 place, uint32_t h, struct stop *best) {
+INLINE bool try_around(const struct assignment *a, vec3 place, uint32_t h, struct stop *best) {
     bool nearer = false;
     uint32_t e = h;
     do {
         e = halfedge_around(&a->fit->he, e);
         if (e == NONE || e == h) return nearer;
         nearer |= try_triangle(a, place, e / 3, best);
-    } while (true);
+    } while (best->distance_sq > 0);
+    return nearer;
 }
 
-static struct stop go_downhill(const struct assignment *a, vec3 place, uint32_t start) {
-    struct stop best = {start, {.distance_sq = INFINITY}};
+/* Where there is no distance left, nothing is nearer. */
+INLINE struct stop go_downhill(const struct assignment *a, vec3 place, uint32_t start) {
+    struct stop best = {.triangle = start, .distance_sq = INFINITY};
     bool nearer = try_triangle(a, place, start, &best);
-    while (nearer && best.hit.feature != TRIANGLE_INSIDE) {
-        uint32_t h = 3 * best.triangle + best.hit.corner, twin = a->fit->he.twin[h];
-        if (best.hit.feature == TRIANGLE_CORNER)
+    while (nearer && !best.inside && best.distance_sq > 0) {
+        unsigned edge = nearest_edge(best.edge_sq);
+        bool before = best.along[edge] <= 0, past = best.along[edge] >= a->slope[best.triangle].length[edge];
+        uint32_t h = 3 * best.triangle + (edge + 1 + past) % 3, twin = a->fit->he.twin[h];
+        if (before || past)
             nearer = try_around(a, place, h, &best);
         else
             nearer = twin != NONE && try_triangle(a, place, twin / 3, &best);
@@ -79,14 +122,15 @@ static uint32_t look_up(const struct assignment *a, size_t i, uint32_t hint) {
 }
 
 /* The nearest that is found from a triangle nearby. */
-static uint32_t place_from(const struct assignment *a, size_t i, uint32_t start) {
+INLINE uint32_t place_from(const struct assignment *a, size_t i, uint32_t start) {
     const struct sample *sample = &a->fit->samples.sample[i];
     struct stop stop = go_downhill(a, sample->place, start);
     double trusted = TRUSTED * (double)sample->reach;
-    if (stop.hit.distance_sq < trusted * trusted) return settle(a, i, stop.triangle, stop.hit.distance_sq);
+    if (stop.distance_sq < trusted * trusted) return settle(a, i, stop.triangle, stop.distance_sq);
     return look_up(a, i, stop.triangle);
 }
 
+FOR_EACH_PROCESSOR
 static void assign_range(void *ctx, size_t begin, size_t end) {
     const struct assignment *a = ctx;
     const uint32_t *middle = a->fit->samples.middle;
@@ -98,12 +142,27 @@ static void assign_range(void *ctx, size_t begin, size_t end) {
     }
 }
 
-static void frame_range(void *ctx, size_t begin, size_t end) {
+static struct slope slope_of(const struct frames_four *f, size_t k) {
+    return (struct slope){.along_x = {f->bc_x[k], -f->ac_x[k], 1},
+                          .along_y = {f->bc_y[k], -f->ac_y[k], 0},
+                          .length = {f->bc_length[k], f->ac_length[k], f->bx[k]},
+                          .cx = f->cx[k],
+                          .cy = f->cy[k],
+                          .a = {f->ax[k], f->ay[k], f->az[k]},
+                          .u = {f->ux[k], f->uy[k], f->uz[k]},
+                          .v = {f->vx[k], f->vy[k], f->vz[k]},
+                          .n = {f->nx[k], f->ny[k], f->nz[k]}};
+}
+
+static void slope_range(void *ctx, size_t begin, size_t end) {
     const struct assignment *a = ctx;
-    const vec3 *vertex = a->fit->mesh->vertex;
-    for (size_t t = begin; t < end; t++) {
-        const uint32_t *corner = a->fit->mesh->triangle[t];
-        a->frame[t] = triangle_frame_of(vertex[corner[0]], vertex[corner[1]], vertex[corner[2]]);
+    for (size_t t = begin; t < end; t += FRAMES_MOST) {
+        uint32_t triangle[FRAMES_MOST];
+        size_t n = end - t < FRAMES_MOST ? end - t : FRAMES_MOST;
+        struct triangle_frames frames;
+        for (size_t k = 0; k < n; k++) triangle[k] = (uint32_t)(t + k);
+        fit_frames(a->fit, triangle, n, &frames);
+        for (size_t k = 0; k < n; k++) a->slope[t + k] = slope_of(&frames.four[k / FRAMES_WIDTH], k % FRAMES_WIDTH);
     }
 }
 
@@ -121,16 +180,16 @@ enum status fit_assign(const struct fit *fit, uint32_t *triangle, float *distanc
     struct bvh *bvh = NULL;
     size_t triangles = fit->mesh->triangle_count, points = fit->samples.points;
     struct assignment a = {.fit = fit, .triangle = triangle, .distance_sq = distance_sq};
-    a.frame = alloc_array(triangles, sizeof *a.frame);
+    a.slope = sample_lists_room(&fit->lists);
     a.star = alloc_array(points, sizeof *a.star);
-    enum status status = a.frame && a.star ? bvh_new_rough(fit->mesh, fit->threads, &bvh) : STATUS_NO_MEMORY;
+    enum status status = a.star ? bvh_new_rough(fit->mesh, fit->threads, &bvh) : STATUS_NO_MEMORY;
     if (status == STATUS_OK) {
         a.bvh = bvh;
         find_stars(fit, a.star);
-        par_for(fit->threads, triangles, FRAME_GRAIN, frame_range, &a);
+        par_for(fit->threads, triangles, FRAME_GRAIN, slope_range, &a);
         par_for(fit->threads, points, POINT_GRAIN, assign_range, &a);
     }
-    free(a.frame), free(a.star);
+    free(a.star);
     bvh_free(bvh);
     return status;
 }

@@ -8,7 +8,7 @@
 
 /* triangle[i], distance_sq[i] = where sample i belongs, and how far off it is: the nearest triangle, or one downhill of
  * which there is none where that is near.  Both are for fit->samples.n.  Only fit->mesh, samples, half-edges and
- * threads are looked at.  STATUS_NO_MEMORY. */
+ * threads are looked at; the lists are empty, and have room for all triangles.  STATUS_NO_MEMORY. */
 enum status fit_assign(const struct fit *fit, uint32_t *triangle, float *distance_sq) MUST_CHECK;
 
 /* Fills the lists, and sets the costs, by what fit_assign has found.  STATUS_NO_MEMORY. */

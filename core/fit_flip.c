@@ -15,11 +15,12 @@
 
 #include "core/alloc.h"
 #include "core/cloud.h"
+#include "core/fit_fetch.h"
 #include "core/fit_gap.h"
 #include "core/par.h"
 #include "core/radix.h"
 
-enum { EDGE_GRAIN = 256, SHARE_GRAIN = 64 };
+enum { EDGE_GRAIN = 512, SHARE_GRAIN = 128 };
 
 #define FLIP_LEAST_GAIN 1e-4 /* of what the two triangles cost */
 
@@ -109,10 +110,31 @@ static void measure_batch(const struct fit *fit, struct candidate *candidate, si
     }
 }
 
+/* How far ahead things are asked for. */
+enum { TRIANGLES_AHEAD = 4 * BATCH, AROUND_AHEAD = 2 * BATCH, MORE_AHEAD = BATCH };
+
+INLINE uint32_t candidate_side(const struct round *round, size_t i, int side) {
+    uint32_t h = round->candidate[i].halfedge;
+    return (side ? round->fit->he.twin[h] : h) / 3;
+}
+
+/* Asks for what batches after the one that begins at i are going to read. */
+INLINE void fetch_batches(const struct round *round, size_t i, size_t end) {
+    const struct fit *fit = round->fit;
+    for (size_t last = i + BATCH; i < last; i++)
+        for (int side = 0; side < 2; side++) {
+            if (i + TRIANGLES_AHEAD < end) fit_fetch_triangle(fit, candidate_side(round, i + TRIANGLES_AHEAD, side));
+            if (i + AROUND_AHEAD < end) fit_fetch_around(fit, candidate_side(round, i + AROUND_AHEAD, side));
+            if (i + MORE_AHEAD < end) fit_fetch_more(fit, candidate_side(round, i + MORE_AHEAD, side));
+        }
+}
+
 static void measure(void *ctx, size_t begin, size_t end) {
     struct round *round = ctx;
-    for (size_t i = begin; i < end; i += BATCH)
+    for (size_t i = begin; i < end; i += BATCH) {
+        fetch_batches(round, i, end);
         measure_batch(round->fit, &round->candidate[i], end - i < BATCH ? end - i : BATCH);
+    }
 }
 
 /* The edges of touched triangles, once each, and each by the lower of its half-edges; no triangle is touched
@@ -164,6 +186,15 @@ static void flip(struct fit *fit, uint32_t h) {
     }
 }
 
+enum { EDGES_AHEAD = 16, ACROSS_AHEAD = 8 };
+
+INLINE void fetch_edges(const struct round *round, size_t i, size_t end) {
+    const struct fit *fit = round->fit;
+    if (i + EDGES_AHEAD < end) fit_fetch_links(fit, radix_value(round->item[i + EDGES_AHEAD]) / 3);
+    uint32_t twin = i + ACROSS_AHEAD < end ? fit->he.twin[radix_value(round->item[i + ACROSS_AHEAD])] : NONE;
+    if (twin != NONE) fit_fetch_links(fit, twin / 3);
+}
+
 /* Flips the edges that are still what they were measured as, and keeps those, in the order of memory, in which their
  * samples are handed out faster; their number. */
 static size_t flip_fresh(struct round *round, size_t count) {
@@ -171,6 +202,7 @@ static size_t flip_fresh(struct round *round, size_t count) {
     size_t flips = 0;
     for (size_t i = 0; i < count; i++) {
         uint32_t h = radix_value(round->item[i]);
+        fetch_edges(round, i, count);
         if (is_outdated(fit, h)) {
             fit->postponed[h / 3] = 1;
         } else if (flip_is_possible(fit, h)) {
@@ -183,11 +215,28 @@ static size_t flip_fresh(struct round *round, size_t count) {
     return flips;
 }
 
+/* The triangle on either side of the diagonal that a flip made. */
+INLINE uint32_t flipped_side(const struct round *round, size_t i, int side) {
+    uint32_t t = radix_value(round->item[i]) / 3;
+    return side ? round->fit->he.twin[3 * t + 1] / 3 : t;
+}
+
+enum { SHARES_AHEAD = 6, BLOCKS_AHEAD = 4, SAMPLES_AHEAD = 2 };
+
+INLINE void fetch_shares(const struct round *round, size_t i, size_t end) {
+    const struct fit *fit = round->fit;
+    for (int side = 0; side < 2; side++) {
+        if (i + SHARES_AHEAD < end) fit_fetch_triangle(fit, flipped_side(round, i + SHARES_AHEAD, side));
+        if (i + BLOCKS_AHEAD < end) fit_fetch_around(fit, flipped_side(round, i + BLOCKS_AHEAD, side));
+        if (i + SAMPLES_AHEAD < end) fit_fetch_samples(fit, flipped_side(round, i + SAMPLES_AHEAD, side));
+    }
+}
+
 static void share_flipped(void *ctx, size_t begin, size_t end) {
     struct round *round = ctx;
     for (size_t i = begin; i < end; i++) {
-        uint32_t t = radix_value(round->item[i]) / 3;
-        uint32_t triangle[2] = {t, round->fit->he.twin[3 * t + 1] / 3};
+        fetch_shares(round, i, end);
+        uint32_t triangle[2] = {flipped_side(round, i, 0), flipped_side(round, i, 1)};
         fit_share(round->fit, triangle, 2, triangle, 2);
     }
 }

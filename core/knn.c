@@ -1,7 +1,10 @@
 /* Queries along the curve in groups (knn_group.c), the others one by one (knn_pieces.c).
  *
- * How far the k-th neighbour of the last query was tells how wide the next group may be.  A group of few isn't worth
- * gathering for; so queries in no order cost what they would without groups.
+ * The trees are walked once for a run of some ten queries.  From what that has gathered groups of some three take what
+ * is near them; whoever needs more than its group has looks among all that the run has, and then asks the trees.
+ *
+ * How far the k-th neighbour of the last query was tells how wide the next run and group may be.  A group of few isn't
+ * worth gathering for; so queries in no order cost what they would without groups.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/knn.h"
@@ -16,8 +19,9 @@
 #include "core/knn_pieces.h"
 #include "core/par.h"
 
-enum { BATCH = 2048, FEWEST = 2 };
-static const double WIDTH = 2; /* of a group, in distances to the k-th neighbour */
+enum { BATCH = 2048, FEWEST = 2, GROUP = 16, RUN = 64 };
+static const double GROUP_WIDTH = 2, GROUP_ROOM = 1.2; /* in distances to the k-th neighbour, as the next line */
+static const double RUN_WIDTH = 4, RUN_ROOM = 1.6;
 
 struct knn {
     const vec3 *point;
@@ -58,30 +62,65 @@ static enum status ask_alone(const struct search *search, size_t q) {
     return status;
 }
 
-/* Answers the n queries from q on, whose k-th neighbours are expected to be about `usual` away. */
-static enum status ask_group(const struct search *search, size_t q, unsigned n, double usual) {
-    const struct knn *knn = search->knn;
+/* Queries along the curve that are near each other. */
+struct run {
+    size_t end;
+    double usual; /* how far the k-th neighbour of the last query was */
+    bool gathered;
+    struct knn_group wide; /* what was, for all of them */
+};
+
+/* How many queries from q on, at most so many, are within a width. */
+static size_t length_of(const struct search *search, const struct run *run, size_t q, size_t most, double width) {
+    size_t left = run->end - q;
+    return knn_group_length(&search->queries[q], left < most ? left : most, width * run->usual);
+}
+
+static enum status gather(const struct search *search, size_t q, size_t n, double room, struct knn_group *group,
+                          bool *gathered) {
+    *gathered = false;
+    if (n < FEWEST) return STATUS_OK;
+    return knn_group_gather(group, search->knn->pieces, search->knn->point, &search->queries[q], n, room, gathered);
+}
+
+static bool is_answered(const struct search *search, const struct knn_group *group, size_t q, double usual) {
+    return knn_group_nearest(group, search->queries[q], search->k, usual, &search->id[q * search->k],
+                             &search->distance_sq[q * search->k]);
+}
+
+/* Answers the n queries from q on. */
+static enum status ask_group(const struct search *search, struct run *run, size_t q, size_t n) {
     struct knn_group group;
-    bool gathered = false;
+    double room = GROUP_ROOM * run->usual;
     enum status status = STATUS_OK;
-    if (n >= FEWEST)
-        status = knn_group_gather(&group, knn->pieces, knn->point, &search->queries[q], n, usual, &gathered);
-    for (size_t end = q + n; q < end && !status; q++)
-        if (!gathered || !knn_group_nearest(&group, search->queries[q], search->k, usual, &search->id[q * search->k],
-                                            &search->distance_sq[q * search->k]))
-            status = ask_alone(search, q);
+    bool gathered = run->gathered && knn_group_narrow(&run->wide, &search->queries[q], n, room, &group);
+    if (!gathered) status = gather(search, q, n, room, &group, &gathered);
+    for (size_t end = q + n; q < end && !status; q++) {
+        if (gathered && is_answered(search, &group, q, run->usual)) continue;
+        if (run->gathered && is_answered(search, &run->wide, q, run->usual)) continue;
+        status = ask_alone(search, q);
+    }
+    run->usual = sqrt(search->distance_sq[q * search->k - 1]);
+    return status;
+}
+
+static enum status ask_run(const struct search *search, struct run *run, size_t q) {
+    enum status status = gather(search, q, run->end - q, RUN_ROOM * run->usual, &run->wide, &run->gathered);
+    for (size_t n; q < run->end && !status; q += n) {
+        n = length_of(search, run, q, GROUP, GROUP_WIDTH);
+        status = ask_group(search, run, q, n);
+    }
     return status;
 }
 
 static void search_range(void *ctx, size_t begin, size_t end) {
     struct search *search = ctx;
     enum status status = STATUS_OK;
-    double usual = 0;
-    for (size_t q = begin; q < end && !status;) {
-        unsigned n = knn_group_length(&search->queries[q], end - q, WIDTH * usual);
-        status = ask_group(search, q, n, usual);
-        q += n;
-        usual = sqrt(search->distance_sq[q * search->k - 1]);
+    struct run run = {.usual = 0};
+    for (size_t q = begin; q < end && !status; q = run.end) {
+        run.end = end;
+        run.end = q + length_of(search, &run, q, RUN, RUN_WIDTH);
+        status = ask_run(search, &run, q);
     }
     if (status) atomic_store(&search->failed, true);
 }

@@ -39,7 +39,7 @@ extern "C" {
 
 namespace {
 
-constexpr int LEAF_POINTS = 12;
+constexpr int LEAF_POINTS = 28;
 constexpr double FARTHEST = std::numeric_limits<double>::max();
 constexpr double ROUNDING = 1 + 1e-12; /* more than the tree's bounds are off by */
 

@@ -1,7 +1,7 @@
-/* One walk through the tree for up to GROUP queries, then arithmetic.
+/* One walk through the tree for several queries, then arithmetic.
  *
  *        .  .  . | .  .  .        The queries (q) are neighbours along the curve.  Around the middle of their box all
- *      .   .  q  .  q  . |  .     points within their reach and once more `usual`, what the last query's k-th
+ *      .   .  q  .  q  . |  .     points within their reach and some room, which depends on what the last query's k-th
  *        .  q  . | q  .  .  .     neighbour was away, are gathered.  A query at distance e from the middle has found
  *      .  .  .  . |.  .  .        its neighbours for sure where the k-th is nearer than radius - e.
  *
@@ -19,8 +19,7 @@
 #include "core/knn.h"
 #include "core/lanes.h"
 
-enum { GROUP = 16, PLACE_BITS = 8, PLACES = 1 << PLACE_BITS };
-static const double ROOM = 1.2;          /* of the ball beyond the queries, in usual distances */
+enum { PLACE_BITS = 8, PLACES = 1 << PLACE_BITS };
 static const double NEAR = 1.5;          /* of the first bound, in squares of usual distances */
 static const double ROUNDING = 1e-9;     /* far more than what the tree's bounds are off by */
 static const double FARTHEST = 0x1p1000; /* squared; what is farther than that is left to the tree */
@@ -39,12 +38,16 @@ INLINE lanes keys_of(lanes distance_sq, lanes_mask place) {
     return (lanes)((((lanes_mask)distance_sq + ONE) & -(int64_t)PLACES) | place);
 }
 
+INLINE lanes distances_at(const struct knn_group *g, unsigned i, vec3 from) {
+    lanes x = lanes_all(from.x) - lanes_load(&g->x[i]), y = lanes_all(from.y) - lanes_load(&g->y[i]),
+          z = lanes_all(from.z) - lanes_load(&g->z[i]);
+    return x * x + y * y + z * z;
+}
+
 INLINE void measure(const struct knn_group *g, vec3 query, struct ranking *r) {
     lanes_mask place = {0, 1, 2, 3};
     for (unsigned i = 0; i < g->count; i += LANES, place += LANES) {
-        lanes x = lanes_all(query.x) - lanes_load(&g->x[i]), y = lanes_all(query.y) - lanes_load(&g->y[i]),
-              z = lanes_all(query.z) - lanes_load(&g->z[i]);
-        lanes distance_sq = x * x + y * y + z * z;
+        lanes distance_sq = distances_at(g, i, query);
         lanes_store(&r->distance_sq[i], distance_sq);
         lanes_store(&r->key[i], keys_of(distance_sq, place));
     }
@@ -86,11 +89,13 @@ INLINE void rank_near_narrow(struct ranking *r) {
     }
 }
 
+/* Ranks what is nearer than the smaller of two bounds; where that isn't k points, what is nearer than the other one. */
 FOR_EACH_PROCESSOR
-static void rank(const struct knn_group *g, vec3 query, unsigned k, double usual, struct ranking *r) {
+static void rank(const struct knn_group *g, vec3 query, unsigned k, double near_sq, double sure_sq, struct ranking *r) {
     measure(g, query, r);
-    select_near(g->count, NEAR * usual * usual, r);
-    if (r->count < k) select_near(g->count, FARTHEST, r);
+    select_near(g->count, fmin(near_sq, sure_sq), r);
+    if (r->count < k && near_sq < sure_sq) select_near(g->count, sure_sq, r);
+    if (r->count < k) return;
     if (processor_is_wide())
         rank_near(r);
     else
@@ -114,11 +119,10 @@ static bool has_equals(const struct ranking *r, unsigned k) {
 bool knn_group_nearest(const struct knn_group *group, vec3 query, unsigned k, double usual, uint32_t *id,
                        double *distance_sq) {
     struct ranking r;
-    if (group->count < k) return false;
-    rank(group, query, k, usual, &r);
+    double sure = group->radius * (1 - ROUNDING) - vec3_distance(query, group->centre); /* all that is nearer is here */
+    if (group->count < k || !(sure > 0)) return false;
+    rank(group, query, k, NEAR * usual * usual, fmin(sure * sure, FARTHEST), &r);
     if (r.count < k) return false;
-    double farthest = sqrt(r.distance_sq[bits_of(r.ranked[k - 1]) & (PLACES - 1)]);
-    if (farthest + vec3_distance(query, group->centre) >= group->radius * (1 - ROUNDING)) return false;
     if (has_equals(&r, k)) return false;
     for (unsigned i = 0; i < k; i++) {
         unsigned place = bits_of(r.ranked[i]) & (PLACES - 1);
@@ -128,26 +132,30 @@ bool knn_group_nearest(const struct knn_group *group, vec3 query, unsigned k, do
     return true;
 }
 
-unsigned knn_group_length(const vec3 *query, size_t n, double width) {
-    unsigned length = 1;
-    while (length < n && length < GROUP && vec3_distance_sq(query[0], query[length]) <= width * width) length++;
+size_t knn_group_length(const vec3 *query, size_t n, double width) {
+    size_t length = 1;
+    while (length < n && vec3_distance_sq(query[0], query[length]) <= width * width) length++;
     return length;
 }
 
-/* The smallest ball around the middle of the box. */
-static void surround(struct knn_group *group, const vec3 *query, unsigned n) {
+/* The smallest ball around the middle of the box that holds the queries, and so much more. */
+static void surround(struct knn_group *group, const vec3 *query, size_t n, double room) {
     vec3 least = query[0], most = query[0];
-    for (unsigned i = 1; i < n; i++) least = vec3_min(least, query[i]), most = vec3_max(most, query[i]);
+    for (size_t i = 1; i < n; i++) least = vec3_min(least, query[i]), most = vec3_max(most, query[i]);
     group->centre = vec3_lerp(least, most, 0.5);
     double reach_sq = 0;
-    for (unsigned i = 0; i < n; i++) reach_sq = fmax(reach_sq, vec3_distance_sq(group->centre, query[i]));
-    group->radius = sqrt(reach_sq);
+    for (size_t i = 0; i < n; i++) reach_sq = fmax(reach_sq, vec3_distance_sq(group->centre, query[i]));
+    group->radius = sqrt(reach_sq) + room;
+}
+
+/* Fills the last four up. */
+static void fill_up(struct knn_group *group) {
+    for (unsigned i = group->count; i % LANES; i++) group->x[i] = group->y[i] = group->z[i] = 0;
 }
 
 enum status knn_group_gather(struct knn_group *group, const struct knn_pieces *pieces, const vec3 *point,
-                             const vec3 *query, unsigned n, double usual, bool *gathered) {
-    surround(group, query, n);
-    group->radius += ROOM * usual;
+                             const vec3 *query, size_t n, double room, bool *gathered) {
+    surround(group, query, n, room);
     enum status status =
         knn_pieces_within(pieces, group->centre, group->radius, KNN_GROUP_POINTS, group->id, &group->count);
     *gathered = !status && group->count <= KNN_GROUP_POINTS;
@@ -156,6 +164,35 @@ enum status knn_group_gather(struct knn_group *group, const struct knn_pieces *p
         vec3 p = point[group->id[i]];
         group->x[i] = p.x, group->y[i] = p.y, group->z[i] = p.z;
     }
-    for (unsigned i = group->count; i % LANES; i++) group->x[i] = group->y[i] = group->z[i] = 0;
+    fill_up(group);
     return STATUS_OK;
+}
+
+/* The places of the points of `wide` that are within the ball of `group`, and how many. */
+FOR_EACH_PROCESSOR
+static unsigned places_within(const struct knn_group *wide, const struct knn_group *group,
+                              uint16_t place[KNN_GROUP_POINTS + 1]) {
+    double distance_sq[KNN_GROUP_POINTS], radius_sq = group->radius * group->radius;
+    unsigned count = 0;
+    for (unsigned i = 0; i < wide->count; i += LANES)
+        lanes_store(&distance_sq[i], distances_at(wide, i, group->centre));
+    for (unsigned i = 0; i < wide->count; i++) { /* no branch to guess wrong */
+        place[count] = (uint16_t)i;
+        count += distance_sq[i] < radius_sq;
+    }
+    return count;
+}
+
+bool knn_group_narrow(const struct knn_group *wide, const vec3 *query, size_t n, double room, struct knn_group *group) {
+    uint16_t place[KNN_GROUP_POINTS + 1];
+    surround(group, query, n, room);
+    if (vec3_distance(group->centre, wide->centre) + group->radius >= wide->radius * (1 - ROUNDING)) return false;
+    group->count = places_within(wide, group, place);
+    for (unsigned i = 0; i < group->count; i++) {
+        unsigned from = place[i];
+        group->x[i] = wide->x[from], group->y[i] = wide->y[from], group->z[i] = wide->z[from];
+        group->id[i] = wide->id[from];
+    }
+    fill_up(group);
+    return true;
 }

@@ -6,9 +6,9 @@
 
 #include "core/knn_pieces.h"
 
-enum { KNN_GROUP_POINTS = 128 };
+enum { KNN_GROUP_POINTS = 256 };
 
-/* All points within a ball.  Some 8 KB, for the stack. */
+/* All points within a ball.  Some 7 KB, for the stack. */
 struct knn_group {
     double x[KNN_GROUP_POINTS], y[KNN_GROUP_POINTS], z[KNN_GROUP_POINTS];
     uint32_t id[KNN_GROUP_POINTS];
@@ -18,12 +18,15 @@ struct knn_group {
 };
 
 /* How many of the next queries, at most n, make up a group: those not farther from the first than a width. */
-unsigned knn_group_length(const vec3 *query, size_t n, double width);
+size_t knn_group_length(const vec3 *query, size_t n, double width);
 
-/* Gathers the points of the trees (`point` is what they were made of) for n queries, whose k-th neighbours are expected
- * to be about `usual` away.  *gathered is false where there are too many of them.  STATUS_NO_MEMORY. */
+/* Gathers the points of the trees (`point` is what they were made of) that are within `room` of any of n queries, and
+ * some more.  *gathered is false where there are too many of them.  STATUS_NO_MEMORY. */
 enum status knn_group_gather(struct knn_group *group, const struct knn_pieces *pieces, const vec3 *point,
-                             const vec3 *query, unsigned n, double usual, bool *gathered) MUST_CHECK;
+                             const vec3 *query, size_t n, double room, bool *gathered) MUST_CHECK;
+
+/* The same from the points of `wide`; false where it doesn't hold all of them for sure. */
+bool knn_group_narrow(const struct knn_group *wide, const vec3 *query, size_t n, double room, struct knn_group *group);
 
 /* The k nearest points of a query, as knn_pieces_nearest would have them; false, and nothing written, where the ball
  * doesn't hold them for sure, or where two of them are equally far.  usual: about as far as the k-th will be. */

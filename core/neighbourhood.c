@@ -28,7 +28,7 @@
 enum { CHUNK = 4096, WIDE_K = 48, SECTORS = 8 };
 static const double LINE_RATIO = 0.02;
 
-enum { SAMPLES = 1024, SAMPLE_GRAIN = 64, NARROW_K = 11, BROAD_K = 31 };
+enum { SAMPLES = 256, SAMPLE_GRAIN = 16, NARROW_K = 11, BROAD_K = 31 };
 static const double THICK = 0.006, FLATTER = 0.95; /* surface variation, and its ratio, that noise has */
 static const double BALL = 0.1, BALL_RATIO = 1.6;  /* and where even the wider neighbourhood is nearly a ball */
 

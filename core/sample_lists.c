@@ -3,6 +3,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/sample_lists.h"
 
+#include <assert.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -27,6 +28,11 @@ void sample_lists_done(struct sample_lists *lists) {
     if (lists->first) pthread_mutex_destroy(&lists->lock);
     free(lists->first), free(lists->block);
     *lists = (struct sample_lists){0};
+}
+
+void *sample_lists_room(const struct sample_lists *lists) {
+    assert(lists->fresh == 0);
+    return lists->block;
 }
 
 uint32_t sample_lists_reserve(struct sample_lists *lists, size_t count) {

@@ -38,6 +38,10 @@ struct sample_lists {
 enum status sample_lists_init(struct sample_lists *lists, size_t count, size_t n, size_t busy) MUST_CHECK;
 void sample_lists_done(struct sample_lists *lists);
 
+/* The room of `count` blocks at least, for whatever else, as long as all lists are empty: fresh memory costs more than
+ * most of what is done in it. */
+void *sample_lists_room(const struct sample_lists *lists);
+
 /* A chain of `count` blocks that were never used, to fill lists out of. */
 uint32_t sample_lists_reserve(struct sample_lists *lists, size_t count);
 

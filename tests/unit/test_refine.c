@@ -285,6 +285,7 @@ static void test_samples_start_with_the_nearest_triangle(void **state) {
     input.hood = &hood;
     assert_int_equal(samples_init(&fit.samples, &input, 1, 2), STATUS_OK);
     assert_int_equal(halfedge_init(&fit.he, &mesh, 2), STATUS_OK);
+    assert_int_equal(sample_lists_init(&fit.lists, mesh.triangle_count, fit.samples.n, 1), STATUS_OK);
     uint32_t *triangle = alloc_array(fit.samples.n, sizeof *triangle);
     float *distance_sq = alloc_array(fit.samples.n, sizeof *distance_sq);
     assert_true(triangle && distance_sq && fit.samples.n > 2 * SPHERE_POINTS);
@@ -300,6 +301,7 @@ static void test_samples_start_with_the_nearest_triangle(void **state) {
     }
     assert_true(farther < fit.samples.n / 100);
     free(triangle), free(distance_sq);
+    sample_lists_done(&fit.lists);
     halfedge_done(&fit.he);
     samples_done(&fit.samples);
     neighbourhood_done(&hood);

@@ -258,6 +258,18 @@ static enum status allocate(struct fit *fit) {
     return make_lists(fit);
 }
 
+/* Those that are there already, if they are the ones wanted. */
+static enum status find_samples(struct fit *fit, unsigned parts) {
+    struct samples *ready = fit->input->samples;
+    if (ready && ready->n > 0 && ready->parts == parts) {
+        fit->samples = *ready;
+        *ready = (struct samples){0};
+        return STATUS_OK;
+    }
+    if (ready) samples_done(ready);
+    return samples_init(&fit->samples, fit->input, parts, fit->threads);
+}
+
 static void forget_umbrellas(const struct fit *fit) {
     if (fit->input && fit->input->umbrellas) umbrella_done(fit->input->umbrellas);
 }
@@ -269,7 +281,7 @@ static bool wants_middles(const struct mesh *mesh, const struct refine_input *in
 enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_input *input,
                      const struct refine_options *options) {
     struct fit new = {.mesh = mesh, .input = input, .placement = options->placement, .threads = options->threads};
-    enum status status = samples_init(&new.samples, input, wants_middles(mesh, input), options->threads);
+    enum status status = find_samples(&new, wants_middles(mesh, input));
     if (options->placement == PLACEMENT_SUBSET) forget_umbrellas(&new);
     if (status == STATUS_OK) status = allocate(&new);
     if (status == STATUS_OK) status = halfedge_init(&new.he, mesh, new.threads);

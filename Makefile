@@ -104,7 +104,7 @@ $(build)/tests/unit/test_service_faults $(build)/tests/fuzz/fuzz_http: $(build)/
 objects_first = $(filter %.o,$^) $(filter %.a,$^)
 
 # Unit tests can make each allocation fail (tests/unit/faults.c).
-wrapped := $(patsubst %,-Wl$(comma)--wrap=%,malloc calloc realloc reallocarray strdup strndup)
+wrapped := $(patsubst %,-Wl$(comma)--wrap=%,malloc aligned_alloc calloc realloc reallocarray strdup strndup)
 $(unit_programs): $(build)/tests/unit/%: $(build)/tests/unit/%.o $(call object,$(unit_support_src)) \
     $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@

@@ -61,7 +61,7 @@ struct fit {
     struct facing *facing; /* triangle_count */
     uint8_t *taken;        /* input->n: how many vertices stand there, up to 255 */
     uint8_t *stale;        /* vertex_count: its star has changed since it was last tried */
-    uint8_t *touched;      /* triangle_count: it has changed since its edges were last tried */
+    uint8_t *touched;      /* triangle_count: 1, it has changed since its edges were last tried; more in fit_flip.c */
     uint8_t *postponed;    /* triangle_count: all 0 between passes */
 };
 

@@ -65,7 +65,7 @@ const struct fit_region *fit_next_part(const struct fit *fit, const struct fit_r
     return more;
 }
 
-struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region, const struct surface *star,
+struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region, const struct star_frames *star,
                                double near) {
     struct cluster_model model = {0};
     struct fit_region more;
@@ -81,6 +81,15 @@ double fit_cost_with(const struct fit *fit, const struct fit_region *region, con
     double sum = 0;
     for (const struct fit_region *part = region; part && sum <= limit; part = fit_next_part(fit, part, &more))
         sum += cluster_cost(&part->cluster, surface, (float)(1 / fit->far), limit - sum);
+    return sum;
+}
+
+double fit_star_cost(const struct fit *fit, const struct fit_region *region, const struct star_frames *star,
+                     double limit) {
+    struct fit_region more;
+    double sum = 0;
+    for (const struct fit_region *part = region; part && sum <= limit; part = fit_next_part(fit, part, &more))
+        sum += cluster_star_cost(&part->cluster, star, (float)(1 / fit->far), limit - sum);
     return sum;
 }
 
@@ -111,13 +120,18 @@ double fit_stray_sq(const struct fit *fit, const struct fit_region *region, cons
     return farthest_sq;
 }
 
+bool fit_middles_stay(const struct fit *fit, const struct fit_region *region, const vec3 *middle, size_t n) {
+    double stray_sq = fit_stray_sq(fit, region, middle, n);
+    if (stray_sq <= fit->stray_sq) return true;
+    vec3 present[FIT_MAX_RING];
+    for (size_t k = 0; k < region->n; k++) present[k] = fit_middle(fit, region->triangle[k]);
+    return stray_sq <= fit_stray_sq(fit, region, present, region->n);
+}
+
 bool fit_stays(const struct fit *fit, const struct fit_region *region, const struct surface *surface) {
     vec3 middle[FIT_MAX_RING];
     for (size_t j = 0; j < surface->n; j++) middle[j] = surface_middle(surface, j);
-    double stray_sq = fit_stray_sq(fit, region, middle, surface->n);
-    if (stray_sq <= fit->stray_sq) return true;
-    for (size_t k = 0; k < region->n; k++) middle[k] = fit_middle(fit, region->triangle[k]);
-    return stray_sq <= fit_stray_sq(fit, region, middle, region->n);
+    return fit_middles_stay(fit, region, middle, surface->n);
 }
 
 /* Empties the lists into one chain of blocks, in the order of the triangles. */

@@ -1,6 +1,7 @@
 /* A round measures what each edge would gain (in parallel, nothing changes), sorts, and flips the best that don't touch
  * each other (in order, so the result doesn't depend on threads).  Only then, in parallel again, are the samples shared
- * out, since no triangle is in two flips of a round.  Only edges of triangles that changed are measured again.
+ * out, since no triangle is in two flips of a round.  Only edges of triangles that changed are measured again, and
+ * those whose flip was put off because something changed around them.
  *
  * A flip must not fold the surface: the new pair turns by 90 degrees at most or by less than the old pair, each of the
  * two looks the way that the old pair did on average, neither folds onto the triangles around, and none gets thinner
@@ -137,7 +138,12 @@ static void measure(void *ctx, size_t begin, size_t end) {
     }
 }
 
-/* The edges of touched triangles, once each, and each by the lower of its half-edges; no triangle is touched
+/* touched[t] & 1 stands for all edges of a triangle, the bits above it for those of its half-edges one by one. */
+static uint8_t due_bit(uint32_t h) { return (uint8_t)(2 << h % 3); }
+
+static bool is_due(const struct fit *fit, uint32_t h) { return fit->touched[h / 3] & (1 | due_bit(h)); }
+
+/* The edges that are due, once each, and each by the lower of its half-edges; no triangle is touched
  * afterwards. */
 static size_t collect(struct fit *fit, struct candidate *candidate) {
     size_t count = 0;
@@ -145,7 +151,7 @@ static size_t collect(struct fit *fit, struct candidate *candidate) {
         if (!fit->touched[t]) continue;
         for (uint32_t h = 3 * t; h < 3 * t + 3; h++) {
             uint32_t g = fit->he.twin[h];
-            if (g == NONE || (g < h && fit->touched[g / 3])) continue;
+            if (g == NONE || (g < h && fit->touched[g / 3]) || !(is_due(fit, h) || is_due(fit, g))) continue;
             candidate[count++].halfedge = g < h ? g : h;
         }
     }
@@ -175,15 +181,19 @@ static bool is_outdated(const struct fit *fit, uint32_t h) {
     return false;
 }
 
+/* The four edges around the flipped one are due, which isn't itself: it would only be flipped back. */
 static void flip(struct fit *fit, uint32_t h) {
     uint32_t triangle[2] = {h / 3, fit->he.twin[h] / 3};
     halfedge_flip(&fit->he, h);
     uint8_t *tag = fit->mesh->tag;
     if (tag && tag[triangle[0]] != tag[triangle[1]]) tag[triangle[0]] = tag[triangle[1]] = MESH_SUPPORTED;
-    for (int i = 0; i < 2; i++) {
-        fit->touched[triangle[i]] = 1;
-        for (int k = 0; k < 3; k++) fit->stale[fit->mesh->triangle[triangle[i]][k]] = 1;
-    }
+    for (int i = 0; i < 2; i++)
+        for (uint32_t k = 0; k < 3; k++) {
+            uint32_t g = 3 * triangle[i] + k;
+            if (fit->he.twin[g] == NONE || fit->he.twin[g] / 3 != triangle[1 - i])
+                fit->touched[triangle[i]] |= due_bit(g);
+            fit->stale[fit->mesh->triangle[triangle[i]][k]] = 1;
+        }
 }
 
 enum { EDGES_AHEAD = 16, ACROSS_AHEAD = 8 };
@@ -204,7 +214,7 @@ static size_t flip_fresh(struct round *round, size_t count) {
         uint32_t h = radix_value(round->item[i]);
         fetch_edges(round, i, count);
         if (is_outdated(fit, h)) {
-            fit->postponed[h / 3] = 1;
+            fit->postponed[h / 3] |= due_bit(h);
         } else if (flip_is_possible(fit, h)) {
             flip(fit, h);
             round->item[flips++] = radix_item(h, h);

@@ -10,52 +10,12 @@
 #include <string.h>
 
 #include "core/cloud.h"
-#include "core/processor.h"
+#include "core/lanes8.h"
 
-enum { LANES = SAMPLE_BLOCK };
+_Static_assert((int)LANES == (int)SAMPLE_BLOCK, "samples are read a vector at a time");
 
-#define THINNEST 1e-5   /* shape of triangles that don't pull at their corners */
+#define THINNEST 1e-5f  /* shape of triangles that don't pull at their corners */
 #define FAR_AWAY 1.0e9f /* where nothing is; its square times anything reasonable is finite */
-
-typedef float lanes __attribute__((vector_size(32)));
-typedef int32_t mask __attribute__((vector_size(32)));
-
-INLINE lanes pick(mask m, lanes a, lanes b) { return (lanes)((m & (mask)a) | (~m & (mask)b)); }
-INLINE lanes where(mask m, lanes a) { return (lanes)(m & (mask)a); }
-INLINE lanes magnitude(lanes a) { return (lanes)((mask)a & INT32_MAX); }
-INLINE lanes all(float x) { return (lanes){x, x, x, x, x, x, x, x}; }
-
-/* Loops, which compilers know to be one instruction. */
-INLINE lanes lower(lanes a, lanes b) {
-    for (int k = 0; k < LANES; k++) a[k] = a[k] < b[k] ? a[k] : b[k];
-    return a;
-}
-
-INLINE lanes positive(lanes a) {
-    for (int k = 0; k < LANES; k++) a[k] = a[k] > 0 ? a[k] : 0;
-    return a;
-}
-
-INLINE lanes load(const float *p) {
-    lanes x;
-    memcpy(&x, p, sizeof x);
-    return x;
-}
-
-/* Eight floats in memory, to be written. */
-typedef float loose __attribute__((vector_size(32), aligned(4), may_alias));
-INLINE loose *at(float *p) { return (loose *)p; }
-
-INLINE lanes root(lanes x) {
-    return (lanes){sqrtf(x[0]), sqrtf(x[1]), sqrtf(x[2]), sqrtf(x[3]),
-                   sqrtf(x[4]), sqrtf(x[5]), sqrtf(x[6]), sqrtf(x[7])};
-}
-
-INLINE double total(lanes x) {
-    double low = ((double)x[0] + (double)x[1]) + ((double)x[2] + (double)x[3]);
-    double high = ((double)x[4] + (double)x[5]) + ((double)x[6] + (double)x[7]);
-    return low + high;
-}
 
 /* A triangle_frame in float, relative to the cluster's origin. */
 struct flat_edge {
@@ -150,25 +110,55 @@ INLINE struct spot in_axes(const struct flat *f, lanes px, lanes py, lanes pz) {
                          rx * f->nx + ry * f->ny + rz * f->nz};
 }
 
+/* How far past either end of an edge, whose middle t is counted from. */
+INLINE lanes past_half(lanes t, lanes half) { return higher(magnitude(t), half) - half; }
+
 /* How far beside an edge, on the left, and how far past either of its ends. */
 struct beside {
     lanes left, past;
 };
 
 INLINE struct beside beside_edge(const struct flat_edge *e, lanes x, lanes y) {
-    return (struct beside){y * e->x - x * e->y, positive(magnitude(x * e->x + y * e->y - e->half) - e->half)};
+    return (struct beside){y * e->x - x * e->y, past_half(x * e->x + y * e->y - e->half, all(e->half))};
 }
 
 INLINE lanes beside_sq(struct beside b) { return b.left * b.left + b.past * b.past; }
 
+/* What distances to a triangle take, each number eight times. */
+struct spread_edge {
+    lanes x, y, half;
+};
+
+struct spread {
+    lanes ax, ay, az, ux, uy, uz, vx, vy, vz, nx, ny, nz, bx, ab_half;
+    struct spread_edge bc, ac;
+};
+
+INLINE struct spread_edge spread_edge(const struct flat_edge *e) {
+    return (struct spread_edge){all(e->x), all(e->y), all(e->half)};
+}
+
+INLINE struct spread spread(const struct flat *f) {
+    return (struct spread){all(f->ax), all(f->ay),      all(f->az),          all(f->ux),         all(f->uy), all(f->uz),
+                           all(f->vx), all(f->vy),      all(f->vz),          all(f->nx),         all(f->ny), all(f->nz),
+                           all(f->bx), all(f->ab.half), spread_edge(&f->bc), spread_edge(&f->ac)};
+}
+
+INLINE lanes edge_sq(const struct spread_edge *e, lanes left, lanes x, lanes y) {
+    lanes past = past_half(x * e->x + y * e->y - e->half, e->half);
+    return left * left + past * past;
+}
+
 /* Squared distances of eight samples to a triangle. */
-INLINE lanes distance_sq(const struct flat *f, lanes px, lanes py, lanes pz) {
-    struct spot p = in_axes(f, px, py, pz);
-    lanes past = positive(magnitude(p.x - f->ab.half) - f->ab.half);
-    struct beside bc = beside_edge(&f->bc, p.x - f->bx, p.y), ac = beside_edge(&f->ac, p.x, p.y);
-    mask over = (p.y > 0) & (bc.left > 0) & (ac.left < 0);
-    lanes edge_sq = lower(p.y * p.y + past * past, lower(beside_sq(bc), beside_sq(ac)));
-    return p.z * p.z + where(~over, edge_sq);
+INLINE lanes distance_sq(const struct spread *f, lanes px, lanes py, lanes pz) {
+    lanes rx = px - f->ax, ry = py - f->ay, rz = pz - f->az;
+    lanes x = rx * f->ux + ry * f->uy + rz * f->uz, y = rx * f->vx + ry * f->vy + rz * f->vz;
+    lanes z = rx * f->nx + ry * f->ny + rz * f->nz, beyond = x - f->bx;
+    lanes past = past_half(x - f->ab_half, f->ab_half);
+    lanes bc_left = y * f->bc.x - beyond * f->bc.y, ac_right = x * f->ac.y - y * f->ac.x;
+    mask over = lower(lower(y, bc_left), ac_right) > 0;
+    lanes nearest = lower(edge_sq(&f->bc, bc_left, beyond, y), edge_sq(&f->ac, ac_right, x, y));
+    return z * z + where(~over, lower(y * y + past * past, nearest));
 }
 
 void cluster_clear(struct cluster *cluster, vec3 origin) {
@@ -202,35 +192,77 @@ double cluster_weight(const struct cluster *cluster) {
     return total(sum);
 }
 
-enum { STRIP = 8 }; /* vectors whose nearest distances are held while the triangles are gone through */
-
-/* The squared distances of vectors [begin, begin + count) to the nearest of the triangles. */
-INLINE void strip_nearest(const struct cluster *cluster, const struct flat_four *flat, struct span triangles,
-                          size_t begin, size_t count, lanes nearest_sq[STRIP]) {
-    for (size_t k = 0; k < count; k++) nearest_sq[k] = all(INFINITY);
-    for (size_t j = triangles.begin; j < triangles.end; j++) {
-        const struct flat f = flat_at(flat, j);
-        for (size_t k = 0; k < count; k++) {
-            size_t i = (begin + k) * LANES;
-            lanes d_sq = distance_sq(&f, load(&cluster->x[i]), load(&cluster->y[i]), load(&cluster->z[i]));
-            nearest_sq[k] = lower(d_sq, nearest_sq[k]);
-        }
+INLINE size_t spread_all(const struct surface *surface, vec3 origin, struct spread out[FRAMES_MOST]) {
+    struct flat_four flat[FLAT_ROOM];
+    size_t first = flatten_all(surface, origin, flat);
+    for (size_t j = 0; j < surface->n; j++) {
+        const struct flat f = flat_at(flat, first + j);
+        out[j] = spread(&f);
     }
+    return surface->n;
 }
 
 FOR_EACH_PROCESSOR
 double cluster_cost(const struct cluster *cluster, const struct surface *surface, float further, double limit) {
-    struct flat_four flat[FLAT_ROOM];
-    lanes nearest_sq[STRIP], sum = all(0);
-    size_t vectors = (cluster->n + LANES - 1) / LANES, first = flatten_all(surface, cluster->origin, flat);
-    struct span triangles = {first, first + surface->n};
-    for (size_t begin = 0; begin < vectors; begin += STRIP) {
-        size_t count = vectors - begin < STRIP ? vectors - begin : STRIP;
-        strip_nearest(cluster, flat, triangles, begin, count, nearest_sq);
-        for (size_t k = 0; k < count; k++) {
-            lanes d_sq = nearest_sq[k];
-            sum += load(&cluster->weight[(begin + k) * LANES]) * (root(d_sq) + d_sq * further);
-        }
+    struct spread triangle[FRAMES_MOST];
+    lanes sum = all(0);
+    size_t n = spread_all(surface, cluster->origin, triangle);
+    for (size_t i = 0; i < cluster->n; i += LANES) {
+        lanes x = load(&cluster->x[i]), y = load(&cluster->y[i]), z = load(&cluster->z[i]), d_sq = all(INFINITY);
+        for (size_t j = 0; j < n; j++) d_sq = lower(distance_sq(&triangle[j], x, y, z), d_sq);
+        sum += load(&cluster->weight[i]) * (root(d_sq) + d_sq * further);
+        if (total(sum) > limit) break;
+    }
+    return total(sum);
+}
+
+/* What distances to a triangle of a star take, each number eight times. */
+struct sector {
+    lanes ux, uy, uz, vx, vy, vz, nx, ny, nz, bx, ab_half, ac_x, ac_y;
+    struct spread_edge bc;
+};
+
+INLINE void spread_star(const struct star_frames *star, struct sector sector[STAR_MOST]) {
+    for (size_t j = 0; j < star->n; j++)
+        sector[j] = (struct sector){
+            .ux = all(star->u.x[j]),
+            .uy = all(star->u.y[j]),
+            .uz = all(star->u.z[j]),
+            .vx = all(star->v.x[j]),
+            .vy = all(star->v.y[j]),
+            .vz = all(star->v.z[j]),
+            .nx = all(star->normal.x[j]),
+            .ny = all(star->normal.y[j]),
+            .nz = all(star->normal.z[j]),
+            .bx = all(star->bx[j]),
+            .ab_half = all(star->bx[j] / 2),
+            .ac_x = all(star->ac_x[j]),
+            .ac_y = all(star->ac_y[j]),
+            .bc = {all(star->bc_x[j]), all(star->bc_y[j]), all(star->bc_half[j])},
+        };
+}
+
+/* Squared distances of eight samples, as seen from the vertex, to a triangle but for its last edge, which is the first
+ * of the next. */
+INLINE lanes sector_sq(const struct sector *f, lanes rx, lanes ry, lanes rz) {
+    lanes x = rx * f->ux + ry * f->uy + rz * f->uz, y = rx * f->vx + ry * f->vy + rz * f->vz;
+    lanes z = rx * f->nx + ry * f->ny + rz * f->nz, beyond = x - f->bx;
+    lanes past = past_half(x - f->ab_half, f->ab_half);
+    lanes bc_left = y * f->bc.x - beyond * f->bc.y, ac_right = x * f->ac_y - y * f->ac_x;
+    mask over = lower(lower(y, bc_left), ac_right) > 0;
+    return z * z + where(~over, lower(y * y + past * past, edge_sq(&f->bc, bc_left, beyond, y)));
+}
+
+FOR_EACH_PROCESSOR
+double cluster_star_cost(const struct cluster *cluster, const struct star_frames *star, float further, double limit) {
+    struct sector sector[STAR_MOST];
+    lanes sum = all(0);
+    spread_star(star, sector);
+    for (size_t i = 0; i < cluster->n; i += LANES) {
+        lanes x = load(&cluster->x[i]) - star->ax, y = load(&cluster->y[i]) - star->ay;
+        lanes z = load(&cluster->z[i]) - star->az, d_sq = all(FAR_AWAY * FAR_AWAY);
+        for (size_t j = 0; j < star->n; j++) d_sq = lower(sector_sq(&sector[j], x, y, z), d_sq);
+        sum += load(&cluster->weight[i]) * (root(d_sq) + d_sq * further);
         if (total(sum) > limit) break;
     }
     return total(sum);
@@ -293,15 +325,32 @@ INLINE void fit_triangle(const struct cluster *cluster, const struct flat *f, st
     }
 }
 
+INLINE struct flat flat_of_star(const struct star_frames *star, size_t j) {
+    return (struct flat){.ax = star->ax,
+                         .ay = star->ay,
+                         .az = star->az,
+                         .ux = star->u.x[j],
+                         .uy = star->u.y[j],
+                         .uz = star->u.z[j],
+                         .vx = star->v.x[j],
+                         .vy = star->v.y[j],
+                         .vz = star->v.z[j],
+                         .nx = star->normal.x[j],
+                         .ny = star->normal.y[j],
+                         .nz = star->normal.z[j],
+                         .bx = star->bx[j],
+                         .ab = {1, 0, star->bx[j] / 2},
+                         .bc = {star->bc_x[j], star->bc_y[j], star->bc_half[j]},
+                         .ac = {star->ac_x[j], star->ac_y[j], star->ac_half[j]}};
+}
+
 FOR_EACH_PROCESSOR
-void cluster_fit(const struct cluster *cluster, const size_t *begin, const struct surface *star, float near,
+void cluster_fit(const struct cluster *cluster, const size_t *begin, const struct star_frames *star, float near,
                  float further, struct cluster_model *model) {
-    struct flat_four flat[FLAT_ROOM];
-    size_t first = flatten_all(star, cluster->origin, flat);
     struct sums s = {0};
     for (size_t k = 0; k < star->n; k++) {
-        if (begin[k] == begin[k + 1] || !(surface_shape(star, k) > THINNEST)) continue;
-        const struct flat f = flat_at(flat, first + k);
+        if (begin[k] == begin[k + 1] || !(star->shape[k] > THINNEST)) continue;
+        const struct flat f = flat_of_star(star, k);
         fit_triangle(cluster, &f, (struct span){begin[k], begin[k + 1]}, (struct lengths){near, further}, &s);
     }
     sym3 a = {total(s.xx), total(s.xy), total(s.xz), total(s.yy), total(s.yz), total(s.zz)};
@@ -333,7 +382,8 @@ void cluster_owners(const struct cluster *cluster, const struct surface *surface
     size_t vectors = (cluster->n + LANES - 1) / LANES, first = flatten_all(surface, cluster->origin, flat);
     for (size_t k = 0; k < vectors; k++) *at(&distance_sq_out[k * LANES]) = all(INFINITY), nearest[k] = (mask){0};
     for (size_t j = 0; j < surface->n; j++) {
-        const struct flat f = flat_at(flat, first + j);
+        const struct flat flat_j = flat_at(flat, first + j);
+        const struct spread f = spread(&flat_j);
         mask id = (mask){0} + (int32_t)j;
         for (size_t k = 0; k < vectors; k++) {
             size_t i = k * LANES;

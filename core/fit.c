@@ -65,7 +65,7 @@ const struct fit_region *fit_next_part(const struct fit *fit, const struct fit_r
     return more;
 }
 
-struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region, const struct surface *star,
+struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region, const struct star_frames *star,
                                double near) {
     struct cluster_model model = {0};
     struct fit_region more;
@@ -81,6 +81,15 @@ double fit_cost_with(const struct fit *fit, const struct fit_region *region, con
     double sum = 0;
     for (const struct fit_region *part = region; part && sum <= limit; part = fit_next_part(fit, part, &more))
         sum += cluster_cost(&part->cluster, surface, (float)(1 / fit->far), limit - sum);
+    return sum;
+}
+
+double fit_star_cost(const struct fit *fit, const struct fit_region *region, const struct star_frames *star,
+                     double limit) {
+    struct fit_region more;
+    double sum = 0;
+    for (const struct fit_region *part = region; part && sum <= limit; part = fit_next_part(fit, part, &more))
+        sum += cluster_star_cost(&part->cluster, star, (float)(1 / fit->far), limit - sum);
     return sum;
 }
 
@@ -114,15 +123,26 @@ double fit_stray_sq(const struct fit *fit, const struct fit_place *place, size_t
     return farthest_sq;
 }
 
-bool fit_stays(const struct fit *fit, const struct fit_region *region, const struct surface *surface) {
-    struct fit_place middle[FIT_MAX_RING];
-    for (size_t j = 0; j < surface->n; j++) middle[j].at = surface_middle(surface, j);
-    fit_find_nearest(fit, region, middle, surface->n);
-    double stray_sq = fit_stray_sq(fit, middle, surface->n);
+static double stray_of_middles_sq(const struct fit *fit, const struct fit_region *region, const vec3 *middle,
+                                  size_t n) {
+    struct fit_place place[FIT_MAX_RING];
+    for (size_t j = 0; j < n; j++) place[j].at = middle[j];
+    fit_find_nearest(fit, region, place, n);
+    return fit_stray_sq(fit, place, n);
+}
+
+bool fit_middles_stay(const struct fit *fit, const struct fit_region *region, const vec3 *middle, size_t n) {
+    double stray_sq = stray_of_middles_sq(fit, region, middle, n);
     if (stray_sq <= fit->stray_sq) return true;
-    for (size_t k = 0; k < region->n; k++) middle[k].at = fit_middle(fit, region->triangle[k]);
-    fit_find_nearest(fit, region, middle, region->n);
-    return stray_sq <= fit_stray_sq(fit, middle, region->n);
+    vec3 present[FIT_MAX_RING];
+    for (size_t k = 0; k < region->n; k++) present[k] = fit_middle(fit, region->triangle[k]);
+    return stray_sq <= stray_of_middles_sq(fit, region, present, region->n);
+}
+
+bool fit_stays(const struct fit *fit, const struct fit_region *region, const struct surface *surface) {
+    vec3 middle[FIT_MAX_RING];
+    for (size_t j = 0; j < surface->n; j++) middle[j] = surface_middle(surface, j);
+    return fit_middles_stay(fit, region, middle, surface->n);
 }
 
 /* Empties the lists into one chain of blocks, in the order of the triangles. */
@@ -263,6 +283,18 @@ static enum status allocate(struct fit *fit) {
     return make_lists(fit);
 }
 
+/* Those that are there already, if they are the ones wanted. */
+static enum status find_samples(struct fit *fit, unsigned parts) {
+    struct samples *ready = fit->input->samples;
+    if (ready && ready->n > 0 && ready->parts == parts) {
+        fit->samples = *ready;
+        *ready = (struct samples){0};
+        return STATUS_OK;
+    }
+    if (ready) samples_done(ready);
+    return samples_init(&fit->samples, fit->input, parts, fit->threads);
+}
+
 static void forget_umbrellas(const struct fit *fit) {
     if (fit->input && fit->input->umbrellas) umbrella_done(fit->input->umbrellas);
 }
@@ -274,7 +306,7 @@ static bool wants_middles(const struct mesh *mesh, const struct refine_input *in
 enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_input *input,
                      const struct refine_options *options) {
     struct fit new = {.mesh = mesh, .input = input, .placement = options->placement, .threads = options->threads};
-    enum status status = samples_init(&new.samples, input, wants_middles(mesh, input), options->threads);
+    enum status status = find_samples(&new, wants_middles(mesh, input));
     if (options->placement == PLACEMENT_SUBSET) forget_umbrellas(&new);
     if (status == STATUS_OK) status = allocate(&new);
     if (status == STATUS_OK) status = halfedge_init(&new.he, mesh, new.threads);

@@ -25,6 +25,7 @@
 #include "core/refine.h"
 #include "core/sample_lists.h"
 #include "core/samples.h"
+#include "core/star_frames.h"
 #include "core/triangle_frames.h"
 
 /* Multiples of the mean distance at the beginning: */
@@ -122,12 +123,14 @@ void fit_gather(const struct fit *fit, struct fit_region *region);
 /* Whether samples of this weight cost so little that it is rounding. */
 static inline bool fit_is_exact(double weight, double cost) { return !(cost > FIT_EXACT * weight); }
 
-/* The quadric of a vertex whose star the region is; the surface is made of its triangles, and has it as corner a. */
-struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region, const struct surface *star,
+/* The quadric of a vertex whose star the region is. */
+struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region, const struct star_frames *star,
                                double near);
 
 /* What the region's samples would cost with the surface, or something over limit where that does. */
 double fit_cost_with(const struct fit *fit, const struct fit_region *region, const struct surface *surface,
+                     double limit);
+double fit_star_cost(const struct fit *fit, const struct fit_region *region, const struct star_frames *star,
                      double limit);
 
 /* A place on a surface, and the nearest of a region's samples, or NONE where there are none. */
@@ -146,6 +149,9 @@ double fit_stray_sq(const struct fit *fit, const struct fit_place *place, size_t
 
 /* Whether the surface strays no farther from the data than anything may, or than the region's triangles do now. */
 bool fit_stays(const struct fit *fit, const struct fit_region *region, const struct surface *surface);
+
+/* The same of a surface whose triangles have the middles middle[0 .. n). */
+bool fit_middles_stay(const struct fit *fit, const struct fit_region *region, const vec3 *middle, size_t n);
 
 /* Hands the samples in the lists of from[0 .. n) out to the nearest of the triangles to[0 .. m) as they are now, and
  * sets the costs of both, and how the latter face.  n, m <= FIT_MAX_RING.  Triangles of its own for each thread. */

@@ -29,35 +29,56 @@ enum { STARS_AHEAD = 4, RINGS_AHEAD = 8 }; /* so many vertices before theirs, me
 #define MOVE_LEAST_GAIN 1e-3 /* of what the star costs */
 #define MOVE_HOPELESS 1.5    /* of what the star costs: where the first choice is over that, the others are no better */
 #define MOVE_STAY 1e-4       /* pull towards the present place, of the quadric's trace */
-#define MOVE_LEAST_TURN 0.5  /* smallest cosine between a triangle's normals before and after */
+
+static const struct star_limits limits_of_moves = {.turn = 0.5f, .thin = (float)FIT_THIN};
 
 struct star {
     uint32_t vertex;
     size_t n;
     uint32_t ring[FIT_MAX_RING]; /* half-edges out of the vertex */
     struct fit_region region;
-    struct triangle_corners corners[FIT_MAX_RING]; /* the vertex first */
-    struct triangle_frames old_frames, new_frames;
-    struct surface old, new;
+    struct star_rim rim;
+    struct star_frames old, new;
+    struct star_vectors outside; /* normals across the rim */
     double cost;
 };
+
+_Static_assert((int)FIT_MAX_RING <= (int)STAR_MOST, "stars have frames");
+
+static vec3 rim_place(const struct fit *fit, const struct star *star, size_t i) {
+    return fit->mesh->vertex[halfedge_to(&fit->he, star->ring[i < star->n ? i : 0])];
+}
+
+static void set_rim(const struct fit *fit, struct star *star) {
+    static const vec3 none = {0};
+    const vec3 *place[FIT_MAX_RING], *normal[FIT_MAX_RING];
+    for (size_t i = 0; i < star->n; i++) {
+        uint32_t across = fit->he.twin[halfedge_next(star->ring[i])];
+        place[i] = &fit->mesh->vertex[halfedge_to(&fit->he, star->ring[i])];
+        normal[i] = across == NONE ? &none : &fit->facing[across / 3].normal;
+    }
+    star->rim.n = star->n;
+    star_vectors_set(&star->rim.place, place, star->n, star->region.cluster.origin);
+    star_vectors_set(&star->outside, normal, star->n, none);
+}
+
+static void set_frames(const struct star *star, vec3 place, struct star_frames *frames) {
+    star_frames_make(frames, &star->rim, vec3_sub(place, star->region.cluster.origin));
+}
 
 static bool star_of(const struct fit *fit, uint32_t vertex, struct star *star) {
     star->vertex = vertex;
     star->n = halfedge_ring(&fit->he, vertex, star->ring, FIT_MAX_RING);
     star->cost = 0;
     if (star->n < 3) return false;
-    const vec3 *place = fit->mesh->vertex;
     for (size_t i = 0; i < star->n; i++) {
-        uint32_t h = star->ring[i];
-        star->region.triangle[i] = h / 3;
-        star->corners[i] = (struct triangle_corners){&place[vertex], &place[halfedge_to(&fit->he, h)],
-                                                     &place[halfedge_apex(&fit->he, h)]};
-        star->cost += fit->cost[h / 3];
+        star->region.triangle[i] = star->ring[i] / 3;
+        star->cost += fit->cost[star->ring[i] / 3];
     }
-    star->old = triangle_frames_make(&star->old_frames, star->corners, star->n);
     star->region.n = star->n;
     fit_gather(fit, &star->region);
+    set_rim(fit, star);
+    set_frames(star, fit->mesh->vertex[vertex], &star->old);
     return true;
 }
 
@@ -94,40 +115,22 @@ static vec3 model_minimum(const struct cluster_model *model) {
     return vec3_is_finite(s) ? s : (vec3){0};
 }
 
-static void set_new_frames(struct star *star, const vec3 *place) {
-    for (size_t i = 0; i < star->n; i++) star->corners[i].a = place;
-    star->new = triangle_frames_make(&star->new_frames, star->corners, star->n);
-}
-
-/* Whether two of the star's neighbours, whose normals were a and b, may turn so that they are c and d. */
-static bool turn_is_fair(vec3 a, vec3 b, vec3 c, vec3 d) {
-    double after = vec3_dot(c, d);
-    return after >= 0 || fit_fold_is_fair(vec3_dot(a, b), after);
-}
-
-static bool move_is_fair(const struct fit *fit, const struct star *star) {
+static bool star_stays(const struct fit *fit, const struct star *star, vec3 place) {
+    vec3 middle[FIT_MAX_RING];
     for (size_t i = 0; i < star->n; i++) {
-        vec3 old = surface_normal(&star->old, i), new = surface_normal(&star->new, i);
-        size_t j = i + 1 < star->n ? i + 1 : 0;
-        if (vec3_dot(old, new) < MOVE_LEAST_TURN) return false;
-        if (!fit_shape_is_fair(surface_shape(&star->old, i), surface_shape(&star->new, i))) return false;
-        vec3 old_next = surface_normal(&star->old, j), new_next = surface_normal(&star->new, j);
-        if (!turn_is_fair(old, old_next, new, new_next)) return false;
-        uint32_t across = fit->he.twin[halfedge_next(star->ring[i])];
-        if (across == NONE) continue;
-        vec3 outside = fit->facing[across / 3].normal;
-        if (!turn_is_fair(old, outside, new, outside)) return false;
+        vec3 rim = vec3_add(rim_place(fit, star, i), rim_place(fit, star, i + 1));
+        middle[i] = vec3_scale(vec3_add(place, rim), 1.0 / 3);
     }
-    return true;
+    return fit_middles_stay(fit, &star->region, middle, star->n);
 }
 
 /* The star's cost with the vertex at place, or INFINITY when that isn't fair.  What isn't under limit is known less
  * well, and not looked at any further, but it is known whether it is over `most` (at least limit). */
 static double cost_at(const struct fit *fit, struct star *star, vec3 place, double limit, double most) {
-    set_new_frames(star, &place);
-    if (!move_is_fair(fit, star)) return INFINITY;
-    double cost = fit_cost_with(fit, &star->region, &star->new, most);
-    return cost >= limit || fit_stays(fit, &star->region, &star->new) ? cost : INFINITY;
+    set_frames(star, place, &star->new);
+    if (!star_may_become(&star->old, &star->new, &star->outside, limits_of_moves)) return INFINITY;
+    double cost = fit_star_cost(fit, &star->region, &star->new, most);
+    return cost >= limit || star_stays(fit, star, place) ? cost : INFINITY;
 }
 
 static void settle(struct fit *fit, const struct star *star, vec3 place, uint32_t source) {

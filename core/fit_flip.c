@@ -79,35 +79,56 @@ static bool flip_is_possible(const struct fit *fit, uint32_t h) {
     return fit->he.locked[c] == HALFEDGE_KNOTTED ? !halfedge_joined(&fit->he, d, c) : !halfedge_joined(&fit->he, c, d);
 }
 
-/* How much the flip of h lowers the cost; 0 when it doesn't, or isn't allowed.  In a gap there is no data to stray
- * from.
- */
-static double flip_gain(const struct fit *fit, uint32_t h, const struct surface *made) {
-    uint32_t g = fit->he.twin[h];
-    double cost = fit->cost[h / 3] + fit->cost[g / 3];
+/* Gathers the samples of the two triangles. */
+static void gather_sides(const struct fit *fit, uint32_t h, struct fit_region *region) {
+    region->n = 2;
+    region->triangle[0] = h / 3, region->triangle[1] = fit->he.twin[h] / 3;
+    fit_gather(fit, region);
+}
+
+/* How much the flip of h lowers the cost; 0 when it doesn't, or isn't fair.  Sets the middles of what it makes, but
+ * where there is no data to stray from, which is so in a gap. */
+static double flip_gain(const struct fit *fit, uint32_t h, const struct surface *made, struct fit_place middle[2]) {
+    double cost = fit->cost[h / 3] + fit->cost[fit->he.twin[h] / 3];
+    middle[0].nearest = middle[1].nearest = NONE;
     if (!flip_is_fair(fit, h, made)) return 0;
     struct fit_region region;
-    region.n = 2;
-    region.triangle[0] = h / 3, region.triangle[1] = g / 3;
-    fit_gather(fit, &region);
+    gather_sides(fit, h, &region);
     double weight = cluster_weight(&region.cluster), in_gap = fit_gap_gain(fit, &region, weight, h, made);
     if (fit_is_exact(weight, cost) && !(in_gap > 0)) return 0;
     double gain = cost + in_gap - fit_cost_with(fit, &region, made, cost + in_gap);
-    if (!(gain > FLIP_LEAST_GAIN * cost) || !flip_is_possible(fit, h)) return 0;
-    return in_gap > 0 || fit_stays(fit, &region, made) ? gain : 0;
+    if (!(gain > FLIP_LEAST_GAIN * cost)) return 0;
+    for (size_t k = 0; k < 2; k++) middle[k].at = surface_middle(made, k);
+    if (!(in_gap > 0)) fit_find_nearest(fit, &region, middle, 2);
+    return gain;
+}
+
+/* Whether the flip leaves the surface where the data are. */
+static bool flip_stays(const struct fit *fit, uint32_t h, const struct surface *made,
+                       const struct fit_place middle[2]) {
+    if (fit_stray_sq(fit, middle, 2) <= fit->stray_sq) return true;
+    struct fit_region region;
+    gather_sides(fit, h, &region);
+    return fit_stays(fit, &region, made);
 }
 
 enum { BATCH = 8 }; /* edges whose triangles are made together */
 
+/* Whether the new triangles stay with the data is looked at last, when their nearest samples have come. */
 static void measure_batch(const struct fit *fit, struct candidate *candidate, size_t n) {
     struct triangle_corners corners[2 * BATCH];
     struct triangle_frames frames;
+    struct fit_place middle[BATCH][2];
     assert(n > 0 && n <= BATCH);
     for (size_t i = 0; i < n; i++) set_new_corners(fit, candidate[i].halfedge, &corners[2 * i]);
     struct surface all = triangle_frames_make(&frames, corners, 2 * n);
     for (size_t i = 0; i < n; i++) {
         struct surface made = {all.four, 2 * i, 2};
-        candidate[i].gain = flip_gain(fit, candidate[i].halfedge, &made);
+        candidate[i].gain = flip_gain(fit, candidate[i].halfedge, &made, middle[i]);
+    }
+    for (size_t i = 0; i < n; i++) {
+        struct surface made = {all.four, 2 * i, 2};
+        if (candidate[i].gain > 0 && !flip_stays(fit, candidate[i].halfedge, &made, middle[i])) candidate[i].gain = 0;
     }
 }
 

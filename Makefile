@@ -104,7 +104,7 @@ $(build)/tests/unit/test_service_faults $(build)/tests/fuzz/fuzz_http: $(build)/
 objects_first = $(filter %.o,$^) $(filter %.a,$^)
 
 # Unit tests can make each allocation fail (tests/unit/faults.c).
-wrapped := $(patsubst %,-Wl$(comma)--wrap=%,malloc calloc realloc reallocarray strdup strndup)
+wrapped := $(patsubst %,-Wl$(comma)--wrap=%,malloc aligned_alloc calloc realloc reallocarray strdup strndup)
 $(unit_programs): $(build)/tests/unit/%: $(build)/tests/unit/%.o $(call object,$(unit_support_src)) \
     $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@
@@ -139,8 +139,8 @@ $(call object,$(core_src)): override CFLAGS += -O3
 endif
 
 # Their vectors are passed between functions that are inlined, so how others would get them doesn't matter.
-$(addprefix $(build)/core/,cluster.o fit_assign.o knn_group.o pair_cost.o quadric.o rank_sort.o sym3.o \
-    triangle_frames.o umbrella.o): override CFLAGS += -Wno-psabi
+$(addprefix $(build)/core/,cluster.o fit_assign.o knn_group.o pair_cost.o quadric.o rank_sort.o \
+    star_frames.o sym3.o triangle_frames.o umbrella.o): override CFLAGS += -Wno-psabi
 
 # Files that are compiled into the program.
 $(build)/api/openapi.o: api/openapi.json

@@ -8,7 +8,8 @@
 #include <stddef.h>
 
 /* Returns new memory for n elements of size bytes, uninitialised, to be given to free(); NULL when n * size overflows
- * or memory runs out.  n == 0 returns a valid pointer. */
+ * or memory runs out.  n == 0 returns a valid pointer.  Arrays of pages begin with a cache line, so that elements of a
+ * whole number of lines, or a whole part of one, lie in no more of them than they must. */
 void *alloc_array(size_t n, size_t size) __attribute__((warn_unused_result));
 
 /* The same, zeroed. */

@@ -1,8 +1,5 @@
-/* The kernels are written over vectors of eight floats, as the compilers' extension has them, without branches: a
- * sample over the triangle is as far as its height; any other is nearest to one of the three edges.
- *
- * Processors with such vectors get functions of their own; on others the compiler makes two vectors of four of each.
- * Both do the same operations in the same order (and none is fused), so the results are the same.
+/* The kernels are written over vectors of eight floats (lanes8.h), without branches: a sample over the triangle is as
+ * far as its height; any other is nearest to one of the three edges.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/cluster.h"
@@ -10,68 +7,17 @@
 #include <string.h>
 
 #include "core/cloud.h"
-#include "core/processor.h"
+#include "core/lanes8.h"
 
-enum { LANES = SAMPLE_BLOCK };
+_Static_assert((int)LANES == (int)SAMPLE_BLOCK, "samples are read a vector at a time");
 
-#define THINNEST 1e-5   /* shape of triangles that don't pull at their corners */
+#define THINNEST 1e-5f  /* shape of triangles that don't pull at their corners */
 #define FAR_AWAY 1.0e9f /* where nothing is; its square times anything reasonable is finite */
-
-typedef float lanes __attribute__((vector_size(32)));
-typedef int32_t mask __attribute__((vector_size(32)));
-
-INLINE lanes pick(mask m, lanes a, lanes b) { return (lanes)((m & (mask)a) | (~m & (mask)b)); }
-INLINE lanes where(mask m, lanes a) { return (lanes)(m & (mask)a); }
-INLINE lanes magnitude(lanes a) { return (lanes)((mask)a & INT32_MAX); }
-INLINE lanes all(float x) { return (lanes){x, x, x, x, x, x, x, x}; }
-
-/* Loops, which compilers know to be one instruction. */
-INLINE lanes lower(lanes a, lanes b) {
-    for (int k = 0; k < LANES; k++) a[k] = a[k] < b[k] ? a[k] : b[k];
-    return a;
-}
-
-INLINE lanes positive(lanes a) {
-    for (int k = 0; k < LANES; k++) a[k] = a[k] > 0 ? a[k] : 0;
-    return a;
-}
-
-INLINE lanes load(const float *p) {
-    lanes x;
-    memcpy(&x, p, sizeof x);
-    return x;
-}
-
-/* Eight floats in memory, to be written. */
-typedef float loose __attribute__((vector_size(32), aligned(4), may_alias));
-INLINE loose *at(float *p) { return (loose *)p; }
-
-INLINE lanes root(lanes x) {
-    return (lanes){sqrtf(x[0]), sqrtf(x[1]), sqrtf(x[2]), sqrtf(x[3]),
-                   sqrtf(x[4]), sqrtf(x[5]), sqrtf(x[6]), sqrtf(x[7])};
-}
-
-INLINE double total(lanes x) {
-    double low = ((double)x[0] + (double)x[1]) + ((double)x[2] + (double)x[3]);
-    double high = ((double)x[4] + (double)x[5]) + ((double)x[6] + (double)x[7]);
-    return low + high;
-}
-
-/* A triangle_frame in float, relative to the cluster's origin. */
-struct flat_edge {
-    float x, y, half;
-};
-
-struct flat {
-    float ax, ay, az, ux, uy, uz, vx, vy, vz, nx, ny, nz;
-    float bx;
-    struct flat_edge ab, bc, ac;
-};
 
 typedef float four __attribute__((vector_size(16)));
 typedef double wide __attribute__((vector_size(32), aligned(8), may_alias));
 
-/* Four of them. */
+/* Four triangle_frames in float, relative to the cluster's origin. */
 struct flat_four {
     four ax, ay, az, ux, uy, uz, vx, vy, vz, nx, ny, nz, bx, bc_x, bc_y, bc_half, ac_x, ac_y, ac_half;
 };
@@ -114,61 +60,61 @@ INLINE size_t flatten_all(const struct surface *surface, vec3 origin, struct fla
     return surface->first % FRAMES_WIDTH;
 }
 
-INLINE struct flat flat_at(const struct flat_four *all, size_t j) {
-    const struct flat_four *f = &all[j / FRAMES_WIDTH];
-    size_t k = j % FRAMES_WIDTH;
-    return (struct flat){.ax = f->ax[k],
-                         .ay = f->ay[k],
-                         .az = f->az[k],
-                         .ux = f->ux[k],
-                         .uy = f->uy[k],
-                         .uz = f->uz[k],
-                         .vx = f->vx[k],
-                         .vy = f->vy[k],
-                         .vz = f->vz[k],
-                         .nx = f->nx[k],
-                         .ny = f->ny[k],
-                         .nz = f->nz[k],
-                         .bx = f->bx[k],
-                         .ab = {1, 0, f->bx[k] / 2},
-                         .bc = {f->bc_x[k], f->bc_y[k], f->bc_half[k]},
-                         .ac = {f->ac_x[k], f->ac_y[k], f->ac_half[k]}};
-}
-
 struct span {
     size_t begin, end;
 };
 
-struct spot {
-    lanes x, y, z;
+/* How far past either end of an edge, whose middle t is counted from. */
+INLINE lanes past_half(lanes t, lanes half) { return higher(magnitude(t), half) - half; }
+
+/* What distances to a triangle take, each number eight times. */
+struct spread_edge {
+    lanes x, y, half;
 };
 
-/* Eight places as the triangle's axes have them. */
-INLINE struct spot in_axes(const struct flat *f, lanes px, lanes py, lanes pz) {
-    lanes rx = px - f->ax, ry = py - f->ay, rz = pz - f->az;
-    return (struct spot){rx * f->ux + ry * f->uy + rz * f->uz, rx * f->vx + ry * f->vy + rz * f->vz,
-                         rx * f->nx + ry * f->ny + rz * f->nz};
-}
-
-/* How far beside an edge, on the left, and how far past either of its ends. */
-struct beside {
-    lanes left, past;
+struct spread {
+    lanes ax, ay, az, ux, uy, uz, vx, vy, vz, nx, ny, nz, bx, ab_half;
+    struct spread_edge bc, ac;
 };
 
-INLINE struct beside beside_edge(const struct flat_edge *e, lanes x, lanes y) {
-    return (struct beside){y * e->x - x * e->y, positive(magnitude(x * e->x + y * e->y - e->half) - e->half)};
+INLINE struct spread spread(const struct flat_four *flat, size_t j) {
+    const struct flat_four *f = &flat[j / FRAMES_WIDTH];
+    size_t k = j % FRAMES_WIDTH;
+    return (struct spread){
+        .ax = all(f->ax[k]),
+        .ay = all(f->ay[k]),
+        .az = all(f->az[k]),
+        .ux = all(f->ux[k]),
+        .uy = all(f->uy[k]),
+        .uz = all(f->uz[k]),
+        .vx = all(f->vx[k]),
+        .vy = all(f->vy[k]),
+        .vz = all(f->vz[k]),
+        .nx = all(f->nx[k]),
+        .ny = all(f->ny[k]),
+        .nz = all(f->nz[k]),
+        .bx = all(f->bx[k]),
+        .ab_half = all(f->bx[k] / 2),
+        .bc = {all(f->bc_x[k]), all(f->bc_y[k]), all(f->bc_half[k])},
+        .ac = {all(f->ac_x[k]), all(f->ac_y[k]), all(f->ac_half[k])},
+    };
 }
 
-INLINE lanes beside_sq(struct beside b) { return b.left * b.left + b.past * b.past; }
+INLINE lanes edge_sq(const struct spread_edge *e, lanes left, lanes x, lanes y) {
+    lanes past = past_half(x * e->x + y * e->y - e->half, e->half);
+    return left * left + past * past;
+}
 
 /* Squared distances of eight samples to a triangle. */
-INLINE lanes distance_sq(const struct flat *f, lanes px, lanes py, lanes pz) {
-    struct spot p = in_axes(f, px, py, pz);
-    lanes past = positive(magnitude(p.x - f->ab.half) - f->ab.half);
-    struct beside bc = beside_edge(&f->bc, p.x - f->bx, p.y), ac = beside_edge(&f->ac, p.x, p.y);
-    mask over = (p.y > 0) & (bc.left > 0) & (ac.left < 0);
-    lanes edge_sq = lower(p.y * p.y + past * past, lower(beside_sq(bc), beside_sq(ac)));
-    return p.z * p.z + where(~over, edge_sq);
+INLINE lanes distance_sq(const struct spread *f, lanes px, lanes py, lanes pz) {
+    lanes rx = px - f->ax, ry = py - f->ay, rz = pz - f->az;
+    lanes x = rx * f->ux + ry * f->uy + rz * f->uz, y = rx * f->vx + ry * f->vy + rz * f->vz;
+    lanes z = rx * f->nx + ry * f->ny + rz * f->nz, beyond = x - f->bx;
+    lanes past = past_half(x - f->ab_half, f->ab_half);
+    lanes bc_left = y * f->bc.x - beyond * f->bc.y, ac_right = x * f->ac.y - y * f->ac.x;
+    mask over = lower(lower(y, bc_left), ac_right) > 0;
+    lanes nearest = lower(edge_sq(&f->bc, bc_left, beyond, y), edge_sq(&f->ac, ac_right, x, y));
+    return z * z + where(~over, lower(y * y + past * past, nearest));
 }
 
 void cluster_clear(struct cluster *cluster, vec3 origin) {
@@ -202,65 +148,138 @@ double cluster_weight(const struct cluster *cluster) {
     return total(sum);
 }
 
-enum { STRIP = 8 }; /* vectors whose nearest distances are held while the triangles are gone through */
-
-/* The squared distances of vectors [begin, begin + count) to the nearest of the triangles. */
-INLINE void strip_nearest(const struct cluster *cluster, const struct flat_four *flat, struct span triangles,
-                          size_t begin, size_t count, lanes nearest_sq[STRIP]) {
-    for (size_t k = 0; k < count; k++) nearest_sq[k] = all(INFINITY);
-    for (size_t j = triangles.begin; j < triangles.end; j++) {
-        const struct flat f = flat_at(flat, j);
-        for (size_t k = 0; k < count; k++) {
-            size_t i = (begin + k) * LANES;
-            lanes d_sq = distance_sq(&f, load(&cluster->x[i]), load(&cluster->y[i]), load(&cluster->z[i]));
-            nearest_sq[k] = lower(d_sq, nearest_sq[k]);
-        }
-    }
+INLINE size_t spread_all(const struct surface *surface, vec3 origin, struct spread out[FRAMES_MOST]) {
+    struct flat_four flat[FLAT_ROOM];
+    size_t first = flatten_all(surface, origin, flat);
+    for (size_t j = 0; j < surface->n; j++) out[j] = spread(flat, first + j);
+    return surface->n;
 }
 
 FOR_EACH_PROCESSOR
 double cluster_cost(const struct cluster *cluster, const struct surface *surface, float further, double limit) {
-    struct flat_four flat[FLAT_ROOM];
-    lanes nearest_sq[STRIP], sum = all(0);
-    size_t vectors = (cluster->n + LANES - 1) / LANES, first = flatten_all(surface, cluster->origin, flat);
-    struct span triangles = {first, first + surface->n};
-    for (size_t begin = 0; begin < vectors; begin += STRIP) {
-        size_t count = vectors - begin < STRIP ? vectors - begin : STRIP;
-        strip_nearest(cluster, flat, triangles, begin, count, nearest_sq);
-        for (size_t k = 0; k < count; k++) {
-            lanes d_sq = nearest_sq[k];
-            sum += load(&cluster->weight[(begin + k) * LANES]) * (root(d_sq) + d_sq * further);
-        }
+    struct spread triangle[FRAMES_MOST];
+    lanes sum = all(0);
+    size_t n = spread_all(surface, cluster->origin, triangle);
+    for (size_t i = 0; i < cluster->n; i += LANES) {
+        lanes x = load(&cluster->x[i]), y = load(&cluster->y[i]), z = load(&cluster->z[i]), d_sq = all(INFINITY);
+        for (size_t j = 0; j < n; j++) d_sq = lower(distance_sq(&triangle[j], x, y, z), d_sq);
+        sum += load(&cluster->weight[i]) * (root(d_sq) + d_sq * further);
         if (total(sum) > limit) break;
     }
     return total(sum);
 }
 
-/* Where eight samples' nearest places on a triangle are: the corner a's share in them, and what is left to the sample
- * in the triangle's own axes. */
+/* What distances to a triangle of a star take, each number eight times. */
+struct sector {
+    lanes ux, uy, uz, vx, vy, vz, nx, ny, nz, bx, ab_half, ac_x, ac_y;
+    struct spread_edge bc;
+};
+
+INLINE void spread_star(const struct star_frames *star, struct sector sector[STAR_MOST]) {
+    for (size_t j = 0; j < star->n; j++)
+        sector[j] = (struct sector){
+            .ux = all(star->u.x[j]),
+            .uy = all(star->u.y[j]),
+            .uz = all(star->u.z[j]),
+            .vx = all(star->v.x[j]),
+            .vy = all(star->v.y[j]),
+            .vz = all(star->v.z[j]),
+            .nx = all(star->normal.x[j]),
+            .ny = all(star->normal.y[j]),
+            .nz = all(star->normal.z[j]),
+            .bx = all(star->bx[j]),
+            .ab_half = all(star->bx[j] / 2),
+            .ac_x = all(star->ac_x[j]),
+            .ac_y = all(star->ac_y[j]),
+            .bc = {all(star->bc_x[j]), all(star->bc_y[j]), all(star->bc_half[j])},
+        };
+}
+
+/* Squared distances of eight samples, as seen from the vertex, to a triangle but for its last edge, which is the first
+ * of the next. */
+INLINE lanes sector_sq(const struct sector *f, lanes rx, lanes ry, lanes rz) {
+    lanes x = rx * f->ux + ry * f->uy + rz * f->uz, y = rx * f->vx + ry * f->vy + rz * f->vz;
+    lanes z = rx * f->nx + ry * f->ny + rz * f->nz, beyond = x - f->bx;
+    lanes past = past_half(x - f->ab_half, f->ab_half);
+    lanes bc_left = y * f->bc.x - beyond * f->bc.y, ac_right = x * f->ac_y - y * f->ac_x;
+    mask over = lower(lower(y, bc_left), ac_right) > 0;
+    return z * z + where(~over, lower(y * y + past * past, edge_sq(&f->bc, bc_left, beyond, y)));
+}
+
+FOR_EACH_PROCESSOR
+double cluster_star_cost(const struct cluster *cluster, const struct star_frames *star, float further, double limit) {
+    struct sector sector[STAR_MOST];
+    lanes sum = all(0);
+    spread_star(star, sector);
+    for (size_t i = 0; i < cluster->n; i += LANES) {
+        lanes x = load(&cluster->x[i]) - star->ax, y = load(&cluster->y[i]) - star->ay;
+        lanes z = load(&cluster->z[i]) - star->az, d_sq = all(FAR_AWAY * FAR_AWAY);
+        for (size_t j = 0; j < star->n; j++) d_sq = lower(sector_sq(&sector[j], x, y, z), d_sq);
+        sum += load(&cluster->weight[i]) * (root(d_sq) + d_sq * further);
+        if (total(sum) > limit) break;
+    }
+    return total(sum);
+}
+
+/* The triangles of eight samples, side by side: the members are those of struct star_frames. */
+struct eight {
+    lanes ux, uy, uz, vx, vy, vz, nx, ny, nz, bx, bx_inverse, bc_x, bc_y, bc_half;
+    lanes cx, cy, cy_inverse, ac_x, ac_y, ac_inverse;
+    mask pulls; /* triangles that aren't too thin */
+};
+
+INLINE lanes each(const float *number, mask which) { return __builtin_shuffle(load(number), which); }
+
+/* Triangle from + which[k] for sample k. */
+INLINE struct eight eight_of(const struct star_frames *s, size_t from, mask which) {
+    return (struct eight){
+        .ux = each(&s->u.x[from], which),
+        .uy = each(&s->u.y[from], which),
+        .uz = each(&s->u.z[from], which),
+        .vx = each(&s->v.x[from], which),
+        .vy = each(&s->v.y[from], which),
+        .vz = each(&s->v.z[from], which),
+        .nx = each(&s->normal.x[from], which),
+        .ny = each(&s->normal.y[from], which),
+        .nz = each(&s->normal.z[from], which),
+        .bx = each(&s->bx[from], which),
+        .bx_inverse = each(&s->bx_inverse[from], which),
+        .bc_x = each(&s->bc_x[from], which),
+        .bc_y = each(&s->bc_y[from], which),
+        .bc_half = each(&s->bc_half[from], which),
+        .ac_x = each(&s->ac_x[from], which),
+        .ac_y = each(&s->ac_y[from], which),
+        .ac_inverse = each(&s->ac_inverse[from], which),
+        .cx = each(&s->cx[from], which),
+        .cy = each(&s->cy[from], which),
+        .cy_inverse = each(&s->cy_inverse[from], which),
+        .pulls = each(&s->shape[from], which) > THINNEST,
+    };
+}
+
+/* Where samples' nearest places on their triangles are: the vertex's share in them, and what is left to the sample in
+ * the triangle's own axes. */
 struct feet {
     lanes share, x, y, z;
 };
 
-INLINE lanes clamped(lanes t) {
-    t = positive(t);
-    return lower(t, all(1));
-}
+INLINE lanes clamped(lanes t) { return lower(positive(t), all(1)); }
 
-INLINE struct feet feet_of(const struct flat *f, lanes px, lanes py, lanes pz) {
-    struct spot p = in_axes(f, px, py, pz);
-    struct beside bc = beside_edge(&f->bc, p.x - f->bx, p.y);
-    lanes cx = all(f->ac.x * f->ac.half * 2), cy = all(f->ac.y * f->ac.half * 2);
-    mask over = (p.y > 0) & (bc.left > 0) & (p.y * f->ac.x < p.x * f->ac.y);
-    lanes share_c = p.y / cy, share = 1 - share_c - (p.x - cx * share_c) / f->bx;
-    lanes t = clamped(p.x / f->bx);
-    lanes dx = p.x - t * f->bx, dy = p.y, best_sq = dx * dx + dy * dy, best = 1 - t;
-    t = clamped((p.x * f->ac.x + p.y * f->ac.y) / (2 * f->ac.half));
-    lanes ux = p.x - t * cx, uy = p.y - t * cy, other_sq = ux * ux + uy * uy;
+INLINE struct feet feet_of(const struct eight *f, lanes rx, lanes ry, lanes rz) {
+    lanes x = rx * f->ux + ry * f->uy + rz * f->uz, y = rx * f->vx + ry * f->vy + rz * f->vz;
+    lanes z = rx * f->nx + ry * f->ny + rz * f->nz, beyond = x - f->bx;
+    lanes bc_left = y * f->bc_x - beyond * f->bc_y;
+    lanes bc_past = past_half(beyond * f->bc_x + y * f->bc_y - f->bc_half, f->bc_half);
+    mask over = lower(lower(y, bc_left), x * f->ac_y - y * f->ac_x) > 0;
+    lanes share_c = y * f->cy_inverse, share = 1 - share_c - (x - f->cx * share_c) * f->bx_inverse;
+    lanes t = clamped(x * f->bx_inverse);
+    lanes dx = x - t * f->bx, dy = y, best_sq = dx * dx + dy * dy, best = 1 - t;
+    t = clamped((x * f->ac_x + y * f->ac_y) * f->ac_inverse);
+    lanes ex = x - t * f->cx, ey = y - t * f->cy, other_sq = ex * ex + ey * ey;
     mask nearer = other_sq < best_sq;
-    dx = pick(nearer, ux, dx), dy = pick(nearer, uy, dy), best = pick(nearer, 1 - t, best);
-    best = where(~(beside_sq(bc) < lower(other_sq, best_sq)), best);
-    return (struct feet){pick(over, share, best), where(~over, dx), where(~over, dy), p.z};
+    dx = pick(nearer, ex, dx), dy = pick(nearer, ey, dy), best = pick(nearer, 1 - t, best);
+    best = where(~(bc_left * bc_left + bc_past * bc_past < lower(other_sq, best_sq)), best);
+    return (struct feet){pick(over, share, best), where(~over, dx), where(~over, dy), z};
 }
 
 /* A model in the making, eight samples side by side. */
@@ -272,37 +291,42 @@ struct lengths {
     float near, further;
 };
 
-/* Adds the samples [begin, end), which belong to the triangle.  Directions are turned into the axes of space before
- * they are added up, so that there are only nine sums for all triangles. */
-INLINE void fit_triangle(const struct cluster *cluster, const struct flat *f, struct span in, struct lengths by,
-                         struct sums *s) {
-    for (size_t i = in.begin; i < in.end; i += LANES) {
-        mask inside = (mask){0, 1, 2, 3, 4, 5, 6, 7} < (int32_t)(in.end - i);
-        struct feet r = feet_of(f, load(&cluster->x[i]), load(&cluster->y[i]), load(&cluster->z[i]));
-        lanes d = root(r.x * r.x + r.y * r.y + r.z * r.z);
-        lanes weight = where(inside & (r.share > 0), load(&cluster->weight[i]));
-        mask off = d > 1e-9f;
-        lanes pull = weight * r.share * (1 + 2 * by.further * d) / pick(d > by.near, d, all(by.near));
-        lanes inverse = 1 / pick(off, d, all(1)), stiff = pull * r.share, far = pull * d;
-        lanes x = where(off, r.x * inverse), y = where(off, r.y * inverse), z = pick(off, r.z * inverse, all(1));
-        lanes nx = x * f->ux + y * f->vx + z * f->nx, ny = x * f->uy + y * f->vy + z * f->ny;
-        lanes nz = x * f->uz + y * f->vz + z * f->nz, sx = stiff * nx, sy = stiff * ny, sz = stiff * nz;
-        s->xx += sx * nx, s->xy += sx * ny, s->xz += sx * nz;
-        s->yy += sy * ny, s->yz += sy * nz, s->zz += sz * nz;
-        s->gx += far * nx, s->gy += far * ny, s->gz += far * nz;
+/* Adds eight samples as far as they count.  Directions are turned into the axes of space before they are added up, so
+ * that there are only nine sums for all triangles. */
+INLINE void fit_eight(const struct eight *f, struct feet r, lanes weight, struct lengths by, struct sums *s) {
+    lanes d = root(r.x * r.x + r.y * r.y + r.z * r.z);
+    mask counts = f->pulls & (r.share > 0), off = d > 1e-9f;
+    lanes pull = weight * r.share * (1 + 2 * by.further * d) / higher(d, all(by.near));
+    lanes inverse = 1 / pick(off, d, all(1)), stiff = where(counts, pull * r.share), far = where(counts, pull * d);
+    lanes x = where(off, r.x * inverse), y = where(off, r.y * inverse), z = pick(off, r.z * inverse, all(1));
+    lanes nx = where(counts, x * f->ux + y * f->vx + z * f->nx), ny = where(counts, x * f->uy + y * f->vy + z * f->ny);
+    lanes nz = where(counts, x * f->uz + y * f->vz + z * f->nz), sx = stiff * nx, sy = stiff * ny, sz = stiff * nz;
+    s->xx += sx * nx, s->xy += sx * ny, s->xz += sx * nz;
+    s->yy += sy * ny, s->yz += sy * nz, s->zz += sz * nz;
+    s->gx += far * nx, s->gy += far * ny, s->gz += far * nz;
+}
+
+/* Adds the samples of up to eight triangles, which follow each other. */
+INLINE void fit_triangles(const struct cluster *cluster, const size_t *begin, const struct star_frames *star,
+                          struct span in, struct lengths by, struct sums *s) {
+    const mask lane = {0, 1, 2, 3, 4, 5, 6, 7};
+    for (size_t i = begin[in.begin]; i < begin[in.end]; i += LANES) {
+        mask which = {0}, valid = lane < (int32_t)(begin[in.end] - i);
+        for (size_t k = in.begin + 1; k < in.end; k++) which -= lane >= (int32_t)begin[k] - (int32_t)i;
+        struct eight f = eight_of(star, in.begin, which);
+        struct feet feet = feet_of(&f, load(&cluster->x[i]) - star->ax, load(&cluster->y[i]) - star->ay,
+                                   load(&cluster->z[i]) - star->az);
+        fit_eight(&f, feet, where(valid, load(&cluster->weight[i])), by, s);
     }
 }
 
 FOR_EACH_PROCESSOR
-void cluster_fit(const struct cluster *cluster, const size_t *begin, const struct surface *star, float near,
+void cluster_fit(const struct cluster *cluster, const size_t *begin, const struct star_frames *star, float near,
                  float further, struct cluster_model *model) {
-    struct flat_four flat[FLAT_ROOM];
-    size_t first = flatten_all(star, cluster->origin, flat);
     struct sums s = {0};
-    for (size_t k = 0; k < star->n; k++) {
-        if (begin[k] == begin[k + 1] || !(surface_shape(star, k) > THINNEST)) continue;
-        const struct flat f = flat_at(flat, first + k);
-        fit_triangle(cluster, &f, (struct span){begin[k], begin[k + 1]}, (struct lengths){near, further}, &s);
+    for (size_t k = 0; k < star->n; k += LANES) {
+        struct span in = {k, k + LANES < star->n ? k + LANES : star->n};
+        fit_triangles(cluster, begin, star, in, (struct lengths){near, further}, &s);
     }
     sym3 a = {total(s.xx), total(s.xy), total(s.xz), total(s.yy), total(s.yz), total(s.zz)};
     model->a = sym3_add(model->a, a);
@@ -333,7 +357,7 @@ void cluster_owners(const struct cluster *cluster, const struct surface *surface
     size_t vectors = (cluster->n + LANES - 1) / LANES, first = flatten_all(surface, cluster->origin, flat);
     for (size_t k = 0; k < vectors; k++) *at(&distance_sq_out[k * LANES]) = all(INFINITY), nearest[k] = (mask){0};
     for (size_t j = 0; j < surface->n; j++) {
-        const struct flat f = flat_at(flat, first + j);
+        const struct spread f = spread(flat, first + j);
         mask id = (mask){0} + (int32_t)j;
         for (size_t k = 0; k < vectors; k++) {
             size_t i = k * LANES;

@@ -11,6 +11,7 @@
 #include <stdint.h>
 
 #include "core/sample_lists.h"
+#include "core/star_frames.h"
 #include "core/sym3.h"
 #include "core/triangle_frames.h"
 
@@ -37,16 +38,19 @@ double cluster_weight(const struct cluster *cluster);
  * is over limit already. */
 double cluster_cost(const struct cluster *cluster, const struct surface *surface, float further, double limit);
 
+/* The same for a star, whose places are relative to the cluster's origin. */
+double cluster_star_cost(const struct cluster *cluster, const struct star_frames *star, float further, double limit);
+
 /* A quadric of a vertex: s^T a s - 2 g s is what the squares of its samples' distances change by when it moves by s. */
 struct cluster_model {
     sym3 a;
     vec3 g;
 };
 
-/* Adds the cluster's samples to the model of a vertex that is corner a of all the surface's triangles; those of
- * triangle k are begin[k] .. begin[k + 1] - 1.  Each square is divided by the distance itself (at least near), so that
- * the model is one of weight * (d + d^2 * further). */
-void cluster_fit(const struct cluster *cluster, const size_t *begin, const struct surface *star, float near,
+/* Adds the cluster's samples to the model of a star's vertex; those of triangle k are begin[k] .. begin[k + 1] - 1.
+ * Each square is divided by the distance itself (at least near), so that the model is one of weight * (d + d^2 *
+ * further). */
+void cluster_fit(const struct cluster *cluster, const size_t *begin, const struct star_frames *star, float near,
                  float further, struct cluster_model *model);
 
 /* s^T a s for each sample, s being where it is as seen from place; INFINITY for those whose ids aren't below points. */

@@ -25,6 +25,7 @@
 #include "core/refine.h"
 #include "core/sample_lists.h"
 #include "core/samples.h"
+#include "core/star_frames.h"
 #include "core/triangle_frames.h"
 
 /* Multiples of the mean distance at the beginning: */
@@ -60,7 +61,7 @@ struct fit {
     struct facing *facing; /* triangle_count */
     uint8_t *taken;        /* input->n: how many vertices stand there, up to 255 */
     uint8_t *stale;        /* vertex_count: its star has changed since it was last tried */
-    uint8_t *touched;      /* triangle_count: it has changed since its edges were last tried */
+    uint8_t *touched;      /* triangle_count: 1, it has changed since its edges were last tried; more in fit_flip.c */
     uint8_t *postponed;    /* triangle_count: all 0 between passes */
 };
 
@@ -122,20 +123,35 @@ void fit_gather(const struct fit *fit, struct fit_region *region);
 /* Whether samples of this weight cost so little that it is rounding. */
 static inline bool fit_is_exact(double weight, double cost) { return !(cost > FIT_EXACT * weight); }
 
-/* The quadric of a vertex whose star the region is; the surface is made of its triangles, and has it as corner a. */
-struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region, const struct surface *star,
+/* The quadric of a vertex whose star the region is. */
+struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region, const struct star_frames *star,
                                double near);
 
 /* What the region's samples would cost with the surface, or something over limit where that does. */
 double fit_cost_with(const struct fit *fit, const struct fit_region *region, const struct surface *surface,
                      double limit);
+double fit_star_cost(const struct fit *fit, const struct fit_region *region, const struct star_frames *star,
+                     double limit);
 
-/* The largest squared distance of middle[0 .. n) of triangles to the tangent disks of the region's nearest samples: so
+/* A place on a surface, and the nearest of a region's samples, or NONE where there are none. */
+struct fit_place {
+    vec3 at;
+    double nearest_sq;
+    uint32_t nearest;
+};
+
+/* Finds the nearest samples of place[0 .. n).  What is known of them is on its way from memory then. */
+void fit_find_nearest(const struct fit *fit, const struct fit_region *region, struct fit_place *place, size_t n);
+
+/* The largest squared distance of the places, middles of triangles, to the tangent disks of their nearest samples: so
  * that no part of the surface leaves the data. */
-double fit_stray_sq(const struct fit *fit, const struct fit_region *region, const vec3 *middle, size_t n);
+double fit_stray_sq(const struct fit *fit, const struct fit_place *place, size_t n);
 
 /* Whether the surface strays no farther from the data than anything may, or than the region's triangles do now. */
 bool fit_stays(const struct fit *fit, const struct fit_region *region, const struct surface *surface);
+
+/* The same of a surface whose triangles have the middles middle[0 .. n). */
+bool fit_middles_stay(const struct fit *fit, const struct fit_region *region, const vec3 *middle, size_t n);
 
 /* Hands the samples in the lists of from[0 .. n) out to the nearest of the triangles to[0 .. m) as they are now, and
  * sets the costs of both, and how the latter face.  n, m <= FIT_MAX_RING.  Triangles of its own for each thread. */

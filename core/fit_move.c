@@ -24,59 +24,95 @@
 #include "core/sym3.h"
 
 enum { VERTEX_GRAIN = 16, PLACE_GRAIN = 512, COLOURS = 64, CANDIDATES = 3 };
-enum { STARS_AHEAD = 4, RINGS_AHEAD = 8 }; /* so many vertices before theirs, memory is asked for what they need */
+
+/* How many vertices later what was asked for is there: the first triangle, from where the ring is found; the star; the
+ * samples behind the first block of each list. */
+enum { RING_LATER = 4, LISTS_LATER = 6, MOVE_LATER = 8, RINGS = 4 };
 
 #define MOVE_LEAST_GAIN 1e-3 /* of what the star costs */
 #define MOVE_HOPELESS 1.5    /* of what the star costs: where the first choice is over that, the others are no better */
 #define MOVE_STAY 1e-4       /* pull towards the present place, of the quadric's trace */
-#define MOVE_LEAST_TURN 0.5  /* smallest cosine between a triangle's normals before and after */
+
+static const struct star_limits limits_of_moves = {.turn = 0.5f, .thin = (float)FIT_THIN};
+
+struct ring {
+    size_t n;
+    uint32_t out[FIT_MAX_RING]; /* half-edges out of the vertex */
+};
 
 struct star {
     uint32_t vertex;
     size_t n;
-    uint32_t ring[FIT_MAX_RING]; /* half-edges out of the vertex */
+    const uint32_t *ring; /* half-edges out of the vertex */
     struct fit_region region;
-    struct triangle_corners corners[FIT_MAX_RING]; /* the vertex first */
-    struct triangle_frames old_frames, new_frames;
-    struct surface old, new;
+    struct star_rim rim;
+    struct star_frames old, new;
+    struct star_vectors outside; /* normals across the rim */
     double cost;
 };
 
-static bool star_of(const struct fit *fit, uint32_t vertex, struct star *star) {
+_Static_assert((int)FIT_MAX_RING <= (int)STAR_MOST, "stars have frames");
+
+static vec3 rim_place(const struct fit *fit, const struct star *star, size_t i) {
+    return fit->mesh->vertex[halfedge_to(&fit->he, star->ring[i < star->n ? i : 0])];
+}
+
+static void set_rim(const struct fit *fit, struct star *star) {
+    static const vec3 none = {0};
+    const vec3 *place[FIT_MAX_RING], *normal[FIT_MAX_RING];
+    for (size_t i = 0; i < star->n; i++) {
+        uint32_t across = fit->he.twin[halfedge_next(star->ring[i])];
+        place[i] = &fit->mesh->vertex[halfedge_to(&fit->he, star->ring[i])];
+        normal[i] = across == NONE ? &none : &fit->facing[across / 3].normal;
+    }
+    star->rim.n = star->n;
+    star_vectors_set(&star->rim.place, place, star->n, star->region.cluster.origin);
+    star_vectors_set(&star->outside, normal, star->n, none);
+}
+
+static void set_frames(const struct star *star, vec3 place, struct star_frames *frames) {
+    star_frames_make(frames, &star->rim, vec3_sub(place, star->region.cluster.origin));
+}
+
+static bool star_of(const struct fit *fit, uint32_t vertex, const struct ring *ring, struct star *star) {
     star->vertex = vertex;
-    star->n = halfedge_ring(&fit->he, vertex, star->ring, FIT_MAX_RING);
+    star->n = ring->n;
+    star->ring = ring->out;
     star->cost = 0;
     if (star->n < 3) return false;
-    const vec3 *place = fit->mesh->vertex;
     for (size_t i = 0; i < star->n; i++) {
-        uint32_t h = star->ring[i];
-        star->region.triangle[i] = h / 3;
-        star->corners[i] = (struct triangle_corners){&place[vertex], &place[halfedge_to(&fit->he, h)],
-                                                     &place[halfedge_apex(&fit->he, h)]};
-        star->cost += fit->cost[h / 3];
+        star->region.triangle[i] = star->ring[i] / 3;
+        star->cost += fit->cost[star->ring[i] / 3];
     }
-    star->old = triangle_frames_make(&star->old_frames, star->corners, star->n);
     star->region.n = star->n;
     fit_gather(fit, &star->region);
+    set_rim(fit, star);
+    set_frames(star, fit->mesh->vertex[vertex], &star->old);
     return true;
 }
 
 /* What a star is made of lies all over memory, and no wait is as long as that for it. */
-static void fetch_ring(const struct fit *fit, uint32_t vertex) {
+static void fetch_triangle(const struct fit *fit, uint32_t vertex) {
     uint32_t first = fit->he.out[vertex] / 3;
     __builtin_prefetch(fit->he.triangle[first]);
     __builtin_prefetch(&fit->he.twin[3 * first]);
 }
 
-static void fetch_star(const struct fit *fit, uint32_t vertex) {
-    uint32_t ring[FIT_MAX_RING];
-    size_t n = halfedge_ring(&fit->he, vertex, ring, FIT_MAX_RING);
-    for (size_t i = 0; i < n; i++) {
-        uint32_t t = ring[i] / 3, across = fit->he.twin[halfedge_next(ring[i])];
-        __builtin_prefetch(&fit->mesh->vertex[halfedge_to(&fit->he, ring[i])]);
+static void fetch_star(const struct fit *fit, uint32_t vertex, struct ring *ring) {
+    ring->n = halfedge_ring(&fit->he, vertex, ring->out, FIT_MAX_RING);
+    for (size_t i = 0; i < ring->n; i++) {
+        uint32_t t = ring->out[i] / 3, across = fit->he.twin[halfedge_next(ring->out[i])];
+        __builtin_prefetch(&fit->mesh->vertex[halfedge_to(&fit->he, ring->out[i])]);
         __builtin_prefetch(&fit->cost[t]);
         if (across != NONE) __builtin_prefetch(&fit->facing[across / 3]);
-        sample_lists_fetch(&fit->lists, t);
+        sample_lists_fetch(&fit->lists, fit->lists.first[t]);
+    }
+}
+
+static void fetch_lists(const struct fit *fit, const struct ring *ring) {
+    for (size_t i = 0; i < ring->n; i++) {
+        uint32_t first = fit->lists.first[ring->out[i] / 3];
+        if (first != NONE) sample_lists_fetch(&fit->lists, fit->lists.block[first].next);
     }
 }
 
@@ -94,40 +130,22 @@ static vec3 model_minimum(const struct cluster_model *model) {
     return vec3_is_finite(s) ? s : (vec3){0};
 }
 
-static void set_new_frames(struct star *star, const vec3 *place) {
-    for (size_t i = 0; i < star->n; i++) star->corners[i].a = place;
-    star->new = triangle_frames_make(&star->new_frames, star->corners, star->n);
-}
-
-/* Whether two of the star's neighbours, whose normals were a and b, may turn so that they are c and d. */
-static bool turn_is_fair(vec3 a, vec3 b, vec3 c, vec3 d) {
-    double after = vec3_dot(c, d);
-    return after >= 0 || fit_fold_is_fair(vec3_dot(a, b), after);
-}
-
-static bool move_is_fair(const struct fit *fit, const struct star *star) {
+static bool star_stays(const struct fit *fit, const struct star *star, vec3 place) {
+    vec3 middle[FIT_MAX_RING];
     for (size_t i = 0; i < star->n; i++) {
-        vec3 old = surface_normal(&star->old, i), new = surface_normal(&star->new, i);
-        size_t j = i + 1 < star->n ? i + 1 : 0;
-        if (vec3_dot(old, new) < MOVE_LEAST_TURN) return false;
-        if (!fit_shape_is_fair(surface_shape(&star->old, i), surface_shape(&star->new, i))) return false;
-        vec3 old_next = surface_normal(&star->old, j), new_next = surface_normal(&star->new, j);
-        if (!turn_is_fair(old, old_next, new, new_next)) return false;
-        uint32_t across = fit->he.twin[halfedge_next(star->ring[i])];
-        if (across == NONE) continue;
-        vec3 outside = fit->facing[across / 3].normal;
-        if (!turn_is_fair(old, outside, new, outside)) return false;
+        vec3 rim = vec3_add(rim_place(fit, star, i), rim_place(fit, star, i + 1));
+        middle[i] = vec3_scale(vec3_add(place, rim), 1.0 / 3);
     }
-    return true;
+    return fit_middles_stay(fit, &star->region, middle, star->n);
 }
 
 /* The star's cost with the vertex at place, or INFINITY when that isn't fair.  What isn't under limit is known less
  * well, and not looked at any further, but it is known whether it is over `most` (at least limit). */
 static double cost_at(const struct fit *fit, struct star *star, vec3 place, double limit, double most) {
-    set_new_frames(star, &place);
-    if (!move_is_fair(fit, star)) return INFINITY;
-    double cost = fit_cost_with(fit, &star->region, &star->new, most);
-    return cost >= limit || fit_stays(fit, &star->region, &star->new) ? cost : INFINITY;
+    set_frames(star, place, &star->new);
+    if (!star_may_become(&star->old, &star->new, &star->outside, limits_of_moves)) return INFINITY;
+    double cost = fit_star_cost(fit, &star->region, &star->new, most);
+    return cost >= limit || star_stays(fit, star, place) ? cost : INFINITY;
 }
 
 static void settle(struct fit *fit, const struct star *star, vec3 place, uint32_t source) {
@@ -204,9 +222,9 @@ static bool move_to_point(struct fit *fit, struct star *star, const struct clust
     return true;
 }
 
-static bool move_vertex(struct fit *fit, uint32_t vertex) {
+static bool move_vertex(struct fit *fit, uint32_t vertex, const struct ring *ring) {
     struct star star;
-    if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE || !star_of(fit, vertex, &star)) return false;
+    if (!star_of(fit, vertex, ring, &star)) return false;
     if (fit_is_exact(cluster_weight(&star.region.cluster), star.cost)) return false;
     struct cluster_model model = fit_model(fit, &star.region, &star.old, fit->near);
     vec3 step = model_minimum(&model);
@@ -311,15 +329,22 @@ struct batch {
     size_t begin; /* of the vertices that are moved in parallel, where each is a range of its own */
 };
 
+static void move_one(const struct batch *batch, size_t i, const struct ring *ring) {
+    uint32_t v = batch->plan->vertex[i], *source = batch->fit->mesh->source;
+    uint32_t before = source ? source[v] : NONE;
+    batch->moved[i] = move_vertex(batch->fit, v, ring);
+    batch->left[i] = batch->moved[i] ? before : NONE;
+}
+
 static void move_range(const struct batch *batch, size_t begin, size_t end) {
     const uint32_t *vertex = batch->plan->vertex;
-    for (size_t i = begin; i < end; i++) {
-        if (i + RINGS_AHEAD < end) fetch_ring(batch->fit, vertex[i + RINGS_AHEAD]);
-        if (i + STARS_AHEAD < end) fetch_star(batch->fit, vertex[i + STARS_AHEAD]);
-        uint32_t v = vertex[i], *source = batch->fit->mesh->source;
-        uint32_t before = source ? source[v] : NONE;
-        batch->moved[i] = move_vertex(batch->fit, v);
-        batch->left[i] = batch->moved[i] ? before : NONE;
+    struct ring ring[RINGS];
+    for (size_t i = begin; i < end + MOVE_LATER; i++) {
+        size_t star = i - RING_LATER, lists = i - LISTS_LATER, move = i - MOVE_LATER;
+        if (i < end) fetch_triangle(batch->fit, vertex[i]);
+        if (i >= begin + MOVE_LATER) move_one(batch, move, &ring[move % RINGS]);
+        if (i >= begin + RING_LATER && star < end) fetch_star(batch->fit, vertex[star], &ring[star % RINGS]);
+        if (i >= begin + LISTS_LATER && lists < end) fetch_lists(batch->fit, &ring[lists % RINGS]);
     }
 }
 

@@ -17,7 +17,7 @@
 #include "core/par.h"
 #include "core/radix.h"
 
-enum { GRAIN = 64, ESTIMATES = 4096, DEALS = 16, ENDS = 3 };
+enum { GRAIN = 64, ESTIMATES = 4096, DEALS = 16, ENDS = 3, CACHE_LINE = 64 };
 
 #define TELEPORT_PAYS 0.7 /* gain over loss, at least */
 #define TELEPORT_MOST 0.2 /* of the vertices */
@@ -136,11 +136,12 @@ struct end {
     struct surface made;
 };
 
-/* The nearest of those that fold nothing; their number. */
+/* The nearest of those that aren't locked, and fold nothing; their number. */
 static size_t fair_ends(const struct fit *fit, const struct fan *fan, vec3 from, struct triangle_frames frames[ENDS],
                         struct end end[ENDS]) {
     size_t to[ENDS], near = nearest_ends(fit, fan, from, to), count = 0;
     for (size_t i = 0; i < near; i++) {
+        if (fit->he.locked[halfedge_to(&fit->he, fan->ring[to[i]])]) continue;
         struct surface made = merged(fit, fan, to[i], &frames[count]);
         if (merge_is_fair(fit, fan, to[i], &made)) end[count++] = (struct end){fan->ring[to[i]], made};
     }
@@ -158,7 +159,8 @@ static double cheapest_end(const struct fit *fit, const struct fan *fan, const s
     return loss;
 }
 
-/* Whether the merge may be made is looked at last: that takes as long as finding what it costs. */
+/* Whether the surface stays is looked at last: that takes as long as finding what it costs.  Whether the edge may be
+ * collapsed, which is hardly ever in doubt, is looked at when it is going to be. */
 static struct offer cheapest_merge(const struct fit *fit, uint32_t vertex) {
     struct offer none = {.value = INFINITY, .halfedge = NONE, .source = NONE};
     struct fan fan;
@@ -167,16 +169,32 @@ static struct offer cheapest_merge(const struct fit *fit, uint32_t vertex) {
     struct end end[ENDS];
     size_t ends = fair_ends(fit, &fan, fit->mesh->vertex[vertex], frames, end), i = 0;
     for (double loss; (loss = cheapest_end(fit, &fan, end, ends, &i)) < INFINITY;) {
-        if (halfedge_may_collapse(&fit->he, end[i].h) && fit_stays(fit, &fan.region, &end[i].made))
+        if (fit_stays(fit, &fan.region, &end[i].made))
             return (struct offer){.value = loss, .halfedge = end[i].h, .source = NONE};
         memmove(&end[i], &end[i + 1], (--ends - i) * sizeof *end);
     }
     return none;
 }
 
+/* Asks for what is going to be read: the samples of a star lie all over memory. */
+static void fetch_fan(const struct fit *fit, uint32_t vertex) {
+    uint32_t ring[FIT_MAX_RING];
+    size_t n = halfedge_ring(&fit->he, vertex, ring, FIT_MAX_RING);
+    for (size_t i = 0; i < n; i++) {
+        uint32_t triangle = ring[i] / 3, first = fit->lists.first[triangle];
+        __builtin_prefetch(&fit->facing[triangle]);
+        if (first == NONE) continue;
+        const char *block = (const char *)&fit->lists.block[first];
+        for (size_t k = 0; k < sizeof(struct sample_block); k += CACHE_LINE) __builtin_prefetch(block + k);
+    }
+}
+
 static void measure_merges(void *ctx, size_t begin, size_t end) {
     const struct market *market = ctx;
-    for (size_t i = begin; i < end; i++) market->offer[i] = cheapest_merge(market->fit, radix_value(market->item[i]));
+    for (size_t i = begin; i < end; i++) {
+        if (i + 1 < end) fetch_fan(market->fit, radix_value(market->item[i + 1]));
+        market->offer[i] = cheapest_merge(market->fit, radix_value(market->item[i]));
+    }
 }
 
 /* About the volume between the star and what would close the gap: a vertex amid a plane has none. */

@@ -7,17 +7,7 @@
 #include <string.h>
 
 #include "core/lanes.h"
-
-struct three {
-    lanes x, y, z;
-};
-
-INLINE struct three sub(struct three a, struct three b) { return (struct three){a.x - b.x, a.y - b.y, a.z - b.z}; }
-INLINE struct three scale(struct three a, lanes s) { return (struct three){a.x * s, a.y * s, a.z * s}; }
-INLINE lanes dot(struct three a, struct three b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
-INLINE struct three cross(struct three a, struct three b) {
-    return (struct three){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-}
+#include "core/three.h"
 
 INLINE struct three corners_of(const vec3 *p, const vec3 *q, const vec3 *r, const vec3 *s) {
     return (struct three){{p->x, q->x, r->x, s->x}, {p->y, q->y, r->y, s->y}, {p->z, q->z, r->z, s->z}};
@@ -36,10 +26,10 @@ INLINE lanes store_edge(double *out_x, double *out_y, double *out_length, lanes 
 
 /* Where the result is true, everything has been divided by something. */
 INLINE lanes_mask make_four(struct frames_four *f, struct three a, struct three b, struct three c) {
-    struct three ab = sub(b, a), ac = sub(c, a), normal = cross(ab, ac);
-    lanes length = lanes_root(dot(ab, ab)), area = lanes_root(dot(normal, normal));
-    struct three u = scale(ab, 1 / length), n = scale(normal, 1 / area), v = cross(n, u);
-    lanes cx = dot(ac, u), cy = dot(ac, v);
+    struct three ab = three_sub(b, a), ac = three_sub(c, a), normal = three_cross(ab, ac);
+    lanes length = lanes_root(three_dot(ab, ab)), area = lanes_root(three_dot(normal, normal));
+    struct three u = three_scale(ab, 1 / length), n = three_scale(normal, 1 / area), v = three_cross(n, u);
+    lanes cx = three_dot(ac, u), cy = three_dot(ac, v);
     store_three(f->ax, f->ay, f->az, a), store_three(f->ux, f->uy, f->uz, u);
     store_three(f->vx, f->vy, f->vz, v), store_three(f->nx, f->ny, f->nz, n);
     store_three(f->bx, f->cx, f->cy, (struct three){length, cx, cy});

@@ -51,6 +51,7 @@ static int refuse_call(const char *point) {
 /* ------------------------------------------------------------------------------------------------ memory */
 
 void *__real_malloc(size_t bytes);
+void *__real_aligned_alloc(size_t alignment, size_t bytes);
 void *__real_calloc(size_t count, size_t bytes);
 void *__real_realloc(void *old, size_t bytes);
 void *__real_reallocarray(void *old, size_t count, size_t bytes);
@@ -58,6 +59,7 @@ char *__real_strdup(const char *text);
 char *__real_strndup(const char *text, size_t most);
 
 void *__wrap_malloc(size_t bytes);
+void *__wrap_aligned_alloc(size_t alignment, size_t bytes);
 void *__wrap_calloc(size_t count, size_t bytes);
 void *__wrap_realloc(void *old, size_t bytes);
 void *__wrap_reallocarray(void *old, size_t count, size_t bytes);
@@ -65,6 +67,9 @@ char *__wrap_strdup(const char *text);
 char *__wrap_strndup(const char *text, size_t most);
 
 void *__wrap_malloc(size_t bytes) { return refuses() ? NULL : __real_malloc(bytes); }
+void *__wrap_aligned_alloc(size_t alignment, size_t bytes) {
+    return refuses() ? NULL : __real_aligned_alloc(alignment, bytes);
+}
 void *__wrap_calloc(size_t count, size_t bytes) { return refuses() ? NULL : __real_calloc(count, bytes); }
 void *__wrap_realloc(void *old, size_t bytes) { return refuses() ? NULL : __real_realloc(old, bytes); }
 void *__wrap_reallocarray(void *old, size_t count, size_t bytes) {

@@ -183,33 +183,112 @@ static void test_nearest_and_values(void **state) {
     assert_true(fabs(cluster_weight(&cluster) - weight) < 1e-4);
 }
 
-/* The quadric's linear part is how the cost changes when the corner moves: against differences. */
+/* A star of five triangles around a vertex near (0.5, 0.5, 0.5), and the same triangles one by one. */
+enum { SPOKES = 5 };
+
+static void random_rim(uint64_t *seed, vec3 rim[SPOKES]) {
+    for (int i = 0; i < SPOKES; i++) {
+        double angle = 2 * M_PI * (i + 0.6 * random_unit(seed)) / SPOKES, length = 0.3 + 0.5 * random_unit(seed);
+        rim[i] = (vec3){0.5 + length * cos(angle), 0.5 + length * sin(angle), 0.3 + 0.4 * random_unit(seed)};
+    }
+}
+
+static struct star_frames star_of(const vec3 rim[SPOKES], vec3 place, vec3 origin) {
+    struct star_rim flat = {.n = SPOKES};
+    struct star_frames star;
+    const vec3 *corner[SPOKES];
+    for (int i = 0; i < SPOKES; i++) corner[i] = &rim[i];
+    star_vectors_set(&flat.place, corner, SPOKES, origin);
+    star_frames_make(&star, &flat, vec3_sub(place, origin));
+    return star;
+}
+
+static void test_star_costs_what_its_triangles_do(void **state) {
+    (void)state;
+    uint64_t seed = 13;
+    static struct sample sample[83];
+    static struct cluster cluster;
+    const vec3 origin = {0.4, 0.6, 0.5};
+    for (uint32_t n = 1; n <= 83; n += 9) {
+        vec3 rim[SPOKES], place = {0.45 + 0.1 * random_unit(&seed), 0.5, 0.45 + 0.1 * random_unit(&seed)};
+        vec3 corner[SPOKES][3];
+        struct triangle_frames frames;
+        random_rim(&seed, rim);
+        random_samples(&seed, 0, 1, sample, n);
+        gather(&cluster, origin, sample, n);
+        for (int i = 0; i < SPOKES; i++)
+            corner[i][0] = place, corner[i][1] = rim[i], corner[i][2] = rim[(i + 1) % SPOKES];
+        struct surface surface = surface_of(&frames, (const vec3(*)[3])corner, SPOKES);
+        struct star_frames star = star_of(rim, place, origin);
+        double cost = cluster_cost(&cluster, &surface, 2, INFINITY);
+        assert_true(fabs(cluster_star_cost(&cluster, &star, 2, INFINITY) - cost) < 1e-5 * cost);
+        double part = cluster_star_cost(&cluster, &star, 2, cost / 2);
+        assert_true(part > cost / 2 && part <= 1.0001 * cost);
+        for (size_t i = 0; i < SPOKES; i++) {
+            assert_true(fabs((double)star.shape[i] - surface_shape(&surface, i)) < 1e-5);
+            vec3 normal = {(double)star.normal.x[i], (double)star.normal.y[i], (double)star.normal.z[i]};
+            assert_true(vec3_distance(normal, surface_normal(&surface, i)) < 1e-5);
+        }
+    }
+}
+
+/* The quadric's linear part is how the cost changes when the vertex moves: against differences, for samples that are
+ * nearest to the triangle that they are said to belong to. */
 static void test_model_is_the_slope_of_the_cost(void **state) {
     (void)state;
     uint64_t seed = 11;
     static struct sample sample[29];
     static struct cluster cluster;
-    vec3 a = {0.1, 0, 0}, b = {1, 0.1, 0}, c = {0.2, 1.1, 0.2};
+    const vec3 a = {0.5, 0.5, 0.5};
+    vec3 rim[SPOKES];
+    random_rim(&seed, rim);
     for (uint32_t i = 0; i < 29; i++) {
-        vec3 place = {1.4 * random_unit(&seed) - 0.3, 1.4 * random_unit(&seed) - 0.3, 0.3 + random_unit(&seed)};
+        vec3 over = vec3_add(vec3_scale(a, 0.5), vec3_scale(vec3_add(rim[0], rim[1]), 0.25));
+        double side = 0.1 * (random_unit(&seed) - 0.5), along = 0.1 * (random_unit(&seed) - 0.5);
+        vec3 place = vec3_add(over, (vec3){side, along, i % 2 ? 0.02 : -0.02});
         sample[i] = (struct sample){.place = place, .weight = 1};
     }
     gather(&cluster, a, sample, 29);
-    struct triangle_frames frames;
-    const vec3 corner[2][3] = {{a, b, c}, {a, b, c}};
-    struct surface surface = surface_of(&frames, corner, 2);
+    struct star_frames star = star_of(rim, a, a);
     struct cluster_model model = {0};
-    cluster_fit(&cluster, (size_t[3]){0, 13, 29}, &surface, 1e-6f, 0, &model);
+    cluster_fit(&cluster, (size_t[SPOKES + 1]){0, 29, 29, 29, 29, 29}, &star, 1e-6f, 0, &model);
     vec3 step[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
     for (int k = 0; k < 3; k++) {
-        double h = 1e-2;
-        const vec3 ahead[1][3] = {{vec3_add(a, vec3_scale(step[k], h)), b, c}};
-        const vec3 behind[1][3] = {{vec3_sub(a, vec3_scale(step[k], h)), b, c}};
-        surface = surface_of(&frames, ahead, 1);
-        double rise = cluster_cost(&cluster, &surface, 0, INFINITY);
-        surface = surface_of(&frames, behind, 1);
-        double slope = (rise - cluster_cost(&cluster, &surface, 0, INFINITY)) / (2 * h);
+        double h = 2e-3;
+        star = star_of(rim, vec3_add(a, vec3_scale(step[k], h)), a);
+        double rise = cluster_star_cost(&cluster, &star, 0, INFINITY);
+        star = star_of(rim, vec3_sub(a, vec3_scale(step[k], h)), a);
+        double slope = (rise - cluster_star_cost(&cluster, &star, 0, INFINITY)) / (2 * h);
         assert_true(fabs(slope + vec3_dot(model.g, step[k])) < 0.02);
+    }
+}
+
+/* What a star may become, one reason at a time. */
+static void test_star_may_become(void **state) {
+    (void)state;
+    const vec3 rim[SPOKES] = {{1, 0, 0}, {0.3, 1, 0}, {-0.8, 0.6, 0}, {-0.8, -0.6, 0}, {0.3, -1, 0}};
+    const vec3 origin = {0}, up = {0, 0, 1}, down = {0, 0, -1};
+    const struct star_limits limits = {.turn = 0.5f, .thin = 0.02f};
+    const struct {
+        vec3 from, to, outside;
+        bool may;
+    } expect[] = {
+        {origin, {0.1, 0.1, 0.1}, up, true},
+        {origin, {0, 0, 2}, up, false},                   /* turns too far */
+        {origin, {1.5, 0, 0}, up, false},                 /* turns over */
+        {origin, {0.64, 0.4853, 0}, up, false},           /* gets too thin */
+        {{0.64, 0.4853, 0}, {0.638, 0.485, 0}, up, true}, /* was thinner */
+        {{0.1, 0.1, 0.3}, origin, down, false},           /* folds further onto its neighbours */
+        {origin, {0.1, 0.1, 0.3}, down, true},            /* was folded further */
+        {{0.1, 0.1, 0.3}, origin, origin, true},          /* no neighbours */
+    };
+    for (size_t i = 0; i < sizeof expect / sizeof *expect; i++) {
+        const vec3 *normal[SPOKES];
+        struct star_vectors outside;
+        for (int k = 0; k < SPOKES; k++) normal[k] = &expect[i].outside;
+        star_vectors_set(&outside, normal, SPOKES, origin);
+        struct star_frames old = star_of(rim, expect[i].from, origin), new = star_of(rim, expect[i].to, origin);
+        assert_int_equal(star_may_become(&old, &new, &outside, limits), expect[i].may);
     }
 }
 
@@ -251,7 +330,9 @@ int main(void) {
         cmocka_unit_test(test_where_on_a_triangle_is_nearest),
         cmocka_unit_test(test_nearest_and_values),
         cmocka_unit_test(test_lists_are_filled_again),
+        cmocka_unit_test(test_star_costs_what_its_triangles_do),
         cmocka_unit_test(test_model_is_the_slope_of_the_cost),
+        cmocka_unit_test(test_star_may_become),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

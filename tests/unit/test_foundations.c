@@ -55,6 +55,17 @@ static bool always_fails(void *ctx) {
     return true;
 }
 
+static void a_large_array_begins_with_a_cache_line(void **state) {
+    (void)state;
+    for (size_t n = 4096; n < 4096 * 64; n += 4097) {
+        char *array = alloc_array(n, 1);
+        assert_non_null(array);
+        assert_int_equal((uintptr_t)array % 64, 0);
+        memset(array, 1, n);
+        free(array);
+    }
+}
+
 static void the_seam_makes_allocations_fail(void **state) {
     (void)state;
     int asked = 0;
@@ -251,6 +262,7 @@ int main(void) {
         cmocka_unit_test(every_status_has_a_name_that_leads_back),
         cmocka_unit_test(an_error_that_does_not_fit_is_cut),
         cmocka_unit_test(an_array_whose_size_overflows_is_refused),
+        cmocka_unit_test(a_large_array_begins_with_a_cache_line),
         cmocka_unit_test(the_seam_makes_allocations_fail),
         cmocka_unit_test(a_parallel_loop_visits_every_index_once),
         cmocka_unit_test(a_team_s_threads_stay_from_loop_to_loop),

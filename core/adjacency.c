@@ -45,6 +45,11 @@ static bool lists(const struct neighbourhood *hood, uint32_t p, uint32_t q) {
     return any;
 }
 
+/* The neighbour that the lowest of p's bits that are left stands for. */
+static uint32_t other_of(const struct building *b, size_t p, uint64_t left) {
+    return b->hood->id[p * b->hood->stride + (unsigned)__builtin_ctzll(left)];
+}
+
 static void start_count(void *ctx, size_t begin, size_t end) {
     const struct building *b = ctx;
     for (size_t p = begin; p < end; p++) atomic_init(&b->used[p], b->hood->count[p]);
@@ -56,11 +61,11 @@ static void count_others(void *ctx, size_t begin, size_t end) {
         uint64_t one_sided = 0;
         for (unsigned i = 0; i < b->hood->count[p]; i++) {
             uint32_t q = b->hood->id[p * b->hood->stride + i];
-            if (lists(b->hood, q, (uint32_t)p)) continue;
-            atomic_fetch_add_explicit(&b->used[q], 1, memory_order_relaxed);
-            one_sided |= (uint64_t)1 << i;
+            one_sided |= (uint64_t)!lists(b->hood, q, (uint32_t)p) << i;
         }
         b->one_sided[p] = one_sided;
+        for (uint64_t left = one_sided; left; left &= left - 1) /* apart, so that no branch above is guessed wrong */
+            atomic_fetch_add_explicit(&b->used[other_of(b, p, left)], 1, memory_order_relaxed);
     }
 }
 
@@ -77,7 +82,7 @@ static void fill_others(void *ctx, size_t begin, size_t end) {
     const struct building *b = ctx;
     for (size_t p = begin; p < end; p++)
         for (uint64_t left = b->one_sided[p]; left; left &= left - 1) {
-            uint32_t q = b->hood->id[p * b->hood->stride + (unsigned)__builtin_ctzll(left)];
+            uint32_t q = other_of(b, p, left);
             b->out->list[b->out->start[q] + atomic_fetch_add_explicit(&b->used[q], 1, memory_order_relaxed)] =
                 (uint32_t)p;
         }

@@ -1,8 +1,5 @@
-/* The kernels are written over vectors of eight floats, as the compilers' extension has them, without branches: a
- * sample over the triangle is as far as its height; any other is nearest to one of the three edges.
- *
- * Processors with such vectors get functions of their own; on others the compiler makes two vectors of four of each.
- * Both do the same operations in the same order (and none is fused), so the results are the same.
+/* The kernels are written over vectors of eight floats (lanes8.h), without branches: a sample over the triangle is as
+ * far as its height; any other is nearest to one of the three edges.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/cluster.h"
@@ -17,21 +14,10 @@ _Static_assert((int)LANES == (int)SAMPLE_BLOCK, "samples are read a vector at a 
 #define THINNEST 1e-5f  /* shape of triangles that don't pull at their corners */
 #define FAR_AWAY 1.0e9f /* where nothing is; its square times anything reasonable is finite */
 
-/* A triangle_frame in float, relative to the cluster's origin. */
-struct flat_edge {
-    float x, y, half;
-};
-
-struct flat {
-    float ax, ay, az, ux, uy, uz, vx, vy, vz, nx, ny, nz;
-    float bx;
-    struct flat_edge ab, bc, ac;
-};
-
 typedef float four __attribute__((vector_size(16)));
 typedef double wide __attribute__((vector_size(32), aligned(8), may_alias));
 
-/* Four of them. */
+/* Four triangle_frames in float, relative to the cluster's origin. */
 struct flat_four {
     four ax, ay, az, ux, uy, uz, vx, vy, vz, nx, ny, nz, bx, bc_x, bc_y, bc_half, ac_x, ac_y, ac_half;
 };
@@ -74,55 +60,12 @@ INLINE size_t flatten_all(const struct surface *surface, vec3 origin, struct fla
     return surface->first % FRAMES_WIDTH;
 }
 
-INLINE struct flat flat_at(const struct flat_four *all, size_t j) {
-    const struct flat_four *f = &all[j / FRAMES_WIDTH];
-    size_t k = j % FRAMES_WIDTH;
-    return (struct flat){.ax = f->ax[k],
-                         .ay = f->ay[k],
-                         .az = f->az[k],
-                         .ux = f->ux[k],
-                         .uy = f->uy[k],
-                         .uz = f->uz[k],
-                         .vx = f->vx[k],
-                         .vy = f->vy[k],
-                         .vz = f->vz[k],
-                         .nx = f->nx[k],
-                         .ny = f->ny[k],
-                         .nz = f->nz[k],
-                         .bx = f->bx[k],
-                         .ab = {1, 0, f->bx[k] / 2},
-                         .bc = {f->bc_x[k], f->bc_y[k], f->bc_half[k]},
-                         .ac = {f->ac_x[k], f->ac_y[k], f->ac_half[k]}};
-}
-
 struct span {
     size_t begin, end;
 };
 
-struct spot {
-    lanes x, y, z;
-};
-
-/* Eight places as the triangle's axes have them. */
-INLINE struct spot in_axes(const struct flat *f, lanes px, lanes py, lanes pz) {
-    lanes rx = px - f->ax, ry = py - f->ay, rz = pz - f->az;
-    return (struct spot){rx * f->ux + ry * f->uy + rz * f->uz, rx * f->vx + ry * f->vy + rz * f->vz,
-                         rx * f->nx + ry * f->ny + rz * f->nz};
-}
-
 /* How far past either end of an edge, whose middle t is counted from. */
 INLINE lanes past_half(lanes t, lanes half) { return higher(magnitude(t), half) - half; }
-
-/* How far beside an edge, on the left, and how far past either of its ends. */
-struct beside {
-    lanes left, past;
-};
-
-INLINE struct beside beside_edge(const struct flat_edge *e, lanes x, lanes y) {
-    return (struct beside){y * e->x - x * e->y, past_half(x * e->x + y * e->y - e->half, all(e->half))};
-}
-
-INLINE lanes beside_sq(struct beside b) { return b.left * b.left + b.past * b.past; }
 
 /* What distances to a triangle take, each number eight times. */
 struct spread_edge {
@@ -134,14 +77,27 @@ struct spread {
     struct spread_edge bc, ac;
 };
 
-INLINE struct spread_edge spread_edge(const struct flat_edge *e) {
-    return (struct spread_edge){all(e->x), all(e->y), all(e->half)};
-}
-
-INLINE struct spread spread(const struct flat *f) {
-    return (struct spread){all(f->ax), all(f->ay),      all(f->az),          all(f->ux),         all(f->uy), all(f->uz),
-                           all(f->vx), all(f->vy),      all(f->vz),          all(f->nx),         all(f->ny), all(f->nz),
-                           all(f->bx), all(f->ab.half), spread_edge(&f->bc), spread_edge(&f->ac)};
+INLINE struct spread spread(const struct flat_four *flat, size_t j) {
+    const struct flat_four *f = &flat[j / FRAMES_WIDTH];
+    size_t k = j % FRAMES_WIDTH;
+    return (struct spread){
+        .ax = all(f->ax[k]),
+        .ay = all(f->ay[k]),
+        .az = all(f->az[k]),
+        .ux = all(f->ux[k]),
+        .uy = all(f->uy[k]),
+        .uz = all(f->uz[k]),
+        .vx = all(f->vx[k]),
+        .vy = all(f->vy[k]),
+        .vz = all(f->vz[k]),
+        .nx = all(f->nx[k]),
+        .ny = all(f->ny[k]),
+        .nz = all(f->nz[k]),
+        .bx = all(f->bx[k]),
+        .ab_half = all(f->bx[k] / 2),
+        .bc = {all(f->bc_x[k]), all(f->bc_y[k]), all(f->bc_half[k])},
+        .ac = {all(f->ac_x[k]), all(f->ac_y[k]), all(f->ac_half[k])},
+    };
 }
 
 INLINE lanes edge_sq(const struct spread_edge *e, lanes left, lanes x, lanes y) {
@@ -195,10 +151,7 @@ double cluster_weight(const struct cluster *cluster) {
 INLINE size_t spread_all(const struct surface *surface, vec3 origin, struct spread out[FRAMES_MOST]) {
     struct flat_four flat[FLAT_ROOM];
     size_t first = flatten_all(surface, origin, flat);
-    for (size_t j = 0; j < surface->n; j++) {
-        const struct flat f = flat_at(flat, first + j);
-        out[j] = spread(&f);
-    }
+    for (size_t j = 0; j < surface->n; j++) out[j] = spread(flat, first + j);
     return surface->n;
 }
 
@@ -283,31 +236,65 @@ void cluster_star_distances(const struct cluster *cluster, const struct star_fra
     for (size_t i = 0; i < cluster->n; i += LANES) *at(&distance_sq[i]) = star_sq(cluster, star, sector, i);
 }
 
-/* Where eight samples' nearest places on a triangle are: the corner a's share in them, and what is left to the sample
- * in the triangle's own axes. */
+/* The triangles of eight samples, side by side: the members are those of struct star_frames. */
+struct eight {
+    lanes ux, uy, uz, vx, vy, vz, nx, ny, nz, bx, bx_inverse, bc_x, bc_y, bc_half;
+    lanes cx, cy, cy_inverse, ac_x, ac_y, ac_inverse;
+    mask pulls; /* triangles that aren't too thin */
+};
+
+INLINE lanes each(const float *number, mask which) { return __builtin_shuffle(load(number), which); }
+
+/* Triangle from + which[k] for sample k. */
+INLINE struct eight eight_of(const struct star_frames *s, size_t from, mask which) {
+    return (struct eight){
+        .ux = each(&s->u.x[from], which),
+        .uy = each(&s->u.y[from], which),
+        .uz = each(&s->u.z[from], which),
+        .vx = each(&s->v.x[from], which),
+        .vy = each(&s->v.y[from], which),
+        .vz = each(&s->v.z[from], which),
+        .nx = each(&s->normal.x[from], which),
+        .ny = each(&s->normal.y[from], which),
+        .nz = each(&s->normal.z[from], which),
+        .bx = each(&s->bx[from], which),
+        .bx_inverse = each(&s->bx_inverse[from], which),
+        .bc_x = each(&s->bc_x[from], which),
+        .bc_y = each(&s->bc_y[from], which),
+        .bc_half = each(&s->bc_half[from], which),
+        .ac_x = each(&s->ac_x[from], which),
+        .ac_y = each(&s->ac_y[from], which),
+        .ac_inverse = each(&s->ac_inverse[from], which),
+        .cx = each(&s->cx[from], which),
+        .cy = each(&s->cy[from], which),
+        .cy_inverse = each(&s->cy_inverse[from], which),
+        .pulls = each(&s->shape[from], which) > THINNEST,
+    };
+}
+
+/* Where samples' nearest places on their triangles are: the vertex's share in them, and what is left to the sample in
+ * the triangle's own axes. */
 struct feet {
     lanes share, x, y, z;
 };
 
-INLINE lanes clamped(lanes t) {
-    t = positive(t);
-    return lower(t, all(1));
-}
+INLINE lanes clamped(lanes t) { return lower(positive(t), all(1)); }
 
-INLINE struct feet feet_of(const struct flat *f, lanes px, lanes py, lanes pz) {
-    struct spot p = in_axes(f, px, py, pz);
-    struct beside bc = beside_edge(&f->bc, p.x - f->bx, p.y);
-    lanes cx = all(f->ac.x * f->ac.half * 2), cy = all(f->ac.y * f->ac.half * 2);
-    mask over = (p.y > 0) & (bc.left > 0) & (p.y * f->ac.x < p.x * f->ac.y);
-    lanes share_c = p.y / cy, share = 1 - share_c - (p.x - cx * share_c) / f->bx;
-    lanes t = clamped(p.x / f->bx);
-    lanes dx = p.x - t * f->bx, dy = p.y, best_sq = dx * dx + dy * dy, best = 1 - t;
-    t = clamped((p.x * f->ac.x + p.y * f->ac.y) / (2 * f->ac.half));
-    lanes ux = p.x - t * cx, uy = p.y - t * cy, other_sq = ux * ux + uy * uy;
+INLINE struct feet feet_of(const struct eight *f, lanes rx, lanes ry, lanes rz) {
+    lanes x = rx * f->ux + ry * f->uy + rz * f->uz, y = rx * f->vx + ry * f->vy + rz * f->vz;
+    lanes z = rx * f->nx + ry * f->ny + rz * f->nz, beyond = x - f->bx;
+    lanes bc_left = y * f->bc_x - beyond * f->bc_y;
+    lanes bc_past = past_half(beyond * f->bc_x + y * f->bc_y - f->bc_half, f->bc_half);
+    mask over = lower(lower(y, bc_left), x * f->ac_y - y * f->ac_x) > 0;
+    lanes share_c = y * f->cy_inverse, share = 1 - share_c - (x - f->cx * share_c) * f->bx_inverse;
+    lanes t = clamped(x * f->bx_inverse);
+    lanes dx = x - t * f->bx, dy = y, best_sq = dx * dx + dy * dy, best = 1 - t;
+    t = clamped((x * f->ac_x + y * f->ac_y) * f->ac_inverse);
+    lanes ex = x - t * f->cx, ey = y - t * f->cy, other_sq = ex * ex + ey * ey;
     mask nearer = other_sq < best_sq;
-    dx = pick(nearer, ux, dx), dy = pick(nearer, uy, dy), best = pick(nearer, 1 - t, best);
-    best = where(~(beside_sq(bc) < lower(other_sq, best_sq)), best);
-    return (struct feet){pick(over, share, best), where(~over, dx), where(~over, dy), p.z};
+    dx = pick(nearer, ex, dx), dy = pick(nearer, ey, dy), best = pick(nearer, 1 - t, best);
+    best = where(~(bc_left * bc_left + bc_past * bc_past < lower(other_sq, best_sq)), best);
+    return (struct feet){pick(over, share, best), where(~over, dx), where(~over, dy), z};
 }
 
 /* A model in the making, eight samples side by side. */
@@ -319,54 +306,42 @@ struct lengths {
     float near, further;
 };
 
-/* Adds the samples [begin, end), which belong to the triangle.  Directions are turned into the axes of space before
- * they are added up, so that there are only nine sums for all triangles. */
-INLINE void fit_triangle(const struct cluster *cluster, const struct flat *f, struct span in, struct lengths by,
-                         struct sums *s) {
-    for (size_t i = in.begin; i < in.end; i += LANES) {
-        mask inside = (mask){0, 1, 2, 3, 4, 5, 6, 7} < (int32_t)(in.end - i);
-        struct feet r = feet_of(f, load(&cluster->x[i]), load(&cluster->y[i]), load(&cluster->z[i]));
-        lanes d = root(r.x * r.x + r.y * r.y + r.z * r.z);
-        lanes weight = where(inside & (r.share > 0), load(&cluster->weight[i]));
-        mask off = d > 1e-9f;
-        lanes pull = weight * r.share * (1 + 2 * by.further * d) / pick(d > by.near, d, all(by.near));
-        lanes inverse = 1 / pick(off, d, all(1)), stiff = pull * r.share, far = pull * d;
-        lanes x = where(off, r.x * inverse), y = where(off, r.y * inverse), z = pick(off, r.z * inverse, all(1));
-        lanes nx = x * f->ux + y * f->vx + z * f->nx, ny = x * f->uy + y * f->vy + z * f->ny;
-        lanes nz = x * f->uz + y * f->vz + z * f->nz, sx = stiff * nx, sy = stiff * ny, sz = stiff * nz;
-        s->xx += sx * nx, s->xy += sx * ny, s->xz += sx * nz;
-        s->yy += sy * ny, s->yz += sy * nz, s->zz += sz * nz;
-        s->gx += far * nx, s->gy += far * ny, s->gz += far * nz;
-    }
+/* Adds eight samples as far as they count.  Directions are turned into the axes of space before they are added up, so
+ * that there are only nine sums for all triangles. */
+INLINE void fit_eight(const struct eight *f, struct feet r, lanes weight, struct lengths by, struct sums *s) {
+    lanes d = root(r.x * r.x + r.y * r.y + r.z * r.z);
+    mask counts = f->pulls & (r.share > 0), off = d > 1e-9f;
+    lanes pull = weight * r.share * (1 + 2 * by.further * d) / higher(d, all(by.near));
+    lanes inverse = 1 / pick(off, d, all(1)), stiff = where(counts, pull * r.share), far = where(counts, pull * d);
+    lanes x = where(off, r.x * inverse), y = where(off, r.y * inverse), z = pick(off, r.z * inverse, all(1));
+    lanes nx = where(counts, x * f->ux + y * f->vx + z * f->nx), ny = where(counts, x * f->uy + y * f->vy + z * f->ny);
+    lanes nz = where(counts, x * f->uz + y * f->vz + z * f->nz), sx = stiff * nx, sy = stiff * ny, sz = stiff * nz;
+    s->xx += sx * nx, s->xy += sx * ny, s->xz += sx * nz;
+    s->yy += sy * ny, s->yz += sy * nz, s->zz += sz * nz;
+    s->gx += far * nx, s->gy += far * ny, s->gz += far * nz;
 }
 
-INLINE struct flat flat_of_star(const struct star_frames *star, size_t j) {
-    return (struct flat){.ax = star->ax,
-                         .ay = star->ay,
-                         .az = star->az,
-                         .ux = star->u.x[j],
-                         .uy = star->u.y[j],
-                         .uz = star->u.z[j],
-                         .vx = star->v.x[j],
-                         .vy = star->v.y[j],
-                         .vz = star->v.z[j],
-                         .nx = star->normal.x[j],
-                         .ny = star->normal.y[j],
-                         .nz = star->normal.z[j],
-                         .bx = star->bx[j],
-                         .ab = {1, 0, star->bx[j] / 2},
-                         .bc = {star->bc_x[j], star->bc_y[j], star->bc_half[j]},
-                         .ac = {star->ac_x[j], star->ac_y[j], star->ac_half[j]}};
+/* Adds the samples of up to eight triangles, which follow each other. */
+INLINE void fit_triangles(const struct cluster *cluster, const size_t *begin, const struct star_frames *star,
+                          struct span in, struct lengths by, struct sums *s) {
+    const mask lane = {0, 1, 2, 3, 4, 5, 6, 7};
+    for (size_t i = begin[in.begin]; i < begin[in.end]; i += LANES) {
+        mask which = {0}, valid = lane < (int32_t)(begin[in.end] - i);
+        for (size_t k = in.begin + 1; k < in.end; k++) which -= lane >= (int32_t)begin[k] - (int32_t)i;
+        struct eight f = eight_of(star, in.begin, which);
+        struct feet feet = feet_of(&f, load(&cluster->x[i]) - star->ax, load(&cluster->y[i]) - star->ay,
+                                   load(&cluster->z[i]) - star->az);
+        fit_eight(&f, feet, where(valid, load(&cluster->weight[i])), by, s);
+    }
 }
 
 FOR_EACH_PROCESSOR
 void cluster_fit(const struct cluster *cluster, const size_t *begin, const struct star_frames *star, float near,
                  float further, struct cluster_model *model) {
     struct sums s = {0};
-    for (size_t k = 0; k < star->n; k++) {
-        if (begin[k] == begin[k + 1] || !(star->shape[k] > THINNEST)) continue;
-        const struct flat f = flat_of_star(star, k);
-        fit_triangle(cluster, &f, (struct span){begin[k], begin[k + 1]}, (struct lengths){near, further}, &s);
+    for (size_t k = 0; k < star->n; k += LANES) {
+        struct span in = {k, k + LANES < star->n ? k + LANES : star->n};
+        fit_triangles(cluster, begin, star, in, (struct lengths){near, further}, &s);
     }
     sym3 a = {total(s.xx), total(s.xy), total(s.xz), total(s.yy), total(s.yz), total(s.zz)};
     model->a = sym3_add(model->a, a);
@@ -397,8 +372,7 @@ void cluster_owners(const struct cluster *cluster, const struct surface *surface
     size_t vectors = (cluster->n + LANES - 1) / LANES, first = flatten_all(surface, cluster->origin, flat);
     for (size_t k = 0; k < vectors; k++) *at(&distance_sq_out[k * LANES]) = all(INFINITY), nearest[k] = (mask){0};
     for (size_t j = 0; j < surface->n; j++) {
-        const struct flat flat_j = flat_at(flat, first + j);
-        const struct spread f = spread(&flat_j);
+        const struct spread f = spread(flat, first + j);
         mask id = (mask){0} + (int32_t)j;
         for (size_t k = 0; k < vectors; k++) {
             size_t i = k * LANES;

@@ -27,6 +27,7 @@
 #include "core/contract.h"
 
 #include <assert.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -58,6 +59,7 @@ struct contractor {
     size_t wave;           /* the first of the slots that are moved side by side */
     uint64_t *pick, *swap; /* keyed by the cost's float bits, which order as costs do, with the slot that picked */
     double length_bias;
+    bool untouched; /* the quadrics are as they were given, and of planes through their points alone */
     unsigned threads;
     struct contraction out;
 };
@@ -67,7 +69,7 @@ static int is_live(const struct contractor *c, size_t s) { return c->target[s] =
 /* ------------------------------------------------------------------------------------------------ costs */
 
 static struct pair_field field_of(const struct contractor *c) {
-    return (struct pair_field){c->point, c->quadric, c->length_bias};
+    return (struct pair_field){c->point, c->quadric, c->untouched, c->length_bias};
 }
 
 /* Items are in the order of costs, which are not negative, as their bits are. */
@@ -197,6 +199,7 @@ static void merge(struct contractor *c, size_t count) {
     }
     c->removed += count;
     c->live_count -= count;
+    c->untouched = false;
 }
 
 /* ------------------------------------------------------------------------------------------------ update */
@@ -275,10 +278,12 @@ static void settle(struct contractor *c, struct choosing *w) {
 /* Lets p choose among all of its pairs, or, where the present one still is as it was, among those that have changed. */
 static void let_choose(struct contractor *c, struct choosing *w, uint32_t p, const uint32_t *link, unsigned n,
                        int anew) {
+    struct pair_field field = field_of(c);
     unsigned count = w->pairs;
     for (unsigned i = 0; i < n; i++) { /* no branch to guess wrong */
         w->p[count] = p;
         w->q[count] = link[i];
+        pair_fetch(&field, link[i]);
         count += (unsigned)(anew | (c->changed[link[i]] != 0));
     }
     if (anew) c->partner[p] = NONE, c->cost[p] = INFINITY;
@@ -297,14 +302,13 @@ static void pick_range(void *ctx, size_t begin, size_t end) {
     settle(c, &waiting);
 }
 
-/* How long the lists of live slots can get. */
+/* How long the lists of live slots can get.  What they don't take of it isn't touched. */
 static void measure_range(void *ctx, size_t begin, size_t end) {
     struct contractor *c = ctx;
-    size_t links = 0;
-    for (size_t s = begin; s < end; s++) {
-        unsigned own = c->near.degree[s], both = own + c->near.degree[c->changed[s] ? c->partner[s] : s];
-        unsigned most = c->changed[s] ? (both < MOST_LINKS ? both : MOST_LINKS) : own;
-        links += is_live(c, s) ? most : 0;
+    unsigned links = 0;
+    for (size_t s = begin; s < end; s++) { /* no branch to guess wrong */
+        unsigned merged = c->changed[s] != 0, live = (unsigned)is_live(c, s);
+        links += live * (merged * MOST_LINKS + (1 - merged) * c->near.degree[s]);
     }
     c->chunk[begin / GRAIN] = links;
 }
@@ -497,7 +501,12 @@ static enum status contractor_init(struct contractor *c) {
         !c->out.order || !c->out.into || !c->out.error)
         return STATUS_NO_MEMORY;
     double weight = 0;
-    for (size_t i = 0; i < n; i++) weight += (double)c->quadric[i].weight;
+    c->untouched = true;
+    for (size_t i = 0; i < n; i++) {
+        const struct packed_quadric *q = &c->quadric[i];
+        weight += (double)q->weight;
+        c->untouched &= (q->b[0] == 0) & (q->b[1] == 0) & (q->b[2] == 0) & (q->c == 0);
+    }
     c->live_count = n;
     c->length_bias = LENGTH_BIAS * weight / (double)n;
     par_for(c->threads, n, GRAIN, name_range, c);

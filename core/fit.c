@@ -93,39 +93,50 @@ double fit_star_cost(const struct fit *fit, const struct fit_region *region, con
     return sum;
 }
 
-static double stray_of_sq(const struct fit *fit, vec3 middle, double nearest_sq, uint32_t nearest) {
-    if (nearest == NONE) return 0;
-    const struct sample *sample = &fit->samples.sample[nearest];
-    if (nearest_sq > (double)sample->reach * (double)sample->reach) return nearest_sq;
-    double height = vec3_dot(vec3_sub(middle, sample->place), fit->samples.normal[nearest]);
+void fit_find_nearest(const struct fit *fit, const struct fit_region *region, struct fit_place *place, size_t n) {
+    struct fit_region more;
+    for (size_t j = 0; j < n; j++) place[j].nearest_sq = INFINITY, place[j].nearest = NONE;
+    for (const struct fit_region *part = region; part; part = fit_next_part(fit, part, &more))
+        for (size_t j = 0; j < n; j++)
+            cluster_nearest(&part->cluster, place[j].at, &place[j].nearest_sq, &place[j].nearest);
+    for (size_t j = 0; j < n; j++) {
+        if (place[j].nearest == NONE) continue;
+        __builtin_prefetch(&fit->samples.sample[place[j].nearest]);
+        __builtin_prefetch(&fit->samples.normal[place[j].nearest]);
+    }
+}
+
+static double stray_of_sq(const struct fit *fit, const struct fit_place *place) {
+    if (place->nearest == NONE) return 0;
+    const struct sample *sample = &fit->samples.sample[place->nearest];
+    if (place->nearest_sq > (double)sample->reach * (double)sample->reach) return place->nearest_sq;
+    double height = vec3_dot(vec3_sub(place->at, sample->place), fit->samples.normal[place->nearest]);
     return height * height;
 }
 
-double fit_stray_sq(const struct fit *fit, const struct fit_region *region, const vec3 *middle, size_t n) {
-    double nearest_sq[FIT_MAX_RING], farthest_sq = 0;
-    uint32_t nearest[FIT_MAX_RING];
-    for (size_t j = 0; j < n; j++) nearest_sq[j] = INFINITY, nearest[j] = NONE;
-    struct fit_region more;
-    for (const struct fit_region *part = region; part; part = fit_next_part(fit, part, &more))
-        for (size_t j = 0; j < n; j++) cluster_nearest(&part->cluster, middle[j], &nearest_sq[j], &nearest[j]);
+double fit_stray_sq(const struct fit *fit, const struct fit_place *place, size_t n) {
+    double farthest_sq = 0;
     for (size_t j = 0; j < n; j++) {
-        if (nearest[j] == NONE) continue;
-        __builtin_prefetch(&fit->samples.sample[nearest[j]]);
-        __builtin_prefetch(&fit->samples.normal[nearest[j]]);
-    }
-    for (size_t j = 0; j < n; j++) {
-        double stray_sq = stray_of_sq(fit, middle[j], nearest_sq[j], nearest[j]);
+        double stray_sq = stray_of_sq(fit, &place[j]);
         if (stray_sq > farthest_sq) farthest_sq = stray_sq;
     }
     return farthest_sq;
 }
 
+static double stray_of_middles_sq(const struct fit *fit, const struct fit_region *region, const vec3 *middle,
+                                  size_t n) {
+    struct fit_place place[FIT_MAX_RING];
+    for (size_t j = 0; j < n; j++) place[j].at = middle[j];
+    fit_find_nearest(fit, region, place, n);
+    return fit_stray_sq(fit, place, n);
+}
+
 bool fit_middles_stay(const struct fit *fit, const struct fit_region *region, const vec3 *middle, size_t n) {
-    double stray_sq = fit_stray_sq(fit, region, middle, n);
+    double stray_sq = stray_of_middles_sq(fit, region, middle, n);
     if (stray_sq <= fit->stray_sq) return true;
     vec3 present[FIT_MAX_RING];
     for (size_t k = 0; k < region->n; k++) present[k] = fit_middle(fit, region->triangle[k]);
-    return stray_sq <= fit_stray_sq(fit, region, present, region->n);
+    return stray_sq <= stray_of_middles_sq(fit, region, present, region->n);
 }
 
 bool fit_stays(const struct fit *fit, const struct fit_region *region, const struct surface *surface) {
@@ -227,16 +238,37 @@ static void set_scale(struct fit *fit, const float *distance_sq) {
     fit->stray_sq = FIT_STRAY * mean * FIT_STRAY * mean;
 }
 
+struct assigned {
+    struct fit *fit;
+    uint32_t *triangle;
+    float *distance_sq;
+    enum status filled, zoned;
+};
+
+static void fill_first(void *ctx) {
+    struct assigned *all = ctx;
+    set_scale(all->fit, all->distance_sq);
+    all->filled = fit_fill(all->fit, all->triangle, all->distance_sq);
+}
+
+static void make_zones(void *ctx) {
+    struct assigned *all = ctx;
+    all->zoned = fit_zones_init(&all->fit->zones, &all->fit->he);
+}
+
+/* Zones and what the first filling begins with are one thread's work each. */
 static enum status assign_all(struct fit *fit, bool is_first) {
     size_t n = fit->samples.n;
-    uint32_t *triangle = alloc_array(n, sizeof *triangle);
-    float *distance_sq = alloc_array(n, sizeof *distance_sq);
-    enum status status = triangle && distance_sq ? fit_assign(fit, triangle, distance_sq) : STATUS_NO_MEMORY;
-    if (status == STATUS_OK) {
-        if (is_first) set_scale(fit, distance_sq);
-        status = fit_fill(fit, triangle, distance_sq);
+    struct assigned all = {fit, alloc_array(n, sizeof *all.triangle), alloc_array(n, sizeof *all.distance_sq), 0, 0};
+    enum status status = STATUS_NO_MEMORY;
+    if (all.triangle && all.distance_sq) status = fit_assign(fit, all.triangle, all.distance_sq);
+    if (status == STATUS_OK && is_first) {
+        par_beside(fit->threads, fill_first, make_zones, &all);
+        status = all.filled ? all.filled : all.zoned;
+    } else if (status == STATUS_OK) {
+        status = fit_fill(fit, all.triangle, all.distance_sq);
     }
-    free(triangle), free(distance_sq);
+    free(all.triangle), free(all.distance_sq);
     return status;
 }
 
@@ -272,6 +304,18 @@ static enum status allocate(struct fit *fit) {
     return make_lists(fit);
 }
 
+/* Those that are there already, if they are the ones wanted. */
+static enum status find_samples(struct fit *fit, unsigned parts) {
+    struct samples *ready = fit->input->samples;
+    if (ready && ready->n > 0 && ready->parts == parts) {
+        fit->samples = *ready;
+        *ready = (struct samples){0};
+        return STATUS_OK;
+    }
+    if (ready) samples_done(ready);
+    return samples_init(&fit->samples, fit->input, parts, fit->threads);
+}
+
 static void forget_umbrellas(const struct fit *fit) {
     if (fit->input && fit->input->umbrellas) umbrella_done(fit->input->umbrellas);
 }
@@ -283,11 +327,10 @@ static bool wants_middles(const struct mesh *mesh, const struct refine_input *in
 enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_input *input,
                      const struct refine_options *options) {
     struct fit new = {.mesh = mesh, .input = input, .placement = options->placement, .threads = options->threads};
-    enum status status = samples_init(&new.samples, input, wants_middles(mesh, input), options->threads);
+    enum status status = find_samples(&new, wants_middles(mesh, input));
     if (options->placement == PLACEMENT_SUBSET) forget_umbrellas(&new);
     if (status == STATUS_OK) status = allocate(&new);
     if (status == STATUS_OK) status = halfedge_init(&new.he, mesh, new.threads);
-    if (status == STATUS_OK) status = fit_zones_init(&new.zones, &new.he);
     if (status == STATUS_OK) {
         for (size_t v = 0; mesh->source && v < mesh->vertex_count; v++) fit_take(&new, mesh->source[v]);
         par_for(new.threads, mesh->triangle_count, FACE_GRAIN, face_range, &new);

@@ -133,9 +133,19 @@ double fit_cost_with(const struct fit *fit, const struct fit_region *region, con
 double fit_star_cost(const struct fit *fit, const struct fit_region *region, const struct star_frames *star,
                      double limit);
 
-/* The largest squared distance of middle[0 .. n) of triangles to the tangent disks of the region's nearest samples: so
+/* A place on a surface, and the nearest of a region's samples, or NONE where there are none. */
+struct fit_place {
+    vec3 at;
+    double nearest_sq;
+    uint32_t nearest;
+};
+
+/* Finds the nearest samples of place[0 .. n).  What is known of them is on its way from memory then. */
+void fit_find_nearest(const struct fit *fit, const struct fit_region *region, struct fit_place *place, size_t n);
+
+/* The largest squared distance of the places, middles of triangles, to the tangent disks of their nearest samples: so
  * that no part of the surface leaves the data. */
-double fit_stray_sq(const struct fit *fit, const struct fit_region *region, const vec3 *middle, size_t n);
+double fit_stray_sq(const struct fit *fit, const struct fit_place *place, size_t n);
 
 /* Whether the surface strays no farther from the data than anything may, or than the region's triangles do now. */
 bool fit_stays(const struct fit *fit, const struct fit_region *region, const struct surface *surface);

@@ -24,7 +24,10 @@
 #include "core/sym3.h"
 
 enum { VERTEX_GRAIN = 16, PLACE_GRAIN = 512, COLOURS = 64, CANDIDATES = 3 };
-enum { STARS_AHEAD = 4, RINGS_AHEAD = 8 }; /* so many vertices before theirs, memory is asked for what they need */
+
+/* How many vertices later what was asked for is there: the first triangle, from where the ring is found; the star; the
+ * samples behind the first block of each list. */
+enum { RING_LATER = 4, LISTS_LATER = 6, MOVE_LATER = 8, RINGS = 4 };
 
 #define MOVE_LEAST_GAIN 1e-3 /* of what the star costs */
 #define MOVE_HOPELESS 1.5    /* of what the star costs: where the first choice is over that, the others are no better */
@@ -32,10 +35,15 @@ enum { STARS_AHEAD = 4, RINGS_AHEAD = 8 }; /* so many vertices before theirs, me
 
 static const struct star_limits limits_of_moves = {.turn = 0.5f, .thin = (float)FIT_THIN};
 
+struct ring {
+    size_t n;
+    uint32_t out[FIT_MAX_RING]; /* half-edges out of the vertex */
+};
+
 struct star {
     uint32_t vertex;
     size_t n;
-    uint32_t ring[FIT_MAX_RING]; /* half-edges out of the vertex */
+    const uint32_t *ring; /* half-edges out of the vertex */
     struct fit_region region;
     struct star_rim rim;
     struct star_frames old, new;
@@ -66,9 +74,10 @@ static void set_frames(const struct star *star, vec3 place, struct star_frames *
     star_frames_make(frames, &star->rim, vec3_sub(place, star->region.cluster.origin));
 }
 
-static bool star_of(const struct fit *fit, uint32_t vertex, struct star *star) {
+static bool star_of(const struct fit *fit, uint32_t vertex, const struct ring *ring, struct star *star) {
     star->vertex = vertex;
-    star->n = halfedge_ring(&fit->he, vertex, star->ring, FIT_MAX_RING);
+    star->n = ring->n;
+    star->ring = ring->out;
     star->cost = 0;
     if (star->n < 3) return false;
     for (size_t i = 0; i < star->n; i++) {
@@ -83,21 +92,27 @@ static bool star_of(const struct fit *fit, uint32_t vertex, struct star *star) {
 }
 
 /* What a star is made of lies all over memory, and no wait is as long as that for it. */
-static void fetch_ring(const struct fit *fit, uint32_t vertex) {
+static void fetch_triangle(const struct fit *fit, uint32_t vertex) {
     uint32_t first = fit->he.out[vertex] / 3;
     __builtin_prefetch(fit->he.triangle[first]);
     __builtin_prefetch(&fit->he.twin[3 * first]);
 }
 
-static void fetch_star(const struct fit *fit, uint32_t vertex) {
-    uint32_t ring[FIT_MAX_RING];
-    size_t n = halfedge_ring(&fit->he, vertex, ring, FIT_MAX_RING);
-    for (size_t i = 0; i < n; i++) {
-        uint32_t t = ring[i] / 3, across = fit->he.twin[halfedge_next(ring[i])];
-        __builtin_prefetch(&fit->mesh->vertex[halfedge_to(&fit->he, ring[i])]);
+static void fetch_star(const struct fit *fit, uint32_t vertex, struct ring *ring) {
+    ring->n = halfedge_ring(&fit->he, vertex, ring->out, FIT_MAX_RING);
+    for (size_t i = 0; i < ring->n; i++) {
+        uint32_t t = ring->out[i] / 3, across = fit->he.twin[halfedge_next(ring->out[i])];
+        __builtin_prefetch(&fit->mesh->vertex[halfedge_to(&fit->he, ring->out[i])]);
         __builtin_prefetch(&fit->cost[t]);
         if (across != NONE) __builtin_prefetch(&fit->facing[across / 3]);
-        sample_lists_fetch(&fit->lists, t);
+        sample_lists_fetch(&fit->lists, fit->lists.first[t]);
+    }
+}
+
+static void fetch_lists(const struct fit *fit, const struct ring *ring) {
+    for (size_t i = 0; i < ring->n; i++) {
+        uint32_t first = fit->lists.first[ring->out[i] / 3];
+        if (first != NONE) sample_lists_fetch(&fit->lists, fit->lists.block[first].next);
     }
 }
 
@@ -207,9 +222,9 @@ static bool move_to_point(struct fit *fit, struct star *star, const struct clust
     return true;
 }
 
-static bool move_vertex(struct fit *fit, uint32_t vertex) {
+static bool move_vertex(struct fit *fit, uint32_t vertex, const struct ring *ring) {
     struct star star;
-    if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE || !star_of(fit, vertex, &star)) return false;
+    if (!star_of(fit, vertex, ring, &star)) return false;
     if (fit_is_exact(cluster_weight(&star.region.cluster), star.cost)) return false;
     struct cluster_model model = fit_model(fit, &star.region, &star.old, fit->near);
     vec3 step = model_minimum(&model);
@@ -314,15 +329,22 @@ struct batch {
     size_t begin; /* of the vertices that are moved in parallel, where each is a range of its own */
 };
 
+static void move_one(const struct batch *batch, size_t i, const struct ring *ring) {
+    uint32_t v = batch->plan->vertex[i], *source = batch->fit->mesh->source;
+    uint32_t before = source ? source[v] : NONE;
+    batch->moved[i] = move_vertex(batch->fit, v, ring);
+    batch->left[i] = batch->moved[i] ? before : NONE;
+}
+
 static void move_range(const struct batch *batch, size_t begin, size_t end) {
     const uint32_t *vertex = batch->plan->vertex;
-    for (size_t i = begin; i < end; i++) {
-        if (i + RINGS_AHEAD < end) fetch_ring(batch->fit, vertex[i + RINGS_AHEAD]);
-        if (i + STARS_AHEAD < end) fetch_star(batch->fit, vertex[i + STARS_AHEAD]);
-        uint32_t v = vertex[i], *source = batch->fit->mesh->source;
-        uint32_t before = source ? source[v] : NONE;
-        batch->moved[i] = move_vertex(batch->fit, v);
-        batch->left[i] = batch->moved[i] ? before : NONE;
+    struct ring ring[RINGS];
+    for (size_t i = begin; i < end + MOVE_LATER; i++) {
+        size_t star = i - RING_LATER, lists = i - LISTS_LATER, move = i - MOVE_LATER;
+        if (i < end) fetch_triangle(batch->fit, vertex[i]);
+        if (i >= begin + MOVE_LATER) move_one(batch, move, &ring[move % RINGS]);
+        if (i >= begin + RING_LATER && star < end) fetch_star(batch->fit, vertex[star], &ring[star % RINGS]);
+        if (i >= begin + LISTS_LATER && lists < end) fetch_lists(batch->fit, &ring[lists % RINGS]);
     }
 }
 

@@ -14,11 +14,17 @@
 
 #include "core/lanes.h"
 
-enum { TERMS = 10, LAST_FOUR = 7 };
+enum { TERMS = 10, LAST_FOUR = 7, SQUARES = 6 };
 
 typedef float floats __attribute__((vector_size(16)));
 
-INLINE lanes widened(floats x) { return (lanes){(double)x[0], (double)x[1], (double)x[2], (double)x[3]}; }
+/* Without a register to be in, the numbers would be loaded one by one. */
+INLINE lanes widened(floats x) {
+#if defined(__x86_64__)
+    __asm__("" : "+x"(x));
+#endif
+    return (lanes){(double)x[0], (double)x[1], (double)x[2], (double)x[3]};
+}
 
 INLINE floats floats_at(const struct packed_quadric *q, size_t at) {
     floats four;
@@ -47,6 +53,19 @@ INLINE void coefficients_of(const struct packed_quadric *all, const uint32_t id[
     coefficient[9] = last[2];
 }
 
+/* Those that aren't 0 of quadrics about a point that all of their planes go through. */
+INLINE void squares_of(const struct packed_quadric *all, const uint32_t id[LANES], lanes coefficient[SQUARES]) {
+    lanes last[LANES];
+    across(all, id, 0, coefficient);
+    across(all, id, SQUARES - LANES, last);
+    coefficient[4] = last[2];
+    coefficient[5] = last[3];
+}
+
+INLINE lanes value_of_squares(const lanes c[SQUARES], const lanes m[SQUARES]) {
+    return lanes_positive((c[0] * m[0] + c[2] * m[2] + c[4] * m[4]) + (c[1] * m[1] + c[3] * m[3] + c[5] * m[5]));
+}
+
 INLINE lanes value_of(const lanes c[TERMS], const lanes m[TERMS]) {
     lanes even = c[0] * m[0] + c[2] * m[2] + c[4] * m[4] + c[6] * m[6] + c[8] * m[8];
     lanes odd = c[1] * m[1] + c[3] * m[3] + c[5] * m[5] + c[7] * m[7] + c[9] * m[9];
@@ -57,11 +76,19 @@ struct errors {
     lanes p_stays, q_stays, length_sq;
 };
 
-INLINE struct errors errors_of(const struct pair_field *f, const uint32_t p[LANES], const uint32_t q[LANES]) {
+/* The offsets from each q to its p. */
+INLINE void offsets_of(const struct pair_field *f, const uint32_t p[LANES], const uint32_t q[LANES], lanes offset[3]) {
     const vec3 *a = f->point, *b = f->point;
     lanes x = (lanes){a[p[0]].x, a[p[1]].x, a[p[2]].x, a[p[3]].x} - (lanes){b[q[0]].x, b[q[1]].x, b[q[2]].x, b[q[3]].x};
     lanes y = (lanes){a[p[0]].y, a[p[1]].y, a[p[2]].y, a[p[3]].y} - (lanes){b[q[0]].y, b[q[1]].y, b[q[2]].y, b[q[3]].y};
     lanes z = (lanes){a[p[0]].z, a[p[1]].z, a[p[2]].z, a[p[3]].z} - (lanes){b[q[0]].z, b[q[1]].z, b[q[2]].z, b[q[3]].z};
+    offset[0] = x, offset[1] = y, offset[2] = z;
+}
+
+INLINE struct errors errors_of(const struct pair_field *f, const uint32_t p[LANES], const uint32_t q[LANES]) {
+    lanes offset[3];
+    offsets_of(f, p, q, offset);
+    lanes x = offset[0], y = offset[1], z = offset[2];
     lanes x2 = x + x, y2 = y + y, z2 = z + z, c[TERMS];
     lanes monomial[TERMS] = {x * x, x * y2, x2 * z, y * y, z * y2, z * z, x2, y2, z2, lanes_all(1)};
     struct errors errors = {.length_sq = monomial[0] + monomial[3] + monomial[5]};
@@ -74,6 +101,20 @@ INLINE struct errors errors_of(const struct pair_field *f, const uint32_t p[LANE
     return errors;
 }
 
+/* The same of quadrics whose other coefficients are 0. */
+INLINE struct errors first_errors_of(const struct pair_field *f, const uint32_t p[LANES], const uint32_t q[LANES]) {
+    lanes offset[3];
+    offsets_of(f, p, q, offset);
+    lanes x = offset[0], y = offset[1], z = offset[2], y2 = y + y, c[SQUARES];
+    lanes monomial[SQUARES] = {x * x, x * y2, (x + x) * z, y * y, z * y2, z * z};
+    struct errors errors = {.length_sq = monomial[0] + monomial[3] + monomial[5]};
+    squares_of(f->quadric, q, c);
+    errors.p_stays = value_of_squares(c, monomial);
+    squares_of(f->quadric, p, c);
+    errors.q_stays = value_of_squares(c, monomial);
+    return errors;
+}
+
 /* Fills the last four up. */
 static void repeat_last(uint32_t *p, uint32_t *q, size_t n) {
     for (size_t i = n; i % LANES; i++) p[i] = p[n - 1], q[i] = q[n - 1];
@@ -83,9 +124,9 @@ FOR_EACH_PROCESSOR
 void pair_costs(const struct pair_field *field, uint32_t *p, uint32_t *q, size_t n, float *cost) {
     repeat_last(p, q, n);
     for (size_t i = 0; i < n; i += LANES) {
-        struct errors e = errors_of(field, &p[i], &q[i]);
+        struct errors e = field->untouched ? first_errors_of(field, &p[i], &q[i]) : errors_of(field, &p[i], &q[i]);
         lanes sum = lanes_lower(e.p_stays, e.q_stays) + lanes_all(field->length_bias) * e.length_sq;
-        floats rounded = {(float)sum[0], (float)sum[1], (float)sum[2], (float)sum[3]};
+        floats rounded = __builtin_convertvector(sum, floats);
         memcpy(&cost[i], &rounded, sizeof rounded);
     }
 }

@@ -4,6 +4,8 @@
 #ifndef WHITTLE_CORE_PAIR_COST_H
 #define WHITTLE_CORE_PAIR_COST_H
 
+#include <stdbool.h>
+
 #include "core/quadric.h"
 
 enum { PAIR_COST_ROOM = 3 };
@@ -12,8 +14,18 @@ enum { PAIR_COST_ROOM = 3 };
 struct pair_field {
     const vec3 *point;
     const struct packed_quadric *quadric;
+    bool untouched;     /* b and c of all quadrics are 0: what they are a part of is left out */
     double length_bias; /* of the cost: this x squared length, so that flat regions contract their short edges first */
 };
+
+/* Fetches what costs of a point's pairs are worked out from, which is worth it where that is some hundred pairs later.
+ */
+static inline void pair_fetch(const struct pair_field *field, uint32_t p) {
+    const struct packed_quadric *at = &field->quadric[p];
+    __builtin_prefetch(at->a);
+    __builtin_prefetch(&at->weight);
+    __builtin_prefetch(&field->point[p]);
+}
 
 /* cost[i] of contracting p[i] and q[i], of n pairs: E_p + E_q at the end where it is less, and the length's part.  All
  * three arrays have PAIR_COST_ROOM more entries than n, which are written. */

@@ -13,7 +13,8 @@
  *  6 contract     virtual edges, all the way: a ranking of the points
  *  7 keep         as many as are wanted
  *  8 tangent      the error of the cloud alone
- *    umbrellas    for a mesh that is refined: triangles that the original points see between them
+ *    umbrellas    for a mesh that is refined: triangles that the original points see between them, and where few points
+ *                 are kept the samples that they make
  *  9 delaunay     tetrahedra of the kept points
  * 10 reconstruct  Tight Cocone
  * 11 refine       flips and moves against the original points
@@ -260,6 +261,7 @@ static void run_done(struct run *run) {
     contraction_done(&run->contraction);
     pipeline_sites_done(&run->sites);
     umbrella_done(&run->umbrellas);
+    samples_done(&run->samples);
     tets_done(&run->tets);
     mesh_done(&run->mesh);
 }

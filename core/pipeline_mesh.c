@@ -128,19 +128,35 @@ enum status pipeline_reconstruct(struct run *run) {
     return STATUS_OK;
 }
 
-/* There are about twice as many triangles as points; refine_mesh finds what it hasn't got. */
-enum status pipeline_umbrellas(struct run *run) {
-    if (!refine_wants_umbrellas(run->points.count, 2 * run->kept_count)) return STATUS_OK;
-    return umbrella_find(run->points.point, run->normal, &run->hood, run->threads, &run->umbrellas);
-}
-
-enum status pipeline_refine(struct run *run) {
-    struct refine_input input = {.points = run->points.point,
+static struct refine_input refine_input_of(struct run *run) {
+    return (struct refine_input){.points = run->points.point,
                                  .normals = run->normal,
                                  .n = run->points.count,
                                  .spacing = run->hood.spacing,
                                  .hood = &run->hood,
-                                 .umbrellas = &run->umbrellas};
+                                 .umbrellas = &run->umbrellas,
+                                 .samples = &run->samples};
+}
+
+/* Whether triangulation and samples take no more memory together than the refinement does after them (memory.c). */
+static bool has_room_for_samples(const struct run *run) {
+    enum { FEWER = 4 };
+    return run->params->placement == PLACEMENT_OPTIMAL || run->kept_count <= run->points.count / FEWER;
+}
+
+/* There are about twice as many triangles as points; refine_mesh finds what it hasn't got. */
+enum status pipeline_umbrellas(struct run *run) {
+    if (!refine_wants_umbrellas(run->points.count, 2 * run->kept_count)) return STATUS_OK;
+    enum status status = umbrella_find(run->points.point, run->normal, &run->hood, run->threads, &run->umbrellas);
+    if (status || !has_room_for_samples(run)) return status;
+    struct refine_input input = refine_input_of(run);
+    status = samples_init(&run->samples, &input, 1, run->threads);
+    if (run->params->placement == PLACEMENT_SUBSET) umbrella_done(&run->umbrellas);
+    return status;
+}
+
+enum status pipeline_refine(struct run *run) {
+    struct refine_input input = refine_input_of(run);
     struct refine_options options = {(enum refine_form)run->params->refine, (enum placement)run->params->placement,
                                      run->threads};
     enum status status = refine_mesh(&run->mesh, &input, &options, &run->progress, NULL);

@@ -10,6 +10,7 @@
 #include "core/order.h"
 #include "core/pipeline.h"
 #include "core/quadric.h"
+#include "core/samples.h"
 #include "core/tets.h"
 #include "core/umbrella.h"
 
@@ -42,7 +43,8 @@ struct run {
     size_t kept_count; /* of that level */
     uint32_t *kept;    /* of the finest level, along the curve's ids, most important first */
     struct sites sites;
-    struct umbrellas umbrellas; /* for the refinement, which empties them */
+    struct umbrellas umbrellas; /* for the refinement, which empties them, as it does the samples */
+    struct samples samples;
     struct tets tets;
     float *distance;  /* of every distinct point to the mesh, normalised; NULL unless asked for */
     struct mesh mesh; /* sources are ids along the curve */

@@ -25,7 +25,8 @@ struct refine_input {
                                          fitted to as well, which is what keeps a mesh from bending between
                                          few points; NULL: points alone */
     struct umbrellas
-        *umbrellas; /* the same points': zeroed when done with; NULL or zeroed where they are to be found */
+        *umbrellas;          /* the same points': zeroed when done with; NULL or zeroed where they are to be found */
+    struct samples *samples; /* likewise; where there are others than are wanted, these are found, too */
 };
 
 /* Whether the middles are of use to a mesh of so many triangles; where there are many points for each, they aren't. */

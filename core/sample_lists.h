@@ -48,10 +48,10 @@ uint32_t sample_lists_reserve(struct sample_lists *lists, size_t count);
 /* Empties a list; returns its first block (or NONE), which is the caller's to give back. */
 uint32_t sample_lists_take(struct sample_lists *lists, uint32_t list);
 
-/* The list's first block will be read soon. */
-static inline void sample_lists_fetch(const struct sample_lists *lists, uint32_t list) {
-    if (lists->first[list] == NONE) return;
-    const struct sample_block *block = &lists->block[lists->first[list]];
+/* A block, which may be NONE, will be read soon. */
+static inline void sample_lists_fetch(const struct sample_lists *lists, uint32_t id) {
+    if (id == NONE) return;
+    const struct sample_block *block = &lists->block[id];
     __builtin_prefetch(block->x), __builtin_prefetch(block->z), __builtin_prefetch(block->sample);
 }
 

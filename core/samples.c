@@ -78,25 +78,24 @@ static void place_range(void *ctx, size_t begin, size_t end) {
     for (uint32_t p = (uint32_t)begin; p < end; p++) {
         size_t at = filling->samples->middle[p];
         set_point(filling, p);
-        for (unsigned i = 0; umbrellas && i < UMBRELLA_RIBS; i++) {
-            unsigned votes = umbrella_votes(umbrellas, p, i);
-            if (votes == 0) continue;
-            set_middles(filling, at, (uint32_t[3]){p, umbrellas->rib[p][i], umbrella_after(umbrellas, p, i)}, votes);
+        for (uint32_t left = umbrellas ? umbrella_triangles(umbrellas, p) : 0; left; left &= left - 1) {
+            unsigned i = (unsigned)__builtin_ctz(left) / 2;
+            uint32_t corner[3] = {p, umbrellas->rib[p][i], umbrella_after(umbrellas, p, i)};
+            set_middles(filling, at, corner, umbrella_votes(umbrellas, p, i));
             at += filling->parts;
         }
     }
 }
 
 static unsigned count_triangles(const struct umbrellas *umbrellas, size_t p) {
-    unsigned count = 0;
-    for (unsigned i = 0; i < UMBRELLA_RIBS; i++) count += umbrella_votes(umbrellas, p, i) > 0;
-    return count;
+    return (unsigned)__builtin_popcount(umbrella_triangles(umbrellas, p));
 }
 
 /* Where the middles of each point go. */
 static enum status number_middles(struct samples *samples, size_t points, const struct umbrellas *umbrellas,
                                   unsigned parts) {
     samples->points = points;
+    samples->parts = umbrellas ? parts : 0;
     samples->middle = alloc_array(points + 1, sizeof *samples->middle);
     if (!samples->middle) return STATUS_NO_MEMORY;
     samples->middle[0] = (uint32_t)points;

@@ -15,6 +15,7 @@ struct sample {
 
 struct samples {
     size_t n, points;      /* of them all; of the points, which come first and keep their ids */
+    unsigned parts;        /* of each triangle that have a middle */
     struct sample *sample; /* n; owned */
     vec3 *normal;          /* n, unit, of either sign; owned */
     uint32_t *middle;      /* points + 1: those of the triangles of point p are middle[p] .. middle[p + 1) - 1; owned */

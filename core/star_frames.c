@@ -29,26 +29,31 @@ void star_vectors_set(struct star_vectors *to, const vec3 *const *from, size_t n
     for (size_t i = n; i <= n + LANES; i++) repeat_first(to, i);
 }
 
-/* Stores a unit direction and half a length; returns the length. */
-INLINE lanes store_edge(float *out_x, float *out_y, float *out_half, lanes x, lanes y) {
+struct edge {
+    lanes length, inverse;
+};
+
+/* Stores a unit direction. */
+INLINE struct edge store_edge(float *out_x, float *out_y, lanes x, lanes y) {
     lanes length = root(x * x + y * y), inverse = 1 / length;
-    *at(out_x) = x * inverse, *at(out_y) = y * inverse, *at(out_half) = length / 2;
-    return length;
+    *at(out_x) = x * inverse, *at(out_y) = y * inverse;
+    return (struct edge){length, inverse};
 }
 
 INLINE void make_eight(struct star_frames *s, size_t i, struct three a, struct three b, struct three c) {
-    struct three ab = three_sub(b, a), ac = three_sub(c, a), normal = three_cross(ab, ac);
-    lanes length = root(three_dot(ab, ab)), area = root(three_dot(normal, normal));
-    struct three u = three_scale(ab, 1 / length), n = three_scale(normal, 1 / area), v = three_cross(n, u);
-    lanes cx = three_dot(ac, u), cy = three_dot(ac, v);
+    struct three to_b = three_sub(b, a), to_c = three_sub(c, a), normal = three_cross(to_b, to_c);
+    lanes bx = root(three_dot(to_b, to_b)), bx_inverse = 1 / bx, area = root(three_dot(normal, normal));
+    struct three u = three_scale(to_b, bx_inverse), n = three_scale(normal, 1 / area), v = three_cross(n, u);
+    lanes cx = three_dot(to_c, u), cy = three_dot(to_c, v);
+    struct edge bc = store_edge(&s->bc_x[i], &s->bc_y[i], cx - bx, cy);
+    struct edge ac = store_edge(&s->ac_x[i], &s->ac_y[i], cx, cy);
+    lanes longest = higher(bx, higher(bc.length, ac.length));
+    mask has_area = (bx > 0) & (area > 0) & (bc.length > 0) & (ac.length > 0);
     store_three(&s->u, i, u), store_three(&s->v, i, v);
-    *at(&s->bx[i]) = length;
-    lanes bc = store_edge(&s->bc_x[i], &s->bc_y[i], &s->bc_half[i], cx - length, cy);
-    lanes ac_length = store_edge(&s->ac_x[i], &s->ac_y[i], &s->ac_half[i], cx, cy);
-    lanes longest = higher(length, higher(bc, ac_length));
-    mask has_area = (length > 0) & (area > 0) & (bc > 0) & (ac_length > 0);
-    *at(&s->shape[i]) = where(has_area, length * cy / (longest * longest));
     store_three(&s->normal, i, (struct three){where(has_area, n.x), where(has_area, n.y), where(has_area, n.z)});
+    *at(&s->bx[i]) = bx, *at(&s->bx_inverse[i]) = bx_inverse, *at(&s->bc_half[i]) = bc.length / 2;
+    *at(&s->cx[i]) = cx, *at(&s->cy[i]) = cy, *at(&s->cy_inverse[i]) = 1 / cy, *at(&s->ac_inverse[i]) = ac.inverse;
+    *at(&s->shape[i]) = where(has_area, bx * cy / (longest * longest));
 }
 
 FOR_EACH_PROCESSOR

@@ -32,9 +32,9 @@ struct star_frames {
     size_t n;
     float ax, ay, az;
     struct star_vectors u, v, normal;
-    float bx[STAR_ROOM];
-    float bc_x[STAR_ROOM], bc_y[STAR_ROOM], bc_half[STAR_ROOM]; /* half: of the edge's length */
-    float ac_x[STAR_ROOM], ac_y[STAR_ROOM], ac_half[STAR_ROOM];
+    float bx[STAR_ROOM], bx_inverse[STAR_ROOM], cx[STAR_ROOM], cy[STAR_ROOM], cy_inverse[STAR_ROOM];
+    float bc_x[STAR_ROOM], bc_y[STAR_ROOM], bc_half[STAR_ROOM];    /* half: of the edge's length */
+    float ac_x[STAR_ROOM], ac_y[STAR_ROOM], ac_inverse[STAR_ROOM]; /* inverse: of the edge's length */
     float shape[STAR_ROOM];
 };
 

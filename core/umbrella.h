@@ -5,6 +5,7 @@
 #ifndef WHITTLE_CORE_UMBRELLA_H
 #define WHITTLE_CORE_UMBRELLA_H
 
+#include <assert.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -31,6 +32,12 @@ enum status umbrella_find(const vec3 *point, const vec3 *normal, const struct ne
 /* How many of its corners have triangle i of p; 0 where it isn't one, or counts at another corner. */
 static inline unsigned umbrella_votes(const struct umbrellas *umbrellas, size_t p, unsigned i) {
     return umbrellas->votes[p] >> 2 * i & 3;
+}
+
+/* The triangles that count at p: bit 2 i where triangle i does. */
+static inline uint32_t umbrella_triangles(const struct umbrellas *umbrellas, size_t p) {
+    static_assert(UMBRELLA_RIBS <= 16, "two bits each");
+    return (umbrellas->votes[p] | umbrellas->votes[p] >> 1) & 0x55555555;
 }
 
 /* The rib after rib i of p. */

@@ -20,7 +20,7 @@ struct dense dense_new(size_t n) {
 void dense_done(struct dense *dense) { free(dense->point), free(dense->normal), free(dense->spacing); }
 
 struct refine_input dense_input(const struct dense *dense) {
-    return (struct refine_input){dense->point, dense->normal, dense->spacing, dense->n, NULL, NULL};
+    return (struct refine_input){dense->point, dense->normal, dense->spacing, dense->n, NULL, NULL, NULL};
 }
 
 struct dense dense_field(size_t side, double (*f)(double x, double y)) {

@@ -37,7 +37,7 @@ static void make_scene(struct scene *s) {
     }
     for (size_t i = 0; i < PAIRS; i++)
         s->p[i] = (uint32_t)(random_next(&seed) % N), s->q[i] = (uint32_t)(random_next(&seed) % N);
-    s->field = (struct pair_field){s->point, s->quadric, 0.25};
+    s->field = (struct pair_field){s->point, s->quadric, false, 0.25};
 }
 
 /* E_p + E_q at p. */
@@ -62,6 +62,18 @@ static void costs_are_those_of_the_quadrics(void **state) {
     }
 }
 
+static void costs_of_untouched_quadrics_are_the_same_without_their_zeros(void **state) {
+    (void)state;
+    struct scene s;
+    float cost[PAIRS + PAIR_COST_ROOM], again[PAIRS + PAIR_COST_ROOM];
+    make_scene(&s);
+    for (size_t i = 0; i < N; i++) s.quadric[i].b[0] = s.quadric[i].b[1] = s.quadric[i].b[2] = s.quadric[i].c = 0;
+    pair_costs(&s.field, s.p, s.q, PAIRS, cost);
+    s.field.untouched = true;
+    pair_costs(&s.field, s.p, s.q, PAIRS, again);
+    assert_memory_equal(again, cost, PAIRS * sizeof *cost);
+}
+
 static void a_pair_s_cost_does_not_depend_on_its_place_or_its_company(void **state) {
     (void)state;
     struct scene s;
@@ -84,6 +96,7 @@ static void a_pair_s_cost_does_not_depend_on_its_place_or_its_company(void **sta
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(costs_are_those_of_the_quadrics),
+        cmocka_unit_test(costs_of_untouched_quadrics_are_the_same_without_their_zeros),
         cmocka_unit_test(a_pair_s_cost_does_not_depend_on_its_place_or_its_company),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

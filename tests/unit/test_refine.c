@@ -321,6 +321,37 @@ static size_t count_listed(const struct fit *fit, uint32_t t, uint8_t *seen) {
     return count;
 }
 
+/* Samples that are there already are taken, those of other parts are not; either way none are left behind. */
+static void test_samples_made_beforehand_change_nothing(void **state) {
+    (void)state;
+    struct dense dense = sphere_points();
+    struct neighbourhood hood = dense_hood(&dense);
+    struct refine_input input = dense_input(&dense);
+    struct refine_options options = {REFINE_FULL, PLACEMENT_SUBSET, 2};
+    struct mesh mesh[3];
+    struct samples samples = {0};
+    input.hood = &hood;
+    for (unsigned parts = 0; parts < 3; parts++) {
+        mesh[parts] = sphere_mesh(&dense);
+        input.samples = NULL;
+        if (parts < 2) assert_int_equal(samples_init(&samples, &input, parts, 2), STATUS_OK);
+        const struct sample *made = samples.sample;
+        input.samples = &samples;
+        struct fit fit;
+        assert_int_equal(fit_init(&fit, &mesh[parts], &input, &options), STATUS_OK);
+        assert_true(samples.n == 0 && fit.samples.parts == 1 && (fit.samples.sample == made) == (parts == 1));
+        fit_done(&fit);
+        if (parts < 2) assert_int_equal(samples_init(&samples, &input, parts, 2), STATUS_OK);
+        assert_int_equal(refine_mesh(&mesh[parts], &input, &options, NULL, NULL), STATUS_OK);
+        assert_true(samples.n == 0 && !samples.sample);
+        assert_memory_equal(mesh[parts].vertex, mesh[0].vertex, mesh[0].vertex_count * sizeof *mesh[0].vertex);
+        assert_memory_equal(mesh[parts].triangle, mesh[0].triangle, mesh[0].triangle_count * sizeof *mesh[0].triangle);
+    }
+    for (int i = 0; i < 3; i++) mesh_done(&mesh[i]);
+    neighbourhood_done(&hood);
+    dense_done(&dense);
+}
+
 /* After a closer look every sample is in one list, and the whole mesh is to be tried again. */
 static void test_a_closer_look_has_all_samples_in_the_lists(void **state) {
     (void)state;
@@ -584,6 +615,7 @@ int main(void) {
         cmocka_unit_test(test_points_take_the_longer_diagonal),
         cmocka_unit_test(test_filled_holes_stay_marked),
         cmocka_unit_test(test_samples_start_with_the_nearest_triangle),
+        cmocka_unit_test(test_samples_made_beforehand_change_nothing),
         cmocka_unit_test(test_a_closer_look_has_all_samples_in_the_lists),
         cmocka_unit_test(test_closed_stays_closed_and_gets_better),
         cmocka_unit_test(test_subset_stays_a_subset),

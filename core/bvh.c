@@ -17,7 +17,7 @@
  * subtrees below, each with nodes of its own, so that the tree doesn't depend on the threads.  Meshes that defeat it
  * (all centres equal, sizes that shrink exponentially) are halved after DEEP levels, which bounds the stack.
  *
- * The rough kind takes triangles in their order, LEAF to a leaf, and puts WIDTH neighbours under one node, level by
+ * The rough kind takes triangles in their order, two to a leaf, and puts WIDTH neighbours under one node, level by
  * level.  What holds for every query holds there too, so it finds the same.
  *
  * Sources: Goldsmith and Salmon 1987; Wald, On fast construction of SAH-based bounding volume hierarchies, 2007;
@@ -36,7 +36,7 @@
 #include "core/par.h"
 #include "core/triangle.h"
 
-enum { WIDTH = 4, LEAF = 3, DEEP = 40, STACK = WIDTH * (DEEP + 40) };
+enum { WIDTH = 4, LEAF = 3, ROUGH_LEAF = 2, DEEP = 40, STACK = WIDTH * (DEEP + 40) };
 enum { BINS = 16, FEW = 8, MANY = 32 };               /* runs of less than these get fewer bins */
 enum { TASK = 1024, GRAIN = 512, ITEM_GRAIN = 4096 }; /* triangles of a subtree that is built apart; queries; items */
 
@@ -325,12 +325,12 @@ static struct corners corners_of(const struct bvh *bvh, const struct mesh *mesh,
                             to_inside(bvh, mesh->vertex[v[2]])};
 }
 
-static bool allocate(struct bvh *bvh, size_t n) {
+static bool allocate(struct bvh *bvh, size_t n, size_t nodes) {
     bvh->triangle_count = n;
     bvh->corners = alloc_array(n, sizeof *bvh->corners);
     bvh->id = alloc_array(n, sizeof *bvh->id);
     bvh->slot = alloc_array(n, sizeof *bvh->slot);
-    bvh->node = alloc_array(most_nodes((uint32_t)n), sizeof *bvh->node);
+    bvh->node = alloc_array(nodes, sizeof *bvh->node);
     return bvh->corners && bvh->id && bvh->slot && bvh->node;
 }
 
@@ -386,7 +386,8 @@ enum status bvh_new(const struct mesh *mesh, unsigned threads, struct bvh **out)
     build.item = alloc_array(mesh->triangle_count, sizeof *build.item);
     build.task = alloc_array(build.most_tasks, sizeof *build.task);
     struct bvh *bvh = alloc_zeroed(1, sizeof *bvh);
-    if (!build.item || !build.task || !bvh || !allocate(bvh, mesh->triangle_count)) goto out;
+    size_t n = mesh->triangle_count;
+    if (!build.item || !build.task || !bvh || !allocate(bvh, n, most_nodes((uint32_t)n))) goto out;
     build.node = bvh->node;
     choose_frame(bvh, mesh);
     build_tree(bvh, mesh, threads, &build);
@@ -418,8 +419,8 @@ static void make_leaves(void *ctx, size_t begin, size_t end) {
     const struct stacking *stacking = ctx;
     struct bvh *bvh = stacking->bvh;
     for (size_t i = begin; i < end; i++) {
-        uint32_t first = (uint32_t)(LEAF * i), left = (uint32_t)bvh->triangle_count - first;
-        struct part part = {EMPTY, {first, left < LEAF ? left : LEAF}};
+        uint32_t first = (uint32_t)(ROUGH_LEAF * i), left = (uint32_t)bvh->triangle_count - first;
+        struct part part = {EMPTY, {first, left < ROUGH_LEAF ? left : ROUGH_LEAF}};
         for (uint32_t t = first; t < first + part.link.count; t++) {
             bvh->corners[t] = corners_of(bvh, stacking->mesh, t);
             bvh->id[t] = bvh->slot[t] = t;
@@ -445,10 +446,9 @@ static void make_level(void *ctx, size_t begin, size_t end) {
     }
 }
 
-/* part: room for those of all levels, which follow each other. */
-static void stack_up(struct bvh *bvh, const struct mesh *mesh, unsigned threads, struct part *part) {
+/* n leaves; part: room for those of all levels, which follow each other. */
+static void stack_up(struct bvh *bvh, const struct mesh *mesh, size_t n, unsigned threads, struct part *part) {
     struct stacking level = {.bvh = bvh, .mesh = mesh, .part = part};
-    size_t n = (bvh->triangle_count + LEAF - 1) / LEAF;
     par_for(threads, n, GRAIN, make_leaves, &level);
     while (n > 1) {
         level.below = level.part, level.n = n;
@@ -457,17 +457,17 @@ static void stack_up(struct bvh *bvh, const struct mesh *mesh, unsigned threads,
         level.first_node += (uint32_t)n;
     }
     if (n) bvh->root = level.part->link;
-    assert(level.first_node <= most_nodes((uint32_t)bvh->triangle_count));
 }
 
 enum status bvh_new_rough(const struct mesh *mesh, unsigned threads, struct bvh **out) {
     assert(mesh->triangle_count < NONE);
-    struct part *part = alloc_array(mesh->triangle_count + 1, sizeof *part);
+    size_t leaves = (mesh->triangle_count + ROUGH_LEAF - 1) / ROUGH_LEAF; /* there are fewer nodes */
+    struct part *part = alloc_array(2 * leaves, sizeof *part);
     struct bvh *bvh = alloc_zeroed(1, sizeof *bvh);
-    bool enough = part && bvh && allocate(bvh, mesh->triangle_count);
+    bool enough = part && bvh && allocate(bvh, mesh->triangle_count, leaves);
     if (enough) {
         choose_frame(bvh, mesh);
-        stack_up(bvh, mesh, threads, part);
+        stack_up(bvh, mesh, leaves, threads, part);
         *out = bvh;
     } else {
         bvh_free(bvh);

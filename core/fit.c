@@ -238,16 +238,37 @@ static void set_scale(struct fit *fit, const float *distance_sq) {
     fit->stray_sq = FIT_STRAY * mean * FIT_STRAY * mean;
 }
 
+struct assigned {
+    struct fit *fit;
+    uint32_t *triangle;
+    float *distance_sq;
+    enum status filled, zoned;
+};
+
+static void fill_first(void *ctx) {
+    struct assigned *all = ctx;
+    set_scale(all->fit, all->distance_sq);
+    all->filled = fit_fill(all->fit, all->triangle, all->distance_sq);
+}
+
+static void make_zones(void *ctx) {
+    struct assigned *all = ctx;
+    all->zoned = fit_zones_init(&all->fit->zones, &all->fit->he);
+}
+
+/* Zones and what the first filling begins with are one thread's work each. */
 static enum status assign_all(struct fit *fit, bool is_first) {
     size_t n = fit->samples.n;
-    uint32_t *triangle = alloc_array(n, sizeof *triangle);
-    float *distance_sq = alloc_array(n, sizeof *distance_sq);
-    enum status status = triangle && distance_sq ? fit_assign(fit, triangle, distance_sq) : STATUS_NO_MEMORY;
-    if (status == STATUS_OK) {
-        if (is_first) set_scale(fit, distance_sq);
-        status = fit_fill(fit, triangle, distance_sq);
+    struct assigned all = {fit, alloc_array(n, sizeof *all.triangle), alloc_array(n, sizeof *all.distance_sq), 0, 0};
+    enum status status = STATUS_NO_MEMORY;
+    if (all.triangle && all.distance_sq) status = fit_assign(fit, all.triangle, all.distance_sq);
+    if (status == STATUS_OK && is_first) {
+        par_beside(fit->threads, fill_first, make_zones, &all);
+        status = all.filled ? all.filled : all.zoned;
+    } else if (status == STATUS_OK) {
+        status = fit_fill(fit, all.triangle, all.distance_sq);
     }
-    free(triangle), free(distance_sq);
+    free(all.triangle), free(all.distance_sq);
     return status;
 }
 
@@ -310,7 +331,6 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
     if (options->placement == PLACEMENT_SUBSET) forget_umbrellas(&new);
     if (status == STATUS_OK) status = allocate(&new);
     if (status == STATUS_OK) status = halfedge_init(&new.he, mesh, new.threads);
-    if (status == STATUS_OK) status = fit_zones_init(&new.zones, &new.he);
     if (status == STATUS_OK) {
         for (size_t v = 0; mesh->source && v < mesh->vertex_count; v++) fit_take(&new, mesh->source[v]);
         par_for(new.threads, mesh->triangle_count, FACE_GRAIN, face_range, &new);

@@ -21,7 +21,7 @@
 #include "core/par.h"
 #include "core/radix.h"
 
-enum { EDGE_GRAIN = 512, SHARE_GRAIN = 128 };
+enum { TRIANGLE_GRAIN = 256, SHARE_GRAIN = 128 };
 
 #define FLIP_LEAST_GAIN 1e-4 /* of what the two triangles cost */
 
@@ -32,8 +32,8 @@ struct candidate {
 
 struct round {
     struct fit *fit;
-    struct candidate *candidate;
-    uint64_t *room; /* for twice as many items of radix_sort */
+    uint64_t *room; /* for radix_sort, and three items for each triangle */
+    size_t *kept;   /* of each range of triangles: how many items it has there */
     uint64_t *item; /* in the room: edges that are flipped */
 };
 
@@ -132,30 +132,33 @@ static void measure_batch(const struct fit *fit, struct candidate *candidate, si
     }
 }
 
-/* How far ahead things are asked for. */
-enum { TRIANGLES_AHEAD = 4 * BATCH, AROUND_AHEAD = 2 * BATCH, MORE_AHEAD = BATCH };
+struct span {
+    size_t begin, end;
+};
 
-INLINE uint32_t candidate_side(const struct round *round, size_t i, int side) {
-    uint32_t h = round->candidate[i].halfedge;
-    return (side ? round->fit->he.twin[h] : h) / 3;
+/* The batch that is so many before the one that begins at i, as far as it is in 0 .. count. */
+static struct span batch_before(size_t i, size_t batches, size_t count) {
+    if (i < batches * BATCH) return (struct span){0, 0};
+    size_t begin = i - batches * BATCH, end = begin + BATCH;
+    return (struct span){begin < count ? begin : count, end < count ? end : count};
 }
 
-/* Asks for what batches after the one that begins at i are going to read. */
-INLINE void fetch_batches(const struct round *round, size_t i, size_t end) {
-    const struct fit *fit = round->fit;
-    for (size_t last = i + BATCH; i < last; i++)
+INLINE uint32_t side_of(const struct fit *fit, const struct candidate *candidate, int side) {
+    return (side ? fit->he.twin[candidate->halfedge] : candidate->halfedge) / 3;
+}
+
+/* What a batch reads is asked for while others are measured. */
+static void measure_all(const struct fit *fit, struct candidate *candidate, size_t count) {
+    enum { AROUND = 2, MORE = 3, MEASURED = 4 }; /* batches after the first asking */
+    for (size_t i = 0; i < count + MEASURED * BATCH; i += BATCH) {
+        struct span first = batch_before(i, 0, count), around = batch_before(i, AROUND, count);
+        struct span more = batch_before(i, MORE, count), due = batch_before(i, MEASURED, count);
         for (int side = 0; side < 2; side++) {
-            if (i + TRIANGLES_AHEAD < end) fit_fetch_triangle(fit, candidate_side(round, i + TRIANGLES_AHEAD, side));
-            if (i + AROUND_AHEAD < end) fit_fetch_around(fit, candidate_side(round, i + AROUND_AHEAD, side));
-            if (i + MORE_AHEAD < end) fit_fetch_more(fit, candidate_side(round, i + MORE_AHEAD, side));
+            for (size_t k = first.begin; k < first.end; k++) fit_fetch_triangle(fit, side_of(fit, &candidate[k], side));
+            for (size_t k = around.begin; k < around.end; k++) fit_fetch_around(fit, side_of(fit, &candidate[k], side));
+            for (size_t k = more.begin; k < more.end; k++) fit_fetch_more(fit, side_of(fit, &candidate[k], side));
         }
-}
-
-static void measure(void *ctx, size_t begin, size_t end) {
-    struct round *round = ctx;
-    for (size_t i = begin; i < end; i += BATCH) {
-        fetch_batches(round, i, end);
-        measure_batch(round->fit, &round->candidate[i], end - i < BATCH ? end - i : BATCH);
+        if (due.begin < due.end) measure_batch(fit, &candidate[due.begin], due.end - due.begin);
     }
 }
 
@@ -164,11 +167,10 @@ static uint8_t due_bit(uint32_t h) { return (uint8_t)(2 << h % 3); }
 
 static bool is_due(const struct fit *fit, uint32_t h) { return fit->touched[h / 3] & (1 | due_bit(h)); }
 
-/* The edges that are due, once each, and each by the lower of its half-edges; no triangle is touched
- * afterwards. */
-static size_t collect(struct fit *fit, struct candidate *candidate) {
+/* The edges of a range of triangles that are due, once each in all ranges, and each by the lower of its half-edges. */
+static size_t collect(const struct fit *fit, struct span range, struct candidate *candidate) {
     size_t count = 0;
-    for (uint32_t t = 0; t < fit->mesh->triangle_count; t++) {
+    for (uint32_t t = (uint32_t)range.begin; t < range.end; t++) {
         if (!fit->touched[t]) continue;
         for (uint32_t h = 3 * t; h < 3 * t + 3; h++) {
             uint32_t g = fit->he.twin[h];
@@ -176,16 +178,29 @@ static size_t collect(struct fit *fit, struct candidate *candidate) {
             candidate[count++].halfedge = g < h ? g : h;
         }
     }
-    memset(fit->touched, 0, fit->mesh->triangle_count);
     return count;
 }
 
+/* The edges of a range that gain are left in the range's own part of the room. */
+static void measure(void *ctx, size_t begin, size_t end) {
+    const struct round *round = ctx;
+    struct candidate candidate[3 * TRIANGLE_GRAIN];
+    size_t count = collect(round->fit, (struct span){begin, end}, candidate), kept = 0;
+    measure_all(round->fit, candidate, count);
+    for (size_t i = 0; i < count; i++)
+        if (candidate[i].gain > 0)
+            round->room[3 * begin + kept++] =
+                radix_item(UINT32_MAX - radix_key_of(candidate[i].gain), candidate[i].halfedge);
+    round->kept[begin / TRIANGLE_GRAIN] = kept;
+}
+
 /* The edges that gain, the most rewarding first, are set as the values of round->item; their number. */
-static size_t sort_rewarding(struct round *round, size_t count) {
-    size_t kept = 0;
-    for (size_t i = 0; i < count; i++) {
-        const struct candidate *c = &round->candidate[i];
-        if (c->gain > 0) round->room[kept++] = radix_item(UINT32_MAX - radix_key_of(c->gain), c->halfedge);
+static size_t sort_rewarding(struct round *round) {
+    size_t kept = 0, triangles = round->fit->mesh->triangle_count;
+    for (size_t begin = 0; begin < triangles; begin += TRIANGLE_GRAIN) {
+        size_t n = round->kept[begin / TRIANGLE_GRAIN];
+        memmove(&round->room[kept], &round->room[3 * begin], n * sizeof *round->room);
+        kept += n;
     }
     round->item = radix_sort(round->room, round->room + kept, kept, round->fit->threads);
     return kept;
@@ -274,9 +289,9 @@ static void share_flipped(void *ctx, size_t begin, size_t end) {
 
 static size_t flip_round(struct round *round) {
     struct fit *fit = round->fit;
-    size_t count = collect(fit, round->candidate);
-    par_for(fit->threads, count, EDGE_GRAIN, measure, round);
-    size_t flips = flip_fresh(round, sort_rewarding(round, count));
+    par_for(fit->threads, fit->mesh->triangle_count, TRIANGLE_GRAIN, measure, round);
+    memset(fit->touched, 0, fit->mesh->triangle_count);
+    size_t flips = flip_fresh(round, sort_rewarding(round));
     par_for(fit->threads, flips, SHARE_GRAIN, share_flipped, round);
     for (size_t t = 0; t < fit->mesh->triangle_count; t++) {
         fit->touched[t] |= fit->postponed[t];
@@ -286,16 +301,16 @@ static size_t flip_round(struct round *round) {
 }
 
 enum status fit_flip(struct fit *fit, size_t rounds, size_t *flips) {
-    size_t most = 3 * fit->mesh->triangle_count / 2 + 1;
+    size_t triangles = fit->mesh->triangle_count;
     struct round round = {.fit = fit};
-    round.candidate = alloc_array(most, sizeof *round.candidate);
-    round.room = alloc_array(2 * most, sizeof *round.room);
-    bool enough = round.candidate && round.room;
+    round.room = alloc_array(3 * triangles, sizeof *round.room);
+    round.kept = alloc_array(triangles / TRIANGLE_GRAIN + 1, sizeof *round.kept);
+    bool enough = round.room && round.kept;
     for (size_t i = 0; enough && i < rounds; i++) {
         size_t made = flip_round(&round);
         *flips += made;
         if (made == 0) break;
     }
-    free(round.candidate), free(round.room);
+    free(round.room), free(round.kept);
     return enough ? STATUS_OK : STATUS_NO_MEMORY;
 }

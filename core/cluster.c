@@ -206,19 +206,34 @@ INLINE lanes sector_sq(const struct sector *f, lanes rx, lanes ry, lanes rz) {
     return z * z + where(~over, lower(y * y + past * past, edge_sq(&f->bc, bc_left, beyond, y)));
 }
 
+/* Squared distances of vector i of samples to the nearest of a star's triangles. */
+INLINE lanes star_sq(const struct cluster *cluster, const struct star_frames *star, const struct sector *sector,
+                     size_t i) {
+    lanes x = load(&cluster->x[i]) - star->ax, y = load(&cluster->y[i]) - star->ay;
+    lanes z = load(&cluster->z[i]) - star->az, d_sq = all(FAR_AWAY * FAR_AWAY);
+    for (size_t j = 0; j < star->n; j++) d_sq = lower(sector_sq(&sector[j], x, y, z), d_sq);
+    return d_sq;
+}
+
 FOR_EACH_PROCESSOR
 double cluster_star_cost(const struct cluster *cluster, const struct star_frames *star, float further, double limit) {
     struct sector sector[STAR_MOST];
     lanes sum = all(0);
     spread_star(star, sector);
     for (size_t i = 0; i < cluster->n; i += LANES) {
-        lanes x = load(&cluster->x[i]) - star->ax, y = load(&cluster->y[i]) - star->ay;
-        lanes z = load(&cluster->z[i]) - star->az, d_sq = all(FAR_AWAY * FAR_AWAY);
-        for (size_t j = 0; j < star->n; j++) d_sq = lower(sector_sq(&sector[j], x, y, z), d_sq);
+        lanes d_sq = star_sq(cluster, star, sector, i);
         sum += load(&cluster->weight[i]) * (root(d_sq) + d_sq * further);
         if (total(sum) > limit) break;
     }
     return total(sum);
+}
+
+FOR_EACH_PROCESSOR
+void cluster_star_distances(const struct cluster *cluster, const struct star_frames *star,
+                            float distance_sq[CLUSTER_ROOM]) {
+    struct sector sector[STAR_MOST];
+    spread_star(star, sector);
+    for (size_t i = 0; i < cluster->n; i += LANES) *at(&distance_sq[i]) = star_sq(cluster, star, sector, i);
 }
 
 /* The triangles of eight samples, side by side: the members are those of struct star_frames. */

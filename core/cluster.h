@@ -41,6 +41,10 @@ double cluster_cost(const struct cluster *cluster, const struct surface *surface
 /* The same for a star, whose places are relative to the cluster's origin. */
 double cluster_star_cost(const struct cluster *cluster, const struct star_frames *star, float further, double limit);
 
+/* The squared distance of each sample to the star. */
+void cluster_star_distances(const struct cluster *cluster, const struct star_frames *star,
+                            float distance_sq[CLUSTER_ROOM]);
+
 /* A quadric of a vertex: s^T a s - 2 g s is what the squares of its samples' distances change by when it moves by s. */
 struct cluster_model {
     sym3 a;

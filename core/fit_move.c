@@ -25,9 +25,10 @@
 
 enum { VERTEX_GRAIN = 16, PLACE_GRAIN = 512, COLOURS = 64, CANDIDATES = 3 };
 
-/* How many vertices later what was asked for is there: the first triangle, from where the ring is found; the star; the
- * samples behind the first block of each list. */
-enum { RING_LATER = 4, LISTS_LATER = 6, MOVE_LATER = 8, RINGS = 4 };
+/* What a star is made of lies all over memory, and no wait is as long as that for it.  So it is asked for while other
+ * vertices are tried: first a triangle; STAR_LATER vertices later the ring, and with it most of what it takes; then the
+ * second and the third block of each list of samples. */
+enum { STAR_LATER = 4, LISTS_LATER = 6, MOVE_LATER = 8, RINGS = MOVE_LATER - STAR_LATER };
 
 #define MOVE_LEAST_GAIN 1e-3 /* of what the star costs */
 #define MOVE_HOPELESS 1.5    /* of what the star costs: where the first choice is over that, the others are no better */
@@ -91,7 +92,6 @@ static bool star_of(const struct fit *fit, uint32_t vertex, const struct ring *r
     return true;
 }
 
-/* What a star is made of lies all over memory, and no wait is as long as that for it. */
 static void fetch_triangle(const struct fit *fit, uint32_t vertex) {
     uint32_t first = fit->he.out[vertex] / 3;
     __builtin_prefetch(fit->he.triangle[first]);
@@ -109,10 +109,12 @@ static void fetch_star(const struct fit *fit, uint32_t vertex, struct ring *ring
     }
 }
 
-static void fetch_lists(const struct fit *fit, const struct ring *ring) {
+/* Block number `at` of each list of samples; those before it are there. */
+static void fetch_block(const struct fit *fit, const struct ring *ring, size_t at) {
     for (size_t i = 0; i < ring->n; i++) {
-        uint32_t first = fit->lists.first[ring->out[i] / 3];
-        if (first != NONE) sample_lists_fetch(&fit->lists, fit->lists.block[first].next);
+        uint32_t block = fit->lists.first[ring->out[i] / 3];
+        for (size_t k = 0; k < at && block != NONE; k++) block = fit->lists.block[block].next;
+        sample_lists_fetch(&fit->lists, block);
     }
 }
 
@@ -183,6 +185,7 @@ static size_t choose_among(const struct fit *fit, const struct cluster *cluster,
         size_t at = count < CANDIDATES ? count++ : count - 1;
         for (; at > 0 && choice[at - 1].value > value[i]; at--) choice[at] = choice[at - 1];
         choice[at] = (struct choice){value[i], point};
+        __builtin_prefetch(&fit->input->points[point]);
         if (count == CANDIDATES) worst = choice[count - 1].value;
     }
     return count;
@@ -337,14 +340,16 @@ static void move_one(const struct batch *batch, size_t i, const struct ring *rin
 }
 
 static void move_range(const struct batch *batch, size_t begin, size_t end) {
+    const struct fit *fit = batch->fit;
     const uint32_t *vertex = batch->plan->vertex;
     struct ring ring[RINGS];
     for (size_t i = begin; i < end + MOVE_LATER; i++) {
-        size_t star = i - RING_LATER, lists = i - LISTS_LATER, move = i - MOVE_LATER;
-        if (i < end) fetch_triangle(batch->fit, vertex[i]);
-        if (i >= begin + MOVE_LATER) move_one(batch, move, &ring[move % RINGS]);
-        if (i >= begin + RING_LATER && star < end) fetch_star(batch->fit, vertex[star], &ring[star % RINGS]);
-        if (i >= begin + LISTS_LATER && lists < end) fetch_lists(batch->fit, &ring[lists % RINGS]);
+        size_t back = i - begin, star = i - STAR_LATER, lists = i - LISTS_LATER, move = i - MOVE_LATER;
+        if (i < end) fetch_triangle(fit, vertex[i]);
+        if (back >= MOVE_LATER) move_one(batch, move, &ring[move % RINGS]);
+        if (back >= STAR_LATER && star < end) fetch_star(fit, vertex[star], &ring[star % RINGS]);
+        if (back >= LISTS_LATER && lists < end) fetch_block(fit, &ring[lists % RINGS], 1);
+        if (back > LISTS_LATER && lists <= end) fetch_block(fit, &ring[(lists - 1) % RINGS], 2);
     }
 }
 

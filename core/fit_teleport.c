@@ -14,365 +14,105 @@
 
 #include "core/alloc.h"
 #include "core/cloud.h"
+#include "core/fit_fetch.h"
+#include "core/fit_merge.h"
+#include "core/fit_split.h"
 #include "core/par.h"
 #include "core/radix.h"
 
-enum { GRAIN = 64, ESTIMATES = 4096, DEALS = 16, ENDS = 3, CACHE_LINE = 64 };
+enum { GRAIN = 64, ESTIMATES = 4096, DEALS = 16 };
+
+/* How far ahead things are asked for. */
+enum {
+    RINGS_AHEAD = 4,
+    FANS_AHEAD = 2,
+    TRIANGLES_AHEAD = 6,
+    AROUND_AHEAD = 4,
+    MORE_AHEAD = 2,
+    OFFERS_AHEAD = 8,
+    TWINS_AHEAD = 4
+};
 
 #define TELEPORT_PAYS 0.7 /* gain over loss, at least */
 #define TELEPORT_MOST 0.2 /* of the vertices */
-#define LEAST_TURN 0.2    /* smallest cosine between the normals of a triangle and what takes its place */
 
-enum { PLACES = 6 };
-
-/* So many vertices are measured for leaving, and so many edges for being split, both for each vertex, and in so many
- * places.  A vertex that may stand anywhere finds more that are worth it. */
+/* So many vertices are measured for leaving, and so many edges for being split, both for each vertex.  One that may
+ * stand anywhere finds more that are worth it. */
 static const struct parts {
     double cheap, dear;
-    size_t places; /* at most PLACES */
-} parts_of[] = {[PLACEMENT_SUBSET] = {0.2, 0.3, 4}, [PLACEMENT_OPTIMAL] = {0.4, 0.6, PLACES}};
+} parts_of[] = {[PLACEMENT_SUBSET] = {0.2, 0.3}, [PLACEMENT_OPTIMAL] = {0.4, 0.6}};
 
 static size_t part_of(const struct fit *fit, double part) {
     return (size_t)(part * (double)fit->mesh->vertex_count) + 1;
 }
 
-/* A vertex that may go: the half-edge to the neighbour that it merges into.  Or an edge that may be split, and where.
- */
-struct offer {
-    double value; /* loss, or gain */
-    uint32_t halfedge, source;
-    vec3 place;
-};
-
 /* What may be offered, by a key that is quick to find, and what of it is: items of radix_sort. */
 struct market {
     struct fit *fit;
-    uint64_t *item;      /* in the order of memory, in which they are read faster */
-    struct offer *offer; /* of each item */
-    uint64_t *order;     /* of offers */
+    uint64_t *item;          /* in the order of memory, in which they are read faster */
+    struct fit_offer *offer; /* of each item */
+    uint64_t *order;         /* of offers */
 };
 
 #define NEVER UINT32_MAX /* key of what can't be offered */
 
-/* ---------------------------------------------------------------------------------------------- taking out */
-
-struct fan {
-    size_t n;
-    uint32_t ring[FIT_MAX_RING];
-    struct fit_region region;
-    double cost;
-};
-
-static bool fan_of(const struct fit *fit, uint32_t vertex, struct fan *fan) {
-    fan->n = halfedge_ring(&fit->he, vertex, fan->ring, FIT_MAX_RING);
-    fan->cost = 0;
-    for (size_t i = 0; i < fan->n; i++) {
-        fan->region.triangle[i] = fan->ring[i] / 3;
-        fan->cost += fit->cost[fan->region.triangle[i]];
-        __builtin_prefetch(&fit->facing[fan->region.triangle[i]]);
-        uint32_t across = fit->he.twin[halfedge_next(fan->ring[i])];
-        if (across != NONE) __builtin_prefetch(&fit->facing[across / 3]);
-    }
-    if (fan->n <= 3) return false;
-    fan->region.n = fan->n;
-    fit_gather(fit, &fan->region);
-    return true;
-}
-
-static vec3 outside_normal(const struct fit *fit, uint32_t h, vec3 otherwise) {
-    uint32_t across = fit->he.twin[h];
-    return across == NONE ? otherwise : fit->facing[across / 3].normal;
-}
-
-/* Whether the fan without its vertex, all corners joined to the one at ring[to], folds nowhere. */
-static bool merge_is_fair(const struct fit *fit, const struct fan *fan, size_t to, const struct surface *made) {
-    size_t n = fan->n;
-    vec3 before = outside_normal(fit, halfedge_next(fan->ring[to]), surface_normal(made, 0));
-    for (size_t j = 0; j + 2 < n; j++) {
-        size_t i = (to + 1 + j) % n;
-        vec3 new = surface_normal(made, j);
-        const struct facing *old = &fit->facing[fan->region.triangle[i]];
-        if (vec3_dot(old->normal, new) < LEAST_TURN) return false;
-        if (!fit_shape_is_fair(old->shape, surface_shape(made, j))) return false;
-        vec3 outside = outside_normal(fit, halfedge_next(fan->ring[i]), new);
-        if (!fit_fold_is_fair(vec3_dot(old->normal, outside), vec3_dot(new, outside))) return false;
-        if (vec3_dot(before, new) < 0) return false;
-        before = new;
-    }
-    vec3 last = outside_normal(fit, halfedge_next(fan->ring[(to + n - 1) % n]), before);
-    return vec3_dot(last, before) >= 0;
-}
-
-/* n - 2 triangles, from the corner at ring[to] over those behind it. */
-static struct surface merged(const struct fit *fit, const struct fan *fan, size_t to, struct triangle_frames *frames) {
-    struct triangle_corners corners[FIT_MAX_RING];
-    const vec3 *place = fit->mesh->vertex, *end = &place[halfedge_to(&fit->he, fan->ring[to])];
-    for (size_t j = 0; j + 2 < fan->n; j++) {
-        uint32_t h = fan->ring[(to + 1 + j) % fan->n];
-        corners[j] =
-            (struct triangle_corners){end, &place[halfedge_to(&fit->he, h)], &place[halfedge_apex(&fit->he, h)]};
-    }
-    return triangle_frames_make(frames, corners, fan->n - 2);
-}
-
-/* The neighbours that the vertex is nearest to, the nearest first; their number.  Farther ones are hardly ever worth
- * merging into, and measuring them takes half the time. */
-static size_t nearest_ends(const struct fit *fit, const struct fan *fan, vec3 from, size_t end[ENDS]) {
-    double distance_sq[ENDS];
-    size_t count = 0;
-    for (size_t i = 0; i < fan->n; i++) {
-        double d_sq = vec3_distance_sq(from, fit_corner(fit, halfedge_next(fan->ring[i])));
-        if (count == ENDS && d_sq >= distance_sq[ENDS - 1]) continue;
-        size_t at = count < ENDS ? count++ : ENDS - 1;
-        for (; at > 0 && distance_sq[at - 1] > d_sq; at--) distance_sq[at] = distance_sq[at - 1], end[at] = end[at - 1];
-        distance_sq[at] = d_sq, end[at] = i;
-    }
-    return count;
-}
-
-/* A neighbour that the vertex may be merged into, and what the fan becomes. */
-struct end {
-    uint32_t h;
-    struct surface made;
-};
-
-/* The nearest of those that aren't locked, and fold nothing; their number. */
-static size_t fair_ends(const struct fit *fit, const struct fan *fan, vec3 from, struct triangle_frames frames[ENDS],
-                        struct end end[ENDS]) {
-    size_t to[ENDS], near = nearest_ends(fit, fan, from, to), count = 0;
-    for (size_t i = 0; i < near; i++) {
-        if (fit->he.locked[halfedge_to(&fit->he, fan->ring[to[i]])]) continue;
-        struct surface made = merged(fit, fan, to[i], &frames[count]);
-        if (merge_is_fair(fit, fan, to[i], &made)) end[count++] = (struct end){fan->ring[to[i]], made};
-    }
-    return count;
-}
-
-/* Which end is merged into for the least; the loss. */
-static double cheapest_end(const struct fit *fit, const struct fan *fan, const struct end *end, size_t ends,
-                           size_t *which) {
-    double loss = INFINITY;
-    for (size_t i = 0; i < ends; i++) {
-        double limit = loss + fan->cost, cost = fit_cost_with(fit, &fan->region, &end[i].made, limit);
-        if (cost < limit) loss = cost - fan->cost, *which = i;
-    }
-    return loss;
-}
-
-/* Whether the surface stays is looked at last: that takes as long as finding what it costs.  Whether the edge may be
- * collapsed, which is hardly ever in doubt, is looked at when it is going to be. */
-static struct offer cheapest_merge(const struct fit *fit, uint32_t vertex) {
-    struct offer none = {.value = INFINITY, .halfedge = NONE, .source = NONE};
-    struct fan fan;
-    if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE || !fan_of(fit, vertex, &fan)) return none;
-    struct triangle_frames frames[ENDS];
-    struct end end[ENDS];
-    size_t ends = fair_ends(fit, &fan, fit->mesh->vertex[vertex], frames, end), i = 0;
-    for (double loss; (loss = cheapest_end(fit, &fan, end, ends, &i)) < INFINITY;) {
-        if (fit_stays(fit, &fan.region, &end[i].made))
-            return (struct offer){.value = loss, .halfedge = end[i].h, .source = NONE};
-        memmove(&end[i], &end[i + 1], (--ends - i) * sizeof *end);
-    }
-    return none;
-}
-
-/* Asks for what is going to be read: the samples of a star lie all over memory. */
-static void fetch_fan(const struct fit *fit, uint32_t vertex) {
+INLINE void fetch_fan(const struct fit *fit, uint32_t vertex) {
     uint32_t ring[FIT_MAX_RING];
     size_t n = halfedge_ring(&fit->he, vertex, ring, FIT_MAX_RING);
     for (size_t i = 0; i < n; i++) {
-        uint32_t triangle = ring[i] / 3, first = fit->lists.first[triangle];
-        __builtin_prefetch(&fit->facing[triangle]);
-        if (first == NONE) continue;
-        const char *block = (const char *)&fit->lists.block[first];
-        for (size_t k = 0; k < sizeof(struct sample_block); k += CACHE_LINE) __builtin_prefetch(block + k);
+        fit_fetch_triangle(fit, ring[i] / 3);
+        fit_fetch_around(fit, ring[i] / 3);
     }
+}
+
+INLINE void fetch_fans(const struct market *market, size_t i, size_t end) {
+    const struct fit *fit = market->fit;
+    if (i + RINGS_AHEAD < end) fit_fetch_links(fit, fit->he.out[radix_value(market->item[i + RINGS_AHEAD])] / 3);
+    if (i + FANS_AHEAD < end) fetch_fan(fit, radix_value(market->item[i + FANS_AHEAD]));
 }
 
 static void measure_merges(void *ctx, size_t begin, size_t end) {
     const struct market *market = ctx;
     for (size_t i = begin; i < end; i++) {
-        if (i + 1 < end) fetch_fan(market->fit, radix_value(market->item[i + 1]));
-        market->offer[i] = cheapest_merge(market->fit, radix_value(market->item[i]));
+        fetch_fans(market, i, end);
+        market->offer[i] = fit_merge_cheapest(market->fit, radix_value(market->item[i]));
     }
 }
 
-/* About the volume between the star and what would close the gap: a vertex amid a plane has none. */
-static double merge_estimate(const struct fit *fit, uint32_t vertex) {
-    uint32_t ring[FIT_MAX_RING];
-    if (fit->he.locked[vertex] || fit->he.out[vertex] == NONE) return INFINITY;
-    size_t n = halfedge_ring(&fit->he, vertex, ring, FIT_MAX_RING);
-    if (n < 4) return INFINITY;
-    vec3 at = fit->mesh->vertex[vertex], area = {0}, spoke[FIT_MAX_RING];
-    double part[FIT_MAX_RING], volume = 0;
-    for (size_t i = 0; i < n; i++) spoke[i] = vec3_sub(fit_corner(fit, halfedge_next(ring[i])), at);
-    for (size_t i = 0; i < n; i++) {
-        vec3 normal = vec3_cross(spoke[i], spoke[i + 1 < n ? i + 1 : 0]);
-        area = vec3_add(area, normal);
-        part[i] = vec3_length(normal);
-    }
-    for (size_t i = 0; i < n; i++) volume += fabs(vec3_dot(spoke[i], area)) * part[i];
-    double size = vec3_length(area);
-    return size > 0 ? volume / size : 0;
+/* The triangle on either side of an edge that is going to be measured. */
+INLINE uint32_t side_of(const struct market *market, size_t i, int side) {
+    uint32_t h = radix_value(market->item[i]);
+    return (side ? market->fit->he.twin[h] : h) / 3;
 }
 
-/* ---------------------------------------------------------------------------------------------- putting in */
-
-struct gap {
-    struct fit_region region;
-    const vec3 *a, *b, *c, *d;
-    struct triangle_frames frames;
-    double cost;
-};
-
-static void gap_of(const struct fit *fit, uint32_t h, struct gap *gap) {
-    uint32_t g = fit->he.twin[h];
-    const vec3 *place = fit->mesh->vertex;
-    gap->a = &place[halfedge_from(&fit->he, h)];
-    gap->b = &place[halfedge_from(&fit->he, g)];
-    gap->c = &place[halfedge_apex(&fit->he, h)];
-    gap->d = &place[halfedge_apex(&fit->he, g)];
-    gap->cost = fit->cost[h / 3] + fit->cost[g / 3];
-    gap->region.n = 2;
-    gap->region.triangle[0] = h / 3;
-    gap->region.triangle[1] = g / 3;
-    fit_gather(fit, &gap->region);
-}
-
-static bool split_is_fair(const struct fit *fit, const struct gap *gap, uint32_t h, const struct surface *made) {
-    static const uint8_t old_of[4] = {0, 0, 1, 1}, beside[4] = {1, 3, 0, 2};
-    uint32_t g = fit->he.twin[h];
-    uint32_t border[4] = {halfedge_prev(h), halfedge_next(h), halfedge_next(g), halfedge_prev(g)};
-    double across = vec3_dot(fit->facing[h / 3].normal, fit->facing[g / 3].normal);
-    for (int i = 0; i < 4; i++) {
-        vec3 old = fit->facing[gap->region.triangle[old_of[i]]].normal, new = surface_normal(made, (size_t)i);
-        vec3 outside = outside_normal(fit, border[i], new);
-        if (vec3_dot(old, new) < LEAST_TURN || surface_shape(made, (size_t)i) < FIT_THIN) return false;
-        if (!fit_fold_is_fair(vec3_dot(old, outside), vec3_dot(new, outside))) return false;
-        if (!fit_fold_is_fair(across, vec3_dot(new, surface_normal(made, beside[i])))) return false;
+INLINE void fetch_gaps(const struct market *market, size_t i, size_t end) {
+    const struct fit *fit = market->fit;
+    for (int side = 0; side < 2; side++) {
+        if (i + TRIANGLES_AHEAD < end) fit_fetch_triangle(fit, side_of(market, i + TRIANGLES_AHEAD, side));
+        if (i + AROUND_AHEAD < end) fit_fetch_around(fit, side_of(market, i + AROUND_AHEAD, side));
+        if (i + MORE_AHEAD < end) fit_fetch_samples(fit, side_of(market, i + MORE_AHEAD, side));
     }
-    return true;
-}
-
-struct place {
-    float distance_sq;
-    uint32_t sample;
-};
-
-/* Puts the samples of a cluster among the places as far as they are farther off; the number of places. */
-static size_t farthest_among(const struct fit *fit, const struct cluster *cluster, const float *distance_sq,
-                             struct place place[PLACES], size_t count) {
-    size_t most = parts_of[fit->placement].places;
-    for (size_t i = 0; i < cluster->n; i++) {
-        if (count == most && distance_sq[i] <= place[count - 1].distance_sq) continue;
-        uint32_t point = samples_point(&fit->samples, cluster->sample[i]);
-        if (fit->placement == PLACEMENT_SUBSET && (point == NONE || fit->taken[point])) continue;
-        size_t at = count < most ? count++ : count - 1;
-        for (; at > 0 && place[at - 1].distance_sq < distance_sq[i]; at--) place[at] = place[at - 1];
-        place[at] = (struct place){distance_sq[i], cluster->sample[i]};
-    }
-    return count;
-}
-
-/* The samples of the two triangles that are farthest off, the farthest first; of the free points alone for a subset. */
-static size_t farthest(const struct fit *fit, struct gap *gap, struct place place[PLACES]) {
-    const struct triangle_corners corners[2] = {{gap->a, gap->b, gap->c}, {gap->b, gap->a, gap->d}};
-    struct surface old = triangle_frames_make(&gap->frames, corners, 2);
-    uint8_t owner[CLUSTER_ROOM];
-    float distance_sq[CLUSTER_ROOM];
-    struct fit_region more;
-    size_t count = 0;
-    for (const struct fit_region *part = &gap->region; part; part = fit_next_part(fit, part, &more)) {
-        cluster_owners(&part->cluster, &old, owner, distance_sq);
-        count = farthest_among(fit, &part->cluster, distance_sq, place, count);
-    }
-    return count;
-}
-
-/* A place that the new vertex may take, and what the two triangles become. */
-struct split {
-    vec3 at;
-    uint32_t sample;
-    struct surface made;
-};
-
-/* Puts a vertex on the edge at each of the places (at least one). */
-static struct surface splits_at(const struct gap *gap, const struct split *split, size_t n,
-                                struct triangle_frames *frames) {
-    struct triangle_corners corners[4 * PLACES], *out = corners;
-    for (size_t i = 0; i < n; i++) {
-        const vec3 *p = &split[i].at;
-        *out++ = (struct triangle_corners){gap->a, p, gap->c};
-        *out++ = (struct triangle_corners){p, gap->b, gap->c};
-        *out++ = (struct triangle_corners){p, gap->a, gap->d};
-        *out++ = (struct triangle_corners){gap->b, p, gap->d};
-    }
-    return triangle_frames_make(frames, corners, 4 * n);
-}
-
-/* The farthest places, without those where something folds; their number. */
-static size_t fair_splits(const struct fit *fit, struct gap *gap, uint32_t h, struct split split[PLACES]) {
-    struct place place[PLACES];
-    size_t places = farthest(fit, gap, place), count = 0;
-    if (places == 0) return 0;
-    for (size_t i = 0; i < places; i++) {
-        split[i].sample = place[i].sample;
-        split[i].at = fit->samples.sample[place[i].sample].place;
-    }
-    struct surface all = splits_at(gap, split, places, &gap->frames);
-    for (size_t i = 0; i < places; i++) {
-        split[i].made = (struct surface){all.four, 4 * i, 4};
-        if (split_is_fair(fit, gap, h, &split[i].made)) split[count++] = split[i];
-    }
-    return count;
-}
-
-/* Which split gains most; the gain. */
-static double dearest_split(const struct fit *fit, const struct gap *gap, const struct split *split, size_t splits,
-                            size_t *which) {
-    double gain = 0;
-    for (size_t i = 0; i < splits; i++) {
-        double limit = gap->cost - gain, cost = fit_cost_with(fit, &gap->region, &split[i].made, limit);
-        if (cost < limit) gain = gap->cost - cost, *which = i;
-    }
-    return gain;
-}
-
-static struct offer best_split(const struct fit *fit, uint32_t h) {
-    struct offer none = {.value = 0, .halfedge = NONE, .source = NONE};
-    struct gap gap;
-    gap_of(fit, h, &gap);
-    if (fit_is_exact(cluster_weight(&gap.region.cluster), gap.cost)) return none;
-    struct split split[PLACES];
-    size_t splits = fair_splits(fit, &gap, h, split), i = 0;
-    for (double gain; (gain = dearest_split(fit, &gap, split, splits, &i)) > 0;) {
-        bool is_point = fit->placement == PLACEMENT_SUBSET;
-        if (fit_stays(fit, &gap.region, &split[i].made))
-            return (struct offer){gain, h, is_point ? samples_point(&fit->samples, split[i].sample) : NONE,
-                                  split[i].at};
-        memmove(&split[i], &split[i + 1], (--splits - i) * sizeof *split);
-    }
-    return none;
 }
 
 static void measure_splits(void *ctx, size_t begin, size_t end) {
     const struct market *market = ctx;
-    for (size_t i = begin; i < end; i++) market->offer[i] = best_split(market->fit, radix_value(market->item[i]));
+    for (size_t i = begin; i < end; i++) {
+        fetch_gaps(market, i, end);
+        market->offer[i] = fit_split_best(market->fit, radix_value(market->item[i]));
+    }
 }
 
-/* ---------------------------------------------------------------------------------------------- the trade */
-
-static bool is_before(const struct offer *a, const struct offer *b) {
+static bool is_before(const struct fit_offer *a, const struct fit_offer *b) {
     return a->value != b->value ? a->value < b->value : a->halfedge < b->halfedge;
 }
 
 /* Puts items that lie in order by their keys in that of their offers: float isn't as exact as they are. */
-static void order_equals(const struct offer *offer, uint64_t *order, size_t n, bool falling) {
+static void order_equals(const struct fit_offer *offer, uint64_t *order, size_t n, bool falling) {
     for (size_t i = 1; i < n; i++) {
         uint64_t moving = order[i];
         size_t at = i;
         for (; at > 0 && radix_key(order[at - 1]) == radix_key(moving); at--) {
-            const struct offer *before = &offer[radix_value(order[at - 1])], *after = &offer[radix_value(moving)];
+            const struct fit_offer *before = &offer[radix_value(order[at - 1])], *after = &offer[radix_value(moving)];
             if (falling ? is_before(after, before) : is_before(before, after)) break;
             order[at] = order[at - 1];
         }
@@ -382,12 +122,12 @@ static void order_equals(const struct offer *offer, uint64_t *order, size_t n, b
 
 /* The offers that stand, by their values. */
 struct ranking {
-    const struct offer *offer;
+    const struct fit_offer *offer;
     const uint64_t *order;
     size_t n;
 };
 
-static const struct offer *offer_at(const struct ranking *ranking, size_t i) {
+static const struct fit_offer *offer_at(const struct ranking *ranking, size_t i) {
     return &ranking->offer[radix_value(ranking->order[i])];
 }
 
@@ -407,7 +147,7 @@ static struct ranking rank_offers(const struct market *market, size_t count, boo
 static void estimate_merges(void *ctx, size_t begin, size_t end) {
     const struct market *market = ctx;
     for (size_t v = begin; v < end; v++) {
-        double estimate = merge_estimate(market->fit, (uint32_t)v);
+        double estimate = fit_merge_estimate(market->fit, (uint32_t)v);
         market->item[v] = radix_item(estimate < INFINITY ? radix_key_of(estimate) : NEVER, (uint32_t)v);
     }
 }
@@ -511,7 +251,7 @@ static struct halfedge_spare take_out(struct trade *trade, uint32_t h) {
     return spare;
 }
 
-static void put_in(struct trade *trade, const struct offer *offer, struct halfedge_spare spare) {
+static void put_in(struct trade *trade, const struct fit_offer *offer, struct halfedge_spare spare) {
     struct fit *fit = trade->fit;
     uint32_t h = offer->halfedge;
     uint32_t triangle[4] = {h / 3, fit->he.twin[h] / 3, spare.triangle[0], spare.triangle[1]};
@@ -530,25 +270,55 @@ static void put_in(struct trade *trade, const struct offer *offer, struct halfed
     memcpy(deal->spare, spare.triangle, sizeof deal->spare);
 }
 
+/* Asks for the triangles on both sides of the edges that are offered next. */
+INLINE void fetch_offers(const struct trade *trade, const struct ranking *ranking, size_t i) {
+    const struct fit *fit = trade->fit;
+    if (i + OFFERS_AHEAD < ranking->n) fit_fetch_links(fit, offer_at(ranking, i + OFFERS_AHEAD)->halfedge / 3);
+    if (i + TWINS_AHEAD >= ranking->n) return;
+    uint32_t h = offer_at(ranking, i + TWINS_AHEAD)->halfedge;
+    for (uint32_t g = h - h % 3, end = g + 3; g < end; g++)
+        if (fit->he.twin[g] != NONE) fit_fetch_links(fit, fit->he.twin[g] / 3);
+}
+
 /* A merge is made only when the split that it pays for is known to hold, also after it. */
 static void make_deals(struct trade *trade, const struct ranking *loss, const struct ranking *gain) {
     struct fit *fit = trade->fit;
     size_t i = 0, most = most_deals(fit);
     for (size_t j = 0; j < gain->n && trade->deals < most; j++) {
-        const struct offer *split = offer_at(gain, j);
+        const struct fit_offer *split = offer_at(gain, j);
+        fetch_offers(trade, gain, j);
         if (!split_holds(fit, split->halfedge, trade->changed)) continue;
         uint32_t quad[2] = {split->halfedge / 3, fit->he.twin[split->halfedge] / 3};
         trade->changed[quad[0]] = trade->changed[quad[1]] = 1;
-        while (i < loss->n && !merge_holds(fit, offer_at(loss, i)->halfedge, trade->changed)) i++;
+        for (; i < loss->n; i++) {
+            fetch_offers(trade, loss, i);
+            if (merge_holds(fit, offer_at(loss, i)->halfedge, trade->changed)) break;
+        }
         if (i == loss->n || split->value < TELEPORT_PAYS * offer_at(loss, i)->value) break;
         struct halfedge_spare spare = take_out(trade, offer_at(loss, i++)->halfedge);
         put_in(trade, split, spare);
     }
 }
 
+/* Asks for what is known of the triangles that are shared out next. */
+INLINE void fetch_deals(const struct trade *trade, size_t i, size_t end) {
+    const struct fit *fit = trade->fit;
+    for (size_t stage = 0; stage < 3; stage++) {
+        if (i + 3 - stage >= end) continue;
+        const struct deal *deal = &trade->deal[i + 3 - stage];
+        for (size_t k = 0; k < deal->n + 2; k++) {
+            uint32_t t = k < deal->n ? trade->star[deal->begin + k] : deal->edge[k - deal->n];
+            if (stage == 0) fit_fetch_triangle(fit, t);
+            if (stage == 1) fit_fetch_around(fit, t);
+            if (stage == 2) fit_fetch_samples(fit, t);
+        }
+    }
+}
+
 static void share_dealt(void *ctx, size_t begin, size_t end) {
     const struct trade *trade = ctx;
     for (size_t i = begin; i < end; i++) {
+        fetch_deals(trade, i, end);
         const struct deal *deal = &trade->deal[i];
         const uint32_t *star = trade->star + deal->begin, *spare = deal->spare, *edge = deal->edge;
         uint32_t left[FIT_MAX_RING], after[4] = {edge[0], edge[1], spare[0], spare[1]};

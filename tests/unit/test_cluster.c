@@ -222,6 +222,12 @@ static void test_star_costs_what_its_triangles_do(void **state) {
         struct star_frames star = star_of(rim, place, origin);
         double cost = cluster_cost(&cluster, &surface, 2, INFINITY);
         assert_true(fabs(cluster_star_cost(&cluster, &star, 2, INFINITY) - cost) < 1e-5 * cost);
+        float distance_sq[CLUSTER_ROOM];
+        double sum = 0;
+        cluster_star_distances(&cluster, &star, distance_sq);
+        for (uint32_t i = 0; i < n; i++)
+            sum += (double)cluster.weight[i] * (sqrt((double)distance_sq[i]) + 2 * (double)distance_sq[i]);
+        assert_true(fabs(sum - cost) < 1e-5 * cost);
         double part = cluster_star_cost(&cluster, &star, 2, cost / 2);
         assert_true(part > cost / 2 && part <= 1.0001 * cost);
         for (size_t i = 0; i < SPOKES; i++) {

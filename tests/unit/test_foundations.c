@@ -211,8 +211,11 @@ static void check_least(sym3 m, double least) {
 /* One has a double root, one is zero, one is large: they are looked for as long as it takes each. */
 static void least_ones_do_not_depend_on_their_company(void **state) {
     (void)state;
-    const sym3 all[] = {
-        {1, 0.2, 0.1, 2, 0.3, 3}, {2, 0, 0, 2, 0, 5}, {0}, {4e8, 1e7, 0, 9e8, 3e7, 1e8}, {1, 1, 1, 1, 1, 1}};
+    const sym3 all[] = {{1, 0.2, 0.1, 2, 0.3, 3},
+                        {2, 0, 0, 2, 0, 5},
+                        {0, 0, 0, 0, 0, 0},
+                        {4e8, 1e7, 0, 9e8, 3e7, 1e8},
+                        {1, 1, 1, 1, 1, 1}};
     for (unsigned first = 0; first < 5; first++)
         for (unsigned n = 1; n <= SYM3_FEW; n++) {
             sym3 m[SYM3_FEW];

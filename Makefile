@@ -140,7 +140,7 @@ endif
 
 # Their vectors are passed between functions that are inlined, so how others would get them doesn't matter.
 $(addprefix $(build)/core/,cluster.o fit_assign.o knn_group.o pair_cost.o quadric.o rank_sort.o \
-    star_frames.o triangle_frames.o umbrella.o): override CFLAGS += -Wno-psabi
+    star_frames.o sym3.o triangle_frames.o umbrella.o): override CFLAGS += -Wno-psabi
 
 # Files that are compiled into the program.
 $(build)/api/openapi.o: api/openapi.json

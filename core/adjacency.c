@@ -1,5 +1,5 @@
 /* In three loops: how long each list gets, who goes into it, and sorting.  A point that names q without being named by
- * q adds itself to q's list, whoever comes first; sorting makes the order that of the ids.
+ * q adds itself to q's list, whoever comes first; sorting makes the order of those that of their ids.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/adjacency.h"
@@ -12,7 +12,6 @@
 
 #include "core/alloc.h"
 #include "core/par.h"
-#include "core/rank_sort.h"
 
 enum { GRAIN = 4096, DEGREE_LIMIT = UINT8_MAX, FOUR = 4 };
 
@@ -93,15 +92,27 @@ static int compare_ids(const void *a, const void *b) {
     return (i > j) - (i < j);
 }
 
+static void sort_few(uint32_t *id, size_t n) {
+    for (size_t i = 1; i < n; i++) {
+        uint32_t x = id[i];
+        size_t j = i;
+        for (; j > 0 && id[j - 1] > x; j--) id[j] = id[j - 1];
+        id[j] = x;
+    }
+}
+
 /* Who names a crowd's centre from outside its own list is left out once the list is full: that only happens around
  * outliers' favourite points. */
 static void sort_range(void *ctx, size_t begin, size_t end) {
     const struct building *b = ctx;
     for (size_t p = begin; p < end; p++) {
-        uint32_t *list = &b->out->list[b->out->start[p]];
         size_t used = atomic_load_explicit(&b->used[p], memory_order_relaxed), own = b->hood->count[p];
-        if (used > DEGREE_LIMIT) qsort(list + own, used - own, sizeof *list, compare_ids);
-        b->out->degree[p] = (uint8_t)rank_sort_ids(list, used < DEGREE_LIMIT ? (unsigned)used : DEGREE_LIMIT);
+        uint32_t *others = &b->out->list[b->out->start[p] + own];
+        if (used > DEGREE_LIMIT)
+            qsort(others, used - own, sizeof *others, compare_ids);
+        else
+            sort_few(others, used - own);
+        b->out->degree[p] = (uint8_t)(used < DEGREE_LIMIT ? used : DEGREE_LIMIT);
     }
 }
 

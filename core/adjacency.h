@@ -6,7 +6,7 @@
 
 #include "core/neighbourhood.h"
 
-/* Neighbours of p: list[start[p]] .. list[start[p] + degree[p] - 1], ascending ids, no p.  32 bits are enough for the
+/* Neighbours of p: list[start[p]] .. list[start[p] + degree[p] - 1], no p.  32 bits are enough for the
  * pool: clouds whose lists don't fit wouldn't fit into memory either. */
 struct adjacency {
     size_t n;
@@ -17,8 +17,8 @@ struct adjacency {
 };
 
 /* The symmetric closure of the neighbourhoods: q is joined to p where either has the other; at most 255 for a point,
- * its own neighbours and the lowest of the others where there are more.  The same for any number of threads.  O(n k).
- * STATUS_NO_MEMORY, also where there would be 2^32 entries or more. */
+ * its own neighbours, and after them those of the others with the lowest ids, ascending.  The same for any number of
+ * threads.  O(n k).  STATUS_NO_MEMORY, also where there would be 2^32 entries or more. */
 enum status adjacency_from(const struct neighbourhood *neighbourhood, unsigned threads,
                            struct adjacency *out) MUST_CHECK;
 

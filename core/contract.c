@@ -16,7 +16,7 @@
  * are; then the live ones move together, so that what is near in space stays near in memory.  Lists are written anew by
  * each update, from one pool into another.
  *
- * Invariants between passes: target[s] == s for exactly the live slots; their lists hold live slots alone, ascending;
+ * Invariants between passes: target[s] == s for exactly the live slots; their lists hold live slots alone;
  * partner[s] and cost[s] are of the cheapest pair of s; the quadric of a live point is about that point.
  *
  * A pair's cost is E_p + E_q at the end that stays, the cheaper of both (placement "subset": survivors are original
@@ -39,7 +39,7 @@
 #include "core/radix.h"
 #include "core/rank_sort.h"
 
-enum { GRAIN = 1024, RELINK_K = 9, MOST_LINKS = 24, AHEAD = 24, CHOOSER = 2, WAITING = 256 };
+enum { GRAIN = 1024, RELINK_K = 9, MOST_LINKS = 24, AHEAD = 24, CHOOSER = 2, WAITING = 256, FEW_LINKS = 64 };
 static const double FRACTION = 1.0 / 5, SLACK = 1.5, FEWEST = 1.0 / 6, LENGTH_BIAS = 1e-9;
 
 struct contractor {
@@ -219,24 +219,39 @@ static unsigned keep_nearest(const struct contractor *c, uint32_t p, uint32_t *l
     return n;
 }
 
-/* Appends the links of `of` as they are now, NONE for p itself; tells whether any is another than it was. */
-static int take_links(const struct contractor *c, uint32_t of, uint32_t p, uint32_t *link, unsigned *n) {
+/* Appends the links of `of` as they are now, NONE for p itself; tells which of them, of the first 64, have gone. */
+static uint64_t take_links(const struct contractor *c, uint32_t of, uint32_t p, uint32_t *link, unsigned *n) {
     const uint32_t *list = &c->near.list[c->near.start[of]];
     unsigned degree = c->near.degree[of];
-    uint32_t differs = 0, *to = link + *n;
+    uint64_t gone = 0;
+    uint32_t *to = link + *n;
     for (unsigned i = 0; i < degree; i++) {
         uint32_t now = c->target[list[i]];
-        differs |= now ^ list[i];
+        gone |= (uint64_t)(now != list[i]) << i % FEW_LINKS;
         to[i] = now == p ? NONE : now;
     }
     *n += degree;
-    return differs != 0;
+    return gone;
 }
 
+/* Of links that lead to the same point, as those do that both of a merged pair were at, the one that has gone is left
+ * out: the last link takes its place. */
+static unsigned drop_repeated(uint32_t *link, unsigned n, uint64_t gone) {
+    while (gone) {
+        unsigned i = FEW_LINKS - 1 - (unsigned)__builtin_clzll(gone), same = 0;
+        for (unsigned j = 0; j < n; j++) same += link[j] == link[i];
+        link[i] = same > 1 ? link[n - 1] : link[i];
+        n -= same > 1;
+        gone ^= (uint64_t)1 << i;
+    }
+    return n;
+}
+
+/* In no order; those of merged points ascend. */
 static unsigned links_of(const struct contractor *c, uint32_t p, uint32_t *link) {
     unsigned n = 0;
-    int differs = take_links(c, p, p, link, &n);
-    if (!c->changed[p]) return differs ? rank_sort_ids(link, n) : n;
+    uint64_t gone = take_links(c, p, p, link, &n);
+    if (!c->changed[p]) return n <= FEW_LINKS ? drop_repeated(link, n, gone) : rank_sort_ids(link, n);
     take_links(c, c->partner[p], p, link, &n);
     return keep_nearest(c, p, link, rank_sort_ids(link, n));
 }
@@ -313,13 +328,26 @@ static void measure_range(void *ctx, size_t begin, size_t end) {
     c->chunk[begin / GRAIN] = links;
 }
 
+/* Live slots, those whose points have merged last: few branches on that are guessed wrong then.  Returns how many. */
+static unsigned live_of(const struct contractor *c, size_t begin, size_t end, uint32_t *slot) {
+    unsigned count = 0;
+    for (unsigned merged = 0; merged < 2; merged++)
+        for (size_t s = begin; s < end; s++) {
+            slot[count] = (uint32_t)s;
+            count += (unsigned)is_live(c, s) & (unsigned)((c->changed[s] != 0) == merged);
+        }
+    return count;
+}
+
 /* Lists of merged points and of who had merged neighbours; then the cheapest pairs of both. */
 static void update_range(void *ctx, size_t begin, size_t end) {
     struct contractor *c = ctx;
     uint32_t link[2 * UINT8_MAX], *list = c->spare_list + c->chunk[begin / GRAIN];
     struct choosing waiting = {.points = 0, .pairs = 0};
-    for (uint32_t p = (uint32_t)begin; p < end; p++) {
-        if (!is_live(c, p)) continue;
+    uint32_t order[GRAIN + 1];
+    unsigned live = live_of(c, begin, end, order);
+    for (unsigned i = 0; i < live; i++) {
+        uint32_t p = order[i];
         unsigned n = links_of(c, p, link);
         memcpy(list, link, n * sizeof *link);
         c->near.start[p] = (uint32_t)(list - c->spare_list);
@@ -554,32 +582,4 @@ enum status contract(const vec3 *point, struct adjacency *near, struct packed_qu
     }
     contractor_done(&c);
     return status;
-}
-
-size_t contraction_count_for_error(const struct contraction *contraction, double max_error) {
-    size_t low = 0, high = contraction->n - 1; /* errors ascend: the first one that is over */
-    while (low < high) {
-        size_t middle = low + (high - low) / 2;
-        if ((double)contraction->error[middle] > max_error)
-            high = middle;
-        else
-            low = middle + 1;
-    }
-    return contraction->n - low;
-}
-
-void contraction_representatives(const struct contraction *contraction, size_t k, uint32_t *representative) {
-    size_t n = contraction->n;
-    for (size_t i = n; i-- > 0;) { /* whoever a point went into was removed later: its own answer is there already */
-        uint32_t p = contraction->order[i];
-        representative[p] = n - i <= k ? p : representative[contraction->into[p]];
-    }
-}
-
-void contraction_done(struct contraction *contraction) {
-    if (!contraction) return;
-    free(contraction->order);
-    free(contraction->into);
-    free(contraction->error);
-    *contraction = (struct contraction){0};
 }

@@ -116,7 +116,8 @@ static vec3 fit_plane(const struct surface *s, size_t p, vec3 *mean, vec3 normal
         moment = sym3_add(moment, sym3_scale(sym3_outer(e), w));
     }
     *mean = vec3_scale(sum, 1 / total);
-    sym3_least(sym3_add(moment, sym3_scale(sym3_outer(sum), -1 / total)), &least, &across);
+    moment = sym3_add(moment, sym3_scale(sym3_outer(sum), -1 / total));
+    sym3_least(&moment, 1, &least, &across);
     s->spread[p] = (float)sqrt(fmax(least, 0) / total);
     return across;
 }

@@ -32,16 +32,22 @@ static sym3 covariance(const struct fit *fit, size_t p) {
     return sym3_add(moment, sym3_scale(sym3_outer(sum), -1.0 / (hood->count[p] + 1)));
 }
 
+static void fit_few(const struct fit *fit, size_t first, unsigned n) {
+    sym3 spread[SYM3_FEW] = {0};
+    double least[SYM3_FEW];
+    vec3 across[SYM3_FEW];
+    for (unsigned i = 0; i < n; i++) spread[i] = covariance(fit, first + i);
+    sym3_least(spread, n, least, across);
+    for (unsigned i = 0; i < n; i++) {
+        double trace = sym3_trace(spread[i]);
+        fit->normal[first + i] = trace > 0 ? across[i] : (vec3){0, 0, 1};
+        if (fit->variation) fit->variation[first + i] = trace > 0 ? (float)(fmax(least[i], 0) / trace) : 0;
+    }
+}
+
 static void fit_range(void *ctx, size_t begin, size_t end) {
     const struct fit *fit = ctx;
-    for (size_t p = begin; p < end; p++) {
-        sym3 spread = covariance(fit, p);
-        double least, trace = sym3_trace(spread);
-        vec3 across;
-        sym3_least(spread, &least, &across);
-        fit->normal[p] = trace > 0 ? across : (vec3){0, 0, 1};
-        if (fit->variation) fit->variation[p] = trace > 0 ? (float)(fmax(least, 0) / trace) : 0;
-    }
+    for (size_t p = begin; p < end; p += SYM3_FEW) fit_few(fit, p, end - p < SYM3_FEW ? (unsigned)(end - p) : SYM3_FEW);
 }
 
 void normals_fit(const vec3 *point, const struct neighbourhood *neighbourhood, unsigned threads, vec3 *normal,

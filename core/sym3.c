@@ -5,6 +5,12 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/sym3.h"
 
+#include <assert.h>
+#include <stdbool.h>
+#include <string.h>
+
+#include "core/lanes.h"
+
 enum { MAX_SWEEPS = 12 };
 static const double APART = 1e-3; /* (middle - least) (largest - least), of the trace squared */
 
@@ -60,22 +66,23 @@ void sym3_eigen(sym3 m, double value[3], vec3 vector[3]) {
 
 enum { MAX_STEPS = 16 };
 
-/* The smallest root of x^3 - x^2 + minors x - determinant, all of whose roots are in 0 .. 1 and sum to 1: Newton's
- * steps from 0 on never pass it, for the polynomial is concave there.  False where it isn't found, as near a double
+/* The smallest roots of four x^3 - x^2 + minors x - determinant, all of whose roots are in 0 .. 1 and sum to 1:
+ * Newton's steps from 0 on never pass them, for the polynomials are concave there.  Not found where it is near a double
  * root. */
-static int least_root(double minors, double determinant, double *root) {
-    double x = 0;
-    for (int step = 0; step < MAX_STEPS; step++) {
-        double f = ((x - 1) * x + minors) * x - determinant, slope = (3 * x - 2) * x + minors;
-        if (!(slope > 0)) return 0;
-        double next = x - f / slope;
-        if (fabs(next - x) <= 1e-16) {
-            *root = next;
-            return 1;
-        }
-        x = next;
+INLINE lanes least_roots(lanes minors, lanes determinant, lanes_mask *found) {
+    lanes x = {0};
+    lanes_mask open = ~(lanes_mask){0};
+    *found = (lanes_mask){0};
+    for (int step = 0; step < MAX_STEPS && (open[0] | open[1] | open[2] | open[3]); step++) {
+        lanes f = ((x - 1) * x + minors) * x - determinant, slope = (3 * x - 2) * x + minors;
+        lanes next = x - f / slope;
+        open &= slope > 0;
+        lanes_mask arrived = open & (lanes_magnitude(next - x) <= 1e-16);
+        x = lanes_pick(open, next, x);
+        *found |= arrived;
+        open &= ~arrived;
     }
-    return 0;
+    return x;
 }
 
 /* Any two rows of m - value span the plane across the vector: the longest of their cross products is its direction. */
@@ -93,23 +100,45 @@ static int direction_across(sym3 m, double value, vec3 *direction) {
     return 1;
 }
 
-void sym3_least(sym3 m, double *value, vec3 *vector) {
-    double trace = sym3_trace(m), root;
-    if (trace > 0 && isfinite(1 / trace)) {
-        sym3 unit = sym3_scale(m, 1 / trace);
-        double minors = unit.xx * unit.yy - unit.xy * unit.xy + unit.xx * unit.zz - unit.xz * unit.xz +
-                        unit.yy * unit.zz - unit.yz * unit.yz;
-        double determinant = unit.xx * (unit.yy * unit.zz - unit.yz * unit.yz) -
-                             unit.xy * (unit.xy * unit.zz - unit.yz * unit.xz) +
-                             unit.xz * (unit.xy * unit.yz - unit.yy * unit.xz);
-        if (least_root(minors, determinant, &root) && direction_across(unit, root, vector)) {
-            *value = root * trace;
-            return;
-        }
-    }
+static double minors_of(sym3 m) {
+    return m.xx * m.yy - m.xy * m.xy + m.xx * m.zz - m.xz * m.xz + m.yy * m.zz - m.yz * m.yz;
+}
+
+static double determinant_of(sym3 m) {
+    return m.xx * (m.yy * m.zz - m.yz * m.yz) - m.xy * (m.xy * m.zz - m.yz * m.xz) + m.xz * (m.xy * m.yz - m.yy * m.xz);
+}
+
+static void least_by_rotations(sym3 m, double *value, vec3 *vector) {
     double values[3];
     vec3 axis[3];
     sym3_eigen(m, values, axis);
     *value = values[0];
     *vector = axis[0];
+}
+
+FOR_EACH_PROCESSOR
+static void roots_of(const double minors[LANES], const double determinant[LANES], double root[LANES],
+                     int64_t found[LANES]) {
+    lanes_mask mask;
+    lanes_store(root, least_roots(lanes_load(minors), lanes_load(determinant), &mask));
+    memcpy(found, &mask, sizeof mask);
+}
+
+void sym3_least(const sym3 *m, unsigned n, double *value, vec3 *vector) {
+    sym3 unit[LANES];
+    double trace[LANES], minors[LANES] = {0}, determinant[LANES] = {0}, root[LANES];
+    int64_t found[LANES];
+    assert(n <= LANES);
+    for (unsigned i = 0; i < n; i++) {
+        trace[i] = sym3_trace(m[i]);
+        bool divides = trace[i] > 0 && isfinite(1 / trace[i]);
+        unit[i] = sym3_scale(m[i], divides ? 1 / trace[i] : 0); /* no root is found of zeros */
+        minors[i] = minors_of(unit[i]), determinant[i] = determinant_of(unit[i]);
+    }
+    roots_of(minors, determinant, root, found);
+    for (unsigned i = 0; i < n; i++) {
+        value[i] = root[i] * trace[i];
+        if (!found[i] || !direction_across(unit[i], root[i], &vector[i]))
+            least_by_rotations(m[i], &value[i], &vector[i]);
+    }
 }

@@ -30,8 +30,10 @@ static inline double sym3_trace(sym3 a) { return a.xx + a.yy + a.zz; }
  * also where eigenvalues coincide.  value and vector hold 3 each. */
 void sym3_eigen(sym3 a, double value[3], vec3 vector[3]);
 
-/* The eigenvector of the smallest eigenvalue alone, of a matrix without negative ones; several times as fast where that
- * eigenvalue stands apart from the others, the same where it doesn't. */
-void sym3_least(sym3 m, double *value, vec3 *vector);
+/* The smallest eigenvalues alone, and their eigenvectors, of n matrices without negative ones, SYM3_FEW at most;
+ * several times as fast where that eigenvalue stands apart from the others, the same where it doesn't.  Each one's
+ * don't depend on its company. */
+enum { SYM3_FEW = 4 };
+void sym3_least(const sym3 *m, unsigned n, double *value, vec3 *vector);
 
 #endif

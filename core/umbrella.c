@@ -153,26 +153,33 @@ static void open_range(void *ctx, size_t begin, size_t end) {
         for (unsigned i = 0; i < UMBRELLA_RIBS; i++) search->out->rib[p][i] = i < n ? ribs.id[hull[i]] : NONE;
         for (unsigned i = 0; i < n; i++)
             closed |= (unsigned)is_closed(&ribs, hull[i], hull[i + 1 < n ? i + 1 : 0]) << i;
-        search->out->closed[p] = (uint16_t)closed;
+        search->out->closed[p] = (uint16_t)(closed | n << UMBRELLA_RIBS);
     }
 }
 
-uint32_t umbrella_after(const struct umbrellas *umbrellas, size_t p, unsigned i) {
-    const uint32_t *rib = umbrellas->rib[p];
-    return i + 1 < UMBRELLA_RIBS && rib[i + 1] != NONE ? rib[i + 1] : rib[0];
+/* Four ids, and the same in memory. */
+typedef uint32_t ids __attribute__((vector_size(16)));
+typedef uint32_t ids_loose __attribute__((vector_size(16), aligned(4), may_alias));
+typedef uint64_t halves __attribute__((vector_size(16)));
+
+/* Bit i where rib i is this one. */
+static inline uint32_t place_of(const uint32_t rib[UMBRELLA_RIBS], uint32_t id) {
+    static_assert(UMBRELLA_RIBS == 12, "three times four");
+    const ids_loose *four = (const ids_loose *)rib;
+    ids found = (ids)(four[0] == id) & (ids){1, 2, 4, 8};
+    found |= (ids)(four[1] == id) & (ids){16, 32, 64, 128};
+    found |= (ids)(four[2] == id) & (ids){256, 512, 1024, 2048};
+    uint64_t both = ((halves)found)[0] | ((halves)found)[1];
+    return (uint32_t)(both | both >> 32);
 }
 
-static bool is_rib(const uint32_t *rib, unsigned i) { return i < UMBRELLA_RIBS && rib[i] != NONE; }
-
-/* Whether p has the triangle with q and r, in either order: normals have either sign. */
-static bool has_triangle(const struct umbrellas *umbrellas, uint32_t p, uint32_t q, uint32_t r) {
-    const uint32_t *rib = umbrellas->rib[p];
-    unsigned i = 0, before, closed = umbrellas->closed[p];
-    while (is_rib(rib, i) && rib[i] != q) i++;
-    if (!is_rib(rib, i)) return false;
-    if (closed >> i & 1 && rib[is_rib(rib, i + 1) ? i + 1 : 0] == r) return true;
-    for (before = i > 0 ? i - 1 : 0; i == 0 && is_rib(rib, before + 1);) before++;
-    return closed >> before & 1 && rib[before] == r;
+/* Whether p has the triangle with q and r, in either order: normals have either sign.  It takes no branch that might be
+ * guessed wrong. */
+static inline bool has_triangle(const struct umbrellas *umbrellas, uint32_t p, uint32_t q, uint32_t r) {
+    uint32_t at_q = place_of(umbrellas->rib[p], q), at_r = place_of(umbrellas->rib[p], r);
+    unsigned n = umbrella_ribs(umbrellas, p), last = n > 0 ? n - 1 : 0;
+    uint32_t before_q = at_q >> 1 | (at_q & 1) << last, before_r = at_r >> 1 | (at_r & 1) << last;
+    return umbrellas->closed[p] & ((at_q & before_r) | (at_r & before_q));
 }
 
 static bool lies_along(const struct search *search, uint32_t p, uint32_t q, uint32_t r) {
@@ -183,8 +190,10 @@ static bool lies_along(const struct search *search, uint32_t p, uint32_t q, uint
 }
 
 static unsigned votes_of(const struct search *search, uint32_t p, uint32_t q, uint32_t r) {
-    bool at_q = has_triangle(search->out, q, p, r), at_r = has_triangle(search->out, r, p, q);
-    if ((at_q && q < p) || (at_r && r < p)) return 0;
+    bool at_q = has_triangle(search->out, q, p, r);
+    if (at_q && q < p) return 0;
+    bool at_r = has_triangle(search->out, r, p, q);
+    if (at_r && r < p) return 0;
     if (!at_q && !at_r && !lies_along(search, p, q, r)) return 0;
     return 1U + at_q + at_r;
 }
@@ -194,7 +203,7 @@ static void vote_range(void *ctx, size_t begin, size_t end) {
     const struct umbrellas *out = search->out;
     for (uint32_t p = (uint32_t)begin; p < end; p++) {
         out->votes[p] = 0;
-        for (unsigned i = 0; i < UMBRELLA_RIBS && out->rib[p][i] != NONE; i++)
+        for (unsigned i = 0, n = umbrella_ribs(out, p); i < n; i++)
             if (out->closed[p] >> i & 1)
                 out->votes[p] |= votes_of(search, p, out->rib[p][i], umbrella_after(out, p, i)) << 2 * i;
     }

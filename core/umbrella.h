@@ -21,7 +21,7 @@ enum { UMBRELLA_RIBS = 12 }; /* the most that a point has; six are usual */
 struct umbrellas {
     size_t n;
     uint32_t (*rib)[UMBRELLA_RIBS]; /* n: ids in the order of their angle around the normal, then NONE; owned */
-    uint16_t *closed;               /* n: bit i where there is a triangle after rib i; owned */
+    uint16_t *closed;               /* n: bit i where there is a triangle after rib i; above, how many ribs; owned */
     uint32_t *votes;                /* n: two bits for each rib, see umbrella_votes; owned */
 };
 
@@ -40,8 +40,15 @@ static inline uint32_t umbrella_triangles(const struct umbrellas *umbrellas, siz
     return (umbrellas->votes[p] | umbrellas->votes[p] >> 1) & 0x55555555;
 }
 
+/* How many ribs p has. */
+static inline unsigned umbrella_ribs(const struct umbrellas *umbrellas, size_t p) {
+    return umbrellas->closed[p] >> UMBRELLA_RIBS;
+}
+
 /* The rib after rib i of p. */
-uint32_t umbrella_after(const struct umbrellas *umbrellas, size_t p, unsigned i);
+static inline uint32_t umbrella_after(const struct umbrellas *umbrellas, size_t p, unsigned i) {
+    return umbrellas->rib[p][i + 1 < umbrella_ribs(umbrellas, p) ? i + 1 : 0];
+}
 
 /* Accepts zeroed umbrellas. */
 void umbrella_done(struct umbrellas *umbrellas);

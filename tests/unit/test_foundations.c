@@ -201,11 +201,33 @@ static void a_basis_is_orthonormal_and_right_handed(void **state) {
 static void check_least(sym3 m, double least) {
     double value, scale = fabs(sym3_trace(m)) + 1e-300;
     vec3 vector;
-    sym3_least(m, &value, &vector);
+    sym3_least(&m, 1, &value, &vector);
     vec3 residual = vec3_sub(sym3_mul(m, vector), vec3_scale(vector, value));
     assert_true(fabs(value - least) < 1e-13 * scale);
     assert_true(vec3_length(residual) < 1e-12 * scale);
     assert_true(fabs(vec3_length(vector) - 1) < 1e-12);
+}
+
+/* One has a double root, one is zero, one is large: they are looked for as long as it takes each. */
+static void least_ones_do_not_depend_on_their_company(void **state) {
+    (void)state;
+    const sym3 all[] = {{1, 0.2, 0.1, 2, 0.3, 3},
+                        {2, 0, 0, 2, 0, 5},
+                        {0, 0, 0, 0, 0, 0},
+                        {4e8, 1e7, 0, 9e8, 3e7, 1e8},
+                        {1, 1, 1, 1, 1, 1}};
+    for (unsigned first = 0; first < 5; first++)
+        for (unsigned n = 1; n <= SYM3_FEW; n++) {
+            sym3 m[SYM3_FEW];
+            double value[SYM3_FEW], alone;
+            vec3 vector[SYM3_FEW], axis;
+            for (unsigned i = 0; i < n; i++) m[i] = all[(first + i) % 5];
+            sym3_least(m, n, value, vector);
+            for (unsigned i = 0; i < n; i++) {
+                sym3_least(&m[i], 1, &alone, &axis);
+                assert_true(value[i] == alone && vec3_equal(vector[i], axis));
+            }
+        }
 }
 
 static void check_eigen(sym3 m) {
@@ -239,6 +261,7 @@ static void eigenvectors_stand_coinciding_eigenvalues(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(least_ones_do_not_depend_on_their_company),
         cmocka_unit_test(every_status_has_a_name_that_leads_back),
         cmocka_unit_test(an_error_that_does_not_fit_is_cut),
         cmocka_unit_test(an_array_whose_size_overflows_is_refused),

@@ -386,6 +386,13 @@ void cluster_owners(const struct cluster *cluster, const struct surface *surface
     for (size_t i = 0; i < cluster->n; i++) owner[i] = (uint8_t)nearest[i / LANES][i % LANES];
 }
 
+/* The lowest of the eight, eight times. */
+INLINE lanes least(lanes x) {
+    x = lower(x, __builtin_shuffle(x, (mask){4, 5, 6, 7, 0, 1, 2, 3}));
+    x = lower(x, __builtin_shuffle(x, (mask){2, 3, 0, 1, 6, 7, 4, 5}));
+    return lower(x, __builtin_shuffle(x, (mask){1, 0, 3, 2, 5, 4, 7, 6}));
+}
+
 FOR_EACH_PROCESSOR
 void cluster_nearest(const struct cluster *cluster, vec3 place, double *nearest_sq, uint32_t *nearest) {
     vec3 p = vec3_sub(place, cluster->origin);
@@ -399,7 +406,9 @@ void cluster_nearest(const struct cluster *cluster, vec3 place, double *nearest_
         best_sq = lower(d_sq, best_sq);
         best = (nearer & id) | (~nearer & best);
     }
-    for (int k = 0; k < LANES; k++)
-        if ((double)best_sq[k] < *nearest_sq && (size_t)best[k] < cluster->n)
-            *nearest_sq = (double)best_sq[k], *nearest = cluster->sample[best[k]];
+    lanes least_sq = least(best_sq);
+    lanes lane = least(pick(best_sq == least_sq, (lanes){0, 1, 2, 3, 4, 5, 6, 7}, all(LANES - 1)));
+    size_t which = (size_t)best[(int)lane[0]];
+    if ((double)least_sq[0] < *nearest_sq && which < cluster->n)
+        *nearest_sq = (double)least_sq[0], *nearest = cluster->sample[which];
 }

@@ -157,10 +157,9 @@ static void estimate_splits(void *ctx, size_t begin, size_t end) {
     const struct market *market = ctx;
     const struct fit *fit = market->fit;
     for (size_t h = begin; h < end; h++) {
-        uint32_t g = fit->he.twin[h];
-        bool counts = g != NONE && g > h;
-        uint32_t key = counts ? radix_key_of(fit->cost[h / 3] + fit->cost[g / 3]) : 0;
-        market->item[h] = radix_item(NEVER - key, (uint32_t)h);
+        uint32_t twin = fit->he.twin[h], g = twin == NONE ? (uint32_t)h : twin;
+        uint32_t key = radix_key_of(fit->cost[h / 3] + fit->cost[g / 3]);
+        market->item[h] = radix_item(NEVER - (g > h) * key, (uint32_t)h);
     }
 }
 

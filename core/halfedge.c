@@ -181,15 +181,16 @@ size_t halfedge_ring(const struct halfedge *he, uint32_t vertex, uint32_t *ring,
 }
 
 bool halfedge_joined(const struct halfedge *he, uint32_t a, uint32_t b) {
-    uint32_t h = he->out[a];
+    uint32_t first = he->out[a], h = first;
     do {
-        if (halfedge_to(he, h) == b || halfedge_apex(he, h) == b) return true;
-        h = halfedge_around(he, h);
-    } while (h != he->out[a] && h != NONE);
+        uint32_t last = halfedge_prev(h);
+        if (halfedge_from(he, last) == b) return true;
+        h = he->twin[last];
+    } while (h != first && h != NONE);
     if (h != NONE) return false;
-    for (h = he->twin[he->out[a]]; h != NONE; h = he->twin[halfedge_next(h)])
-        if (halfedge_apex(he, h) == b) return true;
-    return false;
+    for (h = first; halfedge_to(he, h) != b; h = halfedge_next(he->twin[h]))
+        if (he->twin[h] == NONE) return false;
+    return true;
 }
 
 static void join(struct halfedge *he, uint32_t g, uint32_t h) {

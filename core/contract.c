@@ -234,14 +234,15 @@ static uint64_t take_links(const struct contractor *c, uint32_t of, uint32_t p, 
     return gone;
 }
 
-/* Of links that lead to the same point, as those do that both of a merged pair were at, the one that has gone is left
- * out: the last link takes its place. */
-static unsigned drop_repeated(uint32_t *link, unsigned n, uint64_t gone) {
+/* Leaves out of p's links those that have gone to a point which was among them already: the last takes their place. */
+static unsigned drop_repeated(const struct contractor *c, uint32_t p, uint32_t *link, uint64_t gone) {
+    const uint32_t *list = &c->near.list[c->near.start[p]];
+    unsigned degree = c->near.degree[p], n = degree;
     while (gone) {
-        unsigned i = FEW_LINKS - 1 - (unsigned)__builtin_clzll(gone), same = 0;
-        for (unsigned j = 0; j < n; j++) same += link[j] == link[i];
-        link[i] = same > 1 ? link[n - 1] : link[i];
-        n -= same > 1;
+        unsigned i = FEW_LINKS - 1 - (unsigned)__builtin_clzll(gone), was_there = 0;
+        for (unsigned j = 0; j < degree; j++) was_there |= list[j] == link[i];
+        link[i] = was_there ? link[n - 1] : link[i];
+        n -= was_there;
         gone ^= (uint64_t)1 << i;
     }
     return n;
@@ -251,7 +252,7 @@ static unsigned drop_repeated(uint32_t *link, unsigned n, uint64_t gone) {
 static unsigned links_of(const struct contractor *c, uint32_t p, uint32_t *link) {
     unsigned n = 0;
     uint64_t gone = take_links(c, p, p, link, &n);
-    if (!c->changed[p]) return n <= FEW_LINKS ? drop_repeated(link, n, gone) : rank_sort_ids(link, n);
+    if (!c->changed[p]) return n <= FEW_LINKS ? drop_repeated(c, p, link, gone) : rank_sort_ids(link, n);
     take_links(c, c->partner[p], p, link, &n);
     return keep_nearest(c, p, link, rank_sort_ids(link, n));
 }

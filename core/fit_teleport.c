@@ -26,9 +26,10 @@ enum { GRAIN = 64, ESTIMATES = 4096, DEALS = 16 };
 enum {
     RINGS_AHEAD = 4,
     FANS_AHEAD = 2,
-    TRIANGLES_AHEAD = 6,
-    AROUND_AHEAD = 4,
-    MORE_AHEAD = 2,
+    TRIANGLES_AHEAD = 8,
+    AROUND_AHEAD = 6,
+    MORE_AHEAD = 4,
+    DISKS_AHEAD = 2,
     OFFERS_AHEAD = 8,
     TWINS_AHEAD = 4
 };
@@ -65,10 +66,17 @@ INLINE void fetch_fan(const struct fit *fit, uint32_t vertex) {
     }
 }
 
+INLINE void fetch_fan_disks(const struct fit *fit, uint32_t vertex) {
+    uint32_t ring[FIT_MAX_RING];
+    size_t n = halfedge_ring(&fit->he, vertex, ring, FIT_MAX_RING);
+    for (size_t i = 0; i < n; i++) fit_fetch_disks(fit, ring[i] / 3);
+}
+
 INLINE void fetch_fans(const struct market *market, size_t i, size_t end) {
     const struct fit *fit = market->fit;
     if (i + RINGS_AHEAD < end) fit_fetch_links(fit, fit->he.out[radix_value(market->item[i + RINGS_AHEAD])] / 3);
     if (i + FANS_AHEAD < end) fetch_fan(fit, radix_value(market->item[i + FANS_AHEAD]));
+    if (i + 1 < end) fetch_fan_disks(fit, radix_value(market->item[i + 1]));
 }
 
 static void measure_merges(void *ctx, size_t begin, size_t end) {
@@ -90,7 +98,8 @@ INLINE void fetch_gaps(const struct market *market, size_t i, size_t end) {
     for (int side = 0; side < 2; side++) {
         if (i + TRIANGLES_AHEAD < end) fit_fetch_triangle(fit, side_of(market, i + TRIANGLES_AHEAD, side));
         if (i + AROUND_AHEAD < end) fit_fetch_around(fit, side_of(market, i + AROUND_AHEAD, side));
-        if (i + MORE_AHEAD < end) fit_fetch_samples(fit, side_of(market, i + MORE_AHEAD, side));
+        if (i + MORE_AHEAD < end) fit_fetch_more(fit, side_of(market, i + MORE_AHEAD, side));
+        if (i + DISKS_AHEAD < end) fit_fetch_disks(fit, side_of(market, i + DISKS_AHEAD, side));
     }
 }
 

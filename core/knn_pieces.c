@@ -15,10 +15,12 @@
 
 #include <malloc.h>
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 
 #include "core/alloc.h"
 #include "core/knn_flann.h"
+#include "core/memory.h"
 #include "core/par.h"
 #include "core/quantile.h"
 #include "core/radix.h"
@@ -203,6 +205,7 @@ enum status knn_pieces_within(const struct knn_pieces *pieces, vec3 centre, doub
 void knn_pieces_free(struct knn_pieces *pieces) {
     if (!pieces) return;
     for (unsigned i = 0; i < pieces->count; i++) knn_flann_free(pieces->piece[i].tree);
+    bool large = pieces->n > MEMORY_SMALL_JOB;
     free(pieces);
-    malloc_trim(0); /* the heap of each thread that built a tree would keep what it was made of */
+    if (large) malloc_trim(0); /* the heap of each thread that built a tree would keep what it was made of */
 }

@@ -25,7 +25,7 @@
 #include "core/ply_header.h"
 
 static const double PROGRAM = 5.6e6; /* the program, its libraries, stacks and buffers */
-static const double MARGIN = 1.05;
+static const double MARGIN = 1.05, SMALL_MARGIN = 1.16;
 enum { POSITION = 24, TRIANGLE = 12, HELD = 32 };
 
 static bool mesh_wanted(const struct params *p) { return p->outputs & (OUTPUT_ANY_MESH | OUTPUT_ERROR); }
@@ -87,7 +87,8 @@ uint64_t memory_predict(const struct memory_job *job, const struct params *param
         double each = HELD + s->point + s->near * most_neighbours(params);
         peak = fmax(peak, cloud + points * each + kept * s->kept + faces * s->face);
     }
-    peak = PROGRAM + MARGIN * (peak + results(job, params));
+    double margin = job->points <= MEMORY_SMALL_JOB ? SMALL_MARGIN : MARGIN;
+    peak = PROGRAM + margin * (peak + results(job, params));
     return peak < 0x1p64 ? (uint64_t)peak : UINT64_MAX;
 }
 

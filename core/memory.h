@@ -12,6 +12,9 @@
 #include "core/params.h"
 #include "core/status.h"
 
+/* Up to so many points what a stage frees stays with the process, which saves a tenth of the time. */
+enum { MEMORY_SMALL_JOB = 1 << 16 };
+
 /* What is known of an input before it is read. */
 struct memory_job {
     uint64_t points;

@@ -2,7 +2,8 @@
  *
  * A triangle is measured often once it is made, so it is first brought into its own frame (struct triangle_frame):
  * the corner a is the origin, u runs along ab, n is the normal, v = n x u.  There it lies in the plane, and a distance
- * is a height and a distance in two dimensions: none over the triangle, else that to the nearest of its edges.
+ * is a height and a distance in two dimensions: none over the triangle, else that to the nearest of its edges.  What
+ * measures many at once (cluster.c, fit_assign.c) does to each what is done here to one.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_TRIANGLE_FRAME_H

@@ -1,0 +1,13 @@
+/* The memory of small jobs.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_WORKER_HEAP_H
+#define WHITTLE_SERVER_WORKER_HEAP_H
+
+#include <stddef.h>
+
+/* Has the heap ready for simplifying a cloud of so many points, if they are few.  Whether it is changes nothing but
+ * the time. */
+void worker_heap_prepare(size_t points);
+
+#endif

@@ -243,7 +243,7 @@ struct eight {
     mask pulls; /* triangles that aren't too thin */
 };
 
-INLINE lanes each(const float *number, mask which) { return __builtin_shuffle(load(number), which); }
+INLINE lanes each(const float *number, mask which) { return shuffled(load(number), which); }
 
 /* Triangle from + which[k] for sample k. */
 INLINE struct eight eight_of(const struct star_frames *s, size_t from, mask which) {
@@ -388,9 +388,9 @@ void cluster_owners(const struct cluster *cluster, const struct surface *surface
 
 /* The lowest of the eight, eight times. */
 INLINE lanes least(lanes x) {
-    x = lower(x, __builtin_shuffle(x, (mask){4, 5, 6, 7, 0, 1, 2, 3}));
-    x = lower(x, __builtin_shuffle(x, (mask){2, 3, 0, 1, 6, 7, 4, 5}));
-    return lower(x, __builtin_shuffle(x, (mask){1, 0, 3, 2, 5, 4, 7, 6}));
+    x = lower(x, shuffled(x, (mask){4, 5, 6, 7, 0, 1, 2, 3}));
+    x = lower(x, shuffled(x, (mask){2, 3, 0, 1, 6, 7, 4, 5}));
+    return lower(x, shuffled(x, (mask){1, 0, 3, 2, 5, 4, 7, 6}));
 }
 
 FOR_EACH_PROCESSOR

@@ -16,6 +16,9 @@ struct fan {
     double cost;
 };
 
+/* i modulo n, for i < 2 n: a division takes longer than all else that is done with it. */
+static size_t wrapped(size_t i, size_t n) { return i < n ? i : i - n; }
+
 static bool fan_of(const struct fit *fit, uint32_t vertex, struct fan *fan) {
     fan->n = halfedge_ring(&fit->he, vertex, fan->ring, FIT_MAX_RING);
     fan->cost = 0;
@@ -42,7 +45,7 @@ static bool merge_is_fair(const struct fit *fit, const struct fan *fan, size_t t
     size_t n = fan->n;
     vec3 before = outside_normal(fit, halfedge_next(fan->ring[to]), surface_normal(made, 0));
     for (size_t j = 0; j + 2 < n; j++) {
-        size_t i = (to + 1 + j) % n;
+        size_t i = wrapped(to + 1 + j, n);
         vec3 new = surface_normal(made, j);
         const struct facing *old = &fit->facing[fan->region.triangle[i]];
         if (vec3_dot(old->normal, new) < FIT_OFFER_LEAST_TURN) return false;
@@ -52,7 +55,7 @@ static bool merge_is_fair(const struct fit *fit, const struct fan *fan, size_t t
         if (vec3_dot(before, new) < 0) return false;
         before = new;
     }
-    vec3 last = outside_normal(fit, halfedge_next(fan->ring[(to + n - 1) % n]), before);
+    vec3 last = outside_normal(fit, halfedge_next(fan->ring[wrapped(to + n - 1, n)]), before);
     return vec3_dot(last, before) >= 0;
 }
 
@@ -61,7 +64,7 @@ static struct surface merged(const struct fit *fit, const struct fan *fan, size_
     struct triangle_corners corners[FIT_MAX_RING];
     const vec3 *place = fit->mesh->vertex, *end = &place[halfedge_to(&fit->he, fan->ring[to])];
     for (size_t j = 0; j + 2 < fan->n; j++) {
-        uint32_t h = fan->ring[(to + 1 + j) % fan->n];
+        uint32_t h = fan->ring[wrapped(to + 1 + j, fan->n)];
         corners[j] =
             (struct triangle_corners){end, &place[halfedge_to(&fit->he, h)], &place[halfedge_apex(&fit->he, h)]};
     }

@@ -26,8 +26,9 @@ enum { GRAIN = 64, ESTIMATES = 4096, DEALS = 16 };
 enum {
     RINGS_AHEAD = 4,
     FANS_AHEAD = 2,
-    TRIANGLES_AHEAD = 6,
-    AROUND_AHEAD = 4,
+    TRIANGLES_AHEAD = 8,
+    AROUND_AHEAD = 6,
+    MORE_AHEAD = 4,
     DISKS_AHEAD = 2,
     OFFERS_AHEAD = 8,
     TWINS_AHEAD = 4
@@ -97,6 +98,7 @@ INLINE void fetch_gaps(const struct market *market, size_t i, size_t end) {
     for (int side = 0; side < 2; side++) {
         if (i + TRIANGLES_AHEAD < end) fit_fetch_triangle(fit, side_of(market, i + TRIANGLES_AHEAD, side));
         if (i + AROUND_AHEAD < end) fit_fetch_around(fit, side_of(market, i + AROUND_AHEAD, side));
+        if (i + MORE_AHEAD < end) fit_fetch_more(fit, side_of(market, i + MORE_AHEAD, side));
         if (i + DISKS_AHEAD < end) fit_fetch_disks(fit, side_of(market, i + DISKS_AHEAD, side));
     }
 }

@@ -65,22 +65,33 @@ static uint32_t first_to(const struct leaving *leaving, uint32_t n, uint32_t b) 
     return begin;
 }
 
+/* Two of them, and the same in memory. */
+typedef uint32_t two __attribute__((vector_size(16)));
+typedef uint32_t two_loose __attribute__((vector_size(16), aligned(4), may_alias));
+typedef uint64_t halves __attribute__((vector_size(16)));
+
+/* Bit i where leaving[i] ends at b, i < AT_ONCE. */
+static inline uint32_t ends_at(const struct leaving *leaving, uint32_t b) {
+    static_assert(AT_ONCE == 8, "four times two");
+    const two_loose *pair = (const two_loose *)leaving;
+    two found = ((two)(pair[0] == b) & (two){1, 0, 2, 0}) | ((two)(pair[1] == b) & (two){4, 0, 8, 0});
+    found |= ((two)(pair[2] == b) & (two){16, 0, 32, 0}) | ((two)(pair[3] == b) & (two){64, 0, 128, 0});
+    return (uint32_t)(((halves)found)[0] | ((halves)found)[1]);
+}
+
 /* The half-edge from a to b, or NONE where there are none or several.  No branch depends on which it is. */
 static uint32_t only_one(const struct fans *fans, uint32_t a, uint32_t b) {
     const struct leaving *leaving = &fans->leaving[fans->start[a]];
-    uint32_t n = fans->start[a + 1] - fans->start[a], found = NONE, count = 0;
+    uint32_t n = fans->start[a + 1] - fans->start[a];
+    uint64_t found = 0;
     if (n > FEW) {
         uint32_t first = first_to(leaving, n, b);
         leaving += first;
         n = n - first < 2 ? n - first : 2;
     }
-    for (uint32_t i = 0; i < n; i += AT_ONCE)
-        for (uint32_t k = i; k < i + AT_ONCE; k++) {
-            uint32_t same = -(uint32_t)((leaving[k].to == b) & (k < n));
-            found = (leaving[k].halfedge & same) | (found & ~same);
-            count -= same;
-        }
-    return count == 1 ? found : NONE;
+    for (uint32_t i = 0; i < n; i += AT_ONCE) found |= (uint64_t)ends_at(leaving + i, b) << i;
+    found &= ((uint64_t)1 << n) - 1;
+    return found && !(found & (found - 1)) ? leaving[__builtin_ctzll(found)].halfedge : NONE;
 }
 
 static void look_back(void *ctx, size_t begin, size_t end) {

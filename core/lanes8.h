@@ -49,6 +49,17 @@ INLINE lanes load(const float *p) {
     return x;
 }
 
+/* x[which[0]], x[which[1]], ...; all of which in 0 .. 7. */
+INLINE lanes shuffled(lanes x, mask which) {
+#ifdef __clang__ /* which has no such builtin */
+    lanes y = x;
+    for (int k = 0; k < LANES; k++) y[k] = x[which[k]];
+    return y;
+#else
+    return __builtin_shuffle(x, which);
+#endif
+}
+
 /* Eight floats in memory, to be written. */
 typedef float loose __attribute__((vector_size(32), aligned(4), may_alias));
 INLINE loose *at(float *p) { return (loose *)p; }

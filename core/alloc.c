@@ -3,6 +3,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/alloc.h"
 
+#include <malloc.h>
 #include <stdint.h>
 #include <stdlib.h>
 
@@ -23,6 +24,8 @@ void *alloc_array(size_t n, size_t size) {
     if (bytes < LEAST_ALIGNED) return malloc(bytes ? bytes : 1);
     return aligned_alloc(LINE_BYTES, (bytes + LINE_BYTES - 1) / LINE_BYTES * LINE_BYTES);
 }
+
+void alloc_give_back(void) { malloc_trim(0); }
 
 void *alloc_zeroed(size_t n, size_t size) { return refused(n, size) ? NULL : calloc(n ? n : 1, size ? size : 1); }
 

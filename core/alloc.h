@@ -12,6 +12,9 @@
  * whole number of lines, or a whole part of one, lie in no more of them than they must. */
 void *alloc_array(size_t n, size_t size) __attribute__((warn_unused_result));
 
+/* What has been freed goes back to the system as far as it can. */
+void alloc_give_back(void);
+
 /* The same, zeroed. */
 void *alloc_zeroed(size_t n, size_t size) __attribute__((warn_unused_result));
 

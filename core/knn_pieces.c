@@ -13,7 +13,6 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/knn_pieces.h"
 
-#include <malloc.h>
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
@@ -207,5 +206,5 @@ void knn_pieces_free(struct knn_pieces *pieces) {
     for (unsigned i = 0; i < pieces->count; i++) knn_flann_free(pieces->piece[i].tree);
     bool large = pieces->n > MEMORY_SMALL_JOB;
     free(pieces);
-    if (large) malloc_trim(0); /* the heap of each thread that built a tree would keep what it was made of */
+    if (large) alloc_give_back(); /* the heap of each thread that built a tree would keep what it was made of */
 }

@@ -25,16 +25,15 @@
 #include "core/ply_header.h"
 
 static const double PROGRAM = 5.6e6; /* the program, its libraries, stacks and buffers */
-static const double MARGIN = 1.05, SMALL_MARGIN = 1.16;
+static const double MARGIN = 1.05, KEPT_MARGIN = 1.16;
 enum { POSITION = 24, TRIANGLE = 12, HELD = 32 };
 
-static bool mesh_wanted(const struct params *p) { return p->outputs & (OUTPUT_ANY_MESH | OUTPUT_ERROR); }
-static bool refined(const struct params *p) { return mesh_wanted(p) && p->refine != REFINE_NONE; }
+static bool refined(const struct params *p) { return params_want_mesh(p) && p->refine != REFINE_NONE; }
 static bool refined_closely(const struct params *p) { return refined(p) && p->placement == PLACEMENT_OPTIMAL; }
 static bool denoised(const struct params *p) { return p->denoise != DENOISE_NONE; }
-static bool cloud_alone(const struct params *p) { return !mesh_wanted(p); }
+static bool cloud_alone(const struct params *p) { return !params_want_mesh(p); }
 static bool reconstructed_whole(const struct params *p) {
-    return mesh_wanted(p) && p->reference == REFERENCE_RECONSTRUCTION;
+    return params_want_mesh(p) && p->reference == REFERENCE_RECONSTRUCTION;
 }
 static bool painted(const struct params *p) { return p->outputs & (OUTPUT_DSO | OUTPUT_ERROR); }
 
@@ -43,12 +42,18 @@ static const struct stage {
     bool (*wanted)(const struct params *params);
     double point, near, kept, face;
 } stages[] = {
-    {"denoise", denoised, 470, 0, 0, 0},        {"join", cloud_alone, 94, 9, 0, 0},
-    {"contract", cloud_alone, 124, 7, 0, 0},    {"tangent", cloud_alone, 40, 0, 70, 0},
-    {"join", mesh_wanted, 130, 9, 0, 0},        {"contract", mesh_wanted, 165, 11, 0, 0},
-    {"delaunay", mesh_wanted, 81, 4, 1350, 0},  {"umbrellas", refined, 135, 4, 1350, 0},
-    {"refine", refined, 400, 4, 800, 0},        {"closer", refined_closely, 950, 4, 1300, 0},
-    {"measure", mesh_wanted, 105, 4, 300, 160}, {"reference", reconstructed_whole, 1350, 4, 150, 0},
+    {"denoise", denoised, 470, 0, 0, 0},
+    {"join", cloud_alone, 94, 9, 0, 0},
+    {"contract", cloud_alone, 124, 7, 0, 0},
+    {"tangent", cloud_alone, 40, 0, 70, 0},
+    {"join", params_want_mesh, 130, 9, 0, 0},
+    {"contract", params_want_mesh, 165, 11, 0, 0},
+    {"delaunay", params_want_mesh, 81, 4, 1350, 0},
+    {"umbrellas", refined, 135, 4, 1350, 0},
+    {"refine", refined, 400, 4, 800, 0},
+    {"closer", refined_closely, 950, 4, 1300, 0},
+    {"measure", params_want_mesh, 105, 4, 300, 160},
+    {"reference", reconstructed_whole, 1350, 4, 150, 0},
     {"paint", painted, 160, 4, 200, 0},
 };
 /* Samples that are made beside Delaunay are 178 for each point more, and umbrellas gone by then: up to a quarter of the
@@ -73,7 +78,7 @@ static double results(const struct memory_job *job, const struct params *params)
     double points = (double)job->points, bytes = 0;
     for (uint32_t i = 0; i < params->levels.count; i++) bytes += params->levels.ratio[i] * points;
     if (params->levels.count == 0) bytes = kept_points(job, params);
-    return mesh_wanted(params) ? 60 * bytes : 0;
+    return params_want_mesh(params) ? 60 * bytes : 0;
 }
 
 uint64_t memory_predict(const struct memory_job *job, const struct params *params) {
@@ -87,7 +92,7 @@ uint64_t memory_predict(const struct memory_job *job, const struct params *param
         double each = HELD + s->point + s->near * most_neighbours(params);
         peak = fmax(peak, cloud + points * each + kept * s->kept + faces * s->face);
     }
-    double margin = job->points <= MEMORY_SMALL_JOB ? SMALL_MARGIN : MARGIN;
+    double margin = memory_is_kept(job->points, params) ? KEPT_MARGIN : MARGIN;
     peak = PROGRAM + margin * (peak + results(job, params));
     return peak < 0x1p64 ? (uint64_t)peak : UINT64_MAX;
 }

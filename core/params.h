@@ -72,6 +72,11 @@ struct params {
     uint64_t threads; /* 0 = all processors */
 };
 
+/* Whether a mesh has to be made. */
+static inline bool params_want_mesh(const struct params *params) {
+    return params->outputs & (OUTPUT_ANY_MESH | OUTPUT_ERROR);
+}
+
 enum param_type { PARAM_NUMBER, PARAM_INTEGER, PARAM_CHOICE, PARAM_FLAGS, PARAM_LEVELS };
 
 /* One row.  Numbers are double members, integers uint64_t, choices int, flags uint32_t, levels struct param_levels. */

@@ -45,10 +45,8 @@
 #include "core/par.h"
 #include "core/pipeline_run.h"
 
-static bool mesh_wanted(const struct params *params) { return params->outputs & (OUTPUT_ANY_MESH | OUTPUT_ERROR); }
-
 static bool refinement_wanted(const struct params *params) {
-    return mesh_wanted(params) && params->refine != REFINE_NONE;
+    return params_want_mesh(params) && params->refine != REFINE_NONE;
 }
 
 static bool distances_wanted(const struct params *params) { return params->outputs & OUTPUT_ERROR; }
@@ -81,11 +79,11 @@ static const struct step {
     {"keep", pipeline_keep, always, EACH, 1},
     {"umbrellas", pipeline_umbrellas, refinement_wanted, BESIDE, 4},
     {"tangent", pipeline_tangent, always, BESIDE, 2},
-    {"delaunay", pipeline_delaunay, mesh_wanted, EACH, 10},
-    {"reconstruct", pipeline_reconstruct, mesh_wanted, EACH, 10},
+    {"delaunay", pipeline_delaunay, params_want_mesh, EACH, 10},
+    {"reconstruct", pipeline_reconstruct, params_want_mesh, EACH, 10},
     {"refine", pipeline_refine, refinement_wanted, EACH, 60},
-    {"examine", pipeline_examine, mesh_wanted, BESIDE, 1},
-    {"measure", pipeline_measure, mesh_wanted, EACH, 20},
+    {"examine", pipeline_examine, params_want_mesh, BESIDE, 1},
+    {"measure", pipeline_measure, params_want_mesh, EACH, 20},
     {"distances", pipeline_distances, distances_wanted, EACH, 4},
 };
 enum { STEPS = sizeof steps / sizeof steps[0] };
@@ -271,7 +269,7 @@ enum status pipeline_run(const struct cloud *cloud, const struct params *params,
     struct run run = {.cloud = cloud, .params = params, .error = error, .threads = (unsigned)params->threads};
     struct pipeline_result made = {.level_count = params->levels.count ? params->levels.count : 1};
     double start_ms = now_ms();
-    run.mesh_follows = mesh_wanted(params);
+    run.mesh_follows = params_want_mesh(params);
     if (cloud->count == 0) return error_set(error, STATUS_DEGENERATE, "points", "the cloud has no points");
     struct par_team *team = par_team_new();
     enum status status = team ? run_steps(&run, progress, &made) : pipeline_no_memory(&run, "threads");

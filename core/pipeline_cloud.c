@@ -64,6 +64,7 @@ enum status pipeline_neighbours(struct run *run) {
     if (!run->mesh_follows) {
         knn_free(run->knn);
         run->knn = NULL;
+        alloc_give_back();
     }
     return status ? pipeline_no_memory(run, "neighbours") : STATUS_OK;
 }

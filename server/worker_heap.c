@@ -1,7 +1,7 @@
-/* What stages take for a small cloud and give back is some ten megabytes, again and again.  From the kernel, page by
- * page, that is a tenth of the time.  So the heap becomes large enough for all of it beforehand, of huge pages where
- * the kernel has them, and keeps what is freed.  For large clouds pages are nothing beside the rest, and memory that is
- * given back counts.
+/* What stages take for a mesh of a small cloud and give back is some ten megabytes, again and again.  From the kernel,
+ * page by page, that is a tenth of the time.  So the heap becomes large enough for all of it beforehand, of huge pages
+ * where the kernel has them, and keeps what is freed.  For large clouds pages are nothing beside the rest, and memory
+ * that is given back counts.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/worker_heap.h"
@@ -11,12 +11,9 @@
 #include <stdlib.h>
 #include <sys/mman.h>
 
-#include "core/memory.h"
-
 enum { POINT_BYTES = 256, HUGE_BYTES = 1 << 21 };
 
 void worker_heap_prepare(size_t points) {
-    if (points > MEMORY_SMALL_JOB) return;
     size_t bytes = points * POINT_BYTES + 2 * HUGE_BYTES;
     mallopt(M_MMAP_THRESHOLD, (int)bytes + HUGE_BYTES);
     mallopt(M_TRIM_THRESHOLD, (int)(2 * bytes));

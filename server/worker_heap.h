@@ -6,8 +6,8 @@
 
 #include <stddef.h>
 
-/* Has the heap ready for simplifying a cloud of so many points, if they are few.  Whether it is changes nothing but
- * the time. */
+/* Has the heap ready for a mesh of a cloud of so many points, which are few (memory_is_kept).  Whether it is changes
+ * nothing but the time. */
 void worker_heap_prepare(size_t points);
 
 #endif

@@ -111,21 +111,27 @@ static void measure_splits(void *ctx, size_t begin, size_t end) {
     }
 }
 
-static bool is_before(const struct fit_offer *a, const struct fit_offer *b) {
-    return a->value != b->value ? a->value < b->value : a->halfedge < b->halfedge;
+struct measured {
+    const struct fit_offer *offer;
+    bool falling;
+};
+
+static int compare_exact(const void *a, const void *b, void *ctx) {
+    const struct measured *by = ctx;
+    const struct fit_offer *x = &by->offer[radix_value(*(const uint64_t *)a)];
+    const struct fit_offer *y = &by->offer[radix_value(*(const uint64_t *)b)];
+    int order = x->value != y->value ? (x->value > y->value) - (x->value < y->value)
+                                     : (x->halfedge > y->halfedge) - (x->halfedge < y->halfedge);
+    return by->falling ? -order : order;
 }
 
-/* Puts items that lie in order by their keys in that of their offers: float isn't as exact as they are. */
+/* Puts items that lie in order by their keys in that of their offers: float isn't as exact as they are.  On a plane
+ * there may be many equal ones. */
 static void order_equals(const struct fit_offer *offer, uint64_t *order, size_t n, bool falling) {
-    for (size_t i = 1; i < n; i++) {
-        uint64_t moving = order[i];
-        size_t at = i;
-        for (; at > 0 && radix_key(order[at - 1]) == radix_key(moving); at--) {
-            const struct fit_offer *before = &offer[radix_value(order[at - 1])], *after = &offer[radix_value(moving)];
-            if (falling ? is_before(after, before) : is_before(before, after)) break;
-            order[at] = order[at - 1];
-        }
-        order[at] = moving;
+    struct measured by = {offer, falling};
+    for (size_t begin = 0, end; begin < n; begin = end) {
+        for (end = begin + 1; end < n && radix_key(order[end]) == radix_key(order[begin]);) end++;
+        if (end - begin > 1) qsort_r(&order[begin], end - begin, sizeof *order, compare_exact, &by);
     }
 }
 

@@ -15,7 +15,7 @@ static bool refused(size_t n, size_t size) {
     return alloc_fail && alloc_fail(alloc_fail_ctx);
 }
 
-/* Small ones don't: the allocator is slower at it. */
+/* Small arrays don't begin with a cache line: the allocator is slower at that. */
 enum { LINE_BYTES = 64, LEAST_ALIGNED = 4096 };
 
 void *alloc_array(size_t n, size_t size) {

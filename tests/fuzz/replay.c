@@ -32,13 +32,13 @@ static int run_file(const char *path, uint8_t *room) {
 
 int main(int argc, char **argv) {
     uint8_t *room = malloc(MOST_BYTES);
+    if (argc < 2 || !room) return fprintf(stderr, "no file to run on, or no memory\n"), 2;
     if (LLVMFuzzerInitialize) LLVMFuzzerInitialize(&argc, &argv);
-    for (int i = 1; room && i < argc; i++) {
+    for (int i = 1; i < argc; i++) {
         fprintf(stderr, "[ RUN      ] %s\n", argv[i]);
         if (run_file(argv[i], room)) return fprintf(stderr, "%s can't be read, or is too long\n", argv[i]), 1;
         fprintf(stderr, "[       OK ] %s\n", argv[i]);
     }
     free(room);
-    if (argc < 2) return fprintf(stderr, "no file to run on\n"), 2;
     return 0;
 }

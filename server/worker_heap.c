@@ -11,9 +11,10 @@
 #include <stdlib.h>
 #include <sys/mman.h>
 
-enum { POINT_BYTES = 256, HUGE_BYTES = 1 << 21 };
+enum { POINT_BYTES = 256, HUGE_BYTES = 1 << 21, FEW = HUGE_BYTES / POINT_BYTES /* not worth a page */ };
 
 void worker_heap_prepare(size_t points) {
+    if (points < FEW) return;
     size_t bytes = points * POINT_BYTES + 2 * HUGE_BYTES;
     mallopt(M_MMAP_THRESHOLD, (int)bytes + HUGE_BYTES);
     mallopt(M_TRIM_THRESHOLD, (int)(2 * bytes));

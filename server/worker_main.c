@@ -53,7 +53,8 @@ static enum status run(const struct worker_options *options, struct worker_progr
     enum status status = worker_output_check(options, error);
     if (!status) status = read_input(options, &progress, &cloud, error);
     worker_progress_span(display, READ_SHARE, 1);
-    if (!status && memory_is_kept(cloud.count, &options->params)) worker_heap_prepare(cloud.count);
+    if (!status && memory_is_kept(cloud.count, &options->params) && options->params.levels.count < 2)
+        worker_heap_prepare(cloud.count);
     if (!status) status = pipeline_run(&cloud, &options->params, &progress, &result, error);
     if (!status && result.moved) cloud_move(&cloud, result.moved);
     if (!status) status = worker_output_write(options, &cloud, &result, error);

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 #
 # One Makefile, no recursion for building.  Objects and programs go to build/$(config)/.
-# Sources are found by their place: core/ is libwhittle.a, api/ is libapi.a, server/ holds both programs
-# (worker_* is whittle, daemon_* is whittled, the rest may be in either), tests/unit/test_*.c is a program each.
+# Sources are found by their place: core/ is libwhittle.a, api/ is libapi.a, server/cli/ is the program whittle,
+# server/shared/ is in both programs, everything else of server/ is whittled (libserver.a, and daemon/main.c),
+# tests/unit/test_*.c is a program each.
 
 config ?= release
-ifeq ($(filter $(config),release debug asan tsan cov fuzz),)
-$(error config must be one of release, debug, asan, tsan, cov, fuzz)
+ifeq ($(filter $(config),release narrow scalar clang arm64 debug asan tsan cov fuzz),)
+$(error config must be one of release, narrow, scalar, clang, arm64, debug, asan, tsan, cov, fuzz)
 endif
 
 build := build/$(config)
@@ -14,6 +15,7 @@ build := build/$(config)
 Q := $(if $(V),,@)
 say := $(if $(V),@:,@echo ' ')
 PYTHON ?= /usr/bin/python3
+OBJCOPY ?= objcopy
 VERSION := $(shell deploy/version.sh)
 
 # ---------------------------------------------------------------------------------------------------- flags
@@ -22,19 +24,27 @@ ifdef CI
 WARNINGS += -Werror
 endif
 flags_release := -O2 -g
+# As a processor without AVX2 runs it, on any; and without vectors (core/math/simd.h).
+flags_narrow := $(flags_release)
+flags_clang := $(flags_release)
+flags_scalar := $(flags_release) -DSIMD_SCALAR
+# Cross compiled against libraries that tests/tools/arm64.sh unpacks: the core, its unit tests, whittle.
+sysroot := build/arm64/sysroot/usr
+flags_arm64 := $(flags_release) $(addprefix -isystem $(sysroot)/include,/aarch64-linux-gnu /)
 flags_debug := -O0 -g3
 flags_asan := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 flags_tsan := -O1 -g -fsanitize=thread
 flags_cov := -O0 -g --coverage
 flags_fuzz := -O1 -g -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=undefined
-ifeq ($(config),fuzz)
+ifneq ($(filter $(config),fuzz clang),)
 CC := clang
 CXX := clang++
 endif
 COMMON := $(flags_$(config)) -I. -MMD -MP -pthread -fno-math-errno -ffp-contract=off -fstack-protector-strong
 override CFLAGS += -std=c11 -D_GNU_SOURCE $(COMMON) $(WARNINGS) -Wstrict-prototypes
 override CXXFLAGS += -std=c++17 $(COMMON) -Wall -Wextra -Wshadow -DCGAL_NDEBUG -frounding-math
-override LDFLAGS += $(filter -fsanitize% --coverage,$(flags_$(config))) -pthread
+override LDFLAGS += $(filter -fsanitize% --coverage,$(flags_$(config))) -pthread \
+    $(if $(filter arm64,$(config)),-L$(sysroot)/lib/aarch64-linux-gnu)
 
 CODEC_LIBS := -lz -lzstd
 CORE_LIBS := -llz4 -lgmp -lmpfr -lstdc++ $(CODEC_LIBS) -lm
@@ -42,24 +52,46 @@ API_LIBS := -ljansson
 DAEMON_LIBS := -lcurl -lmicrohttpd -lsqlite3 -lnettle -lgnutls
 
 # ---------------------------------------------------------------------------------------------------- sources
-core_src := $(wildcard core/*.c core/*.cc)
-api_src := $(wildcard api/*.c)
-worker_src := $(wildcard server/worker_*.c)
-daemon_src := $(wildcard server/daemon_*.c)
-either_src := $(filter-out $(worker_src) $(daemon_src),$(wildcard server/*.c))
+rooms = $(foreach depth,* */* */*/*,$(wildcard $(1)/$(depth)$(2)))
+# What the method is by the paper, for tests to measure it against: in no library.
+reference_src := $(wildcard core/simplify/reference/*.c)
+core_src := $(filter-out $(reference_src),$(call rooms,core,.c)) $(call rooms,core,.cc)
+api_src := $(call rooms,api,.c)
+cli_src := $(wildcard server/cli/*.c)
+daemon_main := server/daemon/main.c
+server_src := $(filter-out $(cli_src) $(daemon_main),$(call rooms,server,.c))
 unit_src := $(wildcard tests/unit/test_*.c)
 instant_service := tests/unit/instant_service
-unit_support_src := $(filter-out $(unit_src) $(instant_service).c,$(wildcard tests/unit/*.c))
+unit_support_src := $(filter-out $(unit_src) $(instant_service).c,$(wildcard tests/unit/*.c)) $(reference_src)
+# Unit tests of core/ that need nothing of api/ and server/.
+core_unit_src := $(shell grep -LE '"(api|server)/|unit/(faults|queue_fixture|instant_service)[.]h' $(unit_src))
+ifeq ($(config),arm64)
+server_src := $(wildcard server/shared/*.c)
+unit_src := $(core_unit_src)
+unit_support_src := tests/unit/dense.c tests/unit/folder.c tests/unit/shapes.c $(reference_src)
+DAEMON_LIBS :=
+endif
 tool_src := $(wildcard tests/tools/*.c tests/tools/*.cc tests/bench/*.c tests/bench/*.cc)
 fuzz_src := $(wildcard tests/fuzz/fuzz_*.c)
 peer_src := $(wildcard tests/peers/*.cc)
 comma := ,
 object = $(patsubst %,$(build)/%.o,$(basename $(1)))
 
+# Compiled once more for processors with AVX2, which is chosen while the program is loaded (core/base/processor.h).
+kernel_src := core/math/sym3.c $(addprefix core/simplify/,pair_cost.c quadric.c rank_sort.c) core/spatial/knn_group.c \
+    $(addprefix core/refine/,assign.c local_delaunay.c) $(wildcard core/refine/kernels/*.c)
+has_choice := $(if $(filter release clang debug cov,$(config)),\
+    $(shell $(CC) $(filter-out -MMD -MP,$(CFLAGS)) -dM -E - < /dev/null | grep -w __x86_64__))
+kernel_obj := $(call object,$(kernel_src))
+wide_obj := $(if $(has_choice),$(kernel_obj:.o=.avx2.o))
+twin_obj := $(kernel_obj:.o=.scalar.o)
+core_obj = $(call object,$(core_src)) $(wide_obj)
+objects_first = $(filter %.o,$^) $(filter %.a,$^)
+
 libwhittle := $(build)/libwhittle.a
 libapi := $(build)/libapi.a
 libserver := $(build)/libserver.a
-programs := $(if $(worker_src),$(build)/whittle) $(if $(daemon_src),$(build)/whittled)
+programs := $(build)/whittle $(build)/whittled
 unit_programs := $(patsubst tests/unit/%.c,$(build)/tests/unit/%,$(unit_src))
 fuzz_programs := $(patsubst %.c,$(build)/%,$(fuzz_src))
 tool_programs := $(addprefix $(build)/,$(basename $(filter-out %/confined_probe.c,$(tool_src))))
@@ -84,27 +116,63 @@ $(build)/%.o: %.cc
 	$(say) CXX $<
 	$(Q)$(CXX) $(CXXFLAGS) $(CPPFLAGS) -c -o $@ $<
 
-$(libwhittle): $(call object,$(core_src))
+$(kernel_obj): private override CPPFLAGS += $(if $(has_choice),-DKERNEL_CHOICE)
+$(build)/%.avx2.o: private override CPPFLAGS += -mavx2 -DKERNEL_AVX2
+$(build)/%.avx2.o: %.c
+	@mkdir -p $(@D)
+	$(say) CC $< for AVX2
+	$(Q)$(CC) $(CFLAGS) $(CPPFLAGS) -c -o $@ $<
+
+# The scalar form beside the others, for the unit tests.
+$(build)/%.scalar.o: private override CPPFLAGS += -DSIMD_SCALAR -DKERNEL_TWIN
+$(build)/%.scalar.o: %.c
+	@mkdir -p $(@D)
+	$(say) CC $< without vectors
+	$(Q)$(CC) $(CFLAGS) $(CPPFLAGS) -c -o $@ $<
+
+$(libwhittle): $(core_obj)
 $(libapi): $(call object,$(api_src))
-$(libserver): $(call object,$(either_src))
+$(libserver): $(call object,$(server_src))
 $(libwhittle) $(libapi) $(libserver):
 	@mkdir -p $(@D)
 	@rm -f $@
 	$(Q)$(AR) rcs $@ $^
 
-$(build)/whittle: $(call object,$(worker_src)) $(libserver) $(libapi) $(libwhittle)
+# The library as others link it.  The soname counts incompatible changes of core/whittle.h.  In the archive that is
+# installed everything else is local too, so that its names can't collide with a program's own.
+SONAME := libwhittle.so.0
+libwhittle_so := $(build)/$(SONAME)
+$(libwhittle_so): $(core_obj) core/library/libwhittle.map
+	$(say) LD $@
+	$(Q)$(CC) $(LDFLAGS) -shared -Wl,-soname,$(SONAME) -Wl,--version-script=core/library/libwhittle.map \
+	    -Wl,--no-undefined -Wl,-z,relro,-z,now -o $@ $(objects_first) $(CORE_LIBS)
+
+whittle_a := $(build)/installed/libwhittle.a
+$(whittle_a): $(core_obj)
+	@mkdir -p $(@D)
+	$(say) AR $@
+	$(Q)$(LD) -r -o $(@D)/whittle.o $^ && $(OBJCOPY) --localize-hidden $(@D)/whittle.o
+	@rm -f $@
+	$(Q)$(AR) rcs $@ $(@D)/whittle.o
+
+.PHONY: library
+library: $(libwhittle_so) $(whittle_a) ## build libwhittle.so and libwhittle.a, which core/whittle.h describes
+
+$(build)/whittle: $(call object,$(cli_src)) $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@
 	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(CORE_LIBS)
 
-$(build)/whittled: $(call object,$(daemon_src)) $(libserver) $(libapi) $(libwhittle)
+$(build)/whittled: $(call object,$(daemon_main)) $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@
 	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(DAEMON_LIBS) $(CODEC_LIBS) -lseccomp -lm
 
 $(build)/tests/unit/test_service_faults $(build)/tests/fuzz/fuzz_http: $(build)/$(instant_service).o
-objects_first = $(filter %.o,$^) $(filter %.a,$^)
+
+$(build)/tests/unit/test_kernels: $(twin_obj)
+$(build)/tests/unit/test_kernels.o: private override CPPFLAGS += $(if $(has_choice),-DKERNEL_CHOICE)
 
 # Unit tests can make each allocation fail (tests/unit/faults.c).
-wrapped := $(patsubst %,-Wl$(comma)--wrap=%,malloc aligned_alloc calloc realloc reallocarray strdup strndup)
+wrapped := $(if $(filter arm64,$(config)),,$(patsubst %,-Wl$(comma)--wrap=%,malloc aligned_alloc calloc realloc reallocarray strdup strndup _Znwm))
 $(unit_programs): $(build)/tests/unit/%: $(build)/tests/unit/%.o $(call object,$(unit_support_src)) \
     $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@
@@ -115,10 +183,15 @@ $(tool_programs): $(build)/%: $(build)/%.o $(libapi) $(libwhittle)
 	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(API_LIBS) $(CORE_LIBS)
 
 # The probe is confined as whittle is, which sanitizers can't stand.
-$(build)/tests/tools/confined_probe.o: override CFLAGS := $(filter-out -fsanitize% --coverage,$(CFLAGS))
-$(build)/tests/tools/confined_probe: $(build)/tests/tools/confined_probe.o
+confined_probe_obj := $(addprefix $(build)/tests/tools/,confined_probe.o confined_no_new_code.o)
+$(confined_probe_obj): override CFLAGS := $(filter-out -fsanitize% --coverage,$(CFLAGS))
+$(build)/tests/tools/confined_no_new_code.o: server/cli/no_new_code.c
+	$(say) CC $<
+	@mkdir -p $(@D)
+	$(Q)$(CC) $(CFLAGS) $(CPPFLAGS) -c -o $@ $<
+$(build)/tests/tools/confined_probe: $(confined_probe_obj)
 	$(say) LD $@
-	$(Q)$(CC) -pthread -o $@ $<
+	$(Q)$(CC) -pthread -o $@ $^
 
 # Each peer has libraries of its own; their headers are not ours to warn about.
 peer_cflags = $(subst -I/,-isystem /,$(filter-out -std=%,$(shell pkg-config --cflags $(1))))
@@ -133,22 +206,31 @@ $(build)/tests/peers/meshoptimizer: peer_libs = -lmeshoptimizer
 $(peer_programs): $(build)/%: $(build)/%.o
 	$(CXX) $(LDFLAGS) -o $@ $^ $(peer_libs)
 
+# The shared library shows whittle_* of core/whittle.h alone; the same objects are in libwhittle.a.
+$(core_obj) $(twin_obj): override CFLAGS += -fPIC -fvisibility=hidden
+$(call object,$(core_src)): override CXXFLAGS += -fPIC -fvisibility=hidden -fvisibility-inlines-hidden
+
 # What takes the time of a job.
-ifeq ($(config),release)
-$(call object,$(core_src)): override CFLAGS += -O3
+ifneq ($(filter $(config),release narrow scalar clang arm64),)
+$(core_obj) $(twin_obj): override CFLAGS += -O3
 endif
 
-# Their vectors are passed between functions that are inlined, so how others would get them doesn't matter.
-$(addprefix $(build)/core/,cluster.o fit_assign.o knn_group.o pair_cost.o quadric.o rank_sort.o \
-    star_frames.o sym3.o triangle_frames.o umbrella.o): override CFLAGS += -Wno-psabi
+# The contract is written in parts.
+contract_parts := $(wildcard $(addprefix api/openapi/,*.json paths paths/*.json components components/*.json))
+contract := $(build)/api/openapi/openapi.json
+$(contract): api/openapi/parts.py $(contract_parts)
+	@mkdir -p $(@D)
+	$(say) JOIN $@
+	$(Q)$(PYTHON) api/openapi/parts.py api/openapi $@
 
 # Files that are compiled into the program.
-$(build)/api/openapi.o: api/openapi.json
-$(build)/server/page.o: server/page.html
+$(build)/api/openapi/openapi.o: $(contract)
+$(build)/api/openapi/openapi.o: override CFLAGS += -DOPENAPI_JSON='"$(contract)"'
+$(build)/server/handlers/page.o: server/handlers/page.html
 
 # The version is compiled into one file, rebuilt when it changes.
-$(build)/core/version.o: CFLAGS += -DWHITTLE_VERSION='"$(VERSION)"'
-$(build)/core/version.o: $(build)/version.stamp
+$(build)/core/base/version.o: override CFLAGS += -DWHITTLE_VERSION='"$(VERSION)"'
+$(build)/core/base/version.o: $(build)/version.stamp
 $(build)/version.stamp: FORCE
 	@mkdir -p $(@D)
 	@echo '$(VERSION)' | cmp -s - $@ || echo '$(VERSION)' > $@
@@ -159,10 +241,11 @@ FORCE:
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
             libmicrohttpd-dev libgnutls28-dev libcurl4-openssl-dev libsqlite3-dev libseccomp-dev nettle-dev zlib1g-dev \
             libzstd-dev liblz4-dev libcmocka-dev libfaketime xz-utils zstd sqlite3 procps curl jq python3 \
-            python3-pytest python3-pytest-xdist python3-jsonschema ca-certificates
+            python3-pytest python3-pytest-xdist python3-jsonschema python3-numpy ca-certificates clang-format
 peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev libmeshoptimizer-dev meshlab xvfb xauth
 bench_packages := valgrind
 paper_packages := libeigen3-dev libtbb-dev libmeshoptimizer-dev python3-matplotlib
+real_scans_packages := libeigen3-dev libtbb-dev libopen3d-dev python3-matplotlib
 fuzz_packages := clang libclang-rt-14-dev
 contract_packages := chromium nginx-light openssl wget zstd groff $(if $(shell command -v npm),,nodejs npm)
 
@@ -190,20 +273,35 @@ run: deps ## start whittled for use; LISTEN=127.0.0.1:8080 DATA=folder
 # ---------------------------------------------------------------------------------------------------- checks
 .PHONY: test
 test: deps ## build and run all tests; also with config=asan or tsan
-	@$(MAKE) --no-print-directory -j$$(nproc) all tests
+	@$(MAKE) --no-print-directory -j$$(nproc) all tests library
 	@$(MAKE) --no-print-directory -j$$(nproc) lint test-unit
 	@$(MAKE) --no-print-directory test-integration
 
 .PHONY: tests
 tests: $(unit_programs) $(fuzz_programs) $(tool_programs) $(build)/tests/tools/confined_probe ## build the programs that the tests run
 
+.PHONY: core-units
+core-units: $(addprefix $(build)/,$(basename $(core_unit_src)))
+
+.PHONY: test-arm64
+test-arm64: ## the core's unit tests for arm64 under qemu, and whether whittle writes there what it writes here
+	@tests/tools/arm64.sh
+
+# What is ours to lay out: all but what fixtures bring along.
+laid_out = $(shell find core api server tests \( -path tests/fixtures -o -name node_modules \) -prune -o \
+    -name '*.[ch]' -print -o -name '*.cc' -print)
+
 .PHONY: lint
-lint: $(libwhittle) ## check layers, banned functions, licence lines and line lengths
+lint: $(libwhittle) ## check layers, banned functions, licence lines, the layout of the code, and paths in documents
 	@$(PYTHON) tests/lint/layers.py $(libwhittle)
+	@$(PYTHON) -B tests/lint/documents.py
+	@command -v clang-format > /dev/null || deploy/deps.sh clang-format
+	@clang-format --dry-run -Werror $(laid_out)
 
 .PHONY: test-integration
 test-integration: ## the integration tests alone, with the programs that are there
-	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -p no:cacheprovider -n 4 tests/integration
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider -n 4 \
+	    --allowed-skips tests/integration/skips.txt tests/integration
 
 ROUNDS ?= 500
 SEED ?= 1
@@ -211,6 +309,29 @@ SEED ?= 1
 test-crash: deps ## kill service and workers in ROUNDS=500 rounds at named and random moments (SEED=1), and look
 	@$(MAKE) --no-print-directory -j$$(nproc) all
 	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) tests/integration/crash.py --rounds $(ROUNDS) --seed $(SEED)
+
+REFERENCE ?=
+.PHONY: same-bits
+same-bits: deps ## whether whittle writes the same bits in release, narrow and scalar; REFERENCE=another whittle
+	@for c in release narrow scalar; do $(MAKE) --no-print-directory -j$$(nproc) config=$$c build/$$c/whittle || exit; done
+	@$(PYTHON) tests/tools/same_bits.py $(REFERENCE) build/release/whittle build/narrow/whittle build/scalar/whittle
+
+MUTANTS ?= *
+.PHONY: mutants
+mutants: deps ## plant faults by hand, one at a time, and see a test find each; MUTANTS='fsync-*,webhook-*' picks some
+	@$(MAKE) --no-print-directory config=release -j$$(nproc) all tests
+	@$(PYTHON) tests/mutants/run.py -j $$(nproc) --pick '$(MUTANTS)' build/release
+
+.PHONY: coverage
+coverage: deps ## which lines and branches the tests run, a figure for each room -> build/cov/coverage.txt, .html
+	@deploy/deps.sh gcovr
+	@$(MAKE) --no-print-directory config=cov -j$$(nproc) all tests
+	@find build/cov -name '*.gcda' -delete
+	@$(MAKE) --no-print-directory config=cov -j$$(nproc) test-unit
+	@$(MAKE) --no-print-directory config=cov test-integration
+	@gcovr -r . --object-directory build/cov -f core/ -f api/ -f server/ --txt build/cov/coverage.txt \
+	    --html-details build/cov/coverage.html --print-summary
+	@$(PYTHON) tests/tools/coverage.py build/cov/coverage.txt
 
 # ---------------------------------------------------------------------------------------------------- figures
 .PHONY: bench
@@ -243,6 +364,12 @@ accuracy: deps ## the error table of the README; MESHES="mesh.ply ..." for other
 	@$(MAKE) --no-print-directory -j$$(nproc) all
 	@$(PYTHON) tests/bench/accuracy.py $(build) $(MESHES)
 
+.PHONY: odd-geometries
+odd-geometries: deps ## time and memory over 60 geometries unlike scans; POINTS=30000 ONLY="helix,lattice"
+	@$(MAKE) --no-print-directory -j$$(nproc) all tools
+	@$(PYTHON) tests/bench/odd_geometries.py $(build) --points $(if $(filter command line,$(origin POINTS)),$(POINTS),30000) \
+	    --only "$(ONLY)"
+
 .PHONY: tools
 tools: $(tool_programs) ## build the measuring programs of tests/
 
@@ -272,6 +399,13 @@ open-scans: deps ## whether holes of scans stay open along their borders; MODELS
 	@$(MAKE) --no-print-directory -j$$(nproc) all
 	@$(PYTHON) tests/peers/open_scans.py --build $(build) $(chosen)
 
+.PHONY: real-scans
+real-scans: deps ## meshes of real scans beside the peers', with pictures; MODELS=lion RATIOS=0.1 SCANS="--no-halves"
+	@deploy/deps.sh $(real_scans_packages)
+	@$(MAKE) --no-print-directory -j$$(nproc) all \
+	    $(addprefix $(build)/tests/peers/,surface_cgal soundness_cgal open3d)
+	@$(PYTHON) tests/peers/real_scans.py --build $(build) $(chosen) $(SCANS)
+
 .PHONY: paper
 paper: deps ## Lee and Jong's evaluation again, with pictures; MODELS=horse,venus -> out/paper.html
 	@deploy/deps.sh $(paper_packages)
@@ -282,7 +416,7 @@ paper: deps ## Lee and Jong's evaluation again, with pictures; MODELS=horse,venu
 include deploy/deploy.mk
 
 # ---------------------------------------------------------------------------------------------------- more tests
-# Each unit test is a target, so that they run side by side; what one prints is shown when it fails.
+# Each unit test is a target, so that they run side by side; what one prints is shown when it fails, and why it skipped.
 unit_runs := $(addprefix run-,$(unit_programs))
 fuzz_runs := $(addprefix run-,$(fuzz_programs))
 $(fuzz_runs): seeds := $(wildcard tests/fuzz/seeds/* tests/fixtures/*/*/input.*)
@@ -291,6 +425,7 @@ $(filter %_http,$(fuzz_runs)): seeds := $(wildcard tests/fuzz/seeds/*)
 test-unit: $(unit_runs) $(fuzz_runs) ## the unit tests alone
 $(unit_runs) $(fuzz_runs): run-%: %
 	@$* $(seeds) > $*.log 2>&1 && echo "  OK $* $$(grep -c '^\[       OK' $*.log) tests" || { cat $*.log; exit 1; }
+	@! grep -q '^\[  SKIPPED \]' $*.log || tests/unit/skipped.sh $*.log
 
 # CGAL changes the way of rounding, which valgrind doesn't follow: what triangulates is left to the sanitizers.
 valgrind_programs := $(filter-out %/test_delaunay %/test_cocone %/test_pipeline %/test_refine %/test_metro \
@@ -363,8 +498,8 @@ test-soak: deps ## mixed traffic with workers killed at random; nothing may grow
 	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) tests/load/soak.py --seconds $(SECONDS) --seed $(SEED)
 
 .PHONY: contract
-contract: $(build)/whittled ## bring api/openapi.json up to date with core/params.c and api/routes.c
-	@$(PYTHON) tests/tools/update_contract.py $(build)/whittled
+contract: $(build)/whittled $(build)/tests/tools/tables ## bring api/openapi/ up to date with core/params.c and api/routes.def
+	@$(PYTHON) tests/tools/update_contract.py $(build)
 
 .PHONY: man
 man: $(build)/man/whittle.1 $(build)/man/whittled.8 ## write the manual pages of both programs
@@ -377,7 +512,7 @@ $(build)/man/%:
 
 .PHONY: format
 format: ## lay out the code with clang-format
-	clang-format -i $(wildcard core/*.[ch] core/*.cc api/*.[ch] server/*.[ch] tests/*/*.[ch] tests/*/*.cc)
+	clang-format -i $(laid_out)
 
 .PHONY: clean
 clean: ## remove everything that was built

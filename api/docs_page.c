@@ -14,7 +14,7 @@
 #include <string.h>
 
 #include "api/links.h"
-#include "api/openapi.h"
+#include "api/openapi/openapi.h"
 
 static const char style[] =
     "body{font:15px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;"

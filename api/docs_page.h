@@ -1,4 +1,5 @@
-/* The contract as a page for people, made of api/openapi.json: no script, no style and no font from anywhere else.
+/* The contract as a page for people, made of the contract: no script, no style and no font from anywhere
+ * else.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_API_DOCS_PAGE_H

@@ -11,59 +11,19 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "core/status.h"
+#include "core/base/status.h"
 
 enum problem_kind {
-    PROBLEM_INVALID_PARAMETER,
-    PROBLEM_UNKNOWN_PARAMETER,
-    PROBLEM_CONFLICTING_PARAMETERS,
-    PROBLEM_MALFORMED_REQUEST,
-    PROBLEM_MALFORMED_CLOUD,
-    PROBLEM_DEGENERATE_CLOUD,
-    PROBLEM_UNSUPPORTED_FORMAT,
-    PROBLEM_NOT_ACCEPTABLE,
-    PROBLEM_BODY_TOO_LARGE,
-    PROBLEM_HEADERS_TOO_LARGE,
-    PROBLEM_TOO_MANY_POINTS,
-    PROBLEM_WOULD_EXCEED_MEMORY,
-    PROBLEM_DIGEST_MISMATCH,
-    PROBLEM_NO_SUCH_JOB,
-    PROBLEM_NO_SUCH_CLOUD,
-    PROBLEM_CLOUD_IN_USE,
-    PROBLEM_NO_SUCH_UPLOAD,
-    PROBLEM_OFFSET_MISMATCH,
-    PROBLEM_UPLOAD_PROTOCOL,
-    PROBLEM_CHECKSUM_MISMATCH,
-    PROBLEM_TOO_MANY_UPLOADS,
-    PROBLEM_NO_SUCH_OUTPUT,
-    PROBLEM_NO_SUCH_RESOURCE,
-    PROBLEM_METHOD_NOT_ALLOWED,
-    PROBLEM_RESULT_NOT_READY,
-    PROBLEM_JOB_DISMISSED,
-    PROBLEM_JOB_GONE,
-    PROBLEM_RANGE_NOT_SATISFIABLE,
-    PROBLEM_IDEMPOTENCY_KEY_REUSED,
-    PROBLEM_IDEMPOTENCY_IN_PROGRESS,
-    PROBLEM_UNAUTHORIZED,
-    PROBLEM_FORBIDDEN,
-    PROBLEM_RATE_LIMITED,
-    PROBLEM_QUEUE_FULL,
-    PROBLEM_DRAINING,
-    PROBLEM_STORAGE_FULL,
-    PROBLEM_SYNC_TIMEOUT,
-    PROBLEM_ENGINE_ERROR,
-    PROBLEM_OUT_OF_MEMORY,
-    PROBLEM_TIME_LIMIT,
-    PROBLEM_WORKER_CRASHED,
-    PROBLEM_INTERNAL_ERROR
+#define PROBLEM(kind, slug, status, title, help) PROBLEM_##kind,
+#include "api/problems.def"
+    PROBLEM_COUNT
 };
-#define PROBLEM_COUNT (PROBLEM_INTERNAL_ERROR + 1)
 
 /* One row of the table. */
 struct problem_type {
     const char *slug;
     int http_status;
-    const char *title; /* a short sentence that never changes */
+    const char *title; /* short, the same for all of the kind */
     const char *help;  /* what a client can do about it */
 };
 

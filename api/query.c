@@ -7,7 +7,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "api/json_memory.h"
+#include "api/codecs/json_memory.h"
 
 static bool in_list(const char *name, const char *const *list) {
     for (; list && *list; list++)

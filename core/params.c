@@ -14,17 +14,28 @@
 #include <string.h>
 #include <strings.h>
 
+#include "core/surface/reconstruct.h"
+
 enum { VALUE_BYTES = 256, MAX_NAME = 64 };
 
 static const char *const placements[] = {"subset", "optimal", NULL};
 static const char *const dso_forms[] = {"rms", "sum", "none", NULL};
 static const char *const area_weights[] = {"unit", "area", NULL};
-static const char *const cocone_forms[] = {"tight", "literal", NULL};
-static const char *const boundary_forms[] = {"fill", "keep", NULL};
+#define NAME(constant, name, reported, what, source) #name,
+#define HELP(constant, name, reported, what, source) "; " #name ": " what " (" source ")"
+static const char *const reconstructions[] = {RECONSTRUCTION_ROWS(NAME) NULL};
+static const char reconstructions_help[] = "How the surface is found through the kept points" RECONSTRUCTION_ROWS(HELP);
+#undef NAME
+#undef HELP
+static const char *const surface_forms[] = {"closed", "open", "heightfield", "auto", NULL};
+static const char *const boundary_forms[] = {"fill", "keep", "auto", NULL};
 static const char *const refine_forms[] = {"none", "flips", "full", NULL};
 static const char *const reference_forms[] = {"auto", "points", "faces", "reconstruction", NULL};
 static const char *const denoise_forms[] = {"none", "outliers", "full", NULL};
 static const char *const encodings[] = {"binary", "ascii", NULL};
+static const char *const colour_bits[] = {"8", "16", "keep", NULL};
+static const char *const pcd_precisions[] = {"float", "double", NULL};
+static const char *const xyz_headers[] = {"none", "plain", "hash", NULL};
 /* The bits of outputs; then the first ones' second names, which are those of their files. */
 static const char *const output_names[] = {
     "cloud",    "xyz",       "mesh",      "report",   "dso",         "error",   "cloud.pcd", "mesh.obj", "mesh.stl",
@@ -37,8 +48,15 @@ static const struct param table[] = {
      "Keep floor(ratio x points) points; 0.1 where no goal is given"},
     {"points", PARAM_INTEGER, AT(points), 1, 4294967294.0, false, "", NULL, "points", true,
      "Keep exactly this many points"},
+    {"max_deviation", PARAM_NUMBER, AT(max_deviation), 0, 1e300, true, "", NULL, "units of the file", true,
+     "Keep as few points as a search finds with no input point farther than this from the result, as measured: from "
+     "the mesh where one is made, else from the tangent plane at the nearest kept point; with ratio or points, "
+     "whichever stops first; takes about ten times as long"},
+    {"max_deviation_rel", PARAM_NUMBER, AT(max_deviation_rel), 0, 1, true, "", NULL,
+     "fraction of the bounding-box diagonal", true, "max_deviation as a fraction of the diagonal"},
     {"max_error", PARAM_NUMBER, AT(max_error), 0, 1, true, "", NULL, "fraction of the bounding-box diagonal", true,
-     "Remove points as long as the quadric error stays below this; with ratio or points whichever stops first"},
+     "Deprecated, use max_deviation: remove points as long as the quadric error, which no output shows, stays below "
+     "this; with ratio or points, whichever stops first"},
     {"levels", PARAM_LEVELS, AT(levels), 0, 1, true, "", NULL, "", true,
      "Ratios, separated by commas: a cloud and a mesh of each, from one contraction, named cloud_RATIO.ply and "
      "mesh_RATIO.ply; cloud.ply and mesh.ply are those of the largest"},
@@ -47,9 +65,9 @@ static const struct param table[] = {
      "mesh.ply (mesh), mesh.obj, mesh.stl, mesh.glb; report.json (report); dso.ply (dso) and error.ply (error), which "
      "show every original point with its discrete shape operator, its distance to the mesh"},
     {"denoise", PARAM_CHOICE, AT(denoise), 0, 0, false, "none", denoise_forms, "", true,
-     "Before all else: outliers drops points that belong to no surface; full also smooths the others along their "
-     "normals, edges kept: points are then written at their smoothed positions, all else as it was, and errors are "
-     "measured from there"},
+     "Before all other steps: outliers drops points that belong to no surface; full also smooths the others along "
+     "their normals and keeps edges: points are then written at their smoothed positions, with all else unchanged, and "
+     "errors are measured from there"},
     {"placement", PARAM_CHOICE, AT(placement), 0, 0, false, "subset", placements, "", true,
      "subset: mesh vertices are original points; optimal: mesh vertices move freely for the lowest error"},
     {"dso", PARAM_CHOICE, AT(dso), 0, 0, false, "rms", dso_forms, "", true,
@@ -66,16 +84,34 @@ static const struct param table[] = {
      "Fewest neighbours of a point; three times as many where the cloud is noisy"},
     {"neighbours_max", PARAM_INTEGER, AT(neighbours_max), 3, 63, false, "10", NULL, "points", true,
      "Most neighbours of a point; three times as many where the cloud is noisy"},
-    {"cocone", PARAM_CHOICE, AT(cocone), 0, 0, false, "tight", cocone_forms, "", true,
-     "Reconstruction: tight (Tight Cocone with dense normals and consistent marking) or literal (as published)"},
-    {"boundary", PARAM_CHOICE, AT(boundary), 0, 0, false, "fill", boundary_forms, "", true,
-     "fill: the mesh is closed; keep: facets that no point supports are dropped, so open scans stay open"},
+    {"reconstruction", PARAM_CHOICE, AT(reconstruction), 0, 0, false, "tight", reconstructions, "", true,
+     reconstructions_help},
+    {"surface", PARAM_CHOICE, AT(surface), 0, 0, false, "auto", surface_forms, "", true,
+     "What the points are of: closed: the skin of a solid, reconstructed as a closed mesh; open: sheets with borders, "
+     "as scans of rooms and single views are; heightfield: one sheet seen from above, as terrain is; auto: found out "
+     "from the points, and told in the report"},
+    {"boundary", PARAM_CHOICE, AT(boundary), 0, 0, false, "auto", boundary_forms, "", true,
+     "Borders of a surface that is reconstructed as closed (surface=closed, which this implies): fill: the mesh is "
+     "closed; keep: facets that no point supports are dropped; auto: fill where the surface is found to be closed"},
     {"refine", PARAM_CHOICE, AT(refine), 0, 0, false, "full", refine_forms, "", true,
      "Refinement of the mesh against the original points: none, flips of edges, or full (vertices move too)"},
     {"reference", PARAM_CHOICE, AT(reference), 0, 0, false, "auto", reference_forms, "", true,
      "What the mesh is measured against: points, the input's own faces, or a reconstruction of the full cloud; "
      "auto takes faces where the input has them, else points"},
     {"encoding", PARAM_CHOICE, AT(encoding), 0, 0, false, "binary", encodings, "", true, "Encoding of PLY outputs"},
+    {"colours", PARAM_CHOICE, AT(colours), 0, 0, false, "8", colour_bits, "bits", true,
+     "Bits of each component of red, green and blue in outputs: 8, which all programs show; 16; or keep, as the input "
+     "has them"},
+    {"pcd_precision", PARAM_CHOICE, AT(pcd_precision), 0, 0, false, "float", pcd_precisions, "", true,
+     "Coordinates of cloud.pcd: float, 32 bits around an origin that the report tells where it isn't 0, or double, "
+     "which PCL and most other programs can't read"},
+    {"header", PARAM_CHOICE, AT(header), 0, 0, false, "none", xyz_headers, "", true,
+     "First line of cloud.xyz: none, which all programs read; plain, the names of the columns; or hash, the same "
+     "behind a #"},
+    {"columns", PARAM_COLUMNS, AT(columns), 0, 0, false, "", NULL, "", true,
+     "What the columns of a text input are, where its first line doesn't say so: names of the first ones in their "
+     "order, - for one to leave out (-,x,y,z,intensity), or pairs of a name and a column's name or number "
+     "(x:east,y:north,z:4)"},
     {"seed", PARAM_INTEGER, AT(seed), 0, 4294967295.0, false, "0", NULL, "", true,
      "Seed of the samples that the error is measured with"},
     {"threads", PARAM_INTEGER, AT(threads), 0, 256, false, "0", NULL, "", false,
@@ -83,12 +119,24 @@ static const struct param table[] = {
 };
 enum { ROWS = sizeof table / sizeof table[0] };
 
+/* Deprecated names.  Values of at most PARAMS_ALIAS_BYTES - 1 letters, never "". */
+static const struct param_alias aliases[PARAMS_ALIASES] = {
+    {"cocone", "reconstruction"},
+};
+
 const struct param *params_table(size_t *count) {
     *count = ROWS;
     return table;
 }
 
+const struct param_alias *params_aliases(size_t *count) {
+    *count = PARAMS_ALIASES;
+    return aliases;
+}
+
 const struct param *params_find(const char *name) {
+    for (size_t i = 0; i < PARAMS_ALIASES; i++)
+        if (strcmp(aliases[i].name, name) == 0) name = aliases[i].of;
     for (size_t i = 0; i < ROWS; i++)
         if (strcmp(table[i].name, name) == 0) return &table[i];
     return NULL;
@@ -101,26 +149,40 @@ static size_t min3(size_t a, size_t b, size_t c) {
     return m < c ? m : c;
 }
 
-/* Levenshtein's distance, ignoring case; names longer than MAX_NAME are far from everything. */
+/* Letters in either case are the same, and so are - and _. */
+static bool same_letter(char a, char b) {
+    if (a == '-') a = '_';
+    if (b == '-') b = '_';
+    return strncasecmp(&a, &b, 1) == 0;
+}
+
+/* Damerau's: how many letters are missing, too many, wrong, or in the place of their neighbour.  Names longer than
+ * MAX_NAME are far from everything. */
 static size_t edit_distance(const char *a, const char *b) {
-    size_t la = strlen(a), lb = strlen(b), row[MAX_NAME + 1];
+    size_t la = strlen(a), lb = strlen(b), d[3][MAX_NAME + 1]; /* this row and the two before it */
     if (la > MAX_NAME || lb > MAX_NAME) return SIZE_MAX;
-    for (size_t j = 0; j <= lb; j++) row[j] = j;
+    for (size_t j = 0; j <= lb; j++) d[0][j] = j;
     for (size_t i = 1; i <= la; i++) {
-        size_t diagonal = row[0];
+        size_t *row = d[i % 3], *above = d[(i + 2) % 3], *second = d[(i + 1) % 3];
         row[0] = i;
         for (size_t j = 1; j <= lb; j++) {
-            size_t replace = diagonal + (strncasecmp(&a[i - 1], &b[j - 1], 1) != 0);
-            diagonal = row[j];
-            row[j] = min3(replace, row[j] + 1, row[j - 1] + 1);
+            row[j] = min3(above[j - 1] + !same_letter(a[i - 1], b[j - 1]), above[j] + 1, row[j - 1] + 1);
+            bool swapped = i > 1 && j > 1 && same_letter(a[i - 1], b[j - 2]) && same_letter(a[i - 2], b[j - 1]);
+            if (swapped && second[j - 2] + 1 < row[j]) row[j] = second[j - 2] + 1;
         }
     }
-    return row[lb];
+    return d[la % 3][lb];
+}
+
+/* One mistyping in four letters: short names have many neighbours. */
+static bool is_near(size_t distance, const char *a, const char *b) {
+    size_t la = strlen(a), lb = strlen(b), shorter = la < lb ? la : lb;
+    return distance <= 3 && 4 * distance <= shorter + 1;
 }
 
 static void consider(const char *name, const char *candidate, const char **best, size_t *best_distance) {
     size_t distance = edit_distance(name, candidate);
-    if (distance < *best_distance) *best = candidate, *best_distance = distance;
+    if (distance < *best_distance && is_near(distance, name, candidate)) *best = candidate, *best_distance = distance;
 }
 
 const char *params_output_file(unsigned bit) {
@@ -130,7 +192,7 @@ const char *params_output_file(unsigned bit) {
 
 const char *params_suggest(const char *name, const char *const *extra) {
     const char *best = NULL;
-    size_t distance = strlen(name) < 5 ? 3 : 4; /* this far and farther is no mistyping */
+    size_t distance = SIZE_MAX;
     for (size_t i = 0; i < ROWS; i++) consider(name, table[i].name, &best, &distance);
     for (; extra && *extra; extra++) consider(name, *extra, &best, &distance);
     return best;
@@ -159,6 +221,12 @@ void params_allowed(const struct param *param, char *text, size_t text_bytes) {
     case PARAM_LEVELS:
         snprintf(text, text_bytes, "up to %d different numbers over 0, at most 1, separated by commas",
                  PARAMS_MAX_LEVELS);
+        break;
+    case PARAM_COLUMNS:
+        snprintf(text, text_bytes,
+                 "different names with x, y and z among them, separated by commas, each behind its place or followed "
+                 "by : and a column; at most %d bytes",
+                 COLUMN_LIST_BYTES - 1);
         break;
     }
 }
@@ -247,13 +315,36 @@ static bool set_levels(void *member, const struct param *param, const char *text
     return true;
 }
 
+static bool set_columns(void *member, const struct param *param, const char *text) {
+    (void)param;
+    if (!column_list_is_valid(text)) return false;
+    memset(member, 0, COLUMN_LIST_BYTES);
+    memcpy(member, text, strlen(text));
+    return true;
+}
+
 static bool set_value(struct params *params, const struct param *param, const char *value) {
-    static bool (*const setters[])(void *, const struct param *, const char *) = {[PARAM_NUMBER] = set_number,
-                                                                                  [PARAM_INTEGER] = set_integer,
-                                                                                  [PARAM_CHOICE] = set_choice,
-                                                                                  [PARAM_FLAGS] = set_flags,
-                                                                                  [PARAM_LEVELS] = set_levels};
+    static bool (*const setters[])(void *, const struct param *, const char *) = {
+        [PARAM_NUMBER] = set_number, [PARAM_INTEGER] = set_integer, [PARAM_CHOICE] = set_choice,
+        [PARAM_FLAGS] = set_flags,   [PARAM_LEVELS] = set_levels,   [PARAM_COLUMNS] = set_columns};
     return setters[param->type]((char *)params + param->offset, param, value);
+}
+
+/* Sets a value by its deprecated name: it holds unless the present name is given, too. */
+static bool set_by_alias(struct params *params, struct param_alias_use *use, const struct param *param,
+                         const char *value) {
+    struct params found = *params;
+    if (!set_value(&found, param, value)) return false;
+    params_format(&found, param, use->value, sizeof use->value);
+    return use->by_name || set_value(params, param, value);
+}
+
+static bool set_by_name(struct params *params, const char *name, const struct param *param, const char *value) {
+    for (size_t i = 0; i < PARAMS_ALIASES; i++)
+        if (strcmp(name, aliases[i].name) == 0) return set_by_alias(params, &params->alias[i], param, value);
+    if (!set_value(params, param, value)) return false;
+    for (size_t i = 0; i < PARAMS_ALIASES; i++) params->alias[i].by_name |= strcmp(name, aliases[i].of) == 0;
+    return true;
 }
 
 static void clear_value(struct params *params, const struct param *param) {
@@ -261,6 +352,7 @@ static void clear_value(struct params *params, const struct param *param) {
     if (param->type == PARAM_NUMBER) *(double *)member = NAN;
     if (param->type == PARAM_INTEGER) *(uint64_t *)member = 0;
     if (param->type == PARAM_LEVELS) *(struct param_levels *)member = (struct param_levels){0};
+    if (param->type == PARAM_COLUMNS) memset(member, 0, COLUMN_LIST_BYTES);
 }
 
 void params_defaults(struct params *params) {
@@ -283,31 +375,75 @@ enum status params_set(struct params *params, const char *name, const char *valu
         return error_set(error, STATUS_BAD_PARAMETER, name, "unknown parameter%s%s%s", near ? "; did you mean '" : "",
                          near ? near : "", near ? "'?" : "");
     }
-    if (set_value(params, param, value)) return STATUS_OK;
+    if (set_by_name(params, name, param, value)) return STATUS_OK;
     char allowed[VALUE_BYTES];
     params_allowed(param, allowed, sizeof allowed);
     return error_set(error, STATUS_BAD_PARAMETER, name, "'%.40s' is not allowed; it takes %s", value, allowed);
 }
 
-static unsigned count_files(const struct params *params) {
-    const uint32_t of_levels = OUTPUT_CLOUD | OUTPUT_CLOUD_XYZ | OUTPUT_CLOUD_PCD | OUTPUT_ANY_MESH;
+/* Of which there is one for each of the levels, too. */
+static const uint32_t of_levels = OUTPUT_ANY_CLOUD | OUTPUT_ANY_MESH;
+
+unsigned params_file_count(const struct params *params) {
     return (unsigned)__builtin_popcount(params->outputs) +
            params->levels.count * (unsigned)__builtin_popcount(params->outputs & of_levels);
 }
 
+bool params_file(const struct params *params, unsigned i, char name[PARAMS_FILE_BYTES]) {
+    for (unsigned bit = 0; bit < PARAMS_OUTPUTS; bit++) {
+        if (!(params->outputs & 1u << bit)) continue;
+        const char *file = params_output_file(bit);
+        unsigned levels = of_levels & 1u << bit ? params->levels.count : 0;
+        int stem = (int)strcspn(file, ".");
+        if (i < levels)
+            snprintf(name, PARAMS_FILE_BYTES, "%.*s_%.10g%s", stem, file, params->levels.ratio[i], file + stem);
+        else if (i == levels)
+            snprintf(name, PARAMS_FILE_BYTES, "%s", file);
+        if (i <= levels) return true;
+        i -= levels + 1;
+    }
+    return false;
+}
+
+/* The first deprecated name whose value differs from what the present name was given, or NULL. */
+static const struct param_alias *find_alias_conflict(const struct params *params) {
+    char value[PARAMS_ALIAS_BYTES];
+    for (size_t i = 0; i < PARAMS_ALIASES; i++) {
+        if (!params->alias[i].value[0]) continue;
+        params_format(params, params_find(aliases[i].of), value, sizeof value);
+        if (strcmp(value, params->alias[i].value) != 0) return &aliases[i];
+    }
+    return NULL;
+}
+
 enum status params_resolve(struct params *params, struct error *error) {
+    const struct param_alias *alias = find_alias_conflict(params);
+    if (alias)
+        return error_set(error, STATUS_BAD_PARAMETER, alias->name,
+                         "is a deprecated name of %s and conflicts with it; give one of them", alias->of);
     bool has_ratio = !isnan(params->ratio), has_points = params->points != 0;
     if (has_ratio && has_points)
         return error_set(error, STATUS_BAD_PARAMETER, "points", "conflicts with ratio; give one of them");
-    if (params->levels.count && (has_ratio || has_points || !isnan(params->max_error)))
-        return error_set(error, STATUS_BAD_PARAMETER, "levels", "conflicts with ratio, points and max_error");
+    bool bounded = params_bound_deviation(params);
+    if (params->levels.count && (has_ratio || has_points || bounded || !isnan(params->max_error)))
+        return error_set(error, STATUS_BAD_PARAMETER, "levels",
+                         "conflicts with ratio, points, max_deviation, max_deviation_rel and max_error");
+    if (!isnan(params->max_deviation) && !isnan(params->max_deviation_rel))
+        return error_set(error, STATUS_BAD_PARAMETER, "max_deviation_rel",
+                         "conflicts with max_deviation; give one of them");
+    bool has_borders = params->surface == SURFACE_OPEN || params->surface == SURFACE_HEIGHTFIELD;
+    if (params->boundary == BOUNDARY_FILL && has_borders)
+        return error_set(error, STATUS_BAD_PARAMETER, "boundary",
+                         "fill makes a closed mesh, and conflicts with surface=open and surface=heightfield");
     if (params->neighbours_min > params->neighbours_max)
         return error_set(error, STATUS_BAD_PARAMETER, "neighbours_max", "is below neighbours_min (%llu)",
                          (unsigned long long)params->neighbours_min);
-    if (count_files(params) > PARAMS_MAX_FILES)
+    if (params_file_count(params) > PARAMS_MAX_FILES)
         return error_set(error, STATUS_BAD_PARAMETER, "outputs", "%u files with all levels, at most %d are written",
-                         count_files(params), PARAMS_MAX_FILES);
-    if (!has_ratio && !has_points && isnan(params->max_error) && !params->levels.count) params->ratio = 0.1;
+                         params_file_count(params), PARAMS_MAX_FILES);
+    if (!has_ratio && !has_points && !bounded && isnan(params->max_error) && !params->levels.count) params->ratio = 0.1;
+    if (params->surface == SURFACE_AUTO && params->boundary != BOUNDARY_AUTO) params->surface = SURFACE_CLOSED;
+    memset(params->alias, 0, sizeof params->alias);
     return STATUS_OK;
 }
 
@@ -348,11 +484,13 @@ void params_format(const struct params *params, const struct param *param, char 
     case PARAM_INTEGER: {
         uint64_t value = *(const uint64_t *)member;
         bool given = value != 0 || param->default_text[0];
-        snprintf(text, text_bytes, given ? "%llu" : "", (unsigned long long)value);
+        snprintf(text, text_bytes, "%llu", (unsigned long long)value);
+        if (!given) text[0] = '\0';
         break;
     }
     case PARAM_CHOICE: snprintf(text, text_bytes, "%s", param->choices[*(const int *)member]); break;
     case PARAM_FLAGS: format_flags(*(const uint32_t *)member, param, text, text_bytes); break;
     case PARAM_LEVELS: format_levels(member, text, text_bytes); break;
+    case PARAM_COLUMNS: snprintf(text, text_bytes, "%s", (const char *)member); break;
     }
 }

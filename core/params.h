@@ -11,18 +11,24 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "core/status.h"
+#include "core/base/column_list.h"
+#include "core/base/status.h"
 
 enum dso_form { DSO_RMS, DSO_SUM, DSO_NONE };
 enum placement { PLACEMENT_SUBSET, PLACEMENT_OPTIMAL };
 enum area_weight { AREA_UNIT, AREA_AREA };
-enum cocone_form { COCONE_TIGHT, COCONE_LITERAL };
 enum refine_form { REFINE_NONE, REFINE_FLIPS, REFINE_FULL };
-enum boundary_form { BOUNDARY_FILL, BOUNDARY_KEEP };
+/* What the points are of: the skin of solids; sheets with borders; one sheet seen from above. */
+enum surface_form { SURFACE_CLOSED, SURFACE_OPEN, SURFACE_HEIGHTFIELD, SURFACE_AUTO };
+enum boundary_form { BOUNDARY_FILL, BOUNDARY_KEEP, BOUNDARY_AUTO };
 enum reference_form { REFERENCE_AUTO, REFERENCE_POINTS, REFERENCE_FACES, REFERENCE_RECONSTRUCTION };
 /* What is done to the points before all else. */
 enum denoise_form { DENOISE_NONE, DENOISE_OUTLIERS, DENOISE_FULL };
 enum encoding { ENCODING_BINARY, ENCODING_ASCII };
+/* Bits of a colour's component in outputs. */
+enum colour_bits { COLOURS_8, COLOURS_16, COLOURS_KEEP };
+enum pcd_precision { PCD_FLOAT, PCD_DOUBLE };
+enum xyz_header { HEADER_NONE, HEADER_PLAIN, HEADER_HASH };
 
 /* Bits of params.outputs, in the order of the table's choices. */
 enum output {
@@ -42,6 +48,7 @@ enum output {
 enum { PARAMS_OUTPUTS = 10, PARAMS_MAX_FILES = 64 /* that one job may write */ };
 
 enum { PARAMS_MAX_LEVELS = 16 };
+enum { PARAMS_ALIASES = 1, PARAMS_ALIAS_BYTES = 32 };
 
 /* Ratios, descending, none twice. */
 struct param_levels {
@@ -52,7 +59,9 @@ struct param_levels {
 struct params {
     double ratio;               /* (0, 1]; NAN = not given */
     uint64_t points;            /* 0 = not given */
-    double max_error;           /* fraction of the diagonal; NAN = not given */
+    double max_deviation;       /* in the input's units; NAN = not given */
+    double max_deviation_rel;   /* fraction of the diagonal; NAN = not given; not both */
+    double max_error;           /* fraction of the diagonal; NAN = not given; deprecated */
     struct param_levels levels; /* count 0 = not given: one level */
     uint32_t outputs;           /* enum output */
     int denoise;                /* enum denoise_form */
@@ -63,13 +72,26 @@ struct params {
     double line_quadric;
     double neighbourhood; /* Gopi's m */
     uint64_t neighbours_min, neighbours_max;
-    int cocone;       /* enum cocone_form */
-    int boundary;     /* enum boundary_form */
-    int refine;       /* enum refine_form */
-    int reference;    /* enum reference_form */
-    int encoding;     /* enum encoding of PLY outputs */
-    uint64_t seed;    /* of the error's samples */
-    uint64_t threads; /* 0 = all processors */
+    int reconstruction;              /* row of surface/reconstruct.h */
+    int surface;                     /* enum surface_form */
+    int boundary;                    /* enum boundary_form */
+    int refine;                      /* enum refine_form */
+    int reference;                   /* enum reference_form */
+    int encoding;                    /* enum encoding of PLY outputs */
+    int colours;                     /* enum colour_bits */
+    int pcd_precision;               /* enum pcd_precision */
+    int header;                      /* enum xyz_header */
+    char columns[COLUMN_LIST_BYTES]; /* of a text input; "" = not given */
+    uint64_t seed;                   /* of the error's samples */
+    uint64_t threads;                /* 0 = all processors */
+    uint64_t memory_bytes;           /* that the run may take, which its caller says: no row; 0 = no limit */
+
+    /* What was given by deprecated names, as params_format writes it, "" = not given; and whether the present name was
+     * given too, so that params_resolve sees where they differ. */
+    struct param_alias_use {
+        bool by_name;
+        char value[PARAMS_ALIAS_BYTES];
+    } alias[PARAMS_ALIASES];
 };
 
 /* Whether a mesh has to be made. */
@@ -77,9 +99,15 @@ static inline bool params_want_mesh(const struct params *params) {
     return params->outputs & (OUTPUT_ANY_MESH | OUTPUT_ERROR);
 }
 
-enum param_type { PARAM_NUMBER, PARAM_INTEGER, PARAM_CHOICE, PARAM_FLAGS, PARAM_LEVELS };
+/* Whether points are removed only as long as the measured deviation allows it. */
+static inline bool params_bound_deviation(const struct params *params) {
+    return params->max_deviation > 0 || params->max_deviation_rel > 0; /* not NAN */
+}
 
-/* One row.  Numbers are double members, integers uint64_t, choices int, flags uint32_t, levels struct param_levels. */
+enum param_type { PARAM_NUMBER, PARAM_INTEGER, PARAM_CHOICE, PARAM_FLAGS, PARAM_LEVELS, PARAM_COLUMNS };
+
+/* One row.  Numbers are double members, integers uint64_t, choices int, flags uint32_t, levels struct param_levels,
+ * columns text of COLUMN_LIST_BYTES. */
 struct param {
     const char *name;
     enum param_type type;
@@ -94,14 +122,27 @@ struct param {
     const char *help;           /* one sentence */
 };
 
+/* A deprecated name of a parameter, accepted wherever its own is. */
+struct param_alias {
+    const char *name, *of;
+};
+
 /* The table; *count rows.  Never NULL. */
 const struct param *params_table(size_t *count);
 
-/* The row of this name, or NULL. */
+/* Deprecated names; *count rows.  Never NULL. */
+const struct param_alias *params_aliases(size_t *count);
+
+/* The row of this name, or of the deprecated one, or NULL. */
 const struct param *params_find(const char *name);
 
 /* The file that this bit of outputs stands for, e.g. "cloud.ply"; bit < PARAMS_OUTPUTS. */
 const char *params_output_file(unsigned bit);
+
+/* How many files a job with these parameters (resolved) writes, and the name of the i-th; false past the last. */
+enum { PARAMS_FILE_BYTES = 48 };
+unsigned params_file_count(const struct params *params);
+bool params_file(const struct params *params, unsigned i, char name[PARAMS_FILE_BYTES]);
 
 /* The name in the table (or in extra, a NULL-terminated list that may be NULL) nearest to a mistyped one by edit
  * distance, or NULL when nothing is near. */
@@ -114,8 +155,9 @@ void params_defaults(struct params *params);
  * (and did-you-mean for an unknown name); params untouched on failure. */
 enum status params_set(struct params *params, const char *name, const char *value, struct error *error) MUST_CHECK;
 
-/* After all are set: conflicts (ratio with points; fewer neighbours_max than neighbours_min ...), and ratio = 0.1 where
- * no goal was given.  error->where names the parameter. */
+/* After all are set: conflicts (ratio with points; a parameter given differently by a deprecated name; fewer
+ * neighbours_max than neighbours_min ...), and ratio = 0.1 where no goal was given.  error->where names the parameter.
+ */
 enum status params_resolve(struct params *params, struct error *error) MUST_CHECK;
 
 /* Writes the value of one parameter as text, as params_set would read it back to the same value ("" = not given). */

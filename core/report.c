@@ -16,3 +16,29 @@ void report_add_stage(struct report *report, const char *name, double wall_ms) {
     }
     report->stage[i].wall_ms += wall_ms;
 }
+
+/* A closed mesh over what wasn't scanned. */
+static bool warns_of_lid(const struct report_level *level, char *text, size_t text_bytes) {
+    if (!level->has_mesh || !level->watertight || level->unsupported <= REPORT_UNSUPPORTED_MOST) return false;
+    snprintf(
+        text, text_bytes,
+        "the mesh is watertight, but no input point supports %.0f %% of its area (warned of from %.0f %%): it spans "
+        "what was not scanned; boundary=keep leaves that open",
+        100 * level->unsupported, 100 * REPORT_UNSUPPORTED_MOST);
+    return true;
+}
+
+static bool warns_of_kind(const struct report *report, const struct report_level *level, char *text,
+                          size_t text_bytes) {
+    const struct report_surface *surface = &report->surface;
+    if (!level->has_mesh || !surface->kind[0] || surface->sure) return false;
+    snprintf(text, text_bytes, "it is not sure what surface the points are of; surface=%s was taken, as %s",
+             surface->kind, surface->reason);
+    return true;
+}
+
+bool report_warning(const struct report *report, const struct report_level *level, size_t n, char *text,
+                    size_t text_bytes) {
+    if (warns_of_lid(level, text, text_bytes) && n-- == 0) return true;
+    return warns_of_kind(report, level, text, text_bytes) && n == 0;
+}

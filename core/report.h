@@ -10,7 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "core/losses.h"
+#include "core/base/warnings.h"
 #include "core/params.h"
 
 /* Distances of samples to a surface.  count == 0: not measured. */
@@ -19,7 +19,7 @@ struct distance_stats {
     double mean, rms, max;
 };
 
-enum { REPORT_MAX_STAGES = 24, REPORT_STAGE_BYTES = 24 };
+enum { REPORT_MAX_STAGES = 24, REPORT_STAGE_BYTES = 24, REPORT_WARNING_BYTES = 320 };
 
 struct report_stage {
     char name[REPORT_STAGE_BYTES];
@@ -36,18 +36,36 @@ struct report_level {
 
     bool has_mesh;
     uint64_t vertices, triangles, hole_fill_triangles, components;
-    uint64_t points_lost;    /* kept points that are no vertex */
-    uint64_t vertices_split; /* copies made to keep it a manifold */
+    uint64_t points_lost;      /* kept points that are no vertex */
+    uint64_t vertices_split;   /* copies made to keep it a manifold */
+    uint64_t handles, borders; /* 0 handles unless it is manifold and oriented */
+    double border_length;
     bool watertight, manifold, oriented;
     double area, volume;
+    double unsupported;      /* share of the area that no input point supports (core/measure/support.h) */
     char reconstruction[24]; /* which form was taken: "tight", "literal", ... */
 
     bool has_error;
-    struct distance_stats forward;  /* every original point to the mesh */
-    struct distance_stats backward; /* area-uniform samples of the mesh to the reference */
-    struct distance_stats surface;  /* area-uniform samples of the reference surface to the mesh; count 0 without one */
-    double hausdorff;               /* largest of the maxima above */
-    char reference[24];             /* what backward was measured against: "points", "faces", "reconstruction" */
+    struct distance_stats input_to_mesh;   /* every original point to the mesh */
+    struct distance_stats mesh_to_input;   /* the mesh's surface to the reference */
+    struct distance_stats surface_to_mesh; /* the reference's surface to the mesh; count 0 without one */
+    struct distance_stats symmetric;       /* both ways alike: means of surface_to_mesh, or input_to_mesh where there is
+                                              none, and mesh_to_input; its max is the Hausdorff distance */
+    char reference[24]; /* what mesh_to_input was measured against: "points", "faces", "reconstruction" */
+};
+
+/* The largest distance of an input point to the result: of the mesh where there is one, else to the tangent planes. */
+struct report_deviation {
+    double bound, reached; /* bound: what was asked for; 0 = nothing */
+    uint64_t tried;        /* counts of points that the search made results of */
+};
+
+/* What the cloud was taken for, once for all meshes.  "" where there are none. */
+struct report_surface {
+    char kind[16];        /* "closed", "open", "heightfield" */
+    char reason[200];     /* a sentence without a full stop */
+    char orientation[16]; /* what says which side is in front: "outwards", "upwards", "normals", "viewpoint" */
+    bool sure;
 };
 
 struct report {
@@ -60,6 +78,9 @@ struct report {
     size_t level_count;
     struct report_level level[PARAMS_MAX_LEVELS]; /* the finest first; that is the one of cloud.ply and mesh.ply */
 
+    struct report_surface surface;
+    struct report_deviation deviation;
+
     struct losses losses; /* what the cloud doesn't hold of the input, and the outputs not of the cloud */
 
     size_t stage_count;
@@ -70,5 +91,13 @@ struct report {
 
 /* Adds a stage's time; a name that is there already is added to.  Past REPORT_MAX_STAGES it is dropped. */
 void report_add_stage(struct report *report, const char *name, double wall_ms);
+
+/* A closed mesh of which more than this share of the area is unsupported closes what wasn't scanned, and is told of. */
+#define REPORT_UNSUPPORTED_MOST 0.05
+
+/* Writes the n-th thing (from 0) that a user should know before using this level of the report's results, as a sentence
+ * without a full stop; false where there is no n-th one. */
+bool report_warning(const struct report *report, const struct report_level *level, size_t n, char *text,
+                    size_t text_bytes);
 
 #endif

@@ -2,8 +2,8 @@
 # Backs up the data folder of whittled, which may be running: one tar file, readable by its owner alone.
 #
 # The database comes first, as one consistent state; every file that it names was complete before its row was, so the
-# files copied after it hold all of them.  Those that are newer have no row, and the next start removes them.  A job
-# that was running is queued again by then.
+# files copied after it hold all of them.  Those that are newer have no row, and the next start moves them to lost+found,
+# which is itself not backed up.  A job that was running is queued again by then.
 # Usage: backup.sh DATA_FOLDER BACKUP.tar
 # SPDX-License-Identifier: GPL-3.0-or-later
 set -eu
@@ -22,6 +22,6 @@ sqlite3 -batch "$data/whittled.db" ".timeout 10000" ".backup '$work/whittled.db'
 # Status 1 of tar: a file grew or went away meanwhile, which a log and a deleted job do.
 tar -cf "$part" -C "$work" whittled.db
 tar -rf "$part" -C "$data" --warning=no-file-changed --warning=no-file-removed --anchored --exclude='./tmp/*' \
-    --exclude='./whittled.db*' --exclude=./lock --ignore-failed-read . || [ $? = 1 ]
+    --exclude='./whittled.db*' --exclude='./lost+found*' --exclude=./lock --ignore-failed-read . || [ $? = 1 ]
 sync "$part"
 mv "$part" "$2"

@@ -1,6 +1,6 @@
 #!/bin/sh
 # Makes the Debian package from the tree that dist.sh leaves.
-# Usage: deb.sh FOLDER        prints the package's path
+# Usage: deb.sh FOLDER        prints the packages' paths, that of the programs first
 # SPDX-License-Identifier: GPL-3.0-or-later
 set -eu
 here=$(cd "$(dirname "$0")/.." && pwd)
@@ -22,3 +22,4 @@ whittle ($version) unstable; urgency=medium
 END
 dpkg-buildpackage -b -us -uc -j"$(nproc)" >"$folder/build.log" 2>&1 || { tail -n 40 "$folder/build.log" >&2; exit 1; }
 ls "$folder"/whittle_"$version"_*.deb
+ls "$folder"/lib*whittle*_"$version"_*.deb "$folder"/python3-whittle_"$version"_*.deb | grep -v dbgsym

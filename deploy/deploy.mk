@@ -2,15 +2,50 @@
 #
 # Packages, images and releases; part of the Makefile.
 
-deb_packages := debhelper dpkg-dev bash-completion xz-utils
+# dpkg-buildpackage wants build-essential itself, whatever of it is there.
+deb_packages := build-essential debhelper dpkg-dev bash-completion dh-python python3 xz-utils
 deploy_packages := $(deb_packages) lintian mmdebstrap buildah umoci runc podman netavark aardvark-dns catatonit \
                    docker-compose systemd systemd-container nginx-light openssl prometheus sqlite3 \
                    yamllint python3-yaml python3-kubernetes procps \
                    $(if $(shell command -v kubectl),,kubernetes-client) $(if $(shell command -v npm),,nodejs npm)
 
+# ---------------------------------------------------------------------------------------------------- installing
+PREFIX ?= /usr/local
+DESTDIR ?=
+LIBDIR ?= $(PREFIX)/lib
+PYTHONDIR ?= $(LIBDIR)/python3/dist-packages
+staged = $(DESTDIR)$(1)
+# What programs that link libwhittle.a need beside it.
+pc_private := $(filter-out -lstdc++,$(CORE_LIBS)) -lstdc++ -pthread
+
+.PHONY: install-library
+install-library: library ## libwhittle with its header, whittle.pc and Python module; PREFIX=/usr/local DESTDIR=
+	install -d $(call staged,$(LIBDIR)/pkgconfig) $(call staged,$(PREFIX)/include)
+	install -m644 $(libwhittle_so) $(whittle_a) $(call staged,$(LIBDIR))
+	ln -sf $(SONAME) $(call staged,$(LIBDIR)/libwhittle.so)
+	install -m644 core/whittle.h $(call staged,$(PREFIX)/include)
+	sed -e 's|@PREFIX@|$(PREFIX)|; s|@LIBDIR@|$(LIBDIR)|; s|@VERSION@|$(VERSION)|; s|@PRIVATE@|$(pc_private)|' \
+	    core/library/whittle.pc.in > $(call staged,$(LIBDIR)/pkgconfig/whittle.pc)
+	install -d $(call staged,$(PYTHONDIR)/whittle)
+	install -m644 api/python/whittle/*.py $(call staged,$(PYTHONDIR)/whittle)
+
+.PHONY: install
+install: all man install-library ## programs, manual pages and library; PREFIX=/usr/local DESTDIR=
+	install -d $(call staged,$(PREFIX)/bin) $(call staged,$(PREFIX)/share/man/man1) \
+	    $(call staged,$(PREFIX)/share/man/man8) $(call staged,$(PREFIX)/share/bash-completion/completions)
+	install $(programs) $(call staged,$(PREFIX)/bin)
+	install -m644 $(build)/man/whittle.1 $(call staged,$(PREFIX)/share/man/man1)
+	install -m644 $(build)/man/whittled.8 $(call staged,$(PREFIX)/share/man/man8)
+	install -m644 deploy/completion/* $(call staged,$(PREFIX)/share/bash-completion/completions)
+
+# ---------------------------------------------------------------------------------------------------- packages
 .PHONY: print-packages
 print-packages: # for those who keep a list of their own
 	@echo $(packages)
+
+.PHONY: print-deb-packages
+print-deb-packages: # what making the Debian package wants beside them
+	@echo $(deb_packages)
 
 .PHONY: dist
 dist: ## whittle-VERSION.tar.xz of the source in build/dist, the same bytes whenever it is made

@@ -32,8 +32,13 @@ done
 
 echo "whittled is at $url"
 echo "POST $url/v1/jobs?ratio=$ratio&outputs=cloud,mesh,report  <  $(basename "$cloud")"
-job=$(curl -sS --fail-with-body -X POST -T "$cloud" "$url/v1/jobs?ratio=$ratio&outputs=cloud,mesh,report" | jq -r '.links[] | select(.rel=="self").href') ||
-    { echo "demo: the job was refused" >&2; exit 1; }
+# The query is encoded by curl, whatever the ratio is.
+reply=$(curl -s --show-error --fail-with-body -X POST -T "$cloud" --url-query "ratio=$ratio" \
+    --url-query outputs=cloud,mesh,report "$url/v1/jobs" 2>"$work/curl") || {
+    jq -er '"demo: the job was refused: " + .title + ": " + .detail' <<<"$reply" >&2 2>/dev/null || cat "$work/curl" >&2
+    exit 1
+}
+job=$(jq -r '.links[] | select(.rel=="self").href' <<<"$reply")
 
 while :; do
     doc=$(curl -sS -H 'Prefer: wait=1' "$url$job")
@@ -43,7 +48,7 @@ while :; do
     sleep 0.1
 done
 echo
-[ "$status" = successful ] || { jq .problem <<<"$doc" >&2; exit 1; }
+[ "$status" = successful ] || { jq -r '"demo: the job \(.status): " + (.problem.detail // "no reason given")' <<<"$doc" >&2; exit 1; }
 
 mkdir -p "$out"
 for name in cloud.ply mesh.ply report.json; do
@@ -51,12 +56,16 @@ for name in cloud.ply mesh.ply report.json; do
 done
 
 jq -r '
-  def sci: if . == null then "-" else (. * 1e4 * 1000 | round / 1000 | tostring) + "e-4" end;
+  def sci(value): if value == null then "-" else (value * 1e4 * 1000 | round / 1000 | tostring) + "e-4" end;
+  def num(value): if value == 0 then "0" else pow(10; 3 - (value | log10 | floor)) as $p | value * $p | round / $p | tostring end;
   def row(name; value): "  " + (name + " " * 34)[:34] + (value | tostring);
   row("points in"; .points_in), row("points out"; .points_out),
   row("mesh vertices"; .mesh.vertices), row("triangles"; .mesh.triangles), row("watertight"; .mesh.watertight),
-  (.error | row("error, mean / diagonal"; .mean_rel | sci), row("error, RMS / diagonal"; .rms_rel | sci),
-            row("error, maximum / diagonal"; .max_rel | sci)),
+  (.error | to_entries[] | select(.key | IN("input_to_mesh", "mesh_to_input", "symmetric")) | .key as $way | .value |
+    row($way + ", mean"; num(.mean) + ", / diagonal " + sci(.mean_rel)),
+    row($way + ", RMS"; num(.rms) + ", / diagonal " + sci(.rms_rel)),
+    row($way + ", maximum"; num(.max) + ", / diagonal " + sci(.max_rel))),
+  (.warnings[] | row("warning"; .)),
   (.timings_ms | to_entries[] | row("time, " + .key; (.value * 10 | round / 10 | tostring) + " ms"))
 ' "$out/report.json"
 ls -l "$out"/cloud.ply "$out"/mesh.ply "$out"/report.json

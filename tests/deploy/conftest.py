@@ -211,6 +211,6 @@ def make_package(tmp_path_factory):
         return pathlib.Path(os.environ["WHITTLE_PACKAGE"])
     need("dpkg-buildpackage", "dh")
     began = time.monotonic()
-    path = pathlib.Path(run(ROOT / "deploy/deb.sh", tmp_path_factory.mktemp("deb")).splitlines()[-1])
+    path = pathlib.Path(run(ROOT / "deploy/deb.sh", tmp_path_factory.mktemp("deb")).splitlines()[0])
     say(f"{path.name} in {time.monotonic() - began:.0f} s, {path.stat().st_size >> 10} KB")
     return path

@@ -144,7 +144,7 @@ def test_the_unit_runs_and_is_looked_after(booted, job, scan):
     status = booted.show("StatusText")
     assert status == f"listening on {URL}"
     confined = re.search(r"jobs are confined by (.*)", booted.journal())[1]
-    assert "seccomp" in confined and "no network" in confined, confined
+    assert "seccomp" in confined and "no network" in confined and "own process ids" in confined, confined
     pid = booted.show("MainPID")
     facts = booted("cat", f"/proc/{pid}/status")
     assert not re.search(r"^Uid:\t0\t", facts, re.M) and re.search(r"^CapBnd:\t0+$", facts, re.M)
@@ -185,12 +185,12 @@ def test_the_unit_runs_and_is_looked_after(booted, job, scan):
 
 
 def serve_through_nginx(booted, scan):
-    install, *rest = readme_commands("One machine in five commands")
-    assert len(rest) == 4 and "make deb" in install  # the fixtures did that
+    install, *rest = readme_commands("One machine in six commands")
+    assert len(rest) == 5 and "make deb" in install  # the fixtures did that
     booted.shell("\n".join(rest).replace("/path/to/", "/tls/"))
     flags = ("--cacert", booted.machine.root / "tls/tls.crt", "--resolve", f"{HOST}:443:127.0.0.1")
     main_job(f"https://{HOST}", scan, *flags)
-    say("the README's five commands: the main job goes through nginx, with TLS")
+    say("the README's six commands: the main job goes through nginx, with TLS")
 
 
 def back_up_and_restore(booted, job, scan):

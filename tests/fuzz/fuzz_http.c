@@ -14,8 +14,8 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "server/log.h"
-#include "server/tokens.h"
+#include "server/auth/tokens.h"
+#include "server/daemon/log.h"
 #include "tests/unit/folder.h"
 #include "tests/unit/instant_service.h"
 
@@ -126,16 +126,16 @@ static void send_first(const char *request) {
 static void open_service(void) {
     struct error error = {0};
     require(instant_service_open(&instant, &config, &error) == STATUS_OK);
-    send_first("POST /v1/clouds HTTP/1.1\r\nHost: a\r\nContent-Length: 18\r\n\r\n0 0 0\n1 0 0\n0 1 0\n");
-    send_first("POST /v1/jobs HTTP/1.1\r\nHost: a\r\nContent-Length: 18\r\n\r\n0 0 0\n1 0 0\n0 1 0\n");
-    send_first("POST /v1/uploads HTTP/1.1\r\nHost: a\r\nTus-Resumable: 1.0.0\r\nUpload-Length: 18\r\n\r\n");
+    send_first("POST /v1/clouds HTTP/1.1\r\nHost: localhost\r\nContent-Length: 18\r\n\r\n0 0 0\n1 0 0\n0 1 0\n");
+    send_first("POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 18\r\n\r\n0 0 0\n1 0 0\n0 1 0\n");
+    send_first("POST /v1/uploads HTTP/1.1\r\nHost: localhost\r\nTus-Resumable: 1.0.0\r\nUpload-Length: 18\r\n\r\n");
 }
 
 /* Without its database the next start finds every file to be nobody's. */
 static void close_service(void) {
     static const char *const endings[] = {"", "-wal", "-shm"};
     char path[STORE_PATH_BYTES], whole[STORE_PATH_BYTES + 8];
-    store_database_path(instant.service.store, path);
+    snprintf(path, sizeof path, "%s/whittled.db", folder);
     instant.service.tokens = NULL;
     instant_service_close(&instant);
     for (size_t i = 0; i < sizeof endings / sizeof *endings; i++) {
@@ -156,6 +156,8 @@ int LLVMFuzzerInitialize(int *argc, char ***argv) {
                      folder,
                      "--min-free",
                      "0",
+                     "--allowed-hosts",
+                     "*",
                      "--webhooks",
                      "--sync-max",
                      "1ms",

@@ -7,8 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "api/job_request.h"
-#include "server/multipart.h"
+#include "api/codecs/job_request.h"
+#include "server/http/multipart.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 

@@ -1,7 +1,7 @@
 /* Fuzzes the PCD reader.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/cloud_pcd.h"
+#include "core/io/reader.h"
 #include "tests/fuzz/fuzz_reader.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) { return fuzz_reader(cloud_pcd_read, data, size); }

@@ -10,8 +10,8 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "core/cloud_pcd.h"
-#include "core/cloud_pcd_write.h"
+#include "core/io/formats/pcd_write.h"
+#include "core/io/reader.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
@@ -43,7 +43,7 @@ static inline void fuzz_check_cloud(const struct cloud *cloud) {
 /* Written as PCD and read again it has the same points. */
 static inline void fuzz_write_and_read_again(const struct cloud *cloud) {
     int fd = memfd_create("fuzz", 0);
-    fuzz_require(fd >= 0 && cloud_write_pcd(fd, cloud, NULL, cloud->count, NULL, NULL) == STATUS_OK);
+    fuzz_require(fd >= 0 && cloud_write_pcd(fd, cloud, NULL, cloud->count, PCD_DOUBLE, NULL, NULL) == STATUS_OK);
     size_t size = (size_t)lseek(fd, 0, SEEK_END);
     void *map = mmap(NULL, size, PROT_READ, MAP_PRIVATE, fd, 0);
     struct cloud again;

@@ -12,8 +12,8 @@
 #include <string.h>
 
 #include "api/routes.h"
-#include "server/job.h"
-#include "server/message.h"
+#include "server/catalog/job.h"
+#include "server/http/request.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 

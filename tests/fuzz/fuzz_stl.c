@@ -1,7 +1,7 @@
 /* Fuzzes the STL reader.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/cloud_stl.h"
+#include "core/io/reader.h"
 #include "tests/fuzz/fuzz_reader.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) { return fuzz_reader(cloud_stl_read, data, size); }

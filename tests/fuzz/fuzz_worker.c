@@ -8,8 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "api/report_read.h"
-#include "server/wire.h"
+#include "api/codecs/report_read.h"
+#include "server/shared/worker_protocol.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 

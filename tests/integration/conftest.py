@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Starts whittled for a test, on a free port and a data folder of its own, and talks to it with curl."""
+import fnmatch
 import http.client
 import json
 import math
 import os
 import pathlib
 import re
+import shutil
 import signal
 import subprocess
 import time
@@ -54,22 +56,51 @@ class Reply:
         return document["type"].removeprefix("/problems/")
 
 
+SANITIZERS_SAY = re.compile(r"(?:ERROR|WARNING): \w+Sanitizer.*|.*: runtime error: .*")
+
+
+def children_of(pid):
+    found = []
+    for task in pathlib.Path(f"/proc/{pid}/task").glob("*/children"):
+        try:
+            found += map(int, task.read_text().split())
+        except OSError:
+            pass  # the thread has ended
+    return found
+
+
+class Process(subprocess.Popen):
+    """Knows whether it was told to stop: a second signal would end it at once."""
+    stopping = False
+
+    def send_signal(self, sig):
+        self.stopping = self.stopping or sig in (signal.SIGTERM, signal.SIGINT)
+        super().send_signal(sig)
+
+
 class Daemon:
-    """A whittled of this test's own."""
+    """A whittled of this test's own.  How each of its processes ended is looked at when the test is over: with status 0,
+    unless the test killed it, gave it a fault that kills, or says otherwise (may_end)."""
 
     def __init__(self, folder, *flags):
         self.folder, self.flags = folder, flags
         self.data = folder / "data"
         self.log = folder / "log"
         self.process = None
+        self.processes = []  # all that there were
+        self.allowed = {0} | ({-signal.SIGKILL} if any("=kill" in str(flag) for flag in flags) else set())
         self.curl_flags = ()
         self.prefix = ()  # a command that ends in exec of its arguments
+        self.program = BUILD / "whittled"
 
     def start(self, *more):
         with open(self.log, "ab") as log:
-            self.process = subprocess.Popen(
-                [*self.prefix, BUILD / "whittled", "--listen", "127.0.0.1:0", "--data", self.data, *UNLIMITED, *self.flags, *more],
+            self.process = Process(
+                [*self.prefix, self.program, "--listen", "127.0.0.1:0", "--data", self.data, *UNLIMITED, *self.flags, *more],
                 stdout=subprocess.PIPE, stderr=log, text=True)
+        self.processes.append(self.process)
+        if any("=kill" in str(flag) for flag in more):
+            self.may_end(-signal.SIGKILL)
         line = self.process.stdout.readline()
         assert re.match("listening on https?://127.0.0.1:", line), (line, self.log_text()[-4000:])
         self.url = line.split()[-1]
@@ -82,7 +113,12 @@ class Daemon:
     def log_text(self):
         return self.log.read_text(errors="replace")
 
+    def may_end(self, *statuses):
+        """This test ends it so on purpose."""
+        self.allowed.update(statuses)
+
     def kill(self):
+        self.may_end(-signal.SIGKILL)
         self.process.send_signal(signal.SIGKILL)
         self.process.wait(PATIENCE_S)
 
@@ -92,6 +128,31 @@ class Daemon:
             self.process.send_signal(signal.SIGTERM)
             self.process.wait(PATIENCE_S)
         return self.process.returncode if self.process else None
+
+    def give_up(self):
+        """Ends it as a service manager does; what still runs is not waited for, but killed."""
+        def ended():
+            # Children that were there before it said that it has ended are jobs'; later ones the leak check's.
+            children = children_of(self.process.pid)
+            said_so = re.search(r" info +ended$", self.log_text().rpartition(" listening on ")[2], re.M)
+            for pid in () if said_so else children:
+                try:
+                    os.kill(pid, signal.SIGKILL)
+                except ProcessLookupError:
+                    pass
+            return self.process.poll() is not None
+
+        if self.process and self.process.poll() is None:
+            self.process.send_signal(signal.SIGCONT)
+            if not self.process.stopping:
+                self.process.send_signal(signal.SIGTERM)
+            wait_until(ended, "the end of whittled")
+
+    def faults(self):
+        """What is wrong with how its processes ended."""
+        ends = [process.wait(PATIENCE_S) for process in self.processes]
+        return ([f"whittled ended with {end}" for end in ends if end not in self.allowed]
+                + SANITIZERS_SAY.findall(self.log_text() if self.log.exists() else ""))
 
     def request(self, method, path, body=None, headers=None, connection=None):
         """(status, headers, body) without curl, for the many requests of a campaign; connection: one that is kept."""
@@ -187,10 +248,79 @@ def sphere(count, place=0):
 SMALL = sphere(300)
 
 
+# ---------------------------------------------------------------------------------------------- folders and skips
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item, call):
+    outcome = yield
+    if call.when == "call":
+        item.stash[PASSED] = outcome.get_result().passed
+
+
+PASSED = pytest.StashKey()
+
+
+@pytest.fixture(name="tmp_path")
+def make_tmp_path(request, tmp_path_factory):
+    """As pytest's own, but gone when the test has passed: what all of them leave is a gigabyte."""
+    path = tmp_path_factory.mktemp(re.sub(r"\W", "_", request.node.name)[:30])
+    yield path
+    if request.node.stash.get(PASSED, False):
+        shutil.rmtree(path, ignore_errors=True)
+
+
+def pytest_addoption(parser):
+    parser.addoption("--allowed-skips", metavar="FILE", help="fail when a test is skipped that this file doesn't name")
+
+
+def allowed_skips(path):
+    """Lines of when (always, plain, sanitized), file and reason, the latter two patterns as the shell has them."""
+    rows = [line.split(None, 2) for line in pathlib.Path(path).read_text().splitlines()
+            if line.strip() and not line.startswith("#")]
+    now = "sanitized" if SANITIZED else "plain"
+    return [(file, reason) for when, file, reason in rows if when in ("always", now)]
+
+
+def unexpected_skips(reports, path):
+    """"file: reason" of each skip that no line allows."""
+    rows, found = allowed_skips(path), set()
+    for report in reports:
+        file, _, reason = report.longrepr
+        name, reason = pathlib.Path(report.nodeid.split("::")[0] or file).name, reason.removeprefix("Skipped: ")
+        if not any(fnmatch.fnmatch(name, f) and fnmatch.fnmatch(reason, r) for f, r in rows):
+            found.add(f"{name}: {reason}")
+    return sorted(found)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionfinish(session, exitstatus):
+    """Where all is well nothing is left, and what was skipped is looked at."""
+    config = session.config
+    path, terminal = config.getoption("--allowed-skips"), config.pluginmanager.get_plugin("terminalreporter")
+    if path and terminal and not hasattr(config, "workerinput"):
+        unexpected = unexpected_skips(terminal.stats.get("skipped", []), path)
+        for line in unexpected:
+            terminal.write_line(f"may not be skipped: {line}", red=True)
+        if unexpected and exitstatus == 0:
+            session.exitstatus = exitstatus = pytest.ExitCode.TESTS_FAILED
+    folder = getattr(getattr(config, "_tmp_path_factory", None), "_basetemp", None)
+    if folder and exitstatus == 0:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
 @pytest.fixture(name="large", scope="session")
 def make_large():
     """A cloud that takes seconds."""
     return sphere(400000)
+
+
+def end_all(daemons):
+    """The end of a fixture that started them: stops those that run, and looks how each ended."""
+    for daemon in daemons:
+        daemon.give_up()
+    for daemon in daemons:
+        print(daemon.log_text()[-20000:] if daemon.log.exists() else "")
+    assert [fault for daemon in daemons for fault in daemon.faults()] == []
 
 
 @pytest.fixture(name="make_daemon")
@@ -205,10 +335,7 @@ def make_make_daemon(tmp_path):
         return daemons[-1].start()
 
     yield make
-    for daemon in daemons:
-        if daemon.process and daemon.process.poll() is None:
-            daemon.kill()
-        print(daemon.log_text()[-20000:])
+    end_all(daemons)
 
 
 @pytest.fixture(name="daemon")

@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Holds replies against api/openapi.json: status, media type, headers, body, problem."""
-import json
-import pathlib
+"""Holds replies against the contract: status, media type, headers, body, problem."""
 import re
 
 import jsonschema
 
-ROOT = pathlib.Path(__file__).parent.parent.parent
-DOCUMENT = json.loads((ROOT / "api/openapi.json").read_text())
+from tables import CONTRACT as DOCUMENT
+
 METHODS = ("get", "post", "put", "patch", "delete", "options", "head")
 
 

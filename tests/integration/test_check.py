@@ -115,6 +115,8 @@ def test_a_database_of_a_later_version_is_damage_that_is_named(ended):
 
 def test_a_journal_that_is_cut_anywhere_leaves_the_last_whole_state(make_daemon):
     daemon = make_daemon()
+    daemon.stop()
+    daemon.start()  # the database itself holds its schema and identity by now
     job_id = daemon.submit(SMALL)
     daemon.ended(job_id)
     daemon.kill()  # so that the journal stays
@@ -131,7 +133,7 @@ def test_a_journal_that_is_cut_anywhere_leaves_the_last_whole_state(make_daemon)
     (daemon.data / "whittled.db-shm").unlink(missing_ok=True)
     (daemon.data / "whittled.db").write_bytes(files["whittled.db"])
     journal.write_bytes(whole[:len(whole) // 2])
-    daemon.start()  # an earlier state, or none at all, is served
+    daemon.start()  # an earlier state is served
     assert daemon.curl(f"/v1/jobs/{job_id}").status in (200, 404)
     assert daemon.ended(daemon.submit(SMALL))["status"] == "successful"
     daemon.stop()
@@ -149,10 +151,18 @@ def test_what_a_crash_leaves_is_no_damage(ended):
     assert status == 0 and len(lines) == 5
     assert all(line.startswith("unfinished: ") for line in lines[:4])
     ended.start()
-    assert "mended requeued=1 failed=0 inputs_lost=0 outputs_lost=0 clouds_lost=0 files_removed=3" in ended.log_text()
+    assert "mended requeued=1 failed=0 inputs_lost=0 outputs_lost=0 clouds_lost=0 files_removed=1 files_set_aside=2" in ended.log_text()
     ended.ended("0198c7d2-4a10-7cc3-9d0e-6f1f2b3c4d5f")
     ended.stop()
-    assert ended.check() == (0, ["checked 2 jobs, 1 clouds, 4 outputs: 0 damaged, 0 unfinished"])
+    status, lines = ended.check()
+    assert status == 0 and lines[0].startswith("set aside: lost+found has 2 ")
+    assert lines[1:] == ["checked 2 jobs, 1 clouds, 4 outputs: 0 damaged, 0 unfinished"]
+
+
+def test_a_database_of_another_folder_is_damage(ended, make_daemon):
+    (ended.data / "identity").write_text("0" * 32)
+    lines = findings(ended, 1)
+    assert len(lines) == 1 and "of another folder" in lines[0] and "check --adopt" in lines[0]
 
 
 def test_a_broken_database_is_found(ended):

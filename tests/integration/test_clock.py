@@ -2,17 +2,19 @@
 """Somebody sets the clock, by a day or by a year: nothing ends at once, nothing stays for ever, whatever runs goes on."""
 import os
 import pathlib
+import sqlite3
 import subprocess
 import time
 
 import pytest
 
-from conftest import BUILD, SMALL, Daemon, sphere, wait_until
+from conftest import BUILD, SMALL, Daemon, end_all, sphere, wait_until
 
 LIBRARY = next(pathlib.Path("/usr/lib").glob("*/faketime/libfaketimeMT.so.1"), None)
 pytestmark = [pytest.mark.skipif(not LIBRARY, reason="libfaketime is not installed"),
               pytest.mark.skipif("asan" in str(BUILD) or "tsan" in str(BUILD), reason="sanitizers come first")]
 DAY = 24 * 3600
+UTC = -time.timezone  # time.mktime takes it for local time
 OFTEN = ("--idempotency-retention", "200ms")  # it looks for what is over as often as that
 
 
@@ -48,10 +50,7 @@ def make_clocked(tmp_path):
         return daemons[-1].start()
 
     yield make
-    for daemon in daemons:
-        if daemon.process.poll() is None:
-            daemon.kill()
-        print(daemon.log_text()[-20000:])
+    end_all(daemons)
 
 
 def set_and_seen(daemon, seconds):
@@ -82,6 +81,34 @@ def test_results_clouds_and_uploads_are_kept_for_as_long_as_they_were_to_be(cloc
     assert daemon.stop() == 0 and daemon.check()[0] == 0
 
 
+@pytest.mark.parametrize("seconds", [DAY, -DAY])
+def test_what_is_written_before_the_clock_is_seen_moves_once(clocked, seconds):
+    daemon = clocked("--retention", "1h", "--upload-expiry", "1h")  # looks every 30 s
+    daemon.set_clock(seconds)
+    job_id = daemon.submit(SMALL)
+    daemon.ended(job_id)
+    cloud = daemon.post("/v1/clouds", SMALL + b"0 0 0\n").headers["location"]
+    upload = daemon.curl("/v1/uploads", "-X", "POST", "-H", "Tus-Resumable: 1.0.0", "-H", "Upload-Length: 10")
+    keyed = daemon.post("/v1/jobs?ratio=0.9", SMALL, "-H", "Idempotency-Key: k").json["id"]
+    daemon.ended(keyed)
+    assert "the clock was set by" not in daemon.log_text(), "a busy machine: written too late"
+    set_and_seen(daemon, seconds)
+    wall = time.time() + seconds
+
+    def times():
+        database = sqlite3.connect(daemon.data / "whittled.db")
+        rows = database.execute("SELECT expires / 1000 - 3600 FROM jobs UNION ALL SELECT expires / 1000 - 3600 FROM clouds "
+                                "UNION ALL SELECT expires / 1000 - 3600 FROM uploads UNION ALL SELECT at / 1000 FROM replies")
+        found = [row[0] for row in rows]
+        database.close()
+        return found
+    wait_until(lambda: all(abs(at - wall) < 300 for at in times()), "the ends' move")
+    assert len(times()) == 5
+    for path in (f"/v1/jobs/{job_id}", cloud, upload.headers["location"]):
+        assert daemon.curl(path).status == 200
+    assert abs(seconds_of(daemon.job(job_id)["expires"]) + UTC - wall - 3600) < 300
+
+
 def test_a_clock_that_was_set_back_keeps_nothing_for_ever(clocked):
     daemon = clocked("--retention", "2s", "--upload-expiry", "2s")
     job_id = daemon.submit(SMALL)
@@ -95,7 +122,7 @@ def test_a_clock_that_was_set_back_keeps_nothing_for_ever(clocked):
 
 def test_a_clock_that_was_set_back_between_two_starts(clocked):
     daemon = clocked("--retention", "3s")
-    daemon.set_clock(400 * DAY)
+    set_and_seen(daemon, 400 * DAY)
     job_id = daemon.submit(SMALL)
     daemon.ended(job_id)
     for _ in range(2):  # the second finds nothing in the future any more

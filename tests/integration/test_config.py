@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 
-from conftest import BUILD
+from conftest import BUILD, SMALL
 
 WHITTLED = BUILD / "whittled"
 PLAIN = {name: value for name, value in os.environ.items() if not name.startswith("WHITTLED_")}
@@ -75,6 +75,25 @@ def test_what_is_out_of_its_range_is_told_the_range(flag, value, takes):
     assert f"'{value}' is not allowed; it takes {takes}" in refused.stderr
 
 
+@pytest.mark.parametrize("given, value", [
+    (["--webhooks"], "1"), (["--webhooks", "1"], "1"), (["--webhooks", "on"], "1"), (["--webhooks", "off"], "0"),
+    (["--webhooks=false"], "0"), ([], "0")])
+def test_a_switch_is_given_alone_or_with_its_value(given, value):
+    done = run(*given, "--max-queue", "7", "--print-config")
+    assert done.returncode == 0, done.stderr
+    settings = settings_of(done.stdout)
+    assert (settings["webhooks"], settings["max-queue"]) == (value, "7")
+
+
+@pytest.mark.parametrize("given, text", [
+    (["--webhooks", "maybe"], "webhooks: 'maybe' is not allowed; it takes on or off"),
+    (["data"], "data: no setting; settings are --name value, see --help"),
+    (["--max-queue", "7", "8"], "8: no setting; settings are --name value, see --help")])
+def test_what_is_no_setting_is_told_how_settings_are_given(given, text):
+    refused = run(*given, "--check-config")
+    assert refused.returncode == 2 and text in refused.stderr
+
+
 def test_healthcheck(daemon):
     address = daemon.url.removeprefix("http://")
     assert run("healthcheck", "--url", f"{daemon.url}/healthz").returncode == 0
@@ -108,3 +127,27 @@ def test_manual_pages_have_no_faults(program, tmp_path):
                               check=False)
         # A date would make two builds of the same source differ.
         assert [line for line in told.stdout.splitlines() if line.strip() and "missing date" not in line] == []
+
+
+@pytest.mark.parametrize("url", ["mysql://host/db", "sqlite:", "/var/lib/whittled.db"])
+def test_what_is_no_catalog_is_refused(url):
+    refused = run("--catalog", url, "--check-config")
+    assert refused.returncode == 2 and "catalog" in refused.stderr and "sqlite:/" in refused.stderr
+
+
+def test_the_catalog_may_be_elsewhere(make_daemon, tmp_path):
+    """A database outside of the data folder belongs to it all the same: it is found again, checked, and refused with
+    another folder."""
+    database = tmp_path / "state.db"
+    daemon = make_daemon("--catalog", f"sqlite:{database}")
+    job = daemon.submit(SMALL)
+    assert daemon.ended(job)["status"] == "successful"
+    assert daemon.stop() == 0
+    assert database.stat().st_size > 0 and not (daemon.data / "whittled.db").exists()
+    daemon.start()
+    assert daemon.curl(f"/v1/jobs/{job}").json["status"] == "successful"
+    assert daemon.stop() == 0
+    checked = run("check", "--data", daemon.data, "--catalog", f"sqlite:{database}")
+    assert checked.stdout == "checked 1 jobs, 1 clouds, 2 outputs: 0 damaged, 0 unfinished\n", checked.stdout
+    other = run("--listen", "127.0.0.1:0", "--data", tmp_path / "other", "--catalog", f"sqlite:{database}")
+    assert other.returncode == 1 and "is another folder's" in other.stderr, other.stderr

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """openapi.json says what is there: no more, no less."""
+import html
 import json
 import pathlib
 import re
@@ -10,8 +11,12 @@ import sys
 import pytest
 
 from conftest import BUILD, SMALL
+from tables import CONTRACT_FILE, PROBLEMS, ROUTES
 
 ROOT = pathlib.Path(__file__).parent.parent.parent
+PARTS = ROOT / "api/openapi"
+sys.path.insert(0, str(PARTS))
+import parts  # noqa: E402
 
 
 @pytest.fixture(name="contract")
@@ -20,21 +25,56 @@ def make_contract(daemon):
 
 
 def test_the_contract_is_the_file(daemon):
-    assert daemon.curl("/openapi.json").body == (ROOT / "api/openapi.json").read_bytes()
+    assert daemon.curl("/openapi.json").body == CONTRACT_FILE.read_bytes()
+
+
+def parts_in(folder):
+    return {str(path.relative_to(folder)): path.read_text() for path in folder.rglob("*.json")}
 
 
 def test_bringing_it_up_to_date_changes_nothing(tmp_path):
-    (tmp_path / "api").mkdir()
-    for name in ("openapi.json", "routes.c"):
-        shutil.copy(ROOT / "api" / name, tmp_path / "api")
-    subprocess.run([sys.executable, ROOT / "tests/tools/update_contract.py", (BUILD / "whittled").resolve()],
-                   cwd=tmp_path, check=True)
-    assert json.loads((tmp_path / "api/openapi.json").read_text()) == json.loads((ROOT / "api/openapi.json").read_text())
+    shutil.copytree(PARTS, tmp_path / "api/openapi")
+    subprocess.run([sys.executable, ROOT / "tests/tools/update_contract.py", BUILD.resolve()], cwd=tmp_path, check=True)
+    assert parts_in(tmp_path / "api/openapi") == parts_in(PARTS)
+
+
+def test_parts_are_laid_out_as_they_are_written(tmp_path):
+    for path in PARTS.rglob("*.json"):
+        parts.write(tmp_path / "part.json", parts.read(path))
+        assert (tmp_path / "part.json").read_text() == path.read_text(), path
+
+
+@pytest.fixture(name="copied")
+def make_copied(tmp_path):
+    shutil.copytree(PARTS, tmp_path / "parts")
+    return tmp_path / "parts"
+
+
+def join(folder):
+    return subprocess.run([sys.executable, PARTS / "parts.py", folder, folder / "joined.json"], capture_output=True,
+                          text=True, check=False)
+
+
+def test_the_parts_make_the_contract(copied):
+    assert join(copied).returncode == 0
+    assert (copied / "joined.json").read_bytes() == CONTRACT_FILE.read_bytes()
+
+
+@pytest.mark.parametrize("part, text, wrong", [
+    ("paths/others.json", "{}", "one file for each tag of head.json, others is not"),
+    ("paths/service.json", '{"/v1/jobs": {}}', "/v1/jobs is in another part too"),
+    ("paths/service.json", '{"/new": {"get": {"tags": ["jobs"]}}}', "an operation of /new has another tag"),
+    ("components/headers.json", '{"a": {}, "b": {}, "a": {}}', "a stands there twice"),
+    ("head.json", '{"tags": [', "Expecting value")])
+def test_parts_that_do_not_fit_are_refused(copied, part, text, wrong):
+    (copied / part).write_text(text)
+    done = join(copied)
+    assert done.returncode == 1 and wrong in done.stderr and "Traceback" not in done.stderr
+    assert not (copied / "joined.json").exists()
 
 
 def test_operations_are_the_route_table(contract):
-    source = (ROOT / "api/routes.c").read_text()
-    routes = set(re.findall(r'\{"([A-Z]+)", "([^"]+)", "(\w+)", OPERATION_', source))
+    routes = {(row["method"], row["path"], row["operation"]) for row in ROUTES}
     described = {(method.upper(), path, operation["operationId"])
                  for path, item in contract["paths"].items()
                  for method, operation in item.items() if method != "parameters"}
@@ -48,25 +88,75 @@ def test_parameters_are_the_parameter_table(daemon, contract):
     for name, parameter in contract["components"]["parameters"].items():
         assert parameter["name"] == name
         described[name] = {**parameter["schema"], "description": parameter["description"].removesuffix(".")}
+        if "deprecated" in parameter:
+            described[name]["deprecated"] = parameter["deprecated"]
     assert described == table["properties"]
     create = [p.get("$ref", "").rsplit("/", 1)[-1] or p["name"] for p in
               contract["paths"]["/v1/jobs"]["post"]["parameters"] if p.get("in") != "header"]
     assert set(create) == set(table["properties"]) | {"label", "priority", "webhook"}
 
 
+def nodes(node):
+    """The node and everything in it."""
+    yield node
+    for child in node.values() if isinstance(node, dict) else node if isinstance(node, list) else ():
+        yield from nodes(child)
+
+
+def target_of(contract, reference):
+    target = contract
+    for name in reference.removeprefix("#/").split("/"):
+        target = target[name]
+    return target
+
+
+def references(contract):
+    return {node["$ref"] for node in nodes(contract) if isinstance(node, dict) and "$ref" in node}
+
+
+def operations_of(contract):
+    return [operation for item in contract["paths"].values() for method, operation in item.items()
+            if method != "parameters"]
+
+
 def test_every_reference_leads_somewhere(contract):
-    def walk(node):
-        if isinstance(node, dict):
-            if "$ref" in node:
-                target = contract
-                for part in node["$ref"].removeprefix("#/").split("/"):
-                    target = target[part]
-            for child in node.values():
-                walk(child)
-        elif isinstance(node, list):
-            for child in node:
-                walk(child)
-    walk(contract)
+    assert references(contract)
+    for reference in references(contract):
+        target_of(contract, reference)
+
+
+def test_every_component_is_used(contract):
+    schemes = {name for operation in operations_of(contract) for each in operation["security"] for name in each}
+    used = references(contract) | {f"#/components/securitySchemes/{name}" for name in schemes}
+    assert used == {f"#/components/{kind}/{name}" for kind, named in contract["components"].items() for name in named}
+
+
+def test_every_operation_is_described(contract):
+    for operation in operations_of(contract):
+        assert operation["summary"].endswith(".") and operation["description"].endswith("."), operation["operationId"]
+        assert operation["responses"]
+
+
+def test_problem_responses_show_each_problem_that_they_name(contract):
+    responses = [response for operation in operations_of(contract) for response in operation["responses"].values()]
+    shown = 0
+    for response in responses + list(contract["components"]["responses"].values()):
+        content = response.get("content", {}).get("application/problem+json")
+        if content:
+            named = response["description"].removeprefix("A problem document: ").removesuffix(".").split(", ")
+            assert content["examples"] == {slug: {"$ref": f"#/components/examples/{slug}"} for slug in named}
+            shown += 1
+    assert shown
+
+
+def test_what_operations_share_is_written_once(contract):
+    responses = [(status, response) for operation in operations_of(contract)
+                 for status, response in operation["responses"].items() if "$ref" not in response]
+    responses += [(None, response) for response in contract["components"]["responses"].values()]
+    written = [json.dumps(response, sort_keys=True) for _, response in responses]
+    written += [name + json.dumps(header, sort_keys=True) for _, response in responses
+                for name, header in response.get("headers", {}).items() if "$ref" not in header]
+    assert sorted(written) == sorted(set(written))
 
 
 def test_job_documents_have_the_members_described(daemon, contract):
@@ -78,14 +168,26 @@ def test_job_documents_have_the_members_described(daemon, contract):
 
 
 def test_problem_pages_explain_every_problem_named(daemon, contract):
-    text = (ROOT / "api/openapi.json").read_text()
+    text = CONTRACT_FILE.read_text()
     slugs = {slug.strip() for found in re.findall(r"A problem document: ([^.]+)\.", text) for slug in found.split(",")}
-    table = set(re.findall(r'\{\s*"([a-z-]+)",\s*[45]\d\d,', (ROOT / "api/problem.c").read_text()))
-    assert slugs <= table
-    for slug in table:
-        page = daemon.curl(f"/problems/{slug}")
-        assert page.status == 200 and page.headers["content-type"].startswith("text/html") and slug.encode() in page.body
-    assert "no-such-job" in text and contract["openapi"].startswith("3.1")
+    assert "no-such-job" in slugs and slugs <= {row["slug"] for row in PROBLEMS}
+    for row in PROBLEMS:
+        page = daemon.curl(f"/problems/{row['slug']}")
+        assert page.status == 200 and page.headers["content-type"].startswith("text/html")
+        text = html.unescape(page.body.decode())
+        assert f"<h1>{row['title']}</h1>" in text and f"<code>{row['slug']}</code>, HTTP status {row['status']}<" in text
+    assert contract["openapi"].startswith("3.1")
+
+
+def test_examples_of_problems_are_as_the_table_has_them(contract):
+    examples = contract["components"]["examples"]
+    shown = {row["slug"] for row in PROBLEMS if row["slug"] in examples}
+    assert "no-such-job" in shown
+    for row in PROBLEMS:
+        if row["slug"] in shown:
+            value = examples[row["slug"]]["value"]
+            assert (value["type"], value["status"], value["title"]) == \
+                (f"/problems/{row['slug']}", row["status"], row["title"])
 
 
 @pytest.mark.parametrize("path", ["/", "/v1/info", "/v1/parameters", "/openapi.json", "/healthz", "/readyz", "/v1/jobs"])
@@ -121,5 +223,10 @@ def test_the_reference_page_has_everything_and_loads_nothing(daemon, contract):
                 assert f'<h3 id="{operation["operationId"]}"><code>{method.upper()} {path}</code></h3>' in page
     for name in contract["components"]["schemas"]:
         assert f'<h3 id="{name}">' in page
+    rows = re.findall(r"<tr><td>(\d{3})<td>(.+?) *<td>", page)
+    assert [status for status, _ in rows].count("401") > 1
+    assert len(rows) == sum(len(operation["responses"]) for operation in operations_of(contract))
+    linked = set(re.findall(r'href="problems/([a-z-]+)"', page))
+    assert linked == {slug for slug in contract["components"]["examples"] if slug in {row["slug"] for row in PROBLEMS}}
     targets = set(re.findall(r'href="#(\w+)"', page))
     assert targets and targets <= set(re.findall(r'id="(\w+)"', page))

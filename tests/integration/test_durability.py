@@ -2,23 +2,31 @@
 """What was accepted is never lost: kills, restarts, drains."""
 import contextlib
 import datetime
+import hashlib
 import http.client
+import json
 import os
+import pathlib
 import re
 import resource
+import shutil
 import signal
 import sqlite3
 import subprocess
 
 import pytest
 
-from conftest import PATIENCE_S, SMALL, process_lives, wait_until
+from conftest import BUILD, PATIENCE_S, SMALL, process_lives, wait_until
+from test_tls import make_certificate
+
+STRAY = "0198c7d2-4a10-7cc3-9d0e-6f1f2b3c4d5e"  # an id that no job has
 
 
 def test_kill_of_the_daemon_in_mid_job(make_daemon, large):
     daemon = make_daemon("--workers", "1")
     running, waiting = daemon.submit(large, "?ratio=0.1"), daemon.submit(SMALL, "?ratio=0.5")
     pid = daemon.worker_pid(running)
+    os.kill(pid, signal.SIGSTOP)  # it won't end by itself
     daemon.kill()
     wait_until(lambda: not process_lives(pid), "the worker's end with its parent")
     daemon.start()
@@ -30,17 +38,89 @@ def test_kill_of_the_daemon_in_mid_job(make_daemon, large):
         daemon.post("/v1/simplify?ratio=0.1", large).body
 
 
-def test_kill_of_the_daemon_at_each_attempt_ends_with_an_obituary(make_daemon, large):
+def kill_in_mid_job(daemon, job_id, attempt):
+    wait_until(lambda: f"job={job_id} accepted -> running attempt={attempt} " in daemon.log_text(), "the start")
+    daemon.kill()
+
+
+def test_ends_of_the_service_fail_no_job(make_daemon, large):
     daemon = make_daemon("--workers", "1")
     job_id = daemon.submit(large)
-    for attempt in range(1, 4):
-        wait_until(lambda a=attempt: f"job={job_id} accepted -> running attempt={a}" in daemon.log_text(), "the start")
-        daemon.kill()
+    for attempt in range(1, 7):
+        kill_in_mid_job(daemon, job_id, attempt)
         daemon.start()
+    pid = wait_until(lambda: re.search(rf"job={job_id} .* attempt=7 pid=(\d+)", daemon.log_text()), "the start")[1]
+    os.kill(int(pid), signal.SIGKILL)  # the first end of its own
     job = daemon.ended(job_id)
-    assert job["status"] == "failed" and job["attempt"] == 3
-    assert job["problem"]["type"] == "/problems/worker-crashed" and "3 attempts" in job["problem"]["detail"]
+    assert job["status"] == "successful" and job["attempt"] == 8
+
+
+def interruptions(daemon, *job_ids, number=None):
+    """How often the service ended while each ran, as the database has it; or sets that."""
+    with contextlib.closing(sqlite3.connect(daemon.data / "whittled.db")) as database, database:
+        if number is not None:
+            database.executemany("UPDATE jobs SET interruptions = ? WHERE id = ?", [(number, i) for i in job_ids])
+        return [database.execute("SELECT interruptions FROM jobs WHERE id = ?", (i,)).fetchone()[0] for i in job_ids]
+
+
+def test_a_job_that_ends_the_service_again_and_again_fails(make_daemon, large):
+    daemon = make_daemon("--workers", "1")
+    job_id = daemon.submit(large)
+    kill_in_mid_job(daemon, job_id, 1)
+    interruptions(daemon, job_id, number=18)
+    daemon.start()
+    kill_in_mid_job(daemon, job_id, 2)  # the 20th
+    daemon.start()
+    job = daemon.ended(job_id)
+    assert job["status"] == "failed" and job["attempt"] == 2
+    assert job["problem"]["type"] == "/problems/worker-crashed" and "20 times" in job["problem"]["detail"]
     assert daemon.post("/v1/simplify", SMALL).status == 200
+
+
+def test_jobs_that_were_interrupted_often_run_alone(make_daemon, large):
+    daemon = make_daemon("--workers", "3")
+    jobs = [daemon.submit(large + b"0 0 %d\n" % i) for i in range(3)]
+    for attempt in (1, 2):
+        for job_id in jobs:
+            wait_until(lambda i=job_id, a=attempt: f"job={i} accepted -> running attempt={a} " in daemon.log_text(), "it")
+        daemon.kill()
+        if attempt == 1:
+            daemon.start()
+    daemon.start()
+    assert interruptions(daemon, *jobs) == [2, 2, 2]
+    kill_in_mid_job(daemon, jobs[0], 3)
+    daemon.start()
+    assert interruptions(daemon, *jobs) == [3, 2, 2]  # the others weren't there
+    seen = 0
+
+    def all_ended():
+        nonlocal seen
+        states = [job["status"] for job in daemon.curl("/v1/jobs").json["jobs"]]
+        seen = max(seen, states.count("running"))
+        return states == ["successful"] * 3
+    wait_until(all_ended, "the end of all")
+    assert seen == 1
+    both = [daemon.submit(large + b"0 1 %d\n" % i) for i in range(2)]  # others run side by side as ever
+    for job_id in both:
+        daemon.worker_pid(job_id)
+    assert [daemon.job(job_id)["status"] for job_id in both] == ["running"] * 2
+
+
+def test_a_job_is_dismissed_while_its_outputs_are_hashed(make_daemon, tmp_path):
+    worker = tmp_path / "worker"
+    worker.write_text("#!/usr/bin/python3\nimport os, sys\n"
+                      "path = sys.argv[sys.argv.index('-o') + 1] + '/cloud.ply'\n"
+                      "os.truncate(os.open(path, os.O_CREAT | os.O_RDWR), 1 << 40)\n"
+                      "open(os.path.dirname(path) + '/report.json', 'w').write('{}')\nos.write(3, b'done\\n')\n")
+    worker.chmod(0o755)
+    daemon = make_daemon("--worker", worker, "--worker-sandbox=off", "--job-file-bytes", "2T")
+    job_id = daemon.submit(SMALL, "?outputs=cloud")  # a tebibyte: its hash would take far longer than DELETE waits
+    pid = daemon.worker_pid(job_id)
+    wait_until(lambda: not process_lives(pid), "the process's end")
+    status, _, body = daemon.request("DELETE", f"/v1/jobs/{job_id}")
+    assert status == 200 and json.loads(body)["status"] == "dismissed"
+    assert daemon.job(job_id)["status"] == "dismissed"
+    assert not (daemon.data / "jobs" / job_id / "outputs").exists() and daemon.leftovers() == []
 
 
 def test_kill_of_the_worker_is_tried_again(daemon, large):
@@ -145,7 +225,7 @@ def test_a_worker_that_says_nothing_and_dies(make_daemon, tmp_path):
 
 def test_a_worker_that_ignores_everything_is_killed(make_daemon, tmp_path):
     deaf = tmp_path / "deaf"
-    deaf.write_text("#!/bin/sh\ntrap '' TERM\necho 'progress deaf 0.5 x' >&3\nwhile :; do sleep 1; done\n")
+    deaf.write_text("#!/bin/sh\ntrap '' TERM\necho 'progress deaf 0.5 x' >&3\nwhile :; do sleep 1000; done\n")
     deaf.chmod(0o755)
     daemon = make_daemon("--worker", deaf, "--worker-sandbox=off")
     job_id = daemon.submit(SMALL)
@@ -154,7 +234,7 @@ def test_a_worker_that_ignores_everything_is_killed(make_daemon, tmp_path):
     assert daemon.curl(f"/v1/jobs/{job_id}", "-X", "DELETE").json["status"] == "dismissed"
     assert not process_lives(pid)
     group = subprocess.run(["pgrep", "-g", str(pid)], capture_output=True, text=True, check=False).stdout.split()
-    assert not any(process_lives(member) for member in group)
+    wait_until(lambda: not any(process_lives(member) for member in group), "the end of all of its group")
 
 
 # ---------------------------------------------------------------------------------------------- drain
@@ -211,6 +291,7 @@ def test_a_second_signal_ends_at_once(make_daemon, large):
     daemon.process.send_signal(signal.SIGTERM)
     wait_until(lambda: "draining" in daemon.log_text(), "the drain")
     daemon.process.send_signal(signal.SIGTERM)
+    daemon.may_end(128 + signal.SIGTERM)
     assert daemon.process.wait(PATIENCE_S) == 128 + signal.SIGTERM
     wait_until(lambda: not process_lives(pid), "the worker's end")
     daemon.start()
@@ -224,7 +305,7 @@ def test_sighup_lets_jobs_uploads_and_streams_go_on(make_daemon, large):
     events = subprocess.Popen(daemon.curl_command(f"/v1/jobs/{running}/events", "-N"), stdout=subprocess.PIPE)
     for i in range(1, 4):
         daemon.process.send_signal(signal.SIGHUP)
-        wait_until(lambda n=i: daemon.log_text().count("are read again") == n, "the reload")
+        wait_until(lambda n=i: daemon.log_text().count("reading settings, tokens and certificate again") == n, "the reload")
     assert daemon.worker_pid(running) == pid
     job = daemon.ended(running)
     assert job["status"] == "successful" and job["attempt"] == 1
@@ -234,7 +315,17 @@ def test_sighup_lets_jobs_uploads_and_streams_go_on(make_daemon, large):
 
 # ---------------------------------------------------------------------------------------------- mending
 
-def test_the_start_removes_what_nobody_knows(make_daemon):
+def lost(daemon):
+    """What lies in lost+found, as paths below the folder of its start."""
+    return sorted(str(path.relative_to(start)) for start in (daemon.data / "lost+found").glob("*")
+                  for path in start.rglob("*") if path.is_file())
+
+
+def lost_count(daemon):
+    return int(re.search(rb"^whittled_lost_found_files (\d+)$", daemon.curl("/metrics").body, re.MULTILINE)[1])
+
+
+def test_the_start_sets_aside_what_nobody_knows(make_daemon):
     daemon = make_daemon()
     job_id = daemon.submit(SMALL)
     daemon.ended(job_id)
@@ -243,7 +334,8 @@ def test_the_start_removes_what_nobody_knows(make_daemon):
     (daemon.data / "tmp" / "half").mkdir()
     (daemon.data / "tmp" / "half" / "cloud.ply").write_bytes(b"x")
     (daemon.data / "clouds" / ("0" * 64)).write_bytes(b"x")
-    stray = daemon.data / "jobs" / "0198c7d2-4a10-7cc3-9d0e-6f1f2b3c4d5e" / "outputs"
+    (daemon.data / "uploads" / STRAY).write_bytes(b"x")
+    stray = daemon.data / "jobs" / STRAY / "outputs"
     stray.mkdir(parents=True)
     (stray / "cloud.ply").write_bytes(b"x")
     daemon.start()
@@ -251,7 +343,151 @@ def test_the_start_removes_what_nobody_knows(make_daemon):
     assert len(list((daemon.data / "clouds").iterdir())) == 1
     assert [p.name for p in (daemon.data / "jobs").iterdir()] == [job_id]
     assert daemon.curl(f"/v1/jobs/{job_id}/outputs/cloud.ply").status == 200
-    assert "mended requeued=0 failed=0 inputs_lost=0 outputs_lost=0 clouds_lost=0 files_removed=4" in daemon.log_text()
+    assert "clouds_lost=0 files_removed=2 files_set_aside=3" in daemon.log_text()
+    assert lost(daemon) == [f"clouds/{'0' * 64}", f"jobs/{STRAY}/outputs/cloud.ply", f"uploads/{STRAY}"]
+    assert lost_count(daemon) == 3
+    assert daemon.stop() == 0
+    status, lines = daemon.check()
+    assert status == 0 and lines[0].startswith("set aside: lost+found has 3 ") and len(lines) == 2
+    shutil.rmtree(daemon.data / "lost+found")
+    assert len(daemon.check()[1]) == 1
+
+
+def test_what_was_deleted_is_not_kept_by_a_crash(make_daemon):
+    daemon = make_daemon("--fault", "delete-committed=kill:1")
+    job_id = daemon.submit(SMALL)
+    daemon.ended(job_id)
+    with contextlib.suppress(AssertionError):
+        daemon.curl(f"/v1/jobs/{job_id}", "-X", "DELETE")
+    assert daemon.process.wait(PATIENCE_S) == -signal.SIGKILL
+    assert (daemon.data / "jobs" / job_id).exists()
+    daemon.flags = ()
+    daemon.start()
+    assert not (daemon.data / "jobs" / job_id).exists()
+    assert lost(daemon) == [f"clouds/{hashlib.sha256(SMALL).hexdigest()}"]  # another job may have named it since
+
+
+# ---------------------------------------------------------------------------------------------- identity
+
+def refused(daemon):
+    """What the service says when it doesn't start, and leaves everything as it was."""
+    before = {path: path.read_bytes() for path in daemon.data.rglob("*") if path.is_file() and "whittled.db" not in path.name}
+    done = subprocess.run([daemon.process.args[0], "--data", daemon.data, "--listen", "127.0.0.1:0"],
+                          capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and str(daemon.data) in done.stderr, done.stderr
+    assert "check --adopt" in done.stderr and "backup" in done.stderr
+    after = {path: path.read_bytes() for path in daemon.data.rglob("*") if path.is_file() and "whittled.db" not in path.name}
+    assert after == before
+    return done.stderr
+
+
+@pytest.fixture(name="filled")
+def make_filled(make_daemon):
+    """A daemon that has ended, with a job in its folder, and how that looks."""
+    daemon = make_daemon()
+    daemon.job_id = daemon.submit(SMALL)
+    daemon.ended(daemon.job_id)
+    daemon.result = daemon.curl(f"/v1/jobs/{daemon.job_id}/outputs/cloud.ply").body
+    assert daemon.stop() == 0
+    return daemon
+
+
+@pytest.mark.parametrize("how", ["removed", "emptied", "fresh", "stranger"])
+def test_a_folder_without_its_database_is_refused(filled, make_daemon, how):
+    path, own = filled.data / "whittled.db", (filled.data / "whittled.db").read_bytes()
+    path.unlink()
+    if how == "emptied":
+        path.write_bytes(b"")
+    elif how != "removed":
+        other = make_daemon()
+        if how == "stranger":
+            other.ended(other.submit(SMALL))  # even one that knows the same cloud
+        assert other.stop() == 0
+        path.write_bytes((other.data / "whittled.db").read_bytes())
+    for _ in range(2):
+        refused(filled)
+    for leftover in filled.data.glob("whittled.db*"):
+        leftover.unlink()
+    path.write_bytes(own)
+    filled.start()
+    assert filled.curl(f"/v1/jobs/{filled.job_id}/outputs/cloud.ply").body == filled.result
+    assert not (filled.data / "lost+found").exists()
+
+
+def test_a_database_whose_rows_are_gone_loses_no_file(filled):
+    with sqlite3.connect(filled.data / "whittled.db") as database:
+        for table in ("jobs", "outputs", "clouds", "usage"):
+            database.execute(f"DELETE FROM {table}")
+    database.close()
+    filled.start()
+    assert filled.curl(f"/v1/jobs/{filled.job_id}").status == 404
+    assert f"clouds/{hashlib.sha256(SMALL).hexdigest()}" in lost(filled)
+    assert f"jobs/{filled.job_id}/outputs/cloud.ply" in lost(filled)
+
+
+def test_an_older_database_loses_no_file(make_daemon):
+    daemon = make_daemon()
+    old = daemon.submit(SMALL)
+    daemon.ended(old)
+    subprocess.run(["sqlite3", daemon.data / "whittled.db", f".backup '{daemon.folder / 'old.db'}'"], check=True)
+    new = daemon.submit(SMALL + b"0 0 0\n")
+    daemon.ended(new)
+    result = daemon.curl(f"/v1/jobs/{new}/outputs/cloud.ply").body
+    assert daemon.stop() == 0
+    newer = (daemon.data / "whittled.db").read_bytes()
+    (daemon.data / "whittled.db").write_bytes((daemon.folder / "old.db").read_bytes())
+    daemon.start()
+    assert daemon.curl(f"/v1/jobs/{old}/outputs/cloud.ply").status == 200
+    assert daemon.curl(f"/v1/jobs/{new}").status == 404
+    start = next((daemon.data / "lost+found").iterdir())
+    assert (start / "jobs" / new / "outputs" / "cloud.ply").read_bytes() == result
+    assert f"moved to {daemon.data}/lost+found/{start.name}" in daemon.log_text() and lost_count(daemon) == 2
+    assert daemon.stop() == 0
+    (daemon.data / "whittled.db").write_bytes(newer)  # it turns up after all
+    subprocess.run(["cp", "-al", f"{start}/.", f"{daemon.data}/"], check=True)
+    daemon.start()
+    assert daemon.curl(f"/v1/jobs/{new}/outputs/cloud.ply").body == result
+
+
+def test_a_folder_is_adopted_where_its_database_is_lost_for_good(filled):
+    (filled.data / "whittled.db").unlink()
+    refused(filled)
+    done = subprocess.run([BUILD / "whittled", "check", "--adopt", "--data", filled.data], capture_output=True, text=True,
+                          check=False)
+    assert done.returncode == 0 and done.stdout.startswith("adopted: "), done.stderr
+    filled.start()
+    assert (next((filled.data / "lost+found").iterdir()) / "jobs" / filled.job_id / "outputs" / "cloud.ply"
+            ).read_bytes() == filled.result
+    assert filled.ended(filled.submit(SMALL))["status"] == "successful"
+    assert filled.stop() == 0 and filled.check()[0] == 0
+
+
+def test_a_folder_of_an_earlier_version_gets_its_identity_silently(filled):
+    (filled.data / "identity").unlink()
+    with sqlite3.connect(filled.data / "whittled.db") as database:
+        database.execute("DELETE FROM identity")
+    database.close()
+    filled.start()
+    assert filled.curl(f"/v1/jobs/{filled.job_id}/outputs/cloud.ply").body == filled.result
+    assert len((filled.data / "identity").read_text()) == 32 and not (filled.data / "lost+found").exists()
+
+
+def test_an_upload_alone_is_known(make_daemon):
+    daemon = make_daemon()
+    upload = daemon.curl("/v1/uploads", "-X", "POST", "-H", "Tus-Resumable: 1.0.0", "-H", "Upload-Length: 10")
+    assert daemon.stop() == 0
+    (daemon.data / "identity").unlink()
+    daemon.start()
+    assert daemon.curl(upload.headers["location"]).status == 200
+
+
+def test_a_lock_file_removed_by_hand_lets_no_second_service_in(daemon):
+    (daemon.data / "lock").unlink()
+    for _ in range(2):
+        done = subprocess.run([BUILD / "whittled", "--data", daemon.data, "--listen", "127.0.0.1:0"],
+                              capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+        assert done.returncode == 1 and "another whittled serves the folder" in done.stderr
+    assert daemon.ended(daemon.submit(SMALL))["status"] == "successful"
 
 
 def test_the_start_tells_of_lost_outputs(make_daemon):
@@ -327,3 +563,68 @@ def test_a_process_may_stand_still_for_ever_where_nothing_forbids_it(make_daemon
     job_id = daemon.submit(large)
     os.kill(daemon.worker_pid(job_id), signal.SIGSTOP)
     assert daemon.ended(job_id)["problem"]["type"] == "/problems/time-limit"
+
+
+# ---------------------------------------------------------------------------------------------- signals, files
+
+def waits_in(pid):
+    """The number of the system call that the process's first thread waits in."""
+    return pathlib.Path(f"/proc/{pid}/task/{pid}/syscall").read_text().split()[0]
+
+
+def pending(pid):
+    status = pathlib.Path(f"/proc/{pid}/status").read_text()
+    return int(re.search(r"ShdPnd:\s*(\w+)", status)[1], 16)
+
+
+def test_a_second_signal_ends_a_daemon_whose_main_thread_hangs(make_daemon):
+    """A sweep waits for a database that another process has locked."""
+    daemon = make_daemon("--retention", "1s")
+    daemon.ended(daemon.submit(SMALL))
+    database = sqlite3.connect(daemon.data / "whittled.db", isolation_level=None)
+    database.execute("BEGIN IMMEDIATE")
+    with subprocess.Popen(["sleep", "1000"]) as asleep:
+        wait_until(lambda: waits_in(asleep.pid).isdigit(), "a sleep")
+        sleeping = waits_in(asleep.pid)
+        asleep.kill()
+    pid = daemon.process.pid
+    wait_until(lambda: waits_in(pid) == sleeping, "the sweep")
+    daemon.process.send_signal(signal.SIGTERM)
+    wait_until(lambda: not pending(pid), "the first signal's being heard")
+    daemon.process.send_signal(signal.SIGTERM)
+    daemon.may_end(128 + signal.SIGTERM)
+    assert daemon.process.wait(PATIENCE_S) == 128 + signal.SIGTERM
+    assert "second signal: ending at once" in daemon.log_text()
+    database.close()
+
+
+@pytest.mark.parametrize("setting", ["config", "tokens-file", "tls-cert", "tls-key", "webhook-secret-file"])
+@pytest.mark.parametrize("kind", ["fifo", "folder", "device"])
+def test_only_regular_files_are_read_as_settings(tmp_path, setting, kind):
+    path = tmp_path / "odd"
+    if kind == "fifo":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    else:
+        path.symlink_to("/dev/zero")
+    needs = {"webhook-secret-file": ["--webhooks"]}
+    if setting.startswith("tls-"):
+        certificate, key = make_certificate(tmp_path / "tls")
+        needs = {"tls-cert": ["--tls-key", key], "tls-key": ["--tls-cert", certificate]}
+    done = subprocess.run([BUILD / "whittled", "--listen", "127.0.0.1:0", "--data", tmp_path / "data", f"--{setting}", path,
+                           *needs.get(setting, [])], capture_output=True, text=True, check=False, timeout=PATIENCE_S)
+    assert done.returncode == 2 and f"{setting}: {path} is not a regular file" in done.stderr
+
+
+def test_a_fifo_in_the_place_of_a_file_does_not_stop_a_reload(make_daemon, tmp_path):
+    tokens = tmp_path / "tokens"
+    tokens.write_text(f"a:submit,read:{hashlib.sha256(b'a').hexdigest()}\n")
+    daemon = make_daemon("--tokens-file", tokens)
+    tokens.unlink()
+    os.mkfifo(tokens)
+    daemon.process.send_signal(signal.SIGHUP)
+    wait_until(lambda: "the tokens stay as they were" in daemon.log_text(), "the reload")
+    assert f"{tokens} is not a regular file" in daemon.log_text()
+    assert daemon.curl("/v1/jobs", "-H", "Authorization: Bearer a").status == 200
+    assert daemon.stop() == 0

@@ -4,6 +4,7 @@ import gzip
 import json
 import os
 import pathlib
+import re
 import shutil
 import struct
 import subprocess
@@ -41,7 +42,7 @@ CLOUD = coloured(500)
 def make_outputs(tmp_path_factory):
     """All outputs of one run, and what it said."""
     folder = tmp_path_factory.mktemp("all")
-    done = run("-", "--ratio", 0.4, "--outputs", ALL, "-o", folder, stdin=CLOUD)
+    done = run("-", "--ratio", 0.4, "--outputs", ALL, "--pcd-precision", "double", "-o", folder, stdin=CLOUD)
     assert done.returncode == 0, done.stderr
     return folder
 
@@ -74,6 +75,62 @@ def test_clouds_read_back_to_the_same_points(outputs, name):
     again = run(outputs / name, "--ratio", 1, "--outputs", "xyz", "-q", "-o", "-")
     assert points_of(again.stdout) == points_of((outputs / "cloud.xyz").read_bytes())
     assert len(points_of(again.stdout)) == 200
+
+
+def left_out(folder, name):
+    return [entry["what"] for entry in json.loads((folder / "report.json").read_text())["left_out"]
+            if entry["file"] == name]
+
+
+def numbers_of(text):
+    return sorted([float(word) for word in line.split()] for line in text.decode().splitlines())
+
+
+def test_pcd_is_float_around_an_origin_and_the_report_tells_how_far_off(tmp_path):
+    assert run("-", "--ratio", 1, "--outputs", "xyz,cloud.pcd,report", "-o", tmp_path, stdin=CLOUD).returncode == 0
+    header = (tmp_path / "cloud.pcd").read_bytes().split(b"DATA")[0].decode()
+    assert "# origin 5000000 0 0 is to be added to x y z\n" in header
+    assert "FIELDS x y z normal_x normal_y normal_z rgb intensity\nSIZE 4 4 4 4 4 4 4 4\nTYPE F F F F F F F F\n" in header
+    told = re.fullmatch(r"precision: x, y, z are float32 around 5000000 0 0, off by up to (\S+) \(pcd_precision=double\)",
+                        left_out(tmp_path, "cloud.pcd")[-1])
+    again = numbers_of(run(tmp_path / "cloud.pcd", "--ratio", 1, "--outputs", "xyz", "-q", "-o", "-").stdout)
+    before = numbers_of((tmp_path / "cloud.xyz").read_bytes())
+    worst = max(abs(a - b) for p, q in zip(again, before) for a, b in zip(p[:3], q[:3]))
+    assert 0 < worst <= float(told[1]) * 1.05 < 1e-7
+
+
+def test_colours_of_las_are_bytes_unless_asked_for(tmp_path):
+    las = tmp_path / "one.las"
+    las.write_bytes(next((FIXTURES / "valid/las-2").glob("input.*")).read_bytes()[:-6] + struct.pack("<3H", 65535, 256, 0))
+    for colours, kind in (("8", "uchar"), ("keep", "ushort"), ("16", "ushort")):
+        folder = tmp_path / colours
+        arguments = [] if colours == "8" else ["--colours", colours]
+        assert run(las, "--ratio", 1, "--outputs", "cloud,cloud.pcd,report", "-o", folder, *arguments).returncode == 0
+        header = (folder / "cloud.ply").read_bytes().split(b"end_header")[0].decode()
+        assert f"property {kind} red\nproperty {kind} green\nproperty {kind} blue\n" in header
+        fields = (folder / "cloud.pcd").read_bytes().split(b"\nSIZE")[0].split()
+        assert (b"rgb" in fields, b"red" in fields) == (colours == "8", colours != "8")
+        told = ["colours: 16 bits became 8, divided by 256 (colours=keep keeps them)"] if colours == "8" else []
+        assert left_out(folder, "outputs") == told
+
+
+COLUMNS = ("id,chainage,offset,level\n" +
+           "".join(f"{i},{x},{y},{z}\n" for i, (x, y, z) in enumerate(sphere(60)))).encode()
+
+
+def test_columns_without_known_names_are_refused_until_they_are_named(tmp_path):
+    refused = run("-", "-o", tmp_path, stdin=COLUMNS)
+    assert refused.returncode == 65 and b"among the columns id, chainage, offset, level; name them" in refused.stderr
+    done = run("-", "--columns=x:chainage,y:offset,z:4", "--ratio", 1, "--outputs", "xyz", "--header", "plain", "-o", "-",
+               "-q", stdin=COLUMNS)
+    assert done.stdout.startswith(b"x y z id\n") and len(done.stdout.splitlines()) == 61
+
+
+def test_points_without_a_position_are_counted_in_the_report(tmp_path):
+    text = CLOUD.replace(b"vertex 500", b"vertex 502") + b"nan nan nan 0 0 0 1 2 3 0 0\n1 2 inf 0 0 0 1 2 3 0 0\n"
+    assert run("-", "--ratio", 1, "-o", tmp_path, stdin=text).returncode == 0
+    assert left_out(tmp_path, "input") == ["2 points without a position (a coordinate is nan or infinite)"]
+    assert json.loads((tmp_path / "report.json").read_text())["points_in"] == 500
 
 
 @pytest.mark.parametrize("name", ["mesh.obj", "mesh.stl", "mesh.ply"])
@@ -166,13 +223,32 @@ def test_real_meshes_go_through_every_format(tmp_path):
     if not found:
         pytest.skip("tests/demo/scan.sh hasn't unpacked Debian's libcgal-demo")
     for path in found:
-        done = run(path, "--ratio", 1, "--outputs", "xyz,cloud.pcd", "-q", "-o", tmp_path)
+        done = run(path, "--ratio", 1, "--outputs", "xyz,cloud.pcd", "--pcd-precision", "double", "-q", "-o", tmp_path)
         assert done.returncode == 0, (path, done.stderr)
         again = run(tmp_path / "cloud.pcd", "--ratio", 1, "--outputs", "xyz", "-q", "-o", "-")
         assert points_of(again.stdout) == points_of((tmp_path / "cloud.xyz").read_bytes()), path
 
 
 # ---------------------------------------------------------------------------------------------- the service
+def test_the_service_takes_names_of_columns(daemon):
+    refused = daemon.post("/v1/simplify", COLUMNS)
+    assert refused.status == 422 and "chainage, offset, level" in refused.json["detail"]
+    reply = daemon.post("/v1/simplify?columns=-,y,x,z&ratio=1&output=xyz&header=hash", COLUMNS)
+    assert reply.status == 200 and reply.body.startswith(b"# x y z\n")
+    wrong = daemon.post("/v1/simplify?columns=x,y", COLUMNS)
+    assert wrong.status in (400, 422) and wrong.slug == "invalid-parameter" and "different names" in wrong.body.decode()
+
+
+@pytest.mark.parametrize("header", ["none", "plain", "hash"])
+def test_a_coarser_level_of_text_has_the_header(daemon, header):
+    job = daemon.submit(CLOUD, f"?points=200&outputs=xyz&header={header}")
+    assert daemon.ended(job)["status"] == "successful"
+    whole = daemon.curl(f"/v1/jobs/{job}/outputs/cloud.xyz").body.splitlines()
+    lines = 50 if header == "none" else 51
+    level = daemon.curl(f"/v1/jobs/{job}/outputs/cloud.xyz?points=50")
+    assert level.body.splitlines() == whole[:lines]
+
+
 def test_the_service_writes_all_outputs(daemon):
     job = daemon.submit(CLOUD, f"?ratio=0.4&outputs={ALL}")
     assert daemon.ended(job)["status"] == "successful"

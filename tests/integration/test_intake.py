@@ -4,12 +4,15 @@ import base64
 import gzip
 import hashlib
 import json
+import pathlib
+import re
 import shutil
+import socket
 import subprocess
 
 import pytest
 
-from conftest import SMALL, sphere
+from conftest import PATIENCE_S, SMALL, sphere
 
 JSON = ("-H", "Content-Type: application/json")
 NAME = hashlib.sha256(SMALL).hexdigest()
@@ -243,6 +246,61 @@ def test_the_file_of_a_form_has_the_bodys_limit(daemon):
     assert (reply.status, reply.slug) == (413, "body-too-large")
 
 
+# ---------------------------------------------------------------------------------------------- pieces
+
+BOUNDARY = "x" * 60
+NEAR = f"\r\n--{BOUNDARY[:-1]}-".encode()  # a boundary, but for its last byte
+
+
+def in_a_form(content):
+    head = b'Content-Disposition: form-data; name="file"; filename="c"'
+    return b"--%b\r\n%b\r\n\r\n%b\r\n--%b--\r\n" % (BOUNDARY.encode(), head, content, BOUNDARY.encode())
+
+
+def send_in_chunks(daemon, body, media, request="POST /v1/clouds", *headers):
+    """One byte in each chunk; the status."""
+    head = [f"{request} HTTP/1.1", "Host: localhost", "Connection: close", f"Content-Type: {media}",
+            "Transfer-Encoding: chunked", *headers, "", ""]
+    with socket.create_connection(("127.0.0.1", daemon.port), timeout=PATIENCE_S) as connection:
+        connection.sendall("\r\n".join(head).encode()
+                           + b"".join(b"1\r\n%c\r\n" % byte for byte in body) + b"0\r\n\r\n")
+        return int(connection.makefile("rb").readline().split()[1])
+
+
+def write_calls(daemon):
+    """How often the service has called write(2) and its like."""
+    text = pathlib.Path(f"/proc/{daemon.process.pid}/io").read_text(encoding="ascii")
+    return int(re.search(r"^syscw: (\d+)", text, re.MULTILINE)[1])
+
+
+@pytest.mark.parametrize("kind", ["boundaries that aren't", "line ends", "a byte in a chunk", "a cloud's byte in a chunk"])
+def test_what_comes_in_crumbs_is_written_in_pages(make_daemon, kind):
+    daemon = make_daemon()
+    media = f"multipart/form-data; boundary={BOUNDARY}"
+    content = SMALL + {"boundaries that aren't": 16384 * NEAR, "line ends": 300000 * b"\r"}.get(kind, sphere(6000))
+    before = write_calls(daemon)
+    if kind == "a byte in a chunk":
+        assert send_in_chunks(daemon, in_a_form(content), media) == 201
+    elif kind == "a cloud's byte in a chunk":
+        assert send_in_chunks(daemon, content, "text/plain") == 201
+    else:
+        reply = daemon.post("/v1/clouds", in_a_form(content), "-H", f"Content-Type: {media}")
+        assert reply.status == 201, reply.body
+    assert write_calls(daemon) - before < len(content) / 4096 + 100
+    assert (daemon.data / "clouds" / hashlib.sha256(content).hexdigest()).read_bytes() == content
+
+
+def test_the_crumbs_of_an_upload_s_piece_are_written_in_pages(daemon):
+    content = sphere(6000)
+    tus = ("Tus-Resumable: 1.0.0", "Upload-Offset: 0")
+    upload = daemon.curl("/v1/uploads", "-X", "POST", "-H", tus[0], "-H", f"Upload-Length: {len(content)}").headers["location"]
+    before = write_calls(daemon)
+    media = "application/offset+octet-stream"
+    assert send_in_chunks(daemon, content, media, f"PATCH {upload}", *tus) == 204
+    assert write_calls(daemon) - before < len(content) / 4096 + 100
+    assert (daemon.data / "clouds" / hashlib.sha256(content).hexdigest()).read_bytes() == content
+
+
 # ---------------------------------------------------------------------------------------------- content codings
 
 def zstd(data):
@@ -301,7 +359,7 @@ def digest_of(data):
 def test_digests(daemon, name):
     packed = gzip.compress(SMALL)
     for body, more in ((SMALL, ()), (packed, ("-H", "Content-Encoding: gzip"))):
-        for value in (digest_of(body), f"sha-512=:AAAA:, {digest_of(body)}", "sha-512=:AAAA:", "md5=:AAAA:"):
+        for value in (digest_of(body), f"md5=:AAAA:, {digest_of(body)}", "sha=:AAAA:", "md5=:AAAA:"):
             assert daemon.post("/v1/jobs?points=50", body, "-H", f"{name}: {value}", *more).status == 201
 
 

@@ -36,7 +36,7 @@ def crossing_sheets(seed):
 def test_no_point_of_crossing_sheets_is_lost(tmp_path, seed):
     cloud = tmp_path / "sheets.xyz"
     cloud.write_text(crossing_sheets(seed))
-    subprocess.run([BUILD / "whittle", cloud, "--ratio", "0.3", "--outputs", "mesh,report", "-q", "-o", tmp_path],
+    subprocess.run([BUILD / "whittle", cloud, "--ratio", "0.3", "--surface", "closed", "--outputs", "mesh,report", "-q", "-o", tmp_path],
                    check=True)
     mesh = json.loads((tmp_path / "report.json").read_text())["mesh"]
     assert mesh["points_lost"] == 0

@@ -40,8 +40,8 @@ def read_all(connection):
 def test_an_upload_cut_at_any_byte_leaves_nothing(daemon):
     """At random places, at each byte around the end of the headers, by FIN and by RST, with and without a length."""
     body = SMALL
-    whole = b"POST /v1/jobs HTTP/1.1\r\nHost: a\r\nContent-Length: %d\r\n\r\n" % len(body) + body
-    chunked = (b"POST /v1/jobs HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: chunked\r\n\r\n%x\r\n" % len(body) + body +
+    whole = b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: %d\r\n\r\n" % len(body) + body
+    chunked = (b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n%x\r\n" % len(body) + body +
                b"\r\n0\r\n\r\n")
     chance = random.Random(1)
     for message in (whole, chunked):
@@ -65,7 +65,7 @@ def test_an_upload_cut_at_any_byte_leaves_nothing(daemon):
 def test_a_body_that_cannot_come_any_more_is_noticed(daemon):
     """The client has closed its half: nothing more will come, long before any limit of time."""
     with connect(daemon) as connection:
-        connection.sendall(b"POST /v1/jobs HTTP/1.1\r\nHost: a\r\nContent-Length: 1000000\r\n\r\n" + SMALL)
+        connection.sendall(b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1000000\r\n\r\n" + SMALL)
         wait_until(daemon.leftovers, "the upload's file")
         connection.shutdown(socket.SHUT_WR)
         assert b" 201 " not in read_all(connection)
@@ -78,7 +78,7 @@ def was_noticed(daemon):
     return counted or "closed by remote side with incomplete request" in daemon.log_text()
 
 
-@pytest.mark.parametrize("before", [b"", b"GET /healthz HTTP/1.1\r\nHost: a\r\n\r\n"], ids=["first", "second"])
+@pytest.mark.parametrize("before", [b"", b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n"], ids=["first", "second"])
 def test_a_head_that_cannot_come_any_more_is_noticed(make_daemon, before):
     daemon = make_daemon("--header-timeout", "1h", "--idle-timeout", "1h")
     with connect(daemon) as connection:
@@ -91,7 +91,7 @@ def test_a_head_that_cannot_come_any_more_is_noticed(make_daemon, before):
 
 def test_a_whole_body_before_a_closed_half_is_taken(daemon):
     with connect(daemon) as connection:
-        connection.sendall(b"POST /v1/jobs HTTP/1.1\r\nHost: a\r\nContent-Length: %d\r\n\r\n" % len(SMALL) + SMALL)
+        connection.sendall(b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: %d\r\n\r\n" % len(SMALL) + SMALL)
         connection.shutdown(socket.SHUT_WR)
         assert read_all(connection).startswith(b"HTTP/1.1 201 ")
 
@@ -101,7 +101,7 @@ def test_a_whole_body_before_a_closed_half_is_taken(daemon):
 def start_one_shot(daemon, data):
     """Sends a one-shot and returns its connection and the id of its job, once that runs."""
     connection = connect(daemon)
-    connection.sendall(b"POST /v1/simplify?output=mesh HTTP/1.1\r\nHost: a\r\nContent-Length: %d\r\n\r\n" % len(data) + data)
+    connection.sendall(b"POST /v1/simplify?output=mesh HTTP/1.1\r\nHost: localhost\r\nContent-Length: %d\r\n\r\n" % len(data) + data)
     jobs = wait_until(lambda: daemon.curl("/v1/jobs?status=running").json["jobs"], "the job")
     return connection, jobs[0]["id"]
 
@@ -122,7 +122,7 @@ def test_an_abandoned_one_shot_that_waits_never_runs(make_daemon, large):
     running = daemon.submit(large)
     daemon.wait_for(running, "running")
     connection = connect(daemon)
-    connection.sendall(b"POST /v1/simplify HTTP/1.1\r\nHost: a\r\nContent-Length: %d\r\n\r\n" % len(SMALL) + SMALL)
+    connection.sendall(b"POST /v1/simplify HTTP/1.1\r\nHost: localhost\r\nContent-Length: %d\r\n\r\n" % len(SMALL) + SMALL)
     waiting = wait_until(lambda: daemon.curl("/v1/jobs?status=accepted").json["jobs"], "the job")[0]["id"]
     connection.close()
     assert daemon.ended(waiting)["status"] == "dismissed"
@@ -148,10 +148,10 @@ def test_event_streams_and_long_polls_that_vanish_are_noticed(make_daemon, large
     for i in range(10):
         listeners.append(connect(daemon))
         if i % 2:
-            listeners[-1].sendall(b"GET /v1/jobs/%s/events HTTP/1.1\r\nHost: a\r\n\r\n" % waiting.encode())
+            listeners[-1].sendall(b"GET /v1/jobs/%s/events HTTP/1.1\r\nHost: localhost\r\n\r\n" % waiting.encode())
             assert listeners[-1].recv(12) == b"HTTP/1.1 200"
         else:
-            listeners[-1].sendall(b"GET /v1/jobs/%s HTTP/1.1\r\nHost: a\r\nPrefer: wait=60\r\nIf-None-Match: %s\r\n\r\n"
+            listeners[-1].sendall(b"GET /v1/jobs/%s HTTP/1.1\r\nHost: localhost\r\nPrefer: wait=60\r\nIf-None-Match: %s\r\n\r\n"
                                   % (waiting.encode(), etag))
     wait_until(lambda: open_connections(daemon) >= 11, "all listeners")
     for i, listener in enumerate(listeners):
@@ -168,7 +168,7 @@ def test_a_download_that_is_cut_ends(daemon):
     job_id = daemon.submit(sphere(60000), "?ratio=1&outputs=cloud")
     daemon.ended(job_id)
     connection = connect(daemon)
-    connection.sendall(b"GET /v1/jobs/%s/outputs/cloud.ply HTTP/1.1\r\nHost: a\r\n\r\n" % job_id.encode())
+    connection.sendall(b"GET /v1/jobs/%s/outputs/cloud.ply HTTP/1.1\r\nHost: localhost\r\n\r\n" % job_id.encode())
     assert connection.recv(12) == b"HTTP/1.1 200"
     reset(connection)
     wait_until(lambda: open_connections(daemon) <= 1, "the connection's end")
@@ -205,6 +205,7 @@ def test_a_second_sigterm_ends_at_once_and_loses_nothing(make_daemon, large):
     daemon.process.send_signal(signal.SIGHUP)  # ends nothing
     assert daemon.curl("/readyz").status == 503
     daemon.process.send_signal(signal.SIGTERM)
+    daemon.may_end(128 + signal.SIGTERM)
     assert daemon.process.wait(60) == 128 + signal.SIGTERM
     wait_until(lambda: not process_lives(pid), "the end of the worker")
     daemon.start()

@@ -141,7 +141,13 @@ def unchanged(world, operation):
     return send(daemon, operation, path, "-H", f"If-None-Match: {daemon.curl(path).headers['etag']}")
 
 
-COMMON = {"400": unknown_parameter, "401": without_token, "403": without_scope, "404": nothing_there,
+def not_matching(world, operation):
+    daemon = world.daemon()
+    path = operation.url(**parts_of(operation, daemon))
+    return send(daemon, operation, path, "-H", 'If-Match: "another"')
+
+
+COMMON = {"412": not_matching, "400": unknown_parameter, "401": without_token, "403": without_scope, "404": nothing_there,
           "410": deleted_job, "409": not_ended, "200": plain, "206": part, "416": part_outside, "304": unchanged}
 
 
@@ -168,7 +174,7 @@ def intake_409(world, operation):
     """Another request with the same key has been admitted, and its body isn't there yet."""
     daemon = world.daemon()
     with socket.create_connection(("127.0.0.1", daemon.port)) as first:
-        first.sendall(f"POST {operation.path} HTTP/1.1\r\nHost: here\r\nContent-Length: {len(SMALL)}\r\n"
+        first.sendall(f"POST {operation.path} HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(SMALL)}\r\n"
                       "Idempotency-Key: k\r\nExpect: 100-continue\r\n\r\n".encode())
         assert b"100 Continue" in first.recv(100)
         return send(daemon, operation, operation.path, "-H", "Idempotency-Key: k", data=SMALL)
@@ -352,7 +358,7 @@ def send_head(daemon, method, path, *headers):
     """A request whose body is still to come; chunked, unless its length is among the headers."""
     connection = socket.create_connection(("127.0.0.1", daemon.port), timeout=60)
     coding = () if any(h.startswith("Content-Length") for h in headers) else ("Transfer-Encoding: chunked",)
-    head = "\r\n".join((f"{method} {path} HTTP/1.1", "Host: here", "Connection: close", *headers, *coding))
+    head = "\r\n".join((f"{method} {path} HTTP/1.1", "Host: localhost", "Connection: close", *headers, *coding))
     connection.sendall(head.encode() + b"\r\n\r\n")
     return connection
 

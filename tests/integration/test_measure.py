@@ -6,6 +6,8 @@ import subprocess
 
 import pytest
 
+from conftest import sphere
+
 BUILD = os.environ.get("WHITTLE_BUILD", "build/release")
 WHITTLE = os.path.join(BUILD, "whittle")
 FACES = "element face 2\nproperty list uchar int vertex_indices\n"
@@ -66,11 +68,38 @@ def test_points_are_measured_to_the_surface(square, a_faces, b_faces, expected):
     assert "mean" not in found
 
 
-@pytest.mark.parametrize("method", ["uniform", "metro"])
-def test_points_against_points_are_refused(square, method):
-    run = measure(square("a.ply", 1, False), square("b.ply", 0, False), "--method", method)
+def test_points_against_points_are_measured_both_ways(square, tmp_path):
+    a, b = square("a.ply", 1, False), tmp_path / "b.xyz"
+    b.write_text("0 0 1\n0 0 0\n0 0 0\n3 4 1\n")  # distances to the corners at z = 1: 0, 1, 1, 1
+    found = figures(a, b)
+    assert found["forward"] | {"mean": 0.75, "rms": 0.75 ** 0.5, "max": 1} == found["forward"]
+    assert found["forward"]["samples"] == found["backward"]["samples"] == 4 and "surface" not in found
+    back = [0, 3, 1, (3 ** 2 + 0) ** 0.5]  # (3 0 1) to (0 0 1); (3 3 1) to (3 4 1); (0 3 1) to (0 0 1)
+    assert found["backward"]["mean"] == pytest.approx(sum(back) / 4, abs=1e-12)
+    assert found["backward"]["max"] == found["hausdorff"] == 3
+    assert found["mean"] == pytest.approx((0.75 + sum(back) / 4) / 2, abs=1e-12)
+    assert found["mean_rel"] == pytest.approx(found["mean"] / found["diagonal"], rel=1e-12)
+    rows = {line[:18].strip(): line[18:].split() for line in measure(a, b).stdout.splitlines()}
+    assert rows["points of B to A"][0] == rows["points of A to B"][0] == "4"
+    assert rows["Hausdorff"][0] == "3.000000e+00" and "surface of B to A" not in rows
+    other = figures(b, a)
+    assert (other["forward"]["mean"], other["hausdorff"]) == (found["backward"]["mean"], 3)
+
+
+def test_a_simplified_cloud_is_a_part_of_its_original(tmp_path):
+    (tmp_path / "in.xyz").write_bytes(sphere(5000))
+    subprocess.run([WHITTLE, tmp_path / "in.xyz", "--ratio", "0.2", "-q", "-o", tmp_path / "small.ply"], check=True)
+    found = figures(tmp_path / "small.ply", tmp_path / "in.xyz", "--threads", 1)
+    assert found["backward"]["samples"] == 1000 and found["backward"]["max"] == 0
+    assert found["forward"]["samples"] == 5000 and 0 < found["forward"]["mean"] < found["forward"]["max"] < 0.2
+    assert figures(tmp_path / "small.ply", tmp_path / "in.xyz", "--threads", 3) == found
+
+
+@pytest.mark.parametrize("faces", [(False, False), (True, False), (False, True)])
+def test_metro_s_way_needs_faces_in_both(square, faces):
+    run = measure(square("a.ply", 1, faces[0]), square("b.ply", 0, faces[1]), "--method", "metro")
     assert run.returncode == 65
-    assert "faces" in run.stderr and run.stdout == ""
+    assert "the method metro needs faces in both" in run.stderr and run.stdout == ""
 
 
 def test_the_table_has_the_same_figures(square):

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Memory and points: what can't fit is refused before its body, what can't run now waits."""
 import gzip
+import math
 import os
+import random
 import re
 import struct
+import subprocess
 
 import pytest
 
-from conftest import SMALL, process_lives, sphere
+import conftest
+from conftest import SANITIZED, SMALL, process_lives, sphere
 
 
 def ply_header(points, extra=""):
@@ -109,7 +113,7 @@ def failing_worker(folder):
 @pytest.mark.parametrize("pack", [bytes, gzip.compress], ids=["plain", "gzip"])
 def test_a_prediction_that_was_wrong_says_so_and_what_would_fit(make_daemon, tmp_path, pack):
     daemon = make_daemon("--worker", failing_worker(tmp_path), "--worker-sandbox=off", "--job-memory", "300M")
-    cloud = pack(ply(200000))
+    cloud = pack(ply(130000))
     job = daemon.ended(daemon.submit(cloud, "?ratio=0.8&outputs=mesh"))
     problem = job["problem"]
     assert problem["type"] == "/problems/out-of-memory"
@@ -122,6 +126,18 @@ def test_a_prediction_that_was_wrong_says_so_and_what_would_fit(make_daemon, tmp
     assert 0.6 < again["predicted_bytes"] / problem["predicted_bytes"] <= 0.751
 
 
+def test_a_job_has_what_was_predicted_and_no_more(make_daemon, tmp_path):
+    """Where the limit of all jobs is far away, the prediction is the limit."""
+    daemon = make_daemon("--worker", failing_worker(tmp_path), "--worker-sandbox=off", "--job-memory", "3G")
+    problem = daemon.ended(daemon.submit(ply(200000), "?ratio=0.1&threads=1"))["problem"]
+    assert problem["type"] == "/problems/out-of-memory"
+    assert problem["predicted_bytes"] < problem["limit"] < problem["predicted_bytes"] * 1.125 + (45 << 20)
+    said = re.fullmatch(r"no memory for the tree: the (\d+) MiB predicted did not suffice, \d+ MiB used, (\d+) MiB of "
+                        r"data allowed; (.+)", problem["detail"])
+    assert int(said[1]) == problem["predicted_bytes"] >> 20 and int(said[2]) == problem["limit"] >> 20
+    assert said[3] == problem["hint"]
+
+
 def test_texts_are_predicted_too(make_daemon, tmp_path):
     daemon = make_daemon("--worker", failing_worker(tmp_path), "--worker-sandbox=off", "--job-memory", "3G")
     cloud = sphere(100000)
@@ -130,3 +146,73 @@ def test_texts_are_predicted_too(make_daemon, tmp_path):
     assert 0.7 < packed / plain < 1.4
     nothing_known = daemon.ended(daemon.submit(b"OFF\n1 0 0\n0 0 0\n"))["problem"]
     assert nothing_known["hint"] and nothing_known["detail"].endswith(nothing_known["hint"])
+
+
+def cone(points):
+    """Points on a cone, as text: about 20 tetrahedra for each, twice what is predicted."""
+    rng = random.Random(3)
+    lines = []
+    for _ in range(points):
+        h, a = rng.random(), 2 * math.pi * rng.random()
+        lines.append(f"{h * math.cos(a):.6f} {h * math.sin(a):.6f} {2 * h:.6f}\n")
+    return "".join(lines).encode()
+
+
+def as_ply(text):
+    rows = [tuple(map(float, line.split())) for line in text.decode().splitlines()]
+    return ply_header(len(rows)) + b"".join(struct.pack("<3f", *row) for row in rows)
+
+
+@pytest.mark.skipif(SANITIZED, reason="sanitizers have a time and memory of their own")
+def test_a_job_with_more_tetrahedra_than_predicted_gets_the_memory_for_them(make_daemon):
+    daemon = make_daemon("--job-memory", "3G", "--workers", "1")
+    job_id = daemon.submit(as_ply(cone(20000)), "?ratio=1&outputs=mesh&refine=none&threads=1")
+    job = daemon.ended(job_id)
+    assert job["status"] == "successful" and job["attempt"] == 2
+    said = re.search(rf"job={job_id} running -> queued again attempt=1 .*?: the 20000 points of the mesh have more than "
+                     r"(\d+) tetrahedra between them, .* and (\d+) MiB have no room for more", daemon.log_text())
+    assert int(said[1]) > 200000 and int(said[2]) < 100
+    assert daemon.log_text().count("queued again") == 1
+
+
+@pytest.mark.skipif(SANITIZED, reason="sanitizers have a time and memory of their own")
+def test_a_job_with_too_many_tetrahedra_for_its_limit_fails(make_daemon):
+    daemon = make_daemon("--job-memory", "80M", "--worker-sandbox=off")
+    job = daemon.ended(daemon.submit(as_ply(cone(20000)), "?ratio=1&outputs=mesh&refine=none&threads=1"))
+    assert job["status"] == "failed" and job["attempt"] == 2
+    problem = job["problem"]
+    assert problem["type"] == "/problems/out-of-memory" and problem["limit"] == 80 << 20
+    assert problem["detail"].startswith("the 20000 points of the mesh have more than") and problem["hint"]
+
+
+def fan(points, corners):
+    """An OBJ file with one face of many corners, all of one digit: as many triangles as half of its bytes."""
+    rng = random.Random(4)
+    lines = []
+    for _ in range(points):
+        p = [rng.gauss(0, 1) for _ in range(3)]
+        r = math.sqrt(sum(c * c for c in p))
+        lines.append("v " + " ".join(f"{c / r:.6f}" for c in p) + "\n")
+    return "".join(lines).encode() + b"f" + b" 1 2 3 4 5 6 7" * (corners // 7) + b"\n"
+
+
+@pytest.mark.skipif(SANITIZED, reason="sanitizers have a time and memory of their own")
+def test_a_job_with_more_triangles_than_predicted_gets_the_memory_for_them(make_daemon):
+    daemon = make_daemon("--job-memory", "3G", "--workers", "1")
+    job_id = daemon.submit(fan(5000, 700000), "?outputs=mesh&threads=1")
+    job = daemon.ended(job_id)
+    assert job["status"] == "successful" and job["attempt"] == 2
+    said = re.search(rf"job={job_id} running -> queued again attempt=1 .*?: the faces are more than (\d+) triangles, and "
+                     "the memory allowed has no room for more", daemon.log_text())
+    assert int(said[1]) < 699998
+
+
+def test_faces_that_memory_has_no_room_for_are_refused(tmp_path):
+    path = tmp_path / "fan.obj"
+    path.write_bytes(fan(5000, 70000))
+    arguments = [conftest.BUILD / "whittle", path, "--outputs", "mesh", "-o", tmp_path / "out", "--memory"]
+    for memory, said in (("20M", "69998 triangles and 5000 points, and the 20 MiB of memory allowed have no room"),
+                         ("7M", "the faces are more than")):
+        run = subprocess.run([*arguments, memory], capture_output=True, text=True)
+        assert run.returncode == 71 and said in run.stderr
+    assert subprocess.run([*arguments, "60M"]).returncode == 0

@@ -45,23 +45,37 @@ def test_a_tarball_made_from_the_tarball_is_the_same_bytes(tarball, tmp_path):
 
 def test_the_tarball_holds_the_whole_source(tarball):
     names = {n.split("/", 1)[1] for n in run("tar", "-tf", tarball).splitlines() if "/" in n}
-    assert {"Makefile", "README.md", "core/pipeline.c", "server/daemon_main.c", "deploy/Dockerfile"} <= names
+    assert {"Makefile", "README.md", "core/pipeline/pipeline.c", "server/daemon/main.c", "deploy/Dockerfile"} <= names
     assert not [n for n in names if n.startswith(("build/", "out/", ".git/"))]
 
 
 def test_the_package_is_built_with_what_the_makefile_wants():
     wanted = run("make", "-C", ROOT, "--no-print-directory", "-s", "print-packages").split()
     wanted = {p for p in wanted if p.endswith("-dev")} - {"libc6-dev", "libcmocka-dev"}
-    declared = set(re.findall(r"[a-z0-9.+-]+-dev", (ROOT / "deploy/debian/control").read_text()))
+    declared = set(re.findall(r"[a-z0-9.+-]+-dev", (ROOT / "deploy/debian/control").read_text())) - {"libwhittle-dev"}
     assert wanted == declared
+
+
+def build_dependencies():
+    """What dpkg-buildpackage looks for: what the package declares, and build-essential."""
+    control = (ROOT / "deploy/debian/control").read_text()
+    declared = re.search(r"^Build-Depends: (.*(?:\n .*)*)", control, re.M)[1]
+    return {re.sub(r" *\(.*\)|-compat", "", name.strip()) for name in declared.split(",")} | {"build-essential"}
+
+
+def test_make_deb_installs_what_dpkg_wants():
+    made = [run("make", "-C", ROOT, "--no-print-directory", "-s", target).split()
+            for target in ("print-packages", "print-deb-packages")]
+    assert build_dependencies() <= {name for names in made for name in names}
 
 
 @pytest.mark.skipif(not shutil.which("clang"), reason="clang is not installed")
 def test_clang_takes_the_sources_too():
     """The fuzzers are made with it."""
-    sources = [path for folder in ("core", "api", "server") for path in sorted((ROOT / folder).glob("*.c"))]
+    sources = [path for folder in ("core", "api", "server") for path in sorted((ROOT / folder).rglob("*.c"))]
     assert len(sources) > 100
-    run("clang", "-fsyntax-only", "-std=c11", "-D_GNU_SOURCE", "-I.", "-w", *sources, cwd=ROOT)
+    run("clang", "-fsyntax-only", "-std=c11", "-D_GNU_SOURCE", "-I.", "-w",
+        '-DOPENAPI_JSON="api/openapi/head.json"', *sources, cwd=ROOT)
 
 
 @pytest.fixture(name="repository")
@@ -98,6 +112,52 @@ def test_a_tree_without_git_says_what_its_file_says(repository):
     assert run(folder / "deploy/version.sh", "--epoch", env={"PATH": os.environ["PATH"]}) == "1700000000"
 
 
+def test_every_program_says_the_version_it_was_built_of(make_daemon, tmp_path):
+    version = (conftest.BUILD / "version.stamp").read_text().strip()
+    assert re.match(r"\d+\.\d+\.\d+", version)
+    for program in ("whittle", "whittled"):
+        assert run(conftest.BUILD / program, "--version") == f"{program} {version}"
+        assert f'"whittle {version}"' in run(conftest.BUILD / program, "--man")
+    assert make_daemon().curl("/v1/info").json["version"] == version
+    (tmp_path / "in.xyz").write_bytes(conftest.SMALL)
+    run(conftest.BUILD / "whittle", tmp_path / "in.xyz", "--outputs", "mesh.glb,report", "-q", "-o", tmp_path)
+    assert json.loads((tmp_path / "report.json").read_text())["version"] == version
+    assert f'"generator":"whittle {version}"'.encode() in (tmp_path / "mesh.glb").read_bytes()
+
+
+@pytest.mark.parametrize("document", ["README.md", "deploy/README.md", "server/README.md",
+                                      "server/handlers/page.html"])
+def test_commands_of_the_documents_show_problem_documents(document):
+    """curl -f drops the body that says what was wrong."""
+    hidden = [line for line in (ROOT / document).read_text().splitlines()
+              if re.search(r"curl (?:.* )?(?:-[a-zA-Z]*f[a-zA-Z]*|--fail) ", line.split(" | ")[0])]
+    assert hidden == []
+
+
+@pytest.mark.parametrize("ratio, reason", [("5", "demo: the job was refused: .*ratio.*at most 1"),
+                                           ("a b&c", "demo: the job was refused: .*ratio.*a b&c")])
+def test_the_demo_says_why_a_job_is_refused(tmp_path, ratio, reason):
+    (tmp_path / "in.xyz").write_bytes(conftest.SMALL)
+    done = subprocess.run([ROOT / "tests/demo/demo.sh", conftest.BUILD, tmp_path / "out", tmp_path / "in.xyz", ratio],
+                          capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert re.fullmatch(reason + ".*\n", done.stderr), done.stderr
+
+
+@pytest.mark.skipif(conftest.SANITIZED, reason="sanitizers do what the demo's service forbids its jobs")
+def test_the_demo_says_why_a_job_failed_and_what_came_of_one_that_did_not(tmp_path):
+    def demo(lines):
+        (tmp_path / "in.xyz").write_bytes(lines)
+        return subprocess.run([ROOT / "tests/demo/demo.sh", conftest.BUILD, tmp_path / "out", tmp_path / "in.xyz", "1"],
+                              capture_output=True, text=True, check=False)
+
+    failed = demo(b"0 0 0\n1 1 1\n2 2 2\n3 3 3\n4 4 4\n")
+    assert failed.returncode == 1 and re.fullmatch("demo: the job failed: .*one line.*\n", failed.stderr), failed
+    done = demo(conftest.SMALL)
+    assert done.returncode == 0 and re.search(r"watertight +true", done.stdout), done
+    assert (tmp_path / "out/mesh.ply").stat().st_size > 1000
+
+
 @needs_dpkg
 @pytest.mark.skipif(not RELEASE_BUILD, reason="the sanitizers' libraries are no part of a release")
 def test_the_bill_of_materials_names_what_is_linked():
@@ -118,7 +178,7 @@ def test_the_bill_of_materials_names_what_is_linked():
 
 @needs_bash
 @pytest.mark.parametrize("program, typed, offered", [
-    ("whittle", "--rat", "--ratio"), ("whittle", "--max", "--max_error"), ("whittle", "meas", "measure"),
+    ("whittle", "--rat", "--ratio"), ("whittle", "--max", "--max_deviation"), ("whittle", "meas", "measure"),
     ("whittled", "--max-q", "--max-queue"), ("whittled", "--dat", "--data")])
 def test_the_shell_completes_what_the_program_knows(program, typed, offered):
     script = (f'source {ROOT}/deploy/completion/{program}; COMP_WORDS=("{conftest.BUILD / program}" "{typed}"); '

@@ -92,6 +92,7 @@ def test_what_is_to_stay_free_stays_free_while_bodies_of_no_known_length_come(re
     for path in ("/v1/jobs", "/v1/clouds"):
         reply = reserved.post(path, cloud, *chunked)
         assert (reply.status, reply.slug) == (507, "storage-full")
+        wait_until(lambda: free_bytes(reserved) > 7 << 20, "the room of what came, which goes after the answer")
     upload = reserved.curl("/v1/uploads", "-X", "POST", *TUS, "-H", "Upload-Defer-Length: 1").headers["location"]
     piece = ("-H", "Content-Type: application/offset+octet-stream", "-H", "Upload-Offset: 0", "-X", "PATCH")
     reply = reserved.post(upload, cloud, *TUS, *piece, *chunked)

@@ -63,11 +63,12 @@ class Unit(conftest.Daemon):
 
     def launch(self, environment=None, prefix=(), flags=(), pass_fds=()):
         with open(self.log, "ab") as log:
-            self.process = subprocess.Popen(
+            self.process = conftest.Process(
                 [*map(str, prefix), str(conftest.BUILD / "whittled"), "--data", str(self.data), "--admin-listen",
                  "127.0.0.1:0", *conftest.UNLIMITED, *flags],
                 stdout=subprocess.PIPE, stderr=log, text=True, pass_fds=pass_fds,
                 env=dict(os.environ, **(environment or {})))
+        self.processes.append(self.process)
         return self
 
     def answered(self):
@@ -81,10 +82,7 @@ class Unit(conftest.Daemon):
 def make_unit(tmp_path):
     unit = Unit(tmp_path)
     yield unit
-    if unit.process and unit.process.poll() is None:
-        unit.kill()
-    if unit.log.exists():
-        print(unit.log_text())
+    conftest.end_all([unit])
 
 
 def listening_socket(address="127.0.0.1"):
@@ -150,7 +148,7 @@ def test_the_watchdog_starves_when_the_queue_is_broken(unit, manager):
     conftest.wait_until(lambda: "its watchdog isn't fed" in unit.log_text(), "the starved watchdog")
 
 
-@pytest.mark.parametrize("fault", ["commit=hang:3",  # the schema's, the job's, its claim's: with the lock held
+@pytest.mark.parametrize("fault", ["commit=hang:4",  # schema, identity, job, and its claim: with the lock held
                                    "outputs-rename=hang"])  # in the thread that runs the job, half a minute ago
 def test_the_watchdog_starves_when_the_supervisor_hangs(unit, manager, fault):
     unit.launch({"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "200000"},
@@ -171,6 +169,7 @@ def test_the_watchdog_starves_when_the_supervisor_hangs(unit, manager, fault):
     for _ in range(2):
         unit.process.send_signal(signal.SIGTERM)
         conftest.wait_until(lambda: "draining" in unit.log_text(), "the drain")
+    unit.may_end(128 + signal.SIGTERM)
     assert unit.process.wait(conftest.PATIENCE_S) == 128 + signal.SIGTERM
     unit.launch(flags=("--listen", "127.0.0.1:0")).answered()
     assert unit.ended(job)["status"] == "successful"
@@ -182,6 +181,7 @@ def activate(unit, inherited, environment, *flags):
 
 
 def refusal(unit):
+    unit.may_end(2)
     assert unit.process.wait(conftest.PATIENCE_S) == 2
     return unit.log_text()
 

@@ -50,10 +50,21 @@ def test_a_job_over_https(secure):
     assert secure.post("/v1/simplify", SMALL).status == 200
 
 
+@pytest.mark.parametrize("header", ["Content-Length: five", "Cookie: " + "a=b;" * 15000], ids=["length", "cookies"])
+def test_what_the_library_would_refuse_twice_is_refused_once(secure, header):
+    context = ssl.create_default_context(cafile=secure.curl_flags[1])
+    with socket.create_connection(("127.0.0.1", secure.port), timeout=60) as plain, \
+            context.wrap_socket(plain, server_hostname="localhost") as connection:
+        connection.sendall(f"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\n{header}\r\n\r\n".encode())
+        answer = b"".join(iter(lambda: connection.recv(65536), b""))
+    assert answer.count(b"HTTP/1.1 4") == 1 and answer.startswith(b"HTTP/1.1 4")
+    assert parse_reply(answer).slug == ("headers-too-large" if header.startswith("Cookie") else "malformed-request")
+
+
 @pytest.mark.filterwarnings("ignore:ssl.TLSVersion")
 def test_old_versions_and_plain_http_are_not_served(secure):
     with socket.create_connection(("127.0.0.1", secure.port), timeout=60) as connection:
-        connection.sendall(b"GET /healthz HTTP/1.1\r\nHost: a\r\n\r\n")
+        connection.sendall(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n")
         try:
             assert not connection.recv(1000).startswith(b"HTTP/1.1 200")
         except ConnectionResetError:
@@ -116,3 +127,29 @@ def test_bad_certificates_end_the_start(tmp_path, case, word):
     done = subprocess.run([BUILD / "whittled", "--data", tmp_path / "data", "--listen", "127.0.0.1:0", *flags],
                           capture_output=True, text=True, check=False)
     assert done.returncode in (1, 2) and word in done.stderr and not re.search("listening", done.stdout)
+
+
+def handshake(port, *arguments):
+    """What was negotiated, as openssl says it; None where the service refuses."""
+    done = subprocess.run(["openssl", "s_client", "-connect", f"127.0.0.1:{port}", "-brief", *arguments], input=b"",
+                          capture_output=True, check=False, timeout=60)
+    found = re.search(rb"Ciphersuite: (\S+)", done.stderr)
+    return found[1].decode() if found else None
+
+
+@pytest.mark.parametrize("kind", ["rsa", "ec"])
+def test_only_forward_secrecy_and_authenticated_encryption_are_negotiated(tmp_path, make_daemon, kind):
+    cert, key = make_certificate(tmp_path / "tls")
+    if kind == "rsa":
+        subprocess.run(["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=localhost",
+                        "-keyout", key, "-out", cert], check=True, capture_output=True)
+    port = make_daemon("--tls-cert", cert, "--tls-key", key).port
+    listed = subprocess.run(["openssl", "ciphers", "-tls1_2", "-s", "ALL:@SECLEVEL=0"], capture_output=True, text=True,
+                            check=True).stdout.strip().split(":")
+    taken = {cipher for cipher in listed if handshake(port, "-tls1_2", "-cipher", f"{cipher}:@SECLEVEL=0")}
+    auth = "RSA" if kind == "rsa" else "ECDSA"
+    assert taken == {f"ECDHE-{auth}-AES128-GCM-SHA256", f"ECDHE-{auth}-AES256-GCM-SHA384",
+                     f"ECDHE-{auth}-CHACHA20-POLY1305"}
+    assert {name: handshake(port, "-tls1_3", "-ciphersuites", name) for name in (
+        "TLS_AES_256_GCM_SHA384", "TLS_CHACHA20_POLY1305_SHA256", "TLS_AES_128_GCM_SHA256")} == {
+            name: name for name in ("TLS_AES_256_GCM_SHA384", "TLS_CHACHA20_POLY1305_SHA256", "TLS_AES_128_GCM_SHA256")}

@@ -2,7 +2,7 @@
 """Data folders of older versions: whatever schema the database has, the service brings it to its own, serves what is
 there and ends what waited; a folder of a newer version is refused.
 
-An older database is made of the first steps of the schema in server/schema.c, which are never edited, and of what
+An older database is made of the first steps of the schema in server/catalog/sqlite/schema.c, which are never edited, and of what
 the current one holds of their columns."""
 import contextlib
 import pathlib
@@ -14,7 +14,7 @@ import pytest
 
 from conftest import BUILD, PATIENCE_S, SMALL, sphere
 
-SOURCE = (pathlib.Path(__file__).resolve().parents[2] / "server/schema.c").read_text()
+SOURCE = (pathlib.Path(__file__).resolve().parents[2] / "server/catalog/sqlite/schema.c").read_text()
 
 
 def schema_steps():
@@ -91,3 +91,22 @@ def test_a_folder_of_a_newer_version_is_left_alone(daemon):
                              capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert refused.returncode != 0 and "newer" in refused.stderr, refused.stderr
     assert version_of(path) == len(STEPS) + 1
+
+
+def test_outputs_of_an_older_version_have_the_name_they_had(daemon):
+    """It kept the outputs of any attempt under one name."""
+    done = daemon.submit(SMALL, "?points=50")
+    daemon.ended(done)
+    mesh = daemon.curl(f"/v1/jobs/{done}/outputs/mesh.ply").body
+    assert daemon.stop() == 0
+    path = daemon.data / "whittled.db"
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        database.execute("UPDATE jobs SET attempt = 2")
+        database.commit()
+    make_older(path, len(STEPS) - 1)
+    daemon.start()
+    assert daemon.curl(f"/v1/jobs/{done}/outputs/mesh.ply").body == mesh
+    same = daemon.submit(SMALL, "?points=50")  # served by the same outputs
+    assert daemon.curl(f"/v1/jobs/{same}/outputs/mesh.ply").body == mesh
+    assert daemon.stop() == 0
+    assert daemon.check()[0] == 0

@@ -258,7 +258,7 @@ class Half:
 
     def __init__(self, daemon, path, offset, length, data, more=""):
         self.socket = socket.create_connection(("127.0.0.1", daemon.port))
-        self.socket.sendall(f"PATCH {path} HTTP/1.1\r\nHost: x\r\nTus-Resumable: 1.0.0\r\nUpload-Offset: {offset}\r\n"
+        self.socket.sendall(f"PATCH {path} HTTP/1.1\r\nHost: localhost\r\nTus-Resumable: 1.0.0\r\nUpload-Offset: {offset}\r\n"
                             f"Content-Type: application/offset+octet-stream\r\n{more}"
                             f"Content-Length: {length}\r\n\r\n".encode() + data)
 
@@ -286,8 +286,8 @@ def test_what_came_before_the_connection_broke_is_kept(daemon):
 def test_half_a_piece_with_a_checksum_is_not_kept(daemon):
     path = create(daemon, len(SMALL))
     digest = base64.b64encode(hashlib.sha1(SMALL).digest()).decode()
-    half = Half(daemon, path, 0, len(SMALL), SMALL[:3000], f"Upload-Checksum: sha1 {digest}\r\n")
-    wait_until(lambda: sum(p.stat().st_size for p in (daemon.data / "tmp").iterdir()) == 3000, "the piece")
+    half = Half(daemon, path, 0, len(SMALL), SMALL[:6000], f"Upload-Checksum: sha1 {digest}\r\n")
+    wait_until(lambda: sum(p.stat().st_size for p in (daemon.data / "tmp").iterdir()) == 6000, "the piece")
     half.end()
     wait_until(lambda: daemon.leftovers() == [], "its end")
     assert offset_of(daemon, path) == 0

@@ -4,6 +4,7 @@
 Usage: layers.py [libwhittle.a]      (from the root of the tree)
 SPDX-License-Identifier: GPL-3.0-or-later
 """
+import functools
 import pathlib
 import re
 import subprocess
@@ -11,26 +12,111 @@ import sys
 
 # Folder -> which project folders its files may include.
 MAY_INCLUDE = {"core": {"core"}, "api": {"api", "core"}, "server": {"server", "api", "core"}}
-# What api/ may know of core/.
-API_SEES = {"core/status.h", "core/params.h", "core/report.h", "core/version.h", "core/cloud_sniff.h"}
-# core/pipeline.h and the stages belong to the worker.
-DAEMON_SEES = API_SEES | {"core/alloc.h", "core/cloud_ply.h", "core/cloud_prefix.h", "core/fault.h", "core/inflate.h",
-                          "core/memory.h", "core/ply_header.h"}
-# Third-party header -> the only files that include it (a pattern).
-OWNER = {
-    r"flann/.*": r"core/knn_flann\.cc",
-    r"CGAL/.*": r"core/\w+_cgal\.cc",
-    r"zlib\.h": r"core/inflate_gzip\.c",
-    r"zstd(_errors)?\.h": r"core/inflate_zstd\.c",
-    r"curl/.*": r"server/post\.c",
-    r"sqlite3\.h": r"server/sql(_faults)?\.c",
-    r"microhttpd\.h": r"server/http\.c",
-    r"gnutls/.*": r"server/tls\.c",
-    r"seccomp\.h": r"server/daemon_seccomp\.c",
-    r"jansson\.h": r"api/\w+\.[ch]",
+# The rooms of core/, from the bottom up: a file may include its own room, what stands above core/'s rooms (params.h,
+# report.h), and the rooms that its row names.
+ROOMS = {
+    "core": {"core/base", "core/surface"},  # params.c takes the names of reconstructions from their table
+    "core/base": set(),
+    "core/math": {"core/base"},
+    "core/cloud": {"core/base", "core/math"},
+    "core/mesh": {"core/base", "core/math", "core/cloud"},
+    "core/io/codec": {"core/base"},
+    "core/io": {"core/base", "core/cloud", "core/io/codec", "core/io/formats"},
+    "core/io/formats": {"core/base", "core/cloud", "core/mesh", "core/io", "core/io/codec"},
+    "core/spatial": {"core/base", "core/math", "core/cloud", "core/mesh"},
+    "core/clean": {"core/base", "core/math", "core/cloud", "core/spatial"},
+    "core/simplify": {"core/base", "core/math", "core/cloud", "core/spatial"},
+    "core/simplify/reference": {"core/base", "core/math", "core/spatial", "core/simplify"},
+    "core/surface": {"core/base", "core/math", "core/cloud", "core/mesh", "core/surface/cocone", "core/surface/sheet"},
+    "core/surface/cocone": {"core/base", "core/math", "core/cloud", "core/mesh", "core/spatial", "core/surface"},
+    "core/surface/sheet": {"core/base", "core/math", "core/cloud", "core/mesh", "core/spatial", "core/surface",
+                           "core/surface/cocone"},
+    "core/refine": {"core/base", "core/math", "core/cloud", "core/mesh", "core/spatial", "core/refine/kernels"},
+    "core/refine/kernels": {"core/base", "core/math", "core/cloud", "core/refine"},
+    "core/measure": {"core/base", "core/math", "core/cloud", "core/mesh", "core/spatial"},
+    "core/pipeline": {"core/base", "core/math", "core/cloud", "core/mesh", "core/io", "core/io/formats", "core/spatial",
+                      "core/clean", "core/simplify", "core/surface", "core/surface/cocone", "core/surface/sheet",
+                      "core/refine", "core/measure"},
+    "core/library": {"core/base", "core/cloud", "core/mesh", "core/io", "core/pipeline"},
 }
-BANNED = re.compile(r"(?<![\w.>])(sprintf|vsprintf|strcpy|strcat|gets|strtok|atoi|atol|atof|system)\s*\(")
-CORE_NEVER = re.compile(r"(?<![\w.>])(printf|fprintf|puts|perror|exit|abort|getenv)\s*\(")
+# The rooms of server/ likewise, but for what every one of them may include of server/daemon/.
+SERVER_ROOMS = {
+    "server/shared": set(),
+    "server/cli": {"server/shared"},
+    "server/catalog": set(),
+    "server/catalog/sqlite": {"server/catalog"},
+    "server/storage": {"server/catalog"},
+    "server/jobs": {"server/catalog", "server/storage"},
+    "server/auth": {"server/catalog", "server/storage", "server/jobs"},
+    "server/http": {"server/catalog", "server/storage", "server/jobs", "server/auth"},
+    "server/runner": {"server/catalog", "server/storage", "server/jobs", "server/shared"},
+    "server/webhooks": {"server/catalog", "server/storage", "server/jobs"},
+    "server/handlers": {"server/catalog", "server/storage", "server/jobs", "server/auth", "server/http", "server/runner",
+                        "server/webhooks"},
+    "server/daemon": {"server/shared", "server/catalog", "server/storage", "server/jobs", "server/auth", "server/http",
+                      "server/runner", "server/webhooks", "server/handlers"},
+}
+SERVER_TOOLS = {f"server/daemon/{name}.h" for name in ("config", "log", "metrics", "setting_file", "wall_clock")}
+# What is left to undo: (file, what it includes all the same).
+SERVER_EXCEPTIONS = {
+    ("server/auth/access.h", "server/http/request.h"), ("server/auth/cross_site.h", "server/http/request.h"),
+    ("server/handlers/service.c", "server/daemon/readiness.h"),
+    ("server/http/http.c", "server/daemon/notify.h"), ("server/http/http.c", "server/daemon/watchdog.h"),
+    ("server/jobs/service.h", "server/auth/signature.h"),
+    ("server/storage/upload.h", "server/http/thread_pool.h"),
+    ("server/storage/upload_hasher.h", "server/http/thread_pool.h"),
+}
+# What api/ may know of core/.
+API_SEES = {"core/base/status.h", "core/params.h", "core/report.h", "core/base/version.h", "core/io/sniff.h"}
+# core/pipeline/pipeline.h and the stages belong to the command, server/cli/.
+DAEMON_SEES = API_SEES | {"core/base/alloc.h", "core/base/fault.h", "core/io/codec/inflate.h",
+                          "core/io/formats/ply_header.h", "core/io/prefix.h",
+                          "core/pipeline/memory.h"}
+# What those bring along: nothing else of core/ reaches api/ or the daemon by way of another header.
+BROUGHT = {"core/base/column_list.h", "core/base/warnings.h", "core/cloud/cloud.h", "core/io/formats.h", "core/math/vec3.h"}
+# A third-party header, or what stands behind a seam -> the only files that include it (a pattern).
+OWNER = {
+    r"flann/.*": r"core/spatial/knn_flann\.cc",
+    r"CGAL/.*": r"core/surface/\w+_cgal\.cc",
+    r"zlib\.h": r"core/io/codec/inflate_gzip\.c",
+    r"zstd(_errors)?\.h": r"core/io/codec/inflate_zstd\.c",
+    r"curl/.*": r"server/webhooks/http_client\.c",
+    r"sqlite3\.h": r"server/catalog/sqlite/sql(_faults)?\.c",
+    r"server/catalog/sqlite/.*": r"server/catalog/sqlite/\w+\.[ch]",
+    r"server/catalog/catalog_backend\.h": r"server/catalog/(\w+/)?\w+\.[ch]",
+    r"microhttpd\.h": r"server/http/http\.c",
+    r"gnutls/.*": r"server/http/tls\.c",
+    r"seccomp\.h": r"server/runner/seccomp\.c",
+    r"jansson\.h": r"api/(\w+/)?\w+\.[ch]",
+}
+ALLOCATES = "malloc|calloc|realloc|reallocarray|aligned_alloc|posix_memalign|memalign|valloc|strdup|strndup|v?asprintf"
+TALKS = "(?:v|f|vf|d|vd)?printf|f?puts|f?putc|putchar|fwrite|perror|psignal|v?syslog|v?warnx?|v?errx?"
+LEAVES = "exit|_exit|_Exit|quick_exit|abort"
+LOOKS = "getenv|secure_getenv|setenv|putenv|unsetenv"
+
+
+def calls(names):
+    return re.compile(rf"(?<![\w.>])({names})\s*\(")
+
+
+BANNED = calls("sprintf|vsprintf|strcpy|stpcpy|strncpy|strcat|gets|strtok|atoi|atol|atoll|atof|system|popen")
+SCANS = calls("[fv]?scanf|vfscanf|v?sscanf")
+# Who scans lines that the operator or the kernel writes, never a client.
+MAY_SCAN = {"server/daemon/fault_point.c", "server/daemon/metrics.c"}
+CORE_NEVER = calls("|".join((ALLOCATES, TALKS, LEAVES, LOOKS)))
+# The same as symbols, so that no macro or pointer hides it.
+CORE_NEVER_LINKS = re.compile(rf"(?:__)?({ALLOCATES}|{TALKS}|{LEAVES}|{LOOKS}|stdout|stderr|environ)(?:_chk)?")
+# File -> what it may call all the same: the one seam of allocation; FLANN's pools, and what its headers bring along; what
+# CGAL's headers bring along.
+CORE_MAY = {"core/base/alloc.c": {"malloc", "calloc", "realloc", "aligned_alloc"},
+            "core/spatial/knn_flann.cc": {"malloc", "fwrite", "stderr"},
+            "core/surface/delaunay_cgal.cc": {"abort", "exit"}}
+# Static data that a program may change, as objdump lists it.  Bindings other than local and global are those of templates
+# in the headers of libraries.
+STATE = re.compile(r"^\w+ [lg][ \w]{6} (?:\.t?data|\.t?bss|\.t?data\.(?!rel\.ro)\S*|\.t?bss\.\S+|\*COM\*)\t(\w+) +(\S+)$")
+# What is allowed: what tests make calls fail with; the team that a thread leads; what <iostream> brings along.
+KNOWN_STATE = {("alloc.o", "alloc_fail"), ("alloc.o", "alloc_fail_ctx"), ("fault.o", "fault_ask"), ("par.o", "current"),
+               ("knn_flann.o", "_ZStL8__ioinit"), ("delaunay_cgal.o", "_ZStL8__ioinit")}
 FOREIGN_SYMBOL = re.compile(r" U (MHD_|json_|sqlite3_)\w+")
 COMMENT = re.compile(r'/\*.*?\*/|//[^\n]*|"(?:\\.|[^"\\\n])*"', re.S)
 
@@ -38,6 +124,22 @@ COMMENT = re.compile(r'/\*.*?\*/|//[^\n]*|"(?:\\.|[^"\\\n])*"', re.S)
 def blank(match):
     text = match.group()
     return text if text.startswith('"') and "/" in text and text.endswith('.h"') else "\n" * text.count("\n")
+
+
+def includes_of(text):
+    return re.findall(r'^\s*#\s*include\s*[<"]([^>"]+)[>"]', text, re.M)
+
+
+@functools.lru_cache(maxsize=None)
+def reached_from(header):
+    """The project's headers that an include of this one brings along, itself among them."""
+    found, rest = set(), [header]
+    while rest:
+        name = rest.pop()
+        if name not in found and pathlib.Path(name).is_file():
+            found.add(name)
+            rest += includes_of(pathlib.Path(name).read_text(encoding="utf-8"))
+    return found
 
 
 def problems_of(path):
@@ -48,14 +150,34 @@ def problems_of(path):
         if len(line) > 120:
             yield f"over 120 columns: {line[:60]}..."
     folder = path.parts[0]
-    for header in re.findall(r'^\s*#\s*include\s*[<"]([^>"]+)[>"]', text, re.M):
+    if folder in MAY_INCLUDE and re.search(r'^\s*#\s*include\s*[^<"\s]', text, re.M):
+        yield "includes what a macro names"
+    for header in re.findall(r'^\s*#\s*include\s*"([^"]+)"', text, re.M):
+        if folder in MAY_INCLUDE and (header.split("/")[0] not in MAY_INCLUDE or ".." in header):
+            yield f"{folder}/ may not include {header}"
+    for header in includes_of(text):
         top = header.split("/")[0]
+        sees = API_SEES if folder == "api" else DAEMON_SEES if folder == "server" and path.parts[1] != "cli" else None
+        for brought in sorted(reached_from(header) if sees and header in sees else ()):
+            if brought.startswith("core/") and brought not in sees | BROUGHT:
+                yield f"{header} brings {brought} along, which {folder}/ may not include"
         if folder in MAY_INCLUDE and top in MAY_INCLUDE and top not in MAY_INCLUDE[folder]:
             yield f"{folder}/ may not include {header}"
         if folder == "api" and top == "core" and header not in API_SEES:
             yield f"api/ may not include {header}"
-        if folder == "server" and not path.name.startswith("worker_") and top == "core" and header not in DAEMON_SEES:
-            yield f"only worker_* may include {header}"
+        if folder == "server" and path.parts[1] != "cli" and top == "core" and header not in DAEMON_SEES:
+            yield f"only server/cli/ may include {header}"
+        room, of = str(path.parent), str(pathlib.PurePath(header).parent)
+        if folder == "core" and room not in ROOMS:
+            yield f"{room}/ is no room of the table"
+        elif folder == "core" and top == "core" and of not in ROOMS[room] | {room, "core"}:
+            yield f"{room}/ may not include {header}"
+        if folder == "server" and room not in SERVER_ROOMS:
+            yield f"{room}/ is no room of the table"
+        elif folder == "server" and top == "server" and of not in SERVER_ROOMS[room] | {room}:
+            tool = header in SERVER_TOOLS and room not in ("server/cli", "server/shared")
+            if not tool and (name, header) not in SERVER_EXCEPTIONS:
+                yield f"{room}/ may not include {header}"
         if header.endswith(".c"):
             yield f"includes the source {header}"
         for pattern, owner in OWNER.items():
@@ -64,20 +186,57 @@ def problems_of(path):
     code = COMMENT.sub(blank, text)
     for match in BANNED.finditer(code):
         yield f"banned function {match.group(1)}"
-    if folder == "core":
-        for match in CORE_NEVER.finditer(code):
+    for match in SCANS.finditer(code if folder in MAY_INCLUDE and name not in MAY_SCAN else ""):
+        yield f"banned function {match.group(1)}"
+    for match in CORE_NEVER.finditer(code if folder == "core" else ""):
+        if match.group(1) not in CORE_MAY.get(name, ()):
             yield f"core/ never calls {match.group(1)}"
+
+
+def state_of(archive):
+    """What two calls at a time would share."""
+    listing = subprocess.run(["objdump", "-t", archive], capture_output=True, text=True, check=True).stdout
+    member = ""
+    for line in listing.splitlines():
+        member = line.split(":")[0] if ":     file format" in line else member
+        match = STATE.match(line)
+        if match and int(match[1], 16) and (member, match[2]) not in KNOWN_STATE:
+            yield f"{member} keeps state in {match[2]}"
+
+
+def links_of(archive):
+    """What a file of core/ calls, however it is written."""
+    may = {pathlib.Path(name).stem + ".o": allowed for name, allowed in CORE_MAY.items()}
+    for line in subprocess.run(["nm", "-A", "-u", archive], capture_output=True, text=True, check=True).stdout.splitlines():
+        member, symbol = line.split(":")[-2], line.split()[-1].split("@")[0]
+        match = CORE_NEVER_LINKS.fullmatch(symbol)
+        if match and match.group(1) not in may.get(member, ()):
+            yield f"{member} links {match.group(1)}, which core/ never calls"
+
+
+def stale_exceptions():
+    """Those of the table that nobody needs any more."""
+    for name, header in sorted(SERVER_EXCEPTIONS):
+        path = pathlib.Path(name)
+        if not path.is_file() or header not in includes_of(path.read_text(encoding="utf-8")):
+            yield f"{name}: includes {header} no more, and is an exception in tests/lint/layers.py still"
 
 
 def main():
     found = 0
-    files = [p for top in ("core", "api", "server", "tests") for p in sorted(pathlib.Path(top).rglob("*.[ch]*"))
-             if p.suffix in (".c", ".h", ".cc") and "node_modules" not in p.parts]
+    for problem in stale_exceptions():
+        print(problem)
+        found += 1
+    files = [p for top in ("core", "api", "server", "tests") for p in sorted(pathlib.Path(top).rglob("*.[chd]*"))
+             if p.suffix in (".c", ".h", ".cc", ".def") and "node_modules" not in p.parts]
     for path in files:
         for problem in problems_of(path):
             print(f"{path}: {problem}")
             found += 1
     for archive in sys.argv[1:]:
+        for problem in [*state_of(archive), *links_of(archive)]:
+            print(f"{archive}: {problem}")
+            found += 1
         symbols = subprocess.run(["nm", "-u", archive], capture_output=True, text=True, check=True).stdout
         for match in FOREIGN_SYMBOL.finditer(symbols):
             print(f"{archive}:{match.group()}")
@@ -86,4 +245,5 @@ def main():
     sys.exit(found > 0 or not files)
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -31,7 +31,7 @@ HEALTH_MS, BASE_BYTES, CONNECTION_BYTES = 50, 64 << 20, 160 << 10
 def upload(service, cloud):
     """Sends the cloud; what the service says of it."""
     with service.connect() as connection:
-        connection.sendall(b"POST /v1/clouds HTTP/1.1\r\nHost: a\r\nConnection: close\r\nContent-Length: %d\r\n\r\n"
+        connection.sendall(b"POST /v1/clouds HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nContent-Length: %d\r\n\r\n"
                            % cloud.bytes)
         for part in cloud.parts():
             connection.sendall(part)
@@ -77,7 +77,7 @@ class Crowd:
 
     def listen(self):
         connection = self.service.connect()
-        connection.sendall(b"GET /v1/jobs/%s/events HTTP/1.1\r\nHost: a\r\n\r\n" % self.jobs[1].encode())
+        connection.sendall(b"GET /v1/jobs/%s/events HTTP/1.1\r\nHost: localhost\r\n\r\n" % self.jobs[1].encode())
         assert connection.recv(12) == b"HTTP/1.1 200"
         return connection
 

@@ -52,14 +52,14 @@ class Soak:
     def cut_upload(self):
         body = self.another(300)
         with self.service.connect() as connection:
-            connection.sendall(b"POST /v1/jobs HTTP/1.1\r\nHost: a\r\nContent-Length: %d\r\n\r\n" % len(body))
+            connection.sendall(b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: %d\r\n\r\n" % len(body))
             connection.sendall(body[:self.chance.randrange(len(body))])
         self.note("cut upload")
 
     def abandon(self):
         body = self.another(3000)
         with self.service.connect() as connection:
-            connection.sendall(b"POST /v1/simplify HTTP/1.1\r\nHost: a\r\nContent-Length: %d\r\n\r\n" % len(body) + body)
+            connection.sendall(b"POST /v1/simplify HTTP/1.1\r\nHost: localhost\r\nContent-Length: %d\r\n\r\n" % len(body) + body)
         self.note("abandoned one-shot")
 
     def wrong(self):
@@ -71,7 +71,7 @@ class Soak:
     def listen(self, job):
         """Some stay to the end, some don't."""
         with self.service.connect() as connection:
-            connection.sendall(b"GET /v1/jobs/%s/events HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n" % job.encode())
+            connection.sendall(b"GET /v1/jobs/%s/events HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n" % job.encode())
             stays = self.chance.random() < 0.5
             while connection.recv(65536) and stays:
                 pass

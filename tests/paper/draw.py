@@ -22,7 +22,9 @@ CHUNK = 4_000_000  # candidate pixels at a time
 
 # The viewer's right and up; others are seen from a corner, y up.
 VIEWS = {"horse": ((0.1, 1, 0), (0, 0, 1)), "venus": ((0.5, 0.87, 0), (0, 0, 1)),
-         "armadillo": ((-0.9, 0, 0.45), (0, 1, 0))}
+         "armadillo": ((-0.9, 0, 0.45), (0, 1, 0)), "samp53g": ((0.9, 0.43, 0), (-0.3, 0.5, 0.8)),
+         "autzen_trim": ((0.9, 0.43, 0), (-0.3, 0.5, 0.8)), "lion": ((1, 0, 0), (0, 1, 0)),
+         "frag2": ((-1, 0, 0), (0, -1, 0)), "mosd10": ((-1, 0, 0.3), (0, -1, -0.3)), "range1": ((1, 0, 0), (0, 1, 0))}
 CORNER = ((0.87, 0, -0.5), (0.1, 0.97, 0.2))
 
 
@@ -119,13 +121,14 @@ def average(picture):
     return picture[:height * FINE, :width * FINE].reshape(height, FINE, width, FINE, 3).mean((1, 3))
 
 
-def draw_mesh(camera, xyz, faces, colour=CLAY, smooth=False):
-    """A picture of a mesh; colour is one, or one for each vertex.  Flat shading shows the triangles."""
+def draw_mesh(camera, xyz, faces, colour=CLAY, smooth=False, face_colour=None):
+    """A picture of a mesh; colour is one, or one for each vertex; face_colour one for each face.  Flat shading shows the
+    triangles."""
     if smooth:
         normals = vertex_normals(xyz, faces)[faces]
     else:
         normals = np.repeat(face_normals(xyz, faces)[:, None], 3, axis=1)
-    colours = np.broadcast_to(colour, xyz.shape)[faces]
+    colours = np.broadcast_to(colour, xyz.shape)[faces] if face_colour is None else face_colour[:, None].repeat(3, 1)
     return average(rasterise(camera, xyz, faces, normals, colours)[0])
 
 

@@ -34,8 +34,8 @@ PAPER_ERRORS = {"horse": (0.006335, 0.007514, 0.016095), "santa": (0.002241, 0.0
 KEPT = (0.2, 0.1, 0.05)
 REPEATS = 3
 
-LITERAL = ("--dso", "sum", "--dso_exponent", 1, "--area_weight", "unit", "--line_quadric", 0, "--cocone", "literal",
-           "--refine", "none")
+LITERAL = ("--dso", "sum", "--dso_exponent", 1, "--area_weight", "unit", "--line_quadric", 0,
+           "--reconstruction", "literal", "--refine", "none")
 SETTINGS = {"the paper's formulas": LITERAL, "whittle": ()}
 
 

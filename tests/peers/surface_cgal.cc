@@ -1,24 +1,28 @@
 /* CGAL's surfaces: a cloud becomes one, or one becomes smaller.
  *
  * front            advancing front reconstruction (Cohen-Steiner, Da 2004) of all points; COUNT is not looked at.
+ * delaunay         two-dimensional Delaunay triangulation of all points, seen from above (z); nor is it here.
  * lindstrom-turk   edge collapse, memoryless (Lindstrom, Turk 1998), CGAL's default cost and placement.
  * garland-heckbert edge collapse by plane quadrics (Garland, Heckbert 1997), with CGAL's bound on the normals' change.
  *
- * The last two take a triangle mesh and stop at COUNT vertices: a collapse takes one vertex and three edges of a closed
- * mesh.  They see the true connectivity, which no method on points does.
+ * The last two take a triangle mesh and stop at COUNT vertices.  They see the true connectivity, which no method on
+ * points does.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <CGAL/Advancing_front_surface_reconstruction.h>
+#include <CGAL/Delaunay_triangulation_2.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Polygon_mesh_processing/orient_polygon_soup.h>
 #include <CGAL/Polygon_mesh_processing/polygon_soup_to_polygon_mesh.h>
+#include <CGAL/Polygon_mesh_processing/repair.h>
+#include <CGAL/Projection_traits_xy_3.h>
 #include <CGAL/Surface_mesh.h>
 #include <CGAL/Surface_mesh_simplification/Policies/Edge_collapse/Bounded_normal_change_placement.h>
-#include <CGAL/Surface_mesh_simplification/Policies/Edge_collapse/Count_stop_predicate.h>
 #include <CGAL/Surface_mesh_simplification/Policies/Edge_collapse/GarlandHeckbert_plane_policies.h>
 #include <CGAL/Surface_mesh_simplification/Policies/Edge_collapse/LindstromTurk_cost.h>
 #include <CGAL/Surface_mesh_simplification/Policies/Edge_collapse/LindstromTurk_placement.h>
 #include <CGAL/Surface_mesh_simplification/edge_collapse.h>
+#include <CGAL/Triangulation_vertex_base_with_info_2.h>
 
 #include "tests/peers/peer.h"
 
@@ -42,6 +46,7 @@ static mesh mesh_of(const surface &s) {
     if (!processing::is_polygon_soup_a_polygon_mesh(faces)) processing::orient_polygon_soup(p, faces);
     mesh m;
     processing::polygon_soup_to_polygon_mesh(p, faces, m);
+    processing::remove_isolated_vertices(m);
     return m;
 }
 
@@ -70,16 +75,33 @@ static peer::outcome run_front(const surface &in, std::size_t) {
     return o;
 }
 
-/* The number of edges that leaves count vertices.  edge_collapse stops when there are fewer. */
-static collapse::Count_stop_predicate<mesh> stop_at(const mesh &m, std::size_t count) {
-    std::size_t collapses = m.number_of_vertices() - std::min<std::size_t>(count, m.number_of_vertices());
-    std::size_t edges = m.number_of_edges();
-    return collapse::Count_stop_predicate<mesh>(edges > 3 * collapses ? edges - 3 * collapses + 1 : 0);
+static peer::outcome run_delaunay(const surface &in, std::size_t) {
+    using traits = CGAL::Projection_traits_xy_3<kernel>;
+    using vertices = CGAL::Triangulation_vertex_base_with_info_2<std::int32_t, traits>;
+    using triangulation = CGAL::Delaunay_triangulation_2<traits, CGAL::Triangulation_data_structure_2<vertices>>;
+    std::vector<std::pair<kernel::Point_3, std::int32_t>> p;
+    for (const auto &v : points_of(in)) p.emplace_back(v, std::int32_t(p.size()));
+    triangulation made;
+    peer::outcome o;
+    o.time = peer::time_of([&] { made.insert(p.begin(), p.end()); });
+    o.made.vertex = in.vertex;
+    for (auto f : made.finite_face_handles())
+        o.made.triangle.push_back({f->vertex(0)->info(), f->vertex(1)->info(), f->vertex(2)->info()});
+    return o;
 }
+
+/* Stops at count vertices.  A collapse takes three edges of a closed mesh, and two at a border. */
+struct stop_at {
+    std::size_t count;
+    template <class cost, class profile>
+    bool operator()(const cost &, const profile &edge, std::size_t, std::size_t) const {
+        return edge.surface_mesh().number_of_vertices() <= count;
+    }
+};
 
 static peer::outcome run_lindstrom_turk(const surface &in, std::size_t count) {
     mesh m = mesh_of(in);
-    auto stop = stop_at(m, count);
+    stop_at stop{count};
     peer::spent time = peer::time_of([&] {
         collapse::edge_collapse(m, stop,
                                 CGAL::parameters::get_cost(collapse::LindstromTurk_cost<mesh>())
@@ -91,7 +113,7 @@ static peer::outcome run_lindstrom_turk(const surface &in, std::size_t count) {
 static peer::outcome run_garland_heckbert(const surface &in, std::size_t count) {
     using policies = collapse::GarlandHeckbert_plane_policies<mesh, kernel>;
     mesh m = mesh_of(in);
-    auto stop = stop_at(m, count);
+    stop_at stop{count};
     peer::spent time = peer::time_of([&] {
         policies quadrics(m);
         collapse::Bounded_normal_change_placement<policies::Get_placement> placement(quadrics.get_placement());
@@ -101,7 +123,9 @@ static peer::outcome run_garland_heckbert(const surface &in, std::size_t count) 
 }
 
 int main(int argc, char **argv) {
-    return peer::main(
-        argc, argv,
-        {{"front", run_front}, {"lindstrom-turk", run_lindstrom_turk}, {"garland-heckbert", run_garland_heckbert}});
+    return peer::main(argc, argv,
+                      {{"front", run_front},
+                       {"delaunay", run_delaunay},
+                       {"lindstrom-turk", run_lindstrom_turk},
+                       {"garland-heckbert", run_garland_heckbert}});
 }

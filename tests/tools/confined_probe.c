@@ -1,5 +1,7 @@
-/* A job's process that does what a hijacked one would try.  The daemon is told to run it in place of whittle; the first
- * line of the input, "# probe DEED ARGUMENT", says what to try.  It tells on descriptor 3 whether it got through:
+/* A job's process that does what a hijacked one would try.  The daemon is told to run it in place of whittle, and it
+ * confines itself as whittle does before it reads; the first lines of the input, "# service PID" (of the service, which
+ * the probe may have no name for) and "# probe DEED ARGUMENT", say what to try.  It tells on descriptor 3 whether it
+ * got through:
  *
  *     failed malformed 0 - probe refused: Operation not permitted
  *     failed malformed 0 - probe got through
@@ -10,10 +12,13 @@
 #include <pthread.h>
 #include <signal.h>
 #include <stdbool.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <sys/mman.h>
+#include <sys/prctl.h>
 #include <sys/ptrace.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
@@ -21,7 +26,11 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "server/cli/no_new_code.h"
+
 enum { TEXT_BYTES = 512, BLOCK_BYTES = 1 << 20 };
+
+static int service; /* its process id */
 
 /* Each answers whether it got through, with errno where it didn't. */
 struct deed {
@@ -83,12 +92,102 @@ static bool try_exec(const char *program, const char *folder) {
 
 static bool try_trace(const char *argument, const char *folder) {
     (void)argument, (void)folder;
-    return ptrace(PTRACE_ATTACH, getppid(), 0, 0) == 0;
+    return ptrace(PTRACE_ATTACH, service, 0, 0) == 0;
 }
 
 static bool try_signal(const char *argument, const char *folder) {
     (void)argument, (void)folder;
-    return syscall(SYS_tgkill, getppid(), getppid(), 0) == 0;
+    return syscall(SYS_tgkill, service, service, 0) == 0;
+}
+
+static bool try_kill(const char *argument, const char *folder) {
+    (void)argument, (void)folder;
+    return syscall(SYS_kill, service, SIGKILL) == 0;
+}
+
+/* Lets the kernel send SIGKILL to the service for each line that is written to it. */
+static bool try_own(const char *argument, const char *folder) {
+    (void)argument, (void)folder;
+    if (fcntl(3, F_SETOWN, service) != 0 || fcntl(3, F_SETSIG, SIGKILL) != 0 || fcntl(3, F_SETFL, O_ASYNC) != 0)
+        return false;
+    dprintf(3, "progress own 0.6 \n");
+    return true;
+}
+
+/* A number whose lower half the kernel takes for the command, and a filter for something else. */
+#define WIDE (UINT64_C(1) << 32)
+
+static bool try_fcntl(const char *name, const char *folder) {
+    struct f_owner_ex owner = {F_OWNER_PID, service};
+    struct flock lock = {.l_type = F_WRLCK, .l_whence = SEEK_SET};
+    const struct {
+        const char *name;
+        uint64_t command;
+        uintptr_t argument;
+    } commands[] = {
+        {"setown", F_SETOWN, (uintptr_t)service},
+        {"setown-group", F_SETOWN, (uintptr_t)-service},
+        {"setown-wide", WIDE | F_SETOWN, (uintptr_t)service},
+        {"setown-ex", F_SETOWN_EX, (uintptr_t)&owner},
+        {"setsig", F_SETSIG, SIGKILL},
+        {"async", F_SETFL, O_ASYNC},
+        {"async-wide", WIDE | F_SETFL, O_ASYNC},
+        {"lease", F_SETLEASE, F_RDLCK},
+        {"notify", F_NOTIFY, DN_CREATE},
+        {"lock", F_SETLK, (uintptr_t)&lock},
+        {"lock-wait", F_SETLKW, (uintptr_t)&lock},
+        {"lock-file", F_OFD_SETLK, (uintptr_t)&lock},
+        {"pipe", F_SETPIPE_SZ, 1 << 20},
+        {"dup-wide", WIDE | F_DUPFD, 10},
+    };
+    (void)folder;
+    for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
+        if (strcmp(commands[i].name, name) == 0)
+            return syscall(SYS_fcntl, 3, commands[i].command, commands[i].argument) >= 0;
+    errno = ENOSYS;
+    return false;
+}
+
+/* What fcntl a job has use for. */
+static bool try_flags(const char *argument, const char *folder) {
+    (void)argument, (void)folder;
+    int fd = fcntl(0, F_DUPFD, 10), other = fcntl(0, F_DUPFD_CLOEXEC, 10);
+    return fd >= 10 && other > fd && fcntl(fd, F_SETFD, FD_CLOEXEC) == 0 && fcntl(fd, F_GETFD) == FD_CLOEXEC &&
+           fcntl(fd, F_GETFL) >= 0;
+}
+
+static bool try_ioctl(const char *name, const char *folder) {
+    int on = 1, owner = service;
+    char key = 'x';
+    const struct {
+        const char *name;
+        uint64_t request;
+        void *argument;
+    } requests[] = {{"fioasync", FIOASYNC, &on},          {"fiosetown", FIOSETOWN, &owner},
+                    {"siocspgrp", SIOCSPGRP, &owner},     {"fionbio", FIONBIO, &on},
+                    {"tiocsti", TIOCSTI, &key},           {"tiocspgrp", TIOCSPGRP, &owner},
+                    {"async-wide", WIDE | FIOASYNC, &on}, {"tcgets-wide", WIDE | TCGETS, &on}};
+    (void)folder;
+    for (size_t i = 0; i < sizeof requests / sizeof *requests; i++)
+        if (strcmp(requests[i].name, name) == 0)
+            return syscall(SYS_ioctl, 3, requests[i].request, requests[i].argument) >= 0;
+    errno = ENOSYS;
+    return false;
+}
+
+/* Facts and limits of the service's process. */
+static bool try_limits(const char *argument, const char *folder) {
+    unsigned long pair[2];
+    (void)argument, (void)folder;
+    return syscall(SYS_prlimit64, service, 7 /* RLIMIT_NOFILE */, NULL, pair) == 0;
+}
+
+/* The service's own memory. */
+static bool try_parent(const char *name, const char *folder) {
+    char path[TEXT_BYTES * 2];
+    (void)folder;
+    snprintf(path, sizeof path, "/proc/%d/%s", service, name);
+    return open(path, O_RDWR) >= 0;
 }
 
 static bool try_abort(const char *argument, const char *folder) {
@@ -99,6 +198,44 @@ static bool try_abort(const char *argument, const char *folder) {
 static bool try_code(const char *argument, const char *folder) {
     (void)argument, (void)folder;
     return mmap(NULL, 4096, PROT_READ | PROT_WRITE | PROT_EXEC, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0) != MAP_FAILED;
+}
+
+/* Code in a file of its own, or in its input. */
+static bool try_mapped(const char *argument, const char *folder) {
+    char path[TEXT_BYTES * 2];
+    (void)argument;
+    snprintf(path, sizeof path, "%s/code", folder);
+    int fd = open(path, O_RDWR | O_CREAT, 0700);
+    if (fd < 0 || write(fd, "\xc3", 1) != 1) return false;
+    return mmap(NULL, 4096, PROT_READ | PROT_EXEC, MAP_PRIVATE, fd, 0) != MAP_FAILED;
+}
+
+static bool try_input(const char *argument, const char *folder) {
+    (void)argument, (void)folder;
+    return mmap(NULL, 4096, PROT_EXEC, MAP_PRIVATE, 0, 0) != MAP_FAILED;
+}
+
+static bool try_protect(const char *argument, const char *folder) {
+    void *page = mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    (void)argument, (void)folder;
+    return page != MAP_FAILED && mprotect(page, 4096, PROT_READ | PROT_EXEC) == 0;
+}
+
+/* A third filter. */
+static bool try_filter(const char *argument, const char *folder) {
+    (void)argument, (void)folder;
+    return worker_no_new_code();
+}
+
+/* A program of its own, in the one folder that it may write. */
+static bool try_own_program(const char *argument, const char *folder) {
+    char path[TEXT_BYTES * 2];
+    (void)argument;
+    snprintf(path, sizeof path, "%s/program", folder);
+    int fd = open(path, O_WRONLY | O_CREAT, 0700);
+    if (fd < 0 || write(fd, "x", 1) != 1 || close(fd) != 0) return false;
+    execl(path, path, (char *)NULL);
+    return errno == ENOEXEC; /* it was tried, and is no program */
 }
 
 static bool try_unlimit(const char *argument, const char *folder) {
@@ -156,6 +293,24 @@ static bool try_call(const char *name, const char *folder) {
         {"ioctl", SYS_ioctl},
         {"chdir", SYS_chdir},
         {"quotactl", SYS_quotactl},
+        {"tgkill", SYS_tgkill},
+        {"rt_sigqueueinfo", SYS_rt_sigqueueinfo},
+        {"rt_tgsigqueueinfo", SYS_rt_tgsigqueueinfo},
+        {"pidfd_send_signal", SYS_pidfd_send_signal},
+        {"timer_create", SYS_timer_create},
+        {"setitimer", SYS_setitimer},
+        {"mq_notify", SYS_mq_notify},
+        {"io_setup", SYS_io_setup},
+        {"io_submit", SYS_io_submit},
+        {"prctl", SYS_prctl},
+        {"get_robust_list", SYS_get_robust_list},
+        {"kcmp", SYS_kcmp},
+        {"fallocate", SYS_fallocate},
+        {"copy_file_range", SYS_copy_file_range},
+        {"sched_setscheduler", SYS_sched_setscheduler},
+        {"ioprio_set", SYS_ioprio_set},
+        {"flock", SYS_flock},
+        {"seccomp", SYS_seccomp},
         {"unknown", 100000},
 #ifdef __x86_64__
         {"x32", 0x40000000 | SYS_socket},
@@ -225,6 +380,52 @@ static bool try_thread(const char *argument, const char *folder) {
     return errno == 0 && pthread_join(thread, NULL) == 0;
 }
 
+static void *wait_for_ever(void *ctx) {
+    while (pause() != 0) continue;
+    return ctx;
+}
+
+/* As many threads as it can have, and stays with them. */
+static bool try_threads(const char *argument, const char *folder) {
+    (void)folder;
+    pthread_t thread;
+    pthread_attr_t small;
+    pthread_attr_init(&small);
+    pthread_attr_setstacksize(&small, 1 << 16);
+    for (long left = strtol(argument, NULL, 10); left > 0; left--)
+        if ((errno = pthread_create(&thread, &small, wait_for_ever, NULL)) != 0) return false;
+    wait_for_ever(NULL);
+    return true;
+}
+
+/* So many files that stay; then it waits to be ended. */
+static bool try_many(const char *argument, const char *folder) {
+    char path[TEXT_BYTES * 2];
+    for (long left = strtol(argument, NULL, 10); left > 0; left--) {
+        snprintf(path, sizeof path, "%s/.%ld", folder, left);
+        int fd = open(path, O_WRONLY | O_CREAT, 0600);
+        if (fd < 0) return false;
+        close(fd);
+    }
+    wait_for_ever(NULL);
+    return true;
+}
+
+/* So many files of a mebibyte each, of which none stays; then it waits to be ended. */
+static bool try_sum(const char *argument, const char *folder) {
+    static char block[BLOCK_BYTES];
+    char path[TEXT_BYTES * 2];
+    snprintf(path, sizeof path, "%s/file", folder);
+    for (long left = strtol(argument, NULL, 10); left > 0; left--) {
+        int fd = open(path, O_WRONLY | O_CREAT, 0600);
+        if (write(fd, block, sizeof block) != (ssize_t)sizeof block) return false;
+        close(fd);
+        unlink(path);
+    }
+    wait_for_ever(NULL);
+    return true;
+}
+
 static bool try_nothing(const char *argument, const char *folder) {
     (void)argument, (void)folder;
     while (pause() != 0) continue;
@@ -232,12 +433,16 @@ static bool try_nothing(const char *argument, const char *folder) {
 }
 
 static const struct deed deeds[] = {
-    {"read", try_read},     {"list", try_list},       {"write", try_write},     {"above", try_above},
-    {"rename", try_rename}, {"link", try_link},       {"socket", try_socket},   {"fork", try_fork},
-    {"exec", try_exec},     {"trace", try_trace},     {"signal", try_signal},   {"abort", try_abort},
-    {"code", try_code},     {"memory", try_memory},   {"unlimit", try_unlimit}, {"time", try_time},
-    {"call", try_call},     {"old", try_old},         {"length", try_length},   {"files", try_files},
-    {"thread", try_thread}, {"nothing", try_nothing},
+    {"read", try_read},           {"list", try_list},       {"write", try_write},     {"above", try_above},
+    {"rename", try_rename},       {"link", try_link},       {"socket", try_socket},   {"fork", try_fork},
+    {"exec", try_exec},           {"trace", try_trace},     {"signal", try_signal},   {"abort", try_abort},
+    {"code", try_code},           {"memory", try_memory},   {"unlimit", try_unlimit}, {"time", try_time},
+    {"call", try_call},           {"old", try_old},         {"length", try_length},   {"files", try_files},
+    {"thread", try_thread},       {"nothing", try_nothing}, {"own", try_own},         {"fcntl", try_fcntl},
+    {"flags", try_flags},         {"ioctl", try_ioctl},     {"limits", try_limits},   {"parent", try_parent},
+    {"mapped", try_mapped},       {"input", try_input},     {"protect", try_protect}, {"filter", try_filter},
+    {"program", try_own_program}, {"threads", try_threads}, {"many", try_many},       {"sum", try_sum},
+    {"kill", try_kill},
 };
 
 static void try_deed(const char *name, const char *argument, const char *folder) {
@@ -253,7 +458,8 @@ int main(int argc, char **argv) {
     char deed[64] = "", argument[TEXT_BYTES] = "", *folder = "";
     for (int i = 1; i + 1 < argc; i++)
         if (strcmp(argv[i], "-o") == 0) folder = argv[i + 1];
-    if (fscanf(stdin, "# probe %63s %511s", deed, argument) < 1) return 1;
+    worker_no_new_code();
+    if (fscanf(stdin, "# service %d\n# probe %63s %511s", &service, deed, argument) < 2) return 1;
     dprintf(3, "progress %s 0.5 \n", deed);
     try_deed(deed, argument, folder);
     return 65;

@@ -1,21 +1,23 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Brings api/openapi.json up to date with the parameter table, and with the scopes of the route table.
+"""Brings api/openapi/ up to date with the parameter table, and with the scopes of the route table.
 
-Usage: update_contract.py WHITTLED     (from the root of the tree)
+Usage: update_contract.py BUILD     (from the root of the tree; runs whittled and tests/tools/tables of BUILD)
 
 The table is core/params.c, as a daemon started for the purpose tells it at /v1/parameters.  Everything else in the
 contract is written by hand.  A new parameter may be used by every operation that had all of them before.
 """
 import json
 import pathlib
-import re
 import subprocess
 import sys
 import tempfile
 import urllib.request
 
-CONTRACT = pathlib.Path("api/openapi.json")
+FOLDER = pathlib.Path("api/openapi")
+COMPONENTS = FOLDER / "components"
+sys.path.insert(0, str(pathlib.Path(__file__).parent.parent.parent / FOLDER))
+import parts  # noqa: E402
 
 
 def table_of(whittled):
@@ -35,6 +37,8 @@ def parameter(name, row):
     schema = {key: value for key, value in row.items() if key != "description"}
     described = {"name": name, "in": "query", "description": row["description"] + ".", "required": False,
                  "schema": schema}
+    if schema.pop("deprecated", False):
+        described["deprecated"] = True
     if schema["type"] == "array":
         described |= {"style": "form", "explode": False}
     return described
@@ -51,18 +55,10 @@ def update_operation(operation, old, new):
     operation["parameters"] = kept + others
 
 
-def scopes():
+def scopes(tables):
     """(method, path) -> scope, of the route table."""
-    rows = re.findall(r'\{"([A-Z]+)", "([^"]+)",\s+"\w+",\s+OPERATION_\w+,\s+ROUTES_(\w+)\}',
-                      pathlib.Path("api/routes.c").read_text(encoding="utf-8"))
-    return {(method.lower(), path): scope.lower() for method, path, scope in rows}
-
-
-def problem(slug):
-    return {"description": f"A problem document: {slug}.",
-            "content": {"application/problem+json": {
-                "schema": {"$ref": "#/components/schemas/Problem"},
-                "examples": {slug: {"$ref": f"#/components/examples/{slug}"}}}}}
+    printed = subprocess.run([tables], capture_output=True, check=True).stdout
+    return {(row["method"].lower(), row["path"]): row["scope"] for row in json.loads(printed)["routes"]}
 
 
 def update_security(operation, scope):
@@ -72,29 +68,30 @@ def update_security(operation, scope):
         return
     operation["security"] = [{"token": []}] + ([{"link": []}] if operation["operationId"] == "getOutput" else [])
     operation["x-scope"] = scope
-    header = {"schema": {"type": "string"}, "description": "Bearer, and what is wrong with the token.",
-              "required": True}
     responses = operation["responses"]
-    responses.setdefault("401", problem("unauthorized") | {"headers": {"WWW-Authenticate": header}})
-    responses.setdefault("403", problem("forbidden"))
+    responses.setdefault("401", {"$ref": "#/components/responses/Unauthorized"})
+    responses.setdefault("403", {"$ref": "#/components/responses/Forbidden"})
     operation["responses"] = dict(sorted(responses.items()))
 
 
 def main():
-    table = table_of(sys.argv[1])
-    contract = json.loads(CONTRACT.read_text(encoding="utf-8"))
-    components = contract["components"]
-    old = set(components["parameters"])
-    components["parameters"] = {name: parameter(name, row) for name, row in table.items()}
-    components["schemas"]["Params"]["properties"] = {
+    build = pathlib.Path(sys.argv[1])
+    table = table_of(build / "whittled")
+    old = set(parts.read(COMPONENTS / "parameters.json"))
+    parts.write(COMPONENTS / "parameters.json", {name: parameter(name, row) for name, row in table.items()})
+    schemas = parts.read(COMPONENTS / "schemas.json")
+    schemas["Params"]["properties"] = {
         name: {key: value for key, value in row.items() if not key.startswith("x-")} for name, row in table.items()}
-    scope_of = scopes()
-    for path, item in contract["paths"].items():
-        for method, operation in item.items():
-            if method != "parameters":
-                update_operation(operation, old, table)
-                update_security(operation, scope_of[method, path])
-    CONTRACT.write_text(json.dumps(contract, indent=1) + "\n", encoding="utf-8")
+    parts.write(COMPONENTS / "schemas.json", schemas)
+    scope_of = scopes(build / "tests/tools/tables")
+    for path in (FOLDER / "paths").glob("*.json"):
+        items = parts.read(path)
+        for url, item in items.items():
+            for method, operation in item.items():
+                if method != "parameters":
+                    update_operation(operation, old, table)
+                    update_security(operation, scope_of[method, url])
+        parts.write(path, items)
 
 
 main()

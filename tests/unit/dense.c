@@ -9,7 +9,7 @@
 
 #include <cmocka.h>
 
-#include "core/knn.h"
+#include "core/spatial/knn.h"
 
 struct dense dense_new(size_t n) {
     struct dense dense = {n, calloc(n, sizeof(vec3)), calloc(n, sizeof(vec3)), calloc(n, sizeof(float))};
@@ -20,7 +20,8 @@ struct dense dense_new(size_t n) {
 void dense_done(struct dense *dense) { free(dense->point), free(dense->normal), free(dense->spacing); }
 
 struct refine_input dense_input(const struct dense *dense) {
-    return (struct refine_input){dense->point, dense->normal, dense->spacing, dense->n, NULL, NULL, NULL};
+    return (struct refine_input){
+        .points = dense->point, .normals = dense->normal, .spacing = dense->spacing, .n = dense->n};
 }
 
 struct dense dense_field(size_t side, double (*f)(double x, double y)) {

@@ -4,7 +4,7 @@
 #ifndef WHITTLE_TESTS_DENSE_H
 #define WHITTLE_TESTS_DENSE_H
 
-#include "core/refine.h"
+#include "core/refine/refine.h"
 
 struct dense {
     size_t n;

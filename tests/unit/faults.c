@@ -1,7 +1,7 @@
 /* Faults for unit tests.
  *
  * The programs are linked with --wrap for each function of malloc's family, so that what the project calls are the
- * functions here.
+ * functions here.  operator new is one of them: what it can't get it throws, through frames of C.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "tests/unit/faults.h"
@@ -13,14 +13,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "api/json_memory.h"
-#include "core/fault.h"
+#include "api/codecs/json_memory.h"
+#include "core/base/fault.h"
 #include "tests/unit/folder.h"
 
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 
 static struct {
-    bool in_memory, lasts, happened, paused;
+    bool in_memory, in_new, lasts, happened, paused;
     const char *prefix; /* of the calls */
     int number;
     long passes_left; /* until the fault; 0 = none */
@@ -33,13 +33,16 @@ static bool due(void) {
     return true;
 }
 
-static bool refuses(void) {
+static bool refuses_if(const bool *counts) {
     pthread_mutex_lock(&lock);
-    bool now = faults.in_memory && due();
+    bool now = *counts && due();
     pthread_mutex_unlock(&lock);
     if (now) errno = ENOMEM;
     return now;
 }
+
+static bool refuses(void) { return refuses_if(&faults.in_memory); }
+static bool refuses_new(void) { return refuses_if(&faults.in_new); }
 
 static int refuse_call(const char *point) {
     pthread_mutex_lock(&lock);
@@ -57,6 +60,7 @@ void *__real_realloc(void *old, size_t bytes);
 void *__real_reallocarray(void *old, size_t count, size_t bytes);
 char *__real_strdup(const char *text);
 char *__real_strndup(const char *text, size_t most);
+void *__real__Znwm(size_t bytes);
 
 void *__wrap_malloc(size_t bytes);
 void *__wrap_aligned_alloc(size_t alignment, size_t bytes);
@@ -65,6 +69,9 @@ void *__wrap_realloc(void *old, size_t bytes);
 void *__wrap_reallocarray(void *old, size_t count, size_t bytes);
 char *__wrap_strdup(const char *text);
 char *__wrap_strndup(const char *text, size_t most);
+void *__wrap__Znwm(size_t bytes);
+
+_Noreturn void _ZSt17__throw_bad_allocv(void); /* std::__throw_bad_alloc */
 
 void *__wrap_malloc(size_t bytes) { return refuses() ? NULL : __real_malloc(bytes); }
 void *__wrap_aligned_alloc(size_t alignment, size_t bytes) {
@@ -77,6 +84,10 @@ void *__wrap_reallocarray(void *old, size_t count, size_t bytes) {
 }
 char *__wrap_strdup(const char *text) { return refuses() ? NULL : __real_strdup(text); }
 char *__wrap_strndup(const char *text, size_t most) { return refuses() ? NULL : __real_strndup(text, most); }
+void *__wrap__Znwm(size_t bytes) {
+    if (refuses_new()) _ZSt17__throw_bad_allocv();
+    return __real__Znwm(bytes);
+}
 
 static sqlite3_mem_methods sqlite_memory;
 
@@ -96,13 +107,16 @@ int faults_set_up(void **state) {
 
 /* ------------------------------------------------------------------------------------------------ faults */
 
-void faults_in_memory(long nth, bool lasts) {
+static void begin_in(bool *counts, long nth, bool lasts) {
     pthread_mutex_lock(&lock);
-    faults.in_memory = true;
+    *counts = true;
     faults.lasts = lasts;
     faults.passes_left = nth;
     pthread_mutex_unlock(&lock);
 }
+
+void faults_in_memory(long nth, bool lasts) { begin_in(&faults.in_memory, nth, lasts); }
+void faults_in_new(long nth) { begin_in(&faults.in_new, nth, false); }
 
 void faults_in_calls(const char *prefix, long nth, bool lasts, int number) {
     faults.prefix = prefix;

@@ -15,8 +15,10 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "server/notify.h"
-#include "server/supervisor.h"
+#include "server/daemon/notify.h"
+#include "server/daemon/readiness.h"
+#include "server/handlers/handlers.h"
+#include "server/runner/supervisor.h"
 
 void instant_service_write(const char *folder, const char *name, const char *text) {
     char path[STORE_PATH_BYTES + 16];
@@ -48,15 +50,16 @@ static void end_jobs(struct service *service) {
     struct error error = {0};
     struct job job = {0};
     bool found = true, changed;
-    while (queue_claim(service->queue, INT64_MAX, &job, &found, &error) == STATUS_OK && found) {
-        enum status status = store_outputs_begin(service->store, job.id, path, &error);
+    struct catalog_claim by = {service->host, 60000, INT64_MAX};
+    while (catalog_claim(service->catalog, &by, &job, &found, &error) == STATUS_OK && found) {
+        enum status status = store_outputs_begin(service->store, job.id, job.attempt, path, &error);
         assert(status == STATUS_OK);
         instant_service_write(path, "cloud.ply", "ply\nformat ascii 1.0\nelement vertex 0\nend_header\n");
         instant_service_write(path, "report.json", report);
-        status = store_outputs_keep(service->store, job.id, job.output, &job.output_count, &error);
+        status = store_outputs_keep(service->store, job.id, job.attempt, NULL, job.output, &job.output_count, &error);
         assert(status == STATUS_OK);
         job.report = strdup(report);
-        status = queue_finish(service->queue, JOB_DONE, &job, &changed, &error);
+        status = catalog_finish(service->catalog, JOB_DONE, &job, &changed, &error);
         assert(status == STATUS_OK);
         job_done(&job);
     }
@@ -71,14 +74,19 @@ void supervisor_notify(struct supervisor *supervisor) {
 
 /* ------------------------------------------------------------------------------------------------ open, close */
 
+static const struct service_runner runner = {supervisor_notify, supervisor_cancel, supervisor_answers};
+
 enum status instant_service_open(struct instant_service *instant, const struct config *config, struct error *error) {
     struct http_addresses addresses;
     enum status status = service_open(&instant->service, config, error);
     if (status != STATUS_OK) return status;
+    instant->service.runner = &runner;
     instant->service.supervisor = (struct supervisor *)(void *)instant;
-    status = http_open(&instant->service, &instant->http, &addresses, error);
+    status = readiness_open(&instant->service, INT32_MAX, &instant->service.readiness, error); /* looks once */
+    if (status == STATUS_OK) status = http_open(&instant->service, &handlers_all, &instant->http, &addresses, error);
     if (status != STATUS_OK) {
         events_close(instant->service.events);
+        readiness_close(instant->service.readiness);
         service_close(&instant->service);
         return status;
     }
@@ -93,6 +101,7 @@ enum status instant_service_open(struct instant_service *instant, const struct c
 void instant_service_close(struct instant_service *instant) {
     events_close(instant->service.events);
     http_close(instant->http);
+    readiness_close(instant->service.readiness);
     service_close(&instant->service);
 }
 

@@ -7,8 +7,8 @@
 
 #include <netinet/in.h>
 
-#include "server/http.h"
-#include "server/service.h"
+#include "server/http/http.h"
+#include "server/jobs/service.h"
 
 struct instant_service {
     struct service service;

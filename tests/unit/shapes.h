@@ -7,7 +7,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "core/vec3.h"
+#include "core/math/vec3.h"
 
 /* A small generator (splitmix64), so that tests see the same numbers everywhere. */
 uint64_t random_next(uint64_t *state);

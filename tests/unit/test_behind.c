@@ -2,7 +2,7 @@
  * nothing and waits for nobody.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/behind.h"
+#include "server/storage/upload_hasher.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -9,9 +9,10 @@
 
 #include <cmocka.h>
 
-#include "core/alloc.h"
-#include "core/cocone_boundary.h"
-#include "core/delaunay_cgal.h"
+#include "core/base/alloc.h"
+#include "core/surface/cocone/boundary.h"
+#include "core/surface/delaunay_cgal.h"
+#include "tests/unit/faults.h"
 #include "tests/unit/shapes.h"
 
 enum { POINTS = 3000 };
@@ -72,23 +73,20 @@ static void every_facet_of_the_boundary_is_listed_once_in_order(void **state) {
     check_list(l, l->near, 1), check_list(l, l->near, 3);
 }
 
-static bool fails_at_zero(void *ctx) { return (*(int *)ctx)-- == 0; }
-
 static void any_allocation_may_fail(void **state) {
     const struct labelled *l = *state;
-    enum status status = STATUS_NO_MEMORY;
+    bool happened = true;
     int nth = 0;
-    for (; status == STATUS_NO_MEMORY; nth++) {
+    for (; happened; nth++) {
         uint32_t *half = NULL;
         size_t count = 0;
-        int countdown = nth;
-        alloc_fail_ctx = &countdown, alloc_fail = fails_at_zero;
-        status = cocone_boundary_list(&l->star, l->inside, NULL, 1, &half, &count);
-        alloc_fail = NULL;
-        assert_true((status == STATUS_OK) == (half != NULL));
+        faults_in_memory(nth + 1, false);
+        enum status status = cocone_boundary_list(&l->star, l->inside, NULL, 1, &half, &count);
+        happened = faults_stop();
+        assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
+        assert_true(happened == !half);
         free(half);
     }
-    assert_int_equal(status, STATUS_OK);
     assert_int_equal(nth, 4);
 }
 

@@ -1,7 +1,7 @@
 /* Prefixes of cloud files: each format, lists, blocks that end anywhere, files that are too short or not ours.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/cloud_prefix.h"
+#include "core/io/prefix.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -13,9 +13,9 @@
 
 #include <cmocka.h>
 
-#include "core/cloud_ply.h"
-#include "core/cloud_read.h"
-#include "core/cloud_write.h"
+#include "core/io/read.h"
+#include "core/io/reader.h"
+#include "core/io/write.h"
 
 enum { LARGE = 40000 };
 

@@ -11,10 +11,10 @@
 
 #include <cmocka.h>
 
-#include "core/alloc.h"
-#include "core/cloud_read.h"
-#include "core/cloud_write.h"
-#include "core/number.h"
+#include "core/base/alloc.h"
+#include "core/base/number.h"
+#include "core/io/read.h"
+#include "core/io/write.h"
 
 enum { MANY = 5000, ROUNDS = 200000 };
 
@@ -31,11 +31,11 @@ static enum status read_text(const char *text, struct cloud *cloud) {
 }
 
 /* The bytes of a cloud written as XYZ; to be freed. */
-static char *written(const struct cloud *cloud, const uint32_t *ids, size_t n) {
+static char *written(const struct cloud *cloud, const uint32_t *ids, size_t n, enum xyz_header header) {
     FILE *file = tmpfile();
     assert_non_null(file);
     struct error error = {0};
-    assert_int_equal(cloud_write_xyz(fileno(file), cloud, ids, n, &error), STATUS_OK);
+    assert_int_equal(cloud_write_xyz(fileno(file), cloud, ids, n, header, &error), STATUS_OK);
     long size = (fseek(file, 0, SEEK_END), ftell(file));
     rewind(file);
     char *text = alloc_zeroed((size_t)size + 1, 1);
@@ -49,7 +49,7 @@ static void plain_points_come_out_as_plain_lines(void **state) {
     struct cloud cloud;
     static const uint32_t ids[] = {1, 0};
     assert_int_equal(read_text("1.50 -0 1e3\n0.1\t2e-7\t1e30\n", &cloud), STATUS_OK);
-    char *text = written(&cloud, ids, 2);
+    char *text = written(&cloud, ids, 2, HEADER_NONE);
     assert_string_equal(text, "0.1 2e-07 1e+30\n1.5 -0 1000\n");
     free(text);
     cloud_done(&cloud);
@@ -59,7 +59,7 @@ static void names_of_columns_survive_and_xyz_comes_first(void **state) {
     (void)state;
     struct cloud cloud, again;
     assert_int_equal(read_text("intensity z y x\n0.5 3 2 1\n0.25 6 5 4\n", &cloud), STATUS_OK);
-    char *text = written(&cloud, NULL, 2);
+    char *text = written(&cloud, NULL, 2, HEADER_HASH);
     assert_string_equal(text, "# x y z intensity\n1 2 3 0.5\n4 5 6 0.25\n");
     assert_int_equal(read_text(text, &again), STATUS_OK);
     assert_string_equal(again.property[3].name, "intensity");
@@ -69,6 +69,24 @@ static void names_of_columns_survive_and_xyz_comes_first(void **state) {
     cloud_done(&again);
 }
 
+static void each_header_is_read_back_with_its_names(void **state) {
+    (void)state;
+    static const char *const first[] = {
+        [HEADER_NONE] = "1 2 3 7", [HEADER_PLAIN] = "x y z time\n1 2 3 7", [HEADER_HASH] = "# x y z time\n1 2 3 7"};
+    for (int header = HEADER_NONE; header <= HEADER_HASH; header++) {
+        struct cloud cloud, again;
+        assert_int_equal(read_text("x,y,z,time\n1,2,3,7\n4,5,6,8\n", &cloud), STATUS_OK);
+        char *text = written(&cloud, NULL, 2, (enum xyz_header)header);
+        assert_memory_equal(text, first[header], strlen(first[header]));
+        assert_int_equal(read_text(text, &again), STATUS_OK);
+        assert_string_equal(again.property[3].name, header == HEADER_NONE ? "column4" : "time");
+        assert_memory_equal(again.record, cloud.record, 2 * cloud.record_bytes);
+        free(text);
+        cloud_done(&cloud);
+        cloud_done(&again);
+    }
+}
+
 static void floats_of_a_ply_are_short_and_lists_left_out(void **state) {
     (void)state;
     struct cloud cloud;
@@ -76,7 +94,7 @@ static void floats_of_a_ply_are_short_and_lists_left_out(void **state) {
                                "property float y\nproperty int z\nproperty uchar red\nend_header\n0.1 1 5 0.3 -7 255\n",
                                &cloud),
                      STATUS_OK);
-    char *text = written(&cloud, NULL, 1);
+    char *text = written(&cloud, NULL, 1, HEADER_HASH);
     assert_string_equal(text, "# x y z red\n0.1 0.3 -7 255\n");
     free(text);
     cloud_done(&cloud);
@@ -96,7 +114,7 @@ static void many_random_points_survive_to_the_bit(void **state) {
     struct cloud cloud, again;
     assert_int_equal(read_text(text, &cloud), STATUS_OK);
     free(text);
-    text = written(&cloud, NULL, MANY);
+    text = written(&cloud, NULL, MANY, HEADER_NONE);
     assert_int_equal(read_text(text, &again), STATUS_OK);
     assert_int_equal(again.count, MANY);
     assert_memory_equal(again.record, cloud.record, MANY * cloud.record_bytes);
@@ -116,7 +134,9 @@ static void limits_hold(void **state) {
     assert_int_equal(error.line, 2);
     assert_int_equal(cloud_read_memory(text, n, &(struct cloud_limits){.max_properties = 3}, NULL, &cloud, &error),
                      STATUS_LIMIT);
-    assert_int_equal(cloud_read_memory(text, n, &(struct cloud_limits){2, 4}, NULL, &cloud, &error), STATUS_OK);
+    assert_int_equal(
+        cloud_read_memory(text, n, &(struct cloud_limits){.max_points = 2, .max_properties = 4}, NULL, &cloud, &error),
+        STATUS_OK);
     cloud_done(&cloud);
 }
 
@@ -237,6 +257,44 @@ static void what_is_no_number_is_refused(void **state) {
     assert_true(value == 1);
 }
 
+/* Files that were written on other systems have their words for nan and infinity. */
+static void what_is_not_finite_is_read_in_every_spelling(void **state) {
+    (void)state;
+    static const struct {
+        const char *text;
+        double value;
+    } words[] = {{"nan", NAN},
+                 {"-NaN", NAN},
+                 {"nan(ind)", NAN},
+                 {"-nan(ind)", NAN},
+                 {"NAN(0x7f)", NAN},
+                 {"1.#QNAN", NAN},
+                 {"-1.#IND", NAN},
+                 {"-1.#IND00", NAN},
+                 {"1.#SNAN", NAN},
+                 {"1.#INF", INFINITY},
+                 {"-1.#INF00", -INFINITY},
+                 {"inf", INFINITY},
+                 {"-Infinity", -INFINITY}};
+    for (size_t i = 0; i < sizeof words / sizeof *words; i++) {
+        const char *text = words[i].text;
+        double value = 42;
+        float narrow = 42;
+        assert_ptr_equal(number_parse_f64(text, text + strlen(text), &value), text + strlen(text));
+        assert_ptr_equal(number_parse_f32(text, text + strlen(text), &narrow), text + strlen(text));
+        assert_true(isnan(words[i].value) ? isnan(value) && isnan(narrow) : value == words[i].value && isinf(narrow));
+    }
+    static const struct {
+        const char *text;
+        size_t taken;
+    } partial[] = {{"nan(", 3}, {"nan(x y)", 3}, {"1.#", 2}, {"1.#IN", 2}, {"2.#INF", 2}};
+    for (size_t i = 0; i < sizeof partial / sizeof *partial; i++) {
+        const char *text = partial[i].text;
+        double value;
+        assert_ptr_equal(number_parse_f64(text, text + strlen(text), &value), text + partial[i].taken);
+    }
+}
+
 static void reading_stops_at_the_end_without_a_nul(void **state) {
     (void)state;
     double value;
@@ -274,6 +332,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(plain_points_come_out_as_plain_lines),
         cmocka_unit_test(names_of_columns_survive_and_xyz_comes_first),
+        cmocka_unit_test(each_header_is_read_back_with_its_names),
         cmocka_unit_test(floats_of_a_ply_are_short_and_lists_left_out),
         cmocka_unit_test(many_random_points_survive_to_the_bit),
         cmocka_unit_test(limits_hold),
@@ -282,6 +341,7 @@ int main(void) {
         cmocka_unit_test(long_mantissas_are_read_as_the_library_does),
         cmocka_unit_test(exponents_of_fortran_are_read_as_others),
         cmocka_unit_test(what_is_no_number_is_refused),
+        cmocka_unit_test(what_is_not_finite_is_read_in_every_spelling),
         cmocka_unit_test(reading_stops_at_the_end_without_a_nul),
         cmocka_unit_test(written_numbers_read_back_and_are_shortest),
     };

@@ -9,8 +9,8 @@
 
 #include <cmocka.h>
 
-#include "core/cloud.h"
-#include "core/cluster.h"
+#include "core/cloud/cloud.h"
+#include "core/refine/kernels/sample_batch.h"
 #include "tests/unit/shapes.h"
 
 /* A cluster of n samples, by way of a list. */

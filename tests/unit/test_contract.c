@@ -10,12 +10,13 @@
 
 #include <cmocka.h>
 
-#include "core/alloc.h"
-#include "core/cloud.h"
-#include "core/contract.h"
-#include "core/dso.h"
-#include "core/normals.h"
-#include "core/tangent.h"
+#include "core/base/alloc.h"
+#include "core/cloud/cloud.h"
+#include "core/measure/tangent.h"
+#include "core/simplify/contract.h"
+#include "core/simplify/dso.h"
+#include "core/simplify/normals.h"
+#include "tests/unit/faults.h"
 #include "tests/unit/shapes.h"
 
 /* ------------------------------------------------------------------------------------------------ quadrics */
@@ -327,30 +328,40 @@ static void cancelling_stops_it(void **state) {
     neighbourhood_done(&hood);
 }
 
-static bool fails_at_zero(void *ctx) { return (*(int *)ctx)-- == 0; }
-
-static void every_allocation_may_fail(void **state) {
-    (void)state;
+/* begin_faults lets the nth of its kind fail.  Returns after how many the ranking gets through. */
+static int fail_each(void (*begin_faults)(long nth)) {
     vec3 *point = shape_sphere(300, 0.5), *normal = malloc(300 * sizeof *normal);
     for (size_t i = 0; i < 150; i++) point[i].x += 100; /* two components: relinking allocates too */
     struct neighbourhood hood = neighbours_of(point, 300);
     normals_fit(point, &hood, 1, normal, NULL);
-    enum status status = STATUS_NO_MEMORY;
+    bool happened = true;
     int nth = 0;
-    for (; status == STATUS_NO_MEMORY; nth++) {
+    for (; happened; nth++) {
         struct packed_quadric *quadrics = quadrics_of(point, normal, &hood);
         struct contraction out = {0};
-        int countdown = nth;
-        alloc_fail_ctx = &countdown, alloc_fail = fails_at_zero;
-        status = contract_along(point, &hood, quadrics, &(struct contract_options){1, 1}, NULL, &out);
-        alloc_fail = NULL;
+        begin_faults(nth + 1);
+        enum status status = contract_along(point, &hood, quadrics, &(struct contract_options){1, 1}, NULL, &out);
+        happened = faults_stop();
+        assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
+        assert_true(happened == !out.order);
         contraction_done(&out);
         free(quadrics);
     }
-    assert_int_equal(status, STATUS_OK);
-    assert_true(nth > 15);
     free(normal), free(point);
     neighbourhood_done(&hood);
+    return nth;
+}
+
+static void fail_once(long nth) { faults_in_memory(nth, false); }
+
+static void every_allocation_may_fail(void **state) {
+    (void)state;
+    assert_true(fail_each(fail_once) > 15);
+}
+
+static void every_search_may_fail(void **state) {
+    (void)state;
+    assert_true(fail_each(faults_in_new) > 1);
 }
 
 int main(void) {
@@ -371,6 +382,7 @@ int main(void) {
         cmocka_unit_test(an_error_bound_leaves_the_fewest_points_that_keep_it),
         cmocka_unit_test(cancelling_stops_it),
         cmocka_unit_test(every_allocation_may_fail),
+        cmocka_unit_test(every_search_may_fail),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,19 +1,30 @@
 /* The Delaunay shim: what every consumer of struct tets relies on, on points that are hard for it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <fcntl.h>
+#include <malloc.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <cmocka.h>
 
-#include "core/alloc.h"
-#include "core/cloud.h"
-#include "core/delaunay_cgal.h"
+#include "core/base/alloc.h"
+#include "core/cloud/cloud.h"
+#include "core/surface/delaunay_cgal.h"
 #include "tests/unit/shapes.h"
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+enum { SANITIZED = 1 };
+#else
+enum { SANITIZED = 0 };
+#endif
 
 static vec3 *grid(size_t nx, size_t ny, size_t nz) {
     vec3 *point = alloc_array(nx * ny * nz, sizeof *point);
@@ -254,6 +265,24 @@ static void it_stops_when_asked(void **state) {
     free(point);
 }
 
+/* Two skew lines have the square of their points. */
+static void it_stops_at_so_many_cells(void **state) {
+    (void)state;
+    enum { HALF = 1000 };
+    vec3 point[2 * HALF];
+    struct tets tets = {0};
+    struct error error = {0};
+    for (int i = 0; i < HALF; i++) {
+        point[i] = (vec3){0.5 * i / HALF, 0, 0};
+        point[HALF + i] = (vec3){0, 0.5 * i / HALF, 0.5};
+    }
+    assert_int_equal(delaunay_build_within(point, 2 * HALF, 30000, 1, NULL, &tets, &error), STATUS_LIMIT);
+    assert_non_null(strstr(error.text, "outputs=cloud"));
+    assert_null(tets.vertex);
+    assert_int_equal(delaunay_build_within(point, 200, 30000, 1, NULL, &tets, &error), STATUS_OK);
+    tets_done(&tets);
+}
+
 static bool is_due(void *ctx) { return (*(int *)ctx)-- == 0; }
 
 static void a_failing_allocation_is_a_status(void **state) {
@@ -272,6 +301,70 @@ static void a_failing_allocation_is_a_status(void **state) {
     free(point);
 }
 
+/* FNV-1a over the cells and their neighbours: nothing of a result stays, so that all its memory is given back. */
+static uint64_t fingerprint(struct tets tets) {
+    uint64_t hash = 0xcbf29ce484222325;
+    for (size_t c = 0; c < tets.cell_count; c++)
+        for (int i = 0; i < 4; i++) {
+            hash = (hash ^ tets.vertex[c][i]) * 0x100000001b3;
+            hash = (hash ^ tets.neighbour[c][i]) * 0x100000001b3;
+        }
+    tets_done(&tets);
+    return hash;
+}
+
+static rlim_t address_space_bytes(void) {
+    char text[64] = "";
+    int fd = open("/proc/self/statm", O_RDONLY);
+    ssize_t n = read(fd, text, sizeof text - 1);
+    close(fd);
+    return n > 0 ? strtoull(text, NULL, 10) * (rlim_t)sysconf(_SC_PAGESIZE) : 0;
+}
+
+static bool limit_addresses(rlim_t bytes) { return setrlimit(RLIMIT_AS, &(struct rlimit){bytes, RLIM_INFINITY}) == 0; }
+
+/* Gives a triangulation ever more memory until it is enough; after each that failed the next one, in the same thread,
+ * has to be as any other.  *failures: how many did. */
+static bool recovers(const vec3 *point, size_t n, unsigned *failures) {
+    const rlim_t step = 16 << 10;
+    uint64_t right = fingerprint(build(point, n));
+    enum status status = STATUS_NO_MEMORY;
+    for (rlim_t more = 0; status == STATUS_NO_MEMORY; more += step) {
+        struct tets tets = {0};
+        malloc_trim(0);
+        rlim_t now = address_space_bytes();
+        if (!now || !limit_addresses(now + more)) return false;
+        status = delaunay_build(point, n, 1, NULL, &tets, NULL);
+        if (!limit_addresses(RLIM_INFINITY)) return false;
+        if (status == STATUS_OK && fingerprint(tets) != right) return false;
+        if (fingerprint(build(point, n)) != right) return false;
+        *failures += status == STATUS_NO_MEMORY;
+    }
+    return status == STATUS_OK;
+}
+
+static void it_recovers_from_memory_that_failed_anywhere(void **state) {
+    (void)state;
+    enum { POINTS = 3000, FAILURES = 100, RECOVERED = 0, WRONG = 1, NEVER_FAILED = 2 };
+    if (SANITIZED) {
+        print_message("skipped: sanitizers reserve address space\n");
+        skip();
+    }
+    vec3 *point = random_points(POINTS, 5);
+    pid_t child = fork();
+    assert_true(child >= 0);
+    if (child == 0) {
+        unsigned failures = 0;
+        bool recovered = recovers(point, POINTS, &failures);
+        _exit(!recovered ? WRONG : failures < FAILURES ? NEVER_FAILED : RECOVERED);
+    }
+    int how;
+    assert_int_equal(waitpid(child, &how, 0), child);
+    assert_true(WIFEXITED(how));
+    assert_int_equal(WEXITSTATUS(how), RECOVERED);
+    free(point);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(four_points_make_one_cell_and_four_infinite_ones),
@@ -284,7 +377,9 @@ int main(void) {
         cmocka_unit_test(the_order_of_points_does_not_matter),
         cmocka_unit_test(the_number_of_threads_does_not_matter),
         cmocka_unit_test(it_stops_when_asked),
+        cmocka_unit_test(it_stops_at_so_many_cells),
         cmocka_unit_test(a_failing_allocation_is_a_status),
+        cmocka_unit_test(it_recovers_from_memory_that_failed_anywhere),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

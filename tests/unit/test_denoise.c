@@ -11,14 +11,15 @@
 
 #include <cmocka.h>
 
-#include "core/alloc.h"
-#include "core/cloud_read.h"
-#include "core/denoise.h"
-#include "core/neighbourhood.h"
-#include "core/order.h"
-#include "core/outliers.h"
-#include "core/pipeline.h"
-#include "core/quantile.h"
+#include "core/base/alloc.h"
+#include "core/base/quantile.h"
+#include "core/clean/denoise.h"
+#include "core/clean/outliers.h"
+#include "core/cloud/morton.h"
+#include "core/io/read.h"
+#include "core/pipeline/pipeline.h"
+#include "core/spatial/neighbourhood.h"
+#include "tests/unit/faults.h"
 #include "tests/unit/shapes.h"
 
 static double gauss(uint64_t *state) {
@@ -349,11 +350,6 @@ static void threads_do_not_change_a_bit(void **state) {
     free(point);
 }
 
-static bool fails_at_zero(void *ctx) {
-    long *left = ctx;
-    return (*left)-- == 0;
-}
-
 static void every_allocation_may_fail(void **state) {
     (void)state;
     enum { N = 600 };
@@ -361,21 +357,20 @@ static void every_allocation_may_fail(void **state) {
     add_noise(point, N - 30, 0.1);
     struct knn *knn = NULL;
     assert_int_equal(knn_new(point, N, 1, &knn, NULL), STATUS_OK);
-    size_t failures = 0;
-    for (long at = 0;; at++) {
-        long countdown = at;
+    long failures = 0;
+    for (;;) {
         uint8_t outlier[N];
         size_t count;
         struct denoise_result result = {0};
-        alloc_fail_ctx = &countdown, alloc_fail = fails_at_zero;
+        faults_in_memory(failures + 1, false);
         enum status found = outliers_find(knn, point, N, 1, outlier, &count);
         enum status status = found ? found : denoise_smooth(point, N, 1, &result);
-        alloc_fail = NULL;
-        if (status == STATUS_OK) {
+        bool happened = faults_stop();
+        assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
+        if (!happened) {
             denoise_done(&result);
             break;
         }
-        assert_int_equal(status, STATUS_NO_MEMORY);
         assert_null(result.point);
         failures++;
     }

@@ -1,7 +1,7 @@
 /* Documents kept in memory: found, forgotten, and never older than a deletion.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/documents.h"
+#include "server/jobs/job_cache.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,7 +1,7 @@
 /* Estimates: nothing is claimed without measurements, sizes far apart teach nothing, outliers don't count.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/estimate.h"
+#include "server/catalog/estimate.h"
 
 #include <math.h>
 #include <setjmp.h>

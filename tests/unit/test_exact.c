@@ -1,27 +1,23 @@
 /* Contraction in passes against the paper's own order: a heap, and the cheapest pair of all each time.
  *
- * The heap is the simplest one that is right: whenever a point changes, its pairs are pushed again with new costs, and
- * what is popped counts only if neither end has changed since it was pushed.
- *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include <cmocka.h>
 
-#include "core/cloud.h"
-#include "core/contract.h"
-#include "core/dso.h"
-#include "core/normals.h"
-#include "core/tangent.h"
+#include "core/cloud/cloud.h"
+#include "core/measure/tangent.h"
+#include "core/simplify/contract.h"
+#include "core/simplify/dso.h"
+#include "core/simplify/normals.h"
+#include "core/simplify/reference/contract.h"
 #include "tests/unit/shapes.h"
 
-enum { N = 8000, MOST = UINT8_MAX };
-static const double LENGTH_BIAS = 1e-9;
+enum { N = 8000 };
 
 /* What both start from. */
 struct start {
@@ -51,127 +47,6 @@ static void start_done(struct start *s) {
     free(s->point), free(s->normal), free(s->quadrics);
 }
 
-/* ------------------------------------------------------------------------------------------------ the heap */
-
-struct pair {
-    double cost, length_sq;
-    uint32_t p, q, version_p, version_q;
-};
-
-struct greedy {
-    const vec3 *point;
-    quadric quadric[N];
-    uint32_t version[N], list[N][MOST];
-    unsigned degree[N];
-    uint8_t gone[N];
-    struct pair *heap;
-    size_t used, capacity;
-    double bias;
-};
-
-static int is_before(const struct pair *a, const struct pair *b) {
-    if (a->cost != b->cost) return a->cost < b->cost;
-    if (a->length_sq != b->length_sq) return a->length_sq < b->length_sq;
-    return a->p != b->p ? a->p < b->p : a->q < b->q;
-}
-
-static void heap_push(struct greedy *g, struct pair pair) {
-    if (g->used == g->capacity) {
-        g->capacity = 2 * g->capacity + 1024;
-        g->heap = realloc(g->heap, g->capacity * sizeof *g->heap);
-    }
-    size_t i = g->used++;
-    for (; i > 0 && is_before(&pair, &g->heap[(i - 1) / 2]); i = (i - 1) / 2) g->heap[i] = g->heap[(i - 1) / 2];
-    g->heap[i] = pair;
-}
-
-static struct pair heap_pop(struct greedy *g) {
-    struct pair top = g->heap[0], last = g->heap[--g->used];
-    size_t i = 0;
-    for (size_t child; (child = 2 * i + 1) < g->used; i = child) {
-        if (child + 1 < g->used && is_before(&g->heap[child + 1], &g->heap[child])) child++;
-        if (!is_before(&g->heap[child], &last)) break;
-        g->heap[i] = g->heap[child];
-    }
-    g->heap[i] = last;
-    return top;
-}
-
-/* Error with q moved to p. */
-static double error_at(const struct greedy *g, uint32_t p, uint32_t q) {
-    return fmax(g->quadric[p].c, 0) + quadric_value(&g->quadric[q], vec3_sub(g->point[p], g->point[q]));
-}
-
-static void push_pair(struct greedy *g, uint32_t p, uint32_t q) {
-    double length_sq = vec3_distance_sq(g->point[p], g->point[q]);
-    double cost = fmin(error_at(g, p, q), error_at(g, q, p)) + g->bias * length_sq;
-    heap_push(g, (struct pair){cost, length_sq, p, q, g->version[p], g->version[q]});
-}
-
-static void unlink_from(struct greedy *g, uint32_t p, uint32_t q) {
-    for (unsigned i = 0; i < g->degree[p]; i++)
-        if (g->list[p][i] == q) g->list[p][i--] = g->list[p][--g->degree[p]];
-}
-
-static void link_to(struct greedy *g, uint32_t p, uint32_t q) {
-    unlink_from(g, p, q);
-    assert_true(g->degree[p] < MOST);
-    g->list[p][g->degree[p]++] = q;
-}
-
-static void contract_pair(struct greedy *g, uint32_t stays, uint32_t goes) {
-    quadric moved = quadric_shift(g->quadric[goes], vec3_sub(g->point[goes], g->point[stays]));
-    g->quadric[stays] = quadric_add(g->quadric[stays], moved);
-    g->gone[goes] = 1;
-    g->version[stays]++;
-    unlink_from(g, stays, goes);
-    for (unsigned i = 0; i < g->degree[goes]; i++) {
-        uint32_t j = g->list[goes][i];
-        if (j == stays) continue;
-        unlink_from(g, j, goes);
-        link_to(g, j, stays);
-        link_to(g, stays, j);
-    }
-    for (unsigned i = 0; i < g->degree[stays]; i++) push_pair(g, stays, g->list[stays][i]);
-}
-
-static struct greedy *greedy_new(const struct start *start) {
-    struct greedy *g = calloc(1, sizeof *g);
-    struct adjacency near;
-    double weight = 0;
-    assert_int_equal(adjacency_from(&start->hood, 1, &near), STATUS_OK);
-    g->point = start->point;
-    for (uint32_t p = 0; p < N; p++) {
-        g->quadric[p] = quadric_unpack(&start->quadrics[p]);
-        weight += g->quadric[p].weight;
-        g->degree[p] = near.degree[p];
-        memcpy(g->list[p], &near.list[near.start[p]], near.degree[p] * sizeof *near.list);
-    }
-    adjacency_done(&near);
-    g->bias = LENGTH_BIAS * weight / N;
-    for (uint32_t p = 0; p < N; p++)
-        for (unsigned i = 0; i < g->degree[p]; i++)
-            if (p < g->list[p][i]) push_pair(g, p, g->list[p][i]);
-    return g;
-}
-
-/* The k points that are left. */
-static void greedy_keep(const struct start *start, size_t k, uint32_t *kept) {
-    struct greedy *g = greedy_new(start);
-    for (size_t left = N; left > k;) {
-        assert_true(g->used > 0);
-        struct pair x = heap_pop(g);
-        if (g->gone[x.p] || g->gone[x.q] || g->version[x.p] != x.version_p || g->version[x.q] != x.version_q) continue;
-        bool p_stays = error_at(g, x.p, x.q) <= error_at(g, x.q, x.p);
-        contract_pair(g, p_stays ? x.p : x.q, p_stays ? x.q : x.p);
-        left--;
-    }
-    for (uint32_t p = 0, i = 0; p < N; p++)
-        if (!g->gone[p]) kept[i++] = p;
-    free(g->heap);
-    free(g);
-}
-
 /* ------------------------------------------------------------------------------------------------ passes */
 
 static double error_of(const struct start *start, const uint32_t *kept, size_t k) {
@@ -185,7 +60,7 @@ static void passes_are_as_exact_as_the_heap(struct start start) {
     double heap[2], passes[2];
     const size_t counts[2] = {N / 10, N / 20};
     for (int i = 0; i < 2; i++) {
-        greedy_keep(&start, counts[i], kept);
+        assert_int_equal(reference_contract(start.point, &start.hood, start.quadrics, counts[i], kept), STATUS_OK);
         heap[i] = error_of(&start, kept, counts[i]);
     }
     struct contraction contraction;

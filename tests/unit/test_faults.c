@@ -18,12 +18,12 @@
 
 #include <cmocka.h>
 
-#include "core/cloud_ply.h"
-#include "core/cloud_write.h"
-#include "core/file_out.h"
-#include "server/queue.h"
-#include "server/store.h"
-#include "server/upload.h"
+#include "core/io/file_out.h"
+#include "core/io/reader.h"
+#include "core/io/write.h"
+#include "server/catalog/catalog.h"
+#include "server/storage/store.h"
+#include "server/storage/upload.h"
 #include "tests/unit/faults.h"
 #include "tests/unit/folder.h"
 
@@ -33,14 +33,14 @@ static const char cloud_text[] = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n";
 /* ------------------------------------------------------------------------------------------------ a folder */
 
 struct fixture {
-    char folder[64], path[96];
+    char folder[64], url[96];
     struct error error;
 };
 
 static int set_up(void **state) {
     struct fixture *f = calloc(1, sizeof *f);
     folder_make_in_memory(f->folder, sizeof f->folder);
-    snprintf(f->path, sizeof f->path, "%s/whittled.db", f->folder);
+    snprintf(f->url, sizeof f->url, "sqlite:%s/whittled.db", f->folder);
     *state = f;
     return 0;
 }
@@ -51,52 +51,53 @@ static int set_up(void **state) {
 enum step { NOTHING, OPENED, SUBMITTED, CLAIMED, TOLD, FINISHED, READ, DELETED, DONE };
 
 static enum step work_on_queue(struct fixture *f, enum status *status) {
-    struct queue *queue = NULL;
+    struct catalog *catalog = NULL;
     struct job job = {0}, mine = {.created_ms = 1, .input_format = "xyz", .label = "label"}, listed[4];
-    struct queue_filter filter = {0};
-    struct queue_limits limits = {.waiting = 10};
-    enum queue_presence presence;
-    struct queue_tombstone tombstone;
+    struct catalog_filter filter = {0};
+    struct catalog_limits limits = {.waiting = 10};
+    enum catalog_presence presence;
+    struct catalog_tombstone tombstone;
     size_t count = 0;
-    bool found = false, changed = false;
+    bool found = false, changed = false, held = false;
+    struct catalog_claim by = {"host", 60000, INT64_MAX};
     enum step step = NOTHING;
     memcpy(mine.id, id, sizeof mine.id);
     params_defaults(&mine.params);
-    *status = queue_open(f->path, &queue, &f->error);
-    if (*status == STATUS_OK) step = OPENED, *status = queue_submit(queue, &mine, &limits, &f->error);
-    if (*status == STATUS_OK) step = SUBMITTED, *status = queue_claim(queue, INT64_MAX, &job, &found, &f->error);
-    if (*status == STATUS_OK) step = CLAIMED, *status = queue_progress(queue, id, "knn", "half", 0.5, &f->error);
+    *status = catalog_open(f->url, &catalog, &f->error);
+    if (*status == STATUS_OK) step = OPENED, *status = catalog_submit(catalog, &mine, &limits, &f->error);
+    if (*status == STATUS_OK) step = SUBMITTED, *status = catalog_claim(catalog, &by, &job, &found, &f->error);
+    if (*status == STATUS_OK) step = CLAIMED, *status = catalog_progress(catalog, &job, &held, &f->error);
     job.output_count = 1;
     memcpy(job.output[0].name, "cloud.ply", sizeof "cloud.ply");
-    if (*status == STATUS_OK) step = TOLD, *status = queue_finish(queue, JOB_DONE, &job, &changed, &f->error);
+    if (*status == STATUS_OK) step = TOLD, *status = catalog_finish(catalog, JOB_DONE, &job, &changed, &f->error);
     job_done(&job);
-    if (*status == STATUS_OK) step = FINISHED, *status = queue_list(queue, &filter, listed, 4, &count, &f->error);
+    if (*status == STATUS_OK) step = FINISHED, *status = catalog_list(catalog, &filter, listed, 4, &count, &f->error);
     for (size_t i = 0; i < count; i++) job_done(&listed[i]);
-    if (*status == STATUS_OK) *status = queue_get(queue, id, &job, &presence, &tombstone, &f->error);
+    if (*status == STATUS_OK) *status = catalog_get(catalog, id, &job, &presence, &tombstone, &f->error);
     if (*status == STATUS_OK) step = READ;
     job_done(&job);
-    if (*status == STATUS_OK) *status = queue_delete(queue, id, "deleted", &changed, &f->error);
+    if (*status == STATUS_OK) *status = catalog_delete(catalog, id, "deleted", &changed, &f->error);
     if (*status == STATUS_OK) step = DONE;
-    queue_close(queue);
+    catalog_close(catalog);
     return step;
 }
 
 /* What is there afterwards must be what was said to be done, or one step more: the step that failed. */
 static void look_at_queue(struct fixture *f, enum step step) {
-    struct queue *queue = NULL;
+    struct catalog *catalog = NULL;
     struct job job;
-    enum queue_presence presence;
-    struct queue_tombstone tombstone;
-    assert_int_equal(queue_open(f->path, &queue, &f->error), STATUS_OK);
-    assert_int_equal(queue_get(queue, id, &job, &presence, &tombstone, &f->error), STATUS_OK);
-    if (step == OPENED || step == NOTHING) assert_int_equal(presence, QUEUE_ABSENT);
-    if (step >= SUBMITTED && step < READ) assert_int_equal(presence, QUEUE_PRESENT);
+    enum catalog_presence presence;
+    struct catalog_tombstone tombstone;
+    assert_int_equal(catalog_open(f->url, &catalog, &f->error), STATUS_OK);
+    assert_int_equal(catalog_get(catalog, id, &job, &presence, &tombstone, &f->error), STATUS_OK);
+    if (step == OPENED || step == NOTHING) assert_int_equal(presence, CATALOG_ABSENT);
+    if (step >= SUBMITTED && step < READ) assert_int_equal(presence, CATALOG_PRESENT);
     if (step == CLAIMED || step == TOLD) assert_int_equal(job.state, JOB_RUNNING);
     if (step == FINISHED) assert_int_equal(job.state, JOB_SUCCESSFUL);
     if (step == FINISHED) assert_int_equal(job.output_count, 1);
-    if (step == DONE) assert_int_equal(presence, QUEUE_GONE);
+    if (step == DONE) assert_int_equal(presence, CATALOG_GONE);
     job_done(&job);
-    queue_close(queue);
+    catalog_close(catalog);
 }
 
 static void remove_database(struct fixture *f) {
@@ -175,27 +176,27 @@ static enum status work_on_store(struct fixture *f) {
     size_t count;
     enum status status = store_open(f->folder, &store, &f->error);
     if (status == STATUS_OK) status = work_on_upload(store, &f->error);
-    if (status == STATUS_OK) status = store_outputs_begin(store, id, path, &f->error);
+    if (status == STATUS_OK) status = store_outputs_begin(store, id, 1, path, &f->error);
     if (status == STATUS_OK) status = write_output(path);
-    if (status == STATUS_OK) status = store_outputs_keep(store, id, outputs, &count, &f->error);
-    if (store) store_outputs_drop(store, id);
+    if (status == STATUS_OK) status = store_outputs_keep(store, id, 1, NULL, outputs, &count, &f->error);
+    if (store) store_outputs_drop(store, id, 1);
     store_close(store);
     return status;
 }
 
-static bool keep_all(void *ctx, enum store_thing thing, const char *name) {
+static enum store_fate keep_all(void *ctx, enum store_thing thing, const char *name) {
     (void)ctx, (void)thing, (void)name;
-    return true;
+    return STORE_KEEP;
 }
 
 static void look_at_store(struct fixture *f, enum status worked) {
     struct store *store = NULL;
     struct stat facts;
-    size_t removed;
+    struct store_cleaned cleaned;
     assert_int_equal(store_open(f->folder, &store, &f->error), STATUS_OK);
     assert_int_equal(folder_entries(f->folder, "tmp"), 0);
-    assert_int_equal(store_clean(store, keep_all, NULL, &removed, &f->error), STATUS_OK);
-    int fd = store_output_open(store, id, "cloud.ply");
+    assert_int_equal(store_clean(store, keep_all, NULL, &cleaned, &f->error), STATUS_OK);
+    int fd = store_output_open(store, id, 1, "cloud.ply");
     if (worked == STATUS_OK) assert_true(fd >= 0);
     if (fd >= 0) assert_int_equal(fstat(fd, &facts), 0);
     if (fd >= 0) assert_int_equal(facts.st_size, 3);

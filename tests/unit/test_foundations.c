@@ -14,10 +14,10 @@
 
 #include <cmocka.h>
 
-#include "core/alloc.h"
-#include "core/par.h"
-#include "core/status.h"
-#include "core/sym3.h"
+#include "core/base/alloc.h"
+#include "core/base/par.h"
+#include "core/base/status.h"
+#include "core/math/sym3.h"
 #include "tests/unit/shapes.h"
 
 static void every_status_has_a_name_that_leads_back(void **state) {

@@ -9,9 +9,10 @@
 
 #include <cmocka.h>
 
-#include "core/alloc.h"
-#include "core/cloud.h"
-#include "core/halfedge.h"
+#include "core/base/alloc.h"
+#include "core/cloud/cloud.h"
+#include "core/mesh/halfedge.h"
+#include "tests/unit/faults.h"
 
 static const uint32_t octahedron[8][3] = {{0, 2, 4}, {2, 1, 4}, {1, 3, 4}, {3, 0, 4},
                                           {2, 0, 5}, {1, 2, 5}, {3, 1, 5}, {0, 3, 5}};
@@ -142,7 +143,7 @@ static void test_collapse_of_a_tetrahedron_is_refused(void **state) {
     static const uint32_t tetrahedron[4][3] = {{0, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, 3}};
     struct fixture f;
     build(&f, tetrahedron, 4, 4);
-    for (uint32_t h = 0; h < 12; h++) assert_false(halfedge_may_collapse(&f.he, h));
+    for (uint32_t h = 0; h < 12; h++) assert_false(halfedge_may_collapse(&f.he, h, halfedge_from(&f.he, h)));
     halfedge_done(&f.he);
 }
 
@@ -162,7 +163,7 @@ static void test_collapse_that_would_pinch_is_refused(void **state) {
     check(&he);
     for (uint32_t h = 0; h < 54; h++) {
         assert_int_not_equal(he.twin[h], NONE);
-        assert_false(halfedge_may_collapse(&he, h));
+        assert_false(halfedge_may_collapse(&he, h, halfedge_from(&he, h)));
     }
     halfedge_done(&he);
 }
@@ -172,8 +173,8 @@ static void test_collapse_and_split_keep_the_counts(void **state) {
     struct fixture f;
     build(&f, octahedron, 8, 6);
     uint32_t h = find(&f.he, 4, 0);
-    assert_true(halfedge_may_collapse(&f.he, h));
-    struct halfedge_spare spare = halfedge_collapse(&f.he, h);
+    assert_true(halfedge_may_collapse(&f.he, h, 4));
+    struct halfedge_spare spare = halfedge_collapse(&f.he, h, 4);
     assert_int_equal(spare.vertex, 4);
     assert_int_equal(f.he.out[4], NONE);
     uint32_t edge = find(&f.he, 1, 5);
@@ -189,6 +190,89 @@ static void test_collapse_and_split_keep_the_counts(void **state) {
     assert_int_equal(facts.euler, 2);
     assert_int_equal(facts.unused_vertices, 0);
     assert_int_equal(valence(&f.he, 4), 4);
+    halfedge_done(&f.he);
+}
+
+/*   6 - 7 - 8
+ *   | / | / |
+ *   3 - 4 - 5
+ *   | / | / |
+ *   0 - 1 - 2   */
+static const uint32_t grid[8][3] = {{0, 1, 4}, {0, 4, 3}, {1, 2, 5}, {1, 5, 4},
+                                    {3, 4, 7}, {3, 7, 6}, {4, 5, 8}, {4, 8, 7}};
+
+static size_t count_borders(const struct halfedge *he) {
+    size_t count = 0;
+    for (uint32_t h = 0; h < 3 * he->triangle_count; h++) count += he->twin[h] == NONE;
+    return count;
+}
+
+static void test_border_is_met_from_end_to_end(void **state) {
+    (void)state;
+    struct fixture f;
+    uint32_t ring[8];
+    build(&f, grid, 8, 9);
+    assert_int_equal(halfedge_ring(&f.he, 1, ring, 8), 3);
+    assert_int_equal(halfedge_to(&f.he, ring[0]), 2);
+    assert_int_equal(f.he.twin[ring[0]], NONE);
+    assert_int_equal(halfedge_apex(&f.he, ring[2]), 0);
+    assert_int_equal(halfedge_ring(&f.he, 1, ring, 2), 0);
+    halfedge_done(&f.he);
+}
+
+/* Towards the border, along it at either end of its only half-edge, but not away from it; and no triangle vanishes. */
+static void test_border_collapses_along_itself(void **state) {
+    (void)state;
+    struct fixture f;
+    build(&f, grid, 8, 9);
+    assert_true(halfedge_may_collapse(&f.he, find(&f.he, 4, 1), 4));
+    assert_false(halfedge_may_collapse(&f.he, find(&f.he, 4, 1), 1));
+    assert_true(halfedge_may_collapse(&f.he, find(&f.he, 0, 1), 1));
+    assert_true(halfedge_may_collapse(&f.he, find(&f.he, 0, 1), 0));
+    halfedge_done(&f.he);
+    build(&f, grid, 1, 5);
+    for (uint32_t h = 0; h < 3; h++) assert_false(halfedge_may_collapse(&f.he, h, halfedge_from(&f.he, h)));
+    halfedge_done(&f.he);
+}
+
+static void collapse_and_split_border(uint32_t gone) {
+    struct fixture f;
+    struct mesh_facts facts;
+    vec3 nowhere[9] = {{0, 0, 0}};
+    build(&f, grid, 8, 9);
+    f.mesh.vertex = nowhere;
+    struct halfedge_spare spare = halfedge_collapse(&f.he, find(&f.he, 0, 1), gone);
+    assert_int_equal(spare.vertex, gone);
+    assert_int_equal(spare.triangle[1], NONE);
+    assert_int_equal(f.he.out[gone], NONE);
+    uint32_t edge = find(&f.he, 8, 7);
+    halfedge_split(&f.he, edge, spare);
+    check(&f.he);
+    assert_int_equal(f.he.locked[gone], HALFEDGE_BORDER);
+    assert_int_equal(count_borders(&f.he), 8);
+    assert_int_equal(mesh_examine(&f.mesh, &facts), STATUS_OK);
+    assert_true(facts.manifold);
+    assert_int_equal(facts.euler, 1);
+    assert_int_equal(facts.boundary_edges, 8);
+    halfedge_done(&f.he);
+}
+
+static void test_border_collapse_and_split_keep_the_counts(void **state) {
+    (void)state;
+    collapse_and_split_border(0);
+    collapse_and_split_border(1);
+}
+
+static void test_renumbered_triangle_keeps_its_neighbours(void **state) {
+    (void)state;
+    struct fixture f;
+    build(&f, grid, 8, 9);
+    struct halfedge_spare spare = halfedge_collapse(&f.he, find(&f.he, 0, 1), 1);
+    if (spare.triangle[0] != 7) halfedge_renumber(&f.he, 7, spare.triangle[0]);
+    f.he.triangle_count = 7;
+    check(&f.he);
+    assert_int_equal(count_borders(&f.he), 7);
+    assert_true(halfedge_joined(&f.he, 4, 8) && halfedge_joined(&f.he, 7, 8));
     halfedge_done(&f.he);
 }
 
@@ -228,27 +312,20 @@ static void test_twins_are_found_in_any_heap_of_triangles(void **state) {
     assert_true(paired > 300 && alone > 300);
 }
 
-static bool fail_at(void *ctx) {
-    int *left = ctx;
-    return (*left)-- == 0;
-}
-
 static void test_every_allocation_may_fail(void **state) {
     (void)state;
     struct fixture f;
     memcpy(f.triangle, octahedron, sizeof octahedron);
     f.mesh = (struct mesh){.vertex_count = 6, .triangle_count = 8, .triangle = f.triangle};
     int failures = 0;
-    alloc_fail = fail_at;
-    for (int n = 0;; n++) {
-        int left = n;
-        alloc_fail_ctx = &left;
+    for (;;) {
+        faults_in_memory(failures + 1, false);
         enum status status = halfedge_init(&f.he, &f.mesh, 2);
-        if (status == STATUS_OK) break;
-        assert_int_equal(status, STATUS_NO_MEMORY);
+        bool happened = faults_stop();
+        assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
+        if (!happened) break;
         failures++;
     }
-    alloc_fail = NULL;
     assert_true(failures >= 5);
     halfedge_done(&f.he);
 }
@@ -264,6 +341,10 @@ int main(void) {
         cmocka_unit_test(test_collapse_of_a_tetrahedron_is_refused),
         cmocka_unit_test(test_collapse_that_would_pinch_is_refused),
         cmocka_unit_test(test_collapse_and_split_keep_the_counts),
+        cmocka_unit_test(test_border_is_met_from_end_to_end),
+        cmocka_unit_test(test_border_collapses_along_itself),
+        cmocka_unit_test(test_border_collapse_and_split_keep_the_counts),
+        cmocka_unit_test(test_renumbered_triangle_keeps_its_neighbours),
         cmocka_unit_test(test_twins_are_found_in_any_heap_of_triangles),
         cmocka_unit_test(test_every_allocation_may_fail),
     };

@@ -11,11 +11,12 @@
 
 #include <cmocka.h>
 
-#include "core/alloc.h"
-#include "core/cocone_handles.h"
-#include "core/cocone_surface.h"
-#include "core/delaunay_cgal.h"
-#include "core/knn.h"
+#include "core/base/alloc.h"
+#include "core/spatial/knn.h"
+#include "core/surface/cocone/handles.h"
+#include "core/surface/cocone/surface.h"
+#include "core/surface/delaunay_cgal.h"
+#include "tests/unit/faults.h"
 
 enum { SIDE = 9, SITES_MOST = (SIDE + 1) * (SIDE + 1) * (SIDE + 1), PER_EDGE = 5, DENSE_MOST = 20000 };
 
@@ -54,7 +55,7 @@ struct scene {
     struct knn *knn;
     struct tets tets;
     struct cocone_star star;
-    struct cocone_dense dense;
+    struct reconstruct_dense dense;
     struct cocone_cost cost;
     uint8_t *inside;
 };
@@ -123,7 +124,7 @@ static void set_up(struct scene *s, solid *labelled, solid *is_true) {
     assert_int_equal(knn_new(s->point, s->points, 1, &s->knn, NULL), STATUS_OK);
     assert_int_equal(delaunay_build(s->site, s->sites, 1, NULL, &s->tets, NULL), STATUS_OK);
     assert_int_equal(cocone_star_build(&s->tets, s->site, s->sites, 1, &s->star), STATUS_OK);
-    s->dense = (struct cocone_dense){s->points, s->point, s->normal, s->spacing, s->of_point, s->knn};
+    s->dense = (struct reconstruct_dense){s->points, s->point, s->normal, s->spacing, s->of_point, s->knn};
     s->cost.price = alloc_zeroed(s->tets.cell_count, sizeof *s->cost.price);
     s->cost.vote = alloc_zeroed(s->tets.cell_count, sizeof *s->cost.vote);
     s->inside = alloc_zeroed(s->tets.cell_count, 1);
@@ -231,24 +232,20 @@ static void threads_change_nothing(void **state) {
     tear_down(&one), tear_down(&three);
 }
 
-static bool is_due(void *ctx) { return (*(int *)ctx)-- == 0; }
-
 static void a_failing_allocation_is_told(void **state) {
     (void)state;
     struct scene s;
     set_up(&s, clamp_with_bridge, clamp);
-    enum status status = STATUS_NO_MEMORY;
+    bool happened = true;
     int nth = 0;
-    for (; status == STATUS_NO_MEMORY; nth++) {
-        int left = nth;
+    for (; happened; nth++) {
         size_t closed;
         label(&s, clamp_with_bridge);
-        alloc_fail_ctx = &left;
-        alloc_fail = is_due;
-        status = close_handles(&s, 1, &closed);
-        alloc_fail = NULL;
+        faults_in_memory(nth + 1, false);
+        enum status status = close_handles(&s, 1, &closed);
+        happened = faults_stop();
+        assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
     }
-    assert_int_equal(status, STATUS_OK);
     assert_int_equal(excess_of(&s), 0);
     assert_true(nth > 20);
     tear_down(&s);

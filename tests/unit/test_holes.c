@@ -10,11 +10,12 @@
 
 #include <cmocka.h>
 
-#include "core/alloc.h"
-#include "core/cloud.h"
-#include "core/cocone_holes.h"
-#include "core/mesh_without.h"
+#include "core/base/alloc.h"
+#include "core/cloud/cloud.h"
+#include "core/mesh/submesh.h"
+#include "core/surface/cocone/holes.h"
 #include "tests/unit/dense.h"
+#include "tests/unit/faults.h"
 
 enum { CELLS = 6, SITES = (CELLS + 1) * (CELLS + 1), MIDDLE = 2 * (3 * CELLS + 3) };
 
@@ -74,7 +75,7 @@ static struct dense with_hole(size_t steps, double (*f)(double x, double y)) {
 
 static enum status find(const struct mesh *mesh, const struct dense *dense, unsigned threads, uint8_t *hole) {
     struct halfedge he = {0};
-    struct cocone_dense points = {dense->n, dense->point, dense->normal, dense->spacing, NULL, NULL};
+    struct reconstruct_dense points = {dense->n, dense->point, dense->normal, dense->spacing, NULL, NULL};
     enum status status = halfedge_init(&he, mesh, 2);
     if (!status) status = cocone_holes_find(mesh, &he, &points, SITES, threads, hole);
     halfedge_done(&he);
@@ -219,28 +220,26 @@ static void nothing_may_be_left(void **state) {
 
 /* ------------------------------------------------------------------------------------------------ failures */
 
-static bool is_due(void *ctx) { return (*(int *)ctx)-- == 0; }
-
-static enum status open_with_failure(struct mesh *mesh, const struct dense *dense, int nth) {
+/* Whether the nth allocation was there to fail. */
+static bool fails_at(struct mesh *mesh, const struct dense *dense, int nth) {
     uint8_t hole[4 * CELLS * CELLS];
     struct halfedge he = {0};
-    alloc_fail_ctx = &nth;
-    alloc_fail = is_due;
+    faults_in_memory(nth, false);
     enum status status = find(mesh, dense, 1, hole);
     if (!status) status = halfedge_init(&he, mesh, 2);
     if (!status) status = mesh_without(mesh, &he, hole);
-    alloc_fail = NULL;
+    bool happened = faults_stop();
+    assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
     halfedge_done(&he);
-    return status;
+    return happened;
 }
 
 static void a_failing_allocation_is_told(void **state) {
     (void)state;
     struct mesh mesh = sheet();
     struct dense dense = with_hole(6, dense_flat);
-    int nth = 0;
-    for (; open_with_failure(&mesh, &dense, nth) != STATUS_OK; nth++)
-        assert_int_equal(mesh.triangle_count, 2 * CELLS * CELLS);
+    int nth = 1;
+    for (; fails_at(&mesh, &dense, nth); nth++) assert_int_equal(mesh.triangle_count, 2 * CELLS * CELLS);
     assert_int_equal(mesh.triangle_count, 2 * CELLS * CELLS - 2);
     assert_true(nth > 20);
     dense_done(&dense), mesh_done(&mesh);

@@ -12,8 +12,8 @@
 #include <zlib.h>
 #include <zstd.h>
 
-#include "core/alloc.h"
-#include "core/inflate.h"
+#include "core/base/alloc.h"
+#include "core/io/codec/inflate.h"
 
 enum { TEXT_BYTES = 300000, PACKED_BYTES = 400000, BOMB_BYTES = 64 << 20 };
 

@@ -1,7 +1,7 @@
 /* Inside addresses: every special block, both ends of it, and what is next to it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/inside.h"
+#include "server/webhooks/address_filter.h"
 
 #include <arpa/inet.h>
 #include <netinet/in.h>

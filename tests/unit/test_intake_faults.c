@@ -11,38 +11,38 @@
 
 #include <cmocka.h>
 
-#include "server/body.h"
-#include "server/config.h"
-#include "server/queue.h"
-#include "server/store.h"
-#include "server/tokens.h"
-#include "server/upload.h"
-#include "server/uploads.h"
+#include "server/auth/tokens.h"
+#include "server/catalog/catalog.h"
+#include "server/daemon/config.h"
+#include "server/http/body.h"
+#include "server/storage/store.h"
+#include "server/storage/upload.h"
+#include "server/storage/uploads.h"
 #include "tests/unit/faults.h"
 #include "tests/unit/folder.h"
 
 static const char cloud_text[] = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n";
 
 struct fixture {
-    char folder[64], path[96];
+    char folder[64], url[96];
     struct store *store;
-    struct queue *queue;
+    struct catalog *catalog;
     struct error error;
 };
 
 static int set_up(void **state) {
     struct fixture *f = calloc(1, sizeof *f);
     folder_make_in_memory(f->folder, sizeof f->folder);
-    snprintf(f->path, sizeof f->path, "%s/whittled.db", f->folder);
+    snprintf(f->url, sizeof f->url, "sqlite:%s/whittled.db", f->folder);
     *state = f;
     return store_open(f->folder, &f->store, &f->error) != STATUS_OK ||
-           queue_open(f->path, &f->queue, &f->error) != STATUS_OK;
+           catalog_open(f->url, &f->catalog, &f->error) != STATUS_OK;
 }
 
 static int tear_down(void **state) {
     struct fixture *f = *state;
     faults_stop();
-    queue_close(f->queue);
+    catalog_close(f->catalog);
     store_close(f->store);
     folder_remove(f->folder);
     free(f);
@@ -169,7 +169,7 @@ static void every_allocation_for_settings_fails_in_turn(void **state) {
 
 /* ------------------------------------------------------------------------------------------------ resumable uploads */
 
-static bool write_piece(struct uploads_writer *writer, const char *bytes, struct uploads_info *info,
+static bool write_piece(struct uploads_writer *writer, const char *bytes, struct catalog_upload *info,
                         struct problem *problem) {
     bool ok =
         writer && uploads_write(writer, bytes, strlen(bytes), problem) && uploads_end(writer, INT64_MAX, info, problem);
@@ -177,28 +177,29 @@ static bool write_piece(struct uploads_writer *writer, const char *bytes, struct
     return ok;
 }
 
-static bool upload_in_pieces(struct uploads *uploads, struct uploads_info *info, struct error *error) {
+static bool upload_in_pieces(struct uploads *uploads, struct catalog_upload *info, struct error *error) {
     static const struct uploads_check plain = {0}, checked = {.whole = true, .base64 = "never"};
     struct problem problem = {0};
-    struct uploads_writer *writer = uploads_create(uploads, info, &plain, &(struct uploads_limits){10, 10}, &problem);
+    struct uploads_writer *writer =
+        uploads_create(uploads, info, &plain, &(struct uploads_limits){10, 10, 0}, &problem);
     if (!write_piece(writer, "0 0 ", info, &problem)) return false;
-    writer = uploads_resume(uploads, info->id, 4, UINT64_MAX, &checked, &problem);
+    writer = uploads_resume(uploads, info->id, 4, UINT64_MAX, &checked, 0, &problem);
     assert_false(write_piece(writer, "x", info, &problem)); /* its hash is another */
-    writer = uploads_resume(uploads, info->id, 4, UINT64_MAX, &plain, &problem);
+    writer = uploads_resume(uploads, info->id, 4, UINT64_MAX, &plain, 0, &problem);
     if (!write_piece(writer, "0\n", info, &problem)) return false;
     return uploads_complete(uploads, info->id, "00", error) == STATUS_OK;
 }
 
 static bool resume(struct fixture *f) {
     struct uploads *uploads = NULL;
-    struct uploads_info info = {.length = 6}, found;
-    bool ok = uploads_open(f->queue, f->store, &uploads, &f->error) == STATUS_OK;
+    struct catalog_upload info = {.length = 6}, found;
+    bool ok = uploads_open(f->catalog, f->store, &uploads, &f->error) == STATUS_OK;
     if (!ok) return false;
     ok = upload_in_pieces(uploads, &info, &f->error);
     faults_pause();
     if (info.id[0]) assert_int_equal(uploads_delete(uploads, info.id, &f->error), STATUS_OK);
     assert_false(uploads_find(uploads, info.id, &found));
-    assert_int_equal(uploads_bytes_of(uploads, ""), 0);
+    assert_int_equal(catalog_usage(f->catalog, "").reserved, 0);
     uploads_close(uploads);
     faults_go_on();
     assert_int_equal(folder_entries(f->folder, "uploads"), 0);

@@ -1,11 +1,13 @@
 /* Jobs: the transition table as it is drawn, ids, and parameters kept as text.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/job.h"
+#include "server/catalog/job.h"
 
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -129,6 +131,26 @@ static void stored_parameters_of_another_version_are_skipped(void **state) {
     assert_int_equal(params.seed, 3);
 }
 
+static void an_overlong_stored_line_is_skipped(void **state) {
+    (void)state;
+    for (int length = 500; length < 3000; length++) {
+        struct params params;
+        char text[4096];
+        memset(text, 'x', sizeof text);
+        memcpy(text, "seed=1\nlabel=", 13);
+        snprintf(text + length, sizeof text - (size_t)length, "\nratio=0.25\n");
+        job_params_read(text, &params);
+        assert_int_equal(params.seed, 1);
+        assert_float_equal(params.ratio, 0.25, 0);
+    }
+    struct params params;
+    char text[4096] = "seed=1\nratio=0.5"; /* whose beginning is a value too */
+    size_t length = strlen(text);
+    memset(text + length, '0', sizeof text - length - 1);
+    job_params_read(text, &params);
+    assert_true(params.seed == 1 && isnan(params.ratio));
+}
+
 static void times_as_text(void **state) {
     (void)state;
     char text[JOB_TIME_BYTES];
@@ -146,6 +168,7 @@ int main(void) {
         cmocka_unit_test(what_is_no_id),
         cmocka_unit_test(parameters_as_text_and_back),
         cmocka_unit_test(stored_parameters_of_another_version_are_skipped),
+        cmocka_unit_test(an_overlong_stored_line_is_skipped),
         cmocka_unit_test(times_as_text),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

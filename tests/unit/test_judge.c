@@ -10,10 +10,11 @@
 
 #include <cmocka.h>
 
-#include "core/alloc.h"
-#include "core/cocone_judge.h"
-#include "core/delaunay_cgal.h"
-#include "core/knn.h"
+#include "core/base/alloc.h"
+#include "core/spatial/knn.h"
+#include "core/surface/cocone/judge.h"
+#include "core/surface/delaunay_cgal.h"
+#include "tests/unit/faults.h"
 #include "tests/unit/shapes.h"
 
 enum { SITES = 60, DENSE = 3000 };
@@ -25,7 +26,7 @@ struct ball {
     struct knn *knn;
     struct tets tets;
     struct cocone_star star;
-    struct cocone_dense dense;
+    struct reconstruct_dense dense;
     uint8_t *whole, *dug, *labels;
 };
 
@@ -47,7 +48,8 @@ static int set_up(void **state) {
     assert_int_equal(knn_new(ball->point, DENSE, 1, &ball->knn, NULL), STATUS_OK);
     assert_int_equal(delaunay_build(ball->site, SITES, 1, NULL, &ball->tets, NULL), STATUS_OK);
     assert_int_equal(cocone_star_build(&ball->tets, ball->site, SITES, 1, &ball->star), STATUS_OK);
-    ball->dense = (struct cocone_dense){DENSE, ball->point, ball->normal, ball->spacing, ball->of_point, ball->knn};
+    ball->dense =
+        (struct reconstruct_dense){DENSE, ball->point, ball->normal, ball->spacing, ball->of_point, ball->knn};
     ball->whole = alloc_zeroed(ball->tets.cell_count, 1);
     ball->dug = alloc_array(ball->tets.cell_count, 1);
     ball->labels = alloc_array(ball->tets.cell_count, 1);
@@ -139,26 +141,29 @@ static void anything_is_better_than_nothing(void **state) {
     assert_int_equal(judged(ball, ball->whole, ball->dug, 1), 0);
 }
 
-static bool is_due(void *ctx) { return (*(int *)ctx)-- == 0; }
+/* What fails: ours, and those of FLANN's searches. */
+static long fail_each(struct ball *ball, void (*faults_in)(long nth)) {
+    long nth = 0;
+    memcpy(ball->labels, ball->dug, ball->tets.cell_count);
+    for (bool happened = true; happened; nth++) {
+        size_t taken;
+        assert_memory_equal(ball->labels, ball->dug, ball->tets.cell_count);
+        struct cocone_proposal proposal = {.inside = ball->whole, .patience = 1, .matters = 0.02};
+        faults_in(nth + 1);
+        enum status status = cocone_judge(&ball->star, &ball->dense, 1, &proposal, ball->labels, &taken);
+        happened = faults_stop();
+        assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
+    }
+    return nth;
+}
+
+static void in_memory(long nth) { faults_in_memory(nth, false); }
 
 static void a_failing_allocation_leaves_the_labels(void **state) {
     struct ball *ball = *state;
     ball->dug[cell_at_hull(ball, 0)] = 0;
-    memcpy(ball->labels, ball->dug, ball->tets.cell_count);
-    enum status status = STATUS_NO_MEMORY;
-    int nth = 0;
-    for (; status == STATUS_NO_MEMORY; nth++) {
-        int left = nth;
-        size_t taken;
-        assert_memory_equal(ball->labels, ball->dug, ball->tets.cell_count);
-        alloc_fail_ctx = &left;
-        alloc_fail = is_due;
-        struct cocone_proposal proposal = {.inside = ball->whole, .patience = 1, .matters = 0.02};
-        status = cocone_judge(&ball->star, &ball->dense, 1, &proposal, ball->labels, &taken);
-        alloc_fail = NULL;
-    }
-    assert_int_equal(status, STATUS_OK);
-    assert_true(nth > 8);
+    assert_true(fail_each(ball, in_memory) > 8);
+    assert_true(fail_each(ball, faults_in_new) > 1);
 }
 
 int main(void) {

@@ -10,9 +10,10 @@
 
 #include <cmocka.h>
 
-#include "core/cloud.h"
-#include "core/knn.h"
-#include "core/order.h"
+#include "core/cloud/cloud.h"
+#include "core/cloud/morton.h"
+#include "core/spatial/knn.h"
+#include "core/spatial/neighbourhood.h"
 #include "tests/unit/faults.h"
 #include "tests/unit/shapes.h"
 
@@ -185,6 +186,42 @@ static void pieces_of_a_line(void **state) {
 }
 
 /* The middle of the sample is where nearly all points are: one piece has seven, and k is more. */
+/* Queries between strays and the others, and points in the crowd that strays make of these. */
+static void pieces_beside_strays(void **state) {
+    (void)state;
+    vec3 *point = shape_sphere(MANY, 1);
+    for (int i = 0; i < 20; i++) point[i * 100] = vec3_scale(point[i * 100 + 1], 1e4 * (1 + i));
+    assert_pieces_exact(point, MANY);
+}
+
+/* With spacings, what is near is exact; what is thousands of them away is nearly the nearest. */
+static void what_is_far_is_nearly_the_nearest(void **state) {
+    (void)state;
+    enum { N = 5000 };
+    struct ordered_points all = ordered(shape_sphere(N, 1), N);
+    struct knn *knn = NULL;
+    float *spacing = malloc(N * sizeof *spacing);
+    vec3 query[2 * N];
+    uint32_t id[2][2 * N];
+    double distance_sq[2][2 * N];
+    for (size_t i = 0; i < N; i++) {
+        spacing[i] = 0.02f;
+        query[i] = vec3_scale(all.point[i], 1.1);
+        query[N + i] = vec3_scale(all.point[i], 1e4);
+    }
+    assert_int_equal(knn_new(all.point, all.count, 1, &knn, NULL), STATUS_OK);
+    assert_int_equal(knn_search(knn, query, 2 * N, 1, 1, id[0], distance_sq[0]), STATUS_OK);
+    assert_int_equal(knn_nearest(knn, spacing, query, 2 * N, 2, id[1], distance_sq[1]), STATUS_OK);
+    assert_memory_equal(id[0], id[1], N * sizeof *id[0]);
+    for (size_t i = 0; i < 2 * N; i++) {
+        assert_true(distance_sq[1][i] == vec3_distance_sq(query[i], all.point[id[1][i]]));
+        assert_true(distance_sq[1][i] <= distance_sq[0][i] * (1 + 0x1p-9));
+    }
+    knn_free(knn);
+    ordered_points_done(&all);
+    free(spacing);
+}
+
 static void a_piece_of_fewer_than_k(void **state) {
     (void)state;
     vec3 *point = malloc(MANY * sizeof *point);
@@ -246,6 +283,48 @@ static void an_index_without_memory_is_told(void **state) {
     free(point);
 }
 
+/* A heap of branches for each query is what a search allocates, in FLANN: the loops end where none is left to fail. */
+static void a_search_without_memory_is_told(void **state) {
+    (void)state;
+    enum { N = 40, K = 5 };
+    vec3 *point = shape_sphere(N, 1);
+    struct knn *knn = NULL;
+    assert_int_equal(knn_new(point, N, 1, &knn, NULL), STATUS_OK);
+    uint32_t id[N * K];
+    double distance_sq[N * K];
+    long nth = 0;
+    for (bool happened = true; happened; nth++) {
+        faults_in_new(nth + 1);
+        enum status status = knn_search(knn, point, N, K, 1, id, distance_sq);
+        happened = faults_stop();
+        assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
+    }
+    assert_true(nth > 1);
+    knn_free(knn);
+    free(point);
+}
+
+static void neighbourhoods_without_memory_are_told(void **state) {
+    (void)state;
+    enum { N = 400 };
+    vec3 *point = shape_sphere(N, 1);
+    struct knn *knn = NULL;
+    assert_int_equal(knn_new(point, N, 1, &knn, NULL), STATUS_OK);
+    long nth = 0;
+    for (bool happened = true; happened; nth++) {
+        struct neighbourhood hood = {0};
+        faults_in_new(nth + 1);
+        enum status status = neighbourhood_find(knn, point, N, &(struct neighbourhood_options){3, 6, 12, 1}, &hood);
+        happened = faults_stop();
+        assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
+        assert_true(happened == !hood.id);
+        neighbourhood_done(&hood);
+    }
+    assert_true(nth > 1);
+    knn_free(knn);
+    free(point);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(points_of_a_surface),
@@ -257,10 +336,14 @@ int main(void) {
         cmocka_unit_test(pieces_of_a_surface),
         cmocka_unit_test(pieces_of_a_grid),
         cmocka_unit_test(pieces_of_a_line),
+        cmocka_unit_test(pieces_beside_strays),
+        cmocka_unit_test(what_is_far_is_nearly_the_nearest),
         cmocka_unit_test(a_piece_of_fewer_than_k),
         cmocka_unit_test(pieces_without_points),
         cmocka_unit_test(pieces_of_points_in_no_order),
         cmocka_unit_test(an_index_without_memory_is_told),
+        cmocka_unit_test(a_search_without_memory_is_told),
+        cmocka_unit_test(neighbourhoods_without_memory_are_told),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

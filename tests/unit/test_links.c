@@ -11,7 +11,7 @@
 
 #include <cmocka.h>
 
-#include "api/openapi.h"
+#include "api/openapi/openapi.h"
 #include "api/problem.h"
 
 static void base_paths(void **state) {

@@ -9,8 +9,9 @@
 
 #include <cmocka.h>
 
-#include "core/alloc.h"
-#include "core/loops.h"
+#include "core/base/alloc.h"
+#include "core/surface/handle_loops.h"
+#include "tests/unit/faults.h"
 
 enum { PLENTY = 1 << 24 /* steps */ };
 
@@ -115,24 +116,20 @@ static void loops_are_closed_paths_along_edges(void **state) {
     loops_done(&loops), mesh_done(&mesh);
 }
 
-static bool is_due(void *ctx) { return (*(int *)ctx)-- == 0; }
-
 static void a_failing_allocation_is_told(void **state) {
     (void)state;
     struct mesh mesh = torus(4, 7);
     struct loops loops = {0};
-    enum status status = STATUS_NO_MEMORY;
+    bool happened = true;
     int nth = 0;
-    for (; status == STATUS_NO_MEMORY; nth++) {
-        int left = nth;
+    for (; happened; nth++) {
         size_t steps = PLENTY;
-        alloc_fail_ctx = &left;
-        alloc_fail = is_due;
-        status = loops_find(&mesh, LOOPS_MOST_EDGES, &steps, &loops);
-        alloc_fail = NULL;
-        assert_true(status == STATUS_OK || loops.loop == NULL);
+        faults_in_memory(nth + 1, false);
+        enum status status = loops_find(&mesh, LOOPS_MOST_EDGES, &steps, &loops);
+        happened = faults_stop();
+        assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
+        assert_true(happened == !loops.loop);
     }
-    assert_int_equal(status, STATUS_OK);
     assert_true(nth > 8);
     loops_done(&loops), mesh_done(&mesh);
 }

@@ -13,11 +13,11 @@
 
 #include <cmocka.h>
 
-#include "core/alloc.h"
-#include "core/cloud_read.h"
-#include "core/file_out.h"
-#include "core/mesh.h"
-#include "core/mesh_ply.h"
+#include "core/base/alloc.h"
+#include "core/io/file_out.h"
+#include "core/io/formats/ply_write.h"
+#include "core/io/read.h"
+#include "core/mesh/mesh.h"
 
 static vec3 corner[] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 1, 1},
                         {5, 5, 5}, {6, 5, 5}, {5, 6, 5}, {5, 5, 6}};

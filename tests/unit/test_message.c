@@ -1,7 +1,7 @@
 /* What headers say: ranges, preferences, entity tags.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/message.h"
+#include "server/http/request.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

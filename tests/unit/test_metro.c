@@ -10,10 +10,10 @@
 
 #include <cmocka.h>
 
-#include "core/alloc.h"
-#include "core/cloud.h"
-#include "core/metro.h"
-#include "core/sampler.h"
+#include "core/base/alloc.h"
+#include "core/cloud/cloud.h"
+#include "core/measure/metro.h"
+#include "core/measure/sampler.h"
 #include "tests/unit/shapes.h"
 
 static const struct metro_options defaults = {.threads = 2};
@@ -297,6 +297,11 @@ static void tangent_disks_stand_for_the_surface(void **state) {
     assert_int_equal(errors.surface.count, 0);
     assert_int_equal(metro_measure(&far, &reference, &defaults, &errors), STATUS_OK);
     assert_true(errors.backward.mean > 3 && errors.backward.max < sqrt(9 + 0.005));
+    vec3 beside[3] = {{1.29, 0.5, 0}, {1.31, 0.5, 0}, {1.3, 0.51, 0}}; /* in the plane, three spacings from its end */
+    struct mesh off = {
+        .vertex_count = 3, .vertex = beside, .triangle_count = 1, .triangle = (uint32_t[1][3]){{0, 1, 2}}};
+    assert_int_equal(metro_measure(&off, &reference, &defaults, &errors), STATUS_OK);
+    assert_true(errors.backward.mean > 0.29 && errors.backward.max < 0.32);
     knn_free(knn);
     free_mesh(&plane), free_mesh(&near), free_mesh(&far);
 }
@@ -391,22 +396,26 @@ static void any_allocation_that_fails_is_reported(void **state) {
     struct mesh a = grid(2, false, 0, 1), b = grid(2, false, 0, 0);
     struct metro_reference reference = surface_reference(&b);
     struct metro_options options = {.samples = 100, .threads = 1};
-    int refused[2] = {0};
+    const vec3 *const point[2] = {a.vertex, b.vertex};
+    const size_t points[2] = {a.vertex_count, b.vertex_count};
+    int refused[3] = {0};
     for (int nth = 0; nth < 60; nth++)
-        for (int way = 0; way < 2; way++) {
+        for (int way = 0; way < 3; way++) {
             struct metro_errors errors = {.hausdorff = 42};
             double diagonal = 43;
             int countdown = nth;
             alloc_fail_ctx = &countdown, alloc_fail = fails_at_zero;
-            enum status status = way ? metro_compatible(&a, &b, &options, &errors, &diagonal)
-                                     : metro_measure(&a, &reference, &options, &errors);
+            enum status status = way == 2   ? metro_clouds(point, points, &options, &errors)
+                                 : way == 1 ? metro_compatible(&a, &b, &options, &errors, &diagonal)
+                                            : metro_measure(&a, &reference, &options, &errors);
             alloc_fail = NULL;
             assert_true(status == STATUS_OK || status == STATUS_NO_MEMORY);
             assert_true(errors.hausdorff == (status ? 42 : 1));
             refused[way] += status != STATUS_OK;
         }
-    assert_int_equal(refused[0], 2 * 7 + 2 + 3); /* two hierarchies, two samplers, the batch */
-    assert_int_equal(refused[1], 2 * 7 + 2 * 5 + 3);
+    assert_int_equal(refused[0], 2 * 8 + 2 + 3 + 2 * 7); /* two hierarchies, two samplers, the batch, two searches */
+    assert_int_equal(refused[1], 2 * 8 + 2 * 5 + 3);
+    assert_int_equal(refused[2], 2 * 4 + 3); /* two indices, the batch */
     free_mesh(&a), free_mesh(&b);
 }
 

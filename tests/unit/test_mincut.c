@@ -10,7 +10,7 @@
 
 #include <cmocka.h>
 
-#include "core/mincut.h"
+#include "core/surface/mincut.h"
 
 /* A torus of nodes with arcs to the right, to the left, down and up. */
 enum { WIDTH = 12, NODES = WIDTH * WIDTH, CHANGES = 20, ROUNDS = 200, MOST = 40 };

@@ -1,7 +1,7 @@
 /* Forms as a stream: the same parts come out, however the bytes come in.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/multipart.h"
+#include "server/http/multipart.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

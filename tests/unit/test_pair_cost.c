@@ -10,7 +10,7 @@
 
 #include <cmocka.h>
 
-#include "core/pair_cost.h"
+#include "core/simplify/pair_cost.h"
 #include "tests/unit/shapes.h"
 
 enum { N = 50, PAIRS = 203 };

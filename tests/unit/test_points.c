@@ -10,10 +10,11 @@
 
 #include <cmocka.h>
 
-#include "core/cloud.h"
-#include "core/dso.h"
-#include "core/normals.h"
-#include "core/order.h"
+#include "core/cloud/cloud.h"
+#include "core/cloud/morton.h"
+#include "core/simplify/dso.h"
+#include "core/simplify/normals.h"
+#include "tests/unit/faults.h"
 #include "tests/unit/shapes.h"
 
 /* ------------------------------------------------------------------------------------------------ order */
@@ -75,6 +76,45 @@ static void the_order_does_not_depend_on_the_input_s(void **state) {
 }
 
 /* ------------------------------------------------------------------------------------------------ neighbours */
+
+/* A scan in metres far from zero, and one point at zero: the frame is the scan's, and each of its points is there. */
+static void a_stray_does_not_spoil_the_frame(void **state) {
+    (void)state;
+    enum { N = 5000 };
+    vec3 *point = shape_sphere(N, 20);
+    for (size_t i = 0; i < N; i++) point[i] = vec3_add(point[i], (vec3){500000, 5400000, 300});
+    struct ordered_points alone = {0}, beside = {0};
+    assert_int_equal(order_points(point, N, 1, &alone), STATUS_OK);
+    point[77] = (vec3){0, 0, 0};
+    assert_int_equal(order_points(point, N, 1, &beside), STATUS_OK);
+    assert_true(alone.scale == alone.diagonal);
+    assert_true(beside.diagonal > 5.4e6 && beside.scale < 2 * alone.scale && beside.scale > alone.scale / 2);
+    assert_int_equal(beside.count, N);
+    size_t far = 0;
+    for (size_t i = 0; i < N; i++) far += vec3_length(beside.point[i]) > 1;
+    assert_int_equal(far, 1);
+    ordered_points_done(&alone), ordered_points_done(&beside);
+    free(point);
+}
+
+/* Points that share a whole key, as in a billionth of the box, are along a curve of their own. */
+static void a_crowd_in_one_cell_is_in_order(void **state) {
+    (void)state;
+    enum { N = 20000 };
+    vec3 *point = shape_sphere(N, 1e-9);
+    for (size_t i = 0; i < N; i++) point[i] = vec3_add(point[i], (vec3){0.3, 0.4, 0.5});
+    for (int i = 0; i < 8; i++) point[i] = (vec3){i & 1, i >> 1 & 1, i >> 2 & 1};
+    struct ordered_points all = {0};
+    assert_int_equal(order_points(point, N, 1, &all), STATUS_OK);
+    double jumps = 0;
+    for (size_t i = 1; i < all.count; i++) {
+        double jump = vec3_distance(all.point[i], all.point[i - 1]) * all.scale;
+        if (jump < 1e-8) jumps += jump;
+    }
+    assert_true(jumps / N < 0.1e-9); /* the spacing is 0.025e-9; along x alone it would be 0.9e-9 */
+    ordered_points_done(&all);
+    free(point);
+}
 
 /* A stray makes all others share the upper half of their keys; with duplicates among them. */
 static void a_stray_far_away_leaves_the_others_in_order(void **state) {
@@ -170,6 +210,28 @@ static void a_grid_has_eight_neighbours_within_gopi_s_radius(void **state) {
         assert_true(d == 1 || d == 20 || d == 21 || d == 22);
     }
     found_done(&found);
+}
+
+static void any_search_may_fail(void **state) {
+    (void)state;
+    enum { N = 21 * 21 };
+    vec3 *point = shape_height_field(21, height_plane);
+    struct neighbourhood_options options = {3, 3, 16, 1};
+    struct knn *knn = NULL;
+    assert_int_equal(knn_new(point, N, 1, &knn, NULL), STATUS_OK);
+    bool happened = true;
+    int nth = 0;
+    for (; happened; nth++) {
+        struct neighbourhood hood = {0};
+        faults_in_new(nth + 1);
+        enum status status = neighbourhood_find(knn, point, N, &options, &hood);
+        happened = faults_stop();
+        assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
+        neighbourhood_done(&hood);
+    }
+    assert_true(nth > 1);
+    knn_free(knn);
+    free(point);
 }
 
 static void an_accidental_close_pair_does_not_shrink_the_ball(void **state) {
@@ -298,10 +360,13 @@ int main(void) {
         cmocka_unit_test(one_point_is_a_frame_of_its_own),
         cmocka_unit_test(huge_and_tiny_coordinates_are_normalised),
         cmocka_unit_test(the_order_does_not_depend_on_the_input_s),
+        cmocka_unit_test(a_stray_does_not_spoil_the_frame),
+        cmocka_unit_test(a_crowd_in_one_cell_is_in_order),
         cmocka_unit_test(a_stray_far_away_leaves_the_others_in_order),
         cmocka_unit_test(nearest_neighbours_equal_brute_force),
         cmocka_unit_test(fewer_points_than_neighbours_are_padded),
         cmocka_unit_test(a_grid_has_eight_neighbours_within_gopi_s_radius),
+        cmocka_unit_test(any_search_may_fail),
         cmocka_unit_test(an_accidental_close_pair_does_not_shrink_the_ball),
         cmocka_unit_test(scan_lines_get_neighbours_across),
         cmocka_unit_test(normals_of_a_plane_and_a_sphere),

@@ -13,7 +13,7 @@
 
 #include <cmocka.h>
 
-#include "api/params_json.h"
+#include "api/codecs/params_json.h"
 
 static const char *const extra[] = {"label", NULL};
 static struct params params;
@@ -45,6 +45,20 @@ static void values_are_taken(void **state) {
     assert_int_equal(params.points, 17);
     assert_int_equal(params.outputs, OUTPUT_MESH | OUTPUT_CLOUD);
     assert_true(isnan(params.ratio));
+}
+
+static void deprecated_names_are_taken(void **state) {
+    (void)state;
+    assert_true(DECODE({"cocone", "literal"}));
+    assert_int_equal(params.reconstruction, 1);
+    assert_true(DECODE({"cocone", "literal"}, {"reconstruction", "literal"}));
+    assert_false(DECODE({"cocone", "literal"}, {"reconstruction", "tight"}));
+    assert_refused(PROBLEM_CONFLICTING_PARAMETERS, "cocone");
+    assert_false(DECODE({"cocone", "literal"}, {"cocone", "literal"}));
+    assert_refused(PROBLEM_UNKNOWN_PARAMETER, "cocone");
+    assert_false(DECODE({"cocone", "loose"}));
+    assert_refused(PROBLEM_INVALID_PARAMETER, "cocone");
+    assert_string_equal(problem.error[0].allowed, "one of tight, literal");
 }
 
 static void unknown_names_are_refused_with_the_nearest(void **state) {
@@ -158,15 +172,23 @@ static void a_long_list_is_cut_and_refused(void **state) {
 
 static void the_schema_has_every_row(void **state) {
     (void)state;
-    size_t count;
+    size_t count, alias_count;
     const struct param *table = params_table(&count);
+    const struct param_alias *aliases = params_aliases(&alias_count);
     char *text = params_schema();
     json_t *json = json_loads(text, 0, NULL), *properties = json_object_get(json, "properties");
-    assert_int_equal(json_object_size(properties), count);
+    assert_int_equal(json_object_size(properties), count + alias_count);
     for (size_t i = 0; i < count; i++) {
         json_t *row = json_object_get(properties, table[i].name);
         assert_string_equal(json_string_value(json_object_get(row, "description")), table[i].help);
         assert_int_equal(json_object_get(row, "default") != NULL, table[i].default_text[0] != 0);
+        assert_null(json_object_get(row, "deprecated"));
+    }
+    for (size_t i = 0; i < alias_count; i++) {
+        json_t *row = json_object_get(properties, aliases[i].name), *of = json_object_get(properties, aliases[i].of);
+        assert_true(json_is_true(json_object_get(row, "deprecated")));
+        assert_null(json_object_get(row, "default"));
+        assert_true(json_equal(json_object_get(row, "enum"), json_object_get(of, "enum")));
     }
     json_decref(json);
     free(text);
@@ -176,6 +198,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(nothing_means_defaults),
         cmocka_unit_test(values_are_taken),
+        cmocka_unit_test(deprecated_names_are_taken),
         cmocka_unit_test(unknown_names_are_refused_with_the_nearest),
         cmocka_unit_test(repeated_names_are_refused),
         cmocka_unit_test(bad_values_are_refused_with_what_is_allowed),

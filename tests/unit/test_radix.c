@@ -11,7 +11,7 @@
 
 #include <cmocka.h>
 
-#include "core/radix.h"
+#include "core/base/radix.h"
 #include "tests/unit/shapes.h"
 
 static int compare_items(const void *a, const void *b) {

@@ -10,8 +10,8 @@
 
 #include <cmocka.h>
 
-#include "core/cloud.h"
-#include "core/rank_sort.h"
+#include "core/cloud/cloud.h"
+#include "core/simplify/rank_sort.h"
 #include "tests/unit/shapes.h"
 
 enum { MOST = 150 };

@@ -1,7 +1,7 @@
 /* Reports as JSON: all there, null where JSON has no number, and whole or not at all where memory runs out.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "api/report_json.h"
+#include "api/codecs/report_json.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -19,10 +19,12 @@ static struct report full_report(void) {
                                                 .tangent = {100, 1, 1, 1},
                                                 .has_mesh = true,
                                                 .has_error = true,
-                                                .forward = {100, 1, 2, 3},
-                                                .backward = {10, 1, 2, 3},
-                                                .surface = {10, 1, 2, 3},
-                                                .hausdorff = 3,
+                                                .unsupported = 0.5,
+                                                .watertight = true,
+                                                .input_to_mesh = {100, 1, 2, 3},
+                                                .mesh_to_input = {10, 1, 2, 4},
+                                                .surface_to_mesh = {10, 1, 2, 5},
+                                                .symmetric = {110, 1, 2, 6},
                                                 .reference = "points",
                                                 .reconstruction = "tight"};
     report_add_stage(&report, "order", 1);
@@ -44,8 +46,18 @@ static void every_figure_is_there(void **state) {
     json_t *json = report_json(&report);
     assert_non_null(json);
     assert_int_equal(json_array_size(json_object_get(json, "levels")), 2);
-    assert_true(number_at(json, "error", "forward", "max") == 3);
-    assert_true(number_at(json, "error", "surface", "max_rel") == 1.5);
+    static const char *const ways[] = {"input_to_mesh", "mesh_to_input", "surface_to_mesh", "symmetric"};
+    static const char *const old_ways[] = {"forward", "backward", "surface"};
+    for (int i = 0; i < 4; i++) {
+        assert_true(number_at(json, "error", ways[i], "max") == 3 + i);
+        assert_true(number_at(json, "error", ways[i], "max_rel") == (3 + i) / 2.0);
+    }
+    for (int i = 0; i < 3; i++) assert_true(number_at(json, "error", old_ways[i], "max") == 3 + i);
+    json_t *error = json_object_get(json, "error");
+    assert_true(json_number_value(json_object_get(error, "max")) == 3);
+    assert_true(json_number_value(json_object_get(error, "mean_rel")) == 0.5);
+    assert_true(json_number_value(json_object_get(error, "hausdorff")) == 6);
+    assert_int_equal(json_array_size(json_object_get(json, "warnings")), 1);
     assert_true(number_at(json, "cloud", "tangent_error", "mean_rel") == 0.5);
     assert_true(json_number_value(json_object_get(json_object_get(json, "timings_ms"), "refine")) == 5);
     assert_int_equal(json_array_size(json_object_get(json, "left_out")), 1);

@@ -9,8 +9,8 @@
 
 #include <cmocka.h>
 
-#include "core/cloud.h"
-#include "core/samples.h"
+#include "core/cloud/cloud.h"
+#include "core/refine/samples.h"
 #include "tests/unit/dense.h"
 
 /* A square has no diagonal of its own: each of its corners sees the triangle that it is a corner of. */

@@ -37,9 +37,22 @@ static enum status open_all(struct fixture *f) {
 
 static int set_up(void **state) {
     struct fixture *f = calloc(1, sizeof *f);
-    char *flags[] = {"whittled", "--listen",   "127.0.0.1:0", "--admin-listen", "off", "--data",
-                     f->folder,  "--min-free", "0",           "--wait-max",     "1ms", "--max-uploads",
-                     "100000",   NULL};
+    char *flags[] = {"whittled",
+                     "--listen",
+                     "127.0.0.1:0",
+                     "--worker",
+                     "/proc/self/exe",
+                     "--admin-listen",
+                     "off",
+                     "--data",
+                     f->folder,
+                     "--min-free",
+                     "0",
+                     "--wait-max",
+                     "1ms",
+                     "--max-uploads",
+                     "100000",
+                     NULL};
     struct error error = {0};
     signal(SIGPIPE, SIG_IGN);
     folder_make_in_memory(f->folder, sizeof f->folder);
@@ -87,7 +100,7 @@ static void put_location(const struct fixture *f, const char *request, char whol
         snprintf(whole, REQUEST_BYTES, "%s", request);
 }
 
-#define HEAD " HTTP/1.1\r\nHost: a\r\nConnection: close\r\n"
+#define HEAD " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n"
 #define BODY "Content-Length: 18\r\n\r\n0 0 0\n1 0 0\n0 1 0\n"
 #define TUS "Tus-Resumable: 1.0.0\r\n"
 #define CLOUD "POST /v1/clouds" HEAD BODY

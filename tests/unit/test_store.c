@@ -1,7 +1,7 @@
 /* The store: what is visible is complete, and what isn't kept leaves nothing.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/store.h"
+#include "server/storage/store.h"
 
 #include <fcntl.h>
 #include <setjmp.h>
@@ -112,19 +112,19 @@ static void outputs_appear_together_with_their_hashes(void **state) {
     struct job_output outputs[JOB_MAX_OUTPUTS];
     size_t count;
     char path[STORE_PATH_BYTES];
-    assert_int_equal(store_outputs_begin(f->store, id, path, &f->error), STATUS_OK);
+    assert_int_equal(store_outputs_begin(f->store, id, 1, path, &f->error), STATUS_OK);
     write_file(path, "mesh.ply", "");
     write_file(path, "cloud.ply", "abc");
     write_file(path, ".hidden", "x");
-    assert_false(store_outputs_exist(f->store, id));
-    assert_int_equal(store_outputs_keep(f->store, id, outputs, &count, &f->error), STATUS_OK);
-    assert_true(store_outputs_exist(f->store, id));
+    assert_false(store_outputs_exist(f->store, id, 1));
+    assert_int_equal(store_outputs_keep(f->store, id, 1, NULL, outputs, &count, &f->error), STATUS_OK);
+    assert_true(store_outputs_exist(f->store, id, 1));
     assert_int_equal(count, 2);
     assert_string_equal(outputs[0].name, "cloud.ply");
     assert_int_equal(outputs[0].bytes, 3);
     assert_string_equal(outputs[0].sha256, "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
     assert_string_equal(outputs[1].sha256, "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
-    assert_content(store_output_open(f->store, id, "cloud.ply"), "abc");
+    assert_content(store_output_open(f->store, id, 1, "cloud.ply"), "abc");
     assert_int_equal(folder_entries(f->folder, "tmp"), 0);
 }
 
@@ -135,25 +135,25 @@ static void outputs_of_a_second_run_take_the_place_of_the_first(void **state) {
     char path[STORE_PATH_BYTES];
     static const char *const texts[] = {"first", "second"};
     for (int i = 0; i < 2; i++) {
-        assert_int_equal(store_outputs_begin(f->store, id, path, &f->error), STATUS_OK);
+        assert_int_equal(store_outputs_begin(f->store, id, 1, path, &f->error), STATUS_OK);
         write_file(path, "cloud.ply", texts[i]);
-        assert_int_equal(store_outputs_keep(f->store, id, outputs, &count, &f->error), STATUS_OK);
+        assert_int_equal(store_outputs_keep(f->store, id, 1, NULL, outputs, &count, &f->error), STATUS_OK);
     }
-    assert_content(store_output_open(f->store, id, "cloud.ply"), "second");
+    assert_content(store_output_open(f->store, id, 1, "cloud.ply"), "second");
     assert_int_equal(folder_entries(f->folder, "tmp"), 0);
 }
 
 static void a_run_begins_with_an_empty_folder(void **state) {
     struct fixture *f = *state;
     char path[STORE_PATH_BYTES];
-    assert_int_equal(store_outputs_begin(f->store, id, path, &f->error), STATUS_OK);
+    assert_int_equal(store_outputs_begin(f->store, id, 1, path, &f->error), STATUS_OK);
     write_file(path, "half", "x");
-    assert_int_equal(store_outputs_begin(f->store, id, path, &f->error), STATUS_OK);
+    assert_int_equal(store_outputs_begin(f->store, id, 1, path, &f->error), STATUS_OK);
     int fd = open(path, O_RDONLY | O_DIRECTORY);
     assert_int_not_equal(unlinkat(fd, "half", 0), 0);
     close(fd);
-    store_outputs_drop(f->store, id);
-    store_outputs_drop(f->store, id);
+    store_outputs_drop(f->store, id, 1);
+    store_outputs_drop(f->store, id, 1);
     assert_int_equal(folder_entries(f->folder, "tmp"), 0);
 }
 
@@ -162,14 +162,14 @@ static void what_is_no_plain_file_is_no_output(void **state) {
     struct job_output outputs[JOB_MAX_OUTPUTS];
     size_t count;
     char path[STORE_PATH_BYTES], link[STORE_PATH_BYTES + 16];
-    assert_int_equal(store_outputs_begin(f->store, id, path, &f->error), STATUS_OK);
+    assert_int_equal(store_outputs_begin(f->store, id, 1, path, &f->error), STATUS_OK);
     snprintf(link, sizeof link, "%s/cloud.ply", path);
     assert_int_equal(symlink("/etc/passwd", link), 0);
-    assert_int_equal(store_outputs_keep(f->store, id, outputs, &count, &f->error), STATUS_IO);
-    assert_false(store_outputs_exist(f->store, id));
+    assert_int_equal(store_outputs_keep(f->store, id, 1, NULL, outputs, &count, &f->error), STATUS_IO);
+    assert_false(store_outputs_exist(f->store, id, 1));
     unlink(link);
     assert_int_equal(mkfifo(link, 0600), 0);
-    assert_int_equal(store_outputs_keep(f->store, id, outputs, &count, &f->error), STATUS_IO);
+    assert_int_equal(store_outputs_keep(f->store, id, 1, NULL, outputs, &count, &f->error), STATUS_IO);
 }
 
 static void names_that_lead_elsewhere_are_refused(void **state) {
@@ -179,10 +179,10 @@ static void names_that_lead_elsewhere_are_refused(void **state) {
     size_t count;
     char path[STORE_PATH_BYTES];
     close(store_log_open(f->store, id, true));
-    assert_int_equal(store_outputs_begin(f->store, id, path, &f->error), STATUS_OK);
-    assert_int_equal(store_outputs_keep(f->store, id, outputs, &count, &f->error), STATUS_OK);
+    assert_int_equal(store_outputs_begin(f->store, id, 1, path, &f->error), STATUS_OK);
+    assert_int_equal(store_outputs_keep(f->store, id, 1, NULL, outputs, &count, &f->error), STATUS_OK);
     for (size_t i = 0; i < sizeof names / sizeof *names; i++)
-        assert_int_equal(store_output_open(f->store, id, names[i]), -1);
+        assert_int_equal(store_output_open(f->store, id, 1, names[i]), -1);
 }
 
 static void a_log_is_appended_to(void **state) {
@@ -212,6 +212,34 @@ static void a_folder_has_one_owner(void **state) {
     assert_int_equal(store_open(f->folder, &f->store, &f->error), STATUS_OK);
 }
 
+static void a_lock_file_that_is_removed_lets_nobody_in(void **state) {
+    struct fixture *f = *state;
+    struct store *second = NULL;
+    char path[STORE_PATH_BYTES];
+    snprintf(path, sizeof path, "%s/lock", f->folder);
+    assert_int_equal(unlink(path), 0);
+    assert_int_equal(store_open(f->folder, &second, &f->error), STATUS_IO);
+    assert_non_null(strstr(f->error.text, "another whittled"));
+    assert_int_equal(unlink(path), 0); /* made by the second, which had it for itself */
+    write_file(f->folder, "lock", "");
+    assert_int_equal(store_open(f->folder, &second, &f->error), STATUS_IO);
+    assert_null(second);
+}
+
+static void the_identity_is_kept(void **state) {
+    struct fixture *f = *state;
+    char identity[STORE_IDENTITY_BYTES] = "x";
+    assert_int_equal(store_identity(f->store, identity, &f->error), STATUS_OK);
+    assert_string_equal(identity, "");
+    assert_int_equal(store_set_identity(f->store, "first", &f->error), STATUS_OK);
+    assert_int_equal(store_set_identity(f->store, "0123456789abcdef0123456789abcdef", &f->error), STATUS_OK);
+    store_close(f->store);
+    assert_int_equal(store_open(f->folder, &f->store, &f->error), STATUS_OK);
+    assert_int_equal(store_identity(f->store, identity, &f->error), STATUS_OK);
+    assert_string_equal(identity, "0123456789abcdef0123456789abcdef");
+    assert_int_equal(folder_entries(f->folder, "tmp"), 0);
+}
+
 static void a_path_that_cannot_be_made_is_refused(void **state) {
     struct fixture *f = *state;
     struct store *store = NULL;
@@ -220,34 +248,84 @@ static void a_path_that_cannot_be_made_is_refused(void **state) {
     assert_int_equal(store_open("/dev/null", &store, &f->error), STATUS_IO);
 }
 
-static bool keep_what_begins_with_k(void *ctx, enum store_thing thing, const char *name) {
+/* By its first letter: kept, gone, or not known. */
+static enum store_fate by_first_letter(void *ctx, enum store_thing thing, const char *name) {
     ++((int *)ctx)[thing];
-    return name[0] == 'k';
+    return name[0] == 'k' ? STORE_KEEP : name[0] == 'g' ? STORE_REMOVE : STORE_SET_ASIDE;
 }
 
-static void cleaning_removes_what_nobody_keeps(void **state) {
+static void keep_cloud(struct fixture *f, const char *name) {
+    struct store_upload u;
+    upload(f, &u, name);
+    assert_int_equal(store_upload_keep(f->store, &u, name, &f->error), STATUS_OK);
+}
+
+static void cleaning_removes_what_is_over_and_sets_aside_what_nobody_knows(void **state) {
     struct fixture *f = *state;
     struct store_upload u;
-    char path[STORE_PATH_BYTES];
-    int asked[2] = {0};
-    size_t removed;
+    char path[STORE_PATH_BYTES], lost[STORE_PATH_BYTES + 80];
+    int asked[3] = {0};
+    struct store_cleaned cleaned;
     upload(f, &u, "x");
     close(u.fd);
-    assert_int_equal(store_outputs_begin(f->store, id, path, &f->error), STATUS_OK);
+    assert_int_equal(store_outputs_begin(f->store, id, 1, path, &f->error), STATUS_OK);
     write_file(path, "cloud.ply", "x");
-    upload(f, &u, "x");
-    assert_int_equal(store_upload_keep(f->store, &u, "known", &f->error), STATUS_OK);
-    upload(f, &u, "x");
-    assert_int_equal(store_upload_keep(f->store, &u, "stray", &f->error), STATUS_OK);
+    keep_cloud(f, "known");
+    keep_cloud(f, "stray");
     close(store_log_open(f->store, "kept-job", true));
+    close(store_log_open(f->store, "gone-job", true));
     close(store_log_open(f->store, "stray-job", true));
-    assert_int_equal(store_clean(f->store, keep_what_begins_with_k, asked, &removed, &f->error), STATUS_OK);
-    assert_int_equal(removed, 4);
+    close(store_part_open(f->store, "stray-part", true));
+    close(store_part_open(f->store, "gone-part", true));
+    assert_int_equal(store_clean(f->store, by_first_letter, asked, &cleaned, &f->error), STATUS_OK);
+    assert_int_equal(cleaned.removed, 4); /* two of tmp/ */
+    assert_int_equal(cleaned.set_aside, 3);
+    assert_int_equal(cleaned.left, 0);
     assert_int_equal(asked[STORE_CLOUD], 2);
-    assert_int_equal(asked[STORE_JOB], 2);
+    assert_int_equal(asked[STORE_JOB], 3);
+    assert_int_equal(asked[STORE_PART], 2);
     assert_int_equal(folder_entries(f->folder, "tmp"), 0);
     assert_int_equal(folder_entries(f->folder, "clouds"), 1);
     assert_int_equal(folder_entries(f->folder, "jobs"), 1);
+    assert_int_equal(folder_entries(f->folder, "uploads"), 0);
+    snprintf(lost, sizeof lost, "%s/%s/clouds/stray", f->folder, cleaned.place);
+    assert_content(open(lost, O_RDONLY), "stray");
+    snprintf(lost, sizeof lost, "%s/%s/jobs/stray-job/log", f->folder, cleaned.place);
+    assert_content(open(lost, O_RDONLY), "");
+    assert_int_equal(store_lost(f->store), 3);
+}
+
+static void what_is_lost_twice_is_kept_twice(void **state) {
+    struct fixture *f = *state;
+    int asked[3] = {0};
+    struct store_cleaned first, second;
+    keep_cloud(f, "stray");
+    assert_int_equal(store_clean(f->store, by_first_letter, asked, &first, &f->error), STATUS_OK);
+    keep_cloud(f, "stray");
+    assert_int_equal(store_clean(f->store, by_first_letter, asked, &second, &f->error), STATUS_OK);
+    assert_string_not_equal(first.place, second.place);
+    assert_int_equal(store_lost(f->store), 2);
+    assert_int_equal(store_clean(f->store, by_first_letter, asked, &second, &f->error), STATUS_OK);
+    assert_string_equal(second.place, "");
+}
+
+static void what_cannot_be_set_aside_stays(void **state) {
+    struct fixture *f = *state;
+    int asked[3] = {0};
+    struct store_cleaned cleaned;
+    keep_cloud(f, "stray");
+    write_file(f->folder, "lost+found", "no folder");
+    assert_int_equal(store_clean(f->store, by_first_letter, asked, &cleaned, &f->error), STATUS_OK);
+    assert_int_equal(cleaned.set_aside, 1); /* beside it */
+    assert_int_equal(strncmp(cleaned.place, "lost+found.whittled/", 20), 0);
+    keep_cloud(f, "stray");
+    char path[STORE_PATH_BYTES];
+    snprintf(path, sizeof path, "%s/lost+found.whittled", f->folder);
+    folder_remove(path);
+    write_file(f->folder, "lost+found.whittled", "no folder either");
+    assert_int_equal(store_clean(f->store, by_first_letter, asked, &cleaned, &f->error), STATUS_OK);
+    assert_int_equal(cleaned.left, 1);
+    assert_true(store_cloud_exists(f->store, "stray"));
 }
 
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
@@ -265,7 +343,11 @@ int main(void) {
         TEST(a_log_is_appended_to),
         TEST(a_folder_has_one_owner),
         TEST(a_path_that_cannot_be_made_is_refused),
-        TEST(cleaning_removes_what_nobody_keeps),
+        TEST(a_lock_file_that_is_removed_lets_nobody_in),
+        TEST(the_identity_is_kept),
+        TEST(cleaning_removes_what_is_over_and_sets_aside_what_nobody_knows),
+        TEST(what_is_lost_twice_is_kept_twice),
+        TEST(what_cannot_be_set_aside_stays),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

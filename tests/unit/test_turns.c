@@ -1,7 +1,7 @@
 /* Turns: fairness among principals, priority within one, age, and who comes before whom.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/turns.h"
+#include "server/catalog/fair_share.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,7 +1,7 @@
 /* The lines between whittle and whittled: what goes in comes out, and nothing else does.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/wire.h"
+#include "server/shared/worker_protocol.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""libwhittle by ctypes: its functions with their types, and its errors as exceptions.
+
+The library is looked for where WHITTLE_LIBRARY says, else beside this module's installation, else by the system's
+loader.  The declarations are those of whittle.h.
+"""
+import ctypes
+import os
+import pathlib
+from ctypes import POINTER, byref, c_char, c_char_p, c_double, c_float, c_int, c_size_t, c_uint32, c_uint64, c_void_p
+
+SONAME = "libwhittle.so.0"
+OK, NO_MEMORY, CANCELLED = 0, 1, 8
+
+
+class Error(Exception):
+    """What the library refused.  status is its name, such as "bad_parameter"; where names the option, the attribute or
+    the stage; line (from 1) and byte_offset (from 0) say where in a file, None where that is not known."""
+
+    def __init__(self, status, where, text, line=None, byte_offset=None):
+        place = f"line {line}: " if line else f"byte {byte_offset}: " if byte_offset is not None else ""
+        super().__init__(f"{where}: {place}{text}" if where else place + text)
+        self.status, self.where, self.text, self.line, self.byte_offset = status, where, text, line, byte_offset
+
+
+class Cancelled(Error):
+    """The progress callback answered true."""
+
+
+class CError(ctypes.Structure):
+    _fields_ = [("code", c_int), ("line", c_uint64), ("byte_offset", c_uint64), ("where", c_char * 64),
+                ("text", c_char * 320)]
+
+
+class CAttribute(ctypes.Structure):
+    _fields_ = [("name", c_char_p), ("type", c_int), ("values", c_void_p), ("stride_bytes", c_size_t)]
+
+
+class COption(ctypes.Structure):
+    _fields_ = [("name", c_char_p), ("default_text", c_char_p), ("unit", c_char_p), ("help", c_char_p)]
+
+
+TICK = ctypes.CFUNCTYPE(c_int, c_void_p, c_char_p, c_double)
+
+
+class CProgress(ctypes.Structure):
+    _fields_ = [("tick", TICK), ("context", c_void_p)]
+
+
+PROTOTYPES = {
+    "version": (c_char_p,),
+    "status_name": (c_char_p, c_int),
+    "cloud_new": (c_int, c_size_t, POINTER(CAttribute), c_size_t, POINTER(c_void_p), POINTER(CError)),
+    "cloud_set_triangles": (c_int, c_void_p, c_void_p, c_size_t, POINTER(CError)),
+    "cloud_read": (c_int, c_char_p, POINTER(CProgress), POINTER(c_void_p), POINTER(CError)),
+    "cloud_free": (None, c_void_p),
+    "cloud_count": (c_size_t, c_void_p),
+    "cloud_attribute_count": (c_size_t, c_void_p),
+    "cloud_attribute": (CAttribute, c_void_p, c_size_t),
+    "cloud_positions": (c_void_p, c_void_p),
+    "cloud_triangles": (c_void_p, c_void_p, POINTER(c_size_t)),
+    "options_new": (c_void_p,),
+    "options_free": (None, c_void_p),
+    "options_set": (c_int, c_void_p, c_char_p, c_char_p, POINTER(CError)),
+    "option_at": (c_int, c_size_t, POINTER(COption)),
+    "option_allowed": (None, c_size_t, c_char_p, c_size_t),
+    "simplify": (c_int, c_void_p, c_void_p, POINTER(CProgress), POINTER(c_void_p), POINTER(CError)),
+    "result_free": (None, c_void_p),
+    "result_levels": (c_size_t, c_void_p),
+    "result_kept": (c_void_p, c_void_p, c_size_t, POINTER(c_size_t)),
+    "result_moved": (c_void_p, c_void_p),
+    "result_vertices": (c_void_p, c_void_p, c_size_t, POINTER(c_size_t)),
+    "result_triangles": (c_void_p, c_void_p, c_size_t, POINTER(c_size_t)),
+    "result_sources": (c_void_p, c_void_p, c_size_t),
+    "result_operator": (c_void_p, c_void_p),
+    "result_distances": (c_void_p, c_void_p),
+    "result_number": (c_int, c_void_p, c_size_t, c_char_p, POINTER(c_double)),
+    "result_number_name": (c_char_p, c_size_t),
+    "result_warning": (c_int, c_void_p, c_size_t, c_size_t, c_char_p, c_size_t),
+    "result_left_out": (c_char_p, c_void_p, c_size_t),
+}
+
+
+def _load():
+    named = os.environ.get("WHITTLE_LIBRARY")
+    here = pathlib.Path(__file__).resolve()
+    nearby = [str(folder / SONAME) for folder in (here.parent, here.parents[3]) if (folder / SONAME).exists()]
+    for name in [named] if named else nearby + [SONAME]:
+        try:
+            library = ctypes.CDLL(name)
+            break
+        except OSError as error:
+            reason = error
+    else:
+        raise ImportError(f"whittle: the library {name} can't be loaded ({reason}); install libwhittle0, or name the "
+                          "file in WHITTLE_LIBRARY")
+    functions = {}
+    for name, (result, *arguments) in PROTOTYPES.items():
+        function = getattr(library, "whittle_" + name)
+        function.restype, function.argtypes = result, arguments
+        functions[name] = function
+    return functions
+
+
+LIBRARY = _load()
+
+
+def call(name, *arguments):
+    """Calls a function that returns a status, with the error as its last argument; raises what it tells."""
+    error = CError()
+    status = LIBRARY[name](*arguments, byref(error))
+    if status == OK:
+        return
+    if status == NO_MEMORY:
+        raise MemoryError(error.text.decode())
+    kind = Cancelled if status == CANCELLED else Error
+    unknown = 2 ** 64 - 1
+    raise kind(LIBRARY["status_name"](status).decode(), error.where.decode(errors="replace"),
+               error.text.decode(errors="replace"), error.line or None,
+               None if error.byte_offset == unknown else error.byte_offset)
+
+
+class Handle:
+    """A handle of the library, freed with this object."""
+
+    def __init__(self, pointer, free):
+        self.pointer, self._free = pointer, LIBRARY[free]
+
+    def __del__(self):
+        if getattr(self, "pointer", None):
+            self._free(self.pointer)
+            self.pointer = None
+
+
+class Progress:
+    """A Python function (stage, fraction) -> bool, as the library calls it; what it raises cancels and comes out of
+    the call."""
+
+    def __init__(self, function):
+        self.function, self.raised = function, None
+        self.struct = CProgress(TICK(self._tick), None)
+
+    def _tick(self, _context, stage, fraction):
+        try:
+            return 1 if self.function(stage.decode(), fraction) else 0
+        except BaseException as error:  # pylint: disable=broad-except
+            self.raised = error
+            return 1
+
+    def call(self, name, *arguments):
+        try:
+            call(name, *arguments)
+        except Cancelled:
+            if self.raised:
+                raise self.raised from None
+            raise
+
+
+def call_with_progress(name, before, function, after):
+    """call(name, *before, progress, *after), where function may be None."""
+    if function is None:
+        call(name, *before, None, *after)
+    else:
+        progress = Progress(function)
+        progress.call(name, *before, byref(progress.struct), *after)
+
+
+def version():
+    """The library's version."""
+    return LIBRARY["version"]().decode()
+
+
+def options():
+    """What can be set: a list of dicts with name, default, unit, allowed, help."""
+    found, option, allowed = [], COption(), ctypes.create_string_buffer(1024)
+    while LIBRARY["option_at"](len(found), byref(option)):
+        LIBRARY["option_allowed"](len(found), allowed, len(allowed))
+        found.append({"name": option.name.decode(), "default": option.default_text.decode(),
+                      "unit": option.unit.decode(), "allowed": allowed.value.decode(), "help": option.help.decode()})
+    return found
+
+
+def array_at(pointer, ctype, shape, owner):
+    """A read-only numpy array over memory of the library, which owner keeps alive; None where pointer is NULL."""
+    import numpy
+    if not pointer:
+        return None
+    count = 1
+    for n in shape:
+        count *= n
+    buffer = (ctype * count).from_address(pointer)
+    buffer.owner = owner
+    array = numpy.frombuffer(buffer, dtype=numpy.dtype(ctype)).reshape(shape)
+    array.flags.writeable = False
+    return array
+
+
+__all__ = ["CAttribute", "Cancelled", "Error", "Handle", "LIBRARY", "array_at", "byref", "c_double", "c_float",
+           "c_size_t", "c_uint32", "c_void_p", "call", "call_with_progress", "options", "version"]

@@ -1,0 +1,34 @@
+/* The one place where the project's arrays come from.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/base/alloc.h"
+
+#include <malloc.h>
+#include <stdint.h>
+#include <stdlib.h>
+
+bool (*alloc_fail)(void *ctx);
+void *alloc_fail_ctx;
+
+static bool refused(size_t n, size_t size) {
+    if (size && n > SIZE_MAX / 2 / size) return true;
+    return alloc_fail && alloc_fail(alloc_fail_ctx);
+}
+
+/* Small arrays don't begin with a cache line: the allocator is slower at that. */
+enum { LINE_BYTES = 64, LEAST_ALIGNED = 4096 };
+
+void *alloc_array(size_t n, size_t size) {
+    if (refused(n, size)) return NULL;
+    size_t bytes = n * size;
+    if (bytes < LEAST_ALIGNED) return malloc(bytes ? bytes : 1);
+    return aligned_alloc(LINE_BYTES, (bytes + LINE_BYTES - 1) / LINE_BYTES * LINE_BYTES);
+}
+
+void alloc_give_back(void) { malloc_trim(0); }
+
+void *alloc_zeroed(size_t n, size_t size) { return refused(n, size) ? NULL : calloc(n ? n : 1, size ? size : 1); }
+
+void *alloc_resize(void *old, size_t n, size_t size) {
+    return refused(n, size) ? NULL : realloc(old, n && size ? n * size : 1);
+}

@@ -1,0 +1,31 @@
+/* Allocation of arrays: overflow-checked, and through one seam, so that a test can make the n-th allocation fail.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_BASE_ALLOC_H
+#define WHITTLE_CORE_BASE_ALLOC_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+/* Returns new memory for n elements of size bytes, uninitialised, to be given to free(); NULL when n * size overflows
+ * or memory runs out.  n == 0 returns a valid pointer.  Arrays of pages begin with a cache line, so that elements of a
+ * whole number of lines, or a whole part of one, lie in no more of them than they must. */
+void *alloc_array(size_t n, size_t size) __attribute__((warn_unused_result));
+
+/* What has been freed goes back to the system as far as it can.  Worth its time above ALLOC_SMALL_POINTS points. */
+enum { ALLOC_SMALL_POINTS = 1 << 16 };
+void alloc_give_back(void);
+
+/* The same, zeroed. */
+void *alloc_zeroed(size_t n, size_t size) __attribute__((warn_unused_result));
+
+/* Changes an array's length to n elements, keeping what fits, as realloc does: returns new memory and takes the old,
+ * or returns NULL and leaves the old as it was. */
+void *alloc_resize(void *old, size_t n, size_t size) __attribute__((warn_unused_result));
+
+/* For tests alone: alloc_fail(ctx) is asked before each allocation, and true makes it fail.  NULL (the default) asks
+ * nobody.  Set it while no other thread allocates. */
+extern bool (*alloc_fail)(void *ctx);
+extern void *alloc_fail_ctx;
+
+#endif

@@ -1,0 +1,15 @@
+/* The one seam through which tests make the operating system fail.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/base/fault.h"
+
+#include <errno.h>
+#include <stddef.h>
+
+int (*fault_ask)(const char *point);
+
+bool fault_at(const char *point) {
+    int number = fault_ask ? fault_ask(point) : 0;
+    if (number) errno = number;
+    return number != 0;
+}

@@ -1,0 +1,23 @@
+/* Points that belong to no surface.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_CLEAN_OUTLIERS_H
+#define WHITTLE_CORE_CLEAN_OUTLIERS_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/base/status.h"
+#include "core/math/vec3.h"
+#include "core/spatial/knn.h"
+
+/* Below this many points nothing can be told, and no point is an outlier. */
+enum { OUTLIERS_MIN_POINTS = 32 };
+
+/* Sets outlier[p] of n distinct points (knn is over them) to 1 where p stands off, else to 0; *count of them are 1.
+ * Never more than half of the points.  The same for any number of threads, and for any scale and density of the points.
+ * O(n log n).  STATUS_NO_MEMORY. */
+enum status outliers_find(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, uint8_t *outlier,
+                          size_t *count) MUST_CHECK;
+
+#endif

@@ -1,0 +1,52 @@
+/* Files that appear complete or not at all.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_IO_FILE_OUT_H
+#define WHITTLE_CORE_IO_FILE_OUT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <sys/types.h>
+
+#include "core/base/status.h"
+
+/* What a new file may take the place of. */
+struct file_out_rule {
+    bool replaces;   /* files that are there, but for the one below */
+    bool has_source; /* the file (device and inode) that is being read, and that nothing takes the place of */
+    dev_t device;
+    ino_t inode;
+};
+
+enum file_out_claim { FILE_OUT_FREE, FILE_OUT_REPLACES, FILE_OUT_TAKEN, FILE_OUT_IS_SOURCE, FILE_OUT_IS_FOLDER };
+
+/* What committing a file of this name would meet now: no file; one that it replaces; one that the rule keeps; the
+ * source, by whatever name or link; a folder. */
+enum file_out_claim file_out_look(const char *path, const struct file_out_rule *rule);
+
+/* Says so in words.  STATUS_OK for the first two, STATUS_IO for a folder, else STATUS_BAD_PARAMETER. */
+enum status file_out_refuse(const char *path, enum file_out_claim claim, struct error *error) MUST_CHECK;
+
+struct file_out {
+    int fd;                           /* to be written to; opened for reading and writing */
+    int failure;                      /* of its sync, an errno */
+    char *path;                       /* the final name; owned */
+    char *temporary;                  /* the name until commit, in the same folder; owned */
+    const struct file_out_rule *rule; /* borrowed; NULL: replaces whatever file is there.  Set it after begin */
+};
+
+/* Opens a new file beside path, named .NAME.XXXXXXXX.part, with the permissions that the umask leaves of 0666.  On
+ * success file_out_commit or file_out_abort must follow; else *file is zeroed and nothing is left behind.  STATUS_IO,
+ * STATUS_NO_MEMORY. */
+enum status file_out_begin(struct file_out *file, const char *path, struct error *error) MUST_CHECK;
+
+/* Syncs n >= 1 files of one folder, gives them their names in that order (replacing what the rule lets them) and syncs
+ * the folder; closes and zeroes all of them in any case.  Where a sync of a file fails (STATUS_IO) none gets its name,
+ * and the temporary files are removed; where a name can't be given (STATUS_IO, or STATUS_BAD_PARAMETER by the rule),
+ * neither do those after it.  What the rule keeps is never without its name, whoever makes or moves files meanwhile. */
+enum status file_out_commit(struct file_out *file, size_t n, struct error *error) MUST_CHECK;
+
+/* Closes and removes the temporary file and zeroes *file.  Does nothing after commit, or to a zeroed one. */
+void file_out_abort(struct file_out *file);
+
+#endif

@@ -1,0 +1,312 @@
+/* Meshes as binary glTF 2.0 (Khronos Group, 2021).
+ *
+ *     "glTF" 2 length | length "JSON" {...} blanks | length "BIN\0" views        lengths are uint32, of multiples of 4
+ *
+ * Every attribute is a column of the binary part: one view, one accessor, described by a row of the plan.  The JSON
+ * text is made of the plan first, since its length comes before it; then each column is written from the mesh.
+ *
+ *     POSITION | NORMAL | COLOR_0 | _NAME ... | indices
+ *
+ * A view of scalars of 1 or 2 bytes has a stride of 4, as the format demands.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/io/formats/glb_write.h"
+
+#include <ctype.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/base/alloc.h"
+#include "core/base/version.h"
+#include "core/io/formats/mesh_attributes.h"
+#include "core/io/write.h"
+
+enum {
+    GLB_HEADER_BYTES = 12,
+    CHUNK_HEADER_BYTES = 8,
+    JSON_FIXED_BYTES = 4096,
+    JSON_COLUMN_BYTES = 512,
+    TYPE_U16 = 5123,
+    TYPE_U32 = 5125,
+    TYPE_F32 = 5126,
+    TARGET_VERTICES = 34962,
+    TARGET_INDICES = 34963
+};
+
+enum column_kind { COLUMN_POSITION, COLUMN_NORMAL, COLUMN_COLOUR, COLUMN_PROPERTY };
+
+struct column {
+    enum column_kind kind;
+    const struct property *from; /* COLUMN_PROPERTY */
+    char name[PROPERTY_NAME_BYTES + 8];
+    const char *shape; /* "VEC3" ... */
+    int type;          /* of the components */
+    size_t stride;     /* bytes for each vertex */
+    bool normalised;
+};
+
+struct plan {
+    const struct mesh *mesh;
+    struct mesh_attributes attributes;
+    bool moved; /* positions are relative to origin */
+    vec3 origin;
+    size_t count;
+    struct column column[CLOUD_MAX_PROPERTIES];
+};
+
+/* ------------------------------------------------------------------------------------------------ plan */
+
+static void find_origin(struct plan *plan) {
+    const struct mesh *mesh = plan->mesh;
+    plan->moved = !mesh_attributes_fit_f32(mesh);
+    for (int axis = 0; plan->moved && axis < 3; axis++) {
+        double low = INFINITY, high = -INFINITY;
+        for (size_t v = 0; v < mesh->vertex_count; v++) {
+            low = fmin(low, (&mesh->vertex[v].x)[axis]);
+            high = fmax(high, (&mesh->vertex[v].x)[axis]);
+        }
+        (&plan->origin.x)[axis] = low / 2 + high / 2;
+    }
+}
+
+static float position_of(const struct plan *plan, size_t v, int axis) {
+    return (float)((&plan->mesh->vertex[v].x)[axis] - (&plan->origin.x)[axis]);
+}
+
+/* glTF's code of a property's type, or 0 where an attribute can't have it. */
+static int code_of(enum scalar_type type) {
+    static const int codes[SCALAR_TYPE_COUNT] = {5120, 5121, 5122, TYPE_U16, 0, 0, TYPE_F32, 0};
+    return codes[type];
+}
+
+static bool keeps(const struct mesh_attributes *attributes, const struct property *property) {
+    return mesh_attributes_knows(attributes, property) || (!property->is_list && code_of(property->type));
+}
+
+/* "_NAME": letters, digits and underscores, none twice. */
+static void name_column(struct plan *plan, struct column *column) {
+    size_t n = 0;
+    column->name[n++] = '_';
+    for (const char *c = column->from->name; *c; c++)
+        column->name[n++] = isalnum((unsigned char)*c) ? (char)toupper((unsigned char)*c) : '_';
+    for (size_t i = 0; i < plan->count; i++)
+        if (strcmp(plan->column[i].name, column->name) == 0)
+            snprintf(column->name + n, sizeof column->name - n, "_%zu", plan->count);
+}
+
+static void add_properties(struct plan *plan) {
+    const struct cloud *cloud = plan->attributes.cloud;
+    for (size_t j = 0; cloud && j < cloud->property_count && plan->count < CLOUD_MAX_PROPERTIES; j++) {
+        const struct property *property = &cloud->property[j];
+        if (mesh_attributes_is_position(cloud, j) || mesh_attributes_knows(&plan->attributes, property)) continue;
+        if (property->is_list || !code_of(property->type)) continue;
+        struct column column = {COLUMN_PROPERTY, property, "", "SCALAR", code_of(property->type), 4, false};
+        name_column(plan, &column);
+        plan->column[plan->count++] = column;
+    }
+}
+
+static void make_plan(struct plan *plan, const struct mesh *mesh, const struct cloud *cloud) {
+    *plan = (struct plan){.mesh = mesh};
+    mesh_attributes_find(mesh, cloud, &plan->attributes);
+    find_origin(plan);
+    plan->column[plan->count++] = (struct column){COLUMN_POSITION, NULL, "POSITION", "VEC3", TYPE_F32, 12, false};
+    if (plan->attributes.normal[0])
+        plan->column[plan->count++] = (struct column){COLUMN_NORMAL, NULL, "NORMAL", "VEC3", TYPE_F32, 12, false};
+    if (plan->attributes.colour[0])
+        plan->column[plan->count++] = (struct column){COLUMN_COLOUR, NULL, "COLOR_0", "VEC4", TYPE_U16, 8, true};
+    add_properties(plan);
+}
+
+static uint64_t binary_bytes(const struct plan *plan) {
+    uint64_t bytes = (uint64_t)plan->mesh->triangle_count * 12;
+    for (size_t i = 0; i < plan->count; i++) bytes += (uint64_t)plan->mesh->vertex_count * plan->column[i].stride;
+    return bytes;
+}
+
+/* ------------------------------------------------------------------------------------------------ JSON */
+
+struct text {
+    char *bytes; /* owned */
+    size_t used, capacity;
+};
+
+static void __attribute__((format(printf, 2, 3))) add(struct text *text, const char *format, ...) {
+    va_list args;
+    va_start(args, format);
+    int n = vsnprintf(text->bytes + text->used, text->capacity - text->used, format, args);
+    va_end(args);
+    if (n > 0) text->used += (size_t)n;
+}
+
+static void add_bounds(struct text *text, const struct plan *plan) {
+    float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    for (size_t v = 0; v < plan->mesh->vertex_count; v++)
+        for (int axis = 0; axis < 3; axis++) {
+            low[axis] = fminf(low[axis], position_of(plan, v, axis));
+            high[axis] = fmaxf(high[axis], position_of(plan, v, axis));
+        }
+    add(text, ",\"min\":[%.17g,%.17g,%.17g],\"max\":[%.17g,%.17g,%.17g]", (double)low[0], (double)low[1],
+        (double)low[2], (double)high[0], (double)high[1], (double)high[2]);
+}
+
+static void add_accessors(struct text *text, const struct plan *plan) {
+    add(text, "\"accessors\":[");
+    for (size_t i = 0; i < plan->count; i++) {
+        const struct column *column = &plan->column[i];
+        add(text, "{\"bufferView\":%zu,\"componentType\":%d,%s\"count\":%zu,\"type\":\"%s\"", i, column->type,
+            column->normalised ? "\"normalized\":true," : "", plan->mesh->vertex_count, column->shape);
+        if (column->kind == COLUMN_POSITION) add_bounds(text, plan);
+        add(text, "},");
+    }
+    add(text, "{\"bufferView\":%zu,\"componentType\":%d,\"count\":%zu,\"type\":\"SCALAR\"}],", plan->count, TYPE_U32,
+        plan->mesh->triangle_count * 3);
+}
+
+static void add_views(struct text *text, const struct plan *plan) {
+    uint64_t at = 0;
+    add(text, "\"bufferViews\":[");
+    for (size_t i = 0; i < plan->count; i++) {
+        uint64_t bytes = (uint64_t)plan->mesh->vertex_count * plan->column[i].stride;
+        add(text, "{\"buffer\":0,\"byteOffset\":%llu,\"byteLength\":%llu,\"byteStride\":%zu,\"target\":%d},",
+            (unsigned long long)at, (unsigned long long)bytes, plan->column[i].stride, TARGET_VERTICES);
+        at += bytes;
+    }
+    add(text, "{\"buffer\":0,\"byteOffset\":%llu,\"byteLength\":%llu,\"target\":%d}],", (unsigned long long)at,
+        (unsigned long long)plan->mesh->triangle_count * 12, TARGET_INDICES);
+    add(text, "\"buffers\":[{\"byteLength\":%llu}]", (unsigned long long)binary_bytes(plan));
+}
+
+static void add_mesh(struct text *text, const struct plan *plan) {
+    add(text, "\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0");
+    if (plan->moved) add(text, ",\"translation\":[%.17g,%.17g,%.17g]", plan->origin.x, plan->origin.y, plan->origin.z);
+    add(text, "}],\"materials\":[{\"pbrMetallicRoughness\":{\"metallicFactor\":0},\"doubleSided\":true}],"
+              "\"meshes\":[{\"primitives\":[{\"attributes\":{");
+    for (size_t i = 0; i < plan->count; i++) add(text, "%s\"%s\":%zu", i ? "," : "", plan->column[i].name, i);
+    add(text, "},\"indices\":%zu,\"material\":0}]}],", plan->count);
+}
+
+/* The whole text, filled up with blanks to a multiple of four; bytes NULL: no memory. */
+static struct text make_json(const struct plan *plan) {
+    struct text text = {.capacity = JSON_FIXED_BYTES + (plan->count + 1) * JSON_COLUMN_BYTES};
+    text.bytes = alloc_array(text.capacity, 1);
+    if (!text.bytes) return text;
+    add(&text, "{\"asset\":{\"version\":\"2.0\",\"generator\":\"whittle %s\"}", whittle_version());
+    if (plan->mesh->triangle_count > 0) {
+        add(&text, ",");
+        add_mesh(&text, plan);
+        add_accessors(&text, plan);
+        add_views(&text, plan);
+    }
+    add(&text, "}");
+    while (text.used % 4) add(&text, " ");
+    return text;
+}
+
+/* ------------------------------------------------------------------------------------------------ columns */
+
+static void put_u32(struct sink *sink, uint32_t value) {
+    cloud_write_scalar(sink, &value, SCALAR_UINT32, ENCODING_BINARY);
+}
+
+static void put_f32(struct sink *sink, float value) {
+    cloud_write_scalar(sink, &value, SCALAR_FLOAT32, ENCODING_BINARY);
+}
+
+/* As it is where it is about a unit long, as the format wants; else made so. */
+static void put_normal(struct sink *sink, vec3 n) {
+    double length = vec3_length(n);
+    if (!(length > 0) || !isfinite(length)) n = (vec3){0, 0, 1}, length = 1;
+    if (fabs(length - 1) > 1e-3) n = vec3_scale(n, 1 / length);
+    put_f32(sink, (float)n.x), put_f32(sink, (float)n.y), put_f32(sink, (float)n.z);
+}
+
+/* From sRGB (IEC 61966-2-1) to linear. */
+static double linear(double value) { return value <= 0.04045 ? value / 12.92 : pow((value + 0.055) / 1.055, 2.4); }
+
+static void put_colour(struct sink *sink, const double rgba[4]) {
+    for (int k = 0; k < 4; k++) {
+        uint16_t value = (uint16_t)nearbyint((k < 3 ? linear(rgba[k]) : rgba[k]) * UINT16_MAX);
+        cloud_write_scalar(sink, &value, SCALAR_UINT16, ENCODING_BINARY);
+    }
+}
+
+static void put_property(struct sink *sink, const struct property *property, const unsigned char *record) {
+    static const uint8_t nothing;
+    cloud_write_scalar(sink, record + property->offset_bytes, property->type, ENCODING_BINARY);
+    for (size_t i = scalar_bytes(property->type); i < 4; i++)
+        cloud_write_scalar(sink, &nothing, SCALAR_UINT8, ENCODING_BINARY);
+}
+
+static void put_cell(struct sink *sink, const struct plan *plan, const struct column *column, size_t v) {
+    double rgba[4];
+    switch (column->kind) {
+    case COLUMN_POSITION:
+        for (int axis = 0; axis < 3; axis++) put_f32(sink, position_of(plan, v, axis));
+        break;
+    case COLUMN_NORMAL: put_normal(sink, mesh_attributes_normal(&plan->attributes, v)); break;
+    case COLUMN_COLOUR:
+        mesh_attributes_colour(&plan->attributes, v, rgba);
+        put_colour(sink, rgba);
+        break;
+    case COLUMN_PROPERTY: put_property(sink, column->from, mesh_attributes_record(&plan->attributes, v)); break;
+    }
+}
+
+static void put_binary(struct sink *sink, const struct plan *plan) {
+    const struct mesh *mesh = plan->mesh;
+    for (size_t i = 0; i < plan->count; i++)
+        for (size_t v = 0; v < mesh->vertex_count && !sink->failure; v++) put_cell(sink, plan, &plan->column[i], v);
+    for (size_t t = 0; t < mesh->triangle_count && !sink->failure; t++)
+        for (int k = 0; k < 3; k++) put_u32(sink, mesh->triangle[t][k]);
+}
+
+/* ------------------------------------------------------------------------------------------------ the whole */
+
+static void note(const struct plan *plan, const struct cloud *cloud, struct losses *losses) {
+    bool rounded = false;
+    mesh_attributes_note(&plan->attributes, cloud, "mesh.glb", keeps, false, losses);
+    for (size_t v = 0; plan->moved && !rounded && v < plan->mesh->vertex_count; v++)
+        for (int axis = 0; axis < 3; axis++)
+            rounded = rounded ||
+                      (double)position_of(plan, v, axis) + (&plan->origin.x)[axis] != (&plan->mesh->vertex[v].x)[axis];
+    if (rounded)
+        losses_add(losses, "mesh.glb", "precision: coordinates are float32 around %.10g %.10g %.10g, off by up to %.2g",
+                   plan->origin.x, plan->origin.y, plan->origin.z, mesh_attributes_f32_error(plan->mesh, plan->origin));
+}
+
+static void put_chunk_header(struct sink *sink, size_t bytes, const char type[4]) {
+    put_u32(sink, (uint32_t)bytes);
+    sink_bytes(sink, type, 4);
+}
+
+enum status mesh_write_glb(int fd, const struct mesh *mesh, const struct cloud *cloud, struct losses *losses,
+                           struct error *error) {
+    struct plan plan;
+    struct sink sink = {0};
+    make_plan(&plan, mesh, cloud);
+    uint64_t binary = mesh->triangle_count > 0 ? binary_bytes(&plan) : 0;
+    struct text json = make_json(&plan);
+    uint64_t total = GLB_HEADER_BYTES + CHUNK_HEADER_BYTES + json.used + (binary ? CHUNK_HEADER_BYTES + binary : 0);
+    enum status status = STATUS_OK;
+    if (!json.bytes || sink_init(&sink, fd))
+        status = error_set(error, STATUS_NO_MEMORY, "write", "no memory for a buffer");
+    else if (total > UINT32_MAX || mesh->vertex_count >= UINT32_MAX)
+        status = error_set(error, STATUS_LIMIT, "write", "the mesh is larger than the 4 GiB that glTF can hold");
+    if (!status) {
+        note(&plan, cloud, losses);
+        sink_text(&sink, "glTF");
+        put_u32(&sink, 2);
+        put_u32(&sink, (uint32_t)total);
+        put_chunk_header(&sink, json.used, "JSON");
+        sink_bytes(&sink, json.bytes, json.used);
+        if (binary) put_chunk_header(&sink, binary, "BIN\0");
+        if (binary) put_binary(&sink, &plan);
+    }
+    free(json.bytes);
+    return sink_done(&sink, status, error);
+}

@@ -1,0 +1,346 @@
+/* LAS, after the specification of the ASPRS, versions 1.0 to 1.4 (R15); all numbers are little endian.
+ *
+ *     header, whose size it tells itself | variable length records | points, all as long as the header says
+ *
+ * Where the fields of a point lie is a table of rows for formats 0 to 5 and one for 6 to 10; a row gives a bit field as
+ * offset, shift and width.  What a record has beyond its format are extra bytes, described by a record of their own, or
+ * else kept as bytes extra_0, extra_1 ...  x, y, z are X * scale + offset in double; so are extra fields that have a
+ * scale. 64-bit integers become double.  Coordinate systems and waveforms outside the points are left out, and noted.
+ *
+ * Compressed points (LAZ) are refused: Debian 12 has no library for them.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/io/reader.h"
+
+#include <inttypes.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "core/base/endian.h"
+#include "core/io/build.h"
+#include "core/io/first_bytes.h"
+
+enum {
+    LEAST_HEADER_BYTES = 227,
+    HEADER_14_BYTES = 375,
+    VLR_BYTES = 54,
+    EXTRA_BYTES = 192,
+    FORMATS = 11,
+    MAX_FIELDS = CLOUD_MAX_PROPERTIES,
+    LAZ_BIT = 0x80
+};
+
+/* What stands in the file; the first eight are enum scalar_type. */
+enum { RAW_U64 = SCALAR_TYPE_COUNT, RAW_I64 };
+
+struct field {
+    char name[PROPERTY_NAME_BYTES];
+    unsigned type;        /* enum scalar_type, RAW_U64 or RAW_I64 */
+    size_t offset;        /* in the file's record */
+    unsigned shift, bits; /* bits 0: the whole scalar */
+    bool scaled;
+    double scale, add;
+};
+
+struct reader {
+    struct cloud_build build;
+    const unsigned char *bytes;
+    size_t n;
+    unsigned format, minor;
+    uint64_t points, first_point, record_bytes, header_bytes, record_count; /* of variable length records */
+    double scale[3], add[3];
+    size_t field_count;
+    struct field field[MAX_FIELDS];
+};
+
+#define OLD 0x03f  /* formats 0 to 5 */
+#define NEW 0x7c0  /* 6 to 10 */
+#define TIME 0x03a /* 1, 3, 4, 5 have the time behind the old fields */
+#define U8 SCALAR_UINT8
+#define U16 SCALAR_UINT16
+#define U32 SCALAR_UINT32
+#define F32 SCALAR_FLOAT32
+#define F64 SCALAR_FLOAT64
+
+static const struct {
+    unsigned formats; /* a bit for each */
+    const char *name;
+    unsigned type;
+    size_t offset;
+    unsigned shift, bits;
+} rows[] = {
+    {OLD | NEW, "intensity", U16, 12, 0, 0},
+    {OLD, "return_number", U8, 14, 0, 3},
+    {OLD, "number_of_returns", U8, 14, 3, 3},
+    {OLD, "scan_direction_flag", U8, 14, 6, 1},
+    {OLD, "edge_of_flight_line", U8, 14, 7, 1},
+    {OLD, "classification", U8, 15, 0, 5},
+    {OLD, "synthetic", U8, 15, 5, 1},
+    {OLD, "key_point", U8, 15, 6, 1},
+    {OLD, "withheld", U8, 15, 7, 1},
+    {OLD, "scan_angle_rank", SCALAR_INT8, 16, 0, 0},
+    {OLD, "user_data", U8, 17, 0, 0},
+    {OLD, "point_source_id", U16, 18, 0, 0},
+    {NEW, "return_number", U8, 14, 0, 4},
+    {NEW, "number_of_returns", U8, 14, 4, 4},
+    {NEW, "synthetic", U8, 15, 0, 1},
+    {NEW, "key_point", U8, 15, 1, 1},
+    {NEW, "withheld", U8, 15, 2, 1},
+    {NEW, "overlap", U8, 15, 3, 1},
+    {NEW, "scanner_channel", U8, 15, 4, 2},
+    {NEW, "scan_direction_flag", U8, 15, 6, 1},
+    {NEW, "edge_of_flight_line", U8, 15, 7, 1},
+    {NEW, "classification", U8, 16, 0, 0},
+    {NEW, "user_data", U8, 17, 0, 0},
+    {NEW, "scan_angle", SCALAR_INT16, 18, 0, 0},
+    {NEW, "point_source_id", U16, 20, 0, 0},
+    {TIME, "gps_time", F64, 20, 0, 0},
+    {NEW, "gps_time", F64, 22, 0, 0},
+    {1 << 2, "red", U16, 20, 0, 0},
+    {1 << 2, "green", U16, 22, 0, 0},
+    {1 << 2, "blue", U16, 24, 0, 0},
+    {1 << 3 | 1 << 5, "red", U16, 28, 0, 0},
+    {1 << 3 | 1 << 5, "green", U16, 30, 0, 0},
+    {1 << 3 | 1 << 5, "blue", U16, 32, 0, 0},
+    {1 << 7 | 1 << 8 | 1 << 10, "red", U16, 30, 0, 0},
+    {1 << 7 | 1 << 8 | 1 << 10, "green", U16, 32, 0, 0},
+    {1 << 7 | 1 << 8 | 1 << 10, "blue", U16, 34, 0, 0},
+    {1 << 8 | 1 << 10, "nir", U16, 36, 0, 0},
+};
+
+/* A waveform packet's description, at the offset that its format has it; 0 = none. */
+static const size_t wave_offset[FORMATS] = {0, 0, 0, 0, 28, 34, 0, 0, 0, 30, 38};
+static const struct {
+    const char *name;
+    unsigned type;
+    size_t offset;
+} wave_rows[] = {{"wave_packet_descriptor", U8, 0},
+                 {"wave_offset", RAW_U64, 1},
+                 {"wave_bytes", U32, 9},
+                 {"wave_location", F32, 13},
+                 {"wave_dx", F32, 17},
+                 {"wave_dy", F32, 21},
+                 {"wave_dz", F32, 25}};
+
+static const size_t format_bytes[FORMATS] = {20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67};
+
+/* ------------------------------------------------------------------------------------------------ numbers */
+
+static double load_f64(const unsigned char *p) {
+    uint64_t bits = little_load(p, 8);
+    double value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+/* A scalar in the file's byte order to one in ours. */
+static void load_scalar(const unsigned char *p, enum scalar_type type, void *to) {
+    size_t bytes = scalar_bytes(type);
+    uint64_t value = little_load(p, bytes);
+    if (bytes == 1) memcpy(to, &(uint8_t){(uint8_t)value}, 1);
+    if (bytes == 2) memcpy(to, &(uint16_t){(uint16_t)value}, 2);
+    if (bytes == 4) memcpy(to, &(uint32_t){(uint32_t)value}, 4);
+    if (bytes == 8) memcpy(to, &value, 8);
+}
+
+static enum status bad(struct reader *r, const char *where, uint64_t byte, const char *what, uint64_t value) {
+    return cloud_build_bad(&r->build, where, (struct cloud_place){0, byte}, "%s (%" PRIu64 ")", what, value);
+}
+
+/* ------------------------------------------------------------------------------------------------ header */
+
+static enum status check_version(struct reader *r) {
+    unsigned major = r->bytes[24];
+    r->minor = r->bytes[25];
+    if (major != 1 || r->minor > 4)
+        return error_set_at(r->build.error, STATUS_UNSUPPORTED, "version", 0, 24,
+                            "LAS version %u.%u; 1.0 to 1.4 are read", major, r->minor);
+    r->format = r->bytes[104];
+    if (r->format & LAZ_BIT)
+        return error_set_at(r->build.error, STATUS_UNSUPPORTED, "format", 0, 104,
+                            "this is LAZ, LAS with compressed points, which isn't read; decompress it to LAS first");
+    if (r->format >= FORMATS)
+        return error_set_at(r->build.error, STATUS_UNSUPPORTED, "format", 0, 104, "point format %u; 0 to 10 are read",
+                            r->format);
+    return STATUS_OK;
+}
+
+static enum status check_sizes(struct reader *r) {
+    uint64_t least = r->minor >= 4 ? HEADER_14_BYTES : LEAST_HEADER_BYTES;
+    if (r->header_bytes < least || r->header_bytes > r->n)
+        return bad(r, "header", 94, "the size of the header is out of range", r->header_bytes);
+    if (r->first_point < r->header_bytes || r->first_point > r->n)
+        return bad(r, "header", 96, "the points begin out of range", r->first_point);
+    if (r->record_bytes < format_bytes[r->format])
+        return bad(r, "header", 105, "the size of a point is too small for its format", r->record_bytes);
+    if (r->points > (r->n - r->first_point) / r->record_bytes)
+        return cloud_build_bad(&r->build, "points", (struct cloud_place){0, r->n},
+                               "%" PRIu64 " points of %" PRIu64 " bytes from byte %" PRIu64
+                               " are promised, but the file ends at byte %zu",
+                               r->points, r->record_bytes, r->first_point, r->n);
+    return STATUS_OK;
+}
+
+static enum status take_header(struct reader *r) {
+    if (r->n < LEAST_HEADER_BYTES) return bad(r, "header", r->n, "the file ends in its header; bytes there", r->n);
+    enum status status = check_version(r);
+    if (status) return status;
+    r->header_bytes = little_load(r->bytes + 94, 2);
+    r->first_point = little_load(r->bytes + 96, 4);
+    r->record_count = little_load(r->bytes + 100, 4);
+    r->record_bytes = little_load(r->bytes + 105, 2);
+    r->points = little_load(r->bytes + 107, 4);
+    if (r->minor >= 4 && r->n >= HEADER_14_BYTES && little_load(r->bytes + 247, 8))
+        r->points = little_load(r->bytes + 247, 8);
+    for (size_t axis = 0; axis < 3; axis++) {
+        r->scale[axis] = load_f64(r->bytes + 131 + 8 * axis);
+        r->add[axis] = load_f64(r->bytes + 155 + 8 * axis);
+        if (!isfinite(r->scale[axis]) || !isfinite(r->add[axis]) || r->scale[axis] == 0)
+            return bad(r, "header", 131 + 8 * axis, "a scale or an offset is no fit number; axis", axis);
+    }
+    return check_sizes(r);
+}
+
+/* ------------------------------------------------------------------------------------------------ fields */
+
+static enum status add_field(struct reader *r, const struct field *field) {
+    enum scalar_type type = field->type >= SCALAR_TYPE_COUNT || field->scaled ? F64 : (enum scalar_type)field->type;
+    enum status status = cloud_build_property(&r->build, field->name, type);
+    if (!status && field->type >= SCALAR_TYPE_COUNT)
+        status = cloud_build_leave_out(&r->build, "64-bit integers beyond 2^53: they are rounded to double");
+    if (!status) r->field[r->field_count++] = *field;
+    return status;
+}
+
+static enum status add_row(struct reader *r, const char *name, unsigned type, size_t offset, unsigned shift,
+                           unsigned bits) {
+    struct field field = {.type = type, .offset = offset, .shift = shift, .bits = bits};
+    snprintf(field.name, sizeof field.name, "%s", name);
+    return add_field(r, &field);
+}
+
+static enum status add_format_fields(struct reader *r) {
+    size_t wave = wave_offset[r->format];
+    enum status status = STATUS_OK;
+    for (size_t axis = 0; !status && axis < 3; axis++) {
+        struct field field = {.name = {"xyz"[axis]},
+                              .type = SCALAR_INT32,
+                              .offset = 4 * axis,
+                              .scaled = true,
+                              .scale = r->scale[axis],
+                              .add = r->add[axis]};
+        status = add_field(r, &field);
+    }
+    for (size_t i = 0; !status && i < sizeof rows / sizeof *rows; i++)
+        if (rows[i].formats >> r->format & 1)
+            status = add_row(r, rows[i].name, rows[i].type, rows[i].offset, rows[i].shift, rows[i].bits);
+    for (size_t i = 0; !status && wave && i < sizeof wave_rows / sizeof *wave_rows; i++)
+        status = add_row(r, wave_rows[i].name, wave_rows[i].type, wave + wave_rows[i].offset, 0, 0);
+    return status;
+}
+
+static size_t raw_bytes(unsigned type) { return type < SCALAR_TYPE_COUNT ? scalar_bytes((enum scalar_type)type) : 8; }
+
+/* Adds the field or fields of one description of extra bytes; *at is where they lie, moved on. */
+static enum status add_described(struct reader *r, const unsigned char *d, size_t *at) {
+    static const unsigned types[] = {U8, SCALAR_INT8, U16, SCALAR_INT16, U32, SCALAR_INT32, RAW_U64, RAW_I64, F32, F64};
+    unsigned type = d[2], options = d[3], count = type == 0 ? options : 1 + (type - 1) / 10;
+    if (type > 30) return STATUS_OK; /* of no known size: what is left becomes bytes */
+    unsigned raw = type == 0 ? U8 : types[(type - 1) % 10];
+    bool scaled = type != 0 && options & 0x18;
+    enum status status = STATUS_OK;
+    for (unsigned k = 0; !status && k < count && *at + raw_bytes(raw) <= r->record_bytes; k++) {
+        struct field field = {.type = raw, .offset = *at, .scaled = scaled, .scale = 1, .add = 0};
+        if (options & 0x08) field.scale = load_f64(d + 112 + 8 * (k % 3));
+        if (options & 0x10) field.add = load_f64(d + 136 + 8 * (k % 3));
+        int length = (int)strnlen((const char *)d + 4, 32);
+        snprintf(field.name, sizeof field.name, count > 1 ? "%.*s_%u" : "%.*s", length, (const char *)d + 4, k);
+        for (char *c = field.name; *c; c++)
+            if (*c == ' ') *c = '_';
+        status = add_field(r, &field);
+        *at += raw_bytes(raw);
+    }
+    return status;
+}
+
+static bool is_user(const unsigned char *vlr, const char *user) {
+    return strncmp((const char *)vlr + 2, user, 16) == 0;
+}
+
+/* Walks over the variable length records, for extra bytes and what is to be noted. */
+static enum status take_records(struct reader *r, size_t *extra) {
+    uint64_t at = r->header_bytes;
+    enum status status = STATUS_OK;
+    for (uint64_t i = 0; !status && i < r->record_count; i++) {
+        if (r->first_point - at < VLR_BYTES) return bad(r, "header", at, "a variable length record is cut short", i);
+        const unsigned char *vlr = r->bytes + at;
+        uint64_t id = little_load(vlr + 18, 2), length = little_load(vlr + 20, 2);
+        at += VLR_BYTES;
+        if (r->first_point - at < length) return bad(r, "header", at, "a variable length record is cut short", i);
+        if (is_user(vlr, "LASF_Projection")) status = cloud_build_leave_out(&r->build, "the coordinate system");
+        if (is_user(vlr, "LASF_Spec") && id == 4)
+            for (uint64_t k = 0; !status && k + EXTRA_BYTES <= length; k += EXTRA_BYTES)
+                status = add_described(r, r->bytes + at + k, extra);
+        at += length;
+    }
+    return status;
+}
+
+static enum status describe(struct reader *r) {
+    size_t extra = format_bytes[r->format], first = extra;
+    enum status status = add_format_fields(r);
+    if (!status) status = take_records(r, &extra);
+    for (; !status && extra < r->record_bytes; extra++) {
+        char name[PROPERTY_NAME_BYTES];
+        snprintf(name, sizeof name, "extra_%zu", extra - first);
+        status = add_row(r, name, U8, extra, 0, 0);
+    }
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ points */
+
+static void take_field(const struct field *field, const unsigned char *from, void *to) {
+    from += field->offset;
+    if (field->type == RAW_U64 || field->type == RAW_I64 || field->scaled) {
+        unsigned char scalar[8];
+        double value;
+        if (field->type < SCALAR_TYPE_COUNT) {
+            load_scalar(from, (enum scalar_type)field->type, scalar);
+            value = scalar_load(scalar, (enum scalar_type)field->type);
+        } else {
+            value = field->type == RAW_U64 ? (double)little_load(from, 8) : (double)(int64_t)little_load(from, 8);
+        }
+        if (field->scaled) value = value * field->scale + field->add;
+        memcpy(to, &value, sizeof value);
+    } else if (field->bits) {
+        *(uint8_t *)to = (uint8_t)(*from >> field->shift & ((1u << field->bits) - 1));
+    } else {
+        load_scalar(from, (enum scalar_type)field->type, to);
+    }
+}
+
+static enum status take_points(struct reader *r) {
+    unsigned char record[CLOUD_MAX_PROPERTIES * 8];
+    enum status status = cloud_build_room(&r->build, r->points);
+    for (uint64_t i = 0; !status && i < r->points; i++) {
+        uint64_t byte = r->first_point + i * r->record_bytes;
+        for (size_t j = 0; j < r->field_count; j++)
+            take_field(&r->field[j], r->bytes + byte, record + r->build.cloud.property[j].offset_bytes);
+        status = cloud_build_point(&r->build, record, (struct cloud_place){0, byte});
+    }
+    return status;
+}
+
+const char *cloud_las_look(const struct first_bytes *first) { return first_begins(first, "LASF", 4) ? "las" : ""; }
+
+enum status cloud_las_read(const void *bytes, size_t n, const struct cloud_limits *limits,
+                           const struct progress *progress, struct cloud *cloud, struct error *error) {
+    struct reader r = {.bytes = bytes, .n = n};
+    cloud_build_start(&r.build, "las", n, limits, progress, error);
+    enum status status = take_header(&r);
+    if (!status) status = describe(&r);
+    if (!status) status = take_points(&r);
+    return cloud_build_end(&r.build, status, cloud);
+}

@@ -1,0 +1,50 @@
+/* What a mesh's vertices have from the points that they stand for: normals and colours, for formats that know these.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_IO_FORMATS_MESH_ATTRIBUTES_H
+#define WHITTLE_CORE_IO_FORMATS_MESH_ATTRIBUTES_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "core/base/warnings.h"
+#include "core/cloud/cloud.h"
+#include "core/mesh/mesh.h"
+
+struct mesh_attributes {
+    const struct mesh *mesh;          /* borrowed */
+    const struct cloud *cloud;        /* borrowed; NULL: some vertex has no point, so there are no attributes */
+    const struct property *normal[3]; /* nx, ny, nz; all NULL where there are none */
+    const struct property *colour[4]; /* red, green, blue, alpha; likewise; alpha may be NULL alone */
+    double colour_scale;              /* what a colour's number is multiplied by to lie in 0 .. 1 */
+};
+
+/* cloud may be NULL.  O(vertices). */
+void mesh_attributes_find(const struct mesh *mesh, const struct cloud *cloud, struct mesh_attributes *attributes);
+
+/* The record of vertex v's point; only where attributes->cloud isn't NULL. */
+const unsigned char *mesh_attributes_record(const struct mesh_attributes *attributes, size_t v);
+
+/* The normal of vertex v as it is in the cloud, where there are normals. */
+vec3 mesh_attributes_normal(const struct mesh_attributes *attributes, size_t v);
+
+/* Its colour and opacity, each 0 .. 1, where there are colours. */
+void mesh_attributes_colour(const struct mesh_attributes *attributes, size_t v, double rgba[4]);
+
+/* Whether property j is x, y, z, or among the normals and colours that were found. */
+bool mesh_attributes_is_position(const struct cloud *cloud, size_t j);
+bool mesh_attributes_knows(const struct mesh_attributes *attributes, const struct property *property);
+
+/* Whether all vertices' coordinates are exactly float32. */
+bool mesh_attributes_fit_f32(const struct mesh *mesh);
+
+/* How far float32 around this origin is off a coordinate of a vertex, at most. */
+double mesh_attributes_f32_error(const struct mesh *mesh, vec3 origin);
+
+/* Notes under `where` all properties that keeps (NULL = none) doesn't claim and that aren't positions, and that the
+ * fills of holes aren't told apart unless tags are kept. */
+void mesh_attributes_note(const struct mesh_attributes *attributes, const struct cloud *cloud, const char *where,
+                          bool (*keeps)(const struct mesh_attributes *attributes, const struct property *property),
+                          bool keeps_tags, struct losses *losses);
+
+#endif

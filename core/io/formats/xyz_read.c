@@ -1,0 +1,628 @@
+/* XYZ text.
+ *
+ *     file    = [BOM] { blank | comment | names | count | point }
+ *     comment = ("#" | "//" | "%" | ";") anything            anywhere
+ *     names   = word { separator word }                      once, before the first point, no word of it a number
+ *     units   = unit { separator unit }                      once, after the names; passed over
+ *     count   = digits                                       once, before the first point; the points must be as many
+ *     point   = number { separator number }                  all with as many columns as the first, at least 3
+ *     number  = digits and so on, or the same in quotes
+ *     separator = blanks with at most one "," or one ";".  One may stand at the end of a line.
+ *
+ * Where semicolons separate the first point's values, commas in the file are decimal ("1,5; 2,5; 3,5"), and points then
+ * can't be: one of both might set off thousands, so a file with both is refused.  Where blanks separate them and single
+ * commas stand inside of numbers ("1,5 2,5 3,5"), nobody can tell three columns from six: that is refused, too.
+ *
+ * Lines end by \n, \r\n or \r.  Columns are named by the caller's list (core/base/column_list.h), else by the names
+ * line, or by a comment that has x, y and z among its names (CloudCompare's "//X Y Z R G B"), when it has as many names
+ * as there are columns.  x, y and z may then stand anywhere, and by other names that are known (column_names.c); a
+ * names line without them is refused, since columns would be taken for others.  One that has other than as many names
+ * is a title, and passed over, unless x, y and z are there or commas or semicolons are.
+ *
+ * Without names the first three columns are x, y, z and the others column4, column5 ...; after a count of points they
+ * are those of PTS: intensity, red, green, blue.  Blanks, commas and semicolons in names become "_".
+ *
+ * There is no header that could promise anything, so arrays grow by half as points come in.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/io/reader.h"
+
+#include <assert.h>
+#include <inttypes.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "core/base/alloc.h"
+#include "core/base/column_list.h"
+#include "core/base/number.h"
+#include "core/base/padding.h"
+#include "core/io/build.h"
+#include "core/io/finite.h"
+#include "core/io/first_bytes.h"
+#include "core/io/formats/column_names.h"
+
+enum { TICK_POINTS = 16384, FIRST_CAPACITY = 1024, WORD_BYTES = 512, NAMES_BYTES = 120 };
+enum { NAMES_WITHIN_BYTES = 64 * 1024 /* of the file's beginning a comment may name the columns */ };
+
+struct reader {
+    const char *begin, *at, *end;
+    uint64_t line;        /* which one at is on */
+    const char *list;     /* core/base/column_list.h, of the caller; NULL = none */
+    const char *names_at; /* line that may name the columns; NULL = none */
+    bool names_are_comment;
+    bool decimal_commas;
+    bool seen_comma, seen_point; /* in numbers, where commas may be decimal */
+    bool has_count, is_pts;
+    uint64_t count; /* promised, if has_count */
+    uint64_t max_points;
+    size_t max_columns;
+    size_t columns;                        /* of the file */
+    uint32_t target[CLOUD_MAX_PROPERTIES]; /* of each column: which property it becomes; NONE = it is left out */
+    struct column_names names;             /* on that line */
+    size_t capacity;
+    const struct progress *progress;
+    struct cloud *cloud;
+    struct error *error;
+};
+
+/* ------------------------------------------------------------------------------------------------ lines, words */
+
+static bool is_newline(char c) { return c == '\n' || c == '\r'; }
+static bool is_blank(char c) { return c == ' ' || c == '\t'; }
+static bool is_mark(char c) { return c == ',' || c == ';'; }
+static bool is_digit(char c) { return c >= '0' && c <= '9'; }
+
+static bool is_separator(const struct reader *r, char c) {
+    return is_blank(c) || c == ';' || (c == ',' && !r->decimal_commas);
+}
+
+static void skip_blanks(struct reader *r) {
+    while (r->at < r->end && is_blank(*r->at)) r->at++;
+}
+
+static void skip_line(struct reader *r) {
+    while (r->at < r->end && !is_newline(*r->at)) r->at++;
+    if (r->at == r->end) return;
+    if (*r->at == '\r' && r->at + 1 < r->end && r->at[1] == '\n') r->at++;
+    r->at++;
+    r->line++;
+}
+
+static bool at_comment(const struct reader *r) {
+    char c = *r->at;
+    return c == '#' || c == '%' || c == ';' || (c == '/' && r->at + 1 < r->end && r->at[1] == '/');
+}
+
+static bool is_quote(char c) { return c == '"' || c == '\''; }
+
+/* The end of the word at `at`, which may have separators in quotes. */
+static const char *end_of_word(const struct reader *r, const char *at) {
+    const char *stop = at;
+    if (stop < r->end && is_quote(*stop)) {
+        do stop++;
+        while (stop < r->end && *stop != *at && !is_newline(*stop));
+        bool closed = stop < r->end && *stop == *at;
+        if (closed && (stop + 1 == r->end || is_separator(r, stop[1]) || is_newline(stop[1]))) return stop + 1;
+        stop = at;
+    }
+    while (stop < r->end && !is_separator(r, *stop) && !is_newline(*stop)) stop++;
+    return stop;
+}
+
+/* The next word at *at of a line, its end in *stop; false at the line's end. */
+static bool next_word(const struct reader *r, const char **at, const char **stop) {
+    while (*at < r->end && is_separator(r, **at)) ++*at;
+    *stop = end_of_word(r, *at);
+    return *stop > *at;
+}
+
+static size_t count_words(const struct reader *r, const char *at) {
+    size_t n = 0;
+    for (const char *stop; next_word(r, &at, &stop); at = stop) n++;
+    return n;
+}
+
+/* The same as number_parse_f64, of a copy that has points for commas. */
+static const char *parse_decimal_comma(const char *at, const char *end, double *value) {
+    char copy[WORD_BYTES];
+    size_t n = 0;
+    for (; at + n < end && n < sizeof copy && !is_blank(at[n]) && !is_newline(at[n]); n++)
+        copy[n] = at[n] == ',' ? '.' : at[n];
+    const char *after = number_parse_f64(copy, copy + n, value);
+    return after ? at + (after - copy) : NULL;
+}
+
+static const char *parse_number(const struct reader *r, const char *at, const char *end, double *value) {
+    const char *after = number_parse_f64(at, end, value);
+    bool whole = !r->decimal_commas || (after && (after == end || *after != ','));
+    return whole ? after : parse_decimal_comma(at, end, value);
+}
+
+/* Reads a number, which may stand in quotes; returns what follows it, NULL: there is none. */
+static const char *parse_value(const struct reader *r, const char *at, const char *end, double *value) {
+    char quote = at < end && is_quote(*at) ? *at++ : '\0';
+    const char *after = parse_number(r, at, end, value);
+    if (!quote || !after) return after;
+    return after < end && *after == quote ? after + 1 : NULL;
+}
+
+static bool is_number(const struct reader *r, const char *at, const char *stop) {
+    double value;
+    return parse_value(r, at, stop, &value) == stop;
+}
+
+static bool line_has(const char *at, const char *end, char c) {
+    while (at < end && !is_newline(*at) && *at != c) at++;
+    return at < end && *at == c;
+}
+
+/* Blanks separate the words of a line, at least three, and inside of some is a comma, and nowhere else: the first such
+ * word; NULL: it isn't so. */
+static const char *comma_inside(const char *at, const char *end) {
+    const char *found = NULL;
+    size_t words = 0;
+    for (; at < end && !is_newline(*at); words++) {
+        const char *word = at, *comma = NULL;
+        for (; at < end && !is_blank(*at) && !is_newline(*at); at++) {
+            if (*at != ',') continue;
+            if (comma || at == word || !is_digit(at[-1]) || at + 1 == end || !is_digit(at[1])) return NULL;
+            comma = at;
+        }
+        if (comma && !found) found = word;
+        while (at < end && is_blank(*at)) at++;
+    }
+    return words >= 3 ? found : NULL;
+}
+
+/* ------------------------------------------------------------------------------------------------ before the points */
+
+static bool no_word_is_a_number(const struct reader *r) {
+    const char *at = r->at;
+    for (const char *stop; next_word(r, &at, &stop); at = stop)
+        if (is_number(r, at, stop)) return false;
+    return true;
+}
+
+static bool is_bracketed(const char *from, const char *stop) {
+    return stop - from >= 2 && ((*from == '[' && stop[-1] == ']') || (*from == '(' && stop[-1] == ')'));
+}
+
+static bool is_unit(const char *at, const char *stop) {
+    static const char *const units[] = {"m", "mm", "cm", "dm", "km", "um", "nm", "ft", "in", "deg", "rad", "-"};
+    if (is_bracketed(at, stop)) return true;
+    for (size_t i = 0; i < sizeof units / sizeof *units; i++)
+        if ((size_t)(stop - at) == strlen(units[i]) && strncasecmp(at, units[i], (size_t)(stop - at)) == 0) return true;
+    return false;
+}
+
+static bool all_words_are_units(const struct reader *r) {
+    const char *at = r->at;
+    for (const char *stop; next_word(r, &at, &stop); at = stop)
+        if (!is_unit(at, stop)) return false;
+    return count_words(r, r->at) > 0;
+}
+
+/* Takes a line with a single whole number as the count of points; false when it is something else. */
+static bool take_count(struct reader *r) {
+    if (r->has_count || count_words(r, r->at) != 1) return false;
+    uint64_t n = 0;
+    for (const char *c = r->at; c < r->end && !is_newline(*c) && !is_separator(r, *c); c++)
+        if (*c < '0' || *c > '9' || __builtin_mul_overflow(n, 10u, &n) ||
+            __builtin_add_overflow(n, (uint64_t)(*c - '0'), &n))
+            return false;
+    r->has_count = true;
+    r->count = n;
+    return true;
+}
+
+/* Whether all columns that the caller's list refers to by name are there. */
+static bool has_listed_names(const struct column_names *names, const char *list) {
+    struct column_entry entry;
+    bool pairs = false;
+    while (column_list_next(&list, &entry)) {
+        pairs = entry.column != NULL;
+        if (pairs && column_names_find(names, entry.column, entry.column_bytes) == names->count) return false;
+    }
+    return pairs;
+}
+
+/* Takes a comment that names x, y and z, or what the caller's list refers to. */
+static void take_comment(struct reader *r) {
+    struct column_names names;
+    const char *at = r->at;
+    while (at < r->end && (*at == '#' || *at == '%' || *at == ';' || *at == '/')) at++;
+    if ((r->names_at && !r->names_are_comment) || r->at - r->begin > NAMES_WITHIN_BYTES) return;
+    column_names_split(at, r->end, &names);
+    if (!names.has_xyz && !(r->list && has_listed_names(&names, r->list))) return;
+    r->names_at = at;
+    r->names_are_comment = true;
+}
+
+/* Skips what stands before the first point, taking names and the count from it; false at the end of the file. */
+static bool find_first_point(struct reader *r) {
+    if (r->end - r->at >= 3 && memcmp(r->at, "\xef\xbb\xbf", 3) == 0) r->at += 3;
+    bool has_names = false, has_units = false;
+    for (; skip_blanks(r), r->at < r->end; skip_line(r)) {
+        if (is_newline(*r->at)) continue;
+        if (at_comment(r)) {
+            take_comment(r);
+        } else if (!has_names && no_word_is_a_number(r)) {
+            has_names = true;
+            r->names_at = r->at;
+            r->names_are_comment = false;
+        } else if (has_names && !has_units && all_words_are_units(r)) {
+            has_units = true;
+        } else if (!take_count(r)) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/* ------------------------------------------------------------------------------------------------ columns */
+
+static enum status no_memory(struct reader *r) {
+    return error_set_at(r->error, STATUS_NO_MEMORY, "read", r->line, UINT64_MAX, "no memory for more than %zu points",
+                        r->cloud->count);
+}
+
+static bool is_fit_name(const char *at, size_t n) {
+    if (n == 0 || n >= PROPERTY_NAME_BYTES) return false;
+    if (n >= 6 && memcmp(at, "column", 6) == 0) return false; /* those are ours, and so can't clash */
+    for (size_t k = 0; k < n; k++)
+        if ((at[k] < 33 || at[k] > 126) && !is_blank(at[k])) return false;
+    return true;
+}
+
+static bool is_taken(const struct cloud *cloud, const char *name) {
+    for (size_t j = 0; j < cloud->property_count; j++)
+        if (strcmp(cloud->property[j].name, name) == 0) return true;
+    return false;
+}
+
+/* Gives property j the name of column c, which is n bytes at `at`; its number where that can't be. */
+static void name_property(struct cloud *cloud, size_t j, size_t c, const char *at, size_t n) {
+    char name[PROPERTY_NAME_BYTES] = "";
+    for (size_t k = 0; is_fit_name(at, n) && k < n; k++) name[k] = is_blank(at[k]) || is_mark(at[k]) ? '_' : at[k];
+    if (!name[0] || is_taken(cloud, name)) snprintf(name, sizeof name, "column%zu", c + 1);
+    memcpy(cloud->property[j].name, name, sizeof name);
+}
+
+/* What the file itself says of a column: the meaning of its name, or its name. */
+static void name_from_file(struct reader *r, size_t c) {
+    const struct column_names *names = &r->names;
+    const char *meaning = c < names->count ? names->meaning[c] : NULL;
+    if (meaning)
+        name_property(r->cloud, r->target[c], c, meaning, strlen(meaning));
+    else if (c < names->count)
+        name_property(r->cloud, r->target[c], c, names->name[c].text, names->name[c].n);
+    else
+        name_property(r->cloud, r->target[c], c, "", 0);
+}
+
+static void forget_meanings(struct column_names *names) {
+    memset(names->meaning, 0, sizeof names->meaning);
+    names->has_xyz = names->is_geographic = false;
+}
+
+/* A file that begins with a count of its points and names no columns has those of PTS: x y z, intensity, r g b. */
+static void name_as_pts(struct reader *r) {
+    static const char *const names[8][7] = {[4] = {"x", "y", "z", "intensity"},
+                                            [6] = {"x", "y", "z", "red", "green", "blue"},
+                                            [7] = {"x", "y", "z", "intensity", "red", "green", "blue"}};
+    r->is_pts = r->has_count && r->columns < 8 && names[r->columns][0];
+    for (size_t c = 0; c < r->columns; c++) {
+        const char *name = r->is_pts ? names[r->columns][c] : c < 3 ? (const char[2]){"xyz"[c]} : "";
+        name_property(r->cloud, c, c, name, strlen(name));
+    }
+}
+
+/* The names on the line for an error message. */
+static const char *quote_names(const struct column_names *names, char text[NAMES_BYTES]) {
+    size_t used = 0, kept = names->count < CLOUD_MAX_PROPERTIES ? names->count : CLOUD_MAX_PROPERTIES;
+    text[0] = 0;
+    for (size_t j = 0; j < kept; j++) {
+        char name[NUMBER_QUOTE_BYTES], whole[NUMBER_QUOTE_BYTES];
+        snprintf(whole, sizeof whole, "%.*s", (int)(names->name[j].n < 30 ? names->name[j].n : 30),
+                 names->name[j].text);
+        for (char *c = whole; *c; c++)
+            if (*c == ' ' || *c == '\t') *c = '_';
+        number_quote(whole, whole + strlen(whole), name);
+        if (used + strlen(name) + 8 > NAMES_BYTES) {
+            snprintf(text + used, NAMES_BYTES - used, ", ...");
+            break;
+        }
+        used += (size_t)snprintf(text + used, NAMES_BYTES - used, "%s%s", j ? ", " : "", name);
+    }
+    return text;
+}
+
+static enum status no_xyz(struct reader *r) {
+    char text[NAMES_BYTES];
+    return error_set_at(r->error, STATUS_MALFORMED, "columns", r->line, UINT64_MAX,
+                        "x, y and z aren't known among the columns %s; name them by the parameter columns: in their "
+                        "order (-,x,y,z) or by name or number (x:east,y:north,z:4)",
+                        quote_names(&r->names, text));
+}
+
+/* Names that aren't as many as the values are no names of the columns, but a title.  Where some of them are known, or
+ * they are separated as the values are, they would be taken for others. */
+static enum status check_misfit(struct reader *r) {
+    const struct column_names *names = &r->names;
+    const char *const *meaning = names->meaning;
+    bool in_front = names->has_xyz && meaning[0] && meaning[1] && meaning[2] && strcmp(meaning[0], "x") == 0 &&
+                    strcmp(meaning[1], "y") == 0 && strcmp(meaning[2], "z") == 0;
+    bool is_title = !names->has_xyz && !line_has(r->names_at, r->end, ';') && !line_has(r->names_at, r->end, ',');
+    if (r->names_are_comment || in_front || is_title) return STATUS_OK;
+    return error_set_at(r->error, STATUS_MALFORMED, "columns", r->line, UINT64_MAX,
+                        "the point has %zu values, but the line of names has %zu", r->columns, names->count);
+}
+
+static enum status name_columns(struct reader *r) {
+    struct column_names *names = &r->names;
+    bool fits = r->names_at && names->count == r->columns;
+    if (fits && !names->has_xyz) return no_xyz(r);
+    if (!fits) {
+        enum status status = r->names_at ? check_misfit(r) : STATUS_OK;
+        if (!status) name_as_pts(r);
+        return status;
+    }
+    for (size_t c = 0; c < r->columns; c++) name_from_file(r, c);
+    if (names->is_geographic && cloud_leave_out(r->cloud, "that x and y are degrees, longitude and latitude, unlike z: "
+                                                          "project the points before, to one unit of length"))
+        return no_memory(r);
+    return STATUS_OK;
+}
+
+/* The number of the column from 0 that an entry of the list means; r->columns: there is none. */
+static size_t listed_column(const struct reader *r, const struct column_entry *entry, size_t place) {
+    if (!entry->column) return place < r->columns ? place : r->columns;
+    struct scan_word word = {entry->column, entry->column_bytes};
+    size_t found = column_names_find(&r->names, word.text, word.n);
+    uint64_t number;
+    if (found < r->names.count) return found < r->columns ? found : r->columns;
+    return scan_u64(&word, &number) && number > 0 && number <= r->columns ? (size_t)number - 1 : r->columns;
+}
+
+static enum status bad_entry(struct reader *r, const struct column_entry *entry, const char *why) {
+    char text[NAMES_BYTES];
+    bool has_names = r->names_at != NULL;
+    return error_set_at(r->error, STATUS_MALFORMED, "columns", r->line, UINT64_MAX,
+                        "%.*s: %s; the file has %zu columns%s%s", (int)entry->name_bytes, entry->name, why, r->columns,
+                        has_names ? ": " : "", has_names ? quote_names(&r->names, text) : "");
+}
+
+/* Names the columns by the caller's list; the others keep their names, but not a meaning. */
+static enum status apply_list(struct reader *r) {
+    struct column_entry entry, of_column[CLOUD_MAX_PROPERTIES] = {{0}};
+    size_t place = 0, kept = 0;
+    if (r->names_at && r->names.count != r->columns) r->names_at = NULL, r->names.count = 0;
+    forget_meanings(&r->names);
+    for (const char *at = r->list; column_list_next(&at, &entry); place++) {
+        size_t c = listed_column(r, &entry, place);
+        if (c == r->columns) return bad_entry(r, &entry, "there is no such column");
+        if (of_column[c].name) return bad_entry(r, &entry, "this column has a name already");
+        of_column[c] = entry;
+    }
+    for (size_t c = 0; c < r->columns; c++) {
+        bool left_out = of_column[c].name_bytes == 1 && *of_column[c].name == '-';
+        r->target[c] = left_out ? NONE : (uint32_t)kept++;
+    }
+    for (size_t c = 0; c < r->columns; c++)
+        if (of_column[c].name && r->target[c] != NONE)
+            name_property(r->cloud, r->target[c], c, of_column[c].name, of_column[c].name_bytes);
+    for (size_t c = 0; c < r->columns; c++)
+        if (!of_column[c].name) name_from_file(r, c);
+    r->cloud->property_count = kept;
+    return STATUS_OK;
+}
+
+static void find_xyz(struct cloud *cloud) {
+    for (size_t j = 0; j < cloud->property_count; j++)
+        for (unsigned axis = 0; axis < 3; axis++)
+            if (strcmp(cloud->property[j].name, (const char[2]){"xyz"[axis]}) == 0) cloud->xyz[axis] = (uint32_t)j;
+}
+
+/* Sets up the columns from the first point's line, where at is. */
+static enum status describe(struct reader *r) {
+    struct cloud *cloud = r->cloud;
+    r->decimal_commas = line_has(r->at, r->end, ';');
+    size_t columns = r->columns = count_words(r, r->at);
+    if (columns > r->max_columns)
+        return error_set_at(r->error, STATUS_LIMIT, "properties", r->line, UINT64_MAX,
+                            "%zu columns, at most %zu are allowed", columns, r->max_columns);
+    if (columns < 3)
+        return error_set_at(r->error, STATUS_MALFORMED, "columns", r->line, UINT64_MAX,
+                            "the line has %zu values, a point has at least 3", columns);
+    cloud->form = "xyz";
+    cloud->property = alloc_zeroed(columns, sizeof *cloud->property);
+    if (!cloud->property) return no_memory(r);
+    cloud->property_count = columns;
+    for (size_t j = 0; j < columns; j++) r->target[j] = (uint32_t)j;
+    if (r->names_at) column_names_split(r->names_at, r->end, &r->names);
+    enum status status = r->list ? apply_list(r) : name_columns(r);
+    find_xyz(cloud);
+    cloud->record_bytes = cloud->property_count * sizeof(double);
+    for (size_t j = 0; j < cloud->property_count; j++) {
+        cloud->property[j].type = SCALAR_FLOAT64;
+        cloud->property[j].offset_bytes = j * sizeof(double);
+    }
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ points */
+
+static enum status resize(struct reader *r, size_t capacity) {
+    struct cloud *cloud = r->cloud;
+    vec3 *position = alloc_resize(cloud->position, capacity, sizeof *position);
+    if (!position) return no_memory(r);
+    cloud->position = position;
+    unsigned char *record = alloc_resize(cloud->record, capacity, cloud->record_bytes);
+    if (!record) return no_memory(r);
+    cloud->record = record;
+    r->capacity = capacity;
+    return STATUS_OK;
+}
+
+static enum status bad(struct reader *r, size_t column, const char *what) {
+    char quote[NUMBER_QUOTE_BYTES];
+    bool kept = column < r->columns && r->target[column] != NONE;
+    const char *name = kept ? r->cloud->property[r->target[column]].name : "columns";
+    return error_set_at(r->error, STATUS_MALFORMED, name, r->line, UINT64_MAX, "value %zu of the line is '%s': %s",
+                        column + 1, number_quote(r->at, r->end, quote), what);
+}
+
+static enum status bad_width(struct reader *r, size_t columns) {
+    const char *which = columns < r->columns ? "fewer" : "more";
+    return error_set_at(r->error, STATUS_MALFORMED, "columns", r->line, UINT64_MAX,
+                        "the line has %s values than the first point, which has %zu", which, r->columns);
+}
+
+/* Skips a separator; *mark is the comma or semicolon that this line has used, 0 = none yet. */
+static enum status take_separator(struct reader *r, char *mark, size_t column) {
+    skip_blanks(r);
+    if (r->at == r->end || (*r->at != ',' && *r->at != ';')) return STATUS_OK;
+    if (*mark && *mark != *r->at) return bad(r, column, "both commas and semicolons between values");
+    *mark = *r->at++;
+    skip_blanks(r);
+    return STATUS_OK;
+}
+
+static enum status one_or_two(struct reader *r, const char *word) {
+    char quote[NUMBER_QUOTE_BYTES];
+    return error_set_at(r->error, STATUS_MALFORMED, "columns", r->line, UINT64_MAX,
+                        "'%s' may be one value or two: if its comma is decimal, write a point for it (tr , .) or put "
+                        "semicolons between the values; if not, put commas between all",
+                        number_quote(word, r->end, quote));
+}
+
+static bool at_line_end(const struct reader *r) { return r->at == r->end || is_newline(*r->at); }
+
+/* Whether the file has had both decimal commas and decimal points, now that this number was read. */
+static bool mixes_decimals(struct reader *r, const char *at, const char *after) {
+    size_t n = (size_t)(after - at);
+    r->seen_comma = r->seen_comma || memchr(at, ',', n);
+    r->seen_point = r->seen_point || memchr(at, '.', n);
+    return r->seen_comma && r->seen_point;
+}
+
+/* Reads the values of one line into record. */
+static enum status take_values(struct reader *r, double *record) {
+    size_t j = 0, columns = r->columns;
+    char mark = 0;
+    for (; !at_line_end(r); j++) {
+        if (j == columns) return bad_width(r, j + 1);
+        const char *after =
+            r->target[j] == NONE ? end_of_word(r, r->at) : parse_value(r, r->at, r->end, &record[r->target[j]]);
+        if (!after || (after < r->end && !is_separator(r, *after) && !is_newline(*after)))
+            return bad(r, j, "not a number (the parameter columns leaves a column out by -)");
+        if (r->target[j] != NONE && r->decimal_commas && mixes_decimals(r, r->at, after))
+            return bad(r, j,
+                       "the file has commas and points in numbers, one of which may set off thousands; write "
+                       "points for decimals and nothing for thousands");
+        r->at = after;
+        enum status status = take_separator(r, &mark, j + 1);
+        if (status) return status;
+    }
+    return j == columns ? STATUS_OK : bad_width(r, j);
+}
+
+static enum status take_point(struct reader *r) {
+    struct cloud *cloud = r->cloud;
+    double record[CLOUD_MAX_PROPERTIES];
+    const char *line = r->at;
+    enum status status = take_values(r, record);
+    const char *unclear = status || cloud->count == 0 ? comma_inside(line, r->end) : NULL;
+    if (unclear && !r->decimal_commas) return one_or_two(r, unclear);
+    if (status) return status;
+    if (cloud->count == r->max_points)
+        return error_set_at(r->error, STATUS_LIMIT, "points", r->line, UINT64_MAX,
+                            "more than the %" PRIu64 " points that are allowed", r->max_points);
+    if (cloud->count == r->capacity) status = resize(r, r->capacity + r->capacity / 2 + FIRST_CAPACITY);
+    if (status) return status;
+    cloud->position[cloud->count] = (vec3){record[cloud->xyz[0]], record[cloud->xyz[1]], record[cloud->xyz[2]]};
+    memcpy(cloud->record + cloud->count * cloud->record_bytes, record, cloud->record_bytes);
+    cloud->count++;
+    return STATUS_OK;
+}
+
+static enum status take_points(struct reader *r) {
+    for (; skip_blanks(r), r->at < r->end; skip_line(r)) {
+        if (is_newline(*r->at) || at_comment(r)) continue;
+        if (r->cloud->count % TICK_POINTS == 0 &&
+            progress_tick(r->progress, "read", (double)(r->at - r->begin) / (double)(r->end - r->begin)))
+            return error_set(r->error, STATUS_CANCELLED, "read", "cancelled");
+        enum status status = take_point(r);
+        if (status) return status;
+    }
+    return STATUS_OK;
+}
+
+/* ------------------------------------------------------------------------------------------------ the whole */
+
+static enum status check_count(struct reader *r) {
+    if (!r->has_count || r->count == r->cloud->count) return STATUS_OK;
+    return error_set_at(r->error, STATUS_MALFORMED, "count", 1, UINT64_MAX,
+                        "the file begins with a count of %" PRIu64 " points, %zu are there", r->count, r->cloud->count);
+}
+
+/* Columns at the place of PTS's colours that hold anything but whole numbers of 0 to 255 aren't colours. */
+static void check_pts_colours(struct reader *r) {
+    struct cloud *cloud = r->cloud;
+    if (!r->is_pts || r->columns < 6) return;
+    for (size_t i = 0; i < cloud->count; i++)
+        for (size_t c = r->columns - 3; c < r->columns; c++) {
+            double value =
+                scalar_load(cloud->record + i * cloud->record_bytes + cloud->property[c].offset_bytes, SCALAR_FLOAT64);
+            if (value >= 0 && value <= 255 && value == floor(value)) continue;
+            for (c = 3; c < r->columns; c++) snprintf(cloud->property[c].name, PROPERTY_NAME_BYTES, "column%zu", c + 1);
+            return;
+        }
+}
+
+static enum status read_file(struct reader *r) {
+    if (!find_first_point(r)) return error_set_at(r->error, STATUS_MALFORMED, "read", r->line, UINT64_MAX, "no points");
+    enum status status = describe(r);
+    if (!status) status = take_points(r);
+    if (!status) status = check_count(r);
+    if (!status) status = cloud_drop_unplaced(r->cloud, r->error);
+    if (status) return status;
+    check_pts_colours(r);
+    return resize(r, r->cloud->count);
+}
+
+static struct reader start(const void *bytes, size_t n, const struct cloud_limits *limits) {
+    uint64_t points = limits && limits->max_points ? limits->max_points : NONE - 1;
+    size_t columns = limits && limits->max_properties ? limits->max_properties : CLOUD_MAX_PROPERTIES;
+    const char *text = bytes;
+    return (struct reader){.begin = text,
+                           .at = text,
+                           .end = text + padding_text_bytes(text, n),
+                           .line = 1,
+                           .list = limits && limits->columns && limits->columns[0] ? limits->columns : NULL,
+                           .max_points = points < NONE - 1 ? points : NONE - 1,
+                           .max_columns = columns < CLOUD_MAX_PROPERTIES ? columns : CLOUD_MAX_PROPERTIES};
+}
+
+/* Text that is no other format's may be this one. */
+const char *cloud_xyz_look(const struct first_bytes *first) { return first->is_text ? "xyz" : ""; }
+
+enum status cloud_xyz_read(const void *bytes, size_t n, const struct cloud_limits *limits,
+                           const struct progress *progress, struct cloud *cloud, struct error *error) {
+    struct cloud read = {0};
+    struct reader r = start(bytes, n, limits);
+    assert(!r.list || column_list_is_valid(r.list));
+    r.progress = progress;
+    r.cloud = &read;
+    r.error = error;
+    enum status status = read_file(&r);
+    if (!status) {
+        *cloud = read;
+        read = (struct cloud){0};
+    }
+    cloud_done(&read);
+    return status;
+}

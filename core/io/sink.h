@@ -1,0 +1,35 @@
+/* Buffered writing to a descriptor.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_IO_SINK_H
+#define WHITTLE_CORE_IO_SINK_H
+
+#include <stddef.h>
+
+#include "core/base/status.h"
+
+/* The first failure sticks: later writes do nothing, and sink_done tells. */
+struct sink {
+    int fd; /* borrowed */
+    size_t used;
+    unsigned char *buffer; /* owned */
+    int failure;           /* errno of the first write that failed; 0 = none */
+};
+
+/* STATUS_NO_MEMORY only.  sink_done must follow in any case. */
+enum status sink_init(struct sink *sink, int fd) MUST_CHECK;
+
+/* Room for n bytes (at most 4096), to be filled by the caller and then counted with sink_advance. */
+unsigned char *sink_reserve(struct sink *sink, size_t n);
+void sink_advance(struct sink *sink, size_t n);
+
+/* Writes n bytes, or a string, or a printf-formatted text of at most 4095 bytes. */
+void sink_bytes(struct sink *sink, const void *bytes, size_t n);
+void sink_text(struct sink *sink, const char *text);
+void sink_format(struct sink *sink, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+/* Writes what is left and frees the buffer; fd stays open.  STATUS_IO with the reason when any write failed.  status is
+ * what the caller has so far: when it isn't STATUS_OK, nothing more is written and it is returned. */
+enum status sink_done(struct sink *sink, enum status status, struct error *error) MUST_CHECK;
+
+#endif

@@ -1,0 +1,87 @@
+/* Chunks of points are measured side by side and added up in their order, so the sums don't depend on the number of
+ * threads.  The sign of a normal doesn't matter to a distance, so nothing is oriented here.  Kept points come by their
+ * importance; their index is built along the curve.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/measure/tangent.h"
+
+#include <stdlib.h>
+
+#include "core/base/alloc.h"
+#include "core/base/par.h"
+#include "core/base/radix.h"
+#include "core/spatial/knn.h"
+
+enum { CHUNK = 4096 };
+
+struct part {
+    enum status status;
+    double sum, sum_sq, max;
+};
+
+struct tangent {
+    const struct knn *knn;
+    const vec3 *point, *normal;
+    const uint32_t *kept; /* along the curve */
+    struct part *part;    /* one for each chunk, added up in order */
+};
+
+static void measure_chunk(void *ctx, size_t begin, size_t end) {
+    const struct tangent *t = ctx;
+    struct part *part = &t->part[begin / CHUNK];
+    uint32_t nearest[CHUNK];
+    double distance_sq[CHUNK];
+    part->status = knn_search(t->knn, &t->point[begin], end - begin, 1, 1, nearest, distance_sq);
+    for (size_t i = begin; !part->status && i < end; i++) {
+        uint32_t q = t->kept[nearest[i - begin]];
+        double d = fabs(vec3_dot(vec3_sub(t->point[i], t->point[q]), t->normal[q]));
+        part->sum += d;
+        part->sum_sq += d * d;
+        part->max = fmax(part->max, d);
+    }
+}
+
+static enum status add_up(const struct part *part, size_t parts, size_t n, struct distance_stats *stats) {
+    struct distance_stats total = {.count = n};
+    for (size_t i = 0; i < parts; i++) {
+        if (part[i].status) return part[i].status;
+        total.mean += part[i].sum;
+        total.rms += part[i].sum_sq;
+        total.max = fmax(total.max, part[i].max);
+    }
+    total.mean /= (double)n;
+    total.rms = sqrt(total.rms / (double)n);
+    *stats = total;
+    return STATUS_OK;
+}
+
+/* The kept points along the curve; item and spare are scratch for k each. */
+static void sort_kept(const uint32_t *kept, size_t k, unsigned threads, uint64_t *item, uint64_t *spare,
+                      uint32_t *sorted) {
+    for (size_t i = 0; i < k; i++) item[i] = radix_item(kept[i], 0);
+    item = radix_sort(item, spare, k, threads);
+    for (size_t i = 0; i < k; i++) sorted[i] = radix_key(item[i]);
+}
+
+enum status tangent_error(const vec3 *point, const vec3 *normal, size_t n, const uint32_t *kept, size_t k,
+                          unsigned threads, struct distance_stats *stats) {
+    struct knn *knn = NULL;
+    size_t parts = (n + CHUNK - 1) / CHUNK;
+    vec3 *kept_point = alloc_array(k, sizeof *kept_point);
+    uint32_t *sorted = alloc_array(k, sizeof *sorted);
+    uint64_t *item = alloc_array(k, 2 * sizeof *item);
+    struct part *part = alloc_zeroed(parts, sizeof *part);
+    enum status status = kept_point && sorted && item && part ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) sort_kept(kept, k, threads, item, item + k, sorted);
+    free(item);
+    for (size_t i = 0; !status && i < k; i++) kept_point[i] = point[sorted[i]];
+    if (!status) status = knn_new(kept_point, k, threads, &knn, NULL);
+    if (!status) {
+        struct tangent tangent = {knn, point, normal, sorted, part};
+        par_for(threads, n, CHUNK, measure_chunk, &tangent);
+        status = add_up(part, parts, n, stats);
+    }
+    knn_free(knn);
+    free(kept_point), free(sorted), free(part);
+    return status;
+}

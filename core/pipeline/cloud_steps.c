@@ -1,0 +1,178 @@
+/* Steps 1 to 8: from points to the simplified cloud.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/base/alloc.h"
+#include "core/measure/tangent.h"
+#include "core/pipeline/pipeline_run.h"
+#include "core/simplify/dso.h"
+#include "core/simplify/normals.h"
+
+enum status pipeline_no_memory(struct run *run, const char *where) {
+    if (run->error && run->error->code == STATUS_NO_MEMORY) return STATUS_NO_MEMORY; /* the stage has said more */
+    return error_set(run->error, STATUS_NO_MEMORY, where, "not enough memory for %zu points", run->cloud->count);
+}
+
+void pipeline_sites_done(struct sites *sites) {
+    free(sites->id), free(sites->point), free(sites->normal), free(sites->support), free(sites->of_point);
+    *sites = (struct sites){0};
+}
+
+void pipeline_scale(struct distance_stats *stats, double scale) {
+    stats->mean *= scale;
+    stats->rms *= scale;
+    stats->max *= scale;
+}
+
+static enum status check_size(struct run *run) {
+    for (size_t i = 0; i < run->cloud->count; i++) {
+        vec3 p = run->cloud->position[i];
+        if (fabs(p.x) < ORDER_LARGEST && fabs(p.y) < ORDER_LARGEST && fabs(p.z) < ORDER_LARGEST) continue;
+        return error_set(run->error, STATUS_MALFORMED, "order", "the coordinates of point %zu are over %g", i + 1,
+                         ORDER_LARGEST);
+    }
+    return STATUS_OK;
+}
+
+void pipeline_report_box(struct run *run) {
+    struct report *report = &run->report;
+    report->diagonal = run->points.diagonal;
+    memcpy(report->box_min, &run->points.box_min, sizeof report->box_min);
+    memcpy(report->box_max, &run->points.box_max, sizeof report->box_max);
+}
+
+static void tell_strays(struct run *run) {
+    if (run->points.strays && run->params->denoise == DENOISE_NONE)
+        losses_add(&run->report.losses, "input",
+                   "%zu points lie hundreds of times as far off as the others are wide: denoise=outliers drops strays",
+                   run->points.strays);
+}
+
+enum status pipeline_order(struct run *run) {
+    if (check_size(run)) return STATUS_MALFORMED;
+    enum status status = order_points(run->cloud->position, run->cloud->count, run->threads, &run->points);
+    if (status) return pipeline_no_memory(run, "order");
+    struct report *report = &run->report;
+    report->points_in = run->cloud->count;
+    report->points_distinct = run->points.count;
+    pipeline_report_box(run);
+    tell_strays(run);
+    snprintf(report->format, sizeof report->format, "%s", run->cloud->form);
+    return STATUS_OK;
+}
+
+enum status pipeline_neighbours(struct run *run) {
+    enum status status = knn_new(run->points.point, run->points.count, run->threads, &run->knn, run->error);
+    if (status) return status;
+    struct neighbourhood_options options = {run->params->neighbourhood, (unsigned)run->params->neighbours_min,
+                                            (unsigned)run->params->neighbours_max, run->threads};
+    status = neighbourhood_find(run->knn, run->points.point, run->points.count, &options, &run->hood);
+    if (!run->mesh_follows) {
+        knn_free(run->knn);
+        run->knn = NULL;
+        alloc_give_back();
+    }
+    return status ? pipeline_no_memory(run, "neighbours") : STATUS_OK;
+}
+
+enum status pipeline_normals(struct run *run) {
+    run->normal = alloc_array(run->points.count, sizeof *run->normal);
+    if (!run->normal) return pipeline_no_memory(run, "normals");
+    normals_fit(run->points.point, &run->hood, run->threads, run->normal, NULL);
+    return STATUS_OK;
+}
+
+enum status pipeline_dso(struct run *run) {
+    run->dso = alloc_array(run->points.count, sizeof *run->dso);
+    if (!run->dso) return pipeline_no_memory(run, "dso");
+    dso_compute(run->points.point, run->normal, &run->hood, (enum dso_form)run->params->dso, run->threads, run->dso);
+    return STATUS_OK;
+}
+
+/* The weights of points; smooth is room for n.  The paper's form is used as it is. */
+static void weigh(const struct run *run, float *smooth, float *weight) {
+    bool smoothed = run->params->dso == DSO_RMS;
+    if (smoothed) dso_smooth(run->dso, &run->hood, run->threads, smooth);
+    dso_weights(smoothed ? smooth : run->dso, run->points.count, run->params->dso_exponent, run->threads, weight);
+}
+
+enum status pipeline_quadrics(struct run *run) {
+    size_t n = run->points.count;
+    float *smooth = alloc_array(n, sizeof *smooth), *weight = alloc_array(n, sizeof *weight);
+    run->quadrics = alloc_array(n, sizeof *run->quadrics);
+    bool room = smooth && weight && run->quadrics;
+    if (room) {
+        struct quadric_options options = {(enum area_weight)run->params->area_weight, run->params->line_quadric,
+                                          run->threads};
+        weigh(run, smooth, weight);
+        quadric_assemble(run->points.point, run->normal, &run->hood, weight, &options, run->quadrics);
+    }
+    free(smooth), free(weight);
+    return room ? STATUS_OK : pipeline_no_memory(run, "quadrics");
+}
+
+size_t pipeline_wanted_points(const struct run *run, size_t level) {
+    const struct params *params = run->params;
+    size_t wanted = 1, distinct = run->points.count;
+    double ratio = params->levels.count ? params->levels.ratio[level] : params->ratio;
+    if (params->points) wanted = params->points;
+    if (!isnan(ratio)) wanted = (size_t)floor(ratio * (double)run->cloud->count);
+    if (!isnan(params->max_error)) {
+        double in_frame = run->points.diagonal / run->points.scale;
+        size_t tolerated = contraction_count_for_error(&run->contraction, params->max_error * in_frame);
+        if (tolerated > wanted) wanted = tolerated;
+    }
+    if (wanted < run->searched) wanted = run->searched;
+    if (wanted < 1) wanted = 1;
+    return wanted < distinct ? wanted : distinct;
+}
+
+/* From how many points on nobody asks which of them are more important: a mesh, if it isn't to have an error of some
+ * size, needs to know which points are left alone. */
+static size_t fewest_ranked(const struct run *run) {
+    const struct params *params = run->params;
+    if (params->outputs & OUTPUT_ANY_CLOUD || !run->mesh_follows || !isnan(params->max_error) ||
+        params_bound_deviation(params))
+        return 1;
+    return pipeline_wanted_points(run, params->levels.count ? params->levels.count - 1 : 0);
+}
+
+enum status pipeline_contract(struct run *run) {
+    struct adjacency near = {0};
+    struct contract_options options = {run->threads, fewest_ranked(run)};
+    enum status status = adjacency_from(&run->hood, run->threads, &near);
+    if (!run->mesh_follows) neighbourhood_done(&run->hood);
+    if (!status)
+        status = contract(run->points.point, &near, run->quadrics, &options, &run->progress, &run->contraction);
+    free(run->quadrics);
+    run->quadrics = NULL;
+    return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "contract") : status;
+}
+
+/* The levels come finest first, so that the points of the first one hold those of all others as prefixes. */
+enum status pipeline_keep(struct run *run) {
+    const struct contraction *contraction = &run->contraction;
+    struct report_level *level = &run->report.level[run->level];
+    run->kept_count = pipeline_wanted_points(run, run->level);
+    if (run->level == 0) {
+        run->kept = alloc_array(run->kept_count, sizeof *run->kept);
+        if (!run->kept) return pipeline_no_memory(run, "keep");
+        for (size_t i = 0; i < run->kept_count; i++) run->kept[i] = contraction->order[contraction->n - 1 - i];
+    }
+    size_t made = contraction->n - run->kept_count;
+    level->points_out = run->kept_count;
+    level->ratio = (double)run->kept_count / (double)run->cloud->count;
+    level->contraction_error = made ? (double)contraction->error[made - 1] * run->points.scale : 0;
+    return STATUS_OK;
+}
+
+enum status pipeline_tangent(struct run *run) {
+    struct distance_stats *tangent = &run->report.level[run->level].tangent;
+    enum status status = tangent_error(run->points.point, run->normal, run->points.count, run->kept, run->kept_count,
+                                       run->threads, tangent);
+    if (!status) pipeline_scale(tangent, run->points.scale);
+    return status;
+}

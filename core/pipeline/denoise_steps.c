@@ -1,0 +1,137 @@
+/* The step between 1 and 2: outliers go, noise is smoothed, and the rest of the pipeline runs as if the cloud had come
+ * like that.
+ *
+ * So the points that are left are put in order again, in the frame of their own bounding box (a stray far away must not
+ * decide how long a hundredth of the diagonal is), and a moved point counts with the coordinates that will be written:
+ * rounded to the type that the file has for them.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/base/alloc.h"
+#include "core/clean/denoise.h"
+#include "core/clean/outliers.h"
+#include "core/pipeline/pipeline_run.h"
+
+/* Points along the curve that are left, and where they are. */
+struct remains {
+    size_t count;
+    uint32_t *id;   /* along the curve, ascending */
+    vec3 *point;    /* in the frame, as they came */
+    vec3 *position; /* in the input's coordinates, where they are to be */
+};
+
+static void remains_done(struct remains *remains) { free(remains->id), free(remains->point), free(remains->position); }
+
+static enum status remains_new(const struct run *run, struct remains *remains) {
+    size_t n = run->points.count;
+    remains->count = n;
+    remains->id = alloc_array(n, sizeof *remains->id);
+    remains->point = alloc_array(n, sizeof *remains->point);
+    remains->position = alloc_array(n, sizeof *remains->position);
+    if (!remains->id || !remains->point || !remains->position) return STATUS_NO_MEMORY;
+    for (size_t i = 0; i < n; i++) {
+        remains->id[i] = (uint32_t)i;
+        remains->point[i] = run->points.point[i];
+        remains->position[i] = run->cloud->position[run->points.original[i]];
+    }
+    return STATUS_OK;
+}
+
+static void drop(struct remains *remains, const uint8_t *dropped) {
+    size_t left = 0;
+    for (size_t i = 0; i < remains->count; i++) {
+        if (dropped[i]) continue;
+        remains->id[left] = remains->id[i];
+        remains->point[left] = remains->point[i];
+        remains->position[left++] = remains->position[i];
+    }
+    remains->count = left;
+}
+
+static enum status drop_outliers(struct run *run, struct remains *remains) {
+    struct knn *knn = NULL;
+    size_t count;
+    uint8_t *outlier = alloc_array(remains->count, sizeof *outlier);
+    enum status status = outlier ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) status = knn_new(remains->point, remains->count, run->threads, &knn, run->error);
+    if (!status) status = outliers_find(knn, remains->point, remains->count, run->threads, outlier, &count);
+    if (!status) drop(remains, outlier);
+    knn_free(knn);
+    free(outlier);
+    return status;
+}
+
+static vec3 to_input(const struct ordered_points *frame, vec3 p) {
+    return vec3_add(vec3_scale(p, frame->scale), frame->centre);
+}
+
+static enum status smooth(struct run *run, struct remains *remains) {
+    struct denoise_result smoothed = {0};
+    enum status status = denoise_smooth(remains->point, remains->count, run->threads, &smoothed);
+    if (status) return status;
+    for (size_t i = 0; i < remains->count; i++)
+        if (!vec3_equal(smoothed.point[i], remains->point[i]))
+            remains->position[i] = cloud_round(run->cloud, to_input(&run->points, smoothed.point[i]));
+    run->report.noise = smoothed.noise * run->points.scale;
+    drop(remains, smoothed.stray);
+    denoise_done(&smoothed);
+    return STATUS_OK;
+}
+
+/* Gives `ordered`, which is of the remains, the input's ids: original and distinct as if it were of the input.  kept_as
+ * (one for each point of run->points) is scratch. */
+static void rename_points(struct run *run, const struct remains *remains, struct ordered_points *ordered,
+                          uint32_t *distinct, uint32_t *kept_as) {
+    for (size_t i = 0; i < run->points.count; i++) kept_as[i] = NONE;
+    for (size_t i = 0; i < remains->count; i++) kept_as[remains->id[i]] = ordered->distinct[i];
+    for (size_t i = 0; i < ordered->count; i++)
+        ordered->original[i] = run->points.original[remains->id[ordered->original[i]]];
+    for (size_t j = 0; j < run->cloud->count; j++) {
+        distinct[j] = kept_as[run->points.distinct[j]];
+        run->report.points_outliers += distinct[j] == NONE;
+    }
+    free(ordered->distinct);
+    ordered->distinct = distinct;
+}
+
+/* moved[j]: where input point j goes to; outliers stay. */
+static void place_all(const struct run *run, const struct remains *remains, vec3 *moved, uint32_t *at) {
+    for (size_t i = 0; i < run->points.count; i++) at[i] = NONE;
+    for (size_t i = 0; i < remains->count; i++) at[remains->id[i]] = (uint32_t)i;
+    for (size_t j = 0; j < run->cloud->count; j++) {
+        uint32_t i = at[run->points.distinct[j]];
+        moved[j] = i == NONE ? run->cloud->position[j] : remains->position[i];
+    }
+}
+
+static enum status put_in_order(struct run *run, const struct remains *remains) {
+    bool is_full = run->params->denoise == DENOISE_FULL;
+    struct ordered_points ordered = {0};
+    uint32_t *distinct = alloc_array(run->cloud->count, sizeof *distinct);
+    uint32_t *scratch = alloc_array(run->points.count, sizeof *scratch);
+    if (is_full) run->moved = alloc_array(run->cloud->count, sizeof *run->moved);
+    enum status status = distinct && scratch && (!is_full || run->moved) ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) status = order_points(remains->position, remains->count, run->threads, &ordered);
+    if (!status) {
+        if (is_full) place_all(run, remains, run->moved, scratch);
+        rename_points(run, remains, &ordered, distinct, scratch);
+        ordered_points_done(&run->points);
+        run->points = ordered;
+        distinct = NULL;
+    }
+    free(distinct), free(scratch);
+    return status;
+}
+
+enum status pipeline_denoise(struct run *run) {
+    struct remains remains = {0};
+    enum status status = remains_new(run, &remains);
+    if (!status) status = drop_outliers(run, &remains);
+    if (!status && run->params->denoise == DENOISE_FULL) status = smooth(run, &remains);
+    if (!status) status = put_in_order(run, &remains);
+    if (!status) pipeline_report_box(run);
+    remains_done(&remains);
+    return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "denoise") : status;
+}

@@ -1,0 +1,266 @@
+/* The peak of a job as a table of its stages.
+ *
+ * Nearly all memory is in arrays with an entry for each point, so what is held during a stage is a sum of
+ *
+ *     HELD     by every stage once points are in order: records, coordinates, the points along the curve
+ *     point    bytes of the stage and of what others left for later ones, for each input point
+ *     near     the same for each point and each neighbour that it may have
+ *     kept     for each point that is kept
+ *     face     for each triangle of the input
+ *     tets     whether there are tetrahedra, at TET bytes each, and between which points
+ *
+ * and the peak is the largest of them, with a margin.  The figures are sizes of the arrays where those are ours, and
+ * measured where they aren't (FLANN, CGAL); the test measures them all again.
+ *
+ * Invariant: how many tetrahedra there are nobody knows before.  The prediction counts what surfaces, volumes and cones
+ * have; a run stops where there are more than the memory it was allowed has room for, so it takes no more than that.
+ * Whoever can allow more does so then: at most as much as memory_predict_most says.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/pipeline/memory.h"
+
+#include <math.h>
+#include <stdbool.h>
+#include <string.h>
+
+#include "core/base/endian.h"
+#include "core/io/formats/pcd_header.h"
+#include "core/io/formats/ply_header.h"
+#include "core/io/sniff.h"
+#include "core/spatial/neighbourhood.h"
+
+static const double PROGRAM = 6.1e6; /* the program, its libraries, stacks and buffers */
+static const double MARGIN = 1.05, KEPT_MARGIN = 1.16;
+enum { POSITION = 24, TRIANGLE = 12, HELD = 32 };
+
+/* Of tetrahedra, which are what points between them make it: for each point kept, for each point, for small clouds. */
+static const double TETS_KEPT = 9, TETS_POINT = 1.5, TETS_LEAST = 20000;
+enum { TET = 176, SITE = 100 }; /* bytes, measured: of a tetrahedron, and of a kept point beside those */
+
+static bool refined(const struct params *p) { return params_want_mesh(p) && p->refine != REFINE_NONE; }
+static bool refined_closely(const struct params *p) { return refined(p) && p->placement == PLACEMENT_OPTIMAL; }
+static bool denoised(const struct params *p) { return p->denoise != DENOISE_NONE; }
+static bool cloud_alone(const struct params *p) { return !params_want_mesh(p); }
+static bool reconstructed_whole(const struct params *p) {
+    return params_want_mesh(p) && p->reference == REFERENCE_RECONSTRUCTION;
+}
+static bool painted(const struct params *p) { return p->outputs & (OUTPUT_DSO | OUTPUT_ERROR); }
+
+/* Bytes for each point beside Delaunay, and after it where samples are made then (pipeline/mesh_steps.c): usual
+ * tetrahedra and these are less than "refine", but as many as memory has room for are not. */
+enum { UMBRELLAS = 135, SAMPLES = 259 };
+
+static const struct stage {
+    const char *name;
+    bool (*wanted)(const struct params *params);
+    double point, near, kept, face;
+    enum { NO_TETS, OF_KEPT, OF_ALL } tets;
+} stages[] = {
+    {"denoise", denoised, 470, 0, 0, 0, NO_TETS},
+    {"join", cloud_alone, 94, 9, 0, 0, NO_TETS},
+    {"contract", cloud_alone, 124, 7, 0, 0, NO_TETS},
+    {"tangent", cloud_alone, 40, 0, 70, 0, NO_TETS},
+    {"join", params_want_mesh, 130, 9, 0, 0, NO_TETS},
+    {"contract", params_want_mesh, 165, 11, 0, 0, NO_TETS},
+    {"delaunay", params_want_mesh, 81, 4, SITE, 0, OF_KEPT},
+    {"umbrellas", refined, UMBRELLAS, 4, SITE, 0, OF_KEPT},
+    {"refine", refined, 400, 4, 800, 0, NO_TETS},
+    {"closer", refined_closely, 950, 4, 1300, 0, NO_TETS},
+    {"measure", params_want_mesh, 105, 4, 300, 175, NO_TETS},
+    {"reference", reconstructed_whole, SITE, 4, 150, 0, OF_ALL},
+    {"paint", painted, 160, 4, 200, 0, NO_TETS},
+};
+enum { STAGES = sizeof stages / sizeof stages[0] };
+
+/* The most neighbours of a point, in a noisy cloud. */
+static double most_neighbours(const struct params *params) {
+    return neighbourhood_noisy_count((unsigned)params->neighbours_max);
+}
+
+static double kept_points(const struct memory_job *job, const struct params *params) {
+    double points = (double)job->points, ratio = params->levels.count ? params->levels.ratio[0] : params->ratio;
+    for (uint32_t i = 1; i < params->levels.count; i++) ratio = fmax(ratio, params->levels.ratio[i]);
+    if (!isnan(params->max_error) || params_bound_deviation(params)) return points;
+    if (params->points) return fmin(points, (double)params->points);
+    return isnan(ratio) ? points : ratio * points;
+}
+
+/* What all levels leave behind: meshes. */
+static double results(const struct memory_job *job, const struct params *params) {
+    double points = (double)job->points, bytes = 0;
+    for (uint32_t i = 0; i < params->levels.count; i++) bytes += params->levels.ratio[i] * points;
+    if (params->levels.count == 0) bytes = kept_points(job, params);
+    return params_want_mesh(params) ? 60 * bytes : 0;
+}
+
+static double usual_tetrahedra(double points, double triangulated) {
+    return TETS_KEPT * triangulated + TETS_POINT * points + TETS_LEAST;
+}
+
+static double most_tetrahedra(double points, double triangulated) {
+    return fmax(usual_tetrahedra(points, triangulated), MEMORY_MOST_TETRAHEDRA * triangulated);
+}
+
+/* What the input takes while points are simplified. */
+static double cloud_bytes(const struct memory_job *job, const struct params *params) {
+    double positions = params->denoise == DENOISE_FULL ? 2 * POSITION : POSITION;
+    return (double)job->points * (positions + (double)job->record_bytes) + (double)job->faces * TRIANGLE;
+}
+
+/* What a stage takes but for tetrahedra. */
+static double stage_bytes(const struct stage *stage, const struct memory_job *job, double kept,
+                          const struct params *params) {
+    double each = HELD + stage->point + stage->near * most_neighbours(params);
+    return cloud_bytes(job, params) + (double)job->points * each + kept * stage->kept +
+           (double)job->faces * stage->face;
+}
+
+static double margin_of(const struct memory_job *job, const struct params *params) {
+    return memory_is_kept(job->points, params) ? KEPT_MARGIN : MARGIN;
+}
+
+static uint64_t predict(const struct memory_job *job, const struct params *params,
+                        double (*tetrahedra)(double points, double triangulated)) {
+    double points = (double)job->points, kept = kept_points(job, params);
+    double peak = cloud_bytes(job, params) + (double)job->input_bytes;
+    for (int i = 0; i < STAGES; i++) {
+        const struct stage *s = &stages[i];
+        if (!s->wanted(params)) continue;
+        double tets = s->tets == NO_TETS ? 0 : tetrahedra(points, s->tets == OF_ALL ? points : kept);
+        peak = fmax(peak, stage_bytes(s, job, kept, params) + tets * TET);
+    }
+    peak = PROGRAM + margin_of(job, params) * (peak + results(job, params));
+    return peak < 0x1p64 ? (uint64_t)peak : UINT64_MAX;
+}
+
+uint64_t memory_predict(const struct memory_job *job, const struct params *params) {
+    return predict(job, params, usual_tetrahedra);
+}
+
+uint64_t memory_predict_most(const struct memory_job *job, const struct params *params) {
+    struct memory_job most = *job;
+    if (most.faces < most.faces_most) most.faces = most.faces_most;
+    return predict(&most, params, most_tetrahedra);
+}
+
+uint64_t memory_triangles(const struct params *params) {
+    double each = TRIANGLE;
+    for (int i = 0; i < STAGES; i++)
+        if (stages[i].wanted(params)) each = fmax(each, TRIANGLE + stages[i].face);
+    double triangles = ((double)params->memory_bytes - PROGRAM) / (MARGIN * each);
+    return params->memory_bytes ? (uint64_t)fmax(1, triangles) : 0;
+}
+
+bool memory_lacks_for_faces(const struct memory_job *job, const struct params *params) {
+    struct memory_job plain = *job;
+    plain.faces = 0;
+    return params->memory_bytes && job->faces && memory_predict(job, params) > params->memory_bytes &&
+           memory_predict(&plain, params) <= params->memory_bytes;
+}
+
+uint64_t memory_tetrahedra(const struct memory_job *job, uint64_t kept, bool of_all, const struct params *params) {
+    double most = most_tetrahedra((double)job->points, (double)(of_all ? job->points : kept));
+    double held = 0, stage = 0;
+    if (!params->memory_bytes) return (uint64_t)most;
+    if (refined(params) && !of_all) held = (double)job->points * (SAMPLES - UMBRELLAS);
+    for (int i = 0; i < STAGES; i++)
+        if (stages[i].tets == (of_all ? OF_ALL : OF_KEPT) && stages[i].wanted(params))
+            stage = fmax(stage, stage_bytes(&stages[i], job, (double)kept, params));
+    double bytes =
+        ((double)params->memory_bytes - PROGRAM) / margin_of(job, params) - results(job, params) - held - stage;
+    return (uint64_t)fmax(0, fmin(most, bytes / TET));
+}
+
+/* ------------------------------------------------------------------------------------------------ what comes */
+
+/* Faces of a text are counted as triangles and quadrilaterals, half of each and more.  How many corners they have
+ * nobody knows before: as many as there are digits with a blank each, at most. */
+enum { FACE_TRIANGLES = 2, CORNER_BYTES = 2 };
+
+static void set_text_faces(struct memory_job *job, double triangles) {
+    job->faces_most = job->input_bytes / CORNER_BYTES;
+    job->faces = triangles < (double)job->faces_most ? (uint64_t)triangles : job->faces_most;
+}
+
+static enum status job_of_ply(const void *bytes, size_t n, uint64_t total_bytes, struct memory_job *job) {
+    struct ply_summary summary;
+    struct error ignored;
+    enum status status = ply_header_check(bytes, n, total_bytes, &summary, &ignored);
+    if (status) return status;
+    if (!summary.complete) return STATUS_MALFORMED;
+    *job = (struct memory_job){summary.vertex_count, summary.record_bytes, summary.triangles_most, total_bytes, 0};
+    if (summary.form == PLY_ASCII) set_text_faces(job, FACE_TRIANGLES * (double)summary.face_count);
+    if (summary.face_count && total_bytes == UINT64_MAX) job->faces_most = UINT64_MAX;
+    return STATUS_OK;
+}
+
+static bool is_blank(char c) { return c == ' ' || c == '\t' || c == ',' || c == ';' || c == '\r' || c == '\n'; }
+
+/* Each word becomes a double; a line is as long as those that are there.  Lines longer than any point's hold many. */
+static void job_of_text(const char *text, size_t n, uint64_t total_bytes, struct memory_job *job) {
+    double lines = 0, words = 0;
+    for (size_t i = 0; i < n; i++) {
+        lines += text[i] == '\n' || (text[i] == '\r' && (i + 1 == n || text[i + 1] != '\n'));
+        words += !is_blank(text[i]) && (i + 1 == n || is_blank(text[i + 1]));
+    }
+    if (lines < 1) lines = 1;
+    if (words > lines * CLOUD_MAX_PROPERTIES) lines = words / 3;
+    *job = (struct memory_job){.points = (uint64_t)(1.1 * lines / (double)n * (double)total_bytes) + 1,
+                               .record_bytes = sizeof(double) * (uint64_t)ceil(words / lines),
+                               .input_bytes = total_bytes};
+}
+
+/* Lines of a mesh are points or faces: each is counted as both. */
+static void job_of_mesh_text(const char *text, size_t n, uint64_t total_bytes, struct memory_job *job) {
+    job_of_text(text, n, total_bytes, job);
+    set_text_faces(job, FACE_TRIANGLES * (double)job->points);
+}
+
+/* A scalar of PCD may become one as large, or three bytes of a colour; compressed data is there unpacked, too. */
+static enum status job_of_pcd(const void *bytes, size_t n, uint64_t total_bytes, struct memory_job *job) {
+    struct pcd_header header;
+    struct error ignored;
+    enum status status = pcd_header_parse(bytes, n, &header, &ignored);
+    if (status) return status;
+    *job = (struct memory_job){header.points, header.record_bytes, 0, total_bytes, 0};
+    if (header.data == PCD_COMPRESSED) job->input_bytes += header.points * header.record_bytes;
+    return STATUS_OK;
+}
+
+/* Coordinates become double, and the three bytes of bit fields eight of their own. */
+static enum status job_of_las(const unsigned char *bytes, size_t n, uint64_t total_bytes, struct memory_job *job) {
+    enum { COUNT = 107, RECORD_BYTES = 105, LONG_COUNT = 247, LEAST_BYTES = 255, GROWS_BY = 24 };
+    if (n < LEAST_BYTES) return STATUS_MALFORMED;
+    uint64_t points = little_load(bytes + COUNT, 4);
+    if (bytes[25] >= 4 && little_load(bytes + LONG_COUNT, 8)) points = little_load(bytes + LONG_COUNT, 8);
+    *job = (struct memory_job){points, little_load(bytes + RECORD_BYTES, 2) + GROWS_BY, 0, total_bytes, 0};
+    return STATUS_OK;
+}
+
+/* A closed surface has half as many points as facets; twice that is counted, and the table that joins corners. */
+static void job_of_stl(const unsigned char *bytes, uint64_t total_bytes, struct memory_job *job) {
+    enum { COUNT = 80, RECORD_BYTES = 12, TABLE_BYTES = 16 };
+    uint64_t facets = little_load(bytes + COUNT, 4);
+    *job = (struct memory_job){facets, RECORD_BYTES + TABLE_BYTES, facets, total_bytes, 0};
+}
+
+enum status memory_job_of(const void *first_bytes, size_t n, uint64_t total_bytes, struct memory_job *job) {
+    struct cloud_guess guess = cloud_sniff(first_bytes, n);
+    switch (guess.kind) {
+    case CLOUD_KIND_PLY: return job_of_ply(first_bytes, n, total_bytes, job);
+    case CLOUD_KIND_PCD: return job_of_pcd(first_bytes, n, total_bytes, job);
+    case CLOUD_KIND_LAS: return job_of_las(first_bytes, n, total_bytes, job);
+    case CLOUD_KIND_TEXT: job_of_text(first_bytes, n, total_bytes, job); return STATUS_OK;
+    case CLOUD_KIND_STL:
+        if (strcmp(guess.form, "stl/ascii") == 0)
+            job_of_mesh_text(first_bytes, n, total_bytes, job);
+        else
+            job_of_stl(first_bytes, total_bytes, job);
+        return STATUS_OK;
+    case CLOUD_KIND_EMPTY: return STATUS_MALFORMED;
+    case CLOUD_KIND_GZIP:
+    case CLOUD_KIND_ZSTD:
+    case CLOUD_KIND_OTHER: return STATUS_UNSUPPORTED;
+    default: job_of_mesh_text(first_bytes, n, total_bytes, job); return STATUS_OK;
+    }
+}

@@ -1,0 +1,650 @@
+/* Steps 9 to 13: from the kept points to a mesh and its error.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/base/alloc.h"
+#include "core/base/radix.h"
+#include "core/math/sym3.h"
+#include "core/measure/metro.h"
+#include "core/measure/support.h"
+#include "core/pipeline/memory.h"
+#include "core/pipeline/pipeline_run.h"
+#include "core/refine/refine.h"
+#include "core/spatial/bvh.h"
+#include "core/surface/delaunay_cgal.h"
+#include "core/surface/reconstruct.h"
+#include "core/surface/sheet/orient.h"
+
+/* The points that stand for themselves, and the index of each among them. */
+static void number_sites(const struct run *run, struct sites *sites, uint32_t *index) {
+    uint32_t i = 0;
+    for (uint32_t p = 0; p < run->points.count; p++) {
+        if (sites->of_point[p] != p) continue;
+        sites->id[i] = p;
+        sites->point[i] = run->points.point[p];
+        sites->normal[i] = run->normal[p];
+        sites->support[i] = 0;
+        index[p] = i++;
+    }
+}
+
+/* support = max over the points that a site stands for of the distance to it + the spacing there. */
+static void find_support(const struct run *run, const uint32_t *index, struct sites *sites) {
+    for (size_t x = 0; x < run->points.count; x++) {
+        uint32_t i = sites->of_point[x] = index[sites->of_point[x]];
+        double reach = vec3_distance(run->points.point[x], sites->point[i]) + (double)run->hood.spacing[x];
+        sites->support[i] = fmax(sites->support[i], reach);
+    }
+}
+
+/* The k most important points as sites. */
+static enum status sites_of(const struct run *run, size_t k, struct sites *sites) {
+    *sites = (struct sites){.count = k};
+    uint32_t *index = alloc_array(run->points.count, sizeof *index);
+    sites->id = alloc_array(k, sizeof *sites->id);
+    sites->point = alloc_array(k, sizeof *sites->point);
+    sites->normal = alloc_array(k, sizeof *sites->normal);
+    sites->support = alloc_array(k, sizeof *sites->support);
+    sites->of_point = alloc_array(run->points.count, sizeof *sites->of_point);
+    bool ok = index && sites->id && sites->point && sites->normal && sites->support && sites->of_point;
+    if (ok) {
+        contraction_representatives(&run->contraction, k, sites->of_point);
+        number_sites(run, sites, index);
+        find_support(run, index, sites);
+    }
+    free(index);
+    return ok ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+/* How many of the points' principal extents are over FLAT: 0 when they coincide, 3 when they span space.  Rounding of
+ * coordinates makes points of a tilted plane leave it by about 1e-7 of the diagonal; no scan has two sides that near.
+ */
+static const double FLAT = 1e-6;
+
+/* Principal axes of points, the shortest first, and how many extents are over FLAT. */
+static int dimension_of(const vec3 *point, size_t n, vec3 axis[3]) {
+    sym3 moment = {0};
+    vec3 mean = {0, 0, 0};
+    double value[3];
+    int dimension = 0;
+    for (size_t i = 0; i < n; i++) mean = vec3_add(mean, point[i]);
+    mean = vec3_scale(mean, 1 / (double)n);
+    for (size_t i = 0; i < n; i++) moment = sym3_add(moment, sym3_outer(vec3_sub(point[i], mean)));
+    sym3_eigen(moment, value, axis);
+    for (int k = 0; k < 3; k++) {
+        double low = INFINITY, high = -INFINITY;
+        for (size_t i = 0; i < n; i++) {
+            double x = vec3_dot(vec3_sub(point[i], mean), axis[k]);
+            low = fmin(low, x), high = fmax(high, x);
+        }
+        dimension += high - low > FLAT;
+    }
+    return dimension;
+}
+
+/* ------------------------------------------------------------------------------------------------ what surface */
+
+static void decide(struct run *run, struct surface_choice choice) {
+    static const char *const forms[] = {"closed", "open", "heightfield"};
+    struct report_surface *report = &run->report.surface;
+    run->surface = choice;
+    run->decision = DECIDED;
+    report->sure = choice.sure;
+    snprintf(report->kind, sizeof report->kind, "%s", forms[choice.form]);
+    snprintf(report->reason, sizeof report->reason, "%s", choice.reason[0] ? choice.reason : "it was asked for");
+}
+
+/* Whether the input's own faces are a closed surface. */
+static enum status has_closed_faces(const struct run *run, bool *closed) {
+    const struct cloud *cloud = run->cloud;
+    struct mesh faces = {cloud->count, cloud->position, NULL, cloud->triangle_count, cloud->triangle, NULL};
+    struct mesh_facts facts = {0};
+    enum status status = cloud->triangle_count ? mesh_examine(&faces, &facts) : STATUS_OK;
+    if (!status) *closed = facts.watertight;
+    return status;
+}
+
+/* What the points tell of their surface before there is a mesh.  Points on one plane are a height field of it,
+ * whatever surface with borders they are said to be; not where nothing is said. */
+static enum status look_at_points(struct run *run) {
+    enum surface_form asked = (enum surface_form)run->params->surface;
+    struct surface_choice choice = {.form = asked, .sure = true};
+    vec3 axis[3];
+    bool closed = asked == SURFACE_CLOSED;
+    enum status status = STATUS_OK;
+    int dimension = closed ? 3 : dimension_of(run->points.point, run->points.count, axis);
+    if (dimension < 3 && asked == SURFACE_AUTO) return STATUS_OK;
+    if (dimension == 2) {
+        choice.form = SURFACE_HEIGHTFIELD, choice.up = axis[0];
+        snprintf(choice.reason, sizeof choice.reason, "all points lie on one plane");
+        decide(run, choice);
+        run->field_judged = true;
+        return STATUS_OK;
+    }
+    run->field_judged = asked == SURFACE_HEIGHTFIELD;
+    if (asked == SURFACE_AUTO) status = has_closed_faces(run, &closed);
+    if (!status && !closed) status = surface_signs_of(run->points.point, run->normal, run->points.count, &run->signs);
+    if (status) return status;
+    run->decision = LOOKED_AT;
+    choice.up = run->signs.up;
+    if (asked == SURFACE_AUTO && closed) {
+        choice.form = SURFACE_CLOSED;
+        snprintf(choice.reason, sizeof choice.reason, "the input's own faces are a closed surface");
+    }
+    if (asked != SURFACE_AUTO || closed || surface_choose_by_signs(&run->signs, &choice)) decide(run, choice);
+    return STATUS_OK;
+}
+
+/* How much of a mesh of the sites has no points. */
+static enum status find_lid(const struct run *run, const struct mesh *mesh, double *share) {
+    struct sheet_points points = {.knn = run->knn, .spacing = run->hood.spacing};
+    float *reach = alloc_array(run->points.count, sizeof *reach);
+    enum status status =
+        reach ? sheet_reach_in(&run->hood, run->points.point, reach, &points.median) : STATUS_NO_MEMORY;
+    points.reach = reach;
+    if (!status) status = surface_lid_of(mesh, &points, run->threads, share);
+    free(reach);
+    return status;
+}
+
+/* Decides by a closed mesh whether it should be one. */
+static enum status judge_closed(struct run *run, const struct mesh *closed) {
+    double share = 0;
+    struct surface_choice choice = {0};
+    enum status status = find_lid(run, closed, &share);
+    if (status) return status;
+    surface_choose_by_lid(&run->signs, share, &choice);
+    decide(run, choice);
+    return STATUS_OK;
+}
+
+/* Decides by a height field's mesh, of what looks like one, whether it should be one. */
+static enum status judge_field(struct run *run, const struct mesh *field) {
+    double share = 0;
+    struct surface_choice choice = run->surface;
+    enum status status = find_lid(run, field, &share);
+    if (!status && surface_leave_field(share, &choice)) decide(run, choice);
+    run->field_judged = true;
+    return status;
+}
+
+/* How many tetrahedra the kept points may have between them, or all points. */
+static size_t most_tetrahedra(const struct run *run, bool of_all, const struct params *params) {
+    const struct memory_job job = {run->cloud->count, run->cloud->record_bytes, run->cloud->triangle_count, 0, 0};
+    return memory_tetrahedra(&job, run->kept_count, of_all, params);
+}
+
+/* STATUS_LIMIT becomes STATUS_NO_MEMORY where memory is what there is too little of. */
+static enum status explain_tetrahedra(const struct run *run, const struct sites *sites, bool of_all,
+                                      enum status status) {
+    struct params unlimited = *run->params;
+    unlimited.memory_bytes = 0;
+    size_t most = most_tetrahedra(run, of_all, run->params);
+    if (status != STATUS_LIMIT || most == most_tetrahedra(run, of_all, &unlimited)) return status;
+    return error_set(run->error, STATUS_NO_MEMORY, "delaunay",
+                     "the %zu points of the mesh have more than %zu tetrahedra between them, as points along lines "
+                     "have, and %" PRIu64 " MiB have no room for more: allow more memory, keep fewer points (ratio), "
+                     "or leave the mesh out (outputs=cloud)",
+                     sites->count, most, run->params->memory_bytes >> 20);
+}
+
+static enum status triangulate(const struct run *run, const struct sites *sites, bool of_all, struct tets *tets) {
+    enum status status = delaunay_build_within(sites->point, sites->count, most_tetrahedra(run, of_all, run->params),
+                                               run->threads, &run->progress, tets, run->error);
+    return explain_tetrahedra(run, sites, of_all, status);
+}
+
+enum status pipeline_delaunay(struct run *run) {
+    static const char *const flat[] = {"coincide in one point", "lie on one line", "lie on one plane"};
+    enum status status = sites_of(run, run->kept_count, &run->sites);
+    if (status) return pipeline_no_memory(run, "delaunay");
+    if (run->decision == UNDECIDED) status = look_at_points(run);
+    if (status) return pipeline_no_memory(run, "delaunay");
+    bool closed = run->decision != DECIDED || run->surface.form == SURFACE_CLOSED;
+    if (run->sites.count < 4)
+        return error_set(run->error, STATUS_DEGENERATE, "delaunay",
+                         "%s mesh takes 4 distinct points; of %zu, %zu of them distinct, there are %zu kept",
+                         closed ? "a closed" : "an open", run->cloud->count, run->points.count, run->sites.count);
+    vec3 axis[3];
+    bool field = run->decision == DECIDED && run->surface.form == SURFACE_HEIGHTFIELD;
+    int dimension = dimension_of(run->sites.point, run->sites.count, axis);
+    if (dimension < (field ? 2 : 3))
+        return error_set(run->error, STATUS_DEGENERATE, "delaunay",
+                         "all %zu kept points %s: there is no %s mesh of them%s", run->sites.count, flat[dimension],
+                         closed ? "closed" : "open", dimension == 2 ? "; surface=open makes an open one" : "");
+    return field ? STATUS_OK : triangulate(run, &run->sites, false, &run->tets);
+}
+
+/* ------------------------------------------------------------------------------------------------ which side */
+
+static const struct property *find_property(const struct cloud *cloud, const char *name) {
+    for (size_t i = 0; i < cloud->property_count; i++)
+        if (!cloud->property[i].is_list && strcmp(cloud->property[i].name, name) == 0) return &cloud->property[i];
+    return NULL;
+}
+
+/* The normals that the input has, along the curve; *normal stays NULL where it has none. */
+static enum status given_normals(const struct run *run, vec3 **normal) {
+    const struct cloud *cloud = run->cloud;
+    const struct property *x = find_property(cloud, "nx"), *y = find_property(cloud, "ny"),
+                          *z = find_property(cloud, "nz");
+    if (!x || !y || !z) return STATUS_OK;
+    *normal = alloc_array(run->points.count, sizeof **normal);
+    for (size_t i = 0; *normal && i < run->points.count; i++) {
+        const unsigned char *record = cloud->record + run->points.original[i] * cloud->record_bytes;
+        vec3 given = {scalar_load(record + x->offset_bytes, x->type), scalar_load(record + y->offset_bytes, y->type),
+                      scalar_load(record + z->offset_bytes, z->type)};
+        (*normal)[i] = vec3_is_finite(given) ? given : (vec3){0, 0, 0};
+    }
+    return *normal ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+/* Where a PCD file says that it was scanned from.  The origin, which it has where nobody said, tells something of
+ * points on one side of it alone. */
+static bool find_view(const struct run *run, vec3 *view) {
+    static const char mark[] = "viewpoint ";
+    const char *at = run->cloud->comments ? strstr(run->cloud->comments, mark) : NULL;
+    double given[3] = {0, 0, 0};
+    bool outside = false;
+    if (strncmp(run->cloud->form, "pcd/", 4) != 0) return false;
+    char *text = NULL;
+    if (at) at += sizeof mark - 1;
+    for (int k = 0; k < 3; k++) {
+        if (at) given[k] = strtod(at, &text), at = text;
+        outside |= given[k] < run->report.box_min[k] || given[k] > run->report.box_max[k];
+    }
+    *view = vec3_scale(vec3_sub((vec3){given[0], given[1], given[2]}, run->points.centre), 1 / run->points.scale);
+    return at || outside;
+}
+
+static enum status orient(struct run *run, bool field, struct mesh *mesh) {
+    static const char *const names[] = {
+        [SIDE_NORMALS] = "normals", [SIDE_VIEW] = "viewpoint", [SIDE_UP] = "upwards", [SIDE_OUT] = "outwards"};
+    vec3 *normal = NULL;
+    struct sheet_sides sides = {.up = field ? run->surface.up : (vec3){0, 0, 1}, .field = field};
+    enum sheet_side side = SIDE_OUT;
+    enum status status = given_normals(run, &normal);
+    sides.normal = normal;
+    sides.viewed = find_view(run, &sides.view);
+    if (!status) status = sheet_orient(mesh, &sides, run->threads, &side);
+    snprintf(run->report.surface.orientation, sizeof run->report.surface.orientation, "%s", names[side]);
+    free(normal);
+    return status;
+}
+
+/* The surface of the sites, of one form; the mesh's sources become ids along the curve. */
+static enum status reconstruct_as(struct run *run, enum surface_form form, const struct sites *sites,
+                                  const struct tets *tets, struct mesh *mesh, struct reconstruct_facts *facts) {
+    struct reconstruct_dense dense = {run->points.count, run->points.point, run->normal,
+                                      run->hood.spacing, sites->of_point,   run->knn};
+    struct reconstruct_input input = {sites->point, sites->count, sites->normal, sites->support, &dense};
+    bool of_all = sites != &run->sites;
+    struct reconstruct_options options = {.method = (unsigned)run->params->reconstruction,
+                                          .boundary = (enum boundary_form)run->params->boundary,
+                                          .threads = run->threads,
+                                          .surface = form,
+                                          .up = run->surface.up};
+    enum status status = form == SURFACE_CLOSED
+                             ? reconstruct_surface(tets, &input, &options, &run->progress, mesh, facts)
+                             : reconstruct_sheet(tets, &input, &options, &run->progress, mesh, facts, run->error);
+    status = explain_tetrahedra(run, sites, of_all, status);
+    for (size_t v = 0; !status && v < mesh->vertex_count; v++) mesh->source[v] = sites->id[mesh->source[v]];
+    if (form != SURFACE_CLOSED) return status ? status : orient(run, form == SURFACE_HEIGHTFIELD, mesh);
+    snprintf(run->report.surface.orientation, sizeof run->report.surface.orientation, "outwards");
+    return status;
+}
+
+/* There is no closed surface through the points. */
+static void decide_none_is_closed(struct run *run) {
+    struct surface_choice choice = {.form = SURFACE_OPEN, .up = run->signs.up};
+    snprintf(choice.reason, sizeof choice.reason, "no closed surface could be found");
+    decide(run, choice);
+}
+
+/* Decides what surface the cloud has by a closed mesh of the k most important points, unless they have none. */
+static enum status decide_by_others(struct run *run, size_t k) {
+    struct sites sites;
+    struct tets tets = {0};
+    struct mesh closed = {0};
+    enum status status = sites_of(run, k, &sites);
+    if (!status) status = triangulate(run, &sites, false, &tets);
+    if (!status) status = reconstruct_as(run, SURFACE_CLOSED, &sites, &tets, &closed, NULL);
+    if (!status) status = judge_closed(run, &closed);
+    mesh_done(&closed);
+    tets_done(&tets);
+    pipeline_sites_done(&sites);
+    return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
+}
+
+/* A height field, unless its mesh says that it isn't one after all. */
+static enum status reconstruct_field(struct run *run, const struct sites *sites, struct mesh *mesh,
+                                     struct reconstruct_facts *facts) {
+    struct tets tets = {0};
+    enum status status = reconstruct_as(run, SURFACE_HEIGHTFIELD, sites, NULL, mesh, facts);
+    if (!status && !run->field_judged) status = judge_field(run, mesh);
+    if (status || run->surface.form == SURFACE_HEIGHTFIELD) return status;
+    mesh_done(mesh);
+    status = triangulate(run, sites, sites != &run->sites, &tets);
+    if (!status) status = reconstruct_as(run, SURFACE_OPEN, sites, &tets, mesh, facts);
+    tets_done(&tets);
+    return status;
+}
+
+/* The surface of the sites as it is known to be, or found out to be. */
+static enum status reconstruct(struct run *run, const struct sites *sites, const struct tets *tets, struct mesh *mesh,
+                               struct reconstruct_facts *facts) {
+    enum { FEWER = 20, TENTH = 10, LEAST = 2000 };
+    enum status status = STATUS_OK;
+    size_t n = run->points.count, enough = n / TENTH > LEAST ? n / TENTH : LEAST;
+    if (run->decision != DECIDED && sites->count < n / FEWER && sites->count < enough)
+        status = decide_by_others(run, enough < n ? enough : n);
+    if (status) return status;
+    if (run->decision == DECIDED && run->surface.form == SURFACE_HEIGHTFIELD)
+        return reconstruct_field(run, sites, mesh, facts);
+    if (run->decision == DECIDED) return reconstruct_as(run, run->surface.form, sites, tets, mesh, facts);
+    status = reconstruct_as(run, SURFACE_CLOSED, sites, tets, mesh, facts);
+    if (status == STATUS_DEGENERATE) {
+        decide_none_is_closed(run);
+        return reconstruct_as(run, SURFACE_OPEN, sites, tets, mesh, facts);
+    }
+    if (!status) status = judge_closed(run, mesh);
+    if (status || run->surface.form == SURFACE_CLOSED) return status;
+    mesh_done(mesh);
+    return reconstruct_as(run, run->surface.form, sites, tets, mesh, facts);
+}
+
+static enum status explain_reconstruction(struct run *run, enum status status) {
+    if (status == STATUS_NO_MEMORY) return pipeline_no_memory(run, "reconstruct");
+    if (status == STATUS_DEGENERATE)
+        return error_set(run->error, status, "reconstruct", "no surface could be found through the kept points");
+    return status;
+}
+
+enum status pipeline_reconstruct(struct run *run) {
+    struct reconstruct_facts facts = {0};
+    enum status status = reconstruct(run, &run->sites, &run->tets, &run->mesh, &facts);
+    tets_done(&run->tets);
+    if (status) return explain_reconstruction(run, status);
+    run->report.level[run->level].points_lost = facts.points_lost;
+    run->report.level[run->level].vertices_split = facts.vertices_split;
+    snprintf(run->report.level[run->level].reconstruction, sizeof run->report.level[run->level].reconstruction, "%s",
+             facts.form);
+    return STATUS_OK;
+}
+
+static struct refine_input refine_input_of(struct run *run) {
+    return (struct refine_input){.points = run->points.point,
+                                 .normals = run->normal,
+                                 .n = run->points.count,
+                                 .spacing = run->hood.spacing,
+                                 .hood = &run->hood,
+                                 .up = run->surface.form == SURFACE_HEIGHTFIELD ? run->surface.up : (vec3){0},
+                                 .umbrellas = &run->umbrellas,
+                                 .samples = &run->samples};
+}
+
+/* Whether triangulation and samples take no more memory together than the refinement does after them (memory.c). */
+static bool has_room_for_samples(const struct run *run) {
+    enum { FEWER = 4 };
+    return run->params->placement == PLACEMENT_OPTIMAL || run->kept_count <= run->points.count / FEWER;
+}
+
+/* There are about twice as many triangles as points; refine_mesh finds what it hasn't got. */
+enum status pipeline_umbrellas(struct run *run) {
+    if (!refine_wants_umbrellas(run->points.count, 2 * run->kept_count)) return STATUS_OK;
+    enum status status = umbrella_find(run->points.point, run->normal, &run->hood, run->threads, &run->umbrellas);
+    if (status || !has_room_for_samples(run)) return status;
+    struct refine_input input = refine_input_of(run);
+    status = samples_init(&run->samples, &input, 1, run->threads);
+    if (run->params->placement == PLACEMENT_SUBSET) umbrella_done(&run->umbrellas);
+    return status;
+}
+
+enum status pipeline_refine(struct run *run) {
+    struct refine_input input = refine_input_of(run);
+    struct refine_options options = {(enum refine_form)run->params->refine, (enum placement)run->params->placement,
+                                     run->threads};
+    enum status status = refine_mesh(&run->mesh, &input, &options, &run->progress, NULL);
+    return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "refine") : status;
+}
+
+/* Whether a face is a point or a line, as far as its corners' coordinates tell. */
+static bool has_no_area(const struct mesh *surface, const uint32_t corner[3]) {
+    vec3 a = surface->vertex[corner[0]], b = surface->vertex[corner[1]], c = surface->vertex[corner[2]];
+    return !(vec3_length_sq(vec3_triangle_normal(a, b, c)) > 0);
+}
+
+/* The key of a face's corners, the k-th smallest: equal for those that are one place. */
+static uint32_t corner_key(const struct run *run, const uint32_t corner[3], int k) {
+    uint32_t key[3];
+    for (int i = 0; i < 3; i++) {
+        uint32_t distinct = run->points.distinct[corner[i]];
+        key[i] = distinct == NONE ? corner[i] : run->points.original[distinct];
+    }
+    for (int i = 1; i < 3; i++)
+        for (int j = i; j > 0 && key[j] < key[j - 1]; j--) {
+            uint32_t larger = key[j - 1];
+            key[j - 1] = key[j], key[j] = larger;
+        }
+    return key[k];
+}
+
+static bool same_corners(const struct run *run, uint32_t t, uint32_t u) {
+    const uint32_t *a = run->cloud->triangle[t], *b = run->cloud->triangle[u];
+    for (int k = 0; k < 3; k++)
+        if (corner_key(run, a, k) != corner_key(run, b, k)) return false;
+    return true;
+}
+
+/* Faces in the order of their corners' keys, the largest first: those of equal ones stand together, by their ids.
+ * item: n and as many more. */
+static uint64_t *sort_faces(const struct run *run, uint64_t *item, size_t n) {
+    uint64_t *spare = item + n;
+    for (int k = 2; k >= 0; k--) {
+        for (size_t i = 0; i < n; i++) {
+            uint32_t t = k == 2 ? (uint32_t)i : radix_value(item[i]);
+            item[i] = radix_item(corner_key(run, run->cloud->triangle[t], k), t);
+        }
+        uint64_t *sorted = radix_sort(item, spare, n, run->threads);
+        if (sorted != item) spare = item, item = sorted;
+    }
+    return item;
+}
+
+/* Which of the faces make the surface, in their order: those with an area, each once.  What lies in many layers at one
+ * place is as near to everything, so that telling it apart would take forever, and isn't more surface. */
+static enum status pick_faces(struct run *run, struct mesh *surface) {
+    size_t n = run->cloud->triangle_count, flat = 0, repeated = 0;
+    uint64_t *item = alloc_array(n, 2 * sizeof *item);
+    uint8_t *left_out = alloc_zeroed(n, sizeof *left_out);
+    surface->triangle = alloc_array(n, sizeof *surface->triangle);
+    bool room = item && left_out && surface->triangle;
+    if (room) {
+        const uint64_t *sorted = sort_faces(run, item, n);
+        for (size_t i = 0; i < n; i++) {
+            uint32_t t = radix_value(sorted[i]);
+            left_out[t] = has_no_area(surface, run->cloud->triangle[t]);
+            flat += left_out[t];
+            if (left_out[t] || i == 0 || !same_corners(run, radix_value(sorted[i - 1]), t)) continue;
+            left_out[t] = 1, repeated++;
+        }
+        for (size_t t = 0; t < n; t++)
+            if (!left_out[t])
+                memcpy(surface->triangle[surface->triangle_count++], run->cloud->triangle[t],
+                       sizeof *surface->triangle);
+        if (flat) losses_add(&run->report.losses, "input", "%zu faces without area are no part of the surface", flat);
+        if (repeated) losses_add(&run->report.losses, "input", "%zu faces are there already, and count once", repeated);
+    }
+    free(item), free(left_out);
+    return room ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+/* The input's own faces in the normalised frame. */
+static enum status faces_of(struct run *run, struct mesh *surface) {
+    size_t n = run->cloud->count;
+    surface->vertex = alloc_array(n, sizeof *surface->vertex);
+    if (!surface->vertex) return STATUS_NO_MEMORY;
+    for (size_t i = 0; i < n; i++)
+        surface->vertex[i] = vec3_scale(vec3_sub(run->cloud->position[i], run->points.centre), 1 / run->points.scale);
+    surface->vertex_count = n;
+    return pick_faces(run, surface);
+}
+
+/* The surface of the full cloud. */
+static enum status reconstruction_of(struct run *run, struct mesh *surface) {
+    struct sites sites;
+    struct tets tets = {0};
+    struct reconstruct_facts facts = {0};
+    enum status status = sites_of(run, run->points.count, &sites);
+    bool field = run->surface.form == SURFACE_HEIGHTFIELD; /* decided by now */
+    if (!status && !field) status = triangulate(run, &sites, true, &tets);
+    if (!status) status = reconstruct(run, &sites, &tets, surface, &facts);
+    tets_done(&tets);
+    pipeline_sites_done(&sites);
+    return explain_reconstruction(run, status);
+}
+
+/* Visits of a hierarchy's nodes for each sample, from which on the input's faces are no reference.  Scans take 10
+ * to 45.
+ */
+enum { MOST_VISITS = 200 };
+
+static enum reference_form reference_of(const struct run *run) {
+    enum reference_form asked = (enum reference_form)run->params->reference;
+    if (asked != REFERENCE_AUTO) return asked;
+    return run->cloud->triangle_count ? REFERENCE_FACES : REFERENCE_POINTS;
+}
+
+/* Mean and root mean square of both directions alike. */
+static struct distance_stats symmetric_of(const struct metro_errors *errors) {
+    const struct distance_stats *there = errors->surface.count ? &errors->surface : &errors->forward;
+    const struct distance_stats *back = &errors->backward;
+    return (struct distance_stats){.count = there->count + back->count,
+                                   .mean = (there->mean + back->mean) / 2,
+                                   .rms = sqrt((there->rms * there->rms + back->rms * back->rms) / 2),
+                                   .max = errors->hausdorff};
+}
+
+static void report_errors(struct run *run, const struct metro_errors *errors, enum reference_form form) {
+    static const char *const names[] = {"", "points", "faces", "reconstruction"};
+    struct report_level *report = &run->report.level[run->level];
+    report->has_error = true;
+    report->input_to_mesh = errors->forward;
+    report->mesh_to_input = errors->backward;
+    report->surface_to_mesh = errors->surface;
+    report->symmetric = symmetric_of(errors);
+    pipeline_scale(&report->input_to_mesh, run->points.scale);
+    pipeline_scale(&report->mesh_to_input, run->points.scale);
+    pipeline_scale(&report->surface_to_mesh, run->points.scale);
+    pipeline_scale(&report->symmetric, run->points.scale);
+    snprintf(report->reference, sizeof report->reference, "%s", names[form]);
+}
+
+static enum status measure_support(struct run *run, const uint32_t *nearest) {
+    struct support_points points = {run->points.point, run->hood.spacing, run->knn, nearest};
+    return support_missing(&run->mesh, &points, run->params->seed, run->threads,
+                           &run->report.level[run->level].unsupported);
+}
+
+/* Measures against the surface, or the points alone where it has no faces. */
+static enum status measure_against(struct run *run, const struct mesh *surface, enum reference_form form,
+                                   uint32_t *nearest) {
+    struct metro_errors errors;
+    struct metro_reference reference = {run->points.count, run->points.point, run->normal,
+                                        run->hood.spacing, run->knn,          surface->triangle_count ? surface : NULL};
+    struct metro_options options = {.seed = run->params->seed,
+                                    .threads = run->threads,
+                                    .progress = &run->progress,
+                                    .nearest = nearest,
+                                    .most_visits = form == REFERENCE_FACES ? MOST_VISITS : 0};
+    enum status status = metro_measure(&run->mesh, &reference, &options, &errors);
+    if (!status) report_errors(run, &errors, form);
+    return status;
+}
+
+/* The input's faces may be so many at one place, or lie so far across, that most of them are as near as the nearest:
+ * then the points are what is measured against, unless the faces were asked for. */
+static enum status measure_faces(struct run *run, uint32_t *nearest) {
+    struct mesh surface = {0};
+    const char *why = "no face of the input has an area";
+    bool asked = run->params->reference == REFERENCE_FACES;
+    enum status status = faces_of(run, &surface);
+    if (!status)
+        status = surface.triangle_count ? measure_against(run, &surface, REFERENCE_FACES, nearest) : STATUS_LIMIT;
+    if (surface.triangle_count) why = "so many of the input's faces are equally near that measuring takes too long";
+    mesh_done(&surface);
+    if (status != STATUS_LIMIT) return status;
+    if (asked) return error_set(run->error, STATUS_BAD_PARAMETER, "reference", "%s: take reference=points", why);
+    losses_add(&run->report.losses, "measure", "%s: errors are measured against its points", why);
+    return measure_against(run, &surface, REFERENCE_POINTS, nearest);
+}
+
+static enum status measure_reconstruction(struct run *run, uint32_t *nearest) {
+    struct mesh surface = {0};
+    enum status status = reconstruction_of(run, &surface);
+    if (!status) status = measure_against(run, &surface, REFERENCE_RECONSTRUCTION, nearest);
+    mesh_done(&surface);
+    return status;
+}
+
+enum status pipeline_measure(struct run *run) {
+    enum reference_form form = reference_of(run);
+    const struct mesh none = {0};
+    if (form == REFERENCE_FACES && !run->cloud->triangle_count)
+        return error_set(run->error, STATUS_BAD_PARAMETER, "reference", "the input has no faces");
+    uint32_t *nearest = alloc_array(run->points.count, sizeof *nearest);
+    enum status status = !nearest                           ? STATUS_NO_MEMORY
+                         : form == REFERENCE_FACES          ? measure_faces(run, nearest)
+                         : form == REFERENCE_RECONSTRUCTION ? measure_reconstruction(run, nearest)
+                                                            : measure_against(run, &none, form, nearest);
+    if (!status) status = measure_support(run, nearest);
+    free(nearest);
+    return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "measure") : status;
+}
+
+enum status pipeline_examine(struct run *run) {
+    struct mesh_facts facts;
+    enum status status = mesh_examine(&run->mesh, &facts);
+    if (status) return status;
+    struct report_level *report = &run->report.level[run->level];
+    double scale = run->points.scale;
+    report->has_mesh = true;
+    report->vertices = run->mesh.vertex_count;
+    report->triangles = run->mesh.triangle_count;
+    for (size_t t = 0; run->mesh.tag && t < run->mesh.triangle_count; t++)
+        report->hole_fill_triangles += run->mesh.tag[t] == MESH_HOLE_FILL;
+    report->components = facts.components;
+    report->watertight = facts.watertight;
+    report->manifold = facts.manifold;
+    report->oriented = facts.misoriented_edges == 0;
+    report->borders = facts.borders;
+    report->border_length = facts.border_length * scale;
+    if (facts.manifold && facts.misoriented_edges == 0)
+        report->handles = (uint64_t)((2 * (long)facts.components - facts.euler - (long)facts.borders) / 2);
+    report->area = facts.area * scale * scale;
+    report->volume = facts.volume * scale * scale * scale;
+    return STATUS_OK;
+}
+
+/* Chunks of queries, so that the hits of all points need not be held at once. */
+enum { DISTANCE_CHUNK = 1 << 16 };
+
+enum status pipeline_distances(struct run *run) {
+    struct bvh *bvh = NULL;
+    size_t n = run->points.count;
+    struct bvh_hit *hit = alloc_array(DISTANCE_CHUNK, sizeof *hit);
+    run->distance = alloc_array(n, sizeof *run->distance);
+    enum status status = hit && run->distance ? bvh_new(&run->mesh, run->threads, &bvh) : STATUS_NO_MEMORY;
+    for (size_t begin = 0; !status && begin < n; begin += DISTANCE_CHUNK) {
+        size_t m = n - begin < DISTANCE_CHUNK ? n - begin : DISTANCE_CHUNK;
+        bvh_closest_all(bvh, &run->points.point[begin], m, run->threads, hit);
+        for (size_t i = 0; i < m; i++) run->distance[begin + i] = (float)sqrt(hit[i].distance_sq);
+    }
+    bvh_free(bvh);
+    free(hit);
+    return status ? pipeline_no_memory(run, "distances") : STATUS_OK;
+}

@@ -1,0 +1,304 @@
+/* The method, from a cloud to results, as a table of steps.
+ *
+ *     points -> order -> neighbours -> normals -> dso -> quadrics -> contract -> keep -> tangent      a cloud
+ *                                                                                   |
+ *                                    measure <- refine <- reconstruct <- delaunay <-+                 a mesh
+ *
+ *  1 order        distinct points in a frame of their own, along a space-filling curve
+ *    denoise      where it is asked for: outliers go, noise is smoothed along the normals
+ *  2 neighbours   FLANN, and Gopi's neighbourhood
+ *  3 normals      least squares
+ *  4 dso          the discrete shape operator, and the weights from it
+ *  5 quadrics     of the virtual triangles, weighted
+ *  6 contract     virtual edges, all the way: a ranking of the points
+ *    search       where a deviation is bounded: the fewest points with which it holds
+ *  7 keep         as many as are wanted
+ *  8 tangent      the error of the cloud alone
+ *    umbrellas    for a mesh that is refined: triangles that the original points see between them, and where few points
+ *                 are kept the samples that they make
+ *  9 delaunay     tetrahedra of the kept points
+ * 10 reconstruct  Tight Cocone
+ * 11 refine       flips and moves against the original points
+ * 12 examine      is it closed, oriented, a manifold
+ * 13 measure      distances in both directions
+ *    verify       where a deviation is bounded: the one measured is within it
+ *    distances    where error.ply is asked for: of every original point to the mesh
+ *
+ * Lee, Jong: Point-based simplification algorithm, section 4, is steps 2 to 7 and 10; step 11 is ours.
+ *
+ * Everything between is in the normalised frame (lengths are fractions of the diagonal) and indexed along the curve;
+ * only the result speaks of the input's ids and coordinates.  A step's scratch dies with it; what later steps need is
+ * in struct run.
+ *
+ * Delaunay is one thread's work, and tangent and umbrellas need nothing of it: they run beside it, as examine does
+ * beside measure.  Each step's time is from its own beginning to its own end, so those of steps side by side come to
+ * more than the whole takes.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/pipeline/pipeline.h"
+
+#include <stdatomic.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <sys/resource.h>
+#include <time.h>
+
+#include "core/base/alloc.h"
+#include "core/base/par.h"
+#include "core/pipeline/pipeline_run.h"
+
+static bool refinement_wanted(const struct params *params) {
+    return params_want_mesh(params) && params->refine != REFINE_NONE;
+}
+
+static bool distances_wanted(const struct params *params) { return params->outputs & OUTPUT_ERROR; }
+
+static bool denoise_wanted(const struct params *params) { return params->denoise != DENOISE_NONE; }
+
+static bool deviation_bounded(const struct params *params) { return params_bound_deviation(params); }
+
+static bool always(const struct params *params) {
+    (void)params;
+    return true;
+}
+
+enum how { ONCE, EACH, BESIDE /* each level, at the same time as the step after it */ };
+
+/* share: of the whole's time, roughly, for progress.  A step beside another asks for no progress, fails for want of
+ * memory alone, and says nothing of it. */
+static const struct step {
+    const char *name;
+    enum status (*run)(struct run *run);
+    bool (*wanted)(const struct params *params);
+    enum how how;
+    double share;
+} steps[] = {
+    {"order", pipeline_order, always, ONCE, 2},
+    {"denoise", pipeline_denoise, denoise_wanted, ONCE, 30},
+    {"neighbours", pipeline_neighbours, always, ONCE, 10},
+    {"normals", pipeline_normals, always, ONCE, 4},
+    {"dso", pipeline_dso, always, ONCE, 2},
+    {"quadrics", pipeline_quadrics, always, ONCE, 5},
+    {"contract", pipeline_contract, always, ONCE, 20},
+    {"search", pipeline_search, deviation_bounded, ONCE, 600},
+    {"keep", pipeline_keep, always, EACH, 1},
+    {"umbrellas", pipeline_umbrellas, refinement_wanted, BESIDE, 4},
+    {"tangent", pipeline_tangent, always, BESIDE, 2},
+    {"delaunay", pipeline_delaunay, params_want_mesh, EACH, 10},
+    {"reconstruct", pipeline_reconstruct, params_want_mesh, EACH, 10},
+    {"refine", pipeline_refine, refinement_wanted, EACH, 60},
+    {"examine", pipeline_examine, params_want_mesh, BESIDE, 1},
+    {"measure", pipeline_measure, params_want_mesh, EACH, 20},
+    {"verify", pipeline_verify, deviation_bounded, EACH, 0},
+    {"distances", pipeline_distances, distances_wanted, EACH, 4},
+};
+enum { STEPS = sizeof steps / sizeof steps[0] };
+
+struct overall {
+    const struct progress *progress;
+    double before, share, total;
+};
+
+static int overall_tick(void *ctx, const char *stage, double fraction) {
+    const struct overall *overall = ctx;
+    return progress_tick(overall->progress, stage, (overall->before + overall->share * fraction) / overall->total);
+}
+
+static double now_ms(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
+}
+
+/* From the normalised frame and ids along the curve to the input's. */
+static void restore_vertex(const struct run *run, struct mesh *mesh, size_t v) {
+    uint32_t source = mesh->source[v] == NONE ? NONE : run->points.original[mesh->source[v]];
+    mesh->source[v] = source;
+    const vec3 *position = run->moved ? run->moved : run->cloud->position;
+    mesh->vertex[v] = source != NONE ? position[source]
+                                     : vec3_add(vec3_scale(mesh->vertex[v], run->points.scale), run->points.centre);
+}
+
+void pipeline_leave_level(struct run *run) {
+    pipeline_sites_done(&run->sites);
+    umbrella_done(&run->umbrellas);
+    samples_done(&run->samples);
+    tets_done(&run->tets);
+    mesh_done(&run->mesh);
+}
+
+/* Hands the level's results over and leaves the run ready for the next one. */
+static void take_level(struct run *run, struct pipeline_level *level) {
+    for (size_t v = 0; v < run->mesh.vertex_count; v++) restore_vertex(run, &run->mesh, v);
+    *level = (struct pipeline_level){run->kept_count, run->mesh};
+    run->mesh = (struct mesh){0};
+    pipeline_sites_done(&run->sites);
+}
+
+/* A step and those beside it, which come before it in the table, one after the other. */
+struct group {
+    struct run *run;
+    const struct step *first, *last;
+    enum status status[STEPS];
+    double ms[STEPS];
+    atomic_bool failed;
+};
+
+static void run_step(struct group *group, const struct step *step) {
+    ptrdiff_t i = step - group->first;
+    if (!step->wanted(group->run->params) || atomic_load(&group->failed)) return;
+    double start_ms = now_ms();
+    group->status[i] = step->run(group->run);
+    group->ms[i] = now_ms() - start_ms;
+    if (group->status[i]) atomic_store(&group->failed, true);
+}
+
+static void run_last(void *ctx) {
+    struct group *group = ctx;
+    run_step(group, group->last);
+}
+
+static void run_others(void *ctx) {
+    struct group *group = ctx;
+    for (const struct step *step = group->first; step < group->last; step++) run_step(group, step);
+}
+
+/* Tells the times, and, unless the last one has failed, which of the others did. */
+static enum status report_group(struct group *group) {
+    enum status status = group->status[group->last - group->first];
+    for (const struct step *step = group->first; step <= group->last; step++) {
+        ptrdiff_t i = step - group->first;
+        if (!step->wanted(group->run->params)) continue;
+        report_add_stage(&group->run->report, step->name, group->ms[i]);
+        if (!status && group->status[i]) status = pipeline_no_memory(group->run, step->name);
+    }
+    return status;
+}
+
+static enum status run_group(struct run *run, const struct step *first, const struct step *last,
+                             struct overall *overall) {
+    struct group group = {.run = run, .first = first, .last = last};
+    enum status status = STATUS_OK;
+    overall->share = 0;
+    for (const struct step *step = first; step <= last && !status; step++) {
+        if (!step->wanted(run->params)) continue;
+        if (overall_tick(overall, step->name, 0)) status = STATUS_CANCELLED;
+        overall->share += step->share;
+    }
+    if (!status) {
+        par_beside(first < last ? run->threads : 1, run_last, run_others, &group);
+        status = report_group(&group);
+    }
+    overall->before += overall->share;
+    return status;
+}
+
+/* Runs the groups from *next on that are to be run once, or for each level. */
+static enum status run_groups(struct run *run, const struct step **next, bool once, struct overall *overall) {
+    enum status status = STATUS_OK;
+    while (*next < steps + STEPS && ((*next)->how == ONCE) == once && !status) {
+        const struct step *first = *next, *last = first;
+        while (last->how == BESIDE) last++;
+        status = run_group(run, first, last, overall);
+        *next = last + 1;
+    }
+    return status;
+}
+
+/* Says which of several levels it was that couldn't be made. */
+static enum status in_level(const struct run *run, size_t level, enum status status) {
+    const struct param_levels *levels = &run->params->levels;
+    if (!status || status == STATUS_CANCELLED || levels->count < 2 || !run->error) return status;
+    struct error plain = *run->error;
+    return error_set_at(run->error, status, plain.where, plain.line, plain.byte_offset, "level %g: %s",
+                        levels->ratio[level], plain.text);
+}
+
+static enum status run_steps(struct run *run, const struct progress *progress, struct pipeline_result *made) {
+    struct overall overall = {.progress = progress};
+    const struct step *of_levels = steps;
+    for (size_t j = 0; j < STEPS; j++)
+        if (steps[j].wanted(run->params))
+            overall.total += steps[j].share * (double)(steps[j].how == ONCE ? 1 : made->level_count);
+    run->progress = (struct progress){overall_tick, &overall};
+    enum status status = run_groups(run, &of_levels, true, &overall);
+    for (run->level = 0; run->level < made->level_count && !status; run->level++) {
+        const struct step *next = of_levels;
+        status = in_level(run, run->level, run_groups(run, &next, false, &overall));
+        take_level(run, &made->level[run->level]);
+    }
+    return status;
+}
+
+/* Spreads values of the distinct points over all points of the input, in the input's units.  An outlier shows the
+ * largest one. */
+static float *spread(const struct run *run, const float *value, double scale) {
+    float *all = alloc_array(run->cloud->count, sizeof *all), largest = 0;
+    for (size_t i = 0; i < run->points.count; i++) largest = fmaxf(largest, value[i]);
+    for (size_t i = 0; all && i < run->cloud->count; i++) {
+        uint32_t p = run->points.distinct[i];
+        all[i] = (float)((double)(p == NONE ? largest : value[p]) * scale);
+    }
+    return all;
+}
+
+static enum status hand_over_values(struct run *run, struct pipeline_result *made) {
+    bool dso = run->params->outputs & OUTPUT_DSO, distance = run->params->outputs & OUTPUT_ERROR;
+    if (dso) made->dso = spread(run, run->dso, 1 / run->points.scale);
+    if (distance) made->distance = spread(run, run->distance, run->points.scale);
+    bool ok = (!dso || made->dso) && (!distance || made->distance);
+    return ok ? STATUS_OK : pipeline_no_memory(run, "output");
+}
+
+static enum status hand_over(struct run *run, struct pipeline_result *made) {
+    struct rusage usage;
+    getrusage(RUSAGE_SELF, &usage);
+    for (size_t i = 0; i < made->level[0].kept_count; i++) run->kept[i] = run->points.original[run->kept[i]];
+    made->kept = run->kept;
+    run->kept = NULL;
+    made->moved = run->moved;
+    run->moved = NULL;
+    run->report.level_count = made->level_count;
+    run->report.peak_rss_bytes = (uint64_t)usage.ru_maxrss * 1024;
+    made->report = run->report;
+    return hand_over_values(run, made);
+}
+
+static void run_done(struct run *run) {
+    ordered_points_done(&run->points);
+    free(run->moved);
+    knn_free(run->knn);
+    neighbourhood_done(&run->hood);
+    free(run->normal), free(run->dso), free(run->distance), free(run->quadrics), free(run->kept);
+    contraction_done(&run->contraction);
+    pipeline_leave_level(run);
+}
+
+enum status pipeline_run(const struct cloud *cloud, const struct params *params, const struct progress *progress,
+                         struct pipeline_result *result, struct error *error) {
+    struct run run = {.cloud = cloud, .params = params, .error = error, .threads = (unsigned)params->threads};
+    struct pipeline_result made = {.level_count = params->levels.count ? params->levels.count : 1};
+    double start_ms = now_ms();
+    run.mesh_follows = params_want_mesh(params);
+    if (error) *error = (struct error){0};
+    if (cloud->count == 0) return error_set(error, STATUS_DEGENERATE, "points", "the cloud has no points");
+    struct par_team *team = par_team_new();
+    enum status status = team ? run_steps(&run, progress, &made) : pipeline_no_memory(&run, "threads");
+    par_team_free(team);
+    run.report.total_ms = now_ms() - start_ms;
+    if (!status) status = hand_over(&run, &made);
+    if (status == STATUS_CANCELLED) error_set(error, status, "pipeline", "cancelled");
+    if (status)
+        pipeline_result_done(&made);
+    else
+        *result = made;
+    run_done(&run);
+    return status;
+}
+
+void pipeline_result_done(struct pipeline_result *result) {
+    if (!result) return;
+    free(result->kept), free(result->moved), free(result->dso), free(result->distance);
+    for (size_t i = 0; i < result->level_count; i++) mesh_done(&result->level[i].mesh);
+    *result = (struct pipeline_result){0};
+}

@@ -1,0 +1,39 @@
+/* The whole of whittle, from a cloud to results.  core/pipeline/pipeline.c reads as the flow in the README does.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_PIPELINE_PIPELINE_H
+#define WHITTLE_CORE_PIPELINE_PIPELINE_H
+
+#include "core/base/progress.h"
+#include "core/cloud/cloud.h"
+#include "core/mesh/mesh.h"
+#include "core/params.h"
+#include "core/report.h"
+
+struct pipeline_level {
+    size_t kept_count;
+    struct mesh mesh; /* in the input's coordinates, source = ids into the cloud; empty unless asked for */
+};
+
+struct pipeline_result {
+    uint32_t *kept; /* ids into the cloud of the points that are kept: the simplified cloud of a level is its first
+                       kept_count; the most important first where a cloud is asked for, else in any order; owned */
+    vec3 *moved; /* of every point of the cloud: where denoising puts it, rounded to its coordinates' type; NULL where
+                    it moves none; owned */
+    size_t level_count;
+    struct pipeline_level level[PARAMS_MAX_LEVELS]; /* the finest first */
+    float *dso; /* of every point, in 1 / length, where OUTPUT_DSO is asked for; else NULL; outliers show the largest;
+                   owned */
+    float *distance; /* of every point to the finest mesh, where OUTPUT_ERROR is asked for; likewise; owned */
+    struct report report;
+};
+
+/* Runs the stages that params (resolved) ask for.  The cloud is borrowed and not changed.  On success *result is the
+ * caller's, to be given to pipeline_result_done.  Statuses: all of the list but STATUS_IO. */
+enum status pipeline_run(const struct cloud *cloud, const struct params *params, const struct progress *progress,
+                         struct pipeline_result *result, struct error *error) MUST_CHECK;
+
+/* Frees what the result owns and zeroes it.  Accepts a zeroed result. */
+void pipeline_result_done(struct pipeline_result *result);
+
+#endif

@@ -1,0 +1,98 @@
+/* What the steps of the pipeline share.  For core/pipeline*.c alone.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_PIPELINE_PIPELINE_RUN_H
+#define WHITTLE_CORE_PIPELINE_PIPELINE_RUN_H
+
+#include "core/cloud/morton.h"
+#include "core/pipeline/pipeline.h"
+#include "core/refine/local_delaunay.h"
+#include "core/refine/samples.h"
+#include "core/simplify/contract.h"
+#include "core/simplify/quadric.h"
+#include "core/spatial/knn.h"
+#include "core/spatial/neighbourhood.h"
+#include "core/surface/sheet/kind.h"
+#include "core/surface/tets.h"
+
+/* Points that are to be triangulated: positions and normals of the points `id`, and how far the surface around each is
+ * known to reach. */
+struct sites {
+    size_t count;
+    uint32_t *id; /* ascending, so along the curve */
+    vec3 *point, *normal;
+    double *support;
+    uint32_t *of_point; /* of each point along the curve: which of the sites stands for it */
+};
+
+struct run {
+    const struct cloud *cloud;
+    const struct params *params;
+    struct progress progress; /* of the step that runs: turns its fraction into the whole's */
+    struct error *error;
+    unsigned threads;
+    bool mesh_follows; /* steps 9 and later come */
+    struct ordered_points points;
+    vec3 *moved; /* of every input point, by its id: where denoising puts it; NULL where it moves none */
+    struct knn *knn;
+    struct neighbourhood hood;
+    vec3 *normal;
+    float *dso;
+    struct packed_quadric *quadrics;
+    struct contraction contraction;
+    size_t level;      /* the one that the steps work on */
+    size_t kept_count; /* of that level */
+    size_t searched;   /* at least so many points are kept, since the deviation asks for them; 0 = it doesn't */
+    uint32_t *kept;    /* of the finest level, along the curve's ids, most important first */
+    struct sites sites;
+    struct surface_choice surface; /* of the whole cloud, made with the first mesh */
+    struct surface_signs signs;    /* that it is made by */
+    enum { UNDECIDED, LOOKED_AT, DECIDED } decision;
+    bool field_judged;          /* a height field isn't to be doubted any more */
+    struct umbrellas umbrellas; /* for the refinement, which empties them, as it does the samples */
+    struct samples samples;
+    struct tets tets;
+    float *distance;  /* of every distinct point to the mesh, normalised; NULL unless asked for */
+    struct mesh mesh; /* sources are ids along the curve */
+    struct report report;
+};
+
+/* The steps, in their order (core/pipeline/pipeline.c says what each does).  Each fills its own members of struct run,
+ * and run->error where it fails, but for those that run beside others: umbrellas, tangent, examine. */
+enum status pipeline_order(struct run *run) MUST_CHECK;
+enum status pipeline_denoise(struct run *run) MUST_CHECK;
+enum status pipeline_neighbours(struct run *run) MUST_CHECK;
+enum status pipeline_normals(struct run *run) MUST_CHECK;
+enum status pipeline_dso(struct run *run) MUST_CHECK;
+enum status pipeline_quadrics(struct run *run) MUST_CHECK;
+enum status pipeline_contract(struct run *run) MUST_CHECK;
+enum status pipeline_search(struct run *run) MUST_CHECK;
+enum status pipeline_keep(struct run *run) MUST_CHECK;
+enum status pipeline_umbrellas(struct run *run) MUST_CHECK;
+enum status pipeline_tangent(struct run *run) MUST_CHECK;
+enum status pipeline_delaunay(struct run *run) MUST_CHECK;
+enum status pipeline_reconstruct(struct run *run) MUST_CHECK;
+enum status pipeline_refine(struct run *run) MUST_CHECK;
+enum status pipeline_examine(struct run *run) MUST_CHECK;
+enum status pipeline_measure(struct run *run) MUST_CHECK;
+enum status pipeline_verify(struct run *run) MUST_CHECK;
+enum status pipeline_distances(struct run *run) MUST_CHECK;
+
+/* How many points a level is to keep: at least one, at most all distinct ones. */
+size_t pipeline_wanted_points(const struct run *run, size_t level);
+
+/* Frees what steps have made for a level, but for the kept points. */
+void pipeline_leave_level(struct run *run);
+
+/* Fills run->error and returns STATUS_NO_MEMORY. */
+enum status pipeline_no_memory(struct run *run, const char *where);
+
+/* Turns lengths of the normalised frame into the input's. */
+void pipeline_scale(struct distance_stats *stats, double scale);
+
+/* Puts the bounding box of run->points into the report. */
+void pipeline_report_box(struct run *run);
+
+void pipeline_sites_done(struct sites *sites);
+
+#endif

@@ -1,0 +1,427 @@
+/* The kernels are written over vectors of floats (math/simd.h), without branches: a sample over the triangle is as far
+ * as its height; any other is nearest to one of the three edges.
+ *
+ * One function, distance_sq, measures for all of them.  In double and one at a time it is triangle_frame_hit
+ * (core/math/triangle_frame.h); that one doesn't go from the middles of edges, so the last bits differ.
+ *
+ * Samples are taken eight at a time whatever the width, so that sums over them are the same (F32_SUMS).
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/refine/kernels/sample_batch.h"
+
+#include <string.h>
+
+#include "core/cloud/cloud.h"
+#include "core/math/simd.h"
+
+_Static_assert((int)F32_SUMS == (int)SAMPLE_BLOCK, "a block of samples goes into the parts of a sum");
+
+#define THINNEST 1e-5f  /* shape of triangles that don't pull at their corners */
+#define FAR_AWAY 1.0e9f /* where nothing is; its square times anything reasonable is finite */
+
+/* Four triangle_frames in float, relative to the cluster's origin. */
+struct flat_four {
+    float ax[FRAMES_WIDTH], ay[FRAMES_WIDTH], az[FRAMES_WIDTH];
+    float ux[FRAMES_WIDTH], uy[FRAMES_WIDTH], uz[FRAMES_WIDTH];
+    float vx[FRAMES_WIDTH], vy[FRAMES_WIDTH], vz[FRAMES_WIDTH];
+    float nx[FRAMES_WIDTH], ny[FRAMES_WIDTH], nz[FRAMES_WIDTH];
+    float bx[FRAMES_WIDTH], bc_x[FRAMES_WIDTH], bc_y[FRAMES_WIDTH], bc_length[FRAMES_WIDTH];
+    float ac_x[FRAMES_WIDTH], ac_y[FRAMES_WIDTH], ac_length[FRAMES_WIDTH];
+};
+
+INLINE void round_four(const double from[FRAMES_WIDTH], float to[FRAMES_WIDTH]) {
+    for (size_t k = 0; k < FRAMES_WIDTH; k += F64_LANES) f64_store_f32(&to[k], f64_load(&from[k]));
+}
+
+INLINE void round_four_from(const double from[FRAMES_WIDTH], double origin, float to[FRAMES_WIDTH]) {
+    for (size_t k = 0; k < FRAMES_WIDTH; k += F64_LANES) f64_store_f32(&to[k], f64_load(&from[k]) - origin);
+}
+
+INLINE void flatten(const struct frames_four *f, vec3 origin, struct flat_four *out) {
+    round_four_from(f->ax, origin.x, out->ax);
+    round_four_from(f->ay, origin.y, out->ay);
+    round_four_from(f->az, origin.z, out->az);
+    round_four(f->ux, out->ux), round_four(f->uy, out->uy), round_four(f->uz, out->uz);
+    round_four(f->vx, out->vx), round_four(f->vy, out->vy), round_four(f->vz, out->vz);
+    round_four(f->nx, out->nx), round_four(f->ny, out->ny), round_four(f->nz, out->nz);
+    round_four(f->bx, out->bx);
+    round_four(f->bc_x, out->bc_x), round_four(f->bc_y, out->bc_y), round_four(f->bc_length, out->bc_length);
+    round_four(f->ac_x, out->ac_x), round_four(f->ac_y, out->ac_y), round_four(f->ac_length, out->ac_length);
+}
+
+enum { FLAT_ROOM = FRAMES_MOST / FRAMES_WIDTH };
+
+/* The triangles of a surface: the first is number surface->first % FRAMES_WIDTH of flat[]. */
+INLINE size_t flatten_all(const struct surface *surface, vec3 origin, struct flat_four flat[FLAT_ROOM]) {
+    size_t begin = surface->first / FRAMES_WIDTH, end = (surface->first + surface->n + FRAMES_WIDTH - 1) / FRAMES_WIDTH;
+    for (size_t k = begin; k < end; k++) flatten(&surface->four[k], origin, &flat[k - begin]);
+    return surface->first % FRAMES_WIDTH;
+}
+
+struct span {
+    size_t begin, end;
+};
+
+/* How far past either end of an edge, whose middle t is counted from. */
+INLINE f32v past_half(f32v t, f32v half) { return f32_max(f32_abs(t), half) - half; }
+
+/* A triangle in its frame, each number in all places of a vector; distances are taken from corner a. */
+struct spread_edge {
+    f32v x, y, half;
+};
+
+struct spread {
+    f32v ux, uy, uz, vx, vy, vz, nx, ny, nz, bx, ab_half;
+    struct spread_edge bc, ac;
+};
+
+/* The same, and where corner a is. */
+struct spread_at {
+    f32v ax, ay, az;
+    struct spread frame;
+};
+
+INLINE struct spread_at spread(const struct flat_four *flat, size_t j) {
+    const struct flat_four *f = &flat[j / FRAMES_WIDTH];
+    size_t k = j % FRAMES_WIDTH;
+    return (struct spread_at){
+        .ax = f32_all(f->ax[k]),
+        .ay = f32_all(f->ay[k]),
+        .az = f32_all(f->az[k]),
+        .frame =
+            {
+                .ux = f32_all(f->ux[k]),
+                .uy = f32_all(f->uy[k]),
+                .uz = f32_all(f->uz[k]),
+                .vx = f32_all(f->vx[k]),
+                .vy = f32_all(f->vy[k]),
+                .vz = f32_all(f->vz[k]),
+                .nx = f32_all(f->nx[k]),
+                .ny = f32_all(f->ny[k]),
+                .nz = f32_all(f->nz[k]),
+                .bx = f32_all(f->bx[k]),
+                .ab_half = f32_all(f->bx[k] / 2),
+                .bc = {f32_all(f->bc_x[k]), f32_all(f->bc_y[k]), f32_all(f->bc_length[k] / 2)},
+                .ac = {f32_all(f->ac_x[k]), f32_all(f->ac_y[k]), f32_all(f->ac_length[k] / 2)},
+            },
+    };
+}
+
+INLINE f32v edge_sq(const struct spread_edge *e, f32v left, f32v x, f32v y) {
+    f32v past = past_half(x * e->x + y * e->y - e->half, e->half);
+    return left * left + past * past;
+}
+
+enum edges { ALL_EDGES, WITHOUT_AC };
+
+/* Squared distances to a triangle of places as seen from its corner a; where the edge ac is the next triangle's as
+ * well, it may be left out here. */
+INLINE f32v distance_sq(const struct spread *f, f32v rx, f32v ry, f32v rz, enum edges edges) {
+    f32v x = rx * f->ux + ry * f->uy + rz * f->uz, y = rx * f->vx + ry * f->vy + rz * f->vz;
+    f32v z = rx * f->nx + ry * f->ny + rz * f->nz, beyond = x - f->bx;
+    f32v past = past_half(x - f->ab_half, f->ab_half);
+    f32v bc_left = y * f->bc.x - beyond * f->bc.y, ac_right = x * f->ac.y - y * f->ac.x;
+    i32v over = f32_is_positive(f32_min(f32_min(y, bc_left), ac_right));
+    f32v others = edge_sq(&f->bc, bc_left, beyond, y);
+    if (edges == ALL_EDGES) others = f32_min(others, edge_sq(&f->ac, ac_right, x, y));
+    return z * z + f32_where(~over, f32_min(y * y + past * past, others));
+}
+
+INLINE f32v distance_at_sq(const struct spread_at *f, f32v x, f32v y, f32v z) {
+    return distance_sq(&f->frame, x - f->ax, y - f->ay, z - f->az, ALL_EDGES);
+}
+
+INLINE void copy_eight(const float *from, float shift, float *to) {
+    for (size_t k = 0; k < SAMPLE_BLOCK; k += F32_LANES) f32_store(&to[k], f32_load(&from[k]) + shift);
+}
+
+INLINE void set_eight(float *to, float x) {
+    for (size_t k = 0; k < SAMPLE_BLOCK; k += F32_LANES) f32_store(&to[k], f32_all(x));
+}
+
+FOR_EACH_PROCESSOR(uint32_t, cluster_add)
+(struct cluster *cluster, const struct sample_block *block, uint32_t first) {
+    size_t n = cluster->n;
+    uint32_t i = first;
+    for (; i != NONE && n + block[i].count <= CLUSTER_MOST; n += block[i].count, i = block[i].next) {
+        vec3 shift = vec3_sub(block[i].origin, cluster->origin);
+        copy_eight(block[i].x, (float)shift.x, &cluster->x[n]);
+        copy_eight(block[i].y, (float)shift.y, &cluster->y[n]);
+        copy_eight(block[i].z, (float)shift.z, &cluster->z[n]);
+        memcpy(&cluster->weight[n], block[i].weight, sizeof block[i].weight);
+        memcpy(&cluster->sample[n], block[i].sample, sizeof block[i].sample);
+    }
+    cluster->n = n;
+    set_eight(&cluster->x[n], FAR_AWAY);
+    set_eight(&cluster->y[n], FAR_AWAY);
+    set_eight(&cluster->z[n], FAR_AWAY);
+    set_eight(&cluster->weight[n], 0);
+    return i;
+}
+
+FOR_EACH_PROCESSOR(double, cluster_weight)
+(const struct cluster *cluster) {
+    f32v sum[F32_PARTS] = {0};
+    for (size_t i = 0; i < cluster->n; i += F32_SUMS)
+        for (size_t k = 0; k < F32_PARTS; k++) sum[k] += f32_load(&cluster->weight[i + k * F32_LANES]);
+    return f32_total(sum);
+}
+
+INLINE size_t spread_all(const struct surface *surface, vec3 origin, struct spread_at out[FRAMES_MOST]) {
+    struct flat_four flat[FLAT_ROOM];
+    size_t first = flatten_all(surface, origin, flat);
+    for (size_t j = 0; j < surface->n; j++) out[j] = spread(flat, first + j);
+    return surface->n;
+}
+
+INLINE f32v cost_of(f32v weight, f32v d_sq, float further) { return weight * (f32_sqrt(d_sq) + d_sq * further); }
+
+FOR_EACH_PROCESSOR(double, cluster_cost)
+(const struct cluster *cluster, const struct surface *surface, float further, double limit) {
+    struct spread_at triangle[FRAMES_MOST];
+    f32v sum[F32_PARTS] = {0};
+    size_t n = spread_all(surface, cluster->origin, triangle);
+    for (size_t i = 0; i < cluster->n; i += F32_SUMS) {
+        for (size_t k = 0; k < F32_PARTS; k++) {
+            size_t at = i + k * F32_LANES;
+            f32v x = f32_load(&cluster->x[at]), y = f32_load(&cluster->y[at]), z = f32_load(&cluster->z[at]);
+            f32v d_sq = f32_all(INFINITY);
+            for (size_t j = 0; j < n; j++) d_sq = f32_min(distance_at_sq(&triangle[j], x, y, z), d_sq);
+            sum[k] += cost_of(f32_load(&cluster->weight[at]), d_sq, further);
+        }
+        if (f32_total(sum) > limit) break;
+    }
+    return f32_total(sum);
+}
+
+INLINE void spread_star(const struct star_frames *star, struct spread triangle[STAR_MOST]) {
+    for (size_t j = 0; j < star->sectors; j++)
+        triangle[j] = (struct spread){
+            .ux = f32_all(star->u.x[j]),
+            .uy = f32_all(star->u.y[j]),
+            .uz = f32_all(star->u.z[j]),
+            .vx = f32_all(star->v.x[j]),
+            .vy = f32_all(star->v.y[j]),
+            .vz = f32_all(star->v.z[j]),
+            .nx = f32_all(star->normal.x[j]),
+            .ny = f32_all(star->normal.y[j]),
+            .nz = f32_all(star->normal.z[j]),
+            .bx = f32_all(star->bx[j]),
+            .ab_half = f32_all(star->bx[j] / 2),
+            .bc = {f32_all(star->bc_x[j]), f32_all(star->bc_y[j]), f32_all(star->bc_half[j])},
+            .ac = {.x = f32_all(star->ac_x[j]), .y = f32_all(star->ac_y[j])},
+        };
+}
+
+/* Squared distances of samples from number i on to the nearest of a star's triangles. */
+INLINE f32v star_sq(const struct cluster *cluster, const struct star_frames *star, const struct spread *triangle,
+                    size_t i) {
+    f32v x = f32_load(&cluster->x[i]) - star->ax, y = f32_load(&cluster->y[i]) - star->ay;
+    f32v z = f32_load(&cluster->z[i]) - star->az, d_sq = f32_all(FAR_AWAY * FAR_AWAY);
+    for (size_t j = 0; j < star->sectors; j++) d_sq = f32_min(distance_sq(&triangle[j], x, y, z, WITHOUT_AC), d_sq);
+    return d_sq;
+}
+
+FOR_EACH_PROCESSOR(double, cluster_star_cost)
+(const struct cluster *cluster, const struct star_frames *star, float further, double limit) {
+    struct spread triangle[STAR_MOST];
+    f32v sum[F32_PARTS] = {0};
+    spread_star(star, triangle);
+    for (size_t i = 0; i < cluster->n; i += F32_SUMS) {
+        for (size_t k = 0; k < F32_PARTS; k++) {
+            size_t at = i + k * F32_LANES;
+            sum[k] += cost_of(f32_load(&cluster->weight[at]), star_sq(cluster, star, triangle, at), further);
+        }
+        if (f32_total(sum) > limit) break;
+    }
+    return f32_total(sum);
+}
+
+FOR_EACH_PROCESSOR(void, cluster_star_distances)
+(const struct cluster *cluster, const struct star_frames *star, float distance_sq[CLUSTER_ROOM]) {
+    struct spread triangle[STAR_MOST];
+    spread_star(star, triangle);
+    for (size_t i = 0; i < cluster->n; i += F32_LANES) f32_store(&distance_sq[i], star_sq(cluster, star, triangle, i));
+}
+
+/* The triangle of each sample, side by side: the members are those of struct star_frames. */
+struct own_triangles {
+    f32v ux, uy, uz, vx, vy, vz, nx, ny, nz, bx, bx_inverse, bc_x, bc_y, bc_half;
+    f32v cx, cy, cy_inverse, ac_x, ac_y, ac_inverse;
+    i32v pulls; /* triangles that aren't too thin */
+};
+
+/* Triangle from + which[k] for sample k. */
+INLINE struct own_triangles own_triangles_of(const struct star_frames *s, size_t from, i32v which) {
+    return (struct own_triangles){
+        .ux = f32_lookup(&s->u.x[from], which),
+        .uy = f32_lookup(&s->u.y[from], which),
+        .uz = f32_lookup(&s->u.z[from], which),
+        .vx = f32_lookup(&s->v.x[from], which),
+        .vy = f32_lookup(&s->v.y[from], which),
+        .vz = f32_lookup(&s->v.z[from], which),
+        .nx = f32_lookup(&s->normal.x[from], which),
+        .ny = f32_lookup(&s->normal.y[from], which),
+        .nz = f32_lookup(&s->normal.z[from], which),
+        .bx = f32_lookup(&s->bx[from], which),
+        .bx_inverse = f32_lookup(&s->bx_inverse[from], which),
+        .bc_x = f32_lookup(&s->bc_x[from], which),
+        .bc_y = f32_lookup(&s->bc_y[from], which),
+        .bc_half = f32_lookup(&s->bc_half[from], which),
+        .ac_x = f32_lookup(&s->ac_x[from], which),
+        .ac_y = f32_lookup(&s->ac_y[from], which),
+        .ac_inverse = f32_lookup(&s->ac_inverse[from], which),
+        .cx = f32_lookup(&s->cx[from], which),
+        .cy = f32_lookup(&s->cy[from], which),
+        .cy_inverse = f32_lookup(&s->cy_inverse[from], which),
+        .pulls = f32_less(f32_all(THINNEST), f32_lookup(&s->shape[from], which)),
+    };
+}
+
+/* Where samples' nearest places on their triangles are: the vertex's share in them, and what is left to the sample in
+ * the triangle's own axes. */
+struct feet {
+    f32v share, x, y, z;
+};
+
+INLINE f32v clamped(f32v t) { return f32_min(f32_positive(t), f32_all(1)); }
+
+INLINE struct feet feet_of(const struct own_triangles *f, f32v rx, f32v ry, f32v rz) {
+    f32v x = rx * f->ux + ry * f->uy + rz * f->uz, y = rx * f->vx + ry * f->vy + rz * f->vz;
+    f32v z = rx * f->nx + ry * f->ny + rz * f->nz, beyond = x - f->bx;
+    f32v bc_left = y * f->bc_x - beyond * f->bc_y;
+    f32v bc_past = past_half(beyond * f->bc_x + y * f->bc_y - f->bc_half, f->bc_half);
+    i32v over = f32_is_positive(f32_min(f32_min(y, bc_left), x * f->ac_y - y * f->ac_x));
+    f32v share_c = y * f->cy_inverse, share = 1 - share_c - (x - f->cx * share_c) * f->bx_inverse;
+    f32v t = clamped(x * f->bx_inverse);
+    f32v dx = x - t * f->bx, dy = y, best_sq = dx * dx + dy * dy, best = 1 - t;
+    t = clamped((x * f->ac_x + y * f->ac_y) * f->ac_inverse);
+    f32v ex = x - t * f->cx, ey = y - t * f->cy, other_sq = ex * ex + ey * ey;
+    i32v nearer = f32_less(other_sq, best_sq);
+    dx = f32_pick(nearer, ex, dx), dy = f32_pick(nearer, ey, dy), best = f32_pick(nearer, 1 - t, best);
+    best = f32_where(~f32_less(bc_left * bc_left + bc_past * bc_past, f32_min(other_sq, best_sq)), best);
+    return (struct feet){f32_pick(over, share, best), f32_where(~over, dx), f32_where(~over, dy), z};
+}
+
+/* A model in the making: one of F32_PARTS. */
+struct sums {
+    f32v xx, xy, xz, yy, yz, zz, gx, gy, gz;
+};
+
+struct lengths {
+    float near, further;
+};
+
+/* Adds samples as far as they count.  Directions are turned into the axes of space before they are added up, so
+ * that there are only nine sums for all triangles. */
+INLINE void fit_samples(const struct own_triangles *f, struct feet r, f32v weight, struct lengths by, struct sums *s) {
+    f32v d = f32_sqrt(r.x * r.x + r.y * r.y + r.z * r.z);
+    i32v counts = f->pulls & f32_is_positive(r.share), off = f32_less(f32_all(1e-9f), d);
+    f32v pull = weight * r.share * (1 + 2 * by.further * d) / f32_max(d, f32_all(by.near));
+    f32v inverse = 1 / f32_pick(off, d, f32_all(1)), stiff = f32_where(counts, pull * r.share),
+         far = f32_where(counts, pull * d);
+    f32v x = f32_where(off, r.x * inverse), y = f32_where(off, r.y * inverse),
+         z = f32_pick(off, r.z * inverse, f32_all(1));
+    f32v nx = f32_where(counts, x * f->ux + y * f->vx + z * f->nx),
+         ny = f32_where(counts, x * f->uy + y * f->vy + z * f->ny);
+    f32v nz = f32_where(counts, x * f->uz + y * f->vz + z * f->nz), sx = stiff * nx, sy = stiff * ny, sz = stiff * nz;
+    s->xx += sx * nx, s->xy += sx * ny, s->xz += sx * nz;
+    s->yy += sy * ny, s->yz += sy * nz, s->zz += sz * nz;
+    s->gx += far * nx, s->gy += far * ny, s->gz += far * nz;
+}
+
+/* Adds the samples of up to eight triangles, which follow each other. */
+INLINE void fit_triangles(const struct cluster *cluster, const size_t *begin, const struct star_frames *star,
+                          struct span in, struct lengths by, struct sums sums[F32_PARTS]) {
+    for (size_t first = begin[in.begin], end = begin[in.end]; first < end; first += F32_SUMS)
+        for (size_t part = 0, i = first; part < F32_PARTS && i < end; part++, i += F32_LANES) {
+            i32v place = i32_count() + (int32_t)i, which = i32_all(0), valid = i32_less(place, i32_all((int32_t)end));
+            for (size_t k = in.begin + 1; k < in.end; k++) which -= ~i32_less(place, i32_all((int32_t)begin[k]));
+            struct own_triangles f = own_triangles_of(star, in.begin, which);
+            struct feet feet = feet_of(&f, f32_load(&cluster->x[i]) - star->ax, f32_load(&cluster->y[i]) - star->ay,
+                                       f32_load(&cluster->z[i]) - star->az);
+            fit_samples(&f, feet, f32_where(valid, f32_load(&cluster->weight[i])), by, &sums[part]);
+        }
+}
+
+/* A member's sum over the parts. */
+INLINE double sum_of(const struct sums sums[F32_PARTS], size_t member) {
+    f32v part[F32_PARTS];
+    for (size_t k = 0; k < F32_PARTS; k++) memcpy(&part[k], (const char *)&sums[k] + member, sizeof part[k]);
+    return f32_total(part);
+}
+
+FOR_EACH_PROCESSOR(void, cluster_fit)
+(const struct cluster *cluster, const size_t *begin, const struct star_frames *star, float near, float further,
+ struct cluster_model *model) {
+    struct sums sums[F32_PARTS] = {0};
+    for (size_t k = 0; k < star->n; k += F32_SUMS) {
+        struct span in = {k, k + F32_SUMS < star->n ? k + F32_SUMS : star->n};
+        fit_triangles(cluster, begin, star, in, (struct lengths){near, further}, sums);
+    }
+#define SUM(member) sum_of(sums, offsetof(struct sums, member))
+    model->a = sym3_add(model->a, (sym3){SUM(xx), SUM(xy), SUM(xz), SUM(yy), SUM(yz), SUM(zz)});
+    model->g = vec3_add(model->g, (vec3){SUM(gx), SUM(gy), SUM(gz)});
+#undef SUM
+}
+
+FOR_EACH_PROCESSOR(void, cluster_values)
+(const struct cluster *cluster, const sym3 *a, vec3 place, size_t points, float value[CLUSTER_ROOM]) {
+    vec3 p = vec3_sub(place, cluster->origin);
+    float xx = (float)a->xx, xy = (float)a->xy, xz = (float)a->xz, yy = (float)a->yy, yz = (float)a->yz;
+    float zz = (float)a->zz;
+    for (size_t i = 0; i < cluster->n; i += F32_LANES) {
+        f32v x = f32_load(&cluster->x[i]) - (float)p.x, y = f32_load(&cluster->y[i]) - (float)p.y;
+        f32v z = f32_load(&cluster->z[i]) - (float)p.z;
+        f32v sum = x * (x * xx + y * (2 * xy) + z * (2 * xz)) + y * (y * yy + z * (2 * yz)) + z * z * zz;
+        i32v id = i32_load(&cluster->sample[i]);
+        i32v is_point = i32_less(i32_all(-1), id) & i32_less(id, i32_all((int32_t)points));
+        f32_store(&value[i], f32_pick(is_point, sum, f32_all(INFINITY)));
+    }
+}
+
+FOR_EACH_PROCESSOR(void, cluster_owners)
+(const struct cluster *cluster, const struct surface *surface, uint8_t owner[CLUSTER_ROOM],
+ float distance_sq_out[CLUSTER_ROOM]) {
+    i32v nearest[CLUSTER_ROOM / F32_LANES];
+    struct flat_four flat[FLAT_ROOM];
+    size_t n = cluster->n, first = flatten_all(surface, cluster->origin, flat);
+    for (size_t i = 0; i < n; i += F32_LANES) {
+        f32_store(&distance_sq_out[i], f32_all(INFINITY));
+        nearest[i / F32_LANES] = i32_all(0);
+    }
+    for (size_t j = 0; j < surface->n; j++) {
+        const struct spread_at f = spread(flat, first + j);
+        i32v id = i32_all((int32_t)j);
+        for (size_t i = 0; i < n; i += F32_LANES) {
+            f32v before = f32_load(&distance_sq_out[i]);
+            f32v d_sq =
+                distance_at_sq(&f, f32_load(&cluster->x[i]), f32_load(&cluster->y[i]), f32_load(&cluster->z[i]));
+            i32v nearer = f32_less(d_sq, before), *place = &nearest[i / F32_LANES];
+            f32_store(&distance_sq_out[i], f32_pick(nearer, d_sq, before));
+            *place = i32_pick(nearer, id, *place);
+        }
+    }
+    for (size_t i = 0; i < n; i++) owner[i] = (uint8_t)SIMD_LANE(nearest[i / F32_LANES], i % F32_LANES);
+}
+
+FOR_EACH_PROCESSOR(void, cluster_nearest)
+(const struct cluster *cluster, vec3 place, double *nearest_sq, uint32_t *nearest) {
+    vec3 p = vec3_sub(place, cluster->origin);
+    f32v best_sq[F32_PARTS];
+    i32v best[F32_PARTS];
+    for (size_t k = 0; k < F32_PARTS; k++) best_sq[k] = f32_all(INFINITY), best[k] = i32_all(0);
+    for (size_t first = 0; first < cluster->n; first += F32_SUMS)
+        for (size_t k = 0; k < F32_PARTS; k++) {
+            size_t i = first + k * F32_LANES;
+            f32v dx = f32_load(&cluster->x[i]) - (float)p.x, dy = f32_load(&cluster->y[i]) - (float)p.y;
+            f32v dz = f32_load(&cluster->z[i]) - (float)p.z;
+            f32v d_sq = dx * dx + dy * dy + dz * dz;
+            best[k] = i32_pick(f32_less(d_sq, best_sq[k]), i32_count() + (int32_t)i, best[k]);
+            best_sq[k] = f32_min(d_sq, best_sq[k]);
+        }
+    unsigned part = f32_place_of_least(best_sq), k = part / F32_LANES, lane = part % F32_LANES;
+    size_t which = (size_t)SIMD_LANE(best[k], lane);
+    double least_sq = (double)SIMD_LANE(best_sq[k], lane);
+    if (least_sq < *nearest_sq && which < cluster->n) *nearest_sq = least_sq, *nearest = cluster->sample[which];
+}

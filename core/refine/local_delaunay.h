@@ -1,0 +1,56 @@
+/* The triangles that the points around each point see between them: a surface through all points, as far as it can be
+ * told by looking at neighbours alone.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_REFINE_LOCAL_DELAUNAY_H
+#define WHITTLE_CORE_REFINE_LOCAL_DELAUNAY_H
+
+#include <assert.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/base/status.h"
+#include "core/math/vec3.h"
+#include "core/spatial/neighbourhood.h"
+
+enum { UMBRELLA_RIBS = 12 }; /* the most that a point has; six are usual */
+
+/* Triangle i of point p is p, rib[p][i] and the rib after it (the first after the last); not between all ribs is one.
+ * Each triangle counts at one of its corners alone, the lowest that has it. */
+struct umbrellas {
+    size_t n;
+    uint32_t (*rib)[UMBRELLA_RIBS]; /* n: ids in the order of their angle around the normal, then NONE; owned */
+    uint16_t *closed;               /* n: bit i where there is a triangle after rib i; above, how many ribs; owned */
+    uint32_t *votes;                /* n: two bits for each rib, see umbrella_votes; owned */
+};
+
+/* normal[i] is a unit vector of either sign.  O(n k^2), k neighbours each, in practice O(n k).  STATUS_NO_MEMORY. */
+enum status umbrella_find(const vec3 *point, const vec3 *normal, const struct neighbourhood *hood, unsigned threads,
+                          struct umbrellas *out) MUST_CHECK;
+
+/* How many of its corners have triangle i of p; 0 where it isn't one, or counts at another corner. */
+static inline unsigned umbrella_votes(const struct umbrellas *umbrellas, size_t p, unsigned i) {
+    return umbrellas->votes[p] >> 2 * i & 3;
+}
+
+/* The triangles that count at p: bit 2 i where triangle i does. */
+static inline uint32_t umbrella_triangles(const struct umbrellas *umbrellas, size_t p) {
+    static_assert(UMBRELLA_RIBS <= 16, "two bits each");
+    return (umbrellas->votes[p] | umbrellas->votes[p] >> 1) & 0x55555555;
+}
+
+/* How many ribs p has. */
+static inline unsigned umbrella_ribs(const struct umbrellas *umbrellas, size_t p) {
+    return umbrellas->closed[p] >> UMBRELLA_RIBS;
+}
+
+/* The rib after rib i of p. */
+static inline uint32_t umbrella_after(const struct umbrellas *umbrellas, size_t p, unsigned i) {
+    return umbrellas->rib[p][i + 1 < umbrella_ribs(umbrellas, p) ? i + 1 : 0];
+}
+
+/* Accepts zeroed umbrellas. */
+void umbrella_done(struct umbrellas *umbrellas);
+
+#endif

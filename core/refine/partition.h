@@ -1,0 +1,24 @@
+/* The mesh in parts that are looked at one after the other: what a part needs stays near the processor.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_REFINE_PARTITION_H
+#define WHITTLE_CORE_REFINE_PARTITION_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/base/status.h"
+#include "core/mesh/halfedge.h"
+
+enum { FIT_ZONE_MOST = 512 }; /* vertices of a zone at the beginning */
+
+struct fit_zones {
+    size_t count;
+    uint32_t *of; /* the zone of each vertex; owned.  Whoever moves a vertex far away gives it a zone there */
+};
+
+/* Zones that are about as wide as they are long.  O(vertices).  STATUS_NO_MEMORY. */
+enum status fit_zones_init(struct fit_zones *zones, const struct halfedge *he) MUST_CHECK;
+void fit_zones_done(struct fit_zones *zones);
+
+#endif

@@ -1,0 +1,97 @@
+/* The schedule: flips until none gains, then sweeps of teleports, moves and flips, the last of them at a closer look
+ * where vertices move freely.
+ *
+ * Everything works on a copy of the mesh, which takes its place at the end.
+ *
+ * Deliberately missing: a proof that the result doesn't cross itself somewhere far away; only neighbours are kept from
+ * folding onto each other.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/refine/refine.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/base/alloc.h"
+#include "core/refine/fit.h"
+#include "core/refine/flip.h"
+#include "core/refine/reallocate.h"
+#include "core/refine/relocate.h"
+
+/* By placement.  Vertices that move freely gain from more sweeps, and from a closer look at the surface between the
+ * points, which isn't needed before triangles and vertices are about where they should be.  A surface with a border
+ * gains from more sweeps as well: what lies beyond the border is reached from sweep to sweep. */
+static const struct sweeps {
+    size_t all, with_teleports, before_closer;
+} sweeps_of[] = {[PLACEMENT_SUBSET] = {5, 3, 5}, [PLACEMENT_OPTIMAL] = {9, 6, 4}},
+  open_sweeps_of[] = {[PLACEMENT_SUBSET] = {9, 6, 9}, [PLACEMENT_OPTIMAL] = {9, 6, 4}};
+
+enum { FIRST_ROUNDS = 12, ROUNDS = 2 };
+
+#define LARGEST ((size_t)1 << 28) /* points or triangles */
+
+static enum status copy_mesh(struct mesh *copy, const struct mesh *mesh) {
+    *copy = *mesh;
+    copy->vertex = alloc_array(mesh->vertex_count, sizeof *copy->vertex);
+    copy->triangle = alloc_array(mesh->triangle_count, sizeof *copy->triangle);
+    copy->source = mesh->source ? alloc_array(mesh->vertex_count, sizeof *copy->source) : NULL;
+    copy->tag = mesh->tag ? alloc_array(mesh->triangle_count, sizeof *copy->tag) : NULL;
+    if (!copy->vertex || !copy->triangle || (mesh->source && !copy->source) || (mesh->tag && !copy->tag))
+        return STATUS_NO_MEMORY;
+    memcpy(copy->vertex, mesh->vertex, mesh->vertex_count * sizeof *copy->vertex);
+    memcpy(copy->triangle, mesh->triangle, mesh->triangle_count * sizeof *copy->triangle);
+    if (mesh->source) memcpy(copy->source, mesh->source, mesh->vertex_count * sizeof *copy->source);
+    if (mesh->tag) memcpy(copy->tag, mesh->tag, mesh->triangle_count * sizeof *copy->tag);
+    return STATUS_OK;
+}
+
+static enum status sweep(struct fit *fit, bool with_teleports, struct refine_facts *facts) {
+    enum status status = STATUS_OK;
+    if (with_teleports) status = fit_teleport(fit, &facts->teleports);
+    if (!status && with_teleports) status = fit_flip(fit, ROUNDS, &facts->flips);
+    if (!status) status = fit_move(fit, &facts->moves);
+    if (!status) status = fit_flip(fit, ROUNDS, &facts->flips);
+    return status;
+}
+
+static enum status run_schedule(struct fit *fit, enum refine_form form, const struct progress *progress,
+                                struct refine_facts *facts) {
+    struct sweeps sweeps = (fit->borders ? open_sweeps_of : sweeps_of)[fit->placement];
+    if (form != REFINE_FULL) sweeps = (struct sweeps){0};
+    if (progress_tick(progress, "refine", 0.1)) return STATUS_CANCELLED;
+    enum status status = fit_flip(fit, FIRST_ROUNDS, &facts->flips);
+    for (size_t i = 0; i < sweeps.all && !status; i++) {
+        if (progress_tick(progress, "refine", 0.2 + 0.8 * (double)i / (double)sweeps.all)) return STATUS_CANCELLED;
+        if (i == sweeps.before_closer) status = fit_look_closer(fit);
+        if (!status && fit->borders && i > 0) status = fit_reassign(fit);
+        if (!status) status = sweep(fit, i < sweeps.with_teleports, facts);
+    }
+    return status;
+}
+
+bool refine_wants_umbrellas(size_t points, size_t triangles) { return (double)points < FIT_ENOUGH * (double)triangles; }
+
+enum status refine_mesh(struct mesh *mesh, const struct refine_input *input, const struct refine_options *options,
+                        const struct progress *progress, struct refine_facts *facts) {
+    struct fit fit = {0};
+    struct mesh refined = {0};
+    struct refine_facts made = {0};
+    if (input->n >= LARGEST || mesh->triangle_count >= LARGEST) return STATUS_LIMIT;
+    if (progress_tick(progress, "refine", 0)) return STATUS_CANCELLED;
+    enum status status = copy_mesh(&refined, mesh);
+    if (!status) status = fit_init(&fit, &refined, input, options);
+    if (!status) {
+        if (facts) made.mean_before = fit_mean(&fit);
+        if (options->form != REFINE_NONE) status = run_schedule(&fit, options->form, progress, &made);
+        if (facts && !status) made.mean_after = fit_mean(&fit);
+    }
+    fit_done(&fit);
+    if (!status) {
+        struct mesh before = *mesh;
+        *mesh = refined;
+        refined = before;
+        if (facts) *facts = made;
+    }
+    mesh_done(&refined);
+    return status;
+}

@@ -1,0 +1,63 @@
+/* Refinement: a mesh of the simplified cloud is fitted to the original points.
+ *
+ * Most of the error of a reconstruction from few points is in the choice of triangles, and some in that of the points.
+ * Edges are flipped, vertices are moved, and vertices that are worth little are put where the mesh is farthest off, as
+ * long as the mean distance of the original points to the mesh falls.
+ *
+ * Hoppe, DeRose, Duchamp, McDonald, Stuetzle: Mesh optimization (1993), whose operations these are: vertices move for
+ * the least distance of the points, edges swap, collapse and split.  Here as many vertices come as go.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_REFINE_REFINE_H
+#define WHITTLE_CORE_REFINE_REFINE_H
+
+#include "core/base/progress.h"
+#include "core/base/status.h"
+#include "core/math/vec3.h"
+#include "core/mesh/mesh.h"
+#include "core/params.h"
+#include "core/spatial/neighbourhood.h"
+
+/* The original points, in the normalised frame (bounding-box diagonal 1). */
+struct refine_input {
+    const vec3 *points;               /* n; in space-filling order it is faster */
+    const vec3 *normals;              /* n, unit, of either sign */
+    const float *spacing;             /* n: mean distance to the neighbours */
+    size_t n;                         /* at least 1, less than 2^28 */
+    const struct neighbourhood *hood; /* of the points: the middles of triangles between neighbours are
+                                         fitted to as well, which is what keeps a mesh from bending between
+                                         few points; NULL: points alone */
+    struct umbrellas
+        *umbrellas;          /* the same points': zeroed when done with; NULL or zeroed where they are to be found */
+    vec3 up;                 /* unit: where all triangles of a height field face; zero: the surface is none */
+    struct samples *samples; /* likewise; where there are others than are wanted, these are found, too */
+};
+
+/* Whether the middles are of use to a mesh of so many triangles; where there are many points for each, they aren't. */
+bool refine_wants_umbrellas(size_t points, size_t triangles);
+
+struct refine_options {
+    enum refine_form form;    /* none: nothing is done; flips: edges alone; full: vertices as well */
+    enum placement placement; /* of vertices that move: at other original points, each used once, or anywhere */
+    unsigned threads;         /* 0 = all processors */
+};
+
+struct refine_facts {
+    size_t flips, moves, teleports; /* vertices taken out in one place and put in at another */
+    double mean_before, mean_after; /* distance of the points (and middles) to the mesh, weighted by area */
+};
+
+/* Refines the mesh in place: the number of its vertices stays, as do its orientation, its topology and whatever isn't
+ * manifold, so a closed mesh stays closed, with as many triangles.  A border is fitted like the rest, and reaches for
+ * the points beyond it; its vertices stand at points, or move along their normals.  The shorter it gets, the more
+ * triangles there are.  No triangle folds onto a neighbour that it wasn't folded onto before; those of a height field
+ * get as steep as they like, but keep facing up.
+ * mesh->source (may be NULL with optimal placement; ids of points) follows the vertices: NONE for those that stand at
+ * no point.  A triangle made of one that fills a hole and one that doesn't counts as supported.
+ *
+ * The same for any number of threads; about 5 us for each point.  *mesh and *facts (may be NULL) are untouched on
+ * failure: STATUS_NO_MEMORY, STATUS_LIMIT (2^28 points or triangles), STATUS_CANCELLED (stage "refine"). */
+enum status refine_mesh(struct mesh *mesh, const struct refine_input *input, const struct refine_options *options,
+                        const struct progress *progress, struct refine_facts *facts) MUST_CHECK;
+
+#endif

@@ -1,0 +1,151 @@
+/* A vertex that is put on an edge has four triangles.  That it goes there is the same as if it had stood in the middle
+ * of the edge, where nothing would change, and moved from there: so what is known of stars will do.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/refine/split.h"
+
+#include <string.h>
+
+#include "core/cloud/cloud.h"
+#include "core/refine/kernels/star_frames.h"
+
+enum { PLACES = 6 };
+
+/* In how many places an edge is tried: at most PLACES.  A vertex that may stand anywhere finds more that are worth it.
+ */
+static const size_t places_of[] = {[PLACEMENT_SUBSET] = 4, [PLACEMENT_OPTIMAL] = PLACES};
+
+/* The two triangles of an edge, or the one of a border's. */
+struct gap {
+    size_t n;           /* of the new vertex' triangles: 4, or 2 */
+    uint32_t border[4]; /* half-edges across from the new vertex */
+    struct fit_region region;
+    struct star_rim rim;
+    struct star_vectors outside; /* normals across the border */
+    struct star_frames old, new;
+    double cost;
+};
+
+static const struct star_limits limits_of_splits = {.turn = (float)FIT_OFFER_LEAST_TURN, .thin = (float)FIT_THIN};
+
+static void set_frames(const struct gap *gap, vec3 place, struct star_frames *frames) {
+    star_frames_make(frames, &gap->rim, vec3_sub(place, gap->region.cluster.origin));
+}
+
+static void set_rim(const struct fit *fit, struct gap *gap) {
+    const vec3 *place[4];
+    for (size_t i = 0; i < gap->n; i++) place[i] = &fit->mesh->vertex[halfedge_from(&fit->he, gap->border[i])];
+    gap->rim.n = gap->n;
+    gap->rim.open = gap->n == 2;
+    if (gap->rim.open) place[2] = &fit->mesh->vertex[halfedge_to(&fit->he, gap->border[1])];
+    star_vectors_set(&gap->rim.place, place, gap->n + gap->rim.open, gap->region.cluster.origin);
+    set_frames(gap, vec3_scale(vec3_add(*place[0], *place[2]), 0.5), &gap->old);
+}
+
+static void set_outside(const struct fit *fit, struct gap *gap) {
+    static const vec3 none = {0};
+    const vec3 *normal[4];
+    for (size_t i = 0; i < gap->n; i++) {
+        uint32_t across = fit->he.twin[gap->border[i]];
+        normal[i] = across == NONE ? &none : &fit->facing[across / 3].normal;
+    }
+    star_vectors_set(&gap->outside, normal, gap->n, none);
+}
+
+static void gap_of(const struct fit *fit, uint32_t h, struct gap *gap) {
+    uint32_t g = fit->he.twin[h];
+    gap->n = g == NONE ? 2 : 4;
+    gap->region.n = gap->n / 2;
+    gap->border[0] = halfedge_next(h), gap->border[1] = halfedge_prev(h);
+    gap->region.triangle[0] = h / 3;
+    gap->cost = fit->cost[h / 3];
+    if (g != NONE) {
+        gap->border[2] = halfedge_next(g), gap->border[3] = halfedge_prev(g);
+        gap->region.triangle[1] = g / 3;
+        gap->cost += fit->cost[g / 3];
+    }
+    fit_gather(fit, &gap->region);
+}
+
+static double cost_at(const struct fit *fit, struct gap *gap, vec3 place, double limit) {
+    set_frames(gap, place, &gap->new);
+    if (!star_may_become(&gap->old, &gap->new, &gap->outside, fit_limits(fit, limits_of_splits))) return INFINITY;
+    if (!fit_star_faces_up(fit, &gap->new)) return INFINITY;
+    return fit_star_cost(fit, &gap->region, &gap->new, limit);
+}
+
+static bool split_stays(const struct fit *fit, const struct gap *gap, vec3 place) {
+    vec3 middle[4];
+    for (size_t i = 0; i < gap->n; i++) {
+        vec3 rim = vec3_add(fit_corner(fit, gap->border[i]), fit_corner(fit, halfedge_next(gap->border[i])));
+        middle[i] = vec3_scale(vec3_add(place, rim), 1.0 / 3);
+    }
+    return fit_middles_stay(fit, &gap->region, middle, gap->n);
+}
+
+struct place {
+    float distance_sq;
+    uint32_t sample;
+    vec3 at;
+};
+
+/* Puts the samples of a cluster among the places as far as they are farther off; the number of places. */
+static size_t farthest_among(const struct fit *fit, const struct cluster *cluster, const float *distance_sq,
+                             struct place place[PLACES], size_t count) {
+    size_t most = places_of[fit->placement];
+    for (size_t i = 0; i < cluster->n; i++) {
+        if (count == most && distance_sq[i] <= place[count - 1].distance_sq) continue;
+        uint32_t point = samples_point(&fit->samples, cluster->sample[i]);
+        if (fit->placement == PLACEMENT_SUBSET && (point == NONE || fit->taken[point])) continue;
+        size_t at = count < most ? count++ : count - 1;
+        for (; at > 0 && place[at - 1].distance_sq < distance_sq[i]; at--) place[at] = place[at - 1];
+        place[at].distance_sq = distance_sq[i], place[at].sample = cluster->sample[i];
+    }
+    return count;
+}
+
+/* The samples of the two triangles that are farthest off, the farthest first; of the free points alone for a subset. */
+static size_t farthest(const struct fit *fit, const struct gap *gap, struct place place[PLACES]) {
+    float distance_sq[CLUSTER_ROOM];
+    struct fit_region more;
+    size_t count = 0;
+    for (const struct fit_region *part = &gap->region; part; part = fit_next_part(fit, part, &more)) {
+        cluster_star_distances(&part->cluster, &gap->old, distance_sq);
+        count = farthest_among(fit, &part->cluster, distance_sq, place, count);
+    }
+    for (size_t i = 0; i < count; i++) place[i].at = fit->samples.sample[place[i].sample].place;
+    return count;
+}
+
+/* Which place gains most; the gain. */
+static double best_place(const struct fit *fit, struct gap *gap, const struct place *place, size_t places,
+                         size_t *which) {
+    double gain = 0;
+    for (size_t i = 0; i < places; i++) {
+        double limit = gap->cost - gain, cost = cost_at(fit, gap, place[i].at, limit);
+        if (cost < limit) gain = gap->cost - cost, *which = i;
+    }
+    return gain;
+}
+
+struct fit_offer fit_split_best(const struct fit *fit, uint32_t h) {
+    struct fit_offer none = {.value = 0, .halfedge = NONE, .vertex = NONE, .source = NONE};
+    struct gap gap;
+    gap_of(fit, h, &gap);
+    if (fit_is_exact(cluster_weight(&gap.region.cluster), gap.cost)) return none;
+    set_rim(fit, &gap);
+    struct place place[PLACES];
+    size_t places = farthest(fit, &gap, place), i = 0;
+    set_outside(fit, &gap);
+    for (double gain; (gain = best_place(fit, &gap, place, places, &i)) > 0;) {
+        bool is_point = fit->placement == PLACEMENT_SUBSET;
+        if (split_stays(fit, &gap, place[i].at))
+            return (struct fit_offer){.value = gain,
+                                      .halfedge = h,
+                                      .vertex = NONE,
+                                      .source = is_point ? samples_point(&fit->samples, place[i].sample) : NONE,
+                                      .place = place[i].at};
+        memmove(&place[i], &place[i + 1], (--places - i) * sizeof *place);
+    }
+    return none;
+}

@@ -1,0 +1,149 @@
+/* Queries along the curve in groups (knn_group.c), the others one by one (knn_pieces.c).
+ *
+ * The trees are walked once for a run of some ten queries.  From what that has gathered groups of some three take what
+ * is near them; whoever needs more than its group has looks among all that the run has, and then asks the trees.
+ *
+ * How far the k-th neighbour of the last query was tells how wide the next run and group may be.  A group of few isn't
+ * worth gathering for; so queries in no order cost what they would without groups.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/spatial/knn.h"
+
+#include <assert.h>
+#include <limits.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+
+#include "core/base/alloc.h"
+#include "core/base/par.h"
+#include "core/spatial/knn_group.h"
+#include "core/spatial/knn_pieces.h"
+
+enum { BATCH = 2048, FEWEST = 2, GROUP = 16, RUN = 64 };
+static const double GROUP_WIDTH = 2, GROUP_ROOM = 1.2; /* in distances to the k-th neighbour, as the next line */
+static const double RUN_WIDTH = 4, RUN_ROOM = 1.6;
+
+struct knn {
+    const vec3 *point;
+    size_t n;
+    struct knn_pieces *pieces;
+};
+
+enum status knn_new(const vec3 *points, size_t n, unsigned threads, struct knn **out, struct error *error) {
+    assert(n > 0);
+    if (n > INT_MAX) return error_set(error, STATUS_LIMIT, "knn", "%zu points are more than FLANN counts", n);
+    struct knn *knn = alloc_zeroed(1, sizeof *knn);
+    if (!knn) return error_set(error, STATUS_NO_MEMORY, "knn", "no memory for the index");
+    *knn = (struct knn){.point = points, .n = n};
+    if (knn_pieces_new(points, n, threads, &knn->pieces)) {
+        free(knn);
+        return error_set(error, STATUS_NO_MEMORY, "knn", "FLANN could not build its index");
+    }
+    *out = knn;
+    return STATUS_OK;
+}
+
+struct search {
+    const struct knn *knn;
+    const vec3 *queries;
+    unsigned k;
+    const float *spacing; /* NULL: all exact */
+    uint32_t *id;
+    double *distance_sq;
+    atomic_bool failed;
+};
+
+static enum status ask_alone(const struct search *search, size_t q) {
+    uint32_t *id = &search->id[q * search->k];
+    double *distance_sq = &search->distance_sq[q * search->k];
+    unsigned found;
+    enum status status = knn_pieces_nearest(search->knn->pieces, search->queries[q], search->k, search->spacing, id,
+                                            distance_sq, &found);
+    for (unsigned i = found; !status && i < search->k; i++) id[i] = UINT32_MAX, distance_sq[i] = INFINITY;
+    return status;
+}
+
+/* Queries along the curve that are near each other. */
+struct run {
+    size_t end;
+    double usual; /* how far the k-th neighbour of the last query was */
+    bool gathered;
+    struct knn_group wide; /* what was, for all of them */
+};
+
+/* How many queries from q on, at most so many, are within a width. */
+static size_t length_of(const struct search *search, const struct run *run, size_t q, size_t most, double width) {
+    size_t left = run->end - q;
+    return knn_group_length(&search->queries[q], left < most ? left : most, width * run->usual);
+}
+
+static enum status gather(const struct search *search, size_t q, size_t n, double room, struct knn_group *group,
+                          bool *gathered) {
+    *gathered = false;
+    if (n < FEWEST) return STATUS_OK;
+    return knn_group_gather(group, search->knn->pieces, search->knn->point, &search->queries[q], n, room, gathered);
+}
+
+static bool is_answered(const struct search *search, const struct knn_group *group, size_t q, double usual) {
+    return knn_group_nearest(group, search->queries[q], search->k, usual, &search->id[q * search->k],
+                             &search->distance_sq[q * search->k]);
+}
+
+/* Answers the n queries from q on. */
+static enum status ask_group(const struct search *search, struct run *run, size_t q, size_t n) {
+    struct knn_group group;
+    double room = GROUP_ROOM * run->usual;
+    enum status status = STATUS_OK;
+    bool gathered = run->gathered && knn_group_narrow(&run->wide, &search->queries[q], n, room, &group);
+    if (!gathered) status = gather(search, q, n, room, &group, &gathered);
+    for (size_t end = q + n; q < end && !status; q++) {
+        if (gathered && is_answered(search, &group, q, run->usual)) continue;
+        if (run->gathered && is_answered(search, &run->wide, q, run->usual)) continue;
+        status = ask_alone(search, q);
+    }
+    run->usual = sqrt(search->distance_sq[q * search->k - 1]);
+    return status;
+}
+
+static enum status ask_run(const struct search *search, struct run *run, size_t q) {
+    enum status status = gather(search, q, run->end - q, RUN_ROOM * run->usual, &run->wide, &run->gathered);
+    for (size_t n; q < run->end && !status; q += n) {
+        n = length_of(search, run, q, GROUP, GROUP_WIDTH);
+        status = ask_group(search, run, q, n);
+    }
+    return status;
+}
+
+static void search_range(void *ctx, size_t begin, size_t end) {
+    struct search *search = ctx;
+    enum status status = STATUS_OK;
+    struct run run = {.usual = 0};
+    for (size_t q = begin; q < end && !status; q = run.end) {
+        run.end = end;
+        run.end = q + length_of(search, &run, q, RUN, RUN_WIDTH);
+        status = ask_run(search, &run, q);
+    }
+    if (status) atomic_store(&search->failed, true);
+}
+
+enum status knn_search(const struct knn *knn, const vec3 *queries, size_t m, unsigned k, unsigned threads, uint32_t *id,
+                       double *distance_sq) {
+    assert(k >= 1 && k <= KNN_MAX_K);
+    struct search search = {.knn = knn, .queries = queries, .k = k, .id = id, .distance_sq = distance_sq};
+    par_for(threads, m, BATCH, search_range, &search);
+    return atomic_load(&search.failed) ? STATUS_NO_MEMORY : STATUS_OK;
+}
+
+enum status knn_nearest(const struct knn *knn, const float *spacing, const vec3 *queries, size_t m, unsigned threads,
+                        uint32_t *id, double *distance_sq) {
+    struct search search = {
+        .knn = knn, .queries = queries, .k = 1, .spacing = spacing, .id = id, .distance_sq = distance_sq};
+    par_for(threads, m, BATCH, search_range, &search);
+    return atomic_load(&search.failed) ? STATUS_NO_MEMORY : STATUS_OK;
+}
+
+void knn_free(struct knn *knn) {
+    if (!knn) return;
+    knn_pieces_free(knn->pieces);
+    free(knn);
+}

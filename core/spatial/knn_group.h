@@ -1,0 +1,36 @@
+/* Queries that lie near each other, answered together from one gathering of points around them.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_SPATIAL_KNN_GROUP_H
+#define WHITTLE_CORE_SPATIAL_KNN_GROUP_H
+
+#include "core/spatial/knn_pieces.h"
+
+enum { KNN_GROUP_POINTS = 256 };
+
+/* All points within a ball.  Some 7 KB, for the stack. */
+struct knn_group {
+    double x[KNN_GROUP_POINTS], y[KNN_GROUP_POINTS], z[KNN_GROUP_POINTS];
+    uint32_t id[KNN_GROUP_POINTS];
+    unsigned count;
+    vec3 centre;
+    double radius;
+};
+
+/* How many of the next queries, at most n, make up a group: those not farther from the first than a width. */
+size_t knn_group_length(const vec3 *query, size_t n, double width);
+
+/* Gathers the points of the trees (`point` is what they were made of) that are within `room` of any of n queries, and
+ * some more.  *gathered is false where there are too many of them.  STATUS_NO_MEMORY. */
+enum status knn_group_gather(struct knn_group *group, const struct knn_pieces *pieces, const vec3 *point,
+                             const vec3 *query, size_t n, double room, bool *gathered) MUST_CHECK;
+
+/* The same from the points of `wide`; false where it doesn't hold all of them for sure. */
+bool knn_group_narrow(const struct knn_group *wide, const vec3 *query, size_t n, double room, struct knn_group *group);
+
+/* The k nearest points of a query, as knn_pieces_nearest would have them; false, and nothing written, where the ball
+ * doesn't hold them for sure, or where two of them are equally far.  usual: about as far as the k-th will be. */
+bool knn_group_nearest(const struct knn_group *group, vec3 query, unsigned k, double usual, uint32_t *id,
+                       double *distance_sq);
+
+#endif

@@ -1,0 +1,217 @@
+/* Neighbourhoods by k-nearest queries, cut by Gopi's radius.
+ *
+ * The literal rule hangs on one distance: a single accidental close pair shrinks the ball to nothing.  So s is at least
+ * half the distance to the third neighbour, and count stays within min .. max.
+ *
+ * Scan lines are the other trap: where the spacing along the line is much smaller than across, all near neighbours are
+ * collinear and no plane can be fitted.  A point whose neighbours have a middle eigenvalue below LINE_RATIO of the
+ * largest asks again for WIDE_K neighbours and takes the nearest ones of each of eight sectors around the line.
+ *
+ * Noise is the third.  A few neighbours of a noisy surface fill a ball rather than a disk, and contraction then takes
+ * noise for shape.  Around some points, spread over the cloud, two neighbourhoods of different width are compared: a
+ * wider one is flatter for its width where what is seen is noise, and less flat where it is curvature.  Where most say
+ * noise the whole cloud gets more neighbours.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/spatial/neighbourhood.h"
+
+#include <assert.h>
+#include <stdbool.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/base/alloc.h"
+#include "core/base/par.h"
+#include "core/base/quantile.h"
+#include "core/math/sym3.h"
+
+enum { CHUNK = 4096, WIDE_K = 48, SECTORS = 8 };
+static const double LINE_RATIO = 0.02;
+
+enum { SAMPLES = 256, SAMPLE_GRAIN = 16, NARROW_K = 11, BROAD_K = 31 };
+static const double THICK = 0.006, FLATTER = 0.95; /* surface variation, and its ratio, that noise has */
+static const double BALL = 0.1, BALL_RATIO = 1.6;  /* and where even the wider neighbourhood is nearly a ball */
+
+struct search {
+    const struct knn *knn;
+    const vec3 *point;
+    const struct neighbourhood_options *options;
+    struct neighbourhood *out;
+    enum status *chunk_status;
+};
+
+/* Copies the neighbours within Gopi's radius from a sorted list of k found ones, dropping p itself. */
+static void cut(const struct search *search, size_t p, const uint32_t *found, const double *distance_sq, unsigned k) {
+    const struct neighbourhood_options *options = search->options;
+    uint32_t *id = &search->out->id[p * search->out->stride];
+    double nearest = 0, third = 0, sum = 0;
+    unsigned count = 0, rank = 0;
+    for (unsigned i = 0; i < k && count < options->max && found[i] != UINT32_MAX; i++) {
+        if (found[i] == p) continue;
+        double d = sqrt(distance_sq[i]);
+        rank++;
+        if (rank == 1) nearest = d;
+        if (rank == 3) third = d;
+        if (rank > options->min && d > options->radius * fmax(nearest, third / 2)) break;
+        id[count++] = found[i];
+        sum += d;
+    }
+    search->out->count[p] = (uint8_t)count;
+    search->out->spacing[p] = count ? (float)(sum / count) : 0;
+}
+
+/* Second moments of the points id[0 .. count-1] about p. */
+static sym3 moment_about(const struct search *search, size_t p, const uint32_t *id, unsigned count) {
+    sym3 moment = {0};
+    for (unsigned i = 0; i < count && id[i] != UINT32_MAX; i++)
+        moment = sym3_add(moment, sym3_outer(vec3_sub(search->point[id[i]], search->point[p])));
+    return moment;
+}
+
+/* Whether the middle eigenvalue is small against the largest, from the characteristic polynomial's coefficients: the
+ * sum of the principal minors is about middle x largest where the smallest is small. */
+static int is_line(sym3 m) {
+    double minors = m.xx * m.yy - m.xy * m.xy + m.xx * m.zz - m.xz * m.xz + m.yy * m.zz - m.yz * m.yz;
+    return minors < LINE_RATIO * sym3_trace(m) * sym3_trace(m);
+}
+
+/* Which of eight directions in the plane of the two longest principal axes e points to. */
+static unsigned sector_of(vec3 e, const vec3 axis[3]) {
+    double angle = atan2(vec3_dot(e, axis[1]), vec3_dot(e, axis[2])) + M_PI;
+    unsigned sector = (unsigned)(angle * (SECTORS / (2 * M_PI)));
+    return sector < SECTORS ? sector : SECTORS - 1;
+}
+
+/* Takes the nearest neighbour of each sector, then the second nearest of each, until there are max. */
+static void take_sectors(const struct search *search, size_t p, const uint32_t *found, const double *distance_sq) {
+    struct neighbourhood *out = search->out;
+    double value[3];
+    vec3 axis[3];
+    sym3_eigen(moment_about(search, p, found, WIDE_K), value, axis);
+    unsigned round_of[WIDE_K], taken[SECTORS] = {0}, count = 0;
+    double sum = 0;
+    for (unsigned i = 0; i < WIDE_K && found[i] != UINT32_MAX; i++)
+        round_of[i] =
+            found[i] == p ? UINT32_MAX : taken[sector_of(vec3_sub(search->point[found[i]], search->point[p]), axis)]++;
+    for (unsigned round = 0; round < WIDE_K && count < search->options->max; round++)
+        for (unsigned i = 0; i < WIDE_K && found[i] != UINT32_MAX && count < search->options->max; i++) {
+            if (round_of[i] != round) continue;
+            out->id[p * out->stride + count++] = found[i];
+            sum += sqrt(distance_sq[i]);
+        }
+    out->count[p] = (uint8_t)count;
+    out->spacing[p] = count ? (float)(sum / count) : 0;
+}
+
+/* Pauly's surface variation of the points id[0 .. k-1]. */
+static double variation_of(const vec3 *point, const uint32_t *id, unsigned k) {
+    vec3 sum = {0, 0, 0}, axis[3];
+    sym3 moment = {0};
+    double value[3];
+    for (unsigned i = 0; i < k; i++) {
+        vec3 e = vec3_sub(point[id[i]], point[id[0]]);
+        sum = vec3_add(sum, e);
+        moment = sym3_add(moment, sym3_outer(e));
+    }
+    sym3_eigen(sym3_add(moment, sym3_scale(sym3_outer(sum), -1.0 / k)), value, axis);
+    double trace = value[0] + value[1] + value[2];
+    return trace > 0 ? fmax(value[0], 0) / trace : 0;
+}
+
+struct sampling {
+    const struct knn *knn;
+    const vec3 *point;
+    size_t step; /* between the points that are looked at */
+    float narrow[SAMPLES], ratio[SAMPLES];
+    enum status status[SAMPLES];
+};
+
+static void sample_range(void *ctx, size_t begin, size_t end) {
+    struct sampling *s = ctx;
+    for (size_t i = begin; i < end; i++) {
+        uint32_t id[BROAD_K];
+        double distance_sq[BROAD_K];
+        s->status[i] = knn_search(s->knn, &s->point[i * s->step], 1, BROAD_K, 1, id, distance_sq);
+        if (s->status[i]) continue;
+        double variation = variation_of(s->point, id, NARROW_K);
+        s->narrow[i] = (float)variation;
+        s->ratio[i] = variation > 0 ? (float)fmin(variation_of(s->point, id, BROAD_K) / variation, 100) : 100;
+    }
+}
+
+static enum status find_noisy(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, bool *noisy) {
+    struct sampling s = {.knn = knn, .point = point, .step = (n - 1) / SAMPLES + 1};
+    size_t count = (n - 1) / s.step + 1;
+    *noisy = false;
+    if (n < BROAD_K) return STATUS_OK;
+    par_for(threads, count, SAMPLE_GRAIN, sample_range, &s);
+    for (size_t i = 0; i < count; i++)
+        if (s.status[i]) return s.status[i];
+    double usual = (double)quantile_of(s.narrow, count, 0.5), usual_ratio = (double)quantile_of(s.ratio, count, 0.5);
+    *noisy = (usual > THICK && usual_ratio < FLATTER) || (usual > BALL && usual_ratio < BALL_RATIO);
+    return STATUS_OK;
+}
+
+static enum status find_chunk(const struct search *search, size_t begin, size_t end) {
+    unsigned k = search->options->max + 1;
+    uint32_t *found = alloc_array((end - begin) * k + WIDE_K, sizeof *found);
+    double *distance_sq = alloc_array((end - begin) * k + WIDE_K, sizeof *distance_sq);
+    enum status status = found && distance_sq ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) status = knn_search(search->knn, &search->point[begin], end - begin, k, 1, found, distance_sq);
+    for (size_t p = begin; !status && p < end; p++)
+        cut(search, p, &found[(p - begin) * k], &distance_sq[(p - begin) * k], k);
+    for (size_t p = begin; !status && p < end; p++) {
+        unsigned count = search->out->count[p];
+        if (count < 3 || !is_line(moment_about(search, p, &search->out->id[p * search->out->stride], count))) continue;
+        status = knn_search(search->knn, &search->point[p], 1, WIDE_K, 1, found, distance_sq);
+        if (!status) take_sectors(search, p, found, distance_sq);
+    }
+    free(found);
+    free(distance_sq);
+    return status;
+}
+
+static void find_range(void *ctx, size_t begin, size_t end) {
+    struct search *search = ctx;
+    search->chunk_status[begin / CHUNK] = find_chunk(search, begin, end);
+}
+
+enum status neighbourhood_find(const struct knn *knn, const vec3 *point, size_t n,
+                               const struct neighbourhood_options *options, struct neighbourhood *out) {
+    assert(options->min >= 3 && options->min <= options->max && options->max < KNN_MAX_K);
+    struct neighbourhood_options fitting = *options;
+    bool noisy;
+    enum status status = find_noisy(knn, point, n, options->threads, &noisy);
+    if (status) return status;
+    if (noisy) {
+        fitting.min = neighbourhood_noisy_count(options->min);
+        fitting.max = neighbourhood_noisy_count(options->max);
+    }
+    struct neighbourhood found = {.n = n, .stride = fitting.max};
+    size_t chunks = n / CHUNK + 1;
+    found.id = alloc_array(n, found.stride * sizeof *found.id);
+    found.count = alloc_array(n, sizeof *found.count);
+    found.spacing = alloc_array(n, sizeof *found.spacing);
+    enum status *chunk_status = alloc_zeroed(chunks, sizeof *chunk_status);
+    status = STATUS_NO_MEMORY;
+    if (!found.id || !found.count || !found.spacing || !chunk_status) goto out;
+    struct search search = {knn, point, &fitting, &found, chunk_status};
+    par_for(options->threads, n, CHUNK, find_range, &search);
+    status = STATUS_OK;
+    for (size_t i = 0; i < chunks && !status; i++) status = chunk_status[i];
+out:
+    free(chunk_status);
+    if (status)
+        neighbourhood_done(&found);
+    else
+        *out = found;
+    return status;
+}
+
+void neighbourhood_done(struct neighbourhood *neighbourhood) {
+    if (!neighbourhood) return;
+    free(neighbourhood->id);
+    free(neighbourhood->count);
+    free(neighbourhood->spacing);
+    *neighbourhood = (struct neighbourhood){0};
+}

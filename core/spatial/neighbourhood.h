@@ -1,0 +1,48 @@
+/* Gopi's neighbourhood of every point: who is near enough to say something of the surface around it.
+ *
+ * Gopi, Krishnan: A fast and efficient projection-based approach for surface reconstruction (2002); Lee, Jong section
+ * 4.1.  N_p = { q : |q - p| <= m s }, s the distance to the nearest neighbour.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_SPATIAL_NEIGHBOURHOOD_H
+#define WHITTLE_CORE_SPATIAL_NEIGHBOURHOOD_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/base/status.h"
+#include "core/math/vec3.h"
+#include "core/spatial/knn.h"
+
+struct neighbourhood_options {
+    double radius;     /* m: multiple of the distance to the nearest neighbour */
+    unsigned min, max; /* fewest and most neighbours; 3 <= min <= max < KNN_MAX_K */
+    unsigned threads;
+};
+
+/* Neighbours of point p: id[p * stride + i], 0 <= i < count[p], nearest first, p itself not among them.  Not symmetric.
+ */
+struct neighbourhood {
+    size_t n;
+    unsigned stride;
+    uint32_t *id;   /* n * stride; owned */
+    uint8_t *count; /* n; owned */
+    float *spacing; /* n: mean distance to the neighbours, a fraction of the diagonal; 0 for a lonely point; owned */
+};
+
+/* Finds the neighbourhoods of n distinct points in the normalised frame.  Where the nearest ones lie on a line, as in
+ * scan lines, neighbours are taken from eight sectors around the point instead.  Where the cloud as a whole is noisy,
+ * min and max count three times (up to KNN_MAX_K - 1).  O(n log n).  STATUS_NO_MEMORY. */
+enum status neighbourhood_find(const struct knn *knn, const vec3 *point, size_t n,
+                               const struct neighbourhood_options *options, struct neighbourhood *out) MUST_CHECK;
+
+/* What a bound on the number of neighbours becomes where the cloud is noisy. */
+static inline unsigned neighbourhood_noisy_count(unsigned count) {
+    enum { NOISY_TIMES = 3 };
+    return count * NOISY_TIMES < KNN_MAX_K ? count * NOISY_TIMES : KNN_MAX_K - 1;
+}
+
+/* Accepts a zeroed neighbourhood. */
+void neighbourhood_done(struct neighbourhood *neighbourhood);
+
+#endif

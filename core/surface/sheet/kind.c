@@ -1,0 +1,223 @@
+/* Two things tell sheets from solids.
+ *
+ * Seen along any direction a solid has a back: points lie above each other.  A sheet of terrain, or what is seen from
+ * one place, has none along the right direction.  Of some points the nearest ones in the plane across the direction are
+ * looked at: where several of them are much higher or lower than they are far, or off the tangent plane by more than
+ * that, there is a layer above or below, or a wall.
+ *
+ *      . ' . '  one layer       . ' . '
+ *                               . . ' .  two
+ *
+ * And a closed mesh of a sheet, or of a room, has a lid over what wasn't scanned, where no points are.
+ *
+ * Source of the limits: measured on scans and solids, core/surface/DECISIONS.md.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/surface/sheet/kind.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "core/base/alloc.h"
+#include "core/math/sym3.h"
+
+enum { SAMPLES = 2000, NEAR = 9, ABOVE = 3 /* of those near, so many make a layer */, RINGS = 3 };
+static const double HEIGHT = 6, OFF = 2; /* of the distance of the farthest of those near, in the plane */
+static const double LEANS = 0.5;         /* cosine to the direction: below, the surface is steep */
+static const double FIELD_LAYERED = 0.1, FIELD_STEEP = 0.15, OPEN_LAYERED = 0.4, SURE_LAYERED = 0.35;
+static const double LID_FAR = 5, FIELD_LID = 0.005;
+static const double OPEN_LID = 0.045, SURE_CLOSED = 0.01, SURE_OPEN = 0.065;
+enum { SIGNS_LEAST = 1000 /* points that signs can be read off */ };
+
+/* Points by the cells of a grid in the plane across a direction. */
+struct grid {
+    vec3 u, v;
+    double low[2], side;
+    size_t cells[2];
+    uint32_t *begin, *point; /* begin: one more than cells */
+};
+
+static size_t cell_of(const struct grid *g, double x, int axis) {
+    double at = floor((x - g->low[axis]) / g->side);
+    return at <= 0 ? 0 : at >= (double)g->cells[axis] ? g->cells[axis] - 1 : (size_t)at;
+}
+
+static size_t cell_at(const struct grid *g, vec3 p) {
+    return cell_of(g, vec3_dot(p, g->v), 1) * g->cells[0] + cell_of(g, vec3_dot(p, g->u), 0);
+}
+
+static void grid_measure(struct grid *g, const vec3 *point, size_t n) {
+    double high[2] = {-INFINITY, -INFINITY};
+    g->low[0] = g->low[1] = INFINITY;
+    for (size_t i = 0; i < n; i++) {
+        double x = vec3_dot(point[i], g->u), y = vec3_dot(point[i], g->v);
+        g->low[0] = fmin(g->low[0], x), high[0] = fmax(high[0], x);
+        g->low[1] = fmin(g->low[1], y), high[1] = fmax(high[1], y);
+    }
+    double x = high[0] - g->low[0], y = high[1] - g->low[1];
+    g->side = fmax(sqrt(x * y * NEAR / (double)n), fmax(x, y) * NEAR / (double)n);
+    g->cells[0] = g->side > 0 ? (size_t)(x / g->side) + 1 : 1;
+    g->cells[1] = g->side > 0 ? (size_t)(y / g->side) + 1 : 1;
+}
+
+static enum status grid_init(struct grid *g, const vec3 *point, size_t n, vec3 up) {
+    vec3_basis(up, &g->u, &g->v);
+    grid_measure(g, point, n);
+    size_t cells = g->cells[0] * g->cells[1];
+    g->begin = alloc_zeroed(cells + 2, sizeof *g->begin);
+    g->point = alloc_array(n, sizeof *g->point);
+    if (!g->begin || !g->point) return STATUS_NO_MEMORY;
+    for (size_t i = 0; i < n; i++) g->begin[cell_at(g, point[i]) + 2]++;
+    for (size_t c = 1; c < cells + 2; c++) g->begin[c] += g->begin[c - 1];
+    for (uint32_t i = 0; i < n; i++) g->point[g->begin[cell_at(g, point[i]) + 1]++] = i;
+    return STATUS_OK;
+}
+
+static void grid_done(struct grid *g) { free(g->begin), free(g->point); }
+
+struct neighbour {
+    double distance_sq; /* in the plane */
+    uint32_t id;
+};
+
+static void insert(struct neighbour near[NEAR], size_t *count, struct neighbour new) {
+    if (*count == NEAR && new.distance_sq >= near[NEAR - 1].distance_sq) return;
+    size_t i = *count < NEAR ? (*count)++ : NEAR - 1;
+    for (; i > 0 && near[i - 1].distance_sq > new.distance_sq; i--) near[i] = near[i - 1];
+    near[i] = new;
+}
+
+/* The nearest in the plane, of those in the cells up to so many rings away. */
+static size_t find_near(const struct grid *g, const vec3 *point, uint32_t p, size_t rings,
+                        struct neighbour near[NEAR]) {
+    size_t count = 0, x = cell_of(g, vec3_dot(point[p], g->u), 0), y = cell_of(g, vec3_dot(point[p], g->v), 1);
+    for (size_t j = y < rings ? 0 : y - rings; j <= y + rings && j < g->cells[1]; j++)
+        for (size_t i = x < rings ? 0 : x - rings; i <= x + rings && i < g->cells[0]; i++)
+            for (uint32_t k = g->begin[j * g->cells[0] + i]; k < g->begin[j * g->cells[0] + i + 1]; k++) {
+                vec3 to = vec3_sub(point[g->point[k]], point[p]);
+                double a = vec3_dot(to, g->u), b = vec3_dot(to, g->v);
+                if (g->point[k] != p) insert(near, &count, (struct neighbour){a * a + b * b, g->point[k]});
+            }
+    return count;
+}
+
+static bool is_layered(const struct grid *g, const vec3 *point, vec3 normal, vec3 up, uint32_t p) {
+    struct neighbour near[NEAR];
+    size_t count = 0;
+    unsigned above = 0;
+    for (size_t rings = 1; rings <= RINGS && count < NEAR; rings++) count = find_near(g, point, p, rings, near);
+    for (size_t k = 0; k < count; k++) {
+        vec3 to = vec3_sub(point[near[k].id], point[p]);
+        double reach = sqrt(near[count - 1].distance_sq);
+        above += fabs(vec3_dot(to, up)) > HEIGHT * reach || fabs(vec3_dot(to, normal)) > OFF * reach;
+    }
+    return above >= ABOVE;
+}
+
+static enum status look_along(const vec3 *point, const vec3 *normal, size_t n, vec3 up, struct surface_signs *signs) {
+    struct grid grid = {0};
+    enum status status = grid_init(&grid, point, n, up);
+    size_t samples = n < SAMPLES ? n : SAMPLES, layered = 0, steep = 0;
+    for (size_t i = 0; i < samples && !status; i++) {
+        uint32_t p = (uint32_t)(i * n / samples);
+        layered += is_layered(&grid, point, normal[p], up, p);
+        steep += fabs(vec3_dot(normal[p], up)) < LEANS;
+    }
+    *signs = (struct surface_signs){n, up, (double)layered / (double)samples, (double)steep / (double)samples};
+    grid_done(&grid);
+    return status;
+}
+
+/* Largest component positive. */
+static vec3 upwards(vec3 axis) {
+    double x = fabs(axis.x), y = fabs(axis.y), z = fabs(axis.z);
+    double largest = z >= x && z >= y ? axis.z : y >= x ? axis.y : axis.x;
+    return largest < 0 ? vec3_scale(axis, -1) : axis;
+}
+
+static bool is_field(const struct surface_signs *signs) {
+    return signs->layered < FIELD_LAYERED && signs->steep < FIELD_STEEP;
+}
+
+enum status surface_signs_of(const vec3 *point, const vec3 *normal, size_t n, struct surface_signs *signs) {
+    sym3 spread = {0}, normals = {0};
+    vec3 mean = {0, 0, 0}, axis[3], along[3];
+    double value[3];
+    for (size_t i = 0; i < n; i++) mean = vec3_add(mean, point[i]);
+    mean = vec3_scale(mean, 1 / (double)n);
+    for (size_t i = 0; i < n; i++) {
+        spread = sym3_add(spread, sym3_outer(vec3_sub(point[i], mean)));
+        normals = sym3_add(normals, sym3_outer(normal[i]));
+    }
+    sym3_eigen(spread, value, axis);
+    sym3_eigen(normals, value, along);
+    vec3 ups[] = {{0, 0, 1}, upwards(axis[0]), upwards(along[2])};
+    enum status status = look_along(point, normal, n, ups[0], signs);
+    for (int i = 1; i < 3 && !status && !is_field(signs); i++) {
+        struct surface_signs other;
+        status = look_along(point, normal, n, ups[i], &other);
+        if (!status && (is_field(&other) || other.layered < signs->layered)) *signs = other;
+    }
+    return status;
+}
+
+static int percent(double share) { return (int)lround(100 * share); }
+
+bool surface_choose_by_signs(const struct surface_signs *signs, struct surface_choice *choice) {
+    if (signs->points < SIGNS_LEAST || signs->layered >= OPEN_LAYERED) return false;
+    choice->up = signs->up;
+    choice->form = is_field(signs) ? SURFACE_HEIGHTFIELD : SURFACE_OPEN;
+    choice->sure = signs->layered < SURE_LAYERED;
+    if (choice->form == SURFACE_HEIGHTFIELD)
+        snprintf(choice->reason, sizeof choice->reason,
+                 "seen along (%.2f, %.2f, %.2f), %d %% of the points have others above or below them", signs->up.x,
+                 signs->up.y, signs->up.z, percent(signs->layered));
+    else
+        snprintf(choice->reason, sizeof choice->reason,
+                 "a solid has a back, but seen along (%.2f, %.2f, %.2f) %d %% of the points alone have others above or "
+                 "below them",
+                 signs->up.x, signs->up.y, signs->up.z, percent(signs->layered));
+    return true;
+}
+
+/* Twice the area, as a vector. */
+static vec3 area_of(const struct mesh *mesh, size_t t) {
+    const uint32_t *v = mesh->triangle[t];
+    return vec3_triangle_normal(mesh->vertex[v[0]], mesh->vertex[v[1]], mesh->vertex[v[2]]);
+}
+
+enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *points, unsigned threads,
+                           double *share) {
+    uint8_t *far = alloc_array(mesh->triangle_count, 1);
+    double all = 0, without = 0;
+    enum status status = far ? sheet_mostly_far(mesh, points, LID_FAR, threads, far) : STATUS_NO_MEMORY;
+    for (size_t t = 0; !status && t < mesh->triangle_count; t++) {
+        double area = vec3_length(area_of(mesh, t));
+        all += area;
+        if (far[t]) without += area;
+    }
+    if (!status) *share = all > 0 ? without / all : 0;
+    free(far);
+    return status;
+}
+
+void surface_choose_by_lid(const struct surface_signs *signs, double share, struct surface_choice *choice) {
+    choice->up = signs->up;
+    choice->form = share > OPEN_LID ? SURFACE_OPEN : SURFACE_CLOSED;
+    choice->sure = share > SURE_OPEN || share < SURE_CLOSED;
+    snprintf(choice->reason, sizeof choice->reason,
+             "a closed mesh has %.1f %% of its area where there are no points; an open one is made from %.1f %% on",
+             100 * share, 100 * OPEN_LID);
+}
+
+bool surface_leave_field(double share, struct surface_choice *choice) {
+    if (share <= FIELD_LID) return false;
+    choice->form = SURFACE_OPEN;
+    snprintf(
+        choice->reason, sizeof choice->reason,
+        "seen along (%.2f, %.2f, %.2f) it is one sheet, but with steps: a height field has %.1f %% of its area where "
+        "there are no points",
+        choice->up.x, choice->up.y, choice->up.z, 100 * share);
+    return true;
+}

@@ -1,0 +1,50 @@
+/* What a cloud is of: the skin of solids, sheets with borders, or one sheet seen from above.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_SURFACE_SHEET_KIND_H
+#define WHITTLE_CORE_SURFACE_SHEET_KIND_H
+
+#include <stdbool.h>
+
+#include "core/mesh/mesh.h"
+#include "core/params.h"
+#include "core/surface/sheet/support.h"
+
+enum { SURFACE_REASON_BYTES = 160 };
+
+/* What is taken a cloud for; never SURFACE_AUTO. */
+struct surface_choice {
+    enum surface_form form;
+    vec3 up;                           /* of a height field: unit normal of its plane */
+    bool sure;                         /* nothing that was measured is near its limit */
+    char reason[SURFACE_REASON_BYTES]; /* a sentence without a full stop; "" = it was asked for */
+};
+
+/* Shares of the points, by samples. */
+struct surface_signs {
+    size_t points;
+    vec3 up;        /* the direction that the points are seen from best */
+    double layered; /* of those with others above or below them */
+    double steep;   /* of those whose surface leans by over 60 degrees */
+};
+
+/* The direction that n points (distinct, in any frame) are a height field of, or nearest to it: the z axis, the normal
+ * of the plane that fits them, or the one that most normals point along.  O(n).  STATUS_NO_MEMORY. */
+enum status surface_signs_of(const vec3 *point, const vec3 *normal, size_t n, struct surface_signs *signs) MUST_CHECK;
+
+/* What those signs say: true where they suffice, and *choice is filled. */
+bool surface_choose_by_signs(const struct surface_signs *signs, struct surface_choice *choice);
+
+/* *share = the part of a mesh's area that is farther from all points than they are from each other: a lid over what
+ * wasn't scanned.  As sheet_mostly_far. */
+enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *points, unsigned threads,
+                           double *share) MUST_CHECK;
+
+/* What that of a closed mesh says where signs didn't suffice. */
+void surface_choose_by_lid(const struct surface_signs *signs, double share, struct surface_choice *choice);
+
+/* Whether what looks like a height field is none, as its mesh, of which that is the share, has walls where nothing was
+ * scanned; then *choice becomes open. */
+bool surface_leave_field(double share, struct surface_choice *choice);
+
+#endif

@@ -1,0 +1,104 @@
+/* Each triangle votes with its area, for its own side or against it, by each of the things that may tell.  A component
+ * follows the first one on which its votes agree.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/surface/sheet/orient.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "core/base/alloc.h"
+#include "core/base/disjoint_set.h"
+#include "core/cloud/cloud.h"
+#include "core/mesh/halfedge.h"
+
+enum { SIDES = SIDE_OUT + 1 };
+static const double AGREE[SIDES] = {0.5, 0.5, 0.3, 0}; /* sum of the votes by the sum of their sizes */
+
+struct votes {
+    double sum[SIDES], size[SIDES];
+    double area;
+    vec3 middle;
+};
+
+static void vote(struct votes *votes, enum sheet_side side, double value) {
+    votes->sum[side] += value;
+    votes->size[side] += fabs(value);
+}
+
+static vec3 middle_of(const struct mesh *mesh, size_t t) {
+    const uint32_t *v = mesh->triangle[t];
+    return vec3_scale(vec3_add(vec3_add(mesh->vertex[v[0]], mesh->vertex[v[1]]), mesh->vertex[v[2]]), 1.0 / 3);
+}
+
+static vec3 area_of(const struct mesh *mesh, size_t t) {
+    const uint32_t *v = mesh->triangle[t];
+    return vec3_triangle_normal(mesh->vertex[v[0]], mesh->vertex[v[1]], mesh->vertex[v[2]]);
+}
+
+static void vote_all(const struct mesh *mesh, const struct sheet_sides *sides, size_t t, struct votes *votes) {
+    vec3 area = area_of(mesh, t), middle = middle_of(mesh, t);
+    for (int k = 0; k < 3 && sides->normal; k++) {
+        uint32_t source = mesh->source[mesh->triangle[t][k]];
+        if (source != NONE) vote(votes, SIDE_NORMALS, vec3_dot(area, vec3_unit(sides->normal[source])));
+    }
+    if (sides->viewed) vote(votes, SIDE_VIEW, vec3_dot(area, vec3_unit(vec3_sub(sides->view, middle))));
+    vote(votes, SIDE_UP, vec3_dot(area, sides->up));
+    double size = vec3_length(area);
+    votes->area += size;
+    votes->middle = vec3_add(votes->middle, vec3_scale(middle, size));
+}
+
+/* Of the others' sizes a wall's is nothing, so upwards counts by the area. */
+static enum sheet_side choose(const struct votes *votes) {
+    for (enum sheet_side side = SIDE_NORMALS; side < SIDE_OUT; side++) {
+        double size = side == SIDE_UP ? votes->area : votes->size[side];
+        if (size > 0 && fabs(votes->sum[side]) > AGREE[side] * size) return side;
+    }
+    return SIDE_OUT;
+}
+
+/* Which component each triangle is of, by its first triangle. */
+static enum status find_components(const struct mesh *mesh, bool as_one, unsigned threads, uint32_t *component) {
+    struct halfedge he = {0};
+    for (uint32_t t = 0; t < mesh->triangle_count; t++) component[t] = as_one ? 0 : t;
+    if (as_one) return STATUS_OK;
+    enum status status = halfedge_init(&he, mesh, threads);
+    for (uint32_t h = 0; !status && h < 3 * mesh->triangle_count; h++)
+        if (he.twin[h] != NONE) forest_unite(component, h / 3, he.twin[h] / 3);
+    halfedge_done(&he);
+    for (uint32_t t = 0; !status && t < mesh->triangle_count; t++) component[t] = forest_root(component, t);
+    return status;
+}
+
+static enum sheet_side turn(struct mesh *mesh, const struct sheet_sides *sides, const uint32_t *component,
+                            struct votes *votes) {
+    double by[SIDES] = {0};
+    enum sheet_side most = SIDE_NORMALS;
+    for (size_t t = 0; t < mesh->triangle_count; t++) vote_all(mesh, sides, t, &votes[component[t]]);
+    for (size_t t = 0; t < mesh->triangle_count; t++) {
+        struct votes *own = &votes[component[t]];
+        vec3 away = vec3_sub(middle_of(mesh, t), vec3_scale(own->middle, 1 / own->area));
+        vote(own, SIDE_OUT, vec3_dot(area_of(mesh, t), away));
+    }
+    for (size_t t = 0; t < mesh->triangle_count; t++) {
+        const struct votes *own = &votes[component[t]];
+        uint32_t *v = mesh->triangle[t], second = v[1];
+        enum sheet_side side = choose(own);
+        by[side] += vec3_length(area_of(mesh, t));
+        if (own->sum[side] < 0) v[1] = v[2], v[2] = second;
+    }
+    for (enum sheet_side side = SIDE_NORMALS; side <= SIDE_OUT; side++)
+        if (by[side] > by[most]) most = side;
+    return most;
+}
+
+enum status sheet_orient(struct mesh *mesh, const struct sheet_sides *sides, unsigned threads, enum sheet_side *side) {
+    uint32_t *component = alloc_array(mesh->triangle_count, sizeof *component);
+    struct votes *votes = alloc_zeroed(mesh->triangle_count, sizeof *votes);
+    enum status status = component && votes ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) status = find_components(mesh, sides->field, threads, component);
+    if (!status) *side = turn(mesh, sides, component, votes);
+    free(component), free(votes);
+    return status;
+}

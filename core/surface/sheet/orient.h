@@ -1,0 +1,28 @@
+/* Which side of a sheet is in front.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_SURFACE_SHEET_ORIENT_H
+#define WHITTLE_CORE_SURFACE_SHEET_ORIENT_H
+
+#include <stdbool.h>
+
+#include "core/mesh/mesh.h"
+
+/* What is known of it.  Borrowed. */
+struct sheet_sides {
+    const vec3 *normal; /* by the vertices' sources: as the input gives them, of any length; NULL = not given */
+    bool viewed;        /* from view: all was scanned from there */
+    vec3 view;
+    vec3 up;    /* unit */
+    bool field; /* one sheet over the plane normal to up: turned as a whole */
+};
+
+enum sheet_side { SIDE_NORMALS, SIDE_VIEW, SIDE_UP, SIDE_OUT };
+
+/* Turns each component of the mesh (manifold, oriented) to face as the given normals do, else to the view, where most
+ * of its area agrees on it; else upwards where it faces up or down mostly; else away from its middle.  *side is what
+ * the largest part of the area was turned by.  O(triangles).  STATUS_NO_MEMORY. */
+enum status sheet_orient(struct mesh *mesh, const struct sheet_sides *sides, unsigned threads,
+                         enum sheet_side *side) MUST_CHECK;
+
+#endif

@@ -1,0 +1,122 @@
+/* Two ways to the triangles, and one on from there: those that no original point supports go, and where only corners
+ * hold the rest together each part gets a vertex of its own.
+ *
+ * The plane's triangles are judged in the plane, where a wall or a tree is no gap.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/surface/sheet/sheet.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/base/alloc.h"
+#include "core/mesh/halfedge.h"
+#include "core/mesh/submesh.h"
+#include "core/spatial/knn.h"
+#include "core/surface/delaunay_cgal.h"
+#include "core/surface/sheet/front.h"
+#include "core/surface/sheet/support.h"
+
+static const double FAR = 3, FAR_IN_PLANE = 4;
+
+/* A mesh of all points and no triangles so far. */
+static enum status mesh_of(const struct reconstruct_input *input, struct mesh *mesh) {
+    mesh->vertex = alloc_array(input->n, sizeof *mesh->vertex);
+    mesh->source = alloc_array(input->n, sizeof *mesh->source);
+    if (!mesh->vertex || !mesh->source) return STATUS_NO_MEMORY;
+    mesh->vertex_count = input->n;
+    memcpy(mesh->vertex, input->points, input->n * sizeof *mesh->vertex);
+    for (uint32_t i = 0; i < input->n; i++) mesh->source[i] = i;
+    return STATUS_OK;
+}
+
+/* Takes unsupported triangles out.  points: those of the original ones, in space or in the plane, as mesh->vertex is.
+ */
+static enum status cut(struct mesh *mesh, const struct reconstruct_dense *dense, const struct knn *knn,
+                       const vec3 *point, double times, unsigned threads, const struct progress *progress) {
+    struct halfedge he = {0};
+    struct sheet_points points = {.knn = knn, .spacing = dense->spacing};
+    float *reach = alloc_array(dense->n, sizeof *reach);
+    uint8_t *out = alloc_array(mesh->triangle_count, 1);
+    mesh->tag = alloc_zeroed(mesh->triangle_count, 1);
+    enum status status = reach && out && mesh->tag ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) status = sheet_reach(knn, point, dense->n, threads, reach, &points.median);
+    points.reach = reach;
+    if (!status) status = sheet_unsupported(mesh, &points, times, threads, progress, out);
+    if (!status) status = halfedge_init(&he, mesh, threads);
+    if (!status) status = mesh_without(mesh, &he, out);
+    halfedge_done(&he);
+    free(reach), free(out);
+    return status;
+}
+
+enum status sheet_open(const struct tets *tets, const struct reconstruct_input *input, unsigned threads,
+                       const struct progress *progress, struct mesh *mesh) {
+    struct mesh made = {0};
+    enum status status = mesh_of(input, &made);
+    if (!status)
+        status = sheet_front(tets, input->points, input->n, threads, progress, &made.triangle, &made.triangle_count);
+    if (!status) status = cut(&made, input->dense, input->dense->knn, input->dense->point, FAR, threads, progress);
+    if (!status) {
+        *mesh = made;
+        made = (struct mesh){0};
+    }
+    mesh_done(&made);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ height fields */
+
+struct plane {
+    vec3 u, v;
+};
+
+static vec3 foot(const struct plane *plane, vec3 p) { return (vec3){vec3_dot(p, plane->u), vec3_dot(p, plane->v), 0}; }
+
+/* The triangles between the points' feet, counter-clockwise seen from above. */
+static enum status triangulate(struct mesh *mesh, unsigned threads, const struct progress *progress,
+                               struct error *error) {
+    struct tets tets = {0};
+    enum status status = delaunay_build(mesh->vertex, mesh->vertex_count, threads, progress, &tets, error);
+    if (status) return status;
+    mesh->triangle = tets.planar, mesh->triangle_count = tets.planar_count;
+    tets.planar = NULL;
+    tets_done(&tets);
+    for (size_t t = 0; t < mesh->triangle_count; t++) {
+        uint32_t *v = mesh->triangle[t], second = v[1];
+        if (vec3_triangle_normal(mesh->vertex[v[0]], mesh->vertex[v[1]], mesh->vertex[v[2]]).z < 0)
+            v[1] = v[2], v[2] = second;
+    }
+    return STATUS_OK;
+}
+
+static enum status cut_in_plane(struct mesh *mesh, const struct reconstruct_dense *dense, const struct plane *plane,
+                                unsigned threads, const struct progress *progress) {
+    struct knn *knn = NULL;
+    vec3 *feet = alloc_array(dense->n, sizeof *feet);
+    enum status status = feet ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t i = 0; !status && i < dense->n; i++) feet[i] = foot(plane, dense->point[i]);
+    if (!status) status = knn_new(feet, dense->n, threads, &knn, NULL);
+    if (!status) status = cut(mesh, dense, knn, feet, FAR_IN_PLANE, threads, progress);
+    knn_free(knn);
+    free(feet);
+    return status;
+}
+
+enum status sheet_heightfield(const struct reconstruct_input *input, vec3 up, unsigned threads,
+                              const struct progress *progress, struct mesh *mesh, struct error *error) {
+    struct mesh made = {0};
+    struct plane plane;
+    vec3_basis(up, &plane.u, &plane.v);
+    enum status status = mesh_of(input, &made);
+    for (size_t i = 0; !status && i < input->n; i++) made.vertex[i] = foot(&plane, input->points[i]);
+    if (!status) status = triangulate(&made, threads, progress, error);
+    if (!status && made.triangle_count > 0) status = cut_in_plane(&made, input->dense, &plane, threads, progress);
+    for (size_t v = 0; !status && v < made.vertex_count; v++) made.vertex[v] = input->points[made.source[v]];
+    if (!status) {
+        *mesh = made;
+        made = (struct mesh){0};
+    }
+    mesh_done(&made);
+    return status;
+}

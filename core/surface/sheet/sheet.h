@@ -1,0 +1,21 @@
+/* Surfaces with borders: what the reconstructions of solids are not for.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_SURFACE_SHEET_SHEET_H
+#define WHITTLE_CORE_SURFACE_SHEET_SHEET_H
+
+#include "core/surface/reconstruct.h"
+
+/* Sheets through points in space, of which tets (dimension 3) are the tetrahedra, by an advancing front; what no
+ * original point supports is left out.  input->dense must be known.  An empty mesh where nothing is left.
+ * STATUS_NO_MEMORY, STATUS_LIMIT, STATUS_CANCELLED (stages "front" and "support"). */
+enum status sheet_open(const struct tets *tets, const struct reconstruct_input *input, unsigned threads,
+                       const struct progress *progress, struct mesh *mesh) MUST_CHECK;
+
+/* One sheet over the plane normal to the unit vector up: the Delaunay triangles of the points' feet in it, without
+ * those that no original point supports.  All triangles face up.  Otherwise like sheet_open; STATUS_CANCELLED also in
+ * stage "delaunay", STATUS_ENGINE where CGAL fails; error (may be NULL) says why. */
+enum status sheet_heightfield(const struct reconstruct_input *input, vec3 up, unsigned threads,
+                              const struct progress *progress, struct mesh *mesh, struct error *error) MUST_CHECK;
+
+#endif

@@ -1,0 +1,44 @@
+/* Which triangles of a mesh no original point speaks for: what a scan hasn't seen.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_SURFACE_SHEET_SUPPORT_H
+#define WHITTLE_CORE_SURFACE_SHEET_SUPPORT_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/base/progress.h"
+#include "core/base/status.h"
+#include "core/math/vec3.h"
+#include "core/mesh/mesh.h"
+#include "core/spatial/knn.h"
+#include "core/spatial/neighbourhood.h"
+
+/* Fills reach[i] for each of the n points of the index: the distance to its sixth neighbour, and at least the median of
+ * those.  *median is that.  O(n).  The same for any number of threads.  STATUS_NO_MEMORY. */
+enum status sheet_reach(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, float *reach,
+                        float *median) MUST_CHECK;
+
+/* The same from neighbours that were found before, nearest first.  Where there are fewer than six it is the last one's.
+ */
+enum status sheet_reach_in(const struct neighbourhood *hood, const vec3 *point, float *reach, float *median) MUST_CHECK;
+
+/* The original points that triangles are judged by.  All borrowed. */
+struct sheet_points {
+    const struct knn *knn;
+    const float *spacing; /* mean distance to the neighbours */
+    const float *reach;   /* sheet_reach */
+    float median;
+};
+
+/* out[t] = 1 for the triangles with a place that is farther than `times` the reach of the nearest original point from
+ * it, else 0.  Places are those of a grid that is finer than the reach, up to a few dozen in a triangle.  The same for
+ * any number of threads.  O(triangles log points).  STATUS_NO_MEMORY, STATUS_CANCELLED (stage "support"). */
+enum status sheet_unsupported(const struct mesh *mesh, const struct sheet_points *points, double times,
+                              unsigned threads, const struct progress *progress, uint8_t *out) MUST_CHECK;
+
+/* The same for triangles of whose places more than half are that far. */
+enum status sheet_mostly_far(const struct mesh *mesh, const struct sheet_points *points, double times, unsigned threads,
+                             uint8_t *out) MUST_CHECK;
+
+#endif

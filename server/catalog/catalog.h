@@ -1,0 +1,371 @@
+/* The catalog: the durable state of the service.  What was accepted is never lost.
+ *
+ * Jobs, clouds, resumable uploads, Idempotency-Keys, webhooks and what each principal has are one transaction domain:
+ * each function here is one use, done in one transaction or not at all.  Every change of a job checks the state that it
+ * starts from against the transition table of job.h, so two callers can't both make the same transition.
+ *
+ * A backend is a folder below this one that implements these functions (catalog_backend.h); a URL picks it when the
+ * service starts.  Nothing above knows what a database is.
+ *
+ * All functions may be called from any thread.  They block on the disk or the network, but for those that say so, and
+ * what they write is durable when they return, but for progress and replies.
+ *
+ * Statuses: STATUS_IO with a text when the backend refuses, STATUS_NO_SPACE, STATUS_NO_MEMORY; others as said.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_CATALOG_CATALOG_H
+#define WHITTLE_SERVER_CATALOG_CATALOG_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/base/status.h"
+#include "server/catalog/job.h"
+
+struct catalog;
+
+/* ------------------------------------------------------------------------------------------------ open */
+
+enum { CATALOG_URL_BYTES = 4200, CATALOG_IDENTITY_BYTES = 33 };
+
+/* Whether a setting may be the URL of a catalog: sqlite:PATH. */
+bool catalog_url_valid(const char *url);
+
+/* The URL that a setting stands for: "" is the database in the data folder. */
+void catalog_url(const char *setting, const char *folder, char url[CATALOG_URL_BYTES]);
+
+/* Whether there is one that holds anything; opening would make an empty one. */
+bool catalog_exists(const char *url);
+
+/* Opens or creates it; its schema is brought up to date.  STATUS_UNSUPPORTED when it is newer than this program.
+ * catalog_close accepts NULL. */
+enum status catalog_open(const char *url, struct catalog **catalog, struct error *error) MUST_CHECK;
+void catalog_close(struct catalog *catalog);
+
+/* The identity that the catalog shares with the data folder (jobs/identity.h): read, "" where it has none; and set. */
+enum status catalog_identity(struct catalog *catalog, char id[CATALOG_IDENTITY_BYTES], struct error *error) MUST_CHECK;
+enum status catalog_set_identity(struct catalog *catalog, const char *id, struct error *error) MUST_CHECK;
+
+/* Whether it takes changes: not when somebody else has held it for half a second, between two of these questions,
+ * without making any.  Waits for nobody. */
+enum status catalog_takes_changes(struct catalog *catalog, struct error *error) MUST_CHECK;
+
+/* ------------------------------------------------------------------------------------------------ changes */
+
+/* What has become of a job: it changed; it waits to be claimed, newly or again; it runs and is to end; it was deleted.
+ */
+enum catalog_change { CATALOG_CHANGED, CATALOG_WAITS, CATALOG_CANCELLED, CATALOG_DELETED };
+
+/* From now on tell is called after each change, whichever process has made it; it must not block.  To be called before
+ * the first change.  Changes may be told twice, and of several that follow each other the last alone. */
+void catalog_watch(struct catalog *catalog, void (*tell)(void *ctx, enum catalog_change change, const char *id),
+                   void *ctx);
+
+/* ------------------------------------------------------------------------------------------------ jobs */
+
+/* A job that runs is held by a lease: its owner, which is a host, and its attempt, which no two claims share.  The
+ * owner renews it; where it doesn't, the lease ends, and any host may queue the job again.  Whoever has held it before
+ * is fenced: what it writes of the job from then on changes nothing.  Leases end by the catalog's clock. */
+
+/* How many jobs may wait, and what each principal may have; the latter 0 = no limit. */
+struct catalog_limits {
+    uint64_t waiting, principal_jobs, principal_bytes;
+};
+
+/* Adds a job in state accepted.  STATUS_LIMIT when a limit is reached, error->where says which: "queue",
+ * "principal_jobs" or "principal_bytes". */
+enum status catalog_submit(struct catalog *catalog, const struct job *job, const struct catalog_limits *limits,
+                           struct error *error) MUST_CHECK;
+
+/* Adds a job that an earlier one's outputs serve: successful, with the outputs and the report that it holds.
+ * STATUS_LIMIT as in catalog_submit, by principal_bytes alone. */
+enum status catalog_submit_ended(struct catalog *catalog, const struct job *job, const struct catalog_limits *limits,
+                                 struct error *error) MUST_CHECK;
+
+/* The latest successful job of this principal with this result; *found false: there is none.  The job is the caller's,
+ * to job_done. */
+enum status catalog_find_result(struct catalog *catalog, const char *result, const char *principal, struct job *job,
+                                bool *found, struct error *error) MUST_CHECK;
+
+/* Who claims, for how long at first, and how much memory the job may be predicted to take. */
+struct catalog_claim {
+    const char *owner; /* up to JOB_OWNER_BYTES with its end */
+    int64_t lease_ms, memory_bytes;
+};
+
+/* Makes the accepted job whose turn it is (fair_share.h) running and hands it over (the caller's, to job_done).
+ * *found false: none waits, or that one is predicted to take more memory, or it or the one that runs was
+ * interrupted so often that it runs alone (job.h). */
+enum status catalog_claim(struct catalog *catalog, const struct catalog_claim *claim, struct job *job, bool *found,
+                          struct error *error) MUST_CHECK;
+
+/* Keeps a running job's stage, message and fraction.  *held false: it isn't the caller's to run any more, nothing was
+ * done.  Not durable. */
+enum status catalog_progress(struct catalog *catalog, const struct job *job, bool *held,
+                             struct error *error) MUST_CHECK;
+
+/* One of a host's leases. */
+struct catalog_lease {
+    char job[JOB_ID_BYTES];
+    int attempt;
+    bool is_cancelled;
+};
+
+/* The host lives: its leases end lease_ms from now, even those that are over and that nobody has taken.  Gives the
+ * first max of them; what it runs and isn't among them is lost to it.  Not durable. */
+enum status catalog_renew(struct catalog *catalog, const char *owner, int64_t lease_ms, struct catalog_lease *leases,
+                          size_t max, size_t *count, struct error *error) MUST_CHECK;
+
+/* Up to max running jobs whose lease is over, and those of this owner (NULL = of none), which has just begun and so
+ * can't hold any; each the caller's, to job_done. */
+enum status catalog_list_lost(struct catalog *catalog, const char *owner, struct job *jobs, size_t max, size_t *count,
+                              struct error *error) MUST_CHECK;
+
+/* A running job is to end: its owner is told, now and when it renews; should it be lost, it is dismissed instead of
+ * being queued again. */
+enum status catalog_cancel(struct catalog *catalog, const char *id, struct error *error) MUST_CHECK;
+
+/* Makes the transition that event stands for (not JOB_CLAIM), and keeps what *job says of resources, report, problem,
+ * outputs and expiry; for JOB_REQUEUE of failures, interruptions and predicted memory
+ * alone.  *changed false: the job's state doesn't
+ * allow it, or it runs and job->owner and job->attempt don't hold it; nothing was done.  JOB_REQUEUE of a job that is
+ * cancelled is JOB_DISMISS. */
+enum status catalog_finish(struct catalog *catalog, enum job_event event, const struct job *job, bool *changed,
+                           struct error *error) MUST_CHECK;
+
+enum catalog_presence { CATALOG_ABSENT, CATALOG_PRESENT, CATALOG_GONE };
+
+/* What remains of a deleted job. */
+struct catalog_tombstone {
+    char reason[16]; /* "deleted" or "expired" */
+    int64_t at_ms;
+    char principal[JOB_PRINCIPAL_BYTES]; /* whose job it was */
+};
+
+/* Reads one job into *job (the caller's, to job_done; zeroed when it isn't present) or its tombstone. */
+enum status catalog_get(struct catalog *catalog, const char *id, struct job *job, enum catalog_presence *presence,
+                        struct catalog_tombstone *tombstone, struct error *error) MUST_CHECK;
+
+struct catalog_filter {
+    bool by_state;
+    enum job_state state;
+    const char *label;     /* NULL = any */
+    const char *principal; /* only jobs of this one, "" = anonymous; NULL = of all */
+    const char *after;     /* only ids before (older than) this one; NULL = from the newest */
+};
+
+/* Reads up to max jobs, newest first; each the caller's, to job_done. */
+enum status catalog_list(struct catalog *catalog, const struct catalog_filter *filter, struct job *jobs, size_t max,
+                         size_t *count, struct error *error) MUST_CHECK;
+
+/* Deletes an ended job and leaves a tombstone.  *changed false: there is no such job, or it has not ended. */
+enum status catalog_delete(struct catalog *catalog, const char *id, const char *reason, bool *changed,
+                           struct error *error) MUST_CHECK;
+
+/* The ids of ended jobs whose expiry is past, up to max; forgets tombstones older than tombstones_before_ms. */
+enum status catalog_expired(struct catalog *catalog, int64_t now_ms, int64_t tombstones_before_ms,
+                            char (*ids)[JOB_ID_BYTES], size_t max, size_t *count, struct error *error) MUST_CHECK;
+
+/* Moves what is kept for a time: the ends of jobs, clouds and uploads, the ages of keys and tombstones, when webhooks
+ * are due, and how long jobs have waited.  For a clock that was set by step_ms; no job was updated after now then. */
+enum status catalog_move_times(struct catalog *catalog, int64_t step_ms, struct error *error) MUST_CHECK;
+
+/* What has to be done before a waiting job's turn comes: first the running jobs (started_ms > 0), then those whose turn
+ * comes before (started_ms = 0), in order.  From memory; visit is called under a lock, and must not call back. */
+void catalog_outlook(struct catalog *catalog, const char *id,
+                     void (*visit)(void *ctx, const struct job_cost *cost, int64_t started_ms), void *ctx);
+
+/* Jobs waiting and running; from memory, never blocks for long. */
+void catalog_depth(struct catalog *catalog, uint64_t *waiting, uint64_t *running);
+
+/* ------------------------------------------------------------------------------------------------ principals */
+
+/* What a principal has. */
+struct catalog_usage {
+    uint64_t active; /* jobs accepted or running */
+    uint64_t bytes;  /* of the inputs and outputs of all its jobs, and of its clouds; what is shared counts for each */
+    uint64_t reserved; /* bytes that are about to come: of uploads that aren't whole, of rows that are being written */
+};
+
+/* Never blocks for long. */
+struct catalog_usage catalog_usage(struct catalog *catalog, const char *principal);
+
+/* Reserves bytes for a principal, in one step with looking whether it may have them: STATUS_LIMIT, with error->where
+ * "principal_bytes", where it would have more than the limit then (0 = none).  catalog_release gives them back, or says
+ * that they are among `bytes` by now.  Neither blocks for long. */
+enum status catalog_reserve(struct catalog *catalog, const char *principal, uint64_t bytes, uint64_t limit,
+                            struct error *error) MUST_CHECK;
+void catalog_release(struct catalog *catalog, const char *principal, uint64_t bytes);
+
+/* ------------------------------------------------------------------------------------------------ clouds */
+
+/* A cloud is content, named by its sha256; its bytes are the blob store's.  A principal sees it when it has uploaded
+ * it: on its own, which expires, or with a job, which it lives as long as. */
+struct catalog_cloud {
+    char sha256[JOB_HASH_BYTES];
+    char principal[JOB_PRINCIPAL_BYTES]; /* for catalog_put_cloud */
+    int64_t created_ms, expires_ms;      /* expires 0: when its last job is deleted */
+    uint64_t bytes, points;              /* points: as the header says, 0 = not known */
+    char format[JOB_FORMAT_BYTES];
+    uint64_t jobs; /* that refer to it, of those who may be seen */
+    char *report;  /* of the newest job that has read it; owned; NULL = none */
+};
+
+/* Frees what the cloud owns.  Accepts a zeroed one. */
+void catalog_cloud_done(struct catalog_cloud *cloud);
+
+/* Whether text has the form of a cloud's id. */
+bool catalog_cloud_id_valid(const char *text);
+
+/* Makes the cloud one of its principal's; where it is already, it expires at the later of both times.  STATUS_LIMIT:
+ * its principal would have more than so many bytes then (0 = no limit). */
+enum status catalog_put_cloud(struct catalog *catalog, const struct catalog_cloud *cloud, uint64_t principal_bytes,
+                              struct error *error) MUST_CHECK;
+
+/* What this principal sees of a cloud (NULL: what all do).  *found false: nothing.  The cloud is the caller's. */
+enum status catalog_get_cloud(struct catalog *catalog, const char *sha256, const char *principal,
+                              struct catalog_cloud *cloud, bool *found, struct error *error) MUST_CHECK;
+
+/* Up to max clouds that this principal sees (NULL: anybody), newest first, those behind the cloud `after` (NULL: from
+ * the newest). */
+enum status catalog_list_clouds(struct catalog *catalog, const char *principal, const char *after,
+                                struct catalog_cloud *clouds, size_t max, size_t *count,
+                                struct error *error) MUST_CHECK;
+
+/* The cloud is none of this principal's (NULL: of nobody's) own any more. */
+enum status catalog_delete_cloud(struct catalog *catalog, const char *sha256, const char *principal,
+                                 struct error *error) MUST_CHECK;
+
+/* Deletes up to max rows whose time is over and whose principal has no job that refers to them; their clouds' names. */
+enum status catalog_expire_clouds(struct catalog *catalog, int64_t now_ms, char (*names)[JOB_HASH_BYTES], size_t max,
+                                  size_t *count, struct error *error) MUST_CHECK;
+
+/* The first cloud behind `after` ("" = from the beginning) that a principal has on its own; *found false: none. */
+enum status catalog_next_cloud(struct catalog *catalog, const char *after, char name[JOB_HASH_BYTES], bool *found,
+                               struct error *error) MUST_CHECK;
+
+/* How many jobs and principals refer to a cloud. */
+enum status catalog_cloud_uses(struct catalog *catalog, const char *cloud, uint64_t *uses,
+                               struct error *error) MUST_CHECK;
+
+/* ------------------------------------------------------------------------------------------------ uploads */
+
+enum { CATALOG_METADATA_BYTES = 601, CATALOG_BOOT_BYTES = 64 };
+
+/* A resumable upload (storage/uploads.h). */
+struct catalog_upload {
+    char id[JOB_ID_BYTES]; /* UUIDv7 */
+    char principal[JOB_PRINCIPAL_BYTES];
+    char metadata[CATALOG_METADATA_BYTES]; /* as the client sent it */
+    char cloud[JOB_HASH_BYTES];            /* what it has become; "" = it isn't whole */
+    int64_t created_ms, expires_ms;
+    uint64_t offset, length;       /* length UINT64_MAX = not known yet */
+    char boot[CATALOG_BOOT_BYTES]; /* of the kernel that has written the file */
+};
+
+/* Adds it, or takes the place of what is there. */
+enum status catalog_put_upload(struct catalog *catalog, const struct catalog_upload *upload,
+                               struct error *error) MUST_CHECK;
+enum status catalog_delete_upload(struct catalog *catalog, const char *id, struct error *error) MUST_CHECK;
+
+/* The first one behind the id `after` ("" = from the beginning), which may be upload->id. */
+enum status catalog_next_upload(struct catalog *catalog, const char *after, struct catalog_upload *upload, bool *found,
+                                struct error *error) MUST_CHECK;
+
+/* ------------------------------------------------------------------------------------------------ keys */
+
+/* Idempotency-Key: a request that is sent again under the same key isn't done again.
+ *
+ * A key belongs to a principal.  While a request holds it, others with it are turned away.  When a request has made
+ * something, the key, a fingerprint of the request and what it made are kept, with a job in the transaction that adds
+ * the job.  A request that was refused leaves nothing, and may be sent again under the same key. */
+enum { CATALOG_KEY_BYTES = 256 };
+
+/* Whether a header's value may be a key: 1 to 255 visible ASCII characters. */
+bool catalog_key_valid(const char *key);
+
+/* A request's hold on its key; zeroed = it has none. */
+struct catalog_key_hold {
+    const char *principal, *key; /* borrowed while it is held */
+    bool held;
+    struct catalog_key_hold *previous, *next;
+};
+
+/* Takes hold of a key; false: a request with it is under way.  catalog_release_key accepts one that isn't held.
+ * Neither blocks for long. */
+bool catalog_hold_key(struct catalog *catalog, const char *principal, const char *key, struct catalog_key_hold *hold);
+void catalog_release_key(struct catalog *catalog, struct catalog_key_hold *hold);
+
+/* What a request under a key made. */
+struct catalog_reply {
+    char fingerprint[JOB_HASH_BYTES];
+    char made[JOB_HASH_BYTES]; /* the job's id, the cloud's hash */
+    char etag[32];             /* of the reply; "" = none */
+    int status;                /* of the reply; 0 = it was never made */
+    char *reply;               /* its text; owned; NULL = it was never made */
+};
+void catalog_reply_done(struct catalog_reply *reply);
+
+/* Reads what was made under a key; *found false: nothing.  The reply is the caller's, to catalog_reply_done. */
+enum status catalog_find_reply(struct catalog *catalog, const char *principal, const char *key,
+                               struct catalog_reply *reply, bool *found, struct error *error) MUST_CHECK;
+
+/* Keeps what a request under a key makes, without a reply as yet; catalog_submit does so by itself. */
+enum status catalog_put_key(struct catalog *catalog, const char *principal, const struct job_key *key, const char *made,
+                            int64_t now_ms, struct error *error) MUST_CHECK;
+
+/* Keeps the reply to that request.  Not durable at once, and nothing is lost if it isn't. */
+enum status catalog_keep_reply(struct catalog *catalog, const char *principal, const char *key, int status,
+                               const char *etag, const char *text, struct error *error) MUST_CHECK;
+
+/* Forgets what is older. */
+enum status catalog_forget_keys(struct catalog *catalog, int64_t before_ms, struct error *error) MUST_CHECK;
+
+/* ------------------------------------------------------------------------------------------------ webhooks */
+
+/* Who is told of the end of which job.  A webhook is added with its job, becomes due when the job ends, and goes with
+ * its delivery or with its job. */
+struct catalog_webhook {
+    char job[JOB_ID_BYTES], url[JOB_WEBHOOK_BYTES], principal[JOB_PRINCIPAL_BYTES]; /* the job's */
+    int attempts;                                                                   /* that failed */
+};
+
+/* Gives look those that are due, the one that has been due longest first, until it returns false.  look is to be short
+ * and must not call back. */
+enum status catalog_each_webhook_due(struct catalog *catalog, int64_t now_ms,
+                                     bool (*look)(void *ctx, const struct catalog_webhook *webhook), void *ctx,
+                                     struct error *error) MUST_CHECK;
+
+/* Its delivery failed: it is due again then. */
+enum status catalog_postpone_webhook(struct catalog *catalog, const char *job, int64_t due_ms,
+                                     struct error *error) MUST_CHECK;
+
+/* It is delivered, or given up. */
+enum status catalog_end_webhook(struct catalog *catalog, const char *job, struct error *error) MUST_CHECK;
+
+/* ------------------------------------------------------------------------------------------------ the offline check */
+
+/* Who is told what a catalog holds. */
+struct catalog_examiner {
+    void (*damaged)(void *ctx, const char *what);
+    void (*unfinished)(void *ctx, const char *what); /* which the next start mends */
+    void (*job)(void *ctx, const char *id, int attempt, int64_t state, uint64_t outputs);
+    void (*cloud)(void *ctx, const char *sha256);
+    void (*output)(void *ctx, const char *job, int attempt, const struct job_output *output);
+    void *ctx;
+};
+
+/* Opens one that nobody serves, as it is: of any version of the schema, older or newer.  catalog_identity,
+ * catalog_examine, catalog_knows and catalog_close alone are allowed. */
+enum status catalog_open_as_is(const char *url, struct catalog **catalog, struct error *error) MUST_CHECK;
+
+/* Tells whether it is sound in itself, then of all jobs, clouds and outputs. */
+void catalog_examine(struct catalog *catalog, const struct catalog_examiner *examiner);
+
+/* Whether it has the job, cloud or upload of this name. */
+enum catalog_thing { CATALOG_JOB, CATALOG_CLOUD, CATALOG_UPLOAD };
+enum status catalog_knows(struct catalog *catalog, enum catalog_thing thing, const char *name, bool *known,
+                          struct error *error) MUST_CHECK;
+
+#endif

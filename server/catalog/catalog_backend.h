@@ -1,0 +1,35 @@
+/* What a backend of the catalog implements, for the folders below this one alone.
+ *
+ * A backend keeps a struct of its own that begins with a struct catalog.  Another one is a folder, a line here and a
+ * row in catalog.c; tests/unit/test_catalog.c is what it has to pass.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_CATALOG_CATALOG_BACKEND_H
+#define WHITTLE_SERVER_CATALOG_CATALOG_BACKEND_H
+
+#include "server/catalog/catalog.h"
+
+/* One function for each of catalog_operations.def, with the prototype that catalog.h gives it. */
+struct catalog_backend {
+    const char *scheme; /* of its URLs, such as "sqlite:"; `where` is what follows it */
+    bool (*is_valid)(const char *where);
+    bool (*exists)(const char *where);
+    enum status (*open)(const char *where, bool as_is, struct catalog **catalog, struct error *error);
+#define OPERATION(name) __typeof__(catalog_##name) *name;
+#include "server/catalog/catalog_operations.def"
+};
+
+struct catalog {
+    const struct catalog_backend *backend;
+    void (*tell)(void *ctx, enum catalog_change change, const char *id); /* NULL = nobody is told */
+    void *ctx;
+};
+
+/* For backends: after the commit, with no lock held. */
+static inline void catalog_tell(const struct catalog *catalog, enum catalog_change change, const char *id) {
+    if (catalog->tell) catalog->tell(catalog->ctx, change, id);
+}
+
+extern const struct catalog_backend catalog_sqlite;
+
+#endif

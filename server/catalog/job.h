@@ -1,0 +1,144 @@
+/* A job: its states, what is known of it, and the table of what may become of it.
+ *
+ *        +------------ reuse: an earlier job's outputs serve ---+
+ *        |         claim                 done                   v
+ *     accepted ------------> running ---------------------> successful
+ *        |                    |  |  \  fail (its own fault, or it was tried often enough)
+ *        | withdraw   dismiss |  |   +-----------> failed
+ *        +------> dismissed <-+  +--> accepted   requeue (the host's fault: killed, or the service stops; or
+ *                                                it takes more memory than predicted, and may have more)
+ *
+ * A job isn't given up for an end of the service as for one of its own process.  Which of the jobs that ran then ended
+ * the service, if any, nobody can tell; so those that were interrupted JOB_ALONE_AFTER times run alone from then on,
+ * which frees the innocent, and JOB_MAX_INTERRUPTIONS fail the one that still ends it.
+ *
+ * To add a member that is kept: here, a column in job_rows.h with a step of the schema, and api/codecs/job_json.h.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_CATALOG_JOB_H
+#define WHITTLE_SERVER_CATALOG_JOB_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <time.h>
+
+#include "core/params.h"
+
+enum job_state { JOB_ACCEPTED, JOB_RUNNING, JOB_SUCCESSFUL, JOB_FAILED, JOB_DISMISSED };
+#define JOB_STATE_COUNT 5
+
+enum job_event { JOB_CLAIM, JOB_DONE, JOB_FAIL, JOB_DISMISS, JOB_REQUEUE, JOB_REUSE, JOB_WITHDRAW };
+#define JOB_EVENT_COUNT 7
+
+enum {
+    JOB_ID_BYTES = 37,
+    JOB_LABEL_BYTES = 129,
+    JOB_STAGE_BYTES = 32,
+    JOB_MESSAGE_BYTES = 256,
+    JOB_HASH_BYTES = 65,
+    JOB_FORMAT_BYTES = 32,
+    JOB_PRINCIPAL_BYTES = 65,
+    JOB_OWNER_BYTES = 33,
+    JOB_OUTPUT_NAME_BYTES = 48,
+    JOB_MAX_OUTPUTS = PARAMS_MAX_FILES,
+    JOB_WEBHOOK_BYTES = 2048,
+    JOB_MAX_FAILURES = 3,       /* of its own process, by the host's hand */
+    JOB_MAX_INTERRUPTIONS = 20, /* ends of the service while it ran */
+    JOB_ALONE_AFTER = 2,        /* interrupted so often, it runs while nothing else does */
+    JOB_PRIORITY_MAX = 9,
+    JOB_PRIORITY_DEFAULT = 5
+};
+
+struct job_output {
+    char name[JOB_OUTPUT_NAME_BYTES];
+    uint64_t bytes;
+    char sha256[JOB_HASH_BYTES];
+};
+
+/* What a job costs, as far as that is known before it runs (estimate.h). */
+struct job_cost {
+    uint64_t kind; /* jobs of the same kind do the same work */
+    uint64_t size; /* points or, where they are not known, bytes */
+};
+
+/* The Idempotency-Key of the request that made a job, and a fingerprint of that request. */
+struct job_key {
+    const char *key; /* borrowed */
+    char fingerprint[JOB_HASH_BYTES];
+};
+
+struct job {
+    char id[JOB_ID_BYTES]; /* UUIDv7: ids sort by their time */
+    enum job_state state;
+    uint64_t sequence;           /* grows with every change: milliseconds since 1970, or the last one + 1 */
+    int attempt;                 /* how often it was claimed: with the owner, who may end it */
+    char owner[JOB_OWNER_BYTES]; /* the host that runs it; "" = none */
+    int64_t lease_end_ms;        /* until when that host has it, unless it renews */
+    bool is_cancelled;           /* it runs, and somebody wants it to end */
+    int failures;                /* how often its process was ended by the host, or stood still */
+    int interruptions;           /* how often the service ended while it ran */
+    int64_t created_ms, started_ms, finished_ms, updated_ms, expires_ms; /* since 1970; 0 = not yet */
+    char label[JOB_LABEL_BYTES];
+    int priority;                        /* 0 to JOB_PRIORITY_MAX, larger is sooner */
+    char principal[JOB_PRINCIPAL_BYTES]; /* who submitted it; "" = anonymous */
+
+    char cloud[JOB_HASH_BYTES];
+    uint64_t input_bytes, input_points; /* points: as the header says; 0 = not known */
+    char input_format[JOB_FORMAT_BYTES];
+    struct params params;
+    char result[JOB_HASH_BYTES]; /* names what it computes: jobs with the same have the same outputs; "" = none */
+
+    const struct job_key *key; /* borrowed, and kept with the job when it is submitted; NULL = none */
+    const char *webhook;       /* the same: where to tell of its end */
+
+    char stage[JOB_STAGE_BYTES], message[JOB_MESSAGE_BYTES];
+    double fraction;
+    uint64_t ahead; /* accepted jobs whose turn comes before its own; filled by catalog_get and catalog_list */
+
+    double cpu_s, wall_s;
+    uint64_t peak_rss_bytes;
+    uint64_t memory_bytes;  /* that it is predicted to take; 0 = not known */
+    char *report, *problem; /* JSON text; owned; NULL = none */
+
+    size_t output_count;
+    struct job_output output[JOB_MAX_OUTPUTS];
+};
+
+/* Frees what the job owns and zeroes it.  Accepts a zeroed job. */
+void job_done(struct job *job);
+
+/* "accepted", ...; and back: false where there is no such state. */
+const char *job_state_name(enum job_state state);
+bool job_state_from_name(const char *name, enum job_state *state);
+
+/* Whether the event may happen in this state, and then which state follows. */
+bool job_transition(enum job_state state, enum job_event event, enum job_state *next);
+
+/* Whether a job in this state is over. */
+bool job_ended(enum job_state state);
+
+/* A new UUIDv7 of this time (CLOCK_REALTIME): the milliseconds, the quarter microseconds within them, 62 random bits.
+ * So ids sort by their time. */
+void job_new_id(const struct timespec *now, char id[JOB_ID_BYTES]);
+
+/* Whether text has the form of an id (hexadecimal digits in lower case, dashes in their places). */
+bool job_id_valid(const char *text);
+
+/* Parameters as lines of name=value, for storing; returns new, NULL when memory runs out.  And back, over the defaults:
+ * a name that is gone from the table is skipped. */
+char *job_params_text(const struct params *params);
+void job_params_read(const char *text, struct params *params);
+
+/* Text that two jobs have in common exactly when the same engine computes the same outputs for both: the cloud, every
+ * parameter that affects results, the version.  Returns new, NULL when memory runs out. */
+char *job_result_text(const struct job *job, const char *version);
+
+/* Milliseconds since 1970, by the service's own clock (daemon/wall_clock.h). */
+int64_t job_now_ms(void);
+
+/* The same as text, "2026-01-31T12:00:00.123Z"; returns text. */
+enum { JOB_TIME_BYTES = 32 };
+const char *job_time_text(int64_t ms, char text[JOB_TIME_BYTES]);
+
+#endif

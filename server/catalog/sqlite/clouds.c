@@ -1,0 +1,168 @@
+/* The table of clouds.
+ *
+ * What a principal sees is the union of its rows here and of the inputs of its jobs, so that a job's upload costs no
+ * second row.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/catalog/sqlite/catalog_sqlite.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* The two sources as one, each row narrowed down by `where` (over sha256 and principal; jobs have cloud for sha256). */
+#define SOURCES(clouds_where, jobs_where)                                                                              \
+    "WITH source AS (SELECT sha256, created, expires, bytes, points, format, 0 AS job FROM clouds WHERE " clouds_where \
+    " UNION ALL SELECT cloud, created, 0, input_bytes, input_points, input_format, 1 FROM jobs WHERE " jobs_where      \
+    "), seen AS (SELECT sha256, min(created) AS created, max(expires) AS expires, max(bytes) AS bytes, "               \
+    "max(points) AS points, max(format) AS format, sum(job) AS jobs FROM source GROUP BY sha256) "
+
+/* In the order in which read_record takes them. */
+#define COLUMNS                                                                                                        \
+    "SELECT sha256, created, expires, bytes, points, format, jobs, (SELECT report FROM jobs WHERE "                    \
+    "cloud = seen.sha256 AND report IS NOT NULL ORDER BY id DESC LIMIT 1) FROM seen "
+
+static void read_record(struct sql_rows *row, struct catalog_cloud *record) {
+    memset(record, 0, sizeof *record);
+    sql_copy_text(row, 0, record->sha256, sizeof record->sha256);
+    record->created_ms = sql_integer(row, 1);
+    record->expires_ms = sql_integer(row, 2);
+    record->bytes = (uint64_t)sql_integer(row, 3);
+    record->points = (uint64_t)sql_integer(row, 4);
+    sql_copy_text(row, 5, record->format, sizeof record->format);
+    record->jobs = (uint64_t)sql_integer(row, 6);
+    record->report = sql_new_text(row, 7);
+}
+
+/* Reads and ends; *count is 0 on failure. */
+static enum status read_records(struct sql_rows *row, struct catalog_cloud *records, size_t max, size_t *count,
+                                struct error *error) {
+    *count = 0;
+    while (*count < max && sql_next(row)) read_record(row, &records[(*count)++]);
+    enum status status = sql_finish(row, error);
+    if (status == STATUS_OK) return STATUS_OK;
+    for (size_t i = 0; i < *count; i++) catalog_cloud_done(&records[i]);
+    *count = 0;
+    return status;
+}
+
+static enum status put(struct sql *db, const struct catalog_cloud *record, struct error *error) {
+    return sql_run(db,
+                   "INSERT INTO clouds (sha256, principal, created, expires, bytes, points, format) "
+                   "VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7) "
+                   "ON CONFLICT DO UPDATE SET expires = max(expires, excluded.expires)",
+                   VALUES(T(record->sha256), T(record->principal), I(record->created_ms), I(record->expires_ms),
+                          I(record->bytes), I(record->points), T(record->format)),
+                   error);
+}
+
+enum status catalog_sqlite_put_cloud(struct catalog *catalog, const struct catalog_cloud *record,
+                                     uint64_t principal_bytes, struct error *error) {
+    struct catalog_sqlite *sqlite = catalog_sqlite_of(catalog);
+    struct sql *db = sqlite->writer;
+    int64_t known = 0;
+    catalog_sqlite_enter(sqlite);
+    enum status status = sql_number(db, "SELECT count(*) FROM clouds WHERE sha256 = ?1 AND principal = ?2",
+                                    VALUES(T(record->sha256), T(record->principal)), &known, error);
+    uint64_t bytes = known ? 0 : record->bytes, limit = known ? 0 : principal_bytes;
+    if (status == STATUS_OK) status = catalog_reserve(catalog, record->principal, bytes, limit, error);
+    if (status == STATUS_OK) {
+        status = put(db, record, error);
+        catalog_sqlite_refresh_usage(sqlite, record->principal);
+        catalog_release(catalog, record->principal, bytes);
+    }
+    sql_unlock(db);
+    return status;
+}
+
+enum status catalog_sqlite_get_cloud(struct catalog *catalog, const char *sha256, const char *principal,
+                                     struct catalog_cloud *record, bool *found, struct error *error) {
+    struct catalog_sqlite *sqlite = catalog_sqlite_of(catalog);
+    struct sql *db = sqlite->reader;
+    struct sql_rows *row;
+    size_t count = 0;
+    memset(record, 0, sizeof *record);
+    sql_lock(db);
+    enum status status = sql_select(db,
+                                    SOURCES("sha256 = ?1 AND (?2 IS NULL OR principal = ?2)",
+                                            "cloud = ?1 AND (?2 IS NULL OR principal = ?2)") COLUMNS,
+                                    VALUES(T(sha256), T(principal)), &row, error);
+    if (status == STATUS_OK) status = read_records(row, record, 1, &count, error);
+    sql_unlock(db);
+    *found = count == 1;
+    return status;
+}
+
+enum status catalog_sqlite_list_clouds(struct catalog *catalog, const char *principal, const char *after,
+                                       struct catalog_cloud *records, size_t max, size_t *count, struct error *error) {
+    struct catalog_sqlite *sqlite = catalog_sqlite_of(catalog);
+    struct sql *db = sqlite->reader;
+    struct sql_rows *row;
+    *count = 0;
+    sql_lock(db);
+    enum status status =
+        sql_select(db,
+                   SOURCES("?1 IS NULL OR principal = ?1", "?1 IS NULL OR principal = ?1") COLUMNS
+                   "WHERE ?2 IS NULL OR (created, sha256) < (SELECT created, sha256 FROM seen WHERE sha256 = ?2) "
+                   "ORDER BY created DESC, sha256 DESC LIMIT ?3",
+                   VALUES(T(principal), T(after), I(max)), &row, error);
+    if (status == STATUS_OK) status = read_records(row, records, max, count, error);
+    sql_unlock(db);
+    return status;
+}
+
+enum status catalog_sqlite_delete_cloud(struct catalog *catalog, const char *sha256, const char *principal,
+                                        struct error *error) {
+    struct catalog_sqlite *sqlite = catalog_sqlite_of(catalog);
+    struct sql *db = sqlite->writer;
+    catalog_sqlite_enter(sqlite);
+    enum status status = sql_run(db, "DELETE FROM clouds WHERE sha256 = ?1 AND (?2 IS NULL OR principal = ?2)",
+                                 VALUES(T(sha256), T(principal)), error);
+    catalog_sqlite_refresh_usage(sqlite, NULL);
+    sql_unlock(db);
+    return status;
+}
+
+/* Over, and without a job of its principal. */
+static enum status expire(struct sql *db, int64_t now_ms, char (*names)[JOB_HASH_BYTES], size_t max, size_t *count,
+                          struct error *error) {
+    struct sql_rows *row;
+    enum status status =
+        sql_select(db,
+                   "DELETE FROM clouds WHERE (sha256, principal) IN (SELECT sha256, principal FROM clouds AS old "
+                   "WHERE expires <= ?1 AND NOT EXISTS (SELECT 1 FROM jobs WHERE cloud = old.sha256 "
+                   "AND principal = old.principal) ORDER BY expires LIMIT ?2) RETURNING sha256",
+                   VALUES(I(now_ms), I(max)), &row, error);
+    if (status != STATUS_OK) return status;
+    while (*count < max && sql_next(row)) sql_copy_text(row, 0, names[(*count)++], JOB_HASH_BYTES);
+    return sql_finish(row, error);
+}
+
+enum status catalog_sqlite_expire_clouds(struct catalog *catalog, int64_t now_ms, char (*names)[JOB_HASH_BYTES],
+                                         size_t max, size_t *count, struct error *error) {
+    struct catalog_sqlite *sqlite = catalog_sqlite_of(catalog);
+    struct sql *db = sqlite->writer;
+    *count = 0;
+    catalog_sqlite_enter(sqlite);
+    enum status status = expire(db, now_ms, names, max, count, error);
+    if (*count) catalog_sqlite_refresh_usage(sqlite, NULL);
+    sql_unlock(db);
+    return status;
+}
+
+enum status catalog_sqlite_next_cloud(struct catalog *catalog, const char *after, char name[JOB_HASH_BYTES],
+                                      bool *found, struct error *error) {
+    struct catalog_sqlite *sqlite = catalog_sqlite_of(catalog);
+    struct sql *db = sqlite->reader;
+    struct sql_rows *row;
+    *found = false;
+    sql_lock(db);
+    enum status status = sql_select(db, "SELECT sha256 FROM clouds WHERE sha256 > ?1 ORDER BY sha256 LIMIT 1",
+                                    VALUES(T(after)), &row, error);
+    if (status == STATUS_OK) {
+        *found = sql_next(row);
+        if (*found) sql_copy_text(row, 0, name, JOB_HASH_BYTES);
+        status = sql_finish(row, error);
+    }
+    sql_unlock(db);
+    return status;
+}

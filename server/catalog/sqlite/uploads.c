@@ -1,0 +1,62 @@
+/* The rows of resumable uploads.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/catalog/sqlite/catalog_sqlite.h"
+
+#include <string.h>
+
+enum status catalog_sqlite_put_upload(struct catalog *catalog, const struct catalog_upload *row, struct error *error) {
+    struct sql *db = catalog_sqlite_of(catalog)->writer;
+    catalog_sqlite_enter(catalog_sqlite_of(catalog));
+    enum status status =
+        sql_run(db,
+                "INSERT OR REPLACE INTO uploads (id, principal, metadata, cloud, created, expires, position, length, "
+                "boot) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
+                VALUES(T(row->id), T(row->principal), T(row->metadata), T(row->cloud), I(row->created_ms),
+                       I(row->expires_ms), I(row->offset), I(row->length), T(row->boot)),
+                error);
+    sql_unlock(db);
+    return status;
+}
+
+enum status catalog_sqlite_delete_upload(struct catalog *catalog, const char *id, struct error *error) {
+    struct sql *db = catalog_sqlite_of(catalog)->writer;
+    catalog_sqlite_enter(catalog_sqlite_of(catalog));
+    enum status status = sql_run(db, "DELETE FROM uploads WHERE id = ?1", VALUES(T(id)), error);
+    sql_unlock(db);
+    return status;
+}
+
+static void read_row(struct sql_rows *from, struct catalog_upload *row) {
+    memset(row, 0, sizeof *row);
+    sql_copy_text(from, 0, row->id, sizeof row->id);
+    sql_copy_text(from, 1, row->principal, sizeof row->principal);
+    sql_copy_text(from, 2, row->metadata, sizeof row->metadata);
+    sql_copy_text(from, 3, row->cloud, sizeof row->cloud);
+    row->created_ms = sql_integer(from, 4);
+    row->expires_ms = sql_integer(from, 5);
+    row->offset = (uint64_t)sql_integer(from, 6);
+    row->length = (uint64_t)sql_integer(from, 7); /* -1 is UINT64_MAX */
+    sql_copy_text(from, 8, row->boot, sizeof row->boot);
+}
+
+enum status catalog_sqlite_next_upload(struct catalog *catalog, const char *after, struct catalog_upload *row,
+                                       bool *found, struct error *error) {
+    struct sql *db = catalog_sqlite_of(catalog)->reader;
+    struct sql_rows *rows;
+    char behind[JOB_ID_BYTES];
+    memcpy(behind, after, strnlen(after, JOB_ID_BYTES - 1) + 1); /* after may be row's own */
+    *found = false;
+    sql_lock(db);
+    enum status status = sql_select(db,
+                                    "SELECT id, principal, metadata, cloud, created, expires, position, length, boot "
+                                    "FROM uploads WHERE id > ?1 ORDER BY id LIMIT 1",
+                                    VALUES(T(behind)), &rows, error);
+    if (status == STATUS_OK) {
+        *found = sql_next(rows);
+        if (*found) read_row(rows, row);
+        status = sql_finish(rows, error);
+    }
+    sql_unlock(db);
+    return status;
+}

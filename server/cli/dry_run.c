@@ -1,0 +1,56 @@
+/* The input is read whole, so it is known to be sound, and its points are counted, not guessed by its length.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/cli/dry_run.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <sys/stat.h>
+
+#include "core/pipeline/memory.h"
+#include "server/cli/output.h"
+
+static uint64_t input_bytes(int input) {
+    struct stat about;
+    return fstat(input, &about) == 0 && S_ISREG(about.st_mode) ? (uint64_t)about.st_size : 0;
+}
+
+/* Duplicates and outliers may leave fewer. */
+static void print_level(const char *label, double ratio, const struct cloud *cloud, FILE *to) {
+    double points = floor(ratio * (double)cloud->count);
+    fprintf(to, "%-16s %.0f of %zu points\n", label, points < 1 ? 1 : points, cloud->count);
+}
+
+static void print_goal(const struct params *params, const struct cloud *cloud, FILE *to) {
+    for (uint32_t i = 0; i < params->levels.count; i++)
+        print_level(i ? "" : "would keep", params->levels.ratio[i], cloud, to);
+    if (params->levels.count) return;
+    if (!isnan(params->ratio))
+        print_level("would keep", params->ratio, cloud, to);
+    else if (params->points)
+        fprintf(to, "%-16s %" PRIu64 " of %zu points\n", "would keep",
+                params->points < cloud->count ? params->points : cloud->count, cloud->count);
+    if (!isnan(params->max_error))
+        fprintf(to, "%-16s as many of %zu points as max_error %g of the diagonal demands%s\n", "would keep",
+                cloud->count, params->max_error, isnan(params->ratio) && !params->points ? "" : ", if more");
+}
+
+/* Only a mesh may take more than is predicted. */
+static void print_memory(const struct memory_job *job, const struct params *params, FILE *to) {
+    const double mebibyte = 1 << 20;
+    uint64_t predicted = memory_predict(job, params), most = memory_predict_most(job, params);
+    if (most > params->memory_bytes) most = params->memory_bytes > predicted ? params->memory_bytes : predicted;
+    fprintf(to, "%-16s at most %.1f MiB\n", "would take", (double)predicted / mebibyte);
+    if (most > predicted)
+        fprintf(to, "%-16s at most %.1f MiB where points lie along lines\n", "", (double)most / mebibyte);
+}
+
+void dry_run_print(const struct worker_options *options, const struct cloud *cloud, int input, FILE *to) {
+    const struct memory_job job = {cloud->count, cloud->record_bytes, cloud->triangle_count, input_bytes(input), 0};
+    fprintf(to, "%-16s %s, %zu points, %zu triangles\n", "input", cloud->form, cloud->count,
+            (size_t)cloud->triangle_count);
+    print_goal(&options->params, cloud, to);
+    print_memory(&job, &options->params, to);
+    worker_output_names(options, "would write", true, to);
+    if (options->to_standard) fprintf(to, "%-16s standard output\n", "would write");
+}

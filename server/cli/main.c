@@ -1,0 +1,129 @@
+/* whittle: a cloud in, the simplified cloud, a mesh and a report out.
+ *
+ *     whittle scan.ply --ratio 0.1 --outputs cloud,mesh,report -o out/
+ *     whittle scan.ply --ratio 0.1 -o small.ply
+ *     zcat scan.ply.gz | whittle - --outputs mesh.glb -o - | upload
+ *     whittle measure out/mesh.ply scan.ply                              (server/cli/measure.c)
+ *
+ * Reads like its --help: options, then read, run, write.  The same program is what whittled starts for each job; then
+ * --progress-fd names an inherited descriptor, and progress and the end are told there
+ * (server/shared/worker_protocol.h).
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <errno.h>
+#include <fcntl.h>
+#include <inttypes.h>
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include "core/cloud/colour_depth.h"
+#include "core/io/read.h"
+#include "core/pipeline/memory.h"
+#include "core/pipeline/pipeline.h"
+#include "server/cli/dry_run.h"
+#include "server/cli/heap.h"
+#include "server/cli/measure.h"
+#include "server/cli/no_new_code.h"
+#include "server/cli/options.h"
+#include "server/cli/output.h"
+#include "server/cli/progress.h"
+#include "server/shared/worker_protocol.h"
+
+static volatile sig_atomic_t stopping;
+static const double READ_SHARE = 0.05; /* of the whole job */
+
+static void stop(int signal) { stopping = signal; }
+
+/* TERM and INT ask the pipeline to stop at its next tick; nothing that is half written keeps its name.  Where the
+ * output is a pipe that nobody reads any more, the process ends by SIGPIPE, silently, as programs in pipes do. */
+static void catch_signals(bool to_standard) {
+    struct sigaction action = {.sa_handler = stop};
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGTERM, &action, NULL);
+    sigaction(SIGINT, &action, NULL);
+    signal(SIGPIPE, to_standard ? SIG_DFL : SIG_IGN);
+    signal(SIGXFSZ, SIG_IGN); /* writing says so too */
+}
+
+/* The input stays open until the outputs have their names, so that they are told from it.  -1 with errno. */
+static int open_input(const struct worker_options *options) {
+    return strcmp(options->input, "-") == 0 ? STDIN_FILENO : open(options->input, O_RDONLY | O_CLOEXEC);
+}
+
+/* What the process can have: the memory of the machine, or less where limits are set. */
+static uint64_t memory_there_is(void) {
+    static const int limits[] = {RLIMIT_AS, RLIMIT_DATA};
+    uint64_t bytes = (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE);
+    for (size_t i = 0; i < sizeof limits / sizeof *limits; i++) {
+        struct rlimit limit;
+        if (getrlimit((__rlimit_resource_t)limits[i], &limit) == 0 && limit.rlim_cur < bytes) bytes = limit.rlim_cur;
+    }
+    return bytes;
+}
+
+/* How many triangles faces of many corners are is known only now. */
+static enum status check_faces(const struct cloud *cloud, const struct params *params, struct error *error) {
+    const struct memory_job job = {cloud->count, cloud->record_bytes, cloud->triangle_count, 0, 0};
+    if (!memory_lacks_for_faces(&job, params)) return STATUS_OK;
+    return error_set(error, STATUS_NO_MEMORY, "faces",
+                     "%zu triangles and %zu points, and the %" PRIu64 " MiB of memory allowed have no room for them",
+                     cloud->triangle_count, cloud->count, params->memory_bytes >> 20);
+}
+
+static enum status run(const struct worker_options *options, struct worker_progress *display, struct error *error) {
+    struct cloud cloud = {0};
+    struct pipeline_result result = {0};
+    struct progress progress = {worker_progress_tick, display};
+    int input = open_input(options), failure = errno;
+    worker_progress_span(display, 0, READ_SHARE);
+    enum status status = worker_output_check(options, input, error);
+    if (!status && input < 0)
+        status = error_set(error, STATUS_IO, "read", "can't open %s: %s", options->input, strerror(failure));
+    const struct cloud_limits limits = {.columns = options->params.columns,
+                                        .max_triangles = memory_triangles(&options->params)};
+    if (!status) status = cloud_read(input, &limits, &progress, &cloud, error);
+    if (!status && options->memory_given) status = check_faces(&cloud, &options->params, error);
+    worker_progress_span(display, READ_SHARE, 1);
+    if (options->dry_run) goto out;
+    if (!status && memory_is_kept(cloud.count, &options->params) && options->params.levels.count < 2)
+        worker_heap_prepare(cloud.count);
+    if (!status) status = pipeline_run(&cloud, &options->params, &progress, &result, error);
+    if (!status && result.moved) cloud_move(&cloud, result.moved);
+    if (!status)
+        status = cloud_set_colours(&cloud, (enum colour_bits)options->params.colours, &result.report.losses, error);
+    if (!status) status = worker_output_write(options, input, &cloud, &result, error);
+out:
+    worker_progress_end(display, status, error);
+    if (!status && options->dry_run)
+        dry_run_print(options, &cloud, input, options->to_standard ? stderr : stdout);
+    else if (!status && options->summary)
+        worker_output_summary(options, &result.report, options->to_standard ? stderr : stdout);
+    pipeline_result_done(&result);
+    cloud_done(&cloud);
+    if (input > STDIN_FILENO) close(input);
+    return status;
+}
+
+int main(int argc, char **argv) {
+    if (argc > 1 && strcmp(argv[1], "measure") == 0) return worker_measure_main(argc - 1, argv + 1);
+    struct worker_options options;
+    struct error error = {0};
+    enum worker_request request = worker_options_parse(&options, argc, argv, &error);
+    if (request == WORKER_TOLD) return 0;
+    if (request == WORKER_REFUSED) {
+        fprintf(stderr, "whittle: %s: %s\nTry 'whittle --help'.\n", error.where, error.text);
+        return wire_exit_status(STATUS_BAD_PARAMETER);
+    }
+    if (!options.params.memory_bytes) options.params.memory_bytes = memory_there_is();
+    catch_signals(options.to_standard);
+    bool confined = options.progress_fd >= 0 && worker_no_new_code();
+    (void)confined; /* where the kernel has no filters, whittled says so */
+    struct worker_progress display;
+    worker_progress_init(&display, options.progress_fd, &stopping);
+    enum status status = run(&options, &display, &error);
+    if (status) worker_output_explain(options.input, status, &error, stderr);
+    return wire_exit_status(status);
+}

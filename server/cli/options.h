@@ -1,0 +1,37 @@
+/* The command line of whittle.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_CLI_OPTIONS_H
+#define WHITTLE_SERVER_CLI_OPTIONS_H
+
+#include <stdbool.h>
+
+#include "core/base/status.h"
+#include "core/params.h"
+
+struct worker_options {
+    struct params params;
+    const char *input;  /* a path, or "-" for standard input; borrowed from argv */
+    const char *output; /* where outputs go: a folder, one file, or "-" for standard output; borrowed from argv */
+    bool output_given;  /* by -o: files that are there are replaced */
+    bool to_standard;   /* output is "-": there is exactly one output, and messages go to standard error */
+    bool to_file;       /* output is the name of the one file */
+    bool force;         /* files that are there are replaced */
+    bool dry_run;       /* read the input, tell what would be done, write nothing */
+    int progress_fd;    /* -1: none */
+    bool summary;       /* print what was done */
+    bool memory_given;  /* by --memory */
+    bool outputs_given; /* the parameter outputs was set, and isn't the default */
+};
+
+enum worker_request {
+    WORKER_RUN,
+    WORKER_TOLD,   /* --help or --version was asked for and printed */
+    WORKER_REFUSED /* error says why */
+};
+
+/* Options and parameters are --name value or --name=value, with '-' for '_' as one likes; the rows of the parameters
+ * come from the table in core/params.c.  error->where is the option as it was written. */
+enum worker_request worker_options_parse(struct worker_options *options, int argc, char **argv, struct error *error);
+
+#endif

@@ -1,0 +1,441 @@
+/* What whittle writes: a table of files, one row for each bit of the parameter `outputs`.
+ *
+ * The report comes last, because it lists what the others could not hold.  Files get their names together, at the end,
+ * or whenever there are many of them.
+ *
+ * The input is never replaced: it is known by device and inode, so by no other name or link either.  Other files are
+ * replaced where the user said where to write (-o) or that they may be (--force).  Both are asked of every planned file
+ * before the work begins, and hold again when files get their names (core/io/file_out.h).
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/cli/output.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <libgen.h>
+#include <limits.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "api/codecs/report_json.h"
+#include "core/cloud/colour_map.h"
+#include "core/io/file_out.h"
+#include "core/io/formats/glb_write.h"
+#include "core/io/formats/mesh_attributes.h"
+#include "core/io/formats/obj_write.h"
+#include "core/io/formats/pcd_write.h"
+#include "core/io/formats/ply_write.h"
+#include "core/io/formats/stl_write.h"
+#include "core/io/write.h"
+
+enum { MOST_OPEN = 16 };
+
+struct outputs {
+    const struct worker_options *options;
+    const struct cloud *cloud;
+    const struct pipeline_result *result;
+    const struct pipeline_level *level; /* the one to write */
+    struct losses *losses;              /* of the report */
+    struct file_out_rule rule;          /* what files may take the place of */
+    struct file_out file[MOST_OPEN];    /* written, without their names yet */
+    size_t files;
+};
+
+static enum status write_cloud(int fd, const struct outputs *o, struct error *error) {
+    return cloud_write_ply(fd, o->cloud, o->result->kept, o->level->kept_count,
+                           (enum encoding)o->options->params.encoding, error);
+}
+
+static enum status write_xyz(int fd, const struct outputs *o, struct error *error) {
+    for (size_t j = 0; j < o->cloud->property_count; j++)
+        if (o->cloud->property[j].is_list)
+            losses_add(o->losses, "cloud.xyz", "%s: lines of text have no lists", o->cloud->property[j].name);
+    enum xyz_header header = (enum xyz_header)o->options->params.header;
+    if (header == HEADER_NONE && o->cloud->property_count > 3)
+        losses_add(o->losses, "cloud.xyz", "names of the columns; header=plain or header=hash write them");
+    return cloud_write_xyz(fd, o->cloud, o->result->kept, o->level->kept_count, header, error);
+}
+
+static enum status write_pcd(int fd, const struct outputs *o, struct error *error) {
+    return cloud_write_pcd(fd, o->cloud, o->result->kept, o->level->kept_count,
+                           (enum pcd_precision)o->options->params.pcd_precision, o->losses, error);
+}
+
+static bool is_scalar(const struct mesh_attributes *attributes, const struct property *property) {
+    (void)attributes;
+    return !property->is_list;
+}
+
+static enum status write_mesh(int fd, const struct outputs *o, struct error *error) {
+    struct mesh_attributes attributes;
+    mesh_attributes_find(&o->level->mesh, o->cloud, &attributes);
+    mesh_attributes_note(&attributes, o->cloud, "mesh.ply", is_scalar, true, o->losses);
+    return mesh_write_ply(fd, &o->level->mesh, o->cloud, (enum encoding)o->options->params.encoding, error);
+}
+
+static enum status write_obj(int fd, const struct outputs *o, struct error *error) {
+    return mesh_write_obj(fd, &o->level->mesh, o->cloud, o->losses, error);
+}
+
+static enum status write_stl(int fd, const struct outputs *o, struct error *error) {
+    return mesh_write_stl(fd, &o->level->mesh, o->cloud, o->losses, error);
+}
+
+static enum status write_glb(int fd, const struct outputs *o, struct error *error) {
+    return mesh_write_glb(fd, &o->level->mesh, o->cloud, o->losses, error);
+}
+
+static enum status write_report(int fd, const struct outputs *o, struct error *error) {
+    return report_json_write(fd, &o->result->report, &o->options->params, error);
+}
+
+static enum status write_painted(int fd, const struct outputs *o, const char *name, const float *value,
+                                 struct error *error) {
+    struct cloud painted = {0};
+    if (paint_cloud(o->cloud, name, value, &painted))
+        return error_set(error, STATUS_NO_MEMORY, name, "no memory for the painted cloud");
+    enum status status =
+        cloud_write_ply(fd, &painted, NULL, painted.count, (enum encoding)o->options->params.encoding, error);
+    cloud_done(&painted);
+    return status;
+}
+
+static enum status write_dso(int fd, const struct outputs *o, struct error *error) {
+    return write_painted(fd, o, "dso", o->result->dso, error);
+}
+
+static enum status write_error(int fd, const struct outputs *o, struct error *error) {
+    return write_painted(fd, o, "distance", o->result->distance, error);
+}
+
+struct file {
+    uint32_t bit;            /* of params.outputs */
+    const char *stem, *type; /* of the name */
+    bool each_level;         /* one for each of the levels too, named stem_RATIO.type */
+    enum status (*write)(int fd, const struct outputs *outputs, struct error *error);
+};
+
+static const struct file files[] = {
+    {OUTPUT_CLOUD, "cloud", "ply", true, write_cloud},   {OUTPUT_CLOUD_XYZ, "cloud", "xyz", true, write_xyz},
+    {OUTPUT_CLOUD_PCD, "cloud", "pcd", true, write_pcd}, {OUTPUT_MESH, "mesh", "ply", true, write_mesh},
+    {OUTPUT_MESH_OBJ, "mesh", "obj", true, write_obj},   {OUTPUT_MESH_STL, "mesh", "stl", true, write_stl},
+    {OUTPUT_MESH_GLB, "mesh", "glb", true, write_glb},   {OUTPUT_DSO, "dso", "ply", false, write_dso},
+    {OUTPUT_ERROR, "error", "ply", false, write_error},  {OUTPUT_REPORT, "report", "json", false, write_report},
+};
+enum { FILES = sizeof files / sizeof files[0] };
+
+/* ------------------------------------------------------------------------------------------------ the plan */
+
+/* A file that will be written: a row, and the level that it is of. */
+struct planned {
+    const struct file *file;
+    size_t level;
+    bool named; /* by the level's ratio */
+};
+
+struct plan {
+    size_t count;
+    struct planned item[PARAMS_MAX_FILES]; /* params_resolve sees to it that there are no more */
+};
+
+static void plan_add(struct plan *plan, const struct file *file, size_t level, bool named) {
+    if (plan->count < PARAMS_MAX_FILES) plan->item[plan->count++] = (struct planned){file, level, named};
+}
+
+static void make_plan(const struct params *params, struct plan *plan) {
+    plan->count = 0;
+    for (size_t i = 0; i < FILES; i++) {
+        if (!(params->outputs & files[i].bit)) continue;
+        for (uint32_t level = 0; files[i].each_level && level < params->levels.count; level++)
+            plan_add(plan, &files[i], level, true);
+        plan_add(plan, &files[i], 0, false);
+    }
+}
+
+/* false where the name is too long. */
+static bool name_file(const struct worker_options *options, const struct planned *item, char path[PATH_MAX]) {
+    const char *folder = options->output;
+    char suffix[40] = "";
+    size_t length = strlen(folder);
+    int n;
+    if (item->named) snprintf(suffix, sizeof suffix, "_%.10g", options->params.levels.ratio[item->level]);
+    while (length > 1 && folder[length - 1] == '/') length--;
+    if (options->to_file)
+        n = snprintf(path, PATH_MAX, "%s", folder);
+    else if (strcmp(folder, ".") == 0)
+        n = snprintf(path, PATH_MAX, "%s%s.%s", item->file->stem, suffix, item->file->type);
+    else
+        n = snprintf(path, PATH_MAX, "%.*s/%s%s.%s", (int)length, folder, item->file->stem, suffix, item->file->type);
+    return n > 0 && n < PATH_MAX;
+}
+
+static enum status refuse_name(const struct worker_options *options, struct error *error) {
+    return error_set(error, STATUS_IO, "output", "the name is too long: %.80s...", options->output);
+}
+
+/* ------------------------------------------------------------------------------------------------ one file */
+
+/* The end of the name after its last dot, in the last part of the path; "" where there is none. */
+static const char *extension(const char *path) {
+    const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path, *dot = strrchr(name, '.');
+    return dot && dot > name ? dot + 1 : "";
+}
+
+static bool is_kind(const struct file *a, const struct file *b) { return strcmp(a->stem, b->stem) == 0; }
+
+/* The row that writes this format: the first of all, or of the kind that was asked for alone. */
+static const struct file *find_file(const char *type, const struct file *asked) {
+    for (size_t i = 0; i < FILES; i++)
+        if (strcasecmp(files[i].type, type) == 0 && (!asked || is_kind(&files[i], asked))) return &files[i];
+    return NULL;
+}
+
+/* The first row of a kind is its general name: `mesh` is any format of it, `mesh.obj` that one. */
+static bool is_general(const struct file *file) {
+    for (const struct file *f = files; f < file; f++)
+        if (is_kind(f, file)) return false;
+    return true;
+}
+
+static const struct file *file_of_bit(uint32_t bit) {
+    for (size_t i = 0; i < FILES; i++)
+        if (files[i].bit == bit) return &files[i];
+    return NULL;
+}
+
+static void join_types(char *text, size_t bytes) {
+    size_t used = 0;
+    text[0] = 0;
+    for (size_t i = 0; i < FILES && used < bytes; i++)
+        if (find_file(files[i].type, NULL) == &files[i])
+            used += (size_t)snprintf(text + used, bytes - used, "%s.%s", i ? ", " : "", files[i].type);
+}
+
+/* Names that only a file has, of what isn't written. */
+static bool is_foreign(const char *type) {
+    static const char *const types[] = {"las", "laz", "off", "csv", "txt", "asc", "pts", "e57", "gltf", "gz", "zst"};
+    for (size_t i = 0; i < sizeof types / sizeof *types; i++)
+        if (strcasecmp(types[i], type) == 0) return true;
+    return false;
+}
+
+static enum status refuse_foreign(const char *type, struct error *error) {
+    char types[128];
+    join_types(types, sizeof types);
+    return error_set(error, STATUS_BAD_PARAMETER, "output", "no .%s is written; files are %s, and a folder ends in /",
+                     type, types);
+}
+
+enum status worker_output_settle(struct worker_options *options, struct error *error) {
+    const char *type = extension(options->output);
+    uint32_t outputs = options->params.outputs;
+    struct stat about;
+    if (!type[0] || (stat(options->output, &about) == 0 && S_ISDIR(about.st_mode))) return STATUS_OK;
+    if (is_foreign(type) && !find_file(type, NULL)) return refuse_foreign(type, error);
+    if (!find_file(type, NULL)) return STATUS_OK;
+    if (options->params.levels.count || (options->outputs_given && (outputs & (outputs - 1)) != 0))
+        return error_set(error, STATUS_BAD_PARAMETER, "output",
+                         "%s takes one output, of one level; name one by --outputs, or a folder", options->output);
+    const struct file *asked = options->outputs_given ? file_of_bit(outputs) : NULL;
+    const struct file *file = find_file(type, asked);
+    if (!file || (asked && file != asked && !is_general(asked)))
+        return error_set(error, STATUS_BAD_PARAMETER, "output", "%s isn't a name for what --outputs asks for, %s.%s",
+                         options->output, asked->stem, asked->type);
+    options->params.outputs = file->bit;
+    options->to_file = true;
+    return STATUS_OK;
+}
+
+/* ------------------------------------------------------------------------------------------------ beforehand */
+
+static struct file_out_rule make_rule(const struct worker_options *options, int input) {
+    struct file_out_rule rule = {.replaces = options->force || options->output_given};
+    struct stat about;
+    if (input < 0 || fstat(input, &about) != 0 || !S_ISREG(about.st_mode)) return rule;
+    rule.has_source = true;
+    rule.device = about.st_dev;
+    rule.inode = about.st_ino;
+    return rule;
+}
+
+static enum status check_folder(const struct worker_options *options, struct error *error) {
+    char given[PATH_MAX], path[PATH_MAX + 2];
+    if (strlen(options->output) >= PATH_MAX) return refuse_name(options, error);
+    snprintf(given, sizeof given, "%s", options->output);
+    const char *folder = options->to_file ? dirname(given) : given;
+    snprintf(path, sizeof path, "%s/.", folder);
+    if (access(path, W_OK | X_OK) == 0) return STATUS_OK;
+    if (errno != ENOENT || options->to_file)
+        return error_set(error, status_from_errno(errno), "output", "can't write into the folder %s: %s", folder,
+                         strerror(errno));
+    snprintf(path, sizeof path, "%s", folder);
+    if (access(dirname(path), W_OK | X_OK) == 0) return STATUS_OK;
+    return error_set(error, status_from_errno(errno), "output", "can't make the folder %s: %s", folder,
+                     strerror(errno));
+}
+
+/* What was found, and what to do. */
+static enum status refuse_file(const char *path, enum file_out_claim claim, struct error *error) {
+    static const char *const advice[] = {[FILE_OUT_TAKEN] = "--force replaces it, -o names another place",
+                                         [FILE_OUT_IS_SOURCE] = "-o names another place",
+                                         [FILE_OUT_IS_FOLDER] = "-o names another place"};
+    struct error found = {0};
+    enum status status = file_out_refuse(path, claim, &found);
+    return status ? error_set(error, status, "output", "%s; %s", found.text, advice[claim]) : STATUS_OK;
+}
+
+/* `whittle cloud.ply -o - >> cloud.ply` would never end. */
+static enum status check_standard(const struct file_out_rule *rule, struct error *error) {
+    struct stat about;
+    if (!rule->has_source || fstat(STDOUT_FILENO, &about) != 0) return STATUS_OK;
+    if (about.st_dev != rule->device || about.st_ino != rule->inode) return STATUS_OK;
+    return error_set(error, STATUS_BAD_PARAMETER, "output", "standard output is the input itself");
+}
+
+enum status worker_output_check(const struct worker_options *options, int input, struct error *error) {
+    struct file_out_rule rule = make_rule(options, input);
+    struct plan plan;
+    char path[PATH_MAX];
+    if (options->to_standard) return check_standard(&rule, error);
+    enum status status = check_folder(options, error);
+    if (status || input < 0) return status;
+    make_plan(&options->params, &plan);
+    for (size_t i = 0; i < plan.count && !status; i++)
+        status = name_file(options, &plan.item[i], path) ? refuse_file(path, file_out_look(path, &rule), error)
+                                                         : refuse_name(options, error);
+    return status;
+}
+
+void worker_output_names(const struct worker_options *options, const char *label, bool mark, FILE *to) {
+    const struct file_out_rule rule = {.replaces = true};
+    struct plan plan;
+    char path[PATH_MAX];
+    if (options->to_standard) return;
+    make_plan(&options->params, &plan);
+    for (size_t i = 0; i < plan.count; i++) {
+        if (!name_file(options, &plan.item[i], path)) continue;
+        bool replaces = mark && file_out_look(path, &rule) == FILE_OUT_REPLACES;
+        fprintf(to, "%-16s %s%s\n", i ? "" : label, path, replaces ? " (replaces what is there)" : "");
+    }
+}
+
+/* ------------------------------------------------------------------------------------------------ writing */
+
+static enum status commit_files(struct outputs *outputs, struct error *error) {
+    size_t count = outputs->files;
+    outputs->files = 0;
+    return count ? file_out_commit(outputs->file, count, error) : STATUS_OK;
+}
+
+static enum status write_file(struct outputs *outputs, const struct planned *item, struct error *error) {
+    char path[PATH_MAX];
+    struct file_out *out = &outputs->file[outputs->files];
+    if (!name_file(outputs->options, item, path)) return refuse_name(outputs->options, error);
+    enum status status = file_out_begin(out, path, error);
+    if (status) return status;
+    out->rule = &outputs->rule;
+    outputs->files++;
+    outputs->level = &outputs->result->level[item->level];
+    status = item->file->write(out->fd, outputs, error);
+    return !status && outputs->files == MOST_OPEN ? commit_files(outputs, error) : status;
+}
+
+/* The lines of what the input's reader left out. */
+static void note_input(const struct cloud *cloud, struct losses *losses) {
+    for (const char *at = cloud->left_out; at && *at;) {
+        size_t n = strcspn(at, "\n");
+        losses_add(losses, "input", "%.*s", (int)n, at);
+        at += n + (at[n] == '\n');
+    }
+}
+
+/* The one output, to standard output. */
+static enum status write_standard(struct outputs *outputs, struct error *error) {
+    size_t i = 0;
+    while (i + 1 < FILES && !(outputs->options->params.outputs & files[i].bit)) i++;
+    return files[i].write(STDOUT_FILENO, outputs, error);
+}
+
+static enum status write_files(struct outputs *outputs, struct error *error) {
+    struct plan plan;
+    enum status status = STATUS_OK;
+    make_plan(&outputs->options->params, &plan);
+    for (size_t i = 0; i < plan.count && !status; i++) status = write_file(outputs, &plan.item[i], error);
+    return status ? status : commit_files(outputs, error);
+}
+
+static enum status write_folder(struct outputs *outputs, struct error *error) {
+    const char *folder = outputs->options->output;
+    if (!outputs->options->to_file && mkdir(folder, 0777) != 0 && errno != EEXIST)
+        return error_set(error, status_from_errno(errno), "output", "can't make the folder %s: %s", folder,
+                         strerror(errno));
+    enum status status = write_files(outputs, error);
+    for (size_t i = 0; i < outputs->files; i++) file_out_abort(&outputs->file[i]);
+    return status;
+}
+
+enum status worker_output_write(const struct worker_options *options, int input, const struct cloud *cloud,
+                                struct pipeline_result *result, struct error *error) {
+    struct outputs outputs = {.options = options,
+                              .cloud = cloud,
+                              .result = result,
+                              .level = &result->level[0],
+                              .rule = make_rule(options, input),
+                              .losses = &result->report.losses};
+    note_input(cloud, outputs.losses);
+    return options->to_standard ? write_standard(&outputs, error) : write_folder(&outputs, error);
+}
+
+static void print_distances(FILE *to, const char *name, const struct distance_stats *stats, double diagonal) {
+    if (!stats->count) return;
+    fprintf(to, "%-16s %10.4g %10.4g %10.4g %10.4g %10.4g %10.4g\n", name, stats->mean, stats->rms, stats->max,
+            1e4 * stats->mean / diagonal, 1e4 * stats->rms / diagonal, 1e4 * stats->max / diagonal);
+}
+
+static void summarise_level(const struct report *report, const struct report_level *r, FILE *to) {
+    char warning[REPORT_WARNING_BYTES];
+    fprintf(to, "%-16s %" PRIu64 " of %" PRIu64 "\n", "points", r->points_out, report->points_in);
+    if (r->has_mesh)
+        fprintf(to, "%-16s %" PRIu64 " triangles, %s, %" PRIu64 " kept points lost\n", "mesh", r->triangles,
+                r->watertight ? "watertight" : "open", r->points_lost);
+    if (r->has_mesh && !r->watertight)
+        fprintf(to, "%-16s %" PRIu64 ", %.4g long in the file's units\n", "borders", r->borders, r->border_length);
+    fprintf(to, "%-16s %32s %32s\n", "distances", "in the file's units", "in 1e-4 of the diagonal");
+    fprintf(to, "%-16s %10s %10s %10s %10s %10s %10s\n", "", "mean", "rms", "max", "mean", "rms", "max");
+    print_distances(to, "input to planes", &r->tangent, report->diagonal);
+    print_distances(to, "input to mesh", &r->input_to_mesh, report->diagonal);
+    print_distances(to, "surface to mesh", &r->surface_to_mesh, report->diagonal);
+    print_distances(to, "mesh to input", &r->mesh_to_input, report->diagonal);
+    print_distances(to, "symmetric", &r->symmetric, report->diagonal);
+    for (size_t i = 0; report_warning(report, r, i, warning, sizeof warning); i++)
+        fprintf(to, "%-16s %s\n", "warning", warning);
+}
+
+void worker_output_summary(const struct worker_options *options, const struct report *report, FILE *to) {
+    for (size_t i = 0; i < report->level_count; i++) summarise_level(report, &report->level[i], to);
+    const struct report_deviation *deviation = &report->deviation;
+    if (report->surface.kind[0])
+        fprintf(to, "%-16s %s: %s; sides by %s\n", "surface", report->surface.kind, report->surface.reason,
+                report->surface.orientation);
+    if (deviation->bound > 0)
+        fprintf(to, "%-16s %.4g, %.4g allowed, found with %" PRIu64 " tries\n", "deviation", deviation->reached,
+                deviation->bound, deviation->tried);
+    if (report->points_outliers) fprintf(to, "%-16s %" PRIu64 " points\n", "outliers", report->points_outliers);
+    if (report->noise > 0) fprintf(to, "%-16s %.3e of the diagonal\n", "noise", report->noise / report->diagonal);
+    for (size_t i = 0; i < report->losses.count; i++)
+        fprintf(to, "%-16s %s: %s\n", i ? "" : "left out", report->losses.loss[i].where, report->losses.loss[i].what);
+    fprintf(to, "%-16s %.0f ms, %.1f MiB at the peak\n", "cost", report->total_ms,
+            (double)report->peak_rss_bytes / 1048576);
+    worker_output_names(options, "written", false, to);
+}
+
+void worker_output_explain(const char *input, enum status status, const struct error *error, FILE *to) {
+    fprintf(to, "whittle: %s: ", input);
+    if (error->line) fprintf(to, "line %" PRIu64 ": ", error->line);
+    if (!error->line && error->byte_offset != UINT64_MAX && error->code)
+        fprintf(to, "byte %" PRIu64 ": ", error->byte_offset);
+    if (error->where[0]) fprintf(to, "%s: ", error->where);
+    fprintf(to, "%s\n", error->text[0] ? error->text : status_name(status));
+}

@@ -1,0 +1,298 @@
+/* Outputs and logs: manifest, files, ranges.
+ *
+ * Outputs never change, so their tag is their hash and they may be cached for ever.  The points of a cloud come in the
+ * order of their rank, so every coarser cloud is a prefix: it is copied out into a file without a name, which is gone
+ * when it is sent, and has the tag and the digest of the job that would have made it.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <ctype.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "api/codecs/job_json.h"
+#include "api/codecs/report_read.h"
+#include "core/io/prefix.h"
+#include "server/handlers/handlers.h"
+#include "server/handlers/outputs.h"
+#include "server/storage/digest.h"
+
+static const struct {
+    const char *suffix, *media_type;
+} media_types[] = {
+    {".ply", "model/ply"},
+    {".xyz", "text/plain; charset=utf-8"},
+    {".json", "application/json"},
+    {".obj", "model/obj"},
+    {".stl", "model/stl"},
+    {".glb", "model/gltf-binary"},
+    {"", "application/octet-stream"},
+};
+
+const char *handlers_media_type(const char *name) {
+    for (size_t i = 0;; i++) {
+        size_t length = strlen(name), suffix = strlen(media_types[i].suffix);
+        if (suffix <= length && strcmp(name + length - suffix, media_types[i].suffix) == 0)
+            return media_types[i].media_type;
+    }
+}
+
+/* ------------------------------------------------------------------------------------------------ files */
+
+static void refuse_range(int fd, uint64_t bytes, struct response *response) {
+    close(fd);
+    response_refuse(response, PROBLEM_RANGE_NOT_SATISFIABLE, "the content has %llu bytes", (unsigned long long)bytes);
+    response_header(response, "Content-Range", "bytes */%llu", (unsigned long long)bytes);
+}
+
+/* A range counts only where If-Range, if there is one, names this very content. */
+static enum request_range range_of(const struct request *request, uint64_t bytes, const char *etag, uint64_t *first,
+                                   uint64_t *last) {
+    const char *if_range = request->header[HEADER_IF_RANGE];
+    if (if_range && (!etag || strcmp(if_range, etag) != 0)) return RANGE_NONE;
+    return request_range(request, bytes, first, last);
+}
+
+void handlers_send_file(const struct request *request, int fd, uint64_t bytes, const char *etag,
+                        struct response *response) {
+    uint64_t first = 0, last = 0;
+    enum request_range range = range_of(request, bytes, etag, &first, &last);
+    if (range == RANGE_UNSATISFIABLE) {
+        refuse_range(fd, bytes, response);
+        return;
+    }
+    response->kind = RESPONSE_FILE;
+    response->fd = fd;
+    response->file_bytes = bytes;
+    response_header(response, "Accept-Ranges", "bytes");
+    if (etag) response_header(response, "ETag", "%s", etag);
+    if (range == RANGE_NONE) return;
+    response->status = 206;
+    response->file_offset = first;
+    response->file_bytes = last - first + 1;
+    response_header(response, "Content-Range", "bytes %llu-%llu/%llu", (unsigned long long)first,
+                    (unsigned long long)last, (unsigned long long)bytes);
+}
+
+/* ------------------------------------------------------------------------------------------------ outputs */
+
+/* The label's plain characters before the output's name: "horse-10-mesh.ply". */
+static void file_name(const struct job *job, const char *name, char *text, size_t bytes) {
+    size_t used = 0;
+    for (const char *c = job->label; *c && used + 1 < bytes / 2; c++) {
+        bool plain = isalnum((unsigned char)*c) && (unsigned char)*c < 0x80;
+        if (plain || (used && text[used - 1] != '-')) text[used++] = plain ? *c : '-';
+    }
+    if (used && text[used - 1] != '-') text[used++] = '-';
+    snprintf(text + used, bytes - used, "%s", name);
+}
+
+const struct job_output *handlers_find_output(const struct job *job, const char *name) {
+    for (size_t i = 0; i < job->output_count; i++)
+        if (strcmp(job->output[i].name, name) == 0) return &job->output[i];
+    return NULL;
+}
+
+static const char for_ever[] = "private, max-age=31536000, immutable";
+
+static void describe_output(const struct job *job, const struct job_output *output, struct response *response) {
+    char digest[DIGEST_BASE64_BYTES], name[128];
+    digest_base64(output->sha256, digest);
+    file_name(job, output->name, name, sizeof name);
+    response_header(response, "Content-Type", "%s", handlers_media_type(output->name));
+    response_header(response, "Repr-Digest", "sha-256=:%s:", digest);
+    response_header(response, "Content-Disposition", "attachment; filename=\"%s\"", name);
+    response_header(response, "Cache-Control", "%s", for_ever);
+}
+
+void handlers_send_content(const struct request *request, const struct job *job, const struct job_output *output,
+                           int fd, struct response *response) {
+    char etag[DIGEST_HEX_BYTES + 2];
+    snprintf(etag, sizeof etag, "\"%s\"", output->sha256);
+    if (fd < 0) {
+        response_refuse(response, PROBLEM_INTERNAL_ERROR, "the output can't be read");
+    } else if (request_none_match(request, etag)) {
+        close(fd);
+        response_unchanged(response, etag, for_ever, output->bytes);
+    } else {
+        handlers_send_file(request, fd, output->bytes, etag, response);
+        if (response->kind == RESPONSE_FILE) describe_output(job, output, response);
+    }
+}
+
+void handlers_send_output(struct service *service, const struct request *request, const struct job *job,
+                          const char *name, struct response *response) {
+    const struct job_output *output = handlers_find_output(job, name);
+    if (output)
+        handlers_send_content(request, job, output,
+                              store_output_open(service->store, job->id, job->attempt, output->name), response);
+    else
+        response_refuse(response, PROBLEM_NO_SUCH_OUTPUT, "the job has no output %.80s", name);
+}
+
+/* ------------------------------------------------------------------------------------------------ coarser levels */
+
+static const char *const level_names[] = {"points", "ratio", NULL};
+
+static bool refuse_level(struct response *response, const char *name, const char *value, const char *allowed) {
+    struct problem problem;
+    problem_set(&problem, PROBLEM_INVALID_PARAMETER, "%s: takes %s", name, allowed);
+    problem_add_error(&problem, name, value, allowed, NULL);
+    response_problem(response, &problem);
+    return false;
+}
+
+/* Reads points=N or ratio=r; both as in a job.  *name is the one that was given, NULL = none: the whole output. */
+static bool read_level(const struct request *request, const char **name, struct params *params,
+                       struct response *response) {
+    struct problem problem;
+    struct error error = {0};
+    bool ok = query_check(request->query, request->query_count, level_names, &problem);
+    params_defaults(params);
+    *name = NULL;
+    for (size_t i = 0; ok && i < request->query_count; i++) {
+        const char *value = request->query[i].value ? request->query[i].value : "";
+        ok = params_set(params, request->query[i].name, value, &error) == STATUS_OK;
+        if (!ok) problem_from_error(&problem, &error);
+        *name = request->query[i].name;
+    }
+    if (ok && request->query_count > 1) {
+        problem_set(&problem, PROBLEM_CONFLICTING_PARAMETERS, "points: conflicts with ratio; give one of them");
+        problem_add_error(&problem, "points", NULL, "conflicts with ratio; give one of them", NULL);
+        ok = false;
+    }
+    if (!ok) response_problem(response, &problem);
+    return ok;
+}
+
+/* As many points as a job with this goal would keep of the same cloud. */
+static uint64_t level_points(const struct job *job, const struct params *params) {
+    struct report_headline facts;
+    if (params->points) return params->points;
+    report_read_headline(job->report, &facts);
+    uint64_t wanted = (uint64_t)floor(params->ratio * (double)facts.points_in);
+    if (facts.points_distinct && wanted > facts.points_distinct) wanted = facts.points_distinct;
+    return wanted ? wanted : 1;
+}
+
+/* Makes a nameless file of the first points, and hashes it into *level.  -1: the response says why. */
+static int make_level(struct service *service, const struct job *job, uint64_t points, struct job_output *level,
+                      const char *parameter, struct response *response) {
+    struct error error = {0};
+    uint64_t held = 0;
+    char allowed[80], value[24];
+    int from = store_output_open(service->store, job->id, job->attempt, level->name),
+        to = store_scratch_open(service->store);
+    enum status status = from < 0 || to < 0
+                             ? error_set(&error, STATUS_IO, "level", "can't open %s or its copy", level->name)
+                             : cloud_prefix_copy(from, to, points, &held, &error);
+    if (status == STATUS_OK && digest_file(to, level->sha256, &level->bytes) != 0)
+        status = error_set(&error, STATUS_IO, "level", "can't read what was written");
+    if (from >= 0) close(from);
+    if (status == STATUS_OK) return to;
+    if (to >= 0) close(to);
+    snprintf(allowed, sizeof allowed, "1 to %llu points, those of this output", (unsigned long long)held);
+    snprintf(value, sizeof value, "%llu", (unsigned long long)points);
+    if (status == STATUS_LIMIT)
+        refuse_level(response, parameter, value, allowed);
+    else
+        response_error(response, &error);
+    return -1;
+}
+
+/* "cloud.ply" of 100 points is saved as "cloud-100.ply". */
+static void name_level(struct job_output *level, uint64_t points) {
+    char type[8];
+    char *dot = strrchr(level->name, '.');
+    snprintf(type, sizeof type, "%s", dot);
+    snprintf(dot, sizeof level->name - (size_t)(dot - level->name), "-%llu%s", (unsigned long long)points, type);
+}
+
+static void send_level(struct service *service, const struct request *request, const struct job *job,
+                       const struct params *params, const char *parameter, struct response *response) {
+    const struct job_output *output = handlers_find_output(job, request->match.capture[1]);
+    if (!output) {
+        response_refuse(response, PROBLEM_NO_SUCH_OUTPUT, "the job has no output %.80s", request->match.capture[1]);
+        return;
+    }
+    if (strncmp(output->name, "cloud", 5) != 0) {
+        refuse_level(response, parameter, NULL, "an output whose name begins with cloud");
+        return;
+    }
+    struct job_output level = *output;
+    uint64_t points = level_points(job, params);
+    int fd = make_level(service, job, points, &level, parameter, response);
+    if (fd < 0) return;
+    name_level(&level, points);
+    handlers_send_content(request, job, &level, fd, response);
+}
+
+bool handlers_read_successful(struct service *service, const struct request *request, struct job *job,
+                              struct response *response) {
+    if (!handlers_read_job(service, request, request->match.capture[0], job, response)) return false;
+    if (job->state == JOB_SUCCESSFUL) return true;
+    if (job_ended(job->state)) {
+        response_refuse(response, PROBLEM_NO_SUCH_OUTPUT, "the job is %s and has no outputs",
+                        job_state_name(job->state));
+        return false;
+    }
+    response_refuse(response, PROBLEM_RESULT_NOT_READY, "the job is %s", job_state_name(job->state));
+    response_header(response, "Retry-After", "1");
+    return false;
+}
+
+static void list_outputs(struct service *service, struct request *request, struct response *response) {
+    struct job job = {0};
+    struct output_document documents[JOB_MAX_OUTPUTS];
+    if (!handlers_takes_no_query(request, response)) return;
+    if (handlers_read_successful(service, request, &job, response)) {
+        for (size_t i = 0; i < job.output_count; i++)
+            documents[i] = (struct output_document){.name = job.output[i].name,
+                                                    .media_type = handlers_media_type(job.output[i].name),
+                                                    .sha256 = job.output[i].sha256,
+                                                    .bytes = job.output[i].bytes};
+        response_text(response, 200, "application/json", job_outputs_encode(job.id, documents, job.output_count));
+    }
+    job_done(&job);
+}
+
+const struct handler handlers_list_outputs = {.run = list_outputs};
+
+static void get_output(struct service *service, struct request *request, struct response *response) {
+    struct job job;
+    struct params level;
+    const char *parameter;
+    if (!read_level(request, &parameter, &level, response)) return;
+    if (handlers_read_successful(service, request, &job, response)) {
+        if (parameter)
+            send_level(service, request, &job, &level, parameter, response);
+        else
+            handlers_send_output(service, request, &job, request->match.capture[1], response);
+    }
+    job_done(&job);
+}
+
+const struct handler handlers_get_output = {.run = get_output};
+
+/* ------------------------------------------------------------------------------------------------ log */
+
+static void get_log(struct service *service, struct request *request, struct response *response) {
+    struct job job;
+    struct stat facts;
+    if (!handlers_takes_no_query(request, response)) return;
+    if (handlers_read_job(service, request, request->match.capture[0], &job, response)) {
+        int fd = store_log_open(service->store, job.id, false);
+        uint64_t bytes = fd >= 0 && fstat(fd, &facts) == 0 ? (uint64_t)facts.st_size : 0;
+        if (fd >= 0)
+            handlers_send_file(request, fd, bytes, NULL, response);
+        else
+            response_text(response, 200, "text/plain; charset=utf-8", strdup("")); /* it has not begun */
+        if (response->kind == RESPONSE_FILE) response_header(response, "Content-Type", "text/plain; charset=utf-8");
+        response_header(response, "Cache-Control", "no-cache");
+    }
+    job_done(&job);
+}
+
+const struct handler handlers_get_log = {.run = get_log};

@@ -1,0 +1,369 @@
+/* Resumable uploads as tus 1.0.0 has them: core, creation, creation-with-upload, creation-defer-length, expiration,
+ * checksum, termination.
+ *
+ * An upload that is whole becomes a cloud: Whittle-Cloud names it in the answer to its last piece, and in every later
+ * answer to HEAD and GET.  Where the service ended between the last byte and that, HEAD and GET do what is left to do.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "api/codecs/upload_json.h"
+#include "api/links.h"
+#include "server/daemon/log.h"
+#include "server/daemon/wall_clock.h"
+#include "server/handlers/handlers.h"
+
+static const char version[] = "1.0.0";
+
+/* ------------------------------------------------------------------------------------------------ headers */
+
+static bool speaks_tus(struct request *request, struct response *response) {
+    const char *spoken = request->header[HEADER_TUS_RESUMABLE];
+    request->tus = true;
+    if (spoken && strcmp(spoken, version) == 0) return true;
+    response_refuse(response, PROBLEM_UPLOAD_PROTOCOL, "Tus-Resumable must be %s", version);
+    response_header(response, "Tus-Version", "%s", version);
+    return false;
+}
+
+/* A whole number in a header; absent leaves it alone. */
+static bool read_number(const struct request *request, enum request_header header, uint64_t *number,
+                        struct response *response) {
+    const char *text = request->header[header];
+    char *end;
+    if (!text) return true;
+    errno = 0;
+    unsigned long long value = strtoull(text, &end, 10);
+    if (text[0] >= '0' && text[0] <= '9' && !*end && !errno && value <= INT64_MAX) {
+        *number = value;
+        return true;
+    }
+    response_refuse(response, PROBLEM_MALFORMED_REQUEST, "%s is no whole number", message_header_names[header]);
+    return false;
+}
+
+/* Upload-Checksum: "sha1 BASE64" or "sha256 BASE64". */
+static bool read_check(const struct request *request, struct uploads_check *check, struct response *response) {
+    const char *text = request->header[HEADER_UPLOAD_CHECKSUM], *hash = text ? strchr(text, ' ') : NULL;
+    *check = (struct uploads_check){.whole = text || request->header[HEADER_CONTENT_DIGEST] ||
+                                             request->header[HEADER_REPR_DIGEST]};
+    if (!text) return true;
+    size_t name = hash ? (size_t)(hash - text) : 0, length = hash ? strlen(hash + 1) : 0;
+    check->is_sha1 = name == 4 && strncmp(text, "sha1", 4) == 0;
+    bool is_sha256 = name == 6 && strncmp(text, "sha256", 6) == 0;
+    if ((check->is_sha1 && length == 28) || (is_sha256 && length == 44)) {
+        memcpy(check->base64, hash + 1, length + 1);
+        return true;
+    }
+    response_refuse(response, PROBLEM_MALFORMED_REQUEST,
+                    "Upload-Checksum takes sha1 or sha256, and the hash as base64");
+    return false;
+}
+
+static void put_state(const struct catalog_upload *info, struct response *response) {
+    char text[64];
+    struct tm tm;
+    time_t seconds = (time_t)(info->expires_ms / 1000);
+    response_header(response, "Upload-Offset", "%llu", (unsigned long long)info->offset);
+    if (strftime(text, sizeof text, "%a, %d %b %Y %H:%M:%S GMT", gmtime_r(&seconds, &tm)))
+        response_header(response, "Upload-Expires", "%s", text);
+    if (info->cloud[0]) response_header(response, "Whittle-Cloud", "%s/v1/clouds/%s", links_base(), info->cloud);
+    response_header(response, "Cache-Control", "no-store");
+}
+
+static void put_document(const struct catalog_upload *info, int status, struct response *response) {
+    struct upload_document document = {.id = info->id,
+                                       .metadata = info->metadata,
+                                       .cloud = info->cloud,
+                                       .offset = info->offset,
+                                       .length = info->length,
+                                       .created_ms = info->created_ms,
+                                       .expires_ms = info->expires_ms};
+    response_text(response, status, "application/json", upload_encode(&document));
+    put_state(info, response);
+}
+
+/* ------------------------------------------------------------------------------------------------ OPTIONS */
+
+static void upload_options(struct service *service, struct request *request, struct response *response) {
+    request->tus = true;
+    response->status = 204;
+    response_header(response, "Tus-Version", "%s", version);
+    response_header(response, "Tus-Extension",
+                    "creation,creation-with-upload,creation-defer-length,expiration,checksum,termination");
+    response_header(response, "Tus-Checksum-Algorithm", "sha1,sha256");
+    response_header(response, "Tus-Max-Size", "%lld", (long long)service->config->max_body_bytes);
+}
+
+const struct handler handlers_upload_options = {.run = upload_options, .quick = true};
+
+/* ------------------------------------------------------------------------------------------------ admission */
+
+/* The upload in the path, if the request's principal may see it. */
+static bool find(struct service *service, const struct request *request, struct catalog_upload *info,
+                 struct response *response) {
+    const char *id = request->match.capture[0];
+    bool found = uploads_find(service->uploads, id, info) && principal_sees(&request->principal, info->principal);
+    if (!found) response_refuse(response, PROBLEM_NO_SUCH_UPLOAD, "there is no upload %.40s", id);
+    return found;
+}
+
+/* Gives the writer the request's body; a piece that would be too long is refused by its length. */
+static bool take_piece(struct service *service, struct request *request, struct uploads_writer *writer, uint64_t most,
+                       struct response *response) {
+    struct body_plan plan = {.takes = BODY_PIECE,
+                             .store = service->store,
+                             .max_bytes = most,
+                             .content_length = request->content_length,
+                             .type = request->header[HEADER_CONTENT_TYPE],
+                             .coding = request->header[HEADER_CONTENT_ENCODING],
+                             .content_digest = request->header[HEADER_CONTENT_DIGEST],
+                             .repr_digest = request->header[HEADER_REPR_DIGEST],
+                             .writer = writer};
+    struct problem problem;
+    if (!request->has_body) plan.type = "application/offset+octet-stream"; /* an empty one needs no type */
+    request->body = body_new(&plan, &problem);
+    if (!request->body) response_problem(response, &problem);
+    return request->body != NULL;
+}
+
+static bool read_length(struct service *service, const struct request *request, uint64_t *length,
+                        struct response *response) {
+    const char *defer = request->header[HEADER_UPLOAD_DEFER_LENGTH];
+    uint64_t most = (uint64_t)service->config->max_body_bytes;
+    struct problem problem;
+    *length = UINT64_MAX;
+    if (!read_number(request, HEADER_UPLOAD_LENGTH, length, response)) return false;
+    bool known = *length != UINT64_MAX;
+    if ((defer && strcmp(defer, "1") != 0) || known == (defer != NULL)) {
+        response_refuse(response, PROBLEM_MALFORMED_REQUEST,
+                        "either Upload-Length or Upload-Defer-Length: 1 must be there");
+        return false;
+    }
+    if (!known || *length <= most) return true;
+    upload_too_large(most, *length, &problem);
+    response_problem(response, &problem);
+    return false;
+}
+
+/* Visible ASCII and blanks, as a header is; it is given back as it came. */
+static bool read_metadata(const struct request *request, struct catalog_upload *info, struct response *response) {
+    const char *text = request->header[HEADER_UPLOAD_METADATA];
+    bool ok = !text || strlen(text) < sizeof info->metadata;
+    for (const char *c = text; ok && c && *c; c++) ok = *c >= ' ' && *c <= '~';
+    if (ok)
+        snprintf(info->metadata, sizeof info->metadata, "%s", text ? text : "");
+    else
+        response_refuse(response, PROBLEM_MALFORMED_REQUEST, "Upload-Metadata takes up to %d visible characters",
+                        CATALOG_METADATA_BYTES - 1);
+    return ok;
+}
+
+static bool admit_upload(struct service *service, struct request *request, struct response *response) {
+    struct catalog_upload info = {0};
+    struct uploads_check check;
+    struct problem problem;
+    if (!speaks_tus(request, response) || !handlers_takes_no_query(request, response) ||
+        !read_length(service, request, &info.length, response) || !read_metadata(request, &info, response) ||
+        !read_check(request, &check, response) ||
+        !handlers_has_room(service, request, info.length == UINT64_MAX ? 0 : info.length, false, response))
+        return false;
+    if (request->header[HEADER_UPLOAD_CONCAT]) {
+        response_refuse(response, PROBLEM_MALFORMED_REQUEST, "the extension Upload-Concat is not supported");
+        return false;
+    }
+    memcpy(info.principal, request->principal.name, sizeof info.principal);
+    const struct config *config = service->config;
+    struct uploads_limits limits = {(uint64_t)config->max_uploads, (uint64_t)config->principal_uploads,
+                                    (uint64_t)config->principal_bytes};
+    info.expires_ms = job_now_ms() + config->upload_expiry_ms; /* until its first piece ends */
+    struct uploads_writer *writer = uploads_create(service->uploads, &info, &check, &limits, &problem);
+    if (!writer) {
+        response_problem(response, &problem);
+        return false;
+    }
+    uint64_t most = (uint64_t)config->max_body_bytes;
+    return take_piece(service, request, writer, info.length < most ? info.length : most, response);
+}
+
+/* The length of an upload counts from the time on that it is known; a length that is told now is new. */
+static bool has_room_for_piece(struct service *service, const struct request *request,
+                               const struct catalog_upload *info, uint64_t length, struct response *response) {
+    uint64_t body = request->content_length == UINT64_MAX ? 0 : request->content_length;
+    if (!handlers_is_open(service, body, false, response)) return false;
+    if (info->length != UINT64_MAX) return true;
+    if (length != UINT64_MAX && length > info->offset) body = length - info->offset;
+    return handlers_is_within_share(service, request, body, false, response);
+}
+
+static bool admit_piece(struct service *service, struct request *request, struct response *response) {
+    struct catalog_upload info;
+    struct uploads_check check;
+    struct problem problem;
+    uint64_t offset = UINT64_MAX, length = UINT64_MAX, most = (uint64_t)service->config->max_body_bytes;
+    if (!speaks_tus(request, response) || !handlers_takes_no_query(request, response) ||
+        !find(service, request, &info, response) || !read_number(request, HEADER_UPLOAD_OFFSET, &offset, response) ||
+        !read_number(request, HEADER_UPLOAD_LENGTH, &length, response) || !read_check(request, &check, response) ||
+        !has_room_for_piece(service, request, &info, length, response))
+        return false;
+    if (offset == UINT64_MAX) {
+        response_refuse(response, PROBLEM_MALFORMED_REQUEST, "the header Upload-Offset is missing");
+        return false;
+    }
+    if (length != UINT64_MAX && length > most) {
+        upload_too_large(most, length, &problem);
+        response_problem(response, &problem);
+        return false;
+    }
+    uint64_t bytes = (uint64_t)service->config->principal_bytes;
+    struct uploads_writer *writer = uploads_resume(service->uploads, info.id, offset, length, &check, bytes, &problem);
+    if (!writer) {
+        response_problem(response, &problem);
+        response_header(response, "Upload-Offset", "%llu", (unsigned long long)info.offset);
+        return false;
+    }
+    uint64_t whole = length != UINT64_MAX ? length : info.length;
+    if (whole > most) whole = most;
+    return take_piece(service, request, writer, whole > offset ? whole - offset : 0, response);
+}
+
+/* ------------------------------------------------------------------------------------------------ pieces */
+
+/* Whether its principal has more than its share, the upload included, whose length may not have been told before. */
+static bool is_over_share(struct service *service, const struct catalog_upload *info, uint64_t *has) {
+    uint64_t limit = (uint64_t)service->config->principal_bytes;
+    if (!limit || info->cloud[0]) return false;
+    struct catalog_usage figures = catalog_usage(service->catalog, info->principal);
+    *has = figures.bytes + figures.reserved;
+    return *has > limit;
+}
+
+/* Makes the whole upload a cloud; what is no cloud is removed.  false: *error says why, or *problem where that has no
+ * code. */
+static bool make_cloud(struct service *service, struct catalog_upload *info, struct problem *problem,
+                       struct error *error) {
+    struct upload_facts facts = {0};
+    struct error ignored = {0};
+    struct admission admission = service_admission(service->config, NULL);
+    int fd = store_part_open(service->store, info->id, false);
+    if (fd < 0) {
+        error_set(error, STATUS_IO, "uploads", "can't open upload %s: %s", info->id, strerror(errno));
+        return false;
+    }
+    bool ok = upload_check_file(fd, &admission, &facts, problem);
+    close(fd);
+    if (!ok) {
+        if (problem->kind != PROBLEM_INTERNAL_ERROR && uploads_delete(service->uploads, info->id, &ignored))
+            log_line(LOG_ERROR, "upload=%s: %s", info->id, ignored.text);
+        return false;
+    }
+    enum status status = service_keep_part(service, info->id, &facts, info->principal, error);
+    if (status == STATUS_OK) status = uploads_complete(service->uploads, info->id, facts.sha256, error);
+    if (status == STATUS_OK) memcpy(info->cloud, facts.sha256, sizeof info->cloud);
+    return status == STATUS_OK;
+}
+
+/* Whether another request has made the cloud meanwhile, or deleted the upload: then no cloud is named. */
+static bool is_settled(struct service *service, struct catalog_upload *info) {
+    struct catalog_upload now = {0};
+    bool open = uploads_find(service->uploads, info->id, &now) && !now.cloud[0];
+    if (!open) memcpy(info->cloud, now.cloud, sizeof info->cloud);
+    return !open;
+}
+
+/* Makes the upload a cloud if it is whole and none yet; false: the response says why that can't be. */
+static bool finish(struct service *service, struct catalog_upload *info, struct response *response) {
+    struct problem problem;
+    struct error error = {0};
+    if (info->offset != info->length || info->cloud[0] || make_cloud(service, info, &problem, &error)) return true;
+    if (!error.code)
+        response_problem(response, &problem);
+    else if (!is_settled(service, info))
+        response_error(response, &error);
+    else if (info->cloud[0])
+        return true;
+    else
+        response_refuse(response, PROBLEM_NO_SUCH_UPLOAD, "upload %s was deleted", info->id);
+    return false;
+}
+
+/* The end of a piece.  false: the response says why. */
+static bool end_piece(struct service *service, struct request *request, struct catalog_upload *info,
+                      struct response *response) {
+    struct problem problem;
+    bool ended = body_end(request->body, &problem);
+    if (ended) {
+        wall_clock_hold();
+        int64_t expires_ms = job_now_ms() + service->config->upload_expiry_ms;
+        ended = uploads_end(body_writer(request->body), expires_ms, info, &problem);
+        wall_clock_release();
+    }
+    if (!ended) {
+        response_problem(response, &problem);
+        return false;
+    }
+    uint64_t has;
+    if (!is_over_share(service, info, &has)) return finish(service, info, response);
+    response_limit(response, PROBLEM_RATE_LIMITED, "principal_bytes", (uint64_t)service->config->principal_bytes, has);
+    return false;
+}
+
+static void create_upload(struct service *service, struct request *request, struct response *response) {
+    struct catalog_upload info;
+    if (!end_piece(service, request, &info, response)) return;
+    put_document(&info, 201, response);
+    response_header(response, "Location", "%s/v1/uploads/%s", links_base(), info.id);
+}
+
+const struct handler handlers_create_upload = {.admit = admit_upload, .run = create_upload};
+
+static void continue_upload(struct service *service, struct request *request, struct response *response) {
+    struct catalog_upload info;
+    if (!end_piece(service, request, &info, response)) return;
+    response->status = 204;
+    put_state(&info, response);
+}
+
+const struct handler handlers_continue_upload = {.admit = admit_piece, .run = continue_upload};
+
+/* ------------------------------------------------------------------------------------------------ read, delete */
+
+/* Who asks with HEAD is about to go on: whoever wrote until now can't any more.  GET only looks. */
+static void get_upload(struct service *service, struct request *request, struct response *response) {
+    struct catalog_upload info;
+    request->tus = true;
+    if ((request->head && !speaks_tus(request, response)) || !handlers_takes_no_query(request, response) ||
+        !find(service, request, &info, response))
+        return;
+    if (request->head) uploads_interrupt(service->uploads, info.id);
+    if (!find(service, request, &info, response)) return;
+    uint64_t has;
+    if (!is_over_share(service, &info, &has) && !finish(service, &info, response)) return;
+    put_document(&info, 200, response);
+    if (info.length == UINT64_MAX)
+        response_header(response, "Upload-Defer-Length", "1");
+    else
+        response_header(response, "Upload-Length", "%llu", (unsigned long long)info.length);
+    if (info.metadata[0]) response_header(response, "Upload-Metadata", "%s", info.metadata);
+}
+
+const struct handler handlers_get_upload = {.run = get_upload};
+
+static void delete_upload(struct service *service, struct request *request, struct response *response) {
+    struct catalog_upload info;
+    struct error error = {0};
+    if (!speaks_tus(request, response) || !handlers_takes_no_query(request, response) ||
+        !find(service, request, &info, response) || !handlers_admit_match(request, NULL, response))
+        return;
+    if (uploads_delete(service->uploads, info.id, &error) == STATUS_OK)
+        response->status = 204;
+    else
+        response_error(response, &error);
+}
+
+const struct handler handlers_delete_upload = {.run = delete_upload};

@@ -1,0 +1,114 @@
+/* The listening socket.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/http/listen.h"
+
+#include <arpa/inet.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <netdb.h>
+#include <netinet/in.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+enum { BACKLOG = 511, HOST_BYTES = 96 };
+
+/* Cuts "HOST:PORT" or "[HOST]:PORT" in two. */
+static bool split(const char *address, char host[HOST_BYTES], const char **port) {
+    const char *colon = strrchr(address, ':');
+    size_t length = colon ? (size_t)(colon - address) : 0;
+    if (length >= 2 && address[0] == '[' && address[length - 1] == ']') {
+        address++;
+        length -= 2;
+    }
+    if (length == 0 || length >= HOST_BYTES || !colon[1]) return false;
+    memcpy(host, address, length);
+    host[length] = 0;
+    *port = colon + 1;
+    return true;
+}
+
+static bool is_loopback(const struct sockaddr *address) {
+    if (address->sa_family == AF_INET) {
+        struct in_addr v4 = ((const struct sockaddr_in *)(const void *)address)->sin_addr;
+        return ntohl(v4.s_addr) >> 24 == 127;
+    }
+    if (address->sa_family != AF_INET6) return false;
+    return IN6_IS_ADDR_LOOPBACK(&((const struct sockaddr_in6 *)(const void *)address)->sin6_addr);
+}
+
+static enum status bind_to(const struct addrinfo *info, int *fd, struct error *error) {
+    int one = 1, made = socket(info->ai_family, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+    if (made >= 0 && setsockopt(made, SOL_SOCKET, SO_REUSEADDR, &one, sizeof one) == 0 &&
+        bind(made, info->ai_addr, info->ai_addrlen) == 0 && listen(made, BACKLOG) == 0) {
+        *fd = made;
+        return STATUS_OK;
+    }
+    error_set(error, STATUS_IO, "listen", "can't listen: %s", strerror(errno));
+    if (made >= 0) close(made);
+    return STATUS_IO;
+}
+
+enum status listen_open(const char *address, bool open, int *fd, struct error *error) {
+    char host[HOST_BYTES];
+    const char *port;
+    struct addrinfo hints = {.ai_socktype = SOCK_STREAM, .ai_flags = AI_PASSIVE | AI_NUMERICSERV}, *info;
+    if (!split(address, host, &port))
+        return error_set(error, STATUS_BAD_PARAMETER, "listen", "'%.80s' is no HOST:PORT", address);
+    int rc = getaddrinfo(host, port, &hints, &info);
+    if (rc) return error_set(error, STATUS_BAD_PARAMETER, "listen", "'%.80s': %s", address, gai_strerror(rc));
+    enum status status;
+    if (!open && !is_loopback(info->ai_addr))
+        status = error_set(
+            error, STATUS_BAD_PARAMETER, "listen",
+            "%.80s is beyond loopback, and requests need no token; --tokens-file or --insecure-open allows it",
+            address);
+    else
+        status = bind_to(info, fd, error);
+    freeaddrinfo(info);
+    return status;
+}
+
+/* What we can serve on: a TCP socket that listens. */
+static bool is_listening_tcp(int fd, struct sockaddr_storage *address) {
+    int type = 0, listening = 0;
+    socklen_t type_length = sizeof type, listening_length = sizeof listening, length = sizeof *address;
+    return getsockopt(fd, SOL_SOCKET, SO_TYPE, &type, &type_length) == 0 && type == SOCK_STREAM &&
+           getsockopt(fd, SOL_SOCKET, SO_ACCEPTCONN, &listening, &listening_length) == 0 && listening &&
+           getsockname(fd, (struct sockaddr *)address, &length) == 0 &&
+           (address->ss_family == AF_INET || address->ss_family == AF_INET6);
+}
+
+enum status listen_adopt(int inherited, bool open, int *fd, struct error *error) {
+    struct sockaddr_storage address;
+    int flags = fcntl(inherited, F_GETFL);
+    if (flags < 0 || !is_listening_tcp(inherited, &address))
+        return error_set(error, STATUS_BAD_PARAMETER, "listen", "descriptor %d is no listening TCP socket", inherited);
+    if (!open && !is_loopback((const struct sockaddr *)&address))
+        return error_set(error, STATUS_BAD_PARAMETER, "listen",
+                         "the inherited socket is beyond loopback, and requests need no token; "
+                         "--tokens-file or --insecure-open allows it");
+    if (fcntl(inherited, F_SETFL, flags | O_NONBLOCK) != 0)
+        return error_set(error, STATUS_IO, "listen", "descriptor %d: %s", inherited, strerror(errno));
+    *fd = inherited;
+    return STATUS_OK;
+}
+
+void listen_name(int fd, char name[LISTEN_NAME_BYTES]) {
+    struct sockaddr_storage address;
+    socklen_t length = sizeof address;
+    char host[NI_MAXHOST] = "?", port[NI_MAXSERV] = "0";
+    if (getsockname(fd, (struct sockaddr *)&address, &length) == 0)
+        getnameinfo((struct sockaddr *)&address, length, host, sizeof host, port, sizeof port,
+                    NI_NUMERICHOST | NI_NUMERICSERV);
+    bool v6 = strchr(host, ':') != NULL;
+    snprintf(name, LISTEN_NAME_BYTES, "%s%.80s%s:%.8s", v6 ? "[" : "", host, v6 ? "]" : "", port);
+}
+
+void listen_peer(const struct sockaddr *address, char host[LISTEN_NAME_BYTES]) {
+    socklen_t length = address->sa_family == AF_INET6 ? sizeof(struct sockaddr_in6) : sizeof(struct sockaddr_in);
+    if (getnameinfo(address, length, host, LISTEN_NAME_BYTES, NULL, 0, NI_NUMERICHOST) != 0)
+        snprintf(host, LISTEN_NAME_BYTES, "?");
+}

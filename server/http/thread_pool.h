@@ -1,0 +1,30 @@
+/* A few threads for work that blocks (fsync, SQL), so that the threads that serve connections never do.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_HTTP_THREAD_POOL_H
+#define WHITTLE_SERVER_HTTP_THREAD_POOL_H
+
+#include <stdbool.h>
+
+#include "core/base/status.h"
+
+struct offload;
+
+/* A task lives in what it is about; it may be posted again once run has been called. */
+struct offload_task {
+    void (*run)(void *ctx);
+    void *ctx;
+    bool slow; /* it may wait for long: there is always room for others beside those that are */
+    struct offload_task *next;
+};
+
+enum status offload_open(unsigned threads, struct offload **offload) MUST_CHECK;
+
+/* Runs what has been posted, then ends the threads.  Accepts NULL. */
+void offload_close(struct offload *offload);
+
+/* Has task->run(task->ctx) called soon, in the order of posting, but past those that are slow and have no
+ * room.  Never fails, never blocks for long. */
+void offload_post(struct offload *offload, struct offload_task *task);
+
+#endif

@@ -1,0 +1,154 @@
+/* What goes: deleted jobs and clouds, what has expired, and jobs whose host is silent.
+ *
+ * A row is removed before its files are.  The sweeps are for one thread alone.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/base/fault.h"
+#include "server/daemon/log.h"
+#include "server/daemon/wall_clock.h"
+#include "server/jobs/service_internal.h"
+
+enum { TOMBSTONE_MS = 7 * 24 * 3600 * 1000 };
+
+/* ------------------------------------------------------------------------------------------------ deleting */
+
+void service_forget_cloud(struct service *service, const char *cloud) {
+    struct error error = {0};
+    uint64_t uses = 1;
+    pthread_rwlock_wrlock(&service->clouds);
+    if (catalog_cloud_uses(service->catalog, cloud, &uses, &error) == STATUS_OK && uses == 0)
+        store_cloud_delete(service->store, cloud);
+    pthread_rwlock_unlock(&service->clouds);
+}
+
+enum status service_delete(struct service *service, const struct job *job, const char *reason, bool *changed,
+                           struct error *error) {
+    enum status status = catalog_delete(service->catalog, job->id, reason, changed, error);
+    if (status != STATUS_OK || !*changed) return status;
+    fault_at("delete-committed");
+    store_job_delete(service->store, job->id);
+    service_forget_cloud(service, job->cloud);
+    log_line(LOG_INFO, "job=%s %s", job->id, reason);
+    return STATUS_OK;
+}
+
+enum status service_delete_cloud(struct service *service, const char *sha256, const char *principal, uint64_t *jobs,
+                                 struct error *error) {
+    struct catalog_cloud record;
+    uint64_t uses = 1;
+    bool found;
+    pthread_rwlock_wrlock(&service->clouds);
+    enum status status = catalog_get_cloud(service->catalog, sha256, principal, &record, &found, error);
+    *jobs = record.jobs;
+    if (status == STATUS_OK && !*jobs) status = catalog_delete_cloud(service->catalog, sha256, principal, error);
+    if (status == STATUS_OK && !*jobs) status = catalog_cloud_uses(service->catalog, sha256, &uses, error);
+    if (status == STATUS_OK && !uses) store_cloud_delete(service->store, sha256);
+    pthread_rwlock_unlock(&service->clouds);
+    catalog_cloud_done(&record);
+    if (status == STATUS_OK && !*jobs) log_line(LOG_INFO, "cloud=%s deleted", sha256);
+    return status;
+}
+
+static void sweep_clouds(struct service *service) {
+    char names[SERVICE_PAGE][JOB_HASH_BYTES];
+    struct error error = {0};
+    size_t count = SERVICE_PAGE;
+    while (count == SERVICE_PAGE) {
+        if (catalog_expire_clouds(service->catalog, job_now_ms(), names, SERVICE_PAGE, &count, &error) != STATUS_OK) {
+            log_line(LOG_ERROR, "can't look for expired clouds: %s", error.text);
+            return;
+        }
+        for (size_t i = 0; i < count; i++) {
+            log_line(LOG_INFO, "cloud=%s expired", names[i]);
+            service_forget_cloud(service, names[i]);
+        }
+    }
+}
+
+static void expire(struct service *service, const char *id) {
+    struct job job;
+    enum catalog_presence presence;
+    struct catalog_tombstone tombstone;
+    struct error error = {0};
+    bool changed;
+    enum status status = catalog_get(service->catalog, id, &job, &presence, &tombstone, &error);
+    if (status == STATUS_OK && presence == CATALOG_PRESENT)
+        status = service_delete(service, &job, "expired", &changed, &error);
+    if (status != STATUS_OK) log_line(LOG_ERROR, "job=%s can't expire: %s", id, error.text);
+    job_done(&job);
+}
+
+static void sweep_jobs(struct service *service) {
+    char ids[SERVICE_PAGE][JOB_ID_BYTES];
+    struct error error = {0};
+    size_t count = SERVICE_PAGE;
+    while (count == SERVICE_PAGE) {
+        int64_t now = job_now_ms();
+        if (catalog_expired(service->catalog, now, now - TOMBSTONE_MS, ids, SERVICE_PAGE, &count, &error) !=
+            STATUS_OK) {
+            log_line(LOG_ERROR, "can't look for expired jobs: %s", error.text);
+            return;
+        }
+        for (size_t i = 0; i < count; i++) expire(service, ids[i]);
+    }
+}
+
+/* ------------------------------------------------------------------------------------------------ sweeps */
+
+enum status service_move_ends(struct service *service, int64_t step_ms, struct error *error) {
+    log_line(LOG_WARNING, "the clock was set by %lld s: what is kept for a time is kept for the same time",
+             (long long)(step_ms / 1000));
+    wall_clock_stop();
+    enum status status = catalog_move_times(service->catalog, step_ms, error);
+    if (status == STATUS_OK) {
+        uploads_move_ends(service->uploads, step_ms);
+        wall_clock_follow(step_ms);
+    }
+    wall_clock_go_on();
+    documents_forget(service->documents, NULL);
+    return status;
+}
+
+static void sweep_keys(struct service *service) {
+    struct error error = {0};
+    int64_t before_ms = job_now_ms() - service->config->idempotency_retention_ms;
+    if (catalog_forget_keys(service->catalog, before_ms, &error) != STATUS_OK)
+        log_line(LOG_ERROR, "can't forget old keys: %s", error.text);
+}
+
+/* false: the clock was set and the ends can't be moved with it, so nothing may end by it. */
+static bool follow_clock(struct service *service) {
+    struct error error = {0};
+    int64_t step_ms = wall_clock_step_ms();
+    if (!step_ms || service_move_ends(service, step_ms, &error) == STATUS_OK) return true;
+    log_line(LOG_ERROR, "the ends can't be moved with the clock: %s", error.text);
+    return false;
+}
+
+/* Jobs whose host is silent.  This one's own are held, whatever their leases say. */
+static void sweep_leases(struct service *service) {
+    struct error error = {0};
+    size_t count = 0;
+    struct job *jobs = calloc(SERVICE_PAGE, sizeof *jobs);
+    enum status status = jobs ? catalog_list_lost(service->catalog, NULL, jobs, SERVICE_PAGE, &count, &error)
+                              : error_set(&error, STATUS_NO_MEMORY, "service", "no memory");
+    for (size_t i = 0; i < count; i++) {
+        bool failed, is_own = strcmp(jobs[i].owner, service->host) == 0;
+        if (status == STATUS_OK && !is_own) status = service_recover_job(service, &jobs[i], &failed, &error);
+        job_done(&jobs[i]);
+    }
+    if (status != STATUS_OK) log_line(LOG_ERROR, "can't look for lost jobs: %s", error.text);
+    free(jobs);
+}
+
+void service_sweep(struct service *service) {
+    if (!follow_clock(service)) return;
+    sweep_keys(service);
+    sweep_leases(service);
+    sweep_jobs(service);
+    sweep_clouds(service);
+    uploads_sweep(service->uploads, job_now_ms());
+}

@@ -1,0 +1,162 @@
+/* The start: what an earlier process left is put right.
+ *
+ * Invariant: a job's row is committed after its cloud is durable, and removed before its files are.  So a crash leaves
+ * files without rows, never rows without files.  So does an older database, so the start removes only what is known to
+ * be over, and moves the rest to lost+found.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <stdlib.h>
+#include <string.h>
+
+#include "api/problem.h"
+#include "server/daemon/log.h"
+#include "server/daemon/wall_clock.h"
+#include "server/jobs/service_internal.h"
+
+/* ------------------------------------------------------------------------------------------------ files */
+
+/* What is known to be over goes: uploads that have become clouds, jobs that were deleted.  What isn't known at all may
+ * be known to a later state of the database, and is kept aside.  On a doubt everything stays. */
+static enum store_fate fate_of(void *ctx, enum store_thing thing, const char *name) {
+    struct service *service = ctx;
+    struct error error = {0};
+    struct catalog_upload upload;
+    if (thing == STORE_PART) {
+        if (!uploads_find(service->uploads, name, &upload)) return STORE_SET_ASIDE;
+        return upload.cloud[0] ? STORE_REMOVE : STORE_KEEP;
+    }
+    if (thing == STORE_CLOUD) {
+        uint64_t uses = 1;
+        enum status status = catalog_cloud_uses(service->catalog, name, &uses, &error);
+        return status != STATUS_OK || uses ? STORE_KEEP : STORE_SET_ASIDE;
+    }
+    static const enum store_fate fates[] = {
+        [CATALOG_ABSENT] = STORE_SET_ASIDE, [CATALOG_PRESENT] = STORE_KEEP, [CATALOG_GONE] = STORE_REMOVE};
+    struct job job;
+    enum catalog_presence presence;
+    struct catalog_tombstone tombstone;
+    enum status status = catalog_get(service->catalog, name, &job, &presence, &tombstone, &error);
+    job_done(&job);
+    return status == STATUS_OK ? fates[presence] : STORE_KEEP;
+}
+
+/* ------------------------------------------------------------------------------------------------ rows */
+
+/* What the start did. */
+struct mending {
+    size_t requeued, failed, inputs_lost, outputs_lost, clouds_lost;
+    struct store_cleaned files;
+    int64_t latest_ms; /* when a job has changed last */
+};
+
+enum status service_recover_job(struct service *service, struct job *job, bool *failed, struct error *error) {
+    bool changed;
+    *failed = ++job->interruptions >= JOB_MAX_INTERRUPTIONS && !job->is_cancelled;
+    job->expires_ms = job_now_ms() + service->config->retention_ms;
+    if (!*failed) {
+        log_line(LOG_WARNING, "job=%s was running when the service ended: %s", job->id,
+                 job->is_cancelled ? "dismissed" : "queued again");
+        return catalog_finish(service->catalog, JOB_REQUEUE, job, &changed, error);
+    }
+    struct problem problem;
+    problem_set(&problem, PROBLEM_WORKER_CRASHED,
+                "the service ended %d times while the job ran, of late while nothing else did", job->interruptions);
+    problem_add_text(&problem, "stage", job->stage);
+    free(job->problem);
+    job->problem = problem_encode(&problem);
+    log_line(LOG_ERROR, "job=%s failed: the service ended %d times while it ran", job->id, job->interruptions);
+    return catalog_finish(service->catalog, JOB_FAIL, job, &changed, error);
+}
+
+/* A job that is running, by its row: of this host when it ended, or of one that is gone; else another host has it. */
+static enum status mend_running(struct service *service, struct job *job, struct mending *mending,
+                                struct error *error) {
+    bool is_own = strcmp(job->owner, service->host) == 0, failed = false;
+    if (!is_own && job->lease_end_ms > job_now_ms()) return STATUS_OK;
+    store_outputs_delete(service->store, job->id, job->attempt); /* of a run whose end was never recorded */
+    enum status status = service_recover_job(service, job, &failed, error);
+    if (status == STATUS_OK && failed) mending->failed++;
+    if (status == STATUS_OK && !failed) mending->requeued++;
+    return status;
+}
+
+static enum status mend_job(struct service *service, struct job *job, struct mending *mending, struct error *error) {
+    bool changed;
+    if (job->updated_ms > mending->latest_ms) mending->latest_ms = job->updated_ms;
+    if (job->state == JOB_RUNNING) return mend_running(service, job, mending, error);
+    struct job_cost cost = estimate_cost(job);
+    if (job->state == JOB_SUCCESSFUL) estimate_learn(service->estimate, &cost, job->wall_s, job->finished_ms);
+    if (job->state == JOB_ACCEPTED && !store_cloud_exists(service->store, job->cloud)) {
+        log_line(LOG_ERROR, "job=%s has lost its input %s: it will fail", job->id, job->cloud);
+        mending->inputs_lost++;
+    }
+    if (job->state != JOB_SUCCESSFUL || store_outputs_exist(service->store, job->id, job->attempt)) return STATUS_OK;
+    log_line(LOG_ERROR, "job=%s has lost its outputs: deleted", job->id);
+    mending->outputs_lost++;
+    return catalog_delete(service->catalog, job->id, "lost", &changed, error);
+}
+
+/* Goes through all jobs, newest first. */
+static enum status mend_jobs(struct service *service, struct mending *mending, struct error *error) {
+    char after[JOB_ID_BYTES] = "";
+    struct job *jobs = calloc(SERVICE_PAGE, sizeof *jobs);
+    size_t count = SERVICE_PAGE;
+    enum status status = jobs ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
+    while (status == STATUS_OK && count == SERVICE_PAGE) {
+        struct catalog_filter filter = {.after = after[0] ? after : NULL};
+        status = catalog_list(service->catalog, &filter, jobs, SERVICE_PAGE, &count, error);
+        for (size_t i = 0; status == STATUS_OK && i < count; i++) status = mend_job(service, &jobs[i], mending, error);
+        if (status == STATUS_OK && count) memcpy(after, jobs[count - 1].id, sizeof after);
+        for (size_t i = 0; i < count; i++) job_done(&jobs[i]);
+    }
+    free(jobs);
+    return status;
+}
+
+/* Forgets the clouds whose files are gone. */
+static enum status mend_clouds(struct service *service, struct mending *mending, struct error *error) {
+    char name[JOB_HASH_BYTES] = "";
+    bool found = true;
+    enum status status = STATUS_OK;
+    while (status == STATUS_OK && found) {
+        status = catalog_next_cloud(service->catalog, name, name, &found, error);
+        if (status != STATUS_OK || !found || store_cloud_exists(service->store, name)) continue;
+        log_line(LOG_ERROR, "cloud=%s has lost its file: forgotten", name);
+        mending->clouds_lost++;
+        status = catalog_delete_cloud(service->catalog, name, NULL, error);
+    }
+    return status;
+}
+
+/* A job that changed in the future: the clock was set back while there was no service, whose own goes on from there. */
+static enum status mend_clock(struct service *service, const struct mending *mending, struct error *error) {
+    int64_t step_ms = job_now_ms() - mending->latest_ms;
+    if (step_ms > -WALL_CLOCK_STEP_MS) return STATUS_OK;
+    wall_clock_follow(-step_ms);
+    return service_move_ends(service, step_ms, error);
+}
+
+static void tell_of_lost_files(const struct service *service, const struct store_cleaned *files) {
+    if (files->set_aside)
+        log_line(LOG_WARNING, "%zu clouds, jobs and uploads that the database doesn't know were moved to %s/%s",
+                 files->set_aside, service->config->data, files->place);
+    if (files->left)
+        log_line(LOG_ERROR, "%zu clouds, jobs and uploads that the database doesn't know can't be moved to lost+found",
+                 files->left);
+}
+
+enum status service_recover(struct service *service, struct error *error) {
+    struct mending m = {0};
+    enum status status = mend_jobs(service, &m, error);
+    if (status == STATUS_OK) status = mend_clock(service, &m, error);
+    if (status == STATUS_OK) status = mend_clouds(service, &m, error);
+    if (status == STATUS_OK) status = store_clean(service->store, fate_of, service, &m.files, error);
+    bool anything = m.requeued || m.failed || m.inputs_lost || m.outputs_lost || m.clouds_lost || m.files.removed ||
+                    m.files.set_aside;
+    log_line(anything ? LOG_WARNING : LOG_INFO,
+             "mended requeued=%zu failed=%zu inputs_lost=%zu outputs_lost=%zu clouds_lost=%zu files_removed=%zu "
+             "files_set_aside=%zu",
+             m.requeued, m.failed, m.inputs_lost, m.outputs_lost, m.clouds_lost, m.files.removed, m.files.set_aside);
+    tell_of_lost_files(service, &m.files);
+    return status;
+}

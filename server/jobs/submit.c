@@ -1,0 +1,160 @@
+/* What comes in: jobs, and clouds to keep.
+ *
+ * A row is committed after its bytes are durable, and both while `clouds` is held shared, so that nobody removes the
+ * cloud in between.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/base/fault.h"
+#include "core/base/version.h"
+#include "server/daemon/log.h"
+#include "server/daemon/metrics.h"
+#include "server/daemon/wall_clock.h"
+#include "server/jobs/service_internal.h"
+#include "server/storage/digest.h"
+
+/* ------------------------------------------------------------------------------------------------ jobs */
+
+/* The hash of what the job computes. */
+static enum status name_result(struct job *job, struct error *error) {
+    char *text = job_result_text(job, whittle_version());
+    struct digest *digest = digest_new();
+    bool ok = text && digest;
+    if (ok) {
+        digest_update(digest, text, strlen(text));
+        digest_finish(digest, job->result);
+    }
+    free(text);
+    digest_free(digest);
+    return ok ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
+}
+
+/* Takes over from an earlier job with the same result what it made.  false: there is none, or its files are gone. */
+static bool borrow(struct service *service, struct job *job) {
+    struct error error = {0};
+    struct job earlier;
+    bool found = false;
+    enum status status = catalog_find_result(service->catalog, job->result, job->principal, &earlier, &found, &error);
+    if (status == STATUS_OK && found)
+        status = store_outputs_share(service->store, earlier.id, earlier.attempt, job->id, &error);
+    if (status != STATUS_OK) log_line(LOG_WARNING, "job=%s can't share outputs: %s", job->id, error.text);
+    if (!found) return false;
+    if (status == STATUS_OK) {
+        memcpy(job->output, earlier.output, sizeof job->output);
+        job->output_count = earlier.output_count;
+        job->report = earlier.report;
+        earlier.report = NULL;
+        job->started_ms = job->created_ms;
+        job->expires_ms = job->created_ms + service->config->retention_ms;
+    }
+    job_done(&earlier);
+    return status == STATUS_OK;
+}
+
+/* Adds the job's row: of one that waits, or of one whose result is there already. */
+static enum status enqueue(struct service *service, struct job *job, bool fresh, struct error *error) {
+    const struct config *config = service->config;
+    struct catalog_limits limits = {(uint64_t)config->max_queue, (uint64_t)config->principal_jobs,
+                                    (uint64_t)config->principal_bytes};
+    enum status status = name_result(job, error);
+    if (status != STATUS_OK) return status;
+    if (fresh || !service->config->result_cache || !borrow(service, job))
+        return catalog_submit(service->catalog, job, &limits, error);
+    status = catalog_submit_ended(service->catalog, job, &limits, error);
+    if (status == STATUS_OK)
+        job->state = JOB_SUCCESSFUL;
+    else
+        store_job_delete(service->store, job->id);
+    return status;
+}
+
+enum status service_submit(struct service *service, struct upload *upload, const struct upload_facts *facts,
+                           struct job *job, bool fresh, struct error *error) {
+    enum status status = upload ? upload_sync(upload, error) : STATUS_OK;
+    if (status != STATUS_OK) return status;
+    struct timespec now;
+    clock_gettime(CLOCK_REALTIME, &now);
+    job_new_id(&now, job->id);
+    memcpy(job->cloud, facts->sha256, sizeof job->cloud);
+    memcpy(job->input_format, facts->format, sizeof job->input_format);
+    job->input_bytes = facts->bytes;
+    job->input_points = facts->points;
+
+    pthread_rwlock_rdlock(&service->clouds);
+    if (upload)
+        status = upload_keep(upload, error);
+    else if (!store_cloud_exists(service->store, job->cloud))
+        status = error_set(error, STATUS_BAD_PARAMETER, "input", "there is no cloud %s any more", job->cloud);
+    fault_at("submit-kept");
+    if (status == STATUS_OK) {
+        wall_clock_hold();
+        job->created_ms = job->updated_ms = job_now_ms();
+        status = enqueue(service, job, fresh, error);
+        wall_clock_release();
+    }
+    pthread_rwlock_unlock(&service->clouds);
+    if (status != STATUS_OK) service_forget_cloud(service, job->cloud);
+    if (status != STATUS_OK) return status;
+    fault_at("submit-committed");
+    metrics_submitted(service->metrics);
+    log_line(LOG_INFO, "job=%s %s: %llu bytes of %s who=%s", job->id,
+             job->state == JOB_SUCCESSFUL ? "successful, as an earlier one" : "accepted",
+             (unsigned long long)job->input_bytes, job->input_format, job->principal[0] ? job->principal : "-");
+    return STATUS_OK;
+}
+
+/* ------------------------------------------------------------------------------------------------ clouds */
+
+static struct catalog_cloud record_of(const struct upload_facts *facts, const char *principal) {
+    struct catalog_cloud record = {.bytes = facts->bytes, .points = facts->points};
+    memcpy(record.sha256, facts->sha256, sizeof record.sha256);
+    memcpy(record.format, facts->format, sizeof record.format);
+    snprintf(record.principal, sizeof record.principal, "%s", principal);
+    return record;
+}
+
+static enum status put_cloud(struct service *service, struct catalog_cloud *record, uint64_t principal_bytes,
+                             struct error *error) {
+    wall_clock_hold();
+    record->created_ms = job_now_ms();
+    record->expires_ms = record->created_ms + service->config->retention_ms;
+    enum status status = catalog_put_cloud(service->catalog, record, principal_bytes, error);
+    wall_clock_release();
+    return status;
+}
+
+/* The end of keeping a cloud: of a failure, no file remains. */
+static enum status cloud_kept(struct service *service, const struct catalog_cloud *record, enum status status) {
+    if (status != STATUS_OK) service_forget_cloud(service, record->sha256);
+    if (status == STATUS_OK)
+        log_line(LOG_INFO, "cloud=%s kept: %llu bytes of %s", record->sha256, (unsigned long long)record->bytes,
+                 record->format);
+    return status;
+}
+
+enum status service_keep_cloud(struct service *service, struct upload *upload, const struct upload_facts *facts,
+                               const char *principal, bool *known, struct error *error) {
+    struct catalog_cloud record = record_of(facts, principal), before = {0};
+    enum status status = upload_sync(upload, error);
+    if (status != STATUS_OK) return status;
+    pthread_rwlock_rdlock(&service->clouds);
+    status = catalog_get_cloud(service->catalog, record.sha256, principal, &before, known, error);
+    if (status == STATUS_OK) status = upload_keep(upload, error);
+    if (status == STATUS_OK) status = put_cloud(service, &record, (uint64_t)service->config->principal_bytes, error);
+    pthread_rwlock_unlock(&service->clouds);
+    catalog_cloud_done(&before);
+    return cloud_kept(service, &record, status);
+}
+
+enum status service_keep_part(struct service *service, const char *id, const struct upload_facts *facts,
+                              const char *principal, struct error *error) {
+    struct catalog_cloud record = record_of(facts, principal);
+    pthread_rwlock_rdlock(&service->clouds);
+    enum status status = store_part_keep(service->store, id, record.sha256, error);
+    if (status == STATUS_OK) status = put_cloud(service, &record, 0, error); /* reserved */
+    pthread_rwlock_unlock(&service->clouds);
+    return cloud_kept(service, &record, status);
+}

@@ -1,0 +1,32 @@
+/* One run of one job: its process from start to obituary.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_RUNNER_JOB_RUN_H
+#define WHITTLE_SERVER_RUNNER_JOB_RUN_H
+
+#include <stdatomic.h>
+
+#include "server/catalog/job.h"
+#include "server/jobs/service.h"
+#include "server/runner/confine.h"
+
+/* What somebody else wants of a run; changed from any thread, then bell_fd (an eventfd) is written. */
+enum worker_wish {
+    WORKER_GO_ON,
+    WORKER_DISMISS,
+    WORKER_REQUEUE,
+    WORKER_LOST /* its lease is another's: it ends at once, and nothing is kept of it */
+};
+
+struct worker_control {
+    _Atomic int wish;        /* enum worker_wish */
+    _Atomic int64_t seen_ms; /* when the run last showed that it goes on (events_clock_ms) */
+    int bell_fd;
+};
+
+/* Runs a claimed job to its end and records in the queue what became of it (published and logged).  Blocks for as long
+ * as the process lives. */
+void worker_run(struct service *service, const struct confinement *confinement, struct job *job,
+                struct worker_control *control);
+
+#endif

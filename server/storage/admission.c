@@ -1,0 +1,192 @@
+/* Admission by prediction.
+ *
+ * The number of points of a text is a guess from its first lines (core/pipeline/memory.h, which guesses on the high
+ * side), so for the limit of points a fifth is taken off: nobody is refused for a guess that is a little too high.
+ * What is compressed is looked at through its first bytes, decompressed: a header there is as good as any other, but
+ * how long a text becomes is guessed from how much the beginning has grown, and nobody is refused for that.  Memory is
+ * what core/pipeline/memory.h predicts for the job; a refusal says what would fit, a smaller part to keep or a smaller
+ * cloud.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/storage/admission.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/base/alloc.h"
+#include "core/io/codec/inflate.h"
+#include "core/io/sniff.h"
+#include "core/pipeline/memory.h"
+
+enum { STEPS = 40, HEAD_BYTES = 64 * 1024, PIECE_BYTES = 4096 };
+static const double SMALLEST_RATIO = 0.001;
+
+static uint64_t sure_points(const struct memory_job *job, bool is_text) {
+    return is_text ? job->points - job->points / 5 : job->points;
+}
+
+static bool refuse_points(const struct admission *admission, uint64_t points, struct problem *problem) {
+    problem_set(problem, PROBLEM_TOO_MANY_POINTS, "the cloud has %llu points, more than %llu",
+                (unsigned long long)points, (unsigned long long)admission->max_points);
+    problem_add_number(problem, "limit", (int64_t)admission->max_points);
+    problem_add_number(problem, "actual", (int64_t)points);
+    problem_add_text(problem, "hint", "thin the cloud out first, or send parts of it");
+    return false;
+}
+
+/* What the job takes with a part of the points, keeping a part of those. */
+static uint64_t predict(const struct admission *admission, const struct memory_job *job, double part, double ratio) {
+    struct memory_job less = *job;
+    struct params params = admission->params;
+    less.points = (uint64_t)((double)job->points * part);
+    less.faces = (uint64_t)((double)job->faces * part);
+    less.input_bytes = (uint64_t)((double)job->input_bytes * part);
+    if (ratio > 0) params.ratio = ratio, params.points = 0, params.levels.count = 0;
+    return memory_predict(&less, &params);
+}
+
+/* The largest x in (0, 1) with which the job fits, as the part of the points or, of all, as the ratio; 0: none. */
+static double largest(const struct admission *admission, const struct memory_job *job, bool as_ratio) {
+    double low = 0, high = 1;
+    for (int i = 0; i < STEPS; i++) {
+        double x = (low + high) / 2;
+        uint64_t bytes = as_ratio ? predict(admission, job, 1, x) : predict(admission, job, x, 0);
+        *(bytes <= admission->max_memory_bytes ? &low : &high) = x;
+    }
+    return low;
+}
+
+static void put_hint(const struct admission *admission, const struct memory_job *job, char *hint, size_t bytes) {
+    double ratio = largest(admission, job, true), part = largest(admission, job, false);
+    if (ratio >= SMALLEST_RATIO)
+        snprintf(hint, bytes, "ratio=%.3f would fit", floor(ratio * 1000) / 1000);
+    else
+        snprintf(hint, bytes, "about %llu points would fit: thin the cloud out first, or leave the mesh out",
+                 (unsigned long long)(part * (double)job->points));
+}
+
+static bool refuse_memory(const struct admission *admission, const struct memory_job *job, uint64_t bytes,
+                          struct problem *problem) {
+    char hint[PROBLEM_TEXT_BYTES];
+    put_hint(admission, job, hint, sizeof hint);
+    problem_set(problem, PROBLEM_WOULD_EXCEED_MEMORY, "the job would take about %llu MiB, and may take %llu",
+                (unsigned long long)(bytes >> 20), (unsigned long long)(admission->max_memory_bytes >> 20));
+    problem_add_number(problem, "limit", (int64_t)admission->max_memory_bytes);
+    problem_add_number(problem, "actual", bytes > INT64_MAX ? INT64_MAX : (int64_t)bytes);
+    problem_add_text(problem, "hint", hint);
+    return false;
+}
+
+/* ------------------------------------------------------------------------------------------------ the first bytes */
+
+/* The beginning of a cloud: as it is, or decompressed. */
+struct beginning {
+    const void *bytes;
+    size_t n;
+    uint64_t total_bytes;
+    unsigned char *inflated; /* owned; NULL: it isn't compressed */
+};
+
+static enum status collect(void *ctx, const void *bytes, size_t n) {
+    struct beginning *beginning = ctx;
+    size_t room = HEAD_BYTES - beginning->n;
+    memcpy(beginning->inflated + beginning->n, bytes, n < room ? n : room);
+    beginning->n += n < room ? n : room;
+    return beginning->n < HEAD_BYTES ? STATUS_OK : STATUS_CANCELLED;
+}
+
+/* Decompresses as much of the beginning as there is room for; what is broken ends it, and others will say so.  How long
+ * the whole becomes is guessed by how much longer this has become. */
+static void inflate_beginning(struct beginning *beginning, enum inflate_kind kind) {
+    const char *packed = beginning->bytes;
+    size_t packed_bytes = beginning->n, taken = 0;
+    struct inflate *inflate = NULL;
+    struct error error;
+    beginning->n = 0;
+    beginning->bytes = beginning->inflated = alloc_array(HEAD_BYTES, 1);
+    enum status status = beginning->inflated
+                             ? inflate_new(kind, NULL, (struct inflate_out){collect, beginning}, &inflate, &error)
+                             : STATUS_NO_MEMORY;
+    while (status == STATUS_OK && taken < packed_bytes) {
+        size_t piece = packed_bytes - taken < PIECE_BYTES ? packed_bytes - taken : PIECE_BYTES;
+        status = inflate_push(inflate, packed + taken, piece, &error);
+        taken += piece;
+    }
+    inflate_free(inflate);
+    if (beginning->total_bytes != UINT64_MAX && taken)
+        beginning->total_bytes = (uint64_t)((double)beginning->total_bytes / (double)taken * (double)beginning->n);
+}
+
+static struct beginning begin(const void *first_bytes, size_t n, uint64_t total_bytes) {
+    struct beginning beginning = {.bytes = first_bytes, .n = n, .total_bytes = total_bytes};
+    enum inflate_kind kind;
+    if (inflate_sniff(first_bytes, n, &kind)) inflate_beginning(&beginning, kind);
+    return beginning;
+}
+
+/* ------------------------------------------------------------------------------------------------ the whole */
+
+/* What is known of the job; *guessed: only by how long the cloud seems to become.  false: nothing. */
+static bool read_job(const struct beginning *beginning, struct memory_job *job, bool *guessed) {
+    enum cloud_kind kind = cloud_sniff(beginning->bytes, beginning->n).kind;
+    bool has_header = kind == CLOUD_KIND_PLY || kind == CLOUD_KIND_PCD || kind == CLOUD_KIND_LAS;
+    bool packed = beginning->inflated, known = beginning->total_bytes != UINT64_MAX;
+    uint64_t total_bytes = packed && has_header ? UINT64_MAX : beginning->total_bytes;
+    *guessed = packed && !has_header;
+    if (!known && kind == CLOUD_KIND_TEXT) return false;
+    if (memory_job_of(beginning->bytes, beginning->n, total_bytes, job) != STATUS_OK) return false;
+    if (packed || !known) job->input_bytes = known ? beginning->total_bytes : 0;
+    return true;
+}
+
+static bool check(const struct admission *admission, const struct beginning *beginning, uint64_t *memory_bytes,
+                  struct problem *problem) {
+    struct memory_job job;
+    bool guessed;
+    if (!read_job(beginning, &job, &guessed)) return true;
+    bool is_text = cloud_sniff(beginning->bytes, beginning->n).kind == CLOUD_KIND_TEXT;
+    uint64_t points = sure_points(&job, is_text), most = admission->max_memory_bytes;
+    if (points > admission->max_points && !guessed) return refuse_points(admission, points, problem);
+    if (!admission->has_params) return true;
+    uint64_t bytes = memory_predict(&job, &admission->params);
+    if (bytes > most && !guessed) return refuse_memory(admission, &job, bytes, problem);
+    *memory_bytes = bytes < most ? bytes : most;
+    return true;
+}
+
+bool admission_check(const struct admission *admission, const void *first_bytes, size_t n, uint64_t total_bytes,
+                     uint64_t *memory_bytes, struct problem *problem) {
+    *memory_bytes = 0;
+    struct beginning beginning = begin(first_bytes, n, total_bytes);
+    bool fits = check(admission, &beginning, memory_bytes, problem);
+    free(beginning.inflated);
+    return fits;
+}
+
+uint64_t admission_most(const struct admission *admission, const void *first_bytes, size_t n, uint64_t total_bytes) {
+    struct beginning beginning = begin(first_bytes, n, total_bytes);
+    struct memory_job job;
+    bool guessed;
+    uint64_t most = 0;
+    if (read_job(&beginning, &job, &guessed)) most = memory_predict_most(&job, &admission->params);
+    free(beginning.inflated);
+    return most < admission->max_memory_bytes ? most : admission->max_memory_bytes;
+}
+
+void admission_advise(const struct admission *admission, const void *first_bytes, size_t n, uint64_t total_bytes,
+                      char *advice, size_t bytes) {
+    struct beginning beginning = begin(first_bytes, n, total_bytes);
+    struct memory_job job;
+    bool guessed;
+    snprintf(advice, bytes, "a smaller cloud, or no mesh, takes less");
+    if (read_job(&beginning, &job, &guessed)) {
+        struct admission less = *admission;
+        uint64_t predicted = memory_predict(&job, &admission->params);
+        if (predicted < less.max_memory_bytes) less.max_memory_bytes = predicted;
+        less.max_memory_bytes -= less.max_memory_bytes / 4;
+        put_hint(&less, &job, advice, bytes);
+    }
+    free(beginning.inflated);
+}

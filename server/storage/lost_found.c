@@ -1,0 +1,94 @@
+/* lost+found.
+ *
+ * A name is moved by one rename, then both folders are flushed: after a power cut it is in one of them, or in both.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/storage/lost_found.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/random.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+enum { FOLDER_MODE = 0700, LEVELS = 2 /* the start, the kind */ };
+
+static const char *const places[] = {"lost+found", "lost+found.whittled"};
+enum { PLACES = sizeof places / sizeof places[0] };
+
+static int open_folder(int at, const char *name) {
+    return openat(at, name, O_RDONLY | O_DIRECTORY | O_CLOEXEC | O_NOFOLLOW);
+}
+
+/* Made where it is missing, and on the disk. */
+static int make_folder(int at, const char *name) {
+    if (mkdirat(at, name, FOLDER_MODE) == 0 ? fsync(at) != 0 : errno != EEXIST) return -1;
+    return open_folder(at, name);
+}
+
+/* A name that no other start has. */
+static void name_start(const char *place, char name[LOST_FOUND_NAME_BYTES]) {
+    uint32_t random = 0;
+    ssize_t n = getrandom(&random, sizeof random, 0); /* 4 bytes are never cut short */
+    (void)n;
+    time_t now = time(NULL);
+    struct tm tm;
+    char when[24];
+    gmtime_r(&now, &tm);
+    strftime(when, sizeof when, "%Y%m%dT%H%M%SZ", &tm);
+    snprintf(name, LOST_FOUND_NAME_BYTES, "%s/%s-%08x", place, when, random);
+}
+
+static bool make_place(struct lost_found *lost) {
+    for (int i = 0; i < PLACES && lost->place_fd < 0; i++) {
+        int fd = make_folder(lost->root_fd, places[i]);
+        if (fd < 0) continue;
+        name_start(places[i], lost->place);
+        lost->place_fd = make_folder(fd, strchr(lost->place, '/') + 1);
+        int error = errno;
+        close(fd);
+        errno = error;
+    }
+    return lost->place_fd >= 0;
+}
+
+bool lost_found_take(struct lost_found *lost, int from_fd, const char *kind, const char *name) {
+    if (lost->place_fd < 0 && !make_place(lost)) return false;
+    int to_fd = make_folder(lost->place_fd, kind);
+    if (to_fd < 0) return false;
+    bool moved = renameat(from_fd, name, to_fd, name) == 0 && fsync(to_fd) == 0 && fsync(from_fd) == 0;
+    int error = errno;
+    close(to_fd);
+    errno = error;
+    return moved;
+}
+
+void lost_found_close(struct lost_found *lost) {
+    if (lost->place_fd >= 0) close(lost->place_fd);
+    lost->place_fd = -1;
+}
+
+/* Names in the folders so many levels below this one, which is closed. */
+static uint64_t count_below(int fd, int levels) {
+    uint64_t count = 0;
+    DIR *folder = fd >= 0 ? fdopendir(fd) : NULL;
+    if (!folder && fd >= 0) close(fd);
+    if (!folder) return 0;
+    for (struct dirent *entry; (entry = readdir(folder));) {
+        if (entry->d_name[0] == '.') continue;
+        count += levels ? count_below(open_folder(dirfd(folder), entry->d_name), levels - 1) : 1;
+    }
+    closedir(folder);
+    return count;
+}
+
+uint64_t lost_found_count(int root_fd) {
+    uint64_t count = 0;
+    for (int i = 0; i < PLACES; i++) count += count_below(open_folder(root_fd, places[i]), LEVELS);
+    return count;
+}

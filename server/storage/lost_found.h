@@ -1,0 +1,37 @@
+/* lost+found: where the start puts files that no row of the database names.
+ *
+ *     lost+found/20260131T120000Z-1a2b3c4d/clouds/<sha256>
+ *                                         /jobs/<id>/...
+ *                                         /uploads/<id>
+ *
+ * One folder for each start that found something; below it names are as they were, so that moving its content back to
+ * the data folder undoes it.  Nothing here is ever read or removed by the service: whoever operates it does that.
+ *
+ * The root of an ext file system has a lost+found of root's own; where that can't be written, `lost+found.whittled` is
+ * used instead.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_STORAGE_LOST_FOUND_H
+#define WHITTLE_SERVER_STORAGE_LOST_FOUND_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+enum { LOST_FOUND_NAME_BYTES = 64 };
+
+/* The folder of one start, made when it is needed.  Initialise with the data folder's descriptor, borrowed, and
+ * place_fd = -1. */
+struct lost_found {
+    int root_fd, place_fd;
+    char place[LOST_FOUND_NAME_BYTES]; /* relative to the data folder; "" = not made */
+};
+
+/* Moves from/name, of the data folder, durably into the folder of that kind ("clouds", ...).  false, with errno: it is
+ * still where it was. */
+bool lost_found_take(struct lost_found *lost, int from_fd, const char *kind, const char *name);
+void lost_found_close(struct lost_found *lost);
+
+/* How many clouds, jobs and uploads all starts have put there, as far as they can be listed. */
+uint64_t lost_found_count(int root_fd);
+
+#endif

@@ -1,0 +1,314 @@
+/* The delivery of webhooks: a few threads, one POST at a time each, driven by the outbox.
+ *
+ *     due rows, the oldest first --choose--> a thread's turn --POST--> answered: the row goes
+ *                                                                  else: it is due again later, or given up
+ *
+ * One free thread at a time looks into the outbox; when it has chosen a row, the next one looks while it sends.  A row
+ * is chosen only while its host has fewer than PER_HOST under way and its principal fewer than PER_PRINCIPAL, and of
+ * these one whose principal has the fewest: so a receiver that doesn't answer, for TIMEOUT_MS each time, holds up
+ * neither other hosts nor other principals.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/random.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "api/codecs/job_json.h"
+#include "server/catalog/catalog.h"
+#include "server/daemon/log.h"
+#include "server/daemon/setting_file.h"
+#include "server/daemon/wall_clock.h"
+#include "server/jobs/service.h"
+#include "server/storage/digest.h"
+#include "server/webhooks/http_client.h"
+#include "server/webhooks/webhooks.h"
+
+enum { LOOK_MS = 250, TIMEOUT_MS = 10000, MAX_PAUSE_MS = 3600 * 1000, SECRET_BYTES = 64, MIN_SECRET_BYTES = 24 };
+enum { GONE = 410, DELIVERIES = 16, PER_HOST = 2, PER_PRINCIPAL = 4, HOST_BYTES = 280 };
+
+/* A thread, and what it delivers. */
+struct delivery {
+    struct webhooks *webhooks;
+    pthread_t thread;
+    bool busy; /* this and what follows: under the lock, but for the thread's own reading */
+    struct catalog_webhook row;
+    char host[HOST_BYTES];
+};
+
+struct webhooks {
+    struct service *service;
+    unsigned char secret[SECRET_BYTES];
+    size_t secret_bytes;
+    _Atomic bool stop;
+    pthread_mutex_t turn; /* who holds it looks into the outbox; taken before the lock */
+    pthread_mutex_t lock;
+    pthread_cond_t changed; /* a delivery has ended, or all are to */
+    unsigned delivery_count;
+    struct delivery delivery[DELIVERIES];
+};
+
+/* ------------------------------------------------------------------------------------------------ secret */
+
+static enum status read_secret(struct webhooks *webhooks, const char *path, struct error *error) {
+    static const char prefix[] = "whsec_";
+    char text[256] = "";
+    FILE *file;
+    if (!path[0])
+        return error_set(error, STATUS_BAD_PARAMETER, "webhook-secret-file", "webhooks need a secret: name its file");
+    if (setting_file_open("webhook-secret-file", path, &file, error) != STATUS_OK) {
+        error->code = STATUS_BAD_PARAMETER; /* of the settings, whatever is wrong with the file */
+        return error->code;
+    }
+    bool has_line = fgets(text, sizeof text, file) != NULL;
+    fclose(file);
+    text[strcspn(text, "\r\n")] = 0;
+    webhooks->secret_bytes = sizeof webhooks->secret;
+    bool ok = has_line && strncmp(text, prefix, sizeof prefix - 1) == 0 &&
+              digest_base64_read(text + sizeof prefix - 1, webhooks->secret, &webhooks->secret_bytes) &&
+              webhooks->secret_bytes >= MIN_SECRET_BYTES;
+    explicit_bzero(text, sizeof text);
+    if (ok) return STATUS_OK;
+    return error_set(error, STATUS_BAD_PARAMETER, "webhook-secret-file",
+                     "the file holds no secret: whsec_ and the base64 of 24 to 64 random bytes");
+}
+
+/* ------------------------------------------------------------------------------------------------ one delivery */
+
+/* The payload; returns new, NULL when memory runs out. */
+static char *payload_of(struct webhooks *webhooks, const struct job *job) {
+    struct job_document document = service_document(webhooks->service, job);
+    char at[JOB_TIME_BYTES], *data = job_encode(&document), *payload = NULL;
+    if (data && asprintf(&payload, "{\"type\":\"job.ended\",\"timestamp\":\"%s\",\"data\":%s}",
+                         job_time_text(job->finished_ms, at), data) < 0)
+        payload = NULL;
+    free(data);
+    return payload;
+}
+
+/* "webhook-signature: v1,..." over id, time and payload. */
+static bool sign(const struct webhooks *webhooks, const char *id, int64_t now_s, const char *payload, char *header,
+                 size_t bytes) {
+    char hex[DIGEST_HEX_BYTES], base64[DIGEST_BASE64_BYTES], *text = NULL;
+    int n = asprintf(&text, "%s.%lld.%s", id, (long long)now_s, payload);
+    if (n < 0) return false;
+    digest_hmac(webhooks->secret, webhooks->secret_bytes, text, (size_t)n, hex);
+    free(text);
+    digest_base64(hex, base64);
+    snprintf(header, bytes, "webhook-signature: v1,%s", base64);
+    return true;
+}
+
+static enum status send_payload(struct webhooks *webhooks, const struct catalog_webhook *row, const char *payload,
+                                int *answer, struct error *error) {
+    char id[64], at[64], signature[128];
+    int64_t now_s = (int64_t)time(NULL); /* the receiver compares it with its own */
+    if (!sign(webhooks, row->job, now_s, payload, signature, sizeof signature))
+        return error_set(error, STATUS_NO_MEMORY, "webhook", "no memory");
+    snprintf(id, sizeof id, "webhook-id: %s", row->job);
+    snprintf(at, sizeof at, "webhook-timestamp: %lld", (long long)now_s);
+    struct post post = {
+        .url = row->url,
+        .body = payload,
+        .body_bytes = strlen(payload),
+        .header = {"Content-Type: application/json", "User-Agent: whittled", "Expect:", id, at, signature},
+        .allow = webhooks->service->config->webhook_allow,
+        .timeout_ms = TIMEOUT_MS,
+        .stop = &webhooks->stop};
+    return post_send(&post, answer, error);
+}
+
+/* Twice as long each time, and half to one and a half of that. */
+static int64_t pause_ms(const struct webhooks *webhooks, int attempts) {
+    uint32_t random = 0;
+    ssize_t n = getrandom(&random, sizeof random, 0); /* 4 bytes are never cut short */
+    (void)n;
+    double pause =
+        (double)webhooks->service->config->webhook_retry_ms * (double)(1u << (attempts < 20 ? attempts : 20));
+    if (pause > MAX_PAUSE_MS) pause = MAX_PAUSE_MS;
+    return (int64_t)(pause * (0.5 + random / 4294967296.0)) + 1;
+}
+
+static void tell(struct webhooks *webhooks, const char *job, const char *what, const char *why) {
+    log_line(LOG_INFO, "job=%s webhook %s: %s", job, what, why);
+    int fd = store_log_open(webhooks->service->store, job, true);
+    if (fd < 0) return;
+    dprintf(fd, "webhook %s: %s\n", what, why);
+    close(fd);
+}
+
+/* What becomes of the row after an attempt. */
+static enum status settle(struct webhooks *webhooks, const struct catalog_webhook *row, int answer, const char *why,
+                          struct error *error) {
+    bool delivered = answer >= 200 && answer < 300;
+    bool given_up = answer == GONE || row->attempts + 1 >= WEBHOOKS_MAX_ATTEMPTS;
+    if (atomic_load(&webhooks->stop) && !delivered) { /* the next start tries again */
+        log_line(LOG_INFO, "job=%s webhook interrupted: the service stops", row->job);
+        return STATUS_OK;
+    }
+    tell(webhooks, row->job, delivered ? "delivered" : given_up ? "given up" : "failed", why);
+    if (delivered || given_up) return catalog_end_webhook(webhooks->service->catalog, row->job, error);
+    wall_clock_hold();
+    enum status status = catalog_postpone_webhook(webhooks->service->catalog, row->job,
+                                                  job_now_ms() + pause_ms(webhooks, row->attempts), error);
+    wall_clock_release();
+    return status;
+}
+
+static enum status deliver(struct webhooks *webhooks, const struct catalog_webhook *row, struct error *error) {
+    struct job job;
+    enum catalog_presence presence;
+    struct catalog_tombstone tombstone;
+    char why[320];
+    int answer = 0;
+    enum status status = catalog_get(webhooks->service->catalog, row->job, &job, &presence, &tombstone, error);
+    if (status != STATUS_OK) return status;
+    char *payload = presence == CATALOG_PRESENT ? payload_of(webhooks, &job) : NULL;
+    bool gone = presence != CATALOG_PRESENT;
+    job_done(&job);
+    if (gone) return catalog_end_webhook(webhooks->service->catalog, row->job, error);
+    struct error fault = {0};
+    if (!payload)
+        snprintf(why, sizeof why, "no memory");
+    else if (send_payload(webhooks, row, payload, &answer, &fault) == STATUS_OK)
+        snprintf(why, sizeof why, "answered %d", answer);
+    else
+        snprintf(why, sizeof why, "%.300s", fault.text);
+    free(payload);
+    return settle(webhooks, row, answer, why, error);
+}
+
+/* ------------------------------------------------------------------------------------------------ choosing */
+
+struct choice {
+    struct webhooks *webhooks;
+    struct delivery *delivery; /* what is chosen goes here */
+    bool found;
+    unsigned load; /* of its principal */
+};
+
+/* Whether the row is better than what was found so far; for catalog_each_webhook_due, so it returns whether to go on.
+ */
+static bool consider(void *ctx, const struct catalog_webhook *row) {
+    struct choice *choice = ctx;
+    struct webhooks *webhooks = choice->webhooks;
+    char host[HOST_BYTES] = "";
+    unsigned load = 0, at_host = 0;
+    bool under_way = false;
+    for (unsigned i = 0; i < webhooks->delivery_count; i++) {
+        const struct delivery *other = &webhooks->delivery[i];
+        load += other->busy && strcmp(other->row.principal, row->principal) == 0;
+        under_way = under_way || (other->busy && strcmp(other->row.job, row->job) == 0);
+    }
+    if (under_way || load >= PER_PRINCIPAL || (choice->found && load >= choice->load)) return true;
+    post_url_host(row->url, host, sizeof host);
+    for (unsigned i = 0; i < webhooks->delivery_count; i++)
+        at_host += webhooks->delivery[i].busy && strcmp(webhooks->delivery[i].host, host) == 0;
+    if (at_host >= PER_HOST) return true;
+    choice->found = true;
+    choice->load = load;
+    choice->delivery->row = *row;
+    memcpy(choice->delivery->host, host, sizeof host);
+    return load > 0;
+}
+
+/* Until there may be something to do, or the end; under the lock. */
+static void pause_a_little(struct webhooks *webhooks) {
+    struct timespec until;
+    clock_gettime(CLOCK_MONOTONIC, &until);
+    until.tv_nsec += LOOK_MS * 1000000L;
+    until.tv_sec += until.tv_nsec / 1000000000L;
+    until.tv_nsec %= 1000000000L;
+    if (!atomic_load(&webhooks->stop))
+        pthread_cond_clockwait(&webhooks->changed, &webhooks->lock, CLOCK_MONOTONIC, &until);
+}
+
+/* Waits for a row that is due and may go now; false: the service stops. */
+static bool choose(struct webhooks *webhooks, struct delivery *delivery) {
+    struct choice choice = {.webhooks = webhooks, .delivery = delivery};
+    pthread_mutex_lock(&webhooks->turn);
+    pthread_mutex_lock(&webhooks->lock);
+    while (!choice.found && !atomic_load(&webhooks->stop)) {
+        struct error error = {0};
+        enum status status =
+            catalog_each_webhook_due(webhooks->service->catalog, job_now_ms(), consider, &choice, &error);
+        if (status != STATUS_OK) log_line_seldom(LOG_ERROR, "webhooks: %s", error.text);
+        if (!choice.found) pause_a_little(webhooks);
+    }
+    delivery->busy = choice.found;
+    pthread_mutex_unlock(&webhooks->lock);
+    pthread_mutex_unlock(&webhooks->turn);
+    return choice.found;
+}
+
+/* ------------------------------------------------------------------------------------------------ the threads */
+
+/* What can't be recorded stays due: it rests for a while before it is chosen again. */
+static void *work(void *ctx) {
+    struct delivery *delivery = ctx;
+    struct webhooks *webhooks = delivery->webhooks;
+    while (choose(webhooks, delivery)) {
+        struct error error = {0};
+        enum status status = deliver(webhooks, &delivery->row, &error);
+        if (status != STATUS_OK) log_line_seldom(LOG_ERROR, "webhooks: %s", error.text);
+        pthread_mutex_lock(&webhooks->lock);
+        if (status != STATUS_OK) pause_a_little(webhooks);
+        delivery->busy = false;
+        pthread_cond_broadcast(&webhooks->changed);
+        pthread_mutex_unlock(&webhooks->lock);
+    }
+    return NULL;
+}
+
+/* As many threads as can be had, one at least. */
+static enum status start_threads(struct webhooks *webhooks, struct error *error) {
+    pthread_mutex_lock(&webhooks->lock);
+    for (unsigned i = 0; i < DELIVERIES; i++) {
+        struct delivery *delivery = &webhooks->delivery[i];
+        delivery->webhooks = webhooks;
+        if (pthread_create(&delivery->thread, NULL, work, delivery) != 0) break;
+        webhooks->delivery_count++;
+    }
+    pthread_mutex_unlock(&webhooks->lock);
+    return webhooks->delivery_count ? STATUS_OK : error_set(error, STATUS_IO, "webhooks", "can't start their threads");
+}
+
+static void destroy(struct webhooks *webhooks) {
+    pthread_cond_destroy(&webhooks->changed);
+    pthread_mutex_destroy(&webhooks->lock);
+    pthread_mutex_destroy(&webhooks->turn);
+    explicit_bzero(webhooks->secret, sizeof webhooks->secret);
+    free(webhooks);
+}
+
+enum status webhooks_open(struct service *service, struct webhooks **webhooks, struct error *error) {
+    if (!service->config->webhooks) return STATUS_OK;
+    struct webhooks *opened = calloc(1, sizeof *opened);
+    if (!opened) return error_set(error, STATUS_NO_MEMORY, "webhooks", "no memory");
+    opened->service = service;
+    pthread_mutex_init(&opened->turn, NULL);
+    pthread_mutex_init(&opened->lock, NULL);
+    pthread_cond_init(&opened->changed, NULL);
+    enum status status = read_secret(opened, service->config->webhook_secret_file, error);
+    if (status == STATUS_OK) status = post_open(error);
+    if (status == STATUS_OK && (status = start_threads(opened, error)) != STATUS_OK) post_close();
+    if (status == STATUS_OK)
+        *webhooks = opened;
+    else
+        destroy(opened);
+    return status;
+}
+
+void webhooks_close(struct webhooks *webhooks) {
+    if (!webhooks) return;
+    pthread_mutex_lock(&webhooks->lock);
+    atomic_store(&webhooks->stop, true);
+    pthread_cond_broadcast(&webhooks->changed);
+    pthread_mutex_unlock(&webhooks->lock);
+    for (unsigned i = 0; i < webhooks->delivery_count; i++) pthread_join(webhooks->delivery[i].thread, NULL);
+    post_close();
+    destroy(webhooks);
+}

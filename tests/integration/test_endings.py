@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the other tests rely on: an end of whittled that is no clean one is seen, and so is a test that is skipped."""
+import os
+import pathlib
+import re
+import signal
+import subprocess
+import sys
+
+import pytest
+
+import conftest
+
+HERE = pathlib.Path(__file__).parent
+
+
+@pytest.fixture(name="daemon")
+def make_own_daemon(tmp_path):
+    return conftest.Daemon(tmp_path).start()
+
+
+def test_a_clean_end_is_one_with_jobs_under_way_too(daemon, large):
+    daemon.worker_pid(daemon.submit(large, "?outputs=mesh"))
+    conftest.end_all([daemon])
+    assert daemon.process.returncode == 0 and daemon.log_text().rstrip().endswith("ended")
+
+
+def test_a_crash_after_the_last_answer_is_seen(daemon):
+    daemon.process.send_signal(signal.SIGSEGV)
+    with pytest.raises(AssertionError, match=r"whittled ended with (-11|\d+)"):
+        conftest.end_all([daemon])
+
+
+def test_so_is_one_before_a_restart(daemon):
+    daemon.process.send_signal(signal.SIGABRT)
+    daemon.process.wait(conftest.PATIENCE_S)
+    daemon.start()
+    with pytest.raises(AssertionError, match=r"whittled ended with (-6|\d+)"):
+        conftest.end_all([daemon])
+
+
+def test_what_the_test_did_itself_is_no_fault(daemon):
+    daemon.kill()
+    daemon.start().process.send_signal(signal.SIGSTOP)
+    conftest.end_all([daemon])
+
+
+@pytest.mark.parametrize("line", ["==7==ERROR: LeakSanitizer: detected memory leaks", "a.c:1:2: runtime error: overflow",
+                                  "WARNING: ThreadSanitizer: data race (pid=7)"])
+def test_what_a_sanitizer_says_is_a_fault(daemon, line):
+    with open(daemon.log, "a", encoding="utf-8") as log:
+        log.write(line + "\n")
+    with pytest.raises(AssertionError, match=re.escape(line.split("==")[-1][:20])):
+        conftest.end_all([daemon])
+
+
+CASES = """
+import pytest
+def test_passes(tmp_path): (tmp_path / "large").write_bytes(bytes(1 << 20))
+@pytest.mark.skipif(True, reason="chromium is not installed")
+def test_is_skipped(tmp_path): pass
+"""
+
+
+def run_pytest(tmp_path, cases, allowed, *flags):
+    folder = tmp_path / "cases"
+    folder.mkdir(exist_ok=True)
+    (folder / "conftest.py").write_text((HERE / "conftest.py").read_text())
+    (folder / "test_cases.py").write_text(cases)
+    (folder / "allowed").write_text(allowed)
+    (tmp_path / "temporary").mkdir(exist_ok=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider", "--rootdir", folder, *flags,
+         "--allowed-skips", folder / "allowed", folder / "test_cases.py"], capture_output=True, text=True, check=False,
+        env=dict(os.environ, TMPDIR=str(tmp_path / "temporary")))
+    return done.returncode, done.stdout, [str(p) for p in (tmp_path / "temporary").rglob("large")]
+
+
+@pytest.mark.parametrize("flags", [(), ("-n", "2")], ids=["one process", "two"])
+def test_a_skip_that_no_line_allows_fails_the_run(tmp_path, flags):
+    code, text, left = run_pytest(tmp_path, CASES, "# when file reason\nalways test_cases.py chromium is not *\n", *flags)
+    assert code == 0 and "SKIPPED" in text and "chromium is not installed" in text and left == []
+    when = "plain" if conftest.SANITIZED else "sanitized"
+    for allowed in ("", "always test_other.py *\n", "always test_cases.py node *\n", f"{when} test_cases.py *\n"):
+        code, text, _ = run_pytest(tmp_path, CASES, allowed, *flags)
+        assert code == 1 and "may not be skipped: test_cases.py: chromium is not installed" in text
+
+
+def test_only_what_failed_leaves_its_folder(tmp_path):
+    cases = CASES + "def test_fails(tmp_path): (tmp_path / 'large').write_text('evidence'); assert False\n"
+    code, _, left = run_pytest(tmp_path, cases, "always * *\n")
+    assert code == 1 and [re.findall(r"test_\w+?(?=\d*/)", path)[-1] for path in left] == ["test_fails"]
+
+
+@pytest.mark.parametrize("log, code, told", [
+    ("skipped: ../shared/data isn't there\n[  SKIPPED ] a\n[  SKIPPED ] 1 test(s), listed below:\n[  SKIPPED ] a\n", 0,
+     "skipped in log: ../shared/data isn't there"),
+    ("skipped: ../shared/data has no horse\n[  SKIPPED ] a\nskipped: ../shared/data has no venus\n[  SKIPPED ] b\n", 0,
+     "skipped in log: ../shared/data has no venus"),
+    ("skipped: ../shared/data isn't there\n[  SKIPPED ] a\n[  SKIPPED ] b\n", 1, "skipped without a reason"),
+    ("skipped: a whim\n[  SKIPPED ] a\n", 1, "may not be skipped: a whim"),
+    ("[  SKIPPED ] a\n", 1, "a test is skipped without a reason")], ids=["allowed", "two", "one of two", "not allowed", "no reason"])
+def test_unit_tests_skip_for_a_reason_that_is_allowed(tmp_path, log, code, told):
+    (tmp_path / "log").write_text(log)
+    done = subprocess.run([HERE.parent / "unit/skipped.sh", tmp_path / "log"], capture_output=True, text=True, check=False)
+    assert done.returncode == code and told in done.stdout + done.stderr

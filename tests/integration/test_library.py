@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""libwhittle as it is installed: linked by C and C++ programs through pkg-config, and from Python through numpy."""
+import fcntl
+import os
+import pathlib
+import re
+import subprocess
+import sys
+
+import pytest
+
+from conftest import BUILD, SANITIZED
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+numpy = pytest.importorskip("numpy", reason="python3-numpy isn't installed: make deps")
+pytestmark = pytest.mark.skipif(SANITIZED, reason="a library with sanitizers can't be loaded by a program without; "
+                                                  "unit/test_library.c runs under them")
+
+
+def run(*command, **options):
+    done = subprocess.run([str(c) for c in command], capture_output=True, text=True, check=False, **options)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="session")
+def installed(tmp_path_factory):
+    """A tree as `make install-library` leaves it, at a prefix that is found nowhere by itself."""
+    prefix = tmp_path_factory.mktemp("installed") / "usr"
+    config = pathlib.Path(BUILD).name
+    with open(pathlib.Path(BUILD) / "library.lock", "w") as lock:  # several processes of pytest, one build folder
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        install(prefix, config)
+    return prefix
+
+
+def install(prefix, config):
+    run("make", "-C", ROOT, f"config={config}", "install-library", f"PREFIX={prefix}",
+        env={k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MFLAGS", "MAKELEVEL")})
+
+
+def flags(installed, *wanted):
+    return run("pkg-config", *wanted, "whittle",
+               env={**os.environ, "PKG_CONFIG_PATH": str(installed / "lib/pkgconfig")}).split()
+
+
+def grid(side=60):
+    """A wavy sheet: (side * side, 3)."""
+    x, y = numpy.meshgrid(numpy.linspace(0, 1, side), numpy.linspace(0, 1, side))
+    return numpy.stack([x.ravel(), y.ravel(), 0.1 * numpy.sin(6 * x.ravel())], axis=1)
+
+
+def sphere(n=4000):
+    i = numpy.arange(n) + 0.5
+    z, turn = 1 - 2 * i / n, i * 2.399963229728653
+    r = numpy.sqrt(1 - z * z)
+    return numpy.stack([r * numpy.cos(turn), r * numpy.sin(turn), z], axis=1)
+
+
+@pytest.mark.parametrize("compiler", [("gcc", "-std=c11"), ("g++", "-std=c++17", "-x", "c++")], ids=["C", "C++"])
+@pytest.mark.parametrize("static", [False, True], ids=["shared", "static"])
+def test_the_example_builds_against_the_installed_tree(installed, tmp_path, compiler, static):
+    cloud, program = tmp_path / "cloud.xyz", tmp_path / "example"
+    numpy.savetxt(cloud, sphere())
+    link = flags(installed, "--cflags", "--libs", *(["--static"] if static else []))
+    if static:
+        link = [str(installed / "lib/libwhittle.a") if f == "-lwhittle" else f for f in link]
+    run(*compiler, "-pedantic", "-Wall", "-Wextra", "-Werror", ROOT / "tests/library/example.c", "-x", "none", *link,
+        "-o", program)
+    environment = {**os.environ, "LD_LIBRARY_PATH": str(installed / "lib")}
+    said = run(program, cloud, "0.1", env=environment)
+    assert re.match(r"400 of 4000 points, the first is number \d+; 796 triangles; largest error 0\.0\d+\n", said), said
+    refused = subprocess.run([program, cloud, "7"], capture_output=True, text=True, env=environment, check=False)
+    assert refused.returncode == 1 and "ratio" in refused.stderr
+
+
+def test_only_names_of_the_library_are_exported(installed):
+    shared = run("nm", "-D", "--defined-only", installed / "lib/libwhittle.so.0").splitlines()
+    names = {line.split()[2].split("@")[0] for line in shared}
+    assert names - {"WHITTLE_0"} and all(n.startswith("whittle_") for n in names - {"WHITTLE_0"}), names
+    # Of the archive: what templates of the standard library and CGAL leave is weak, and can't collide.
+    static = run("nm", "-g", "--defined-only", installed / "lib/libwhittle.a").splitlines()
+    strong = {line.split()[2] for line in static if re.match(r"[0-9a-f]+ [TDBR] ", line)}
+    assert strong and all(n.startswith("whittle_") for n in strong), sorted(strong)[:20]
+    header = (ROOT / "core/whittle.h").read_text()
+    declared = set(re.findall(r"^WHITTLE_API [^;]*?\b(whittle_\w+)\(", header, re.M))
+    assert declared == names - {"WHITTLE_0"}, declared ^ names
+
+
+def test_the_soname_is_the_file_s_name(installed):
+    assert "Library soname: [libwhittle.so.0]" in run("readelf", "-d", installed / "lib/libwhittle.so.0")
+    assert os.readlink(installed / "lib/libwhittle.so") == "libwhittle.so.0"
+
+
+def test_the_library_keeps_its_version(installed):
+    assert flags(installed, "--modversion")[0] == run(ROOT / "deploy/version.sh").strip()
+
+
+@pytest.fixture(scope="session")
+def whittle(installed):
+    """The module as it is installed, which finds the library beside it."""
+    sys.path.insert(0, str(installed / "lib/python3/dist-packages"))
+    import whittle as module
+    assert pathlib.Path(module.__file__).is_relative_to(installed)
+    yield module
+    sys.path.pop(0)
+
+
+def test_arrays_in_and_arrays_out(whittle):
+    points = sphere()
+    result = whittle.simplify(points, ratio=0.1, outputs=("cloud", "mesh", "dso", "error"))
+    assert result.ids.shape == (400,) and len(set(result.ids)) == 400
+    assert (result.points == points[result.ids]).all()
+    assert result.mesh.vertices.shape == (400, 3) and result.mesh.triangles.shape == (796, 3)
+    assert (result.mesh.vertices == points[result.mesh.sources]).all()
+    assert result.report["points_out"] == 400 and result.report["mesh.watertight"] == 1
+    assert result.distances.shape == result.operator.shape == (4000,)
+    assert 0 < result.distances.max() < 0.1
+    a, b, c = (result.mesh.vertices[result.mesh.triangles[:, k]] for k in range(3))
+    assert 0.9 * 4.19 < (a * numpy.cross(b, c)).sum() / 6 < 4.19  # outside is outside
+
+
+def test_attributes_come_with_the_points_in_their_types(whittle):
+    points = grid().astype("f4")
+    n = len(points)
+    colours = numpy.stack([numpy.arange(n) % 256] * 3, axis=1).astype("u1")
+    result = whittle.simplify(points, points=500, colors=colours, attributes={"time": numpy.arange(n) / 7,
+                                                                              "kept": numpy.arange(n) % 2 == 0})
+    columns = result.attributes
+    assert {name: c.dtype.str[1:] for name, c in columns.items()} == {
+        "red": "u1", "green": "u1", "blue": "u1", "time": "f8", "kept": "u1"}
+    assert (columns["red"] == colours[result.ids, 0]).all() and (columns["time"] == result.ids / 7).all()
+    assert result.cloud.attributes["x"].dtype == numpy.float32
+
+
+def test_levels_are_nested(whittle):
+    result = whittle.simplify(sphere(), levels=(0.4, 0.1), outputs=("cloud", "mesh"))
+    assert [len(level.ids) for level in result.levels] == [1600, 400]
+    assert (result.levels[0].ids[:400] == result.levels[1].ids).all()
+    assert result.levels[1].mesh.triangles.shape == (796, 3) and result.levels[1].report["ratio"] == 0.1
+
+
+def test_files_and_their_surfaces(whittle, tmp_path):
+    result = whittle.simplify(sphere(), ratio=0.5, outputs="mesh")
+    path = tmp_path / "mesh.off"
+    with open(path, "w") as out:
+        print(f"OFF\n{len(result.mesh.vertices)} {len(result.mesh.triangles)} 0", file=out)
+        numpy.savetxt(out, result.mesh.vertices)
+        numpy.savetxt(out, numpy.insert(result.mesh.triangles, 0, 3, axis=1), fmt="%d")
+    cloud = whittle.Cloud.read(path)
+    assert len(cloud) == 2000 and (cloud.triangles == result.mesh.triangles).all()
+    of_file = whittle.simplify(path, ratio=0.1, outputs="mesh")
+    of_arrays = whittle.simplify(result.mesh.vertices, triangles=result.mesh.triangles, ratio=0.1, outputs="mesh")
+    assert (of_file.mesh.triangles == of_arrays.mesh.triangles).all()
+    assert (of_file.mesh.vertices == of_arrays.mesh.vertices).all()
+
+
+def test_a_lid_is_warned_of(whittle):
+    """Half a sphere, closed by a disc that no point supports."""
+    points = sphere()
+    result = whittle.simplify(points[points[:, 2] > 0], ratio=0.3, outputs="mesh", boundary="fill")
+    assert result.report["mesh.unsupported_area_share"] > 0.1 and len(result.warnings) == 1
+    assert whittle.simplify(points, ratio=0.3, outputs="mesh").warnings == []
+
+
+def test_results_outlive_what_they_came_from(whittle):
+    distances = whittle.simplify(sphere(), ratio=0.1, outputs="error").distances
+    for _ in range(5):
+        whittle.simplify(grid(), ratio=0.1)
+    assert 0 < distances.max() < 0.1 and not distances.flags.writeable
+
+
+@pytest.mark.parametrize("call, kind, says", [
+    (lambda w: w.simplify(sphere(), ratio=3), "Error", "ratio: '3' is not allowed"),
+    (lambda w: w.simplify(sphere(), rato=0.1), "Error", "ratio"),
+    (lambda w: w.simplify(sphere()[:, :2]), ValueError, "(n, 3) is wanted"),
+    (lambda w: w.simplify(sphere() * numpy.nan), "Error", "x: point 0: x is not a finite number"),
+    (lambda w: w.simplify(sphere()[:0]), "Error", "0 points"),
+    (lambda w: w.simplify(sphere(), attributes={"a": [1, 2]}), ValueError, "attribute a"),
+    (lambda w: w.simplify(sphere(), attributes={"a": ["b"] * 4000}), TypeError, "attribute a"),
+    (lambda w: w.simplify(sphere(), triangles=[[0, 1, 4000]]), ValueError, "triangles"),
+    (lambda w: w.simplify(sphere(), triangles=[[0, 1, -1]]), ValueError, "triangles"),
+    (lambda w: w.simplify("/nonexistent.ply"), "Error", "/nonexistent.ply"),
+    (lambda w: w.simplify(sphere(), progress=lambda stage, fraction: fraction > 0.3), "Cancelled", "cancelled"),
+    (lambda w: w.simplify(sphere(), progress=lambda stage, fraction: 1 / 0), ZeroDivisionError, ""),
+], ids=lambda value: "" if callable(value) or isinstance(value, type) else str(value)[:24])
+def test_refusals_say_what_and_where(whittle, call, kind, says):
+    with pytest.raises(getattr(whittle, kind) if isinstance(kind, str) else kind) as raised:
+        call(whittle)
+    assert says in str(raised.value)
+
+
+def test_threads_run_side_by_side(whittle):
+    from concurrent.futures import ThreadPoolExecutor
+    alone = whittle.simplify(sphere(), ratio=0.1, outputs="cloud")
+    with ThreadPoolExecutor(4) as pool:
+        ids = list(pool.map(lambda _: whittle.simplify(sphere(), ratio=0.1, outputs="cloud").ids, range(8)))
+    assert all((one == alone.ids).all() for one in ids)
+
+
+def test_to_and_from_open3d(whittle):
+    open3d = pytest.importorskip("open3d", reason="python3-open3d isn't installed")
+    source = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(sphere()))
+    source.colors = open3d.utility.Vector3dVector((sphere() + 1) / 2)
+    source.normals = open3d.utility.Vector3dVector(sphere())
+    result = whittle.simplify(source, ratio=0.1, outputs=("cloud", "mesh"))
+    back = result.to_open3d()
+    assert numpy.asarray(back.points).shape == (400, 3) and back.has_colors() and back.has_normals()
+    assert numpy.abs(numpy.asarray(back.colors) - (result.points + 1) / 2).max() < 0.003
+    mesh = result.mesh.to_open3d()
+    assert mesh.is_watertight() and len(whittle.Cloud.of(mesh)) == 400
+
+
+def test_to_and_from_trimesh(whittle):
+    trimesh = pytest.importorskip("trimesh", reason="trimesh isn't installed; Debian 12 has no package of it")
+    mesh = whittle.simplify(trimesh.creation.icosphere(4), ratio=0.2, outputs="mesh").to_trimesh()
+    assert mesh.is_watertight
+
+
+def test_options_are_those_of_the_command(whittle):
+    names = {option["name"] for option in whittle.options()}
+    said = run(pathlib.Path(BUILD).resolve() / "whittle", "--help")
+    assert "ratio" in names and all(f"--{n}" in said or f"--{n.replace('_', '-')}" in said for n in names)

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Geometries unlike scans: time near that of a plain cloud, memory within the prediction; make odd-geometries has all."""
+import pathlib
+import subprocess
+import sys
+
+import pytest
+
+import conftest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "bench"))
+import odd_geometries  # noqa: E402
+import odd_shapes  # noqa: E402
+
+MEMORY, LIMIT = 71, 65  # exit statuses
+SHAPES = {"UTM and a stray at zero": 0, "one Morton cell": 0, "two skew lines": MEMORY,
+          "conical spiral": MEMORY, "rotating lidar": 0, "cone of lines": 0,
+          "faces of one point": 0, "faces of 255 corners": 0, "lattice": 0, "faces all across": 0,
+          "fans all across": 0, "faces of a stray": 0, "faces in one cell": 0}
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    if not (conftest.BUILD / "tests/tools/run_measured").exists():
+        pytest.skip("run_measured isn't built: make tests tools")
+    if conftest.SANITIZED:
+        pytest.skip("sanitizers have a time and memory of their own")
+    return odd_geometries.Bench(conftest.BUILD, 20000, tmp_path_factory.mktemp("odd"))
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_time_and_memory_are_bounded(bench, name):
+    for outputs, ratio, memory, status, said in bench.measure(name):
+        assert ratio <= odd_geometries.MOST_RATIO, (outputs, ratio)
+        assert memory <= 1, (outputs, memory)
+        refused = SHAPES[name] if "mesh" in outputs else 0
+        assert status == refused, said
+        assert not refused or ("outputs=cloud" in said and "allow more memory" in said)
+
+
+@pytest.mark.parametrize("name", ["97 scan lines", "rotating lidar", "cone of lines", "cone"])
+def test_all_points_of_lines_make_a_mesh(bench, name):
+    path = bench.folder / "lines.ply"
+    odd_shapes.write(name, 20000, path)
+    _, peak, status, said = odd_geometries.run(bench.build, path, "mesh", bench.folder, "--ratio", 1)
+    assert status == 0, said
+    assert peak <= odd_geometries.predicted(bench.build, path, "mesh", "--most", "ratio=1")
+
+
+@pytest.mark.parametrize("name", ["two skew lines", "conical spiral"])
+def test_all_points_of_a_few_curves_are_refused_whatever_memory_there_is(bench, name):
+    path = bench.folder / "curves.ply"
+    odd_shapes.write(name, 20000, path)
+    _, peak, status, said = odd_geometries.run(bench.build, path, "mesh", bench.folder, "--ratio", 1)
+    assert status == LIMIT and "outputs=cloud" in said
+    assert peak <= odd_geometries.predicted(bench.build, path, "mesh", "--most", "ratio=1")
+
+
+def test_a_limit_of_the_process_is_the_memory_that_there_is(bench):
+    path = bench.folder / "cone.ply"
+    odd_shapes.write("cone", 20000, path)
+    run = subprocess.run(["sh", "-c", 'ulimit -v 160000; exec "$@"', "sh", bench.build / "whittle", path, "--ratio", "1",
+                          "--outputs", "mesh", "--threads", "1", "-o", bench.folder / "out"],
+                         capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    for memory in ("70M", "71680K", str(70 << 20)):
+        run = subprocess.run([bench.build / "whittle", path, "--ratio", "1", "--outputs", "mesh", "--memory", memory,
+                              "-o", bench.folder / "out"], capture_output=True, text=True)
+        assert run.returncode == MEMORY and "and 70 MiB have no room for more: allow more memory" in run.stderr
+    for memory in ("0", "", "-1", "4X", "4GB", "99999999999999999999", "20000000T"):
+        run = subprocess.run([bench.build / "whittle", path, f"--memory={memory}"], capture_output=True, text=True)
+        assert run.returncode == 2 and "--memory: it takes a number of bytes" in run.stderr

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Refinement of surfaces with borders, from a file of points to a mesh: terrain whose true heights are known."""
+import collections
+import json
+import math
+import pathlib
+import random
+import subprocess
+import sys
+
+import pytest
+
+from conftest import BUILD
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "peers"))
+import borders  # noqa: E402  pylint: disable=wrong-import-position
+
+SIDE = 90
+
+
+def height(x, y):
+    return 0.1 * math.sin(7 * x) * math.cos(5 * y) + 0.03 * math.sin(23 * x * y)
+
+
+@pytest.fixture(name="terrain", scope="module")
+def make_terrain(tmp_path_factory):
+    """Points of a terrain, somewhat off a grid, with a lake amid it."""
+    chance = random.Random(7)
+    path = tmp_path_factory.mktemp("terrain") / "terrain.xyz"
+    with open(path, "w", encoding="ascii") as file:
+        for i in range(SIDE * SIDE):
+            x, y = ((k + chance.uniform(-0.3, 0.3)) / SIDE for k in (i % SIDE, i // SIDE))
+            if math.hypot(x - 0.6, y - 0.4) > 0.12:
+                file.write(f"{x:.6f} {y:.6f} {height(x, y):.6f}\n")
+    return path
+
+
+def meshed(terrain, folder, **parameters):
+    """(points of the mesh, its triangles, report)."""
+    options = [word for name, value in parameters.items() for word in (f"--{name}", str(value))]
+    subprocess.run([BUILD / "whittle", terrain, "-q", "--outputs", "mesh,report", "-o", folder, *options], check=True)
+    points, corners = borders.points_of(folder / "mesh.ply")
+    return points, list(zip(*[iter(corners)] * 3)), json.loads((folder / "report.json").read_text())
+
+
+def check_sheet(points, triangles, upwards):
+    """Each edge once in each direction, one border around the sheet and one around the lake, no vertex in two fans."""
+    edges = collections.Counter((t[k], t[(k + 1) % 3]) for t in triangles for k in range(3))
+    assert max(edges.values()) == 1
+    out = collections.Counter(a for a, b in edges if (b, a) not in edges)
+    assert max(out.values()) == 1
+    loops = borders.loops_of([v for t in triangles for v in t])
+    assert sorted(len(loop) > 0 for loop in loops) == [True, True]
+    for a, b, c in triangles if upwards else ():
+        (ax, ay, _), (bx, by, _), (cx, cy, _) = points[a], points[b], points[c]
+        assert (bx - ax) * (cy - ay) - (by - ay) * (cx - ax) > 0
+
+
+@pytest.mark.parametrize("surface", ["open", "heightfield"])
+@pytest.mark.parametrize("placement", ["subset", "optimal"])
+def test_refinement_halves_the_error_and_keeps_the_sheet(terrain, tmp_path, surface, placement):
+    made = {form: meshed(terrain, tmp_path / form, surface=surface, placement=placement, ratio=0.06, refine=form)
+            for form in ("none", "full")}
+    before, after = (made[form][2]["error"]["input_to_mesh"]["mean"] for form in ("none", "full"))
+    assert after < 0.5 * before
+    check_sheet(*made["full"][:2], surface == "heightfield")
+    near = 2 / SIDE
+    for x, y, z in made["full"][0]:
+        assert -near < x < 1 + near and -near < y < 1 + near
+        assert math.hypot(x - 0.6, y - 0.4) > 0.12 - near
+        assert abs(z - height(x, y)) < 0.02
+
+
+def test_threads_change_nothing(terrain, tmp_path):
+    for threads in (1, 3):
+        meshed(terrain, tmp_path / str(threads), surface="open", ratio=0.06, threads=threads)
+    assert (tmp_path / "1/mesh.ply").read_bytes() == (tmp_path / "3/mesh.ply").read_bytes()

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is a table in the source takes one more row: a copy of the tree with it is built, and does what the row says."""
+import json
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from test_parameters import torus, write
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+BUILD = pathlib.Path(os.environ.get("WHITTLE_BUILD", "build/release")).resolve()
+
+HULL = """/* The convex hull: all that is between the points.  SPDX-License-Identifier: GPL-3.0-or-later */
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/base/alloc.h"
+#include "core/surface/cocone/surface.h"
+#include "core/surface/reconstruct.h"
+
+enum status reconstruct_hull(const struct reconstruct_task *task, struct mesh *mesh, struct reconstruct_facts *facts) {
+    (void)facts;
+    const struct reconstruct_input *input = task->input;
+    unsigned threads = task->options->threads;
+    struct cocone_star star = {0};
+    uint8_t *inside = alloc_zeroed(task->tets->cell_count, 1);
+    if (!inside) return STATUS_NO_MEMORY;
+    memset(inside, 1, task->tets->finite_count);
+    enum status status = cocone_star_build(task->tets, input->points, input->n, threads, &star);
+    if (!status) status = cocone_surface_extract(&star, input->support, threads, inside, mesh);
+    cocone_star_done(&star);
+    free(inside);
+    return status;
+}
+"""
+
+
+@pytest.fixture(name="tree", scope="module")
+def copy_tree(tmp_path_factory):
+    """The sources with what was built of them, so that make builds no more than what a change makes it build."""
+    tree = tmp_path_factory.mktemp("tree")
+    for name in ("core", "api", "server", "deploy"):
+        shutil.copytree(ROOT / name, tree / name, symlinks=True)
+        if (BUILD / name).is_dir():
+            shutil.copytree(BUILD / name, tree / "build" / BUILD.name / name)
+    shutil.copy2(ROOT / "Makefile", tree)
+    yield tree
+    shutil.rmtree(tree)
+
+
+def make(tree):
+    environment = {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MAKELEVEL")}
+    target = f"build/{BUILD.name}/whittle"
+    run = subprocess.run(["make", "-j2", f"config={BUILD.name}", "CI=true", target], cwd=tree, env=environment,
+                         capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    return tree / target
+
+
+def add_row(path, after, row):
+    text = path.read_text(encoding="utf-8")
+    assert text.count(after) == 1
+    path.write_text(text.replace(after, after + row), encoding="utf-8")
+
+
+def test_a_reconstruction_is_a_file_and_a_row(tree, tmp_path):
+    (tree / "core/surface/hull.c").write_text(HULL, encoding="ascii")
+    add_row(tree / "core/surface/reconstruct.h", '"Tight Cocone as published", "Dey and Goswami 2003")',
+            ' \\\n    ROW(HULL, hull, "hull", "the convex hull", "Barber and others 1996")')
+    whittle = make(tree)
+    cloud = write(tmp_path / "torus.obj", torus())
+    subprocess.run([whittle, cloud, "--reconstruction", "hull", "--refine", "none", "--outputs", "mesh,report",
+                    "-o", f"{tmp_path}/", "-q"], check=True)
+    report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert report["params"]["reconstruction"] == "hull"
+    mesh = report["mesh"]
+    assert mesh["reconstruction"] == "hull" and mesh["watertight"] and mesh["manifold"]
+    assert mesh["triangles"] == 2 * mesh["vertices"] - 4  # a sphere, where the surface of the points has a handle
+    wrong = subprocess.run([whittle, cloud, "--reconstruction", "ball"], capture_output=True, text=True, check=False)
+    assert wrong.returncode == 2 and "it takes one of tight, literal, hull" in wrong.stderr
+    text = subprocess.run([whittle, "--help"], capture_output=True, text=True, check=True).stdout
+    told = re.search(r"--reconstruction\n(.*)\n(.*)", text)
+    assert "hull: the convex hull (Barber and others 1996)." in told[1]
+    assert told[2].strip() == "one of tight, literal, hull; default tight"
+
+
+TRIPLES = """/* Triples: "TRIPLES", a blank, then three digits for each point.  SPDX-License-Identifier: GPL-3.0-or-later */
+#include <string.h>
+
+#include "core/io/build.h"
+#include "core/io/first_bytes.h"
+#include "core/io/reader.h"
+
+static const char mark[] = "TRIPLES ";
+enum { MARK_BYTES = sizeof mark - 1 };
+
+const char *cloud_triples_look(const struct first_bytes *first) {
+    return first_begins(first, mark, MARK_BYTES) ? "triples" : "";
+}
+
+enum status cloud_triples_read(const void *bytes, size_t n, const struct cloud_limits *limits,
+                               const struct progress *progress, struct cloud *cloud, struct error *error) {
+    const unsigned char *digit = (const unsigned char *)bytes + MARK_BYTES;
+    struct cloud_build build;
+    cloud_build_start(&build, "triples", n, limits, progress, error);
+    enum status status = STATUS_OK;
+    for (int axis = 0; axis < 3 && !status; axis++)
+        status = cloud_build_property(&build, (const char[2]){"xyz"[axis]}, SCALAR_UINT8);
+    for (size_t i = 0; i < (n - MARK_BYTES) / 3 && !status; i++) {
+        const unsigned char point[3] = {digit[3 * i] - '0', digit[3 * i + 1] - '0', digit[3 * i + 2] - '0'};
+        status = cloud_build_point(&build, point, (struct cloud_place){0, MARK_BYTES + 3 * i});
+    }
+    return cloud_build_end(&build, status, cloud);
+}
+"""
+
+
+def test_a_format_is_a_file_and_a_row(tree, tmp_path):
+    (tree / "core/io/formats/triples_read.c").write_text(TRIPLES, encoding="ascii")
+    add_row(tree / "core/io/formats.h", "#define CLOUD_FORMAT_ROWS(ROW) ",
+            '\\\n    ROW(TRIPLES, triples, "TRIPLES", "triples of digits", "triples") ')
+    whittle = make(tree)
+    points = [f"{x}{y}{z}" for x in range(4) for y in range(4) for z in range(4)]
+    cloud = tmp_path / "cloud"
+    cloud.write_text("TRIPLES " + "".join(points), encoding="ascii")
+    subprocess.run([whittle, cloud, "--points", "64", "--outputs", "xyz,report", "-o", f"{tmp_path}/", "-q"], check=True)
+    kept = (tmp_path / "cloud.xyz").read_text(encoding="ascii").split("\n")[:-1]
+    assert sorted(line.replace(" ", "") for line in kept) == points
+    assert json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["input"]["format"] == "triples"
+    (tmp_path / "image").write_bytes(b"\x89PNG")
+    refused = subprocess.run([whittle, tmp_path / "image"], capture_output=True, text=True, check=False)
+    assert "this looks like a PNG image; what is read: TRIPLES, PLY, PCD" in refused.stderr
+    text = subprocess.run([whittle, "--help"], capture_output=True, text=True, check=True).stdout
+    assert "INPUT is TRIPLES, PLY, PCD" in text

@@ -1,0 +1,119 @@
+"""What a cloud is taken for, and what its mesh is then: closed, open, or a height field.
+
+SPDX-License-Identifier: GPL-3.0-or-later
+"""
+import json
+import math
+import os
+import pathlib
+import random
+import subprocess
+
+import pytest
+
+WHITTLE = pathlib.Path(os.environ.get("WHITTLE_BUILD", "build/release")).resolve() / "whittle"
+POINTS = 6000
+
+
+def sphere(draw):
+    z, angle = draw.uniform(-1, 1), draw.uniform(0, 2 * math.pi)
+    return math.sqrt(1 - z * z) * math.cos(angle), math.sqrt(1 - z * z) * math.sin(angle), z
+
+
+def half_sphere(draw):
+    x, y, z = sphere(draw)
+    return x, y, abs(z)
+
+
+def terrain(draw):
+    x, y = draw.random(), draw.random()
+    return 500000 + 1000 * x, 5000000 + 1000 * y, 300 + 60 * math.sin(7 * x) * math.cos(5 * y) + 9 * math.sin(31 * x)
+
+
+def room(draw):
+    """From inside: three walls of four, and the floor."""
+    side, u, v = draw.randrange(4), draw.random(), draw.random()
+    return [(0, 3 * u, 2.5 * v), (4 * u, 0, 2.5 * v), (4 * u, 3, 2.5 * v), (4 * u, 3 * v, 0)][side]
+
+
+def steps(draw):
+    """What is seen from above of a block: its sides aren't."""
+    x, y = draw.random(), draw.random()
+    return x, y, 0.5 if max(abs(x - 0.5), abs(y - 0.5)) < 0.2 else 0.03 * math.sin(9 * x)
+
+
+# name: (shape, kind, handles, borders or None, orientation)
+SHAPES = {"sphere": (sphere, "closed", 0, 0, "outwards"), "half_sphere": (half_sphere, "open", 0, 1, "upwards"),
+          "terrain": (terrain, "heightfield", 0, 1, "upwards"), "room": (room, "open", 0, None, "outwards"),
+          "steps": (steps, "open", 0, None, "upwards")}
+
+
+@pytest.fixture(name="scans", scope="module")
+def make_scans(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scans")
+    for name, (shape, *_) in SHAPES.items():
+        draw = random.Random(7)
+        lines = (" ".join(f"{x:.9g}" for x in shape(draw)) for _ in range(POINTS))
+        (folder / f"{name}.xyz").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return folder
+
+
+def run(scan, folder, *arguments):
+    done = subprocess.run([WHITTLE, scan, "--outputs", "mesh,report", "-o", folder, "--force", *arguments],
+                          capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads((folder / "report.json").read_text(encoding="utf-8")), done.stdout
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_auto_finds_out_what_it_is_and_says_why(name, scans, tmp_path):
+    _, kind, handles, borders, orientation = SHAPES[name]
+    report, summary = run(scans / f"{name}.xyz", tmp_path)
+    surface, mesh = report["surface"], report["mesh"]
+    assert surface["kind"] == kind and surface["sure"] and surface["orientation"] == orientation
+    assert surface["reason"] and f"surface          {kind}: {surface['reason']}" in summary
+    assert mesh["manifold"] and mesh["oriented"] and mesh["watertight"] == (kind == "closed")
+    assert mesh["handles"] == handles and mesh["borders"] == borders or borders is None and mesh["borders"] > 0
+    assert (mesh["border_length"] > 0) == (kind != "closed")
+    assert mesh["border_length_rel"] == pytest.approx(mesh["border_length"] / report["input"]["diagonal"])
+    assert report["warnings"] == []
+
+
+def test_auto_gives_what_asking_gives(scans, tmp_path):
+    for name, (_, kind, *_) in SHAPES.items():
+        run(scans / f"{name}.xyz", tmp_path / "auto")
+        run(scans / f"{name}.xyz", tmp_path / "asked", "--surface", kind)
+        assert (tmp_path / "auto/mesh.ply").read_bytes() == (tmp_path / "asked/mesh.ply").read_bytes(), name
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_levels_and_threads_decide_alike(name, scans, tmp_path):
+    one, _ = run(scans / f"{name}.xyz", tmp_path / "one", "--levels", "0.3,0.1,0.02", "--threads", "1")
+    run(scans / f"{name}.xyz", tmp_path / "three", "--levels", "0.3,0.1,0.02", "--threads", "3")
+    assert one["surface"]["kind"] == SHAPES[name][1]
+    for file in ("mesh_0.3.ply", "mesh_0.1.ply", "mesh_0.02.ply"):
+        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "three" / file).read_bytes()
+    for level in one["levels"]:
+        assert level["mesh"]["watertight"] == (one["surface"]["kind"] == "closed")
+
+
+def test_fill_and_keep_are_of_closed_surfaces(scans, tmp_path):
+    filled, _ = run(scans / "half_sphere.xyz", tmp_path / "filled", "--boundary", "fill")
+    assert filled["surface"]["kind"] == "closed" and filled["mesh"]["watertight"]
+    kept, _ = run(scans / "half_sphere.xyz", tmp_path / "kept", "--boundary", "keep")
+    assert kept["surface"]["kind"] == "closed" and not kept["mesh"]["watertight"]
+    done = subprocess.run([WHITTLE, scans / "sphere.xyz", "--boundary", "fill", "--surface", "open"],
+                          capture_output=True, text=True, check=False)
+    assert done.returncode != 0 and "boundary" in done.stderr
+
+
+def test_normals_say_which_side_is_in_front(scans, tmp_path):
+    """Those of the half sphere point inwards."""
+    lines = (scans / "half_sphere.xyz").read_text(encoding="utf-8").splitlines()
+    rows = [f"{line} {' '.join(f'{-float(x):.6g}' for x in line.split())}" for line in lines]
+    given = tmp_path / "given.xyz"
+    given.write_text("x y z nx ny nz\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    report, _ = run(given, tmp_path / "given")
+    plain, _ = run(scans / "half_sphere.xyz", tmp_path / "plain")
+    assert report["surface"]["orientation"] == "normals"
+    assert report["mesh"]["volume"] < 0 < plain["mesh"]["volume"]

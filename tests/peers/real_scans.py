@@ -1,0 +1,200 @@
+#!/usr/bin/env python3
+"""How near whittle's meshes of real scans come to their points, beside the peers, with pictures.
+
+Usage: real_scans.py [--build build/release] [--models samp53g,lion] [--ratios 0.2,0.1,0.05] [--surface auto]
+                     [--no-halves] [--no-pictures] [--no-peers] [-o out/real_scans.md]
+
+The scans lie in ../shared/data/scans, and what measures them is ../shared/tools/open_scan.cpp; without these nothing is
+done.  Peers: two-dimensional Delaunay triangulation (of terrain), advancing front and Poisson reconstruction of all
+points, each brought to the same number of vertices by Lindstrom and Turk's edge collapse.
+
+Columns: vertices; mean distance of the points to the mesh, its 99th percentile and the same mean where the mesh was
+made of a random half of the points and is measured by the other, in 1e-4 of the diagonal; share of the area that is far
+from all points; area that faces up and down, in units of the ground's (of terrain); share of vertical lines through
+points that meet the mesh once (of terrain); share of the area that faces away from the scanner (where its place is
+known); borders, pieces; edges that aren't manifold or oriented, vertices in several fans, pairs of triangles that
+cross; processor time in seconds, of peers with the reconstruction.
+
+SPDX-License-Identifier: GPL-3.0-or-later
+"""
+import argparse
+import collections
+import json
+import pathlib
+import random
+import subprocess
+import sys
+import time
+
+import models
+from programs import Failed, Made, Programs, markdown, run, work_of
+
+SCANS = models.SHARED / "scans"
+METER = models.SHARED.parent / "tools" / "open_scan.cpp"
+OURS = ("subset", "optimal")
+PIXELS, NEARBY = 600, 0.3  # of a picture's longer side; of a scan's width and height
+AWAY = (0.85, 0.45, 0.4)  # colour of back faces
+PEERS = {"delaunay": "surface_cgal", "front": "surface_cgal", "poisson": "open3d"}
+HEADER = ("scan", "kept", "method", "vertices", "mean", "99 %", "half", "far %", "up", "down", "once %", "away %",
+          "borders", "pieces", "bad edges", "pinched", "crossings", "s")
+
+# scanner: where it stood, where that is known; whether the scan is of the ground, seen from above.
+Scan = collections.namedtuple("Scan", "file scanner terrain", defaults=(None, False))
+KNOWN = {"samp53g": Scan("samp53g.pcd", terrain=True), "autzen_trim": Scan("autzen_trim.las", terrain=True),
+         "frag2": Scan("frag2.ply"), "lion": Scan("lion.ply"), "mosd10": Scan("mosd10.pcd", (0, 0, 0)),
+         "range1": Scan("range1.ply", (0, 0, 0))}
+
+
+class Campaign:
+    """One run: its programs, its meter, its options."""
+
+    def __init__(self, options):
+        self.options = options
+        self.programs = Programs(options.build, f"out/{options.output.stem}")
+        self.folder = self.programs.folder
+        self.meter = options.build / "tests/peers/open_scan"
+        if not self.meter.exists() or self.meter.stat().st_mtime < METER.stat().st_mtime:
+            run(["g++", "-O2", "-std=c++17", METER, "-o", self.meter, "-lgmp", "-lmpfr"])
+
+    def points_of(self, name):
+        """All points of a scan as the PLY that the peers read, and a random half and the other."""
+        target = self.folder / f"{name}.ply"
+        halves = [self.folder / f"{name}-{part}.ply" for part in ("half", "other")]
+        if not all(path.exists() for path in [target, *halves]):
+            folder, _ = self.programs.whittle(SCANS / KNOWN[name].file, "--ratio", 1, outputs="cloud,report", name="all")
+            models.to_plain(folder / "cloud.ply", target)
+            columns, _ = models.read_ply(target)
+            points = list(zip(*(columns[axis] for axis in "xyz")))
+            random.Random(1).shuffle(points)
+            for path, part in zip(halves, (points[::2], points[1::2])):
+                models.write_ply(path, [c for point in part for c in point])
+        return target, *halves
+
+    def ours(self, cloud, ratio, placement, name):
+        folder, report = self.programs.whittle(cloud, "--ratio", ratio, "--placement", placement, "--surface",
+                                               self.options.surface, "--threads", 1, outputs="mesh,report", name=name)
+        plain = self.programs.plain(folder / "mesh.ply", name)
+        return Made(plain, report["mesh"]["vertices"], *work_of(report))
+
+    def reconstructed(self, cloud, peer):
+        """A peer's mesh of all points, made once."""
+        target = self.folder / f"{cloud.stem}-{peer}.ply"
+        told = target.with_suffix(".json")
+        if not told.exists():
+            made = self.programs.peer(PEERS[peer], peer, Made(cloud, 0), 0, name=target.stem)
+            told.write_text(json.dumps(made[1:]))
+        return Made(target, *json.loads(told.read_text()))
+
+    def theirs(self, cloud, ratio, peer, name):
+        count = int(ratio * models.count_of(cloud))
+        return self.programs.peer("surface_cgal", "lindstrom-turk", self.reconstructed(cloud, peer), count, name=name)
+
+    def mesh(self, cloud, ratio, method, name):
+        return self.ours(cloud, ratio, method, name) if method in OURS else self.theirs(cloud, ratio, method, name)
+
+    def measure(self, points, mesh, scanner=None):
+        done = subprocess.run([str(w) for w in (self.meter, points, mesh, *(scanner or ()))], capture_output=True,
+                              text=True, check=False)
+        if done.returncode:
+            raise Failed(f"open_scan: {done.stdout or done.stderr}")
+        return json.loads(done.stdout)
+
+
+def cells_of(campaign, name, ratio, method):
+    """(columns after the method's name, path of the mesh)."""
+    scan, (whole, half, other) = KNOWN[name], campaign.points_of(name)
+    made = campaign.mesh(whole, ratio, method, f"{name}-{ratio:g}-{method}")
+    told = campaign.measure(whole, made.path, scan.scanner)
+    sound = json.loads(run([campaign.options.build / "tests/peers/soundness_cgal", made.path]))
+    held_out = "-"
+    if campaign.options.halves:
+        of_half = campaign.mesh(half, ratio, method, f"{name}-{ratio:g}-{method}-half")
+        held_out = f"{campaign.measure(other, of_half.path)['points_to_mesh_mean']:.2f}"
+    ground = [f"{told['up']:.3f}", f"{told['down']:.3f}", f"{100 * told['layers_1']:.1f}"] if scan.terrain else ["-"] * 3
+    away = "-" if told["away"] is None else f"{100 * told['away']:.1f}"
+    return [made.points, f"{told['points_to_mesh_mean']:.3f}", f"{told['points_to_mesh_p99']:.1f}", held_out,
+            f"{100 * told['phantom']:.1f}", *ground, away, told["boundary_loops"], told["components"],
+            told["nonmanifold_edges"] + told["misoriented_edges"], sound["pinched"], sound["crossings"],
+            f"{made.processor_ms / 1e3:.1f}"], made.path
+
+
+def methods_for(name, options):
+    peers = [peer for peer in PEERS if peer != "delaunay" or KNOWN[name].terrain] if options.peers else []
+    return [*OURS, *peers]
+
+
+def draw(campaign, name, ratio, made):
+    """Each mesh as a whole and from nearby, flat shaded, so that each triangle is seen; back faces are red."""
+    sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "paper"))
+    import draw as pictures  # pylint: disable=import-outside-toplevel
+    import numpy as np  # pylint: disable=import-outside-toplevel
+
+    path = campaign.folder / f"{name}-{ratio:g}.png"
+    points = np.column_stack([models.read_ply(campaign.points_of(name)[0])[0][axis] for axis in "xyz"])
+    across = pictures.Camera(name, points, PIXELS).axes[:2].T
+    drawn, titles = [], []
+    for part, share in (("", 1.0), (", nearby", NEARBY)):
+        low, high = np.percentile(points @ across, [50 - 50 * share, 50 + 50 * share], axis=0)
+        camera = pictures.Camera(name, points[((points @ across >= low) & (points @ across <= high)).all(1)], PIXELS)
+        for method, mesh in made.items():
+            columns, corners = models.read_ply(mesh)
+            xyz, faces = np.column_stack([columns[axis] for axis in "xyz"]), np.array(corners).reshape(-1, 3)
+            seen = (xyz @ across)[faces]
+            faces = faces[((seen.max(1) >= low) & (seen.min(1) <= high)).all(1)]
+            away = pictures.face_normals(xyz, faces) @ camera.axes[2] < 0
+            drawn.append(pictures.draw_mesh(camera, xyz, faces, face_colour=np.where(
+                away[:, None], AWAY, pictures.CLAY)))
+            titles.append(f"{name}, {100 * ratio:g} %, {method}{part}")
+    pictures.panels(path, drawn, titles, rows=2)
+    return path
+
+
+def measure_scan(campaign, name, ratio):
+    rows, made = [], {}
+    for method in methods_for(name, campaign.options):
+        began = time.monotonic()
+        head = [name, f"{100 * ratio:g} %", method]
+        try:
+            cells, made[method] = cells_of(campaign, name, ratio, method)
+        except Failed as failure:
+            cells = ["-"] * (len(HEADER) - len(head))
+            print(f"{name}, {method}: {failure}", file=sys.stderr)
+        rows.append(head + cells)
+        print(*rows[-1], f"({time.monotonic() - began:.0f} s)", file=sys.stderr, flush=True)
+    if campaign.options.pictures:
+        print(draw(campaign, name, ratio, made), file=sys.stderr)
+    return rows
+
+
+def parse():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("--build", default="build/release", type=pathlib.Path)
+    parser.add_argument("--models", default=list(KNOWN), type=lambda text: text.split(","))
+    parser.add_argument("--ratios", default=[0.2, 0.1, 0.05], type=lambda text: [float(w) for w in text.split(",")])
+    parser.add_argument("--surface", default="auto")
+    for what in ("halves", "pictures", "peers"):
+        parser.add_argument(f"--no-{what}", dest=what, action="store_false")
+    parser.add_argument("-o", "--output", default="out/real_scans.md", type=pathlib.Path)
+    options = parser.parse_args()
+    unknown = set(options.models) - set(KNOWN)
+    if unknown:
+        parser.error(f"no scan {', '.join(sorted(unknown))}; there are {', '.join(KNOWN)}")
+    return options
+
+
+def main():
+    options = parse()
+    missing = [path for path in (METER, *(SCANS / KNOWN[name].file for name in options.models)) if not path.exists()]
+    if missing:
+        print(f"real_scans: skipped: there is no {missing[0]}")
+        return
+    campaign = Campaign(options)
+    rows = [row for name in options.models for ratio in options.ratios for row in measure_scan(campaign, name, ratio)]
+    text = markdown(HEADER, rows) + "\n"
+    options.output.parent.mkdir(parents=True, exist_ok=True)
+    options.output.write_text(text)
+    print(text, end="")
+
+
+if __name__ == "__main__":
+    main()

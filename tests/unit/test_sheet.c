@@ -1,0 +1,397 @@
+/* Surfaces with borders: what comes out is a manifold with the borders that the scan has, and nothing where no points
+ * are.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "core/base/alloc.h"
+#include "core/base/hash64.h"
+#include "core/cloud/cloud.h"
+#include "core/simplify/normals.h"
+#include "core/spatial/knn.h"
+#include "core/surface/delaunay_cgal.h"
+#include "core/surface/reconstruct.h"
+#include "core/surface/sheet/kind.h"
+#include "core/surface/sheet/orient.h"
+#include "tests/unit/dense.h"
+#include "tests/unit/faults.h"
+
+enum { POINTS = 8000, EACH = 8 /* so many points for each that is kept */ };
+
+/* ------------------------------------------------------------------------------------------------ scans */
+
+static double fraction(size_t i, unsigned axis) { return (double)(scramble(2 * i + axis + 1) >> 11) * 0x1p-53; }
+
+/* Evenly spread over the unit square, though not on a grid. */
+static void place(size_t i, size_t n, double *u, double *v) {
+    size_t side = (size_t)sqrt((double)n);
+    *u = ((double)(i % side) + 0.2 + 0.6 * fraction(i, 0)) / (double)side;
+    *v = ((double)(i / side) + 0.2 + 0.6 * fraction(i, 1)) / (double)side;
+}
+
+/* From the unit square to a surface; false where there is none. */
+typedef bool shape(double u, double v, vec3 *p);
+
+static bool waves(double u, double v, vec3 *p) {
+    *p = (vec3){u, v, 0.08 * sin(9 * u) * cos(7 * v)};
+    return true;
+}
+
+static bool waves_with_hole(double u, double v, vec3 *p) {
+    waves(u, v, p);
+    return hypot(u - 0.5, v - 0.5) > 0.2;
+}
+
+static bool two_islands(double u, double v, vec3 *p) {
+    waves(u, v, p);
+    return fabs(u - 0.5) > 0.1;
+}
+
+/* Lambert's equal areas. */
+static bool half_sphere(double u, double v, vec3 *p) {
+    double x = 2 * u - 1, y = 2 * v - 1, rr = x * x + y * y;
+    *p = vec3_scale((vec3){x * sqrt(2 - rr), y * sqrt(2 - rr), 1 - rr}, 0.4);
+    return rr < 1;
+}
+
+/* Five sides of a box. */
+static bool box(double u, double v, vec3 *p) {
+    int side = (int)(5 * u);
+    double a = 5 * u - side, s[5][3] = {{0, a, v}, {1, a, v}, {a, 0, v}, {a, 1, v}, {a, v, 0}};
+    *p = (vec3){0.5 * s[side][0], 0.5 * s[side][1], 0.5 * s[side][2]};
+    return true;
+}
+
+struct scan {
+    struct dense dense;
+    struct knn *knn;
+    vec3 *kept;
+    size_t kept_count;
+};
+
+static struct scan scan_of(shape *of) {
+    struct scan scan = {dense_new(POINTS), NULL, calloc(POINTS, sizeof(vec3)), 0};
+    size_t n = 0;
+    assert_non_null(scan.kept);
+    for (size_t i = 0; i < POINTS; i++) {
+        double u, v;
+        place(i, POINTS, &u, &v);
+        if (of(u, v, &scan.dense.point[n])) n++;
+    }
+    scan.dense.n = n;
+    for (size_t i = 0; i < n; i++) {
+        scan.dense.spacing[i] = (float)sqrt(1.0 / POINTS);
+        if (scramble(i) % EACH == 0) scan.kept[scan.kept_count++] = scan.dense.point[i];
+    }
+    assert_int_equal(knn_new(scan.dense.point, n, 1, &scan.knn, NULL), STATUS_OK);
+    return scan;
+}
+
+static void scan_done(struct scan *scan) {
+    knn_free(scan->knn);
+    free(scan->kept);
+    dense_done(&scan->dense);
+}
+
+static enum status made_within(const struct scan *scan, enum surface_form form, unsigned threads,
+                               const struct progress *progress, struct mesh *mesh, struct reconstruct_facts *facts) {
+    struct reconstruct_dense dense = {scan->dense.n, scan->dense.point, scan->dense.normal, scan->dense.spacing,
+                                      NULL,          scan->knn};
+    struct reconstruct_input input = {.points = scan->kept, .n = scan->kept_count, .dense = &dense};
+    struct reconstruct_options options = {.threads = threads, .surface = form, .up = {0, 0, 1}};
+    struct tets tets = {0};
+    enum status status = delaunay_build(scan->kept, scan->kept_count, 1, NULL, &tets, NULL);
+    if (!status) status = reconstruct_sheet(&tets, &input, &options, progress, mesh, facts, NULL);
+    tets_done(&tets);
+    return status;
+}
+
+static struct mesh made(const struct scan *scan, enum surface_form form, struct reconstruct_facts *facts) {
+    struct mesh mesh = {0};
+    assert_int_equal(made_within(scan, form, 1, NULL, &mesh, facts), STATUS_OK);
+    return mesh;
+}
+
+/* ------------------------------------------------------------------------------------------------ tests */
+
+static void is_a_manifold_with_borders(const struct mesh *mesh, struct mesh_facts *facts) {
+    assert_int_equal(mesh_examine(mesh, facts), STATUS_OK);
+    assert_int_equal(facts->nonmanifold_edges + facts->misoriented_edges + facts->nonmanifold_vertices, 0);
+    assert_int_equal(facts->unused_vertices, 0);
+    assert_true(facts->manifold && !facts->watertight && facts->boundary_edges > 0);
+}
+
+/* Farthest that the middle of a triangle is from all original points. */
+static double farthest_middle(const struct mesh *mesh, const struct scan *scan) {
+    double farthest = 0;
+    for (size_t t = 0; t < mesh->triangle_count; t++) {
+        const uint32_t *v = mesh->triangle[t];
+        vec3 middle = vec3_add(vec3_add(mesh->vertex[v[0]], mesh->vertex[v[1]]), mesh->vertex[v[2]]);
+        uint32_t id;
+        double distance_sq;
+        middle = vec3_scale(middle, 1.0 / 3);
+        assert_int_equal(knn_search(scan->knn, &middle, 1, 1, 1, &id, &distance_sq), STATUS_OK);
+        farthest = fmax(farthest, sqrt(distance_sq));
+    }
+    return farthest;
+}
+
+static const struct row {
+    shape *shape;
+    enum surface_form form;
+    size_t components;
+    long euler;  /* 1 for each disk, 0 for a disk with a hole */
+    double area; /* at least 0.9 of it and at most all, but for little */
+} rows[] = {
+    {waves, SURFACE_OPEN, 1, 1, 1.098},           {waves, SURFACE_HEIGHTFIELD, 1, 1, 1.098},
+    {waves_with_hole, SURFACE_OPEN, 1, 0, 0.959}, {waves_with_hole, SURFACE_HEIGHTFIELD, 1, 0, 0.959},
+    {two_islands, SURFACE_OPEN, 2, 2, 0.881},     {two_islands, SURFACE_HEIGHTFIELD, 2, 2, 0.881},
+    {half_sphere, SURFACE_OPEN, 1, 1, 1.005},     {box, SURFACE_OPEN, 1, 1, 1.25},
+};
+
+static void sheets_keep_their_borders_and_holes(void **state) {
+    (void)state;
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        struct scan scan = scan_of(rows[i].shape);
+        struct reconstruct_facts facts;
+        struct mesh mesh = made(&scan, rows[i].form, &facts);
+        struct mesh_facts found;
+        is_a_manifold_with_borders(&mesh, &found);
+        assert_int_equal(found.components, rows[i].components);
+        assert_int_equal(found.euler, rows[i].euler);
+        assert_true(found.area > 0.9 * rows[i].area && found.area < 1.08 * rows[i].area);
+        assert_true(farthest_middle(&mesh, &scan) < 4.5 * 1.2 * sqrt(1.0 / POINTS));
+        assert_true(facts.points_lost < scan.kept_count / 50);
+        mesh_done(&mesh), scan_done(&scan);
+    }
+}
+
+static void a_height_field_faces_up(void **state) {
+    (void)state;
+    struct scan scan = scan_of(waves);
+    struct mesh mesh = made(&scan, SURFACE_HEIGHTFIELD, NULL);
+    for (size_t t = 0; t < mesh.triangle_count; t++) {
+        const uint32_t *v = mesh.triangle[t];
+        assert_true(vec3_triangle_normal(mesh.vertex[v[0]], mesh.vertex[v[1]], mesh.vertex[v[2]]).z > 0);
+    }
+    mesh_done(&mesh), scan_done(&scan);
+}
+
+static bool same(const struct mesh *a, const struct mesh *b) {
+    return a->vertex_count == b->vertex_count && a->triangle_count == b->triangle_count &&
+           memcmp(a->source, b->source, a->vertex_count * sizeof *a->source) == 0 &&
+           memcmp(a->triangle, b->triangle, a->triangle_count * sizeof *a->triangle) == 0;
+}
+
+/* Facets of a grid are all alike, and many corners on one sphere. */
+static void a_folded_grid_is_one_sheet(void **state) {
+    (void)state;
+    enum { SIDE = 40 };
+    struct scan scan = {dense_field(2 * SIDE + 1, dense_flat), NULL, calloc(POINTS, sizeof(vec3)), 0};
+    for (size_t i = 0; i < scan.dense.n; i++) {
+        vec3 *p = &scan.dense.point[i];
+        if (p->x > 0.5) *p = (vec3){0.5, p->y, p->x - 0.5};
+        if (i % 2 == 0 && i / (2 * SIDE + 1) % 2 == 0) scan.kept[scan.kept_count++] = *p;
+    }
+    assert_int_equal(knn_new(scan.dense.point, scan.dense.n, 1, &scan.knn, NULL), STATUS_OK);
+    struct mesh first = made(&scan, SURFACE_OPEN, NULL);
+    struct mesh_facts facts;
+    is_a_manifold_with_borders(&first, &facts);
+    assert_int_equal(facts.components, 1);
+    assert_int_equal(facts.euler, 1);
+    assert_int_equal(facts.borders, 1);
+    mesh_done(&first), scan_done(&scan);
+}
+
+static struct surface_signs signs_of(shape *of) {
+    struct scan scan = scan_of(of);
+    struct neighbourhood hood = dense_hood(&scan.dense);
+    struct surface_signs signs;
+    normals_fit(scan.dense.point, &hood, 1, scan.dense.normal, NULL);
+    assert_int_equal(surface_signs_of(scan.dense.point, scan.dense.normal, scan.dense.n, &signs), STATUS_OK);
+    neighbourhood_done(&hood);
+    scan_done(&scan);
+    return signs;
+}
+
+static bool sphere(double u, double v, vec3 *p) {
+    double z = 2 * v - 1, angle = 2 * 3.14159265358979 * u, r = 0.4 * sqrt(fmax(0, 1 - z * z));
+    *p = (vec3){r * cos(angle), r * sin(angle), 0.4 * z};
+    return v < 1;
+}
+
+/* On its side, so that no axis is the right direction. */
+static bool tilted_waves(double u, double v, vec3 *p) {
+    waves(u, v, p);
+    *p = (vec3){(p->x + p->z) / sqrt(2), p->y, (p->z - p->x) / sqrt(2)};
+    return true;
+}
+
+static void points_say_what_they_are_of(void **state) {
+    (void)state;
+    struct {
+        shape *of;
+        bool told;
+        enum surface_form form;
+    } rows_of[] = {{waves, true, SURFACE_HEIGHTFIELD},
+                   {tilted_waves, true, SURFACE_HEIGHTFIELD},
+                   {waves_with_hole, true, SURFACE_HEIGHTFIELD},
+                   {half_sphere, true, SURFACE_OPEN},
+                   {sphere, false, SURFACE_CLOSED}};
+    for (size_t i = 0; i < sizeof rows_of / sizeof *rows_of; i++) {
+        struct surface_signs signs = signs_of(rows_of[i].of);
+        struct surface_choice choice = {.form = SURFACE_CLOSED};
+        assert_int_equal(surface_choose_by_signs(&signs, &choice), rows_of[i].told);
+        assert_int_equal(choice.form, rows_of[i].form);
+        if (!rows_of[i].told) surface_choose_by_lid(&signs, 0, &choice);
+        assert_int_equal(choice.form, rows_of[i].form);
+        assert_true(choice.sure && choice.reason[0]);
+    }
+    struct surface_signs few = {.points = 100, .layered = 0};
+    struct surface_choice choice;
+    assert_false(surface_choose_by_signs(&few, &choice));
+}
+
+static void the_lid_decides_where_points_do_not(void **state) {
+    (void)state;
+    struct surface_signs signs = {.points = POINTS, .layered = 0.9};
+    struct {
+        double share;
+        enum surface_form form;
+        bool sure;
+    } lids[] = {{0, SURFACE_CLOSED, true},
+                {0.02, SURFACE_CLOSED, false},
+                {0.05, SURFACE_OPEN, false},
+                {0.2, SURFACE_OPEN, true}};
+    for (size_t i = 0; i < sizeof lids / sizeof *lids; i++) {
+        struct surface_choice choice;
+        surface_choose_by_lid(&signs, lids[i].share, &choice);
+        assert_int_equal(choice.form, lids[i].form);
+        assert_int_equal(choice.sure, lids[i].sure);
+    }
+    struct surface_choice field = {.form = SURFACE_HEIGHTFIELD};
+    assert_false(surface_leave_field(0.001, &field));
+    assert_true(surface_leave_field(0.03, &field));
+    assert_int_equal(field.form, SURFACE_OPEN);
+}
+
+/* Mean of the normals' z, weighted by area. */
+static double uprightness(const struct mesh *mesh) {
+    vec3 sum = {0, 0, 0};
+    for (size_t t = 0; t < mesh->triangle_count; t++) {
+        const uint32_t *v = mesh->triangle[t];
+        sum = vec3_add(sum, vec3_triangle_normal(mesh->vertex[v[0]], mesh->vertex[v[1]], mesh->vertex[v[2]]));
+    }
+    return sum.z;
+}
+
+static void sides_follow_what_is_known(void **state) {
+    (void)state;
+    struct scan scan = scan_of(two_islands);
+    struct mesh mesh = made(&scan, SURFACE_OPEN, NULL);
+    vec3 *normal = calloc(scan.kept_count, sizeof *normal);
+    enum sheet_side side;
+    assert_non_null(normal);
+    for (size_t i = 0; i < scan.kept_count; i++) normal[i] = (vec3){0, 0, -2};
+    struct sheet_sides sides = {.normal = normal, .viewed = true, .view = {0.5, 0.5, 9}, .up = {0, 0, 1}};
+    assert_int_equal(sheet_orient(&mesh, &sides, 1, &side), STATUS_OK);
+    assert_int_equal(side, SIDE_NORMALS);
+    assert_true(uprightness(&mesh) < -1);
+    /* Random ones tell nothing. */
+    for (size_t i = 0; i < scan.kept_count; i++) normal[i] = (vec3){0, 0, scramble(i) % 2 ? 1 : -1};
+    assert_int_equal(sheet_orient(&mesh, &sides, 1, &side), STATUS_OK);
+    assert_int_equal(side, SIDE_VIEW);
+    assert_true(uprightness(&mesh) > 1);
+    sides.view.z = -9;
+    assert_int_equal(sheet_orient(&mesh, &sides, 1, &side), STATUS_OK);
+    assert_true(uprightness(&mesh) < -1);
+    sides.viewed = false;
+    assert_int_equal(sheet_orient(&mesh, &sides, 1, &side), STATUS_OK);
+    assert_int_equal(side, SIDE_UP);
+    assert_true(uprightness(&mesh) > 1);
+    struct mesh_facts facts;
+    is_a_manifold_with_borders(&mesh, &facts);
+    free(normal);
+    mesh_done(&mesh), scan_done(&scan);
+    scan = scan_of(half_sphere), mesh = made(&scan, SURFACE_OPEN, NULL);
+    sides = (struct sheet_sides){.up = {1, 0, 0}};
+    assert_int_equal(sheet_orient(&mesh, &sides, 1, &side), STATUS_OK);
+    assert_int_equal(side, SIDE_OUT);
+    assert_true(uprightness(&mesh) > 0);
+    mesh_done(&mesh), scan_done(&scan);
+}
+
+static void threads_make_the_same_mesh(void **state) {
+    (void)state;
+    const enum surface_form forms[] = {SURFACE_OPEN, SURFACE_HEIGHTFIELD};
+    struct scan scan = scan_of(waves_with_hole);
+    for (int i = 0; i < 2; i++) {
+        struct mesh one = made(&scan, forms[i], NULL), three = {0};
+        assert_int_equal(made_within(&scan, forms[i], 3, NULL, &three, NULL), STATUS_OK);
+        assert_true(same(&one, &three));
+        mesh_done(&one), mesh_done(&three);
+    }
+    scan_done(&scan);
+}
+
+static int stop_in(void *ctx, const char *stage, double fraction) {
+    (void)fraction;
+    return strcmp(stage, ctx) == 0;
+}
+
+static void all_stages_can_be_cancelled(void **state) {
+    (void)state;
+    static char front[] = "front", support[] = "support", delaunay[] = "delaunay";
+    struct {
+        char *stage;
+        enum surface_form form;
+    } stops[] = {{front, SURFACE_OPEN},
+                 {support, SURFACE_OPEN},
+                 {delaunay, SURFACE_HEIGHTFIELD},
+                 {support, SURFACE_HEIGHTFIELD}};
+    struct scan scan = scan_of(waves);
+    for (size_t i = 0; i < sizeof stops / sizeof *stops; i++) {
+        struct progress progress = {stop_in, stops[i].stage};
+        struct mesh mesh = {0};
+        assert_int_equal(made_within(&scan, stops[i].form, 1, &progress, &mesh, NULL), STATUS_CANCELLED);
+        assert_null(mesh.triangle);
+    }
+    scan_done(&scan);
+}
+
+static void a_failing_allocation_is_told(void **state) {
+    (void)state;
+    const enum surface_form forms[] = {SURFACE_OPEN, SURFACE_HEIGHTFIELD};
+    struct scan scan = scan_of(waves);
+    for (int i = 0; i < 2; i++) {
+        bool happened = true;
+        for (int nth = 1; happened; nth++) {
+            struct mesh mesh = {0};
+            faults_in_memory(nth, false);
+            enum status status = made_within(&scan, forms[i], 1, NULL, &mesh, NULL);
+            happened = faults_stop();
+            assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
+            mesh_done(&mesh);
+        }
+    }
+    scan_done(&scan);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(sheets_keep_their_borders_and_holes), cmocka_unit_test(a_height_field_faces_up),
+        cmocka_unit_test(a_folded_grid_is_one_sheet),          cmocka_unit_test(points_say_what_they_are_of),
+        cmocka_unit_test(the_lid_decides_where_points_do_not), cmocka_unit_test(sides_follow_what_is_known),
+        cmocka_unit_test(threads_make_the_same_mesh),          cmocka_unit_test(all_stages_can_be_cancelled),
+        cmocka_unit_test(a_failing_allocation_is_told),
+    };
+    return cmocka_run_group_tests_name("sheet", tests, NULL, NULL);
+}

@@ -298,9 +298,10 @@ lint: $(libwhittle) ## check layers, banned functions, licence lines, the layout
 	@command -v clang-format > /dev/null || deploy/deps.sh clang-format
 	@clang-format --dry-run -Werror $(laid_out)
 
+AGAIN ?= 0
 .PHONY: test-integration
-test-integration: ## the integration tests alone, with the programs that are there
-	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider -n 4 \
+test-integration: ## the integration tests alone, with the programs that are there; AGAIN=3 gives so many a second try
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider -n 4 --again $(AGAIN) \
 	    --allowed-skips tests/integration/skips.txt tests/integration
 
 ROUNDS ?= 500

@@ -263,15 +263,15 @@ static bool dismiss_waiting(struct service *service, struct job *job, bool *chan
     return false;
 }
 
-/* Ends the process of a running job, and waits until its end is recorded: not for ever, the disk may be full. */
+/* Ends the process of a running job, and waits until its end is recorded: not for ever, the disk may be full.  One that
+ * runs here is told first: a database that is busy for seconds doesn't let it come to its own end meanwhile. */
 static void dismiss_running(struct service *service, struct request *request, const struct job *job,
                             struct response *response) {
     struct request_wait *wait = &request->wait;
     struct error error = {0};
     if (!wait->calls) wait->end_ms = events_clock_ms() + service->config->wait_max_ms;
+    if (service->supervisor) service->runner->cancel(service->supervisor, job->id);
     if (catalog_cancel(service->catalog, job->id, &error) != STATUS_OK) {
-        if (service->supervisor)
-            service->runner->cancel(service->supervisor, job->id); /* one that runs here still ends */
         response_error(response, &error);
         return;
     }

@@ -13,8 +13,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "server/base/digest.h"
 #include "server/daemon/setting_file.h"
-#include "server/storage/digest.h"
 
 enum { LINE_BYTES = 512 };
 

@@ -17,12 +17,12 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "server/base/digest.h"
 #include "server/catalog/catalog.h"
 #include "server/catalog/job.h"
 #include "server/daemon/config.h"
 #include "server/daemon/fsck.h"
 #include "server/jobs/identity.h"
-#include "server/storage/digest.h"
 #include "server/storage/store.h"
 
 enum { WHOLE = 0, DAMAGED = 1 };

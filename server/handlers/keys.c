@@ -9,10 +9,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "server/base/digest.h"
 #include "server/daemon/log.h"
 #include "server/handlers/handlers.h"
 #include "server/handlers/keys.h"
-#include "server/storage/digest.h"
 
 static bool takes_key(enum operation operation) {
     return operation == OPERATION_CREATE_JOB || operation == OPERATION_SIMPLIFY || operation == OPERATION_CREATE_CLOUD;

@@ -8,9 +8,9 @@
 
 #include "api/codecs/job_json.h"
 #include "api/links.h"
-#include "server/auth/access.h"
 #include "server/handlers/handlers.h"
 #include "server/handlers/outputs.h"
+#include "server/http/access.h"
 
 enum { DEFAULT_S = 3600 };
 

@@ -15,9 +15,9 @@
 #include "api/codecs/job_json.h"
 #include "api/codecs/report_read.h"
 #include "core/io/prefix.h"
+#include "server/base/digest.h"
 #include "server/handlers/handlers.h"
 #include "server/handlers/outputs.h"
-#include "server/storage/digest.h"
 
 static const struct {
     const char *suffix, *media_type;

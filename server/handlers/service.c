@@ -14,9 +14,9 @@
 #include "api/site.h"
 #include "core/base/version.h"
 #include "server/daemon/metrics.h"
-#include "server/daemon/readiness.h"
 #include "server/handlers/handlers.h"
 #include "server/handlers/page.h"
+#include "server/jobs/readiness.h"
 
 /* A page that loads nothing; takes text. */
 static void answer_page(char *text, struct response *response) {

@@ -13,8 +13,8 @@
 
 #include "api/codecs/job_request.h"
 #include "core/io/codec/inflate.h"
+#include "server/base/digest.h"
 #include "server/http/multipart.h"
-#include "server/storage/digest.h"
 
 enum { ALGORITHMS = 2, TEXT_BYTES = 64 * 1024, ZSTD_WINDOW_BYTES = 8 * 1024 * 1024 /* RFC 9659 */ };
 enum { GATHER_BYTES = 4096 /* no more than a format is told by: nothing is refused later for it */ };

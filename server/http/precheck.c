@@ -10,8 +10,8 @@
 #include <strings.h>
 
 #include "api/links.h"
-#include "server/auth/access.h"
-#include "server/auth/cross_site.h"
+#include "server/http/access.h"
+#include "server/http/cross_site.h"
 
 const char *head_path(const char *target) {
     size_t scheme = strncasecmp(target, "http://", 7) == 0 ? 7 : strncasecmp(target, "https://", 8) == 0 ? 8 : 0;

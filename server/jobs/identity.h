@@ -3,7 +3,7 @@
  * Both carry one random identity: the folder in the file `identity`, the database in a row.  A database that is lost,
  * emptied, or another folder's would make every file of the folder look like garbage, so the service doesn't start on
  * such a pair.  An older database of the same folder (a backup) has its identity: it is served, and what it doesn't
- * know goes to lost+found (storage/lost_found.h).
+ * know goes to lost+found (blobs/lost_found.h).
  *
  * A pair of which one part has no identity yet (a new folder, one of an earlier version, a backup from before) gets
  * one, without a word, where the folder is empty or the database knows something that is in it.

@@ -10,7 +10,7 @@
 #include <stdbool.h>
 
 #include "api/codecs/job_json.h"
-#include "server/auth/signature.h"
+#include "server/base/signature.h"
 #include "server/catalog/catalog.h"
 #include "server/catalog/estimate.h"
 #include "server/daemon/config.h"

@@ -10,11 +10,11 @@
 
 #include "core/base/fault.h"
 #include "core/base/version.h"
+#include "server/base/digest.h"
 #include "server/daemon/log.h"
 #include "server/daemon/metrics.h"
 #include "server/daemon/wall_clock.h"
 #include "server/jobs/service_internal.h"
-#include "server/storage/digest.h"
 
 /* ------------------------------------------------------------------------------------------------ jobs */
 

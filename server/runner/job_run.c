@@ -29,6 +29,7 @@
 #include "api/codecs/report_read.h"
 #include "api/problem.h"
 #include "core/base/fault.h"
+#include "server/base/digest.h"
 #include "server/daemon/log.h"
 #include "server/daemon/metrics.h"
 #include "server/daemon/wall_clock.h"
@@ -36,7 +37,6 @@
 #include "server/runner/spawn.h"
 #include "server/shared/worker_protocol.h"
 #include "server/storage/admission.h"
-#include "server/storage/digest.h"
 
 enum {
     PROGRESS_EVERY_MS = 250,

@@ -135,7 +135,7 @@ enum status store_each(const struct store *store, void (*found)(void *ctx, enum 
                        void *ctx, struct error *error) MUST_CHECK;
 
 /* What becomes of a cloud, a job or a part at the start: it stays; it is removed, for it is known to be over; it is
- * moved to lost+found (storage/lost_found.h), for nothing is known of it. */
+ * moved to lost+found (blobs/lost_found.h), for nothing is known of it. */
 enum store_fate { STORE_KEEP, STORE_REMOVE, STORE_SET_ASIDE };
 
 struct store_cleaned {

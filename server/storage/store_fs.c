@@ -36,8 +36,8 @@
 
 #include "core/base/alloc.h"
 #include "core/base/fault.h"
-#include "server/storage/digest.h"
-#include "server/storage/lost_found.h"
+#include "server/base/digest.h"
+#include "server/blobs/lost_found.h"
 
 enum { FOLDER_MODE = 0700, FILE_MODE = 0600 };
 

@@ -16,7 +16,7 @@
 #include "core/base/fault.h"
 #include "core/io/formats/ply_header.h"
 #include "core/io/sniff.h"
-#include "server/storage/digest.h"
+#include "server/base/digest.h"
 #include "server/storage/upload_hasher.h"
 
 enum { SNIFF_BYTES = 4096 };

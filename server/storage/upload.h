@@ -11,8 +11,8 @@
 #include <stdint.h>
 
 #include "api/problem.h"
+#include "server/base/thread_pool.h"
 #include "server/catalog/job.h"
-#include "server/http/thread_pool.h"
 #include "server/storage/admission.h"
 #include "server/storage/store.h"
 

@@ -10,8 +10,8 @@
 
 #include <stddef.h>
 
-#include "server/http/thread_pool.h"
-#include "server/storage/digest.h"
+#include "server/base/digest.h"
+#include "server/base/thread_pool.h"
 
 struct behind;
 

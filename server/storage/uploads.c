@@ -20,9 +20,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "server/base/digest.h"
 #include "server/daemon/log.h"
 #include "server/daemon/wall_clock.h"
-#include "server/storage/digest.h"
 #include "server/storage/upload.h"
 
 enum { COPY_BYTES = 64 * 1024 };

@@ -18,12 +18,12 @@
 #include <unistd.h>
 
 #include "api/codecs/job_json.h"
+#include "server/base/digest.h"
 #include "server/catalog/catalog.h"
 #include "server/daemon/log.h"
 #include "server/daemon/setting_file.h"
 #include "server/daemon/wall_clock.h"
 #include "server/jobs/service.h"
-#include "server/storage/digest.h"
 #include "server/webhooks/http_client.h"
 #include "server/webhooks/webhooks.h"
 

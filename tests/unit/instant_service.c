@@ -15,9 +15,9 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "server/daemon/notify.h"
-#include "server/daemon/readiness.h"
+#include "server/base/notify.h"
 #include "server/handlers/handlers.h"
+#include "server/jobs/readiness.h"
 #include "server/runner/supervisor.h"
 
 void instant_service_write(const char *folder, const char *name, const char *text) {

@@ -13,10 +13,10 @@
 
 #include <cmocka.h>
 
-#include "server/auth/signature.h"
 #include "server/auth/tokens.h"
+#include "server/base/digest.h"
+#include "server/base/signature.h"
 #include "server/http/request.h"
-#include "server/storage/digest.h"
 
 struct fixture {
     char folder[64], path[96];

@@ -1,7 +1,7 @@
 /* Work on other threads: all of it is done, and what is slow leaves threads for what isn't.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/http/thread_pool.h"
+#include "server/base/thread_pool.h"
 
 #include <semaphore.h>
 #include <setjmp.h>

@@ -3,7 +3,7 @@
  * The key appears by rename after fsync, as everything in the data folder: a crash in between leaves no half of one.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/auth/signature.h"
+#include "server/base/signature.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -15,7 +15,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "server/storage/digest.h"
+#include "server/base/digest.h"
 
 enum { MESSAGE_BYTES = 1024 };
 

@@ -2,8 +2,8 @@
  * digests of bodies.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_SERVER_STORAGE_DIGEST_H
-#define WHITTLE_SERVER_STORAGE_DIGEST_H
+#ifndef WHITTLE_SERVER_BASE_DIGEST_H
+#define WHITTLE_SERVER_BASE_DIGEST_H
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -1,8 +1,8 @@
 /* A few threads for work that blocks (fsync, SQL), so that the threads that serve connections never do.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_SERVER_HTTP_THREAD_POOL_H
-#define WHITTLE_SERVER_HTTP_THREAD_POOL_H
+#ifndef WHITTLE_SERVER_BASE_THREAD_POOL_H
+#define WHITTLE_SERVER_BASE_THREAD_POOL_H
 
 #include <stdbool.h>
 

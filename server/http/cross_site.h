@@ -12,8 +12,8 @@
  *    (Sec-Fetch-Site, else Origin).  --cors-origins names pages that may; they are given the CORS headers too.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_SERVER_AUTH_CROSS_SITE_H
-#define WHITTLE_SERVER_AUTH_CROSS_SITE_H
+#ifndef WHITTLE_SERVER_HTTP_CROSS_SITE_H
+#define WHITTLE_SERVER_HTTP_CROSS_SITE_H
 
 #include <stdbool.h>
 

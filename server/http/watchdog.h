@@ -5,8 +5,8 @@
  * minute.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_SERVER_DAEMON_WATCHDOG_H
-#define WHITTLE_SERVER_DAEMON_WATCHDOG_H
+#ifndef WHITTLE_SERVER_HTTP_WATCHDOG_H
+#define WHITTLE_SERVER_HTTP_WATCHDOG_H
 
 #include <stddef.h>
 #include <stdint.h>

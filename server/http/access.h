@@ -5,8 +5,8 @@
  * POST /v1/jobs/{id}/outputs/{name}/link hands it out.  A signature opens that one output, whoever's it is.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_SERVER_AUTH_ACCESS_H
-#define WHITTLE_SERVER_AUTH_ACCESS_H
+#ifndef WHITTLE_SERVER_HTTP_ACCESS_H
+#define WHITTLE_SERVER_HTTP_ACCESS_H
 
 #include <stdbool.h>
 

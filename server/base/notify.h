@@ -1,13 +1,13 @@
 /* What whittled and the service manager that started it tell each other: systemd's documented protocols.
  *
  * All of it does nothing where no manager asked for it, so the same program runs by hand, in a container or as a unit.
- * Its code is daemon/notify.c.
+ * Its code is base/notify.c.
  *
  * Sources: sd_notify(3), sd_watchdog_enabled(3), sd_listen_fds(3); systemd promises to keep these protocols.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_SERVER_DAEMON_NOTIFY_H
-#define WHITTLE_SERVER_DAEMON_NOTIFY_H
+#ifndef WHITTLE_SERVER_BASE_NOTIFY_H
+#define WHITTLE_SERVER_BASE_NOTIFY_H
 
 #include <stdbool.h>
 

@@ -1,7 +1,7 @@
 /* Hosts, origins and CORS (the Fetch standard, section 3.2).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/auth/cross_site.h"
+#include "server/http/cross_site.h"
 
 #include <limits.h>
 #include <string.h>

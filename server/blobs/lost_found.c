@@ -3,7 +3,7 @@
  * A name is moved by one rename, then both folders are flushed: after a power cut it is in one of them, or in both.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/storage/lost_found.h"
+#include "server/blobs/lost_found.h"
 
 #include <dirent.h>
 #include <errno.h>

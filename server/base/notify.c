@@ -20,8 +20,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "server/base/notify.h"
 #include "server/daemon/log.h"
-#include "server/daemon/notify.h"
 
 enum { FIRST_FD = 3, MAX_INHERITED = 64, CHECKS_IN_PERIOD = 4 };
 

@@ -1,7 +1,7 @@
 /* SHA-256, SHA-1 and SHA-512, by nettle.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/storage/digest.h"
+#include "server/base/digest.h"
 
 #include <errno.h>
 #include <nettle/base16.h>

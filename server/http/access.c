@@ -1,7 +1,7 @@
 /* Who makes a request, and whether it may.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/auth/access.h"
+#include "server/http/access.h"
 
 #include <stdio.h>
 #include <stdlib.h>

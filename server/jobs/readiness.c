@@ -3,7 +3,7 @@
  * Invariant: the lock is held for no longer than it takes to copy what was found.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/daemon/readiness.h"
+#include "server/jobs/readiness.h"
 
 #include <errno.h>
 #include <pthread.h>

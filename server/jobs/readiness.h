@@ -2,8 +2,8 @@
  * asks never waits for them, however they hang.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_SERVER_DAEMON_READINESS_H
-#define WHITTLE_SERVER_DAEMON_READINESS_H
+#ifndef WHITTLE_SERVER_JOBS_READINESS_H
+#define WHITTLE_SERVER_JOBS_READINESS_H
 
 #include <stdbool.h>
 #include <stdint.h>

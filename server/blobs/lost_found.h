@@ -11,8 +11,8 @@
  * used instead.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_SERVER_STORAGE_LOST_FOUND_H
-#define WHITTLE_SERVER_STORAGE_LOST_FOUND_H
+#ifndef WHITTLE_SERVER_BLOBS_LOST_FOUND_H
+#define WHITTLE_SERVER_BLOBS_LOST_FOUND_H
 
 #include <stdbool.h>
 #include <stdint.h>

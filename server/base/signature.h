@@ -4,8 +4,8 @@
  * only the service can read.  Removing the file ends all links at the next start.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_SERVER_AUTH_SIGNATURE_H
-#define WHITTLE_SERVER_AUTH_SIGNATURE_H
+#ifndef WHITTLE_SERVER_BASE_SIGNATURE_H
+#define WHITTLE_SERVER_BASE_SIGNATURE_H
 
 #include <stdbool.h>
 #include <stdint.h>

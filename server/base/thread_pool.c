@@ -3,7 +3,7 @@
  * Invariant: at most thread_count - KEPT_FREE slow tasks run, so that those that aren't slow never wait for them alone.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/http/thread_pool.h"
+#include "server/base/thread_pool.h"
 
 #include <pthread.h>
 #include <stdlib.h>

@@ -31,8 +31,7 @@ static int make_folder(int at, const char *name) {
     return open_folder(at, name);
 }
 
-/* A name that no other start has. */
-static void name_start(const char *place, char name[LOST_FOUND_NAME_BYTES]) {
+void lost_found_name_start(char start[LOST_FOUND_NAME_BYTES]) {
     uint32_t random = 0;
     ssize_t n = getrandom(&random, sizeof random, 0); /* 4 bytes are never cut short */
     (void)n;
@@ -41,36 +40,34 @@ static void name_start(const char *place, char name[LOST_FOUND_NAME_BYTES]) {
     char when[24];
     gmtime_r(&now, &tm);
     strftime(when, sizeof when, "%Y%m%dT%H%M%SZ", &tm);
-    snprintf(name, LOST_FOUND_NAME_BYTES, "%s/%s-%08x", place, when, random);
+    snprintf(start, LOST_FOUND_NAME_BYTES, "%s-%08x", when, random);
 }
 
-static bool make_place(struct lost_found *lost) {
-    for (int i = 0; i < PLACES && lost->place_fd < 0; i++) {
-        int fd = make_folder(lost->root_fd, places[i]);
+/* The folder of a start, -1 with errno. */
+static int open_place(int root_fd, const char *start, char place[LOST_FOUND_NAME_BYTES]) {
+    int place_fd = -1;
+    for (int i = 0; i < PLACES && place_fd < 0; i++) {
+        int fd = make_folder(root_fd, places[i]);
         if (fd < 0) continue;
-        name_start(places[i], lost->place);
-        lost->place_fd = make_folder(fd, strchr(lost->place, '/') + 1);
+        place_fd = make_folder(fd, start);
         int error = errno;
         close(fd);
         errno = error;
+        if (place_fd >= 0) snprintf(place, LOST_FOUND_NAME_BYTES, "%s/%.40s", places[i], start);
     }
-    return lost->place_fd >= 0;
+    return place_fd;
 }
 
-bool lost_found_take(struct lost_found *lost, int from_fd, const char *kind, const char *name) {
-    if (lost->place_fd < 0 && !make_place(lost)) return false;
-    int to_fd = make_folder(lost->place_fd, kind);
-    if (to_fd < 0) return false;
-    bool moved = renameat(from_fd, name, to_fd, name) == 0 && fsync(to_fd) == 0 && fsync(from_fd) == 0;
+bool lost_found_take(int root_fd, const char *start, int from_fd, const char *kind, const char *name,
+                     char place[LOST_FOUND_NAME_BYTES]) {
+    int place_fd = open_place(root_fd, start, place);
+    int to_fd = place_fd >= 0 ? make_folder(place_fd, kind) : -1;
+    bool moved = to_fd >= 0 && renameat(from_fd, name, to_fd, name) == 0 && fsync(to_fd) == 0 && fsync(from_fd) == 0;
     int error = errno;
-    close(to_fd);
+    if (to_fd >= 0) close(to_fd);
+    if (place_fd >= 0) close(place_fd);
     errno = error;
     return moved;
-}
-
-void lost_found_close(struct lost_found *lost) {
-    if (lost->place_fd >= 0) close(lost->place_fd);
-    lost->place_fd = -1;
 }
 
 /* Names in the folders so many levels below this one, which is closed. */

@@ -19,17 +19,13 @@
 
 enum { LOST_FOUND_NAME_BYTES = 64 };
 
-/* The folder of one start, made when it is needed.  Initialise with the data folder's descriptor, borrowed, and
- * place_fd = -1. */
-struct lost_found {
-    int root_fd, place_fd;
-    char place[LOST_FOUND_NAME_BYTES]; /* relative to the data folder; "" = not made */
-};
+/* A name for what this start finds, which no other start has. */
+void lost_found_name_start(char start[LOST_FOUND_NAME_BYTES]);
 
-/* Moves from/name, of the data folder, durably into the folder of that kind ("clouds", ...).  false, with errno: it is
- * still where it was. */
-bool lost_found_take(struct lost_found *lost, int from_fd, const char *kind, const char *name);
-void lost_found_close(struct lost_found *lost);
+/* Moves from/name, of the same file system as root, durably into the folder of that kind ("clouds", ...) of that start,
+ * which is made when it is needed: place is its path below root.  false, with errno: it is still where it was. */
+bool lost_found_take(int root_fd, const char *start, int from_fd, const char *kind, const char *name,
+                     char place[LOST_FOUND_NAME_BYTES]);
 
 /* How many clouds, jobs and uploads all starts have put there, as far as they can be listed. */
 uint64_t lost_found_count(int root_fd);

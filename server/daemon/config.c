@@ -15,12 +15,13 @@
 #include "api/links.h"
 #include "api/site.h"
 #include "core/base/version.h"
+#include "server/blobs/blobs.h"
 #include "server/catalog/catalog.h"
 #include "server/daemon/descriptors.h"
 #include "server/daemon/setting_file.h"
 #include "server/shared/roff.h"
 
-enum kind { TEXT, SWITCH, COUNT, BYTES, DURATION, BASE, HOSTS, ORIGINS, CATALOG };
+enum kind { TEXT, SWITCH, COUNT, BYTES, DURATION, BASE, HOSTS, ORIGINS, CATALOG, BLOBS };
 
 /* Beside its kind: a number that is read each time that it is needed, and so may change while the service runs. */
 enum { LIVE = 16 };
@@ -46,6 +47,8 @@ static const struct setting table[] = {
     {"data", TEXT, AT(data), "whittled-data", 0, 0, NULL, "Folder for the queue, clouds and outputs"},
     {"catalog", CATALOG, AT(catalog), "", 0, 0, NULL,
      "Where jobs, clouds and uploads are kept, as sqlite:PATH; default: sqlite:whittled.db in the data folder"},
+    {"blobs", BLOBS, AT(blobs), "", 0, 0, NULL,
+     "Where clouds and outputs are kept, as file:PATH; default: the data folder"},
     {"worker", TEXT, AT(worker), "", 0, 0, NULL, "Path of whittle; default: beside this program"},
     {"worker-sandbox", SWITCH, AT(worker_sandbox), "1", 0, 1, NULL,
      "Confine jobs by seccomp, Landlock and namespaces, as far as the kernel has them; limits apply always"},
@@ -200,6 +203,7 @@ static bool read_value(struct config *config, const struct setting *setting, con
     if (kind_of(setting) == BASE && !links_base_valid(text)) return false;
     if (kind_of(setting) == HOSTS && !site_hosts_valid(text)) return false;
     if (kind_of(setting) == CATALOG && text[0] && !catalog_url_valid(text)) return false;
+    if (kind_of(setting) == BLOBS && text[0] && !blobs_url_valid(text)) return false;
     if (kind_of(setting) == ORIGINS && !site_origins_valid(text)) return false;
     if (is_text(setting)) {
         int n = snprintf((char *)config + setting->offset, CONFIG_TEXT_BYTES, "%s", text);
@@ -231,7 +235,8 @@ static enum status set(struct config *config, const struct setting *setting, con
                                         "a path such as /whittle, without a slash at its end",
                                         "names such as whittle.example.org, separated by commas",
                                         "origins such as https://example.org, separated by commas",
-                                        "the URL of a catalog such as sqlite:/var/lib/whittled/whittled.db"};
+                                        "the URL of a catalog such as sqlite:/var/lib/whittled/whittled.db",
+                                        "the URL of a blob store such as file:/var/lib/whittled"};
     char least[NUMBER_BYTES], most[NUMBER_BYTES], range[2 * NUMBER_BYTES + 16] = "";
     if (read_value(config, setting, text)) return STATUS_OK;
     if (!is_text(setting) && kind_of(setting) != SWITCH)

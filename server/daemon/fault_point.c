@@ -1,10 +1,10 @@
 /* Faults, armed from the command line: the crash campaign ends the service at each of these points in turn.
  *
- *     upload-open -write -sync -rename -folder-sync       a body on its way to being a cloud
+ *     upload-open -write -sync, rename-clouds sync-clouds a body on its way to being a cloud
  *     submit-kept -committed                              the cloud has its name; the job's row is there too
  *     claimed started                                     a job is running for the queue; its process exists
  *     outputs-begin, output-open -sync,                   outputs on their way to being visible
- *     outputs-rename -folder-sync -kept, job-recorded     ... and the end's row
+ *     rename-jobs sync-jobs outputs-kept, job-recorded    ... and the end's row
  *     delete-committed, remove-rename removed             the row is gone; the name is; the files are
  *     commit                                              any change of the database
  *     database-open -read -write -sync -truncate -map     the database's own files (sql_faults.c)

@@ -134,8 +134,8 @@ static void look_at_thing(void *ctx, enum store_thing thing, const char *name) {
 /* A stranger's database, which the start would refuse. */
 static void look_at_identity(struct check *check) {
     struct error error = {0};
-    char folders[STORE_IDENTITY_BYTES], databases[CATALOG_IDENTITY_BYTES] = "";
-    enum status status = store_identity(check->store, folders, &error);
+    char folders[SCRATCH_IDENTITY_BYTES], databases[CATALOG_IDENTITY_BYTES] = "";
+    enum status status = scratch_identity(store_scratch(check->store), folders, &error);
     if (status == STATUS_OK) status = catalog_identity(check->catalog, databases, &error);
     if (status != STATUS_OK) damaged(check, "%s", error.text);
     if (folders[0] && databases[0] && strcmp(folders, databases) != 0)
@@ -168,7 +168,7 @@ static enum status open_both(const struct config *config, struct check *check, s
     char url[CATALOG_URL_BYTES];
     catalog_url(config->catalog, config->data, url);
     if (!catalog_exists(url)) return error_set(error, STATUS_IO, "check", "there is no %s", url);
-    enum status status = store_open(config->data, &check->store, error);
+    enum status status = store_open(config->data, config->blobs, &check->store, error);
     return status == STATUS_OK ? catalog_open_as_is(url, &check->catalog, error) : status;
 }
 
@@ -178,7 +178,7 @@ static enum status adopt(const struct config *config, struct error *error) {
     struct catalog *catalog = NULL;
     char url[CATALOG_URL_BYTES];
     catalog_url(config->catalog, config->data, url);
-    enum status status = store_open(config->data, &store, error);
+    enum status status = store_open(config->data, config->blobs, &store, error);
     if (status == STATUS_OK) status = catalog_open(url, &catalog, error);
     if (status == STATUS_OK) status = identity_adopt(store, catalog, error);
     if (status == STATUS_OK) printf("adopted: %s and its files belong together now\n", url);

@@ -206,7 +206,7 @@ static void put_process(FILE *out, const struct metrics *metrics, struct service
     struct rusage usage;
     getrusage(RUSAGE_SELF, &usage);
     one(out, "disk_free_bytes", "gauge", "Bytes that may still be written to the data folder.",
-        store_free_bytes(service->store));
+        scratch_free_bytes(store_scratch(service->store)));
     one(out, "disk_reserve_bytes", "gauge", "Uploads are refused when less would be left.",
         (uint64_t)service->config->min_free_bytes);
     one(out, "lost_found_files", "gauge", "Clouds, jobs and uploads in lost+found of the data folder.",

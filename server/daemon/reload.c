@@ -61,7 +61,7 @@ static void reload_config(struct reload *reload) {
     next->older = reload->latest;
     reload->latest = next;
     reload->service->config = &next->config;
-    store_keep_free(reload->service->store, (uint64_t)next->config.min_free_bytes);
+    scratch_keep_free(store_scratch(reload->service->store), (uint64_t)next->config.min_free_bytes);
 }
 
 static void reload_tokens(struct reload *reload) {

@@ -77,7 +77,8 @@ bool handlers_is_open(struct service *service, uint64_t body, bool for_job, stru
         response_refuse(response, PROBLEM_DRAINING, "the service is shutting down");
     else if (for_job && waiting >= (uint64_t)service->config->max_queue)
         response_refuse(response, PROBLEM_QUEUE_FULL, "%llu jobs are waiting", (unsigned long long)waiting);
-    else if (body <= (uint64_t)service->config->max_body_bytes && !store_has_room(service->store, body))
+    else if (body <= (uint64_t)service->config->max_body_bytes &&
+             !scratch_has_room(store_scratch(service->store), body))
         response_refuse(response, PROBLEM_STORAGE_FULL, "the disk has no room for this body");
     else
         return true;

@@ -184,7 +184,7 @@ static int make_level(struct service *service, const struct job *job, uint64_t p
     uint64_t held = 0;
     char allowed[80], value[24];
     int from = store_output_open(service->store, job->id, job->attempt, level->name),
-        to = store_scratch_open(service->store);
+        to = scratch_nameless_open(store_scratch(service->store));
     enum status status = from < 0 || to < 0
                              ? error_set(&error, STATUS_IO, "level", "can't open %s or its copy", level->name)
                              : cloud_prefix_copy(from, to, points, &held, &error);

@@ -250,7 +250,7 @@ static bool make_cloud(struct service *service, struct catalog_upload *info, str
     struct upload_facts facts = {0};
     struct error ignored = {0};
     struct admission admission = service_admission(service->config, NULL);
-    int fd = store_part_open(service->store, info->id, false);
+    int fd = scratch_part_open(store_scratch(service->store), info->id, false);
     if (fd < 0) {
         error_set(error, STATUS_IO, "uploads", "can't open upload %s: %s", info->id, strerror(errno));
         return false;

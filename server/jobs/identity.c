@@ -11,7 +11,7 @@
 
 #include "server/storage/uploads.h"
 
-_Static_assert((int)STORE_IDENTITY_BYTES == (int)CATALOG_IDENTITY_BYTES, "both keep the same");
+_Static_assert((int)SCRATCH_IDENTITY_BYTES == (int)CATALOG_IDENTITY_BYTES, "both keep the same");
 
 /* The URL comes last: it may be as long as it likes. */
 static enum status refuse(const char *url, const char *what, struct error *error) {
@@ -53,7 +53,7 @@ static enum status look_for_uploads(struct survey *survey, struct error *error) 
     enum status status = STATUS_OK;
     while (status == STATUS_OK && found && !survey->known) {
         status = catalog_next_upload(survey->catalog, row.id, &row, &found, error);
-        int fd = status == STATUS_OK && found ? store_part_open(survey->store, row.id, false) : -1;
+        int fd = status == STATUS_OK && found ? scratch_part_open(store_scratch(survey->store), row.id, false) : -1;
         if (fd < 0) continue;
         survey->known++;
         close(fd);
@@ -81,21 +81,21 @@ static enum status check_content(struct store *store, struct catalog *catalog, c
 }
 
 static enum status set_both(struct store *store, struct catalog *catalog, const char *id, struct error *error) {
-    enum status status = store_set_identity(store, id, error);
+    enum status status = scratch_set_identity(store_scratch(store), id, error);
     return status == STATUS_OK ? catalog_set_identity(catalog, id, error) : status;
 }
 
-static void make_id(char id[STORE_IDENTITY_BYTES]) {
+static void make_id(char id[SCRATCH_IDENTITY_BYTES]) {
     uint64_t random[2] = {0};
     ssize_t n = getrandom(random, sizeof random, 0); /* 16 bytes are never cut short */
     (void)n;
-    snprintf(id, STORE_IDENTITY_BYTES, "%016" PRIx64 "%016" PRIx64, random[0], random[1]);
+    snprintf(id, SCRATCH_IDENTITY_BYTES, "%016" PRIx64 "%016" PRIx64, random[0], random[1]);
 }
 
 enum status identity_check(struct store *store, struct catalog *catalog, const char *url, bool is_elsewhere,
                            struct error *error) {
-    char folders[STORE_IDENTITY_BYTES], databases[CATALOG_IDENTITY_BYTES], fresh[STORE_IDENTITY_BYTES];
-    enum status status = store_identity(store, folders, error);
+    char folders[SCRATCH_IDENTITY_BYTES], databases[CATALOG_IDENTITY_BYTES], fresh[SCRATCH_IDENTITY_BYTES];
+    enum status status = scratch_identity(store_scratch(store), folders, error);
     if (status == STATUS_OK) status = catalog_identity(catalog, databases, error);
     if (status != STATUS_OK) return status;
     if (folders[0] && databases[0])
@@ -108,7 +108,7 @@ enum status identity_check(struct store *store, struct catalog *catalog, const c
 }
 
 enum status identity_adopt(struct store *store, struct catalog *catalog, struct error *error) {
-    char id[STORE_IDENTITY_BYTES];
+    char id[SCRATCH_IDENTITY_BYTES];
     make_id(id);
     return set_both(store, catalog, id, error);
 }

@@ -43,8 +43,8 @@ static bool has_room(struct readiness *readiness, struct problem *problem) {
     struct store *store = readiness->service->store;
     struct error error = {0};
     begin(readiness, "the data folder");
-    enum status files = store_takes_files(store, &error);
-    if (!store_has_room(store, 0) || files == STATUS_NO_SPACE)
+    enum status files = scratch_takes_files(store_scratch(store), &error);
+    if (!scratch_has_room(store_scratch(store), 0) || files == STATUS_NO_SPACE)
         problem_set(problem, PROBLEM_STORAGE_FULL, "the disk is full");
     else if (files != STATUS_OK)
         problem_set(problem, PROBLEM_NOT_READY, "the data folder takes no files: %s", error.text);

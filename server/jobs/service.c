@@ -31,7 +31,7 @@ static enum status open_catalog(struct service *service, struct error *error) {
     if (status == STATUS_OK) status = catalog_open(url, &service->catalog, error);
     bool is_elsewhere = service->config->catalog[0] != 0;
     if (status == STATUS_OK) status = identity_check(service->store, service->catalog, url, is_elsewhere, error);
-    if (status == STATUS_OK) status = store_identity(service->store, service->host, error);
+    if (status == STATUS_OK) status = scratch_identity(store_scratch(service->store), service->host, error);
     if (status == STATUS_OK) catalog_watch(service->catalog, hear_of_change, service);
     return status;
 }
@@ -45,7 +45,7 @@ static enum status open_hashing(struct offload **threads, struct error *error) {
 }
 
 enum status service_open(struct service *service, const struct config *config, struct error *error) {
-    char path[STORE_PATH_BYTES];
+    char path[SCRATCH_PATH_BYTES];
     memset(service, 0, sizeof *service);
     service->config = config;
     pthread_rwlock_init(&service->clouds, NULL);
@@ -55,19 +55,20 @@ enum status service_open(struct service *service, const struct config *config, s
                              ? STATUS_OK
                              : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
     if (status == STATUS_OK) status = events_open(&service->events, error);
-    if (status == STATUS_OK) status = store_open(config->data, &service->store, error);
+    if (status == STATUS_OK) status = store_open(config->data, config->blobs, &service->store, error);
     if (status == STATUS_OK) status = open_hashing(&service->hashing, error);
     if (status == STATUS_OK) {
-        store_keep_free(service->store, (uint64_t)config->min_free_bytes);
+        scratch_keep_free(store_scratch(service->store), (uint64_t)config->min_free_bytes);
         status = open_catalog(service, error);
     }
     if (status == STATUS_OK) {
-        store_key_path(service->store, path);
+        scratch_key_path(store_scratch(service->store), path);
         status = signature_open(path, &service->signing_key, error);
     }
     service->metrics = metrics_new();
     if (status == STATUS_OK && !service->metrics) status = error_set(error, STATUS_NO_MEMORY, "service", "no memory");
-    if (status == STATUS_OK) status = uploads_open(service->catalog, service->store, &service->uploads, error);
+    if (status == STATUS_OK)
+        status = uploads_open(service->catalog, store_scratch(service->store), &service->uploads, error);
     if (status == STATUS_OK) status = service_recover(service, error);
     if (status != STATUS_OK) service_close(service);
     return status;

@@ -65,7 +65,7 @@ struct run {
     int64_t started_ms, kill_ms; /* of events_clock_ms; kill_ms: when TERM becomes KILL, 0 = no TERM was sent */
     int64_t moved_ms, cpu_ns;    /* when it was last known to go on; the processor time that it had then */
     bool timed_out, stalled;
-    char output[STORE_PATH_BYTES]; /* the folder that it writes into */
+    char output[SCRATCH_PATH_BYTES]; /* the folder that it writes into */
     struct confine_limits limits;
     struct footprint most, found; /* found: what was too much, else zero */
     int64_t footprint_ms;         /* when that was looked at last */
@@ -101,7 +101,8 @@ static enum status start(struct run *run, struct error *error) {
     const struct config *config = run->service->config;
     uint64_t threads = service_threads(run->service, &run->job->params);
     fault_at("claimed");
-    enum status status = store_outputs_begin(run->service->store, run->job->id, run->job->attempt, run->output, error);
+    enum status status =
+        scratch_run_begin(store_scratch(run->service->store), run->job->id, run->job->attempt, run->output, error);
     if (status != STATUS_OK) return status;
     run->log_fd = store_log_open(run->service->store, run->job->id, true);
     if (run->log_fd < 0) return error_set(error, STATUS_IO, "worker", "can't open the job's log: %s", strerror(errno));
@@ -575,7 +576,7 @@ static bool record(const struct run *run, const struct verdict *verdict) {
 static void let_go(struct run *run) {
     log_line(LOG_WARNING, "job=%s attempt=%d is lost: its lease has ended, and another host has the job", run->job->id,
              run->job->attempt);
-    store_outputs_drop(run->service->store, run->job->id, run->job->attempt);
+    scratch_run_drop(store_scratch(run->service->store), run->job->id, run->job->attempt);
     drop_outputs(run);
 }
 
@@ -587,7 +588,7 @@ static void settle(struct run *run, struct verdict *verdict) {
     }
     if (verdict->event == JOB_DONE) keep_outputs(run, verdict);
     fault_at("outputs-kept");
-    store_outputs_drop(run->service->store, job->id, job->attempt);
+    scratch_run_drop(store_scratch(run->service->store), job->id, job->attempt);
     show(run);
     log_verdict(run, verdict);
     metrics_run(run->service->metrics, verdict->event, job->cpu_s, job->wall_s);

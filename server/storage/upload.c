@@ -23,7 +23,7 @@ enum { SNIFF_BYTES = 4096 };
 
 struct upload {
     struct store *store;
-    struct store_upload file;
+    struct scratch_file file;
     struct behind *behind; /* hashes the file */
     uint64_t bytes, expected_bytes, max_bytes;
     bool checked; /* the format is known and right, as far as the first bytes tell */
@@ -56,7 +56,7 @@ struct upload *upload_new(struct store *store, struct offload *threads, uint64_t
     bool fits = expected_bytes == UINT64_MAX || expected_bytes <= max_bytes;
     if (!fits)
         upload_too_large(max_bytes, expected_bytes, problem);
-    else if (store_upload_begin(store, &upload->file, &error) != STATUS_OK)
+    else if (scratch_file_begin(store_scratch(store), &upload->file, &error) != STATUS_OK)
         problem_from_error(problem, &error);
     else if (!(upload->behind = behind_new(threads, upload->file.fd, expected_bytes)))
         problem_set(problem, PROBLEM_INTERNAL_ERROR, "no memory");
@@ -68,7 +68,7 @@ struct upload *upload_new(struct store *store, struct offload *threads, uint64_t
 
 void upload_free(struct upload *upload) {
     if (!upload) return;
-    store_upload_drop(upload->store, &upload->file);
+    scratch_file_drop(store_scratch(upload->store), &upload->file);
     behind_free(upload->behind);
     free(upload);
 }
@@ -133,7 +133,8 @@ static bool check_more(struct upload *upload, const void *bytes, size_t count, s
 
 static bool write_all(struct upload *upload, const char *bytes, size_t count, struct problem *problem) {
     while (count) {
-        bool fails = fault_at("upload-write") || !store_may_go_on(upload->store, upload->bytes - count, count);
+        bool fails =
+            fault_at("upload-write") || !scratch_may_go_on(store_scratch(upload->store), upload->bytes - count, count);
         ssize_t n = fails ? -1 : write(upload->file.fd, bytes, count);
         if (n < 0 && errno == EINTR) continue;
         if (n < 0) {
@@ -195,7 +196,7 @@ bool upload_check_file(int fd, const struct admission *admission, struct upload_
     return ok;
 }
 
-enum status upload_sync(struct upload *upload, struct error *error) { return store_upload_sync(&upload->file, error); }
+enum status upload_sync(struct upload *upload, struct error *error) { return scratch_file_sync(&upload->file, error); }
 
 enum status upload_keep(struct upload *upload, struct error *error) {
     return store_upload_keep(upload->store, &upload->file, upload->facts.sha256, error);

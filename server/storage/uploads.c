@@ -44,7 +44,7 @@ struct entry {
 
 struct uploads {
     struct catalog *catalog;
-    struct store *store;
+    struct scratch *scratch;
     pthread_mutex_t lock;
     struct entry *first;
     uint64_t count, writers; /* entries; numbers given to writers */
@@ -58,7 +58,7 @@ struct uploads_writer {
     int fd;
     struct uploads_check check;
     struct digest *digest;      /* NULL: no hash of ours to check */
-    struct store_upload staged; /* a piece that is checked; fd -1 = it isn't */
+    struct scratch_file staged; /* a piece that is checked; fd -1 = it isn't */
     uint64_t staged_bytes;
     uint64_t reserved;        /* of these, where the length isn't known */
     uint64_t principal_bytes; /* a limit; 0 = none */
@@ -213,7 +213,7 @@ static void read_boot(char boot[CATALOG_BOOT_BYTES]) {
  * rest is cut off.  false: there is no such file, or less of it than was flushed. */
 static bool trust(struct uploads *uploads, struct catalog_upload *row) {
     struct stat facts;
-    int fd = store_part_open(uploads->store, row->id, false);
+    int fd = scratch_part_open(uploads->scratch, row->id, false);
     bool ok = fd >= 0 && fstat(fd, &facts) == 0 && (uint64_t)facts.st_size >= row->offset;
     bool same_boot = row->boot[0] && strcmp(row->boot, uploads->boot) == 0;
     if (ok && same_boot && (uint64_t)facts.st_size <= row->length) row->offset = (uint64_t)facts.st_size;
@@ -239,13 +239,14 @@ static enum status take_row(struct uploads *uploads, struct catalog_upload *row,
     return catalog_put_upload(uploads->catalog, row, error);
 }
 
-enum status uploads_open(struct catalog *catalog, struct store *store, struct uploads **uploads, struct error *error) {
+enum status uploads_open(struct catalog *catalog, struct scratch *scratch, struct uploads **uploads,
+                         struct error *error) {
     struct uploads *opened = calloc(1, sizeof *opened);
     struct catalog_upload row = {0};
     bool found = true;
     if (!opened) return error_set(error, STATUS_NO_MEMORY, "uploads", "no memory");
     opened->catalog = catalog;
-    opened->store = store;
+    opened->scratch = scratch;
     pthread_mutex_init(&opened->lock, NULL);
     read_boot(opened->boot);
     enum status status = STATUS_OK;
@@ -303,7 +304,7 @@ static struct uploads_writer *new_writer(struct uploads *uploads, struct entry *
     pthread_mutex_unlock(&uploads->lock);
     if (check->base64[0] && !writer->digest)
         refuse(PROBLEM_INTERNAL_ERROR, "no memory", problem);
-    else if (check->whole && store_upload_begin(uploads->store, &writer->staged, &error) != STATUS_OK)
+    else if (check->whole && scratch_file_begin(uploads->scratch, &writer->staged, &error) != STATUS_OK)
         problem_from_error(problem, &error);
     else
         return writer;
@@ -321,13 +322,13 @@ struct uploads_writer *uploads_create(struct uploads *uploads, struct catalog_up
     info->offset = 0;
     struct entry *entry = add(uploads, info, limits, problem);
     if (!entry) return NULL;
-    int fd = store_part_open(uploads->store, info->id, true);
+    int fd = scratch_part_open(uploads->scratch, info->id, true);
     struct uploads_writer *writer =
         new_writer(uploads, hold(uploads, info->id), fd, check, limits->principal_bytes, problem);
     if (writer) {
         entry->writer = writer->number;
     } else {
-        store_part_delete(uploads->store, info->id);
+        scratch_part_delete(uploads->scratch, info->id);
         take_out(uploads, entry);
     }
     return writer;
@@ -361,7 +362,7 @@ struct uploads_writer *uploads_resume(struct uploads *uploads, const char *id, u
     }
     pthread_mutex_lock(&entry->lock);
     bool ok = may_resume(entry, offset, length, problem);
-    int fd = ok ? store_part_open(uploads->store, id, false) : -1; /* of one that is complete there is none */
+    int fd = ok ? scratch_part_open(uploads->scratch, id, false) : -1; /* of one that is complete there is none */
     pthread_mutex_unlock(&entry->lock);
     if (!ok) {
         let_go(uploads, entry);
@@ -412,7 +413,7 @@ bool uploads_write(struct uploads_writer *writer, const void *bytes, size_t coun
         upload_too_large(most, UINT64_MAX, problem);
         ok = false;
     }
-    if (ok && !store_may_go_on(writer->uploads->store, had, count))
+    if (ok && !scratch_may_go_on(writer->uploads->scratch, had, count))
         ok = refuse_io("the piece can't be stored", problem);
     uint64_t more = most == UINT64_MAX ? count : 0;
     ok = ok && reserve(writer->uploads, info, more, writer->principal_bytes * (more > 0), problem);
@@ -469,7 +470,7 @@ static void leave(struct entry *entry) {
 /* Flushes the file, then writes the row. */
 static enum status make_durable(struct uploads *uploads, struct catalog_upload *row, int fd, struct error *error) {
     memcpy(row->boot, uploads->boot, sizeof row->boot);
-    enum status status = store_part_sync(uploads->store, fd, error);
+    enum status status = scratch_part_sync(uploads->scratch, fd, error);
     return status == STATUS_OK ? catalog_put_upload(uploads->catalog, row, error) : status;
 }
 
@@ -524,11 +525,11 @@ void uploads_writer_free(struct uploads_writer *writer) {
     if (entry->writer == writer->number) entry->writer = 0;
     pthread_mutex_unlock(&entry->lock);
     if (undone) {
-        store_part_delete(writer->uploads->store, entry->info.id);
+        scratch_part_delete(writer->uploads->scratch, entry->info.id);
         take_out(writer->uploads, entry);
     }
     catalog_release(writer->uploads->catalog, entry->info.principal, writer->reserved);
-    store_upload_drop(writer->uploads->store, &writer->staged);
+    scratch_file_drop(writer->uploads->scratch, &writer->staged);
     digest_free(writer->digest);
     if (writer->fd >= 0) close(writer->fd);
     let_go(writer->uploads, entry);
@@ -554,7 +555,7 @@ enum status uploads_complete(struct uploads *uploads, const char *id, const char
     }
     leave(entry);
     wall_clock_release();
-    if (status == STATUS_OK) store_part_delete(uploads->store, id);
+    if (status == STATUS_OK) scratch_part_delete(uploads->scratch, id);
     let_go(uploads, entry);
     return status;
 }
@@ -564,7 +565,7 @@ enum status uploads_delete(struct uploads *uploads, const char *id, struct error
     if (!entry) return STATUS_OK;
     take_out(uploads, entry);
     enum status status = catalog_delete_upload(uploads->catalog, id, error);
-    store_part_delete(uploads->store, id);
+    scratch_part_delete(uploads->scratch, id);
     let_go(uploads, entry);
     return status;
 }
@@ -576,7 +577,7 @@ static void flush(struct uploads *uploads, struct entry *entry) {
     bool behind = entry->known && !entry->gone && !entry->info.cloud[0] && entry->durable != entry->info.offset;
     struct catalog_upload row = entry->info;
     pthread_mutex_unlock(&entry->lock);
-    int fd = behind ? store_part_open(uploads->store, row.id, false) : -1;
+    int fd = behind ? scratch_part_open(uploads->scratch, row.id, false) : -1;
     bool ok = fd >= 0 && make_durable(uploads, &row, fd, &error) == STATUS_OK;
     if (behind && !ok) log_line(LOG_ERROR, "upload=%s can't be flushed: %s", row.id, error.text);
     if (fd >= 0) close(fd);

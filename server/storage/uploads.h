@@ -3,7 +3,7 @@
  *     begin -> write ... -> end -> (cut, HEAD, begin at the offset, write ... -> end)* -> whole: becomes a cloud
  *
  * All are in memory, so that what must not block can ask; a row of each is in the catalog, its
- * bytes are a file in the store.  What a piece has brought before its connection
+ * bytes are a file in scratch.   What a piece has brought before its connection
  * broke is kept, unless the piece came with a checksum: then it is kept whole or not at all.
  *
  * One writer has an upload at a time, the newest: a client that comes back need not wait until its old connection is
@@ -29,14 +29,14 @@
 #include "core/base/status.h"
 #include "server/catalog/catalog.h"
 #include "server/catalog/job.h"
-#include "server/storage/store.h"
+#include "server/storage/scratch.h"
 
 struct uploads;
 struct uploads_writer;
 
-/* Reads all; those whose files are lost are forgotten (logged).  Queue and store are borrowed.  uploads_close accepts
- * NULL, and wants every writer freed. */
-enum status uploads_open(struct catalog *catalog, struct store *store, struct uploads **uploads,
+/* Reads all; those whose files are lost are forgotten (logged).  Catalog and scratch are borrowed.  uploads_close
+ * accepts NULL, and wants every writer freed. */
+enum status uploads_open(struct catalog *catalog, struct scratch *scratch, struct uploads **uploads,
                          struct error *error) MUST_CHECK;
 void uploads_close(struct uploads *uploads);
 

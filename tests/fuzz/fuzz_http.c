@@ -134,7 +134,7 @@ static void open_service(void) {
 /* Without its database the next start finds every file to be nobody's. */
 static void close_service(void) {
     static const char *const endings[] = {"", "-wal", "-shm"};
-    char path[STORE_PATH_BYTES], whole[STORE_PATH_BYTES + 8];
+    char path[SCRATCH_PATH_BYTES], whole[SCRATCH_PATH_BYTES + 8];
     snprintf(path, sizeof path, "%s/whittled.db", folder);
     instant.service.tokens = NULL;
     instant_service_close(&instant);

@@ -26,9 +26,9 @@ import time
 from conftest import PATIENCE_S, Daemon, process_lives, sphere, wait_until
 
 # Where the service ends itself (server/daemon/fault_point.c), and how often the point may be passed before that.
-POINTS = {"upload-open": 6, "upload-write": 8, "upload-sync": 6, "upload-rename": 6, "upload-folder-sync": 6,
+POINTS = {"upload-open": 6, "upload-write": 8, "upload-sync": 6, "rename-clouds": 6, "sync-clouds": 6,
           "submit-kept": 6, "submit-committed": 6, "claimed": 5, "started": 5, "outputs-begin": 5, "output-open": 8,
-          "output-sync": 8, "outputs-rename": 5, "outputs-folder-sync": 5, "outputs-kept": 5, "job-recorded": 5,
+          "output-sync": 8, "rename-jobs": 5, "sync-jobs": 5, "outputs-kept": 5, "job-recorded": 5,
           "delete-committed": 3, "remove-rename": 3, "removed": 3, "commit": 12}
 RANDOM_MOMENTS = ("service", "worker", "worker-writing", "mid-upload")
 FEW, MANY = sphere(300), sphere(20000)

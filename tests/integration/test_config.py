@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the programs say of themselves: settings, manual pages, health."""
 import os
+import pathlib
 import re
 import shutil
 import subprocess
+import tempfile
 
 import pytest
 
@@ -151,3 +153,34 @@ def test_the_catalog_may_be_elsewhere(make_daemon, tmp_path):
     assert checked.stdout == "checked 1 jobs, 1 clouds, 2 outputs: 0 damaged, 0 unfinished\n", checked.stdout
     other = run("--listen", "127.0.0.1:0", "--data", tmp_path / "other", "--catalog", f"sqlite:{database}")
     assert other.returncode == 1 and "is another folder's" in other.stderr, other.stderr
+
+
+@pytest.mark.parametrize("url", ["ftp://host/", "file:", "/var/lib/whittled"])
+def test_what_is_no_blob_store_is_refused(url):
+    refused = run("--blobs", url, "--check-config")
+    assert refused.returncode == 2 and "blobs" in refused.stderr and "file:/" in refused.stderr
+
+
+@pytest.mark.parametrize("place", ["beside", "apart"])
+def test_clouds_and_outputs_may_be_elsewhere(make_daemon, tmp_path, place):
+    """In another folder, of the same file system and of another one: nothing of them is in the data folder."""
+    folder = tmp_path / "blobs" if place == "beside" else pathlib.Path(tempfile.mkdtemp(dir="/dev/shm"))
+    try:
+        daemon = make_daemon("--blobs", f"file:{folder}")
+        job = daemon.submit(SMALL)
+        assert daemon.ended(job)["status"] == "successful"
+        assert daemon.stop() == 0
+        assert len(list((folder / "clouds").iterdir())) == 1 and not (daemon.data / "clouds").exists()
+        assert [path.name for path in (daemon.data / "jobs" / job).iterdir()] == ["log"]
+        daemon.start()
+        outputs = daemon.curl(f"/v1/jobs/{job}/outputs").json["outputs"]
+        assert outputs and all(daemon.curl(f"/v1/jobs/{job}/outputs/{o['name']}").status == 200 for o in outputs)
+        again = daemon.submit(SMALL)
+        assert daemon.curl(f"/v1/jobs/{again}").json["status"] == "successful"  # the first one's outputs are its too
+        assert daemon.curl(f"/v1/jobs/{job}", "-X", "DELETE").status == 200
+        assert not (folder / "jobs" / job).exists() and not (daemon.data / "jobs" / job).exists()
+        assert daemon.stop() == 0
+        checked = run("check", "--data", daemon.data, "--blobs", f"file:{folder}")
+        assert checked.stdout == "checked 1 jobs, 1 clouds, 2 outputs: 0 damaged, 0 unfinished\n", checked.stdout
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

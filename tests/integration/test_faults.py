@@ -9,8 +9,8 @@ import pytest
 
 from conftest import SMALL, sphere, wait_until
 
-UPLOAD = ["upload-open", "upload-write", "upload-sync", "upload-rename", "upload-folder-sync"]
-OUTPUTS = ["output-open", "output-sync", "outputs-rename", "outputs-folder-sync"]
+UPLOAD = ["upload-open", "upload-write", "upload-sync", "rename-clouds", "sync-clouds"]
+OUTPUTS = ["output-open", "output-sync", "rename-jobs", "sync-jobs"]
 ANSWERS = {"enospc": (507, "storage-full"), "eio": (500, "internal-error"), "emfile": (500, "internal-error")}
 
 

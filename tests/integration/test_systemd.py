@@ -149,7 +149,7 @@ def test_the_watchdog_starves_when_the_queue_is_broken(unit, manager):
 
 
 @pytest.mark.parametrize("fault", ["commit=hang:4",  # schema, identity, job, and its claim: with the lock held
-                                   "outputs-rename=hang"])  # in the thread that runs the job, half a minute ago
+                                   "rename-jobs=hang"])  # in the thread that runs the job, half a minute ago
 def test_the_watchdog_starves_when_the_supervisor_hangs(unit, manager, fault):
     unit.launch({"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "200000"},
                 flags=("--listen", "127.0.0.1:0", "--job-stall", "1s", "--fault", fault))

@@ -21,7 +21,7 @@
 #include "server/runner/supervisor.h"
 
 void instant_service_write(const char *folder, const char *name, const char *text) {
-    char path[STORE_PATH_BYTES + 16];
+    char path[SCRATCH_PATH_BYTES + 16];
     snprintf(path, sizeof path, "%s/%s", folder, name);
     int fd = open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
     ssize_t written = write(fd, text, strlen(text));
@@ -46,13 +46,13 @@ bool supervisor_cancel(struct supervisor *supervisor, const char *id) {
 
 static void end_jobs(struct service *service) {
     static const char report[] = "{\"points_in\":9,\"points_out\":3,\"timings_ms\":{\"read\":1.5,\"total\":2}}";
-    char path[STORE_PATH_BYTES];
+    char path[SCRATCH_PATH_BYTES];
     struct error error = {0};
     struct job job = {0};
     bool found = true, changed;
     struct catalog_claim by = {service->host, 60000, INT64_MAX};
     while (catalog_claim(service->catalog, &by, &job, &found, &error) == STATUS_OK && found) {
-        enum status status = store_outputs_begin(service->store, job.id, job.attempt, path, &error);
+        enum status status = scratch_run_begin(store_scratch(service->store), job.id, job.attempt, path, &error);
         assert(status == STATUS_OK);
         instant_service_write(path, "cloud.ply", "ply\nformat ascii 1.0\nelement vertex 0\nend_header\n");
         instant_service_write(path, "report.json", report);

@@ -143,7 +143,7 @@ static void every_commit_that_fails_leaves_the_queue_as_it_was(void **state) {
 /* ------------------------------------------------------------------------------------------------ the store */
 
 static enum status write_output(const char *folder) {
-    char path[STORE_PATH_BYTES + 16];
+    char path[SCRATCH_PATH_BYTES + 16];
     snprintf(path, sizeof path, "%s/cloud.ply", folder);
     int fd = open(path, O_WRONLY | O_CREAT, 0600);
     assert_true(fd >= 0);
@@ -172,14 +172,14 @@ static enum status work_on_upload(struct store *store, struct error *error) {
 static enum status work_on_store(struct fixture *f) {
     struct store *store = NULL;
     struct job_output outputs[JOB_MAX_OUTPUTS];
-    char path[STORE_PATH_BYTES];
+    char path[SCRATCH_PATH_BYTES];
     size_t count;
-    enum status status = store_open(f->folder, &store, &f->error);
+    enum status status = store_open(f->folder, "", &store, &f->error);
     if (status == STATUS_OK) status = work_on_upload(store, &f->error);
-    if (status == STATUS_OK) status = store_outputs_begin(store, id, 1, path, &f->error);
+    if (status == STATUS_OK) status = scratch_run_begin(store_scratch(store), id, 1, path, &f->error);
     if (status == STATUS_OK) status = write_output(path);
     if (status == STATUS_OK) status = store_outputs_keep(store, id, 1, NULL, outputs, &count, &f->error);
-    if (store) store_outputs_drop(store, id, 1);
+    if (store) scratch_run_drop(store_scratch(store), id, 1);
     store_close(store);
     return status;
 }
@@ -193,7 +193,7 @@ static void look_at_store(struct fixture *f, enum status worked) {
     struct store *store = NULL;
     struct stat facts;
     struct store_cleaned cleaned;
-    assert_int_equal(store_open(f->folder, &store, &f->error), STATUS_OK);
+    assert_int_equal(store_open(f->folder, "", &store, &f->error), STATUS_OK);
     assert_int_equal(folder_entries(f->folder, "tmp"), 0);
     assert_int_equal(store_clean(store, keep_all, NULL, &cleaned, &f->error), STATUS_OK);
     int fd = store_output_open(store, id, 1, "cloud.ply");

@@ -35,7 +35,7 @@ static int set_up(void **state) {
     folder_make_in_memory(f->folder, sizeof f->folder);
     snprintf(f->url, sizeof f->url, "sqlite:%s/whittled.db", f->folder);
     *state = f;
-    return store_open(f->folder, &f->store, &f->error) != STATUS_OK ||
+    return store_open(f->folder, "", &f->store, &f->error) != STATUS_OK ||
            catalog_open(f->url, &f->catalog, &f->error) != STATUS_OK;
 }
 
@@ -193,7 +193,7 @@ static bool upload_in_pieces(struct uploads *uploads, struct catalog_upload *inf
 static bool resume(struct fixture *f) {
     struct uploads *uploads = NULL;
     struct catalog_upload info = {.length = 6}, found;
-    bool ok = uploads_open(f->catalog, f->store, &uploads, &f->error) == STATUS_OK;
+    bool ok = uploads_open(f->catalog, store_scratch(f->store), &uploads, &f->error) == STATUS_OK;
     if (!ok) return false;
     ok = upload_in_pieces(uploads, &info, &f->error);
     faults_pause();

@@ -30,7 +30,7 @@ static int set_up(void **state) {
     snprintf(f->folder, sizeof f->folder, "/tmp/test_store.XXXXXX");
     if (!mkdtemp(f->folder)) return -1;
     *state = f;
-    return store_open(f->folder, &f->store, &f->error) == STATUS_OK ? 0 : -1;
+    return store_open(f->folder, "", &f->store, &f->error) == STATUS_OK ? 0 : -1;
 }
 
 static int tear_down(void **state) {
@@ -42,7 +42,7 @@ static int tear_down(void **state) {
 }
 
 static void write_file(const char *folder, const char *name, const char *text) {
-    char path[STORE_PATH_BYTES + 64];
+    char path[SCRATCH_PATH_BYTES + 64];
     snprintf(path, sizeof path, "%s/%s", folder, name);
     FILE *file = fopen(path, "w");
     assert_non_null(file);
@@ -60,25 +60,23 @@ static void assert_content(int fd, const char *text) {
 
 /* ------------------------------------------------------------------------------------------------ clouds */
 
-static void upload(struct fixture *f, struct store_upload *upload, const char *text) {
-    assert_int_equal(store_upload_begin(f->store, upload, &f->error), STATUS_OK);
+static void upload(struct fixture *f, struct scratch_file *upload, const char *text) {
+    assert_int_equal(scratch_file_begin(store_scratch(f->store), upload, &f->error), STATUS_OK);
     assert_int_equal(write(upload->fd, text, strlen(text)), strlen(text));
-    assert_int_equal(store_upload_sync(upload, &f->error), STATUS_OK);
+    assert_int_equal(scratch_file_sync(upload, &f->error), STATUS_OK);
 }
 
 static void an_upload_is_visible_once_it_is_kept(void **state) {
     struct fixture *f = *state;
-    struct store_upload u;
-    char path[STORE_PATH_BYTES];
+    struct scratch_file u;
     upload(f, &u, "cloud");
     assert_int_equal(folder_entries(f->folder, "tmp"), 1);
     assert_int_equal(folder_entries(f->folder, "clouds"), 0);
     assert_int_equal(store_upload_keep(f->store, &u, "abc", &f->error), STATUS_OK);
     assert_int_equal(folder_entries(f->folder, "tmp"), 0);
     assert_true(store_cloud_exists(f->store, "abc"));
-    store_cloud_path(f->store, "abc", path);
-    assert_content(open(path, O_RDONLY), "cloud");
-    store_upload_drop(f->store, &u); /* has ended: nothing happens */
+    assert_content(store_cloud_open(f->store, "abc"), "cloud");
+    scratch_file_drop(store_scratch(f->store), &u); /* has ended: nothing happens */
     assert_true(store_cloud_exists(f->store, "abc"));
     store_cloud_delete(f->store, "abc");
     assert_false(store_cloud_exists(f->store, "abc"));
@@ -86,17 +84,17 @@ static void an_upload_is_visible_once_it_is_kept(void **state) {
 
 static void a_dropped_upload_leaves_nothing(void **state) {
     struct fixture *f = *state;
-    struct store_upload u;
+    struct scratch_file u;
     upload(f, &u, "cloud");
-    store_upload_drop(f->store, &u);
-    store_upload_drop(f->store, &u);
+    scratch_file_drop(store_scratch(f->store), &u);
+    scratch_file_drop(store_scratch(f->store), &u);
     assert_int_equal(folder_entries(f->folder, "tmp"), 0);
     assert_int_equal(u.fd, -1);
 }
 
 static void the_same_content_twice_is_one_cloud(void **state) {
     struct fixture *f = *state;
-    struct store_upload a, b;
+    struct scratch_file a, b;
     upload(f, &a, "same");
     upload(f, &b, "same");
     assert_int_equal(store_upload_keep(f->store, &a, "abc", &f->error), STATUS_OK);
@@ -111,8 +109,8 @@ static void outputs_appear_together_with_their_hashes(void **state) {
     struct fixture *f = *state;
     struct job_output outputs[JOB_MAX_OUTPUTS];
     size_t count;
-    char path[STORE_PATH_BYTES];
-    assert_int_equal(store_outputs_begin(f->store, id, 1, path, &f->error), STATUS_OK);
+    char path[SCRATCH_PATH_BYTES];
+    assert_int_equal(scratch_run_begin(store_scratch(f->store), id, 1, path, &f->error), STATUS_OK);
     write_file(path, "mesh.ply", "");
     write_file(path, "cloud.ply", "abc");
     write_file(path, ".hidden", "x");
@@ -132,10 +130,10 @@ static void outputs_of_a_second_run_take_the_place_of_the_first(void **state) {
     struct fixture *f = *state;
     struct job_output outputs[JOB_MAX_OUTPUTS];
     size_t count;
-    char path[STORE_PATH_BYTES];
+    char path[SCRATCH_PATH_BYTES];
     static const char *const texts[] = {"first", "second"};
     for (int i = 0; i < 2; i++) {
-        assert_int_equal(store_outputs_begin(f->store, id, 1, path, &f->error), STATUS_OK);
+        assert_int_equal(scratch_run_begin(store_scratch(f->store), id, 1, path, &f->error), STATUS_OK);
         write_file(path, "cloud.ply", texts[i]);
         assert_int_equal(store_outputs_keep(f->store, id, 1, NULL, outputs, &count, &f->error), STATUS_OK);
     }
@@ -145,15 +143,15 @@ static void outputs_of_a_second_run_take_the_place_of_the_first(void **state) {
 
 static void a_run_begins_with_an_empty_folder(void **state) {
     struct fixture *f = *state;
-    char path[STORE_PATH_BYTES];
-    assert_int_equal(store_outputs_begin(f->store, id, 1, path, &f->error), STATUS_OK);
+    char path[SCRATCH_PATH_BYTES];
+    assert_int_equal(scratch_run_begin(store_scratch(f->store), id, 1, path, &f->error), STATUS_OK);
     write_file(path, "half", "x");
-    assert_int_equal(store_outputs_begin(f->store, id, 1, path, &f->error), STATUS_OK);
+    assert_int_equal(scratch_run_begin(store_scratch(f->store), id, 1, path, &f->error), STATUS_OK);
     int fd = open(path, O_RDONLY | O_DIRECTORY);
     assert_int_not_equal(unlinkat(fd, "half", 0), 0);
     close(fd);
-    store_outputs_drop(f->store, id, 1);
-    store_outputs_drop(f->store, id, 1);
+    scratch_run_drop(store_scratch(f->store), id, 1);
+    scratch_run_drop(store_scratch(f->store), id, 1);
     assert_int_equal(folder_entries(f->folder, "tmp"), 0);
 }
 
@@ -161,8 +159,8 @@ static void what_is_no_plain_file_is_no_output(void **state) {
     struct fixture *f = *state;
     struct job_output outputs[JOB_MAX_OUTPUTS];
     size_t count;
-    char path[STORE_PATH_BYTES], link[STORE_PATH_BYTES + 16];
-    assert_int_equal(store_outputs_begin(f->store, id, 1, path, &f->error), STATUS_OK);
+    char path[SCRATCH_PATH_BYTES], link[SCRATCH_PATH_BYTES + 16];
+    assert_int_equal(scratch_run_begin(store_scratch(f->store), id, 1, path, &f->error), STATUS_OK);
     snprintf(link, sizeof link, "%s/cloud.ply", path);
     assert_int_equal(symlink("/etc/passwd", link), 0);
     assert_int_equal(store_outputs_keep(f->store, id, 1, NULL, outputs, &count, &f->error), STATUS_IO);
@@ -177,9 +175,9 @@ static void names_that_lead_elsewhere_are_refused(void **state) {
     static const char *const names[] = {"../log", "..", ".", "/etc/passwd", "a/b", ".hidden"};
     struct job_output outputs[JOB_MAX_OUTPUTS];
     size_t count;
-    char path[STORE_PATH_BYTES];
+    char path[SCRATCH_PATH_BYTES];
     close(store_log_open(f->store, id, true));
-    assert_int_equal(store_outputs_begin(f->store, id, 1, path, &f->error), STATUS_OK);
+    assert_int_equal(scratch_run_begin(store_scratch(f->store), id, 1, path, &f->error), STATUS_OK);
     assert_int_equal(store_outputs_keep(f->store, id, 1, NULL, outputs, &count, &f->error), STATUS_OK);
     for (size_t i = 0; i < sizeof names / sizeof *names; i++)
         assert_int_equal(store_output_open(f->store, id, 1, names[i]), -1);
@@ -205,37 +203,38 @@ static void a_log_is_appended_to(void **state) {
 static void a_folder_has_one_owner(void **state) {
     struct fixture *f = *state;
     struct store *second = NULL;
-    assert_int_equal(store_open(f->folder, &second, &f->error), STATUS_IO);
+    assert_int_equal(store_open(f->folder, "", &second, &f->error), STATUS_IO);
     assert_non_null(strstr(f->error.text, "another whittled"));
     assert_null(second);
     store_close(f->store);
-    assert_int_equal(store_open(f->folder, &f->store, &f->error), STATUS_OK);
+    assert_int_equal(store_open(f->folder, "", &f->store, &f->error), STATUS_OK);
 }
 
 static void a_lock_file_that_is_removed_lets_nobody_in(void **state) {
     struct fixture *f = *state;
     struct store *second = NULL;
-    char path[STORE_PATH_BYTES];
+    char path[SCRATCH_PATH_BYTES];
     snprintf(path, sizeof path, "%s/lock", f->folder);
     assert_int_equal(unlink(path), 0);
-    assert_int_equal(store_open(f->folder, &second, &f->error), STATUS_IO);
+    assert_int_equal(store_open(f->folder, "", &second, &f->error), STATUS_IO);
     assert_non_null(strstr(f->error.text, "another whittled"));
     assert_int_equal(unlink(path), 0); /* made by the second, which had it for itself */
     write_file(f->folder, "lock", "");
-    assert_int_equal(store_open(f->folder, &second, &f->error), STATUS_IO);
+    assert_int_equal(store_open(f->folder, "", &second, &f->error), STATUS_IO);
     assert_null(second);
 }
 
 static void the_identity_is_kept(void **state) {
     struct fixture *f = *state;
-    char identity[STORE_IDENTITY_BYTES] = "x";
-    assert_int_equal(store_identity(f->store, identity, &f->error), STATUS_OK);
+    char identity[SCRATCH_IDENTITY_BYTES] = "x";
+    assert_int_equal(scratch_identity(store_scratch(f->store), identity, &f->error), STATUS_OK);
     assert_string_equal(identity, "");
-    assert_int_equal(store_set_identity(f->store, "first", &f->error), STATUS_OK);
-    assert_int_equal(store_set_identity(f->store, "0123456789abcdef0123456789abcdef", &f->error), STATUS_OK);
+    assert_int_equal(scratch_set_identity(store_scratch(f->store), "first", &f->error), STATUS_OK);
+    assert_int_equal(scratch_set_identity(store_scratch(f->store), "0123456789abcdef0123456789abcdef", &f->error),
+                     STATUS_OK);
     store_close(f->store);
-    assert_int_equal(store_open(f->folder, &f->store, &f->error), STATUS_OK);
-    assert_int_equal(store_identity(f->store, identity, &f->error), STATUS_OK);
+    assert_int_equal(store_open(f->folder, "", &f->store, &f->error), STATUS_OK);
+    assert_int_equal(scratch_identity(store_scratch(f->store), identity, &f->error), STATUS_OK);
     assert_string_equal(identity, "0123456789abcdef0123456789abcdef");
     assert_int_equal(folder_entries(f->folder, "tmp"), 0);
 }
@@ -243,9 +242,9 @@ static void the_identity_is_kept(void **state) {
 static void a_path_that_cannot_be_made_is_refused(void **state) {
     struct fixture *f = *state;
     struct store *store = NULL;
-    assert_int_equal(store_open("/proc/nothing/here", &store, &f->error), STATUS_IO);
-    assert_int_equal(store_open("", &store, &f->error), STATUS_IO);
-    assert_int_equal(store_open("/dev/null", &store, &f->error), STATUS_IO);
+    assert_int_equal(store_open("/proc/nothing/here", "", &store, &f->error), STATUS_IO);
+    assert_int_equal(store_open("", "", &store, &f->error), STATUS_IO);
+    assert_int_equal(store_open("/dev/null", "", &store, &f->error), STATUS_IO);
 }
 
 /* By its first letter: kept, gone, or not known. */
@@ -255,28 +254,28 @@ static enum store_fate by_first_letter(void *ctx, enum store_thing thing, const 
 }
 
 static void keep_cloud(struct fixture *f, const char *name) {
-    struct store_upload u;
+    struct scratch_file u;
     upload(f, &u, name);
     assert_int_equal(store_upload_keep(f->store, &u, name, &f->error), STATUS_OK);
 }
 
 static void cleaning_removes_what_is_over_and_sets_aside_what_nobody_knows(void **state) {
     struct fixture *f = *state;
-    struct store_upload u;
-    char path[STORE_PATH_BYTES], lost[STORE_PATH_BYTES + 80];
+    struct scratch_file u;
+    char path[SCRATCH_PATH_BYTES], lost[SCRATCH_PATH_BYTES + 80];
     int asked[3] = {0};
     struct store_cleaned cleaned;
     upload(f, &u, "x");
     close(u.fd);
-    assert_int_equal(store_outputs_begin(f->store, id, 1, path, &f->error), STATUS_OK);
+    assert_int_equal(scratch_run_begin(store_scratch(f->store), id, 1, path, &f->error), STATUS_OK);
     write_file(path, "cloud.ply", "x");
     keep_cloud(f, "known");
     keep_cloud(f, "stray");
     close(store_log_open(f->store, "kept-job", true));
     close(store_log_open(f->store, "gone-job", true));
     close(store_log_open(f->store, "stray-job", true));
-    close(store_part_open(f->store, "stray-part", true));
-    close(store_part_open(f->store, "gone-part", true));
+    close(scratch_part_open(store_scratch(f->store), "stray-part", true));
+    close(scratch_part_open(store_scratch(f->store), "gone-part", true));
     assert_int_equal(store_clean(f->store, by_first_letter, asked, &cleaned, &f->error), STATUS_OK);
     assert_int_equal(cleaned.removed, 4); /* two of tmp/ */
     assert_int_equal(cleaned.set_aside, 3);
@@ -319,7 +318,7 @@ static void what_cannot_be_set_aside_stays(void **state) {
     assert_int_equal(cleaned.set_aside, 1); /* beside it */
     assert_int_equal(strncmp(cleaned.place, "lost+found.whittled/", 20), 0);
     keep_cloud(f, "stray");
-    char path[STORE_PATH_BYTES];
+    char path[SCRATCH_PATH_BYTES];
     snprintf(path, sizeof path, "%s/lost+found.whittled", f->folder);
     folder_remove(path);
     write_file(f->folder, "lost+found.whittled", "no folder either");

@@ -14,6 +14,8 @@
 
 #include <cmocka.h>
 
+#include "server/storage/store.h"
+
 #include "server/catalog/sqlite/catalog_sqlite.h"
 
 struct fixture {
@@ -28,10 +30,10 @@ struct fixture {
 static const struct uploads_check unchecked;
 
 static void start(struct fixture *f) {
-    assert_int_equal(store_open(f->folder, &f->store, &f->error), STATUS_OK);
+    assert_int_equal(store_open(f->folder, "", &f->store, &f->error), STATUS_OK);
     catalog_url("", f->folder, f->url);
     assert_int_equal(catalog_open(f->url, &f->catalog, &f->error), STATUS_OK);
-    assert_int_equal(uploads_open(f->catalog, f->store, &f->uploads, &f->error), STATUS_OK);
+    assert_int_equal(uploads_open(f->catalog, store_scratch(f->store), &f->uploads, &f->error), STATUS_OK);
 }
 
 static void stop(struct fixture *f) {
@@ -144,7 +146,7 @@ static void what_was_never_ended_was_never_begun(void **state) {
     assert_true(other.id[0]);
     uploads_writer_free(writer);
     assert_false(uploads_find(f->uploads, info.id, &info));
-    assert_int_equal(store_part_open(f->store, info.id, false), -1);
+    assert_int_equal(scratch_part_open(store_scratch(f->store), info.id, false), -1);
 }
 
 static void what_was_written_survives(void **state) {
@@ -253,7 +255,7 @@ static void a_write_that_is_cut_short_goes_on(void **state) {
     begin(f, "0123456789", &info);
     most_at_once = SIZE_MAX;
     assert_int_equal(offset_of(f, info.id), 10);
-    int fd = store_part_open(f->store, info.id, false);
+    int fd = scratch_part_open(store_scratch(f->store), info.id, false);
     assert_int_equal(pread(fd, text, 10, 0), 10);
     close(fd);
     assert_string_equal(text, "0123456789");
@@ -311,11 +313,11 @@ static void a_link_that_fails_is_not_told_as_success(void **state) {
     struct fixture *f = *state;
     struct catalog_upload info;
     begin(f, "0123456789", &info);
-    assert_int_equal(store_part_keep(f->store, info.id, "no/such/name", &f->error), STATUS_IO);
+    assert_int_equal(store_part_keep(f->store, info.id, "no/such/name", &f->error), STATUS_BAD_PARAMETER);
     assert_int_equal(store_part_keep(f->store, info.id, "cloud", &f->error), STATUS_OK);
     assert_true(store_cloud_exists(f->store, "cloud"));
     assert_int_equal(store_part_keep(f->store, info.id, "cloud", &f->error), STATUS_OK); /* it is there already */
-    store_part_delete(f->store, info.id);
+    scratch_part_delete(store_scratch(f->store), info.id);
     assert_int_equal(store_part_keep(f->store, info.id, "other", &f->error), STATUS_IO);
     assert_false(store_cloud_exists(f->store, "other"));
 }

@@ -1,0 +1,75 @@
+/* Blobs: named bytes that never change, kept for as long as the catalog's rows name them.
+ *
+ * A blob appears whole or not at all, and stays as it is until it is removed; bytes are on disk (or acknowledged by
+ * whoever keeps them) when blobs_put returns.  What a blob is for, and so its name, is known above (storage/store.h): a
+ * name is a path of two to four parts, such as clouds/<sha256>, made by this program.
+ *
+ * A backend is a folder below this one that implements these functions (blobs_backend.h); a URL picks it when the
+ * service starts.  All functions may be called from any thread, and block on the disk or the network.
+ *
+ * Statuses: STATUS_IO with a text when the backend refuses, STATUS_NO_SPACE, STATUS_NO_MEMORY; others as said.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_BLOBS_BLOBS_H
+#define WHITTLE_SERVER_BLOBS_BLOBS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/base/status.h"
+
+struct blobs;
+
+enum { BLOBS_URL_BYTES = 4200, BLOBS_NAME_BYTES = 256 };
+
+/* Whether a setting may be the URL of a blob store: file:PATH. */
+bool blobs_url_valid(const char *url);
+
+/* The URL that a setting stands for: "" is the data folder. */
+void blobs_url(const char *setting, const char *folder, char url[BLOBS_URL_BYTES]);
+
+/* Opens it; what is missing is made.  blobs_close accepts NULL. */
+enum status blobs_open(const char *url, struct blobs **blobs, struct error *error) MUST_CHECK;
+void blobs_close(struct blobs *blobs);
+
+/* A file that is to become a blob: complete, and flushed. */
+struct blobs_source {
+    const char *name; /* below the folder that it is put into; one part */
+    int folder_fd;    /* where it is now, with the name that it has there; both borrowed */
+    const char *file;
+    const char *sha256; /* of its content, in hexadecimal: a backend that copies checks it */
+};
+
+/* Makes each file the blob folder/name; one of that name which is there already is replaced.  The files are gone from
+ * where they were, or the caller's still.  When it fails, some may be blobs and some not.  STATUS_MALFORMED: the
+ * content isn't what its hash says. */
+enum status blobs_put(struct blobs *blobs, const char *folder, const struct blobs_source *sources, size_t count,
+                      struct error *error) MUST_CHECK;
+
+/* Makes the blobs of one folder those of another one too; removing one leaves the other. */
+enum status blobs_copy(struct blobs *blobs, const char *from_folder, const char *to_folder,
+                       struct error *error) MUST_CHECK;
+
+/* Opens a blob for reading, at any place; -1 with errno, ENOENT where there is none.  The descriptor stays good when
+ * the blob is removed. */
+int blobs_read(struct blobs *blobs, const char *name);
+
+/* Whether there is a blob of this name, or one below the folder of this name. */
+bool blobs_exist(struct blobs *blobs, const char *name);
+
+/* Removes a blob, or a folder with all below it; what isn't there is removed already.  It is never seen in part by who
+ * asks for it by a name, where the backend can help it. */
+void blobs_remove(struct blobs *blobs, const char *name);
+
+/* Tells of each name that follows the folder's, once, sorted by bytes: of blobs in it, and of folders below it.  A
+ * folder that isn't there has none. */
+enum status blobs_list(struct blobs *blobs, const char *folder, void (*found)(void *ctx, const char *name), void *ctx,
+                       struct error *error) MUST_CHECK;
+
+/* Moves folder/name, a blob or a folder, to where nobody looks, for whoever operates the service (lost_found.h): place
+ * says where to.  STATUS_UNSUPPORTED: this backend has no such place. */
+enum status blobs_set_aside(struct blobs *blobs, const char *start, const char *folder, const char *name,
+                            char place[64], struct error *error) MUST_CHECK;
+
+#endif

@@ -1,0 +1,30 @@
+/* What a blob store implements; for the backends and blobs.c alone.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_BLOBS_BLOBS_BACKEND_H
+#define WHITTLE_SERVER_BLOBS_BLOBS_BACKEND_H
+
+#include "server/blobs/blobs.h"
+
+/* One function for each of blobs.h, with the prototype that it has there. */
+struct blobs_backend {
+    const char *scheme; /* of its URLs, such as "file:"; `where` is what follows it */
+    bool (*is_valid)(const char *where);
+    enum status (*open)(const char *where, struct blobs **blobs, struct error *error);
+    __typeof__(blobs_close) *close;
+    __typeof__(blobs_put) *put;
+    __typeof__(blobs_copy) *copy;
+    __typeof__(blobs_read) *read;
+    __typeof__(blobs_exist) *exist;
+    __typeof__(blobs_remove) *remove;
+    __typeof__(blobs_list) *list;
+    __typeof__(blobs_set_aside) *set_aside;
+};
+
+struct blobs {
+    const struct blobs_backend *backend;
+};
+
+extern const struct blobs_backend blobs_file;
+
+#endif

@@ -1,0 +1,320 @@
+/* The store: names, and what lies where.
+ *
+ * Names come from ids and hashes that this program made, or are checked against the catalog before they get here; all
+ * the same a blob whose name leads elsewhere is refused (blobs/blobs.h).
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/storage/store.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "core/base/alloc.h"
+#include "core/base/fault.h"
+#include "server/base/digest.h"
+#include "server/blobs/blobs.h"
+#include "server/blobs/lost_found.h"
+
+static const char clouds[] = "clouds", jobs[] = "jobs";
+
+struct store {
+    struct scratch *scratch;
+    struct blobs *blobs;
+    bool is_apart; /* the blobs aren't in the scratch's folder */
+};
+
+static enum status refused(struct error *error, const char *what, const char *name) {
+    return error_set(error, status_from_errno(errno), "store", "can't %s %s: %s", what, name, strerror(errno));
+}
+
+/* ------------------------------------------------------------------------------------------------ open */
+
+enum status store_open(const char *folder, const char *blobs, struct store **store, struct error *error) {
+    char url[BLOBS_URL_BYTES];
+    struct store *opened = alloc_zeroed(1, sizeof *opened);
+    if (!opened) return error_set(error, STATUS_NO_MEMORY, "store", "no memory");
+    opened->is_apart = blobs[0] != 0;
+    enum status status = scratch_open(folder, &opened->scratch, error);
+    if (status == STATUS_OK) {
+        blobs_url(blobs, scratch_folder(opened->scratch), url);
+        status = blobs_open(url, &opened->blobs, error);
+    }
+    if (status == STATUS_OK)
+        *store = opened;
+    else
+        store_close(opened);
+    return status;
+}
+
+void store_close(struct store *store) {
+    if (!store) return;
+    blobs_close(store->blobs);
+    scratch_close(store->scratch);
+    free(store);
+}
+
+struct scratch *store_scratch(struct store *store) {
+    return store->scratch;
+}
+
+/* ------------------------------------------------------------------------------------------------ clouds */
+
+static void cloud_name(const char *sha256, char name[BLOBS_NAME_BYTES]) {
+    snprintf(name, BLOBS_NAME_BYTES, "%s/%.80s", clouds, sha256);
+}
+
+enum status store_upload_keep(struct store *store, struct scratch_file *upload, const char *sha256,
+                              struct error *error) {
+    struct blobs_source source = scratch_file_source(store->scratch, upload, sha256, sha256);
+    enum status status = blobs_put(store->blobs, clouds, &source, 1, error);
+    if (status == STATUS_OK) scratch_file_drop(store->scratch, upload);
+    return status;
+}
+
+int store_cloud_open(struct store *store, const char *sha256) {
+    char name[BLOBS_NAME_BYTES];
+    cloud_name(sha256, name);
+    return blobs_read(store->blobs, name);
+}
+
+bool store_cloud_exists(struct store *store, const char *sha256) {
+    char name[BLOBS_NAME_BYTES];
+    cloud_name(sha256, name);
+    return blobs_exist(store->blobs, name);
+}
+
+void store_cloud_delete(struct store *store, const char *sha256) {
+    char name[BLOBS_NAME_BYTES];
+    cloud_name(sha256, name);
+    blobs_remove(store->blobs, name);
+}
+
+enum status store_part_keep(struct store *store, const char *id, const char *sha256, struct error *error) {
+    struct scratch_file file;
+    enum status status = scratch_part_link(store->scratch, id, &file, error);
+    if (status != STATUS_OK) return status;
+    struct blobs_source source = scratch_file_source(store->scratch, &file, sha256, sha256);
+    status = blobs_put(store->blobs, clouds, &source, 1, error);
+    scratch_file_drop(store->scratch, &file);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ outputs */
+
+/* The folder of an attempt's outputs; earlier versions had one name for all. */
+static void outputs_name(const char *id, int attempt, char name[BLOBS_NAME_BYTES]) {
+    if (attempt > 1)
+        snprintf(name, BLOBS_NAME_BYTES, "%s/%.70s/outputs.%d", jobs, id, attempt);
+    else
+        snprintf(name, BLOBS_NAME_BYTES, "%s/%.70s/outputs", jobs, id);
+}
+
+/* The same of outputs that are there already. */
+static void find_outputs(struct store *store, const char *id, int attempt, char name[BLOBS_NAME_BYTES]) {
+    outputs_name(id, attempt, name);
+    if (attempt > 1 && !blobs_exist(store->blobs, name)) outputs_name(id, 1, name);
+}
+
+/* Hashes and flushes one output. */
+static enum status take_output(int folder_fd, const char *name, const struct digest_will *will,
+                               struct job_output *output, struct error *error) {
+    int fd = fault_at("output-open") ? -1 : openat(folder_fd, name, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
+    struct stat facts;
+    if (fd < 0) return refused(error, "open", name);
+    enum status status = STATUS_OK;
+    if (fstat(fd, &facts) != 0 || !S_ISREG(facts.st_mode))
+        status = error_set(error, STATUS_IO, "store", "%s is no file", name);
+    else if (digest_file_while(fd, will, output->sha256, &output->bytes) != 0 || fault_at("output-sync") ||
+             fsync(fd) != 0)
+        status = refused(error, "read", name);
+    snprintf(output->name, sizeof output->name, "%.*s", JOB_OUTPUT_NAME_BYTES - 1, name);
+    close(fd);
+    return status;
+}
+
+struct taking {
+    int folder_fd;
+    const struct digest_will *will;
+    struct job_output *outputs;
+    size_t count;
+    enum status status;
+    struct error *error;
+};
+
+static void take_next(void *ctx, const char *name) {
+    struct taking *taking = ctx;
+    if (taking->status != STATUS_OK) return;
+    if (taking->count == JOB_MAX_OUTPUTS || strlen(name) >= JOB_OUTPUT_NAME_BYTES)
+        taking->status =
+            error_set(taking->error, STATUS_IO, "store", "too many outputs, or too long a name: %.80s", name);
+    else
+        taking->status =
+            take_output(taking->folder_fd, name, taking->will, &taking->outputs[taking->count++], taking->error);
+}
+
+/* An earlier run's whose end was never recorded are removed first. */
+static enum status put_outputs(struct store *store, int folder_fd, const char *folder, const struct job_output *outputs,
+                               size_t count, struct error *error) {
+    struct blobs_source sources[JOB_MAX_OUTPUTS];
+    for (size_t i = 0; i < count; i++)
+        sources[i] = (struct blobs_source){outputs[i].name, folder_fd, outputs[i].name, outputs[i].sha256};
+    blobs_remove(store->blobs, folder);
+    return blobs_put(store->blobs, folder, sources, count, error);
+}
+
+enum status store_outputs_keep(struct store *store, const char *id, int attempt, const struct digest_will *will,
+                               struct job_output *outputs, size_t *count, struct error *error) {
+    char folder[BLOBS_NAME_BYTES];
+    int folder_fd = scratch_run_open(store->scratch, id, attempt);
+    struct taking taking = {.folder_fd = folder_fd, .will = will, .outputs = outputs, .error = error};
+    if (folder_fd < 0) return refused(error, "open the outputs of", id);
+    if (folders_each(folder_fd, take_next, &taking) != 0) taking.status = refused(error, "list", "outputs");
+    outputs_name(id, attempt, folder);
+    enum status status = taking.status;
+    if (status == STATUS_OK) status = put_outputs(store, folder_fd, folder, outputs, taking.count, error);
+    close(folder_fd);
+    if (status == STATUS_OK) scratch_run_drop(store->scratch, id, attempt);
+    *count = taking.count;
+    return status;
+}
+
+enum status store_outputs_share(struct store *store, const char *from_id, int from_attempt, const char *to_id,
+                                struct error *error) {
+    char from[BLOBS_NAME_BYTES], to[BLOBS_NAME_BYTES];
+    find_outputs(store, from_id, from_attempt, from);
+    outputs_name(to_id, 0, to);
+    enum status status = blobs_copy(store->blobs, from, to, error);
+    if (status != STATUS_OK) blobs_remove(store->blobs, to);
+    return status;
+}
+
+int store_output_open(struct store *store, const char *id, int attempt, const char *name) {
+    char folder[BLOBS_NAME_BYTES], path[BLOBS_NAME_BYTES + JOB_OUTPUT_NAME_BYTES];
+    find_outputs(store, id, attempt, folder);
+    snprintf(path, sizeof path, "%s/%.*s", folder, JOB_OUTPUT_NAME_BYTES - 1, name);
+    return strchr(name, '/') ? -1 : blobs_read(store->blobs, path);
+}
+
+bool store_outputs_exist(struct store *store, const char *id, int attempt) {
+    char folder[BLOBS_NAME_BYTES];
+    find_outputs(store, id, attempt, folder);
+    return blobs_exist(store->blobs, folder);
+}
+
+static void count_one(void *ctx, const char *name) {
+    (void)name;
+    ++*(int *)ctx;
+}
+
+int store_outputs_count(struct store *store, const char *id, int attempt) {
+    char folder[BLOBS_NAME_BYTES];
+    struct error error = {0};
+    int count = 0;
+    find_outputs(store, id, attempt, folder);
+    return blobs_list(store->blobs, folder, count_one, &count, &error) == STATUS_OK ? count : -1;
+}
+
+void store_outputs_delete(struct store *store, const char *id, int attempt) {
+    char folder[BLOBS_NAME_BYTES];
+    outputs_name(id, attempt, folder);
+    blobs_remove(store->blobs, folder);
+}
+
+/* ------------------------------------------------------------------------------------------------ jobs */
+
+int store_log_open(struct store *store, const char *id, bool append) {
+    return scratch_log_open(store->scratch, id, append);
+}
+
+/* The log lies in the same folder where the blobs are in the data folder. */
+void store_job_delete(struct store *store, const char *id) {
+    char folder[BLOBS_NAME_BYTES];
+    snprintf(folder, sizeof folder, "%s/%.80s", jobs, id);
+    blobs_remove(store->blobs, folder);
+    if (store->is_apart) scratch_log_delete(store->scratch, id);
+}
+
+/* ------------------------------------------------------------------------------------------------ all of it */
+
+struct telling {
+    void (*found)(void *ctx, enum store_thing thing, const char *name);
+    void *ctx;
+    enum store_thing thing;
+};
+
+static void tell_one(void *ctx, const char *name) {
+    const struct telling *telling = ctx;
+    telling->found(telling->ctx, telling->thing, name);
+}
+
+/* Tells of each cloud, job and part; jobs that have a log alone among them. */
+enum status store_each(struct store *store, void (*found)(void *ctx, enum store_thing thing, const char *name),
+                       void *ctx, struct error *error) {
+    struct telling telling = {found, ctx, STORE_CLOUD};
+    enum status status = blobs_list(store->blobs, clouds, tell_one, &telling, error);
+    telling.thing = STORE_JOB;
+    if (status == STATUS_OK) status = blobs_list(store->blobs, jobs, tell_one, &telling, error);
+    if (status != STATUS_OK) return status;
+    telling.thing = STORE_PART;
+    bool listed = scratch_each_part(store->scratch, tell_one, &telling) == 0;
+    telling.thing = STORE_TEMPORARY;
+    listed = listed && scratch_each_temporary(store->scratch, tell_one, &telling) == 0;
+    return listed ? STATUS_OK : refused(error, "list", scratch_folder(store->scratch));
+}
+
+/* ------------------------------------------------------------------------------------------------ clean */
+
+struct cleaning {
+    struct store *store;
+    enum store_fate (*fate)(void *ctx, enum store_thing thing, const char *name);
+    void *ctx;
+    char start[LOST_FOUND_NAME_BYTES];
+    struct store_cleaned *cleaned;
+};
+
+static void remove_thing(struct store *store, enum store_thing thing, const char *name) {
+    if (thing == STORE_CLOUD) store_cloud_delete(store, name);
+    if (thing == STORE_JOB) store_job_delete(store, name);
+    if (thing == STORE_PART) scratch_part_delete(store->scratch, name);
+}
+
+static bool set_thing_aside(struct cleaning *cleaning, enum store_thing thing, const char *name) {
+    struct store *store = cleaning->store;
+    struct error error = {0};
+    char *place = cleaning->cleaned->place;
+    if (thing == STORE_PART) return scratch_part_set_aside(store->scratch, cleaning->start, name, place);
+    return blobs_set_aside(store->blobs, cleaning->start, thing == STORE_CLOUD ? clouds : jobs, name, place, &error) ==
+           STATUS_OK;
+}
+
+static void clean_one(void *ctx, enum store_thing thing, const char *name) {
+    struct cleaning *cleaning = ctx;
+    if (thing == STORE_TEMPORARY) return;
+    enum store_fate fate = cleaning->fate(cleaning->ctx, thing, name);
+    if (fate == STORE_REMOVE) {
+        remove_thing(cleaning->store, thing, name);
+        cleaning->cleaned->removed++;
+    } else if (fate == STORE_SET_ASIDE && set_thing_aside(cleaning, thing, name)) {
+        cleaning->cleaned->set_aside++;
+    } else if (fate == STORE_SET_ASIDE) {
+        cleaning->cleaned->left++;
+    }
+}
+
+enum status store_clean(struct store *store,
+                        enum store_fate (*fate)(void *ctx, enum store_thing thing, const char *name), void *ctx,
+                        struct store_cleaned *cleaned, struct error *error) {
+    struct cleaning cleaning = {.store = store, .fate = fate, .ctx = ctx, .cleaned = cleaned};
+    *cleaned = (struct store_cleaned){0};
+    lost_found_name_start(cleaning.start);
+    if (scratch_wipe(store->scratch, &cleaned->removed) != 0)
+        return refused(error, "list", scratch_folder(store->scratch));
+    return store_each(store, clean_one, &cleaning, error);
+}
+
+uint64_t store_lost(struct store *store) { return scratch_lost(store->scratch); }

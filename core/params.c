@@ -16,7 +16,7 @@
 
 #include "core/surface/reconstruct.h"
 
-enum { VALUE_BYTES = 256, MAX_NAME = 64 };
+enum { VALUE_BYTES = 256, NUMBER_BYTES = 40, MAX_NAME = 64 };
 
 static const char *const placements[] = {"subset", "optimal", NULL};
 static const char *const dso_forms[] = {"rms", "sum", "none", NULL};
@@ -32,6 +32,7 @@ static const char *const boundary_forms[] = {"fill", "keep", "auto", NULL};
 static const char *const refine_forms[] = {"none", "flips", "full", NULL};
 static const char *const reference_forms[] = {"auto", "points", "faces", "reconstruction", NULL};
 static const char *const denoise_forms[] = {"none", "outliers", "full", NULL};
+static const char *const switch_forms[] = {"false", "true", NULL};
 static const char *const encodings[] = {"binary", "ascii", NULL};
 static const char *const colour_bits[] = {"8", "16", "keep", NULL};
 static const char *const pcd_precisions[] = {"float", "double", NULL};
@@ -54,12 +55,30 @@ static const struct param table[] = {
      "whichever stops first; takes about ten times as long"},
     {"max_deviation_rel", PARAM_NUMBER, AT(max_deviation_rel), 0, 1, true, "", NULL,
      "fraction of the bounding-box diagonal", true, "max_deviation as a fraction of the diagonal"},
+    {"spacing", PARAM_NUMBER, AT(spacing), 0, 1e300, true, "", NULL, "units of the file", true,
+     "Keep no two points nearer than this to each other, and of any that are the ones that matter more; alone it keeps "
+     "as many as find room, with another goal at most those"},
     {"max_error", PARAM_NUMBER, AT(max_error), 0, 1, true, "", NULL, "fraction of the bounding-box diagonal", true,
      "Deprecated, use max_deviation: remove points as long as the quadric error, which no output shows, stays below "
      "this; with ratio or points, whichever stops first"},
     {"levels", PARAM_LEVELS, AT(levels), 0, 1, true, "", NULL, "", true,
      "Ratios, separated by commas: a cloud and a mesh of each, from one contraction, named cloud_RATIO.ply and "
      "mesh_RATIO.ply; cloud.ply and mesh.ply are those of the largest"},
+    {"crop", PARAM_NUMBERS, AT(crop), PARAMS_BOX_NUMBERS, PARAMS_MAX_NUMBERS, false, "", NULL, "units of the file",
+     true,
+     "Before all else: only points within this box, x0,y0,z0,x1,y1,z1, or, where there are eight numbers and more, "
+     "within this polygon, x,y,x,y,... (a triangle has its first corner twice)"},
+    {"where", PARAM_CONDITIONS, AT(where), 0, 0, false, "", NULL, "", true,
+     "Before all else: only points for which all these conditions hold, as class==2|6,intensity>100: a property of "
+     "the input, ==, !=, <, <=, > or >=, and a number, or several with | between them; class, return and returns are "
+     "known for classification, return_number and number_of_returns"},
+    {"viewpoint", PARAM_NUMBERS, AT(viewpoint), PARAMS_PLACE_NUMBERS, PARAMS_PLACE_NUMBERS, false, "", NULL,
+     "units of the file", true,
+     "Where the input was scanned from, as x,y,z: normals and surfaces with borders face it; without it what the file "
+     "says of that is taken"},
+    {"normals", PARAM_CHOICE, AT(normals), 0, 0, false, "false", switch_forms, "", true,
+     "true: clouds and meshes are written with a normal at each point, nx, ny, nz: the input's own where it has them "
+     "and they fit its points, else computed, all towards the outside or the viewpoint"},
     {"outputs", PARAM_FLAGS, AT(outputs), 0, PARAMS_OUTPUTS, false, "cloud,report", output_names, "", true,
      "What to write, separated by commas: the cloud as cloud.ply (cloud), cloud.xyz (xyz), cloud.pcd; the mesh as "
      "mesh.ply (mesh), mesh.obj, mesh.stl, mesh.glb; report.json (report); dso.ply (dso) and error.ply (error), which "
@@ -228,6 +247,18 @@ void params_allowed(const struct param *param, char *text, size_t text_bytes) {
                  "by : and a column; at most %d bytes",
                  COLUMN_LIST_BYTES - 1);
         break;
+    case PARAM_NUMBERS:
+        if (param->min == param->max)
+            snprintf(text, text_bytes, "%.0f numbers, separated by commas", param->min);
+        else
+            snprintf(text, text_bytes, "%.0f numbers, separated by commas, or an even number of them from %.0f to %.0f",
+                     param->min, param->min + 2, param->max);
+        break;
+    case PARAM_CONDITIONS:
+        snprintf(text, text_bytes,
+                 "conditions like intensity>100, class==2 or class==2|6, separated by commas; at most %d bytes",
+                 CONDITION_LIST_BYTES - 1);
+        break;
     }
 }
 
@@ -302,7 +333,7 @@ static bool insert_level(struct param_levels *levels, double ratio) {
 static bool set_levels(void *member, const struct param *param, const char *text) {
     struct param_levels levels = {0};
     for (const char *item = text;;) {
-        char number[40];
+        char number[NUMBER_BYTES];
         size_t length = strcspn(item, ",");
         double ratio;
         if (length >= sizeof number) return false;
@@ -323,10 +354,38 @@ static bool set_columns(void *member, const struct param *param, const char *tex
     return true;
 }
 
+static bool set_conditions(void *member, const struct param *param, const char *text) {
+    (void)param;
+    if (!condition_list_is_valid(text)) return false;
+    memset(member, 0, CONDITION_LIST_BYTES);
+    memcpy(member, text, strlen(text));
+    return true;
+}
+
+static bool set_numbers(void *member, const struct param *param, const char *text) {
+    struct param_numbers numbers = {0};
+    struct param any = *param;
+    any.min = -1e300, any.max = 1e300;
+    for (const char *item = text;;) {
+        char number[NUMBER_BYTES];
+        size_t length = strcspn(item, ",");
+        if (length >= sizeof number || numbers.count == PARAMS_MAX_NUMBERS) return false;
+        snprintf(number, sizeof number, "%.*s", (int)length, item);
+        if (!set_number(&numbers.value[numbers.count++], &any, number)) return false;
+        if (!item[length]) break;
+        item += length + 1;
+    }
+    bool odd = param->min != param->max && numbers.count % 2;
+    if (numbers.count < param->min || numbers.count > param->max || odd) return false;
+    *(struct param_numbers *)member = numbers;
+    return true;
+}
+
 static bool set_value(struct params *params, const struct param *param, const char *value) {
     static bool (*const setters[])(void *, const struct param *, const char *) = {
-        [PARAM_NUMBER] = set_number, [PARAM_INTEGER] = set_integer, [PARAM_CHOICE] = set_choice,
-        [PARAM_FLAGS] = set_flags,   [PARAM_LEVELS] = set_levels,   [PARAM_COLUMNS] = set_columns};
+        [PARAM_NUMBER] = set_number,   [PARAM_INTEGER] = set_integer,      [PARAM_CHOICE] = set_choice,
+        [PARAM_FLAGS] = set_flags,     [PARAM_LEVELS] = set_levels,        [PARAM_COLUMNS] = set_columns,
+        [PARAM_NUMBERS] = set_numbers, [PARAM_CONDITIONS] = set_conditions};
     return setters[param->type]((char *)params + param->offset, param, value);
 }
 
@@ -353,6 +412,8 @@ static void clear_value(struct params *params, const struct param *param) {
     if (param->type == PARAM_INTEGER) *(uint64_t *)member = 0;
     if (param->type == PARAM_LEVELS) *(struct param_levels *)member = (struct param_levels){0};
     if (param->type == PARAM_COLUMNS) memset(member, 0, COLUMN_LIST_BYTES);
+    if (param->type == PARAM_NUMBERS) *(struct param_numbers *)member = (struct param_numbers){0};
+    if (param->type == PARAM_CONDITIONS) memset(member, 0, CONDITION_LIST_BYTES);
 }
 
 void params_defaults(struct params *params) {
@@ -441,7 +502,8 @@ enum status params_resolve(struct params *params, struct error *error) {
     if (params_file_count(params) > PARAMS_MAX_FILES)
         return error_set(error, STATUS_BAD_PARAMETER, "outputs", "%u files with all levels, at most %d are written",
                          params_file_count(params), PARAMS_MAX_FILES);
-    if (!has_ratio && !has_points && !bounded && isnan(params->max_error) && !params->levels.count) params->ratio = 0.1;
+    bool has_goal = has_ratio || has_points || bounded || !isnan(params->max_error) || !isnan(params->spacing);
+    if (!has_goal && !params->levels.count) params->ratio = 0.1;
     if (params->surface == SURFACE_AUTO && params->boundary != BOUNDARY_AUTO) params->surface = SURFACE_CLOSED;
     memset(params->alias, 0, sizeof params->alias);
     return STATUS_OK;
@@ -467,12 +529,12 @@ static void format_number(double value, char *text, size_t text_bytes) {
     }
 }
 
-static void format_levels(const struct param_levels *levels, char *text, size_t text_bytes) {
+static void format_list(const double *value, uint32_t count, char *text, size_t text_bytes) {
     size_t used = 0;
     text[0] = 0;
-    for (uint32_t i = 0; i < levels->count && used < text_bytes; i++) {
-        char number[40];
-        format_number(levels->ratio[i], number, sizeof number);
+    for (uint32_t i = 0; i < count && used < text_bytes; i++) {
+        char number[NUMBER_BYTES];
+        format_number(value[i], number, sizeof number);
         used += (size_t)snprintf(text + used, text_bytes - used, "%s%s", i ? "," : "", number);
     }
 }
@@ -490,7 +552,17 @@ void params_format(const struct params *params, const struct param *param, char 
     }
     case PARAM_CHOICE: snprintf(text, text_bytes, "%s", param->choices[*(const int *)member]); break;
     case PARAM_FLAGS: format_flags(*(const uint32_t *)member, param, text, text_bytes); break;
-    case PARAM_LEVELS: format_levels(member, text, text_bytes); break;
+    case PARAM_LEVELS: {
+        const struct param_levels *levels = member;
+        format_list(levels->ratio, levels->count, text, text_bytes);
+        break;
+    }
+    case PARAM_NUMBERS: {
+        const struct param_numbers *numbers = member;
+        format_list(numbers->value, numbers->count, text, text_bytes);
+        break;
+    }
+    case PARAM_CONDITIONS:
     case PARAM_COLUMNS: snprintf(text, text_bytes, "%s", (const char *)member); break;
     }
 }

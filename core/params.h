@@ -12,6 +12,7 @@
 #include <stdint.h>
 
 #include "core/base/column_list.h"
+#include "core/base/condition_list.h"
 #include "core/base/status.h"
 
 enum dso_form { DSO_RMS, DSO_SUM, DSO_NONE };
@@ -29,6 +30,7 @@ enum encoding { ENCODING_BINARY, ENCODING_ASCII };
 enum colour_bits { COLOURS_8, COLOURS_16, COLOURS_KEEP };
 enum pcd_precision { PCD_FLOAT, PCD_DOUBLE };
 enum xyz_header { HEADER_NONE, HEADER_PLAIN, HEADER_HASH };
+enum switch_form { SWITCH_FALSE, SWITCH_TRUE };
 
 /* Bits of params.outputs, in the order of the table's choices. */
 enum output {
@@ -56,17 +58,34 @@ struct param_levels {
     double ratio[PARAMS_MAX_LEVELS];
 };
 
+/* Bytes, with its NUL, that suffice for the text of any value. */
+enum { PARAMS_TEXT_BYTES = 1024 };
+
+/* A list of numbers, as they were given. */
+enum { PARAMS_MAX_NUMBERS = 40 };
+struct param_numbers {
+    uint32_t count; /* 0 = not given */
+    double value[PARAMS_MAX_NUMBERS];
+};
+/* How many: a place; a box (two corners), or more for the corners of a polygon in x and y. */
+enum { PARAMS_PLACE_NUMBERS = 3, PARAMS_BOX_NUMBERS = 6 };
+
 struct params {
-    double ratio;               /* (0, 1]; NAN = not given */
-    uint64_t points;            /* 0 = not given */
-    double max_deviation;       /* in the input's units; NAN = not given */
-    double max_deviation_rel;   /* fraction of the diagonal; NAN = not given; not both */
-    double max_error;           /* fraction of the diagonal; NAN = not given; deprecated */
-    struct param_levels levels; /* count 0 = not given: one level */
-    uint32_t outputs;           /* enum output */
-    int denoise;                /* enum denoise_form */
-    int placement;              /* enum placement */
-    int dso;                    /* enum dso_form */
+    double ratio;                     /* (0, 1]; NAN = not given */
+    uint64_t points;                  /* 0 = not given */
+    double max_deviation;             /* in the input's units; NAN = not given */
+    double max_deviation_rel;         /* fraction of the diagonal; NAN = not given; not both */
+    double max_error;                 /* fraction of the diagonal; NAN = not given; deprecated */
+    double spacing;                   /* in the input's units; NAN = not given */
+    struct param_levels levels;       /* count 0 = not given: one level */
+    struct param_numbers crop;        /* x0 y0 z0 x1 y1 z1, or x y x y ...: the corners of a polygon */
+    char where[CONDITION_LIST_BYTES]; /* "" = not given */
+    struct param_numbers viewpoint;   /* x y z */
+    uint32_t outputs;                 /* enum output */
+    int normals;                      /* enum switch_form: whether outputs have normals */
+    int denoise;                      /* enum denoise_form */
+    int placement;                    /* enum placement */
+    int dso;                          /* enum dso_form */
     double dso_exponent;
     int area_weight; /* enum area_weight */
     double line_quadric;
@@ -104,15 +123,25 @@ static inline bool params_bound_deviation(const struct params *params) {
     return params->max_deviation > 0 || params->max_deviation_rel > 0; /* not NAN */
 }
 
-enum param_type { PARAM_NUMBER, PARAM_INTEGER, PARAM_CHOICE, PARAM_FLAGS, PARAM_LEVELS, PARAM_COLUMNS };
+enum param_type {
+    PARAM_NUMBER,
+    PARAM_INTEGER,
+    PARAM_CHOICE,
+    PARAM_FLAGS,
+    PARAM_LEVELS,
+    PARAM_COLUMNS,
+    PARAM_NUMBERS,
+    PARAM_CONDITIONS
+};
 
 /* One row.  Numbers are double members, integers uint64_t, choices int, flags uint32_t, levels struct param_levels,
- * columns text of COLUMN_LIST_BYTES. */
+ * columns text of COLUMN_LIST_BYTES, lists of numbers struct param_numbers, conditions text of CONDITION_LIST_BYTES. */
 struct param {
     const char *name;
     enum param_type type;
     size_t offset;   /* of the member in struct params */
-    double min, max; /* numbers and integers, both inclusive but for exclusive_min; flags: max is how many bits */
+    double min, max; /* numbers and integers, both inclusive but for exclusive_min; flags: max is how many bits; lists
+                        of numbers: how many there are at least and at most */
     bool exclusive_min;
     const char *default_text;   /* as a user would write it; "" = not given */
     const char *const *choices; /* choices: index = value; flags: index = bit, those beyond max are second

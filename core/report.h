@@ -60,6 +60,20 @@ struct report_deviation {
     uint64_t tried;        /* counts of points that the search made results of */
 };
 
+/* Of the points' normals. */
+struct report_normals {
+    bool known;           /* they were looked at */
+    bool given;           /* the input's own fit its points */
+    char orientation[16]; /* what says which way they point: "normals" that were given, "viewpoint", "upwards",
+                             "outwards"; "" where they aren't written */
+};
+
+/* What was asked for of distances between kept points; spacing 0 = nothing. */
+struct report_spacing {
+    double spacing;
+    uint64_t points; /* that have room with it */
+};
+
 /* What the cloud was taken for, once for all meshes.  "" where there are none. */
 struct report_surface {
     char kind[16];        /* "closed", "open", "heightfield" */
@@ -70,6 +84,7 @@ struct report_surface {
 
 struct report {
     uint64_t points_in, points_distinct, points_outliers /* of points_in, dropped by denoising */;
+    uint64_t points_cropped, points_filtered; /* that weren't asked for (core/cloud/select.h), beside points_in */
     double noise;    /* standard deviation of the points from the surface that they were smoothed to; 0: they weren't */
     double diagonal; /* of the bounding box of all points read, or where they are denoised of those that were left */
     double box_min[3], box_max[3];
@@ -78,6 +93,8 @@ struct report {
     size_t level_count;
     struct report_level level[PARAMS_MAX_LEVELS]; /* the finest first; that is the one of cloud.ply and mesh.ply */
 
+    struct report_normals normals;
+    struct report_spacing spacing;
     struct report_surface surface;
     struct report_deviation deviation;
 

@@ -215,8 +215,12 @@ WHITTLE_API const double *whittle_result_vertices(const struct whittle_result *r
 WHITTLE_API const uint32_t *whittle_result_triangles(const struct whittle_result *result, size_t level, size_t *count);
 WHITTLE_API const uint32_t *whittle_result_sources(const struct whittle_result *result, size_t level);
 
+/* The unit normal of every point of the cloud, triples, where the option "normals" is "true" and the cloud has none of
+ * its own that fit its points; else NULL.  With "crop" and "where", (0, 0, 0) at points that these leave out. */
+WHITTLE_API const float *whittle_result_normals(const struct whittle_result *result);
+
 /* The discrete shape operator at every point of the cloud, in 1 / length, and the distance of every point to the finest
- * mesh; NULL unless asked for. */
+ * mesh; NULL unless asked for.  0 at points that "crop" and "where" leave out. */
 WHITTLE_API const float *whittle_result_operator(const struct whittle_result *result);
 WHITTLE_API const float *whittle_result_distances(const struct whittle_result *result);
 

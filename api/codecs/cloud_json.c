@@ -20,15 +20,24 @@ static json_t *properties_json(const struct cloud_document *cloud) {
     return list;
 }
 
-/* The box of all points: where denoising has dropped some, the report's is that of the others. */
+static json_int_t count_of(const json_t *input, const char *name) {
+    return json_integer_value(json_object_get(input, name));
+}
+
+/* Points that the job whose report it is was not asked to take. */
+static json_int_t unselected(const json_t *input) {
+    return count_of(input, "points_cropped") + count_of(input, "points_filtered");
+}
+
+/* The box of all points: where some were dropped, the report's is that of the others. */
 static json_t *box_json(const json_t *input) {
     json_t *min = json_object_get(input, "box_min"), *max = json_object_get(input, "box_max");
-    if (!min || !max || json_integer_value(json_object_get(input, "points_outliers"))) return json_null();
+    if (!min || !max || count_of(input, "points_outliers") || unselected(input)) return json_null();
     return json_pack("{s:O, s:O}", "min", min, "max", max);
 }
 
 static json_t *points_json(const struct cloud_document *cloud, const json_t *input) {
-    json_int_t counted = json_integer_value(json_object_get(input, "points"));
+    json_int_t counted = count_of(input, "points") + unselected(input);
     json_int_t points = cloud->points ? (json_int_t)cloud->points : counted;
     return points ? json_integer(points) : json_null();
 }

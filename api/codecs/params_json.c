@@ -39,7 +39,9 @@ static json_t *value_json(const struct param *param, const char *text) {
     case PARAM_NUMBER: return json_real(strtod(text, NULL));
     case PARAM_INTEGER: return json_integer(strtoll(text, NULL, 10));
     case PARAM_FLAGS:
+    case PARAM_CONDITIONS:
     case PARAM_COLUMNS: return flags_json(text);
+    case PARAM_NUMBERS:
     case PARAM_LEVELS: return levels_json(text);
     case PARAM_CHOICE: break;
     }
@@ -59,7 +61,7 @@ json_t *params_to_json(const struct params *params) {
 }
 
 static bool is_list(const struct param *param) {
-    return param->type == PARAM_FLAGS || param->type == PARAM_LEVELS || param->type == PARAM_COLUMNS;
+    return param->type != PARAM_NUMBER && param->type != PARAM_INTEGER && param->type != PARAM_CHOICE;
 }
 
 /* As JSON Schema has it, 5.0 is an integer. */
@@ -77,9 +79,11 @@ static bool is_of_type(const struct param *param, const json_t *value) {
     case PARAM_INTEGER: return is_whole(value);
     case PARAM_CHOICE: return json_is_string(value);
     case PARAM_FLAGS:
+    case PARAM_CONDITIONS:
     case PARAM_COLUMNS:
         json_array_foreach(value, i, item) ok = ok && json_is_string(item) && !strchr(json_string_value(item), ',');
         return ok;
+    case PARAM_NUMBERS:
     case PARAM_LEVELS: json_array_foreach(value, i, item) ok = ok && json_is_number(item); return ok;
     }
     return false;
@@ -166,7 +170,8 @@ static void add_items(json_t *schema, json_t *items) {
 static void add_type(json_t *schema, const struct param *param) {
     static const char *const names[] = {
         [PARAM_NUMBER] = "number", [PARAM_INTEGER] = "integer", [PARAM_CHOICE] = "string",
-        [PARAM_FLAGS] = "array",   [PARAM_LEVELS] = "array",    [PARAM_COLUMNS] = "array"};
+        [PARAM_FLAGS] = "array",   [PARAM_LEVELS] = "array",    [PARAM_COLUMNS] = "array",
+        [PARAM_NUMBERS] = "array", [PARAM_CONDITIONS] = "array"};
     json_object_set_new(schema, "type", json_string(names[param->type]));
     switch (param->type) {
     case PARAM_NUMBER:
@@ -183,6 +188,15 @@ static void add_type(json_t *schema, const struct param *param) {
     case PARAM_COLUMNS:
         json_object_set_new(schema, "items", json_pack("{s:s, s:i}", "type", "string", "minLength", 1));
         json_object_set_new(schema, "minItems", json_integer(3));
+        break;
+    case PARAM_NUMBERS:
+        json_object_set_new(schema, "items", json_pack("{s:s}", "type", "number"));
+        json_object_set_new(schema, "minItems", json_integer((json_int_t)param->min));
+        json_object_set_new(schema, "maxItems", json_integer((json_int_t)param->max));
+        break;
+    case PARAM_CONDITIONS:
+        json_object_set_new(schema, "items", json_pack("{s:s, s:i}", "type", "string", "minLength", 3));
+        json_object_set_new(schema, "minItems", json_integer(1));
         break;
     }
 }

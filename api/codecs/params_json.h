@@ -20,7 +20,7 @@ bool params_from_json(const json_t *json, struct params *params, struct problem 
 
 /* The text that a query would hold for the value of the parameter of this name; of a value of a wrong type a text that
  * the parameter doesn't take. */
-enum { PARAMS_JSON_TEXT_BYTES = 512 };
+enum { PARAMS_JSON_TEXT_BYTES = PARAMS_TEXT_BYTES };
 void params_json_text(const char *name, const json_t *value, char text[PARAMS_JSON_TEXT_BYTES]);
 
 /* The table as JSON Schema 2020-12 (unit, default, range, choices and help for each); returns new text. */

@@ -28,11 +28,12 @@ static json_t *triple(const double value[3]) {
 }
 
 static json_t *input_json(const struct report *r) {
-    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "format", r->format, "points",
-                     stats_json_count(r->points_in), "points_distinct", stats_json_count(r->points_distinct),
-                     "points_outliers", stats_json_count(r->points_outliers), "noise_rel",
-                     stats_json_number(r->noise / r->diagonal), "diagonal", stats_json_number(r->diagonal), "box_min",
-                     triple(r->box_min), "box_max", triple(r->box_max));
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "format", r->format, "points",
+                     stats_json_count(r->points_in), "points_cropped", stats_json_count(r->points_cropped),
+                     "points_filtered", stats_json_count(r->points_filtered), "points_distinct",
+                     stats_json_count(r->points_distinct), "points_outliers", stats_json_count(r->points_outliers),
+                     "noise_rel", stats_json_number(r->noise / r->diagonal), "diagonal", stats_json_number(r->diagonal),
+                     "box_min", triple(r->box_min), "box_max", triple(r->box_max));
 }
 
 static json_t *cloud_json(const struct report_level *r, double diagonal) {
@@ -108,6 +109,17 @@ static json_t *levels_json(const struct report *r) {
     return whole(levels, bad);
 }
 
+/* What is of normals known: where they are from, and what says which way those that are written point. */
+static json_t *normals_json(const struct report_normals *normals) {
+    json_t *json = json_pack("{s:s}", "source", normals->given ? "given" : "computed");
+    return whole(json, normals->orientation[0] ? put(json, "orientation", json_string(normals->orientation)) : 0);
+}
+
+static json_t *spacing_json(const struct report_spacing *spacing) {
+    return json_pack("{s:o, s:o}", "spacing", stats_json_number(spacing->spacing), "points",
+                     stats_json_count(spacing->points));
+}
+
 static json_t *surface_json(const struct report_surface *surface) {
     return json_pack("{s:s, s:s, s:b, s:s}", "kind", surface->kind, "reason", surface->reason, "sure", surface->sure,
                      "orientation", surface->orientation);
@@ -142,6 +154,8 @@ static json_t *losses_json(const struct losses *losses) {
 json_t *report_json(const struct report *r) {
     json_t *json = json_pack("{s:o, s:o}", "points_in", stats_json_count(r->points_in), "input", input_json(r));
     int bad = add_level(json, r, &r->level[0]);
+    if (r->normals.known) bad |= put(json, "normals", normals_json(&r->normals));
+    if (r->spacing.spacing > 0) bad |= put(json, "spacing", spacing_json(&r->spacing));
     if (r->surface.kind[0]) bad |= put(json, "surface", surface_json(&r->surface));
     if (r->deviation.bound > 0) bad |= put(json, "deviation", deviation_json(r));
     if (r->level_count > 1) bad |= put(json, "levels", levels_json(r));

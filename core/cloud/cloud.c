@@ -75,7 +75,7 @@ void cloud_done(struct cloud *cloud) {
     free(cloud->record);
     free(cloud->position);
     free(cloud->triangle);
-    free(cloud->comments);
+    free(cloud->view), free(cloud->comments);
     free(cloud->left_out);
     *cloud = (struct cloud){0};
 }

@@ -16,6 +16,7 @@
 #include "core/math/vec3.h"
 
 #define NONE UINT32_MAX
+#define CLOUD_SCAN "scan"
 
 enum scalar_type {
     SCALAR_INT8,
@@ -70,6 +71,11 @@ struct cloud {
 
     size_t triangle_count;   /* the file's own faces, as fans of triangles; 0 where it has none */
     uint32_t (*triangle)[3]; /* ids < count; owned; NULL where triangle_count is 0 */
+
+    /* Where it was scanned from, in its own coordinates: 0 places = not told here; one = all of it; more = record i's
+     * scalar property CLOUD_SCAN says from which. */
+    size_t view_count;
+    vec3 *view; /* owned */
 
     const char *form; /* of the file's format, e.g. "ply/ascii" (core/io/formats.h); "arrays" of memory; static */
     char *comments;   /* comment and obj_info lines of the header, each ended by \n; NULL = none; owned */

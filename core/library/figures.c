@@ -39,6 +39,8 @@ static const struct figure figures[] = {
     OF_REPORT("points_in", COUNT, points_in),
     OF_REPORT("input.points_distinct", COUNT, points_distinct),
     OF_REPORT("input.points_outliers", COUNT, points_outliers),
+    OF_REPORT("input.points_cropped", COUNT, points_cropped),
+    OF_REPORT("input.points_filtered", COUNT, points_filtered),
     OF_REPORT("input.noise", NUMBER, noise),
     OF_REPORT("input.diagonal", NUMBER, diagonal),
     OF_REPORT("timings_ms.total", NUMBER, total_ms),

@@ -10,6 +10,7 @@
 #include "core/pipeline/pipeline_run.h"
 #include "core/simplify/dso.h"
 #include "core/simplify/normals.h"
+#include "core/simplify/spacing.h"
 
 enum status pipeline_no_memory(struct run *run, const char *where) {
     if (run->error && run->error->code == STATUS_NO_MEMORY) return STATUS_NO_MEMORY; /* the stage has said more */
@@ -116,7 +117,10 @@ enum status pipeline_quadrics(struct run *run) {
 
 size_t pipeline_wanted_points(const struct run *run, size_t level) {
     const struct params *params = run->params;
-    size_t wanted = 1, distinct = run->points.count;
+    size_t wanted = 1, most = run->fits;
+    bool spacing_alone = !params->points && isnan(params->ratio) && !params->levels.count && isnan(params->max_error) &&
+                         !params_bound_deviation(params);
+    if (spacing_alone) return most;
     double ratio = params->levels.count ? params->levels.ratio[level] : params->ratio;
     if (params->points) wanted = params->points;
     if (!isnan(ratio)) wanted = (size_t)floor(ratio * (double)run->cloud->count);
@@ -127,7 +131,7 @@ size_t pipeline_wanted_points(const struct run *run, size_t level) {
     }
     if (wanted < run->searched) wanted = run->searched;
     if (wanted < 1) wanted = 1;
-    return wanted < distinct ? wanted : distinct;
+    return wanted < most ? wanted : most;
 }
 
 /* From how many points on nobody asks which of them are more important: a mesh, if it isn't to have an error of some
@@ -135,7 +139,7 @@ size_t pipeline_wanted_points(const struct run *run, size_t level) {
 static size_t fewest_ranked(const struct run *run) {
     const struct params *params = run->params;
     if (params->outputs & OUTPUT_ANY_CLOUD || !run->mesh_follows || !isnan(params->max_error) ||
-        params_bound_deviation(params))
+        params_bound_deviation(params) || !isnan(params->spacing))
         return 1;
     return pipeline_wanted_points(run, params->levels.count ? params->levels.count - 1 : 0);
 }
@@ -149,7 +153,20 @@ enum status pipeline_contract(struct run *run) {
         status = contract(run->points.point, &near, run->quadrics, &options, &run->progress, &run->contraction);
     free(run->quadrics);
     run->quadrics = NULL;
+    run->fits = run->points.count;
     return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "contract") : status;
+}
+
+enum status pipeline_space(struct run *run) {
+    size_t n = run->points.count;
+    const vec3 *position = run->moved ? run->moved : run->cloud->position;
+    vec3 *along = alloc_array(n, sizeof *along);
+    if (!along) return pipeline_no_memory(run, "space");
+    for (size_t i = 0; i < n; i++) along[i] = position[run->points.original[i]];
+    enum status status = spacing_apply(&run->contraction, along, run->params->spacing, &run->fits);
+    free(along);
+    run->report.spacing = (struct report_spacing){run->params->spacing, run->fits};
+    return status ? pipeline_no_memory(run, "space") : STATUS_OK;
 }
 
 /* The levels come finest first, so that the points of the first one hold those of all others as prefixes. */

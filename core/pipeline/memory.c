@@ -40,6 +40,8 @@ enum { TET = 176, SITE = 100 }; /* bytes, measured: of a tetrahedron, and of a k
 static bool refined(const struct params *p) { return params_want_mesh(p) && p->refine != REFINE_NONE; }
 static bool refined_closely(const struct params *p) { return refined(p) && p->placement == PLACEMENT_OPTIMAL; }
 static bool denoised(const struct params *p) { return p->denoise != DENOISE_NONE; }
+static bool spaced(const struct params *p) { return !isnan(p->spacing); }
+static bool with_normals(const struct params *p) { return p->normals == SWITCH_TRUE; }
 static bool cloud_alone(const struct params *p) { return !params_want_mesh(p); }
 static bool reconstructed_whole(const struct params *p) {
     return params_want_mesh(p) && p->reference == REFERENCE_RECONSTRUCTION;
@@ -59,6 +61,7 @@ static const struct stage {
     {"denoise", denoised, 470, 0, 0, 0, NO_TETS},
     {"join", cloud_alone, 94, 9, 0, 0, NO_TETS},
     {"contract", cloud_alone, 124, 7, 0, 0, NO_TETS},
+    {"space", spaced, 100, 0, 0, 0, NO_TETS},
     {"tangent", cloud_alone, 40, 0, 70, 0, NO_TETS},
     {"join", params_want_mesh, 130, 9, 0, 0, NO_TETS},
     {"contract", params_want_mesh, 165, 11, 0, 0, NO_TETS},
@@ -68,6 +71,7 @@ static const struct stage {
     {"closer", refined_closely, 950, 4, 1300, 0, NO_TETS},
     {"measure", params_want_mesh, 105, 4, 300, 175, NO_TETS},
     {"reference", reconstructed_whole, SITE, 4, 150, 0, OF_ALL},
+    {"normals", with_normals, 80, 0, 200, 0, NO_TETS},
     {"paint", painted, 160, 4, 200, 0, NO_TETS},
 };
 enum { STAGES = sizeof stages / sizeof stages[0] };

@@ -221,58 +221,21 @@ enum status pipeline_delaunay(struct run *run) {
 
 /* ------------------------------------------------------------------------------------------------ which side */
 
-static const struct property *find_property(const struct cloud *cloud, const char *name) {
-    for (size_t i = 0; i < cloud->property_count; i++)
-        if (!cloud->property[i].is_list && strcmp(cloud->property[i].name, name) == 0) return &cloud->property[i];
-    return NULL;
-}
-
-/* The normals that the input has, along the curve; *normal stays NULL where it has none. */
-static enum status given_normals(const struct run *run, vec3 **normal) {
-    const struct cloud *cloud = run->cloud;
-    const struct property *x = find_property(cloud, "nx"), *y = find_property(cloud, "ny"),
-                          *z = find_property(cloud, "nz");
-    if (!x || !y || !z) return STATUS_OK;
-    *normal = alloc_array(run->points.count, sizeof **normal);
-    for (size_t i = 0; *normal && i < run->points.count; i++) {
-        const unsigned char *record = cloud->record + run->points.original[i] * cloud->record_bytes;
-        vec3 given = {scalar_load(record + x->offset_bytes, x->type), scalar_load(record + y->offset_bytes, y->type),
-                      scalar_load(record + z->offset_bytes, z->type)};
-        (*normal)[i] = vec3_is_finite(given) ? given : (vec3){0, 0, 0};
-    }
-    return *normal ? STATUS_OK : STATUS_NO_MEMORY;
-}
-
-/* Where a PCD file says that it was scanned from.  The origin, which it has where nobody said, tells something of
- * points on one side of it alone. */
-static bool find_view(const struct run *run, vec3 *view) {
-    static const char mark[] = "viewpoint ";
-    const char *at = run->cloud->comments ? strstr(run->cloud->comments, mark) : NULL;
-    double given[3] = {0, 0, 0};
-    bool outside = false;
-    if (strncmp(run->cloud->form, "pcd/", 4) != 0) return false;
-    char *text = NULL;
-    if (at) at += sizeof mark - 1;
-    for (int k = 0; k < 3; k++) {
-        if (at) given[k] = strtod(at, &text), at = text;
-        outside |= given[k] < run->report.box_min[k] || given[k] > run->report.box_max[k];
-    }
-    *view = vec3_scale(vec3_sub((vec3){given[0], given[1], given[2]}, run->points.centre), 1 / run->points.scale);
-    return at || outside;
-}
-
 static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     static const char *const names[] = {
         [SIDE_NORMALS] = "normals", [SIDE_VIEW] = "viewpoint", [SIDE_UP] = "upwards", [SIDE_OUT] = "outwards"};
     vec3 *normal = NULL;
     struct sheet_sides sides = {.up = field ? run->surface.up : (vec3){0, 0, 1}, .field = field};
+    struct views views = {0};
     enum sheet_side side = SIDE_OUT;
-    enum status status = given_normals(run, &normal);
+    enum status status = pipeline_given_normals(run, &normal);
+    if (!status) status = pipeline_views(run, &views);
     sides.normal = normal;
-    sides.viewed = find_view(run, &sides.view);
+    sides.viewed = views.is_one, sides.view = views.one;
+    sides.views = views.each;
     if (!status) status = sheet_orient(mesh, &sides, run->threads, &side);
     snprintf(run->report.surface.orientation, sizeof run->report.surface.orientation, "%s", names[side]);
-    free(normal);
+    free(normal), free(views.each);
     return status;
 }
 

@@ -8,9 +8,11 @@
  *    denoise      where it is asked for: outliers go, noise is smoothed along the normals
  *  2 neighbours   FLANN, and Gopi's neighbourhood
  *  3 normals      least squares
+ *    sides        where a mesh or normals are asked for: whether the input's normals fit, which way normals point
  *  4 dso          the discrete shape operator, and the weights from it
  *  5 quadrics     of the virtual triangles, weighted
  *  6 contract     virtual edges, all the way: a ranking of the points
+ *    space        where a spacing is asked for: points that are too near to a more important one go first
  *    search       where a deviation is bounded: the fewest points with which it holds
  *  7 keep         as many as are wanted
  *  8 tangent      the error of the cloud alone
@@ -37,6 +39,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/pipeline/pipeline.h"
 
+#include <math.h>
 #include <stdatomic.h>
 #include <stddef.h>
 #include <stdlib.h>
@@ -56,6 +59,12 @@ static bool distances_wanted(const struct params *params) { return params->outpu
 static bool denoise_wanted(const struct params *params) { return params->denoise != DENOISE_NONE; }
 
 static bool deviation_bounded(const struct params *params) { return params_bound_deviation(params); }
+
+static bool spaced(const struct params *params) { return !isnan(params->spacing); }
+
+static bool sides_wanted(const struct params *params) {
+    return params_want_mesh(params) || params->normals == SWITCH_TRUE;
+}
 
 static bool always(const struct params *params) {
     (void)params;
@@ -77,9 +86,11 @@ static const struct step {
     {"denoise", pipeline_denoise, denoise_wanted, ONCE, 30},
     {"neighbours", pipeline_neighbours, always, ONCE, 10},
     {"normals", pipeline_normals, always, ONCE, 4},
+    {"sides", pipeline_sides, sides_wanted, ONCE, 1},
     {"dso", pipeline_dso, always, ONCE, 2},
     {"quadrics", pipeline_quadrics, always, ONCE, 5},
     {"contract", pipeline_contract, always, ONCE, 20},
+    {"space", pipeline_space, spaced, ONCE, 3},
     {"search", pipeline_search, deviation_bounded, ONCE, 600},
     {"keep", pipeline_keep, always, EACH, 1},
     {"umbrellas", pipeline_umbrellas, refinement_wanted, BESIDE, 4},
@@ -242,11 +253,25 @@ static float *spread(const struct run *run, const float *value, double scale) {
     return all;
 }
 
+/* Normals of all points of the input: an outlier has that of the first one. */
+static float (*spread_normals(const struct run *run))[3] {
+    float(*all)[3] = alloc_array(run->cloud->count, sizeof *all);
+    for (size_t i = 0; all && i < run->cloud->count; i++) {
+        uint32_t p = run->points.distinct[i];
+        size_t of = p == NONE ? 0 : p;
+        vec3 n = vec3_scale(run->normal[of], run->turned[of] ? -1 : 1);
+        all[i][0] = (float)n.x, all[i][1] = (float)n.y, all[i][2] = (float)n.z;
+    }
+    return all;
+}
+
 static enum status hand_over_values(struct run *run, struct pipeline_result *made) {
+    bool normals = run->params->normals == SWITCH_TRUE && !run->normals_fit;
+    if (normals) made->normal = spread_normals(run);
     bool dso = run->params->outputs & OUTPUT_DSO, distance = run->params->outputs & OUTPUT_ERROR;
     if (dso) made->dso = spread(run, run->dso, 1 / run->points.scale);
     if (distance) made->distance = spread(run, run->distance, run->points.scale);
-    bool ok = (!dso || made->dso) && (!distance || made->distance);
+    bool ok = (!normals || made->normal) && (!dso || made->dso) && (!distance || made->distance);
     return ok ? STATUS_OK : pipeline_no_memory(run, "output");
 }
 
@@ -269,7 +294,7 @@ static void run_done(struct run *run) {
     free(run->moved);
     knn_free(run->knn);
     neighbourhood_done(&run->hood);
-    free(run->normal), free(run->dso), free(run->distance), free(run->quadrics), free(run->kept);
+    free(run->normal), free(run->turned), free(run->dso), free(run->distance), free(run->quadrics), free(run->kept);
     contraction_done(&run->contraction);
     pipeline_leave_level(run);
 }
@@ -298,7 +323,7 @@ enum status pipeline_run(const struct cloud *cloud, const struct params *params,
 
 void pipeline_result_done(struct pipeline_result *result) {
     if (!result) return;
-    free(result->kept), free(result->moved), free(result->dso), free(result->distance);
+    free(result->kept), free(result->moved), free(result->normal), free(result->dso), free(result->distance);
     for (size_t i = 0; i < result->level_count; i++) mesh_done(&result->level[i].mesh);
     *result = (struct pipeline_result){0};
 }

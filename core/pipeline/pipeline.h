@@ -22,6 +22,7 @@ struct pipeline_result {
                     it moves none; owned */
     size_t level_count;
     struct pipeline_level level[PARAMS_MAX_LEVELS]; /* the finest first */
+    float (*normal)[3]; /* of every point, where they are asked for and the cloud has none that fit; else NULL; owned */
     float *dso; /* of every point, in 1 / length, where OUTPUT_DSO is asked for; else NULL; outliers show the largest;
                    owned */
     float *distance; /* of every point to the finest mesh, where OUTPUT_ERROR is asked for; likewise; owned */

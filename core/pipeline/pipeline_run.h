@@ -25,6 +25,13 @@ struct sites {
     uint32_t *of_point; /* of each point along the curve: which of the sites stands for it */
 };
 
+/* Where points were seen from, in the frame: all from one place, or each of those along the curve from its own. */
+struct views {
+    bool is_one;
+    vec3 one;
+    vec3 *each; /* NULL = not known, or one; owned */
+};
+
 struct run {
     const struct cloud *cloud;
     const struct params *params;
@@ -38,10 +45,13 @@ struct run {
     struct neighbourhood hood;
     vec3 *normal;
     float *dso;
+    uint8_t *turned;  /* of each normal: it is written the other way round; NULL unless normals are written */
+    bool normals_fit; /* those that the input has are there, and fit its points */
     struct packed_quadric *quadrics;
     struct contraction contraction;
     size_t level;      /* the one that the steps work on */
     size_t kept_count; /* of that level */
+    size_t fits;       /* at most so many points may be kept: all, or what the spacing has room for */
     size_t searched;   /* at least so many points are kept, since the deviation asks for them; 0 = it doesn't */
     uint32_t *kept;    /* of the finest level, along the curve's ids, most important first */
     struct sites sites;
@@ -63,9 +73,11 @@ enum status pipeline_order(struct run *run) MUST_CHECK;
 enum status pipeline_denoise(struct run *run) MUST_CHECK;
 enum status pipeline_neighbours(struct run *run) MUST_CHECK;
 enum status pipeline_normals(struct run *run) MUST_CHECK;
+enum status pipeline_sides(struct run *run) MUST_CHECK;
 enum status pipeline_dso(struct run *run) MUST_CHECK;
 enum status pipeline_quadrics(struct run *run) MUST_CHECK;
 enum status pipeline_contract(struct run *run) MUST_CHECK;
+enum status pipeline_space(struct run *run) MUST_CHECK;
 enum status pipeline_search(struct run *run) MUST_CHECK;
 enum status pipeline_keep(struct run *run) MUST_CHECK;
 enum status pipeline_umbrellas(struct run *run) MUST_CHECK;
@@ -80,6 +92,11 @@ enum status pipeline_distances(struct run *run) MUST_CHECK;
 
 /* How many points a level is to keep: at least one, at most all distinct ones. */
 size_t pipeline_wanted_points(const struct run *run, size_t level);
+
+/* The input's normals along the curve, where they fit its points (*normal, to be freed, else stays NULL); and where it
+ * was seen from (*views, zeroed; views->each to be freed).  STATUS_NO_MEMORY. */
+enum status pipeline_given_normals(const struct run *run, vec3 **normal) MUST_CHECK;
+enum status pipeline_views(const struct run *run, struct views *views) MUST_CHECK;
 
 /* Frees what steps have made for a level, but for the kept points. */
 void pipeline_leave_level(struct run *run);

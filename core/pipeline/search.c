@@ -77,7 +77,7 @@ static enum status try_count(struct run *run, double *deviation) {
 }
 
 static size_t next_count(const struct search *s, size_t tried) {
-    size_t all = s->run->points.count;
+    size_t all = s->run->fits;
     if (!s->holds) return tried < all / STRIDE ? tried * STRIDE : all;
     if (s->fails < s->least) return tried / STRIDE > s->least ? tried / STRIDE : s->least;
     size_t middle = (size_t)sqrt((double)s->fails * (double)s->holds);
@@ -92,10 +92,10 @@ static enum status try_and_note(struct search *s, size_t count) {
     double deviation = INFINITY;
     s->run->searched = count;
     enum status status = try_count(s->run, &deviation);
-    if (status == STATUS_DEGENERATE && count < s->run->points.count) status = STATUS_OK; /* too few for a mesh */
+    if (status == STATUS_DEGENERATE && count < s->run->fits) status = STATUS_OK; /* too few for a mesh */
     if (!status && deviation <= s->bound) s->holds = count, s->of_holds = deviation;
     if (!status && deviation > s->bound) s->fails = count;
-    if (count == s->run->points.count) s->of_all = deviation;
+    if (count == s->run->fits) s->of_all = deviation;
     return status;
 }
 
@@ -103,7 +103,7 @@ enum status pipeline_search(struct run *run) {
     struct search s = {.run = run, .bound = pipeline_deviation_bound(run), .least = pipeline_wanted_points(run, 0)};
     struct progress whole = run->progress;
     struct part part = {.whole = whole};
-    size_t all = run->points.count;
+    size_t all = run->fits;
     size_t count = contraction_count_for_error(&run->contraction, s.bound / run->points.scale);
     if (count < s.least) count = s.least;
     if (count > all) count = all;

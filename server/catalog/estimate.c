@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { KINDS = 64, SAMPLES = 16, VALUE_BYTES = 256 };
+enum { KINDS = 64, SAMPLES = 16, VALUE_BYTES = PARAMS_TEXT_BYTES };
 static const double ALIKE = 4; /* sizes up to this factor apart */
 static const double OWN_PACE_FROM = 0.2;
 
@@ -56,8 +56,8 @@ static uint64_t add_text(uint64_t hash, const char *text) {
 
 /* Parameters that don't make a job another kind. */
 static bool is_degree(const struct param *param) {
-    static const char *const names[] = {"ratio",    "points",  "max_error",     "levels", "seed",
-                                        "encoding", "colours", "pcd_precision", "header", "columns"};
+    static const char *const names[] = {"ratio",   "points",        "max_error", "levels",  "seed",     "encoding",
+                                        "colours", "pcd_precision", "header",    "columns", "viewpoint"};
     for (size_t i = 0; i < sizeof names / sizeof *names; i++)
         if (strcmp(param->name, names[i]) == 0) return true;
     return !param->affects_result;

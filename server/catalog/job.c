@@ -70,7 +70,7 @@ bool job_id_valid(const char *text) {
 
 /* ------------------------------------------------------------------------------------------------ parameters */
 
-enum { VALUE_BYTES = 512 };
+enum { VALUE_BYTES = PARAMS_TEXT_BYTES };
 
 static void print_params(FILE *out, const struct params *params, bool all) {
     size_t count;

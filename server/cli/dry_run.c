@@ -30,6 +30,9 @@ static void print_goal(const struct params *params, const struct cloud *cloud, F
     else if (params->points)
         fprintf(to, "%-16s %" PRIu64 " of %zu points\n", "would keep",
                 params->points < cloud->count ? params->points : cloud->count, cloud->count);
+    if (!isnan(params->spacing))
+        fprintf(to, "%-16s as many of %zu points as have room %g apart%s\n", "would keep", cloud->count,
+                params->spacing, isnan(params->ratio) && !params->points ? "" : ", if fewer");
     if (!isnan(params->max_error))
         fprintf(to, "%-16s as many of %zu points as max_error %g of the diagonal demands%s\n", "would keep",
                 cloud->count, params->max_error, isnan(params->ratio) && !params->points ? "" : ", if more");

@@ -20,6 +20,8 @@
 #include <unistd.h>
 
 #include "core/cloud/colour_depth.h"
+#include "core/cloud/normals.h"
+#include "core/cloud/select.h"
 #include "core/io/read.h"
 #include "core/pipeline/memory.h"
 #include "core/pipeline/pipeline.h"
@@ -76,6 +78,7 @@ static enum status check_faces(const struct cloud *cloud, const struct params *p
 static enum status run(const struct worker_options *options, struct worker_progress *display, struct error *error) {
     struct cloud cloud = {0};
     struct pipeline_result result = {0};
+    struct selection selection = {0};
     struct progress progress = {worker_progress_tick, display};
     int input = open_input(options), failure = errno;
     worker_progress_span(display, 0, READ_SHARE);
@@ -85,13 +88,18 @@ static enum status run(const struct worker_options *options, struct worker_progr
     const struct cloud_limits limits = {.columns = options->params.columns,
                                         .max_triangles = memory_triangles(&options->params)};
     if (!status) status = cloud_read(input, &limits, &progress, &cloud, error);
+    if (!status && select_is_asked(&options->params))
+        status = select_in_place(&cloud, &options->params, &selection, error);
     if (!status && options->memory_given) status = check_faces(&cloud, &options->params, error);
     worker_progress_span(display, READ_SHARE, 1);
     if (options->dry_run) goto out;
     if (!status && memory_is_kept(cloud.count, &options->params) && options->params.levels.count < 2)
         worker_heap_prepare(cloud.count);
     if (!status) status = pipeline_run(&cloud, &options->params, &progress, &result, error);
+    result.report.points_cropped = selection.cropped;
+    result.report.points_filtered = selection.filtered;
     if (!status && result.moved) cloud_move(&cloud, result.moved);
+    if (!status && result.normal) status = cloud_set_normals(&cloud, (const float(*)[3])result.normal, error);
     if (!status)
         status = cloud_set_colours(&cloud, (enum colour_bits)options->params.colours, &result.report.losses, error);
     if (!status) status = worker_output_write(options, input, &cloud, &result, error);

@@ -419,9 +419,17 @@ void worker_output_summary(const struct worker_options *options, const struct re
     if (report->surface.kind[0])
         fprintf(to, "%-16s %s: %s; sides by %s\n", "surface", report->surface.kind, report->surface.reason,
                 report->surface.orientation);
+    if (report->normals.orientation[0])
+        fprintf(to, "%-16s %s, sides by %s\n", "normals", report->normals.given ? "given" : "computed",
+                report->normals.orientation);
+    if (report->spacing.spacing > 0)
+        fprintf(to, "%-16s %.4g, for which %" PRIu64 " points have room\n", "spacing", report->spacing.spacing,
+                report->spacing.points);
     if (deviation->bound > 0)
         fprintf(to, "%-16s %.4g, %.4g allowed, found with %" PRIu64 " tries\n", "deviation", deviation->reached,
                 deviation->bound, deviation->tried);
+    if (report->points_cropped) fprintf(to, "%-16s %" PRIu64 " points\n", "cropped", report->points_cropped);
+    if (report->points_filtered) fprintf(to, "%-16s %" PRIu64 " points\n", "filtered", report->points_filtered);
     if (report->points_outliers) fprintf(to, "%-16s %" PRIu64 " points\n", "outliers", report->points_outliers);
     if (report->noise > 0) fprintf(to, "%-16s %.3e of the diagonal\n", "noise", report->noise / report->diagonal);
     for (size_t i = 0; i < report->losses.count; i++)

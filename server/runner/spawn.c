@@ -28,7 +28,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-enum { MAX_ARGUMENTS = 96, VALUE_BYTES = 512, PROGRESS_FD = 3, CANNOT_CONFINE = 126, CANNOT_EXEC = 127 };
+enum { MAX_ARGUMENTS = 128, VALUE_BYTES = PARAMS_TEXT_BYTES, PROGRESS_FD = 3, CANNOT_CONFINE = 126, CANNOT_EXEC = 127 };
 
 struct child {
     const struct spawn_request *request;

@@ -43,6 +43,12 @@ static void vote_all(const struct mesh *mesh, const struct sheet_sides *sides, s
         if (source != NONE) vote(votes, SIDE_NORMALS, vec3_dot(area, vec3_unit(sides->normal[source])));
     }
     if (sides->viewed) vote(votes, SIDE_VIEW, vec3_dot(area, vec3_unit(vec3_sub(sides->view, middle))));
+    for (int k = 0; k < 3 && sides->views; k++) {
+        uint32_t vertex = mesh->triangle[t][k], source = mesh->source[vertex];
+        if (source == NONE) continue;
+        vec3 towards = vec3_sub(sides->views[source], mesh->vertex[vertex]);
+        vote(votes, SIDE_VIEW, vec3_dot(area, vec3_unit(towards)));
+    }
     vote(votes, SIDE_UP, vec3_dot(area, sides->up));
     double size = vec3_length(area);
     votes->area += size;

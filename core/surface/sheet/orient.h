@@ -13,8 +13,9 @@ struct sheet_sides {
     const vec3 *normal; /* by the vertices' sources: as the input gives them, of any length; NULL = not given */
     bool viewed;        /* from view: all was scanned from there */
     vec3 view;
-    vec3 up;    /* unit */
-    bool field; /* one sheet over the plane normal to up: turned as a whole */
+    const vec3 *views; /* by the vertices' sources: where each was scanned from; NULL = not known, or viewed */
+    vec3 up;           /* unit */
+    bool field;        /* one sheet over the plane normal to up: turned as a whole */
 };
 
 enum sheet_side { SIDE_NORMALS, SIDE_VIEW, SIDE_UP, SIDE_OUT };

@@ -1,0 +1,138 @@
+/* The step between 3 and 4 that asks which side of the surface is in front: what the input and the parameters say of
+ * it, and, where normals are to be written, which of them are to be turned.  The stages go by the signs that normals
+ * have, so that nothing else changes with that.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/base/alloc.h"
+#include "core/pipeline/pipeline_run.h"
+#include "core/simplify/normal_sides.h"
+
+static const struct property *find_property(const struct cloud *cloud, const char *name) {
+    for (size_t i = 0; i < cloud->property_count; i++)
+        if (!cloud->property[i].is_list && strcmp(cloud->property[i].name, name) == 0) return &cloud->property[i];
+    return NULL;
+}
+
+/* ------------------------------------------------------------------------------------------------ normals */
+
+/* The normals that the input has, along the curve; *normal stays NULL where it has none. */
+static enum status load_normals(const struct run *run, vec3 **normal) {
+    const struct cloud *cloud = run->cloud;
+    const struct property *x = find_property(cloud, "nx"), *y = find_property(cloud, "ny"),
+                          *z = find_property(cloud, "nz");
+    if (!x || !y || !z) return STATUS_OK;
+    *normal = alloc_array(run->points.count, sizeof **normal);
+    for (size_t i = 0; *normal && i < run->points.count; i++) {
+        const unsigned char *record = cloud->record + run->points.original[i] * cloud->record_bytes;
+        vec3 given = {scalar_load(record + x->offset_bytes, x->type), scalar_load(record + y->offset_bytes, y->type),
+                      scalar_load(record + z->offset_bytes, z->type)};
+        (*normal)[i] = vec3_is_finite(given) ? given : (vec3){0, 0, 0};
+    }
+    return *normal ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+enum status pipeline_given_normals(const struct run *run, vec3 **normal) {
+    return run->normals_fit ? load_normals(run, normal) : STATUS_OK;
+}
+
+/* ------------------------------------------------------------------------------------------------ viewers */
+
+static vec3 in_frame(const struct run *run, vec3 p) {
+    return vec3_scale(vec3_sub(p, run->points.centre), 1 / run->points.scale);
+}
+
+/* Where a PCD file says that it was scanned from.  The origin, which it has where nobody said, is believed of points
+ * beside it, not around it or far off, as those of a map are. */
+static bool find_pcd_view(const struct run *run, vec3 *view) {
+    static const char mark[] = "viewpoint ";
+    const char *at = run->cloud->comments ? strstr(run->cloud->comments, mark) : NULL;
+    double given[3] = {0, 0, 0}, away_sq = 0;
+    if (strncmp(run->cloud->form, "pcd/", 4) != 0) return false;
+    char *text = NULL;
+    if (at) at += sizeof mark - 1;
+    for (int k = 0; k < 3; k++) {
+        if (at) given[k] = strtod(at, &text), at = text;
+        double away = fmax(run->report.box_min[k] - given[k], given[k] - run->report.box_max[k]);
+        if (away > 0) away_sq += away * away;
+    }
+    *view = (vec3){given[0], given[1], given[2]};
+    return at || (away_sq > 0 && sqrt(away_sq) < run->points.diagonal);
+}
+
+/* The one place that all was seen from. */
+static bool find_one_view(const struct run *run, vec3 *view) {
+    const struct param_numbers *given = &run->params->viewpoint;
+    const struct cloud *cloud = run->cloud;
+    if (given->count) {
+        *view = (vec3){given->value[0], given->value[1], given->value[2]};
+        return true;
+    }
+    if (cloud->view_count == 1) *view = cloud->view[0];
+    return cloud->view_count == 1 || (cloud->view_count == 0 && find_pcd_view(run, view));
+}
+
+enum status pipeline_views(const struct run *run, struct views *views) {
+    const struct cloud *cloud = run->cloud;
+    size_t n = run->points.count;
+    vec3 one;
+    views->is_one = find_one_view(run, &one);
+    if (views->is_one) views->one = in_frame(run, one);
+    const struct property *scan = find_property(cloud, CLOUD_SCAN);
+    if (views->is_one || cloud->view_count == 0 || !scan) return STATUS_OK;
+    views->each = alloc_array(n, sizeof *views->each);
+    for (size_t i = 0; views->each && i < n; i++) {
+        const unsigned char *record = cloud->record + run->points.original[i] * cloud->record_bytes;
+        double number = scalar_load(record + scan->offset_bytes, scan->type);
+        bool known = number >= 0 && number < (double)cloud->view_count;
+        views->each[i] = known ? in_frame(run, cloud->view[(size_t)number]) : run->points.point[i];
+    }
+    return views->each ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+/* ------------------------------------------------------------------------------------------------ the step */
+
+static enum status turn(struct run *run, const vec3 *given) {
+    static const char *const names[] = {[NORMALS_BY_GIVEN] = "normals",
+                                        [NORMALS_BY_VIEW] = "viewpoint",
+                                        [NORMALS_UP] = "upwards",
+                                        [NORMALS_OUT] = "outwards"};
+    struct views views = {0};
+    enum normal_side side = NORMALS_OUT;
+    size_t n = run->points.count;
+    vec3 *turned = alloc_array(n, sizeof *turned);
+    run->turned = alloc_array(n, sizeof *run->turned);
+    enum status status = turned && run->turned ? pipeline_views(run, &views) : STATUS_NO_MEMORY;
+    if (!status && views.is_one && !given) {
+        views.each = alloc_array(n, sizeof *views.each);
+        for (size_t i = 0; views.each && i < n; i++) views.each[i] = views.one;
+        if (!views.each) status = STATUS_NO_MEMORY;
+    }
+    struct normal_evidence evidence = {given, views.each};
+    if (!status) {
+        memcpy(turned, run->normal, n * sizeof *turned);
+        status = normals_turn(run->points.point, &run->hood, &evidence, turned, &side);
+        for (size_t i = 0; i < n; i++) run->turned[i] = vec3_dot(turned[i], run->normal[i]) < 0;
+    }
+    free(views.each), free(turned);
+    snprintf(run->report.normals.orientation, sizeof run->report.normals.orientation, "%s", names[side]);
+    return status;
+}
+
+enum status pipeline_sides(struct run *run) {
+    vec3 *given = NULL;
+    enum status status = load_normals(run, &given);
+    struct report_normals *report = &run->report.normals;
+    run->normals_fit = given && normals_fit_points(given, run->normal, &run->hood);
+    report->known = true;
+    report->given = run->normals_fit;
+    if (given && !run->normals_fit)
+        losses_add(&run->report.losses, "input",
+                   "nx, ny, nz: these normals don't fit the points around them, and aren't used to tell sides");
+    if (!status && run->params->normals == SWITCH_TRUE) status = turn(run, run->normals_fit ? given : NULL);
+    free(given);
+    return status ? pipeline_no_memory(run, "sides") : STATUS_OK;
+}

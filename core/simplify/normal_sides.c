@@ -1,0 +1,151 @@
+/* Sides of normals.
+ *
+ * The forest is found as by Kruskal, but edges aren't sorted: they are gone through once for each class of likeness,
+ * the most alike first, which takes no memory.  A set of points remembers of each whether its normal is turned against
+ * that of its parent in the set's tree.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/simplify/normal_sides.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "core/base/alloc.h"
+#include "core/cloud/cloud.h"
+
+/* Shares and mean cosines of normals that fit: random ones have 0.5 and 0.5. */
+static const double MOST_GIVEN = 0.9, ALONG = 0.65, TO_ONE_SIDE = 0.75;
+/* Cosines that classes of edges begin at. */
+static const double alike[] = {0.9999, 0.999, 0.995, 0.99, 0.98, 0.96, 0.92, 0.85, 0.7, 0.5, 0.25, 0};
+enum { CLASSES = sizeof alike / sizeof *alike };
+static const double UPWARDS = 0.3; /* share of a part's surface, less what faces down */
+
+/* ------------------------------------------------------------------------------------------------ given ones */
+
+static bool is_given(vec3 n) { return vec3_is_finite(n) && vec3_length_sq(n) > 0; }
+
+bool normals_fit_points(const vec3 *given, const vec3 *normal, const struct neighbourhood *hood) {
+    size_t there = 0, pairs = 0, same = 0;
+    double along = 0;
+    for (size_t p = 0; p < hood->n; p++) {
+        if (!is_given(given[p])) continue;
+        double own = vec3_dot(vec3_unit(given[p]), normal[p]);
+        there++;
+        along += fabs(own);
+        for (unsigned i = 0; i < hood->count[p]; i++) {
+            uint32_t q = hood->id[p * hood->stride + i];
+            double between = vec3_dot(normal[p], normal[q]);
+            if (!is_given(given[q]) || fabs(between) < 0.5) continue;
+            pairs++;
+            same += (own > 0) == ((vec3_dot(given[q], normal[q]) > 0) == (between > 0));
+        }
+    }
+    return (double)there > MOST_GIVEN * (double)hood->n && along > ALONG * (double)there &&
+           (double)same > TO_ONE_SIDE * (double)pairs;
+}
+
+/* ------------------------------------------------------------------------------------------------ the forest */
+
+struct forest {
+    uint32_t *parent;
+    uint8_t *turned; /* against the parent */
+};
+
+/* The root of p's tree; *turned = whether p is turned against it. */
+static uint32_t root_of(struct forest *forest, uint32_t p, uint8_t *turned) {
+    uint8_t against = 0;
+    while (forest->parent[p] != p) {
+        uint32_t up = forest->parent[p], above = forest->parent[up];
+        forest->turned[p] ^= up == above ? 0 : forest->turned[up];
+        forest->parent[p] = above;
+        against ^= forest->turned[p];
+        p = above;
+    }
+    *turned = against;
+    return p;
+}
+
+static void unite(struct forest *forest, uint32_t p, uint32_t q, bool against) {
+    uint8_t of_p, of_q;
+    uint32_t a = root_of(forest, p, &of_p), b = root_of(forest, q, &of_q);
+    if (a == b) return;
+    uint32_t low = a < b ? a : b, high = a < b ? b : a;
+    forest->parent[high] = low;
+    forest->turned[high] = of_p ^ of_q ^ (uint8_t)against;
+}
+
+static void grow(struct forest *forest, const struct neighbourhood *hood, const vec3 *normal) {
+    for (uint32_t p = 0; p < hood->n; p++) forest->parent[p] = p, forest->turned[p] = 0;
+    for (int class = 0; class < CLASSES; class ++) {
+        double least = alike[class], most = class ? alike[class - 1] : INFINITY;
+        for (uint32_t p = 0; p < hood->n; p++)
+            for (unsigned i = 0; i < hood->count[p]; i++) {
+                uint32_t q = hood->id[(size_t)p * hood->stride + i];
+                double cosine = vec3_dot(normal[p], normal[q]);
+                if (fabs(cosine) >= least && fabs(cosine) < most) unite(forest, p, q, cosine < 0);
+            }
+    }
+}
+
+/* ------------------------------------------------------------------------------------------------ the parts */
+
+/* Of a tree, by its root: sums over its points, each with the surface that it stands for. */
+struct part {
+    double area, up, out;
+    vec3 middle;
+};
+
+static double area_of(const struct neighbourhood *hood, size_t p) {
+    return fmax((double)hood->spacing[p] * (double)hood->spacing[p], 1e-30);
+}
+
+static void turn_parts(const vec3 *point, const struct neighbourhood *hood, struct forest *forest, struct part *part,
+                       vec3 *normal, enum normal_side *side) {
+    double upwards = 0, outwards = 0;
+    uint8_t turned;
+    for (uint32_t p = 0; p < hood->n; p++) {
+        struct part *own = &part[root_of(forest, p, &turned)];
+        double area = area_of(hood, p);
+        if (turned) normal[p] = vec3_scale(normal[p], -1);
+        own->area += area;
+        own->up += area * normal[p].z;
+        own->middle = vec3_add(own->middle, vec3_scale(point[p], area));
+    }
+    for (uint32_t p = 0; p < hood->n; p++) {
+        struct part *own = &part[root_of(forest, p, &turned)];
+        vec3 away = vec3_sub(point[p], vec3_scale(own->middle, 1 / own->area));
+        own->out += area_of(hood, p) * vec3_dot(normal[p], away);
+    }
+    for (uint32_t p = 0; p < hood->n; p++) {
+        const struct part *own = &part[root_of(forest, p, &turned)];
+        bool is_up = fabs(own->up) > UPWARDS * own->area;
+        *(is_up ? &upwards : &outwards) += area_of(hood, p);
+        if ((is_up ? own->up : own->out) < 0) normal[p] = vec3_scale(normal[p], -1);
+    }
+    *side = upwards > outwards ? NORMALS_UP : NORMALS_OUT;
+}
+
+static enum status turn_together(const vec3 *point, const struct neighbourhood *hood, vec3 *normal,
+                                 enum normal_side *side) {
+    struct forest forest = {alloc_array(hood->n, sizeof *forest.parent), alloc_array(hood->n, sizeof *forest.turned)};
+    struct part *part = alloc_zeroed(hood->n, sizeof *part);
+    bool room = forest.parent && forest.turned && part;
+    if (room) {
+        grow(&forest, hood, normal);
+        turn_parts(point, hood, &forest, part, normal, side);
+    }
+    free(forest.parent), free(forest.turned), free(part);
+    return room ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+enum status normals_turn(const vec3 *point, const struct neighbourhood *hood, const struct normal_evidence *evidence,
+                         vec3 *normal, enum normal_side *side) {
+    if (!evidence->given && !evidence->view) return turn_together(point, hood, normal, side);
+    *side = evidence->given ? NORMALS_BY_GIVEN : NORMALS_BY_VIEW;
+    for (size_t p = 0; p < hood->n; p++) {
+        vec3 towards = evidence->given ? evidence->given[p] : (vec3){0, 0, 0};
+        if (!is_given(towards) && evidence->view) towards = vec3_sub(evidence->view[p], point[p]);
+        if (vec3_dot(towards, normal[p]) < 0) normal[p] = vec3_scale(normal[p], -1);
+    }
+    return STATUS_OK;
+}

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What part of a cloud is taken, how far apart its points are kept, and which way normals point: from file to file."""
+import itertools
+import json
+import math
+import random
+import re
+import subprocess
+
+import pytest
+
+from conftest import BUILD
+
+SIDE = 60
+
+
+def height(x, y):
+    return 0.2 * math.sin(6 * x) * math.cos(5 * y)
+
+
+def hill(chance):
+    for i in range(SIDE * SIDE):
+        x, y = ((k + chance.uniform(-0.4, 0.4)) / SIDE for k in (i % SIDE, i // SIDE))
+        yield x, y, height(x, y)
+
+
+@pytest.fixture(name="scan", scope="module")
+def make_scan(tmp_path_factory):
+    """A hill with classes by thirds, in columns of text."""
+    path = tmp_path_factory.mktemp("scan") / "scan.csv"
+    lines = [f"{x:.5f},{y:.5f},{z:.5f},{int(3 * x) % 3},{i % 256}" for i, (x, y, z) in enumerate(hill(random.Random(3)))]
+    path.write_text("x,y,z,class,intensity\n" + "\n".join(lines) + "\n", encoding="ascii")
+    return path
+
+
+def whittle(scan, folder, **options):
+    words = [word for name, value in options.items() for word in (f"--{name}", str(value))]
+    run = subprocess.run([BUILD / "whittle", scan, "-q", "-o", folder, *words], capture_output=True, text=True,
+                         check=False)
+    assert run.returncode == 0, run.stderr
+    return json.loads((folder / "report.json").read_text())
+
+
+def rows(path):
+    return [tuple(map(float, line.split())) for line in path.read_text().splitlines()]
+
+
+def ply_rows(path):
+    head, body = path.read_text().split("end_header\n")
+    count = int(re.search(r"element vertex (\d+)", head)[1])
+    names = re.findall(r"property \w+ (\w+)", head[:head.find("element face")])
+    return [dict(zip(names, map(float, line.split()))) for line in body.splitlines()[:count]]
+
+
+def test_no_two_points_are_nearer_than_the_spacing(scan, tmp_path):
+    """By comparing all pairs; and no point of the input is left that had room."""
+    report = whittle(scan, tmp_path, spacing=0.05, outputs="xyz,report")
+    kept = [row[:3] for row in rows(tmp_path / "cloud.xyz")]
+    assert min(math.dist(a, b) for a, b in itertools.combinations(kept, 2)) >= 0.05
+    everything = [tuple(map(float, line.split(",")[:3])) for line in scan.read_text().splitlines()[1:]]
+    assert all(min(math.dist(p, q) for q in kept) < 0.05 for p in everything)
+    assert report["spacing"] == {"spacing": 0.05, "points": len(kept)} and report["points_out"] == len(kept)
+
+
+def test_with_another_goal_the_fewer_points_are_kept(scan, tmp_path):
+    most = whittle(scan, tmp_path / "most", spacing=0.05, outputs="xyz,report")["points_out"]
+    few = whittle(scan, tmp_path / "few", spacing=0.05, points=100, outputs="xyz,report")
+    assert few["points_out"] == 100 and few["spacing"]["points"] == most
+    assert rows(tmp_path / "few/cloud.xyz") == rows(tmp_path / "most/cloud.xyz")[:100]
+    assert whittle(scan, tmp_path / "all", spacing=0.05, ratio=0.9, outputs="report")["points_out"] == most
+    bound = whittle(scan, tmp_path / "bound", spacing=0.05, max_deviation=0.02, outputs="report")
+    assert bound["points_out"] <= most and bound["deviation"]["reached"] <= 0.02
+
+
+def test_a_mesh_with_a_spacing_has_the_points_that_are_kept(scan, tmp_path):
+    report = whittle(scan, tmp_path, spacing=0.05, outputs="xyz,mesh,report", refine="none", encoding="ascii")
+    kept = {row[:3] for row in rows(tmp_path / "cloud.xyz")}
+    found = {(v["x"], v["y"], v["z"]) for v in ply_rows(tmp_path / "mesh.ply")}
+    assert found <= kept and len(found) > 0.98 * len(kept)
+    assert report["mesh"]["manifold"] and report["mesh"]["oriented"]
+
+
+def test_what_was_left_out_is_counted(scan, tmp_path):
+    whole = rows_of(scan)
+    report = whittle(scan, tmp_path, crop="0.1,0.2,-1,0.8,0.9,1", where="class==0|2,intensity>100", ratio=0.5,
+                     outputs="xyz,report")
+    inside = [r for r in whole if 0.1 <= r[0] <= 0.8 and 0.2 <= r[1] <= 0.9]
+    taken = [r for r in inside if r[3] in (0, 2) and r[4] > 100]
+    given = report["input"]
+    assert given["points"] == len(taken)
+    assert given["points_cropped"] == len(whole) - len(inside)
+    assert given["points_filtered"] == len(inside) - len(taken)
+    assert report["points_out"] == len(taken) // 2
+    assert set(rows(tmp_path / "cloud.xyz")) <= set(taken)
+
+
+def rows_of(scan):
+    return [tuple(map(float, line.split(","))) for line in scan.read_text().splitlines()[1:]]
+
+
+def test_a_cloud_that_was_cut_before_gives_the_same(scan, tmp_path):
+    """Cutting is no more than leaving lines out."""
+    lines = scan.read_text().splitlines()
+    cut = tmp_path / "cut.csv"
+    cut.write_text("\n".join(lines[:1] + [line for line in lines[1:] if line.split(",")[3] == "1"]) + "\n")
+    whittle(scan, tmp_path / "a", where="class==1", outputs="cloud,mesh,report")
+    whittle(cut, tmp_path / "b", outputs="cloud,mesh,report")
+    for name in ("cloud.ply", "mesh.ply"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_an_unknown_property_is_told_with_those_there_are(scan, tmp_path):
+    run = subprocess.run([BUILD / "whittle", scan, "-o", tmp_path / "out", "--where", "return==1"],
+                         capture_output=True, text=True, check=False)
+    assert run.returncode == 2
+    assert "no property 'return'; it has x, y, z, class, intensity" in run.stderr
+
+
+@pytest.mark.parametrize("surface", ["open", "heightfield"])
+def test_normals_face_the_viewpoint_and_change_nothing_else(scan, tmp_path, surface):
+    made = {}
+    for name, options in {"plain": {}, "up": {"normals": "true"},
+                          "down": {"normals": "true", "viewpoint": "0.5,0.5,-8"}}.items():
+        made[name] = whittle(scan, tmp_path / name, outputs="cloud,mesh,report", encoding="ascii", surface=surface,
+                             **options)
+    assert made["plain"]["normals"] == {"source": "computed"}
+    assert made["up"]["normals"] == {"source": "computed", "orientation": "upwards"}
+    assert made["down"]["normals"] == {"source": "computed", "orientation": "viewpoint"}
+    assert made["down"]["surface"]["orientation"] == "viewpoint"
+    for file in ("cloud.ply", "mesh.ply"):
+        plain, up, down = (ply_rows(tmp_path / name / file) for name in ("plain", "up", "down"))
+        places = [[(v["x"], v["y"], v["z"]) for v in rows] for rows in (plain, up, down)]
+        assert places[0] == places[1]
+        assert file == "mesh.ply" or places[0] == places[2]
+        assert all(v["nz"] > 0 for v in up) and all(v["nz"] < 0 for v in down)
+        assert all(abs(math.hypot(v["nx"], v["ny"], v["nz"]) - 1) < 1e-5 for v in up)
+
+
+@pytest.mark.parametrize("kind", ["down", "random"])
+def test_normals_of_the_input_count_where_they_fit(tmp_path, kind):
+    chance = random.Random(5)
+    path = tmp_path / "hill.xyz"
+    lines = ["x y z nx ny nz"]
+    for x, y, z in hill(chance):
+        n = (0, 0, -1) if kind == "down" else [chance.gauss(0, 1) for _ in range(3)]
+        lines.append(" ".join(f"{value:.5f}" for value in (x, y, z, *n)))
+    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+    report = whittle(path, tmp_path / "out", surface="open", outputs="cloud,mesh,report", encoding="ascii",
+                     normals="true")
+    assert report["normals"]["source"] == ("given" if kind == "down" else "computed")
+    assert report["surface"]["orientation"] == ("normals" if kind == "down" else "upwards")
+    assert any("don't fit" in row["what"] for row in report["left_out"]) == (kind == "random")
+    written = ply_rows(tmp_path / "out/cloud.ply")
+    assert all(v["nz"] == -1 if kind == "down" else v["nz"] > 0 for v in written)

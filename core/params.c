@@ -36,11 +36,13 @@ static const char *const switch_forms[] = {"false", "true", NULL};
 static const char *const encodings[] = {"binary", "ascii", NULL};
 static const char *const colour_bits[] = {"8", "16", "keep", NULL};
 static const char *const pcd_precisions[] = {"float", "double", NULL};
+static const char *const ups[] = {"auto", "x", "y", "z", NULL};
 static const char *const xyz_headers[] = {"none", "plain", "hash", NULL};
 /* The bits of outputs; then the first ones' second names, which are those of their files. */
-static const char *const output_names[] = {
-    "cloud",    "xyz",       "mesh",      "report",   "dso",         "error",   "cloud.pcd", "mesh.obj", "mesh.stl",
-    "mesh.glb", "cloud.ply", "cloud.xyz", "mesh.ply", "report.json", "dso.ply", "error.ply", NULL};
+static const char *const output_names[] = {"cloud",       "xyz",       "mesh",      "report",   "dso",
+                                           "error",       "cloud.pcd", "mesh.obj",  "mesh.stl", "mesh.glb",
+                                           "preview.png", "cloud.ply", "cloud.xyz", "mesh.ply", "report.json",
+                                           "dso.ply",     "error.ply", NULL};
 
 #define AT(member) offsetof(struct params, member)
 
@@ -82,7 +84,8 @@ static const struct param table[] = {
     {"outputs", PARAM_FLAGS, AT(outputs), 0, PARAMS_OUTPUTS, false, "cloud,report", output_names, "", true,
      "What to write, separated by commas: the cloud as cloud.ply (cloud), cloud.xyz (xyz), cloud.pcd; the mesh as "
      "mesh.ply (mesh), mesh.obj, mesh.stl, mesh.glb; report.json (report); dso.ply (dso) and error.ply (error), which "
-     "show every original point with its discrete shape operator, its distance to the mesh"},
+     "show every original point with its discrete shape operator, its distance to the mesh; preview.png, a "
+     "picture of before, after and deviation"},
     {"denoise", PARAM_CHOICE, AT(denoise), 0, 0, false, "none", denoise_forms, "", true,
      "Before all other steps: outliers drops points that belong to no surface; full also smooths the others along "
      "their normals and keeps edges: points are then written at their smoothed positions, with all else unchanged, and "
@@ -131,6 +134,15 @@ static const struct param table[] = {
      "What the columns of a text input are, where its first line doesn't say so: names of the first ones in their "
      "order, - for one to leave out (-,x,y,z,intensity), or pairs of a name and a column's name or number "
      "(x:east,y:north,z:4)"},
+    {"preview_size", PARAM_INTEGER, AT(preview_size), 64, 1024, false, "480", NULL, "pixels", true,
+     "Width of each of the three pictures in preview.png"},
+    {"preview_azimuth", PARAM_NUMBER, AT(preview_azimuth), -360, 360, false, "30", NULL, "degrees", true,
+     "Where preview.png is looked at from: 0 is the front, 90 the right side"},
+    {"preview_elevation", PARAM_NUMBER, AT(preview_elevation), -90, 90, false, "25", NULL, "degrees", true,
+     "How far from above preview.png is looked at: 0 is level, 90 straight down"},
+    {"preview_up", PARAM_CHOICE, AT(preview_up), 0, 0, false, "auto", ups, "", true,
+     "Which axis points upwards in preview.png; auto: y where it is the longest side of the box, else "
+     "z"},
     {"seed", PARAM_INTEGER, AT(seed), 0, 4294967295.0, false, "0", NULL, "", true,
      "Seed of the samples that the error is measured with"},
     {"threads", PARAM_INTEGER, AT(threads), 0, 256, false, "0", NULL, "", false,

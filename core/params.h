@@ -29,6 +29,8 @@ enum encoding { ENCODING_BINARY, ENCODING_ASCII };
 /* Bits of a colour's component in outputs. */
 enum colour_bits { COLOURS_8, COLOURS_16, COLOURS_KEEP };
 enum pcd_precision { PCD_FLOAT, PCD_DOUBLE };
+/* Which axis of the input is upwards in pictures, in the order of core/picture/view.h. */
+enum preview_up { UP_AUTO, UP_X, UP_Y, UP_Z };
 enum xyz_header { HEADER_NONE, HEADER_PLAIN, HEADER_HASH };
 enum switch_form { SWITCH_FALSE, SWITCH_TRUE };
 
@@ -44,10 +46,11 @@ enum output {
     OUTPUT_MESH_OBJ = 1 << 7,  /* mesh.obj */
     OUTPUT_MESH_STL = 1 << 8,  /* mesh.stl */
     OUTPUT_MESH_GLB = 1 << 9,  /* mesh.glb */
+    OUTPUT_PREVIEW = 1 << 10,  /* preview.png */
     OUTPUT_ANY_CLOUD = OUTPUT_CLOUD | OUTPUT_CLOUD_XYZ | OUTPUT_CLOUD_PCD,
     OUTPUT_ANY_MESH = OUTPUT_MESH | OUTPUT_MESH_OBJ | OUTPUT_MESH_STL | OUTPUT_MESH_GLB
 };
-enum { PARAMS_OUTPUTS = 10, PARAMS_MAX_FILES = 64 /* that one job may write */ };
+enum { PARAMS_OUTPUTS = 11, PARAMS_MAX_FILES = 64 /* that one job may write */ };
 
 enum { PARAMS_MAX_LEVELS = 16 };
 enum { PARAMS_ALIASES = 1, PARAMS_ALIAS_BYTES = 32 };
@@ -91,19 +94,22 @@ struct params {
     double line_quadric;
     double neighbourhood; /* Gopi's m */
     uint64_t neighbours_min, neighbours_max;
-    int reconstruction;              /* row of surface/reconstruct.h */
-    int surface;                     /* enum surface_form */
-    int boundary;                    /* enum boundary_form */
-    int refine;                      /* enum refine_form */
-    int reference;                   /* enum reference_form */
-    int encoding;                    /* enum encoding of PLY outputs */
-    int colours;                     /* enum colour_bits */
-    int pcd_precision;               /* enum pcd_precision */
-    int header;                      /* enum xyz_header */
-    char columns[COLUMN_LIST_BYTES]; /* of a text input; "" = not given */
-    uint64_t seed;                   /* of the error's samples */
-    uint64_t threads;                /* 0 = all processors */
-    uint64_t memory_bytes;           /* that the run may take, which its caller says: no row; 0 = no limit */
+    int reconstruction;                        /* row of surface/reconstruct.h */
+    int surface;                               /* enum surface_form */
+    int boundary;                              /* enum boundary_form */
+    int refine;                                /* enum refine_form */
+    int reference;                             /* enum reference_form */
+    int encoding;                              /* enum encoding of PLY outputs */
+    int colours;                               /* enum colour_bits */
+    int pcd_precision;                         /* enum pcd_precision */
+    int header;                                /* enum xyz_header */
+    char columns[COLUMN_LIST_BYTES];           /* of a text input; "" = not given */
+    uint64_t preview_size;                     /* pixels */
+    double preview_azimuth, preview_elevation; /* degrees */
+    int preview_up;                            /* enum preview_up */
+    uint64_t seed;                             /* of the error's samples */
+    uint64_t threads;                          /* 0 = all processors */
+    uint64_t memory_bytes;                     /* that the run may take, which its caller says: no row; 0 = no limit */
 
     /* What was given by deprecated names, as params_format writes it, "" = not given; and whether the present name was
      * given too, so that params_resolve sees where they differ. */

@@ -24,6 +24,7 @@ struct tangent {
     const vec3 *point, *normal;
     const uint32_t *kept; /* along the curve */
     struct part *part;    /* one for each chunk, added up in order */
+    float *distance;      /* of each point; may be NULL */
 };
 
 static void measure_chunk(void *ctx, size_t begin, size_t end) {
@@ -38,6 +39,7 @@ static void measure_chunk(void *ctx, size_t begin, size_t end) {
         part->sum += d;
         part->sum_sq += d * d;
         part->max = fmax(part->max, d);
+        if (t->distance) t->distance[i] = (float)d;
     }
 }
 
@@ -64,7 +66,7 @@ static void sort_kept(const uint32_t *kept, size_t k, unsigned threads, uint64_t
 }
 
 enum status tangent_error(const vec3 *point, const vec3 *normal, size_t n, const uint32_t *kept, size_t k,
-                          unsigned threads, struct distance_stats *stats) {
+                          unsigned threads, struct distance_stats *stats, float *distance) {
     struct knn *knn = NULL;
     size_t parts = (n + CHUNK - 1) / CHUNK;
     vec3 *kept_point = alloc_array(k, sizeof *kept_point);
@@ -77,7 +79,7 @@ enum status tangent_error(const vec3 *point, const vec3 *normal, size_t n, const
     for (size_t i = 0; !status && i < k; i++) kept_point[i] = point[sorted[i]];
     if (!status) status = knn_new(kept_point, k, threads, &knn, NULL);
     if (!status) {
-        struct tangent tangent = {knn, point, normal, sorted, part};
+        struct tangent tangent = {knn, point, normal, sorted, part, distance};
         par_for(threads, n, CHUNK, measure_chunk, &tangent);
         status = add_up(part, parts, n, stats);
     }

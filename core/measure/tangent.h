@@ -11,8 +11,8 @@
 /* The distance of every one of n original points to the tangent plane (normal of unit length, sign arbitrary) at its
  * nearest kept point: kept[i] < n, k >= 1 of them.  Zero on a plane, second order in the spacing elsewhere; it tells
  * what a reconstruction can reach at best rather than what one does reach.  In units of the points.  O(n log k).
- * STATUS_NO_MEMORY. */
+ * distance (NULL = not wanted) gets that of each point.  STATUS_NO_MEMORY. */
 enum status tangent_error(const vec3 *point, const vec3 *normal, size_t n, const uint32_t *kept, size_t k,
-                          unsigned threads, struct distance_stats *stats) MUST_CHECK;
+                          unsigned threads, struct distance_stats *stats, float *distance) MUST_CHECK;
 
 #endif

@@ -188,8 +188,12 @@ enum status pipeline_keep(struct run *run) {
 
 enum status pipeline_tangent(struct run *run) {
     struct distance_stats *tangent = &run->report.level[run->level].tangent;
+    if (pipeline_wants_planes(run->params) && !run->distance)
+        run->distance = alloc_array(run->points.count, sizeof *run->distance);
+    if (pipeline_wants_planes(run->params) && !run->distance) return STATUS_NO_MEMORY;
+    float *distance = pipeline_wants_planes(run->params) && run->level == 0 ? run->distance : NULL;
     enum status status = tangent_error(run->points.point, run->normal, run->points.count, run->kept, run->kept_count,
-                                       run->threads, tangent);
+                                       run->threads, tangent, distance);
     if (!status) pipeline_scale(tangent, run->points.scale);
     return status;
 }

@@ -27,6 +27,7 @@
 #include "core/io/formats/pcd_header.h"
 #include "core/io/formats/ply_header.h"
 #include "core/io/sniff.h"
+#include "core/picture/picture.h"
 #include "core/spatial/neighbourhood.h"
 
 static const double PROGRAM = 6.1e6; /* the program, its libraries, stacks and buffers */
@@ -46,7 +47,7 @@ static bool cloud_alone(const struct params *p) { return !params_want_mesh(p); }
 static bool reconstructed_whole(const struct params *p) {
     return params_want_mesh(p) && p->reference == REFERENCE_RECONSTRUCTION;
 }
-static bool painted(const struct params *p) { return p->outputs & (OUTPUT_DSO | OUTPUT_ERROR); }
+static bool painted(const struct params *p) { return p->outputs & (OUTPUT_DSO | OUTPUT_ERROR | OUTPUT_PREVIEW); }
 
 /* Bytes for each point beside Delaunay, and after it where samples are made then (pipeline/mesh_steps.c): usual
  * tetrahedra and these are less than "refine", but as many as memory has room for are not. */
@@ -105,6 +106,9 @@ static double most_tetrahedra(double points, double triangulated) {
     return fmax(usual_tetrahedra(points, triangulated), MEMORY_MOST_TETRAHEDRA * triangulated);
 }
 
+/* While a picture is made, after all stages: what they hand over for it, a distance and a normal of each point. */
+enum { PICTURED = 16 };
+
 /* What the input takes while points are simplified. */
 static double cloud_bytes(const struct memory_job *job, const struct params *params) {
     double positions = params->denoise == DENOISE_FULL ? 2 * POSITION : POSITION;
@@ -133,6 +137,9 @@ static uint64_t predict(const struct memory_job *job, const struct params *param
         double tets = s->tets == NO_TETS ? 0 : tetrahedra(points, s->tets == OF_ALL ? points : kept);
         peak = fmax(peak, stage_bytes(s, job, kept, params) + tets * TET);
     }
+    if (params->outputs & OUTPUT_PREVIEW)
+        peak = fmax(peak, cloud_bytes(job, params) + (double)job->input_bytes + PICTURED * points +
+                              picture_bytes(points, (size_t)params->preview_size));
     peak = PROGRAM + margin_of(job, params) * (peak + results(job, params));
     return peak < 0x1p64 ? (uint64_t)peak : UINT64_MAX;
 }

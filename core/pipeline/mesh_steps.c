@@ -599,6 +599,7 @@ enum { DISTANCE_CHUNK = 1 << 16 };
 enum status pipeline_distances(struct run *run) {
     struct bvh *bvh = NULL;
     size_t n = run->points.count;
+    if (run->level > 0) return STATUS_OK; /* the finest alone */
     struct bvh_hit *hit = alloc_array(DISTANCE_CHUNK, sizeof *hit);
     run->distance = alloc_array(n, sizeof *run->distance);
     enum status status = hit && run->distance ? bvh_new(&run->mesh, run->threads, &bvh) : STATUS_NO_MEMORY;

@@ -54,7 +54,9 @@ static bool refinement_wanted(const struct params *params) {
     return params_want_mesh(params) && params->refine != REFINE_NONE;
 }
 
-static bool distances_wanted(const struct params *params) { return params->outputs & OUTPUT_ERROR; }
+static bool distances_wanted(const struct params *params) {
+    return params->outputs & (OUTPUT_ERROR | OUTPUT_PREVIEW) && params_want_mesh(params);
+}
 
 static bool denoise_wanted(const struct params *params) { return params->denoise != DENOISE_NONE; }
 
@@ -265,13 +267,27 @@ static float (*spread_normals(const struct run *run))[3] {
     return all;
 }
 
+/* Whichever side they are of; an outlier has none. */
+static float (*spread_facing(const struct run *run))[3] {
+    float(*all)[3] = alloc_array(run->cloud->count, sizeof *all);
+    for (size_t i = 0; all && i < run->cloud->count; i++) {
+        uint32_t p = run->points.distinct[i];
+        vec3 n = p == NONE ? (vec3){0, 0, 0} : run->normal[p];
+        all[i][0] = (float)n.x, all[i][1] = (float)n.y, all[i][2] = (float)n.z;
+    }
+    return all;
+}
+
 static enum status hand_over_values(struct run *run, struct pipeline_result *made) {
     bool normals = run->params->normals == SWITCH_TRUE && !run->normals_fit;
     if (normals) made->normal = spread_normals(run);
-    bool dso = run->params->outputs & OUTPUT_DSO, distance = run->params->outputs & OUTPUT_ERROR;
+    bool dso = run->params->outputs & OUTPUT_DSO, facing = run->params->outputs & OUTPUT_PREVIEW;
+    bool distance = run->params->outputs & (OUTPUT_ERROR | OUTPUT_PREVIEW);
+    if (facing) made->facing = spread_facing(run);
     if (dso) made->dso = spread(run, run->dso, 1 / run->points.scale);
     if (distance) made->distance = spread(run, run->distance, run->points.scale);
-    bool ok = (!normals || made->normal) && (!dso || made->dso) && (!distance || made->distance);
+    bool ok =
+        (!normals || made->normal) && (!dso || made->dso) && (!distance || made->distance) && (!facing || made->facing);
     return ok ? STATUS_OK : pipeline_no_memory(run, "output");
 }
 
@@ -324,6 +340,7 @@ enum status pipeline_run(const struct cloud *cloud, const struct params *params,
 void pipeline_result_done(struct pipeline_result *result) {
     if (!result) return;
     free(result->kept), free(result->moved), free(result->normal), free(result->dso), free(result->distance);
+    free(result->facing);
     for (size_t i = 0; i < result->level_count; i++) mesh_done(&result->level[i].mesh);
     *result = (struct pipeline_result){0};
 }

@@ -25,7 +25,10 @@ struct pipeline_result {
     float (*normal)[3]; /* of every point, where they are asked for and the cloud has none that fit; else NULL; owned */
     float *dso; /* of every point, in 1 / length, where OUTPUT_DSO is asked for; else NULL; outliers show the largest;
                    owned */
-    float *distance; /* of every point to the finest mesh, where OUTPUT_ERROR is asked for; likewise; owned */
+    float *distance; /* of every point to the finest mesh, where OUTPUT_ERROR or OUTPUT_PREVIEW is asked for; without a
+                        mesh to the tangent plane at the nearest kept point; likewise; owned */
+    float (*facing)[3]; /* the normal of every point, where OUTPUT_PREVIEW is asked for: of unit length, either side; of
+                           outliers zero; owned */
     struct report report;
 };
 

@@ -62,7 +62,8 @@ struct run {
     struct umbrellas umbrellas; /* for the refinement, which empties them, as it does the samples */
     struct samples samples;
     struct tets tets;
-    float *distance;  /* of every distinct point to the mesh, normalised; NULL unless asked for */
+    float *distance; /* of every distinct point to the finest mesh, or, without one, to the tangent plane at the nearest
+                        kept point; normalised; NULL unless asked for */
     struct mesh mesh; /* sources are ids along the curve */
     struct report report;
 };
@@ -89,6 +90,11 @@ enum status pipeline_examine(struct run *run) MUST_CHECK;
 enum status pipeline_measure(struct run *run) MUST_CHECK;
 enum status pipeline_verify(struct run *run) MUST_CHECK;
 enum status pipeline_distances(struct run *run) MUST_CHECK;
+
+/* Whether outputs show how far points are from tangent planes, since there is no mesh. */
+static inline bool pipeline_wants_planes(const struct params *params) {
+    return params->outputs & OUTPUT_PREVIEW && !params_want_mesh(params);
+}
 
 /* How many points a level is to keep: at least one, at most all distinct ones. */
 size_t pipeline_wanted_points(const struct run *run, size_t level);

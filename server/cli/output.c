@@ -29,6 +29,7 @@
 #include "core/io/formats/ply_write.h"
 #include "core/io/formats/stl_write.h"
 #include "core/io/write.h"
+#include "core/picture/png_write.h"
 
 enum { MOST_OPEN = 16 };
 
@@ -110,6 +111,28 @@ static enum status write_error(int fd, const struct outputs *o, struct error *er
     return write_painted(fd, o, "distance", o->result->distance, error);
 }
 
+static enum status write_preview(int fd, const struct outputs *o, struct error *error) {
+    const struct params *params = &o->options->params;
+    const struct report_level *figures = &o->result->report.level[0];
+    const struct distance_stats *stats = figures->has_mesh ? &figures->input_to_mesh : &figures->tangent;
+    const struct picture_scene scene = {.cloud = o->cloud,
+                                        .normal = (const float(*)[3])o->result->facing,
+                                        .deviation = o->result->distance,
+                                        .mesh = &o->level->mesh,
+                                        .kept = o->result->kept,
+                                        .kept_count = o->level->kept_count,
+                                        .mean = stats->mean,
+                                        .largest = stats->max};
+    const struct picture_view view = {(size_t)params->preview_size, params->preview_azimuth, params->preview_elevation,
+                                      (enum view_up)params->preview_up};
+    struct picture picture = {0};
+    if (picture_make(&scene, &view, (unsigned)params->threads, &picture))
+        return error_set(error, STATUS_NO_MEMORY, "preview.png", "no memory for the picture");
+    enum status status = picture_write_png(fd, &picture, error);
+    picture_done(&picture);
+    return status;
+}
+
 struct file {
     uint32_t bit;            /* of params.outputs */
     const char *stem, *type; /* of the name */
@@ -118,11 +141,12 @@ struct file {
 };
 
 static const struct file files[] = {
-    {OUTPUT_CLOUD, "cloud", "ply", true, write_cloud},   {OUTPUT_CLOUD_XYZ, "cloud", "xyz", true, write_xyz},
-    {OUTPUT_CLOUD_PCD, "cloud", "pcd", true, write_pcd}, {OUTPUT_MESH, "mesh", "ply", true, write_mesh},
-    {OUTPUT_MESH_OBJ, "mesh", "obj", true, write_obj},   {OUTPUT_MESH_STL, "mesh", "stl", true, write_stl},
-    {OUTPUT_MESH_GLB, "mesh", "glb", true, write_glb},   {OUTPUT_DSO, "dso", "ply", false, write_dso},
-    {OUTPUT_ERROR, "error", "ply", false, write_error},  {OUTPUT_REPORT, "report", "json", false, write_report},
+    {OUTPUT_CLOUD, "cloud", "ply", true, write_cloud},      {OUTPUT_CLOUD_XYZ, "cloud", "xyz", true, write_xyz},
+    {OUTPUT_CLOUD_PCD, "cloud", "pcd", true, write_pcd},    {OUTPUT_MESH, "mesh", "ply", true, write_mesh},
+    {OUTPUT_MESH_OBJ, "mesh", "obj", true, write_obj},      {OUTPUT_MESH_STL, "mesh", "stl", true, write_stl},
+    {OUTPUT_MESH_GLB, "mesh", "glb", true, write_glb},      {OUTPUT_DSO, "dso", "ply", false, write_dso},
+    {OUTPUT_ERROR, "error", "ply", false, write_error},     {OUTPUT_PREVIEW, "preview", "png", false, write_preview},
+    {OUTPUT_REPORT, "report", "json", false, write_report},
 };
 enum { FILES = sizeof files / sizeof files[0] };
 

@@ -22,13 +22,10 @@
 static const struct {
     const char *suffix, *media_type;
 } media_types[] = {
-    {".ply", "model/ply"},
-    {".xyz", "text/plain; charset=utf-8"},
-    {".json", "application/json"},
-    {".obj", "model/obj"},
-    {".stl", "model/stl"},
-    {".glb", "model/gltf-binary"},
-    {"", "application/octet-stream"},
+    {".ply", "model/ply"},         {".xyz", "text/plain; charset=utf-8"},
+    {".json", "application/json"}, {".obj", "model/obj"},
+    {".stl", "model/stl"},         {".glb", "model/gltf-binary"},
+    {".png", "image/png"},         {"", "application/octet-stream"},
 };
 
 const char *handlers_media_type(const char *name) {

@@ -31,10 +31,10 @@ until url=$(grep -osm1 'http://127.0.0.1:[0-9]*' "$work/listening"); do
 done
 
 echo "whittled is at $url"
-echo "POST $url/v1/jobs?ratio=$ratio&outputs=cloud,mesh,report  <  $(basename "$cloud")"
+echo "POST $url/v1/jobs?ratio=$ratio&outputs=cloud,mesh,preview.png,report  <  $(basename "$cloud")"
 # The query is encoded by curl, whatever the ratio is.
 reply=$(curl -s --show-error --fail-with-body -X POST -T "$cloud" --url-query "ratio=$ratio" \
-    --url-query outputs=cloud,mesh,report "$url/v1/jobs" 2>"$work/curl") || {
+    --url-query outputs=cloud,mesh,preview.png,report "$url/v1/jobs" 2>"$work/curl") || {
     jq -er '"demo: the job was refused: " + .title + ": " + .detail' <<<"$reply" >&2 2>/dev/null || cat "$work/curl" >&2
     exit 1
 }
@@ -51,7 +51,7 @@ echo
 [ "$status" = successful ] || { jq -r '"demo: the job \(.status): " + (.problem.detail // "no reason given")' <<<"$doc" >&2; exit 1; }
 
 mkdir -p "$out"
-for name in cloud.ply mesh.ply report.json; do
+for name in cloud.ply mesh.ply preview.png report.json; do
     curl -sS --fail-with-body -o "$out/$name" "$url$job/outputs/$name"
 done
 
@@ -68,4 +68,4 @@ jq -r '
   (.warnings[] | row("warning"; .)),
   (.timings_ms | to_entries[] | row("time, " + .key; (.value * 10 | round / 10 | tostring) + " ms"))
 ' "$out/report.json"
-ls -l "$out"/cloud.ply "$out"/mesh.ply "$out"/report.json
+ls -l "$out"/cloud.ply "$out"/mesh.ply "$out"/preview.png "$out"/report.json

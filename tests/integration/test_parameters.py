@@ -79,6 +79,7 @@ def files(scan, folder, options, program=WHITTLE):
 
 # parameter: (scan, what else is asked for, values, what of the results has to differ between any two of them)
 CLOUD, MESH = {"outputs": "cloud"}, {"outputs": "mesh,report"}
+PREVIEW = {"outputs": "preview.png", "preview_size": 128}
 ROWS = {
     "ratio": ("torus", CLOUD, (0.1, 0.2, 1), "cloud.ply"),
     "points": ("torus", CLOUD, (1, 100, 101), "cloud.ply"),
@@ -92,7 +93,7 @@ ROWS = {
     "normals": ("torus", CLOUD, ("false", "true"), "cloud.ply"),
     "levels": ("torus", CLOUD, ("0.1", "0.2", "0.2,0.1", "0.2,0.05"), None),
     "outputs": ("torus", {}, ("cloud", "xyz", "mesh", "report", "dso", "error", "cloud.pcd", "mesh.obj", "mesh.stl",
-                              "mesh.glb"), None),
+                              "mesh.glb", "preview.png"), None),
     "denoise": ("noisy", CLOUD | {"ratio": 1}, ("none", "outliers", "full"), "cloud.ply"),
     "placement": ("torus", MESH, ("subset", "optimal"), "mesh.ply"),
     "dso": ("torus", CLOUD, ("rms", "sum", "none"), "cloud.ply"),
@@ -112,8 +113,12 @@ ROWS = {
     "pcd_precision": ("survey", {"outputs": "cloud.pcd"}, ("float", "double"), "cloud.pcd"),
     "header": ("survey", {"outputs": "xyz"}, ("none", "plain", "hash"), "cloud.xyz"),
     "columns": ("survey", CLOUD, ("x,y,z", "y,x,z", "x,y,z,-", "x:2,y:1,z:i"), "cloud.ply"),
+    "preview_size": ("torus", PREVIEW, (64, 65, 200), "preview.png"),
+    "preview_azimuth": ("torus", PREVIEW, (-90, 0, 0.5, 200), "preview.png"),
+    "preview_elevation": ("torus", PREVIEW, (-90, 0, 10.5, 90), "preview.png"),
+    "preview_up": ("torus", PREVIEW, ("x", "y", "z"), "preview.png"),
     "seed": ("torus", MESH, (0, 1, 2), "mesh_to_input"),
-    "threads": ("torus", MESH | {"outputs": "cloud,mesh,dso,error,report"}, (0, 1, 3), None),
+    "threads": ("torus", MESH | {"outputs": "cloud,mesh,dso,error,report,preview.png"}, (0, 1, 3), None),
 }
 WITHOUT_EFFECT = {"threads"}
 

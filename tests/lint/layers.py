@@ -36,7 +36,8 @@ ROOMS = {
     "core/measure": {"core/base", "core/math", "core/cloud", "core/mesh", "core/spatial"},
     "core/pipeline": {"core/base", "core/math", "core/cloud", "core/mesh", "core/io", "core/io/formats", "core/spatial",
                       "core/clean", "core/simplify", "core/surface", "core/surface/cocone", "core/surface/sheet",
-                      "core/refine", "core/measure"},
+                      "core/refine", "core/measure", "core/picture"},
+    "core/picture": {"core/base", "core/math", "core/cloud", "core/mesh", "core/io", "core/spatial"},
     "core/library": {"core/base", "core/cloud", "core/mesh", "core/io", "core/pipeline"},
 }
 # The rooms of server/ likewise, but for what every one of them may include of server/daemon/.
@@ -76,6 +77,7 @@ OWNER = {
     r"CGAL/.*": r"core/surface/\w+_cgal\.cc",
     r"zlib\.h": r"core/io/codec/inflate_gzip\.c",
     r"zstd(_errors)?\.h": r"core/io/codec/inflate_zstd\.c",
+    r"png\.h": r"core/picture/png_write\.c",
     r"curl/.*": r"server/webhooks/http_client\.c",
     r"sqlite3\.h": r"server/catalog/sqlite/sql(_faults)?\.c",
     r"server/catalog/sqlite/.*": r"server/catalog/sqlite/\w+\.[ch]",

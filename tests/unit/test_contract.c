@@ -230,7 +230,7 @@ static void a_plane_costs_nothing(void **state) {
     (void)state;
     struct made made = make(shape_height_field(30, height_plane), 900, 2);
     struct distance_stats stats;
-    assert_int_equal(tangent_error(made.point, made.normal, 900, &made.contraction.order[800], 100, 2, &stats),
+    assert_int_equal(tangent_error(made.point, made.normal, 900, &made.contraction.order[800], 100, 2, &stats, NULL),
                      STATUS_OK);
     assert_int_equal(stats.count, 900);
     assert_true(stats.max < 1e-12);

@@ -51,7 +51,7 @@ static void start_done(struct start *s) {
 
 static double error_of(const struct start *start, const uint32_t *kept, size_t k) {
     struct distance_stats stats;
-    assert_int_equal(tangent_error(start->point, start->normal, N, kept, k, 1, &stats), STATUS_OK);
+    assert_int_equal(tangent_error(start->point, start->normal, N, kept, k, 1, &stats, NULL), STATUS_OK);
     return stats.mean;
 }
 

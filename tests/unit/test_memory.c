@@ -15,6 +15,7 @@
 #include <cmocka.h>
 
 #include "core/io/read.h"
+#include "core/picture/picture.h"
 #include "core/pipeline/memory.h"
 #include "core/pipeline/pipeline.h"
 #include "tests/unit/shapes.h"
@@ -62,7 +63,16 @@ static int run_job(const char *path, const struct params *params) {
     struct cloud cloud = {0};
     struct pipeline_result result = {0};
     if (cloud_read_path(path, NULL, NULL, &cloud, NULL)) return 1;
-    return pipeline_run(&cloud, params, NULL, &result, NULL) ? 1 : 0;
+    if (pipeline_run(&cloud, params, NULL, &result, NULL)) return 1;
+    const struct picture_scene scene = {.cloud = &cloud,
+                                        .normal = (const float(*)[3])result.facing,
+                                        .deviation = result.distance,
+                                        .mesh = &result.level[0].mesh,
+                                        .kept = result.kept,
+                                        .kept_count = result.level[0].kept_count};
+    const struct picture_view view = {params->preview_size, 30, 25, VIEW_UP_AUTO};
+    struct picture picture;
+    return params->outputs & OUTPUT_PREVIEW && picture_make(&scene, &view, 0, &picture) ? 1 : 0;
 }
 
 static double peak_of(const char *path, const struct params *params) {
@@ -108,6 +118,9 @@ static const struct {
     {30000, 0, 0, "outputs cloud,mesh,report ratio 0.2 placement optimal", 1.5},
     {30000, 0, 0, "outputs cloud,mesh,report ratio 0.9 placement optimal", 1.5},
     {30000, 0, 0, "outputs cloud,mesh,report,dso,error levels 0.4,0.2,0.1", 1.9},
+    {30000, 0, 0, "outputs mesh,preview.png", 1.9},
+    {1000, 0, 0, "outputs preview.png preview_size 600", 1.6},
+    {400000, 0, 0, "outputs preview.png preview_size 300", 1.8},
     {30000, 0, 0, "outputs cloud,mesh,report ratio 0.1 reference reconstruction refine none", 2.1},
 };
 

@@ -10,6 +10,7 @@
 #include "core/base/quantile.h"
 
 static const double SMALLEST = 1e-200; /* half a box's side: what is smaller is one place */
+static const double FLAT = 0.4;        /* of its length: what is lower lies, as terrain does */
 static const double MARGIN = 0.04, STRAYS = 0.002, HARDLY = 1.25, DEGREE = 0.017453292519943295;
 
 struct extent {
@@ -23,7 +24,9 @@ static vec3 box_of(const vec3 *point, size_t n, vec3 *middle) {
     return vec3_sub(vec3_scale(high, 0.5), vec3_scale(low, 0.5)); /* halves, which don't overflow */
 }
 
-static enum view_up choose_up(vec3 box) { return box.y > box.x && box.y > box.z ? VIEW_UP_Y : VIEW_UP_Z; }
+static enum view_up choose_up(vec3 box) {
+    return box.y > box.x && box.y > box.z && box.z > FLAT * box.y ? VIEW_UP_Y : VIEW_UP_Z;
+}
 
 static void set_axes(struct view *view, enum view_up up, double azimuth, double elevation) {
     static const vec3 x = {1, 0, 0}, y = {0, 1, 0}, z = {0, 0, 1};

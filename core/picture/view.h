@@ -10,7 +10,7 @@
 #include "core/math/vec3.h"
 
 /* Which axis of the file points upwards.  AUTO: y where that is the longest side of the box, as of figures
- * that stand; else z. */
+ * that stand, and z isn't short; else z. */
 enum view_up { VIEW_UP_AUTO, VIEW_UP_X, VIEW_UP_Y, VIEW_UP_Z };
 
 /* right, up and towards (the viewer) are orthogonal unit vectors.  Pixels: x to the right, y downwards, from the

@@ -19,6 +19,7 @@
 #include "core/measure/sampler.h"
 
 enum { BATCH = 1 << 16, GRAIN = 1024, PER_TRIANGLE = 10, TRIALS = 512 };
+static const double DISK_FAR = 64, DISK_SLACK = 0x1p-6; /* struct knn_slack, of tangent disks */
 
 /* What samples are measured to: a surface, points with tangent disks, or points. */
 struct target {
@@ -102,7 +103,8 @@ static enum status measure_places(struct meter *m, size_t n) {
     enum status status;
     if (target->disks)
         status =
-            knn_nearest(target->disks->knn, target->disks->spacing, m->sample, n, threads, m->nearest, m->distance);
+            knn_search_nearly(target->disks->knn, &(struct knn_slack){target->disks->spacing, DISK_FAR, DISK_SLACK},
+                              m->sample, n, 1, threads, m->nearest, m->distance);
     else
         status = knn_search(target->points, m->sample, n, 1, threads, m->nearest, m->distance);
     if (!status) par_for(threads, n, GRAIN, target->disks ? disk_range : root_range, m);

@@ -52,9 +52,10 @@ struct metro_errors {
 /* Measures the mesh (at least one triangle) in all directions that the reference allows.  Means are over the samples,
  * maxima over the whole surface: to a surface within LARGEST_SLACK (core/measure/largest.h) of the true one.  A tangent
  * disk is what a point says of the surface around it: with q the point nearest to x, the distance is |(x - q) . n_q|
- * where |x - q| <= 2 spacing_q, else |x - q|.  About 0.5 us for each sample to a surface and 1 us to points.
- * STATUS_DEGENERATE: a surface without triangles; STATUS_LIMIT, before anything is measured: samples take more than
- * most_visits, as between faces that lie all across each other; STATUS_NO_MEMORY, STATUS_CANCELLED. */
+ * where |x - q| <= 2 spacing_q, else |x - q|, and over 64 spacings away that to within 1.6 %.  About 0.5 us for each
+ * sample to a surface and 1 us to points. STATUS_DEGENERATE: a surface without triangles; STATUS_LIMIT, before anything
+ * is measured: samples take more than most_visits, as between faces that lie all across each other; STATUS_NO_MEMORY,
+ * STATUS_CANCELLED. */
 enum status metro_measure(const struct mesh *mesh, const struct metro_reference *reference,
                           const struct metro_options *options, struct metro_errors *errors) MUST_CHECK;
 

@@ -14,6 +14,7 @@
 #include "core/measure/sampler.h"
 
 enum { SAMPLES = 20000, NEAREST = 8, GRAIN = 256 };
+static const double FAR = 64, NEARLY = 0.25; /* struct knn_slack: nothing so far off supports a sample */
 
 struct search {
     const struct mesh *mesh;
@@ -58,7 +59,9 @@ static enum status judge(struct search *s, unsigned threads, double *share) {
     double *distance_sq = alloc_array(n * NEAREST, sizeof *distance_sq);
     if (!distance_sq) return STATUS_NO_MEMORY;
     par_for(threads, n, GRAIN, fill_range, s);
-    enum status status = knn_search(s->points->knn, s->sample, n, NEAREST, threads, s->near, distance_sq);
+    struct knn_slack slack = {s->points->spacing, FAR, NEARLY};
+    enum status status =
+        knn_search_nearly(s->points->knn, &slack, s->sample, n, NEAREST, threads, s->near, distance_sq);
     free(distance_sq);
     if (status) return status;
     par_for(threads, n, GRAIN, judge_range, s);

@@ -141,13 +141,15 @@ static enum status look_at_points(struct run *run) {
 
 /* How much of a mesh of the sites has no points. */
 static enum status find_lid(const struct run *run, const struct mesh *mesh, double *share) {
-    struct sheet_points points = {.knn = run->knn, .spacing = run->hood.spacing};
+    struct sheet_points points = {.knn = run->knn};
     float *reach = alloc_array(run->points.count, sizeof *reach);
+    uint8_t *stray = alloc_array(run->points.count, sizeof *stray);
     enum status status =
-        reach ? sheet_reach_in(&run->hood, run->points.point, reach, &points.median) : STATUS_NO_MEMORY;
-    points.reach = reach;
+        reach && stray ? sheet_reach_in(&run->hood, run->points.point, reach, &points.median) : STATUS_NO_MEMORY;
+    if (!status) sheet_find_strays(&run->hood, reach, stray);
+    points.reach = reach, points.stray = stray;
     if (!status) status = surface_lid_of(mesh, &points, run->threads, share);
-    free(reach);
+    free(reach), free(stray);
     return status;
 }
 

@@ -19,6 +19,9 @@
  * So a triangle is passed over only where it can't win, and the answer (the least distance, and the lowest id of those
  * that have it) depends neither on the hint nor on the order of the search.
  *
+ * From very far away all boxes are as near, as far as float tells.  Such a query passes over what could win by next to
+ * nothing alone, and takes no hint, so that its answer depends on nothing but the hierarchy.
+ *
  * Splits are by the surface area heuristic over binned centres.  One thread makes the upper levels, any thread the
  * subtrees below, each with nodes of its own, so that the tree doesn't depend on the threads.  Meshes that defeat it
  * (all centres equal, sizes that shrink exponentially) are halved after DEEP levels, which bounds the stack.
@@ -50,7 +53,9 @@ enum { TASK = 1024, GRAIN = 512, ITEM_GRAIN = 4096 }; /* triangles of a subtree 
 
 #define PAD 0x1p-20f
 #define SLACK (1 - 0x1p-18f)
-#define FAR 0x1p50 /* where squares of float come near their end */
+#define FAR 0x1p50           /* where squares of float come near their end */
+#define AWAY 0x1p12          /* extents from which on a nearly nearest point will do */
+#define NEARLY (1 - 0x1p-16) /* of its squared distance: more than float boxes lose there */
 
 /* Parts: of at least so many triangles, so deep within each other, where the square of the extent for each triangle is
  * that of 32 pads or less, and so small that there is something to gain. */
@@ -615,6 +620,7 @@ struct search {
     double distance_sq;
     uint32_t triangle;
     size_t visits; /* of nodes and leaves */
+    double nearly; /* what is nearer than by this factor of the squared distance is looked for; 1 = the nearest */
 };
 
 static inline void try_slot(struct search *s, uint32_t slot) {
@@ -661,14 +667,14 @@ static inline struct todo *push_children(struct todo *top, const struct node *no
     return top;
 }
 
-static bool is_far(vec3 p) { return !(fabs(p.x) < FAR && fabs(p.y) < FAR && fabs(p.z) < FAR); }
+static bool is_beyond(vec3 p, double limit) { return !(fabs(p.x) < limit && fabs(p.y) < limit && fabs(p.z) < limit); }
 
 static void descend(struct search *s, const struct part *part) {
     vec3 q = to_frame(&part->frame, s->p);
-    double per_sq = part->frame.scale * part->frame.scale;
+    double per_sq = part->frame.scale * part->frame.scale * s->nearly;
     const float p[3] = {(float)q.x, (float)q.y, (float)q.z};
     struct todo stack[STACK], *top = stack;
-    if (is_far(q)) {
+    if (is_beyond(q, FAR)) {
         s->visits += part->all.count;
         try_slots(s, part->all);
         return;
@@ -687,12 +693,18 @@ static void descend(struct search *s, const struct part *part) {
     }
 }
 
+static struct search search_from(const struct bvh *bvh, vec3 p) {
+    vec3 inside = to_inside(bvh, p);
+    double nearly = is_beyond(inside, AWAY) ? NEARLY : 1;
+    return (struct search){.bvh = bvh, .p = inside, .distance_sq = INFINITY, .triangle = NONE, .nearly = nearly};
+}
+
 struct bvh_hit bvh_closest_within(const struct bvh *bvh, vec3 p, uint32_t hint, double bound_sq) {
     struct bvh_hit hit = {.distance_sq = INFINITY, .triangle = NONE};
     if (bvh->triangle_count == 0) return hit;
-    struct search s = {.bvh = bvh, .p = to_inside(bvh, p), .triangle = NONE};
+    struct search s = search_from(bvh, p);
     s.distance_sq = bound_sq * bvh->scale * bvh->scale;
-    if (hint != NONE) try_slot(&s, bvh->slot[hint]);
+    if (hint != NONE && s.nearly == 1) try_slot(&s, bvh->slot[hint]);
     descend(&s, &bvh->whole);
     if (s.triangle == NONE) return hit;
     hit.distance_sq = s.distance_sq * bvh->unscale * bvh->unscale;
@@ -704,7 +716,7 @@ struct bvh_hit bvh_closest_within(const struct bvh *bvh, vec3 p, uint32_t hint, 
 size_t bvh_visits(const struct bvh *bvh, const vec3 *p, size_t n, size_t most) {
     size_t visits = 0;
     for (size_t i = 0; i < n && visits <= most; i++) {
-        struct search s = {.bvh = bvh, .p = to_inside(bvh, p[i]), .distance_sq = INFINITY, .triangle = NONE};
+        struct search s = search_from(bvh, p[i]);
         if (bvh->triangle_count) descend(&s, &bvh->whole);
         visits += s.visits;
     }

@@ -47,7 +47,7 @@ struct search {
     const struct knn *knn;
     const vec3 *queries;
     unsigned k;
-    const float *spacing; /* NULL: all exact */
+    const struct knn_slack *slack; /* NULL: all exact */
     uint32_t *id;
     double *distance_sq;
     atomic_bool failed;
@@ -57,8 +57,8 @@ static enum status ask_alone(const struct search *search, size_t q) {
     uint32_t *id = &search->id[q * search->k];
     double *distance_sq = &search->distance_sq[q * search->k];
     unsigned found;
-    enum status status = knn_pieces_nearest(search->knn->pieces, search->queries[q], search->k, search->spacing, id,
-                                            distance_sq, &found);
+    enum status status =
+        knn_pieces_nearest(search->knn->pieces, search->queries[q], search->k, search->slack, id, distance_sq, &found);
     for (unsigned i = found; !status && i < search->k; i++) id[i] = UINT32_MAX, distance_sq[i] = INFINITY;
     return status;
 }
@@ -126,20 +126,18 @@ static void search_range(void *ctx, size_t begin, size_t end) {
     if (status) atomic_store(&search->failed, true);
 }
 
-enum status knn_search(const struct knn *knn, const vec3 *queries, size_t m, unsigned k, unsigned threads, uint32_t *id,
-                       double *distance_sq) {
+enum status knn_search_nearly(const struct knn *knn, const struct knn_slack *slack, const vec3 *queries, size_t m,
+                              unsigned k, unsigned threads, uint32_t *id, double *distance_sq) {
     assert(k >= 1 && k <= KNN_MAX_K);
-    struct search search = {.knn = knn, .queries = queries, .k = k, .id = id, .distance_sq = distance_sq};
+    struct search search = {
+        .knn = knn, .queries = queries, .k = k, .slack = slack, .id = id, .distance_sq = distance_sq};
     par_for(threads, m, BATCH, search_range, &search);
     return atomic_load(&search.failed) ? STATUS_NO_MEMORY : STATUS_OK;
 }
 
-enum status knn_nearest(const struct knn *knn, const float *spacing, const vec3 *queries, size_t m, unsigned threads,
-                        uint32_t *id, double *distance_sq) {
-    struct search search = {
-        .knn = knn, .queries = queries, .k = 1, .spacing = spacing, .id = id, .distance_sq = distance_sq};
-    par_for(threads, m, BATCH, search_range, &search);
-    return atomic_load(&search.failed) ? STATUS_NO_MEMORY : STATUS_OK;
+enum status knn_search(const struct knn *knn, const vec3 *queries, size_t m, unsigned k, unsigned threads, uint32_t *id,
+                       double *distance_sq) {
+    return knn_search_nearly(knn, NULL, queries, m, k, threads, id, distance_sq);
 }
 
 void knn_free(struct knn *knn) {

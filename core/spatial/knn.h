@@ -27,12 +27,17 @@ enum status knn_new(const vec3 *points, size_t n, unsigned threads, struct knn *
 enum status knn_search(const struct knn *knn, const vec3 *queries, size_t m, unsigned k, unsigned threads, uint32_t *id,
                        double *distance_sq) MUST_CHECK;
 
-/* The nearest point of each of m queries, as knn_search has it, but of a query that is over 4096 times as far from what
- * is found as points are apart there (spacing, one for each point) one that may be farther than the nearest by 1/2000.
- * From far off all points of a scan are about as near, so telling which is nearest takes looking at very many; no query
- * within the box of an ordinary scan is that far. */
-enum status knn_nearest(const struct knn *knn, const float *spacing, const vec3 *queries, size_t m, unsigned threads,
-                        uint32_t *id, double *distance_sq) MUST_CHECK;
+/* Where the nearest points needn't be exact: a point that is found over `far` times its own length away may be farther
+ * than the true one by so large a share of the distance. */
+struct knn_slack {
+    const float *length; /* of each point, such as the distance to its neighbours; borrowed */
+    double far, share;
+};
+
+/* The same with some slack.  From far off all points of a scan are about as near, so telling which are nearest takes
+ * looking at very many, as many as the query is spacings away on a surface. */
+enum status knn_search_nearly(const struct knn *knn, const struct knn_slack *slack, const vec3 *queries, size_t m,
+                              unsigned k, unsigned threads, uint32_t *id, double *distance_sq) MUST_CHECK;
 
 /* Accepts NULL. */
 void knn_free(struct knn *knn);

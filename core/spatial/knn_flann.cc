@@ -42,8 +42,6 @@ namespace {
 constexpr int LEAF_POINTS = 28;
 constexpr double FARTHEST = std::numeric_limits<double>::max();
 constexpr double ROUNDING = 1 + 1e-12; /* more than the tree's bounds are off by */
-constexpr double FAR_SQ = 0x1p24;      /* in squares of spacings: from there on a nearly nearest point will do */
-constexpr double NEARLY = 1 - 0x1p-10; /* of the square */
 
 using Tree = flann::KDTreeSingleIndex<flann::L2_3D<double>>;
 
@@ -52,8 +50,8 @@ using Tree = flann::KDTreeSingleIndex<flann::L2_3D<double>>;
 class Nearest final : public flann::ResultSet<double> {
   public:
     Nearest(unsigned most, uint32_t *ids, double *distances_sq, unsigned there, const uint32_t *all_ids,
-            const float *spacings)
-        : count(there), k(most), id_of(all_ids), spacing(spacings), id(ids), distance_sq(distances_sq) {
+            const struct knn_slack *slacks)
+        : count(there), k(most), id_of(all_ids), slack(slacks), id(ids), distance_sq(distances_sq) {
         set_worst();
     }
     bool full() const override { return count == k; }
@@ -75,16 +73,18 @@ class Nearest final : public flann::ResultSet<double> {
     }
     void set_worst() {
         if (count < k) return;
-        worst = distance_sq[k - 1] * (is_far() ? NEARLY : ROUNDING) + std::numeric_limits<double>::min();
+        worst = distance_sq[k - 1] * (is_far() ? nearly_sq() : ROUNDING) + std::numeric_limits<double>::min();
     }
     bool is_far() const {
-        double own = spacing ? static_cast<double>(spacing[id[k - 1]]) : 0;
-        return spacing && distance_sq[k - 1] > FAR_SQ * own * own;
+        if (!slack) return false;
+        double own = slack->far * static_cast<double>(slack->length[id[k - 1]]);
+        return distance_sq[k - 1] > own * own;
     }
+    double nearly_sq() const { return (1 - slack->share) * (1 - slack->share); }
 
     unsigned k;
     const uint32_t *id_of;
-    const float *spacing;
+    const struct knn_slack *slack;
     uint32_t *id;
     double *distance_sq, worst = FARTHEST;
 };
@@ -140,10 +140,10 @@ enum status knn_flann_new(const vec3 *points, const uint64_t *item, size_t n, st
     return guard([&] { *tree = new knn_flann(points, item, n); });
 }
 
-enum status knn_flann_nearest(const struct knn_flann *tree, vec3 query, unsigned k, const float *spacing, uint32_t *id,
-                              double *distance_sq, unsigned *count) {
+enum status knn_flann_nearest(const struct knn_flann *tree, vec3 query, unsigned k, const struct knn_slack *slack,
+                              uint32_t *id, double *distance_sq, unsigned *count) {
     return guard([&] {
-        Nearest nearest(k, id, distance_sq, *count, tree->id.data(), spacing);
+        Nearest nearest(k, id, distance_sq, *count, tree->id.data(), slack);
         tree->ask(nearest, query);
         *count = nearest.count;
     });

@@ -14,6 +14,7 @@ extern "C" {
 
 #include "core/base/status.h"
 #include "core/math/vec3.h"
+#include "core/spatial/knn.h"
 
 struct knn_flann;
 
@@ -22,10 +23,10 @@ struct knn_flann;
 enum status knn_flann_new(const vec3 *points, const uint64_t *item, size_t n, struct knn_flann **tree) MUST_CHECK;
 
 /* The k nearest of the tree's points and of the *count <= k that are there already, nearest first; of points that are
- * equally far, the lower id.  *count becomes how many there are, k unless there are fewer points.  spacing: of all
- * points, or NULL; with it, of what is far off (knn_nearest), nearly the nearest.  STATUS_NO_MEMORY. */
-enum status knn_flann_nearest(const struct knn_flann *tree, vec3 query, unsigned k, const float *spacing, uint32_t *id,
-                              double *distance_sq, unsigned *count) MUST_CHECK;
+ * equally far, the lower id.  *count becomes how many there are, k unless there are fewer points.  slack: NULL = none.
+ * STATUS_NO_MEMORY. */
+enum status knn_flann_nearest(const struct knn_flann *tree, vec3 query, unsigned k, const struct knn_slack *slack,
+                              uint32_t *id, double *distance_sq, unsigned *count) MUST_CHECK;
 
 /* Adds the points that are nearer to the centre than the radius to the *count that are there already, in no particular
  * order; where that makes more than most, *count is over most and id of no use.  STATUS_NO_MEMORY. */

@@ -9,6 +9,7 @@
 
 #include "core/base/status.h"
 #include "core/math/vec3.h"
+#include "core/spatial/knn.h"
 
 struct knn_pieces;
 
@@ -17,8 +18,8 @@ struct knn_pieces;
 enum status knn_pieces_new(const vec3 *points, size_t n, unsigned threads, struct knn_pieces **pieces) MUST_CHECK;
 
 /* The k nearest points, nearest first; of points that are equally far, the lower id.  *count is how many there are, k
- * unless there are fewer points.  spacing: as knn_flann_nearest has it.  STATUS_NO_MEMORY. */
-enum status knn_pieces_nearest(const struct knn_pieces *pieces, vec3 query, unsigned k, const float *spacing,
+ * unless there are fewer points.  slack: as knn_flann_nearest has it.  STATUS_NO_MEMORY. */
+enum status knn_pieces_nearest(const struct knn_pieces *pieces, vec3 query, unsigned k, const struct knn_slack *slack,
                                uint32_t *id, double *distance_sq, unsigned *count) MUST_CHECK;
 
 /* The points that are nearer to the centre than the radius, in no particular order, and how many; where there are more

@@ -37,11 +37,6 @@ def predicted(build, path, outputs, *settings):
     return int(told.stdout)
 
 
-# Faces that reach a stray make `auto` take the cloud for an open one; its mesh is then measured against faces that go
-# far away from it, which takes up to ten times as long.
-SETTINGS = {"faces of a stray": ("surface=closed",), "faces in one cell": ("surface=closed",)}
-
-
 class Bench:
     def __init__(self, build, points, folder):
         self.build, self.points, self.folder = pathlib.Path(build).absolute(), points, pathlib.Path(folder)
@@ -49,18 +44,17 @@ class Bench:
         self.plain_points = odd_shapes.write("plain", points, self.plain_path)
         self.plain = {outputs: self.plain_seconds(outputs) for outputs in OUTPUTS}
 
-    def run(self, path, outputs, *settings):
-        memory = predicted(self.build, path, outputs, *settings)
-        options = [word for setting in settings for word in f"--{setting}".split("=")]
-        return run(self.build, path, outputs, self.folder, "--memory", memory, *options)
+    def run(self, path, outputs):
+        memory = predicted(self.build, path, outputs)
+        return run(self.build, path, outputs, self.folder, "--memory", memory)
 
     def plain_seconds(self, outputs):
         return min(self.run(self.plain_path, outputs)[0] for _ in range(2)) / self.plain_points
 
-    def again(self, path, count, outputs, *settings):
+    def again(self, path, count, outputs):
         """The ratio, measured side by side."""
         before = self.run(self.plain_path, outputs)[0]
-        odd = self.run(path, outputs, *settings)[0]
+        odd = self.run(path, outputs)[0]
         after = self.run(self.plain_path, outputs)[0]
         return odd / count / (max(before, after) / self.plain_points)
 
@@ -69,15 +63,14 @@ class Bench:
         path = self.folder / "odd.ply"
         count = odd_shapes.write(name, self.points, path)
         for outputs in OUTPUTS:
-            settings = SETTINGS.get(name, ())
-            seconds, peak, status, said = self.run(path, outputs, *settings)
+            seconds, peak, status, said = self.run(path, outputs)
             ratio = seconds / count / self.plain[outputs]
             for _ in range(AGAIN):
                 if NEAR < ratio < 5 * MOST_RATIO:
-                    ratio = min(ratio, self.again(path, count, outputs, *settings))
+                    ratio = min(ratio, self.again(path, count, outputs))
             if status and not said:
                 said = f"ended by {status}"
-            yield outputs, ratio, peak / predicted(self.build, path, outputs, *settings), status, said
+            yield outputs, ratio, peak / predicted(self.build, path, outputs), status, said
 
 
 def main():

@@ -283,6 +283,44 @@ static void the_lid_decides_where_points_do_not(void **state) {
     assert_int_equal(field.form, SURFACE_OPEN);
 }
 
+/* The lid of a closed mesh; with_strays: known as such. */
+static double lid_of(const struct scan *scan, bool with_strays) {
+    struct reconstruct_input input = {.points = scan->kept, .n = scan->kept_count};
+    struct reconstruct_options options = {.threads = 1};
+    struct tets tets = {0};
+    struct mesh mesh = {0};
+    struct neighbourhood hood = dense_hood(&scan->dense);
+    float *reach = calloc(scan->dense.n, sizeof *reach);
+    uint8_t *stray = calloc(scan->dense.n, 1);
+    struct sheet_points points = {scan->knn, reach, 0, with_strays ? stray : NULL};
+    double share = -1;
+    assert_true(reach && stray);
+    assert_int_equal(delaunay_build(scan->kept, scan->kept_count, 1, NULL, &tets, NULL), STATUS_OK);
+    assert_int_equal(reconstruct_surface(&tets, &input, &options, NULL, &mesh, NULL), STATUS_OK);
+    assert_int_equal(sheet_reach_in(&hood, scan->dense.point, reach, &points.median), STATUS_OK);
+    sheet_find_strays(&hood, reach, stray);
+    /* Sources are of kept points, and each EACHth point or so is kept. */
+    for (size_t v = 0, p = 0; v < mesh.vertex_count; v++) {
+        for (p = 0; vec3_distance(scan->dense.point[p], mesh.vertex[v]) > 0;) p++;
+        mesh.source[v] = (uint32_t)p;
+    }
+    assert_int_equal(surface_lid_of(&mesh, &points, 1, &share), STATUS_OK);
+    free(reach), free(stray);
+    neighbourhood_done(&hood), mesh_done(&mesh), tets_done(&tets);
+    return share;
+}
+
+static void a_stray_is_no_lid(void **state) {
+    (void)state;
+    struct scan scan = scan_of(sphere);
+    scan.kept[scan.kept_count++] = scan.dense.point[scan.dense.n - 1] = (vec3){90, 30, 20};
+    knn_free(scan.knn);
+    assert_int_equal(knn_new(scan.dense.point, scan.dense.n, 1, &scan.knn, NULL), STATUS_OK);
+    assert_true(lid_of(&scan, false) > 0.5);
+    assert_true(lid_of(&scan, true) < 0.001);
+    scan_done(&scan);
+}
+
 /* Mean of the normals' z, weighted by area. */
 static double uprightness(const struct mesh *mesh) {
     vec3 sum = {0, 0, 0};
@@ -391,7 +429,7 @@ int main(void) {
         cmocka_unit_test(a_folded_grid_is_one_sheet),          cmocka_unit_test(points_say_what_they_are_of),
         cmocka_unit_test(the_lid_decides_where_points_do_not), cmocka_unit_test(sides_follow_what_is_known),
         cmocka_unit_test(threads_make_the_same_mesh),          cmocka_unit_test(all_stages_can_be_cancelled),
-        cmocka_unit_test(a_failing_allocation_is_told),
+        cmocka_unit_test(a_failing_allocation_is_told),        cmocka_unit_test(a_stray_is_no_lid),
     };
     return cmocka_run_group_tests_name("sheet", tests, NULL, NULL);
 }

@@ -36,6 +36,9 @@ static const uint32_t NOT_JUDGED = NONE - 1; /* the group of cells whose differe
 
 #define DISK 2.0 /* radius of a tangent disk, in spacings of its point */
 
+static const double FAR = 4096,
+                    NEARLY = 0x1p-11; /* struct knn_slack: no place within the box of a scan is so far off */
+
 /* Where a facet is measured: the middle, and towards the middles of its edges. */
 static const double place_at[PLACES][3] = {
     {1 / 3.0, 1 / 3.0, 1 / 3.0}, {0.1, 0.45, 0.45}, {0.45, 0.1, 0.45}, {0.45, 0.45, 0.1}};
@@ -257,8 +260,8 @@ static double to_disk(const struct reconstruct_dense *dense, vec3 place, uint32_
 }
 
 static enum status score_batch(struct judge *j, struct batch *b) {
-    enum status status =
-        knn_nearest(j->dense->knn, j->dense->spacing, b->place, b->n, j->threads, b->nearest, b->distance_sq);
+    enum status status = knn_search_nearly(j->dense->knn, &(struct knn_slack){j->dense->spacing, FAR, NEARLY}, b->place,
+                                           b->n, 1, j->threads, b->nearest, b->distance_sq);
     for (size_t i = 0; i < b->n && !status; i++)
         j->score[b->group[i / PLACES]] +=
             b->weight[i / PLACES] * to_disk(j->dense, b->place[i], b->nearest[i], b->distance_sq[i]);

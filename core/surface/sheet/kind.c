@@ -20,9 +20,12 @@
 #include <stdlib.h>
 
 #include "core/base/alloc.h"
+#include "core/base/quantile.h"
 #include "core/math/sym3.h"
 
 enum { SAMPLES = 2000, NEAR = 9, ABOVE = 3 /* of those near, so many make a layer */, RINGS = 3 };
+enum { BOX_SAMPLES = 2048, CROWD = 256 };
+static const double MARGIN = 0.01;       /* so many points on either side may be strays */
 static const double HEIGHT = 6, OFF = 2; /* of the distance of the farthest of those near, in the plane */
 static const double LEANS = 0.5;         /* cosine to the direction: below, the surface is steep */
 static const double FIELD_LAYERED = 0.1, FIELD_STEEP = 0.15, OPEN_LAYERED = 0.4, SURE_LAYERED = 0.35;
@@ -30,7 +33,8 @@ static const double LID_FAR = 5, FIELD_LID = 0.005;
 static const double OPEN_LID = 0.045, SURE_CLOSED = 0.01, SURE_OPEN = 0.065;
 enum { SIGNS_LEAST = 1000 /* points that signs can be read off */ };
 
-/* Points by the cells of a grid in the plane across a direction. */
+/* Points by the cells of a grid in the plane across a direction.  The cells are as large as the density of most points
+ * has it, so that strays don't make all others one cell's; what lies beyond them is in the outermost ones. */
 struct grid {
     vec3 u, v;
     double low[2], side;
@@ -47,15 +51,19 @@ static size_t cell_at(const struct grid *g, vec3 p) {
     return cell_of(g, vec3_dot(p, g->v), 1) * g->cells[0] + cell_of(g, vec3_dot(p, g->u), 0);
 }
 
+/* The extent of most of n points along an axis, by some of them. */
+static double extent_along(const vec3 *point, size_t n, vec3 axis, double *low) {
+    float at[BOX_SAMPLES];
+    size_t count = n < BOX_SAMPLES ? n : BOX_SAMPLES;
+    for (size_t i = 0; i < count; i++) at[i] = (float)vec3_dot(point[i * n / count], axis);
+    *low = (double)quantile_of(at, count, MARGIN);
+    double extent = (double)quantile_of(at, count, 1 - MARGIN) - *low;
+    *low -= MARGIN * extent;
+    return extent * (1 + 2 * MARGIN);
+}
+
 static void grid_measure(struct grid *g, const vec3 *point, size_t n) {
-    double high[2] = {-INFINITY, -INFINITY};
-    g->low[0] = g->low[1] = INFINITY;
-    for (size_t i = 0; i < n; i++) {
-        double x = vec3_dot(point[i], g->u), y = vec3_dot(point[i], g->v);
-        g->low[0] = fmin(g->low[0], x), high[0] = fmax(high[0], x);
-        g->low[1] = fmin(g->low[1], y), high[1] = fmax(high[1], y);
-    }
-    double x = high[0] - g->low[0], y = high[1] - g->low[1];
+    double x = extent_along(point, n, g->u, &g->low[0]), y = extent_along(point, n, g->v, &g->low[1]);
     g->side = fmax(sqrt(x * y * NEAR / (double)n), fmax(x, y) * NEAR / (double)n);
     g->cells[0] = g->side > 0 ? (size_t)(x / g->side) + 1 : 1;
     g->cells[1] = g->side > 0 ? (size_t)(y / g->side) + 1 : 1;
@@ -88,17 +96,19 @@ static void insert(struct neighbour near[NEAR], size_t *count, struct neighbour 
     near[i] = new;
 }
 
-/* The nearest in the plane, of those in the cells up to so many rings away. */
+/* The nearest in the plane, of those in the cells up to so many rings away; of very many in a cell an even choice. */
 static size_t find_near(const struct grid *g, const vec3 *point, uint32_t p, size_t rings,
                         struct neighbour near[NEAR]) {
     size_t count = 0, x = cell_of(g, vec3_dot(point[p], g->u), 0), y = cell_of(g, vec3_dot(point[p], g->v), 1);
     for (size_t j = y < rings ? 0 : y - rings; j <= y + rings && j < g->cells[1]; j++)
-        for (size_t i = x < rings ? 0 : x - rings; i <= x + rings && i < g->cells[0]; i++)
-            for (uint32_t k = g->begin[j * g->cells[0] + i]; k < g->begin[j * g->cells[0] + i + 1]; k++) {
+        for (size_t i = x < rings ? 0 : x - rings; i <= x + rings && i < g->cells[0]; i++) {
+            const uint32_t *begin = &g->begin[j * g->cells[0] + i];
+            for (uint32_t k = begin[0]; k < begin[1]; k += 1 + (begin[1] - begin[0]) / CROWD) {
                 vec3 to = vec3_sub(point[g->point[k]], point[p]);
                 double a = vec3_dot(to, g->u), b = vec3_dot(to, g->v);
                 if (g->point[k] != p) insert(near, &count, (struct neighbour){a * a + b * b, g->point[k]});
             }
+        }
     return count;
 }
 
@@ -187,12 +197,18 @@ static vec3 area_of(const struct mesh *mesh, size_t t) {
     return vec3_triangle_normal(mesh->vertex[v[0]], mesh->vertex[v[1]], mesh->vertex[v[2]]);
 }
 
+static bool has_stray(const struct mesh *mesh, const struct sheet_points *points, size_t t) {
+    const uint32_t *v = mesh->triangle[t], *source = mesh->source;
+    return points->stray && (points->stray[source[v[0]]] || points->stray[source[v[1]]] || points->stray[source[v[2]]]);
+}
+
 enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *points, unsigned threads,
                            double *share) {
     uint8_t *far = alloc_array(mesh->triangle_count, 1);
     double all = 0, without = 0;
     enum status status = far ? sheet_mostly_far(mesh, points, LID_FAR, threads, far) : STATUS_NO_MEMORY;
     for (size_t t = 0; !status && t < mesh->triangle_count; t++) {
+        if (has_stray(mesh, points, t)) continue;
         double area = vec3_length(area_of(mesh, t));
         all += area;
         if (far[t]) without += area;

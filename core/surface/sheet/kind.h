@@ -36,7 +36,8 @@ enum status surface_signs_of(const vec3 *point, const vec3 *normal, size_t n, st
 bool surface_choose_by_signs(const struct surface_signs *signs, struct surface_choice *choice);
 
 /* *share = the part of a mesh's area that is farther from all points than they are from each other: a lid over what
- * wasn't scanned.  As sheet_mostly_far. */
+ * wasn't scanned.  Triangles to a stray don't count: one point far off would outweigh all others.  mesh->source are ids
+ * of the points.  As sheet_mostly_far. */
 enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *points, unsigned threads,
                            double *share) MUST_CHECK;
 

@@ -35,7 +35,7 @@ static enum status mesh_of(const struct reconstruct_input *input, struct mesh *m
 static enum status cut(struct mesh *mesh, const struct reconstruct_dense *dense, const struct knn *knn,
                        const vec3 *point, double times, unsigned threads, const struct progress *progress) {
     struct halfedge he = {0};
-    struct sheet_points points = {.knn = knn, .spacing = dense->spacing};
+    struct sheet_points points = {.knn = knn};
     float *reach = alloc_array(dense->n, sizeof *reach);
     uint8_t *out = alloc_array(mesh->triangle_count, 1);
     mesh->tag = alloc_zeroed(mesh->triangle_count, 1);

@@ -28,9 +28,12 @@ enum {
     TRIANGLES = 1024,
     SIDES = 10,
     FEW_SIDES = SIDES / 2,
+    ROUGH_SIDES = 3,
     PLACES = (SIDES + 1) * (SIDES + 2) / 2 - 3
 };
-static const double STEP = 1.5; /* of the grid, in medians */
+static const double STEP = 1.5;               /* of the grid, in medians */
+static const double SURELY = 2, NEARLY = 0.3; /* struct knn_slack: what is surely far may be nearer by a third */
+static const float STRAY = 20;                /* reaches of the neighbour */
 
 static enum status reach_of_chunk(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, uint32_t *id,
                                   float *reach) {
@@ -70,12 +73,19 @@ enum status sheet_reach(const struct knn *knn, const vec3 *point, size_t n, unsi
     return status;
 }
 
+/* The sixth neighbour or the last one; the point itself where it has none. */
+static uint32_t sixth_of(const struct neighbourhood *hood, size_t p) {
+    size_t last = hood->count[p] < SIXTH - 1 ? hood->count[p] : SIXTH - 1;
+    return last ? hood->id[p * hood->stride + last - 1] : (uint32_t)p;
+}
+
 enum status sheet_reach_in(const struct neighbourhood *hood, const vec3 *point, float *reach, float *median) {
-    for (size_t p = 0; p < hood->n; p++) {
-        size_t last = hood->count[p] < SIXTH - 1 ? hood->count[p] : SIXTH - 1;
-        reach[p] = last ? (float)vec3_distance(point[p], point[hood->id[p * hood->stride + last - 1]]) : 0;
-    }
+    for (size_t p = 0; p < hood->n; p++) reach[p] = (float)vec3_distance(point[p], point[sixth_of(hood, p)]);
     return lift_to_median(reach, hood->n, median);
+}
+
+void sheet_find_strays(const struct neighbourhood *hood, const float *reach, uint8_t *stray) {
+    for (size_t p = 0; p < hood->n; p++) stray[p] = reach[p] > STRAY * reach[sixth_of(hood, p)];
 }
 
 /* ------------------------------------------------------------------------------------------------ triangles */
@@ -118,8 +128,9 @@ struct tally {
 
 static enum status judge(const struct sheet_points *points, double times, unsigned threads, struct places *places,
                          struct tally *tally) {
-    enum status status = knn_nearest(points->knn, points->spacing, places->place, places->count, threads,
-                                     places->nearest, places->distance_sq);
+    struct knn_slack slack = {points->reach, SURELY * times, NEARLY};
+    enum status status = knn_search_nearly(points->knn, &slack, places->place, places->count, 1, threads,
+                                           places->nearest, places->distance_sq);
     for (size_t i = 0; !status && i < places->count; i++) {
         double most = times * (double)points->reach[places->nearest[i]];
         struct tally *t = &tally[places->of[i]];
@@ -129,9 +140,42 @@ static enum status judge(const struct sheet_points *points, double times, unsign
     return status;
 }
 
-/* Looks at the triangles whose longest side is at least `least` and that have no tally yet. */
-static enum status count_far(const struct mesh *mesh, const struct sheet_points *points, double times, int most_sides,
-                             double least, unsigned threads, const struct progress *progress, struct tally *tally) {
+/* The reach at each corner of the triangles whose longest side is at least `least`. */
+static enum status reach_of_corners(const struct mesh *mesh, const struct sheet_points *points, double least,
+                                    unsigned threads, float *reach) {
+    size_t count = 0, n = mesh->vertex_count;
+    uint32_t *of = alloc_array(n, sizeof *of), *nearest = alloc_array(n, sizeof *nearest);
+    vec3 *place = alloc_array(n, sizeof *place);
+    double *distance_sq = alloc_array(n, sizeof *distance_sq);
+    enum status status = of && nearest && place && distance_sq ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t v = 0; v < n; v++) reach[v] = 0;
+    for (uint32_t t = 0; !status && t < mesh->triangle_count; t++)
+        if (longest_side(mesh, t) >= least)
+            for (int k = 0; k < 3; k++) reach[mesh->triangle[t][k]] = 1;
+    for (uint32_t v = 0; !status && v < n; v++)
+        if (reach[v] > 0) of[count] = v, place[count++] = mesh->vertex[v];
+    if (!status) status = knn_search(points->knn, place, count, 1, threads, nearest, distance_sq);
+    for (size_t i = 0; !status && i < count; i++) reach[of[i]] = points->reach[nearest[i]];
+    free(of), free(nearest), free(place), free(distance_sq);
+    return status;
+}
+
+static double least_reach(const struct mesh *mesh, uint32_t t, const float *reach) {
+    const uint32_t *v = mesh->triangle[t];
+    return (double)fminf(reach[v[0]], fminf(reach[v[1]], reach[v[2]]));
+}
+
+/* What triangles are looked at in. */
+struct look {
+    double times, least; /* longest sides below this one need no look */
+    const float *reach;  /* at each vertex that a triangle with such a side has */
+    unsigned threads;
+    const struct progress *progress;
+};
+
+/* Looks at the triangles that have no tally yet and whose longest side is at least `least` steps of their grid. */
+static enum status count_far(const struct mesh *mesh, const struct sheet_points *points, const struct look *look,
+                             int most_sides, double least, struct tally *tally) {
     size_t room = (size_t)TRIANGLES * PLACES, n = mesh->triangle_count;
     struct places places = {most_sides,
                             0,
@@ -143,36 +187,53 @@ static enum status count_far(const struct mesh *mesh, const struct sheet_points 
         places.place && places.of && places.nearest && places.distance_sq ? STATUS_OK : STATUS_NO_MEMORY;
     for (size_t begin = 0; !status && begin < n; begin += TRIANGLES) {
         size_t end = n - begin < TRIANGLES ? n : begin + TRIANGLES;
-        if (progress_tick(progress, "support", (double)begin / (double)n)) status = STATUS_CANCELLED;
+        if (progress_tick(look->progress, "support", (double)begin / (double)n)) status = STATUS_CANCELLED;
         places.count = 0;
-        for (size_t t = begin; t < end; t++)
-            if (!tally[t].all && longest_side(mesh, (uint32_t)t) >= least)
-                add_places(mesh, (uint32_t)t, STEP * (double)points->median, &places);
-        if (!status) status = judge(points, times, threads, &places, tally);
+        for (uint32_t t = (uint32_t)begin; t < end; t++) {
+            double longest = longest_side(mesh, t);
+            if (tally[t].all || longest < look->least) continue;
+            double step = STEP * least_reach(mesh, t, look->reach);
+            if (longest >= least * step) add_places(mesh, t, step, &places);
+        }
+        if (!status) status = judge(points, look->times, look->threads, &places, tally);
     }
     free(places.place), free(places.of), free(places.nearest), free(places.distance_sq);
     return status;
 }
 
-/* Tallies of triangles, for the caller to free.  Large ones are looked at in a few places first, since searches from
- * far away are slow; the whole grid is for those that this leaves open: at least `some` of the places are far, at most
- * `most`. */
-static enum status tally_all(const struct mesh *mesh, const struct sheet_points *points, double times, double some,
-                             double most, unsigned threads, const struct progress *progress, struct tally **out) {
-    double large = SIDES * STEP * (double)points->median;
+/* One look at triangles: the most sides of the grid, and how many the triangle has to be long. */
+struct pass {
+    int most_sides;
+    double least;
+};
+
+/* Tallies of triangles, for the caller to free; a later pass looks again at those of which nothing is known to be far.
+ * No place of a triangle is farther from its corners, which are points, than its longest side by the root of 3, so that
+ * small ones are near all over. */
+static enum status tally_all(const struct mesh *mesh, const struct sheet_points *points, double times,
+                             const struct pass *pass, int passes, unsigned threads, const struct progress *progress,
+                             struct tally **out) {
+    float *reach = alloc_array(mesh->vertex_count, sizeof *reach);
     struct tally *tally = *out = alloc_zeroed(mesh->triangle_count, sizeof *tally);
-    enum status status = tally ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status) status = count_far(mesh, points, times, FEW_SIDES, large, threads, progress, tally);
-    for (size_t t = 0; !status && t < mesh->triangle_count; t++)
-        if (tally[t].far >= some * tally[t].all && tally[t].far <= most * tally[t].all) tally[t] = (struct tally){0, 0};
-    if (!status) status = count_far(mesh, points, times, SIDES, 0, threads, progress, tally);
+    struct look look = {times, sqrt(3) * times * (double)points->median, reach, threads, progress};
+    enum status status = tally && reach ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) status = reach_of_corners(mesh, points, look.least, threads, reach);
+    for (int i = 0; i < passes && !status; i++) {
+        for (size_t t = 0; t < mesh->triangle_count; t++)
+            if (!tally[t].far) tally[t].all = 0;
+        status = count_far(mesh, points, &look, pass[i].most_sides, pass[i].least, tally);
+    }
+    free(reach);
     return status;
 }
 
+/* Large triangles are looked at in a few places first: one that is far is enough, and searches from far away are slow.
+ */
 enum status sheet_unsupported(const struct mesh *mesh, const struct sheet_points *points, double times,
                               unsigned threads, const struct progress *progress, uint8_t *out) {
+    static const struct pass passes[] = {{FEW_SIDES, SIDES}, {SIDES, 0}};
     struct tally *tally;
-    enum status status = tally_all(mesh, points, times, 0, 0, threads, progress, &tally); /* one far place is enough */
+    enum status status = tally_all(mesh, points, times, passes, 2, threads, progress, &tally);
     for (size_t t = 0; !status && t < mesh->triangle_count; t++) out[t] = tally[t].far > 0;
     free(tally);
     return status;
@@ -180,8 +241,9 @@ enum status sheet_unsupported(const struct mesh *mesh, const struct sheet_points
 
 enum status sheet_mostly_far(const struct mesh *mesh, const struct sheet_points *points, double times, unsigned threads,
                              uint8_t *out) {
+    static const struct pass rough = {ROUGH_SIDES, 0};
     struct tally *tally;
-    enum status status = tally_all(mesh, points, times, 0.25, 0.75, threads, NULL, &tally);
+    enum status status = tally_all(mesh, points, times, &rough, 1, threads, NULL, &tally);
     for (size_t t = 0; !status && t < mesh->triangle_count; t++) out[t] = 2 * tally[t].far > tally[t].all;
     free(tally);
     return status;

@@ -23,12 +23,16 @@ enum status sheet_reach(const struct knn *knn, const vec3 *point, size_t n, unsi
  */
 enum status sheet_reach_in(const struct neighbourhood *hood, const vec3 *point, float *reach, float *median) MUST_CHECK;
 
+/* stray[i] = 1 for the points whose reach is very much larger than that of the neighbour it goes to, else 0: they are
+ * no part of the surface there.  Where density varies, however much, reaches of neighbours are alike. */
+void sheet_find_strays(const struct neighbourhood *hood, const float *reach, uint8_t *stray);
+
 /* The original points that triangles are judged by.  All borrowed. */
 struct sheet_points {
     const struct knn *knn;
-    const float *spacing; /* mean distance to the neighbours */
-    const float *reach;   /* sheet_reach */
+    const float *reach; /* sheet_reach */
     float median;
+    const uint8_t *stray; /* sheet_find_strays; NULL = there are none */
 };
 
 /* out[t] = 1 for the triangles with a place that is farther than `times` the reach of the nearest original point from
@@ -37,7 +41,7 @@ struct sheet_points {
 enum status sheet_unsupported(const struct mesh *mesh, const struct sheet_points *points, double times,
                               unsigned threads, const struct progress *progress, uint8_t *out) MUST_CHECK;
 
-/* The same for triangles of whose places more than half are that far. */
+/* The same for triangles of whose places more than half are that far, by a few places of each. */
 enum status sheet_mostly_far(const struct mesh *mesh, const struct sheet_points *points, double times, unsigned threads,
                              uint8_t *out) MUST_CHECK;
 

@@ -204,14 +204,14 @@ static bool has_stray(const struct mesh *mesh, const struct sheet_points *points
 
 enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *points, unsigned threads,
                            double *share) {
-    uint8_t *far = alloc_array(mesh->triangle_count, 1);
+    float *far = alloc_array(mesh->triangle_count, sizeof *far);
     double all = 0, without = 0;
-    enum status status = far ? sheet_mostly_far(mesh, points, LID_FAR, threads, far) : STATUS_NO_MEMORY;
+    enum status status = far ? sheet_far_share(mesh, points, LID_FAR, threads, far) : STATUS_NO_MEMORY;
     for (size_t t = 0; !status && t < mesh->triangle_count; t++) {
         if (has_stray(mesh, points, t)) continue;
         double area = vec3_length(area_of(mesh, t));
         all += area;
-        if (far[t]) without += area;
+        without += area * (double)far[t];
     }
     if (!status) *share = all > 0 ? without / all : 0;
     free(far);

@@ -37,7 +37,7 @@ bool surface_choose_by_signs(const struct surface_signs *signs, struct surface_c
 
 /* *share = the part of a mesh's area that is farther from all points than they are from each other: a lid over what
  * wasn't scanned.  Triangles to a stray don't count: one point far off would outweigh all others.  mesh->source are ids
- * of the points.  As sheet_mostly_far. */
+ * of the points.  As sheet_far_share. */
 enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *points, unsigned threads,
                            double *share) MUST_CHECK;
 

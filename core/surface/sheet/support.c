@@ -239,12 +239,13 @@ enum status sheet_unsupported(const struct mesh *mesh, const struct sheet_points
     return status;
 }
 
-enum status sheet_mostly_far(const struct mesh *mesh, const struct sheet_points *points, double times, unsigned threads,
-                             uint8_t *out) {
+enum status sheet_far_share(const struct mesh *mesh, const struct sheet_points *points, double times, unsigned threads,
+                            float *share) {
     static const struct pass rough = {ROUGH_SIDES, 0};
     struct tally *tally;
     enum status status = tally_all(mesh, points, times, &rough, 1, threads, NULL, &tally);
-    for (size_t t = 0; !status && t < mesh->triangle_count; t++) out[t] = 2 * tally[t].far > tally[t].all;
+    for (size_t t = 0; !status && t < mesh->triangle_count; t++)
+        share[t] = tally[t].all ? (float)tally[t].far / (float)tally[t].all : 0;
     free(tally);
     return status;
 }

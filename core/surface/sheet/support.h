@@ -41,8 +41,8 @@ struct sheet_points {
 enum status sheet_unsupported(const struct mesh *mesh, const struct sheet_points *points, double times,
                               unsigned threads, const struct progress *progress, uint8_t *out) MUST_CHECK;
 
-/* The same for triangles of whose places more than half are that far, by a few places of each. */
-enum status sheet_mostly_far(const struct mesh *mesh, const struct sheet_points *points, double times, unsigned threads,
-                             uint8_t *out) MUST_CHECK;
+/* share[t] = the part of a triangle, 0 to 1, that is that far, by a few places of each. */
+enum status sheet_far_share(const struct mesh *mesh, const struct sheet_points *points, double times, unsigned threads,
+                            float *share) MUST_CHECK;
 
 #endif

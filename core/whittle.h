@@ -21,6 +21,8 @@
  *  - Indices are uint32_t; positions are double, in the units of the input; triangles are counter-clockwise seen from
  *    outside.
  *  - Results are the same to the bit for any number of threads.
+ *  - Meshes are made by exact numbers of GMP, which ends the process where malloc has nothing for one, unless the
+ *    program has given it functions of its own (mp_set_memory_functions).
  *
  * Works with C11 and C++; needs nothing but this header and -lwhittle (pkg-config: whittle).
  *
@@ -121,13 +123,17 @@ WHITTLE_API enum whittle_status whittle_cloud_set_triangles(struct whittle_cloud
                                                             size_t count,
                                                             struct whittle_error *error) WHITTLE_MUST_CHECK;
 
-/* Reads a file of any format that whittle knows, told by its content.  progress may be NULL. */
-WHITTLE_API enum whittle_status whittle_cloud_read(const char *path, const struct whittle_progress *progress,
+/* Reads a file of any format that whittle knows, told by its content.  columns says what the columns of a text are, as
+ * the option of that name does ("-,x,y,z", "x:east,y:north,z:4"); NULL or "" where its first line says so, or where
+ * x, y and z are the first three.  WHITTLE_MALFORMED where they are given and the file isn't text.  progress may be
+ * NULL. */
+WHITTLE_API enum whittle_status whittle_cloud_read(const char *path, const char *columns,
+                                                   const struct whittle_progress *progress,
                                                    struct whittle_cloud **cloud,
                                                    struct whittle_error *error) WHITTLE_MUST_CHECK;
 
 /* The same from n bytes in memory. */
-WHITTLE_API enum whittle_status whittle_cloud_read_memory(const void *bytes, size_t n,
+WHITTLE_API enum whittle_status whittle_cloud_read_memory(const void *bytes, size_t n, const char *columns,
                                                           const struct whittle_progress *progress,
                                                           struct whittle_cloud **cloud,
                                                           struct whittle_error *error) WHITTLE_MUST_CHECK;
@@ -157,7 +163,8 @@ WHITTLE_API void whittle_options_free(struct whittle_options *options);
 
 /* Sets one option by its name and as text: the names, ranges and defaults are those of the command line and of the
  * service (`whittle --help`, /v1/parameters).  WHITTLE_BAD_PARAMETER says what is allowed; conflicts between options
- * are found by whittle_simplify. */
+ * are found by whittle_simplify.  Those of files (columns, encoding, colours, pcd_precision, header) change nothing
+ * here. */
 WHITTLE_API enum whittle_status whittle_options_set(struct whittle_options *options, const char *name,
                                                     const char *value, struct whittle_error *error) WHITTLE_MUST_CHECK;
 

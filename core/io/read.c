@@ -59,7 +59,7 @@ static enum status read_plain(const void *bytes, size_t n, const struct cloud_li
     enum status status = check_kind(bytes, n, error);
     if (status) return status;
     enum cloud_kind kind = cloud_sniff(bytes, n).kind;
-    if (kind != CLOUD_KIND_TEXT && limits && limits->columns && limits->columns[0])
+    if (kind != CLOUD_KIND_TEXT && limits && limits->columns && limits->columns[0] && !limits->columns_if_text)
         return error_set_at(error, STATUS_MALFORMED, "columns", 0, UINT64_MAX,
                             "the parameter columns names those of text; this is %s, which names its own",
                             cloud_sniff(bytes, n).looks_like);

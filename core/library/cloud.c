@@ -150,16 +150,21 @@ enum whittle_status whittle_cloud_set_triangles(struct whittle_cloud *cloud, con
 }
 
 /* Reads from path, or where it is NULL from bytes. */
-static enum whittle_status read_cloud(const char *path, const void *bytes, size_t n,
+static enum whittle_status read_cloud(const char *path, const void *bytes, size_t n, const char *columns,
                                       const struct whittle_progress *progress, struct whittle_cloud **cloud,
                                       struct whittle_error *error) {
     struct error inner = {0};
     struct progress tick;
+    struct params params;
+    params_defaults(&params);
+    enum status status = columns && columns[0] ? params_set(&params, "columns", columns, &inner) : STATUS_OK;
+    if (status) return library_status(status, &inner, error);
+    const struct cloud_limits limits = {.columns = params.columns};
     struct whittle_cloud *made = alloc_zeroed(1, sizeof *made);
     if (!made) return no_memory(error);
     library_progress(progress, &tick);
-    enum status status = path ? cloud_read_path(path, NULL, &tick, &made->cloud, &inner)
-                              : cloud_read_memory(bytes, n, NULL, &tick, &made->cloud, &inner);
+    status = path ? cloud_read_path(path, &limits, &tick, &made->cloud, &inner)
+                  : cloud_read_memory(bytes, n, &limits, &tick, &made->cloud, &inner);
     if (status)
         free(made);
     else
@@ -167,14 +172,15 @@ static enum whittle_status read_cloud(const char *path, const void *bytes, size_
     return library_status(status, &inner, error);
 }
 
-enum whittle_status whittle_cloud_read(const char *path, const struct whittle_progress *progress,
+enum whittle_status whittle_cloud_read(const char *path, const char *columns, const struct whittle_progress *progress,
                                        struct whittle_cloud **cloud, struct whittle_error *error) {
-    return read_cloud(path, NULL, 0, progress, cloud, error);
+    return read_cloud(path, NULL, 0, columns, progress, cloud, error);
 }
 
-enum whittle_status whittle_cloud_read_memory(const void *bytes, size_t n, const struct whittle_progress *progress,
-                                              struct whittle_cloud **cloud, struct whittle_error *error) {
-    return read_cloud(NULL, bytes, n, progress, cloud, error);
+enum whittle_status whittle_cloud_read_memory(const void *bytes, size_t n, const char *columns,
+                                              const struct whittle_progress *progress, struct whittle_cloud **cloud,
+                                              struct whittle_error *error) {
+    return read_cloud(NULL, bytes, n, columns, progress, cloud, error);
 }
 
 void whittle_cloud_free(struct whittle_cloud *cloud) {

@@ -20,8 +20,10 @@
 #include <string.h>
 
 #include "api/codecs/measure_json.h"
+#include "core/base/column_list.h"
 #include "core/io/read.h"
 #include "core/measure/metro.h"
+#include "core/params.h"
 #include "server/cli/output.h"
 #include "server/shared/worker_protocol.h"
 
@@ -36,6 +38,7 @@ struct request {
     const char *path[2]; /* A and B */
     struct metro_options metro;
     enum method method;
+    const char *columns; /* of those that are text; NULL = not given */
     bool json;
 };
 
@@ -44,7 +47,8 @@ struct request {
 enum outcome { MEASURE, TOLD, REFUSED };
 
 static void print_help(void) {
-    puts("Usage: whittle measure A B [--samples N] [--seed S] [--method uniform|metro] [--threads N] [--json]\n"
+    puts("Usage: whittle measure A B [--samples N] [--seed S] [--method uniform|metro] [--columns LIST] [--threads N]\n"
+         "                           [--json]\n"
          "\n"
          "Measures how far A, the simplified one, is from B, what it stands for: mean, root mean square and largest\n"
          "distance in both directions, in the files' units and relative to the diagonal of the bounding box of B.\n"
@@ -58,6 +62,9 @@ static void print_help(void) {
          "                  metro: vertices, edges and faces as the program Metro samples them, to compare with "
          "figures\n"
          "                  that it has printed; needs faces in both.\n"
+         "  --columns LIST  What the columns of a text are, as for simplifying: names in their order (-,x,y,z), or "
+         "pairs of\n"
+         "                  a name and a column (x:east,y:north,z:4). Holds for A and B where they are text.\n"
          "  --threads N     Default 0: all processors. The figures don't depend on it.\n"
          "  --json          JSON instead of a table.\n"
          "  -h, --help\n"
@@ -91,6 +98,14 @@ static enum outcome set_method(struct request *request, const char *name) {
     return refuse("--method", "it is uniform or metro");
 }
 
+static enum outcome set_columns(struct request *request, const char *list) {
+    char allowed[256] = "it takes ";
+    request->columns = list;
+    if (column_list_is_valid(list)) return MEASURE;
+    params_allowed(params_find("columns"), allowed + strlen(allowed), sizeof allowed - strlen(allowed));
+    return refuse("--columns", allowed);
+}
+
 static enum outcome set_option(struct request *request, int option, const char *value) {
     uint64_t threads;
     switch (option) {
@@ -105,6 +120,7 @@ static enum outcome set_option(struct request *request, int option, const char *
         request->metro.threads = (unsigned)threads;
         return MEASURE;
     case 'm': return set_method(request, value);
+    case 'c': return set_columns(request, value);
     case 'j': request->json = true; return MEASURE;
     case 'h': print_help(); return TOLD;
     default: return REFUSED; /* getopt has said why */
@@ -113,13 +129,10 @@ static enum outcome set_option(struct request *request, int option, const char *
 
 static enum outcome parse(struct request *request, int argc, char **argv) {
     static const struct option options[] = {
-        {"samples", required_argument, NULL, 'n'},
-        {"seed", required_argument, NULL, 's'},
-        {"method", required_argument, NULL, 'm'},
-        {"threads", required_argument, NULL, 't'},
-        {"json", no_argument, NULL, 'j'},
-        {"help", no_argument, NULL, 'h'},
-        {NULL, 0, NULL, 0},
+        {"samples", required_argument, NULL, 'n'}, {"seed", required_argument, NULL, 's'},
+        {"method", required_argument, NULL, 'm'},  {"columns", required_argument, NULL, 'c'},
+        {"threads", required_argument, NULL, 't'}, {"json", no_argument, NULL, 'j'},
+        {"help", no_argument, NULL, 'h'},          {NULL, 0, NULL, 0},
     };
     enum outcome outcome = MEASURE;
     optind = 0; /* glibc: start afresh */
@@ -236,13 +249,21 @@ static enum status print(const struct request *request, const struct measurement
     return status ? error_set(error, status, "", "standard output can't be written") : STATUS_OK;
 }
 
+static bool is_text(const struct cloud *cloud) { return strcmp(cloud->form, "xyz") == 0; }
+
 static enum status run(const struct request *request, const char **culprit, struct error *error) {
+    const struct cloud_limits limits = {.columns = request->columns, .columns_if_text = true};
     struct cloud cloud[2] = {0};
     enum status status = STATUS_OK;
     struct measurement m = {0};
     for (int i = 0; !status && i < 2; i++) {
         *culprit = request->path[i];
-        status = cloud_read_path(request->path[i], NULL, NULL, &cloud[i], error);
+        status = cloud_read_path(request->path[i], &limits, NULL, &cloud[i], error);
+    }
+    if (!status && request->columns && !is_text(&cloud[0]) && !is_text(&cloud[1])) {
+        *culprit = "--columns";
+        status =
+            error_set(error, STATUS_BAD_PARAMETER, "", "neither file is text; others name their columns themselves");
     }
     if (!status) {
         *culprit = "measure";

@@ -155,6 +155,19 @@ def test_files_and_their_surfaces(whittle, tmp_path):
     assert (of_file.mesh.vertices == of_arrays.mesh.vertices).all()
 
 
+def test_columns_of_a_text_have_the_names_that_the_caller_says(whittle, tmp_path):
+    path, points = tmp_path / "survey.csv", sphere(500)
+    numpy.savetxt(path, numpy.column_stack([numpy.arange(500), points]), fmt="%.17g", delimiter=",",
+                  header="id,chainage,offset,level", comments="")
+    for columns in ("x:chainage,y:offset,z:4", ["-", "x", "y", "z"]):
+        assert (whittle.Cloud.read(path, columns=columns).points == points).all()
+        result = whittle.simplify(path, columns=columns, ratio=0.1)
+        assert (result.points == points[result.ids]).all()
+    for source in (path, points, whittle.Cloud(points)):
+        with pytest.raises((whittle.Error, ValueError), match="columns"):
+            whittle.simplify(source, ratio=0.1, columns=None if source is path else "x,y,z")
+
+
 def test_a_lid_is_warned_of(whittle):
     """Half a sphere, closed by a disc that no point supports."""
     points = sphere()

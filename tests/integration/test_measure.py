@@ -68,6 +68,21 @@ def test_points_are_measured_to_the_surface(square, a_faces, b_faces, expected):
     assert "mean" not in found
 
 
+def test_columns_of_a_text_have_the_names_that_are_given(square, tmp_path):
+    a, b = square("a.ply", 2), tmp_path / "survey.csv"
+    b.write_text("id,chainage,offset,level\n7,0,0,0\n8,3,0,0\n9,3,3,1\n")
+    refused = measure(a, b)
+    assert refused.returncode == 65 and "name them" in refused.stderr
+    for columns in ("x:chainage,y:offset,z:4", "-,x,y,z"):
+        for pair in ((a, b), (b, a)):
+            found = figures(*pair, "--columns", columns)
+            assert found["hausdorff"] == 2 and found["forward" if pair[0] == a else "backward"]["mean"] == 5 / 3
+    wrong = measure(a, b, "--columns", "x,y")
+    assert wrong.returncode == 2 and "--columns: it takes different names with x, y and z" in wrong.stderr
+    neither = measure(a, a, "--columns", "x,y,z")
+    assert neither.returncode == 2 and "neither file is text" in neither.stderr
+
+
 def test_points_against_points_are_measured_both_ways(square, tmp_path):
     a, b = square("a.ply", 1, False), tmp_path / "b.xyz"
     b.write_text("0 0 1\n0 0 0\n0 0 0\n3 4 1\n")  # distances to the corners at z = 1: 0, 1, 1, 1

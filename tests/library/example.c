@@ -17,7 +17,8 @@ int main(int argc, char **argv) {
         fprintf(stderr, "usage: example FILE RATIO\n");
         return 64;
     }
-    if (whittle_cloud_read(argv[1], NULL, &cloud, &error) || whittle_options_set(options, "ratio", argv[2], &error) ||
+    if (whittle_cloud_read(argv[1], NULL, NULL, &cloud, &error) ||
+        whittle_options_set(options, "ratio", argv[2], &error) ||
         whittle_options_set(options, "outputs", "cloud,mesh", &error) ||
         whittle_simplify(cloud, options, NULL, &result, &error)) {
         fprintf(stderr, "example: %s: %s\n", error.where, error.text);

@@ -263,13 +263,33 @@ static void test_files_are_told_by_their_content(void **state) {
     const char text[] = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n";
     struct whittle_cloud *cloud = NULL;
     struct whittle_error error = {0};
-    assert_int_equal(whittle_cloud_read_memory(text, sizeof text - 1, NULL, &cloud, NULL), WHITTLE_OK);
+    assert_int_equal(whittle_cloud_read_memory(text, sizeof text - 1, NULL, NULL, &cloud, NULL), WHITTLE_OK);
     assert_int_equal(whittle_cloud_count(cloud), 4);
     whittle_cloud_free(cloud);
     cloud = NULL;
-    assert_int_equal(whittle_cloud_read("/nonexistent/cloud.ply", NULL, &cloud, &error), WHITTLE_IO);
-    assert_int_equal(whittle_cloud_read_memory("ply\nformat", 10, NULL, &cloud, &error), WHITTLE_MALFORMED);
+    assert_int_equal(whittle_cloud_read("/nonexistent/cloud.ply", NULL, NULL, &cloud, &error), WHITTLE_IO);
+    assert_int_equal(whittle_cloud_read_memory("ply\nformat", 10, NULL, NULL, &cloud, &error), WHITTLE_MALFORMED);
     assert_null(cloud);
+}
+
+static void test_columns_of_a_text_have_the_names_that_the_caller_says(void **state) {
+    (void)state;
+    const char text[] = "id,chainage,offset,level\n7,1,2,3\n8,4,5,6\n", ply[] = "ply\nformat ascii 1.0\n";
+    const double expected[] = {1, 2, 3, 4, 5, 6};
+    struct whittle_cloud *cloud = NULL;
+    struct whittle_error error = {0};
+    assert_int_equal(whittle_cloud_read_memory(text, sizeof text - 1, "", NULL, &cloud, &error), WHITTLE_MALFORMED);
+    assert_int_equal(whittle_cloud_read_memory(text, sizeof text - 1, "x,y", NULL, &cloud, &error),
+                     WHITTLE_BAD_PARAMETER);
+    assert_string_equal(error.where, "columns");
+    assert_int_equal(whittle_cloud_read_memory(ply, sizeof ply - 1, "x,y,z", NULL, &cloud, &error), WHITTLE_MALFORMED);
+    assert_non_null(strstr(error.text, "names its own"));
+    assert_null(cloud);
+    assert_int_equal(whittle_cloud_read_memory(text, sizeof text - 1, "x:chainage,y:3,z:level", NULL, &cloud, &error),
+                     WHITTLE_OK);
+    assert_int_equal(whittle_cloud_count(cloud), 2);
+    assert_memory_equal(whittle_cloud_positions(cloud), expected, sizeof expected);
+    whittle_cloud_free(cloud);
 }
 
 /* One thread, so that allocations come in the same order each time. */
@@ -328,6 +348,7 @@ int main(void) {
         cmocka_unit_test(a_bound_of_memory_is_held),
         cmocka_unit_test(test_progress_is_told_and_cancels),
         cmocka_unit_test(test_files_are_told_by_their_content),
+        cmocka_unit_test(test_columns_of_a_text_have_the_names_that_the_caller_says),
         cmocka_unit_test(test_each_allocation_may_fail),
         cmocka_unit_test(test_nothing_is_freed_twice_or_needed),
     };

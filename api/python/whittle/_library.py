@@ -52,7 +52,7 @@ PROTOTYPES = {
     "status_name": (c_char_p, c_int),
     "cloud_new": (c_int, c_size_t, POINTER(CAttribute), c_size_t, POINTER(c_void_p), POINTER(CError)),
     "cloud_set_triangles": (c_int, c_void_p, c_void_p, c_size_t, POINTER(CError)),
-    "cloud_read": (c_int, c_char_p, POINTER(CProgress), POINTER(c_void_p), POINTER(CError)),
+    "cloud_read": (c_int, c_char_p, c_char_p, POINTER(CProgress), POINTER(c_void_p), POINTER(CError)),
     "cloud_free": (None, c_void_p),
     "cloud_count": (c_size_t, c_void_p),
     "cloud_attribute_count": (c_size_t, c_void_p),
@@ -165,6 +165,15 @@ def call_with_progress(name, before, function, after):
         progress.call(name, *before, byref(progress.struct), *after)
 
 
+def option_text(value):
+    """An option's value as the library reads it: True is no number, lists are joined by commas."""
+    if isinstance(value, (list, tuple)):
+        return ",".join(option_text(v) for v in value)
+    if isinstance(value, float):
+        return repr(value)
+    return str(value)
+
+
 def version():
     """The library's version."""
     return LIBRARY["version"]().decode()
@@ -196,4 +205,4 @@ def array_at(pointer, ctype, shape, owner):
 
 
 __all__ = ["CAttribute", "Cancelled", "Error", "Handle", "LIBRARY", "array_at", "byref", "c_double", "c_float",
-           "c_size_t", "c_uint32", "c_void_p", "call", "call_with_progress", "options", "version"]
+           "c_size_t", "c_uint32", "c_void_p", "call", "call_with_progress", "option_text", "options", "version"]

@@ -6,7 +6,7 @@ import os
 import numpy
 
 from ._library import (CAttribute, Handle, LIBRARY, array_at, byref, c_double, c_size_t, c_uint32, c_void_p, call,
-                       call_with_progress)
+                       call_with_progress, option_text)
 
 TYPES = [numpy.dtype(t) for t in ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")]
 
@@ -64,21 +64,25 @@ class Cloud(Handle):
         call("cloud_set_triangles", self.pointer, corners.ctypes.data, len(corners))
 
     @classmethod
-    def read(cls, path, progress=None):
-        """A file of any format that whittle reads, told by its content."""
+    def read(cls, path, progress=None, columns=None):
+        """A file of any format that whittle reads, told by its content.  columns: what the columns of a text are, as
+        the option of that name has it: "-,x,y,z", or a list."""
         pointer = c_void_p()
-        call_with_progress("cloud_read", (os.fsencode(path),), progress, (byref(pointer),))
+        named = option_text(columns).encode() if columns else None
+        call_with_progress("cloud_read", (os.fsencode(path), named), progress, (byref(pointer),))
         cloud = cls.__new__(cls)
         Handle.__init__(cloud, pointer.value, "cloud_free")
         return cloud
 
     @classmethod
-    def of(cls, source, progress=None, **parts):
+    def of(cls, source, progress=None, columns=None, **parts):
         """A Cloud of whatever it is: a Cloud, a path, an array, or an object of Open3D or trimesh."""
-        if isinstance(source, cls):
+        if isinstance(source, cls) and not columns:
             return source
         if isinstance(source, (str, bytes, os.PathLike)):
-            return cls.read(source, progress)
+            return cls.read(source, progress, columns)
+        if columns:
+            raise ValueError("columns names those of a text file, and this is none")
         return cls(*_points_of(source), **{**_parts_of(source), **parts})
 
     def __len__(self):

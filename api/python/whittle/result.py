@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy
 
 from ._library import (Handle, LIBRARY, array_at, byref, c_double, c_float, c_size_t, c_uint32, c_void_p, call,
-                       call_with_progress)
+                       call_with_progress, option_text)
 from .cloud import Cloud
 
 NO_POINT = 2 ** 32 - 1
@@ -149,15 +149,6 @@ class _Keeper:  # keeps a result alive as long as an array over its memory
         self.result = result
 
 
-def _text(value):
-    """An option's value as the library reads it: True is no number, lists are joined by commas."""
-    if isinstance(value, (list, tuple)):
-        return ",".join(_text(v) for v in value)
-    if isinstance(value, float):
-        return repr(value)
-    return str(value)
-
-
 def simplify(points, /, *, attributes=None, triangles=None, colors=None, normals=None, progress=None, **options):
     """Simplifies a cloud: see Cloud for what points may be, whittle.options() for the options.
 
@@ -165,13 +156,13 @@ def simplify(points, /, *, attributes=None, triangles=None, colors=None, normals
     raises comes out.  Raises whittle.Error with what was wrong and where.  Other threads run meanwhile.
     """
     parts = {"attributes": attributes, "triangles": triangles, "colors": colors, "normals": normals}
-    cloud = Cloud.of(points, progress, **{k: v for k, v in parts.items() if v is not None})
+    cloud = Cloud.of(points, progress, options.get("columns"), **{k: v for k, v in parts.items() if v is not None})
     settings = Handle(LIBRARY["options_new"](), "options_free")
     if not settings.pointer:
         raise MemoryError("no memory for the options")
     for name, value in options.items():
         if value is not None:
-            call("options_set", settings.pointer, name.encode(), _text(value).encode())
+            call("options_set", settings.pointer, name.encode(), option_text(value).encode())
     pointer = c_void_p()
     call_with_progress("simplify", (cloud.pointer, settings.pointer), progress, (byref(pointer),))
     return Result(pointer.value, cloud)

@@ -203,6 +203,7 @@ $(build)/tests/peers/points_pcl: peer_libs = -lpcl_filters -lpcl_search -lpcl_co
 $(build)/tests/peers/open3d.o: override CXXFLAGS += -isystem /usr/include/eigen3 $(call peer_cflags,Open3D)
 $(build)/tests/peers/open3d: peer_libs = -lOpen3D
 $(build)/tests/peers/meshoptimizer: peer_libs = -lmeshoptimizer
+$(build)/tests/peers/distances: peer_libs = -lgmp -lmpfr
 $(peer_programs): $(build)/%: $(build)/%.o
 	$(CXX) $(LDFLAGS) -o $@ $^ $(peer_libs)
 
@@ -362,7 +363,7 @@ sizing: deps ## the table of deploy/README.md: processor, memory, disk for each 
 
 .PHONY: accuracy
 accuracy: deps ## the error table of the README; MESHES="mesh.ply ..." for others than Horse and Venus
-	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@$(MAKE) --no-print-directory -j$$(nproc) all $(build)/tests/peers/distances
 	@$(PYTHON) tests/bench/accuracy.py $(build) $(MESHES)
 
 .PHONY: odd-geometries

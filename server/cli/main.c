@@ -26,6 +26,7 @@
 #include "core/pipeline/memory.h"
 #include "core/pipeline/pipeline.h"
 #include "server/cli/dry_run.h"
+#include "server/cli/exact_numbers.h"
 #include "server/cli/heap.h"
 #include "server/cli/measure.h"
 #include "server/cli/no_new_code.h"
@@ -115,6 +116,18 @@ out:
     return status;
 }
 
+/* For the end without memory, which comes from the depth of a library. */
+static struct worker_progress display;
+static const char *input_name;
+
+static _Noreturn void end_without_memory(void) {
+    struct error error;
+    enum status status = error_set(&error, STATUS_NO_MEMORY, "delaunay", "no memory for an exact number");
+    worker_progress_end(&display, status, &error);
+    worker_output_explain(input_name, status, &error, stderr);
+    _exit(wire_exit_status(status));
+}
+
 int main(int argc, char **argv) {
     if (argc > 1 && strcmp(argv[1], "measure") == 0) return worker_measure_main(argc - 1, argv + 1);
     struct worker_options options;
@@ -129,7 +142,8 @@ int main(int argc, char **argv) {
     catch_signals(options.to_standard);
     bool confined = options.progress_fd >= 0 && worker_no_new_code();
     (void)confined; /* where the kernel has no filters, whittled says so */
-    struct worker_progress display;
+    input_name = options.input;
+    worker_exact_numbers_end_by(end_without_memory);
     worker_progress_init(&display, options.progress_fd, &stopping);
     enum status status = run(&options, &display, &error);
     if (status) worker_output_explain(options.input, status, &error, stderr);

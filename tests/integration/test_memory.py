@@ -3,6 +3,7 @@
 import gzip
 import math
 import os
+import pathlib
 import random
 import re
 import struct
@@ -183,6 +184,34 @@ def test_a_job_with_too_many_tetrahedra_for_its_limit_fails(make_daemon):
     problem = job["problem"]
     assert problem["type"] == "/problems/out-of-memory" and problem["limit"] == 80 << 20
     assert problem["detail"].startswith("the 20000 points of the mesh have more than") and problem["hint"]
+
+
+@pytest.fixture(scope="session")
+def no_exact_numbers(tmp_path_factory):
+    """A library to preload: exact numbers get no memory."""
+    library = tmp_path_factory.mktemp("preloaded") / "exact_without_memory.so"
+    source = pathlib.Path(__file__).with_name("exact_without_memory.c")
+    subprocess.run(["gcc", "-O1", "-shared", "-fPIC", "-o", library, source, "-ldl"], check=True)
+    return library
+
+
+@pytest.mark.skipif(SANITIZED, reason="sanitizers have a time and memory of their own")
+@pytest.mark.parametrize("count", [0, 1000])
+def test_exact_numbers_without_memory_are_told_as_all_else_is(no_exact_numbers, tmp_path, count):
+    """A lattice that isn't along the axes takes exact numbers: rounding makes flat tetrahedra of points on one plane."""
+    path = tmp_path / "lattice.xyz"
+    path.write_text("".join(f"{0.1 * i + 0.03 * j!r} {0.1 * j - 0.07 * k!r} {0.1 * k + 0.011 * i!r}\n"
+                            for i in range(8) for j in range(8) for k in range(8)))
+    told = tmp_path / "told"
+    with open(told, "w") as out:
+        run = subprocess.run([conftest.BUILD / "whittle", path, "--ratio", "1", "--outputs", "mesh", "--refine", "none",
+                              "-o", tmp_path / "out", "--progress-fd", str(out.fileno())], capture_output=True, text=True,
+                             pass_fds=[out.fileno()], check=False,
+                             env={**os.environ, "LD_PRELOAD": str(no_exact_numbers),
+                                  "WHITTLE_EXACT_NUMBERS": str(count)})
+    assert (run.returncode, run.stderr) == (71, f"whittle: {path}: delaunay: no memory for an exact number\n")
+    assert told.read_text().splitlines()[-1].startswith("failed no-memory ")
+    assert not (tmp_path / "out" / "mesh.ply").exists()
 
 
 def fan(points, corners):

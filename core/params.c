@@ -119,7 +119,8 @@ static const struct param table[] = {
      "Refinement of the mesh against the original points: none, flips of edges, or full (vertices move too)"},
     {"reference", PARAM_CHOICE, AT(reference), 0, 0, false, "auto", reference_forms, "", true,
      "What the mesh is measured against: points, the input's own faces, or a reconstruction of the full cloud; "
-     "auto takes faces where the input has them, else points"},
+     "auto takes the input's faces, and points where it has none, none with an area, or so many equally near ones that "
+     "measuring would take too long; the report says which"},
     {"encoding", PARAM_CHOICE, AT(encoding), 0, 0, false, "binary", encodings, "", true, "Encoding of PLY outputs"},
     {"colours", PARAM_CHOICE, AT(colours), 0, 0, false, "8", colour_bits, "bits", true,
      "Bits of each component of red, green and blue in outputs: 8, which all programs show; 16; or keep, as the input "
@@ -165,6 +166,8 @@ const struct param_alias *params_aliases(size_t *count) {
     *count = PARAMS_ALIASES;
     return aliases;
 }
+
+bool params_is_deprecated(const struct param *param) { return strcmp(param->name, "max_error") == 0; }
 
 const struct param *params_find(const char *name) {
     for (size_t i = 0; i < PARAMS_ALIASES; i++)

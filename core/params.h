@@ -168,6 +168,9 @@ const struct param *params_table(size_t *count);
 /* Deprecated names; *count rows.  Never NULL. */
 const struct param_alias *params_aliases(size_t *count);
 
+/* Whether another parameter has taken the place of this one, which stays accepted. */
+bool params_is_deprecated(const struct param *param);
+
 /* The row of this name, or of the deprecated one, or NULL. */
 const struct param *params_find(const char *name);
 

@@ -206,6 +206,7 @@ static json_t *param_schema(const struct param *param) {
     add_type(schema, param);
     if (param->default_text[0]) json_object_set_new(schema, "default", value_json(param, param->default_text));
     json_object_set_new(schema, "description", json_string(param->help));
+    if (params_is_deprecated(param)) json_object_set_new(schema, "deprecated", json_true());
     if (param->unit[0]) json_object_set_new(schema, "x-unit", json_string(param->unit));
     json_object_set_new(schema, "x-affects-result", json_boolean(param->affects_result));
     return schema;

@@ -165,10 +165,19 @@ json_t *report_json(const struct report *r) {
     return whole(json, bad);
 }
 
+/* What a deprecated name stood for is told by that name, too, as long as it is accepted. */
+static json_t *told_params(const struct params *params) {
+    size_t count;
+    const struct param_alias *alias = params_aliases(&count);
+    json_t *json = params_to_json(params);
+    for (size_t i = 0; i < count; i++) json_object_set(json, alias[i].name, json_object_get(json, alias[i].of));
+    return json;
+}
+
 enum status report_json_write(int fd, const struct report *report, const struct params *params, struct error *error) {
     json_t *json = report_json(report);
     int bad = put(json, "version", json_string(whittle_version()));
-    json = whole(json, bad | put(json, "params", params_to_json(params)));
+    json = whole(json, bad | put(json, "params", told_params(params)));
     if (!json) return error_set(error, STATUS_NO_MEMORY, "report", "no memory for the report");
     char *text = json_dumps(json, JSON_INDENT(2) | JSON_REAL_PRECISION(9)); /* dumpfd would write each word */
     json_decref(json);

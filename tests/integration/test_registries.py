@@ -9,8 +9,10 @@ import subprocess
 
 import pytest
 
+import conftest
 from test_parameters import torus, write
 
+pytestmark = pytest.mark.skipif(conftest.SANITIZED, reason="sanitizers change nothing here, and the plain run does it")
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 BUILD = pathlib.Path(os.environ.get("WHITTLE_BUILD", "build/release")).resolve()
 

@@ -47,7 +47,7 @@ override LDFLAGS += $(filter -fsanitize% --coverage,$(flags_$(config))) -pthread
     $(if $(filter arm64,$(config)),-L$(sysroot)/lib/aarch64-linux-gnu)
 
 CODEC_LIBS := -lz -lzstd
-CORE_LIBS := -lpng -llz4 -lgmp -lmpfr -lstdc++ $(CODEC_LIBS) -lm
+CORE_LIBS := -lpng -lexpat -llz4 -lgmp -lmpfr -lstdc++ $(CODEC_LIBS) -lm
 API_LIBS := -ljansson
 DAEMON_LIBS := -lcurl -lmicrohttpd -lsqlite3 -lnettle -lgnutls
 
@@ -241,7 +241,7 @@ FORCE:
 # What building, testing and the demo want, by the names of Debian 12's packages.
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
             libmicrohttpd-dev libgnutls28-dev libcurl4-openssl-dev libsqlite3-dev libseccomp-dev nettle-dev zlib1g-dev libpng-dev \
-            libzstd-dev liblz4-dev libcmocka-dev libfaketime xz-utils zstd sqlite3 procps curl jq python3 \
+            libzstd-dev liblz4-dev libexpat1-dev libcmocka-dev libfaketime xz-utils zstd sqlite3 procps curl jq python3 \
             python3-pytest python3-pytest-xdist python3-jsonschema python3-numpy ca-certificates clang-format
 peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev libmeshoptimizer-dev meshlab xvfb xauth
 bench_packages := valgrind
@@ -458,7 +458,7 @@ $(fuzz_programs): override LDFLAGS += $(if $(filter fuzz,$(config)),-fsanitize=f
 $(fuzz_programs): $(build)/%: $(build)/%.o $(if $(filter fuzz,$(config)),,$(build)/tests/fuzz/replay.o) \
     $(libserver) $(libapi) $(libwhittle)
 	$(say) LD $@
-	$(Q)$(CC) $(LDFLAGS) -o $@ $(objects_first) -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CODEC_LIBS) -lm
+	$(Q)$(CC) $(LDFLAGS) -o $@ $(objects_first) -lcmocka $(API_LIBS) $(DAEMON_LIBS) $(CODEC_LIBS) -lexpat -lm
 
 ifeq ($(config),fuzz)
 .PHONY: fuzz

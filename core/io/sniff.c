@@ -55,7 +55,6 @@ static const struct {
     {"PK\x03\x04", 4, {CLOUD_KIND_OTHER, "a ZIP archive", ""}},
     {"%PDF", 4, {CLOUD_KIND_OTHER, "a PDF document", ""}},
     {"\x7f\x45LF", 4, {CLOUD_KIND_OTHER, "an ELF program", ""}},
-    {"ASTM-E57", 8, {CLOUD_KIND_OTHER, "an E57 cloud", ""}},
     {"# vtk DataFile", 14, {CLOUD_KIND_OTHER, "a VTK file", ""}},
     {"glTF", 4, {CLOUD_KIND_OTHER, "a binary glTF scene", ""}},
     {"SQLite format 3", 15, {CLOUD_KIND_OTHER, "an SQLite database", ""}},

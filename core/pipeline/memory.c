@@ -248,6 +248,12 @@ static enum status job_of_las(const unsigned char *bytes, size_t n, uint64_t tot
     return STATUS_OK;
 }
 
+/* How many points there are stands behind them.  Usual records have 6 to 24 bytes. */
+static void job_of_e57(uint64_t total_bytes, struct memory_job *job) {
+    enum { LEAST_BYTES = 4, RECORD_BYTES = 48 };
+    *job = (struct memory_job){total_bytes / LEAST_BYTES + 1, RECORD_BYTES, 0, total_bytes, 0};
+}
+
 /* A closed surface has half as many points as facets; twice that is counted, and the table that joins corners. */
 static void job_of_stl(const unsigned char *bytes, uint64_t total_bytes, struct memory_job *job) {
     enum { COUNT = 80, RECORD_BYTES = 12, TABLE_BYTES = 16 };
@@ -261,6 +267,8 @@ enum status memory_job_of(const void *first_bytes, size_t n, uint64_t total_byte
     case CLOUD_KIND_PLY: return job_of_ply(first_bytes, n, total_bytes, job);
     case CLOUD_KIND_PCD: return job_of_pcd(first_bytes, n, total_bytes, job);
     case CLOUD_KIND_LAS: return job_of_las(first_bytes, n, total_bytes, job);
+    case CLOUD_KIND_E57: job_of_e57(total_bytes, job); return STATUS_OK;
+    case CLOUD_KIND_PTX:
     case CLOUD_KIND_TEXT: job_of_text(first_bytes, n, total_bytes, job); return STATUS_OK;
     case CLOUD_KIND_STL:
         if (strcmp(guess.form, "stl/ascii") == 0)

@@ -87,7 +87,7 @@ enum status pipeline_views(const struct run *run, struct views *views) {
     for (size_t i = 0; views->each && i < n; i++) {
         const unsigned char *record = cloud->record + run->points.original[i] * cloud->record_bytes;
         double number = scalar_load(record + scan->offset_bytes, scan->type);
-        bool known = number >= 0 && number < (double)cloud->view_count;
+        bool known = number >= 0 && number < (double)cloud->view_count && vec3_is_finite(cloud->view[(size_t)number]);
         views->each[i] = known ? in_frame(run, cloud->view[(size_t)number]) : run->points.point[i];
     }
     return views->each ? STATUS_OK : STATUS_NO_MEMORY;

@@ -152,3 +152,22 @@ def test_normals_of_the_input_count_where_they_fit(tmp_path, kind):
     assert any("don't fit" in row["what"] for row in report["left_out"]) == (kind == "random")
     written = ply_rows(tmp_path / "out/cloud.ply")
     assert all(v["nz"] == -1 if kind == "down" else v["nz"] > 0 for v in written)
+
+
+def ptx_scan(z, first):
+    """Half of a plane, seen from a height z: in the scanner's own coordinates, which the matrix moves."""
+    local = [(x / 30, y / 30, -z) for x in range(30) for y in range(30)]
+    lines = ["30", "30", f"{first} 0 {z}", "1 0 0", "0 1 0", "0 0 1", "1 0 0 0", "0 1 0 0", "0 0 1 0",
+             f"{first} 0 {z} 1"]
+    return lines + [f"{x:.4f} {y:.4f} {z:.4f} 0.5" for x, y, z in local]
+
+
+def test_each_scan_of_a_file_is_seen_from_its_own_place(tmp_path):
+    scan = tmp_path / "two.ptx"
+    scan.write_text("\n".join(ptx_scan(1, 0) + ptx_scan(-1, 1.1)) + "\n", encoding="ascii")
+    report = whittle(scan, tmp_path / "out", normals="true", outputs="cloud,report", encoding="ascii", ratio=0.5)
+    assert report["input"]["format"] == "ptx" and report["input"]["points"] == 1800
+    assert report["normals"] == {"source": "computed", "orientation": "viewpoint"}
+    for v in ply_rows(tmp_path / "out/cloud.ply"):
+        assert abs(v["z"]) < 1e-9 and v["scan"] == (v["x"] > 1)
+        assert v["nz"] * (1 if v["scan"] == 0 else -1) > 0.99

@@ -75,6 +75,7 @@ BROUGHT = {"core/base/column_list.h", "core/base/condition_list.h", "core/base/w
 OWNER = {
     r"flann/.*": r"core/spatial/knn_flann\.cc",
     r"CGAL/.*": r"core/surface/\w+_cgal\.cc",
+    r"expat\.h": r"core/io/formats/e57_xml\.c",
     r"zlib\.h": r"core/io/codec/inflate_gzip\.c",
     r"zstd(_errors)?\.h": r"core/io/codec/inflate_zstd\.c",
     r"png\.h": r"core/picture/png_write\.c",

@@ -10,7 +10,7 @@ triplet=aarch64-linux-gnu
 build=build/arm64
 root=$build/sysroot
 libraries="libcmocka0 libcmocka-dev zlib1g zlib1g-dev libzstd1 libzstd-dev liblz4-1 liblz4-dev libgmp10 libgmp-dev
-           libpng16-16 libpng-dev libmpfr6 libmpfr-dev libjansson4 libjansson-dev"
+           libexpat1 libexpat1-dev libpng16-16 libpng-dev libmpfr6 libmpfr-dev libjansson4 libjansson-dev"
 
 for program in $triplet-gcc $triplet-g++ qemu-aarch64; do
     command -v $program >/dev/null ||

@@ -1,0 +1,92 @@
+/* Pages of E57.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/io/formats/e57_pages.h"
+
+#include <string.h>
+
+#include "core/base/endian.h"
+#include "core/io/first_bytes.h"
+#include "core/io/reader.h"
+
+enum { TABLES = 8, PAGE_SIZE_AT = 40 };
+#define POLYNOMIAL 0x82F63B78u /* Castagnoli's, its bits reversed */
+
+/* table[k][b]: what byte b does to the remainder k bytes later. */
+static void fill_tables(uint32_t table[TABLES][256]) {
+    for (uint32_t b = 0; b < 256; b++) {
+        uint32_t c = b;
+        for (int i = 0; i < 8; i++) c = c >> 1 ^ (c & 1 ? POLYNOMIAL : 0);
+        table[0][b] = c;
+    }
+    for (uint32_t b = 0; b < 256; b++)
+        for (int k = 1; k < TABLES; k++) table[k][b] = table[k - 1][b] >> 8 ^ table[0][table[k - 1][b] & 0xff];
+}
+
+/* Eight bytes at a time (Kounavis, Berry 2005). */
+static uint32_t checksum_of(uint32_t table[TABLES][256], const unsigned char *p, size_t n) {
+    uint32_t c = UINT32_MAX;
+    for (; n >= TABLES; n -= TABLES, p += TABLES) {
+        uint64_t v = little_load(p, 8) ^ c;
+        c = 0;
+        for (int k = 0; k < TABLES; k++) c ^= table[TABLES - 1 - k][v >> 8 * k & 0xff];
+    }
+    for (; n; n--, p++) c = c >> 8 ^ table[0][(c ^ *p) & 0xff];
+    return ~c;
+}
+
+uint32_t e57_checksum(const unsigned char *bytes, size_t n) {
+    uint32_t table[TABLES][256];
+    fill_tables(table);
+    return checksum_of(table, bytes, n);
+}
+
+static uint32_t big_load(const unsigned char *p) {
+    return (uint32_t)p[0] << 24 | (uint32_t)p[1] << 16 | (uint32_t)p[2] << 8 | p[3];
+}
+
+enum status e57_pages_open(const void *bytes, size_t n, struct e57_pages *pages, struct error *error) {
+    uint32_t table[TABLES][256];
+    const unsigned char *p = bytes;
+    if (n < E57_HEADER_BYTES)
+        return error_set_at(error, STATUS_MALFORMED, "header", 0, n, "the file ends in its header");
+    uint64_t page = little_load(p + PAGE_SIZE_AT, 8);
+    if (page != E57_PAGE)
+        return error_set_at(error, STATUS_MALFORMED, "header", 0, PAGE_SIZE_AT, "pages of %llu bytes; E57 has %d",
+                            (unsigned long long)page, E57_PAGE);
+    if (n % E57_PAGE)
+        return error_set_at(error, STATUS_MALFORMED, "read", 0, n, "the file ends in the middle of a page");
+    fill_tables(table);
+    for (size_t at = 0; at < n; at += E57_PAGE)
+        if (checksum_of(table, p + at, E57_PAYLOAD) != big_load(p + at + E57_PAYLOAD))
+            return error_set_at(error, STATUS_MALFORMED, "read", 0, at,
+                                "the checksum of page %zu is wrong: the file is damaged", at / E57_PAGE + 1);
+    *pages = (struct e57_pages){p, n / E57_PAGE * E57_PAYLOAD};
+    return STATUS_OK;
+}
+
+uint64_t e57_pages_logical(const struct e57_pages *pages, uint64_t physical) {
+    uint64_t in_page = physical % E57_PAGE, logical = physical / E57_PAGE * E57_PAYLOAD + in_page;
+    return in_page < E57_PAYLOAD && logical < pages->logical_bytes ? logical : UINT64_MAX;
+}
+
+const unsigned char *e57_pages_at(const struct e57_pages *pages, uint64_t logical, size_t *n) {
+    size_t in_page = (size_t)(logical % E57_PAYLOAD);
+    *n = E57_PAYLOAD - in_page;
+    return pages->bytes + logical / E57_PAYLOAD * E57_PAGE + in_page;
+}
+
+int e57_pages_copy(const struct e57_pages *pages, uint64_t logical, void *to, size_t n) {
+    unsigned char *at = to;
+    if (logical > pages->logical_bytes || n > pages->logical_bytes - logical) return 0;
+    while (n) {
+        size_t there;
+        const unsigned char *from = e57_pages_at(pages, logical, &there);
+        if (there > n) there = n;
+        memcpy(at, from, there);
+        at += there, logical += there, n -= there;
+    }
+    return 1;
+}
+
+const char *cloud_e57_look(const struct first_bytes *first) { return first_begins(first, "ASTM-E57", 8) ? "e57" : ""; }

@@ -139,6 +139,18 @@ bool fit_middles_stay(const struct fit *fit, const struct fit_region *region, co
     return stray_sq <= stray_of_middles_sq(fit, region, present, region->n);
 }
 
+bool fit_each_stays(const struct fit *fit, const struct fit_region *region, const vec3 *middle) {
+    struct fit_place now[FIT_MAX_RING], before[FIT_MAX_RING];
+    for (size_t k = 0; k < region->n; k++) now[k].at = middle[k];
+    fit_find_nearest(fit, region, now, region->n);
+    if (fit_stray_sq(fit, now, region->n) <= fit->stray_sq) return true;
+    for (size_t k = 0; k < region->n; k++) before[k].at = fit_middle(fit, region->triangle[k]);
+    fit_find_nearest(fit, region, before, region->n);
+    for (size_t k = 0; k < region->n; k++)
+        if (stray_of_sq(fit, &now[k]) > fmax(fit->stray_sq, stray_of_sq(fit, &before[k]))) return false;
+    return true;
+}
+
 bool fit_stays(const struct fit *fit, const struct fit_region *region, const struct surface *surface) {
     vec3 middle[FIT_MAX_RING];
     for (size_t j = 0; j < surface->n; j++) middle[j] = surface_middle(surface, j);

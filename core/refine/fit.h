@@ -199,6 +199,11 @@ bool fit_stays(const struct fit *fit, const struct fit_region *region, const str
 /* The same of a surface whose triangles have the middles middle[0 .. n). */
 bool fit_middles_stay(const struct fit *fit, const struct fit_region *region, const vec3 *middle, size_t n);
 
+/* Whether no triangle of the region strays farther than anything may, or than it does now, when its middle becomes
+ * middle[k].  Where a triangle spans what has no samples, like the flat end of a solid that stood on a table, only this
+ * keeps a vertex of it from wandering off. */
+bool fit_each_stays(const struct fit *fit, const struct fit_region *region, const vec3 *middle);
+
 /* Hands the samples in the lists of from[0 .. n) out to the nearest of the triangles to[0 .. m) as they are now, and
  * sets the costs of both, and how the latter face.  n, m <= FIT_MAX_RING.  Triangles of its own for each thread. */
 void fit_share(struct fit *fit, const uint32_t *from, size_t n, const uint32_t *to, size_t m);

@@ -396,6 +396,11 @@ closed: deps ## whether every closed model comes out closed, with all points; MO
 	@$(MAKE) --no-print-directory -j$$(nproc) all
 	@$(PYTHON) tests/peers/closed.py --build $(build) $(chosen)
 
+.PHONY: placement
+placement: deps ## whether placement=optimal is ever worse than subset, eleven ratios; MODELS= RATIOS= -> out/placement.md
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@$(PYTHON) tests/peers/placement.py --build $(build) $(chosen)
+
 .PHONY: open-scans
 open-scans: deps ## whether holes of scans stay open along their borders; MODELS= RATIOS= -> out/open_scans.md
 	@$(MAKE) --no-print-directory -j$$(nproc) all

@@ -201,7 +201,8 @@ bool fit_middles_stay(const struct fit *fit, const struct fit_region *region, co
 
 /* Whether no triangle of the region strays farther than anything may, or than it does now, when its middle becomes
  * middle[k].  Where a triangle spans what has no samples, like the flat end of a solid that stood on a table, only this
- * keeps a vertex of it from wandering off. */
+ * keeps a vertex of it from wandering off, move by move behind the farthest of its star.  Surfaces with borders need
+ * it less, and walls of a height field couldn't form. */
 bool fit_each_stays(const struct fit *fit, const struct fit_region *region, const vec3 *middle);
 
 /* Hands the samples in the lists of from[0 .. n) out to the nearest of the triangles to[0 .. m) as they are now, and

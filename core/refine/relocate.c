@@ -137,7 +137,8 @@ static bool star_stays(const struct fit *fit, const struct star *star, vec3 plac
         vec3 rim = vec3_add(rim_place(fit, star, i), rim_place(fit, star, i + 1));
         middle[i] = vec3_scale(vec3_add(place, rim), 1.0 / 3);
     }
-    return fit_each_stays(fit, &star->region, middle);
+    return fit->borders ? fit_middles_stay(fit, &star->region, middle, star->n)
+                        : fit_each_stays(fit, &star->region, middle);
 }
 
 /* The star's cost with the vertex at place, or INFINITY when that isn't fair.  What isn't under limit is known less

@@ -184,6 +184,24 @@ def find(names=None):
     return models
 
 
+def find_with_solids(names=None):
+    """As find, with the closed models of ../shared/data/solids after them."""
+    CACHE.mkdir(parents=True, exist_ok=True)
+    solids = []
+    for mesh in sorted((SHARED / "solids").glob("*.mesh.ply")):
+        name, target = mesh.name.removesuffix(".mesh.ply"), CACHE / mesh.name
+        if names is not None and name not in names:
+            continue
+        columns, corners = read_ply(mesh)
+        if not is_closed(len(columns["x"]), corners):
+            continue
+        if not target.exists():
+            store(name, [c for point in zip(*(columns[axis] for axis in "xyz")) for c in point], corners)
+        solids.append(Model(name, target, CACHE / f"{name}.cloud.ply", len(columns["x"])))
+    others = None if names is None else [name for name in names if name not in {model.name for model in solids}]
+    return ([] if others == [] else find(others)) + solids
+
+
 if __name__ == "__main__":
     for model in find():
         print(f"{model.name:24} {model.points:8}")

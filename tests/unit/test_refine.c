@@ -621,6 +621,65 @@ static void test_threads_change_nothing_in_many_zones(void **state) {
     dense_done(&dense);
 }
 
+/* ---------------------------------------------------------------------------------------------- ends without points */
+
+enum { CAN_ROWS = 41, CAN_DENSE = 48, CAN_RINGS = 9, CAN_AROUND = 24 };
+
+static vec3 can_place(size_t turn, size_t around, double height) {
+    double angle = 6.283185307 * (double)turn / (double)around;
+    double radius = 0.2 + 0.012 * sin(3 * angle + 9 * height); /* not quite round, so that there is something to fit */
+    return (vec3){radius * cos(angle), radius * sin(angle), height};
+}
+
+static double can_row(size_t row) { return 0.6 * (double)row / (CAN_ROWS - 1); }
+
+/* Points on the side of a can, which stood on its one flat end and had the other covered. */
+static struct dense can_points(void) {
+    struct dense dense = dense_new((size_t)CAN_ROWS * CAN_DENSE);
+    for (size_t i = 0; i < dense.n; i++) {
+        dense.point[i] = can_place(i % CAN_DENSE, CAN_DENSE, can_row(i / CAN_DENSE));
+        dense.normal[i] = vec3_unit((vec3){dense.point[i].x, dense.point[i].y, 0});
+        dense.spacing[i] = 0.012f;
+    }
+    return dense;
+}
+
+/* Rings around the can, the first and last on its ends, which are fans of their vertices. */
+static struct mesh can_mesh(void) {
+    enum { VERTICES = CAN_RINGS * CAN_AROUND, TRIANGLES = 2 * VERTICES - 4, LAST = VERTICES - CAN_AROUND };
+    vec3 vertex[VERTICES];
+    uint32_t triangle[TRIANGLES][3];
+    size_t t = 0;
+    for (size_t v = 0; v < VERTICES; v++)
+        vertex[v] = can_place(v % CAN_AROUND, CAN_AROUND, 0.6 * (double)(v / CAN_AROUND) / (CAN_RINGS - 1));
+    for (uint32_t v = 0; v < LAST; v++) {
+        uint32_t next = v % CAN_AROUND == CAN_AROUND - 1 ? v + 1 - CAN_AROUND : v + 1;
+        memcpy(triangle[t++], (uint32_t[3]){v, next, next + CAN_AROUND}, sizeof *triangle);
+        memcpy(triangle[t++], (uint32_t[3]){v, next + CAN_AROUND, v + CAN_AROUND}, sizeof *triangle);
+    }
+    for (uint32_t k = 1; k + 1 < CAN_AROUND; k++) {
+        memcpy(triangle[t++], (uint32_t[3]){0, k + 1, k}, sizeof *triangle);
+        memcpy(triangle[t++], (uint32_t[3]){LAST, LAST + k, LAST + k + 1}, sizeof *triangle);
+    }
+    return mesh_new(vertex, VERTICES, (const uint32_t(*)[3])triangle, t);
+}
+
+/* No vertex goes far out over the plane of an end, where only the stray of its triangles is against it. */
+static void test_ends_without_points_stay(void **state) {
+    (void)state;
+    struct dense dense = can_points();
+    struct mesh mesh = can_mesh();
+    struct refine_facts facts;
+    double over = 0;
+    refine(&mesh, &dense, REFINE_FULL, PLACEMENT_OPTIMAL, &facts);
+    assert_true(facts.moves > CAN_AROUND && facts.mean_after < 0.5 * facts.mean_before);
+    for (size_t v = 0; v < mesh.vertex_count; v++)
+        over = fmax(over, fmax(-mesh.vertex[v].z, mesh.vertex[v].z - 0.6));
+    assert_true(over < 20 * facts.mean_before);
+    mesh_done(&mesh);
+    dense_done(&dense);
+}
+
 /* ---------------------------------------------------------------------------------------------- faults */
 
 static void fail_each_allocation(const struct dense *dense, const struct neighbourhood *hood,
@@ -695,6 +754,7 @@ int main(void) {
         cmocka_unit_test(test_closed_stays_closed_and_gets_better),
         cmocka_unit_test(test_subset_stays_a_subset),
         cmocka_unit_test(test_threads_change_nothing),
+        cmocka_unit_test(test_ends_without_points_stay),
         cmocka_unit_test(test_zones_are_compact),
         cmocka_unit_test(test_threads_change_nothing_in_many_zones),
         cmocka_unit_test(test_failure_leaves_the_mesh),

@@ -227,7 +227,12 @@ $(contract): api/openapi/parts.py $(contract_parts)
 # Files that are compiled into the program.
 $(build)/api/openapi/openapi.o: $(contract)
 $(build)/api/openapi/openapi.o: override CFLAGS += -DOPENAPI_JSON='"$(contract)"'
-$(build)/server/handlers/page.o: server/handlers/page.html
+page := $(wildcard build/page/files.h)
+$(build)/server/handlers/page.o: server/page/plain.html $(page) $(build)/page.stamp
+$(build)/server/handlers/page.o: private override CPPFLAGS += $(if $(page),-include $(page))
+$(build)/page.stamp: FORCE
+	@mkdir -p $(@D)
+	@cat /dev/null $(wildcard build/page/index.html) | cmp -s - $@ || cat /dev/null $(wildcard build/page/index.html) > $@
 
 # The version is compiled into one file, rebuilt when it changes.
 $(build)/core/base/version.o: override CFLAGS += -DWHITTLE_VERSION='"$(VERSION)"'
@@ -236,6 +241,14 @@ $(build)/version.stamp: FORCE
 	@mkdir -p $(@D)
 	@echo '$(VERSION)' | cmp -s - $@ || echo '$(VERSION)' > $@
 FORCE:
+
+# The page at / takes two packages from npm, by their lock file; without it the service has a plain page.
+.PHONY: page
+page: ## fetch what the page takes from npm, put the page together, and build whittled with it (Node 18 or newer)
+	@command -v npm > /dev/null || deploy/deps.sh nodejs npm
+	@cd server/page && npm ci --no-audit --no-fund --ignore-scripts
+	@node server/page/build.mjs server/page build/page
+	@$(MAKE) --no-print-directory all
 
 # ---------------------------------------------------------------------------------------------------- set-up
 # What building, testing and the demo want, by the names of Debian 12's packages.
@@ -491,6 +504,14 @@ test-contract: deps ## the whole contract, held by linters, a validating proxy, 
 	@cd tests/node && npm ci --no-audit --no-fund --ignore-scripts
 	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -n 2 -p no:cacheprovider \
 	    $(contract_tests:%=tests/integration/test_%.py)
+
+page_packages := chromium $(if $(shell command -v npm),,nodejs npm)
+.PHONY: test-page
+test-page: deps ## the page in a real browser: the whole way, pixels, tokens, a base path, accessibility
+	@deploy/deps.sh $(page_packages)
+	@$(MAKE) --no-print-directory page
+	@cd tests/page && npm ci --no-audit --no-fund --ignore-scripts
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider tests/integration/test_page.py
 
 LOAD ?=
 SECONDS ?= 3600

@@ -33,18 +33,35 @@ static void put_address(FILE *out, const struct request *request) {
             links_base());
 }
 
-/* The page with its curl lines for this address; returns new, NULL: no memory. */
+/* What stands for something else in the page, and what puts it there. */
+static void put_base(FILE *out, const struct request *request) {
+    (void)request;
+    fputs(links_base(), out);
+}
+
+static const struct place {
+    const char *name;
+    void (*put)(FILE *out, const struct request *request);
+} places[] = {{"$HERE", put_address}, {"$BASE", put_base}};
+enum { PLACES = sizeof places / sizeof *places };
+
+/* The page with its links and curl lines for this address; returns new, NULL: no memory. */
 static char *page_here(const struct request *request) {
-    static const char place[] = "$HERE";
     size_t left, bytes;
     const char *from = page_document(&left), *found;
     char *text = NULL;
     FILE *out = open_memstream(&text, &bytes);
-    for (; out && (found = memmem(from, left, place, sizeof place - 1)); from = found) {
-        fwrite(from, 1, (size_t)(found - from), out);
-        put_address(out, request);
-        found += sizeof place - 1;
-        left -= (size_t)(found - from);
+    while (out && (found = memchr(from, '$', left))) {
+        size_t before = (size_t)(found - from), i = 0;
+        fwrite(from, 1, before, out);
+        from = found, left -= before;
+        while (i < PLACES && (left < 5 || memcmp(from, places[i].name, 5) != 0)) i++;
+        size_t used = i < PLACES ? strlen(places[i].name) : 1;
+        if (i < PLACES)
+            places[i].put(out, request);
+        else
+            fputc('$', out);
+        from += used, left -= used;
     }
     if (out) fwrite(from, 1, left, out);
     if (out && fclose(out) == 0) return text;
@@ -52,15 +69,86 @@ static char *page_here(const struct request *request) {
     return NULL;
 }
 
-static void get_page(struct service *service, struct request *request, struct response *response) {
-    (void)service;
-    if (!handlers_takes_no_query(request, response)) return;
-    answer_page(page_here(request), response);
+/* What the page may load: its own files, and nothing from anywhere else. */
+static const char page_policy[] =
+    "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' blob: data:; "
+    "worker-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+static void send_page(const struct request *request, struct response *response) {
+    if (!page_has_files()) {
+        answer_page(page_here(request), response);
+    } else {
+        response_text(response, 200, "text/html; charset=utf-8", page_here(request));
+        response_header(response, "Content-Security-Policy", "%s", page_policy);
+        response_header(response, "Referrer-Policy", "no-referrer");
+    }
     response_header(response, "Cache-Control", "no-cache");
     response_header(response, "Vary", "Host");
 }
 
+static void get_page(struct service *service, struct request *request, struct response *response) {
+    (void)service;
+    if (handlers_takes_no_query(request, response)) send_page(request, response);
+}
+
 const struct handler handlers_get_page = {.run = get_page, .quick = true};
+
+/* The same page, which shows the job that its address names: whether there is one, and whose, the page asks. */
+static void get_job_page(struct service *service, struct request *request, struct response *response) {
+    (void)service;
+    if (!handlers_takes_no_query(request, response)) return;
+    if (job_id_valid(request->match.capture[0]))
+        send_page(request, response);
+    else
+        response_refuse(response, PROBLEM_NO_SUCH_RESOURCE, "a job's page is at /jobs/ and its id");
+}
+
+const struct handler handlers_get_job_page = {.run = get_job_page, .quick = true};
+
+/* Whether the client takes gzip: where it names it, or *, and not with q=0. */
+static bool takes_gzip(const struct request *request) {
+    const char *list = request->header[HEADER_ACCEPT_ENCODING];
+    while (list && *list) {
+        list += strspn(list, " \t,");
+        size_t name = strcspn(list, " \t;,"), whole = strcspn(list, ",");
+        bool is_it = (name == 4 && strncasecmp(list, "gzip", 4) == 0) || (name == 1 && *list == '*');
+        const char *weight = memmem(list, whole, "q=", 2);
+        if (is_it) return !weight || strtod(weight + 2, NULL) > 0;
+        list += whole;
+    }
+    return false;
+}
+
+/* Names have a hash of the content, so what is behind one never changes. */
+static void get_page_file(struct service *service, struct request *request, struct response *response) {
+    static const char for_ever[] = "public, max-age=31536000, immutable";
+    struct page_file file;
+    char etag[ROUTES_CAPTURE_BYTES + 8];
+    (void)service;
+    if (!handlers_takes_no_query(request, response)) return;
+    if (!page_file(request->match.capture[0], &file)) {
+        response_refuse(response, PROBLEM_NO_SUCH_RESOURCE, "the page has no file of this name");
+        return;
+    }
+    bool packed = takes_gzip(request);
+    size_t bytes = packed ? file.packed_bytes : file.plain_bytes;
+    snprintf(etag, sizeof etag, "\"%s%s\"", request->match.capture[0], packed ? ".gz" : "");
+    if (request_none_match(request, etag)) {
+        response_unchanged(response, etag, for_ever, bytes);
+    } else {
+        char *text = malloc(bytes + 1);
+        if (text) memcpy(text, packed ? file.packed : file.plain, bytes), text[bytes] = 0;
+        response_text(response, 200, file.type, text);
+        if (text) response->text_bytes = bytes; /* which may have bytes of 0 */
+        response_header(response, "ETag", "%s", etag);
+        response_header(response, "Cache-Control", "%s", for_ever);
+        if (packed) response_header(response, "Content-Encoding", "gzip");
+        response_header(response, "Content-Security-Policy", "%s", page_policy);
+    }
+    response_header(response, "Vary", "Accept-Encoding");
+}
+
+const struct handler handlers_get_page_file = {.run = get_page_file, .quick = true};
 
 static void get_docs(struct service *service, struct request *request, struct response *response) {
     (void)service;

@@ -37,6 +37,7 @@ const char *const message_header_names[HEADER_COUNT] = {
     [HEADER_ORIGIN] = "Origin",
     [HEADER_SEC_FETCH_SITE] = "Sec-Fetch-Site",
     [HEADER_REQUEST_METHOD] = "Access-Control-Request-Method",
+    [HEADER_ACCEPT_ENCODING] = "Accept-Encoding",
     [HEADER_FORWARDED_PROTO] = "X-Forwarded-Proto",
     [HEADER_AUTHORIZATION] = "Authorization",
     [HEADER_REQUEST_ID] = "X-Request-Id",
@@ -57,9 +58,9 @@ static bool is_single(size_t header) {
 
 /* Headers whose value is a list, so that a second line goes on where the first one ends. */
 static bool is_list(size_t header) {
-    static const enum request_header lists[] = {HEADER_IF_MATCH,   HEADER_IF_NONE_MATCH, HEADER_PREFER,
-                                                HEADER_ACCEPT,     HEADER_CACHE_CONTROL, HEADER_CONTENT_DIGEST,
-                                                HEADER_REPR_DIGEST};
+    static const enum request_header lists[] = {HEADER_IF_MATCH,       HEADER_IF_NONE_MATCH,   HEADER_PREFER,
+                                                HEADER_ACCEPT,         HEADER_ACCEPT_ENCODING, HEADER_CACHE_CONTROL,
+                                                HEADER_CONTENT_DIGEST, HEADER_REPR_DIGEST};
     for (size_t i = 0; i < sizeof lists / sizeof *lists; i++)
         if (lists[i] == header) return true;
     return false;

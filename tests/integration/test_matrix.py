@@ -440,6 +440,30 @@ for _operation in ("createJob", "createCloud"):
     CASES[_operation, "500"] = disk_breaks
 
 
+def page_file(daemon):
+    """The path of a file of the page, where that is built."""
+    named = re.search(r"/page/[\w.-]+", daemon.curl("/").body.decode())
+    return named[0] if named else pytest.skip("the page isn't built: make page")
+
+
+@case
+def getPageFile_200(world, operation):
+    daemon = world.daemon()
+    return send(daemon, operation, page_file(daemon))
+
+
+@case
+def getPageFile_304(world, operation):
+    daemon = world.daemon()
+    path = page_file(daemon)
+    return send(daemon, operation, path, "-H", f"If-None-Match: {daemon.curl(path).headers['etag']}")
+
+
+@case
+def getJobPage_404(world, operation):
+    return send(world.daemon(), operation, "/jobs/none")
+
+
 @case
 def simplify_500(world, operation):
     """The job's process ends by itself."""

@@ -130,7 +130,7 @@ def test_every_program_says_the_version_it_was_built_of(make_daemon, tmp_path):
 
 
 @pytest.mark.parametrize("document", ["README.md", "deploy/README.md", "server/README.md",
-                                      "server/handlers/page.html"])
+                                      "server/page/plain.html"])
 def test_commands_of_the_documents_show_problem_documents(document):
     """curl -f drops the body that says what was wrong."""
     hidden = [line for line in (ROOT / document).read_text().splitlines()

@@ -1,0 +1,265 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Two scenes under one camera: side by side, under a bar that swipes, or one of them alone.
+//
+// Everything is drawn into a target with its depth first; a second pass darkens what lies behind its neighbours in the
+// picture, so that points without normals show their shape.
+//   Boucheny: Interactive Scientific Visualization of Large Datasets, 2009 (eye-dome lighting)
+import * as THREE from "three";
+
+const TURN = 0.008, STEP = Math.PI / 24, MOST_PIXELS = 2; // radians for a pixel, for a key; device pixels for one of CSS
+
+const DOME = {
+  uniforms: { colours: { value: null }, depths: { value: null }, pixel: { value: new THREE.Vector2() },
+    near: { value: 0.1 }, far: { value: 10 }, strength: { value: 1 }, paper: { value: new THREE.Color() } },
+  vertexShader: "varying vec2 at; void main() { at = uv; gl_Position = vec4(position.xy, 0.0, 1.0); }",
+  fragmentShader: `
+    uniform sampler2D colours, depths;
+    uniform vec2 pixel;
+    uniform float near, far, strength;
+    uniform vec3 paper;
+    varying vec2 at;
+    float far_away(vec2 p) {
+      float d = texture2D(depths, p).x * 2.0 - 1.0;
+      return log2(2.0 * near * far / (far + near - d * (far - near)));
+    }
+    void main() {
+      float own = far_away(at), behind = 0.0;
+      for (int i = 0; i < 8; i++) {
+        float angle = 0.785398 * float(i);
+        behind += max(0.0, own - far_away(at + pixel * vec2(cos(angle), sin(angle)) * 1.4));
+      }
+      bool nothing = texture2D(depths, at).x >= 1.0;
+      vec3 colour = nothing ? paper : texture2D(colours, at).rgb * max(exp(-strength * behind), 0.35);
+      gl_FragColor = vec4(colour, 1.0);
+      #include <colorspace_fragment>
+    }`,
+};
+
+export class Viewer {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: false, alpha: false });
+    this.sides = ["before", "after"].map(() => {
+      const scene = new THREE.Scene(), root = new THREE.Group(), light = new THREE.DirectionalLight(0xffffff, 2.6);
+      scene.add(root, new THREE.HemisphereLight(0xffffff, 0x8a8078, 1.3), light, light.target);
+      return { scene, root, light };
+    });
+    this.camera = new THREE.PerspectiveCamera(35, 1, 0.01, 100);
+    this.target = new THREE.WebGLRenderTarget(1, 1, { type: THREE.HalfFloatType,
+      depthTexture: new THREE.DepthTexture(1, 1, THREE.UnsignedIntType) });
+    this.dome = new THREE.ShaderMaterial({ ...DOME, depthTest: false, depthWrite: false });
+    this.screen = new THREE.Mesh(new THREE.PlaneGeometry(2, 2), this.dome);
+    this.screen.frustumCulled = false;
+    Object.assign(this, { layout: "side", bar: 0.5, radius: 1, centre: new THREE.Vector3(), distance: 4,
+      azimuth: Math.PI / 6, elevation: 0.4, picking: null, frames: 0 });
+    this.listen();
+    new ResizeObserver(() => this.ask()).observe(canvas);
+    canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
+    canvas.addEventListener("webglcontextrestored", () => this.ask());
+  }
+
+  // size: the box's sides; up: "y" or "z"
+  frame(size, up) {
+    this.size = size;
+    this.radius = Math.max(Math.hypot(...size) / 2, 1e-12);
+    this.turnUp(up);
+    this.reset();
+  }
+
+  turnUp(up) {
+    this.up = up;
+    for (const { root } of this.sides) root.rotation.set(up === "z" ? -Math.PI / 2 : 0, 0, up === "x" ? Math.PI / 2 : 0);
+    this.ask();
+  }
+
+  reset() {
+    Object.assign(this, { azimuth: Math.PI / 6, elevation: 0.4, distance: 3.1 * this.radius });
+    this.centre.set(0, 0, 0);
+    this.ask();
+  }
+
+  // Draws soon, once.
+  ask() {
+    if (this.asked) return;
+    this.asked = requestAnimationFrame(() => {
+      this.asked = null;
+      this.draw();
+    });
+  }
+
+  place() {
+    const { azimuth: a, elevation: e, distance: d, camera, centre } = this;
+    camera.position.set(Math.sin(a) * Math.cos(e), Math.sin(e), Math.cos(a) * Math.cos(e)).multiplyScalar(d).add(centre);
+    camera.lookAt(centre);
+    camera.near = Math.max(d - 2.5 * this.radius, d / 500);
+    camera.far = d + 2.5 * this.radius;
+    const from = new THREE.Vector3(-1.1, 1.5, 1.2).applyQuaternion(camera.quaternion);
+    for (const { light } of this.sides) light.position.copy(from);
+  }
+
+  // x, width (shares of the canvas) and the part that is drawn, for each side that is seen.
+  parts() {
+    const bar = this.bar;
+    return { side: [[0, 0, 0.5, 0, 0.5], [1, 0.5, 0.5, 0.5, 0.5]], swipe: [[0, 0, 1, 0, bar], [1, 0, 1, bar, 1 - bar]],
+      before: [[0, 0, 1, 0, 1]], after: [[1, 0, 1, 0, 1]] }[this.layout];
+  }
+
+  draw() {
+    const { renderer, camera, canvas, target } = this, ratio = Math.min(devicePixelRatio, MOST_PIXELS);
+    const width = Math.max(1, Math.round(canvas.clientWidth * ratio)), height = Math.max(1, Math.round(canvas.clientHeight * ratio));
+    if (target.width !== width || target.height !== height) {
+      renderer.setPixelRatio(1);
+      renderer.setSize(width, height, false);
+      target.setSize(width, height);
+    }
+    this.place();
+    renderer.setRenderTarget(target);
+    renderer.setClearColor(0, 1);
+    target.scissorTest = false;
+    renderer.clear();
+    renderer.autoClear = false;
+    for (const [side, left, share, from, part] of this.parts()) {
+      camera.aspect = share * width / height;
+      camera.fov = camera.aspect < 1 ? 2 * Math.atan(Math.tan(35 * Math.PI / 360) / camera.aspect) * 180 / Math.PI : 35;
+      camera.updateProjectionMatrix();
+      target.viewport.set(left * width, 0, share * width, height);
+      target.scissor.set(from * width, 0, part * width, height);
+      target.scissorTest = true;
+      renderer.setRenderTarget(target);
+      renderer.render(this.sides[side].scene, camera);
+    }
+    target.viewport.set(0, 0, width, height);
+    target.scissorTest = false;
+    const { uniforms } = this.dome;
+    uniforms.colours.value = target.texture;
+    uniforms.depths.value = target.depthTexture;
+    uniforms.pixel.value.set(ratio / width, ratio / height);
+    uniforms.near.value = camera.near;
+    uniforms.far.value = camera.far;
+    uniforms.strength.value = 6;
+    uniforms.paper.value.set(getComputedStyle(canvas).backgroundColor);
+    renderer.setRenderTarget(null);
+    renderer.render(this.screen, camera);
+    this.frames++;
+    this.drawn?.();
+  }
+
+  // Where a place of the window is: side, and x and y from -1 to 1 in that side's picture.
+  sideAt(clientX, clientY) {
+    const box = this.canvas.getBoundingClientRect(), x = (clientX - box.left) / box.width, y = (clientY - box.top) / box.height;
+    const part = this.parts().find(([, , , from, wide]) => x >= from && x < from + wide) ?? this.parts()[0];
+    return { side: part[0], x: 2 * (x - part[1]) / part[2] - 1, y: 1 - 2 * y, share: part[2] };
+  }
+
+  // The point of the layer's data that is seen there, in the file's units less the origin; null where there is nothing.
+  pick(clientX, clientY) {
+    const at = this.sideAt(clientX, clientY), ray = new THREE.Raycaster(), { camera, canvas } = this;
+    camera.aspect = at.share * canvas.clientWidth / canvas.clientHeight;
+    camera.updateProjectionMatrix();
+    ray.setFromCamera(new THREE.Vector2(at.x, at.y), camera);
+    const root = this.sides[at.side].root, wide = root.children.find((o) => o.isPoints)?.material.size ?? 0;
+    ray.params.Points.threshold = Math.max(this.distance * 0.004, wide / 2);
+    const hits = ray.intersectObjects(root.children.filter((o) => o.visible && !o.userData.mark), true);
+    if (!hits.length) return null;
+    const nearest = hits.reduce((a, b) => ((b.distanceToRay ?? 0) + 0.02 * b.distance < (a.distanceToRay ?? 0) + 0.02 * a.distance ? b : a));
+    return root.worldToLocal(nearest.point.clone());
+  }
+
+  listen() {
+    const { canvas } = this, down = new Map();
+    let spread = 0, moved = 0;
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      down.set(event.pointerId, event);
+      spread = 0;
+      moved = 0;
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      const before = down.get(event.pointerId);
+      if (!before) return;
+      const dx = event.clientX - before.clientX, dy = event.clientY - before.clientY;
+      moved += Math.abs(dx) + Math.abs(dy);
+      down.set(event.pointerId, event);
+      const [a, b] = [...down.values()];
+      if (b) {
+        const now = Math.hypot(a.clientX - b.clientX, a.clientY - b.clientY);
+        if (spread) this.zoom(spread / now);
+        spread = now;
+        this.shift(dx / 2, dy / 2);
+      } else if (event.buttons & 2 || event.shiftKey) this.shift(dx, dy);
+      else this.turn(-dx * TURN, dy * TURN);
+    });
+    const up = (event) => {
+      down.delete(event.pointerId);
+      spread = 0;
+      if (event.type === "pointerup" && moved < 6 && this.picking) this.picking(this.pick(event.clientX, event.clientY));
+    };
+    canvas.addEventListener("pointerup", up);
+    canvas.addEventListener("pointercancel", up);
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.zoom(Math.exp(Math.max(-60, Math.min(60, event.deltaY)) * 0.003));
+    }, { passive: false });
+    canvas.addEventListener("keydown", (event) => {
+      const shift = event.shiftKey;
+      const keys = { ArrowLeft: () => (shift ? this.shift(20, 0) : this.turn(-STEP, 0)), ArrowRight: () => (shift ? this.shift(-20, 0) : this.turn(STEP, 0)),
+        ArrowUp: () => (shift ? this.shift(0, 20) : this.turn(0, STEP)), ArrowDown: () => (shift ? this.shift(0, -20) : this.turn(0, -STEP)),
+        "+": () => this.zoom(0.85), "=": () => this.zoom(0.85), "-": () => this.zoom(1 / 0.85), Home: () => this.reset() };
+      if (!keys[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
+      event.preventDefault();
+      keys[event.key]();
+    });
+  }
+
+  turn(azimuth, elevation) {
+    this.azimuth += azimuth;
+    this.elevation = Math.max(-1.55, Math.min(1.55, this.elevation + elevation));
+    this.ask();
+  }
+
+  zoom(factor) {
+    this.distance = Math.max(this.radius / 200, Math.min(20 * this.radius, this.distance * factor));
+    this.ask();
+  }
+
+  shift(dx, dy) {
+    const unit = this.distance * Math.tan(35 * Math.PI / 360) * 2 / this.canvas.clientHeight;
+    const move = new THREE.Vector3(-dx * unit, dy * unit, 0).applyQuaternion(this.camera.quaternion);
+    this.centre.add(move);
+    this.ask();
+  }
+
+  // A line through places, in both pictures; null takes it away.
+  mark(places) {
+    for (const { root } of this.sides) {
+      for (const old of root.children.filter((o) => o.userData.mark)) root.remove(old);
+      if (!places?.length) continue;
+      const group = new THREE.Group(), geometry = new THREE.BufferGeometry().setFromPoints(places);
+      group.userData.mark = true;
+      group.add(new THREE.Points(geometry, new THREE.PointsMaterial({ color: 0x1450c8, size: 0.03 * this.radius })));
+      if (places.length > 1) group.add(new THREE.Line(geometry, new THREE.LineBasicMaterial({ color: 0x1450c8 })));
+      root.add(group);
+    }
+    this.ask();
+  }
+
+  // The box, with the sides that `size` said.
+  showBox(visible) {
+    for (const { root } of this.sides) {
+      for (const old of root.children.filter((o) => o.userData.box)) root.remove(old);
+      if (!visible) continue;
+      const box = new THREE.LineSegments(new THREE.EdgesGeometry(new THREE.BoxGeometry(...this.size)),
+        new THREE.LineBasicMaterial({ color: 0x777777 }));
+      box.userData.box = box.userData.mark = true;
+      root.add(box);
+    }
+    this.ask();
+  }
+
+  // A PNG of what is seen.
+  picture() {
+    this.draw();
+    return new Promise((resolve) => this.canvas.toBlob(resolve, "image/png"));
+  }
+}

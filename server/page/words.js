@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Numbers and elements for people.
+
+export const count = (n) => Number(n).toLocaleString("en").replaceAll(",", "\u202f");
+
+export function bytes(n) {
+  const units = ["B", "KiB", "MiB", "GiB", "TiB"];
+  let unit = 0;
+  for (; n >= 1024 && unit < units.length - 1; unit++) n /= 1024;
+  return `${unit && n < 100 ? n.toFixed(1) : Math.round(n)} ${units[unit]}`;
+}
+
+export function seconds(s) {
+  if (s < 10) return `${s.toFixed(1)} s`;
+  return s < 120 ? `${Math.round(s)} s` : `${Math.round(s / 60)} min`;
+}
+
+// Three or so significant digits, as a length is read.
+export const figure = (x) => (x === 0 ? "0" : Math.abs(x) >= 1e5 || Math.abs(x) < 1e-4
+  ? x.toExponential(2) : String(Number(x.toPrecision(4))));
+
+export const percent = (share) => `${Number((100 * share).toPrecision(3))} %`;
+
+// make("p", { class: "note" }, "text", element...)
+export function make(name, attributes = {}, ...children) {
+  const element = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (key.startsWith("on")) element.addEventListener(key.slice(2), value);
+    else if (value === true) element.setAttribute(key, "");
+    else if (value !== false && value !== undefined && value !== null) element.setAttribute(key, value);
+  }
+  element.append(...children.filter((child) => child !== null && child !== undefined));
+  return element;
+}
+
+export const find = (id) => document.getElementById(id);
+
+export function show(id, visible) {
+  find(id).hidden = !visible;
+}

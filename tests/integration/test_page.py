@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The page at /: its files over HTTP, and the whole way through it in Debian's chromium, from a file to its result.
+`make test-page` builds the page and installs the browser and its driver."""
+import gzip
+import hashlib
+import json
+import pathlib
+import re
+import shutil
+import subprocess
+
+import pytest
+
+import conftest
+from test_parameters import torus
+from test_preview import decode
+
+NODE = pathlib.Path(__file__).parent.parent / "page"
+SHARED = pathlib.Path(__file__).resolve().parents[3] / "shared" / "data"
+BROWSER = shutil.which("chromium")
+NOT_BUILT = "the page isn't built: make page"
+needs_browser = pytest.mark.skipif(
+    not BROWSER or not shutil.which("node") or not (NODE / "node_modules/puppeteer-core").exists(),
+    reason="chromium, node, or what make test-page installs into tests/page, is not there")
+
+
+def files_of(daemon, base=""):
+    """Names of all files of the page: those of the document, and those that they name."""
+    found, rest = {}, re.findall(r"/page/([\w.-]+)", daemon.curl(f"{base}/").body.decode())
+    if not rest:
+        pytest.skip(NOT_BUILT)
+    while rest:
+        name = rest.pop()
+        if name not in found:
+            found[name] = daemon.curl(f"{base}/page/{name}")
+            assert found[name].status == 200, name
+            rest += re.findall(r"\./([\w-]+-[0-9a-f]{16}\.js)", found[name].body.decode())
+    return found
+
+
+def test_files_have_exact_types_and_may_be_kept_for_ever(daemon):
+    files = files_of(daemon)
+    assert len(files) > 10
+    for name, reply in files.items():
+        kind = {"js": "text/javascript", "css": "text/css"}[name.rsplit(".", 1)[1]]
+        assert reply.headers["content-type"] == f"{kind}; charset=utf-8"
+        assert reply.headers["cache-control"] == "public, max-age=31536000, immutable"
+        assert reply.headers["x-content-type-options"] == "nosniff"
+        assert "default-src 'none'" in reply.headers["content-security-policy"]
+        assert hashlib.sha256(reply.body).hexdigest()[:16] in name
+        packed = daemon.curl(f"/page/{name}", "-H", "Accept-Encoding: br, gzip;q=0.8")
+        assert packed.headers["content-encoding"] == "gzip" and gzip.decompress(packed.body) == reply.body
+        assert packed.headers["etag"] != reply.headers["etag"] and packed.headers["vary"] == "Accept-Encoding"
+        for refused in ("gzip;q=0", "br", "identity"):
+            assert "content-encoding" not in daemon.curl(f"/page/{name}", "-H", f"Accept-Encoding: {refused}").headers
+        unchanged = daemon.curl(f"/page/{name}", "-H", f"If-None-Match: {reply.headers['etag']}")
+        assert unchanged.status == 304 and not unchanged.body
+        assert daemon.curl(f"/page/{name}", "-H", 'If-None-Match: "another"').status == 200
+
+
+def test_the_document_allows_its_own_files_alone(daemon):
+    files_of(daemon)
+    for path in ("/", "/jobs/01a205bf-bba5-7085-a1bd-0e6236374022"):
+        reply = daemon.curl(path)
+        policy = dict(rule.strip().split(" ", 1) for rule in reply.headers["content-security-policy"].split(";"))
+        assert policy["default-src"] == "'none'"
+        assert {policy[name] for name in ("script-src", "style-src", "connect-src", "worker-src")} == {"'self'"}
+        assert policy["img-src"] == "'self' blob: data:"
+        assert "unsafe" not in reply.headers["content-security-policy"]
+        document = reply.body.decode()
+        assert "$BASE" not in document and "$HERE" not in document
+        assert not re.search(r"<script(?![^>]*src=)|<style|\son\w+=|\sstyle=|https?://(?!127\.0\.0\.1)", document)
+
+
+@pytest.mark.parametrize("name", [
+    "..", "../../etc/passwd", "%2e%2e%2f%2e%2e%2fetc%2fpasswd", "..%2fplain.html", "app.js", "index.html", "", "%00",
+    "app%00.js", "/etc/passwd", "a" * 200, "app-0000000000000000.js", "%ff%fe", "three-*.js", "files.h", "style.css/x"])
+def test_no_other_name_leads_anywhere(daemon, name):
+    for method in ("GET", "HEAD"):
+        reply = daemon.curl(f"/page/{name}", "--path-as-is", *(["-I"] if method == "HEAD" else []))
+        assert reply.status in (400, 404), (name, reply.status)
+        assert b"root:" not in reply.body
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH"])
+def test_nothing_but_reading_is_allowed(daemon, method):
+    for path in ("/page/app.js", "/jobs/01a205bf-bba5-7085-a1bd-0e6236374022"):
+        reply = daemon.curl(path, "-X", method)
+        assert reply.status == 405 and reply.headers["allow"] == "GET, HEAD"
+
+
+def test_a_jobs_page_tells_nothing_of_the_job(make_daemon, tmp_path):
+    """The document is the same whether there is such a job or not, and what is no id has none."""
+    tokens = tmp_path / "tokens"
+    tokens.write_text(f"alice:submit,read:{hashlib.sha256(b'secret').hexdigest()}\n")
+    daemon = make_daemon("--tokens-file", tokens)
+    bearer = ("-H", "Authorization: Bearer secret")
+    made = daemon.post("/v1/jobs", conftest.SMALL, *bearer)
+    pages = {daemon.curl(f"/jobs/{job}").body for job in (made.json["id"], "01a205bf-bba5-7085-a1bd-0e6236374022")}
+    assert len(pages) == 1
+    for name in ("..", "none", "%2e%2e", "01a205bf"):
+        assert daemon.curl(f"/jobs/{name}", "--path-as-is").status == 404
+
+
+def walk(url, cloud, folder, *token):
+    folder.mkdir(exist_ok=True)
+    done = subprocess.run(["node", NODE / "walk.js", BROWSER, url, cloud, folder, *token], capture_output=True, text=True,
+                          check=False, timeout=conftest.PATIENCE_S * 3)
+    assert done.returncode == 0, done.stderr + done.stdout[-3000:]
+    return json.loads(done.stdout)
+
+
+def hold(seen, daemon, base=""):
+    """What holds on every way through."""
+    here = f"{daemon.url}{base}/"
+    assert [url for url in seen["requests"] if not url.startswith((here, "blob:", "data:"))] == []
+    assert [line for line in seen["console"] if not line.startswith(("warn", "debug"))] == []
+    assert [error for error in seen["errors"] if "ERR_ABORTED" not in error] == []
+    assert [fit for fit in seen["fits"] if fit[2] > fit[3]] == []
+    assert {part: found for part, found in seen["violations"].items() if found} == {}
+
+
+def scan(path):
+    """A torus with grooves, coloured, as PLY."""
+    lines = [f"{x:.6f} {y:.6f} {z:.6f} {int(100 + 50 * x)} {int(100 + 50 * y)} 90" for x, y, z in torus()]
+    head = ["ply", "format ascii 1.0", f"element vertex {len(lines)}", *(f"property float {c}" for c in "xyz"),
+            *(f"property uchar {c}" for c in ("red", "green", "blue")), "end_header"]
+    path.write_text("\n".join(head + lines) + "\n", encoding="ascii")
+    return path
+
+
+def share_of(path, wanted):
+    """Of the pixels for which wanted(r, g, b) holds, by halves: left, right."""
+    width, rows = decode(path.read_bytes())
+    halves = [0, 0]
+    for row in rows:
+        for x in range(width):
+            halves[2 * x >= width] += wanted(*row[3 * x:3 * x + 3])
+    return [n / (width * len(rows) / 2) for n in halves]
+
+
+@needs_browser
+def test_the_whole_way(daemon, tmp_path):
+    files_of(daemon)
+    seen = walk(f"{daemon.url}/", scan(tmp_path / "torus.ply"), tmp_path / "pictures")
+    hold(seen, daemon)
+    assert seen["first"]["bytes"] < 250000
+    assert "2 592" in seen["facts"].replace("\u202f", " ") and "red" in seen["facts"]
+    assert seen["least"].startswith("0.1 %")
+    goal = re.match(r"(20|19\.\d|2\d(\.\d)?) %: (\d+) of", seen["goal"].replace("\u202f", ""))
+    assert goal, seen["goal"]
+    kept = int(goal[3])
+    assert f"{daemon.url}/v1/jobs?ratio=0.2" in seen["command"] and "outputs=cloud,mesh,error,preview.png" in seen["command"]
+    before, after = seen["shown"]["layers"]
+    assert before["shown"] == before["count"] == 2592 and after["triangles"] == 2 * kept, seen["shown"]
+    assert f"{kept} of 2592" in seen["figures"].replace("\u202f", "")
+    assert [shown for wanted, shown, _ in seen["levels"] if wanted == shown] == [1, round(kept * 10 ** -1.5), kept]
+    assert re.match(rf"{kept} of {kept} points, 2\d", seen["levels"][2][2].replace("\u202f", "").replace(" %", "%"))
+    assert re.match(r"[\d.]+ between the two places", seen["measured"]), seen["measured"]
+    sides = [float(side) for side in seen["box"].split(" in ")[0].split(" × ")]
+    assert all(abs(a - b) < 0.06 for a, b in zip(sides, (2.9, 2.9, 0.9))), seen["box"]
+    assert seen["again"].replace("\u202f", "").startswith(goal[0][:4])
+    assert len(seen["cards"]) == 1 and "torus.ply" in seen["cards"][0]
+
+
+@needs_browser
+def test_pictures_show_deviation_on_the_left_and_the_mesh_on_the_right(daemon, tmp_path):
+    files_of(daemon)
+    folder = tmp_path / "pictures"
+    walk(f"{daemon.url}/", scan(tmp_path / "torus.ply"), folder)
+
+    def drawn(r, g, b):
+        return abs(r - 250) + abs(g - 250) + abs(b - 248) > 12
+
+    def hot(r, g, b):
+        return r > g + 40 and g > b
+    left, right = share_of(folder / "side.png", drawn)
+    assert 0.08 < left < 0.7 and 0.08 < right < 0.7 and abs(left - right) < 0.12, (left, right)
+    hot_left, _ = share_of(folder / "side.png", hot)
+    assert hot_left > 0.01
+    assert (folder / "turned.png").read_bytes() != (folder / "cloud.png").read_bytes()
+
+
+@needs_browser
+def test_with_a_token_and_below_a_path(make_daemon, tmp_path):
+    tokens = tmp_path / "tokens"
+    tokens.write_text(f"alice:submit,read:{hashlib.sha256(b'secret').hexdigest()}\n")
+    daemon = make_daemon("--tokens-file", tokens, "--base-path", "/whittle")
+    files_of(daemon, "/whittle")
+    seen = walk(f"{daemon.url}/whittle/", scan(tmp_path / "torus.ply"), tmp_path / "pictures", "secret")
+    seen["console"] = [line for line in seen["console"] if "401" not in line]
+    hold(seen, daemon, "/whittle")
+    assert seen["address"].startswith(f"{daemon.url}/whittle/jobs/") and len(seen["cards"]) == 1
+
+
+@needs_browser
+def test_a_real_scan(daemon, tmp_path):
+    cloud = SHARED / "horse.points.ply"
+    if not cloud.exists():
+        pytest.skip("../shared/data/horse.points.ply isn't there")
+    files_of(daemon)
+    seen = walk(f"{daemon.url}/", cloud, tmp_path / "pictures")
+    hold(seen, daemon)
+    assert seen["shown"]["layers"][0]["count"] == 48485

@@ -158,7 +158,8 @@ def test_the_whole_way(daemon, tmp_path):
     assert re.match(rf"{kept} of {kept} points, 2\d", seen["levels"][2][2].replace("\u202f", "").replace(" %", "%"))
     assert re.match(r"[\d.]+ between the two places", seen["measured"]), seen["measured"]
     sides = [float(side) for side in seen["box"].split(" in ")[0].split(" × ")]
-    assert all(abs(a - b) < 0.06 for a, b in zip(sides, (2.9, 2.9, 0.9))), seen["box"]
+    spans = [max(values) - min(values) for values in zip(*torus())]
+    assert all(abs(a - b) < 0.002 for a, b in zip(sides, spans)), (seen["box"], spans)
     assert seen["again"].replace("\u202f", "").startswith(goal[0][:4])
     assert len(seen["cards"]) == 1 and "torus.ply" in seen["cards"][0]
 

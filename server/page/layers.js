@@ -42,13 +42,14 @@ function paint(points, by, colour, begin, end) {
   }
 }
 
-// Points of a PLY that come in pieces, the first ones first.  area: of the surface, about, in square units.
+// Points of a PLY that come in pieces, the first ones first.  area: of the surface, about, in square units; reach: of
+// the farthest point from the origin, at most.
 export class PointLayer {
-  static async open(url, origin, area) {
+  static async open(url, origin, area, reach) {
     let buffer = await bytesOf(url, 0, FIRST_BYTES), head = readHead(buffer);
     if (!head) throw new Error("the file's head is too long");
     const layer = new PointLayer();
-    Object.assign(layer, { url, origin, area, head, count: head.vertex.count, loaded: 0, shown: 0, fetched: 0 });
+    Object.assign(layer, { url, origin, area, reach, head, count: head.vertex.count, loaded: 0, shown: 0, fetched: 0 });
     if (!comesInPieces(head)) {
       buffer = await bytesOf(url);
       layer.points = await parse({ what: "whole", buffer, origin }, [buffer]);
@@ -73,6 +74,7 @@ export class PointLayer {
     this.geometry.setAttribute("position", new THREE.BufferAttribute(this.points.position, 3));
     this.geometry.setAttribute("color", new THREE.BufferAttribute(this.colour, 3));
     this.material = new THREE.PointsMaterial({ vertexColors: true, size: 1 });
+    this.geometry.boundingSphere = new THREE.Sphere(new THREE.Vector3(), this.reach); // points come later
     this.object = new THREE.Points(this.geometry, this.material);
     this.object.frustumCulled = false;
     paint(this.points, this.by, this.colour, 0, this.loaded);

@@ -98,7 +98,7 @@ async function level() {
 async function showBefore(value) {
   const source = now.sources.before.find(([name]) => name === value), shown = now;
   if (!source) return;
-  const layer = await PointLayer.open(source[2], now.origin, now.area);
+  const layer = await PointLayer.open(source[2], now.origin, now.area, Math.hypot(...now.size));
   if (shown !== now) return;
   put(0, layer);
   const more = () => {
@@ -118,7 +118,7 @@ async function showBefore(value) {
 async function showAfter(value) {
   const source = now.sources.after.find(([name]) => name === value), shown = now;
   if (!source) return;
-  const layer = value === "cloud" ? await PointLayer.open(source[2], now.origin, now.area) : await MeshLayer.open(source[2], now.origin);
+  const layer = value === "cloud" ? await PointLayer.open(source[2], now.origin, now.area, Math.hypot(...now.size)) : await MeshLayer.open(source[2], now.origin);
   if (shown !== now) return;
   put(1, layer);
   if (layer instanceof MeshLayer) layer.shade(find("look-mesh").value);

@@ -7,6 +7,7 @@ A case is a function named after the operation and the status; what several oper
 import contextlib
 import hashlib
 import json
+import re
 import signal
 import socket
 import sqlite3

@@ -140,7 +140,7 @@ static enum status look_at_points(struct run *run) {
 }
 
 /* How much of a mesh of the sites has no points. */
-static enum status find_lid(const struct run *run, const struct mesh *mesh, double *share) {
+static enum status find_lid(const struct run *run, const struct mesh *mesh, enum surface_form of, double *share) {
     struct sheet_points points = {.knn = run->knn};
     float *reach = alloc_array(run->points.count, sizeof *reach);
     uint8_t *stray = alloc_array(run->points.count, sizeof *stray);
@@ -148,7 +148,7 @@ static enum status find_lid(const struct run *run, const struct mesh *mesh, doub
         reach && stray ? sheet_reach_in(&run->hood, run->points.point, reach, &points.median) : STATUS_NO_MEMORY;
     if (!status) sheet_find_strays(&run->hood, reach, stray);
     points.reach = reach, points.stray = stray;
-    if (!status) status = surface_lid_of(mesh, &points, run->threads, share);
+    if (!status) status = surface_lid_of(mesh, &points, of, run->threads, share);
     free(reach), free(stray);
     return status;
 }
@@ -157,7 +157,7 @@ static enum status find_lid(const struct run *run, const struct mesh *mesh, doub
 static enum status judge_closed(struct run *run, const struct mesh *closed) {
     double share = 0;
     struct surface_choice choice = {0};
-    enum status status = find_lid(run, closed, &share);
+    enum status status = find_lid(run, closed, SURFACE_CLOSED, &share);
     if (status) return status;
     surface_choose_by_lid(&run->signs, share, &choice);
     decide(run, choice);
@@ -168,7 +168,7 @@ static enum status judge_closed(struct run *run, const struct mesh *closed) {
 static enum status judge_field(struct run *run, const struct mesh *field) {
     double share = 0;
     struct surface_choice choice = run->surface;
-    enum status status = find_lid(run, field, &share);
+    enum status status = find_lid(run, field, SURFACE_HEIGHTFIELD, &share);
     if (!status && surface_leave_field(share, &choice)) decide(run, choice);
     run->field_judged = true;
     return status;

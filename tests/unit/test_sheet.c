@@ -268,8 +268,8 @@ static void the_lid_decides_where_points_do_not(void **state) {
         enum surface_form form;
         bool sure;
     } lids[] = {{0, SURFACE_CLOSED, true},
-                {0.02, SURFACE_CLOSED, false},
-                {0.05, SURFACE_OPEN, false},
+                {0.006, SURFACE_CLOSED, false},
+                {0.02, SURFACE_OPEN, false},
                 {0.2, SURFACE_OPEN, true}};
     for (size_t i = 0; i < sizeof lids / sizeof *lids; i++) {
         struct surface_choice choice;
@@ -304,7 +304,7 @@ static double lid_of(const struct scan *scan, bool with_strays) {
         for (p = 0; vec3_distance(scan->dense.point[p], mesh.vertex[v]) > 0;) p++;
         mesh.source[v] = (uint32_t)p;
     }
-    assert_int_equal(surface_lid_of(&mesh, &points, 1, &share), STATUS_OK);
+    assert_int_equal(surface_lid_of(&mesh, &points, SURFACE_CLOSED, 1, &share), STATUS_OK);
     free(reach), free(stray);
     neighbourhood_done(&hood), mesh_done(&mesh), tets_done(&tets);
     return share;

@@ -35,11 +35,11 @@ enum status surface_signs_of(const vec3 *point, const vec3 *normal, size_t n, st
 /* What those signs say: true where they suffice, and *choice is filled. */
 bool surface_choose_by_signs(const struct surface_signs *signs, struct surface_choice *choice);
 
-/* *share = the part of a mesh's area that is farther from all points than they are from each other: a lid over what
+/* *share = the part of the area of a mesh, closed or a height field, that is farther from all points than they are from each other: a lid over what
  * wasn't scanned.  Triangles to a stray don't count: one point far off would outweigh all others.  mesh->source are ids
  * of the points.  As sheet_far_share. */
-enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *points, unsigned threads,
-                           double *share) MUST_CHECK;
+enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *points, enum surface_form of,
+                           unsigned threads, double *share) MUST_CHECK;
 
 /* What that of a closed mesh says where signs didn't suffice. */
 void surface_choose_by_lid(const struct surface_signs *signs, double share, struct surface_choice *choice);

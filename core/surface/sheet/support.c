@@ -33,7 +33,7 @@ enum {
 };
 static const double STEP = 1.5;               /* of the grid, in medians */
 static const double SURELY = 2, NEARLY = 0.3; /* struct knn_slack: what is surely far may be nearer by a third */
-static const float STRAY = 20;                /* reaches of the neighbour */
+static const float STRAY = 5; /* reaches of a neighbour */
 
 static enum status reach_of_chunk(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, uint32_t *id,
                                   float *reach) {
@@ -85,7 +85,12 @@ enum status sheet_reach_in(const struct neighbourhood *hood, const vec3 *point, 
 }
 
 void sheet_find_strays(const struct neighbourhood *hood, const float *reach, uint8_t *stray) {
-    for (size_t p = 0; p < hood->n; p++) stray[p] = reach[p] > STRAY * reach[sixth_of(hood, p)];
+    for (size_t p = 0; p < hood->n; p++) {
+        float least = reach[p];
+        for (size_t i = 0; i < hood->count[p] && i < SIXTH - 1; i++)
+            least = fminf(least, reach[hood->id[p * hood->stride + i]]);
+        stray[p] = reach[p] > STRAY * least;
+    }
 }
 
 /* ------------------------------------------------------------------------------------------------ triangles */

@@ -18,6 +18,7 @@
 #include "core/surface/delaunay_cgal.h"
 #include "core/surface/reconstruct.h"
 #include "core/surface/sheet/orient.h"
+#include "core/surface/sheet/sheet.h"
 
 /* The points that stand for themselves, and the index of each among them. */
 static void number_sites(const struct run *run, struct sites *sites, uint32_t *index) {
@@ -241,11 +242,15 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     return status;
 }
 
+static struct reconstruct_dense dense_of(const struct run *run, const struct sites *sites) {
+    return (struct reconstruct_dense){run->points.count, run->points.point, run->normal, run->hood.spacing,
+                                      sites->of_point,   run->knn,          &run->hood};
+}
+
 /* The surface of the sites, of one form; the mesh's sources become ids along the curve. */
 static enum status reconstruct_as(struct run *run, enum surface_form form, const struct sites *sites,
                                   const struct tets *tets, struct mesh *mesh, struct reconstruct_facts *facts) {
-    struct reconstruct_dense dense = {run->points.count, run->points.point, run->normal,
-                                      run->hood.spacing, sites->of_point,   run->knn};
+    struct reconstruct_dense dense = dense_of(run, sites);
     struct reconstruct_input input = {sites->point, sites->count, sites->normal, sites->support, &dense};
     bool of_all = sites != &run->sites;
     struct reconstruct_options options = {.method = (unsigned)run->params->reconstruction,
@@ -374,6 +379,8 @@ enum status pipeline_refine(struct run *run) {
     struct refine_options options = {(enum refine_form)run->params->refine, (enum placement)run->params->placement,
                                      run->threads};
     enum status status = refine_mesh(&run->mesh, &input, &options, &run->progress, NULL);
+    struct reconstruct_dense dense = dense_of(run, &run->sites);
+    if (!status && run->surface.form == SURFACE_OPEN) status = sheet_trim(&run->mesh, &dense, run->threads);
     return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "refine") : status;
 }
 

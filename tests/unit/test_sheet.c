@@ -21,6 +21,7 @@
 #include "core/surface/reconstruct.h"
 #include "core/surface/sheet/kind.h"
 #include "core/surface/sheet/orient.h"
+#include "core/surface/sheet/sheet.h"
 #include "tests/unit/dense.h"
 #include "tests/unit/faults.h"
 
@@ -103,8 +104,8 @@ static void scan_done(struct scan *scan) {
 
 static enum status made_within(const struct scan *scan, enum surface_form form, unsigned threads,
                                const struct progress *progress, struct mesh *mesh, struct reconstruct_facts *facts) {
-    struct reconstruct_dense dense = {scan->dense.n, scan->dense.point, scan->dense.normal, scan->dense.spacing,
-                                      NULL,          scan->knn};
+    struct reconstruct_dense dense = {
+        scan->dense.n, scan->dense.point, scan->dense.normal, scan->dense.spacing, NULL, scan->knn, NULL};
     struct reconstruct_input input = {.points = scan->kept, .n = scan->kept_count, .dense = &dense};
     struct reconstruct_options options = {.threads = threads, .surface = form, .up = {0, 0, 1}};
     struct tets tets = {0};
@@ -283,6 +284,33 @@ static void the_lid_decides_where_points_do_not(void **state) {
     assert_int_equal(field.form, SURFACE_OPEN);
 }
 
+/* A vertex that is moved far off takes its triangles along; they go, and nothing else. */
+static void what_is_moved_off_the_points_is_trimmed(void **state) {
+    (void)state;
+    struct scan scan = scan_of(waves);
+    struct neighbourhood hood = dense_hood(&scan.dense);
+    struct reconstruct_dense dense = {
+        scan.dense.n, scan.dense.point, scan.dense.normal, scan.dense.spacing, NULL, scan.knn, &hood};
+    struct mesh mesh = made(&scan, SURFACE_OPEN, NULL);
+    size_t before = mesh.triangle_count, around = 0;
+    uint32_t moved = 0;
+    struct mesh_facts facts;
+    assert_int_equal(sheet_trim(&mesh, &dense, 1), STATUS_OK);
+    assert_int_equal(mesh.triangle_count, before);
+    for (uint32_t v = 0; v < mesh.vertex_count; v++) {
+        double to_middle = hypot(mesh.vertex[v].x - 0.5, mesh.vertex[v].y - 0.5);
+        if (to_middle < hypot(mesh.vertex[moved].x - 0.5, mesh.vertex[moved].y - 0.5)) moved = v;
+    }
+    mesh.vertex[moved].z += 0.4;
+    for (size_t t = 0; t < before; t++)
+        for (int k = 0; k < 3; k++) around += mesh.triangle[t][k] == moved;
+    assert_int_equal(sheet_trim(&mesh, &dense, 1), STATUS_OK);
+    assert_int_equal(mesh.triangle_count, before - around);
+    is_a_manifold_with_borders(&mesh, &facts);
+    assert_int_equal(facts.borders, 2);
+    neighbourhood_done(&hood), mesh_done(&mesh), scan_done(&scan);
+}
+
 /* The lid of a closed mesh; with_strays: known as such. */
 static double lid_of(const struct scan *scan, bool with_strays) {
     struct reconstruct_input input = {.points = scan->kept, .n = scan->kept_count};
@@ -425,11 +453,17 @@ static void a_failing_allocation_is_told(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(sheets_keep_their_borders_and_holes), cmocka_unit_test(a_height_field_faces_up),
-        cmocka_unit_test(a_folded_grid_is_one_sheet),          cmocka_unit_test(points_say_what_they_are_of),
-        cmocka_unit_test(the_lid_decides_where_points_do_not), cmocka_unit_test(sides_follow_what_is_known),
-        cmocka_unit_test(threads_make_the_same_mesh),          cmocka_unit_test(all_stages_can_be_cancelled),
-        cmocka_unit_test(a_failing_allocation_is_told),        cmocka_unit_test(a_stray_is_no_lid),
+        cmocka_unit_test(sheets_keep_their_borders_and_holes),
+        cmocka_unit_test(a_height_field_faces_up),
+        cmocka_unit_test(a_folded_grid_is_one_sheet),
+        cmocka_unit_test(points_say_what_they_are_of),
+        cmocka_unit_test(the_lid_decides_where_points_do_not),
+        cmocka_unit_test(sides_follow_what_is_known),
+        cmocka_unit_test(threads_make_the_same_mesh),
+        cmocka_unit_test(all_stages_can_be_cancelled),
+        cmocka_unit_test(a_failing_allocation_is_told),
+        cmocka_unit_test(a_stray_is_no_lid),
+        cmocka_unit_test(what_is_moved_off_the_points_is_trimmed),
     };
     return cmocka_run_group_tests_name("sheet", tests, NULL, NULL);
 }

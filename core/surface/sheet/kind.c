@@ -29,8 +29,9 @@ static const double MARGIN = 0.01;       /* so many points on either side may be
 static const double HEIGHT = 6, OFF = 2; /* of the distance of the farthest of those near, in the plane */
 static const double LEANS = 0.5;         /* cosine to the direction: below, the surface is steep */
 static const double FIELD_LAYERED = 0.1, FIELD_STEEP = 0.15, OPEN_LAYERED = 0.4, SURE_LAYERED = 0.35;
-static const double LID_FAR = 3, OPEN_LID = 0.01, SURE_CLOSED = 0.004, SURE_OPEN = 0.07;
-static const double FIELD_FAR = 5, FIELD_LID = 0.005;
+static const struct sheet_limit LID_FAR = {3, INFINITY}, FIELD_FAR = {5, 4.5};
+static const double OPEN_LID = 0.01, SURE_CLOSED = 0.004, SURE_OPEN = 0.07;
+static const double FIELD_LID = 0.005;
 enum { SIGNS_LEAST = 1000 /* points that signs can be read off */ };
 
 /* Points by the cells of a grid in the plane across a direction.  The cells are as large as the density of most points
@@ -204,10 +205,10 @@ static bool has_stray(const struct mesh *mesh, const struct sheet_points *points
 
 enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *points, enum surface_form of,
                            unsigned threads, double *share) {
-    double times = of == SURFACE_HEIGHTFIELD ? FIELD_FAR : LID_FAR;
+    struct sheet_limit limit = of == SURFACE_HEIGHTFIELD ? FIELD_FAR : LID_FAR;
     float *far = alloc_array(mesh->triangle_count, sizeof *far);
     double all = 0, without = 0;
-    enum status status = far ? sheet_far_share(mesh, points, times, threads, far) : STATUS_NO_MEMORY;
+    enum status status = far ? sheet_far_share(mesh, points, limit, threads, far) : STATUS_NO_MEMORY;
     for (size_t t = 0; !status && t < mesh->triangle_count; t++) {
         if (has_stray(mesh, points, t)) continue;
         double area = vec3_length(area_of(mesh, t));

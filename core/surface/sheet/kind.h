@@ -35,9 +35,9 @@ enum status surface_signs_of(const vec3 *point, const vec3 *normal, size_t n, st
 /* What those signs say: true where they suffice, and *choice is filled. */
 bool surface_choose_by_signs(const struct surface_signs *signs, struct surface_choice *choice);
 
-/* *share = the part of the area of a mesh, closed or a height field, that is farther from all points than they are from each other: a lid over what
- * wasn't scanned.  Triangles to a stray don't count: one point far off would outweigh all others.  mesh->source are ids
- * of the points.  As sheet_far_share. */
+/* *share = the part of the area of a mesh, closed or a height field, that is farther from all points than they are from
+ * each other: a lid over what wasn't scanned.  Triangles to a stray don't count: one point far off would outweigh all
+ * others.  mesh->source are ids of the points.  As sheet_far_share. */
 enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *points, enum surface_form of,
                            unsigned threads, double *share) MUST_CHECK;
 

@@ -17,7 +17,7 @@
 #include "core/surface/sheet/front.h"
 #include "core/surface/sheet/support.h"
 
-static const double FAR = 3, FAR_IN_PLANE = 4;
+static const struct sheet_limit FAR = {3, 4.2}, FAR_IN_PLANE = {4, 4.2};
 
 /* A mesh of all points and no triangles so far. */
 static enum status mesh_of(const struct reconstruct_input *input, struct mesh *mesh) {
@@ -30,19 +30,28 @@ static enum status mesh_of(const struct reconstruct_input *input, struct mesh *m
     return STATUS_OK;
 }
 
-/* Takes unsupported triangles out.  points: those of the original ones, in space or in the plane, as mesh->vertex is.
- */
-static enum status cut(struct mesh *mesh, const struct reconstruct_dense *dense, const struct knn *knn,
-                       const vec3 *point, double times, unsigned threads, const struct progress *progress) {
+/* The original points, in space or in the plane, as mesh->vertex is. */
+struct originals {
+    const vec3 *point;
+    size_t n;
+    const struct knn *knn;
+    const struct neighbourhood *hood; /* NULL = not known */
+};
+
+/* Takes unsupported triangles out. */
+static enum status cut(struct mesh *mesh, const struct originals *originals, struct sheet_limit limit, unsigned threads,
+                       const struct progress *progress) {
     struct halfedge he = {0};
-    struct sheet_points points = {.knn = knn};
-    float *reach = alloc_array(dense->n, sizeof *reach);
+    struct sheet_points points = {.knn = originals->knn};
+    float *reach = alloc_array(originals->n, sizeof *reach);
     uint8_t *out = alloc_array(mesh->triangle_count, 1);
-    mesh->tag = alloc_zeroed(mesh->triangle_count, 1);
+    if (!mesh->tag) mesh->tag = alloc_zeroed(mesh->triangle_count, 1);
     enum status status = reach && out && mesh->tag ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status) status = sheet_reach(knn, point, dense->n, threads, reach, &points.median);
+    if (!status && originals->hood) status = sheet_reach_in(originals->hood, originals->point, reach, &points.median);
+    if (!status && !originals->hood)
+        status = sheet_reach(originals->knn, originals->point, originals->n, threads, reach, &points.median);
     points.reach = reach;
-    if (!status) status = sheet_unsupported(mesh, &points, times, threads, progress, out);
+    if (!status) status = sheet_unsupported(mesh, &points, limit, threads, progress, out);
     if (!status) status = halfedge_init(&he, mesh, threads);
     if (!status) status = mesh_without(mesh, &he, out);
     halfedge_done(&he);
@@ -52,17 +61,24 @@ static enum status cut(struct mesh *mesh, const struct reconstruct_dense *dense,
 
 enum status sheet_open(const struct tets *tets, const struct reconstruct_input *input, unsigned threads,
                        const struct progress *progress, struct mesh *mesh) {
+    const struct reconstruct_dense *dense = input->dense;
     struct mesh made = {0};
     enum status status = mesh_of(input, &made);
     if (!status)
         status = sheet_front(tets, input->points, input->n, threads, progress, &made.triangle, &made.triangle_count);
-    if (!status) status = cut(&made, input->dense, input->dense->knn, input->dense->point, FAR, threads, progress);
+    if (!status)
+        status =
+            cut(&made, &(struct originals){dense->point, dense->n, dense->knn, dense->hood}, FAR, threads, progress);
     if (!status) {
         *mesh = made;
         made = (struct mesh){0};
     }
     mesh_done(&made);
     return status;
+}
+
+enum status sheet_trim(struct mesh *mesh, const struct reconstruct_dense *dense, unsigned threads) {
+    return cut(mesh, &(struct originals){dense->point, dense->n, dense->knn, dense->hood}, FAR, threads, NULL);
 }
 
 /* ------------------------------------------------------------------------------------------------ height fields */
@@ -97,7 +113,7 @@ static enum status cut_in_plane(struct mesh *mesh, const struct reconstruct_dens
     enum status status = feet ? STATUS_OK : STATUS_NO_MEMORY;
     for (size_t i = 0; !status && i < dense->n; i++) feet[i] = foot(plane, dense->point[i]);
     if (!status) status = knn_new(feet, dense->n, threads, &knn, NULL);
-    if (!status) status = cut(mesh, dense, knn, feet, FAR_IN_PLANE, threads, progress);
+    if (!status) status = cut(mesh, &(struct originals){feet, dense->n, knn, NULL}, FAR_IN_PLANE, threads, progress);
     knn_free(knn);
     free(feet);
     return status;

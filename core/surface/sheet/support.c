@@ -32,8 +32,9 @@ enum {
     PLACES = (SIDES + 1) * (SIDES + 2) / 2 - 3
 };
 static const double STEP = 1.5;               /* of the grid, in medians */
+static const double AROUND = 0.7;             /* reaches: no place amid evenly spread points is as far off */
 static const double SURELY = 2, NEARLY = 0.3; /* struct knn_slack: what is surely far may be nearer by a third */
-static const float STRAY = 5; /* reaches of a neighbour */
+static const float STRAY = 5;                 /* reaches of a neighbour */
 
 static enum status reach_of_chunk(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, uint32_t *id,
                                   float *reach) {
@@ -131,13 +132,18 @@ struct tally {
     uint8_t far, all;
 };
 
-static enum status judge(const struct sheet_points *points, double times, unsigned threads, struct places *places,
-                         struct tally *tally) {
-    struct knn_slack slack = {points->reach, SURELY * times, NEARLY};
+static double limit_of(const struct sheet_limit *limit, const struct sheet_points *points, uint32_t nearest) {
+    double reach = (double)points->reach[nearest];
+    return fmax(fmin(limit->times * reach, limit->medians * (double)points->median), AROUND * reach);
+}
+
+static enum status judge(const struct sheet_points *points, const struct sheet_limit *limit, unsigned threads,
+                         struct places *places, struct tally *tally) {
+    struct knn_slack slack = {points->reach, SURELY * limit->times, NEARLY};
     enum status status = knn_search_nearly(points->knn, &slack, places->place, places->count, 1, threads,
                                            places->nearest, places->distance_sq);
     for (size_t i = 0; !status && i < places->count; i++) {
-        double most = times * (double)points->reach[places->nearest[i]];
+        double most = limit_of(limit, points, places->nearest[i]);
         struct tally *t = &tally[places->of[i]];
         if (places->distance_sq[i] > most * most) t->far++;
         t->all++;
@@ -172,8 +178,9 @@ static double least_reach(const struct mesh *mesh, uint32_t t, const float *reac
 
 /* What triangles are looked at in. */
 struct look {
-    double times, least; /* longest sides below this one need no look */
-    const float *reach;  /* at each vertex that a triangle with such a side has */
+    struct sheet_limit limit;
+    double least;       /* longest sides below this one need no look */
+    const float *reach; /* at each vertex that a triangle with such a side has */
     unsigned threads;
     const struct progress *progress;
 };
@@ -200,7 +207,7 @@ static enum status count_far(const struct mesh *mesh, const struct sheet_points 
             double step = STEP * least_reach(mesh, t, look->reach);
             if (longest >= least * step) add_places(mesh, t, step, &places);
         }
-        if (!status) status = judge(points, look->times, look->threads, &places, tally);
+        if (!status) status = judge(points, &look->limit, look->threads, &places, tally);
     }
     free(places.place), free(places.of), free(places.nearest), free(places.distance_sq);
     return status;
@@ -215,12 +222,12 @@ struct pass {
 /* Tallies of triangles, for the caller to free; a later pass looks again at those of which nothing is known to be far.
  * No place of a triangle is farther from its corners, which are points, than its longest side by the root of 3, so that
  * small ones are near all over. */
-static enum status tally_all(const struct mesh *mesh, const struct sheet_points *points, double times,
+static enum status tally_all(const struct mesh *mesh, const struct sheet_points *points, struct sheet_limit limit,
                              const struct pass *pass, int passes, unsigned threads, const struct progress *progress,
                              struct tally **out) {
     float *reach = alloc_array(mesh->vertex_count, sizeof *reach);
     struct tally *tally = *out = alloc_zeroed(mesh->triangle_count, sizeof *tally);
-    struct look look = {times, sqrt(3) * times * (double)points->median, reach, threads, progress};
+    struct look look = {limit, sqrt(3) * limit.times * (double)points->median, reach, threads, progress};
     enum status status = tally && reach ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) status = reach_of_corners(mesh, points, look.least, threads, reach);
     for (int i = 0; i < passes && !status; i++) {
@@ -234,21 +241,21 @@ static enum status tally_all(const struct mesh *mesh, const struct sheet_points 
 
 /* Large triangles are looked at in a few places first: one that is far is enough, and searches from far away are slow.
  */
-enum status sheet_unsupported(const struct mesh *mesh, const struct sheet_points *points, double times,
+enum status sheet_unsupported(const struct mesh *mesh, const struct sheet_points *points, struct sheet_limit limit,
                               unsigned threads, const struct progress *progress, uint8_t *out) {
     static const struct pass passes[] = {{FEW_SIDES, SIDES}, {SIDES, 0}};
     struct tally *tally;
-    enum status status = tally_all(mesh, points, times, passes, 2, threads, progress, &tally);
+    enum status status = tally_all(mesh, points, limit, passes, 2, threads, progress, &tally);
     for (size_t t = 0; !status && t < mesh->triangle_count; t++) out[t] = tally[t].far > 0;
     free(tally);
     return status;
 }
 
-enum status sheet_far_share(const struct mesh *mesh, const struct sheet_points *points, double times, unsigned threads,
-                            float *share) {
+enum status sheet_far_share(const struct mesh *mesh, const struct sheet_points *points, struct sheet_limit limit,
+                            unsigned threads, float *share) {
     static const struct pass rough = {ROUGH_SIDES, 0};
     struct tally *tally;
-    enum status status = tally_all(mesh, points, times, &rough, 1, threads, NULL, &tally);
+    enum status status = tally_all(mesh, points, limit, &rough, 1, threads, NULL, &tally);
     for (size_t t = 0; !status && t < mesh->triangle_count; t++)
         share[t] = tally[t].all ? (float)tally[t].far / (float)tally[t].all : 0;
     free(tally);

@@ -35,14 +35,20 @@ struct sheet_points {
     const uint8_t *stray; /* sheet_find_strays; NULL = there are none */
 };
 
-/* out[t] = 1 for the triangles with a place that is farther than `times` the reach of the nearest original point from
- * it, else 0.  Places are those of a grid that is finer than the reach, up to a few dozen in a triangle.  The same for
- * any number of threads.  O(triangles log points).  STATUS_NO_MEMORY, STATUS_CANCELLED (stage "support"). */
-enum status sheet_unsupported(const struct mesh *mesh, const struct sheet_points *points, double times,
+/* From where on a place is far from the points: over so many times the reach of the nearest one; where points are
+ * sparse over so many medians of it, unless that is less than points there are apart. */
+struct sheet_limit {
+    double times, medians;
+};
+
+/* out[t] = 1 for the triangles with a place that is far from all original points, else 0.  Places are those of a grid
+ * that is finer than the reach, up to a few dozen in a triangle.  The same for any number of threads.
+ * O(triangles log points).  STATUS_NO_MEMORY, STATUS_CANCELLED (stage "support"). */
+enum status sheet_unsupported(const struct mesh *mesh, const struct sheet_points *points, struct sheet_limit limit,
                               unsigned threads, const struct progress *progress, uint8_t *out) MUST_CHECK;
 
-/* share[t] = the part of a triangle, 0 to 1, that is that far, by a few places of each. */
-enum status sheet_far_share(const struct mesh *mesh, const struct sheet_points *points, double times, unsigned threads,
-                            float *share) MUST_CHECK;
+/* share[t] = the part of a triangle, 0 to 1, that is far, by a few places of each. */
+enum status sheet_far_share(const struct mesh *mesh, const struct sheet_points *points, struct sheet_limit limit,
+                            unsigned threads, float *share) MUST_CHECK;
 
 #endif

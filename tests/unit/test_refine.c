@@ -673,8 +673,7 @@ static void test_ends_without_points_stay(void **state) {
     double over = 0;
     refine(&mesh, &dense, REFINE_FULL, PLACEMENT_OPTIMAL, &facts);
     assert_true(facts.moves > CAN_AROUND && facts.mean_after < 0.5 * facts.mean_before);
-    for (size_t v = 0; v < mesh.vertex_count; v++)
-        over = fmax(over, fmax(-mesh.vertex[v].z, mesh.vertex[v].z - 0.6));
+    for (size_t v = 0; v < mesh.vertex_count; v++) over = fmax(over, fmax(-mesh.vertex[v].z, mesh.vertex[v].z - 0.6));
     assert_true(over < 20 * facts.mean_before);
     mesh_done(&mesh);
     dense_done(&dense);

@@ -33,6 +33,7 @@ static const char *const refine_forms[] = {"none", "flips", "full", NULL};
 static const char *const reference_forms[] = {"auto", "points", "faces", "reconstruction", NULL};
 static const char *const denoise_forms[] = {"none", "outliers", "full", NULL};
 static const char *const switch_forms[] = {"false", "true", NULL};
+static const char *const attribute_forms[] = {"nearest", "mean", NULL};
 static const char *const encodings[] = {"binary", "ascii", NULL};
 static const char *const colour_bits[] = {"8", "16", "keep", NULL};
 static const char *const pcd_precisions[] = {"float", "double", NULL};
@@ -100,6 +101,9 @@ static const struct param table[] = {
      "Weight of a virtual triangle's plane: its area, or unit (the paper's)"},
     {"line_quadric", PARAM_NUMBER, AT(line_quadric), 0, 1, false, "0.003", NULL, "", true,
      "Weight of the line quadric along the normal, which keeps flat regions evenly sampled"},
+    {"weights", PARAM_WEIGHTS, AT(weights), 0, 0, false, "", NULL, "", true,
+     "Edges of attributes count as features, too, each with its weight, as rgb:0.2,intensity:0.1: a step by the whole "
+     "range of an attribute of weight 1 counts as much as one by a tenth of the diagonal; rgb is red, green and blue"},
     {"neighbourhood", PARAM_NUMBER, AT(neighbourhood), 1, 16, false, "2.5", NULL, "nearest-neighbour distances", true,
      "Radius of the neighbourhood (Gopi's m) as a multiple of the distance to the nearest neighbour"},
     {"neighbours_min", PARAM_INTEGER, AT(neighbours_min), 3, 63, false, "6", NULL, "points", true,
@@ -115,6 +119,12 @@ static const struct param table[] = {
     {"boundary", PARAM_CHOICE, AT(boundary), 0, 0, false, "auto", boundary_forms, "", true,
      "Borders of a surface that is reconstructed as closed (surface=closed, which this implies): fill: the mesh is "
      "closed; keep: facets that no point supports are dropped; auto: fill where the surface is found to be closed"},
+    {"close_holes", PARAM_NUMBER, AT(close_holes), 0, 1e300, true, "", NULL, "units of the file", true,
+     "Close the holes of a mesh with borders whose borders are at most this long; where the surface ends is no hole"},
+    {"attributes", PARAM_CHOICE, AT(attributes), 0, 0, false, "nearest", attribute_forms, "", true,
+     "What a vertex of a mesh has of the input's attributes: nearest: those of its point, or where it was moved freely "
+     "of the nearest one; mean: numbers with fractions, colours and intensity averaged over all points it is nearest "
+     "to"},
     {"refine", PARAM_CHOICE, AT(refine), 0, 0, false, "full", refine_forms, "", true,
      "Refinement of the mesh against the original points: none, flips of edges, or full (vertices move too)"},
     {"reference", PARAM_CHOICE, AT(reference), 0, 0, false, "auto", reference_forms, "", true,
@@ -275,6 +285,11 @@ void params_allowed(const struct param *param, char *text, size_t text_bytes) {
                  "conditions like intensity>100, class==2 or class==2|6, separated by commas; at most %d bytes",
                  CONDITION_LIST_BYTES - 1);
         break;
+    case PARAM_WEIGHTS:
+        snprintf(text, text_bytes,
+                 "properties and numbers over 0, at most 100, as rgb:0.2,intensity:0.1, none twice; at most %d bytes",
+                 WEIGHT_LIST_BYTES - 1);
+        break;
     }
 }
 
@@ -378,6 +393,14 @@ static bool set_conditions(void *member, const struct param *param, const char *
     return true;
 }
 
+static bool set_weights(void *member, const struct param *param, const char *text) {
+    (void)param;
+    if (!weight_list_is_valid(text)) return false;
+    memset(member, 0, WEIGHT_LIST_BYTES);
+    memcpy(member, text, strlen(text));
+    return true;
+}
+
 static bool set_numbers(void *member, const struct param *param, const char *text) {
     struct param_numbers numbers = {0};
     struct param any = *param;
@@ -399,9 +422,9 @@ static bool set_numbers(void *member, const struct param *param, const char *tex
 
 static bool set_value(struct params *params, const struct param *param, const char *value) {
     static bool (*const setters[])(void *, const struct param *, const char *) = {
-        [PARAM_NUMBER] = set_number,   [PARAM_INTEGER] = set_integer,      [PARAM_CHOICE] = set_choice,
-        [PARAM_FLAGS] = set_flags,     [PARAM_LEVELS] = set_levels,        [PARAM_COLUMNS] = set_columns,
-        [PARAM_NUMBERS] = set_numbers, [PARAM_CONDITIONS] = set_conditions};
+        [PARAM_NUMBER] = set_number,   [PARAM_INTEGER] = set_integer,       [PARAM_CHOICE] = set_choice,
+        [PARAM_FLAGS] = set_flags,     [PARAM_LEVELS] = set_levels,         [PARAM_COLUMNS] = set_columns,
+        [PARAM_NUMBERS] = set_numbers, [PARAM_CONDITIONS] = set_conditions, [PARAM_WEIGHTS] = set_weights};
     return setters[param->type]((char *)params + param->offset, param, value);
 }
 
@@ -430,6 +453,7 @@ static void clear_value(struct params *params, const struct param *param) {
     if (param->type == PARAM_COLUMNS) memset(member, 0, COLUMN_LIST_BYTES);
     if (param->type == PARAM_NUMBERS) *(struct param_numbers *)member = (struct param_numbers){0};
     if (param->type == PARAM_CONDITIONS) memset(member, 0, CONDITION_LIST_BYTES);
+    if (param->type == PARAM_WEIGHTS) memset(member, 0, WEIGHT_LIST_BYTES);
 }
 
 void params_defaults(struct params *params) {
@@ -579,6 +603,7 @@ void params_format(const struct params *params, const struct param *param, char 
         break;
     }
     case PARAM_CONDITIONS:
+    case PARAM_WEIGHTS:
     case PARAM_COLUMNS: snprintf(text, text_bytes, "%s", (const char *)member); break;
     }
 }

@@ -14,6 +14,7 @@
 #include "core/base/column_list.h"
 #include "core/base/condition_list.h"
 #include "core/base/status.h"
+#include "core/base/weight_list.h"
 
 enum dso_form { DSO_RMS, DSO_SUM, DSO_NONE };
 enum placement { PLACEMENT_SUBSET, PLACEMENT_OPTIMAL };
@@ -32,6 +33,7 @@ enum pcd_precision { PCD_FLOAT, PCD_DOUBLE };
 /* Which axis of the input is upwards in pictures, in the order of core/picture/view.h. */
 enum preview_up { UP_AUTO, UP_X, UP_Y, UP_Z };
 enum xyz_header { HEADER_NONE, HEADER_PLAIN, HEADER_HASH };
+enum attribute_form { ATTRIBUTES_NEAREST, ATTRIBUTES_MEAN };
 enum switch_form { SWITCH_FALSE, SWITCH_TRUE };
 
 /* Bits of params.outputs, in the order of the table's choices. */
@@ -92,10 +94,13 @@ struct params {
     double dso_exponent;
     int area_weight; /* enum area_weight */
     double line_quadric;
-    double neighbourhood; /* Gopi's m */
+    char weights[WEIGHT_LIST_BYTES]; /* of attributes; "" = not given */
+    double neighbourhood;            /* Gopi's m */
     uint64_t neighbours_min, neighbours_max;
     int reconstruction;                        /* row of surface/reconstruct.h */
     int surface;                               /* enum surface_form */
+    double close_holes;                        /* in the input's units; NAN = not given */
+    int attributes;                            /* enum attribute_form */
     int boundary;                              /* enum boundary_form */
     int refine;                                /* enum refine_form */
     int reference;                             /* enum reference_form */
@@ -137,11 +142,13 @@ enum param_type {
     PARAM_LEVELS,
     PARAM_COLUMNS,
     PARAM_NUMBERS,
-    PARAM_CONDITIONS
+    PARAM_CONDITIONS,
+    PARAM_WEIGHTS
 };
 
 /* One row.  Numbers are double members, integers uint64_t, choices int, flags uint32_t, levels struct param_levels,
- * columns text of COLUMN_LIST_BYTES, lists of numbers struct param_numbers, conditions text of CONDITION_LIST_BYTES. */
+ * columns text of COLUMN_LIST_BYTES, lists of numbers struct param_numbers, conditions text of
+ * CONDITION_LIST_BYTES, weights of WEIGHT_LIST_BYTES. */
 struct param {
     const char *name;
     enum param_type type;

@@ -40,6 +40,7 @@ static json_t *value_json(const struct param *param, const char *text) {
     case PARAM_INTEGER: return json_integer(strtoll(text, NULL, 10));
     case PARAM_FLAGS:
     case PARAM_CONDITIONS:
+    case PARAM_WEIGHTS:
     case PARAM_COLUMNS: return flags_json(text);
     case PARAM_NUMBERS:
     case PARAM_LEVELS: return levels_json(text);
@@ -80,6 +81,7 @@ static bool is_of_type(const struct param *param, const json_t *value) {
     case PARAM_CHOICE: return json_is_string(value);
     case PARAM_FLAGS:
     case PARAM_CONDITIONS:
+    case PARAM_WEIGHTS:
     case PARAM_COLUMNS:
         json_array_foreach(value, i, item) ok = ok && json_is_string(item) && !strchr(json_string_value(item), ',');
         return ok;
@@ -169,9 +171,9 @@ static void add_items(json_t *schema, json_t *items) {
 
 static void add_type(json_t *schema, const struct param *param) {
     static const char *const names[] = {
-        [PARAM_NUMBER] = "number", [PARAM_INTEGER] = "integer", [PARAM_CHOICE] = "string",
-        [PARAM_FLAGS] = "array",   [PARAM_LEVELS] = "array",    [PARAM_COLUMNS] = "array",
-        [PARAM_NUMBERS] = "array", [PARAM_CONDITIONS] = "array"};
+        [PARAM_NUMBER] = "number", [PARAM_INTEGER] = "integer",  [PARAM_CHOICE] = "string",
+        [PARAM_FLAGS] = "array",   [PARAM_LEVELS] = "array",     [PARAM_COLUMNS] = "array",
+        [PARAM_NUMBERS] = "array", [PARAM_CONDITIONS] = "array", [PARAM_WEIGHTS] = "array"};
     json_object_set_new(schema, "type", json_string(names[param->type]));
     switch (param->type) {
     case PARAM_NUMBER:
@@ -195,6 +197,7 @@ static void add_type(json_t *schema, const struct param *param) {
         json_object_set_new(schema, "maxItems", json_integer((json_int_t)param->max));
         break;
     case PARAM_CONDITIONS:
+    case PARAM_WEIGHTS:
         json_object_set_new(schema, "items", json_pack("{s:s, s:i}", "type", "string", "minLength", 3));
         json_object_set_new(schema, "minItems", json_integer(1));
         break;

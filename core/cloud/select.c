@@ -24,7 +24,7 @@ static const struct property *find_exactly(const struct cloud *cloud, const char
     return NULL;
 }
 
-static const struct property *find(const struct cloud *cloud, const char *name) {
+const struct property *select_property(const struct cloud *cloud, const char *name) {
     static const char *const common[][2] = {{"class", "classification"},
                                             {"return", "return_number"},
                                             {"returns", "number_of_returns"},
@@ -36,7 +36,7 @@ static const struct property *find(const struct cloud *cloud, const char *name) 
     return found ? found : find_exactly(cloud, name, strcasecmp);
 }
 
-static enum status refuse_name(const struct cloud *cloud, const char *name, struct error *error) {
+enum status select_refuse(const struct cloud *cloud, const char *parameter, const char *name, struct error *error) {
     char names[ERROR_TEXT_BYTES - 96] = "";
     size_t used = 0;
     for (size_t j = 0; j < cloud->property_count; j++) {
@@ -48,7 +48,8 @@ static enum status refuse_name(const struct cloud *cloud, const char *name, stru
         }
         used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", used ? ", " : "", p->name);
     }
-    return error_set(error, STATUS_BAD_PARAMETER, "where", "the input has no property '%.60s'; it has %s", name, names);
+    return error_set(error, STATUS_BAD_PARAMETER, parameter, "the input has no property '%.60s'; it has %s", name,
+                     names);
 }
 
 /* ------------------------------------------------------------------------------------------------ the rules */
@@ -121,8 +122,8 @@ enum status select_points(const struct cloud *cloud, const struct params *params
     for (const char *at = params->where; *at;) {
         if (!condition_list_next(&at, &condition))
             return error_set(error, STATUS_BAD_PARAMETER, "where", "is no list of conditions");
-        const struct property *property = find(cloud, condition.name);
-        if (!property) return refuse_name(cloud, condition.name, error);
+        const struct property *property = select_property(cloud, condition.name);
+        if (!property) return select_refuse(cloud, "where", condition.name, error);
         made.filtered += filter_points(cloud, &condition, property, kept);
     }
     if (made.cropped + made.filtered == cloud->count) return refuse_all(cloud, &made, error);

@@ -14,6 +14,12 @@ struct selection {
 
 static inline bool select_is_asked(const struct params *params) { return params->crop.count || params->where[0]; }
 
+/* The scalar property of this name, as it is, by what it is commonly called, or whatever its case; NULL: none. */
+const struct property *select_property(const struct cloud *cloud, const char *name);
+
+/* STATUS_BAD_PARAMETER at a parameter that names a property which isn't there: tells those that are. */
+enum status select_refuse(const struct cloud *cloud, const char *parameter, const char *name, struct error *error);
+
 /* kept[i] = 1 for each of the cloud->count points that params->crop and params->where leave, else 0.  A box has its
  * faces, whichever two of its corners are given; a polygon, of which a line that leaves it is counted by even and odd,
  * has about half of its edges.  STATUS_BAD_PARAMETER (error->where names the parameter) where there is no such

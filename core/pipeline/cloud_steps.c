@@ -6,8 +6,11 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
+#include "core/base/quantile.h"
+#include "core/cloud/select.h"
 #include "core/measure/tangent.h"
 #include "core/pipeline/pipeline_run.h"
+#include "core/simplify/attribute_edges.h"
 #include "core/simplify/dso.h"
 #include "core/simplify/normals.h"
 #include "core/simplify/spacing.h"
@@ -100,6 +103,40 @@ static void weigh(const struct run *run, float *smooth, float *weight) {
     dso_weights(smoothed ? smooth : run->dso, run->points.count, run->params->dso_exponent, run->threads, weight);
 }
 
+/* ------------------------------------------------------------------------------------------------ attributes */
+
+/* The property's values along the curve, so that nearly all lie within a range of 1 (value; order is scratch). */
+static void load_values(const struct run *run, const struct property *property, float *value, float *order) {
+    const double low_share = 0.01, high_share = 0.99;
+    const struct cloud *cloud = run->cloud;
+    size_t n = run->points.count, finite = 0;
+    for (size_t i = 0; i < n; i++) {
+        const unsigned char *record = cloud->record + run->points.original[i] * cloud->record_bytes;
+        value[i] = (float)scalar_load(record + property->offset_bytes, property->type);
+        if (isfinite(value[i])) order[finite++] = value[i];
+    }
+    if (!finite) return;
+    double low = (double)quantile_of(order, finite, low_share), high = (double)quantile_of(order, finite, high_share);
+    for (size_t i = 0; high == low && i < finite; i++) {
+        low = fmin(low, (double)order[i]);
+        high = fmax(high, (double)order[i]);
+    }
+    for (size_t i = 0; high > low && i < n; i++) value[i] = (float)((double)value[i] / (high - low));
+}
+
+static enum status add_edges(struct run *run, const struct weight_entry *entry, const struct quadric_options *options,
+                             float *value, float *order) {
+    static const char *const rgb[] = {"red", "green", "blue", NULL};
+    const char *const one[] = {entry->name, NULL};
+    for (const char *const *name = strcmp(entry->name, "rgb") == 0 ? rgb : one; *name; name++) {
+        const struct property *property = select_property(run->cloud, *name);
+        if (!property) return select_refuse(run->cloud, "weights", *name, run->error);
+        load_values(run, property, value, order);
+        attribute_edges_add(run->points.point, run->normal, &run->hood, value, entry->weight, options, run->quadrics);
+    }
+    return STATUS_OK;
+}
+
 enum status pipeline_quadrics(struct run *run) {
     size_t n = run->points.count;
     float *smooth = alloc_array(n, sizeof *smooth), *weight = alloc_array(n, sizeof *weight);
@@ -111,8 +148,14 @@ enum status pipeline_quadrics(struct run *run) {
         weigh(run, smooth, weight);
         quadric_assemble(run->points.point, run->normal, &run->hood, weight, &options, run->quadrics);
     }
+    enum status status = room ? STATUS_OK : pipeline_no_memory(run, "quadrics");
+    struct weight_entry entry;
+    for (const char *at = run->params->weights; !status && *at && weight_list_next(&at, &entry);) {
+        struct quadric_options options = {(enum area_weight)run->params->area_weight, 0, run->threads};
+        status = add_edges(run, &entry, &options, weight, smooth);
+    }
     free(smooth), free(weight);
-    return room ? STATUS_OK : pipeline_no_memory(run, "quadrics");
+    return status;
 }
 
 size_t pipeline_wanted_points(const struct run *run, size_t level) {

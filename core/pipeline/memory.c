@@ -42,6 +42,9 @@ static bool refined(const struct params *p) { return params_want_mesh(p) && p->r
 static bool refined_closely(const struct params *p) { return refined(p) && p->placement == PLACEMENT_OPTIMAL; }
 static bool denoised(const struct params *p) { return p->denoise != DENOISE_NONE; }
 static bool spaced(const struct params *p) { return !isnan(p->spacing); }
+static bool attributed(const struct params *p) {
+    return params_want_mesh(p) && (p->placement == PLACEMENT_OPTIMAL || p->attributes == ATTRIBUTES_MEAN);
+}
 static bool with_normals(const struct params *p) { return p->normals == SWITCH_TRUE; }
 static bool cloud_alone(const struct params *p) { return !params_want_mesh(p); }
 static bool reconstructed_whole(const struct params *p) {
@@ -72,6 +75,7 @@ static const struct stage {
     {"closer", refined_closely, 950, 4, 1300, 0, NO_TETS},
     {"measure", params_want_mesh, 105, 4, 300, 175, NO_TETS},
     {"reference", reconstructed_whole, SITE, 4, 150, 0, OF_ALL},
+    {"attributes", attributed, 110, 0, 300, 0, NO_TETS},
     {"normals", with_normals, 80, 0, 200, 0, NO_TETS},
     {"paint", painted, 160, 4, 200, 0, NO_TETS},
 };

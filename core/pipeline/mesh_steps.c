@@ -17,6 +17,7 @@
 #include "core/spatial/bvh.h"
 #include "core/surface/delaunay_cgal.h"
 #include "core/surface/reconstruct.h"
+#include "core/surface/sheet/holes.h"
 #include "core/surface/sheet/orient.h"
 #include "core/surface/sheet/sheet.h"
 
@@ -382,6 +383,14 @@ enum status pipeline_refine(struct run *run) {
     struct reconstruct_dense dense = dense_of(run, &run->sites);
     if (!status && run->surface.form == SURFACE_OPEN) status = sheet_trim(&run->mesh, &dense, run->threads);
     return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "refine") : status;
+}
+
+enum status pipeline_close_holes(struct run *run) {
+    size_t closed = 0;
+    double longest = run->params->close_holes / run->points.scale;
+    enum status status = sheet_close_holes(&run->mesh, longest, run->threads, &closed);
+    run->report.level[run->level].holes_closed = closed;
+    return status ? pipeline_no_memory(run, "holes") : STATUS_OK;
 }
 
 /* Whether a face is a point or a line, as far as its corners' coordinates tell. */

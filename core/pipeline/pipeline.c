@@ -21,6 +21,7 @@
  *  9 delaunay     tetrahedra of the kept points
  * 10 reconstruct  Tight Cocone
  * 11 refine       flips and moves against the original points
+ *    holes        where it is asked for: those of a mesh with borders are closed
  * 12 examine      is it closed, oriented, a manifold
  * 13 measure      distances in both directions
  *    verify       where a deviation is bounded: the one measured is within it
@@ -68,6 +69,10 @@ static bool sides_wanted(const struct params *params) {
     return params_want_mesh(params) || params->normals == SWITCH_TRUE;
 }
 
+static bool holes_wanted(const struct params *params) {
+    return params_want_mesh(params) && !isnan(params->close_holes);
+}
+
 static bool always(const struct params *params) {
     (void)params;
     return true;
@@ -100,6 +105,7 @@ static const struct step {
     {"delaunay", pipeline_delaunay, params_want_mesh, EACH, 10},
     {"reconstruct", pipeline_reconstruct, params_want_mesh, EACH, 10},
     {"refine", pipeline_refine, refinement_wanted, EACH, 60},
+    {"holes", pipeline_close_holes, holes_wanted, EACH, 1},
     {"examine", pipeline_examine, params_want_mesh, BESIDE, 1},
     {"measure", pipeline_measure, params_want_mesh, EACH, 20},
     {"verify", pipeline_verify, deviation_bounded, EACH, 0},

@@ -86,6 +86,7 @@ enum status pipeline_tangent(struct run *run) MUST_CHECK;
 enum status pipeline_delaunay(struct run *run) MUST_CHECK;
 enum status pipeline_reconstruct(struct run *run) MUST_CHECK;
 enum status pipeline_refine(struct run *run) MUST_CHECK;
+enum status pipeline_close_holes(struct run *run) MUST_CHECK;
 enum status pipeline_examine(struct run *run) MUST_CHECK;
 enum status pipeline_measure(struct run *run) MUST_CHECK;
 enum status pipeline_verify(struct run *run) MUST_CHECK;

@@ -14,6 +14,7 @@
 #include <inttypes.h>
 #include <libgen.h>
 #include <limits.h>
+#include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 #include <sys/stat.h>
@@ -30,6 +31,7 @@
 #include "core/io/formats/stl_write.h"
 #include "core/io/write.h"
 #include "core/picture/png_write.h"
+#include "core/pipeline/attributes.h"
 
 enum { MOST_OPEN = 16 };
 
@@ -39,8 +41,12 @@ struct outputs {
     const struct pipeline_result *result;
     const struct pipeline_level *level; /* the one to write */
     struct losses *losses;              /* of the report */
-    struct file_out_rule rule;          /* what files may take the place of */
-    struct file_out file[MOST_OPEN];    /* written, without their names yet */
+    /* Of each level's mesh: a point for each vertex with what it has of attributes, where that isn't what its point
+     * has, else empty; and the numbers 0, 1 ... of vertices. */
+    struct cloud vertices[PARAMS_MAX_LEVELS];
+    uint32_t *number;
+    struct file_out_rule rule;       /* what files may take the place of */
+    struct file_out file[MOST_OPEN]; /* written, without their names yet */
     size_t files;
 };
 
@@ -69,23 +75,40 @@ static bool is_scalar(const struct mesh_attributes *attributes, const struct pro
     return !property->is_list;
 }
 
+/* The level's mesh, with sources in the cloud that has its vertices' attributes.  Borrowed. */
+static struct mesh mesh_of(const struct outputs *o, const struct cloud **cloud) {
+    struct mesh mesh = o->level->mesh;
+    const struct cloud *own = &o->vertices[o->level - o->result->level];
+    *cloud = own->count ? own : o->cloud;
+    if (own->count) mesh.source = o->number;
+    return mesh;
+}
+
 static enum status write_mesh(int fd, const struct outputs *o, struct error *error) {
     struct mesh_attributes attributes;
-    mesh_attributes_find(&o->level->mesh, o->cloud, &attributes);
-    mesh_attributes_note(&attributes, o->cloud, "mesh.ply", is_scalar, true, o->losses);
-    return mesh_write_ply(fd, &o->level->mesh, o->cloud, (enum encoding)o->options->params.encoding, error);
+    const struct cloud *cloud;
+    const struct mesh mesh = mesh_of(o, &cloud);
+    mesh_attributes_find(&mesh, cloud, &attributes);
+    mesh_attributes_note(&attributes, cloud, "mesh.ply", is_scalar, true, o->losses);
+    return mesh_write_ply(fd, &mesh, cloud, (enum encoding)o->options->params.encoding, error);
 }
 
 static enum status write_obj(int fd, const struct outputs *o, struct error *error) {
-    return mesh_write_obj(fd, &o->level->mesh, o->cloud, o->losses, error);
+    const struct cloud *cloud;
+    const struct mesh mesh = mesh_of(o, &cloud);
+    return mesh_write_obj(fd, &mesh, cloud, o->losses, error);
 }
 
 static enum status write_stl(int fd, const struct outputs *o, struct error *error) {
-    return mesh_write_stl(fd, &o->level->mesh, o->cloud, o->losses, error);
+    const struct cloud *cloud;
+    const struct mesh mesh = mesh_of(o, &cloud);
+    return mesh_write_stl(fd, &mesh, cloud, o->losses, error);
 }
 
 static enum status write_glb(int fd, const struct outputs *o, struct error *error) {
-    return mesh_write_glb(fd, &o->level->mesh, o->cloud, o->losses, error);
+    const struct cloud *cloud;
+    const struct mesh mesh = mesh_of(o, &cloud);
+    return mesh_write_glb(fd, &mesh, cloud, o->losses, error);
 }
 
 static enum status write_report(int fd, const struct outputs *o, struct error *error) {
@@ -400,6 +423,45 @@ static enum status write_folder(struct outputs *outputs, struct error *error) {
     return status;
 }
 
+/* ------------------------------------------------------------------------------------------------ attributes */
+
+static bool has_moved_vertex(const struct mesh *mesh) {
+    for (size_t v = 0; v < mesh->vertex_count; v++)
+        if (mesh->source[v] == NONE) return true;
+    return false;
+}
+
+/* Whether vertices have other attributes than their points. */
+static bool wants_vertices(const struct outputs *o, const struct mesh *mesh) {
+    const struct params *params = &o->options->params;
+    if (!(params->outputs & OUTPUT_ANY_MESH) || !mesh->vertex_count) return false;
+    return params->attributes == ATTRIBUTES_MEAN || has_moved_vertex(mesh);
+}
+
+static enum status find_vertices(struct outputs *o, struct error *error) {
+    const struct params *params = &o->options->params;
+    size_t most = 0;
+    enum status status = STATUS_OK;
+    for (size_t i = 0; !status && i < o->result->level_count; i++) {
+        const struct mesh *mesh = &o->result->level[i].mesh;
+        if (!wants_vertices(o, mesh)) continue;
+        if (mesh->vertex_count > most) most = mesh->vertex_count;
+        status =
+            attributes_at(o->cloud, mesh->vertex, mesh->source, mesh->vertex_count,
+                          params->attributes == ATTRIBUTES_MEAN, (unsigned)params->threads, &o->vertices[i], error);
+        if (!status && o->cloud->comments) o->vertices[i].comments = strdup(o->cloud->comments);
+    }
+    if (!status && most) o->number = calloc(most, sizeof *o->number);
+    if (!status && most && !o->number) status = error_set(error, STATUS_NO_MEMORY, "attributes", "no memory");
+    for (size_t v = 0; o->number && v < most; v++) o->number[v] = (uint32_t)v;
+    return status;
+}
+
+static void vertices_done(struct outputs *o) {
+    for (size_t i = 0; i < PARAMS_MAX_LEVELS; i++) cloud_done(&o->vertices[i]);
+    free(o->number);
+}
+
 enum status worker_output_write(const struct worker_options *options, int input, const struct cloud *cloud,
                                 struct pipeline_result *result, struct error *error) {
     struct outputs outputs = {.options = options,
@@ -409,7 +471,10 @@ enum status worker_output_write(const struct worker_options *options, int input,
                               .rule = make_rule(options, input),
                               .losses = &result->report.losses};
     note_input(cloud, outputs.losses);
-    return options->to_standard ? write_standard(&outputs, error) : write_folder(&outputs, error);
+    enum status status = find_vertices(&outputs, error);
+    if (!status) status = options->to_standard ? write_standard(&outputs, error) : write_folder(&outputs, error);
+    vertices_done(&outputs);
+    return status;
 }
 
 static void print_distances(FILE *to, const char *name, const struct distance_stats *stats, double diagonal) {
@@ -426,6 +491,7 @@ static void summarise_level(const struct report *report, const struct report_lev
                 r->watertight ? "watertight" : "open", r->points_lost);
     if (r->has_mesh && !r->watertight)
         fprintf(to, "%-16s %" PRIu64 ", %.4g long in the file's units\n", "borders", r->borders, r->border_length);
+    if (r->holes_closed) fprintf(to, "%-16s %" PRIu64 " closed\n", "holes", r->holes_closed);
     fprintf(to, "%-16s %32s %32s\n", "distances", "in the file's units", "in 1e-4 of the diagonal");
     fprintf(to, "%-16s %10s %10s %10s %10s %10s %10s\n", "", "mean", "rms", "max", "mean", "rms", "max");
     print_distances(to, "input to planes", &r->tangent, report->diagonal);

@@ -58,7 +58,8 @@ def make_scans(tmp_path_factory):
             "survey": survey(folder / "survey.csv"),
             "faces": write(folder / "faces.obj", torus(), faces()),
             "noisy": write(folder / "noisy.obj", noisy),
-            "open": write(folder / "open.obj", [p for p in torus() if p[0] > 0])}
+            "open": write(folder / "open.obj", [p for p in torus() if p[0] > 0]),
+            "holed": write(folder / "holed.obj", [p for p in torus() if math.dist(p, place(2, 0.5, 0)) > 0.8])}
 
 
 def files(scan, folder, options, program=WHITTLE):
@@ -106,6 +107,9 @@ ROWS = {
     "reconstruction": ("torus", MESH | {"refine": "none"}, ("tight", "literal"), "mesh.ply"),
     "surface": ("open", MESH | {"refine": "none"}, ("closed", "open", "heightfield"), "mesh.ply"),
     "boundary": ("open", MESH | {"refine": "none"}, ("fill", "keep"), "mesh.ply"),
+    "weights": ("survey", CLOUD, ("rgb:0.2", "i:0.5", "i:0.5,rgb:0.2"), "cloud.ply"),
+    "close_holes": ("holed", MESH | {"refine": "none", "surface": "open", "ratio": 0.3}, (0.01, 5), "mesh.ply"),
+    "attributes": ("survey", MESH | {"placement": "optimal"}, ("nearest", "mean"), "mesh.ply"),
     "refine": ("torus", MESH, ("none", "flips", "full"), "mesh.ply"),
     "reference": ("faces", MESH | {"refine": "none"}, ("points", "faces", "reconstruction"), "mesh_to_input"),
     "encoding": ("torus", CLOUD, ("binary", "ascii"), "cloud.ply"),

@@ -171,3 +171,52 @@ def test_each_scan_of_a_file_is_seen_from_its_own_place(tmp_path):
     for v in ply_rows(tmp_path / "out/cloud.ply"):
         assert abs(v["z"]) < 1e-9 and v["scan"] == (v["x"] > 1)
         assert v["nz"] * (1 if v["scan"] == 0 else -1) > 0.99
+
+
+@pytest.fixture(name="painted", scope="module")
+def make_painted(tmp_path_factory):
+    """The hill with a lake of no points, half of it red, half blue."""
+    path = tmp_path_factory.mktemp("painted") / "painted.xyz"
+    lines = ["x y z red green blue"]
+    for x, y, z in hill(random.Random(4)):
+        if math.hypot(x - 0.6, y - 0.4) > 0.1:
+            lines.append(f"{x:.5f} {y:.5f} {z:.5f} {'200 0 0' if x < 0.5 else '0 0 200'}")
+    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+    return path
+
+
+@pytest.mark.parametrize("attributes", ["nearest", "mean"])
+def test_vertices_that_moved_have_the_colours_around_them(painted, tmp_path, attributes):
+    report = whittle(painted, tmp_path, placement="optimal", attributes=attributes, surface="open",
+                     outputs="mesh,mesh.obj,mesh.glb,report", encoding="ascii")
+    assert not any("properties" in row["what"] for row in report["left_out"])
+    vertices = ply_rows(tmp_path / "mesh.ply")
+    near = 3 / SIDE if attributes == "nearest" else 8 / SIDE
+    for v in vertices:
+        if abs(v["x"] - 0.5) > near:
+            assert (v["red"], v["green"], v["blue"]) == ((200, 0, 0) if v["x"] < 0.5 else (0, 0, 200))
+    mixed = sum(v["red"] * v["blue"] > 0 for v in vertices)
+    assert (mixed > 0) == (attributes == "mean")
+    first = (tmp_path / "mesh.obj").read_text().splitlines()
+    assert len(next(line for line in first if line.startswith("v ")).split()) == 7
+    assert b"COLOR_0" in (tmp_path / "mesh.glb").read_bytes()
+
+
+def test_a_hole_is_closed_and_told(painted, tmp_path):
+    for surface in ("open", "heightfield"):
+        made = [whittle(painted, tmp_path / f"{surface}-{longest}", surface=surface, outputs="mesh,report",
+                        close_holes=longest)["mesh"] for longest in (0.05, 1.5, 100)]
+        assert [mesh["borders"] for mesh in made][1:] == [1, 1] and made[0]["borders"] >= 2
+        assert [mesh["holes_closed"] for mesh in made][1:] == 2 * [made[0]["borders"] - 1]
+        assert made[0]["holes_closed"] == 0
+        assert made[0]["hole_fill_triangles"] == 0 < made[1]["hole_fill_triangles"]
+        assert all(mesh["manifold"] and mesh["oriented"] for mesh in made)
+        assert 0.01 < made[1]["area"] - made[0]["area"] < 0.05  # the hole's is 0.03, less what triangles reach into it
+
+
+def test_edges_of_colours_draw_points(painted, tmp_path):
+    def beside(folder, **options):
+        whittle(painted, tmp_path / folder, ratio=0.05, outputs="xyz,report", **options)
+        kept = rows(tmp_path / folder / "cloud.xyz")
+        return sum(abs(row[0] - 0.5) < 1.5 / SIDE for row in kept) / len(kept)
+    assert beside("weighted", weights="rgb:0.5") > 2 * beside("plain")

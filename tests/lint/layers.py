@@ -70,7 +70,7 @@ DAEMON_SEES = API_SEES | {"core/base/alloc.h", "core/base/fault.h", "core/io/cod
                           "core/io/formats/ply_header.h", "core/io/prefix.h",
                           "core/pipeline/memory.h"}
 # What those bring along: nothing else of core/ reaches api/ or the daemon by way of another header.
-BROUGHT = {"core/base/column_list.h", "core/base/condition_list.h", "core/base/warnings.h", "core/cloud/cloud.h", "core/io/formats.h", "core/math/vec3.h"}
+BROUGHT = {"core/base/column_list.h", "core/base/condition_list.h", "core/base/weight_list.h", "core/base/warnings.h", "core/cloud/cloud.h", "core/io/formats.h", "core/math/vec3.h"}
 # A third-party header, or what stands behind a seam -> the only files that include it (a pattern).
 OWNER = {
     r"flann/.*": r"core/spatial/knn_flann\.cc",

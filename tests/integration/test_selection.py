@@ -179,7 +179,7 @@ def make_painted(tmp_path_factory):
     path = tmp_path_factory.mktemp("painted") / "painted.xyz"
     lines = ["x y z red green blue"]
     for x, y, z in hill(random.Random(4)):
-        if math.hypot(x - 0.6, y - 0.4) > 0.1:
+        if math.hypot(x - 0.7, y - 0.4) > 0.17:
             lines.append(f"{x:.5f} {y:.5f} {z:.5f} {'200 0 0' if x < 0.5 else '0 0 200'}")
     path.write_text("\n".join(lines) + "\n", encoding="ascii")
     return path
@@ -211,7 +211,7 @@ def test_a_hole_is_closed_and_told(painted, tmp_path):
         assert made[0]["holes_closed"] == 0
         assert made[0]["hole_fill_triangles"] == 0 < made[1]["hole_fill_triangles"]
         assert all(mesh["manifold"] and mesh["oriented"] for mesh in made)
-        assert 0.01 < made[1]["area"] - made[0]["area"] < 0.05  # the hole's is 0.03, less what triangles reach into it
+        assert 0.04 < made[1]["area"] - made[0]["area"] < 0.15  # 0.09 is the area of the hole, more or less triangles
 
 
 def test_edges_of_colours_draw_points(painted, tmp_path):

@@ -49,7 +49,7 @@ override LDFLAGS += $(filter -fsanitize% --coverage,$(flags_$(config))) -pthread
 CODEC_LIBS := -lz -lzstd
 CORE_LIBS := -lpng -lexpat -llz4 -lgmp -lmpfr -lstdc++ $(CODEC_LIBS) -lm
 API_LIBS := -ljansson
-DAEMON_LIBS := -lcurl -lmicrohttpd -lsqlite3 -lnettle -lgnutls
+DAEMON_LIBS := -lpq -lcurl -lmicrohttpd -lsqlite3 -lnettle -lgnutls
 
 # ---------------------------------------------------------------------------------------------------- sources
 rooms = $(foreach depth,* */* */*/*,$(wildcard $(1)/$(depth)$(2)))
@@ -253,13 +253,14 @@ page: ## fetch what the page takes from npm, put the page together, and build wh
 # ---------------------------------------------------------------------------------------------------- set-up
 # What building, testing and the demo want, by the names of Debian 12's packages.
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
-            libmicrohttpd-dev libgnutls28-dev libcurl4-openssl-dev libsqlite3-dev libseccomp-dev nettle-dev zlib1g-dev libpng-dev \
+            libmicrohttpd-dev libgnutls28-dev libcurl4-openssl-dev libsqlite3-dev libpq-dev libseccomp-dev nettle-dev zlib1g-dev libpng-dev \
             libzstd-dev liblz4-dev libexpat1-dev libcmocka-dev libfaketime xz-utils zstd sqlite3 procps curl jq python3 \
             python3-pytest python3-pytest-xdist python3-jsonschema python3-numpy ca-certificates clang-format
 peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev libmeshoptimizer-dev meshlab xvfb xauth
 bench_packages := valgrind
 paper_packages := libeigen3-dev libtbb-dev libmeshoptimizer-dev python3-matplotlib
 real_scans_packages := libeigen3-dev libtbb-dev libopen3d-dev python3-matplotlib
+cluster_packages := postgresql-15
 fuzz_packages := clang libclang-rt-14-dev
 contract_packages := chromium nginx-light openssl wget zstd groff $(if $(shell command -v npm),,nodejs npm)
 
@@ -317,6 +318,14 @@ AGAIN ?= 0
 test-integration: ## the integration tests alone, with the programs that are there; AGAIN=3 gives so many a second try
 	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider -n 4 --again $(AGAIN) \
 	    --allowed-skips tests/integration/skips.txt tests/integration
+
+.PHONY: test-cluster
+test-cluster: deps ## what several hosts share: the contract of catalogs on a PostgreSQL server, hosts beside each other
+	@deploy/deps.sh $(cluster_packages)
+	@$(MAKE) --no-print-directory -j$$(nproc) all tests
+	@tests/tools/with_postgres.sh sh -euc 'for t in $(build)/tests/unit/test_catalog_*; do \
+	    case $$t in *.*) ;; *) echo "  TEST $$t"; $$t ;; esac; done'
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider -n 4 tests/integration/test_hosts.py
 
 ROUNDS ?= 500
 SEED ?= 1
@@ -445,7 +454,7 @@ $(filter %_http,$(fuzz_runs)): seeds := $(wildcard tests/fuzz/seeds/*)
 test-unit: $(unit_runs) $(fuzz_runs) ## the unit tests alone
 $(unit_runs) $(fuzz_runs): run-%: %
 	@$* $(seeds) > $*.log 2>&1 && echo "  OK $* $$(grep -c '^\[       OK' $*.log) tests" || { cat $*.log; exit 1; }
-	@! grep -q '^\[  SKIPPED \]' $*.log || tests/unit/skipped.sh $*.log
+	@! grep -qE '^\[  SKIPPED \]|^skipped: ' $*.log || tests/unit/skipped.sh $*.log
 
 # CGAL changes the way of rounding, which valgrind doesn't follow: what triangulates is left to the sanitizers.
 valgrind_programs := $(filter-out %/test_delaunay %/test_cocone %/test_pipeline %/test_refine %/test_metro \

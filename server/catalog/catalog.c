@@ -9,7 +9,7 @@
 
 #include "server/catalog/catalog_backend.h"
 
-static const struct catalog_backend *const backends[] = {&catalog_sqlite};
+static const struct catalog_backend *const backends[] = {&catalog_sqlite, &catalog_postgres};
 enum { BACKENDS = sizeof backends / sizeof *backends };
 
 /* ------------------------------------------------------------------------------------------------ open */
@@ -42,6 +42,19 @@ bool catalog_exists(const char *url) {
     return backend && backend->exists(where);
 }
 
+bool catalog_is_shared(const char *url) {
+    const char *where;
+    const struct catalog_backend *backend = backend_of(url, &where);
+    return backend && backend->is_shared;
+}
+
+enum status catalog_migrate(const char *url, struct error *error) {
+    const char *where;
+    const struct catalog_backend *backend = backend_of(url, &where);
+    if (!backend) return error_set(error, STATUS_BAD_PARAMETER, "catalog", "'%.200s' is no URL of a catalog", url);
+    return backend->migrate(where, error);
+}
+
 static enum status open_url(const char *url, bool as_is, struct catalog **catalog, struct error *error) {
     const char *where;
     const struct catalog_backend *backend = backend_of(url, &where);
@@ -65,6 +78,7 @@ void catalog_watch(struct catalog *catalog, void (*tell)(void *ctx, enum catalog
                    void *ctx) {
     catalog->tell = tell;
     catalog->ctx = ctx;
+    if (catalog->backend->watch) catalog->backend->watch(catalog);
 }
 
 /* ------------------------------------------------------------------------------------------------ values */
@@ -102,6 +116,10 @@ enum status catalog_set_identity(struct catalog *catalog, const char *id, struct
 
 enum status catalog_takes_changes(struct catalog *catalog, struct error *error) {
     return catalog->backend->takes_changes(catalog, error);
+}
+
+enum status catalog_now(struct catalog *catalog, int64_t *now_ms, struct error *error) {
+    return catalog->backend->now(catalog, now_ms, error);
 }
 
 enum status catalog_submit(struct catalog *catalog, const struct job *job, const struct catalog_limits *limits,
@@ -227,6 +245,21 @@ enum status catalog_cloud_uses(struct catalog *catalog, const char *cloud, uint6
     return catalog->backend->cloud_uses(catalog, cloud, uses, error);
 }
 
+enum status catalog_expect_cloud(struct catalog *catalog, const char *cloud, int64_t until_ms, struct error *error) {
+    return catalog->backend->expect_cloud(catalog, cloud, until_ms, error);
+}
+
+enum status catalog_remove_cloud(struct catalog *catalog, const char *cloud, int64_t now_ms,
+                                 void (*remove)(void *ctx, const char *cloud), void *ctx, bool *removed,
+                                 struct error *error) {
+    return catalog->backend->remove_cloud(catalog, cloud, now_ms, remove, ctx, removed, error);
+}
+
+enum status catalog_list_unused_clouds(struct catalog *catalog, int64_t now_ms, char (*names)[JOB_HASH_BYTES],
+                                       size_t max, size_t *count, struct error *error) {
+    return catalog->backend->list_unused_clouds(catalog, now_ms, names, max, count, error);
+}
+
 enum status catalog_put_upload(struct catalog *catalog, const struct catalog_upload *upload, struct error *error) {
     return catalog->backend->put_upload(catalog, upload, error);
 }
@@ -271,6 +304,16 @@ enum status catalog_each_webhook_due(struct catalog *catalog, int64_t now_ms,
                                      bool (*look)(void *ctx, const struct catalog_webhook *webhook), void *ctx,
                                      struct error *error) {
     return catalog->backend->each_webhook_due(catalog, now_ms, look, ctx, error);
+}
+
+enum status catalog_claim_webhook(struct catalog *catalog, const struct catalog_webhook *webhook, const char *owner,
+                                  int64_t until_ms, bool *claimed, struct error *error) {
+    return catalog->backend->claim_webhook(catalog, webhook, owner, until_ms, claimed, error);
+}
+
+enum status catalog_return_webhooks(struct catalog *catalog, const char *owner, const char *job, int64_t due_ms,
+                                    struct error *error) {
+    return catalog->backend->return_webhooks(catalog, owner, job, due_ms, error);
 }
 
 enum status catalog_postpone_webhook(struct catalog *catalog, const char *job, int64_t due_ms, struct error *error) {

@@ -29,7 +29,7 @@ struct catalog;
 
 enum { CATALOG_URL_BYTES = 4200, CATALOG_IDENTITY_BYTES = 33 };
 
-/* Whether a setting may be the URL of a catalog: sqlite:PATH. */
+/* Whether a setting may be the URL of a catalog: sqlite:PATH, or postgresql://HOST/DATABASE as libpq knows it. */
 bool catalog_url_valid(const char *url);
 
 /* The URL that a setting stands for: "" is the database in the data folder. */
@@ -38,8 +38,15 @@ void catalog_url(const char *setting, const char *folder, char url[CATALOG_URL_B
 /* Whether there is one that holds anything; opening would make an empty one. */
 bool catalog_exists(const char *url);
 
-/* Opens or creates it; its schema is brought up to date.  STATUS_UNSUPPORTED when it is newer than this program.
- * catalog_close accepts NULL. */
+/* Whether any number of hosts may open it: then none of them may take what it doesn't know for its own, nor decide by a
+ * clock of its own. */
+bool catalog_is_shared(const char *url);
+
+/* Makes its tables, or brings them up to date.  STATUS_UNSUPPORTED when they are newer than this program. */
+enum status catalog_migrate(const char *url, struct error *error) MUST_CHECK;
+
+/* Opens it; one that isn't shared is made where it is missing, and brought up to date.  STATUS_UNSUPPORTED when it is
+ * newer than this program, or when it is shared and older.  catalog_close accepts NULL. */
 enum status catalog_open(const char *url, struct catalog **catalog, struct error *error) MUST_CHECK;
 void catalog_close(struct catalog *catalog);
 
@@ -50,6 +57,10 @@ enum status catalog_set_identity(struct catalog *catalog, const char *id, struct
 /* Whether it takes changes: not when somebody else has held it for half a second, between two of these questions,
  * without making any.  Waits for nobody. */
 enum status catalog_takes_changes(struct catalog *catalog, struct error *error) MUST_CHECK;
+
+/* The time by which leases and ends go, in milliseconds since 1970: the database's where several hosts share the
+ * catalog, whose clocks may be off; else the service's own. */
+enum status catalog_now(struct catalog *catalog, int64_t *now_ms, struct error *error) MUST_CHECK;
 
 /* ------------------------------------------------------------------------------------------------ changes */
 
@@ -249,6 +260,22 @@ enum status catalog_next_cloud(struct catalog *catalog, const char *after, char 
 enum status catalog_cloud_uses(struct catalog *catalog, const char *cloud, uint64_t *uses,
                                struct error *error) MUST_CHECK;
 
+/* Somebody is about to store a cloud and to refer to it: nobody may remove its bytes before then.  Where one process
+ * serves the catalog it sees to that itself, and nothing is done. */
+enum status catalog_expect_cloud(struct catalog *catalog, const char *cloud, int64_t until_ms,
+                                 struct error *error) MUST_CHECK;
+
+/* Calls remove, which is to remove its bytes, where nobody refers to a cloud and nobody is about to, at now_ms; nobody
+ * can begin to meanwhile, by catalog_expect_cloud.  *removed: whether it was so. */
+enum status catalog_remove_cloud(struct catalog *catalog, const char *cloud, int64_t now_ms,
+                                 void (*remove)(void *ctx, const char *cloud), void *ctx, bool *removed,
+                                 struct error *error) MUST_CHECK;
+
+/* Up to max clouds that somebody was about to refer to, at a time that is over: whoever it was has done so, or has
+ * gone. */
+enum status catalog_list_unused_clouds(struct catalog *catalog, int64_t now_ms, char (*names)[JOB_HASH_BYTES],
+                                       size_t max, size_t *count, struct error *error) MUST_CHECK;
+
 /* ------------------------------------------------------------------------------------------------ uploads */
 
 enum { CATALOG_METADATA_BYTES = 601, CATALOG_BOOT_BYTES = 64 };
@@ -329,6 +356,7 @@ enum status catalog_forget_keys(struct catalog *catalog, int64_t before_ms, stru
 struct catalog_webhook {
     char job[JOB_ID_BYTES], url[JOB_WEBHOOK_BYTES], principal[JOB_PRINCIPAL_BYTES]; /* the job's */
     int attempts;                                                                   /* that failed */
+    int64_t due_ms;                                                                 /* since when it is due */
 };
 
 /* Gives look those that are due, the one that has been due longest first, until it returns false.  look is to be short
@@ -336,6 +364,15 @@ struct catalog_webhook {
 enum status catalog_each_webhook_due(struct catalog *catalog, int64_t now_ms,
                                      bool (*look)(void *ctx, const struct catalog_webhook *webhook), void *ctx,
                                      struct error *error) MUST_CHECK;
+
+/* It is the owner's (a host's) to deliver until then, when it is due again.  *claimed false: somebody else has it, or
+ * it is gone.  Not durable. */
+enum status catalog_claim_webhook(struct catalog *catalog, const struct catalog_webhook *webhook, const char *owner,
+                                  int64_t until_ms, bool *claimed, struct error *error) MUST_CHECK;
+
+/* What the owner has claimed and not delivered (of this job; NULL = of all) is due then: it has just begun, or ends. */
+enum status catalog_return_webhooks(struct catalog *catalog, const char *owner, const char *job, int64_t due_ms,
+                                    struct error *error) MUST_CHECK;
 
 /* Its delivery failed: it is due again then. */
 enum status catalog_postpone_webhook(struct catalog *catalog, const char *job, int64_t due_ms,

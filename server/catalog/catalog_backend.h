@@ -12,9 +12,12 @@
 /* One function for each of catalog_operations.def, with the prototype that catalog.h gives it. */
 struct catalog_backend {
     const char *scheme; /* of its URLs, such as "sqlite:"; `where` is what follows it */
+    bool is_shared;     /* by any number of hosts */
     bool (*is_valid)(const char *where);
     bool (*exists)(const char *where);
     enum status (*open)(const char *where, bool as_is, struct catalog **catalog, struct error *error);
+    enum status (*migrate)(const char *where, struct error *error);
+    void (*watch)(struct catalog *catalog); /* tell is set from now on; NULL = it need not know */
 #define OPERATION(name) __typeof__(catalog_##name) *name;
 #include "server/catalog/catalog_operations.def"
 };
@@ -30,6 +33,6 @@ static inline void catalog_tell(const struct catalog *catalog, enum catalog_chan
     if (catalog->tell) catalog->tell(catalog->ctx, change, id);
 }
 
-extern const struct catalog_backend catalog_sqlite;
+extern const struct catalog_backend catalog_sqlite, catalog_postgres;
 
 #endif

@@ -21,7 +21,7 @@
 #include "server/daemon/setting_file.h"
 #include "server/shared/roff.h"
 
-enum kind { TEXT, SWITCH, COUNT, BYTES, DURATION, BASE, HOSTS, ORIGINS, CATALOG, BLOBS };
+enum kind { TEXT, SWITCH, COUNT, BYTES, DURATION, BASE, HOSTS, ORIGINS, CATALOG, BLOBS, ROLES };
 
 /* Beside its kind: a number that is read each time that it is needed, and so may change while the service runs. */
 enum { LIVE = 16 };
@@ -46,9 +46,16 @@ static const struct setting table[] = {
     {"listen", TEXT, AT(listen), "127.0.0.1:8080", 0, 0, NULL, "Address and port; port 0 takes a free one"},
     {"data", TEXT, AT(data), "whittled-data", 0, 0, NULL, "Folder for the queue, clouds and outputs"},
     {"catalog", CATALOG, AT(catalog), "", 0, 0, NULL,
-     "Where jobs, clouds and uploads are kept, as sqlite:PATH; default: sqlite:whittled.db in the data folder"},
+     "Where jobs, clouds and uploads are kept, as sqlite:PATH, or postgresql://HOST/DATABASE for several hosts; "
+     "default: "
+     "sqlite:whittled.db in the data folder"},
     {"blobs", BLOBS, AT(blobs), "", 0, 0, NULL,
-     "Where clouds and outputs are kept, as file:PATH; default: the data folder"},
+     "Where clouds and outputs are kept, as file:PATH; a folder that all hosts share where they share the catalog; "
+     "default: the data folder"},
+    {"roles", ROLES, AT(roles), "http,work", 0, 0, NULL,
+     "What this host does of the work: http takes requests, work runs jobs; one of them alone where several hosts "
+     "share "
+     "a catalog"},
     {"worker", TEXT, AT(worker), "", 0, 0, NULL, "Path of whittle; default: beside this program"},
     {"worker-sandbox", SWITCH, AT(worker_sandbox), "1", 0, 1, NULL,
      "Confine jobs by seccomp, Landlock and namespaces, as far as the kernel has them; limits apply always"},
@@ -198,12 +205,17 @@ static const struct unit *units_of(enum kind kind) {
 
 static bool is_text(const struct setting *setting) { return kind_of(setting) == TEXT || kind_of(setting) >= BASE; }
 
+static bool are_roles(const char *text) {
+    return strcmp(text, "http,work") == 0 || strcmp(text, "http") == 0 || strcmp(text, "work") == 0;
+}
+
 static bool read_value(struct config *config, const struct setting *setting, const char *text) {
     int64_t number = 0;
     if (kind_of(setting) == BASE && !links_base_valid(text)) return false;
     if (kind_of(setting) == HOSTS && !site_hosts_valid(text)) return false;
     if (kind_of(setting) == CATALOG && text[0] && !catalog_url_valid(text)) return false;
     if (kind_of(setting) == BLOBS && text[0] && !blobs_url_valid(text)) return false;
+    if (kind_of(setting) == ROLES && !are_roles(text)) return false;
     if (kind_of(setting) == ORIGINS && !site_origins_valid(text)) return false;
     if (is_text(setting)) {
         int n = snprintf((char *)config + setting->offset, CONFIG_TEXT_BYTES, "%s", text);
@@ -236,7 +248,8 @@ static enum status set(struct config *config, const struct setting *setting, con
                                         "names such as whittle.example.org, separated by commas",
                                         "origins such as https://example.org, separated by commas",
                                         "the URL of a catalog such as sqlite:/var/lib/whittled/whittled.db",
-                                        "the URL of a blob store such as file:/var/lib/whittled"};
+                                        "the URL of a blob store such as file:/var/lib/whittled",
+                                        "http,work, or http, or work"};
     char least[NUMBER_BYTES], most[NUMBER_BYTES], range[2 * NUMBER_BYTES + 16] = "";
     if (read_value(config, setting, text)) return STATUS_OK;
     if (!is_text(setting) && kind_of(setting) != SWITCH)

@@ -19,7 +19,7 @@ enum { CONFIG_TEXT_BYTES = 4096 };
 /* A member is read by whoever needs it, at any time; SIGHUP puts another struct in place (config_reload). */
 struct config {
     char listen[CONFIG_TEXT_BYTES], data[CONFIG_TEXT_BYTES], worker[CONFIG_TEXT_BYTES], file[CONFIG_TEXT_BYTES];
-    char job_user[CONFIG_TEXT_BYTES], catalog[CONFIG_TEXT_BYTES], blobs[CONFIG_TEXT_BYTES];
+    char job_user[CONFIG_TEXT_BYTES], catalog[CONFIG_TEXT_BYTES], blobs[CONFIG_TEXT_BYTES], roles[CONFIG_TEXT_BYTES];
     char fault[CONFIG_TEXT_BYTES];
     char tokens_file[CONFIG_TEXT_BYTES], admin_listen[CONFIG_TEXT_BYTES];
     char tls_cert[CONFIG_TEXT_BYTES], tls_key[CONFIG_TEXT_BYTES], base_path[CONFIG_TEXT_BYTES];

@@ -20,6 +20,7 @@
 #include "core/base/version.h"
 #include "server/auth/tokens.h"
 #include "server/base/notify.h"
+#include "server/catalog/catalog.h"
 #include "server/daemon/config.h"
 #include "server/daemon/descriptors.h"
 #include "server/daemon/fault_point.h"
@@ -148,6 +149,7 @@ static int run(const struct config *config, struct signals *signals, int argc, c
     if (status == STATUS_OK) status = http_open(&service, &handlers_all, &http, &addresses, &error);
     if (status == STATUS_OK) status = notify_watch(answers, &service, &watch, &error);
     if (status == STATUS_OK) {
+        if (!address[0]) address = "no address";
         printf("listening on %s\n", address);
         if (addresses.admin[0]) printf("health and metrics on %s\n", addresses.admin);
         fflush(stdout);
@@ -174,11 +176,28 @@ static int run(const struct config *config, struct signals *signals, int argc, c
     return status == STATUS_OK ? EXIT_SUCCESS : fail(&error);
 }
 
+/* `whittled migrate`: makes the tables of the catalog that the settings name, or brings them up to date. */
+static int migrate_main(int argc, char **argv) {
+    struct config config;
+    struct error error = {0};
+    char url[CATALOG_URL_BYTES];
+    enum config_request request = config_read(&config, argc, argv, environ, &error);
+    if (request == CONFIG_TOLD) return EXIT_SUCCESS;
+    enum status status = request == CONFIG_RUN ? STATUS_OK : error.code;
+    if (status == STATUS_OK) {
+        catalog_url(config.catalog, config.data, url);
+        status = catalog_migrate(url, &error);
+    }
+    if (status != STATUS_OK) fprintf(stderr, "whittled: %s: %s\n", error.where, error.text);
+    return status == STATUS_OK ? EXIT_SUCCESS : request == CONFIG_RUN ? EXIT_FAILURE : EXIT_USAGE;
+}
+
 int main(int argc, char **argv) {
     struct config config;
     struct error error = {0};
     if (argc > 1 && strcmp(argv[1], "healthcheck") == 0) return healthcheck_main(argc - 1, argv + 1);
     if (argc > 1 && strcmp(argv[1], "check") == 0) return check_main(argc - 1, argv + 1);
+    if (argc > 1 && strcmp(argv[1], "migrate") == 0) return migrate_main(argc - 1, argv + 1);
     descriptors_raise_limit();
     switch (config_read(&config, argc, argv, environ, &error)) {
     case CONFIG_TOLD: return EXIT_SUCCESS;

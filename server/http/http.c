@@ -738,7 +738,9 @@ static enum status start(struct http *http, struct error *error) {
     if (offload_open(OFFLOAD_THREADS, &http->offload) != STATUS_OK)
         return error_set(error, STATUS_NO_MEMORY, "http", "can't start threads");
     http->main.secure = http->service->tls != NULL;
-    enum status status = start_listener(&http->main, NOTIFY_MAIN_SOCKET, config->listen, error);
+    bool takes_requests = strcmp(config->roles, "work") != 0;
+    enum status status =
+        takes_requests ? start_listener(&http->main, NOTIFY_MAIN_SOCKET, config->listen, error) : STATUS_OK;
     return status == STATUS_OK ? start_admin(http, error) : status;
 }
 

@@ -107,6 +107,14 @@ enum status identity_check(struct store *store, struct catalog *catalog, const c
     return set_both(store, catalog, folders[0] ? folders : databases[0] ? databases : fresh, error);
 }
 
+enum status identity_of_host(struct store *store, struct error *error) {
+    char id[SCRATCH_IDENTITY_BYTES];
+    enum status status = scratch_identity(store_scratch(store), id, error);
+    if (status != STATUS_OK || id[0]) return status;
+    make_id(id);
+    return scratch_set_identity(store_scratch(store), id, error);
+}
+
 enum status identity_adopt(struct store *store, struct catalog *catalog, struct error *error) {
     char id[SCRATCH_IDENTITY_BYTES];
     make_id(id);

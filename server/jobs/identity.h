@@ -27,6 +27,9 @@ enum status identity_expect_database(struct store *store, const char *url, struc
 enum status identity_check(struct store *store, struct catalog *catalog, const char *url, bool is_elsewhere,
                            struct error *error) MUST_CHECK;
 
+/* A host among several that share a catalog has an identity of its own: made where it has none. */
+enum status identity_of_host(struct store *store, struct error *error) MUST_CHECK;
+
 /* From now on they do. */
 enum status identity_adopt(struct store *store, struct catalog *catalog, struct error *error) MUST_CHECK;
 

@@ -15,13 +15,26 @@ enum { TOMBSTONE_MS = 7 * 24 * 3600 * 1000 };
 
 /* ------------------------------------------------------------------------------------------------ deleting */
 
+static void delete_cloud(void *ctx, const char *cloud) { store_cloud_delete(((struct service *)ctx)->store, cloud); }
+
 void service_forget_cloud(struct service *service, const char *cloud) {
     struct error error = {0};
-    uint64_t uses = 1;
+    bool removed;
     pthread_rwlock_wrlock(&service->clouds);
-    if (catalog_cloud_uses(service->catalog, cloud, &uses, &error) == STATUS_OK && uses == 0)
-        store_cloud_delete(service->store, cloud);
+    if (catalog_remove_cloud(service->catalog, cloud, job_now_ms(), delete_cloud, service, &removed, &error) !=
+        STATUS_OK)
+        log_line(LOG_ERROR, "cloud=%s can't be removed: %s", cloud, error.text);
     pthread_rwlock_unlock(&service->clouds);
+}
+
+/* Of hosts that have gone while they kept a cloud. */
+static void sweep_unused_clouds(struct service *service) {
+    char names[SERVICE_PAGE][JOB_HASH_BYTES];
+    struct error error = {0};
+    size_t count = 0;
+    if (catalog_list_unused_clouds(service->catalog, job_now_ms(), names, SERVICE_PAGE, &count, &error) != STATUS_OK)
+        log_line(LOG_ERROR, "can't look for clouds that nobody uses: %s", error.text);
+    for (size_t i = 0; i < count; i++) service_forget_cloud(service, names[i]);
 }
 
 enum status service_delete(struct service *service, const struct job *job, const char *reason, bool *changed,
@@ -38,14 +51,13 @@ enum status service_delete(struct service *service, const struct job *job, const
 enum status service_delete_cloud(struct service *service, const char *sha256, const char *principal, uint64_t *jobs,
                                  struct error *error) {
     struct catalog_cloud record;
-    uint64_t uses = 1;
-    bool found;
+    bool found, removed;
     pthread_rwlock_wrlock(&service->clouds);
     enum status status = catalog_get_cloud(service->catalog, sha256, principal, &record, &found, error);
     *jobs = record.jobs;
     if (status == STATUS_OK && !*jobs) status = catalog_delete_cloud(service->catalog, sha256, principal, error);
-    if (status == STATUS_OK && !*jobs) status = catalog_cloud_uses(service->catalog, sha256, &uses, error);
-    if (status == STATUS_OK && !uses) store_cloud_delete(service->store, sha256);
+    if (status == STATUS_OK && !*jobs)
+        status = catalog_remove_cloud(service->catalog, sha256, job_now_ms(), delete_cloud, service, &removed, error);
     pthread_rwlock_unlock(&service->clouds);
     catalog_cloud_done(&record);
     if (status == STATUS_OK && !*jobs) log_line(LOG_INFO, "cloud=%s deleted", sha256);
@@ -119,9 +131,21 @@ static void sweep_keys(struct service *service) {
         log_line(LOG_ERROR, "can't forget old keys: %s", error.text);
 }
 
+enum status service_follow_catalog(struct service *service, struct error *error) {
+    int64_t now_ms = 0;
+    enum status status = catalog_now(service->catalog, &now_ms, error);
+    if (status == STATUS_OK) wall_clock_follow(now_ms - job_now_ms());
+    return status;
+}
+
 /* false: the clock was set and the ends can't be moved with it, so nothing may end by it. */
 static bool follow_clock(struct service *service) {
     struct error error = {0};
+    if (service->is_shared) {
+        if (service_follow_catalog(service, &error) == STATUS_OK) return true;
+        log_line(LOG_ERROR, "the catalog doesn't tell the time: %s", error.text);
+        return false;
+    }
     int64_t step_ms = wall_clock_step_ms();
     if (!step_ms || service_move_ends(service, step_ms, &error) == STATUS_OK) return true;
     log_line(LOG_ERROR, "the ends can't be moved with the clock: %s", error.text);
@@ -150,5 +174,6 @@ void service_sweep(struct service *service) {
     sweep_leases(service);
     sweep_jobs(service);
     sweep_clouds(service);
+    sweep_unused_clouds(service);
     uploads_sweep(service->uploads, job_now_ms());
 }

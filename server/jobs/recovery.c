@@ -21,6 +21,7 @@ static enum store_fate fate_of(void *ctx, enum store_thing thing, const char *na
     struct service *service = ctx;
     struct error error = {0};
     struct catalog_upload upload;
+    if (service->is_shared && thing != STORE_PART) return STORE_KEEP; /* it may be another host's, of this moment */
     if (thing == STORE_PART) {
         if (!uploads_find(service->uploads, name, &upload)) return STORE_SET_ASIDE;
         return upload.cloud[0] ? STORE_REMOVE : STORE_KEEP;
@@ -96,6 +97,29 @@ static enum status mend_job(struct service *service, struct job *job, struct men
     return catalog_delete(service->catalog, job->id, "lost", &changed, error);
 }
 
+/* Of many hosts each mends what it ran itself, and learns from the latest jobs how long they take. */
+static enum status mend_own(struct service *service, struct mending *mending, struct error *error) {
+    struct job *jobs = calloc(SERVICE_PAGE, sizeof *jobs);
+    struct catalog_filter latest = {.by_state = true, .state = JOB_SUCCESSFUL};
+    size_t count = SERVICE_PAGE;
+    enum status status = jobs ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
+    while (status == STATUS_OK && count == SERVICE_PAGE) {
+        status = catalog_list_lost(service->catalog, service->host, jobs, SERVICE_PAGE, &count, error);
+        for (size_t i = 0; i < count; i++) {
+            if (status == STATUS_OK) status = mend_running(service, &jobs[i], mending, error);
+            job_done(&jobs[i]);
+        }
+    }
+    if (status == STATUS_OK) status = catalog_list(service->catalog, &latest, jobs, SERVICE_PAGE, &count, error);
+    for (size_t i = 0; status == STATUS_OK && i < count; i++) {
+        struct job_cost cost = estimate_cost(&jobs[i]);
+        estimate_learn(service->estimate, &cost, jobs[i].wall_s, jobs[i].finished_ms);
+        job_done(&jobs[i]);
+    }
+    free(jobs);
+    return status;
+}
+
 /* Goes through all jobs, newest first. */
 static enum status mend_jobs(struct service *service, struct mending *mending, struct error *error) {
     char after[JOB_ID_BYTES] = "";
@@ -147,9 +171,9 @@ static void tell_of_lost_files(const struct service *service, const struct store
 
 enum status service_recover(struct service *service, struct error *error) {
     struct mending m = {0};
-    enum status status = mend_jobs(service, &m, error);
-    if (status == STATUS_OK) status = mend_clock(service, &m, error);
-    if (status == STATUS_OK) status = mend_clouds(service, &m, error);
+    enum status status = service->is_shared ? mend_own(service, &m, error) : mend_jobs(service, &m, error);
+    if (status == STATUS_OK && !service->is_shared) status = mend_clock(service, &m, error);
+    if (status == STATUS_OK && !service->is_shared) status = mend_clouds(service, &m, error);
     if (status == STATUS_OK) status = store_clean(service->store, fate_of, service, &m.files, error);
     bool anything = m.requeued || m.failed || m.inputs_lost || m.outputs_lost || m.clouds_lost || m.files.removed ||
                     m.files.set_aside;

@@ -27,11 +27,18 @@ static void hear_of_change(void *ctx, enum catalog_change change, const char *id
 static enum status open_catalog(struct service *service, struct error *error) {
     char url[CATALOG_URL_BYTES];
     catalog_url(service->config->catalog, service->config->data, url);
-    enum status status = identity_expect_database(service->store, url, error);
+    service->is_shared = catalog_is_shared(url);
+    if (service->is_shared && !service->config->blobs[0])
+        return error_set(error, STATUS_BAD_PARAMETER, "blobs",
+                         "hosts that share a catalog share the bytes, too: --blobs names where they are");
+    enum status status = service->is_shared ? STATUS_OK : identity_expect_database(service->store, url, error);
     if (status == STATUS_OK) status = catalog_open(url, &service->catalog, error);
     bool is_elsewhere = service->config->catalog[0] != 0;
-    if (status == STATUS_OK) status = identity_check(service->store, service->catalog, url, is_elsewhere, error);
+    if (status == STATUS_OK)
+        status = service->is_shared ? identity_of_host(service->store, error)
+                                    : identity_check(service->store, service->catalog, url, is_elsewhere, error);
     if (status == STATUS_OK) status = scratch_identity(store_scratch(service->store), service->host, error);
+    if (status == STATUS_OK && service->is_shared) status = service_follow_catalog(service, error);
     if (status == STATUS_OK) catalog_watch(service->catalog, hear_of_change, service);
     return status;
 }
@@ -68,7 +75,8 @@ enum status service_open(struct service *service, const struct config *config, s
     service->metrics = metrics_new();
     if (status == STATUS_OK && !service->metrics) status = error_set(error, STATUS_NO_MEMORY, "service", "no memory");
     if (status == STATUS_OK)
-        status = uploads_open(service->catalog, store_scratch(service->store), &service->uploads, error);
+        status =
+            uploads_open(service->catalog, store_scratch(service->store), service->is_shared, &service->uploads, error);
     if (status == STATUS_OK) status = service_recover(service, error);
     if (status != STATUS_OK) service_close(service);
     return status;

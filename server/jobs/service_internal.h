@@ -14,6 +14,9 @@ enum status service_recover(struct service *service, struct error *error) MUST_C
 /* recovery.c: a job whose host has gone is queued again, or failed (*failed) where hosts went too often. */
 enum status service_recover_job(struct service *service, struct job *job, bool *failed, struct error *error) MUST_CHECK;
 
+/* janitor.c: the service's own clock becomes that of the catalog, which several hosts share. */
+enum status service_follow_catalog(struct service *service, struct error *error) MUST_CHECK;
+
 /* janitor.c: removes a cloud that nothing refers to any more. */
 void service_forget_cloud(struct service *service, const char *cloud);
 

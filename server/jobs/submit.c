@@ -16,6 +16,14 @@
 #include "server/daemon/wall_clock.h"
 #include "server/jobs/service_internal.h"
 
+/* How long a cloud may take from being stored to being referred to; hosts that share the catalog leave it until then.
+ */
+enum { EXPECTED_MS = 10 * 60 * 1000 };
+
+static enum status expect_cloud(struct service *service, const char *cloud, struct error *error) {
+    return catalog_expect_cloud(service->catalog, cloud, job_now_ms() + EXPECTED_MS, error);
+}
+
 /* ------------------------------------------------------------------------------------------------ jobs */
 
 /* The hash of what the job computes. */
@@ -84,9 +92,10 @@ enum status service_submit(struct service *service, struct upload *upload, const
     job->input_points = facts->points;
 
     pthread_rwlock_rdlock(&service->clouds);
-    if (upload)
+    status = expect_cloud(service, job->cloud, error);
+    if (status == STATUS_OK && upload)
         status = upload_keep(upload, error);
-    else if (!store_cloud_exists(service->store, job->cloud))
+    else if (status == STATUS_OK && !store_cloud_exists(service->store, job->cloud))
         status = error_set(error, STATUS_BAD_PARAMETER, "input", "there is no cloud %s any more", job->cloud);
     fault_at("submit-kept");
     if (status == STATUS_OK) {
@@ -142,6 +151,7 @@ enum status service_keep_cloud(struct service *service, struct upload *upload, c
     if (status != STATUS_OK) return status;
     pthread_rwlock_rdlock(&service->clouds);
     status = catalog_get_cloud(service->catalog, record.sha256, principal, &before, known, error);
+    if (status == STATUS_OK) status = expect_cloud(service, record.sha256, error);
     if (status == STATUS_OK) status = upload_keep(upload, error);
     if (status == STATUS_OK) status = put_cloud(service, &record, (uint64_t)service->config->principal_bytes, error);
     pthread_rwlock_unlock(&service->clouds);
@@ -153,7 +163,8 @@ enum status service_keep_part(struct service *service, const char *id, const str
                               const char *principal, struct error *error) {
     struct catalog_cloud record = record_of(facts, principal);
     pthread_rwlock_rdlock(&service->clouds);
-    enum status status = store_part_keep(service->store, id, record.sha256, error);
+    enum status status = expect_cloud(service, record.sha256, error);
+    if (status == STATUS_OK) status = store_part_keep(service->store, id, record.sha256, error);
     if (status == STATUS_OK) status = put_cloud(service, &record, 0, error); /* reserved */
     pthread_rwlock_unlock(&service->clouds);
     return cloud_kept(service, &record, status);

@@ -557,19 +557,33 @@ static enum status write_end(const struct run *run, const struct verdict *verdic
     return status;
 }
 
+/* Whether the row says what a try would have written whose answer didn't come. */
+static bool was_recorded(const struct run *run, const struct verdict *verdict) {
+    struct job now;
+    struct error error = {0};
+    enum catalog_presence presence;
+    struct catalog_tombstone tombstone;
+    enum job_state next = JOB_RUNNING;
+    enum status status = catalog_get(run->service->catalog, run->job->id, &now, &presence, &tombstone, &error);
+    bool is_so = status == STATUS_OK && presence == CATALOG_PRESENT && now.attempt == run->job->attempt &&
+                 job_transition(JOB_RUNNING, verdict->event, &next) && now.state == next;
+    job_done(&now);
+    return is_so;
+}
+
 /* Records the end.  A database that refuses is asked again: until it does, the job can't be anything else, and taking
  * more work would lead nowhere.  A drain ends the wait; the next start finds the job running, and mends that.  false:
  * the job isn't this run's any more. */
 static bool record(const struct run *run, const struct verdict *verdict) {
     struct error error = {0};
-    bool held = true;
-    while (write_end(run, verdict, &held, &error) != STATUS_OK) {
+    bool held = true, again = false;
+    for (; write_end(run, verdict, &held, &error) != STATUS_OK; again = true) {
         log_line(LOG_ERROR, "job=%s its end can't be recorded: %s", run->job->id, error.text);
         if (atomic_load(&run->service->draining)) return true;
         show(run);
         poll(NULL, 0, RECORD_AGAIN_MS);
     }
-    return held;
+    return held || (again && was_recorded(run, verdict));
 }
 
 /* Whoever has the job now has outputs of its own: those of this attempt are nobody's. */

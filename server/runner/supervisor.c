@@ -223,8 +223,9 @@ enum status supervisor_open(struct service *service, struct supervisor **supervi
     pthread_cond_init(&opened->submitted, NULL);
     pthread_cond_init(&opened->enough, NULL);
     opened->idle_fd = eventfd(0, EFD_CLOEXEC);
+    int64_t workers = strcmp(service->config->roles, "http") == 0 ? 0 : service->config->workers;
     enum status status = open_confinement(opened, error);
-    for (int64_t i = 0; status == STATUS_OK && i < service->config->workers; i++)
+    for (int64_t i = 0; status == STATUS_OK && i < workers; i++)
         if (!start_slot(opened))
             status = error_set(error, STATUS_IO, "supervisor", "can't start its threads: %s", strerror(errno));
     opened->renews = status == STATUS_OK && pthread_create(&opened->renewer, NULL, keep_leases, opened) == 0;
@@ -283,6 +284,7 @@ bool supervisor_answers(struct supervisor *supervisor) {
 void supervisor_stop(struct supervisor *supervisor) {
     pthread_mutex_lock(&supervisor->lock);
     supervisor->stopping = true;
+    if (!supervisor->threads_alive) ring(supervisor->idle_fd); /* a host that runs no jobs */
     pthread_cond_broadcast(&supervisor->submitted);
     pthread_mutex_unlock(&supervisor->lock);
 }

@@ -222,10 +222,11 @@ static bool trust(struct uploads *uploads, struct catalog_upload *row) {
     return ok;
 }
 
-static enum status take_row(struct uploads *uploads, struct catalog_upload *row, struct error *error) {
+static enum status take_row(struct uploads *uploads, struct catalog_upload *row, bool is_shared, struct error *error) {
     uint64_t durable = row->offset;
     bool whole = row->cloud[0] != 0;
     if (!whole && !trust(uploads, row)) {
+        if (is_shared) return STATUS_OK;
         log_line(LOG_ERROR, "upload=%s has lost its file: forgotten", row->id);
         return catalog_delete_upload(uploads->catalog, row->id, error);
     }
@@ -239,7 +240,7 @@ static enum status take_row(struct uploads *uploads, struct catalog_upload *row,
     return catalog_put_upload(uploads->catalog, row, error);
 }
 
-enum status uploads_open(struct catalog *catalog, struct scratch *scratch, struct uploads **uploads,
+enum status uploads_open(struct catalog *catalog, struct scratch *scratch, bool is_shared, struct uploads **uploads,
                          struct error *error) {
     struct uploads *opened = calloc(1, sizeof *opened);
     struct catalog_upload row = {0};
@@ -252,7 +253,7 @@ enum status uploads_open(struct catalog *catalog, struct scratch *scratch, struc
     enum status status = STATUS_OK;
     while (status == STATUS_OK && found) {
         status = catalog_next_upload(catalog, row.id, &row, &found, error);
-        if (status == STATUS_OK && found) status = take_row(opened, &row, error);
+        if (status == STATUS_OK && found) status = take_row(opened, &row, is_shared, error);
     }
     if (status == STATUS_OK)
         *uploads = opened;

@@ -34,9 +34,10 @@
 struct uploads;
 struct uploads_writer;
 
-/* Reads all; those whose files are lost are forgotten (logged).  Catalog and scratch are borrowed.  uploads_close
+/* Reads all; those whose files are lost are forgotten (logged), or left alone where the catalog is shared: another host
+ * has them.  Catalog and scratch are borrowed.  uploads_close
  * accepts NULL, and wants every writer freed. */
-enum status uploads_open(struct catalog *catalog, struct scratch *scratch, struct uploads **uploads,
+enum status uploads_open(struct catalog *catalog, struct scratch *scratch, bool is_shared, struct uploads **uploads,
                          struct error *error) MUST_CHECK;
 void uploads_close(struct uploads *uploads);
 

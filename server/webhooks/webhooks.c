@@ -3,10 +3,11 @@
  *     due rows, the oldest first --choose--> a thread's turn --POST--> answered: the row goes
  *                                                                  else: it is due again later, or given up
  *
- * One free thread at a time looks into the outbox; when it has chosen a row, the next one looks while it sends.  A row
- * is chosen only while its host has fewer than PER_HOST under way and its principal fewer than PER_PRINCIPAL, and of
- * these one whose principal has the fewest: so a receiver that doesn't answer, for TIMEOUT_MS each time, holds up
- * neither other hosts nor other principals.
+ * One free thread at a time looks into the outbox; when it has chosen a row, it claims it, so that no other host sends
+ * it too, and the next one looks while it sends.  Should this host end meanwhile, the claim does, and the row is due
+ * again: a receiver may hear of a job twice, by the same webhook-id.  A row is chosen only while its host has fewer
+ * than PER_HOST under way and its principal fewer than PER_PRINCIPAL, and of these one whose principal has the fewest:
+ * so a receiver that doesn't answer, for TIMEOUT_MS each time, holds up neither other hosts nor other principals.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <pthread.h>
@@ -27,7 +28,14 @@
 #include "server/webhooks/http_client.h"
 #include "server/webhooks/webhooks.h"
 
-enum { LOOK_MS = 250, TIMEOUT_MS = 10000, MAX_PAUSE_MS = 3600 * 1000, SECRET_BYTES = 64, MIN_SECRET_BYTES = 24 };
+enum {
+    LOOK_MS = 250,
+    TIMEOUT_MS = 10000,
+    CLAIM_MS = 60000,
+    MAX_PAUSE_MS = 3600 * 1000,
+    SECRET_BYTES = 64,
+    MIN_SECRET_BYTES = 24
+};
 enum { GONE = 410, DELIVERIES = 16, PER_HOST = 2, PER_PRINCIPAL = 4, HOST_BYTES = 280 };
 
 /* A thread, and what it delivers. */
@@ -145,9 +153,10 @@ static enum status settle(struct webhooks *webhooks, const struct catalog_webhoo
                           struct error *error) {
     bool delivered = answer >= 200 && answer < 300;
     bool given_up = answer == GONE || row->attempts + 1 >= WEBHOOKS_MAX_ATTEMPTS;
-    if (atomic_load(&webhooks->stop) && !delivered) { /* the next start tries again */
+    if (atomic_load(&webhooks->stop) && !delivered) { /* the next start, or another host, tries again */
         log_line(LOG_INFO, "job=%s webhook interrupted: the service stops", row->job);
-        return STATUS_OK;
+        return catalog_return_webhooks(webhooks->service->catalog, webhooks->service->host, row->job, job_now_ms(),
+                                       error);
     }
     tell(webhooks, row->job, delivered ? "delivered" : given_up ? "given up" : "failed", why);
     if (delivered || given_up) return catalog_end_webhook(webhooks->service->catalog, row->job, error);
@@ -226,6 +235,18 @@ static void pause_a_little(struct webhooks *webhooks) {
         pthread_cond_clockwait(&webhooks->changed, &webhooks->lock, CLOCK_MONOTONIC, &until);
 }
 
+/* false: another host has it. */
+static bool claim_row(struct webhooks *webhooks, const struct catalog_webhook *row) {
+    struct error error = {0};
+    bool claimed = false;
+    wall_clock_hold();
+    enum status status = catalog_claim_webhook(webhooks->service->catalog, row, webhooks->service->host,
+                                               job_now_ms() + CLAIM_MS, &claimed, &error);
+    wall_clock_release();
+    if (status != STATUS_OK) log_line_seldom(LOG_ERROR, "webhooks: %s", error.text);
+    return claimed;
+}
+
 /* Waits for a row that is due and may go now; false: the service stops. */
 static bool choose(struct webhooks *webhooks, struct delivery *delivery) {
     struct choice choice = {.webhooks = webhooks, .delivery = delivery};
@@ -236,6 +257,7 @@ static bool choose(struct webhooks *webhooks, struct delivery *delivery) {
         enum status status =
             catalog_each_webhook_due(webhooks->service->catalog, job_now_ms(), consider, &choice, &error);
         if (status != STATUS_OK) log_line_seldom(LOG_ERROR, "webhooks: %s", error.text);
+        if (choice.found && status == STATUS_OK) choice.found = claim_row(webhooks, &delivery->row);
         if (!choice.found) pause_a_little(webhooks);
     }
     delivery->busy = choice.found;
@@ -293,6 +315,8 @@ enum status webhooks_open(struct service *service, struct webhooks **webhooks, s
     pthread_mutex_init(&opened->lock, NULL);
     pthread_cond_init(&opened->changed, NULL);
     enum status status = read_secret(opened, service->config->webhook_secret_file, error);
+    if (status == STATUS_OK)
+        status = catalog_return_webhooks(service->catalog, service->host, NULL, job_now_ms(), error);
     if (status == STATUS_OK) status = post_open(error);
     if (status == STATUS_OK && (status = start_threads(opened, error)) != STATUS_OK) post_close();
     if (status == STATUS_OK)

@@ -3,30 +3,90 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "tests/unit/catalog_fixture.h"
 
+#include <ctype.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "server/catalog/postgres/pq.h"
 
 #include "tests/unit/folder.h"
 
 struct backend {
     const char *name;
-    void (*make_url)(struct catalog_fixture *f);
+    bool (*make_url)(struct catalog_fixture *f);
+    void (*remove)(struct catalog_fixture *f); /* NULL = it goes with the folder */
+    const char *needs;                         /* a variable of the environment; NULL = none */
 };
 
-static void make_sqlite(struct catalog_fixture *f) {
+static bool make_sqlite(struct catalog_fixture *f) {
     snprintf(f->path, sizeof f->path, "%s/catalog.db", f->folder);
     snprintf(f->url, sizeof f->url, "sqlite:%s", f->path);
+    return true;
 }
 
-static struct backend backends[] = {{"sqlite", make_sqlite}};
+/* Asks the server itself: CREATE DATABASE name, DROP DATABASE name. */
+static bool ask_server(struct catalog_fixture *f, const char *what, const char *more) {
+    const char *server = getenv("WHITTLE_CATALOG");
+    char text[128];
+    struct pq *pq = NULL;
+    struct pq_link *link;
+    snprintf(text, sizeof text, "%s %s%s", what, f->path, more);
+    bool done = pq_open(server, &pq, &f->error) == STATUS_OK && pq_take(pq, &link, &f->error) == STATUS_OK;
+    if (done) {
+        done = pq_execute(link, text, &f->error) == STATUS_OK;
+        pq_done(link);
+    }
+    pq_close(pq);
+    return done;
+}
 
-int catalog_fixture_run(struct CMUnitTest *tests, size_t count) {
+/* postgresql://whittle@/postgres?host=... with the name of another database. */
+static bool make_postgres(struct catalog_fixture *f) {
+    const char *server = getenv("WHITTLE_CATALOG"), *slash = strrchr(server, '@');
+    const char *query = strchr(server, '?');
+    slash = strchr(slash ? slash : server + strlen("postgresql://"), '/');
+    snprintf(f->path, sizeof f->path, "t%d_%s", (int)getpid(), strrchr(f->folder, '.') + 1);
+    for (char *c = f->path; *c; c++) *c = (char)tolower(*c);
+    snprintf(f->url, sizeof f->url, "%.*s%s%s", (int)(slash + 1 - server), server, f->path, query ? query : "");
+    return ask_server(f, "CREATE DATABASE", "") && catalog_migrate(f->url, &f->error) == STATUS_OK;
+}
+
+static void remove_postgres(struct catalog_fixture *f) { ask_server(f, "DROP DATABASE", " WITH (FORCE)"); }
+
+static struct backend backends[] = {{"sqlite", make_sqlite, NULL, NULL},
+                                    {"postgresql", make_postgres, remove_postgres, "WHITTLE_CATALOG"}};
+
+static int run(struct CMUnitTest *tests, size_t count, size_t first) {
     int failed = 0;
-    for (size_t b = 0; b < sizeof backends / sizeof *backends; b++) {
+    for (size_t b = first; b < sizeof backends / sizeof *backends; b++) {
+        if (backends[b].needs && !getenv(backends[b].needs)) {
+            printf("skipped: %s: %s names no server\n", backends[b].name, backends[b].needs);
+            continue;
+        }
         for (size_t i = 0; i < count; i++) tests[i].initial_state = &backends[b];
         failed += _cmocka_run_group_tests(backends[b].name, tests, count, NULL, NULL);
     }
     return failed;
+}
+
+int catalog_fixture_run(struct CMUnitTest *tests, size_t count) { return run(tests, count, 0); }
+
+int catalog_fixture_run_shared(struct CMUnitTest *tests, size_t count) { return run(tests, count, 1); }
+
+bool catalog_fixture_set_version(struct catalog_fixture *f, const char *version) {
+    char text[128];
+    struct pq *pq = NULL;
+    struct pq_link *link;
+    snprintf(text, sizeof text, "UPDATE schema_steps SET count = %s", version);
+    bool done = pq_open(f->url, &pq, &f->error) == STATUS_OK && pq_take(pq, &link, &f->error) == STATUS_OK;
+    if (done) {
+        done = pq_execute(link, text, &f->error) == STATUS_OK;
+        pq_done(link);
+    }
+    pq_close(pq);
+    return done;
 }
 
 /* A test that isn't run by catalog_fixture_run is of the first backend. */
@@ -36,14 +96,17 @@ int catalog_fixture_set_up(void **state) {
     if (!f) return -1;
     snprintf(f->folder, sizeof f->folder, "/tmp/test_catalog.XXXXXX");
     if (!mkdtemp(f->folder)) return -1;
-    backend->make_url(f);
+    f->remove = backend->remove;
     *state = f;
-    return catalog_open(f->url, &f->catalog, &f->error) == STATUS_OK ? 0 : -1;
+    if (backend->make_url(f) && catalog_open(f->url, &f->catalog, &f->error) == STATUS_OK) return 0;
+    fprintf(stderr, "%s: %s\n", backend->name, f->error.text);
+    return -1;
 }
 
 int catalog_fixture_tear_down(void **state) {
     struct catalog_fixture *f = *state;
     catalog_close(f->catalog);
+    if (f->remove) f->remove(f);
     folder_remove(f->folder);
     free(f);
     return 0;
@@ -68,7 +131,9 @@ enum status catalog_fixture_submit_limited(struct catalog_fixture *f, int n, uin
     snprintf(job.principal, sizeof job.principal, "%s", n % 3 ? "" : "third");
     params_defaults(&job.params);
     job.params.ratio = 0.25;
-    return catalog_submit(f->catalog, &job, &(struct catalog_limits){.waiting = max}, &f->error);
+    enum status status = catalog_submit(f->catalog, &job, &(struct catalog_limits){.waiting = max}, &f->error);
+    if (status == STATUS_IO) print_message("%s\n", f->error.text);
+    return status;
 }
 
 void catalog_fixture_submit(struct catalog_fixture *f, int n) {

@@ -1,5 +1,8 @@
 /* A catalog of a test's own, in a folder of its own, with jobs that differ by a number; of each backend in turn.
  *
+ * PostgreSQL's is a database of its own on the server that WHITTLE_CATALOG names (tests/tools/with_postgres.sh starts
+ * one); where it names none, that backend is skipped.
+ *
  * To run the contract over another backend: a row in the table of catalog_fixture.c.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -16,18 +19,23 @@
 #include "server/catalog/catalog.h"
 
 struct catalog_fixture {
-    char folder[64], path[96], url[112];
+    char folder[64], path[96], url[256];
     struct catalog *catalog;
+    void (*remove)(struct catalog_fixture *f); /* what the folder doesn't hold of it */
     struct error error;
 };
 
-/* Runs the tests once for each backend; returns how many failed. */
+/* Runs the tests once for each backend, or for each that several hosts share; returns how many failed. */
 int catalog_fixture_run(struct CMUnitTest *tests, size_t count);
+int catalog_fixture_run_shared(struct CMUnitTest *tests, size_t count);
 
 /* For cmocka: *state is the fixture. */
 int catalog_fixture_set_up(void **state);
 int catalog_fixture_tear_down(void **state);
 #define CATALOG_TEST(name) cmocka_unit_test_setup_teardown(name, catalog_fixture_set_up, catalog_fixture_tear_down)
+
+/* Writes another version of the schema, an expression of SQL, where several hosts share the catalog. */
+bool catalog_fixture_set_version(struct catalog_fixture *f, const char *version);
 
 /* Closes the catalog, and opens it again. */
 void catalog_fixture_reopen(struct catalog_fixture *f);

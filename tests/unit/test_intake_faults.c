@@ -193,7 +193,7 @@ static bool upload_in_pieces(struct uploads *uploads, struct catalog_upload *inf
 static bool resume(struct fixture *f) {
     struct uploads *uploads = NULL;
     struct catalog_upload info = {.length = 6}, found;
-    bool ok = uploads_open(f->catalog, store_scratch(f->store), &uploads, &f->error) == STATUS_OK;
+    bool ok = uploads_open(f->catalog, store_scratch(f->store), false, &uploads, &f->error) == STATUS_OK;
     if (!ok) return false;
     ok = upload_in_pieces(uploads, &info, &f->error);
     faults_pause();

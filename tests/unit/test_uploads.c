@@ -33,7 +33,7 @@ static void start(struct fixture *f) {
     assert_int_equal(store_open(f->folder, "", &f->store, &f->error), STATUS_OK);
     catalog_url("", f->folder, f->url);
     assert_int_equal(catalog_open(f->url, &f->catalog, &f->error), STATUS_OK);
-    assert_int_equal(uploads_open(f->catalog, store_scratch(f->store), &f->uploads, &f->error), STATUS_OK);
+    assert_int_equal(uploads_open(f->catalog, store_scratch(f->store), false, &f->uploads, &f->error), STATUS_OK);
 }
 
 static void stop(struct fixture *f) {

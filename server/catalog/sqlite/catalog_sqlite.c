@@ -84,6 +84,13 @@ static enum status open_path(const char *path, bool as_is, struct catalog **cata
     return status;
 }
 
+static enum status migrate(const char *path, struct error *error) {
+    struct catalog *catalog = NULL;
+    enum status status = open_path(path, false, &catalog, error);
+    catalog_close(catalog);
+    return status;
+}
+
 void catalog_sqlite_close(struct catalog *catalog) {
     struct catalog_sqlite *sqlite = catalog_sqlite_of(catalog);
     sql_close(sqlite->prober);
@@ -164,6 +171,12 @@ enum status catalog_sqlite_takes_changes(struct catalog *catalog, struct error *
     return status;
 }
 
+enum status catalog_sqlite_now(struct catalog *catalog, int64_t *now_ms, struct error *error) {
+    (void)catalog, (void)error;
+    *now_ms = job_now_ms();
+    return STATUS_OK;
+}
+
 /* ------------------------------------------------------------------------------------------------ the table */
 
 const struct catalog_backend catalog_sqlite = {
@@ -171,6 +184,7 @@ const struct catalog_backend catalog_sqlite = {
     .is_valid = is_valid,
     .exists = exists,
     .open = open_path,
+    .migrate = migrate,
 #define OPERATION(name) .name = catalog_sqlite_##name,
 #include "server/catalog/catalog_operations.def"
 };

@@ -166,3 +166,28 @@ enum status catalog_sqlite_next_cloud(struct catalog *catalog, const char *after
     sql_unlock(db);
     return status;
 }
+
+/* The process that serves the database sees to it by a lock of its own. */
+enum status catalog_sqlite_expect_cloud(struct catalog *catalog, const char *cloud, int64_t until_ms,
+                                        struct error *error) {
+    (void)catalog, (void)cloud, (void)until_ms, (void)error;
+    return STATUS_OK;
+}
+
+enum status catalog_sqlite_remove_cloud(struct catalog *catalog, const char *cloud, int64_t now_ms,
+                                        void (*remove)(void *ctx, const char *cloud), void *ctx, bool *removed,
+                                        struct error *error) {
+    uint64_t uses = 1;
+    (void)now_ms;
+    enum status status = catalog_sqlite_cloud_uses(catalog, cloud, &uses, error);
+    *removed = status == STATUS_OK && !uses;
+    if (*removed) remove(ctx, cloud);
+    return status;
+}
+
+enum status catalog_sqlite_list_unused_clouds(struct catalog *catalog, int64_t now_ms, char (*names)[JOB_HASH_BYTES],
+                                              size_t max, size_t *count, struct error *error) {
+    (void)catalog, (void)now_ms, (void)names, (void)max, (void)error;
+    *count = 0;
+    return STATUS_OK;
+}

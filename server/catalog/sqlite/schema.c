@@ -70,6 +70,7 @@ static const char *const steps[] = {
     ("ALTER TABLE jobs ADD COLUMN owner TEXT NOT NULL DEFAULT '';"
      "ALTER TABLE jobs ADD COLUMN lease INTEGER NOT NULL DEFAULT 0;"
      "ALTER TABLE jobs ADD COLUMN cancelled INTEGER NOT NULL DEFAULT 0;"),
+    "ALTER TABLE outbox ADD COLUMN owner TEXT NOT NULL DEFAULT '';",
 };
 enum { VERSION = sizeof steps / sizeof steps[0] };
 

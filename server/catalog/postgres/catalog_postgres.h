@@ -1,0 +1,65 @@
+/* The catalog in PostgreSQL: the backend for any number of hosts.  For this folder alone.
+ *
+ * Nothing is decided by what is in memory: turns, limits, keys and reservations are rows, and times are the database's.
+ * A change is one short transaction; no transaction is open while a job runs.
+ *
+ * Sessions.  What a process holds (keys of requests under way, reserved bytes) names its session, whose lease its
+ * catalog renews; it ends with the session, whoever ends it.
+ *
+ * Changes.  A change that somebody waits for (a job waits, is to end, has ended, was deleted) is notified with the
+ * commit, its writer's session in front, so that who made it isn't told twice.  Beneath that, each host asks once a
+ * second which jobs others have changed: so progress comes through, and so does what was notified while a connection
+ * was broken.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_CATALOG_POSTGRES_CATALOG_POSTGRES_H
+#define WHITTLE_SERVER_CATALOG_POSTGRES_CATALOG_POSTGRES_H
+
+#include <pthread.h>
+
+#include "server/catalog/catalog_backend.h"
+#include "server/catalog/postgres/pq.h"
+
+enum { SESSION_BYTES = 33, SESSION_LEASE_MS = 60000 };
+
+struct catalog_postgres {
+    struct catalog catalog; /* first */
+    struct pq *pq;
+    char session[SESSION_BYTES];
+    pthread_t listener;
+    bool listens;
+    _Atomic bool ends, is_watched; /* is_watched: catalog.tell is set, and the listener may call it */
+    int64_t seen_ms;               /* the listener's: changes before that were told */
+};
+
+static inline struct catalog_postgres *catalog_postgres_of(struct catalog *catalog) {
+    return (struct catalog_postgres *)(void *)catalog;
+}
+
+/* ---- changes.c: what others change ---- */
+
+/* Starts to listen, and to renew the session.  catalog_postgres_deafen ends that. */
+enum status catalog_postgres_listen(struct catalog_postgres *postgres, struct error *error) MUST_CHECK;
+void catalog_postgres_deafen(struct catalog_postgres *postgres);
+
+/* In the transaction of the change: others are told when it commits. */
+enum status catalog_postgres_notify(struct catalog_postgres *postgres, struct pq_link *link, enum catalog_change change,
+                                    const char *id, struct error *error) MUST_CHECK;
+
+/* ---- in the caller's transaction ---- */
+
+/* Whether a principal may have so many bytes more; its row of usage is locked until the end of the transaction. */
+enum status catalog_postgres_check_bytes(struct pq_link *link, const char *principal, uint64_t bytes, uint64_t limit,
+                                         struct error *error) MUST_CHECK;
+
+enum status catalog_postgres_add_key(struct pq_link *link, const char *principal, const struct job_key *key,
+                                     const char *made, int64_t now_ms, struct error *error) MUST_CHECK;
+enum status catalog_postgres_add_webhook(struct pq_link *link, const char *job, const char *url,
+                                         struct error *error) MUST_CHECK;
+
+/* ---- the operations ---- */
+
+#define OPERATION(name) __typeof__(catalog_##name) catalog_postgres_##name;
+#include "server/catalog/catalog_operations.def"
+
+#endif

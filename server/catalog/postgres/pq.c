@@ -1,0 +1,354 @@
+/* libpq, shorter: the only file that knows it.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/catalog/postgres/pq.h"
+
+#include <errno.h>
+#include <poll.h>
+#include <postgresql/libpq-fe.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "core/base/alloc.h"
+#include "core/base/fault.h"
+
+/* A statement's deadline; and how long is waited for one of the connections, of which there are so many. */
+enum { DEADLINE_MS = 10000, LINKS = 8, MAX_VALUES = 24, NUMBER_BYTES = 40 };
+enum { OID_INT8 = 20, OID_TEXT = 25, OID_FLOAT8 = 701 };
+
+struct pq_link {
+    struct pq *pq;
+    PGconn *conn; /* NULL = not connected */
+    bool is_taken;
+};
+
+struct pq {
+    char *conninfo;
+    pthread_mutex_t lock;
+    pthread_cond_t given;
+    struct pq_link link[LINKS];
+};
+
+struct pq_rows {
+    PGresult *result;
+    int row;
+};
+
+static int64_t clock_ms(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
+}
+
+/* The first line of what libpq says; it never holds the password. */
+static enum status refused(enum status status, const char *text, struct error *error) {
+    return error_set(error, status, "database", "the database says: %.*s", (int)strcspn(text, "\n"), text);
+}
+
+/* ------------------------------------------------------------------------------------------------ connections */
+
+bool pq_valid(const char *conninfo) {
+    PQconninfoOption *options = PQconninfoParse(conninfo, NULL);
+    PQconninfoFree(options);
+    return options != NULL;
+}
+
+static void disconnect(struct pq_link *link) {
+    PQfinish(link->conn);
+    link->conn = NULL;
+}
+
+static void ignore_notice(void *ctx, const PGresult *result) {
+    (void)ctx;
+    (void)result;
+}
+
+/* Settings that the address doesn't name itself: what libpq can see of a dead server, it is to see soon. */
+static enum status connect_link(struct pq_link *link, struct error *error) {
+    static const char *const names[] = {"connect_timeout",
+                                        "tcp_user_timeout",
+                                        "keepalives_idle",
+                                        "keepalives_interval",
+                                        "keepalives_count",
+                                        "target_session_attrs",
+                                        "fallback_application_name",
+                                        "client_encoding",
+                                        "dbname",
+                                        NULL};
+    const char *values[] = {"3", "5000", "2", "1", "3", "read-write", "whittled", "UTF8", link->pq->conninfo, NULL};
+    if (fault_at("database-connect")) return refused(STATUS_IO, strerror(errno), error);
+    disconnect(link);
+    link->conn = PQconnectdbParams(names, values, 1);
+    if (!link->conn) return error_set(error, STATUS_NO_MEMORY, "database", "no memory");
+    if (PQstatus(link->conn) == CONNECTION_OK) {
+        PQsetNoticeReceiver(link->conn, ignore_notice, NULL);
+        return STATUS_OK;
+    }
+    enum status status = refused(STATUS_IO, PQerrorMessage(link->conn), error);
+    disconnect(link);
+    return status;
+}
+
+enum status pq_open(const char *conninfo, struct pq **pq, struct error *error) {
+    struct pq *opened = alloc_zeroed(1, sizeof *opened);
+    if (!opened) return error_set(error, STATUS_NO_MEMORY, "database", "no memory");
+    pthread_condattr_t by_monotonic;
+    pthread_mutex_init(&opened->lock, NULL);
+    pthread_condattr_init(&by_monotonic);
+    pthread_cond_init(&opened->given, &by_monotonic);
+    pthread_condattr_destroy(&by_monotonic);
+    for (int i = 0; i < LINKS; i++) opened->link[i].pq = opened;
+    opened->conninfo = strdup(conninfo);
+    enum status status = opened->conninfo ? connect_link(&opened->link[0], error)
+                                          : error_set(error, STATUS_NO_MEMORY, "database", "no memory");
+    if (status == STATUS_OK)
+        *pq = opened;
+    else
+        pq_close(opened);
+    return status;
+}
+
+void pq_close(struct pq *pq) {
+    if (!pq) return;
+    for (int i = 0; i < LINKS; i++) disconnect(&pq->link[i]);
+    pthread_cond_destroy(&pq->given);
+    pthread_mutex_destroy(&pq->lock);
+    free(pq->conninfo);
+    free(pq);
+}
+
+/* One that nobody has: connected already, if there is such. */
+static struct pq_link *find_link(struct pq *pq) {
+    struct pq_link *found = NULL;
+    for (int i = 0; i < LINKS; i++)
+        if (!pq->link[i].is_taken && (!found || (!found->conn && pq->link[i].conn))) found = &pq->link[i];
+    return found;
+}
+
+enum status pq_take(struct pq *pq, struct pq_link **link, struct error *error) {
+    pthread_mutex_lock(&pq->lock);
+    struct pq_link *found;
+    while (!(found = find_link(pq))) pthread_cond_wait(&pq->given, &pq->lock);
+    found->is_taken = true;
+    pthread_mutex_unlock(&pq->lock);
+    enum status status = found->conn ? STATUS_OK : connect_link(found, error);
+    if (status == STATUS_OK)
+        *link = found;
+    else
+        pq_done(found);
+    return status;
+}
+
+void pq_done(struct pq_link *link) {
+    struct pq *pq = link->pq;
+    if (link->conn && (PQstatus(link->conn) != CONNECTION_OK || PQtransactionStatus(link->conn) != PQTRANS_IDLE))
+        disconnect(link);
+    pthread_mutex_lock(&pq->lock);
+    link->is_taken = false;
+    pthread_cond_signal(&pq->given);
+    pthread_mutex_unlock(&pq->lock);
+}
+
+/* ------------------------------------------------------------------------------------------------ statements */
+
+/* Waits for the socket; false, and the connection is closed: the deadline has come, or it is broken. */
+static bool wait_for(struct pq_link *link, short events, int64_t deadline_ms, struct error *error) {
+    int64_t left = deadline_ms - clock_ms();
+    struct pollfd socket = {.fd = PQsocket(link->conn), .events = events};
+    int n = left > 0 ? poll(&socket, 1, (int)left) : 0;
+    if (n > 0 || (n < 0 && errno == EINTR)) return true;
+    error_set(error, STATUS_IO, "database", "the database doesn't answer");
+    disconnect(link);
+    return false;
+}
+
+/* Sends what is buffered, and takes in what comes, until the answer is whole. */
+static bool finish_query(struct pq_link *link, int64_t deadline_ms, struct error *error) {
+    int rest = PQflush(link->conn);
+    while (rest > 0) {
+        if (!wait_for(link, POLLIN | POLLOUT, deadline_ms, error)) return false;
+        if (!PQconsumeInput(link->conn)) break;
+        rest = PQflush(link->conn);
+    }
+    while (rest == 0 && PQisBusy(link->conn)) {
+        if (!wait_for(link, POLLIN, deadline_ms, error)) return false;
+        if (!PQconsumeInput(link->conn)) break;
+    }
+    return true;
+}
+
+static enum status status_of(const PGresult *result, const PGconn *conn, struct error *error) {
+    ExecStatusType kind = PQresultStatus(result);
+    if (kind == PGRES_COMMAND_OK || kind == PGRES_TUPLES_OK) return STATUS_OK;
+    const char *state = result ? PQresultErrorField(result, PG_DIAG_SQLSTATE) : NULL;
+    const char *text = result ? PQresultErrorField(result, PG_DIAG_MESSAGE_PRIMARY) : NULL;
+    bool is_full = state && (strcmp(state, "53100") == 0), is_short = state && strcmp(state, "53200") == 0;
+    return refused(is_full    ? STATUS_NO_SPACE
+                   : is_short ? STATUS_NO_MEMORY
+                              : STATUS_IO,
+                   text ? text : PQerrorMessage(conn), error);
+}
+
+/* The last result of what was sent. */
+static enum status take_result(struct pq_link *link, int sent, PGresult **result, struct error *error) {
+    int64_t deadline_ms = clock_ms() + DEADLINE_MS;
+    *result = NULL;
+    if (!sent) return refused(STATUS_IO, PQerrorMessage(link->conn), error);
+    for (PGresult *next;;) {
+        if (!finish_query(link, deadline_ms, error)) {
+            PQclear(*result);
+            *result = NULL;
+            return STATUS_IO;
+        }
+        next = PQgetResult(link->conn);
+        if (!next) break;
+        bool was_fine =
+            !*result || PQresultStatus(*result) == PGRES_COMMAND_OK || PQresultStatus(*result) == PGRES_TUPLES_OK;
+        PQclear(was_fine ? *result : next);
+        if (was_fine) *result = next;
+    }
+    enum status status = status_of(*result, link->conn, error);
+    if (status == STATUS_OK) return STATUS_OK;
+    PQclear(*result);
+    *result = NULL;
+    return status;
+}
+
+static enum status query(struct pq_link *link, const char *text, const struct pq_value *values, size_t count,
+                         PGresult **result, struct error *error) {
+    Oid types[MAX_VALUES];
+    const char *texts[MAX_VALUES];
+    char numbers[MAX_VALUES][NUMBER_BYTES];
+    *result = NULL;
+    if (!link->conn || count > MAX_VALUES) return error_set(error, STATUS_IO, "database", "the connection is gone");
+    for (size_t i = 0; i < count; i++) {
+        const struct pq_value *value = &values[i];
+        types[i] = value->type == PQ_VALUE_INTEGER ? OID_INT8 : value->type == PQ_VALUE_REAL ? OID_FLOAT8 : OID_TEXT;
+        texts[i] = value->type == PQ_VALUE_TEXT ? value->text : numbers[i];
+        if (value->type == PQ_VALUE_INTEGER) snprintf(numbers[i], NUMBER_BYTES, "%lld", (long long)value->integer);
+        if (value->type == PQ_VALUE_REAL) snprintf(numbers[i], NUMBER_BYTES, "%.17g", value->real);
+    }
+    int sent = PQsendQueryParams(link->conn, text, (int)count, types, texts, NULL, NULL, 0);
+    return take_result(link, sent, result, error);
+}
+
+enum status pq_run(struct pq_link *link, const char *text, const struct pq_value *values, size_t count,
+                   int64_t *changed, struct error *error) {
+    PGresult *result;
+    enum status status = query(link, text, values, count, &result, error);
+    if (status == STATUS_OK && changed) *changed = strtoll(PQcmdTuples(result), NULL, 10);
+    PQclear(result);
+    return status;
+}
+
+enum status pq_execute(struct pq_link *link, const char *text, struct error *error) {
+    PGresult *result;
+    if (!link->conn) return error_set(error, STATUS_IO, "database", "the connection is gone");
+    enum status status = take_result(link, PQsendQuery(link->conn, text), &result, error);
+    PQclear(result);
+    return status;
+}
+
+/* A connection may have died while nobody used it: nothing was done on it yet, so another one does as well. */
+enum status pq_begin(struct pq *pq, struct pq_link **link, struct error *error) {
+    enum status status = pq_take(pq, link, error);
+    if (status != STATUS_OK) return status;
+    status = pq_execute(*link, "BEGIN", error);
+    if (status != STATUS_OK && (!(*link)->conn || PQstatus((*link)->conn) != CONNECTION_OK)) {
+        status = connect_link(*link, error);
+        if (status == STATUS_OK) status = pq_execute(*link, "BEGIN", error);
+    }
+    if (status != STATUS_OK) pq_done(*link);
+    return status;
+}
+
+enum status pq_end(struct pq_link *link, enum status status, bool *unknown, struct error *error) {
+    struct error ignored;
+    enum status done = STATUS_OK;
+    if (status == STATUS_OK && fault_at("commit"))
+        status = error_set(error, status_from_errno(errno), "database", "%s", strerror(errno));
+    if (status != STATUS_OK) {
+        done = pq_execute(link, "ROLLBACK", &ignored);
+        (void)done; /* closing the connection, which follows where it failed, does the same */
+    } else {
+        status = pq_execute(link, "COMMIT", error);
+        bool is_gone = !link->conn || PQstatus(link->conn) != CONNECTION_OK;
+        if (unknown) *unknown = status != STATUS_OK && is_gone;
+    }
+    pq_done(link);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ rows */
+
+/* Outside of a transaction a connection that has died is made anew, once. */
+enum status pq_select(struct pq_link *link, const char *text, const struct pq_value *values, size_t count,
+                      struct pq_rows **rows, struct error *error) {
+    PGresult *result;
+    bool is_idle = link->conn && PQtransactionStatus(link->conn) == PQTRANS_IDLE;
+    enum status status = query(link, text, values, count, &result, error);
+    bool is_dead = status != STATUS_OK && (!link->conn || PQstatus(link->conn) != CONNECTION_OK);
+    if (is_dead && is_idle && connect_link(link, error) == STATUS_OK)
+        status = query(link, text, values, count, &result, error);
+    if (status != STATUS_OK) return status;
+    *rows = alloc_zeroed(1, sizeof **rows);
+    if (*rows)
+        **rows = (struct pq_rows){result, -1};
+    else
+        PQclear(result);
+    return *rows ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "database", "no memory");
+}
+
+bool pq_next(struct pq_rows *rows) { return ++rows->row < PQntuples(rows->result); }
+
+void pq_free(struct pq_rows *rows) {
+    PQclear(rows->result);
+    free(rows);
+}
+
+enum status pq_number(struct pq_link *link, const char *text, const struct pq_value *values, size_t count,
+                      int64_t *number, struct error *error) {
+    struct pq_rows *rows;
+    enum status status = pq_select(link, text, values, count, &rows, error);
+    if (status != STATUS_OK) return status;
+    if (pq_next(rows)) *number = pq_integer(rows, 0);
+    pq_free(rows);
+    return STATUS_OK;
+}
+
+const char *pq_text(const struct pq_rows *rows, int column) { return PQgetvalue(rows->result, rows->row, column); }
+
+int64_t pq_integer(const struct pq_rows *rows, int column) { return strtoll(pq_text(rows, column), NULL, 10); }
+
+double pq_real(const struct pq_rows *rows, int column) { return strtod(pq_text(rows, column), NULL); }
+
+void pq_copy_text(const struct pq_rows *rows, int column, char *to, size_t bytes) {
+    snprintf(to, bytes, "%s", pq_text(rows, column));
+}
+
+char *pq_new_text(const struct pq_rows *rows, int column) {
+    return PQgetisnull(rows->result, rows->row, column) ? NULL : strdup(pq_text(rows, column));
+}
+
+/* ------------------------------------------------------------------------------------------------ notifications */
+
+static bool take_notification(struct pq_link *link, char *text, size_t bytes) {
+    PGnotify *note = PQnotifies(link->conn);
+    if (note) snprintf(text, bytes, "%s", note->extra);
+    PQfreemem(note);
+    return note != NULL;
+}
+
+enum status pq_wait(struct pq_link *link, int ms, char *text, size_t bytes, bool *notified, struct error *error) {
+    if (!link->conn) return error_set(error, STATUS_IO, "database", "the connection is gone");
+    *notified = take_notification(link, text, bytes);
+    if (*notified) return STATUS_OK;
+    struct pollfd socket = {.fd = PQsocket(link->conn), .events = POLLIN};
+    int n = poll(&socket, 1, ms);
+    if (n > 0 && !PQconsumeInput(link->conn)) return refused(STATUS_IO, PQerrorMessage(link->conn), error);
+    *notified = take_notification(link, text, bytes);
+    return STATUS_OK;
+}

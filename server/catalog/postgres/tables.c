@@ -1,0 +1,132 @@
+/* The tables, step by step.
+ *
+ * To change them: append a step, never edit one.  Hosts of the version before go on while the next one's step is there
+ * already, so a step only adds: tables, columns with a default, indexes.
+ *
+ * All numbers are BIGINT, times milliseconds since 1970 by the database's clock.  Names are compared by bytes (COLLATE
+ * "C"), so that ids sort as they do in memory.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/catalog/postgres/tables.h"
+
+static const char *const steps[] = {
+    /* What is kept of a job is catalog/job.h; due: since when it waits, less what its priority is worth.  writer: the
+     * session that changed it last. */
+    "CREATE FUNCTION whittle_now() RETURNS BIGINT LANGUAGE sql VOLATILE AS "
+    "$$ SELECT (extract(epoch FROM clock_timestamp()) * 1000)::BIGINT $$;"
+    "CREATE TABLE jobs (id TEXT COLLATE \"C\" PRIMARY KEY, state BIGINT NOT NULL, sequence BIGINT NOT NULL, "
+    "attempt BIGINT NOT NULL, created BIGINT NOT NULL, started BIGINT NOT NULL, finished BIGINT NOT NULL, "
+    "updated BIGINT NOT NULL, expires BIGINT NOT NULL, label TEXT NOT NULL, cloud TEXT COLLATE \"C\" NOT NULL, "
+    "input_bytes BIGINT NOT NULL, input_points BIGINT NOT NULL, input_format TEXT NOT NULL, params TEXT NOT NULL, "
+    "stage TEXT NOT NULL DEFAULT '', message TEXT NOT NULL DEFAULT '', fraction FLOAT8 NOT NULL DEFAULT 0, "
+    "cpu FLOAT8 NOT NULL DEFAULT 0, wall FLOAT8 NOT NULL DEFAULT 0, rss BIGINT NOT NULL DEFAULT 0, report TEXT, "
+    "problem TEXT, principal TEXT COLLATE \"C\" NOT NULL, priority BIGINT NOT NULL, result TEXT NOT NULL, "
+    "memory BIGINT NOT NULL DEFAULT 0, failures BIGINT NOT NULL DEFAULT 0, interruptions BIGINT NOT NULL DEFAULT 0, "
+    "owner TEXT NOT NULL DEFAULT '', lease BIGINT NOT NULL DEFAULT 0, cancelled BIGINT NOT NULL DEFAULT 0, "
+    "writer TEXT NOT NULL DEFAULT '', due BIGINT NOT NULL);"
+    "CREATE INDEX jobs_waiting ON jobs (principal, due, id) WHERE state = 0;"
+    "CREATE INDEX jobs_running ON jobs (owner) WHERE state = 1;"
+    "CREATE INDEX jobs_by_state ON jobs (state, id);"
+    "CREATE INDEX jobs_by_label ON jobs (label, id);"
+    "CREATE INDEX jobs_by_cloud ON jobs (cloud);"
+    "CREATE INDEX jobs_by_principal ON jobs (principal, id);"
+    "CREATE INDEX jobs_by_expiry ON jobs (expires) WHERE expires > 0;"
+    "CREATE INDEX jobs_by_change ON jobs (updated);"
+    "CREATE INDEX jobs_by_result ON jobs (result, id) WHERE result <> '';"
+    "CREATE TABLE outputs (job TEXT COLLATE \"C\" NOT NULL, position BIGINT NOT NULL, name TEXT NOT NULL, "
+    "bytes BIGINT NOT NULL, sha256 TEXT NOT NULL, PRIMARY KEY (job, position));"
+    "CREATE TABLE tombstones (id TEXT COLLATE \"C\" PRIMARY KEY, reason TEXT NOT NULL, at BIGINT NOT NULL, "
+    "principal TEXT NOT NULL);"
+    "CREATE INDEX tombstones_by_age ON tombstones (at);"
+    "CREATE TABLE clouds (sha256 TEXT COLLATE \"C\" NOT NULL, principal TEXT COLLATE \"C\" NOT NULL, "
+    "created BIGINT NOT NULL, expires BIGINT NOT NULL, bytes BIGINT NOT NULL, points BIGINT NOT NULL, "
+    "format TEXT NOT NULL, PRIMARY KEY (sha256, principal));"
+    "CREATE INDEX clouds_by_expiry ON clouds (expires);"
+    "CREATE INDEX clouds_by_principal ON clouds (principal);"
+    "CREATE TABLE uploads (id TEXT COLLATE \"C\" PRIMARY KEY, principal TEXT NOT NULL, metadata TEXT NOT NULL, "
+    "cloud TEXT NOT NULL, created BIGINT NOT NULL, expires BIGINT NOT NULL, position BIGINT NOT NULL, "
+    "length BIGINT NOT NULL, boot TEXT NOT NULL);"
+    "CREATE TABLE replies (principal TEXT COLLATE \"C\" NOT NULL, key TEXT COLLATE \"C\" NOT NULL, "
+    "fingerprint TEXT NOT NULL, made TEXT NOT NULL, at BIGINT NOT NULL, status BIGINT NOT NULL DEFAULT 0, "
+    "etag TEXT NOT NULL DEFAULT '', reply TEXT, PRIMARY KEY (principal, key));"
+    "CREATE INDEX replies_by_age ON replies (at);"
+    "CREATE TABLE outbox (job TEXT COLLATE \"C\" PRIMARY KEY, url TEXT NOT NULL, attempts BIGINT NOT NULL DEFAULT 0, "
+    "due BIGINT NOT NULL DEFAULT 0, owner TEXT NOT NULL DEFAULT '');"
+    "CREATE INDEX outbox_by_due ON outbox (due) WHERE due > 0;"
+    /* Clouds that somebody is about to refer to: their bytes stay until then. */
+    "CREATE TABLE expected (cloud TEXT COLLATE \"C\" PRIMARY KEY, until BIGINT NOT NULL);"
+    "CREATE INDEX expected_by_end ON expected (until);"
+    "CREATE TABLE identity (one BIGINT PRIMARY KEY CHECK (one = 1), id TEXT NOT NULL);"
+    /* What ends with the process that made it: alive until its lease is over. */
+    "CREATE TABLE sessions (id TEXT COLLATE \"C\" PRIMARY KEY, lease BIGINT NOT NULL);"
+    "CREATE TABLE holds (principal TEXT COLLATE \"C\" NOT NULL, key TEXT COLLATE \"C\" NOT NULL, "
+    "session TEXT COLLATE \"C\" NOT NULL, PRIMARY KEY (principal, key));"
+    "CREATE TABLE reservations (session TEXT COLLATE \"C\" NOT NULL, principal TEXT COLLATE \"C\" NOT NULL, "
+    "bytes BIGINT NOT NULL, PRIMARY KEY (principal, session));"
+    /* What each principal has, kept in step by triggers; served: when it had its last turn. */
+    "CREATE TABLE usage (principal TEXT COLLATE \"C\" PRIMARY KEY, active BIGINT NOT NULL, bytes BIGINT NOT NULL, "
+    "served BIGINT NOT NULL DEFAULT 0);"
+    "CREATE SEQUENCE turns;"
+    "CREATE FUNCTION whittle_add_usage(who TEXT, more_active BIGINT, more_bytes BIGINT) RETURNS VOID LANGUAGE sql AS "
+    "$$ INSERT INTO usage AS u (principal, active, bytes) VALUES (who, more_active, more_bytes) "
+    "ON CONFLICT (principal) DO UPDATE SET active = u.active + more_active, bytes = u.bytes + more_bytes $$;"
+    "CREATE FUNCTION whittle_job_usage() RETURNS TRIGGER LANGUAGE plpgsql AS $$ BEGIN "
+    "IF TG_OP = 'INSERT' THEN "
+    "PERFORM whittle_add_usage(NEW.principal, (NEW.state IN (0, 1))::INT, NEW.input_bytes); "
+    "ELSIF TG_OP = 'DELETE' THEN "
+    "PERFORM whittle_add_usage(OLD.principal, -(OLD.state IN (0, 1))::INT, -OLD.input_bytes); "
+    "ELSIF (NEW.state IN (0, 1)) <> (OLD.state IN (0, 1)) THEN "
+    "PERFORM whittle_add_usage(NEW.principal, (NEW.state IN (0, 1))::INT - (OLD.state IN (0, 1))::INT, 0); "
+    "END IF; RETURN NULL; END $$;"
+    "CREATE TRIGGER usage_of_jobs AFTER INSERT OR DELETE OR UPDATE OF state ON jobs FOR EACH ROW "
+    "EXECUTE FUNCTION whittle_job_usage();"
+    "CREATE FUNCTION whittle_output_usage() RETURNS TRIGGER LANGUAGE plpgsql AS $$ BEGIN "
+    "IF TG_OP = 'INSERT' THEN "
+    "PERFORM whittle_add_usage((SELECT principal FROM jobs WHERE id = NEW.job), 0, NEW.bytes); ELSE "
+    "PERFORM whittle_add_usage((SELECT principal FROM jobs WHERE id = OLD.job), 0, -OLD.bytes); "
+    "END IF; RETURN NULL; END $$;"
+    "CREATE TRIGGER usage_of_outputs AFTER INSERT OR DELETE ON outputs FOR EACH ROW "
+    "EXECUTE FUNCTION whittle_output_usage();"
+    "CREATE FUNCTION whittle_cloud_usage() RETURNS TRIGGER LANGUAGE plpgsql AS $$ BEGIN "
+    "IF TG_OP = 'INSERT' THEN PERFORM whittle_add_usage(NEW.principal, 0, NEW.bytes); "
+    "ELSE PERFORM whittle_add_usage(OLD.principal, 0, -OLD.bytes); END IF; RETURN NULL; END $$;"
+    "CREATE TRIGGER usage_of_clouds AFTER INSERT OR DELETE ON clouds FOR EACH ROW "
+    "EXECUTE FUNCTION whittle_cloud_usage();",
+};
+enum { STEPS = sizeof steps / sizeof steps[0] };
+
+/* Of the lock that one migration at a time has. */
+#define MIGRATION "7741160"
+
+int tables_steps(void) { return STEPS; }
+
+enum status tables_version(struct pq_link *link, int64_t *version, struct error *error) {
+    int64_t tables = 0;
+    *version = 0;
+    enum status status = pq_number(link, "SELECT count(*) FROM pg_class WHERE oid = to_regclass('schema_steps')", NULL,
+                                   0, &tables, error);
+    if (status == STATUS_OK && tables)
+        status = pq_number(link, "SELECT count FROM schema_steps", NULL, 0, version, error);
+    return status;
+}
+
+static enum status run_steps(struct pq_link *link, struct error *error) {
+    int64_t version = 0;
+    enum status status = pq_execute(link, "SELECT pg_advisory_xact_lock(" MIGRATION ")", error);
+    if (status == STATUS_OK) status = tables_version(link, &version, error);
+    if (status == STATUS_OK && version > STEPS)
+        return error_set(error, STATUS_UNSUPPORTED, "database", "the database has schema %lld, this program knows %d",
+                         (long long)version, STEPS);
+    if (status == STATUS_OK && !version)
+        status = pq_execute(
+            link, "CREATE TABLE schema_steps (count BIGINT NOT NULL); INSERT INTO schema_steps VALUES (0)", error);
+    for (int64_t i = version; status == STATUS_OK && i < STEPS; i++) status = pq_execute(link, steps[i], error);
+    if (status == STATUS_OK) status = pq_run(link, "UPDATE schema_steps SET count = $1", VALUES(I(STEPS)), NULL, error);
+    return status;
+}
+
+enum status tables_migrate(struct pq *pq, struct error *error) {
+    struct pq_link *link;
+    enum status status = pq_begin(pq, &link, error);
+    return status == STATUS_OK ? pq_end(link, run_steps(link, error), NULL, error) : status;
+}

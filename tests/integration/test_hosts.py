@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Several hosts that share one catalog, in PostgreSQL, and one blob store: any of them answers for any job, and each may
+die."""
+import itertools
+import pathlib
+import subprocess
+
+import pytest
+
+from conftest import BUILD, SMALL, process_lives, wait_until
+from test_webhooks import SECRET, Receiver
+
+ROOT = pathlib.Path(__file__).parents[2]
+
+PROGRAMS = pathlib.Path("/usr/lib/postgresql/15/bin")
+names = itertools.count()
+
+
+@pytest.fixture(name="server", scope="module")
+def make_server():
+    """A PostgreSQL server of this module's own; the socket's folder."""
+    if not (PROGRAMS / "initdb").exists():
+        pytest.skip("PostgreSQL 15 isn't installed")
+    with subprocess.Popen([ROOT / "tests/tools/with_postgres.sh", "sh", "-c", "echo $WHITTLE_CATALOG; cat"],
+                          stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        url = process.stdout.readline().strip()
+        assert "host=" in url, url
+        yield url.split("host=")[1]
+        process.stdin.close()
+
+
+@pytest.fixture(name="shared")
+def make_shared(server, tmp_path):
+    """Flags of hosts that share a catalog and a blob store, both empty."""
+    name = f"hosts{next(names)}"
+    subprocess.run([PROGRAMS / "createdb", "-h", server, "-U", "whittle", name], check=True)
+    url = f"postgresql://whittle@/{name}?host={server}"
+    subprocess.run([BUILD / "whittled", "migrate", "--catalog", url], check=True)
+    return ["--catalog", url, "--blobs", f"file:{tmp_path / 'blobs'}", "--lease", "500ms"]
+
+
+@pytest.fixture(name="gate")
+def make_gate(tmp_path):
+    """Flags of a host whose jobs begin their work when the gate, a file, is removed."""
+    gate, worker = tmp_path / "gate", tmp_path / "worker"
+    gate.touch()
+    worker.write_text(f'#!/bin/sh\nwhile [ -e "{gate}" ]; do sleep 0.02; done\nexec "{BUILD / "whittle"}" "$@"\n')
+    worker.chmod(0o755)
+    yield gate, ["--worker", worker, "--worker-sandbox=off", "--workers", "1"]
+    gate.unlink(missing_ok=True)
+
+
+def content(daemon, job, name="cloud.ply"):
+    reply = daemon.curl(f"/v1/jobs/{job}/outputs/{name}")
+    assert reply.status == 200
+    return reply.body
+
+
+def test_a_job_is_run_by_another_host_than_took_it(make_daemon, shared):
+    front, back = make_daemon(*shared, "--roles", "http"), make_daemon(*shared)
+    job = front.submit(SMALL)
+    assert front.ended(job)["status"] == "successful"
+    assert f"job={job} running -> successful" in back.log_text() and "running" not in front.log_text()
+    assert content(front, job) == content(back, job)
+    assert [j["id"] for j in back.curl("/v1/jobs").json["jobs"]] == [job]
+    again = back.submit(SMALL)  # the result of the first
+    assert front.job(again)["status"] == "successful" and content(front, again) == content(front, job)
+    assert front.curl(f"/v1/jobs/{job}", "-X", "DELETE").status == 200
+    assert back.curl(f"/v1/jobs/{job}").status == 410 and content(back, again)
+    assert front.stop() == 0 and back.stop() == 0
+
+
+def test_a_host_that_is_killed_loses_its_lease_and_the_job_runs_again(make_daemon, shared, gate):
+    gate, gated = gate
+    front, back = make_daemon(*shared, "--roles", "http"), make_daemon(*shared, *gated)
+    job = front.submit(SMALL)
+    front.wait_for(job, "running")
+    back.kill()
+    other = make_daemon(*shared)  # which has its own folder
+    ended = front.ended(job)
+    assert ended["status"] == "successful" and ended["attempt"] == 2
+    assert f"job={job} running -> successful attempt=2" in other.log_text()
+    gate.unlink()
+    back.start()  # it comes back, and finds nothing to mend of what others have done
+    assert back.job(job)["status"] == "successful" and content(back, job) == content(front, job)
+
+
+def test_what_is_deleted_at_another_host_ends_where_it_runs(make_daemon, shared, gate):
+    _, gated = gate
+    front, back = make_daemon(*shared, "--roles", "http"), make_daemon(*shared, *gated)
+    job = front.submit(SMALL)
+    front.wait_for(job, "running")
+    pid = back.worker_pid(job)
+    assert front.curl(f"/v1/jobs/{job}", "-X", "DELETE").status in (200, 202)
+    assert front.ended(job)["status"] == "dismissed"
+    wait_until(lambda: not process_lives(pid), "the end of its process")
+    assert back.leftovers() == []
+
+
+def test_a_start_takes_nothing_of_other_hosts(make_daemon, shared, gate):
+    """Jobs that run elsewhere, clouds that are kept elsewhere, a folder that is new."""
+    gate, gated = gate
+    first = make_daemon(*shared, *gated)
+    job = first.submit(SMALL)
+    first.wait_for(job, "running")
+    second = make_daemon(*shared, "--roles", "http")
+    assert second.job(job)["status"] == "running"
+    gate.unlink()
+    assert second.ended(job)["attempt"] == 1 and content(second, job)
+    assert "set_aside=0" in second.log_text()
+
+
+def test_each_webhook_is_delivered_by_one_host(make_daemon, shared, tmp_path):
+    secret = tmp_path / "secret"
+    secret.write_text(SECRET + "\n")
+    secret.chmod(0o600)
+    hooks = ["--webhooks", "--webhook-secret-file", secret, "--webhook-allow", "127.0.0.1", "--result-cache=0"]
+    receiver = Receiver(204)
+    hosts = [make_daemon(*shared, *hooks) for _ in range(2)]
+    jobs = [hosts[n % 2].submit(SMALL, f"?webhook={receiver.url}") for n in range(8)]
+    ids = set(jobs)
+    wait_until(lambda: {taken[0]["webhook-id"] for taken in receiver.taken} == ids, "every webhook")
+    for host in hosts:
+        assert host.stop() == 0
+    assert len(receiver.taken) == len(ids)
+
+
+def test_limits_and_keys_hold_for_all_hosts(make_daemon, shared):
+    hosts = [make_daemon(*shared, "--roles", "http", "--max-queue", "3") for _ in range(2)]
+    replies = [hosts[n % 2].post("/v1/jobs", SMALL).status for n in range(5)]
+    assert replies == [201, 201, 201, 429, 429] or replies == [201, 201, 201, 503, 503]
+    first = hosts[0].curl("/v1/clouds", "-H", "Idempotency-Key: k", data=SMALL)
+    again = hosts[1].curl("/v1/clouds", "-H", "Idempotency-Key: k", data=SMALL)
+    assert first.json == again.json and first.status == again.status
+
+
+def test_hosts_without_a_common_blob_store_are_refused(shared, tmp_path):
+    run = subprocess.run([BUILD / "whittled", "--listen", "127.0.0.1:0", "--data", tmp_path / "data", *shared[:2]],
+                         capture_output=True, text=True, check=False, timeout=60)
+    assert run.returncode == 2 and "--blobs" in run.stderr
+
+
+def test_tables_that_are_missing_are_named(server, tmp_path):
+    name = f"empty{next(names)}"
+    subprocess.run([PROGRAMS / "createdb", "-h", server, "-U", "whittle", name], check=True)
+    url = f"postgresql://whittle@/{name}?host={server}"
+    run = subprocess.run([BUILD / "whittled", "--listen", "127.0.0.1:0", "--data", tmp_path / "data", "--catalog", url,
+                          "--blobs", f"file:{tmp_path / 'blobs'}"], capture_output=True, text=True, check=False,
+                         timeout=60)
+    assert run.returncode == 1 and "whittled migrate" in run.stderr

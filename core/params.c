@@ -167,6 +167,10 @@ static const struct param_alias aliases[PARAMS_ALIASES] = {
     {"cocone", "reconstruction"},
 };
 
+static const char *const everyday[] = {"ratio",   "points",    "max_deviation", "spacing", "levels",
+                                       "crop",    "where",     "outputs",       "normals", "denoise",
+                                       "surface", "viewpoint", "columns",       "threads", NULL};
+
 const struct param *params_table(size_t *count) {
     *count = ROWS;
     return table;
@@ -178,6 +182,12 @@ const struct param_alias *params_aliases(size_t *count) {
 }
 
 bool params_is_deprecated(const struct param *param) { return strcmp(param->name, "max_error") == 0; }
+
+bool params_is_everyday(const struct param *param) {
+    for (const char *const *name = everyday; *name; name++)
+        if (strcmp(param->name, *name) == 0) return true;
+    return false;
+}
 
 const struct param *params_find(const char *name) {
     for (size_t i = 0; i < PARAMS_ALIASES; i++)

@@ -178,6 +178,9 @@ const struct param_alias *params_aliases(size_t *count);
 /* Whether another parameter has taken the place of this one, which stays accepted. */
 bool params_is_deprecated(const struct param *param);
 
+/* Whether it is one that most people need; the others are for those who know the method or a format. */
+bool params_is_everyday(const struct param *param);
+
 /* The row of this name, or of the deprecated one, or NULL. */
 const struct param *params_find(const char *name);
 

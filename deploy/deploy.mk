@@ -32,11 +32,15 @@ install-library: library ## libwhittle with its header, whittle.pc and Python mo
 .PHONY: install
 install: all man install-library ## programs, manual pages and library; PREFIX=/usr/local DESTDIR=
 	install -d $(call staged,$(PREFIX)/bin) $(call staged,$(PREFIX)/share/man/man1) \
-	    $(call staged,$(PREFIX)/share/man/man8) $(call staged,$(PREFIX)/share/bash-completion/completions)
+	    $(call staged,$(PREFIX)/share/man/man8) $(call staged,$(PREFIX)/share/bash-completion/completions) \
+	    $(call staged,$(PREFIX)/share/zsh/vendor-completions) \
+	    $(call staged,$(PREFIX)/share/fish/vendor_completions.d)
 	install $(programs) $(call staged,$(PREFIX)/bin)
 	install -m644 $(build)/man/whittle.1 $(call staged,$(PREFIX)/share/man/man1)
 	install -m644 $(build)/man/whittled.8 $(call staged,$(PREFIX)/share/man/man8)
-	install -m644 deploy/completion/* $(call staged,$(PREFIX)/share/bash-completion/completions)
+	install -m644 deploy/completion/bash/* $(call staged,$(PREFIX)/share/bash-completion/completions)
+	install -m644 deploy/completion/zsh/* $(call staged,$(PREFIX)/share/zsh/vendor-completions)
+	install -m644 deploy/completion/fish/* $(call staged,$(PREFIX)/share/fish/vendor_completions.d)
 
 # ---------------------------------------------------------------------------------------------------- packages
 .PHONY: print-packages

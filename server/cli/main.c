@@ -1,17 +1,17 @@
 /* whittle: a cloud in, the simplified cloud, a mesh and a report out.
  *
  *     whittle scan.ply --ratio 0.1 --outputs cloud,mesh,report -o out/
- *     whittle scan.ply --ratio 0.1 -o small.ply
+ *     whittle scan.ply small.ply --ratio 0.1
  *     zcat scan.ply.gz | whittle - --outputs mesh.glb -o - | upload
+ *     whittle convert scan.las scan.ply
  *     whittle measure out/mesh.ply scan.ply                              (server/cli/measure.c)
+ *     whittle info scan.las                                              (server/cli/info.c)
  *
  * Reads like its --help: options, then read, run, write.  The same program is what whittled starts for each job; then
  * --progress-fd names an inherited descriptor, and progress and the end are told there
  * (server/shared/worker_protocol.h).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include <errno.h>
-#include <fcntl.h>
 #include <inttypes.h>
 #include <signal.h>
 #include <stdio.h>
@@ -19,6 +19,8 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include "api/codecs/report_json.h"
+#include "core/base/alloc.h"
 #include "core/cloud/colour_depth.h"
 #include "core/cloud/normals.h"
 #include "core/cloud/select.h"
@@ -28,6 +30,8 @@
 #include "server/cli/dry_run.h"
 #include "server/cli/exact_numbers.h"
 #include "server/cli/heap.h"
+#include "server/cli/info.h"
+#include "server/cli/input.h"
 #include "server/cli/measure.h"
 #include "server/cli/no_new_code.h"
 #include "server/cli/options.h"
@@ -51,11 +55,6 @@ static void catch_signals(bool to_standard) {
     signal(SIGXFSZ, SIG_IGN); /* writing says so too */
 }
 
-/* The input stays open until the outputs have their names, so that they are told from it.  -1 with errno. */
-static int open_input(const struct worker_options *options) {
-    return strcmp(options->input, "-") == 0 ? STDIN_FILENO : open(options->input, O_RDONLY | O_CLOEXEC);
-}
-
 /* What the process can have: the memory of the machine, or less where limits are set. */
 static uint64_t memory_there_is(void) {
     static const int limits[] = {RLIMIT_AS, RLIMIT_DATA};
@@ -76,43 +75,95 @@ static enum status check_faces(const struct cloud *cloud, const struct params *p
                      cloud->triangle_count, cloud->count, params->memory_bytes >> 20);
 }
 
-static enum status run(const struct worker_options *options, struct worker_progress *display, struct error *error) {
+/* A conversion's result: all points in their order, and the input's faces as the mesh. */
+static enum status take_all(const struct cloud *cloud, const struct params *params, struct pipeline_result *result,
+                            struct error *error) {
+    struct mesh *mesh = &result->level[0].mesh;
+    result->level_count = 1;
+    result->level[0].kept_count = cloud->count;
+    if (!(params->outputs & OUTPUT_ANY_MESH)) return STATUS_OK;
+    mesh->vertex = alloc_array(cloud->count, sizeof *mesh->vertex);
+    mesh->source = alloc_array(cloud->count, sizeof *mesh->source);
+    mesh->triangle = alloc_array(cloud->triangle_count, sizeof *mesh->triangle);
+    if (!mesh->vertex || !mesh->source || !mesh->triangle)
+        return error_set(error, STATUS_NO_MEMORY, "convert", "no memory for the mesh");
+    mesh->vertex_count = cloud->count;
+    mesh->triangle_count = cloud->triangle_count;
+    memcpy(mesh->vertex, cloud->position, cloud->count * sizeof *mesh->vertex);
+    memcpy(mesh->triangle, cloud->triangle, cloud->triangle_count * sizeof *mesh->triangle);
+    for (size_t i = 0; i < cloud->count; i++) mesh->source[i] = (uint32_t)i;
+    return STATUS_OK;
+}
+
+static enum status tell(const struct worker_options *options, const struct cloud *cloud, const struct report *report,
+                        struct error *error) {
+    FILE *to = options->to_standard ? stderr : stdout;
+    if (options->json) return report_json_write(STDOUT_FILENO, report, &options->params, error);
+    if (options->convert)
+        worker_output_converted(options, cloud, &report->losses, to);
+    else
+        worker_output_summary(options, report, to);
+    return STATUS_OK;
+}
+
+/* Said of where outputs go, not of what is written there. */
+static bool is_no_output(enum status status, const struct error *error) {
+    if (status != STATUS_IO && status != STATUS_BAD_PARAMETER) return false;
+    bool refused = status == STATUS_BAD_PARAMETER && strcmp(error->where, "write") == 0;
+    return refused || strcmp(error->where, "output") == 0;
+}
+
+static enum status run(struct worker_options *options, struct worker_progress *display, int *exit_status,
+                       struct error *error) {
     struct cloud cloud = {0};
     struct pipeline_result result = {0};
     struct selection selection = {0};
     struct progress progress = {worker_progress_tick, display};
-    int input = open_input(options), failure = errno;
+    int input; /* open until the outputs have their names, so that they are told from it */
     worker_progress_span(display, 0, READ_SHARE);
+    struct error missing;
+    enum status opened = worker_input_open(options->input, &input, &missing);
     enum status status = worker_output_check(options, input, error);
-    if (!status && input < 0)
-        status = error_set(error, STATUS_IO, "read", "can't open %s: %s", options->input, strerror(failure));
+    if (is_no_output(status, error)) *exit_status = WIRE_EXIT_NO_OUTPUT;
+    if (!status && opened) {
+        *exit_status = WIRE_EXIT_NO_INPUT;
+        *error = missing;
+        status = opened;
+    }
     const struct cloud_limits limits = {.columns = options->params.columns,
                                         .max_triangles = memory_triangles(&options->params)};
     if (!status) status = cloud_read(input, &limits, &progress, &cloud, error);
     if (!status && select_is_asked(&options->params))
         status = select_in_place(&cloud, &options->params, &selection, error);
     if (!status && options->memory_given) status = check_faces(&cloud, &options->params, error);
+    if (!status && options->convert) status = worker_output_settle_faces(options, &cloud, error);
     worker_progress_span(display, READ_SHARE, 1);
     if (options->dry_run) goto out;
-    if (!status && memory_is_kept(cloud.count, &options->params) && options->params.levels.count < 2)
+    if (!status && !options->convert && memory_is_kept(cloud.count, &options->params) &&
+        options->params.levels.count < 2)
         worker_heap_prepare(cloud.count);
-    if (!status) status = pipeline_run(&cloud, &options->params, &progress, &result, error);
+    if (!status)
+        status = options->convert ? take_all(&cloud, &options->params, &result, error)
+                                  : pipeline_run(&cloud, &options->params, &progress, &result, error);
     result.report.points_cropped = selection.cropped;
     result.report.points_filtered = selection.filtered;
     if (!status && result.moved) cloud_move(&cloud, result.moved);
     if (!status && result.normal) status = cloud_set_normals(&cloud, (const float(*)[3])result.normal, error);
     if (!status)
         status = cloud_set_colours(&cloud, (enum colour_bits)options->params.colours, &result.report.losses, error);
-    if (!status) status = worker_output_write(options, input, &cloud, &result, error);
+    if (!status) {
+        status = worker_output_write(options, input, &cloud, &result, error);
+        if (is_no_output(status, error)) *exit_status = WIRE_EXIT_NO_OUTPUT;
+    }
 out:
     worker_progress_end(display, status, error);
     if (!status && options->dry_run)
         dry_run_print(options, &cloud, input, options->to_standard ? stderr : stdout);
-    else if (!status && options->summary)
-        worker_output_summary(options, &result.report, options->to_standard ? stderr : stdout);
+    else if (!status && (options->summary || options->json))
+        status = tell(options, &cloud, &result.report, error);
     pipeline_result_done(&result);
     cloud_done(&cloud);
-    if (input > STDIN_FILENO) close(input);
+    worker_input_close(input);
     return status;
 }
 
@@ -130,12 +181,13 @@ static _Noreturn void end_without_memory(void) {
 
 int main(int argc, char **argv) {
     if (argc > 1 && strcmp(argv[1], "measure") == 0) return worker_measure_main(argc - 1, argv + 1);
+    if (argc > 1 && strcmp(argv[1], "info") == 0) return worker_info_main(argc - 1, argv + 1);
     struct worker_options options;
     struct error error = {0};
     enum worker_request request = worker_options_parse(&options, argc, argv, &error);
     if (request == WORKER_TOLD) return 0;
     if (request == WORKER_REFUSED) {
-        fprintf(stderr, "whittle: %s: %s\nTry 'whittle --help'.\n", error.where, error.text);
+        fprintf(stderr, "whittle: %s: %s\nUse 'whittle --help' for all options.\n", error.where, error.text);
         return wire_exit_status(STATUS_BAD_PARAMETER);
     }
     if (!options.params.memory_bytes) options.params.memory_bytes = memory_there_is();
@@ -145,7 +197,8 @@ int main(int argc, char **argv) {
     input_name = options.input;
     worker_exact_numbers_end_by(end_without_memory);
     worker_progress_init(&display, options.progress_fd, &stopping);
-    enum status status = run(&options, &display, &error);
+    int exit_status = 0;
+    enum status status = run(&options, &display, &exit_status, &error);
     if (status) worker_output_explain(options.input, status, &error, stderr);
-    return wire_exit_status(status);
+    return status && exit_status ? exit_status : wire_exit_status(status);
 }

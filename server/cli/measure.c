@@ -24,6 +24,7 @@
 #include "core/io/read.h"
 #include "core/measure/metro.h"
 #include "core/params.h"
+#include "server/cli/input.h"
 #include "server/cli/output.h"
 #include "server/shared/worker_protocol.h"
 
@@ -69,13 +70,14 @@ static void print_help(void) {
          "  --json          JSON instead of a table.\n"
          "  -h, --help\n"
          "\n"
-         "Exit status: 0 done; 2 an argument is wrong; 65 a file is malformed, of no format that is read, over a "
+         "Exit status: 0 done; 64 an argument is wrong; 65 a file is malformed, of no format that is read, over a "
          "limit,\n"
-         "or without the faces that are needed; 70 internal error; 71 out of memory; 74 reading or writing failed.");
+         "or without the faces that are needed; 66 a file can't be opened; 70 internal error; 71 out of memory;\n"
+         "74 reading or writing failed.");
 }
 
 static enum outcome refuse(const char *what, const char *why) {
-    fprintf(stderr, "whittle measure: %s: %s\nTry 'whittle measure --help'.\n", what, why);
+    fprintf(stderr, "whittle measure: %s: %s\nUse 'whittle measure --help' for all options.\n", what, why);
     return REFUSED;
 }
 
@@ -139,7 +141,7 @@ static enum outcome parse(struct request *request, int argc, char **argv) {
     for (int option; outcome == MEASURE && (option = getopt_long(argc, argv, "h", options, NULL)) != -1;)
         outcome = set_option(request, option, optarg);
     if (outcome != MEASURE) return outcome;
-    if (argc - optind != 2) return refuse("A B", "name two files");
+    if (argc - optind != 2) return refuse("A B", "use the names of two files");
     request->path[0] = argv[optind];
     request->path[1] = argv[optind + 1];
     return MEASURE;
@@ -251,14 +253,24 @@ static enum status print(const struct request *request, const struct measurement
 
 static bool is_text(const struct cloud *cloud) { return strcmp(cloud->form, "xyz") == 0; }
 
-static enum status run(const struct request *request, const char **culprit, struct error *error) {
+static enum status read_side(const struct request *request, int i, struct cloud *cloud, int *exit_status,
+                             struct error *error) {
     const struct cloud_limits limits = {.columns = request->columns, .columns_if_text = true};
+    int input;
+    enum status status = worker_input_open(request->path[i], &input, error);
+    if (status) *exit_status = WIRE_EXIT_NO_INPUT;
+    if (!status) status = cloud_read(input, &limits, NULL, cloud, error);
+    worker_input_close(input);
+    return status;
+}
+
+static enum status run(const struct request *request, const char **culprit, int *exit_status, struct error *error) {
     struct cloud cloud[2] = {0};
     enum status status = STATUS_OK;
     struct measurement m = {0};
     for (int i = 0; !status && i < 2; i++) {
         *culprit = request->path[i];
-        status = cloud_read_path(request->path[i], &limits, NULL, &cloud[i], error);
+        status = read_side(request, i, &cloud[i], exit_status, error);
     }
     if (!status && request->columns && !is_text(&cloud[0]) && !is_text(&cloud[1])) {
         *culprit = "--columns";
@@ -281,7 +293,8 @@ int worker_measure_main(int argc, char **argv) {
     if (outcome != MEASURE) return outcome == TOLD ? 0 : WIRE_EXIT_PARAMETER;
     struct error error = {.byte_offset = UINT64_MAX};
     const char *culprit = "";
-    enum status status = run(&request, &culprit, &error);
+    int exit_status = 0;
+    enum status status = run(&request, &culprit, &exit_status, &error);
     if (status) worker_output_explain(culprit, status, &error, stderr);
-    return wire_exit_status(status);
+    return status && exit_status ? exit_status : wire_exit_status(status);
 }

@@ -10,9 +10,8 @@
 #include <string.h>
 
 #include "core/base/version.h"
-#include "core/io/sniff.h"
+#include "server/cli/help.h"
 #include "server/cli/output.h"
-#include "server/shared/roff.h"
 
 enum { NAME_BYTES = 64 };
 
@@ -23,9 +22,12 @@ enum own {
     OWN_MEMORY,
     OWN_PROGRESS_FD,
     OWN_QUIET,
+    OWN_VERBOSE,
+    OWN_JSON,
     OWN_HELP,
     OWN_VERSION,
     OWN_MAN,
+    OWN_LIST,
     OWN_COUNT
 };
 
@@ -41,108 +43,13 @@ static const struct own_option {
     [OWN_MEMORY] = {"memory", 0, true},
     [OWN_PROGRESS_FD] = {"progress-fd", 0, true},
     [OWN_QUIET] = {"quiet", 'q', false},
+    [OWN_VERBOSE] = {"verbose", 'v', false},
+    [OWN_JSON] = {"json", 0, false},
     [OWN_HELP] = {"help", 'h', false},
     [OWN_VERSION] = {"version", 0, false},
     [OWN_MAN] = {"man", 0, false},
+    [OWN_LIST] = {"list-options", 0, false},
 };
-
-static void print_parameters(void) {
-    size_t count;
-    const struct param *table = params_table(&count);
-    for (size_t i = 0; i < count; i++) {
-        char allowed[256];
-        params_allowed(&table[i], allowed, sizeof allowed);
-        printf("  --%s\n        %s.\n        %s%s%s", table[i].name, table[i].help, allowed,
-               table[i].unit[0] ? "; in " : "", table[i].unit);
-        printf(table[i].default_text[0] ? "; default %s\n" : "\n", table[i].default_text);
-    }
-}
-
-static void print_help(void) {
-    puts("Usage: whittle INPUT [--parameter value ...] [-o FOLDER/]         cloud.ply, report.json ...\n"
-         "       whittle INPUT [--parameter value ...] -o FILE.ply          one file\n"
-         "       whittle INPUT [--parameter value ...] [--outputs ONE] -o - in a pipe\n"
-         "       whittle measure A B [...]      distances between two clouds or meshes; see whittle measure --help\n"
-         "\n"
-         "Simplifies a point cloud, reconstructs a watertight mesh and measures the error.");
-    printf("INPUT is %s (also CSV), compressed by gzip or zstd or not,\n", cloud_sniff_titles());
-    puts(
-        "told by its content; - is standard input. Faces of the input become the surface that the mesh is measured\n"
-        "against. Writes what --outputs asks for; report.json says what an output could not hold of the input.\n"
-        "\n"
-        "Options:\n"
-        "  -o, --output FOLDER|FILE|-\n        Where outputs go; files that are there are replaced. Default: the "
-        "present folder, where none is.\n"
-        "        A name that ends in .ply, .xyz, .pcd, .obj, .stl, .glb or .json is one file of that format: of the\n"
-        "        cloud, or of what --outputs names. Any other name is a folder, made if it isn't there.\n"
-        "        - writes one output to standard output (--outputs names it; default the cloud), and the summary to\n"
-        "        standard error. The input is never replaced.\n"
-        "  -f, --force\n        Replace files that are there without -o, too.\n"
-        "  -n, --dry-run\n        Read the input and tell what would be kept and written, and the memory that it takes "
-        "at most;\n        write nothing.\n"
-        "  --memory BYTES\n        The memory that may be used, as 4000000000, 4000M or 4G: more tetrahedra than it "
-        "has room "
-        "for are\n        refused, as points along lines have. Default: that of the machine, or of ulimit.\n"
-        "  --progress-fd N\n        Tell progress and the end on this inherited descriptor, one line each.\n"
-        "  -q, --quiet\n        Print no summary.\n"
-        "  -h, --help, --version, --man\n"
-        "\n"
-        "Parameters:");
-    print_parameters();
-    puts("\nExit status: 0 done; 2 a parameter is wrong; 65 the input is malformed, degenerate or over a limit;\n"
-         "70 internal error; 71 out of memory; 74 reading or writing failed; 75 stopped by a signal.");
-}
-
-static void print_man_parameters(void) {
-    size_t count;
-    const struct param *table = params_table(&count);
-    for (size_t i = 0; i < count; i++) {
-        char allowed[256];
-        params_allowed(&table[i], allowed, sizeof allowed);
-        printf(".TP\n\\fB\\-\\-%s\\fR \\fIvalue\\fR\n", table[i].name);
-        roff_print(table[i].help);
-        puts(".");
-        printf("Takes ");
-        roff_print(allowed);
-        if (table[i].unit[0]) printf(", in %s", table[i].unit);
-        printf(table[i].default_text[0] ? "; default %s.\n" : ".\n", table[i].default_text);
-    }
-}
-
-static void print_man(void) {
-    printf(".\\\" SPDX-License-Identifier: GPL-3.0-or-later\n.TH WHITTLE 1 \"\" \"whittle %s\" \"whittle\"\n",
-           whittle_version());
-    puts(".SH NAME\nwhittle \\- make point clouds small and keep their features\n.SH SYNOPSIS\n.B whittle\n"
-         ".I input\n.RI [ \\-\\-parameter\\~value \"...] [\" \\-o\\~output ]\n.br\n.B whittle measure\n.I a b\n"
-         ".SH DESCRIPTION\nSimplifies a point cloud, reconstructs a watertight mesh of it where asked for, and "
-         "measures\n"
-         "the error.  The kind of the input is told by its content; \\- is standard input.\n"
-         "What is written,\n.B \\-\\-outputs\nsays; the points of a cloud come in the order of their importance.\n.PP\n"
-         ".B whittle measure\nprints the distances between two clouds or meshes; see its \\-\\-help.\n"
-         ".SH OPTIONS\n.TP\n\\fB\\-o\\fR, \\fB\\-\\-output\\fR \\fIfolder\\fR|\\fIfile\\fR|\\-\n"
-         "Where outputs go; files that are there are replaced.  Default: the present folder, where none is.\n"
-         "A name that ends in that of a format, as in small.ply, is one file: of the cloud, or of what\n"
-         ".B \\-\\-outputs\nnames.  Any other is a folder, which is made if it isn't there; \\- is standard output.\n"
-         "The input is never replaced.\n"
-         ".TP\n\\fB\\-f\\fR, \\fB\\-\\-force\\fR\nReplace files that are there without\n.BR \\-o ,\ntoo.\n"
-         ".TP\n\\fB\\-n\\fR, \\fB\\-\\-dry\\-run\\fR\n"
-         "Read the input and tell what would be kept and written, and the memory that it takes at most; write "
-         "nothing.\n"
-         ".TP\n\\fB\\-\\-memory\\fR \\fIbytes\\fR\n"
-         "The memory that may be used, as 4000000000, 4000M or 4G: more tetrahedra than it has room for are refused, "
-         "as\npoints along lines have.  Default: that of the machine, or of ulimit.\n"
-         ".TP\n\\fB\\-\\-progress\\-fd\\fR \\fIn\\fR\n"
-         "Tell progress and the end on this inherited descriptor, a line each.\n"
-         ".TP\n\\fB\\-q\\fR, \\fB\\-\\-quiet\\fR\nPrint no summary.\n"
-         ".TP\n\\fB\\-h\\fR, \\fB\\-\\-help\\fR, \\fB\\-\\-version\\fR, \\fB\\-\\-man\\fR\n"
-         "Tell the options, the version, or print this page.\n.SH PARAMETERS");
-    print_man_parameters();
-    puts(".SH EXIT STATUS\n0 done; 2 a parameter is wrong; 65 the input is malformed, degenerate or over a limit; 70 "
-         "internal\nerror; 71 out of memory; 74 reading or writing failed; 75 stopped by a signal.\n"
-         ".SH EXAMPLES\n.EX\nwhittle scan.ply \\-\\-ratio 0.1 \\-\\-outputs cloud,mesh,report \\-o out/\n"
-         "whittle scan.ply \\-\\-ratio 0.05 \\-o small.ply\n"
-         "whittle measure out/mesh.ply scan.ply\n.EE\n.SH SEE ALSO\n.BR whittled (8)");
-}
 
 static enum worker_request refuse(struct error *error, const char *where, const char *text) {
     error_set(error, STATUS_BAD_PARAMETER, where, "%s", text);
@@ -159,9 +66,11 @@ static enum worker_request refuse_unknown(struct error *error, const char *argum
     char written[ERROR_WHERE_BYTES];
     const char *names[OWN_COUNT + 1] = {NULL};
     for (int i = 0; i < OWN_COUNT; i++) names[i] = own_options[i].name;
+    char option[NAME_BYTES] = "";
     const char *near = name ? params_suggest(name, names) : NULL;
+    if (near) help_hyphens(near, option, sizeof option);
     error_set(error, STATUS_BAD_PARAMETER, as_written(argument, written), "unknown option%s%s%s",
-              near ? "; did you mean '--" : "", near ? near : "", near ? "'?" : "");
+              near ? "; did you mean '--" : "", option, near ? "'?" : "");
     return WORKER_REFUSED;
 }
 
@@ -232,9 +141,12 @@ static enum worker_request set_own(struct worker_options *options, enum own own,
     case OWN_FORCE: options->force = true; return WORKER_RUN;
     case OWN_DRY_RUN: options->dry_run = true; return WORKER_RUN;
     case OWN_QUIET: options->summary = false; return WORKER_RUN;
-    case OWN_HELP: print_help(); return WORKER_TOLD;
+    case OWN_VERBOSE: options->verbose = true; return WORKER_RUN;
+    case OWN_JSON: options->json = true; return WORKER_RUN;
+    case OWN_HELP: options->convert ? help_print_convert() : help_print(); return WORKER_TOLD;
     case OWN_VERSION: printf("whittle %s\n", whittle_version()); return WORKER_TOLD;
-    case OWN_MAN: print_man(); return WORKER_TOLD;
+    case OWN_MAN: help_print_man(); return WORKER_TOLD;
+    case OWN_LIST: help_print_options(); return WORKER_TOLD;
     case OWN_COUNT: break;
     }
     return refuse(error, written, "unknown option");
@@ -253,12 +165,24 @@ static enum worker_request parse_own(struct worker_options *options, enum own ow
     return value ? set_own(options, own, written, value, error) : refuse(error, written, "a value is missing");
 }
 
+/* What says how a file is read and written, and which part of it. */
+static bool converts_with(const char *name) {
+    static const char *const names[] = {"crop",    "where",         "columns", "encoding",
+                                        "colours", "pcd_precision", "header",  "outputs"};
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+        if (strcmp(names[i], name) == 0) return true;
+    return false;
+}
+
 static enum worker_request parse_parameter(struct worker_options *options, int argc, char **argv, int *i,
                                            struct error *error) {
     char name[NAME_BYTES], written[ERROR_WHERE_BYTES];
     const char *argument = argv[*i];
     option_name(argument, name);
     if (!params_find(name)) return refuse_unknown(error, argument, name);
+    if (options->convert && !converts_with(name))
+        return refuse(error, as_written(argument, written),
+                      "all points are converted as they are; use whittle INPUT OUTPUT, without convert, to simplify");
     const char *value = take_value(argc, argv, i);
     if (!value) return refuse(error, as_written(argument, written), "a value is missing");
     if (strcmp(name, "outputs") == 0) options->outputs_given = true;
@@ -274,8 +198,13 @@ static enum worker_request parse_argument(struct worker_options *options, int ar
         if (argument[1] != '-') return refuse_unknown(error, argument, NULL);
         return parse_parameter(options, argc, argv, i, error);
     }
-    if (options->input) return refuse(error, argument, "only one input can be given");
-    options->input = argument;
+    if (!options->input) {
+        options->input = argument;
+        return WORKER_RUN;
+    }
+    if (options->operand) return refuse(error, argument, "a third name; use INPUT OUTPUT, one input at a time");
+    if (!argument[0]) return refuse(error, "OUTPUT", "a folder or a file is missing");
+    options->operand = argument;
     return WORKER_RUN;
 }
 
@@ -287,15 +216,35 @@ static bool settle_standard(struct worker_options *options) {
     return (outputs & (outputs - 1)) == 0 && !options->params.levels.count;
 }
 
+static enum worker_request settle_conversion(struct worker_options *options, struct error *error) {
+    if (options->json) return refuse(error, "--json", "a conversion has no report; use whittle info --json");
+    if (strcmp(options->output, ".") == 0) return refuse(error, "OUTPUT", "use whittle convert INPUT OUTPUT.ply");
+    if (strcmp(options->output, "-") == 0 && (!options->outputs_given || !settle_standard(options)))
+        return refuse(error, "-o", "use --outputs to name the one format of standard output, as cloud.pcd");
+    if (!options->to_standard && worker_output_settle(options, error)) return WORKER_REFUSED;
+    if (!options->to_standard && !options->to_file)
+        return refuse(error, options->output, "use a name with the format's end, as scan.ply");
+    if (!(options->params.outputs & (OUTPUT_ANY_CLOUD | OUTPUT_ANY_MESH)))
+        return refuse(error, options->output, "no cloud and no mesh; use another format");
+    options->params.ratio = 1;
+    return params_resolve(&options->params, error) ? WORKER_REFUSED : WORKER_RUN;
+}
+
 static enum worker_request parse_all(struct worker_options *options, int argc, char **argv, struct error *error) {
     for (int i = 1; i < argc; i++) {
         enum worker_request request = parse_argument(options, argc, argv, &i, error);
         if (request != WORKER_RUN) return request;
     }
-    if (!options->input) return refuse(error, "INPUT", "name a cloud, or - for standard input");
+    if (!options->input) return refuse(error, "INPUT", "use the name of a cloud, or - for standard input");
+    if (options->operand && options->output_given)
+        return refuse(error, options->operand, "a second output; use -o or OUTPUT, not both");
+    if (options->operand) options->output = options->operand;
+    if (options->convert) return settle_conversion(options, error);
+    if (options->json && strcmp(options->output, "-") == 0)
+        return refuse(error, "--json", "the output is on standard output already; use -o FILE");
     if (strcmp(options->output, "-") == 0) {
         if (!settle_standard(options))
-            return refuse(error, "-o", "standard output takes one output, of one level; name one by --outputs");
+            return refuse(error, "-o", "standard output takes one output, of one level; use --outputs to name one");
     } else if (worker_output_settle(options, error)) {
         return WORKER_REFUSED;
     }
@@ -315,9 +264,14 @@ static void call_as_written(int argc, char **argv, struct error *error) {
 }
 
 enum worker_request worker_options_parse(struct worker_options *options, int argc, char **argv, struct error *error) {
-    *options = (struct worker_options){.output = ".", .progress_fd = -1, .summary = true};
+    bool convert = argc > 1 && strcmp(argv[1], "convert") == 0;
+    *options = (struct worker_options){.output = ".", .progress_fd = -1, .summary = true, .convert = convert};
     params_defaults(&options->params);
-    enum worker_request request = parse_all(options, argc, argv, error);
-    if (request == WORKER_REFUSED) call_as_written(argc, argv, error);
+    enum worker_request request = parse_all(options, argc - convert, argv + convert, error);
+    if (request != WORKER_REFUSED) return request;
+    char text[ERROR_TEXT_BYTES];
+    help_hyphens(error->text, text, sizeof text);
+    memcpy(error->text, text, sizeof text);
+    call_as_written(argc, argv, error);
     return request;
 }

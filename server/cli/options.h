@@ -11,17 +11,21 @@
 
 struct worker_options {
     struct params params;
-    const char *input;  /* a path, or "-" for standard input; borrowed from argv */
-    const char *output; /* where outputs go: a folder, one file, or "-" for standard output; borrowed from argv */
-    bool output_given;  /* by -o: files that are there are replaced */
-    bool to_standard;   /* output is "-": there is exactly one output, and messages go to standard error */
-    bool to_file;       /* output is the name of the one file */
-    bool force;         /* files that are there are replaced */
-    bool dry_run;       /* read the input, tell what would be done, write nothing */
-    int progress_fd;    /* -1: none */
-    bool summary;       /* print what was done */
-    bool memory_given;  /* by --memory */
-    bool outputs_given; /* the parameter outputs was set, and isn't the default */
+    const char *input;   /* a path, or "-" for standard input; borrowed from argv */
+    const char *output;  /* where outputs go: a folder, one file, or "-" for standard output; borrowed from argv */
+    const char *operand; /* the second name, which is the output; NULL = none; borrowed from argv */
+    bool output_given;   /* by -o: files that are there are replaced */
+    bool to_standard;    /* output is "-": there is exactly one output, and messages go to standard error */
+    bool to_file;        /* output is the name of the one file */
+    bool force;          /* files that are there are replaced */
+    bool dry_run;        /* read the input, tell what would be done, write nothing */
+    int progress_fd;     /* -1: none */
+    bool summary;        /* print what was done */
+    bool verbose;        /* and how long each stage took */
+    bool json;           /* the report to standard output in its place */
+    bool convert;        /* `whittle convert`: all points as they are */
+    bool memory_given;   /* by --memory */
+    bool outputs_given;  /* the parameter outputs was set, and isn't the default */
 };
 
 enum worker_request {
@@ -31,7 +35,8 @@ enum worker_request {
 };
 
 /* Options and parameters are --name value or --name=value, with '-' for '_' as one likes; the rows of the parameters
- * come from the table in core/params.c.  error->where is the option as it was written. */
+ * come from the table in core/params.c.  `convert` as the first argument is the command of that name.  error->where is
+ * the option as it was written. */
 enum worker_request worker_options_parse(struct worker_options *options, int argc, char **argv, struct error *error);
 
 #endif

@@ -271,8 +271,8 @@ static bool is_foreign(const char *type) {
 static enum status refuse_foreign(const char *type, struct error *error) {
     char types[128];
     join_types(types, sizeof types);
-    return error_set(error, STATUS_BAD_PARAMETER, "output", "no .%s is written; files are %s, and a folder ends in /",
-                     type, types);
+    return error_set(error, STATUS_BAD_PARAMETER, "output",
+                     "no .%s is written; use one of %s, or a folder, which ends in /", type, types);
 }
 
 enum status worker_output_settle(struct worker_options *options, struct error *error) {
@@ -284,7 +284,7 @@ enum status worker_output_settle(struct worker_options *options, struct error *e
     if (!find_file(type, NULL)) return STATUS_OK;
     if (options->params.levels.count || (options->outputs_given && (outputs & (outputs - 1)) != 0))
         return error_set(error, STATUS_BAD_PARAMETER, "output",
-                         "%s takes one output, of one level; name one by --outputs, or a folder", options->output);
+                         "%s takes one output, of one level; use --outputs to name one, or a folder", options->output);
     const struct file *asked = options->outputs_given ? file_of_bit(outputs) : NULL;
     const struct file *file = find_file(type, asked);
     if (!file || (asked && file != asked && !is_general(asked)))
@@ -293,6 +293,17 @@ enum status worker_output_settle(struct worker_options *options, struct error *e
     options->params.outputs = file->bit;
     options->to_file = true;
     return STATUS_OK;
+}
+
+enum status worker_output_settle_faces(struct worker_options *options, const struct cloud *cloud, struct error *error) {
+    const struct file *now = file_of_bit(options->params.outputs), *mesh = file_of_bit(OUTPUT_MESH);
+    const struct file *meshed = find_file(now->type, mesh);
+    bool faces = cloud->triangle_count > 0;
+    if (faces && meshed && !options->to_standard) options->params.outputs = meshed->bit;
+    if (faces || !is_kind(now, mesh)) return STATUS_OK;
+    return error_set(error, STATUS_BAD_PARAMETER, "output",
+                     ".%s holds faces, and the input has none; use whittle without convert to reconstruct them",
+                     now->type);
 }
 
 /* ------------------------------------------------------------------------------------------------ beforehand */
@@ -325,9 +336,9 @@ static enum status check_folder(const struct worker_options *options, struct err
 
 /* What was found, and what to do. */
 static enum status refuse_file(const char *path, enum file_out_claim claim, struct error *error) {
-    static const char *const advice[] = {[FILE_OUT_TAKEN] = "--force replaces it, -o names another place",
-                                         [FILE_OUT_IS_SOURCE] = "-o names another place",
-                                         [FILE_OUT_IS_FOLDER] = "-o names another place"};
+    static const char *const advice[] = {[FILE_OUT_TAKEN] = "use --force to replace it, or -o for another place",
+                                         [FILE_OUT_IS_SOURCE] = "use -o for another place",
+                                         [FILE_OUT_IS_FOLDER] = "use -o for another place"};
     struct error found = {0};
     enum status status = file_out_refuse(path, claim, &found);
     return status ? error_set(error, status, "output", "%s; %s", found.text, advice[claim]) : STATUS_OK;
@@ -503,6 +514,19 @@ static void summarise_level(const struct report *report, const struct report_lev
         fprintf(to, "%-16s %s\n", "warning", warning);
 }
 
+static void print_losses(const struct losses *losses, FILE *to) {
+    for (size_t i = 0; i < losses->count; i++)
+        fprintf(to, "%-16s %s: %s\n", i ? "" : "left out", losses->loss[i].where, losses->loss[i].what);
+}
+
+void worker_output_converted(const struct worker_options *options, const struct cloud *cloud,
+                             const struct losses *losses, FILE *to) {
+    fprintf(to, "%-16s %zu\n", "points", cloud->count);
+    if (options->params.outputs & OUTPUT_ANY_MESH) fprintf(to, "%-16s %zu triangles\n", "mesh", cloud->triangle_count);
+    print_losses(losses, to);
+    worker_output_names(options, "written", false, to);
+}
+
 void worker_output_summary(const struct worker_options *options, const struct report *report, FILE *to) {
     for (size_t i = 0; i < report->level_count; i++) summarise_level(report, &report->level[i], to);
     const struct report_deviation *deviation = &report->deviation;
@@ -522,8 +546,9 @@ void worker_output_summary(const struct worker_options *options, const struct re
     if (report->points_filtered) fprintf(to, "%-16s %" PRIu64 " points\n", "filtered", report->points_filtered);
     if (report->points_outliers) fprintf(to, "%-16s %" PRIu64 " points\n", "outliers", report->points_outliers);
     if (report->noise > 0) fprintf(to, "%-16s %.3e of the diagonal\n", "noise", report->noise / report->diagonal);
-    for (size_t i = 0; i < report->losses.count; i++)
-        fprintf(to, "%-16s %s: %s\n", i ? "" : "left out", report->losses.loss[i].where, report->losses.loss[i].what);
+    print_losses(&report->losses, to);
+    for (size_t i = 0; options->verbose && i < report->stage_count; i++)
+        fprintf(to, "%-16s %-12s %10.1f ms\n", i ? "" : "stages", report->stage[i].name, report->stage[i].wall_ms);
     fprintf(to, "%-16s %.0f ms, %.1f MiB at the peak\n", "cost", report->total_ms,
             (double)report->peak_rss_bytes / 1048576);
     worker_output_names(options, "written", false, to);

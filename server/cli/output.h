@@ -13,6 +13,11 @@
  * one that it is.  STATUS_BAD_PARAMETER where it can't be. */
 enum status worker_output_settle(struct worker_options *options, struct error *error) MUST_CHECK;
 
+/* For a conversion, once the input is read: the mesh's format where the cloud has faces and the file can hold them,
+ * else the cloud's.  STATUS_BAD_PARAMETER where the format holds faces alone, and there are none. */
+enum status worker_output_settle_faces(struct worker_options *options, const struct cloud *cloud,
+                                       struct error *error) MUST_CHECK;
+
 /* Whether all outputs can be written: asked before the work, not after it.  The folder is there and takes files, or can
  * be made; none of them is the input (an open descriptor; -1: it can't be opened, and the folder alone is looked at);
  * none is there already, unless options let them be replaced.  STATUS_IO, STATUS_BAD_PARAMETER. */
@@ -27,6 +32,10 @@ enum status worker_output_write(const struct worker_options *options, int input,
 
 /* A few lines for people; the names of what was written among them. */
 void worker_output_summary(const struct worker_options *options, const struct report *report, FILE *to);
+
+/* The same of a conversion. */
+void worker_output_converted(const struct worker_options *options, const struct cloud *cloud,
+                             const struct losses *losses, FILE *to);
 
 /* The names of the files, a line each, after this label; those that would be replaced are marked. */
 void worker_output_names(const struct worker_options *options, const char *label, bool mark, FILE *to);

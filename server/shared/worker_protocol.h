@@ -30,12 +30,14 @@ struct wire_message {
     struct error error;           /* failed */
 };
 
-/* Exit statuses of whittle; 0 is success. */
+/* Exit statuses of whittle, those of <sysexits.h>; 0 is success. */
 enum {
-    WIRE_EXIT_PARAMETER = 2,
+    WIRE_EXIT_PARAMETER = 64,
     WIRE_EXIT_DATA = 65,
+    WIRE_EXIT_NO_INPUT = 66,
     WIRE_EXIT_ENGINE = 70,
     WIRE_EXIT_MEMORY = 71,
+    WIRE_EXIT_NO_OUTPUT = 73,
     WIRE_EXIT_IO = 74,
     WIRE_EXIT_CANCELLED = 75
 };

@@ -6,6 +6,7 @@ import os
 import pathlib
 import random
 import re
+import shutil
 import signal
 import struct
 import subprocess
@@ -56,9 +57,14 @@ def body_of(path, record):
 def test_help_names_every_parameter_of_the_table():
     text = whittle("--help")
     assert text.returncode == 0
-    for name in ("--force", "--dry-run", "--ratio", "--points", "--max_error", "--levels", "--outputs", "--placement", "--dso", "--dso_exponent",
+    for name in ("--force", "--dry-run", "--json", "--verbose", "--ratio", "--points", "--max-error", "--levels", "--outputs", "--placement", "--dso",
+                 "--dso-exponent",
                  "--refine", "--boundary", "--reference", "--threads", "--progress-fd", "Exit status"):
         assert name in text.stdout
+    assert not re.search(r"--[a-z-]*_", text.stdout)
+    everyday, advanced = text.stdout.split("Parameters for every day:")[1].split("Advanced parameters:")
+    assert "--ratio\n" in everyday and "--outputs\n" in everyday and "--ratio\n" not in advanced
+    assert "--line-quadric\n" in advanced and "--line-quadric\n" not in everyday
     assert whittle("--version").stdout.startswith("whittle ")
 
 
@@ -133,14 +139,14 @@ def test_standard_input_is_read(scan, tmp_path):
 
 
 @pytest.mark.parametrize("arguments, part", [
-    ([], "name a cloud"),
+    ([], "use the name of a cloud"),
     (["x.ply", "--raito", "0.1"], "--raito: unknown option; did you mean '--ratio'?\n"),
-    (["x.ply", "--max-eror=0.1"], "--max-eror: unknown option; did you mean '--max_error'?\n"),
+    (["x.ply", "--max-eror=0.1"], "--max-eror: unknown option; did you mean '--max-error'?\n"),
     (["x.ply", "--dry-rnu"], "--dry-rnu: unknown option; did you mean '--dry-run'?\n"),
     (["x.ply", "--foo"], "--foo: unknown option\n"),
     (["x.ply", "--no-such-option=5"], "--no-such-option: unknown option\n"),
     (["x.ply", "--max-error", "lots"], "--max-error: 'lots' is not allowed"),
-    (["x.ply", "--neighbours-max=4"], "--neighbours-max: is below neighbours_min"),
+    (["x.ply", "--neighbours-max=4"], "--neighbours-max: is below neighbours-min"),
     (["x.ply", "--cocone=loose"], "--cocone: 'loose' is not allowed; it takes one of tight, literal"),
     (["x.ply", "--cocone=literal", "--reconstruction", "tight"],
      "--cocone: is a deprecated name of reconstruction and conflicts with it; give one of them"),
@@ -152,13 +158,15 @@ def test_standard_input_is_read(scan, tmp_path):
     (["x.ply", "--ratio"], "value is missing"),
     (["x.ply", "--ratio", "0.1", "--points", "5"], "conflicts with ratio"),
     (["x.ply", "--levels", "0.1,0.1"], "separated by commas"),
-    (["x.ply", "y.ply"], "only one input"),
+    (["x.ply", "y.ply", "z.ply"], "z.ply: a third name; use INPUT OUTPUT, one input at a time"),
+    (["x.ply", "y.ply", "-o", "z.ply"], "y.ply: a second output; use -o or OUTPUT, not both"),
+    (["x.ply", "--json", "-o", "-"], "use -o FILE"), (["x.ply", "y.las"], "no .las is written; use one of"),
     (["x.ply", "-z"], "unknown option"),
     (["x.ply", "--progress-fd", "no"], "number of a descriptor"),
 ])
 def test_wrong_options_are_refused_with_a_reason(arguments, part):
     run = whittle(*arguments)
-    assert run.returncode == 2
+    assert run.returncode == 64
     assert part in run.stderr and run.stdout == ""
 
 
@@ -195,10 +203,9 @@ def test_what_has_no_volume_has_no_mesh_but_a_cloud(tmp_path, lines, part):
 
 
 def test_what_can_not_be_written_is_an_io_error(scan, tmp_path):
-    assert whittle("/nonexistent/cloud.ply").returncode == 74
     (tmp_path / "file").write_text("in the way")
     run = whittle(scan[0], "-o", tmp_path / "file")
-    assert run.returncode == 74 and "file" in run.stderr
+    assert run.returncode == 73 and "file" in run.stderr
 
 
 # ------------------------------------------------------------------------------------------------ what is replaced
@@ -229,7 +236,7 @@ def test_the_input_is_never_replaced(folder, arguments):
     (folder / "levels" / "cloud_0.1.ply").symlink_to("../hard.ply")
     before = contents(folder)
     run = whittle(*arguments, cwd=folder)
-    assert run.returncode == 2 and "is the input itself; -o names another place\n" in run.stderr, run
+    assert run.returncode == 73 and "is the input itself; use -o for another place\n" in run.stderr, run
     assert contents(folder) == before
 
 
@@ -237,23 +244,23 @@ def test_neither_is_a_mesh_or_standard_input_or_output(folder):
     assert whittle("scan.ply", "--ratio", 1, "--outputs", "mesh", "-q", cwd=folder).returncode == 0
     before = contents(folder)
     run = whittle("mesh.ply", "--outputs", "mesh", "--force", cwd=folder)
-    assert run.returncode == 2 and "mesh.ply is the input itself" in run.stderr
+    assert run.returncode == 73 and "mesh.ply is the input itself" in run.stderr
     with open(folder / "cloud.ply", "rb") as stream:
         run = whittle("-", "--force", cwd=folder, stdin=stream)
-    assert run.returncode == 2 and "cloud.ply is the input itself" in run.stderr
+    assert run.returncode == 73 and "cloud.ply is the input itself" in run.stderr
     with open(folder / "cloud.ply", "ab") as stream:
         run = subprocess.run([WHITTLE, "cloud.ply", "-o", "-"], cwd=folder, stdout=stream, stderr=subprocess.PIPE,
                              check=False)
-    assert run.returncode == 2 and b"standard output is the input itself" in run.stderr
+    assert run.returncode == 73 and b"standard output is the input itself" in run.stderr
     assert contents(folder) == before
 
 
 def test_other_files_are_replaced_only_where_that_was_said(folder):
     before = contents(folder)
     run = whittle("scan.ply", cwd=folder)
-    assert run.returncode == 2 and contents(folder) == before
-    assert run.stderr == ("whittle: scan.ply: output: cloud.ply is there already; --force replaces it, "
-                          "-o names another place\n")
+    assert run.returncode == 73 and contents(folder) == before
+    assert run.stderr == ("whittle: scan.ply: output: cloud.ply is there already; use --force to replace it, "
+                          "or -o for another place\n")
     (folder / "broken.ply").symlink_to("nowhere")
     for arguments in (["--force"], ["-o", "."], ["-f"], ["--output", "."]):
         (folder / "cloud.ply").write_bytes(b"old")
@@ -267,7 +274,7 @@ def test_other_files_are_replaced_only_where_that_was_said(folder):
 def test_a_name_of_a_folder_is_refused_before_the_work(folder):
     (folder / "out" / "cloud.ply").mkdir(parents=True)
     run = whittle("scan.ply", "-o", "out", cwd=folder)
-    assert run.returncode == 74 and "out/cloud.ply is a folder" in run.stderr and "\n" == run.stderr[-1]
+    assert run.returncode == 73 and "out/cloud.ply is a folder" in run.stderr and "\n" == run.stderr[-1]
     assert sorted(p.name for p in (folder / "out").iterdir()) == ["cloud.ply"]
 
 
@@ -304,19 +311,19 @@ def test_a_file_that_comes_while_whittle_works_is_kept(folder, race):
     (folder / "cloud.ply").rename(folder / "other.ply")
     before = contents(folder)
     run = whittle("scan.ply", cwd=folder, env={**race, "MOVED": "other.ply"})
-    assert run.returncode == 2 and "cloud.ply is there already" in run.stderr
+    assert run.returncode == 73 and "cloud.ply is there already" in run.stderr
     assert contents(folder) == {"cloud.ply": before["other.ply"], "scan.ply": before["scan.ply"]}
     (folder / "cloud.ply").unlink()
     run = whittle("scan.ply", "--force", cwd=folder, env={**race, "MOVED": "scan.ply"})
-    assert run.returncode == 2 and "cloud.ply is the input itself" in run.stderr
+    assert run.returncode == 73 and "cloud.ply is the input itself" in run.stderr
     assert contents(folder) == {"cloud.ply": before["scan.ply"]}
 
 
 def test_file_systems_without_exchange_of_names_keep_and_replace_too(folder, race):
     lacks = {**race, "LACKS": "1"}
     before = contents(folder)
-    assert whittle("cloud.ply", "--force", cwd=folder, env=lacks).returncode == 2
-    assert whittle("scan.ply", cwd=folder, env=lacks).returncode == 2
+    assert whittle("cloud.ply", "--force", cwd=folder, env=lacks).returncode == 73
+    assert whittle("scan.ply", cwd=folder, env=lacks).returncode == 73
     assert contents(folder) == before
     assert whittle("scan.ply", "-o", ".", "-q", cwd=folder, env=lacks).returncode == 0
     assert len(body_of(folder / "cloud.ply", 23)) == 300
@@ -336,7 +343,7 @@ def test_file_systems_without_exchange_of_names_keep_and_replace_too(folder, rac
     ("small.v2.ply", [], b"ply\n", "cloud.ply")])
 def test_a_name_of_a_format_is_one_file(folder, name, more, begins, same):
     run = whittle("scan.ply", "-o", "deep/" + name, *more, cwd=folder)
-    assert run.returncode == 74 and "can't write into the folder deep" in run.stderr
+    assert run.returncode == 73 and "can't write into the folder deep" in run.stderr
     run = whittle("scan.ply", "-o", name, *more, cwd=folder)
     assert run.returncode == 0, run.stderr
     assert run.stdout.splitlines()[-1] == f"written          {name}"
@@ -354,11 +361,11 @@ def test_a_name_of_a_format_is_one_file(folder, name, more, begins, same):
     (["-o", "a.pcd", "--outputs", "mesh"], "a.pcd isn't a name for what --outputs asks for, mesh.ply"),
     (["-o", "a.stl", "--outputs", "mesh.obj"], "a.stl isn't a name for what --outputs asks for, mesh.obj"),
     (["-o", "a.json", "--outputs", "cloud"], "a.json isn't a name"),
-    (["-o", "a.las"], "no .las is written; files are .ply, .xyz, .pcd, .obj, .stl, .glb, .json, and a folder ends in /"),
+    (["-o", "a.las"], "no .las is written; use one of .ply, .xyz, .pcd, .obj, .stl, .glb, .png, .json, or a folder, which ends in /"),
     (["--output=a.ply.gz"], "--output: no .gz is written")], ids=lambda value: " ".join(value))
 def test_what_can_not_be_one_file_is_refused(folder, arguments, part):
     run = whittle("scan.ply", *arguments, cwd=folder)
-    assert run.returncode == 2 and part in run.stderr, run.stderr
+    assert run.returncode == 64 and part in run.stderr, run.stderr
     assert sorted(p.name for p in folder.iterdir()) == ["cloud.ply", "scan.ply"]
 
 
@@ -374,8 +381,217 @@ def test_other_names_are_folders(folder):
 def test_a_name_that_is_too_long_is_refused(folder):
     before = contents(folder)
     for name in ("x" * 300, "x/" * 2100, "./" * 2040 + "abcdef"):
-        assert whittle("scan.ply", "-o", name, cwd=folder).returncode == 74
+        assert whittle("scan.ply", "-o", name, cwd=folder).returncode == 73
     assert contents(folder) == before
+
+
+def test_a_second_name_is_the_output(folder):
+    assert whittle("scan.ply", "small.ply", "-q", cwd=folder).returncode == 0
+    assert whittle("scan.ply", "-o", "other.ply", "-q", cwd=folder).returncode == 0
+    small = (folder / "small.ply").read_bytes()
+    assert small == (folder / "other.ply").read_bytes() and len(body_of(folder / "small.ply", 23)) == 300
+    before = contents(folder)
+    run = whittle("scan.ply", "cloud.ply", cwd=folder)  # as `whittle *.ply` would have it
+    assert run.returncode == 73 and "cloud.ply is there already; use --force" in run.stderr
+    assert whittle("scan.ply", "scan.ply", "--force", cwd=folder).returncode == 73
+    assert contents(folder) == before
+    assert whittle("scan.ply", "--points=7", "small.ply", "--force", "-q", cwd=folder).returncode == 0
+    assert len(body_of(folder / "small.ply", 23)) == 7
+    assert whittle("scan.ply", "new/", "-q", cwd=folder).returncode == 0
+    assert sorted(p.name for p in (folder / "new").iterdir()) == ["cloud.ply", "report.json"]
+    run = subprocess.run([WHITTLE, "scan.ply", "-", "-q"], cwd=folder, capture_output=True, check=True)
+    assert run.stdout == small
+
+
+def test_json_is_the_report_and_verbose_tells_the_stages(folder):
+    run = whittle("scan.ply", "small.ply", "--json", cwd=folder)
+    report = json.loads(run.stdout)
+    assert run.returncode == 0 and report["points_out"] == 300 and report["params"]["ratio"] == 0.1
+    assert sorted(contents(folder)) == ["cloud.ply", "scan.ply", "small.ply"]
+    plain, more = (whittle("scan.ply", "-o", "out", *flags, cwd=folder).stdout for flags in ([], ["-v"]))
+    assert re.search(r"^stages +order +[0-9.]+ ms$", more, re.M) and "contract" in more
+    assert "stages" not in plain
+    with open("/dev/full", "wb") as full:
+        run = subprocess.run([WHITTLE, "scan.ply", "-o", "out", "--json"], cwd=folder, stdout=full,
+                             stderr=subprocess.PIPE, check=False)
+    assert run.returncode == 74 and b"No space" in run.stderr
+
+
+# ------------------------------------------------------------------------------------------------ exit statuses
+
+def test_exit_statuses_are_those_of_sysexits(folder):
+    (folder / "file").write_text("in the way")
+    for arguments, status in ((["--no-such-option"], 64), (["none.ply"], 66), (["scan.ply/none"], 66), (["."], 66),
+                              (["file", "-o", "out"], 65), (["scan.ply", "-o", "file"], 73), (["scan.ply", "none/a.ply"], 73),
+                              (["scan.ply", "cloud.ply"], 73), (["scan.ply", "--where", "no==1", "-o", "out"], 64),
+                              (["measure", "scan.ply"], 64), (["measure", "scan.ply", "none.ply"], 66),
+                              (["info"], 64), (["info", "none.ply"], 66), (["info", "file"], 65),
+                              (["convert", "scan.ply"], 64), (["convert", "none.ply", "a.ply"], 66),
+                              (["convert", "file", "a.ply"], 65), (["convert", "scan.ply", "cloud.ply"], 73)):
+        run = whittle(*arguments, cwd=folder)
+        assert run.returncode == status, (arguments, run)
+        assert run.stderr.startswith("whittle") and run.stdout == ""
+    told = whittle("--help").stdout.split("Exit status:")[1].split()
+    page = whittle("--man").stdout.split(".SH EXIT STATUS")[1]
+    for status in ("64", "65", "66", "70", "71", "73", "74", "75"):
+        assert status in told and f".TP\n{status}\n" in page
+
+
+# ------------------------------------------------------------------------------------------------ convert
+
+def test_convert_keeps_every_point_and_property(folder, scan):
+    run = whittle("convert", "scan.ply", "all.ply", cwd=folder)
+    assert run.returncode == 0 and run.stderr == "", run.stderr
+    assert run.stdout == "points           3000\nwritten          all.ply\n"
+    assert body_of(folder / "all.ply", 23) == [struct.pack("<Bffdhf", *struct.unpack(">Bffdhf", r)) for r in scan[1]]
+    for name in ("a.pcd", "a.xyz", "a.pcd"):
+        assert whittle("convert", "scan.ply", name, "--header", "plain", "-f", cwd=folder).returncode == 0
+    assert whittle("convert", "a.pcd", "back.xyz", "--header", "plain", cwd=folder).returncode == 0
+    straight, back = ((folder / name).read_text().splitlines() for name in ("a.xyz", "back.xyz"))
+    assert len(back) == 3001 and sorted(back[0].split()) == sorted(straight[0].split())
+    columns = [straight[0].split().index(name) for name in back[0].split()]
+    for a, b in zip(straight[1:], back[1:], strict=True):
+        assert [float(a.split()[c]) for c in columns] == pytest.approx([float(v) for v in b.split()], rel=1e-6)
+    assert whittle("convert", "scan.ply", "part.ply", "--where", "label>=0", "-q", cwd=folder).returncode == 0
+    assert len(body_of(folder / "part.ply", 23)) == 1500
+
+
+def test_convert_keeps_faces_where_the_format_has_them(folder):
+    assert whittle("scan.ply", "m.ply", "--outputs", "mesh", "-q", cwd=folder).returncode == 0
+    whole = json.loads(whittle("info", "m.ply", "--json", "--quick", cwd=folder).stdout)
+    for name in ("m.obj", "m.glb", "n.ply"):
+        run = whittle("convert", "m.ply", name, cwd=folder)
+        assert run.returncode == 0 and f"mesh             {whole['triangles']} triangles\n" in run.stdout, run
+    for name in ("m.obj", "n.ply"):
+        seen = json.loads(whittle("info", name, "--json", "--quick", cwd=folder).stdout)
+        assert seen["triangles"] == whole["triangles"] and seen["points"] == whole["points"]
+    assert [a["name"] for a in seen["attributes"]] == [a["name"] for a in whole["attributes"]]
+    run = whittle("convert", "scan.ply", "m.stl", cwd=folder)
+    assert run.returncode == 64 and ".stl holds faces, and the input has none; use whittle without convert" in run.stderr
+    for more, part in ((["--ratio", "0.5"], "--ratio: all points are converted"), (["--json"], "use whittle info"),
+                       (["--points=5"], "--points: all points")):
+        run = whittle("convert", "scan.ply", "c.ply", *more, cwd=folder)
+        assert run.returncode == 64 and part in run.stderr, run
+    run = whittle("convert", "scan.ply", "c.json", cwd=folder)
+    assert run.returncode == 64 and "no cloud and no mesh" in run.stderr
+    assert not (folder / "c.ply").exists() and not (folder / "m.stl").exists()
+    piped = subprocess.run([WHITTLE, "convert", "scan.ply", "-", "--outputs", "cloud", "-q"], cwd=folder,
+                           capture_output=True, check=True).stdout
+    assert piped.startswith(b"ply\n") and len(piped) > 3000 * 23
+
+
+# ------------------------------------------------------------------------------------------------ info
+
+def test_info_tells_what_a_cloud_is(folder, scan):
+    found = json.loads(whittle("info", "scan.ply", "--json", cwd=folder).stdout)
+    assert found["format"] == "ply/binary_big_endian" and found["points"] == found["points_distinct"] == 3000
+    points = [struct.unpack(">Bffdhf", record) for record in scan[1]]
+    for axis, member in enumerate((2, 5, 1)):  # x, y, z
+        values = [point[member] for point in points]
+        assert (found["box"]["min"][axis], found["box"]["max"][axis]) == (min(values), max(values))
+    assert [(a["name"], a["type"]) for a in found["attributes"]] == [
+        ("red", "uchar"), ("z", "float"), ("x", "float"), ("time", "double"), ("label", "short"), ("y", "float")]
+    xyz = [(p[2], p[5], p[1]) for p in points[:40]]
+    everyone = [(p[2], p[5], p[1]) for p in points]
+    nearest = sorted(min(math.dist(a, b) for b in everyone if b != a) for a in xyz)
+    assert nearest[0] <= found["spacing"] <= nearest[-1]
+    assert found["noise"] < found["spacing"] / 10 and found["surface"]["kind"] == "closed"
+    assert "coordinate_system" not in found and found["triangles"] == 0
+    table = whittle("info", "scan.ply", cwd=folder).stdout
+    assert "points             3000, 3000 distinct\n" in table and "\nsurface            closed: " in table
+    quick = json.loads(whittle("info", "scan.ply", "--json", "--quick", cwd=folder).stdout)
+    assert "spacing" not in quick and "surface" not in quick and quick["diagonal"] == found["diagonal"]
+
+
+def test_info_tells_noise_and_kinds_apart(tmp_path):
+    chance = random.Random(3)
+    with open(tmp_path / "noisy.xyz", "w", encoding="ascii") as out:
+        for x, y, z in sphere(4000):
+            r = 1 + chance.gauss(0, 0.02)
+            out.write(f"{x * r} {y * r} {z * r}\n")
+    with open(tmp_path / "hill.xyz", "w", encoding="ascii") as out:
+        out.writelines(f"{i % 60} {i // 60} {3 * math.sin(i % 60 / 9)}\n" for i in range(3600))
+    noisy = json.loads(whittle("info", tmp_path / "noisy.xyz", "--json").stdout)
+    assert 0.01 < noisy["noise"] < 0.04
+    assert noisy["noise_rel"] == pytest.approx(noisy["noise"] / noisy["diagonal"])
+    assert json.loads(whittle("info", tmp_path / "hill.xyz", "--json").stdout)["surface"]["kind"] == "heightfield"
+    (tmp_path / "line.xyz").write_text("".join(f"{i} 0 0\n" for i in range(50)))
+    line = json.loads(whittle("info", tmp_path / "line.xyz", "--json").stdout)
+    assert line["spacing"] == pytest.approx(1) and "surface" not in line
+    with open(tmp_path / "line.xyz", "rb") as stream:
+        assert json.loads(whittle("info", "-", "--json", "--quick", stdin=stream).stdout)["points"] == 50
+
+
+def las(records):
+    """A LAS file of two points with these variable length records: user, id, bytes."""
+    body = b"".join(struct.pack("<H16sHH32s", 0, user, number, len(data), b"") + data for user, number, data in records)
+    header = bytearray(227)
+    header[0:4] = b"LASF"
+    header[24:26] = b"\x01\x02"
+    struct.pack_into("<HIIBHI", header, 94, 227, 227 + len(body), len(records), 0, 20, 2)
+    struct.pack_into("<3d", header, 131, 0.01, 0.01, 0.01)
+    points = b"".join(struct.pack("<3i8x", x, 200, 300) for x in (100, 400))
+    return bytes(header) + body + points
+
+
+GEO = struct.pack("<16H", 1, 1, 0, 3, 1024, 0, 1, 1, 3072, 0, 1, 25832, 3076, 0, 1, 9001)
+
+
+@pytest.mark.parametrize("records, system", [
+    ([], None), ([(b"other", 34735, GEO)], None), ([(b"LASF_Projection", 34735, GEO)], "EPSG:25832"),
+    ([(b"LASF_Projection", 34735, struct.pack("<8H", 1, 1, 0, 1, 3072, 0, 1, 32767)),
+      (b"LASF_Projection", 2112, b'PROJCS["Mine",GEOGCS["WGS 84",AUTHORITY["EPSG","4326"]],AUTHORITY["EPSG","32633"]]')],
+     "EPSG:32633"),
+    ([(b"LASF_Projection", 2112, b'LOCAL_CS["the quarry"]')], "the quarry"),
+    ([(b"LASF_Projection", 2112, b"nothing that is quoted")], None)])
+def test_info_tells_the_coordinate_system_of_las(tmp_path, records, system):
+    (tmp_path / "a.las").write_bytes(las(records))
+    run = whittle("info", tmp_path / "a.las", "--json", "--quick")
+    assert run.returncode == 0, run.stderr
+    found = json.loads(run.stdout)
+    assert found["points"] == 2 and found.get("coordinate_system") == system
+    assert found["box"] == {"min": [1, 2, 3], "max": [4, 2, 3]}
+
+
+# ------------------------------------------------------------------------------------------------ completion
+
+COMPLETION = pathlib.Path(__file__).resolve().parents[2] / "deploy" / "completion"
+
+
+def complete(folder, *words):
+    """What bash offers for the last of these words."""
+    script = (f"source {COMPLETION / 'bash' / 'whittle'}; COMP_WORDS=(\"$@\"); COMP_CWORD=$(($# - 1)); _whittle; "
+              "printf '%s\\n' \"${COMPREPLY[@]}\"")
+    run = subprocess.run(["bash", "-c", script, "bash", os.path.abspath(WHITTLE), *words], cwd=folder,
+                         capture_output=True, text=True, check=True)
+    assert run.stderr == ""
+    return sorted(run.stdout.split())
+
+
+def test_bash_completes_options_values_commands_and_files(folder):
+    assert complete(folder, "c") == ["cloud.ply", "convert"]
+    assert complete(folder, "scan.ply", "--max-d") == ["--max-deviation", "--max-deviation-rel"]
+    assert complete(folder, "scan.ply", "--refine", "f") == ["flips", "full"]
+    assert complete(folder, "scan.ply", "--refine", "=", "n") == ["none"]
+    assert complete(folder, "scan.ply", "--pcd_precision", "") == ["double", "float"]
+    assert complete(folder, "scan.ply", "--outputs", "cloud,mesh.o") == ["cloud,mesh.obj"]
+    assert complete(folder, "scan.ply", "-o", "s") == ["scan.ply"]
+    assert complete(folder, "scan.ply", "--ratio", "") == []
+    assert complete(folder, "info", "--q") == ["--quick"]
+    assert complete(folder, "measure", "a", "b", "--method", "") == ["metro", "uniform"]
+
+
+def test_the_list_for_completion_has_every_option_of_help():
+    listed = {line.split("\t")[0] for line in whittle("--list-options").stdout.splitlines()}
+    assert listed == set(re.findall(r"^  (?:-\w, )?(--[a-z-]+)", whittle("--help").stdout, re.M))
+
+
+@pytest.mark.parametrize("shell, script", [("zsh", "zsh/_whittle"), ("fish", "fish/whittle.fish")])
+def test_other_shells_can_read_theirs(shell, script):
+    if not shutil.which(shell):
+        pytest.skip(f"{shell} isn't there")
+    run = subprocess.run([shell, "-n", COMPLETION / script], capture_output=True, text=True, check=False)
+    assert run.returncode == 0 and run.stderr == ""
 
 
 # ------------------------------------------------------------------------------------------------ dry runs
@@ -400,8 +616,8 @@ def test_a_dry_run_tells_and_writes_nothing(folder):
 
 def test_a_dry_run_ends_as_the_run_would(folder):
     before = contents(folder)
-    assert whittle("scan.ply", "--dry-run", cwd=folder).returncode == 2  # cloud.ply is there
-    assert whittle("none.ply", "-n", cwd=folder).returncode == 74
+    assert whittle("scan.ply", "--dry-run", cwd=folder).returncode == 73  # cloud.ply is there
+    assert whittle("none.ply", "-n", cwd=folder).returncode == 66
     broken = FIXTURES / "invalid" / "empty" / "input.ply"
     assert whittle(broken, "--dry-run", "-o", "out", cwd=folder).returncode == 65
     for more, kept in ((["--points", 7], "7 of 3000 points"), (["--levels", "0.5,0.25"], "1500 of 3000 points"),

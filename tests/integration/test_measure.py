@@ -78,9 +78,9 @@ def test_columns_of_a_text_have_the_names_that_are_given(square, tmp_path):
             found = figures(*pair, "--columns", columns)
             assert found["hausdorff"] == 2 and found["forward" if pair[0] == a else "backward"]["mean"] == 5 / 3
     wrong = measure(a, b, "--columns", "x,y")
-    assert wrong.returncode == 2 and "--columns: it takes different names with x, y and z" in wrong.stderr
+    assert wrong.returncode == 64 and "--columns: it takes different names with x, y and z" in wrong.stderr
     neither = measure(a, a, "--columns", "x,y,z")
-    assert neither.returncode == 2 and "neither file is text" in neither.stderr
+    assert neither.returncode == 64 and "neither file is text" in neither.stderr
 
 
 def test_points_against_points_are_measured_both_ways(square, tmp_path):
@@ -138,19 +138,19 @@ def test_seed_and_threads_do_what_they_say(square, tmp_path):
 
 
 @pytest.mark.parametrize("arguments, complaint", [
-    ((), "two files"), (("a",), "two files"), (("a", "b", "c"), "two files"), (("a", "b", "--samples", "0"), "--samples"),
+    ((), "names of two files"), (("a",), "names of two files"), (("a", "b", "c"), "names of two files"), (("a", "b", "--samples", "0"), "--samples"),
     (("a", "b", "--samples", "-1"), "--samples"), (("a", "b", "--samples", "1e5"), "--samples"),
     (("a", "b", "--seed", "18446744073709551616"), "--seed"), (("a", "b", "--method", "fast"), "--method"),
     (("a", "b", "--threads", "257"), "--threads"), (("a", "b", "--nonsense"), "nonsense"), (("a", "b", "--seed"), "seed")])
-def test_wrong_arguments_end_with_2(arguments, complaint):
+def test_wrong_arguments_are_a_usage_error(arguments, complaint):
     run = measure(*arguments)
-    assert run.returncode == 2
+    assert run.returncode == 64
     assert complaint in run.stderr and run.stdout == ""
 
 
 def test_files_that_can_t_be_read_are_named(square, tmp_path):
     run = measure(square("a.ply", 0), tmp_path / "nowhere.ply")
-    assert run.returncode == 74 and "nowhere.ply" in run.stderr
+    assert run.returncode == 66 and "nowhere.ply" in run.stderr
     (tmp_path / "broken.ply").write_text("ply\nformat ascii 1.0\nelement vertex 4\n")
     run = measure(tmp_path / "broken.ply", square("b.ply", 0))
     assert run.returncode == 65 and "broken.ply" in run.stderr

@@ -51,7 +51,7 @@ def test_a_folder_that_takes_no_files_is_refused_before_the_input_is_read(tmp_pa
     (tmp_path / "file").write_text("mine")
     for folder in (tmp_path / "file", tmp_path / "file" / "under", tmp_path / "no" / "such"):
         done = whittle(tmp_path / "input-that-is-not-there", "-o", folder)
-        assert done.returncode == 74 and "folder" in done.stderr, done
+        assert done.returncode == 73 and "folder" in done.stderr, done
     for empty in (("-o", ""), ("--output=",)):
-        assert whittle(tmp_path / "input", *empty).returncode == 2
+        assert whittle(tmp_path / "input", *empty).returncode == 64
     assert (tmp_path / "file").read_text() == "mine" and not (tmp_path / "no").exists()

@@ -129,7 +129,8 @@ WITHOUT_EFFECT = {"threads"}
 
 def test_every_parameter_has_a_row():
     text = subprocess.run([WHITTLE, "--help"], capture_output=True, text=True, check=True).stdout
-    names = re.findall(r"^  --(\w+)$", text[text.index("\nParameters:"):], re.M)
+    options = re.findall(r"^  --([\w-]+)$", text[text.index("\nParameters for every day:"):], re.M)
+    names = [option.replace("-", "_") for option in options]
     assert "ratio" in names and "threads" in names
     assert set(names) == set(ROWS)
 

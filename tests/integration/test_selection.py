@@ -112,7 +112,7 @@ def test_a_cloud_that_was_cut_before_gives_the_same(scan, tmp_path):
 def test_an_unknown_property_is_told_with_those_there_are(scan, tmp_path):
     run = subprocess.run([BUILD / "whittle", scan, "-o", tmp_path / "out", "--where", "return==1"],
                          capture_output=True, text=True, check=False)
-    assert run.returncode == 2
+    assert run.returncode == 64
     assert "no property 'return'; it has x, y, z, class, intensity" in run.stderr
 
 

@@ -1,0 +1,76 @@
+/* LAS 1.4 R15, 2.7 and 3.1: a record of user LASF_Projection is a directory of GeoTIFF keys (34735), of which 3072
+ * (projected) or 2048 (geographic) is the number that EPSG gives the system, or text (2112, OGC WKT), whose last
+ * AUTHORITY["EPSG", "number"] or ID["EPSG", number] closes the whole of it.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/io/formats/las_system.h"
+
+#include <ctype.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "core/base/endian.h"
+
+enum { HEADER_BYTES = 227, VLR_BYTES = 54, RECORD_BYTES = 65535, WKT = 2112, KEYS = 34735 };
+enum { KEY_BYTES = 8, PROJECTED = 3072, GEOGRAPHIC = 2048, USER_DEFINED = 32767 };
+
+static bool read_at(int fd, void *to, size_t n, uint64_t at) { return pread(fd, to, n, (off_t)at) == (ssize_t)n; }
+
+static bool find_key(const unsigned char *record, size_t n, unsigned wanted, char *text, size_t text_bytes) {
+    for (size_t at = KEY_BYTES; at + KEY_BYTES <= n; at += KEY_BYTES) {
+        unsigned key = (unsigned)little_load(record + at, 2), value = (unsigned)little_load(record + at + 6, 2);
+        if (key != wanted || little_load(record + at + 2, 2) != 0 || value == 0 || value == USER_DEFINED) continue;
+        snprintf(text, text_bytes, "EPSG:%u", value);
+        return true;
+    }
+    return false;
+}
+
+/* The number after the last "EPSG", where only quotes, commas and blanks stand between. */
+static bool find_number(const char *wkt, char *text, size_t text_bytes) {
+    const char *last = NULL;
+    for (const char *at = wkt; (at = strstr(at, "\"EPSG\"")) != NULL; at++) last = at;
+    if (!last) return false;
+    for (last += strlen("\"EPSG\""); *last && strchr("\", ", *last);) last++;
+    int digits = (int)strspn(last, "0123456789");
+    if (digits == 0 || digits > 9) return false;
+    snprintf(text, text_bytes, "EPSG:%.*s", digits, last);
+    return true;
+}
+
+static bool find_name(const char *wkt, char *text, size_t text_bytes) {
+    const char *begin = strchr(wkt, '"'), *end = begin ? strchr(begin + 1, '"') : NULL;
+    if (!end || end == begin + 1) return false;
+    snprintf(text, text_bytes, "%.*s", (int)(end - begin - 1), begin + 1);
+    for (char *c = text; *c; c++)
+        if (!isprint((unsigned char)*c)) *c = '?';
+    return true;
+}
+
+static bool find_in(const unsigned char *record, size_t n, unsigned id, char *text, size_t text_bytes) {
+    const char *wkt = (const char *)record;
+    if (id == KEYS)
+        return find_key(record, n, PROJECTED, text, text_bytes) || find_key(record, n, GEOGRAPHIC, text, text_bytes);
+    return id == WKT && (find_number(wkt, text, text_bytes) || find_name(wkt, text, text_bytes));
+}
+
+bool las_coordinate_system(int fd, char *text, size_t text_bytes) {
+    unsigned char header[HEADER_BYTES], vlr[VLR_BYTES], record[RECORD_BYTES + 1];
+    bool found = false;
+    text[0] = 0;
+    if (!read_at(fd, header, sizeof header, 0) || memcmp(header, "LASF", 4) != 0) return false;
+    uint64_t at = little_load(header + 94, 2), points = little_load(header + 96, 4);
+    for (uint64_t left = little_load(header + 100, 4); left > 0 && at + VLR_BYTES <= points && !found; left--) {
+        if (!read_at(fd, vlr, sizeof vlr, at)) return false;
+        size_t length = (size_t)little_load(vlr + 20, 2);
+        at += VLR_BYTES;
+        if (strncmp((const char *)vlr + 2, "LASF_Projection", 16) == 0 && read_at(fd, record, length, at)) {
+            record[length] = 0;
+            found = find_in(record, length, (unsigned)little_load(vlr + 18, 2), text, text_bytes);
+        }
+        at += length;
+    }
+    return found;
+}

@@ -1,0 +1,26 @@
+# Completion of whittle for fish: commands, the options that this whittle lists with what each takes, files.
+# SPDX-License-Identifier: GPL-3.0-or-later
+complete -c whittle -n __fish_use_subcommand -a convert -d 'All points, in another format'
+complete -c whittle -n __fish_use_subcommand -a info -d 'What a cloud is'
+complete -c whittle -n __fish_use_subcommand -a measure -d 'Distances between two clouds or meshes'
+set -l plain 'not __fish_seen_subcommand_from info measure'
+for line in (whittle --list-options 2>/dev/null)
+    set -l part (string split \t -- $line)
+    set -l name (string replace -r '^--' '' -- $part[1])
+    switch $part[2]
+        case ''
+            complete -c whittle -n $plain -l $name -d $part[3]
+        case FILE
+            complete -c whittle -n $plain -l $name -r -F -d $part[3]
+        case VALUE
+            complete -c whittle -n $plain -l $name -x -d $part[3]
+        case '*'
+            complete -c whittle -n $plain -l $name -x -a (string replace -a , ' ' -- $part[2]) -d $part[3]
+    end
+end
+for name in json quick columns threads help
+    complete -c whittle -n '__fish_seen_subcommand_from info' -l $name
+end
+for name in samples seed method columns threads json help
+    complete -c whittle -n '__fish_seen_subcommand_from measure' -l $name
+end

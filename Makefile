@@ -260,7 +260,7 @@ peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev libmeshoptim
 bench_packages := valgrind
 paper_packages := libeigen3-dev libtbb-dev libmeshoptimizer-dev python3-matplotlib
 real_scans_packages := libeigen3-dev libtbb-dev libopen3d-dev python3-matplotlib
-cluster_packages := postgresql-15
+cluster_packages := postgresql-15 ceph-mon ceph-mgr ceph-osd radosgw
 fuzz_packages := clang libclang-rt-14-dev
 contract_packages := chromium nginx-light openssl wget zstd groff $(if $(shell command -v npm),,nodejs npm)
 
@@ -320,12 +320,16 @@ test-integration: ## the integration tests alone, with the programs that are the
 	    --allowed-skips tests/integration/skips.txt tests/integration
 
 .PHONY: test-cluster
-test-cluster: deps ## what several hosts share: the contract of catalogs on a PostgreSQL server, hosts beside each other
+test-cluster: deps ## what several hosts share, on PostgreSQL and on Ceph's S3: the contract suites, hosts beside each other
 	@deploy/deps.sh $(cluster_packages)
 	@$(MAKE) --no-print-directory -j$$(nproc) all tests
-	@tests/tools/with_postgres.sh sh -euc 'for t in $(build)/tests/unit/test_catalog_*; do \
-	    case $$t in *.*) ;; *) echo "  TEST $$t"; $$t ;; esac; done'
-	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider -n 4 tests/integration/test_hosts.py
+	@tests/tools/with_postgres.sh tests/tools/with_s3.sh $(MAKE) --no-print-directory cluster-tests
+
+.PHONY: cluster-tests
+cluster-tests:
+	@for t in $(filter %/test_blobs,$(unit_programs)) $(filter %/test_catalog_%,$(unit_programs)); do \
+	    echo "  TEST $$t"; $$t || exit; done
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider -n 2 tests/integration/test_hosts.py
 
 ROUNDS ?= 500
 SEED ?= 1

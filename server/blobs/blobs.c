@@ -9,7 +9,7 @@
 
 #include "server/blobs/blobs_backend.h"
 
-static const struct blobs_backend *const backends[] = {&blobs_file};
+static const struct blobs_backend *const backends[] = {&blobs_file, &blobs_s3};
 enum { BACKENDS = sizeof backends / sizeof *backends };
 
 /* NULL: no backend has URLs like this one. */
@@ -31,11 +31,11 @@ void blobs_url(const char *setting, const char *folder, char url[BLOBS_URL_BYTES
     snprintf(url, BLOBS_URL_BYTES, "%s%.4100s", setting[0] ? "" : "file:", setting[0] ? setting : folder);
 }
 
-enum status blobs_open(const char *url, struct blobs **blobs, struct error *error) {
+enum status blobs_open(const char *url, const char *folder, struct blobs **blobs, struct error *error) {
     const char *where;
     const struct blobs_backend *backend = backend_of_url(url, &where);
     if (!backend) return error_set(error, STATUS_BAD_PARAMETER, "blobs", "'%.200s' is no URL of a blob store", url);
-    return backend->open(where, blobs, error);
+    return backend->open(where, folder, blobs, error);
 }
 
 void blobs_close(struct blobs *blobs) {

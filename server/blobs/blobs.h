@@ -23,14 +23,15 @@ struct blobs;
 
 enum { BLOBS_URL_BYTES = 4200, BLOBS_NAME_BYTES = 256 };
 
-/* Whether a setting may be the URL of a blob store: file:PATH. */
+/* Whether a setting may be the URL of a blob store: file:PATH, or s3://BUCKET/PREFIX?endpoint=URL (s3/s3_client.h). */
 bool blobs_url_valid(const char *url);
 
 /* The URL that a setting stands for: "" is the data folder. */
 void blobs_url(const char *setting, const char *folder, char url[BLOBS_URL_BYTES]);
 
-/* Opens it; what is missing is made.  blobs_close accepts NULL. */
-enum status blobs_open(const char *url, struct blobs **blobs, struct error *error) MUST_CHECK;
+/* Opens it; folders that are missing are made, buckets not.  Copies of what is read may go to the folder, which is of
+ * this host.  blobs_close accepts NULL. */
+enum status blobs_open(const char *url, const char *folder, struct blobs **blobs, struct error *error) MUST_CHECK;
 void blobs_close(struct blobs *blobs);
 
 /* A file that is to become a blob: complete, and flushed. */

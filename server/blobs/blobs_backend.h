@@ -10,7 +10,7 @@
 struct blobs_backend {
     const char *scheme; /* of its URLs, such as "file:"; `where` is what follows it */
     bool (*is_valid)(const char *where);
-    enum status (*open)(const char *where, struct blobs **blobs, struct error *error);
+    enum status (*open)(const char *where, const char *folder, struct blobs **blobs, struct error *error);
     __typeof__(blobs_close) *close;
     __typeof__(blobs_put) *put;
     __typeof__(blobs_copy) *copy;
@@ -25,6 +25,6 @@ struct blobs {
     const struct blobs_backend *backend;
 };
 
-extern const struct blobs_backend blobs_file;
+extern const struct blobs_backend blobs_file, blobs_s3;
 
 #endif

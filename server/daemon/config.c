@@ -50,8 +50,9 @@ static const struct setting table[] = {
      "default: "
      "sqlite:whittled.db in the data folder"},
     {"blobs", BLOBS, AT(blobs), "", 0, 0, NULL,
-     "Where clouds and outputs are kept, as file:PATH; a folder that all hosts share where they share the catalog; "
-     "default: the data folder"},
+     "Where clouds and outputs are kept, as file:PATH, or s3://BUCKET/PREFIX?endpoint=URL with region, keys (a file "
+     "with "
+     "a line access:secret) and ca; all hosts that share a catalog share it; default: the data folder"},
     {"roles", ROLES, AT(roles), "http,work", 0, 0, NULL,
      "What this host does of the work: http takes requests, work runs jobs; one of them alone where several hosts "
      "share "

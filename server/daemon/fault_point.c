@@ -8,6 +8,7 @@
  *     delete-committed, remove-rename removed             the row is gone; the name is; the files are
  *     commit                                              any change of the database
  *     database-open -read -write -sync -truncate -map     the database's own files (sql_faults.c)
+ *     blobs-request                                       a request to an S3 store
  *     scratch                                             a file that shows whether the disk takes any
  *     seccomp landlock landlock-newer namespaces          what confines jobs, as if the kernel hadn't it (=enosys);
  *     pid-namespace                                       landlock-newer: what came after version 2 of it

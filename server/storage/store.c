@@ -42,7 +42,7 @@ enum status store_open(const char *folder, const char *blobs, struct store **sto
     enum status status = scratch_open(folder, &opened->scratch, error);
     if (status == STATUS_OK) {
         blobs_url(blobs, scratch_folder(opened->scratch), url);
-        status = blobs_open(url, &opened->blobs, error);
+        status = blobs_open(url, scratch_folder(opened->scratch), &opened->blobs, error);
     }
     if (status == STATUS_OK)
         *store = opened;

@@ -2,6 +2,7 @@
 """Several hosts that share one catalog, in PostgreSQL, and one blob store: any of them answers for any job, and each may
 die."""
 import itertools
+import os
 import pathlib
 import subprocess
 
@@ -29,14 +30,20 @@ def make_server():
         process.stdin.close()
 
 
-@pytest.fixture(name="shared")
-def make_shared(server, tmp_path):
+@pytest.fixture(name="shared", params=["file", "s3"])
+def make_shared(server, tmp_path, request):
     """Flags of hosts that share a catalog and a blob store, both empty."""
+    blobs = f"file:{tmp_path / 'blobs'}"
+    if request.param == "s3":
+        if "WHITTLE_BLOBS" not in os.environ:
+            pytest.skip("WHITTLE_BLOBS names no S3 store")
+        bucket, query = os.environ["WHITTLE_BLOBS"].split("?")
+        blobs = f"{bucket}/{os.getpid()}-{next(names)}?{query}"
     name = f"hosts{next(names)}"
     subprocess.run([PROGRAMS / "createdb", "-h", server, "-U", "whittle", name], check=True)
     url = f"postgresql://whittle@/{name}?host={server}"
     subprocess.run([BUILD / "whittled", "migrate", "--catalog", url], check=True)
-    return ["--catalog", url, "--blobs", f"file:{tmp_path / 'blobs'}", "--lease", "500ms"]
+    return ["--catalog", url, "--blobs", blobs, "--lease", "500ms"]
 
 
 @pytest.fixture(name="gate")

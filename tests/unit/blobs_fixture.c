@@ -16,6 +16,7 @@
 struct backend {
     const char *name;
     void (*make_url)(struct blobs_fixture *f);
+    const char *needs; /* a variable of the environment; NULL = none */
 };
 
 /* In the file system that the files come from; and in another one, where there is one. */
@@ -25,11 +26,23 @@ static void make_file_apart(struct blobs_fixture *f) {
     snprintf(f->url, sizeof f->url, "file:/dev/shm/%s", strrchr(f->folder, '/') + 1);
 }
 
-static struct backend backends[] = {{"file", make_file}, {"file, apart", make_file_apart}};
+/* s3://bucket/prefix?endpoint=... with a longer prefix. */
+static void make_s3(struct blobs_fixture *f) {
+    const char *store = getenv("WHITTLE_BLOBS");
+    size_t prefix = strcspn(store, "?");
+    snprintf(f->url, sizeof f->url, "%.*s%s%s", (int)prefix, store, strrchr(f->folder, '/'), store + prefix);
+}
+
+static struct backend backends[] = {
+    {"file", make_file, NULL}, {"file, apart", make_file_apart, NULL}, {"s3", make_s3, "WHITTLE_BLOBS"}};
 
 int blobs_fixture_run(struct CMUnitTest *tests, size_t count) {
     int failed = 0;
     for (size_t b = 0; b < sizeof backends / sizeof *backends; b++) {
+        if (backends[b].needs && !getenv(backends[b].needs)) {
+            printf("skipped: %s: %s names no store\n", backends[b].name, backends[b].needs);
+            continue;
+        }
         for (size_t i = 0; i < count; i++) tests[i].initial_state = &backends[b];
         failed += _cmocka_run_group_tests(backends[b].name, tests, count, NULL, NULL);
     }
@@ -48,7 +61,9 @@ int blobs_fixture_set_up(void **state) {
     f->scratch_fd = open(path, O_RDONLY | O_DIRECTORY);
     backend->make_url(f);
     *state = f;
-    return blobs_open(f->url, &f->blobs, &f->error) == STATUS_OK ? 0 : -1;
+    if (blobs_open(f->url, f->folder, &f->blobs, &f->error) == STATUS_OK) return 0;
+    fprintf(stderr, "%s: %s\n", backend->name, f->error.text);
+    return -1;
 }
 
 int blobs_fixture_tear_down(void **state) {
@@ -56,14 +71,14 @@ int blobs_fixture_tear_down(void **state) {
     blobs_close(f->blobs);
     close(f->scratch_fd);
     folder_remove(f->folder);
-    folder_remove(f->url + strlen("file:"));
+    if (strncmp(f->url, "file:", 5) == 0) folder_remove(f->url + 5);
     free(f);
     return 0;
 }
 
 void blobs_fixture_reopen(struct blobs_fixture *f) {
     blobs_close(f->blobs);
-    assert_int_equal(blobs_open(f->url, &f->blobs, &f->error), STATUS_OK);
+    assert_int_equal(blobs_open(f->url, f->folder, &f->blobs, &f->error), STATUS_OK);
 }
 
 enum status blobs_fixture_put(struct blobs_fixture *f, const char *folder, const char *const *names_and_texts) {

@@ -1,5 +1,8 @@
 /* A blob store of a test's own, and a folder to put from; of each backend in turn.
  *
+ * S3's is a prefix of its own in the bucket that WHITTLE_BLOBS names (tests/tools/with_s3.sh starts one); where it
+ * names none, that backend is skipped.
+ *
  * To run the contract over another backend: a row in the table of blobs_fixture.c.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */

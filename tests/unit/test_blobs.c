@@ -203,6 +203,12 @@ static void urls_are_told_from_other_text(void **state) {
     assert_false(blobs_url_valid("file:"));
     assert_false(blobs_url_valid("/var/lib/whittled"));
     assert_false(blobs_url_valid("ftp://host/"));
+    assert_true(blobs_url_valid("s3://bucket/prefix?endpoint=http://127.0.0.1:80"));
+    assert_true(blobs_url_valid("s3://bucket?region=eu&endpoint=https%3A%2F%2Fhost&keys=/etc/keys"));
+    assert_false(blobs_url_valid("s3://bucket/prefix"));
+    assert_false(blobs_url_valid("s3://?endpoint=http://host"));
+    assert_false(blobs_url_valid("s3://bucket?endpoint=host:80"));
+    assert_false(blobs_url_valid("s3://bucket?endpoint=http://host&colour=red"));
     blobs_url("", "/data", url);
     assert_string_equal(url, "file:/data");
     blobs_url("file:/else", "/data", url);

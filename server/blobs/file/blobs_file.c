@@ -54,7 +54,8 @@ static void file_close(struct blobs *blobs) {
     free(files);
 }
 
-static enum status file_open(const char *path, struct blobs **blobs, struct error *error) {
+static enum status file_open(const char *path, const char *folder, struct blobs **blobs, struct error *error) {
+    (void)folder; /* what is read is there */
     struct blobs_file *files = alloc_zeroed(1, sizeof *files);
     if (!files) return error_set(error, STATUS_NO_MEMORY, "blobs", "no memory");
     *files = (struct blobs_file){.blobs.backend = &blobs_file, .root_fd = -1, .tmp_fd = -1};

@@ -1,0 +1,328 @@
+/* Blobs as objects of an S3 store: prefix/name is the object's key.
+ *
+ * The store checks the hash of what is put.  What is read comes as a copy, into a file without a name in the folder
+ * that the store was opened with.  An object of more than 5 GiB is refused by the store.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "core/base/alloc.h"
+#include "server/base/folders.h"
+#include "server/blobs/blobs_backend.h"
+#include "server/blobs/s3/s3_client.h"
+
+enum { FOLDER_BYTES = 4096, QUERY_BYTES = 4096, PATH_BYTES = 2 * BLOBS_NAME_BYTES };
+
+struct blobs_s3 {
+    struct blobs blobs; /* first */
+    struct s3_client *client;
+    char folder[FOLDER_BYTES]; /* for copies */
+};
+
+static struct blobs_s3 *s3_of(struct blobs *blobs) { return (struct blobs_s3 *)(void *)blobs; }
+
+/* An answer that isn't the one that was hoped for. */
+static enum status refused(struct error *error, const char *what, const char *name, int code) {
+    return error_set(error, STATUS_IO, "blobs", "can't %s %.200s: the store answered %d", what, name, code);
+}
+
+/* ------------------------------------------------------------------------------------------------ list */
+
+/* The text between two tags, from *at on, which moves behind it; false: there is none. */
+static bool next_between(const char **at, const char *open, const char *close, const char **text, size_t *length) {
+    const char *start = strstr(*at, open);
+    const char *end = start ? strstr(start, close) : NULL;
+    if (!end) return false;
+    *text = start + strlen(open);
+    *length = (size_t)(end - *text);
+    *at = end + strlen(close);
+    return true;
+}
+
+struct listing {
+    const char *prefix; /* of the keys, the client's own included */
+    size_t skip;        /* so much of a key comes before the name */
+    bool deep;          /* all below, else one level */
+    void (*found)(void *ctx, const char *name);
+    void *ctx;
+};
+
+/* Keys and, one level deep, the folders beside them; each without what it begins with and without a slash. */
+static void tell_names(const struct listing *listing, const char *text, const char *open, const char *close) {
+    const char *key;
+    size_t length;
+    while (next_between(&text, open, close, &key, &length)) {
+        char name[PATH_BYTES];
+        if (length <= listing->skip || length - listing->skip >= sizeof name) continue;
+        snprintf(name, sizeof name, "%.*s", (int)(length - listing->skip), key + listing->skip);
+        if (name[strlen(name) - 1] == '/') name[strlen(name) - 1] = 0;
+        listing->found(listing->ctx, name);
+    }
+}
+
+/* Parameters in the order in which they are signed. */
+static bool make_query(const struct listing *listing, const char *token, int most, char query[QUERY_BYTES]) {
+    char *prefix = s3_client_encode(listing->prefix), *next = token ? s3_client_encode(token) : NULL;
+    bool ok = prefix && (next || !token);
+    int n = ok ? snprintf(query, QUERY_BYTES, "%s%s%s%slist-type=2&max-keys=%d&prefix=%s",
+                          next ? "continuation-token=" : "", next ? next : "", next ? "&" : "",
+                          listing->deep ? "" : "delimiter=%2F&", most, prefix)
+               : 0;
+    free(prefix);
+    free(next);
+    return ok && n > 0 && n < QUERY_BYTES;
+}
+
+/* Page by page; *count (NULL = not wanted) is ended by its first page. */
+static enum status list_keys(struct blobs_s3 *s3, const struct listing *listing, struct error *error) {
+    enum { PAGE = 1000 };
+    char query[QUERY_BYTES], token[1024] = "";
+    bool more = true;
+    while (more) {
+        struct s3_request request = {.method = "GET", .query = query, .to_fd = -1, .body_fd = -1};
+        int code;
+        if (!make_query(listing, token[0] ? token : NULL, PAGE, query))
+            return error_set(error, STATUS_NO_MEMORY, "blobs", "no memory");
+        enum status status = s3_client_ask(s3->client, &request, &code, error);
+        if (status == STATUS_OK && code != 200) status = refused(error, "list", listing->prefix, code);
+        more = false;
+        if (status == STATUS_OK && request.text) {
+            const char *at = request.text, *text;
+            size_t length;
+            tell_names(listing, request.text, "<Key>", "</Key>");
+            tell_names(listing, request.text, "<CommonPrefixes><Prefix>", "</Prefix>");
+            more = next_between(&at, "<NextContinuationToken>", "</NextContinuationToken>", &text, &length) &&
+                   length < sizeof token;
+            if (more) snprintf(token, sizeof token, "%.*s", (int)length, text);
+        }
+        free(request.text);
+        if (status != STATUS_OK) return status;
+    }
+    return STATUS_OK;
+}
+
+/* Names that are kept until all are known: they are told in order, and what is told may ask again. */
+struct names {
+    char **name;
+    size_t count, room;
+    bool lost; /* one, for want of memory */
+};
+
+static void keep_name(void *ctx, const char *name) {
+    struct names *names = ctx;
+    if (names->count == names->room) {
+        size_t room = names->room ? 2 * names->room : 16;
+        char **grown = reallocarray(names->name, room, sizeof *grown);
+        names->lost = names->lost || !grown;
+        if (!grown) return;
+        names->name = grown;
+        names->room = room;
+    }
+    names->name[names->count] = strdup(name);
+    if (names->name[names->count])
+        names->count++;
+    else
+        names->lost = true;
+}
+
+static void free_names(struct names *names) {
+    for (size_t i = 0; i < names->count; i++) free(names->name[i]);
+    free(names->name);
+}
+
+static int by_bytes(const void *a, const void *b) { return strcmp(*(char *const *)a, *(char *const *)b); }
+
+static enum status collect(struct blobs_s3 *s3, const char *folder, bool deep, struct names *names,
+                           struct error *error) {
+    char prefix[PATH_BYTES + 512];
+    snprintf(prefix, sizeof prefix, "%s%s/", s3_client_prefix(s3->client), folder);
+    struct listing listing = {prefix, strlen(prefix), deep, keep_name, names};
+    enum status status = list_keys(s3, &listing, error);
+    if (status == STATUS_OK && names->lost) status = error_set(error, STATUS_NO_MEMORY, "blobs", "no memory");
+    if (status == STATUS_OK && names->count) qsort(names->name, names->count, sizeof *names->name, by_bytes);
+    return status;
+}
+
+static enum status s3_list(struct blobs *blobs, const char *folder, void (*found)(void *ctx, const char *name),
+                           void *ctx, struct error *error) {
+    struct names names = {0};
+    enum status status = collect(s3_of(blobs), folder, false, &names, error);
+    for (size_t i = 0; status == STATUS_OK && i < names.count; i++) found(ctx, names.name[i]);
+    free_names(&names);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ open */
+
+static void s3_close(struct blobs *blobs) {
+    s3_client_close(s3_of(blobs)->client);
+    free(blobs);
+}
+
+/* A bucket that isn't there, and keys that aren't right, are told at once. */
+static enum status s3_open(const char *where, const char *folder, struct blobs **blobs, struct error *error) {
+    struct blobs_s3 *s3 = alloc_zeroed(1, sizeof *s3);
+    struct names names = {0};
+    if (!s3) return error_set(error, STATUS_NO_MEMORY, "blobs", "no memory");
+    s3->blobs.backend = &blobs_s3;
+    snprintf(s3->folder, sizeof s3->folder, "%s", folder);
+    enum status status = s3_client_open(where, &s3->client, error);
+    if (status == STATUS_OK) status = collect(s3, "nothing", false, &names, error);
+    free_names(&names);
+    if (status == STATUS_OK)
+        *blobs = &s3->blobs;
+    else
+        s3_close(&s3->blobs);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ put, copy */
+
+static enum status put_one(struct blobs_s3 *s3, const char *folder, const struct blobs_source *source,
+                           struct error *error) {
+    char name[PATH_BYTES];
+    struct stat facts;
+    int code, fd = openat(source->folder_fd, source->file, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
+    snprintf(name, sizeof name, "%s/%s", folder, source->name);
+    if (fd < 0 || fstat(fd, &facts) != 0) {
+        enum status status =
+            error_set(error, status_from_errno(errno), "blobs", "can't read %.100s: %s", source->name, strerror(errno));
+        folders_close(fd);
+        return status;
+    }
+    struct s3_request request = {.method = "PUT",
+                                 .name = name,
+                                 .body_fd = fd,
+                                 .body_bytes = (uint64_t)facts.st_size,
+                                 .sha256 = source->sha256,
+                                 .to_fd = -1};
+    enum status status = s3_client_ask(s3->client, &request, &code, error);
+    if (status == STATUS_OK && code == 400)
+        status = error_set(error, STATUS_MALFORMED, "blobs", "%.100s isn't what its hash says", source->name);
+    else if (status == STATUS_OK && code != 200)
+        status = refused(error, "put", name, code);
+    free(request.text);
+    close(fd);
+    return status;
+}
+
+static enum status s3_put(struct blobs *blobs, const char *folder, const struct blobs_source *sources, size_t count,
+                          struct error *error) {
+    enum status status = STATUS_OK;
+    for (size_t i = 0; status == STATUS_OK && i < count; i++)
+        status = put_one(s3_of(blobs), folder, &sources[i], error);
+    return status;
+}
+
+static enum status s3_copy(struct blobs *blobs, const char *from_folder, const char *to_folder, struct error *error) {
+    struct blobs_s3 *s3 = s3_of(blobs);
+    struct names names = {0};
+    enum status status = collect(s3, from_folder, true, &names, error);
+    if (status == STATUS_OK && !names.count)
+        status = error_set(error, STATUS_IO, "blobs", "there is no %.200s", from_folder);
+    for (size_t i = 0; status == STATUS_OK && i < names.count; i++) {
+        char from[PATH_BYTES], to[PATH_BYTES];
+        int code;
+        int n = snprintf(from, sizeof from, "%s/%s", from_folder, names.name[i]);
+        int m = snprintf(to, sizeof to, "%s/%s", to_folder, names.name[i]);
+        struct s3_request request = {.method = "PUT", .name = to, .copy_of = from, .body_fd = -1, .to_fd = -1};
+        if (n < 0 || n >= PATH_BYTES || m < 0 || m >= PATH_BYTES) continue;
+        status = s3_client_ask(s3->client, &request, &code, error);
+        if (status == STATUS_OK && code != 200) status = refused(error, "copy", from, code);
+        free(request.text);
+    }
+    free_names(&names);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ read, remove */
+
+static int open_nameless(const char *folder) {
+    char path[FOLDER_BYTES + FOLDERS_NAME_BYTES], name[FOLDERS_NAME_BYTES];
+    int fd = open(folder, O_RDWR | O_TMPFILE | O_CLOEXEC, FOLDERS_FILE_MODE);
+    if (fd >= 0 || (errno != EOPNOTSUPP && errno != EISDIR)) return fd;
+    folders_random_name("fetched", name); /* a file system without nameless files */
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    fd = open(path, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, FOLDERS_FILE_MODE);
+    if (fd >= 0) unlink(path);
+    return fd;
+}
+
+static int s3_read(struct blobs *blobs, const char *name) {
+    struct blobs_s3 *s3 = s3_of(blobs);
+    struct error error = {0};
+    int code, fd = open_nameless(s3->folder);
+    if (fd < 0) return -1;
+    struct s3_request request = {.method = "GET", .name = name, .body_fd = -1, .to_fd = fd};
+    enum status status = s3_client_ask(s3->client, &request, &code, &error);
+    free(request.text);
+    if (status == STATUS_OK && code == 200 && lseek(fd, 0, SEEK_SET) == 0) return fd;
+    close(fd);
+    errno = status == STATUS_OK && code == 404 ? ENOENT : status == STATUS_NO_SPACE ? ENOSPC : EIO;
+    return -1;
+}
+
+static bool s3_exist(struct blobs *blobs, const char *name) {
+    struct blobs_s3 *s3 = s3_of(blobs);
+    struct s3_request request = {.method = "HEAD", .name = name, .body_fd = -1, .to_fd = -1};
+    struct names names = {0};
+    struct error error = {0};
+    int code;
+    enum status status = s3_client_ask(s3->client, &request, &code, &error);
+    free(request.text);
+    if (status == STATUS_OK && code == 200) return true;
+    bool is_folder =
+        status == STATUS_OK && code == 404 && collect(s3, name, false, &names, &error) == STATUS_OK && names.count > 0;
+    free_names(&names);
+    return is_folder;
+}
+
+static void delete_one(struct blobs_s3 *s3, const char *name) {
+    struct s3_request request = {.method = "DELETE", .name = name, .body_fd = -1, .to_fd = -1};
+    struct error error = {0};
+    int code;
+    enum status status = s3_client_ask(s3->client, &request, &code, &error);
+    (void)status; /* what stays is garbage, which nobody's row names */
+    free(request.text);
+}
+
+static void s3_remove(struct blobs *blobs, const char *name) {
+    struct blobs_s3 *s3 = s3_of(blobs);
+    struct names names = {0};
+    struct error error = {0};
+    delete_one(s3, name);
+    if (collect(s3, name, true, &names, &error) == STATUS_OK)
+        for (size_t i = 0; i < names.count; i++) {
+            char below[PATH_BYTES];
+            int n = snprintf(below, sizeof below, "%s/%s", name, names.name[i]);
+            if (n > 0 && n < PATH_BYTES) delete_one(s3, below);
+        }
+    free_names(&names);
+}
+
+static enum status s3_set_aside(struct blobs *blobs, const char *start, const char *folder, const char *name,
+                                char place[64], struct error *error) {
+    (void)blobs, (void)start, (void)folder, (void)place;
+    return error_set(error, STATUS_UNSUPPORTED, "blobs", "%.100s stays in the store, which other hosts have, too",
+                     name);
+}
+
+const struct blobs_backend blobs_s3 = {
+    .scheme = "s3://",
+    .is_valid = s3_client_valid,
+    .open = s3_open,
+    .close = s3_close,
+    .put = s3_put,
+    .copy = s3_copy,
+    .read = s3_read,
+    .exist = s3_exist,
+    .remove = s3_remove,
+    .list = s3_list,
+    .set_aside = s3_set_aside,
+};

@@ -1,0 +1,346 @@
+/* Requests to an S3 store.
+ *
+ * A store that is stopped, or full, doesn't refuse but hangs: whoever moves fewer than MIN_BYTES_S for STALL_S is cut
+ * off.  Every request may be made again (a name stands for one content), so one that had no answer is, twice.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/blobs/s3/s3_client.h"
+
+#include <curl/curl.h>
+#include <errno.h>
+#include <poll.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "core/base/alloc.h"
+#include "core/base/fault.h"
+#include "server/blobs/s3/signature_v4.h"
+#include "server/daemon/setting_file.h"
+
+enum { CONNECT_S = 5, STALL_S = 15, MIN_BYTES_S = 512, TRIES = 3, PAUSE_MS = 200, HANDLES = 8 };
+enum { PART_BYTES = 512, URL_BYTES = 2048, TEXT_MAX_BYTES = 8 << 20 };
+
+struct s3_client {
+    char endpoint[PART_BYTES], host[PART_BYTES], bucket[PART_BYTES], prefix[PART_BYTES], ca[PART_BYTES];
+    struct signature_v4_keys keys;
+    pthread_mutex_t lock;
+    CURL *idle[HANDLES]; /* with their connections */
+    int idle_count;
+};
+
+static const char empty_sha256[] = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855";
+
+/* ------------------------------------------------------------------------------------------------ open */
+
+static bool copy_part(char to[PART_BYTES], const char *from, size_t length) {
+    if (length >= PART_BYTES) return false;
+    memcpy(to, from, length);
+    to[length] = 0;
+    return true;
+}
+
+static bool copy_decoded(char to[PART_BYTES], const char *from, size_t length) {
+    int decoded_length = 0;
+    char *decoded = curl_easy_unescape(NULL, from, (int)length, &decoded_length);
+    bool ok = decoded && copy_part(to, decoded, (size_t)decoded_length);
+    curl_free(decoded);
+    return ok;
+}
+
+/* The host as the header Host names it: of the endpoint, without its scheme. */
+static bool read_endpoint(struct s3_client *client) {
+    const char *host = strstr(client->endpoint, "://");
+    bool is_web = strncmp(client->endpoint, "http://", 7) == 0 || strncmp(client->endpoint, "https://", 8) == 0;
+    if (!is_web || !host[3] || strchr(host + 3, '/')) return false;
+    return copy_part(client->host, host + 3, strlen(host + 3));
+}
+
+/* false: it is no URL of a store. */
+static bool read_url(const char *where, struct s3_client *client, char keys_file[PART_BYTES]) {
+    size_t path = strcspn(where, "?"), bucket = strcspn(where, "/?");
+    struct {
+        const char *name;
+        char *to;
+    } const parameters[] = {
+        {"endpoint=", client->endpoint}, {"region=", client->keys.region}, {"keys=", keys_file}, {"ca=", client->ca}};
+    enum { PARAMETERS = sizeof parameters / sizeof *parameters };
+    if (!bucket || !copy_part(client->bucket, where, bucket)) return false;
+    if (path > bucket + 1 && !copy_part(client->prefix, where + bucket + 1, path - bucket - 1)) return false;
+    size_t length = strlen(client->prefix);
+    if (length && client->prefix[length - 1] != '/' && length + 1 < PART_BYTES) client->prefix[length] = '/';
+    for (const char *next = where[path] ? where + path + 1 : ""; *next;) {
+        size_t end = strcspn(next, "&"), i = 0;
+        while (i < PARAMETERS && strncmp(next, parameters[i].name, strlen(parameters[i].name)) != 0) i++;
+        char value[PART_BYTES];
+        if (i == PARAMETERS) return false;
+        size_t skip = strlen(parameters[i].name);
+        if (!copy_decoded(value, next + skip, end - skip) || (i == 1 && strlen(value) >= sizeof client->keys.region))
+            return false;
+        memcpy(parameters[i].to, value, strlen(value) + 1);
+        next += end + (next[end] == '&');
+    }
+    return read_endpoint(client);
+}
+
+bool s3_client_valid(const char *where) {
+    struct s3_client client = {.keys.region = "us-east-1"};
+    char keys_file[PART_BYTES] = "";
+    return read_url(where, &client, keys_file);
+}
+
+static enum status read_keys(struct s3_client *client, const char *path, struct error *error) {
+    char line[300] = "";
+    FILE *file;
+    const char *access = getenv("AWS_ACCESS_KEY_ID"), *secret = getenv("AWS_SECRET_ACCESS_KEY");
+    if (path[0]) {
+        enum status status = setting_file_open("blobs", path, &file, error);
+        if (status != STATUS_OK) return status;
+        if (!fgets(line, sizeof line, file)) line[0] = 0;
+        fclose(file);
+        line[strcspn(line, "\r\n")] = 0;
+        char *colon = strchr(line, ':');
+        if (colon) *colon = 0;
+        access = colon ? line : NULL;
+        secret = colon ? colon + 1 : NULL;
+    }
+    bool fits = access && secret && access[0] && secret[0] && strlen(access) < sizeof client->keys.access &&
+                strlen(secret) < sizeof client->keys.secret;
+    if (fits) {
+        memcpy(client->keys.access, access, strlen(access) + 1);
+        memcpy(client->keys.secret, secret, strlen(secret) + 1);
+    }
+    explicit_bzero(line, sizeof line);
+    return fits ? STATUS_OK
+                : error_set(error, STATUS_BAD_PARAMETER, "blobs",
+                            "an S3 store needs keys: keys=FILE with a line access:secret, or AWS_ACCESS_KEY_ID and "
+                            "AWS_SECRET_ACCESS_KEY");
+}
+
+enum status s3_client_open(const char *where, struct s3_client **client, struct error *error) {
+    char keys_file[PART_BYTES] = "";
+    struct s3_client *opened = alloc_zeroed(1, sizeof *opened);
+    if (!opened || curl_global_init(CURL_GLOBAL_DEFAULT) != CURLE_OK) {
+        free(opened);
+        return error_set(error, STATUS_NO_MEMORY, "blobs", "no memory");
+    }
+    pthread_mutex_init(&opened->lock, NULL);
+    snprintf(opened->keys.region, sizeof opened->keys.region, "us-east-1");
+    enum status status = read_url(where, opened, keys_file)
+                             ? read_keys(opened, keys_file, error)
+                             : error_set(error, STATUS_BAD_PARAMETER, "blobs", "it is no URL of an S3 store");
+    if (status == STATUS_OK)
+        *client = opened;
+    else
+        s3_client_close(opened);
+    return status;
+}
+
+void s3_client_close(struct s3_client *client) {
+    if (!client) return;
+    while (client->idle_count) curl_easy_cleanup(client->idle[--client->idle_count]);
+    pthread_mutex_destroy(&client->lock);
+    explicit_bzero(&client->keys, sizeof client->keys);
+    free(client);
+    curl_global_cleanup();
+}
+
+const char *s3_client_prefix(const struct s3_client *client) { return client->prefix; }
+
+char *s3_client_encode(const char *text) {
+    char *encoded = curl_easy_escape(NULL, text, 0), *copy = encoded ? strdup(encoded) : NULL;
+    curl_free(encoded);
+    return copy;
+}
+
+/* ------------------------------------------------------------------------------------------------ one try */
+
+struct exchange {
+    struct s3_request *request;
+    uint64_t sent, text_bytes;
+    bool is_short_of_memory;
+    int write_errno;
+};
+
+static size_t give_body(char *bytes, size_t size, size_t count, void *ctx) {
+    struct exchange *exchange = ctx;
+    ssize_t n = pread(exchange->request->body_fd, bytes, size * count, (off_t)exchange->sent);
+    if (n < 0) return CURL_READFUNC_ABORT;
+    exchange->sent += (uint64_t)n;
+    return (size_t)n;
+}
+
+static size_t take_text(struct exchange *exchange, const char *bytes, size_t count) {
+    struct s3_request *request = exchange->request;
+    if (exchange->text_bytes + count > TEXT_MAX_BYTES) return 0;
+    char *grown = realloc(request->text, exchange->text_bytes + count + 1);
+    if (!grown) {
+        exchange->is_short_of_memory = true;
+        return 0;
+    }
+    request->text = grown;
+    memcpy(grown + exchange->text_bytes, bytes, count);
+    exchange->text_bytes += count;
+    grown[exchange->text_bytes] = 0;
+    return count;
+}
+
+/* What follows an error's status is text, whatever was asked for; it is not kept of an object. */
+static size_t take_bytes(char *bytes, size_t size, size_t count, void *ctx) {
+    struct exchange *exchange = ctx;
+    size_t length = size * count;
+    if (exchange->request->to_fd < 0) return take_text(exchange, bytes, length);
+    for (size_t done = 0; done < length;) {
+        ssize_t n = write(exchange->request->to_fd, bytes + done, length - done);
+        if (n < 0 && errno != EINTR) {
+            exchange->write_errno = errno;
+            return 0;
+        }
+        if (n > 0) done += (size_t)n;
+    }
+    return length;
+}
+
+/* Each part of a path, encoded; the slashes between them stay. */
+static bool encode_path(const struct s3_client *client, const char *name, char path[URL_BYTES]) {
+    char plain[URL_BYTES];
+    size_t length = 0;
+    int n = name ? snprintf(plain, sizeof plain, "/%s/%s%s", client->bucket, client->prefix, name)
+                 : snprintf(plain, sizeof plain, "/%s", client->bucket);
+    bool ok = n > 0 && n < URL_BYTES;
+    for (const char *c = plain; ok && *c; c++) {
+        bool is_plain = (*c >= 'a' && *c <= 'z') || (*c >= 'A' && *c <= 'Z') || (*c >= '0' && *c <= '9') ||
+                        strchr("-._~/", *c) != NULL;
+        ok = length + 4 < URL_BYTES;
+        if (ok && is_plain) path[length++] = *c;
+        if (ok && !is_plain) length += (size_t)snprintf(path + length, 4, "%%%02X", (unsigned char)*c);
+    }
+    path[length] = 0;
+    return ok;
+}
+
+/* Host is libcurl's own, the same as is signed. */
+static struct curl_slist *sign(const struct s3_client *client, const struct s3_request *request, const char *path,
+                               const char *copy_source) {
+    struct signature_v4_request to_sign = {.method = request->method,
+                                           .host = client->host,
+                                           .path = path,
+                                           .query = request->query ? request->query : "",
+                                           .body_sha256 = request->sha256 ? request->sha256 : empty_sha256,
+                                           .copy_source = copy_source};
+    char authorization[SIGNATURE_V4_BYTES], header[URL_BYTES + 64];
+    time_t now = time(NULL);
+    struct tm tm;
+    gmtime_r(&now, &tm);
+    strftime(to_sign.date, sizeof to_sign.date, "%Y%m%dT%H%M%SZ", &tm);
+    if (!signature_v4_make(&client->keys, &to_sign, authorization)) return NULL;
+    struct curl_slist *headers = curl_slist_append(NULL, "Expect:");
+    snprintf(header, sizeof header, "Authorization: %s", authorization);
+    headers = curl_slist_append(headers, header);
+    snprintf(header, sizeof header, "x-amz-date: %s", to_sign.date);
+    headers = curl_slist_append(headers, header);
+    snprintf(header, sizeof header, "x-amz-content-sha256: %s", to_sign.body_sha256);
+    headers = curl_slist_append(headers, header);
+    snprintf(header, sizeof header, "x-amz-copy-source: %s", copy_source ? copy_source : "");
+    return copy_source ? curl_slist_append(headers, header) : headers;
+}
+
+static void configure(const struct s3_client *client, CURL *curl, const char *url, struct curl_slist *headers,
+                      struct exchange *exchange, char *why) {
+    const struct s3_request *request = exchange->request;
+    bool is_put = strcmp(request->method, "PUT") == 0;
+    curl_easy_setopt(curl, CURLOPT_URL, url);
+    curl_easy_setopt(curl, CURLOPT_PATH_AS_IS, 1L);
+    curl_easy_setopt(curl, CURLOPT_NOSIGNAL, 1L);
+    curl_easy_setopt(curl, CURLOPT_NOPROXY, "*");
+    curl_easy_setopt(curl, CURLOPT_CONNECTTIMEOUT, (long)CONNECT_S);
+    curl_easy_setopt(curl, CURLOPT_LOW_SPEED_TIME, (long)STALL_S);
+    curl_easy_setopt(curl, CURLOPT_LOW_SPEED_LIMIT, (long)MIN_BYTES_S);
+    curl_easy_setopt(curl, CURLOPT_HTTPHEADER, headers);
+    curl_easy_setopt(curl, CURLOPT_WRITEFUNCTION, take_bytes);
+    curl_easy_setopt(curl, CURLOPT_WRITEDATA, exchange);
+    curl_easy_setopt(curl, CURLOPT_ERRORBUFFER, why);
+    if (client->ca[0]) curl_easy_setopt(curl, CURLOPT_CAINFO, client->ca);
+    if (strcmp(request->method, "HEAD") == 0) curl_easy_setopt(curl, CURLOPT_NOBODY, 1L);
+    if (is_put) {
+        curl_easy_setopt(curl, CURLOPT_UPLOAD, 1L);
+        curl_easy_setopt(curl, CURLOPT_READFUNCTION, give_body);
+        curl_easy_setopt(curl, CURLOPT_READDATA, exchange);
+        curl_easy_setopt(curl, CURLOPT_INFILESIZE_LARGE, (curl_off_t)(request->copy_of ? 0 : request->body_bytes));
+    }
+    if (strcmp(request->method, "DELETE") == 0) curl_easy_setopt(curl, CURLOPT_CUSTOMREQUEST, "DELETE");
+    if (request->to_fd >= 0) curl_easy_setopt(curl, CURLOPT_FAILONERROR, 1L); /* an error's text is no object */
+}
+
+static enum status try_once(struct s3_client *client, CURL *curl, struct s3_request *request, int *code,
+                            struct error *error) {
+    char path[URL_BYTES], copy_source[URL_BYTES], url[2 * URL_BYTES], why[CURL_ERROR_SIZE] = "";
+    struct exchange exchange = {.request = request};
+    long answer = 0;
+    *code = 0;
+    if (!encode_path(client, request->name, path) ||
+        (request->copy_of && !encode_path(client, request->copy_of, copy_source)))
+        return error_set(error, STATUS_BAD_PARAMETER, "blobs", "a name is too long");
+    snprintf(url, sizeof url, "%s%s%s%s", client->endpoint, path, request->query ? "?" : "",
+             request->query ? request->query : "");
+    struct curl_slist *headers = sign(client, request, path, request->copy_of ? copy_source : NULL);
+    if (!headers) return error_set(error, STATUS_NO_MEMORY, "blobs", "no memory");
+    curl_easy_reset(curl);
+    configure(client, curl, url, headers, &exchange, why);
+    CURLcode result = fault_at("blobs-request") ? CURLE_COULDNT_CONNECT : curl_easy_perform(curl);
+    curl_easy_getinfo(curl, CURLINFO_RESPONSE_CODE, &answer);
+    curl_slist_free_all(headers);
+    *code = (int)answer;
+    if (exchange.write_errno)
+        return error_set(error, status_from_errno(exchange.write_errno), "blobs", "what is fetched can't be stored: %s",
+                         strerror(exchange.write_errno));
+    if (exchange.is_short_of_memory) return error_set(error, STATUS_NO_MEMORY, "blobs", "no memory");
+    if (result == CURLE_OK || (result == CURLE_HTTP_RETURNED_ERROR && answer)) return STATUS_OK;
+    *code = 0;
+    return error_set(error, STATUS_IO, "blobs", "the store doesn't answer: %s",
+                     why[0] ? why : curl_easy_strerror(result));
+}
+
+/* ------------------------------------------------------------------------------------------------ requests */
+
+static CURL *take_handle(struct s3_client *client) {
+    pthread_mutex_lock(&client->lock);
+    CURL *curl = client->idle_count ? client->idle[--client->idle_count] : NULL;
+    pthread_mutex_unlock(&client->lock);
+    return curl ? curl : curl_easy_init();
+}
+
+static void give_handle(struct s3_client *client, CURL *curl) {
+    pthread_mutex_lock(&client->lock);
+    bool has_room = client->idle_count < HANDLES;
+    if (has_room) client->idle[client->idle_count++] = curl;
+    pthread_mutex_unlock(&client->lock);
+    if (!has_room) curl_easy_cleanup(curl);
+}
+
+/* What was taken of an answer that broke off is taken back. */
+static void start_again(struct s3_request *request) {
+    free(request->text);
+    request->text = NULL;
+    if (request->to_fd < 0) return;
+    int cut = ftruncate(request->to_fd, 0);
+    (void)cut; /* the next answer is longer than what stays, or the hash tells */
+    lseek(request->to_fd, 0, SEEK_SET);
+}
+
+enum status s3_client_ask(struct s3_client *client, struct s3_request *request, int *code, struct error *error) {
+    CURL *curl = take_handle(client);
+    if (!curl) return error_set(error, STATUS_NO_MEMORY, "blobs", "no memory");
+    enum status status = STATUS_IO;
+    for (int i = 0; i < TRIES; i++) {
+        if (i) poll(NULL, 0, PAUSE_MS << i);
+        start_again(request);
+        status = try_once(client, curl, request, code, error);
+        if ((status == STATUS_OK && *code < 500) || (status != STATUS_OK && status != STATUS_IO)) break;
+    }
+    give_handle(client, curl);
+    return status;
+}

@@ -146,8 +146,9 @@ static enum status find_lid(const struct run *run, const struct mesh *mesh, enum
     struct sheet_points points = {.knn = run->knn};
     float *reach = alloc_array(run->points.count, sizeof *reach);
     uint8_t *stray = alloc_array(run->points.count, sizeof *stray);
-    enum status status =
-        reach && stray ? sheet_reach_in(&run->hood, run->points.point, reach, &points.median) : STATUS_NO_MEMORY;
+    enum status status = reach && stray
+                             ? sheet_reach_in(&run->hood, run->points.point, run->threads, reach, &points.median)
+                             : STATUS_NO_MEMORY;
     if (!status) sheet_find_strays(&run->hood, reach, stray);
     points.reach = reach, points.stray = stray;
     if (!status) status = surface_lid_of(mesh, &points, of, run->threads, share);

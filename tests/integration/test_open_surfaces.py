@@ -14,6 +14,8 @@ from conftest import BUILD
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "peers"))
 import borders  # noqa: E402  pylint: disable=wrong-import-position
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "bench"))
+import odd_shapes  # noqa: E402  pylint: disable=wrong-import-position
 
 SIDE = 90
 
@@ -75,3 +77,34 @@ def test_threads_change_nothing(terrain, tmp_path):
     for threads in (1, 3):
         meshed(terrain, tmp_path / str(threads), surface="open", ratio=0.06, threads=threads)
     assert (tmp_path / "1/mesh.ply").read_bytes() == (tmp_path / "3/mesh.ply").read_bytes()
+
+
+ROOM, EYE, RINGS = (12.0, 8.0, 3.0), (5.0, 3.0, 1.2), 16
+
+
+@pytest.fixture(name="rotating", scope="module")
+def make_rotating(tmp_path_factory):
+    """What a scanner with 16 beams sees of a room: lines 18 times as far apart as the points along them."""
+    path = tmp_path_factory.mktemp("rotating") / "room.ply"
+    with open(path, "wb") as file:
+        points = odd_shapes.rotating_lidar(20000, RINGS)
+        file.write(f"ply\nformat ascii 1.0\nelement vertex {len(points)}\nproperty double x\nproperty double y\n"
+                   "property double z\nend_header\n".encode())
+        file.writelines(f"{x:.6f} {y:.6f} {z:.6f}\n".encode() for x, y, z in points)
+    return path
+
+
+def test_lines_of_a_rotating_scanner_become_one_room(rotating, tmp_path):
+    points, triangles, report = meshed(rotating, tmp_path / "out", ratio=0.1, placement="subset")
+    assert report["surface"]["kind"] == "open"
+    area = cut_corners = 0
+    for a, b, c in triangles:
+        u, v = ([points[k][i] - points[a][i] for i in range(3)] for k in (b, c))
+        size = math.hypot(u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]) / 2
+        middle = [(points[a][i] + points[b][i] + points[c][i]) / 3 for i in range(3)]
+        off = min(min(abs(middle[i]), abs(middle[i] - ROOM[i])) for i in range(3))
+        area += size
+        cut_corners += size * (off > 0.1)
+    assert 170 < area < 205  # of floor, ceiling and walls what the beams come to is 189
+    assert cut_corners < 0.1 * area
+    assert report["mesh"]["components"] <= 3

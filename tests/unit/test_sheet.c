@@ -284,6 +284,39 @@ static void the_lid_decides_where_points_do_not(void **state) {
     assert_int_equal(field.form, SURFACE_OPEN);
 }
 
+/* Twenty times as dense along lines as across: what is between two lines is part of the surface all the same. */
+static void lines_far_apart_are_one_sheet(void **state) {
+    (void)state;
+    enum { LINES = 20, EACH_LINE = 400 };
+    struct scan scan = {dense_new((size_t)LINES * EACH_LINE), NULL, calloc(LINES * EACH_LINE, sizeof(vec3)), 0};
+    for (size_t i = 0; i < scan.dense.n; i++) {
+        size_t line = i / EACH_LINE, at = i % EACH_LINE;
+        waves(((double)at + 0.3 * fraction(i, 0)) / EACH_LINE, (double)line / (LINES - 1), &scan.dense.point[i]);
+        if (at % 10 == line % 10) scan.kept[scan.kept_count++] = scan.dense.point[i];
+    }
+    assert_int_equal(knn_new(scan.dense.point, scan.dense.n, 1, &scan.knn, NULL), STATUS_OK);
+    struct neighbourhood hood = dense_hood(&scan.dense);
+    for (int known = 0; known < 2; known++) {
+        struct reconstruct_dense dense = {.n = scan.dense.n,
+                                          .point = scan.dense.point,
+                                          .normal = scan.dense.normal,
+                                          .spacing = scan.dense.spacing,
+                                          .knn = scan.knn,
+                                          .hood = known ? &hood : NULL};
+        struct reconstruct_input input = {.points = scan.kept, .n = scan.kept_count, .dense = &dense};
+        struct reconstruct_options options = {.threads = 1, .surface = SURFACE_OPEN};
+        struct tets tets = {0};
+        struct mesh mesh = {0};
+        struct mesh_facts facts = {0};
+        assert_int_equal(delaunay_build(scan.kept, scan.kept_count, 1, NULL, &tets, NULL), STATUS_OK);
+        enum status status = reconstruct_sheet(&tets, &input, &options, NULL, &mesh, NULL, NULL);
+        if (!status) is_a_manifold_with_borders(&mesh, &facts);
+        assert_int_equal(facts.area > 1 && facts.components == 1, known);
+        mesh_done(&mesh), tets_done(&tets);
+    }
+    neighbourhood_done(&hood), scan_done(&scan);
+}
+
 /* A vertex that is moved far off takes its triangles along; they go, and nothing else. */
 static void what_is_moved_off_the_points_is_trimmed(void **state) {
     (void)state;
@@ -325,7 +358,7 @@ static double lid_of(const struct scan *scan, bool with_strays) {
     assert_true(reach && stray);
     assert_int_equal(delaunay_build(scan->kept, scan->kept_count, 1, NULL, &tets, NULL), STATUS_OK);
     assert_int_equal(reconstruct_surface(&tets, &input, &options, NULL, &mesh, NULL), STATUS_OK);
-    assert_int_equal(sheet_reach_in(&hood, scan->dense.point, reach, &points.median), STATUS_OK);
+    assert_int_equal(sheet_reach_in(&hood, scan->dense.point, 1, reach, &points.median), STATUS_OK);
     sheet_find_strays(&hood, reach, stray);
     /* Sources are of kept points, and each EACHth point or so is kept. */
     for (size_t v = 0, p = 0; v < mesh.vertex_count; v++) {
@@ -336,6 +369,23 @@ static double lid_of(const struct scan *scan, bool with_strays) {
     free(reach), free(stray);
     neighbourhood_done(&hood), mesh_done(&mesh), tets_done(&tets);
     return share;
+}
+
+/* Outliers reach into the box, and facets with them. */
+static void outliers_are_no_lid(void **state) {
+    (void)state;
+    struct scan scan = scan_of(sphere);
+    for (size_t i = 0; i < scan.kept_count; i += 8) {
+        size_t p = 0;
+        while (vec3_distance(scan.dense.point[p], scan.kept[i]) > 0) p++;
+        for (int k = 0; k < 3; k++) (&scan.kept[i].x)[k] = 0.8 * fraction(i, (unsigned)k + 2) - 0.4;
+        scan.dense.point[p] = scan.kept[i];
+    }
+    knn_free(scan.knn);
+    assert_int_equal(knn_new(scan.dense.point, scan.dense.n, 1, &scan.knn, NULL), STATUS_OK);
+    assert_true(lid_of(&scan, false) > 0.05);
+    assert_true(lid_of(&scan, true) < 0.008);
+    scan_done(&scan);
 }
 
 static void a_stray_is_no_lid(void **state) {
@@ -464,6 +514,8 @@ int main(void) {
         cmocka_unit_test(a_failing_allocation_is_told),
         cmocka_unit_test(a_stray_is_no_lid),
         cmocka_unit_test(what_is_moved_off_the_points_is_trimmed),
+        cmocka_unit_test(lines_far_apart_are_one_sheet),
+        cmocka_unit_test(outliers_are_no_lid),
     };
     return cmocka_run_group_tests_name("sheet", tests, NULL, NULL);
 }

@@ -24,6 +24,7 @@
 #include "core/math/sym3.h"
 
 enum { SAMPLES = 2000, NEAR = 9, ABOVE = 3 /* of those near, so many make a layer */, RINGS = 3 };
+enum { MANY_STRAYS = 50 /* one of so many points */ };
 enum { BOX_SAMPLES = 2048, CROWD = 256 };
 static const double MARGIN = 0.01;       /* so many points on either side may be strays */
 static const double HEIGHT = 6, OFF = 2; /* of the distance of the farthest of those near, in the plane */
@@ -198,9 +199,25 @@ static vec3 area_of(const struct mesh *mesh, size_t t) {
     return vec3_triangle_normal(mesh->vertex[v[0]], mesh->vertex[v[1]], mesh->vertex[v[2]]);
 }
 
-static bool has_stray(const struct mesh *mesh, const struct sheet_points *points, size_t t) {
-    const uint32_t *v = mesh->triangle[t], *source = mesh->source;
-    return points->stray && (points->stray[source[v[0]]] || points->stray[source[v[1]]] || points->stray[source[v[2]]]);
+static bool has_any(const struct mesh *mesh, const uint8_t *mark, size_t t) {
+    const uint32_t *v = mesh->triangle[t];
+    return mark[v[0]] || mark[v[1]] || mark[v[2]];
+}
+
+/* Marks the vertices whose triangles don't count: strays, and where there are many, as outliers, what is beside them.
+ * aside: all zero. */
+static void set_aside(const struct mesh *mesh, const struct sheet_points *points, uint8_t *aside) {
+    enum { STRAY = 1, BESIDE = 2 };
+    size_t count = 0;
+    for (size_t v = 0; points->stray && v < mesh->vertex_count; v++)
+        count += aside[v] = points->stray[mesh->source[v]] ? STRAY : 0;
+    if (count * MANY_STRAYS < mesh->vertex_count) return;
+    for (size_t t = 0; t < mesh->triangle_count; t++) {
+        const uint32_t *v = mesh->triangle[t];
+        if (aside[v[0]] != STRAY && aside[v[1]] != STRAY && aside[v[2]] != STRAY) continue;
+        for (int k = 0; k < 3; k++)
+            if (!aside[v[k]]) aside[v[k]] = BESIDE;
+    }
 }
 
 enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *points, enum surface_form of,
@@ -208,15 +225,17 @@ enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *p
     struct sheet_limit limit = of == SURFACE_HEIGHTFIELD ? FIELD_FAR : LID_FAR;
     float *far = alloc_array(mesh->triangle_count, sizeof *far);
     double all = 0, without = 0;
-    enum status status = far ? sheet_far_share(mesh, points, limit, threads, far) : STATUS_NO_MEMORY;
+    uint8_t *aside = alloc_zeroed(mesh->vertex_count, 1);
+    enum status status = far && aside ? sheet_far_share(mesh, points, limit, threads, far) : STATUS_NO_MEMORY;
+    if (!status) set_aside(mesh, points, aside);
     for (size_t t = 0; !status && t < mesh->triangle_count; t++) {
-        if (has_stray(mesh, points, t)) continue;
+        if (has_any(mesh, aside, t)) continue;
         double area = vec3_length(area_of(mesh, t));
         all += area;
         without += area * (double)far[t];
     }
     if (!status) *share = all > 0 ? without / all : 0;
-    free(far);
+    free(far), free(aside);
     return status;
 }
 

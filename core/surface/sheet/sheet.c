@@ -47,7 +47,8 @@ static enum status cut(struct mesh *mesh, const struct originals *originals, str
     uint8_t *out = alloc_array(mesh->triangle_count, 1);
     if (!mesh->tag) mesh->tag = alloc_zeroed(mesh->triangle_count, 1);
     enum status status = reach && out && mesh->tag ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status && originals->hood) status = sheet_reach_in(originals->hood, originals->point, reach, &points.median);
+    if (!status && originals->hood)
+        status = sheet_reach_in(originals->hood, originals->point, threads, reach, &points.median);
     if (!status && !originals->hood)
         status = sheet_reach(originals->knn, originals->point, originals->n, threads, reach, &points.median);
     points.reach = reach;

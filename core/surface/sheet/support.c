@@ -21,6 +21,7 @@
 #include "core/base/alloc.h"
 #include "core/base/quantile.h"
 #include "core/cloud/cloud.h"
+#include "core/surface/sheet/scan_lines.h"
 
 enum {
     SIXTH = 7,
@@ -34,7 +35,7 @@ enum {
 static const double STEP = 1.5;               /* of the grid, in medians */
 static const double AROUND = 0.7;             /* reaches: no place amid evenly spread points is as far off */
 static const double SURELY = 2, NEARLY = 0.3; /* struct knn_slack: what is surely far may be nearer by a third */
-static const float STRAY = 5;                 /* reaches of a neighbour */
+static const float STRAY = 3;                 /* reaches of a neighbour */
 
 static enum status reach_of_chunk(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, uint32_t *id,
                                   float *reach) {
@@ -74,15 +75,21 @@ enum status sheet_reach(const struct knn *knn, const vec3 *point, size_t n, unsi
     return status;
 }
 
-/* The sixth neighbour or the last one; the point itself where it has none. */
-static uint32_t sixth_of(const struct neighbourhood *hood, size_t p) {
-    size_t last = hood->count[p] < SIXTH - 1 ? hood->count[p] : SIXTH - 1;
-    return last ? hood->id[p * hood->stride + last - 1] : (uint32_t)p;
+/* How far the farthest of the first six neighbours is; they are the nearest, but across scan lines not in their order.
+ */
+static float reach_of(const struct neighbourhood *hood, const vec3 *point, size_t p) {
+    double farthest = 0;
+    for (size_t i = 0; i < hood->count[p] && i < SIXTH - 1; i++)
+        farthest = fmax(farthest, vec3_distance(point[p], point[hood->id[p * hood->stride + i]]));
+    return (float)farthest;
 }
 
-enum status sheet_reach_in(const struct neighbourhood *hood, const vec3 *point, float *reach, float *median) {
-    for (size_t p = 0; p < hood->n; p++) reach[p] = (float)vec3_distance(point[p], point[sixth_of(hood, p)]);
-    return lift_to_median(reach, hood->n, median);
+enum status sheet_reach_in(const struct neighbourhood *hood, const vec3 *point, unsigned threads, float *reach,
+                           float *median) {
+    size_t on_lines;
+    for (size_t p = 0; p < hood->n; p++) reach[p] = reach_of(hood, point, p);
+    enum status status = scan_lines_reach(hood, point, threads, reach, &on_lines);
+    return status ? status : lift_to_median(reach, hood->n, median);
 }
 
 void sheet_find_strays(const struct neighbourhood *hood, const float *reach, uint8_t *stray) {

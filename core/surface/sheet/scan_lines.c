@@ -1,0 +1,149 @@
+/* The points are thinned again and again, one for each cell of a grid twice as wide, until a point's neighbours among
+ * those left are no line any more:
+ *
+ *     .............          .   .   .   .
+ *                     ->                       the sixth neighbour is on another line
+ *     .............          .   .   .   .
+ *
+ * Each grid leaves about half as many points of a line, so that all take little more than the first.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/surface/sheet/scan_lines.h"
+
+#include <math.h>
+#include <stdbool.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/base/alloc.h"
+#include "core/base/hash64.h"
+#include "core/base/quantile.h"
+#include "core/cloud/cloud.h"
+#include "core/math/sym3.h"
+#include "core/spatial/knn.h"
+
+enum {
+    NEAR = 9,
+    SIXTH = 6 /* the point itself comes before it, unless it was left out */,
+    GRIDS = 7,
+    FEW = 10,
+    CHUNK = 4096
+};
+static const double LINE = 0.02; /* of the trace's square: below, the principal minors' sum is a line's */
+
+struct thinning {
+    vec3 *point;
+    size_t count;
+    uint64_t *cell; /* hash table; 0 = free */
+    size_t mask;
+};
+
+static sym3 moment_add(sym3 moment, vec3 from, vec3 to) { return sym3_add(moment, sym3_outer(vec3_sub(to, from))); }
+
+/* Whether second moments about a point are those of a line through it, as the neighbourhoods' own have it. */
+static bool is_line(sym3 m) {
+    double minors = m.xx * m.yy - m.xy * m.xy + m.xx * m.zz - m.xz * m.xz + m.yy * m.zz - m.yz * m.yz;
+    return minors < LINE * sym3_trace(m) * sym3_trace(m);
+}
+
+/* The points whose neighbours are all on a line. */
+static size_t find_on_lines(const struct neighbourhood *hood, const vec3 *point, uint32_t *on_line) {
+    size_t count = 0;
+    for (uint32_t p = 0; p < hood->n; p++) {
+        sym3 moment = {0};
+        for (size_t i = 0; i < hood->count[p]; i++)
+            moment = moment_add(moment, point[p], point[hood->id[p * hood->stride + i]]);
+        if (hood->count[p] && is_line(moment)) on_line[count++] = p;
+    }
+    return count;
+}
+
+static uint64_t cell_of(vec3 p, double side) {
+    const double at[] = {p.x, p.y, p.z};
+    uint64_t key = 1;
+    for (int k = 0; k < 3; k++)
+        key = scramble(key ^ (uint64_t)(int64_t)fmax(-0x1p62, fmin(floor(at[k] / side), 0x1p62)));
+    return key ? key : 1;
+}
+
+/* Leaves the first point of each cell.  Two cells of one hash are one, which is rare and does no harm. */
+static void thin(struct thinning *left, double side) {
+    size_t count = 0;
+    memset(left->cell, 0, (left->mask + 1) * sizeof *left->cell);
+    for (size_t i = 0; i < left->count; i++) {
+        uint64_t key = cell_of(left->point[i], side);
+        size_t slot = (size_t)key & left->mask;
+        while (left->cell[slot] && left->cell[slot] != key) slot = (slot + 1) & left->mask;
+        if (left->cell[slot]) continue;
+        left->cell[slot] = key;
+        left->point[count++] = left->point[i];
+    }
+    left->count = count;
+}
+
+/* Looks at so many points among those left; the ones that are still on a line come first, and *count is how many. */
+static enum status look(const struct thinning *left, const struct knn *knn, const vec3 *point, unsigned threads,
+                        uint32_t *on_line, size_t *count, float *reach) {
+    vec3 *query = alloc_array(CHUNK, sizeof *query);
+    uint32_t *id = alloc_array((size_t)CHUNK * NEAR, sizeof *id);
+    double *distance_sq = alloc_array((size_t)CHUNK * NEAR, sizeof *distance_sq);
+    enum status status = query && id && distance_sq ? STATUS_OK : STATUS_NO_MEMORY;
+    size_t still = 0;
+    for (size_t begin = 0; begin < *count && !status; begin += CHUNK) {
+        size_t n = *count - begin < CHUNK ? *count - begin : CHUNK;
+        for (size_t i = 0; i < n; i++) query[i] = point[on_line[begin + i]];
+        status = knn_search(knn, query, n, NEAR, threads, id, distance_sq);
+        for (size_t i = 0; i < n && !status; i++) {
+            sym3 moment = {0};
+            for (size_t k = i * NEAR; k < (i + 1) * NEAR; k++)
+                if (id[k] != NONE) moment = moment_add(moment, query[i], left->point[id[k]]);
+            uint32_t p = on_line[begin + i];
+            if (is_line(moment))
+                on_line[still++] = p;
+            else if (id[i * NEAR + SIXTH] != NONE)
+                reach[p] = fmaxf(reach[p], (float)sqrt(distance_sq[i * NEAR + SIXTH]));
+        }
+    }
+    if (!status) *count = still;
+    free(query), free(id), free(distance_sq);
+    return status;
+}
+
+static enum status widen(struct thinning *left, double side, const vec3 *point, unsigned threads, uint32_t *on_line,
+                         size_t *count, float *reach) {
+    for (int grid = 0; grid<GRIDS && * count> 0 && left->count > NEAR; grid++, side *= 2) {
+        struct knn *knn = NULL;
+        thin(left, side);
+        enum status status = knn_new(left->point, left->count, threads, &knn, NULL);
+        if (!status) status = look(left, knn, point, threads, on_line, count, reach);
+        knn_free(knn);
+        if (status) return status;
+    }
+    return STATUS_OK;
+}
+
+enum status scan_lines_reach(const struct neighbourhood *hood, const vec3 *point, unsigned threads, float *reach,
+                             size_t *found) {
+    struct thinning left = {.count = hood->n, .mask = 1};
+    enum status status = STATUS_OK;
+    size_t count = 0;
+    uint32_t *on_line = alloc_array(hood->n, sizeof *on_line);
+    if (!on_line) return STATUS_NO_MEMORY;
+    *found = count = find_on_lines(hood, point, on_line);
+    if (count > hood->n / FEW) {
+        float *sorted = alloc_array(hood->n, sizeof *sorted);
+        while (left.mask + 1 < 2 * hood->n) left.mask = 2 * left.mask + 1;
+        left.point = alloc_array(hood->n, sizeof *left.point);
+        left.cell = alloc_array(left.mask + 1, sizeof *left.cell);
+        status = sorted && left.point && left.cell ? STATUS_OK : STATUS_NO_MEMORY;
+        if (!status) {
+            memcpy(left.point, point, hood->n * sizeof *point);
+            memcpy(sorted, reach, hood->n * sizeof *sorted);
+            double side = (double)quantile_of(sorted, hood->n, 0.5);
+            if (side > 0) status = widen(&left, side, point, threads, on_line, &count, reach);
+        }
+        free(sorted), free(left.point), free(left.cell);
+    }
+    free(on_line);
+    return status;
+}

@@ -1,0 +1,18 @@
+/* How far points are apart across the lines that a scanner has taken them in.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_SURFACE_SHEET_SCAN_LINES_H
+#define WHITTLE_CORE_SURFACE_SHEET_SCAN_LINES_H
+
+#include "core/base/status.h"
+#include "core/math/vec3.h"
+#include "core/spatial/neighbourhood.h"
+
+/* reach: of each point of the neighbourhoods, the distance to its sixth neighbour.  Where all that is near a point lies
+ * on one line, as with a rotating scanner whose lines are much farther apart than its points, the reach becomes that
+ * among points as far apart along the lines as across.  Nothing changes where hardly any point's neighbours are on a
+ * line.  *found = so many were.  O(n).  The same for any number of threads.  STATUS_NO_MEMORY, STATUS_LIMIT. */
+enum status scan_lines_reach(const struct neighbourhood *hood, const vec3 *point, unsigned threads, float *reach,
+                             size_t *found) MUST_CHECK;
+
+#endif

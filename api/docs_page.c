@@ -20,7 +20,8 @@ static const char style[] =
     "body{font:15px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;"
     "color:#222;background:#fff}"
     "table{border-collapse:collapse;width:100%}td,th{text-align:left;vertical-align:top;padding:.2rem .6rem .2rem 0;"
-    "border-bottom:1px solid #8884}td,h3,p{overflow-wrap:anywhere}td:first-child{overflow-wrap:normal}"
+    "border-bottom:1px solid #8884}td,p{overflow-wrap:break-word}h3{overflow-wrap:anywhere}.scrolls{overflow-x:auto}"
+    "pre{background:#8882;padding:.6rem .8rem;overflow-x:auto;font-size:90%}"
     "code{font-size:95%}h3{margin-top:2.2rem}"
     "h3 code{background:#8882;padding:.1rem .4rem}"
     "nav{display:flex;flex-wrap:wrap;gap:.2rem 1rem}"
@@ -69,7 +70,7 @@ static const json_t *resolve(const json_t *root, const json_t *node) {
 /* ------------------------------------------------------------------------------------------------ types */
 
 static void put_json(FILE *out, const char *before, const json_t *value) {
-    char *text = value ? json_dumps(value, JSON_ENCODE_ANY | JSON_COMPACT) : NULL;
+    char *text = value ? json_dumps(value, JSON_ENCODE_ANY | JSON_COMPACT | JSON_REAL_PRECISION(15)) : NULL;
     if (text) {
         fputs(before, out);
         put_escaped(out, text);
@@ -154,7 +155,7 @@ static void put_response(FILE *out, const json_t *response) {
 static void put_responses(FILE *out, const json_t *root, const json_t *responses) {
     const char *status;
     json_t *each;
-    fputs("<table><tr><th>Status<th>Meaning<th>Content\n", out);
+    fputs("<div class=\"scrolls\" tabindex=\"0\"><table><tr><th>Status<th>Meaning<th>Content\n", out);
     json_object_foreach((json_t *)responses, status, each) {
         const json_t *response = resolve(root, each);
         fprintf(out, "<tr><td>%s<td>", status);
@@ -163,7 +164,7 @@ static void put_responses(FILE *out, const json_t *root, const json_t *responses
         put_media(out, json_object_get(response, "content"));
         fputs("\n", out);
     }
-    fputs("</table>\n", out);
+    fputs("</table></div>\n", out);
 }
 
 static void put_operation(FILE *out, const json_t *root, const char *path, const char *method, const json_t *shared,
@@ -177,10 +178,10 @@ static void put_operation(FILE *out, const json_t *root, const char *path, const
     put_element(out, "p", text_at(operation, "description"));
     const json_t *own = json_object_get(operation, "parameters"), *body = json_object_get(operation, "requestBody");
     if (json_array_size(own) || json_array_size(shared)) {
-        fputs("<table><tr><th>Parameter<th>In<th>Type<th>Meaning\n", out);
+        fputs("<div class=\"scrolls\" tabindex=\"0\"><table><tr><th>Parameter<th>In<th>Type<th>Meaning\n", out);
         put_parameters(out, root, shared);
         put_parameters(out, root, own);
-        fputs("</table>\n", out);
+        fputs("</table></div>\n", out);
     }
     if (body) {
         fputs("<p>Body: ", out);
@@ -212,13 +213,71 @@ static void put_schema(FILE *out, const char *name, const json_t *schema) {
     json_t *each;
     fprintf(out, "<h3 id=\"%s\"><code>%s</code></h3>\n", name, name);
     put_element(out, "p", text_at(schema, "description"));
-    fputs("<table><tr><th>Member<th><th>Type<th>Meaning\n", out);
+    fputs("<div class=\"scrolls\" tabindex=\"0\"><table><tr><th>Member<th><th>Type<th>Meaning\n", out);
     json_object_foreach(json_object_get(schema, "properties"), member, each)
         put_row(out, member, "", each, text_at(each, "description"));
-    fputs("</table>\n", out);
+    fputs("</table></div>\n", out);
 }
 
-static void put_page(FILE *out, const json_t *root) {
+/* What people come for, each as a line for a shell; $H is the service's address. */
+static const struct way {
+    const char *what, *lines;
+} ways[] = {
+    {"In one command: a cloud goes in, the simplified one comes back.",
+     "curl -sS --fail-with-body -X POST -T scan.ply '$H/v1/simplify?ratio=0.1' -o small.ply"},
+    {"As a job, which can make several files: upload, follow, fetch.",
+     "curl -sS --fail-with-body -X POST -T scan.ply '$H/v1/jobs?ratio=0.1&outputs=cloud,mesh,preview.png'  # its id\n"
+     "ID=...\n"
+     "curl -sSN --fail-with-body $H/v1/jobs/$ID/events                    # until it has ended\n"
+     "curl -sS --fail-with-body $H/v1/jobs/$ID                            # figures\n"
+     "curl -sSOJ --fail-with-body $H/v1/jobs/$ID/outputs/mesh.ply         # a file"},
+    {"Once, for many jobs: the cloud stays, jobs name it.",
+     "curl -sS --fail-with-body -X POST -T scan.ply $H/v1/clouds          # its id\n"
+     "curl -sS --fail-with-body --json '{\"input\":\"/v1/clouds/SHA256\",\"params\":{\"ratio\":0.05}}' $H/v1/jobs"},
+    {"From a form, or compressed.",
+     "curl -sS --fail-with-body -F file=@scan.ply -F ratio=0.1 $H/v1/jobs\n"
+     "zstd -c scan.ply | curl -sS --fail-with-body -X POST -T - -H 'Content-Encoding: zstd' '$H/v1/jobs?ratio=0.1'"},
+    {"Where the service needs a token, every line above takes it as well.",
+     "curl -H \"Authorization: Bearer $TOKEN\" ..."},
+};
+
+static void put_lines(FILE *out, const char *lines, const char *here) {
+    fputs("<pre tabindex=\"0\">", out);
+    for (const char *at; (at = strstr(lines, "$H")); lines = at + 2) {
+        for (; lines < at; lines++) put_escaped(out, (char[]){*lines, 0});
+        put_escaped(out, here);
+    }
+    put_escaped(out, lines);
+    fputs("</pre>\n", out);
+}
+
+/* A document of the contract's examples, as it is sent. */
+static void put_example(FILE *out, const json_t *root, const char *name, const char *title) {
+    const json_t *examples = json_object_get(json_object_get(root, "components"), "examples");
+    const json_t *value = json_object_get(json_object_get(examples, name), "value");
+    char *text = value ? json_dumps(value, JSON_INDENT(2) | JSON_REAL_PRECISION(15)) : NULL;
+    if (!text) return;
+    fputs("<details><summary>", out);
+    put_escaped(out, title);
+    fputs("</summary><pre tabindex=\"0\">", out);
+    put_escaped(out, text);
+    fputs("</pre></details>\n", out);
+    free(text);
+}
+
+static void put_ways(FILE *out, const json_t *root, const char *here) {
+    fputs("<h2 id=\"upload\">How to upload a cloud</h2>\n", out);
+    fprintf(out, "<p>In a browser: drop it on <a href=\"%s/\">the first page</a>. From a command line:</p>\n",
+            links_base());
+    for (size_t i = 0; i < sizeof ways / sizeof *ways; i++) {
+        put_element(out, "p", ways[i].what);
+        put_lines(out, ways[i].lines, here);
+    }
+    put_example(out, root, "Job", "A job, as it is answered");
+    put_example(out, root, "invalid-parameter", "A refusal, as it is answered");
+}
+
+static void put_page(FILE *out, const json_t *root, const char *here) {
     const json_t *info = json_object_get(root, "info"), *tags = json_object_get(root, "tags"), *tag;
     const char *name;
     json_t *schema;
@@ -230,9 +289,10 @@ static void put_page(FILE *out, const json_t *root) {
             style);
     put_element(out, "p", text_at(info, "description"));
     if (links_base()[0]) fprintf(out, "<p>All paths are below <code>%s</code>.</p>\n", links_base());
-    fputs("<nav>", out);
+    fputs("<nav><a href=\"#upload\">upload</a>", out);
     json_array_foreach(tags, i, tag) fprintf(out, "<a href=\"#%s\">%s</a>", text_at(tag, "name"), text_at(tag, "name"));
     fputs("<a href=\"#schemas\">schemas</a><a href=\"openapi.json\">openapi.json</a></nav>\n", out);
+    put_ways(out, root, here);
     json_array_foreach(tags, i, tag) put_tag(out, root, tag);
     fputs("<h2 id=\"schemas\">schemas</h2>\n", out);
     json_object_foreach(json_object_get(json_object_get(root, "components"), "schemas"), name, schema)
@@ -240,13 +300,13 @@ static void put_page(FILE *out, const json_t *root) {
     fputs("</html>\n", out);
 }
 
-char *docs_page(void) {
+char *docs_page(const char *here) {
     size_t bytes, page_bytes;
     const char *document = openapi_document(&bytes);
     char *page = NULL;
     json_t *root = json_loadb(document, bytes, 0, NULL);
     FILE *out = root ? open_memstream(&page, &page_bytes) : NULL;
-    if (out) put_page(out, root);
+    if (out) put_page(out, root, here);
     bool whole = out && fclose(out) == 0;
     json_decref(root);
     if (whole) return page;

@@ -5,7 +5,8 @@
 #ifndef WHITTLE_API_DOCS_PAGE_H
 #define WHITTLE_API_DOCS_PAGE_H
 
-/* Returns new HTML text, NULL when memory runs out. */
-char *docs_page(void);
+/* Returns new HTML text, NULL when memory runs out.  here is the address at which the service was asked, as curl takes
+ * it. */
+char *docs_page(const char *here);
 
 #endif

@@ -28,6 +28,9 @@ static const struct own {
     {'f', "force", NULL, "", "Replace files that are there without -o, too"},
     {'n', "dry-run", NULL, "",
      "Read the input and tell what would be kept and written, and the memory that it takes at most; write nothing"},
+    {0, "preview", NULL, "",
+     "Write preview.png too, and show it on the terminal, where that can; --preview=kitty, --preview=sixel and "
+     "--preview=blocks show it that way wherever the output goes"},
     {0, "json", NULL, "", "Print the report, as report.json has it, to standard output in place of the summary"},
     {'q', "quiet", NULL, "", "Print no summary"},
     {'v', "verbose", NULL, "", "Print the time of each stage, too"},

@@ -36,6 +36,7 @@
 #include "server/cli/no_new_code.h"
 #include "server/cli/options.h"
 #include "server/cli/output.h"
+#include "server/cli/preview.h"
 #include "server/cli/progress.h"
 #include "server/shared/worker_protocol.h"
 
@@ -113,6 +114,16 @@ static bool is_no_output(enum status status, const struct error *error) {
     return refused || strcmp(error->where, "output") == 0;
 }
 
+/* On the terminal, or word of where it is. */
+static void show_preview(const struct worker_options *options, const struct cloud *cloud,
+                         const struct pipeline_result *result) {
+    struct picture picture = {0};
+    bool made = !preview_make(&options->params, cloud, result, &picture, NULL);
+    if (!made || !preview_show(&picture, options->preview, stdout))
+        puts("preview          not shown: this is no terminal that is known to show pictures; it is in preview.png");
+    picture_done(&picture);
+}
+
 static enum status run(struct worker_options *options, struct worker_progress *display, int *exit_status,
                        struct error *error) {
     struct cloud cloud = {0};
@@ -161,6 +172,7 @@ out:
         dry_run_print(options, &cloud, input, options->to_standard ? stderr : stdout);
     else if (!status && (options->summary || options->json))
         status = tell(options, &cloud, &result.report, error);
+    if (!status && !options->dry_run && !options->json && options->preview) show_preview(options, &cloud, &result);
     pipeline_result_done(&result);
     cloud_done(&cloud);
     worker_input_close(input);

@@ -21,6 +21,7 @@ enum own {
     OWN_DRY_RUN,
     OWN_MEMORY,
     OWN_PROGRESS_FD,
+    OWN_PREVIEW,
     OWN_QUIET,
     OWN_VERBOSE,
     OWN_JSON,
@@ -42,6 +43,7 @@ static const struct own_option {
     [OWN_DRY_RUN] = {"dry-run", 'n', false},
     [OWN_MEMORY] = {"memory", 0, true},
     [OWN_PROGRESS_FD] = {"progress-fd", 0, true},
+    [OWN_PREVIEW] = {"preview", 0, false},
     [OWN_QUIET] = {"quiet", 'q', false},
     [OWN_VERBOSE] = {"verbose", 'v', false},
     [OWN_JSON] = {"json", 0, false},
@@ -117,6 +119,17 @@ static bool parse_bytes(const char *text, uint64_t *bytes) {
     return true;
 }
 
+static enum worker_request set_preview(struct worker_options *options, const char *written, const char *way,
+                                       struct error *error) {
+    static const struct {
+        const char *name;
+        enum preview_way way;
+    } ways[] = {{"auto", PREVIEW_AUTO}, {"kitty", PREVIEW_KITTY}, {"sixel", PREVIEW_SIXEL}, {"blocks", PREVIEW_BLOCKS}};
+    for (size_t i = 0; i < sizeof ways / sizeof *ways; i++)
+        if (strcmp(way ? way : "auto", ways[i].name) == 0) options->preview = ways[i].way;
+    return options->preview ? WORKER_RUN : refuse(error, written, "it takes auto, kitty, sixel or blocks");
+}
+
 static enum worker_request set_own(struct worker_options *options, enum own own, const char *written, const char *value,
                                    struct error *error) {
     switch (own) {
@@ -138,6 +151,7 @@ static enum worker_request set_own(struct worker_options *options, enum own own,
             return refuse(error, written, "it takes a number of bytes over 0, as 4000M or 4G");
         options->memory_given = true;
         return WORKER_RUN;
+    case OWN_PREVIEW: return set_preview(options, written, value, error);
     case OWN_FORCE: options->force = true; return WORKER_RUN;
     case OWN_DRY_RUN: options->dry_run = true; return WORKER_RUN;
     case OWN_QUIET: options->summary = false; return WORKER_RUN;
@@ -158,7 +172,9 @@ static enum worker_request parse_own(struct worker_options *options, enum own ow
     const char *argument = argv[*i];
     as_written(argument, written);
     if (!own_options[own].valued) {
-        if (argument[1] == '-' && strchr(argument, '=')) return refuse(error, written, "it takes no value");
+        const char *equals = argument[1] == '-' ? strchr(argument, '=') : NULL;
+        if (equals && own == OWN_PREVIEW) return set_own(options, own, written, equals + 1, error);
+        if (equals) return refuse(error, written, "it takes no value");
         return set_own(options, own, written, NULL, error);
     }
     const char *value = take_value(argc, argv, i);
@@ -239,9 +255,12 @@ static enum worker_request parse_all(struct worker_options *options, int argc, c
     if (options->operand && options->output_given)
         return refuse(error, options->operand, "a second output; use -o or OUTPUT, not both");
     if (options->operand) options->output = options->operand;
+    if (options->convert && options->preview)
+        return refuse(error, "--preview", "a conversion has no deviation to show");
     if (options->convert) return settle_conversion(options, error);
     if (options->json && strcmp(options->output, "-") == 0)
         return refuse(error, "--json", "the output is on standard output already; use -o FILE");
+    if (options->preview) options->params.outputs |= OUTPUT_PREVIEW, options->outputs_given = true;
     if (strcmp(options->output, "-") == 0) {
         if (!settle_standard(options))
             return refuse(error, "-o", "standard output takes one output, of one level; use --outputs to name one");

@@ -9,6 +9,9 @@
 #include "core/base/status.h"
 #include "core/params.h"
 
+/* How the picture is shown on a terminal. */
+enum preview_way { PREVIEW_NOT, PREVIEW_AUTO, PREVIEW_KITTY, PREVIEW_SIXEL, PREVIEW_BLOCKS };
+
 struct worker_options {
     struct params params;
     const char *input;   /* a path, or "-" for standard input; borrowed from argv */
@@ -24,8 +27,9 @@ struct worker_options {
     bool verbose;        /* and how long each stage took */
     bool json;           /* the report to standard output in its place */
     bool convert;        /* `whittle convert`: all points as they are */
-    bool memory_given;   /* by --memory */
-    bool outputs_given;  /* the parameter outputs was set, and isn't the default */
+    enum preview_way preview;
+    bool memory_given;  /* by --memory */
+    bool outputs_given; /* the parameter outputs was set, and isn't the default */
 };
 
 enum worker_request {

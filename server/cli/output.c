@@ -32,6 +32,7 @@
 #include "core/io/write.h"
 #include "core/picture/png_write.h"
 #include "core/pipeline/attributes.h"
+#include "server/cli/preview.h"
 
 enum { MOST_OPEN = 16 };
 
@@ -135,23 +136,9 @@ static enum status write_error(int fd, const struct outputs *o, struct error *er
 }
 
 static enum status write_preview(int fd, const struct outputs *o, struct error *error) {
-    const struct params *params = &o->options->params;
-    const struct report_level *figures = &o->result->report.level[0];
-    const struct distance_stats *stats = figures->has_mesh ? &figures->input_to_mesh : &figures->tangent;
-    const struct picture_scene scene = {.cloud = o->cloud,
-                                        .normal = (const float(*)[3])o->result->facing,
-                                        .deviation = o->result->distance,
-                                        .mesh = &o->level->mesh,
-                                        .kept = o->result->kept,
-                                        .kept_count = o->level->kept_count,
-                                        .mean = stats->mean,
-                                        .largest = stats->max};
-    const struct picture_view view = {(size_t)params->preview_size, params->preview_azimuth, params->preview_elevation,
-                                      (enum view_up)params->preview_up};
     struct picture picture = {0};
-    if (picture_make(&scene, &view, (unsigned)params->threads, &picture))
-        return error_set(error, STATUS_NO_MEMORY, "preview.png", "no memory for the picture");
-    enum status status = picture_write_png(fd, &picture, error);
+    enum status status = preview_make(&o->options->params, o->cloud, o->result, &picture, error);
+    if (!status) status = picture_write_png(fd, &picture, error);
     picture_done(&picture);
     return status;
 }

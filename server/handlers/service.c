@@ -151,8 +151,16 @@ static void get_page_file(struct service *service, struct request *request, stru
 const struct handler handlers_get_page_file = {.run = get_page_file, .quick = true};
 
 static void get_docs(struct service *service, struct request *request, struct response *response) {
+    char *here = NULL;
+    size_t bytes;
     (void)service;
-    if (handlers_takes_no_query(request, response)) answer_page(docs_page(), response);
+    if (!handlers_takes_no_query(request, response)) return;
+    FILE *out = open_memstream(&here, &bytes);
+    if (out) put_address(out, request);
+    bool whole = out && fclose(out) == 0;
+    answer_page(whole ? docs_page(here) : NULL, response);
+    response_header(response, "Vary", "Host");
+    free(here);
 }
 
 const struct handler handlers_get_docs = {.run = get_docs, .quick = true};

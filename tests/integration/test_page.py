@@ -3,6 +3,7 @@
 `make test-page` builds the page and installs the browser and its driver."""
 import gzip
 import hashlib
+import html
 import json
 import pathlib
 import re
@@ -203,3 +204,17 @@ def test_a_real_scan(daemon, tmp_path):
     seen = walk(f"{daemon.url}/", cloud, tmp_path / "pictures")
     hold(seen, daemon)
     assert seen["shown"]["layers"][0]["count"] == 48485
+
+
+def test_the_reference_begins_with_how_to_upload_at_the_address_it_was_asked_at(make_daemon, tmp_path):
+    """The first line for a shell does what it says."""
+    daemon = make_daemon("--base-path", "/whittle")
+    text = html.unescape(daemon.curl("/whittle/docs").body.decode())
+    assert text.index("How to upload a cloud") < text.index('id="jobs"')
+    here = daemon.url.removeprefix("http://") + "/whittle"
+    line = re.search(r"<pre[^>]*>(curl .*?)</pre>", text)[1]
+    assert here in line and "localhost:8080" not in text
+    (tmp_path / "scan.ply").write_bytes(conftest.SMALL)
+    subprocess.run(line, shell=True, cwd=tmp_path, check=True)
+    assert (tmp_path / "small.ply").read_bytes().startswith(b"ply")
+    assert "0.10000000000000001" not in text and "0.0030000000000000001" not in text and "default 0.003" in text

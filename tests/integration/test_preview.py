@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """preview.png, by the command and by the service: a sound PNG that shows the cloud, the same for any number of threads."""
+import base64
 import json
 import os
 import re
@@ -11,7 +12,7 @@ import pytest
 
 from test_parameters import torus, write
 
-WHITTLE = os.path.join(os.environ.get("WHITTLE_BUILD", "build/release"), "whittle")
+WHITTLE = os.path.abspath(os.path.join(os.environ.get("WHITTLE_BUILD", "build/release"), "whittle"))
 PAPER = bytes((250, 250, 248))
 
 
@@ -117,3 +118,64 @@ def test_sizes_and_angles_out_of_range_are_refused(scan):
                         ("preview_up", "w"), ("preview_azimuth", "nan")):
         done = subprocess.run([WHITTLE, scan, f"--{name}", value, "--dry-run"], capture_output=True, text=True, check=False)
         assert done.returncode == 64 and re.search(name, done.stderr), done.stderr
+
+
+def shown(scan, tmp_path, way, **environment):
+    done = subprocess.run([WHITTLE, scan, f"--preview{way}", "--preview_size", "100", "-q", "-o", tmp_path / "out"],
+                          capture_output=True, check=True, env=os.environ | environment)
+    return done.stdout, (tmp_path / "out" / "preview.png").read_bytes()
+
+
+def test_kitty_gets_the_file_itself_in_pieces(scan, tmp_path):
+    said, file = shown(scan, tmp_path, "=kitty")
+    pieces = re.findall(rb"\x1b_G(a=T,f=100,)?m=([01]);([A-Za-z0-9+/=]*)\x1b\\", said)
+    assert [last for _, last, _ in pieces] == [b"1"] * (len(pieces) - 1) + [b"0"] and pieces[0][0]
+    assert all(len(data) <= 4096 and not first for first, _, data in pieces[1:])
+    assert base64.b64decode(b"".join(data for _, _, data in pieces)) == file
+
+
+def test_sixels_are_the_picture_in_a_palette(scan, tmp_path):
+    said, file = shown(scan, tmp_path, "=sixel")
+    width, rows = decode(file)
+    body = re.fullmatch(rb'\x1bP0;1q"1;1;(\d+);(\d+)(.*)\x1b\\\n', said, re.S)
+    assert (int(body[1]), int(body[2])) == (width, len(rows))
+    palette, pixel, x, y, colour = {}, {}, 0, 0, None
+    for token in re.finditer(rb"#(\d+);2;(\d+);(\d+);(\d+)|#(\d+)|!(\d+)([?-~])|([?-~])|([$-])", body[3]):
+        if token[1]:
+            palette[int(token[1])] = [int(token[k]) * 255 / 100 for k in (2, 3, 4)]
+        elif token[5]:
+            colour = int(token[5])
+        elif token[9]:
+            x, y = 0, y + 6 * (token[9] == b"-")
+        else:
+            for _ in range(int(token[6] or 1)):
+                bits = ord(token[7] or token[8]) - 63
+                pixel.update({(x, y + k): colour for k in range(6) if bits >> k & 1})
+                x += 1
+    assert len(pixel) == width * len(rows)
+    off = [abs(palette[pixel[x, y]][c] - rows[y][3 * x + c]) for y in range(len(rows)) for x in range(width) for c in range(3)]
+    assert max(off) <= 52 and sum(off) / len(off) < 20
+
+
+def test_blocks_are_two_pixels_each(scan, tmp_path):
+    said, file = shown(scan, tmp_path, "=blocks", COLORTERM="truecolor")
+    width, rows = decode(file)
+    lines = said.decode().splitlines()
+    assert len(lines) == len(rows) * 80 // width // 2 and all(line.count("\u2580") == 80 for line in lines)
+    first = re.match(r"\x1b\[38;2;(\d+);(\d+);(\d+)m\x1b\[48;2;", lines[-1])
+    assert all(abs(int(first[c + 1]) - PAPER[c]) <= 2 for c in range(3))
+    few, _ = shown(scan, tmp_path, "=blocks", COLORTERM="")
+    assert b"38;2;" not in few and few.count(b"\x1b[38;5;") == 80 * len(lines)
+
+
+def test_where_nothing_can_be_shown_the_file_is_named(scan, tmp_path):
+    said, file = shown(scan, tmp_path, "")
+    assert b"preview.png" in said and b"\x1b" not in said and decode(file)
+
+
+@pytest.mark.parametrize("way, reason", [(["=dots"], "it takes auto"), (["", "-o", "one.ply"], "takes one output"),
+                                         (["", "-o", "-"], "takes one output")])
+def test_a_picture_beside_one_file_is_refused(scan, tmp_path, way, reason):
+    done = subprocess.run([WHITTLE, scan, f"--preview{way[0]}", *way[1:]], capture_output=True, text=True, check=False,
+                          cwd=tmp_path)
+    assert done.returncode == 64 and reason in done.stderr and not list(tmp_path.iterdir())

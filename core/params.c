@@ -152,9 +152,7 @@ static const struct param table[] = {
     {"preview_elevation", PARAM_NUMBER, AT(preview_elevation), -90, 90, false, "25", NULL, "degrees", true,
      "How far from above preview.png is looked at: 0 is level, 90 straight down"},
     {"preview_up", PARAM_CHOICE, AT(preview_up), 0, 0, false, "auto", ups, "", true,
-     "Which axis points upwards in preview.png; auto: y where it is the longest side of the box and z isn't short, "
-     "else "
-     "z"},
+     "Which axis points upwards in preview.png; auto: z of what is flat, else y or z, whichever the points stand on"},
     {"seed", PARAM_INTEGER, AT(seed), 0, 4294967295.0, false, "0", NULL, "", true,
      "Seed of the samples that the error is measured with"},
     {"threads", PARAM_INTEGER, AT(threads), 0, 256, false, "0", NULL, "", false,

@@ -10,7 +10,8 @@
 #include "core/base/quantile.h"
 
 static const double SMALLEST = 1e-200; /* half a box's side: what is smaller is one place */
-static const double FLAT = 0.4;        /* of its length: what is lower lies, as terrain does */
+static const double FLAT = 0.4;        /* of both other sides: what is lower lies, as terrain does */
+static const double LOWEST = 0.03;     /* of the height is what things stand on */
 static const double MARGIN = 0.04, STRAYS = 0.002, HARDLY = 1.25, DEGREE = 0.017453292519943295;
 
 struct extent {
@@ -24,8 +25,25 @@ static vec3 box_of(const vec3 *point, size_t n, vec3 *middle) {
     return vec3_sub(vec3_scale(high, 0.5), vec3_scale(low, 0.5)); /* halves, which don't overflow */
 }
 
-static enum view_up choose_up(vec3 box) {
-    return box.y > box.x && box.y > box.z && box.z > FLAT * box.y ? VIEW_UP_Y : VIEW_UP_Z;
+/* How much of its box what is lowest along an axis spans, in the other two: feet span much, a nose or a tail little. */
+static double footing(const vec3 *point, size_t n, enum view_up up, vec3 low, vec3 size) {
+    double base = up == VIEW_UP_Y ? low.y + LOWEST * size.y : low.z + LOWEST * size.z;
+    struct extent x = {INFINITY, -INFINITY}, other = x;
+    for (size_t i = 0; i < n; i++) {
+        double height = up == VIEW_UP_Y ? point[i].y : point[i].z, across = up == VIEW_UP_Y ? point[i].z : point[i].y;
+        if (height > base) continue;
+        x = (struct extent){fmin(x.low, point[i].x), fmax(x.high, point[i].x)};
+        other = (struct extent){fmin(other.low, across), fmax(other.high, across)};
+    }
+    double deep = up == VIEW_UP_Y ? size.z : size.y;
+    return size.x > 0 && deep > 0 ? (x.high - x.low) / size.x * ((other.high - other.low) / deep) : 0;
+}
+
+/* box: half its sides. */
+static enum view_up choose_up(const vec3 *point, size_t n, vec3 middle, vec3 box) {
+    vec3 low = vec3_sub(middle, box), size = vec3_scale(box, 2);
+    if (box.z < FLAT * box.x && box.z < FLAT * box.y) return VIEW_UP_Z;
+    return footing(point, n, VIEW_UP_Y, low, size) > footing(point, n, VIEW_UP_Z, low, size) ? VIEW_UP_Y : VIEW_UP_Z;
 }
 
 static void set_axes(struct view *view, enum view_up up, double azimuth, double elevation) {
@@ -62,7 +80,7 @@ enum status view_fit(const vec3 *point, size_t n, enum view_up up, double azimut
         free(x), free(y);
         return STATUS_NO_MEMORY;
     }
-    set_axes(&made, up == VIEW_UP_AUTO ? choose_up(box) : up, azimuth, elevation);
+    set_axes(&made, up == VIEW_UP_AUTO ? choose_up(point, n, made.centre, box) : up, azimuth, elevation);
     for (size_t i = 0; i < n; i++) {
         vec3 p = vec3_scale(vec3_sub(point[i], made.centre), 1 / largest);
         x[i] = (float)vec3_dot(p, made.right), y[i] = (float)vec3_dot(p, made.up);

@@ -88,7 +88,7 @@ export async function choose(described, params = {}) {
   if (!schema) await fillForm();
   const box = cloud.bounding_box, usual = cloud.points > MANY ? SMALL : USUAL;
   find("cloud-facts").replaceChildren(
-    fact("File", cloud.label || cloud.id.slice(0, 12)), fact("Format", cloud.format ?? "unknown"), fact("Size", bytes(cloud.bytes)),
+    fact("File", cloud.label || cloud.id.slice(0, 12)), fact("Format", cloud.format?.replace("/", ", ").replaceAll("_", " ") ?? "unknown"), fact("Size", bytes(cloud.bytes)),
     fact("Points", cloud.points ? count(cloud.points) : "counted when it is read"),
     ...(cloud.properties ? [fact("Properties", cloud.properties.map((p) => p.name).join(", "))] : []),
     ...(box ? [fact("Box", box.max.map((high, i) => figure(high - box.min[i])).join(" × "))] : []));

@@ -97,7 +97,7 @@ export class PointLayer {
   show(n) {
     this.shown = Math.min(n, this.loaded);
     this.geometry.setDrawRange(0, this.shown);
-    this.material.size = 1.8 * Math.sqrt(this.area / Math.max(this.shown, 1));
+    this.material.size = 2.4 * Math.sqrt(this.area / Math.max(this.shown, 1));
   }
 
   // Fetches what is missing of the first n points, piece by piece; more(layer) is called after each.

@@ -14,7 +14,26 @@ function fill(id, options, chosen) {
   find(id).replaceChildren(...options.map(([value, text]) => make("option", { value, selected: value === chosen }, text)));
 }
 
-const guessUp = (size) => (size[1] > size[0] && size[1] > size[2] && size[2] > 0.4 * size[1] ? "y" : "z");
+// How much of the box what is lowest along an axis spans, in the other two (as core/picture/view.c has it).
+function footing(position, count, axis, size) {
+  const others = [0, 1, 2].filter((other) => other !== axis), spans = others.map(() => [Infinity, -Infinity]);
+  for (let i = 0; i < count; i++) {
+    if (position[3 * i + axis] > (0.03 - 0.5) * size[axis]) continue;
+    others.forEach((other, k) => {
+      const x = position[3 * i + other];
+      spans[k] = [Math.min(spans[k][0], x), Math.max(spans[k][1], x)];
+    });
+  }
+  return spans.reduce((share, [low, high], k) => share * Math.max(0, high - low) / size[others[k]], 1);
+}
+
+const isFlat = (size) => size[2] < 0.4 * size[0] && size[2] < 0.4 * size[1];
+
+// Which axis points upwards: z of what is flat, else the one that the points stand on.
+function guessUp({ points, loaded = points.count }, size) {
+  if (isFlat(size)) return "z";
+  return footing(points.position, loaded, 1, size) > footing(points.position, loaded, 2, size) ? "y" : "z";
+}
 
 // What there is to be seen: [value, text, url].
 function sourcesOf(job, outputs) {
@@ -202,8 +221,7 @@ export async function look(job, outputs) {
   const [a, b, c] = size;
   now = { name: job.label || job.id, origin: low.map((x, i) => (x + high[i]) / 2), size, layers: [null, null],
     area: 0.8 * (a * b + b * c + c * a) || Math.max(a, b, c) ** 2 || 1, pointsIn: job.report.points_in, sources: sourcesOf(job, outputs) };
-  viewer.frame(size, guessUp(size));
-  find("look-up").value = guessUp(size);
+  viewer.frame(size, "z");
   find("look-level").value = 1000;
   const { before, after } = now.sources;
   fill("look-before", before.length ? before : [["", "nothing"]]);
@@ -211,7 +229,14 @@ export async function look(job, outputs) {
   const layout = before.length && after.length ? (innerWidth < 700 ? "swipe" : "side") : before.length ? "before" : "after";
   find("look-layout").value = layout;
   layOut(layout);
-  await Promise.all([showAfter(after[0]?.[0]), showBefore(before[0]?.[0])]);
+  const shown = now, first = after.length ? showAfter(after[0][0]) : showBefore(before[0]?.[0]);
+  const turned = first.then(() => {
+    const layer = now.layers[1] ?? now.layers[0];
+    if (shown !== now || !layer) return;
+    find("look-up").value = guessUp(layer, size);
+    viewer.turnUp(find("look-up").value);
+  });
+  await Promise.all([turned, after.length ? showBefore(before[0]?.[0]) : null]);
   sayLevel();
 }
 

@@ -6,7 +6,8 @@
 //   Boucheny: Interactive Scientific Visualization of Large Datasets, 2009 (eye-dome lighting)
 import * as THREE from "three";
 
-const TURN = 0.008, STEP = Math.PI / 24, MOST_PIXELS = 2; // radians for a pixel, for a key; device pixels for one of CSS
+const TURN = 0.008, STEP = Math.PI / 24; // radians for a pixel, for a key
+const SMOOTH = 1.5, MOST_PIXELS = 2; // pixels drawn for one of the device, and at most for one of CSS
 
 const DOME = {
   uniforms: { colours: { value: null }, depths: { value: null }, pixel: { value: new THREE.Vector2() },
@@ -105,7 +106,7 @@ export class Viewer {
   }
 
   draw() {
-    const { renderer, camera, canvas, target } = this, ratio = Math.min(devicePixelRatio, MOST_PIXELS);
+    const { renderer, camera, canvas, target } = this, ratio = Math.min(SMOOTH * devicePixelRatio, MOST_PIXELS);
     const width = Math.max(1, Math.round(canvas.clientWidth * ratio)), height = Math.max(1, Math.round(canvas.clientHeight * ratio));
     if (target.width !== width || target.height !== height) {
       renderer.setPixelRatio(1);

@@ -228,11 +228,11 @@ static const struct way {
     {"As a job, which can make several files: upload, follow, fetch.",
      "curl -sS --fail-with-body -X POST -T scan.ply '$H/v1/jobs?ratio=0.1&outputs=cloud,mesh,preview.png'  # its id\n"
      "ID=...\n"
-     "curl -sSN --fail-with-body $H/v1/jobs/$ID/events                    # until it has ended\n"
-     "curl -sS --fail-with-body $H/v1/jobs/$ID                            # figures\n"
-     "curl -sSOJ --fail-with-body $H/v1/jobs/$ID/outputs/mesh.ply         # a file"},
+     "curl -sSN --fail-with-body $H/v1/jobs/$ID/events  # until it has ended\n"
+     "curl -sS --fail-with-body $H/v1/jobs/$ID  # figures\n"
+     "curl -sSOJ --fail-with-body $H/v1/jobs/$ID/outputs/mesh.ply  # a file"},
     {"Once, for many jobs: the cloud stays, jobs name it.",
-     "curl -sS --fail-with-body -X POST -T scan.ply $H/v1/clouds          # its id\n"
+     "curl -sS --fail-with-body -X POST -T scan.ply $H/v1/clouds  # its id\n"
      "curl -sS --fail-with-body --json '{\"input\":\"/v1/clouds/SHA256\",\"params\":{\"ratio\":0.05}}' $H/v1/jobs"},
     {"From a form, or compressed.",
      "curl -sS --fail-with-body -F file=@scan.ply -F ratio=0.1 $H/v1/jobs\n"

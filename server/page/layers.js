@@ -6,7 +6,8 @@ import { ask } from "./api.js";
 import { comesInPieces, readHead } from "./ply.js";
 import { colourOf, rangeOf } from "./ramp.js";
 
-const FIRST_BYTES = 64 * 1024, PIECE_POINTS = 50000, CLAY = [203, 196, 186];
+const FIRST_BYTES = 64 * 1024, PIECE_POINTS = 50000, MOST_POINTS = 400000; // of a request: twice as many each time
+const CLAY = [203, 196, 186];
 
 const worker = new Worker(new URL("./points_worker.js", import.meta.url), { type: "module" });
 const waiting = new Map();
@@ -32,14 +33,22 @@ async function bytesOf(url, from, to) {
 
 const linear = new Float32Array(256).map((_, c) => new THREE.Color().setRGB(c / 255, 0, 0, THREE.SRGBColorSpace).r);
 
+const SHADES = 512; // of the ramp
+const shades = Float32Array.from({ length: 3 * (SHADES + 1) }, (_, i) =>
+  linear[Math.round(colourOf(Math.floor(i / 3) / SHADES)[i % 3])]);
+
 // Fills colour (linear, three for each point) of the points from begin to end.
 function paint(points, by, colour, begin, end) {
-  const values = points.scalar[by.name], range = by.range;
-  for (let i = begin; i < end; i++) {
-    const rgb = values ? colourOf((values[i] - range.low) / (range.high - range.low))
-      : by.name === "own" && points.rgb ? points.rgb.subarray(3 * i, 3 * i + 3) : CLAY;
-    for (let c = 0; c < 3; c++) colour[3 * i + c] = linear[Math.round(rgb[c])];
+  const values = points.scalar[by.name], rgb = by.name === "own" ? points.rgb : null;
+  if (values) {
+    const { low, high } = by.range, scale = SHADES / (high - low);
+    for (let i = begin; i < end; i++) {
+      const shade = 3 * Math.max(0, Math.min(SHADES, Math.floor((values[i] - low) * scale) || 0));
+      for (let c = 0; c < 3; c++) colour[3 * i + c] = shades[shade + c];
+    }
+    return;
   }
+  for (let k = 3 * begin; k < 3 * end; k++) colour[k] = linear[rgb ? rgb[k] : CLAY[k % 3]];
 }
 
 // Points of a PLY that come in pieces, the first ones first.  area: of the surface, about, in square units; reach: of
@@ -52,11 +61,11 @@ export class PointLayer {
     Object.assign(layer, { url, origin, area, reach, head, count: head.vertex.count, loaded: 0, shown: 0, fetched: 0 });
     if (!comesInPieces(head)) {
       buffer = await bytesOf(url);
-      layer.points = await parse({ what: "whole", buffer, origin }, [buffer]);
       layer.loaded = layer.count;
     }
-    layer.make();
     layer.fetched = buffer.byteLength;
+    if (layer.loaded) layer.points = await parse({ what: "whole", buffer, origin }, [buffer]);
+    layer.make();
     return layer;
   }
 
@@ -89,6 +98,7 @@ export class PointLayer {
   colourBy(name) {
     this.by = { name, range: this.points.scalar[name] && rangeOf(this.points.scalar[name].subarray(0, this.loaded)) };
     paint(this.points, this.by, this.colour, 0, this.loaded);
+    this.geometry.attributes.color.addUpdateRange(0, 3 * this.loaded);
     this.geometry.attributes.color.needsUpdate = true;
     return this.by.range ?? null;
   }
@@ -110,8 +120,8 @@ export class PointLayer {
 
   async fetchPieces(more) {
     const { head } = this, stride = head.vertex.stride;
-    while (this.loaded < this.wanted) {
-      const begin = this.loaded, count = Math.min(PIECE_POINTS, this.count - begin);
+    for (let most = PIECE_POINTS; this.loaded < this.wanted; most = Math.min(2 * most, MOST_POINTS)) {
+      const begin = this.loaded, count = Math.min(most, this.count - begin);
       const from = head.bytes + begin * stride, buffer = await bytesOf(this.url, from, from + count * stride);
       this.fetched += buffer.byteLength;
       const piece = await parse({ what: "records", head, buffer, start: 0, count, origin: this.origin }, [buffer]);
@@ -120,7 +130,10 @@ export class PointLayer {
       for (const name in piece.scalar) this.points.scalar[name].set(piece.scalar[name], begin);
       paint(this.points, this.by, this.colour, begin, begin + count);
       this.loaded = begin + count;
-      for (const attribute of Object.values(this.geometry.attributes)) attribute.needsUpdate = true;
+      for (const attribute of Object.values(this.geometry.attributes)) {
+        attribute.addUpdateRange(3 * begin, 3 * count);
+        attribute.needsUpdate = true;
+      }
       more?.(this);
     }
   }

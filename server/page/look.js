@@ -124,12 +124,14 @@ async function showBefore(value) {
     layer.show(layer.loaded);
     viewer.ask();
   };
+  const name = { error: "distance", dso: "dso" }[value], dye = () => {
+    if (now.layers[0] === layer) legend(layer, name ? layer.colourBy(name) : null);
+  };
   await layer.load(FIRST, more);
+  dye();
   if (layer.count <= MOST_AT_ONCE) await layer.load(layer.count, more);
   if (now.layers[0] !== layer) return;
-  const name = { error: "distance", dso: "dso" }[value];
-  if (name) legend(layer, layer.colourBy(name));
-  else legend(layer, null);
+  dye();
   more();
   listColours();
 }
@@ -220,7 +222,7 @@ export async function look(job, outputs) {
   const { box_min: low, box_max: high } = job.report.input, size = high.map((x, i) => x - low[i]);
   const [a, b, c] = size;
   now = { name: job.label || job.id, origin: low.map((x, i) => (x + high[i]) / 2), size, layers: [null, null],
-    area: 0.8 * (a * b + b * c + c * a) || Math.max(a, b, c) ** 2 || 1, pointsIn: job.report.points_in, sources: sourcesOf(job, outputs) };
+    area: job.report.mesh?.area || 0.8 * (a * b + b * c + c * a) || Math.max(a, b, c) ** 2 || 1, pointsIn: job.report.points_in, sources: sourcesOf(job, outputs) };
   viewer.frame(size, "z");
   find("look-level").value = 1000;
   const { before, after } = now.sources;

@@ -88,3 +88,16 @@ bool signature_holds(const struct signature_key *key, const char *path, int64_t 
     signature_make(key, path, expires_s, right);
     return digest_same(right, hex);
 }
+
+void signature_key_text(const struct signature_key *key, char hex[SIGNATURE_HEX_BYTES]) {
+    for (size_t i = 0; i < SIGNATURE_KEY_BYTES; i++) snprintf(hex + 2 * i, 3, "%02x", key->bytes[i]);
+}
+
+bool signature_key_read(const char *hex, struct signature_key *key) {
+    static const char digits[] = "0123456789abcdef";
+    if (strlen(hex) != SIGNATURE_HEX_BYTES - 1 || strspn(hex, digits) != SIGNATURE_HEX_BYTES - 1) return false;
+    for (size_t i = 0; i < SIGNATURE_KEY_BYTES; i++)
+        key->bytes[i] =
+            (unsigned char)((strchr(digits, hex[2 * i]) - digits) * 16 + (strchr(digits, hex[2 * i + 1]) - digits));
+    return true;
+}

@@ -22,6 +22,10 @@ struct signature_key {
  * may read it. */
 enum status signature_open(const char *path, struct signature_key *key, struct error *error) MUST_CHECK;
 
+/* The key as hexadecimal, and back; false: the text is no key. */
+void signature_key_text(const struct signature_key *key, char hex[SIGNATURE_HEX_BYTES]);
+bool signature_key_read(const char *hex, struct signature_key *key);
+
 /* Signs a path until a time in seconds since 1970. */
 void signature_make(const struct signature_key *key, const char *path, int64_t expires_s,
                     char hex[SIGNATURE_HEX_BYTES]);

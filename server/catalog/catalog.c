@@ -122,6 +122,11 @@ enum status catalog_now(struct catalog *catalog, int64_t *now_ms, struct error *
     return catalog->backend->now(catalog, now_ms, error);
 }
 
+enum status catalog_secret(struct catalog *catalog, const char *name, const char *brought,
+                           char secret[CATALOG_SECRET_BYTES], struct error *error) {
+    return catalog->backend->secret(catalog, name, brought, secret, error);
+}
+
 enum status catalog_submit(struct catalog *catalog, const struct job *job, const struct catalog_limits *limits,
                            struct error *error) {
     return catalog->backend->submit(catalog, job, limits, error);

@@ -62,6 +62,12 @@ enum status catalog_takes_changes(struct catalog *catalog, struct error *error) 
  * catalog, whose clocks may be off; else the service's own. */
 enum status catalog_now(struct catalog *catalog, int64_t *now_ms, struct error *error) MUST_CHECK;
 
+/* The secret of this name, in hexadecimal, which all hosts that share the catalog have: the first that brings one has
+ * made it.  Where one process serves the catalog it is the one that is brought. */
+enum { CATALOG_SECRET_BYTES = 65 };
+enum status catalog_secret(struct catalog *catalog, const char *name, const char *brought,
+                           char secret[CATALOG_SECRET_BYTES], struct error *error) MUST_CHECK;
+
 /* ------------------------------------------------------------------------------------------------ changes */
 
 /* What has become of a job: it changed; it waits to be claimed, newly or again; it runs and is to end; it was deleted.

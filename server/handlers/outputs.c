@@ -280,7 +280,8 @@ static void get_log(struct service *service, struct request *request, struct res
     struct stat facts;
     if (!handlers_takes_no_query(request, response)) return;
     if (handlers_read_job(service, request, request->match.capture[0], &job, response)) {
-        int fd = store_log_open(service->store, job.id, false);
+        int fd = service->is_shared ? store_log_gather(service->store, job.id)
+                                    : store_log_open(service->store, job.id, false);
         uint64_t bytes = fd >= 0 && fstat(fd, &facts) == 0 ? (uint64_t)facts.st_size : 0;
         if (fd >= 0)
             handlers_send_file(request, fd, bytes, NULL, response);

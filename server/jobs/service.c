@@ -43,6 +43,18 @@ static enum status open_catalog(struct service *service, struct error *error) {
     return status;
 }
 
+/* A link that one host has made opens at any: their key is the one that the first of them has brought. */
+static enum status share_signing_key(struct service *service, struct error *error) {
+    char own[SIGNATURE_HEX_BYTES], shared[CATALOG_SECRET_BYTES] = "";
+    signature_key_text(&service->signing_key, own);
+    enum status status = catalog_secret(service->catalog, "signing.key", own, shared, error);
+    if (status == STATUS_OK && !signature_key_read(shared, &service->signing_key))
+        status = error_set(error, STATUS_MALFORMED, "catalog", "its signing.key is no key");
+    explicit_bzero(own, sizeof own);
+    explicit_bzero(shared, sizeof shared);
+    return status;
+}
+
 /* As many threads as can hash at once. */
 static enum status open_hashing(struct offload **threads, struct error *error) {
     long processors = sysconf(_SC_NPROCESSORS_ONLN);
@@ -71,6 +83,7 @@ enum status service_open(struct service *service, const struct config *config, s
     if (status == STATUS_OK) {
         scratch_key_path(store_scratch(service->store), path);
         status = signature_open(path, &service->signing_key, error);
+        if (status == STATUS_OK && service->is_shared) status = share_signing_key(service, error);
     }
     service->metrics = metrics_new();
     if (status == STATUS_OK && !service->metrics) status = error_set(error, STATUS_NO_MEMORY, "service", "no memory");

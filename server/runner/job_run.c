@@ -594,6 +594,14 @@ static void let_go(struct run *run) {
     drop_outputs(run);
 }
 
+/* Before the end is recorded, after which anybody may delete the job: nothing of it is put later. */
+static void share_log(const struct run *run) {
+    struct error error = {0};
+    if (!run->service->is_shared) return;
+    if (store_log_share(run->service->store, run->job->id, run->service->host, &error) != STATUS_OK)
+        log_line(LOG_ERROR, "job=%s its log can't be shared: %s", run->job->id, error.text);
+}
+
 static void settle(struct run *run, struct verdict *verdict) {
     struct job *job = run->job;
     if (verdict->is_lost) {
@@ -615,6 +623,7 @@ static void settle(struct run *run, struct verdict *verdict) {
     }
     struct job_cost cost = estimate_cost(job);
     if (verdict->event == JOB_DONE) estimate_learn(run->service->estimate, &cost, job->wall_s, job_now_ms());
+    share_log(run);
     if (!record(run, verdict)) let_go(run);
     fault_at("job-recorded");
 }

@@ -231,6 +231,56 @@ int store_log_open(struct store *store, const char *id, bool append) {
     return scratch_log_open(store->scratch, id, append);
 }
 
+enum status store_log_share(struct store *store, const char *id, const char *host, struct error *error) {
+    char folder[BLOBS_NAME_BYTES], name[FOLDERS_NAME_BYTES], sha256[DIGEST_HEX_BYTES];
+    struct scratch_file file = {.fd = -1};
+    uint64_t bytes;
+    int log_fd = scratch_log_open(store->scratch, id, false);
+    if (log_fd < 0) return STATUS_OK;
+    snprintf(folder, sizeof folder, "%s/%.80s", jobs, id);
+    snprintf(name, sizeof name, "log.%.40s", host);
+    enum status status = scratch_file_begin(store->scratch, &file, error);
+    if (status == STATUS_OK && (folders_copy(log_fd, file.fd) != 0 || digest_file(file.fd, sha256, &bytes) != 0))
+        status = refused(error, "copy the log of", id);
+    if (status == STATUS_OK) status = scratch_file_sync(&file, error);
+    if (status == STATUS_OK) {
+        struct blobs_source source = scratch_file_source(store->scratch, &file, name, sha256);
+        status = blobs_put(store->blobs, folder, &source, 1, error);
+    }
+    scratch_file_drop(store->scratch, &file);
+    close(log_fd);
+    return status;
+}
+
+struct gathering {
+    struct store *store;
+    const char *folder;
+    int to_fd;
+    size_t found;
+};
+
+static void gather_log(void *ctx, const char *name) {
+    struct gathering *gathering = ctx;
+    char path[2 * BLOBS_NAME_BYTES];
+    if (strncmp(name, "log.", 4) != 0) return;
+    snprintf(path, sizeof path, "%s/%.200s", gathering->folder, name);
+    int fd = blobs_read(gathering->store->blobs, path);
+    if (fd >= 0 && folders_copy(fd, gathering->to_fd) == 0) gathering->found++;
+    folders_close(fd);
+}
+
+int store_log_gather(struct store *store, const char *id) {
+    char folder[BLOBS_NAME_BYTES];
+    struct error error = {0};
+    struct gathering gathering = {store, folder, scratch_nameless_open(store->scratch), 0};
+    if (gathering.to_fd < 0) return -1;
+    snprintf(folder, sizeof folder, "%s/%.80s", jobs, id);
+    enum status status = blobs_list(store->blobs, folder, gather_log, &gathering, &error);
+    if (status == STATUS_OK && gathering.found && lseek(gathering.to_fd, 0, SEEK_SET) == 0) return gathering.to_fd;
+    close(gathering.to_fd);
+    return scratch_log_open(store->scratch, id, false);
+}
+
 /* The log lies in the same folder where the blobs are in the data folder. */
 void store_job_delete(struct store *store, const char *id) {
     char folder[BLOBS_NAME_BYTES];

@@ -3,6 +3,7 @@
  *
  *     clouds/<sha256>                 a blob: an input, by content
  *     jobs/<id>/outputs/<name>        a blob: an output of a job that succeeded; outputs.<n> of its n-th attempt, n > 1
+ *     jobs/<id>/log.<host>            a blob, where several hosts share them: what one of them has of the log
  *     jobs/<id>/log, uploads/<id>     scratch
  *
  * What is visible is complete and on disk.  All functions may be called from any thread, and block on the disk; those
@@ -67,6 +68,13 @@ int store_outputs_count(struct store *store, const char *id, int attempt);
 
 /* Opens the job's log, for appending (made if it isn't there) or reading; -1 when it can't. */
 int store_log_open(struct store *store, const char *id, bool append);
+
+/* Makes what this host has of a job's log a blob, for other hosts to read; again, in the place of what it was. */
+enum status store_log_share(struct store *store, const char *id, const char *host, struct error *error) MUST_CHECK;
+
+/* Opens what all hosts have shared of it, one after the other; this host's own where they have nothing.  -1 when there
+ * is none. */
+int store_log_gather(struct store *store, const char *id);
 
 /* Removes an attempt's outputs, or all of the job, its log too: they vanish at once. */
 void store_outputs_delete(struct store *store, const char *id, int attempt);

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Several hosts that share one catalog, in PostgreSQL, and one blob store: any of them answers for any job, and each may
 die."""
+import hashlib
 import itertools
 import os
 import pathlib
@@ -69,6 +70,8 @@ def test_a_job_is_run_by_another_host_than_took_it(make_daemon, shared):
     assert front.ended(job)["status"] == "successful"
     assert f"job={job} running -> successful" in back.log_text() and "running" not in front.log_text()
     assert content(front, job) == content(back, job)
+    log = front.curl(f"/v1/jobs/{job}/log")
+    assert log.status == 200 and b"attempt 1: successful" in log.body and log.body == back.curl(f"/v1/jobs/{job}/log").body
     assert [j["id"] for j in back.curl("/v1/jobs").json["jobs"]] == [job]
     again = back.submit(SMALL)  # the result of the first
     assert front.job(again)["status"] == "successful" and content(front, again) == content(front, job)
@@ -87,6 +90,7 @@ def test_a_host_that_is_killed_loses_its_lease_and_the_job_runs_again(make_daemo
     ended = front.ended(job)
     assert ended["status"] == "successful" and ended["attempt"] == 2
     assert f"job={job} running -> successful attempt=2" in other.log_text()
+    assert b"attempt 2: successful" in front.curl(f"/v1/jobs/{job}/log").body
     gate.unlink()
     back.start()  # it comes back, and finds nothing to mend of what others have done
     assert back.job(job)["status"] == "successful" and content(back, job) == content(front, job)
@@ -139,6 +143,19 @@ def test_limits_and_keys_hold_for_all_hosts(make_daemon, shared):
     first = hosts[0].curl("/v1/clouds", "-H", "Idempotency-Key: k", data=SMALL)
     again = hosts[1].curl("/v1/clouds", "-H", "Idempotency-Key: k", data=SMALL)
     assert first.json == again.json and first.status == again.status
+
+
+def test_a_link_opens_at_every_host(make_daemon, shared, tmp_path):
+    tokens, who = tmp_path / "tokens", ("-H", "Authorization: Bearer alice-secret")
+    tokens.write_text(f"alice:submit,read:{hashlib.sha256(b'alice-secret').hexdigest()}\n")
+    front, back = (make_daemon(*shared, "--tokens-file", tokens) for _ in range(2))
+    job = front.post("/v1/jobs", SMALL, *who).json["id"]
+    wait_until(lambda: front.curl(f"/v1/jobs/{job}", *who).json["status"] == "successful", "the job's end")
+    href = front.curl(f"/v1/jobs/{job}/outputs/cloud.ply/link", "-X", "POST", *who).json["href"]
+    whole = front.curl(f"/v1/jobs/{job}/outputs/cloud.ply", *who).body
+    assert front.curl(href).body == back.curl(href).body == whole
+    changed = href[:-1] + ("0" if href[-1] != "0" else "1")
+    assert back.curl(changed).status in (401, 403)
 
 
 def test_hosts_without_a_common_blob_store_are_refused(shared, tmp_path):

@@ -99,6 +99,20 @@ static void the_key_is_made_once_and_kept_private(void **state) {
     assert_int_equal(signature_open(f->path, &second, &error), STATUS_MALFORMED);
 }
 
+static void a_key_is_read_as_it_was_told(void **state) {
+    struct signature_key key = {.bytes = {0, 1, 0x7f, 0x80, 0xff, 0xa5}}, back;
+    char hex[SIGNATURE_HEX_BYTES];
+    (void)state;
+    signature_key_text(&key, hex);
+    assert_int_equal(strncmp(hex, "00017f80ffa500", 14), 0);
+    assert_true(signature_key_read(hex, &back));
+    assert_memory_equal(key.bytes, back.bytes, SIGNATURE_KEY_BYTES);
+    assert_false(signature_key_read("", &back));
+    assert_false(signature_key_read(hex + 1, &back));
+    hex[3] = 'G';
+    assert_false(signature_key_read(hex, &back));
+}
+
 static void a_signature_is_of_one_path_and_one_time(void **state) {
     (void)state;
     struct signature_key key = {.bytes = "0123456789abcdef0123456789abcde"}, other = {.bytes = "x"};
@@ -211,6 +225,7 @@ int main(void) {
         TEST(a_token_is_found_by_its_hash_alone),
         TEST(a_principal_sees_its_own_unless_it_is_an_admin),
         TEST(the_key_is_made_once_and_kept_private),
+        TEST(a_key_is_read_as_it_was_told),
         TEST(a_signature_is_of_one_path_and_one_time),
         TEST(ambiguous_framing_is_a_fault),
         TEST(names_and_hosts_that_others_read_otherwise_are_a_fault),

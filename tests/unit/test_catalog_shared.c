@@ -43,6 +43,56 @@ static void what_is_reserved_counts_everywhere(void **state) {
     assert_int_equal(catalog_usage(f->catalog, "ann").reserved, 10);
 }
 
+static void a_secret_is_the_first_that_is_brought(void **state) {
+    struct catalog_fixture *f = *state;
+    struct catalog *other = open_again(f);
+    char here[CATALOG_SECRET_BYTES], there[CATALOG_SECRET_BYTES];
+    assert_int_equal(catalog_secret(other, "key", "aa", there, &f->error), STATUS_OK);
+    assert_int_equal(catalog_secret(f->catalog, "key", "bb", here, &f->error), STATUS_OK);
+    assert_string_equal(there, "aa");
+    assert_string_equal(here, "aa");
+    assert_int_equal(catalog_secret(f->catalog, "another", "bb", here, &f->error), STATUS_OK);
+    assert_string_equal(here, "bb");
+    catalog_close(other);
+}
+
+static void count_removals(void *ctx, const char *cloud) {
+    (void)cloud;
+    ++*(int *)ctx;
+}
+
+/* Between a cloud's upload and its job's row nobody else removes it, and of a host that has gone it is found. */
+static void a_cloud_that_is_expected_stays(void **state) {
+    struct catalog_fixture *f = *state;
+    struct catalog *other = open_again(f);
+    char names[2][JOB_HASH_BYTES];
+    int removals = 0;
+    bool removed;
+    size_t count;
+    assert_int_equal(catalog_expect_cloud(f->catalog, "cloud1", 1000, &f->error), STATUS_OK);
+    assert_int_equal(catalog_remove_cloud(other, "cloud1", 999, count_removals, &removals, &removed, &f->error),
+                     STATUS_OK);
+    assert_false(removed);
+    assert_int_equal(catalog_list_unused_clouds(other, 999, names, 2, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 0);
+    catalog_fixture_submit(f, 1); /* on cloud1 */
+    assert_int_equal(catalog_remove_cloud(other, "cloud1", 2000, count_removals, &removals, &removed, &f->error),
+                     STATUS_OK);
+    assert_false(removed);
+    assert_int_equal(catalog_expect_cloud(f->catalog, "cloud0", 1000, &f->error), STATUS_OK);
+    assert_int_equal(catalog_list_unused_clouds(other, 1000, names, 2, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 1);
+    assert_string_equal(names[0], "cloud0");
+    assert_int_equal(removals, 0);
+    assert_int_equal(catalog_remove_cloud(other, "cloud0", 1000, count_removals, &removals, &removed, &f->error),
+                     STATUS_OK);
+    assert_true(removed);
+    assert_int_equal(removals, 1);
+    assert_int_equal(catalog_list_unused_clouds(other, 9000, names, 2, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 0);
+    catalog_close(other);
+}
+
 /* "third" has 3 and 6. */
 static void turns_are_taken_across_hosts(void **state) {
     static const int order[] = {1, 3, 2, 6, 4};
@@ -130,6 +180,8 @@ int main(void) {
     struct CMUnitTest tests[] = {
         CATALOG_TEST(a_key_is_held_everywhere),
         CATALOG_TEST(what_is_reserved_counts_everywhere),
+        CATALOG_TEST(a_secret_is_the_first_that_is_brought),
+        CATALOG_TEST(a_cloud_that_is_expected_stays),
         CATALOG_TEST(turns_are_taken_across_hosts),
         CATALOG_TEST(others_are_told),
         CATALOG_TEST(a_newer_schema_is_refused_and_an_older_one_upgraded),

@@ -119,6 +119,23 @@ enum status catalog_postgres_now(struct catalog *catalog, int64_t *now_ms, struc
     return status;
 }
 
+enum status catalog_postgres_secret(struct catalog *catalog, const char *name, const char *brought,
+                                    char secret[CATALOG_SECRET_BYTES], struct error *error) {
+    struct pq_link *link;
+    struct pq_rows *rows;
+    enum status status = pq_begin(catalog_postgres_of(catalog)->pq, &link, error);
+    if (status != STATUS_OK) return status;
+    status = pq_run(link, "INSERT INTO secrets (name, value) VALUES ($1, $2) ON CONFLICT (name) DO NOTHING",
+                    VALUES(T(name), T(brought)), NULL, error);
+    if (status == STATUS_OK)
+        status = pq_select(link, "SELECT value FROM secrets WHERE name = $1", VALUES(T(name)), &rows, error);
+    if (status == STATUS_OK) {
+        if (pq_next(rows)) pq_copy_text(rows, 0, secret, CATALOG_SECRET_BYTES);
+        pq_free(rows);
+    }
+    return pq_end(link, status, NULL, error);
+}
+
 /* A standby, and a server that is stopped, take none. */
 enum status catalog_postgres_takes_changes(struct catalog *catalog, struct error *error) {
     struct pq_link *link;

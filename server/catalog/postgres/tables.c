@@ -92,6 +92,7 @@ static const char *const steps[] = {
     "ELSE PERFORM whittle_add_usage(OLD.principal, 0, -OLD.bytes); END IF; RETURN NULL; END $$;"
     "CREATE TRIGGER usage_of_clouds AFTER INSERT OR DELETE ON clouds FOR EACH ROW "
     "EXECUTE FUNCTION whittle_cloud_usage();",
+    "CREATE TABLE secrets (name TEXT PRIMARY KEY, value TEXT NOT NULL);",
 };
 enum { STEPS = sizeof steps / sizeof steps[0] };
 

@@ -177,6 +177,13 @@ enum status catalog_sqlite_now(struct catalog *catalog, int64_t *now_ms, struct 
     return STATUS_OK;
 }
 
+enum status catalog_sqlite_secret(struct catalog *catalog, const char *name, const char *brought,
+                                  char secret[CATALOG_SECRET_BYTES], struct error *error) {
+    (void)catalog, (void)name, (void)error;
+    memcpy(secret, brought, strnlen(brought, CATALOG_SECRET_BYTES - 1) + 1);
+    return STATUS_OK;
+}
+
 /* ------------------------------------------------------------------------------------------------ the table */
 
 const struct catalog_backend catalog_sqlite = {

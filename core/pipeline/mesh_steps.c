@@ -1,4 +1,4 @@
-/* Steps 9 to 13: from the kept points to a mesh and its error.
+/* Steps 9 to 11: from the kept points to a mesh.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <inttypes.h>
@@ -7,14 +7,10 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
-#include "core/base/radix.h"
 #include "core/math/sym3.h"
-#include "core/measure/metro.h"
-#include "core/measure/support.h"
 #include "core/pipeline/memory.h"
 #include "core/pipeline/pipeline_run.h"
 #include "core/refine/refine.h"
-#include "core/spatial/bvh.h"
 #include "core/surface/delaunay_cgal.h"
 #include "core/surface/reconstruct.h"
 #include "core/surface/sheet/holes.h"
@@ -348,6 +344,19 @@ enum status pipeline_reconstruct(struct run *run) {
     return STATUS_OK;
 }
 
+enum status pipeline_reconstruct_all(struct run *run, struct mesh *surface) {
+    struct sites sites;
+    struct tets tets = {0};
+    struct reconstruct_facts facts = {0};
+    enum status status = sites_of(run, run->points.count, &sites);
+    bool field = run->surface.form == SURFACE_HEIGHTFIELD; /* decided by now */
+    if (!status && !field) status = triangulate(run, &sites, true, &tets);
+    if (!status) status = reconstruct(run, &sites, &tets, surface, &facts);
+    tets_done(&tets);
+    pipeline_sites_done(&sites);
+    return explain_reconstruction(run, status);
+}
+
 static struct refine_input refine_input_of(struct run *run) {
     return (struct refine_input){.points = run->points.point,
                                  .normals = run->normal,
@@ -392,242 +401,4 @@ enum status pipeline_close_holes(struct run *run) {
     enum status status = sheet_close_holes(&run->mesh, longest, run->threads, &closed);
     run->report.level[run->level].holes_closed = closed;
     return status ? pipeline_no_memory(run, "holes") : STATUS_OK;
-}
-
-/* Whether a face is a point or a line, as far as its corners' coordinates tell. */
-static bool has_no_area(const struct mesh *surface, const uint32_t corner[3]) {
-    vec3 a = surface->vertex[corner[0]], b = surface->vertex[corner[1]], c = surface->vertex[corner[2]];
-    return !(vec3_length_sq(vec3_triangle_normal(a, b, c)) > 0);
-}
-
-/* The key of a face's corners, the k-th smallest: equal for those that are one place. */
-static uint32_t corner_key(const struct run *run, const uint32_t corner[3], int k) {
-    uint32_t key[3];
-    for (int i = 0; i < 3; i++) {
-        uint32_t distinct = run->points.distinct[corner[i]];
-        key[i] = distinct == NONE ? corner[i] : run->points.original[distinct];
-    }
-    for (int i = 1; i < 3; i++)
-        for (int j = i; j > 0 && key[j] < key[j - 1]; j--) {
-            uint32_t larger = key[j - 1];
-            key[j - 1] = key[j], key[j] = larger;
-        }
-    return key[k];
-}
-
-static bool same_corners(const struct run *run, uint32_t t, uint32_t u) {
-    const uint32_t *a = run->cloud->triangle[t], *b = run->cloud->triangle[u];
-    for (int k = 0; k < 3; k++)
-        if (corner_key(run, a, k) != corner_key(run, b, k)) return false;
-    return true;
-}
-
-/* Faces in the order of their corners' keys, the largest first: those of equal ones stand together, by their ids.
- * item: n and as many more. */
-static uint64_t *sort_faces(const struct run *run, uint64_t *item, size_t n) {
-    uint64_t *spare = item + n;
-    for (int k = 2; k >= 0; k--) {
-        for (size_t i = 0; i < n; i++) {
-            uint32_t t = k == 2 ? (uint32_t)i : radix_value(item[i]);
-            item[i] = radix_item(corner_key(run, run->cloud->triangle[t], k), t);
-        }
-        uint64_t *sorted = radix_sort(item, spare, n, run->threads);
-        if (sorted != item) spare = item, item = sorted;
-    }
-    return item;
-}
-
-/* Which of the faces make the surface, in their order: those with an area, each once.  What lies in many layers at one
- * place is as near to everything, so that telling it apart would take forever, and isn't more surface. */
-static enum status pick_faces(struct run *run, struct mesh *surface) {
-    size_t n = run->cloud->triangle_count, flat = 0, repeated = 0;
-    uint64_t *item = alloc_array(n, 2 * sizeof *item);
-    uint8_t *left_out = alloc_zeroed(n, sizeof *left_out);
-    surface->triangle = alloc_array(n, sizeof *surface->triangle);
-    bool room = item && left_out && surface->triangle;
-    if (room) {
-        const uint64_t *sorted = sort_faces(run, item, n);
-        for (size_t i = 0; i < n; i++) {
-            uint32_t t = radix_value(sorted[i]);
-            left_out[t] = has_no_area(surface, run->cloud->triangle[t]);
-            flat += left_out[t];
-            if (left_out[t] || i == 0 || !same_corners(run, radix_value(sorted[i - 1]), t)) continue;
-            left_out[t] = 1, repeated++;
-        }
-        for (size_t t = 0; t < n; t++)
-            if (!left_out[t])
-                memcpy(surface->triangle[surface->triangle_count++], run->cloud->triangle[t],
-                       sizeof *surface->triangle);
-        if (flat) losses_add(&run->report.losses, "input", "%zu faces without area are no part of the surface", flat);
-        if (repeated) losses_add(&run->report.losses, "input", "%zu faces are there already, and count once", repeated);
-    }
-    free(item), free(left_out);
-    return room ? STATUS_OK : STATUS_NO_MEMORY;
-}
-
-/* The input's own faces in the normalised frame. */
-static enum status faces_of(struct run *run, struct mesh *surface) {
-    size_t n = run->cloud->count;
-    surface->vertex = alloc_array(n, sizeof *surface->vertex);
-    if (!surface->vertex) return STATUS_NO_MEMORY;
-    for (size_t i = 0; i < n; i++)
-        surface->vertex[i] = vec3_scale(vec3_sub(run->cloud->position[i], run->points.centre), 1 / run->points.scale);
-    surface->vertex_count = n;
-    return pick_faces(run, surface);
-}
-
-/* The surface of the full cloud. */
-static enum status reconstruction_of(struct run *run, struct mesh *surface) {
-    struct sites sites;
-    struct tets tets = {0};
-    struct reconstruct_facts facts = {0};
-    enum status status = sites_of(run, run->points.count, &sites);
-    bool field = run->surface.form == SURFACE_HEIGHTFIELD; /* decided by now */
-    if (!status && !field) status = triangulate(run, &sites, true, &tets);
-    if (!status) status = reconstruct(run, &sites, &tets, surface, &facts);
-    tets_done(&tets);
-    pipeline_sites_done(&sites);
-    return explain_reconstruction(run, status);
-}
-
-/* Visits of a hierarchy's nodes for each sample, from which on the input's faces are no reference.  Scans take 10
- * to 45.
- */
-enum { MOST_VISITS = 200 };
-
-static enum reference_form reference_of(const struct run *run) {
-    enum reference_form asked = (enum reference_form)run->params->reference;
-    if (asked != REFERENCE_AUTO) return asked;
-    return run->cloud->triangle_count ? REFERENCE_FACES : REFERENCE_POINTS;
-}
-
-/* Mean and root mean square of both directions alike. */
-static struct distance_stats symmetric_of(const struct metro_errors *errors) {
-    const struct distance_stats *there = errors->surface.count ? &errors->surface : &errors->forward;
-    const struct distance_stats *back = &errors->backward;
-    return (struct distance_stats){.count = there->count + back->count,
-                                   .mean = (there->mean + back->mean) / 2,
-                                   .rms = sqrt((there->rms * there->rms + back->rms * back->rms) / 2),
-                                   .max = errors->hausdorff};
-}
-
-static void report_errors(struct run *run, const struct metro_errors *errors, enum reference_form form) {
-    static const char *const names[] = {"", "points", "faces", "reconstruction"};
-    struct report_level *report = &run->report.level[run->level];
-    report->has_error = true;
-    report->input_to_mesh = errors->forward;
-    report->mesh_to_input = errors->backward;
-    report->surface_to_mesh = errors->surface;
-    report->symmetric = symmetric_of(errors);
-    pipeline_scale(&report->input_to_mesh, run->points.scale);
-    pipeline_scale(&report->mesh_to_input, run->points.scale);
-    pipeline_scale(&report->surface_to_mesh, run->points.scale);
-    pipeline_scale(&report->symmetric, run->points.scale);
-    snprintf(report->reference, sizeof report->reference, "%s", names[form]);
-}
-
-static enum status measure_support(struct run *run, const uint32_t *nearest) {
-    struct support_points points = {run->points.point, run->hood.spacing, run->knn, nearest};
-    return support_missing(&run->mesh, &points, run->params->seed, run->threads,
-                           &run->report.level[run->level].unsupported);
-}
-
-/* Measures against the surface, or the points alone where it has no faces. */
-static enum status measure_against(struct run *run, const struct mesh *surface, enum reference_form form,
-                                   uint32_t *nearest) {
-    struct metro_errors errors;
-    struct metro_reference reference = {run->points.count, run->points.point, run->normal,
-                                        run->hood.spacing, run->knn,          surface->triangle_count ? surface : NULL};
-    struct metro_options options = {.seed = run->params->seed,
-                                    .threads = run->threads,
-                                    .progress = &run->progress,
-                                    .nearest = nearest,
-                                    .most_visits = form == REFERENCE_FACES ? MOST_VISITS : 0};
-    enum status status = metro_measure(&run->mesh, &reference, &options, &errors);
-    if (!status) report_errors(run, &errors, form);
-    return status;
-}
-
-/* The input's faces may be so many at one place, or lie so far across, that most of them are as near as the nearest:
- * then the points are what is measured against, unless the faces were asked for. */
-static enum status measure_faces(struct run *run, uint32_t *nearest) {
-    struct mesh surface = {0};
-    const char *why = "no face of the input has an area";
-    bool asked = run->params->reference == REFERENCE_FACES;
-    enum status status = faces_of(run, &surface);
-    if (!status)
-        status = surface.triangle_count ? measure_against(run, &surface, REFERENCE_FACES, nearest) : STATUS_LIMIT;
-    if (surface.triangle_count) why = "so many of the input's faces are equally near that measuring takes too long";
-    mesh_done(&surface);
-    if (status != STATUS_LIMIT) return status;
-    if (asked) return error_set(run->error, STATUS_BAD_PARAMETER, "reference", "%s: take reference=points", why);
-    losses_add(&run->report.losses, "measure", "%s: errors are measured against its points", why);
-    return measure_against(run, &surface, REFERENCE_POINTS, nearest);
-}
-
-static enum status measure_reconstruction(struct run *run, uint32_t *nearest) {
-    struct mesh surface = {0};
-    enum status status = reconstruction_of(run, &surface);
-    if (!status) status = measure_against(run, &surface, REFERENCE_RECONSTRUCTION, nearest);
-    mesh_done(&surface);
-    return status;
-}
-
-enum status pipeline_measure(struct run *run) {
-    enum reference_form form = reference_of(run);
-    const struct mesh none = {0};
-    if (form == REFERENCE_FACES && !run->cloud->triangle_count)
-        return error_set(run->error, STATUS_BAD_PARAMETER, "reference", "the input has no faces");
-    uint32_t *nearest = alloc_array(run->points.count, sizeof *nearest);
-    enum status status = !nearest                           ? STATUS_NO_MEMORY
-                         : form == REFERENCE_FACES          ? measure_faces(run, nearest)
-                         : form == REFERENCE_RECONSTRUCTION ? measure_reconstruction(run, nearest)
-                                                            : measure_against(run, &none, form, nearest);
-    if (!status) status = measure_support(run, nearest);
-    free(nearest);
-    return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "measure") : status;
-}
-
-enum status pipeline_examine(struct run *run) {
-    struct mesh_facts facts;
-    enum status status = mesh_examine(&run->mesh, &facts);
-    if (status) return status;
-    struct report_level *report = &run->report.level[run->level];
-    double scale = run->points.scale;
-    report->has_mesh = true;
-    report->vertices = run->mesh.vertex_count;
-    report->triangles = run->mesh.triangle_count;
-    for (size_t t = 0; run->mesh.tag && t < run->mesh.triangle_count; t++)
-        report->hole_fill_triangles += run->mesh.tag[t] == MESH_HOLE_FILL;
-    report->components = facts.components;
-    report->watertight = facts.watertight;
-    report->manifold = facts.manifold;
-    report->oriented = facts.misoriented_edges == 0;
-    report->borders = facts.borders;
-    report->border_length = facts.border_length * scale;
-    if (facts.manifold && facts.misoriented_edges == 0)
-        report->handles = (uint64_t)((2 * (long)facts.components - facts.euler - (long)facts.borders) / 2);
-    report->area = facts.area * scale * scale;
-    report->volume = facts.volume * scale * scale * scale;
-    return STATUS_OK;
-}
-
-/* Chunks of queries, so that the hits of all points need not be held at once. */
-enum { DISTANCE_CHUNK = 1 << 16 };
-
-enum status pipeline_distances(struct run *run) {
-    struct bvh *bvh = NULL;
-    size_t n = run->points.count;
-    if (run->level > 0) return STATUS_OK; /* the finest alone */
-    struct bvh_hit *hit = alloc_array(DISTANCE_CHUNK, sizeof *hit);
-    run->distance = alloc_array(n, sizeof *run->distance);
-    enum status status = hit && run->distance ? bvh_new(&run->mesh, run->threads, &bvh) : STATUS_NO_MEMORY;
-    for (size_t begin = 0; !status && begin < n; begin += DISTANCE_CHUNK) {
-        size_t m = n - begin < DISTANCE_CHUNK ? n - begin : DISTANCE_CHUNK;
-        bvh_closest_all(bvh, &run->points.point[begin], m, run->threads, hit);
-        for (size_t i = 0; i < m; i++) run->distance[begin + i] = (float)sqrt(hit[i].distance_sq);
-    }
-    bvh_free(bvh);
-    free(hit);
-    return status ? pipeline_no_memory(run, "distances") : STATUS_OK;
 }

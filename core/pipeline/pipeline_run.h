@@ -119,4 +119,8 @@ void pipeline_report_box(struct run *run);
 
 void pipeline_sites_done(struct sites *sites);
 
+/* The surface of all points, as the mesh of the kept ones is made; fills run->error where it fails.  *surface is the
+ * caller's. */
+enum status pipeline_reconstruct_all(struct run *run, struct mesh *surface) MUST_CHECK;
+
 #endif

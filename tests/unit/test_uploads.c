@@ -10,6 +10,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cmocka.h>
@@ -317,6 +318,10 @@ static void a_link_that_fails_is_not_told_as_success(void **state) {
     assert_int_equal(store_part_keep(f->store, info.id, "cloud", &f->error), STATUS_OK);
     assert_true(store_cloud_exists(f->store, "cloud"));
     assert_int_equal(store_part_keep(f->store, info.id, "cloud", &f->error), STATUS_OK); /* it is there already */
+    char in_the_way[80];
+    snprintf(in_the_way, sizeof in_the_way, "%s/clouds/folder", f->folder);
+    assert_int_equal(mkdir(in_the_way, 0700), 0);
+    assert_int_equal(store_part_keep(f->store, info.id, "folder", &f->error), STATUS_IO);
     scratch_part_delete(store_scratch(f->store), info.id);
     assert_int_equal(store_part_keep(f->store, info.id, "other", &f->error), STATUS_IO);
     assert_false(store_cloud_exists(f->store, "other"));

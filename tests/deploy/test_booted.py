@@ -184,6 +184,26 @@ def test_the_unit_runs_and_is_looked_after(booted, job, scan):
     booted("systemctl", "stop", "whittled.socket", "whittled.service")
 
 
+def test_jobs_have_an_account_of_their_own_with_the_drop_in(booted, job, scan):
+    """By the commands at the top of the file that the package brings."""
+    where, report = job
+    text = booted("cat", "/usr/share/whittle/job-account.conf")
+    commands = re.findall(r"^#   (.+)", text, re.M)
+    assert len(commands) == 3 and "useradd" in commands[0]
+    booted.shell("\n".join(commands))
+    wait_until(booted.is_active, "the service")
+    assert json.loads(curl(URL + "/v1/info"))["confinement"]["own_account"] == 1
+    pid = booted.show("MainPID")
+    facts = booted("cat", f"/proc/{pid}/status")
+    assert int(re.search(r"^CapEff:\t(\w+)$", facts, re.M)[1], 16) == 1 << 0 | 1 << 5 | 1 << 6 | 1 << 7
+    assert report_of(where) == report
+    running = submit(URL, scan, "ratio=1&outputs=cloud,mesh")
+    account = booted("id", "-u", "whittle-job")
+    wait_until(lambda: booted.try_run("pgrep", "-u", account, "-x", "whittle").stdout.strip(), "a process of its own")
+    assert ended(running)["status"] == "successful"
+    say(f"with the drop-in jobs run as user {account}, the service as {booted('stat', '-c', '%u', f'/proc/{pid}')}")
+
+
 def serve_through_nginx(booted, scan):
     install, *rest = readme_commands("One machine in six commands")
     assert len(rest) == 5 and "make deb" in install  # the fixtures did that

@@ -9,10 +9,10 @@ import subprocess
 
 import pytest
 
-from conftest import crash_during_a_job, free_port, main_job, need, report_of, run, say, wait_until
+from conftest import crash_during_a_job, ended, free_port, main_job, need, report_of, run, say, submit, wait_until
 
 MOST_COMPRESSED_MB = 100
-UID = 10001
+UID, JOB_UID = 10001, 10002
 
 
 def test_it_is_small(image):
@@ -132,6 +132,32 @@ def test_it_does_the_main_job_stops_cleanly_and_keeps_its_data(container, scan):
     container.start()
     assert report_of(where) == report
     say("its data is there after a restart")
+    assert container.stop() == 0
+
+
+def test_jobs_have_an_account_of_their_own_with_four_capabilities(container, scan):
+    """As deploy/Dockerfile, compose.job-account.yaml and the component for Kubernetes start it."""
+    spec = container.spec()
+    arguments = spec["process"]["args"]
+    assert arguments[:3] == container.config["Entrypoint"]
+    spec["process"]["args"] = ["/usr/share/whittle/with-job-account", *arguments[3:]]
+    spec["process"]["user"] = {"uid": 0, "gid": 0}
+    names = ["CAP_CHOWN", "CAP_KILL", "CAP_SETGID", "CAP_SETUID"]
+    spec["process"]["capabilities"] = {kind: names for kind in ("bounding", "effective", "permitted")}
+    container.write(spec)
+    container.start()
+    assert json.loads(run("curl", "-sS", container.url + "/v1/info"))["confinement"]["own_account"] == 1
+    mine = pathlib.Path(f"/proc/{json.loads(run(*container.runc, 'state', container.name))['pid']}/status").read_text()
+    assert f"Uid:\t{UID}\t{UID}" in mine and "CapEff:\t00000000000000e1" in mine
+    where, report = main_job(container.url, scan)
+    running = submit(container.url, scan, "ratio=1&outputs=cloud,mesh")
+    owner = f"for p in /proc/[0-9]*; do [ \"$(cat $p/comm)\" = whittle ] && stat -c %u $p; done"
+    wait_until(lambda: container.execute("/bin/sh", "-c", owner).stdout.split()[:1] == [str(JOB_UID)], "a job of that account")
+    assert ended(running)["status"] == "successful"
+    say(f"jobs run as user {JOB_UID}, the service as {UID}")
+    assert container.stop() == 0
+    container.start()
+    assert report_of(where) == report
     assert container.stop() == 0
 
 

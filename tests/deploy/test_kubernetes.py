@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 
@@ -55,7 +56,7 @@ def make_schemas():
 def test_yamllint_finds_nothing():
     need("yamllint")
     rules = "{extends: default, rules: {document-start: disable, line-length: {max: 120}, truthy: {check-keys: false}}}"
-    print(run("yamllint", "-s", "-d", rules, ROOT / "deploy/kubernetes", ROOT / "deploy/compose.yaml",
+    print(run("yamllint", "-s", "-d", rules, ROOT / "deploy/kubernetes", ROOT / "deploy/compose.yaml", ROOT / "deploy/compose.job-account.yaml",
               ROOT / "deploy/monitoring"))
 
 
@@ -64,6 +65,27 @@ def test_every_object_fits_its_schema(objects, schemas):
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.count("ok ") == len(objects)
     say(f"{len(objects)} objects fit their JSON schemas")
+
+
+def test_the_component_gives_jobs_an_account_of_their_own(schemas, tmp_path):
+    """What it changes is what deploy/compose.job-account.yaml changes; the rest stays as it is."""
+    need("kubectl")
+    folder = tmp_path / "kubernetes"
+    shutil.copytree(ROOT / "deploy/kubernetes", folder)
+    with open(folder / "kustomization.yaml", "a") as file:
+        file.write("components: [job-account]\n")
+    objects = [o for o in yaml.safe_load_all(run("kubectl", "kustomize", folder)) if o]
+    done = validate(objects)
+    assert done.returncode == 0, done.stdout + done.stderr
+    pod = next(o for o in objects if o["kind"] == "Deployment")["spec"]["template"]["spec"]
+    container, compose = pod["containers"][0], yaml.safe_load((ROOT / "deploy/compose.job-account.yaml").read_text())
+    whittled = compose["services"]["whittled"]
+    assert (pod["securityContext"]["runAsUser"], pod["securityContext"]["runAsNonRoot"]) == (0, False)
+    assert whittled["user"] == "0:0" and container["command"] == whittled["entrypoint"]
+    assert container["securityContext"]["capabilities"] == {"drop": ["ALL"], "add": whittled["cap_add"]}
+    assert not container["securityContext"]["allowPrivilegeEscalation"] and container["args"]
+    space = next(o for o in objects if o["kind"] == "Namespace")
+    assert space["metadata"]["labels"] == {"pod-security.kubernetes.io/enforce": "baseline"}
 
 
 def test_the_validation_sees_a_mistake(objects, schemas):

@@ -26,6 +26,7 @@ def test_it_holds_what_people_expect(package):
     names = {line.split()[5] for line in run("dpkg-deb", "-c", package).splitlines()}
     expected = {"./usr/bin/whittle", "./usr/bin/whittled", "./etc/whittled/whittled.conf",
                 "./lib/systemd/system/whittled.service", "./lib/systemd/system/whittled.socket",
+                "./usr/share/whittle/job-account.conf", "./usr/share/whittle/with-job-account",
                 "./usr/share/man/man1/whittle.1.gz", "./usr/share/man/man8/whittled.8.gz",
                 "./usr/share/bash-completion/completions/whittle", "./usr/share/bash-completion/completions/whittled",
                 "./usr/share/zsh/vendor-completions/_whittle", "./usr/share/fish/vendor_completions.d/whittle.fish"}

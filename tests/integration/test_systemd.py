@@ -269,3 +269,26 @@ def test_the_units_are_valid(tmp_path):
     done = subprocess.run(["systemd-analyze", "verify", "--recursive-errors=no", tmp_path / "whittled.service",
                            tmp_path / "whittled.socket"], capture_output=True, text=True, check=False)
     assert done.returncode == 0 and not done.stderr.strip(), done.stderr
+
+
+@needs_analyze
+def test_the_unit_is_valid_with_an_account_for_jobs(tmp_path):
+    """The drop-in adds four capabilities and the calls that they are for, and nothing else."""
+    program, drop_in = tmp_path / "whittled", tmp_path / "whittled.service.d" / "job-account.conf"
+    program.symlink_to((conftest.BUILD / "whittled").resolve())
+    text = (SYSTEMD / "whittled.service").read_text()
+    (tmp_path / "whittled.service").write_text(
+        text.replace("/usr/bin/whittled", str(program)).replace("Documentation=man", "#"))
+    drop_in.parent.mkdir()
+
+    def verify(content):
+        drop_in.write_text(content)
+        done = subprocess.run(["systemd-analyze", "verify", "--recursive-errors=no", tmp_path / "whittled.service"],
+                              capture_output=True, text=True, check=False)
+        return done.stderr.strip()
+    content = (SYSTEMD / "job-account.conf").read_text()
+    assert "job-account.conf" in verify(content.replace("PrivateUsers=no", "PrivateUsers=perhaps"))
+    assert verify(content) == ""
+    granted = {line.split("=")[0]: set(line.split("=")[1].split()) for line in content.splitlines() if "Capab" in line}
+    assert len(granted) == 2 and all(
+        names == {"CAP_SETUID", "CAP_SETGID", "CAP_CHOWN", "CAP_KILL"} for names in granted.values())

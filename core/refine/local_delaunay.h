@@ -34,10 +34,11 @@ static inline unsigned umbrella_votes(const struct umbrellas *umbrellas, size_t 
     return umbrellas->votes[p] >> 2 * i & 3;
 }
 
-/* The triangles that count at p: bit 2 i where triangle i does. */
-static inline uint32_t umbrella_triangles(const struct umbrellas *umbrellas, size_t p) {
+/* The triangles that count at p and that so many of their corners have, 1 to 3: bit 2 i for triangle i. */
+static inline uint32_t umbrella_triangles(const struct umbrellas *umbrellas, size_t p, unsigned least_votes) {
     static_assert(UMBRELLA_RIBS <= 16, "two bits each");
-    return (umbrellas->votes[p] | umbrellas->votes[p] >> 1) & 0x55555555;
+    uint32_t ones = umbrellas->votes[p], twos = ones >> 1;
+    return (least_votes == 1 ? ones | twos : least_votes == 2 ? twos : ones & twos) & 0x55555555;
 }
 
 /* How many ribs p has. */

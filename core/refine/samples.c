@@ -9,6 +9,10 @@
  * Weights are areas.  A point stands for a part of the square of its spacing, a middle for a part of its triangle, the
  * less the fewer of the triangle's corners have it: where neighbours see no triangles there are the points.
  *
+ * A surface has two triangles for each point. Where points are no surface's, or many of them are on one circle, their
+ * neighbours see more, and not the same ones: then those count that more of their corners have, so that samples take no
+ * more memory than those of a surface.
+ *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/refine/samples.h"
 
@@ -26,13 +30,15 @@ enum { POINT_GRAIN = 1024 };
 
 #define LARGEST_WEIGHT 8
 
+#define MOST_TRIANGLES 3.25 /* for each point */
+
 /* By the parts that a triangle is in: the more places tell of its inside, the less its corners count. */
 static const double point_share[SAMPLES_QUARTERS + 1] = {[0] = 1, [1] = 0.25, [SAMPLES_QUARTERS] = 0.1};
 
 struct filling {
     const struct refine_input *input;
     const struct umbrellas *umbrellas; /* NULL: points alone */
-    unsigned parts;
+    unsigned parts, least_votes;
     struct samples *samples;
     double mean_area;
 };
@@ -78,7 +84,8 @@ static void place_range(void *ctx, size_t begin, size_t end) {
     for (uint32_t p = (uint32_t)begin; p < end; p++) {
         size_t at = filling->samples->middle[p];
         set_point(filling, p);
-        for (uint32_t left = umbrellas ? umbrella_triangles(umbrellas, p) : 0; left; left &= left - 1) {
+        for (uint32_t left = umbrellas ? umbrella_triangles(umbrellas, p, filling->least_votes) : 0; left;
+             left &= left - 1) {
             unsigned i = (unsigned)__builtin_ctz(left) / 2;
             uint32_t corner[3] = {p, umbrellas->rib[p][i], umbrella_after(umbrellas, p, i)};
             set_middles(filling, at, corner, umbrella_votes(umbrellas, p, i));
@@ -87,20 +94,31 @@ static void place_range(void *ctx, size_t begin, size_t end) {
     }
 }
 
-static unsigned count_triangles(const struct umbrellas *umbrellas, size_t p) {
-    return (unsigned)__builtin_popcount(umbrella_triangles(umbrellas, p));
+static unsigned count_triangles(const struct umbrellas *umbrellas, size_t p, unsigned least_votes) {
+    return (unsigned)__builtin_popcount(umbrella_triangles(umbrellas, p, least_votes));
 }
 
-/* Where the middles of each point go. */
+/* How many corners have to have a triangle, so that there aren't too many: 1, 2 or 3; 4: there are too many. */
+static unsigned votes_wanted(const struct umbrellas *umbrellas, size_t points) {
+    for (unsigned votes = 1; votes <= 3; votes++) {
+        size_t count = 0;
+        for (size_t p = 0; p < points; p++) count += count_triangles(umbrellas, p, votes);
+        if ((double)count <= MOST_TRIANGLES * (double)points) return votes;
+    }
+    return 4;
+}
+
+/* Where the middles of each point go; no umbrellas: there are none. */
 static enum status number_middles(struct samples *samples, size_t points, const struct umbrellas *umbrellas,
-                                  unsigned parts) {
+                                  unsigned parts, unsigned least_votes) {
     samples->points = points;
     samples->parts = umbrellas ? parts : 0;
     samples->middle = alloc_array(points + 1, sizeof *samples->middle);
     if (!samples->middle) return STATUS_NO_MEMORY;
     samples->middle[0] = (uint32_t)points;
     for (size_t p = 0; p < points; p++)
-        samples->middle[p + 1] = samples->middle[p] + (umbrellas ? parts * count_triangles(umbrellas, p) : 0);
+        samples->middle[p + 1] =
+            samples->middle[p] + (umbrellas ? parts * count_triangles(umbrellas, p, least_votes) : 0);
     samples->n = samples->middle[points];
     return STATUS_OK;
 }
@@ -113,8 +131,10 @@ static double mean_area(const struct refine_input *input) {
 
 static enum status place_all(struct samples *samples, const struct refine_input *input,
                              const struct umbrellas *umbrellas, unsigned parts, unsigned threads) {
-    if (number_middles(samples, input->n, umbrellas, parts)) return STATUS_NO_MEMORY;
-    struct filling filling = {input, umbrellas, parts, samples, mean_area(input)};
+    unsigned votes = umbrellas ? votes_wanted(umbrellas, input->n) : 4;
+    if (votes > 3) umbrellas = NULL;
+    if (number_middles(samples, input->n, umbrellas, parts, votes)) return STATUS_NO_MEMORY;
+    struct filling filling = {input, umbrellas, samples->parts, votes, samples, mean_area(input)};
     samples->sample = alloc_array(samples->n, sizeof *samples->sample);
     samples->normal = alloc_array(samples->n, sizeof *samples->normal);
     if (!samples->sample || !samples->normal) return STATUS_NO_MEMORY;

@@ -197,11 +197,10 @@ def test_jobs_have_an_account_of_their_own_with_the_drop_in(booted, job, scan):
     facts = booted("cat", f"/proc/{pid}/status")
     assert int(re.search(r"^CapEff:\t(\w+)$", facts, re.M)[1], 16) == 1 << 0 | 1 << 5 | 1 << 6 | 1 << 7
     assert report_of(where) == report
-    running = submit(URL, scan, "ratio=1&outputs=cloud,mesh")
-    account = booted("id", "-u", "whittle-job")
-    wait_until(lambda: booted.try_run("pgrep", "-u", account, "-x", "whittle").stdout.strip(), "a process of its own")
-    assert ended(running)["status"] == "successful"
-    say(f"with the drop-in jobs run as user {account}, the service as {booted('stat', '-c', '%u', f'/proc/{pid}')}")
+    main_job(URL, scan)
+    confined = re.findall(r"jobs are confined by (.*)", booted.journal())[-1]
+    assert "user whittle-job" in confined and "seccomp" in confined, confined
+    say(f"with the drop-in jobs are confined by {confined}")
 
 
 def serve_through_nginx(booted, scan):

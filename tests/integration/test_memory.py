@@ -37,7 +37,7 @@ def test_a_job_that_cannot_fit_is_refused_by_its_header(make_daemon):
 
 
 def test_the_hint_is_true(make_daemon):
-    daemon = make_daemon("--job-memory", "60M", "--worker-sandbox=off")
+    daemon = make_daemon("--job-memory", "80M", "--worker-sandbox=off")
     cloud = ply(60000)
     reply = daemon.post("/v1/jobs?ratio=1&outputs=mesh", cloud)
     assert (reply.status, reply.slug) == (413, "would-exceed-memory")
@@ -51,7 +51,7 @@ def test_the_hint_is_true(make_daemon):
 
 
 def test_parameters_of_a_form_and_named_clouds_count_too(make_daemon, tmp_path):
-    daemon = make_daemon("--job-memory", "60M", "--worker-sandbox=off")
+    daemon = make_daemon("--job-memory", "80M", "--worker-sandbox=off")
     path = tmp_path / "cloud.ply"
     path.write_bytes(ply(60000))
     reply = daemon.curl("/v1/jobs", "-F", f"file=@{path}", "-F", "ratio=1", "-F", "outputs=mesh")

@@ -9,10 +9,18 @@
 
 #include "api/codecs/json_memory.h"
 
+enum { QUERY_LIST_BYTES = 4096 };
+
 static bool in_list(const char *name, const char *const *list) {
     for (; list && *list; list++)
         if (strcmp(*list, name) == 0) return true;
     return false;
+}
+
+/* Values of such a parameter stand behind commas, so that giving it again is giving more of them. */
+static bool is_list(const struct param *param) {
+    return param && (param->type == PARAM_FLAGS || param->type == PARAM_LEVELS || param->type == PARAM_NUMBERS ||
+                     param->type == PARAM_CONDITIONS || param->type == PARAM_COLUMNS);
 }
 
 static bool seen_before(const struct query_pair *pairs, size_t i) {
@@ -50,12 +58,40 @@ static void add_repeated(struct problem *problem, const struct query_pair *pair)
     add_fault(problem, PROBLEM_UNKNOWN_PARAMETER, "given more than once", &fault);
 }
 
+/* All values of pair i's name from i on, with commas between; false: there is no room for them. */
+static bool join_values(const struct query_pair *pairs, size_t count, size_t i, char text[QUERY_LIST_BYTES]) {
+    size_t used = 0;
+    for (size_t j = i; j < count; j++) {
+        if (strcmp(pairs[j].name, pairs[i].name) != 0) continue;
+        int n = snprintf(text + used, QUERY_LIST_BYTES - used, "%s%s", j > i ? "," : "",
+                         pairs[j].value ? pairs[j].value : "");
+        if (n < 0 || (size_t)n >= QUERY_LIST_BYTES - used) return false;
+        used += (size_t)n;
+    }
+    return true;
+}
+
 static void decode_pair(const struct query_pair *pair, struct params *params, struct problem *problem) {
     struct error error = {0};
     if (params_set(params, pair->name, pair->value ? pair->value : "", &error) == STATUS_OK) return;
     struct problem_error fault = fault_of(pair);
     params_allowed(params_find(pair->name), fault.allowed, sizeof fault.allowed);
     add_fault(problem, PROBLEM_INVALID_PARAMETER, error.text, &fault);
+}
+
+/* The first pair of a list's name stands for all of them. */
+static void decode_list(const struct query_pair *pairs, size_t count, size_t i, struct params *params,
+                        struct problem *problem) {
+    char text[QUERY_LIST_BYTES];
+    struct query_pair whole = {pairs[i].name, text};
+    bool repeated = false;
+    for (size_t j = i + 1; j < count && !repeated; j++) repeated = strcmp(pairs[j].name, pairs[i].name) == 0;
+    if (!repeated)
+        decode_pair(&pairs[i], params, problem);
+    else if (join_values(pairs, count, i, text))
+        decode_pair(&whole, params, problem);
+    else
+        add_repeated(problem, &pairs[i]);
 }
 
 bool query_decode_params(const struct query_pair *pairs, size_t count, const char *const *extra, struct params *params,
@@ -65,12 +101,15 @@ bool query_decode_params(const struct query_pair *pairs, size_t count, const cha
     params_defaults(&found);
     problem->error_count = 0;
     for (size_t i = 0; i < count; i++) {
-        bool is_param = params_find(pairs[i].name) != NULL;
-        if (!is_param && !in_list(pairs[i].name, extra))
+        const struct param *param = params_find(pairs[i].name);
+        if (is_list(param) && seen_before(pairs, i)) continue;
+        if (!param && !in_list(pairs[i].name, extra))
             add_unknown(problem, &pairs[i], params_suggest(pairs[i].name, extra));
         else if (seen_before(pairs, i))
             add_repeated(problem, &pairs[i]);
-        else if (is_param)
+        else if (is_list(param))
+            decode_list(pairs, count, i, &found, problem);
+        else if (param)
             decode_pair(&pairs[i], &found, problem);
     }
     if (problem->error_count) return false;

@@ -1,5 +1,6 @@
 /* Parameters from a query string.  Nothing is ignored: an unknown or a repeated name is refused, with the nearest name
- * that exists, and all faults of a query are reported at once.
+ * that exists, and all faults of a query are reported at once.  A parameter that is a list may be repeated:
+ * outputs=cloud&outputs=mesh is outputs=cloud,mesh.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_API_QUERY_H

@@ -112,10 +112,10 @@ static json_t *parse(const char *text, size_t bytes, const char *what, struct pr
     return NULL;
 }
 
-static bool is_taken(const char *name, const char *const *names) {
+static bool is_taken(const char *name, const char *const *names, const char *input) {
     for (; names && *names; names++)
         if (strcmp(name, *names) == 0) return true;
-    return strcmp(name, "input") == 0 || strcmp(name, "params") == 0;
+    return (!input && strcmp(name, "input") == 0) || strcmp(name, "params") == 0;
 }
 
 /* Where a member that isn't known may have been meant to be. */
@@ -131,10 +131,13 @@ static void add_unknown(const char *name, const char *const *names, struct probl
 }
 
 /* Checks one member's name and type. */
-static void check_member(const char *name, const json_t *value, const char *const *names, struct problem *problem) {
+static void check_member(const char *name, const json_t *value, const char *const *names, const char *input,
+                         struct problem *problem) {
     size_t i = 0;
     while (i < MEMBERS && strcmp(members[i].name, name) != 0) i++;
-    if (i == MEMBERS || !is_taken(name, names))
+    if (i < MEMBERS && input && strcmp(name, "input") == 0)
+        add_fault(problem, PROBLEM_INVALID_PARAMETER, name, "not here: the path names the cloud", NULL);
+    else if (i == MEMBERS || !is_taken(name, names, input))
         add_unknown(name, names, problem);
     else if (json_typeof(value) != members[i].type)
         add_fault(problem, PROBLEM_INVALID_PARAMETER, name, type_name(members[i].type), NULL);
@@ -160,13 +163,16 @@ static bool add_member(struct job_request *request, const char *name, const json
     return job_request_add(request, name, string, strlen(string), problem);
 }
 
-static bool read_document(struct job_request *request, json_t *json, const char *const *names,
+static bool read_document(struct job_request *request, json_t *json, const char *const *names, const char *input,
                           struct problem *problem) {
     const char *name;
     json_t *value, *params = json_object_get(json, "params");
     memset(problem, 0, sizeof *problem);
-    json_object_foreach(json, name, value) check_member(name, value, names, problem);
-    read_input(request, json_object_get(json, "input"), problem);
+    json_object_foreach(json, name, value) check_member(name, value, names, input, problem);
+    if (input)
+        snprintf(request->input, sizeof request->input, "%s", input);
+    else
+        read_input(request, json_object_get(json, "input"), problem);
     if (problem->error_count) return false;
     if (params && !read_params(request, params, problem)) return false;
     json_object_foreach(json, name, value) if (!add_member(request, name, value, problem)) return false;
@@ -174,9 +180,9 @@ static bool read_document(struct job_request *request, json_t *json, const char 
 }
 
 bool job_request_read(struct job_request *request, const char *text, size_t bytes, const char *const *names,
-                      struct problem *problem) {
+                      const char *input, struct problem *problem) {
     json_t *json = parse(text, bytes, "the body", problem);
-    bool ok = json && read_document(request, json, names, problem);
+    bool ok = json && read_document(request, json, names, input, problem);
     json_decref(json);
     return ok;
 }

@@ -30,9 +30,11 @@ struct job_request {
 bool job_request_add(struct job_request *request, const char *name, const char *value, size_t value_bytes,
                      struct problem *problem);
 
-/* Reads the whole document.  names: the members besides input and params that the operation takes (NULL-terminated). */
+/* Reads the whole document.  names: the members besides input and params that the operation takes (NULL-terminated).
+ * input: the id of the cloud where the operation's path names it, and the document doesn't; NULL = the document has to.
+ */
 bool job_request_read(struct job_request *request, const char *text, size_t bytes, const char *const *names,
-                      struct problem *problem);
+                      const char *input, struct problem *problem);
 
 /* Reads `params` alone, as a form holds it. */
 bool job_request_read_params(struct job_request *request, const char *text, size_t bytes, struct problem *problem);

@@ -105,7 +105,8 @@ bool handlers_admit_body(struct service *service, struct request *request, unsig
                              .coding = request->header[HEADER_CONTENT_ENCODING],
                              .content_digest = request->header[HEADER_CONTENT_DIGEST],
                              .repr_digest = request->header[HEADER_REPR_DIGEST],
-                             .names = names};
+                             .names = names,
+                             .input = takes == BODY_JSON ? request->match.capture[0] : NULL};
     struct problem problem;
     uint64_t bytes = request->content_length == UINT64_MAX ? 0 : request->content_length;
     if (!handlers_has_room(service, request, bytes, takes & BODY_JSON, response)) return false;

@@ -30,7 +30,8 @@ bool handlers_has_room(struct service *service, const struct request *request, u
 
 /* Whether new work is taken now, and the request's headers fit a body that the operation takes (a set of enum
  * body_kind; where it may be JSON, it is for a job, and the queue must have room; names as in struct body_plan; params
- * is what is known of the job, NULL for none); else a response. */
+ * is what is known of the job, NULL for none); else a response.  An operation that takes JSON alone has the cloud's id
+ * in its path. */
 bool handlers_admit_body(struct service *service, struct request *request, unsigned takes, const char *const *names,
                          const struct params *params, struct response *response);
 

@@ -112,6 +112,17 @@ static void create_job(struct service *service, struct request *request, struct 
 
 const struct handler handlers_create_job = {.admit = admit_job, .run = create_job};
 
+/* The same for a cloud that is here: the path names it, and a document says all else. */
+static bool admit_cloud_job(struct service *service, struct request *request, struct response *response) {
+    if (!handlers_takes_no_query(request, response)) return false;
+    if (catalog_cloud_id_valid(request->match.capture[0]))
+        return handlers_admit_body(service, request, BODY_JSON, create_names, NULL, response);
+    response_refuse(response, PROBLEM_NO_SUCH_CLOUD, "there is no cloud %.64s", request->match.capture[0]);
+    return false;
+}
+
+const struct handler handlers_create_cloud_job = {.admit = admit_cloud_job, .run = create_job};
+
 /* ------------------------------------------------------------------------------------------------ list */
 
 static const char *const list_names[] = {"status", "label", "limit", "after", NULL};

@@ -15,7 +15,8 @@
 #include "server/handlers/keys.h"
 
 static bool takes_key(enum operation operation) {
-    return operation == OPERATION_CREATE_JOB || operation == OPERATION_SIMPLIFY || operation == OPERATION_CREATE_CLOUD;
+    return operation == OPERATION_CREATE_JOB || operation == OPERATION_SIMPLIFY ||
+           operation == OPERATION_CREATE_CLOUD || operation == OPERATION_CREATE_CLOUD_JOB;
 }
 
 bool handlers_admit_key(struct service *service, struct request *request, struct response *response) {

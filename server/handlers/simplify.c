@@ -61,14 +61,16 @@ static bool read_simplify(const struct request *request, struct job *job, struct
 }
 
 /* Whether the client takes what its output is; any of it may be taken for bytes.  That the reply comes later says
- * something else: the job document. */
+ * something else: the job document.  Where no output is named its type is our choice; and clients that are made from
+ * the contract ask for JSON, which problems are, whatever the operation answers. */
 static bool is_acceptable(const struct request *request, struct response *response) {
     struct problem problem;
     char type[64], supported[128];
     const char *name = file_asked(request), *whole = handlers_media_type(name);
     snprintf(type, sizeof type, "%.*s", (int)strcspn(whole, ";"), whole);
-    if (request_prefers_async(request) || request_accepts(request, type) ||
-        request_accepts(request, "application/octet-stream"))
+    if (request_prefers_async(request) || !query_find(request->query, request->query_count, "output") ||
+        request_accepts(request, type) || request_accepts(request, "application/octet-stream") ||
+        request_accepts(request, "application/json"))
         return true;
     snprintf(supported, sizeof supported, "%s,application/octet-stream", type);
     problem_set(&problem, PROBLEM_NOT_ACCEPTABLE, "%s is %s, which Accept: %.80s leaves out", name, type,

@@ -424,7 +424,8 @@ bool body_end(struct body *body, struct problem *problem) {
     if (body->inflate && inflate_end(body->inflate, &error) != STATUS_OK) return refuse_inflated(body, &error, problem);
     if (!write_gathered(body, problem)) return false;
     if (body->kind == BODY_JSON)
-        return job_request_read(&body->request, body->text, body->text_bytes, body->plan.names, problem);
+        return job_request_read(&body->request, body->text, body->text_bytes, body->plan.names, body->plan.input,
+                                problem);
     if (body->kind == BODY_FORM && !multipart_end(body->form, problem)) return false;
     if (body->upload || body->kind == BODY_PIECE) return true;
     problem_set(problem, PROBLEM_MALFORMED_REQUEST, "the form has no part called file");

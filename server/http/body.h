@@ -37,6 +37,7 @@ struct body_plan {
     struct uploads_writer
         *writer;              /* for BODY_PIECE: takes the bytes; the body's from body_new on, also where it fails */
     const char *const *names; /* members that a document may have besides input and params; NULL-terminated */
+    const char *input;        /* of a document that names no input itself: the cloud's id; NULL = it has to */
 };
 
 struct body;

@@ -94,7 +94,7 @@ static void fuzz_document(const uint8_t *data, size_t size) {
     static struct job_request request;
     struct problem problem = {.kind = PROBLEM_COUNT};
     memset(&request, 0, sizeof request);
-    bool ok = job_request_read(&request, (const char *)data, size, names, &problem);
+    bool ok = job_request_read(&request, (const char *)data, size, names, NULL, &problem);
     require(ok ? request.input[0] != 0 : problem.kind != PROBLEM_COUNT);
     if (!ok) free(problem_encode(&problem));
 }

@@ -201,6 +201,46 @@ def test_a_form_in_pieces_of_any_size(daemon):
         connection.close()
 
 
+def test_a_repeated_list_is_one_list(daemon):
+    lists = (daemon.post("/v1/jobs?outputs=cloud&outputs=mesh&ratio=0.5", SMALL),
+             post_form(daemon, form(FILE, ("name=outputs", b"cloud"), ("name=ratio", b"0.5"), ("name=outputs", b"mesh"))),
+             daemon.post("/v1/jobs?outputs=cloud,mesh&ratio=0.5", SMALL))
+    assert [reply.status for reply in lists] == [201] * 3
+    for reply in lists:
+        assert reply.json["params"]["ratio"] == 0.5
+        assert {"cloud", "mesh"} == set(reply.json["params"]["outputs"]) - {"report"}
+
+
+def test_a_simplification_answers_whoever_takes_json(daemon):
+    for accept in ("application/json", "application/json, text/plain, */*;q=0", "text/html"):
+        reply = daemon.post("/v1/simplify?ratio=0.5", SMALL, "-H", f"Accept: {accept}")
+        assert reply.status == 200 and reply.body.startswith(b"ply"), reply.body
+    reply = daemon.post("/v1/simplify?ratio=0.5&output=mesh", SMALL, "-H", "Accept: application/json")
+    assert reply.status == 200 and reply.headers["content-type"] == "model/ply"
+    reply = daemon.post("/v1/simplify?ratio=0.5&output=mesh", SMALL, "-H", "Accept: image/png")
+    assert (reply.status, reply.slug) == (406, "not-acceptable")
+
+
+def test_a_job_of_a_cloud_that_is_here(daemon):
+    cloud = daemon.post("/v1/clouds", SMALL).json["id"]
+    document = {"params": {"ratio": 0.5, "outputs": ["cloud"]}, "label": "again"}
+    json_type = ("-H", "Content-Type: application/json")
+    created = daemon.post(f"/v1/clouds/{cloud}/jobs", json.dumps(document).encode(), *json_type)
+    assert created.status == 201 and created.json["label"] == "again" and created.json["input"]["sha256"] == cloud
+    assert daemon.ended(created.json["id"])["status"] == "successful"
+    old = daemon.post("/v1/jobs", json.dumps({"input": f"/v1/clouds/{cloud}", **document}).encode(), *json_type)
+    assert old.status == 201
+    assert [old.json["params"][name] == created.json["params"][name] for name in ("ratio", "outputs")] == [True, True]
+    for document, slug, parameter in (({"input": f"/v1/clouds/{cloud}"}, "invalid-parameter", "input"),
+                                      ({"lable": "x"}, "unknown-parameter", "lable"),
+                                      ({"params": {"ratio": 9}}, "invalid-parameter", "params.ratio")):
+        reply = daemon.post(f"/v1/clouds/{cloud}/jobs", json.dumps(document).encode(), *json_type)
+        assert (reply.status, reply.slug, reply.json["errors"][0]["parameter"]) == (400, slug, parameter)
+    for wrong in (cloud[:-1], cloud + "0", "x" * 64, "0" * 64):
+        assert daemon.post(f"/v1/clouds/{wrong}/jobs", b"{}", *json_type).slug == "no-such-cloud"
+    assert daemon.post(f"/v1/clouds/{cloud}/jobs?ratio=0.1", b"{}", *json_type).slug == "unknown-parameter"
+
+
 @pytest.mark.parametrize("parts, slug, word", [
     ([("name=label", b"x")], "malformed-request", "file"),
     ([FILE, FILE], "unknown-parameter", "more than once"),

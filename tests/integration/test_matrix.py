@@ -236,6 +236,90 @@ for _operation in ("createJob", "createCloud"):
 CASES["createCloud", "503"] = draining
 
 
+JSON = ("-H", "Content-Type: application/json")
+
+
+def of_cloud(daemon, operation, *arguments, document=b"{}"):
+    return send(daemon, operation, operation.url(id=cloud_of(daemon)), *JSON, *arguments, data=document)
+
+
+@case
+def createCloudJob_201(world, operation):
+    return of_cloud(world.daemon(), operation, document=b'{"params":{"ratio":0.5,"outputs":["cloud","mesh"]}}')
+
+
+@case
+def createCloudJob_404(world, operation):
+    return send(world.daemon(), operation, operation.url(id=hashlib.sha256(b"").hexdigest()), *JSON, data=b"{}")
+
+
+@case
+def createCloudJob_409(world, operation):
+    daemon = world.daemon()
+    path = operation.url(id=cloud_of(daemon))
+    with socket.create_connection(("127.0.0.1", daemon.port)) as first:
+        first.sendall(f"POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Length: 2\r\nIdempotency-Key: k\r\n"
+                      "Content-Type: application/json\r\nExpect: 100-continue\r\n\r\n".encode())
+        assert b"100 Continue" in first.recv(100)
+        return send(daemon, operation, path, *JSON, "-H", "Idempotency-Key: k", data=b"{}")
+
+
+@case
+def createCloudJob_413(world, operation):
+    return of_cloud(world.daemon(), operation, document=b'{"label":"' + 200000 * b"x" + b'"}')
+
+
+@case
+def createCloudJob_415(world, operation):
+    daemon = world.daemon()
+    return send(daemon, operation, operation.url(id=cloud_of(daemon)), data=SMALL)
+
+
+@case
+def createCloudJob_422(world, operation):
+    daemon = world.daemon()
+    assert of_cloud(daemon, operation, "-H", "Idempotency-Key: k").status == 201
+    return of_cloud(daemon, operation, "-H", "Idempotency-Key: k", document=b'{"params":{"ratio":0.3}}')
+
+
+@case
+def createCloudJob_429(world, operation):
+    daemon = world.guarded("--principal-jobs", "1", "--workers", "1")
+    token = ("-H", "Authorization: Bearer submit")
+    cloud = daemon.curl("/v1/clouds", *token, "--data-binary", "@-", data=sphere(400000)).json["id"]
+    path = operation.url(id=cloud)
+    assert send(daemon, operation, path, *JSON, *token, data=b"{}").status == 201
+    return send(daemon, operation, path, *JSON, *token, data=b'{"params":{"ratio":0.3}}')
+
+
+def started_again(world, operation, *flags):
+    """The cloud is there since before the service was started with these."""
+    daemon = world.daemon()
+    path = operation.url(id=cloud_of(daemon))
+    daemon.stop()
+    daemon.start(*flags)
+    return send(daemon, operation, path, *JSON, data=b"{}")
+
+
+@case
+def createCloudJob_500(world, operation):
+    return started_again(world, operation, "--fault", "commit=eio:2-99")
+
+
+@case
+def createCloudJob_507(world, operation):
+    return started_again(world, operation, "--min-free", "1000T")
+
+
+@case
+def createCloudJob_503(world, operation):
+    daemon = world.daemon("--workers", "1", "--max-queue", "1")
+    cloud = cloud_of(daemon)
+    daemon.wait_for(daemon.submit(sphere(400000)), "running")
+    daemon.submit(SMALL)
+    return send(daemon, operation, operation.url(id=cloud), *JSON, data=b"{}")
+
+
 @case
 def createCloud_200(world, operation):
     daemon = world.daemon()
@@ -255,7 +339,8 @@ def simplify_202(world, operation):
 
 @case
 def simplify_406(world, operation):
-    return send(world.daemon(), operation, operation.path, "-H", "Accept: image/png, model/ply;q=0", data=SMALL)
+    return send(world.daemon(), operation, operation.path + "?output=cloud", "-H", "Accept: image/png, model/ply;q=0",
+                data=SMALL)
 
 
 @case

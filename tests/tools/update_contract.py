@@ -40,7 +40,7 @@ def parameter(name, row):
     if schema.pop("deprecated", False):
         described["deprecated"] = True
     if schema["type"] == "array":
-        described |= {"style": "form", "explode": False}
+        described |= {"style": "form", "explode": True}
     return described
 
 
@@ -66,7 +66,8 @@ def update_security(operation, scope):
     if scope == "public":
         operation["security"] = []
         return
-    operation["security"] = [{"token": []}] + ([{"link": []}] if operation["operationId"] == "getOutput" else [])
+    link = [{"link": []}] if operation["operationId"] == "getOutput" else []
+    operation["security"] = [{"token": []}, *link, {}]  # {}: a service without tokens
     operation["x-scope"] = scope
     responses = operation["responses"]
     responses.setdefault("401", {"$ref": "#/components/responses/Unauthorized"})

@@ -81,6 +81,27 @@ static void repeated_names_are_refused(void **state) {
     assert_refused(PROBLEM_UNKNOWN_PARAMETER, "label");
 }
 
+static void a_repeated_list_is_one_list(void **state) {
+    (void)state;
+    assert_true(DECODE({"outputs", "cloud"}, {"ratio", "0.2"}, {"outputs", "mesh,report"}));
+    assert_int_equal(params.outputs, OUTPUT_CLOUD | OUTPUT_MESH | OUTPUT_REPORT);
+    assert_float_equal(params.ratio, 0.2, 0);
+    assert_true(DECODE({"levels", "0.1"}, {"levels", "0.4"}));
+    assert_int_equal(params.levels.count, 2);
+    assert_true(DECODE({"viewpoint", "1"}, {"viewpoint", "2"}, {"viewpoint", "3"}));
+    assert_int_equal(params.viewpoint.count, 3);
+    assert_false(DECODE({"outputs", "cloud"}, {"outputs", "moon"}));
+    assert_refused(PROBLEM_INVALID_PARAMETER, "outputs");
+    assert_string_equal(problem.error[0].value, "cloud,moon");
+    assert_false(DECODE({"outputs", "cloud"}, {"outputs", NULL}));
+    assert_refused(PROBLEM_INVALID_PARAMETER, "outputs");
+    char lengthy[3000];
+    memset(lengthy, '1', sizeof lengthy - 1);
+    lengthy[sizeof lengthy - 1] = 0;
+    assert_false(DECODE({"crop", lengthy}, {"crop", lengthy}));
+    assert_refused(PROBLEM_UNKNOWN_PARAMETER, "crop");
+}
+
 static void bad_values_are_refused_with_what_is_allowed(void **state) {
     (void)state;
     params.ratio = 42;
@@ -201,6 +222,7 @@ int main(void) {
         cmocka_unit_test(deprecated_names_are_taken),
         cmocka_unit_test(unknown_names_are_refused_with_the_nearest),
         cmocka_unit_test(repeated_names_are_refused),
+        cmocka_unit_test(a_repeated_list_is_one_list),
         cmocka_unit_test(bad_values_are_refused_with_what_is_allowed),
         cmocka_unit_test(conflicts_are_refused),
         cmocka_unit_test(all_faults_are_told),

@@ -279,6 +279,13 @@ demo: deps ## upload a real scan to a daemon of its own and show what comes back
 	@$(MAKE) --no-print-directory -j$$(nproc) all
 	@tests/demo/demo.sh $(build) out '$(CLOUD)' '$(RATIO)'
 
+.PHONY: picture
+picture: deps ## draw the picture of the README again -> .github/preview.png
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@mkdir -p out && tests/demo/scan.sh armadillo out/armadillo.xyz
+	@$(build)/whittle out/armadillo.xyz --outputs mesh,preview.png --preview-size 200 --preview-azimuth 200 -q -o out
+	@cp out/preview.png .github/preview.png
+
 .PHONY: run
 run: deps ## start whittled for use; LISTEN=127.0.0.1:8080 DATA=folder
 	@$(MAKE) --no-print-directory -j$$(nproc) all

@@ -49,11 +49,14 @@ def test_the_reference_page(make_daemon, tmp_path, base, width):
         for method in item:
             assert method == "parameters" or f"{method.upper()} {path}" in headings
     assert set(contract["components"]["schemas"]) <= set(headings)
-    assert seen["hash"] == "#" + contract["tags"][0]["name"] and -5 < seen["top"] < 450
+    assert seen["hash"] == "#upload" and -5 < seen["top"] < 450
+    assert {"How to upload a cloud", *(tag["name"] for tag in contract["tags"])} <= set(headings)
 
 
 @pytest.mark.parametrize("width", [1280, 400])
-def test_the_first_page(daemon, tmp_path, width):
+def test_the_plain_first_page(daemon, tmp_path, width):
+    if b"/page/" in daemon.curl("/").body:
+        pytest.skip("the page is built, and test_page.py goes through it")
     seen = look(f"{daemon.url}/", width, tmp_path)
     only_from(seen, f"{daemon.url}/")
     assert seen["page"]["title"] == "whittled"
@@ -62,4 +65,4 @@ def test_the_first_page(daemon, tmp_path, width):
 def test_a_problems_page(daemon, tmp_path):
     seen = look(f"{daemon.url}/problems/would-exceed-memory", 400, tmp_path)
     only_from(seen, f"{daemon.url}/problems/would-exceed-memory")
-    assert "The job would need more memory than it may use" in seen["page"]["headings"]
+    assert "Job would exceed its memory limit" in seen["page"]["headings"]

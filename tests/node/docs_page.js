@@ -23,7 +23,7 @@ function measure() {
     dead: [...document.querySelectorAll('a[href^="#"]')].map((a) => a.hash).filter((hash) =>
       !document.getElementById(hash.slice(1))),
     invisible: [...document.querySelectorAll("h1, h2, h3, p, td, pre")].filter((element) =>
-      element.textContent.trim() && element.getClientRects().length === 0).length,
+      element.textContent.trim() && !element.closest("details:not([open])") && element.getClientRects().length === 0).length,
     fontPx: Math.min(...[...document.querySelectorAll("p, td, li, code")].map((element) =>
       parseFloat(getComputedStyle(element).fontSize))),
     clientWidth: root.clientWidth,

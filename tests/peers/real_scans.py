@@ -103,7 +103,8 @@ class Campaign:
 def cells_of(campaign, name, ratio, method):
     """(columns after the method's name, path of the mesh)."""
     scan, (whole, half, other) = KNOWN[name], campaign.points_of(name)
-    made = campaign.mesh(whole, ratio, method, f"{name}-{ratio:g}-{method}")
+    source = SCANS / scan.file if method in OURS else whole  # with the viewpoint that it may have
+    made = campaign.mesh(source, ratio, method, f"{name}-{ratio:g}-{method}")
     told = campaign.measure(whole, made.path, scan.scanner)
     sound = json.loads(run([campaign.options.build / "tests/peers/soundness_cgal", made.path]))
     held_out = "-"

@@ -4,6 +4,7 @@ import pathlib
 import shutil
 import subprocess
 import sys
+import tomllib
 
 import pytest
 
@@ -168,3 +169,13 @@ def test_what_an_archive_may_hold(tree, tmp_path):
     subprocess.run(["cc", "-O1", "-c", "planted.c"], cwd=tmp_path, check=True)
     subprocess.run(["ar", "rcs", "planted.a", "planted.o"], cwd=tmp_path, check=True)
     assert not lint(tree, tmp_path / "planted.a")
+
+
+def test_each_fault_to_be_planted_has_its_place():
+    """What `make mutants` replaces is there exactly once; its test's file is there, too."""
+    table = tomllib.loads((ROOT / "tests/mutants/mutants.toml").read_text(encoding="utf-8"))["mutant"]
+    assert len({mutant["name"] for mutant in table}) == len(table) > 50
+    for mutant in table:
+        kind, name = mutant["test"].split()[:2]
+        assert (ROOT / mutant["file"]).read_text(encoding="utf-8").count(mutant["old"]) == 1, mutant["name"]
+        assert (ROOT / ("tests/unit/" + name + ".c" if kind == "unit" else "tests/integration/" + name)).is_file(), name

@@ -28,12 +28,14 @@ static json_t *triple(const double value[3]) {
 }
 
 static json_t *input_json(const struct report *r) {
-    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "format", r->format, "points",
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "format", r->format, "points",
                      stats_json_count(r->points_in), "points_cropped", stats_json_count(r->points_cropped),
                      "points_filtered", stats_json_count(r->points_filtered), "points_distinct",
                      stats_json_count(r->points_distinct), "points_outliers", stats_json_count(r->points_outliers),
-                     "noise_rel", stats_json_number(r->noise / r->diagonal), "diagonal", stats_json_number(r->diagonal),
-                     "box_min", triple(r->box_min), "box_max", triple(r->box_max));
+                     "noise_level", stats_json_number(r->noise_level), "noise_level_rel",
+                     stats_json_number(r->noise_level / r->diagonal), "noise_rel",
+                     stats_json_number(r->noise / r->diagonal), "diagonal", stats_json_number(r->diagonal), "box_min",
+                     triple(r->box_min), "box_max", triple(r->box_max));
 }
 
 static json_t *cloud_json(const struct report_level *r, double diagonal) {

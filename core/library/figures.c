@@ -42,6 +42,7 @@ static const struct figure figures[] = {
     OF_REPORT("input.points_cropped", COUNT, points_cropped),
     OF_REPORT("input.points_filtered", COUNT, points_filtered),
     OF_REPORT("input.noise", NUMBER, noise),
+    OF_REPORT("input.noise_level", NUMBER, noise_level),
     OF_REPORT("input.diagonal", NUMBER, diagonal),
     OF_REPORT("timings_ms.total", NUMBER, total_ms),
     OF_REPORT("peak_rss_bytes", COUNT, peak_rss_bytes),

@@ -7,6 +7,7 @@
 
 #include "core/base/alloc.h"
 #include "core/base/quantile.h"
+#include "core/clean/noise.h"
 #include "core/cloud/select.h"
 #include "core/measure/tangent.h"
 #include "core/pipeline/pipeline_run.h"
@@ -86,6 +87,9 @@ enum status pipeline_normals(struct run *run) {
     run->normal = alloc_array(run->points.count, sizeof *run->normal);
     if (!run->normal) return pipeline_no_memory(run, "normals");
     normals_fit(run->points.point, &run->hood, run->threads, run->normal, NULL);
+    if (noise_estimate(run->points.point, run->normal, &run->hood, &run->report.noise_level))
+        return pipeline_no_memory(run, "normals");
+    run->report.noise_level *= run->points.scale;
     return STATUS_OK;
 }
 

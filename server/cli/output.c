@@ -532,7 +532,9 @@ void worker_output_summary(const struct worker_options *options, const struct re
     if (report->points_cropped) fprintf(to, "%-16s %" PRIu64 " points\n", "cropped", report->points_cropped);
     if (report->points_filtered) fprintf(to, "%-16s %" PRIu64 " points\n", "filtered", report->points_filtered);
     if (report->points_outliers) fprintf(to, "%-16s %" PRIu64 " points\n", "outliers", report->points_outliers);
-    if (report->noise > 0) fprintf(to, "%-16s %.3e of the diagonal\n", "noise", report->noise / report->diagonal);
+    if (report->noise_level > 0)
+        fprintf(to, "%-16s %.3g in the file's units, estimated\n", "noise", report->noise_level);
+    if (report->noise > 0) fprintf(to, "%-16s %.3e of the diagonal\n", "smoothed", report->noise / report->diagonal);
     print_losses(&report->losses, to);
     for (size_t i = 0; options->verbose && i < report->stage_count; i++)
         fprintf(to, "%-16s %-12s %10.1f ms\n", i ? "" : "stages", report->stage[i].name, report->stage[i].wall_ms);

@@ -1,0 +1,93 @@
+/* The level of noise that is found is the one that was added.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+
+#include <cmocka.h>
+
+#include "core/clean/noise.h"
+#include "core/simplify/normals.h"
+#include "core/spatial/knn.h"
+#include "tests/unit/faults.h"
+#include "tests/unit/shapes.h"
+
+enum { WIDE = 90, N = WIDE * WIDE };
+
+static double gauss(uint64_t *seed) {
+    return sqrt(-2 * log(1 - random_unit(seed))) * cos(2 * M_PI * random_unit(seed));
+}
+
+/* Points somewhat off a grid over a field, or of a sphere, with noise across the surface; *spacing = of the grid. */
+static vec3 *make(bool sphere, double noise, double outliers, double *spacing) {
+    uint64_t seed = 5;
+    *spacing = sphere ? sqrt(4 * M_PI * 0.25 / N) : 1.0 / WIDE;
+    vec3 *point = sphere ? shape_sphere(N, 0.5) : calloc(N, sizeof *point);
+    for (size_t i = 0; i < N; i++) {
+        double by = noise * *spacing * gauss(&seed);
+        if (random_unit(&seed) < outliers) by = random_unit(&seed) - 0.5;
+        if (sphere) {
+            point[i] = vec3_scale(point[i], 1 + by / 0.5);
+            continue;
+        }
+        double x = ((double)(i % WIDE) + 0.6 * random_unit(&seed)) / WIDE;
+        double y = ((double)i / WIDE + 0.6 * random_unit(&seed)) / WIDE;
+        point[i] = (vec3){x, y, 0.05 * sin(6 * x) * cos(5 * y) + by};
+    }
+    return point;
+}
+
+static double level_of(const vec3 *point) {
+    struct knn *knn = NULL;
+    struct neighbourhood hood = {0};
+    struct neighbourhood_options options = {2.5, 6, 10, 1};
+    vec3 *normal = calloc(N, sizeof *normal);
+    double level = -1;
+    assert_int_equal(knn_new(point, N, 1, &knn, NULL), STATUS_OK);
+    assert_int_equal(neighbourhood_find(knn, point, N, &options, &hood), STATUS_OK);
+    normals_fit(point, &hood, 1, normal, NULL);
+    assert_int_equal(noise_estimate(point, normal, &hood, &level), STATUS_OK);
+    faults_in_memory(1, false);
+    double untouched = level;
+    assert_int_equal(noise_estimate(point, normal, &hood, &untouched), STATUS_NO_MEMORY);
+    assert_true(faults_stop() && untouched == level);
+    knn_free(knn);
+    neighbourhood_done(&hood);
+    free(normal);
+    return level;
+}
+
+static void the_level_is_the_one_that_was_added(void **state) {
+    (void)state;
+    static const double levels[] = {0, 0.05, 0.1, 0.2, 0.4};
+    for (int sphere = 0; sphere < 2; sphere++)
+        for (size_t i = 0; i < sizeof levels / sizeof *levels; i++) {
+            double spacing;
+            vec3 *point = make(sphere, levels[i], 0, &spacing);
+            double found = level_of(point) / spacing;
+            if (fabs(found - levels[i]) > 0.25 * levels[i] + 0.02)
+                fail_msg("%s: %g spacings of noise, found %g", sphere ? "sphere" : "field", levels[i], found);
+            free(point);
+        }
+}
+
+static void outliers_hardly_count(void **state) {
+    (void)state;
+    double spacing;
+    vec3 *point = make(false, 0.1, 0.02, &spacing);
+    double found = level_of(point) / spacing;
+    if (fabs(found - 0.1) > 0.05) fail_msg("found %g", found);
+    free(point);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_level_is_the_one_that_was_added),
+        cmocka_unit_test(outliers_hardly_count),
+    };
+    return cmocka_run_group_tests_name("noise", tests, NULL, NULL);
+}

@@ -31,7 +31,7 @@ static const char *const surface_forms[] = {"closed", "open", "heightfield", "au
 static const char *const boundary_forms[] = {"fill", "keep", "auto", NULL};
 static const char *const refine_forms[] = {"none", "flips", "full", NULL};
 static const char *const reference_forms[] = {"auto", "points", "faces", "reconstruction", NULL};
-static const char *const denoise_forms[] = {"none", "outliers", "full", NULL};
+static const char *const denoise_forms[] = {"none", "outliers", "full", "auto", NULL};
 static const char *const switch_forms[] = {"false", "true", NULL};
 static const char *const attribute_forms[] = {"nearest", "mean", NULL};
 static const char *const encodings[] = {"binary", "ascii", NULL};
@@ -90,7 +90,8 @@ static const struct param table[] = {
     {"denoise", PARAM_CHOICE, AT(denoise), 0, 0, false, "none", denoise_forms, "", true,
      "Before all other steps: outliers drops points that belong to no surface; full also smooths the others along "
      "their normals and keeps edges: points are then written at their smoothed positions, with all else unchanged, and "
-     "errors are measured from there"},
+     "errors are measured from there; auto: outliers where they are many, full where noise is large against the "
+     "distances between points, and nothing where neither is"},
     {"placement", PARAM_CHOICE, AT(placement), 0, 0, false, "subset", placements, "", true,
      "subset: mesh vertices are original points; optimal: mesh vertices move freely for the lowest error"},
     {"dso", PARAM_CHOICE, AT(dso), 0, 0, false, "rms", dso_forms, "", true,

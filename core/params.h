@@ -25,7 +25,7 @@ enum surface_form { SURFACE_CLOSED, SURFACE_OPEN, SURFACE_HEIGHTFIELD, SURFACE_A
 enum boundary_form { BOUNDARY_FILL, BOUNDARY_KEEP, BOUNDARY_AUTO };
 enum reference_form { REFERENCE_AUTO, REFERENCE_POINTS, REFERENCE_FACES, REFERENCE_RECONSTRUCTION };
 /* What is done to the points before all else. */
-enum denoise_form { DENOISE_NONE, DENOISE_OUTLIERS, DENOISE_FULL };
+enum denoise_form { DENOISE_NONE, DENOISE_OUTLIERS, DENOISE_FULL, DENOISE_AUTO };
 enum encoding { ENCODING_BINARY, ENCODING_ASCII };
 /* Bits of a colour's component in outputs. */
 enum colour_bits { COLOURS_8, COLOURS_16, COLOURS_KEEP };

@@ -156,6 +156,7 @@ static json_t *losses_json(const struct losses *losses) {
 json_t *report_json(const struct report *r) {
     json_t *json = json_pack("{s:o, s:o}", "points_in", stats_json_count(r->points_in), "input", input_json(r));
     int bad = add_level(json, r, &r->level[0]);
+    if (r->denoised[0]) bad |= put(json, "denoised", json_string(r->denoised));
     if (r->normals.known) bad |= put(json, "normals", normals_json(&r->normals));
     if (r->spacing.spacing > 0) bad |= put(json, "spacing", spacing_json(&r->spacing));
     if (r->surface.kind[0]) bad |= put(json, "surface", surface_json(&r->surface));

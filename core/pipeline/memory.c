@@ -115,7 +115,7 @@ enum { PICTURED = 16 };
 
 /* What the input takes while points are simplified. */
 static double cloud_bytes(const struct memory_job *job, const struct params *params) {
-    double positions = params->denoise == DENOISE_FULL ? 2 * POSITION : POSITION;
+    double positions = params->denoise >= DENOISE_FULL ? 2 * POSITION : POSITION;
     return (double)job->points * (positions + (double)job->record_bytes) + (double)job->faces * TRIANGLE;
 }
 

@@ -534,6 +534,7 @@ void worker_output_summary(const struct worker_options *options, const struct re
     if (report->points_outliers) fprintf(to, "%-16s %" PRIu64 " points\n", "outliers", report->points_outliers);
     if (report->noise_level > 0)
         fprintf(to, "%-16s %.3g in the file's units, estimated\n", "noise", report->noise_level);
+    if (report->denoised[0]) fprintf(to, "%-16s %s\n", "denoised", report->denoised);
     if (report->noise > 0) fprintf(to, "%-16s %.3e of the diagonal\n", "smoothed", report->noise / report->diagonal);
     print_losses(&report->losses, to);
     for (size_t i = 0; options->verbose && i < report->stage_count; i++)

@@ -173,6 +173,24 @@ def test_each_scan_of_a_file_is_seen_from_its_own_place(tmp_path):
         assert v["nz"] * (1 if v["scan"] == 0 else -1) > 0.99
 
 
+@pytest.mark.parametrize("noise,strays,done", [(0, 0, "none"), (0, 0.02, "outliers"), (0.35, 0, "full")])
+def test_denoising_is_done_where_it_pays(tmp_path, noise, strays, done):
+    """Noise is in distances between points; where nothing is done the result is that without the parameter."""
+    chance = random.Random(6)
+    points = [(x, y, z + chance.gauss(0, noise / SIDE)) for x, y, z in hill(chance)]
+    points += [tuple(chance.uniform(-0.5, 1.5) for _ in range(3)) for _ in range(int(strays * len(points)))]
+    path = tmp_path / "scan.xyz"
+    path.write_text("\n".join(f"{x:.5f} {y:.5f} {z:.5f}" for x, y, z in points) + "\n", encoding="ascii")
+    reports = {form: whittle(path, tmp_path / form, denoise=form, outputs="cloud,report") for form in
+               ("none", "outliers", "full", "auto")}
+    assert reports["auto"]["denoised"] == done
+    same = [(tmp_path / form / "cloud.ply").read_bytes() == (tmp_path / "auto/cloud.ply").read_bytes()
+            for form in (done, "auto")]
+    assert same == [True, True]
+    level = reports["none"]["input"]["noise_level"] * SIDE
+    assert abs(level - noise) < 0.1
+
+
 @pytest.fixture(name="painted", scope="module")
 def make_painted(tmp_path_factory):
     """The hill with a lake of no points, half of it red, half blue."""

@@ -130,6 +130,23 @@ enum status cloud_build_point(struct cloud_build *build, const void *record, str
     return STATUS_OK;
 }
 
+enum status cloud_build_slots(struct cloud_build *build, uint64_t points) {
+    enum status status = cloud_build_room(build, points);
+    if (!status) build->cloud.count = (size_t)points;
+    return status;
+}
+
+void cloud_build_place(struct cloud_build *build, size_t i) {
+    struct cloud *cloud = &build->cloud;
+    const unsigned char *record = cloud->record + i * cloud->record_bytes;
+    double p[3];
+    for (int axis = 0; axis < 3; axis++) {
+        const struct property *property = &cloud->property[cloud->xyz[axis]];
+        p[axis] = scalar_load(record + property->offset_bytes, property->type);
+    }
+    cloud->position[i] = (vec3){p[0], p[1], p[2]};
+}
+
 static enum status make_triangle_room(struct cloud *cloud, struct triangle_room *room, struct error *error) {
     size_t count = cloud->triangle_count, capacity = count + count / 2 + FIRST_CAPACITY;
     if (room->most && count >= room->most)

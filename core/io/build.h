@@ -54,6 +54,12 @@ enum status cloud_build_room(struct cloud_build *build, uint64_t points) MUST_CH
  * isn't finite stays until the end, for faces that count it.  STATUS_LIMIT, STATUS_NO_MEMORY, STATUS_CANCELLED. */
 enum status cloud_build_point(struct cloud_build *build, const void *record, struct cloud_place place) MUST_CHECK;
 
+/* For points whose number is known and which are made out of order, on many threads: adds so many, whose records
+ * (cloud.record + i * cloud.record_bytes) are to be written, and each placed then.  The first is as cloud_build_room;
+ * the second is O(1) and touches point i alone. */
+enum status cloud_build_slots(struct cloud_build *build, uint64_t points) MUST_CHECK;
+void cloud_build_place(struct cloud_build *build, size_t i);
+
 /* Adds a triangle.  Whether its points are there is the caller's to check. */
 enum status cloud_build_triangle(struct cloud_build *build, uint32_t a, uint32_t b, uint32_t c) MUST_CHECK;
 

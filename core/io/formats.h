@@ -13,7 +13,7 @@
 #define CLOUD_FORMAT_ROWS(ROW)                                                                                         \
     ROW(PLY, ply, "PLY", "PLY", "ply/ascii,ply/binary_little_endian,ply/binary_big_endian")                            \
     ROW(PCD, pcd, "PCD", "a PCD cloud", "pcd/ascii,pcd/binary,pcd/binary_compressed")                                  \
-    ROW(LAS, las, "LAS", "a LAS cloud", "las")                                                                         \
+    ROW(LAS, las, "LAS, LAZ", "a LAS cloud", "las,laz")                                                                \
     ROW(E57, e57, "E57", "an E57 cloud", "e57")                                                                        \
     ROW(PTX, ptx, "PTX", "a PTX cloud", "ptx")                                                                         \
     ROW(OFF, off, "OFF", "an OFF mesh", "off")                                                                         \

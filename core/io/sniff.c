@@ -40,8 +40,6 @@ static const struct cloud_guess compressed[] = {
     [INFLATE_ZSTD] = {CLOUD_KIND_ZSTD, "zstd-compressed data", "zstd"},
 };
 
-static const struct cloud_guess laz = {CLOUD_KIND_OTHER, "a LAZ cloud, which is compressed LAS: decompress it", ""};
-
 static const struct {
     const char *beginning;
     size_t bytes;
@@ -64,18 +62,11 @@ static const struct {
     {"<", 1, {CLOUD_KIND_OTHER, "XML or HTML", ""}},
 };
 
-/* LAS whose format number has the highest bit set. */
-static bool is_laz(const struct first_bytes *first) {
-    enum { FORMAT_BYTE = 104 };
-    return first_begins(first, "LASF", 4) && first->n > FORMAT_BYTE && first->text[FORMAT_BYTE] & 0x80;
-}
-
 struct cloud_guess cloud_sniff(const void *bytes, size_t n) {
     struct first_bytes first = first_bytes_of(bytes, n);
     enum inflate_kind packing;
     if (n == 0) return (struct cloud_guess){CLOUD_KIND_EMPTY, "an empty file", ""};
     if (inflate_sniff(bytes, n, &packing)) return compressed[packing];
-    if (is_laz(&first)) return laz;
     for (size_t i = 0; i < sizeof known / sizeof *known; i++)
         if (first_begins(&first, known[i].beginning, known[i].bytes)) return known[i].guess;
     for (size_t i = 0; i < FORMATS; i++) {

@@ -24,8 +24,10 @@
 #include <string.h>
 
 #include "core/base/endian.h"
+#include "core/base/par.h"
 #include "core/io/formats/pcd_header.h"
 #include "core/io/formats/ply_header.h"
+#include "core/io/laz/laz.h"
 #include "core/io/sniff.h"
 #include "core/picture/picture.h"
 #include "core/spatial/neighbourhood.h"
@@ -242,13 +244,25 @@ static enum status job_of_pcd(const void *bytes, size_t n, uint64_t total_bytes,
     return STATUS_OK;
 }
 
-/* Coordinates become double, and the three bytes of bit fields eight of their own. */
+/* Coordinates become double, and the three bytes of bit fields eight of their own.  Of LAZ, each thread has what it
+ * decompresses with. */
 static enum status job_of_las(const unsigned char *bytes, size_t n, uint64_t total_bytes, struct memory_job *job) {
-    enum { COUNT = 107, RECORD_BYTES = 105, LONG_COUNT = 247, LEAST_BYTES = 255, GROWS_BY = 24 };
+    enum {
+        COUNT = 107,
+        RECORD_BYTES = 105,
+        LONG_COUNT = 247,
+        LEAST_BYTES = 255,
+        GROWS_BY = 24,
+        FORMAT = 104,
+        LAZ_BIT = 0x80
+    };
     if (n < LEAST_BYTES) return STATUS_MALFORMED;
     uint64_t points = little_load(bytes + COUNT, 4);
     if (bytes[25] >= 4 && little_load(bytes + LONG_COUNT, 8)) points = little_load(bytes + LONG_COUNT, 8);
-    *job = (struct memory_job){points, little_load(bytes + RECORD_BYTES, 2) + GROWS_BY, 0, total_bytes, 0};
+    uint64_t record_bytes = little_load(bytes + RECORD_BYTES, 2);
+    *job = (struct memory_job){points, record_bytes + GROWS_BY, 0, total_bytes, 0};
+    if (bytes[FORMAT] & LAZ_BIT)
+        job->input_bytes += par_processors() * laz_codec_bytes(bytes[FORMAT] % LAZ_BIT, record_bytes);
     return STATUS_OK;
 }
 

@@ -142,7 +142,8 @@ static enum status run(struct worker_options *options, struct worker_progress *d
         status = opened;
     }
     const struct cloud_limits limits = {.columns = options->params.columns,
-                                        .max_triangles = memory_triangles(&options->params)};
+                                        .max_triangles = memory_triangles(&options->params),
+                                        .threads = (unsigned)options->params.threads};
     if (!status) status = cloud_read(input, &limits, &progress, &cloud, error);
     if (!status && select_is_asked(&options->params))
         status = select_in_place(&cloud, &options->params, &selection, error);

@@ -54,6 +54,7 @@ static bool is_cloud_type(const char *type) {
                                            "application/ply",
                                            "application/x-ply",
                                            "application/vnd.las",
+                                           "application/vnd.laszip",
                                            "application/sla",
                                            "application/vnd.ms-pki.stl",
                                            "application/object",

@@ -68,7 +68,8 @@ static inline int fuzz_reader(enum status (*read)(const void *, size_t, const st
                               const uint8_t *data, size_t size) {
     struct cloud cloud = {0};
     struct error error = {0};
-    enum status status = read(data, size, &(struct cloud_limits){.max_points = 1 << 20}, NULL, &cloud, &error);
+    enum status status =
+        read(data, size, &(struct cloud_limits){.max_points = 1 << 20, .threads = 1}, NULL, &cloud, &error);
     fuzz_require(status == STATUS_OK || (error.code == status && error.text[0]));
     fuzz_require(status != STATUS_ENGINE && status != STATUS_IO);
     if (status == STATUS_OK) fuzz_check_cloud(&cloud);

@@ -1,4 +1,5 @@
-/* LAS, after the specification of the ASPRS, versions 1.0 to 1.4 (R15); all numbers are little endian.
+/* LAS and LAZ, after the specification of the ASPRS, versions 1.0 to 1.4 (R15) and what 1.5 adds; all numbers are
+ * little endian.
  *
  *     header, whose size it tells itself | variable length records | points, all as long as the header says
  *
@@ -7,19 +8,28 @@
  * else kept as bytes extra_0, extra_1 ...  x, y, z are X * scale + offset in double; so are extra fields that have a
  * scale. 64-bit integers become double.  Coordinate systems and waveforms outside the points are left out, and noted.
  *
- * Compressed points (LAZ) are refused: Debian 12 has no library for them.
+ * Points come in pieces that know nothing of each other: so many of LAS, a chunk of LAZ (core/io/laz/laz.h), COPC among
+ * it.  Pieces are read on all threads, each point into its own place, so that nothing depends on which is first; after
+ * some the caller's thread asks for progress.  Of several broken pieces the first is told.
+ *
+ * A file that ends within its points keeps those that are there, with a note: transfers and full disks cut files short.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/io/reader.h"
 
 #include <inttypes.h>
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
+#include "core/base/alloc.h"
 #include "core/base/endian.h"
+#include "core/base/par.h"
 #include "core/io/build.h"
 #include "core/io/first_bytes.h"
+#include "core/io/laz/laz.h"
 
 enum {
     LEAST_HEADER_BYTES = 227,
@@ -28,7 +38,12 @@ enum {
     EXTRA_BYTES = 192,
     FORMATS = 11,
     MAX_FIELDS = CLOUD_MAX_PROPERTIES,
-    LAZ_BIT = 0x80
+    COMPATIBLE_ID = 22204,
+    LAZ_BIT = 0x80,
+    FORMAT_BITS = 0x3f,
+    PIECE_POINTS = 16384,   /* of LAS */
+    BATCH_POINTS = 1 << 19, /* about, between two looks at the progress */
+    NOTE_BYTES = 160
 };
 
 /* What stands in the file; the first eight are enum scalar_type. */
@@ -50,6 +65,9 @@ struct reader {
     unsigned format, minor;
     uint64_t points, first_point, record_bytes, header_bytes, record_count; /* of variable length records */
     double scale[3], add[3];
+    bool is_laz, has_layout;
+    struct laz_layout layout; /* of LAZ */
+    unsigned threads;
     size_t field_count;
     struct field field[MAX_FIELDS];
 };
@@ -153,17 +171,36 @@ static enum status bad(struct reader *r, const char *where, uint64_t byte, const
 static enum status check_version(struct reader *r) {
     unsigned major = r->bytes[24];
     r->minor = r->bytes[25];
-    if (major != 1 || r->minor > 4)
+    if (major != 1 || r->minor > 5)
         return error_set_at(r->build.error, STATUS_UNSUPPORTED, "version", 0, 24,
-                            "LAS version %u.%u; 1.0 to 1.4 are read", major, r->minor);
-    r->format = r->bytes[104];
-    if (r->format & LAZ_BIT)
-        return error_set_at(r->build.error, STATUS_UNSUPPORTED, "format", 0, 104,
-                            "this is LAZ, LAS with compressed points, which isn't read; decompress it to LAS first");
+                            "LAS version %u.%u; 1.0 to 1.5 are read", major, r->minor);
+    r->is_laz = r->bytes[104] & LAZ_BIT;
+    r->format = r->is_laz ? r->bytes[104] & FORMAT_BITS : r->bytes[104];
     if (r->format >= FORMATS)
         return error_set_at(r->build.error, STATUS_UNSUPPORTED, "format", 0, 104, "point format %u; 0 to 10 are read",
                             r->format);
     return STATUS_OK;
+}
+
+/* Of LAS: whether all points are there, and what else is. */
+static enum status check_end(struct reader *r) {
+    uint64_t there = (r->n - r->first_point) / r->record_bytes, promised = r->points;
+    char note[NOTE_BYTES] = "";
+    if (promised > there && (there == 0 || promised >= NONE))
+        return cloud_build_bad(&r->build, "points", (struct cloud_place){0, r->n},
+                               "%" PRIu64 " points of %" PRIu64 " bytes from byte %" PRIu64
+                               " are promised, but the file ends at byte %zu",
+                               promised, r->record_bytes, r->first_point, r->n);
+    if (promised > there) {
+        snprintf(note, sizeof note, "the last %" PRIu64 " of %" PRIu64 " points: the file is cut short",
+                 promised - there, promised);
+        r->points = there;
+    } else if (r->minor < 3 && promised && there > promised) { /* newer ones may have records and waveforms there */
+        snprintf(note, sizeof note,
+                 "%" PRIu64 " bytes behind the last of the %" PRIu64 " points that the header counts",
+                 r->n - r->first_point - promised * r->record_bytes, promised);
+    }
+    return note[0] ? cloud_build_leave_out(&r->build, note) : STATUS_OK;
 }
 
 static enum status check_sizes(struct reader *r) {
@@ -174,12 +211,7 @@ static enum status check_sizes(struct reader *r) {
         return bad(r, "header", 96, "the points begin out of range", r->first_point);
     if (r->record_bytes < format_bytes[r->format])
         return bad(r, "header", 105, "the size of a point is too small for its format", r->record_bytes);
-    if (r->points > (r->n - r->first_point) / r->record_bytes)
-        return cloud_build_bad(&r->build, "points", (struct cloud_place){0, r->n},
-                               "%" PRIu64 " points of %" PRIu64 " bytes from byte %" PRIu64
-                               " are promised, but the file ends at byte %zu",
-                               r->points, r->record_bytes, r->first_point, r->n);
-    return STATUS_OK;
+    return r->is_laz ? STATUS_OK : check_end(r);
 }
 
 static enum status take_header(struct reader *r) {
@@ -268,6 +300,13 @@ static bool is_user(const unsigned char *vlr, const char *user) {
     return strncmp((const char *)vlr + 2, user, 16) == 0;
 }
 
+static enum status take_layout(struct reader *r, uint64_t at, uint64_t length) {
+    const char *wrong = laz_layout_take(r->bytes + at, (size_t)length, r->format, (size_t)r->record_bytes, &r->layout);
+    r->has_layout = !wrong;
+    if (!wrong) return STATUS_OK;
+    return error_set_at(r->build.error, STATUS_UNSUPPORTED, "format", 0, at, "LAZ that isn't read: %s", wrong);
+}
+
 /* Walks over the variable length records, for extra bytes and what is to be noted. */
 static enum status take_records(struct reader *r, size_t *extra) {
     uint64_t at = r->header_bytes;
@@ -279,7 +318,12 @@ static enum status take_records(struct reader *r, size_t *extra) {
         at += VLR_BYTES;
         if (r->first_point - at < length) return bad(r, "header", at, "a variable length record is cut short", i);
         if (is_user(vlr, "LASF_Projection")) status = cloud_build_leave_out(&r->build, "the coordinate system");
-        if (is_user(vlr, "LASF_Spec") && id == 4)
+        if (r->is_laz && is_user(vlr, "laszip encoded") && id == LAZ_RECORD_ID) status = take_layout(r, at, length);
+        if (!status && is_user(vlr, "lascompatible") && id == COMPATIBLE_ID)
+            status =
+                cloud_build_leave_out(&r->build, "what LAS 1.4 adds to the points: they are in compatibility mode, "
+                                                 "as extra bytes");
+        if (!status && is_user(vlr, "LASF_Spec") && id == 4)
             for (uint64_t k = 0; !status && k + EXTRA_BYTES <= length; k += EXTRA_BYTES)
                 status = add_described(r, r->bytes + at + k, extra);
         at += length;
@@ -321,24 +365,143 @@ static void take_field(const struct field *field, const unsigned char *from, voi
     }
 }
 
-static enum status take_points(struct reader *r) {
-    unsigned char record[CLOUD_MAX_PROPERTIES * 8];
-    enum status status = cloud_build_room(&r->build, r->points);
-    for (uint64_t i = 0; !status && i < r->points; i++) {
-        uint64_t byte = r->first_point + i * r->record_bytes;
-        for (size_t j = 0; j < r->field_count; j++)
-            take_field(&r->field[j], r->bytes + byte, record + r->build.cloud.property[j].offset_bytes);
-        status = cloud_build_point(&r->build, record, (struct cloud_place){0, byte});
+/* The point of these bytes of the file, as point i of the cloud. */
+static void take_point(struct reader *r, const unsigned char *from, size_t i) {
+    struct cloud *cloud = &r->build.cloud;
+    unsigned char *record = cloud->record + i * cloud->record_bytes;
+    for (size_t j = 0; j < r->field_count; j++)
+        take_field(&r->field[j], from, record + cloud->property[j].offset_bytes);
+    cloud_build_place(&r->build, i);
+}
+
+/* Pieces of points, and what reads them. */
+struct pieces {
+    struct reader *reader;
+    struct laz_chunks chunks; /* of LAZ */
+    size_t count;             /* of pieces */
+    size_t done;
+    const char **wrong; /* of LAZ: of each piece, NULL = nothing; owned */
+    size_t codec_count;
+    struct codec {
+        atomic_flag taken;
+        struct laz_codec *codec; /* owned */
+    } * codec;                   /* one for each thread */
+};
+
+static const char *take_chunk(struct pieces *pieces, struct laz_codec *codec, size_t piece) {
+    struct reader *r = pieces->reader;
+    const struct laz_chunks *chunks = &pieces->chunks;
+    uint64_t from = chunks->byte[piece], first = chunks->point[piece], end = chunks->point[piece + 1];
+    if (first == end) return NULL;
+    const char *wrong = laz_read_begin(codec, r->bytes + from, (size_t)(chunks->byte[piece + 1] - from), end - first);
+    for (uint64_t i = first; !wrong && i < end; i++) {
+        const unsigned char *point = laz_read_point(codec);
+        if (point)
+            take_point(r, point, (size_t)i);
+        else
+            wrong = "it ends before its points do";
     }
+    return wrong ? wrong : laz_read_end(codec);
+}
+
+/* Of as many threads as there are codecs: one of them is always free. */
+static struct codec *take_codec(struct pieces *pieces) {
+    for (size_t i = 0;; i = (i + 1) % pieces->codec_count)
+        if (!atomic_flag_test_and_set(&pieces->codec[i].taken)) return &pieces->codec[i];
+}
+
+static void take_pieces(void *ctx, size_t begin, size_t end) {
+    struct pieces *pieces = ctx;
+    struct reader *r = pieces->reader;
+    struct codec *codec = r->is_laz ? take_codec(pieces) : NULL;
+    for (size_t piece = pieces->done + begin; piece < pieces->done + end; piece++) {
+        if (codec) {
+            pieces->wrong[piece] = take_chunk(pieces, codec->codec, piece);
+            continue;
+        }
+        uint64_t first = (uint64_t)piece * PIECE_POINTS, last = first + PIECE_POINTS;
+        for (uint64_t i = first; i < last && i < r->points; i++)
+            take_point(r, r->bytes + r->first_point + i * r->record_bytes, (size_t)i);
+    }
+    if (codec) atomic_flag_clear(&codec->taken);
+}
+
+static enum status make_pieces(struct reader *r, struct pieces *pieces) {
+    *pieces = (struct pieces){.reader = r, .count = (size_t)((r->points + PIECE_POINTS - 1) / PIECE_POINTS)};
+    if (!r->is_laz) return STATUS_OK;
+    enum status status =
+        laz_chunks_read(r->bytes, r->n, r->first_point, r->points, &r->layout, &pieces->chunks, r->build.error);
+    if (status) return status;
+    pieces->count = pieces->chunks.count;
+    pieces->codec_count = r->threads < pieces->count ? r->threads : pieces->count;
+    pieces->wrong = alloc_zeroed(pieces->count, sizeof *pieces->wrong);
+    pieces->codec = alloc_zeroed(pieces->codec_count, sizeof *pieces->codec);
+    bool room = pieces->wrong && pieces->codec;
+    for (size_t i = 0; room && i < pieces->codec_count; i++) {
+        atomic_flag_clear(&pieces->codec[i].taken);
+        room = (pieces->codec[i].codec = laz_codec_new(&r->layout)) != NULL;
+    }
+    return room ? STATUS_OK : error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory to decompress with");
+}
+
+static void free_pieces(struct pieces *pieces) {
+    for (size_t i = 0; pieces->codec && i < pieces->codec_count; i++) laz_codec_free(pieces->codec[i].codec);
+    free(pieces->codec), free(pieces->wrong);
+    laz_chunks_free(&pieces->chunks);
+}
+
+/* How many pieces are read before the next look at the progress: at least one for each thread. */
+static size_t batch_of(const struct pieces *pieces) {
+    const struct reader *r = pieces->reader;
+    size_t left = pieces->count - pieces->done, batch = (size_t)(BATCH_POINTS / (r->points / pieces->count + 1)) + 1;
+    if (batch < 2 * (size_t)r->threads) batch = 2 * (size_t)r->threads;
+    return batch < left ? batch : left;
+}
+
+static enum status check_batch(const struct pieces *pieces, size_t batch) {
+    const struct laz_chunks *chunks = &pieces->chunks;
+    for (size_t i = pieces->done; pieces->wrong && i < pieces->done + batch; i++)
+        if (pieces->wrong[i])
+            return error_set_at(pieces->reader->build.error, STATUS_MALFORMED, "chunks", 0, chunks->byte[i],
+                                "chunk %zu, of points %" PRIu64 " to %" PRIu64 ": %s", i, chunks->point[i],
+                                chunks->point[i + 1] - 1, pieces->wrong[i]);
+    return STATUS_OK;
+}
+
+static enum status take_points(struct reader *r) {
+    struct pieces pieces = {0};
+    if (r->is_laz && !r->has_layout)
+        return bad(r, "header", r->header_bytes, "no record says how the points are compressed; records",
+                   r->record_count);
+    if (r->points == 0) return STATUS_OK;
+    enum status status = make_pieces(r, &pieces);
+    if (!status) status = cloud_build_slots(&r->build, r->points);
+    while (!status && pieces.done < pieces.count) {
+        if (progress_tick(r->build.progress, "read", (double)pieces.done / (double)pieces.count)) {
+            status = error_set(r->build.error, STATUS_CANCELLED, "read", "cancelled");
+            break;
+        }
+        size_t batch = batch_of(&pieces);
+        par_for(r->threads, batch, 1, take_pieces, &pieces);
+        status = check_batch(&pieces, batch);
+        pieces.done += batch;
+    }
+    free_pieces(&pieces);
     return status;
 }
 
-const char *cloud_las_look(const struct first_bytes *first) { return first_begins(first, "LASF", 4) ? "las" : ""; }
+const char *cloud_las_look(const struct first_bytes *first) {
+    enum { FORMAT_BYTE = 104 };
+    if (!first_begins(first, "LASF", 4)) return "";
+    return first->n > FORMAT_BYTE && first->text[FORMAT_BYTE] & LAZ_BIT ? "laz" : "las";
+}
 
 enum status cloud_las_read(const void *bytes, size_t n, const struct cloud_limits *limits,
                            const struct progress *progress, struct cloud *cloud, struct error *error) {
     struct reader r = {.bytes = bytes, .n = n};
-    cloud_build_start(&r.build, "las", n, limits, progress, error);
+    const struct first_bytes first = first_bytes_of(bytes, n);
+    r.threads = limits && limits->threads ? limits->threads : par_processors();
+    cloud_build_start(&r.build, cloud_las_look(&first), n, limits, progress, error);
     enum status status = take_header(&r);
     if (!status) status = describe(&r);
     if (!status) status = take_points(&r);

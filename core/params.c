@@ -40,10 +40,10 @@ static const char *const pcd_precisions[] = {"float", "double", NULL};
 static const char *const ups[] = {"auto", "x", "y", "z", NULL};
 static const char *const xyz_headers[] = {"none", "plain", "hash", NULL};
 /* The bits of outputs; then the first ones' second names, which are those of their files. */
-static const char *const output_names[] = {"cloud",       "xyz",       "mesh",      "report",   "dso",
-                                           "error",       "cloud.pcd", "mesh.obj",  "mesh.stl", "mesh.glb",
-                                           "preview.png", "cloud.ply", "cloud.xyz", "mesh.ply", "report.json",
-                                           "dso.ply",     "error.ply", NULL};
+static const char *const output_names[] = {"cloud",       "xyz",         "mesh",      "report",    "dso",
+                                           "error",       "cloud.pcd",   "mesh.obj",  "mesh.stl",  "mesh.glb",
+                                           "preview.png", "cloud.las",   "cloud.laz", "cloud.ply", "cloud.xyz",
+                                           "mesh.ply",    "report.json", "dso.ply",   "error.ply", NULL};
 
 #define AT(member) offsetof(struct params, member)
 
@@ -83,8 +83,9 @@ static const struct param table[] = {
      "true: clouds and meshes are written with a normal at each point, nx, ny, nz: the input's own where it has them "
      "and they fit its points, else computed, all towards the outside or the viewpoint"},
     {"outputs", PARAM_FLAGS, AT(outputs), 0, PARAMS_OUTPUTS, false, "cloud,report", output_names, "", true,
-     "What to write, separated by commas: the cloud as cloud.ply (cloud), cloud.xyz (xyz), cloud.pcd; the mesh as "
-     "mesh.ply (mesh), mesh.obj, mesh.stl, mesh.glb; report.json (report); dso.ply (dso) and error.ply (error), which "
+     "What to write, separated by commas: the cloud as cloud.ply (cloud), cloud.xyz (xyz), cloud.pcd, cloud.las, "
+     "cloud.laz; the mesh as mesh.ply (mesh), mesh.obj, mesh.stl, mesh.glb; report.json (report); dso.ply (dso) and "
+     "error.ply (error), which "
      "show every original point with its discrete shape operator, its distance to the mesh; preview.png, a "
      "picture of before, after and deviation"},
     {"denoise", PARAM_CHOICE, AT(denoise), 0, 0, false, "none", denoise_forms, "", true,

@@ -77,6 +77,8 @@ void cloud_done(struct cloud *cloud) {
     free(cloud->triangle);
     free(cloud->view), free(cloud->comments);
     free(cloud->left_out);
+    free(cloud->las);
+    free(cloud->colour);
     *cloud = (struct cloud){0};
 }
 

@@ -61,6 +61,8 @@ struct cloud_limits {
     unsigned threads;       /* that may read; 0 = all processors */
 };
 
+struct cloud_las;
+
 struct cloud {
     size_t count;
     vec3 *position; /* count; owned */
@@ -79,9 +81,12 @@ struct cloud {
     size_t view_count;
     vec3 *view; /* owned */
 
-    const char *form; /* of the file's format, e.g. "ply/ascii" (core/io/formats.h); "arrays" of memory; static */
-    char *comments;   /* comment and obj_info lines of the header, each ended by \n; NULL = none; owned */
-    char *left_out;   /* what the file has and a cloud can't hold, each ended by \n; NULL = nothing; owned */
+    const char *form;      /* of the file's format, e.g. "ply/ascii" (core/io/formats.h); "arrays" of memory; static */
+    char *comments;        /* comment and obj_info lines of the header, each ended by \n; NULL = none; owned */
+    struct cloud_las *las; /* of what was LAS: core/io/formats/las_fields.h; NULL = it wasn't; owned */
+    uint16_t (*colour)[3]; /* red, green, blue in 16 bits where the records have 8 of them now; NULL = they haven't;
+                              owned */
+    char *left_out;        /* what the file has and a cloud can't hold, each ended by \n; NULL = nothing; owned */
 };
 
 /* Frees everything that the cloud owns and zeroes it.  Accepts a zeroed cloud. */

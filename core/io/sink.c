@@ -63,6 +63,15 @@ void sink_format(struct sink *sink, const char *format, ...) {
     sink_advance(sink, (size_t)n);
 }
 
+void sink_rewrite(struct sink *sink, const void *bytes, size_t n, off_t at) {
+    flush(sink);
+    while (n > 0 && !sink->failure) {
+        ssize_t wrote = fault_at("file-write") ? -1 : pwrite(sink->fd, bytes, n, at);
+        if (wrote < 0 && errno != EINTR) sink->failure = errno;
+        if (wrote > 0) bytes = (const unsigned char *)bytes + wrote, n -= (size_t)wrote, at += wrote;
+    }
+}
+
 enum status sink_done(struct sink *sink, enum status status, struct error *error) {
     if (!status && sink->buffer) flush(sink);
     if (!status && sink->failure)

@@ -5,6 +5,7 @@
 #define WHITTLE_CORE_IO_SINK_H
 
 #include <stddef.h>
+#include <sys/types.h>
 
 #include "core/base/status.h"
 
@@ -27,6 +28,9 @@ void sink_advance(struct sink *sink, size_t n);
 void sink_bytes(struct sink *sink, const void *bytes, size_t n);
 void sink_text(struct sink *sink, const char *text);
 void sink_format(struct sink *sink, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+/* Writes n bytes over those at `at` of the file, which were written before; where fd stands doesn't change. */
+void sink_rewrite(struct sink *sink, const void *bytes, size_t n, off_t at);
 
 /* Writes what is left and frees the buffer; fd stays open.  STATUS_IO with the reason when any write failed.  status is
  * what the caller has so far: when it isn't STATUS_OK, nothing more is written and it is returned. */

@@ -133,6 +133,16 @@ static double margin_of(const struct memory_job *job, const struct params *param
     return memory_is_kept(job->points, params) ? KEPT_MARGIN : MARGIN;
 }
 
+/* What writing LAS or LAZ takes: colours in 16 bits beside those in 8, and on each thread a chunk, twice, with what
+ * compresses it. */
+static double las_bytes(const struct memory_job *job, double kept, const struct params *params) {
+    enum { NEWEST_FORMAT = 10, COLOURS = 6 };
+    unsigned threads = params->threads ? (unsigned)params->threads : par_processors();
+    double chunks = ceil(kept / LAZ_USUAL_CHUNK), slots = fmin(chunks, threads), bytes = (double)job->record_bytes;
+    double codec = (double)laz_codec_bytes(NEWEST_FORMAT, (size_t)fmin(bytes, LAZ_RECORD_MOST));
+    return COLOURS * (double)job->points + slots * (2 * fmin(kept, LAZ_USUAL_CHUNK) * bytes + codec);
+}
+
 static uint64_t predict(const struct memory_job *job, const struct params *params,
                         double (*tetrahedra)(double points, double triangulated)) {
     double points = (double)job->points, kept = kept_points(job, params);
@@ -146,6 +156,8 @@ static uint64_t predict(const struct memory_job *job, const struct params *param
     if (params->outputs & OUTPUT_PREVIEW)
         peak = fmax(peak, cloud_bytes(job, params) + (double)job->input_bytes + PICTURED * points +
                               picture_bytes(points, (size_t)params->preview_size));
+    if (params->outputs & OUTPUT_ANY_LAS)
+        peak = fmax(peak, cloud_bytes(job, params) + (double)job->input_bytes + las_bytes(job, kept, params));
     peak = PROGRAM + margin_of(job, params) * (peak + results(job, params));
     return peak < 0x1p64 ? (uint64_t)peak : UINT64_MAX;
 }

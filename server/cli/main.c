@@ -24,6 +24,7 @@
 #include "core/cloud/colour_depth.h"
 #include "core/cloud/normals.h"
 #include "core/cloud/select.h"
+#include "core/io/formats/las_write.h"
 #include "core/io/read.h"
 #include "core/pipeline/memory.h"
 #include "core/pipeline/pipeline.h"
@@ -161,6 +162,8 @@ static enum status run(struct worker_options *options, struct worker_progress *d
     result.report.points_filtered = selection.filtered;
     if (!status && result.moved) cloud_move(&cloud, result.moved);
     if (!status && result.normal) status = cloud_set_normals(&cloud, (const float(*)[3])result.normal, error);
+    if (!status && options->params.outputs & OUTPUT_ANY_LAS && options->params.colours == COLOURS_8)
+        status = cloud_keep_colours(&cloud, error);
     if (!status)
         status = cloud_set_colours(&cloud, (enum colour_bits)options->params.colours, &result.report.losses, error);
     if (!status) {

@@ -24,6 +24,8 @@
 #include "core/cloud/colour_map.h"
 #include "core/io/file_out.h"
 #include "core/io/formats/glb_write.h"
+#include "core/io/formats/las_fields.h"
+#include "core/io/formats/las_write.h"
 #include "core/io/formats/mesh_attributes.h"
 #include "core/io/formats/obj_write.h"
 #include "core/io/formats/pcd_write.h"
@@ -69,6 +71,19 @@ static enum status write_xyz(int fd, const struct outputs *o, struct error *erro
 static enum status write_pcd(int fd, const struct outputs *o, struct error *error) {
     return cloud_write_pcd(fd, o->cloud, o->result->kept, o->level->kept_count,
                            (enum pcd_precision)o->options->params.pcd_precision, o->losses, error);
+}
+
+static enum status write_las_or_laz(int fd, const struct outputs *o, bool compressed, struct error *error) {
+    return cloud_write_las(fd, o->cloud, o->result->kept, o->level->kept_count, compressed,
+                           (unsigned)o->options->params.threads, o->losses, error);
+}
+
+static enum status write_las(int fd, const struct outputs *o, struct error *error) {
+    return write_las_or_laz(fd, o, false, error);
+}
+
+static enum status write_laz(int fd, const struct outputs *o, struct error *error) {
+    return write_las_or_laz(fd, o, true, error);
 }
 
 static bool is_scalar(const struct mesh_attributes *attributes, const struct property *property) {
@@ -156,6 +171,7 @@ static const struct file files[] = {
     {OUTPUT_MESH_OBJ, "mesh", "obj", true, write_obj},      {OUTPUT_MESH_STL, "mesh", "stl", true, write_stl},
     {OUTPUT_MESH_GLB, "mesh", "glb", true, write_glb},      {OUTPUT_DSO, "dso", "ply", false, write_dso},
     {OUTPUT_ERROR, "error", "ply", false, write_error},     {OUTPUT_PREVIEW, "preview", "png", false, write_preview},
+    {OUTPUT_CLOUD_LAS, "cloud", "las", true, write_las},    {OUTPUT_CLOUD_LAZ, "cloud", "laz", true, write_laz},
     {OUTPUT_REPORT, "report", "json", false, write_report},
 };
 enum { FILES = sizeof files / sizeof files[0] };
@@ -249,7 +265,7 @@ static void join_types(char *text, size_t bytes) {
 
 /* Names that only a file has, of what isn't written. */
 static bool is_foreign(const char *type) {
-    static const char *const types[] = {"las", "laz", "off", "csv", "txt", "asc", "pts", "e57", "gltf", "gz", "zst"};
+    static const char *const types[] = {"off", "csv", "txt", "asc", "pts", "e57", "gltf", "gz", "zst"};
     for (size_t i = 0; i < sizeof types / sizeof *types; i++)
         if (strcasecmp(types[i], type) == 0) return true;
     return false;
@@ -388,7 +404,9 @@ static enum status write_file(struct outputs *outputs, const struct planned *ite
 }
 
 /* The lines of what the input's reader left out. */
-static void note_input(const struct cloud *cloud, struct losses *losses) {
+static void note_input(const struct cloud *cloud, uint32_t outputs, struct losses *losses) {
+    if (cloud->las && cloud->las->has_crs && outputs & (OUTPUT_ANY_CLOUD | OUTPUT_ANY_MESH) & ~(uint32_t)OUTPUT_ANY_LAS)
+        losses_add(losses, "input", "the coordinate system, but in cloud.las and cloud.laz");
     for (const char *at = cloud->left_out; at && *at;) {
         size_t n = strcspn(at, "\n");
         losses_add(losses, "input", "%.*s", (int)n, at);
@@ -468,7 +486,7 @@ enum status worker_output_write(const struct worker_options *options, int input,
                               .level = &result->level[0],
                               .rule = make_rule(options, input),
                               .losses = &result->report.losses};
-    note_input(cloud, outputs.losses);
+    note_input(cloud, options->params.outputs, outputs.losses);
     enum status status = find_vertices(&outputs, error);
     if (!status) status = options->to_standard ? write_standard(&outputs, error) : write_folder(&outputs, error);
     vertices_done(&outputs);

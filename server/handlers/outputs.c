@@ -214,8 +214,10 @@ static void send_level(struct service *service, const struct request *request, c
         response_refuse(response, PROBLEM_NO_SUCH_OUTPUT, "the job has no output %.80s", request->match.capture[1]);
         return;
     }
-    if (strncmp(output->name, "cloud", 5) != 0) {
-        refuse_level(response, parameter, NULL, "an output whose name begins with cloud");
+    const char *type = strrchr(output->name, '.');
+    bool is_las = type && (strcmp(type, ".las") == 0 || strcmp(type, ".laz") == 0);
+    if (strncmp(output->name, "cloud", 5) != 0 || is_las) {
+        refuse_level(response, parameter, NULL, "an output whose name begins with cloud, but LAS and LAZ");
         return;
     }
     struct job_output level = *output;

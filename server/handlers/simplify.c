@@ -33,7 +33,7 @@ static const char *file_asked(const struct request *request) {
 
 static void refuse_output(const struct request *request, struct problem *problem) {
     static const char allowed[] =
-        "one of cloud, xyz, cloud.pcd, mesh, mesh.obj, mesh.stl, mesh.glb, report, dso, error, "
+        "one of cloud, xyz, cloud.pcd, cloud.las, cloud.laz, mesh, mesh.obj, mesh.stl, mesh.glb, report, dso, error, "
         "preview.png";
     problem_set(problem, PROBLEM_INVALID_PARAMETER, "output: takes %s", allowed);
     problem_add_error(problem, "output", query_find(request->query, request->query_count, "output"), allowed, NULL);

@@ -5,7 +5,7 @@ import { bytes, count, figure, find, make, percent } from "./words.js";
 
 const OUTPUTS = [["cloud", "Cloud"], ["mesh", "Mesh"], ["error", "Deviation of every point"], ["preview.png", "Picture"],
   ["dso", "Shape operator"], ["mesh.glb", "Mesh as glTF"], ["mesh.obj", "Mesh as OBJ"], ["mesh.stl", "Mesh as STL"],
-  ["cloud.pcd", "Cloud as PCD"], ["xyz", "Cloud as text"]];
+  ["cloud.las", "Cloud as LAS"], ["cloud.laz", "Cloud as LAZ"], ["cloud.pcd", "Cloud as PCD"], ["xyz", "Cloud as text"]];
 const USUAL = ["cloud", "mesh", "error", "preview.png"], SMALL = ["cloud", "preview.png"];
 const MANY = 3000000; // points beyond which a mesh isn't the first suggestion
 const ELSEWHERE = ["ratio", "points", "max_deviation", "max_deviation_rel", "outputs", "threads"];

@@ -2,6 +2,7 @@
 """LAZ from end to end: another reader's opinion of what our writer makes, threads, the service."""
 import pathlib
 import shutil
+import struct
 import subprocess
 
 import pytest
@@ -64,3 +65,88 @@ def test_a_broken_chunk_is_told_with_its_place():
     done = whittle(FIXTURES / "invalid/laz-chunk-damaged/input.laz", "--dry-run")
     assert done.returncode == 65
     assert "byte 335: chunks: chunk 0, of points 0 to 39" in done.stderr
+
+
+def records_of(las):
+    """The records of points of a LAS file, sorted."""
+    first, = struct.unpack_from("<I", las, 96)
+    each, = struct.unpack_from("<H", las, 105)
+    return sorted(las[i:i + each] for i in range(first, len(las) - each + 1, each))
+
+
+@pytest.mark.parametrize("extra", [0, 3])
+@pytest.mark.parametrize("point_format", [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10])
+def test_las_goes_out_as_it_came_in(tmp_path, point_format, extra):
+    """Every kept point to the bit, in the same format, also beside outputs that get colours of 8 bits."""
+    las, laz = make(tmp_path, point_format, extra, 700, points=3000)
+    done = whittle(laz, "--ratio", 1, "--outputs", "cloud,cloud.las,cloud.laz", "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    before, after = las.read_bytes(), (tmp_path / "out/cloud.las").read_bytes()
+    assert records_of(after) == records_of(before)
+    assert after[104:107] == before[104:107] and after[131:179] == before[131:179]
+    done = whittle(tmp_path / "out/cloud.laz", "--ratio", 1, "--outputs", "cloud.las", "-o", tmp_path / "again")
+    assert done.returncode == 0, done.stderr
+    assert records_of((tmp_path / "again/cloud.las").read_bytes()) == records_of(before)
+    if point_format not in (4, 5, 9, 10):
+        assert read_by_laz_perf(tmp_path / "out/cloud.laz", tmp_path / "out/cloud.las").returncode == 0
+
+
+def with_records(las, *records):
+    """The same file with variable length records before its points."""
+    header, = struct.unpack_from("<H", las, 94)
+    blob = b"".join(struct.pack("<H16sHH32s", 0, user, number, len(data), b"") + data for user, number, data in records)
+    made = bytearray(las[:header] + blob + las[header:])
+    struct.pack_into("<II", made, 96, header + len(blob), len(records))
+    return bytes(made)
+
+
+@pytest.mark.parametrize("name", ["cloud.las", "cloud.laz"])
+def test_the_coordinate_system_is_kept_and_never_guessed(tmp_path, name):
+    las, _ = make(tmp_path, 6, 0, 700, points=100)
+    keys, wkt = bytes(range(32)), b'PROJCS["somewhere"]\0'
+    (tmp_path / "crs.las").write_bytes(with_records(las.read_bytes(), (b"LASF_Projection", 34735, keys),
+                                                    (b"LASF_Projection", 2112, wkt), (b"nobody", 7, b"secret")))
+    for path, expected in ((tmp_path / "crs.las", True), (las, False)):
+        done = whittle(path, "--ratio", 0.5, "--outputs", name, "-o", tmp_path / "out", "--force")
+        assert done.returncode == 0, done.stderr
+        out = (tmp_path / "out" / name).read_bytes()
+        assert (keys in out and wkt in out) == expected and b"secret" not in out
+        assert (b"LASF_Projection" in out) == expected
+    done = whittle(tmp_path / "crs.las", "--ratio", 0.5, "--outputs", "cloud,report", "-o", tmp_path / "out", "--force")
+    assert "the coordinate system, but in cloud.las" in (tmp_path / "out/report.json").read_text()
+
+
+def test_other_formats_become_las_with_a_scale_that_is_told(tmp_path):
+    """Fields by their names, others as described extra bytes; a pipe gets the same points as a file."""
+    lines = "".join(f"{5e5 + i / 7:.6f} {i / 3:.6f} {i % 5} {i % 256} {i % 7} {255 - i % 256} {i * 3} {i / 9:.6f}\n"
+                    for i in range(500))
+    cloud = tmp_path / "in.xyz"
+    cloud.write_text("x y z red green blue intensity mine\n" + lines)
+    done = whittle(cloud, "--ratio", 1, "--outputs", "cloud.las,report", "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    las = (tmp_path / "out/cloud.las").read_bytes()
+    assert las[104] == 2 and b"mine" in las and struct.unpack_from("<H", las, 105) == (26 + 8,)
+    assert "multiples of" in (tmp_path / "out/report.json").read_text()
+    again = whittle(tmp_path / "out/cloud.las", "--ratio", 1, "--outputs", "xyz", "--header", "plain", "-o", "-")
+    names, *rows = again.stdout.splitlines()
+    columns = names.split()
+    found = sorted(tuple(float(v) for v in row.split()) for row in rows)
+    for row, line in zip(found, sorted(tuple(map(float, line.split())) for line in lines.splitlines())):
+        point = dict(zip(columns, row))
+        assert [abs(point[a] - b) < 1e-5 for a, b in zip("xyz", line)] == [True] * 3
+        assert (point["red"], point["intensity"], point["mine"]) == (line[3], line[6], line[7])
+    with open(tmp_path / "appended.laz", "ab") as appended: # where no byte can be written again
+        subprocess.run([BUILD / "whittle", cloud, "--ratio", "1", "--outputs", "cloud.laz", "-q", "-o", "-"], stdout=appended,
+                       check=True)
+    back = whittle(tmp_path / "appended.laz", "--ratio", 1, "--outputs", "cloud.las", "-o", tmp_path / "back")
+    assert back.returncode == 0, back.stderr
+    assert records_of((tmp_path / "back/cloud.las").read_bytes()) == records_of(las)
+
+
+def test_a_service_takes_and_gives_laz(daemon, tmp_path):
+    _, laz = make(tmp_path, 7, 1, 700, points=2000)
+    job = daemon.ended(daemon.submit(laz.read_bytes(), "?ratio=0.5&outputs=cloud.laz"))
+    assert job["status"] == "successful", job
+    out = daemon.curl(f"/v1/jobs/{job['id']}/outputs/cloud.laz").body
+    assert out[:4] == b"LASF" and out[104] == 0x87 and struct.unpack_from("<Q", out, 247) == (1000,)
+    assert daemon.curl(f"/v1/jobs/{job['id']}/outputs/cloud.laz?points=10").status == 400

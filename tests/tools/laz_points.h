@@ -61,7 +61,7 @@ static inline void laz_points_step(unsigned format, size_t bytes, uint64_t *s, c
         memcpy(record + at + 9, last + at + 9, 4);
         if (!laz_points_one_in(s, 4))
             offset += laz_points_one_in(s, 9) ? laz_points_next(s) % 9999 : laz_load32(last + at + 9);
-        if (laz_points_one_in(s, 50)) offset = laz_points_next(s);
+        if (laz_points_one_in(s, 50)) offset = laz_points_next(s) >> 12; /* a double holds it */
         if (laz_points_one_in(s, 20)) laz_store32(record + at + 9, (uint32_t)laz_points_next(s) % 500);
         laz_store64(record + at + 1, offset);
     }

@@ -6,7 +6,8 @@
  * Where the fields of a point lie is a table of rows for formats 0 to 5 and one for 6 to 10; a row gives a bit field as
  * offset, shift and width.  What a record has beyond its format are extra bytes, described by a record of their own, or
  * else kept as bytes extra_0, extra_1 ...  x, y, z are X * scale + offset in double; so are extra fields that have a
- * scale. 64-bit integers become double.  Coordinate systems and waveforms outside the points are left out, and noted.
+ * scale. 64-bit integers become double.  What LAS can
+ * hold again, coordinate systems among it, is kept for it (las_fields.h); waveforms outside the points are left out.
  *
  * Points come in pieces that know nothing of each other: so many of LAS, a chunk of LAZ (core/io/laz/laz.h), COPC among
  * it.  Pieces are read on all threads, each point into its own place, so that nothing depends on which is first; after
@@ -15,6 +16,7 @@
  * A file that ends within its points keeps those that are there, with a note: transfers and full disks cut files short.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/io/formats/las_fields.h"
 #include "core/io/reader.h"
 
 #include <inttypes.h>
@@ -32,30 +34,11 @@
 #include "core/io/laz/laz.h"
 
 enum {
-    LEAST_HEADER_BYTES = 227,
-    HEADER_14_BYTES = 375,
-    VLR_BYTES = 54,
-    EXTRA_BYTES = 192,
-    FORMATS = 11,
-    MAX_FIELDS = CLOUD_MAX_PROPERTIES,
     COMPATIBLE_ID = 22204,
-    LAZ_BIT = 0x80,
     FORMAT_BITS = 0x3f,
     PIECE_POINTS = 16384,   /* of LAS */
     BATCH_POINTS = 1 << 19, /* about, between two looks at the progress */
     NOTE_BYTES = 160
-};
-
-/* What stands in the file; the first eight are enum scalar_type. */
-enum { RAW_U64 = SCALAR_TYPE_COUNT, RAW_I64 };
-
-struct field {
-    char name[PROPERTY_NAME_BYTES];
-    unsigned type;        /* enum scalar_type, RAW_U64 or RAW_I64 */
-    size_t offset;        /* in the file's record */
-    unsigned shift, bits; /* bits 0: the whole scalar */
-    bool scaled;
-    double scale, add;
 };
 
 struct reader {
@@ -65,11 +48,12 @@ struct reader {
     unsigned format, minor;
     uint64_t points, first_point, record_bytes, header_bytes, record_count; /* of variable length records */
     double scale[3], add[3];
-    bool is_laz, has_layout;
+    bool is_laz, has_layout, has_crs;
+    size_t kept_bytes;        /* of variable length records that go on */
     struct laz_layout layout; /* of LAZ */
     unsigned threads;
     size_t field_count;
-    struct field field[MAX_FIELDS];
+    struct las_field field[CLOUD_MAX_PROPERTIES];
 };
 
 #define OLD 0x03f  /* formats 0 to 5 */
@@ -128,20 +112,20 @@ static const struct {
 };
 
 /* A waveform packet's description, at the offset that its format has it; 0 = none. */
-static const size_t wave_offset[FORMATS] = {0, 0, 0, 0, 28, 34, 0, 0, 0, 30, 38};
+static const size_t wave_offset[LAS_FORMATS] = {0, 0, 0, 0, 28, 34, 0, 0, 0, 30, 38};
 static const struct {
     const char *name;
     unsigned type;
     size_t offset;
 } wave_rows[] = {{"wave_packet_descriptor", U8, 0},
-                 {"wave_offset", RAW_U64, 1},
+                 {"wave_offset", LAS_U64, 1},
                  {"wave_bytes", U32, 9},
                  {"wave_location", F32, 13},
                  {"wave_dx", F32, 17},
                  {"wave_dy", F32, 21},
                  {"wave_dz", F32, 25}};
 
-static const size_t format_bytes[FORMATS] = {20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67};
+const size_t las_format_bytes[LAS_FORMATS] = {20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67};
 
 /* ------------------------------------------------------------------------------------------------ numbers */
 
@@ -174,9 +158,9 @@ static enum status check_version(struct reader *r) {
     if (major != 1 || r->minor > 5)
         return error_set_at(r->build.error, STATUS_UNSUPPORTED, "version", 0, 24,
                             "LAS version %u.%u; 1.0 to 1.5 are read", major, r->minor);
-    r->is_laz = r->bytes[104] & LAZ_BIT;
+    r->is_laz = r->bytes[104] & LAS_LAZ_BIT;
     r->format = r->is_laz ? r->bytes[104] & FORMAT_BITS : r->bytes[104];
-    if (r->format >= FORMATS)
+    if (r->format >= LAS_FORMATS)
         return error_set_at(r->build.error, STATUS_UNSUPPORTED, "format", 0, 104, "point format %u; 0 to 10 are read",
                             r->format);
     return STATUS_OK;
@@ -204,18 +188,18 @@ static enum status check_end(struct reader *r) {
 }
 
 static enum status check_sizes(struct reader *r) {
-    uint64_t least = r->minor >= 4 ? HEADER_14_BYTES : LEAST_HEADER_BYTES;
+    uint64_t least = r->minor >= 4 ? LAS_HEADER_BYTES : LAS_OLD_HEADER_BYTES;
     if (r->header_bytes < least || r->header_bytes > r->n)
         return bad(r, "header", 94, "the size of the header is out of range", r->header_bytes);
     if (r->first_point < r->header_bytes || r->first_point > r->n)
         return bad(r, "header", 96, "the points begin out of range", r->first_point);
-    if (r->record_bytes < format_bytes[r->format])
+    if (r->record_bytes < las_format_bytes[r->format])
         return bad(r, "header", 105, "the size of a point is too small for its format", r->record_bytes);
     return r->is_laz ? STATUS_OK : check_end(r);
 }
 
 static enum status take_header(struct reader *r) {
-    if (r->n < LEAST_HEADER_BYTES) return bad(r, "header", r->n, "the file ends in its header; bytes there", r->n);
+    if (r->n < LAS_OLD_HEADER_BYTES) return bad(r, "header", r->n, "the file ends in its header; bytes there", r->n);
     enum status status = check_version(r);
     if (status) return status;
     r->header_bytes = little_load(r->bytes + 94, 2);
@@ -223,7 +207,7 @@ static enum status take_header(struct reader *r) {
     r->record_count = little_load(r->bytes + 100, 4);
     r->record_bytes = little_load(r->bytes + 105, 2);
     r->points = little_load(r->bytes + 107, 4);
-    if (r->minor >= 4 && r->n >= HEADER_14_BYTES && little_load(r->bytes + 247, 8))
+    if (r->minor >= 4 && r->n >= LAS_HEADER_BYTES && little_load(r->bytes + 247, 8))
         r->points = little_load(r->bytes + 247, 8);
     for (size_t axis = 0; axis < 3; axis++) {
         r->scale[axis] = load_f64(r->bytes + 131 + 8 * axis);
@@ -236,39 +220,55 @@ static enum status take_header(struct reader *r) {
 
 /* ------------------------------------------------------------------------------------------------ fields */
 
-static enum status add_field(struct reader *r, const struct field *field) {
+static enum status add_field(struct reader *r, const struct las_field *field) {
     enum scalar_type type = field->type >= SCALAR_TYPE_COUNT || field->scaled ? F64 : (enum scalar_type)field->type;
     enum status status = cloud_build_property(&r->build, field->name, type);
     if (!status && field->type >= SCALAR_TYPE_COUNT)
         status = cloud_build_leave_out(&r->build, "64-bit integers beyond 2^53: they are rounded to double");
-    if (!status) r->field[r->field_count++] = *field;
+    if (!status) {
+        r->field[r->field_count] = *field; /* under the property's name, which may be another one */
+        memcpy(r->field[r->field_count].name, r->build.cloud.property[r->field_count].name, PROPERTY_NAME_BYTES);
+        r->field_count++;
+    }
     return status;
 }
 
 static enum status add_row(struct reader *r, const char *name, unsigned type, size_t offset, unsigned shift,
                            unsigned bits) {
-    struct field field = {.type = type, .offset = offset, .shift = shift, .bits = bits};
+    struct las_field field = {.type = type, .offset = offset, .shift = shift, .bits = bits};
     snprintf(field.name, sizeof field.name, "%s", name);
     return add_field(r, &field);
 }
 
+size_t las_format_fields(unsigned format, struct las_field field[32]) {
+    size_t wave = wave_offset[format], n = 0;
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        if (!(rows[i].formats >> format & 1)) continue;
+        field[n] = (struct las_field){
+            .type = rows[i].type, .offset = rows[i].offset, .shift = rows[i].shift, .bits = rows[i].bits};
+        snprintf(field[n++].name, PROPERTY_NAME_BYTES, "%s", rows[i].name);
+    }
+    for (size_t i = 0; wave && i < sizeof wave_rows / sizeof *wave_rows; i++) {
+        field[n] = (struct las_field){.type = wave_rows[i].type, .offset = wave + wave_rows[i].offset};
+        snprintf(field[n++].name, PROPERTY_NAME_BYTES, "%s", wave_rows[i].name);
+    }
+    return n;
+}
+
 static enum status add_format_fields(struct reader *r) {
-    size_t wave = wave_offset[r->format];
+    struct las_field fields[32];
+    size_t n = las_format_fields(r->format, fields);
     enum status status = STATUS_OK;
     for (size_t axis = 0; !status && axis < 3; axis++) {
-        struct field field = {.name = {"xyz"[axis]},
-                              .type = SCALAR_INT32,
-                              .offset = 4 * axis,
-                              .scaled = true,
-                              .scale = r->scale[axis],
-                              .add = r->add[axis]};
+        struct las_field field = {.name = {"xyz"[axis]},
+                                  .type = SCALAR_INT32,
+                                  .offset = 4 * axis,
+                                  .scaled = true,
+                                  .scale = r->scale[axis],
+                                  .add = r->add[axis]};
         status = add_field(r, &field);
     }
-    for (size_t i = 0; !status && i < sizeof rows / sizeof *rows; i++)
-        if (rows[i].formats >> r->format & 1)
-            status = add_row(r, rows[i].name, rows[i].type, rows[i].offset, rows[i].shift, rows[i].bits);
-    for (size_t i = 0; !status && wave && i < sizeof wave_rows / sizeof *wave_rows; i++)
-        status = add_row(r, wave_rows[i].name, wave_rows[i].type, wave + wave_rows[i].offset, 0, 0);
+    for (size_t i = 0; !status && i < n; i++) status = add_field(r, &fields[i]);
     return status;
 }
 
@@ -276,14 +276,14 @@ static size_t raw_bytes(unsigned type) { return type < SCALAR_TYPE_COUNT ? scala
 
 /* Adds the field or fields of one description of extra bytes; *at is where they lie, moved on. */
 static enum status add_described(struct reader *r, const unsigned char *d, size_t *at) {
-    static const unsigned types[] = {U8, SCALAR_INT8, U16, SCALAR_INT16, U32, SCALAR_INT32, RAW_U64, RAW_I64, F32, F64};
+    static const unsigned types[] = {U8, SCALAR_INT8, U16, SCALAR_INT16, U32, SCALAR_INT32, LAS_U64, LAS_I64, F32, F64};
     unsigned type = d[2], options = d[3], count = type == 0 ? options : 1 + (type - 1) / 10;
     if (type > 30) return STATUS_OK; /* of no known size: what is left becomes bytes */
     unsigned raw = type == 0 ? U8 : types[(type - 1) % 10];
     bool scaled = type != 0 && options & 0x18;
     enum status status = STATUS_OK;
     for (unsigned k = 0; !status && k < count && *at + raw_bytes(raw) <= r->record_bytes; k++) {
-        struct field field = {.type = raw, .offset = *at, .scaled = scaled, .scale = 1, .add = 0};
+        struct las_field field = {.type = raw, .offset = *at, .scaled = scaled, .scale = 1, .add = 0};
         if (options & 0x08) field.scale = load_f64(d + 112 + 8 * (k % 3));
         if (options & 0x10) field.add = load_f64(d + 136 + 8 * (k % 3));
         int length = (int)strnlen((const char *)d + 4, 32);
@@ -300,6 +300,14 @@ static bool is_user(const unsigned char *vlr, const char *user) {
     return strncmp((const char *)vlr + 2, user, 16) == 0;
 }
 
+/* Whether a record goes on into what is written: it tells of coordinates or fields, not of how this file is laid out.
+ */
+static bool goes_on(const unsigned char *vlr) {
+    uint64_t id = little_load(vlr + 18, 2);
+    return is_user(vlr, "LASF_Projection") || is_user(vlr, "liblas") ||
+           (is_user(vlr, "LASF_Spec") && (id == 0 || id == 3 || id == 4));
+}
+
 static enum status take_layout(struct reader *r, uint64_t at, uint64_t length) {
     const char *wrong = laz_layout_take(r->bytes + at, (size_t)length, r->format, (size_t)r->record_bytes, &r->layout);
     r->has_layout = !wrong;
@@ -312,27 +320,83 @@ static enum status take_records(struct reader *r, size_t *extra) {
     uint64_t at = r->header_bytes;
     enum status status = STATUS_OK;
     for (uint64_t i = 0; !status && i < r->record_count; i++) {
-        if (r->first_point - at < VLR_BYTES) return bad(r, "header", at, "a variable length record is cut short", i);
+        if (r->first_point - at < LAS_VLR_BYTES)
+            return bad(r, "header", at, "a variable length record is cut short", i);
         const unsigned char *vlr = r->bytes + at;
         uint64_t id = little_load(vlr + 18, 2), length = little_load(vlr + 20, 2);
-        at += VLR_BYTES;
+        at += LAS_VLR_BYTES;
         if (r->first_point - at < length) return bad(r, "header", at, "a variable length record is cut short", i);
-        if (is_user(vlr, "LASF_Projection")) status = cloud_build_leave_out(&r->build, "the coordinate system");
+        if (is_user(vlr, "LASF_Projection")) r->has_crs = true;
+        if (goes_on(vlr)) r->kept_bytes += LAS_VLR_BYTES + length;
         if (r->is_laz && is_user(vlr, "laszip encoded") && id == LAZ_RECORD_ID) status = take_layout(r, at, length);
         if (!status && is_user(vlr, "lascompatible") && id == COMPATIBLE_ID)
             status =
                 cloud_build_leave_out(&r->build, "what LAS 1.4 adds to the points: they are in compatibility mode, "
                                                  "as extra bytes");
         if (!status && is_user(vlr, "LASF_Spec") && id == 4)
-            for (uint64_t k = 0; !status && k + EXTRA_BYTES <= length; k += EXTRA_BYTES)
+            for (uint64_t k = 0; !status && k + LAS_EXTRA_BYTES <= length; k += LAS_EXTRA_BYTES)
                 status = add_described(r, r->bytes + at + k, extra);
         at += length;
     }
     return status;
 }
 
+/* A long coordinate system may stand behind the points: its record, with the length that it has there, or NULL. */
+static const unsigned char *find_late_crs(const struct reader *r, uint64_t *length) {
+    enum { EVLR_BYTES = 60, FIRST = 235, COUNT = 243 };
+    if (r->minor < 4 || r->n < LAS_HEADER_BYTES) return NULL;
+    uint64_t at = little_load(r->bytes + FIRST, 8), count = little_load(r->bytes + COUNT, 4);
+    for (uint64_t i = 0; i < count && at <= r->n && r->n - at >= EVLR_BYTES; i++) {
+        const unsigned char *record = r->bytes + at;
+        *length = little_load(record + 20, 8);
+        if (*length > r->n - at - EVLR_BYTES) return NULL;
+        if (is_user(record, "LASF_Projection")) return record;
+        at += EVLR_BYTES + *length;
+    }
+    return NULL;
+}
+
+/* What whoever writes LAS of this cloud takes from it. */
+static enum status keep_origin(struct reader *r) {
+    enum { EVLR_BYTES = 60 };
+    uint64_t late_bytes = 0, at = r->header_bytes;
+    const unsigned char *late = find_late_crs(r, &late_bytes);
+    if (late && late_bytes > UINT16_MAX) late = NULL;
+    size_t bytes = r->kept_bytes + (late ? LAS_VLR_BYTES + (size_t)late_bytes : 0);
+    struct cloud_las *las = alloc_array(1, sizeof *las + bytes);
+    if (!las) return error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for %zu bytes of records", bytes);
+    *las = (struct cloud_las){.minor = r->minor,
+                              .format = r->format,
+                              .source = (unsigned)little_load(r->bytes + 4, 2),
+                              .encoding = (unsigned)little_load(r->bytes + 6, 2),
+                              .record_bytes = (size_t)r->record_bytes,
+                              .has_crs = r->has_crs || late,
+                              .field_count = r->field_count};
+    memcpy(las->field, r->field, r->field_count * sizeof *las->field);
+    for (uint64_t i = 0; i < r->record_count; i++) {
+        const unsigned char *vlr = r->bytes + at;
+        size_t whole = LAS_VLR_BYTES + (size_t)little_load(vlr + 20, 2);
+        at += whole;
+        if (!goes_on(vlr)) continue;
+        memcpy(las->records + las->records_bytes, vlr, whole);
+        las->records_bytes += whole;
+        las->record_count++;
+    }
+    if (late) { /* as a short record: lengths have two bytes there, not eight */
+        unsigned char *to = las->records + las->records_bytes;
+        memset(to, 0, LAS_VLR_BYTES);
+        memcpy(to, late, 22);
+        memcpy(to + 22, late + 28, 32);
+        memcpy(to + LAS_VLR_BYTES, late + EVLR_BYTES, (size_t)late_bytes);
+        las->records_bytes = bytes;
+        las->record_count++;
+    }
+    r->build.cloud.las = las;
+    return STATUS_OK;
+}
+
 static enum status describe(struct reader *r) {
-    size_t extra = format_bytes[r->format], first = extra;
+    size_t extra = las_format_bytes[r->format], first = extra;
     enum status status = add_format_fields(r);
     if (!status) status = take_records(r, &extra);
     for (; !status && extra < r->record_bytes; extra++) {
@@ -340,21 +404,21 @@ static enum status describe(struct reader *r) {
         snprintf(name, sizeof name, "extra_%zu", extra - first);
         status = add_row(r, name, U8, extra, 0, 0);
     }
-    return status;
+    return status ? status : keep_origin(r);
 }
 
 /* ------------------------------------------------------------------------------------------------ points */
 
-static void take_field(const struct field *field, const unsigned char *from, void *to) {
+static void take_field(const struct las_field *field, const unsigned char *from, void *to) {
     from += field->offset;
-    if (field->type == RAW_U64 || field->type == RAW_I64 || field->scaled) {
+    if (field->type == LAS_U64 || field->type == LAS_I64 || field->scaled) {
         unsigned char scalar[8];
         double value;
         if (field->type < SCALAR_TYPE_COUNT) {
             load_scalar(from, (enum scalar_type)field->type, scalar);
             value = scalar_load(scalar, (enum scalar_type)field->type);
         } else {
-            value = field->type == RAW_U64 ? (double)little_load(from, 8) : (double)(int64_t)little_load(from, 8);
+            value = field->type == LAS_U64 ? (double)little_load(from, 8) : (double)(int64_t)little_load(from, 8);
         }
         if (field->scaled) value = value * field->scale + field->add;
         memcpy(to, &value, sizeof value);
@@ -493,7 +557,7 @@ static enum status take_points(struct reader *r) {
 const char *cloud_las_look(const struct first_bytes *first) {
     enum { FORMAT_BYTE = 104 };
     if (!first_begins(first, "LASF", 4)) return "";
-    return first->n > FORMAT_BYTE && first->text[FORMAT_BYTE] & LAZ_BIT ? "laz" : "las";
+    return first->n > FORMAT_BYTE && first->text[FORMAT_BYTE] & LAS_LAZ_BIT ? "laz" : "las";
 }
 
 enum status cloud_las_read(const void *bytes, size_t n, const struct cloud_limits *limits,

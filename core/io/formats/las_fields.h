@@ -1,0 +1,53 @@
+/* What a LAS file says of all its points together, and where in a point each property lies: for whoever writes LAS of a
+ * cloud that was LAS.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_IO_FORMATS_LAS_FIELDS_H
+#define WHITTLE_CORE_IO_FORMATS_LAS_FIELDS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/cloud/cloud.h"
+
+enum {
+    LAS_FORMATS = 11,
+    LAS_OLD_HEADER_BYTES = 227,
+    LAS_HEADER_BYTES = 375, /* of 1.4 */
+    LAS_VLR_BYTES = 54,
+    LAS_EXTRA_BYTES = 192, /* a description of extra bytes */
+    LAS_LAZ_BIT = 0x80
+};
+
+/* What stands in a file; the first eight are enum scalar_type. */
+enum { LAS_U64 = SCALAR_TYPE_COUNT, LAS_I64 };
+
+struct las_field {
+    char name[PROPERTY_NAME_BYTES];
+    unsigned type;        /* enum scalar_type, LAS_U64 or LAS_I64 */
+    size_t offset;        /* in the file's record */
+    unsigned shift, bits; /* bits 0: the whole scalar */
+    bool scaled;
+    double scale, add;
+};
+
+/* One piece of memory, which a cloud owns (cloud.las). */
+struct cloud_las {
+    unsigned minor, format, source, encoding; /* of the header */
+    size_t record_bytes;
+    bool has_crs; /* among the records */
+    size_t field_count;
+    struct las_field field[CLOUD_MAX_PROPERTIES];
+    uint32_t record_count; /* variable length records that go on: coordinate system, extra bytes, classes, text */
+    size_t records_bytes;
+    unsigned char records[]; /* as they stand in the file */
+};
+
+/* Bytes of a point of each format, without extra bytes. */
+extern const size_t las_format_bytes[LAS_FORMATS];
+
+/* Fills field with those that points of this format have after x, y, z, and returns how many; at most 32. */
+size_t las_format_fields(unsigned format, struct las_field field[32]);
+
+#endif

@@ -9,6 +9,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <unistd.h>
 
 #include <cmocka.h>
@@ -16,6 +17,7 @@
 #include "core/base/alloc.h"
 #include "core/io/codec/lzf.h"
 #include "core/io/formats/glb_write.h"
+#include "core/io/formats/las_write.h"
 #include "core/io/formats/obj_write.h"
 #include "core/io/formats/pcd_write.h"
 #include "core/io/formats/stl_write.h"
@@ -42,7 +44,7 @@ static struct file load(FILE *from) {
 }
 
 static bool is_new_format(const char *name) {
-    static const char *const first[] = {"off", "obj", "stl", "pcd", "las", "gzip", "zstd"};
+    static const char *const first[] = {"off", "obj", "stl", "pcd", "las", "laz", "gzip", "zstd"};
     for (size_t i = 0; i < sizeof first / sizeof *first; i++)
         if (strncmp(name, first[i], strlen(first[i])) == 0) return true;
     return false;
@@ -551,6 +553,39 @@ static void glb_of_large_coordinates_is_moved(void **state) {
     cloud_done(&cloud);
 }
 
+/* Whatever a cloud was read from, LAS and LAZ of it have the same points, also where memory runs out somewhere before.
+ */
+static void las_everywhere(const struct file *file) {
+    struct cloud cloud = {0}, again[2] = {{0}};
+    assert_int_equal(cloud_read_memory(file->bytes, file->n, NULL, NULL, &cloud, NULL), STATUS_OK);
+    for (int compressed = 0; compressed < 2; compressed++) {
+        enum status status = STATUS_NO_MEMORY;
+        for (int n = 0; status != STATUS_OK; n++) {
+            int fd = memfd_create("las", 0), left = n;
+            assert_true(fd >= 0 && n < 100);
+            alloc_fail = fail_at;
+            alloc_fail_ctx = &left;
+            status = cloud_write_las(fd, &cloud, NULL, cloud.count, compressed, 1, NULL, NULL);
+            alloc_fail = NULL;
+            assert_true(status == STATUS_OK || status == STATUS_NO_MEMORY);
+            assert_int_equal(lseek(fd, 0, SEEK_SET), 0);
+            if (status == STATUS_OK) assert_int_equal(cloud_read(fd, NULL, NULL, &again[compressed], NULL), STATUS_OK);
+            close(fd);
+        }
+    }
+    assert_int_equal(again[0].count, cloud.count);
+    assert_int_equal(again[1].count, cloud.count);
+    assert_memory_equal(again[0].record, again[1].record, cloud.count * again[0].record_bytes);
+    for (size_t i = 0; cloud.las && i < cloud.count; i++)
+        assert_memory_equal(&again[0].position[i], &cloud.position[i], sizeof *cloud.position);
+    cloud_done(&cloud), cloud_done(&again[0]), cloud_done(&again[1]);
+}
+
+static void what_any_format_gives_las_holds(void **state) {
+    (void)state;
+    each_fixture(las_everywhere);
+}
+
 static void a_full_disk_is_told_by_all_writers(void **state) {
     (void)state;
     FILE *full = fopen("/dev/full", "w");
@@ -564,6 +599,8 @@ static void a_full_disk_is_told_by_all_writers(void **state) {
     assert_int_not_equal(mesh_write_obj(fd, &mesh, &cloud, NULL, &error), STATUS_OK);
     assert_int_not_equal(mesh_write_stl(fd, &mesh, &cloud, NULL, &error), STATUS_OK);
     assert_int_not_equal(mesh_write_glb(fd, &mesh, &cloud, NULL, &error), STATUS_OK);
+    for (int compressed = 0; compressed < 2; compressed++)
+        assert_int_not_equal(cloud_write_las(fd, &cloud, NULL, 4, compressed, 1, NULL, &error), STATUS_OK);
     fclose(full);
     cloud_done(&cloud);
 }
@@ -585,6 +622,7 @@ int main(void) {
                                        cmocka_unit_test(stl_keeps_triangles_and_says_what_it_rounds),
                                        cmocka_unit_test(glb_holds_positions_attributes_and_indices),
                                        cmocka_unit_test(glb_of_large_coordinates_is_moved),
+                                       cmocka_unit_test(what_any_format_gives_las_holds),
                                        cmocka_unit_test(a_full_disk_is_told_by_all_writers)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

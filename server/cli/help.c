@@ -22,7 +22,8 @@ static const struct own {
 } owns[] = {
     {'o', "output", "FOLDER|FILE|-", "FILE",
      "Where outputs go; files that are there are replaced. Default: the present folder, where none is. A name that "
-     "ends in .ply, .xyz, .pcd, .obj, .stl, .glb, .png or .json is one file of that format: of the cloud, or of what "
+     "ends in .ply, .xyz, .pcd, .las, .laz, .obj, .stl, .glb, .png or .json is one file of that format: of the cloud, "
+     "or of what "
      "--outputs names. Any other name is a folder, made if it isn't there. - writes one output to standard output "
      "(--outputs names it; default the cloud), and the summary to standard error. The input is never replaced"},
     {'f', "force", NULL, "", "Replace files that are there without -o, too"},
@@ -148,7 +149,8 @@ void help_print_convert(void) {
     puts("Usage: whittle convert INPUT OUTPUT [--crop LIST] [--where LIST] [--columns LIST] [--encoding E]\n"
          "                       [--colours BITS] [--pcd-precision P] [--header H] [-o OUTPUT] [-f] [-n] [-q]\n"
          "\n"
-         "Writes all points of INPUT, in their order, in the format that OUTPUT ends in: .ply, .xyz, .pcd, and where\n"
+         "Writes all points of INPUT, in their order, in the format that OUTPUT ends in: .ply, .xyz, .pcd, .las, .laz, "
+         "and where\n"
          "the input has faces .obj, .stl or .glb, and .ply with them. Properties are kept bit for bit where the\n"
          "format can hold them; what it can't hold is printed. Coordinates are not moved. Nothing is simplified and\n"
          "no surface is made. A file that is there is replaced with -o or --force; the input never. -o - writes to\n"

@@ -28,6 +28,7 @@ static const char reconstructions_help[] = "How the surface is found through the
 #undef NAME
 #undef HELP
 static const char *const surface_forms[] = {"closed", "open", "heightfield", "auto", NULL};
+static const char *const orders[] = {"auto", "simplify-first", "reconstruct-first", NULL};
 static const char *const boundary_forms[] = {"fill", "keep", "auto", NULL};
 static const char *const refine_forms[] = {"none", "flips", "full", NULL};
 static const char *const reference_forms[] = {"auto", "points", "faces", "reconstruction", NULL};
@@ -118,6 +119,10 @@ static const struct param table[] = {
      "What the points are of: closed: the skin of a solid, reconstructed as a closed mesh; open: sheets with borders, "
      "as scans of rooms and single views are; heightfield: one sheet seen from above, as terrain is; auto: found out "
      "from the points, and told in the report"},
+    {"order", PARAM_CHOICE, AT(order), 0, 0, false, "auto", orders, "", true,
+     "Of a closed surface: simplify-first: it is reconstructed from the kept points; reconstruct-first: from more, and "
+     "its edges are collapsed with the topology that it has; auto: the latter where walls are thinner than kept points "
+     "are apart, as the report says"},
     {"boundary", PARAM_CHOICE, AT(boundary), 0, 0, false, "auto", boundary_forms, "", true,
      "Borders of a surface that is reconstructed as closed (surface=closed, which this implies): fill: the mesh is "
      "closed; keep: facets that no point supports are dropped; auto: fill where the surface is found to be closed"},

@@ -19,6 +19,8 @@
 enum dso_form { DSO_RMS, DSO_SUM, DSO_NONE };
 enum placement { PLACEMENT_SUBSET, PLACEMENT_OPTIMAL };
 enum area_weight { AREA_UNIT, AREA_AREA };
+/* Whether points are simplified before the surface is reconstructed from them, or it is reconstructed from more. */
+enum order { ORDER_AUTO, ORDER_SIMPLIFY_FIRST, ORDER_RECONSTRUCT_FIRST };
 enum refine_form { REFINE_NONE, REFINE_FLIPS, REFINE_FULL };
 /* What the points are of: the skin of solids; sheets with borders; one sheet seen from above. */
 enum surface_form { SURFACE_CLOSED, SURFACE_OPEN, SURFACE_HEIGHTFIELD, SURFACE_AUTO };
@@ -104,6 +106,7 @@ struct params {
     int surface;                               /* enum surface_form */
     double close_holes;                        /* in the input's units; NAN = not given */
     int attributes;                            /* enum attribute_form */
+    int order;                                 /* enum order */
     int boundary;                              /* enum boundary_form */
     int refine;                                /* enum refine_form */
     int reference;                             /* enum reference_form */

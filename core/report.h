@@ -36,10 +36,11 @@ struct report_level {
 
     bool has_mesh;
     uint64_t vertices, triangles, hole_fill_triangles, components;
-    uint64_t points_lost;      /* kept points that are no vertex */
-    uint64_t vertices_split;   /* copies made to keep it a manifold */
-    uint64_t holes_closed;     /* of a mesh with borders, because they were asked for */
-    uint64_t handles, borders; /* 0 handles unless it is manifold and oriented */
+    uint64_t points_lost;        /* kept points that are no vertex */
+    uint64_t vertices_split;     /* copies made to keep it a manifold */
+    uint64_t holes_closed;       /* of a mesh with borders, because they were asked for */
+    uint64_t reconstructed_from; /* points that the surface went through before edges were collapsed */
+    uint64_t handles, borders;   /* 0 handles unless it is manifold and oriented */
     double border_length;
     bool watertight, manifold, oriented;
     double area, volume;

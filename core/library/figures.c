@@ -60,6 +60,7 @@ static const struct figure figures[] = {
     OF_MESH("mesh.hole_fill_triangles", COUNT, hole_fill_triangles),
     OF_MESH("mesh.points_lost", COUNT, points_lost),
     OF_MESH("mesh.vertices_split", COUNT, vertices_split),
+    OF_MESH("mesh.reconstructed_from", COUNT, reconstructed_from),
     OF_MESH("mesh.watertight", FLAG, watertight),
     OF_MESH("mesh.manifold", FLAG, manifold),
     OF_MESH("mesh.oriented", FLAG, oriented),

@@ -108,6 +108,12 @@ static double usual_tetrahedra(double points, double triangulated) {
     return TETS_KEPT * triangulated + TETS_POINT * points + TETS_LEAST;
 }
 
+/* A point of a surface has about seven tetrahedra, and takes SITE bytes; there are two meshes meanwhile. */
+size_t memory_usual_points(size_t points, size_t kept) {
+    enum { EACH = 9 };
+    return (size_t)(usual_tetrahedra((double)points, (double)kept) / EACH);
+}
+
 static double most_tetrahedra(double points, double triangulated) {
     return fmax(usual_tetrahedra(points, triangulated), MEMORY_MOST_TETRAHEDRA * triangulated);
 }

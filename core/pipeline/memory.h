@@ -53,6 +53,9 @@ bool memory_lacks_for_faces(const struct memory_job *job, const struct params *p
  * kept, 10.5 where all are, and some for small clouds. */
 uint64_t memory_tetrahedra(const struct memory_job *job, uint64_t kept, bool of_all, const struct params *params);
 
+/* How many points of a surface may be triangulated in what memory_predict counts for the kept ones. */
+size_t memory_usual_points(size_t points, size_t kept);
+
 /* Fills *job from the first n bytes (as many as are at hand) of a file of total_bytes: by the header where there is one
  * (PLY, PCD, LAS, binary STL), by the length of the first lines where it is text.  STATUS_UNSUPPORTED for anything
  * else, compressed data too, STATUS_MALFORMED where a header is broken or not whole; *job is untouched then.  O(n). */

@@ -39,8 +39,7 @@ static void find_support(const struct run *run, const uint32_t *index, struct si
     }
 }
 
-/* The k most important points as sites. */
-static enum status sites_of(const struct run *run, size_t k, struct sites *sites) {
+enum status pipeline_sites_of(const struct run *run, size_t k, struct sites *sites) {
     *sites = (struct sites){.count = k};
     uint32_t *index = alloc_array(run->points.count, sizeof *index);
     sites->id = alloc_array(k, sizeof *sites->id);
@@ -201,7 +200,7 @@ static enum status triangulate(const struct run *run, const struct sites *sites,
 
 enum status pipeline_delaunay(struct run *run) {
     static const char *const flat[] = {"coincide in one point", "lie on one line", "lie on one plane"};
-    enum status status = sites_of(run, run->kept_count, &run->sites);
+    enum status status = pipeline_sites_of(run, run->kept_count, &run->sites);
     if (status) return pipeline_no_memory(run, "delaunay");
     if (run->decision == UNDECIDED) status = look_at_points(run);
     if (status) return pipeline_no_memory(run, "delaunay");
@@ -278,7 +277,7 @@ static enum status decide_by_others(struct run *run, size_t k) {
     struct sites sites;
     struct tets tets = {0};
     struct mesh closed = {0};
-    enum status status = sites_of(run, k, &sites);
+    enum status status = pipeline_sites_of(run, k, &sites);
     if (!status) status = triangulate(run, &sites, false, &tets);
     if (!status) status = reconstruct_as(run, SURFACE_CLOSED, &sites, &tets, &closed, NULL);
     if (!status) status = judge_closed(run, &closed);
@@ -325,6 +324,11 @@ static enum status reconstruct(struct run *run, const struct sites *sites, const
     return reconstruct_as(run, run->surface.form, sites, tets, mesh, facts);
 }
 
+enum status pipeline_reconstruct_closed(struct run *run, const struct sites *sites, const struct tets *tets,
+                                        struct mesh *mesh, struct reconstruct_facts *facts) {
+    return reconstruct_as(run, SURFACE_CLOSED, sites, tets, mesh, facts);
+}
+
 static enum status explain_reconstruction(struct run *run, enum status status) {
     if (status == STATUS_NO_MEMORY) return pipeline_no_memory(run, "reconstruct");
     if (status == STATUS_DEGENERATE)
@@ -336,6 +340,9 @@ enum status pipeline_reconstruct(struct run *run) {
     struct reconstruct_facts facts = {0};
     enum status status = reconstruct(run, &run->sites, &run->tets, &run->mesh, &facts);
     tets_done(&run->tets);
+    run->report.level[run->level].reconstructed_from = run->kept_count;
+    if (!status && run->surface.form == SURFACE_CLOSED && run->params->boundary != BOUNDARY_KEEP)
+        status = pipeline_resolve_walls(run, &facts);
     if (status) return explain_reconstruction(run, status);
     run->report.level[run->level].points_lost = facts.points_lost;
     run->report.level[run->level].vertices_split = facts.vertices_split;
@@ -348,7 +355,7 @@ enum status pipeline_reconstruct_all(struct run *run, struct mesh *surface) {
     struct sites sites;
     struct tets tets = {0};
     struct reconstruct_facts facts = {0};
-    enum status status = sites_of(run, run->points.count, &sites);
+    enum status status = pipeline_sites_of(run, run->points.count, &sites);
     bool field = run->surface.form == SURFACE_HEIGHTFIELD; /* decided by now */
     if (!status && !field) status = triangulate(run, &sites, true, &tets);
     if (!status) status = reconstruct(run, &sites, &tets, surface, &facts);

@@ -19,7 +19,7 @@
  *    umbrellas    for a mesh that is refined: triangles that the original points see between them, and where few points
  *                 are kept the samples that they make
  *  9 delaunay     tetrahedra of the kept points
- * 10 reconstruct  Tight Cocone
+ * 10 reconstruct  Tight Cocone; where walls are too thin for the kept points, of more, and then edges are collapsed
  * 11 refine       flips and moves against the original points
  *    holes        where it is asked for: those of a mesh with borders are closed
  * 12 examine      is it closed, oriented, a manifold

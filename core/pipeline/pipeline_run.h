@@ -12,6 +12,7 @@
 #include "core/simplify/quadric.h"
 #include "core/spatial/knn.h"
 #include "core/spatial/neighbourhood.h"
+#include "core/surface/reconstruct.h"
 #include "core/surface/sheet/kind.h"
 #include "core/surface/tets.h"
 
@@ -117,10 +118,20 @@ void pipeline_scale(struct distance_stats *stats, double scale);
 /* Puts the bounding box of run->points into the report. */
 void pipeline_report_box(struct run *run);
 
+/* The k most important points as sites, to be done with in any case. */
+enum status pipeline_sites_of(const struct run *run, size_t k, struct sites *sites) MUST_CHECK;
 void pipeline_sites_done(struct sites *sites);
 
 /* The surface of all points, as the mesh of the kept ones is made; fills run->error where it fails.  *surface is the
  * caller's. */
 enum status pipeline_reconstruct_all(struct run *run, struct mesh *surface) MUST_CHECK;
+
+/* The closed surface of sites; the mesh's sources become ids along the curve. */
+enum status pipeline_reconstruct_closed(struct run *run, const struct sites *sites, const struct tets *tets,
+                                        struct mesh *mesh, struct reconstruct_facts *facts) MUST_CHECK;
+
+/* Puts a mesh that was reconstructed from more points in place of run->mesh, as params->order says.  run->mesh is
+ * closed, and not refined yet.  STATUS_NO_MEMORY, STATUS_CANCELLED. */
+enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;
 
 #endif

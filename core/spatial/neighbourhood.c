@@ -187,7 +187,7 @@ enum status neighbourhood_find(const struct knn *knn, const vec3 *point, size_t 
         fitting.min = neighbourhood_noisy_count(options->min);
         fitting.max = neighbourhood_noisy_count(options->max);
     }
-    struct neighbourhood found = {.n = n, .stride = fitting.max};
+    struct neighbourhood found = {.n = n, .stride = fitting.max, .noisy = noisy};
     size_t chunks = n / CHUNK + 1;
     found.id = alloc_array(n, found.stride * sizeof *found.id);
     found.count = alloc_array(n, sizeof *found.count);

@@ -7,6 +7,7 @@
 #ifndef WHITTLE_CORE_SPATIAL_NEIGHBOURHOOD_H
 #define WHITTLE_CORE_SPATIAL_NEIGHBOURHOOD_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -25,6 +26,7 @@ struct neighbourhood_options {
 struct neighbourhood {
     size_t n;
     unsigned stride;
+    bool noisy;     /* the cloud as a whole: there are up to three times as many neighbours */
     uint32_t *id;   /* n * stride; owned */
     uint8_t *count; /* n; owned */
     float *spacing; /* n: mean distance to the neighbours, a fraction of the diagonal; 0 for a lonely point; owned */

@@ -106,6 +106,7 @@ ROWS = {
     "neighbours_max": ("torus", CLOUD | {"neighbourhood": 16}, (6, 10, 20), "cloud.ply"),
     "reconstruction": ("torus", MESH | {"refine": "none"}, ("tight", "literal"), "mesh.ply"),
     "surface": ("open", MESH | {"refine": "none"}, ("closed", "open", "heightfield"), "mesh.ply"),
+    "order": ("torus", MESH | {"refine": "none"}, ("simplify-first", "reconstruct-first"), "mesh.ply"),
     "boundary": ("open", MESH | {"refine": "none"}, ("fill", "keep"), "mesh.ply"),
     "weights": ("survey", CLOUD, ("rgb:0.2", "i:0.5", "i:0.5,rgb:0.2"), "cloud.ply"),
     "close_holes": ("holed", MESH | {"refine": "none", "surface": "open", "ratio": 0.3}, (0.01, 5), "mesh.ply"),

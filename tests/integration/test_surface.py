@@ -48,6 +48,9 @@ SHAPES = {"sphere": (sphere, "closed", 0, 0, "outwards"), "half_sphere": (half_s
           "steps": (steps, "open", 0, None, "upwards")}
 
 
+TEAPOT = pathlib.Path(__file__).resolve().parents[3] / "shared" / "data" / "solids" / "teapot.mesh.ply"
+
+
 @pytest.fixture(name="scans", scope="module")
 def make_scans(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scans")
@@ -117,3 +120,31 @@ def test_normals_say_which_side_is_in_front(scans, tmp_path):
     plain, _ = run(scans / "half_sphere.xyz", tmp_path / "plain")
     assert report["surface"]["orientation"] == "normals"
     assert report["mesh"]["volume"] < 0 < plain["mesh"]["volume"]
+
+
+def test_order_says_what_the_surface_goes_through(scans, tmp_path):
+    """A sphere has no walls to lose: auto is simplify-first."""
+    made = {}
+    for order in ("simplify-first", "reconstruct-first", "auto"):
+        report, _ = run(scans / "sphere.xyz", tmp_path / order, "--surface", "closed", "--order", order)
+        mesh, kept = report["mesh"], report["points_out"]
+        assert mesh["watertight"] and mesh["handles"] == 0 and mesh["points_lost"] == mesh["vertices_split"] == 0
+        assert mesh["vertices"] == kept == POINTS // 10
+        assert mesh["reconstructed_from"] == (2 * kept if order == "reconstruct-first" else kept)
+        made[order] = (tmp_path / order / "mesh.ply").read_bytes()
+    assert made["auto"] == made["simplify-first"] != made["reconstruct-first"]
+
+
+def test_thin_walls_are_reconstructed_from_more_points(tmp_path):
+    """Kept points are farther apart than the pot's walls are thick: of them alone, the inner side is lost."""
+    if not TEAPOT.exists():
+        pytest.skip("../shared/data/solids/teapot.mesh.ply isn't there")
+    made = {}
+    for order in ("simplify-first", "auto"):
+        report, _ = run(TEAPOT, tmp_path / order, "--surface", "closed", "--order", order, "--ratio", "0.05")
+        made[order] = report["mesh"] | {"mean": report["error"]["symmetric"]["mean_rel"]}
+        assert report["mesh"]["watertight"] and report["mesh"]["reconstructed_from"] >= report["points_out"]
+    plain, auto = made["simplify-first"], made["auto"]
+    assert auto["reconstructed_from"] > plain["reconstructed_from"]
+    assert (auto["components"], auto["handles"]) == (1, 2)
+    assert auto["mean"] < 0.3 * plain["mean"]

@@ -1,0 +1,140 @@
+/* Collapsing edges down to a count: topology stays, vertices are a subset, sources follow.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "core/base/alloc.h"
+#include "core/mesh/decimate.h"
+#include "tests/unit/faults.h"
+
+enum { AROUND = 36, TUBE = 18, VERTICES = AROUND * TUBE, TRIANGLES = 2 * VERTICES };
+
+/* A ring whose tube is `thin` times as wide as it is high; sources are other numbers than those of the vertices. */
+static struct mesh ring_mesh(double thin) {
+    struct mesh mesh = {.vertex_count = VERTICES, .triangle_count = TRIANGLES};
+    mesh.vertex = alloc_array(VERTICES, sizeof *mesh.vertex);
+    mesh.source = alloc_array(VERTICES, sizeof *mesh.source);
+    mesh.triangle = alloc_array(TRIANGLES, sizeof *mesh.triangle);
+    mesh.tag = alloc_zeroed(TRIANGLES, 1);
+    assert_true(mesh.vertex && mesh.source && mesh.triangle && mesh.tag);
+    for (uint32_t v = 0, t = 0; v < VERTICES; v++) {
+        uint32_t i = v / TUBE, j = v % TUBE, i1 = (i + 1) % AROUND, j1 = (j + 1) % TUBE;
+        double u = 6.283185307 * i / AROUND, w = 6.283185307 * j / TUBE, radius = 0.3 + 0.1 * cos(w);
+        mesh.vertex[v] = (vec3){radius * cos(u), radius * sin(u), 0.1 / thin * sin(w)};
+        mesh.source[v] = 7 + 3 * v;
+        uint32_t a = i * TUBE + j, b = i1 * TUBE + j, c = i1 * TUBE + j1, d = i * TUBE + j1;
+        memcpy(mesh.triangle[t++], (uint32_t[3]){a, b, c}, sizeof *mesh.triangle);
+        memcpy(mesh.triangle[t++], (uint32_t[3]){a, c, d}, sizeof *mesh.triangle);
+    }
+    return mesh;
+}
+
+static struct mesh_facts facts_of(const struct mesh *mesh) {
+    struct mesh_facts facts;
+    assert_int_equal(mesh_examine(mesh, &facts), STATUS_OK);
+    return facts;
+}
+
+/* Down to a fifth a ring stays a ring, with nearly its volume, however thin it is. */
+static void test_topology_stays(void **state) {
+    (void)state;
+    static const double thin[] = {1, 5, 25};
+    for (int i = 0; i < 3; i++) {
+        struct mesh mesh = ring_mesh(thin[i]), whole = ring_mesh(thin[i]);
+        assert_int_equal(mesh_decimate(&mesh, VERTICES / 5), STATUS_OK);
+        struct mesh_facts facts = facts_of(&mesh);
+        assert_int_equal(mesh.vertex_count, VERTICES / 5);
+        assert_int_equal(mesh.triangle_count, 2 * mesh.vertex_count);
+        assert_true(facts.watertight && facts.manifold);
+        assert_int_equal(facts.components, 1);
+        assert_int_equal(facts.euler, 0);
+        assert_int_equal(facts.unused_vertices, 0);
+        assert_true(facts.volume > 0.75 * facts_of(&whole).volume && facts.volume < 1.05 * facts_of(&whole).volume);
+        mesh_done(&mesh), mesh_done(&whole);
+    }
+}
+
+static void test_vertices_are_a_subset(void **state) {
+    (void)state;
+    struct mesh mesh = ring_mesh(1), whole = ring_mesh(1);
+    assert_int_equal(mesh_decimate(&mesh, 100), STATUS_OK);
+    for (size_t v = 0; v < mesh.vertex_count; v++) {
+        uint32_t was = (mesh.source[v] - 7) / 3;
+        assert_true(vec3_equal(mesh.vertex[v], whole.vertex[was]));
+        assert_true(v == 0 || mesh.source[v] > mesh.source[v - 1]);
+    }
+    mesh_done(&mesh), mesh_done(&whole);
+}
+
+/* However few vertices are asked for, as many stay as the topology takes. */
+static void test_it_ends_where_nothing_can_go(void **state) {
+    (void)state;
+    struct mesh mesh = ring_mesh(1);
+    assert_int_equal(mesh_decimate(&mesh, 1), STATUS_OK);
+    struct mesh_facts facts = facts_of(&mesh);
+    assert_true(facts.watertight && facts.manifold);
+    assert_int_equal(facts.euler, 0);
+    assert_true(mesh.vertex_count >= 7 && mesh.vertex_count < VERTICES / 5);
+    mesh_done(&mesh);
+}
+
+static void test_enough_is_left_alone(void **state) {
+    (void)state;
+    struct mesh mesh = ring_mesh(1), whole = ring_mesh(1);
+    assert_int_equal(mesh_decimate(&mesh, VERTICES), STATUS_OK);
+    assert_int_equal(mesh.vertex_count, VERTICES);
+    assert_memory_equal(mesh.triangle, whole.triangle, TRIANGLES * sizeof *mesh.triangle);
+    mesh_done(&mesh), mesh_done(&whole);
+}
+
+/* Vertices of a border stay where they are. */
+static void test_border_stays(void **state) {
+    (void)state;
+    struct mesh mesh = ring_mesh(1), whole = ring_mesh(1);
+    mesh.triangle_count -= (size_t)2 * TUBE; /* cut through */
+    struct mesh_facts before = facts_of(&mesh);
+    assert_int_equal(mesh_decimate(&mesh, 150), STATUS_OK);
+    struct mesh_facts after = facts_of(&mesh);
+    assert_int_equal(before.boundary_edges, after.boundary_edges);
+    assert_true(fabs(before.border_length - after.border_length) < 1e-12);
+    assert_true(after.manifold && after.euler == before.euler);
+    assert_int_equal(mesh.vertex_count, 150);
+    mesh_done(&mesh), mesh_done(&whole);
+}
+
+static void test_failure_leaves_the_mesh(void **state) {
+    (void)state;
+    struct mesh mesh = ring_mesh(1), whole = ring_mesh(1);
+    int failures = 0;
+    for (;;) {
+        faults_in_memory(failures + 1, false);
+        enum status status = mesh_decimate(&mesh, 100);
+        bool happened = faults_stop();
+        assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
+        if (!happened) break;
+        failures++;
+        assert_int_equal(mesh.vertex_count, VERTICES);
+        assert_memory_equal(mesh.triangle, whole.triangle, TRIANGLES * sizeof *mesh.triangle);
+    }
+    assert_true(failures > 4);
+    mesh_done(&mesh), mesh_done(&whole);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_topology_stays),
+        cmocka_unit_test(test_vertices_are_a_subset),
+        cmocka_unit_test(test_it_ends_where_nothing_can_go),
+        cmocka_unit_test(test_enough_is_left_alone),
+        cmocka_unit_test(test_border_stays),
+        cmocka_unit_test(test_failure_leaves_the_mesh),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -10,10 +10,24 @@
 
 `points` is an (n, 3) array, a path, a whittle.Cloud, or an object of Open3D or trimesh.  Options are those of the
 command line, by the same names (whittle.options() lists them).  Needs numpy and the shared library libwhittle.
-"""
-from ._library import Error, Cancelled, options, version
-from .cloud import Cloud
-from .result import Level, Mesh, Result, simplify
 
-__all__ = ["Cancelled", "Cloud", "Error", "Level", "Mesh", "Result", "options", "simplify", "version"]
-__version__ = version()
+whittle.Client, of the service whittled, needs neither: they are loaded when something else is asked for.
+"""
+import importlib
+
+from .client import Client, Problem
+
+_HOME = {"Cancelled": "_library", "Error": "_library", "options": "_library", "version": "_library", "Cloud": "cloud",
+         "Level": "result", "Mesh": "result", "Result": "result", "simplify": "result"}
+
+__all__ = ["Client", "Problem", *sorted(_HOME)]
+
+
+def __getattr__(name):
+    if name == "__version__":
+        return __getattr__("version")()
+    if name not in _HOME:
+        raise AttributeError(f"module 'whittle' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
+    globals()[name] = value
+    return value

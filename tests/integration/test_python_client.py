@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""whittle.Client, of the standard library, against a real service: uploads that break, waits, outputs, problems."""
+import hashlib
+import http.client
+import pathlib
+import sys
+
+import pytest
+
+from conftest import SMALL, sphere
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "api/python"))
+import whittle  # noqa: E402  pylint: disable=wrong-import-position
+import whittle.client as module  # noqa: E402  pylint: disable=wrong-import-position
+
+NAME = hashlib.sha256(SMALL).hexdigest()
+
+
+@pytest.fixture(name="client")
+def make_client(daemon):
+    return whittle.Client(daemon.url)
+
+
+def test_a_cloud_comes_and_its_outputs_go(client, tmp_path):
+    (tmp_path / "ball.xyz").write_bytes(SMALL)
+    told = []
+    cloud = client.upload(tmp_path / "ball.xyz", progress=lambda sent, total: told.append((sent, total)))
+    assert cloud == NAME and told[0] == (0, len(SMALL)) and told[-1] == (len(SMALL), len(SMALL))
+    job = client.simplify(cloud, ratio=0.5, outputs=["cloud", "mesh"], label="ball")
+    seen = []
+    job = client.wait(job, progress=lambda document: seen.append(document["status"]))
+    assert job["status"] == seen[-1] == "successful" and job["label"] == "ball" and job["params"]["ratio"] == 0.5
+    client.save(job, "mesh.ply", tmp_path / "mesh.ply")
+    assert (tmp_path / "mesh.ply").read_bytes() == client.output(job, "mesh.ply")
+    assert not list(tmp_path.glob("*.part"))
+    assert client.clouds()[0]["id"] == NAME
+    client.delete(job)
+    with pytest.raises(whittle.Problem) as refused:
+        client.job(job)
+    assert refused.value.status == 410
+
+
+def test_outputs_are_arrays(client):
+    numpy = pytest.importorskip("numpy", reason="python3-numpy isn't installed: make deps")
+    job = client.wait(client.simplify(SMALL, ratio=0.5))
+    points = client.array(job)
+    assert len(points) == 150 and points.dtype.names == ("x", "y", "z")
+    assert numpy.allclose(points["x"] ** 2 + points["y"] ** 2 + points["z"] ** 2, 1, atol=1e-5)
+    assert (client.array(job, points=7) == points[:7]).all()
+
+
+def test_problems_carry_their_document(client):
+    for call, status, slug in ((lambda: client.simplify(SMALL, ratio=7), 400, "invalid-parameter"),
+                               (lambda: client.simplify("0" * 64, ratio=0.5), 404, "no-such-cloud"),
+                               (lambda: client.upload(b"\x89PNG\r\n\x1a\n" + bytes(100)), 415, "unsupported-format"),
+                               (lambda: client.output("01900000-0000-7000-8000-000000000000", "a"), 404, "no-such-job")):
+        with pytest.raises(whittle.Problem) as refused:
+            call()
+        assert refused.value.status == status and refused.value.document["type"].endswith(slug)
+    assert refused.value.document["detail"] in str(refused.value)
+
+
+def test_an_upload_goes_on_where_the_connection_broke(client, monkeypatch):
+    """Every second reply is lost, after the service has taken the piece or before."""
+    cloud = sphere(2000)
+    monkeypatch.setattr(module, "PIECE_BYTES", 10000)
+    count, real = [0], client._open
+
+    def breaking(method, path, body=None, headers=None):
+        if method != "PATCH":
+            return real(method, path, body, headers)
+        count[0] += 1
+        if count[0] % 4 == 1:
+            raise ConnectionResetError("before the piece")
+        connection, reply = real(method, path, body, headers)
+        if count[0] % 4 == 3:
+            connection.close()
+            raise http.client.RemoteDisconnected("after the piece")
+        return connection, reply
+
+    monkeypatch.setattr(client, "_open", breaking)
+    assert client.upload(cloud) == hashlib.sha256(cloud).hexdigest()
+    assert count[0] > len(cloud) // 10000
+
+
+def test_an_upload_is_resumed_by_another_client(daemon, client, monkeypatch):
+    cloud, places = sphere(2000), []
+    monkeypatch.setattr(module, "PIECE_BYTES", 10000)
+
+    def stop(sent, total):
+        if sent > total // 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        client.upload(cloud, progress=stop, started=places.append)
+    told = []
+    other = whittle.Client(daemon.url)
+    assert other.upload(cloud, resume=places[0], progress=lambda sent, total: told.append(sent)) == \
+        hashlib.sha256(cloud).hexdigest()
+    assert told[0] > len(cloud) // 2
+
+
+def test_a_client_that_can_not_reach_the_service_says_so(daemon):
+    with pytest.raises(ValueError):
+        whittle.Client("localhost:8080")
+    client = whittle.Client(daemon.url, retries=1)
+    daemon.stop()
+    with pytest.raises(OSError):
+        client.upload(SMALL)
+
+
+def test_tokens_and_a_base_path(make_daemon, tmp_path):
+    (tmp_path / "tokens").write_text(f"me:submit,read:{hashlib.sha256(b'secret').hexdigest()}\n")
+    daemon = make_daemon("--tokens-file", tmp_path / "tokens", "--base-path", "/points")
+    client = whittle.Client(daemon.url + "/points", token="secret")
+    assert client.wait(client.simplify(SMALL, ratio=0.5))["status"] == "successful"
+    with pytest.raises(whittle.Problem) as refused:
+        whittle.Client(daemon.url + "/points").simplify(SMALL)
+    assert refused.value.status == 401
+
+
+def test_a_job_that_fails_or_takes_too_long_is_raised(client, make_daemon):
+    flat = "".join(f"{i} 0 0\n" for i in range(50)).encode()
+    with pytest.raises(whittle.Problem) as failed:
+        client.wait(client.simplify(flat, outputs=["mesh"], surface="closed"))
+    assert "line" in str(failed.value)
+    busy = make_daemon("--workers", "1")
+    other = whittle.Client(busy.url)
+    other.simplify(sphere(400000), outputs=["mesh"])
+    with pytest.raises(TimeoutError):
+        other.wait(other.simplify(SMALL), timeout=0)

@@ -69,7 +69,8 @@ static void wide_angles_are_no_triangles(void **state) {
     static const double narrow_within[] = {0, 161, 200, 280}, wide_within[] = {0, 163, 200, 280};
     static const double at_the_end[] = {0, 90, 180, 190, 192, 194, 195},
                         at_the_start[] = {-165, 0, 30, 60, 90, 120, 150};
-    assert_true(triangles_around(half_disc, 5) == 4);
+    static const double third[] = {0, 60, 120};
+    assert_true(triangles_around(half_disc, 5) == 4 && triangles_around(third, 3) == 2);
     assert_true(triangles_around(narrow, 4) == 4 && triangles_around(wide, 4) == 3);
     assert_true(triangles_around(narrow_within, 4) == 4 && triangles_around(wide_within, 4) == 3);
     assert_true(triangles_around(at_the_end, 7) == 6 && triangles_around(at_the_start, 7) == 6);

@@ -210,6 +210,10 @@ static void the_first_lines_say_how_many_points_come(void **state) {
     assert_int_equal(memory_job_of(las, sizeof las, 1000, &job), STATUS_OK);
     assert_true(job.points == 9 && job.record_bytes >= 30);
     assert_int_equal(memory_job_of(las, 100, 1000, &job), STATUS_MALFORMED);
+    unsigned char stl[84 + 4 * 50] = {0};
+    stl[80] = 4;
+    assert_int_equal(memory_job_of(stl, sizeof stl, sizeof stl, &job), STATUS_OK);
+    assert_true(job.points == 4 && job.faces == 4 && job.record_bytes == 28);
     assert_int_equal(memory_job_of("v 0 0 0\nf 1 1 1\n", 16, 16, &job), STATUS_OK);
     assert_true(job.points >= 1 && job.faces >= 1);
     assert_int_equal(memory_job_of("\x1f\x8b\x08", 3, 3, &job), STATUS_UNSUPPORTED);

@@ -182,9 +182,9 @@ def test_the_bill_of_materials_names_what_is_linked():
 
 @needs_bash
 @pytest.mark.parametrize("program, typed, offered", [
-    ("whittle", "--rat", "--ratio"), ("whittle", "--max", "--max_deviation"), ("whittle", "meas", "measure"),
+    ("whittle", "--rat", "--ratio"), ("whittle", "--max", "--max-deviation"), ("whittle", "meas", "measure"),
     ("whittled", "--max-q", "--max-queue"), ("whittled", "--dat", "--data")])
 def test_the_shell_completes_what_the_program_knows(program, typed, offered):
-    script = (f'source {ROOT}/deploy/completion/{program}; COMP_WORDS=("{conftest.BUILD / program}" "{typed}"); '
+    script = (f'source {ROOT}/deploy/completion/bash/{program}; COMP_WORDS=("{conftest.BUILD / program}" "{typed}"); '
               f'COMP_CWORD=1; _{program}; printf "%s\\n" "${{COMPREPLY[@]}}"')
     assert offered in run("bash", "-c", script).splitlines()

@@ -270,7 +270,8 @@ static void the_lid_decides_where_points_do_not(void **state) {
         bool sure;
     } lids[] = {{0, SURFACE_CLOSED, true},
                 {0.006, SURFACE_CLOSED, false},
-                {0.02, SURFACE_OPEN, false},
+                {0.05, SURFACE_CLOSED, false},
+                {0.09, SURFACE_OPEN, false},
                 {0.2, SURFACE_OPEN, true}};
     for (size_t i = 0; i < sizeof lids / sizeof *lids; i++) {
         struct surface_choice choice;

@@ -31,7 +31,7 @@ static const double HEIGHT = 6, OFF = 2; /* of the distance of the farthest of t
 static const double LEANS = 0.5;         /* cosine to the direction: below, the surface is steep */
 static const double FIELD_LAYERED = 0.1, FIELD_STEEP = 0.15, OPEN_LAYERED = 0.4, SURE_LAYERED = 0.35;
 static const struct sheet_limit LID_FAR = {3, INFINITY}, FIELD_FAR = {5, 4.5};
-static const double OPEN_LID = 0.01, SURE_CLOSED = 0.004, SURE_OPEN = 0.07;
+static const double OPEN_LID = 0.07, SURE_CLOSED = 0.004, SURE_OPEN = 0.12;
 static const double FIELD_LID = 0.005;
 enum { SIGNS_LEAST = 1000 /* points that signs can be read off */ };
 

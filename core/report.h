@@ -10,7 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "core/base/warnings.h"
+#include "core/base/left_out.h"
 #include "core/params.h"
 
 /* Distances of samples to a surface.  count == 0: not measured. */
@@ -102,7 +102,7 @@ struct report {
     struct report_surface surface;
     struct report_deviation deviation;
 
-    struct losses losses; /* what the cloud doesn't hold of the input, and the outputs not of the cloud */
+    struct left_out left_out; /* what the cloud doesn't hold of the input, and the outputs not of the cloud */
 
     size_t stage_count;
     struct report_stage stage[REPORT_MAX_STAGES];

@@ -145,12 +145,12 @@ static json_t *timings_json(const struct report *r) {
     return whole(timings, bad);
 }
 
-static json_t *losses_json(const struct losses *losses) {
+static json_t *left_out_json(const struct left_out *left_out) {
     json_t *list = json_array();
     int bad = 0;
-    for (size_t i = 0; i < losses->count; i++)
+    for (size_t i = 0; i < left_out->count; i++)
         bad |= json_array_append_new(
-            list, json_pack("{s:s, s:s}", "file", losses->loss[i].where, "what", losses->loss[i].what));
+            list, json_pack("{s:s, s:s}", "file", left_out->loss[i].where, "what", left_out->loss[i].what));
     return whole(list, bad);
 }
 
@@ -163,7 +163,7 @@ json_t *report_json(const struct report *r) {
     if (r->surface.kind[0]) bad |= put(json, "surface", surface_json(&r->surface));
     if (r->deviation.bound > 0) bad |= put(json, "deviation", deviation_json(r));
     if (r->level_count > 1) bad |= put(json, "levels", levels_json(r));
-    bad |= put(json, "left_out", losses_json(&r->losses));
+    bad |= put(json, "left_out", left_out_json(&r->left_out));
     bad |= put(json, "timings_ms", timings_json(r));
     bad |= put(json, "peak_rss_bytes", stats_json_count(r->peak_rss_bytes));
     return whole(json, bad);

@@ -6,10 +6,10 @@
 #include <errno.h>
 #include <stddef.h>
 
-int (*fault_ask)(const char *point);
+int (*fault_point)(const char *point);
 
 bool fault_at(const char *point) {
-    int number = fault_ask ? fault_ask(point) : 0;
+    int number = fault_point ? fault_point(point) : 0;
     if (number) errno = number;
     return number != 0;
 }

@@ -10,8 +10,8 @@
  * been done.  true, and errno set: the call is to be taken as failed. */
 bool fault_at(const char *point);
 
-/* For tests alone: fault_ask(point) returns the errno of the failure, 0 for none.  NULL (the default) asks nobody.  Set
- * it while no other thread runs; it is called from all of them. */
-extern int (*fault_ask)(const char *point);
+/* For tests alone: fault_point(point) returns the errno of the failure, 0 for none.  NULL (the default) asks nobody.
+ * Set it while no other thread runs; it is called from all of them. */
+extern int (*fault_point)(const char *point);
 
 #endif

@@ -117,29 +117,30 @@ out:
     return status;
 }
 
-static void note(const struct colours *c, enum colour_bits bits, struct losses *losses) {
+static void note(const struct colours *c, enum colour_bits bits, struct left_out *left_out) {
     int to = bits == COLOURS_8 ? 8 : 16;
     if (!c->is_fit)
-        losses_add(losses, "outputs",
-                   "colours: numbers below 0 or over 65535 are among them; they are as in the input");
+        left_out_add(left_out, "outputs",
+                     "colours: numbers below 0 or over 65535 are among them; they are as in the input");
     else if (c->white == 1)
-        losses_add(losses, "outputs", "colours: 0 to 1 became %d bits", to);
+        left_out_add(left_out, "outputs", "colours: 0 to 1 became %d bits", to);
     else if (c->white == UINT16_MAX && to == 8)
-        losses_add(losses, "outputs", "colours: 16 bits became 8, divided by 256 (colours=keep keeps them)");
+        left_out_add(left_out, "outputs", "colours: 16 bits became 8, divided by 256 (colours=keep keeps them)");
     else if (c->white == UINT8_MAX && to == 16)
-        losses_add(losses, "outputs", "colours: 8 bits became 16, times 257");
+        left_out_add(left_out, "outputs", "colours: 8 bits became 16, times 257");
     else if (!c->is_whole)
-        losses_add(losses, "outputs", "colours: rounded to whole numbers");
+        left_out_add(left_out, "outputs", "colours: rounded to whole numbers");
 }
 
-enum status cloud_set_colours(struct cloud *cloud, enum colour_bits bits, struct losses *losses, struct error *error) {
+enum status cloud_set_colours(struct cloud *cloud, enum colour_bits bits, struct left_out *left_out,
+                              struct error *error) {
     struct colours c = find_colours(cloud);
     enum scalar_type type = bits == COLOURS_8 ? SCALAR_UINT8 : SCALAR_UINT16;
     bool is_so = true;
     for (size_t k = 0; k < c.count; k++) is_so = is_so && cloud->property[c.property[k]].type == type;
     if (bits == COLOURS_KEEP || is_so) return STATUS_OK;
     look_at_values(cloud, &c);
-    note(&c, bits, losses);
+    note(&c, bits, left_out);
     if (c.is_fit && repack(cloud, &c, type))
         return error_set(error, STATUS_NO_MEMORY, "write", "no memory for colours");
     return STATUS_OK;

@@ -109,6 +109,6 @@ int whittle_result_warning(const struct whittle_result *result, size_t level, si
 }
 
 const char *whittle_result_left_out(const struct whittle_result *result, size_t i) {
-    const struct losses *losses = &result->made.report.losses;
-    return i < losses->count ? losses->loss[i].what : NULL;
+    const struct left_out *left_out = &result->made.report.left_out;
+    return i < left_out->count ? left_out->loss[i].what : NULL;
 }

@@ -26,7 +26,7 @@
 /* ------------------------------------------------------------------------------------------------- places */
 
 static uint64_t random_bits(uint64_t seed, uint64_t index) {
-    return scramble(scramble(seed + 0x9E3779B97F4A7C15u) + index * 0x9E3779B97F4A7C15u);
+    return hash64(hash64(seed + 0x9E3779B97F4A7C15u) + index * 0x9E3779B97F4A7C15u);
 }
 
 /* [0, 1) */
@@ -46,7 +46,7 @@ static vec3 place_point(const struct sampler *s, size_t i, size_t j, size_t of) 
 static vec3 place_uniform(const struct sampler *s, size_t t, size_t j, size_t of) {
     (void)of;
     uint64_t start = random_bits(s->seed, t);
-    double u = fraction(start + j * STEP_U), v = fraction(scramble(start) + j * STEP_V);
+    double u = fraction(start + j * STEP_U), v = fraction(hash64(start) + j * STEP_V);
     return u + v > 1 ? in_triangle(s, t, 1 - u, 1 - v) : in_triangle(s, t, u, v);
 }
 

@@ -47,18 +47,18 @@ void mesh_done(struct mesh *mesh) {
 
 /* ------------------------------------------------------------------------------------------------ forests */
 
-static void forest_init(size_t *parent, size_t n) {
+static void disjoint_set_init(size_t *parent, size_t n) {
     for (size_t i = 0; i < n; i++) parent[i] = i;
 }
 
-static size_t forest_root(size_t *parent, size_t i) {
+static size_t disjoint_set_root(size_t *parent, size_t i) {
     for (; parent[i] != i; i = parent[i]) parent[i] = parent[parent[i]];
     return i;
 }
 
 /* The smaller root wins. */
-static void forest_unite(size_t *parent, size_t i, size_t j) {
-    size_t a = forest_root(parent, i), b = forest_root(parent, j);
+static void disjoint_set_unite(size_t *parent, size_t i, size_t j) {
+    size_t a = disjoint_set_root(parent, i), b = disjoint_set_root(parent, j);
     if (a < b)
         parent[b] = a;
     else
@@ -101,8 +101,8 @@ static void link_fans(struct workspace *w, const struct half_edge *a, const stru
     size_t a_larger = a->forward ? next_corner(a->corner) : a->corner;
     size_t b_smaller = b->forward ? b->corner : next_corner(b->corner);
     size_t b_larger = b->forward ? next_corner(b->corner) : b->corner;
-    forest_unite(w->fan, a_smaller, b_smaller);
-    forest_unite(w->fan, a_larger, b_larger);
+    disjoint_set_unite(w->fan, a_smaller, b_smaller);
+    disjoint_set_unite(w->fan, a_larger, b_larger);
 }
 
 static void count_boundary(struct workspace *w, size_t corner, struct mesh_facts *facts) {
@@ -110,7 +110,7 @@ static void count_boundary(struct workspace *w, size_t corner, struct mesh_facts
     facts->boundary_edges++;
     facts->border_length += vec3_distance(w->mesh->vertex[a], w->mesh->vertex[b]);
     w->on_border[a] = w->on_border[b] = 1;
-    forest_unite(w->border, a, b);
+    disjoint_set_unite(w->border, a, b);
 }
 
 /* One edge: the n half-edges from first on. */
@@ -127,7 +127,7 @@ static void count_edges(struct workspace *w, struct mesh_facts *facts) {
         size_t end = w->bucket[v + 1], next;
         for (size_t i = w->bucket[v]; i < end; i = next) {
             for (next = i + 1; next < end && w->half[next].larger == w->half[i].larger;) next++;
-            forest_unite(w->component, v, w->half[i].larger);
+            disjoint_set_unite(w->component, v, w->half[i].larger);
             count_edge(w, &w->half[i], next - i, facts);
         }
     }
@@ -185,9 +185,9 @@ enum status mesh_examine(const struct mesh *mesh, struct mesh_facts *facts) {
     struct workspace w = {.mesh = mesh, .corner_count = 3 * mesh->triangle_count};
     enum status status = allocate(&w) ? STATUS_OK : STATUS_NO_MEMORY;
     if (status) goto out;
-    forest_init(w.fan, w.corner_count);
-    forest_init(w.component, mesh->vertex_count);
-    forest_init(w.border, mesh->vertex_count);
+    disjoint_set_init(w.fan, w.corner_count);
+    disjoint_set_init(w.component, mesh->vertex_count);
+    disjoint_set_init(w.border, mesh->vertex_count);
     collect_half_edges(&w);
     count_edges(&w, &counted);
     count_vertices(&w, &counted);

@@ -22,8 +22,8 @@ static void chain_fans(const struct rest *r) {
     for (uint32_t h = 0; h < 3 * r->mesh->triangle_count; h++) {
         uint32_t twin = r->he->twin[h];
         if (twin == NONE || h > twin || r->out[h / 3] || r->out[twin / 3]) continue;
-        forest_unite(r->fan, h, halfedge_next(twin));
-        forest_unite(r->fan, halfedge_next(h), twin);
+        disjoint_set_unite(r->fan, h, halfedge_next(twin));
+        disjoint_set_unite(r->fan, halfedge_next(h), twin);
     }
 }
 
@@ -32,7 +32,7 @@ static size_t number_vertices(const struct rest *r) {
     size_t count = 0;
     for (uint32_t c = 0; c < 3 * r->mesh->triangle_count; c++) {
         if (r->out[c / 3]) continue;
-        uint32_t root = forest_root(r->fan, c);
+        uint32_t root = disjoint_set_root(r->fan, c);
         r->vertex[c] = root == c ? (uint32_t)count++ : r->vertex[root];
     }
     return count;
@@ -61,7 +61,7 @@ static enum status mesh_init(struct mesh *mesh, size_t vertices, size_t triangle
 }
 
 enum status mesh_without(struct mesh *mesh, const struct halfedge *he, const uint8_t *out) {
-    struct rest r = {mesh, he, out, forest_new(3 * mesh->triangle_count), NULL};
+    struct rest r = {mesh, he, out, disjoint_set_new(3 * mesh->triangle_count), NULL};
     struct mesh left = {0};
     size_t count = 0;
     for (size_t t = 0; t < mesh->triangle_count; t++) count += !out[t];

@@ -51,9 +51,10 @@ void pipeline_report_box(struct run *run) {
 
 static void tell_strays(struct run *run) {
     if (run->points.strays && run->params->denoise == DENOISE_NONE)
-        losses_add(&run->report.losses, "input",
-                   "%zu points lie hundreds of times as far off as the others are wide: denoise=outliers drops strays",
-                   run->points.strays);
+        left_out_add(
+            &run->report.left_out, "input",
+            "%zu points lie hundreds of times as far off as the others are wide: denoise=outliers drops strays",
+            run->points.strays);
 }
 
 enum status pipeline_order(struct run *run) {

@@ -77,8 +77,10 @@ static enum status pick_faces(struct run *run, struct mesh *surface) {
             if (!left_out[t])
                 memcpy(surface->triangle[surface->triangle_count++], run->cloud->triangle[t],
                        sizeof *surface->triangle);
-        if (flat) losses_add(&run->report.losses, "input", "%zu faces without area are no part of the surface", flat);
-        if (repeated) losses_add(&run->report.losses, "input", "%zu faces are there already, and count once", repeated);
+        if (flat)
+            left_out_add(&run->report.left_out, "input", "%zu faces without area are no part of the surface", flat);
+        if (repeated)
+            left_out_add(&run->report.left_out, "input", "%zu faces are there already, and count once", repeated);
     }
     free(item), free(left_out);
     return room ? STATUS_OK : STATUS_NO_MEMORY;
@@ -166,7 +168,7 @@ static enum status measure_faces(struct run *run, uint32_t *nearest) {
     mesh_done(&surface);
     if (status != STATUS_LIMIT) return status;
     if (asked) return error_set(run->error, STATUS_BAD_PARAMETER, "reference", "%s: take reference=points", why);
-    losses_add(&run->report.losses, "measure", "%s: errors are measured against its points", why);
+    left_out_add(&run->report.left_out, "measure", "%s: errors are measured against its points", why);
     return measure_against(run, &surface, REFERENCE_POINTS, nearest);
 }
 

@@ -371,7 +371,7 @@ static struct refine_input refine_input_of(struct run *run) {
                                  .spacing = run->hood.spacing,
                                  .hood = &run->hood,
                                  .up = run->surface.form == SURFACE_HEIGHTFIELD ? run->surface.up : (vec3){0},
-                                 .umbrellas = &run->umbrellas,
+                                 .local_delaunay = &run->local_delaunay,
                                  .samples = &run->samples};
 }
 
@@ -382,13 +382,14 @@ static bool has_room_for_samples(const struct run *run) {
 }
 
 /* There are about twice as many triangles as points; refine_mesh finds what it hasn't got. */
-enum status pipeline_umbrellas(struct run *run) {
-    if (!refine_wants_umbrellas(run->points.count, 2 * run->kept_count)) return STATUS_OK;
-    enum status status = umbrella_find(run->points.point, run->normal, &run->hood, run->threads, &run->umbrellas);
+enum status pipeline_local_delaunay(struct run *run) {
+    if (!refine_uses_local_delaunay(run->points.count, 2 * run->kept_count)) return STATUS_OK;
+    enum status status =
+        local_delaunay_find(run->points.point, run->normal, &run->hood, run->threads, &run->local_delaunay);
     if (status || !has_room_for_samples(run)) return status;
     struct refine_input input = refine_input_of(run);
     status = samples_init(&run->samples, &input, 1, run->threads);
-    if (run->params->placement == PLACEMENT_SUBSET) umbrella_done(&run->umbrellas);
+    if (run->params->placement == PLACEMENT_SUBSET) local_delaunay_done(&run->local_delaunay);
     return status;
 }
 

@@ -100,7 +100,7 @@ static const struct step {
     {"space", pipeline_space, spaced, ONCE, 3},
     {"search", pipeline_search, deviation_bounded, ONCE, 600},
     {"keep", pipeline_keep, always, EACH, 1},
-    {"umbrellas", pipeline_umbrellas, refinement_wanted, BESIDE, 4},
+    {"umbrellas", pipeline_local_delaunay, refinement_wanted, BESIDE, 4},
     {"tangent", pipeline_tangent, always, BESIDE, 2},
     {"delaunay", pipeline_delaunay, params_want_mesh, EACH, 10},
     {"reconstruct", pipeline_reconstruct, params_want_mesh, EACH, 10},
@@ -140,7 +140,7 @@ static void restore_vertex(const struct run *run, struct mesh *mesh, size_t v) {
 
 void pipeline_leave_level(struct run *run) {
     pipeline_sites_done(&run->sites);
-    umbrella_done(&run->umbrellas);
+    local_delaunay_done(&run->local_delaunay);
     samples_done(&run->samples);
     tets_done(&run->tets);
     mesh_done(&run->mesh);

@@ -59,8 +59,8 @@ struct run {
     struct surface_choice surface; /* of the whole cloud, made with the first mesh */
     struct surface_signs signs;    /* that it is made by */
     enum { UNDECIDED, LOOKED_AT, DECIDED } decision;
-    bool field_judged;          /* a height field isn't to be doubted any more */
-    struct umbrellas umbrellas; /* for the refinement, which empties them, as it does the samples */
+    bool field_judged;                    /* a height field isn't to be doubted any more */
+    struct local_delaunay local_delaunay; /* for the refinement, which empties them, as it does the samples */
     struct samples samples;
     struct tets tets;
     float *distance; /* of every distinct point to the finest mesh, or, without one, to the tangent plane at the nearest
@@ -70,7 +70,7 @@ struct run {
 };
 
 /* The steps, in their order (core/pipeline/pipeline.c says what each does).  Each fills its own members of struct run,
- * and run->error where it fails, but for those that run beside others: umbrellas, tangent, examine. */
+ * and run->error where it fails, but for those that run beside others: local Delaunay triangles, tangent, examine. */
 enum status pipeline_order(struct run *run) MUST_CHECK;
 enum status pipeline_denoise(struct run *run) MUST_CHECK;
 enum status pipeline_neighbours(struct run *run) MUST_CHECK;
@@ -82,7 +82,7 @@ enum status pipeline_contract(struct run *run) MUST_CHECK;
 enum status pipeline_space(struct run *run) MUST_CHECK;
 enum status pipeline_search(struct run *run) MUST_CHECK;
 enum status pipeline_keep(struct run *run) MUST_CHECK;
-enum status pipeline_umbrellas(struct run *run) MUST_CHECK;
+enum status pipeline_local_delaunay(struct run *run) MUST_CHECK;
 enum status pipeline_tangent(struct run *run) MUST_CHECK;
 enum status pipeline_delaunay(struct run *run) MUST_CHECK;
 enum status pipeline_reconstruct(struct run *run) MUST_CHECK;

@@ -130,8 +130,8 @@ enum status pipeline_sides(struct run *run) {
     report->known = true;
     report->given = run->normals_fit;
     if (given && !run->normals_fit)
-        losses_add(&run->report.losses, "input",
-                   "nx, ny, nz: these normals don't fit the points around them, and aren't used to tell sides");
+        left_out_add(&run->report.left_out, "input",
+                     "nx, ny, nz: these normals don't fit the points around them, and aren't used to tell sides");
     if (!status && run->params->normals == SWITCH_TRUE) status = turn(run, run->normals_fit ? given : NULL);
     free(given);
     return status ? pipeline_no_memory(run, "sides") : STATUS_OK;

@@ -153,7 +153,7 @@ FOR_EACH_PROCESSOR(enum status, fit_assign)
     struct bvh *bvh = NULL;
     size_t triangles = fit->mesh->triangle_count, points = fit->samples.points;
     struct assignment a = {.fit = fit, .triangle = triangle, .distance_sq = distance_sq};
-    a.sides = sample_lists_room(&fit->lists);
+    a.sides = sample_buckets_room(&fit->lists);
     a.star = alloc_array(points, sizeof *a.star);
     enum status status = a.star ? bvh_of(fit, &bvh) : STATUS_NO_MEMORY;
     if (status == STATUS_OK) {
@@ -180,12 +180,12 @@ static void fill_range(void *ctx, size_t begin, size_t end) {
     const size_t *start = filling->start;
     size_t blocks = 0;
     for (size_t t = begin; t < end; t++) blocks += (start[t + 1] - start[t] + SAMPLE_BLOCK - 1) / SAMPLE_BLOCK;
-    uint32_t spare = sample_lists_reserve(&fit->lists, blocks);
+    uint32_t spare = sample_buckets_reserve(&fit->lists, blocks);
     for (size_t t = begin; t < end; t++)
         for (size_t i = start[t]; i < start[t + 1]; i++) {
             uint32_t id = filling->sample[i];
             const struct sample *sample = &fit->samples.sample[id];
-            sample_lists_add(&fit->lists, (uint32_t)t, id, sample, &spare);
+            sample_buckets_add(&fit->lists, (uint32_t)t, id, sample, &spare);
             fit->cost[t] += (double)sample->weight * fit_cost_of(fit, (double)filling->distance_sq[id]);
         }
 }

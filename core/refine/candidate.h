@@ -1,4 +1,4 @@
-/* What a teleport may consist of.
+/* What a reallocation may consist of.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_REFINE_CANDIDATE_H
@@ -10,7 +10,7 @@
 
 /* A vertex that may go, and a half-edge of the edge to the neighbour that it merges into.  Or an edge that may be
  * split, and where. */
-struct fit_offer {
+struct fit_candidate {
     double value; /* loss, or gain */
     uint32_t halfedge, vertex, source;
     vec3 place;

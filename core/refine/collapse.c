@@ -1,5 +1,5 @@
-/* A vertex is merged into a neighbour: its fan becomes one around that neighbour, with two triangles less.  On a
- * border, along which alone a vertex is merged there, it is one less.
+/* A vertex is collapsed into a neighbour: its fan becomes one around that neighbour, with two triangles less.  On a
+ * border, along which alone a vertex is collapsed there, it is one less.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/refine/collapse.h"
@@ -112,7 +112,7 @@ static size_t nearest_ends(const struct fit *fit, const struct fan *fan, vec3 fr
     return count;
 }
 
-/* A neighbour that the vertex may be merged into, and what the fan becomes. */
+/* A neighbour that the vertex may be collapsed into, and what the fan becomes. */
 struct end {
     uint32_t h;
     struct surface made;
@@ -131,7 +131,7 @@ static size_t fair_ends(const struct fit *fit, const struct fan *fan, vec3 from,
     return count;
 }
 
-/* Which end is merged into for the least; the loss. */
+/* Which end is collapsed into for the least; the loss. */
 static double cheapest_end(const struct fit *fit, const struct fan *fan, const struct end *end, size_t ends,
                            size_t *which) {
     double loss = INFINITY;
@@ -144,8 +144,8 @@ static double cheapest_end(const struct fit *fit, const struct fan *fan, const s
 
 /* Whether the surface stays is looked at last: that takes as long as finding what it costs.  Whether the edge may be
  * collapsed, which is hardly ever in doubt, is looked at when it is going to be. */
-struct fit_offer fit_merge_cheapest(const struct fit *fit, uint32_t vertex) {
-    struct fit_offer none = {.value = INFINITY, .halfedge = NONE, .vertex = vertex, .source = NONE};
+struct fit_candidate fit_collapse_cheapest(const struct fit *fit, uint32_t vertex) {
+    struct fit_candidate none = {.value = INFINITY, .halfedge = NONE, .vertex = vertex, .source = NONE};
     struct fan fan;
     if (fit->he.locked[vertex] == HALFEDGE_KNOTTED || fit->he.out[vertex] == NONE || !fan_of(fit, vertex, &fan))
         return none;
@@ -154,7 +154,7 @@ struct fit_offer fit_merge_cheapest(const struct fit *fit, uint32_t vertex) {
     size_t ends = fair_ends(fit, &fan, fit->mesh->vertex[vertex], frames, end), i = 0;
     for (double loss; (loss = cheapest_end(fit, &fan, end, ends, &i)) < INFINITY;) {
         if (fit_stays(fit, &fan.region, &end[i].made))
-            return (struct fit_offer){.value = loss, .halfedge = end[i].h, .vertex = vertex, .source = NONE};
+            return (struct fit_candidate){.value = loss, .halfedge = end[i].h, .vertex = vertex, .source = NONE};
         memmove(&end[i], &end[i + 1], (--ends - i) * sizeof *end);
     }
     return none;
@@ -162,7 +162,7 @@ struct fit_offer fit_merge_cheapest(const struct fit *fit, uint32_t vertex) {
 
 /* About the volume between the star and what would close the gap: a vertex amid a plane has none.  On a border it is
  * closed by the triangle to the two neighbours along it, which counts as if it were as far off as it is wide. */
-double fit_merge_estimate(const struct fit *fit, uint32_t vertex) {
+double fit_collapse_estimate(const struct fit *fit, uint32_t vertex) {
     uint32_t ring[FIT_MAX_RING];
     if (fit->he.locked[vertex] == HALFEDGE_KNOTTED || fit->he.out[vertex] == NONE) return INFINITY;
     bool on_border = fit_is_on_border(fit, vertex);

@@ -35,22 +35,22 @@ vec3 fit_middle(const struct fit *fit, uint32_t triangle) {
     return vec3_scale(vec3_add(vec3_add(vertex[corner[0]], vertex[corner[1]]), vertex[corner[2]]), 1.0 / 3);
 }
 
-/* Fills the cluster with what comes after region->reached and ->rest. */
+/* Fills the batch with what comes after region->reached and ->rest. */
 static void gather_on(const struct fit *fit, struct fit_region *region) {
     for (size_t k = 0; k <= region->reached; k++) region->begin[k] = 0;
     while (region->reached < region->n) {
-        region->rest = cluster_add(&region->cluster, fit->lists.block, region->rest);
+        region->rest = sample_batch_add(&region->batch, fit->lists.block, region->rest);
         if (region->rest != NONE) break;
-        region->begin[++region->reached] = region->cluster.n;
+        region->begin[++region->reached] = region->batch.n;
         if (region->reached < region->n) region->rest = fit->lists.first[region->triangle[region->reached]];
     }
-    for (size_t k = region->reached; k < region->n; k++) region->begin[k + 1] = region->cluster.n;
+    for (size_t k = region->reached; k < region->n; k++) region->begin[k + 1] = region->batch.n;
 }
 
 void fit_gather(const struct fit *fit, struct fit_region *region) {
     region->reached = 0;
     region->rest = fit->lists.first[region->triangle[0]];
-    cluster_clear(&region->cluster, fit->mesh->vertex[fit->mesh->triangle[region->triangle[0]][0]]);
+    sample_batch_clear(&region->batch, fit->mesh->vertex[fit->mesh->triangle[region->triangle[0]][0]]);
     gather_on(fit, region);
 }
 
@@ -60,18 +60,18 @@ const struct fit_region *fit_next_part(const struct fit *fit, const struct fit_r
         more->n = part->n, more->reached = part->reached, more->rest = part->rest;
         memcpy(more->triangle, part->triangle, sizeof more->triangle);
     }
-    cluster_clear(&more->cluster, part->cluster.origin);
+    sample_batch_clear(&more->batch, part->batch.origin);
     gather_on(fit, more);
     return more;
 }
 
-struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region, const struct star_frames *star,
-                               double near) {
-    struct cluster_model model = {0};
+struct sample_batch_model fit_model(const struct fit *fit, const struct fit_region *region,
+                                    const struct star_frames *star, double near) {
+    struct sample_batch_model model = {0};
     struct fit_region more;
     float further = (float)(1 / fit->far);
     for (const struct fit_region *part = region; part; part = fit_next_part(fit, part, &more))
-        cluster_fit(&part->cluster, part->begin, star, (float)near, further, &model);
+        sample_batch_fit(&part->batch, part->begin, star, (float)near, further, &model);
     return model;
 }
 
@@ -80,7 +80,7 @@ double fit_cost_with(const struct fit *fit, const struct fit_region *region, con
     struct fit_region more;
     double sum = 0;
     for (const struct fit_region *part = region; part && sum <= limit; part = fit_next_part(fit, part, &more))
-        sum += cluster_cost(&part->cluster, surface, (float)(1 / fit->far), limit - sum);
+        sum += sample_batch_cost(&part->batch, surface, (float)(1 / fit->far), limit - sum);
     return sum;
 }
 
@@ -89,7 +89,7 @@ double fit_star_cost(const struct fit *fit, const struct fit_region *region, con
     struct fit_region more;
     double sum = 0;
     for (const struct fit_region *part = region; part && sum <= limit; part = fit_next_part(fit, part, &more))
-        sum += cluster_star_cost(&part->cluster, star, (float)(1 / fit->far), limit - sum);
+        sum += sample_batch_star_cost(&part->batch, star, (float)(1 / fit->far), limit - sum);
     return sum;
 }
 
@@ -98,7 +98,7 @@ void fit_find_nearest(const struct fit *fit, const struct fit_region *region, st
     for (size_t j = 0; j < n; j++) place[j].nearest_sq = INFINITY, place[j].nearest = NONE;
     for (const struct fit_region *part = region; part; part = fit_next_part(fit, part, &more))
         for (size_t j = 0; j < n; j++)
-            cluster_nearest(&part->cluster, place[j].at, &place[j].nearest_sq, &place[j].nearest);
+            sample_batch_nearest(&part->batch, place[j].at, &place[j].nearest_sq, &place[j].nearest);
     for (size_t j = 0; j < n; j++) {
         if (place[j].nearest == NONE) continue;
         prefetch(&fit->samples.sample[place[j].nearest]);
@@ -106,7 +106,7 @@ void fit_find_nearest(const struct fit *fit, const struct fit_region *region, st
     }
 }
 
-static double stray_of_sq(const struct fit *fit, const struct fit_place *place) {
+static double deviation_of_sq(const struct fit *fit, const struct fit_place *place) {
     if (place->nearest == NONE) return 0;
     const struct sample *sample = &fit->samples.sample[place->nearest];
     if (place->nearest_sq > (double)sample->reach * (double)sample->reach) return place->nearest_sq;
@@ -114,40 +114,40 @@ static double stray_of_sq(const struct fit *fit, const struct fit_place *place) 
     return height * height;
 }
 
-double fit_stray_sq(const struct fit *fit, const struct fit_place *place, size_t n) {
+double fit_deviation_sq(const struct fit *fit, const struct fit_place *place, size_t n) {
     double farthest_sq = 0;
     for (size_t j = 0; j < n; j++) {
-        double stray_sq = stray_of_sq(fit, &place[j]);
-        if (stray_sq > farthest_sq) farthest_sq = stray_sq;
+        double deviation_sq = deviation_of_sq(fit, &place[j]);
+        if (deviation_sq > farthest_sq) farthest_sq = deviation_sq;
     }
     return farthest_sq;
 }
 
-static double stray_of_middles_sq(const struct fit *fit, const struct fit_region *region, const vec3 *middle,
-                                  size_t n) {
+static double deviation_of_middles_sq(const struct fit *fit, const struct fit_region *region, const vec3 *middle,
+                                      size_t n) {
     struct fit_place place[FIT_MAX_RING];
     for (size_t j = 0; j < n; j++) place[j].at = middle[j];
     fit_find_nearest(fit, region, place, n);
-    return fit_stray_sq(fit, place, n);
+    return fit_deviation_sq(fit, place, n);
 }
 
 bool fit_middles_stay(const struct fit *fit, const struct fit_region *region, const vec3 *middle, size_t n) {
-    double stray_sq = stray_of_middles_sq(fit, region, middle, n);
-    if (stray_sq <= fit->stray_sq) return true;
+    double deviation_sq = deviation_of_middles_sq(fit, region, middle, n);
+    if (deviation_sq <= fit->deviation_sq) return true;
     vec3 present[FIT_MAX_RING];
     for (size_t k = 0; k < region->n; k++) present[k] = fit_middle(fit, region->triangle[k]);
-    return stray_sq <= stray_of_middles_sq(fit, region, present, region->n);
+    return deviation_sq <= deviation_of_middles_sq(fit, region, present, region->n);
 }
 
 bool fit_each_stays(const struct fit *fit, const struct fit_region *region, const vec3 *middle) {
     struct fit_place now[FIT_MAX_RING], before[FIT_MAX_RING];
     for (size_t k = 0; k < region->n; k++) now[k].at = middle[k];
     fit_find_nearest(fit, region, now, region->n);
-    if (fit_stray_sq(fit, now, region->n) <= fit->stray_sq) return true;
+    if (fit_deviation_sq(fit, now, region->n) <= fit->deviation_sq) return true;
     for (size_t k = 0; k < region->n; k++) before[k].at = fit_middle(fit, region->triangle[k]);
     fit_find_nearest(fit, region, before, region->n);
     for (size_t k = 0; k < region->n; k++)
-        if (stray_of_sq(fit, &now[k]) > fmax(fit->stray_sq, stray_of_sq(fit, &before[k]))) return false;
+        if (deviation_of_sq(fit, &now[k]) > fmax(fit->deviation_sq, deviation_of_sq(fit, &before[k]))) return false;
     return true;
 }
 
@@ -161,7 +161,7 @@ bool fit_stays(const struct fit *fit, const struct fit_region *region, const str
 static uint32_t take_samples(struct fit *fit, const uint32_t *triangle, size_t n) {
     uint32_t chain = NONE;
     for (size_t k = n; k-- > 0;) {
-        uint32_t first = sample_lists_take(&fit->lists, triangle[k]), last = first;
+        uint32_t first = sample_buckets_take(&fit->lists, triangle[k]), last = first;
         fit->cost[triangle[k]] = 0;
         if (first == NONE) continue;
         while (fit->lists.block[last].next != NONE) last = fit->lists.block[last].next;
@@ -182,34 +182,34 @@ static uint32_t put_back(struct fit *fit, uint32_t first, uint32_t end, uint32_t
     return chain;
 }
 
-static void hand_out(struct fit *fit, const struct cluster *cluster, const struct surface *surface, const uint32_t *to,
-                     uint32_t *spare) {
-    uint8_t owner[CLUSTER_ROOM];
-    float distance_sq[CLUSTER_ROOM];
-    for (size_t i = 0; i < cluster->n; i++) prefetch(&fit->samples.sample[cluster->sample[i]]);
-    cluster_owners(cluster, surface, owner, distance_sq);
-    for (size_t i = 0; i < cluster->n; i++) {
-        uint32_t id = cluster->sample[i], t = to[owner[i]];
-        sample_lists_add(&fit->lists, t, id, &fit->samples.sample[id], spare);
-        fit->cost[t] += (double)cluster->weight[i] * fit_cost_of(fit, (double)distance_sq[i]);
+static void hand_out(struct fit *fit, const struct sample_batch *batch, const struct surface *surface,
+                     const uint32_t *to, uint32_t *spare) {
+    uint8_t owner[SAMPLE_BATCH_ROOM];
+    float distance_sq[SAMPLE_BATCH_ROOM];
+    for (size_t i = 0; i < batch->n; i++) prefetch(&fit->samples.sample[batch->sample[i]]);
+    sample_batch_owners(batch, surface, owner, distance_sq);
+    for (size_t i = 0; i < batch->n; i++) {
+        uint32_t id = batch->sample[i], t = to[owner[i]];
+        sample_buckets_add(&fit->lists, t, id, &fit->samples.sample[id], spare);
+        fit->cost[t] += (double)batch->weight[i] * fit_cost_of(fit, (double)distance_sq[i]);
     }
 }
 
 void fit_share(struct fit *fit, const uint32_t *from, size_t n, const uint32_t *to, size_t m) {
     assert(m > 0 && m <= FIT_MAX_RING);
     struct triangle_frames frames;
-    struct cluster cluster;
+    struct sample_batch batch;
     struct surface surface = fit_frames(fit, to, m, &frames);
     for (size_t k = 0; k < m; k++) fit->facing[to[k]] = fit_facing_of(&surface, k);
     uint32_t rest = take_samples(fit, from, n), spare = NONE;
     while (rest != NONE) {
         uint32_t first = rest;
-        cluster_clear(&cluster, fit->mesh->vertex[fit->mesh->triangle[to[0]][0]]);
-        rest = cluster_add(&cluster, fit->lists.block, first);
+        sample_batch_clear(&batch, fit->mesh->vertex[fit->mesh->triangle[to[0]][0]]);
+        rest = sample_batch_add(&batch, fit->lists.block, first);
         spare = put_back(fit, first, rest, spare);
-        hand_out(fit, &cluster, &surface, to, &spare);
+        hand_out(fit, &batch, &surface, to, &spare);
     }
-    sample_lists_give(&fit->lists, spare);
+    sample_buckets_give(&fit->lists, spare);
 }
 
 void fit_drop_triangle(struct fit *fit, uint32_t triangle) {
@@ -235,15 +235,15 @@ void fit_leave(struct fit *fit, uint32_t point) {
 
 double fit_mean(const struct fit *fit) {
     double sum = 0, weight = 0;
-    struct cluster cluster;
+    struct sample_batch batch;
     for (uint32_t t = 0; t < fit->mesh->triangle_count; t++) {
         struct triangle_frames frames;
         struct surface surface = fit_frames(fit, &t, 1, &frames);
         for (uint32_t rest = fit->lists.first[t]; rest != NONE;) {
-            cluster_clear(&cluster, fit->mesh->vertex[fit->mesh->triangle[t][0]]);
-            rest = cluster_add(&cluster, fit->lists.block, rest);
-            sum += cluster_cost(&cluster, &surface, 0, INFINITY);
-            weight += cluster_weight(&cluster);
+            sample_batch_clear(&batch, fit->mesh->vertex[fit->mesh->triangle[t][0]]);
+            rest = sample_batch_add(&batch, fit->lists.block, rest);
+            sum += sample_batch_cost(&batch, &surface, 0, INFINITY);
+            weight += sample_batch_weight(&batch);
         }
     }
     return weight > 0 ? sum / weight : 0;
@@ -260,7 +260,7 @@ static void set_scale(struct fit *fit, const float *distance_sq) {
     fit->unit_area = fit_gap_unit_area(fit, weight);
     fit->far = FIT_FAR * mean;
     fit->near = FIT_NEAR * mean;
-    fit->stray_sq = FIT_STRAY * mean * FIT_STRAY * mean;
+    fit->deviation_sq = FIT_DEVIATION * mean * FIT_DEVIATION * mean;
 }
 
 struct assigned {
@@ -276,9 +276,9 @@ static void fill_first(void *ctx) {
     all->filled = fit_fill(all->fit, all->triangle, all->distance_sq);
 }
 
-static void make_zones(void *ctx) {
+static void make_partition(void *ctx) {
     struct assigned *all = ctx;
-    all->zoned = fit_zones_init(&all->fit->zones, &all->fit->he);
+    all->zoned = fit_partition_init(&all->fit->partition, &all->fit->he);
 }
 
 /* Zones and what the first filling begins with are one thread's work each. */
@@ -289,7 +289,7 @@ static enum status assign_all(struct fit *fit, bool is_first) {
     fit->is_new = is_first;
     if (all.triangle && all.distance_sq) status = fit_assign(fit, all.triangle, all.distance_sq);
     if (status == STATUS_OK && is_first) {
-        par_beside(fit->threads, fill_first, make_zones, &all);
+        par_beside(fit->threads, fill_first, make_partition, &all);
         status = all.filled ? all.filled : all.zoned;
     } else if (status == STATUS_OK) {
         status = fit_fill(fit, all.triangle, all.distance_sq);
@@ -312,7 +312,7 @@ static void face_range(void *ctx, size_t begin, size_t end) {
 
 static enum status make_lists(struct fit *fit) {
     size_t threads = fit->threads ? fit->threads : par_processors();
-    return sample_lists_init(&fit->lists, fit->room, fit->samples.n, threads * FIT_MAX_RING);
+    return sample_buckets_init(&fit->lists, fit->room, fit->samples.n, threads * FIT_MAX_RING);
 }
 
 static void *enlarged(void *old, size_t used, size_t room, size_t size) {
@@ -365,12 +365,12 @@ static enum status find_samples(struct fit *fit, unsigned parts) {
     return samples_init(&fit->samples, fit->input, parts, fit->threads);
 }
 
-static void forget_umbrellas(const struct fit *fit) {
-    if (fit->input && fit->input->umbrellas) umbrella_done(fit->input->umbrellas);
+static void forget_local_delaunay(const struct fit *fit) {
+    if (fit->input && fit->input->local_delaunay) local_delaunay_done(fit->input->local_delaunay);
 }
 
 static bool wants_middles(const struct mesh *mesh, const struct refine_input *input) {
-    return input->hood && refine_wants_umbrellas(input->n, mesh->triangle_count);
+    return input->hood && refine_uses_local_delaunay(input->n, mesh->triangle_count);
 }
 
 enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_input *input,
@@ -378,7 +378,7 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
     struct fit new = {.mesh = mesh, .input = input, .placement = options->placement, .threads = options->threads};
     new.has_up = vec3_length_sq(input->up) > 0;
     enum status status = find_samples(&new, wants_middles(mesh, input));
-    if (options->placement == PLACEMENT_SUBSET) forget_umbrellas(&new);
+    if (options->placement == PLACEMENT_SUBSET) forget_local_delaunay(&new);
     if (status == STATUS_OK) status = halfedge_init(&new.he, mesh, new.threads);
     if (status == STATUS_OK) status = make_room(&new);
     if (status == STATUS_OK) status = allocate(&new);
@@ -400,7 +400,7 @@ static bool wants_quarters(const struct fit *fit) {
 }
 
 enum status fit_reassign(struct fit *fit) {
-    sample_lists_done(&fit->lists);
+    sample_buckets_done(&fit->lists);
     memset(fit->cost, 0, fit->room * sizeof *fit->cost);
     memset(fit->stale, 1, fit->mesh->vertex_count);
     memset(fit->touched, 1, fit->room);
@@ -412,16 +412,16 @@ enum status fit_look_closer(struct fit *fit) {
     if (!wants_quarters(fit)) return STATUS_OK;
     samples_done(&fit->samples);
     enum status status = samples_init(&fit->samples, fit->input, SAMPLES_QUARTERS, fit->threads);
-    forget_umbrellas(fit);
+    forget_local_delaunay(fit);
     return status == STATUS_OK ? fit_reassign(fit) : status;
 }
 
 void fit_done(struct fit *fit) {
-    forget_umbrellas(fit);
+    forget_local_delaunay(fit);
     halfedge_done(&fit->he);
     samples_done(&fit->samples);
-    sample_lists_done(&fit->lists);
-    fit_zones_done(&fit->zones);
+    sample_buckets_done(&fit->lists);
+    fit_partition_done(&fit->partition);
     free(fit->cost), free(fit->facing);
     free(fit->taken), free(fit->stale), free(fit->touched), free(fit->postponed);
     *fit = (struct fit){0};

@@ -29,14 +29,14 @@
 #include "core/refine/samples.h"
 
 /* Multiples of the mean distance at the beginning: */
-#define FIT_FAR 2.0      /* distances over this count by their square */
-#define FIT_NEAR 0.4     /* distances under this count no more than others where a vertex is placed */
-#define FIT_STRAY 7.0    /* no part of the surface gets farther from the data, where it isn't already */
-#define FIT_ENOUGH 40    /* points for each triangle that make middles needless */
-#define FIT_CLOSE 16     /* points for each triangle that make a closer look needless */
-#define FIT_EXACT 1e-7   /* distance that is none */
-#define FIT_UPRIGHT 5e-4 /* cosine between a triangle of a height field and the way up, at least */
-#define FIT_THIN 0.02    /* shape below which no triangle may get thinner */
+#define FIT_FAR 2.0       /* distances over this count by their square */
+#define FIT_NEAR 0.4      /* distances under this count no more than others where a vertex is placed */
+#define FIT_DEVIATION 7.0 /* no part of the surface gets farther from the data, where it isn't already */
+#define FIT_ENOUGH 40     /* points for each triangle that make middles needless */
+#define FIT_CLOSE 16      /* points for each triangle that make a closer look needless */
+#define FIT_EXACT 1e-7    /* distance that is none */
+#define FIT_UPRIGHT 5e-4  /* cosine between a triangle of a height field and the way up, at least */
+#define FIT_THIN 0.02     /* shape below which no triangle may get thinner */
 
 enum { FIT_MAX_RING = 32 };
 
@@ -53,12 +53,12 @@ struct fit {
     enum placement placement;
     unsigned threads;
     bool has_up, is_new; /* is_new: nothing has changed yet */
-    double stray_sq;     /* how far from the data any part of the surface may get, squared */
+    double deviation_sq; /* how far from the data any part of the surface may get, squared */
     double far, near;
     double unit_area; /* of the surface at the beginning, for each unit of the samples' weight */
     struct samples samples;
-    struct sample_lists lists; /* of each triangle */
-    struct fit_zones zones;
+    struct sample_buckets lists; /* of each triangle */
+    struct fit_partition partition;
     size_t borders;        /* edges on borders at the beginning */
     size_t room;           /* triangles that there is memory for: more than there are where there is a border */
     double *cost;          /* room */
@@ -153,13 +153,13 @@ vec3 fit_middle(const struct fit *fit, uint32_t triangle);
 struct fit_region {
     size_t n;
     uint32_t triangle[FIT_MAX_RING];
-    size_t begin[FIT_MAX_RING + 1]; /* where each triangle's samples begin in the cluster */
-    size_t reached; /* list that the cluster ends in, and where; reached == n: all samples are in the cluster */
+    size_t begin[FIT_MAX_RING + 1]; /* where each triangle's samples begin in the batch */
+    size_t reached; /* list that the batch ends in, and where; reached == n: all samples are in the batch */
     uint32_t rest;
-    struct cluster cluster;
+    struct sample_batch batch;
 };
 
-/* The samples of a region, as many at a time as a cluster holds: part is the region itself at first, and more, which
+/* The samples of a region, as many at a time as a batch holds: part is the region itself at first, and more, which
  * takes turns, after that.  NULL when there are none left. */
 const struct fit_region *fit_next_part(const struct fit *fit, const struct fit_region *part, struct fit_region *more);
 
@@ -170,8 +170,8 @@ void fit_gather(const struct fit *fit, struct fit_region *region);
 static inline bool fit_is_exact(double weight, double cost) { return !(cost > FIT_EXACT * weight); }
 
 /* The quadric of a vertex whose star the region is. */
-struct cluster_model fit_model(const struct fit *fit, const struct fit_region *region, const struct star_frames *star,
-                               double near);
+struct sample_batch_model fit_model(const struct fit *fit, const struct fit_region *region,
+                                    const struct star_frames *star, double near);
 
 /* What the region's samples would cost with the surface, or something over limit where that does. */
 double fit_cost_with(const struct fit *fit, const struct fit_region *region, const struct surface *surface,
@@ -191,7 +191,7 @@ void fit_find_nearest(const struct fit *fit, const struct fit_region *region, st
 
 /* The largest squared distance of the places, middles of triangles, to the tangent disks of their nearest samples: so
  * that no part of the surface leaves the data. */
-double fit_stray_sq(const struct fit *fit, const struct fit_place *place, size_t n);
+double fit_deviation_sq(const struct fit *fit, const struct fit_place *place, size_t n);
 
 /* Whether the surface strays no farther from the data than anything may, or than the region's triangles do now. */
 bool fit_stays(const struct fit *fit, const struct fit_region *region, const struct surface *surface);

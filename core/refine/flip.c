@@ -96,7 +96,7 @@ static double flip_gain(const struct fit *fit, uint32_t h, const struct surface 
     if (!flip_is_fair(fit, h, made)) return 0;
     struct fit_region region;
     gather_sides(fit, h, &region);
-    double weight = cluster_weight(&region.cluster), in_gap = fit_gap_gain(fit, &region, weight, h, made);
+    double weight = sample_batch_weight(&region.batch), in_gap = fit_gap_gain(fit, &region, weight, h, made);
     if (fit_is_exact(weight, cost) && !(in_gap > 0)) return 0;
     double gain = cost + in_gap - fit_cost_with(fit, &region, made, cost + in_gap);
     if (!(gain > FLIP_LEAST_GAIN * cost)) return 0;
@@ -108,7 +108,7 @@ static double flip_gain(const struct fit *fit, uint32_t h, const struct surface 
 /* Whether the flip leaves the surface where the data are. */
 static bool flip_stays(const struct fit *fit, uint32_t h, const struct surface *made,
                        const struct fit_place middle[2]) {
-    if (fit_stray_sq(fit, middle, 2) <= fit->stray_sq) return true;
+    if (fit_deviation_sq(fit, middle, 2) <= fit->deviation_sq) return true;
     struct fit_region region;
     gather_sides(fit, h, &region);
     return fit_stays(fit, &region, made);

@@ -32,7 +32,7 @@ enum { POINT_GRAIN = 1024, ROOM = KNN_MAX_K + 4 };
 struct search {
     const vec3 *point, *normal;
     const struct neighbourhood *hood;
-    struct umbrellas *out;
+    struct local_delaunay *out;
 };
 
 /* Neighbours laid out in the tangent plane. */
@@ -161,12 +161,12 @@ static_assert(UMBRELLA_RIBS % 4 == 0, "ids are compared four at a time");
 
 /* Whether p has the triangle with q and r, in either order: normals have either sign.  It takes no branch that might be
  * guessed wrong. */
-static inline bool has_triangle(const struct umbrellas *umbrellas, uint32_t p, uint32_t q, uint32_t r) {
-    const uint32_t *rib = umbrellas->rib[p];
+static inline bool has_triangle(const struct local_delaunay *local_delaunay, uint32_t p, uint32_t q, uint32_t r) {
+    const uint32_t *rib = local_delaunay->rib[p];
     uint32_t at_q = ids_equal(rib, UMBRELLA_RIBS, q), at_r = ids_equal(rib, UMBRELLA_RIBS, r);
-    unsigned n = umbrella_ribs(umbrellas, p), last = n > 0 ? n - 1 : 0;
+    unsigned n = local_delaunay_ribs(local_delaunay, p), last = n > 0 ? n - 1 : 0;
     uint32_t before_q = at_q >> 1 | (at_q & 1) << last, before_r = at_r >> 1 | (at_r & 1) << last;
-    return umbrellas->closed[p] & ((at_q & before_r) | (at_r & before_q));
+    return local_delaunay->closed[p] & ((at_q & before_r) | (at_r & before_q));
 }
 
 static bool lies_along(const struct search *search, uint32_t p, uint32_t q, uint32_t r) {
@@ -187,25 +187,26 @@ static unsigned votes_of(const struct search *search, uint32_t p, uint32_t q, ui
 
 static void vote_range(void *ctx, size_t begin, size_t end) {
     const struct search *search = ctx;
-    const struct umbrellas *out = search->out;
+    const struct local_delaunay *out = search->out;
     for (uint32_t p = (uint32_t)begin; p < end; p++) {
         out->votes[p] = 0;
-        for (unsigned i = 0, n = umbrella_ribs(out, p); i < n; i++)
+        for (unsigned i = 0, n = local_delaunay_ribs(out, p); i < n; i++)
             if (out->closed[p] >> i & 1)
                 out->votes[p] |= votes_of(search, p, out->rib[p][i], umbrella_after(out, p, i)) << 2 * i;
     }
 }
 
-FOR_EACH_PROCESSOR(enum status, umbrella_find)
-(const vec3 *point, const vec3 *normal, const struct neighbourhood *hood, unsigned threads, struct umbrellas *out) {
+FOR_EACH_PROCESSOR(enum status, local_delaunay_find)
+(const vec3 *point, const vec3 *normal, const struct neighbourhood *hood, unsigned threads,
+ struct local_delaunay *out) {
     size_t n = hood->n;
-    struct umbrellas new = {.n = n};
+    struct local_delaunay new = {.n = n};
     struct search search = {point, normal, hood, &new};
     new.rib = alloc_array(n, sizeof *new.rib);
     new.closed = alloc_array(n, sizeof *new.closed);
     new.votes = alloc_array(n, sizeof *new.votes);
     if (!new.rib || !new.closed || !new.votes) {
-        umbrella_done(&new);
+        local_delaunay_done(&new);
         return STATUS_NO_MEMORY;
     }
     par_for(threads, n, POINT_GRAIN, open_range, &search);
@@ -214,8 +215,8 @@ FOR_EACH_PROCESSOR(enum status, umbrella_find)
     return STATUS_OK;
 }
 
-FOR_EACH_PROCESSOR(void, umbrella_done)
-(struct umbrellas *umbrellas) {
-    free(umbrellas->rib), free(umbrellas->closed), free(umbrellas->votes);
-    *umbrellas = (struct umbrellas){0};
+FOR_EACH_PROCESSOR(void, local_delaunay_done)
+(struct local_delaunay *local_delaunay) {
+    free(local_delaunay->rib), free(local_delaunay->closed), free(local_delaunay->votes);
+    *local_delaunay = (struct local_delaunay){0};
 }

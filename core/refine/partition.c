@@ -1,4 +1,4 @@
-/* A zone grows from a vertex ring by ring, until it is large enough or there is nothing left around it.
+/* A part grows from a vertex ring by ring, until it is large enough or there is nothing left around it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/refine/partition.h"
@@ -11,14 +11,14 @@
 
 struct growth {
     const struct halfedge *he;
-    struct fit_zones *zones;
-    uint32_t *queue; /* the vertices of the zone, in the order in which they were met */
+    struct fit_partition *partition;
+    uint32_t *queue; /* the vertices of the part, in the order in which they were met */
     size_t met;
 };
 
 static void meet(struct growth *growth, uint32_t vertex) {
-    if (growth->met == FIT_ZONE_MOST || growth->zones->of[vertex] != NONE) return;
-    growth->zones->of[vertex] = (uint32_t)growth->zones->count;
+    if (growth->met == FIT_PART_MOST || growth->partition->of[vertex] != NONE) return;
+    growth->partition->of[vertex] = (uint32_t)growth->partition->count;
     growth->queue[growth->met++] = vertex;
 }
 
@@ -34,19 +34,19 @@ static void meet_neighbours(struct growth *growth, uint32_t vertex) {
 static void grow(struct growth *growth, uint32_t vertex) {
     growth->met = 0;
     meet(growth, vertex);
-    for (size_t i = 0; i < growth->met && growth->met < FIT_ZONE_MOST; i++) meet_neighbours(growth, growth->queue[i]);
-    growth->zones->count++;
+    for (size_t i = 0; i < growth->met && growth->met < FIT_PART_MOST; i++) meet_neighbours(growth, growth->queue[i]);
+    growth->partition->count++;
 }
 
-enum status fit_zones_init(struct fit_zones *zones, const struct halfedge *he) {
-    struct fit_zones new = {.of = alloc_array(he->vertex_count, sizeof *new.of)};
-    struct growth growth = {.he = he, .zones = &new, .queue = alloc_array(FIT_ZONE_MOST, sizeof *growth.queue)};
+enum status fit_partition_init(struct fit_partition *partition, const struct halfedge *he) {
+    struct fit_partition new = {.of = alloc_array(he->vertex_count, sizeof *new.of)};
+    struct growth growth = {.he = he, .partition = &new, .queue = alloc_array(FIT_PART_MOST, sizeof *growth.queue)};
     bool enough = new.of &&growth.queue;
     if (enough) {
         memset(new.of, 0xff, he->vertex_count * sizeof *new.of);
         for (uint32_t v = 0; v < he->vertex_count; v++)
             if (new.of[v] == NONE && he->out[v] != NONE) grow(&growth, v);
-        *zones = new;
+        *partition = new;
     } else {
         free(new.of);
     }
@@ -54,7 +54,7 @@ enum status fit_zones_init(struct fit_zones *zones, const struct halfedge *he) {
     return enough ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
-void fit_zones_done(struct fit_zones *zones) {
-    free(zones->of);
-    *zones = (struct fit_zones){0};
+void fit_partition_done(struct fit_partition *partition) {
+    free(partition->of);
+    *partition = (struct fit_partition){0};
 }

@@ -10,15 +10,15 @@
 #include "core/base/status.h"
 #include "core/mesh/halfedge.h"
 
-enum { FIT_ZONE_MOST = 512 }; /* vertices of a zone at the beginning */
+enum { FIT_PART_MOST = 512 }; /* vertices of a part at the beginning */
 
-struct fit_zones {
+struct fit_partition {
     size_t count;
-    uint32_t *of; /* the zone of each vertex; owned.  Whoever moves a vertex far away gives it a zone there */
+    uint32_t *of; /* the part of each vertex; owned.  Whoever moves a vertex far away gives it a part there */
 };
 
 /* Zones that are about as wide as they are long.  O(vertices).  STATUS_NO_MEMORY. */
-enum status fit_zones_init(struct fit_zones *zones, const struct halfedge *he) MUST_CHECK;
-void fit_zones_done(struct fit_zones *zones);
+enum status fit_partition_init(struct fit_partition *partition, const struct halfedge *he) MUST_CHECK;
+void fit_partition_done(struct fit_partition *partition);
 
 #endif

@@ -6,9 +6,9 @@
 
 #include "core/refine/fit.h"
 
-/* One pass: takes out the vertices whose loss costs least (each merged into a neighbour) and puts them on edges where
- * they gain most, pair by pair, as long as a pair gains.  The counts of vertices and triangles stay.  *teleports +=
- * their number.  STATUS_NO_MEMORY. */
-enum status fit_teleport(struct fit *fit, size_t *teleports) MUST_CHECK;
+/* One pass: takes out the vertices whose loss costs least (each collapsed into a neighbour) and puts them on edges
+ * where they gain most, pair by pair, as long as a pair gains.  The counts of vertices and triangles stay.
+ * *reallocations += their number.  STATUS_NO_MEMORY. */
+enum status fit_reallocate(struct fit *fit, size_t *reallocations) MUST_CHECK;
 
 #endif

@@ -1,5 +1,5 @@
-/* The schedule: flips until none gains, then sweeps of teleports, moves and flips, the last of them at a closer look
- * where vertices move freely.
+/* The schedule: flips until none gains, then sweeps of reallocations, moves and flips, the last of them at a closer
+ * look where vertices move freely.
  *
  * Everything works on a copy of the mesh, which takes its place at the end.
  *
@@ -22,7 +22,7 @@
  * points, which isn't needed before triangles and vertices are about where they should be.  A surface with a border
  * gains from more sweeps as well: what lies beyond the border is reached from sweep to sweep. */
 static const struct sweeps {
-    size_t all, with_teleports, before_closer;
+    size_t all, with_reallocations, before_closer;
 } sweeps_of[] = {[PLACEMENT_SUBSET] = {5, 3, 5}, [PLACEMENT_OPTIMAL] = {9, 6, 4}},
   open_sweeps_of[] = {[PLACEMENT_SUBSET] = {9, 6, 9}, [PLACEMENT_OPTIMAL] = {9, 6, 4}};
 
@@ -45,10 +45,10 @@ static enum status copy_mesh(struct mesh *copy, const struct mesh *mesh) {
     return STATUS_OK;
 }
 
-static enum status sweep(struct fit *fit, bool with_teleports, struct refine_facts *facts) {
+static enum status sweep(struct fit *fit, bool with_reallocations, struct refine_facts *facts) {
     enum status status = STATUS_OK;
-    if (with_teleports) status = fit_teleport(fit, &facts->teleports);
-    if (!status && with_teleports) status = fit_flip(fit, ROUNDS, &facts->flips);
+    if (with_reallocations) status = fit_reallocate(fit, &facts->reallocations);
+    if (!status && with_reallocations) status = fit_flip(fit, ROUNDS, &facts->flips);
     if (!status) status = fit_move(fit, &facts->moves);
     if (!status) status = fit_flip(fit, ROUNDS, &facts->flips);
     return status;
@@ -64,12 +64,14 @@ static enum status run_schedule(struct fit *fit, enum refine_form form, const st
         if (progress_tick(progress, "refine", 0.2 + 0.8 * (double)i / (double)sweeps.all)) return STATUS_CANCELLED;
         if (i == sweeps.before_closer) status = fit_look_closer(fit);
         if (!status && fit->borders && i > 0) status = fit_reassign(fit);
-        if (!status) status = sweep(fit, i < sweeps.with_teleports, facts);
+        if (!status) status = sweep(fit, i < sweeps.with_reallocations, facts);
     }
     return status;
 }
 
-bool refine_wants_umbrellas(size_t points, size_t triangles) { return (double)points < FIT_ENOUGH * (double)triangles; }
+bool refine_uses_local_delaunay(size_t points, size_t triangles) {
+    return (double)points < FIT_ENOUGH * (double)triangles;
+}
 
 enum status refine_mesh(struct mesh *mesh, const struct refine_input *input, const struct refine_options *options,
                         const struct progress *progress, struct refine_facts *facts) {

@@ -27,14 +27,14 @@ struct refine_input {
     const struct neighbourhood *hood; /* of the points: the middles of triangles between neighbours are
                                          fitted to as well, which is what keeps a mesh from bending between
                                          few points; NULL: points alone */
-    struct umbrellas
-        *umbrellas;          /* the same points': zeroed when done with; NULL or zeroed where they are to be found */
+    struct local_delaunay
+        *local_delaunay;     /* the same points': zeroed when done with; NULL or zeroed where they are to be found */
     vec3 up;                 /* unit: where all triangles of a height field face; zero: the surface is none */
     struct samples *samples; /* likewise; where there are others than are wanted, these are found, too */
 };
 
 /* Whether the middles are of use to a mesh of so many triangles; where there are many points for each, they aren't. */
-bool refine_wants_umbrellas(size_t points, size_t triangles);
+bool refine_uses_local_delaunay(size_t points, size_t triangles);
 
 struct refine_options {
     enum refine_form form;    /* none: nothing is done; flips: edges alone; full: vertices as well */
@@ -43,8 +43,8 @@ struct refine_options {
 };
 
 struct refine_facts {
-    size_t flips, moves, teleports; /* vertices taken out in one place and put in at another */
-    double mean_before, mean_after; /* distance of the points (and middles) to the mesh, weighted by area */
+    size_t flips, moves, reallocations; /* vertices taken out in one place and put in at another */
+    double mean_before, mean_after;     /* distance of the points (and middles) to the mesh, weighted by area */
 };
 
 /* Refines the mesh in place: the number of its vertices stays, as do its orientation, its topology and whatever isn't

@@ -10,7 +10,7 @@
  * vertex moves along its normal or to a point: nothing else keeps the border from running off.
  *
  * Two vertices are near each other where they share a star, or a triangle that either looks at.  Those that are near
- * none of another zone are moved zone by zone, which are in parallel; then those along the borders of zones, coloured
+ * none of another part are moved part by part, which are in parallel; then those along the borders of parts, coloured
  * so that no two of a colour are near each other, colour by colour, each in parallel.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -72,12 +72,12 @@ static void set_rim(const struct fit *fit, struct star *star) {
         place[i] = &fit->mesh->vertex[fit_rim_vertex(fit, star->ring, star->n, i)];
     star->rim.n = star->n;
     star->rim.open = open;
-    star_vectors_set(&star->rim.place, place, star->n + open, star->region.cluster.origin);
+    star_vectors_set(&star->rim.place, place, star->n + open, star->region.batch.origin);
     star_vectors_set(&star->outside, normal, star->n, none);
 }
 
 static void set_frames(const struct star *star, vec3 place, struct star_frames *frames) {
-    star_frames_make(frames, &star->rim, vec3_sub(place, star->region.cluster.origin));
+    star_frames_make(frames, &star->rim, vec3_sub(place, star->region.batch.origin));
 }
 
 static bool star_of(const struct fit *fit, uint32_t vertex, const struct ring *ring, struct star *star) {
@@ -104,7 +104,7 @@ static void fetch_star(const struct fit *fit, uint32_t vertex, struct ring *ring
         prefetch(&fit->mesh->vertex[halfedge_to(&fit->he, ring->out[i])]);
         prefetch(&fit->cost[t]);
         if (across != NONE) prefetch(&fit->facing[across / 3]);
-        sample_lists_fetch(&fit->lists, fit->lists.first[t]);
+        sample_buckets_fetch(&fit->lists, fit->lists.first[t]);
     }
 }
 
@@ -113,12 +113,12 @@ static void fetch_block(const struct fit *fit, const struct ring *ring, size_t a
     for (size_t i = 0; i < ring->n; i++) {
         uint32_t block = fit->lists.first[ring->out[i] / 3];
         for (size_t k = 0; k < at && block != NONE; k++) block = fit->lists.block[block].next;
-        sample_lists_fetch(&fit->lists, block);
+        sample_buckets_fetch(&fit->lists, block);
     }
 }
 
 /* The s where the model is smallest; zero where it says nothing. */
-static vec3 model_minimum(const struct cluster_model *model) {
+static vec3 model_minimum(const struct sample_batch_model *model) {
     sym3 a = model->a;
     double stay = MOVE_STAY * sym3_trace(a);
     a.xx += stay, a.yy += stay, a.zz += stay;
@@ -175,13 +175,13 @@ struct choice {
     uint32_t point;
 };
 
-/* Puts the points of a cluster among the choices as far as they are better; the number of choices. */
-static size_t choose_among(const struct fit *fit, const struct cluster *cluster, const float *value,
+/* Puts the points of a batch among the choices as far as they are better; the number of choices. */
+static size_t choose_among(const struct fit *fit, const struct sample_batch *batch, const float *value,
                            struct choice choice[CANDIDATES], size_t count) {
     float worst = count < CANDIDATES ? INFINITY : choice[count - 1].value;
-    for (size_t i = 0; i < cluster->n; i++) {
+    for (size_t i = 0; i < batch->n; i++) {
         if (!(value[i] < worst)) continue;
-        uint32_t point = cluster->sample[i];
+        uint32_t point = batch->sample[i];
         if (fit->taken[point]) continue;
         size_t at = count < CANDIDATES ? count++ : count - 1;
         for (; at > 0 && choice[at - 1].value > value[i]; at--) choice[at] = choice[at - 1];
@@ -193,7 +193,7 @@ static size_t choose_among(const struct fit *fit, const struct cluster *cluster,
 }
 
 /* The points of the star where the model is smallest, best first; their number. */
-static size_t choose(const struct fit *fit, const struct star *star, const struct cluster_model *model, vec3 step,
+static size_t choose(const struct fit *fit, const struct star *star, const struct sample_batch_model *model, vec3 step,
                      struct choice choice[CANDIDATES]) {
     vec3 target = vec3_add(fit->mesh->vertex[star->vertex], step);
     sym3 a = model->a;
@@ -201,15 +201,15 @@ static size_t choose(const struct fit *fit, const struct star *star, const struc
     a.xx += stay, a.yy += stay, a.zz += stay;
     size_t count = 0;
     struct fit_region more;
-    float value[CLUSTER_ROOM];
+    float value[SAMPLE_BATCH_ROOM];
     for (const struct fit_region *part = &star->region; part; part = fit_next_part(fit, part, &more)) {
-        cluster_values(&part->cluster, &a, target, fit->samples.points, value);
-        count = choose_among(fit, &part->cluster, value, choice, count);
+        sample_batch_values(&part->batch, &a, target, fit->samples.points, value);
+        count = choose_among(fit, &part->batch, value, choice, count);
     }
     return count;
 }
 
-static bool move_to_point(struct fit *fit, struct star *star, const struct cluster_model *model, vec3 step) {
+static bool move_to_point(struct fit *fit, struct star *star, const struct sample_batch_model *model, vec3 step) {
     struct choice choice[CANDIDATES];
     size_t count = choose(fit, star, model, step, choice);
     double limit = star->cost * (1 - MOVE_LEAST_GAIN);
@@ -237,8 +237,8 @@ static vec3 along_normal(const struct star *star, vec3 step) {
 static bool move_vertex(struct fit *fit, uint32_t vertex, const struct ring *ring) {
     struct star star;
     if (!star_of(fit, vertex, ring, &star)) return false;
-    if (fit_is_exact(cluster_weight(&star.region.cluster), star.cost)) return false;
-    struct cluster_model model = fit_model(fit, &star.region, &star.old, fit->near);
+    if (fit_is_exact(sample_batch_weight(&star.region.batch), star.cost)) return false;
+    struct sample_batch_model model = fit_model(fit, &star.region, &star.old, fit->near);
     vec3 step = model_minimum(&model);
     if (fit->placement == PLACEMENT_SUBSET) return move_to_point(fit, &star, &model, step);
     if (!star.rim.open) return move_freely(fit, &star, step);
@@ -259,19 +259,19 @@ static size_t find_near(const struct fit *fit, uint32_t vertex, uint32_t near[2 
     return count;
 }
 
-/* In which order vertices are moved: group by group.  Each zone is a group, and after them each colour. */
+/* In which order vertices are moved: group by group.  Each part is a group, and after them each colour. */
 struct plan {
     const struct fit *fit;
     uint8_t *place;  /* of each vertex that is due: enum place */
     uint32_t *group; /* of each vertex, or NONE for those that aren't due */
     uint32_t *vertex;
     size_t *start; /* vertex[start[g] .. start[g + 1]) are those of group g */
-    size_t zones, groups;
+    size_t partition, groups;
 };
 
 enum place { INSIDE, ON_BORDER, IN_A_CROWD };
 
-/* Inside where no vertex near this one is due in another zone. */
+/* Inside where no vertex near this one is due in another part. */
 static enum place place_of(const struct plan *plan, uint32_t vertex) {
     uint32_t near[2 * FIT_MAX_RING];
     size_t n = find_near(plan->fit, vertex, near);
@@ -291,10 +291,10 @@ static void find_places(void *ctx, size_t begin, size_t end) {
 static uint32_t free_colour(const struct plan *plan, const uint32_t *near, size_t n) {
     uint64_t used = 0;
     for (size_t i = 0; i < n; i++) {
-        size_t colour = plan->group[near[i]] - plan->zones;
+        size_t colour = plan->group[near[i]] - plan->partition;
         if (plan->group[near[i]] != NONE && colour < COLOURS) used |= (uint64_t)1 << colour;
     }
-    return used == UINT64_MAX ? NONE : (uint32_t)(plan->zones + (size_t)__builtin_ctzll(~used));
+    return used == UINT64_MAX ? NONE : (uint32_t)(plan->partition + (size_t)__builtin_ctzll(~used));
 }
 
 /* Only what is stale is going to move. */
@@ -302,7 +302,7 @@ static void find_groups(const struct fit *fit, struct plan *plan) {
     uint32_t near[2 * FIT_MAX_RING], *group = plan->group;
     for (uint32_t v = 0; v < fit->mesh->vertex_count; v++) {
         bool due = fit->stale[v] && fit->he.locked[v] != HALFEDGE_KNOTTED && fit->he.out[v] != NONE;
-        group[v] = due ? fit->zones.of[v] : NONE;
+        group[v] = due ? fit->partition.of[v] : NONE;
     }
     par_for(fit->threads, fit->mesh->vertex_count, PLACE_GRAIN, find_places, plan);
     for (uint32_t v = 0; v < fit->mesh->vertex_count; v++) {
@@ -322,7 +322,7 @@ static void sort_by_group(const struct plan *plan, size_t n) {
 
 static enum status plan_new(const struct fit *fit, struct plan *plan) {
     size_t n = fit->mesh->vertex_count;
-    *plan = (struct plan){.fit = fit, .zones = fit->zones.count, .groups = fit->zones.count + COLOURS};
+    *plan = (struct plan){.fit = fit, .partition = fit->partition.count, .groups = fit->partition.count + COLOURS};
     plan->place = alloc_array(n, 1);
     plan->group = alloc_array(n, sizeof *plan->group);
     plan->vertex = alloc_array(n, sizeof *plan->vertex);
@@ -395,7 +395,7 @@ static void move_range(const struct batch *batch, size_t begin, size_t end) {
     for_each_prefetched(ahead, &moving, begin, end, move_next);
 }
 
-static void move_zones(void *ctx, size_t begin, size_t end) {
+static void move_parts(void *ctx, size_t begin, size_t end) {
     const struct batch *batch = ctx;
     move_range(batch, batch->plan->start[begin], batch->plan->start[end]);
 }
@@ -433,9 +433,9 @@ static size_t conclude(const struct batch *batch, size_t begin, size_t end) {
 
 static size_t move_groups(struct batch *batch) {
     const struct plan *plan = batch->plan;
-    par_for(batch->fit->threads, plan->zones, 1, move_zones, batch);
-    size_t moves = conclude(batch, 0, plan->start[plan->zones]);
-    for (size_t g = plan->zones; g < plan->groups; g++) {
+    par_for(batch->fit->threads, plan->partition, 1, move_parts, batch);
+    size_t moves = conclude(batch, 0, plan->start[plan->partition]);
+    for (size_t g = plan->partition; g < plan->groups; g++) {
         batch->begin = plan->start[g];
         par_for(batch->fit->threads, plan->start[g + 1] - plan->start[g], VERTEX_GRAIN, move_colour, batch);
         moves += conclude(batch, plan->start[g], plan->start[g + 1]);

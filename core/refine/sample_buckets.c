@@ -10,9 +10,9 @@
 #include "core/base/alloc.h"
 #include "core/cloud/cloud.h"
 
-enum status sample_lists_init(struct sample_lists *lists, size_t count, size_t n, size_t busy) {
+enum status sample_buckets_init(struct sample_buckets *lists, size_t count, size_t n, size_t busy) {
     size_t blocks = n / SAMPLE_BLOCK + count + (busy < count ? busy : count);
-    struct sample_lists new = {.spare = NONE};
+    struct sample_buckets new = {.spare = NONE};
     new.first = alloc_array(count, sizeof *new.first);
     new.block = alloc_array(blocks, sizeof *new.block);
     if (!new.first || !new.block || pthread_mutex_init(&new.lock, NULL)) {
@@ -24,18 +24,18 @@ enum status sample_lists_init(struct sample_lists *lists, size_t count, size_t n
     return STATUS_OK;
 }
 
-void sample_lists_done(struct sample_lists *lists) {
+void sample_buckets_done(struct sample_buckets *lists) {
     if (lists->first) pthread_mutex_destroy(&lists->lock);
     free(lists->first), free(lists->block);
-    *lists = (struct sample_lists){0};
+    *lists = (struct sample_buckets){0};
 }
 
-void *sample_lists_room(const struct sample_lists *lists) {
+void *sample_buckets_room(const struct sample_buckets *lists) {
     assert(lists->fresh == 0);
     return lists->block;
 }
 
-uint32_t sample_lists_reserve(struct sample_lists *lists, size_t count) {
+uint32_t sample_buckets_reserve(struct sample_buckets *lists, size_t count) {
     if (count == 0) return NONE;
     pthread_mutex_lock(&lists->lock);
     uint32_t first = lists->fresh;
@@ -46,13 +46,13 @@ uint32_t sample_lists_reserve(struct sample_lists *lists, size_t count) {
     return first;
 }
 
-uint32_t sample_lists_take(struct sample_lists *lists, uint32_t list) {
+uint32_t sample_buckets_take(struct sample_buckets *lists, uint32_t list) {
     uint32_t chain = lists->first[list];
     lists->first[list] = NONE;
     return chain;
 }
 
-void sample_lists_give(struct sample_lists *lists, uint32_t chain) {
+void sample_buckets_give(struct sample_buckets *lists, uint32_t chain) {
     if (chain == NONE) return;
     uint32_t last = chain;
     while (lists->block[last].next != NONE) last = lists->block[last].next;
@@ -62,7 +62,7 @@ void sample_lists_give(struct sample_lists *lists, uint32_t chain) {
     pthread_mutex_unlock(&lists->lock);
 }
 
-static uint32_t common_block(struct sample_lists *lists) {
+static uint32_t common_block(struct sample_buckets *lists) {
     pthread_mutex_lock(&lists->lock);
     uint32_t id = lists->spare;
     if (id == NONE)
@@ -73,7 +73,7 @@ static uint32_t common_block(struct sample_lists *lists) {
     return id;
 }
 
-static uint32_t new_block(struct sample_lists *lists, uint32_t *spare, vec3 origin) {
+static uint32_t new_block(struct sample_buckets *lists, uint32_t *spare, vec3 origin) {
     uint32_t id = *spare;
     if (id == NONE)
         id = common_block(lists);
@@ -83,8 +83,8 @@ static uint32_t new_block(struct sample_lists *lists, uint32_t *spare, vec3 orig
     return id;
 }
 
-void sample_lists_add(struct sample_lists *lists, uint32_t list, uint32_t id, const struct sample *sample,
-                      uint32_t *spare) {
+void sample_buckets_add(struct sample_buckets *lists, uint32_t list, uint32_t id, const struct sample *sample,
+                        uint32_t *spare) {
     uint32_t first = lists->first[list];
     if (first == NONE || lists->block[first].count == SAMPLE_BLOCK) {
         uint32_t new = new_block(lists, spare, sample->place);

@@ -37,7 +37,7 @@ static const double point_share[SAMPLES_QUARTERS + 1] = {[0] = 1, [1] = 0.25, [S
 
 struct filling {
     const struct refine_input *input;
-    const struct umbrellas *umbrellas; /* NULL: points alone */
+    const struct local_delaunay *local_delaunay; /* NULL: points alone */
     unsigned parts, least_votes;
     struct samples *samples;
     double mean_area;
@@ -80,45 +80,45 @@ static void set_middles(const struct filling *filling, size_t first, const uint3
 
 static void place_range(void *ctx, size_t begin, size_t end) {
     const struct filling *filling = ctx;
-    const struct umbrellas *umbrellas = filling->umbrellas;
+    const struct local_delaunay *local_delaunay = filling->local_delaunay;
     for (uint32_t p = (uint32_t)begin; p < end; p++) {
         size_t at = filling->samples->middle[p];
         set_point(filling, p);
-        for (uint32_t left = umbrellas ? umbrella_triangles(umbrellas, p, filling->least_votes) : 0; left;
+        for (uint32_t left = local_delaunay ? umbrella_triangles(local_delaunay, p, filling->least_votes) : 0; left;
              left &= left - 1) {
             unsigned i = (unsigned)__builtin_ctz(left) / 2;
-            uint32_t corner[3] = {p, umbrellas->rib[p][i], umbrella_after(umbrellas, p, i)};
-            set_middles(filling, at, corner, umbrella_votes(umbrellas, p, i));
+            uint32_t corner[3] = {p, local_delaunay->rib[p][i], umbrella_after(local_delaunay, p, i)};
+            set_middles(filling, at, corner, umbrella_votes(local_delaunay, p, i));
             at += filling->parts;
         }
     }
 }
 
-static unsigned count_triangles(const struct umbrellas *umbrellas, size_t p, unsigned least_votes) {
-    return (unsigned)__builtin_popcount(umbrella_triangles(umbrellas, p, least_votes));
+static unsigned count_triangles(const struct local_delaunay *local_delaunay, size_t p, unsigned least_votes) {
+    return (unsigned)__builtin_popcount(umbrella_triangles(local_delaunay, p, least_votes));
 }
 
 /* How many corners have to have a triangle, so that there aren't too many: 1, 2 or 3; 4: there are too many. */
-static unsigned votes_wanted(const struct umbrellas *umbrellas, size_t points) {
+static unsigned votes_wanted(const struct local_delaunay *local_delaunay, size_t points) {
     for (unsigned votes = 1; votes <= 3; votes++) {
         size_t count = 0;
-        for (size_t p = 0; p < points; p++) count += count_triangles(umbrellas, p, votes);
+        for (size_t p = 0; p < points; p++) count += count_triangles(local_delaunay, p, votes);
         if ((double)count <= MOST_TRIANGLES * (double)points) return votes;
     }
     return 4;
 }
 
-/* Where the middles of each point go; no umbrellas: there are none. */
-static enum status number_middles(struct samples *samples, size_t points, const struct umbrellas *umbrellas,
+/* Where the middles of each point go; no local Delaunay triangles: there are none. */
+static enum status number_middles(struct samples *samples, size_t points, const struct local_delaunay *local_delaunay,
                                   unsigned parts, unsigned least_votes) {
     samples->points = points;
-    samples->parts = umbrellas ? parts : 0;
+    samples->parts = local_delaunay ? parts : 0;
     samples->middle = alloc_array(points + 1, sizeof *samples->middle);
     if (!samples->middle) return STATUS_NO_MEMORY;
     samples->middle[0] = (uint32_t)points;
     for (size_t p = 0; p < points; p++)
         samples->middle[p + 1] =
-            samples->middle[p] + (umbrellas ? parts * count_triangles(umbrellas, p, least_votes) : 0);
+            samples->middle[p] + (local_delaunay ? parts * count_triangles(local_delaunay, p, least_votes) : 0);
     samples->n = samples->middle[points];
     return STATUS_OK;
 }
@@ -130,11 +130,11 @@ static double mean_area(const struct refine_input *input) {
 }
 
 static enum status place_all(struct samples *samples, const struct refine_input *input,
-                             const struct umbrellas *umbrellas, unsigned parts, unsigned threads) {
-    unsigned votes = umbrellas ? votes_wanted(umbrellas, input->n) : 4;
-    if (votes > 3) umbrellas = NULL;
-    if (number_middles(samples, input->n, umbrellas, parts, votes)) return STATUS_NO_MEMORY;
-    struct filling filling = {input, umbrellas, samples->parts, votes, samples, mean_area(input)};
+                             const struct local_delaunay *local_delaunay, unsigned parts, unsigned threads) {
+    unsigned votes = local_delaunay ? votes_wanted(local_delaunay, input->n) : 4;
+    if (votes > 3) local_delaunay = NULL;
+    if (number_middles(samples, input->n, local_delaunay, parts, votes)) return STATUS_NO_MEMORY;
+    struct filling filling = {input, local_delaunay, samples->parts, votes, samples, mean_area(input)};
     samples->sample = alloc_array(samples->n, sizeof *samples->sample);
     samples->normal = alloc_array(samples->n, sizeof *samples->normal);
     if (!samples->sample || !samples->normal) return STATUS_NO_MEMORY;
@@ -145,12 +145,12 @@ static enum status place_all(struct samples *samples, const struct refine_input 
 enum status samples_init(struct samples *samples, const struct refine_input *input, unsigned parts, unsigned threads) {
     assert(parts <= 1 || parts == SAMPLES_QUARTERS);
     struct samples new = {0};
-    struct umbrellas mine = {0}, *umbrellas = input->umbrellas ? input->umbrellas : &mine;
+    struct local_delaunay mine = {0}, *local_delaunay = input->local_delaunay ? input->local_delaunay : &mine;
     enum status status = STATUS_OK;
-    if (parts && umbrellas->n == 0)
-        status = umbrella_find(input->points, input->normals, input->hood, threads, umbrellas);
-    if (status == STATUS_OK) status = place_all(&new, input, parts ? umbrellas : NULL, parts, threads);
-    umbrella_done(&mine);
+    if (parts && local_delaunay->n == 0)
+        status = local_delaunay_find(input->points, input->normals, input->hood, threads, local_delaunay);
+    if (status == STATUS_OK) status = place_all(&new, input, parts ? local_delaunay : NULL, parts, threads);
+    local_delaunay_done(&mine);
     if (status == STATUS_OK) {
         *samples = new;
     } else {

@@ -28,9 +28,9 @@ static inline uint32_t samples_point(const struct samples *samples, uint32_t sam
 
 enum { SAMPLES_QUARTERS = 4 }; /* that the middles of its edges divide a triangle into */
 
-/* Takes the points, and of each triangle of the umbrellas the middles of so many parts: 0 (points alone), 1 (the whole)
- * or SAMPLES_QUARTERS.  The umbrellas are those of the input, found where there are none yet; input->hood must be there
- * then.  O(n k^2), k neighbours each.  STATUS_NO_MEMORY. */
+/* Takes the points, and of each triangle of the local Delaunay triangles the middles of so many parts: 0 (points
+ * alone), 1 (the whole) or SAMPLES_QUARTERS.  The local Delaunay triangles are those of the input, found where there
+ * are none yet; input->hood must be there then.  O(n k^2), k neighbours each.  STATUS_NO_MEMORY. */
 enum status samples_init(struct samples *samples, const struct refine_input *input, unsigned parts,
                          unsigned threads) MUST_CHECK;
 void samples_done(struct samples *samples);

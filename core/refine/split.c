@@ -29,7 +29,7 @@ struct gap {
 static const struct star_limits limits_of_splits = {.turn = (float)FIT_OFFER_LEAST_TURN, .thin = (float)FIT_THIN};
 
 static void set_frames(const struct gap *gap, vec3 place, struct star_frames *frames) {
-    star_frames_make(frames, &gap->rim, vec3_sub(place, gap->region.cluster.origin));
+    star_frames_make(frames, &gap->rim, vec3_sub(place, gap->region.batch.origin));
 }
 
 static void set_rim(const struct fit *fit, struct gap *gap) {
@@ -38,7 +38,7 @@ static void set_rim(const struct fit *fit, struct gap *gap) {
     gap->rim.n = gap->n;
     gap->rim.open = gap->n == 2;
     if (gap->rim.open) place[2] = &fit->mesh->vertex[halfedge_to(&fit->he, gap->border[1])];
-    star_vectors_set(&gap->rim.place, place, gap->n + gap->rim.open, gap->region.cluster.origin);
+    star_vectors_set(&gap->rim.place, place, gap->n + gap->rim.open, gap->region.batch.origin);
     set_frames(gap, vec3_scale(vec3_add(*place[0], *place[2]), 0.5), &gap->old);
 }
 
@@ -89,29 +89,29 @@ struct place {
     vec3 at;
 };
 
-/* Puts the samples of a cluster among the places as far as they are farther off; the number of places. */
-static size_t farthest_among(const struct fit *fit, const struct cluster *cluster, const float *distance_sq,
+/* Puts the samples of a batch among the places as far as they are farther off; the number of places. */
+static size_t farthest_among(const struct fit *fit, const struct sample_batch *batch, const float *distance_sq,
                              struct place place[PLACES], size_t count) {
     size_t most = places_of[fit->placement];
-    for (size_t i = 0; i < cluster->n; i++) {
+    for (size_t i = 0; i < batch->n; i++) {
         if (count == most && distance_sq[i] <= place[count - 1].distance_sq) continue;
-        uint32_t point = samples_point(&fit->samples, cluster->sample[i]);
+        uint32_t point = samples_point(&fit->samples, batch->sample[i]);
         if (fit->placement == PLACEMENT_SUBSET && (point == NONE || fit->taken[point])) continue;
         size_t at = count < most ? count++ : count - 1;
         for (; at > 0 && place[at - 1].distance_sq < distance_sq[i]; at--) place[at] = place[at - 1];
-        place[at].distance_sq = distance_sq[i], place[at].sample = cluster->sample[i];
+        place[at].distance_sq = distance_sq[i], place[at].sample = batch->sample[i];
     }
     return count;
 }
 
 /* The samples of the two triangles that are farthest off, the farthest first; of the free points alone for a subset. */
 static size_t farthest(const struct fit *fit, const struct gap *gap, struct place place[PLACES]) {
-    float distance_sq[CLUSTER_ROOM];
+    float distance_sq[SAMPLE_BATCH_ROOM];
     struct fit_region more;
     size_t count = 0;
     for (const struct fit_region *part = &gap->region; part; part = fit_next_part(fit, part, &more)) {
-        cluster_star_distances(&part->cluster, &gap->old, distance_sq);
-        count = farthest_among(fit, &part->cluster, distance_sq, place, count);
+        sample_batch_star_distances(&part->batch, &gap->old, distance_sq);
+        count = farthest_among(fit, &part->batch, distance_sq, place, count);
     }
     for (size_t i = 0; i < count; i++) place[i].at = fit->samples.sample[place[i].sample].place;
     return count;
@@ -128,11 +128,11 @@ static double best_place(const struct fit *fit, struct gap *gap, const struct pl
     return gain;
 }
 
-struct fit_offer fit_split_best(const struct fit *fit, uint32_t h) {
-    struct fit_offer none = {.value = 0, .halfedge = NONE, .vertex = NONE, .source = NONE};
+struct fit_candidate fit_split_best(const struct fit *fit, uint32_t h) {
+    struct fit_candidate none = {.value = 0, .halfedge = NONE, .vertex = NONE, .source = NONE};
     struct gap gap;
     gap_of(fit, h, &gap);
-    if (fit_is_exact(cluster_weight(&gap.region.cluster), gap.cost)) return none;
+    if (fit_is_exact(sample_batch_weight(&gap.region.batch), gap.cost)) return none;
     set_rim(fit, &gap);
     struct place place[PLACES];
     size_t places = farthest(fit, &gap, place), i = 0;
@@ -140,11 +140,11 @@ struct fit_offer fit_split_best(const struct fit *fit, uint32_t h) {
     for (double gain; (gain = best_place(fit, &gap, place, places, &i)) > 0;) {
         bool is_point = fit->placement == PLACEMENT_SUBSET;
         if (split_stays(fit, &gap, place[i].at))
-            return (struct fit_offer){.value = gain,
-                                      .halfedge = h,
-                                      .vertex = NONE,
-                                      .source = is_point ? samples_point(&fit->samples, place[i].sample) : NONE,
-                                      .place = place[i].at};
+            return (struct fit_candidate){.value = gain,
+                                          .halfedge = h,
+                                          .vertex = NONE,
+                                          .source = is_point ? samples_point(&fit->samples, place[i].sample) : NONE,
+                                          .place = place[i].at};
         memmove(&place[i], &place[i + 1], (--places - i) * sizeof *place);
     }
     return none;

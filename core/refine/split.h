@@ -8,6 +8,6 @@
 #include "core/refine/fit.h"
 
 /* The split of the edge of h, which has a twin, that gains most; halfedge is NONE where none does. */
-struct fit_offer fit_split_best(const struct fit *fit, uint32_t h);
+struct fit_candidate fit_split_best(const struct fit *fit, uint32_t h);
 
 #endif

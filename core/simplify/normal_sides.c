@@ -46,43 +46,43 @@ bool normals_fit_points(const vec3 *given, const vec3 *normal, const struct neig
 
 /* ------------------------------------------------------------------------------------------------ the forest */
 
-struct forest {
+struct disjoint_set {
     uint32_t *parent;
     uint8_t *turned; /* against the parent */
 };
 
 /* The root of p's tree; *turned = whether p is turned against it. */
-static uint32_t root_of(struct forest *forest, uint32_t p, uint8_t *turned) {
+static uint32_t root_of(struct disjoint_set *disjoint_set, uint32_t p, uint8_t *turned) {
     uint8_t against = 0;
-    while (forest->parent[p] != p) {
-        uint32_t up = forest->parent[p], above = forest->parent[up];
-        forest->turned[p] ^= up == above ? 0 : forest->turned[up];
-        forest->parent[p] = above;
-        against ^= forest->turned[p];
+    while (disjoint_set->parent[p] != p) {
+        uint32_t up = disjoint_set->parent[p], above = disjoint_set->parent[up];
+        disjoint_set->turned[p] ^= up == above ? 0 : disjoint_set->turned[up];
+        disjoint_set->parent[p] = above;
+        against ^= disjoint_set->turned[p];
         p = above;
     }
     *turned = against;
     return p;
 }
 
-static void unite(struct forest *forest, uint32_t p, uint32_t q, bool against) {
+static void unite(struct disjoint_set *disjoint_set, uint32_t p, uint32_t q, bool against) {
     uint8_t of_p, of_q;
-    uint32_t a = root_of(forest, p, &of_p), b = root_of(forest, q, &of_q);
+    uint32_t a = root_of(disjoint_set, p, &of_p), b = root_of(disjoint_set, q, &of_q);
     if (a == b) return;
     uint32_t low = a < b ? a : b, high = a < b ? b : a;
-    forest->parent[high] = low;
-    forest->turned[high] = of_p ^ of_q ^ (uint8_t)against;
+    disjoint_set->parent[high] = low;
+    disjoint_set->turned[high] = of_p ^ of_q ^ (uint8_t)against;
 }
 
-static void grow(struct forest *forest, const struct neighbourhood *hood, const vec3 *normal) {
-    for (uint32_t p = 0; p < hood->n; p++) forest->parent[p] = p, forest->turned[p] = 0;
+static void grow(struct disjoint_set *disjoint_set, const struct neighbourhood *hood, const vec3 *normal) {
+    for (uint32_t p = 0; p < hood->n; p++) disjoint_set->parent[p] = p, disjoint_set->turned[p] = 0;
     for (int class = 0; class < CLASSES; class ++) {
         double least = alike[class], most = class ? alike[class - 1] : INFINITY;
         for (uint32_t p = 0; p < hood->n; p++)
             for (unsigned i = 0; i < hood->count[p]; i++) {
                 uint32_t q = hood->id[(size_t)p * hood->stride + i];
                 double cosine = vec3_dot(normal[p], normal[q]);
-                if (fabs(cosine) >= least && fabs(cosine) < most) unite(forest, p, q, cosine < 0);
+                if (fabs(cosine) >= least && fabs(cosine) < most) unite(disjoint_set, p, q, cosine < 0);
             }
     }
 }
@@ -99,12 +99,12 @@ static double area_of(const struct neighbourhood *hood, size_t p) {
     return fmax((double)hood->spacing[p] * (double)hood->spacing[p], 1e-30);
 }
 
-static void turn_parts(const vec3 *point, const struct neighbourhood *hood, struct forest *forest, struct part *part,
-                       vec3 *normal, enum normal_side *side) {
+static void turn_parts(const vec3 *point, const struct neighbourhood *hood, struct disjoint_set *disjoint_set,
+                       struct part *part, vec3 *normal, enum normal_side *side) {
     double upwards = 0, outwards = 0;
     uint8_t turned;
     for (uint32_t p = 0; p < hood->n; p++) {
-        struct part *own = &part[root_of(forest, p, &turned)];
+        struct part *own = &part[root_of(disjoint_set, p, &turned)];
         double area = area_of(hood, p);
         if (turned) normal[p] = vec3_scale(normal[p], -1);
         own->area += area;
@@ -112,12 +112,12 @@ static void turn_parts(const vec3 *point, const struct neighbourhood *hood, stru
         own->middle = vec3_add(own->middle, vec3_scale(point[p], area));
     }
     for (uint32_t p = 0; p < hood->n; p++) {
-        struct part *own = &part[root_of(forest, p, &turned)];
+        struct part *own = &part[root_of(disjoint_set, p, &turned)];
         vec3 away = vec3_sub(point[p], vec3_scale(own->middle, 1 / own->area));
         own->out += area_of(hood, p) * vec3_dot(normal[p], away);
     }
     for (uint32_t p = 0; p < hood->n; p++) {
-        const struct part *own = &part[root_of(forest, p, &turned)];
+        const struct part *own = &part[root_of(disjoint_set, p, &turned)];
         bool is_up = fabs(own->up) > UPWARDS * own->area;
         *(is_up ? &upwards : &outwards) += area_of(hood, p);
         if ((is_up ? own->up : own->out) < 0) normal[p] = vec3_scale(normal[p], -1);
@@ -127,14 +127,15 @@ static void turn_parts(const vec3 *point, const struct neighbourhood *hood, stru
 
 static enum status turn_together(const vec3 *point, const struct neighbourhood *hood, vec3 *normal,
                                  enum normal_side *side) {
-    struct forest forest = {alloc_array(hood->n, sizeof *forest.parent), alloc_array(hood->n, sizeof *forest.turned)};
+    struct disjoint_set disjoint_set = {alloc_array(hood->n, sizeof *disjoint_set.parent),
+                                        alloc_array(hood->n, sizeof *disjoint_set.turned)};
     struct part *part = alloc_zeroed(hood->n, sizeof *part);
-    bool room = forest.parent && forest.turned && part;
+    bool room = disjoint_set.parent && disjoint_set.turned && part;
     if (room) {
-        grow(&forest, hood, normal);
-        turn_parts(point, hood, &forest, part, normal, side);
+        grow(&disjoint_set, hood, normal);
+        turn_parts(point, hood, &disjoint_set, part, normal, side);
     }
-    free(forest.parent), free(forest.turned), free(part);
+    free(disjoint_set.parent), free(disjoint_set.turned), free(part);
     return room ? STATUS_OK : STATUS_NO_MEMORY;
 }
 

@@ -57,7 +57,7 @@ static enum status grid_init(struct grid *grid, const vec3 *position, size_t n, 
 
 static size_t place_of(const struct grid *grid, const int64_t cell[3]) {
     uint64_t hash = 0;
-    for (int k = 0; k < 3; k++) hash = scramble(hash ^ (uint64_t)cell[k]);
+    for (int k = 0; k < 3; k++) hash = hash64(hash ^ (uint64_t)cell[k]);
     return (size_t)hash & grid->mask;
 }
 

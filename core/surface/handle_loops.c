@@ -120,7 +120,7 @@ static size_t mark_edges(struct search *s) {
         if (!s->seen[t]) grow_cotree(s, t);
     for (uint32_t h = 0; h < 3 * s->he.triangle_count; h++) {
         if (!is_left_over(s, h)) continue;
-        uint64_t number = scramble(++paths);
+        uint64_t number = hash64(++paths);
         toggle(s, h, number);
         climb(s, h / 3, number);
         climb(s, s->he.twin[h] / 3, number);

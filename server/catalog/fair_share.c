@@ -26,7 +26,7 @@ struct served {
     uint64_t at; /* a count of turns; 0 = never */
 };
 
-struct turns {
+struct fair_share {
     int64_t aging_ms;
     struct entry *entry;
     size_t count, room;
@@ -36,75 +36,75 @@ struct turns {
     uint64_t clock;
 };
 
-struct turns *turns_new(int64_t aging_ms) {
-    struct turns *turns = calloc(1, sizeof *turns);
-    if (turns) turns->aging_ms = aging_ms;
-    return turns;
+struct fair_share *fair_share_new(int64_t aging_ms) {
+    struct fair_share *fair_share = calloc(1, sizeof *fair_share);
+    if (fair_share) fair_share->aging_ms = aging_ms;
+    return fair_share;
 }
 
-void turns_free(struct turns *turns) {
-    if (!turns) return;
-    free(turns->entry);
-    free(turns->principal);
-    free(turns);
+void fair_share_free(struct fair_share *fair_share) {
+    if (!fair_share) return;
+    free(fair_share->entry);
+    free(fair_share->principal);
+    free(fair_share);
 }
 
 /* The index of a principal, which is made where it is new; SIZE_MAX when memory runs out. */
-static size_t principal_of(struct turns *turns, const char *name) {
-    for (size_t i = 0; i < turns->principal_count; i++)
-        if (strcmp(turns->principal[i].name, name) == 0) return i;
-    struct served *grown = reallocarray(turns->principal, turns->principal_count + 1, sizeof *grown);
+static size_t principal_of(struct fair_share *fair_share, const char *name) {
+    for (size_t i = 0; i < fair_share->principal_count; i++)
+        if (strcmp(fair_share->principal[i].name, name) == 0) return i;
+    struct served *grown = reallocarray(fair_share->principal, fair_share->principal_count + 1, sizeof *grown);
     if (!grown) return SIZE_MAX;
-    turns->principal = grown;
-    struct served *fresh = &grown[turns->principal_count];
+    fair_share->principal = grown;
+    struct served *fresh = &grown[fair_share->principal_count];
     *fresh = (struct served){.at = 0};
     memcpy(fresh->name, name, strlen(name) + 1);
-    return turns->principal_count++;
+    return fair_share->principal_count++;
 }
 
-static bool make_room(struct turns *turns) {
-    if (turns->count < turns->room) return true;
-    size_t room = turns->room ? 2 * turns->room : 64;
-    struct entry *grown = reallocarray(turns->entry, room, sizeof *grown);
+static bool make_room(struct fair_share *fair_share) {
+    if (fair_share->count < fair_share->room) return true;
+    size_t room = fair_share->room ? 2 * fair_share->room : 64;
+    struct entry *grown = reallocarray(fair_share->entry, room, sizeof *grown);
     if (!grown) return false;
-    turns->entry = grown;
-    turns->room = room;
+    fair_share->entry = grown;
+    fair_share->room = room;
     return true;
 }
 
-bool turns_add(struct turns *turns, const struct turn *turn) {
-    size_t principal = principal_of(turns, turn->principal);
-    if (principal == SIZE_MAX || !make_room(turns)) return false;
-    turns->entry[turns->count++] = (struct entry){
-        .turn = *turn, .principal = principal, .due_ms = turn->created_ms - turn->priority * turns->aging_ms};
-    turns->sorted = false;
+bool fair_share_add(struct fair_share *fair_share, const struct turn *turn) {
+    size_t principal = principal_of(fair_share, turn->principal);
+    if (principal == SIZE_MAX || !make_room(fair_share)) return false;
+    fair_share->entry[fair_share->count++] = (struct entry){
+        .turn = *turn, .principal = principal, .due_ms = turn->created_ms - turn->priority * fair_share->aging_ms};
+    fair_share->sorted = false;
     return true;
 }
 
-static size_t find(const struct turns *turns, const char *id) {
+static size_t find(const struct fair_share *fair_share, const char *id) {
     size_t i = 0;
-    while (i < turns->count && strcmp(turns->entry[i].turn.id, id) != 0) i++;
+    while (i < fair_share->count && strcmp(fair_share->entry[i].turn.id, id) != 0) i++;
     return i;
 }
 
 /* The others keep their order, but those of the same principal move up by a round. */
-void turns_remove(struct turns *turns, const char *id) {
-    size_t i = find(turns, id);
-    if (i == turns->count) return;
-    memmove(&turns->entry[i], &turns->entry[i + 1], (--turns->count - i) * sizeof turns->entry[0]);
-    turns->sorted = false;
+void fair_share_remove(struct fair_share *fair_share, const char *id) {
+    size_t i = find(fair_share, id);
+    if (i == fair_share->count) return;
+    memmove(&fair_share->entry[i], &fair_share->entry[i + 1], (--fair_share->count - i) * sizeof fair_share->entry[0]);
+    fair_share->sorted = false;
 }
 
-void turns_take(struct turns *turns, const char *id) {
-    size_t i = find(turns, id);
-    if (i < turns->count) turns->principal[turns->entry[i].principal].at = ++turns->clock;
-    turns_remove(turns, id);
+void fair_share_take(struct fair_share *fair_share, const char *id) {
+    size_t i = find(fair_share, id);
+    if (i < fair_share->count) fair_share->principal[fair_share->entry[i].principal].at = ++fair_share->clock;
+    fair_share_remove(fair_share, id);
 }
 
-void turns_clear(struct turns *turns) { turns->count = 0; }
+void fair_share_clear(struct fair_share *fair_share) { fair_share->count = 0; }
 
-void turns_move_times(struct turns *turns, int64_t step_ms) {
-    for (size_t i = 0; i < turns->count; i++) turns->entry[i].due_ms += step_ms;
+void fair_share_move_times(struct fair_share *fair_share, int64_t step_ms) {
+    for (size_t i = 0; i < fair_share->count; i++) fair_share->entry[i].due_ms += step_ms;
 }
 
 /* ------------------------------------------------------------------------------------------------ order */
@@ -125,28 +125,29 @@ static int by_turn(const void *left, const void *right) {
     return order ? order : strcmp(a->turn.id, b->turn.id);
 }
 
-static void sort(struct turns *turns) {
-    struct entry *entry = turns->entry;
-    if (turns->sorted || !turns->count) return;
-    qsort(entry, turns->count, sizeof *entry, by_principal);
-    for (size_t i = 0; i < turns->count; i++) {
+static void sort(struct fair_share *fair_share) {
+    struct entry *entry = fair_share->entry;
+    if (fair_share->sorted || !fair_share->count) return;
+    qsort(entry, fair_share->count, sizeof *entry, by_principal);
+    for (size_t i = 0; i < fair_share->count; i++) {
         bool same = i && entry[i].principal == entry[i - 1].principal;
         entry[i].round = same ? entry[i - 1].round + 1 : 0;
-        entry[i].served = turns->principal[entry[i].principal].at;
+        entry[i].served = fair_share->principal[entry[i].principal].at;
     }
-    qsort(entry, turns->count, sizeof *entry, by_turn);
-    turns->sorted = true;
+    qsort(entry, fair_share->count, sizeof *entry, by_turn);
+    fair_share->sorted = true;
 }
 
-const struct turn *turns_first(struct turns *turns) {
-    sort(turns);
-    return turns->count ? &turns->entry[0].turn : NULL;
+const struct turn *fair_share_first(struct fair_share *fair_share) {
+    sort(fair_share);
+    return fair_share->count ? &fair_share->entry[0].turn : NULL;
 }
 
-size_t turns_ahead(struct turns *turns, const char *id, void (*visit)(void *ctx, const struct turn *turn), void *ctx) {
-    sort(turns);
-    size_t ahead = find(turns, id);
-    if (ahead == turns->count) return 0;
-    for (size_t i = 0; visit && i < ahead; i++) visit(ctx, &turns->entry[i].turn);
+size_t fair_share_ahead(struct fair_share *fair_share, const char *id,
+                        void (*visit)(void *ctx, const struct turn *turn), void *ctx) {
+    sort(fair_share);
+    size_t ahead = find(fair_share, id);
+    if (ahead == fair_share->count) return 0;
+    for (size_t i = 0; visit && i < ahead; i++) visit(ctx, &fair_share->entry[i].turn);
     return ahead;
 }

@@ -17,7 +17,7 @@
 
 #include "server/catalog/job.h"
 
-struct turns;
+struct fair_share;
 
 /* What the order, and an estimate of time, want to know of a job; cost is the caller's (estimate.h). */
 struct turn {
@@ -28,30 +28,31 @@ struct turn {
 };
 
 /* Returns new, NULL when memory runs out.  turns_free accepts NULL. */
-struct turns *turns_new(int64_t aging_ms);
-void turns_free(struct turns *turns);
+struct fair_share *fair_share_new(int64_t aging_ms);
+void fair_share_free(struct fair_share *fair_share);
 
 /* Puts a job in; false when memory runs out.  O(1). */
-bool turns_add(struct turns *turns, const struct turn *turn);
+bool fair_share_add(struct fair_share *fair_share, const struct turn *turn);
 
 /* Takes a job out, without its having had its turn; nothing when it isn't there.  O(n). */
-void turns_remove(struct turns *turns, const char *id);
+void fair_share_remove(struct fair_share *fair_share, const char *id);
 
 /* The job whose turn it is: NULL = none waits.  Borrowed until the next change.  The first call after a change is
  * O(n log n). */
-const struct turn *turns_first(struct turns *turns);
+const struct turn *fair_share_first(struct fair_share *fair_share);
 
 /* Takes all jobs out; who was served when is remembered. */
-void turns_clear(struct turns *turns);
+void fair_share_clear(struct fair_share *fair_share);
 
 /* It has had its turn: takes it out, and its principal goes to the end of the round. */
-void turns_take(struct turns *turns, const char *id);
+void fair_share_take(struct fair_share *fair_share, const char *id);
 
 /* The clock by which jobs were created was set by step_ms: those that wait keep their ages. */
-void turns_move_times(struct turns *turns, int64_t step_ms);
+void fair_share_move_times(struct fair_share *fair_share, int64_t step_ms);
 
 /* How many jobs come before this one; 0 when it isn't there.  Each of them is given to visit (NULL = nobody), in the
  * order of their turns. */
-size_t turns_ahead(struct turns *turns, const char *id, void (*visit)(void *ctx, const struct turn *turn), void *ctx);
+size_t fair_share_ahead(struct fair_share *fair_share, const char *id,
+                        void (*visit)(void *ctx, const struct turn *turn), void *ctx);
 
 #endif

@@ -102,7 +102,7 @@ static enum status tell(const struct worker_options *options, const struct cloud
     FILE *to = options->to_standard ? stderr : stdout;
     if (options->json) return report_json_write(STDOUT_FILENO, report, &options->params, error);
     if (options->convert)
-        worker_output_converted(options, cloud, &report->losses, to);
+        worker_output_converted(options, cloud, &report->left_out, to);
     else
         worker_output_summary(options, report, to);
     return STATUS_OK;
@@ -165,7 +165,7 @@ static enum status run(struct worker_options *options, struct worker_progress *d
     if (!status && options->params.outputs & OUTPUT_ANY_LAS && options->params.colours == COLOURS_8)
         status = cloud_keep_colours(&cloud, error);
     if (!status)
-        status = cloud_set_colours(&cloud, (enum colour_bits)options->params.colours, &result.report.losses, error);
+        status = cloud_set_colours(&cloud, (enum colour_bits)options->params.colours, &result.report.left_out, error);
     if (!status) {
         status = worker_output_write(options, input, &cloud, &result, error);
         if (is_no_output(status, error)) *exit_status = WIRE_EXIT_NO_OUTPUT;

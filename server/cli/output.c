@@ -43,7 +43,7 @@ struct outputs {
     const struct cloud *cloud;
     const struct pipeline_result *result;
     const struct pipeline_level *level; /* the one to write */
-    struct losses *losses;              /* of the report */
+    struct left_out *left_out;          /* of the report */
     /* Of each level's mesh: a point for each vertex with what it has of attributes, where that isn't what its point
      * has, else empty; and the numbers 0, 1 ... of vertices. */
     struct cloud vertices[PARAMS_MAX_LEVELS];
@@ -61,21 +61,21 @@ static enum status write_cloud(int fd, const struct outputs *o, struct error *er
 static enum status write_xyz(int fd, const struct outputs *o, struct error *error) {
     for (size_t j = 0; j < o->cloud->property_count; j++)
         if (o->cloud->property[j].is_list)
-            losses_add(o->losses, "cloud.xyz", "%s: lines of text have no lists", o->cloud->property[j].name);
+            left_out_add(o->left_out, "cloud.xyz", "%s: lines of text have no lists", o->cloud->property[j].name);
     enum xyz_header header = (enum xyz_header)o->options->params.header;
     if (header == HEADER_NONE && o->cloud->property_count > 3)
-        losses_add(o->losses, "cloud.xyz", "names of the columns; header=plain or header=hash write them");
+        left_out_add(o->left_out, "cloud.xyz", "names of the columns; header=plain or header=hash write them");
     return cloud_write_xyz(fd, o->cloud, o->result->kept, o->level->kept_count, header, error);
 }
 
 static enum status write_pcd(int fd, const struct outputs *o, struct error *error) {
     return cloud_write_pcd(fd, o->cloud, o->result->kept, o->level->kept_count,
-                           (enum pcd_precision)o->options->params.pcd_precision, o->losses, error);
+                           (enum pcd_precision)o->options->params.pcd_precision, o->left_out, error);
 }
 
 static enum status write_las_or_laz(int fd, const struct outputs *o, bool compressed, struct error *error) {
     return cloud_write_las(fd, o->cloud, o->result->kept, o->level->kept_count, compressed,
-                           (unsigned)o->options->params.threads, o->losses, error);
+                           (unsigned)o->options->params.threads, o->left_out, error);
 }
 
 static enum status write_las(int fd, const struct outputs *o, struct error *error) {
@@ -105,26 +105,26 @@ static enum status write_mesh(int fd, const struct outputs *o, struct error *err
     const struct cloud *cloud;
     const struct mesh mesh = mesh_of(o, &cloud);
     mesh_attributes_find(&mesh, cloud, &attributes);
-    mesh_attributes_note(&attributes, cloud, "mesh.ply", is_scalar, true, o->losses);
+    mesh_attributes_note(&attributes, cloud, "mesh.ply", is_scalar, true, o->left_out);
     return mesh_write_ply(fd, &mesh, cloud, (enum encoding)o->options->params.encoding, error);
 }
 
 static enum status write_obj(int fd, const struct outputs *o, struct error *error) {
     const struct cloud *cloud;
     const struct mesh mesh = mesh_of(o, &cloud);
-    return mesh_write_obj(fd, &mesh, cloud, o->losses, error);
+    return mesh_write_obj(fd, &mesh, cloud, o->left_out, error);
 }
 
 static enum status write_stl(int fd, const struct outputs *o, struct error *error) {
     const struct cloud *cloud;
     const struct mesh mesh = mesh_of(o, &cloud);
-    return mesh_write_stl(fd, &mesh, cloud, o->losses, error);
+    return mesh_write_stl(fd, &mesh, cloud, o->left_out, error);
 }
 
 static enum status write_glb(int fd, const struct outputs *o, struct error *error) {
     const struct cloud *cloud;
     const struct mesh mesh = mesh_of(o, &cloud);
-    return mesh_write_glb(fd, &mesh, cloud, o->losses, error);
+    return mesh_write_glb(fd, &mesh, cloud, o->left_out, error);
 }
 
 static enum status write_report(int fd, const struct outputs *o, struct error *error) {
@@ -404,12 +404,12 @@ static enum status write_file(struct outputs *outputs, const struct planned *ite
 }
 
 /* The lines of what the input's reader left out. */
-static void note_input(const struct cloud *cloud, uint32_t outputs, struct losses *losses) {
+static void note_input(const struct cloud *cloud, uint32_t outputs, struct left_out *left_out) {
     if (cloud->las && cloud->las->has_crs && outputs & (OUTPUT_ANY_CLOUD | OUTPUT_ANY_MESH) & ~(uint32_t)OUTPUT_ANY_LAS)
-        losses_add(losses, "input", "the coordinate system, but in cloud.las and cloud.laz");
+        left_out_add(left_out, "input", "the coordinate system, but in cloud.las and cloud.laz");
     for (const char *at = cloud->left_out; at && *at;) {
         size_t n = strcspn(at, "\n");
-        losses_add(losses, "input", "%.*s", (int)n, at);
+        left_out_add(left_out, "input", "%.*s", (int)n, at);
         at += n + (at[n] == '\n');
     }
 }
@@ -485,8 +485,8 @@ enum status worker_output_write(const struct worker_options *options, int input,
                               .result = result,
                               .level = &result->level[0],
                               .rule = make_rule(options, input),
-                              .losses = &result->report.losses};
-    note_input(cloud, options->params.outputs, outputs.losses);
+                              .left_out = &result->report.left_out};
+    note_input(cloud, options->params.outputs, outputs.left_out);
     enum status status = find_vertices(&outputs, error);
     if (!status) status = options->to_standard ? write_standard(&outputs, error) : write_folder(&outputs, error);
     vertices_done(&outputs);
@@ -519,16 +519,16 @@ static void summarise_level(const struct report *report, const struct report_lev
         fprintf(to, "%-16s %s\n", "warning", warning);
 }
 
-static void print_losses(const struct losses *losses, FILE *to) {
-    for (size_t i = 0; i < losses->count; i++)
-        fprintf(to, "%-16s %s: %s\n", i ? "" : "left out", losses->loss[i].where, losses->loss[i].what);
+static void print_losses(const struct left_out *left_out, FILE *to) {
+    for (size_t i = 0; i < left_out->count; i++)
+        fprintf(to, "%-16s %s: %s\n", i ? "" : "left out", left_out->loss[i].where, left_out->loss[i].what);
 }
 
 void worker_output_converted(const struct worker_options *options, const struct cloud *cloud,
-                             const struct losses *losses, FILE *to) {
+                             const struct left_out *left_out, FILE *to) {
     fprintf(to, "%-16s %zu\n", "points", cloud->count);
     if (options->params.outputs & OUTPUT_ANY_MESH) fprintf(to, "%-16s %zu triangles\n", "mesh", cloud->triangle_count);
-    print_losses(losses, to);
+    print_losses(left_out, to);
     worker_output_names(options, "written", false, to);
 }
 
@@ -554,7 +554,7 @@ void worker_output_summary(const struct worker_options *options, const struct re
         fprintf(to, "%-16s %.3g in the file's units, estimated\n", "noise", report->noise_level);
     if (report->denoised[0]) fprintf(to, "%-16s %s\n", "denoised", report->denoised);
     if (report->noise > 0) fprintf(to, "%-16s %.3e of the diagonal\n", "smoothed", report->noise / report->diagonal);
-    print_losses(&report->losses, to);
+    print_losses(&report->left_out, to);
     for (size_t i = 0; options->verbose && i < report->stage_count; i++)
         fprintf(to, "%-16s %-12s %10.1f ms\n", i ? "" : "stages", report->stage[i].name, report->stage[i].wall_ms);
     fprintf(to, "%-16s %.0f ms, %.1f MiB at the peak\n", "cost", report->total_ms,

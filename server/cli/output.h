@@ -35,7 +35,7 @@ void worker_output_summary(const struct worker_options *options, const struct re
 
 /* The same of a conversion. */
 void worker_output_converted(const struct worker_options *options, const struct cloud *cloud,
-                             const struct losses *losses, FILE *to);
+                             const struct left_out *left_out, FILE *to);
 
 /* The names of the files, a line each, after this label; those that would be replaced are marked. */
 void worker_output_names(const struct worker_options *options, const char *label, bool mark, FILE *to);

@@ -81,6 +81,6 @@ enum status fault_arm(const char *text, struct error *error) {
             return error_set(error, STATUS_BAD_PARAMETER, "fault", "'%.80s' is not like POINT=ACTION:N", at);
         at += strcspn(at, ",");
     }
-    if (count) fault_ask = ask;
+    if (count) fault_point = ask;
     return STATUS_OK;
 }

@@ -129,7 +129,7 @@ bool handlers_end_body(struct request *request, struct response *response) {
     return false;
 }
 
-bool handlers_read_wishes(const struct request *request, struct job *job, struct problem *problem) {
+bool handlers_read_preferences(const struct request *request, struct job *job, struct problem *problem) {
     const char *label = query_find(request->query, request->query_count, "label");
     if (label && (strlen(label) >= JOB_LABEL_BYTES || !query_is_text(label))) {
         problem_set(problem, PROBLEM_INVALID_PARAMETER, "label: takes up to 128 bytes of UTF-8");

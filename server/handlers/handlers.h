@@ -59,7 +59,7 @@ bool handlers_read_page(const struct request *request, const char *const *names,
                         const char *what, struct handlers_page *page, struct response *response);
 
 /* Takes `label` and `priority` from the query; false: *problem says why. */
-bool handlers_read_wishes(const struct request *request, struct job *job, struct problem *problem);
+bool handlers_read_preferences(const struct request *request, struct job *job, struct problem *problem);
 
 /* Reads the job of this id; false: there is none that the request's principal may see, and the response (404, 410) says
  * so.  The job is the caller's, to job_done, either way. */

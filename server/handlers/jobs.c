@@ -38,7 +38,7 @@ static const char *const create_names[] = {"label", "priority", "webhook", NULL}
 static bool read_create(const struct request *request, struct job *job, struct response *response) {
     struct problem problem;
     bool ok = query_decode_params(request->query, request->query_count, create_names, &job->params, &problem) &&
-              handlers_read_wishes(request, job, &problem);
+              handlers_read_preferences(request, job, &problem);
     if (!ok) response_problem(response, &problem);
     return ok;
 }

@@ -43,7 +43,7 @@ static bool read_simplify(const struct request *request, struct job *job, struct
     struct problem problem;
     uint32_t asked = output_asked(request);
     bool ok = query_decode_params(request->query, request->query_count, own_names, &job->params, &problem) &&
-              handlers_read_wishes(request, job, &problem);
+              handlers_read_preferences(request, job, &problem);
     if (ok && query_find(request->query, request->query_count, "outputs")) {
         problem_set(&problem, PROBLEM_CONFLICTING_PARAMETERS, "outputs: this operation has one output");
         problem_add_error(&problem, "outputs", NULL, "not here", "output");

@@ -29,7 +29,7 @@ struct events {
     uint64_t changes, tickets;
     int64_t next_look_ms; /* when the thread looks at deadlines again */
     bool closed, ending;
-    int epoll_fd, bell_fd; /* the bell makes the thread look around: a nearer deadline, or the end */
+    int epoll_fd, wake_fd; /* the bell makes the thread look around: a nearer deadline, or the end */
     pthread_t thread;
 };
 
@@ -40,7 +40,7 @@ int64_t events_clock_ms(void) {
 }
 
 static void ring(struct events *events) {
-    ssize_t n = write(events->bell_fd, &(uint64_t){1}, sizeof(uint64_t));
+    ssize_t n = write(events->wake_fd, &(uint64_t){1}, sizeof(uint64_t));
     (void)n; /* full means that it rings already */
 }
 
@@ -128,7 +128,7 @@ static void *watch(void *ctx) {
         int n = epoll_wait(events->epoll_fd, batch, EPOLL_BATCH, timeout);
         for (int i = 0; i < n; i++) {
             uint64_t count;
-            ssize_t got = batch[i].data.u64 ? 0 : read(events->bell_fd, &count, sizeof count);
+            ssize_t got = batch[i].data.u64 ? 0 : read(events->wake_fd, &count, sizeof count);
             (void)got;
             if (batch[i].data.u64) wake_hung_up(events, batch[i].data.u64);
         }
@@ -144,17 +144,17 @@ enum status events_open(struct events **events, struct error *error) {
     pthread_mutex_init(&opened->lock, NULL);
     opened->next_look_ms = INT64_MAX;
     opened->epoll_fd = epoll_create1(EPOLL_CLOEXEC);
-    opened->bell_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+    opened->wake_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
     struct epoll_event bell = {.events = EPOLLIN, .data.u64 = 0};
-    if (opened->epoll_fd >= 0 && opened->bell_fd >= 0 &&
-        epoll_ctl(opened->epoll_fd, EPOLL_CTL_ADD, opened->bell_fd, &bell) == 0 &&
+    if (opened->epoll_fd >= 0 && opened->wake_fd >= 0 &&
+        epoll_ctl(opened->epoll_fd, EPOLL_CTL_ADD, opened->wake_fd, &bell) == 0 &&
         pthread_create(&opened->thread, NULL, watch, opened) == 0) {
         *events = opened;
         return STATUS_OK;
     }
     error_set(error, STATUS_IO, "events", "can't start: %s", strerror(errno));
     if (opened->epoll_fd >= 0) close(opened->epoll_fd);
-    if (opened->bell_fd >= 0) close(opened->bell_fd);
+    if (opened->wake_fd >= 0) close(opened->wake_fd);
     pthread_mutex_destroy(&opened->lock);
     free(opened);
     return STATUS_IO;
@@ -177,7 +177,7 @@ void events_free(struct events *events) {
     ring(events);
     pthread_join(events->thread, NULL);
     close(events->epoll_fd);
-    close(events->bell_fd);
+    close(events->wake_fd);
     pthread_mutex_destroy(&events->lock);
     free(events);
 }

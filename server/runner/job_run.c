@@ -133,13 +133,13 @@ static void show(const struct run *run) { atomic_store(&run->control->seen_ms, e
 /* Makes the bell ring no more; what it rang for stands in the wish. */
 static void hush(const struct run *run) {
     uint64_t rings;
-    ssize_t got = read(run->control->bell_fd, &rings, sizeof rings);
+    ssize_t got = read(run->control->wake_fd, &rings, sizeof rings);
     (void)got;
 }
 
 /* Waits, or until somebody wishes something.  The bell may still ring for the job before. */
-static void wait_for_wish(const struct run *run, int wait_ms) {
-    struct pollfd bell = {.fd = run->control->bell_fd, .events = POLLIN};
+static void wait_for_command(const struct run *run, int wait_ms) {
+    struct pollfd bell = {.fd = run->control->wake_fd, .events = POLLIN};
     if (poll(&bell, 1, wait_ms) > 0) hush(run);
 }
 
@@ -151,12 +151,12 @@ static enum status start_when_possible(struct run *run, struct error *error) {
         show(run);
         enum status status = start(run, error);
         bool hopeless = !store_cloud_exists(run->service->store, run->job->cloud);
-        bool wanted = atomic_load(&run->control->wish) == WORKER_GO_ON;
+        bool wanted = atomic_load(&run->control->command) == WORKER_GO_ON;
         if (status == STATUS_OK || hopeless || !wanted || events_clock_ms() >= until) return status;
         log_line(LOG_WARNING, "job=%s can't be started yet: %s", run->job->id, error->text);
         if (run->log_fd >= 0) close(run->log_fd);
         run->log_fd = -1;
-        wait_for_wish(run, START_AGAIN_MS);
+        wait_for_command(run, START_AGAIN_MS);
     }
 }
 
@@ -195,7 +195,7 @@ static void tell_progress(struct run *run, int64_t now) {
     bool held = true;
     if (catalog_progress(run->service->catalog, job, &held, &error) != STATUS_OK)
         log_line(LOG_ERROR, "job=%s progress isn't kept: %s", job->id, error.text);
-    if (!held) atomic_store(&run->control->wish, WORKER_LOST);
+    if (!held) atomic_store(&run->control->command, WORKER_LOST);
 }
 
 static void terminate(struct run *run, int64_t now) {
@@ -244,9 +244,9 @@ static int look_around(struct run *run) {
     int64_t now = events_clock_ms(), end = run->started_ms + run->service->config->job_wall_ms;
     int64_t next = less(end, less(look_for_stall(run, now), look_for_excess(run, now)));
     if (run->progress_due && now - run->told_ms >= PROGRESS_EVERY_MS) tell_progress(run, now);
-    int wish = atomic_load(&run->control->wish);
-    if (wish != WORKER_GO_ON) terminate(run, now);
-    if (wish == WORKER_LOST && run->kill_ms > now) run->kill_ms = now;
+    int command = atomic_load(&run->control->command);
+    if (command != WORKER_GO_ON) terminate(run, now);
+    if (command == WORKER_LOST && run->kill_ms > now) run->kill_ms = now;
     if (now >= end && !run->kill_ms) {
         run->timed_out = true;
         terminate(run, now);
@@ -265,7 +265,7 @@ static int look_around(struct run *run) {
 static void watch(struct run *run) {
     struct pollfd fds[] = {{.fd = run->process.pid_fd, .events = POLLIN},
                            {.fd = run->process.progress_fd, .events = POLLIN},
-                           {.fd = run->control->bell_fd, .events = POLLIN}};
+                           {.fd = run->control->wake_fd, .events = POLLIN}};
     while (!fds[0].revents) {
         show(run);
         int n = poll(fds, 3, look_around(run));
@@ -448,27 +448,27 @@ static bool by_the_host(const struct run *run) {
 
 /* What becomes of a job whose process couldn't be started. */
 static void judge_unstarted(const struct run *run, const struct error *error, struct verdict *verdict) {
-    int wish = atomic_load(&run->control->wish);
-    verdict->is_lost = wish == WORKER_LOST;
-    bool again = wish == WORKER_REQUEUE || ++run->job->failures < JOB_MAX_FAILURES;
-    verdict->event = wish == WORKER_DISMISS ? JOB_DISMISS : again ? JOB_REQUEUE : JOB_FAIL;
+    int command = atomic_load(&run->control->command);
+    verdict->is_lost = command == WORKER_LOST;
+    bool again = command == WORKER_REQUEUE || ++run->job->failures < JOB_MAX_FAILURES;
+    verdict->event = command == WORKER_DISMISS ? JOB_DISMISS : again ? JOB_REQUEUE : JOB_FAIL;
     problem_set(&verdict->problem, PROBLEM_INTERNAL_ERROR, "the job's process can't be started: %s", error->text);
 }
 
 static void judge(const struct run *run, struct verdict *verdict) {
-    int wish = atomic_load(&run->control->wish);
+    int command = atomic_load(&run->control->command);
     bool exited_well = WIFEXITED(run->wait_status) && WEXITSTATUS(run->wait_status) == 0;
     bool no_memory = WIFEXITED(run->wait_status) && WEXITSTATUS(run->wait_status) == WIRE_EXIT_MEMORY;
     verdict->event = JOB_FAIL;
-    verdict->is_lost = wish == WORKER_LOST;
-    if (wish == WORKER_DISMISS || wish == WORKER_LOST) {
+    verdict->is_lost = command == WORKER_LOST;
+    if (command == WORKER_DISMISS || command == WORKER_LOST) {
         verdict->event = JOB_DISMISS;
     } else if (run->is_done && exited_well) {
         verdict->event = JOB_DONE;
     } else if (took_too_much(run)) {
         write_obituary(run, PROBLEM_WORKER_CRASHED, &verdict->problem);
         explain_excess(run, &verdict->problem);
-    } else if (wish == WORKER_REQUEUE) {
+    } else if (command == WORKER_REQUEUE) {
         verdict->event = JOB_REQUEUE;
     } else if (out_of_time(run)) {
         write_obituary(run, PROBLEM_TIME_LIMIT, &verdict->problem);
@@ -510,8 +510,8 @@ static void drop_outputs(struct run *run) {
 static bool is_wanted(void *ctx) {
     const struct run *run = ctx;
     show(run);
-    int wish = atomic_load(&run->control->wish);
-    return wish != WORKER_DISMISS && wish != WORKER_LOST;
+    int command = atomic_load(&run->control->command);
+    return command != WORKER_DISMISS && command != WORKER_LOST;
 }
 
 /* Makes the outputs visible; on failure, or when the job is dismissed meanwhile, the verdict changes. */

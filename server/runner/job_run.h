@@ -11,7 +11,7 @@
 #include "server/runner/confine.h"
 
 /* What somebody else wants of a run; changed from any thread, then bell_fd (an eventfd) is written. */
-enum worker_wish {
+enum worker_command {
     WORKER_GO_ON,
     WORKER_DISMISS,
     WORKER_REQUEUE,
@@ -19,9 +19,9 @@ enum worker_wish {
 };
 
 struct worker_control {
-    _Atomic int wish;        /* enum worker_wish */
+    _Atomic int command;     /* enum worker_command */
     _Atomic int64_t seen_ms; /* when the run last showed that it goes on (events_clock_ms) */
-    int bell_fd;
+    int wake_fd;
 };
 
 /* Runs a claimed job to its end and records in the queue what became of it (published and logged).  Blocks for as long

@@ -79,7 +79,7 @@ static bool claim(struct slot *slot, struct job *job) {
     slot->memory_bytes = job->memory_bytes;
     slot->attempt = job->attempt;
     slot->claimed = supervisor->round;
-    atomic_store(&slot->control.wish, WORKER_GO_ON);
+    atomic_store(&slot->control.command, WORKER_GO_ON);
     atomic_store(&slot->control.seen_ms, events_clock_ms());
     return true;
 }
@@ -121,18 +121,18 @@ static void *work(void *ctx) {
 
 /* ------------------------------------------------------------------------------------------------ leases */
 
-static void wish(struct slot *slot, enum worker_wish wish) {
+static void command(struct slot *slot, enum worker_command command) {
     int none = WORKER_GO_ON;
-    atomic_compare_exchange_strong(&slot->control.wish, &none, wish);
-    ring(slot->control.bell_fd);
+    atomic_compare_exchange_strong(&slot->control.command, &none, command);
+    ring(slot->control.wake_fd);
 }
 
 /* What the leases say of the job in a slot, under the lock. */
 static void compare_slot(struct slot *slot, const struct catalog_lease *leases, size_t count, uint64_t round) {
     size_t i = 0;
     while (i < count && (leases[i].attempt != slot->attempt || strcmp(leases[i].job, slot->id) != 0)) i++;
-    if (i < count && leases[i].is_cancelled) wish(slot, WORKER_DISMISS);
-    if (i == count && slot->claimed < round) wish(slot, WORKER_LOST); /* else it was claimed since they were read */
+    if (i < count && leases[i].is_cancelled) command(slot, WORKER_DISMISS);
+    if (i == count && slot->claimed < round) command(slot, WORKER_LOST); /* else it was claimed since they were read */
 }
 
 /* Renews all leases; a job without one is another host's, and ends here.  Where the catalog doesn't answer they go on:
@@ -189,13 +189,13 @@ static bool start_slot(struct supervisor *supervisor) {
     struct slot *slot = &supervisor->slot[supervisor->slot_count];
     slot->supervisor = supervisor;
     slot->looked_ms = events_clock_ms();
-    slot->control.bell_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-    if (slot->control.bell_fd < 0) return false;
+    slot->control.wake_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+    if (slot->control.wake_fd < 0) return false;
     pthread_mutex_lock(&supervisor->lock);
     bool ok = pthread_create(&slot->thread, NULL, work, slot) == 0;
     if (ok) supervisor->slot_count++, supervisor->threads_alive++;
     pthread_mutex_unlock(&supervisor->lock);
-    if (!ok) close(slot->control.bell_fd);
+    if (!ok) close(slot->control.wake_fd);
     return ok;
 }
 
@@ -252,7 +252,7 @@ bool supervisor_cancel(struct supervisor *supervisor, const char *id) {
     pthread_mutex_lock(&supervisor->lock);
     for (unsigned i = 0; i < supervisor->slot_count; i++) {
         if (strcmp(supervisor->slot[i].id, id) != 0) continue;
-        wish(&supervisor->slot[i], WORKER_DISMISS);
+        command(&supervisor->slot[i], WORKER_DISMISS);
         found = true;
     }
     pthread_mutex_unlock(&supervisor->lock);
@@ -294,7 +294,7 @@ int supervisor_idle_fd(const struct supervisor *supervisor) { return supervisor-
 void supervisor_requeue(struct supervisor *supervisor) {
     pthread_mutex_lock(&supervisor->lock);
     for (unsigned i = 0; i < supervisor->slot_count; i++)
-        if (supervisor->slot[i].id[0]) wish(&supervisor->slot[i], WORKER_REQUEUE);
+        if (supervisor->slot[i].id[0]) command(&supervisor->slot[i], WORKER_REQUEUE);
     pthread_mutex_unlock(&supervisor->lock);
 }
 
@@ -302,7 +302,7 @@ void supervisor_close(struct supervisor *supervisor) {
     if (!supervisor) return;
     for (unsigned i = 0; i < supervisor->slot_count; i++) {
         pthread_join(supervisor->slot[i].thread, NULL);
-        close(supervisor->slot[i].control.bell_fd);
+        close(supervisor->slot[i].control.wake_fd);
     }
     pthread_mutex_lock(&supervisor->lock);
     supervisor->renewed_enough = true;

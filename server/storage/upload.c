@@ -24,7 +24,7 @@ enum { SNIFF_BYTES = 4096 };
 struct upload {
     struct store *store;
     struct scratch_file file;
-    struct behind *behind; /* hashes the file */
+    struct upload_hasher *hasher; /* hashes the file */
     uint64_t bytes, expected_bytes, max_bytes;
     bool checked; /* the format is known and right, as far as the first bytes tell */
     struct admission admission;
@@ -58,7 +58,7 @@ struct upload *upload_new(struct store *store, struct offload *threads, uint64_t
         upload_too_large(max_bytes, expected_bytes, problem);
     else if (scratch_file_begin(store_scratch(store), &upload->file, &error) != STATUS_OK)
         problem_from_error(problem, &error);
-    else if (!(upload->behind = behind_new(threads, upload->file.fd, expected_bytes)))
+    else if (!(upload->hasher = upload_hasher_new(threads, upload->file.fd, expected_bytes)))
         problem_set(problem, PROBLEM_INTERNAL_ERROR, "no memory");
     else
         return upload;
@@ -69,7 +69,7 @@ struct upload *upload_new(struct store *store, struct offload *threads, uint64_t
 void upload_free(struct upload *upload) {
     if (!upload) return;
     scratch_file_drop(store_scratch(upload->store), &upload->file);
-    behind_free(upload->behind);
+    upload_hasher_free(upload->hasher);
     free(upload);
 }
 
@@ -157,12 +157,12 @@ bool upload_write(struct upload *upload, const void *bytes, size_t count, struct
     if (!check_more(upload, bytes, count, problem)) return false;
     upload->bytes += count;
     if (!write_all(upload, bytes, count, problem)) return false;
-    behind_advance(upload->behind, count);
+    upload_hasher_advance(upload->hasher, count);
     return true;
 }
 
 const char *upload_hash(struct upload *upload, struct problem *problem) {
-    if (upload->facts.sha256[0] || behind_finish(upload->behind, upload->facts.sha256) == 0)
+    if (upload->facts.sha256[0] || upload_hasher_finish(upload->hasher, upload->facts.sha256) == 0)
         return upload->facts.sha256;
     problem_set(problem, PROBLEM_INTERNAL_ERROR, "the body can't be read back: %s", strerror(errno));
     return NULL;

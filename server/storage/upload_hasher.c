@@ -24,7 +24,7 @@
 
 enum { STEP_BYTES = 2 * 1024 * 1024, AHEAD_BYTES = 32 * 1024 * 1024 };
 
-struct behind {
+struct upload_hasher {
     struct offload *threads;
     struct offload_task task;
     int fd;
@@ -36,92 +36,92 @@ struct behind {
     bool posted, left;
 };
 
-static void destroy(struct behind *behind) {
-    if (behind->fd >= 0) close(behind->fd);
-    digest_free(behind->digest);
-    pthread_cond_destroy(&behind->stepped);
-    pthread_mutex_destroy(&behind->lock);
-    free(behind);
+static void destroy(struct upload_hasher *hasher) {
+    if (hasher->fd >= 0) close(hasher->fd);
+    digest_free(hasher->digest);
+    pthread_cond_destroy(&hasher->stepped);
+    pthread_mutex_destroy(&hasher->lock);
+    free(hasher);
 }
 
 /* Posts the next step where there is enough for one; under the lock. */
-static void post(struct behind *behind) {
-    bool enough = behind->written - behind->hashed >= STEP_BYTES;
-    behind->posted = behind->threads && enough && !behind->left && !behind->failure;
-    if (behind->posted) offload_post(behind->threads, &behind->task);
+static void post(struct upload_hasher *hasher) {
+    bool enough = hasher->written - hasher->hashed >= STEP_BYTES;
+    hasher->posted = hasher->threads && enough && !hasher->left && !hasher->failure;
+    if (hasher->posted) offload_post(hasher->threads, &hasher->task);
 }
 
-static uint64_t count_written(struct behind *behind) {
-    pthread_mutex_lock(&behind->lock);
-    uint64_t written = behind->written;
-    pthread_mutex_unlock(&behind->lock);
+static uint64_t count_written(struct upload_hasher *hasher) {
+    pthread_mutex_lock(&hasher->lock);
+    uint64_t written = hasher->written;
+    pthread_mutex_unlock(&hasher->lock);
     return written;
 }
 
 /* Where there is none, or the file system can't tell, write will. */
-static void make_room(struct behind *behind) {
-    uint64_t written = count_written(behind), from = behind->reserved > written ? behind->reserved : written;
-    if (behind->expected == UINT64_MAX || from >= behind->expected || from - written > AHEAD_BYTES / 2) return;
-    uint64_t left = behind->expected - from, count = left < AHEAD_BYTES ? left : AHEAD_BYTES;
-    fallocate(behind->fd, FALLOC_FL_KEEP_SIZE, (off_t)from, (off_t)count);
-    behind->reserved = from + count;
+static void make_room(struct upload_hasher *hasher) {
+    uint64_t written = count_written(hasher), from = hasher->reserved > written ? hasher->reserved : written;
+    if (hasher->expected == UINT64_MAX || from >= hasher->expected || from - written > AHEAD_BYTES / 2) return;
+    uint64_t left = hasher->expected - from, count = left < AHEAD_BYTES ? left : AHEAD_BYTES;
+    fallocate(hasher->fd, FALLOC_FL_KEEP_SIZE, (off_t)from, (off_t)count);
+    hasher->reserved = from + count;
 }
 
 /* On one of the threads.  That the kernel begins to store the step is no promise, so its failure is fsync's to tell. */
 static void step(void *ctx) {
-    struct behind *behind = ctx;
-    make_room(behind);
-    int failure = digest_range(behind->digest, behind->fd, behind->hashed, STEP_BYTES) == 0 ? 0 : errno;
-    sync_file_range(behind->fd, (off_t)behind->hashed, STEP_BYTES, SYNC_FILE_RANGE_WRITE);
-    pthread_mutex_lock(&behind->lock);
-    behind->hashed += STEP_BYTES;
-    behind->failure = failure;
-    post(behind);
-    bool last = behind->left && !behind->posted;
-    pthread_cond_signal(&behind->stepped);
-    pthread_mutex_unlock(&behind->lock);
-    if (last) destroy(behind);
+    struct upload_hasher *hasher = ctx;
+    make_room(hasher);
+    int failure = digest_range(hasher->digest, hasher->fd, hasher->hashed, STEP_BYTES) == 0 ? 0 : errno;
+    sync_file_range(hasher->fd, (off_t)hasher->hashed, STEP_BYTES, SYNC_FILE_RANGE_WRITE);
+    pthread_mutex_lock(&hasher->lock);
+    hasher->hashed += STEP_BYTES;
+    hasher->failure = failure;
+    post(hasher);
+    bool last = hasher->left && !hasher->posted;
+    pthread_cond_signal(&hasher->stepped);
+    pthread_mutex_unlock(&hasher->lock);
+    if (last) destroy(hasher);
 }
 
-struct behind *behind_new(struct offload *threads, int fd, uint64_t expected) {
-    struct behind *behind = alloc_zeroed(1, sizeof *behind);
-    if (!behind) return NULL;
-    behind->threads = threads;
-    behind->expected = expected;
-    behind->task = (struct offload_task){.run = step, .ctx = behind};
-    pthread_mutex_init(&behind->lock, NULL);
-    pthread_cond_init(&behind->stepped, NULL);
-    behind->digest = digest_new();
-    behind->fd = fcntl(fd, F_DUPFD_CLOEXEC, 0);
-    if (behind->digest && behind->fd >= 0) return behind;
-    destroy(behind);
+struct upload_hasher *upload_hasher_new(struct offload *threads, int fd, uint64_t expected) {
+    struct upload_hasher *hasher = alloc_zeroed(1, sizeof *hasher);
+    if (!hasher) return NULL;
+    hasher->threads = threads;
+    hasher->expected = expected;
+    hasher->task = (struct offload_task){.run = step, .ctx = hasher};
+    pthread_mutex_init(&hasher->lock, NULL);
+    pthread_cond_init(&hasher->stepped, NULL);
+    hasher->digest = digest_new();
+    hasher->fd = fcntl(fd, F_DUPFD_CLOEXEC, 0);
+    if (hasher->digest && hasher->fd >= 0) return hasher;
+    destroy(hasher);
     return NULL;
 }
 
-void behind_advance(struct behind *behind, size_t count) {
-    pthread_mutex_lock(&behind->lock);
-    behind->written += count;
-    if (!behind->posted) post(behind);
-    pthread_mutex_unlock(&behind->lock);
+void upload_hasher_advance(struct upload_hasher *hasher, size_t count) {
+    pthread_mutex_lock(&hasher->lock);
+    hasher->written += count;
+    if (!hasher->posted) post(hasher);
+    pthread_mutex_unlock(&hasher->lock);
 }
 
-int behind_finish(struct behind *behind, char hex[DIGEST_HEX_BYTES]) {
-    pthread_mutex_lock(&behind->lock);
-    while (behind->posted) pthread_cond_wait(&behind->stepped, &behind->lock);
-    pthread_mutex_unlock(&behind->lock);
-    errno = behind->failure;
-    if (errno || digest_range(behind->digest, behind->fd, behind->hashed, behind->written - behind->hashed) != 0)
+int upload_hasher_finish(struct upload_hasher *hasher, char hex[DIGEST_HEX_BYTES]) {
+    pthread_mutex_lock(&hasher->lock);
+    while (hasher->posted) pthread_cond_wait(&hasher->stepped, &hasher->lock);
+    pthread_mutex_unlock(&hasher->lock);
+    errno = hasher->failure;
+    if (errno || digest_range(hasher->digest, hasher->fd, hasher->hashed, hasher->written - hasher->hashed) != 0)
         return -1;
-    behind->hashed = behind->written;
-    digest_finish(behind->digest, hex);
+    hasher->hashed = hasher->written;
+    digest_finish(hasher->digest, hex);
     return 0;
 }
 
-void behind_free(struct behind *behind) {
-    if (!behind) return;
-    pthread_mutex_lock(&behind->lock);
-    behind->left = true;
-    bool last = !behind->posted;
-    pthread_mutex_unlock(&behind->lock);
-    if (last) destroy(behind);
+void upload_hasher_free(struct upload_hasher *hasher) {
+    if (!hasher) return;
+    pthread_mutex_lock(&hasher->lock);
+    hasher->left = true;
+    bool last = !hasher->posted;
+    pthread_mutex_unlock(&hasher->lock);
+    if (last) destroy(hasher);
 }

@@ -13,19 +13,19 @@
 #include "server/base/digest.h"
 #include "server/base/thread_pool.h"
 
-struct behind;
+struct upload_hasher;
 
 /* Starts at the file's first byte, with a descriptor of its own; expected: its length, UINT64_MAX = not known.
  * threads are borrowed; NULL: everything is left to behind_finish.  NULL when memory or descriptors run out. */
-struct behind *behind_new(struct offload *threads, int fd, uint64_t expected);
+struct upload_hasher *upload_hasher_new(struct offload *threads, int fd, uint64_t expected);
 
 /* So many more bytes are in the file, after those before.  Doesn't block. */
-void behind_advance(struct behind *behind, size_t count);
+void upload_hasher_advance(struct upload_hasher *hasher, size_t count);
 
 /* Gives the hash of all that was told; reads what is left, so it blocks.  -1 with errno when the file can't be read. */
-int behind_finish(struct behind *behind, char hex[DIGEST_HEX_BYTES]);
+int upload_hasher_finish(struct upload_hasher *hasher, char hex[DIGEST_HEX_BYTES]);
 
 /* Doesn't block, at any time.  Accepts NULL. */
-void behind_free(struct behind *behind);
+void upload_hasher_free(struct upload_hasher *hasher);
 
 #endif

@@ -575,12 +575,12 @@ enum status uploads_delete(struct uploads *uploads, const char *id, struct error
 static void flush(struct uploads *uploads, struct entry *entry) {
     struct error error = {0};
     enter(entry);
-    bool behind = entry->known && !entry->gone && !entry->info.cloud[0] && entry->durable != entry->info.offset;
+    bool hasher = entry->known && !entry->gone && !entry->info.cloud[0] && entry->durable != entry->info.offset;
     struct catalog_upload row = entry->info;
     pthread_mutex_unlock(&entry->lock);
-    int fd = behind ? scratch_part_open(uploads->scratch, row.id, false) : -1;
+    int fd = hasher ? scratch_part_open(uploads->scratch, row.id, false) : -1;
     bool ok = fd >= 0 && make_durable(uploads, &row, fd, &error) == STATUS_OK;
-    if (behind && !ok) log_line(LOG_ERROR, "upload=%s can't be flushed: %s", row.id, error.text);
+    if (hasher && !ok) log_line(LOG_ERROR, "upload=%s can't be flushed: %s", row.id, error.text);
     if (fd >= 0) close(fd);
     pthread_mutex_lock(&entry->lock);
     if (ok) (void)settle(uploads, entry, &row);

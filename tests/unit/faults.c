@@ -123,7 +123,7 @@ void faults_in_calls(const char *prefix, long nth, bool lasts, int number) {
     faults.number = number;
     faults.lasts = lasts;
     faults.passes_left = nth;
-    fault_ask = refuse_call;
+    fault_point = refuse_call;
 }
 
 static void pause_faults(bool paused) {
@@ -140,7 +140,7 @@ bool faults_stop(void) {
     bool happened = faults.happened;
     memset(&faults, 0, sizeof faults);
     pthread_mutex_unlock(&lock);
-    fault_ask = NULL;
+    fault_point = NULL;
     return happened;
 }
 

@@ -143,12 +143,12 @@ static void each_kind_of_numbers_becomes_what_programs_show(void **state) {
     (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         struct cloud cloud = make(cases[i].type, cases[i].first, cases[i].second);
-        struct losses losses = {0};
+        struct left_out left_out = {0};
         print_message("    %s\n", cases[i].what);
-        assert_int_equal(cloud_set_colours(&cloud, cases[i].bits, &losses, NULL), STATUS_OK);
+        assert_int_equal(cloud_set_colours(&cloud, cases[i].bits, &left_out, NULL), STATUS_OK);
         check(&cloud, cases[i].becomes, cases[i].colour);
-        assert_int_equal(losses.count, cases[i].note[0] ? 1 : 0);
-        if (losses.count) assert_non_null(strstr(losses.loss[0].what, cases[i].note));
+        assert_int_equal(left_out.count, cases[i].note[0] ? 1 : 0);
+        if (left_out.count) assert_non_null(strstr(left_out.loss[0].what, cases[i].note));
         cloud_done(&cloud);
     }
 }

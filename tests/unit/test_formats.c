@@ -257,15 +257,15 @@ static void check_all_kept(const struct cloud *a, const struct cloud *b) {
 static void pcd_keeps_every_scalar_bit_for_bit(void **state) {
     (void)state;
     struct cloud cloud = read_text(every_type);
-    struct losses losses = {0};
+    struct left_out left_out = {0};
     FILE *file = tmpfile();
-    assert_int_equal(cloud_write_pcd(fileno(file), &cloud, NULL, cloud.count, PCD_DOUBLE, &losses, NULL), STATUS_OK);
+    assert_int_equal(cloud_write_pcd(fileno(file), &cloud, NULL, cloud.count, PCD_DOUBLE, &left_out, NULL), STATUS_OK);
     struct cloud again = read_file(file);
     assert_string_equal(again.form, "pcd/binary");
     check_all_kept(&cloud, &again);
     assert_int_equal(again.property_count, cloud.property_count - 1);
-    assert_int_equal(losses.count, 1);
-    assert_non_null(strstr(losses.loss[0].what, "l: "));
+    assert_int_equal(left_out.count, 1);
+    assert_non_null(strstr(left_out.loss[0].what, "l: "));
     assert_non_null(strstr(again.comments, "comment viewpoint 1 2 3 0.5 0.5 0.5 0.5\n"));
     assert_non_null(strstr(again.comments, "comment hello\n"));
     fclose(file);
@@ -290,9 +290,9 @@ static const char *header_of(FILE *file) {
 static void pcd_of_floats_is_around_an_origin_that_is_told(void **state) {
     (void)state;
     struct cloud cloud = read_text(survey);
-    struct losses losses = {0};
+    struct left_out left_out = {0};
     FILE *file = tmpfile();
-    assert_int_equal(cloud_write_pcd(fileno(file), &cloud, NULL, 3, PCD_FLOAT, &losses, NULL), STATUS_OK);
+    assert_int_equal(cloud_write_pcd(fileno(file), &cloud, NULL, 3, PCD_FLOAT, &left_out, NULL), STATUS_OK);
     const char *header = header_of(file);
     assert_non_null(strstr(header, "# origin 389200 5820100 0 is to be added to x y z\n"));
     assert_non_null(strstr(header, "\nFIELDS x y z normal_x normal_y normal_z rgb intensity gps_time\n"
@@ -304,13 +304,13 @@ static void pcd_of_floats_is_around_an_origin_that_is_told(void **state) {
         for (int axis = 0; axis < 3; axis++)
             worst = fmax(worst, fabs((&again.position[i].x)[axis] - (&cloud.position[i].x)[axis]));
     assert_true(worst > 0 && worst < 1e-5);
-    char told[LOSS_TEXT_BYTES];
+    char told[LEFT_OUT_TEXT_BYTES];
     snprintf(told, sizeof told,
              "precision: x, y, z are float32 around 389200 5820100 0, off by up to %.2g (pcd_precision=double)", worst);
-    assert_int_equal(losses.count, 3);
-    assert_string_equal(losses.loss[0].what, "normal_x is float32, off by up to 2.4e-08");
-    assert_non_null(strstr(losses.loss[1].what, "normal_y"));
-    assert_string_equal(losses.loss[2].what, told);
+    assert_int_equal(left_out.count, 3);
+    assert_string_equal(left_out.loss[0].what, "normal_x is float32, off by up to 2.4e-08");
+    assert_non_null(strstr(left_out.loss[1].what, "normal_y"));
+    assert_string_equal(left_out.loss[2].what, told);
     assert_int_equal(again.property[again.xyz[0]].type, SCALAR_FLOAT64);
     assert_int_equal(find(&again, "gps_time")->type, SCALAR_FLOAT64);
     assert_int_equal(find(&again, "red")->type, SCALAR_UINT8);
@@ -326,14 +326,14 @@ static void pcd_of_floats_moves_only_what_lies_far_away(void **state) {
     static const char *const texts[] = {"5000000.5 1 2\n5000001 4 5\n", "0.1 0.2 0.3\n0.4 0.5 0.6\n"};
     for (int k = 0; k < 2; k++) {
         struct cloud cloud = read_text(texts[k]);
-        struct losses losses = {0};
+        struct left_out left_out = {0};
         FILE *file = tmpfile();
-        assert_int_equal(cloud_write_pcd(fileno(file), &cloud, NULL, 2, PCD_FLOAT, &losses, NULL), STATUS_OK);
+        assert_int_equal(cloud_write_pcd(fileno(file), &cloud, NULL, 2, PCD_FLOAT, &left_out, NULL), STATUS_OK);
         assert_null(strstr(header_of(file), "# origin"));
         assert_non_null(strstr(header_of(file), "\nSIZE 4 4 4\n"));
-        assert_int_equal(losses.count, k);
+        assert_int_equal(left_out.count, k);
         if (k)
-            assert_string_equal(losses.loss[0].what,
+            assert_string_equal(left_out.loss[0].what,
                                 "precision: x, y, z are float32 around 0 0 0, off by up to 2.4e-08 "
                                 "(pcd_precision=double)");
         struct cloud again = read_file(file);
@@ -396,9 +396,9 @@ static void obj_keeps_positions_normals_and_colours(void **state) {
     struct cloud cloud = read_text(every_type);
     uint32_t source[4];
     struct mesh mesh = mesh_of(&cloud, source);
-    struct losses losses = {0};
+    struct left_out left_out = {0};
     FILE *file = tmpfile();
-    assert_int_equal(mesh_write_obj(fileno(file), &mesh, &cloud, &losses, NULL), STATUS_OK);
+    assert_int_equal(mesh_write_obj(fileno(file), &mesh, &cloud, &left_out, NULL), STATUS_OK);
     struct cloud again = read_file(file);
     assert_int_equal(again.count, 4);
     assert_int_equal(again.triangle_count, 4);
@@ -414,8 +414,8 @@ static void obj_keeps_positions_normals_and_colours(void **state) {
         double red = scalar_load(b + find(&again, "red")->offset_bytes, SCALAR_FLOAT64);
         assert_int_equal(lround(red * 255), a[find(&cloud, "red")->offset_bytes]);
     }
-    assert_int_equal(losses.count, 1);
-    assert_non_null(strstr(losses.loss[0].what, "alpha, c, uc"));
+    assert_int_equal(left_out.count, 1);
+    assert_non_null(strstr(left_out.loss[0].what, "alpha, c, uc"));
     fclose(file);
     cloud_done(&cloud), cloud_done(&again);
 }
@@ -456,10 +456,10 @@ static void stl_keeps_triangles_and_says_what_it_rounds(void **state) {
     struct cloud cloud = read_text("0 0 0\n1 0 0\n0 1 0\n0 0 1\n");
     uint32_t source[4];
     struct mesh mesh = mesh_of(&cloud, source);
-    struct losses losses = {0};
+    struct left_out left_out = {0};
     FILE *file = tmpfile();
-    assert_int_equal(mesh_write_stl(fileno(file), &mesh, &cloud, &losses, NULL), STATUS_OK);
-    assert_int_equal(losses.count, 0);
+    assert_int_equal(mesh_write_stl(fileno(file), &mesh, &cloud, &left_out, NULL), STATUS_OK);
+    assert_int_equal(left_out.count, 0);
     struct cloud again = read_file(file);
     assert_string_equal(again.form, "stl/binary");
     assert_int_equal(again.count, 4);
@@ -470,9 +470,9 @@ static void stl_keeps_triangles_and_says_what_it_rounds(void **state) {
     fclose(file);
     cloud.position[3].z = 0.1;
     file = tmpfile();
-    assert_int_equal(mesh_write_stl(fileno(file), &mesh, &cloud, &losses, NULL), STATUS_OK);
-    assert_int_equal(losses.count, 1);
-    assert_non_null(strstr(losses.loss[0].what, "precision"));
+    assert_int_equal(mesh_write_stl(fileno(file), &mesh, &cloud, &left_out, NULL), STATUS_OK);
+    assert_int_equal(left_out.count, 1);
+    assert_non_null(strstr(left_out.loss[0].what, "precision"));
     fclose(file);
     cloud_done(&cloud), cloud_done(&again);
 }
@@ -504,10 +504,10 @@ static void glb_holds_positions_attributes_and_indices(void **state) {
     struct cloud cloud = read_text(every_type);
     uint32_t source[4];
     struct mesh mesh = mesh_of(&cloud, source);
-    struct losses losses = {0};
+    struct left_out left_out = {0};
     FILE *out = tmpfile();
     size_t binary;
-    assert_int_equal(mesh_write_glb(fileno(out), &mesh, &cloud, &losses, NULL), STATUS_OK);
+    assert_int_equal(mesh_write_glb(fileno(out), &mesh, &cloud, &left_out, NULL), STATUS_OK);
     struct file file = load(out);
     const char *json = check_glb(&file, &binary);
     assert_null(strstr(json, "translation")); /* all are float32 */
@@ -521,7 +521,7 @@ static void glb_holds_positions_attributes_and_indices(void **state) {
         assert_memory_equal(normal, cloud.record + i * cloud.record_bytes + 12, sizeof normal);
     }
     assert_memory_equal(file.bytes + file.n - sizeof tetrahedron, tetrahedron, sizeof tetrahedron);
-    assert_non_null(strstr(losses.loss[0].what, "i, ui, d, l"));
+    assert_non_null(strstr(left_out.loss[0].what, "i, ui, d, l"));
     free(file.bytes);
     cloud_done(&cloud);
 }
@@ -534,15 +534,15 @@ static void glb_of_large_coordinates_is_moved(void **state) {
     FILE *out = tmpfile();
     size_t binary;
     float position[3];
-    struct losses losses = {0};
-    assert_int_equal(mesh_write_glb(fileno(out), &mesh, &cloud, &losses, NULL), STATUS_OK);
-    assert_int_equal(losses.count, 1);
-    assert_string_equal(losses.loss[0].what,
+    struct left_out left_out = {0};
+    assert_int_equal(mesh_write_glb(fileno(out), &mesh, &cloud, &left_out, NULL), STATUS_OK);
+    assert_int_equal(left_out.count, 1);
+    assert_string_equal(left_out.loss[0].what,
                         "precision: coordinates are float32 around 5000001 0.5 0.5, off by up to 6e-09");
-    losses.count = 0;
+    left_out.count = 0;
     FILE *stl = tmpfile();
-    assert_int_equal(mesh_write_stl(fileno(stl), &mesh, &cloud, &losses, NULL), STATUS_OK);
-    assert_string_equal(losses.loss[0].what, "precision: coordinates are float32, off by up to 0.25");
+    assert_int_equal(mesh_write_stl(fileno(stl), &mesh, &cloud, &left_out, NULL), STATUS_OK);
+    assert_string_equal(left_out.loss[0].what, "precision: coordinates are float32, off by up to 0.25");
     fclose(stl);
     struct file file = load(out);
     const char *json = check_glb(&file, &binary);

@@ -38,16 +38,16 @@ KERNEL_FORMS(rank_sort_ids)
 KERNEL_FORMS(sym3_least)
 KERNEL_FORMS(knn_group_nearest)
 KERNEL_FORMS(knn_group_narrow)
-KERNEL_FORMS(umbrella_find)
-KERNEL_FORMS(cluster_add)
-KERNEL_FORMS(cluster_weight)
-KERNEL_FORMS(cluster_cost)
-KERNEL_FORMS(cluster_star_cost)
-KERNEL_FORMS(cluster_star_distances)
-KERNEL_FORMS(cluster_fit)
-KERNEL_FORMS(cluster_values)
-KERNEL_FORMS(cluster_owners)
-KERNEL_FORMS(cluster_nearest)
+KERNEL_FORMS(local_delaunay_find)
+KERNEL_FORMS(sample_batch_add)
+KERNEL_FORMS(sample_batch_weight)
+KERNEL_FORMS(sample_batch_cost)
+KERNEL_FORMS(sample_batch_star_cost)
+KERNEL_FORMS(sample_batch_star_distances)
+KERNEL_FORMS(sample_batch_fit)
+KERNEL_FORMS(sample_batch_values)
+KERNEL_FORMS(sample_batch_owners)
+KERNEL_FORMS(sample_batch_nearest)
 KERNEL_FORMS(star_vectors_set)
 KERNEL_FORMS(star_frames_make)
 KERNEL_FORMS(star_may_become)
@@ -234,20 +234,20 @@ static void test_nearest_of_a_group(void **state) {
 
 /* ------------------------------------------------------------------------------------------------ refine */
 
-static void tell_umbrellas(enum form form, uint64_t seed, struct told *told) {
+static void tell_local_delaunay(enum form form, uint64_t seed, struct told *told) {
     struct scene s;
-    struct umbrellas umbrellas = {0};
+    struct local_delaunay local_delaunay = {0};
     make_scene(&s, &seed);
-    assert_int_equal(FORM(umbrella_find, form)(s.point, s.normal, &s.hood, 1, &umbrellas), STATUS_OK);
-    tell(told, umbrellas.rib, POINTS * sizeof *umbrellas.rib);
-    tell(told, umbrellas.closed, POINTS * sizeof *umbrellas.closed);
-    tell(told, umbrellas.votes, POINTS * sizeof *umbrellas.votes);
-    umbrella_done(&umbrellas);
+    assert_int_equal(FORM(local_delaunay_find, form)(s.point, s.normal, &s.hood, 1, &local_delaunay), STATUS_OK);
+    tell(told, local_delaunay.rib, POINTS * sizeof *local_delaunay.rib);
+    tell(told, local_delaunay.closed, POINTS * sizeof *local_delaunay.closed);
+    tell(told, local_delaunay.votes, POINTS * sizeof *local_delaunay.votes);
+    local_delaunay_done(&local_delaunay);
 }
 
 static void test_local_delaunay(void **state) {
     (void)state;
-    for (uint64_t seed = 1; seed <= 4; seed++) check_forms(seed, tell_umbrellas);
+    for (uint64_t seed = 1; seed <= 4; seed++) check_forms(seed, tell_local_delaunay);
 }
 
 static void check_hit(const struct triangle_frame *frame, vec3 place) {
@@ -283,17 +283,17 @@ static void test_distance_to_one_triangle(void **state) {
 }
 
 /* n samples, by way of a list. */
-static void gather(enum form form, uint64_t *seed, uint32_t n, struct cluster *cluster) {
-    struct sample_lists lists;
+static void gather(enum form form, uint64_t *seed, uint32_t n, struct sample_batch *batch) {
+    struct sample_buckets lists;
     uint32_t spare = NONE;
-    assert_int_equal(sample_lists_init(&lists, 1, n, 1), STATUS_OK);
+    assert_int_equal(sample_buckets_init(&lists, 1, n, 1), STATUS_OK);
     for (uint32_t i = 0; i < n; i++) {
         struct sample sample = {.place = random_vec3(seed), .weight = 0.5f + (float)random_unit(seed)};
-        sample_lists_add(&lists, 0, i, &sample, &spare);
+        sample_buckets_add(&lists, 0, i, &sample, &spare);
     }
-    cluster_clear(cluster, (vec3){0.1, 0.05, -0.1});
-    assert_int_equal(FORM(cluster_add, form)(cluster, lists.block, lists.first[0]), NONE);
-    sample_lists_done(&lists);
+    sample_batch_clear(batch, (vec3){0.1, 0.05, -0.1});
+    assert_int_equal(FORM(sample_batch_add, form)(batch, lists.block, lists.first[0]), NONE);
+    sample_buckets_done(&lists);
 }
 
 /* Some of the triangles are without area, whichever edge has no length. */
@@ -317,24 +317,24 @@ static struct surface make_surface(enum form form, uint64_t *seed, size_t n, str
 
 static void tell_surface(enum form form, uint64_t seed, struct told *told) {
     for (uint32_t n = 1; n <= 120; n += 17) {
-        static struct cluster cluster;
+        static struct sample_batch batch;
         struct triangle_frames frames;
-        uint8_t owner[CLUSTER_ROOM];
-        float distance_sq[CLUSTER_ROOM], value[CLUSTER_ROOM];
+        uint8_t owner[SAMPLE_BATCH_ROOM];
+        float distance_sq[SAMPLE_BATCH_ROOM], value[SAMPLE_BATCH_ROOM];
         double nearest_sq = INFINITY;
         uint32_t nearest = NONE;
-        gather(form, &seed, n, &cluster);
+        gather(form, &seed, n, &batch);
         struct surface surface = make_surface(form, &seed, 1 + n % 12, &frames, told);
         if (surface.n > 3) surface.first = 1, surface.n -= 2; /* the frames of a part */
-        tell_number(told, FORM(cluster_weight, form)(&cluster));
-        double cost = FORM(cluster_cost, form)(&cluster, &surface, 2, INFINITY);
-        tell_number(told, cost), tell_number(told, FORM(cluster_cost, form)(&cluster, &surface, 2, cost / 3));
-        FORM(cluster_owners, form)(&cluster, &surface, owner, distance_sq);
+        tell_number(told, FORM(sample_batch_weight, form)(&batch));
+        double cost = FORM(sample_batch_cost, form)(&batch, &surface, 2, INFINITY);
+        tell_number(told, cost), tell_number(told, FORM(sample_batch_cost, form)(&batch, &surface, 2, cost / 3));
+        FORM(sample_batch_owners, form)(&batch, &surface, owner, distance_sq);
         tell(told, owner, n), tell(told, distance_sq, n * sizeof *distance_sq);
         sym3 a = sym3_outer(random_vec3(&seed));
-        FORM(cluster_values, form)(&cluster, &a, random_vec3(&seed), 40, value);
+        FORM(sample_batch_values, form)(&batch, &a, random_vec3(&seed), 40, value);
         tell(told, value, n * sizeof *value);
-        FORM(cluster_nearest, form)(&cluster, random_vec3(&seed), &nearest_sq, &nearest);
+        FORM(sample_batch_nearest, form)(&batch, random_vec3(&seed), &nearest_sq, &nearest);
         tell_number(told, nearest_sq), tell_number(told, nearest);
     }
 }
@@ -346,12 +346,12 @@ static void test_samples_and_triangles(void **state) {
 
 /* Two samples as near as each other: which one is told doesn't depend on the width either. */
 static void tell_nearest_of_equals(enum form form, uint64_t seed, struct told *told) {
-    static struct cluster cluster;
-    gather(form, &seed, 40, &cluster);
-    for (uint32_t i = 0; i < 40; i++) cluster.x[i] = cluster.y[i] = cluster.z[i] = i % 6 == seed % 6 ? 0 : 1;
+    static struct sample_batch batch;
+    gather(form, &seed, 40, &batch);
+    for (uint32_t i = 0; i < 40; i++) batch.x[i] = batch.y[i] = batch.z[i] = i % 6 == seed % 6 ? 0 : 1;
     double nearest_sq = INFINITY;
     uint32_t nearest = NONE;
-    FORM(cluster_nearest, form)(&cluster, cluster.origin, &nearest_sq, &nearest);
+    FORM(sample_batch_nearest, form)(&batch, batch.origin, &nearest_sq, &nearest);
     tell_number(told, nearest_sq), tell_number(told, nearest);
 }
 
@@ -380,26 +380,26 @@ static void make_star(enum form form, uint64_t *seed, size_t n, vec3 place, stru
 
 static void tell_star(enum form form, uint64_t seed, struct told *told) {
     for (size_t n = 3; n <= STAR_MOST; n++) {
-        static struct cluster cluster;
+        static struct sample_batch batch;
         struct star_frames star, moved;
         struct star_vectors outside = {0};
-        struct cluster_model model = {0};
-        float distance_sq[CLUSTER_ROOM];
+        struct sample_batch_model model = {0};
+        float distance_sq[SAMPLE_BATCH_ROOM];
         size_t begin[STAR_MOST + 1] = {0};
         uint64_t same = seed;
         make_star(form, &seed, n, (vec3){0.1, 0, 0}, &star, told);
         make_star(form, &same, n, (vec3){0.12, 0.02, 0.01}, &moved, told);
-        gather(form, &seed, (uint32_t)(5 * n), &cluster);
+        gather(form, &seed, (uint32_t)(5 * n), &batch);
         for (size_t k = 0; k < n; k++) begin[k + 1] = begin[k] + random_next(&seed) % 9 % (5 * n - begin[k] + 1);
-        begin[n] = cluster.n;
+        begin[n] = batch.n;
         bool may =
             FORM(star_may_become, form)(&star, &moved, &outside, (struct star_limits){.turn = 0.5f, .thin = 0.02f});
-        double cost = FORM(cluster_star_cost, form)(&cluster, &star, 2, INFINITY);
+        double cost = FORM(sample_batch_star_cost, form)(&batch, &star, 2, INFINITY);
         tell_number(told, may), tell_number(told, cost);
-        tell_number(told, FORM(cluster_star_cost, form)(&cluster, &star, 2, cost / 3));
-        FORM(cluster_star_distances, form)(&cluster, &star, distance_sq);
-        tell(told, distance_sq, cluster.n * sizeof *distance_sq);
-        FORM(cluster_fit, form)(&cluster, begin, &star, 0.01f, 2, &model);
+        tell_number(told, FORM(sample_batch_star_cost, form)(&batch, &star, 2, cost / 3));
+        FORM(sample_batch_star_distances, form)(&batch, &star, distance_sq);
+        tell(told, distance_sq, batch.n * sizeof *distance_sq);
+        FORM(sample_batch_fit, form)(&batch, begin, &star, 0.01f, 2, &model);
         tell(told, &model, sizeof model);
     }
 }

@@ -262,8 +262,8 @@ static void duplicates_count_as_points_but_are_kept_once(void **state) {
 /* ------------------------------------------------------------------------------------------------ warnings */
 
 static bool warns(const struct report *report, const char *part) {
-    for (size_t i = 0; i < report->losses.count; i++)
-        if (strstr(report->losses.loss[i].what, part)) return true;
+    for (size_t i = 0; i < report->left_out.count; i++)
+        if (strstr(report->left_out.loss[i].what, part)) return true;
     return false;
 }
 
@@ -335,14 +335,14 @@ static void strays_are_told(void **state) {
         assert_true(warns(&result.report, "2 points lie hundreds of times as far off"));
         pipeline_result_done(&result);
         result = succeed(&cloud, "ratio 0.3 denoise outliers");
-        assert_int_equal(result.report.losses.count, 0);
+        assert_int_equal(result.report.left_out.count, 0);
         pipeline_result_done(&result);
         cloud_done(&cloud);
     }
     struct cloud cloud = cloud_of(shape_sphere(1000, 1), 1000);
     cloud.position[3] = (vec3){100, 0, 0};
     struct pipeline_result result = succeed(&cloud, "ratio 0.3");
-    assert_int_equal(result.report.losses.count, 0);
+    assert_int_equal(result.report.left_out.count, 0);
     pipeline_result_done(&result);
     cloud_done(&cloud);
 }

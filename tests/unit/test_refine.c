@@ -87,7 +87,7 @@ static void test_flat_is_left_alone(void **state) {
     struct mesh mesh = mesh_new(corner, 5, fan, 4);
     struct refine_facts facts;
     refine(&mesh, &dense, REFINE_FULL, PLACEMENT_OPTIMAL, &facts);
-    assert_int_equal(facts.flips + facts.moves + facts.teleports, 0);
+    assert_int_equal(facts.flips + facts.moves + facts.reallocations, 0);
     assert_true(vec3_equal(mesh.vertex[4], corner[4]));
     mesh_done(&mesh);
     dense_done(&dense);
@@ -131,7 +131,7 @@ static void test_tip_moves_to_the_best_place(void **state) {
     pull_tip(PLACEMENT_OPTIMAL, 0.01);
 }
 
-/* More samples over one triangle than a cluster holds. */
+/* More samples over one triangle than a batch holds. */
 static void test_many_points_for_few_triangles(void **state) {
     (void)state;
     static const uint32_t wrong[2][3] = {{0, 1, 3}, {1, 2, 3}};
@@ -294,7 +294,7 @@ static void test_samples_start_with_the_nearest_triangle(void **state) {
     input.hood = &hood;
     assert_int_equal(samples_init(&fit.samples, &input, 1, 2), STATUS_OK);
     assert_int_equal(halfedge_init(&fit.he, &mesh, 2), STATUS_OK);
-    assert_int_equal(sample_lists_init(&fit.lists, mesh.triangle_count, fit.samples.n, 1), STATUS_OK);
+    assert_int_equal(sample_buckets_init(&fit.lists, mesh.triangle_count, fit.samples.n, 1), STATUS_OK);
     uint32_t *triangle = alloc_array(fit.samples.n, sizeof *triangle);
     float *distance_sq = alloc_array(fit.samples.n, sizeof *distance_sq);
     assert_true(triangle && distance_sq && fit.samples.n > 2 * SPHERE_POINTS);
@@ -310,7 +310,7 @@ static void test_samples_start_with_the_nearest_triangle(void **state) {
     }
     assert_true(farther < fit.samples.n / 100);
     free(triangle), free(distance_sq);
-    sample_lists_done(&fit.lists);
+    sample_buckets_done(&fit.lists);
     halfedge_done(&fit.he);
     samples_done(&fit.samples);
     neighbourhood_done(&hood);
@@ -320,12 +320,12 @@ static void test_samples_start_with_the_nearest_triangle(void **state) {
 
 /* The samples in the list of a triangle, each counted; how many. */
 static size_t count_listed(const struct fit *fit, uint32_t t, uint8_t *seen) {
-    struct cluster cluster;
+    struct sample_batch batch;
     size_t count = 0;
-    for (uint32_t rest = fit->lists.first[t]; rest != NONE; count += cluster.n) {
-        cluster_clear(&cluster, fit->mesh->vertex[fit->mesh->triangle[t][0]]);
-        rest = cluster_add(&cluster, fit->lists.block, rest);
-        for (size_t i = 0; i < cluster.n; i++) seen[cluster.sample[i]]++;
+    for (uint32_t rest = fit->lists.first[t]; rest != NONE; count += batch.n) {
+        sample_batch_clear(&batch, fit->mesh->vertex[fit->mesh->triangle[t][0]]);
+        rest = sample_batch_add(&batch, fit->lists.block, rest);
+        for (size_t i = 0; i < batch.n; i++) seen[batch.sample[i]]++;
     }
     return count;
 }
@@ -367,20 +367,20 @@ static void test_a_closer_look_has_all_samples_in_the_lists(void **state) {
     struct dense dense = fewer_sphere_points();
     struct mesh mesh = sphere_mesh(&dense);
     struct neighbourhood hood = dense_hood(&dense);
-    struct umbrellas umbrellas = {0};
+    struct local_delaunay local_delaunay = {0};
     struct refine_input input = dense_input(&dense);
     struct refine_options options = {REFINE_FULL, PLACEMENT_OPTIMAL, 2};
     struct fit fit;
-    input.hood = &hood, input.umbrellas = &umbrellas;
+    input.hood = &hood, input.local_delaunay = &local_delaunay;
     assert_true((double)input.n < FIT_CLOSE * (double)mesh.triangle_count);
     assert_int_equal(fit_init(&fit, &mesh, &input, &options), STATUS_OK);
     size_t coarse = fit.samples.n - fit.samples.points, listed = 0;
     double far = fit.far, mean = fit_mean(&fit);
-    assert_true(umbrellas.n == input.n);
+    assert_true(local_delaunay.n == input.n);
     memset(fit.stale, 0, mesh.vertex_count), memset(fit.touched, 0, mesh.triangle_count);
     assert_int_equal(fit_look_closer(&fit), STATUS_OK);
     assert_int_equal(fit.samples.n - fit.samples.points, SAMPLES_QUARTERS * coarse);
-    assert_true(umbrellas.n == 0 && fit.far == far && fabs(fit_mean(&fit) / mean - 1) < 0.2);
+    assert_true(local_delaunay.n == 0 && fit.far == far && fabs(fit_mean(&fit) / mean - 1) < 0.2);
     uint8_t *seen = alloc_zeroed(fit.samples.n, 1);
     assert_non_null(seen);
     for (uint32_t t = 0; t < mesh.triangle_count; t++) listed += count_listed(&fit, t, seen);
@@ -528,7 +528,7 @@ static void test_subset_stays_a_subset(void **state) {
     uint8_t *used = calloc(dense.n, 1);
     struct refine_facts facts;
     refine(&mesh, &dense, REFINE_FULL, PLACEMENT_SUBSET, &facts);
-    assert_true(facts.moves > 0 && facts.teleports > 0);
+    assert_true(facts.moves > 0 && facts.reallocations > 0);
     for (size_t v = 0; v < mesh.vertex_count; v++) {
         assert_true(mesh.source[v] < dense.n);
         assert_true(vec3_equal(mesh.vertex[v], dense.point[mesh.source[v]]));
@@ -585,19 +585,19 @@ static void test_zones_are_compact(void **state) {
     struct dense dense = dense_field(FIELD, waves);
     struct mesh mesh = field_mesh(&dense);
     struct halfedge he;
-    struct fit_zones zones;
+    struct fit_partition zones;
     size_t size[GRID * GRID] = {0}, apart = 0;
     assert_int_equal(halfedge_init(&he, &mesh, 2), STATUS_OK);
-    assert_int_equal(fit_zones_init(&zones, &he), STATUS_OK);
-    assert_true(zones.count > GRID * GRID / FIT_ZONE_MOST && zones.count < GRID * GRID / 100);
+    assert_int_equal(fit_partition_init(&zones, &he), STATUS_OK);
+    assert_true(zones.count > GRID * GRID / FIT_PART_MOST && zones.count < GRID * GRID / 100);
     for (uint32_t v = 0; v < GRID * GRID; v++) {
         assert_true(zones.of[v] < zones.count);
-        assert_true(++size[zones.of[v]] <= FIT_ZONE_MOST);
+        assert_true(++size[zones.of[v]] <= FIT_PART_MOST);
     }
     for (uint32_t h = 0; h < 3 * mesh.triangle_count; h++)
         apart += zones.of[halfedge_from(&he, h)] != zones.of[halfedge_to(&he, h)];
     assert_true(apart > 0 && apart < 3 * mesh.triangle_count / 5);
-    fit_zones_done(&zones);
+    fit_partition_done(&zones);
     halfedge_done(&he);
     mesh_done(&mesh);
     dense_done(&dense);

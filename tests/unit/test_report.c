@@ -30,7 +30,7 @@ static struct report full_report(void) {
     report_add_stage(&report, "order", 1);
     report_add_stage(&report, "refine", 2);
     report_add_stage(&report, "refine", 3);
-    losses_add(&report.losses, "cloud.xyz", "colours");
+    left_out_add(&report.left_out, "cloud.xyz", "colours");
     return report;
 }
 

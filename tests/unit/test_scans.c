@@ -304,8 +304,8 @@ static void a_bit_that_flips_is_found(void **state) {
     (void)state;
     struct bytes file = make_e57(&all_kinds, 1, "");
     for (size_t i = 0; i < 50; i++) {
-        size_t at = 48 + scramble(i) % (file.n - 48);
-        unsigned char bit = (unsigned char)(1u << scramble(i + 99) % 8);
+        size_t at = 48 + hash64(i) % (file.n - 48);
+        unsigned char bit = (unsigned char)(1u << hash64(i + 99) % 8);
         file.at[at] ^= bit;
         refuse(&file, STATUS_MALFORMED, "checksum of page");
         file.at[at] ^= bit;

@@ -29,7 +29,7 @@ enum { POINTS = 8000, EACH = 8 /* so many points for each that is kept */ };
 
 /* ------------------------------------------------------------------------------------------------ scans */
 
-static double fraction(size_t i, unsigned axis) { return (double)(scramble(2 * i + axis + 1) >> 11) * 0x1p-53; }
+static double fraction(size_t i, unsigned axis) { return (double)(hash64(2 * i + axis + 1) >> 11) * 0x1p-53; }
 
 /* Evenly spread over the unit square, though not on a grid. */
 static void place(size_t i, size_t n, double *u, double *v) {
@@ -90,7 +90,7 @@ static struct scan scan_of(shape *of) {
     scan.dense.n = n;
     for (size_t i = 0; i < n; i++) {
         scan.dense.spacing[i] = (float)sqrt(1.0 / POINTS);
-        if (scramble(i) % EACH == 0) scan.kept[scan.kept_count++] = scan.dense.point[i];
+        if (hash64(i) % EACH == 0) scan.kept[scan.kept_count++] = scan.dense.point[i];
     }
     assert_int_equal(knn_new(scan.dense.point, n, 1, &scan.knn, NULL), STATUS_OK);
     return scan;
@@ -423,7 +423,7 @@ static void sides_follow_what_is_known(void **state) {
     assert_int_equal(side, SIDE_NORMALS);
     assert_true(uprightness(&mesh) < -1);
     /* Random ones tell nothing. */
-    for (size_t i = 0; i < scan.kept_count; i++) normal[i] = (vec3){0, 0, scramble(i) % 2 ? 1 : -1};
+    for (size_t i = 0; i < scan.kept_count; i++) normal[i] = (vec3){0, 0, hash64(i) % 2 ? 1 : -1};
     assert_int_equal(sheet_orient(&mesh, &sides, 1, &side), STATUS_OK);
     assert_int_equal(side, SIDE_VIEW);
     assert_true(uprightness(&mesh) > 1);

@@ -267,16 +267,17 @@ static void put_binary(struct sink *sink, const struct plan *plan) {
 
 /* ------------------------------------------------------------------------------------------------ the whole */
 
-static void note(const struct plan *plan, const struct cloud *cloud, struct losses *losses) {
+static void note(const struct plan *plan, const struct cloud *cloud, struct left_out *left_out) {
     bool rounded = false;
-    mesh_attributes_note(&plan->attributes, cloud, "mesh.glb", keeps, false, losses);
+    mesh_attributes_note(&plan->attributes, cloud, "mesh.glb", keeps, false, left_out);
     for (size_t v = 0; plan->moved && !rounded && v < plan->mesh->vertex_count; v++)
         for (int axis = 0; axis < 3; axis++)
             rounded = rounded ||
                       (double)position_of(plan, v, axis) + (&plan->origin.x)[axis] != (&plan->mesh->vertex[v].x)[axis];
     if (rounded)
-        losses_add(losses, "mesh.glb", "precision: coordinates are float32 around %.10g %.10g %.10g, off by up to %.2g",
-                   plan->origin.x, plan->origin.y, plan->origin.z, mesh_attributes_f32_error(plan->mesh, plan->origin));
+        left_out_add(left_out, "mesh.glb",
+                     "precision: coordinates are float32 around %.10g %.10g %.10g, off by up to %.2g", plan->origin.x,
+                     plan->origin.y, plan->origin.z, mesh_attributes_f32_error(plan->mesh, plan->origin));
 }
 
 static void put_chunk_header(struct sink *sink, size_t bytes, const char type[4]) {
@@ -284,7 +285,7 @@ static void put_chunk_header(struct sink *sink, size_t bytes, const char type[4]
     sink_bytes(sink, type, 4);
 }
 
-enum status mesh_write_glb(int fd, const struct mesh *mesh, const struct cloud *cloud, struct losses *losses,
+enum status mesh_write_glb(int fd, const struct mesh *mesh, const struct cloud *cloud, struct left_out *left_out,
                            struct error *error) {
     struct plan plan;
     struct sink sink = {0};
@@ -298,7 +299,7 @@ enum status mesh_write_glb(int fd, const struct mesh *mesh, const struct cloud *
     else if (total > UINT32_MAX || mesh->vertex_count >= UINT32_MAX)
         status = error_set(error, STATUS_LIMIT, "write", "the mesh is larger than the 4 GiB that glTF can hold");
     if (!status) {
-        note(&plan, cloud, losses);
+        note(&plan, cloud, left_out);
         sink_text(&sink, "glTF");
         put_u32(&sink, 2);
         put_u32(&sink, (uint32_t)total);

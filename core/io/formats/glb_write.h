@@ -4,8 +4,8 @@
 #ifndef WHITTLE_CORE_IO_FORMATS_GLB_WRITE_H
 #define WHITTLE_CORE_IO_FORMATS_GLB_WRITE_H
 
+#include "core/base/left_out.h"
 #include "core/base/status.h"
-#include "core/base/warnings.h"
 #include "core/cloud/cloud.h"
 #include "core/mesh/mesh.h"
 
@@ -15,9 +15,9 @@
  * and float32 become attributes _NAME in capitals.  Axes are as in the input.
  *
  * cloud (NULL = none) is what mesh->source refers to.  fd stays open and isn't synced.  What can't be held goes to
- * losses (may be NULL) under "mesh.glb".  STATUS_IO (with the reason), STATUS_NO_MEMORY, STATUS_LIMIT for more than 4
+ * left_out (may be NULL) under "mesh.glb".  STATUS_IO (with the reason), STATUS_NO_MEMORY, STATUS_LIMIT for more than 4
  * GiB.  O(size). */
-enum status mesh_write_glb(int fd, const struct mesh *mesh, const struct cloud *cloud, struct losses *losses,
+enum status mesh_write_glb(int fd, const struct mesh *mesh, const struct cloud *cloud, struct left_out *left_out,
                            struct error *error) MUST_CHECK;
 
 #endif

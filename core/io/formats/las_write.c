@@ -35,8 +35,8 @@ struct writer {
     const struct cloud *cloud;
     const uint32_t *ids;
     size_t n;
-    const char *name; /* in losses */
-    struct losses *losses;
+    const char *name; /* in left_out */
+    struct left_out *left_out;
     unsigned format, minor, encoding, source;
     size_t record_bytes;
     double scale[3], add[3];
@@ -119,8 +119,8 @@ static void note_scale(const struct writer *w) {
             worst = fmax(worst, fabs(written - (&w->cloud->position[id].x)[axis]));
         }
     if (worst > 0)
-        losses_add(w->losses, w->name, "precision: x, y, z are multiples of %g, %g, %g, off by up to %.2g", w->scale[0],
-                   w->scale[1], w->scale[2], worst);
+        left_out_add(w->left_out, w->name, "precision: x, y, z are multiples of %g, %g, %g, off by up to %.2g",
+                     w->scale[0], w->scale[1], w->scale[2], worst);
 }
 
 /* ------------------------------------------------------------------------------------------------ fields */
@@ -231,9 +231,9 @@ static void plan_from_las(struct writer *w, const struct cloud_las *las) {
     }
     keep_records(w, las);
     bool has_wave = las->format == 4 || las->format == 5 || las->format >= 9;
-    if (has_wave) losses_add(w->losses, w->name, "waveforms: points keep where they were in the original file");
+    if (has_wave) left_out_add(w->left_out, w->name, "waveforms: points keep where they were in the original file");
     if (las->minor > NEWEST_MINOR && las->encoding & 0x40)
-        losses_add(w->losses, w->name, "gps_time: the offset of times that LAS 1.5 has");
+        left_out_add(w->left_out, w->name, "gps_time: the offset of times that LAS 1.5 has");
 }
 
 static void plan_anew(struct writer *w) {
@@ -270,7 +270,7 @@ static void plan(struct writer *w, bool compressed) {
     for (size_t j = 0; j < w->cloud->property_count; j++) {
         const struct property *p = &w->cloud->property[j];
         if (p->is_list)
-            losses_add(w->losses, w->name, "%s: LAS has no lists", p->name);
+            left_out_add(w->left_out, w->name, "%s: LAS has no lists", p->name);
         else if (!is_coordinate(w->cloud, p) && !is_taken(w, p))
             add_extra(w, p);
     }
@@ -491,13 +491,13 @@ static enum status put_compressed(struct writer *w, struct sink *sink, off_t beg
 }
 
 enum status cloud_write_las(int fd, const struct cloud *cloud, const uint32_t *ids, size_t n, bool compressed,
-                            unsigned threads, struct losses *losses, struct error *error) {
+                            unsigned threads, struct left_out *left_out, struct error *error) {
     struct sink sink;
     if (sink_init(&sink, fd)) return error_set(error, STATUS_NO_MEMORY, "write", "no memory for a buffer");
     struct writer *w = alloc_zeroed(1, sizeof *w);
     enum status status = w ? STATUS_OK : STATUS_NO_MEMORY;
     if (w) {
-        w->cloud = cloud, w->ids = ids, w->n = n, w->losses = losses;
+        w->cloud = cloud, w->ids = ids, w->n = n, w->left_out = left_out;
         w->name = compressed ? "cloud.laz" : "cloud.las";
         plan(w, compressed);
         survey(w);

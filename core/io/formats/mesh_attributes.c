@@ -105,17 +105,17 @@ static void append(char *text, size_t bytes, const char *name) {
 
 void mesh_attributes_note(const struct mesh_attributes *attributes, const struct cloud *cloud, const char *where,
                           bool (*keeps)(const struct mesh_attributes *attributes, const struct property *property),
-                          bool keeps_tags, struct losses *losses) {
-    char names[LOSS_TEXT_BYTES - 40] = "";
+                          bool keeps_tags, struct left_out *left_out) {
+    char names[LEFT_OUT_TEXT_BYTES - 40] = "";
     const struct mesh *mesh = attributes->mesh;
     for (size_t j = 0; cloud && j < cloud->property_count; j++)
         if (!mesh_attributes_is_position(cloud, j) &&
             !(attributes->cloud && keeps && keeps(attributes, &cloud->property[j])))
             append(names, sizeof names, cloud->property[j].name);
-    if (names[0]) losses_add(losses, where, "properties of the points: %s", names);
+    if (names[0]) left_out_add(left_out, where, "properties of the points: %s", names);
     for (size_t t = 0; !keeps_tags && mesh->tag && t < mesh->triangle_count; t++)
         if (mesh->tag[t] == MESH_HOLE_FILL) {
-            losses_add(losses, where, "which triangles fill holes");
+            left_out_add(left_out, where, "which triangles fill holes");
             break;
         }
 }

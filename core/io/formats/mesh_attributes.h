@@ -7,7 +7,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#include "core/base/warnings.h"
+#include "core/base/left_out.h"
 #include "core/cloud/cloud.h"
 #include "core/mesh/mesh.h"
 
@@ -45,6 +45,6 @@ double mesh_attributes_f32_error(const struct mesh *mesh, vec3 origin);
  * fills of holes aren't told apart unless tags are kept. */
 void mesh_attributes_note(const struct mesh_attributes *attributes, const struct cloud *cloud, const char *where,
                           bool (*keeps)(const struct mesh_attributes *attributes, const struct property *property),
-                          bool keeps_tags, struct losses *losses);
+                          bool keeps_tags, struct left_out *left_out);
 
 #endif

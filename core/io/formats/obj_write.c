@@ -59,13 +59,13 @@ static bool keeps(const struct mesh_attributes *attributes, const struct propert
     return mesh_attributes_knows(attributes, property) && property != attributes->colour[3];
 }
 
-enum status mesh_write_obj(int fd, const struct mesh *mesh, const struct cloud *cloud, struct losses *losses,
+enum status mesh_write_obj(int fd, const struct mesh *mesh, const struct cloud *cloud, struct left_out *left_out,
                            struct error *error) {
     struct sink sink;
     struct mesh_attributes attributes;
     if (sink_init(&sink, fd)) return error_set(error, STATUS_NO_MEMORY, "write", "no memory for a buffer");
     mesh_attributes_find(mesh, cloud, &attributes);
-    mesh_attributes_note(&attributes, cloud, "mesh.obj", keeps, true, losses);
+    mesh_attributes_note(&attributes, cloud, "mesh.obj", keeps, true, left_out);
     bool narrow = mesh_attributes_fit_f32(mesh) && cloud;
     for (int axis = 0; narrow && axis < 3; axis++) narrow = cloud->property[cloud->xyz[axis]].type == SCALAR_FLOAT32;
     put_vertices(&sink, mesh, &attributes, narrow);

@@ -4,8 +4,8 @@
 #ifndef WHITTLE_CORE_IO_FORMATS_OBJ_WRITE_H
 #define WHITTLE_CORE_IO_FORMATS_OBJ_WRITE_H
 
+#include "core/base/left_out.h"
 #include "core/base/status.h"
-#include "core/base/warnings.h"
 #include "core/cloud/cloud.h"
 #include "core/mesh/mesh.h"
 
@@ -14,8 +14,8 @@
  * that fill holes are in a group hole_fill, the others in a group surface, where there are both.
  *
  * cloud (NULL = none) is what mesh->source refers to.  fd stays open and isn't synced.  What can't be held goes to
- * losses (may be NULL) under "mesh.obj".  STATUS_IO (with the reason), STATUS_NO_MEMORY.  O(size). */
-enum status mesh_write_obj(int fd, const struct mesh *mesh, const struct cloud *cloud, struct losses *losses,
+ * left_out (may be NULL) under "mesh.obj".  STATUS_IO (with the reason), STATUS_NO_MEMORY.  O(size). */
+enum status mesh_write_obj(int fd, const struct mesh *mesh, const struct cloud *cloud, struct left_out *left_out,
                            struct error *error) MUST_CHECK;
 
 #endif

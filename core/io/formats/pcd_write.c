@@ -62,13 +62,13 @@ static const char *pcd_name(const struct cloud *cloud, const char *name) {
     return name;
 }
 
-static void lay_out(const struct cloud *cloud, struct layout *layout, struct losses *losses) {
+static void lay_out(const struct cloud *cloud, struct layout *layout, struct left_out *left_out) {
     bool colour_is_in = false;
     find_colour(cloud, layout);
     for (size_t j = 0; j < cloud->property_count; j++) {
         const struct property *property = &cloud->property[j];
         if (property->is_list) {
-            losses_add(losses, "cloud.pcd", "%s: PCD has no lists of varying length", property->name);
+            left_out_add(left_out, "cloud.pcd", "%s: PCD has no lists of varying length", property->name);
         } else if (!is_packed(layout, property)) {
             layout->field[layout->count++] =
                 (struct field){pcd_name(cloud, property->name), property, property->type, 0};
@@ -141,7 +141,7 @@ static bool is_float(const char *name) {
     return false;
 }
 
-static void narrow(const struct points *points, struct layout *layout, struct losses *losses) {
+static void narrow(const struct points *points, struct layout *layout, struct left_out *left_out) {
     double worst = 0, far[3];
     find_origin(points->cloud, far);
     for (size_t j = 0; j < layout->count; j++) {
@@ -154,14 +154,15 @@ static void narrow(const struct points *points, struct layout *layout, struct lo
             field->origin = layout->origin[axis] = far[axis];
             worst = fmax(worst, rounding_error(points, field));
         } else if (error > 0) {
-            losses_add(losses, "cloud.pcd", "%s is float32, off by up to %.2g", field->name, error);
+            left_out_add(left_out, "cloud.pcd", "%s is float32, off by up to %.2g", field->name, error);
         }
     }
     const double *origin = layout->origin;
     if (worst > 0 || origin[0] != 0 || origin[1] != 0 || origin[2] != 0)
-        losses_add(losses, "cloud.pcd",
-                   "precision: x, y, z are float32 around %.10g %.10g %.10g, off by up to %.2g (pcd_precision=double)",
-                   origin[0], origin[1], origin[2], worst);
+        left_out_add(
+            left_out, "cloud.pcd",
+            "precision: x, y, z are float32 around %.10g %.10g %.10g, off by up to %.2g (pcd_precision=double)",
+            origin[0], origin[1], origin[2], worst);
 }
 
 /* ------------------------------------------------------------------------------------------------ header */
@@ -254,13 +255,13 @@ static void put_point(struct sink *sink, const struct layout *layout, const unsi
 }
 
 enum status cloud_write_pcd(int fd, const struct cloud *cloud, const uint32_t *ids, size_t n,
-                            enum pcd_precision precision, struct losses *losses, struct error *error) {
+                            enum pcd_precision precision, struct left_out *left_out, struct error *error) {
     const struct points points = {cloud, ids, n};
     struct sink sink;
     struct layout layout = {0};
     if (sink_init(&sink, fd)) return error_set(error, STATUS_NO_MEMORY, "write", "no memory for a buffer");
-    lay_out(cloud, &layout, losses);
-    if (precision == PCD_FLOAT) narrow(&points, &layout, losses);
+    lay_out(cloud, &layout, left_out);
+    if (precision == PCD_FLOAT) narrow(&points, &layout, left_out);
     put_header(&sink, cloud, &layout, n);
     for (size_t i = 0; i < n && !sink.failure; i++) put_point(&sink, &layout, record_of(&points, i));
     return sink_done(&sink, STATUS_OK, error);

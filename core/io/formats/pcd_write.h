@@ -7,8 +7,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "core/base/left_out.h"
 #include "core/base/status.h"
-#include "core/base/warnings.h"
 #include "core/cloud/cloud.h"
 #include "core/params.h"
 
@@ -19,11 +19,11 @@
  * With PCD_DOUBLE all keep their types.  With PCD_FLOAT, which is what that library, Open3D and loaders.gl read, x, y,
  * z, the normal, curvature and intensity are float32.  Coordinates that would lose by it because they lie far from 0
  * are around an origin then, which a comment tells ("# origin X Y Z is to be added to x y z") and cloud_pcd_read adds;
- * so is the viewpoint.  The origin and the largest rounding error go to losses.
+ * so is the viewpoint.  The origin and the largest rounding error go to left_out.
  *
  * ids are n ids < cloud->count; NULL stands for 0 .. n-1.  fd stays open and isn't synced.  What can't be held goes to
- * losses (may be NULL) under "cloud.pcd".  STATUS_IO, STATUS_NO_MEMORY.  O(n). */
+ * left_out (may be NULL) under "cloud.pcd".  STATUS_IO, STATUS_NO_MEMORY.  O(n). */
 enum status cloud_write_pcd(int fd, const struct cloud *cloud, const uint32_t *ids, size_t n,
-                            enum pcd_precision precision, struct losses *losses, struct error *error) MUST_CHECK;
+                            enum pcd_precision precision, struct left_out *left_out, struct error *error) MUST_CHECK;
 
 #endif

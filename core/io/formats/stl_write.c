@@ -34,7 +34,7 @@ static void put_facet(struct sink *sink, const struct mesh *mesh, size_t t) {
     cloud_write_scalar(sink, &nothing, SCALAR_UINT16, ENCODING_BINARY);
 }
 
-enum status mesh_write_stl(int fd, const struct mesh *mesh, const struct cloud *cloud, struct losses *losses,
+enum status mesh_write_stl(int fd, const struct mesh *mesh, const struct cloud *cloud, struct left_out *left_out,
                            struct error *error) {
     char header[HEADER_BYTES] = "binary STL by whittle"; /* it must not begin with "solid" */
     struct sink sink;
@@ -44,10 +44,10 @@ enum status mesh_write_stl(int fd, const struct mesh *mesh, const struct cloud *
                          mesh->triangle_count);
     if (sink_init(&sink, fd)) return error_set(error, STATUS_NO_MEMORY, "write", "no memory for a buffer");
     mesh_attributes_find(mesh, cloud, &attributes);
-    mesh_attributes_note(&attributes, cloud, "mesh.stl", NULL, false, losses);
+    mesh_attributes_note(&attributes, cloud, "mesh.stl", NULL, false, left_out);
     if (!mesh_attributes_fit_f32(mesh))
-        losses_add(losses, "mesh.stl", "precision: coordinates are float32, off by up to %.2g",
-                   mesh_attributes_f32_error(mesh, (vec3){0, 0, 0}));
+        left_out_add(left_out, "mesh.stl", "precision: coordinates are float32, off by up to %.2g",
+                     mesh_attributes_f32_error(mesh, (vec3){0, 0, 0}));
     uint32_t count = (uint32_t)mesh->triangle_count;
     sink_bytes(&sink, header, sizeof header);
     cloud_write_scalar(&sink, &count, SCALAR_UINT32, ENCODING_BINARY);

@@ -19,7 +19,7 @@ _Static_assert((int)F32_SUMS == (int)SAMPLE_BLOCK, "a block of samples goes into
 #define THINNEST 1e-5f  /* shape of triangles that don't pull at their corners */
 #define FAR_AWAY 1.0e9f /* where nothing is; its square times anything reasonable is finite */
 
-/* Four triangle_frames in float, relative to the cluster's origin. */
+/* Four triangle_frames in float, relative to the batch's origin. */
 struct flat_four {
     float ax[FRAMES_WIDTH], ay[FRAMES_WIDTH], az[FRAMES_WIDTH];
     float ux[FRAMES_WIDTH], uy[FRAMES_WIDTH], uz[FRAMES_WIDTH];
@@ -139,31 +139,31 @@ INLINE void set_eight(float *to, float x) {
     for (size_t k = 0; k < SAMPLE_BLOCK; k += F32_LANES) f32_store(&to[k], f32_all(x));
 }
 
-FOR_EACH_PROCESSOR(uint32_t, cluster_add)
-(struct cluster *cluster, const struct sample_block *block, uint32_t first) {
-    size_t n = cluster->n;
+FOR_EACH_PROCESSOR(uint32_t, sample_batch_add)
+(struct sample_batch *batch, const struct sample_block *block, uint32_t first) {
+    size_t n = batch->n;
     uint32_t i = first;
     for (; i != NONE && n + block[i].count <= CLUSTER_MOST; n += block[i].count, i = block[i].next) {
-        vec3 shift = vec3_sub(block[i].origin, cluster->origin);
-        copy_eight(block[i].x, (float)shift.x, &cluster->x[n]);
-        copy_eight(block[i].y, (float)shift.y, &cluster->y[n]);
-        copy_eight(block[i].z, (float)shift.z, &cluster->z[n]);
-        memcpy(&cluster->weight[n], block[i].weight, sizeof block[i].weight);
-        memcpy(&cluster->sample[n], block[i].sample, sizeof block[i].sample);
+        vec3 shift = vec3_sub(block[i].origin, batch->origin);
+        copy_eight(block[i].x, (float)shift.x, &batch->x[n]);
+        copy_eight(block[i].y, (float)shift.y, &batch->y[n]);
+        copy_eight(block[i].z, (float)shift.z, &batch->z[n]);
+        memcpy(&batch->weight[n], block[i].weight, sizeof block[i].weight);
+        memcpy(&batch->sample[n], block[i].sample, sizeof block[i].sample);
     }
-    cluster->n = n;
-    set_eight(&cluster->x[n], FAR_AWAY);
-    set_eight(&cluster->y[n], FAR_AWAY);
-    set_eight(&cluster->z[n], FAR_AWAY);
-    set_eight(&cluster->weight[n], 0);
+    batch->n = n;
+    set_eight(&batch->x[n], FAR_AWAY);
+    set_eight(&batch->y[n], FAR_AWAY);
+    set_eight(&batch->z[n], FAR_AWAY);
+    set_eight(&batch->weight[n], 0);
     return i;
 }
 
-FOR_EACH_PROCESSOR(double, cluster_weight)
-(const struct cluster *cluster) {
+FOR_EACH_PROCESSOR(double, sample_batch_weight)
+(const struct sample_batch *batch) {
     f32v sum[F32_PARTS] = {0};
-    for (size_t i = 0; i < cluster->n; i += F32_SUMS)
-        for (size_t k = 0; k < F32_PARTS; k++) sum[k] += f32_load(&cluster->weight[i + k * F32_LANES]);
+    for (size_t i = 0; i < batch->n; i += F32_SUMS)
+        for (size_t k = 0; k < F32_PARTS; k++) sum[k] += f32_load(&batch->weight[i + k * F32_LANES]);
     return f32_total(sum);
 }
 
@@ -176,18 +176,18 @@ INLINE size_t spread_all(const struct surface *surface, vec3 origin, struct spre
 
 INLINE f32v cost_of(f32v weight, f32v d_sq, float further) { return weight * (f32_sqrt(d_sq) + d_sq * further); }
 
-FOR_EACH_PROCESSOR(double, cluster_cost)
-(const struct cluster *cluster, const struct surface *surface, float further, double limit) {
+FOR_EACH_PROCESSOR(double, sample_batch_cost)
+(const struct sample_batch *batch, const struct surface *surface, float further, double limit) {
     struct spread_at triangle[FRAMES_MOST];
     f32v sum[F32_PARTS] = {0};
-    size_t n = spread_all(surface, cluster->origin, triangle);
-    for (size_t i = 0; i < cluster->n; i += F32_SUMS) {
+    size_t n = spread_all(surface, batch->origin, triangle);
+    for (size_t i = 0; i < batch->n; i += F32_SUMS) {
         for (size_t k = 0; k < F32_PARTS; k++) {
             size_t at = i + k * F32_LANES;
-            f32v x = f32_load(&cluster->x[at]), y = f32_load(&cluster->y[at]), z = f32_load(&cluster->z[at]);
+            f32v x = f32_load(&batch->x[at]), y = f32_load(&batch->y[at]), z = f32_load(&batch->z[at]);
             f32v d_sq = f32_all(INFINITY);
             for (size_t j = 0; j < n; j++) d_sq = f32_min(distance_at_sq(&triangle[j], x, y, z), d_sq);
-            sum[k] += cost_of(f32_load(&cluster->weight[at]), d_sq, further);
+            sum[k] += cost_of(f32_load(&batch->weight[at]), d_sq, further);
         }
         if (f32_total(sum) > limit) break;
     }
@@ -214,34 +214,34 @@ INLINE void spread_star(const struct star_frames *star, struct spread triangle[S
 }
 
 /* Squared distances of samples from number i on to the nearest of a star's triangles. */
-INLINE f32v star_sq(const struct cluster *cluster, const struct star_frames *star, const struct spread *triangle,
+INLINE f32v star_sq(const struct sample_batch *batch, const struct star_frames *star, const struct spread *triangle,
                     size_t i) {
-    f32v x = f32_load(&cluster->x[i]) - star->ax, y = f32_load(&cluster->y[i]) - star->ay;
-    f32v z = f32_load(&cluster->z[i]) - star->az, d_sq = f32_all(FAR_AWAY * FAR_AWAY);
+    f32v x = f32_load(&batch->x[i]) - star->ax, y = f32_load(&batch->y[i]) - star->ay;
+    f32v z = f32_load(&batch->z[i]) - star->az, d_sq = f32_all(FAR_AWAY * FAR_AWAY);
     for (size_t j = 0; j < star->sectors; j++) d_sq = f32_min(distance_sq(&triangle[j], x, y, z, WITHOUT_AC), d_sq);
     return d_sq;
 }
 
-FOR_EACH_PROCESSOR(double, cluster_star_cost)
-(const struct cluster *cluster, const struct star_frames *star, float further, double limit) {
+FOR_EACH_PROCESSOR(double, sample_batch_star_cost)
+(const struct sample_batch *batch, const struct star_frames *star, float further, double limit) {
     struct spread triangle[STAR_MOST];
     f32v sum[F32_PARTS] = {0};
     spread_star(star, triangle);
-    for (size_t i = 0; i < cluster->n; i += F32_SUMS) {
+    for (size_t i = 0; i < batch->n; i += F32_SUMS) {
         for (size_t k = 0; k < F32_PARTS; k++) {
             size_t at = i + k * F32_LANES;
-            sum[k] += cost_of(f32_load(&cluster->weight[at]), star_sq(cluster, star, triangle, at), further);
+            sum[k] += cost_of(f32_load(&batch->weight[at]), star_sq(batch, star, triangle, at), further);
         }
         if (f32_total(sum) > limit) break;
     }
     return f32_total(sum);
 }
 
-FOR_EACH_PROCESSOR(void, cluster_star_distances)
-(const struct cluster *cluster, const struct star_frames *star, float distance_sq[CLUSTER_ROOM]) {
+FOR_EACH_PROCESSOR(void, sample_batch_star_distances)
+(const struct sample_batch *batch, const struct star_frames *star, float distance_sq[SAMPLE_BATCH_ROOM]) {
     struct spread triangle[STAR_MOST];
     spread_star(star, triangle);
-    for (size_t i = 0; i < cluster->n; i += F32_LANES) f32_store(&distance_sq[i], star_sq(cluster, star, triangle, i));
+    for (size_t i = 0; i < batch->n; i += F32_LANES) f32_store(&distance_sq[i], star_sq(batch, star, triangle, i));
 }
 
 /* The triangle of each sample, side by side: the members are those of struct star_frames. */
@@ -331,16 +331,16 @@ INLINE void fit_samples(const struct own_triangles *f, struct feet r, f32v weigh
 }
 
 /* Adds the samples of up to eight triangles, which follow each other. */
-INLINE void fit_triangles(const struct cluster *cluster, const size_t *begin, const struct star_frames *star,
+INLINE void fit_triangles(const struct sample_batch *batch, const size_t *begin, const struct star_frames *star,
                           struct span in, struct lengths by, struct sums sums[F32_PARTS]) {
     for (size_t first = begin[in.begin], end = begin[in.end]; first < end; first += F32_SUMS)
         for (size_t part = 0, i = first; part < F32_PARTS && i < end; part++, i += F32_LANES) {
             i32v place = i32_count() + (int32_t)i, which = i32_all(0), valid = i32_less(place, i32_all((int32_t)end));
             for (size_t k = in.begin + 1; k < in.end; k++) which -= ~i32_less(place, i32_all((int32_t)begin[k]));
             struct own_triangles f = own_triangles_of(star, in.begin, which);
-            struct feet feet = feet_of(&f, f32_load(&cluster->x[i]) - star->ax, f32_load(&cluster->y[i]) - star->ay,
-                                       f32_load(&cluster->z[i]) - star->az);
-            fit_samples(&f, feet, f32_where(valid, f32_load(&cluster->weight[i])), by, &sums[part]);
+            struct feet feet = feet_of(&f, f32_load(&batch->x[i]) - star->ax, f32_load(&batch->y[i]) - star->ay,
+                                       f32_load(&batch->z[i]) - star->az);
+            fit_samples(&f, feet, f32_where(valid, f32_load(&batch->weight[i])), by, &sums[part]);
         }
 }
 
@@ -351,13 +351,13 @@ INLINE double sum_of(const struct sums sums[F32_PARTS], size_t member) {
     return f32_total(part);
 }
 
-FOR_EACH_PROCESSOR(void, cluster_fit)
-(const struct cluster *cluster, const size_t *begin, const struct star_frames *star, float near, float further,
- struct cluster_model *model) {
+FOR_EACH_PROCESSOR(void, sample_batch_fit)
+(const struct sample_batch *batch, const size_t *begin, const struct star_frames *star, float near, float further,
+ struct sample_batch_model *model) {
     struct sums sums[F32_PARTS] = {0};
     for (size_t k = 0; k < star->n; k += F32_SUMS) {
         struct span in = {k, k + F32_SUMS < star->n ? k + F32_SUMS : star->n};
-        fit_triangles(cluster, begin, star, in, (struct lengths){near, further}, sums);
+        fit_triangles(batch, begin, star, in, (struct lengths){near, further}, sums);
     }
 #define SUM(member) sum_of(sums, offsetof(struct sums, member))
     model->a = sym3_add(model->a, (sym3){SUM(xx), SUM(xy), SUM(xz), SUM(yy), SUM(yz), SUM(zz)});
@@ -365,27 +365,27 @@ FOR_EACH_PROCESSOR(void, cluster_fit)
 #undef SUM
 }
 
-FOR_EACH_PROCESSOR(void, cluster_values)
-(const struct cluster *cluster, const sym3 *a, vec3 place, size_t points, float value[CLUSTER_ROOM]) {
-    vec3 p = vec3_sub(place, cluster->origin);
+FOR_EACH_PROCESSOR(void, sample_batch_values)
+(const struct sample_batch *batch, const sym3 *a, vec3 place, size_t points, float value[SAMPLE_BATCH_ROOM]) {
+    vec3 p = vec3_sub(place, batch->origin);
     float xx = (float)a->xx, xy = (float)a->xy, xz = (float)a->xz, yy = (float)a->yy, yz = (float)a->yz;
     float zz = (float)a->zz;
-    for (size_t i = 0; i < cluster->n; i += F32_LANES) {
-        f32v x = f32_load(&cluster->x[i]) - (float)p.x, y = f32_load(&cluster->y[i]) - (float)p.y;
-        f32v z = f32_load(&cluster->z[i]) - (float)p.z;
+    for (size_t i = 0; i < batch->n; i += F32_LANES) {
+        f32v x = f32_load(&batch->x[i]) - (float)p.x, y = f32_load(&batch->y[i]) - (float)p.y;
+        f32v z = f32_load(&batch->z[i]) - (float)p.z;
         f32v sum = x * (x * xx + y * (2 * xy) + z * (2 * xz)) + y * (y * yy + z * (2 * yz)) + z * z * zz;
-        i32v id = i32_load(&cluster->sample[i]);
+        i32v id = i32_load(&batch->sample[i]);
         i32v is_point = i32_less(i32_all(-1), id) & i32_less(id, i32_all((int32_t)points));
         f32_store(&value[i], f32_pick(is_point, sum, f32_all(INFINITY)));
     }
 }
 
-FOR_EACH_PROCESSOR(void, cluster_owners)
-(const struct cluster *cluster, const struct surface *surface, uint8_t owner[CLUSTER_ROOM],
- float distance_sq_out[CLUSTER_ROOM]) {
-    i32v nearest[CLUSTER_ROOM / F32_LANES];
+FOR_EACH_PROCESSOR(void, sample_batch_owners)
+(const struct sample_batch *batch, const struct surface *surface, uint8_t owner[SAMPLE_BATCH_ROOM],
+ float distance_sq_out[SAMPLE_BATCH_ROOM]) {
+    i32v nearest[SAMPLE_BATCH_ROOM / F32_LANES];
     struct flat_four flat[FLAT_ROOM];
-    size_t n = cluster->n, first = flatten_all(surface, cluster->origin, flat);
+    size_t n = batch->n, first = flatten_all(surface, batch->origin, flat);
     for (size_t i = 0; i < n; i += F32_LANES) {
         f32_store(&distance_sq_out[i], f32_all(INFINITY));
         nearest[i / F32_LANES] = i32_all(0);
@@ -395,8 +395,7 @@ FOR_EACH_PROCESSOR(void, cluster_owners)
         i32v id = i32_all((int32_t)j);
         for (size_t i = 0; i < n; i += F32_LANES) {
             f32v before = f32_load(&distance_sq_out[i]);
-            f32v d_sq =
-                distance_at_sq(&f, f32_load(&cluster->x[i]), f32_load(&cluster->y[i]), f32_load(&cluster->z[i]));
+            f32v d_sq = distance_at_sq(&f, f32_load(&batch->x[i]), f32_load(&batch->y[i]), f32_load(&batch->z[i]));
             i32v nearer = f32_less(d_sq, before), *place = &nearest[i / F32_LANES];
             f32_store(&distance_sq_out[i], f32_pick(nearer, d_sq, before));
             *place = i32_pick(nearer, id, *place);
@@ -405,17 +404,17 @@ FOR_EACH_PROCESSOR(void, cluster_owners)
     for (size_t i = 0; i < n; i++) owner[i] = (uint8_t)SIMD_LANE(nearest[i / F32_LANES], i % F32_LANES);
 }
 
-FOR_EACH_PROCESSOR(void, cluster_nearest)
-(const struct cluster *cluster, vec3 place, double *nearest_sq, uint32_t *nearest) {
-    vec3 p = vec3_sub(place, cluster->origin);
+FOR_EACH_PROCESSOR(void, sample_batch_nearest)
+(const struct sample_batch *batch, vec3 place, double *nearest_sq, uint32_t *nearest) {
+    vec3 p = vec3_sub(place, batch->origin);
     f32v best_sq[F32_PARTS];
     i32v best[F32_PARTS];
     for (size_t k = 0; k < F32_PARTS; k++) best_sq[k] = f32_all(INFINITY), best[k] = i32_all(0);
-    for (size_t first = 0; first < cluster->n; first += F32_SUMS)
+    for (size_t first = 0; first < batch->n; first += F32_SUMS)
         for (size_t k = 0; k < F32_PARTS; k++) {
             size_t i = first + k * F32_LANES;
-            f32v dx = f32_load(&cluster->x[i]) - (float)p.x, dy = f32_load(&cluster->y[i]) - (float)p.y;
-            f32v dz = f32_load(&cluster->z[i]) - (float)p.z;
+            f32v dx = f32_load(&batch->x[i]) - (float)p.x, dy = f32_load(&batch->y[i]) - (float)p.y;
+            f32v dz = f32_load(&batch->z[i]) - (float)p.z;
             f32v d_sq = dx * dx + dy * dy + dz * dz;
             best[k] = i32_pick(f32_less(d_sq, best_sq[k]), i32_count() + (int32_t)i, best[k]);
             best_sq[k] = f32_min(d_sq, best_sq[k]);
@@ -423,5 +422,5 @@ FOR_EACH_PROCESSOR(void, cluster_nearest)
     unsigned part = f32_place_of_least(best_sq), k = part / F32_LANES, lane = part % F32_LANES;
     size_t which = (size_t)SIMD_LANE(best[k], lane);
     double least_sq = (double)SIMD_LANE(best_sq[k], lane);
-    if (least_sq < *nearest_sq && which < cluster->n) *nearest_sq = least_sq, *nearest = cluster->sample[which];
+    if (least_sq < *nearest_sq && which < batch->n) *nearest_sq = least_sq, *nearest = batch->sample[which];
 }

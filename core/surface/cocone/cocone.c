@@ -8,7 +8,7 @@
  *
  *     tets -> star -> label ----------------------------------------------> surface
  *             cells   tight:   frame, orient, cut (twice), judge, repair     manifold mesh
- *             around  literal: frame, candidates, umbrellas, mark, peel
+ *             around  literal: frame, candidates, local Delaunay triangles, mark, peel
  *
  * Whatever the labels, the surface between inner and outer cells is closed and oriented; the labelling decides how good
  * it is, and the last step makes it a manifold.

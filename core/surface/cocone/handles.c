@@ -80,10 +80,11 @@ struct places {
 /* Shells beyond the first one, and handles, of a closed mesh: V - E + F = 2 (shells - handles). */
 static enum status count_excess(const struct mesh *mesh, size_t *excess) {
     size_t shells = mesh->vertex_count;
-    uint32_t *parent = forest_new(mesh->vertex_count);
+    uint32_t *parent = disjoint_set_new(mesh->vertex_count);
     if (!parent) return STATUS_NO_MEMORY;
     for (size_t t = 0; t < mesh->triangle_count; t++)
-        for (int k = 0; k < 2; k++) shells -= forest_unite(parent, mesh->triangle[t][k], mesh->triangle[t][k + 1]);
+        for (int k = 0; k < 2; k++)
+            shells -= disjoint_set_unite(parent, mesh->triangle[t][k], mesh->triangle[t][k + 1]);
     free(parent);
     long euler = (long)mesh->vertex_count - (long)(mesh->triangle_count / 2);
     *excess = (size_t)(2 * (long)shells - 1 - euler / 2);
@@ -93,12 +94,12 @@ static enum status count_excess(const struct mesh *mesh, size_t *excess) {
 /* Whether the vertices of some facets are all connected. */
 static enum status are_one_shell(const struct cocone_star *star, const uint32_t *half, size_t count, bool *one) {
     size_t shells = star->n;
-    uint32_t *parent = forest_new(star->n);
+    uint32_t *parent = disjoint_set_new(star->n);
     if (!parent) return STATUS_NO_MEMORY;
     for (size_t t = 0; t < count; t++) {
         uint32_t v[3];
         cocone_star_vertices(star, half[t], v);
-        for (int k = 0; k < 2; k++) shells -= forest_unite(parent, v[k], v[k + 1]);
+        for (int k = 0; k < 2; k++) shells -= disjoint_set_unite(parent, v[k], v[k + 1]);
     }
     free(parent);
     *one = shells == 1;

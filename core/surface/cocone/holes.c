@@ -179,10 +179,10 @@ static void join_groups(const struct search *s, double usual, uint32_t *group, f
     for (size_t i = 0; i < edges; i++) {
         if ((double)s->gap[i] <= usual) continue;
         uint32_t twin = s->he->twin[s->place[i]], other = twin == NONE ? (uint32_t)triangles : twin / 3;
-        uint32_t a = forest_root(group, s->place[i] / 3), b = forest_root(group, other);
+        uint32_t a = disjoint_set_root(group, s->place[i] / 3), b = disjoint_set_root(group, other);
         float gap = fmaxf(s->gap[i], fmaxf(widest[a], widest[b]));
-        forest_unite(group, a, b);
-        widest[forest_root(group, a)] = gap;
+        disjoint_set_unite(group, a, b);
+        widest[disjoint_set_root(group, a)] = gap;
     }
 }
 
@@ -207,12 +207,12 @@ static enum status keep_points(const struct search *s) {
 static enum status choose(const struct search *s) {
     size_t triangles = s->mesh->triangle_count;
     double usual = 0;
-    uint32_t *group = forest_new(triangles + 1);
+    uint32_t *group = disjoint_set_new(triangles + 1);
     float *widest = alloc_array(triangles + 1, sizeof *widest);
     enum status status = group && widest ? find_usual(s, &usual) : STATUS_NO_MEMORY;
     if (!status) join_groups(s, usual, group, widest);
     for (uint32_t t = 0; !status && t < triangles; t++)
-        s->hole[t] = (double)widest[forest_root(group, t)] >= WIDE * usual;
+        s->hole[t] = (double)widest[disjoint_set_root(group, t)] >= WIDE * usual;
     free(group), free(widest);
     return status ? status : keep_points(s);
 }

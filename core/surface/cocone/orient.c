@@ -45,37 +45,37 @@ struct link {
 };
 
 /* A forest of nodes with parities: union by size, paths halved. */
-struct forest {
+struct disjoint_set {
     uint32_t *parent; /* of a root: itself */
     uint8_t *parity;  /* to the parent */
     uint32_t *size;
 };
 
-static uint32_t find(struct forest *forest, uint32_t node, uint8_t *parity) {
+static uint32_t find(struct disjoint_set *disjoint_set, uint32_t node, uint8_t *parity) {
     uint8_t p = 0;
-    while (forest->parent[node] != node) {
-        uint32_t up = forest->parent[node];
-        forest->parity[node] ^= forest->parity[up] & (uint8_t)(forest->parent[up] != up);
-        forest->parent[node] = forest->parent[up];
-        p ^= forest->parity[node];
-        node = forest->parent[node];
+    while (disjoint_set->parent[node] != node) {
+        uint32_t up = disjoint_set->parent[node];
+        disjoint_set->parity[node] ^= disjoint_set->parity[up] & (uint8_t)(disjoint_set->parent[up] != up);
+        disjoint_set->parent[node] = disjoint_set->parent[up];
+        p ^= disjoint_set->parity[node];
+        node = disjoint_set->parent[node];
     }
     *parity = p;
     return node;
 }
 
-static void join(struct forest *forest, uint32_t a, uint32_t b, uint8_t parity) {
+static void join(struct disjoint_set *disjoint_set, uint32_t a, uint32_t b, uint8_t parity) {
     uint8_t to_a, to_b;
-    uint32_t ra = find(forest, a, &to_a), rb = find(forest, b, &to_b);
+    uint32_t ra = find(disjoint_set, a, &to_a), rb = find(disjoint_set, b, &to_b);
     if (ra == rb) return;
-    if (forest->size[ra] < forest->size[rb]) {
+    if (disjoint_set->size[ra] < disjoint_set->size[rb]) {
         uint32_t swap = ra;
         ra = rb;
         rb = swap;
     }
-    forest->parent[rb] = ra;
-    forest->parity[rb] = to_a ^ to_b ^ parity;
-    forest->size[ra] += forest->size[rb];
+    disjoint_set->parent[rb] = ra;
+    disjoint_set->parity[rb] = to_a ^ to_b ^ parity;
+    disjoint_set->size[ra] += disjoint_set->size[rb];
 }
 
 /* ------------------------------------------------------------------------------------------------ lies */
@@ -206,7 +206,7 @@ struct cocone_gathering {
     } * merged;      /* of each cluster: which one it belongs to after a round */
     uint32_t *rank;  /* of each node that is a root: its cluster */
     uint32_t *begin; /* nodes + 1 */
-    struct forest forest;
+    struct disjoint_set disjoint_set;
     struct sums sums;
 };
 
@@ -242,7 +242,8 @@ static void join_best(struct cocone_gathering *g, double least) {
     for (uint32_t i = 0; i < g->count; i++) {
         const struct link *link = &g->link[i];
         if (g->best[link->low].link != i && g->best[link->high].link != i) continue;
-        if (fabs(link->weight) >= least) join(&g->forest, g->root[link->low], g->root[link->high], link->weight < 0);
+        if (fabs(link->weight) >= least)
+            join(&g->disjoint_set, g->root[link->low], g->root[link->high], link->weight < 0);
     }
 }
 
@@ -250,14 +251,14 @@ static void join_best(struct cocone_gathering *g, double least) {
 static void number_clusters(struct cocone_gathering *g) {
     size_t left = 0;
     for (size_t c = 0; c < g->clusters; c++)
-        if (g->forest.parent[g->root[c]] == g->root[c]) g->rank[g->root[c]] = (uint32_t)left++;
+        if (g->disjoint_set.parent[g->root[c]] == g->root[c]) g->rank[g->root[c]] = (uint32_t)left++;
     for (size_t c = 0; c < g->clusters; c++) {
         struct merged *merged = &g->merged[c];
-        merged->into = g->rank[find(&g->forest, g->root[c], &merged->parity)];
+        merged->into = g->rank[find(&g->disjoint_set, g->root[c], &merged->parity)];
     }
     left = 0;
     for (size_t c = 0; c < g->clusters; c++)
-        if (g->forest.parent[g->root[c]] == g->root[c]) g->root[left++] = g->root[c];
+        if (g->disjoint_set.parent[g->root[c]] == g->root[c]) g->root[left++] = g->root[c];
     g->clusters = left;
 }
 
@@ -310,17 +311,18 @@ enum status cocone_gathering_new(const struct cocone_star *star, struct cocone_g
     g->merged = alloc_array(nodes, sizeof *g->merged);
     g->rank = alloc_array(nodes, sizeof *g->rank);
     g->begin = alloc_array(nodes + 1, sizeof *g->begin);
-    g->forest = (struct forest){alloc_array(nodes, sizeof(uint32_t)), alloc_zeroed(nodes, 1),
-                                alloc_array(nodes, sizeof(uint32_t))};
+    g->disjoint_set = (struct disjoint_set){alloc_array(nodes, sizeof(uint32_t)), alloc_zeroed(nodes, 1),
+                                            alloc_array(nodes, sizeof(uint32_t))};
     g->sums = (struct sums){alloc_array(nodes, sizeof(struct sum)), alloc_array(nodes, sizeof(uint32_t)), 0};
     bool ok = g->link && g->next && g->root && g->best && g->merged && g->rank && g->begin;
-    if (!ok || !g->forest.parent || !g->forest.parity || !g->forest.size || !g->sums.sum || !g->sums.ids) {
+    if (!ok || !g->disjoint_set.parent || !g->disjoint_set.parity || !g->disjoint_set.size || !g->sums.sum ||
+        !g->sums.ids) {
         cocone_gathering_free(g);
         return STATUS_NO_MEMORY;
     }
     for (uint32_t i = 0; i < nodes; i++) {
-        g->forest.parent[i] = g->root[i] = i;
-        g->forest.size[i] = 1;
+        g->disjoint_set.parent[i] = g->root[i] = i;
+        g->disjoint_set.size[i] = 1;
         g->sums.sum[i].low = NONE;
     }
     *room = g;
@@ -331,7 +333,7 @@ void cocone_gathering_free(struct cocone_gathering *g) {
     if (!g) return;
     free(g->link), free(g->next);
     free(g->root), free(g->best), free(g->merged), free(g->rank), free(g->begin);
-    free(g->forest.parent), free(g->forest.parity), free(g->forest.size);
+    free(g->disjoint_set.parent), free(g->disjoint_set.parity), free(g->disjoint_set.size);
     free(g->sums.sum), free(g->sums.ids);
     free(g);
 }
@@ -347,12 +349,12 @@ void cocone_orient_turn(const struct cocone_star *star, struct cocone_frame *fra
     }
 }
 
-static void turn_normals(const struct cocone_star *star, struct forest *forest, struct cocone_frame *frame,
+static void turn_normals(const struct cocone_star *star, struct disjoint_set *disjoint_set, struct cocone_frame *frame,
                          struct cocone_lies *lies) {
     uint8_t out, parity;
-    find(forest, (uint32_t)star->n, &out);
+    find(disjoint_set, (uint32_t)star->n, &out);
     for (uint32_t v = 0; v < star->n; v++) {
-        find(forest, v, &parity);
+        find(disjoint_set, v, &parity);
         if (parity != out && star->begin[v] < star->begin[v + 1]) cocone_orient_turn(star, frame, lies, v);
     }
 }
@@ -371,7 +373,7 @@ size_t cocone_orient(const struct cocone_star *star, struct cocone_frame *frame,
                      struct cocone_gathering *room) {
     room->count = link_vertices(star, (const float(*)[4])lies->lie, &room->sums, room->link);
     gather_all(room);
-    turn_normals(star, &room->forest, frame, lies);
+    turn_normals(star, &room->disjoint_set, frame, lies);
     return count_conflicts(star, lies);
 }
 

@@ -19,16 +19,16 @@ struct shells {
 
 /* Numbers the shells in the order of their first vertices. */
 static enum status find_shells(struct shells *s, const struct mesh *mesh) {
-    uint32_t *parent = forest_new(mesh->vertex_count);
+    uint32_t *parent = disjoint_set_new(mesh->vertex_count);
     uint32_t *number = alloc_array(mesh->vertex_count, sizeof *number); /* of each root: its shell */
     s->of_point = alloc_array(s->star->n, sizeof *s->of_point);
     s->shell = alloc_zeroed(mesh->vertex_count, sizeof *s->shell);
     bool ok = parent && number && s->of_point && s->shell;
     for (size_t t = 0; ok && t < mesh->triangle_count; t++)
-        for (int k = 0; k < 2; k++) forest_unite(parent, mesh->triangle[t][k], mesh->triangle[t][k + 1]);
+        for (int k = 0; k < 2; k++) disjoint_set_unite(parent, mesh->triangle[t][k], mesh->triangle[t][k + 1]);
     if (ok) memset(s->of_point, 0xff, s->star->n * sizeof *s->of_point);
     for (uint32_t v = 0; ok && v < mesh->vertex_count; v++) {
-        uint32_t root = forest_root(parent, v), point = mesh->source[v];
+        uint32_t root = disjoint_set_root(parent, v), point = mesh->source[v];
         if (root == v) number[v] = (uint32_t)s->count++;
         uint32_t shell = number[root];
         s->shell[shell].vertices++;

@@ -82,8 +82,8 @@ static uint32_t corner_of(const struct surface *s, uint32_t triangle, uint32_t v
 
 /* The fans of two triangles go on over their common edge. */
 static void join_at_edge(struct surface *s, uint32_t t, uint32_t u, uint32_t a, uint32_t b) {
-    forest_unite(s->fan, corner_of(s, t, a), corner_of(s, u, a));
-    forest_unite(s->fan, corner_of(s, t, b), corner_of(s, u, b));
+    disjoint_set_unite(s->fan, corner_of(s, t, a), corner_of(s, u, a));
+    disjoint_set_unite(s->fan, corner_of(s, t, b), corner_of(s, u, b));
 }
 
 /* The half facet that bounds the same inner wedge at the edge. */
@@ -249,7 +249,7 @@ static enum status number_vertices(struct surface *s, struct mesh *mesh) {
     if (!vertex) return STATUS_NO_MEMORY;
     mesh->vertex_count = 0;
     for (uint32_t i = 0; i < 3 * s->count; i++) {
-        uint32_t root = forest_root(s->fan, i);
+        uint32_t root = disjoint_set_root(s->fan, i);
         vertex[i] = root == i ? (uint32_t)mesh->vertex_count++ : vertex[root];
     }
     free(s->fan);
@@ -290,7 +290,7 @@ static enum status make_mesh(struct surface *s, struct mesh *out) {
 static enum status surface_init(struct surface *s, size_t finite_count) {
     s->vertex = alloc_array(s->count, sizeof *s->vertex);
     s->tag = alloc_array(s->count, sizeof *s->tag);
-    s->fan = forest_new(3 * s->count);
+    s->fan = disjoint_set_new(3 * s->count);
     s->pair = alloc_array(3 * s->count, sizeof *s->pair);
     s->triangle = alloc_array(4 * finite_count, sizeof *s->triangle);
     s->edge = alloc_array(3 * s->count, sizeof *s->edge);

@@ -59,7 +59,8 @@ static struct edge_view look_at_edge(const struct choice *choice, uint32_t a, ui
     return view;
 }
 
-/* ------------------------------------------------------------------------------------------------ umbrellas */
+/* ------------------------------------------------------------------------------------------------ local Delaunay
+ * triangles */
 
 /* Whether a facet of the list continues f across the edge (p, u) without a sharp angle. */
 static bool continues(const struct choice *choice, const uint32_t *list, size_t count, uint32_t f, uint32_t p,
@@ -99,7 +100,7 @@ static bool has_umbrella(const struct choice *choice, uint32_t p, uint32_t *list
     return count > 0;
 }
 
-static void find_umbrellas(struct choice *choice) {
+static void find_local_delaunay(struct choice *choice) {
     for (uint32_t v = 0; v < choice->star->n; v++) choice->umbrella[v] = has_umbrella(choice, v, choice->stack);
 }
 
@@ -285,7 +286,7 @@ enum status cocone_umbrella_choose(const struct cocone_star *star, struct cocone
     choice.stack = alloc_array(facets->count, sizeof *choice.stack);
     if (!choice.umbrella || !choice.fixed || !choice.kept || !choice.tagged || !choice.stacked || !choice.stack)
         goto out;
-    find_umbrellas(&choice);
+    find_local_delaunay(&choice);
     fix_smooth(&choice);
     prune(&choice);
     walk(&choice);

@@ -1,4 +1,5 @@
-/* From candidate facets to a surface, by the literal rules: umbrellas, pruning, the walk.  Part of Tight Cocone.
+/* From candidate facets to a surface, by the literal rules: local Delaunay triangles, pruning, the walk.  Part of Tight
+ * Cocone.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_SURFACE_COCONE_UMBRELLA_H

@@ -138,7 +138,7 @@ static void radius_range(void *ctx, size_t begin, size_t end) {
 static uint64_t edge_key(uint32_t a, uint32_t b) { return ((uint64_t)(a < b ? a : b) << 30 | (a < b ? b : a)) << 2; }
 
 static size_t slot_of(const struct front *f, uint64_t key) {
-    size_t i = (size_t)scramble(key) & f->mask;
+    size_t i = (size_t)hash64(key) & f->mask;
     while (f->used[i] && (f->used[i] & ~UINT64_C(3)) != key) i = (i + 1) & f->mask;
     return i;
 }

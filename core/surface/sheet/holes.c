@@ -64,14 +64,14 @@ static void find_components(struct closing *c) {
     for (uint32_t v = 0; v < mesh->vertex_count; v++) c->border[v] = NONE;
     for (uint32_t h = 0; h < 3 * mesh->triangle_count; h++) {
         if (c->he.twin[h] != NONE)
-            forest_unite(c->component, h / 3, c->he.twin[h] / 3);
+            disjoint_set_unite(c->component, h / 3, c->he.twin[h] / 3);
         else
             c->border[halfedge_from(&c->he, h)] = h;
     }
     for (uint32_t t = 0; t < mesh->triangle_count; t++) {
         const uint32_t *v = mesh->triangle[t];
         c->longest[t] = NONE;
-        c->area[forest_root(c->component, t)] += double_area(mesh, v[0], v[1], v[2]) / 2;
+        c->area[disjoint_set_root(c->component, t)] += double_area(mesh, v[0], v[1], v[2]) / 2;
     }
 }
 
@@ -79,7 +79,7 @@ static void find_longest(struct closing *c) {
     size_t edges;
     for (uint32_t h = 0; h < 3 * c->mesh->triangle_count; h++) {
         if (c->he.twin[h] != NONE || c->seen[h]) continue;
-        uint32_t root = forest_root(c->component, h / 3);
+        uint32_t root = disjoint_set_root(c->component, h / 3);
         double length = follow(c, h, &edges);
         if (c->longest[root] == NONE || length > c->length[root]) c->longest[root] = h, c->length[root] = length;
     }
@@ -150,7 +150,7 @@ static enum status fill_hole(struct closing *c, uint32_t h, size_t n, bool *fill
 /* ------------------------------------------------------------------------------------------------ all of them */
 
 static bool is_hole(const struct closing *c, uint32_t h, double length) {
-    uint32_t root = forest_root(c->component, h / 3);
+    uint32_t root = disjoint_set_root(c->component, h / 3);
     return h != c->longest[root] || length * length <= AROUND * c->area[root];
 }
 

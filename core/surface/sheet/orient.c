@@ -71,9 +71,9 @@ static enum status find_components(const struct mesh *mesh, bool as_one, unsigne
     if (as_one) return STATUS_OK;
     enum status status = halfedge_init(&he, mesh, threads);
     for (uint32_t h = 0; !status && h < 3 * mesh->triangle_count; h++)
-        if (he.twin[h] != NONE) forest_unite(component, h / 3, he.twin[h] / 3);
+        if (he.twin[h] != NONE) disjoint_set_unite(component, h / 3, he.twin[h] / 3);
     halfedge_done(&he);
-    for (uint32_t t = 0; !status && t < mesh->triangle_count; t++) component[t] = forest_root(component, t);
+    for (uint32_t t = 0; !status && t < mesh->triangle_count; t++) component[t] = disjoint_set_root(component, t);
     return status;
 }
 

@@ -61,8 +61,7 @@ static size_t find_on_lines(const struct neighbourhood *hood, const vec3 *point,
 static uint64_t cell_of(vec3 p, double side) {
     const double at[] = {p.x, p.y, p.z};
     uint64_t key = 1;
-    for (int k = 0; k < 3; k++)
-        key = scramble(key ^ (uint64_t)(int64_t)fmax(-0x1p62, fmin(floor(at[k] / side), 0x1p62)));
+    for (int k = 0; k < 3; k++) key = hash64(key ^ (uint64_t)(int64_t)fmax(-0x1p62, fmin(floor(at[k] / side), 0x1p62)));
     return key ? key : 1;
 }
 

@@ -71,10 +71,10 @@ static enum status open_path(const char *path, bool as_is, struct catalog **cata
     opened->catalog.backend = &catalog_sqlite;
     pthread_mutex_init(&opened->order, NULL);
     pthread_mutex_init(&opened->keys.lock, NULL);
-    opened->turns = turns_new(PRIORITY_AGING_MS);
+    opened->fair_share = fair_share_new(PRIORITY_AGING_MS);
     opened->usage = usage_new();
     enum status status =
-        opened->turns && opened->usage ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "catalog", "no memory");
+        opened->fair_share && opened->usage ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "catalog", "no memory");
     if (status == STATUS_OK)
         status = as_is ? sql_open(path, &opened->reader, error) : open_connections(opened, path, error);
     if (status == STATUS_OK)
@@ -96,7 +96,7 @@ void catalog_sqlite_close(struct catalog *catalog) {
     sql_close(sqlite->prober);
     sql_close(sqlite->reader);
     sql_close(sqlite->writer);
-    turns_free(sqlite->turns);
+    fair_share_free(sqlite->fair_share);
     usage_free(sqlite->usage);
     pthread_mutex_destroy(&sqlite->keys.lock);
     pthread_mutex_destroy(&sqlite->order);

@@ -1,7 +1,7 @@
 /* The catalog in an SQLite database (WAL): the backend for one host.  For this folder alone.
  *
  * Two connections: one that writes, under a lock, and one that reads, under another, so that a reader never waits for
- * an fsync.  Commits are durable (synchronous=FULL), but for progress and replies (sql_run_casually): after a power cut
+ * an fsync.  Commits are durable (synchronous=FULL), but for progress and replies (sql_run_nosync): after a power cut
  * the last of these may be missing, nothing else.
  *
  * Who may have how many jobs, bytes and turns is decided under the writer's lock, by what is in memory: `waiting` and
@@ -41,7 +41,7 @@ struct catalog_sqlite {
     struct usage *usage;
     struct key_holds keys;
     pthread_mutex_t order;
-    struct turns *turns;
+    struct fair_share *fair_share;
     size_t run_count;
     struct run {
         char id[JOB_ID_BYTES];

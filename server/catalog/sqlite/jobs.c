@@ -129,7 +129,7 @@ enum status catalog_sqlite_claim(struct catalog *catalog, const struct catalog_c
 
 enum status catalog_sqlite_progress(struct catalog *catalog, const struct job *job, bool *held, struct error *error) {
     struct sql *writer = catalog_sqlite_enter(catalog_sqlite_of(catalog));
-    enum status status = sql_run_casually(
+    enum status status = sql_run_nosync(
         writer,
         "UPDATE jobs SET stage = ?2, message = ?3, fraction = ?4, updated = ?5, sequence = max(sequence + 1, ?5) "
         "WHERE id = ?1 AND state = ?6 AND attempt = ?7 AND owner = ?8",
@@ -163,8 +163,8 @@ enum status catalog_sqlite_renew(struct catalog *catalog, const char *owner, int
                                  struct catalog_lease *leases, size_t max, size_t *count, struct error *error) {
     struct sql *writer = catalog_sqlite_enter(catalog_sqlite_of(catalog));
     *count = 0;
-    enum status status = sql_run_casually(writer, "UPDATE jobs SET lease = ?3 WHERE state = ?1 AND owner = ?2",
-                                          VALUES(I(JOB_RUNNING), T(owner), I(job_now_ms() + lease_ms)), error);
+    enum status status = sql_run_nosync(writer, "UPDATE jobs SET lease = ?3 WHERE state = ?1 AND owner = ?2",
+                                        VALUES(I(JOB_RUNNING), T(owner), I(job_now_ms() + lease_ms)), error);
     if (status == STATUS_OK) status = list_leases(writer, owner, leases, max, count, error);
     sql_unlock(writer);
     return status;

@@ -86,7 +86,7 @@ enum status catalog_sqlite_put_key(struct catalog *catalog, const char *principa
 enum status catalog_sqlite_keep_reply(struct catalog *catalog, const char *principal, const char *key, int status_code,
                                       const char *etag, const char *reply, struct error *error) {
     struct sql *writer = catalog_sqlite_enter(catalog_sqlite_of(catalog));
-    enum status status = sql_run_casually(
+    enum status status = sql_run_nosync(
         writer, "UPDATE replies SET status = ?3, etag = ?4, reply = ?5 WHERE principal = ?1 AND key = ?2",
         VALUES(T(principal), T(key), I(status_code), T(etag), T(reply)), error);
     sql_unlock(writer);

@@ -15,14 +15,14 @@ void catalog_sqlite_put_in_order(struct catalog_sqlite *sqlite, const struct job
     memcpy(turn.id, job->id, sizeof turn.id);
     memcpy(turn.principal, job->principal, sizeof turn.principal);
     pthread_mutex_lock(&sqlite->order);
-    bool kept = turns_add(sqlite->turns, &turn);
+    bool kept = fair_share_add(sqlite->fair_share, &turn);
     (void)kept;
     pthread_mutex_unlock(&sqlite->order);
 }
 
 void catalog_sqlite_put_in_run(struct catalog_sqlite *sqlite, const struct job *job) {
     pthread_mutex_lock(&sqlite->order);
-    turns_take(sqlite->turns, job->id);
+    fair_share_take(sqlite->fair_share, job->id);
     if (sqlite->run_count < CATALOG_SQLITE_MAX_RUNS) {
         struct run *run = &sqlite->runs[sqlite->run_count++];
         *run = (struct run){.cost = estimate_cost(job), .started_ms = job->started_ms};
@@ -33,7 +33,7 @@ void catalog_sqlite_put_in_run(struct catalog_sqlite *sqlite, const struct job *
 
 void catalog_sqlite_take_out(struct catalog_sqlite *sqlite, const char *id) {
     pthread_mutex_lock(&sqlite->order);
-    turns_remove(sqlite->turns, id);
+    fair_share_remove(sqlite->fair_share, id);
     for (size_t i = 0; i < sqlite->run_count; i++)
         if (strcmp(sqlite->runs[i].id, id) == 0) sqlite->runs[i--] = sqlite->runs[--sqlite->run_count];
     pthread_mutex_unlock(&sqlite->order);
@@ -41,7 +41,7 @@ void catalog_sqlite_take_out(struct catalog_sqlite *sqlite, const char *id) {
 
 void catalog_sqlite_first_in_order(struct catalog_sqlite *sqlite, char id[JOB_ID_BYTES]) {
     pthread_mutex_lock(&sqlite->order);
-    const struct turn *turn = turns_first(sqlite->turns);
+    const struct turn *turn = fair_share_first(sqlite->fair_share);
     snprintf(id, JOB_ID_BYTES, "%s", turn ? turn->id : "");
     pthread_mutex_unlock(&sqlite->order);
 }
@@ -49,14 +49,14 @@ void catalog_sqlite_first_in_order(struct catalog_sqlite *sqlite, char id[JOB_ID
 uint64_t catalog_sqlite_ahead_of(struct catalog_sqlite *sqlite, const struct job *job) {
     if (job->state != JOB_ACCEPTED) return 0;
     pthread_mutex_lock(&sqlite->order);
-    uint64_t ahead = turns_ahead(sqlite->turns, job->id, NULL, NULL);
+    uint64_t ahead = fair_share_ahead(sqlite->fair_share, job->id, NULL, NULL);
     pthread_mutex_unlock(&sqlite->order);
     return ahead;
 }
 
 void catalog_sqlite_move_order(struct catalog_sqlite *sqlite, int64_t step_ms) {
     pthread_mutex_lock(&sqlite->order);
-    turns_move_times(sqlite->turns, step_ms);
+    fair_share_move_times(sqlite->fair_share, step_ms);
     for (size_t i = 0; i < sqlite->run_count; i++) sqlite->runs[i].started_ms += step_ms;
     pthread_mutex_unlock(&sqlite->order);
 }
@@ -85,7 +85,7 @@ static enum status load_state(struct catalog_sqlite *sqlite, enum job_state stat
 
 enum status catalog_sqlite_load_order(struct catalog_sqlite *sqlite, struct error *error) {
     pthread_mutex_lock(&sqlite->order);
-    turns_clear(sqlite->turns);
+    fair_share_clear(sqlite->fair_share);
     sqlite->run_count = 0;
     pthread_mutex_unlock(&sqlite->order);
     sqlite->alone = false;
@@ -112,7 +112,7 @@ void catalog_sqlite_outlook(struct catalog *catalog, const char *id,
     struct outlook outlook = {visit, ctx};
     pthread_mutex_lock(&sqlite->order);
     for (size_t i = 0; i < sqlite->run_count; i++) visit(ctx, &sqlite->runs[i].cost, sqlite->runs[i].started_ms);
-    turns_ahead(sqlite->turns, id, look_at_turn, &outlook);
+    fair_share_ahead(sqlite->fair_share, id, look_at_turn, &outlook);
     pthread_mutex_unlock(&sqlite->order);
 }
 

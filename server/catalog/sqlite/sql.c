@@ -52,7 +52,7 @@ enum status sql_open(const char *path, struct sql **sql, struct error *error) {
     if (!opened) return error_set(error, STATUS_NO_MEMORY, "database", "no memory");
     pthread_mutex_init(&opened->lock, NULL);
     enum status status = STATUS_OK;
-    const char *vfs = fault_ask ? sql_faults_vfs() : NULL;
+    const char *vfs = fault_point ? sql_faults_vfs() : NULL;
     if (sqlite3_open_v2(path, &opened->db, flags, vfs) != SQLITE_OK) status = refused(opened, error);
     if (status == STATUS_OK) {
         sqlite3_busy_timeout(opened->db, BUSY_MS);
@@ -149,8 +149,8 @@ enum status sql_run(struct sql *sql, const char *text, const struct sql_value *v
     return status == STATUS_OK ? run(sql, text, values, count, error) : status;
 }
 
-enum status sql_run_casually(struct sql *sql, const char *text, const struct sql_value *values, size_t count,
-                             struct error *error) {
+enum status sql_run_nosync(struct sql *sql, const char *text, const struct sql_value *values, size_t count,
+                           struct error *error) {
     enum status status = settle(sql, error);
     if (status == STATUS_OK) status = sql_execute(sql, "PRAGMA synchronous = NORMAL", error);
     sql->casual = true;

@@ -54,8 +54,8 @@ enum status sql_run(struct sql *sql, const char *text, const struct sql_value *v
 int64_t sql_changes(const struct sql *sql);
 
 /* The same, not in a transaction, and not durable: it costs no fsync, and a power cut may take it back. */
-enum status sql_run_casually(struct sql *sql, const char *text, const struct sql_value *values, size_t count,
-                             struct error *error) MUST_CHECK;
+enum status sql_run_nosync(struct sql *sql, const char *text, const struct sql_value *values, size_t count,
+                           struct error *error) MUST_CHECK;
 
 /* Runs a statement that returns one number; *number is untouched where there is no row. */
 enum status sql_number(struct sql *sql, const char *text, const struct sql_value *values, size_t count, int64_t *number,

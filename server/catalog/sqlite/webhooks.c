@@ -48,8 +48,8 @@ enum status catalog_sqlite_each_webhook_due(struct catalog *catalog, int64_t now
 enum status catalog_sqlite_claim_webhook(struct catalog *catalog, const struct catalog_webhook *webhook,
                                          const char *owner, int64_t until_ms, bool *claimed, struct error *error) {
     struct sql *writer = catalog_sqlite_enter(catalog_sqlite_of(catalog));
-    enum status status = sql_run_casually(writer, "UPDATE outbox SET owner = ?2, due = ?3 WHERE job = ?1 AND due = ?4",
-                                          VALUES(T(webhook->job), T(owner), I(until_ms), I(webhook->due_ms)), error);
+    enum status status = sql_run_nosync(writer, "UPDATE outbox SET owner = ?2, due = ?3 WHERE job = ?1 AND due = ?4",
+                                        VALUES(T(webhook->job), T(owner), I(until_ms), I(webhook->due_ms)), error);
     *claimed = status == STATUS_OK && sql_changes(writer) > 0;
     sql_unlock(writer);
     return status;
@@ -59,8 +59,8 @@ enum status catalog_sqlite_return_webhooks(struct catalog *catalog, const char *
                                            struct error *error) {
     struct sql *writer = catalog_sqlite_enter(catalog_sqlite_of(catalog));
     enum status status =
-        sql_run_casually(writer, "UPDATE outbox SET owner = '', due = ?3 WHERE owner = ?1 AND (?2 IS NULL OR job = ?2)",
-                         VALUES(T(owner), T(job), I(due_ms)), error);
+        sql_run_nosync(writer, "UPDATE outbox SET owner = '', due = ?3 WHERE owner = ?1 AND (?2 IS NULL OR job = ?2)",
+                       VALUES(T(owner), T(job), I(due_ms)), error);
     sql_unlock(writer);
     return status;
 }

@@ -13,16 +13,16 @@
 #include "core/refine/kernels/sample_batch.h"
 #include "tests/unit/shapes.h"
 
-/* A cluster of n samples, by way of a list. */
-static void gather(struct cluster *cluster, vec3 origin, const struct sample *sample, uint32_t n) {
-    struct sample_lists lists;
+/* A batch of n samples, by way of a list. */
+static void gather(struct sample_batch *batch, vec3 origin, const struct sample *sample, uint32_t n) {
+    struct sample_buckets lists;
     uint32_t spare = NONE;
-    assert_int_equal(sample_lists_init(&lists, 1, n, 1), STATUS_OK);
-    for (uint32_t i = 0; i < n; i++) sample_lists_add(&lists, 0, i, &sample[i], &spare);
-    cluster_clear(cluster, origin);
-    assert_int_equal(cluster_add(cluster, lists.block, lists.first[0]), NONE);
-    assert_int_equal(cluster->n, n);
-    sample_lists_done(&lists);
+    assert_int_equal(sample_buckets_init(&lists, 1, n, 1), STATUS_OK);
+    for (uint32_t i = 0; i < n; i++) sample_buckets_add(&lists, 0, i, &sample[i], &spare);
+    sample_batch_clear(batch, origin);
+    assert_int_equal(sample_batch_add(batch, lists.block, lists.first[0]), NONE);
+    assert_int_equal(batch->n, n);
+    sample_buckets_done(&lists);
 }
 
 static void random_samples(uint64_t *seed, double from, double extent, struct sample *sample, size_t n) {
@@ -41,18 +41,18 @@ static struct surface surface_of(struct triangle_frames *frames, const vec3 (*co
 
 /* The kernels against the distance to one triangle after the other, in double. */
 static void check_cluster(const struct sample *sample, uint32_t n, const vec3 (*corner)[3], size_t triangles) {
-    static struct cluster cluster;
+    static struct sample_batch batch;
     struct triangle_frame frame[FRAMES_MOST];
     struct triangle_frames frames;
     struct surface surface = surface_of(&frames, corner, triangles);
     for (size_t j = 0; j < triangles; j++) frame[j] = triangle_frame_of(corner[j][0], corner[j][1], corner[j][2]);
-    uint8_t owner[CLUSTER_ROOM];
-    float distance_sq[CLUSTER_ROOM];
+    uint8_t owner[SAMPLE_BATCH_ROOM];
+    float distance_sq[SAMPLE_BATCH_ROOM];
     double cost = 0;
-    gather(&cluster, (vec3){0.3, 0.4, 0.5}, sample, n);
-    cluster_owners(&cluster, &surface, owner, distance_sq);
+    gather(&batch, (vec3){0.3, 0.4, 0.5}, sample, n);
+    sample_batch_owners(&batch, &surface, owner, distance_sq);
     for (size_t i = 0; i < n; i++) {
-        const struct sample *this = &sample[cluster.sample[i]];
+        const struct sample *this = &sample[batch.sample[i]];
         double nearest_sq = INFINITY;
         for (size_t j = 0; j < triangles; j++)
             nearest_sq = fmin(nearest_sq, triangle_frame_hit(&frame[j], this->place).distance_sq);
@@ -61,8 +61,8 @@ static void check_cluster(const struct sample *sample, uint32_t n, const vec3 (*
         assert_true(triangle_frame_hit(&frame[owner[i]], this->place).distance_sq < nearest_sq + tolerance);
         cost += (double)this->weight * (sqrt(nearest_sq) + 2 * nearest_sq);
     }
-    assert_true(fabs(cluster_cost(&cluster, &surface, 2, INFINITY) - cost) < 1e-4 * cost);
-    double part = cluster_cost(&cluster, &surface, 2, cost / 2);
+    assert_true(fabs(sample_batch_cost(&batch, &surface, 2, INFINITY) - cost) < 1e-4 * cost);
+    double part = sample_batch_cost(&batch, &surface, 2, cost / 2);
     assert_true(part > cost / 2 && part <= 1.0001 * cost);
 }
 
@@ -160,27 +160,27 @@ static void test_nearest_and_values(void **state) {
     (void)state;
     uint64_t seed = 3;
     static struct sample sample[77];
-    static struct cluster cluster;
-    float value[CLUSTER_ROOM];
+    static struct sample_batch batch;
+    float value[SAMPLE_BATCH_ROOM];
     const sym3 a = {2, 0.3, -0.4, 1, 0.2, 3};
     const vec3 place = {0.4, 0.1, 0.7};
     random_samples(&seed, 0, 1, sample, 77);
-    gather(&cluster, (vec3){0.5, 0.5, 0.5}, sample, 77);
+    gather(&batch, (vec3){0.5, 0.5, 0.5}, sample, 77);
     enum { POINTS = 50 }; /* of the samples; the others have no value */
-    cluster_values(&cluster, &a, place, POINTS, value);
+    sample_batch_values(&batch, &a, place, POINTS, value);
     double nearest_sq = INFINITY, least_sq = INFINITY, weight = 0;
     uint32_t nearest = NONE;
-    cluster_nearest(&cluster, place, &nearest_sq, &nearest);
+    sample_batch_nearest(&batch, place, &nearest_sq, &nearest);
     for (size_t i = 0; i < 77; i++) {
-        vec3 s = vec3_sub(sample[cluster.sample[i]].place, place);
+        vec3 s = vec3_sub(sample[batch.sample[i]].place, place);
         least_sq = fmin(least_sq, vec3_length_sq(s));
         weight += (double)sample[i].weight;
-        double expected = cluster.sample[i] < POINTS ? vec3_dot(s, sym3_mul(a, s)) : INFINITY;
+        double expected = batch.sample[i] < POINTS ? vec3_dot(s, sym3_mul(a, s)) : INFINITY;
         assert_true(expected == (double)value[i] || fabs(expected - (double)value[i]) < 1e-5);
     }
     assert_true(fabs(nearest_sq - least_sq) < 1e-5);
     assert_true(fabs(vec3_distance_sq(sample[nearest].place, place) - least_sq) < 1e-5);
-    assert_true(fabs(cluster_weight(&cluster) - weight) < 1e-4);
+    assert_true(fabs(sample_batch_weight(&batch) - weight) < 1e-4);
 }
 
 /* A star of five triangles around a vertex near (0.5, 0.5, 0.5), and the same triangles one by one. */
@@ -207,7 +207,7 @@ static void test_star_costs_what_its_triangles_do(void **state) {
     (void)state;
     uint64_t seed = 13;
     static struct sample sample[83];
-    static struct cluster cluster;
+    static struct sample_batch batch;
     const vec3 origin = {0.4, 0.6, 0.5};
     for (uint32_t n = 1; n <= 83; n += 9) {
         vec3 rim[SPOKES], place = {0.45 + 0.1 * random_unit(&seed), 0.5, 0.45 + 0.1 * random_unit(&seed)};
@@ -215,20 +215,20 @@ static void test_star_costs_what_its_triangles_do(void **state) {
         struct triangle_frames frames;
         random_rim(&seed, rim);
         random_samples(&seed, 0, 1, sample, n);
-        gather(&cluster, origin, sample, n);
+        gather(&batch, origin, sample, n);
         for (int i = 0; i < SPOKES; i++)
             corner[i][0] = place, corner[i][1] = rim[i], corner[i][2] = rim[(i + 1) % SPOKES];
         struct surface surface = surface_of(&frames, (const vec3(*)[3])corner, SPOKES);
         struct star_frames star = star_of(rim, place, origin);
-        double cost = cluster_cost(&cluster, &surface, 2, INFINITY);
-        assert_true(fabs(cluster_star_cost(&cluster, &star, 2, INFINITY) - cost) < 1e-5 * cost);
-        float distance_sq[CLUSTER_ROOM];
+        double cost = sample_batch_cost(&batch, &surface, 2, INFINITY);
+        assert_true(fabs(sample_batch_star_cost(&batch, &star, 2, INFINITY) - cost) < 1e-5 * cost);
+        float distance_sq[SAMPLE_BATCH_ROOM];
         double sum = 0;
-        cluster_star_distances(&cluster, &star, distance_sq);
+        sample_batch_star_distances(&batch, &star, distance_sq);
         for (uint32_t i = 0; i < n; i++)
-            sum += (double)cluster.weight[i] * (sqrt((double)distance_sq[i]) + 2 * (double)distance_sq[i]);
+            sum += (double)batch.weight[i] * (sqrt((double)distance_sq[i]) + 2 * (double)distance_sq[i]);
         assert_true(fabs(sum - cost) < 1e-5 * cost);
-        double part = cluster_star_cost(&cluster, &star, 2, cost / 2);
+        double part = sample_batch_star_cost(&batch, &star, 2, cost / 2);
         assert_true(part > cost / 2 && part <= 1.0001 * cost);
         for (size_t i = 0; i < SPOKES; i++) {
             assert_true(fabs((double)star.shape[i] - surface_shape(&surface, i)) < 1e-5);
@@ -244,7 +244,7 @@ static void test_model_is_the_slope_of_the_cost(void **state) {
     (void)state;
     uint64_t seed = 11;
     static struct sample sample[29];
-    static struct cluster cluster;
+    static struct sample_batch batch;
     const vec3 a = {0.5, 0.5, 0.5};
     vec3 rim[SPOKES];
     random_rim(&seed, rim);
@@ -254,17 +254,17 @@ static void test_model_is_the_slope_of_the_cost(void **state) {
         vec3 place = vec3_add(over, (vec3){side, along, i % 2 ? 0.02 : -0.02});
         sample[i] = (struct sample){.place = place, .weight = 1};
     }
-    gather(&cluster, a, sample, 29);
+    gather(&batch, a, sample, 29);
     struct star_frames star = star_of(rim, a, a);
-    struct cluster_model model = {0};
-    cluster_fit(&cluster, (size_t[SPOKES + 1]){0, 29, 29, 29, 29, 29}, &star, 1e-6f, 0, &model);
+    struct sample_batch_model model = {0};
+    sample_batch_fit(&batch, (size_t[SPOKES + 1]){0, 29, 29, 29, 29, 29}, &star, 1e-6f, 0, &model);
     vec3 step[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
     for (int k = 0; k < 3; k++) {
         double h = 2e-3;
         star = star_of(rim, vec3_add(a, vec3_scale(step[k], h)), a);
-        double rise = cluster_star_cost(&cluster, &star, 0, INFINITY);
+        double rise = sample_batch_star_cost(&batch, &star, 0, INFINITY);
         star = star_of(rim, vec3_sub(a, vec3_scale(step[k], h)), a);
-        double slope = (rise - cluster_star_cost(&cluster, &star, 0, INFINITY)) / (2 * h);
+        double slope = (rise - sample_batch_star_cost(&batch, &star, 0, INFINITY)) / (2 * h);
         assert_true(fabs(slope + vec3_dot(model.g, step[k])) < 0.02);
     }
 }
@@ -304,20 +304,21 @@ static void test_lists_are_filled_again(void **state) {
     enum { LISTS = 5, SAMPLES = 203 };
     static struct sample sample[SAMPLES];
     uint64_t seed = 9;
-    struct sample_lists lists;
+    struct sample_buckets lists;
     uint32_t spare = NONE;
     random_samples(&seed, 0, 1, sample, SAMPLES);
-    assert_int_equal(sample_lists_init(&lists, LISTS, SAMPLES, 1), STATUS_OK);
-    for (uint32_t i = 0; i < SAMPLES; i++) sample_lists_add(&lists, i % LISTS, i, &sample[i], &spare);
+    assert_int_equal(sample_buckets_init(&lists, LISTS, SAMPLES, 1), STATUS_OK);
+    for (uint32_t i = 0; i < SAMPLES; i++) sample_buckets_add(&lists, i % LISTS, i, &sample[i], &spare);
     for (int round = 0; round < 100; round++) {
         uint32_t from = (uint32_t)(random_unit(&seed) * LISTS), to = (uint32_t)(random_unit(&seed) * LISTS);
         uint32_t id[SAMPLES], count = 0;
-        spare = sample_lists_take(&lists, from);
+        spare = sample_buckets_take(&lists, from);
         assert_int_equal(lists.first[from], NONE);
         for (uint32_t b = spare; b != NONE; b = lists.block[b].next)
             for (uint32_t i = 0; i < lists.block[b].count; i++) id[count++] = lists.block[b].sample[i];
-        for (uint32_t i = 0; i < count; i++) sample_lists_add(&lists, i % 2 ? to : from, id[i], &sample[id[i]], &spare);
-        sample_lists_give(&lists, spare);
+        for (uint32_t i = 0; i < count; i++)
+            sample_buckets_add(&lists, i % 2 ? to : from, id[i], &sample[id[i]], &spare);
+        sample_buckets_give(&lists, spare);
         assert_true(lists.fresh <= SAMPLES / SAMPLE_BLOCK + LISTS);
     }
     bool seen[SAMPLES] = {false};
@@ -325,7 +326,7 @@ static void test_lists_are_filled_again(void **state) {
         for (uint32_t b = lists.first[k]; b != NONE; b = lists.block[b].next)
             for (uint32_t i = 0; i < lists.block[b].count; i++) seen[lists.block[b].sample[i]] = true;
     for (size_t i = 0; i < SAMPLES; i++) assert_true(seen[i]);
-    sample_lists_done(&lists);
+    sample_buckets_done(&lists);
 }
 
 int main(void) {

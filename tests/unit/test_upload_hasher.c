@@ -41,25 +41,25 @@ static int tear_down(void **state) {
 }
 
 /* Writes that many bytes, in pieces, as a body comes in. */
-static void write_bytes(struct fixture *f, struct behind *behind, size_t bytes) {
+static void write_bytes(struct fixture *f, struct upload_hasher *hasher, size_t bytes) {
     static char piece[PIECE_BYTES];
     for (size_t done = 0; done < bytes;) {
         size_t count = bytes - done < PIECE_BYTES ? bytes - done : PIECE_BYTES;
         memset(piece, (int)(done / PIECE_BYTES), count);
         assert_int_equal(write(f->fd, piece, count), count);
-        behind_advance(behind, count);
+        upload_hasher_advance(hasher, count);
         done += count;
     }
 }
 
-static void assert_hash(struct fixture *f, struct behind *behind, size_t bytes) {
+static void assert_hash(struct fixture *f, struct upload_hasher *hasher, size_t bytes) {
     char found[DIGEST_HEX_BYTES], wanted[DIGEST_HEX_BYTES];
     uint64_t length = 0;
-    assert_int_equal(behind_finish(behind, found), 0);
+    assert_int_equal(upload_hasher_finish(hasher, found), 0);
     assert_int_equal(digest_file(f->fd, wanted, &length), 0);
     assert_int_equal(length, bytes);
     assert_string_equal(found, wanted);
-    behind_free(behind);
+    upload_hasher_free(hasher);
 }
 
 static void test_hash_is_the_files(void **state) {
@@ -68,12 +68,12 @@ static void test_hash_is_the_files(void **state) {
     enum { ALONE, LENGTH_KNOWN, LENGTH_UNKNOWN, WAYS };
     for (size_t i = 0; i < WAYS * (sizeof lengths / sizeof *lengths); i++) {
         size_t bytes = lengths[i / WAYS], way = i % WAYS;
-        struct behind *behind =
-            behind_new(way == ALONE ? NULL : f->threads, f->fd, way == LENGTH_KNOWN ? bytes : UINT64_MAX);
-        assert_non_null(behind);
+        struct upload_hasher *hasher =
+            upload_hasher_new(way == ALONE ? NULL : f->threads, f->fd, way == LENGTH_KNOWN ? bytes : UINT64_MAX);
+        assert_non_null(hasher);
         assert_int_equal(ftruncate(f->fd, 0) | lseek(f->fd, 0, SEEK_SET), 0);
-        write_bytes(f, behind, bytes);
-        assert_hash(f, behind, bytes);
+        write_bytes(f, hasher, bytes);
+        assert_hash(f, hasher, bytes);
     }
 }
 
@@ -82,9 +82,9 @@ static void test_nothing_is_reserved_beyond_the_end(void **state) {
     struct fixture *f = *state;
     size_t bytes = 9 * STEP_BYTES;
     struct stat facts;
-    struct behind *behind = behind_new(f->threads, f->fd, bytes);
-    write_bytes(f, behind, bytes);
-    assert_hash(f, behind, bytes);
+    struct upload_hasher *hasher = upload_hasher_new(f->threads, f->fd, bytes);
+    write_bytes(f, hasher, bytes);
+    assert_hash(f, hasher, bytes);
     assert_int_equal(fstat(f->fd, &facts), 0);
     assert_int_equal(facts.st_size, bytes);
     assert_in_range((size_t)facts.st_blocks * DISK_BLOCK_BYTES, bytes, bytes + STEP_BYTES / 2);
@@ -94,25 +94,25 @@ static void test_unreadable_file(void **state) {
     struct fixture *f = *state;
     for (int threads = 0; threads < 2; threads++) {
         char hex[DIGEST_HEX_BYTES];
-        struct behind *behind = behind_new(threads ? f->threads : NULL, f->fd, UINT64_MAX);
-        behind_advance(behind, 3 * STEP_BYTES); /* which were never written */
-        assert_int_equal(behind_finish(behind, hex), -1);
+        struct upload_hasher *hasher = upload_hasher_new(threads ? f->threads : NULL, f->fd, UINT64_MAX);
+        upload_hasher_advance(hasher, 3 * STEP_BYTES); /* which were never written */
+        assert_int_equal(upload_hasher_finish(hasher, hex), -1);
         assert_int_equal(errno, EIO);
-        behind_free(behind);
+        upload_hasher_free(hasher);
     }
-    assert_null(behind_new(f->threads, -1, UINT64_MAX));
+    assert_null(upload_hasher_new(f->threads, -1, UINT64_MAX));
 }
 
 /* Both threads are kept busy, so some are left while their step still waits. */
 static void test_left_at_any_time(void **state) {
     struct fixture *f = *state;
     for (int i = 0; i < 20; i++) {
-        struct behind *behind = behind_new(f->threads, f->fd, UINT64_MAX);
+        struct upload_hasher *hasher = upload_hasher_new(f->threads, f->fd, UINT64_MAX);
         assert_int_equal(ftruncate(f->fd, 0) | lseek(f->fd, 0, SEEK_SET), 0);
-        write_bytes(f, behind, STEP_BYTES + 4 * PIECE_BYTES);
-        behind_free(behind);
+        write_bytes(f, hasher, STEP_BYTES + 4 * PIECE_BYTES);
+        upload_hasher_free(hasher);
     }
-    behind_free(NULL);
+    upload_hasher_free(NULL);
 }
 
 int main(void) {

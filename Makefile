@@ -323,8 +323,8 @@ lint: $(libwhittle) ## check layers, banned functions, licence lines, the layout
 AGAIN ?= 0
 .PHONY: test-integration
 test-integration: ## the integration tests alone, with the programs that are there; AGAIN=3 gives so many a second try
-	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider -n 4 --again $(AGAIN) \
-	    --allowed-skips tests/integration/skips.txt tests/integration
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider -n 4 --again=$(AGAIN) \
+	    --allowed-skips=tests/integration/skips.txt tests/integration
 
 .PHONY: test-cluster
 test-cluster: deps ## what several hosts share, on PostgreSQL and on Ceph's S3: the contract suites, hosts beside each other

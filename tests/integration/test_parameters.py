@@ -154,6 +154,13 @@ def test_a_deprecated_name_does_the_same_and_help_shows_the_new_one(scans, tmp_p
     assert "cocone" not in subprocess.run([WHITTLE, "--help"], capture_output=True, text=True, check=True).stdout
 
 
+def test_borders_are_filled_or_kept(scans, tmp_path):
+    meshes = [files(scans["open"], tmp_path / kind, ROWS["boundary"][1] | {"boundary": kind})["report.json"]["mesh"]
+              for kind in ("fill", "keep")]
+    assert [mesh["watertight"] for mesh in meshes] == [True, False]
+    assert meshes[0]["borders"] == 0 < meshes[1]["borders"]
+
+
 def error(run):
     return run["report.json"]["error"]["symmetric"]["mean"]
 

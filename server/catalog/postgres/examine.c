@@ -75,10 +75,11 @@ void catalog_postgres_examine(struct catalog *catalog, const struct catalog_exam
 
 enum status catalog_postgres_knows(struct catalog *catalog, enum catalog_thing thing, const char *name, bool *known,
                                    struct error *error) {
-    static const char *const questions[] = {[CATALOG_JOB] = "SELECT count(*) FROM jobs WHERE id = $1",
-                                            [CATALOG_UPLOAD] = "SELECT count(*) FROM uploads WHERE id = $1",
-                                            [CATALOG_CLOUD] = "SELECT (SELECT count(*) FROM jobs WHERE cloud = $1) + "
-                                                              "(SELECT count(*) FROM clouds WHERE sha256 = $1)"};
+    static const char *const questions[] = {
+        [CATALOG_JOB] = "SELECT count(*) FROM jobs WHERE id = $1",
+        [CATALOG_UPLOAD] = "SELECT count(*) FROM uploads WHERE id = $1",
+        [CATALOG_CLOUD] =
+            "SELECT count(*) FROM (SELECT cloud FROM jobs UNION ALL SELECT sha256 FROM clouds) AS c WHERE cloud = $1"};
     struct pq_link *link;
     int64_t number = 0;
     enum status status = pq_take(catalog_postgres_of(catalog)->pq, &link, error);

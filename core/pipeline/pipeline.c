@@ -9,8 +9,8 @@
  *  2 neighbours   FLANN, and Gopi's neighbourhood
  *  3 normals      least squares
  *    sides        where a mesh or normals are asked for: whether the input's normals fit, which way normals point
- *  4 dso          the discrete shape operator, and the weights from it
- *  5 quadrics     of the virtual triangles, weighted
+ *  4 dso          the discrete shape operator
+ *  5 quadrics     of the virtual triangles, times the weights from the operator
  *  6 contract     virtual edges, all the way: a ranking of the points
  *    space        where a spacing is asked for: points that are too near to a more important one go first
  *    search       where a deviation is bounded: the fewest points with which it holds

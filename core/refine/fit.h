@@ -6,8 +6,8 @@
  * What is made small is the sum over the samples of  weight * (d + d^2 / far):  the mean distance, with large distances
  * counted more, so that the largest falls as well.  A sample's weight is the area that it stands for.
  *
- * Invariant: cost[t] is the sum over the samples of triangle t's list, facing[t] is the triangle's as it is, and each
- * sample is in exactly one list.
+ * Invariant, between passes: cost[t] is the sum over the samples of triangle t's list, facing[t] is the triangle's as
+ * it is, and each sample is in exactly one list.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_REFINE_FIT_H
@@ -29,7 +29,7 @@
 #include "core/refine/samples.h"
 
 /* Multiples of the mean distance at the beginning: */
-#define FIT_FAR 2.0       /* distances over this count by their square */
+#define FIT_FAR 2.0       /* at this distance its square counts as much as the distance */
 #define FIT_NEAR 0.4      /* distances under this count no more than others where a vertex is placed */
 #define FIT_DEVIATION 7.0 /* no part of the surface gets farther from the data, where it isn't already */
 #define FIT_ENOUGH 40     /* points for each triangle that make middles needless */

@@ -5,7 +5,7 @@
  *
  * A flip must not fold the surface: the new pair turns by 90 degrees at most or by less than the old pair, each of the
  * two looks the way that the old pair did on average, neither folds onto the triangles around, and none gets thinner
- * than FLIP_THIN unless the old pair was thinner still.
+ * than FIT_THIN unless the old pair was thinner still.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/refine/flip.h"

@@ -16,7 +16,9 @@
 
 enum { UMBRELLA_RIBS = 12 }; /* the most that a point has; six are usual */
 
-/* Triangle i of point p is p, rib[p][i] and the rib after it (the first after the last); not between all ribs is one.
+/* The umbrella of a point: its triangles in the order of their angle, between ribs, the edges to its neighbours.
+ *
+ * Triangle i of point p is p, rib[p][i] and the rib after it (the first after the last); not between all ribs is one.
  * Each triangle counts at one of its corners alone, the lowest that has it. */
 struct local_delaunay {
     size_t n;

@@ -17,7 +17,7 @@ struct fit_partition {
     uint32_t *of; /* the part of each vertex; owned.  Whoever moves a vertex far away gives it a part there */
 };
 
-/* Zones that are about as wide as they are long.  O(vertices).  STATUS_NO_MEMORY. */
+/* Parts that are about as wide as they are long.  O(vertices).  STATUS_NO_MEMORY. */
 enum status fit_partition_init(struct fit_partition *partition, const struct halfedge *he) MUST_CHECK;
 void fit_partition_done(struct fit_partition *partition);
 

@@ -4,7 +4,7 @@
  * doesn't depend on threads; what the reallocations do to samples is done afterwards, in parallel, since no triangle is
  * in two of them.
  *
- * Both are measured before flips and moves help, so a pair that breaks even now will gain.
+ * Both are measured before flips and moves help, so a pair may lose up to 30 % now (REALLOCATION_PAYS).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/refine/reallocate.h"

@@ -1,5 +1,5 @@
-/* The schedule: flips until none gains, then sweeps of reallocations, moves and flips, the last of them at a closer
- * look where vertices move freely.
+/* The schedule: up to FIRST_ROUNDS rounds of flips, then sweeps of reallocations, moves and flips; where vertices move
+ * freely, with more samples from sweep `before_closer` on.
  *
  * Everything works on a copy of the mesh, which takes its place at the end.
  *

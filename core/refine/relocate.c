@@ -269,16 +269,16 @@ struct plan {
     size_t partition, groups;
 };
 
-enum place { INSIDE, ON_BORDER, IN_A_CROWD };
+enum place { WITHIN_PART, BETWEEN_PARTS, TOO_MANY_NEAR };
 
-/* Inside where no vertex near this one is due in another part. */
+/* Within its part where no vertex near this one is due in another. */
 static enum place place_of(const struct plan *plan, uint32_t vertex) {
     uint32_t near[2 * FIT_MAX_RING];
     size_t n = find_near(plan->fit, vertex, near);
-    if (n == 0) return IN_A_CROWD;
+    if (n == 0) return TOO_MANY_NEAR;
     for (size_t i = 0; i < n; i++)
-        if (plan->group[near[i]] != NONE && plan->group[near[i]] != plan->group[vertex]) return ON_BORDER;
-    return INSIDE;
+        if (plan->group[near[i]] != NONE && plan->group[near[i]] != plan->group[vertex]) return BETWEEN_PARTS;
+    return WITHIN_PART;
 }
 
 static void find_places(void *ctx, size_t begin, size_t end) {
@@ -306,8 +306,8 @@ static void find_groups(const struct fit *fit, struct plan *plan) {
     }
     par_for(fit->threads, fit->mesh->vertex_count, PLACE_GRAIN, find_places, plan);
     for (uint32_t v = 0; v < fit->mesh->vertex_count; v++) {
-        if (group[v] == NONE || plan->place[v] == INSIDE) continue;
-        group[v] = plan->place[v] == ON_BORDER ? free_colour(plan, near, find_near(fit, v, near)) : NONE;
+        if (group[v] == NONE || plan->place[v] == WITHIN_PART) continue;
+        group[v] = plan->place[v] == BETWEEN_PARTS ? free_colour(plan, near, find_near(fit, v, near)) : NONE;
     }
 }
 

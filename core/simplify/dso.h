@@ -10,8 +10,10 @@
 /* dso[p], n of them: in 1 / diagonal (the inverse of a radius of curvature, in the normalised frame), never negative.
  *   DSO_RMS   sqrt( mean |n_p - s n_q|^2 / d^2 ), s = the sign that aligns the two normals: does not cancel on saddles
  *   DSO_SUM   the paper's: sqrt( k^2 + tau^2 ), k = | sum (T_p - T_q) / d |, tau = | sum (B_p - B_q) / d |, divided by
- * the number of neighbours so that it doesn't depend on the density (Lee, Jong section 3) DSO_NONE  1 everywhere O(n).
- */
+ *             the number of neighbours so that it doesn't depend on the density (Lee, Jong section 3)
+ *   DSO_NONE  1 everywhere
+ *
+ * In place of 1 / d stands what is softened where neighbours are very near (dso.c).  O(n). */
 void dso_compute(const vec3 *point, const vec3 *normal, const struct neighbourhood *neighbourhood, enum dso_form form,
                  unsigned threads, float *dso);
 

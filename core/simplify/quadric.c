@@ -1,4 +1,5 @@
-/* Virtual triangles: Q_p = DSO_p x the sum of K over their pf64v (Lee, Jong section 4.4, step 1).
+/* Q_p = w_p x (the planes of virtual triangles + those of a boundary) + a line's, which isn't weighted (Lee, Jong
+ * section 4.4, step 1).  The paper's w_p is DSO_p; ours is made of it by dso_weights (dso.h).
  *
  *          q1 --- q0        The neighbours of p in the order of their angle around n_p; consecutive ones span a
  *         /  \  /  \        triangle with p.  Every plane goes through p, so E_p(p) = 0.

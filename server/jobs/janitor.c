@@ -152,7 +152,7 @@ static bool follow_clock(struct service *service) {
     return false;
 }
 
-/* Jobs whose host is silent.  This one's own are held, whatever their leases say. */
+/* Jobs whose host is silent.  This one's own are held, whatever their leases say; without a shared catalog all are. */
 static void sweep_leases(struct service *service) {
     struct error error = {0};
     size_t count = 0;

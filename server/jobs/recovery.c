@@ -55,7 +55,7 @@ enum status service_recover_job(struct service *service, struct job *job, bool *
     *failed = ++job->interruptions >= JOB_MAX_INTERRUPTIONS && !job->is_cancelled;
     job->expires_ms = job_now_ms() + service->config->retention_ms;
     if (!*failed) {
-        log_line(LOG_WARNING, "job=%s was running when the service ended: %s", job->id,
+        log_line(LOG_WARNING, "job=%s was running when its host ended: %s", job->id,
                  job->is_cancelled ? "dismissed" : "queued again");
         return catalog_finish(service->catalog, JOB_REQUEUE, job, &changed, error);
     }
@@ -97,7 +97,8 @@ static enum status mend_job(struct service *service, struct job *job, struct men
     return catalog_delete(service->catalog, job->id, "lost", &changed, error);
 }
 
-/* Of many hosts each mends what it ran itself, and learns from the latest jobs how long they take. */
+/* Of many hosts each mends what it ran itself and what hosts ran that are silent, and learns from the latest jobs how
+ * long they take. */
 static enum status mend_own(struct service *service, struct mending *mending, struct error *error) {
     struct job *jobs = calloc(SERVICE_PAGE, sizeof *jobs);
     struct catalog_filter latest = {.by_state = true, .state = JOB_SUCCESSFUL};

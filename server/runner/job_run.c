@@ -588,8 +588,9 @@ static bool record(const struct run *run, const struct verdict *verdict) {
 
 /* Whoever has the job now has outputs of its own: those of this attempt are nobody's. */
 static void let_go(struct run *run) {
-    log_line(LOG_WARNING, "job=%s attempt=%d is lost: its lease has ended, and another host has the job", run->job->id,
-             run->job->attempt);
+    log_line(LOG_WARNING,
+             "job=%s attempt=%d is lost: its lease has ended, so the job waits again or another host has it",
+             run->job->id, run->job->attempt);
     scratch_run_drop(store_scratch(run->service->store), run->job->id, run->job->attempt);
     drop_outputs(run);
 }

@@ -1,6 +1,6 @@
 /* The supervisor: one thread for each job that may run, each in a loop of claim and run.
  *
- * Claiming happens under the lock, so that a job that the queue says is running is always found in a slot, and can be
+ * Claiming happens under the lock, so that a job that this host has claimed is always found in a slot, and can be
  * cancelled.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */

@@ -68,8 +68,8 @@ void sample_batch_values(const struct sample_batch *batch, const sym3 *a, vec3 p
 void sample_batch_owners(const struct sample_batch *batch, const struct surface *surface,
                          uint8_t owner[SAMPLE_BATCH_ROOM], float distance_sq[SAMPLE_BATCH_ROOM]);
 
-/* Of place[0 .. n) to the nearest sample: updates nearest_sq and nearest (an index into the batch's samples' ids)
- * where a sample of this batch is nearer. */
+/* Of place[0 .. n) to the nearest sample: updates nearest_sq and nearest (the sample's id) where
+ * a sample of this batch is nearer. */
 void sample_batch_nearest(const struct sample_batch *batch, vec3 place, double *nearest_sq, uint32_t *nearest);
 
 #endif

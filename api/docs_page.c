@@ -267,8 +267,7 @@ static void put_example(FILE *out, const json_t *root, const char *name, const c
 
 static void put_ways(FILE *out, const json_t *root, const char *here) {
     fputs("<h2 id=\"upload\">How to upload a cloud</h2>\n", out);
-    fprintf(out, "<p>In a browser: drop it on <a href=\"%s/\">the first page</a>. From a command line:</p>\n",
-            links_base());
+    fputs("<p>In a browser: drop it on <a href=\"./\">the first page</a>. From a command line:</p>\n", out);
     for (size_t i = 0; i < sizeof ways / sizeof *ways; i++) {
         put_element(out, "p", ways[i].what);
         put_lines(out, ways[i].lines, here);

@@ -98,12 +98,15 @@ def test_the_library_keeps_its_version(installed):
 
 @pytest.fixture(scope="session")
 def whittle(installed):
-    """The module as it is installed, which finds the library beside it."""
-    sys.path.insert(0, str(installed / "lib/python3/dist-packages"))
+    """The module as it is installed, which finds the library beside it: not that of the sources, which others import."""
+    folder = str(installed / "lib/python3/dist-packages")
+    others = {name: sys.modules.pop(name) for name in list(sys.modules) if name.partition(".")[0] == "whittle"}
+    sys.path.insert(0, folder)
     import whittle as module
     assert pathlib.Path(module.__file__).is_relative_to(installed)
     yield module
-    sys.path.pop(0)
+    sys.path.remove(folder)
+    sys.modules.update(others)
 
 
 def test_arrays_in_and_arrays_out(whittle):

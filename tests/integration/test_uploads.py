@@ -269,18 +269,28 @@ class Half:
         self.socket.close()
 
 
-def got(daemon, path, count):
-    """Waits, without going between, until so many bytes are there."""
-    wait_until(lambda: daemon.curl(path).json["offset"] == count, f"{count} bytes")
+def begun(daemon, path, start):
+    """Waits, without going between, until more is there than before: the end of what was sent may wait in memory.  How
+    much there is."""
+    def offset():
+        return daemon.curl(path).json["offset"]
+    wait_until(lambda: offset() > start, f"more than {start} bytes")
+    return offset()
+
+
+# So large that pieces of it are written at once.
+CLOUD = sphere(6000)
+CLOUD_NAME = hashlib.sha256(CLOUD).hexdigest()
 
 
 def test_what_came_before_the_connection_broke_is_kept(daemon):
-    path = create(daemon, len(SMALL))
-    half = Half(daemon, path, 0, len(SMALL), SMALL[:3000])
-    got(daemon, path, 3000)
+    path = create(daemon, len(CLOUD))
+    half = Half(daemon, path, 0, len(CLOUD), CLOUD[:30000])
+    least = begun(daemon, path, 0)
     half.end()
-    assert offset_of(daemon, path) == 3000
-    assert patch(daemon, path, 3000, SMALL[3000:]).headers["whittle-cloud"].endswith(NAME)
+    start = offset_of(daemon, path)
+    assert least <= start <= 30000
+    assert patch(daemon, path, start, CLOUD[start:]).headers["whittle-cloud"].endswith(CLOUD_NAME)
 
 
 def test_half_a_piece_with_a_checksum_is_not_kept(daemon):
@@ -295,13 +305,14 @@ def test_half_a_piece_with_a_checksum_is_not_kept(daemon):
 
 
 def test_who_comes_back_does_not_wait_for_the_dead(daemon):
-    path = create(daemon, len(SMALL))
-    half = Half(daemon, path, 0, len(SMALL), SMALL[:3000])
-    got(daemon, path, 3000)
-    assert offset_of(daemon, path) == 3000
-    half.more(SMALL[3000:4000])  # comes too late
-    assert patch(daemon, path, 3000, SMALL[3000:]).headers["whittle-cloud"].endswith(NAME)
-    assert daemon.curl(f"/v1/clouds/{NAME}/data").body == SMALL
+    path = create(daemon, len(CLOUD))
+    half = Half(daemon, path, 0, len(CLOUD), CLOUD[:30000])
+    least = begun(daemon, path, 0)
+    start = offset_of(daemon, path)
+    assert least <= start <= 30000
+    half.more(CLOUD[30000:40000])  # comes too late
+    assert patch(daemon, path, start, CLOUD[start:]).headers["whittle-cloud"].endswith(CLOUD_NAME)
+    assert daemon.curl(f"/v1/clouds/{CLOUD_NAME}/data").body == CLOUD
     half.end()
 
 
@@ -326,39 +337,39 @@ def test_many_at_once_on_one_upload_keep_it_whole(daemon):
 
 def test_an_upload_survives_kills(make_daemon):
     daemon = make_daemon()
-    path, start = create(daemon, len(SMALL), *headers(Upload_Metadata="a Yg==")), 0
-    while start + 2000 < len(SMALL):
-        half = Half(daemon, path, start, len(SMALL) - start, SMALL[start:start + 1500])
-        got(daemon, path, start + 1500)
+    path, start = create(daemon, len(CLOUD), *headers(Upload_Metadata="a Yg==")), 0
+    while start + 40000 < len(CLOUD):
+        half = Half(daemon, path, start, len(CLOUD) - start, CLOUD[start:start + 30000])
+        least = begun(daemon, path, start)
         daemon.kill()
         half.end()
         daemon.start()
-        assert offset_of(daemon, path) == start + 1500  # all that was written
-        start += 1500
-        assert patch(daemon, path, start, SMALL[start:start + 500]).status == 204
-        start += 500
+        offset = offset_of(daemon, path)
+        assert least <= offset <= start + 30000  # all that was written
+        start = offset + 500
+        assert patch(daemon, path, offset, CLOUD[offset:start]).status == 204
     assert head(daemon, path).headers["upload-metadata"] == "a Yg=="
-    assert patch(daemon, path, start, SMALL[start:]).headers["whittle-cloud"].endswith(NAME)
+    assert patch(daemon, path, start, CLOUD[start:]).headers["whittle-cloud"].endswith(CLOUD_NAME)
     daemon.kill()
     daemon.start()
-    assert head(daemon, path).headers["whittle-cloud"].endswith(NAME) and parts(daemon) == []
+    assert head(daemon, path).headers["whittle-cloud"].endswith(CLOUD_NAME) and parts(daemon) == []
 
 
 def test_after_another_boot_only_what_was_flushed_counts(make_daemon):
     import sqlite3
     daemon = make_daemon()
-    path = create(daemon, len(SMALL))
-    assert patch(daemon, path, 0, SMALL[:1000]).status == 204
-    half = Half(daemon, path, 1000, len(SMALL) - 1000, SMALL[1000:3000])
-    got(daemon, path, 3000)
+    path = create(daemon, len(CLOUD))
+    assert patch(daemon, path, 0, CLOUD[:10000]).status == 204
+    half = Half(daemon, path, 10000, len(CLOUD) - 10000, CLOUD[10000:40000])
+    begun(daemon, path, 10000)
     daemon.kill()
     half.end()
     with sqlite3.connect(daemon.data / "whittled.db") as database:
         database.execute("UPDATE uploads SET boot = 'another'")
     database.close()
     daemon.start()
-    assert offset_of(daemon, path) == 1000
-    assert patch(daemon, path, 1000, SMALL[1000:]).headers["whittle-cloud"].endswith(NAME)
+    assert offset_of(daemon, path) == 10000
+    assert patch(daemon, path, 10000, CLOUD[10000:]).headers["whittle-cloud"].endswith(CLOUD_NAME)
 
 
 def test_whole_but_for_the_last_word(make_daemon):

@@ -9,6 +9,7 @@ enum { BIT_COUNT_MOST = 1 << LAZ_BIT_PARTS_LOG2, BIT_CYCLE_MOST = 64, COUNT_MOST
 enum { SEARCHED_SYMBOLS = 16, FIRST_CAPACITY = 65536 };
 
 void laz_put(struct laz_bytes *out, const void *bytes, size_t n) {
+    if (n == 0) return; /* bytes may be NULL then */
     if (out->capacity - out->used < n) {
         size_t capacity = out->capacity + out->capacity / 2 + n + FIRST_CAPACITY;
         unsigned char *grown = out->failed ? NULL : alloc_resize(out->bytes, capacity, 1);

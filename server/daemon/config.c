@@ -454,8 +454,10 @@ static void print_config(const struct config *config) {
 }
 
 static void print_man_settings(void) {
-    static const char *const takes[] = {"text", "0 or 1", "number",  "size", "duration",
-                                        "path", "hosts",  "origins", "URL"};
+    static const char *const takes[] = {
+        [TEXT] = "text",         [SWITCH] = "0 or 1", [COUNT] = "number", [BYTES] = "size",
+        [DURATION] = "duration", [BASE] = "path",     [HOSTS] = "hosts",  [ORIGINS] = "origins",
+        [CATALOG] = "URL",       [BLOBS] = "URL",     [ROLES] = "roles"};
     for (size_t i = 0; i < ROWS; i++) {
         printf(".TP\n\\fB\\-\\-");
         roff_print(table[i].name);

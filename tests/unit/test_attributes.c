@@ -17,6 +17,7 @@
 #include "core/pipeline/pipeline.h"
 #include "core/surface/sheet/holes.h"
 #include "tests/unit/faults.h"
+#include "tests/unit/property.h"
 #include "tests/unit/shapes.h"
 
 enum { SIDE = 60 };
@@ -43,16 +44,6 @@ static struct cloud make_line(void) {
     return cloud;
 }
 
-static double value(const struct cloud *cloud, size_t i, const char *name) {
-    for (size_t j = 0; j < cloud->property_count; j++) {
-        const struct property *p = &cloud->property[j];
-        if (strcmp(p->name, name) == 0)
-            return scalar_load(cloud->record + i * cloud->record_bytes + p->offset_bytes, p->type);
-    }
-    fail_msg("no property %s", name);
-    return 0;
-}
-
 static void a_moved_vertex_has_what_the_nearest_point_has(void **state) {
     (void)state;
     struct cloud cloud = make_line(), out = {0};
@@ -61,8 +52,8 @@ static void a_moved_vertex_has_what_the_nearest_point_has(void **state) {
     assert_int_equal(attributes_at(&cloud, place, source, 3, false, 1, &out, NULL), STATUS_OK);
     static const double red[] = {20, 70, 10}, class[] = {2, 3, 1};
     for (size_t i = 0; i < 3; i++) {
-        assert_true(value(&out, i, "red") == red[i] && value(&out, i, "class") == class[i]);
-        assert_true(value(&out, i, "x") == place[i].x && value(&out, i, "y") == place[i].y);
+        assert_true(property_value(&out, i, "red") == red[i] && property_value(&out, i, "class") == class[i]);
+        assert_true(property_value(&out, i, "x") == place[i].x && property_value(&out, i, "y") == place[i].y);
         assert_true(vec3_equal(out.position[i], place[i]));
     }
     assert_int_equal(out.property_count, cloud.property_count);
@@ -75,15 +66,16 @@ static void means_are_of_the_points_around(void **state) {
     struct cloud cloud = make_line(), out = {0};
     const vec3 place[] = {{1.2, 0, 0}, {6.1, 0, 0}, {400, 0, 0}}; /* 0 .. 3, 4 .. 9, and nobody's */
     assert_int_equal(attributes_at(&cloud, place, NULL, 3, true, 1, &out, NULL), STATUS_OK);
-    assert_true(value(&out, 0, "red") == 15 && value(&out, 1, "red") == 65 && value(&out, 2, "red") == 90);
-    assert_true(value(&out, 0, "class") == 1 && value(&out, 1, "class") == 2);
-    assert_true(fabs(value(&out, 0, "heat") - 5.0 / 3) < 1e-6); /* without nan */
-    assert_true(value(&out, 1, "heat") == 1.5 && value(&out, 2, "heat") == 1);
+    assert_true(property_value(&out, 0, "red") == 15 && property_value(&out, 1, "red") == 65 &&
+                property_value(&out, 2, "red") == 90);
+    assert_true(property_value(&out, 0, "class") == 1 && property_value(&out, 1, "class") == 2);
+    assert_true(fabs(property_value(&out, 0, "heat") - 5.0 / 3) < 1e-6); /* without nan */
+    assert_true(property_value(&out, 1, "heat") == 1.5 && property_value(&out, 2, "heat") == 1);
     for (size_t i = 0; i < 2; i++) { /* half of them along x, half along y */
-        assert_true(fabs(value(&out, i, "nx") - sqrt(0.5)) < 1e-6);
-        assert_true(fabs(value(&out, i, "ny") - sqrt(0.5)) < 1e-6);
+        assert_true(fabs(property_value(&out, i, "nx") - sqrt(0.5)) < 1e-6);
+        assert_true(fabs(property_value(&out, i, "ny") - sqrt(0.5)) < 1e-6);
     }
-    assert_true(value(&out, 0, "x") == 1.2);
+    assert_true(property_value(&out, 0, "x") == 1.2);
     cloud_done(&out);
     cloud_done(&cloud);
 }
@@ -131,7 +123,7 @@ static double wrong_share(const struct cloud *cloud, const struct pipeline_resul
             double d = vec3_distance_sq(cloud->position[i], cloud->position[result->kept[k]]);
             if (d < least) least = d, nearest = result->kept[k];
         }
-        wrong += value(cloud, i, "intensity") != value(cloud, nearest, "intensity");
+        wrong += property_value(cloud, i, "intensity") != property_value(cloud, nearest, "intensity");
     }
     return (double)wrong / (double)cloud->count;
 }

@@ -13,6 +13,7 @@
 #include "core/base/alloc.h"
 #include "core/cloud/colour_depth.h"
 #include "core/io/read.h"
+#include "tests/unit/property.h"
 
 /* A cloud of points with a list, a colour of three components, and something before and behind. */
 static struct cloud make(const char *type, const char *first, const char *second) {
@@ -28,24 +29,14 @@ static struct cloud make(const char *type, const char *first, const char *second
     return cloud;
 }
 
-static double value(const struct cloud *cloud, size_t i, const char *name) {
-    for (size_t j = 0; j < cloud->property_count; j++) {
-        const struct property *p = &cloud->property[j];
-        if (strcmp(p->name, name) == 0)
-            return scalar_load(cloud->record + i * cloud->record_bytes + p->offset_bytes, p->type);
-    }
-    fail_msg("no property %s", name);
-    return 0;
-}
-
 /* The colours of both points, and that nothing else has changed. */
 static void check(const struct cloud *cloud, enum scalar_type type, const double expected[6]) {
     static const char *const names[] = {"red", "green", "blue"};
     size_t bytes = 0;
     for (size_t i = 0; i < 2; i++) {
-        for (int k = 0; k < 3; k++) assert_true(value(cloud, i, names[k]) == expected[3 * i + (size_t)k]);
-        assert_true(value(cloud, i, "x") == (i ? 5 : 1) && value(cloud, i, "y") == (i ? 6 : 2));
-        assert_true(value(cloud, i, "z") == (i ? 7 : 3) && value(cloud, i, "i") == (i ? -8 : -4));
+        for (int k = 0; k < 3; k++) assert_true(property_value(cloud, i, names[k]) == expected[3 * i + (size_t)k]);
+        assert_true(property_value(cloud, i, "x") == (i ? 5 : 1) && property_value(cloud, i, "y") == (i ? 6 : 2));
+        assert_true(property_value(cloud, i, "z") == (i ? 7 : 3) && property_value(cloud, i, "i") == (i ? -8 : -4));
     }
     for (size_t j = 0; j < cloud->property_count; j++) {
         const struct property *p = &cloud->property[j];

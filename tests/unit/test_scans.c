@@ -15,6 +15,7 @@
 #include "core/io/formats/e57_pages.h"
 #include "core/io/read.h"
 #include "tests/unit/faults.h"
+#include "tests/unit/property.h"
 
 /* ------------------------------------------------------------------------------------------------ a writer */
 
@@ -162,16 +163,6 @@ static struct cloud read_all(const void *bytes, size_t n) {
     return cloud;
 }
 
-static double value(const struct cloud *cloud, size_t i, const char *name) {
-    for (size_t j = 0; j < cloud->property_count; j++) {
-        const struct property *p = &cloud->property[j];
-        if (strcmp(p->name, name) == 0)
-            return scalar_load(cloud->record + i * cloud->record_bytes + p->offset_bytes, p->type);
-    }
-    fail_msg("no property %s", name);
-    return 0;
-}
-
 static enum scalar_type type_of(const struct cloud *cloud, const char *name) {
     for (size_t j = 0; j < cloud->property_count; j++)
         if (strcmp(cloud->property[j].name, name) == 0) return cloud->property[j].type;
@@ -208,13 +199,14 @@ static void every_kind_of_field_is_read(void **state) {
     for (size_t k = 0, i = 0; i < 1000; i++) {
         if (i % 10 == 0) continue;
         double n = (double)i;
-        assert_true(cloud.position[k].x == 1 + 0.5 * n && value(&cloud, k, "x") == 1 + 0.5 * n);
+        assert_true(cloud.position[k].x == 1 + 0.5 * n && property_value(&cloud, k, "x") == 1 + 0.5 * n);
         assert_true(cloud.position[k].y == -3 + 0.25 * n && cloud.position[k].z == 0.125 + n);
-        assert_true(value(&cloud, k, "intensity") == (-5 + 2 * n) * 0.5 + 10);
-        assert_true(value(&cloud, k, "red") == (double)(i / 4) && value(&cloud, k, "green") == 65535 - 60 * n);
-        assert_true(value(&cloud, k, "row") == n - 1000 && value(&cloud, k, "column") == 7);
-        assert_true(value(&cloud, k, "timestamp") == 1e9 + 0.001 * n);
-        assert_true(value(&cloud, k++, "ext_odd") == -9e15 + 9e12 * n);
+        assert_true(property_value(&cloud, k, "intensity") == (-5 + 2 * n) * 0.5 + 10);
+        assert_true(property_value(&cloud, k, "red") == (double)(i / 4) &&
+                    property_value(&cloud, k, "green") == 65535 - 60 * n);
+        assert_true(property_value(&cloud, k, "row") == n - 1000 && property_value(&cloud, k, "column") == 7);
+        assert_true(property_value(&cloud, k, "timestamp") == 1e9 + 0.001 * n);
+        assert_true(property_value(&cloud, k++, "ext_odd") == -9e15 + 9e12 * n);
     }
     static const struct {
         const char *name;
@@ -269,14 +261,15 @@ static void spherical_scans_and_poses_are_put_together(void **state) {
         vec3 local = {range * cos(0.25) * cos(azimuth), range * cos(0.25) * sin(azimuth), range * sin(0.25)};
         vec3 there = {100 - local.y, -20 + local.x, 3 + local.z};
         assert_true(vec3_distance(cloud.position[k], there) < 1e-12 * 100);
-        assert_true(value(&cloud, k, "scan") == 0 && value(&cloud, k, "intensity") == 4);
-        assert_true(fabs(value(&cloud, k, "nx")) < 1e-7 && fabs(value(&cloud, k++, "ny") - 1) < 1e-7);
+        assert_true(property_value(&cloud, k, "scan") == 0 && property_value(&cloud, k, "intensity") == 4);
+        assert_true(fabs(property_value(&cloud, k, "nx")) < 1e-7 && fabs(property_value(&cloud, k++, "ny") - 1) < 1e-7);
     }
     for (size_t i = 0; i < 200; i++) {
         vec3 there = {5000 - 7 + 0.001 * (double)(2 * i), 0.001 * (double)(511 - i), 0.001 * ((double)i - 8)};
         assert_true(vec3_distance(cloud.position[200 + i], there) < 1e-9);
-        assert_true(value(&cloud, 200 + i, "scan") == 1 && value(&cloud, 200 + i, "intensity") == 0.5);
-        assert_true(value(&cloud, 200 + i, "x_") == 3 && value(&cloud, 200 + i, "nx") == 0);
+        assert_true(property_value(&cloud, 200 + i, "scan") == 1 &&
+                    property_value(&cloud, 200 + i, "intensity") == 0.5);
+        assert_true(property_value(&cloud, 200 + i, "x_") == 3 && property_value(&cloud, 200 + i, "nx") == 0);
     }
     assert_int_equal(type_of(&cloud, "x"), SCALAR_FLOAT64);
     assert_int_equal(type_of(&cloud, "intensity"), SCALAR_FLOAT64);
@@ -427,7 +420,7 @@ static void grids_without_returns_and_poses(void **state) {
     assert_int_equal(cloud.property_count, 7);
     assert_true(vec3_equal(cloud.position[0], (vec3){10 - 2, 20 + 1, 33}));
     assert_true(vec3_equal(cloud.position[3], (vec3){10, 20, 32}));
-    assert_true(value(&cloud, 1, "intensity") == 0.25 && value(&cloud, 1, "blue") == 3);
+    assert_true(property_value(&cloud, 1, "intensity") == 0.25 && property_value(&cloud, 1, "blue") == 3);
     assert_int_equal(cloud.view_count, 1);
     assert_true(vec3_equal(cloud.view[0], (vec3){10, 20, 30}));
     cloud_done(&cloud);
@@ -438,7 +431,7 @@ static void grids_without_returns_and_poses(void **state) {
     assert_int_equal(cloud.count, 5);
     assert_int_equal(cloud.property_count, 5);
     assert_non_null(strstr(cloud.left_out, "colours: only some of the scans"));
-    assert_true(value(&cloud, 3, "scan") == 0 && value(&cloud, 4, "scan") == 1);
+    assert_true(property_value(&cloud, 3, "scan") == 0 && property_value(&cloud, 4, "scan") == 1);
     assert_int_equal(cloud.view_count, 2);
     assert_true(vec3_equal(cloud.view[0], (vec3){10, 20, 30}) && isnan(cloud.view[1].x));
     cloud_done(&cloud);

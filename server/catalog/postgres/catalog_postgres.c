@@ -14,7 +14,7 @@
 
 /* ------------------------------------------------------------------------------------------------ open */
 
-/* libpq wants all of the URL; the catalog's table has taken its scheme off. */
+/* libpq needs the whole URL; the catalog's table has taken its scheme off. */
 static void make_url(const char *where, char url[CATALOG_URL_BYTES]) {
     snprintf(url, CATALOG_URL_BYTES, "postgresql://%.4100s", where);
 }

@@ -4,6 +4,8 @@
 #include "api/codecs/cloud_json.h"
 
 #include <jansson.h>
+#include <math.h>
+#include <stdlib.h>
 
 #include "api/codecs/job_json.h"
 #include "api/links.h"
@@ -76,4 +78,48 @@ char *cloud_list_encode(const struct cloud_document *clouds, size_t count) {
     json_t *list = json_array();
     for (size_t i = 0; i < count; i++) json_array_append_new(list, cloud_json(&clouds[i]));
     return dump(json_pack("{s:o}", "clouds", list));
+}
+
+/* ------------------------------------------------------------------------------------------------ plans */
+
+static json_t *kept_json(json_int_t points, double ratio) {
+    double kept = floor(ratio * (double)points);
+    return json_integer(kept < 1 ? 1 : (json_int_t)kept);
+}
+
+/* How many points are asked for, level by level; null where the cloud's own are not known, or where only the run finds
+ * out.  Repeated points and outliers may leave fewer. */
+static json_t *goals_json(json_int_t points, const struct params *params) {
+    bool found_out = params_bound_deviation(params) || params->max_error > 0 || !isnan(params->spacing) ||
+                     params->crop.count || params->where[0];
+    if (!points || found_out) return json_null();
+    if (params->points)
+        return json_pack("[I]", params->points < (uint64_t)points ? (json_int_t)params->points : points);
+    if (!params->levels.count) return json_pack("[o]", kept_json(points, params->ratio));
+    json_t *list = json_array();
+    for (uint32_t i = 0; i < params->levels.count; i++)
+        json_array_append_new(list, kept_json(points, params->levels.ratio[i]));
+    return list;
+}
+
+/* A problem as an object of its own. */
+static json_t *problem_json(const struct problem *problem) {
+    char *text = problem ? problem_encode(problem) : NULL;
+    json_t *json = text ? json_loads(text, 0, NULL) : json_null();
+    free(text);
+    return json;
+}
+
+char *plan_encode(const struct plan_document *plan) {
+    json_t *report = plan->cloud.report ? json_loads(plan->cloud.report, 0, NULL) : NULL;
+    json_t *points = points_json(&plan->cloud, json_object_get(report, "input"));
+    json_t *json =
+        json_pack("{s:s, s:b, s:o, s:o, s:o, s:I, s:o, s:o}", "cloud", plan->cloud.sha256, "fits", !plan->problem,
+                  "points_out", goals_json(json_integer_value(points), plan->params), "points", points, "memory_bytes",
+                  plan->memory_bytes ? json_integer((json_int_t)plan->memory_bytes) : json_null(), "memory_limit_bytes",
+                  (json_int_t)plan->memory_limit_bytes, "seconds",
+                  isnan(plan->seconds) ? json_null() : json_real(round(plan->seconds * 100) / 100), "problem",
+                  problem_json(plan->problem));
+    json_decref(report);
+    return dump(json);
 }

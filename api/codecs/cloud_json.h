@@ -9,6 +9,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "api/problem.h"
+#include "core/params.h"
+
 struct cloud_property {
     const char *name;
     const char *type;       /* of the value, or of a list's items: "float", "uchar", ... */
@@ -25,7 +28,18 @@ struct cloud_document {
     const char *report;    /* of a job that has read it: points and bounding box are taken from there; NULL = none */
 };
 
-/* Returns new text, NULL when memory runs out. */
+/* What a job on a cloud would be: all of it known before it runs. */
+struct plan_document {
+    struct cloud_document cloud;
+    const struct params *params;   /* resolved */
+    uint64_t memory_bytes;         /* predicted peak; 0 = not known */
+    uint64_t memory_limit_bytes;   /* what a job may take here */
+    double seconds;                /* of its run, waiting not included; NAN = not known */
+    const struct problem *problem; /* why it would be refused; NULL = it wouldn't */
+};
+
+/* Each returns new text, NULL when memory runs out. */
+char *plan_encode(const struct plan_document *plan);
 char *cloud_encode(const struct cloud_document *cloud);
 
 /* {"clouds":[...]}: the documents in the order given; returns new. */

@@ -11,6 +11,7 @@
 
 #include "api/codecs/cloud_json.h"
 #include "api/links.h"
+#include "api/query.h"
 #include "core/io/formats/ply_header.h"
 #include "server/catalog/catalog.h"
 #include "server/daemon/wall_clock.h"
@@ -183,6 +184,33 @@ static void get_cloud(struct service *service, struct request *request, struct r
 }
 
 const struct handler handlers_get_cloud = {.run = get_cloud};
+
+/* What a job with the query's parameters would take and keep; nothing is made of it. */
+static void get_plan(struct service *service, struct request *request, struct response *response) {
+    struct catalog_cloud record;
+    struct job job = {0};
+    struct problem problem;
+    if (!query_decode_params(request->query, request->query_count, NULL, &job.params, &problem)) {
+        response_problem(response, &problem);
+        return;
+    }
+    if (handlers_read_cloud(service, request, request->match.capture[0], &record, response)) {
+        struct properties properties = {.count = 0};
+        bool fits = handlers_foresee(service, request, &record, &job, &problem);
+        struct job_cost cost = estimate_cost(&job);
+        struct plan_document document = {.cloud = document_of(&record, &properties),
+                                         .params = &job.params,
+                                         .memory_bytes = job.memory_bytes,
+                                         .memory_limit_bytes = (uint64_t)service->config->job_memory_bytes,
+                                         .seconds = estimate_seconds(service->estimate, &cost),
+                                         .problem = fits ? NULL : &problem};
+        response_text(response, 200, "application/json", plan_encode(&document));
+        response_header(response, "Cache-Control", "no-cache");
+    }
+    catalog_cloud_done(&record);
+}
+
+const struct handler handlers_get_plan = {.run = get_plan};
 
 /* The beginning of its hash, and what files of its format end in: "pcd/binary" is .pcd. */
 static void file_name(const struct catalog_cloud *record, char *name, size_t bytes) {

@@ -192,7 +192,7 @@ static bool came_before(struct service *service, const struct request *request, 
 /* The first bytes of the request's cloud, which is in its body or here already; returns new, NULL: it can't be read. */
 static unsigned char *read_head(struct service *service, const struct request *request, const char *sha256,
                                 size_t *count) {
-    const struct upload *upload = body_upload(request->body);
+    const struct upload *upload = request->body ? body_upload(request->body) : NULL;
     unsigned char *head = alloc_array(HEAD_BYTES, 1);
     int fd = upload ? -1 : store_cloud_open(service->store, sha256);
     const void *bytes = upload ? upload_head(upload, count) : NULL;
@@ -207,27 +207,40 @@ static unsigned char *read_head(struct service *service, const struct request *r
 
 /* Whether the job, of which all is known now, fits the limits; fills in what it will take. */
 static bool fits(struct service *service, const struct request *request, const struct upload_facts *facts,
-                 struct job *job, struct response *response) {
+                 struct job *job, struct problem *problem) {
     struct admission admission = service_admission(service->config, &job->params);
-    struct problem problem;
     size_t count;
     unsigned char *head = read_head(service, request, facts->sha256, &count);
-    bool ok = !head || admission_check(&admission, head, count, facts->bytes, &job->memory_bytes, &problem);
-    if (!ok) response_problem(response, &problem);
+    bool ok = !head || admission_check(&admission, head, count, facts->bytes, &job->memory_bytes, problem);
     free(head);
     return ok;
+}
+
+bool handlers_foresee(struct service *service, const struct request *request, const struct catalog_cloud *cloud,
+                      struct job *job, struct problem *problem) {
+    struct upload_facts facts = {.bytes = cloud->bytes};
+    memcpy(facts.sha256, cloud->sha256, sizeof facts.sha256);
+    memcpy(job->input_format, cloud->format, sizeof job->input_format);
+    job->input_points = cloud->points;
+    job->input_bytes = cloud->bytes;
+    job->params.outputs |= OUTPUT_REPORT;
+    return fits(service, request, &facts, job, problem);
 }
 
 bool handlers_submit(struct service *service, struct request *request, struct job *job, struct catalog_reply *before,
                      struct response *response) {
     struct upload_facts facts;
+    struct problem problem;
     struct error error = {0};
     struct job_key key;
     memset(before, 0, sizeof *before);
     if (!read_input(service, request, &facts, response)) return false;
     memcpy(job->principal, request->principal.name, sizeof job->principal);
     job->params.outputs |= OUTPUT_REPORT; /* the job document carries the report's figures */
-    if (!fits(service, request, &facts, job, response)) return false;
+    if (!fits(service, request, &facts, job, &problem)) {
+        response_problem(response, &problem);
+        return false;
+    }
     if (!came_before(service, request, job, facts.sha256, &key, before, response)) return false;
     if (job->id[0]) return true;
     job->key = request->claim.held ? &key : NULL;

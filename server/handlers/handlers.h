@@ -72,6 +72,11 @@ bool handlers_read_job(struct service *service, const struct request *request, c
 bool handlers_submit(struct service *service, struct request *request, struct job *job, struct catalog_reply *before,
                      struct response *response);
 
+/* What a job on this cloud will take, by job->params: fills in memory_bytes and the job's input.  false: it would be
+ * refused, *problem says why.  The request has no body. */
+bool handlers_foresee(struct service *service, const struct request *request, const struct catalog_cloud *cloud,
+                      struct job *job, struct problem *problem);
+
 /* The job document as a response with this status, its ETag and, while the job has not ended, Retry-After. */
 void handlers_job_response(struct service *service, const struct job *job, int status, struct response *response);
 

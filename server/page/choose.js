@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // What is asked for: a goal, outputs, and every other parameter as /v1/parameters describes it.
 import { askJson, base } from "./api.js";
-import { bytes, count, figure, find, make, percent } from "./words.js";
+import { bytes, count, figure, find, make, percent, seconds } from "./words.js";
 
 const OUTPUTS = [["cloud", "Cloud"], ["mesh", "Mesh"], ["error", "Deviation of every point"], ["preview.png", "Picture"],
   ["dso", "Shape operator"], ["mesh.glb", "Mesh as glTF"], ["mesh.obj", "Mesh as OBJ"], ["mesh.stl", "Mesh as STL"],
@@ -10,7 +10,9 @@ const USUAL = ["cloud", "mesh", "error", "preview.png"], SMALL = ["cloud", "prev
 const MANY = 3000000; // points beyond which a mesh isn't the first suggestion
 const ELSEWHERE = ["ratio", "points", "max_deviation", "max_deviation_rel", "outputs", "threads"];
 
-let cloud = null, schema = null;
+const PAUSE_MS = 150;
+
+let cloud = null, schema = null, planning = 0;
 
 const goalName = () => document.querySelector('input[name="goal"]:checked').value;
 
@@ -34,6 +36,7 @@ function sayGoal() {
   find("goal-text").textContent = text;
   slider.setAttribute("aria-valuetext", text);
   sayCommand();
+  sayPlan();
 }
 
 // What differs from the defaults.
@@ -50,10 +53,31 @@ export function chosen() {
   return params;
 }
 
+const queryOf = (params) => Object.entries(params)
+  .map(([key, value]) => `${key}=${encodeURIComponent(value).replaceAll("%2C", ",")}`).join("&");
+
 export function commandOf(params, name) {
-  const query = Object.entries(params).map(([key, value]) => `${key}=${encodeURIComponent(value).replaceAll("%2C", ",")}`);
   const quoted = `'${(name || "scan.ply").replaceAll("'", "'\\''")}'`;
-  return `curl -sS --fail-with-body -X POST -T ${quoted} \\\n  '${location.origin}${base}/v1/jobs?${query.join("&")}'`;
+  return `curl -sS --fail-with-body -X POST -T ${quoted} \\\n  '${location.origin}${base}/v1/jobs?${queryOf(params)}'`;
+}
+
+// What the service foresees for what is chosen, once that has stood still for a moment.
+function sayPlan() {
+  clearTimeout(planning);
+  planning = setTimeout(async () => {
+    const asked = cloud.id, query = queryOf(chosen());
+    let text = "";
+    try {
+      const plan = await askJson(`/v1/clouds/${asked}/plan?${query}`);
+      if (plan.problem) text = `${plan.problem.detail}${plan.problem.hint ? `; ${plan.problem.hint}` : ""}`;
+      else if (plan.memory_bytes) text = `Takes up to ${bytes(plan.memory_bytes)} of ${bytes(plan.memory_limit_bytes)}`;
+      else text = "How much memory it takes is known once the file has been read";
+      if (!plan.problem) text += plan.seconds === null ? "." : `, about ${seconds(plan.seconds)}.`;
+    } catch (error) {
+      text = error.message;
+    }
+    if (asked === cloud.id && query === queryOf(chosen())) find("choose-plan").textContent = text;
+  }, PAUSE_MS);
 }
 
 const sayCommand = () => { find("choose-curl").textContent = commandOf(chosen(), cloud?.label); };

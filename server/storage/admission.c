@@ -151,9 +151,9 @@ static bool check(const struct admission *admission, const struct beginning *beg
     if (points > admission->max_points && !guessed) return refuse_points(admission, points, problem);
     if (!admission->has_params) return true;
     uint64_t bytes = memory_predict(&job, &admission->params);
-    if (bytes > most && !guessed) return refuse_memory(admission, &job, bytes, problem);
-    *memory_bytes = bytes < most ? bytes : most;
-    return true;
+    bool fits = bytes <= most || guessed;
+    *memory_bytes = fits && bytes > most ? most : bytes;
+    return fits || refuse_memory(admission, &job, bytes, problem);
 }
 
 bool admission_check(const struct admission *admission, const void *first_bytes, size_t n, uint64_t total_bytes,

@@ -19,7 +19,8 @@ struct admission {
 
 /* Judges by the first n bytes of a cloud of total_bytes (UINT64_MAX = not known); what is compressed is looked into.
  * false: *problem says too-many-points or would-exceed-memory.  *memory_bytes becomes what the job is predicted to
- * take, 0 where nothing can be said; then true, for whether the bytes are a cloud is for others to say.  O(n). */
+ * take, also where that is too much; 0 where nothing can be said, and true then, for whether the bytes are a cloud is
+ * for others to say.  O(n). */
 bool admission_check(const struct admission *admission, const void *first_bytes, size_t n, uint64_t total_bytes,
                      uint64_t *memory_bytes, struct problem *problem);
 

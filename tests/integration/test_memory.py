@@ -65,6 +65,33 @@ def test_parameters_of_a_form_and_named_clouds_count_too(make_daemon, tmp_path):
     assert daemon.post("/v1/jobs", (wish % (cloud, 0.01)).encode(), *arguments).status == 201
 
 
+def test_a_plan_says_what_a_job_would_take(make_daemon):
+    """Kept points, memory, whether it fits, and how long such jobs took; nothing is made of it."""
+    daemon = make_daemon("--job-memory", "80M", "--worker-sandbox=off", "--result-cache=0", "--max-points", "100000")
+    cloud = ply(60000)
+    reply = daemon.post("/v1/clouds", cloud)
+    path = reply.headers["location"] + "/plan"
+    plan = daemon.curl(path + "?ratio=1&outputs=mesh").json
+    refused = daemon.post("/v1/jobs?ratio=1&outputs=mesh", cloud).json
+    assert not plan["fits"] and plan["problem"] == refused
+    assert plan["memory_bytes"] == refused["actual"] > plan["memory_limit_bytes"] == 80 << 20
+    plan = daemon.curl(path + "?levels=0.1,0.01&outputs=cloud").json
+    assert plan["fits"] and plan["problem"] is None and plan["seconds"] is None
+    assert (plan["points"], plan["points_out"], plan["cloud"]) == (60000, [6000, 600], reply.json["id"])
+    assert 60000 * 50 < plan["memory_bytes"] <= 80 << 20
+    assert daemon.curl(path + "?points=70000").json["points_out"] == [60000]
+    for found_out in ("spacing=0.1", "max_deviation=0.1", "where=x>0", "crop=0,0,0,1,1,1"):
+        assert daemon.curl(path + "?" + found_out).json["points_out"] is None
+    assert daemon.curl(path + "?ratio=2").slug == "invalid-parameter"
+    assert daemon.curl(path + "?rato=0.2").slug == "unknown-parameter"
+    assert daemon.curl("/v1/clouds/" + "0" * 64 + "/plan").slug == "no-such-cloud"
+    assert daemon.curl("/v1/jobs").json["jobs"] == []
+    took = [daemon.ended(daemon.submit(sphere(4000), "?ratio=0.1"))["resources"]["wall_seconds"] for _ in range(2)]
+    text = daemon.post("/v1/clouds", sphere(4000)).headers["location"] + "/plan"
+    plan = daemon.curl(text + "?ratio=0.1").json
+    assert abs(plan["seconds"] - sum(took) / 2) <= 0.005 + 1e-9 and plan["points"] == 4000
+
+
 def test_too_many_points(make_daemon):
     daemon = make_daemon("--max-points", "1000")
     for path in ("/v1/jobs", "/v1/clouds", "/v1/simplify"):

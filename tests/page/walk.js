@@ -69,6 +69,8 @@ async function walk(page, [url, cloud, folder, token], seen) {
   });
   seen.goal = await text("goal-text");
   seen.command = await text("choose-curl");
+  await page.waitForFunction(() => document.getElementById("choose-plan").textContent);
+  seen.plan = await text("choose-plan");
   await page.click("#choose-start");
   await page.waitForFunction(() => document.documentElement.dataset.looking, { timeout: 0 });
   seen.address = page.url();

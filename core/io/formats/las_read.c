@@ -32,6 +32,7 @@
 #include "core/io/build.h"
 #include "core/io/first_bytes.h"
 #include "core/io/laz/laz.h"
+#include "core/io/parts.h"
 
 enum {
     COMPATIBLE_ID = 22204,
@@ -48,6 +49,7 @@ struct reader {
     unsigned format, minor;
     uint64_t points, first_point, record_bytes, header_bytes, record_count; /* of variable length records */
     double scale[3], add[3];
+    uint64_t slot; /* the point that stands first in the cloud: 0, but of a file that is read part by part */
     bool is_laz, has_layout, has_crs;
     size_t kept_bytes;        /* of variable length records that go on */
     struct laz_layout layout; /* of LAZ */
@@ -429,9 +431,10 @@ static void take_field(const struct las_field *field, const unsigned char *from,
     }
 }
 
-/* The point of these bytes of the file, as point i of the cloud. */
-static void take_point(struct reader *r, const unsigned char *from, size_t i) {
+/* The point of these bytes of the file, which is its i-th. */
+static void take_point(struct reader *r, const unsigned char *from, uint64_t point) {
     struct cloud *cloud = &r->build.cloud;
+    size_t i = (size_t)(point - r->slot);
     unsigned char *record = cloud->record + i * cloud->record_bytes;
     for (size_t j = 0; j < r->field_count; j++)
         take_field(&r->field[j], from, record + cloud->property[j].offset_bytes);
@@ -461,7 +464,7 @@ static const char *take_chunk(struct pieces *pieces, struct laz_codec *codec, si
     for (uint64_t i = first; !wrong && i < end; i++) {
         const unsigned char *point = laz_read_point(codec);
         if (point)
-            take_point(r, point, (size_t)i);
+            take_point(r, point, i);
         else
             wrong = "it ends before its points do";
     }
@@ -485,7 +488,7 @@ static void take_pieces(void *ctx, size_t begin, size_t end) {
         }
         uint64_t first = (uint64_t)piece * PIECE_POINTS, last = first + PIECE_POINTS;
         for (uint64_t i = first; i < last && i < r->points; i++)
-            take_point(r, r->bytes + r->first_point + i * r->record_bytes, (size_t)i);
+            take_point(r, r->bytes + r->first_point + i * r->record_bytes, i);
     }
     if (codec) atomic_flag_clear(&codec->taken);
 }
@@ -532,11 +535,14 @@ static enum status check_batch(const struct pieces *pieces, size_t batch) {
     return STATUS_OK;
 }
 
+static enum status check_layout(struct reader *r) {
+    if (!r->is_laz || r->has_layout) return STATUS_OK;
+    return bad(r, "header", r->header_bytes, "no record says how the points are compressed; records", r->record_count);
+}
+
 static enum status take_points(struct reader *r) {
     struct pieces pieces = {0};
-    if (r->is_laz && !r->has_layout)
-        return bad(r, "header", r->header_bytes, "no record says how the points are compressed; records",
-                   r->record_count);
+    if (check_layout(r)) return STATUS_MALFORMED;
     if (r->points == 0) return STATUS_OK;
     enum status status = make_pieces(r, &pieces);
     if (!status) status = cloud_build_slots(&r->build, r->points);
@@ -570,4 +576,75 @@ enum status cloud_las_read(const void *bytes, size_t n, const struct cloud_limit
     if (!status) status = describe(&r);
     if (!status) status = take_points(&r);
     return cloud_build_end(&r.build, status, cloud);
+}
+
+/* ------------------------------------------------------------------------------------------------ part by part */
+
+struct las_parts {
+    struct cloud_parts parts;
+    struct reader reader;
+    struct pieces pieces;
+};
+
+static uint64_t point_of_piece(const struct las_parts *p, size_t piece) {
+    uint64_t point = (uint64_t)piece * PIECE_POINTS;
+    if (p->reader.is_laz) return p->pieces.chunks.point[piece];
+    return point < p->reader.points ? point : p->reader.points;
+}
+
+static enum status next_part(struct cloud_parts *parts, struct error *error) {
+    struct las_parts *p = (struct las_parts *)parts;
+    struct reader *r = &p->reader;
+    struct pieces *pieces = &p->pieces;
+    r->build.error = error;
+    r->build.cloud.count = 0;
+    if (pieces->done == pieces->count) return STATUS_OK;
+    size_t batch = batch_of(pieces), last = pieces->done + batch;
+    r->slot = point_of_piece(p, pieces->done);
+    enum status status = cloud_build_slots(&r->build, point_of_piece(p, last) - r->slot);
+    if (status) return status;
+    par_for(r->threads, batch, 1, take_pieces, pieces);
+    status = check_batch(pieces, batch);
+    pieces->done = last;
+    parts->done_bytes =
+        (size_t)(r->is_laz ? pieces->chunks.byte[last] : r->first_point + point_of_piece(p, last) * r->record_bytes);
+    return status;
+}
+
+static void free_parts(struct cloud_parts *parts) {
+    struct las_parts *p = (struct las_parts *)parts;
+    free_pieces(&p->pieces);
+    cloud_done(&p->reader.build.cloud);
+    free(p);
+}
+
+static enum status check_parts(const struct las_parts *p, struct error *error) {
+    for (size_t i = 0; i < p->pieces.count; i++)
+        if (point_of_piece(p, i + 1) - point_of_piece(p, i) > CLOUD_PART_MOST)
+            return error_set_at(error, STATUS_UNSUPPORTED, "chunks", 0, p->pieces.chunks.byte[i],
+                                "a chunk of over %d points, which can't be read part by part; write the file anew",
+                                CLOUD_PART_MOST);
+    return STATUS_OK;
+}
+
+enum status cloud_las_parts(const void *bytes, size_t n, const struct cloud_limits *limits, struct cloud_parts **out,
+                            struct error *error) {
+    struct las_parts *p = alloc_zeroed(1, sizeof *p);
+    if (!p) return error_set(error, STATUS_NO_MEMORY, "read", "no memory to read with");
+    struct reader *r = &p->reader;
+    const struct first_bytes first = first_bytes_of(bytes, n);
+    *r = (struct reader){.bytes = bytes, .n = n};
+    r->threads = limits && limits->threads ? limits->threads : par_processors();
+    cloud_build_start(&r->build, cloud_las_look(&first), n, limits, NULL, error);
+    enum status status = take_header(r);
+    if (!status) status = describe(r);
+    if (!status) status = check_layout(r);
+    if (!status && r->points) status = make_pieces(r, &p->pieces);
+    if (!status) status = check_parts(p, error);
+    p->parts = (struct cloud_parts){&r->build.cloud, r->points, 0, next_part, free_parts};
+    if (status)
+        free_parts(&p->parts);
+    else
+        *out = &p->parts;
+    return status;
 }

@@ -26,8 +26,9 @@
 #include "core/io/finite.h"
 #include "core/io/first_bytes.h"
 #include "core/io/formats/ply_header.h"
+#include "core/io/parts.h"
 
-enum { BLOCK_RECORDS = 16384, TICK_RECORDS = 16384 };
+enum { BLOCK_RECORDS = 16384, TICK_RECORDS = 16384, PART_RECORDS = 1 << 18 };
 
 struct reader {
     const struct ply_header *header;
@@ -36,7 +37,7 @@ struct reader {
     uint64_t line;                     /* text: which one at is on */
     const struct ply_element *element; /* being read, for errors */
     const struct property *property;
-    uint64_t record;
+    uint64_t record, slot; /* slot: the vertex that stands first in the cloud: 0, but where it is read part by part */
     const struct property *index_list; /* of a face: its vertices; NULL = none */
     bool plain_faces;                  /* take_plain_triangle may take them */
     int8_t axis[CLOUD_MAX_PROPERTIES]; /* of each vertex property: 0, 1, 2, or -1 */
@@ -195,15 +196,20 @@ static enum status skip_property(struct reader *r) {
     return status;
 }
 
-/* Calls record_of for each record of the current element, between its beginning and its end. */
-static enum status each_record(struct reader *r, enum status (*record_of)(struct reader *r)) {
-    for (r->record = 0; r->record < r->element->count; r->record++) {
+/* Calls record_of for each record of the current element up to `end`, between its beginning and its end. */
+static enum status records_until(struct reader *r, uint64_t end, enum status (*record_of)(struct reader *r)) {
+    for (; r->record < end; r->record++) {
         enum status status = begin_record(r);
         if (!status) status = record_of(r);
         if (!status) status = end_record(r);
         if (status) return status;
     }
     return STATUS_OK;
+}
+
+static enum status each_record(struct reader *r, enum status (*record_of)(struct reader *r)) {
+    r->record = 0;
+    return records_until(r, r->element->count, record_of);
 }
 
 static enum status skip_record(struct reader *r) {
@@ -243,7 +249,8 @@ static enum status take_list(struct reader *r, size_t j) {
 
 static enum status take_vertex(struct reader *r) {
     struct cloud *cloud = r->cloud;
-    unsigned char *record = cloud->record + r->record * cloud->record_bytes, scalar[8];
+    size_t at = (size_t)(r->record - r->slot);
+    unsigned char *record = cloud->record + at * cloud->record_bytes, scalar[8];
     enum status status = STATUS_OK;
     for (size_t j = 0; j < cloud->property_count; j++) {
         const struct property *property = r->property = &cloud->property[j];
@@ -251,7 +258,7 @@ static enum status take_vertex(struct reader *r) {
         if (status) return status;
         if (property->is_list) continue;
         memcpy(record + property->offset_bytes, scalar, scalar_bytes(property->type));
-        if (r->axis[j] >= 0) (&cloud->position[r->record].x)[r->axis[j]] = scalar_load(scalar, property->type);
+        if (r->axis[j] >= 0) (&cloud->position[at].x)[r->axis[j]] = scalar_load(scalar, property->type);
     }
     return status;
 }
@@ -464,7 +471,6 @@ static enum status describe(struct reader *r, struct ply_header *header) {
     struct cloud *cloud = r->cloud;
     const struct ply_element *vertex = &header->element[header->vertex];
     cloud->form = ply_form_name(header->form);
-    cloud->count = (size_t)vertex->count;
     cloud->property = alloc_array(vertex->property_count, sizeof *cloud->property);
     if (!cloud->property) return no_memory(r);
     cloud->property_count = vertex->property_count;
@@ -524,12 +530,108 @@ enum status cloud_ply_read(const void *bytes, size_t n, const struct cloud_limit
                        .cloud = &read,
                        .error = error};
     status = describe(&r, &header);
-    if (!status) status = read_body(&r);
+    if (!status) {
+        read.count = (size_t)header.element[header.vertex].count;
+        status = read_body(&r);
+    }
     if (status) goto out;
     *cloud = read;
     read = (struct cloud){0};
 out:
     cloud_done(&read);
     ply_header_done(&header);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ part by part */
+
+/* Points alone: faces behind them are left. */
+struct ply_parts {
+    struct cloud_parts parts;
+    struct ply_header header;
+    struct cloud cloud;
+    struct reader reader;
+    size_t capacity;
+};
+
+static enum status end_of_vertices(struct reader *r) {
+    for (size_t i = r->header->vertex + 1; i < r->header->element_count; i++)
+        if (r->header->element[i].count && r->header->element[i].property_count) return STATUS_OK;
+    return check_end(r);
+}
+
+static enum status next_part(struct cloud_parts *parts, struct error *error) {
+    struct ply_parts *p = (struct ply_parts *)parts;
+    struct reader *r = &p->reader;
+    uint64_t left = r->element->count - r->record;
+    size_t n = left < PART_RECORDS ? (size_t)left : PART_RECORDS;
+    enum status status = STATUS_OK;
+    r->error = error;
+    p->cloud.count = n;
+    if (n == 0) return STATUS_OK;
+    r->slot = r->record;
+    if (r->text) {
+        status = records_until(r, r->record + n, take_vertex);
+    } else {
+        if ((size_t)(r->end - r->at) / p->cloud.record_bytes < n) return truncated(r);
+        take_block(r, 0, n);
+        r->record += n;
+    }
+    parts->done_bytes = (size_t)(r->at - r->begin);
+    return !status && r->record == r->element->count ? end_of_vertices(r) : status;
+}
+
+static void free_parts(struct cloud_parts *parts) {
+    struct ply_parts *p = (struct ply_parts *)parts;
+    cloud_done(&p->cloud);
+    ply_header_done(&p->header);
+    free(p);
+}
+
+/* Reads past what stands before the vertices, and makes room for a part of them. */
+static enum status begin_vertices(struct ply_parts *p) {
+    struct reader *r = &p->reader;
+    enum status status = STATUS_OK;
+    for (size_t i = 0; !status && i < p->header.vertex; i++) {
+        r->element = &p->header.element[i];
+        if (r->element->property_count) status = each_record(r, skip_record);
+    }
+    r->element = &p->header.element[p->header.vertex];
+    r->record = 0;
+    p->cloud.count = r->element->count < PART_RECORDS ? (size_t)r->element->count : PART_RECORDS;
+    if (!status) status = allocate(r);
+    p->cloud.count = 0;
+    return status;
+}
+
+enum status cloud_ply_parts(const void *bytes, size_t n, const struct cloud_limits *limits, struct cloud_parts **out,
+                            struct error *error) {
+    struct ply_parts *p = alloc_zeroed(1, sizeof *p);
+    if (!p) return error_set(error, STATUS_NO_MEMORY, "read", "no memory to read with");
+    enum ply_form native = __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ ? PLY_LITTLE_ENDIAN : PLY_BIG_ENDIAN;
+    (void)limits;
+    p->parts.free = free_parts;
+    enum status status = ply_header_parse(bytes, n, &p->header, error);
+    if (!status) status = ply_header_fits(&p->header, n, error);
+    p->reader = (struct reader){.header = &p->header,
+                                .begin = bytes,
+                                .at = (const unsigned char *)bytes + p->header.bytes,
+                                .end = (const unsigned char *)bytes + n,
+                                .text = p->header.form == PLY_ASCII,
+                                .swap = p->header.form != native,
+                                .line = p->header.lines + 1,
+                                .cloud = &p->cloud,
+                                .error = error};
+    if (!status) status = describe(&p->reader, &p->header);
+    for (size_t j = 0; !status && j < p->cloud.property_count; j++)
+        if (p->cloud.property[j].is_list)
+            status = error_set(error, STATUS_UNSUPPORTED, p->cloud.property[j].name,
+                               "a list at each point, which isn't read part by part");
+    if (!status) status = begin_vertices(p);
+    if (!status) p->parts = (struct cloud_parts){&p->cloud, p->reader.element->count, 0, next_part, free_parts};
+    if (status)
+        free_parts(&p->parts);
+    else
+        *out = &p->parts;
     return status;
 }

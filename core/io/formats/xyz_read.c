@@ -43,8 +43,9 @@
 #include "core/io/finite.h"
 #include "core/io/first_bytes.h"
 #include "core/io/formats/column_names.h"
+#include "core/io/parts.h"
 
-enum { TICK_POINTS = 16384, FIRST_CAPACITY = 1024, WORD_BYTES = 512, NAMES_BYTES = 120 };
+enum { PART_POINTS = 1 << 18, TICK_POINTS = 16384, FIRST_CAPACITY = 1024, WORD_BYTES = 512, NAMES_BYTES = 120 };
 enum { NAMES_WITHIN_BYTES = 64 * 1024 /* of the file's beginning a comment may name the columns */ };
 
 struct reader {
@@ -549,8 +550,9 @@ static enum status take_point(struct reader *r) {
     return STATUS_OK;
 }
 
-static enum status take_points(struct reader *r) {
-    for (; skip_blanks(r), r->at < r->end; skip_line(r)) {
+/* Up to `most` points in the cloud. */
+static enum status take_points(struct reader *r, size_t most) {
+    for (; skip_blanks(r), r->at < r->end && r->cloud->count < most; skip_line(r)) {
         if (is_newline(*r->at) || at_comment(r)) continue;
         if (r->cloud->count % TICK_POINTS == 0 &&
             progress_tick(r->progress, "read", (double)(r->at - r->begin) / (double)(r->end - r->begin)))
@@ -563,10 +565,10 @@ static enum status take_points(struct reader *r) {
 
 /* ------------------------------------------------------------------------------------------------ the whole */
 
-static enum status check_count(struct reader *r) {
-    if (!r->has_count || r->count == r->cloud->count) return STATUS_OK;
+static enum status check_count(struct reader *r, uint64_t points) {
+    if (!r->has_count || r->count == points) return STATUS_OK;
     return error_set_at(r->error, STATUS_MALFORMED, "count", 1, UINT64_MAX,
-                        "the file begins with a count of %" PRIu64 " points, %zu are there", r->count, r->cloud->count);
+                        "the file begins with a count of %" PRIu64 " points, %" PRIu64 " are there", r->count, points);
 }
 
 /* Columns at the place of PTS's colours that hold anything but whole numbers of 0 to 255 aren't colours. */
@@ -586,8 +588,8 @@ static void check_pts_colours(struct reader *r) {
 static enum status read_file(struct reader *r) {
     if (!find_first_point(r)) return error_set_at(r->error, STATUS_MALFORMED, "read", r->line, UINT64_MAX, "no points");
     enum status status = describe(r);
-    if (!status) status = take_points(r);
-    if (!status) status = check_count(r);
+    if (!status) status = take_points(r, SIZE_MAX);
+    if (!status) status = check_count(r, r->cloud->count);
     if (!status) status = cloud_drop_unplaced(r->cloud, r->error);
     if (status) return status;
     check_pts_colours(r);
@@ -624,5 +626,54 @@ enum status cloud_xyz_read(const void *bytes, size_t n, const struct cloud_limit
         read = (struct cloud){0};
     }
     cloud_done(&read);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ part by part */
+
+struct xyz_parts {
+    struct cloud_parts parts;
+    struct reader reader;
+    struct cloud cloud;
+    uint64_t points;
+};
+
+static enum status next_part(struct cloud_parts *parts, struct error *error) {
+    struct xyz_parts *p = (struct xyz_parts *)parts;
+    struct reader *r = &p->reader;
+    bool first = p->points == 0;
+    r->error = error;
+    p->cloud.count = 0;
+    enum status status = take_points(r, PART_POINTS);
+    p->points += p->cloud.count;
+    if (!status && p->cloud.count < PART_POINTS) status = check_count(r, p->points);
+    if (!status && first) check_pts_colours(r);
+    parts->done_bytes = (size_t)(r->at - r->begin);
+    return status;
+}
+
+static void free_parts(struct cloud_parts *parts) {
+    struct xyz_parts *p = (struct xyz_parts *)parts;
+    cloud_done(&p->cloud);
+    free(p);
+}
+
+enum status cloud_xyz_parts(const void *bytes, size_t n, const struct cloud_limits *limits, struct cloud_parts **out,
+                            struct error *error) {
+    struct xyz_parts *p = alloc_zeroed(1, sizeof *p);
+    if (!p) return error_set(error, STATUS_NO_MEMORY, "read", "no memory to read with");
+    struct reader *r = &p->reader;
+    *r = start(bytes, n, limits);
+    r->cloud = &p->cloud;
+    r->error = error;
+    enum status status = STATUS_OK;
+    if (!find_first_point(r)) status = error_set_at(error, STATUS_MALFORMED, "read", r->line, UINT64_MAX, "no points");
+    if (!status) status = describe(r);
+    if (!status) status = resize(r, PART_POINTS);
+    p->parts = (struct cloud_parts){&p->cloud, r->has_count ? r->count : 0, 0, next_part, free_parts};
+    if (status)
+        free_parts(&p->parts);
+    else
+        *out = &p->parts;
     return status;
 }

@@ -1,0 +1,199 @@
+/* A file is mapped, as for core/io/read.c, but what has been read of it is given back, so that it counts to nobody's
+ * memory.  One file is open at a time, and the first one's description stays.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/io/stream.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "core/base/alloc.h"
+#include "core/io/parts.h"
+#include "core/io/sniff.h"
+
+struct file {
+    unsigned char *map; /* NULL: none */
+    size_t bytes, given_back;
+    struct cloud_parts *parts;
+};
+
+struct cloud_stream {
+    struct cloud_limits limits;
+    char *columns;      /* of limits; owned */
+    size_t count, next; /* files; the one to open after this */
+    char **path;        /* owned, each */
+    uint64_t *before;   /* count + 1: bytes of the files before each; owned */
+    uint64_t dropped;
+    struct file first, other; /* the first one stays for what it says */
+};
+
+static struct file *present(struct cloud_stream *s) { return s->next > 1 ? &s->other : &s->first; }
+
+static void close_file(struct file *file) {
+    if (file->parts) file->parts->free(file->parts);
+    if (file->map) munmap(file->map, file->bytes);
+    *file = (struct file){0};
+}
+
+static enum status map_file(const char *path, struct file *file, struct error *error) {
+    struct stat about;
+    int fd = open(path, O_RDONLY | O_CLOEXEC);
+    if (fd < 0) return error_set(error, STATUS_IO, "read", "can't open %s: %s", path, strerror(errno));
+    enum status status = STATUS_OK;
+    if (fstat(fd, &about) != 0 || S_ISDIR(about.st_mode))
+        status = error_set(error, STATUS_IO, "read", "can't read %s", path);
+    else if (!S_ISREG(about.st_mode))
+        status = error_set(error, STATUS_UNSUPPORTED, "read", "%s is no regular file, which parts are read of", path);
+    else if (about.st_size == 0)
+        status = error_set_at(error, STATUS_MALFORMED, "read", 0, 0, "the file is empty");
+    if (!status) {
+        void *map = mmap(NULL, (size_t)about.st_size, PROT_READ, MAP_PRIVATE, fd, 0);
+        if (map == MAP_FAILED)
+            status = error_set(error, STATUS_IO, "read", "can't map %s: %s", path, strerror(errno));
+        else
+            *file = (struct file){.map = map, .bytes = (size_t)about.st_size};
+    }
+    close(fd);
+    return status;
+}
+
+static enum status open_file(struct cloud_stream *s, const char *path, struct file *file, struct error *error) {
+    enum status status = map_file(path, file, error);
+    if (status) return status;
+    struct cloud_guess guess = cloud_sniff(file->map, file->bytes);
+    const struct cloud_limits *limits = &s->limits;
+    switch (guess.kind) {
+    case CLOUD_KIND_LAS: status = cloud_las_parts(file->map, file->bytes, limits, &file->parts, error); break;
+    case CLOUD_KIND_PLY: status = cloud_ply_parts(file->map, file->bytes, limits, &file->parts, error); break;
+    case CLOUD_KIND_TEXT: status = cloud_xyz_parts(file->map, file->bytes, limits, &file->parts, error); break;
+    default:
+        status = error_set(error, STATUS_UNSUPPORTED, "read",
+                           "%s looks like %s, which can't be read part by part; convert it to LAS, LAZ or PLY", path,
+                           guess.looks_like);
+    }
+    (void)madvise(file->map, file->bytes, MADV_SEQUENTIAL);
+    if (status) close_file(file);
+    return status;
+}
+
+static bool same_properties(const struct cloud *a, const struct cloud *b) {
+    if (a->property_count != b->property_count || a->record_bytes != b->record_bytes) return false;
+    for (size_t j = 0; j < a->property_count; j++)
+        if (strcmp(a->property[j].name, b->property[j].name) != 0 || a->property[j].type != b->property[j].type)
+            return false;
+    return true;
+}
+
+/* The next file, whose points follow. */
+static enum status go_on(struct cloud_stream *s, struct error *error) {
+    const char *path = s->path[s->next];
+    if (s->next == 0) {
+        enum status status = open_file(s, path, &s->first, error);
+        s->next += !status;
+        return status;
+    }
+    close_file(&s->other);
+    enum status status = open_file(s, path, &s->other, error);
+    if (status) return status;
+    s->next++;
+    if (same_properties(s->first.parts->cloud, s->other.parts->cloud)) return STATUS_OK;
+    return error_set(error, STATUS_UNSUPPORTED, "read", "%s has other properties than %s", path, s->path[0]);
+}
+
+enum status cloud_stream_open(const char *const *path, size_t count, const struct cloud_limits *limits,
+                              struct cloud_stream **out, struct error *error) {
+    struct cloud_stream *s = alloc_zeroed(1, sizeof *s);
+    if (!s) return error_set(error, STATUS_NO_MEMORY, "read", "no memory to read with");
+    s->path = alloc_zeroed(count, sizeof *s->path);
+    s->before = alloc_zeroed(count + 1, sizeof *s->before);
+    enum status status = s->path && s->before ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t i = 0; !status && i < count; i++) {
+        struct stat about;
+        s->count++;
+        size_t n = strlen(path[i]) + 1;
+        s->path[i] = alloc_array(n, 1);
+        if (!s->path[i]) status = STATUS_NO_MEMORY;
+        if (s->path[i]) memcpy(s->path[i], path[i], n);
+        s->before[i + 1] = s->before[i] + (stat(path[i], &about) == 0 ? (uint64_t)about.st_size : 0);
+    }
+    if (!status && limits && limits->columns) {
+        size_t n = strlen(limits->columns) + 1;
+        s->columns = alloc_array(n, 1);
+        if (s->columns) memcpy(s->columns, limits->columns, n);
+        if (!s->columns) status = STATUS_NO_MEMORY;
+    }
+    if (status) error_set(error, STATUS_NO_MEMORY, "read", "no memory to read with");
+    if (limits) s->limits.threads = limits->threads;
+    s->limits.columns = s->columns;
+    s->limits.columns_if_text = true;
+    if (!status) status = go_on(s, error);
+    if (status)
+        cloud_stream_free(s);
+    else
+        *out = s;
+    return status;
+}
+
+const struct cloud *cloud_stream_cloud(const struct cloud_stream *stream) { return stream->first.parts->cloud; }
+
+/* Pages that have been read count to the process as long as they are mapped. */
+static void give_back(struct file *file) {
+    size_t page = (size_t)sysconf(_SC_PAGESIZE), end = file->parts->done_bytes / page * page;
+    if (end <= file->given_back) return;
+    (void)madvise(file->map + file->given_back, end - file->given_back, MADV_DONTNEED);
+    file->given_back = end;
+}
+
+/* Closes the gaps that points without a position leave. */
+static void drop_unplaced(struct cloud_stream *s, struct cloud *part) {
+    size_t kept = 0;
+    for (size_t i = 0; i < part->count; i++) {
+        if (!vec3_is_finite(part->position[i])) continue;
+        if (kept < i) {
+            part->position[kept] = part->position[i];
+            memcpy(part->record + kept * part->record_bytes, part->record + i * part->record_bytes, part->record_bytes);
+        }
+        kept++;
+    }
+    s->dropped += part->count - kept;
+    part->count = kept;
+}
+
+enum status cloud_stream_next(struct cloud_stream *stream, const struct cloud **part, struct error *error) {
+    for (;;) {
+        struct file *file = present(stream);
+        struct cloud *cloud = file->parts->cloud;
+        enum status status = file->parts->next(file->parts, error);
+        if (status) return status;
+        give_back(file);
+        bool ended = cloud->count == 0;
+        drop_unplaced(stream, cloud);
+        *part = cloud;
+        if (cloud->count || (ended && stream->next == stream->count)) return STATUS_OK;
+        if (!ended) continue;
+        status = go_on(stream, error);
+        if (status) return status;
+    }
+}
+
+double cloud_stream_fraction(const struct cloud_stream *stream) {
+    const struct file *file = stream->next > 1 ? &stream->other : &stream->first;
+    uint64_t all = stream->before[stream->count];
+    return all ? (double)(stream->before[stream->next - 1] + file->parts->done_bytes) / (double)all : 1;
+}
+
+uint64_t cloud_stream_dropped(const struct cloud_stream *stream) { return stream->dropped; }
+
+void cloud_stream_free(struct cloud_stream *stream) {
+    if (!stream) return;
+    close_file(&stream->first);
+    close_file(&stream->other);
+    for (size_t i = 0; i < stream->count; i++) free(stream->path[i]);
+    free(stream->path), free(stream->before), free(stream->columns);
+    free(stream);
+}

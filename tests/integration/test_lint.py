@@ -128,6 +128,15 @@ def test_a_file_in_no_room_is_refused(tree):
         (tree / "core/planted").rmdir()
 
 
+def test_static_names_are_unique_in_a_folder(tree):
+    named = "static enum status {}(int x) {{ return x; }}"
+    there = "core/base/par.c"
+    assert "static void wait_for_news(" in (tree / there).read_text(encoding="utf-8")
+    assert not planted(tree, BASE, named.format("planted"))
+    assert not planted(tree, "core/math/planted.c", named.format("wait_for_news"))
+    assert planted(tree, BASE, named.format("wait_for_news")) == ["core/base/planted.c: wait_for_news() is also in par.c"]
+
+
 def test_licences_and_long_lines(tree):
     assert planted(tree, BASE, "/* " + "x" * 120 + " */")[0].startswith(f"{BASE}: over 120 columns")
     file = tree / BASE

@@ -125,6 +125,8 @@ STATE = re.compile(r"^\w+ [lg][ \w]{6} (?:\.t?data|\.t?bss|\.t?data\.(?!rel\.ro)
 KNOWN_STATE = {("alloc.o", "alloc_fail"), ("alloc.o", "alloc_fail_ctx"), ("fault.o", "fault_point"), ("par.o", "current"),
                ("knn_flann.o", "_ZStL8__ioinit"), ("delaunay_cgal.o", "_ZStL8__ioinit")}
 FOREIGN_SYMBOL = re.compile(r" U (MHD_|json_|sqlite3_)\w+")
+STATIC_FUNCTION = re.compile(
+    r"^(?:[A-Z_]+ )?static\b(?: *__attribute__\(\([^;{}]*?\)\))?[^;={}()]*?\b(\w+)\([^;{}]*\) *\{", re.M)
 COMMENT = re.compile(r'/\*.*?\*/|//[^\n]*|"(?:\\.|[^"\\\n])*"', re.S)
 
 
@@ -221,6 +223,17 @@ def links_of(archive):
             yield f"{member} links {match.group(1)}, which core/ never calls"
 
 
+def names_twice(files):
+    """Static functions of one name in two files of a folder: a reader who looks for one finds the other."""
+    first = {}
+    for path in files:
+        if path.parts[0] in MAY_INCLUDE:
+            for match in STATIC_FUNCTION.finditer(COMMENT.sub(blank, path.read_text(encoding="utf-8"))):
+                other = first.setdefault((path.parent, match.group(1)), path)
+                if other != path:
+                    yield f"{path}: {match.group(1)}() is also in {other.name}"
+
+
 def stale_exceptions():
     """Those of the table that nobody needs any more."""
     for name, header in sorted(SERVER_EXCEPTIONS):
@@ -240,6 +253,9 @@ def main():
         for problem in problems_of(path):
             print(f"{path}: {problem}")
             found += 1
+    for problem in names_twice(files):
+        print(problem)
+        found += 1
     for archive in sys.argv[1:]:
         for problem in [*state_of(archive), *links_of(archive)]:
             print(f"{archive}: {problem}")

@@ -49,7 +49,7 @@ static json_t *time_or_null(int64_t ms) {
     return ms ? json_string(job_json_time(ms, text)) : json_null();
 }
 
-static json_t *cloud_json(const struct cloud_document *cloud) {
+static json_t *stored_cloud_json(const struct cloud_document *cloud) {
     json_t *report = cloud->report ? json_loads(cloud->report, 0, NULL) : NULL;
     const json_t *input = json_object_get(report, "input");
     json_t *href = json_sprintf("%s/v1/clouds/%s", links_base(), cloud->sha256);
@@ -66,18 +66,18 @@ static json_t *cloud_json(const struct cloud_document *cloud) {
 }
 
 /* Takes json. */
-static char *dump(json_t *json) {
+static char *cloud_dump(json_t *json) {
     char *text = json ? json_dumps(json, JSON_COMPACT | JSON_REAL_PRECISION(15)) : NULL;
     json_decref(json);
     return text;
 }
 
-char *cloud_encode(const struct cloud_document *cloud) { return dump(cloud_json(cloud)); }
+char *cloud_encode(const struct cloud_document *cloud) { return cloud_dump(stored_cloud_json(cloud)); }
 
 char *cloud_list_encode(const struct cloud_document *clouds, size_t count) {
     json_t *list = json_array();
-    for (size_t i = 0; i < count; i++) json_array_append_new(list, cloud_json(&clouds[i]));
-    return dump(json_pack("{s:o}", "clouds", list));
+    for (size_t i = 0; i < count; i++) json_array_append_new(list, stored_cloud_json(&clouds[i]));
+    return cloud_dump(json_pack("{s:o}", "clouds", list));
 }
 
 /* ------------------------------------------------------------------------------------------------ plans */
@@ -103,7 +103,7 @@ static json_t *goals_json(json_int_t points, const struct params *params) {
 }
 
 /* A problem as an object of its own. */
-static json_t *problem_json(const struct problem *problem) {
+static json_t *cloud_problem_json(const struct problem *problem) {
     char *text = problem ? problem_encode(problem) : NULL;
     json_t *json = text ? json_loads(text, 0, NULL) : json_null();
     free(text);
@@ -119,7 +119,7 @@ char *plan_encode(const struct plan_document *plan) {
                   plan->memory_bytes ? json_integer((json_int_t)plan->memory_bytes) : json_null(), "memory_limit_bytes",
                   (json_int_t)plan->memory_limit_bytes, "seconds",
                   isnan(plan->seconds) ? json_null() : json_real(round(plan->seconds * 100) / 100), "problem",
-                  problem_json(plan->problem));
+                  cloud_problem_json(plan->problem));
     json_decref(report);
-    return dump(json);
+    return cloud_dump(json);
 }

@@ -33,7 +33,7 @@ static json_t *lines_json(const char *lines) {
     return array;
 }
 
-static json_t *surface_json(const struct report_surface *surface) {
+static json_t *info_surface_json(const struct report_surface *surface) {
     if (!surface->kind[0]) return NULL;
     return json_pack("{s:s, s:s, s:b}", "kind", surface->kind, "reason", surface->reason, "sure", surface->sure);
 }
@@ -48,7 +48,7 @@ static json_t *info_json(const struct cloud_info *info) {
         system ? json_string(info->coordinate_system) : NULL, "spacing",
         spacing ? stats_json_number(info->spacing) : NULL, "noise", noise ? stats_json_number(info->noise) : NULL,
         "noise_rel", noise ? stats_json_number(info->noise / info->diagonal) : NULL, "surface",
-        surface_json(info->surface), "left_out", lines_json(info->left_out));
+        info_surface_json(info->surface), "left_out", lines_json(info->left_out));
 }
 
 enum status info_json_write(FILE *to, const struct cloud_info *info) {

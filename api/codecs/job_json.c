@@ -42,7 +42,7 @@ static json_t *parsed_or_null(const char *text) {
     return json ? json : json_null();
 }
 
-static json_t *problem_json(const char *text) {
+static json_t *job_problem_json(const char *text) {
     char *relocated = text && *text ? problem_relocate(text) : NULL;
     json_t *json = parsed_or_null(relocated);
     free(relocated);
@@ -74,7 +74,7 @@ static uint64_t points_of(const struct job_document *job, const json_t *report) 
     return job->input_points ? job->input_points : counted(report, "points_in");
 }
 
-static json_t *input_json(const struct job_document *job, const json_t *report) {
+static json_t *job_input_json(const struct job_document *job, const json_t *report) {
     return json_pack("{s:o, s:s, s:o, s:I, s:o}", "cloud", json_sprintf("%s/v1/clouds/%s", links_base(), job->cloud),
                      "sha256", job->cloud, "points", count_or_null(points_of(job, report)), "bytes",
                      (json_int_t)job->input_bytes, "format", text_or_null(job->input_format));
@@ -130,11 +130,11 @@ static json_t *job_json(const struct job_document *job) {
         {"attempt", json_integer(job->attempt)},
         {"label", text_or_null(job->label)},
         {"principal", text_or_null(job->principal)},
-        {"input", input_json(job, report)},
+        {"input", job_input_json(job, report)},
         {"params", params_json(job, report)},
         {"resources", resources_json(job)},
         {"report", report},
-        {"problem", problem_json(job->problem)},
+        {"problem", job_problem_json(job->problem)},
         {"links", links_json(job)},
     };
     json_t *json = json_object();
@@ -144,18 +144,18 @@ static json_t *job_json(const struct job_document *job) {
 }
 
 /* Takes json. */
-static char *dump(json_t *json, size_t flags) {
+static char *job_dump(json_t *json, size_t flags) {
     char *text = json ? json_dumps(json, flags | DUMP) : NULL;
     json_decref(json);
     return text;
 }
 
-char *job_encode(const struct job_document *job) { return dump(job_json(job), JSON_COMPACT); }
+char *job_encode(const struct job_document *job) { return job_dump(job_json(job), JSON_COMPACT); }
 
 char *job_list_encode(const struct job_document *jobs, size_t count) {
     json_t *list = json_array();
     for (size_t i = 0; i < count; i++) json_array_append_new(list, job_json(&jobs[i]));
-    return dump(json_pack("{s:o}", "jobs", list), JSON_COMPACT);
+    return job_dump(json_pack("{s:o}", "jobs", list), JSON_COMPACT);
 }
 
 char *job_outputs_encode(const char *id, const struct output_document *outputs, size_t count) {
@@ -165,19 +165,19 @@ char *job_outputs_encode(const char *id, const struct output_document *outputs, 
             list, json_pack("{s:s, s:o, s:s, s:I, s:s}", "name", outputs[i].name, "href",
                             json_sprintf("%s/v1/jobs/%s/outputs/%s", links_base(), id, outputs[i].name), "media_type",
                             outputs[i].media_type, "bytes", (json_int_t)outputs[i].bytes, "sha256", outputs[i].sha256));
-    return dump(json_pack("{s:o}", "outputs", list), JSON_COMPACT);
+    return job_dump(json_pack("{s:o}", "outputs", list), JSON_COMPACT);
 }
 
 char *job_link_encode(const char *href, int64_t expires_ms) {
-    return dump(json_pack("{s:s, s:o}", "href", href, "expires", time_json(expires_ms)), JSON_COMPACT);
+    return job_dump(json_pack("{s:s, s:o}", "href", href, "expires", time_json(expires_ms)), JSON_COMPACT);
 }
 
 char *job_event_encode(const struct job_document *job) {
-    return dump(json_pack("{s:s, s:s, s:o, s:I, s:o, s:I, s:o, s:i}", "id", job->id, "status", job->status, "stage",
-                          text_or_null(job->stage), "progress", (json_int_t)(job->fraction * 100), "message",
-                          text_or_null(job->message), "ahead", (json_int_t)job->ahead, "estimate", estimate_json(job),
-                          "attempt", job->attempt),
-                JSON_COMPACT);
+    return job_dump(json_pack("{s:s, s:s, s:o, s:I, s:o, s:I, s:o, s:i}", "id", job->id, "status", job->status, "stage",
+                              text_or_null(job->stage), "progress", (json_int_t)(job->fraction * 100), "message",
+                              text_or_null(job->message), "ahead", (json_int_t)job->ahead, "estimate",
+                              estimate_json(job), "attempt", job->attempt),
+                    JSON_COMPACT);
 }
 
 /* Names with commas between, as a list. */
@@ -215,11 +215,11 @@ static json_t *list_json(struct job_info_list list) {
 }
 
 char *job_info_encode(const char *version, struct job_info_list limits, struct job_info_list confinement) {
-    return dump(json_pack("{s:s, s:s, s:o, s:[s, s], s:o, s:o, s:o, s:o, s:{s:o, s:o}}", "name", "whittled", "version",
-                          version, "input_formats", names_json(cloud_sniff_formats()), "input_compressions", "gzip",
-                          "zstd", "outputs", output_files_json(), "features", features_json(), "limits",
-                          list_json(limits), "confinement", list_json(confinement), "links", "contract",
-                          json_sprintf("%s/openapi.json", links_base()), "parameters",
-                          json_sprintf("%s/v1/parameters", links_base())),
-                JSON_INDENT(2));
+    return job_dump(json_pack("{s:s, s:s, s:o, s:[s, s], s:o, s:o, s:o, s:o, s:{s:o, s:o}}", "name", "whittled",
+                              "version", version, "input_formats", names_json(cloud_sniff_formats()),
+                              "input_compressions", "gzip", "zstd", "outputs", output_files_json(), "features",
+                              features_json(), "limits", list_json(limits), "confinement", list_json(confinement),
+                              "links", "contract", json_sprintf("%s/openapi.json", links_base()), "parameters",
+                              json_sprintf("%s/v1/parameters", links_base())),
+                    JSON_INDENT(2));
 }

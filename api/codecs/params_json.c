@@ -26,7 +26,7 @@ static json_t *flags_json(const char *text) {
     return list;
 }
 
-static json_t *levels_json(const char *text) {
+static json_t *params_levels_json(const char *text) {
     json_t *list = json_array();
     for (char *end; *text; text = *end == ',' ? end + 1 : end)
         json_array_append_new(list, json_real(strtod(text, &end)));
@@ -43,7 +43,7 @@ static json_t *value_json(const struct param *param, const char *text) {
     case PARAM_WEIGHTS:
     case PARAM_COLUMNS: return flags_json(text);
     case PARAM_NUMBERS:
-    case PARAM_LEVELS: return levels_json(text);
+    case PARAM_LEVELS: return params_levels_json(text);
     case PARAM_CHOICE: break;
     }
     return json_string(text);

@@ -27,7 +27,7 @@ static json_t *triple(const double value[3]) {
                      stats_json_number(value[2]));
 }
 
-static json_t *input_json(const struct report *r) {
+static json_t *report_input_json(const struct report *r) {
     return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "format", r->format, "points",
                      stats_json_count(r->points_in), "points_cropped", stats_json_count(r->points_cropped),
                      "points_filtered", stats_json_count(r->points_filtered), "points_distinct",
@@ -38,7 +38,7 @@ static json_t *input_json(const struct report *r) {
                      triple(r->box_min), "box_max", triple(r->box_max));
 }
 
-static json_t *cloud_json(const struct report_level *r, double diagonal) {
+static json_t *report_cloud_json(const struct report_level *r, double diagonal) {
     return json_pack("{s:o, s:o, s:o}", "points", stats_json_count(r->points_out), "contraction_error_rel",
                      stats_json_number(r->contraction_error / diagonal), "tangent_error",
                      stats_json(&r->tangent, diagonal));
@@ -94,14 +94,14 @@ static json_t *warnings_json(const struct report *report, const struct report_le
 static int add_level(json_t *json, const struct report *report, const struct report_level *r) {
     double diagonal = report->diagonal;
     int bad = put(json, "points_out", stats_json_count(r->points_out));
-    bad |= put(json, "cloud", cloud_json(r, diagonal));
+    bad |= put(json, "cloud", report_cloud_json(r, diagonal));
     if (r->has_mesh) bad |= put(json, "mesh", mesh_json(r, diagonal));
     if (r->has_error) bad |= put(json, "error", error_json(r, diagonal));
     bad |= put(json, "warnings", warnings_json(report, r));
     return bad;
 }
 
-static json_t *levels_json(const struct report *r) {
+static json_t *report_levels_json(const struct report *r) {
     json_t *levels = json_array();
     int bad = 0;
     for (size_t i = 0; i < r->level_count; i++) {
@@ -123,7 +123,7 @@ static json_t *spacing_json(const struct report_spacing *spacing) {
                      stats_json_count(spacing->points));
 }
 
-static json_t *surface_json(const struct report_surface *surface) {
+static json_t *report_surface_json(const struct report_surface *surface) {
     return json_pack("{s:s, s:s, s:b, s:s}", "kind", surface->kind, "reason", surface->reason, "sure", surface->sure,
                      "orientation", surface->orientation);
 }
@@ -155,14 +155,14 @@ static json_t *left_out_json(const struct left_out *left_out) {
 }
 
 json_t *report_json(const struct report *r) {
-    json_t *json = json_pack("{s:o, s:o}", "points_in", stats_json_count(r->points_in), "input", input_json(r));
+    json_t *json = json_pack("{s:o, s:o}", "points_in", stats_json_count(r->points_in), "input", report_input_json(r));
     int bad = add_level(json, r, &r->level[0]);
     if (r->denoised[0]) bad |= put(json, "denoised", json_string(r->denoised));
     if (r->normals.known) bad |= put(json, "normals", normals_json(&r->normals));
     if (r->spacing.spacing > 0) bad |= put(json, "spacing", spacing_json(&r->spacing));
-    if (r->surface.kind[0]) bad |= put(json, "surface", surface_json(&r->surface));
+    if (r->surface.kind[0]) bad |= put(json, "surface", report_surface_json(&r->surface));
     if (r->deviation.bound > 0) bad |= put(json, "deviation", deviation_json(r));
-    if (r->level_count > 1) bad |= put(json, "levels", levels_json(r));
+    if (r->level_count > 1) bad |= put(json, "levels", report_levels_json(r));
     bad |= put(json, "left_out", left_out_json(&r->left_out));
     bad |= put(json, "timings_ms", timings_json(r));
     bad |= put(json, "peak_rss_bytes", stats_json_count(r->peak_rss_bytes));

@@ -8,7 +8,7 @@
 #include <stdint.h>
 
 /* The number in the next bytes, of which there are 1 to 8. */
-static inline uint64_t little_load(const unsigned char *p, size_t bytes) {
+static inline uint64_t load_little_endian(const unsigned char *p, size_t bytes) {
     uint64_t value = 0;
     for (size_t i = bytes; i-- > 0;) value = value << 8 | p[i];
     return value;

@@ -17,31 +17,32 @@
 
 static const double OF_GAUSS = 1.4826; /* standard deviation by the median of absolute values */
 
-static double offset_of(const vec3 *point, const struct neighbourhood *hood, size_t p, vec3 normal) {
+static double offset_of(const vec3 *point, const struct neighbourhood *neighbours, size_t p, vec3 normal) {
     vec3 sum = {0, 0, 0};
-    for (unsigned i = 0; i < hood->count[p]; i++)
-        sum = vec3_add(sum, vec3_sub(point[hood->id[p * hood->stride + i]], point[p]));
-    return hood->count[p] ? -vec3_dot(sum, normal) / hood->count[p] : 0;
+    for (unsigned i = 0; i < neighbours->count[p]; i++)
+        sum = vec3_add(sum, vec3_sub(point[neighbours->id[p * neighbours->stride + i]], point[p]));
+    return neighbours->count[p] ? -vec3_dot(sum, normal) / neighbours->count[p] : 0;
 }
 
-static double difference_at(const vec3 *point, const vec3 *normal, const struct neighbourhood *hood, size_t p) {
+static double difference_at(const vec3 *point, const vec3 *normal, const struct neighbourhood *neighbours, size_t p) {
     double mean = 0;
-    unsigned k = hood->count[p];
+    unsigned k = neighbours->count[p];
     if (k == 0) return 0;
     for (unsigned i = 0; i < k; i++) {
-        uint32_t q = hood->id[p * hood->stride + i];
+        uint32_t q = neighbours->id[p * neighbours->stride + i];
         double sign = vec3_dot(normal[p], normal[q]) < 0 ? -1 : 1;
-        mean += sign * offset_of(point, hood, q, normal[q]) / k;
+        mean += sign * offset_of(point, neighbours, q, normal[q]) / k;
     }
     double variance = (1 + 1.0 / k) * (1 + 1.0 / k) + 2.56 / k;
-    return fabs(offset_of(point, hood, p, normal[p]) - mean) / sqrt(variance);
+    return fabs(offset_of(point, neighbours, p, normal[p]) - mean) / sqrt(variance);
 }
 
-enum status noise_estimate(const vec3 *point, const vec3 *normal, const struct neighbourhood *hood, double *level) {
-    size_t step = hood->n / NOISE_SAMPLES + 1, count = (hood->n + step - 1) / step;
+enum status noise_estimate(const vec3 *point, const vec3 *normal, const struct neighbourhood *neighbours,
+                           double *level) {
+    size_t step = neighbours->n / NOISE_SAMPLES + 1, count = (neighbours->n + step - 1) / step;
     float *difference = alloc_array(count, sizeof *difference);
     if (!difference) return STATUS_NO_MEMORY;
-    for (size_t i = 0; i < count; i++) difference[i] = (float)difference_at(point, normal, hood, i * step);
+    for (size_t i = 0; i < count; i++) difference[i] = (float)difference_at(point, normal, neighbours, i * step);
     *level = count ? OF_GAUSS * (double)quantile_of(difference, count, 0.5) : 0;
     free(difference);
     return STATUS_OK;

@@ -13,7 +13,7 @@
  * grid; what is noise over distances of many spacings, as where scans don't fit together, isn't seen.  At most
  * NOISE_SAMPLES points are looked at.  STATUS_NO_MEMORY. */
 enum { NOISE_SAMPLES = 1 << 16 };
-enum status noise_estimate(const vec3 *point, const vec3 *normal, const struct neighbourhood *hood,
+enum status noise_estimate(const vec3 *point, const vec3 *normal, const struct neighbourhood *neighbours,
                            double *level) MUST_CHECK;
 
 #endif

@@ -21,7 +21,7 @@ struct colours {
     bool is_fit;                 /* all lie in 0 .. 65535 */
 };
 
-static size_t find(const struct cloud *cloud, const char *name) {
+static size_t find_colour(const struct cloud *cloud, const char *name) {
     size_t j = 0;
     while (j < cloud->property_count && (cloud->property[j].is_list || strcmp(cloud->property[j].name, name) != 0)) j++;
     return j;
@@ -30,7 +30,7 @@ static size_t find(const struct cloud *cloud, const char *name) {
 static struct colours find_colours(const struct cloud *cloud) {
     static const char *const names[COMPONENTS] = {"red", "green", "blue", "alpha"};
     struct colours c = {0};
-    while (c.count < COMPONENTS && (c.property[c.count] = find(cloud, names[c.count])) < cloud->property_count)
+    while (c.count < COMPONENTS && (c.property[c.count] = find_colour(cloud, names[c.count])) < cloud->property_count)
         c.count++;
     if (c.count < 3) c.count = 0;
     return c;
@@ -78,7 +78,7 @@ static void pack(const struct cloud *cloud, const struct property *old, const st
     }
 }
 
-static size_t lay_out(struct cloud *cloud, const struct colours *c, enum scalar_type type) {
+static size_t lay_out_depths(struct cloud *cloud, const struct colours *c, enum scalar_type type) {
     size_t bytes = 0;
     for (size_t j = 0; j < cloud->property_count; j++) {
         struct property *p = &cloud->property[j];
@@ -104,7 +104,7 @@ static enum status repack(struct cloud *cloud, const struct colours *c, enum sca
         goto out;
     }
     if (grown) cloud->record = grown;
-    size_t bytes = cloud->record_bytes = lay_out(cloud, c, type);
+    size_t bytes = cloud->record_bytes = lay_out_depths(cloud, c, type);
     for (size_t k = 0; k < cloud->count; k++) {
         size_t i = bytes > old_bytes ? cloud->count - 1 - k : k;
         memcpy(record, cloud->record + i * old_bytes, old_bytes);

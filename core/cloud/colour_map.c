@@ -36,7 +36,7 @@ static void colour_of(double t, unsigned char rgb[3]) {
     rgb[2] = 0;
 }
 
-static void lay_out(const struct cloud *cloud, const char *name, struct cloud *out) {
+static void lay_out_map(const struct cloud *cloud, const char *name, struct cloud *out) {
     static const char *const names[PROPERTIES] = {"x", "y", "z", "", "red", "green", "blue"};
     for (uint32_t i = 0; i < PROPERTIES; i++) {
         struct property *p = &out->property[i];
@@ -63,7 +63,7 @@ enum status paint_cloud(const struct cloud *cloud, const char *name, const float
     double red = 1;
     enum status status = find_red(value, cloud->count, &red);
     made.property = alloc_array(PROPERTIES, sizeof *made.property);
-    if (!status && made.property) lay_out(cloud, name, &made);
+    if (!status && made.property) lay_out_map(cloud, name, &made);
     made.record = alloc_array(cloud->count, made.record_bytes);
     made.position = alloc_array(cloud->count, sizeof *made.position);
     if (status || !made.property || !made.record || !made.position) {

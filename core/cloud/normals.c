@@ -11,7 +11,7 @@
 enum { AXES = 3 };
 static const char *const names[AXES] = {"nx", "ny", "nz"};
 
-static struct property *find(struct cloud *cloud, const char *name) {
+static struct property *find_component(struct cloud *cloud, const char *name) {
     for (size_t j = 0; j < cloud->property_count; j++)
         if (strcmp(cloud->property[j].name, name) == 0) return &cloud->property[j];
     return NULL;
@@ -19,11 +19,11 @@ static struct property *find(struct cloud *cloud, const char *name) {
 
 /* The name of a property that is in the way becomes "name_given", as often as it takes. */
 static void move_aside(struct cloud *cloud, const char *name) {
-    struct property *taken = find(cloud, name);
+    struct property *taken = find_component(cloud, name);
     if (!taken) return;
     char other[PROPERTY_NAME_BYTES];
     snprintf(other, sizeof other, "%s_given", name);
-    for (unsigned i = 2; find(cloud, other); i++) snprintf(other, sizeof other, "%s_given%u", name, i);
+    for (unsigned i = 2; find_component(cloud, other); i++) snprintf(other, sizeof other, "%s_given%u", name, i);
     memcpy(taken->name, other, sizeof other);
 }
 
@@ -52,13 +52,13 @@ static enum status append(struct cloud *cloud, struct error *error) {
 enum status cloud_set_normals(struct cloud *cloud, const float (*normal)[3], struct error *error) {
     bool there = true;
     for (int k = 0; k < AXES; k++) {
-        const struct property *p = find(cloud, names[k]);
+        const struct property *p = find_component(cloud, names[k]);
         there = there && p && !p->is_list && p->type >= SCALAR_FLOAT32;
     }
     enum status status = there ? STATUS_OK : append(cloud, error);
     if (status) return status;
     for (int k = 0; k < AXES; k++) {
-        const struct property *p = find(cloud, names[k]);
+        const struct property *p = find_component(cloud, names[k]);
         for (size_t i = 0; i < cloud->count; i++)
             scalar_store(cloud->record + i * cloud->record_bytes + p->offset_bytes, p->type, (double)normal[i][k]);
     }

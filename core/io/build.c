@@ -107,7 +107,7 @@ enum status cloud_build_room(struct cloud_build *build, uint64_t points) {
 }
 
 /* Room for one more. */
-static enum status make_room(struct cloud_build *build) {
+static enum status build_reserve(struct cloud_build *build) {
     size_t count = build->cloud.count;
     enum status status = check_limit(build, (uint64_t)count + 1);
     return status || count < build->point_capacity ? status : resize(build, count + count / 2 + FIRST_CAPACITY);
@@ -123,7 +123,7 @@ enum status cloud_build_point(struct cloud_build *build, const void *record, str
         const struct property *property = &cloud->property[cloud->xyz[axis]];
         p[axis] = scalar_load((const unsigned char *)record + property->offset_bytes, property->type);
     }
-    enum status status = make_room(build);
+    enum status status = build_reserve(build);
     if (status) return status;
     memcpy(cloud->record + cloud->count * cloud->record_bytes, record, cloud->record_bytes);
     cloud->position[cloud->count++] = (vec3){p[0], p[1], p[2]};

@@ -74,7 +74,7 @@ struct buffer {
     bool ended;
 };
 
-static enum status make_room(struct buffer *b, size_t n, struct error *error) {
+static enum status buffer_reserve(struct buffer *b, size_t n, struct error *error) {
     if (b->capacity - b->used >= n) return STATUS_OK;
     size_t capacity = b->capacity + b->capacity / 2 + FIRST_BYTES + n;
     unsigned char *grown = alloc_resize(b->bytes, capacity, 1);
@@ -87,7 +87,7 @@ static enum status make_room(struct buffer *b, size_t n, struct error *error) {
 /* Reads until the buffer holds want bytes or the data ends. */
 static enum status fill(int fd, struct buffer *b, size_t want, struct error *error) {
     while (!b->ended && b->used < want) {
-        enum status status = make_room(b, 1, error);
+        enum status status = buffer_reserve(b, 1, error);
         if (status) return status;
         size_t room = b->capacity - b->used, missing = want - b->used;
         ssize_t got = read(fd, b->bytes + b->used, room < missing ? room : missing);
@@ -123,7 +123,7 @@ struct unpack {
 static enum status take(void *ctx, const void *bytes, size_t n) {
     struct unpack *u = ctx;
     if (progress_tick(u->progress, "read", 0)) return error_set(u->error, STATUS_CANCELLED, "read", "cancelled");
-    enum status status = make_room(&u->out, n, u->error);
+    enum status status = buffer_reserve(&u->out, n, u->error);
     if (status) return status;
     memcpy(u->out.bytes + u->out.used, bytes, n);
     u->out.used += n;

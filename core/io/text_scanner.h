@@ -24,6 +24,16 @@ struct scan_word {
     size_t n;
 };
 
+/* Classes of characters, for readers that split lines in their own way. */
+static inline bool scan_is_blank(char c) { return c == ' ' || c == '\t'; }
+static inline bool scan_is_quote(char c) { return c == '"' || c == '\''; }
+static inline bool scan_is_newline(char c) { return c == '\n' || c == '\r'; }
+
+/* Whether the text from .. stop stands in brackets, as units of columns do: [m], (m). */
+static inline bool scan_is_bracketed(const char *from, const char *stop) {
+    return stop - from >= 2 && ((*from == '[' && stop[-1] == ']') || (*from == '(' && stop[-1] == ')'));
+}
+
 /* At the beginning of n bytes, after a byte order mark; the text ends before a mark of its end (DOS has one). */
 struct scan scan_start(const void *bytes, size_t n);
 

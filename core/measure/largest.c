@@ -87,7 +87,7 @@ static void thin_out(struct hunt *h) {
 }
 
 /* Measures n pieces of the batch in their middles; those that may hold more go on. */
-static enum status measure_batch(struct hunt *h, size_t n) {
+static enum status measure_largest_batch(struct hunt *h, size_t n) {
     const struct largest_search *search = h->search;
     for (size_t i = 0; i < n; i++) {
         const vec3 *c = h->batch[i].corner;
@@ -113,7 +113,7 @@ static enum status measure_triangles(struct hunt *h) {
     for (size_t begin = 0; !status && begin < from->triangle_count; begin += LARGEST_BATCH) {
         size_t left = from->triangle_count - begin, n = left < LARGEST_BATCH ? left : LARGEST_BATCH;
         for (size_t i = 0; i < n; i++) put_corners(from, begin + i, &h->batch[i]);
-        status = measure_batch(h, n);
+        status = measure_largest_batch(h, n);
         if (h->count > LARGEST_BATCH) thin_out(h);
     }
     return status;
@@ -143,7 +143,7 @@ static enum status cut_pieces(struct hunt *h) {
     size_t n = h->count;
     for (size_t i = 0; i < n; i++) cut(&h->piece[i], &h->batch[4 * i]);
     h->count = 0;
-    return measure_batch(h, 4 * n);
+    return measure_largest_batch(h, 4 * n);
 }
 _Static_assert(4 * MOST <= LARGEST_BATCH, "the quarters of MOST pieces are one batch");
 

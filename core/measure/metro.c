@@ -111,7 +111,7 @@ static enum status measure_places(struct meter *m, size_t n) {
     return status;
 }
 
-static enum status measure_batch(struct meter *m, size_t n) {
+static enum status measure_metro_batch(struct meter *m, size_t n) {
     if (m->now->target->bvh) {
         par_for(m->options->threads, n, GRAIN, sample_and_measure_range, m);
         return STATUS_OK;
@@ -169,7 +169,7 @@ static enum status measure_direction(struct meter *m, const struct direction *di
     m->now = direction;
     for (m->begin = 0; !status && m->begin < direction->sampler->count; m->begin += BATCH) {
         size_t left = direction->sampler->count - m->begin, n = left < BATCH ? left : BATCH;
-        status = tick(m) ? STATUS_CANCELLED : measure_batch(m, n);
+        status = tick(m) ? STATUS_CANCELLED : measure_metro_batch(m, n);
         if (status) break;
         if (direction->nearest) memcpy(&direction->nearest[m->begin], m->nearest, n * sizeof *m->nearest);
         if (surface) note_seen(m, n, seen, &element);

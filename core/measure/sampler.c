@@ -104,8 +104,7 @@ struct sampler sampler_points(const vec3 *point, size_t n) {
 }
 
 static double triangle_area(const struct mesh *mesh, size_t t) {
-    const uint32_t *v = mesh->triangle[t];
-    return vec3_length(vec3_triangle_normal(mesh->vertex[v[0]], mesh->vertex[v[1]], mesh->vertex[v[2]])) / 2;
+    return vec3_length(mesh_triangle_normal(mesh, t)) / 2;
 }
 
 static double mesh_area(const struct mesh *mesh) {

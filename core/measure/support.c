@@ -25,16 +25,11 @@ struct search {
     uint8_t *supported;
 };
 
-static vec3 normal_of(const struct mesh *mesh, uint32_t t) {
-    const uint32_t *v = mesh->triangle[t];
-    return vec3_triangle_normal(mesh->vertex[v[0]], mesh->vertex[v[1]], mesh->vertex[v[2]]);
-}
-
 static bool supports(const struct search *s, uint32_t p, vec3 sample, vec3 normal) {
     const struct mesh *mesh = s->mesh;
     uint32_t t = s->points->nearest[p];
     const uint32_t *v = mesh->triangle[t];
-    if (vec3_dot(normal, normal_of(mesh, t)) < 0) return false;
+    if (vec3_dot(normal, mesh_triangle_normal(mesh, t)) < 0) return false;
     vec3 foot = triangle_closest(s->points->point[p], mesh->vertex[v[0]], mesh->vertex[v[1]], mesh->vertex[v[2]]);
     return vec3_distance(sample, foot) <= SUPPORT_REACH * (double)s->points->spacing[p];
 }
@@ -47,7 +42,7 @@ static void fill_range(void *ctx, size_t begin, size_t end) {
 static void judge_range(void *ctx, size_t begin, size_t end) {
     struct search *s = ctx;
     for (size_t i = begin; i < end; i++) {
-        vec3 normal = normal_of(s->mesh, (uint32_t)sampler_element(s->sampler, i));
+        vec3 normal = mesh_triangle_normal(s->mesh, (uint32_t)sampler_element(s->sampler, i));
         s->supported[i] = false;
         for (size_t k = i * NEAREST; k < (i + 1) * NEAREST && s->near[k] != NONE && !s->supported[i]; k++)
             s->supported[i] = supports(s, s->near[k], s->sample[i], normal);

@@ -43,4 +43,10 @@ struct mesh_facts {
 /* Counts the facts.  O(triangles log triangles).  STATUS_NO_MEMORY only. */
 enum status mesh_examine(const struct mesh *mesh, struct mesh_facts *facts) MUST_CHECK;
 
+/* The normal of triangle t, by its corners' order; its length is twice the area. */
+static inline vec3 mesh_triangle_normal(const struct mesh *mesh, size_t t) {
+    const uint32_t *v = mesh->triangle[t];
+    return vec3_triangle_normal(mesh->vertex[v[0]], mesh->vertex[v[1]], mesh->vertex[v[2]]);
+}
+
 #endif

@@ -60,7 +60,7 @@ static enum status mesh_init(struct mesh *mesh, size_t vertices, size_t triangle
     return mesh->vertex && mesh->source && mesh->triangle && mesh->tag ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
-enum status mesh_without(struct mesh *mesh, const struct halfedge *he, const uint8_t *out) {
+enum status submesh_without(struct mesh *mesh, const struct halfedge *he, const uint8_t *out) {
     struct rest r = {mesh, he, out, disjoint_set_new(3 * mesh->triangle_count), NULL};
     struct mesh left = {0};
     size_t count = 0;

@@ -10,6 +10,6 @@
  * and tags.  The others stay in their order; vertices are numbered as triangles come to them.  Each fan of triangles
  * that is left at a vertex gets a vertex of its own, so the mesh stays a manifold.  *mesh is untouched on failure, and
  * he no longer of it afterwards.  O(triangles).  STATUS_NO_MEMORY. */
-enum status mesh_without(struct mesh *mesh, const struct halfedge *he, const uint8_t *out) MUST_CHECK;
+enum status submesh_without(struct mesh *mesh, const struct halfedge *he, const uint8_t *out) MUST_CHECK;
 
 #endif

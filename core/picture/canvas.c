@@ -58,7 +58,7 @@ struct reach {
     long first, last;
 };
 
-static struct reach reach_of(float x, float radius, size_t begin, size_t end) {
+static struct reach splat_reach(float x, float radius, size_t begin, size_t end) {
     float first = fmaxf(ceilf(x - radius - 0.5f), (float)begin),
           last = fminf(floorf(x + radius - 0.5f), (float)end - 1);
     if (!(first <= last)) return (struct reach){0, -1};
@@ -91,7 +91,7 @@ static void blend(struct sample *to, const struct splat *s, float weight, float 
 
 static void draw_splat(struct canvas *canvas, const struct splat *s, size_t begin, size_t end, bool nearest) {
     float wide = fmaxf(s->radius, 0.5f);
-    struct reach rows = reach_of(s->y, wide, begin, end), columns = reach_of(s->x, wide, 0, canvas->width);
+    struct reach rows = splat_reach(s->y, wide, begin, end), columns = splat_reach(s->x, wide, 0, canvas->width);
     for (long y = rows.first; y <= rows.last; y++) {
         struct sample *row = &canvas->sample[(size_t)y * canvas->width];
         for (long x = columns.first; x <= columns.last; x++) {
@@ -143,8 +143,8 @@ static void facing_normal(const struct corner *const c[3], float normal[3]) {
 static void fill_triangle(struct canvas *canvas, const struct corner *const c[3], size_t begin, size_t end) {
     float low_x = fminf(c[0]->x, fminf(c[1]->x, c[2]->x)), high_x = fmaxf(c[0]->x, fmaxf(c[1]->x, c[2]->x));
     float low_y = fminf(c[0]->y, fminf(c[1]->y, c[2]->y)), high_y = fmaxf(c[0]->y, fmaxf(c[1]->y, c[2]->y));
-    struct reach rows = reach_of((low_y + high_y) / 2, (high_y - low_y) / 2 + 0.5f, begin, end);
-    struct reach columns = reach_of((low_x + high_x) / 2, (high_x - low_x) / 2 + 0.5f, 0, canvas->width);
+    struct reach rows = splat_reach((low_y + high_y) / 2, (high_y - low_y) / 2 + 0.5f, begin, end);
+    struct reach columns = splat_reach((low_x + high_x) / 2, (high_x - low_x) / 2 + 0.5f, 0, canvas->width);
     float area = side_of(c[0], c[1], c[2]->x, c[2]->y), normal[3];
     if (area == 0 || rows.last < rows.first) return;
     facing_normal(c, normal);

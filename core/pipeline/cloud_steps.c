@@ -75,7 +75,7 @@ enum status pipeline_neighbours(struct run *run) {
     if (status) return status;
     struct neighbourhood_options options = {run->params->neighbourhood, (unsigned)run->params->neighbours_min,
                                             (unsigned)run->params->neighbours_max, run->threads};
-    status = neighbourhood_find(run->knn, run->points.point, run->points.count, &options, &run->hood);
+    status = neighbourhood_find(run->knn, run->points.point, run->points.count, &options, &run->neighbours);
     if (!run->mesh_follows) {
         knn_free(run->knn);
         run->knn = NULL;
@@ -87,8 +87,8 @@ enum status pipeline_neighbours(struct run *run) {
 enum status pipeline_normals(struct run *run) {
     run->normal = alloc_array(run->points.count, sizeof *run->normal);
     if (!run->normal) return pipeline_no_memory(run, "normals");
-    normals_fit(run->points.point, &run->hood, run->threads, run->normal, NULL);
-    if (noise_estimate(run->points.point, run->normal, &run->hood, &run->report.noise_level))
+    normals_fit(run->points.point, &run->neighbours, run->threads, run->normal, NULL);
+    if (noise_estimate(run->points.point, run->normal, &run->neighbours, &run->report.noise_level))
         return pipeline_no_memory(run, "normals");
     run->report.noise_level *= run->points.scale;
     return STATUS_OK;
@@ -97,14 +97,15 @@ enum status pipeline_normals(struct run *run) {
 enum status pipeline_dso(struct run *run) {
     run->dso = alloc_array(run->points.count, sizeof *run->dso);
     if (!run->dso) return pipeline_no_memory(run, "dso");
-    dso_compute(run->points.point, run->normal, &run->hood, (enum dso_form)run->params->dso, run->threads, run->dso);
+    dso_compute(run->points.point, run->normal, &run->neighbours, (enum dso_form)run->params->dso, run->threads,
+                run->dso);
     return STATUS_OK;
 }
 
 /* The weights of points; smooth is room for n.  The paper's form is used as it is. */
 static void weigh(const struct run *run, float *smooth, float *weight) {
     bool smoothed = run->params->dso == DSO_RMS;
-    if (smoothed) dso_smooth(run->dso, &run->hood, run->threads, smooth);
+    if (smoothed) dso_smooth(run->dso, &run->neighbours, run->threads, smooth);
     dso_weights(smoothed ? smooth : run->dso, run->points.count, run->params->dso_exponent, run->threads, weight);
 }
 
@@ -137,7 +138,8 @@ static enum status add_edges(struct run *run, const struct weight_entry *entry, 
         const struct property *property = select_property(run->cloud, *name);
         if (!property) return select_refuse(run->cloud, "weights", *name, run->error);
         load_values(run, property, value, order);
-        attribute_edges_add(run->points.point, run->normal, &run->hood, value, entry->weight, options, run->quadrics);
+        attribute_edges_add(run->points.point, run->normal, &run->neighbours, value, entry->weight, options,
+                            run->quadrics);
     }
     return STATUS_OK;
 }
@@ -151,7 +153,7 @@ enum status pipeline_quadrics(struct run *run) {
         struct quadric_options options = {(enum area_weight)run->params->area_weight, run->params->line_quadric,
                                           run->threads};
         weigh(run, smooth, weight);
-        quadric_assemble(run->points.point, run->normal, &run->hood, weight, &options, run->quadrics);
+        quadric_assemble(run->points.point, run->normal, &run->neighbours, weight, &options, run->quadrics);
     }
     enum status status = room ? STATUS_OK : pipeline_no_memory(run, "quadrics");
     struct weight_entry entry;
@@ -195,8 +197,8 @@ static size_t fewest_ranked(const struct run *run) {
 enum status pipeline_contract(struct run *run) {
     struct adjacency near = {0};
     struct contract_options options = {run->threads, fewest_ranked(run)};
-    enum status status = adjacency_from(&run->hood, run->threads, &near);
-    if (!run->mesh_follows) neighbourhood_done(&run->hood);
+    enum status status = adjacency_from(&run->neighbours, run->threads, &near);
+    if (!run->mesh_follows) neighbourhood_done(&run->neighbours);
     if (!status)
         status = contract(run->points.point, &near, run->quadrics, &options, &run->progress, &run->contraction);
     free(run->quadrics);

@@ -76,21 +76,21 @@ static enum status drop_outliers(struct run *run, struct remains *remains, doubl
 /* Whether noise is large against the distances between points. */
 static enum status find_noise(struct run *run, const struct remains *remains, bool *large) {
     struct knn *knn = NULL;
-    struct neighbourhood hood = {0};
+    struct neighbourhood neighbours = {0};
     struct neighbourhood_options options = {run->params->neighbourhood, (unsigned)run->params->neighbours_min,
                                             (unsigned)run->params->neighbours_max, run->threads};
     size_t n = remains->count;
     double level = 0;
     vec3 *normal = alloc_array(n, sizeof *normal);
     enum status status = normal ? knn_new(remains->point, n, run->threads, &knn, run->error) : STATUS_NO_MEMORY;
-    if (!status) status = neighbourhood_find(knn, remains->point, n, &options, &hood);
+    if (!status) status = neighbourhood_find(knn, remains->point, n, &options, &neighbours);
     knn_free(knn);
     if (!status) {
-        normals_fit(remains->point, &hood, run->threads, normal, NULL);
-        status = noise_estimate(remains->point, normal, &hood, &level);
+        normals_fit(remains->point, &neighbours, run->threads, normal, NULL);
+        status = noise_estimate(remains->point, normal, &neighbours, &level);
     }
-    if (!status) *large = level > LARGE_NOISE * (double)quantile_of(hood.spacing, n, 0.5);
-    neighbourhood_done(&hood);
+    if (!status) *large = level > LARGE_NOISE * (double)quantile_of(neighbours.spacing, n, 0.5);
+    neighbourhood_done(&neighbours);
     free(normal);
     return status;
 }

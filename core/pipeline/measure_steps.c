@@ -134,7 +134,7 @@ static void report_errors(struct run *run, const struct metro_errors *errors, en
 }
 
 static enum status measure_support(struct run *run, const uint32_t *nearest) {
-    struct support_points points = {run->points.point, run->hood.spacing, run->knn, nearest};
+    struct support_points points = {run->points.point, run->neighbours.spacing, run->knn, nearest};
     return support_missing(&run->mesh, &points, run->params->seed, run->threads,
                            &run->report.level[run->level].unsupported);
 }
@@ -143,8 +143,9 @@ static enum status measure_support(struct run *run, const uint32_t *nearest) {
 static enum status measure_against(struct run *run, const struct mesh *surface, enum reference_form form,
                                    uint32_t *nearest) {
     struct metro_errors errors;
-    struct metro_reference reference = {run->points.count, run->points.point, run->normal,
-                                        run->hood.spacing, run->knn,          surface->triangle_count ? surface : NULL};
+    struct metro_reference reference = {run->points.count, run->points.point,
+                                        run->normal,       run->neighbours.spacing,
+                                        run->knn,          surface->triangle_count ? surface : NULL};
     struct metro_options options = {.seed = run->params->seed,
                                     .threads = run->threads,
                                     .progress = &run->progress,

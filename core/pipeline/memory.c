@@ -43,7 +43,7 @@ enum { TET = 176, SITE = 100 }; /* bytes, measured: of a tetrahedron, and of a k
 static bool refined(const struct params *p) { return params_want_mesh(p) && p->refine != REFINE_NONE; }
 static bool refined_closely(const struct params *p) { return refined(p) && p->placement == PLACEMENT_OPTIMAL; }
 static bool denoised(const struct params *p) { return p->denoise != DENOISE_NONE; }
-static bool spaced(const struct params *p) { return !isnan(p->spacing); }
+static bool has_spacing(const struct params *p) { return !isnan(p->spacing); }
 static bool attributed(const struct params *p) {
     return params_want_mesh(p) && (p->placement == PLACEMENT_OPTIMAL || p->attributes == ATTRIBUTES_MEAN);
 }
@@ -56,7 +56,7 @@ static bool painted(const struct params *p) { return p->outputs & (OUTPUT_DSO | 
 
 /* Bytes for each point beside Delaunay, and after it where samples are made then (pipeline/mesh_steps.c): usual
  * tetrahedra and these are less than "refine", but as many as memory has room for are not. */
-enum { UMBRELLAS = 135, SAMPLES = 259 };
+enum { LOCAL_DELAUNAY = 135, SAMPLES = 259 };
 
 static const struct stage {
     const char *name;
@@ -67,12 +67,12 @@ static const struct stage {
     {"denoise", denoised, 530, 0, 0, 0, NO_TETS},
     {"join", cloud_alone, 94, 9, 0, 0, NO_TETS},
     {"contract", cloud_alone, 124, 7, 0, 0, NO_TETS},
-    {"space", spaced, 100, 0, 0, 0, NO_TETS},
+    {"space", has_spacing, 100, 0, 0, 0, NO_TETS},
     {"tangent", cloud_alone, 40, 0, 70, 0, NO_TETS},
     {"join", params_want_mesh, 130, 9, 0, 0, NO_TETS},
     {"contract", params_want_mesh, 165, 11, 0, 0, NO_TETS},
     {"delaunay", params_want_mesh, 81, 4, SITE, 0, OF_KEPT},
-    {"umbrellas", refined, UMBRELLAS, 4, SITE, 0, OF_KEPT},
+    {"local_delaunay", refined, LOCAL_DELAUNAY, 4, SITE, 0, OF_KEPT},
     {"refine", refined, 680, 4, 800, 0, NO_TETS},
     {"closer", refined_closely, 1080, 4, 1300, 0, NO_TETS},
     {"measure", params_want_mesh, 105, 4, 300, 175, NO_TETS},
@@ -114,7 +114,7 @@ size_t memory_usual_points(size_t points, size_t kept) {
     return (size_t)(usual_tetrahedra((double)points, (double)kept) / EACH);
 }
 
-static double most_tetrahedra(double points, double triangulated) {
+static double tetrahedra_expected(double points, double triangulated) {
     return fmax(usual_tetrahedra(points, triangulated), MEMORY_MOST_TETRAHEDRA * triangulated);
 }
 
@@ -175,7 +175,7 @@ uint64_t memory_predict(const struct memory_job *job, const struct params *param
 uint64_t memory_predict_most(const struct memory_job *job, const struct params *params) {
     struct memory_job most = *job;
     if (most.faces < most.faces_most) most.faces = most.faces_most;
-    return predict(&most, params, most_tetrahedra);
+    return predict(&most, params, tetrahedra_expected);
 }
 
 uint64_t memory_triangles(const struct params *params) {
@@ -194,10 +194,10 @@ bool memory_lacks_for_faces(const struct memory_job *job, const struct params *p
 }
 
 uint64_t memory_tetrahedra(const struct memory_job *job, uint64_t kept, bool of_all, const struct params *params) {
-    double most = most_tetrahedra((double)job->points, (double)(of_all ? job->points : kept));
+    double most = tetrahedra_expected((double)job->points, (double)(of_all ? job->points : kept));
     double held = 0, stage = 0;
     if (!params->memory_bytes) return (uint64_t)most;
-    if (refined(params) && !of_all) held = (double)job->points * (SAMPLES - UMBRELLAS);
+    if (refined(params) && !of_all) held = (double)job->points * (SAMPLES - LOCAL_DELAUNAY);
     for (int i = 0; i < STAGES; i++)
         if (stages[i].tets == (of_all ? OF_ALL : OF_KEPT) && stages[i].wanted(params))
             stage = fmax(stage, stage_bytes(&stages[i], job, (double)kept, params));
@@ -275,9 +275,9 @@ static enum status job_of_las(const unsigned char *bytes, size_t n, uint64_t tot
         LAZ_BIT = 0x80
     };
     if (n < LEAST_BYTES) return STATUS_MALFORMED;
-    uint64_t points = little_load(bytes + COUNT, 4);
-    if (bytes[25] >= 4 && little_load(bytes + LONG_COUNT, 8)) points = little_load(bytes + LONG_COUNT, 8);
-    uint64_t record_bytes = little_load(bytes + RECORD_BYTES, 2);
+    uint64_t points = load_little_endian(bytes + COUNT, 4);
+    if (bytes[25] >= 4 && load_little_endian(bytes + LONG_COUNT, 8)) points = load_little_endian(bytes + LONG_COUNT, 8);
+    uint64_t record_bytes = load_little_endian(bytes + RECORD_BYTES, 2);
     *job = (struct memory_job){points, record_bytes + GROWS_BY, 0, total_bytes, 0};
     if (bytes[FORMAT] & LAZ_BIT)
         job->input_bytes += par_processors() * laz_codec_bytes(bytes[FORMAT] % LAZ_BIT, record_bytes);
@@ -293,7 +293,7 @@ static void job_of_e57(uint64_t total_bytes, struct memory_job *job) {
 /* A closed surface has half as many points as facets; twice that is counted, and the table that joins corners. */
 static void job_of_stl(const unsigned char *bytes, uint64_t total_bytes, struct memory_job *job) {
     enum { COUNT = 80, RECORD_BYTES = 12, TABLE_BYTES = 16 };
-    uint64_t facets = little_load(bytes + COUNT, 4);
+    uint64_t facets = load_little_endian(bytes + COUNT, 4);
     *job = (struct memory_job){facets, RECORD_BYTES + TABLE_BYTES, facets, total_bytes, 0};
 }
 

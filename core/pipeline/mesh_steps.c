@@ -34,7 +34,7 @@ static void number_sites(const struct run *run, struct sites *sites, uint32_t *i
 static void find_support(const struct run *run, const uint32_t *index, struct sites *sites) {
     for (size_t x = 0; x < run->points.count; x++) {
         uint32_t i = sites->of_point[x] = index[sites->of_point[x]];
-        double reach = vec3_distance(run->points.point[x], sites->point[i]) + (double)run->hood.spacing[x];
+        double reach = vec3_distance(run->points.point[x], sites->point[i]) + (double)run->neighbours.spacing[x];
         sites->support[i] = fmax(sites->support[i], reach);
     }
 }
@@ -142,9 +142,9 @@ static enum status find_lid(const struct run *run, const struct mesh *mesh, enum
     float *reach = alloc_array(run->points.count, sizeof *reach);
     uint8_t *stray = alloc_array(run->points.count, sizeof *stray);
     enum status status = reach && stray
-                             ? sheet_reach_in(&run->hood, run->points.point, run->threads, reach, &points.median)
+                             ? sheet_reach_in(&run->neighbours, run->points.point, run->threads, reach, &points.median)
                              : STATUS_NO_MEMORY;
-    if (!status) sheet_find_strays(&run->hood, reach, stray);
+    if (!status) sheet_find_strays(&run->neighbours, reach, stray);
     points.reach = reach, points.stray = stray;
     if (!status) status = surface_lid_of(mesh, &points, of, run->threads, share);
     free(reach), free(stray);
@@ -173,7 +173,7 @@ static enum status judge_field(struct run *run, const struct mesh *field) {
 }
 
 /* How many tetrahedra the kept points may have between them, or all points. */
-static size_t most_tetrahedra(const struct run *run, bool of_all, const struct params *params) {
+static size_t tetrahedra_allowed(const struct run *run, bool of_all, const struct params *params) {
     const struct memory_job job = {run->cloud->count, run->cloud->record_bytes, run->cloud->triangle_count, 0, 0};
     return memory_tetrahedra(&job, run->kept_count, of_all, params);
 }
@@ -183,8 +183,8 @@ static enum status explain_tetrahedra(const struct run *run, const struct sites 
                                       enum status status) {
     struct params unlimited = *run->params;
     unlimited.memory_bytes = 0;
-    size_t most = most_tetrahedra(run, of_all, run->params);
-    if (status != STATUS_LIMIT || most == most_tetrahedra(run, of_all, &unlimited)) return status;
+    size_t most = tetrahedra_allowed(run, of_all, run->params);
+    if (status != STATUS_LIMIT || most == tetrahedra_allowed(run, of_all, &unlimited)) return status;
     return error_set(run->error, STATUS_NO_MEMORY, "delaunay",
                      "the %zu points of the mesh have more than %zu tetrahedra between them, as points along lines "
                      "have, and %" PRIu64 " MiB have no room for more: allow more memory, keep fewer points (ratio), "
@@ -193,7 +193,7 @@ static enum status explain_tetrahedra(const struct run *run, const struct sites 
 }
 
 static enum status triangulate(const struct run *run, const struct sites *sites, bool of_all, struct tets *tets) {
-    enum status status = delaunay_build_within(sites->point, sites->count, most_tetrahedra(run, of_all, run->params),
+    enum status status = delaunay_build_within(sites->point, sites->count, tetrahedra_allowed(run, of_all, run->params),
                                                run->threads, &run->progress, tets, run->error);
     return explain_tetrahedra(run, sites, of_all, status);
 }
@@ -240,8 +240,8 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
 }
 
 static struct reconstruct_dense dense_of(const struct run *run, const struct sites *sites) {
-    return (struct reconstruct_dense){run->points.count, run->points.point, run->normal, run->hood.spacing,
-                                      sites->of_point,   run->knn,          &run->hood};
+    return (struct reconstruct_dense){run->points.count, run->points.point, run->normal,     run->neighbours.spacing,
+                                      sites->of_point,   run->knn,          &run->neighbours};
 }
 
 /* The surface of the sites, of one form; the mesh's sources become ids along the curve. */
@@ -368,8 +368,8 @@ static struct refine_input refine_input_of(struct run *run) {
     return (struct refine_input){.points = run->points.point,
                                  .normals = run->normal,
                                  .n = run->points.count,
-                                 .spacing = run->hood.spacing,
-                                 .hood = &run->hood,
+                                 .spacing = run->neighbours.spacing,
+                                 .neighbours = &run->neighbours,
                                  .up = run->surface.form == SURFACE_HEIGHTFIELD ? run->surface.up : (vec3){0},
                                  .local_delaunay = &run->local_delaunay,
                                  .samples = &run->samples};
@@ -385,7 +385,7 @@ static bool has_room_for_samples(const struct run *run) {
 enum status pipeline_local_delaunay(struct run *run) {
     if (!refine_uses_local_delaunay(run->points.count, 2 * run->kept_count)) return STATUS_OK;
     enum status status =
-        local_delaunay_find(run->points.point, run->normal, &run->hood, run->threads, &run->local_delaunay);
+        local_delaunay_find(run->points.point, run->normal, &run->neighbours, run->threads, &run->local_delaunay);
     if (status || !has_room_for_samples(run)) return status;
     struct refine_input input = refine_input_of(run);
     status = samples_init(&run->samples, &input, 1, run->threads);

@@ -16,8 +16,9 @@
  *    search       where a deviation is bounded: the fewest points with which it holds
  *  7 keep         as many as are wanted
  *  8 tangent      the error of the cloud alone
- *    umbrellas    for a mesh that is refined: triangles that the original points see between them, and where few points
- *                 are kept the samples that they make
+ *    local_delaunay
+ *                 for a mesh that is refined: triangles between neighbouring original points, and where few points are
+ *                 kept the samples that they make
  *  9 delaunay     tetrahedra of the kept points
  * 10 reconstruct  Tight Cocone; where walls are too thin for the kept points, of more, and then edges are collapsed
  * 11 refine       flips and moves against the original points
@@ -33,7 +34,7 @@
  * only the result speaks of the input's ids and coordinates.  A step's scratch dies with it; what later steps need is
  * in struct run.
  *
- * Delaunay is one thread's work, and tangent and umbrellas need nothing of it: they run beside it, as examine does
+ * Delaunay is one thread's work, and tangent and local_delaunay need nothing of it: they run beside it, as examine does
  * beside measure.  Each step's time is from its own beginning to its own end, so those of steps side by side come to
  * more than the whole takes.
  *
@@ -63,7 +64,7 @@ static bool denoise_wanted(const struct params *params) { return params->denoise
 
 static bool deviation_bounded(const struct params *params) { return params_bound_deviation(params); }
 
-static bool spaced(const struct params *params) { return !isnan(params->spacing); }
+static bool spacing_wanted(const struct params *params) { return !isnan(params->spacing); }
 
 static bool sides_wanted(const struct params *params) {
     return params_want_mesh(params) || params->normals == SWITCH_TRUE;
@@ -97,10 +98,10 @@ static const struct step {
     {"dso", pipeline_dso, always, ONCE, 2},
     {"quadrics", pipeline_quadrics, always, ONCE, 5},
     {"contract", pipeline_contract, always, ONCE, 20},
-    {"space", pipeline_space, spaced, ONCE, 3},
+    {"space", pipeline_space, spacing_wanted, ONCE, 3},
     {"search", pipeline_search, deviation_bounded, ONCE, 600},
     {"keep", pipeline_keep, always, EACH, 1},
-    {"umbrellas", pipeline_local_delaunay, refinement_wanted, BESIDE, 4},
+    {"local_delaunay", pipeline_local_delaunay, refinement_wanted, BESIDE, 4},
     {"tangent", pipeline_tangent, always, BESIDE, 2},
     {"delaunay", pipeline_delaunay, params_want_mesh, EACH, 10},
     {"reconstruct", pipeline_reconstruct, params_want_mesh, EACH, 10},
@@ -315,7 +316,7 @@ static void run_done(struct run *run) {
     ordered_points_done(&run->points);
     free(run->moved);
     knn_free(run->knn);
-    neighbourhood_done(&run->hood);
+    neighbourhood_done(&run->neighbours);
     free(run->normal), free(run->turned), free(run->dso), free(run->distance), free(run->quadrics), free(run->kept);
     contraction_done(&run->contraction);
     pipeline_leave_level(run);

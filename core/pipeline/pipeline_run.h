@@ -43,7 +43,7 @@ struct run {
     struct ordered_points points;
     vec3 *moved; /* of every input point, by its id: where denoising puts it; NULL where it moves none */
     struct knn *knn;
-    struct neighbourhood hood;
+    struct neighbourhood neighbours;
     vec3 *normal;
     float *dso;
     uint8_t *turned;  /* of each normal: it is written the other way round; NULL unless normals are written */

@@ -46,7 +46,7 @@ static enum status make_mesh(struct run *run) {
     enum status status = pipeline_delaunay(run);
     if (!status) status = pipeline_reconstruct(run);
     bool refined = !status && run->params->refine != REFINE_NONE;
-    if (refined) status = pipeline_local_delaunay(run) ? pipeline_no_memory(run, "umbrellas") : STATUS_OK;
+    if (refined) status = pipeline_local_delaunay(run) ? pipeline_no_memory(run, "local_delaunay") : STATUS_OK;
     if (refined && !status) status = pipeline_refine(run);
     if (!status && !isnan(run->params->close_holes)) status = pipeline_close_holes(run);
     return status;

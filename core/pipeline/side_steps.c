@@ -114,7 +114,7 @@ static enum status turn(struct run *run, const vec3 *given) {
     struct normal_evidence evidence = {given, views.each};
     if (!status) {
         memcpy(turned, run->normal, n * sizeof *turned);
-        status = normals_turn(run->points.point, &run->hood, &evidence, turned, &side);
+        status = normals_turn(run->points.point, &run->neighbours, &evidence, turned, &side);
         for (size_t i = 0; i < n; i++) run->turned[i] = vec3_dot(turned[i], run->normal[i]) < 0;
     }
     free(views.each), free(turned);
@@ -126,7 +126,7 @@ enum status pipeline_sides(struct run *run) {
     vec3 *given = NULL;
     enum status status = load_normals(run, &given);
     struct report_normals *report = &run->report.normals;
-    run->normals_fit = given && normals_fit_points(given, run->normal, &run->hood);
+    run->normals_fit = given && normals_fit_points(given, run->normal, &run->neighbours);
     report->known = true;
     report->given = run->normals_fit;
     if (given && !run->normals_fit)

@@ -125,7 +125,7 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
     bool always = asked == ORDER_RECONSTRUCT_FIRST;
     size_t most = memory_usual_points(run->points.count, run->kept_count);
     if (most > run->points.count) most = run->points.count;
-    if (run->hood.noisy && !always) return STATUS_OK;
+    if (run->neighbours.noisy && !always) return STATUS_OK;
     if (asked == ORDER_SIMPLIFY_FIRST || run->kept_count >= most) return STATUS_OK;
     enum status status = find_lost(run, &best.mesh, &best.lost);
     double lost = best.lost;

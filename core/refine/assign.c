@@ -75,7 +75,7 @@ INLINE struct stop go_downhill(const struct assignment *a, vec3 place, uint32_t 
     return best;
 }
 
-static uint32_t settle(const struct assignment *a, size_t i, uint32_t triangle, double distance_sq) {
+static uint32_t assign_nearest(const struct assignment *a, size_t i, uint32_t triangle, double distance_sq) {
     a->triangle[i] = triangle;
     a->distance_sq[i] = (float)distance_sq;
     return triangle;
@@ -84,7 +84,7 @@ static uint32_t settle(const struct assignment *a, size_t i, uint32_t triangle, 
 /* The nearest triangle of all; hint is one nearby. */
 static uint32_t look_up(const struct assignment *a, size_t i, uint32_t hint) {
     struct bvh_hit hit = bvh_closest(a->bvh, a->fit->samples.sample[i].place, hint);
-    return settle(a, i, hit.triangle, hit.distance_sq);
+    return assign_nearest(a, i, hit.triangle, hit.distance_sq);
 }
 
 /* The nearest that is found from a triangle nearby. */
@@ -92,7 +92,7 @@ INLINE uint32_t place_from(const struct assignment *a, size_t i, uint32_t start)
     const struct sample *sample = &a->fit->samples.sample[i];
     struct stop stop = go_downhill(a, sample->place, start);
     double trusted = TRUSTED * (double)sample->reach;
-    if (stop.hit.distance_sq < trusted * trusted) return settle(a, i, stop.triangle, stop.hit.distance_sq);
+    if (stop.hit.distance_sq < trusted * trusted) return assign_nearest(a, i, stop.triangle, stop.hit.distance_sq);
     return look_up(a, i, stop.triangle);
 }
 

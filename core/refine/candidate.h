@@ -16,6 +16,6 @@ struct fit_candidate {
     vec3 place;
 };
 
-#define FIT_OFFER_LEAST_TURN 0.2 /* smallest cosine between the normals of a triangle and what takes its place */
+#define FIT_CANDIDATE_LEAST_TURN 0.2 /* smallest cosine between the normals of a triangle and what takes its place */
 
 #endif

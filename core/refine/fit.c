@@ -257,7 +257,7 @@ static void set_scale(struct fit *fit, const float *distance_sq) {
         weight += (double)fit->samples.sample[i].weight;
     }
     double mean = fmax(weight > 0 ? sum / weight : 0, SMALLEST_MEAN);
-    fit->unit_area = fit_gap_unit_area(fit, weight);
+    fit->unit_area = fit_unsampled_unit_area(fit, weight);
     fit->far = FIT_FAR * mean;
     fit->near = FIT_NEAR * mean;
     fit->deviation_sq = FIT_DEVIATION * mean * FIT_DEVIATION * mean;
@@ -370,7 +370,7 @@ static void forget_local_delaunay(const struct fit *fit) {
 }
 
 static bool wants_middles(const struct mesh *mesh, const struct refine_input *input) {
-    return input->hood && refine_uses_local_delaunay(input->n, mesh->triangle_count);
+    return input->neighbours && refine_uses_local_delaunay(input->n, mesh->triangle_count);
 }
 
 enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_input *input,
@@ -396,7 +396,7 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
 }
 
 static bool wants_quarters(const struct fit *fit) {
-    return fit->input->hood && (double)fit->input->n < FIT_CLOSE * (double)fit->mesh->triangle_count;
+    return fit->input->neighbours && (double)fit->input->n < FIT_CLOSE * (double)fit->mesh->triangle_count;
 }
 
 enum status fit_reassign(struct fit *fit) {

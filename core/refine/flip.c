@@ -89,19 +89,19 @@ static void gather_sides(const struct fit *fit, uint32_t h, struct fit_region *r
 }
 
 /* How much the flip of h lowers the cost; 0 when it doesn't, or isn't fair.  Sets the middles of what it makes, but
- * where there is no data to stray from, which is so in a gap. */
+ * not in an unsampled area, where there are no samples to deviate from. */
 static double flip_gain(const struct fit *fit, uint32_t h, const struct surface *made, struct fit_place middle[2]) {
     double cost = fit->cost[h / 3] + fit->cost[fit->he.twin[h] / 3];
     middle[0].nearest = middle[1].nearest = NONE;
     if (!flip_is_fair(fit, h, made)) return 0;
     struct fit_region region;
     gather_sides(fit, h, &region);
-    double weight = sample_batch_weight(&region.batch), in_gap = fit_gap_gain(fit, &region, weight, h, made);
-    if (fit_is_exact(weight, cost) && !(in_gap > 0)) return 0;
-    double gain = cost + in_gap - fit_cost_with(fit, &region, made, cost + in_gap);
+    double weight = sample_batch_weight(&region.batch), unsampled = fit_unsampled_gain(fit, &region, weight, h, made);
+    if (fit_is_exact(weight, cost) && !(unsampled > 0)) return 0;
+    double gain = cost + unsampled - fit_cost_with(fit, &region, made, cost + unsampled);
     if (!(gain > FLIP_LEAST_GAIN * cost)) return 0;
     for (size_t k = 0; k < 2; k++) middle[k].at = surface_middle(made, k);
-    if (!(in_gap > 0)) fit_find_nearest(fit, &region, middle, 2);
+    if (!(unsampled > 0)) fit_find_nearest(fit, &region, middle, 2);
     return gain;
 }
 
@@ -151,7 +151,7 @@ static struct span span_of(const struct measuring *m, size_t batch) {
 }
 
 /* The triangle on either side of a candidate. */
-static uint32_t side_of(const struct measuring *m, size_t i, int side) {
+static uint32_t flip_side(const struct measuring *m, size_t i, int side) {
     uint32_t h = m->candidate[i].halfedge;
     return (side ? m->fit->he.twin[h] : h) / 3;
 }
@@ -160,21 +160,21 @@ static void fetch_batch_triangles(void *ctx, size_t batch) {
     const struct measuring *m = ctx;
     struct span span = span_of(m, batch);
     for (int side = 0; side < 2; side++)
-        for (size_t i = span.begin; i < span.end; i++) fit_fetch_triangle(m->fit, side_of(m, i, side));
+        for (size_t i = span.begin; i < span.end; i++) fit_fetch_triangle(m->fit, flip_side(m, i, side));
 }
 
 static void fetch_batch_around(void *ctx, size_t batch) {
     const struct measuring *m = ctx;
     struct span span = span_of(m, batch);
     for (int side = 0; side < 2; side++)
-        for (size_t i = span.begin; i < span.end; i++) fit_fetch_around(m->fit, side_of(m, i, side));
+        for (size_t i = span.begin; i < span.end; i++) fit_fetch_around(m->fit, flip_side(m, i, side));
 }
 
 static void fetch_batch_more(void *ctx, size_t batch) {
     const struct measuring *m = ctx;
     struct span span = span_of(m, batch);
     for (int side = 0; side < 2; side++)
-        for (size_t i = span.begin; i < span.end; i++) fit_fetch_more(m->fit, side_of(m, i, side));
+        for (size_t i = span.begin; i < span.end; i++) fit_fetch_more(m->fit, flip_side(m, i, side));
 }
 
 static bool measure_one_batch(void *ctx, size_t batch) {

@@ -6,7 +6,7 @@
  *      / \     /  \      q / |q|^2: its sides belong to the corners of their convex hull, which one round
  *    q2 --- p --- q4     of Graham's finds, as they are sorted by angle.  The nearest neighbour is always
  *      \   /             a corner, and the round starts there.
- *       q3   (gap)
+ *       q3   (unsampled)
  *
  * Each point sees its own plane, so neighbours may disagree: a triangle is as sure as many of its corners have it.
  * One that a single corner has must at least lie along the surface at all three, which none across a thin part does.
@@ -31,7 +31,7 @@ enum { POINT_GRAIN = 1024, ROOM = KNN_MAX_K + 4 };
 
 struct search {
     const vec3 *point, *normal;
-    const struct neighbourhood *hood;
+    const struct neighbourhood *neighbours;
     struct local_delaunay *out;
 };
 
@@ -74,13 +74,13 @@ INLINE void lay_out(const struct search *search, const struct plane *plane, cons
 }
 
 static void lay_out_all(const struct search *search, size_t p, struct ribs *ribs) {
-    const struct neighbourhood *hood = search->hood;
-    const uint32_t *id = &hood->id[p * hood->stride];
+    const struct neighbourhood *neighbours = search->neighbours;
+    const uint32_t *id = &neighbours->id[p * neighbours->stride];
     struct plane plane = {.at = search->point[p]};
     vec3_basis(search->normal[p], &plane.u, &plane.v);
     ribs->n = 0;
-    for (unsigned i = 0; i < hood->count[p]; i += F64_LANES) {
-        unsigned left = hood->count[p] - i;
+    for (unsigned i = 0; i < neighbours->count[p]; i += F64_LANES) {
+        unsigned left = neighbours->count[p] - i;
         lay_out(search, &plane, id + i, left < F64_LANES ? left : F64_LANES, ribs);
     }
 }
@@ -149,21 +149,21 @@ static void open_range(void *ctx, size_t begin, size_t end) {
         lay_out_all(search, p, &ribs);
         if (!sort_by_counting(&ribs, order)) sort_slowly(&ribs, order);
         if (ribs.n > 0) n = keep_natural(&ribs, order, hull);
-        if (n > UMBRELLA_RIBS) n = UMBRELLA_RIBS;
-        for (unsigned i = 0; i < UMBRELLA_RIBS; i++) search->out->rib[p][i] = i < n ? ribs.id[hull[i]] : NONE;
+        if (n > LOCAL_DELAUNAY_RIBS) n = LOCAL_DELAUNAY_RIBS;
+        for (unsigned i = 0; i < LOCAL_DELAUNAY_RIBS; i++) search->out->rib[p][i] = i < n ? ribs.id[hull[i]] : NONE;
         for (unsigned i = 0; i < n; i++)
             closed |= (unsigned)is_closed(&ribs, hull[i], hull[i + 1 < n ? i + 1 : 0]) << i;
-        search->out->closed[p] = (uint16_t)(closed | n << UMBRELLA_RIBS);
+        search->out->closed[p] = (uint16_t)(closed | n << LOCAL_DELAUNAY_RIBS);
     }
 }
 
-static_assert(UMBRELLA_RIBS % 4 == 0, "ids are compared four at a time");
+static_assert(LOCAL_DELAUNAY_RIBS % 4 == 0, "ids are compared four at a time");
 
 /* Whether p has the triangle with q and r, in either order: normals have either sign.  It takes no branch that might be
  * guessed wrong. */
 static inline bool has_triangle(const struct local_delaunay *local_delaunay, uint32_t p, uint32_t q, uint32_t r) {
     const uint32_t *rib = local_delaunay->rib[p];
-    uint32_t at_q = ids_equal(rib, UMBRELLA_RIBS, q), at_r = ids_equal(rib, UMBRELLA_RIBS, r);
+    uint32_t at_q = ids_equal(rib, LOCAL_DELAUNAY_RIBS, q), at_r = ids_equal(rib, LOCAL_DELAUNAY_RIBS, r);
     unsigned n = local_delaunay_ribs(local_delaunay, p), last = n > 0 ? n - 1 : 0;
     uint32_t before_q = at_q >> 1 | (at_q & 1) << last, before_r = at_r >> 1 | (at_r & 1) << last;
     return local_delaunay->closed[p] & ((at_q & before_r) | (at_r & before_q));
@@ -192,16 +192,16 @@ static void vote_range(void *ctx, size_t begin, size_t end) {
         out->votes[p] = 0;
         for (unsigned i = 0, n = local_delaunay_ribs(out, p); i < n; i++)
             if (out->closed[p] >> i & 1)
-                out->votes[p] |= votes_of(search, p, out->rib[p][i], umbrella_after(out, p, i)) << 2 * i;
+                out->votes[p] |= votes_of(search, p, out->rib[p][i], local_delaunay_after(out, p, i)) << 2 * i;
     }
 }
 
 FOR_EACH_PROCESSOR(enum status, local_delaunay_find)
-(const vec3 *point, const vec3 *normal, const struct neighbourhood *hood, unsigned threads,
+(const vec3 *point, const vec3 *normal, const struct neighbourhood *neighbours, unsigned threads,
  struct local_delaunay *out) {
-    size_t n = hood->n;
+    size_t n = neighbours->n;
     struct local_delaunay new = {.n = n};
-    struct search search = {point, normal, hood, &new};
+    struct search search = {point, normal, neighbours, &new};
     new.rib = alloc_array(n, sizeof *new.rib);
     new.closed = alloc_array(n, sizeof *new.closed);
     new.votes = alloc_array(n, sizeof *new.votes);

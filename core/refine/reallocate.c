@@ -83,29 +83,29 @@ static void measure_collapses(void *ctx, size_t begin, size_t end) {
 }
 
 /* The triangle on either side of an edge that is going to be measured; on a border there is one. */
-static uint32_t side_of(const struct candidate_list *list, size_t i, int side) {
+static uint32_t candidate_side(const struct candidate_list *list, size_t i, int side) {
     uint32_t h = radix_value(list->item[i]), g = side ? list->fit->he.twin[h] : h;
     return (g == NONE ? h : g) / 3;
 }
 
 static void fetch_sides(void *ctx, size_t i) {
     const struct candidate_list *list = ctx;
-    for (int side = 0; side < 2; side++) fit_fetch_triangle(list->fit, side_of(list, i, side));
+    for (int side = 0; side < 2; side++) fit_fetch_triangle(list->fit, candidate_side(list, i, side));
 }
 
 static void fetch_around_sides(void *ctx, size_t i) {
     const struct candidate_list *list = ctx;
-    for (int side = 0; side < 2; side++) fit_fetch_around(list->fit, side_of(list, i, side));
+    for (int side = 0; side < 2; side++) fit_fetch_around(list->fit, candidate_side(list, i, side));
 }
 
 static void fetch_more_of_sides(void *ctx, size_t i) {
     const struct candidate_list *list = ctx;
-    for (int side = 0; side < 2; side++) fit_fetch_more(list->fit, side_of(list, i, side));
+    for (int side = 0; side < 2; side++) fit_fetch_more(list->fit, candidate_side(list, i, side));
 }
 
 static void fetch_disks_of_sides(void *ctx, size_t i) {
     const struct candidate_list *list = ctx;
-    for (int side = 0; side < 2; side++) fit_fetch_disks(list->fit, side_of(list, i, side));
+    for (int side = 0; side < 2; side++) fit_fetch_disks(list->fit, candidate_side(list, i, side));
 }
 
 static bool measure_split(void *ctx, size_t i) {

@@ -20,11 +20,11 @@
 
 /* The original points, in the normalised frame (bounding-box diagonal 1). */
 struct refine_input {
-    const vec3 *points;               /* n; in space-filling order it is faster */
-    const vec3 *normals;              /* n, unit, of either sign */
-    const float *spacing;             /* n: mean distance to the neighbours */
-    size_t n;                         /* at least 1, less than 2^28 */
-    const struct neighbourhood *hood; /* of the points: the middles of triangles between neighbours are
+    const vec3 *points;                     /* n; in space-filling order it is faster */
+    const vec3 *normals;                    /* n, unit, of either sign */
+    const float *spacing;                   /* n: mean distance to the neighbours */
+    size_t n;                               /* at least 1, less than 2^28 */
+    const struct neighbourhood *neighbours; /* of the points: the middles of triangles between neighbours are
                                          fitted to as well, which is what keeps a mesh from bending between
                                          few points; NULL: points alone */
     struct local_delaunay

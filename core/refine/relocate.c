@@ -60,7 +60,7 @@ static vec3 rim_place(const struct fit *fit, const struct star *star, size_t i) 
     return fit->mesh->vertex[fit_rim_vertex(fit, star->ring, star->n, i)];
 }
 
-static void set_rim(const struct fit *fit, struct star *star) {
+static void set_star_rim(const struct fit *fit, struct star *star) {
     static const vec3 none = {0};
     const vec3 *place[FIT_MAX_RING], *normal[FIT_MAX_RING];
     bool open = fit_is_on_border(fit, star->vertex);
@@ -76,7 +76,7 @@ static void set_rim(const struct fit *fit, struct star *star) {
     star_vectors_set(&star->outside, normal, star->n, none);
 }
 
-static void set_frames(const struct star *star, vec3 place, struct star_frames *frames) {
+static void set_star_frames(const struct star *star, vec3 place, struct star_frames *frames) {
     star_frames_make(frames, &star->rim, vec3_sub(place, star->region.batch.origin));
 }
 
@@ -92,8 +92,8 @@ static bool star_of(const struct fit *fit, uint32_t vertex, const struct ring *r
     }
     star->region.n = star->n;
     fit_gather(fit, &star->region);
-    set_rim(fit, star);
-    set_frames(star, fit->mesh->vertex[vertex], &star->old);
+    set_star_rim(fit, star);
+    set_star_frames(star, fit->mesh->vertex[vertex], &star->old);
     return true;
 }
 
@@ -143,15 +143,15 @@ static bool star_stays(const struct fit *fit, const struct star *star, vec3 plac
 
 /* The star's cost with the vertex at place, or INFINITY when that isn't fair.  What isn't under limit is known less
  * well, and not looked at any further, but it is known whether it is over `most` (at least limit). */
-static double cost_at(const struct fit *fit, struct star *star, vec3 place, double limit, double most) {
-    set_frames(star, place, &star->new);
+static double relocated_cost(const struct fit *fit, struct star *star, vec3 place, double limit, double most) {
+    set_star_frames(star, place, &star->new);
     if (!star_may_become(&star->old, &star->new, &star->outside, fit_limits(fit, limits_of_moves))) return INFINITY;
     if (!fit_star_faces_up(fit, &star->new)) return INFINITY;
     double cost = fit_star_cost(fit, &star->region, &star->new, most);
     return cost >= limit || star_stays(fit, star, place) ? cost : INFINITY;
 }
 
-static void settle(struct fit *fit, const struct star *star, vec3 place, uint32_t source) {
+static void put_vertex(struct fit *fit, const struct star *star, vec3 place, uint32_t source) {
     fit->mesh->vertex[star->vertex] = place;
     if (fit->mesh->source) fit->mesh->source[star->vertex] = source;
     fit_share(fit, star->region.triangle, star->n, star->region.triangle, star->n);
@@ -163,8 +163,8 @@ static bool move_freely(struct fit *fit, struct star *star, vec3 step) {
     double limit = star->cost * (1 - MOVE_LEAST_GAIN);
     for (size_t i = 0; i < sizeof part / sizeof *part; i++) {
         vec3 place = vec3_add(from, vec3_scale(step, part[i]));
-        if (cost_at(fit, star, place, limit, limit) >= limit) continue;
-        settle(fit, star, place, NONE);
+        if (relocated_cost(fit, star, place, limit, limit) >= limit) continue;
+        put_vertex(fit, star, place, NONE);
         return true;
     }
     return false;
@@ -216,13 +216,13 @@ static bool move_to_point(struct fit *fit, struct star *star, const struct sampl
     double hopeless = MOVE_HOPELESS * star->cost;
     uint32_t best = NONE;
     for (size_t i = 0; i < count; i++) {
-        double cost = cost_at(fit, star, fit->input->points[choice[i].point], limit, i == 0 ? hopeless : limit);
+        double cost = relocated_cost(fit, star, fit->input->points[choice[i].point], limit, i == 0 ? hopeless : limit);
         if (cost < limit) limit = cost, best = choice[i].point;
         if (i == 0 && cost < INFINITY && cost > hopeless) break;
     }
     if (best == NONE) return false;
     fit_take(fit, best);
-    settle(fit, star, fit->input->points[best], best);
+    put_vertex(fit, star, fit->input->points[best], best);
     return true;
 }
 

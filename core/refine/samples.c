@@ -84,18 +84,18 @@ static void place_range(void *ctx, size_t begin, size_t end) {
     for (uint32_t p = (uint32_t)begin; p < end; p++) {
         size_t at = filling->samples->middle[p];
         set_point(filling, p);
-        for (uint32_t left = local_delaunay ? umbrella_triangles(local_delaunay, p, filling->least_votes) : 0; left;
-             left &= left - 1) {
+        for (uint32_t left = local_delaunay ? local_delaunay_triangles(local_delaunay, p, filling->least_votes) : 0;
+             left; left &= left - 1) {
             unsigned i = (unsigned)__builtin_ctz(left) / 2;
-            uint32_t corner[3] = {p, local_delaunay->rib[p][i], umbrella_after(local_delaunay, p, i)};
-            set_middles(filling, at, corner, umbrella_votes(local_delaunay, p, i));
+            uint32_t corner[3] = {p, local_delaunay->rib[p][i], local_delaunay_after(local_delaunay, p, i)};
+            set_middles(filling, at, corner, local_delaunay_votes(local_delaunay, p, i));
             at += filling->parts;
         }
     }
 }
 
 static unsigned count_triangles(const struct local_delaunay *local_delaunay, size_t p, unsigned least_votes) {
-    return (unsigned)__builtin_popcount(umbrella_triangles(local_delaunay, p, least_votes));
+    return (unsigned)__builtin_popcount(local_delaunay_triangles(local_delaunay, p, least_votes));
 }
 
 /* How many corners have to have a triangle, so that there aren't too many: 1, 2 or 3; 4: there are too many. */
@@ -148,7 +148,7 @@ enum status samples_init(struct samples *samples, const struct refine_input *inp
     struct local_delaunay mine = {0}, *local_delaunay = input->local_delaunay ? input->local_delaunay : &mine;
     enum status status = STATUS_OK;
     if (parts && local_delaunay->n == 0)
-        status = local_delaunay_find(input->points, input->normals, input->hood, threads, local_delaunay);
+        status = local_delaunay_find(input->points, input->normals, input->neighbours, threads, local_delaunay);
     if (status == STATUS_OK) status = place_all(&new, input, parts ? local_delaunay : NULL, parts, threads);
     local_delaunay_done(&mine);
     if (status == STATUS_OK) {

@@ -30,7 +30,7 @@ enum { SAMPLES_QUARTERS = 4 }; /* that the middles of its edges divide a triangl
 
 /* Takes the points, and of each triangle of the local Delaunay triangles the middles of so many parts: 0 (points
  * alone), 1 (the whole) or SAMPLES_QUARTERS.  The local Delaunay triangles are those of the input, found where there
- * are none yet; input->hood must be there then.  O(n k^2), k neighbours each.  STATUS_NO_MEMORY. */
+ * are none yet; input->neighbours must be there then.  O(n k^2), k neighbours each.  STATUS_NO_MEMORY. */
 enum status samples_init(struct samples *samples, const struct refine_input *input, unsigned parts,
                          unsigned threads) MUST_CHECK;
 void samples_done(struct samples *samples);

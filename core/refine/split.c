@@ -16,7 +16,7 @@ enum { PLACES = 6 };
 static const size_t places_of[] = {[PLACEMENT_SUBSET] = 4, [PLACEMENT_OPTIMAL] = PLACES};
 
 /* The two triangles of an edge, or the one of a border's. */
-struct gap {
+struct diamond {
     size_t n;           /* of the new vertex' triangles: 4, or 2 */
     uint32_t border[4]; /* half-edges across from the new vertex */
     struct fit_region region;
@@ -26,61 +26,62 @@ struct gap {
     double cost;
 };
 
-static const struct star_limits limits_of_splits = {.turn = (float)FIT_OFFER_LEAST_TURN, .thin = (float)FIT_THIN};
+static const struct star_limits limits_of_splits = {.turn = (float)FIT_CANDIDATE_LEAST_TURN, .thin = (float)FIT_THIN};
 
-static void set_frames(const struct gap *gap, vec3 place, struct star_frames *frames) {
-    star_frames_make(frames, &gap->rim, vec3_sub(place, gap->region.batch.origin));
+static void set_diamond_frames(const struct diamond *diamond, vec3 place, struct star_frames *frames) {
+    star_frames_make(frames, &diamond->rim, vec3_sub(place, diamond->region.batch.origin));
 }
 
-static void set_rim(const struct fit *fit, struct gap *gap) {
+static void set_diamond_rim(const struct fit *fit, struct diamond *diamond) {
     const vec3 *place[4];
-    for (size_t i = 0; i < gap->n; i++) place[i] = &fit->mesh->vertex[halfedge_from(&fit->he, gap->border[i])];
-    gap->rim.n = gap->n;
-    gap->rim.open = gap->n == 2;
-    if (gap->rim.open) place[2] = &fit->mesh->vertex[halfedge_to(&fit->he, gap->border[1])];
-    star_vectors_set(&gap->rim.place, place, gap->n + gap->rim.open, gap->region.batch.origin);
-    set_frames(gap, vec3_scale(vec3_add(*place[0], *place[2]), 0.5), &gap->old);
+    for (size_t i = 0; i < diamond->n; i++) place[i] = &fit->mesh->vertex[halfedge_from(&fit->he, diamond->border[i])];
+    diamond->rim.n = diamond->n;
+    diamond->rim.open = diamond->n == 2;
+    if (diamond->rim.open) place[2] = &fit->mesh->vertex[halfedge_to(&fit->he, diamond->border[1])];
+    star_vectors_set(&diamond->rim.place, place, diamond->n + diamond->rim.open, diamond->region.batch.origin);
+    set_diamond_frames(diamond, vec3_scale(vec3_add(*place[0], *place[2]), 0.5), &diamond->old);
 }
 
-static void set_outside(const struct fit *fit, struct gap *gap) {
+static void set_outside(const struct fit *fit, struct diamond *diamond) {
     static const vec3 none = {0};
     const vec3 *normal[4];
-    for (size_t i = 0; i < gap->n; i++) {
-        uint32_t across = fit->he.twin[gap->border[i]];
+    for (size_t i = 0; i < diamond->n; i++) {
+        uint32_t across = fit->he.twin[diamond->border[i]];
         normal[i] = across == NONE ? &none : &fit->facing[across / 3].normal;
     }
-    star_vectors_set(&gap->outside, normal, gap->n, none);
+    star_vectors_set(&diamond->outside, normal, diamond->n, none);
 }
 
-static void gap_of(const struct fit *fit, uint32_t h, struct gap *gap) {
+static void diamond_of(const struct fit *fit, uint32_t h, struct diamond *diamond) {
     uint32_t g = fit->he.twin[h];
-    gap->n = g == NONE ? 2 : 4;
-    gap->region.n = gap->n / 2;
-    gap->border[0] = halfedge_next(h), gap->border[1] = halfedge_prev(h);
-    gap->region.triangle[0] = h / 3;
-    gap->cost = fit->cost[h / 3];
+    diamond->n = g == NONE ? 2 : 4;
+    diamond->region.n = diamond->n / 2;
+    diamond->border[0] = halfedge_next(h), diamond->border[1] = halfedge_prev(h);
+    diamond->region.triangle[0] = h / 3;
+    diamond->cost = fit->cost[h / 3];
     if (g != NONE) {
-        gap->border[2] = halfedge_next(g), gap->border[3] = halfedge_prev(g);
-        gap->region.triangle[1] = g / 3;
-        gap->cost += fit->cost[g / 3];
+        diamond->border[2] = halfedge_next(g), diamond->border[3] = halfedge_prev(g);
+        diamond->region.triangle[1] = g / 3;
+        diamond->cost += fit->cost[g / 3];
     }
-    fit_gather(fit, &gap->region);
+    fit_gather(fit, &diamond->region);
 }
 
-static double cost_at(const struct fit *fit, struct gap *gap, vec3 place, double limit) {
-    set_frames(gap, place, &gap->new);
-    if (!star_may_become(&gap->old, &gap->new, &gap->outside, fit_limits(fit, limits_of_splits))) return INFINITY;
-    if (!fit_star_faces_up(fit, &gap->new)) return INFINITY;
-    return fit_star_cost(fit, &gap->region, &gap->new, limit);
+static double split_cost(const struct fit *fit, struct diamond *diamond, vec3 place, double limit) {
+    set_diamond_frames(diamond, place, &diamond->new);
+    if (!star_may_become(&diamond->old, &diamond->new, &diamond->outside, fit_limits(fit, limits_of_splits)))
+        return INFINITY;
+    if (!fit_star_faces_up(fit, &diamond->new)) return INFINITY;
+    return fit_star_cost(fit, &diamond->region, &diamond->new, limit);
 }
 
-static bool split_stays(const struct fit *fit, const struct gap *gap, vec3 place) {
+static bool split_stays(const struct fit *fit, const struct diamond *diamond, vec3 place) {
     vec3 middle[4];
-    for (size_t i = 0; i < gap->n; i++) {
-        vec3 rim = vec3_add(fit_corner(fit, gap->border[i]), fit_corner(fit, halfedge_next(gap->border[i])));
+    for (size_t i = 0; i < diamond->n; i++) {
+        vec3 rim = vec3_add(fit_corner(fit, diamond->border[i]), fit_corner(fit, halfedge_next(diamond->border[i])));
         middle[i] = vec3_scale(vec3_add(place, rim), 1.0 / 3);
     }
-    return fit_middles_stay(fit, &gap->region, middle, gap->n);
+    return fit_middles_stay(fit, &diamond->region, middle, diamond->n);
 }
 
 struct place {
@@ -105,12 +106,12 @@ static size_t farthest_among(const struct fit *fit, const struct sample_batch *b
 }
 
 /* The samples of the two triangles that are farthest off, the farthest first; of the free points alone for a subset. */
-static size_t farthest(const struct fit *fit, const struct gap *gap, struct place place[PLACES]) {
+static size_t farthest(const struct fit *fit, const struct diamond *diamond, struct place place[PLACES]) {
     float distance_sq[SAMPLE_BATCH_ROOM];
     struct fit_region more;
     size_t count = 0;
-    for (const struct fit_region *part = &gap->region; part; part = fit_next_part(fit, part, &more)) {
-        sample_batch_star_distances(&part->batch, &gap->old, distance_sq);
+    for (const struct fit_region *part = &diamond->region; part; part = fit_next_part(fit, part, &more)) {
+        sample_batch_star_distances(&part->batch, &diamond->old, distance_sq);
         count = farthest_among(fit, &part->batch, distance_sq, place, count);
     }
     for (size_t i = 0; i < count; i++) place[i].at = fit->samples.sample[place[i].sample].place;
@@ -118,28 +119,28 @@ static size_t farthest(const struct fit *fit, const struct gap *gap, struct plac
 }
 
 /* Which place gains most; the gain. */
-static double best_place(const struct fit *fit, struct gap *gap, const struct place *place, size_t places,
+static double best_place(const struct fit *fit, struct diamond *diamond, const struct place *place, size_t places,
                          size_t *which) {
     double gain = 0;
     for (size_t i = 0; i < places; i++) {
-        double limit = gap->cost - gain, cost = cost_at(fit, gap, place[i].at, limit);
-        if (cost < limit) gain = gap->cost - cost, *which = i;
+        double limit = diamond->cost - gain, cost = split_cost(fit, diamond, place[i].at, limit);
+        if (cost < limit) gain = diamond->cost - cost, *which = i;
     }
     return gain;
 }
 
 struct fit_candidate fit_split_best(const struct fit *fit, uint32_t h) {
     struct fit_candidate none = {.value = 0, .halfedge = NONE, .vertex = NONE, .source = NONE};
-    struct gap gap;
-    gap_of(fit, h, &gap);
-    if (fit_is_exact(sample_batch_weight(&gap.region.batch), gap.cost)) return none;
-    set_rim(fit, &gap);
+    struct diamond diamond;
+    diamond_of(fit, h, &diamond);
+    if (fit_is_exact(sample_batch_weight(&diamond.region.batch), diamond.cost)) return none;
+    set_diamond_rim(fit, &diamond);
     struct place place[PLACES];
-    size_t places = farthest(fit, &gap, place), i = 0;
-    set_outside(fit, &gap);
-    for (double gain; (gain = best_place(fit, &gap, place, places, &i)) > 0;) {
+    size_t places = farthest(fit, &diamond, place), i = 0;
+    set_outside(fit, &diamond);
+    for (double gain; (gain = best_place(fit, &diamond, place, places, &i)) > 0;) {
         bool is_point = fit->placement == PLACEMENT_SUBSET;
-        if (split_stays(fit, &gap, place[i].at))
+        if (split_stays(fit, &diamond, place[i].at))
             return (struct fit_candidate){.value = gain,
                                           .halfedge = h,
                                           .vertex = NONE,

@@ -1,25 +1,22 @@
-/* Scanners don't see into folds, and leave gaps there.  The few samples on the rim say little of how triangles should
- * lie across, and a long one may end up far from where any reasonable surface would be: so what is missing of the
- * samples that the area should have votes for the shorter diagonal, as Delaunay's triangles would have it.
+/* Scanners don't see into folds: such areas have few samples, on the rim alone, which say little of how triangles
+ * should lie across, and a long one may end up far from where any reasonable surface would be.  So each sample that is
+ * missing there counts in favour of the shorter diagonal, which Delaunay triangles would have.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/refine/unsampled.h"
 
-#define SAMPLED 4.0  /* times the samples that there are: what has more area than these should have is a gap */
+#define SAMPLED 4.0  /* times the samples that there are: what has more area than these should have is unsampled */
 #define SHORTER 0.01 /* distance by which a missing sample is nearer to the shorter diagonal, of the difference */
 
-double fit_gap_unit_area(const struct fit *fit, double total_weight) {
+double fit_unsampled_unit_area(const struct fit *fit, double total_weight) {
     const struct mesh *mesh = fit->mesh;
     double area = 0;
-    for (size_t t = 0; t < mesh->triangle_count; t++) {
-        const uint32_t *v = mesh->triangle[t];
-        area += vec3_length(vec3_triangle_normal(mesh->vertex[v[0]], mesh->vertex[v[1]], mesh->vertex[v[2]])) / 2;
-    }
+    for (size_t t = 0; t < mesh->triangle_count; t++) area += vec3_length(mesh_triangle_normal(mesh, t)) / 2;
     return total_weight > 0 ? area / total_weight : INFINITY;
 }
 
-double fit_gap_gain(const struct fit *fit, const struct fit_region *region, double weight, uint32_t h,
-                    const struct surface *made) {
+double fit_unsampled_gain(const struct fit *fit, const struct fit_region *region, double weight, uint32_t h,
+                          const struct surface *made) {
     if (region->reached < region->n) return 0;
     double area = surface_area(made, 0) + surface_area(made, 1);
     double missing = area / fit->unit_area - SAMPLED * weight;

@@ -17,33 +17,33 @@
 enum { GRAIN = 4096, DEGREE_LIMIT = UINT8_MAX };
 
 struct building {
-    const struct neighbourhood *hood;
+    const struct neighbourhood *neighbours;
     struct adjacency *out;
     atomic_uint *used;   /* n: entries that p's list needs; then those that it has */
     uint64_t *one_sided; /* n: bit i is set where p's i-th neighbour doesn't name p */
 };
 
-static bool lists(const struct neighbourhood *hood, uint32_t p, uint32_t q) {
-    return ids_list(&hood->id[(size_t)p * hood->stride], hood->stride, hood->count[p], q);
+static bool lists(const struct neighbourhood *neighbours, uint32_t p, uint32_t q) {
+    return ids_list(&neighbours->id[(size_t)p * neighbours->stride], neighbours->stride, neighbours->count[p], q);
 }
 
 /* The neighbour that the lowest of p's bits that are left stands for. */
 static uint32_t other_of(const struct building *b, size_t p, uint64_t left) {
-    return b->hood->id[p * b->hood->stride + (unsigned)__builtin_ctzll(left)];
+    return b->neighbours->id[p * b->neighbours->stride + (unsigned)__builtin_ctzll(left)];
 }
 
 static void start_count(void *ctx, size_t begin, size_t end) {
     const struct building *b = ctx;
-    for (size_t p = begin; p < end; p++) atomic_init(&b->used[p], b->hood->count[p]);
+    for (size_t p = begin; p < end; p++) atomic_init(&b->used[p], b->neighbours->count[p]);
 }
 
 static void count_others(void *ctx, size_t begin, size_t end) {
     const struct building *b = ctx;
     for (size_t p = begin; p < end; p++) {
         uint64_t one_sided = 0;
-        for (unsigned i = 0; i < b->hood->count[p]; i++) {
-            uint32_t q = b->hood->id[p * b->hood->stride + i];
-            one_sided |= (uint64_t)!lists(b->hood, q, (uint32_t)p) << i;
+        for (unsigned i = 0; i < b->neighbours->count[p]; i++) {
+            uint32_t q = b->neighbours->id[p * b->neighbours->stride + i];
+            one_sided |= (uint64_t)!lists(b->neighbours, q, (uint32_t)p) << i;
         }
         b->one_sided[p] = one_sided;
         for (uint64_t left = one_sided; left; left &= left - 1) /* apart, so that no branch above is guessed wrong */
@@ -54,8 +54,9 @@ static void count_others(void *ctx, size_t begin, size_t end) {
 static void fill_own(void *ctx, size_t begin, size_t end) {
     const struct building *b = ctx;
     for (size_t p = begin; p < end; p++) {
-        unsigned count = b->hood->count[p];
-        memcpy(&b->out->list[b->out->start[p]], &b->hood->id[p * b->hood->stride], count * sizeof *b->out->list);
+        unsigned count = b->neighbours->count[p];
+        memcpy(&b->out->list[b->out->start[p]], &b->neighbours->id[p * b->neighbours->stride],
+               count * sizeof *b->out->list);
         atomic_store_explicit(&b->used[p], count, memory_order_relaxed);
     }
 }
@@ -89,7 +90,7 @@ static void sort_few(uint32_t *id, size_t n) {
 static void sort_range(void *ctx, size_t begin, size_t end) {
     const struct building *b = ctx;
     for (size_t p = begin; p < end; p++) {
-        size_t used = atomic_load_explicit(&b->used[p], memory_order_relaxed), own = b->hood->count[p];
+        size_t used = atomic_load_explicit(&b->used[p], memory_order_relaxed), own = b->neighbours->count[p];
         uint32_t *others = &b->out->list[b->out->start[p] + own];
         if (used > DEGREE_LIMIT)
             qsort(others, used - own, sizeof *others, compare_ids);
@@ -100,7 +101,7 @@ static void sort_range(void *ctx, size_t begin, size_t end) {
 }
 
 /* Gives each list its place. */
-static enum status place_lists(struct building *b) {
+static enum status place_both_ways(struct building *b) {
     struct adjacency *out = b->out;
     for (size_t p = 0; p < out->n; p++) {
         out->start[p] = (uint32_t)out->capacity;
@@ -111,25 +112,25 @@ static enum status place_lists(struct building *b) {
     return out->list ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
-enum status adjacency_from(const struct neighbourhood *hood, unsigned threads, struct adjacency *out) {
-    struct adjacency made = {.n = hood->n};
-    struct building b = {.hood = hood, .out = &made};
-    assert(hood->stride <= KNN_MAX_K);
+enum status adjacency_from(const struct neighbourhood *neighbours, unsigned threads, struct adjacency *out) {
+    struct adjacency made = {.n = neighbours->n};
+    struct building b = {.neighbours = neighbours, .out = &made};
+    assert(neighbours->stride <= KNN_MAX_K);
     static_assert(KNN_MAX_K <= 64, "a bit for each neighbour");
-    b.used = alloc_array(hood->n, sizeof *b.used);
-    b.one_sided = alloc_array(hood->n, sizeof *b.one_sided);
-    made.start = alloc_array(hood->n, sizeof *made.start);
-    made.degree = alloc_array(hood->n, sizeof *made.degree);
+    b.used = alloc_array(neighbours->n, sizeof *b.used);
+    b.one_sided = alloc_array(neighbours->n, sizeof *b.one_sided);
+    made.start = alloc_array(neighbours->n, sizeof *made.start);
+    made.degree = alloc_array(neighbours->n, sizeof *made.degree);
     enum status status = b.used && b.one_sided && made.start && made.degree ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) {
-        par_for(threads, hood->n, GRAIN, start_count, &b);
-        par_for(threads, hood->n, GRAIN, count_others, &b);
-        status = place_lists(&b);
+        par_for(threads, neighbours->n, GRAIN, start_count, &b);
+        par_for(threads, neighbours->n, GRAIN, count_others, &b);
+        status = place_both_ways(&b);
     }
     if (!status) {
-        par_for(threads, hood->n, GRAIN, fill_own, &b);
-        par_for(threads, hood->n, GRAIN, fill_others, &b);
-        par_for(threads, hood->n, GRAIN, sort_range, &b);
+        par_for(threads, neighbours->n, GRAIN, fill_own, &b);
+        par_for(threads, neighbours->n, GRAIN, fill_others, &b);
+        par_for(threads, neighbours->n, GRAIN, sort_range, &b);
     }
     free(b.used), free(b.one_sided);
     if (status)

@@ -14,7 +14,7 @@ enum { GRAIN = 2048, LEAST = 3 /* neighbours that a function is fitted to */ };
 
 struct edges {
     const vec3 *point, *normal;
-    const struct neighbourhood *hood;
+    const struct neighbourhood *neighbours;
     const float *value;
     double weight;
     const struct quadric_options *options;
@@ -28,8 +28,8 @@ struct sums {
 
 static struct sums sums_of(const struct edges *e, size_t p, vec3 u_axis, vec3 v_axis) {
     struct sums s = {.n = 1}; /* the point itself, at 0 */
-    for (unsigned i = 0; i < e->hood->count[p]; i++) {
-        uint32_t q = e->hood->id[p * e->hood->stride + i];
+    for (unsigned i = 0; i < e->neighbours->count[p]; i++) {
+        uint32_t q = e->neighbours->id[p * e->neighbours->stride + i];
         double a = (double)e->value[q] - (double)e->value[p];
         if (!(fabs(a) <= 1e30)) continue;
         vec3 d = vec3_sub(e->point[q], e->point[p]);
@@ -55,7 +55,7 @@ static bool fit(const struct sums *s, double *gu, double *gv, double *left) {
 
 static void add_point(const struct edges *e, size_t p) {
     vec3 u_axis, v_axis;
-    double gu, gv, left, spacing = (double)e->hood->spacing[p];
+    double gu, gv, left, spacing = (double)e->neighbours->spacing[p];
     if (!isfinite(e->value[p]) || !(spacing > 0)) return;
     vec3_basis(e->normal[p], &u_axis, &v_axis);
     struct sums s = sums_of(e, p, u_axis, v_axis);

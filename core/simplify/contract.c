@@ -373,7 +373,7 @@ static size_t add_up(size_t *chunk, size_t n) {
 }
 
 /* Gives every range of slots its part of the other pool, which is made as large as that takes. */
-static enum status place_lists(struct contractor *c) {
+static enum status place_live_lists(struct contractor *c) {
     par_for(c->threads, c->slots, GRAIN, measure_range, c);
     size_t needed = add_up(c->chunk, (c->slots + GRAIN - 1) / GRAIN);
     if (needed <= c->spare_capacity) return STATUS_OK;
@@ -384,7 +384,7 @@ static enum status place_lists(struct contractor *c) {
 }
 
 static enum status update(struct contractor *c) {
-    if (place_lists(c)) return STATUS_NO_MEMORY;
+    if (place_live_lists(c)) return STATUS_NO_MEMORY;
     par_for(c->threads, c->slots, GRAIN, update_range, c);
     uint32_t *list = c->near.list;
     size_t capacity = c->near.capacity;
@@ -395,7 +395,7 @@ static enum status update(struct contractor *c) {
 
 /* ------------------------------------------------------------------------------------------------ move together */
 
-static uint32_t place_of(const struct contractor *c, uint32_t slot) { return (uint32_t)c->pick[slot]; }
+static uint32_t point_of_slot(const struct contractor *c, uint32_t slot) { return (uint32_t)c->pick[slot]; }
 
 static void count_live(void *ctx, size_t begin, size_t end) {
     struct contractor *c = ctx;
@@ -418,8 +418,8 @@ static void rename_range(void *ctx, size_t begin, size_t end) {
     for (size_t s = begin; s < end; s++) {
         if (!is_live(c, s)) continue;
         uint32_t *list = &c->near.list[c->near.start[s]];
-        for (unsigned i = 0; i < c->near.degree[s]; i++) list[i] = place_of(c, list[i]);
-        if (c->partner[s] != NONE) c->partner[s] = place_of(c, c->partner[s]);
+        for (unsigned i = 0; i < c->near.degree[s]; i++) list[i] = point_of_slot(c, list[i]);
+        if (c->partner[s] != NONE) c->partner[s] = point_of_slot(c, c->partner[s]);
     }
 }
 
@@ -470,20 +470,20 @@ static enum status move_together(struct contractor *c) {
 /* ------------------------------------------------------------------------------------------------ relink */
 
 /* Every slot's nearest others. */
-static enum status neighbours_anew(const struct contractor *c, struct neighbourhood *hood) {
+static enum status neighbours_anew(const struct contractor *c, struct neighbourhood *neighbours) {
     struct knn *knn = NULL;
     size_t n = c->slots;
     uint32_t *found = alloc_array(n, RELINK_K * sizeof *found);
     double *distance_sq = alloc_array(n, RELINK_K * sizeof *distance_sq);
-    *hood = (struct neighbourhood){.n = n, .stride = RELINK_K};
-    hood->id = alloc_array(n, RELINK_K * sizeof *hood->id);
-    hood->count = alloc_zeroed(n, sizeof *hood->count);
-    enum status status = found && distance_sq && hood->id && hood->count ? STATUS_OK : STATUS_NO_MEMORY;
+    *neighbours = (struct neighbourhood){.n = n, .stride = RELINK_K};
+    neighbours->id = alloc_array(n, RELINK_K * sizeof *neighbours->id);
+    neighbours->count = alloc_zeroed(n, sizeof *neighbours->count);
+    enum status status = found && distance_sq && neighbours->id && neighbours->count ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) status = knn_new(c->point, n, c->threads, &knn, NULL);
     if (!status) status = knn_search(knn, c->point, n, RELINK_K, c->threads, found, distance_sq);
     for (size_t i = 0; !status && i < n * RELINK_K; i++) {
         size_t p = i / RELINK_K;
-        if (found[i] != NONE && found[i] != p) hood->id[p * RELINK_K + hood->count[p]++] = found[i];
+        if (found[i] != NONE && found[i] != p) neighbours->id[p * RELINK_K + neighbours->count[p]++] = found[i];
     }
     knn_free(knn);
     free(found), free(distance_sq);
@@ -492,13 +492,13 @@ static enum status neighbours_anew(const struct contractor *c, struct neighbourh
 
 /* When no pairs are left but several points are (components that were far apart), joins the live points anew. */
 static enum status relink(struct contractor *c) {
-    struct neighbourhood hood = {0};
+    struct neighbourhood neighbours = {0};
     enum status status = move_together(c);
-    if (!status) status = neighbours_anew(c, &hood);
+    if (!status) status = neighbours_anew(c, &neighbours);
     adjacency_done(&c->near);
-    if (!status) status = adjacency_from(&hood, c->threads, &c->near);
+    if (!status) status = adjacency_from(&neighbours, c->threads, &c->near);
     if (!status) par_for(c->threads, c->slots, GRAIN, pick_range, c);
-    neighbourhood_done(&hood);
+    neighbourhood_done(&neighbours);
     return status;
 }
 

@@ -15,7 +15,7 @@ static const double WEIGHT_FLOOR = 1e-2, WEIGHT_MIN = 1e-3, WEIGHT_MAX = 1e3;
 
 struct shape {
     const vec3 *point, *normal;
-    const struct neighbourhood *hood;
+    const struct neighbourhood *neighbours;
     enum dso_form form;
     float *dso;
 };
@@ -25,14 +25,14 @@ static vec3 aligned(vec3 normal, vec3 to) { return vec3_dot(normal, to) < 0 ? ve
 static double inverse_distance(double d, double eta) { return d / (d * d + eta * eta); }
 
 static double rms_form(const struct shape *shape, size_t p) {
-    const struct neighbourhood *hood = shape->hood;
-    double eta = SOFTENING * (double)hood->spacing[p], sum = 0;
-    for (unsigned i = 0; i < hood->count[p]; i++) {
-        uint32_t q = hood->id[p * hood->stride + i];
+    const struct neighbourhood *neighbours = shape->neighbours;
+    double eta = SOFTENING * (double)neighbours->spacing[p], sum = 0;
+    for (unsigned i = 0; i < neighbours->count[p]; i++) {
+        uint32_t q = neighbours->id[p * neighbours->stride + i];
         double w = inverse_distance(vec3_distance(shape->point[p], shape->point[q]), eta);
         sum += w * w * vec3_distance_sq(shape->normal[p], aligned(shape->normal[q], shape->normal[p]));
     }
-    return hood->count[p] ? sqrt(sum / hood->count[p]) : 0;
+    return neighbours->count[p] ? sqrt(sum / neighbours->count[p]) : 0;
 }
 
 /* The direction of e in the plane across unit n; zero where e is along n. */
@@ -42,11 +42,11 @@ static vec3 tangent(vec3 e, vec3 n) {
 }
 
 static double sum_form(const struct shape *shape, size_t p) {
-    const struct neighbourhood *hood = shape->hood;
+    const struct neighbourhood *neighbours = shape->neighbours;
     vec3 np = shape->normal[p], k = {0, 0, 0}, tau = {0, 0, 0};
-    double eta = SOFTENING * (double)hood->spacing[p];
-    for (unsigned i = 0; i < hood->count[p]; i++) {
-        uint32_t q = hood->id[p * hood->stride + i];
+    double eta = SOFTENING * (double)neighbours->spacing[p];
+    for (unsigned i = 0; i < neighbours->count[p]; i++) {
+        uint32_t q = neighbours->id[p * neighbours->stride + i];
         vec3 e = vec3_sub(shape->point[q], shape->point[p]), nq = aligned(shape->normal[q], np);
         vec3 tp = tangent(e, np), tq = tangent(e, nq);
         if (vec3_length_sq(tp) == 0 || vec3_length_sq(tq) == 0) continue;
@@ -54,7 +54,7 @@ static double sum_form(const struct shape *shape, size_t p) {
         k = vec3_add(k, vec3_scale(vec3_sub(tp, tq), w));
         tau = vec3_add(tau, vec3_scale(vec3_sub(vec3_cross(tp, np), vec3_cross(tq, nq)), w));
     }
-    return hood->count[p] ? sqrt(vec3_length_sq(k) + vec3_length_sq(tau)) / hood->count[p] : 0;
+    return neighbours->count[p] ? sqrt(vec3_length_sq(k) + vec3_length_sq(tau)) / neighbours->count[p] : 0;
 }
 
 static void dso_range(void *ctx, size_t begin, size_t end) {
@@ -72,7 +72,7 @@ void dso_compute(const vec3 *point, const vec3 *normal, const struct neighbourho
 }
 
 struct smoothing {
-    const struct neighbourhood *hood;
+    const struct neighbourhood *neighbours;
     const float *dso;
     float *smooth;
 };
@@ -80,10 +80,10 @@ struct smoothing {
 static void smooth_range(void *ctx, size_t begin, size_t end) {
     const struct smoothing *s = ctx;
     for (size_t p = begin; p < end; p++) {
-        const uint32_t *near = s->hood->id + p * s->hood->stride;
+        const uint32_t *near = s->neighbours->id + p * s->neighbours->stride;
         double sum = (double)s->dso[p];
-        for (unsigned i = 0; i < s->hood->count[p]; i++) sum += (double)s->dso[near[i]];
-        s->smooth[p] = (float)(sum / (1.0 + s->hood->count[p]));
+        for (unsigned i = 0; i < s->neighbours->count[p]; i++) sum += (double)s->dso[near[i]];
+        s->smooth[p] = (float)(sum / (1.0 + s->neighbours->count[p]));
     }
 }
 

@@ -24,23 +24,23 @@ static const double UPWARDS = 0.3; /* share of a part's surface, less what faces
 
 static bool is_given(vec3 n) { return vec3_is_finite(n) && vec3_length_sq(n) > 0; }
 
-bool normals_fit_points(const vec3 *given, const vec3 *normal, const struct neighbourhood *hood) {
+bool normals_fit_points(const vec3 *given, const vec3 *normal, const struct neighbourhood *neighbours) {
     size_t there = 0, pairs = 0, same = 0;
     double along = 0;
-    for (size_t p = 0; p < hood->n; p++) {
+    for (size_t p = 0; p < neighbours->n; p++) {
         if (!is_given(given[p])) continue;
         double own = vec3_dot(vec3_unit(given[p]), normal[p]);
         there++;
         along += fabs(own);
-        for (unsigned i = 0; i < hood->count[p]; i++) {
-            uint32_t q = hood->id[p * hood->stride + i];
+        for (unsigned i = 0; i < neighbours->count[p]; i++) {
+            uint32_t q = neighbours->id[p * neighbours->stride + i];
             double between = vec3_dot(normal[p], normal[q]);
             if (!is_given(given[q]) || fabs(between) < 0.5) continue;
             pairs++;
             same += (own > 0) == ((vec3_dot(given[q], normal[q]) > 0) == (between > 0));
         }
     }
-    return (double)there > MOST_GIVEN * (double)hood->n && along > ALONG * (double)there &&
+    return (double)there > MOST_GIVEN * (double)neighbours->n && along > ALONG * (double)there &&
            (double)same > TO_ONE_SIDE * (double)pairs;
 }
 
@@ -74,13 +74,13 @@ static void unite(struct disjoint_set *disjoint_set, uint32_t p, uint32_t q, boo
     disjoint_set->turned[high] = of_p ^ of_q ^ (uint8_t)against;
 }
 
-static void grow(struct disjoint_set *disjoint_set, const struct neighbourhood *hood, const vec3 *normal) {
-    for (uint32_t p = 0; p < hood->n; p++) disjoint_set->parent[p] = p, disjoint_set->turned[p] = 0;
+static void grow(struct disjoint_set *disjoint_set, const struct neighbourhood *neighbours, const vec3 *normal) {
+    for (uint32_t p = 0; p < neighbours->n; p++) disjoint_set->parent[p] = p, disjoint_set->turned[p] = 0;
     for (int class = 0; class < CLASSES; class ++) {
         double least = alike[class], most = class ? alike[class - 1] : INFINITY;
-        for (uint32_t p = 0; p < hood->n; p++)
-            for (unsigned i = 0; i < hood->count[p]; i++) {
-                uint32_t q = hood->id[(size_t)p * hood->stride + i];
+        for (uint32_t p = 0; p < neighbours->n; p++)
+            for (unsigned i = 0; i < neighbours->count[p]; i++) {
+                uint32_t q = neighbours->id[(size_t)p * neighbours->stride + i];
                 double cosine = vec3_dot(normal[p], normal[q]);
                 if (fabs(cosine) >= least && fabs(cosine) < most) unite(disjoint_set, p, q, cosine < 0);
             }
@@ -95,55 +95,55 @@ struct part {
     vec3 middle;
 };
 
-static double area_of(const struct neighbourhood *hood, size_t p) {
-    return fmax((double)hood->spacing[p] * (double)hood->spacing[p], 1e-30);
+static double area_of(const struct neighbourhood *neighbours, size_t p) {
+    return fmax((double)neighbours->spacing[p] * (double)neighbours->spacing[p], 1e-30);
 }
 
-static void turn_parts(const vec3 *point, const struct neighbourhood *hood, struct disjoint_set *disjoint_set,
+static void turn_parts(const vec3 *point, const struct neighbourhood *neighbours, struct disjoint_set *disjoint_set,
                        struct part *part, vec3 *normal, enum normal_side *side) {
     double upwards = 0, outwards = 0;
     uint8_t turned;
-    for (uint32_t p = 0; p < hood->n; p++) {
+    for (uint32_t p = 0; p < neighbours->n; p++) {
         struct part *own = &part[root_of(disjoint_set, p, &turned)];
-        double area = area_of(hood, p);
+        double area = area_of(neighbours, p);
         if (turned) normal[p] = vec3_scale(normal[p], -1);
         own->area += area;
         own->up += area * normal[p].z;
         own->middle = vec3_add(own->middle, vec3_scale(point[p], area));
     }
-    for (uint32_t p = 0; p < hood->n; p++) {
+    for (uint32_t p = 0; p < neighbours->n; p++) {
         struct part *own = &part[root_of(disjoint_set, p, &turned)];
         vec3 away = vec3_sub(point[p], vec3_scale(own->middle, 1 / own->area));
-        own->out += area_of(hood, p) * vec3_dot(normal[p], away);
+        own->out += area_of(neighbours, p) * vec3_dot(normal[p], away);
     }
-    for (uint32_t p = 0; p < hood->n; p++) {
+    for (uint32_t p = 0; p < neighbours->n; p++) {
         const struct part *own = &part[root_of(disjoint_set, p, &turned)];
         bool is_up = fabs(own->up) > UPWARDS * own->area;
-        *(is_up ? &upwards : &outwards) += area_of(hood, p);
+        *(is_up ? &upwards : &outwards) += area_of(neighbours, p);
         if ((is_up ? own->up : own->out) < 0) normal[p] = vec3_scale(normal[p], -1);
     }
     *side = upwards > outwards ? NORMALS_UP : NORMALS_OUT;
 }
 
-static enum status turn_together(const vec3 *point, const struct neighbourhood *hood, vec3 *normal,
+static enum status turn_together(const vec3 *point, const struct neighbourhood *neighbours, vec3 *normal,
                                  enum normal_side *side) {
-    struct disjoint_set disjoint_set = {alloc_array(hood->n, sizeof *disjoint_set.parent),
-                                        alloc_array(hood->n, sizeof *disjoint_set.turned)};
-    struct part *part = alloc_zeroed(hood->n, sizeof *part);
+    struct disjoint_set disjoint_set = {alloc_array(neighbours->n, sizeof *disjoint_set.parent),
+                                        alloc_array(neighbours->n, sizeof *disjoint_set.turned)};
+    struct part *part = alloc_zeroed(neighbours->n, sizeof *part);
     bool room = disjoint_set.parent && disjoint_set.turned && part;
     if (room) {
-        grow(&disjoint_set, hood, normal);
-        turn_parts(point, hood, &disjoint_set, part, normal, side);
+        grow(&disjoint_set, neighbours, normal);
+        turn_parts(point, neighbours, &disjoint_set, part, normal, side);
     }
     free(disjoint_set.parent), free(disjoint_set.turned), free(part);
     return room ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
-enum status normals_turn(const vec3 *point, const struct neighbourhood *hood, const struct normal_evidence *evidence,
-                         vec3 *normal, enum normal_side *side) {
-    if (!evidence->given && !evidence->view) return turn_together(point, hood, normal, side);
+enum status normals_turn(const vec3 *point, const struct neighbourhood *neighbours,
+                         const struct normal_evidence *evidence, vec3 *normal, enum normal_side *side) {
+    if (!evidence->given && !evidence->view) return turn_together(point, neighbours, normal, side);
     *side = evidence->given ? NORMALS_BY_GIVEN : NORMALS_BY_VIEW;
-    for (size_t p = 0; p < hood->n; p++) {
+    for (size_t p = 0; p < neighbours->n; p++) {
         vec3 towards = evidence->given ? evidence->given[p] : (vec3){0, 0, 0};
         if (!is_given(towards) && evidence->view) towards = vec3_sub(evidence->view[p], point[p]);
         if (vec3_dot(towards, normal[p]) < 0) normal[p] = vec3_scale(normal[p], -1);

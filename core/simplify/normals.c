@@ -21,15 +21,15 @@ struct fit {
 
 /* Covariance of {p} and its neighbours about their mean, from coordinates relative to p. */
 static sym3 covariance(const struct fit *fit, size_t p) {
-    const struct neighbourhood *hood = fit->neighbourhood;
+    const struct neighbourhood *neighbours = fit->neighbourhood;
     vec3 sum = {0, 0, 0};
     sym3 moment = {0};
-    for (unsigned i = 0; i < hood->count[p]; i++) {
-        vec3 e = vec3_sub(fit->point[hood->id[p * hood->stride + i]], fit->point[p]);
+    for (unsigned i = 0; i < neighbours->count[p]; i++) {
+        vec3 e = vec3_sub(fit->point[neighbours->id[p * neighbours->stride + i]], fit->point[p]);
         sum = vec3_add(sum, e);
         moment = sym3_add(moment, sym3_outer(e));
     }
-    return sym3_add(moment, sym3_scale(sym3_outer(sum), -1.0 / (hood->count[p] + 1)));
+    return sym3_add(moment, sym3_scale(sym3_outer(sum), -1.0 / (neighbours->count[p] + 1)));
 }
 
 static void fit_few(const struct fit *fit, size_t first, unsigned n) {

@@ -25,7 +25,7 @@ static const double BOUNDARY = 1.0;
 
 struct assembly {
     const vec3 *point, *normal;
-    const struct neighbourhood *hood;
+    const struct neighbourhood *neighbours;
     const float *weight;
     const struct quadric_options *options;
     struct packed_quadric *quadrics;
@@ -54,11 +54,11 @@ INLINE f64v quarters_of(f64v u, f64v v) {
 }
 
 INLINE void find_spokes(const struct assembly *assembly, size_t p, struct spokes *s) {
-    const struct neighbourhood *hood = assembly->hood;
-    const uint32_t *id = &hood->id[p * hood->stride];
+    const struct neighbourhood *neighbours = assembly->neighbours;
+    const uint32_t *id = &neighbours->id[p * neighbours->stride];
     vec3 u, v;
     vec3_basis(assembly->normal[p], &u, &v);
-    s->count = hood->count[p];
+    s->count = neighbours->count[p];
     for (unsigned i = 0; i < s->count; i++) {
         vec3 e = vec3_sub(assembly->point[id[i]], assembly->point[p]);
         s->x[i] = e.x, s->y[i] = e.y, s->z[i] = e.z;
@@ -178,7 +178,7 @@ INLINE void assemble_point(const struct assembly *assembly, size_t p) {
     quadric q = {0};
     double area = 0;
     find_spokes(assembly, p, &found);
-    find_order(&found, &assembly->hood->id[p * assembly->hood->stride], order);
+    find_order(&found, &assembly->neighbours->id[p * assembly->neighbours->stride], order);
     put_in_order(&found, order, &spokes);
     find_sectors(&spokes, by_area, &sectors);
     for (unsigned i = 0; i < spokes.count; i++) {

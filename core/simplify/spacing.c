@@ -55,7 +55,7 @@ static enum status grid_init(struct grid *grid, const vec3 *position, size_t n, 
     return STATUS_OK;
 }
 
-static size_t place_of(const struct grid *grid, const int64_t cell[3]) {
+static size_t cell_place(const struct grid *grid, const int64_t cell[3]) {
     uint64_t hash = 0;
     for (int k = 0; k < 3; k++) hash = hash64(hash ^ (uint64_t)cell[k]);
     return (size_t)hash & grid->mask;
@@ -83,7 +83,7 @@ static uint32_t find_near(const struct grid *grid, vec3 p) {
     for (unsigned corner = 0; corner < 8; corner++) {
         int64_t at[3];
         for (unsigned k = 0; k < 3; k++) at[k] = cell[k] + (corner >> k & 1 ? side[k] : 0);
-        size_t place = seen[corner] = place_of(grid, at);
+        size_t place = seen[corner] = cell_place(grid, at);
         bool again = false;
         for (unsigned i = 0; i < corner; i++) again |= seen[i] == place;
         for (uint32_t q = again ? NONE : grid->head[place]; q != NONE; q = grid->next[q]) {
@@ -98,7 +98,7 @@ static uint32_t find_near(const struct grid *grid, vec3 p) {
 static void insert(struct grid *grid, uint32_t q) {
     int64_t cell[3], side[3];
     find_cell(grid, grid->position[q], cell, side);
-    size_t place = place_of(grid, cell);
+    size_t place = cell_place(grid, cell);
     grid->next[q] = grid->head[place];
     grid->head[place] = q;
 }

@@ -490,7 +490,7 @@ static void store_items(void *ctx, size_t begin, size_t end) {
     }
 }
 
-static void build_tree(struct bvh *bvh, const struct mesh *mesh, unsigned threads, struct build *build) {
+static void build_nodes(struct bvh *bvh, const struct mesh *mesh, unsigned threads, struct build *build) {
     struct run whole = {.begin = 0, .end = (uint32_t)bvh->triangle_count};
     struct storing storing = {bvh, mesh, build->item};
     build->bvh = bvh, build->mesh = mesh;
@@ -515,7 +515,7 @@ enum status bvh_new(const struct mesh *mesh, unsigned threads, struct bvh **out)
     if (!build.item || !build.task || !bvh || !allocate(bvh, n, most_nodes((uint32_t)n), most_parts((uint32_t)n)))
         goto out;
     choose_frame(bvh, mesh);
-    build_tree(bvh, mesh, threads, &build);
+    build_nodes(bvh, mesh, threads, &build);
     *out = bvh;
     bvh = NULL;
     status = STATUS_OK;
@@ -667,14 +667,14 @@ static inline struct todo *push_children(struct todo *top, const struct node *no
     return top;
 }
 
-static bool is_beyond(vec3 p, double limit) { return !(fabs(p.x) < limit && fabs(p.y) < limit && fabs(p.z) < limit); }
+static bool exceeds(vec3 p, double limit) { return !(fabs(p.x) < limit && fabs(p.y) < limit && fabs(p.z) < limit); }
 
 static void descend(struct search *s, const struct part *part) {
     vec3 q = to_frame(&part->frame, s->p);
     double per_sq = part->frame.scale * part->frame.scale * s->nearly;
     const float p[3] = {(float)q.x, (float)q.y, (float)q.z};
     struct todo stack[STACK], *top = stack;
-    if (is_beyond(q, FAR)) {
+    if (exceeds(q, FAR)) {
         s->visits += part->all.count;
         try_slots(s, part->all);
         return;
@@ -695,7 +695,7 @@ static void descend(struct search *s, const struct part *part) {
 
 static struct search search_from(const struct bvh *bvh, vec3 p) {
     vec3 inside = to_inside(bvh, p);
-    double nearly = is_beyond(inside, AWAY) ? NEARLY : 1;
+    double nearly = exceeds(inside, AWAY) ? NEARLY : 1;
     return (struct search){.bvh = bvh, .p = inside, .distance_sq = INFINITY, .triangle = NONE, .nearly = nearly};
 }
 

@@ -56,7 +56,7 @@ struct knn_pieces {
 
 static double along(vec3 p, unsigned axis) { return (&p.x)[axis]; }
 
-static bool is_beyond(const struct cut *cut, vec3 p) { return along(p, cut->axis) >= cut->at; }
+static bool is_beyond_cut(const struct cut *cut, vec3 p) { return along(p, cut->axis) >= cut->at; }
 
 /* The middle of n >= 1 points across the longest side of their box. */
 static struct cut middle_of(const vec3 *sample, size_t n) {
@@ -76,7 +76,7 @@ static void make_cuts(struct knn_pieces *pieces, unsigned number, vec3 *sample, 
     size_t before = 0;
     for (size_t i = 0; i < n; i++) {
         vec3 p = sample[i];
-        if (is_beyond(&cut, p)) continue;
+        if (is_beyond_cut(&cut, p)) continue;
         sample[i] = sample[before];
         sample[before++] = p;
     }
@@ -144,7 +144,7 @@ static void find_pieces(const struct sorting *s) {
     }
 }
 
-static void build_tree(void *ctx, size_t number, size_t end) {
+static void build_piece(void *ctx, size_t number, size_t end) {
     const struct sorting *s = ctx;
     struct piece *piece = &s->pieces->piece[number];
     (void)end;
@@ -166,7 +166,7 @@ static enum status build_trees(struct knn_pieces *pieces, unsigned threads) {
         par_for(threads, pieces->n, GRAIN, key_range, &s);
         s.item = radix_sort(item, spare, pieces->n, threads);
         find_pieces(&s);
-        par_for(threads, pieces->count + 1, 1, build_tree, &s);
+        par_for(threads, pieces->count + 1, 1, build_piece, &s);
         for (unsigned i = 0; i <= pieces->count && !status; i++) status = pieces->piece[i].status;
     } else {
         status = STATUS_NO_MEMORY;

@@ -54,7 +54,7 @@ static enum status open_holes(const struct reconstruct_task *task, struct mesh *
         hole[t] = mesh->tag[t] == MESH_HOLE_FILL;
         facts->hole_fill += hole[t];
     }
-    if (!status) status = mesh_without(mesh, &he, hole);
+    if (!status) status = submesh_without(mesh, &he, hole);
     halfedge_done(&he);
     free(hole);
     return status;

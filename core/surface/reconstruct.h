@@ -36,11 +36,11 @@ struct neighbourhood;
 /* The points that those to be meshed were chosen from.  All borrowed. */
 struct reconstruct_dense {
     size_t n;
-    const vec3 *point, *normal;       /* n; unit normals of either sign */
-    const float *spacing;             /* n: mean distance to the neighbours */
-    const uint32_t *site;             /* n: which of the points to be meshed stands for each */
-    const struct knn *knn;            /* over them */
-    const struct neighbourhood *hood; /* of them; NULL = not known: their nearest ones are looked for */
+    const vec3 *point, *normal;             /* n; unit normals of either sign */
+    const float *spacing;                   /* n: mean distance to the neighbours */
+    const uint32_t *site;                   /* n: which of the points to be meshed stands for each */
+    const struct knn *knn;                  /* over them */
+    const struct neighbourhood *neighbours; /* of them; NULL = not known: their nearest ones are looked for */
 };
 
 struct reconstruct_input {

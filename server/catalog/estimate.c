@@ -86,7 +86,7 @@ struct job_cost estimate_cost(const struct job *job) {
     return (struct job_cost){.kind = hash, .size = job->input_points ? job->input_points : job->input_bytes};
 }
 
-static struct kind *find(struct estimate *estimate, uint64_t hash) {
+static struct kind *find_kind(struct estimate *estimate, uint64_t hash) {
     for (size_t i = 0; i < estimate->count; i++)
         if (estimate->kind[i].hash == hash) return &estimate->kind[i];
     return NULL;
@@ -109,7 +109,7 @@ static struct kind *make(struct estimate *estimate, uint64_t hash) {
 void estimate_learn(struct estimate *estimate, const struct job_cost *cost, double seconds, int64_t finished_ms) {
     if (!(seconds > 0) || !cost->size) return;
     pthread_mutex_lock(&estimate->lock);
-    struct kind *kind = find(estimate, cost->kind);
+    struct kind *kind = find_kind(estimate, cost->kind);
     if (!kind) kind = make(estimate, cost->kind);
     size_t at = kind->count;
     if (at < SAMPLES) {
@@ -134,7 +134,7 @@ double estimate_seconds(struct estimate *estimate, const struct job_cost *cost) 
     double rate[SAMPLES], size = (double)cost->size;
     size_t count = 0;
     pthread_mutex_lock(&estimate->lock);
-    const struct kind *kind = find(estimate, cost->kind);
+    const struct kind *kind = find_kind(estimate, cost->kind);
     for (size_t i = 0; kind && i < kind->count; i++) {
         const struct sample *sample = &kind->sample[i];
         if (sample->size <= ALIKE * size && size <= ALIKE * sample->size)

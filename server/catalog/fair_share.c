@@ -81,7 +81,7 @@ bool fair_share_add(struct fair_share *fair_share, const struct turn *turn) {
     return true;
 }
 
-static size_t find(const struct fair_share *fair_share, const char *id) {
+static size_t find_job(const struct fair_share *fair_share, const char *id) {
     size_t i = 0;
     while (i < fair_share->count && strcmp(fair_share->entry[i].turn.id, id) != 0) i++;
     return i;
@@ -89,14 +89,14 @@ static size_t find(const struct fair_share *fair_share, const char *id) {
 
 /* The others keep their order, but those of the same principal move up by a round. */
 void fair_share_remove(struct fair_share *fair_share, const char *id) {
-    size_t i = find(fair_share, id);
+    size_t i = find_job(fair_share, id);
     if (i == fair_share->count) return;
     memmove(&fair_share->entry[i], &fair_share->entry[i + 1], (--fair_share->count - i) * sizeof fair_share->entry[0]);
     fair_share->sorted = false;
 }
 
 void fair_share_take(struct fair_share *fair_share, const char *id) {
-    size_t i = find(fair_share, id);
+    size_t i = find_job(fair_share, id);
     if (i < fair_share->count) fair_share->principal[fair_share->entry[i].principal].at = ++fair_share->clock;
     fair_share_remove(fair_share, id);
 }
@@ -146,7 +146,7 @@ const struct turn *fair_share_first(struct fair_share *fair_share) {
 size_t fair_share_ahead(struct fair_share *fair_share, const char *id,
                         void (*visit)(void *ctx, const struct turn *turn), void *ctx) {
     sort(fair_share);
-    size_t ahead = find(fair_share, id);
+    size_t ahead = find_job(fair_share, id);
     if (ahead == fair_share->count) return 0;
     for (size_t i = 0; visit && i < ahead; i++) visit(ctx, &fair_share->entry[i].turn);
     return ahead;

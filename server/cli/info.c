@@ -44,7 +44,7 @@ struct request {
 
 enum outcome { LOOK, TOLD, REFUSED };
 
-static void print_help(void) {
+static void info_print_help(void) {
     puts(
         "Usage: whittle info FILE [--json] [--quick] [--columns LIST] [--threads N]\n"
         "\n"
@@ -63,7 +63,7 @@ static void print_help(void) {
         "66 it can't be opened; 71 out of memory; 74 reading or writing failed.");
 }
 
-static enum outcome refuse(const char *what, const char *why) {
+static enum outcome info_refuse(const char *what, const char *why) {
     fprintf(stderr, "whittle info: %s: %s\nUse 'whittle info --help' for all options.\n", what, why);
     return REFUSED;
 }
@@ -73,25 +73,25 @@ static enum outcome set_threads(struct request *request, const char *text) {
     errno = 0;
     unsigned long threads = strtoul(text, &end, 10);
     if (text[0] < '0' || text[0] > '9' || errno || *end || threads > MOST_THREADS)
-        return refuse("--threads", "use a number from 0 to 256");
+        return info_refuse("--threads", "use a number from 0 to 256");
     request->threads = (unsigned)threads;
     return LOOK;
 }
 
-static enum outcome set_option(struct request *request, int option, const char *value) {
+static enum outcome info_set_option(struct request *request, int option, const char *value) {
     switch (option) {
-    case 'h': print_help(); return TOLD;
+    case 'h': info_print_help(); return TOLD;
     case 'j': request->json = true; return LOOK;
     case 'k': request->quick = true; return LOOK;
     case 't': return set_threads(request, value);
     case 'c':
         request->columns = value;
-        return column_list_is_valid(value) ? LOOK : refuse("--columns", "use names in their order, as -,x,y,z");
+        return column_list_is_valid(value) ? LOOK : info_refuse("--columns", "use names in their order, as -,x,y,z");
     default: fprintf(stderr, "Use 'whittle info --help' for all options.\n"); return REFUSED;
     }
 }
 
-static enum outcome parse(struct request *request, int argc, char **argv) {
+static enum outcome info_parse(struct request *request, int argc, char **argv) {
     static const struct option options[] = {
         {"json", no_argument, NULL, 'j'},          {"quick", no_argument, NULL, 'k'},
         {"columns", required_argument, NULL, 'c'}, {"threads", required_argument, NULL, 't'},
@@ -101,9 +101,9 @@ static enum outcome parse(struct request *request, int argc, char **argv) {
     argv[0] = "whittle info";
     optind = 0; /* glibc: start afresh */
     for (int option; outcome == LOOK && (option = getopt_long(argc, argv, "h", options, NULL)) != -1;)
-        outcome = set_option(request, option, optarg);
+        outcome = info_set_option(request, option, optarg);
     if (outcome != LOOK) return outcome;
-    if (argc - optind != 1) return refuse("FILE", "use the name of one cloud, or - for standard input");
+    if (argc - optind != 1) return info_refuse("FILE", "use the name of one cloud, or - for standard input");
     request->path = argv[optind];
     return LOOK;
 }
@@ -187,7 +187,7 @@ static void print_lines(const char *label, const char *lines) {
     }
 }
 
-static void print_table(const struct cloud_info *info) {
+static void info_print_table(const struct cloud_info *info) {
     printf("%-18s %s\n", "format", info->format);
     printf("%-18s %" PRIu64 ", %" PRIu64 " distinct\n", "points", info->points, info->distinct);
     if (info->triangles) printf("%-18s %" PRIu64 " triangles\n", "faces", info->triangles);
@@ -207,18 +207,18 @@ static void print_table(const struct cloud_info *info) {
     print_lines("left out", info->left_out);
 }
 
-static enum status print(const struct request *request, const struct cloud_info *info, struct error *error) {
+static enum status info_print(const struct request *request, const struct cloud_info *info, struct error *error) {
     enum status status = STATUS_OK;
     if (request->json)
         status = info_json_write(stdout, info);
     else
-        print_table(info);
+        info_print_table(info);
     if (!status && (fflush(stdout) != 0 || ferror(stdout))) status = STATUS_IO;
     return status ? error_set(error, status, "", "standard output can't be written") : STATUS_OK;
 }
 
-static enum status tell(const struct request *request, const struct cloud *cloud, const char *system,
-                        struct error *error) {
+static enum status info_tell(const struct request *request, const struct cloud *cloud, const char *system,
+                             struct error *error) {
     struct report_surface surface = {0};
     struct cloud_info info = {.format = cloud->form,
                               .points = cloud->count,
@@ -236,12 +236,12 @@ static enum status tell(const struct request *request, const struct cloud *cloud
     info.attribute = attribute;
     info.attribute_count = cloud->property_count;
     enum status status = look(request, cloud, &info, &surface, error);
-    if (!status) status = print(request, &info, error);
+    if (!status) status = info_print(request, &info, error);
     free(attribute);
     return status;
 }
 
-static enum status run(const struct request *request, int *exit_status, struct error *error) {
+static enum status info_run(const struct request *request, int *exit_status, struct error *error) {
     const struct cloud_limits limits = {.columns = request->columns, .columns_if_text = true};
     struct cloud cloud = {0};
     char system[SYSTEM_BYTES];
@@ -253,7 +253,7 @@ static enum status run(const struct request *request, int *exit_status, struct e
     }
     las_coordinate_system(input, system, sizeof system);
     status = cloud_read(input, &limits, NULL, &cloud, error);
-    if (!status) status = tell(request, &cloud, system, error);
+    if (!status) status = info_tell(request, &cloud, system, error);
     cloud_done(&cloud);
     worker_input_close(input);
     return status;
@@ -261,11 +261,11 @@ static enum status run(const struct request *request, int *exit_status, struct e
 
 int worker_info_main(int argc, char **argv) {
     struct request request = {0};
-    enum outcome outcome = parse(&request, argc, argv);
+    enum outcome outcome = info_parse(&request, argc, argv);
     if (outcome != LOOK) return outcome == TOLD ? 0 : WIRE_EXIT_PARAMETER;
     struct error error = {.byte_offset = UINT64_MAX};
     int exit_status = 0;
-    enum status status = run(&request, &exit_status, &error);
+    enum status status = info_run(&request, &exit_status, &error);
     if (status) worker_output_explain(request.path, status, &error, stderr);
     return status && exit_status ? exit_status : wire_exit_status(status);
 }

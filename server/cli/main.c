@@ -97,8 +97,8 @@ static enum status take_all(const struct cloud *cloud, const struct params *para
     return STATUS_OK;
 }
 
-static enum status tell(const struct worker_options *options, const struct cloud *cloud, const struct report *report,
-                        struct error *error) {
+static enum status tell_result(const struct worker_options *options, const struct cloud *cloud,
+                               const struct report *report, struct error *error) {
     FILE *to = options->to_standard ? stderr : stdout;
     if (options->json) return report_json_write(STDOUT_FILENO, report, &options->params, error);
     if (options->convert)
@@ -125,8 +125,8 @@ static void show_preview(const struct worker_options *options, const struct clou
     picture_done(&picture);
 }
 
-static enum status run(struct worker_options *options, struct worker_progress *display, int *exit_status,
-                       struct error *error) {
+static enum status run_request(struct worker_options *options, struct worker_progress *display, int *exit_status,
+                               struct error *error) {
     struct cloud cloud = {0};
     struct pipeline_result result = {0};
     struct selection selection = {0};
@@ -175,7 +175,7 @@ out:
     if (!status && options->dry_run)
         dry_run_print(options, &cloud, input, options->to_standard ? stderr : stdout);
     else if (!status && (options->summary || options->json))
-        status = tell(options, &cloud, &result.report, error);
+        status = tell_result(options, &cloud, &result.report, error);
     if (!status && !options->dry_run && !options->json && options->preview) show_preview(options, &cloud, &result);
     pipeline_result_done(&result);
     cloud_done(&cloud);
@@ -214,7 +214,7 @@ int main(int argc, char **argv) {
     worker_exact_numbers_end_by(end_without_memory);
     worker_progress_init(&display, options.progress_fd, &stopping);
     int exit_status = 0;
-    enum status status = run(&options, &display, &exit_status, &error);
+    enum status status = run_request(&options, &display, &exit_status, &error);
     if (status) worker_output_explain(options.input, status, &error, stderr);
     return status && exit_status ? exit_status : wire_exit_status(status);
 }

@@ -47,7 +47,7 @@ struct request {
 
 enum outcome { MEASURE, TOLD, REFUSED };
 
-static void print_help(void) {
+static void measure_print_help(void) {
     puts("Usage: whittle measure A B [--samples N] [--seed S] [--method uniform|metro] [--columns LIST] [--threads N]\n"
          "                           [--json]\n"
          "\n"
@@ -76,7 +76,7 @@ static void print_help(void) {
          "74 reading or writing failed.");
 }
 
-static enum outcome refuse(const char *what, const char *why) {
+static enum outcome measure_refuse(const char *what, const char *why) {
     fprintf(stderr, "whittle measure: %s: %s\nUse 'whittle measure --help' for all options.\n", what, why);
     return REFUSED;
 }
@@ -97,7 +97,7 @@ static enum outcome set_method(struct request *request, const char *name) {
         request->method = (enum method)i;
         return MEASURE;
     }
-    return refuse("--method", "it is uniform or metro");
+    return measure_refuse("--method", "it is uniform or metro");
 }
 
 static enum outcome set_columns(struct request *request, const char *list) {
@@ -105,31 +105,32 @@ static enum outcome set_columns(struct request *request, const char *list) {
     request->columns = list;
     if (column_list_is_valid(list)) return MEASURE;
     params_allowed(params_find("columns"), allowed + strlen(allowed), sizeof allowed - strlen(allowed));
-    return refuse("--columns", allowed);
+    return measure_refuse("--columns", allowed);
 }
 
-static enum outcome set_option(struct request *request, int option, const char *value) {
+static enum outcome measure_set_option(struct request *request, int option, const char *value) {
     uint64_t threads;
     switch (option) {
     case 'n':
         if (parse_count(value, MAX_SAMPLES, &request->metro.samples) && request->metro.samples > 0) return MEASURE;
-        return refuse("--samples", "it is an integer from 1 to 100000000000");
+        return measure_refuse("--samples", "it is an integer from 1 to 100000000000");
     case 's':
         if (parse_count(value, UINT64_MAX, &request->metro.seed)) return MEASURE;
-        return refuse("--seed", "it is an integer, at least 0 and below 2^64");
+        return measure_refuse("--seed", "it is an integer, at least 0 and below 2^64");
     case 't':
-        if (!parse_count(value, MAX_THREADS, &threads)) return refuse("--threads", "it is an integer from 0 to 256");
+        if (!parse_count(value, MAX_THREADS, &threads))
+            return measure_refuse("--threads", "it is an integer from 0 to 256");
         request->metro.threads = (unsigned)threads;
         return MEASURE;
     case 'm': return set_method(request, value);
     case 'c': return set_columns(request, value);
     case 'j': request->json = true; return MEASURE;
-    case 'h': print_help(); return TOLD;
+    case 'h': measure_print_help(); return TOLD;
     default: return REFUSED; /* getopt has said why */
     }
 }
 
-static enum outcome parse(struct request *request, int argc, char **argv) {
+static enum outcome measure_parse(struct request *request, int argc, char **argv) {
     static const struct option options[] = {
         {"samples", required_argument, NULL, 'n'}, {"seed", required_argument, NULL, 's'},
         {"method", required_argument, NULL, 'm'},  {"columns", required_argument, NULL, 'c'},
@@ -139,9 +140,9 @@ static enum outcome parse(struct request *request, int argc, char **argv) {
     enum outcome outcome = MEASURE;
     optind = 0; /* glibc: start afresh */
     for (int option; outcome == MEASURE && (option = getopt_long(argc, argv, "h", options, NULL)) != -1;)
-        outcome = set_option(request, option, optarg);
+        outcome = measure_set_option(request, option, optarg);
     if (outcome != MEASURE) return outcome;
-    if (argc - optind != 2) return refuse("A B", "use the names of two files");
+    if (argc - optind != 2) return measure_refuse("A B", "use the names of two files");
     request->path[0] = argv[optind];
     request->path[1] = argv[optind + 1];
     return MEASURE;
@@ -223,7 +224,7 @@ static void print_row(const char *label, const struct distance_stats *s, double 
     printf("  %11.5e %11.5e %11.5e\n", s->mean / diagonal, s->rms / diagonal, s->max / diagonal);
 }
 
-static void print_table(const struct measurement *m) {
+static void measure_print_table(const struct measurement *m) {
     bool metro = m->metro_diagonal > 0;
     const struct distance_stats *side[2];
     measure_json_sides(m, side);
@@ -241,12 +242,12 @@ static void print_table(const struct measurement *m) {
     if (metro) printf("%-18s %12s  %.6e of the diagonal of Metro\n", "", "", m->hausdorff / m->metro_diagonal);
 }
 
-static enum status print(const struct request *request, const struct measurement *m, struct error *error) {
+static enum status measure_print(const struct request *request, const struct measurement *m, struct error *error) {
     enum status status = STATUS_OK;
     if (request->json)
         status = measure_json_write(stdout, m);
     else
-        print_table(m);
+        measure_print_table(m);
     if (!status && (fflush(stdout) != 0 || ferror(stdout))) status = STATUS_IO;
     return status ? error_set(error, status, "", "standard output can't be written") : STATUS_OK;
 }
@@ -264,7 +265,8 @@ static enum status read_side(const struct request *request, int i, struct cloud 
     return status;
 }
 
-static enum status run(const struct request *request, const char **culprit, int *exit_status, struct error *error) {
+static enum status measure_run(const struct request *request, const char **culprit, int *exit_status,
+                               struct error *error) {
     struct cloud cloud[2] = {0};
     enum status status = STATUS_OK;
     struct measurement m = {0};
@@ -281,7 +283,7 @@ static enum status run(const struct request *request, const char **culprit, int 
         *culprit = "measure";
         status = measure(request, (struct mesh[2]){borrow_mesh(&cloud[0]), borrow_mesh(&cloud[1])}, &m, error);
     }
-    if (!status) status = print(request, &m, error);
+    if (!status) status = measure_print(request, &m, error);
     cloud_done(&cloud[0]);
     cloud_done(&cloud[1]);
     return status;
@@ -289,12 +291,12 @@ static enum status run(const struct request *request, const char **culprit, int 
 
 int worker_measure_main(int argc, char **argv) {
     struct request request = {0};
-    enum outcome outcome = parse(&request, argc, argv);
+    enum outcome outcome = measure_parse(&request, argc, argv);
     if (outcome != MEASURE) return outcome == TOLD ? 0 : WIRE_EXIT_PARAMETER;
     struct error error = {.byte_offset = UINT64_MAX};
     const char *culprit = "";
     int exit_status = 0;
-    enum status status = run(&request, &culprit, &exit_status, &error);
+    enum status status = measure_run(&request, &culprit, &exit_status, &error);
     if (status) worker_output_explain(culprit, status, &error, stderr);
     return status && exit_status ? exit_status : wire_exit_status(status);
 }

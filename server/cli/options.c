@@ -53,7 +53,7 @@ static const struct own_option {
     [OWN_LIST] = {"list-options", 0, false},
 };
 
-static enum worker_request refuse(struct error *error, const char *where, const char *text) {
+static enum worker_request refuse_option(struct error *error, const char *where, const char *text) {
     error_set(error, STATUS_BAD_PARAMETER, where, "%s", text);
     return WORKER_REFUSED;
 }
@@ -127,7 +127,7 @@ static enum worker_request set_preview(struct worker_options *options, const cha
     } ways[] = {{"auto", PREVIEW_AUTO}, {"kitty", PREVIEW_KITTY}, {"sixel", PREVIEW_SIXEL}, {"blocks", PREVIEW_BLOCKS}};
     for (size_t i = 0; i < sizeof ways / sizeof *ways; i++)
         if (strcmp(way ? way : "auto", ways[i].name) == 0) options->preview = ways[i].way;
-    return options->preview ? WORKER_RUN : refuse(error, written, "it takes auto, kitty, sixel or blocks");
+    return options->preview ? WORKER_RUN : refuse_option(error, written, "it takes auto, kitty, sixel or blocks");
 }
 
 static enum worker_request set_own(struct worker_options *options, enum own own, const char *written, const char *value,
@@ -136,19 +136,19 @@ static enum worker_request set_own(struct worker_options *options, enum own own,
     case OWN_OUTPUT:
         options->output = value;
         options->output_given = true;
-        return value[0] ? WORKER_RUN : refuse(error, written, "a folder or a file is missing");
+        return value[0] ? WORKER_RUN : refuse_option(error, written, "a folder or a file is missing");
     case OWN_PROGRESS_FD: {
         char *end;
         long fd = strtol(value, &end, 10);
         if (end == value || *end || fd < 0 || fd > 1024)
-            return refuse(error, written, "it takes the number of a descriptor");
+            return refuse_option(error, written, "it takes the number of a descriptor");
         options->progress_fd = (int)fd;
         options->summary = false;
         return WORKER_RUN;
     }
     case OWN_MEMORY:
         if (!parse_bytes(value, &options->params.memory_bytes))
-            return refuse(error, written, "it takes a number of bytes over 0, as 4000M or 4G");
+            return refuse_option(error, written, "it takes a number of bytes over 0, as 4000M or 4G");
         options->memory_given = true;
         return WORKER_RUN;
     case OWN_PREVIEW: return set_preview(options, written, value, error);
@@ -163,7 +163,7 @@ static enum worker_request set_own(struct worker_options *options, enum own own,
     case OWN_LIST: help_print_options(); return WORKER_TOLD;
     case OWN_COUNT: break;
     }
-    return refuse(error, written, "unknown option");
+    return refuse_option(error, written, "unknown option");
 }
 
 static enum worker_request parse_own(struct worker_options *options, enum own own, int argc, char **argv, int *i,
@@ -174,11 +174,11 @@ static enum worker_request parse_own(struct worker_options *options, enum own ow
     if (!own_options[own].valued) {
         const char *equals = argument[1] == '-' ? strchr(argument, '=') : NULL;
         if (equals && own == OWN_PREVIEW) return set_own(options, own, written, equals + 1, error);
-        if (equals) return refuse(error, written, "it takes no value");
+        if (equals) return refuse_option(error, written, "it takes no value");
         return set_own(options, own, written, NULL, error);
     }
     const char *value = take_value(argc, argv, i);
-    return value ? set_own(options, own, written, value, error) : refuse(error, written, "a value is missing");
+    return value ? set_own(options, own, written, value, error) : refuse_option(error, written, "a value is missing");
 }
 
 /* What says how a file is read and written, and which part of it. */
@@ -197,10 +197,11 @@ static enum worker_request parse_parameter(struct worker_options *options, int a
     option_name(argument, name);
     if (!params_find(name)) return refuse_unknown(error, argument, name);
     if (options->convert && !converts_with(name))
-        return refuse(error, as_written(argument, written),
-                      "all points are converted as they are; use whittle INPUT OUTPUT, without convert, to simplify");
+        return refuse_option(
+            error, as_written(argument, written),
+            "all points are converted as they are; use whittle INPUT OUTPUT, without convert, to simplify");
     const char *value = take_value(argc, argv, i);
-    if (!value) return refuse(error, as_written(argument, written), "a value is missing");
+    if (!value) return refuse_option(error, as_written(argument, written), "a value is missing");
     if (strcmp(name, "outputs") == 0) options->outputs_given = true;
     return params_set(&options->params, name, value, error) ? WORKER_REFUSED : WORKER_RUN;
 }
@@ -218,8 +219,8 @@ static enum worker_request parse_argument(struct worker_options *options, int ar
         options->input = argument;
         return WORKER_RUN;
     }
-    if (options->operand) return refuse(error, argument, "a third name; use INPUT OUTPUT, one input at a time");
-    if (!argument[0]) return refuse(error, "OUTPUT", "a folder or a file is missing");
+    if (options->operand) return refuse_option(error, argument, "a third name; use INPUT OUTPUT, one input at a time");
+    if (!argument[0]) return refuse_option(error, "OUTPUT", "a folder or a file is missing");
     options->operand = argument;
     return WORKER_RUN;
 }
@@ -233,15 +234,16 @@ static bool settle_standard(struct worker_options *options) {
 }
 
 static enum worker_request settle_conversion(struct worker_options *options, struct error *error) {
-    if (options->json) return refuse(error, "--json", "a conversion has no report; use whittle info --json");
-    if (strcmp(options->output, ".") == 0) return refuse(error, "OUTPUT", "use whittle convert INPUT OUTPUT.ply");
+    if (options->json) return refuse_option(error, "--json", "a conversion has no report; use whittle info --json");
+    if (strcmp(options->output, ".") == 0)
+        return refuse_option(error, "OUTPUT", "use whittle convert INPUT OUTPUT.ply");
     if (strcmp(options->output, "-") == 0 && (!options->outputs_given || !settle_standard(options)))
-        return refuse(error, "-o", "use --outputs to name the one format of standard output, as cloud.pcd");
+        return refuse_option(error, "-o", "use --outputs to name the one format of standard output, as cloud.pcd");
     if (!options->to_standard && worker_output_settle(options, error)) return WORKER_REFUSED;
     if (!options->to_standard && !options->to_file)
-        return refuse(error, options->output, "use a name with the format's end, as scan.ply");
+        return refuse_option(error, options->output, "use a name with the format's end, as scan.ply");
     if (!(options->params.outputs & (OUTPUT_ANY_CLOUD | OUTPUT_ANY_MESH)))
-        return refuse(error, options->output, "no cloud and no mesh; use another format");
+        return refuse_option(error, options->output, "no cloud and no mesh; use another format");
     options->params.ratio = 1;
     return params_resolve(&options->params, error) ? WORKER_REFUSED : WORKER_RUN;
 }
@@ -251,19 +253,20 @@ static enum worker_request parse_all(struct worker_options *options, int argc, c
         enum worker_request request = parse_argument(options, argc, argv, &i, error);
         if (request != WORKER_RUN) return request;
     }
-    if (!options->input) return refuse(error, "INPUT", "use the name of a cloud, or - for standard input");
+    if (!options->input) return refuse_option(error, "INPUT", "use the name of a cloud, or - for standard input");
     if (options->operand && options->output_given)
-        return refuse(error, options->operand, "a second output; use -o or OUTPUT, not both");
+        return refuse_option(error, options->operand, "a second output; use -o or OUTPUT, not both");
     if (options->operand) options->output = options->operand;
     if (options->convert && options->preview)
-        return refuse(error, "--preview", "a conversion has no deviation to show");
+        return refuse_option(error, "--preview", "a conversion has no deviation to show");
     if (options->convert) return settle_conversion(options, error);
     if (options->json && strcmp(options->output, "-") == 0)
-        return refuse(error, "--json", "the output is on standard output already; use -o FILE");
+        return refuse_option(error, "--json", "the output is on standard output already; use -o FILE");
     if (options->preview) options->params.outputs |= OUTPUT_PREVIEW, options->outputs_given = true;
     if (strcmp(options->output, "-") == 0) {
         if (!settle_standard(options))
-            return refuse(error, "-o", "standard output takes one output, of one level; use --outputs to name one");
+            return refuse_option(error, "-o",
+                                 "standard output takes one output, of one level; use --outputs to name one");
     } else if (worker_output_settle(options, error)) {
         return WORKER_REFUSED;
     }

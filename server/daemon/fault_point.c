@@ -56,7 +56,7 @@ static int pass(struct armed *fault) {
     return fault->number;
 }
 
-static int ask(const char *point) {
+static int ask_fault(const char *point) {
     for (size_t i = 0; i < MOST_FAULTS; i++)
         if (strcmp(point, armed[i].point) == 0) return pass(&armed[i]);
     return 0;
@@ -81,6 +81,6 @@ enum status fault_arm(const char *text, struct error *error) {
             return error_set(error, STATUS_BAD_PARAMETER, "fault", "'%.80s' is not like POINT=ACTION:N", at);
         at += strcspn(at, ",");
     }
-    if (count) fault_point = ask;
+    if (count) fault_point = ask_fault;
     return STATUS_OK;
 }

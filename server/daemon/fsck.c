@@ -33,7 +33,7 @@ struct check {
     size_t jobs, clouds, outputs, damaged, unfinished;
 };
 
-static void tell(const char *kind, const char *format, va_list args) {
+static void tell_finding(const char *kind, const char *format, va_list args) {
     printf("%s: ", kind);
     vprintf(format, args);
     putchar('\n');
@@ -42,7 +42,7 @@ static void tell(const char *kind, const char *format, va_list args) {
 __attribute__((format(printf, 2, 3))) static void damaged(struct check *check, const char *format, ...) {
     va_list args;
     va_start(args, format);
-    tell("damaged", format, args);
+    tell_finding("damaged", format, args);
     va_end(args);
     check->damaged++;
 }
@@ -50,7 +50,7 @@ __attribute__((format(printf, 2, 3))) static void damaged(struct check *check, c
 __attribute__((format(printf, 2, 3))) static void unfinished(struct check *check, const char *format, ...) {
     va_list args;
     va_start(args, format);
-    tell("unfinished", format, args);
+    tell_finding("unfinished", format, args);
     va_end(args);
     check->unfinished++;
 }

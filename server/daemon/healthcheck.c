@@ -68,7 +68,7 @@ static int connect_to(const struct target *target) {
 }
 
 /* Sends the request; the first bytes of the answer say all. */
-static int ask(const struct target *target) {
+static int ask_health(const struct target *target) {
     char answer[64] = "";
     size_t got = 0;
     int fd = connect_to(target), status = UNWELL;
@@ -108,7 +108,7 @@ int healthcheck_main(int argc, char **argv) {
     struct config config;
     struct error error = {0};
     if (argc == 3 && strcmp(argv[1], "--url") == 0) {
-        if (split_url(argv[2], &target)) return ask(&target);
+        if (split_url(argv[2], &target)) return ask_health(&target);
         fprintf(stderr, "whittled: --url: '%s' is not like http://HOST:PORT/PATH\n", argv[2]);
         return USAGE;
     }
@@ -119,6 +119,6 @@ int healthcheck_main(int argc, char **argv) {
     else if (!find_listener(&config, &target))
         fprintf(stderr, "whittled: listen: '%s' has no port, or HTTPS alone is served\n", config.listen);
     else
-        return ask(&target);
+        return ask_health(&target);
     return USAGE;
 }

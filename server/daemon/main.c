@@ -79,9 +79,9 @@ static int64_t sweep_every_ms(const struct config *config) {
 static void serve(struct service *service, struct reload *reload, struct signals *signals) {
     int64_t every = sweep_every_ms(service->config);
     for (;;) {
-        unsigned wishes = signals_wait(signals, (int)every);
-        if (wishes & SIGNALS_STOP) return;
-        if (wishes & SIGNALS_RELOAD)
+        unsigned requests = signals_wait(signals, (int)every);
+        if (requests & SIGNALS_STOP) return;
+        if (requests & SIGNALS_RELOAD)
             reload_now(reload);
         else
             service_sweep(service);

@@ -40,7 +40,7 @@ void reload_close(struct reload *reload) {
     free(reload);
 }
 
-static void tell(const char *name, bool live) {
+static void tell_setting(const char *name, bool live) {
     if (live)
         log_line(LOG_INFO, "reload: %s has changed", name);
     else
@@ -51,8 +51,8 @@ static void reload_config(struct reload *reload) {
     struct error error = {0};
     struct generation *next = calloc(1, sizeof *next);
     if (!next) return;
-    enum status status =
-        config_reload(reload->service->config, reload->argc, reload->argv, environ, &next->config, tell, &error);
+    enum status status = config_reload(reload->service->config, reload->argc, reload->argv, environ, &next->config,
+                                       tell_setting, &error);
     if (status != STATUS_OK) {
         log_line(LOG_ERROR, "reload: the settings stay as they were: %s: %s", error.where, error.text);
         free(next);

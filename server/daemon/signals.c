@@ -21,7 +21,7 @@
 
 struct signals {
     int from_kernel, told, ending; /* signalfd; eventfds for signals_wait and for the thread's end */
-    _Atomic unsigned wishes;
+    _Atomic unsigned requests;
     pthread_t thread;
 };
 
@@ -52,7 +52,7 @@ static void *listen_to_signals(void *ctx) {
         bool reload = info.ssi_signo == SIGHUP;
         if (!reload && stops) end_at_once();
         stops = stops || !reload;
-        atomic_fetch_or(&signals->wishes, reload ? SIGNALS_RELOAD : SIGNALS_STOP);
+        atomic_fetch_or(&signals->requests, reload ? SIGNALS_RELOAD : SIGNALS_STOP);
         raise_event(signals->told);
     }
 }
@@ -98,5 +98,5 @@ unsigned signals_wait(struct signals *signals, int timeout_ms) {
     struct pollfd told = {.fd = signals->told, .events = POLLIN};
     uint64_t count;
     if (poll(&told, 1, timeout_ms) != 1 || read(signals->told, &count, sizeof count) != sizeof count) return 0;
-    return atomic_exchange(&signals->wishes, 0);
+    return atomic_exchange(&signals->requests, 0);
 }

@@ -10,7 +10,7 @@
 struct signals;
 
 /* What signals ask for: a set. */
-enum signals_wish { SIGNALS_RELOAD = 1, SIGNALS_STOP = 2 };
+enum signals_request { SIGNALS_RELOAD = 1, SIGNALS_STOP = 2 };
 
 /* Blocks the signals for this thread and those that it starts, and starts theirs: so before any other thread. */
 enum status signals_open(struct signals **signals, struct error *error) MUST_CHECK;

@@ -213,7 +213,7 @@ static void get_plan(struct service *service, struct request *request, struct re
 const struct handler handlers_get_plan = {.run = get_plan};
 
 /* The beginning of its hash, and what files of its format end in: "pcd/binary" is .pcd. */
-static void file_name(const struct catalog_cloud *record, char *name, size_t bytes) {
+static void cloud_file_name(const struct catalog_cloud *record, char *name, size_t bytes) {
     static const char *const endings[][2] = {{"gzip", "gz"}, {"zstd", "zst"}};
     char ending[JOB_FORMAT_BYTES];
     snprintf(ending, sizeof ending, "%.*s", (int)strcspn(record->format, "/"), record->format);
@@ -228,7 +228,7 @@ static void get_cloud_data(struct service *service, struct request *request, str
     if (handlers_read_cloud(service, request, request->match.capture[0], &record, response)) {
         struct job nameless = {0};
         struct job_output output = {.bytes = record.bytes};
-        file_name(&record, output.name, sizeof output.name);
+        cloud_file_name(&record, output.name, sizeof output.name);
         memcpy(output.sha256, record.sha256, sizeof output.sha256);
         handlers_send_content(request, &nameless, &output, store_cloud_open(service->store, record.sha256), response);
     }

@@ -23,9 +23,9 @@ static const struct handler *const table[OPERATION_COUNT] = {
 #include "api/routes.def"
 };
 
-static const struct handler *find(enum operation operation) { return table[operation]; }
+static const struct handler *find_handler(enum operation operation) { return table[operation]; }
 
-const struct handlers handlers_all = {find, handlers_admit_key};
+const struct handlers handlers_all = {find_handler, handlers_admit_key};
 
 bool handlers_takes_no_query(const struct request *request, struct response *response) {
     struct problem problem;

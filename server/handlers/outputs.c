@@ -76,7 +76,7 @@ void handlers_send_file(const struct request *request, int fd, uint64_t bytes, c
 /* ------------------------------------------------------------------------------------------------ outputs */
 
 /* The label's plain characters before the output's name: "horse-10-mesh.ply". */
-static void file_name(const struct job *job, const char *name, char *text, size_t bytes) {
+static void output_file_name(const struct job *job, const char *name, char *text, size_t bytes) {
     size_t used = 0;
     for (const char *c = job->label; *c && used + 1 < bytes / 2; c++) {
         bool plain = isalnum((unsigned char)*c) && (unsigned char)*c < 0x80;
@@ -97,7 +97,7 @@ static const char for_ever[] = "private, max-age=31536000, immutable";
 static void describe_output(const struct job *job, const struct job_output *output, struct response *response) {
     char digest[DIGEST_BASE64_BYTES], name[128];
     digest_base64(output->sha256, digest);
-    file_name(job, output->name, name, sizeof name);
+    output_file_name(job, output->name, name, sizeof name);
     response_header(response, "Content-Type", "%s", handlers_media_type(output->name));
     response_header(response, "Repr-Digest", "sha-256=:%s:", digest);
     response_header(response, "Content-Disposition", "attachment; filename=\"%s\"", name);

@@ -105,8 +105,8 @@ const struct handler handlers_upload_options = {.run = upload_options, .quick = 
 /* ------------------------------------------------------------------------------------------------ admission */
 
 /* The upload in the path, if the request's principal may see it. */
-static bool find(struct service *service, const struct request *request, struct catalog_upload *info,
-                 struct response *response) {
+static bool find_upload(struct service *service, const struct request *request, struct catalog_upload *info,
+                        struct response *response) {
     const char *id = request->match.capture[0];
     bool found = uploads_find(service->uploads, id, info) && principal_sees(&request->principal, info->principal);
     if (!found) response_refuse(response, PROBLEM_NO_SUCH_UPLOAD, "there is no upload %.40s", id);
@@ -207,7 +207,8 @@ static bool admit_piece(struct service *service, struct request *request, struct
     struct problem problem;
     uint64_t offset = UINT64_MAX, length = UINT64_MAX, most = (uint64_t)service->config->max_body_bytes;
     if (!speaks_tus(request, response) || !handlers_takes_no_query(request, response) ||
-        !find(service, request, &info, response) || !read_number(request, HEADER_UPLOAD_OFFSET, &offset, response) ||
+        !find_upload(service, request, &info, response) ||
+        !read_number(request, HEADER_UPLOAD_OFFSET, &offset, response) ||
         !read_number(request, HEADER_UPLOAD_LENGTH, &length, response) || !read_check(request, &check, response) ||
         !has_room_for_piece(service, request, &info, length, response))
         return false;
@@ -338,10 +339,10 @@ static void get_upload(struct service *service, struct request *request, struct 
     struct catalog_upload info;
     request->tus = true;
     if ((request->head && !speaks_tus(request, response)) || !handlers_takes_no_query(request, response) ||
-        !find(service, request, &info, response))
+        !find_upload(service, request, &info, response))
         return;
     if (request->head) uploads_interrupt(service->uploads, info.id);
-    if (!find(service, request, &info, response)) return;
+    if (!find_upload(service, request, &info, response)) return;
     uint64_t has;
     if (!is_over_share(service, &info, &has) && !finish(service, &info, response)) return;
     put_document(&info, 200, response);
@@ -358,7 +359,7 @@ static void delete_upload(struct service *service, struct request *request, stru
     struct catalog_upload info;
     struct error error = {0};
     if (!speaks_tus(request, response) || !handlers_takes_no_query(request, response) ||
-        !find(service, request, &info, response) || !handlers_admit_match(request, NULL, response))
+        !find_upload(service, request, &info, response) || !handlers_admit_match(request, NULL, response))
         return;
     if (uploads_delete(service->uploads, info.id, &error) == STATUS_OK)
         response->status = 204;

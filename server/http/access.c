@@ -41,7 +41,7 @@ void access_output_path(const char *id, const char *name, char path[ACCESS_PATH_
 }
 
 /* Takes the first argument of this name out of the query; NULL where there is none. */
-static const char *take_argument(struct request *request, const char *name) {
+static const char *take_signature_argument(struct request *request, const char *name) {
     size_t i = 0;
     while (i < request->query_count && strcmp(request->query[i].name, name) != 0) i++;
     if (i == request->query_count) return NULL;
@@ -90,7 +90,8 @@ static bool check_token(const struct service *service, struct request *request, 
 
 bool access_admit(struct service *service, struct request *request, struct response *response) {
     if (request->match.route->operation == OPERATION_GET_OUTPUT) {
-        const char *expires = take_argument(request, "exp"), *signature = take_argument(request, "sig");
+        const char *expires = take_signature_argument(request, "exp"),
+                   *signature = take_signature_argument(request, "sig");
         if (expires || signature) return check_signature(service, request, expires, signature, response);
     }
     return !service->tokens || check_token(service, request, response);

@@ -339,7 +339,7 @@ static bool check_digests(struct body *body, struct problem *problem) {
 
 /* ------------------------------------------------------------------------------------------------ the body */
 
-static bool start(struct body *body, struct problem *problem) {
+static bool body_start(struct body *body, struct problem *problem) {
     const struct body_plan *plan = &body->plan;
     uint64_t expected = plan->content_length;
     struct multipart_sink sink = {begin_field, take_field, end_field, body};
@@ -358,7 +358,7 @@ static bool start(struct body *body, struct problem *problem) {
 }
 
 /* Gives bytes to the first stage. */
-static bool take(struct body *body, const void *bytes, size_t count, struct problem *problem) {
+static bool body_take(struct body *body, const void *bytes, size_t count, struct problem *problem) {
     struct error error = {0};
     body->problem = problem;
     for (size_t i = 0; i < ALGORITHMS; i++)
@@ -370,7 +370,7 @@ static bool take(struct body *body, const void *bytes, size_t count, struct prob
 static bool take_waiting(struct body *body, struct problem *problem) {
     size_t count = body->waiting_bytes;
     body->waiting_bytes = 0;
-    return !count || take(body, body->waiting, count, problem);
+    return !count || body_take(body, body->waiting, count, problem);
 }
 
 /* What was taken of the piece of an upload stays, though its sender is gone. */
@@ -399,7 +399,7 @@ struct body *body_new(const struct body_plan *plan, struct problem *problem) {
         return NULL;
     }
     body->plan = *plan;
-    if (start(body, problem)) return body;
+    if (body_start(body, problem)) return body;
     body_free(body);
     return NULL;
 }
@@ -412,7 +412,7 @@ bool body_write(struct body *body, const void *bytes, size_t count, struct probl
     }
     body->bytes += count;
     if (count > GATHER_BYTES - body->waiting_bytes && !take_waiting(body, problem)) return false;
-    if (count > GATHER_BYTES) return take(body, bytes, count, problem);
+    if (count > GATHER_BYTES) return body_take(body, bytes, count, problem);
     memcpy(body->waiting + body->waiting_bytes, bytes, count);
     body->waiting_bytes += count;
     return true;

@@ -294,8 +294,8 @@ static void check_gap(struct head_walk *walk, const char *next, size_t most) {
     if (longer) walk->request->fault = "a header holds NUL, or its line is folded";
 }
 
-static enum MHD_Result take_header(void *ctx, enum MHD_ValueKind kind, const char *name, size_t name_bytes,
-                                   const char *value, size_t value_bytes) {
+static enum MHD_Result add_header(void *ctx, enum MHD_ValueKind kind, const char *name, size_t name_bytes,
+                                  const char *value, size_t value_bytes) {
     struct head_walk *walk = ctx;
     (void)kind;
     (void)name_bytes; /* the name ends at its first NUL, and isn't one that the service knows then */
@@ -305,8 +305,8 @@ static enum MHD_Result take_header(void *ctx, enum MHD_ValueKind kind, const cha
     return MHD_YES;
 }
 
-static enum MHD_Result take_argument(void *ctx, enum MHD_ValueKind kind, const char *name, size_t name_bytes,
-                                     const char *value, size_t value_bytes) {
+static enum MHD_Result add_argument(void *ctx, enum MHD_ValueKind kind, const char *name, size_t name_bytes,
+                                    const char *value, size_t value_bytes) {
     (void)kind;
     request_take_argument(ctx, name, name_bytes, value, value_bytes);
     return MHD_YES;
@@ -319,9 +319,9 @@ static uint64_t take_head(struct exchange *x) {
     const union MHD_ConnectionInfo *info =
         MHD_get_connection_info(x->connection, MHD_CONNECTION_INFO_REQUEST_HEADER_SIZE);
     uint64_t bytes = info ? info->header_size : 0;
-    MHD_get_connection_values_n(x->connection, MHD_HEADER_KIND, take_header, &walk);
+    MHD_get_connection_values_n(x->connection, MHD_HEADER_KIND, add_header, &walk);
     if (bytes) check_gap(&walk, request->method + bytes, 2 * LINE_END_BYTES); /* the head begins with the method */
-    MHD_get_connection_values_n(x->connection, MHD_GET_ARGUMENT_KIND, take_argument, request);
+    MHD_get_connection_values_n(x->connection, MHD_GET_ARGUMENT_KIND, add_argument, request);
     request_identify(request);
     request_read_framing(request);
     return bytes;
@@ -527,7 +527,7 @@ static void refuse_head(struct listener *listener, struct MHD_Connection *connec
     head_ends(listener, client_of(connection));
     if (!x) return;
     struct head_walk walk = {&x->request, NULL};
-    MHD_get_connection_values_n(connection, MHD_HEADER_KIND, take_header, &walk);
+    MHD_get_connection_values_n(connection, MHD_HEADER_KIND, add_header, &walk);
     request_identify(&x->request);
     snprintf(x->log_method, sizeof x->log_method, "-");
     snprintf(x->log_path, sizeof x->log_path, "-");
@@ -733,7 +733,7 @@ static enum status start_admin(struct http *http, struct error *error) {
     return status;
 }
 
-static enum status start(struct http *http, struct error *error) {
+static enum status start_listening(struct http *http, struct error *error) {
     const struct config *config = http->service->config;
     if (offload_open(OFFLOAD_THREADS, &http->offload) != STATUS_OK)
         return error_set(error, STATUS_NO_MEMORY, "http", "can't start threads");
@@ -764,7 +764,7 @@ enum status http_open(struct service *service, const struct handlers *handlers, 
     pthread_mutex_init(&opened->admin.heads_lock, NULL);
     tally_init(&opened->tally);
     memset(addresses, 0, sizeof *addresses);
-    enum status status = start(opened, error);
+    enum status status = start_listening(opened, error);
     if (status == STATUS_OK) {
         name_listener(&opened->main, addresses->main);
         name_listener(&opened->admin, addresses->admin);

@@ -22,7 +22,7 @@ static void add(struct tally *tally, unsigned *counter) {
     pthread_mutex_unlock(&tally->lock);
 }
 
-static void take(struct tally *tally, unsigned *counter) {
+static void count_in(struct tally *tally, unsigned *counter) {
     pthread_mutex_lock(&tally->lock);
     --*counter;
     pthread_cond_broadcast(&tally->fewer);
@@ -31,7 +31,7 @@ static void take(struct tally *tally, unsigned *counter) {
 
 void tally_begin(struct tally *tally) { add(tally, &tally->exchanges); }
 
-void tally_end(struct tally *tally) { take(tally, &tally->exchanges); }
+void tally_end(struct tally *tally) { count_in(tally, &tally->exchanges); }
 
 bool tally_park(struct tally *tally) {
     pthread_mutex_lock(&tally->lock);
@@ -41,9 +41,9 @@ bool tally_park(struct tally *tally) {
     return !stopping;
 }
 
-void tally_unpark(struct tally *tally) { take(tally, &tally->parked); }
+void tally_unpark(struct tally *tally) { count_in(tally, &tally->parked); }
 
-void tally_upload(struct tally *tally, bool begins) { (begins ? add : take)(tally, &tally->uploads); }
+void tally_upload(struct tally *tally, bool begins) { (begins ? add : count_in)(tally, &tally->uploads); }
 
 unsigned tally_uploads(struct tally *tally) {
     pthread_mutex_lock(&tally->lock);

@@ -135,7 +135,7 @@ static bool begin_part(struct multipart *m, struct problem *problem) {
 }
 
 /* One more byte of the header lines; the empty one ends them. */
-static bool take_header(struct multipart *m, char byte, struct problem *problem) {
+static bool take_part_header(struct multipart *m, char byte, struct problem *problem) {
     if (m->headers == MULTIPART_HEADER_BYTES) return broken(m, "a part's headers are too long", problem);
     m->header[m->headers++] = byte;
     bool at_end = m->headers >= 2 && memcmp(m->header + m->headers - 2, "\r\n", 2) == 0;
@@ -210,7 +210,7 @@ bool multipart_push(struct multipart *m, const void *data, size_t count, struct 
         case PREAMBLE:
         case CONTENT: n = take_content(m, bytes, count, &ok, problem); break;
         case MARK: ok = take_mark(m, *bytes, problem); break;
-        case HEADERS: ok = take_header(m, *bytes, problem); break;
+        case HEADERS: ok = take_part_header(m, *bytes, problem); break;
         case EPILOGUE: n = count; break;
         }
         bytes += n;

@@ -44,7 +44,7 @@ static enum store_fate fate_of(void *ctx, enum store_thing thing, const char *na
 /* ------------------------------------------------------------------------------------------------ rows */
 
 /* What the start did. */
-struct mending {
+struct recovery {
     size_t requeued, failed, inputs_lost, outputs_lost, clouds_lost;
     struct store_cleaned files;
     int64_t latest_ms; /* when a job has changed last */
@@ -70,36 +70,37 @@ enum status service_recover_job(struct service *service, struct job *job, bool *
 }
 
 /* A job that is running, by its row: of this host when it ended, or of one that is gone; else another host has it. */
-static enum status mend_running(struct service *service, struct job *job, struct mending *mending,
-                                struct error *error) {
+static enum status recover_running(struct service *service, struct job *job, struct recovery *recovery,
+                                   struct error *error) {
     bool is_own = strcmp(job->owner, service->host) == 0, failed = false;
     if (!is_own && job->lease_end_ms > job_now_ms()) return STATUS_OK;
     store_outputs_delete(service->store, job->id, job->attempt); /* of a run whose end was never recorded */
     enum status status = service_recover_job(service, job, &failed, error);
-    if (status == STATUS_OK && failed) mending->failed++;
-    if (status == STATUS_OK && !failed) mending->requeued++;
+    if (status == STATUS_OK && failed) recovery->failed++;
+    if (status == STATUS_OK && !failed) recovery->requeued++;
     return status;
 }
 
-static enum status mend_job(struct service *service, struct job *job, struct mending *mending, struct error *error) {
+static enum status recover_job(struct service *service, struct job *job, struct recovery *recovery,
+                               struct error *error) {
     bool changed;
-    if (job->updated_ms > mending->latest_ms) mending->latest_ms = job->updated_ms;
-    if (job->state == JOB_RUNNING) return mend_running(service, job, mending, error);
+    if (job->updated_ms > recovery->latest_ms) recovery->latest_ms = job->updated_ms;
+    if (job->state == JOB_RUNNING) return recover_running(service, job, recovery, error);
     struct job_cost cost = estimate_cost(job);
     if (job->state == JOB_SUCCESSFUL) estimate_learn(service->estimate, &cost, job->wall_s, job->finished_ms);
     if (job->state == JOB_ACCEPTED && !store_cloud_exists(service->store, job->cloud)) {
         log_line(LOG_ERROR, "job=%s has lost its input %s: it will fail", job->id, job->cloud);
-        mending->inputs_lost++;
+        recovery->inputs_lost++;
     }
     if (job->state != JOB_SUCCESSFUL || store_outputs_exist(service->store, job->id, job->attempt)) return STATUS_OK;
     log_line(LOG_ERROR, "job=%s has lost its outputs: deleted", job->id);
-    mending->outputs_lost++;
+    recovery->outputs_lost++;
     return catalog_delete(service->catalog, job->id, "lost", &changed, error);
 }
 
-/* Of many hosts each mends what it ran itself and what hosts ran that are silent, and learns from the latest jobs how
- * long they take. */
-static enum status mend_own(struct service *service, struct mending *mending, struct error *error) {
+/* Of many hosts each recovers what it ran itself and what hosts ran that are silent, and learns from the latest jobs
+ * how long they take. */
+static enum status recover_own(struct service *service, struct recovery *recovery, struct error *error) {
     struct job *jobs = calloc(SERVICE_PAGE, sizeof *jobs);
     struct catalog_filter latest = {.by_state = true, .state = JOB_SUCCESSFUL};
     size_t count = SERVICE_PAGE;
@@ -107,7 +108,7 @@ static enum status mend_own(struct service *service, struct mending *mending, st
     while (status == STATUS_OK && count == SERVICE_PAGE) {
         status = catalog_list_lost(service->catalog, service->host, jobs, SERVICE_PAGE, &count, error);
         for (size_t i = 0; i < count; i++) {
-            if (status == STATUS_OK) status = mend_running(service, &jobs[i], mending, error);
+            if (status == STATUS_OK) status = recover_running(service, &jobs[i], recovery, error);
             job_done(&jobs[i]);
         }
     }
@@ -122,7 +123,7 @@ static enum status mend_own(struct service *service, struct mending *mending, st
 }
 
 /* Goes through all jobs, newest first. */
-static enum status mend_jobs(struct service *service, struct mending *mending, struct error *error) {
+static enum status recover_jobs(struct service *service, struct recovery *recovery, struct error *error) {
     char after[JOB_ID_BYTES] = "";
     struct job *jobs = calloc(SERVICE_PAGE, sizeof *jobs);
     size_t count = SERVICE_PAGE;
@@ -130,7 +131,8 @@ static enum status mend_jobs(struct service *service, struct mending *mending, s
     while (status == STATUS_OK && count == SERVICE_PAGE) {
         struct catalog_filter filter = {.after = after[0] ? after : NULL};
         status = catalog_list(service->catalog, &filter, jobs, SERVICE_PAGE, &count, error);
-        for (size_t i = 0; status == STATUS_OK && i < count; i++) status = mend_job(service, &jobs[i], mending, error);
+        for (size_t i = 0; status == STATUS_OK && i < count; i++)
+            status = recover_job(service, &jobs[i], recovery, error);
         if (status == STATUS_OK && count) memcpy(after, jobs[count - 1].id, sizeof after);
         for (size_t i = 0; i < count; i++) job_done(&jobs[i]);
     }
@@ -139,7 +141,7 @@ static enum status mend_jobs(struct service *service, struct mending *mending, s
 }
 
 /* Forgets the clouds whose files are gone. */
-static enum status mend_clouds(struct service *service, struct mending *mending, struct error *error) {
+static enum status recover_clouds(struct service *service, struct recovery *recovery, struct error *error) {
     char name[JOB_HASH_BYTES] = "";
     bool found = true;
     enum status status = STATUS_OK;
@@ -147,15 +149,15 @@ static enum status mend_clouds(struct service *service, struct mending *mending,
         status = catalog_next_cloud(service->catalog, name, name, &found, error);
         if (status != STATUS_OK || !found || store_cloud_exists(service->store, name)) continue;
         log_line(LOG_ERROR, "cloud=%s has lost its file: forgotten", name);
-        mending->clouds_lost++;
+        recovery->clouds_lost++;
         status = catalog_delete_cloud(service->catalog, name, NULL, error);
     }
     return status;
 }
 
 /* A job that changed in the future: the clock was set back while there was no service, whose own goes on from there. */
-static enum status mend_clock(struct service *service, const struct mending *mending, struct error *error) {
-    int64_t step_ms = job_now_ms() - mending->latest_ms;
+static enum status recover_clock(struct service *service, const struct recovery *recovery, struct error *error) {
+    int64_t step_ms = job_now_ms() - recovery->latest_ms;
     if (step_ms > -WALL_CLOCK_STEP_MS) return STATUS_OK;
     wall_clock_follow(-step_ms);
     return service_move_ends(service, step_ms, error);
@@ -171,17 +173,19 @@ static void tell_of_lost_files(const struct service *service, const struct store
 }
 
 enum status service_recover(struct service *service, struct error *error) {
-    struct mending m = {0};
-    enum status status = service->is_shared ? mend_own(service, &m, error) : mend_jobs(service, &m, error);
-    if (status == STATUS_OK && !service->is_shared) status = mend_clock(service, &m, error);
-    if (status == STATUS_OK && !service->is_shared) status = mend_clouds(service, &m, error);
-    if (status == STATUS_OK) status = store_clean(service->store, fate_of, service, &m.files, error);
-    bool anything = m.requeued || m.failed || m.inputs_lost || m.outputs_lost || m.clouds_lost || m.files.removed ||
-                    m.files.set_aside;
+    struct recovery found = {0};
+    enum status status =
+        service->is_shared ? recover_own(service, &found, error) : recover_jobs(service, &found, error);
+    if (status == STATUS_OK && !service->is_shared) status = recover_clock(service, &found, error);
+    if (status == STATUS_OK && !service->is_shared) status = recover_clouds(service, &found, error);
+    if (status == STATUS_OK) status = store_clean(service->store, fate_of, service, &found.files, error);
+    bool anything = found.requeued || found.failed || found.inputs_lost || found.outputs_lost || found.clouds_lost ||
+                    found.files.removed || found.files.set_aside;
     log_line(anything ? LOG_WARNING : LOG_INFO,
-             "mended requeued=%zu failed=%zu inputs_lost=%zu outputs_lost=%zu clouds_lost=%zu files_removed=%zu "
+             "recovered requeued=%zu failed=%zu inputs_lost=%zu outputs_lost=%zu clouds_lost=%zu files_removed=%zu "
              "files_set_aside=%zu",
-             m.requeued, m.failed, m.inputs_lost, m.outputs_lost, m.clouds_lost, m.files.removed, m.files.set_aside);
-    tell_of_lost_files(service, &m.files);
+             found.requeued, found.failed, found.inputs_lost, found.outputs_lost, found.clouds_lost,
+             found.files.removed, found.files.set_aside);
+    tell_of_lost_files(service, &found.files);
     return status;
 }

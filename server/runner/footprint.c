@@ -99,7 +99,7 @@ static enum status not_believed(struct error *error, const char *name, const cha
                      what);
 }
 
-static bool is_wanted(const struct params *params, const char *name) {
+static bool output_is_wanted(const struct params *params, const char *name) {
     char wanted[PARAMS_FILE_BYTES];
     for (unsigned i = 0; params_file(params, i, wanted); i++)
         if (strcmp(wanted, name) == 0) return true;
@@ -128,7 +128,7 @@ enum status footprint_check(const char *folder, const struct params *params, str
     for (unsigned i = 0; status == STATUS_OK && params_file(params, i, wanted); i++)
         status = check_wanted(dirfd(listing), wanted, error);
     for (struct dirent *entry; status == STATUS_OK && (entry = readdir(listing));)
-        if (!is_own(entry->d_name) && !is_wanted(params, entry->d_name))
+        if (!is_own(entry->d_name) && !output_is_wanted(params, entry->d_name))
             status = not_believed(error, entry->d_name, "was not asked for");
     closedir(listing);
     return status;

@@ -507,7 +507,7 @@ static void drop_outputs(struct run *run) {
 }
 
 /* Hashing takes its time; who dismisses the job then doesn't wait for the end of it.  For struct digest_will. */
-static bool is_wanted(void *ctx) {
+static bool run_is_wanted(void *ctx) {
     const struct run *run = ctx;
     show(run);
     int command = atomic_load(&run->control->command);
@@ -518,7 +518,7 @@ static bool is_wanted(void *ctx) {
 static void keep_outputs(struct run *run, struct verdict *verdict) {
     struct error error = {0};
     struct job *job = run->job;
-    const struct digest_will will = {is_wanted, run};
+    const struct digest_will will = {run_is_wanted, run};
     enum status status = footprint_check(run->output, &job->params, &error);
     if (status == STATUS_OK)
         status = store_outputs_keep(run->service->store, job->id, job->attempt, &will, job->output, &job->output_count,
@@ -527,7 +527,7 @@ static void keep_outputs(struct run *run, struct verdict *verdict) {
         free(job->report);
         job->report = read_report(run);
     }
-    if (!is_wanted(run)) verdict->event = JOB_DISMISS;
+    if (!run_is_wanted(run)) verdict->event = JOB_DISMISS;
     if (status != STATUS_OK || verdict->event == JOB_DISMISS) drop_outputs(run);
     if (status == STATUS_OK || verdict->event == JOB_DISMISS) return;
     log_line(LOG_ERROR, "job=%s outputs can't be kept: %s", job->id, error.text);

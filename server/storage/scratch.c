@@ -25,7 +25,7 @@ struct scratch {
     _Atomic uint64_t kept_free_bytes;
 };
 
-static enum status refused(struct error *error, const char *what, const char *name) {
+static enum status scratch_refused(struct error *error, const char *what, const char *name) {
     return error_set(error, status_from_errno(errno), "scratch", "can't %s %s: %s", what, name, strerror(errno));
 }
 
@@ -56,7 +56,7 @@ static enum status lock_folder(struct scratch *scratch, struct error *error) {
     static const struct timespec pause = {.tv_nsec = 20 * 1000 * 1000};
     for (int i = 0; i < TRIES; i++) {
         if (lock_once(scratch)) return STATUS_OK;
-        if (errno != EWOULDBLOCK) return refused(error, "lock", scratch->root);
+        if (errno != EWOULDBLOCK) return scratch_refused(error, "lock", scratch->root);
         nanosleep(&pause, NULL);
     }
     return error_set(error, STATUS_IO, "scratch", "another whittled serves the folder %s", scratch->root);
@@ -64,16 +64,16 @@ static enum status lock_folder(struct scratch *scratch, struct error *error) {
 
 static enum status open_folders(struct scratch *scratch, const char *folder, struct error *error) {
     if (folders_make_path(folder) != 0 || !realpath(folder, scratch->root))
-        return refused(error, "make the folder", folder);
+        return scratch_refused(error, "make the folder", folder);
     scratch->root_fd = open(scratch->root, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (scratch->root_fd < 0) return refused(error, "open", scratch->root);
+    if (scratch->root_fd < 0) return scratch_refused(error, "open", scratch->root);
     enum status status = lock_folder(scratch, error);
     if (status != STATUS_OK) return status;
     scratch->jobs_fd = folders_make(scratch->root_fd, "jobs");
     scratch->parts_fd = folders_make(scratch->root_fd, "uploads");
     scratch->tmp_fd = folders_make(scratch->root_fd, "tmp");
     if (scratch->jobs_fd < 0 || scratch->parts_fd < 0 || scratch->tmp_fd < 0 || fsync(scratch->root_fd) != 0)
-        return refused(error, "make folders in", scratch->root);
+        return scratch_refused(error, "make folders in", scratch->root);
     return STATUS_OK;
 }
 
@@ -107,9 +107,9 @@ void scratch_key_path(const struct scratch *scratch, char path[SCRATCH_PATH_BYTE
 enum status scratch_identity(const struct scratch *scratch, char id[SCRATCH_IDENTITY_BYTES], struct error *error) {
     id[0] = 0;
     int fd = openat(scratch->root_fd, "identity", O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
-    if (fd < 0) return errno == ENOENT ? STATUS_OK : refused(error, "open", "identity");
+    if (fd < 0) return errno == ENOENT ? STATUS_OK : scratch_refused(error, "open", "identity");
     ssize_t n = read(fd, id, SCRATCH_IDENTITY_BYTES - 1);
-    enum status status = n < 0 ? refused(error, "read", "identity") : STATUS_OK;
+    enum status status = n < 0 ? scratch_refused(error, "read", "identity") : STATUS_OK;
     id[n > 0 ? n : 0] = 0;
     close(fd);
     return status;
@@ -122,7 +122,7 @@ enum status scratch_set_identity(struct scratch *scratch, const char *id, struct
     bool done = fd >= 0 && write(fd, id, bytes) == (ssize_t)bytes && fsync(fd) == 0 &&
                 renameat(scratch->tmp_fd, "identity", scratch->root_fd, "identity") == 0 &&
                 fsync(scratch->root_fd) == 0;
-    enum status status = done ? STATUS_OK : refused(error, "write", "identity");
+    enum status status = done ? STATUS_OK : scratch_refused(error, "write", "identity");
     folders_close(fd);
     return status;
 }
@@ -154,7 +154,7 @@ enum status scratch_takes_files(struct scratch *scratch, struct error *error) {
     errno = ENOSPC; /* where it is written in part */
     int fd = fault_at("scratch") ? -1 : scratch_nameless_open(scratch);
     bool written = fd >= 0 && write(fd, block, sizeof block) == sizeof block;
-    enum status status = written ? STATUS_OK : refused(error, "write files in", scratch->root);
+    enum status status = written ? STATUS_OK : scratch_refused(error, "write files in", scratch->root);
     folders_close(fd);
     return status;
 }
@@ -166,12 +166,12 @@ enum status scratch_file_begin(struct scratch *scratch, struct scratch_file *fil
     file->fd = fault_at("upload-open")
                    ? -1
                    : openat(scratch->tmp_fd, file->name, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, FOLDERS_FILE_MODE);
-    return file->fd < 0 ? refused(error, "make", file->name) : STATUS_OK;
+    return file->fd < 0 ? scratch_refused(error, "make", file->name) : STATUS_OK;
 }
 
 enum status scratch_file_sync(struct scratch_file *file, struct error *error) {
     bool failed = fault_at("upload-sync") || fsync(file->fd) != 0;
-    return failed ? refused(error, "flush", file->name) : STATUS_OK;
+    return failed ? scratch_refused(error, "flush", file->name) : STATUS_OK;
 }
 
 struct blobs_source scratch_file_source(const struct scratch *scratch, const struct scratch_file *file,
@@ -204,7 +204,7 @@ int scratch_part_open(struct scratch *scratch, const char *id, bool create) {
 }
 
 enum status scratch_part_sync(struct scratch *scratch, int fd, struct error *error) {
-    return fsync(fd) == 0 && fsync(scratch->parts_fd) == 0 ? STATUS_OK : refused(error, "flush", "an upload");
+    return fsync(fd) == 0 && fsync(scratch->parts_fd) == 0 ? STATUS_OK : scratch_refused(error, "flush", "an upload");
 }
 
 enum status scratch_part_link(struct scratch *scratch, const char *id, struct scratch_file *file, struct error *error) {
@@ -212,7 +212,7 @@ enum status scratch_part_link(struct scratch *scratch, const char *id, struct sc
     folders_random_name("part", file->name);
     if (linkat(scratch->parts_fd, id, scratch->tmp_fd, file->name, 0) == 0) return STATUS_OK;
     file->name[0] = 0;
-    return refused(error, "keep", id);
+    return scratch_refused(error, "keep", id);
 }
 
 void scratch_part_delete(struct scratch *scratch, const char *id) { unlinkat(scratch->parts_fd, id, 0); }
@@ -231,7 +231,7 @@ enum status scratch_run_begin(struct scratch *scratch, const char *job, int atte
     folders_remove(scratch->tmp_fd, name);
     bool fails = fault_at("outputs-begin");
     int fd = fails ? -1 : folders_make(scratch->tmp_fd, name);
-    if (fd < 0) return refused(error, "make a folder for", job);
+    if (fd < 0) return scratch_refused(error, "make a folder for", job);
     folders_close(fd);
     snprintf(path, SCRATCH_PATH_BYTES, "%.3900s/tmp/%.80s", scratch->root, name);
     return STATUS_OK;

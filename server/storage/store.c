@@ -28,7 +28,7 @@ struct store {
     bool is_apart; /* the blobs aren't in the scratch's folder */
 };
 
-static enum status refused(struct error *error, const char *what, const char *name) {
+static enum status store_refused(struct error *error, const char *what, const char *name) {
     return error_set(error, status_from_errno(errno), "store", "can't %s %s: %s", what, name, strerror(errno));
 }
 
@@ -125,13 +125,13 @@ static enum status take_output(int folder_fd, const char *name, const struct dig
                                struct job_output *output, struct error *error) {
     int fd = fault_at("output-open") ? -1 : openat(folder_fd, name, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
     struct stat facts;
-    if (fd < 0) return refused(error, "open", name);
+    if (fd < 0) return store_refused(error, "open", name);
     enum status status = STATUS_OK;
     if (fstat(fd, &facts) != 0 || !S_ISREG(facts.st_mode))
         status = error_set(error, STATUS_IO, "store", "%s is no file", name);
     else if (digest_file_while(fd, will, output->sha256, &output->bytes) != 0 || fault_at("output-sync") ||
              fsync(fd) != 0)
-        status = refused(error, "read", name);
+        status = store_refused(error, "read", name);
     snprintf(output->name, sizeof output->name, "%.*s", JOB_OUTPUT_NAME_BYTES - 1, name);
     close(fd);
     return status;
@@ -172,8 +172,8 @@ enum status store_outputs_keep(struct store *store, const char *id, int attempt,
     char folder[BLOBS_NAME_BYTES];
     int folder_fd = scratch_run_open(store->scratch, id, attempt);
     struct taking taking = {.folder_fd = folder_fd, .will = will, .outputs = outputs, .error = error};
-    if (folder_fd < 0) return refused(error, "open the outputs of", id);
-    if (folders_each(folder_fd, take_next, &taking) != 0) taking.status = refused(error, "list", "outputs");
+    if (folder_fd < 0) return store_refused(error, "open the outputs of", id);
+    if (folders_each(folder_fd, take_next, &taking) != 0) taking.status = store_refused(error, "list", "outputs");
     outputs_name(id, attempt, folder);
     enum status status = taking.status;
     if (status == STATUS_OK) status = put_outputs(store, folder_fd, folder, outputs, taking.count, error);
@@ -241,7 +241,7 @@ enum status store_log_share(struct store *store, const char *id, const char *hos
     snprintf(name, sizeof name, "log.%.40s", host);
     enum status status = scratch_file_begin(store->scratch, &file, error);
     if (status == STATUS_OK && (folders_copy(log_fd, file.fd) != 0 || digest_file(file.fd, sha256, &bytes) != 0))
-        status = refused(error, "copy the log of", id);
+        status = store_refused(error, "copy the log of", id);
     if (status == STATUS_OK) status = scratch_file_sync(&file, error);
     if (status == STATUS_OK) {
         struct blobs_source source = scratch_file_source(store->scratch, &file, name, sha256);
@@ -314,7 +314,7 @@ enum status store_each(struct store *store, void (*found)(void *ctx, enum store_
     bool listed = scratch_each_part(store->scratch, tell_one, &telling) == 0;
     telling.thing = STORE_TEMPORARY;
     listed = listed && scratch_each_temporary(store->scratch, tell_one, &telling) == 0;
-    return listed ? STATUS_OK : refused(error, "list", scratch_folder(store->scratch));
+    return listed ? STATUS_OK : store_refused(error, "list", scratch_folder(store->scratch));
 }
 
 /* ------------------------------------------------------------------------------------------------ clean */
@@ -363,7 +363,7 @@ enum status store_clean(struct store *store,
     *cleaned = (struct store_cleaned){0};
     lost_found_name_start(cleaning.start);
     if (scratch_wipe(store->scratch, &cleaned->removed) != 0)
-        return refused(error, "list", scratch_folder(store->scratch));
+        return store_refused(error, "list", scratch_folder(store->scratch));
     return store_each(store, clean_one, &cleaning, error);
 }
 

@@ -151,7 +151,7 @@ def test_what_a_crash_leaves_is_no_damage(ended):
     assert status == 0 and len(lines) == 5
     assert all(line.startswith("unfinished: ") for line in lines[:4])
     ended.start()
-    assert "mended requeued=1 failed=0 inputs_lost=0 outputs_lost=0 clouds_lost=0 files_removed=1 files_set_aside=2" in ended.log_text()
+    assert "recovered requeued=1 failed=0 inputs_lost=0 outputs_lost=0 clouds_lost=0 files_removed=1 files_set_aside=2" in ended.log_text()
     ended.ended("0198c7d2-4a10-7cc3-9d0e-6f1f2b3c4d5f")
     ended.stop()
     status, lines = ended.check()

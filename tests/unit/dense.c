@@ -38,13 +38,13 @@ struct dense dense_field(size_t side, double (*f)(double x, double y)) {
 
 double dense_flat(double x, double y) { return 0 * x * y; }
 
-struct neighbourhood dense_hood(const struct dense *dense) {
+struct neighbourhood dense_neighbourhood(const struct dense *dense) {
     struct knn *knn = NULL;
     struct error error;
-    struct neighbourhood hood;
+    struct neighbourhood neighbours;
     struct neighbourhood_options options = {3, 6, 16, 1};
     assert_int_equal(knn_new(dense->point, dense->n, 1, &knn, &error), STATUS_OK);
-    assert_int_equal(neighbourhood_find(knn, dense->point, dense->n, &options, &hood), STATUS_OK);
+    assert_int_equal(neighbourhood_find(knn, dense->point, dense->n, &options, &neighbours), STATUS_OK);
     knn_free(knn);
-    return hood;
+    return neighbours;
 }

@@ -22,6 +22,6 @@ double dense_flat(double x, double y);
 
 /* Borrows the points; no neighbourhood. */
 struct refine_input dense_input(const struct dense *dense);
-struct neighbourhood dense_hood(const struct dense *dense);
+struct neighbourhood dense_neighbourhood(const struct dense *dense);
 
 #endif

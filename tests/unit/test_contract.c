@@ -56,9 +56,10 @@ static double triangles_around(const double *degrees, unsigned count) {
         normal[i] = (vec3){0, 0, 1};
         spacing[i] = weight[i] = 1;
     }
-    const struct neighbourhood hood = {.n = MOST + 1, .stride = MOST, .id = id, .count = counts, .spacing = spacing};
+    const struct neighbourhood neighbours = {
+        .n = MOST + 1, .stride = MOST, .id = id, .count = counts, .spacing = spacing};
     const struct quadric_options options = {AREA_UNIT, 0, 1};
-    quadric_assemble(point, normal, &hood, weight, &options, packed);
+    quadric_assemble(point, normal, &neighbours, weight, &options, packed);
     return quadric_unpack(&packed[0]).a.zz;
 }
 
@@ -86,30 +87,31 @@ struct made {
 
 static struct neighbourhood neighbours_of(const vec3 *point, size_t n) {
     struct knn *knn = NULL;
-    struct neighbourhood hood = {0};
+    struct neighbourhood neighbours = {0};
     struct neighbourhood_options options = {2.5, 6, 10, 1};
     assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
-    assert_int_equal(neighbourhood_find(knn, point, n, &options, &hood), STATUS_OK);
+    assert_int_equal(neighbourhood_find(knn, point, n, &options, &neighbours), STATUS_OK);
     knn_free(knn);
-    return hood;
+    return neighbours;
 }
 
-static enum status contract_along(const vec3 *point, const struct neighbourhood *hood, struct packed_quadric *quadrics,
-                                  const struct contract_options *options, const struct progress *progress,
-                                  struct contraction *out) {
+static enum status contract_along(const vec3 *point, const struct neighbourhood *neighbours,
+                                  struct packed_quadric *quadrics, const struct contract_options *options,
+                                  const struct progress *progress, struct contraction *out) {
     struct adjacency near = {0};
-    enum status status = adjacency_from(hood, options->threads, &near);
+    enum status status = adjacency_from(neighbours, options->threads, &near);
     return status ? status : contract(point, &near, quadrics, options, progress, out);
 }
 
-static struct packed_quadric *quadrics_of(const vec3 *point, const vec3 *normal, const struct neighbourhood *hood) {
-    size_t n = hood->n;
+static struct packed_quadric *quadrics_of(const vec3 *point, const vec3 *normal,
+                                          const struct neighbourhood *neighbours) {
+    size_t n = neighbours->n;
     struct packed_quadric *quadrics = malloc(n * sizeof *quadrics);
     float *dso = malloc(n * sizeof *dso), *weight = malloc(n * sizeof *weight);
     struct quadric_options options = {AREA_AREA, 1e-3, 1};
-    dso_compute(point, normal, hood, DSO_RMS, 1, dso);
+    dso_compute(point, normal, neighbours, DSO_RMS, 1, dso);
     dso_weights(dso, n, 0.5, 1, weight);
-    quadric_assemble(point, normal, hood, weight, &options, quadrics);
+    quadric_assemble(point, normal, neighbours, weight, &options, quadrics);
     free(dso), free(weight);
     return quadrics;
 }
@@ -117,12 +119,12 @@ static struct packed_quadric *quadrics_of(const vec3 *point, const vec3 *normal,
 static struct made make_down_to(size_t least, vec3 *point, size_t n, unsigned threads) {
     struct contract_options options = {threads, least};
     struct made made = {.n = n, .point = point, .normal = malloc(n * sizeof(vec3))};
-    struct neighbourhood hood = neighbours_of(point, n);
-    normals_fit(point, &hood, threads, made.normal, NULL);
-    struct packed_quadric *quadrics = quadrics_of(point, made.normal, &hood);
-    assert_int_equal(contract_along(point, &hood, quadrics, &options, NULL, &made.contraction), STATUS_OK);
+    struct neighbourhood neighbours = neighbours_of(point, n);
+    normals_fit(point, &neighbours, threads, made.normal, NULL);
+    struct packed_quadric *quadrics = quadrics_of(point, made.normal, &neighbours);
+    assert_int_equal(contract_along(point, &neighbours, quadrics, &options, NULL, &made.contraction), STATUS_OK);
     free(quadrics);
-    neighbourhood_done(&hood);
+    neighbourhood_done(&neighbours);
     return made;
 }
 
@@ -164,18 +166,18 @@ static void lists_are_symmetric_and_without_their_owner(void **state) {
     (void)state;
     enum { N = 9000 };
     vec3 *point = shape_sphere(N, 0.5);
-    struct neighbourhood hood = neighbours_of(point, N);
+    struct neighbourhood neighbours = neighbours_of(point, N);
     struct adjacency near;
-    assert_int_equal(adjacency_from(&hood, 3, &near), STATUS_OK);
+    assert_int_equal(adjacency_from(&neighbours, 3, &near), STATUS_OK);
     for (uint32_t p = 0; p < N; p++)
         for (unsigned i = 0; i < near.degree[p]; i++) {
             uint32_t q = near.list[near.start[p] + i], found = 0;
-            assert_true(q != p && (i <= hood.count[p] || q > near.list[near.start[p] + i - 1]));
+            assert_true(q != p && (i <= neighbours.count[p] || q > near.list[near.start[p] + i - 1]));
             for (unsigned j = 0; j < near.degree[q]; j++) found += near.list[near.start[q] + j] == p;
             assert_int_equal(found, 1);
         }
     adjacency_done(&near);
-    neighbourhood_done(&hood);
+    neighbourhood_done(&neighbours);
     free(point);
 }
 
@@ -185,21 +187,21 @@ static void a_crowd_s_centre_keeps_its_own_and_the_lowest_of_the_others(void **s
     enum { N = 20000 };
     static uint32_t id[3 * N];
     static uint8_t count[N];
-    struct neighbourhood hood = {.n = N, .stride = 3, .id = id, .count = count};
+    struct neighbourhood neighbours = {.n = N, .stride = 3, .id = id, .count = count};
     for (uint32_t p = 1; p < N; p++) count[p] = 1;
     count[0] = 3;
     for (uint32_t i = 0; i < 3; i++) id[i] = N - 3 + i;
     struct adjacency near;
-    assert_int_equal(adjacency_from(&hood, 4, &near), STATUS_OK);
+    assert_int_equal(adjacency_from(&neighbours, 4, &near), STATUS_OK);
     assert_int_equal(near.degree[0], 255);
     for (uint32_t i = 0; i < 3; i++) assert_int_equal(near.list[near.start[0] + i], N - 3 + i);
     for (uint32_t i = 0; i < 252; i++) assert_int_equal(near.list[near.start[0] + 3 + i], i + 1);
     adjacency_done(&near);
 }
 
-static bool names(const struct neighbourhood *hood, uint32_t p, uint32_t q) {
+static bool names(const struct neighbourhood *neighbours, uint32_t p, uint32_t q) {
     bool found = false;
-    for (unsigned i = 0; i < hood->count[p]; i++) found |= hood->id[p * hood->stride + i] == q;
+    for (unsigned i = 0; i < neighbours->count[p]; i++) found |= neighbours->id[p * neighbours->stride + i] == q;
     return found;
 }
 
@@ -217,17 +219,17 @@ static void rows_of_any_length_are_searched(void **state) {
     for (unsigned stride = 3; stride <= LONGEST; stride++) {
         uint32_t id[N * LONGEST];
         uint8_t count[N];
-        struct neighbourhood hood = {.n = N, .stride = stride, .id = id, .count = count};
+        struct neighbourhood neighbours = {.n = N, .stride = stride, .id = id, .count = count};
         struct adjacency near;
         for (uint32_t p = 0; p < N; p++) {
             count[p] = (uint8_t)(random_unit(&seed) * (stride + 1));
             uint32_t step = 1 + (uint32_t)(random_unit(&seed) * 2);
             for (uint32_t i = 0; i < stride; i++) id[p * stride + i] = (p + 1 + i * step) % N;
         }
-        assert_int_equal(adjacency_from(&hood, 2, &near), STATUS_OK);
+        assert_int_equal(adjacency_from(&neighbours, 2, &near), STATUS_OK);
         for (uint32_t p = 0; p < N; p++)
             for (uint32_t q = 0; q < N; q++)
-                assert_int_equal(times_joined(&near, p, q), names(&hood, p, q) || names(&hood, q, p));
+                assert_int_equal(times_joined(&near, p, q), names(&neighbours, p, q) || names(&neighbours, q, p));
         adjacency_done(&near);
     }
 }
@@ -372,31 +374,31 @@ static int stop_at_once(void *ctx, const char *stage, double fraction) {
 static void cancelling_stops_it(void **state) {
     (void)state;
     vec3 *point = shape_sphere(1000, 0.5), *normal = malloc(1000 * sizeof *normal);
-    struct neighbourhood hood = neighbours_of(point, 1000);
-    normals_fit(point, &hood, 1, normal, NULL);
-    struct packed_quadric *quadrics = quadrics_of(point, normal, &hood);
+    struct neighbourhood neighbours = neighbours_of(point, 1000);
+    normals_fit(point, &neighbours, 1, normal, NULL);
+    struct packed_quadric *quadrics = quadrics_of(point, normal, &neighbours);
     struct contraction out = {0};
     struct progress progress = {stop_at_once, NULL};
-    assert_int_equal(contract_along(point, &hood, quadrics, &(struct contract_options){1, 1}, &progress, &out),
+    assert_int_equal(contract_along(point, &neighbours, quadrics, &(struct contract_options){1, 1}, &progress, &out),
                      STATUS_CANCELLED);
     assert_null(out.order);
     free(quadrics), free(normal), free(point);
-    neighbourhood_done(&hood);
+    neighbourhood_done(&neighbours);
 }
 
 /* begin_faults lets the nth of its kind fail.  Returns after how many the ranking gets through. */
 static int fail_each(void (*begin_faults)(long nth)) {
     vec3 *point = shape_sphere(300, 0.5), *normal = malloc(300 * sizeof *normal);
     for (size_t i = 0; i < 150; i++) point[i].x += 100; /* two components: relinking allocates too */
-    struct neighbourhood hood = neighbours_of(point, 300);
-    normals_fit(point, &hood, 1, normal, NULL);
+    struct neighbourhood neighbours = neighbours_of(point, 300);
+    normals_fit(point, &neighbours, 1, normal, NULL);
     bool happened = true;
     int nth = 0;
     for (; happened; nth++) {
-        struct packed_quadric *quadrics = quadrics_of(point, normal, &hood);
+        struct packed_quadric *quadrics = quadrics_of(point, normal, &neighbours);
         struct contraction out = {0};
         begin_faults(nth + 1);
-        enum status status = contract_along(point, &hood, quadrics, &(struct contract_options){1, 1}, NULL, &out);
+        enum status status = contract_along(point, &neighbours, quadrics, &(struct contract_options){1, 1}, NULL, &out);
         happened = faults_stop();
         assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
         assert_true(happened == !out.order);
@@ -404,7 +406,7 @@ static int fail_each(void (*begin_faults)(long nth)) {
         free(quadrics);
     }
     free(normal), free(point);
-    neighbourhood_done(&hood);
+    neighbourhood_done(&neighbours);
     return nth;
 }
 

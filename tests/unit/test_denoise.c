@@ -302,13 +302,13 @@ static void points_whose_squares_vanish_stay(void **state) {
 
 static unsigned neighbours_max(const vec3 *point, size_t n, unsigned max) {
     struct knn *knn = NULL;
-    struct neighbourhood hood = {0};
+    struct neighbourhood neighbours = {0};
     struct neighbourhood_options options = {2.5, 6, max, 2};
     unsigned most = 0;
     assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
-    assert_int_equal(neighbourhood_find(knn, point, n, &options, &hood), STATUS_OK);
-    for (size_t i = 0; i < n; i++) most = hood.count[i] > most ? hood.count[i] : most;
-    neighbourhood_done(&hood);
+    assert_int_equal(neighbourhood_find(knn, point, n, &options, &neighbours), STATUS_OK);
+    for (size_t i = 0; i < n; i++) most = neighbours.count[i] > most ? neighbours.count[i] : most;
+    neighbourhood_done(&neighbours);
     knn_free(knn);
     return most;
 }

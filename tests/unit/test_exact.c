@@ -22,7 +22,7 @@ enum { N = 8000 };
 /* What both start from. */
 struct start {
     vec3 *point, *normal;
-    struct neighbourhood hood;
+    struct neighbourhood neighbours;
     struct packed_quadric *quadrics;
 };
 
@@ -33,17 +33,17 @@ static struct start start_from(vec3 *point) {
     struct quadric_options options = {AREA_AREA, 3e-3, 1};
     float dso[N], weight[N];
     assert_int_equal(knn_new(point, N, 1, &knn, NULL), STATUS_OK);
-    assert_int_equal(neighbourhood_find(knn, point, N, &near, &s.hood), STATUS_OK);
+    assert_int_equal(neighbourhood_find(knn, point, N, &near, &s.neighbours), STATUS_OK);
     knn_free(knn);
-    normals_fit(point, &s.hood, 1, s.normal, NULL);
-    dso_compute(point, s.normal, &s.hood, DSO_RMS, 1, dso);
+    normals_fit(point, &s.neighbours, 1, s.normal, NULL);
+    dso_compute(point, s.normal, &s.neighbours, DSO_RMS, 1, dso);
     dso_weights(dso, N, 0.5, 1, weight);
-    quadric_assemble(point, s.normal, &s.hood, weight, &options, s.quadrics);
+    quadric_assemble(point, s.normal, &s.neighbours, weight, &options, s.quadrics);
     return s;
 }
 
 static void start_done(struct start *s) {
-    neighbourhood_done(&s->hood);
+    neighbourhood_done(&s->neighbours);
     free(s->point), free(s->normal), free(s->quadrics);
 }
 
@@ -60,12 +60,13 @@ static void passes_are_as_exact_as_the_heap(struct start start) {
     double heap[2], passes[2];
     const size_t counts[2] = {N / 10, N / 20};
     for (int i = 0; i < 2; i++) {
-        assert_int_equal(reference_contract(start.point, &start.hood, start.quadrics, counts[i], kept), STATUS_OK);
+        assert_int_equal(reference_contract(start.point, &start.neighbours, start.quadrics, counts[i], kept),
+                         STATUS_OK);
         heap[i] = error_of(&start, kept, counts[i]);
     }
     struct contraction contraction;
     struct adjacency near;
-    assert_int_equal(adjacency_from(&start.hood, 1, &near), STATUS_OK);
+    assert_int_equal(adjacency_from(&start.neighbours, 1, &near), STATUS_OK);
     assert_int_equal(contract(start.point, &near, start.quadrics, &(struct contract_options){1, 1}, NULL, &contraction),
                      STATUS_OK);
     for (int i = 0; i < 2; i++) passes[i] = error_of(&start, &contraction.order[N - counts[i]], counts[i]);

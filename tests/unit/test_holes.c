@@ -174,7 +174,7 @@ static struct mesh left_of(bool (*is_out)(uint32_t cell)) {
     uint8_t out[2 * CELLS * CELLS];
     for (uint32_t t = 0; t < mesh.triangle_count; t++) out[t] = is_out(t / 2), mesh.tag[t] = t % 2;
     assert_int_equal(halfedge_init(&he, &mesh, 2), STATUS_OK);
-    assert_int_equal(mesh_without(&mesh, &he, out), STATUS_OK);
+    assert_int_equal(submesh_without(&mesh, &he, out), STATUS_OK);
     halfedge_done(&he);
     return mesh;
 }
@@ -227,7 +227,7 @@ static bool fails_at(struct mesh *mesh, const struct dense *dense, int nth) {
     faults_in_memory(nth, false);
     enum status status = find(mesh, dense, 1, hole);
     if (!status) status = halfedge_init(&he, mesh, 2);
-    if (!status) status = mesh_without(mesh, &he, hole);
+    if (!status) status = submesh_without(mesh, &he, hole);
     bool happened = faults_stop();
     assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
     halfedge_done(&he);

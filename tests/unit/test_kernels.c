@@ -172,7 +172,7 @@ struct scene {
     float weight[POINTS];
     uint32_t id[POINTS * K];
     uint8_t count[POINTS];
-    struct neighbourhood hood;
+    struct neighbourhood neighbours;
 };
 
 static void make_scene(struct scene *s, uint64_t *seed) {
@@ -185,7 +185,7 @@ static void make_scene(struct scene *s, uint64_t *seed) {
         size_t step = 1 + random_next(seed) % 4; /* 60 has no neighbour twice for K steps of up to 4 */
         for (size_t i = 0; i < K; i++) s->id[p * K + i] = (uint32_t)((p + (i + 1) * step) % POINTS);
     }
-    s->hood = (struct neighbourhood){.n = POINTS, .stride = K, .id = s->id, .count = s->count};
+    s->neighbours = (struct neighbourhood){.n = POINTS, .stride = K, .id = s->id, .count = s->count};
 }
 
 static void tell_quadrics(enum form form, uint64_t seed, struct told *told) {
@@ -194,7 +194,7 @@ static void tell_quadrics(enum form form, uint64_t seed, struct told *told) {
     make_scene(&s, &seed);
     for (int by_area = 0; by_area < 2; by_area++) {
         struct quadric_options options = {by_area ? AREA_AREA : AREA_UNIT, 1e-3, 1};
-        FORM(quadric_assemble, form)(s.point, s.normal, &s.hood, s.weight, &options, packed);
+        FORM(quadric_assemble, form)(s.point, s.normal, &s.neighbours, s.weight, &options, packed);
         tell(told, packed, sizeof packed);
     }
 }
@@ -238,7 +238,7 @@ static void tell_local_delaunay(enum form form, uint64_t seed, struct told *told
     struct scene s;
     struct local_delaunay local_delaunay = {0};
     make_scene(&s, &seed);
-    assert_int_equal(FORM(local_delaunay_find, form)(s.point, s.normal, &s.hood, 1, &local_delaunay), STATUS_OK);
+    assert_int_equal(FORM(local_delaunay_find, form)(s.point, s.normal, &s.neighbours, 1, &local_delaunay), STATUS_OK);
     tell(told, local_delaunay.rib, POINTS * sizeof *local_delaunay.rib);
     tell(told, local_delaunay.closed, POINTS * sizeof *local_delaunay.closed);
     tell(told, local_delaunay.votes, POINTS * sizeof *local_delaunay.votes);

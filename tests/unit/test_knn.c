@@ -313,13 +313,14 @@ static void neighbourhoods_without_memory_are_told(void **state) {
     assert_int_equal(knn_new(point, N, 1, &knn, NULL), STATUS_OK);
     long nth = 0;
     for (bool happened = true; happened; nth++) {
-        struct neighbourhood hood = {0};
+        struct neighbourhood neighbours = {0};
         faults_in_new(nth + 1);
-        enum status status = neighbourhood_find(knn, point, N, &(struct neighbourhood_options){3, 6, 12, 1}, &hood);
+        enum status status =
+            neighbourhood_find(knn, point, N, &(struct neighbourhood_options){3, 6, 12, 1}, &neighbours);
         happened = faults_stop();
         assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
-        assert_true(happened == !hood.id);
-        neighbourhood_done(&hood);
+        assert_true(happened == !neighbours.id);
+        neighbourhood_done(&neighbours);
     }
     assert_true(nth > 1);
     knn_free(knn);

@@ -43,20 +43,20 @@ static vec3 *make(bool sphere, double noise, double outliers, double *spacing) {
 
 static double level_of(const vec3 *point) {
     struct knn *knn = NULL;
-    struct neighbourhood hood = {0};
+    struct neighbourhood neighbours = {0};
     struct neighbourhood_options options = {2.5, 6, 10, 1};
     vec3 *normal = calloc(N, sizeof *normal);
     double level = -1;
     assert_int_equal(knn_new(point, N, 1, &knn, NULL), STATUS_OK);
-    assert_int_equal(neighbourhood_find(knn, point, N, &options, &hood), STATUS_OK);
-    normals_fit(point, &hood, 1, normal, NULL);
-    assert_int_equal(noise_estimate(point, normal, &hood, &level), STATUS_OK);
+    assert_int_equal(neighbourhood_find(knn, point, N, &options, &neighbours), STATUS_OK);
+    normals_fit(point, &neighbours, 1, normal, NULL);
+    assert_int_equal(noise_estimate(point, normal, &neighbours, &level), STATUS_OK);
     faults_in_memory(1, false);
     double untouched = level;
-    assert_int_equal(noise_estimate(point, normal, &hood, &untouched), STATUS_NO_MEMORY);
+    assert_int_equal(noise_estimate(point, normal, &neighbours, &untouched), STATUS_NO_MEMORY);
     assert_true(faults_stop() && untouched == level);
     knn_free(knn);
-    neighbourhood_done(&hood);
+    neighbourhood_done(&neighbours);
     free(normal);
     return level;
 }

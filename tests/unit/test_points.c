@@ -180,21 +180,21 @@ struct found {
     size_t n;
     vec3 *point, *normal;
     struct knn *knn;
-    struct neighbourhood hood;
+    struct neighbourhood neighbours;
 };
 
 static struct found find(vec3 *point, size_t n, double radius, unsigned min, unsigned max) {
     struct found found = {.n = n, .point = point, .normal = malloc(n * sizeof(vec3))};
     struct neighbourhood_options options = {radius, min, max, 2};
     assert_int_equal(knn_new(point, n, 1, &found.knn, NULL), STATUS_OK);
-    assert_int_equal(neighbourhood_find(found.knn, point, n, &options, &found.hood), STATUS_OK);
-    normals_fit(point, &found.hood, 2, found.normal, NULL);
+    assert_int_equal(neighbourhood_find(found.knn, point, n, &options, &found.neighbours), STATUS_OK);
+    normals_fit(point, &found.neighbours, 2, found.normal, NULL);
     return found;
 }
 
 static void found_done(struct found *found) {
     knn_free(found->knn);
-    neighbourhood_done(&found->hood);
+    neighbourhood_done(&found->neighbours);
     free(found->normal);
     free(found->point);
 }
@@ -203,10 +203,10 @@ static void a_grid_has_eight_neighbours_within_gopi_s_radius(void **state) {
     (void)state;
     struct found found = find(shape_height_field(21, height_plane), 21 * 21, 1.6, 3, 16);
     size_t middle = 10 * 21 + 10, corner = 0;
-    assert_int_equal(found.hood.count[middle], 8);
-    assert_int_equal(found.hood.count[corner], 3);
+    assert_int_equal(found.neighbours.count[middle], 8);
+    assert_int_equal(found.neighbours.count[corner], 3);
     for (unsigned i = 0; i < 8; i++) {
-        long d = labs((long)found.hood.id[middle * 16 + i] - (long)middle);
+        long d = labs((long)found.neighbours.id[middle * 16 + i] - (long)middle);
         assert_true(d == 1 || d == 20 || d == 21 || d == 22);
     }
     found_done(&found);
@@ -222,12 +222,12 @@ static void any_search_may_fail(void **state) {
     bool happened = true;
     int nth = 0;
     for (; happened; nth++) {
-        struct neighbourhood hood = {0};
+        struct neighbourhood neighbours = {0};
         faults_in_new(nth + 1);
-        enum status status = neighbourhood_find(knn, point, N, &options, &hood);
+        enum status status = neighbourhood_find(knn, point, N, &options, &neighbours);
         happened = faults_stop();
         assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
-        neighbourhood_done(&hood);
+        neighbourhood_done(&neighbours);
     }
     assert_true(nth > 1);
     knn_free(knn);
@@ -239,7 +239,7 @@ static void an_accidental_close_pair_does_not_shrink_the_ball(void **state) {
     vec3 *point = shape_height_field(21, height_plane);
     point[10 * 21 + 11] = vec3_lerp(point[10 * 21 + 10], point[10 * 21 + 11], 1e-6);
     struct found found = find(point, 21 * 21, 3, 3, 16);
-    assert_true(found.hood.count[10 * 21 + 10] >= 6);
+    assert_true(found.neighbours.count[10 * 21 + 10] >= 6);
     found_done(&found);
 }
 
@@ -287,7 +287,7 @@ static void lonely_and_collinear_points_still_have_a_unit_normal(void **state) {
 /* Mean of the operator over the points that `inside` accepts. */
 static double mean_dso(struct found *found, enum dso_form form, int (*inside)(vec3 p)) {
     float *dso = malloc(found->n * sizeof *dso);
-    dso_compute(found->point, found->normal, &found->hood, form, 2, dso);
+    dso_compute(found->point, found->normal, &found->neighbours, form, 2, dso);
     double sum = 0;
     size_t count = 0;
     for (size_t p = 0; p < found->n; p++)
@@ -345,10 +345,10 @@ static void the_operator_is_smoothed_over_a_point_and_its_neighbours(void **stat
     (void)state;
     uint32_t id[] = {1, 2, 0, 9, 9, 9};
     uint8_t count[] = {2, 1, 0};
-    const struct neighbourhood hood = {.n = 3, .stride = 2, .id = id, .count = count};
+    const struct neighbourhood neighbours = {.n = 3, .stride = 2, .id = id, .count = count};
     const float dso[] = {1, 4, 10};
     float smooth[3];
-    dso_smooth(dso, &hood, 2, smooth);
+    dso_smooth(dso, &neighbours, 2, smooth);
     assert_true(smooth[0] == 5);
     assert_true(smooth[1] == 2.5f);
     assert_true(smooth[2] == 10);

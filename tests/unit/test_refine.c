@@ -288,10 +288,10 @@ static void test_samples_start_with_the_nearest_triangle(void **state) {
     (void)state;
     struct dense dense = sphere_points();
     struct mesh mesh = sphere_mesh(&dense);
-    struct neighbourhood hood = dense_hood(&dense);
+    struct neighbourhood neighbours = dense_neighbourhood(&dense);
     struct refine_input input = dense_input(&dense);
     struct fit fit = {.mesh = &mesh, .threads = 2};
-    input.hood = &hood;
+    input.neighbours = &neighbours;
     assert_int_equal(samples_init(&fit.samples, &input, 1, 2), STATUS_OK);
     assert_int_equal(halfedge_init(&fit.he, &mesh, 2), STATUS_OK);
     assert_int_equal(sample_buckets_init(&fit.lists, mesh.triangle_count, fit.samples.n, 1), STATUS_OK);
@@ -313,7 +313,7 @@ static void test_samples_start_with_the_nearest_triangle(void **state) {
     sample_buckets_done(&fit.lists);
     halfedge_done(&fit.he);
     samples_done(&fit.samples);
-    neighbourhood_done(&hood);
+    neighbourhood_done(&neighbours);
     mesh_done(&mesh);
     dense_done(&dense);
 }
@@ -334,12 +334,12 @@ static size_t count_listed(const struct fit *fit, uint32_t t, uint8_t *seen) {
 static void test_samples_made_beforehand_change_nothing(void **state) {
     (void)state;
     struct dense dense = sphere_points();
-    struct neighbourhood hood = dense_hood(&dense);
+    struct neighbourhood neighbours = dense_neighbourhood(&dense);
     struct refine_input input = dense_input(&dense);
     struct refine_options options = {REFINE_FULL, PLACEMENT_SUBSET, 2};
     struct mesh mesh[3];
     struct samples samples = {0};
-    input.hood = &hood;
+    input.neighbours = &neighbours;
     for (unsigned parts = 0; parts < 3; parts++) {
         mesh[parts] = sphere_mesh(&dense);
         input.samples = NULL;
@@ -357,7 +357,7 @@ static void test_samples_made_beforehand_change_nothing(void **state) {
         assert_memory_equal(mesh[parts].triangle, mesh[0].triangle, mesh[0].triangle_count * sizeof *mesh[0].triangle);
     }
     for (int i = 0; i < 3; i++) mesh_done(&mesh[i]);
-    neighbourhood_done(&hood);
+    neighbourhood_done(&neighbours);
     dense_done(&dense);
 }
 
@@ -366,12 +366,12 @@ static void test_a_closer_look_has_all_samples_in_the_lists(void **state) {
     (void)state;
     struct dense dense = fewer_sphere_points();
     struct mesh mesh = sphere_mesh(&dense);
-    struct neighbourhood hood = dense_hood(&dense);
+    struct neighbourhood neighbours = dense_neighbourhood(&dense);
     struct local_delaunay local_delaunay = {0};
     struct refine_input input = dense_input(&dense);
     struct refine_options options = {REFINE_FULL, PLACEMENT_OPTIMAL, 2};
     struct fit fit;
-    input.hood = &hood, input.local_delaunay = &local_delaunay;
+    input.neighbours = &neighbours, input.local_delaunay = &local_delaunay;
     assert_true((double)input.n < FIT_CLOSE * (double)mesh.triangle_count);
     assert_int_equal(fit_init(&fit, &mesh, &input, &options), STATUS_OK);
     size_t coarse = fit.samples.n - fit.samples.points, listed = 0;
@@ -390,7 +390,7 @@ static void test_a_closer_look_has_all_samples_in_the_lists(void **state) {
     for (size_t t = 0; t < mesh.triangle_count; t++) assert_int_equal(fit.touched[t], 1);
     free(seen);
     fit_done(&fit);
-    neighbourhood_done(&hood);
+    neighbourhood_done(&neighbours);
     mesh_done(&mesh);
     dense_done(&dense);
 }
@@ -681,13 +681,13 @@ static void test_ends_without_points_stay(void **state) {
 
 /* ---------------------------------------------------------------------------------------------- faults */
 
-static void fail_each_allocation(const struct dense *dense, const struct neighbourhood *hood,
+static void fail_each_allocation(const struct dense *dense, const struct neighbourhood *neighbours,
                                  enum placement placement) {
     struct mesh mesh = sphere_mesh(dense), copy = sphere_mesh(dense);
     struct refine_input input = dense_input(dense);
     struct refine_options options = {REFINE_FULL, placement, 1};
     int failures = 0;
-    input.hood = hood;
+    input.neighbours = neighbours;
     for (;;) {
         faults_in_memory(failures + 1, false);
         enum status status = refine_mesh(&mesh, &input, &options, NULL, NULL);
@@ -706,10 +706,10 @@ static void fail_each_allocation(const struct dense *dense, const struct neighbo
 static void test_failure_leaves_the_mesh(void **state) {
     (void)state;
     struct dense dense = sphere_points(), fewer = fewer_sphere_points();
-    struct neighbourhood hood = dense_hood(&fewer);
+    struct neighbourhood neighbours = dense_neighbourhood(&fewer);
     fail_each_allocation(&dense, NULL, PLACEMENT_SUBSET);
-    fail_each_allocation(&fewer, &hood, PLACEMENT_OPTIMAL);
-    neighbourhood_done(&hood);
+    fail_each_allocation(&fewer, &neighbours, PLACEMENT_OPTIMAL);
+    neighbourhood_done(&neighbours);
     dense_done(&dense), dense_done(&fewer);
 }
 

@@ -127,13 +127,13 @@ static void check_subset(const struct mesh *mesh, const struct dense *dense) {
 static struct refine_facts refine(struct mesh *mesh, const struct sheet *sheet, const struct dense *dense,
                                   enum placement placement, unsigned threads) {
     struct refine_input input = dense_input(dense);
-    struct neighbourhood hood = dense_hood(dense);
+    struct neighbourhood neighbours = dense_neighbourhood(dense);
     struct refine_options options = {REFINE_FULL, placement, threads};
     struct refine_facts facts;
-    input.hood = &hood;
+    input.neighbours = &neighbours;
     if (sheet->is_field) input.up = (vec3){0, 0, 1};
     assert_int_equal(refine_mesh(mesh, &input, &options, NULL, &facts), STATUS_OK);
-    neighbourhood_done(&hood);
+    neighbourhood_done(&neighbours);
     return facts;
 }
 

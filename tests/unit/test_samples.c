@@ -17,11 +17,11 @@
 static void test_middles_of_a_grid_are_those_of_its_corners(void **state) {
     (void)state;
     struct dense dense = dense_field(5, dense_flat);
-    struct neighbourhood hood = dense_hood(&dense);
+    struct neighbourhood neighbours = dense_neighbourhood(&dense);
     struct refine_input input = dense_input(&dense);
     struct samples samples;
     size_t points = 0, beside[16] = {0};
-    input.hood = &hood;
+    input.neighbours = &neighbours;
     assert_int_equal(samples_init(&samples, &input, 1, 2), STATUS_OK);
     assert_int_equal(samples.n, 25 + 4 * 16);
     for (size_t i = 0; i < samples.n; i++) {
@@ -36,7 +36,7 @@ static void test_middles_of_a_grid_are_those_of_its_corners(void **state) {
     assert_int_equal(points, 25);
     for (size_t i = 0; i < 16; i++) assert_int_equal(beside[i], 4);
     samples_done(&samples);
-    neighbourhood_done(&hood);
+    neighbourhood_done(&neighbours);
     dense_done(&dense);
 }
 
@@ -45,11 +45,11 @@ static void test_quarters_lie_in_their_triangle_and_weigh_as_much(void **state) 
     (void)state;
     enum { SIDE = 9 };
     struct dense dense = dense_field(SIDE, dense_flat);
-    struct neighbourhood hood = dense_hood(&dense);
+    struct neighbourhood neighbours = dense_neighbourhood(&dense);
     struct refine_input input = dense_input(&dense);
     struct samples samples[2];
     double points[2] = {0, 0}, middles[2] = {0, 0};
-    input.hood = &hood;
+    input.neighbours = &neighbours;
     assert_int_equal(samples_init(&samples[0], &input, 1, 2), STATUS_OK);
     assert_int_equal(samples_init(&samples[1], &input, SAMPLES_QUARTERS, 2), STATUS_OK);
     assert_int_equal(samples[1].n - samples[1].points, SAMPLES_QUARTERS * (samples[0].n - samples[0].points));
@@ -67,7 +67,7 @@ static void test_quarters_lie_in_their_triangle_and_weigh_as_much(void **state) 
             for (int j = 0; j < k; j++) assert_true(vec3_distance(part[j].place, part[k].place) > 0.1 / (SIDE - 1));
     }
     for (int k = 0; k < 2; k++) samples_done(&samples[k]);
-    neighbourhood_done(&hood);
+    neighbourhood_done(&neighbours);
     dense_done(&dense);
 }
 
@@ -90,11 +90,11 @@ static void test_middles_beside_a_sharp_edge_lie_on_its_faces(void **state) {
     (void)state;
     enum { SIDE = 9, RHOMBI = (SIDE - 1) * (SIDE - 1) };
     struct dense dense = lattice_roof(SIDE, 1);
-    struct neighbourhood hood = dense_hood(&dense);
+    struct neighbourhood neighbours = dense_neighbourhood(&dense);
     struct refine_input input = dense_input(&dense);
     struct samples samples;
     double middles = 0, one = 0;
-    input.hood = &hood;
+    input.neighbours = &neighbours;
     assert_int_equal(samples_init(&samples, &input, 1, 2), STATUS_OK);
     for (size_t i = 0; i < samples.n; i++) {
         vec3 p = samples.sample[i].place;
@@ -105,7 +105,7 @@ static void test_middles_beside_a_sharp_edge_lie_on_its_faces(void **state) {
     }
     assert_true(fabs(middles / one - 2.0 * RHOMBI) < 0.1 * RHOMBI);
     samples_done(&samples);
-    neighbourhood_done(&hood);
+    neighbourhood_done(&neighbours);
     dense_done(&dense);
 }
 
@@ -119,10 +119,10 @@ static void test_no_middle_lies_across_a_gap(void **state) {
         dense.normal[i] = (vec3){0, 0, 1};
         dense.spacing[i] = 0.2f;
     }
-    struct neighbourhood hood = dense_hood(&dense);
+    struct neighbourhood neighbours = dense_neighbourhood(&dense);
     struct refine_input input = dense_input(&dense);
     struct samples samples;
-    input.hood = &hood;
+    input.neighbours = &neighbours;
     assert_int_equal(samples_init(&samples, &input, 1, 2), STATUS_OK);
     assert_true(samples.n > 72);
     for (size_t i = 0; i < samples.n; i++) {
@@ -130,7 +130,7 @@ static void test_no_middle_lies_across_a_gap(void **state) {
         assert_true(z == 0 || fabs(z - 0.15) < 1e-12);
     }
     samples_done(&samples);
-    neighbourhood_done(&hood);
+    neighbourhood_done(&neighbours);
     dense_done(&sheet);
     dense_done(&dense);
 }

@@ -244,7 +244,7 @@ static void spacing_holds_and_leaves_no_room(void **state) {
 
 struct shape {
     vec3 *point, *normal;
-    struct neighbourhood hood;
+    struct neighbourhood neighbours;
     struct knn *knn;
 };
 
@@ -252,8 +252,8 @@ static struct shape shape_of(vec3 *point, size_t n) {
     struct shape s = {.point = point, .normal = calloc(n, sizeof *s.normal)};
     struct neighbourhood_options options = {2.5, 6, 10, 1};
     assert_int_equal(knn_new(point, n, 1, &s.knn, NULL), STATUS_OK);
-    assert_int_equal(neighbourhood_find(s.knn, point, n, &options, &s.hood), STATUS_OK);
-    normals_fit(point, &s.hood, 1, s.normal, NULL);
+    assert_int_equal(neighbourhood_find(s.knn, point, n, &options, &s.neighbours), STATUS_OK);
+    normals_fit(point, &s.neighbours, 1, s.normal, NULL);
     uint64_t seed = 3;
     for (size_t i = 0; i < n; i++)
         if (random_next(&seed) % 2) s.normal[i] = vec3_scale(s.normal[i], -1);
@@ -262,7 +262,7 @@ static struct shape shape_of(vec3 *point, size_t n) {
 
 static void shape_done(struct shape *s) {
     knn_free(s->knn);
-    neighbourhood_done(&s->hood);
+    neighbourhood_done(&s->neighbours);
     free(s->point), free(s->normal);
 }
 
@@ -272,18 +272,18 @@ static void normals_turn_together(void **state) {
     enum normal_side side;
     const struct normal_evidence nothing = {NULL, NULL};
     struct shape ball = shape_of(shape_sphere(N, 0.5), N);
-    assert_int_equal(normals_turn(ball.point, &ball.hood, &nothing, ball.normal, &side), STATUS_OK);
+    assert_int_equal(normals_turn(ball.point, &ball.neighbours, &nothing, ball.normal, &side), STATUS_OK);
     assert_int_equal(side, NORMALS_OUT);
     for (size_t i = 0; i < N; i++) assert_true(vec3_dot(ball.normal[i], ball.point[i]) > 0);
     struct shape field = shape_of(shape_height_field(WIDE, height_saddle), WIDE * WIDE);
-    assert_int_equal(normals_turn(field.point, &field.hood, &nothing, field.normal, &side), STATUS_OK);
+    assert_int_equal(normals_turn(field.point, &field.neighbours, &nothing, field.normal, &side), STATUS_OK);
     assert_int_equal(side, NORMALS_UP);
     for (size_t i = 0; i < WIDE * WIDE; i++) assert_true(field.normal[i].z > 0);
     /* A viewer below. */
     vec3 *view = calloc(WIDE * WIDE, sizeof *view);
     for (size_t i = 0; i < WIDE * WIDE; i++) view[i] = (vec3){0.5, 0.5, -9};
     const struct normal_evidence seen = {NULL, view};
-    assert_int_equal(normals_turn(field.point, &field.hood, &seen, field.normal, &side), STATUS_OK);
+    assert_int_equal(normals_turn(field.point, &field.neighbours, &seen, field.normal, &side), STATUS_OK);
     assert_int_equal(side, NORMALS_BY_VIEW);
     for (size_t i = 0; i < WIDE * WIDE; i++) assert_true(field.normal[i].z < 0);
     free(view);
@@ -297,25 +297,25 @@ static void only_normals_that_fit_are_believed(void **state) {
     vec3 *given = calloc(N, sizeof *given);
     uint64_t seed = 9;
     for (size_t i = 0; i < N; i++) given[i] = vec3_scale(ball.point[i], -3);
-    assert_true(normals_fit_points(given, ball.normal, &ball.hood));
+    assert_true(normals_fit_points(given, ball.normal, &ball.neighbours));
     for (size_t i = 0; i < N; i++) /* noise of some 20 degrees */
         given[i] = vec3_add(vec3_unit(ball.point[i]),
                             (vec3){0.8 * random_unit(&seed) - 0.4, 0.8 * random_unit(&seed) - 0.4, 0});
-    assert_true(normals_fit_points(given, ball.normal, &ball.hood));
+    assert_true(normals_fit_points(given, ball.normal, &ball.neighbours));
     const struct normal_evidence evidence = {given, NULL};
     enum normal_side side;
-    assert_int_equal(normals_turn(ball.point, &ball.hood, &evidence, ball.normal, &side), STATUS_OK);
+    assert_int_equal(normals_turn(ball.point, &ball.neighbours, &evidence, ball.normal, &side), STATUS_OK);
     assert_int_equal(side, NORMALS_BY_GIVEN);
     for (size_t i = 0; i < N; i++) assert_true(vec3_dot(ball.normal[i], ball.point[i]) > 0);
     for (size_t i = 0; i < N; i++) given[i] = vec3_scale(ball.point[i], random_next(&seed) % 2 ? 1 : -1);
-    assert_false(normals_fit_points(given, ball.normal, &ball.hood)); /* signs at random */
+    assert_false(normals_fit_points(given, ball.normal, &ball.neighbours)); /* signs at random */
     for (size_t i = 0; i < N; i++)
         given[i] = (vec3){random_unit(&seed) - 0.5, random_unit(&seed) - 0.5, random_unit(&seed) - 0.5};
-    assert_false(normals_fit_points(given, ball.normal, &ball.hood));
+    assert_false(normals_fit_points(given, ball.normal, &ball.neighbours));
     for (size_t i = 0; i < N; i++) given[i] = (vec3){0, 0, 1};
-    assert_false(normals_fit_points(given, ball.normal, &ball.hood)); /* all the same */
+    assert_false(normals_fit_points(given, ball.normal, &ball.neighbours)); /* all the same */
     for (size_t i = 0; i < N; i++) given[i] = i % 5 ? ball.point[i] : (vec3){0, 0, NAN};
-    assert_false(normals_fit_points(given, ball.normal, &ball.hood)); /* too few */
+    assert_false(normals_fit_points(given, ball.normal, &ball.neighbours)); /* too few */
     free(given);
     shape_done(&ball);
 }
@@ -340,7 +340,7 @@ static void every_allocation_may_fail(void **state) {
         enum status status = take(&cloud, NULL, "y>=2", &selection, &error);
         if (!status) status = cloud_set_normals(&cloud, (const float(*)[3])normal, &error);
         if (!status) status = spacing_apply(&c, ball.point, 1e-9, &fits);
-        if (!status) status = normals_turn(ball.point, &ball.hood, &nothing, ball.normal, &side);
+        if (!status) status = normals_turn(ball.point, &ball.neighbours, &nothing, ball.normal, &side);
         happened = faults_stop();
         assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
         contraction_done(&c);

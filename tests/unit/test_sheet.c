@@ -214,11 +214,11 @@ static void a_folded_grid_is_one_sheet(void **state) {
 
 static struct surface_signs signs_of(shape *of) {
     struct scan scan = scan_of(of);
-    struct neighbourhood hood = dense_hood(&scan.dense);
+    struct neighbourhood neighbours = dense_neighbourhood(&scan.dense);
     struct surface_signs signs;
-    normals_fit(scan.dense.point, &hood, 1, scan.dense.normal, NULL);
+    normals_fit(scan.dense.point, &neighbours, 1, scan.dense.normal, NULL);
     assert_int_equal(surface_signs_of(scan.dense.point, scan.dense.normal, scan.dense.n, &signs), STATUS_OK);
-    neighbourhood_done(&hood);
+    neighbourhood_done(&neighbours);
     scan_done(&scan);
     return signs;
 }
@@ -296,14 +296,14 @@ static void lines_far_apart_are_one_sheet(void **state) {
         if (at % 10 == line % 10) scan.kept[scan.kept_count++] = scan.dense.point[i];
     }
     assert_int_equal(knn_new(scan.dense.point, scan.dense.n, 1, &scan.knn, NULL), STATUS_OK);
-    struct neighbourhood hood = dense_hood(&scan.dense);
+    struct neighbourhood neighbours = dense_neighbourhood(&scan.dense);
     for (int known = 0; known < 2; known++) {
         struct reconstruct_dense dense = {.n = scan.dense.n,
                                           .point = scan.dense.point,
                                           .normal = scan.dense.normal,
                                           .spacing = scan.dense.spacing,
                                           .knn = scan.knn,
-                                          .hood = known ? &hood : NULL};
+                                          .neighbours = known ? &neighbours : NULL};
         struct reconstruct_input input = {.points = scan.kept, .n = scan.kept_count, .dense = &dense};
         struct reconstruct_options options = {.threads = 1, .surface = SURFACE_OPEN};
         struct tets tets = {0};
@@ -315,16 +315,16 @@ static void lines_far_apart_are_one_sheet(void **state) {
         assert_int_equal(facts.area > 1 && facts.components == 1, known);
         mesh_done(&mesh), tets_done(&tets);
     }
-    neighbourhood_done(&hood), scan_done(&scan);
+    neighbourhood_done(&neighbours), scan_done(&scan);
 }
 
 /* A vertex that is moved far off takes its triangles along; they go, and nothing else. */
 static void what_is_moved_off_the_points_is_trimmed(void **state) {
     (void)state;
     struct scan scan = scan_of(waves);
-    struct neighbourhood hood = dense_hood(&scan.dense);
-    struct reconstruct_dense dense = {
-        scan.dense.n, scan.dense.point, scan.dense.normal, scan.dense.spacing, NULL, scan.knn, &hood};
+    struct neighbourhood neighbours = dense_neighbourhood(&scan.dense);
+    struct reconstruct_dense dense = {scan.dense.n, scan.dense.point, scan.dense.normal, scan.dense.spacing,
+                                      NULL,         scan.knn,         &neighbours};
     struct mesh mesh = made(&scan, SURFACE_OPEN, NULL);
     size_t before = mesh.triangle_count, around = 0;
     uint32_t moved = 0;
@@ -342,7 +342,7 @@ static void what_is_moved_off_the_points_is_trimmed(void **state) {
     assert_int_equal(mesh.triangle_count, before - around);
     is_a_manifold_with_borders(&mesh, &facts);
     assert_int_equal(facts.borders, 2);
-    neighbourhood_done(&hood), mesh_done(&mesh), scan_done(&scan);
+    neighbourhood_done(&neighbours), mesh_done(&mesh), scan_done(&scan);
 }
 
 /* The lid of a closed mesh; with_strays: known as such. */
@@ -351,7 +351,7 @@ static double lid_of(const struct scan *scan, bool with_strays) {
     struct reconstruct_options options = {.threads = 1};
     struct tets tets = {0};
     struct mesh mesh = {0};
-    struct neighbourhood hood = dense_hood(&scan->dense);
+    struct neighbourhood neighbours = dense_neighbourhood(&scan->dense);
     float *reach = calloc(scan->dense.n, sizeof *reach);
     uint8_t *stray = calloc(scan->dense.n, 1);
     struct sheet_points points = {scan->knn, reach, 0, with_strays ? stray : NULL};
@@ -359,8 +359,8 @@ static double lid_of(const struct scan *scan, bool with_strays) {
     assert_true(reach && stray);
     assert_int_equal(delaunay_build(scan->kept, scan->kept_count, 1, NULL, &tets, NULL), STATUS_OK);
     assert_int_equal(reconstruct_surface(&tets, &input, &options, NULL, &mesh, NULL), STATUS_OK);
-    assert_int_equal(sheet_reach_in(&hood, scan->dense.point, 1, reach, &points.median), STATUS_OK);
-    sheet_find_strays(&hood, reach, stray);
+    assert_int_equal(sheet_reach_in(&neighbours, scan->dense.point, 1, reach, &points.median), STATUS_OK);
+    sheet_find_strays(&neighbours, reach, stray);
     /* Sources are of kept points, and each EACHth point or so is kept. */
     for (size_t v = 0, p = 0; v < mesh.vertex_count; v++) {
         for (p = 0; vec3_distance(scan->dense.point[p], mesh.vertex[v]) > 0;) p++;
@@ -368,7 +368,7 @@ static double lid_of(const struct scan *scan, bool with_strays) {
     }
     assert_int_equal(surface_lid_of(&mesh, &points, SURFACE_CLOSED, 1, &share), STATUS_OK);
     free(reach), free(stray);
-    neighbourhood_done(&hood), mesh_done(&mesh), tets_done(&tets);
+    neighbourhood_done(&neighbours), mesh_done(&mesh), tets_done(&tets);
     return share;
 }
 

@@ -113,7 +113,7 @@ static void skip_padding(const struct inflate *inflate, struct codec_io *io) {
 }
 
 /* One step of the codec; what it makes is given away. */
-static enum status step(struct inflate *inflate, struct codec_io *io, bool *full, struct error *error) {
+static enum status inflate_step(struct inflate *inflate, struct codec_io *io, bool *full, struct error *error) {
     const struct inflate_codec *codec = kinds[inflate->kind].codec;
     io->out = inflate->buffer;
     io->out_bytes = BUFFER_BYTES;
@@ -134,7 +134,7 @@ enum status inflate_push(struct inflate *inflate, const void *bytes, size_t n, s
     struct codec_io io = {.in = bytes, .in_bytes = n};
     enum status status = inflate->failed;
     if (!status) inflate->bytes_in += n;
-    for (bool full = false; !status; status = step(inflate, &io, &full, error)) {
+    for (bool full = false; !status; status = inflate_step(inflate, &io, &full, error)) {
         if (!full) skip_padding(inflate, &io);
         if (io.in_bytes == 0 && !full) break;
     }

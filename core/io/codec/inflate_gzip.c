@@ -9,7 +9,7 @@
 
 enum { GZIP_ONLY = 16 }; /* zlib's window bits plus this: a gzip header is a must */
 
-static void *start(uint64_t max_window_bytes) {
+static void *gzip_start(uint64_t max_window_bytes) {
     (void)max_window_bytes;
     z_stream *stream = alloc_zeroed(1, sizeof *stream);
     if (stream && inflateInit2(stream, MAX_WBITS + GZIP_ONLY) == Z_OK) return stream;
@@ -19,7 +19,7 @@ static void *start(uint64_t max_window_bytes) {
 
 static uInt at_most(size_t n) { return n < 1u << 30 ? (uInt)n : 1u << 30; }
 
-static enum codec_result step(void *state, struct codec_io *io) {
+static enum codec_result gzip_step(void *state, struct codec_io *io) {
     z_stream *stream = state;
     stream->next_in = (Bytef *)(uintptr_t)io->in; /* zlib doesn't write to it */
     stream->next_out = io->out;
@@ -34,11 +34,11 @@ static enum codec_result step(void *state, struct codec_io *io) {
     return CODEC_BROKEN;
 }
 
-static void restart(void *state) { (void)inflateReset(state); }
+static void gzip_restart(void *state) { (void)inflateReset(state); }
 
-static void stop(void *state) {
+static void gzip_stop(void *state) {
     if (state) (void)inflateEnd(state);
     free(state);
 }
 
-const struct inflate_codec inflate_codec_gzip = {start, step, restart, stop};
+const struct inflate_codec inflate_codec_gzip = {gzip_start, gzip_step, gzip_restart, gzip_stop};

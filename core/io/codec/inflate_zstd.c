@@ -13,13 +13,13 @@ static int log2_of(uint64_t bytes) {
     return log;
 }
 
-static void *start(uint64_t max_window_bytes) {
+static void *zstd_start(uint64_t max_window_bytes) {
     ZSTD_DCtx *context = ZSTD_createDCtx();
     if (context) (void)ZSTD_DCtx_setParameter(context, ZSTD_d_windowLogMax, log2_of(max_window_bytes));
     return context;
 }
 
-static enum codec_result step(void *state, struct codec_io *io) {
+static enum codec_result zstd_step(void *state, struct codec_io *io) {
     ZSTD_inBuffer in = {io->in, io->in_bytes, 0};
     ZSTD_outBuffer out = {io->out, io->out_bytes, 0};
     size_t result = ZSTD_decompressStream(state, &out, &in);
@@ -33,8 +33,8 @@ static enum codec_result step(void *state, struct codec_io *io) {
     return CODEC_BROKEN;
 }
 
-static void restart(void *state) { (void)ZSTD_DCtx_reset(state, ZSTD_reset_session_only); }
+static void zstd_restart(void *state) { (void)ZSTD_DCtx_reset(state, ZSTD_reset_session_only); }
 
-static void stop(void *state) { ZSTD_freeDCtx(state); }
+static void zstd_stop(void *state) { ZSTD_freeDCtx(state); }
 
-const struct inflate_codec inflate_codec_zstd = {start, step, restart, stop};
+const struct inflate_codec inflate_codec_zstd = {zstd_start, zstd_step, zstd_restart, zstd_stop};

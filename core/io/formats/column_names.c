@@ -58,10 +58,6 @@ static const char units[] = "m mm cm dm km um nm ft in deg rad meter meters metr
 
 /* ------------------------------------------------------------------------------------------------ one name */
 
-static bool is_blank(char c) { return c == ' ' || c == '\t'; }
-static bool is_quote(char c) { return c == '"' || c == '\''; }
-static bool is_newline(char c) { return c == '\n' || c == '\r'; }
-
 /* Whether word is among those of a row. */
 static bool is_among(const char *row, const char *word, size_t n) {
     for (const char *at = row; *at;) {
@@ -77,7 +73,7 @@ static size_t without_brackets(const char *text, size_t n) {
     if (n < 2 || (text[n - 1] != ']' && text[n - 1] != ')')) return n;
     size_t at = n - 1;
     while (at > 0 && text[at] != '[' && text[at] != '(') at--;
-    while (at > 0 && (is_blank(text[at - 1]) || text[at - 1] == '_')) at--;
+    while (at > 0 && (scan_is_blank(text[at - 1]) || text[at - 1] == '_')) at--;
     return at ? at : n;
 }
 
@@ -123,7 +119,7 @@ static size_t find_first(const struct search *search, const char *row) {
     return j;
 }
 
-static void find_xyz(struct search *search) {
+static void find_xyz_names(struct search *search) {
     size_t x = search->count, y = x, z = x, none = x, row = 0;
     for (; row < sizeof planes / sizeof *planes; row++) {
         x = find_first(search, planes[row][0]);
@@ -154,7 +150,7 @@ static void find_meanings(struct column_names *names) {
     struct search search = {.names = names};
     search.count = names->count < CLOUD_MAX_PROPERTIES ? names->count : CLOUD_MAX_PROPERTIES;
     for (size_t j = 0; j < search.count; j++) make_plain(&names->name[j], search.plain[j]);
-    find_xyz(&search);
+    find_xyz_names(&search);
     (void)find_three(&search, normals, sizeof normals / sizeof *normals, normal);
     if (!find_three(&search, colours, sizeof colours / sizeof *colours, colour)) return;
     size_t alpha = find_first(&search, alphas);
@@ -167,32 +163,28 @@ static void find_meanings(struct column_names *names) {
 static char mark_of(const char *at, const char *end) {
     static const char marks[] = ",;\t";
     for (const char *mark = marks; *mark; mark++)
-        for (const char *c = at; c < end && !is_newline(*c); c++)
+        for (const char *c = at; c < end && !scan_is_newline(*c); c++)
             if (*c == *mark) return *mark;
     return 0;
-}
-
-static bool is_bracketed(const char *from, const char *stop) {
-    return stop - from >= 2 && ((*from == '[' && stop[-1] == ']') || (*from == '(' && stop[-1] == ')'));
 }
 
 /* The next name at *at, which is moved past it; false at the line's end. */
 static bool next_name(const char **at, const char *end, char mark, const char **from, const char **stop) {
     if (!mark) {
         do {
-            while (*at < end && is_blank(**at)) ++*at;
-            for (*from = *at; *at < end && !is_blank(**at) && !is_newline(**at);) ++*at;
+            while (*at < end && scan_is_blank(**at)) ++*at;
+            for (*from = *at; *at < end && !scan_is_blank(**at) && !scan_is_newline(**at);) ++*at;
             *stop = *at;
             if (*stop == *from) return false;
-        } while (is_bracketed(*from, *stop));
+        } while (scan_is_bracketed(*from, *stop));
     } else {
-        if (*at == end || is_newline(**at)) return false;
-        for (*from = *at; *at < end && **at != mark && !is_newline(**at);) ++*at;
+        if (*at == end || scan_is_newline(**at)) return false;
+        for (*from = *at; *at < end && **at != mark && !scan_is_newline(**at);) ++*at;
         *stop = *at;
         if (*at < end && **at == mark) ++*at;
     }
-    while (*from < *stop && (is_blank(**from) || is_quote(**from))) ++*from;
-    while (*from < *stop && (is_blank((*stop)[-1]) || is_quote((*stop)[-1]))) --*stop;
+    while (*from < *stop && (scan_is_blank(**from) || scan_is_quote(**from))) ++*from;
+    while (*from < *stop && (scan_is_blank((*stop)[-1]) || scan_is_quote((*stop)[-1]))) --*stop;
     return true;
 }
 

@@ -27,7 +27,7 @@ static void fill_tables(uint32_t table[TABLES][256]) {
 static uint32_t checksum_of(uint32_t table[TABLES][256], const unsigned char *p, size_t n) {
     uint32_t c = UINT32_MAX;
     for (; n >= TABLES; n -= TABLES, p += TABLES) {
-        uint64_t v = little_load(p, 8) ^ c;
+        uint64_t v = load_little_endian(p, 8) ^ c;
         c = 0;
         for (int k = 0; k < TABLES; k++) c ^= table[TABLES - 1 - k][v >> 8 * k & 0xff];
     }
@@ -50,7 +50,7 @@ enum status e57_pages_open(const void *bytes, size_t n, struct e57_pages *pages,
     const unsigned char *p = bytes;
     if (n < E57_HEADER_BYTES)
         return error_set_at(error, STATUS_MALFORMED, "header", 0, n, "the file ends in its header");
-    uint64_t page = little_load(p + PAGE_SIZE_AT, 8);
+    uint64_t page = load_little_endian(p + PAGE_SIZE_AT, 8);
     if (page != E57_PAGE)
         return error_set_at(error, STATUS_MALFORMED, "header", 0, PAGE_SIZE_AT, "pages of %llu bytes; E57 has %d",
                             (unsigned long long)page, E57_PAGE);

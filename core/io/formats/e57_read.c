@@ -129,7 +129,7 @@ struct reader {
     double turn[3][3];
 };
 
-static enum status bad(struct reader *r, const char *what) {
+static enum status e57_bad(struct reader *r, const char *what) {
     return error_set_at(r->build.error, STATUS_MALFORMED, "read", 0, UINT64_MAX, "%s", what);
 }
 
@@ -138,24 +138,26 @@ static enum status bad(struct reader *r, const char *what) {
 /* Goes to the stream's part in the next packet that has points. */
 static enum status next_packet(struct reader *r, struct cursor *c) {
     unsigned char head[PACKET_HEADER_BYTES] = {0}, two[2];
-    if (++r->visits > r->n) return bad(r, "there are more packets without points than a file of that length can have");
+    if (++r->visits > r->n)
+        return e57_bad(r, "there are more packets without points than a file of that length can have");
     if (c->packet > r->end || r->end - c->packet < SHORTEST_PACKET ||
         !e57_pages_copy(&r->pages, c->packet, head, r->end - c->packet < sizeof head ? SHORTEST_PACKET : sizeof head))
-        return bad(r, "the points of a scan end before the number of them that is told");
-    uint64_t at = c->packet, length = little_load(head + 2, 2) + 1, streams = little_load(head + 4, 2);
-    if (length < SHORTEST_PACKET || length > r->end - at) return bad(r, "a packet is longer than its section");
+        return e57_bad(r, "the points of a scan end before the number of them that is told");
+    uint64_t at = c->packet, length = load_little_endian(head + 2, 2) + 1, streams = load_little_endian(head + 4, 2);
+    if (length < SHORTEST_PACKET || length > r->end - at) return e57_bad(r, "a packet is longer than its section");
     c->packet += length;
     if (head[0] == PACKET_INDEX || head[0] == PACKET_EMPTY) return STATUS_OK;
-    if (head[0] != PACKET_DATA) return bad(r, "a packet is of no known kind");
+    if (head[0] != PACKET_DATA) return e57_bad(r, "a packet is of no known kind");
     if (c->stream >= streams || PACKET_HEADER_BYTES + 2 * streams > length)
-        return bad(r, "a packet has not all fields of its points");
+        return e57_bad(r, "a packet has not all fields of its points");
     uint64_t before = PACKET_HEADER_BYTES + 2 * streams;
     for (unsigned i = 0; i <= c->stream; i++) {
         before += c->left = i ? c->left : 0;
-        if (!e57_pages_copy(&r->pages, at + PACKET_HEADER_BYTES + 2 * i, two, 2)) return bad(r, "a packet is cut off");
-        c->left = little_load(two, 2);
+        if (!e57_pages_copy(&r->pages, at + PACKET_HEADER_BYTES + 2 * i, two, 2))
+            return e57_bad(r, "a packet is cut off");
+        c->left = load_little_endian(two, 2);
     }
-    if (before + c->left > length) return bad(r, "the streams of a packet are longer than it is");
+    if (before + c->left > length) return e57_bad(r, "the streams of a packet are longer than it is");
     c->next = at + before;
     return STATUS_OK;
 }
@@ -176,7 +178,7 @@ static enum status take_bits(struct reader *r, struct cursor *c, unsigned width,
     uint64_t made = 0;
     unsigned got = 0;
     if (c->bits == 0 && width % 8 == 0 && c->chunk_bytes >= width / 8 && width) {
-        *value = little_load(c->chunk, width / 8);
+        *value = load_little_endian(c->chunk, width / 8);
         c->chunk += width / 8, c->chunk_bytes -= width / 8;
         return STATUS_OK;
     }
@@ -196,7 +198,7 @@ static enum status take_bits(struct reader *r, struct cursor *c, unsigned width,
     return STATUS_OK;
 }
 
-static unsigned width_of(const struct e57_field *field) {
+static unsigned e57_width_of(const struct e57_field *field) {
     uint64_t range = (uint64_t)field->maximum - (uint64_t)field->minimum;
     if (field->type == E57_FLOAT) return 32;
     if (field->type == E57_DOUBLE) return 64;
@@ -281,7 +283,7 @@ static void clean_name(const char *name, char clean[PROPERTY_NAME_BYTES]) {
         if (*c <= 32 || *c > 126 || *c == ':') *c = '_';
 }
 
-static size_t find_property(const struct cloud *cloud, const char *name) {
+static size_t e57_find_property(const struct cloud *cloud, const char *name) {
     for (size_t j = 0; j < cloud->property_count; j++)
         if (strcmp(cloud->property[j].name, name) == 0) return j;
     return SIZE_MAX;
@@ -294,10 +296,10 @@ static size_t property_of(const struct reader *r, const struct e57_field *field,
     *role = role_of(field, &name);
     if (*role == OF_NO_USE || !name[0]) return SIZE_MAX;
     clean_name(name, clean);
-    return find_property(&r->build.cloud, clean);
+    return e57_find_property(&r->build.cloud, clean);
 }
 
-static enum status note(struct reader *r, const char *name, const char *what) {
+static enum status e57_note(struct reader *r, const char *name, const char *what) {
     char text[NOTE_BYTES];
     snprintf(text, sizeof text, "%.64s: %s", name, what);
     return cloud_build_leave_out(&r->build, text);
@@ -311,10 +313,10 @@ static enum status describe_scan(struct reader *r, const struct e57_scan *scan) 
         const char *name = "";
         enum role role = role_of(field, &name);
         char clean[PROPERTY_NAME_BYTES];
-        if (field->type == E57_OTHER) status = note(r, field->name, "no number");
+        if (field->type == E57_OTHER) status = e57_note(r, field->name, "no number");
         if (role == OF_NO_USE || role <= ELEVATION || !name[0]) continue;
         clean_name(name, clean);
-        if (!status && find_property(&r->build.cloud, clean) == SIZE_MAX)
+        if (!status && e57_find_property(&r->build.cloud, clean) == SIZE_MAX)
             status = cloud_build_property(&r->build, clean, scalar_of(field));
     }
     return status;
@@ -348,14 +350,14 @@ static enum status settle_types(struct reader *r) {
         struct property *p = &cloud->property[j];
         bool everywhere, own = j < 3 || strcmp(p->name, CLOUD_SCAN) == 0;
         if (!own && !is_of_one_type(r, p, &everywhere)) p->type = SCALAR_FLOAT64;
-        if (!own && !everywhere) status = note(r, p->name, "only some of the scans have it; it is 0 in the others");
+        if (!own && !everywhere) status = e57_note(r, p->name, "only some of the scans have it; it is 0 in the others");
         p->offset_bytes = cloud->record_bytes;
         cloud->record_bytes += scalar_bytes(p->type);
     }
     return status;
 }
 
-static enum status describe(struct reader *r) {
+static enum status e57_describe(struct reader *r) {
     static const char *const axes[] = {"x", "y", "z"};
     enum status status = STATUS_OK;
     r->narrow = true;
@@ -364,9 +366,9 @@ static enum status describe(struct reader *r) {
         if (scan->records == 0) continue;
         r->scans++;
         r->narrow &= is_narrow(scan);
-        if (!has_all(scan, CARTESIAN_X) && !has_all(scan, RANGE)) return bad(r, "a scan has no coordinates");
+        if (!has_all(scan, CARTESIAN_X) && !has_all(scan, RANGE)) return e57_bad(r, "a scan has no coordinates");
     }
-    if (r->scans == 0) return bad(r, "no points");
+    if (r->scans == 0) return e57_bad(r, "no points");
     if (r->scans > MOST_SCANS)
         return error_set(r->build.error, STATUS_LIMIT, "read", "%zu scans, at most %d are read", r->scans, MOST_SCANS);
     for (int k = 0; !status && k < 3; k++)
@@ -386,16 +388,16 @@ static enum status open_section(struct reader *r, const struct e57_scan *scan, u
     unsigned char head[SECTION_HEADER_BYTES];
     uint64_t at = e57_pages_logical(&r->pages, scan->file_offset);
     if (at == UINT64_MAX || !e57_pages_copy(&r->pages, at, head, sizeof head))
-        return bad(r, "the points of a scan lie outside the file");
-    uint64_t length = little_load(head + 8, 8);
+        return e57_bad(r, "the points of a scan lie outside the file");
+    uint64_t length = load_little_endian(head + 8, 8);
     if (head[0] != SECTION_OF_POINTS || length < sizeof head || length > r->pages.logical_bytes - at)
-        return bad(r, "there is no section of points where the XML says");
-    *first = e57_pages_logical(&r->pages, little_load(head + 16, 8));
+        return e57_bad(r, "there is no section of points where the XML says");
+    *first = e57_pages_logical(&r->pages, load_little_endian(head + 16, 8));
     r->end = at + length;
     if (*first == UINT64_MAX || *first < at || *first > r->end)
-        return bad(r, "the packets of a section lie outside it");
+        return e57_bad(r, "the packets of a section lie outside it");
     r->section_bytes += length;
-    if (r->section_bytes > r->pages.logical_bytes) return bad(r, "the points of several scans are the same ones");
+    if (r->section_bytes > r->pages.logical_bytes) return e57_bad(r, "the points of several scans are the same ones");
     return STATUS_OK;
 }
 
@@ -408,12 +410,12 @@ static enum status open_columns(struct reader *r, const struct e57_scan *scan, u
     if (!r->column) return error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for the fields of a scan");
     for (int i = 0; i < ROLES; i++) r->of_role[i] = SIZE_MAX;
     for (size_t i = 0; i < scan->field_count; i++) {
-        struct column column = {.field = &scan->field[i], .width = width_of(&scan->field[i])};
+        struct column column = {.field = &scan->field[i], .width = e57_width_of(&scan->field[i])};
         column.property = property_of(r, column.field, &column.role);
         bool is_place = column.role <= ELEVATION;
         if (column.role == OF_NO_USE || (is_place && cartesian != (column.role <= CARTESIAN_Z))) continue;
         if (column.role == (cartesian ? SPHERICAL_STATE : CARTESIAN_STATE)) continue;
-        if (column.role < ROLES && r->of_role[column.role] != SIZE_MAX) return bad(r, "a field is there twice");
+        if (column.role < ROLES && r->of_role[column.role] != SIZE_MAX) return e57_bad(r, "a field is there twice");
         if (column.role < ROLES) r->of_role[column.role] = r->columns;
         column.cursor = (struct cursor){.stream = (unsigned)i, .packet = first};
         r->column[r->columns++] = column;
@@ -425,7 +427,7 @@ static enum status open_columns(struct reader *r, const struct e57_scan *scan, u
 static enum status set_turn(struct reader *r, const struct e57_scan *scan) {
     double w = scan->rotation[0], x = scan->rotation[1], y = scan->rotation[2], z = scan->rotation[3];
     double length = sqrt(w * w + x * x + y * y + z * z);
-    if (!(length > 0) || !isfinite(length)) return bad(r, "the rotation of a pose is none");
+    if (!(length > 0) || !isfinite(length)) return e57_bad(r, "the rotation of a pose is none");
     w /= length, x /= length, y /= length, z /= length;
     const double turn[3][3] = {{1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)},
                                {2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)},
@@ -440,7 +442,7 @@ static vec3 turned(const struct reader *r, vec3 p) {
                   t[2][0] * p.x + t[2][1] * p.y + t[2][2] * p.z};
 }
 
-static void store(const struct reader *r, unsigned char *record, size_t property, double value) {
+static void e57_store(const struct reader *r, unsigned char *record, size_t property, double value) {
     const struct property *p = &r->build.cloud.property[property];
     scalar_store(record + p->offset_bytes, p->type, value);
 }
@@ -465,25 +467,25 @@ static void fill_record(struct reader *r, const struct e57_scan *scan, size_t nu
     const size_t *of = r->of_role;
     memset(record, 0, r->build.cloud.record_bytes);
     vec3 place = place_of(r, scan, value);
-    store(r, record, 0, place.x), store(r, record, 1, place.y), store(r, record, 2, place.z);
+    e57_store(r, record, 0, place.x), e57_store(r, record, 1, place.y), e57_store(r, record, 2, place.z);
     viewpoints_see(&r->views, place);
-    if (r->scans > 1) store(r, record, 3, (double)number);
+    if (r->scans > 1) e57_store(r, record, 3, (double)number);
     for (size_t i = 0; i < r->columns; i++)
         if (r->column[i].role > ELEVATION && r->column[i].property != SIZE_MAX)
-            store(r, record, r->column[i].property, value[i]);
+            e57_store(r, record, r->column[i].property, value[i]);
     if (!scan->has_pose || of[NORMAL_X] == SIZE_MAX || of[NORMAL_Y] == SIZE_MAX || of[NORMAL_Z] == SIZE_MAX) return;
     vec3 n = turned(r, (vec3){value[of[NORMAL_X]], value[of[NORMAL_Y]], value[of[NORMAL_Z]]});
-    store(r, record, r->column[of[NORMAL_X]].property, n.x);
-    store(r, record, r->column[of[NORMAL_Y]].property, n.y);
-    store(r, record, r->column[of[NORMAL_Z]].property, n.z);
+    e57_store(r, record, r->column[of[NORMAL_X]].property, n.x);
+    e57_store(r, record, r->column[of[NORMAL_Y]].property, n.y);
+    e57_store(r, record, r->column[of[NORMAL_Z]].property, n.z);
 }
 
 static bool is_marked(const struct reader *r, enum role role, const double *value) {
     return r->of_role[role] != SIZE_MAX && value[r->of_role[role]] != 0;
 }
 
-static enum status take_points(struct reader *r, const struct e57_scan *scan, size_t number, double *value,
-                               unsigned char *record) {
+static enum status e57_take_points(struct reader *r, const struct e57_scan *scan, size_t number, double *value,
+                                   unsigned char *record) {
     enum status status = STATUS_OK;
     for (uint64_t i = 0; !status && i < scan->records; i++) {
         for (size_t j = 0; !status && j < r->columns; j++) status = take_value(r, &r->column[j], &value[j]);
@@ -494,7 +496,7 @@ static enum status take_points(struct reader *r, const struct e57_scan *scan, si
     return status;
 }
 
-static enum status take_scan(struct reader *r, const struct e57_scan *scan, size_t number) {
+static enum status e57_take_scan(struct reader *r, const struct e57_scan *scan, size_t number) {
     uint64_t first = 0;
     enum status status = open_section(r, scan, &first);
     if (!status) status = open_columns(r, scan, first);
@@ -503,7 +505,7 @@ static enum status take_scan(struct reader *r, const struct e57_scan *scan, size
     double *value = alloc_zeroed(r->columns, sizeof *value);
     unsigned char *record = alloc_zeroed(r->build.cloud.record_bytes, 1);
     viewpoints_begin(&r->views, (vec3){scan->translation[0], scan->translation[1], scan->translation[2]});
-    status = value && record ? take_points(r, scan, number, value, record)
+    status = value && record ? e57_take_points(r, scan, number, value, record)
                              : error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for a point");
     if (!status) viewpoints_end(&r->views);
     free(value), free(record);
@@ -524,19 +526,19 @@ static enum status check_records(struct reader *r) {
     return STATUS_OK;
 }
 
-static enum status read_file(struct reader *r, const void *bytes, size_t n) {
+static enum status e57_read_file(struct reader *r, const void *bytes, size_t n) {
     const unsigned char *head = bytes;
     size_t number = 0;
     enum status status = e57_pages_open(bytes, n, &r->pages, r->build.error);
     if (!status)
-        status = e57_xml_parse(&r->pages, e57_pages_logical(&r->pages, little_load(head + XML_AT, 8)),
-                               little_load(head + XML_BYTES_AT, 8), &r->file, r->build.error);
+        status = e57_xml_parse(&r->pages, e57_pages_logical(&r->pages, load_little_endian(head + XML_AT, 8)),
+                               load_little_endian(head + XML_BYTES_AT, 8), &r->file, r->build.error);
     if (!status) status = check_records(r);
-    if (!status) status = describe(r);
+    if (!status) status = e57_describe(r);
     if (!status && viewpoints_init(&r->views, r->scans))
         status = error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for %zu scans", r->scans);
     for (size_t s = 0; !status && s < r->file.scan_count; s++)
-        if (r->file.scan[s].records) status = take_scan(r, &r->file.scan[s], number++);
+        if (r->file.scan[s].records) status = e57_take_scan(r, &r->file.scan[s], number++);
     if (!status) viewpoints_give(&r->views, &r->build.cloud);
     return status;
 }
@@ -545,7 +547,7 @@ enum status cloud_e57_read(const void *bytes, size_t n, const struct cloud_limit
                            const struct progress *progress, struct cloud *cloud, struct error *error) {
     struct reader r = {.n = n};
     cloud_build_start(&r.build, "e57", n, limits, progress, error);
-    enum status status = read_file(&r, bytes, n);
+    enum status status = e57_read_file(&r, bytes, n);
     free(r.column);
     viewpoints_done(&r.views);
     e57_description_done(&r.file);

@@ -50,7 +50,7 @@ static void fail(struct parse *p, enum status status, const char *text, const ch
 
 static bool is_at(const struct parse *p, unsigned level, const char *name) { return strcmp(p->name[level], name) == 0; }
 
-static const char *find(const char **attributes, const char *name) {
+static const char *e57_find(const char **attributes, const char *name) {
     for (; attributes[0]; attributes += 2)
         if (strcmp(attributes[0], name) == 0) return attributes[1];
     return NULL;
@@ -75,12 +75,12 @@ static bool read_number(const char *text, double *value) {
 
 /* An attribute that may be left out. */
 static void take_whole(struct parse *p, const char **attributes, const char *name, int64_t *value) {
-    const char *text = find(attributes, name);
+    const char *text = e57_find(attributes, name);
     if (text && !read_whole(text, value)) fail(p, STATUS_MALFORMED, "%s is no whole number", name);
 }
 
 static void take_real(struct parse *p, const char **attributes, const char *name, double *value) {
-    const char *text = find(attributes, name);
+    const char *text = e57_find(attributes, name);
     if (text && !read_number(text, value)) fail(p, STATUS_MALFORMED, "%s is no number", name);
 }
 
@@ -111,8 +111,8 @@ static void add_points(struct parse *p, const char **attributes) {
     scan->file_offset = (uint64_t)offset, scan->records = (uint64_t)records;
 }
 
-static enum e57_type type_of(const char **attributes) {
-    const char *type = find(attributes, "type"), *precision = find(attributes, "precision");
+static enum e57_type e57_type_of(const char **attributes) {
+    const char *type = e57_find(attributes, "type"), *precision = e57_find(attributes, "precision");
     if (!type) return E57_OTHER;
     if (strcmp(type, "Integer") == 0) return E57_INTEGER;
     if (strcmp(type, "ScaledInteger") == 0) return E57_SCALED;
@@ -120,9 +120,9 @@ static enum e57_type type_of(const char **attributes) {
     return E57_OTHER;
 }
 
-static void add_field(struct parse *p, const char *name, const char **attributes) {
+static void e57_add_field(struct parse *p, const char *name, const char **attributes) {
     struct e57_scan *scan = &p->made.scan[p->made.scan_count - 1];
-    struct e57_field field = {.type = type_of(attributes), .minimum = INT64_MIN, .maximum = INT64_MAX, .scale = 1};
+    struct e57_field field = {.type = e57_type_of(attributes), .minimum = INT64_MIN, .maximum = INT64_MAX, .scale = 1};
     if (scan->field_count == MOST_FIELDS) {
         fail(p, STATUS_LIMIT, "more fields in a record than are %s", "read");
         return;
@@ -165,7 +165,7 @@ static void begin_element(void *context, const char *name, const char **attribut
     if (level == SCAN && is_at(p, ROOT, "e57Root") && is_at(p, SECTION, "images2D")) p->made.has_images = true;
     if (level == PART && in_scan(p) && is_at(p, PART, "points")) add_points(p, attributes);
     if (level == LEAF && in_scan(p) && is_at(p, PART, "points") && is_at(p, GROUP, "prototype"))
-        add_field(p, name, attributes);
+        e57_add_field(p, name, attributes);
 }
 
 /* A number of a pose; 0 where nothing stands in the element. */

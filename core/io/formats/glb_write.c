@@ -60,7 +60,7 @@ struct plan {
 
 /* ------------------------------------------------------------------------------------------------ plan */
 
-static void find_origin(struct plan *plan) {
+static void glb_find_origin(struct plan *plan) {
     const struct mesh *mesh = plan->mesh;
     plan->moved = !mesh_attributes_fit_f32(mesh);
     for (int axis = 0; plan->moved && axis < 3; axis++) {
@@ -83,7 +83,7 @@ static int code_of(enum scalar_type type) {
     return codes[type];
 }
 
-static bool keeps(const struct mesh_attributes *attributes, const struct property *property) {
+static bool glb_keeps(const struct mesh_attributes *attributes, const struct property *property) {
     return mesh_attributes_knows(attributes, property) || (!property->is_list && code_of(property->type));
 }
 
@@ -98,7 +98,7 @@ static void name_column(struct plan *plan, struct column *column) {
             snprintf(column->name + n, sizeof column->name - n, "_%zu", plan->count);
 }
 
-static void add_properties(struct plan *plan) {
+static void glb_add_properties(struct plan *plan) {
     const struct cloud *cloud = plan->attributes.cloud;
     for (size_t j = 0; cloud && j < cloud->property_count && plan->count < CLOUD_MAX_PROPERTIES; j++) {
         const struct property *property = &cloud->property[j];
@@ -113,13 +113,13 @@ static void add_properties(struct plan *plan) {
 static void make_plan(struct plan *plan, const struct mesh *mesh, const struct cloud *cloud) {
     *plan = (struct plan){.mesh = mesh};
     mesh_attributes_find(mesh, cloud, &plan->attributes);
-    find_origin(plan);
+    glb_find_origin(plan);
     plan->column[plan->count++] = (struct column){COLUMN_POSITION, NULL, "POSITION", "VEC3", TYPE_F32, 12, false};
     if (plan->attributes.normal[0])
         plan->column[plan->count++] = (struct column){COLUMN_NORMAL, NULL, "NORMAL", "VEC3", TYPE_F32, 12, false};
     if (plan->attributes.colour[0])
         plan->column[plan->count++] = (struct column){COLUMN_COLOUR, NULL, "COLOR_0", "VEC4", TYPE_U16, 8, true};
-    add_properties(plan);
+    glb_add_properties(plan);
 }
 
 static uint64_t binary_bytes(const struct plan *plan) {
@@ -228,7 +228,7 @@ static void put_normal(struct sink *sink, vec3 n) {
 /* From sRGB (IEC 61966-2-1) to linear. */
 static double linear(double value) { return value <= 0.04045 ? value / 12.92 : pow((value + 0.055) / 1.055, 2.4); }
 
-static void put_colour(struct sink *sink, const double rgba[4]) {
+static void glb_put_colour(struct sink *sink, const double rgba[4]) {
     for (int k = 0; k < 4; k++) {
         uint16_t value = (uint16_t)nearbyint((k < 3 ? linear(rgba[k]) : rgba[k]) * UINT16_MAX);
         cloud_write_scalar(sink, &value, SCALAR_UINT16, ENCODING_BINARY);
@@ -251,7 +251,7 @@ static void put_cell(struct sink *sink, const struct plan *plan, const struct co
     case COLUMN_NORMAL: put_normal(sink, mesh_attributes_normal(&plan->attributes, v)); break;
     case COLUMN_COLOUR:
         mesh_attributes_colour(&plan->attributes, v, rgba);
-        put_colour(sink, rgba);
+        glb_put_colour(sink, rgba);
         break;
     case COLUMN_PROPERTY: put_property(sink, column->from, mesh_attributes_record(&plan->attributes, v)); break;
     }
@@ -267,9 +267,9 @@ static void put_binary(struct sink *sink, const struct plan *plan) {
 
 /* ------------------------------------------------------------------------------------------------ the whole */
 
-static void note(const struct plan *plan, const struct cloud *cloud, struct left_out *left_out) {
+static void glb_note(const struct plan *plan, const struct cloud *cloud, struct left_out *left_out) {
     bool rounded = false;
-    mesh_attributes_note(&plan->attributes, cloud, "mesh.glb", keeps, false, left_out);
+    mesh_attributes_note(&plan->attributes, cloud, "mesh.glb", glb_keeps, false, left_out);
     for (size_t v = 0; plan->moved && !rounded && v < plan->mesh->vertex_count; v++)
         for (int axis = 0; axis < 3; axis++)
             rounded = rounded ||
@@ -299,7 +299,7 @@ enum status mesh_write_glb(int fd, const struct mesh *mesh, const struct cloud *
     else if (total > UINT32_MAX || mesh->vertex_count >= UINT32_MAX)
         status = error_set(error, STATUS_LIMIT, "write", "the mesh is larger than the 4 GiB that glTF can hold");
     if (!status) {
-        note(&plan, cloud, left_out);
+        glb_note(&plan, cloud, left_out);
         sink_text(&sink, "glTF");
         put_u32(&sink, 2);
         put_u32(&sink, (uint32_t)total);

@@ -132,7 +132,7 @@ const size_t las_format_bytes[LAS_FORMATS] = {20, 28, 26, 34, 57, 63, 30, 36, 38
 /* ------------------------------------------------------------------------------------------------ numbers */
 
 static double load_f64(const unsigned char *p) {
-    uint64_t bits = little_load(p, 8);
+    uint64_t bits = load_little_endian(p, 8);
     double value;
     memcpy(&value, &bits, sizeof value);
     return value;
@@ -141,14 +141,14 @@ static double load_f64(const unsigned char *p) {
 /* A scalar in the file's byte order to one in ours. */
 static void load_scalar(const unsigned char *p, enum scalar_type type, void *to) {
     size_t bytes = scalar_bytes(type);
-    uint64_t value = little_load(p, bytes);
+    uint64_t value = load_little_endian(p, bytes);
     if (bytes == 1) memcpy(to, &(uint8_t){(uint8_t)value}, 1);
     if (bytes == 2) memcpy(to, &(uint16_t){(uint16_t)value}, 2);
     if (bytes == 4) memcpy(to, &(uint32_t){(uint32_t)value}, 4);
     if (bytes == 8) memcpy(to, &value, 8);
 }
 
-static enum status bad(struct reader *r, const char *where, uint64_t byte, const char *what, uint64_t value) {
+static enum status las_bad(struct reader *r, const char *where, uint64_t byte, const char *what, uint64_t value) {
     return cloud_build_bad(&r->build, where, (struct cloud_place){0, byte}, "%s (%" PRIu64 ")", what, value);
 }
 
@@ -169,7 +169,7 @@ static enum status check_version(struct reader *r) {
 }
 
 /* Of LAS: whether all points are there, and what else is. */
-static enum status check_end(struct reader *r) {
+static enum status las_check_end(struct reader *r) {
     uint64_t there = (r->n - r->first_point) / r->record_bytes, promised = r->points;
     char note[NOTE_BYTES] = "";
     if (promised > there && (there == 0 || promised >= NONE))
@@ -192,37 +192,38 @@ static enum status check_end(struct reader *r) {
 static enum status check_sizes(struct reader *r) {
     uint64_t least = r->minor >= 4 ? LAS_HEADER_BYTES : LAS_OLD_HEADER_BYTES;
     if (r->header_bytes < least || r->header_bytes > r->n)
-        return bad(r, "header", 94, "the size of the header is out of range", r->header_bytes);
+        return las_bad(r, "header", 94, "the size of the header is out of range", r->header_bytes);
     if (r->first_point < r->header_bytes || r->first_point > r->n)
-        return bad(r, "header", 96, "the points begin out of range", r->first_point);
+        return las_bad(r, "header", 96, "the points begin out of range", r->first_point);
     if (r->record_bytes < las_format_bytes[r->format])
-        return bad(r, "header", 105, "the size of a point is too small for its format", r->record_bytes);
-    return r->is_laz ? STATUS_OK : check_end(r);
+        return las_bad(r, "header", 105, "the size of a point is too small for its format", r->record_bytes);
+    return r->is_laz ? STATUS_OK : las_check_end(r);
 }
 
-static enum status take_header(struct reader *r) {
-    if (r->n < LAS_OLD_HEADER_BYTES) return bad(r, "header", r->n, "the file ends in its header; bytes there", r->n);
+static enum status las_take_header(struct reader *r) {
+    if (r->n < LAS_OLD_HEADER_BYTES)
+        return las_bad(r, "header", r->n, "the file ends in its header; bytes there", r->n);
     enum status status = check_version(r);
     if (status) return status;
-    r->header_bytes = little_load(r->bytes + 94, 2);
-    r->first_point = little_load(r->bytes + 96, 4);
-    r->record_count = little_load(r->bytes + 100, 4);
-    r->record_bytes = little_load(r->bytes + 105, 2);
-    r->points = little_load(r->bytes + 107, 4);
-    if (r->minor >= 4 && r->n >= LAS_HEADER_BYTES && little_load(r->bytes + 247, 8))
-        r->points = little_load(r->bytes + 247, 8);
+    r->header_bytes = load_little_endian(r->bytes + 94, 2);
+    r->first_point = load_little_endian(r->bytes + 96, 4);
+    r->record_count = load_little_endian(r->bytes + 100, 4);
+    r->record_bytes = load_little_endian(r->bytes + 105, 2);
+    r->points = load_little_endian(r->bytes + 107, 4);
+    if (r->minor >= 4 && r->n >= LAS_HEADER_BYTES && load_little_endian(r->bytes + 247, 8))
+        r->points = load_little_endian(r->bytes + 247, 8);
     for (size_t axis = 0; axis < 3; axis++) {
         r->scale[axis] = load_f64(r->bytes + 131 + 8 * axis);
         r->add[axis] = load_f64(r->bytes + 155 + 8 * axis);
         if (!isfinite(r->scale[axis]) || !isfinite(r->add[axis]) || r->scale[axis] == 0)
-            return bad(r, "header", 131 + 8 * axis, "a scale or an offset is no fit number; axis", axis);
+            return las_bad(r, "header", 131 + 8 * axis, "a scale or an offset is no fit number; axis", axis);
     }
     return check_sizes(r);
 }
 
 /* ------------------------------------------------------------------------------------------------ fields */
 
-static enum status add_field(struct reader *r, const struct las_field *field) {
+static enum status las_add_field(struct reader *r, const struct las_field *field) {
     enum scalar_type type = field->type >= SCALAR_TYPE_COUNT || field->scaled ? F64 : (enum scalar_type)field->type;
     enum status status = cloud_build_property(&r->build, field->name, type);
     if (!status && field->type >= SCALAR_TYPE_COUNT)
@@ -235,11 +236,11 @@ static enum status add_field(struct reader *r, const struct las_field *field) {
     return status;
 }
 
-static enum status add_row(struct reader *r, const char *name, unsigned type, size_t offset, unsigned shift,
-                           unsigned bits) {
+static enum status las_add_row(struct reader *r, const char *name, unsigned type, size_t offset, unsigned shift,
+                               unsigned bits) {
     struct las_field field = {.type = type, .offset = offset, .shift = shift, .bits = bits};
     snprintf(field.name, sizeof field.name, "%s", name);
-    return add_field(r, &field);
+    return las_add_field(r, &field);
 }
 
 size_t las_format_fields(unsigned format, struct las_field field[32]) {
@@ -268,9 +269,9 @@ static enum status add_format_fields(struct reader *r) {
                                   .scaled = true,
                                   .scale = r->scale[axis],
                                   .add = r->add[axis]};
-        status = add_field(r, &field);
+        status = las_add_field(r, &field);
     }
-    for (size_t i = 0; !status && i < n; i++) status = add_field(r, &fields[i]);
+    for (size_t i = 0; !status && i < n; i++) status = las_add_field(r, &fields[i]);
     return status;
 }
 
@@ -292,7 +293,7 @@ static enum status add_described(struct reader *r, const unsigned char *d, size_
         snprintf(field.name, sizeof field.name, count > 1 ? "%.*s_%u" : "%.*s", length, (const char *)d + 4, k);
         for (char *c = field.name; *c; c++)
             if (*c == ' ') *c = '_';
-        status = add_field(r, &field);
+        status = las_add_field(r, &field);
         *at += raw_bytes(raw);
     }
     return status;
@@ -305,7 +306,7 @@ static bool is_user(const unsigned char *vlr, const char *user) {
 /* Whether a record goes on into what is written: it tells of coordinates or fields, not of how this file is laid out.
  */
 static bool goes_on(const unsigned char *vlr) {
-    uint64_t id = little_load(vlr + 18, 2);
+    uint64_t id = load_little_endian(vlr + 18, 2);
     return is_user(vlr, "LASF_Projection") || is_user(vlr, "liblas") ||
            (is_user(vlr, "LASF_Spec") && (id == 0 || id == 3 || id == 4));
 }
@@ -323,11 +324,11 @@ static enum status take_records(struct reader *r, size_t *extra) {
     enum status status = STATUS_OK;
     for (uint64_t i = 0; !status && i < r->record_count; i++) {
         if (r->first_point - at < LAS_VLR_BYTES)
-            return bad(r, "header", at, "a variable length record is cut short", i);
+            return las_bad(r, "header", at, "a variable length record is cut short", i);
         const unsigned char *vlr = r->bytes + at;
-        uint64_t id = little_load(vlr + 18, 2), length = little_load(vlr + 20, 2);
+        uint64_t id = load_little_endian(vlr + 18, 2), length = load_little_endian(vlr + 20, 2);
         at += LAS_VLR_BYTES;
-        if (r->first_point - at < length) return bad(r, "header", at, "a variable length record is cut short", i);
+        if (r->first_point - at < length) return las_bad(r, "header", at, "a variable length record is cut short", i);
         if (is_user(vlr, "LASF_Projection")) r->has_crs = true;
         if (goes_on(vlr)) r->kept_bytes += LAS_VLR_BYTES + length;
         if (r->is_laz && is_user(vlr, "laszip encoded") && id == LAZ_RECORD_ID) status = take_layout(r, at, length);
@@ -347,10 +348,10 @@ static enum status take_records(struct reader *r, size_t *extra) {
 static const unsigned char *find_late_crs(const struct reader *r, uint64_t *length) {
     enum { EVLR_BYTES = 60, FIRST = 235, COUNT = 243 };
     if (r->minor < 4 || r->n < LAS_HEADER_BYTES) return NULL;
-    uint64_t at = little_load(r->bytes + FIRST, 8), count = little_load(r->bytes + COUNT, 4);
+    uint64_t at = load_little_endian(r->bytes + FIRST, 8), count = load_little_endian(r->bytes + COUNT, 4);
     for (uint64_t i = 0; i < count && at <= r->n && r->n - at >= EVLR_BYTES; i++) {
         const unsigned char *record = r->bytes + at;
-        *length = little_load(record + 20, 8);
+        *length = load_little_endian(record + 20, 8);
         if (*length > r->n - at - EVLR_BYTES) return NULL;
         if (is_user(record, "LASF_Projection")) return record;
         at += EVLR_BYTES + *length;
@@ -369,15 +370,15 @@ static enum status keep_origin(struct reader *r) {
     if (!las) return error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for %zu bytes of records", bytes);
     *las = (struct cloud_las){.minor = r->minor,
                               .format = r->format,
-                              .source = (unsigned)little_load(r->bytes + 4, 2),
-                              .encoding = (unsigned)little_load(r->bytes + 6, 2),
+                              .source = (unsigned)load_little_endian(r->bytes + 4, 2),
+                              .encoding = (unsigned)load_little_endian(r->bytes + 6, 2),
                               .record_bytes = (size_t)r->record_bytes,
                               .has_crs = r->has_crs || late,
                               .field_count = r->field_count};
     memcpy(las->field, r->field, r->field_count * sizeof *las->field);
     for (uint64_t i = 0; i < r->record_count; i++) {
         const unsigned char *vlr = r->bytes + at;
-        size_t whole = LAS_VLR_BYTES + (size_t)little_load(vlr + 20, 2);
+        size_t whole = LAS_VLR_BYTES + (size_t)load_little_endian(vlr + 20, 2);
         at += whole;
         if (!goes_on(vlr)) continue;
         memcpy(las->records + las->records_bytes, vlr, whole);
@@ -397,14 +398,14 @@ static enum status keep_origin(struct reader *r) {
     return STATUS_OK;
 }
 
-static enum status describe(struct reader *r) {
+static enum status las_describe(struct reader *r) {
     size_t extra = las_format_bytes[r->format], first = extra;
     enum status status = add_format_fields(r);
     if (!status) status = take_records(r, &extra);
     for (; !status && extra < r->record_bytes; extra++) {
         char name[PROPERTY_NAME_BYTES];
         snprintf(name, sizeof name, "extra_%zu", extra - first);
-        status = add_row(r, name, U8, extra, 0, 0);
+        status = las_add_row(r, name, U8, extra, 0, 0);
     }
     return status ? status : keep_origin(r);
 }
@@ -420,7 +421,8 @@ static void take_field(const struct las_field *field, const unsigned char *from,
             load_scalar(from, (enum scalar_type)field->type, scalar);
             value = scalar_load(scalar, (enum scalar_type)field->type);
         } else {
-            value = field->type == LAS_U64 ? (double)little_load(from, 8) : (double)(int64_t)little_load(from, 8);
+            value = field->type == LAS_U64 ? (double)load_little_endian(from, 8)
+                                           : (double)(int64_t)load_little_endian(from, 8);
         }
         if (field->scaled) value = value * field->scale + field->add;
         memcpy(to, &value, sizeof value);
@@ -432,7 +434,7 @@ static void take_field(const struct las_field *field, const unsigned char *from,
 }
 
 /* The point of these bytes of the file, which is its i-th. */
-static void take_point(struct reader *r, const unsigned char *from, uint64_t point) {
+static void las_take_point(struct reader *r, const unsigned char *from, uint64_t point) {
     struct cloud *cloud = &r->build.cloud;
     size_t i = (size_t)(point - r->slot);
     unsigned char *record = cloud->record + i * cloud->record_bytes;
@@ -464,7 +466,7 @@ static const char *take_chunk(struct pieces *pieces, struct laz_codec *codec, si
     for (uint64_t i = first; !wrong && i < end; i++) {
         const unsigned char *point = laz_read_point(codec);
         if (point)
-            take_point(r, point, i);
+            las_take_point(r, point, i);
         else
             wrong = "it ends before its points do";
     }
@@ -488,7 +490,7 @@ static void take_pieces(void *ctx, size_t begin, size_t end) {
         }
         uint64_t first = (uint64_t)piece * PIECE_POINTS, last = first + PIECE_POINTS;
         for (uint64_t i = first; i < last && i < r->points; i++)
-            take_point(r, r->bytes + r->first_point + i * r->record_bytes, i);
+            las_take_point(r, r->bytes + r->first_point + i * r->record_bytes, i);
     }
     if (codec) atomic_flag_clear(&codec->taken);
 }
@@ -537,10 +539,11 @@ static enum status check_batch(const struct pieces *pieces, size_t batch) {
 
 static enum status check_layout(struct reader *r) {
     if (!r->is_laz || r->has_layout) return STATUS_OK;
-    return bad(r, "header", r->header_bytes, "no record says how the points are compressed; records", r->record_count);
+    return las_bad(r, "header", r->header_bytes, "no record says how the points are compressed; records",
+                   r->record_count);
 }
 
-static enum status take_points(struct reader *r) {
+static enum status las_take_points(struct reader *r) {
     struct pieces pieces = {0};
     if (check_layout(r)) return STATUS_MALFORMED;
     if (r->points == 0) return STATUS_OK;
@@ -572,9 +575,9 @@ enum status cloud_las_read(const void *bytes, size_t n, const struct cloud_limit
     const struct first_bytes first = first_bytes_of(bytes, n);
     r.threads = limits && limits->threads ? limits->threads : par_processors();
     cloud_build_start(&r.build, cloud_las_look(&first), n, limits, progress, error);
-    enum status status = take_header(&r);
-    if (!status) status = describe(&r);
-    if (!status) status = take_points(&r);
+    enum status status = las_take_header(&r);
+    if (!status) status = las_describe(&r);
+    if (!status) status = las_take_points(&r);
     return cloud_build_end(&r.build, status, cloud);
 }
 
@@ -592,7 +595,7 @@ static uint64_t point_of_piece(const struct las_parts *p, size_t piece) {
     return point < p->reader.points ? point : p->reader.points;
 }
 
-static enum status next_part(struct cloud_parts *parts, struct error *error) {
+static enum status las_next_part(struct cloud_parts *parts, struct error *error) {
     struct las_parts *p = (struct las_parts *)parts;
     struct reader *r = &p->reader;
     struct pieces *pieces = &p->pieces;
@@ -611,7 +614,7 @@ static enum status next_part(struct cloud_parts *parts, struct error *error) {
     return status;
 }
 
-static void free_parts(struct cloud_parts *parts) {
+static void las_free_parts(struct cloud_parts *parts) {
     struct las_parts *p = (struct las_parts *)parts;
     free_pieces(&p->pieces);
     cloud_done(&p->reader.build.cloud);
@@ -636,14 +639,14 @@ enum status cloud_las_parts(const void *bytes, size_t n, const struct cloud_limi
     *r = (struct reader){.bytes = bytes, .n = n};
     r->threads = limits && limits->threads ? limits->threads : par_processors();
     cloud_build_start(&r->build, cloud_las_look(&first), n, limits, NULL, error);
-    enum status status = take_header(r);
-    if (!status) status = describe(r);
+    enum status status = las_take_header(r);
+    if (!status) status = las_describe(r);
     if (!status) status = check_layout(r);
     if (!status && r->points) status = make_pieces(r, &p->pieces);
     if (!status) status = check_parts(p, error);
-    p->parts = (struct cloud_parts){&r->build.cloud, r->points, 0, next_part, free_parts};
+    p->parts = (struct cloud_parts){&r->build.cloud, r->points, 0, las_next_part, las_free_parts};
     if (status)
-        free_parts(&p->parts);
+        las_free_parts(&p->parts);
     else
         *out = &p->parts;
     return status;

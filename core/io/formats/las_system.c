@@ -20,8 +20,10 @@ static bool read_at(int fd, void *to, size_t n, uint64_t at) { return pread(fd, 
 
 static bool find_key(const unsigned char *record, size_t n, unsigned wanted, char *text, size_t text_bytes) {
     for (size_t at = KEY_BYTES; at + KEY_BYTES <= n; at += KEY_BYTES) {
-        unsigned key = (unsigned)little_load(record + at, 2), value = (unsigned)little_load(record + at + 6, 2);
-        if (key != wanted || little_load(record + at + 2, 2) != 0 || value == 0 || value == USER_DEFINED) continue;
+        unsigned key = (unsigned)load_little_endian(record + at, 2),
+                 value = (unsigned)load_little_endian(record + at + 6, 2);
+        if (key != wanted || load_little_endian(record + at + 2, 2) != 0 || value == 0 || value == USER_DEFINED)
+            continue;
         snprintf(text, text_bytes, "EPSG:%u", value);
         return true;
     }
@@ -61,14 +63,14 @@ bool las_coordinate_system(int fd, char *text, size_t text_bytes) {
     bool found = false;
     text[0] = 0;
     if (!read_at(fd, header, sizeof header, 0) || memcmp(header, "LASF", 4) != 0) return false;
-    uint64_t at = little_load(header + 94, 2), points = little_load(header + 96, 4);
-    for (uint64_t left = little_load(header + 100, 4); left > 0 && at + VLR_BYTES <= points && !found; left--) {
+    uint64_t at = load_little_endian(header + 94, 2), points = load_little_endian(header + 96, 4);
+    for (uint64_t left = load_little_endian(header + 100, 4); left > 0 && at + VLR_BYTES <= points && !found; left--) {
         if (!read_at(fd, vlr, sizeof vlr, at)) return false;
-        size_t length = (size_t)little_load(vlr + 20, 2);
+        size_t length = (size_t)load_little_endian(vlr + 20, 2);
         at += VLR_BYTES;
         if (strncmp((const char *)vlr + 2, "LASF_Projection", 16) == 0 && read_at(fd, record, length, at)) {
             record[length] = 0;
-            found = find_in(record, length, (unsigned)little_load(vlr + 18, 2), text, text_bytes);
+            found = find_in(record, length, (unsigned)load_little_endian(vlr + 18, 2), text, text_bytes);
         }
         at += length;
     }

@@ -56,7 +56,7 @@ static size_t nth_id(const struct writer *w, size_t i) {
     return id;
 }
 
-static double value_of(const struct writer *w, size_t id, const struct property *property) {
+static double las_value_of(const struct writer *w, size_t id, const struct property *property) {
     return scalar_load(w->cloud->record + id * w->cloud->record_bytes + property->offset_bytes, property->type);
 }
 
@@ -140,7 +140,7 @@ static bool holds(const struct writer *w, const struct las_field *field, const s
     if (field->type == SCALAR_FLOAT64) return true;
     if (field->type == SCALAR_FLOAT32) return property->type == SCALAR_FLOAT32;
     for (size_t i = 0; i < w->n; i++) {
-        double value = value_of(w, nth_id(w, i), property);
+        double value = las_value_of(w, nth_id(w, i), property);
         if (!(value >= least(field) && value <= greatest(field) && value == floor(value))) return false;
     }
     return true;
@@ -155,7 +155,7 @@ static unsigned choose_format(const struct cloud *cloud) {
     return (find_scalar(cloud, "gps_time") ? 1u : 0u) + (colour ? 2u : 0u);
 }
 
-static bool is_taken(const struct writer *w, const struct property *property) {
+static bool las_is_taken(const struct writer *w, const struct property *property) {
     for (size_t i = 0; i < w->target_count; i++)
         if (w->target[i].from == property) return true;
     return false;
@@ -174,7 +174,7 @@ static void add_extra(struct writer *w, const struct property *property) {
 }
 
 static bool is_description(const unsigned char *vlr) {
-    return strncmp((const char *)vlr + 2, "LASF_Spec", 16) == 0 && little_load(vlr + 18, 2) == 4;
+    return strncmp((const char *)vlr + 2, "LASF_Spec", 16) == 0 && load_little_endian(vlr + 18, 2) == 4;
 }
 
 /* How many bytes of a point this describes. */
@@ -189,7 +189,7 @@ static void keep_records(struct writer *w, const struct cloud_las *las) {
     size_t described = las_format_bytes[las->format];
     for (size_t at = 0; at < las->records_bytes;) {
         const unsigned char *vlr = las->records + at;
-        size_t length = (size_t)little_load(vlr + 20, 2), whole = LAS_VLR_BYTES + length;
+        size_t length = (size_t)load_little_endian(vlr + 20, 2), whole = LAS_VLR_BYTES + length;
         at += whole;
         if (!is_description(vlr)) {
             laz_put(&w->records, vlr, whole);
@@ -204,7 +204,7 @@ static void keep_records(struct writer *w, const struct cloud_las *las) {
     }
     for (size_t i = 0; i < w->cloud->property_count && described < w->record_bytes; i++) {
         const struct property *p = &w->cloud->property[i];
-        bool more = !p->is_list && !is_coordinate(w->cloud, p) && !is_taken(w, p);
+        bool more = !p->is_list && !is_coordinate(w->cloud, p) && !las_is_taken(w, p);
         unsigned char gap[LAS_EXTRA_BYTES] = {0}; /* bytes that nobody described come before those that we add */
         size_t bytes = w->record_bytes - described;
         if (!more) continue;
@@ -271,7 +271,7 @@ static void plan(struct writer *w, bool compressed) {
         const struct property *p = &w->cloud->property[j];
         if (p->is_list)
             left_out_add(w->left_out, w->name, "%s: LAS has no lists", p->name);
-        else if (!is_coordinate(w->cloud, p) && !is_taken(w, p))
+        else if (!is_coordinate(w->cloud, p) && !las_is_taken(w, p))
             add_extra(w, p);
     }
     if (w->described.used) put_record(w, "LASF_Spec", 4, w->described.bytes, w->described.used);
@@ -282,18 +282,18 @@ static void plan(struct writer *w, bool compressed) {
 
 /* ------------------------------------------------------------------------------------------------ points */
 
-static void put_little(unsigned char *p, uint64_t value, size_t bytes) {
+static void put_little_endian(unsigned char *p, uint64_t value, size_t bytes) {
     for (size_t i = 0; i < bytes; i++) p[i] = (unsigned char)(value >> 8 * i);
 }
 
 static void put_f64(unsigned char *p, double value) {
     uint64_t bits;
     memcpy(&bits, &value, sizeof bits);
-    put_little(p, bits, sizeof bits);
+    put_little_endian(p, bits, sizeof bits);
 }
 
 /* A value in the type that the file has it in. */
-static void put_number(unsigned char *p, unsigned type, double value) {
+static void las_put_number(unsigned char *p, unsigned type, double value) {
     uint64_t bits = 0;
     uint32_t four;
     uint16_t two;
@@ -305,20 +305,20 @@ static void put_number(unsigned char *p, unsigned type, double value) {
         if (bytes == 2) bits = (memcpy(&two, scalar, 2), two);
         if (bytes == 4) bits = (memcpy(&four, scalar, 4), four);
         if (bytes == 8) memcpy(&bits, scalar, 8);
-        put_little(p, bits, bytes);
+        put_little_endian(p, bits, bytes);
         return;
     }
     if (type == LAS_U64)
         bits = value >= 0x1p64 ? UINT64_MAX : value > 0 ? (uint64_t)value : 0;
     else
         bits = (uint64_t)(value >= 0x1p63 ? INT64_MAX : value > -0x1p63 ? (int64_t)value : INT64_MIN);
-    put_little(p, bits, 8);
+    put_little_endian(p, bits, 8);
 }
 
 static void put_target(const struct writer *w, const struct target *target, size_t id, unsigned char *record) {
     const struct las_field *field = &target->field;
     unsigned char *p = record + field->offset;
-    double value = value_of(w, id, target->from);
+    double value = las_value_of(w, id, target->from);
     if (target->colour >= 0 && w->cloud->colour)
         value = w->cloud->colour[id][target->colour];
     else if (target->colour >= 0 && target->from->type == SCALAR_UINT8)
@@ -332,12 +332,13 @@ static void put_target(const struct writer *w, const struct target *target, size
         memcpy(p, w->cloud->record + id * w->cloud->record_bytes + target->from->offset_bytes,
                scalar_bytes(target->from->type));
     else
-        put_number(p, field->type, value);
+        las_put_number(p, field->type, value);
 }
 
-static void put_point(const struct writer *w, size_t id, unsigned char *record) {
+static void las_put_point(const struct writer *w, size_t id, unsigned char *record) {
     memset(record, 0, w->record_bytes);
-    for (size_t axis = 0; axis < 3; axis++) put_little(record + 4 * axis, (uint32_t)coordinate_of(w, id, axis), 4);
+    for (size_t axis = 0; axis < 3; axis++)
+        put_little_endian(record + 4 * axis, (uint32_t)coordinate_of(w, id, axis), 4);
     for (size_t i = 0; i < w->target_count; i++) put_target(w, &w->target[i], id, record);
 }
 
@@ -361,7 +362,7 @@ static void make_slots(void *ctx, size_t begin, size_t end) {
         size_t from = (slots->first + s) * LAZ_USUAL_CHUNK, left = w->n - from;
         slot->n = left < LAZ_USUAL_CHUNK ? left : LAZ_USUAL_CHUNK;
         slot->out.used = 0;
-        for (size_t i = 0; i < slot->n; i++) put_point(w, nth_id(w, from + i), slot->records + i * w->record_bytes);
+        for (size_t i = 0; i < slot->n; i++) las_put_point(w, nth_id(w, from + i), slot->records + i * w->record_bytes);
         if (slot->codec) laz_write_chunk(slot->codec, slot->records, slot->n, &slot->out);
     }
 }
@@ -423,7 +424,7 @@ static void survey(struct writer *w) {
             if (value < w->low[axis]) w->low[axis] = value;
             if (value > w->high[axis]) w->high[axis] = value;
         }
-        double of = number ? value_of(w, id, number) : 1;
+        double of = number ? las_value_of(w, id, number) : 1;
         if (of >= 1 && of <= RETURNS) w->of_return[(size_t)of - 1]++;
     }
 }
@@ -433,30 +434,30 @@ static size_t header_bytes(const struct writer *w) {
     return w->minor >= 4 ? LAS_HEADER_BYTES : w->minor == 3 ? WITH_WAVEFORMS : LAS_OLD_HEADER_BYTES;
 }
 
-static void put_header(const struct writer *w, struct sink *sink, bool compressed) {
+static void las_put_header(const struct writer *w, struct sink *sink, bool compressed) {
     unsigned char head[LAS_HEADER_BYTES] = "LASF";
     size_t bytes = header_bytes(w);
     bool is_old = w->format < 6;
-    put_little(head + 4, w->source, 2);
-    put_little(head + 6, w->minor < 4 ? w->encoding & ~(unsigned)WKT_BIT : w->encoding, 2);
+    put_little_endian(head + 4, w->source, 2);
+    put_little_endian(head + 6, w->minor < 4 ? w->encoding & ~(unsigned)WKT_BIT : w->encoding, 2);
     head[24] = 1, head[25] = (unsigned char)w->minor;
     memcpy(head + 26, "EXTRACTION", 10);
     memcpy(head + 58, "whittle", 7);
-    put_little(head + 94, bytes, 2);
-    put_little(head + 96, bytes + w->records.used, 4);
-    put_little(head + 100, w->record_count, 4);
+    put_little_endian(head + 94, bytes, 2);
+    put_little_endian(head + 96, bytes + w->records.used, 4);
+    put_little_endian(head + 100, w->record_count, 4);
     head[104] = (unsigned char)(w->format | (compressed ? LAS_LAZ_BIT : 0));
-    put_little(head + 105, w->record_bytes, 2);
-    if (is_old) put_little(head + 107, w->n, 4);
-    for (size_t i = 0; is_old && i < OLD_RETURNS; i++) put_little(head + 111 + 4 * i, w->of_return[i], 4);
+    put_little_endian(head + 105, w->record_bytes, 2);
+    if (is_old) put_little_endian(head + 107, w->n, 4);
+    for (size_t i = 0; is_old && i < OLD_RETURNS; i++) put_little_endian(head + 111 + 4 * i, w->of_return[i], 4);
     for (size_t axis = 0; axis < 3; axis++) {
         put_f64(head + 131 + 8 * axis, w->scale[axis]);
         put_f64(head + 155 + 8 * axis, w->add[axis]);
         put_f64(head + 179 + 16 * axis, w->n ? w->high[axis] * w->scale[axis] + w->add[axis] : 0);
         put_f64(head + 187 + 16 * axis, w->n ? w->low[axis] * w->scale[axis] + w->add[axis] : 0);
     }
-    put_little(head + 247, w->n, 8);
-    for (size_t i = 0; i < RETURNS; i++) put_little(head + 255 + 8 * i, w->of_return[i], 8);
+    put_little_endian(head + 247, w->n, 8);
+    for (size_t i = 0; i < RETURNS; i++) put_little_endian(head + 255 + 8 * i, w->of_return[i], 8);
     sink_bytes(sink, head, bytes);
     if (w->records.used) sink_bytes(sink, w->records.bytes, w->records.used);
 }
@@ -482,7 +483,7 @@ static enum status put_compressed(struct writer *w, struct sink *sink, off_t beg
     for (size_t i = 0; !status && i < pieces; i++) at += size_of[i];
     if (!status) laz_chunks_write(&table, NULL, size_of, pieces);
     if (table.failed) status = STATUS_NO_MEMORY;
-    put_little(place, at, sizeof place);
+    put_little_endian(place, at, sizeof place);
     if (!status) sink_bytes(sink, table.bytes, table.used);
     if (!status && begin < 0) sink_bytes(sink, place, sizeof place);
     if (!status && begin >= 0) sink_rewrite(sink, place, sizeof place, begin + (off_t)first);
@@ -504,7 +505,7 @@ enum status cloud_write_las(int fd, const struct cloud *cloud, const uint32_t *i
         if (w->records.failed || w->described.failed) status = STATUS_NO_MEMORY;
     }
     off_t begin = rewritable(fd);
-    if (!status) put_header(w, &sink, compressed);
+    if (!status) las_put_header(w, &sink, compressed);
     if (!status)
         status = compressed ? put_compressed(w, &sink, begin, threads) : put_points(w, &sink, false, threads, NULL);
     if (status == STATUS_NO_MEMORY)

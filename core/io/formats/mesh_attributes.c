@@ -9,13 +9,13 @@
 #include <stdio.h>
 #include <string.h>
 
-static const struct property *find(const struct cloud *cloud, const char *name) {
+static const struct property *find_attribute(const struct cloud *cloud, const char *name) {
     for (size_t j = 0; j < cloud->property_count; j++)
         if (strcmp(cloud->property[j].name, name) == 0 && !cloud->property[j].is_list) return &cloud->property[j];
     return NULL;
 }
 
-static bool all_have_source(const struct mesh *mesh) {
+static bool all_vertices_have_source(const struct mesh *mesh) {
     for (size_t v = 0; mesh->source && v < mesh->vertex_count; v++)
         if (mesh->source[v] == NONE) return false;
     return mesh->source != NULL;
@@ -41,10 +41,10 @@ static double find_scale(const struct mesh_attributes *a) {
 void mesh_attributes_find(const struct mesh *mesh, const struct cloud *cloud, struct mesh_attributes *attributes) {
     static const char *const normal[3] = {"nx", "ny", "nz"}, *const colour[4] = {"red", "green", "blue", "alpha"};
     *attributes = (struct mesh_attributes){.mesh = mesh};
-    if (!cloud || !all_have_source(mesh)) return;
+    if (!cloud || !all_vertices_have_source(mesh)) return;
     attributes->cloud = cloud;
-    for (int k = 0; k < 3; k++) attributes->normal[k] = find(cloud, normal[k]);
-    for (int k = 0; k < 4; k++) attributes->colour[k] = find(cloud, colour[k]);
+    for (int k = 0; k < 3; k++) attributes->normal[k] = find_attribute(cloud, normal[k]);
+    for (int k = 0; k < 4; k++) attributes->colour[k] = find_attribute(cloud, colour[k]);
     for (int k = 0; k < 3; k++) {
         if (!attributes->normal[k]) memset(attributes->normal, 0, sizeof attributes->normal);
         if (!attributes->colour[k]) memset(attributes->colour, 0, sizeof attributes->colour);

@@ -56,21 +56,21 @@ struct reader {
     uint64_t largest, largest_line; /* index of a vertex, from 1, that a face has used, and where */
 };
 
-static struct cloud_place here(const struct reader *r) {
+static struct cloud_place obj_here(const struct reader *r) {
     return (struct cloud_place){r->scan.line, (uint64_t)(r->scan.at - r->scan.begin)};
 }
 
-static enum status no_memory(struct reader *r) {
+static enum status obj_no_memory(struct reader *r) {
     return error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for more than %zu vertices", r->vertex.count);
 }
 
 /* ------------------------------------------------------------------------------------------------ numbers */
 
-static enum status add_row(struct reader *r, struct table *table, const double *row) {
+static enum status obj_add_row(struct reader *r, struct table *table, const double *row) {
     if (table->count == table->capacity) {
         size_t capacity = table->capacity + table->capacity / 2 + FIRST_ROWS;
         double *grown = alloc_resize(table->value, capacity, table->width * sizeof *grown);
-        if (!grown) return no_memory(r);
+        if (!grown) return obj_no_memory(r);
         table->value = grown;
         table->capacity = capacity;
     }
@@ -89,24 +89,24 @@ static enum status take_row(struct reader *r, struct table *table, size_t least,
     for (; scan_word(&r->scan, &word); n++) {
         if (n == MAX_WIDTH) break;
         if (!scan_f64(&word, &row[n]))
-            return cloud_build_bad(&r->build, what, here(r), "'%s' is not a number", scan_quote(&word, quote));
+            return cloud_build_bad(&r->build, what, obj_here(r), "'%s' is not a number", scan_quote(&word, quote));
     }
     if (n < least || word.n || (table->count && n != table->width))
         return cloud_build_bad(
             &r->build, what, (struct cloud_place){line, 0}, "%s%zu numbers, but %s %zu", word.n ? "more than " : "", n,
             table->count ? "the first line of its kind has" : "it takes at least", table->count ? table->width : least);
     table->width = n;
-    return add_row(r, table, row);
+    return obj_add_row(r, table, row);
 }
 
-static enum status take_vertex(struct reader *r) {
+static enum status obj_take_vertex(struct reader *r) {
     if (r->vertex.count == r->build.max_points)
         return error_set_at(r->build.error, STATUS_LIMIT, "points", r->scan.line, UINT64_MAX,
                             "more than the %" PRIu64 " points that are allowed", r->build.max_points);
     if (r->vertex.count == r->line_capacity) {
         size_t capacity = r->line_capacity + r->line_capacity / 2 + FIRST_ROWS;
         uint64_t *grown = alloc_resize(r->vertex_line, capacity, sizeof *grown);
-        if (!grown) return no_memory(r);
+        if (!grown) return obj_no_memory(r);
         r->vertex_line = grown;
         r->line_capacity = capacity;
     }
@@ -136,7 +136,7 @@ static enum status refer(struct reader *r, struct attribute *a, uint32_t vertex,
     if (vertex >= a->capacity) {
         size_t capacity = vertex + (size_t)vertex / 2 + FIRST_ROWS;
         uint32_t *grown = alloc_resize(a->of_vertex, capacity, sizeof *grown);
-        if (!grown) return no_memory(r);
+        if (!grown) return obj_no_memory(r);
         memset(grown + a->capacity, 0xff, (capacity - a->capacity) * sizeof *grown);
         a->of_vertex = grown;
         a->capacity = capacity;
@@ -149,11 +149,11 @@ static enum status refer(struct reader *r, struct attribute *a, uint32_t vertex,
 
 static enum status bad_corner(struct reader *r, const struct scan_word *word, const char *what) {
     char quote[NUMBER_QUOTE_BYTES];
-    return cloud_build_bad(&r->build, "f", here(r), "corner '%s' %s", scan_quote(word, quote), what);
+    return cloud_build_bad(&r->build, "f", obj_here(r), "corner '%s' %s", scan_quote(word, quote), what);
 }
 
 /* Splits "1/2/3" at its slashes; false where there are more than two. */
-static bool split(const struct scan_word *word, struct scan_word part[3], size_t *parts) {
+static bool obj_split(const struct scan_word *word, struct scan_word part[3], size_t *parts) {
     *parts = 0;
     const char *at = word->text, *end = at + word->n;
     for (;;) {
@@ -171,7 +171,7 @@ static enum status take_corner(struct reader *r, const struct scan_word *word, u
     size_t parts;
     int64_t number;
     uint64_t index;
-    if (!split(word, part, &parts) || !scan_i64(&part[0], &number)) return bad_corner(r, word, "is no vertex");
+    if (!obj_split(word, part, &parts) || !scan_i64(&part[0], &number)) return bad_corner(r, word, "is no vertex");
     if (!resolve(number, r->vertex.count, &index) || index >= NONE) return bad_corner(r, word, "is out of range");
     if (index >= r->largest) r->largest = index + 1, r->largest_line = r->scan.line;
     *vertex = (uint32_t)index;
@@ -188,7 +188,7 @@ static enum status take_corner(struct reader *r, const struct scan_word *word, u
     return STATUS_OK;
 }
 
-static enum status take_face(struct reader *r) {
+static enum status obj_take_face(struct reader *r) {
     struct scan_word word;
     uint32_t first = 0, last = 0, next = 0;
     enum status status = STATUS_OK;
@@ -217,8 +217,8 @@ static const struct {
     const char *word;
     enum status (*take)(struct reader *r);
 } keywords[] = {
-    {"v", take_vertex},         {"f", take_face},           {"vn", take_normal},        {"vt", take_texture},
-    {"fo", take_face},          {"g", note_groups},         {"o", note_groups},         {"s", pass_over},
+    {"v", obj_take_vertex},     {"f", obj_take_face},       {"vn", take_normal},        {"vt", take_texture},
+    {"fo", obj_take_face},      {"g", note_groups},         {"o", note_groups},         {"s", pass_over},
     {"mg", pass_over},          {"usemtl", note_materials}, {"mtllib", note_materials}, {"usemap", note_materials},
     {"maplib", note_materials}, {"p", pass_over},           {"l", note_curves},         {"vp", note_curves},
     {"deg", note_curves},       {"bmat", note_curves},      {"step", note_curves},      {"cstype", note_curves},
@@ -229,18 +229,18 @@ static const struct {
     {"ctech", pass_over},       {"stech", pass_over},
 };
 
-static enum status take_line(struct reader *r, const struct scan_word *word) {
+static enum status obj_take_line(struct reader *r, const struct scan_word *word) {
     char quote[NUMBER_QUOTE_BYTES];
     for (size_t i = 0; i < sizeof keywords / sizeof *keywords; i++)
         if (scan_is(word, keywords[i].word)) return keywords[i].take(r);
-    return cloud_build_bad(&r->build, "read", here(r), "'%s' begins no line of OBJ", scan_quote(word, quote));
+    return cloud_build_bad(&r->build, "read", obj_here(r), "'%s' begins no line of OBJ", scan_quote(word, quote));
 }
 
 static enum status take_lines(struct reader *r) {
     struct scan_word word;
     enum status status = STATUS_OK;
     while (!status && scan_token(&r->scan, &word)) {
-        status = take_line(r, &word);
+        status = obj_take_line(r, &word);
         scan_next_line(&r->scan);
     }
     if (!status && r->largest > r->vertex.count)
@@ -260,14 +260,14 @@ static bool is_of_vertices(const struct reader *r, const struct attribute *a) {
     return true;
 }
 
-static enum status add_properties(struct reader *r, const char *const *names, size_t n) {
+static enum status obj_add_properties(struct reader *r, const char *const *names, size_t n) {
     enum status status = STATUS_OK;
     for (size_t i = 0; !status && i < n; i++) status = cloud_build_property(&r->build, names[i], SCALAR_FLOAT64);
     return status;
 }
 
 /* Decides on the attributes; keeps[k] tells which become properties. */
-static enum status describe(struct reader *r, bool keeps[ATTRIBUTES]) {
+static enum status obj_describe(struct reader *r, bool keeps[ATTRIBUTES]) {
     static const char *const plain[] = {"x", "y", "z", "w", "", "", "", ""};
     static const char *const coloured[] = {"x", "y", "z", "red", "green", "blue", "alpha", ""};
     static const char *const normal[] = {"nx", "ny", "nz", "", "", "", "", ""};
@@ -277,11 +277,11 @@ static enum status describe(struct reader *r, bool keeps[ATTRIBUTES]) {
                                             "normals: they differ between the faces at a vertex, or some have none",
                                         [TEXTURE] = "texture coordinates: they differ between the faces at a vertex, "
                                                     "or some have none"};
-    enum status status = add_properties(r, r->vertex.width >= 6 ? coloured : plain, r->vertex.width);
+    enum status status = obj_add_properties(r, r->vertex.width >= 6 ? coloured : plain, r->vertex.width);
     for (int k = 0; !status && k < ATTRIBUTES; k++) {
         const struct attribute *a = &r->attribute[k];
         keeps[k] = a->table.count && is_of_vertices(r, a);
-        if (keeps[k]) status = add_properties(r, names[k], a->table.width);
+        if (keeps[k]) status = obj_add_properties(r, names[k], a->table.width);
         if (!status && a->table.count && !keeps[k]) status = cloud_build_leave_out(&r->build, notes[k]);
     }
     return status;
@@ -291,7 +291,7 @@ static enum status make_points(struct reader *r) {
     bool keeps[ATTRIBUTES] = {0};
     double record[(ATTRIBUTES + 1) * MAX_WIDTH];
     if (!r->vertex.count) return STATUS_OK;
-    enum status status = describe(r, keeps);
+    enum status status = obj_describe(r, keeps);
     if (!status) status = cloud_build_room(&r->build, r->vertex.count);
     for (size_t i = 0; !status && i < r->vertex.count; i++) {
         size_t used = r->vertex.width;

@@ -9,32 +9,33 @@
 #include "core/io/formats/mesh_attributes.h"
 #include "core/io/sink.h"
 
-static void put_number(struct sink *sink, double value, bool narrow) {
+static void obj_put_number(struct sink *sink, double value, bool narrow) {
     char *to = (char *)sink_reserve(sink, NUMBER_TEXT_BYTES + 1);
     to[0] = ' ';
     sink_advance(sink, 1 + (narrow ? number_format_f32(to + 1, (float)value) : number_format_f64(to + 1, value)));
 }
 
-static void put_vector(struct sink *sink, const char *word, vec3 p, bool narrow) {
+static void obj_put_vector(struct sink *sink, const char *word, vec3 p, bool narrow) {
     sink_text(sink, word);
-    put_number(sink, p.x, narrow);
-    put_number(sink, p.y, narrow);
-    put_number(sink, p.z, narrow);
+    obj_put_number(sink, p.x, narrow);
+    obj_put_number(sink, p.y, narrow);
+    obj_put_number(sink, p.z, narrow);
 }
 
 static void put_vertices(struct sink *sink, const struct mesh *mesh, const struct mesh_attributes *attributes,
                          bool narrow) {
     for (size_t v = 0; v < mesh->vertex_count && !sink->failure; v++) {
         double rgba[4];
-        put_vector(sink, "v", mesh->vertex[v], narrow);
+        obj_put_vector(sink, "v", mesh->vertex[v], narrow);
         if (attributes->colour[0]) {
             mesh_attributes_colour(attributes, v, rgba);
-            for (int k = 0; k < 3; k++) put_number(sink, rgba[k], true);
+            for (int k = 0; k < 3; k++) obj_put_number(sink, rgba[k], true);
         }
         sink_text(sink, "\n");
     }
     for (size_t v = 0; attributes->normal[0] && v < mesh->vertex_count && !sink->failure; v++) {
-        put_vector(sink, "vn", mesh_attributes_normal(attributes, v), attributes->normal[0]->type == SCALAR_FLOAT32);
+        obj_put_vector(sink, "vn", mesh_attributes_normal(attributes, v),
+                       attributes->normal[0]->type == SCALAR_FLOAT32);
         sink_text(sink, "\n");
     }
 }
@@ -55,7 +56,7 @@ static void put_triangles(struct sink *sink, const struct mesh *mesh, bool norma
     }
 }
 
-static bool keeps(const struct mesh_attributes *attributes, const struct property *property) {
+static bool obj_keeps(const struct mesh_attributes *attributes, const struct property *property) {
     return mesh_attributes_knows(attributes, property) && property != attributes->colour[3];
 }
 
@@ -65,7 +66,7 @@ enum status mesh_write_obj(int fd, const struct mesh *mesh, const struct cloud *
     struct mesh_attributes attributes;
     if (sink_init(&sink, fd)) return error_set(error, STATUS_NO_MEMORY, "write", "no memory for a buffer");
     mesh_attributes_find(mesh, cloud, &attributes);
-    mesh_attributes_note(&attributes, cloud, "mesh.obj", keeps, true, left_out);
+    mesh_attributes_note(&attributes, cloud, "mesh.obj", obj_keeps, true, left_out);
     bool narrow = mesh_attributes_fit_f32(mesh) && cloud;
     for (int axis = 0; narrow && axis < 3; axis++) narrow = cloud->property[cloud->xyz[axis]].type == SCALAR_FLOAT32;
     put_vertices(&sink, mesh, &attributes, narrow);

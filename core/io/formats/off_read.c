@@ -33,14 +33,14 @@ struct reader {
     uint64_t vertices, faces;
 };
 
-static struct cloud_place here(const struct reader *r) {
+static struct cloud_place off_here(const struct reader *r) {
     return (struct cloud_place){r->scan.line, (uint64_t)(r->scan.at - r->scan.begin)};
 }
 
-static enum status bad_word(struct reader *r, const char *where, const struct scan_word *word, const char *what) {
+static enum status off_bad_word(struct reader *r, const char *where, const struct scan_word *word, const char *what) {
     char quote[NUMBER_QUOTE_BYTES];
-    if (!word->n) return cloud_build_bad(&r->build, where, here(r), "the file ends where %s should be", what);
-    return cloud_build_bad(&r->build, where, here(r), "'%s' is not %s", scan_quote(word, quote), what);
+    if (!word->n) return cloud_build_bad(&r->build, where, off_here(r), "the file ends where %s should be", what);
+    return cloud_build_bad(&r->build, where, off_here(r), "'%s' is not %s", scan_quote(word, quote), what);
 }
 
 static enum status unsupported(struct reader *r, const char *what) {
@@ -56,9 +56,9 @@ static bool pass(const char **at, const char *end, const char *prefix) {
     return true;
 }
 
-static enum status take_keyword(struct reader *r) {
+static enum status off_take_keyword(struct reader *r) {
     struct scan_word word;
-    if (!scan_token(&r->scan, &word)) return bad_word(r, "header", &word, "OFF");
+    if (!scan_token(&r->scan, &word)) return off_bad_word(r, "header", &word, "OFF");
     const char *at = word.text, *end = at + word.n;
     r->texture = pass(&at, end, "ST") || pass(&at, end, "st");
     r->colour = pass(&at, end, "C") || pass(&at, end, "c");
@@ -66,13 +66,13 @@ static enum status take_keyword(struct reader *r) {
     if (pass(&at, end, "4")) return unsupported(r, "OFF with homogeneous coordinates isn't read");
     if (pass(&at, end, "n")) return unsupported(r, "OFF of more dimensions than three isn't read");
     if ((!pass(&at, end, "OFF") && !pass(&at, end, "off")) || at != end)
-        return bad_word(r, "header", &word, "an OFF keyword");
+        return off_bad_word(r, "header", &word, "an OFF keyword");
     return STATUS_OK;
 }
 
-static enum status take_count(struct reader *r, const char *what, uint64_t *count) {
+static enum status off_take_count(struct reader *r, const char *what, uint64_t *count) {
     struct scan_word word;
-    if (!scan_token(&r->scan, &word) || !scan_u64(&word, count)) return bad_word(r, "header", &word, what);
+    if (!scan_token(&r->scan, &word) || !scan_u64(&word, count)) return off_bad_word(r, "header", &word, what);
     return STATUS_OK;
 }
 
@@ -80,23 +80,23 @@ static enum status take_count(struct reader *r, const char *what, uint64_t *coun
 static enum status check_counts(struct reader *r) {
     uint64_t left = (uint64_t)(r->scan.end - r->scan.at) + 1;
     if (r->vertices > left / 6 || r->faces > left / 2)
-        return cloud_build_bad(&r->build, "header", here(r),
+        return cloud_build_bad(&r->build, "header", off_here(r),
                                "%" PRIu64 " vertices and %" PRIu64 " faces are promised, which %" PRIu64
                                " bytes can't hold",
                                r->vertices, r->faces, left - 1);
     return STATUS_OK;
 }
 
-static enum status take_header(struct reader *r) {
+static enum status off_take_header(struct reader *r) {
     struct scan_word word;
-    enum status status = take_keyword(r);
+    enum status status = off_take_keyword(r);
     struct scan ahead = r->scan;
     if (!status && scan_word(&ahead, &word) && scan_is(&word, "BINARY")) return unsupported(r, "binary OFF isn't read");
-    if (!status) status = take_count(r, "the count of vertices", &r->vertices);
-    if (!status) status = take_count(r, "the count of faces", &r->faces);
+    if (!status) status = off_take_count(r, "the count of vertices", &r->vertices);
+    if (!status) status = off_take_count(r, "the count of faces", &r->faces);
     if (!status && scan_word(&r->scan, &word)) { /* edges: of no use to anybody */
         uint64_t edges;
-        if (!scan_u64(&word, &edges)) status = bad_word(r, "header", &word, "the count of edges");
+        if (!scan_u64(&word, &edges)) status = off_bad_word(r, "header", &word, "the count of edges");
     }
     return status;
 }
@@ -134,7 +134,7 @@ static size_t width_before_faces(const struct reader *r, size_t promised) {
 }
 
 /* How many numbers the first vertex has, 0: can't be told; the scan stands before it. */
-static size_t width_of(struct reader *r, size_t promised) {
+static size_t off_width_of(struct reader *r, size_t promised) {
     struct scan ahead = r->scan;
     size_t here_words = words_of_line(&ahead), next_words = words_of_line(&ahead), width = here_words;
     r->one_line = !next_words;
@@ -146,38 +146,38 @@ static size_t width_of(struct reader *r, size_t promised) {
     return width < promised ? promised : width;
 }
 
-static enum status add_properties(struct reader *r, const char *const *names, size_t n) {
+static enum status off_add_properties(struct reader *r, const char *const *names, size_t n) {
     enum status status = STATUS_OK;
     for (size_t i = 0; !status && i < n; i++) status = cloud_build_property(&r->build, names[i], SCALAR_FLOAT64);
     return status;
 }
 
-static enum status describe(struct reader *r) {
+static enum status off_describe(struct reader *r) {
     static const char *const xyz[] = {"x", "y", "z"}, *const normal[] = {"nx", "ny", "nz"}, *const st[] = {"s", "t"},
                              *const colour[] = {"red", "green", "blue", "alpha"}, *const unnamed[] = {""};
     size_t promised = 3u + (r->normal ? 3u : 0u) + (r->colour ? 3u : 0u) + (r->texture ? 2u : 0u);
-    size_t width = width_of(r, promised);
+    size_t width = off_width_of(r, promised);
     if (!width)
         return unsupported(r, "faces on the line of the vertices don't tell whether colours have three or four "
                               "components: put a line end after each vertex");
     size_t extra = width - promised;
     size_t colours = r->colour ? 3 + (extra > 0) : 0;
     if (r->colour && extra > 0) extra--;
-    enum status status = add_properties(r, xyz, 3);
-    if (!status && r->normal) status = add_properties(r, normal, 3);
-    if (!status) status = add_properties(r, colour, colours);
-    if (!status && r->texture) status = add_properties(r, st, 2);
-    for (; !status && extra > 0; extra--) status = add_properties(r, unnamed, 1);
+    enum status status = off_add_properties(r, xyz, 3);
+    if (!status && r->normal) status = off_add_properties(r, normal, 3);
+    if (!status) status = off_add_properties(r, colour, colours);
+    if (!status && r->texture) status = off_add_properties(r, st, 2);
+    for (; !status && extra > 0; extra--) status = off_add_properties(r, unnamed, 1);
     return status;
 }
 
-static enum status take_vertex(struct reader *r) {
+static enum status off_take_vertex(struct reader *r) {
     double record[CLOUD_MAX_PROPERTIES];
     struct scan_word word;
-    struct cloud_place place = here(r);
+    struct cloud_place place = off_here(r);
     for (size_t j = 0; j < r->build.cloud.property_count; j++) {
         if (!scan_token(&r->scan, &word) || !scan_f64(&word, &record[j]))
-            return bad_word(r, r->build.cloud.property[j].name, &word, "a number");
+            return off_bad_word(r, r->build.cloud.property[j].name, &word, "a number");
         if (j == 0) place.line = r->scan.line;
     }
     return cloud_build_point(&r->build, record, place);
@@ -185,29 +185,30 @@ static enum status take_vertex(struct reader *r) {
 
 /* ------------------------------------------------------------------------------------------------ faces */
 
-static enum status take_index(struct reader *r, uint32_t *index) {
+static enum status off_take_index(struct reader *r, uint32_t *index) {
     struct scan_word word;
     uint64_t value;
     if (!scan_token(&r->scan, &word) || !scan_u64(&word, &value))
-        return bad_word(r, "face", &word, "the index of a vertex");
+        return off_bad_word(r, "face", &word, "the index of a vertex");
     if (value >= r->build.cloud.count)
-        return cloud_build_bad(&r->build, "face", here(r), "index %" PRIu64 ", but there are %zu vertices", value,
+        return cloud_build_bad(&r->build, "face", off_here(r), "index %" PRIu64 ", but there are %zu vertices", value,
                                r->build.cloud.count);
     *index = (uint32_t)value;
     return STATUS_OK;
 }
 
-static enum status take_face(struct reader *r) {
+static enum status off_take_face(struct reader *r) {
     struct scan_word word;
     uint64_t n = 0;
     uint32_t first = 0, last = 0, next = 0;
     if (!scan_token(&r->scan, &word) || !scan_u64(&word, &n))
-        return bad_word(r, "face", &word, "how many vertices a face has");
+        return off_bad_word(r, "face", &word, "how many vertices a face has");
     if (n > (size_t)(r->scan.end - r->scan.at) / 2)
-        return cloud_build_bad(&r->build, "face", here(r), "a face of %" PRIu64 " vertices is longer than the file", n);
+        return cloud_build_bad(&r->build, "face", off_here(r), "a face of %" PRIu64 " vertices is longer than the file",
+                               n);
     enum status status = STATUS_OK;
     for (uint64_t i = 0; !status && i < n; i++, last = next) {
-        status = take_index(r, &next);
+        status = off_take_index(r, &next);
         if (i == 0) first = next;
         if (!status && i >= 2) status = cloud_build_triangle(&r->build, first, last, next);
     }
@@ -217,22 +218,22 @@ static enum status take_face(struct reader *r) {
     return status;
 }
 
-static enum status check_end(struct reader *r) {
+static enum status off_check_end(struct reader *r) {
     struct scan_word word;
     if (!scan_token(&r->scan, &word)) return STATUS_OK;
     char quote[NUMBER_QUOTE_BYTES];
-    return cloud_build_bad(&r->build, "read", here(r), "'%s' follows the last face that the header promises",
+    return cloud_build_bad(&r->build, "read", off_here(r), "'%s' follows the last face that the header promises",
                            scan_quote(&word, quote));
 }
 
-static enum status read_file(struct reader *r) {
-    enum status status = take_header(r);
+static enum status off_read_file(struct reader *r) {
+    enum status status = off_take_header(r);
     if (!status) status = check_counts(r);
-    if (!status) status = describe(r);
+    if (!status) status = off_describe(r);
     if (!status) status = cloud_build_room(&r->build, r->vertices);
-    for (uint64_t i = 0; !status && i < r->vertices; i++) status = take_vertex(r);
-    for (uint64_t i = 0; !status && i < r->faces; i++) status = take_face(r);
-    return status ? status : check_end(r);
+    for (uint64_t i = 0; !status && i < r->vertices; i++) status = off_take_vertex(r);
+    for (uint64_t i = 0; !status && i < r->faces; i++) status = off_take_face(r);
+    return status ? status : off_check_end(r);
 }
 
 const char *cloud_off_look(const struct first_bytes *first) {
@@ -250,5 +251,5 @@ enum status cloud_off_read(const void *bytes, size_t n, const struct cloud_limit
     struct reader r = {.scan = scan_start(bytes, n)};
     r.scan.comment = '#';
     cloud_build_start(&r.build, "off", n, limits, progress, error);
-    return cloud_build_end(&r.build, read_file(&r), cloud);
+    return cloud_build_end(&r.build, off_read_file(&r), cloud);
 }

@@ -27,7 +27,7 @@ struct reader {
     bool ended;
 };
 
-static enum status bad(struct reader *r, const char *where, const char *what, const struct scan_word *word) {
+static enum status pcd_header_bad(struct reader *r, const char *where, const char *what, const struct scan_word *word) {
     char quote[NUMBER_QUOTE_BYTES] = "";
     if (word && word->n) scan_quote(word, quote);
     return error_set_at(r->error, STATUS_MALFORMED, where, r->scan.line, UINT64_MAX, quote[0] ? "%s: '%s'" : "%s", what,
@@ -46,12 +46,12 @@ static enum status take_fields(struct reader *r) {
         if (h->field_count == CLOUD_MAX_PROPERTIES)
             return error_set_at(r->error, STATUS_LIMIT, "properties", r->scan.line, UINT64_MAX, "more than %d fields",
                                 CLOUD_MAX_PROPERTIES);
-        if (word.n >= PROPERTY_NAME_BYTES) return bad(r, "FIELDS", "the name of a field is too long", &word);
+        if (word.n >= PROPERTY_NAME_BYTES) return pcd_header_bad(r, "FIELDS", "the name of a field is too long", &word);
         struct pcd_field *field = &h->field[h->field_count];
         *field = (struct pcd_field){.bytes = 4, .kind = 'F', .count = 1};
         memcpy(field->name, word.text, word.n);
     }
-    return h->field_count ? STATUS_OK : bad(r, "FIELDS", "there are no fields", NULL);
+    return h->field_count ? STATUS_OK : pcd_header_bad(r, "FIELDS", "there are no fields", NULL);
 }
 
 /* Calls take for each field with its word of this line. */
@@ -59,10 +59,11 @@ static enum status each_field(struct reader *r, const char *keyword,
                               bool (*take)(struct pcd_field *field, const struct scan_word *word)) {
     struct scan_word word;
     for (size_t i = 0; i < r->header->field_count; i++) {
-        if (!scan_word(&r->scan, &word)) return bad(r, keyword, "fewer values than there are fields", NULL);
-        if (!take(&r->header->field[i], &word)) return bad(r, keyword, "this isn't allowed here", &word);
+        if (!scan_word(&r->scan, &word)) return pcd_header_bad(r, keyword, "fewer values than there are fields", NULL);
+        if (!take(&r->header->field[i], &word)) return pcd_header_bad(r, keyword, "this isn't allowed here", &word);
     }
-    return scan_word(&r->scan, &word) ? bad(r, keyword, "more values than there are fields", &word) : STATUS_OK;
+    return scan_word(&r->scan, &word) ? pcd_header_bad(r, keyword, "more values than there are fields", &word)
+                                      : STATUS_OK;
 }
 
 static bool set_size(struct pcd_field *field, const struct scan_word *word) {
@@ -87,23 +88,23 @@ static bool set_count(struct pcd_field *field, const struct scan_word *word) {
 
 static enum status take_size(struct reader *r) { return each_field(r, "SIZE", set_size); }
 static enum status take_type(struct reader *r) { return each_field(r, "TYPE", set_type); }
-static enum status take_count(struct reader *r) { return each_field(r, "COUNT", set_count); }
+static enum status pcd_take_count(struct reader *r) { return each_field(r, "COUNT", set_count); }
 
 static enum status take_number(struct reader *r, const char *keyword, uint64_t *value) {
     struct scan_word word;
-    if (!scan_word(&r->scan, &word) || !scan_u64(&word, value)) return bad(r, keyword, "not a count", &word);
+    if (!scan_word(&r->scan, &word) || !scan_u64(&word, value)) return pcd_header_bad(r, keyword, "not a count", &word);
     return STATUS_OK;
 }
 
 static enum status take_width(struct reader *r) { return take_number(r, "WIDTH", &r->width); }
 static enum status take_height(struct reader *r) { return take_number(r, "HEIGHT", &r->height); }
-static enum status take_points(struct reader *r) { return take_number(r, "POINTS", &r->header->points); }
+static enum status pcd_take_points(struct reader *r) { return take_number(r, "POINTS", &r->header->points); }
 
 static enum status take_viewpoint(struct reader *r) {
     struct scan_word word;
     for (int i = 0; i < 7; i++)
         if (!scan_word(&r->scan, &word) || !scan_f64(&word, &r->header->viewpoint[i]))
-            return bad(r, "VIEWPOINT", "not a number", &word);
+            return pcd_header_bad(r, "VIEWPOINT", "not a number", &word);
     return STATUS_OK;
 }
 
@@ -117,7 +118,7 @@ static enum status take_data(struct reader *r) {
         r->ended = true;
         return STATUS_OK;
     }
-    return bad(r, "DATA", "this is none of ascii, binary, binary_compressed", &word);
+    return pcd_header_bad(r, "DATA", "this is none of ascii, binary, binary_compressed", &word);
 }
 
 enum { VERSION, FIELDS, SIZE, TYPE, COUNT, WIDTH, HEIGHT, VIEWPOINT, POINTS, DATA };
@@ -126,11 +127,11 @@ static const struct {
     const char *word;
     enum status (*take)(struct reader *r);
 } keywords[] = {
-    [VERSION] = {"VERSION", take_version}, [FIELDS] = {"FIELDS", take_fields},
-    [SIZE] = {"SIZE", take_size},          [TYPE] = {"TYPE", take_type},
-    [COUNT] = {"COUNT", take_count},       [WIDTH] = {"WIDTH", take_width},
-    [HEIGHT] = {"HEIGHT", take_height},    [VIEWPOINT] = {"VIEWPOINT", take_viewpoint},
-    [POINTS] = {"POINTS", take_points},    [DATA] = {"DATA", take_data},
+    [VERSION] = {"VERSION", take_version},  [FIELDS] = {"FIELDS", take_fields},
+    [SIZE] = {"SIZE", take_size},           [TYPE] = {"TYPE", take_type},
+    [COUNT] = {"COUNT", pcd_take_count},    [WIDTH] = {"WIDTH", take_width},
+    [HEIGHT] = {"HEIGHT", take_height},     [VIEWPOINT] = {"VIEWPOINT", take_viewpoint},
+    [POINTS] = {"POINTS", pcd_take_points}, [DATA] = {"DATA", take_data},
 };
 
 /* Old files have COLUMNS for FIELDS. */
@@ -138,16 +139,16 @@ static bool is_keyword(const struct scan_word *word, size_t i) {
     return scan_is(word, keywords[i].word) || (i == FIELDS && scan_is(word, "COLUMNS"));
 }
 
-static enum status take_line(struct reader *r, const struct scan_word *word) {
+static enum status pcd_take_header_line(struct reader *r, const struct scan_word *word) {
     for (size_t i = 0; i < sizeof keywords / sizeof *keywords; i++) {
         if (!is_keyword(word, i)) continue;
-        if (r->seen & 1u << i) return bad(r, "header", "this keyword is there twice", word);
+        if (r->seen & 1u << i) return pcd_header_bad(r, "header", "this keyword is there twice", word);
         if (i != FIELDS && i != VERSION && !(r->seen & 1u << FIELDS) && i >= SIZE && i <= COUNT)
-            return bad(r, "header", "FIELDS must come before this", word);
+            return pcd_header_bad(r, "header", "FIELDS must come before this", word);
         r->seen |= 1u << i;
         return keywords[i].take(r);
     }
-    return bad(r, "header", "this is no keyword of PCD", word);
+    return pcd_header_bad(r, "header", "this is no keyword of PCD", word);
 }
 
 static enum status finish(struct reader *r) {
@@ -155,9 +156,10 @@ static enum status finish(struct reader *r) {
     uint64_t cells;
     for (size_t i = FIELDS; i < DATA; i++)
         if (1u << i & (1u << FIELDS | 1u << SIZE | 1u << TYPE | 1u << WIDTH) & ~r->seen)
-            return bad(r, keywords[i].word, "this line is missing", NULL);
+            return pcd_header_bad(r, keywords[i].word, "this line is missing", NULL);
     if (!(r->seen & 1u << HEIGHT)) r->height = 1;
-    if (__builtin_mul_overflow(r->width, r->height, &cells)) return bad(r, "WIDTH", "WIDTH x HEIGHT is too much", NULL);
+    if (__builtin_mul_overflow(r->width, r->height, &cells))
+        return pcd_header_bad(r, "WIDTH", "WIDTH x HEIGHT is too much", NULL);
     if (!(r->seen & 1u << POINTS)) h->points = cells;
     if (h->points != cells)
         return error_set_at(r->error, STATUS_MALFORMED, "POINTS", r->scan.line, UINT64_MAX,
@@ -187,7 +189,7 @@ bool pcd_header_origin(const char *line, size_t n, double origin[3]) {
 }
 
 /* Looks for the comment that tells the origin in the header's bytes. */
-static void find_origin(const char *at, const char *end, double origin[3]) {
+static void pcd_parse_origin(const char *at, const char *end, double origin[3]) {
     while (at < end) {
         const char *stop = at;
         while (stop < end && *stop != '\n' && *stop != '\r') stop++;
@@ -204,18 +206,18 @@ enum status pcd_header_parse(const void *bytes, size_t n, struct pcd_header *hea
     enum status status = STATUS_OK;
     r.scan.comment = '#';
     while (!status && !r.ended) {
-        if (!scan_token(&r.scan, &word)) return bad(&r, "header", "the file ends before a line DATA", NULL);
-        status = take_line(&r, &word);
+        if (!scan_token(&r.scan, &word)) return pcd_header_bad(&r, "header", "the file ends before a line DATA", NULL);
+        status = pcd_take_header_line(&r, &word);
         if (!status && !r.ended) scan_next_line(&r.scan);
     }
     if (!status) status = finish(&r);
     if (status) return status;
     while (r.scan.at < r.scan.end && *r.scan.at != '\n' && *r.scan.at != '\r') r.scan.at++;
-    if (r.scan.at == r.scan.end && h.points) return bad(&r, "DATA", "the file ends here", NULL);
+    if (r.scan.at == r.scan.end && h.points) return pcd_header_bad(&r, "DATA", "the file ends here", NULL);
     scan_next_line(&r.scan);
     h.bytes = (size_t)(r.scan.at - r.scan.begin);
     h.lines = r.scan.line - 1;
-    find_origin(bytes, (const char *)bytes + h.bytes, h.origin);
+    pcd_parse_origin(bytes, (const char *)bytes + h.bytes, h.origin);
     *header = h;
     return STATUS_OK;
 }

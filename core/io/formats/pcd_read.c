@@ -75,7 +75,7 @@ static bool is_colour(const struct pcd_field *field) {
            (strcmp(field->name, "rgb") == 0 || strcmp(field->name, "rgba") == 0);
 }
 
-static enum scalar_type type_of(const struct pcd_field *field) {
+static enum scalar_type pcd_type_of(const struct pcd_field *field) {
     if (field->kind == 'F') return field->bytes == 8 ? SCALAR_FLOAT64 : SCALAR_FLOAT32;
     int log = field->bytes == 4 ? 2 : field->bytes == 2 ? 1 : 0;
     return (enum scalar_type)(2 * log + (field->kind == 'U'));
@@ -104,7 +104,7 @@ static enum status add_scalar(struct reader *r, struct column *column, uint32_t 
         snprintf(name, sizeof name, "%s", our_name(field->name));
     bool wide = field->kind != 'F' && field->bytes == 8;
     column->becomes = wide ? BECOMES_F64 : BECOMES_SCALAR;
-    column->type = wide ? SCALAR_FLOAT64 : type_of(field);
+    column->type = wide ? SCALAR_FLOAT64 : pcd_type_of(field);
     for (int axis = 0; axis < 3 && is_around_origin(&r->header) && field->kind == 'F'; axis++) {
         if (strcmp(name, (const char[2]){"xyz"[axis]}) != 0) continue;
         column->becomes = BECOMES_MOVED;
@@ -136,7 +136,7 @@ static enum status check_xyz(struct reader *r) {
     return STATUS_OK;
 }
 
-static enum status describe(struct reader *r) {
+static enum status pcd_describe(struct reader *r) {
     const struct pcd_header *h = &r->header;
     size_t columns = 0;
     for (size_t i = 0; i < h->field_count; i++) columns += h->field[i].count;
@@ -155,7 +155,7 @@ static enum status describe(struct reader *r) {
 /* ------------------------------------------------------------------------------------------------ points */
 
 /* A scalar's bits to our record. */
-static void store(const struct column *column, uint64_t bits, unsigned char *record) {
+static void pcd_store(const struct column *column, uint64_t bits, unsigned char *record) {
     unsigned char *to = record + column->offset;
     if (column->becomes == BECOMES_COLOUR) {
         for (size_t i = 0; i < column->offsets; i++) to[i] = (unsigned char)(bits >> (i < 3 ? 16 - 8 * i : 24));
@@ -179,13 +179,14 @@ static void store(const struct column *column, uint64_t bits, unsigned char *rec
     }
 }
 
-static enum status take_binary(struct reader *r, const unsigned char *data, uint64_t byte, size_t stride) {
+static enum status pcd_take_binary(struct reader *r, const unsigned char *data, uint64_t byte, size_t stride) {
     unsigned char record[CLOUD_MAX_PROPERTIES * 8];
     enum status status = STATUS_OK;
     for (uint64_t i = 0; !status && i < r->header.points; i++) {
         for (size_t j = 0; j < r->column_count; j++) {
             const struct column *column = &r->column[j];
-            store(column, little_load(data + column->start + i * column->stride, column->field->bytes), record);
+            pcd_store(column, load_little_endian(data + column->start + i * column->stride, column->field->bytes),
+                      record);
         }
         status = cloud_build_point(&r->build, record, (struct cloud_place){0, byte + i * stride});
     }
@@ -219,7 +220,7 @@ static bool parse(const struct column *column, const struct scan_word *word, uin
     return whole <= most && whole >= -most - 1;
 }
 
-static enum status take_line(struct reader *r, struct scan *scan) {
+static enum status pcd_take_line(struct reader *r, struct scan *scan) {
     unsigned char record[CLOUD_MAX_PROPERTIES * 8];
     struct scan_word word;
     char quote[NUMBER_QUOTE_BYTES];
@@ -236,7 +237,7 @@ static enum status take_line(struct reader *r, struct scan *scan) {
         if (column->becomes != BECOMES_NOTHING && !parse(column, &word, &bits))
             return cloud_build_bad(&r->build, column->field->name, place, "'%s' is no number in the range of its type",
                                    scan_quote(&word, quote));
-        store(column, bits, record);
+        pcd_store(column, bits, record);
     }
     if (scan_word(scan, &word))
         return cloud_build_bad(&r->build, "points", place, "more values on the line than the header has");
@@ -254,7 +255,7 @@ static enum status read_ascii(struct reader *r) {
                                "%" PRIu64 " points are promised, which %zu bytes can't hold", r->header.points,
                                r->n - r->header.bytes);
     status = cloud_build_room(&r->build, r->header.points);
-    for (uint64_t i = 0; !status && i < r->header.points; i++) status = take_line(r, &scan);
+    for (uint64_t i = 0; !status && i < r->header.points; i++) status = pcd_take_line(r, &scan);
     if (!status && scan_token(&scan, &word))
         status = cloud_build_bad(&r->build, "points", (struct cloud_place){scan.line, 0},
                                  "data after the last point that the header promises");
@@ -278,13 +279,13 @@ static enum status check_tail(struct reader *r, size_t at) {
     return cloud_build_bad(&r->build, "read", (struct cloud_place){0, at}, "data after the last point");
 }
 
-static enum status read_binary(struct reader *r) {
+static enum status pcd_read_binary(struct reader *r) {
     uint64_t begin = r->header.bytes, bytes;
     if (__builtin_mul_overflow(r->header.points, r->header.record_bytes, &bytes) || bytes > r->n - begin)
         return wrong_length(r, r->header.points > UINT64_MAX / r->header.record_bytes ? UINT64_MAX : bytes + begin,
                             r->n);
     enum status status = cloud_build_room(&r->build, r->header.points);
-    if (!status) status = take_binary(r, r->bytes + begin, begin, r->header.record_bytes);
+    if (!status) status = pcd_take_binary(r, r->bytes + begin, begin, r->header.record_bytes);
     return status ? status : check_tail(r, begin + bytes);
 }
 
@@ -306,7 +307,7 @@ static enum status read_compressed(struct reader *r) {
     size_t begin = r->header.bytes, left = r->n - begin;
     uint64_t expected;
     if (left < LENGTHS_BYTES) return wrong_length(r, begin + LENGTHS_BYTES, r->n);
-    uint64_t packed = little_load(r->bytes + begin, 4), bytes = little_load(r->bytes + begin + 4, 4);
+    uint64_t packed = load_little_endian(r->bytes + begin, 4), bytes = load_little_endian(r->bytes + begin + 4, 4);
     if (__builtin_mul_overflow(r->header.points, r->header.record_bytes, &expected) || expected != bytes)
         return cloud_build_bad(&r->build, "DATA", (struct cloud_place){0, begin + 4},
                                "%" PRIu64 " bytes are packed, which isn't what %" PRIu64 " points have", bytes,
@@ -323,7 +324,7 @@ static enum status read_compressed(struct reader *r) {
         status = cloud_build_bad(&r->build, "DATA", (struct cloud_place){0, begin + LENGTHS_BYTES},
                                  "the packed data is broken");
     turn_columns(r);
-    if (!status) status = take_binary(r, data, begin + LENGTHS_BYTES, 0);
+    if (!status) status = pcd_take_binary(r, data, begin + LENGTHS_BYTES, 0);
     if (!status) status = check_tail(r, begin + LENGTHS_BYTES + (size_t)packed);
     free(data);
     return status;
@@ -359,10 +360,10 @@ static enum status keep_viewpoint(struct reader *r) {
     return plain ? STATUS_OK : cloud_build_comment(&r->build, text, strlen(text));
 }
 
-static enum status read_file(struct reader *r) {
+static enum status pcd_read_file(struct reader *r) {
     static enum status (*const readers[])(struct reader *) = {
-        [PCD_ASCII] = read_ascii, [PCD_BINARY] = read_binary, [PCD_COMPRESSED] = read_compressed};
-    enum status status = describe(r);
+        [PCD_ASCII] = read_ascii, [PCD_BINARY] = pcd_read_binary, [PCD_COMPRESSED] = read_compressed};
+    enum status status = pcd_describe(r);
     if (!status) status = readers[r->header.data](r);
     if (!status) status = keep_comments(r);
     return status ? status : keep_viewpoint(r);
@@ -390,7 +391,7 @@ enum status cloud_pcd_read(const void *bytes, size_t n, const struct cloud_limit
     enum status status = pcd_header_parse(bytes, n, &r.header, error);
     if (status) return status;
     cloud_build_start(&r.build, forms[r.header.data], n, limits, progress, error);
-    status = read_file(&r);
+    status = pcd_read_file(&r);
     free(r.column);
     return cloud_build_end(&r.build, status, cloud);
 }

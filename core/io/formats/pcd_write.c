@@ -31,21 +31,21 @@ struct layout {
 
 static const char *const colour_names[4] = {"red", "green", "blue", "alpha"};
 
-static const struct property *find(const struct cloud *cloud, const char *name) {
+static const struct property *pcd_find(const struct cloud *cloud, const char *name) {
     for (size_t j = 0; j < cloud->property_count; j++)
         if (strcmp(cloud->property[j].name, name) == 0) return &cloud->property[j];
     return NULL;
 }
 
 static const struct property *find_byte(const struct cloud *cloud, const char *name) {
-    const struct property *found = find(cloud, name);
+    const struct property *found = pcd_find(cloud, name);
     return found && !found->is_list && found->type == SCALAR_UINT8 ? found : NULL;
 }
 
 static void find_colour(const struct cloud *cloud, struct layout *layout) {
     const struct property *colour[4];
     for (int k = 0; k < 4; k++) colour[k] = find_byte(cloud, colour_names[k]);
-    if (colour[0] && colour[1] && colour[2] && !find(cloud, "rgb") && !find(cloud, "rgba"))
+    if (colour[0] && colour[1] && colour[2] && !pcd_find(cloud, "rgb") && !pcd_find(cloud, "rgba"))
         memcpy(layout->colour, colour, sizeof colour);
 }
 
@@ -58,7 +58,7 @@ static bool is_packed(const struct layout *layout, const struct property *proper
 static const char *pcd_name(const struct cloud *cloud, const char *name) {
     static const char *const pairs[][2] = {{"nx", "normal_x"}, {"ny", "normal_y"}, {"nz", "normal_z"}};
     for (size_t i = 0; i < sizeof pairs / sizeof *pairs; i++)
-        if (strcmp(pairs[i][0], name) == 0 && !find(cloud, pairs[i][1])) return pairs[i][1];
+        if (strcmp(pairs[i][0], name) == 0 && !pcd_find(cloud, pairs[i][1])) return pairs[i][1];
     return name;
 }
 
@@ -94,7 +94,7 @@ static const unsigned char *record_of(const struct points *points, size_t i) {
     return points->cloud->record + id * points->cloud->record_bytes;
 }
 
-static double value_of(const struct points *points, const struct field *field, size_t i) {
+static double pcd_value_of(const struct points *points, const struct field *field, size_t i) {
     return scalar_load(record_of(points, i) + field->from->offset_bytes, field->from->type);
 }
 
@@ -104,7 +104,7 @@ static double rounded(double value, double origin) { return (double)(float)(valu
 static double rounding_error(const struct points *points, const struct field *field) {
     double worst = 0;
     for (size_t i = 0; i < points->n; i++) {
-        double value = value_of(points, field, i);
+        double value = pcd_value_of(points, field, i);
         if (isfinite(value)) worst = fmax(worst, fabs(rounded(value, field->origin) - value));
     }
     return worst;
@@ -112,7 +112,7 @@ static double rounding_error(const struct points *points, const struct field *fi
 
 /* The middle of each coordinate that lies far from 0 for the cloud's size, to the size's first digit, so that it is
  * short to write; 0 for the others. */
-static void find_origin(const struct cloud *cloud, double origin[3]) {
+static void pcd_choose_origin(const struct cloud *cloud, double origin[3]) {
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, size = 0;
     for (size_t i = 0; i < cloud->count; i++)
         for (int axis = 0; axis < 3; axis++) {
@@ -127,7 +127,7 @@ static void find_origin(const struct cloud *cloud, double origin[3]) {
     }
 }
 
-static int axis_of(const struct cloud *cloud, const struct property *property) {
+static int pcd_axis_of(const struct cloud *cloud, const struct property *property) {
     for (int axis = 0; axis < 3; axis++)
         if (property == &cloud->property[cloud->xyz[axis]]) return axis;
     return -1;
@@ -143,10 +143,10 @@ static bool is_float(const char *name) {
 
 static void narrow(const struct points *points, struct layout *layout, struct left_out *left_out) {
     double worst = 0, far[3];
-    find_origin(points->cloud, far);
+    pcd_choose_origin(points->cloud, far);
     for (size_t j = 0; j < layout->count; j++) {
         struct field *field = &layout->field[j];
-        int axis = field->from ? axis_of(points->cloud, field->from) : -1;
+        int axis = field->from ? pcd_axis_of(points->cloud, field->from) : -1;
         if (!field->from || field->type == SCALAR_FLOAT32 || (axis < 0 && !is_float(field->name))) continue;
         field->type = SCALAR_FLOAT32;
         double error = rounding_error(points, field);
@@ -208,7 +208,7 @@ static void put_frame(struct sink *sink, const struct layout *layout, const doub
     for (int i = 0; i < 7; i++) sink_format(sink, " %.17g", viewpoint[i] - (given && i < 3 ? layout->origin[i] : 0));
 }
 
-static void put_header(struct sink *sink, const struct cloud *cloud, const struct layout *layout, size_t n) {
+static void pcd_put_header(struct sink *sink, const struct cloud *cloud, const struct layout *layout, size_t n) {
     double viewpoint[7] = {0, 0, 0, 1, 0, 0, 0};
     const double *origin = layout->origin;
     sink_text(sink, "# .PCD v0.7 - Point Cloud Data file format\n");
@@ -230,20 +230,20 @@ static void put_header(struct sink *sink, const struct cloud *cloud, const struc
 
 /* ------------------------------------------------------------------------------------------------ points */
 
-static void put_colour(struct sink *sink, const struct layout *layout, const unsigned char *record) {
+static void pcd_put_colour(struct sink *sink, const struct layout *layout, const unsigned char *record) {
     uint32_t packed = 0;
     for (int k = 0; k < 3; k++) packed |= (uint32_t)record[layout->colour[k]->offset_bytes] << (16 - 8 * k);
     if (layout->colour[3]) packed |= (uint32_t)record[layout->colour[3]->offset_bytes] << 24;
     cloud_write_scalar(sink, &packed, SCALAR_UINT32, ENCODING_BINARY);
 }
 
-static void put_point(struct sink *sink, const struct layout *layout, const unsigned char *record) {
+static void pcd_put_point(struct sink *sink, const struct layout *layout, const unsigned char *record) {
     for (size_t j = 0; j < layout->count; j++) {
         const struct field *field = &layout->field[j];
         const unsigned char *at = field->from ? record + field->from->offset_bytes : NULL;
         unsigned char scalar[8];
         if (!field->from) {
-            put_colour(sink, layout, record);
+            pcd_put_colour(sink, layout, record);
             continue;
         }
         if (field->type != field->from->type) {
@@ -262,7 +262,7 @@ enum status cloud_write_pcd(int fd, const struct cloud *cloud, const uint32_t *i
     if (sink_init(&sink, fd)) return error_set(error, STATUS_NO_MEMORY, "write", "no memory for a buffer");
     lay_out(cloud, &layout, left_out);
     if (precision == PCD_FLOAT) narrow(&points, &layout, left_out);
-    put_header(&sink, cloud, &layout, n);
-    for (size_t i = 0; i < n && !sink.failure; i++) put_point(&sink, &layout, record_of(&points, i));
+    pcd_put_header(&sink, cloud, &layout, n);
+    for (size_t i = 0; i < n && !sink.failure; i++) pcd_put_point(&sink, &layout, record_of(&points, i));
     return sink_done(&sink, STATUS_OK, error);
 }

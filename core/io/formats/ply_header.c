@@ -86,22 +86,22 @@ static bool next_line(struct parser *p) {
     return true;
 }
 
-static bool is_blank(char c) { return c == ' ' || c == '\t' || c == '\r'; }
+static bool ply_is_blank(char c) { return c == ' ' || c == '\t' || c == '\r'; }
 
-static void split(struct parser *p) {
+static void ply_split(struct parser *p) {
     const char *at = p->whole.text, *end = p->whole.end;
     for (p->word_count = 0; p->word_count < MAX_WORDS; p->word_count++) {
-        while (at < end && is_blank(*at)) at++;
+        while (at < end && ply_is_blank(*at)) at++;
         if (at == end) return;
         struct word *word = &p->word[p->word_count];
         word->text = at;
-        while (at < end && !is_blank(*at)) at++;
+        while (at < end && !ply_is_blank(*at)) at++;
         word->end = at;
     }
 }
 
 /* STATUS_MALFORMED on this line: what is wrong, and the word that is. */
-static enum status bad(struct parser *p, const char *what, size_t word) {
+static enum status ply_header_bad(struct parser *p, const char *what, size_t word) {
     char quote[NUMBER_QUOTE_BYTES] = "";
     if (word < MAX_WORDS && word < p->word_count) number_quote(p->word[word].text, p->word[word].end, quote);
     return error_set_at(p->error, STATUS_MALFORMED, "header", p->line, UINT64_MAX, quote[0] ? "%s: '%s'" : "%s", what,
@@ -117,7 +117,7 @@ static enum status copy_name(struct parser *p, size_t word, char name[PROPERTY_N
     if (length >= PROPERTY_NAME_BYTES) return over(p, "bytes in a name", PROPERTY_NAME_BYTES - 1);
     for (size_t i = 0; i < length; i++)
         if (p->word[word].text[i] < 33 || p->word[word].text[i] > 126)
-            return bad(p, "name is no printable ASCII", word);
+            return ply_header_bad(p, "name is no printable ASCII", word);
     memcpy(name, p->word[word].text, length);
     name[length] = '\0';
     return STATUS_OK;
@@ -141,11 +141,11 @@ static bool read_count(struct word word, uint64_t *count) {
 /* ------------------------------------------------------------------------------------------------ keywords */
 
 static enum status parse_format(struct parser *p) {
-    if (p->has_format) return bad(p, "a second format line", MAX_WORDS);
-    if (p->word_count != 3) return bad(p, "a format line has a format and a version", MAX_WORDS);
+    if (p->has_format) return ply_header_bad(p, "a second format line", MAX_WORDS);
+    if (p->word_count != 3) return ply_header_bad(p, "a format line has a format and a version", MAX_WORDS);
     size_t n = sizeof format_names / sizeof *format_names, i = 0;
     while (i < n && !is_word(p->word[1], format_names[i].name)) i++;
-    if (i == n) return bad(p, "unknown PLY format", 1);
+    if (i == n) return ply_header_bad(p, "unknown PLY format", 1);
     if (!is_word(p->word[2], "1.0"))
         return error_set_at(p->error, STATUS_UNSUPPORTED, "header", p->line, UINT64_MAX,
                             "only PLY version 1.0 is read");
@@ -171,14 +171,15 @@ static enum status parse_comment(struct parser *p) {
 
 static enum status parse_element(struct parser *p) {
     struct ply_header *h = p->header;
-    if (p->word_count != 3) return bad(p, "an element line has a name and a count", MAX_WORDS);
+    if (p->word_count != 3) return ply_header_bad(p, "an element line has a name and a count", MAX_WORDS);
     if (h->element_count == PLY_MAX_ELEMENTS) return over(p, "elements", PLY_MAX_ELEMENTS);
     struct ply_element element = {.first = h->property_count};
     enum status status = copy_name(p, 1, element.name);
     if (status) return status;
-    if (!read_count(p->word[2], &element.count)) return bad(p, "count of an element isn't a whole number", 2);
+    if (!read_count(p->word[2], &element.count))
+        return ply_header_bad(p, "count of an element isn't a whole number", 2);
     for (size_t i = 0; i < h->element_count; i++)
-        if (strcmp(h->element[i].name, element.name) == 0) return bad(p, "a second element of this name", 1);
+        if (strcmp(h->element[i].name, element.name) == 0) return ply_header_bad(p, "a second element of this name", 1);
     h->element[h->element_count++] = element;
     return STATUS_OK;
 }
@@ -186,11 +187,12 @@ static enum status parse_element(struct parser *p) {
 /* Reads "property [list COUNT_TYPE] TYPE NAME" but for the name. */
 static enum status read_types(struct parser *p, struct property *property) {
     bool list = p->word_count > 1 && is_word(p->word[1], "list");
-    if (p->word_count != (list ? 5u : 3u)) return bad(p, "a property line has a type and a name", MAX_WORDS);
+    if (p->word_count != (list ? 5u : 3u)) return ply_header_bad(p, "a property line has a type and a name", MAX_WORDS);
     property->is_list = list;
-    if (list && !read_type(p->word[2], &property->count_type)) return bad(p, "unknown type", 2);
-    if (list && property->count_type >= SCALAR_FLOAT32) return bad(p, "length of a list must be an integer", 2);
-    if (!read_type(p->word[list ? 3 : 1], &property->type)) return bad(p, "unknown type", list ? 3 : 1);
+    if (list && !read_type(p->word[2], &property->count_type)) return ply_header_bad(p, "unknown type", 2);
+    if (list && property->count_type >= SCALAR_FLOAT32)
+        return ply_header_bad(p, "length of a list must be an integer", 2);
+    if (!read_type(p->word[list ? 3 : 1], &property->type)) return ply_header_bad(p, "unknown type", list ? 3 : 1);
     return STATUS_OK;
 }
 
@@ -210,7 +212,7 @@ static enum status append_property(struct parser *p, const struct property *prop
 
 static enum status parse_property(struct parser *p) {
     struct ply_header *h = p->header;
-    if (h->element_count == 0) return bad(p, "a property before any element", MAX_WORDS);
+    if (h->element_count == 0) return ply_header_bad(p, "a property before any element", MAX_WORDS);
     struct property property = {0};
     enum status status = read_types(p, &property);
     if (!status) status = copy_name(p, p->word_count - 1, property.name);
@@ -219,7 +221,7 @@ static enum status parse_property(struct parser *p) {
     if (element->property_count == CLOUD_MAX_PROPERTIES) return over(p, "properties", CLOUD_MAX_PROPERTIES);
     for (size_t i = element->first; i < h->property_count; i++) {
         if (strcmp(h->property[i].name, property.name) == 0)
-            return bad(p, "a second property of this name", p->word_count - 1);
+            return ply_header_bad(p, "a second property of this name", p->word_count - 1);
         if (!h->property[i].is_list) property.offset_bytes += scalar_bytes(h->property[i].type);
     }
     return append_property(p, &property);
@@ -236,18 +238,18 @@ static const struct {
 /* ------------------------------------------------------------------------------------------------ the whole */
 
 /* Which property of the element has this name; its property_count when none has. */
-static size_t find_property(const struct ply_header *h, const struct ply_element *element, const char *name) {
+static size_t ply_find_property(const struct ply_header *h, const struct ply_element *element, const char *name) {
     size_t i = 0;
     while (i < element->property_count && strcmp(h->property[element->first + i].name, name) != 0) i++;
     return i;
 }
 
-static enum status find_xyz(struct parser *p, const struct ply_element *vertex) {
+static enum status ply_find_xyz(struct parser *p, const struct ply_element *vertex) {
     static const char *const names[3] = {"x", "y", "z"}, *const capitals[3] = {"X", "Y", "Z"};
     for (int axis = 0; axis < 3; axis++) {
-        size_t i = find_property(p->header, vertex, names[axis]);
+        size_t i = ply_find_property(p->header, vertex, names[axis]);
         if (i == vertex->property_count) {
-            i = find_property(p->header, vertex, capitals[axis]);
+            i = ply_find_property(p->header, vertex, capitals[axis]);
             if (i < vertex->property_count) memcpy(p->header->property[vertex->first + i].name, names[axis], 2);
         }
         if (i == vertex->property_count || p->header->property[vertex->first + i].is_list)
@@ -265,15 +267,15 @@ static enum status check_whole(struct parser *p) {
     while (i < h->element_count && strcmp(h->element[i].name, "vertex") != 0) i++;
     if (i == h->element_count) return error_set(p->error, STATUS_MALFORMED, "header", "there is no element vertex");
     h->vertex = i;
-    return find_xyz(p, &h->element[i]);
+    return ply_find_xyz(p, &h->element[i]);
 }
 
 static enum status parse_line(struct parser *p) {
-    split(p);
+    ply_split(p);
     if (p->word_count == 0) return STATUS_OK;
     for (size_t i = 0; i < sizeof keywords / sizeof *keywords; i++)
         if (is_word(p->word[0], keywords[i].name)) return keywords[i].parse(p);
-    return bad(p, "unknown keyword in the header", 0);
+    return ply_header_bad(p, "unknown keyword in the header", 0);
 }
 
 static enum status no_end(struct parser *p, size_t n) {
@@ -284,7 +286,7 @@ static enum status no_end(struct parser *p, size_t n) {
                         "the file ends inside the header: no end_header after %zu bytes", n);
 }
 
-static struct parser start(const void *bytes, size_t n) {
+static struct parser ply_start(const void *bytes, size_t n) {
     const char *text = bytes, *end = text + (n < PLY_HEADER_MAX_BYTES ? n : PLY_HEADER_MAX_BYTES);
     if (n >= 3 && memcmp(text, "\xef\xbb\xbf", 3) == 0) text += 3;
     bool lone_return = end - text > 4 && text[3] == '\r' && text[4] != '\n';
@@ -293,16 +295,16 @@ static struct parser start(const void *bytes, size_t n) {
 
 enum status ply_header_parse(const void *bytes, size_t n, struct ply_header *header, struct error *error) {
     struct ply_header parsed = {0};
-    struct parser p = start(bytes, n);
+    struct parser p = ply_start(bytes, n);
     p.header = &parsed;
     p.error = error;
     enum status status = STATUS_OK;
     bool ended = false;
     while (!status && !ended && next_line(&p)) {
-        split(&p);
+        ply_split(&p);
         ended = p.word_count == 1 && is_word(p.word[0], "end_header");
         if (p.line == 1 && !(p.word_count == 1 && is_word(p.word[0], "ply")))
-            status = bad(&p, "the first line isn't 'ply'", 0);
+            status = ply_header_bad(&p, "the first line isn't 'ply'", 0);
         else if (p.line > 1 && !ended)
             status = parse_line(&p);
     }
@@ -365,9 +367,9 @@ enum status ply_header_fits(const struct ply_header *header, uint64_t total_byte
 }
 
 static bool has_end(const void *bytes, size_t n) {
-    struct parser p = start(bytes, n);
+    struct parser p = ply_start(bytes, n);
     while (next_line(&p)) {
-        split(&p);
+        ply_split(&p);
         if (p.word_count == 1 && is_word(p.word[0], "end_header")) return true;
     }
     return false;

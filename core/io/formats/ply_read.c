@@ -56,12 +56,12 @@ static uint64_t offset_of(const struct reader *r, const unsigned char *at) {
     return r->text ? UINT64_MAX : (uint64_t)(at - r->begin);
 }
 
-static enum status no_memory(struct reader *r) {
+static enum status ply_no_memory(struct reader *r) {
     return error_set(r->error, STATUS_NO_MEMORY, "read", "no memory for %zu points", r->cloud->count);
 }
 
 /* STATUS_MALFORMED at the current property: "vertex 3: what". */
-static enum status bad(struct reader *r, const unsigned char *at, const char *what) {
+static enum status ply_bad(struct reader *r, const unsigned char *at, const char *what) {
     return error_set_at(r->error, STATUS_MALFORMED, r->property ? r->property->name : r->element->name, line_of(r),
                         offset_of(r, at), "%s %" PRIu64 ": %s", r->element->name, r->record, what);
 }
@@ -72,7 +72,7 @@ static enum status truncated(struct reader *r) {
                         r->record, r->element->count, (size_t)(r->end - r->begin));
 }
 
-static enum status bad_word(struct reader *r, const char *what) {
+static enum status ply_bad_word(struct reader *r, const char *what) {
     char quote[NUMBER_QUOTE_BYTES];
     number_quote((const char *)r->at, (const char *)r->end, quote);
     return error_set_at(r->error, STATUS_MALFORMED, r->property->name, line_of(r), UINT64_MAX,
@@ -86,7 +86,7 @@ static void copy_swapped(unsigned char *to, const unsigned char *from, size_t by
     for (size_t i = 0; i < bytes; i++) to[i] = from[bytes - 1 - i];
 }
 
-static enum status take_binary(struct reader *r, enum scalar_type type, unsigned char out[8]) {
+static enum status ply_take_binary(struct reader *r, enum scalar_type type, unsigned char out[8]) {
     size_t bytes = scalar_bytes(type);
     if ((size_t)(r->end - r->at) < bytes) return truncated(r);
     if (r->swap)
@@ -125,7 +125,7 @@ static bool ends_word(const char *at, const char *end) {
 static enum status take_text(struct reader *r, enum scalar_type type, unsigned char out[8]) {
     while (at_blank(r)) r->at++;
     if (r->at == r->end) return truncated(r);
-    if (at_newline(r)) return bad(r, r->at, "the line ends before all values are there");
+    if (at_newline(r)) return ply_bad(r, r->at, "the line ends before all values are there");
     const char *after, *text = (const char *)r->at, *end = (const char *)r->end;
     float f32 = 0;
     double f64 = 0;
@@ -133,19 +133,19 @@ static enum status take_text(struct reader *r, enum scalar_type type, unsigned c
         after = number_parse_f32(text, end, &f32);
     else
         after = number_parse_f64(text, end, &f64);
-    if (!after || !ends_word(after, end)) return bad_word(r, "not a number");
+    if (!after || !ends_word(after, end)) return ply_bad_word(r, "not a number");
     if (type == SCALAR_FLOAT32)
         memcpy(out, &f32, sizeof f32);
     else if (type == SCALAR_FLOAT64)
         memcpy(out, &f64, sizeof f64);
     else if (!store_integer(f64, type, out))
-        return bad_word(r, "not a whole number in the range of its type");
+        return ply_bad_word(r, "not a whole number in the range of its type");
     r->at = (const unsigned char *)after;
     return STATUS_OK;
 }
 
 static enum status take(struct reader *r, enum scalar_type type, unsigned char out[8]) {
-    return r->text ? take_text(r, type, out) : take_binary(r, type, out);
+    return r->text ? take_text(r, type, out) : ply_take_binary(r, type, out);
 }
 
 /* The length of a list, which the bytes left can hold. */
@@ -156,8 +156,8 @@ static enum status take_length(struct reader *r, size_t *length) {
     if (status) return status;
     double n = scalar_load(scalar, r->property->count_type);
     size_t left = (size_t)(r->end - r->at), each = r->text ? 2 : scalar_bytes(r->property->type);
-    if (n < 0) return bad(r, at, "negative length of a list");
-    if (n > (double)(left / each)) return bad(r, at, "a list is longer than the data that is left");
+    if (n < 0) return ply_bad(r, at, "negative length of a list");
+    if (n > (double)(left / each)) return ply_bad(r, at, "a list is longer than the data that is left");
     *length = (size_t)n;
     return STATUS_OK;
 }
@@ -182,7 +182,7 @@ static enum status end_record(struct reader *r) {
     if (!r->text) return STATUS_OK;
     while (at_blank(r)) r->at++;
     if (r->at == r->end) return STATUS_OK;
-    if (!at_newline(r)) return bad(r, r->at, "more values on the line than the element has properties");
+    if (!at_newline(r)) return ply_bad(r, r->at, "more values on the line than the element has properties");
     take_newline(r);
     return STATUS_OK;
 }
@@ -230,7 +230,7 @@ static enum status grow_list(struct reader *r, size_t j, size_t used, size_t byt
     if (bytes <= r->list_capacity[j] - used) return STATUS_OK;
     size_t capacity = 2 * r->list_capacity[j] + bytes + 256;
     unsigned char *grown = alloc_resize(property->list_data, capacity, 1);
-    if (!grown) return no_memory(r);
+    if (!grown) return ply_no_memory(r);
     property->list_data = grown;
     r->list_capacity[j] = capacity;
     return STATUS_OK;
@@ -247,7 +247,7 @@ static enum status take_list(struct reader *r, size_t j) {
     return status;
 }
 
-static enum status take_vertex(struct reader *r) {
+static enum status ply_take_vertex(struct reader *r) {
     struct cloud *cloud = r->cloud;
     size_t at = (size_t)(r->record - r->slot);
     unsigned char *record = cloud->record + at * cloud->record_bytes, scalar[8];
@@ -318,13 +318,13 @@ static enum status allocate(struct reader *r) {
     struct cloud *cloud = r->cloud;
     cloud->position = alloc_array(cloud->count, sizeof *cloud->position);
     cloud->record = alloc_array(cloud->count, cloud->record_bytes);
-    if (!cloud->position || !cloud->record) return no_memory(r);
+    if (!cloud->position || !cloud->record) return ply_no_memory(r);
     for (size_t j = 0; j < cloud->property_count; j++) {
         struct property *property = &cloud->property[j];
         if (!property->is_list) continue;
         property->list_offset = alloc_zeroed(cloud->count + 1, sizeof *property->list_offset);
         property->list_data = alloc_array(r->list_capacity[j] = 256, 1);
-        if (!property->list_offset || !property->list_data) return no_memory(r);
+        if (!property->list_offset || !property->list_data) return ply_no_memory(r);
     }
     return STATUS_OK;
 }
@@ -335,7 +335,7 @@ static enum status read_vertices(struct reader *r) {
     for (size_t j = 0; j < r->cloud->property_count; j++)
         if (r->cloud->property[j].is_list) exact = false;
     if (status) return status;
-    return exact ? take_fixed_vertices(r) : each_record(r, take_vertex);
+    return exact ? take_fixed_vertices(r) : each_record(r, ply_take_vertex);
 }
 
 /* ------------------------------------------------------------------------------------------------ faces */
@@ -345,14 +345,14 @@ static bool is_index_list(const struct property *property) {
            (strcmp(property->name, "vertex_indices") == 0 || strcmp(property->name, "vertex_index") == 0);
 }
 
-static enum status take_index(struct reader *r, uint32_t *index) {
+static enum status ply_take_index(struct reader *r, uint32_t *index) {
     unsigned char scalar[8];
     const unsigned char *at = r->at;
     enum status status = take(r, r->property->type, scalar);
     if (status) return status;
     double value = scalar_load(scalar, r->property->type);
     if (!(value >= 0 && value < (double)r->header->element[r->header->vertex].count))
-        return bad(r, at, "an index is of no vertex");
+        return ply_bad(r, at, "an index is of no vertex");
     *index = (uint32_t)value;
     return STATUS_OK;
 }
@@ -383,14 +383,14 @@ static enum status take_polygon(struct reader *r) {
     status = take_length(r, &length);
     uint32_t first = 0, last = 0, next = 0;
     for (size_t i = 0; !status && i < length; i++, last = next) {
-        status = take_index(r, &next);
+        status = ply_take_index(r, &next);
         if (i == 0) first = next;
         if (!status && i >= 2) status = append_triangle(r, first, last, next);
     }
     return status;
 }
 
-static enum status take_face(struct reader *r) {
+static enum status ply_take_face(struct reader *r) {
     const struct property *property = r->header->property + r->element->first;
     for (size_t i = 0; i < r->element->property_count; i++) {
         r->property = &property[i];
@@ -414,10 +414,10 @@ static enum status read_faces(struct reader *r) {
         return error_set(r->error, STATUS_MALFORMED, list->name, "indices of vertices must be integers");
     r->plain_faces = list && !r->text && !r->swap && list->count_type == SCALAR_UINT8 &&
                      (list->type == SCALAR_INT32 || list->type == SCALAR_UINT32);
-    enum status status = each_record(r, take_face);
+    enum status status = each_record(r, ply_take_face);
     if (status || r->cloud->triangle_count == 0) return status;
     void *exact = alloc_resize(r->cloud->triangle, r->cloud->triangle_count, sizeof *r->cloud->triangle);
-    if (!exact) return no_memory(r);
+    if (!exact) return ply_no_memory(r);
     r->cloud->triangle = exact;
     return STATUS_OK;
 }
@@ -435,10 +435,10 @@ static enum status read_element(struct reader *r) {
 static enum status note_padding(struct reader *r, size_t n) {
     char note[PADDING_NOTE_BYTES];
     padding_note(note, n);
-    return cloud_leave_out(r->cloud, note) ? no_memory(r) : STATUS_OK;
+    return cloud_leave_out(r->cloud, note) ? ply_no_memory(r) : STATUS_OK;
 }
 
-static enum status check_end(struct reader *r) {
+static enum status ply_check_end(struct reader *r) {
     while (r->text && (at_blank(r) || at_newline(r))) {
         if (at_newline(r))
             take_newline(r);
@@ -467,12 +467,12 @@ static enum status check_limits(const struct ply_header *h, const struct cloud_l
 }
 
 /* Hands the vertex element's description over to the cloud. */
-static enum status describe(struct reader *r, struct ply_header *header) {
+static enum status ply_describe(struct reader *r, struct ply_header *header) {
     struct cloud *cloud = r->cloud;
     const struct ply_element *vertex = &header->element[header->vertex];
     cloud->form = ply_form_name(header->form);
     cloud->property = alloc_array(vertex->property_count, sizeof *cloud->property);
-    if (!cloud->property) return no_memory(r);
+    if (!cloud->property) return ply_no_memory(r);
     cloud->property_count = vertex->property_count;
     memcpy(cloud->property, header->property + vertex->first, vertex->property_count * sizeof *cloud->property);
     memset(r->axis, -1, sizeof r->axis);
@@ -495,7 +495,7 @@ static enum status read_body(struct reader *r) {
         r->record = 0;
         status = read_element(r);
     }
-    if (!status) status = check_end(r);
+    if (!status) status = ply_check_end(r);
     return status || !r->cloud->count ? status : cloud_drop_unplaced(r->cloud, r->error);
 }
 
@@ -529,7 +529,7 @@ enum status cloud_ply_read(const void *bytes, size_t n, const struct cloud_limit
                        .progress = progress,
                        .cloud = &read,
                        .error = error};
-    status = describe(&r, &header);
+    status = ply_describe(&r, &header);
     if (!status) {
         read.count = (size_t)header.element[header.vertex].count;
         status = read_body(&r);
@@ -557,10 +557,10 @@ struct ply_parts {
 static enum status end_of_vertices(struct reader *r) {
     for (size_t i = r->header->vertex + 1; i < r->header->element_count; i++)
         if (r->header->element[i].count && r->header->element[i].property_count) return STATUS_OK;
-    return check_end(r);
+    return ply_check_end(r);
 }
 
-static enum status next_part(struct cloud_parts *parts, struct error *error) {
+static enum status ply_next_part(struct cloud_parts *parts, struct error *error) {
     struct ply_parts *p = (struct ply_parts *)parts;
     struct reader *r = &p->reader;
     uint64_t left = r->element->count - r->record;
@@ -571,7 +571,7 @@ static enum status next_part(struct cloud_parts *parts, struct error *error) {
     if (n == 0) return STATUS_OK;
     r->slot = r->record;
     if (r->text) {
-        status = records_until(r, r->record + n, take_vertex);
+        status = records_until(r, r->record + n, ply_take_vertex);
     } else {
         if ((size_t)(r->end - r->at) / p->cloud.record_bytes < n) return truncated(r);
         take_block(r, 0, n);
@@ -581,7 +581,7 @@ static enum status next_part(struct cloud_parts *parts, struct error *error) {
     return !status && r->record == r->element->count ? end_of_vertices(r) : status;
 }
 
-static void free_parts(struct cloud_parts *parts) {
+static void ply_free_parts(struct cloud_parts *parts) {
     struct ply_parts *p = (struct ply_parts *)parts;
     cloud_done(&p->cloud);
     ply_header_done(&p->header);
@@ -610,7 +610,7 @@ enum status cloud_ply_parts(const void *bytes, size_t n, const struct cloud_limi
     if (!p) return error_set(error, STATUS_NO_MEMORY, "read", "no memory to read with");
     enum ply_form native = __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ ? PLY_LITTLE_ENDIAN : PLY_BIG_ENDIAN;
     (void)limits;
-    p->parts.free = free_parts;
+    p->parts.free = ply_free_parts;
     enum status status = ply_header_parse(bytes, n, &p->header, error);
     if (!status) status = ply_header_fits(&p->header, n, error);
     p->reader = (struct reader){.header = &p->header,
@@ -622,15 +622,15 @@ enum status cloud_ply_parts(const void *bytes, size_t n, const struct cloud_limi
                                 .line = p->header.lines + 1,
                                 .cloud = &p->cloud,
                                 .error = error};
-    if (!status) status = describe(&p->reader, &p->header);
+    if (!status) status = ply_describe(&p->reader, &p->header);
     for (size_t j = 0; !status && j < p->cloud.property_count; j++)
         if (p->cloud.property[j].is_list)
             status = error_set(error, STATUS_UNSUPPORTED, p->cloud.property[j].name,
                                "a list at each point, which isn't read part by part");
     if (!status) status = begin_vertices(p);
-    if (!status) p->parts = (struct cloud_parts){&p->cloud, p->reader.element->count, 0, next_part, free_parts};
+    if (!status) p->parts = (struct cloud_parts){&p->cloud, p->reader.element->count, 0, ply_next_part, ply_free_parts};
     if (status)
-        free_parts(&p->parts);
+        ply_free_parts(&p->parts);
     else
         *out = &p->parts;
     return status;

@@ -36,13 +36,13 @@ static bool all_at_source(const struct mesh *mesh, const struct cloud *cloud) {
     return true;
 }
 
-static bool all_have_source(const struct mesh *mesh) {
+static bool ply_all_have_source(const struct mesh *mesh) {
     for (size_t i = 0; i < mesh->vertex_count; i++)
         if (mesh->source[i] == NONE) return false;
     return true;
 }
 
-static int axis_of(const struct cloud *cloud, size_t j) {
+static int ply_axis_of(const struct cloud *cloud, size_t j) {
     for (int axis = 0; axis < 3; axis++)
         if (cloud->xyz[axis] == j) return axis;
     return -1;
@@ -62,19 +62,19 @@ static bool has_integer_positions(const struct cloud *cloud) {
 }
 
 static void lay_out_from_cloud(struct layout *layout, const struct mesh *mesh, const struct cloud *cloud) {
-    bool all = all_have_source(mesh), widen = has_integer_positions(cloud) && !all_at_source(mesh, cloud);
+    bool all = ply_all_have_source(mesh), widen = has_integer_positions(cloud) && !all_at_source(mesh, cloud);
     layout->cloud = cloud;
     for (size_t j = 0; j < cloud->property_count; j++) {
         const struct property *from = &cloud->property[j];
-        int axis = axis_of(cloud, j);
+        int axis = ply_axis_of(cloud, j);
         if (from->is_list || (axis < 0 && !all)) continue;
         enum scalar_type type = axis >= 0 && widen ? SCALAR_FLOAT64 : from->type;
         layout->column[layout->columns++] = (struct column){from->name, type, axis, from};
     }
 }
 
-static void put_header(struct sink *sink, const struct mesh *mesh, const struct layout *layout, bool tags,
-                       enum encoding encoding) {
+static void ply_put_header(struct sink *sink, const struct mesh *mesh, const struct layout *layout, bool tags,
+                           enum encoding encoding) {
     cloud_write_ply_start(sink, layout->cloud ? layout->cloud->comments : NULL, encoding);
     sink_format(sink, "element vertex %zu\n", mesh->vertex_count);
     for (size_t j = 0; j < layout->columns; j++)
@@ -130,7 +130,7 @@ enum status mesh_write_ply(int fd, const struct mesh *mesh, const struct cloud *
     else
         lay_out_positions(&layout);
     bool tags = has_hole_fill(mesh);
-    put_header(&sink, mesh, &layout, tags, encoding);
+    ply_put_header(&sink, mesh, &layout, tags, encoding);
     for (size_t i = 0; i < mesh->vertex_count && !sink.failure; i++) put_vertex(&sink, mesh, &layout, i, encoding);
     for (size_t t = 0; t < mesh->triangle_count && !sink.failure; t++) put_triangle(&sink, mesh, t, tags, encoding);
     return sink_done(&sink, STATUS_OK, error);

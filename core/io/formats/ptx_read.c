@@ -49,14 +49,14 @@ struct reader {
     bool intensity, colours; /* of all scans */
 };
 
-static struct cloud_place here(const struct reader *r) {
+static struct cloud_place ptx_here(const struct reader *r) {
     return (struct cloud_place){r->scan.line, (uint64_t)(r->scan.at - r->scan.begin)};
 }
 
-static enum status bad_word(struct reader *r, const struct scan_word *word, const char *what) {
+static enum status ptx_bad_word(struct reader *r, const struct scan_word *word, const char *what) {
     char quote[NUMBER_QUOTE_BYTES];
-    if (!word->n) return cloud_build_bad(&r->build, "read", here(r), "the line ends where %s should be", what);
-    return cloud_build_bad(&r->build, "read", here(r), "'%s' is not %s", scan_quote(word, quote), what);
+    if (!word->n) return cloud_build_bad(&r->build, "read", ptx_here(r), "the line ends where %s should be", what);
+    return cloud_build_bad(&r->build, "read", ptx_here(r), "'%s' is not %s", scan_quote(word, quote), what);
 }
 
 /* To the next line that isn't empty; false: there is none. */
@@ -72,39 +72,39 @@ static bool skip_empty_lines(struct scan *scan) {
 
 /* ------------------------------------------------------------------------------------------------ headers */
 
-static enum status take_count(struct reader *r, uint64_t *count) {
+static enum status ptx_take_count(struct reader *r, uint64_t *count) {
     struct scan_word word = {0};
     bool there = skip_empty_lines(&r->scan) && scan_word(&r->scan, &word);
     if (!there || !scan_u64(&word, count) || *count > UINT32_MAX)
-        return bad_word(r, &word, "how many columns or rows the grid of a scan has");
-    if (scan_word(&r->scan, &word)) return bad_word(r, &word, "the end of that line");
+        return ptx_bad_word(r, &word, "how many columns or rows the grid of a scan has");
+    if (scan_word(&r->scan, &word)) return ptx_bad_word(r, &word, "the end of that line");
     scan_next_line(&r->scan);
     return STATUS_OK;
 }
 
-static enum status take_numbers(struct reader *r, double *number, unsigned n) {
+static enum status ptx_take_numbers(struct reader *r, double *number, unsigned n) {
     for (unsigned i = 0; i < n; i++) {
         struct scan_word word = {0};
         if (!scan_word(&r->scan, &word) || !scan_f64(&word, &number[i]) || !isfinite(number[i]))
-            return bad_word(r, &word, "a number of the scan's place");
+            return ptx_bad_word(r, &word, "a number of the scan's place");
     }
     scan_next_line(&r->scan);
     return STATUS_OK;
 }
 
-static enum status take_header(struct reader *r, struct header *header) {
+static enum status ptx_take_header(struct reader *r, struct header *header) {
     uint64_t columns = 0, rows = 0;
     double number[4];
-    enum status status = take_count(r, &columns);
-    if (!status) status = take_count(r, &rows);
+    enum status status = ptx_take_count(r, &columns);
+    if (!status) status = ptx_take_count(r, &rows);
     for (int line = 2; !status && line < HEADER_LINES; line++) {
-        status = take_numbers(r, number, header_words[line]);
+        status = ptx_take_numbers(r, number, header_words[line]);
         if (line >= HEADER_LINES - 4) memcpy(header->matrix[line - (HEADER_LINES - 4)], number, sizeof number);
     }
     uint64_t left = (uint64_t)(r->scan.end - r->scan.at);
     header->points = columns * rows;
     if (!status && header->points > left / LEAST_LINE_BYTES)
-        status = cloud_build_bad(&r->build, "read", here(r),
+        status = cloud_build_bad(&r->build, "read", ptx_here(r),
                                  "a grid of %" PRIu64 " x %" PRIu64 " is promised, which %" PRIu64 " bytes can't hold",
                                  columns, rows, left);
     header->words = status ? 0 : scan_count_words(r->scan);
@@ -116,7 +116,7 @@ static enum status take_header(struct reader *r, struct header *header) {
 static enum status skip_points(struct reader *r, uint64_t points) {
     for (uint64_t i = 0; i < points; i++) {
         if (r->scan.at >= r->scan.end)
-            return cloud_build_bad(&r->build, "read", here(r),
+            return cloud_build_bad(&r->build, "read", ptx_here(r),
                                    "the file ends after %" PRIu64 " of %" PRIu64 " points of scan %zu", i, points,
                                    r->scans);
         scan_next_line(&r->scan);
@@ -131,7 +131,7 @@ static enum status find_scans(struct reader *r) {
     while (!status && skip_empty_lines(&r->scan)) {
         struct header header;
         r->scans++;
-        status = take_header(r, &header);
+        status = ptx_take_header(r, &header);
         if (!status && header.points) {
             r->intensity &= header.words >= WITH_INTENSITY;
             r->colours &= header.words >= WITH_COLOURS;
@@ -139,7 +139,8 @@ static enum status find_scans(struct reader *r) {
         }
         if (!status) status = skip_points(r, header.points);
     }
-    if (!status && r->scans == 0) status = cloud_build_bad(&r->build, "read", here(r), "there is no scan in this file");
+    if (!status && r->scans == 0)
+        status = cloud_build_bad(&r->build, "read", ptx_here(r), "there is no scan in this file");
     if (!status && r->scans > UINT16_MAX)
         status =
             error_set(r->build.error, STATUS_LIMIT, "read", "%zu scans, at most %d are read", r->scans, UINT16_MAX);
@@ -148,7 +149,7 @@ static enum status find_scans(struct reader *r) {
     return status;
 }
 
-static enum status describe(struct reader *r) {
+static enum status ptx_describe(struct reader *r) {
     static const struct {
         const char *name;
         enum scalar_type type;
@@ -169,25 +170,25 @@ struct point {
     uint8_t colour[3];
 };
 
-static enum status take_point(struct reader *r, size_t words, struct point *point) {
+static enum status ptx_take_point(struct reader *r, size_t words, struct point *point) {
     struct scan_word word = {0};
     for (size_t i = 0; i < words; i++) {
         double value;
         word = (struct scan_word){0};
-        if (!scan_word(&r->scan, &word)) return bad_word(r, &word, "a number");
+        if (!scan_word(&r->scan, &word)) return ptx_bad_word(r, &word, "a number");
         if (i == POSITION_WORDS) {
-            if (!scan_f32(&word, &point->intensity)) return bad_word(r, &word, "an intensity");
+            if (!scan_f32(&word, &point->intensity)) return ptx_bad_word(r, &word, "an intensity");
             continue;
         }
-        if (!scan_f64(&word, &value)) return bad_word(r, &word, "a number");
+        if (!scan_f64(&word, &value)) return ptx_bad_word(r, &word, "a number");
         if (i < POSITION_WORDS) {
             point->position[i] = value;
         } else {
-            if (!(value >= 0 && value <= UINT8_MAX)) return bad_word(r, &word, "a colour from 0 to 255");
+            if (!(value >= 0 && value <= UINT8_MAX)) return ptx_bad_word(r, &word, "a colour from 0 to 255");
             point->colour[i - WITH_INTENSITY] = (uint8_t)value;
         }
     }
-    if (scan_word(&r->scan, &word)) return bad_word(r, &word, "the end of the line, as that of the first point is");
+    if (scan_word(&r->scan, &word)) return ptx_bad_word(r, &word, "the end of the line, as that of the first point is");
     scan_next_line(&r->scan);
     return STATUS_OK;
 }
@@ -200,8 +201,8 @@ static vec3 transform(const struct header *header, const double p[3]) {
     return (vec3){q[0], q[1], q[2]};
 }
 
-static enum status put_point(struct reader *r, const struct header *header, const struct point *point, uint16_t number,
-                             struct cloud_place place) {
+static enum status ptx_put_point(struct reader *r, const struct header *header, const struct point *point,
+                                 uint16_t number, struct cloud_place place) {
     unsigned char record[48];
     size_t used = sizeof(vec3);
     vec3 position = transform(header, point->position);
@@ -219,35 +220,35 @@ static enum status put_point(struct reader *r, const struct header *header, cons
     return cloud_build_point(&r->build, record, place);
 }
 
-static enum status take_scan(struct reader *r, uint16_t number) {
+static enum status ptx_take_scan(struct reader *r, uint16_t number) {
     struct header header = {0};
     (void)skip_empty_lines(&r->scan);
-    enum status status = take_header(r, &header);
+    enum status status = ptx_take_header(r, &header);
     bool known = header.words == POSITION_WORDS || header.words == WITH_INTENSITY || header.words == WITH_COLOURS;
     if (!status && header.points && !known)
-        status =
-            cloud_build_bad(&r->build, "read", here(r), "%zu numbers on a line; a point has 3, 4 or 7", header.words);
+        status = cloud_build_bad(&r->build, "read", ptx_here(r), "%zu numbers on a line; a point has 3, 4 or 7",
+                                 header.words);
     vec3 from = status ? (vec3){0, 0, 0} : transform(&header, (const double[3]){0, 0, 0});
     if (!status) viewpoints_begin(&r->views, from);
     for (uint64_t i = 0; !status && i < header.points; i++) {
         struct point point = {0};
-        struct cloud_place place = here(r);
-        status = take_point(r, header.words, &point);
+        struct cloud_place place = ptx_here(r);
+        status = ptx_take_point(r, header.words, &point);
         bool returned = point.position[0] != 0 || point.position[1] != 0 || point.position[2] != 0;
-        if (!status && returned) status = put_point(r, &header, &point, number, place);
+        if (!status && returned) status = ptx_put_point(r, &header, &point, number, place);
     }
     if (!status) viewpoints_end(&r->views);
     return status;
 }
 
-static enum status read_file(struct reader *r) {
+static enum status ptx_read_file(struct reader *r) {
     struct scan start = r->scan;
     enum status status = find_scans(r);
     r->scan = start;
-    if (!status) status = describe(r);
+    if (!status) status = ptx_describe(r);
     if (!status && viewpoints_init(&r->views, r->scans))
         status = error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for %zu scans", r->scans);
-    for (size_t i = 0; !status && i < r->scans; i++) status = take_scan(r, (uint16_t)i);
+    for (size_t i = 0; !status && i < r->scans; i++) status = ptx_take_scan(r, (uint16_t)i);
     if (!status) viewpoints_give(&r->views, &r->build.cloud);
     viewpoints_done(&r->views);
     return status;
@@ -275,5 +276,5 @@ enum status cloud_ptx_read(const void *bytes, size_t n, const struct cloud_limit
                            const struct progress *progress, struct cloud *cloud, struct error *error) {
     struct reader r = {.scan = scan_start(bytes, n)};
     cloud_build_start(&r.build, "ptx", n, limits, progress, error);
-    return cloud_build_end(&r.build, read_file(&r), cloud);
+    return cloud_build_end(&r.build, ptx_read_file(&r), cloud);
 }

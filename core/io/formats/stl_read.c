@@ -92,7 +92,7 @@ static enum status add_facet(struct reader *r, const uint32_t id[3]) {
     return cloud_build_triangle(&r->build, id[0], id[1], id[2]);
 }
 
-static enum status describe(struct reader *r, enum scalar_type type) {
+static enum status stl_describe(struct reader *r, enum scalar_type type) {
     enum status status = cloud_build_property(&r->build, "x", type);
     if (!status) status = cloud_build_property(&r->build, "y", type);
     return status ? status : cloud_build_property(&r->build, "z", type);
@@ -103,7 +103,7 @@ static enum status describe(struct reader *r, enum scalar_type type) {
 static enum status take_binary_corner(struct reader *r, const unsigned char *at, uint64_t byte, uint32_t *id) {
     float record[3];
     for (int axis = 0; axis < 3; axis++) {
-        uint32_t bits = (uint32_t)little_load(at + 4 * axis, 4);
+        uint32_t bits = (uint32_t)load_little_endian(at + 4 * axis, 4);
         memcpy(&record[axis], &bits, sizeof bits);
         record[axis] += 0.0f; /* -0 becomes 0 */
     }
@@ -124,11 +124,11 @@ static enum status check_length(struct reader *r, const unsigned char *bytes, si
     return cloud_build_leave_out(&r->build, note);
 }
 
-static enum status read_binary(struct reader *r, const unsigned char *bytes, size_t n) {
-    enum status status = describe(r, SCALAR_FLOAT32);
+static enum status stl_read_binary(struct reader *r, const unsigned char *bytes, size_t n) {
+    enum status status = stl_describe(r, SCALAR_FLOAT32);
     if (n < HEADER_BYTES)
         return cloud_build_bad(&r->build, "header", (struct cloud_place){0, n}, "%zu bytes are no binary STL", n);
-    uint64_t facets = little_load(bytes + 80, 4);
+    uint64_t facets = load_little_endian(bytes + 80, 4);
     if (!status) status = check_length(r, bytes, n, facets);
     for (uint64_t i = 0; !status && i < facets; i++) {
         uint64_t byte = HEADER_BYTES + i * FACET_BYTES;
@@ -151,12 +151,12 @@ static enum status expected(struct reader *r, const struct scan *scan, const str
     return cloud_build_bad(&r->build, "facet", place, "'%s' where %s should be", scan_quote(word, quote), what);
 }
 
-static enum status take_keyword(struct reader *r, struct scan *scan, const char *keyword) {
+static enum status stl_take_keyword(struct reader *r, struct scan *scan, const char *keyword) {
     struct scan_word word;
     return scan_token(scan, &word) && scan_is_any_case(&word, keyword) ? STATUS_OK : expected(r, scan, &word, keyword);
 }
 
-static enum status take_numbers(struct reader *r, struct scan *scan, double value[3]) {
+static enum status stl_take_numbers(struct reader *r, struct scan *scan, double value[3]) {
     struct scan_word word;
     for (int axis = 0; axis < 3; axis++) {
         if (!scan_token(scan, &word) || !scan_f64(&word, &value[axis])) return expected(r, scan, &word, "a number");
@@ -169,18 +169,18 @@ static enum status take_numbers(struct reader *r, struct scan *scan, double valu
 static enum status take_facet(struct reader *r, struct scan *scan) {
     double value[3];
     uint32_t id[3];
-    enum status status = take_keyword(r, scan, "normal");
-    if (!status) status = take_numbers(r, scan, value);
-    if (!status) status = take_keyword(r, scan, "outer");
-    if (!status) status = take_keyword(r, scan, "loop");
+    enum status status = stl_take_keyword(r, scan, "normal");
+    if (!status) status = stl_take_numbers(r, scan, value);
+    if (!status) status = stl_take_keyword(r, scan, "outer");
+    if (!status) status = stl_take_keyword(r, scan, "loop");
     for (int k = 0; !status && k < 3; k++) {
-        status = take_keyword(r, scan, "vertex");
-        if (!status) status = take_numbers(r, scan, value);
+        status = stl_take_keyword(r, scan, "vertex");
+        if (!status) status = stl_take_numbers(r, scan, value);
         struct cloud_place place = {scan->line, (uint64_t)(scan->at - scan->begin)};
         if (!status) status = point_at(r, (vec3){value[0], value[1], value[2]}, value, place, &id[k]);
     }
-    if (!status) status = take_keyword(r, scan, "endloop");
-    if (!status) status = take_keyword(r, scan, "endfacet");
+    if (!status) status = stl_take_keyword(r, scan, "endloop");
+    if (!status) status = stl_take_keyword(r, scan, "endfacet");
     return status ? status : add_facet(r, id);
 }
 
@@ -201,7 +201,7 @@ static enum status take_solid(struct reader *r, struct scan *scan) {
 
 static enum status read_text(struct reader *r, struct scan scan) {
     struct scan_word word;
-    enum status status = describe(r, SCALAR_FLOAT64);
+    enum status status = stl_describe(r, SCALAR_FLOAT64);
     while (!status && scan_token(&scan, &word))
         status = scan_is_any_case(&word, "solid") ? take_solid(r, &scan) : expected(r, &scan, &word, "solid");
     return status;
@@ -222,7 +222,7 @@ static bool is_text_form(const void *first, size_t n) {
 static bool is_facet(const unsigned char *at) {
     float value[12];
     for (int i = 0; i < 12; i++) {
-        uint32_t bits = (uint32_t)little_load(at + 4 * i, 4);
+        uint32_t bits = (uint32_t)load_little_endian(at + 4 * i, 4);
         memcpy(&value[i], &bits, sizeof bits);
         if (!isfinite(value[i]) || fabsf(value[i]) > 1e12f || (value[i] != 0 && fabsf(value[i]) < 1e-30f)) return false;
     }
@@ -236,7 +236,7 @@ static bool looks_binary(const struct first_bytes *first) {
     const unsigned char *bytes = (const unsigned char *)first->text;
     size_t n = first->n;
     if (n < HEADER_BYTES) return false;
-    uint64_t facets = little_load(bytes + HEADER_BYTES - 4, 4);
+    uint64_t facets = load_little_endian(bytes + HEADER_BYTES - 4, 4);
     uint64_t length = HEADER_BYTES + facets * FACET_BYTES;
     if (length == n && facets > 0) return true;
     if (n < HEADER_BYTES + FACET_BYTES || facets == 0) return false;
@@ -265,7 +265,7 @@ enum status cloud_stl_read(const void *bytes, size_t n, const struct cloud_limit
     struct reader r = {0};
     bool text = is_text_form(bytes, n);
     cloud_build_start(&r.build, text ? "stl/ascii" : "stl/binary", n, limits, progress, error);
-    enum status status = text ? read_text(&r, scan_start(bytes, n)) : read_binary(&r, bytes, n);
+    enum status status = text ? read_text(&r, scan_start(bytes, n)) : stl_read_binary(&r, bytes, n);
     free(r.slot);
     return cloud_build_end(&r.build, status, cloud);
 }

@@ -11,7 +11,7 @@
 
 enum { HEADER_BYTES = 80 };
 
-static void put_vector(struct sink *sink, vec3 p) {
+static void stl_put_vector(struct sink *sink, vec3 p) {
     for (int axis = 0; axis < 3; axis++) {
         float value = (float)(&p.x)[axis];
         cloud_write_scalar(sink, &value, SCALAR_FLOAT32, ENCODING_BINARY);
@@ -29,8 +29,8 @@ static void put_facet(struct sink *sink, const struct mesh *mesh, size_t t) {
     static const uint16_t nothing;
     vec3 corner[3];
     for (int k = 0; k < 3; k++) corner[k] = mesh->vertex[mesh->triangle[t][k]];
-    put_vector(sink, normal_of(corner));
-    for (int k = 0; k < 3; k++) put_vector(sink, corner[k]);
+    stl_put_vector(sink, normal_of(corner));
+    for (int k = 0; k < 3; k++) stl_put_vector(sink, corner[k]);
     cloud_write_scalar(sink, &nothing, SCALAR_UINT16, ENCODING_BINARY);
 }
 

@@ -71,21 +71,19 @@ struct reader {
 
 /* ------------------------------------------------------------------------------------------------ lines, words */
 
-static bool is_newline(char c) { return c == '\n' || c == '\r'; }
-static bool is_blank(char c) { return c == ' ' || c == '\t'; }
 static bool is_mark(char c) { return c == ',' || c == ';'; }
 static bool is_digit(char c) { return c >= '0' && c <= '9'; }
 
 static bool is_separator(const struct reader *r, char c) {
-    return is_blank(c) || c == ';' || (c == ',' && !r->decimal_commas);
+    return scan_is_blank(c) || c == ';' || (c == ',' && !r->decimal_commas);
 }
 
 static void skip_blanks(struct reader *r) {
-    while (r->at < r->end && is_blank(*r->at)) r->at++;
+    while (r->at < r->end && scan_is_blank(*r->at)) r->at++;
 }
 
 static void skip_line(struct reader *r) {
-    while (r->at < r->end && !is_newline(*r->at)) r->at++;
+    while (r->at < r->end && !scan_is_newline(*r->at)) r->at++;
     if (r->at == r->end) return;
     if (*r->at == '\r' && r->at + 1 < r->end && r->at[1] == '\n') r->at++;
     r->at++;
@@ -97,19 +95,17 @@ static bool at_comment(const struct reader *r) {
     return c == '#' || c == '%' || c == ';' || (c == '/' && r->at + 1 < r->end && r->at[1] == '/');
 }
 
-static bool is_quote(char c) { return c == '"' || c == '\''; }
-
 /* The end of the word at `at`, which may have separators in quotes. */
 static const char *end_of_word(const struct reader *r, const char *at) {
     const char *stop = at;
-    if (stop < r->end && is_quote(*stop)) {
+    if (stop < r->end && scan_is_quote(*stop)) {
         do stop++;
-        while (stop < r->end && *stop != *at && !is_newline(*stop));
+        while (stop < r->end && *stop != *at && !scan_is_newline(*stop));
         bool closed = stop < r->end && *stop == *at;
-        if (closed && (stop + 1 == r->end || is_separator(r, stop[1]) || is_newline(stop[1]))) return stop + 1;
+        if (closed && (stop + 1 == r->end || is_separator(r, stop[1]) || scan_is_newline(stop[1]))) return stop + 1;
         stop = at;
     }
-    while (stop < r->end && !is_separator(r, *stop) && !is_newline(*stop)) stop++;
+    while (stop < r->end && !is_separator(r, *stop) && !scan_is_newline(*stop)) stop++;
     return stop;
 }
 
@@ -130,7 +126,7 @@ static size_t count_words(const struct reader *r, const char *at) {
 static const char *parse_decimal_comma(const char *at, const char *end, double *value) {
     char copy[WORD_BYTES];
     size_t n = 0;
-    for (; at + n < end && n < sizeof copy && !is_blank(at[n]) && !is_newline(at[n]); n++)
+    for (; at + n < end && n < sizeof copy && !scan_is_blank(at[n]) && !scan_is_newline(at[n]); n++)
         copy[n] = at[n] == ',' ? '.' : at[n];
     const char *after = number_parse_f64(copy, copy + n, value);
     return after ? at + (after - copy) : NULL;
@@ -144,7 +140,7 @@ static const char *parse_number(const struct reader *r, const char *at, const ch
 
 /* Reads a number, which may stand in quotes; returns what follows it, NULL: there is none. */
 static const char *parse_value(const struct reader *r, const char *at, const char *end, double *value) {
-    char quote = at < end && is_quote(*at) ? *at++ : '\0';
+    char quote = at < end && scan_is_quote(*at) ? *at++ : '\0';
     const char *after = parse_number(r, at, end, value);
     if (!quote || !after) return after;
     return after < end && *after == quote ? after + 1 : NULL;
@@ -156,7 +152,7 @@ static bool is_number(const struct reader *r, const char *at, const char *stop) 
 }
 
 static bool line_has(const char *at, const char *end, char c) {
-    while (at < end && !is_newline(*at) && *at != c) at++;
+    while (at < end && !scan_is_newline(*at) && *at != c) at++;
     return at < end && *at == c;
 }
 
@@ -165,15 +161,15 @@ static bool line_has(const char *at, const char *end, char c) {
 static const char *comma_inside(const char *at, const char *end) {
     const char *found = NULL;
     size_t words = 0;
-    for (; at < end && !is_newline(*at); words++) {
+    for (; at < end && !scan_is_newline(*at); words++) {
         const char *word = at, *comma = NULL;
-        for (; at < end && !is_blank(*at) && !is_newline(*at); at++) {
+        for (; at < end && !scan_is_blank(*at) && !scan_is_newline(*at); at++) {
             if (*at != ',') continue;
             if (comma || at == word || !is_digit(at[-1]) || at + 1 == end || !is_digit(at[1])) return NULL;
             comma = at;
         }
         if (comma && !found) found = word;
-        while (at < end && is_blank(*at)) at++;
+        while (at < end && scan_is_blank(*at)) at++;
     }
     return words >= 3 ? found : NULL;
 }
@@ -187,13 +183,9 @@ static bool no_word_is_a_number(const struct reader *r) {
     return true;
 }
 
-static bool is_bracketed(const char *from, const char *stop) {
-    return stop - from >= 2 && ((*from == '[' && stop[-1] == ']') || (*from == '(' && stop[-1] == ')'));
-}
-
 static bool is_unit(const char *at, const char *stop) {
     static const char *const units[] = {"m", "mm", "cm", "dm", "km", "um", "nm", "ft", "in", "deg", "rad", "-"};
-    if (is_bracketed(at, stop)) return true;
+    if (scan_is_bracketed(at, stop)) return true;
     for (size_t i = 0; i < sizeof units / sizeof *units; i++)
         if ((size_t)(stop - at) == strlen(units[i]) && strncasecmp(at, units[i], (size_t)(stop - at)) == 0) return true;
     return false;
@@ -207,10 +199,10 @@ static bool all_words_are_units(const struct reader *r) {
 }
 
 /* Takes a line with a single whole number as the count of points; false when it is something else. */
-static bool take_count(struct reader *r) {
+static bool xyz_take_count(struct reader *r) {
     if (r->has_count || count_words(r, r->at) != 1) return false;
     uint64_t n = 0;
-    for (const char *c = r->at; c < r->end && !is_newline(*c) && !is_separator(r, *c); c++)
+    for (const char *c = r->at; c < r->end && !scan_is_newline(*c) && !is_separator(r, *c); c++)
         if (*c < '0' || *c > '9' || __builtin_mul_overflow(n, 10u, &n) ||
             __builtin_add_overflow(n, (uint64_t)(*c - '0'), &n))
             return false;
@@ -247,7 +239,7 @@ static bool find_first_point(struct reader *r) {
     if (r->end - r->at >= 3 && memcmp(r->at, "\xef\xbb\xbf", 3) == 0) r->at += 3;
     bool has_names = false, has_units = false;
     for (; skip_blanks(r), r->at < r->end; skip_line(r)) {
-        if (is_newline(*r->at)) continue;
+        if (scan_is_newline(*r->at)) continue;
         if (at_comment(r)) {
             take_comment(r);
         } else if (!has_names && no_word_is_a_number(r)) {
@@ -256,7 +248,7 @@ static bool find_first_point(struct reader *r) {
             r->names_are_comment = false;
         } else if (has_names && !has_units && all_words_are_units(r)) {
             has_units = true;
-        } else if (!take_count(r)) {
+        } else if (!xyz_take_count(r)) {
             return true;
         }
     }
@@ -265,7 +257,7 @@ static bool find_first_point(struct reader *r) {
 
 /* ------------------------------------------------------------------------------------------------ columns */
 
-static enum status no_memory(struct reader *r) {
+static enum status xyz_no_memory(struct reader *r) {
     return error_set_at(r->error, STATUS_NO_MEMORY, "read", r->line, UINT64_MAX, "no memory for more than %zu points",
                         r->cloud->count);
 }
@@ -274,11 +266,11 @@ static bool is_fit_name(const char *at, size_t n) {
     if (n == 0 || n >= PROPERTY_NAME_BYTES) return false;
     if (n >= 6 && memcmp(at, "column", 6) == 0) return false; /* those are ours, and so can't clash */
     for (size_t k = 0; k < n; k++)
-        if ((at[k] < 33 || at[k] > 126) && !is_blank(at[k])) return false;
+        if ((at[k] < 33 || at[k] > 126) && !scan_is_blank(at[k])) return false;
     return true;
 }
 
-static bool is_taken(const struct cloud *cloud, const char *name) {
+static bool xyz_is_taken(const struct cloud *cloud, const char *name) {
     for (size_t j = 0; j < cloud->property_count; j++)
         if (strcmp(cloud->property[j].name, name) == 0) return true;
     return false;
@@ -287,8 +279,8 @@ static bool is_taken(const struct cloud *cloud, const char *name) {
 /* Gives property j the name of column c, which is n bytes at `at`; its number where that can't be. */
 static void name_property(struct cloud *cloud, size_t j, size_t c, const char *at, size_t n) {
     char name[PROPERTY_NAME_BYTES] = "";
-    for (size_t k = 0; is_fit_name(at, n) && k < n; k++) name[k] = is_blank(at[k]) || is_mark(at[k]) ? '_' : at[k];
-    if (!name[0] || is_taken(cloud, name)) snprintf(name, sizeof name, "column%zu", c + 1);
+    for (size_t k = 0; is_fit_name(at, n) && k < n; k++) name[k] = scan_is_blank(at[k]) || is_mark(at[k]) ? '_' : at[k];
+    if (!name[0] || xyz_is_taken(cloud, name)) snprintf(name, sizeof name, "column%zu", c + 1);
     memcpy(cloud->property[j].name, name, sizeof name);
 }
 
@@ -374,7 +366,7 @@ static enum status name_columns(struct reader *r) {
     for (size_t c = 0; c < r->columns; c++) name_from_file(r, c);
     if (names->is_geographic && cloud_leave_out(r->cloud, "that x and y are degrees, longitude and latitude, unlike z: "
                                                           "project the points before, to one unit of length"))
-        return no_memory(r);
+        return xyz_no_memory(r);
     return STATUS_OK;
 }
 
@@ -421,14 +413,14 @@ static enum status apply_list(struct reader *r) {
     return STATUS_OK;
 }
 
-static void find_xyz(struct cloud *cloud) {
+static void xyz_find_places(struct cloud *cloud) {
     for (size_t j = 0; j < cloud->property_count; j++)
         for (unsigned axis = 0; axis < 3; axis++)
             if (strcmp(cloud->property[j].name, (const char[2]){"xyz"[axis]}) == 0) cloud->xyz[axis] = (uint32_t)j;
 }
 
 /* Sets up the columns from the first point's line, where at is. */
-static enum status describe(struct reader *r) {
+static enum status xyz_describe(struct reader *r) {
     struct cloud *cloud = r->cloud;
     r->decimal_commas = line_has(r->at, r->end, ';');
     size_t columns = r->columns = count_words(r, r->at);
@@ -440,12 +432,12 @@ static enum status describe(struct reader *r) {
                             "the line has %zu values, a point has at least 3", columns);
     cloud->form = "xyz";
     cloud->property = alloc_zeroed(columns, sizeof *cloud->property);
-    if (!cloud->property) return no_memory(r);
+    if (!cloud->property) return xyz_no_memory(r);
     cloud->property_count = columns;
     for (size_t j = 0; j < columns; j++) r->target[j] = (uint32_t)j;
     if (r->names_at) column_names_split(r->names_at, r->end, &r->names);
     enum status status = r->list ? apply_list(r) : name_columns(r);
-    find_xyz(cloud);
+    xyz_find_places(cloud);
     cloud->record_bytes = cloud->property_count * sizeof(double);
     for (size_t j = 0; j < cloud->property_count; j++) {
         cloud->property[j].type = SCALAR_FLOAT64;
@@ -459,16 +451,16 @@ static enum status describe(struct reader *r) {
 static enum status resize(struct reader *r, size_t capacity) {
     struct cloud *cloud = r->cloud;
     vec3 *position = alloc_resize(cloud->position, capacity, sizeof *position);
-    if (!position) return no_memory(r);
+    if (!position) return xyz_no_memory(r);
     cloud->position = position;
     unsigned char *record = alloc_resize(cloud->record, capacity, cloud->record_bytes);
-    if (!record) return no_memory(r);
+    if (!record) return xyz_no_memory(r);
     cloud->record = record;
     r->capacity = capacity;
     return STATUS_OK;
 }
 
-static enum status bad(struct reader *r, size_t column, const char *what) {
+static enum status xyz_bad(struct reader *r, size_t column, const char *what) {
     char quote[NUMBER_QUOTE_BYTES];
     bool kept = column < r->columns && r->target[column] != NONE;
     const char *name = kept ? r->cloud->property[r->target[column]].name : "columns";
@@ -486,7 +478,7 @@ static enum status bad_width(struct reader *r, size_t columns) {
 static enum status take_separator(struct reader *r, char *mark, size_t column) {
     skip_blanks(r);
     if (r->at == r->end || (*r->at != ',' && *r->at != ';')) return STATUS_OK;
-    if (*mark && *mark != *r->at) return bad(r, column, "both commas and semicolons between values");
+    if (*mark && *mark != *r->at) return xyz_bad(r, column, "both commas and semicolons between values");
     *mark = *r->at++;
     skip_blanks(r);
     return STATUS_OK;
@@ -500,7 +492,7 @@ static enum status one_or_two(struct reader *r, const char *word) {
                         number_quote(word, r->end, quote));
 }
 
-static bool at_line_end(const struct reader *r) { return r->at == r->end || is_newline(*r->at); }
+static bool at_line_end(const struct reader *r) { return r->at == r->end || scan_is_newline(*r->at); }
 
 /* Whether the file has had both decimal commas and decimal points, now that this number was read. */
 static bool mixes_decimals(struct reader *r, const char *at, const char *after) {
@@ -518,12 +510,12 @@ static enum status take_values(struct reader *r, double *record) {
         if (j == columns) return bad_width(r, j + 1);
         const char *after =
             r->target[j] == NONE ? end_of_word(r, r->at) : parse_value(r, r->at, r->end, &record[r->target[j]]);
-        if (!after || (after < r->end && !is_separator(r, *after) && !is_newline(*after)))
-            return bad(r, j, "not a number (the parameter columns leaves a column out by -)");
+        if (!after || (after < r->end && !is_separator(r, *after) && !scan_is_newline(*after)))
+            return xyz_bad(r, j, "not a number (the parameter columns leaves a column out by -)");
         if (r->target[j] != NONE && r->decimal_commas && mixes_decimals(r, r->at, after))
-            return bad(r, j,
-                       "the file has commas and points in numbers, one of which may set off thousands; write "
-                       "points for decimals and nothing for thousands");
+            return xyz_bad(r, j,
+                           "the file has commas and points in numbers, one of which may set off thousands; write "
+                           "points for decimals and nothing for thousands");
         r->at = after;
         enum status status = take_separator(r, &mark, j + 1);
         if (status) return status;
@@ -531,7 +523,7 @@ static enum status take_values(struct reader *r, double *record) {
     return j == columns ? STATUS_OK : bad_width(r, j);
 }
 
-static enum status take_point(struct reader *r) {
+static enum status xyz_take_point(struct reader *r) {
     struct cloud *cloud = r->cloud;
     double record[CLOUD_MAX_PROPERTIES];
     const char *line = r->at;
@@ -551,13 +543,13 @@ static enum status take_point(struct reader *r) {
 }
 
 /* Up to `most` points in the cloud. */
-static enum status take_points(struct reader *r, size_t most) {
+static enum status xyz_take_points(struct reader *r, size_t most) {
     for (; skip_blanks(r), r->at < r->end && r->cloud->count < most; skip_line(r)) {
-        if (is_newline(*r->at) || at_comment(r)) continue;
+        if (scan_is_newline(*r->at) || at_comment(r)) continue;
         if (r->cloud->count % TICK_POINTS == 0 &&
             progress_tick(r->progress, "read", (double)(r->at - r->begin) / (double)(r->end - r->begin)))
             return error_set(r->error, STATUS_CANCELLED, "read", "cancelled");
-        enum status status = take_point(r);
+        enum status status = xyz_take_point(r);
         if (status) return status;
     }
     return STATUS_OK;
@@ -585,10 +577,10 @@ static void check_pts_colours(struct reader *r) {
         }
 }
 
-static enum status read_file(struct reader *r) {
+static enum status xyz_read_file(struct reader *r) {
     if (!find_first_point(r)) return error_set_at(r->error, STATUS_MALFORMED, "read", r->line, UINT64_MAX, "no points");
-    enum status status = describe(r);
-    if (!status) status = take_points(r, SIZE_MAX);
+    enum status status = xyz_describe(r);
+    if (!status) status = xyz_take_points(r, SIZE_MAX);
     if (!status) status = check_count(r, r->cloud->count);
     if (!status) status = cloud_drop_unplaced(r->cloud, r->error);
     if (status) return status;
@@ -596,7 +588,7 @@ static enum status read_file(struct reader *r) {
     return resize(r, r->cloud->count);
 }
 
-static struct reader start(const void *bytes, size_t n, const struct cloud_limits *limits) {
+static struct reader xyz_start(const void *bytes, size_t n, const struct cloud_limits *limits) {
     uint64_t points = limits && limits->max_points ? limits->max_points : NONE - 1;
     size_t columns = limits && limits->max_properties ? limits->max_properties : CLOUD_MAX_PROPERTIES;
     const char *text = bytes;
@@ -615,12 +607,12 @@ const char *cloud_xyz_look(const struct first_bytes *first) { return first->is_t
 enum status cloud_xyz_read(const void *bytes, size_t n, const struct cloud_limits *limits,
                            const struct progress *progress, struct cloud *cloud, struct error *error) {
     struct cloud read = {0};
-    struct reader r = start(bytes, n, limits);
+    struct reader r = xyz_start(bytes, n, limits);
     assert(!r.list || column_list_is_valid(r.list));
     r.progress = progress;
     r.cloud = &read;
     r.error = error;
-    enum status status = read_file(&r);
+    enum status status = xyz_read_file(&r);
     if (!status) {
         *cloud = read;
         read = (struct cloud){0};
@@ -638,13 +630,13 @@ struct xyz_parts {
     uint64_t points;
 };
 
-static enum status next_part(struct cloud_parts *parts, struct error *error) {
+static enum status xyz_next_part(struct cloud_parts *parts, struct error *error) {
     struct xyz_parts *p = (struct xyz_parts *)parts;
     struct reader *r = &p->reader;
     bool first = p->points == 0;
     r->error = error;
     p->cloud.count = 0;
-    enum status status = take_points(r, PART_POINTS);
+    enum status status = xyz_take_points(r, PART_POINTS);
     p->points += p->cloud.count;
     if (!status && p->cloud.count < PART_POINTS) status = check_count(r, p->points);
     if (!status && first) check_pts_colours(r);
@@ -652,7 +644,7 @@ static enum status next_part(struct cloud_parts *parts, struct error *error) {
     return status;
 }
 
-static void free_parts(struct cloud_parts *parts) {
+static void xyz_free_parts(struct cloud_parts *parts) {
     struct xyz_parts *p = (struct xyz_parts *)parts;
     cloud_done(&p->cloud);
     free(p);
@@ -663,16 +655,16 @@ enum status cloud_xyz_parts(const void *bytes, size_t n, const struct cloud_limi
     struct xyz_parts *p = alloc_zeroed(1, sizeof *p);
     if (!p) return error_set(error, STATUS_NO_MEMORY, "read", "no memory to read with");
     struct reader *r = &p->reader;
-    *r = start(bytes, n, limits);
+    *r = xyz_start(bytes, n, limits);
     r->cloud = &p->cloud;
     r->error = error;
     enum status status = STATUS_OK;
     if (!find_first_point(r)) status = error_set_at(error, STATUS_MALFORMED, "read", r->line, UINT64_MAX, "no points");
-    if (!status) status = describe(r);
+    if (!status) status = xyz_describe(r);
     if (!status) status = resize(r, PART_POINTS);
-    p->parts = (struct cloud_parts){&p->cloud, r->has_count ? r->count : 0, 0, next_part, free_parts};
+    p->parts = (struct cloud_parts){&p->cloud, r->has_count ? r->count : 0, 0, xyz_next_part, xyz_free_parts};
     if (status)
-        free_parts(&p->parts);
+        xyz_free_parts(&p->parts);
     else
         *out = &p->parts;
     return status;

@@ -161,7 +161,7 @@ static void begin_channel(struct channel *c, const struct point14 *first) {
     laz_time_begin(&c->time, first->time);
 }
 
-static uint32_t changes_of(const struct point14 *last, const struct point14 *point, bool other_channel) {
+static uint32_t layered_changes_of(const struct point14 *last, const struct point14 *point, bool other_channel) {
     uint32_t step = (point->number - last->number) & 15;
     uint32_t number = step == 0 ? NUMBER_SAME : step == 1 ? NUMBER_NEXT : step == 15 ? NUMBER_BEFORE : NUMBER_ANY;
     return number | (other_channel ? OTHER_CHANNEL : 0) | (point->source != last->source ? OTHER_SOURCE : 0) |
@@ -178,7 +178,7 @@ LAZ_CODES uint32_t code_returns(struct laz_layered *l, struct point14 *point, co
     uint32_t changed = 0;
     if (write) {
         if (l->channel[point->channel].met) last = &l->channel[point->channel].last;
-        changed = changes_of(last, point, point->channel != l->now);
+        changed = layered_changes_of(last, point, point->channel != l->now);
     }
     changed = laz_code_symbol(coder, &c->changed[context], changed, write);
     if (changed & OTHER_CHANNEL) {
@@ -450,7 +450,7 @@ static void lay_channel(struct channel *c, struct laz_room *room) {
     laz_time_lay(&c->time, false, room);
 }
 
-static void lay(struct laz_layered *l, struct laz_room *room) {
+static void lay_layered(struct laz_layered *l, struct laz_room *room) {
     for (size_t k = 0; k < CHANNELS; k++)
         for (size_t i = 0; i < l->layout.item_count; i++) switch (l->layout.item[i].type) {
             case LAZ_POINT14: lay_channel(&l->channel[k], room); break;
@@ -479,12 +479,12 @@ struct laz_layered *laz_layered_new(const struct laz_layout *layout) {
     l->last_byte = alloc_array(CHANNELS * l->extras, 1);
     l->byte = alloc_array(CHANNELS * l->extras, sizeof *l->byte);
     l->layer = alloc_zeroed(l->layers, sizeof *l->layer);
-    if (l->last_byte && l->byte) lay(l, &room);
+    if (l->last_byte && l->byte) lay_layered(l, &room);
     room.data = alloc_array(room.used, sizeof *room.data);
     room.used = 0;
     l->data = room.data;
     if (l->last_byte && l->byte && l->layer && l->data) {
-        lay(l, &room);
+        lay_layered(l, &room);
         return l;
     }
     laz_layered_free(l);

@@ -67,7 +67,7 @@ struct laz_pointwise {
 /* Bits of the symbol that tells what changed. */
 enum { RETURNS = 32, INTENSITY = 16, CLASS = 8, ANGLE = 4, USER = 2, SOURCE = 1 };
 
-static uint32_t changes_of(const struct point10 *p, const unsigned char *item, uint32_t last_intensity) {
+static uint32_t pointwise_changes_of(const struct point10 *p, const unsigned char *item, uint32_t last_intensity) {
     const unsigned char *last = p->last;
     return (item[14] != last[14] ? RETURNS : 0) | (laz_load16(item + 12) != last_intensity ? INTENSITY : 0) |
            (item[15] != last[15] ? CLASS : 0) | (item[16] != last[16] ? ANGLE : 0) | (item[17] != last[17] ? USER : 0) |
@@ -78,7 +78,7 @@ static inline size_t kind_of(unsigned returns) { return return_kind[returns >> 3
 
 LAZ_CODES void code_point10(struct laz_coder *coder, struct point10 *p, unsigned char *item, const bool write) {
     unsigned char *last = p->last;
-    uint32_t changed = write ? changes_of(p, item, p->last_intensity[kind_of(item[14])]) : 0;
+    uint32_t changed = write ? pointwise_changes_of(p, item, p->last_intensity[kind_of(item[14])]) : 0;
     changed = laz_code_symbol(coder, &p->changed, changed, write);
     if (changed & RETURNS) last[14] = (unsigned char)laz_code_symbol(coder, &p->returns[last[14]], item[14], write);
     unsigned number = last[14] & 7, of = last[14] >> 3 & 7, level = number > of ? number - of : of - number;
@@ -130,7 +130,7 @@ LAZ_CODES void code_old_point10(struct laz_coder *coder, struct point10 *p, unsi
     uint32_t z = laz_code_integer(coder, &p->z, laz_load32(last + 8), k < OLD_CONTEXT ? k : OLD_CONTEXT,
                                   write ? laz_load32(item + 8) : 0, write);
     if (write) {
-        changed = changes_of(p, item, laz_load16(last + 12));
+        changed = pointwise_changes_of(p, item, laz_load16(last + 12));
         changed = (changed & INTENSITY) << 1 | (changed & RETURNS) >> 1 | (changed & (CLASS | ANGLE | USER | SOURCE));
     }
     changed = laz_code_symbol(coder, &p->changed, changed, write);
@@ -286,7 +286,7 @@ static void lay_point10(struct point10 *p, bool is_old, struct laz_room *room) {
     if (is_old) laz_integer_lay(&p->old_angle, 8, 2, room);
 }
 
-static void lay(struct laz_pointwise *p, struct laz_room *room) {
+static void lay_pointwise(struct laz_pointwise *p, struct laz_room *room) {
     for (size_t i = 0; i < p->layout.item_count; i++) {
         bool is_old = p->layout.item[i].version == 1;
         switch (p->layout.item[i].type) {
@@ -321,12 +321,12 @@ struct laz_pointwise *laz_pointwise_new(const struct laz_layout *layout) {
     p->extra = last->type == LAZ_BYTES ? last->bytes : 0;
     p->last_byte = alloc_array(p->extra, 1);
     p->byte = alloc_array(p->extra, sizeof *p->byte);
-    if (p->byte) lay(p, &room);
+    if (p->byte) lay_pointwise(p, &room);
     room.data = alloc_array(room.used, sizeof *room.data);
     room.used = 0;
     p->data = room.data;
     if (p->last_byte && p->byte && p->data) {
-        lay(p, &room);
+        lay_pointwise(p, &room);
         return p;
     }
     laz_pointwise_free(p);

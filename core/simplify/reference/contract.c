@@ -144,18 +144,18 @@ static enum status contract_edge(struct greedy *g, uint32_t stays, uint32_t goes
 
 /* ------------------------------------------------------------------------------------------------ the method */
 
-static enum status link_neighbours(struct greedy *g, const struct neighbourhood *hood) {
+static enum status link_neighbours(struct greedy *g, const struct neighbourhood *neighbours) {
     struct adjacency near = {0};
-    enum status status = adjacency_from(hood, 1, &near);
+    enum status status = adjacency_from(neighbours, 1, &near);
     for (uint32_t p = 0; !status && p < g->n; p++)
         for (unsigned i = 0; !status && i < near.degree[p]; i++) status = link_to(g, p, near.list[near.start[p] + i]);
     if (!status) adjacency_done(&near);
     return status;
 }
 
-static enum status greedy_init(struct greedy *g, const vec3 *point, const struct neighbourhood *hood,
+static enum status greedy_init(struct greedy *g, const vec3 *point, const struct neighbourhood *neighbours,
                                const struct packed_quadric *quadrics) {
-    *g = (struct greedy){.point = point, .n = hood->n};
+    *g = (struct greedy){.point = point, .n = neighbours->n};
     g->quadric = alloc_array(g->n, sizeof *g->quadric);
     g->links = alloc_zeroed(g->n, sizeof *g->links);
     g->version = alloc_zeroed(g->n, sizeof *g->version);
@@ -167,7 +167,7 @@ static enum status greedy_init(struct greedy *g, const vec3 *point, const struct
         weight += g->quadric[p].weight;
     }
     g->bias = LENGTH_BIAS * weight / (double)g->n;
-    enum status status = link_neighbours(g, hood);
+    enum status status = link_neighbours(g, neighbours);
     for (uint32_t p = 0; !status && p < g->n; p++)
         for (size_t i = 0; !status && i < g->links[p].count; i++)
             if (p < g->links[p].id[i]) status = push_edge(g, p, g->links[p].id[i]);
@@ -184,10 +184,10 @@ static bool is_current(const struct greedy *g, const struct edge *edge) {
            g->version[edge->q] == edge->version_q;
 }
 
-enum status reference_contract(const vec3 *point, const struct neighbourhood *hood,
+enum status reference_contract(const vec3 *point, const struct neighbourhood *neighbours,
                                const struct packed_quadric *quadrics, size_t k, uint32_t *kept) {
     struct greedy g;
-    enum status status = greedy_init(&g, point, hood, quadrics);
+    enum status status = greedy_init(&g, point, neighbours, quadrics);
     for (size_t left = g.n; !status && left > k;) { /* the required number */
         if (g.used == 0) {
             status = STATUS_DEGENERATE;

@@ -12,7 +12,7 @@
 /* Contracts the points of the neighbourhood until k are left, 1 <= k <= n: kept[0 .. k - 1], ascending.  quadrics: n,
  * each about its own point, as quadric_assemble makes them; borrowed.  O(n k log n) for k neighbours.  kept is
  * untouched on failure: STATUS_NO_MEMORY; STATUS_DEGENERATE where the virtual edges join too few points to go on. */
-enum status reference_contract(const vec3 *point, const struct neighbourhood *hood,
+enum status reference_contract(const vec3 *point, const struct neighbourhood *neighbours,
                                const struct packed_quadric *quadrics, size_t k, uint32_t *kept) MUST_CHECK;
 
 #endif

@@ -54,7 +54,7 @@ static enum status judge(struct run *run, struct cocone_label label[COCONE_FRAME
                         &run->facts->reconsidered);
 }
 
-static enum status mend(struct run *run, struct cocone_label *label) {
+static enum status repair_labelling(struct run *run, struct cocone_label *label) {
     const struct reconstruct_dense *dense = run->input->dense;
     unsigned threads = run->threads;
     struct cocone_handles_input input = {&run->star, &label->cost, dense, run->progress, threads};
@@ -74,7 +74,7 @@ static enum status label_tight(struct run *run) {
     if (!status && count == 2) status = judge(run, label);
     cocone_label_done(&label[1]);
     if (!status) status = tick(run, 0.7);
-    if (!status) status = mend(run, &label[0]);
+    if (!status) status = repair_labelling(run, &label[0]);
     run->facts->conflicts = label[0].conflicts;
     run->inside = label[0].inside;
     label[0].inside = NULL;

@@ -52,7 +52,7 @@ static bool is_beyond(const struct cocone_star *star, uint32_t half, vec3 p) {
 }
 
 /* Walks to the cell that p is in; it may end at an infinite one. */
-static uint32_t walk(const struct cocone_star *star, uint32_t cell, vec3 p) {
+static uint32_t walk_to(const struct cocone_star *star, uint32_t cell, vec3 p) {
     for (int step = 0; step < WALK_MOST && cocone_star_is_finite(star, cell); step++) {
         unsigned i = 0;
         while (i < 4 && !is_beyond(star, cocone_star_pack(cell, i), p)) i++;
@@ -63,7 +63,7 @@ static uint32_t walk(const struct cocone_star *star, uint32_t cell, vec3 p) {
 }
 
 static void add_sample(struct found *f, vec3 p) {
-    uint32_t cell = walk(f->star, f->at, p);
+    uint32_t cell = walk_to(f->star, f->at, p);
     if (!cocone_star_is_finite(f->star, cell)) return;
     f->at = cell;
     f->samples[f->inside[cell]]++;

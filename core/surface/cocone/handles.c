@@ -142,7 +142,7 @@ static uint64_t fingerprint_of(const uint32_t *point, size_t count) {
 }
 
 /* Of trials that are sound or empty. */
-static bool is_better(const struct cocone_repair_trial *a, const struct cocone_repair_trial *b) {
+static bool is_better_trial(const struct cocone_repair_trial *a, const struct cocone_repair_trial *b) {
     if (a->count == 0 || b->count == 0) return b->count == 0;
     return a->cost != b->cost ? a->cost < b->cost : a->count < b->count;
 }
@@ -169,7 +169,7 @@ static void try_shell(struct handles *h, const struct cocone_shell *shell, struc
     for (size_t i = 0; i < shell->count; i++) {
         struct cocone_repair_trial trial;
         try_cells(h, &shell->cell[i], 1, ONE_SHELL_LESS, &trial);
-        if (is_better(&trial, best)) *best = trial;
+        if (is_better_trial(&trial, best)) *best = trial;
     }
 }
 
@@ -183,7 +183,7 @@ static void try_loop(struct handles *h, const uint32_t *point, size_t count, int
         try_disc(h, &(struct cocone_disc){point, count, -shift[i]}, &side[0]);
         try_disc(h, &(struct cocone_disc){point, count, shift[i]}, &side[1]);
     }
-    int first = is_better(&side[1], &side[0]);
+    int first = is_better_trial(&side[1], &side[0]);
     *trial = side[attempt == 0 ? first : !first];
 }
 
@@ -306,7 +306,7 @@ static enum status close_some(struct handles *h, const struct mesh *mesh, size_t
 }
 
 /* A mesh of the labels as they are; the labels themselves stay. */
-static enum status make_mesh(const struct handles *h, struct mesh *mesh) {
+static enum status mesh_of_labels(const struct handles *h, struct mesh *mesh) {
     uint8_t *copy = alloc_array(h->star->tets->cell_count, 1);
     if (!copy) return STATUS_NO_MEMORY;
     memcpy(copy, h->inside, h->star->tets->cell_count);
@@ -321,7 +321,7 @@ static enum status close_all(struct handles *h, size_t *closed) {
     for (int round = 0; round < ROUNDS_MOST && taken > 0 && least > 0 && !status; round++) {
         struct mesh mesh = {0};
         size_t excess = 0;
-        status = make_mesh(h, &mesh);
+        status = mesh_of_labels(h, &mesh);
         if (!status) status = count_excess(&mesh, &excess);
         if (!status && excess >= least) {
             memcpy(h->inside, h->before, h->star->tets->cell_count);

@@ -87,10 +87,7 @@ static enum status find_feet(struct search *s) {
     return status ? status : knn_new(s->foot, s->dense->n, s->threads, &s->feet, NULL);
 }
 
-static vec3 normal_of(const struct mesh *mesh, uint32_t t) {
-    const uint32_t *v = mesh->triangle[t];
-    return vec3_unit(vec3_triangle_normal(mesh->vertex[v[0]], mesh->vertex[v[1]], mesh->vertex[v[2]]));
-}
+static vec3 normal_of(const struct mesh *mesh, uint32_t t) { return vec3_unit(mesh_triangle_normal(mesh, t)); }
 
 /* ------------------------------------------------------------------------------------------------ gaps */
 

@@ -71,7 +71,7 @@ struct judge {
 static bool differs(const struct judge *j, uint32_t cell) { return j->side[0].inside[cell] != j->side[1].inside[cell]; }
 
 /* Lists the cells connected with the first one of the list that differ, too; how many. */
-static size_t flood(struct judge *j, uint32_t *list) {
+static size_t flood_group(struct judge *j, uint32_t *list) {
     size_t count = 1;
     j->group[list[0]] = j->group_count;
     for (size_t k = 0; k < count; k++) {
@@ -120,7 +120,7 @@ static bool is_worth_it(const struct judge *j, const uint32_t *list, size_t coun
 }
 
 static void add_group(struct judge *j, uint32_t *list) {
-    size_t count = flood(j, list);
+    size_t count = flood_group(j, list);
     if (is_worth_it(j, list, count)) {
         for (size_t k = 0; k < count; k++)
             for (int i = 0; i < 4; i++) j->near[j->star->tets->vertex[list[k]][i]] = 1;

@@ -86,7 +86,7 @@ struct gain {
 /* ------------------------------------------------------------------------------------------------ defects */
 
 /* Marks the region of equal label around v from cell on. */
-static void flood(struct cocone_repair *r, uint32_t v, uint32_t cell) {
+static void flood_side(struct cocone_repair *r, uint32_t v, uint32_t cell) {
     const struct tets *tets = r->star->tets;
     size_t depth = 0;
     r->stack[depth++] = cell;
@@ -110,7 +110,7 @@ static int count_defect(struct cocone_repair *r, uint32_t v) {
         uint32_t cell = cocone_star_cell(r->star->corner[i]);
         if (r->stamp[cell] == r->time) continue;
         regions[r->inside[cell]]++;
-        flood(r, v, cell);
+        flood_side(r, v, cell);
     }
     return regions[0] == 0 || regions[1] == 0 ? r->lost : regions[0] + regions[1] - 2;
 }
@@ -228,7 +228,7 @@ static int64_t flip(struct cocone_repair *r, const struct set *set) {
 }
 
 /* Whether a move is better than the best one so far.  One that brings no point back has to be worth its cost. */
-static bool is_better(int defects, int64_t cost, const struct gain *best) {
+static bool is_better_gain(int defects, int64_t cost, const struct gain *best) {
     int64_t worth = defects * DEFECT_WORTH - cost;
     if (defects <= 0 || (worth < 0 && defects < LOST)) return false;
     return best->defects == 0 || worth > best->worth;
@@ -239,10 +239,10 @@ static void try_set(struct cocone_repair *r, const struct set *set, struct gain 
     int count = vertices_of(r, set, vertex), before = 0, after = 0;
     for (int k = 0; k < count; k++) before += defect(r, vertex[k]);
     int64_t cost = flip(r, set);
-    if (is_better(before, cost, best)) {
+    if (is_better_gain(before, cost, best)) {
         for (int k = 0; k < count; k++) after += count_defect(r, vertex[k]);
         int defects = before - after;
-        if (is_better(defects, cost, best)) *best = (struct gain){defects, defects * DEFECT_WORTH - cost, *set};
+        if (is_better_gain(defects, cost, best)) *best = (struct gain){defects, defects * DEFECT_WORTH - cost, *set};
     }
     flip(r, set);
 }
@@ -309,7 +309,7 @@ static bool note_flips(struct cocone_repair *r, const struct set *set) {
     return r->step_limit > 0;
 }
 
-static void mend(struct cocone_repair *r, uint32_t v, const struct pass *pass) {
+static void repair_point(struct cocone_repair *r, uint32_t v, const struct pass *pass) {
     if (r->steps > r->step_limit || !is_due(r, v, pass)) return;
     struct gain gain = best_move(r, v, pass->size);
     if (gain.defects == 0) return;
@@ -335,7 +335,7 @@ static enum status mend_all(struct cocone_repair *r, const struct pass *pass, co
         if (is_due(r, v, pass)) enqueue(r, v);
     for (size_t i = 0; r->length > 0; i++) {
         if (i % VERTICES_PER_TICK == 0 && progress_tick(progress, "cocone", 0.8)) return STATUS_CANCELLED;
-        mend(r, dequeue(r), pass);
+        repair_point(r, dequeue(r), pass);
     }
     return STATUS_OK;
 }
@@ -410,7 +410,7 @@ static int flip_trial(struct cocone_repair *r, struct cocone_repair_trial *trial
     return facets;
 }
 
-static bool is_lost(const struct cocone_repair *r, uint32_t v) {
+static bool has_no_facet(const struct cocone_repair *r, uint32_t v) {
     uint8_t first = r->inside[cocone_star_cell(r->star->corner[r->star->begin[v]])];
     for (uint32_t i = r->star->begin[v]; i < r->star->begin[v + 1]; i++)
         if (r->inside[cocone_star_cell(r->star->corner[i])] != first) return false;
@@ -428,7 +428,7 @@ static struct tally count_at(struct cocone_repair *r, const struct cocone_repair
     for (size_t k = 0; k < 4 * trial->count; k++) {
         uint32_t v = tets->vertex[trial->cell[k / 4]][k % 4];
         if (r->queued[v]) continue;
-        bool lost = is_lost(r, v);
+        bool lost = has_no_facet(r, v);
         r->queued[v] = 1;
         tally.defects += defect(r, v);
         tally.lost += lost;
@@ -454,7 +454,7 @@ static void hold(struct cocone_repair *r, const struct cocone_repair_trial *tria
 static void mend_trial(struct cocone_repair *r, struct cocone_repair_trial *trial) {
     for (size_t i = 0; i < sizeof passes / sizeof *passes; i++) {
         enqueue_defects(r, trial, &passes[i]);
-        while (r->length > 0) mend(r, dequeue(r), &passes[i]);
+        while (r->length > 0) repair_point(r, dequeue(r), &passes[i]);
     }
 }
 

@@ -185,7 +185,7 @@ static struct wedge wedge_at(const struct surface *s, uint32_t start, const uint
     return wedge;
 }
 
-static bool is_lost(const struct surface *s, uint32_t v) {
+static bool has_no_vertex(const struct surface *s, uint32_t v) {
     const struct cocone_star *star = s->star;
     uint8_t first = s->inside[cocone_star_cell(star->corner[star->begin[v]])];
     for (uint32_t i = star->begin[v]; i < star->begin[v + 1]; i++)
@@ -200,7 +200,7 @@ static bool flip_wedge(struct surface *s, const struct wedge *wedge) {
     for (size_t i = 0; i < wedge->cells; i++) {
         uint32_t cell = cocone_star_cell(at);
         s->inside[cell] ^= 1;
-        for (int k = 0; k < 4; k++) loses |= is_lost(s, s->star->tets->vertex[cell][k]);
+        for (int k = 0; k < 4; k++) loses |= has_no_vertex(s, s->star->tets->vertex[cell][k]);
         at = cocone_star_twin(s->star, cocone_star_turn(s->star, at, wedge->a, wedge->b));
     }
     return loses;
@@ -269,7 +269,7 @@ static void fill_mesh(const struct surface *s, struct mesh *mesh) {
     }
 }
 
-static enum status make_mesh(struct surface *s, struct mesh *out) {
+static enum status mesh_of_facets(struct surface *s, struct mesh *out) {
     struct mesh mesh = {.triangle_count = s->count};
     enum status status = number_vertices(s, &mesh);
     if (status) return status;
@@ -314,7 +314,7 @@ static enum status attempt(struct surface s, bool may_empty, struct mesh *mesh, 
         flatten_fans(&s);
         list_edges(&s, true, s.item, s.edge);
         *again = separate(&s, s.edge, may_empty);
-        if (!*again) status = make_mesh(&s, mesh);
+        if (!*again) status = mesh_of_facets(&s, mesh);
     }
     surface_done(&s);
     return status;
@@ -339,7 +339,7 @@ enum status cocone_surface_planar(const struct tets *tets, const vec3 *point, co
         for (size_t i = 0; i + 1 < 3 * s.count; i++)
             if (s.edge[i].low == s.edge[i + 1].low && s.edge[i].high == s.edge[i + 1].high)
                 join_at_edge(&s, s.edge[i].triangle, s.edge[i + 1].triangle, s.edge[i].low, s.edge[i].high);
-        status = make_mesh(&s, mesh);
+        status = mesh_of_facets(&s, mesh);
     }
     surface_done(&s);
     return status;

@@ -223,7 +223,7 @@ static bool touches_walk(const struct choice *choice, uint32_t f) {
 }
 
 /* Facets that no walk kept go where they touch one. */
-static void walk(struct choice *choice) {
+static void walk_fans(struct choice *choice) {
     struct cocone_facets *facets = choice->facets;
     for (uint32_t f = 0; f < facets->count; f++) {
         if (!facets->alive[f] || choice->kept[f]) continue;
@@ -289,7 +289,7 @@ enum status cocone_umbrella_choose(const struct cocone_star *star, struct cocone
     find_local_delaunay(&choice);
     fix_smooth(&choice);
     prune(&choice);
-    walk(&choice);
+    walk_fans(&choice);
     for (uint32_t v = 0; v < star->n; v++) good[v] = is_good(&choice, v);
     status = STATUS_OK;
 out:

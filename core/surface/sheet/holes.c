@@ -58,7 +58,7 @@ static double double_area(const struct mesh *mesh, uint32_t a, uint32_t b, uint3
     return vec3_length(vec3_triangle_normal(mesh->vertex[a], mesh->vertex[b], mesh->vertex[c]));
 }
 
-static void find_components(struct closing *c) {
+static void find_hole_components(struct closing *c) {
     const struct mesh *mesh = c->mesh;
     for (uint32_t t = 0; t < mesh->triangle_count; t++) c->component[t] = t;
     for (uint32_t v = 0; v < mesh->vertex_count; v++) c->border[v] = NONE;
@@ -208,7 +208,7 @@ enum status sheet_close_holes(struct mesh *mesh, double longest, unsigned thread
     c->mesh = mesh;
     enum status status = begin(c, threads);
     if (!status) {
-        find_components(c);
+        find_hole_components(c);
         find_longest(c);
         status = fill_all(c, longest, &count);
     }

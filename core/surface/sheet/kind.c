@@ -44,13 +44,13 @@ struct grid {
     uint32_t *begin, *point; /* begin: one more than cells */
 };
 
-static size_t cell_of(const struct grid *g, double x, int axis) {
+static size_t grid_cell(const struct grid *g, double x, int axis) {
     double at = floor((x - g->low[axis]) / g->side);
     return at <= 0 ? 0 : at >= (double)g->cells[axis] ? g->cells[axis] - 1 : (size_t)at;
 }
 
 static size_t cell_at(const struct grid *g, vec3 p) {
-    return cell_of(g, vec3_dot(p, g->v), 1) * g->cells[0] + cell_of(g, vec3_dot(p, g->u), 0);
+    return grid_cell(g, vec3_dot(p, g->v), 1) * g->cells[0] + grid_cell(g, vec3_dot(p, g->u), 0);
 }
 
 /* The extent of most of n points along an axis, by some of them. */
@@ -101,7 +101,7 @@ static void insert(struct neighbour near[NEAR], size_t *count, struct neighbour 
 /* The nearest in the plane, of those in the cells up to so many rings away; of very many in a cell an even choice. */
 static size_t find_near(const struct grid *g, const vec3 *point, uint32_t p, size_t rings,
                         struct neighbour near[NEAR]) {
-    size_t count = 0, x = cell_of(g, vec3_dot(point[p], g->u), 0), y = cell_of(g, vec3_dot(point[p], g->v), 1);
+    size_t count = 0, x = grid_cell(g, vec3_dot(point[p], g->u), 0), y = grid_cell(g, vec3_dot(point[p], g->v), 1);
     for (size_t j = y < rings ? 0 : y - rings; j <= y + rings && j < g->cells[1]; j++)
         for (size_t i = x < rings ? 0 : x - rings; i <= x + rings && i < g->cells[0]; i++) {
             const uint32_t *begin = &g->begin[j * g->cells[0] + i];
@@ -193,12 +193,6 @@ bool surface_choose_by_signs(const struct surface_signs *signs, struct surface_c
     return true;
 }
 
-/* Twice the area, as a vector. */
-static vec3 area_of(const struct mesh *mesh, size_t t) {
-    const uint32_t *v = mesh->triangle[t];
-    return vec3_triangle_normal(mesh->vertex[v[0]], mesh->vertex[v[1]], mesh->vertex[v[2]]);
-}
-
 static bool has_any(const struct mesh *mesh, const uint8_t *mark, size_t t) {
     const uint32_t *v = mesh->triangle[t];
     return mark[v[0]] || mark[v[1]] || mark[v[2]];
@@ -230,7 +224,7 @@ enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *p
     if (!status) set_aside(mesh, points, aside);
     for (size_t t = 0; !status && t < mesh->triangle_count; t++) {
         if (has_any(mesh, aside, t)) continue;
-        double area = vec3_length(area_of(mesh, t));
+        double area = vec3_length(mesh_triangle_normal(mesh, t));
         all += area;
         without += area * (double)far[t];
     }

@@ -31,13 +31,8 @@ static vec3 middle_of(const struct mesh *mesh, size_t t) {
     return vec3_scale(vec3_add(vec3_add(mesh->vertex[v[0]], mesh->vertex[v[1]]), mesh->vertex[v[2]]), 1.0 / 3);
 }
 
-static vec3 area_of(const struct mesh *mesh, size_t t) {
-    const uint32_t *v = mesh->triangle[t];
-    return vec3_triangle_normal(mesh->vertex[v[0]], mesh->vertex[v[1]], mesh->vertex[v[2]]);
-}
-
 static void vote_all(const struct mesh *mesh, const struct sheet_sides *sides, size_t t, struct votes *votes) {
-    vec3 area = area_of(mesh, t), middle = middle_of(mesh, t);
+    vec3 area = mesh_triangle_normal(mesh, t), middle = middle_of(mesh, t);
     for (int k = 0; k < 3 && sides->normal; k++) {
         uint32_t source = mesh->source[mesh->triangle[t][k]];
         if (source != NONE) vote(votes, SIDE_NORMALS, vec3_dot(area, vec3_unit(sides->normal[source])));
@@ -65,7 +60,8 @@ static enum sheet_side choose(const struct votes *votes) {
 }
 
 /* Which component each triangle is of, by its first triangle. */
-static enum status find_components(const struct mesh *mesh, bool as_one, unsigned threads, uint32_t *component) {
+static enum status find_oriented_components(const struct mesh *mesh, bool as_one, unsigned threads,
+                                            uint32_t *component) {
     struct halfedge he = {0};
     for (uint32_t t = 0; t < mesh->triangle_count; t++) component[t] = as_one ? 0 : t;
     if (as_one) return STATUS_OK;
@@ -85,13 +81,13 @@ static enum sheet_side turn(struct mesh *mesh, const struct sheet_sides *sides, 
     for (size_t t = 0; t < mesh->triangle_count; t++) {
         struct votes *own = &votes[component[t]];
         vec3 away = vec3_sub(middle_of(mesh, t), vec3_scale(own->middle, 1 / own->area));
-        vote(own, SIDE_OUT, vec3_dot(area_of(mesh, t), away));
+        vote(own, SIDE_OUT, vec3_dot(mesh_triangle_normal(mesh, t), away));
     }
     for (size_t t = 0; t < mesh->triangle_count; t++) {
         const struct votes *own = &votes[component[t]];
         uint32_t *v = mesh->triangle[t], second = v[1];
         enum sheet_side side = choose(own);
-        by[side] += vec3_length(area_of(mesh, t));
+        by[side] += vec3_length(mesh_triangle_normal(mesh, t));
         if (own->sum[side] < 0) v[1] = v[2], v[2] = second;
     }
     for (enum sheet_side side = SIDE_NORMALS; side <= SIDE_OUT; side++)
@@ -103,7 +99,7 @@ enum status sheet_orient(struct mesh *mesh, const struct sheet_sides *sides, uns
     uint32_t *component = alloc_array(mesh->triangle_count, sizeof *component);
     struct votes *votes = alloc_zeroed(mesh->triangle_count, sizeof *votes);
     enum status status = component && votes ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status) status = find_components(mesh, sides->field, threads, component);
+    if (!status) status = find_oriented_components(mesh, sides->field, threads, component);
     if (!status) *side = turn(mesh, sides, component, votes);
     free(component), free(votes);
     return status;

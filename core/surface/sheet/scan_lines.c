@@ -47,18 +47,18 @@ static bool is_line(sym3 m) {
 }
 
 /* The points whose neighbours are all on a line. */
-static size_t find_on_lines(const struct neighbourhood *hood, const vec3 *point, uint32_t *on_line) {
+static size_t find_on_lines(const struct neighbourhood *neighbours, const vec3 *point, uint32_t *on_line) {
     size_t count = 0;
-    for (uint32_t p = 0; p < hood->n; p++) {
+    for (uint32_t p = 0; p < neighbours->n; p++) {
         sym3 moment = {0};
-        for (size_t i = 0; i < hood->count[p]; i++)
-            moment = moment_add(moment, point[p], point[hood->id[p * hood->stride + i]]);
-        if (hood->count[p] && is_line(moment)) on_line[count++] = p;
+        for (size_t i = 0; i < neighbours->count[p]; i++)
+            moment = moment_add(moment, point[p], point[neighbours->id[p * neighbours->stride + i]]);
+        if (neighbours->count[p] && is_line(moment)) on_line[count++] = p;
     }
     return count;
 }
 
-static uint64_t cell_of(vec3 p, double side) {
+static uint64_t line_cell(vec3 p, double side) {
     const double at[] = {p.x, p.y, p.z};
     uint64_t key = 1;
     for (int k = 0; k < 3; k++) key = hash64(key ^ (uint64_t)(int64_t)fmax(-0x1p62, fmin(floor(at[k] / side), 0x1p62)));
@@ -70,7 +70,7 @@ static void thin(struct thinning *left, double side) {
     size_t count = 0;
     memset(left->cell, 0, (left->mask + 1) * sizeof *left->cell);
     for (size_t i = 0; i < left->count; i++) {
-        uint64_t key = cell_of(left->point[i], side);
+        uint64_t key = line_cell(left->point[i], side);
         size_t slot = (size_t)key & left->mask;
         while (left->cell[slot] && left->cell[slot] != key) slot = (slot + 1) & left->mask;
         if (left->cell[slot]) continue;
@@ -121,24 +121,24 @@ static enum status widen(struct thinning *left, double side, const vec3 *point, 
     return STATUS_OK;
 }
 
-enum status scan_lines_reach(const struct neighbourhood *hood, const vec3 *point, unsigned threads, float *reach,
+enum status scan_lines_reach(const struct neighbourhood *neighbours, const vec3 *point, unsigned threads, float *reach,
                              size_t *found) {
-    struct thinning left = {.count = hood->n, .mask = 1};
+    struct thinning left = {.count = neighbours->n, .mask = 1};
     enum status status = STATUS_OK;
     size_t count = 0;
-    uint32_t *on_line = alloc_array(hood->n, sizeof *on_line);
+    uint32_t *on_line = alloc_array(neighbours->n, sizeof *on_line);
     if (!on_line) return STATUS_NO_MEMORY;
-    *found = count = find_on_lines(hood, point, on_line);
-    if (count > hood->n / FEW) {
-        float *sorted = alloc_array(hood->n, sizeof *sorted);
-        while (left.mask + 1 < 2 * hood->n) left.mask = 2 * left.mask + 1;
-        left.point = alloc_array(hood->n, sizeof *left.point);
+    *found = count = find_on_lines(neighbours, point, on_line);
+    if (count > neighbours->n / FEW) {
+        float *sorted = alloc_array(neighbours->n, sizeof *sorted);
+        while (left.mask + 1 < 2 * neighbours->n) left.mask = 2 * left.mask + 1;
+        left.point = alloc_array(neighbours->n, sizeof *left.point);
         left.cell = alloc_array(left.mask + 1, sizeof *left.cell);
         status = sorted && left.point && left.cell ? STATUS_OK : STATUS_NO_MEMORY;
         if (!status) {
-            memcpy(left.point, point, hood->n * sizeof *point);
-            memcpy(sorted, reach, hood->n * sizeof *sorted);
-            double side = (double)quantile_of(sorted, hood->n, 0.5);
+            memcpy(left.point, point, neighbours->n * sizeof *point);
+            memcpy(sorted, reach, neighbours->n * sizeof *sorted);
+            double side = (double)quantile_of(sorted, neighbours->n, 0.5);
             if (side > 0) status = widen(&left, side, point, threads, on_line, &count, reach);
         }
         free(sorted), free(left.point), free(left.cell);

@@ -12,7 +12,7 @@
  * on one line, as with a rotating scanner whose lines are much farther apart than its points, the reach becomes that
  * among points as far apart along the lines as across.  Nothing changes where hardly any point's neighbours are on a
  * line.  *found = so many were.  O(n).  The same for any number of threads.  STATUS_NO_MEMORY, STATUS_LIMIT. */
-enum status scan_lines_reach(const struct neighbourhood *hood, const vec3 *point, unsigned threads, float *reach,
+enum status scan_lines_reach(const struct neighbourhood *neighbours, const vec3 *point, unsigned threads, float *reach,
                              size_t *found) MUST_CHECK;
 
 #endif

@@ -35,7 +35,7 @@ struct originals {
     const vec3 *point;
     size_t n;
     const struct knn *knn;
-    const struct neighbourhood *hood; /* NULL = not known */
+    const struct neighbourhood *neighbours; /* NULL = not known */
 };
 
 /* Takes unsupported triangles out. */
@@ -47,14 +47,14 @@ static enum status cut(struct mesh *mesh, const struct originals *originals, str
     uint8_t *out = alloc_array(mesh->triangle_count, 1);
     if (!mesh->tag) mesh->tag = alloc_zeroed(mesh->triangle_count, 1);
     enum status status = reach && out && mesh->tag ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status && originals->hood)
-        status = sheet_reach_in(originals->hood, originals->point, threads, reach, &points.median);
-    if (!status && !originals->hood)
+    if (!status && originals->neighbours)
+        status = sheet_reach_in(originals->neighbours, originals->point, threads, reach, &points.median);
+    if (!status && !originals->neighbours)
         status = sheet_reach(originals->knn, originals->point, originals->n, threads, reach, &points.median);
     points.reach = reach;
     if (!status) status = sheet_unsupported(mesh, &points, limit, threads, progress, out);
     if (!status) status = halfedge_init(&he, mesh, threads);
-    if (!status) status = mesh_without(mesh, &he, out);
+    if (!status) status = submesh_without(mesh, &he, out);
     halfedge_done(&he);
     free(reach), free(out);
     return status;
@@ -68,8 +68,8 @@ enum status sheet_open(const struct tets *tets, const struct reconstruct_input *
     if (!status)
         status = sheet_front(tets, input->points, input->n, threads, progress, &made.triangle, &made.triangle_count);
     if (!status)
-        status =
-            cut(&made, &(struct originals){dense->point, dense->n, dense->knn, dense->hood}, FAR, threads, progress);
+        status = cut(&made, &(struct originals){dense->point, dense->n, dense->knn, dense->neighbours}, FAR, threads,
+                     progress);
     if (!status) {
         *mesh = made;
         made = (struct mesh){0};
@@ -79,7 +79,7 @@ enum status sheet_open(const struct tets *tets, const struct reconstruct_input *
 }
 
 enum status sheet_trim(struct mesh *mesh, const struct reconstruct_dense *dense, unsigned threads) {
-    return cut(mesh, &(struct originals){dense->point, dense->n, dense->knn, dense->hood}, FAR, threads, NULL);
+    return cut(mesh, &(struct originals){dense->point, dense->n, dense->knn, dense->neighbours}, FAR, threads, NULL);
 }
 
 /* ------------------------------------------------------------------------------------------------ height fields */
@@ -101,8 +101,7 @@ static enum status triangulate(struct mesh *mesh, unsigned threads, const struct
     tets_done(&tets);
     for (size_t t = 0; t < mesh->triangle_count; t++) {
         uint32_t *v = mesh->triangle[t], second = v[1];
-        if (vec3_triangle_normal(mesh->vertex[v[0]], mesh->vertex[v[1]], mesh->vertex[v[2]]).z < 0)
-            v[1] = v[2], v[2] = second;
+        if (mesh_triangle_normal(mesh, t).z < 0) v[1] = v[2], v[2] = second;
     }
     return STATUS_OK;
 }

@@ -19,8 +19,8 @@ enum status sheet_heightfield(const struct reconstruct_input *input, vec3 up, un
                               const struct progress *progress, struct mesh *mesh, struct error *error) MUST_CHECK;
 
 /* Takes out of an open mesh what a refinement has moved to where no original point supports it.  Vertices are numbered
- * anew, and where only corners held parts together each part gets one of its own.  dense->hood must be known.  *mesh is
- * untouched on failure, but may have got tags.  STATUS_NO_MEMORY. */
+ * anew, and where only corners held parts together each part gets one of its own.  dense->neighbours must be known.
+ * *mesh is untouched on failure, but may have got tags.  STATUS_NO_MEMORY. */
 enum status sheet_trim(struct mesh *mesh, const struct reconstruct_dense *dense, unsigned threads) MUST_CHECK;
 
 #endif

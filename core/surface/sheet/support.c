@@ -77,26 +77,26 @@ enum status sheet_reach(const struct knn *knn, const vec3 *point, size_t n, unsi
 
 /* How far the farthest of the first six neighbours is; they are the nearest, but across scan lines not in their order.
  */
-static float reach_of(const struct neighbourhood *hood, const vec3 *point, size_t p) {
+static float reach_of(const struct neighbourhood *neighbours, const vec3 *point, size_t p) {
     double farthest = 0;
-    for (size_t i = 0; i < hood->count[p] && i < SIXTH - 1; i++)
-        farthest = fmax(farthest, vec3_distance(point[p], point[hood->id[p * hood->stride + i]]));
+    for (size_t i = 0; i < neighbours->count[p] && i < SIXTH - 1; i++)
+        farthest = fmax(farthest, vec3_distance(point[p], point[neighbours->id[p * neighbours->stride + i]]));
     return (float)farthest;
 }
 
-enum status sheet_reach_in(const struct neighbourhood *hood, const vec3 *point, unsigned threads, float *reach,
+enum status sheet_reach_in(const struct neighbourhood *neighbours, const vec3 *point, unsigned threads, float *reach,
                            float *median) {
     size_t on_lines;
-    for (size_t p = 0; p < hood->n; p++) reach[p] = reach_of(hood, point, p);
-    enum status status = scan_lines_reach(hood, point, threads, reach, &on_lines);
-    return status ? status : lift_to_median(reach, hood->n, median);
+    for (size_t p = 0; p < neighbours->n; p++) reach[p] = reach_of(neighbours, point, p);
+    enum status status = scan_lines_reach(neighbours, point, threads, reach, &on_lines);
+    return status ? status : lift_to_median(reach, neighbours->n, median);
 }
 
-void sheet_find_strays(const struct neighbourhood *hood, const float *reach, uint8_t *stray) {
-    for (size_t p = 0; p < hood->n; p++) {
+void sheet_find_strays(const struct neighbourhood *neighbours, const float *reach, uint8_t *stray) {
+    for (size_t p = 0; p < neighbours->n; p++) {
         float least = reach[p];
-        for (size_t i = 0; i < hood->count[p] && i < SIXTH - 1; i++)
-            least = fminf(least, reach[hood->id[p * hood->stride + i]]);
+        for (size_t i = 0; i < neighbours->count[p] && i < SIXTH - 1; i++)
+            least = fminf(least, reach[neighbours->id[p * neighbours->stride + i]]);
         stray[p] = reach[p] > STRAY * least;
     }
 }

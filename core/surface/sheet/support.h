@@ -21,12 +21,12 @@ enum status sheet_reach(const struct knn *knn, const vec3 *point, size_t n, unsi
 
 /* The same from neighbours that were found before, nearest first.  Where there are fewer than six it is the last one's;
  * on scan lines it is that among points as far apart along them as across (scan_lines.h). */
-enum status sheet_reach_in(const struct neighbourhood *hood, const vec3 *point, unsigned threads, float *reach,
+enum status sheet_reach_in(const struct neighbourhood *neighbours, const vec3 *point, unsigned threads, float *reach,
                            float *median) MUST_CHECK;
 
 /* stray[i] = 1 for the points whose reach is very much larger than that of the neighbour it goes to, else 0: they are
  * no part of the surface there.  Where density varies, however much, reaches of neighbours are alike. */
-void sheet_find_strays(const struct neighbourhood *hood, const float *reach, uint8_t *stray);
+void sheet_find_strays(const struct neighbourhood *neighbours, const float *reach, uint8_t *stray);
 
 /* The original points that triangles are judged by.  All borrowed. */
 struct sheet_points {

@@ -45,7 +45,7 @@ static enum status read_records(struct sql_rows *row, struct catalog_cloud *reco
     return status;
 }
 
-static enum status put(struct sql *db, const struct catalog_cloud *record, struct error *error) {
+static enum status put_cloud(struct sql *db, const struct catalog_cloud *record, struct error *error) {
     return sql_run(db,
                    "INSERT INTO clouds (sha256, principal, created, expires, bytes, points, format) "
                    "VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7) "
@@ -66,7 +66,7 @@ enum status catalog_sqlite_put_cloud(struct catalog *catalog, const struct catal
     uint64_t bytes = known ? 0 : record->bytes, limit = known ? 0 : principal_bytes;
     if (status == STATUS_OK) status = catalog_reserve(catalog, record->principal, bytes, limit, error);
     if (status == STATUS_OK) {
-        status = put(db, record, error);
+        status = put_cloud(db, record, error);
         catalog_sqlite_refresh_usage(sqlite, record->principal);
         catalog_release(catalog, record->principal, bytes);
     }

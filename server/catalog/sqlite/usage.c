@@ -57,7 +57,7 @@ static struct row *find_or_add(struct usage *usage, const char *principal) {
     return row;
 }
 
-static bool put(struct usage *usage, const char *principal, struct catalog_usage figures) {
+static bool put_usage(struct usage *usage, const char *principal, struct catalog_usage figures) {
     pthread_mutex_lock(&usage->lock);
     struct row *row = find_or_add(usage, principal);
     if (row) {
@@ -83,7 +83,7 @@ enum status usage_refresh(struct usage *usage, struct sql *sql, const char *prin
     while (kept && sql_next(rows)) {
         char name[JOB_PRINCIPAL_BYTES];
         sql_copy_text(rows, 0, name, sizeof name);
-        kept = put(usage, name, (struct catalog_usage){.active = count_of(rows, 1), .bytes = count_of(rows, 2)});
+        kept = put_usage(usage, name, (struct catalog_usage){.active = count_of(rows, 1), .bytes = count_of(rows, 2)});
     }
     status = sql_finish(rows, error);
     return kept ? status : error_set(error, STATUS_NO_MEMORY, "usage", "no memory");

@@ -278,8 +278,9 @@ enum status catalog_next_upload(struct catalog *catalog, const char *after, stru
     return catalog->backend->next_upload(catalog, after, upload, found, error);
 }
 
-bool catalog_hold_key(struct catalog *catalog, const char *principal, const char *key, struct catalog_key_hold *hold) {
-    return catalog->backend->hold_key(catalog, principal, key, hold);
+enum status catalog_hold_key(struct catalog *catalog, const char *principal, const char *key,
+                             struct catalog_key_hold *hold, struct error *error) {
+    return catalog->backend->hold_key(catalog, principal, key, hold, error);
 }
 
 void catalog_release_key(struct catalog *catalog, struct catalog_key_hold *hold) {

@@ -10,7 +10,8 @@
  * All functions may be called from any thread.  They block on the disk or the network, but for those that say so, and
  * what they write is durable when they return, but for progress and replies.
  *
- * Statuses: STATUS_IO with a text when the backend refuses, STATUS_NO_SPACE, STATUS_NO_MEMORY; others as said.
+ * Statuses: STATUS_IO with a text when the backend refuses (base/away.h: it isn't there, and may be later),
+ * STATUS_NO_SPACE, STATUS_NO_MEMORY; others as said.  What doesn't block for long gives up after a second.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_SERVER_CATALOG_CATALOG_H
@@ -325,9 +326,10 @@ struct catalog_key_hold {
     struct catalog_key_hold *previous, *next;
 };
 
-/* Takes hold of a key; false: a request with it is under way.  catalog_release_key accepts one that isn't held.
- * Neither blocks for long. */
-bool catalog_hold_key(struct catalog *catalog, const char *principal, const char *key, struct catalog_key_hold *hold);
+/* Takes hold of a key; hold->held false: a request with it is under way.  catalog_release_key accepts one that isn't
+ * held.  Neither blocks for long. */
+enum status catalog_hold_key(struct catalog *catalog, const char *principal, const char *key,
+                             struct catalog_key_hold *hold, struct error *error) MUST_CHECK;
 void catalog_release_key(struct catalog *catalog, struct catalog_key_hold *hold);
 
 /* What a request under a key made. */

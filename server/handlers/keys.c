@@ -27,7 +27,12 @@ bool handlers_admit_key(struct service *service, struct request *request, struct
                         "Idempotency-Key: takes 1 to 255 visible ASCII characters");
         return false;
     }
-    if (catalog_hold_key(service->catalog, request->principal.name, key, &request->claim)) return true;
+    struct error error = {0};
+    if (catalog_hold_key(service->catalog, request->principal.name, key, &request->claim, &error) != STATUS_OK) {
+        response_error(response, &error);
+        return false;
+    }
+    if (request->claim.held) return true;
     response_refuse(response, PROBLEM_IDEMPOTENCY_IN_PROGRESS, "a request with the key %.80s has not been answered yet",
                     key);
     response_header(response, "Retry-After", "1");

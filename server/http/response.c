@@ -10,6 +10,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "server/base/away.h"
 #include "server/daemon/log.h"
 
 void response_init(struct response *response) {
@@ -104,6 +105,11 @@ void response_limit(struct response *response, enum problem_kind kind, const cha
 }
 
 void response_error(struct response *response, const struct error *error) {
+    if (error_is_away(error)) {
+        log_line_seldom(LOG_WARNING, "%s: %s", error->where, error->text);
+        response_refuse(response, PROBLEM_NOT_READY, "%s", error->text);
+        return;
+    }
     log_line(LOG_ERROR, "%s: %s", error->where, error->text);
     if (error->code == STATUS_NO_SPACE)
         response_refuse(response, PROBLEM_STORAGE_FULL, "%s", error->text);

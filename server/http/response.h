@@ -70,7 +70,7 @@ void response_limit(struct response *response, enum problem_kind kind, const cha
  * new, NULL when memory runs out. */
 char *response_bytes(const struct response *response, const char *reason, size_t *bytes);
 
-/* What the service itself failed at: 500, and a line in the log. */
+/* What the service itself failed at: 500, or 503 where a server is away (base/away.h), and a line in the log. */
 void response_error(struct response *response, const struct error *error);
 
 #endif

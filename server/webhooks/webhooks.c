@@ -146,6 +146,10 @@ static void tell(struct webhooks *webhooks, const char *job, const char *what, c
     if (fd < 0) return;
     dprintf(fd, "webhook %s: %s\n", what, why);
     close(fd);
+    struct error error = {0};
+    if (webhooks->service->is_shared &&
+        store_log_share(webhooks->service->store, job, webhooks->service->host, &error) != STATUS_OK)
+        log_line(LOG_ERROR, "job=%s its log can't be shared: %s", job, error.text);
 }
 
 /* What becomes of the row after an attempt. */

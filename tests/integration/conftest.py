@@ -17,7 +17,7 @@ import pytest
 
 BUILD = pathlib.Path(os.environ.get("WHITTLE_BUILD", "build/release"))
 SANITIZED = bool(re.search("asan|tsan", str(BUILD)))
-PATIENCE_S = 600 if SANITIZED else 180  # how long a condition may take before the test gives up
+PATIENCE_S = int(os.environ.get("WHITTLE_PATIENCE_S", 600 if SANITIZED else 180))  # how long a condition may take before the test gives up
 # Sanitizers reserve address space that a limit would deny, and do what confinement forbids.
 UNLIMITED = ("--job-memory", "1024T", "--worker-sandbox=off") if SANITIZED else ()
 
@@ -70,6 +70,52 @@ def children_of(pid):
     return found
 
 
+# ---------------------------------------------------------------------------------------------- where the state is
+
+HOSTS = "hosts" == os.environ.get("WHITTLE_BACKEND", "")  # PostgreSQL and S3 for each service; else SQLite and a folder
+POSTGRES = pathlib.Path(os.environ.get("POSTGRES_BIN", "/usr/lib/postgresql/15/bin"))
+
+
+class Shared:
+    """What services of several hosts share: a database and a prefix of a bucket, both empty, of the servers that
+    WHITTLE_CATALOG and WHITTLE_BLOBS name.  Each process of the tests has a database of its own to copy from."""
+    count = 0
+    template = None
+
+    def __init__(self, blobs=None):
+        Shared.count += 1
+        self.name = f"whittle_{os.getpid()}_{Shared.count}"
+        if not Shared.template:
+            Shared.template = f"whittle_{os.getpid()}"
+            self.sql(f"CREATE DATABASE {Shared.template}")
+            subprocess.run([BUILD / "whittled", "migrate", "--catalog", self.url_of(Shared.template)], check=True)
+        self.sql(f"CREATE DATABASE {self.name} TEMPLATE {Shared.template}")
+        self.catalog = self.url_of(self.name)
+        if not blobs:
+            bucket, query = os.environ["WHITTLE_BLOBS"].split("?")
+            blobs = f"{bucket}/{self.name}?{query}"
+        self.blobs = blobs
+        self.flags = ["--catalog", self.catalog, "--blobs", self.blobs]
+
+    @staticmethod
+    def url_of(name):
+        return re.sub(r"/\w+\?", f"/{name}?", os.environ["WHITTLE_CATALOG"])
+
+    @staticmethod
+    def sql(text, url=None):
+        """What psql prints, unadorned."""
+        done = subprocess.run([POSTGRES / "psql", "-X", "-q", "-A", "-t", "-v", "ON_ERROR_STOP=1", "-c", text,
+                               url or os.environ["WHITTLE_CATALOG"]], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        return done.stdout.strip()
+
+    def ask(self, text):
+        return self.sql(text, self.catalog)
+
+    def remove(self):
+        self.sql(f"DROP DATABASE IF EXISTS {self.name} WITH (FORCE)")
+
+
 class Process(subprocess.Popen):
     """Knows whether it was told to stop: a second signal would end it at once."""
     stopping = False
@@ -93,6 +139,9 @@ class Daemon:
         self.curl_flags = ()
         self.prefix = ()  # a command that ends in exec of its arguments
         self.program = BUILD / "whittled"
+        self.shared = Shared() if HOSTS and "--catalog" not in flags else None
+        if self.shared:
+            self.flags = (*self.shared.flags, *flags)
 
     def start(self, *more):
         with open(self.log, "ab") as log:
@@ -203,7 +252,8 @@ class Daemon:
 
     def check(self):
         """Runs `whittled check` on the folder, which nothing may serve; returns exit status and lines."""
-        done = subprocess.run([BUILD / "whittled", "check", "--data", self.data], capture_output=True, text=True,
+        shared = self.shared.flags if self.shared else []
+        done = subprocess.run([BUILD / "whittled", "check", "--data", self.data, *shared], capture_output=True, text=True,
                               check=False)
         return done.returncode, (done.stdout + done.stderr).splitlines()
 

@@ -1,6 +1,7 @@
 #!/bin/sh
 # Runs a command with a PostgreSQL server of its own, in a folder of its own, on a socket there and on no address:
 # WHITTLE_CATALOG is its URL.  Without the server's programs the command runs without it, and says what it skips.
+# POSTGRES_OPTIONS are more of its settings, such as -c max_connections=500.
 # Usage: with_postgres.sh COMMAND ...
 # SPDX-License-Identifier: GPL-3.0-or-later
 set -eu
@@ -16,7 +17,7 @@ chmod 0755 "$folder"
 cd "$folder"
 # What is lost with the machine is a test's: it doesn't wait for the disk, unless asked to.
 $as "$programs/postgres" -D data -k "$folder" -c listen_addresses= -c "fsync=${POSTGRES_FSYNC:-off}" \
-    -c max_connections=200 > server.log 2>&1 &
+    -c max_connections=200 ${POSTGRES_OPTIONS:-} > server.log 2>&1 &
 server=$!
 cd "$OLDPWD"
 finish() {

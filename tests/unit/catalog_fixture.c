@@ -168,3 +168,11 @@ void catalog_fixture_assert_depth(struct catalog_fixture *f, uint64_t waiting, u
     assert_int_equal(w, waiting);
     assert_int_equal(r, running);
 }
+
+bool catalog_fixture_holds(struct catalog *catalog, const char *principal, const char *key,
+                           struct catalog_key_hold *hold) {
+    struct error error;
+    *hold = (struct catalog_key_hold){.held = false};
+    assert_int_equal(catalog_hold_key(catalog, principal, key, hold, &error), STATUS_OK);
+    return hold->held;
+}

@@ -52,6 +52,10 @@ bool catalog_fixture_claim(struct catalog_fixture *f, struct job *job);
 bool catalog_fixture_finish(struct catalog_fixture *f, enum job_event event, const struct job *job);
 enum catalog_presence catalog_fixture_get(struct catalog_fixture *f, int n, struct job *job);
 
+/* Whether the key could be taken hold of. */
+bool catalog_fixture_holds(struct catalog *catalog, const char *principal, const char *key,
+                           struct catalog_key_hold *hold);
+
 /* So many wait and run. */
 void catalog_fixture_assert_depth(struct catalog_fixture *f, uint64_t waiting, uint64_t running);
 

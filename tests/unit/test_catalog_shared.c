@@ -19,13 +19,13 @@ static void a_key_is_held_everywhere(void **state) {
     struct catalog_fixture *f = *state;
     struct catalog *other = open_again(f);
     struct catalog_key_hold here = {0}, there = {0};
-    assert_true(catalog_hold_key(f->catalog, "ann", "k", &here));
-    assert_false(catalog_hold_key(other, "ann", "k", &there));
+    assert_true(catalog_fixture_holds(f->catalog, "ann", "k", &here));
+    assert_false(catalog_fixture_holds(other, "ann", "k", &there));
     catalog_release_key(f->catalog, &here);
-    assert_true(catalog_hold_key(other, "ann", "k", &there));
-    assert_false(catalog_hold_key(f->catalog, "ann", "k", &here));
+    assert_true(catalog_fixture_holds(other, "ann", "k", &there));
+    assert_false(catalog_fixture_holds(f->catalog, "ann", "k", &here));
     catalog_close(other); /* it ends, and what it held does */
-    assert_true(catalog_hold_key(f->catalog, "ann", "k", &here));
+    assert_true(catalog_fixture_holds(f->catalog, "ann", "k", &here));
     catalog_release_key(f->catalog, &here);
 }
 

@@ -53,6 +53,7 @@ static enum status open_server(const char *where, bool as_is, struct catalog **c
     struct catalog_postgres *opened = alloc_zeroed(1, sizeof *opened);
     if (!opened) return error_set(error, STATUS_NO_MEMORY, "catalog", "no memory");
     opened->catalog.backend = &catalog_postgres;
+    pthread_mutex_init(&opened->later_lock, NULL);
     make_session(opened->session);
     make_url(where, url);
     enum status status = pq_open(url, &opened->pq, error);
@@ -78,6 +79,12 @@ static enum status migrate(const char *where, struct error *error) {
 void catalog_postgres_close(struct catalog *catalog) {
     struct catalog_postgres *postgres = catalog_postgres_of(catalog);
     if (postgres->pq) catalog_postgres_deafen(postgres);
+    while (postgres->later) {
+        struct later *next = postgres->later->next;
+        free(postgres->later);
+        postgres->later = next;
+    }
+    pthread_mutex_destroy(&postgres->later_lock);
     pq_close(postgres->pq);
     free(postgres);
 }
@@ -162,7 +169,7 @@ struct catalog_usage catalog_postgres_usage(struct catalog *catalog, const char 
     struct error ignored;
     struct pq_link *link;
     struct pq_rows *rows;
-    if (pq_take(catalog_postgres_of(catalog)->pq, &link, &ignored) != STATUS_OK) return usage;
+    if (pq_take_soon(catalog_postgres_of(catalog)->pq, &link, &ignored) != STATUS_OK) return usage;
     if (pq_select(link,
                   "SELECT coalesce((SELECT active FROM usage WHERE principal = $1), 0), "
                   "coalesce((SELECT bytes FROM usage WHERE principal = $1), 0), " RESERVED,
@@ -197,7 +204,7 @@ enum status catalog_postgres_reserve(struct catalog *catalog, const char *princi
     struct catalog_postgres *postgres = catalog_postgres_of(catalog);
     struct pq_link *link;
     if (!bytes && !limit) return STATUS_OK;
-    enum status status = pq_begin(postgres->pq, &link, error);
+    enum status status = pq_begin_soon(postgres->pq, &link, error);
     if (status != STATUS_OK) return status;
     status = pq_execute(link, "SET LOCAL synchronous_commit = off", error);
     if (status == STATUS_OK) status = catalog_postgres_check_bytes(link, principal, bytes, limit, error);
@@ -206,6 +213,19 @@ enum status catalog_postgres_reserve(struct catalog *catalog, const char *princi
                         "INSERT INTO reservations AS r (session, principal, bytes) VALUES ($1, $2, $3) "
                         "ON CONFLICT (principal, session) DO UPDATE SET bytes = r.bytes + excluded.bytes",
                         VALUES(T(postgres->session), T(principal), I(bytes)), NULL, error);
+    bool unknown = false;
+    status = pq_end(link, status, &unknown, error);
+    if (unknown) catalog_postgres_release_later(postgres, principal, NULL, bytes); /* never below 0 */
+    return status;
+}
+
+enum status catalog_postgres_give_back(struct catalog_postgres *postgres, struct pq_link *link, const char *principal,
+                                       uint64_t bytes, struct error *error) {
+    enum status status = pq_execute(link, "SET LOCAL synchronous_commit = off", error);
+    if (status == STATUS_OK)
+        status = pq_run(link,
+                        "UPDATE reservations SET bytes = greatest(bytes - $3, 0) WHERE principal = $2 AND session = $1",
+                        VALUES(T(postgres->session), T(principal), I(bytes)), NULL, error);
     return pq_end(link, status, NULL, error);
 }
 
@@ -213,13 +233,10 @@ void catalog_postgres_release(struct catalog *catalog, const char *principal, ui
     struct catalog_postgres *postgres = catalog_postgres_of(catalog);
     struct pq_link *link;
     struct error ignored;
-    if (!bytes || pq_begin(postgres->pq, &link, &ignored) != STATUS_OK) return;
-    enum status status = pq_execute(link, "SET LOCAL synchronous_commit = off", &ignored);
-    if (status == STATUS_OK)
-        status = pq_run(link, "UPDATE reservations SET bytes = bytes - $3 WHERE principal = $2 AND session = $1",
-                        VALUES(T(postgres->session), T(principal), I(bytes)), NULL, &ignored);
-    status = pq_end(link, status, NULL, &ignored); /* what can't be given back ends with the session */
-    (void)status;
+    if (!bytes) return;
+    if (pq_begin_soon(postgres->pq, &link, &ignored) != STATUS_OK ||
+        catalog_postgres_give_back(postgres, link, principal, bytes, &ignored) != STATUS_OK)
+        catalog_postgres_release_later(postgres, principal, NULL, bytes);
 }
 
 /* ------------------------------------------------------------------------------------------------ the table */

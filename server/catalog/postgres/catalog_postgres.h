@@ -22,6 +22,13 @@
 
 enum { SESSION_BYTES = 33, SESSION_LEASE_MS = 60000 };
 
+/* What could not be given back when it was to be: a key, or bytes where key is "". */
+struct later {
+    struct later *next;
+    char principal[JOB_PRINCIPAL_BYTES], key[CATALOG_KEY_BYTES];
+    uint64_t bytes;
+};
+
 struct catalog_postgres {
     struct catalog catalog; /* first */
     struct pq *pq;
@@ -30,6 +37,8 @@ struct catalog_postgres {
     bool listens;
     _Atomic bool ends, is_watched; /* is_watched: catalog.tell is set, and the listener may call it */
     int64_t seen_ms;               /* the listener's: changes before that were told */
+    pthread_mutex_t later_lock;
+    struct later *later; /* which the listener gives back */
 };
 
 static inline struct catalog_postgres *catalog_postgres_of(struct catalog *catalog) {
@@ -41,6 +50,17 @@ static inline struct catalog_postgres *catalog_postgres_of(struct catalog *catal
 /* Starts to listen, and to renew the session.  catalog_postgres_deafen ends that. */
 enum status catalog_postgres_listen(struct catalog_postgres *postgres, struct error *error) MUST_CHECK;
 void catalog_postgres_deafen(struct catalog_postgres *postgres);
+
+/* The listener gives back what the database did not take back: a key of a principal (NULL: the bytes).  Never blocks.
+ */
+void catalog_postgres_release_later(struct catalog_postgres *postgres, const char *principal, const char *key,
+                                    uint64_t bytes);
+
+/* A key, or bytes, in the caller's transaction, which they end. */
+enum status catalog_postgres_give_up_key(struct catalog_postgres *postgres, struct pq_link *link, const char *principal,
+                                         const char *key, struct error *error) MUST_CHECK;
+enum status catalog_postgres_give_back(struct catalog_postgres *postgres, struct pq_link *link, const char *principal,
+                                       uint64_t bytes, struct error *error) MUST_CHECK;
 
 /* In the transaction of the change: others are told when it commits. */
 enum status catalog_postgres_notify(struct catalog_postgres *postgres, struct pq_link *link, enum catalog_change change,

@@ -7,6 +7,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "core/base/alloc.h"
 #include "server/catalog/postgres/catalog_postgres.h"
 
 enum { LOOK_MS = 1000, SLICE_MS = 100, PAGE = 256, OVERLAP_MS = 5000, NOTE_BYTES = 128 };
@@ -71,6 +72,49 @@ static enum status renew_session(struct catalog_postgres *postgres, struct pq_li
     return status;
 }
 
+void catalog_postgres_release_later(struct catalog_postgres *postgres, const char *principal, const char *key,
+                                    uint64_t bytes) {
+    struct later *later = alloc_zeroed(1, sizeof *later);
+    if (!later) return; /* it ends with the session */
+    snprintf(later->principal, sizeof later->principal, "%s", principal);
+    snprintf(later->key, sizeof later->key, "%s", key ? key : "");
+    later->bytes = bytes;
+    pthread_mutex_lock(&postgres->later_lock);
+    later->next = postgres->later;
+    postgres->later = later;
+    pthread_mutex_unlock(&postgres->later_lock);
+}
+
+static enum status release_one(struct catalog_postgres *postgres, const struct later *later, struct error *error) {
+    struct pq_link *link;
+    enum status status = pq_begin(postgres->pq, &link, error);
+    if (status != STATUS_OK) return status;
+    return later->key[0] ? catalog_postgres_give_up_key(postgres, link, later->principal, later->key, error)
+                         : catalog_postgres_give_back(postgres, link, later->principal, later->bytes, error);
+}
+
+/* The first is taken out for as long as it is tried; nobody else takes any out. */
+static enum status release_now(struct catalog_postgres *postgres, struct error *error) {
+    enum status status = STATUS_OK;
+    while (status == STATUS_OK) {
+        pthread_mutex_lock(&postgres->later_lock);
+        struct later *later = postgres->later;
+        if (later) postgres->later = later->next;
+        pthread_mutex_unlock(&postgres->later_lock);
+        if (!later) break;
+        status = release_one(postgres, later, error);
+        if (status != STATUS_OK) {
+            pthread_mutex_lock(&postgres->later_lock);
+            later->next = postgres->later;
+            postgres->later = later;
+            pthread_mutex_unlock(&postgres->later_lock);
+        } else {
+            free(later);
+        }
+    }
+    return status;
+}
+
 /* Until the end, or until the connection is lost. */
 static enum status attend(struct catalog_postgres *postgres, struct pq_link *link, struct error *error) {
     enum { SESSION_EVERY = 10 };
@@ -79,6 +123,7 @@ static enum status attend(struct catalog_postgres *postgres, struct pq_link *lin
     for (int round = 0; status == STATUS_OK && !postgres->ends; round++) {
         if (round % SESSION_EVERY == 0) status = renew_session(postgres, link, error);
         if (status == STATUS_OK) status = look(postgres, link, error);
+        if (status == STATUS_OK) status = release_now(postgres, error);
         for (int waited = 0; status == STATUS_OK && waited < LOOK_MS && !postgres->ends; waited += SLICE_MS) {
             bool notified = true;
             while (status == STATUS_OK && notified) {

@@ -89,18 +89,51 @@ static enum status select_jobs(struct pq_link *link, const char *text, const str
 /* ------------------------------------------------------------------------------------------------ order */
 
 /* fair_share.h as a query: each principal's jobs in the order of their times are its first, second, ... round; rounds
- * come one after the other, and within one whoever was served longest ago. */
+ * come one after the other, and within one whoever was served longest ago.  Of those who were never served the one with
+ * the older first job is first, in that round and so in all that follow. */
 #define TURNS                                                                                                          \
-    "SELECT id, params, input_points, input_bytes, input_format, row_number() OVER (ORDER BY round, served, id) - 1 "  \
-    "AS ahead FROM (SELECT jobs.*, coalesce(usage.served, 0) AS served, row_number() OVER (PARTITION BY "              \
-    "jobs.principal ORDER BY jobs.due, jobs.id) AS round FROM jobs LEFT JOIN usage ON usage.principal = "              \
-    "jobs.principal WHERE jobs.state = 0) AS rounds"
+    "SELECT id, row_number() OVER (ORDER BY round, served, first) - 1 AS ahead FROM (SELECT jobs.id, "                 \
+    "coalesce(usage.served, 0) AS served, row_number() OVER own AS round, first_value(jobs.id) OVER own AS first "     \
+    "FROM jobs LEFT JOIN usage ON usage.principal = jobs.principal WHERE jobs.state = 0 "                              \
+    "WINDOW own AS (PARTITION BY jobs.principal ORDER BY jobs.due, jobs.id)) AS rounds"
+
+/* The first job of a principal. */
+#define FIRST_OF(who) "(SELECT id FROM jobs WHERE state = 0 AND principal = " who " ORDER BY due, id LIMIT 1)"
+
+/* How many of these come before one job, whose round is `behind` + 1: of each principal as many as have an earlier
+ * round, and one of the same round where its turn is first.  Counts no jobs but the principal's own, for usage has the
+ * others'. */
+#define AHEAD                                                                                                          \
+    "WITH own AS MATERIALIZED (SELECT id, principal, (SELECT count(*) FROM jobs AS o WHERE o.state = 0 AND "           \
+    "o.principal = j.principal AND (o.due, o.id) < (j.due, j.id)) AS behind, coalesce((SELECT served FROM usage "      \
+    "WHERE usage.principal = j.principal), 0) AS served, " FIRST_OF(                                                   \
+        "j.principal") " AS first FROM jobs AS j "                                                                     \
+                       "WHERE id = $1 AND state = 0) SELECT (own.behind + coalesce(sum(least(u.waiting, own.behind) "  \
+                       "+ "                                                                                            \
+                       "(u.waiting > own.behind AND (u.served < own.served OR (u.served = own.served AND " FIRST_OF(   \
+                           "u.principal") " < own.first)))::INT), 0))::BIGINT, own.behind FROM own LEFT JOIN usage "   \
+                                          "AS u ON u.waiting > 0 "                                                     \
+                                          "AND u.principal <> own.principal GROUP BY own.id, own.behind"
+
+/* *behind: how many of them are its principal's own. */
+static enum status read_ahead(struct pq_link *link, const char *id, int64_t *ahead, int64_t *behind,
+                              struct error *error) {
+    struct pq_rows *rows;
+    *ahead = *behind = 0;
+    enum status status = pq_select(link, AHEAD, VALUES(T(id)), &rows, error);
+    if (status != STATUS_OK) return status;
+    if (pq_next(rows)) {
+        *ahead = pq_integer(rows, 0);
+        *behind = pq_integer(rows, 1);
+    }
+    pq_free(rows);
+    return STATUS_OK;
+}
 
 static enum status fill_ahead(struct pq_link *link, struct job *job, struct error *error) {
-    int64_t ahead = 0;
+    int64_t ahead = 0, behind;
     if (job->state != JOB_ACCEPTED) return STATUS_OK;
-    enum status status =
-        pq_number(link, "SELECT ahead FROM (" TURNS ") AS turns WHERE id = $1", VALUES(T(job->id)), &ahead, error);
+    enum status status = read_ahead(link, job->id, &ahead, &behind, error);
     job->ahead = (uint64_t)ahead;
     return status;
 }
@@ -126,7 +159,7 @@ static enum status fill_all_ahead(struct pq_link *link, struct job *jobs, size_t
 /* The first of all, by one look into the index for each principal that has a job. */
 #define FIRST                                                                                                          \
     "SELECT first.id FROM usage CROSS JOIN LATERAL (SELECT id FROM jobs WHERE state = 0 AND "                          \
-    "principal = usage.principal ORDER BY due, id LIMIT 1) AS first WHERE usage.active > 0 "                           \
+    "principal = usage.principal ORDER BY due, id LIMIT 1) AS first WHERE usage.waiting > 0 "                          \
     "ORDER BY usage.served, first.id LIMIT 1"
 
 struct outlook {
@@ -147,19 +180,28 @@ static void visit_jobs(const struct outlook *outlook, struct pq_rows *rows) {
 
 void catalog_postgres_outlook(struct catalog *catalog, const char *id,
                               void (*visit)(void *ctx, const struct job_cost *cost, int64_t started_ms), void *ctx) {
+    enum { LOOK_AHEAD = 256 };
     struct outlook outlook = {visit, ctx};
+    int64_t ahead, behind;
     struct pq_link *link;
     struct pq_rows *rows;
     struct error ignored;
-    if (pq_take(catalog_postgres_of(catalog)->pq, &link, &ignored) != STATUS_OK) return;
+    if (pq_take_soon(catalog_postgres_of(catalog)->pq, &link, &ignored) != STATUS_OK) return;
     if (pq_select(link,
                   "SELECT params, input_points, input_bytes, input_format, started FROM jobs WHERE state = 1 LIMIT 256",
                   NULL, 0, &rows, &ignored) == STATUS_OK)
         visit_jobs(&outlook, rows);
-    if (pq_select(link,
-                  "WITH turns AS (" TURNS ") SELECT params, input_points, input_bytes, input_format, 0 FROM turns "
-                  "WHERE ahead < (SELECT ahead FROM turns WHERE id = $1) ORDER BY ahead",
-                  VALUES(T(id)), &rows, &ignored) == STATUS_OK)
+    enum status status = read_ahead(link, id, &ahead, &behind, &ignored);
+    if (status == STATUS_OK && ahead > LOOK_AHEAD)
+        visit(ctx, &(struct job_cost){0}, 0); /* of no kind that is known, so nothing is claimed */
+    else if (status == STATUS_OK && ahead &&
+             pq_select(link,
+                       "SELECT params, input_points, input_bytes, input_format, 0 FROM usage CROSS JOIN LATERAL "
+                       "(SELECT id, params, input_points, input_bytes, input_format, row_number() OVER (ORDER BY due, "
+                       "id) AS round, first_value(id) OVER (ORDER BY due, id) AS first FROM jobs WHERE state = 0 "
+                       "AND principal = usage.principal ORDER BY due, id LIMIT $1) AS turn WHERE usage.waiting > 0 "
+                       "ORDER BY round, usage.served, turn.first LIMIT $2",
+                       VALUES(I(behind + 1), I(ahead)), &rows, &ignored) == STATUS_OK)
         visit_jobs(&outlook, rows);
     pq_done(link);
 }
@@ -169,9 +211,10 @@ void catalog_postgres_depth(struct catalog *catalog, uint64_t *waiting, uint64_t
     struct pq_rows *rows;
     struct error ignored;
     *waiting = *running = 0;
-    if (pq_take(catalog_postgres_of(catalog)->pq, &link, &ignored) != STATUS_OK) return;
+    if (pq_take_soon(catalog_postgres_of(catalog)->pq, &link, &ignored) != STATUS_OK) return;
     if (pq_select(link,
-                  "SELECT (SELECT count(*) FROM jobs WHERE state = 0), (SELECT count(*) FROM jobs WHERE state = 1)",
+                  "SELECT coalesce((SELECT sum(waiting) FROM usage WHERE waiting > 0), 0)::BIGINT, "
+                  "(SELECT count(*) FROM jobs WHERE state = 1)",
                   NULL, 0, &rows, &ignored) == STATUS_OK) {
         if (pq_next(rows)) {
             *waiting = (uint64_t)pq_integer(rows, 0);
@@ -207,14 +250,13 @@ static enum status insert(struct catalog_postgres *postgres, struct pq_link *lin
     return status;
 }
 
-/* How many wait, counted no further than the limit; how many this principal has. */
+/* How many wait; how many this principal has. */
 static enum status check_counts(struct pq_link *link, const struct job *job, const struct catalog_limits *limits,
                                 struct error *error) {
     int64_t waiting = 0, active = 0;
     uint64_t most = limits->waiting < INT64_MAX ? limits->waiting : INT64_MAX;
-    enum status status =
-        pq_number(link, "SELECT count(*) FROM (SELECT 1 FROM jobs WHERE state = 0 LIMIT $1) AS counted",
-                  VALUES(I(most)), &waiting, error);
+    enum status status = pq_number(link, "SELECT coalesce(sum(waiting), 0)::BIGINT FROM usage WHERE waiting > 0", NULL,
+                                   0, &waiting, error);
     if (status == STATUS_OK)
         status =
             pq_number(link, "SELECT active FROM usage WHERE principal = $1", VALUES(T(job->principal)), &active, error);

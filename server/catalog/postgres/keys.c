@@ -5,26 +5,36 @@
 
 #include "server/catalog/postgres/catalog_postgres.h"
 
-/* A key whose session has ended is anybody's.  Where the database doesn't answer nobody gets one: whoever asks comes
- * again. */
-bool catalog_postgres_hold_key(struct catalog *catalog, const char *principal, const char *key,
-                               struct catalog_key_hold *hold) {
+/* A key whose session has ended is anybody's.  Where the database doesn't answer nobody gets one, and what may have
+ * come of the attempt is taken back: whoever asks comes again. */
+enum status catalog_postgres_hold_key(struct catalog *catalog, const char *principal, const char *key,
+                                      struct catalog_key_hold *hold, struct error *error) {
     struct catalog_postgres *postgres = catalog_postgres_of(catalog);
     struct pq_link *link;
-    struct error ignored;
     int64_t taken = 0;
-    if (pq_begin(postgres->pq, &link, &ignored) != STATUS_OK) return false;
-    enum status status = pq_execute(link, "SET LOCAL synchronous_commit = off", &ignored);
+    enum status status = pq_begin_soon(postgres->pq, &link, error);
+    if (status != STATUS_OK) return status;
+    status = pq_execute(link, "SET LOCAL synchronous_commit = off", error);
     if (status == STATUS_OK)
         status = pq_run(link,
                         "INSERT INTO holds (principal, key, session) VALUES ($1, $2, $3) "
                         "ON CONFLICT (principal, key) DO UPDATE SET session = excluded.session WHERE NOT EXISTS "
                         "(SELECT 1 FROM sessions WHERE id = holds.session AND lease > whittle_now())",
-                        VALUES(T(principal), T(key), T(postgres->session)), &taken, &ignored);
-    status = pq_end(link, status, NULL, &ignored);
-    if (status != STATUS_OK || !taken) return false;
-    *hold = (struct catalog_key_hold){.principal = principal, .key = key, .held = true};
-    return true;
+                        VALUES(T(principal), T(key), T(postgres->session)), &taken, error);
+    status = pq_end(link, status, NULL, error);
+    if (status != STATUS_OK) catalog_postgres_release_later(postgres, principal, key, 0);
+    if (status == STATUS_OK && taken)
+        *hold = (struct catalog_key_hold){.principal = principal, .key = key, .held = true};
+    return status;
+}
+
+enum status catalog_postgres_give_up_key(struct catalog_postgres *postgres, struct pq_link *link, const char *principal,
+                                         const char *key, struct error *error) {
+    enum status status = pq_execute(link, "SET LOCAL synchronous_commit = off", error);
+    if (status == STATUS_OK)
+        status = pq_run(link, "DELETE FROM holds WHERE principal = $1 AND key = $2 AND session = $3",
+                        VALUES(T(principal), T(key), T(postgres->session)), NULL, error);
+    return pq_end(link, status, NULL, error);
 }
 
 void catalog_postgres_release_key(struct catalog *catalog, struct catalog_key_hold *hold) {
@@ -32,14 +42,9 @@ void catalog_postgres_release_key(struct catalog *catalog, struct catalog_key_ho
     struct pq_link *link;
     struct error ignored;
     if (!hold->held) return;
-    if (pq_begin(postgres->pq, &link, &ignored) == STATUS_OK) {
-        enum status status = pq_execute(link, "SET LOCAL synchronous_commit = off", &ignored);
-        if (status == STATUS_OK)
-            status = pq_run(link, "DELETE FROM holds WHERE principal = $1 AND key = $2 AND session = $3",
-                            VALUES(T(hold->principal), T(hold->key), T(postgres->session)), NULL, &ignored);
-        status = pq_end(link, status, NULL, &ignored); /* else it ends with the session */
-        (void)status;
-    }
+    if (pq_begin_soon(postgres->pq, &link, &ignored) != STATUS_OK ||
+        catalog_postgres_give_up_key(postgres, link, hold->principal, hold->key, &ignored) != STATUS_OK)
+        catalog_postgres_release_later(postgres, hold->principal, hold->key, 0);
     *hold = (struct catalog_key_hold){.held = false};
 }
 

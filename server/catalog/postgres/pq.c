@@ -14,21 +14,24 @@
 
 #include "core/base/alloc.h"
 #include "core/base/fault.h"
+#include "server/base/away.h"
 
-/* A statement's deadline; and how long is waited for one of the connections, of which there are so many. */
-enum { DEADLINE_MS = 10000, LINKS = 8, MAX_VALUES = 24, NUMBER_BYTES = 40 };
+/* A statement's deadline, that of all that is to be done soon, and how many connections there are. */
+enum { DEADLINE_MS = 5000, SOON_MS = 1000, LINKS = 8, MAX_VALUES = 24, NUMBER_BYTES = 40 };
 enum { OID_INT8 = 20, OID_TEXT = 25, OID_FLOAT8 = 701 };
 
 struct pq_link {
     struct pq *pq;
     PGconn *conn; /* NULL = not connected */
     bool is_taken;
+    int64_t until_ms; /* when all has to be done; 0 = each statement has a deadline of its own */
 };
 
 struct pq {
     char *conninfo;
     pthread_mutex_t lock;
     pthread_cond_t given;
+    _Atomic bool is_silent; /* the last one who asked the server has had no answer */
     struct pq_link link[LINKS];
 };
 
@@ -43,9 +46,14 @@ static int64_t clock_ms(void) {
     return (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
 }
 
-/* The first line of what libpq says; it never holds the password. */
+/* The first line of what the server says; it never holds the password. */
 static enum status refused(enum status status, const char *text, struct error *error) {
     return error_set(error, status, "database", "the database says: %.*s", (int)strcspn(text, "\n"), text);
+}
+
+/* The same of libpq, where there is no server that says anything. */
+static enum status away(const char *text, struct error *error) {
+    return error_set(error, STATUS_IO, AWAY, "the database isn't there: %.*s", (int)strcspn(text, "\n"), text);
 }
 
 /* ------------------------------------------------------------------------------------------------ connections */
@@ -79,7 +87,7 @@ static enum status connect_link(struct pq_link *link, struct error *error) {
                                         "dbname",
                                         NULL};
     const char *values[] = {"3", "5000", "2", "1", "3", "read-write", "whittled", "UTF8", link->pq->conninfo, NULL};
-    if (fault_at("database-connect")) return refused(STATUS_IO, strerror(errno), error);
+    if (fault_at("database-connect")) return away(strerror(errno), error);
     disconnect(link);
     link->conn = PQconnectdbParams(names, values, 1);
     if (!link->conn) return error_set(error, STATUS_NO_MEMORY, "database", "no memory");
@@ -87,7 +95,8 @@ static enum status connect_link(struct pq_link *link, struct error *error) {
         PQsetNoticeReceiver(link->conn, ignore_notice, NULL);
         return STATUS_OK;
     }
-    enum status status = refused(STATUS_IO, PQerrorMessage(link->conn), error);
+    enum status status = away(PQerrorMessage(link->conn), error);
+    link->pq->is_silent = true;
     disconnect(link);
     return status;
 }
@@ -98,6 +107,7 @@ enum status pq_open(const char *conninfo, struct pq **pq, struct error *error) {
     pthread_condattr_t by_monotonic;
     pthread_mutex_init(&opened->lock, NULL);
     pthread_condattr_init(&by_monotonic);
+    pthread_condattr_setclock(&by_monotonic, CLOCK_MONOTONIC);
     pthread_cond_init(&opened->given, &by_monotonic);
     pthread_condattr_destroy(&by_monotonic);
     for (int i = 0; i < LINKS; i++) opened->link[i].pq = opened;
@@ -128,18 +138,32 @@ static struct pq_link *find_link(struct pq *pq) {
     return found;
 }
 
-enum status pq_take(struct pq *pq, struct pq_link **link, struct error *error) {
-    pthread_mutex_lock(&pq->lock);
+/* until_ms 0: for as long as it takes. */
+static enum status take(struct pq *pq, int64_t until_ms, struct pq_link **link, struct error *error) {
+    const struct timespec until = {.tv_sec = until_ms / 1000, .tv_nsec = until_ms % 1000 * 1000000};
     struct pq_link *found;
-    while (!(found = find_link(pq))) pthread_cond_wait(&pq->given, &pq->lock);
-    found->is_taken = true;
+    int late = 0;
+    pthread_mutex_lock(&pq->lock);
+    while (!(found = find_link(pq)) && !late)
+        late =
+            until_ms ? pthread_cond_timedwait(&pq->given, &pq->lock, &until) : pthread_cond_wait(&pq->given, &pq->lock);
+    if (found) found->is_taken = true;
     pthread_mutex_unlock(&pq->lock);
+    if (!found) return error_set(error, STATUS_IO, AWAY, "the database has no time");
+    found->until_ms = until_ms;
     enum status status = found->conn ? STATUS_OK : connect_link(found, error);
     if (status == STATUS_OK)
         *link = found;
     else
         pq_done(found);
     return status;
+}
+
+enum status pq_take(struct pq *pq, struct pq_link **link, struct error *error) { return take(pq, 0, link, error); }
+
+enum status pq_take_soon(struct pq *pq, struct pq_link **link, struct error *error) {
+    if (pq->is_silent) return error_set(error, STATUS_IO, AWAY, "the database doesn't answer");
+    return take(pq, clock_ms() + SOON_MS, link, error);
 }
 
 void pq_done(struct pq_link *link) {
@@ -160,7 +184,8 @@ static bool wait_for(struct pq_link *link, short events, int64_t deadline_ms, st
     struct pollfd socket = {.fd = PQsocket(link->conn), .events = events};
     int n = left > 0 ? poll(&socket, 1, (int)left) : 0;
     if (n > 0 || (n < 0 && errno == EINTR)) return true;
-    error_set(error, STATUS_IO, "database", "the database doesn't answer");
+    error_set(error, STATUS_IO, AWAY, "the database doesn't answer");
+    link->pq->is_silent = true;
     disconnect(link);
     return false;
 }
@@ -180,23 +205,41 @@ static bool finish_query(struct pq_link *link, int64_t deadline_ms, struct error
     return true;
 }
 
-static enum status status_of(const PGresult *result, const PGconn *conn, struct error *error) {
+/* A server that ends, or that isn't the one which takes changes any more, is left: another one is asked next time. */
+static bool is_leaving(const char *state) {
+    static const char *const states[] = {"08", "57P", "25006", "53300"};
+    for (size_t i = 0; state && i < sizeof states / sizeof *states; i++)
+        if (strncmp(state, states[i], strlen(states[i])) == 0) return true;
+    return false;
+}
+
+static enum status status_of(const PGresult *result, struct pq_link *link, struct error *error) {
     ExecStatusType kind = PQresultStatus(result);
+    link->pq->is_silent = PQstatus(link->conn) != CONNECTION_OK;
     if (kind == PGRES_COMMAND_OK || kind == PGRES_TUPLES_OK) return STATUS_OK;
     const char *state = result ? PQresultErrorField(result, PG_DIAG_SQLSTATE) : NULL;
     const char *text = result ? PQresultErrorField(result, PG_DIAG_MESSAGE_PRIMARY) : NULL;
+    if (is_leaving(state) || PQstatus(link->conn) != CONNECTION_OK) {
+        enum status status = away(text ? text : PQerrorMessage(link->conn), error);
+        disconnect(link);
+        return status;
+    }
     bool is_full = state && (strcmp(state, "53100") == 0), is_short = state && strcmp(state, "53200") == 0;
     return refused(is_full    ? STATUS_NO_SPACE
                    : is_short ? STATUS_NO_MEMORY
                               : STATUS_IO,
-                   text ? text : PQerrorMessage(conn), error);
+                   text ? text : PQerrorMessage(link->conn), error);
 }
 
 /* The last result of what was sent. */
 static enum status take_result(struct pq_link *link, int sent, PGresult **result, struct error *error) {
-    int64_t deadline_ms = clock_ms() + DEADLINE_MS;
+    int64_t deadline_ms = link->until_ms ? link->until_ms : clock_ms() + DEADLINE_MS;
     *result = NULL;
-    if (!sent) return refused(STATUS_IO, PQerrorMessage(link->conn), error);
+    if (!sent) {
+        enum status status = away(PQerrorMessage(link->conn), error);
+        disconnect(link);
+        return status;
+    }
     for (PGresult *next;;) {
         if (!finish_query(link, deadline_ms, error)) {
             PQclear(*result);
@@ -210,7 +253,7 @@ static enum status take_result(struct pq_link *link, int sent, PGresult **result
         PQclear(was_fine ? *result : next);
         if (was_fine) *result = next;
     }
-    enum status status = status_of(*result, link->conn, error);
+    enum status status = status_of(*result, link, error);
     if (status == STATUS_OK) return STATUS_OK;
     PQclear(*result);
     *result = NULL;
@@ -223,7 +266,7 @@ static enum status query(struct pq_link *link, const char *text, const struct pq
     const char *texts[MAX_VALUES];
     char numbers[MAX_VALUES][NUMBER_BYTES];
     *result = NULL;
-    if (!link->conn || count > MAX_VALUES) return error_set(error, STATUS_IO, "database", "the connection is gone");
+    if (!link->conn || count > MAX_VALUES) return error_set(error, STATUS_IO, AWAY, "the connection is gone");
     for (size_t i = 0; i < count; i++) {
         const struct pq_value *value = &values[i];
         types[i] = value->type == PQ_VALUE_INTEGER ? OID_INT8 : value->type == PQ_VALUE_REAL ? OID_FLOAT8 : OID_TEXT;
@@ -246,23 +289,31 @@ enum status pq_run(struct pq_link *link, const char *text, const struct pq_value
 
 enum status pq_execute(struct pq_link *link, const char *text, struct error *error) {
     PGresult *result;
-    if (!link->conn) return error_set(error, STATUS_IO, "database", "the connection is gone");
+    if (!link->conn) return error_set(error, STATUS_IO, AWAY, "the connection is gone");
     enum status status = take_result(link, PQsendQuery(link->conn, text), &result, error);
     PQclear(result);
     return status;
 }
 
 /* A connection may have died while nobody used it: nothing was done on it yet, so another one does as well. */
+static enum status begin(struct pq_link *link, struct error *error) {
+    enum status status = pq_execute(link, "BEGIN", error);
+    if (status != STATUS_OK && !link->conn && (!link->until_ms || clock_ms() < link->until_ms)) {
+        status = connect_link(link, error);
+        if (status == STATUS_OK) status = pq_execute(link, "BEGIN", error);
+    }
+    if (status != STATUS_OK) pq_done(link);
+    return status;
+}
+
 enum status pq_begin(struct pq *pq, struct pq_link **link, struct error *error) {
     enum status status = pq_take(pq, link, error);
-    if (status != STATUS_OK) return status;
-    status = pq_execute(*link, "BEGIN", error);
-    if (status != STATUS_OK && (!(*link)->conn || PQstatus((*link)->conn) != CONNECTION_OK)) {
-        status = connect_link(*link, error);
-        if (status == STATUS_OK) status = pq_execute(*link, "BEGIN", error);
-    }
-    if (status != STATUS_OK) pq_done(*link);
-    return status;
+    return status == STATUS_OK ? begin(*link, error) : status;
+}
+
+enum status pq_begin_soon(struct pq *pq, struct pq_link **link, struct error *error) {
+    enum status status = pq_take_soon(pq, link, error);
+    return status == STATUS_OK ? begin(*link, error) : status;
 }
 
 enum status pq_end(struct pq_link *link, enum status status, bool *unknown, struct error *error) {
@@ -275,8 +326,7 @@ enum status pq_end(struct pq_link *link, enum status status, bool *unknown, stru
         (void)done; /* closing the connection, which follows where it failed, does the same */
     } else {
         status = pq_execute(link, "COMMIT", error);
-        bool is_gone = !link->conn || PQstatus(link->conn) != CONNECTION_OK;
-        if (unknown) *unknown = status != STATUS_OK && is_gone;
+        if (unknown) *unknown = status != STATUS_OK && !link->conn;
     }
     pq_done(link);
     return status;
@@ -290,8 +340,8 @@ enum status pq_select(struct pq_link *link, const char *text, const struct pq_va
     PGresult *result;
     bool is_idle = link->conn && PQtransactionStatus(link->conn) == PQTRANS_IDLE;
     enum status status = query(link, text, values, count, &result, error);
-    bool is_dead = status != STATUS_OK && (!link->conn || PQstatus(link->conn) != CONNECTION_OK);
-    if (is_dead && is_idle && connect_link(link, error) == STATUS_OK)
+    bool has_time = !link->until_ms || clock_ms() < link->until_ms;
+    if (status != STATUS_OK && !link->conn && is_idle && has_time && connect_link(link, error) == STATUS_OK)
         status = query(link, text, values, count, &result, error);
     if (status != STATUS_OK) return status;
     *rows = alloc_zeroed(1, sizeof **rows);
@@ -343,12 +393,12 @@ static bool take_notification(struct pq_link *link, char *text, size_t bytes) {
 }
 
 enum status pq_wait(struct pq_link *link, int ms, char *text, size_t bytes, bool *notified, struct error *error) {
-    if (!link->conn) return error_set(error, STATUS_IO, "database", "the connection is gone");
+    if (!link->conn) return error_set(error, STATUS_IO, AWAY, "the connection is gone");
     *notified = take_notification(link, text, bytes);
     if (*notified) return STATUS_OK;
     struct pollfd socket = {.fd = PQsocket(link->conn), .events = POLLIN};
     int n = poll(&socket, 1, ms);
-    if (n > 0 && !PQconsumeInput(link->conn)) return refused(STATUS_IO, PQerrorMessage(link->conn), error);
+    if (n > 0 && !PQconsumeInput(link->conn)) return away(PQerrorMessage(link->conn), error);
     *notified = take_notification(link, text, bytes);
     return STATUS_OK;
 }

@@ -4,7 +4,8 @@
  * which the connection is closed (libpq's settings can't see a server that is stopped, nor a commit that waits for its
  * standby).  Whether a commit that didn't answer was done is not known then: pq_end says so.
  *
- * Statuses: STATUS_IO with a text when the server refuses or isn't there, STATUS_NO_SPACE, STATUS_NO_MEMORY.
+ * Statuses: STATUS_IO with a text when the server refuses or isn't there (base/away.h), STATUS_NO_SPACE,
+ * STATUS_NO_MEMORY.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_SERVER_CATALOG_POSTGRES_PQ_H
@@ -31,6 +32,11 @@ void pq_close(struct pq *pq);
  * pq_end, which takes it back, follows where this was OK.  A connection that was found dead is made anew first. */
 enum status pq_take(struct pq *pq, struct pq_link **link, struct error *error) MUST_CHECK;
 enum status pq_begin(struct pq *pq, struct pq_link **link, struct error *error) MUST_CHECK;
+
+/* The same for callers who must not wait for long: all that is done with the link has a second together.  A server
+ * that has just left somebody waiting isn't asked at all, until it has answered somebody else. */
+enum status pq_take_soon(struct pq *pq, struct pq_link **link, struct error *error) MUST_CHECK;
+enum status pq_begin_soon(struct pq *pq, struct pq_link **link, struct error *error) MUST_CHECK;
 void pq_done(struct pq_link *link);
 
 /* Commits when status is OK, undoes it otherwise.  STATUS_IO with *unknown (NULL = not wanted): the commit has had no

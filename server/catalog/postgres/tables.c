@@ -93,6 +93,22 @@ static const char *const steps[] = {
     "CREATE TRIGGER usage_of_clouds AFTER INSERT OR DELETE ON clouds FOR EACH ROW "
     "EXECUTE FUNCTION whittle_cloud_usage();",
     "CREATE TABLE secrets (name TEXT PRIMARY KEY, value TEXT NOT NULL);",
+    /* How many jobs of each principal wait, so that nobody counts them. */
+    "ALTER TABLE usage ADD COLUMN waiting BIGINT NOT NULL DEFAULT 0;"
+    "LOCK TABLE jobs IN SHARE ROW EXCLUSIVE MODE;"
+    "UPDATE usage SET waiting = counted.waiting FROM (SELECT principal, count(*) AS waiting FROM jobs WHERE state = 0 "
+    "GROUP BY principal) AS counted WHERE counted.principal = usage.principal;"
+    "CREATE INDEX usage_of_waiting ON usage (served) WHERE waiting > 0;"
+    "CREATE OR REPLACE FUNCTION whittle_job_usage() RETURNS TRIGGER LANGUAGE plpgsql AS $$ "
+    "DECLARE who TEXT; before BIGINT := 3; later BIGINT := 3; more_bytes BIGINT := 0; BEGIN "
+    "IF TG_OP <> 'INSERT' THEN before := OLD.state; who := OLD.principal; more_bytes := -OLD.input_bytes; END IF; "
+    "IF TG_OP <> 'DELETE' THEN later := NEW.state; who := NEW.principal; "
+    "more_bytes := more_bytes + NEW.input_bytes; END IF; "
+    "IF before = later AND more_bytes = 0 THEN RETURN NULL; END IF; "
+    "INSERT INTO usage AS u (principal, active, bytes, waiting) "
+    "VALUES (who, (later < 2)::INT - (before < 2)::INT, more_bytes, (later = 0)::INT - (before = 0)::INT) "
+    "ON CONFLICT (principal) DO UPDATE SET active = u.active + excluded.active, bytes = u.bytes + excluded.bytes, "
+    "waiting = u.waiting + excluded.waiting; RETURN NULL; END $$;",
 };
 enum { STEPS = sizeof steps / sizeof steps[0] };
 

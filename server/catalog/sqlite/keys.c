@@ -15,8 +15,9 @@ static bool is_same(const struct catalog_key_hold *hold, const char *principal, 
     return strcmp(hold->key, key) == 0 && strcmp(hold->principal, principal) == 0;
 }
 
-bool catalog_sqlite_hold_key(struct catalog *catalog, const char *principal, const char *key,
-                             struct catalog_key_hold *hold) {
+enum status catalog_sqlite_hold_key(struct catalog *catalog, const char *principal, const char *key,
+                                    struct catalog_key_hold *hold, struct error *error) {
+    (void)error;
     struct key_holds *keys = &catalog_sqlite_of(catalog)->keys;
     pthread_mutex_lock(&keys->lock);
     const struct catalog_key_hold *other = keys->first;
@@ -27,7 +28,7 @@ bool catalog_sqlite_hold_key(struct catalog *catalog, const char *principal, con
         keys->first = hold;
     }
     pthread_mutex_unlock(&keys->lock);
-    return !other;
+    return STATUS_OK;
 }
 
 void catalog_sqlite_release_key(struct catalog *catalog, struct catalog_key_hold *hold) {

@@ -260,7 +260,7 @@ peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev libmeshoptim
 bench_packages := valgrind
 paper_packages := libeigen3-dev libtbb-dev libmeshoptimizer-dev python3-matplotlib
 real_scans_packages := libeigen3-dev libtbb-dev libopen3d-dev python3-matplotlib
-cluster_packages := postgresql-15 ceph-mon ceph-mgr ceph-osd radosgw
+cluster_packages := postgresql-15 ceph-mon ceph-mgr ceph-osd radosgw nginx-light iproute2
 fuzz_packages := clang libclang-rt-14-dev
 contract_packages := chromium nginx-light openssl wget zstd groff $(if $(shell command -v npm),,nodejs npm)
 
@@ -327,16 +327,24 @@ test-integration: ## the integration tests alone, with the programs that are the
 	    --allowed-skips=tests/integration/skips.txt tests/integration
 
 .PHONY: test-cluster
-test-cluster: deps ## what several hosts share, on PostgreSQL and on Ceph's S3: the contract suites, hosts beside each other
+test-cluster: deps ## what several hosts share, on PostgreSQL and on Ceph's S3: contract suites, hosts beside each other, ROUNDS=5 of faults (SEED=1)
 	@deploy/deps.sh $(cluster_packages)
 	@$(MAKE) --no-print-directory -j$$(nproc) all tests
 	@tests/tools/with_postgres.sh tests/tools/with_s3.sh $(MAKE) --no-print-directory cluster-tests
+	@$(MAKE) --no-print-directory cluster-rounds
 
 .PHONY: cluster-tests
 cluster-tests:
 	@for t in $(filter %/test_blobs,$(unit_programs)) $(filter %/test_catalog_%,$(unit_programs)); do \
 	    echo "  TEST $$t"; $$t || exit; done
 	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider -n 2 tests/integration/test_hosts.py
+
+# A cluster in network namespaces, as root.  FAULTS=kill-host,cut-primary draws among these alone.
+given = $(filter command% environment%,$(origin $(1)))
+.PHONY: cluster-rounds
+cluster-rounds:
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -B tests/cluster/rounds.py --rounds $(if $(call given,ROUNDS),$(ROUNDS),5) \
+	    $(if $(call given,SEED),--seed $(SEED)) $(if $(FAULTS),--faults $(FAULTS)) $(if $(GRACE),--grace $(GRACE))
 
 ROUNDS ?= 500
 SEED ?= 1

@@ -56,7 +56,8 @@ enum status blobs_copy(struct blobs *blobs, const char *from_folder, const char 
  * the blob is removed. */
 int blobs_read(struct blobs *blobs, const char *name);
 
-/* Whether there is a blob of this name, or one below the folder of this name. */
+/* Whether there is a blob of this name, or one below the folder of this name; a store that doesn't answer may have it.
+ */
 bool blobs_exist(struct blobs *blobs, const char *name);
 
 /* Removes a blob, or a folder with all below it; what isn't there is removed already.  It is never seen in part by who

@@ -160,8 +160,8 @@ static void sweep_leases(struct service *service) {
     enum status status = jobs ? catalog_list_lost(service->catalog, NULL, jobs, SERVICE_PAGE, &count, &error)
                               : error_set(&error, STATUS_NO_MEMORY, "service", "no memory");
     for (size_t i = 0; i < count; i++) {
-        bool failed, is_own = strcmp(jobs[i].owner, service->host) == 0;
-        if (status == STATUS_OK && !is_own) status = service_recover_job(service, &jobs[i], &failed, &error);
+        bool failed, changed, is_own = strcmp(jobs[i].owner, service->host) == 0;
+        if (status == STATUS_OK && !is_own) status = service_recover_job(service, &jobs[i], &failed, &changed, &error);
         job_done(&jobs[i]);
     }
     if (status != STATUS_OK) log_line(LOG_ERROR, "can't look for lost jobs: %s", error.text);

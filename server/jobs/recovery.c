@@ -50,14 +50,14 @@ struct recovery {
     int64_t latest_ms; /* when a job has changed last */
 };
 
-enum status service_recover_job(struct service *service, struct job *job, bool *failed, struct error *error) {
-    bool changed;
+enum status service_recover_job(struct service *service, struct job *job, bool *failed, bool *changed,
+                                struct error *error) {
     *failed = ++job->interruptions >= JOB_MAX_INTERRUPTIONS && !job->is_cancelled;
     job->expires_ms = job_now_ms() + service->config->retention_ms;
     if (!*failed) {
         log_line(LOG_WARNING, "job=%s was running when its host ended: %s", job->id,
                  job->is_cancelled ? "dismissed" : "queued again");
-        return catalog_finish(service->catalog, JOB_REQUEUE, job, &changed, error);
+        return catalog_finish(service->catalog, JOB_REQUEUE, job, changed, error);
     }
     struct problem problem;
     problem_set(&problem, PROBLEM_WORKER_CRASHED,
@@ -66,16 +66,20 @@ enum status service_recover_job(struct service *service, struct job *job, bool *
     free(job->problem);
     job->problem = problem_encode(&problem);
     log_line(LOG_ERROR, "job=%s failed: the service ended %d times while it ran", job->id, job->interruptions);
-    return catalog_finish(service->catalog, JOB_FAIL, job, &changed, error);
+    return catalog_finish(service->catalog, JOB_FAIL, job, changed, error);
 }
 
-/* A job that is running, by its row: of this host when it ended, or of one that is gone; else another host has it. */
+/* A job that is running, by its row: of this host when it ended, or of one that is gone; else another host has it.
+ * Where a database is asked over a network, the end that a host wrote as it died may come to pass just now: then the
+ * job has succeeded, and its outputs are wanted. */
 static enum status recover_running(struct service *service, struct job *job, struct recovery *recovery,
                                    struct error *error) {
-    bool is_own = strcmp(job->owner, service->host) == 0, failed = false;
+    bool is_own = strcmp(job->owner, service->host) == 0, failed = false, changed = false;
     if (!is_own && job->lease_end_ms > job_now_ms()) return STATUS_OK;
-    store_outputs_delete(service->store, job->id, job->attempt); /* of a run whose end was never recorded */
-    enum status status = service_recover_job(service, job, &failed, error);
+    const int attempt = job->attempt; /* whose end was never recorded */
+    if (!service->is_shared) store_outputs_delete(service->store, job->id, attempt);
+    enum status status = service_recover_job(service, job, &failed, &changed, error);
+    if (service->is_shared && status == STATUS_OK && changed) store_outputs_delete(service->store, job->id, attempt);
     if (status == STATUS_OK && failed) recovery->failed++;
     if (status == STATUS_OK && !failed) recovery->requeued++;
     return status;

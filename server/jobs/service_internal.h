@@ -11,8 +11,10 @@ enum { SERVICE_PAGE = 64 }; /* rows that are read at a time */
 /* recovery.c: puts right what an earlier process left (logged); before anything else uses the service. */
 enum status service_recover(struct service *service, struct error *error) MUST_CHECK;
 
-/* recovery.c: a job whose host has gone is queued again, or failed (*failed) where hosts went too often. */
-enum status service_recover_job(struct service *service, struct job *job, bool *failed, struct error *error) MUST_CHECK;
+/* recovery.c: a job whose host has gone is queued again, or failed (*failed) where hosts went too often.  *changed
+ * false: it isn't that run's any more. */
+enum status service_recover_job(struct service *service, struct job *job, bool *failed, bool *changed,
+                                struct error *error) MUST_CHECK;
 
 /* janitor.c: the service's own clock becomes that of the catalog, which several hosts share. */
 enum status service_follow_catalog(struct service *service, struct error *error) MUST_CHECK;

@@ -45,6 +45,7 @@ enum {
     RECORD_AGAIN_MS = 1000,
     START_AGAIN_MS = 1000,
     START_PATIENCE_MS = 600000,
+    SHARED_PATIENCE_MS = 5000, /* where another host may have what this one lacks */
     REPORT_MAX_BYTES = 1 << 20,
     FOOTPRINT_EVERY_MS = 500,
     HEAD_BYTES = 64 * 1024 /* of a cloud, for what it says of its size */
@@ -65,6 +66,8 @@ struct run {
     int64_t started_ms, kill_ms; /* of events_clock_ms; kill_ms: when TERM becomes KILL, 0 = no TERM was sent */
     int64_t moved_ms, cpu_ns;    /* when it was last known to go on; the processor time that it had then */
     bool timed_out, stalled;
+    bool input_missing;              /* the store has answered that the job's cloud isn't there */
+    bool is_short;                   /* this host lacks what the job takes */
     char output[SCRATCH_PATH_BYTES]; /* the folder that it writes into */
     struct confine_limits limits;
     struct footprint most, found; /* found: what was too much, else zero */
@@ -108,6 +111,7 @@ static enum status start(struct run *run, struct error *error) {
     if (run->log_fd < 0) return error_set(error, STATUS_IO, "worker", "can't open the job's log: %s", strerror(errno));
     dprintf(run->log_fd, "attempt %d begins\n", run->job->attempt);
     int input_fd = store_cloud_open(run->service->store, run->job->cloud);
+    run->input_missing = input_fd < 0 && errno == ENOENT;
     if (input_fd < 0) return error_set(error, STATUS_IO, "worker", "can't open the job's input: %s", strerror(errno));
     run->limits = (struct confine_limits){.cpu_ms = config->job_cpu_ms, .file_bytes = config->job_file_bytes};
     limit_memory(run->job, threads, config->job_memory_bytes, &run->limits);
@@ -144,15 +148,16 @@ static void wait_for_command(const struct run *run, int wait_ms) {
 }
 
 /* Starts it, and again for as long as the machine lacks what that takes: descriptors, processes, memory, disk.  Nothing
- * of the job has run yet, so it stays the same attempt. */
+ * of the job has run yet, so it stays the same attempt.  Where hosts share the work another one may lack nothing. */
 static enum status start_when_possible(struct run *run, struct error *error) {
-    int64_t until = run->started_ms + START_PATIENCE_MS;
+    int64_t until = run->started_ms + (run->service->is_shared ? SHARED_PATIENCE_MS : START_PATIENCE_MS);
     for (;;) {
         show(run);
         enum status status = start(run, error);
-        bool hopeless = !store_cloud_exists(run->service->store, run->job->cloud);
         bool wanted = atomic_load(&run->control->command) == WORKER_GO_ON;
-        if (status == STATUS_OK || hopeless || !wanted || events_clock_ms() >= until) return status;
+        if (status == STATUS_OK || run->input_missing || !wanted) return status;
+        run->is_short = run->service->is_shared && events_clock_ms() >= until;
+        if (events_clock_ms() >= until) return status;
         log_line(LOG_WARNING, "job=%s can't be started yet: %s", run->job->id, error->text);
         if (run->log_fd >= 0) close(run->log_fd);
         run->log_fd = -1;
@@ -450,12 +455,17 @@ static bool by_the_host(const struct run *run) {
 static void judge_unstarted(const struct run *run, const struct error *error, struct verdict *verdict) {
     int command = atomic_load(&run->control->command);
     verdict->is_lost = command == WORKER_LOST;
-    bool again = command == WORKER_REQUEUE || ++run->job->failures < JOB_MAX_FAILURES;
+    bool again = command == WORKER_REQUEUE || run->is_short || ++run->job->failures < JOB_MAX_FAILURES;
     verdict->event = command == WORKER_DISMISS ? JOB_DISMISS : again ? JOB_REQUEUE : JOB_FAIL;
     problem_set(&verdict->problem, PROBLEM_INTERNAL_ERROR, "the job's process can't be started: %s", error->text);
 }
 
-static void judge(const struct run *run, struct verdict *verdict) {
+/* Whether its disk was too full, and others' may not be. */
+static bool is_short_of_disk(const struct run *run) {
+    return run->service->is_shared && run->has_failed && run->said.error.code == STATUS_NO_SPACE;
+}
+
+static void judge(struct run *run, struct verdict *verdict) {
     int command = atomic_load(&run->control->command);
     bool exited_well = WIFEXITED(run->wait_status) && WEXITSTATUS(run->wait_status) == 0;
     bool no_memory = WIFEXITED(run->wait_status) && WEXITSTATUS(run->wait_status) == WIRE_EXIT_MEMORY;
@@ -479,6 +489,10 @@ static void judge(const struct run *run, struct verdict *verdict) {
         if (++run->job->failures < JOB_MAX_FAILURES) verdict->event = JOB_REQUEUE;
     } else if (run->has_failed && wants_more_memory(run)) {
         verdict->event = JOB_REQUEUE;
+        problem_from_error(&verdict->problem, &run->said.error);
+    } else if (is_short_of_disk(run) && ++run->job->failures < JOB_MAX_FAILURES) {
+        verdict->event = JOB_REQUEUE;
+        run->is_short = true;
         problem_from_error(&verdict->problem, &run->said.error);
     } else if (run->has_failed) {
         problem_from_error(&verdict->problem, &run->said.error);
@@ -514,15 +528,34 @@ static bool run_is_wanted(void *ctx) {
     return command != WORKER_DISMISS && command != WORKER_LOST;
 }
 
+/* Whether the outputs, which a store that others share didn't take, wait for it: the job's lease is renewed meanwhile.
+ */
+static bool waits_for_store(const struct run *run, enum status status) {
+    bool may_come = run->service->is_shared && (status == STATUS_IO || status == STATUS_NO_SPACE);
+    return may_come && atomic_load(&run->control->command) == WORKER_GO_ON && !atomic_load(&run->service->draining);
+}
+
+/* Puts them into the store, and again for as long as it doesn't answer. */
+static enum status put_outputs_when_possible(struct run *run, struct error *error) {
+    struct job *job = run->job;
+    const struct digest_will will = {run_is_wanted, run};
+    int64_t until = events_clock_ms() + START_PATIENCE_MS;
+    for (;;) {
+        enum status status = store_outputs_keep(run->service->store, job->id, job->attempt, &will, job->output,
+                                                &job->output_count, error);
+        if (status == STATUS_OK || !waits_for_store(run, status) || events_clock_ms() >= until) return status;
+        log_line_seldom(LOG_WARNING, "job=%s its outputs wait for the store: %s", job->id, error->text);
+        wait_for_command(run, RECORD_AGAIN_MS);
+    }
+}
+
 /* Makes the outputs visible; on failure, or when the job is dismissed meanwhile, the verdict changes. */
 static void keep_outputs(struct run *run, struct verdict *verdict) {
     struct error error = {0};
     struct job *job = run->job;
-    const struct digest_will will = {run_is_wanted, run};
     enum status status = footprint_check(run->output, &job->params, &error);
-    if (status == STATUS_OK)
-        status = store_outputs_keep(run->service->store, job->id, job->attempt, &will, job->output, &job->output_count,
-                                    &error);
+    bool is_sound = status == STATUS_OK;
+    if (is_sound) status = put_outputs_when_possible(run, &error);
     if (status == STATUS_OK) {
         free(job->report);
         job->report = read_report(run);
@@ -531,7 +564,8 @@ static void keep_outputs(struct run *run, struct verdict *verdict) {
     if (status != STATUS_OK || verdict->event == JOB_DISMISS) drop_outputs(run);
     if (status == STATUS_OK || verdict->event == JOB_DISMISS) return;
     log_line(LOG_ERROR, "job=%s outputs can't be kept: %s", job->id, error.text);
-    verdict->event = JOB_FAIL;
+    bool comes_again = run->service->is_shared && is_sound && status != STATUS_MALFORMED;
+    verdict->event = comes_again && ++job->failures < JOB_MAX_FAILURES ? JOB_REQUEUE : JOB_FAIL;
     problem_from_error(&verdict->problem, &error);
 }
 
@@ -557,15 +591,19 @@ static enum status write_end(const struct run *run, const struct verdict *verdic
     return status;
 }
 
-/* Whether the row says what a try would have written whose answer didn't come. */
+/* Whether the row says what a try would have written whose answer didn't come.  While nobody can tell it is taken to
+ * say so: outputs of a job that has succeeded must stay, and others are garbage at most. */
 static bool was_recorded(const struct run *run, const struct verdict *verdict) {
     struct job now;
     struct error error = {0};
     enum catalog_presence presence;
     struct catalog_tombstone tombstone;
     enum job_state next = JOB_RUNNING;
-    enum status status = catalog_get(run->service->catalog, run->job->id, &now, &presence, &tombstone, &error);
-    bool is_so = status == STATUS_OK && presence == CATALOG_PRESENT && now.attempt == run->job->attempt &&
+    if (catalog_get(run->service->catalog, run->job->id, &now, &presence, &tombstone, &error) != STATUS_OK) {
+        log_line(LOG_WARNING, "job=%s can't be looked up, so its outputs stay: %s", run->job->id, error.text);
+        return true;
+    }
+    bool is_so = presence == CATALOG_PRESENT && now.attempt == run->job->attempt &&
                  job_transition(JOB_RUNNING, verdict->event, &next) && now.state == next;
     job_done(&now);
     return is_so;
@@ -629,7 +667,7 @@ static void settle(struct run *run, struct verdict *verdict) {
     fault_at("job-recorded");
 }
 
-void worker_run(struct service *service, const struct confinement *confinement, struct job *job,
+bool worker_run(struct service *service, const struct confinement *confinement, struct job *job,
                 struct worker_control *control) {
     struct run run = {.service = service,
                       .confinement = confinement,
@@ -650,4 +688,5 @@ void worker_run(struct service *service, const struct confinement *confinement, 
     }
     settle(&run, &verdict);
     if (run.log_fd >= 0) close(run.log_fd);
+    return !run.is_short;
 }

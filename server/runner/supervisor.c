@@ -17,7 +17,7 @@
 #include "server/runner/supervisor.h"
 
 /* A thread that runs a job may be silent for long: its outputs are hashed and flushed meanwhile. */
-enum { LOOK_AGAIN_S = 1, OVERDUE_MS = 30000, STALLS = 3, MAX_SLOTS = 256 };
+enum { LOOK_AGAIN_S = 1, REST_S = 10, OVERDUE_MS = 30000, STALLS = 3, MAX_SLOTS = 256 };
 
 struct slot {
     struct supervisor *supervisor;
@@ -100,17 +100,29 @@ static bool next_job(struct slot *slot, struct job *job) {
     return found;
 }
 
+/* Takes no job for a while, under the lock: another host is to have what this one couldn't run. */
+static void rest_slot(struct slot *slot) {
+    struct supervisor *supervisor = slot->supervisor;
+    struct timespec until;
+    clock_gettime(CLOCK_MONOTONIC, &until);
+    until.tv_sec += REST_S;
+    while (!supervisor->stopping &&
+           pthread_cond_clockwait(&supervisor->submitted, &supervisor->lock, CLOCK_MONOTONIC, &until) != ETIMEDOUT)
+        continue;
+}
+
 static void *work(void *ctx) {
     struct slot *slot = ctx;
     struct supervisor *supervisor = slot->supervisor;
     struct job job;
     while (next_job(slot, &job)) {
-        worker_run(supervisor->service, supervisor->confinement, &job, &slot->control);
+        bool is_fit = worker_run(supervisor->service, supervisor->confinement, &job, &slot->control);
         job_done(&job);
         pthread_mutex_lock(&supervisor->lock);
         slot->id[0] = 0;
         pthread_cond_broadcast(&supervisor->submitted); /* who waits for memory may have it now */
         slot->looked_ms = events_clock_ms();
+        if (!is_fit) rest_slot(slot);
         pthread_mutex_unlock(&supervisor->lock);
     }
     pthread_mutex_lock(&supervisor->lock);

@@ -276,11 +276,10 @@ static bool s3_exist(struct blobs *blobs, const char *name) {
     int code;
     enum status status = s3_client_ask(s3->client, &request, &code, &error);
     free(request.text);
-    if (status == STATUS_OK && code == 200) return true;
-    bool is_folder =
-        status == STATUS_OK && code == 404 && collect(s3, name, false, &names, &error) == STATUS_OK && names.count > 0;
+    if (status != STATUS_OK || code != 404) return true;
+    bool may_be_folder = collect(s3, name, false, &names, &error) != STATUS_OK || names.count > 0;
     free_names(&names);
-    return is_folder;
+    return may_be_folder;
 }
 
 static void delete_one(struct blobs_s3 *s3, const char *name) {

@@ -3,6 +3,9 @@
  * A store that is stopped, or full, doesn't refuse but hangs: whoever moves fewer than MIN_BYTES_S for STALL_S is cut
  * off.  Every request may be made again (a name stands for one content), so one that had no answer is, twice.
  *
+ * A store refuses what was signed at another time than its own.  So requests are signed by the store's clock, as its
+ * answers tell it, where the machine's is off.
+ *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/blobs/s3/s3_client.h"
 
@@ -10,9 +13,11 @@
 #include <errno.h>
 #include <poll.h>
 #include <pthread.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -22,6 +27,7 @@
 #include "server/daemon/setting_file.h"
 
 enum { CONNECT_S = 5, STALL_S = 15, MIN_BYTES_S = 512, TRIES = 3, PAUSE_MS = 200, HANDLES = 8 };
+enum { CLOCK_OFF_S = 60, DATE_BYTES = 64 };
 enum { PART_BYTES = 512, URL_BYTES = 2048, TEXT_MAX_BYTES = 8 << 20 };
 
 struct s3_client {
@@ -30,6 +36,7 @@ struct s3_client {
     pthread_mutex_t lock;
     CURL *idle[HANDLES]; /* with their connections */
     int idle_count;
+    _Atomic int64_t ahead_s; /* of the store's clock before the machine's */
 };
 
 static const char empty_sha256[] = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855";
@@ -163,7 +170,22 @@ struct exchange {
     uint64_t sent, text_bytes;
     bool is_short_of_memory;
     int write_errno;
+    time_t answered_s; /* by the store's clock; 0 = it didn't say */
 };
+
+/* Keeps the time at which the store has answered. */
+static size_t take_header(char *bytes, size_t size, size_t count, void *ctx) {
+    static const char name[] = "date:";
+    struct exchange *exchange = ctx;
+    size_t length = size * count;
+    char text[DATE_BYTES];
+    if (length > sizeof name && length < sizeof text && strncasecmp(bytes, name, sizeof name - 1) == 0) {
+        snprintf(text, sizeof text, "%.*s", (int)(length - sizeof name + 1), bytes + sizeof name - 1);
+        time_t said = curl_getdate(text, NULL);
+        if (said > 0) exchange->answered_s = said;
+    }
+    return length;
+}
 
 static size_t give_body(char *bytes, size_t size, size_t count, void *ctx) {
     struct exchange *exchange = ctx;
@@ -232,7 +254,7 @@ static struct curl_slist *sign(const struct s3_client *client, const struct s3_r
                                            .body_sha256 = request->sha256 ? request->sha256 : empty_sha256,
                                            .copy_source = copy_source};
     char authorization[SIGNATURE_V4_BYTES], header[URL_BYTES + 64];
-    time_t now = time(NULL);
+    time_t now = time(NULL) + (time_t)atomic_load(&client->ahead_s);
     struct tm tm;
     gmtime_r(&now, &tm);
     strftime(to_sign.date, sizeof to_sign.date, "%Y%m%dT%H%M%SZ", &tm);
@@ -262,6 +284,8 @@ static void configure(const struct s3_client *client, CURL *curl, const char *ur
     curl_easy_setopt(curl, CURLOPT_HTTPHEADER, headers);
     curl_easy_setopt(curl, CURLOPT_WRITEFUNCTION, take_bytes);
     curl_easy_setopt(curl, CURLOPT_WRITEDATA, exchange);
+    curl_easy_setopt(curl, CURLOPT_HEADERFUNCTION, take_header);
+    curl_easy_setopt(curl, CURLOPT_HEADERDATA, exchange);
     curl_easy_setopt(curl, CURLOPT_ERRORBUFFER, why);
     if (client->ca[0]) curl_easy_setopt(curl, CURLOPT_CAINFO, client->ca);
     if (strcmp(request->method, "HEAD") == 0) curl_easy_setopt(curl, CURLOPT_NOBODY, 1L);
@@ -275,7 +299,17 @@ static void configure(const struct s3_client *client, CURL *curl, const char *ur
     if (request->to_fd >= 0) curl_easy_setopt(curl, CURLOPT_FAILONERROR, 1L); /* an error's text is no object */
 }
 
-static enum status try_once(struct s3_client *client, CURL *curl, struct s3_request *request, int *code,
+/* Whether the store has refused a request for its time, and tells another one. */
+static bool adopt_clock(struct s3_client *client, const struct exchange *exchange, long code) {
+    int64_t ahead_s = exchange->answered_s ? (int64_t)(exchange->answered_s - time(NULL)) : 0;
+    int64_t off_s = ahead_s - atomic_load(&client->ahead_s);
+    if (code != 403 || !exchange->answered_s || (off_s < CLOCK_OFF_S && off_s > -CLOCK_OFF_S)) return false;
+    atomic_store(&client->ahead_s, ahead_s);
+    return true;
+}
+
+/* *again: it was refused for the time of its signature, and may be signed anew. */
+static enum status try_once(struct s3_client *client, CURL *curl, struct s3_request *request, int *code, bool *again,
                             struct error *error) {
     char path[URL_BYTES], copy_source[URL_BYTES], url[2 * URL_BYTES], why[CURL_ERROR_SIZE] = "";
     struct exchange exchange = {.request = request};
@@ -294,6 +328,7 @@ static enum status try_once(struct s3_client *client, CURL *curl, struct s3_requ
     curl_easy_getinfo(curl, CURLINFO_RESPONSE_CODE, &answer);
     curl_slist_free_all(headers);
     *code = (int)answer;
+    *again = adopt_clock(client, &exchange, answer);
     if (exchange.write_errno)
         return error_set(error, status_from_errno(exchange.write_errno), "blobs", "what is fetched can't be stored: %s",
                          strerror(exchange.write_errno));
@@ -338,7 +373,9 @@ enum status s3_client_ask(struct s3_client *client, struct s3_request *request, 
     for (int i = 0; i < TRIES; i++) {
         if (i) poll(NULL, 0, PAUSE_MS << i);
         start_again(request);
-        status = try_once(client, curl, request, code, error);
+        bool again = false;
+        status = try_once(client, curl, request, code, &again, error);
+        if (again) continue;
         if ((status == STATUS_OK && *code < 500) || (status != STATUS_OK && status != STATUS_IO)) break;
     }
     give_handle(client, curl);

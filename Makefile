@@ -549,6 +549,13 @@ test-page: deps ## the page in a real browser: the whole way, pixels, tokens, a 
 	@cd tests/page && npm ci --no-audit --no-fund --ignore-scripts
 	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider tests/integration/test_page.py
 
+.PHONY: bench-page
+bench-page: deps ## what a person waits for who opens a million points in a browser; BENCH="--points 2000000"
+	@deploy/deps.sh $(page_packages)
+	@$(MAKE) --no-print-directory page tools
+	@cd tests/page && npm ci --no-audit --no-fund --ignore-scripts
+	@$(PYTHON) tests/bench/page.py $(build) $(BENCH)
+
 LOAD ?=
 SECONDS ?= 3600
 .PHONY: test-load

@@ -6,7 +6,8 @@ import { ask } from "./api.js";
 import { comesInPieces, readHead } from "./ply.js";
 import { colourOf, rangeOf } from "./ramp.js";
 
-const FIRST_BYTES = 64 * 1024, PIECE_POINTS = 50000, MOST_POINTS = 400000; // of a request: twice as many each time
+const FIRST_BYTES = 64 * 1024; // the head, and the points of the first view
+const PIECE_POINTS = 50000, MOST_POINTS = 400000; // of a request: twice as many each time
 const CLAY = [203, 196, 186];
 
 const worker = new Worker(new URL("./points_worker.js", import.meta.url), { type: "module" });
@@ -31,34 +32,50 @@ async function bytesOf(url, from, to) {
   return reply.arrayBuffer();
 }
 
-const linear = new Float32Array(256).map((_, c) => new THREE.Color().setRGB(c / 255, 0, 0, THREE.SRGBColorSpace).r);
+const linear = Float32Array.from({ length: 256 }, (_, c) => new THREE.Color().setRGB(c / 255, 0, 0, THREE.SRGBColorSpace).r);
 
-const SHADES = 512; // of the ramp
-const shades = Float32Array.from({ length: 3 * (SHADES + 1) }, (_, i) =>
-  linear[Math.round(colourOf(Math.floor(i / 3) / SHADES)[i % 3])]);
+// The ramp as a picture of one line.
+const SHADES = 256, ramp = new THREE.DataTexture(Uint8Array.from({ length: 4 * SHADES }, (_, i) =>
+  (i % 4 === 3 ? 255 : Math.round(colourOf(Math.floor(i / 4) / (SHADES - 1))[i % 4]))), SHADES, 1);
+Object.assign(ramp, { colorSpace: THREE.SRGBColorSpace, magFilter: THREE.LinearFilter, minFilter: THREE.LinearFilter, needsUpdate: true });
 
-// Fills colour (linear, three for each point) of the points from begin to end.
-function paint(points, by, colour, begin, end) {
-  const values = points.scalar[by.name], rgb = by.name === "own" ? points.rgb : null;
-  if (values) {
-    const { low, high } = by.range, scale = SHADES / (high - low);
-    for (let i = begin; i < end; i++) {
-      const shade = 3 * Math.max(0, Math.min(SHADES, Math.floor((values[i] - low) * scale) || 0));
-      for (let c = 0; c < 3; c++) colour[3 * i + c] = shades[shade + c];
+// Points are squares of `size` in the file's units; what they are coloured by is chosen when they are drawn, so that
+// nothing is computed for each of a million points here.
+const DOT = {
+  vertexShader: `
+    attribute vec3 tint;
+    attribute float value;
+    uniform sampler2D ramp;
+    uniform vec3 clay;
+    uniform float size, half_height, low, high;
+    uniform int by;
+    varying vec3 shade;
+    vec3 linear(vec3 c) {
+      return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c));
     }
-    return;
-  }
-  for (let k = 3 * begin; k < 3 * end; k++) colour[k] = linear[rgb ? rgb[k] : CLAY[k % 3]];
-}
+    void main() {
+      vec4 at = modelViewMatrix * vec4(position, 1.0);
+      gl_Position = projectionMatrix * at;
+      gl_PointSize = max(size * half_height / -at.z, 1.0);
+      shade = by == 0 ? clay : by == 1 ? linear(tint)
+        : texture2D(ramp, vec2(clamp((value - low) / (high - low), 0.002, 0.998), 0.5)).rgb;
+    }`,
+  fragmentShader: "varying vec3 shade; void main() { gl_FragColor = vec4(shade, 1.0); }",
+};
+const BY = { plain: 0, own: 1 }, BY_VALUE = 2;
+
+const dots = () => new THREE.ShaderMaterial({ ...DOT, uniforms: { ramp: { value: ramp }, size: { value: 1 },
+  clay: { value: new THREE.Vector3(...CLAY.map((c) => linear[c])) }, half_height: { value: 1 }, low: { value: 0 },
+  high: { value: 1 }, by: { value: 0 } } });
 
 // Points of a PLY that come in pieces, the first ones first.  area: of the surface, about, in square units; reach: of
-// the farthest point from the origin, at most.
+// the farthest point from the origin, at most; ranked: the first n of them are the cloud of n points.
 export class PointLayer {
-  static async open(url, origin, area, reach) {
+  static async open(url, { origin, area, reach, ranked }) {
     let buffer = await bytesOf(url, 0, FIRST_BYTES), head = readHead(buffer);
     if (!head) throw new Error("the file's head is too long");
     const layer = new PointLayer();
-    Object.assign(layer, { url, origin, area, reach, head, count: head.vertex.count, loaded: 0, shown: 0, fetched: 0 });
+    Object.assign(layer, { url, origin, area, reach, ranked, head, count: head.vertex.count, loaded: 0, shown: 0, fetched: 0 });
     if (!comesInPieces(head)) {
       buffer = await bytesOf(url);
       layer.loaded = layer.count;
@@ -66,7 +83,24 @@ export class PointLayer {
     layer.fetched = buffer.byteLength;
     if (layer.loaded) layer.points = await parse({ what: "whole", buffer, origin }, [buffer]);
     layer.make();
+    if (!layer.loaded) await layer.take(buffer, head.bytes, Math.floor((buffer.byteLength - head.bytes) / head.vertex.stride));
     return layer;
+  }
+
+  // Reads the next `count` points, or as many as there are, from a piece of the file.
+  async take(buffer, start, most) {
+    const { head, loaded: begin } = this, count = Math.min(most, this.count - begin);
+    if (count <= 0) return;
+    const piece = await parse({ what: "records", head, buffer, start, count, origin: this.origin }, [buffer]);
+    this.points.position.set(piece.position, 3 * begin);
+    if (piece.rgb) this.points.rgb.set(piece.rgb, 3 * begin);
+    for (const name in piece.scalar) this.points.scalar[name].set(piece.scalar[name], begin);
+    this.loaded = begin + count;
+    for (const attribute of Object.values(this.geometry.attributes)) {
+      attribute.addUpdateRange(attribute.itemSize * begin, attribute.itemSize * count);
+      attribute.needsUpdate = true;
+    }
+    if (this.loaded === this.count) this.mix();
   }
 
   make() {
@@ -77,17 +111,17 @@ export class PointLayer {
       scalar: Object.fromEntries(names.filter((name) => !["x", "y", "z", "alpha"].includes(name)
         && !(coloured && ["red", "green", "blue"].includes(name))).map((name) => [name, new Float32Array(n)])),
     };
-    this.colour = new Float32Array(3 * n);
-    this.by = { name: this.points.rgb ? "own" : "plain" };
     this.geometry = new THREE.BufferGeometry();
     this.geometry.setAttribute("position", new THREE.BufferAttribute(this.points.position, 3));
-    this.geometry.setAttribute("color", new THREE.BufferAttribute(this.colour, 3));
-    this.material = new THREE.PointsMaterial({ vertexColors: true, size: 1 });
+    if (this.points.rgb) this.geometry.setAttribute("tint", new THREE.BufferAttribute(this.points.rgb, 3, true));
+    this.material = dots();
     this.geometry.boundingSphere = new THREE.Sphere(new THREE.Vector3(), this.reach); // points come later
     this.object = new THREE.Points(this.geometry, this.material);
     this.object.frustumCulled = false;
-    paint(this.points, this.by, this.colour, 0, this.loaded);
+    this.object.userData.part = (begin, count, whole) => this.part(begin, count, whole);
+    this.colourBy(this.points.rgb ? "own" : "plain");
     this.show(this.loaded);
+    if (this.loaded === n) this.mix();
   }
 
   // Names that points can be coloured by.
@@ -95,19 +129,44 @@ export class PointLayer {
     return [...(this.points.rgb ? ["own"] : []), "plain", ...Object.keys(this.points.scalar)];
   }
 
+  // Returns the range of the values that the legend shows, null where there is none.
   colourBy(name) {
-    this.by = { name, range: this.points.scalar[name] && rangeOf(this.points.scalar[name].subarray(0, this.loaded)) };
-    paint(this.points, this.by, this.colour, 0, this.loaded);
-    this.geometry.attributes.color.addUpdateRange(0, 3 * this.loaded);
-    this.geometry.attributes.color.needsUpdate = true;
-    return this.by.range ?? null;
+    const values = this.points.scalar[name], range = values && rangeOf(values.subarray(0, this.loaded));
+    this.by = { name, range };
+    if (values && this.values !== values) {
+      this.geometry.setAttribute("value", new THREE.BufferAttribute(values, 1));
+      this.values = values;
+    }
+    const { uniforms } = this.material;
+    uniforms.by.value = BY[name] ?? BY_VALUE;
+    uniforms.low.value = range?.low ?? 0;
+    uniforms.high.value = range?.high ?? 1;
+    return range ?? null;
   }
 
   // Shows the first n points, of those that are there.
   show(n) {
     this.shown = Math.min(n, this.loaded);
-    this.geometry.setDrawRange(0, this.shown);
-    this.material.size = 2.4 * Math.sqrt(this.area / Math.max(this.shown, 1));
+    this.object.userData.shown = this.shown;
+    this.part(0, this.shown, this.shown);
+  }
+
+  // Draws count of the points from begin on, as large as the first `whole` of them have to be to cover the surface.
+  part(begin, count, whole) {
+    this.geometry.setDrawRange(begin, count);
+    this.material.uniforms.size.value = 5 * Math.sqrt(this.area / Math.max(whole, 1));
+  }
+
+  // A file's own order is how it was scanned: its points are drawn in one that is everywhere at once, so that any first
+  // part of them shows the whole.
+  mix() {
+    if (this.ranked) return;
+    const n = this.count, order = new Uint32Array(n);
+    let step = Math.max(1, Math.floor(n * 0.618));
+    const divides = (a, b) => (b ? divides(b, a % b) : a);
+    while (divides(n, step) > 1) step++;
+    for (let i = 0, at = 0; i < n; i++, at = at + step >= n ? at + step - n : at + step) order[i] = at;
+    this.geometry.setIndex(new THREE.BufferAttribute(order, 1));
   }
 
   // Fetches what is missing of the first n points, piece by piece; more(layer) is called after each.
@@ -119,21 +178,12 @@ export class PointLayer {
   }
 
   async fetchPieces(more) {
-    const { head } = this, stride = head.vertex.stride;
+    const { head } = this, { stride } = head.vertex;
     for (let most = PIECE_POINTS; this.loaded < this.wanted; most = Math.min(2 * most, MOST_POINTS)) {
       const begin = this.loaded, count = Math.min(most, this.count - begin);
       const from = head.bytes + begin * stride, buffer = await bytesOf(this.url, from, from + count * stride);
       this.fetched += buffer.byteLength;
-      const piece = await parse({ what: "records", head, buffer, start: 0, count, origin: this.origin }, [buffer]);
-      this.points.position.set(piece.position, 3 * begin);
-      if (piece.rgb) this.points.rgb.set(piece.rgb, 3 * begin);
-      for (const name in piece.scalar) this.points.scalar[name].set(piece.scalar[name], begin);
-      paint(this.points, this.by, this.colour, begin, begin + count);
-      this.loaded = begin + count;
-      for (const attribute of Object.values(this.geometry.attributes)) {
-        attribute.addUpdateRange(3 * begin, 3 * count);
-        attribute.needsUpdate = true;
-      }
+      await this.take(buffer, 0, count);
       more?.(this);
     }
   }
@@ -163,7 +213,8 @@ export class MeshLayer {
   }
 
   colourBy(name) {
-    paint(this.points, { name }, this.colour, 0, this.points.count);
+    const rgb = name === "own" ? this.points.rgb : null;
+    for (let k = 0; k < this.colour.length; k++) this.colour[k] = linear[rgb ? rgb[k] : CLAY[k % 3]];
     this.geometry.attributes.color.needsUpdate = true;
   }
 

@@ -114,10 +114,13 @@ async function level() {
   });
 }
 
+const openPoints = (url, ranked) => PointLayer.open(url,
+  { origin: now.origin, area: now.area, reach: Math.hypot(...now.size), ranked });
+
 async function showBefore(value) {
   const source = now.sources.before.find(([name]) => name === value), shown = now;
   if (!source) return;
-  const layer = await PointLayer.open(source[2], now.origin, now.area, Math.hypot(...now.size));
+  const layer = await openPoints(source[2], false);
   if (shown !== now) return;
   put(0, layer);
   const more = () => {
@@ -127,6 +130,8 @@ async function showBefore(value) {
   const name = { error: "distance", dso: "dso" }[value], dye = () => {
     if (now.layers[0] === layer) legend(layer, name ? layer.colourBy(name) : null);
   };
+  dye();
+  more();
   await layer.load(FIRST, more);
   dye();
   if (layer.count <= MOST_AT_ONCE) await layer.load(layer.count, more);
@@ -139,7 +144,7 @@ async function showBefore(value) {
 async function showAfter(value) {
   const source = now.sources.after.find(([name]) => name === value), shown = now;
   if (!source) return;
-  const layer = value === "cloud" ? await PointLayer.open(source[2], now.origin, now.area, Math.hypot(...now.size)) : await MeshLayer.open(source[2], now.origin);
+  const layer = await (value === "cloud" ? openPoints(source[2], true) : MeshLayer.open(source[2], now.origin));
   if (shown !== now) return;
   put(1, layer);
   if (layer instanceof MeshLayer) layer.shade(find("look-mesh").value);
@@ -255,5 +260,5 @@ export function leave() {
 }
 
 // For tests: what is drawn.
-export const drawn = () => ({ frames: viewer.frames, layers: now.layers.map((layer) => layer && {
+export const drawn = () => ({ frames: viewer.frames, busy: Boolean(viewer.drawing), layers: now.layers.map((layer) => layer && {
   shown: layer.shown ?? null, count: layer.count ?? null, triangles: layer.triangles ?? null, fetched: layer.fetched }) });

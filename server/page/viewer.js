@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Two scenes under one camera: side by side, under a bar that swipes, or one of them alone.
 //
+// While something moves, the first of the points are drawn, as many as this device draws in a moment; all of them are
+// when it stands still.  Nothing is handed to the device before it has done what it has, so that no task of the page
+// waits for it (a browser without a graphics processor reads each picture back in a task).
+//
 // Everything is drawn into a target with its depth first; a second pass darkens what lies behind its neighbours in the
 // picture, so that points without normals show their shape.
 //   Boucheny: Interactive Scientific Visualization of Large Datasets, 2009 (eye-dome lighting)
@@ -8,6 +12,9 @@ import * as THREE from "three";
 
 const TURN = 0.008, STEP = Math.PI / 24; // radians for a pixel, for a key
 const SMOOTH = 1.5, MOST_PIXELS = 2; // pixels drawn for one of the device, and at most for one of CSS
+const COARSEST = 0.5; // while it moves, where the device is slow
+const MOMENT_MS = 40, STILL_MS = 120; // a picture while it moves; without a move, until all is drawn
+const FIRST = 100000, LEAST = 30000, MOST = 4000000; // points that are drawn at once: to begin with, at least, at most
 
 const DOME = {
   uniforms: { colours: { value: null }, depths: { value: null }, pixel: { value: new THREE.Vector2() },
@@ -31,9 +38,14 @@ const DOME = {
       }
       bool nothing = texture2D(depths, at).x >= 1.0;
       vec3 colour = nothing ? paper : texture2D(colours, at).rgb * max(exp(-strength * behind), 0.35);
-      gl_FragColor = vec4(colour, 1.0);
-      #include <colorspace_fragment>
+      gl_FragColor = sRGBTransferOETF(vec4(colour, 1.0));
     }`,
+};
+
+const COPY = {
+  uniforms: { picture: { value: null } },
+  vertexShader: DOME.vertexShader,
+  fragmentShader: "uniform sampler2D picture; varying vec2 at; void main() { gl_FragColor = texture2D(picture, at); }",
 };
 
 export class Viewer {
@@ -46,13 +58,16 @@ export class Viewer {
       return { scene, root, light };
     });
     this.camera = new THREE.PerspectiveCamera(35, 1, 0.01, 100);
-    this.target = new THREE.WebGLRenderTarget(1, 1, { type: THREE.HalfFloatType,
-      depthTexture: new THREE.DepthTexture(1, 1, THREE.UnsignedIntType) });
+    [this.target, this.fine] = [0, 1].map(() => new THREE.WebGLRenderTarget(1, 1, { type: THREE.HalfFloatType,
+      depthTexture: new THREE.DepthTexture(1, 1, THREE.UnsignedIntType) }));
     this.dome = new THREE.ShaderMaterial({ ...DOME, depthTest: false, depthWrite: false });
+    this.shaded = new THREE.WebGLRenderTarget(1, 1, { depthBuffer: false });
+    this.copy = new THREE.ShaderMaterial({ ...COPY, depthTest: false, depthWrite: false });
     this.screen = new THREE.Mesh(new THREE.PlaneGeometry(2, 2), this.dome);
     this.screen.frustumCulled = false;
     Object.assign(this, { layout: "side", bar: 0.5, radius: 1, centre: new THREE.Vector3(), distance: 4,
-      azimuth: Math.PI / 6, elevation: 0.4, picking: null, frames: 0 });
+      azimuth: Math.PI / 6, elevation: 0.4, picking: null, frames: 0, budget: FIRST,
+      ratio: Math.min(1, this.finest()), stale: false, drawing: null });
     this.listen();
     new ResizeObserver(() => this.ask()).observe(canvas);
     canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
@@ -81,10 +96,10 @@ export class Viewer {
 
   // Draws soon, once.
   ask() {
-    if (this.asked) return;
-    this.asked = requestAnimationFrame(() => {
-      this.asked = null;
-      this.draw();
+    this.stale = true;
+    this.drawing ??= new Promise(requestAnimationFrame).then(() => this.draw()).finally(() => {
+      this.drawing = null;
+      if (this.stale) this.ask();
     });
   }
 
@@ -105,21 +120,49 @@ export class Viewer {
       before: [[0, 0, 1, 0, 1]], after: [[1, 0, 1, 0, 1]] }[this.layout];
   }
 
-  draw() {
-    const { renderer, camera, canvas, target } = this, ratio = Math.min(SMOOTH * devicePixelRatio, MOST_PIXELS);
-    const width = Math.max(1, Math.round(canvas.clientWidth * ratio)), height = Math.max(1, Math.round(canvas.clientHeight * ratio));
-    if (target.width !== width || target.height !== height) {
-      renderer.setPixelRatio(1);
-      renderer.setSize(width, height, false);
-      target.setSize(width, height);
+  // Draws what the camera sees until nothing has changed meanwhile: as much as is drawn in a moment at once, and all of
+  // it, piece by piece, when nothing has moved for a while.
+  async draw() {
+    while (this.stale) {
+      this.stale = false;
+      const most = this.most(), began = performance.now();
+      this.piece(this.target, 0, this.budget, Math.min(this.budget, most), this.ratio);
+      await this.done();
+      await this.show(this.target);
+      this.learn(performance.now() - began);
+      if (most <= this.budget && this.ratio >= this.finest()) continue;
+      await new Promise((resolve) => setTimeout(resolve, this.stale ? 0 : STILL_MS));
+      for (let begin = 0; begin < most && !this.stale; begin += this.budget) {
+        this.piece(this.fine, begin, this.budget, most, this.finest());
+        await this.done();
+      }
+      if (!this.stale) await this.show(this.fine);
     }
+  }
+
+  // How many points there are to draw, of the side that has more.
+  most() {
+    const objects = this.parts().flatMap(([side]) => this.sides[side].root.children);
+    return Math.max(1, ...objects.map((o) => (o.userData.part && o.userData.shown) || 0));
+  }
+
+  finest() {
+    return Math.min(SMOOTH * devicePixelRatio, MOST_PIXELS);
+  }
+
+  // Draws count of the points from begin on, of `whole` that there will be, and all else with the first of them.
+  piece(target, begin, count, whole, ratio) {
+    const { renderer, camera, canvas } = this;
+    const width = Math.max(1, Math.round(canvas.clientWidth * ratio)), height = Math.max(1, Math.round(canvas.clientHeight * ratio));
+    if (target.width !== width || target.height !== height) target.setSize(width, height);
     this.place();
+    target.scissorTest = false;
     renderer.setRenderTarget(target);
     renderer.setClearColor(0, 1);
-    target.scissorTest = false;
-    renderer.clear();
     renderer.autoClear = false;
+    if (!begin) renderer.clear();
     for (const [side, left, share, from, part] of this.parts()) {
+      const { root, scene } = this.sides[side];
       camera.aspect = share * width / height;
       camera.fov = camera.aspect < 1 ? 2 * Math.atan(Math.tan(35 * Math.PI / 360) / camera.aspect) * 180 / Math.PI : 35;
       camera.updateProjectionMatrix();
@@ -127,22 +170,63 @@ export class Viewer {
       target.scissor.set(from * width, 0, part * width, height);
       target.scissorTest = true;
       renderer.setRenderTarget(target);
-      renderer.render(this.sides[side].scene, camera);
+      for (const { userData: { part: take, shown }, material } of root.children) {
+        if (!take) continue;
+        take(begin, Math.max(0, Math.min(count, shown - begin)), Math.min(whole, shown));
+        material.uniforms.half_height.value = height / 2;
+      }
+      if (!begin || root.children.some((o) => o.userData.shown > begin)) renderer.render(scene, camera);
     }
-    target.viewport.set(0, 0, width, height);
-    target.scissorTest = false;
-    const { uniforms } = this.dome;
+  }
+
+  // Shades what a target holds, and shows it.
+  async show(target) {
+    const { renderer, camera, canvas, shaded, screen, dome: { uniforms } } = this, { width, height } = target;
+    if (shaded.width !== width || shaded.height !== height) shaded.setSize(width, height);
     uniforms.colours.value = target.texture;
     uniforms.depths.value = target.depthTexture;
-    uniforms.pixel.value.set(ratio / width, ratio / height);
+    uniforms.pixel.value.set(1 / Math.max(canvas.clientWidth, 1), 1 / Math.max(canvas.clientHeight, 1));
     uniforms.near.value = camera.near;
     uniforms.far.value = camera.far;
     uniforms.strength.value = 6;
     uniforms.paper.value.set(getComputedStyle(canvas).backgroundColor);
+    screen.material = this.dome;
+    renderer.setRenderTarget(shaded);
+    renderer.render(screen, camera);
+    await this.done();
+    renderer.setPixelRatio(1);
+    if (canvas.width !== width || canvas.height !== height) renderer.setSize(width, height, false);
+    this.copy.uniforms.picture.value = shaded.texture;
+    screen.material = this.copy;
     renderer.setRenderTarget(null);
-    renderer.render(this.screen, camera);
+    renderer.render(screen, camera);
     this.frames++;
     this.drawn?.();
+  }
+
+  // Once all that was asked for is drawn, looked at once a frame: nobody waits for it.
+  done() {
+    const gl = this.renderer.getContext(), fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    return new Promise((resolve) => {
+      const look = () => {
+        if (!gl.isContextLost() && gl.clientWaitSync(fence, 0, 0) === gl.TIMEOUT_EXPIRED) {
+          requestAnimationFrame(look);
+          return;
+        }
+        gl.deleteSync(fence);
+        resolve();
+      };
+      requestAnimationFrame(look);
+    });
+  }
+
+  // Fewer points, and then fewer pixels, where a picture takes longer than a moment; more where it takes less.
+  learn(ms) {
+    const by = Math.max(0.5, Math.min(2, MOMENT_MS / Math.max(ms, 1)));
+    if (by < 0.8 && this.budget <= LEAST) this.ratio = Math.max(COARSEST, this.ratio * 0.8);
+    else if (by > 1.25 && this.ratio < this.finest()) this.ratio = Math.min(this.finest(), this.ratio * 1.25);
+    else this.budget = Math.round(Math.max(LEAST, Math.min(MOST, this.budget * by)));
   }
 
   // Where a place of the window is: side, and x and y from -1 to 1 in that side's picture.
@@ -158,7 +242,9 @@ export class Viewer {
     camera.aspect = at.share * canvas.clientWidth / canvas.clientHeight;
     camera.updateProjectionMatrix();
     ray.setFromCamera(new THREE.Vector2(at.x, at.y), camera);
-    const root = this.sides[at.side].root, wide = root.children.find((o) => o.isPoints)?.material.size ?? 0;
+    const root = this.sides[at.side].root, dots = root.children.find((o) => o.userData.part);
+    dots?.userData.part(0, dots.userData.shown, dots.userData.shown);
+    const wide = dots?.material.uniforms.size.value ?? 0;
     ray.params.Points.threshold = Math.max(this.distance * 0.004, wide / 2);
     const hits = ray.intersectObjects(root.children.filter((o) => o.visible && !o.userData.mark), true);
     if (!hits.length) return null;
@@ -258,9 +344,12 @@ export class Viewer {
     this.ask();
   }
 
-  // A PNG of what is seen.
-  picture() {
-    this.draw();
+  // A PNG of what is seen, all of it.
+  async picture() {
+    await this.drawing;
+    const most = this.most();
+    this.piece(this.fine, 0, most, most, this.finest());
+    await this.show(this.fine);
     return new Promise((resolve) => this.canvas.toBlob(resolve, "image/png"));
   }
 }

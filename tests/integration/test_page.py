@@ -5,9 +5,11 @@ import gzip
 import hashlib
 import html
 import json
+import math
 import pathlib
 import re
 import shutil
+import struct
 import subprocess
 
 import pytest
@@ -194,6 +196,26 @@ def test_with_a_token_and_below_a_path(make_daemon, tmp_path):
     seen["console"] = [line for line in seen["console"] if "401" not in line]
     hold(seen, daemon, "/whittle")
     assert seen["address"].startswith(f"{daemon.url}/whittle/jobs/") and len(seen["cards"]) == 1
+
+
+@needs_browser
+def test_a_large_cloud_is_seen_before_it_is_there(daemon, tmp_path):
+    """The first view takes a small part of the bytes; then all points come, and nothing but what was asked for."""
+    files_of(daemon)
+    n = 400000
+    body = b"".join(struct.pack("<3f", i % 631, i // 631, 20 * math.sin(i % 631 / 40)) for i in range(n))
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {n}\n" + "".join(f"property float {c}\n" for c in "xyz")
+    job = daemon.submit(head.encode() + b"end_header\n" + body, "?ratio=0.25&outputs=cloud,dso")
+    assert daemon.ended(job)["status"] == "successful"
+    done = subprocess.run(["node", NODE / "measure.js", BROWSER, f"{daemon.url}/jobs/{job}", tmp_path / "seen.png"],
+                          capture_output=True, text=True, check=False, timeout=conftest.PATIENCE_S * 3)
+    assert done.returncode == 0, done.stderr
+    seen = json.loads(done.stdout)
+    before, after = seen["layers"]
+    assert before["shown"] == before["count"] == n and after["shown"] == after["count"] == n // 4
+    assert before["fetched"] + after["fetched"] > n * 12
+    assert seen["first_view_bytes"] < 1000000 < seen["bytes"] / 4
+    assert before["fetched"] + after["fetched"] < seen["bytes"] < before["fetched"] + after["fetched"] + 500000
 
 
 @needs_browser

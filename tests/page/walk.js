@@ -16,7 +16,10 @@ const FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", 
   "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"];
 
 async function walk(page, [url, cloud, folder, token], seen) {
-  const settled = () => page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
+  const settled = async () => {
+    await page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
+    await page.waitForFunction(() => !document.documentElement.dataset.looking || !whittled.drawn().busy);
+  };
   const drawn = () => page.evaluate(() => whittled.drawn());
   const text = (id) => page.$eval(`#${id}`, (element) => element.textContent);
   const ready = (selector) => page.waitForSelector(selector, { visible: true });

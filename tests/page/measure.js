@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Opens a job in a real browser and prints, as JSON, what a person waits for: bytes and time to the first view, the longest
+// task of the page while it loads and while it turns, the time of a frame, the memory of the page.
+//
+// Usage: node measure.js BROWSER URL_OF_A_JOB [PICTURE]
+"use strict";
+const { mkdtempSync, rmSync } = require("node:fs");
+const { tmpdir } = require("node:os");
+const { join } = require("node:path");
+const puppeteer = require("puppeteer-core");
+
+const FRAMES = 20;
+const FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+  "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
+  "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"];
+
+// In the page, before anything of it runs.
+function watch() {
+  globalThis.tasks = [];
+  new PerformanceObserver((list) => globalThis.tasks.push(...list.getEntries().map((e) => [Math.round(e.startTime), Math.round(e.duration)])))
+    .observe({ type: "longtask", buffered: true });
+}
+
+// Milliseconds of processor that the page's own thread took for each of its tasks, the longest first: what the machine
+// does beside it doesn't count.
+function processorTimes(events) {
+  const main = new Set(events.filter((e) => e.name === "thread_name" && e.args.name === "CrRendererMain").map((e) => `${e.pid}/${e.tid}`));
+  return events.filter((e) => e.ph === "X" && /RunTask$/.test(e.name) && main.has(`${e.pid}/${e.tid}`))
+    .map((e) => Math.round((e.tdur ?? e.dur) / 1000)).sort((a, b) => b - a);
+}
+
+async function measure(browser, url, picture) {
+  const page = await browser.newPage(), bytes = { all: 0, first: 0 };
+  page.setDefaultTimeout(300000);
+  await page.evaluateOnNewDocument(watch);
+  await page.setViewport({ width: 1600, height: 900 });
+  const session = await page.createCDPSession();
+  await session.send("Network.enable");
+  session.on("Network.loadingFinished", ({ encodedDataLength }) => { bytes.all += encodedDataLength; });
+  await page.tracing.start({ categories: ["toplevel", "devtools.timeline"] });
+  const began = Date.now();
+  await page.goto(url, { waitUntil: "domcontentloaded" });
+  await page.waitForFunction(() => globalThis.whittled?.drawn?.()?.layers.some((l) => l && (l.shown || l.triangles)));
+  const first = Date.now() - began;
+  bytes.first = bytes.all;
+  await page.waitForFunction(() => document.documentElement.dataset.looking);
+  const loaded = Date.now() - began;
+  const settle = () => page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
+  await settle();
+  const whileLoading = await page.evaluate(() => globalThis.tasks.splice(0));
+  const busy = processorTimes(JSON.parse(Buffer.from(await page.tracing.stop()).toString()).traceEvents);
+  await page.focus("#look-canvas");
+  const turning = await page.evaluate(async (frames) => {
+    const times = [], canvas = document.getElementById("look-canvas");
+    for (let i = 0; i < frames; i++) {
+      const at = performance.now(), before = whittled.drawn().frames;
+      canvas.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowLeft", bubbles: true }));
+      while (whittled.drawn().frames === before) await new Promise(requestAnimationFrame);
+      times.push(performance.now() - at);
+    }
+    return times.sort((a, b) => a - b);
+  }, FRAMES);
+  const stopped = Date.now();
+  await page.waitForFunction(() => !whittled.drawn().busy);
+  const whole = Date.now() - stopped, whileTurning = await page.evaluate(() => globalThis.tasks.splice(0));
+  const heap = await page.metrics();
+  if (picture) await page.screenshot({ path: picture });
+  const { layers } = await page.evaluate(() => whittled.drawn());
+  return { first_view_ms: first, first_view_bytes: bytes.first, loaded_ms: loaded, bytes: bytes.all,
+    longest_task_processor_ms: busy[0] ?? 0, tasks_by_processor_ms: busy.slice(0, 8), longest_task_ms: Math.max(0, ...whileLoading.map(([, ms]) => ms)), tasks_over_100_ms: whileLoading.filter(([, ms]) => ms > 100),
+    frame_ms: { median: Math.round(turning[FRAMES >> 1]), most: Math.round(turning.at(-1)) }, all_drawn_ms: whole,
+    longest_task_while_turning_ms: Math.max(0, ...whileTurning.map(([, ms]) => ms)),
+    heap_bytes: heap.JSHeapUsedSize, layers };
+}
+
+async function main([executablePath, url, picture]) {
+  const profile = mkdtempSync(join(tmpdir(), "page-measure-"));
+  const browser = await puppeteer.launch({ executablePath, userDataDir: profile, args: FLAGS, protocolTimeout: 600000 });
+  try {
+    console.log(JSON.stringify(await measure(browser, url, picture), null, 1));
+  } finally {
+    await browser.close();
+    rmSync(profile, { recursive: true, force: true });
+  }
+}
+
+main(process.argv.slice(2)).catch((error) => {
+  console.error(error.stack);
+  process.exitCode = 1;
+});

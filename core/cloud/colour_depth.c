@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
+#include "core/cloud/attribute_names.h"
 
 enum { COMPONENTS = 4 };
 
@@ -22,9 +23,8 @@ struct colours {
 };
 
 static size_t find_colour(const struct cloud *cloud, const char *name) {
-    size_t j = 0;
-    while (j < cloud->property_count && (cloud->property[j].is_list || strcmp(cloud->property[j].name, name) != 0)) j++;
-    return j;
+    const struct property *p = attribute_find(cloud, name);
+    return p ? (size_t)(p - cloud->property) : cloud->property_count;
 }
 
 static struct colours find_colours(const struct cloud *cloud) {

@@ -1,7 +1,5 @@
 /* Selection, point by point.
  *
- * A property is found by its name as it is, then by the name that it is commonly called by, then whatever its case.
- *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/cloud/select.h"
 
@@ -9,32 +7,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 
 #include "core/base/alloc.h"
 #include "core/base/condition_list.h"
+#include "core/cloud/attribute_names.h"
 #include "core/cloud/keep.h"
 
 /* ------------------------------------------------------------------------------------------------ properties */
-
-static const struct property *find_exactly(const struct cloud *cloud, const char *name,
-                                           int (*compare)(const char *, const char *)) {
-    for (size_t j = 0; j < cloud->property_count; j++)
-        if (!cloud->property[j].is_list && compare(cloud->property[j].name, name) == 0) return &cloud->property[j];
-    return NULL;
-}
-
-const struct property *select_property(const struct cloud *cloud, const char *name) {
-    static const char *const common[][2] = {{"class", "classification"},
-                                            {"return", "return_number"},
-                                            {"returns", "number_of_returns"},
-                                            {"intensity", "scalar_Intensity"},
-                                            {"classification", "scalar_Classification"}};
-    const struct property *found = find_exactly(cloud, name, strcmp);
-    for (size_t i = 0; i < sizeof common / sizeof *common && !found; i++)
-        if (strcasecmp(name, common[i][0]) == 0) found = find_exactly(cloud, common[i][1], strcasecmp);
-    return found ? found : find_exactly(cloud, name, strcasecmp);
-}
 
 enum status select_refuse(const struct cloud *cloud, const char *parameter, const char *name, struct error *error) {
     char names[ERROR_TEXT_BYTES - 96] = "";
@@ -122,7 +101,7 @@ enum status select_points(const struct cloud *cloud, const struct params *params
     for (const char *at = params->where; *at;) {
         if (!condition_list_next(&at, &condition))
             return error_set(error, STATUS_BAD_PARAMETER, "where", "is no list of conditions");
-        const struct property *property = select_property(cloud, condition.name);
+        const struct property *property = attribute_find(cloud, condition.name);
         if (!property) return select_refuse(cloud, "where", condition.name, error);
         made.filtered += filter_points(cloud, &condition, property, kept);
     }

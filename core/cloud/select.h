@@ -14,9 +14,6 @@ struct selection {
 
 static inline bool select_is_asked(const struct params *params) { return params->crop.count || params->where[0]; }
 
-/* The scalar property of this name, as it is, by what it is commonly called, or whatever its case; NULL: none. */
-const struct property *select_property(const struct cloud *cloud, const char *name);
-
 /* STATUS_BAD_PARAMETER at a parameter that names a property which isn't there: tells those that are. */
 enum status select_refuse(const struct cloud *cloud, const char *parameter, const char *name, struct error *error);
 

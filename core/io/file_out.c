@@ -95,7 +95,9 @@ static void sync_files(void *ctx, size_t begin, size_t end) {
 /* ------------------------------------------------------------------------------------------------ names */
 
 static bool is_source(const struct stat *about, const struct file_out_rule *rule) {
-    return rule && rule->has_source && about->st_dev == rule->device && about->st_ino == rule->inode;
+    for (size_t i = 0; rule && i < rule->source_count; i++)
+        if (about->st_dev == rule->source[i].device && about->st_ino == rule->source[i].inode) return true;
+    return false;
 }
 
 enum file_out_claim file_out_look(const char *path, const struct file_out_rule *rule) {

@@ -10,12 +10,16 @@
 
 #include "core/base/status.h"
 
-/* What a new file may take the place of. */
-struct file_out_rule {
-    bool replaces;   /* files that are there, but for the one below */
-    bool has_source; /* the file (device and inode) that is being read, and that nothing takes the place of */
+struct file_out_source {
     dev_t device;
     ino_t inode;
+};
+
+/* What a new file may take the place of. */
+struct file_out_rule {
+    bool replaces;                        /* files that are there, but for those below */
+    size_t source_count;                  /* files that are being read, which nothing takes the place of */
+    const struct file_out_source *source; /* borrowed */
 };
 
 enum file_out_claim { FILE_OUT_FREE, FILE_OUT_REPLACES, FILE_OUT_TAKEN, FILE_OUT_IS_SOURCE, FILE_OUT_IS_FOLDER };

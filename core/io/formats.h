@@ -11,6 +11,7 @@
 /* constant, name (of its functions), title in lists, what a file looks like, its forms as reports name them (commas
  * between).  A file is of the first row that takes it for its own: those that know theirs by a mark come first. */
 #define CLOUD_FORMAT_ROWS(ROW)                                                                                         \
+    ROW(TAR, tar, "tar archives of clouds", "a tar archive", "tar")                                                    \
     ROW(PLY, ply, "PLY", "PLY", "ply/ascii,ply/binary_little_endian,ply/binary_big_endian")                            \
     ROW(PCD, pcd, "PCD", "a PCD cloud", "pcd/ascii,pcd/binary,pcd/binary_compressed")                                  \
     ROW(LAS, las, "LAS, LAZ", "a LAS cloud", "las,laz")                                                                \

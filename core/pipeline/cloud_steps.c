@@ -8,6 +8,7 @@
 #include "core/base/alloc.h"
 #include "core/base/quantile.h"
 #include "core/clean/noise.h"
+#include "core/cloud/attribute_names.h"
 #include "core/cloud/select.h"
 #include "core/measure/tangent.h"
 #include "core/pipeline/pipeline_run.h"
@@ -135,7 +136,7 @@ static enum status add_edges(struct run *run, const struct weight_entry *entry, 
     static const char *const rgb[] = {"red", "green", "blue", NULL};
     const char *const one[] = {entry->name, NULL};
     for (const char *const *name = strcmp(entry->name, "rgb") == 0 ? rgb : one; *name; name++) {
-        const struct property *property = select_property(run->cloud, *name);
+        const struct property *property = attribute_find(run->cloud, *name);
         if (!property) return select_refuse(run->cloud, "weights", *name, run->error);
         load_values(run, property, value, order);
         attribute_edges_add(run->points.point, run->normal, &run->neighbours, value, entry->weight, options,

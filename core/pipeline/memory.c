@@ -27,6 +27,7 @@
 #include "core/base/par.h"
 #include "core/io/formats/pcd_header.h"
 #include "core/io/formats/ply_header.h"
+#include "core/io/formats/tar_members.h"
 #include "core/io/laz/laz.h"
 #include "core/io/sniff.h"
 #include "core/picture/picture.h"
@@ -297,9 +298,36 @@ static void job_of_stl(const unsigned char *bytes, uint64_t total_bytes, struct 
     *job = (struct memory_job){facets, RECORD_BYTES + TABLE_BYTES, facets, total_bytes, 0};
 }
 
+/* Members that can't be looked at have as many points for a byte as those that can; the one that is joined is there
+ * twice. */
+static enum status job_of_tar(const void *first_bytes, size_t n, uint64_t total_bytes, struct memory_job *job) {
+    struct tar_member member = {0};
+    struct memory_job sum = {0};
+    double seen = 0;
+    while (tar_next(first_bytes, n, &member) && member.first < n) {
+        struct memory_job of;
+        const char *first = (const char *)first_bytes + member.first;
+        size_t there = n - (size_t)member.first;
+        if (cloud_sniff(first, there).kind == CLOUD_KIND_TAR) return STATUS_UNSUPPORTED;
+        enum status status =
+            memory_job_of(first, there < member.bytes ? there : (size_t)member.bytes, member.bytes, &of);
+        if (status) return status;
+        sum.points += of.points, sum.faces += of.faces;
+        sum.record_bytes = of.record_bytes > sum.record_bytes ? of.record_bytes : sum.record_bytes;
+        seen += (double)member.bytes;
+    }
+    if (seen <= 0 || total_bytes == UINT64_MAX) return STATUS_UNSUPPORTED;
+    double more = fmax(1, (double)total_bytes / seen);
+    sum.points = (uint64_t)((double)sum.points * more), sum.faces = (uint64_t)((double)sum.faces * more);
+    sum.input_bytes = total_bytes + sum.points * (sum.record_bytes + POSITION);
+    *job = sum;
+    return STATUS_OK;
+}
+
 enum status memory_job_of(const void *first_bytes, size_t n, uint64_t total_bytes, struct memory_job *job) {
     struct cloud_guess guess = cloud_sniff(first_bytes, n);
     switch (guess.kind) {
+    case CLOUD_KIND_TAR: return job_of_tar(first_bytes, n, total_bytes, job);
     case CLOUD_KIND_PLY: return job_of_ply(first_bytes, n, total_bytes, job);
     case CLOUD_KIND_PCD: return job_of_pcd(first_bytes, n, total_bytes, job);
     case CLOUD_KIND_LAS: return job_of_las(first_bytes, n, total_bytes, job);

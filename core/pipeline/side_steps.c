@@ -8,22 +8,17 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
+#include "core/cloud/attribute_names.h"
 #include "core/pipeline/pipeline_run.h"
 #include "core/simplify/normal_sides.h"
-
-static const struct property *find_property(const struct cloud *cloud, const char *name) {
-    for (size_t i = 0; i < cloud->property_count; i++)
-        if (!cloud->property[i].is_list && strcmp(cloud->property[i].name, name) == 0) return &cloud->property[i];
-    return NULL;
-}
 
 /* ------------------------------------------------------------------------------------------------ normals */
 
 /* The normals that the input has, along the curve; *normal stays NULL where it has none. */
 static enum status load_normals(const struct run *run, vec3 **normal) {
     const struct cloud *cloud = run->cloud;
-    const struct property *x = find_property(cloud, "nx"), *y = find_property(cloud, "ny"),
-                          *z = find_property(cloud, "nz");
+    const struct property *x = attribute_find(cloud, "nx"), *y = attribute_find(cloud, "ny"),
+                          *z = attribute_find(cloud, "nz");
     if (!x || !y || !z) return STATUS_OK;
     *normal = alloc_array(run->points.count, sizeof **normal);
     for (size_t i = 0; *normal && i < run->points.count; i++) {
@@ -81,7 +76,7 @@ enum status pipeline_views(const struct run *run, struct views *views) {
     vec3 one;
     views->is_one = find_one_view(run, &one);
     if (views->is_one) views->one = in_frame(run, one);
-    const struct property *scan = find_property(cloud, CLOUD_SCAN);
+    const struct property *scan = attribute_find(cloud, CLOUD_SCAN);
     if (views->is_one || cloud->view_count == 0 || !scan) return STATUS_OK;
     views->each = alloc_array(n, sizeof *views->each);
     for (size_t i = 0; views->each && i < n; i++) {

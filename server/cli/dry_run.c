@@ -5,15 +5,9 @@
 
 #include <inttypes.h>
 #include <math.h>
-#include <sys/stat.h>
 
 #include "core/pipeline/memory.h"
 #include "server/cli/output.h"
-
-static uint64_t input_bytes(int input) {
-    struct stat about;
-    return fstat(input, &about) == 0 && S_ISREG(about.st_mode) ? (uint64_t)about.st_size : 0;
-}
 
 /* Duplicates and outliers may leave fewer. */
 static void print_level(const char *label, double ratio, const struct cloud *cloud, FILE *to) {
@@ -48,8 +42,10 @@ static void print_memory(const struct memory_job *job, const struct params *para
         fprintf(to, "%-16s at most %.1f MiB where points lie along lines\n", "", (double)most / mebibyte);
 }
 
-void dry_run_print(const struct worker_options *options, const struct cloud *cloud, int input, FILE *to) {
-    const struct memory_job job = {cloud->count, cloud->record_bytes, cloud->triangle_count, input_bytes(input), 0};
+void dry_run_print(const struct worker_options *options, const struct cloud *cloud, const struct worker_inputs *inputs,
+                   FILE *to) {
+    const struct memory_job job = {cloud->count, cloud->record_bytes, cloud->triangle_count,
+                                   worker_inputs_bytes(inputs), 0};
     fprintf(to, "%-16s %s, %zu points, %zu triangles\n", "input", cloud->form, cloud->count,
             (size_t)cloud->triangle_count);
     print_goal(&options->params, cloud, to);

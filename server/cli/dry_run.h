@@ -7,11 +7,13 @@
 #include <stdio.h>
 
 #include "core/cloud/cloud.h"
+#include "server/cli/input.h"
 #include "server/cli/options.h"
 
-/* Tells of the cloud, which was read from the descriptor input, how many points would be kept, which files would be
+/* Tells of the cloud, which was read from these inputs, how many points would be kept, which files would be
  * written, and how much memory that takes at most.  How long it takes isn't known to the command: only the service
  * remembers jobs. */
-void dry_run_print(const struct worker_options *options, const struct cloud *cloud, int input, FILE *to);
+void dry_run_print(const struct worker_options *options, const struct cloud *cloud, const struct worker_inputs *inputs,
+                   FILE *to);
 
 #endif

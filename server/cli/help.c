@@ -120,18 +120,21 @@ static void print_parameters(bool everyday) {
 }
 
 void help_print(void) {
-    puts("Usage: whittle INPUT OUTPUT.ply [--parameter value ...]          one file: ply, xyz, pcd, obj, stl, glb\n"
-         "       whittle INPUT [--parameter value ...] [-o FOLDER/]        cloud.ply, report.json ...\n"
+    puts("Usage: whittle INPUT... OUTPUT.ply [--parameter value ...]       one file: ply, xyz, pcd, las, obj, glb ...\n"
+         "       whittle INPUT... [--parameter value ...] [-o FOLDER/]        cloud.ply, report.json ...\n"
          "       whittle INPUT [--parameter value ...] [--outputs ONE] -o - in a pipe\n"
-         "       whittle convert INPUT OUTPUT.ply    all points, in another format; see whittle convert --help\n"
+         "       whittle convert INPUT... OUTPUT.ply all points, in another format; see whittle convert --help\n"
          "       whittle info INPUT                  what a cloud is; see whittle info --help\n"
          "       whittle measure A B [...]           distances between two clouds or meshes; see whittle measure "
          "--help\n"
          "\n"
          "Simplifies a point cloud, reconstructs a watertight mesh and measures the error.");
     printf("INPUT is %s (also CSV), compressed by gzip or zstd or not,\n", cloud_sniff_titles());
-    puts("told by its content; - is standard input. Faces of the input become the surface that the mesh is measured\n"
-         "against. OUTPUT is as for -o, but a file that is there is replaced by --force alone. Writes what --outputs\n"
+    puts("told by its content; - is standard input. Several inputs are one cloud: attributes are joined by what they "
+         "are\n"
+         "called, and coordinate systems must be the same. Faces of the input become the surface that the mesh is\n"
+         "measured against. OUTPUT is as for -o, but a file that is there is replaced by --force alone. Writes what "
+         "--outputs\n"
          "asks for; report.json says what an output could not hold of the input. Words of an option may be joined by\n"
          "- or _.\n"
          "\n"
@@ -146,10 +149,11 @@ void help_print(void) {
 }
 
 void help_print_convert(void) {
-    puts("Usage: whittle convert INPUT OUTPUT [--crop LIST] [--where LIST] [--columns LIST] [--encoding E]\n"
+    puts("Usage: whittle convert INPUT... OUTPUT [--crop LIST] [--where LIST] [--columns LIST] [--encoding E]\n"
          "                       [--colours BITS] [--pcd-precision P] [--header H] [-o OUTPUT] [-f] [-n] [-q]\n"
          "\n"
-         "Writes all points of INPUT, in their order, in the format that OUTPUT ends in: .ply, .xyz, .pcd, .las, .laz, "
+         "Writes all points of the inputs, in their order, in the format that OUTPUT ends in: .ply, .xyz, .pcd, .las, "
+         ".laz, "
          "and where\n"
          "the input has faces .obj, .stl or .glb, and .ply with them. Properties are kept bit for bit where the\n"
          "format can hold them; what it can't hold is printed. Coordinates are not moved. Nothing is simplified and\n"
@@ -206,13 +210,15 @@ void help_print_man(void) {
     printf(".\\\" SPDX-License-Identifier: GPL-3.0-or-later\n.TH WHITTLE 1 \"\" \"whittle %s\" \"whittle\"\n",
            whittle_version());
     puts(".SH NAME\nwhittle \\- make point clouds small and keep their features\n.SH SYNOPSIS\n.B whittle\n"
-         ".I input\n.RI [ output ]\n.RI [ \\-\\-parameter\\~value \"...] [\" \\-o\\~output ]\n"
-         ".br\n.B whittle convert\n.I input output\n.br\n.B whittle info\n.I input\n.br\n.B whittle measure\n.I a b\n"
+         ".IR input \" ...\"\n.RI [ output ]\n.RI [ \\-\\-parameter\\~value \"...] [\" \\-o\\~output ]\n"
+         ".br\n.B whittle convert\n.IR input \" ... output\"\n.br\n.B whittle info\n.I input\n.br\n.B whittle "
+         "measure\n.I a b\n"
          ".SH DESCRIPTION\nSimplifies a point cloud, reconstructs a watertight mesh of it where asked for, and "
          "measures\n"
          "the error.  The kind of the input is told by its content; \\- is standard input.\n"
          "What is written,\n.B \\-\\-outputs\nsays; the points of a cloud come in the order of their importance.\n"
-         "A second name is the output, as after\n.BR \\-o ,\nbut a file of that name is replaced by\n"
+         "Several inputs are one cloud.\nThe last of several names is the output, as after\n.BR \\-o ,\nbut a file of "
+         "that name is replaced by\n"
          ".B \\-\\-force\nalone.\nWords of an option may be joined by \\- or _.\n.PP\n"
          ".B whittle convert\nwrites all points in another format,\n.B whittle info\ntells what a cloud is, and\n"
          ".B whittle measure\nprints the distances between two clouds or meshes; see the \\-\\-help of each.\n"

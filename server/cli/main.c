@@ -2,6 +2,7 @@
  *
  *     whittle scan.ply --ratio 0.1 --outputs cloud,mesh,report -o out/
  *     whittle scan.ply small.ply --ratio 0.1
+ *     whittle a.laz b.laz c.ply all.laz --ratio 0.1                      (one cloud: core/io/join.h)
  *     zcat scan.ply.gz | whittle - --outputs mesh.glb -o - | upload
  *     whittle convert scan.las scan.ply
  *     whittle measure out/mesh.ply scan.ply                              (server/cli/measure.c)
@@ -25,7 +26,6 @@
 #include "core/cloud/normals.h"
 #include "core/cloud/select.h"
 #include "core/io/formats/las_write.h"
-#include "core/io/read.h"
 #include "core/pipeline/memory.h"
 #include "core/pipeline/pipeline.h"
 #include "server/cli/dry_run.h"
@@ -126,26 +126,26 @@ static void show_preview(const struct worker_options *options, const struct clou
 }
 
 static enum status run_request(struct worker_options *options, struct worker_progress *display, int *exit_status,
-                               struct error *error) {
+                               const char **failed, struct error *error) {
     struct cloud cloud = {0};
     struct pipeline_result result = {0};
     struct selection selection = {0};
     struct progress progress = {worker_progress_tick, display};
-    int input; /* open until the outputs have their names, so that they are told from it */
+    struct worker_inputs inputs = {0};
     worker_progress_span(display, 0, READ_SHARE);
     struct error missing;
-    enum status opened = worker_input_open(options->input, &input, &missing);
-    enum status status = worker_output_check(options, input, error);
+    enum status opened = worker_inputs_open(&inputs, options->input, options->input_count, &missing);
+    enum status status = worker_output_check(options, &inputs, error);
     if (is_no_output(status, error)) *exit_status = WIRE_EXIT_NO_OUTPUT;
     if (!status && opened) {
-        *exit_status = WIRE_EXIT_NO_INPUT;
+        *exit_status = opened == STATUS_IO ? WIRE_EXIT_NO_INPUT : 0;
         *error = missing;
         status = opened;
     }
     const struct cloud_limits limits = {.columns = options->params.columns,
                                         .max_triangles = memory_triangles(&options->params),
                                         .threads = (unsigned)options->params.threads};
-    if (!status) status = cloud_read(input, &limits, &progress, &cloud, error);
+    if (!status) status = worker_inputs_read(&inputs, &limits, &progress, &cloud, error);
     if (!status && select_is_asked(&options->params))
         status = select_in_place(&cloud, &options->params, &selection, error);
     if (!status && options->memory_given) status = check_faces(&cloud, &options->params, error);
@@ -167,20 +167,29 @@ static enum status run_request(struct worker_options *options, struct worker_pro
     if (!status)
         status = cloud_set_colours(&cloud, (enum colour_bits)options->params.colours, &result.report.left_out, error);
     if (!status) {
-        status = worker_output_write(options, input, &cloud, &result, error);
+        status = worker_output_write(options, &inputs, &cloud, &result, error);
         if (is_no_output(status, error)) *exit_status = WIRE_EXIT_NO_OUTPUT;
     }
 out:
     worker_progress_end(display, status, error);
     if (!status && options->dry_run)
-        dry_run_print(options, &cloud, input, options->to_standard ? stderr : stdout);
+        dry_run_print(options, &cloud, &inputs, options->to_standard ? stderr : stdout);
     else if (!status && (options->summary || options->json))
         status = tell_result(options, &cloud, &result.report, error);
     if (!status && !options->dry_run && !options->json && options->preview) show_preview(options, &cloud, &result);
     pipeline_result_done(&result);
     cloud_done(&cloud);
-    worker_input_close(input);
+    *failed = inputs.failed;
+    worker_inputs_done(&inputs);
     return status;
+}
+
+/* Of one of several inputs, or of all of them. */
+static void explain_failure(const struct worker_options *options, const char *failed, enum status status,
+                    const struct error *error) {
+    char all[96];
+    snprintf(all, sizeof all, "%.60s and %zu more", options->input[0], options->input_count - 1);
+    worker_output_explain(failed ? failed : options->input_count > 1 ? all : options->input[0], status, error, stderr);
 }
 
 /* For the end without memory, which comes from the depth of a library. */
@@ -201,20 +210,26 @@ int main(int argc, char **argv) {
     struct worker_options options;
     struct error error = {0};
     enum worker_request request = worker_options_parse(&options, argc, argv, &error);
-    if (request == WORKER_TOLD) return 0;
+    if (request == WORKER_TOLD) {
+        worker_options_done(&options);
+        return 0;
+    }
     if (request == WORKER_REFUSED) {
         fprintf(stderr, "whittle: %s: %s\nUse 'whittle --help' for all options.\n", error.where, error.text);
+        worker_options_done(&options);
         return wire_exit_status(STATUS_BAD_PARAMETER);
     }
     if (!options.params.memory_bytes) options.params.memory_bytes = memory_there_is();
     catch_signals(options.to_standard);
     bool confined = options.progress_fd >= 0 && worker_no_new_code();
     (void)confined; /* where the kernel has no filters, whittled says so */
-    input_name = options.input;
+    input_name = options.input[0];
     worker_exact_numbers_end_by(end_without_memory);
     worker_progress_init(&display, options.progress_fd, &stopping);
     int exit_status = 0;
-    enum status status = run_request(&options, &display, &exit_status, &error);
-    if (status) worker_output_explain(options.input, status, &error, stderr);
+    const char *failed = NULL;
+    enum status status = run_request(&options, &display, &exit_status, &failed, &error);
+    if (status) explain_failure(&options, failed, status, &error);
+    worker_options_done(&options);
     return status && exit_status ? exit_status : wire_exit_status(status);
 }

@@ -215,14 +215,19 @@ static enum worker_request parse_argument(struct worker_options *options, int ar
         if (argument[1] != '-') return refuse_unknown(error, argument, NULL);
         return parse_parameter(options, argc, argv, i, error);
     }
-    if (!options->input) {
-        options->input = argument;
-        return WORKER_RUN;
-    }
-    if (options->operand) return refuse_option(error, argument, "a third name; use INPUT OUTPUT, one input at a time");
-    if (!argument[0]) return refuse_option(error, "OUTPUT", "a folder or a file is missing");
-    options->operand = argument;
+    if (!argument[0]) return refuse_option(error, options->input_count ? "OUTPUT" : "INPUT", "a name is missing");
+    options->input[options->input_count++] = argument;
     return WORKER_RUN;
+}
+
+/* The last of several names is the output, unless -o says where that is. */
+static enum worker_request settle_names(struct worker_options *options, struct error *error) {
+    size_t standard = 0;
+    options->output_named = options->input_count > 1 && !options->output_given;
+    if (options->output_named) options->output = options->input[--options->input_count];
+    for (size_t i = 0; i < options->input_count; i++) standard += strcmp(options->input[i], "-") == 0;
+    if (!options->input_count) return refuse_option(error, "INPUT", "use the name of a cloud, or - for standard input");
+    return standard > 1 ? refuse_option(error, "-", "standard input is one input, not several") : WORKER_RUN;
 }
 
 /* Standard output takes exactly one output: false where more are asked for. */
@@ -253,10 +258,8 @@ static enum worker_request parse_all(struct worker_options *options, int argc, c
         enum worker_request request = parse_argument(options, argc, argv, &i, error);
         if (request != WORKER_RUN) return request;
     }
-    if (!options->input) return refuse_option(error, "INPUT", "use the name of a cloud, or - for standard input");
-    if (options->operand && options->output_given)
-        return refuse_option(error, options->operand, "a second output; use -o or OUTPUT, not both");
-    if (options->operand) options->output = options->operand;
+    enum worker_request names = settle_names(options, error);
+    if (names != WORKER_RUN) return names;
     if (options->convert && options->preview)
         return refuse_option(error, "--preview", "a conversion has no deviation to show");
     if (options->convert) return settle_conversion(options, error);
@@ -289,6 +292,8 @@ enum worker_request worker_options_parse(struct worker_options *options, int arg
     bool convert = argc > 1 && strcmp(argv[1], "convert") == 0;
     *options = (struct worker_options){.output = ".", .progress_fd = -1, .summary = true, .convert = convert};
     params_defaults(&options->params);
+    options->input = calloc((size_t)argc, sizeof *options->input);
+    if (!options->input) return refuse_option(error, "INPUT", "no memory for names");
     enum worker_request request = parse_all(options, argc - convert, argv + convert, error);
     if (request != WORKER_REFUSED) return request;
     char text[ERROR_TEXT_BYTES];
@@ -296,4 +301,9 @@ enum worker_request worker_options_parse(struct worker_options *options, int arg
     memcpy(error->text, text, sizeof text);
     call_as_written(argc, argv, error);
     return request;
+}
+
+void worker_options_done(struct worker_options *options) {
+    free(options->input);
+    options->input = NULL, options->input_count = 0;
 }

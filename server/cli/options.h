@@ -14,19 +14,20 @@ enum preview_way { PREVIEW_NOT, PREVIEW_AUTO, PREVIEW_KITTY, PREVIEW_SIXEL, PREV
 
 struct worker_options {
     struct params params;
-    const char *input;   /* a path, or "-" for standard input; borrowed from argv */
-    const char *output;  /* where outputs go: a folder, one file, or "-" for standard output; borrowed from argv */
-    const char *operand; /* the second name, which is the output; NULL = none; borrowed from argv */
-    bool output_given;   /* by -o: files that are there are replaced */
-    bool to_standard;    /* output is "-": there is exactly one output, and messages go to standard error */
-    bool to_file;        /* output is the name of the one file */
-    bool force;          /* files that are there are replaced */
-    bool dry_run;        /* read the input, tell what would be done, write nothing */
-    int progress_fd;     /* -1: none */
-    bool summary;        /* print what was done */
-    bool verbose;        /* and how long each stage took */
-    bool json;           /* the report to standard output in its place */
-    bool convert;        /* `whittle convert`: all points as they are */
+    const char **input; /* paths, or "-" for standard input: one cloud together; owned, the texts are argv's */
+    size_t input_count; /* at least 1 */
+    const char *output; /* where outputs go: a folder, one file, or "-" for standard output; borrowed from argv */
+    bool output_named;  /* by the last of several names: files that are there stay */
+    bool output_given;  /* by -o: files that are there are replaced */
+    bool to_standard;   /* output is "-": there is exactly one output, and messages go to standard error */
+    bool to_file;       /* output is the name of the one file */
+    bool force;         /* files that are there are replaced */
+    bool dry_run;       /* read the input, tell what would be done, write nothing */
+    int progress_fd;    /* -1: none */
+    bool summary;       /* print what was done */
+    bool verbose;       /* and how long each stage took */
+    bool json;          /* the report to standard output in its place */
+    bool convert;       /* `whittle convert`: all points as they are */
     enum preview_way preview;
     bool memory_given;  /* by --memory */
     bool outputs_given; /* the parameter outputs was set, and isn't the default */
@@ -42,5 +43,8 @@ enum worker_request {
  * come from the table in core/params.c.  `convert` as the first argument is the command of that name.  error->where is
  * the option as it was written. */
 enum worker_request worker_options_parse(struct worker_options *options, int argc, char **argv, struct error *error);
+
+/* After parsing, whatever came of it. */
+void worker_options_done(struct worker_options *options);
 
 #endif

@@ -311,13 +311,10 @@ enum status worker_output_settle_faces(struct worker_options *options, const str
 
 /* ------------------------------------------------------------------------------------------------ beforehand */
 
-static struct file_out_rule make_rule(const struct worker_options *options, int input) {
+static struct file_out_rule make_rule(const struct worker_options *options, const struct worker_inputs *inputs) {
     struct file_out_rule rule = {.replaces = options->force || options->output_given};
-    struct stat about;
-    if (input < 0 || fstat(input, &about) != 0 || !S_ISREG(about.st_mode)) return rule;
-    rule.has_source = true;
-    rule.device = about.st_dev;
-    rule.inode = about.st_ino;
+    rule.source = inputs->source;
+    rule.source_count = inputs->source_count;
     return rule;
 }
 
@@ -350,18 +347,21 @@ static enum status refuse_file(const char *path, enum file_out_claim claim, stru
 /* `whittle cloud.ply -o - >> cloud.ply` would never end. */
 static enum status check_standard(const struct file_out_rule *rule, struct error *error) {
     struct stat about;
-    if (!rule->has_source || fstat(STDOUT_FILENO, &about) != 0) return STATUS_OK;
-    if (about.st_dev != rule->device || about.st_ino != rule->inode) return STATUS_OK;
-    return error_set(error, STATUS_BAD_PARAMETER, "output", "standard output is the input itself");
+    bool same = false;
+    if (fstat(STDOUT_FILENO, &about) != 0) return STATUS_OK;
+    for (size_t i = 0; i < rule->source_count; i++)
+        same = same || (about.st_dev == rule->source[i].device && about.st_ino == rule->source[i].inode);
+    return same ? error_set(error, STATUS_BAD_PARAMETER, "output", "standard output is the input itself") : STATUS_OK;
 }
 
-enum status worker_output_check(const struct worker_options *options, int input, struct error *error) {
-    struct file_out_rule rule = make_rule(options, input);
+enum status worker_output_check(const struct worker_options *options, const struct worker_inputs *inputs,
+                                struct error *error) {
+    struct file_out_rule rule = make_rule(options, inputs);
     struct plan plan;
     char path[PATH_MAX];
     if (options->to_standard) return check_standard(&rule, error);
     enum status status = check_folder(options, error);
-    if (status || input < 0) return status;
+    if (status || inputs->failed) return status;
     make_plan(&options->params, &plan);
     for (size_t i = 0; i < plan.count && !status; i++)
         status = name_file(options, &plan.item[i], path) ? refuse_file(path, file_out_look(path, &rule), error)
@@ -478,13 +478,13 @@ static void vertices_done(struct outputs *o) {
     free(o->number);
 }
 
-enum status worker_output_write(const struct worker_options *options, int input, const struct cloud *cloud,
-                                struct pipeline_result *result, struct error *error) {
+enum status worker_output_write(const struct worker_options *options, const struct worker_inputs *inputs,
+                                const struct cloud *cloud, struct pipeline_result *result, struct error *error) {
     struct outputs outputs = {.options = options,
                               .cloud = cloud,
                               .result = result,
                               .level = &result->level[0],
-                              .rule = make_rule(options, input),
+                              .rule = make_rule(options, inputs),
                               .left_out = &result->report.left_out};
     note_input(cloud, options->params.outputs, outputs.left_out);
     enum status status = find_vertices(&outputs, error);

@@ -7,6 +7,7 @@
 #include <stdio.h>
 
 #include "core/pipeline/pipeline.h"
+#include "server/cli/input.h"
 #include "server/cli/options.h"
 
 /* Sets options->to_file where the output is the name of one file of a format that is written, and params.outputs to the
@@ -19,16 +20,18 @@ enum status worker_output_settle_faces(struct worker_options *options, const str
                                        struct error *error) MUST_CHECK;
 
 /* Whether all outputs can be written: asked before the work, not after it.  The folder is there and takes files, or can
- * be made; none of them is the input (an open descriptor; -1: it can't be opened, and the folder alone is looked at);
- * none is there already, unless options let them be replaced.  STATUS_IO, STATUS_BAD_PARAMETER. */
-enum status worker_output_check(const struct worker_options *options, int input, struct error *error) MUST_CHECK;
+ * be made; none of them is an input (where one of those can't be opened, the folder alone is looked at); none is there
+ * already, unless options let them be replaced.  STATUS_IO, STATUS_BAD_PARAMETER. */
+enum status worker_output_check(const struct worker_options *options, const struct worker_inputs *inputs,
+                                struct error *error) MUST_CHECK;
 
 /* Writes the outputs that were asked for into the folder, which is made where it isn't there, or the one output to its
  * file or to standard output.  Each file appears whole or not at all, and what was checked holds still as it gets its
  * name; report.json comes last.  What files can't hold is added to result->report.  STATUS_IO (error->where = the
  * file), STATUS_BAD_PARAMETER, STATUS_NO_MEMORY. */
-enum status worker_output_write(const struct worker_options *options, int input, const struct cloud *cloud,
-                                struct pipeline_result *result, struct error *error) MUST_CHECK;
+enum status worker_output_write(const struct worker_options *options, const struct worker_inputs *inputs,
+                                const struct cloud *cloud, struct pipeline_result *result,
+                                struct error *error) MUST_CHECK;
 
 /* A few lines for people; the names of what was written among them. */
 void worker_output_summary(const struct worker_options *options, const struct report *report, FILE *to);

@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #include "core/base/endian.h"
+#include "core/io/formats/las_fields.h"
 
 enum { HEADER_BYTES = 227, VLR_BYTES = 54, RECORD_BYTES = 65535, WKT = 2112, KEYS = 34735 };
 enum { KEY_BYTES = 8, PROJECTED = 3072, GEOGRAPHIC = 2048, USER_DEFINED = 32767 };
@@ -38,6 +39,9 @@ static bool find_number(const char *wkt, char *text, size_t text_bytes) {
     for (last += strlen("\"EPSG\""); *last && strchr("\", ", *last);) last++;
     int digits = (int)strspn(last, "0123456789");
     if (digits == 0 || digits > 9) return false;
+    size_t brackets = 0; /* its own and that of the whole: where more follow, it is the number of a part */
+    for (const char *c = last + digits; *c; c++) brackets += *c == ']' || *c == ')';
+    if (brackets != 2) return false;
     snprintf(text, text_bytes, "EPSG:%.*s", digits, last);
     return true;
 }
@@ -56,6 +60,22 @@ static bool find_in(const unsigned char *record, size_t n, unsigned id, char *te
     if (id == KEYS)
         return find_key(record, n, PROJECTED, text, text_bytes) || find_key(record, n, GEOGRAPHIC, text, text_bytes);
     return id == WKT && (find_number(wkt, text, text_bytes) || find_name(wkt, text, text_bytes));
+}
+
+bool las_records_system(const struct cloud_las *las, char *text, size_t text_bytes) {
+    text[0] = 0;
+    for (size_t at = 0; at < las->records_bytes;) {
+        const unsigned char *vlr = las->records + at;
+        size_t length = (size_t)load_little_endian(vlr + 20, 2);
+        char record[RECORD_BYTES + 1];
+        memcpy(record, vlr + VLR_BYTES, length);
+        record[length] = 0;
+        at += VLR_BYTES + length;
+        if (strncmp((const char *)vlr + 2, "LASF_Projection", 16) == 0 &&
+            find_in((const unsigned char *)record, length, (unsigned)load_little_endian(vlr + 18, 2), text, text_bytes))
+            return true;
+    }
+    return false;
 }
 
 bool las_coordinate_system(int fd, char *text, size_t text_bytes) {

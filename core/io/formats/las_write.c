@@ -18,6 +18,7 @@
 #include "core/base/alloc.h"
 #include "core/base/endian.h"
 #include "core/base/par.h"
+#include "core/cloud/attribute_names.h"
 #include "core/io/formats/las_fields.h"
 #include "core/io/laz/laz.h"
 #include "core/io/sink.h"
@@ -67,11 +68,8 @@ static bool is_coordinate(const struct cloud *cloud, const struct property *prop
 }
 
 static const struct property *find_scalar(const struct cloud *cloud, const char *name) {
-    for (size_t j = 0; j < cloud->property_count; j++) {
-        const struct property *p = &cloud->property[j];
-        if (!p->is_list && !is_coordinate(cloud, p) && strcmp(p->name, name) == 0) return p;
-    }
-    return NULL;
+    const struct property *p = attribute_find(cloud, name);
+    return p && !is_coordinate(cloud, p) ? p : NULL;
 }
 
 static int colour_of(const char *name) {
@@ -236,7 +234,8 @@ static void plan_from_las(struct writer *w, const struct cloud_las *las) {
         left_out_add(w->left_out, w->name, "gps_time: the offset of times that LAS 1.5 has");
 }
 
-static void plan_anew(struct writer *w) {
+/* Of a cloud that was joined from LAS and others, las says which coordinate system it is in; else NULL. */
+static void plan_anew(struct writer *w, const struct cloud_las *las) {
     struct las_field field[32];
     w->format = choose_format(w->cloud);
     w->minor = w->format < 6 ? 2 : NEWEST_MINOR;
@@ -248,6 +247,14 @@ static void plan_anew(struct writer *w) {
         const struct property *from = find_scalar(w->cloud, field[i].name);
         if (from && holds(w, &field[i], from)) add_target(w, &field[i], from);
     }
+    for (size_t at = 0; las && at < las->records_bytes;) {
+        const unsigned char *vlr = las->records + at;
+        enum { WKT = 2112 };
+        if (w->minor >= 4 && load_little_endian(vlr + 18, 2) != WKT) w->encoding &= ~(unsigned)WKT_BIT;
+        at += LAS_VLR_BYTES + (size_t)load_little_endian(vlr + 20, 2);
+    }
+    if (las) laz_put(&w->records, las->records, las->records_bytes);
+    if (las) w->record_count += las->record_count;
 }
 
 static void put_record(struct writer *w, const char *user, unsigned id, const void *bytes, size_t n) {
@@ -262,10 +269,11 @@ static void put_record(struct writer *w, const char *user, unsigned id, const vo
 
 static void plan(struct writer *w, bool compressed) {
     unsigned char layout[LAZ_LAYOUT_BYTES];
-    if (w->cloud->las)
-        plan_from_las(w, w->cloud->las);
+    const struct cloud_las *las = w->cloud->las;
+    if (las && las->field_count)
+        plan_from_las(w, las);
     else
-        plan_anew(w);
+        plan_anew(w, las);
     note_scale(w);
     for (size_t j = 0; j < w->cloud->property_count; j++) {
         const struct property *p = &w->cloud->property[j];

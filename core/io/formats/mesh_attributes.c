@@ -9,11 +9,7 @@
 #include <stdio.h>
 #include <string.h>
 
-static const struct property *find_attribute(const struct cloud *cloud, const char *name) {
-    for (size_t j = 0; j < cloud->property_count; j++)
-        if (strcmp(cloud->property[j].name, name) == 0 && !cloud->property[j].is_list) return &cloud->property[j];
-    return NULL;
-}
+#include "core/cloud/attribute_names.h"
 
 static bool all_vertices_have_source(const struct mesh *mesh) {
     for (size_t v = 0; mesh->source && v < mesh->vertex_count; v++)
@@ -43,8 +39,8 @@ void mesh_attributes_find(const struct mesh *mesh, const struct cloud *cloud, st
     *attributes = (struct mesh_attributes){.mesh = mesh};
     if (!cloud || !all_vertices_have_source(mesh)) return;
     attributes->cloud = cloud;
-    for (int k = 0; k < 3; k++) attributes->normal[k] = find_attribute(cloud, normal[k]);
-    for (int k = 0; k < 4; k++) attributes->colour[k] = find_attribute(cloud, colour[k]);
+    for (int k = 0; k < 3; k++) attributes->normal[k] = attribute_find(cloud, normal[k]);
+    for (int k = 0; k < 4; k++) attributes->colour[k] = attribute_find(cloud, colour[k]);
     for (int k = 0; k < 3; k++) {
         if (!attributes->normal[k]) memset(attributes->normal, 0, sizeof attributes->normal);
         if (!attributes->colour[k]) memset(attributes->colour, 0, sizeof attributes->colour);

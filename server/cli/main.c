@@ -186,7 +186,7 @@ out:
 
 /* Of one of several inputs, or of all of them. */
 static void explain_failure(const struct worker_options *options, const char *failed, enum status status,
-                    const struct error *error) {
+                            const struct error *error) {
     char all[96];
     snprintf(all, sizeof all, "%.60s and %zu more", options->input[0], options->input_count - 1);
     worker_output_explain(failed ? failed : options->input_count > 1 ? all : options->input[0], status, error, stderr);

@@ -134,7 +134,7 @@ static bool read_job(const struct beginning *beginning, struct memory_job *job, 
     bool has_header = kind == CLOUD_KIND_PLY || kind == CLOUD_KIND_PCD || kind == CLOUD_KIND_LAS;
     bool packed = beginning->inflated, known = beginning->total_bytes != UINT64_MAX;
     uint64_t total_bytes = packed && has_header ? UINT64_MAX : beginning->total_bytes;
-    *guessed = packed && !has_header;
+    *guessed = (packed && !has_header) || kind == CLOUD_KIND_TAR;
     if (!known && kind == CLOUD_KIND_TEXT) return false;
     if (memory_job_of(beginning->bytes, beginning->n, total_bytes, job) != STATUS_OK) return false;
     if (packed || !known) job->input_bytes = known ? beginning->total_bytes : 0;

@@ -135,4 +135,4 @@ def test_a_format_is_a_file_and_a_row(tree, tmp_path):
     refused = subprocess.run([whittle, tmp_path / "image"], capture_output=True, text=True, check=False)
     assert "this looks like a PNG image; what is read: TRIPLES, tar archives of clouds, PLY, PCD" in refused.stderr
     text = subprocess.run([whittle, "--help"], capture_output=True, text=True, check=True).stdout
-    assert "INPUT is TRIPLES, PLY, PCD" in text
+    assert "INPUT is TRIPLES, tar archives of clouds, PLY, PCD" in text

@@ -18,12 +18,15 @@ static const char input_path[] = "/v1/clouds/";
 static const struct {
     const char *name;
     json_type type;
-} members[] = {{"input", JSON_STRING},  {"params", JSON_OBJECT},  {"label", JSON_STRING},
+} members[] = {{"input", JSON_STRING},  {"params", JSON_OBJECT},  {"label", JSON_STRING},    {"join", JSON_ARRAY},
                {"output", JSON_STRING}, {"webhook", JSON_STRING}, {"priority", JSON_INTEGER}};
 enum { MEMBERS = sizeof members / sizeof members[0] };
 
 static const char *type_name(json_type type) {
-    return type == JSON_OBJECT ? "an object" : type == JSON_INTEGER ? "a whole number" : "a string";
+    return type == JSON_OBJECT    ? "an object"
+           : type == JSON_ARRAY   ? "a list"
+           : type == JSON_INTEGER ? "a whole number"
+                                  : "a string";
 }
 
 bool job_request_add(struct job_request *request, const char *name, const char *value, size_t value_bytes,
@@ -115,16 +118,17 @@ static json_t *parse(const char *text, size_t bytes, const char *what, struct pr
 static bool is_taken(const char *name, const char *const *names, const char *input) {
     for (; names && *names; names++)
         if (strcmp(name, *names) == 0) return true;
-    return (!input && strcmp(name, "input") == 0) || strcmp(name, "params") == 0;
+    return (!input && strcmp(name, "input") == 0) || strcmp(name, "params") == 0 || strcmp(name, "join") == 0;
 }
 
 /* Where a member that isn't known may have been meant to be. */
 static void add_unknown(const char *name, const char *const *names, struct problem *problem) {
     char path[80];
     const char *near = params_suggest(name, names);
-    static const char *const own[] = {"input", "params", NULL};
+    static const char *const own[] = {"input", "join", "params", NULL};
     const char *first = params_suggest(name, own);
-    if (first && (strcmp(first, "input") == 0 || strcmp(first, "params") == 0)) near = first;
+    for (size_t i = 0; first && own[i]; i++)
+        if (strcmp(first, own[i]) == 0) near = first;
     bool is_param = near && params_find(near);
     snprintf(path, sizeof path, "%s%s", is_param ? "params." : "", near ? near : "");
     add_fault(problem, PROBLEM_UNKNOWN_PARAMETER, name, NULL, near ? path : NULL);
@@ -143,21 +147,43 @@ static void check_member(const char *name, const json_t *value, const char *cons
         add_fault(problem, PROBLEM_INVALID_PARAMETER, name, type_name(members[i].type), NULL);
 }
 
-static void read_input(struct job_request *request, const json_t *value, struct problem *problem) {
+/* The id in the path of a cloud; NULL: it isn't one, or isn't text. */
+static const char *cloud_of(const json_t *value) {
     const char *given = json_string_value(value), *text = given ? links_below_base(given) : NULL;
     size_t prefix = sizeof input_path - 1;
-    if (!value) {
+    return text && strncmp(text, input_path, prefix) == 0 && strlen(text + prefix) == 64 ? text + prefix : NULL;
+}
+
+static void read_input(struct job_request *request, const json_t *value, struct problem *problem) {
+    const char *id = cloud_of(value);
+    if (!value)
         add_fault(problem, PROBLEM_INVALID_PARAMETER, "input", "must be there", NULL);
-    } else if (text && (strncmp(text, input_path, prefix) != 0 || strlen(text + prefix) != 64)) {
+    else if (id)
+        snprintf(request->input, sizeof request->input, "%s", id);
+    else if (json_is_string(value)) /* else that was told */
         add_fault(problem, PROBLEM_INVALID_PARAMETER, "input", "the path of a cloud, /v1/clouds/ and its id", NULL);
-    } else if (text) {
-        snprintf(request->input, sizeof request->input, "%s", text + prefix);
+}
+
+static void read_joined(struct job_request *request, const json_t *list, struct problem *problem) {
+    size_t count = json_is_array(list) ? json_array_size(list) : 0;
+    if (count > JOB_REQUEST_MAX_JOINED) {
+        add_fault(problem, PROBLEM_INVALID_PARAMETER, "join", "up to 255 clouds", NULL);
+        return;
+    }
+    for (size_t i = 0; i < count; i++) {
+        const char *id = cloud_of(json_array_get(list, i));
+        char path[32];
+        snprintf(path, sizeof path, "join[%zu]", i);
+        if (id)
+            snprintf(request->join[request->joined++], sizeof request->join[0], "%s", id);
+        else
+            add_fault(problem, PROBLEM_INVALID_PARAMETER, path, "the path of a cloud, /v1/clouds/ and its id", NULL);
     }
 }
 
 static bool add_member(struct job_request *request, const char *name, const json_t *value, struct problem *problem) {
     char text[32];
-    if (strcmp(name, "input") == 0 || strcmp(name, "params") == 0) return true;
+    if (strcmp(name, "input") == 0 || strcmp(name, "params") == 0 || strcmp(name, "join") == 0) return true;
     snprintf(text, sizeof text, "%lld", (long long)json_integer_value(value));
     const char *string = json_is_string(value) ? json_string_value(value) : text;
     return job_request_add(request, name, string, strlen(string), problem);
@@ -173,6 +199,7 @@ static bool read_document(struct job_request *request, json_t *json, const char 
         snprintf(request->input, sizeof request->input, "%s", input);
     else
         read_input(request, json_object_get(json, "input"), problem);
+    read_joined(request, json_object_get(json, "join"), problem);
     if (problem->error_count) return false;
     if (params && !read_params(request, params, problem)) return false;
     json_object_foreach(json, name, value) if (!add_member(request, name, value, problem)) return false;

@@ -11,6 +11,7 @@
 
 #include "api/codecs/job_json.h"
 #include "core/base/alloc.h"
+#include "server/storage/archive.h"
 
 enum {
     HEAD_BYTES = 64 * 1024, /* of a cloud, for what it says of its size */
@@ -162,11 +163,55 @@ bool handlers_end_upload(struct request *request, struct upload_facts *facts, st
     return false;
 }
 
+/* Finds the cloud of this id for an archive; adds to the points, unless some aren't known. */
+static bool find_member(struct service *service, struct request *request, const char *id, struct archive_member *member,
+                        uint64_t *points, struct response *response) {
+    struct catalog_cloud record;
+    bool found = handlers_read_cloud(service, request, id, &record, response);
+    snprintf(member->sha256, sizeof member->sha256, "%s", id);
+    member->bytes = record.bytes;
+    *points = *points && record.points ? *points + record.points : 0;
+    catalog_cloud_done(&record);
+    return found;
+}
+
+/* Makes one cloud of those that the body names: an archive of them, which is as if the body had held it. */
+static bool join_input(struct service *service, struct request *request, struct upload_facts *facts,
+                       struct response *response) {
+    const struct body *body = request->body;
+    size_t count = body_joined(body) + 1;
+    struct archive_member *member = calloc(count, sizeof *member);
+    struct admission admission = service_admission(service->config, NULL);
+    uint64_t points = 1;
+    struct problem problem;
+    if (!member) {
+        response_refuse(response, PROBLEM_INTERNAL_ERROR, "no memory");
+        return false;
+    }
+    bool ok = true;
+    for (size_t i = 0; i < count && ok; i++) {
+        const char *id = i ? body_joined_cloud(body, i - 1) : body_input(body);
+        ok = find_member(service, request, id, &member[i], &points, response);
+    }
+    ok = ok && handlers_has_room(service, request, archive_bytes(member, count), true, response);
+    if (ok) {
+        struct upload *upload = archive_make(service->store, service->hashing, member, count,
+                                             (uint64_t)service->config->max_body_bytes, &admission, &problem);
+        if (upload) body_take_upload(request->body, upload);
+        if (!upload) response_problem(response, &problem);
+        ok = upload && handlers_end_upload(request, facts, response);
+    }
+    if (ok && points) facts->points = points - 1;
+    free(member);
+    return ok;
+}
+
 /* What is known of the request's input, which is in its body or here already. */
 static bool read_input(struct service *service, struct request *request, struct upload_facts *facts,
                        struct response *response) {
     struct catalog_cloud record;
     if (body_upload(request->body)) return handlers_end_upload(request, facts, response);
+    if (body_joined(request->body)) return join_input(service, request, facts, response);
     bool found = handlers_read_cloud(service, request, body_input(request->body), &record, response);
     *facts = (struct upload_facts){.bytes = record.bytes, .points = record.points};
     memcpy(facts->sha256, record.sha256, sizeof facts->sha256);

@@ -448,6 +448,15 @@ struct uploads_writer *body_writer(struct body *body) {
 
 const char *body_input(const struct body *body) { return body->request.input; }
 
+size_t body_joined(const struct body *body) { return body->request.joined; }
+
+const char *body_joined_cloud(const struct body *body, size_t i) { return body->request.join[i]; }
+
+void body_take_upload(struct body *body, struct upload *upload) {
+    upload_free(body->upload);
+    body->upload = upload;
+}
+
 size_t body_pairs(const struct body *body, struct query_pair *pairs, size_t max) {
     for (size_t i = 0; i < body->request.count && i < max; i++)
         pairs[i] = (struct query_pair){body->request.field[i].name, body->request.field[i].value};

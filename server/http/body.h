@@ -65,6 +65,13 @@ struct uploads_writer *body_writer(struct body *body);
 /* The cloud that the body names; "" where it holds one. */
 const char *body_input(const struct body *body);
 
+/* How many clouds more are one with that, and the i-th of them. */
+size_t body_joined(const struct body *body);
+const char *body_joined_cloud(const struct body *body, size_t i);
+
+/* What was only named is in this upload now, which the body takes. */
+void body_take_upload(struct body *body, struct upload *upload);
+
 /* Names and values in the body, as a query holds them; borrowed.  Returns how many, which may be
  * more than max, the room in pairs. */
 size_t body_pairs(const struct body *body, struct query_pair *pairs, size_t max);

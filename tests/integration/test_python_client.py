@@ -129,3 +129,36 @@ def test_a_job_that_fails_or_takes_too_long_is_raised(client, make_daemon):
     other.simplify(sphere(400000), outputs=["mesh"])
     with pytest.raises(TimeoutError):
         other.wait(other.simplify(SMALL), timeout=0)
+
+
+def test_several_clouds_are_one(client):
+    lines = SMALL.decode().splitlines(keepends=True)
+    parts = ["".join(lines[:100]).encode(), "".join(lines[100:]).encode()]
+    whole = client.wait(client.simplify(SMALL, ratio=0.5, outputs=["cloud", "mesh"]))
+    job = client.wait(client.simplify(parts, ratio=0.5, outputs=["cloud", "mesh"]))
+    assert job["report"]["points_in"] == 300 and job["input"]["format"] == "tar"
+    for name in ("cloud.ply", "mesh.ply"):
+        assert client.output(job, name) == client.output(whole, name)
+    again = client.simplify(parts, ratio=0.5, outputs=["cloud", "mesh"])
+    assert again["status"] == "successful" and again["input"]["cloud"] == job["input"]["cloud"]
+
+
+def test_what_is_wrong_in_a_list_of_clouds_is_told(client):
+    cloud = client.upload(SMALL)
+    for join, status, part in ((["nowhere"], 400, "join[0]"), ("x", 400, "join: a list"), ([7], 400, "join[0]"),
+                               (["/v1/clouds/" + "0" * 64], 404, "there is no cloud 000"),
+                               ([f"/v1/clouds/{cloud}"] * 256, 400, "up to 255")):
+        with pytest.raises(whittle.Problem) as refused:
+            client._document("POST", f"/v1/clouds/{cloud}/jobs", {"join": join})
+        assert refused.value.status == status and part in refused.value.document["detail"]
+    las = pathlib.Path(__file__).parent.parent / "fixtures/valid/las-2/input.las"
+    job = client.simplify([las, SMALL], ratio=0.5)
+    told = client.wait(job)["report"]["left_out"]
+    assert any("cloud-2 has no intensity" in loss["what"] for loss in told), told
+
+
+def test_a_list_of_clouds_that_can_not_be_one_fails_with_the_reason(client):
+    bad = client.upload(SMALL + b"1 2\n")
+    with pytest.raises(whittle.Problem) as failed:
+        client.wait(client.simplify([SMALL, bad], ratio=0.5))
+    assert failed.value.document["type"].endswith("malformed-cloud") and "cloud-2: " in str(failed.value)

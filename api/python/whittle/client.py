@@ -150,11 +150,18 @@ class Client:
 
     # ------------------------------------------------------------------------------------------ jobs
 
+    def _cloud(self, cloud):
+        """The id of a cloud, which is uploaded where it isn't one."""
+        is_id = isinstance(cloud, str) and len(cloud) == 64 and not os.path.exists(cloud)
+        return cloud if is_id else self.upload(cloud)
+
     def simplify(self, cloud, label=None, priority=None, **params):
-        """Submits a job for a cloud (an id of upload, or what upload takes); returns its document."""
-        if not (isinstance(cloud, str) and len(cloud) == 64 and not os.path.exists(cloud)):
-            cloud = self.upload(cloud)
+        """Submits a job for a cloud (an id of upload, or what upload takes), or for a list of clouds that are one;
+        returns its document."""
+        cloud, *others = [self._cloud(each) for each in (cloud if isinstance(cloud, (list, tuple)) else [cloud])]
         document = {"params": params}
+        if others:
+            document["join"] = [f"/v1/clouds/{each}" for each in others]
         if label is not None:
             document["label"] = label
         if priority is not None:

@@ -275,9 +275,16 @@ LISTEN ?= 127.0.0.1:8080
 DATA ?= $(HOME)/.local/share/whittled
 
 .PHONY: demo
-demo: deps ## upload a real scan to a daemon of its own and show what comes back; CLOUD=file.ply RATIO=0.1
+demo: deps ## upload a real scan to a daemon of its own and show what comes back; CLOUD=file.ply RATIO=0.1; HOSTS=3: to a cluster
+	@$(if $(HOSTS),deploy/deps.sh $(cluster_packages))
 	@$(MAKE) --no-print-directory -j$$(nproc) all
-	@tests/demo/demo.sh $(build) out '$(CLOUD)' '$(RATIO)'
+	@$(if $(HOSTS),$(cluster_demo),tests/demo/demo.sh $(build) out '$(CLOUD)' '$(RATIO)')
+
+# In network namespaces of this machine, as root; see tests/cluster/demo.py.
+HOSTS ?=
+cluster_demo = mkdir -p out && { [ -n '$(CLOUD)' ] || tests/demo/scan.sh armadillo out/armadillo.xyz; } && \
+    WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -B tests/cluster/demo.py out "$(or $(CLOUD),out/armadillo.xyz)" \
+    --hosts $(HOSTS) --ratio $(RATIO)
 
 .PHONY: picture
 picture: deps ## draw the picture of the README again -> .github/preview.png
@@ -397,6 +404,12 @@ bench-catalog: deps ## what PostgreSQL spends on a claim and a report with 10000
 	@$(MAKE) --no-print-directory -j$$(nproc) all
 	@POSTGRES_FSYNC=on POSTGRES_OPTIONS='-c max_connections=1000 -c shared_preload_libraries=pg_stat_statements' \
 	    tests/tools/with_postgres.sh $(PYTHON) tests/bench/catalog.py $(build) --hosts $(HOSTS)
+
+.PHONY: bench-hosts
+bench-hosts: deps ## throughput of three hosts of half a core each against one, a trivial job's time on PostgreSQL and S3 (root)
+	@deploy/deps.sh $(cluster_packages)
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -B tests/cluster/bench.py $(BENCH)
 
 .PHONY: bench-counts
 bench-counts: deps ## instructions of each stage against the stored ones; BENCH=--save stores them

@@ -34,8 +34,7 @@ static enum status read_key(int fd, const char *path, struct signature_key *key,
                                                                               : refused(error, "read", path);
 }
 
-static enum status write_key(int fd, const char *path, struct signature_key *key, struct error *error) {
-    if (getrandom(key->bytes, sizeof key->bytes, 0) != SIGNATURE_KEY_BYTES) return refused(error, "fill", path);
+static enum status write_key(int fd, const char *path, const struct signature_key *key, struct error *error) {
     if (write(fd, key->bytes, sizeof key->bytes) != SIGNATURE_KEY_BYTES || fsync(fd) != 0)
         return refused(error, "write", path);
     return STATUS_OK;
@@ -53,7 +52,7 @@ static enum status sync_folder(const char *path, struct error *error) {
     return ok ? STATUS_OK : refused(error, "sync the folder of", path);
 }
 
-static enum status make_key(const char *path, struct signature_key *key, struct error *error) {
+enum status signature_write(const char *path, const struct signature_key *key, struct error *error) {
     char part[PATH_MAX];
     int n = snprintf(part, sizeof part, "%s.part", path);
     if (n < 0 || n >= PATH_MAX) return error_set(error, STATUS_IO, "key", "the path is too long");
@@ -64,6 +63,11 @@ static enum status make_key(const char *path, struct signature_key *key, struct 
     close(fd);
     if (status == STATUS_OK && rename(part, path) != 0) status = refused(error, "rename", part);
     return status == STATUS_OK ? sync_folder(path, error) : status;
+}
+
+static enum status make_key(const char *path, struct signature_key *key, struct error *error) {
+    if (getrandom(key->bytes, sizeof key->bytes, 0) != SIGNATURE_KEY_BYTES) return refused(error, "make", path);
+    return signature_write(path, key, error);
 }
 
 enum status signature_open(const char *path, struct signature_key *key, struct error *error) {

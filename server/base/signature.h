@@ -22,6 +22,9 @@ struct signature_key {
  * may read it. */
 enum status signature_open(const char *path, struct signature_key *key, struct error *error) MUST_CHECK;
 
+/* Writes the key into a file that isn't there (mode 0600, durable). */
+enum status signature_write(const char *path, const struct signature_key *key, struct error *error) MUST_CHECK;
+
 /* The key as hexadecimal, and back; false: the text is no key. */
 void signature_key_text(const struct signature_key *key, char hex[SIGNATURE_HEX_BYTES]);
 bool signature_key_read(const char *hex, struct signature_key *key);

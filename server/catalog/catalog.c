@@ -338,3 +338,17 @@ enum status catalog_knows(struct catalog *catalog, enum catalog_thing thing, con
                           struct error *error) {
     return catalog->backend->knows(catalog, thing, name, known, error);
 }
+
+enum status catalog_is_served(struct catalog *catalog, bool *served, struct error *error) {
+    return catalog->backend->is_served(catalog, served, error);
+}
+
+enum status catalog_read_rows(struct catalog *catalog, enum catalog_table_name table, const char *of, uint64_t skip,
+                              struct catalog_row *rows, size_t max, size_t *count, struct error *error) {
+    return catalog->backend->read_rows(catalog, table, of, skip, rows, max, count, error);
+}
+
+enum status catalog_add_rows(struct catalog *catalog, const struct catalog_row *rows, size_t count, uint64_t *added,
+                             struct error *error) {
+    return catalog->backend->add_rows(catalog, rows, count, added, error);
+}

@@ -23,6 +23,7 @@
 
 #include "core/base/status.h"
 #include "server/catalog/job.h"
+#include "server/catalog/rows.h"
 
 struct catalog;
 
@@ -412,5 +413,20 @@ void catalog_examine(struct catalog *catalog, const struct catalog_examiner *exa
 enum catalog_thing { CATALOG_JOB, CATALOG_CLOUD, CATALOG_UPLOAD };
 enum status catalog_knows(struct catalog *catalog, enum catalog_thing thing, const char *name, bool *known,
                           struct error *error) MUST_CHECK;
+
+/* ------------------------------------------------------------------------------------------------ moving */
+
+/* Whether a host serves it, besides this process; one that was killed counts for a minute.  What one host alone may
+ * serve is never served here: its folder is locked. */
+enum status catalog_is_served(struct catalog *catalog, bool *served, struct error *error) MUST_CHECK;
+
+/* Up to max rows of a table in the order of its key, without the first `skip`; of: those alone whose first column is
+ * this one (NULL = all).  Each is the caller's, to catalog_row_done.  Of a catalog that nobody changes meanwhile. */
+enum status catalog_read_rows(struct catalog *catalog, enum catalog_table_name table, const char *of, uint64_t skip,
+                              struct catalog_row *rows, size_t max, size_t *count, struct error *error) MUST_CHECK;
+
+/* Adds those of the rows that aren't there, in their order, all in one transaction; *added grows by how many. */
+enum status catalog_add_rows(struct catalog *catalog, const struct catalog_row *rows, size_t count, uint64_t *added,
+                             struct error *error) MUST_CHECK;
 
 #endif

@@ -419,12 +419,17 @@ static void fill_in(struct config *config) {
 static void print_help(void) {
     puts("Usage: whittled [--setting VALUE ...]\n"
          "       whittled healthcheck [--url http://HOST:PORT/PATH] [--setting VALUE ...]\n"
-         "       whittled check [--adopt] --data FOLDER\n\n"
+         "       whittled check [--adopt] --data FOLDER\n"
+         "       whittled migrate --catalog URL\n"
+         "       whittled export --to FOLDER | import --from FOLDER [--setting VALUE ...]\n\n"
          "Serves whittle over HTTP.  Prints the address that it listens on, then logs to standard error.\n"
          "SIGTERM ends it when the running jobs are done; a second one ends it at once.\n"
          "SIGHUP makes it read settings and tokens again.\n"
          "healthcheck asks a running one how it is: exit status 0 = well, 1 = not.\n"
-         "check compares database and files of a folder that none serves: 0 = nothing is damaged.\n\nSettings:");
+         "check compares database and files of a folder that none serves: 0 = nothing is damaged.\n"
+         "migrate makes the tables that several hosts share, or brings them up to date.\n"
+         "export puts all that a service has into a new data folder, import takes it out of one; nobody may serve "
+         "either.\n\nSettings:");
     for (size_t i = 0; i < ROWS; i++)
         printf("  --%-26s%s%s%s%s\n", table[i].name, table[i].help, table[i].default_text[0] ? " (" : "",
                table[i].default_text, table[i].default_text[0] ? ")" : "");
@@ -478,6 +483,9 @@ static void print_man(void) {
          "\\-\\-setting\\~value "
          "...]\n.br\n.B whittled healthcheck\n.RI [ \\-\\-url\\~URL ]\n.RI [ \\-\\-setting\\~value ...]\n"
          ".br\n.B whittled check\n.RI [ \\-\\-adopt ]\n.RI \\-\\-data\\~FOLDER\n"
+         ".br\n.B whittled migrate\n.RI \\-\\-catalog\\~URL\n.br\n.B whittled export\n.RI \\-\\-to\\~FOLDER\n"
+         ".RI [ \\-\\-setting\\~value ...]\n.br\n.B whittled import\n.RI \\-\\-from\\~FOLDER\n"
+         ".RI [ \\-\\-setting\\~value ...]\n"
          ".SH DESCRIPTION\nServes\n.BR whittle (1)\nover HTTP: clouds come in, simplified clouds, meshes and measured "
          "errors go out.\nPrints the address that it listens on, then logs to standard error.\n"
          "The service describes itself at /docs and /openapi.json.\n.PP\n"
@@ -504,6 +512,13 @@ static void print_man(void) {
         "A folder and a database that don't belong together aren't served.  Put the folder's own database back, from a "
         "backup;\nwhere there is none,\n.B \\-\\-adopt\nmakes them belong together, and the next start moves what "
         "the database doesn't know to lost+found in the folder.\n"
+        ".SH MIGRATE, EXPORT, IMPORT\n.B whittled migrate\nmakes the tables of a catalog that several hosts share, or "
+        "brings them up to date.\n.B whittled export\nputs jobs, clouds, outputs, logs, keys and webhooks of the "
+        "catalog "
+        "and the blobs in the settings into the data folder\n.BR \\-\\-to ,\n.B whittled import\ntakes them out of the "
+        "data "
+        "folder\n.BR \\-\\-from .\nNobody may serve either side meanwhile.  What is there already stays as it is, so "
+        "either may be run again, and goes on where it was ended.\nResumable uploads that aren't whole stay behind.\n"
         ".SH ENVIRONMENT\nEach setting is read from a variable:\n.B \\-\\-max\\-queue\nfrom\n.BR WHITTLED_MAX_QUEUE .\n"
         ".SH FILES\nThe file of\n.B \\-\\-config\nholds lines of name = value; # begins a comment.\n"
         ".B whittled \\-\\-print\\-config\nwrites one with every setting in it.\n"

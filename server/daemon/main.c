@@ -29,6 +29,7 @@
 #include "server/daemon/log.h"
 #include "server/daemon/reload.h"
 #include "server/daemon/signals.h"
+#include "server/daemon/transfer.h"
 #include "server/handlers/handlers.h"
 #include "server/http/http.h"
 #include "server/http/tls.h"
@@ -198,6 +199,8 @@ int main(int argc, char **argv) {
     if (argc > 1 && strcmp(argv[1], "healthcheck") == 0) return healthcheck_main(argc - 1, argv + 1);
     if (argc > 1 && strcmp(argv[1], "check") == 0) return check_main(argc - 1, argv + 1);
     if (argc > 1 && strcmp(argv[1], "migrate") == 0) return migrate_main(argc - 1, argv + 1);
+    if (argc > 1 && (strcmp(argv[1], "export") == 0 || strcmp(argv[1], "import") == 0))
+        return transfer_main(argc - 1, argv + 1);
     descriptors_raise_limit();
     switch (config_read(&config, argc, argv, environ, &error)) {
     case CONFIG_TOLD: return EXIT_SUCCESS;

@@ -230,7 +230,6 @@ void catalog_postgres_depth(struct catalog *catalog, uint64_t *waiting, uint64_t
 /* The job, the key that it was submitted under, and who is told of its end; in a transaction. */
 static enum status insert(struct catalog_postgres *postgres, struct pq_link *link, const struct job *job,
                           struct error *error) {
-    static const int64_t aging_ms = 10 * 60 * 1000; /* what a step of priority is worth in waiting */
     char *params = job_params_text(&job->params);
     if (!params) return error_set(error, STATUS_NO_MEMORY, "queue", "no memory");
     enum status status = pq_run(
@@ -240,8 +239,8 @@ static enum status insert(struct catalog_postgres *postgres, struct pq_link *lin
         "($1, $2, $3, 0, $3, $4, 0, whittle_now(), 0, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16)",
         VALUES(T(job->id), I(JOB_ACCEPTED), I(job->created_ms), I(job->started_ms), T(job->label), T(job->cloud),
                I(job->input_bytes), I(job->input_points), T(job->input_format), T(params), T(job->principal),
-               I(job->priority), T(job->result), I(job->memory_bytes), I(job->created_ms - job->priority * aging_ms),
-               T(postgres->session)),
+               I(job->priority), T(job->result), I(job->memory_bytes),
+               I(job->created_ms - (int64_t)job->priority * JOB_PRIORITY_AGING_MS), T(postgres->session)),
         NULL, error);
     free(params);
     if (status == STATUS_OK && job->key)

@@ -17,7 +17,7 @@
 #include "server/base/away.h"
 
 /* A statement's deadline, that of all that is to be done soon, and how many connections there are. */
-enum { DEADLINE_MS = 5000, SOON_MS = 1000, LINKS = 8, MAX_VALUES = 24, NUMBER_BYTES = 40 };
+enum { DEADLINE_MS = 5000, SOON_MS = 1000, LINKS = 8, MAX_VALUES = 32, NUMBER_BYTES = 40 };
 enum { OID_INT8 = 20, OID_TEXT = 25, OID_FLOAT8 = 701 };
 
 struct pq_link {

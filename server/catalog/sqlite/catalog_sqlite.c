@@ -13,7 +13,6 @@
 #include "server/catalog/sqlite/schema.h"
 
 enum { BLOCKED_MS = 500 };
-static const int64_t PRIORITY_AGING_MS = 10 * 60 * 1000; /* what a step of priority is worth in waiting */
 
 /* ------------------------------------------------------------------------------------------------ memory */
 
@@ -71,7 +70,7 @@ static enum status open_path(const char *path, bool as_is, struct catalog **cata
     opened->catalog.backend = &catalog_sqlite;
     pthread_mutex_init(&opened->order, NULL);
     pthread_mutex_init(&opened->keys.lock, NULL);
-    opened->fair_share = fair_share_new(PRIORITY_AGING_MS);
+    opened->fair_share = fair_share_new(JOB_PRIORITY_AGING_MS);
     opened->usage = usage_new();
     enum status status =
         opened->fair_share && opened->usage ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "catalog", "no memory");

@@ -191,16 +191,22 @@ static double diagonal_of(vec3 least, vec3 most) {
 
 static vec3 middle_of(vec3 least, vec3 most) { return vec3_add(vec3_scale(least, 0.5), vec3_scale(most, 0.5)); }
 
+void order_frame_of(vec3 box_min, vec3 box_max, struct ordered_points *whole) {
+    whole->box_min = box_min;
+    whole->box_max = box_max;
+    whole->centre = middle_of(box_min, box_max);
+    whole->diagonal = diagonal_of(box_min, box_max);
+    if (!(whole->diagonal > 0)) whole->diagonal = 1;
+    whole->scale = whole->diagonal;
+}
+
 static void bounding_box(const vec3 *position, size_t n, struct ordered_points *out) {
-    out->box_min = out->box_max = position[0];
+    vec3 least = position[0], most = least;
     for (size_t i = 1; i < n; i++) {
-        out->box_min = vec3_min(out->box_min, position[i]);
-        out->box_max = vec3_max(out->box_max, position[i]);
+        least = vec3_min(least, position[i]);
+        most = vec3_max(most, position[i]);
     }
-    out->centre = middle_of(out->box_min, out->box_max);
-    out->diagonal = diagonal_of(out->box_min, out->box_max);
-    if (!(out->diagonal > 0)) out->diagonal = 1;
-    out->scale = out->diagonal;
+    order_frame_of(least, most, out);
 }
 
 static bool is_stray(vec3 p, vec3 centre, double diagonal) {
@@ -252,23 +258,28 @@ static void tell_range(void *ctx, size_t begin, size_t end) {
     for (size_t i = begin; i < end; i++) o->out->distinct[radix_value(o->item[i])] = radix_key(o->item[i]);
 }
 
-static void put_in_order(struct ordering *o, unsigned threads) {
-    bounding_box(o->position, o->n, o->out);
+static void put_in_order(struct ordering *o, const struct ordered_points *whole, unsigned threads) {
+    if (!whole) bounding_box(o->position, o->n, o->out);
     o->cube = cube_of(o->out->box_min, o->out->box_max);
     par_for(threads, o->n, GRAIN, key_range, o);
     uint64_t *sorted = radix_sort(o->item, o->swap, o->n, threads);
     if (sorted != o->item) o->swap = o->item, o->item = sorted;
     find_runs(o);
     par_for(threads, o->n, GRAIN, sort_range, o);
-    choose_frame(o);
+    if (!whole) choose_frame(o);
     par_for(threads, o->n, GRAIN, normalise_range, o);
     keep_distinct(o);
     par_for(threads, o->n, GRAIN, tell_range, o);
 }
 
-enum status order_points(const vec3 *position, size_t n, unsigned threads, struct ordered_points *out) {
+static enum status order(const struct ordered_points *whole, const vec3 *position, size_t n, unsigned threads,
+                         struct ordered_points *out) {
     assert(n > 0 && n < UINT32_MAX);
     struct ordered_points points = {0};
+    if (whole) {
+        points = *whole;
+        points.count = points.strays = 0;
+    }
     struct ordering o = {.position = position, .n = n, .out = &points};
     o.item = alloc_array(n, sizeof *o.item);
     o.swap = alloc_array(n, sizeof *o.swap);
@@ -277,13 +288,22 @@ enum status order_points(const vec3 *position, size_t n, unsigned threads, struc
     points.original = alloc_array(n, sizeof *points.original);
     points.distinct = alloc_array(n, sizeof *points.distinct);
     bool ok = o.item && o.swap && o.first && points.point && points.original && points.distinct;
-    if (ok) put_in_order(&o, threads);
+    if (ok) put_in_order(&o, whole, threads);
     free(o.item), free(o.swap), free(o.first);
     if (ok)
         *out = points;
     else
         ordered_points_done(&points);
     return ok ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+enum status order_points(const vec3 *position, size_t n, unsigned threads, struct ordered_points *out) {
+    return order(NULL, position, n, threads, out);
+}
+
+enum status order_points_of(const struct ordered_points *whole, const vec3 *position, size_t n, unsigned threads,
+                            struct ordered_points *out) {
+    return order(whole, position, n, threads, out);
 }
 
 void ordered_points_done(struct ordered_points *points) {

@@ -35,6 +35,16 @@ struct ordered_points {
  * ORDER_LARGEST in size.  O(n).  STATUS_NO_MEMORY. */
 enum status order_points(const vec3 *position, size_t n, unsigned threads, struct ordered_points *out) MUST_CHECK;
 
+/* The same of a part of a cloud, in the frame and along the curve of the whole: what is told of those (box, diagonal,
+ * centre, scale) is taken from `whole`, so that points of two parts stand to each other in each as they do in the
+ * whole.
+ */
+enum status order_points_of(const struct ordered_points *whole, const vec3 *position, size_t n, unsigned threads,
+                            struct ordered_points *out) MUST_CHECK;
+
+/* Fills what is told of the frame of a cloud in this box: centre, diagonal, scale.  No strays spoil it. */
+void order_frame_of(vec3 box_min, vec3 box_max, struct ordered_points *whole);
+
 /* Accepts zeroed points. */
 void ordered_points_done(struct ordered_points *points);
 

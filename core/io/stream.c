@@ -6,6 +6,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -13,8 +14,12 @@
 #include <unistd.h>
 
 #include "core/base/alloc.h"
+#include "core/io/formats/las_fields.h"
+#include "core/io/formats/las_system.h"
 #include "core/io/parts.h"
 #include "core/io/sniff.h"
+
+enum { SYSTEM_BYTES = 128 };
 
 struct file {
     unsigned char *map; /* NULL: none */
@@ -89,6 +94,24 @@ static bool same_properties(const struct cloud *a, const struct cloud *b) {
     return true;
 }
 
+/* LAS of another scale or coordinate system isn't written as one; offsets may differ by whole steps of the scale. */
+static enum status check_las(const struct cloud *a, const struct cloud *b, const char *path, struct error *error) {
+    char first[SYSTEM_BYTES], other[SYSTEM_BYTES];
+    if (!a->las || !b->las) return STATUS_OK;
+    for (size_t axis = 0; axis < 3; axis++) {
+        const struct las_field *f = &a->las->field[a->xyz[axis]], *g = &b->las->field[b->xyz[axis]];
+        double steps = (g->add - f->add) / f->scale;
+        if (f->scale != g->scale || fabs(steps - nearbyint(steps)) > 1e-6)
+            return error_set(error, STATUS_UNSUPPORTED, "read",
+                             "%s has coordinates of another scale or offset than the first input", path);
+    }
+    las_records_system(a->las, first, sizeof first);
+    las_records_system(b->las, other, sizeof other);
+    if (strcmp(first, other) == 0) return STATUS_OK;
+    return error_set(error, STATUS_MALFORMED, "read", "%s is in the coordinate system %s, the first input in %s", path,
+                     other[0] ? other : "of no name", first[0] ? first : "of no name");
+}
+
 /* The next file, whose points follow. */
 static enum status go_on(struct cloud_stream *s, struct error *error) {
     const char *path = s->path[s->next];
@@ -101,7 +124,8 @@ static enum status go_on(struct cloud_stream *s, struct error *error) {
     enum status status = open_file(s, path, &s->other, error);
     if (status) return status;
     s->next++;
-    if (same_properties(s->first.parts->cloud, s->other.parts->cloud)) return STATUS_OK;
+    const struct cloud *first = s->first.parts->cloud, *now = s->other.parts->cloud;
+    if (same_properties(first, now)) return check_las(first, now, path, error);
     return error_set(error, STATUS_UNSUPPORTED, "read", "%s has other properties than %s", path, s->path[0]);
 }
 

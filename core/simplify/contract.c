@@ -32,6 +32,7 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
+#include "core/base/hash64.h"
 #include "core/base/par.h"
 #include "core/base/radix.h"
 #include "core/cloud/cloud.h"
@@ -59,7 +60,8 @@ struct contractor {
     size_t wave;           /* the first of the slots that are moved side by side */
     uint64_t *pick, *swap; /* keyed by the cost's float bits, which order as costs do, with the slot that picked */
     double length_bias;
-    bool untouched; /* the quadrics are as they were given, and of planes through their points alone */
+    float first_error; /* of what was contracted before */
+    bool untouched;    /* the quadrics are as they were given, and of planes through their points alone */
     unsigned threads;
     struct contraction out;
 };
@@ -194,7 +196,7 @@ static void merge_range(void *ctx, size_t begin, size_t end) {
 
 static void merge(struct contractor *c, size_t count) {
     par_for(c->threads, c->slots, GRAIN, merge_range, c);
-    float largest = c->removed ? c->out.error[c->removed - 1] : 0;
+    float largest = c->removed ? c->out.error[c->removed - 1] : c->first_error;
     for (float *error = &c->out.error[c->removed], *end = error + count; error < end; error++) {
         if (*error > largest) largest = *error;
         *error = largest;
@@ -510,6 +512,17 @@ static void contractor_done(struct contractor *c) {
     free(c->spare_list), free(c->chunk), free(c->pick), free(c->swap);
 }
 
+double contract_length_bias(const struct packed_quadric *quadrics, const uint8_t *counted, size_t n) {
+    double weight = 0;
+    size_t count = 0;
+    for (size_t i = 0; i < n; i++) {
+        if (counted && !counted[i]) continue;
+        weight += (double)quadrics[i].weight;
+        count++;
+    }
+    return count ? LENGTH_BIAS * weight / (double)count : 0;
+}
+
 static void name_range(void *ctx, size_t begin, size_t end) {
     struct contractor *c = ctx;
     for (size_t s = begin; s < end; s++) c->id[s] = c->target[s] = (uint32_t)s;
@@ -531,15 +544,12 @@ static enum status contractor_init(struct contractor *c) {
     if (!c->id || !c->target || !c->partner || !c->cost || !c->changed || !c->chunk || !c->pick || !c->swap ||
         !c->out.order || !c->out.into || !c->out.error)
         return STATUS_NO_MEMORY;
-    double weight = 0;
     c->untouched = true;
     for (size_t i = 0; i < n; i++) {
         const struct packed_quadric *q = &c->quadric[i];
-        weight += (double)q->weight;
         c->untouched &= (q->b[0] == 0) & (q->b[1] == 0) & (q->b[2] == 0) & (q->c == 0);
     }
     c->live_count = n;
-    c->length_bias = LENGTH_BIAS * weight / (double)n;
     par_for(c->threads, n, GRAIN, name_range, c);
     par_for(c->threads, n, GRAIN, pick_range, c);
     return STATUS_OK;
@@ -565,12 +575,19 @@ static void list_left(struct contractor *c) {
     }
 }
 
-enum status contract(const vec3 *point, struct adjacency *near, struct packed_quadric *quadrics,
-                     const struct contract_options *options, const struct progress *progress, struct contraction *out) {
+enum status contract_rest(const vec3 *point, struct adjacency *near, struct packed_quadric *quadrics,
+                          double length_bias, float error, const struct contract_options *options,
+                          const struct progress *progress, struct contraction *out) {
     size_t n = near->n;
     assert(n >= 1 && n < NONE);
-    struct contractor c = {
-        .slots = n, .point = point, .quadric = quadrics, .near = *near, .threads = options->threads, .out = {.n = n}};
+    struct contractor c = {.slots = n,
+                           .point = point,
+                           .quadric = quadrics,
+                           .near = *near,
+                           .length_bias = length_bias,
+                           .first_error = error,
+                           .threads = options->threads,
+                           .out = {.n = n}};
     *near = (struct adjacency){0};
     enum status status = contractor_init(&c);
     while (!status && c.live_count > 1 && c.live_count > options->least) {
@@ -585,4 +602,138 @@ enum status contract(const vec3 *point, struct adjacency *near, struct packed_qu
     }
     contractor_done(&c);
     return status;
+}
+
+enum status contract(const vec3 *point, struct adjacency *near, struct packed_quadric *quadrics,
+                     const struct contract_options *options, const struct progress *progress, struct contraction *out) {
+    return contract_rest(point, near, quadrics, contract_length_bias(quadrics, NULL, near->n), 0, options, progress,
+                         out);
+}
+
+/* ------------------------------------------------------------------------------------------------ parts */
+
+/* 0 to 1, of the point that picked: the same wherever it is looked at from. */
+static float share_of(const struct contractor *c, uint32_t slot) {
+    uint64_t bits[3], hash = 0;
+    memcpy(bits, &c->point[slot], sizeof bits);
+    for (int axis = 0; axis < 3; axis++) hash = hash64(hash + bits[axis]);
+    return (float)(hash >> 40) / (float)(1 << 24);
+}
+
+static bool is_free(const struct contractor *c, uint32_t p) { return !c->changed[p] && !c->changed[c->partner[p]]; }
+
+static void take_pick(struct contractor *c, uint32_t p, size_t *done) {
+    c->changed[p] = CHOOSER;
+    c->changed[c->partner[p]] = 1;
+    c->swap[p] = (*done)++;
+}
+
+/* Takes all picks within a limit that share no point with a cheaper one. */
+static size_t choose_within(struct contractor *c, size_t count, struct contract_limit limit) {
+    static const struct prefetch ahead[PREFETCH_STAGES] = {{24, fetch_pick}};
+    size_t done = 0;
+    for (size_t i = 0; i < count && cost_of(c->pick[i]) <= limit.cost && done + 1 < c->live_count; i++) {
+        prefetch_ahead(ahead, c, i, count);
+        uint32_t p = radix_value(c->pick[i]);
+        if (!is_free(c, p) || (cost_of(c->pick[i]) == limit.cost && share_of(c, p) > limit.share)) continue;
+        take_pick(c, p, &done);
+    }
+    return done;
+}
+
+/* The same as choose, of the picks that count: what it comes to as a limit. */
+static struct contract_limit find_limit(const struct contractor *c, size_t count, const uint8_t *counted, size_t live,
+                                        uint8_t *taken) {
+    size_t done = 0, seen = 0;
+    memset(taken, 0, c->slots);
+    size_t goal = (size_t)ceil((double)live * FRACTION);
+    if (goal >= live) goal = live ? live - 1 : 0;
+    double limit = 0;
+    for (size_t i = 0; i < count && seen <= goal; i++)
+        if (counted[c->id[radix_value(c->pick[i])]]) seen++, limit = SLACK * (double)cost_of(c->pick[i]);
+    struct contract_limit found = {-1, 1};
+    size_t of_cost = 0, taken_of_cost = 0; /* among the picks that cost as much as the last one taken */
+    for (size_t i = 0; i < count; i++) {
+        float cost = cost_of(c->pick[i]);
+        uint32_t p = radix_value(c->pick[i]), q = c->partner[p];
+        if (done == goal && cost > found.cost) break;
+        if ((double)cost > limit && (double)done > FEWEST * (double)goal) break;
+        if (taken[p] || taken[q]) continue;
+        if (counted[c->id[p]]) {
+            if (cost > found.cost) found.cost = cost, of_cost = taken_of_cost = 0;
+            of_cost++;
+            if (done == goal) continue;
+            done++, taken_of_cost++;
+        }
+        taken[p] = taken[q] = 1;
+    }
+    if (of_cost) found.share = (float)taken_of_cost / (float)of_cost;
+    return found;
+}
+
+static size_t count_counted(const struct contractor *c, const uint8_t *counted) {
+    size_t live = 0;
+    for (size_t s = 0; s < c->slots; s++) live += (size_t)(is_live(c, s) && counted[c->id[s]]);
+    return live;
+}
+
+static enum status part_pass(struct contractor *c, const struct contract_part *part, size_t i, size_t live,
+                             uint8_t *taken) {
+    size_t count = gather_picks(c);
+    if (count) rank_picks(c, count);
+    if (part->counted) part->limit[i] = find_limit(c, count, part->counted, live, taken);
+    merge(c, choose_within(c, count, part->limit[i]));
+    enum status status = update(c);
+    return !status && c->live_count <= c->slots / 2 ? move_together(c) : status;
+}
+
+enum status contract_some(const vec3 *point, struct adjacency *near, struct packed_quadric *quadrics,
+                          const struct contract_part *part, const struct progress *progress,
+                          struct contract_left *left) {
+    size_t n = near->n;
+    assert(n >= 1 && n < NONE);
+    struct contractor c = {.slots = n,
+                           .point = point,
+                           .quadric = quadrics,
+                           .near = *near,
+                           .length_bias = part->length_bias,
+                           .threads = part->threads,
+                           .out = {.n = n}};
+    *near = (struct adjacency){0};
+    uint8_t *taken = part->counted ? alloc_array(n, sizeof *taken) : NULL;
+    enum status status = part->counted && !taken ? STATUS_NO_MEMORY : contractor_init(&c);
+    size_t passes = 0, of = 0, live = 0;
+    if (!status && taken) of = live = count_counted(&c, part->counted);
+    for (size_t i = 0; !status && i < part->passes; i++) {
+        if (taken && (double)live <= part->least_share * (double)of) break;
+        status = part_pass(&c, part, i, live, taken);
+        if (taken) live = count_counted(&c, part->counted);
+        passes++;
+        if (!status && progress_tick(progress, "contract", (double)(i + 1) / (double)part->passes))
+            status = STATUS_CANCELLED;
+    }
+    if (!status) status = move_together(&c);
+    if (!status) {
+        *left = (struct contract_left){.n = c.slots,
+                                       .id = c.id,
+                                       .quadric = quadrics,
+                                       .near = c.near,
+                                       .error = c.removed ? c.out.error[c.removed - 1] : 0,
+                                       .passes = passes,
+                                       .share = of ? (double)live / (double)of : 1};
+        left->near.n = c.slots;
+        c.id = NULL;
+        c.near = (struct adjacency){0};
+    }
+    free(taken);
+    contraction_done(&c.out);
+    contractor_done(&c);
+    return status;
+}
+
+void contract_left_done(struct contract_left *left) {
+    if (!left) return;
+    free(left->id);
+    adjacency_done(&left->near);
+    *left = (struct contract_left){0};
 }

@@ -112,7 +112,11 @@ static void weight_range(void *ctx, size_t begin, size_t end) {
     }
 }
 
-void dso_weights(const float *dso, size_t n, double exponent, unsigned threads, float *weight) {
-    struct weighting weighting = {dso, mean(dso, n), exponent, weight};
+void dso_weights_about(const float *dso, size_t n, double average, double exponent, unsigned threads, float *weight) {
+    struct weighting weighting = {dso, average, exponent, weight};
     par_for(threads, n, GRAIN, weight_range, &weighting);
+}
+
+void dso_weights(const float *dso, size_t n, double exponent, unsigned threads, float *weight) {
+    dso_weights_about(dso, n, mean(dso, n), exponent, threads, weight);
 }

@@ -25,4 +25,7 @@ void dso_smooth(const float *dso, const struct neighbourhood *neighbourhood, uns
  * where the mean is 0 (a plane) or the exponent is 0. */
 void dso_weights(const float *dso, size_t n, double exponent, unsigned threads, float *weight);
 
+/* The same about an average that is given: for a part of a cloud, with that of the whole. */
+void dso_weights_about(const float *dso, size_t n, double average, double exponent, unsigned threads, float *weight);
+
 #endif

@@ -139,7 +139,7 @@ static void sample_range(void *ctx, size_t begin, size_t end) {
     }
 }
 
-static enum status find_noisy(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, bool *noisy) {
+enum status neighbourhood_noisy(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, bool *noisy) {
     struct sampling s = {.knn = knn, .point = point, .step = (n - 1) / SAMPLES + 1};
     size_t count = (n - 1) / s.step + 1;
     *noisy = false;
@@ -178,11 +178,16 @@ static void find_range(void *ctx, size_t begin, size_t end) {
 
 enum status neighbourhood_find(const struct knn *knn, const vec3 *point, size_t n,
                                const struct neighbourhood_options *options, struct neighbourhood *out) {
+    bool noisy;
+    enum status status = neighbourhood_noisy(knn, point, n, options->threads, &noisy);
+    return status ? status : neighbourhood_find_as(knn, point, n, options, noisy, out);
+}
+
+enum status neighbourhood_find_as(const struct knn *knn, const vec3 *point, size_t n,
+                                  const struct neighbourhood_options *options, bool noisy, struct neighbourhood *out) {
     assert(options->min >= 3 && options->min <= options->max && options->max < KNN_MAX_K);
     struct neighbourhood_options fitting = *options;
-    bool noisy;
-    enum status status = find_noisy(knn, point, n, options->threads, &noisy);
-    if (status) return status;
+    enum status status;
     if (noisy) {
         fitting.min = neighbourhood_noisy_count(options->min);
         fitting.max = neighbourhood_noisy_count(options->max);

@@ -38,6 +38,13 @@ struct neighbourhood {
 enum status neighbourhood_find(const struct knn *knn, const vec3 *point, size_t n,
                                const struct neighbourhood_options *options, struct neighbourhood *out) MUST_CHECK;
 
+/* The two halves of that, for who knows of more points than these whether their cloud is noisy. */
+enum status neighbourhood_noisy(const struct knn *knn, const vec3 *point, size_t n, unsigned threads,
+                                bool *noisy) MUST_CHECK;
+enum status neighbourhood_find_as(const struct knn *knn, const vec3 *point, size_t n,
+                                  const struct neighbourhood_options *options, bool noisy,
+                                  struct neighbourhood *out) MUST_CHECK;
+
 /* What a bound on the number of neighbours becomes where the cloud is noisy. */
 static inline unsigned neighbourhood_noisy_count(unsigned count) {
     enum { NOISY_TIMES = 3 };

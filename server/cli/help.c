@@ -37,7 +37,13 @@ static const struct own {
     {'v', "verbose", NULL, "", "Print the time of each stage, too"},
     {0, "memory", "BYTES", "VALUE",
      "The memory that may be used, as 4000000000, 4000M or 4G: more tetrahedra than it has room for are refused, as "
-     "points along lines have. Default: that of the machine, or of ulimit"},
+     "points along lines have; and a cloud that doesn't fit is simplified in tiles on disk. Default: that of the "
+     "machine, or of ulimit"},
+    {0, "scratch", "FOLDER", "FILE",
+     "Where tiles of a cloud that doesn't fit into memory lie; after a stop or a crash the same command goes on from "
+     "there, and at the end they are removed. Default: the output's name with .tiles"},
+    {0, "tile-points", "N", "VALUE",
+     "Points of a tile at most, as 8000000 or 8M; the result depends on it. Default: as memory has room for"},
     {0, "progress-fd", "N", "VALUE", "Tell progress and the end on this inherited descriptor, one line each"},
     {'h', "help", NULL, "", "Print the options"},
     {0, "version", NULL, "", "Print the version"},
@@ -125,6 +131,9 @@ void help_print(void) {
          "       whittle INPUT [--parameter value ...] [--outputs ONE] -o - in a pipe\n"
          "       whittle convert INPUT... OUTPUT.ply all points, in another format; see whittle convert --help\n"
          "       whittle info INPUT                  what a cloud is; see whittle info --help\n"
+         "       whittle tiles plan|list|run|merge   a cloud that doesn't fit into memory, step by step; see whittle "
+         "tiles "
+         "--help\n"
          "       whittle measure A B [...]           distances between two clouds or meshes; see whittle measure "
          "--help\n"
          "\n"
@@ -213,6 +222,7 @@ void help_print_man(void) {
          ".IR input \" ...\"\n.RI [ output ]\n.RI [ \\-\\-parameter\\~value \"...] [\" \\-o\\~output ]\n"
          ".br\n.B whittle convert\n.IR input \" ... output\"\n.br\n.B whittle info\n.I input\n.br\n.B whittle "
          "measure\n.I a b\n"
+         ".br\n.B whittle tiles\n.I plan|list|run|merge\n"
          ".SH DESCRIPTION\nSimplifies a point cloud, reconstructs a watertight mesh of it where asked for, and "
          "measures\n"
          "the error.  The kind of the input is told by its content; \\- is standard input.\n"
@@ -220,8 +230,10 @@ void help_print_man(void) {
          "Several inputs are one cloud.\nThe last of several names is the output, as after\n.BR \\-o ,\nbut a file of "
          "that name is replaced by\n"
          ".B \\-\\-force\nalone.\nWords of an option may be joined by \\- or _.\n.PP\n"
-         ".B whittle convert\nwrites all points in another format,\n.B whittle info\ntells what a cloud is, and\n"
-         ".B whittle measure\nprints the distances between two clouds or meshes; see the \\-\\-help of each.\n"
+         ".B whittle convert\nwrites all points in another format,\n.B whittle info\ntells what a cloud is,\n"
+         ".B whittle measure\nprints the distances between two clouds or meshes, and\n.B whittle tiles\nsimplifies a "
+         "cloud "
+         "that doesn't fit into memory step by step; see the \\-\\-help of each.\n"
          ".SH OPTIONS");
     print_man_owns();
     puts(".SH PARAMETERS FOR EVERY DAY");

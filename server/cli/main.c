@@ -7,6 +7,7 @@
  *     whittle convert scan.las scan.ply
  *     whittle measure out/mesh.ply scan.ply                              (server/cli/measure.c)
  *     whittle info scan.las                                              (server/cli/info.c)
+ *     whittle big.laz small.laz --memory 4G; whittle tiles plan ...      (server/cli/tiles.c)
  *
  * Reads like its --help: options, then read, run, write.  The same program is what whittled starts for each job; then
  * --progress-fd names an inherited descriptor, and progress and the end are told there
@@ -39,6 +40,7 @@
 #include "server/cli/output.h"
 #include "server/cli/preview.h"
 #include "server/cli/progress.h"
+#include "server/cli/tiles.h"
 #include "server/shared/worker_protocol.h"
 
 static volatile sig_atomic_t stopping;
@@ -142,16 +144,22 @@ static enum status run_request(struct worker_options *options, struct worker_pro
         *error = missing;
         status = opened;
     }
+    bool tiled = false;
+    if (!status) status = worker_tiles_needed(options, &inputs, &tiled, error);
+    if (!status && tiled && options->dry_run) status = worker_tiles_foretell(options, &inputs, error);
+    if (!status && tiled && !options->dry_run)
+        status = worker_tiles_simplify(options, &inputs, display, &cloud, &result, error);
     const struct cloud_limits limits = {.columns = options->params.columns,
                                         .max_triangles = memory_triangles(&options->params),
                                         .threads = (unsigned)options->params.threads};
-    if (!status) status = worker_inputs_read(&inputs, &limits, &progress, &cloud, error);
-    if (!status && select_is_asked(&options->params))
+    if (!status && !tiled) status = worker_inputs_read(&inputs, &limits, &progress, &cloud, error);
+    if (!status && !tiled && select_is_asked(&options->params))
         status = select_in_place(&cloud, &options->params, &selection, error);
-    if (!status && options->memory_given) status = check_faces(&cloud, &options->params, error);
+    if (!status && !tiled && options->memory_given) status = check_faces(&cloud, &options->params, error);
     if (!status && options->convert) status = worker_output_settle_faces(options, &cloud, error);
-    worker_progress_span(display, READ_SHARE, 1);
     if (options->dry_run) goto out;
+    if (tiled) goto made;
+    worker_progress_span(display, READ_SHARE, 1);
     if (!status && !options->convert && memory_is_kept(cloud.count, &options->params) &&
         options->params.levels.count < 2)
         worker_heap_prepare(cloud.count);
@@ -161,6 +169,7 @@ static enum status run_request(struct worker_options *options, struct worker_pro
     result.report.points_cropped = selection.cropped;
     result.report.points_filtered = selection.filtered;
     if (!status && result.moved) cloud_move(&cloud, result.moved);
+made:
     if (!status && result.normal) status = cloud_set_normals(&cloud, (const float(*)[3])result.normal, error);
     if (!status && options->params.outputs & OUTPUT_ANY_LAS && options->params.colours == COLOURS_8)
         status = cloud_keep_colours(&cloud, error);
@@ -170,11 +179,12 @@ static enum status run_request(struct worker_options *options, struct worker_pro
         status = worker_output_write(options, &inputs, &cloud, &result, error);
         if (is_no_output(status, error)) *exit_status = WIRE_EXIT_NO_OUTPUT;
     }
+    if (!status && tiled) worker_tiles_remove(options);
 out:
     worker_progress_end(display, status, error);
-    if (!status && options->dry_run)
+    if (!status && options->dry_run && !tiled)
         dry_run_print(options, &cloud, &inputs, options->to_standard ? stderr : stdout);
-    else if (!status && (options->summary || options->json))
+    else if (!status && !options->dry_run && (options->summary || options->json))
         status = tell_result(options, &cloud, &result.report, error);
     if (!status && !options->dry_run && !options->json && options->preview) show_preview(options, &cloud, &result);
     pipeline_result_done(&result);
@@ -207,6 +217,10 @@ static _Noreturn void end_without_memory(void) {
 int main(int argc, char **argv) {
     if (argc > 1 && strcmp(argv[1], "measure") == 0) return worker_measure_main(argc - 1, argv + 1);
     if (argc > 1 && strcmp(argv[1], "info") == 0) return worker_info_main(argc - 1, argv + 1);
+    if (argc > 1 && strcmp(argv[1], "tiles") == 0) {
+        catch_signals(false);
+        return worker_tiles_main(argc - 1, argv + 1, memory_there_is(), &stopping);
+    }
     struct worker_options options;
     struct error error = {0};
     enum worker_request request = worker_options_parse(&options, argc, argv, &error);

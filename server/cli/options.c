@@ -20,6 +20,8 @@ enum own {
     OWN_FORCE,
     OWN_DRY_RUN,
     OWN_MEMORY,
+    OWN_SCRATCH,
+    OWN_TILE_POINTS,
     OWN_PROGRESS_FD,
     OWN_PREVIEW,
     OWN_QUIET,
@@ -42,6 +44,8 @@ static const struct own_option {
     [OWN_FORCE] = {"force", 'f', false},
     [OWN_DRY_RUN] = {"dry-run", 'n', false},
     [OWN_MEMORY] = {"memory", 0, true},
+    [OWN_SCRATCH] = {"scratch", 0, true},
+    [OWN_TILE_POINTS] = {"tile-points", 0, true},
     [OWN_PROGRESS_FD] = {"progress-fd", 0, true},
     [OWN_PREVIEW] = {"preview", 0, false},
     [OWN_QUIET] = {"quiet", 'q', false},
@@ -150,6 +154,13 @@ static enum worker_request set_own(struct worker_options *options, enum own own,
         if (!parse_bytes(value, &options->params.memory_bytes))
             return refuse_option(error, written, "it takes a number of bytes over 0, as 4000M or 4G");
         options->memory_given = true;
+        return WORKER_RUN;
+    case OWN_SCRATCH:
+        options->scratch = value;
+        return value[0] ? WORKER_RUN : refuse_option(error, written, "a folder is missing");
+    case OWN_TILE_POINTS:
+        if (!parse_bytes(value, &options->tile_points))
+            return refuse_option(error, written, "it takes a number of points over 0, as 8000000 or 8M");
         return WORKER_RUN;
     case OWN_PREVIEW: return set_preview(options, written, value, error);
     case OWN_FORCE: options->force = true; return WORKER_RUN;

@@ -29,8 +29,10 @@ struct worker_options {
     bool json;          /* the report to standard output in its place */
     bool convert;       /* `whittle convert`: all points as they are */
     enum preview_way preview;
-    bool memory_given;  /* by --memory */
-    bool outputs_given; /* the parameter outputs was set, and isn't the default */
+    bool memory_given;    /* by --memory */
+    const char *scratch;  /* folder of tiles; NULL = not given; borrowed from argv */
+    uint64_t tile_points; /* 0 = not given */
+    bool outputs_given;   /* the parameter outputs was set, and isn't the default */
 };
 
 enum worker_request {

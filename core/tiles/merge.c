@@ -1,0 +1,396 @@
+/* What is left of all tiles, contracted on in memory as if it had been there all the time; then the kept points, read
+ * from the input once more.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <inttypes.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "core/base/alloc.h"
+#include "core/base/hash64.h"
+#include "core/base/par.h"
+#include "core/base/radix.h"
+#include "core/io/formats/las_fields.h"
+#include "core/io/stream.h"
+#include "core/tiles/left.h"
+#include "core/tiles/scratch.h"
+#include "core/tiles/tiles.h"
+
+struct merging {
+    const char *folder;
+    unsigned threads;
+    const struct progress *progress;
+    struct error *error;
+    struct scratch scratch;
+    uint64_t count, links, distinct; /* of all tiles */
+    float largest;
+    struct left_head *head; /* of each tile; owned, as all that follows */
+    vec3 *position;         /* in the order of the files */
+    uint32_t *id;
+    struct ordered_points points; /* along the curve */
+    struct packed_quadric *quadrics;
+    struct adjacency near;
+    struct contraction contraction;
+};
+
+static enum status merge_no_memory(const struct merging *m) {
+    return error_set(m->error, STATUS_NO_MEMORY, "tiles", "not enough memory for %" PRIu64 " points that are left",
+                     m->count);
+}
+
+/* ------------------------------------------------------------------------------------------------ reading */
+
+static int open_left(const struct merging *m, size_t tile, char path[SCRATCH_PATH_BYTES]) {
+    scratch_path(path, m->folder, "left", tile);
+    return open(path, O_RDONLY | O_CLOEXEC);
+}
+
+static enum status read_heads(struct merging *m) {
+    char path[SCRATCH_PATH_BYTES];
+    size_t tiles = m->scratch.head.tiles;
+    enum status status = STATUS_OK;
+    m->head = alloc_zeroed(tiles, sizeof *m->head);
+    if (!m->head) return merge_no_memory(m);
+    for (size_t t = 0; !status && t < tiles; t++) {
+        struct left_head *head = &m->head[t];
+        int fd = open_left(m, t, path);
+        if (fd < 0 && errno == ENOENT)
+            return error_set(m->error, STATUS_BAD_PARAMETER, "scratch", "tile %zu of %zu isn't done yet", t, tiles);
+        if (fd < 0) return error_set(m->error, STATUS_IO, "tiles", "can't open %s: %s", path, strerror(errno));
+        status = scratch_read(fd, head, sizeof *head, 0, path, m->error);
+        close(fd);
+        if (!status &&
+            (memcmp(head->mark, LEFT_MARK, sizeof head->mark) != 0 || head->count > m->scratch.tile[t].points))
+            status = error_set(m->error, STATUS_MALFORMED, "tiles", "%s is damaged", path);
+        m->count += head->count;
+        m->links += head->links;
+        m->distinct += head->distinct;
+        if (head->error > m->largest) m->largest = head->error;
+    }
+    if (!status && (m->count == 0 || m->count >= NONE || m->links >= NONE))
+        status = error_set(m->error, STATUS_LIMIT, "tiles", "%" PRIu64 " points are left", m->count);
+    return status;
+}
+
+static enum status read_positions(struct merging *m) {
+    char path[SCRATCH_PATH_BYTES];
+    enum status status = STATUS_OK;
+    size_t at = 0;
+    m->position = alloc_array(m->count, sizeof *m->position);
+    m->id = alloc_array(m->count, sizeof *m->id);
+    if (!m->position || !m->id) return merge_no_memory(m);
+    for (size_t t = 0; !status && t < m->scratch.head.tiles; t++) {
+        size_t n = m->head[t].count;
+        int fd = open_left(m, t, path);
+        status = scratch_read(fd, m->position + at, n * sizeof *m->position, sizeof *m->head, path, m->error);
+        if (!status)
+            status = scratch_read(fd, m->id + at, n * sizeof *m->id, sizeof *m->head + n * sizeof *m->position, path,
+                                  m->error);
+        if (fd >= 0) close(fd);
+        at += n;
+    }
+    return status;
+}
+
+/* The quadrics, degrees and links of the tile whose points begin at `at`; each to its point's place along the curve. */
+static enum status read_rest_of(struct merging *m, size_t tile, size_t at, size_t link) {
+    char path[SCRATCH_PATH_BYTES];
+    size_t n = m->head[tile].count;
+    uint64_t from = sizeof *m->head + n * (sizeof *m->position + sizeof *m->id);
+    struct packed_quadric *own = alloc_array(n, sizeof *own);
+    uint8_t *degree = alloc_array(n, sizeof *degree);
+    int fd = open_left(m, tile, path);
+    enum status status = own && degree ? STATUS_OK : merge_no_memory(m);
+    if (!status) status = scratch_read(fd, own, n * sizeof *own, from, path, m->error);
+    from += n * sizeof *own;
+    if (!status) status = scratch_read(fd, degree, n, from, path, m->error);
+    if (!status)
+        status =
+            scratch_read(fd, m->near.list + link, m->head[tile].links * sizeof *m->near.list, from + n, path, m->error);
+    for (size_t i = 0; !status && i < n; i++) {
+        uint32_t p = m->points.distinct[at + i];
+        m->quadrics[p] = own[i];
+        m->near.start[p] = (uint32_t)link;
+        m->near.degree[p] = degree[i];
+        link += degree[i];
+    }
+    if (fd >= 0) close(fd);
+    free(own), free(degree);
+    return status;
+}
+
+static enum status read_rest(struct merging *m) {
+    enum status status = STATUS_OK;
+    size_t n = m->points.count, at = 0, link = 0;
+    m->quadrics = alloc_array(n, sizeof *m->quadrics);
+    m->near = (struct adjacency){.n = n, .capacity = m->links};
+    m->near.start = alloc_array(n, sizeof *m->near.start);
+    m->near.degree = alloc_array(n, sizeof *m->near.degree);
+    m->near.list = alloc_array(m->links, sizeof *m->near.list);
+    if (!m->quadrics || !m->near.start || !m->near.degree || !m->near.list) return merge_no_memory(m);
+    for (size_t t = 0; !status && t < m->scratch.head.tiles; t++) {
+        status = read_rest_of(m, t, at, link);
+        at += m->head[t].count;
+        link += m->head[t].links;
+    }
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ links */
+
+/* Points along the curve by their numbers in the input. */
+struct directory {
+    size_t slots;
+    uint32_t *slot; /* owned */
+};
+
+static uint32_t input_id(const struct merging *m, uint32_t along) { return m->id[m->points.original[along]]; }
+
+static uint32_t *find(const struct merging *m, const struct directory *d, uint32_t id) {
+    size_t s = (size_t)hash64(id) & (d->slots - 1);
+    while (d->slot[s] != NONE && input_id(m, d->slot[s]) != id) s = (s + 1) & (d->slots - 1);
+    return &d->slot[s];
+}
+
+/* From numbers in the input to places along the curve, without those that lead nowhere. */
+static enum status join(struct merging *m) {
+    struct directory d = {.slots = 1};
+    size_t n = m->points.count;
+    while (d.slots < 2 * n) d.slots *= 2;
+    d.slot = alloc_array(d.slots, sizeof *d.slot);
+    if (!d.slot) return merge_no_memory(m);
+    memset(d.slot, -1, d.slots * sizeof *d.slot);
+    for (size_t p = 0; p < n; p++) *find(m, &d, input_id(m, (uint32_t)p)) = (uint32_t)p;
+    for (size_t p = 0; p < n; p++) {
+        uint32_t *list = &m->near.list[m->near.start[p]];
+        unsigned kept = 0;
+        for (unsigned i = 0; i < m->near.degree[p]; i++) {
+            uint32_t q = *find(m, &d, list[i]);
+            if (q != NONE && q != p) list[kept++] = q;
+        }
+        m->near.degree[p] = (uint8_t)kept;
+    }
+    free(d.slot);
+    return STATUS_OK;
+}
+
+/* ------------------------------------------------------------------------------------------------ the kept points */
+
+static size_t kept_of(const struct merging *m, size_t level) {
+    const struct params *params = &m->scratch.head.params;
+    double ratio = params->levels.count ? params->levels.ratio[level] : params->ratio;
+    double wanted = params->points ? (double)params->points : floor(ratio * (double)m->scratch.head.points);
+    if (wanted < 1) wanted = 1;
+    return wanted < (double)m->points.count ? (size_t)wanted : m->points.count;
+}
+
+/* What the whole input says of its points, with room for n. */
+static enum status describe(const struct cloud *from, size_t n, struct cloud *to) {
+    *to = (struct cloud){.property_count = from->property_count,
+                         .record_bytes = from->record_bytes,
+                         .form = from->form,
+                         .xyz = {from->xyz[0], from->xyz[1], from->xyz[2]}};
+    to->property = alloc_array(from->property_count, sizeof *to->property);
+    to->position = alloc_array(n, sizeof *to->position);
+    to->record = alloc_array(n, from->record_bytes);
+    if (from->comments) to->comments = alloc_array(strlen(from->comments) + 1, 1);
+    if (from->left_out) to->left_out = alloc_array(strlen(from->left_out) + 1, 1);
+    if (from->las) to->las = alloc_array(1, sizeof *to->las + from->las->records_bytes);
+    bool room = to->property && to->position && to->record && (!from->comments || to->comments) &&
+                (!from->left_out || to->left_out) && (!from->las || to->las);
+    if (!room) {
+        cloud_done(to);
+        return STATUS_NO_MEMORY;
+    }
+    memcpy(to->property, from->property, from->property_count * sizeof *to->property);
+    if (to->comments) memcpy(to->comments, from->comments, strlen(from->comments) + 1);
+    if (to->left_out) memcpy(to->left_out, from->left_out, strlen(from->left_out) + 1);
+    if (to->las) memcpy(to->las, from->las, sizeof *to->las + from->las->records_bytes);
+    return STATUS_OK;
+}
+
+static enum status check_input(const struct merging *m) {
+    for (size_t i = 0; i < m->scratch.head.inputs; i++) {
+        struct scratch_input now;
+        const struct scratch_input *then = &m->scratch.input[i];
+        enum status status = scratch_identify(then->path, &now, m->error);
+        if (status) return status;
+        if (now.bytes != then->bytes || now.hash != then->hash || now.modified_ns != then->modified_ns)
+            return error_set(m->error, STATUS_BAD_PARAMETER, "input", "%s isn't what it was when tiles were planned",
+                             then->path);
+    }
+    return STATUS_OK;
+}
+
+static enum status reopen_input(const struct merging *m, struct cloud_stream **stream) {
+    size_t n = m->scratch.head.inputs;
+    const char **path = alloc_array(n, sizeof *path);
+    const struct cloud_limits limits = {.columns = m->scratch.head.params.columns, .threads = m->threads};
+    if (!path) return merge_no_memory(m);
+    for (size_t i = 0; i < n; i++) path[i] = m->scratch.input[i].path;
+    enum status status = cloud_stream_open(path, n, &limits, stream, m->error);
+    free(path);
+    return status;
+}
+
+/* wanted: n points' numbers in the input, ascending, each with its rank. */
+static enum status read_kept(const struct merging *m, struct cloud_stream *stream, const uint64_t *wanted, size_t n,
+                             uint32_t *kept, struct cloud *cloud) {
+    uint64_t first = 0;
+    while (cloud->count < n) {
+        const struct cloud *part;
+        enum status status = cloud_stream_next(stream, &part, m->error);
+        if (status) return status;
+        if (part->count == 0) return error_set(m->error, STATUS_IO, "read", "the input has changed while it was read");
+        for (; cloud->count < n && radix_key(wanted[cloud->count]) < first + part->count; cloud->count++) {
+            size_t from = (size_t)(radix_key(wanted[cloud->count]) - first), to = cloud->count;
+            cloud->position[to] = part->position[from];
+            memcpy(cloud->record + to * cloud->record_bytes, part->record + from * cloud->record_bytes,
+                   cloud->record_bytes);
+            kept[radix_value(wanted[to])] = (uint32_t)to;
+        }
+        first += part->count;
+        if (progress_tick(m->progress, "gather", 0.6 + 0.4 * cloud_stream_fraction(stream)))
+            return error_set(m->error, STATUS_CANCELLED, "tiles", "cancelled");
+    }
+    return STATUS_OK;
+}
+
+static enum status gather(const struct merging *m, size_t n, struct cloud *cloud, uint32_t **kept) {
+    struct cloud_stream *stream = NULL;
+    uint64_t *item = alloc_array(n, sizeof *item), *spare = alloc_array(n, sizeof *spare), *sorted = item;
+    *kept = alloc_array(n, sizeof **kept);
+    enum status status = item && spare && *kept ? STATUS_OK : merge_no_memory(m);
+    for (size_t i = 0; !status && i < n; i++)
+        item[i] = radix_item(input_id(m, m->contraction.order[m->contraction.n - 1 - i]), (uint32_t)i);
+    if (!status) sorted = radix_sort(item, spare, n, m->threads);
+    if (!status) status = reopen_input(m, &stream);
+    if (!status && describe(cloud_stream_cloud(stream), n, cloud)) status = merge_no_memory(m);
+    if (!status) status = read_kept(m, stream, sorted, n, *kept, cloud);
+    cloud_stream_free(stream);
+    free(item), free(spare);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ the whole */
+
+static double now_ms(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
+}
+
+static int contract_tick(void *ctx, const char *stage, double fraction) {
+    return progress_tick(ctx, stage, 0.2 + 0.4 * fraction);
+}
+
+static enum status finish(struct merging *m) {
+    const struct scratch_head *head = &m->scratch.head;
+    const struct contract_options options = {m->threads, 1};
+    const struct progress progress = {contract_tick, (void *)(uintptr_t)m->progress};
+    enum status status = read_heads(m);
+    if (!status && progress_tick(m->progress, "join", 0)) return STATUS_CANCELLED;
+    if (!status) status = read_positions(m);
+    if (!status && order_points_of(&head->whole, m->position, m->count, m->threads, &m->points))
+        status = merge_no_memory(m);
+    free(m->position);
+    m->position = NULL;
+    alloc_give_back();
+    if (!status && m->points.count != m->count)
+        status = error_set(m->error, STATUS_ENGINE, "tiles", "%" PRIu64 " points are in two tiles",
+                           m->count - m->points.count);
+    if (!status) status = read_rest(m);
+    if (!status) status = join(m);
+    if (!status) {
+        status = contract_rest(m->points.point, &m->near, m->quadrics, head->length_bias, m->largest, &options,
+                               &progress, &m->contraction);
+        if (status == STATUS_NO_MEMORY) merge_no_memory(m);
+    }
+    free(m->quadrics);
+    m->quadrics = NULL;
+    alloc_give_back();
+    return status;
+}
+
+static void report_levels(const struct merging *m, struct pipeline_result *result) {
+    const struct scratch_head *head = &m->scratch.head;
+    struct report *report = &result->report;
+    result->level_count = head->params.levels.count ? head->params.levels.count : 1;
+    report->level_count = result->level_count;
+    for (size_t i = 0; i < result->level_count; i++) {
+        size_t kept = kept_of(m, i), made = m->contraction.n - kept;
+        result->level[i].kept_count = kept;
+        report->level[i].points_out = kept;
+        report->level[i].ratio = (double)kept / (double)head->points;
+        double error = made ? (double)m->contraction.error[made - 1] : (double)m->largest;
+        report->level[i].contraction_error = error * head->whole.scale;
+    }
+    report->points_in = head->points;
+    report->points_distinct = m->distinct;
+    report->diagonal = head->whole.diagonal;
+    memcpy(report->box_min, &head->whole.box_min, sizeof report->box_min);
+    memcpy(report->box_max, &head->whole.box_max, sizeof report->box_max);
+}
+
+static void merging_done(struct merging *m) {
+    free(m->head), free(m->position), free(m->id), free(m->quadrics);
+    ordered_points_done(&m->points);
+    adjacency_done(&m->near);
+    contraction_done(&m->contraction);
+    scratch_done(&m->scratch);
+}
+
+enum status tiles_merge(const char *folder, unsigned threads, const struct progress *progress, struct cloud *cloud,
+                        struct pipeline_result *result, struct error *error) {
+    struct merging m = {.folder = folder, .threads = threads, .progress = progress, .error = error};
+    struct pipeline_result made = {0};
+    struct cloud kept = {0};
+    struct rusage usage;
+    double start_ms = now_ms();
+    struct par_team *team = par_team_new();
+    enum status status = team ? scratch_load(folder, &m.scratch, error) : merge_no_memory(&m);
+    if (!status) status = check_input(&m);
+    if (!status) status = finish(&m);
+    if (!status) report_add_stage(&made.report, "merge", now_ms() - start_ms);
+    if (!status) status = gather(&m, kept_of(&m, 0), &kept, &made.kept);
+    par_team_free(team);
+    if (status == STATUS_CANCELLED) error_set(error, status, "tiles", "cancelled");
+    if (!status) {
+        report_levels(&m, &made);
+        snprintf(made.report.format, sizeof made.report.format, "%s", kept.form);
+        made.report.total_ms = now_ms() - start_ms;
+        getrusage(RUSAGE_SELF, &usage);
+        made.report.peak_rss_bytes = (uint64_t)usage.ru_maxrss * 1024;
+        *cloud = kept;
+        *result = made;
+    } else {
+        cloud_done(&kept);
+        pipeline_result_done(&made);
+    }
+    merging_done(&m);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ removal */
+
+static bool is_ours(const char *name) {
+    static const char *const names[] = {"plan", "points.", "left.", "raw.", ".plan.", ".points.", ".left."};
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+        if (i == 0 ? strcmp(name, names[i]) == 0 : strncmp(name, names[i], strlen(names[i])) == 0) return true;
+    return false;
+}
+
+void tiles_remove(const char *folder) {
+    DIR *entries = opendir(folder);
+    for (struct dirent *entry; entries && (entry = readdir(entries));)
+        if (is_ours(entry->d_name)) unlinkat(dirfd(entries), entry->d_name, 0);
+    if (entries) closedir(entries);
+    rmdir(folder);
+}

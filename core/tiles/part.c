@@ -1,0 +1,101 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/tiles/part.h"
+
+#include <stdlib.h>
+
+#include "core/base/alloc.h"
+#include "core/pipeline/memory.h"
+#include "core/simplify/dso.h"
+#include "core/simplify/normals.h"
+#include "core/spatial/knn.h"
+#include "core/spatial/neighbourhood.h"
+
+static enum status part_no_memory(size_t points, struct error *error) {
+    return error_set(error, STATUS_NO_MEMORY, "tiles", "not enough memory for %zu points", points);
+}
+
+static double mean_of_own(const float *value, const uint8_t *own, size_t n) {
+    double sum = 0;
+    size_t count = 0;
+    for (size_t i = 0; i < n; i++) {
+        if (!own[i]) continue;
+        sum += (double)value[i];
+        count++;
+    }
+    return count ? sum / (double)count : 0;
+}
+
+static enum status find_hood(const struct part *part, bool find, struct part_whole *whole, struct neighbourhood *hood) {
+    size_t n = part->points.count;
+    struct knn *knn = NULL;
+    const struct params *params = part->params;
+    const struct neighbourhood_options options = {params->neighbourhood, (unsigned)params->neighbours_min,
+                                                  (unsigned)params->neighbours_max, part->threads};
+    enum status status = knn_new(part->points.point, n, part->threads, &knn, NULL);
+    if (!status && find) status = neighbourhood_noisy(knn, part->points.point, n, part->threads, &whole->noisy);
+    if (!status) status = neighbourhood_find_as(knn, part->points.point, n, &options, whole->noisy, hood);
+    knn_free(knn);
+    return status;
+}
+
+/* The quadrics of all points, from their neighbourhoods. */
+static enum status assemble(struct part *part, const struct neighbourhood *hood, bool find, struct part_whole *whole) {
+    size_t n = part->points.count;
+    const struct params *params = part->params;
+    const struct quadric_options options = {(enum area_weight)params->area_weight, params->line_quadric, part->threads};
+    bool smoothed = params->dso == DSO_RMS;
+    vec3 *normal = alloc_array(n, sizeof *normal);
+    float *dso = alloc_array(n, sizeof *dso), *smooth = alloc_array(n, sizeof *smooth);
+    float *weight = alloc_array(n, sizeof *weight);
+    part->quadrics = alloc_array(n, sizeof *part->quadrics);
+    bool room = normal && dso && smooth && weight && part->quadrics;
+    if (room) {
+        normals_fit(part->points.point, hood, part->threads, normal, NULL);
+        dso_compute(part->points.point, normal, hood, (enum dso_form)params->dso, part->threads, dso);
+        if (smoothed) dso_smooth(dso, hood, part->threads, smooth);
+        const float *operator= smoothed ? smooth : dso;
+        if (find) whole->average = mean_of_own(operator, part->own, n);
+        dso_weights_about(operator, n, whole->average, params->dso_exponent, part->threads, weight);
+        quadric_assemble(part->points.point, normal, hood, weight, &options, part->quadrics);
+        if (find) whole->length_bias = contract_length_bias(part->quadrics, part->own, n);
+    }
+    free(normal), free(dso), free(smooth), free(weight);
+    return room ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+enum status part_make(struct part *part, const struct scratch_points *points, bool find, struct part_whole *whole,
+                      const struct progress *progress, struct error *error) {
+    struct neighbourhood hood = {0};
+    size_t given = points->count;
+    enum status status = order_points_of(&whole->frame, points->position, given, part->threads, &part->points);
+    if (status) return part_no_memory(given, error);
+    size_t n = part->points.count;
+    part->own = alloc_array(n, sizeof *part->own);
+    if (!part->own) return part_no_memory(given, error);
+    for (size_t i = 0; i < n; i++) part->own[i] = points->own[part->points.original[i]];
+    if (progress_tick(progress, "neighbours", 0)) return STATUS_CANCELLED;
+    status = find_hood(part, find, whole, &hood);
+    alloc_give_back();
+    if (!status && progress_tick(progress, "quadrics", 0)) status = STATUS_CANCELLED;
+    if (!status) status = assemble(part, &hood, find, whole);
+    if (!status) status = adjacency_from(&hood, part->threads, &part->near);
+    neighbourhood_done(&hood);
+    return status == STATUS_NO_MEMORY ? part_no_memory(given, error) : status;
+}
+
+void part_done(struct part *part) {
+    if (!part) return;
+    ordered_points_done(&part->points);
+    adjacency_done(&part->near);
+    free(part->own), free(part->quadrics);
+    part->own = NULL, part->quadrics = NULL;
+}
+
+/* What a cloud takes, of which the records aren't there, but numbers and marks. */
+double part_bytes(const struct params *params) {
+    enum { SMALL = 1 << 20, BESIDE = 16 };
+    struct params cloud = *params;
+    cloud.outputs = OUTPUT_CLOUD;
+    const struct memory_job one = {.points = SMALL}, two = {.points = 2 * SMALL};
+    return BESIDE + ((double)memory_predict(&two, &cloud) - (double)memory_predict(&one, &cloud)) / SMALL;
+}

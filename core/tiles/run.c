@@ -1,0 +1,140 @@
+/* One tile: its points and those around it go through the stages and the passes as in the whole cloud, and those of its
+ * own that are left are written.
+ *
+ * What happens to the points around is another tile's to write; here they are simulated, so that the tile's own points
+ * meet what they would meet.  Near the outer border they meet too little, which the width of what is taken along keeps
+ * away from the tile.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/base/alloc.h"
+#include "core/base/par.h"
+#include "core/io/file_out.h"
+#include "core/io/sink.h"
+#include "core/tiles/left.h"
+#include "core/tiles/part.h"
+#include "core/tiles/scratch.h"
+#include "core/tiles/tiles.h"
+
+static const double SPARSE = 0.9; /* of the points are no farther apart than what the width is counted in */
+
+struct running {
+    const char *folder;
+    size_t tile;
+    struct scratch scratch;
+    struct grid grid;
+    const struct progress *progress;
+    struct error *error;
+};
+
+static enum status run_no_memory(const struct running *run) {
+    return error_set(run->error, STATUS_NO_MEMORY, "tiles", "not enough memory for tile %zu", run->tile);
+}
+
+/* Marks which of those left are the tile's own; fills what the head tells. */
+static struct left_head head_of(const struct part *part, const struct contract_left *left) {
+    struct left_head head = {.mark = LEFT_MARK, .error = left->error};
+    for (size_t i = 0; i < left->n; i++) {
+        if (!part->own[left->id[i]]) continue;
+        head.count++;
+        head.links += left->near.degree[i];
+    }
+    for (size_t i = 0; i < part->points.count; i++) head.distinct += part->own[i];
+    return head;
+}
+
+/* Array by array, of those that are the tile's own. */
+static void put(struct sink *sink, const struct part *part, const struct scratch_points *points,
+                const struct contract_left *left) {
+    enum { POSITIONS, IDS, QUADRICS, DEGREES, LINKS, ARRAYS };
+    const struct left_head head = head_of(part, left);
+    const uint32_t *original = part->points.original;
+    sink_bytes(sink, &head, sizeof head);
+    for (int array = 0; array < ARRAYS; array++)
+        for (size_t i = 0; i < left->n; i++) {
+            uint32_t p = left->id[i], links[UINT8_MAX];
+            unsigned degree = left->near.degree[i];
+            const uint32_t *list = &left->near.list[left->near.start[i]];
+            if (!part->own[p]) continue;
+            if (array == POSITIONS) sink_bytes(sink, &points->position[original[p]], sizeof *points->position);
+            if (array == IDS) sink_bytes(sink, &points->id[original[p]], sizeof *points->id);
+            if (array == QUADRICS) sink_bytes(sink, &left->quadric[i], sizeof left->quadric[i]);
+            if (array == DEGREES) sink_bytes(sink, &left->near.degree[i], sizeof left->near.degree[i]);
+            for (unsigned k = 0; array == LINKS && k < degree; k++) links[k] = points->id[original[left->id[list[k]]]];
+            if (array == LINKS) sink_bytes(sink, links, degree * sizeof *links);
+        }
+}
+
+static enum status save(const struct running *run, const struct part *part, const struct scratch_points *points,
+                        const struct contract_left *left) {
+    char path[SCRATCH_PATH_BYTES];
+    struct file_out file;
+    struct sink sink;
+    scratch_path(path, run->folder, "left", run->tile);
+    enum status status = file_out_begin(&file, path, run->error);
+    if (status) return status;
+    status = sink_init(&sink, file.fd);
+    if (!status) put(&sink, part, points, left);
+    status = sink_done(&sink, status, run->error);
+    if (status)
+        file_out_abort(&file);
+    else
+        status = file_out_commit(&file, 1, run->error);
+    return status;
+}
+
+static enum status contract_tile(const struct running *run, struct part *part, struct contract_left *left) {
+    const struct scratch_head *head = &run->scratch.head;
+    const struct contract_part some = {.threads = part->threads,
+                                       .length_bias = head->length_bias,
+                                       .passes = head->passes,
+                                       .limit = run->scratch.limit};
+    enum status status = contract_some(part->points.point, &part->near, part->quadrics, &some, run->progress, left);
+    if (status == STATUS_CANCELLED) error_set(run->error, status, "tiles", "cancelled");
+    return status == STATUS_NO_MEMORY ? run_no_memory(run) : status;
+}
+
+static enum status run_tile(struct running *run, unsigned threads) {
+    const struct scratch *s = &run->scratch;
+    const struct grid_tile *tile = &s->tile[run->tile];
+    struct scratch_points points = {0};
+    struct part part = {.params = &s->head.params, .threads = threads};
+    struct part_whole whole = {s->head.whole, s->head.noisy, s->head.average, s->head.length_bias};
+    struct contract_left left = {0};
+    double spacing;
+    if (grid_from(&run->grid, s->head.anchor, s->head.level, s->cell, s->head.cells) ||
+        grid_spacing(&run->grid, tile, SPARSE, &spacing))
+        return run_no_memory(run);
+    enum status status =
+        scratch_gather(run->folder, s, &run->grid, tile, s->head.reach * spacing, s->head.room, &points, run->error);
+    if (!status) status = part_make(&part, &points, false, &whole, run->progress, run->error);
+    if (status == STATUS_CANCELLED) error_set(run->error, status, "tiles", "cancelled");
+    if (!status) status = contract_tile(run, &part, &left);
+    if (!status) status = save(run, &part, &points, &left);
+    contract_left_done(&left);
+    part_done(&part);
+    scratch_points_done(&points);
+    return status;
+}
+
+bool tiles_is_done(const char *folder, size_t tile) { return scratch_has(folder, "left", tile); }
+
+enum status tiles_run(const char *folder, size_t tile, unsigned threads, const struct progress *progress,
+                      struct error *error) {
+    struct running run = {.folder = folder, .tile = tile, .progress = progress, .error = error};
+    enum status status = scratch_load(folder, &run.scratch, error);
+    if (!status && tile >= run.scratch.head.tiles)
+        status = error_set(error, STATUS_BAD_PARAMETER, "tile", "%zu: the plan has tiles 0 to %" PRIu64, tile,
+                           run.scratch.head.tiles - 1);
+    if (!status && !scratch_has(folder, "left", tile)) {
+        struct par_team *team = par_team_new();
+        status = team ? run_tile(&run, threads) : run_no_memory(&run);
+        par_team_free(team);
+    }
+    grid_done(&run.grid);
+    scratch_done(&run.scratch);
+    return status;
+}

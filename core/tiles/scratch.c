@@ -1,0 +1,347 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/tiles/scratch.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <inttypes.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "core/base/alloc.h"
+#include "core/base/hash64.h"
+#include "core/base/version.h"
+#include "core/io/file_out.h"
+#include "core/io/sink.h"
+
+static const char mark[16] = "whittle tiles 1";
+enum { ID_BYTES = sizeof(uint32_t), LOOK_BYTES = 64 * 1024 };
+
+void scratch_path(char path[SCRATCH_PATH_BYTES], const char *folder, const char *name, size_t number) {
+    if (strcmp(name, "plan") == 0)
+        snprintf(path, SCRATCH_PATH_BYTES, "%s/plan", folder);
+    else
+        snprintf(path, SCRATCH_PATH_BYTES, "%s/%s.%zu", folder, name, number);
+}
+
+bool scratch_has(const char *folder, const char *name, size_t number) {
+    char path[SCRATCH_PATH_BYTES];
+    scratch_path(path, folder, name, number);
+    return access(path, R_OK) == 0;
+}
+
+enum status scratch_read(int fd, void *to, size_t n, uint64_t at, const char *path, struct error *error) {
+    for (size_t done = 0; done < n;) {
+        ssize_t got = pread(fd, (char *)to + done, n - done, (off_t)(at + done));
+        if (got < 0 && errno == EINTR) continue;
+        if (got <= 0)
+            return error_set(error, STATUS_IO, "tiles", "can't read %s: %s", path,
+                             got < 0 ? strerror(errno) : "it is too short");
+        done += (size_t)got;
+    }
+    return STATUS_OK;
+}
+
+/* ------------------------------------------------------------------------------------------------ the plan */
+
+void scratch_done(struct scratch *scratch) {
+    if (!scratch) return;
+    free(scratch->input), free(scratch->tile), free(scratch->cell), free(scratch->limit);
+    *scratch = (struct scratch){0};
+}
+
+static uint64_t hash_of(uint64_t hash, const void *bytes, size_t n) {
+    const unsigned char *at = bytes;
+    for (; n >= 8; n -= 8, at += 8) {
+        uint64_t word;
+        memcpy(&word, at, sizeof word);
+        hash = hash64(hash + word);
+    }
+    for (; n; n--, at++) hash = hash64(hash + *at + 1);
+    return hash;
+}
+
+struct piece {
+    void **array;
+    size_t count, size;
+};
+
+static void pieces_of(struct scratch *s, struct piece piece[4]) {
+    piece[0] = (struct piece){(void **)&s->input, s->head.inputs, sizeof *s->input};
+    piece[1] = (struct piece){(void **)&s->tile, s->head.tiles, sizeof *s->tile};
+    piece[2] = (struct piece){(void **)&s->cell, s->head.cells, sizeof *s->cell};
+    piece[3] = (struct piece){(void **)&s->limit, s->head.passes, sizeof *s->limit};
+}
+
+enum status scratch_save(const char *folder, const struct scratch *scratch, struct error *error) {
+    char path[SCRATCH_PATH_BYTES];
+    struct scratch copy = *scratch;
+    struct file_out file;
+    struct sink sink;
+    struct piece piece[4];
+    memcpy(copy.head.mark, mark, sizeof mark);
+    snprintf(copy.head.version, sizeof copy.head.version, "%s", whittle_version());
+    pieces_of(&copy, piece);
+    scratch_path(path, folder, "plan", 0);
+    enum status status = file_out_begin(&file, path, error);
+    if (status) return status;
+    status = sink_init(&sink, file.fd);
+    uint64_t hash = hash_of(0, &copy.head, sizeof copy.head);
+    sink_bytes(&sink, &copy.head, sizeof copy.head);
+    for (size_t i = 0; i < 4; i++) {
+        hash = hash_of(hash, *piece[i].array, piece[i].count * piece[i].size);
+        sink_bytes(&sink, *piece[i].array, piece[i].count * piece[i].size);
+    }
+    sink_bytes(&sink, &hash, sizeof hash);
+    status = sink_done(&sink, status, error);
+    if (status)
+        file_out_abort(&file);
+    else
+        status = file_out_commit(&file, 1, error);
+    return status;
+}
+
+static enum status load(int fd, const char *path, struct scratch *s, struct error *error) {
+    struct scratch_head *head = &s->head;
+    struct piece piece[4];
+    enum status status = scratch_read(fd, head, sizeof *head, 0, path, error);
+    if (status) return status;
+    if (memcmp(head->mark, mark, sizeof mark) != 0)
+        return error_set(error, STATUS_MALFORMED, "tiles", "%s is no plan of tiles", path);
+    head->version[sizeof head->version - 1] = '\0';
+    if (strcmp(head->version, whittle_version()) != 0)
+        return error_set(error, STATUS_BAD_PARAMETER, "tiles", "%s was made by whittle %s; use another folder", path,
+                         head->version);
+    uint64_t at = sizeof *head, found = 0, hash = hash_of(0, head, sizeof *head);
+    if (head->cells > GRID_MOST_CELLS || head->tiles > GRID_MOST_CELLS || head->inputs > GRID_MOST_CELLS ||
+        head->passes > GRID_MOST_CELLS)
+        return error_set(error, STATUS_MALFORMED, "tiles", "%s is damaged", path);
+    pieces_of(s, piece);
+    for (size_t i = 0; !status && i < 4; i++) {
+        size_t n = piece[i].count * piece[i].size;
+        *piece[i].array = alloc_array(piece[i].count, piece[i].size);
+        if (!*piece[i].array) return error_set(error, STATUS_NO_MEMORY, "tiles", "no memory for the plan");
+        status = scratch_read(fd, *piece[i].array, n, at, path, error);
+        if (!status) hash = hash_of(hash, *piece[i].array, n);
+        at += n;
+    }
+    if (!status) status = scratch_read(fd, &found, sizeof found, at, path, error);
+    if (!status && found != hash) status = error_set(error, STATUS_MALFORMED, "tiles", "%s is damaged", path);
+    return status;
+}
+
+enum status scratch_load(const char *folder, struct scratch *scratch, struct error *error) {
+    char path[SCRATCH_PATH_BYTES];
+    struct scratch loaded = {0};
+    scratch_path(path, folder, "plan", 0);
+    int fd = open(path, O_RDONLY | O_CLOEXEC);
+    if (fd < 0) return error_set(error, STATUS_IO, "tiles", "there is no plan %s: %s", path, strerror(errno));
+    enum status status = load(fd, path, &loaded, error);
+    close(fd);
+    if (status)
+        scratch_done(&loaded);
+    else
+        *scratch = loaded;
+    return status;
+}
+
+/* The first, the middle and the last bytes are looked at. */
+enum status scratch_identify(const char *path, struct scratch_input *input, struct error *error) {
+    unsigned char look[LOOK_BYTES];
+    struct stat about;
+    memset(input, 0, sizeof *input);
+    char *whole = realpath(path, NULL);
+    int fd = whole ? open(whole, O_RDONLY | O_CLOEXEC) : -1;
+    enum status status = STATUS_OK;
+    if (fd < 0 || fstat(fd, &about) != 0)
+        status = error_set(error, STATUS_IO, "read", "can't open %s: %s", path, strerror(errno));
+    else if (!S_ISREG(about.st_mode))
+        status = error_set(error, STATUS_UNSUPPORTED, "tiles",
+                           "%s is no regular file; what doesn't fit into memory is read more than once", path);
+    else if (strlen(whole) >= sizeof input->path)
+        status = error_set(error, STATUS_LIMIT, "tiles", "the path of %s is too long", path);
+    if (!status) {
+        snprintf(input->path, sizeof input->path, "%s", whole);
+        input->bytes = (uint64_t)about.st_size;
+        input->modified_ns = (uint64_t)about.st_mtim.tv_sec * 1000000000u + (uint64_t)about.st_mtim.tv_nsec;
+        size_t n = input->bytes < sizeof look ? (size_t)input->bytes : sizeof look;
+        const uint64_t at[] = {0, (input->bytes - n) / 2, input->bytes - n};
+        for (size_t i = 0; !status && i < 3; i++) {
+            status = scratch_read(fd, look, n, at[i], path, error);
+            if (!status) input->hash = hash_of(input->hash, look, n);
+        }
+    }
+    if (fd >= 0) close(fd);
+    free(whole);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ points */
+
+size_t scratch_record_bytes(const struct scratch_coding *coding) {
+    return ID_BYTES + (coding->kind == CODING_F64 ? 24 : 12);
+}
+
+static int32_t whole_of(const struct scratch_coding *coding, int axis, double value) {
+    double n = nearbyint((value - coding->add[axis]) / coding->scale[axis]);
+    return n >= INT32_MIN && n <= INT32_MAX ? (int32_t)n : 0;
+}
+
+bool scratch_codes(const struct scratch_coding *coding, vec3 p) {
+    const double value[3] = {p.x, p.y, p.z};
+    for (int axis = 0; axis < 3; axis++) {
+        double back = value[axis];
+        if (coding->kind == CODING_F32) back = (double)(float)back;
+        if (coding->kind == CODING_SCALED)
+            back = (double)whole_of(coding, axis, back) * coding->scale[axis] + coding->add[axis];
+        if (memcmp(&back, &value[axis], sizeof back) != 0) return false;
+    }
+    return true;
+}
+
+void scratch_encode(const struct scratch_coding *coding, vec3 p, uint32_t id, unsigned char *record) {
+    const double value[3] = {p.x, p.y, p.z};
+    if (coding->kind == CODING_F64) {
+        memcpy(record, value, sizeof value);
+        record += sizeof value;
+    }
+    for (int axis = 0; coding->kind != CODING_F64 && axis < 3; axis++, record += 4) {
+        if (coding->kind == CODING_F32)
+            memcpy(record, &(float){(float)value[axis]}, 4);
+        else
+            memcpy(record, &(int32_t){whole_of(coding, axis, value[axis])}, 4);
+    }
+    memcpy(record, &id, sizeof id);
+}
+
+vec3 scratch_decode(const struct scratch_coding *coding, const unsigned char *record, uint32_t *id) {
+    double value[3];
+    if (coding->kind == CODING_F64) {
+        memcpy(value, record, sizeof value);
+        record += sizeof value;
+    }
+    for (int axis = 0; coding->kind != CODING_F64 && axis < 3; axis++, record += 4) {
+        float single;
+        int32_t whole;
+        memcpy(&single, record, 4);
+        memcpy(&whole, record, 4);
+        value[axis] =
+            coding->kind == CODING_F32 ? (double)single : (double)whole * coding->scale[axis] + coding->add[axis];
+    }
+    memcpy(id, record, sizeof *id);
+    return (vec3){value[0], value[1], value[2]};
+}
+
+void scratch_points_done(struct scratch_points *points) {
+    if (!points) return;
+    free(points->position), free(points->id), free(points->own);
+    *points = (struct scratch_points){0};
+}
+
+static bool is_in(const struct grid_tile *box, struct grid_place place) {
+    for (int axis = 0; axis < 3; axis++)
+        if (place.at[axis] < box->from.at[axis] || place.at[axis] >= box->to.at[axis]) return false;
+    return true;
+}
+
+/* Whether the cell reaches into the space around the box; distances in sides of cells. */
+static bool is_near(const struct grid_tile *box, struct grid_place place, double width) {
+    for (int axis = 0; axis < 3; axis++) {
+        double below = (double)box->from.at[axis] - (double)place.at[axis] - 1;
+        double above = (double)place.at[axis] - (double)box->to.at[axis];
+        if (below > width || above > width) return false;
+    }
+    return true;
+}
+
+static bool is_point_near(const struct grid_tile *box, const struct grid *grid, vec3 p, double width) {
+    double side = grid_side(grid);
+    const double at[3] = {p.x - grid->anchor.x, p.y - grid->anchor.y, p.z - grid->anchor.z};
+    for (int axis = 0; axis < 3; axis++)
+        if (at[axis] < (double)box->from.at[axis] * side - width || at[axis] > (double)box->to.at[axis] * side + width)
+            return false;
+    return true;
+}
+
+/* Reads count points of a tile's file from `first` on and takes those that are near enough. */
+static enum status take_run(int fd, const char *path, const struct scratch *scratch, const struct grid *grid,
+                            const struct grid_tile *box, double width, uint64_t first, uint64_t count,
+                            struct scratch_points *points, struct error *error) {
+    enum { PIECE = 1 << 16 };
+    const struct scratch_coding *coding = &scratch->head.coding;
+    size_t each = scratch_record_bytes(coding);
+    unsigned char *piece = alloc_array(PIECE, each);
+    enum status status = piece ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "tiles", "no memory to read points");
+    while (!status && count) {
+        size_t n = count < PIECE ? (size_t)count : PIECE;
+        status = scratch_read(fd, piece, n * each, first * each, path, error);
+        for (size_t i = 0; !status && i < n; i++) {
+            uint32_t id;
+            vec3 p = scratch_decode(coding, piece + i * each, &id);
+            bool own = is_in(box, grid_place_of(grid, p));
+            if (!own && !is_point_near(box, grid, p, width)) continue;
+            points->position[points->count] = p;
+            points->id[points->count] = id;
+            points->own[points->count++] = own;
+        }
+        first += n;
+        count -= n;
+    }
+    free(piece);
+    return status;
+}
+
+/* The points of cells that are near, for a width. */
+static uint64_t count_near(const struct scratch *scratch, const struct grid_tile *box, double width) {
+    uint64_t sum = 0;
+    for (size_t i = 0; i < scratch->head.cells; i++)
+        if (is_near(box, scratch->cell[i].place, width)) sum += scratch->cell[i].count;
+    return sum;
+}
+
+enum status scratch_gather(const char *folder, const struct scratch *scratch, const struct grid *grid,
+                           const struct grid_tile *box, double width, uint64_t room, struct scratch_points *points,
+                           struct error *error) {
+    const double narrower = 0.85;
+    enum { NARROWINGS = 30 };
+    double side = grid_side(grid);
+    *points = (struct scratch_points){0};
+    uint64_t most = count_near(scratch, box, width / side);
+    for (int i = 0; most > room; i++) {
+        width = i < NARROWINGS ? width * narrower : -1;
+        most = count_near(scratch, box, width / side);
+        if (i >= NARROWINGS) break;
+    }
+    points->position = alloc_array(most, sizeof *points->position);
+    points->id = alloc_array(most, sizeof *points->id);
+    points->own = alloc_array(most, sizeof *points->own);
+    enum status status = points->position && points->id && points->own
+                             ? STATUS_OK
+                             : error_set(error, STATUS_NO_MEMORY, "tiles", "no memory for %" PRIu64 " points", most);
+    const struct grid_cell *cell = scratch->cell;
+    for (size_t t = 0; !status && t < scratch->head.tiles; t++) {
+        const struct grid_tile *tile = &scratch->tile[t];
+        char path[SCRATCH_PATH_BYTES];
+        int fd = -1;
+        for (size_t i = tile->first, end = tile->first + tile->cells; !status && i < end;) {
+            if (!is_near(box, cell[i].place, width / side)) {
+                i++;
+                continue;
+            }
+            uint64_t first = cell[i].first, count = 0;
+            for (; i < end && is_near(box, cell[i].place, width / side); i++) count += cell[i].count;
+            scratch_path(path, folder, "points", t);
+            if (fd < 0) fd = open(path, O_RDONLY | O_CLOEXEC);
+            if (fd < 0) {
+                status = error_set(error, STATUS_IO, "tiles", "can't open %s: %s", path, strerror(errno));
+                break;
+            }
+            status = take_run(fd, path, scratch, grid, box, width, first, count, points, error);
+        }
+        if (fd >= 0) close(fd);
+    }
+    if (status) scratch_points_done(points);
+    return status;
+}

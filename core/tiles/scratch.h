@@ -1,0 +1,103 @@
+/* What lies in the scratch folder.  Numbers are as the machine has them: who shares the folder has the same kind.
+ *
+ *     plan        what tells all about it: the input, the parameters, the grid and its tiles, the limits
+ *     points.N    the points of tile N, cell by cell: position and number in the input
+ *     left.N      what running tile N has left of them
+ *     raw.N       points.N while the plan is being made, in the order of the input
+ *
+ * Files are written beside their names, flushed, and renamed (core/io/file_out.h), but for raw.N, which nobody needs
+ * after a crash.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_TILES_SCRATCH_H
+#define WHITTLE_CORE_TILES_SCRATCH_H
+
+#include <stdbool.h>
+#include <stdio.h>
+
+#include "core/cloud/cloud.h"
+#include "core/cloud/morton.h"
+#include "core/params.h"
+#include "core/simplify/contract.h"
+#include "core/tiles/grid.h"
+
+enum { SCRATCH_PATH_BYTES = 4096, SCRATCH_VERSION_BYTES = 64 };
+
+/* How a position is written: whatever of these gives all of them back to the bit. */
+struct scratch_coding {
+    enum { CODING_F64, CODING_F32, CODING_SCALED } kind; /* scaled: whole numbers of 32 bits, times scale, plus add */
+    double scale[3], add[3];
+};
+
+struct scratch_input {
+    char path[SCRATCH_PATH_BYTES]; /* absolute */
+    uint64_t bytes, modified_ns, hash;
+};
+
+struct scratch_head {
+    char mark[16];
+    char version[SCRATCH_VERSION_BYTES]; /* of whittle */
+    struct params params;
+    uint64_t inputs, tiles, cells;
+    uint64_t points, tile_points;
+    uint64_t room; /* points that a part may have, with those around it */
+    uint64_t passes;
+    double reach;                /* in spacings: how far around a tile points take part */
+    struct ordered_points whole; /* the frame alone */
+    vec3 anchor;
+    int level;
+    bool noisy;
+    double average, length_bias; /* of the operator; contract.h */
+    struct scratch_coding coding;
+};
+
+struct scratch {
+    struct scratch_head head;
+    struct scratch_input *input; /* owned, as all that follows */
+    struct grid_tile *tile;
+    struct grid_cell *cell;
+    struct contract_limit *limit;
+};
+
+void scratch_done(struct scratch *scratch);
+
+/* Writes and reads the plan.  Reading: STATUS_IO where there is none, STATUS_MALFORMED, STATUS_BAD_PARAMETER where
+ * another version has made it. */
+enum status scratch_save(const char *folder, const struct scratch *scratch, struct error *error) MUST_CHECK;
+enum status scratch_load(const char *folder, struct scratch *scratch, struct error *error) MUST_CHECK;
+
+/* Which file this is, for as long as nobody writes to it: its length, time and some of its bytes. */
+enum status scratch_identify(const char *path, struct scratch_input *input, struct error *error) MUST_CHECK;
+
+/* "FOLDER/NAME.N". */
+void scratch_path(char path[SCRATCH_PATH_BYTES], const char *folder, const char *name, size_t number);
+bool scratch_has(const char *folder, const char *name, size_t number);
+
+/* ------------------------------------------------------------------------------------------------ points */
+
+size_t scratch_record_bytes(const struct scratch_coding *coding);
+void scratch_encode(const struct scratch_coding *coding, vec3 p, uint32_t id, unsigned char *record);
+vec3 scratch_decode(const struct scratch_coding *coding, const unsigned char *record, uint32_t *id);
+
+/* Whether this coding gives the position back to the bit. */
+bool scratch_codes(const struct scratch_coding *coding, vec3 p);
+
+/* Points of a part of the cloud: those of a box of cells first or not, and those around it. */
+struct scratch_points {
+    size_t count;
+    vec3 *position; /* owned */
+    uint32_t *id;   /* in the input; owned */
+    uint8_t *own;   /* within the box; owned */
+};
+void scratch_points_done(struct scratch_points *points);
+
+/* Reads the points of a box and of the space around it, `width` wide; less where there are more than `room`.  What is
+ * left of the width is what room has, by steps, so the same points always.  STATUS_IO, STATUS_NO_MEMORY. */
+enum status scratch_gather(const char *folder, const struct scratch *scratch, const struct grid *grid,
+                           const struct grid_tile *box, double width, uint64_t room, struct scratch_points *points,
+                           struct error *error) MUST_CHECK;
+
+/* Whole files: n bytes from `at`; STATUS_IO where they aren't there. */
+enum status scratch_read(int fd, void *to, size_t n, uint64_t at, const char *path, struct error *error) MUST_CHECK;
+
+#endif

@@ -1,0 +1,83 @@
+/* Clouds larger than memory: cut into tiles on disk, each simplified with what lies around it, and finished in memory.
+ *
+ *     plan    reads the input twice: cells are counted, then each point goes to its tile's file; a sample of the cloud
+ *             tells what no tile knows alone
+ *     run     one tile: points around it take part, and what is left of its own is written
+ *     merge   what is left of all tiles is contracted on, as in memory, and the kept points are read once more
+ *
+ * All three are idempotent: what is there isn't made again, and files appear whole or not at all.  The result depends
+ * on the input, the parameters and tile_points; on nothing else.  DECISIONS.md says why.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_TILES_TILES_H
+#define WHITTLE_CORE_TILES_TILES_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/base/progress.h"
+#include "core/base/status.h"
+#include "core/params.h"
+#include "core/pipeline/pipeline.h"
+
+struct tiles_job {
+    const char *const *input; /* regular files, core/io/stream.h */
+    size_t inputs;
+    const char *folder;          /* scratch; made where it isn't there */
+    const struct params *params; /* resolved; memory_bytes bounds what plan, run and merge take each */
+    uint64_t tile_points;        /* of a tile's own, at most; 0 = what memory has room for */
+};
+
+/* What a plan says. */
+struct tiles_facts {
+    uint64_t points, tile_points;
+    size_t tiles, done;   /* done: tiles that have been run */
+    size_t passes;        /* that are made of tiles */
+    uint64_t left_points; /* after these, about */
+};
+
+/* What it takes, by the number of points in the input; disk is the most that scratch holds at once. */
+struct tiles_prediction {
+    uint64_t disk_bytes;
+    double seconds; /* on so many processors as threads says, all stages; by a rule of thumb */
+};
+struct tiles_prediction tiles_predict(uint64_t points, const struct params *params);
+
+/* Whether tiles can do what params ask for: STATUS_BAD_PARAMETER or STATUS_NO_MEMORY that say what can't be. */
+enum status tiles_can(const struct params *params, struct error *error) MUST_CHECK;
+
+/* Plans, unless the folder has this plan already.  STATUS_BAD_PARAMETER where it has another one (another input, other
+ * parameters); STATUS_NO_MEMORY where params->memory_bytes have no room for it, STATUS_NO_SPACE, STATUS_IO, what
+ * reading says; STATUS_CANCELLED. */
+enum status tiles_plan(const struct tiles_job *job, const struct progress *progress, struct tiles_facts *facts,
+                       struct error *error) MUST_CHECK;
+
+/* What the folder's plan says; params (may be NULL) gets what it was made with. */
+enum status tiles_look(const char *folder, struct tiles_facts *facts, struct params *params,
+                       struct error *error) MUST_CHECK;
+
+/* The inputs that it was made of. */
+struct tiles_inputs {
+    size_t count;
+    char **path; /* owned, each */
+};
+enum status tiles_inputs(const char *folder, struct tiles_inputs *inputs, struct error *error) MUST_CHECK;
+void tiles_inputs_done(struct tiles_inputs *inputs);
+
+/* Whether this tile has been run. */
+bool tiles_is_done(const char *folder, size_t tile);
+
+/* Runs a tile of the plan, unless that is done.  threads: 0 = all processors. */
+enum status tiles_run(const char *folder, size_t tile, unsigned threads, const struct progress *progress,
+                      struct error *error) MUST_CHECK;
+
+/* Makes the result of the tiles, all of which must be done (STATUS_BAD_PARAMETER).  *cloud is the kept points alone, in
+ * the order of the input, result->kept their ranking; both are the caller's. */
+enum status tiles_merge(const char *folder, unsigned threads, const struct progress *progress, struct cloud *cloud,
+                        struct pipeline_result *result, struct error *error) MUST_CHECK;
+
+/* Removes what these have made in the folder, and the folder, where nothing else is in it. */
+void tiles_remove(const char *folder);
+
+#endif

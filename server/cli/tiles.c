@@ -1,0 +1,377 @@
+/* Clouds that don't fit into memory.
+ *
+ *     whittle big.laz small.laz --ratio 0.01 --memory 4G               all by itself, in one process
+ *     whittle tiles plan big.laz --ratio 0.01 --memory 4G --scratch work
+ *     whittle tiles list --scratch work                                the numbers of the tiles that aren't done
+ *     whittle tiles run 7 --scratch work                               in any order, on any host that has the folder
+ *     whittle tiles merge small.laz --scratch work
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/cli/tiles.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "core/base/alloc.h"
+#include "core/cloud/colour_depth.h"
+#include "core/io/formats/las_write.h"
+#include "core/io/sniff.h"
+#include "core/io/stream.h"
+#include "core/pipeline/memory.h"
+#include "core/tiles/tiles.h"
+#include "server/cli/input.h"
+#include "server/cli/output.h"
+#include "server/shared/worker_protocol.h"
+
+enum { FIRST_BYTES = 64 * 1024, FOLDER_BYTES = 4000 };
+static const double PLAN_SHARE = 0.3, RUN_SHARE = 0.85; /* of the whole, at whose end each is */
+
+/* ------------------------------------------------------------------------------------------------ by themselves */
+
+/* What is known of an input by its first bytes; false: too little, or it isn't read part by part. */
+static bool look_at_input(int input, struct memory_job *job) {
+    unsigned char *first = alloc_array(FIRST_BYTES, 1);
+    struct stat about;
+    bool regular = first && fstat(input, &about) == 0 && S_ISREG(about.st_mode) && about.st_size > 0;
+    ssize_t n = regular ? pread(input, first, FIRST_BYTES, 0) : 0;
+    enum cloud_kind kind = n > 0 ? cloud_sniff(first, (size_t)n).kind : CLOUD_KIND_OTHER;
+    bool parts = kind == CLOUD_KIND_PLY || kind == CLOUD_KIND_LAS || kind == CLOUD_KIND_TEXT;
+    bool known = parts && memory_job_of(first, (size_t)n, (uint64_t)about.st_size, job) == STATUS_OK;
+    free(first);
+    return known;
+}
+
+/* The same of all of them together. */
+static bool look_at_inputs(const struct worker_inputs *inputs, struct memory_job *all) {
+    *all = (struct memory_job){0};
+    for (size_t i = 0; i < inputs->count; i++) {
+        struct memory_job one;
+        if (!look_at_input(inputs->fd[i], &one)) return false;
+        all->points += one.points;
+        all->faces += one.faces;
+        all->faces_most += one.faces_most;
+        if (one.record_bytes > all->record_bytes) all->record_bytes = one.record_bytes;
+        if (one.input_bytes > all->input_bytes) all->input_bytes = one.input_bytes;
+    }
+    return true;
+}
+
+/* Whether the files are what their headers say, as far as that can be seen before its points are read. */
+static enum status check_parts_of(const struct worker_options *options, struct error *error) {
+    const struct cloud_limits limits = {.columns = options->params.columns, .threads = 1};
+    struct cloud_stream *stream = NULL;
+    enum status status = STATUS_OK;
+    for (size_t i = 0; !status && i < options->input_count; i++) {
+        status = cloud_stream_open((const char *const *)options->input + i, 1, &limits, &stream, error);
+        cloud_stream_free(stream);
+        stream = NULL;
+    }
+    return status;
+}
+
+enum status worker_tiles_needed(const struct worker_options *options, const struct worker_inputs *inputs, bool *needed,
+                                struct error *error) {
+    const struct params *params = &options->params;
+    struct memory_job job;
+    struct error why;
+    struct params cloud = *params;
+    *needed = false;
+    if (options->convert || options->progress_fd >= 0 || !look_at_inputs(inputs, &job)) return STATUS_OK;
+    if (memory_predict(&job, params) <= params->memory_bytes) return STATUS_OK;
+    enum status status = check_parts_of(options, error);
+    if (status) return status == STATUS_UNSUPPORTED ? STATUS_OK : status;
+    *needed = tiles_can(params, &why) == STATUS_OK;
+    cloud.outputs = OUTPUT_CLOUD;
+    job.faces = job.faces_most = 0;
+    uint64_t needs = memory_predict(&job, &cloud);
+    if (*needed || !options->memory_given || needs <= params->memory_bytes) return STATUS_OK;
+    return error_set(error, STATUS_NO_MEMORY, "memory",
+                     "%" PRIu64 " points take %.1f GiB, and %.1f GiB are allowed; %.160s", job.points,
+                     (double)needs / 0x1p30, (double)params->memory_bytes / 0x1p30, why.text);
+}
+
+static enum status name_scratch(const struct worker_options *options, char folder[FOLDER_BYTES], struct error *error) {
+    const char *output = options->output;
+    size_t length = strlen(output);
+    while (length > 1 && output[length - 1] == '/') length--;
+    int n = 0;
+    if (options->scratch)
+        n = snprintf(folder, FOLDER_BYTES, "%s", options->scratch);
+    else if (options->to_standard)
+        return error_set(error, STATUS_BAD_PARAMETER, "scratch",
+                         "the input doesn't fit into memory; name a folder for its tiles by --scratch");
+    else if (strcmp(output, ".") == 0)
+        n = snprintf(folder, FOLDER_BYTES, "whittle.tiles");
+    else
+        n = snprintf(folder, FOLDER_BYTES, "%.*s.tiles", (int)length, output);
+    return n < FOLDER_BYTES ? STATUS_OK : error_set(error, STATUS_BAD_PARAMETER, "scratch", "the name is too long");
+}
+
+static void announce(const struct worker_options *options, const char *folder, uint64_t points) {
+    struct tiles_prediction takes = tiles_predict(points, &options->params);
+    fprintf(stderr,
+            "whittle: about %" PRIu64 " points don't fit into %.1f GiB: tiles in %s, up to %.1f GiB, take about %.0f "
+            "minutes\n",
+            points, (double)options->params.memory_bytes / 0x1p30, folder, (double)takes.disk_bytes / 0x1p30,
+            takes.seconds / 60 + 0.5);
+}
+
+enum status worker_tiles_foretell(const struct worker_options *options, const struct worker_inputs *inputs,
+                                  struct error *error) {
+    char folder[FOLDER_BYTES];
+    struct memory_job job = {0};
+    enum status status = name_scratch(options, folder, error);
+    if (!status && look_at_inputs(inputs, &job)) announce(options, folder, job.points);
+    return status;
+}
+
+static void tell_what_is_left(const char *folder) {
+    struct tiles_facts facts;
+    struct error ignored;
+    fprintf(stderr, "\nwhittle: stopped; ");
+    if (tiles_look(folder, &facts, NULL, &ignored) == STATUS_OK)
+        fprintf(stderr, "%zu of %zu tiles are done. ", facts.done, facts.tiles);
+    fprintf(stderr, "The same command goes on from what is in %s\n", folder);
+}
+
+enum status worker_tiles_simplify(const struct worker_options *options, const struct worker_inputs *inputs,
+                                  struct worker_progress *display, struct cloud *cloud, struct pipeline_result *result,
+                                  struct error *error) {
+    char folder[FOLDER_BYTES];
+    struct progress progress = {worker_progress_tick, display};
+    struct tiles_facts facts = {0};
+    unsigned threads = (unsigned)options->params.threads;
+    struct memory_job known = {0};
+    enum status status = name_scratch(options, folder, error);
+    if (status) return status;
+    if (options->summary && look_at_inputs(inputs, &known)) announce(options, folder, known.points);
+    const struct tiles_job job = {(const char *const *)options->input, options->input_count, folder, &options->params,
+                                  options->tile_points};
+    worker_progress_span(display, 0, PLAN_SHARE);
+    status = tiles_plan(&job, &progress, &facts, error);
+    for (size_t t = 0; !status && t < facts.tiles; t++) {
+        double each = (RUN_SHARE - PLAN_SHARE) / (double)facts.tiles;
+        worker_progress_span(display, PLAN_SHARE + each * (double)t, PLAN_SHARE + each * (double)(t + 1));
+        status = tiles_run(folder, t, threads, &progress, error);
+    }
+    worker_progress_span(display, RUN_SHARE, 1);
+    if (!status) status = tiles_merge(folder, threads, &progress, cloud, result, error);
+    if (status == STATUS_CANCELLED) tell_what_is_left(folder);
+    return status;
+}
+
+void worker_tiles_remove(const struct worker_options *options) {
+    char folder[FOLDER_BYTES];
+    struct error ignored;
+    if (name_scratch(options, folder, &ignored) == STATUS_OK) tiles_remove(folder);
+}
+
+/* ------------------------------------------------------------------------------------------------ step by step */
+
+static void print_tiles_help(void) {
+    puts("Usage: whittle tiles plan INPUT --scratch FOLDER [--memory BYTES] [--tile-points N] [--parameter value ...]\n"
+         "       whittle tiles list --scratch FOLDER\n"
+         "       whittle tiles run N --scratch FOLDER [--threads N]\n"
+         "       whittle tiles merge OUTPUT --scratch FOLDER [--threads N] [--outputs LIST] [-f]\n"
+         "\n"
+         "Simplifies a cloud that doesn't fit into memory, step by step: plan reads it and makes tiles in the folder,\n"
+         "run simplifies one of them, merge makes the result once all are done. list prints the numbers of the tiles\n"
+         "that aren't done yet, a line each. Each step can be repeated: what is done stays done, also after a crash.\n"
+         "Tiles can be run in any order, beside each other, by any hosts of the same kind that share the folder; the\n"
+         "result is the same. Each step takes at most what plan's --memory says. The folder stays; remove it at the "
+         "end.\n"
+         "\n"
+         "whittle INPUT OUTPUT does all that by itself where the input doesn't fit. Parameters as in whittle --help.\n"
+         "\n"
+         "Exit status: as whittle's.");
+}
+
+static int refuse_tiles(const char *why) {
+    fprintf(stderr, "whittle tiles: %s\nUse 'whittle tiles --help' for its commands.\n", why);
+    return WIRE_EXIT_PARAMETER;
+}
+
+static int end_tiles(const char *of, struct worker_progress *display, enum status status, const struct error *error) {
+    worker_progress_end(display, status, error);
+    if (status) worker_output_explain(of, status, error, stderr);
+    return wire_exit_status(status);
+}
+
+/* The options of plan and merge are those of whittle.  `first` stands for its input; without it all names are inputs.
+ */
+static bool parse_step(struct worker_options *options, const char *first, int argc, char **argv, int *exit_status) {
+    static const char *const nowhere[] = {"-o", "."};
+    struct error error = {0};
+    char **all = alloc_array((size_t)argc + 3, sizeof *all);
+    int n = 0;
+    *exit_status = wire_exit_status(STATUS_NO_MEMORY);
+    if (!all) return false;
+    all[n++] = argv[0];
+    if (first) all[n++] = (char *)(uintptr_t)first;
+    for (int i = 0; !first && i < 2; i++) all[n++] = (char *)(uintptr_t)nowhere[i];
+    for (int i = 1; i < argc; i++) all[n++] = argv[i];
+    enum worker_request request = worker_options_parse(options, n, all, &error);
+    free(all);
+    *exit_status = request == WORKER_TOLD ? 0 : wire_exit_status(STATUS_BAD_PARAMETER);
+    if (request == WORKER_REFUSED) fprintf(stderr, "whittle tiles: %s: %s\n", error.where, error.text);
+    if (request != WORKER_RUN) worker_options_done(options);
+    return request == WORKER_RUN;
+}
+
+static int plan_tiles(int argc, char **argv, struct worker_progress *display, uint64_t machine_bytes) {
+    struct worker_options options;
+    struct tiles_facts facts;
+    struct error error = {0};
+    struct progress progress = {worker_progress_tick, display};
+    int exit_status;
+    if (!parse_step(&options, NULL, argc, argv, &exit_status)) return exit_status;
+    if (!options.params.memory_bytes) options.params.memory_bytes = machine_bytes;
+    const struct tiles_job job = {(const char *const *)options.input, options.input_count, options.scratch,
+                                  &options.params, options.tile_points};
+    enum status status = STATUS_BAD_PARAMETER;
+    if (options.scratch)
+        status = tiles_plan(&job, &progress, &facts, &error);
+    else
+        refuse_tiles("plan: name a folder by --scratch");
+    if (!status && options.summary) {
+        printf("%-16s %" PRIu64 "\n", "points", facts.points);
+        printf("%-16s %zu, of %" PRIu64 " points at most, %zu done\n", "tiles", facts.tiles, facts.tile_points,
+               facts.done);
+        printf("%-16s %zu\n", "passes", facts.passes);
+    }
+    exit_status = options.scratch ? end_tiles(options.input[0], display, status, &error) : WIRE_EXIT_PARAMETER;
+    worker_options_done(&options);
+    return exit_status;
+}
+
+/* The value of an option of list and run, and the one operand. */
+static bool take_simple(int argc, char **argv, const char **scratch, const char **threads, const char **operand) {
+    for (int i = 1; i < argc; i++) {
+        const char **value = strncmp(argv[i], "--scratch", 9) == 0   ? scratch
+                             : strncmp(argv[i], "--threads", 9) == 0 ? threads
+                                                                     : NULL;
+        if (!value && (argv[i][0] == '-' || *operand)) return false;
+        if (!value)
+            *operand = argv[i];
+        else if (argv[i][9] == '=')
+            *value = argv[i] + 10;
+        else if (argv[i][9] || i + 1 == argc)
+            return false;
+        else
+            *value = argv[++i];
+    }
+    return *scratch != NULL;
+}
+
+static bool parse_tile_number(const char *text, unsigned long most, unsigned long *count) {
+    char *end;
+    errno = 0;
+    *count = text ? strtoul(text, &end, 10) : 0;
+    return !text || (text[0] >= '0' && text[0] <= '9' && !errno && !*end && *count <= most);
+}
+
+static int list_tiles(int argc, char **argv) {
+    const char *scratch = NULL, *threads = NULL, *operand = NULL;
+    struct tiles_facts facts;
+    struct error error = {0};
+    if (!take_simple(argc, argv, &scratch, &threads, &operand) || operand || threads)
+        return refuse_tiles("list takes --scratch FOLDER");
+    enum status status = tiles_look(scratch, &facts, NULL, &error);
+    for (size_t t = 0; !status && t < facts.tiles; t++)
+        if (!tiles_is_done(scratch, t)) printf("%zu\n", t);
+    if (status) worker_output_explain(scratch, status, &error, stderr);
+    return wire_exit_status(status);
+}
+
+static int run_one(int argc, char **argv, struct worker_progress *display) {
+    const char *scratch = NULL, *threads = NULL, *operand = NULL;
+    struct progress progress = {worker_progress_tick, display};
+    struct error error = {0};
+    unsigned long tile, count;
+    if (!take_simple(argc, argv, &scratch, &threads, &operand) || !operand ||
+        !parse_tile_number(operand, UINT32_MAX, &tile) || !parse_tile_number(threads, 256, &count))
+        return refuse_tiles("run takes the number of a tile, --scratch FOLDER and --threads N");
+    return end_tiles(scratch, display, tiles_run(scratch, tile, (unsigned)count, &progress, &error), &error);
+}
+
+/* What the plan was made with, but for how outputs are written. */
+static struct params outputs_of(const struct params *planned, const struct params *given) {
+    struct params params = *planned;
+    params.outputs = given->outputs;
+    params.encoding = given->encoding;
+    params.colours = given->colours;
+    params.pcd_precision = given->pcd_precision;
+    params.header = given->header;
+    params.threads = given->threads;
+    return params;
+}
+
+static int merge_tiles(int argc, char **argv, struct worker_progress *display) {
+    struct worker_options options;
+    struct tiles_facts facts;
+    struct params planned;
+    struct cloud cloud = {0};
+    struct pipeline_result result = {0};
+    struct progress progress = {worker_progress_tick, display};
+    struct error error = {0};
+    const char *scratch = NULL;
+    struct tiles_inputs planned_inputs = {0};
+    struct worker_inputs inputs = {0};
+    int exit_status = 0;
+    for (int i = 1; i < argc; i++) {
+        if (strncmp(argv[i], "--scratch=", 10) == 0) scratch = argv[i] + 10;
+        if (strcmp(argv[i], "--scratch") == 0 && i + 1 < argc) scratch = argv[i + 1];
+    }
+    if (!scratch) return refuse_tiles("merge: name the folder by --scratch");
+    enum status status = tiles_look(scratch, &facts, &planned, &error);
+    if (!status) status = tiles_inputs(scratch, &planned_inputs, &error);
+    if (status) return end_tiles(scratch, display, status, &error);
+    if (!parse_step(&options, planned_inputs.path[0], argc, argv, &exit_status)) {
+        tiles_inputs_done(&planned_inputs);
+        return exit_status;
+    }
+    options.params = outputs_of(&planned, &options.params);
+    status = worker_inputs_open(&inputs, (const char *const *)planned_inputs.path, planned_inputs.count, &error);
+    if (!status) status = worker_output_check(&options, &inputs, &error);
+    if (!status) status = tiles_merge(scratch, (unsigned)options.params.threads, &progress, &cloud, &result, &error);
+    if (!status && options.params.outputs & OUTPUT_ANY_LAS && options.params.colours == COLOURS_8)
+        status = cloud_keep_colours(&cloud, &error);
+    if (!status)
+        status = cloud_set_colours(&cloud, (enum colour_bits)options.params.colours, &result.report.left_out, &error);
+    if (!status) status = worker_output_write(&options, &inputs, &cloud, &result, &error);
+    if (!status && options.summary)
+        worker_output_summary(&options, &result.report, options.to_standard ? stderr : stdout);
+    exit_status = end_tiles(scratch, display, status, &error);
+    worker_inputs_done(&inputs);
+    pipeline_result_done(&result);
+    cloud_done(&cloud);
+    tiles_inputs_done(&planned_inputs);
+    worker_options_done(&options);
+    return exit_status;
+}
+
+int worker_tiles_main(int argc, char **argv, uint64_t machine_bytes, volatile sig_atomic_t *stopping) {
+    struct worker_progress display;
+    const char *step = argc > 1 ? argv[1] : "";
+    if (strcmp(step, "--help") == 0 || strcmp(step, "-h") == 0) {
+        print_tiles_help();
+        return 0;
+    }
+    for (int i = 2; i < argc; i++)
+        if (strcmp(argv[i], "--help") == 0 || strcmp(argv[i], "-h") == 0) {
+            print_tiles_help();
+            return 0;
+        }
+    worker_progress_init(&display, -1, stopping);
+    if (strcmp(step, "plan") == 0) return plan_tiles(argc - 1, argv + 1, &display, machine_bytes);
+    if (strcmp(step, "list") == 0) return list_tiles(argc - 1, argv + 1);
+    if (strcmp(step, "run") == 0) return run_one(argc - 1, argv + 1, &display);
+    if (strcmp(step, "merge") == 0) return merge_tiles(argc - 1, argv + 1, &display);
+    return refuse_tiles("use plan, list, run or merge");
+}

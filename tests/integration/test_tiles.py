@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clouds in tiles: the same bytes whatever happens on the way, within the memory that was given."""
+import math
+import os
+import pathlib
+import random
+import resource
+import signal
+import struct
+import subprocess
+
+import pytest
+
+from conftest import SANITIZED
+
+WHITTLE = os.path.join(os.environ.get("WHITTLE_BUILD", "build/release"), "whittle")
+POINTS, TILE = 60000, 9000
+
+
+def bumps(path, points, seed=3):
+    """A bumpy sheet with an attribute, in float."""
+    spread = random.Random(seed)
+    body = bytearray()
+    for i in range(points):
+        x, y = 40 * spread.random(), 40 * spread.random()
+        z = math.sin(0.9 * x) * math.cos(0.7 * y) + 0.1 * math.sin(6 * x)
+        body += struct.pack("<3fH", x, y, z, i % 65536)
+    path.write_bytes((f"ply\nformat binary_little_endian 1.0\nelement vertex {points}\nproperty float x\n"
+                      "property float y\nproperty float z\nproperty ushort intensity\nend_header\n").encode() + body)
+    return path
+
+
+def whittle(*arguments, status=0, **options):
+    done = subprocess.run([WHITTLE, *map(str, arguments)], capture_output=True, text=True, check=False, **options)
+    assert done.returncode == status, done.stderr
+    return done
+
+
+def steps(cloud, folder, out, order=lambda tiles: tiles, threads=2, goal=("--ratio", "0.05")):
+    whittle("tiles", "plan", cloud, "--scratch", folder, "--memory", "1G", "--tile-points", TILE, *goal,
+            "--threads", threads)
+    tiles = whittle("tiles", "list", "--scratch", folder).stdout.split()
+    for tile in order(tiles):
+        whittle("tiles", "run", tile, "--scratch", folder, "--threads", threads)
+    assert whittle("tiles", "list", "--scratch", folder).stdout == ""
+    whittle("tiles", "merge", out, "--scratch", folder, "--threads", threads, "-f")
+    return out.read_bytes()
+
+
+def records(data):
+    body = data[data.index(b"end_header\n") + 11:]
+    return [body[i:i + 14] for i in range(0, len(body), 14)]
+
+
+@pytest.fixture(name="cloud", scope="module")
+def make_cloud(tmp_path_factory):
+    return bumps(tmp_path_factory.mktemp("tiles") / "bumps.ply", POINTS)
+
+
+@pytest.fixture(name="expected", scope="module")
+def make_expected(cloud, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("expected")
+    return steps(cloud, folder / "work", folder / "out.ply")
+
+
+def test_tiles_keep_what_memory_keeps(cloud, expected, tmp_path):
+    whittle(cloud, tmp_path / "out.ply", "--ratio", "0.05")
+    inside, tiled = records((tmp_path / "out.ply").read_bytes()), records(expected)
+    everything = set(records(cloud.read_bytes()))
+    assert len(tiled) == len(inside) == POINTS // 20 and everything.issuperset(tiled)
+    assert len(set(inside) & set(tiled)) > 0.99 * len(inside)
+    first = len(inside) // 10  # the ranking, too: its first points are a coarser cloud
+    assert len(set(inside[:first]) & set(tiled[:first])) > 0.95 * first
+
+
+@pytest.mark.parametrize("order, threads", [(reversed, 1), (sorted, 1), (list, 2)])
+def test_bytes_do_not_depend_on_order_and_threads(cloud, expected, tmp_path, order, threads):
+    assert steps(cloud, tmp_path / "work", tmp_path / "out.ply", order, threads) == expected
+
+
+def test_a_coarser_goal_is_a_prefix(cloud, expected, tmp_path):
+    whittle("tiles", "plan", cloud, "--scratch", tmp_path / "work", "--memory", "1G", "--tile-points", TILE,
+            "--levels", "0.05,0.01")
+    for tile in whittle("tiles", "list", "--scratch", tmp_path / "work").stdout.split():
+        whittle("tiles", "run", tile, "--scratch", tmp_path / "work")
+    (tmp_path / "out").mkdir()
+    whittle("tiles", "merge", f"{tmp_path}/out/", "--scratch", tmp_path / "work", "--outputs", "cloud,report")
+    assert records((tmp_path / "out/cloud.ply").read_bytes()) == records(expected)
+    assert records((tmp_path / "out/cloud_0.01.ply").read_bytes()) == records(expected)[:POINTS // 100]
+
+
+def kill_while(command, after_s):
+    """Whether it was killed: it may have ended before."""
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        return process.wait(after_s) != 0
+    except subprocess.TimeoutExpired:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        return True
+
+
+def test_bytes_are_the_same_after_kills(cloud, expected, tmp_path):
+    seed = int(os.environ.get("SEED", random.randrange(1 << 30)))
+    print(f"SEED={seed}")
+    when = random.Random(seed)
+    work, out = tmp_path / "work", tmp_path / "out.ply"
+    plan = [WHITTLE, "tiles", "plan", str(cloud), "--scratch", str(work), "--memory", "1G", "--tile-points", str(TILE),
+            "--ratio", "0.05"]
+    merge = [WHITTLE, "tiles", "merge", str(out), "--scratch", str(work), "-f"]
+    kills = 0
+    for _ in range(5):
+        kills += kill_while(plan, when.uniform(0, 0.5))
+    subprocess.run(plan, check=True, stdout=subprocess.DEVNULL)
+    tiles = whittle("tiles", "list", "--scratch", work).stdout.split()
+    while kills < 18:
+        tile = when.choice(tiles)
+        kills += kill_while([WHITTLE, "tiles", "run", tile, "--scratch", str(work)], when.uniform(0, 0.05))
+    for tile in whittle("tiles", "list", "--scratch", work).stdout.split():
+        whittle("tiles", "run", tile, "--scratch", work)
+    while kills < 20:
+        kills += kill_while(merge, when.uniform(0, 0.02))
+    subprocess.run(merge, check=True, stdout=subprocess.DEVNULL)
+    assert out.read_bytes() == expected
+
+
+def test_what_does_not_fit_is_tiled_and_what_fits_is_not(cloud, tmp_path):
+    large = bumps(tmp_path / "large.ply", 700000)
+    whittle(cloud, tmp_path / "a.ply", "--ratio", "0.05")
+    fits = whittle(cloud, tmp_path / "b.ply", "--ratio", "0.05", "--memory", "400M")
+    assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes() and "tiles" not in fits.stderr
+    dry = whittle(large, tmp_path / "c.ply", "--ratio", "0.05", "--memory", "200M", "-n")
+    assert "tiles in" in dry.stderr and not (tmp_path / "c.ply.tiles").exists()
+    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+    done = whittle(large, tmp_path / "c.ply", "--ratio", "0.05", "--memory", "200M")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+    assert "tiles in" in done.stderr and "GiB" in done.stderr
+    assert SANITIZED or after == before or after < 200 << 10
+    assert len(records((tmp_path / "c.ply").read_bytes())) == 35000
+    assert not (tmp_path / "c.ply.tiles").exists()
+
+
+def test_a_mesh_of_what_does_not_fit_is_refused(tmp_path):
+    large = bumps(tmp_path / "large.ply", 700000)
+    done = whittle(large, tmp_path / "mesh.obj", "--ratio", "0.05", "--memory", "160M", status=71)
+    assert "a mesh isn't done of a cloud that doesn't fit" in done.stderr
+    done = whittle(large, tmp_path / "most.ply", "--ratio", "0.9", "--memory", "160M", status=71)
+    assert "are to be kept" in done.stderr
+
+
+def test_another_run_of_a_folder_is_refused(cloud, tmp_path):
+    work = tmp_path / "work"
+    same = ["tiles", "plan", cloud, "--scratch", work, "--memory", "1G", "--tile-points", TILE]
+    whittle(*same, "--ratio", "0.05")
+    assert "ratio differs" in whittle(*same, "--ratio", "0.06", status=64).stderr
+    other = bumps(tmp_path / "other.ply", POINTS, seed=4)
+    same[2] = other
+    assert "input differs" in whittle(*same, "--ratio", "0.05", status=64).stderr
+    assert "isn't done yet" in whittle("tiles", "merge", tmp_path / "out.ply", "--scratch", work, status=64).stderr
+    assert "tiles 0 to" in whittle("tiles", "run", 99, "--scratch", work, status=64).stderr
+    whittle("tiles", "run", "--scratch", work, status=64)
+    whittle("tiles", "list", "--scratch", tmp_path / "nowhere", status=74)
+
+
+def test_a_stop_leaves_what_is_done(tmp_path):
+    large = bumps(tmp_path / "large.ply", 700000)
+    command = [WHITTLE, large, tmp_path / "out.ply", "--ratio", "0.05", "--memory", "200M"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    work = tmp_path / "out.ply.tiles"
+    while not (work / "left.0").exists() and process.poll() is None:
+        pass
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate()
+    if process.returncode != 0:  # else it was done before
+        assert process.returncode == 75 and "goes on from" in told
+        done = (work / "left.0").stat().st_ino
+        dump = pathlib.Path(tmp_path / "kept")
+        os.link(work / "left.0", dump)
+        whittle(*command[1:])
+        assert dump.stat().st_ino == done
+    assert (tmp_path / "out.ply").exists() and not work.exists()
+
+
+@pytest.mark.parametrize("suffix", ["las", "laz", "xyz", "ply"])
+def test_formats_keep_their_attributes(cloud, tmp_path, suffix):
+    whole, some = tmp_path / f"all.{suffix}", tmp_path / f"some.{suffix}"
+    whittle("convert", cloud, whole, "--header", "plain")
+    steps(whole, tmp_path / "work", some, goal=("--points", "500"))
+    whittle("convert", whole, tmp_path / "whole.xyz", "-f")
+    whittle("convert", some, tmp_path / "kept.xyz", "-f")
+    kept = (tmp_path / "kept.xyz").read_text(encoding="ascii").splitlines()
+    assert len(kept) == 500
+    assert set((tmp_path / "whole.xyz").read_text(encoding="ascii").splitlines()).issuperset(kept)

@@ -1,0 +1,265 @@
+/* Clouds in tiles: what each tile sees is what the whole cloud has, and no point is lost or there twice.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <fcntl.h>
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#include "core/base/alloc.h"
+#include "core/io/read.h"
+#include "core/pipeline/pipeline.h"
+#include "core/simplify/dso.h"
+#include "core/simplify/normals.h"
+#include "core/tiles/part.h"
+#include "core/tiles/scratch.h"
+#include "core/tiles/tiles.h"
+#include "tests/unit/folder.h"
+#include "tests/unit/shapes.h"
+
+enum { PATH_BYTES = 256, POINTS = 40000, TWICE = 500, TILE = 4500 };
+
+static char base[PATH_BYTES - 64], input[PATH_BYTES], scratch_folder[PATH_BYTES];
+
+/* A bumpy sheet, some points of it twice, as text: positions need all of a double. */
+static void write_input(void) {
+    uint64_t seed = 11;
+    snprintf(input, sizeof input, "%s/sheet.txt", base);
+    FILE *file = fopen(input, "w");
+    assert_non_null(file);
+    char last[128] = "";
+    for (size_t i = 0; i < POINTS; i++) {
+        double x = random_unit(&seed), y = random_unit(&seed);
+        double z = 0.05 * sin(9 * x) * cos(7 * y) + 0.01 * sin(50 * x);
+        if (i % (POINTS / TWICE) != 1) snprintf(last, sizeof last, "%.17g %.17g %.17g", 4000 + x, y, z);
+        assert_true(fprintf(file, "%s\n", last) > 0);
+    }
+    assert_int_equal(fclose(file), 0);
+}
+
+static struct params make_params(void) {
+    struct params params;
+    struct error error = {0};
+    params_defaults(&params);
+    params.ratio = 0.05;
+    params.outputs = OUTPUT_CLOUD;
+    params.memory_bytes = (uint64_t)1 << 30;
+    assert_int_equal(params_resolve(&params, &error), STATUS_OK);
+    return params;
+}
+
+static struct tiles_facts plan_input(const char *name, const struct params *params) {
+    struct tiles_facts facts;
+    struct error error = {0};
+    const char *const inputs[] = {input};
+    snprintf(scratch_folder, sizeof scratch_folder, "%s/%s", base, name);
+    const struct tiles_job job = {inputs, 1, scratch_folder, params, TILE};
+    if (tiles_plan(&job, NULL, &facts, &error)) fail_msg("%s: %s", error.where, error.text);
+    return facts;
+}
+
+static struct cloud read_input(void) {
+    struct cloud cloud = {0};
+    struct error error = {0};
+    assert_int_equal(cloud_read_path(input, NULL, NULL, &cloud, &error), STATUS_OK);
+    return cloud;
+}
+
+static void every_point_is_in_one_tile(void **state) {
+    (void)state;
+    struct params params = make_params();
+    struct tiles_facts facts = plan_input("one", &params);
+    struct scratch s = {0};
+    struct grid grid = {0};
+    struct error error = {0};
+    struct cloud cloud = read_input();
+    uint8_t *seen = alloc_zeroed(POINTS, 1);
+    size_t most = 0;
+    assert_non_null(seen);
+    assert_true(facts.tiles >= 8);
+    assert_int_equal(facts.points, POINTS);
+    assert_int_equal(scratch_load(scratch_folder, &s, &error), STATUS_OK);
+    assert_int_equal(grid_from(&grid, s.head.anchor, s.head.level, s.cell, s.head.cells), STATUS_OK);
+    for (size_t t = 0; t < facts.tiles; t++) {
+        struct scratch_points points;
+        size_t own = 0;
+        assert_int_equal(scratch_gather(scratch_folder, &s, &grid, &s.tile[t], 0.05, POINTS, &points, &error),
+                         STATUS_OK);
+        for (size_t i = 0; i < points.count; i++) {
+            assert_memory_equal(&points.position[i], &cloud.position[points.id[i]], sizeof(vec3));
+            own += points.own[i];
+            if (points.own[i]) assert_int_equal(seen[points.id[i]]++, 0);
+        }
+        assert_int_equal(own, s.tile[t].points);
+        assert_true(own <= TILE && points.count > own);
+        if (own > most) most = own;
+        scratch_points_done(&points);
+    }
+    for (size_t i = 0; i < POINTS; i++) assert_int_equal(seen[i], 1);
+    assert_true(most > TILE / 2);
+    free(seen);
+    grid_done(&grid);
+    scratch_done(&s);
+    cloud_done(&cloud);
+}
+
+/* The quadrics of the whole cloud by the pipeline's stages, by the input's numbers of points. */
+static struct packed_quadric *quadrics_of(const struct cloud *cloud, const struct params *params) {
+    struct ordered_points points;
+    struct knn *knn;
+    struct neighbourhood hood;
+    const struct neighbourhood_options near = {params->neighbourhood, (unsigned)params->neighbours_min,
+                                               (unsigned)params->neighbours_max, 2};
+    assert_int_equal(order_points(cloud->position, cloud->count, 2, &points), STATUS_OK);
+    size_t n = points.count;
+    assert_true(n < cloud->count);
+    assert_int_equal(knn_new(points.point, n, 2, &knn, NULL), STATUS_OK);
+    assert_int_equal(neighbourhood_find(knn, points.point, n, &near, &hood), STATUS_OK);
+    vec3 *normal = alloc_array(n, sizeof *normal);
+    float *dso = alloc_array(n, sizeof *dso), *smooth = alloc_array(n, sizeof *smooth);
+    float *weight = alloc_array(n, sizeof *weight);
+    struct packed_quadric *along = alloc_array(n, sizeof *along), *all = alloc_zeroed(cloud->count, sizeof *all);
+    const struct quadric_options options = {(enum area_weight)params->area_weight, params->line_quadric, 2};
+    assert_true(normal && dso && smooth && weight && along && all);
+    normals_fit(points.point, &hood, 2, normal, NULL);
+    dso_compute(points.point, normal, &hood, (enum dso_form)params->dso, 2, dso);
+    dso_smooth(dso, &hood, 2, smooth);
+    dso_weights(smooth, n, params->dso_exponent, 2, weight);
+    quadric_assemble(points.point, normal, &hood, weight, &options, along);
+    for (size_t i = 0; i < n; i++) all[points.original[i]] = along[i];
+    free(normal), free(dso), free(smooth), free(weight), free(along);
+    neighbourhood_done(&hood);
+    knn_free(knn);
+    ordered_points_done(&points);
+    return all;
+}
+
+/* The sample is the whole cloud here, so that what the plan has found is exact. */
+static void quadrics_are_those_of_the_whole(void **state) {
+    (void)state;
+    struct params params = make_params();
+    struct tiles_facts facts = plan_input("one", &params);
+    struct scratch s = {0};
+    struct grid grid = {0};
+    struct error error = {0};
+    struct cloud cloud = read_input();
+    struct packed_quadric *expected = quadrics_of(&cloud, &params);
+    size_t looked_at = 0;
+    assert_int_equal(scratch_load(scratch_folder, &s, &error), STATUS_OK);
+    assert_int_equal(grid_from(&grid, s.head.anchor, s.head.level, s.cell, s.head.cells), STATUS_OK);
+    for (size_t t = 0; t < facts.tiles; t++) {
+        struct scratch_points points;
+        struct part part = {.params = &params, .threads = 2};
+        struct part_whole whole = {s.head.whole, s.head.noisy, s.head.average, s.head.length_bias};
+        assert_int_equal(scratch_gather(scratch_folder, &s, &grid, &s.tile[t], 0.1, POINTS, &points, &error),
+                         STATUS_OK);
+        assert_true(points.count < POINTS);
+        assert_int_equal(part_make(&part, &points, false, &whole, NULL, &error), STATUS_OK);
+        for (size_t i = 0; i < part.points.count; i++) {
+            uint32_t id = points.id[part.points.original[i]];
+            if (!part.own[i]) continue;
+            assert_memory_equal(&part.quadrics[i], &expected[id], sizeof *expected);
+            looked_at++;
+        }
+        part_done(&part);
+        scratch_points_done(&points);
+    }
+    assert_int_equal(looked_at, POINTS - TWICE);
+    free(expected);
+    grid_done(&grid);
+    scratch_done(&s);
+    cloud_done(&cloud);
+}
+
+static int compare_numbers(const void *a, const void *b) {
+    uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
+    return (x > y) - (x < y);
+}
+
+static void tiles_keep_what_memory_keeps(void **state) {
+    (void)state;
+    struct params params = make_params();
+    struct tiles_facts facts = plan_input("kept", &params);
+    struct error error = {0};
+    struct cloud cloud = read_input(), kept = {0};
+    struct pipeline_result inside = {0}, tiled = {0};
+    assert_true(facts.passes > 0);
+    for (size_t t = facts.tiles; t-- > 0;) {
+        assert_false(tiles_is_done(scratch_folder, t));
+        assert_int_equal(tiles_merge(scratch_folder, 1, NULL, &kept, &tiled, &error), STATUS_BAD_PARAMETER);
+        assert_int_equal(tiles_run(scratch_folder, t, 2, NULL, &error), STATUS_OK);
+        assert_int_equal(tiles_run(scratch_folder, t, 2, NULL, &error), STATUS_OK);
+    }
+    assert_int_equal(tiles_run(scratch_folder, facts.tiles, 2, NULL, &error), STATUS_BAD_PARAMETER);
+    assert_int_equal(tiles_merge(scratch_folder, 2, NULL, &kept, &tiled, &error), STATUS_OK);
+    assert_int_equal(pipeline_run(&cloud, &params, NULL, &inside, &error), STATUS_OK);
+    size_t n = inside.level[0].kept_count, common = 0;
+    assert_int_equal(tiled.level[0].kept_count, n);
+    assert_int_equal(kept.count, n);
+    assert_int_equal(tiled.report.points_in, inside.report.points_in);
+    assert_int_equal(tiled.report.points_distinct, inside.report.points_distinct);
+    assert_true(tiled.report.diagonal == inside.report.diagonal);
+    qsort(inside.kept, n, sizeof *inside.kept, compare_numbers);
+    size_t a = 0, b = 0;
+    for (uint32_t id = 0; id < POINTS; id++) { /* both are in the order of the input */
+        bool in_a = a < n && inside.kept[a] == id;
+        bool in_b = b < n && memcmp(&cloud.position[id], &kept.position[b], sizeof(vec3)) == 0;
+        common += in_a && in_b;
+        a += in_a, b += in_b;
+    }
+    assert_int_equal(a, n);
+    assert_int_equal(b, n);
+    assert_true((double)common > 0.995 * (double)n);
+    pipeline_result_done(&inside);
+    pipeline_result_done(&tiled);
+    cloud_done(&cloud);
+    cloud_done(&kept);
+}
+
+static void other_runs_are_refused(void **state) {
+    (void)state;
+    struct params params = make_params();
+    struct tiles_facts facts;
+    struct error error = {0};
+    const char *const inputs[] = {input};
+    plan_input("one", &params);
+    const struct tiles_job job = {inputs, 1, scratch_folder, &params, TILE};
+    assert_int_equal(tiles_plan(&job, NULL, &facts, &error), STATUS_OK);
+    params.ratio = 0.04;
+    assert_int_equal(tiles_plan(&job, NULL, &facts, &error), STATUS_BAD_PARAMETER);
+    assert_non_null(strstr(error.text, "ratio"));
+    params.ratio = 0.05;
+    params.memory_bytes *= 2;
+    assert_int_equal(tiles_plan(&job, NULL, &facts, &error), STATUS_BAD_PARAMETER);
+    params.memory_bytes /= 2;
+    params.threads = 1;
+    assert_int_equal(tiles_plan(&job, NULL, &facts, &error), STATUS_OK);
+    params.outputs |= OUTPUT_MESH;
+    assert_int_equal(tiles_plan(&job, NULL, &facts, &error), STATUS_NO_MEMORY);
+}
+
+static int make_base(void **state) {
+    (void)state;
+    folder_make_in_memory(base, sizeof base);
+    write_input();
+    return 0;
+}
+
+static int remove_base(void **state) {
+    (void)state;
+    folder_remove(base);
+    return 0;
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(every_point_is_in_one_tile), cmocka_unit_test(quadrics_are_those_of_the_whole),
+        cmocka_unit_test(tiles_keep_what_memory_keeps), cmocka_unit_test(other_runs_are_refused)};
+    return cmocka_run_group_tests(tests, make_base, remove_base);
+}

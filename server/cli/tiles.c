@@ -347,7 +347,9 @@ static int merge_tiles(int argc, char **argv, struct worker_progress *display) {
     if (!status) status = worker_output_write(&options, &inputs, &cloud, &result, &error);
     if (!status && options.summary)
         worker_output_summary(&options, &result.report, options.to_standard ? stderr : stdout);
+    bool no_output = status && (strcmp(error.where, "output") == 0 || strcmp(error.where, "write") == 0);
     exit_status = end_tiles(scratch, display, status, &error);
+    if (no_output) exit_status = WIRE_EXIT_NO_OUTPUT;
     worker_inputs_done(&inputs);
     pipeline_result_done(&result);
     cloud_done(&cloud);

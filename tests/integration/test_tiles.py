@@ -191,3 +191,16 @@ def test_formats_keep_their_attributes(cloud, tmp_path, suffix):
     kept = (tmp_path / "kept.xyz").read_text(encoding="ascii").splitlines()
     assert len(kept) == 500
     assert set((tmp_path / "whole.xyz").read_text(encoding="ascii").splitlines()).issuperset(kept)
+
+
+def test_several_inputs_are_one_cloud(tmp_path):
+    parts = [bumps(tmp_path / f"part{i}.ply", 30000, seed=i) for i in range(2)]
+    work, out = tmp_path / "work", tmp_path / "out.ply"
+    whittle("tiles", "plan", *parts, "--scratch", work, "--memory", "1G", "--tile-points", TILE, "--points", 1000)
+    for tile in whittle("tiles", "list", "--scratch", work).stdout.split():
+        whittle("tiles", "run", tile, "--scratch", work)
+    whittle("tiles", "merge", out, "--scratch", work)
+    whittle(*parts, tmp_path / "inside.ply", "--points", 1000)
+    inside, tiled = (set(records((tmp_path / name).read_bytes())) for name in ("inside.ply", "out.ply"))
+    assert len(tiled) == 1000 and len(inside & tiled) > 980
+    assert "is the input" in whittle("tiles", "merge", parts[1], "--scratch", work, "-f", status=73).stderr

@@ -37,8 +37,6 @@ struct cloud_stream {
     struct file first, other; /* the first one stays for what it says */
 };
 
-static struct file *present(struct cloud_stream *s) { return s->next > 1 ? &s->other : &s->first; }
-
 static void close_file(struct file *file) {
     if (file->parts) file->parts->free(file->parts);
     if (file->map) munmap(file->map, file->bytes);
@@ -190,7 +188,7 @@ static void drop_unplaced(struct cloud_stream *s, struct cloud *part) {
 
 enum status cloud_stream_next(struct cloud_stream *stream, const struct cloud **part, struct error *error) {
     for (;;) {
-        struct file *file = present(stream);
+        struct file *file = stream->next > 1 ? &stream->other : &stream->first;
         struct cloud *cloud = file->parts->cloud;
         enum status status = file->parts->next(file->parts, error);
         if (status) return status;

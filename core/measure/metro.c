@@ -338,14 +338,10 @@ static double inflated_diagonal(const struct mesh *a, const struct mesh *b) {
     return vec3_length(vec3_add(size, (vec3){growth, growth, growth}));
 }
 
-static size_t metro_sample_count(const struct metro_options *options, const struct mesh *a, const struct mesh *b) {
-    size_t larger = a->triangle_count > b->triangle_count ? a->triangle_count : b->triangle_count;
-    return options->samples ? (size_t)options->samples : PER_TRIANGLE * larger;
-}
-
 enum status metro_compatible(const struct mesh *mesh, const struct mesh *original, const struct metro_options *options,
                              struct metro_errors *errors, double *diagonal) {
-    size_t count = metro_sample_count(options, mesh, original);
+    size_t larger = mesh->triangle_count > original->triangle_count ? mesh->triangle_count : original->triangle_count;
+    size_t count = options->samples ? (size_t)options->samples : PER_TRIANGLE * larger;
     struct sampler on_original[3] = {0}, on_mesh[3] = {0};
     struct target to_mesh = {0}, to_original = {0};
     struct metro_errors new = {0};

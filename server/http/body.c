@@ -373,16 +373,12 @@ static bool take_waiting(struct body *body, struct problem *problem) {
     return !count || body_take(body, body->waiting, count, problem);
 }
 
-/* What was taken of the piece of an upload stays, though its sender is gone. */
-static void keep_piece(struct body *body) {
+void body_free(struct body *body) {
+    if (!body) return;
+    /* What was taken of the piece of an upload stays, though its sender is gone. */
     struct problem problem;
     bool kept = body->kind != BODY_PIECE || take_waiting(body, &problem);
     (void)kept; /* nobody is there to hear of it */
-}
-
-void body_free(struct body *body) {
-    if (!body) return;
-    keep_piece(body);
     upload_free(body->upload);
     inflate_free(body->inflate);
     for (size_t i = 0; i < ALGORITHMS; i++) digest_free(body->digest[i]);

@@ -45,16 +45,12 @@ void response_text(struct response *response, int status, const char *media_type
     response_header(response, "Content-Type", "%s", media_type);
 }
 
-static void retry_later(struct response *response, int status) {
-    if (status == 503 || status == 429) response_header(response, "Retry-After", "%d", 5);
-}
-
 void response_problem(struct response *response, const struct problem *problem) {
     int status = problem_type(problem->kind)->http_status;
     response->problem = (int)problem->kind;
     response_text(response, status, "application/problem+json", problem_encode(problem));
     response_header(response, "Cache-Control", "no-store");
-    retry_later(response, status);
+    if (status == 503 || status == 429) response_header(response, "Retry-After", "%d", 5);
 }
 
 /* As a file that is not sent: a 304 has no body, and libmicrohttpd tells the length that this one would have. */

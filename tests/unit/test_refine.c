@@ -12,9 +12,9 @@
 
 #include "core/base/alloc.h"
 #include "core/cloud/cloud.h"
-#include "core/refine/assign.h"
 #include "core/refine/local_delaunay.h"
 #include "core/refine/refine.h"
+#include "core/refine/refine_internal.h"
 #include "tests/unit/dense.h"
 #include "tests/unit/faults.h"
 #include "tests/unit/shapes.h"

@@ -256,10 +256,8 @@ static void queue_edge(struct front *f, uint32_t start) {
 
 /* ------------------------------------------------------------------------------------------------ the border */
 
-static void link_edge(struct front *f, uint32_t a, uint32_t b) { f->edge[a].to = b, f->edge[b].from = a; }
-
 static void start_edge(struct front *f, uint32_t a, uint32_t b, uint32_t face) {
-    link_edge(f, a, b);
+    f->edge[a].to = b, f->edge[b].from = a;
     f->edge[a].face = face;
     f->place[a] = f->place[b] = BORDER;
 }

@@ -64,16 +64,12 @@ static double extent_along(const vec3 *point, size_t n, vec3 axis, double *low) 
     return extent * (1 + 2 * MARGIN);
 }
 
-static void grid_measure(struct grid *g, const vec3 *point, size_t n) {
+static enum status grid_init(struct grid *g, const vec3 *point, size_t n, vec3 up) {
+    vec3_basis(up, &g->u, &g->v);
     double x = extent_along(point, n, g->u, &g->low[0]), y = extent_along(point, n, g->v, &g->low[1]);
     g->side = fmax(sqrt(x * y * NEAR / (double)n), fmax(x, y) * NEAR / (double)n);
     g->cells[0] = g->side > 0 ? (size_t)(x / g->side) + 1 : 1;
     g->cells[1] = g->side > 0 ? (size_t)(y / g->side) + 1 : 1;
-}
-
-static enum status grid_init(struct grid *g, const vec3 *point, size_t n, vec3 up) {
-    vec3_basis(up, &g->u, &g->v);
-    grid_measure(g, point, n);
     size_t cells = g->cells[0] * g->cells[1];
     g->begin = alloc_zeroed(cells + 2, sizeof *g->begin);
     g->point = alloc_array(n, sizeof *g->point);

@@ -139,18 +139,15 @@ struct tally {
     uint8_t far, all;
 };
 
-static double limit_of(const struct sheet_limit *limit, const struct sheet_points *points, uint32_t nearest) {
-    double reach = (double)points->reach[nearest];
-    return fmax(fmin(limit->times * reach, limit->medians * (double)points->median), AROUND * reach);
-}
-
 static enum status judge(const struct sheet_points *points, const struct sheet_limit *limit, unsigned threads,
                          struct places *places, struct tally *tally) {
     struct knn_slack slack = {points->reach, SURELY * limit->times, NEARLY};
     enum status status = knn_search_nearly(points->knn, &slack, places->place, places->count, 1, threads,
                                            places->nearest, places->distance_sq);
     for (size_t i = 0; !status && i < places->count; i++) {
-        double most = limit_of(limit, points, places->nearest[i]);
+        uint32_t nearest = places->nearest[i];
+        double reach = (double)points->reach[nearest];
+        double most = fmax(fmin(limit->times * reach, limit->medians * (double)points->median), AROUND * reach);
         struct tally *t = &tally[places->of[i]];
         if (places->distance_sq[i] > most * most) t->far++;
         t->all++;

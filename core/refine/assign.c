@@ -9,7 +9,7 @@
  * hierarchy of all triangles as well.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/refine/assign.h"
+#include "core/refine/refine_internal.h"
 
 #include <assert.h>
 #include <stdlib.h>

@@ -2,7 +2,7 @@
  * border, along which alone a vertex is collapsed there, it is one less.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/refine/collapse.h"
+#include "core/refine/refine_internal.h"
 
 #include <string.h>
 

@@ -10,9 +10,8 @@
 #include "core/base/alloc.h"
 #include "core/base/par.h"
 #include "core/cloud/cloud.h"
-#include "core/refine/assign.h"
 #include "core/refine/local_delaunay.h"
-#include "core/refine/unsampled.h"
+#include "core/refine/refine_internal.h"
 
 enum { FACE_GRAIN = 1024 };
 

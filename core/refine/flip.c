@@ -8,7 +8,7 @@
  * than FIT_THIN unless the old pair was thinner still.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/refine/flip.h"
+#include "core/refine/refine_internal.h"
 
 #include <assert.h>
 #include <stdlib.h>
@@ -19,7 +19,6 @@
 #include "core/base/radix.h"
 #include "core/cloud/cloud.h"
 #include "core/refine/prefetch.h"
-#include "core/refine/unsampled.h"
 
 enum { TRIANGLE_GRAIN = 256, SHARE_GRAIN = 128 };
 

@@ -7,7 +7,7 @@
  * Both are measured before flips and moves help, so a pair may lose up to 30 % now (REALLOCATION_PAYS).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/refine/reallocate.h"
+#include "core/refine/refine_internal.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -16,9 +16,7 @@
 #include "core/base/par.h"
 #include "core/base/radix.h"
 #include "core/cloud/cloud.h"
-#include "core/refine/collapse.h"
 #include "core/refine/prefetch.h"
-#include "core/refine/split.h"
 
 enum { GRAIN = 64, ESTIMATES = 4096, APPLIED_GRAIN = 16 };
 

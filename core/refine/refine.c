@@ -14,9 +14,7 @@
 
 #include "core/base/alloc.h"
 #include "core/refine/fit.h"
-#include "core/refine/flip.h"
-#include "core/refine/reallocate.h"
-#include "core/refine/relocate.h"
+#include "core/refine/refine_internal.h"
 
 /* By placement.  Vertices that move freely gain from more sweeps, and from a closer look at the surface between the
  * points, which isn't needed before triangles and vertices are about where they should be.  A surface with a border

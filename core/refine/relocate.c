@@ -14,7 +14,7 @@
  * so that no two of a colour are near each other, colour by colour, each in parallel.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/refine/relocate.h"
+#include "core/refine/refine_internal.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -2,7 +2,7 @@
  * of the edge, where nothing would change, and moved from there: so what is known of stars will do.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/refine/split.h"
+#include "core/refine/refine_internal.h"
 
 #include <string.h>
 

@@ -3,7 +3,7 @@
  * missing there counts in favour of the shorter diagonal, which Delaunay triangles would have.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/refine/unsampled.h"
+#include "core/refine/refine_internal.h"
 
 #define SAMPLED 4.0  /* times the samples that there are: what has more area than these should have is unsampled */
 #define SHORTER 0.01 /* distance by which a missing sample is nearer to the shorter diagonal, of the difference */

@@ -8,7 +8,7 @@
  *
  *     tets -> star -> label ----------------------------------------------> surface
  *             cells   tight:   frame, orient, cut (twice), judge, repair     manifold mesh
- *             around  literal: frame, candidates, local Delaunay triangles, mark, peel
+ *             around  literal: frame, candidates, umbrellas, mark, peel
  *
  * Whatever the labels, the surface between inner and outer cells is closed and oriented; the labelling decides how good
  * it is, and the last step makes it a manifold.
@@ -21,15 +21,12 @@
 #include <stdlib.h>
 
 #include "core/base/alloc.h"
-#include "core/surface/cocone/facets.h"
+#include "core/surface/cocone/cocone_internal.h"
 #include "core/surface/cocone/handles.h"
 #include "core/surface/cocone/judge.h"
-#include "core/surface/cocone/label.h"
-#include "core/surface/cocone/peel.h"
 #include "core/surface/cocone/repair.h"
 #include "core/surface/cocone/star.h"
 #include "core/surface/cocone/surface.h"
-#include "core/surface/cocone/umbrella.h"
 #include "core/surface/reconstruct.h"
 
 #define MATTERS 0.02 /* so that nothing is changed for a hair's breadth */

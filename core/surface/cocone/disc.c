@@ -2,7 +2,7 @@
  * mends what the others leave behind.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/surface/cocone/disc.h"
+#include "core/surface/cocone/cocone_internal.h"
 
 #include <math.h>
 

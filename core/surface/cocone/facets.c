@@ -8,7 +8,7 @@
  * in surface reconstruction (2001).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/surface/cocone/facets.h"
+#include "core/surface/cocone/cocone_internal.h"
 
 #include <stdlib.h>
 

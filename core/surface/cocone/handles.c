@@ -31,10 +31,9 @@
 #include "core/base/disjoint_set.h"
 #include "core/cloud/cloud.h"
 #include "core/surface/cocone/boundary.h"
-#include "core/surface/cocone/disc.h"
+#include "core/surface/cocone/cocone_internal.h"
 #include "core/surface/cocone/judge.h"
 #include "core/surface/cocone/repair.h"
-#include "core/surface/cocone/shells.h"
 #include "core/surface/cocone/surface.h"
 #include "core/surface/handle_loops.h"
 

@@ -12,7 +12,7 @@
  * to go on; the other one finds its answer in `stop`.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/surface/cocone/label.h"
+#include "core/surface/cocone/cocone_internal.h"
 
 #include <pthread.h>
 #include <stdatomic.h>

@@ -9,7 +9,7 @@
  * Source: T. K. Dey, S. Goswami, Tight Cocone (2003), section 4.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/surface/cocone/peel.h"
+#include "core/surface/cocone/cocone_internal.h"
 
 #include <stdlib.h>
 #include <string.h>

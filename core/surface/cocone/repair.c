@@ -323,14 +323,11 @@ static void repair_point(struct cocone_repair *r, uint32_t v, const struct pass 
         if (is_due(r, vertex[k], pass)) enqueue(r, vertex[k]);
 }
 
-static void count_lost_as(struct cocone_repair *r, int lost) {
+static enum status repair_all(struct cocone_repair *r, const struct pass *pass, const struct progress *progress) {
+    int lost = pass->lost;
     for (uint32_t v = 0; v < r->star->n && lost != r->lost; v++)
         if (r->known[v] == r->lost + 1) r->known[v] = 0;
     r->lost = lost;
-}
-
-static enum status mend_all(struct cocone_repair *r, const struct pass *pass, const struct progress *progress) {
-    count_lost_as(r, pass->lost);
     for (uint32_t v = 0; v < r->star->n; v++)
         if (is_due(r, v, pass)) enqueue(r, v);
     for (size_t i = 0; r->length > 0; i++) {
@@ -382,7 +379,7 @@ enum status cocone_repair(const struct cocone_star *star, const struct cocone_co
     enum status status = cocone_repair_new(star, cost, inside, &r);
     if (status) return status;
     par_for(threads, star->n, GRAIN, know_range, r);
-    for (size_t i = 0; i < sizeof passes / sizeof *passes && !status; i++) status = mend_all(r, &passes[i], progress);
+    for (size_t i = 0; i < sizeof passes / sizeof *passes && !status; i++) status = repair_all(r, &passes[i], progress);
     if (!status) *flips = r->flips;
     cocone_repair_free(r);
     return status;
@@ -451,19 +448,11 @@ static void hold(struct cocone_repair *r, const struct cocone_repair_trial *tria
     for (size_t k = 0; k < trial->count; k++) r->held[trial->cell[k]] = held;
 }
 
-static void mend_trial(struct cocone_repair *r, struct cocone_repair_trial *trial) {
+static void repair_trial_points(struct cocone_repair *r, struct cocone_repair_trial *trial) {
     for (size_t i = 0; i < sizeof passes / sizeof *passes; i++) {
         enqueue_defects(r, trial, &passes[i]);
         while (r->length > 0) repair_point(r, dequeue(r), &passes[i]);
     }
-}
-
-/* What is flipped one way is held before other cells may be flipped back. */
-static void mend_one_way(struct cocone_repair *r, uint8_t label, struct cocone_repair_trial *trial) {
-    r->held_label[!label] = true;
-    mend_trial(r, trial);
-    r->held_label[!label] = false;
-    hold(r, trial, true);
 }
 
 bool cocone_repair_may_try(const struct cocone_repair *r) {
@@ -482,8 +471,12 @@ void cocone_repair_try(struct cocone_repair *r, const uint32_t *seed, size_t cou
     hold(r, trial, true);
     r->trial = trial;
     r->step_limit = r->steps + STEPS_PER_TRIAL;
-    mend_one_way(r, label, trial);
-    mend_trial(r, trial);
+    /* What is flipped one way is held before other cells may be flipped back. */
+    r->held_label[!label] = true;
+    repair_trial_points(r, trial);
+    r->held_label[!label] = false;
+    hold(r, trial, true);
+    repair_trial_points(r, trial);
     r->trial = NULL;
     hold(r, trial, false);
     struct tally after = count_at(r, trial);

@@ -1,7 +1,7 @@
 /* Shells are the components of the mesh; a point that several have counts for the one that has it first.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/surface/cocone/shells.h"
+#include "core/surface/cocone/cocone_internal.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -115,11 +115,6 @@ static void chain_fans(struct surface *s) {
     }
 }
 
-/* A fan's smallest corner is its root; from now on the parent of all. */
-static void flatten_fans(struct surface *s) {
-    for (uint32_t i = 0; i < 3 * s->count; i++) s->fan[i] = s->fan[s->fan[i]];
-}
-
 /* ------------------------------------------------------------------------------------------------ double edges */
 
 /* The edge from corner i % 3 of triangle i / 3: between fans, or between points. */
@@ -311,7 +306,8 @@ static enum status attempt(struct surface s, bool may_empty, struct mesh *mesh, 
     if (!status) {
         par_for(s.threads, s.count, GRAIN, set_range, &s);
         chain_fans(&s);
-        flatten_fans(&s);
+        /* A fan's smallest corner is its root; from now on the parent of all. */
+        for (uint32_t i = 0; i < 3 * s.count; i++) s.fan[i] = s.fan[s.fan[i]];
         list_edges(&s, true, s.item, s.edge);
         *again = separate(&s, s.edge, may_empty);
         if (!*again) status = mesh_of_facets(&s, mesh);

@@ -11,7 +11,7 @@
  * homeomorphic surface reconstruction (2002), for the pruning and walking.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/surface/cocone/umbrella.h"
+#include "core/surface/cocone/cocone_internal.h"
 
 #include <stdlib.h>
 
@@ -59,8 +59,7 @@ static struct edge_view look_at_edge(const struct choice *choice, uint32_t a, ui
     return view;
 }
 
-/* ------------------------------------------------------------------------------------------------ local Delaunay
- * triangles */
+/* ------------------------------------------------------------------------------------------------ umbrellas */
 
 /* Whether a facet of the list continues f across the edge (p, u) without a sharp angle. */
 static bool continues(const struct choice *choice, const uint32_t *list, size_t count, uint32_t f, uint32_t p,
@@ -98,10 +97,6 @@ static bool has_umbrella(const struct choice *choice, uint32_t p, uint32_t *list
         }
     }
     return count > 0;
-}
-
-static void find_local_delaunay(struct choice *choice) {
-    for (uint32_t v = 0; v < choice->star->n; v++) choice->umbrella[v] = has_umbrella(choice, v, choice->stack);
 }
 
 static void fix_smooth(struct choice *choice) {
@@ -286,7 +281,7 @@ enum status cocone_umbrella_choose(const struct cocone_star *star, struct cocone
     choice.stack = alloc_array(facets->count, sizeof *choice.stack);
     if (!choice.umbrella || !choice.fixed || !choice.kept || !choice.tagged || !choice.stacked || !choice.stack)
         goto out;
-    find_local_delaunay(&choice);
+    for (uint32_t v = 0; v < choice.star->n; v++) choice.umbrella[v] = has_umbrella(&choice, v, choice.stack);
     fix_smooth(&choice);
     prune(&choice);
     walk_fans(&choice);

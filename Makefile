@@ -327,6 +327,10 @@ lint: $(libwhittle) ## check layers, banned functions, licence lines, the layout
 	@command -v clang-format > /dev/null || deploy/deps.sh clang-format
 	@clang-format --dry-run -Werror $(laid_out)
 
+.PHONY: statistics
+statistics: ## how many functions in a thousand lines, how long, how many used once; STATISTICS="folder ..."
+	@$(PYTHON) tests/tools/statistics.py $(STATISTICS)
+
 AGAIN ?= 0
 .PHONY: test-integration
 test-integration: ## the integration tests alone, with the programs that are there; AGAIN=3 gives so many a second try

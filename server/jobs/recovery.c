@@ -52,21 +52,26 @@ struct recovery {
 
 enum status service_recover_job(struct service *service, struct job *job, bool *failed, bool *changed,
                                 struct error *error) {
+    const int attempt = job->attempt; /* whose end was never recorded */
+    *changed = false;
+    if (!service->is_shared) store_outputs_delete(service->store, job->id, attempt);
     *failed = ++job->interruptions >= JOB_MAX_INTERRUPTIONS && !job->is_cancelled;
     job->expires_ms = job_now_ms() + service->config->retention_ms;
     if (!*failed) {
         log_line(LOG_WARNING, "job=%s was running when its host ended: %s", job->id,
                  job->is_cancelled ? "dismissed" : "queued again");
-        return catalog_finish(service->catalog, JOB_REQUEUE, job, changed, error);
+    } else {
+        struct problem problem;
+        problem_set(&problem, PROBLEM_WORKER_CRASHED,
+                    "the service ended %d times while the job ran, of late while nothing else did", job->interruptions);
+        problem_add_text(&problem, "stage", job->stage);
+        free(job->problem);
+        job->problem = problem_encode(&problem);
+        log_line(LOG_ERROR, "job=%s failed: the service ended %d times while it ran", job->id, job->interruptions);
     }
-    struct problem problem;
-    problem_set(&problem, PROBLEM_WORKER_CRASHED,
-                "the service ended %d times while the job ran, of late while nothing else did", job->interruptions);
-    problem_add_text(&problem, "stage", job->stage);
-    free(job->problem);
-    job->problem = problem_encode(&problem);
-    log_line(LOG_ERROR, "job=%s failed: the service ended %d times while it ran", job->id, job->interruptions);
-    return catalog_finish(service->catalog, JOB_FAIL, job, changed, error);
+    enum status status = catalog_finish(service->catalog, *failed ? JOB_FAIL : JOB_REQUEUE, job, changed, error);
+    if (service->is_shared && status == STATUS_OK && *changed) store_outputs_delete(service->store, job->id, attempt);
+    return status;
 }
 
 /* A job that is running, by its row: of this host when it ended, or of one that is gone; else another host has it.
@@ -76,10 +81,7 @@ static enum status recover_running(struct service *service, struct job *job, str
                                    struct error *error) {
     bool is_own = strcmp(job->owner, service->host) == 0, failed = false, changed = false;
     if (!is_own && job->lease_end_ms > job_now_ms()) return STATUS_OK;
-    const int attempt = job->attempt; /* whose end was never recorded */
-    if (!service->is_shared) store_outputs_delete(service->store, job->id, attempt);
     enum status status = service_recover_job(service, job, &failed, &changed, error);
-    if (service->is_shared && status == STATUS_OK && changed) store_outputs_delete(service->store, job->id, attempt);
     if (status == STATUS_OK && failed) recovery->failed++;
     if (status == STATUS_OK && !failed) recovery->requeued++;
     return status;

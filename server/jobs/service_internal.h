@@ -12,7 +12,7 @@ enum { SERVICE_PAGE = 64 }; /* rows that are read at a time */
 enum status service_recover(struct service *service, struct error *error) MUST_CHECK;
 
 /* recovery.c: a job whose host has gone is queued again, or failed (*failed) where hosts went too often.  *changed
- * false: it isn't that run's any more. */
+ * false: it isn't that run's any more, else the outputs that it left are removed. */
 enum status service_recover_job(struct service *service, struct job *job, bool *failed, bool *changed,
                                 struct error *error) MUST_CHECK;
 

@@ -114,10 +114,12 @@ static void outputs_name(const char *id, int attempt, char name[BLOBS_NAME_BYTES
         snprintf(name, BLOBS_NAME_BYTES, "%s/%.70s/outputs", jobs, id);
 }
 
-/* The same of outputs that are there already. */
+/* The same of outputs that are there already.  Of a data folder that holds its blobs itself, those of a later attempt
+ * may be of an earlier version.  Elsewhere the folder without a number is of the first attempt alone, perhaps left by a
+ * host that died, and nobody else's. */
 static void find_outputs(struct store *store, const char *id, int attempt, char name[BLOBS_NAME_BYTES]) {
     outputs_name(id, attempt, name);
-    if (attempt > 1 && !blobs_exist(store->blobs, name)) outputs_name(id, 1, name);
+    if (attempt > 1 && !store->is_apart && !blobs_exist(store->blobs, name)) outputs_name(id, 1, name);
 }
 
 /* Hashes and flushes one output. */

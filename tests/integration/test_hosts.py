@@ -9,7 +9,7 @@ import subprocess
 
 import pytest
 
-from conftest import BUILD, SMALL, process_lives, wait_until
+from conftest import BUILD, PATIENCE_S, SMALL, process_lives, wait_until
 from test_webhooks import SECRET, Receiver
 
 ROOT = pathlib.Path(__file__).parents[2]
@@ -94,6 +94,21 @@ def test_a_host_that_is_killed_loses_its_lease_and_the_job_runs_again(make_daemo
     gate.unlink()
     back.start()  # it comes back, and finds nothing to mend of what others have done
     assert back.job(job)["status"] == "successful" and content(back, job) == content(front, job)
+
+
+@pytest.mark.parametrize("shared", ["file"], indirect=True)
+def test_outputs_that_a_dying_host_left_are_nobody_s(make_daemon, shared, tmp_path):
+    """It dies when they are kept and the end isn't recorded: whoever queues the job again removes them."""
+    front, back = make_daemon(*shared, "--roles", "http"), make_daemon(*shared, "--fault", "outputs-kept=kill:1")
+    job = front.submit(SMALL)
+    back.process.wait(PATIENCE_S)
+    folder = tmp_path / "blobs" / "jobs" / job
+    assert (folder / "outputs").is_dir()
+    wait_until(lambda: not (folder / "outputs").exists(), "the sweep of the host that is left")
+    assert front.job(job)["status"] == "accepted"
+    other = make_daemon(*shared)
+    assert front.ended(job)["attempt"] == 2 and content(front, job) == content(other, job)
+    assert sorted(path.name for path in folder.glob("outputs*")) == ["outputs.2"]
 
 
 def test_what_is_deleted_at_another_host_ends_where_it_runs(make_daemon, shared, gate):

@@ -141,6 +141,31 @@ static void outputs_of_a_second_run_take_the_place_of_the_first(void **state) {
     assert_int_equal(folder_entries(f->folder, "tmp"), 0);
 }
 
+/* Where blobs are apart other hosts put some, too, and the first attempt's may be left by one that died. */
+static void what_is_left_of_a_first_attempt_is_no_later_one_s(void **state) {
+    struct fixture *f = *state;
+    struct job_output outputs[JOB_MAX_OUTPUTS];
+    size_t count;
+    char path[SCRATCH_PATH_BYTES], url[128];
+    store_close(f->store);
+    f->store = NULL;
+    snprintf(url, sizeof url, "file:%.80s/apart", f->folder);
+    assert_int_equal(store_open(f->folder, url, &f->store, &f->error), STATUS_OK);
+    assert_int_equal(scratch_run_begin(store_scratch(f->store), id, 1, path, &f->error), STATUS_OK);
+    write_file(path, "cloud.ply", "first");
+    assert_int_equal(store_outputs_keep(f->store, id, 1, NULL, outputs, &count, &f->error), STATUS_OK);
+    assert_true(store_outputs_exist(f->store, id, 1));
+    assert_false(store_outputs_exist(f->store, id, 2));
+    assert_int_equal(store_output_open(f->store, id, 2, "cloud.ply"), -1);
+    assert_int_equal(store_outputs_count(f->store, id, 2), 0);
+    assert_int_equal(scratch_run_begin(store_scratch(f->store), id, 2, path, &f->error), STATUS_OK);
+    write_file(path, "cloud.ply", "second");
+    assert_int_equal(store_outputs_keep(f->store, id, 2, NULL, outputs, &count, &f->error), STATUS_OK);
+    assert_content(store_output_open(f->store, id, 2, "cloud.ply"), "second");
+    store_outputs_delete(f->store, id, 1);
+    assert_true(store_outputs_exist(f->store, id, 2));
+}
+
 static void a_run_begins_with_an_empty_folder(void **state) {
     struct fixture *f = *state;
     char path[SCRATCH_PATH_BYTES];
@@ -336,6 +361,7 @@ int main(void) {
         TEST(the_same_content_twice_is_one_cloud),
         TEST(outputs_appear_together_with_their_hashes),
         TEST(outputs_of_a_second_run_take_the_place_of_the_first),
+        TEST(what_is_left_of_a_first_attempt_is_no_later_one_s),
         TEST(a_run_begins_with_an_empty_folder),
         TEST(what_is_no_plain_file_is_no_output),
         TEST(names_that_lead_elsewhere_are_refused),

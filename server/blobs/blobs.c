@@ -74,8 +74,8 @@ int blobs_read(struct blobs *blobs, const char *name) {
 
 bool blobs_exist(struct blobs *blobs, const char *name) { return is_name(name) && blobs->backend->exist(blobs, name); }
 
-void blobs_remove(struct blobs *blobs, const char *name) {
-    if (is_name(name)) blobs->backend->remove(blobs, name);
+bool blobs_remove(struct blobs *blobs, const char *name) {
+    return is_name(name) && blobs->backend->remove(blobs, name);
 }
 
 enum status blobs_list(struct blobs *blobs, const char *folder, void (*found)(void *ctx, const char *name), void *ctx,

@@ -61,8 +61,8 @@ int blobs_read(struct blobs *blobs, const char *name);
 bool blobs_exist(struct blobs *blobs, const char *name);
 
 /* Removes a blob, or a folder with all below it; what isn't there is removed already.  It is never seen in part by who
- * asks for it by a name, where the backend can help it. */
-void blobs_remove(struct blobs *blobs, const char *name);
+ * asks for it by a name, where the backend can help it.  false: some of it may be there still. */
+bool blobs_remove(struct blobs *blobs, const char *name);
 
 /* Tells of each name that follows the folder's, once, sorted by bytes: of blobs in it, and of folders below it.  A
  * folder that isn't there has none. */

@@ -278,6 +278,54 @@ enum status catalog_next_upload(struct catalog *catalog, const char *after, stru
     return catalog->backend->next_upload(catalog, after, upload, found, error);
 }
 
+enum status catalog_open_upload(struct catalog *catalog, const struct catalog_upload *upload, const char *token,
+                                const struct catalog_upload_limits *limits, struct error *error) {
+    return catalog->backend->open_upload(catalog, upload, token, limits, error);
+}
+
+enum status catalog_find_upload(struct catalog *catalog, const char *id, struct catalog_upload *upload, bool *found,
+                                struct error *error) {
+    return catalog->backend->find_upload(catalog, id, upload, found, error);
+}
+
+enum status catalog_seize_upload(struct catalog *catalog, const char *id, const char *token, uint64_t offset,
+                                 uint64_t length, uint64_t principal_bytes, struct catalog_upload *upload, bool *seized,
+                                 struct error *error) {
+    return catalog->backend->seize_upload(catalog, id, token, offset, length, principal_bytes, upload, seized, error);
+}
+
+enum status catalog_add_piece(struct catalog *catalog, const char *id, const char *token,
+                              const struct catalog_piece *piece, int64_t expires_ms, bool *held, struct error *error) {
+    return catalog->backend->add_piece(catalog, id, token, piece, expires_ms, held, error);
+}
+
+enum status catalog_list_pieces(struct catalog *catalog, const char *id, uint64_t offset, struct catalog_piece *pieces,
+                                size_t max, size_t *count, struct error *error) {
+    return catalog->backend->list_pieces(catalog, id, offset, pieces, max, count, error);
+}
+
+enum status catalog_complete_upload(struct catalog *catalog, const char *id, const char *cloud, struct error *error) {
+    return catalog->backend->complete_upload(catalog, id, cloud, error);
+}
+
+enum status catalog_expired_uploads(struct catalog *catalog, int64_t now_ms, char (*ids)[JOB_ID_BYTES], size_t max,
+                                    size_t *count, struct error *error) {
+    return catalog->backend->expired_uploads(catalog, now_ms, ids, max, count, error);
+}
+
+enum status catalog_mark(struct catalog *catalog, const char *name, int64_t until_ms, struct error *error) {
+    return catalog->backend->mark(catalog, name, until_ms, error);
+}
+
+enum status catalog_unmark(struct catalog *catalog, const char *name, struct error *error) {
+    return catalog->backend->unmark(catalog, name, error);
+}
+
+enum status catalog_claim_marks(struct catalog *catalog, int64_t now_ms, char (*names)[CATALOG_MARK_BYTES], size_t max,
+                                size_t *count, struct error *error) {
+    return catalog->backend->claim_marks(catalog, now_ms, names, max, count, error);
+}
+
 enum status catalog_hold_key(struct catalog *catalog, const char *principal, const char *key,
                              struct catalog_key_hold *hold, struct error *error) {
     return catalog->backend->hold_key(catalog, principal, key, hold, error);

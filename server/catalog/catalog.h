@@ -308,6 +308,66 @@ enum status catalog_delete_upload(struct catalog *catalog, const char *id, struc
 enum status catalog_next_upload(struct catalog *catalog, const char *after, struct catalog_upload *upload, bool *found,
                                 struct error *error) MUST_CHECK;
 
+/* ---- of hosts that share the catalog, any of which goes on with an upload (catalog_is_shared, else never called) ----
+ *
+ * The bytes are pieces, each a blob, in the order of their offsets; the row's offset is where the last one ends.  Who
+ * writes is named by a token, the newest one: whoever had it before adds no piece any more. */
+enum { CATALOG_TOKEN_BYTES = 33, CATALOG_PIECE_BYTES = 64 };
+
+/* How many uploads there may be, of all and of one principal, and how many bytes it may have (0 = no limit). */
+struct catalog_upload_limits {
+    uint64_t all, of_principal, principal_bytes;
+};
+
+/* Adds a new one, and its writer.  Its bytes are reserved with it: as many as it will have, or as have come.
+ * STATUS_LIMIT: error->where is "max_uploads", "principal_uploads" or "principal_bytes". */
+enum status catalog_open_upload(struct catalog *catalog, const struct catalog_upload *upload, const char *token,
+                                const struct catalog_upload_limits *limits, struct error *error) MUST_CHECK;
+
+/* Doesn't block for long, like the next one. */
+enum status catalog_find_upload(struct catalog *catalog, const char *id, struct catalog_upload *upload, bool *found,
+                                struct error *error) MUST_CHECK;
+
+/* Makes token the one who writes, at this offset (UINT64_MAX = wherever it is), and sets a length that wasn't known
+ * (UINT64_MAX = leaves it).  *upload is the row as it is then; *seized false: its offset or its length is another one,
+ * it is a cloud already, or it isn't there (upload->id ""), and nothing was done.  STATUS_LIMIT as above. */
+enum status catalog_seize_upload(struct catalog *catalog, const char *id, const char *token, uint64_t offset,
+                                 uint64_t length, uint64_t principal_bytes, struct catalog_upload *upload, bool *seized,
+                                 struct error *error) MUST_CHECK;
+
+struct catalog_piece {
+    uint64_t offset, bytes;
+    char name[CATALOG_PIECE_BYTES]; /* of its blob, in the upload's folder */
+};
+
+/* The piece is the upload's next; *held false: token doesn't write any more, and nothing was done. */
+enum status catalog_add_piece(struct catalog *catalog, const char *id, const char *token,
+                              const struct catalog_piece *piece, int64_t expires_ms, bool *held,
+                              struct error *error) MUST_CHECK;
+
+/* Its pieces from this offset on, up to max, in their order. */
+enum status catalog_list_pieces(struct catalog *catalog, const char *id, uint64_t offset, struct catalog_piece *pieces,
+                                size_t max, size_t *count, struct error *error) MUST_CHECK;
+
+/* It is a cloud now, and has no pieces any more. */
+enum status catalog_complete_upload(struct catalog *catalog, const char *id, const char *cloud,
+                                    struct error *error) MUST_CHECK;
+
+/* The ids of up to max whose time is over. */
+enum status catalog_expired_uploads(struct catalog *catalog, int64_t now_ms, char (*ids)[JOB_ID_BYTES], size_t max,
+                                    size_t *count, struct error *error) MUST_CHECK;
+
+/* Marks: names of blobs, or of folders of them, that are nobody's from a time on unless a row names them by then.  Who
+ * removes a row that has blobs marks them in the same transaction; who puts blobs before there is a row marks them
+ * before.  So nothing is found by listing what there is.  An earlier mark of the name is replaced. */
+enum { CATALOG_MARK_BYTES = 512 };
+enum status catalog_mark(struct catalog *catalog, const char *name, int64_t until_ms, struct error *error) MUST_CHECK;
+enum status catalog_unmark(struct catalog *catalog, const char *name, struct error *error) MUST_CHECK;
+
+/* Up to max whose time is over, and which are due again in a minute: one host at a time gets each. */
+enum status catalog_claim_marks(struct catalog *catalog, int64_t now_ms, char (*names)[CATALOG_MARK_BYTES], size_t max,
+                                size_t *count, struct error *error) MUST_CHECK;
+
 /* ------------------------------------------------------------------------------------------------ keys */
 
 /* Idempotency-Key: a request that is sent again under the same key isn't done again.

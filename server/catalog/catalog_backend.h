@@ -20,6 +20,8 @@ struct catalog_backend {
     void (*watch)(struct catalog *catalog); /* tell is set from now on; NULL = it need not know */
 #define OPERATION(name) __typeof__(catalog_##name) *name;
 #include "server/catalog/catalog_operations.def"
+#define OPERATION(name) __typeof__(catalog_##name) *name;
+#include "server/catalog/catalog_shared_operations.def"
 };
 
 struct catalog {

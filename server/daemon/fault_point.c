@@ -5,6 +5,7 @@
  *     claimed started                                     a job is running for the queue; its process exists
  *     outputs-begin, output-open -sync,                   outputs on their way to being visible
  *     rename-jobs sync-jobs outputs-kept, job-recorded    ... and the end's row
+ *     piece-kept                                          a piece of an upload is a blob, and has no row
  *     delete-committed, remove-rename removed             the row is gone; the name is; the files are
  *     commit                                              any change of the database
  *     database-open -read -write -sync -truncate -map     the database's own files (sql_faults.c)

@@ -108,7 +108,13 @@ const struct handler handlers_upload_options = {.run = upload_options, .quick = 
 static bool find_upload(struct service *service, const struct request *request, struct catalog_upload *info,
                         struct response *response) {
     const char *id = request->match.capture[0];
-    bool found = uploads_find(service->uploads, id, info) && principal_sees(&request->principal, info->principal);
+    struct error error = {0};
+    bool found;
+    if (uploads_find(service->uploads, id, info, &found, &error) != STATUS_OK) {
+        response_error(response, &error);
+        return false;
+    }
+    found = found && principal_sees(&request->principal, info->principal);
     if (!found) response_refuse(response, PROBLEM_NO_SUCH_UPLOAD, "there is no upload %.40s", id);
     return found;
 }
@@ -251,6 +257,7 @@ static bool make_cloud(struct service *service, struct catalog_upload *info, str
     struct upload_facts facts = {0};
     struct error ignored = {0};
     struct admission admission = service_admission(service->config, NULL);
+    if (uploads_gather(service->uploads, info->id, error) != STATUS_OK) return false;
     int fd = scratch_part_open(store_scratch(service->store), info->id, false);
     if (fd < 0) {
         error_set(error, STATUS_IO, "uploads", "can't open upload %s: %s", info->id, strerror(errno));
@@ -272,7 +279,10 @@ static bool make_cloud(struct service *service, struct catalog_upload *info, str
 /* Whether another request has made the cloud meanwhile, or deleted the upload: then no cloud is named. */
 static bool is_settled(struct service *service, struct catalog_upload *info) {
     struct catalog_upload now = {0};
-    bool open = uploads_find(service->uploads, info->id, &now) && !now.cloud[0];
+    struct error error = {0};
+    bool found = true;
+    enum status status = uploads_find(service->uploads, info->id, &now, &found, &error);
+    bool open = status != STATUS_OK || (found && !now.cloud[0]);
     if (!open) memcpy(info->cloud, now.cloud, sizeof info->cloud);
     return !open;
 }
@@ -341,7 +351,11 @@ static void get_upload(struct service *service, struct request *request, struct 
     if ((request->head && !speaks_tus(request, response)) || !handlers_takes_no_query(request, response) ||
         !find_upload(service, request, &info, response))
         return;
-    if (request->head) uploads_interrupt(service->uploads, info.id);
+    struct error error = {0};
+    if (request->head && uploads_interrupt(service->uploads, info.id, &error) != STATUS_OK) {
+        response_error(response, &error);
+        return;
+    }
     if (!find_upload(service, request, &info, response)) return;
     uint64_t has;
     if (!is_over_share(service, &info, &has) && !finish(service, &info, response)) return;

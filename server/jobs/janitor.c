@@ -3,6 +3,7 @@
  * A row is removed before its files are.  The sweeps are for one thread alone.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -11,11 +12,20 @@
 #include "server/daemon/wall_clock.h"
 #include "server/jobs/service_internal.h"
 
-enum { TOMBSTONE_MS = 7 * 24 * 3600 * 1000 };
+enum { TOMBSTONE_MS = 7 * 24 * 3600 * 1000, MARK_AGAIN_MS = 60 * 1000 };
 
 /* ------------------------------------------------------------------------------------------------ deleting */
 
-static void delete_cloud(void *ctx, const char *cloud) { store_cloud_delete(((struct service *)ctx)->store, cloud); }
+/* What a store that is away keeps goes later, by a mark. */
+static void delete_cloud(void *ctx, const char *cloud) {
+    struct service *service = ctx;
+    struct error error = {0};
+    char name[JOB_HASH_BYTES + sizeof "clouds/"];
+    if (store_cloud_delete(service->store, cloud) || !service->is_shared) return;
+    snprintf(name, sizeof name, "clouds/%s", cloud);
+    if (catalog_mark(service->catalog, name, job_now_ms() + MARK_AGAIN_MS, &error) != STATUS_OK)
+        log_line(LOG_ERROR, "cloud=%s can't be removed, nor marked: %s", cloud, error.text);
+}
 
 void service_forget_cloud(struct service *service, const char *cloud) {
     struct error error = {0};
@@ -168,6 +178,37 @@ static void sweep_leases(struct service *service) {
     free(jobs);
 }
 
+/* What a mark names goes, unless a row names it by now: a job's folder of blobs, an upload's, a cloud.  The mark stays
+ * where that fails, and is due again. */
+static enum status sweep_mark(struct service *service, const char *name, struct error *error) {
+    static const struct {
+        const char *folder;
+        enum catalog_thing thing;
+    } kinds[] = {{"jobs/", CATALOG_JOB}, {"uploads/", CATALOG_UPLOAD}};
+    bool known = false;
+    enum status status = STATUS_OK;
+    for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
+        size_t length = strlen(kinds[i].folder);
+        if (strncmp(name, kinds[i].folder, length) != 0) continue;
+        status = catalog_knows(service->catalog, kinds[i].thing, name + length, &known, error);
+        if (status == STATUS_OK && !known && !store_marked_delete(service->store, name)) return STATUS_OK;
+    }
+    if (status == STATUS_OK) status = catalog_unmark(service->catalog, name, error);
+    if (status == STATUS_OK && strncmp(name, "clouds/", 7) == 0) service_forget_cloud(service, name + 7);
+    return status;
+}
+
+static void sweep_marks(struct service *service) {
+    struct error error = {0};
+    size_t count = 0;
+    char(*names)[CATALOG_MARK_BYTES] = service->is_shared ? calloc(SERVICE_PAGE, sizeof *names) : NULL;
+    if (!names) return;
+    enum status status = catalog_claim_marks(service->catalog, job_now_ms(), names, SERVICE_PAGE, &count, &error);
+    for (size_t i = 0; status == STATUS_OK && i < count; i++) status = sweep_mark(service, names[i], &error);
+    if (status != STATUS_OK) log_line(LOG_ERROR, "can't look for what nobody names: %s", error.text);
+    free(names);
+}
+
 void service_sweep(struct service *service) {
     if (!follow_clock(service)) return;
     sweep_keys(service);
@@ -176,4 +217,5 @@ void service_sweep(struct service *service) {
     sweep_clouds(service);
     sweep_unused_clouds(service);
     uploads_sweep(service->uploads, job_now_ms());
+    sweep_marks(service);
 }

@@ -23,7 +23,10 @@ static enum store_fate fate_of(void *ctx, enum store_thing thing, const char *na
     struct catalog_upload upload;
     if (service->is_shared && thing != STORE_PART) return STORE_KEEP; /* it may be another host's, of this moment */
     if (thing == STORE_PART) {
-        if (!uploads_find(service->uploads, name, &upload)) return STORE_SET_ASIDE;
+        bool found;
+        if (service->is_shared) return STORE_REMOVE; /* a copy of pieces that are among the blobs */
+        if (uploads_find(service->uploads, name, &upload, &found, &error) != STATUS_OK) return STORE_KEEP;
+        if (!found) return STORE_SET_ASIDE;
         return upload.cloud[0] ? STORE_REMOVE : STORE_KEEP;
     }
     if (thing == STORE_CLOUD) {

@@ -88,8 +88,7 @@ enum status service_open(struct service *service, const struct config *config, s
     service->metrics = metrics_new();
     if (status == STATUS_OK && !service->metrics) status = error_set(error, STATUS_NO_MEMORY, "service", "no memory");
     if (status == STATUS_OK)
-        status =
-            uploads_open(service->catalog, store_scratch(service->store), service->is_shared, &service->uploads, error);
+        status = uploads_open(service->catalog, service->store, service->is_shared, &service->uploads, error);
     if (status == STATUS_OK) status = service_recover(service, error);
     if (status != STATUS_OK) service_close(service);
     return status;

@@ -40,12 +40,21 @@ static enum status name_result(struct job *job, struct error *error) {
     return ok ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
 }
 
+/* Outputs that are put before their job has a row are nobody's, should it never have one. */
+static enum status mark_outputs(struct service *service, const struct job *job, struct error *error) {
+    char name[JOB_ID_BYTES + sizeof "jobs/"];
+    if (!service->is_shared) return STATUS_OK;
+    snprintf(name, sizeof name, "jobs/%s", job->id);
+    return catalog_mark(service->catalog, name, job_now_ms() + EXPECTED_MS, error);
+}
+
 /* Takes over from an earlier job with the same result what it made.  false: there is none, or its files are gone. */
 static bool borrow(struct service *service, struct job *job) {
     struct error error = {0};
     struct job earlier;
     bool found = false;
     enum status status = catalog_find_result(service->catalog, job->result, job->principal, &earlier, &found, &error);
+    if (status == STATUS_OK && found) status = mark_outputs(service, job, &error);
     if (status == STATUS_OK && found)
         status = store_outputs_share(service->store, earlier.id, earlier.attempt, job->id, &error);
     if (status != STATUS_OK) log_line(LOG_WARNING, "job=%s can't share outputs: %s", job->id, error.text);

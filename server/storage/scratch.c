@@ -207,6 +207,14 @@ enum status scratch_part_sync(struct scratch *scratch, int fd, struct error *err
     return fsync(fd) == 0 && fsync(scratch->parts_fd) == 0 ? STATUS_OK : scratch_refused(error, "flush", "an upload");
 }
 
+enum status scratch_part_take(struct scratch *scratch, const char *id, struct scratch_file *file, struct error *error) {
+    bool done = renameat(scratch->tmp_fd, file->name, scratch->parts_fd, id) == 0;
+    enum status status = done ? STATUS_OK : scratch_refused(error, "keep", id);
+    if (done) file->name[0] = 0;
+    scratch_file_drop(scratch, file);
+    return status;
+}
+
 enum status scratch_part_link(struct scratch *scratch, const char *id, struct scratch_file *file, struct error *error) {
     file->fd = -1;
     folders_random_name("part", file->name);

@@ -96,6 +96,10 @@ int scratch_part_open(struct scratch *scratch, const char *id, bool create);
 /* Flushes the file, and that it is there. */
 enum status scratch_part_sync(struct scratch *scratch, int fd, struct error *error) MUST_CHECK;
 
+/* Makes the file, which is no part of anything else, the upload's, in the place of what is there.  Ends the file. */
+enum status scratch_part_take(struct scratch *scratch, const char *id, struct scratch_file *file,
+                              struct error *error) MUST_CHECK;
+
 /* Makes *file the same content under another name. */
 enum status scratch_part_link(struct scratch *scratch, const char *id, struct scratch_file *file,
                               struct error *error) MUST_CHECK;

@@ -20,7 +20,7 @@
 #include "server/blobs/blobs.h"
 #include "server/blobs/lost_found.h"
 
-static const char clouds[] = "clouds", jobs[] = "jobs";
+static const char clouds[] = "clouds", jobs[] = "jobs", uploads[] = "uploads";
 
 struct store {
     struct scratch *scratch;
@@ -88,10 +88,10 @@ bool store_cloud_exists(struct store *store, const char *sha256) {
     return blobs_exist(store->blobs, name);
 }
 
-void store_cloud_delete(struct store *store, const char *sha256) {
+bool store_cloud_delete(struct store *store, const char *sha256) {
     char name[BLOBS_NAME_BYTES];
     cloud_name(sha256, name);
-    blobs_remove(store->blobs, name);
+    return blobs_remove(store->blobs, name);
 }
 
 enum status store_part_keep(struct store *store, const char *id, const char *sha256, struct error *error) {
@@ -103,6 +103,39 @@ enum status store_part_keep(struct store *store, const char *id, const char *sha
     scratch_file_drop(store->scratch, &file);
     return status;
 }
+
+/* ------------------------------------------------------------------------------------------------ pieces */
+
+enum status store_piece_keep(struct store *store, const char *upload, const char *name, struct scratch_file *file,
+                             struct error *error) {
+    char folder[BLOBS_NAME_BYTES], sha256[DIGEST_HEX_BYTES];
+    uint64_t bytes;
+    snprintf(folder, sizeof folder, "%s/%.60s", uploads, upload);
+    enum status status = digest_file(file->fd, sha256, &bytes) == 0 ? STATUS_OK : store_refused(error, "read", name);
+    if (status == STATUS_OK) {
+        struct blobs_source source = scratch_file_source(store->scratch, file, name, sha256);
+        status = blobs_put(store->blobs, folder, &source, 1, error);
+    }
+    scratch_file_drop(store->scratch, file);
+    return status;
+}
+
+enum status store_piece_copy(struct store *store, const char *upload, const char *name, int to, struct error *error) {
+    char path[BLOBS_NAME_BYTES];
+    snprintf(path, sizeof path, "%s/%.60s/%.80s", uploads, upload, name);
+    int fd = blobs_read(store->blobs, path);
+    enum status status = fd >= 0 && folders_copy(fd, to) == 0 ? STATUS_OK : store_refused(error, "read", path);
+    folders_close(fd);
+    return status;
+}
+
+void store_pieces_delete(struct store *store, const char *upload) {
+    char folder[BLOBS_NAME_BYTES];
+    snprintf(folder, sizeof folder, "%s/%.60s", uploads, upload);
+    blobs_remove(store->blobs, folder);
+}
+
+bool store_marked_delete(struct store *store, const char *name) { return blobs_remove(store->blobs, name); }
 
 /* ------------------------------------------------------------------------------------------------ outputs */
 

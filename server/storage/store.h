@@ -4,6 +4,7 @@
  *     clouds/<sha256>                 a blob: an input, by content
  *     jobs/<id>/outputs/<name>        a blob: an output of a job that succeeded; outputs.<n> of its n-th attempt, n > 1
  *     jobs/<id>/log.<host>            a blob, where several hosts share them: what one of them has of the log
+ *     uploads/<id>/<offset>-<token>   a blob, where several hosts share them: a piece of an upload
  *     jobs/<id>/log, uploads/<id>     scratch
  *
  * What is visible is complete and on disk.  All functions may be called from any thread, and block on the disk; those
@@ -41,10 +42,21 @@ enum status store_upload_keep(struct store *store, struct scratch_file *upload, 
 /* A cloud, opened for reading; -1 when there is none. */
 int store_cloud_open(struct store *store, const char *sha256);
 bool store_cloud_exists(struct store *store, const char *sha256);
-void store_cloud_delete(struct store *store, const char *sha256);
+bool store_cloud_delete(struct store *store, const char *sha256); /* false: it may be there still */
 
 /* Makes the file's content the cloud of this hash, too; the part stays. */
 enum status store_part_keep(struct store *store, const char *id, const char *sha256, struct error *error) MUST_CHECK;
+
+/* Pieces of an upload that several hosts go on with: makes the file, which was flushed, the piece of that name; copies
+ * one to where `to` is at; removes all of an upload's.  Ends the file. */
+enum status store_piece_keep(struct store *store, const char *upload, const char *name, struct scratch_file *file,
+                             struct error *error) MUST_CHECK;
+enum status store_piece_copy(struct store *store, const char *upload, const char *name, int to,
+                             struct error *error) MUST_CHECK;
+void store_pieces_delete(struct store *store, const char *upload);
+
+/* Removes what a mark of the catalog names: a job's folder, or an upload's.  false: some of it may be there still. */
+bool store_marked_delete(struct store *store, const char *name);
 
 /* Outputs are those of a job and of the attempt that made them, so an attempt that goes on after its lease has ended
  * writes to nothing that a later one has.

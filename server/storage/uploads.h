@@ -2,15 +2,19 @@
  *
  *     begin -> write ... -> end -> (cut, HEAD, begin at the offset, write ... -> end)* -> whole: becomes a cloud
  *
- * All are in memory, so that what must not block can ask; a row of each is in the catalog, its
- * bytes are a file in scratch.   What a piece has brought before its connection
- * broke is kept, unless the piece came with a checksum: then it is kept whole or not at all.
+ * Where one process serves the catalog all are in memory, so that what must not block can ask; a row of each is in the
+ * catalog, its bytes are a file in scratch.  Where several hosts share it any of them goes on with an upload: its bytes
+ * are pieces among the blobs, and the row says how far they reach.
+ *
+ * What a piece has brought before its connection broke is kept, unless the piece came with a checksum: then it is kept
+ * whole or not at all.  Of a host that dies the bytes are kept that were pieces by then: at the end of each request,
+ * and at each sweep.
  *
  * One writer has an upload at a time, the newest: a client that comes back need not wait until its old connection is
  * found to be dead, whose bytes are refused from then on.
  *
- * After a crash of the service an upload goes on with every byte that was written, after one of the host with those
- * that were flushed: at the end of each piece, and at each sweep.
+ * After a crash of the service an upload to a host's own file goes on with every byte that was written, after one of
+ * the host with those that were flushed: at the end of each piece, and at each sweep.
  *
  * The bytes that an upload has, or will have where its length is known, are reserved for its principal
  * (catalog_reserve) before they come, until it is a cloud or gone.
@@ -29,20 +33,21 @@
 #include "core/base/status.h"
 #include "server/catalog/catalog.h"
 #include "server/catalog/job.h"
-#include "server/storage/scratch.h"
+#include "server/storage/store.h"
 
+struct digest;
 struct uploads;
 struct uploads_writer;
 
-/* Reads all; those whose files are lost are forgotten (logged), or left alone where the catalog is shared: another host
- * has them.  Catalog and scratch are borrowed.  uploads_close
- * accepts NULL, and wants every writer freed. */
-enum status uploads_open(struct catalog *catalog, struct scratch *scratch, bool is_shared, struct uploads **uploads,
+/* Reads all, where the catalog isn't shared; those whose files are lost are forgotten (logged).  Catalog and store are
+ * borrowed.  uploads_close accepts NULL, and wants every writer freed. */
+enum status uploads_open(struct catalog *catalog, struct store *store, bool is_shared, struct uploads **uploads,
                          struct error *error) MUST_CHECK;
 void uploads_close(struct uploads *uploads);
 
 /* Whether there is one of this id, and what is known of it.  Doesn't block for long. */
-bool uploads_find(struct uploads *uploads, const char *id, struct catalog_upload *info);
+enum status uploads_find(struct uploads *uploads, const char *id, struct catalog_upload *info, bool *found,
+                         struct error *error) MUST_CHECK;
 
 /* How pieces are checked: a hash in base64 that must come out. */
 struct uploads_check {
@@ -69,8 +74,9 @@ struct uploads_writer *uploads_resume(struct uploads *uploads, const char *id, u
                                       const struct uploads_check *check, uint64_t principal_bytes,
                                       struct problem *problem);
 
-/* Whoever writes can't any more: the offset is final until the next piece.  Waits for a piece that is just ending. */
-void uploads_interrupt(struct uploads *uploads, const char *id);
+/* Whoever writes can't any more: the offset is final until the next piece.  Waits for a piece that is just ending.
+ * Blocks. */
+enum status uploads_interrupt(struct uploads *uploads, const char *id, struct error *error) MUST_CHECK;
 
 /* Takes the next bytes of a piece, to the page cache.  false: *problem says why. */
 bool uploads_write(struct uploads_writer *writer, const void *bytes, size_t count, struct problem *problem);
@@ -82,6 +88,9 @@ bool uploads_end(struct uploads_writer *writer, int64_t expires_ms, struct catal
 
 /* Accepts NULL. */
 void uploads_writer_free(struct uploads_writer *writer);
+
+/* The upload, which is whole, becomes a file in scratch (scratch_part_open), if it isn't one.  Blocks. */
+enum status uploads_gather(struct uploads *uploads, const char *id, struct error *error) MUST_CHECK;
 
 /* The upload's file is a cloud now: that is noted, and the file removed.  Blocks. */
 enum status uploads_complete(struct uploads *uploads, const char *id, const char *sha256,

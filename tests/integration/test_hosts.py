@@ -5,11 +5,12 @@ import hashlib
 import itertools
 import os
 import pathlib
+import socket
 import subprocess
 
 import pytest
 
-from conftest import BUILD, PATIENCE_S, SMALL, process_lives, wait_until
+from conftest import BUILD, PATIENCE_S, SMALL, process_lives, sphere, wait_until
 from test_webhooks import SECRET, Receiver
 
 ROOT = pathlib.Path(__file__).parents[2]
@@ -171,6 +172,114 @@ def test_a_link_opens_at_every_host(make_daemon, shared, tmp_path):
     assert front.curl(href).body == back.curl(href).body == whole
     changed = href[:-1] + ("0" if href[-1] != "0" else "1")
     assert back.curl(changed).status in (401, 403)
+
+
+# ---------------------------------------------------------------------------------------------- resumable uploads
+
+TUS = ("-H", "Tus-Resumable: 1.0.0")
+SMALLS_CLOUD = f"/v1/clouds/{hashlib.sha256(SMALL).hexdigest()}"
+
+
+def begin_upload(host, *more, length=len(SMALL)):
+    reply = host.curl("/v1/uploads", "-X", "POST", *TUS, "-H", f"Upload-Length: {length}", *more)
+    assert reply.status == 201, reply.body
+    return reply.json["id"]
+
+
+def send_piece(host, upload, offset, data, *more):
+    return host.curl(f"/v1/uploads/{upload}", "-X", "PATCH", *TUS, "-H", f"Upload-Offset: {offset}", "-H",
+                     "Content-Type: application/offset+octet-stream", "--data-binary", "@-", *more, data=data)
+
+
+def offset_at(host, upload):
+    reply = host.curl(f"/v1/uploads/{upload}", "-I", *TUS)
+    assert reply.status == 200, reply.status
+    return int(reply.headers["upload-offset"])
+
+
+def test_rule_8_an_upload_goes_on_at_any_host(make_daemon, shared):
+    hosts = [make_daemon(*shared, "--roles", "http") for _ in range(3)]
+    upload, step = begin_upload(hosts[0]), len(SMALL) // 7 + 1
+    for n, at in enumerate(range(0, len(SMALL), step)):
+        assert offset_at(hosts[(n + 1) % 3], upload) == at
+        reply = send_piece(hosts[n % 3], upload, at, SMALL[at:at + step])
+        assert reply.status == 204 and int(reply.headers["upload-offset"]) == min(at + step, len(SMALL)), reply.body
+    found = {host.curl(f"/v1/uploads/{upload}").json["cloud"] for host in hosts}
+    assert found == {SMALLS_CLOUD}
+    assert [host.curl(f"{SMALLS_CLOUD}/data").body for host in hosts] == [SMALL] * 3
+    assert hosts[1].curl(f"/v1/uploads/{upload}", "-X", "DELETE", *TUS).status == 204
+    assert hosts[2].curl(f"/v1/uploads/{upload}").status == 404
+
+
+def test_rule_8_an_upload_outlives_the_host_that_was_killed_between_its_pieces(make_daemon, shared):
+    first, second = (make_daemon(*shared, "--roles", "http") for _ in range(2))
+    half = len(SMALL) // 2
+    upload = begin_upload(first)
+    assert send_piece(first, upload, 0, SMALL[:half]).status == 204
+    first.kill()
+    assert offset_at(second, upload) == half
+    assert send_piece(second, upload, half, SMALL[half:]).status == 204
+    assert second.curl(f"/v1/uploads/{upload}").json["cloud"] == SMALLS_CLOUD
+    first.start()  # which has nothing of it, and takes nothing away
+    assert first.curl(f"/v1/uploads/{upload}").json["cloud"] == SMALLS_CLOUD
+
+
+def test_rule_8_a_host_that_dies_with_a_piece_leaves_the_offset_where_it_was(make_daemon, shared):
+    """The blob is there, its row isn't."""
+    first, second = (make_daemon(*shared, "--roles", "http") for _ in range(2))
+    upload, half = begin_upload(second), len(SMALL) // 2
+    assert send_piece(second, upload, 0, SMALL[:half]).status == 204
+    first.kill()
+    first.start("--fault", "piece-kept=kill")
+    subprocess.run(first.curl_command(f"/v1/uploads/{upload}", "-X", "PATCH", *TUS, "-H", f"Upload-Offset: {half}", "-H",
+                                      "Content-Type: application/offset+octet-stream", "--data-binary", "@-"),
+                   input=SMALL[half:], capture_output=True, check=False)
+    first.process.wait(60)
+    assert offset_at(second, upload) == half
+    assert send_piece(second, upload, half, SMALL[half:]).status == 204
+    assert second.curl(f"/v1/uploads/{upload}").json["cloud"] == SMALLS_CLOUD
+
+
+def test_rule_8_the_newest_writer_fences_the_one_before(make_daemon, shared):
+    """A piece that is on its way at one host while another host goes on: its bytes are refused, and none is twice."""
+    first, second = (make_daemon(*shared, "--roles", "http") for _ in range(2))
+    upload = begin_upload(first)
+    with socket.create_connection(("127.0.0.1", first.port)) as slow:
+        slow.sendall(f"PATCH /v1/uploads/{upload} HTTP/1.1\r\nHost: localhost\r\nTus-Resumable: 1.0.0\r\nUpload-Offset: 0\r\n"
+                     f"Content-Type: application/offset+octet-stream\r\nContent-Length: {len(SMALL)}\r\n\r\n".encode())
+        slow.sendall(SMALL[:100].replace(b"1", b"2"))
+        wait_until(lambda: first.leftovers(), "the piece's file")
+        assert offset_at(second, upload) == 0
+        assert send_piece(second, upload, 0, SMALL[:200]).status == 204
+        slow.sendall(SMALL[100:])
+        assert slow.recv(200).startswith(b"HTTP/1.1 409 ")
+    assert offset_at(first, upload) == 200
+    assert send_piece(first, upload, 200, SMALL[200:]).status == 204
+    assert second.curl(f"/v1/uploads/{upload}").json["cloud"] == SMALLS_CLOUD
+
+
+def test_rule_8_what_a_broken_connection_has_brought_is_kept(make_daemon, shared):
+    first, second = (make_daemon(*shared, "--roles", "http") for _ in range(2))
+    cloud = sphere(6000)  # so large that pieces of it are written at once
+    upload = begin_upload(first, length=len(cloud))
+    with socket.create_connection(("127.0.0.1", first.port)) as broken:
+        broken.sendall(f"PATCH /v1/uploads/{upload} HTTP/1.1\r\nHost: localhost\r\nTus-Resumable: 1.0.0\r\nUpload-Offset: 0\r\n"
+                       f"Content-Type: application/offset+octet-stream\r\nContent-Length: {len(cloud)}\r\n\r\n".encode())
+        broken.sendall(cloud[:100000])
+        least = wait_until(lambda: first.curl(f"/v1/uploads/{upload}").json["offset"], "what is sent")
+    at = offset_at(first, upload)
+    assert least <= at <= 100000 and offset_at(second, upload) == at
+    assert send_piece(second, upload, at, cloud[at:]).status == 204
+    assert first.curl(first.curl(f"/v1/uploads/{upload}").json["cloud"] + "/data").body == cloud
+
+
+def test_uploads_of_all_hosts_count_together(make_daemon, shared):
+    hosts = [make_daemon(*shared, "--roles", "http", "--max-uploads", "3") for _ in range(2)]
+    uploads = [begin_upload(hosts[n % 2]) for n in range(3)]
+    reply = hosts[1].curl("/v1/uploads", "-X", "POST", *TUS, "-H", "Upload-Length: 9")
+    assert reply.status == 503 and reply.slug == "too-many-uploads" and reply.headers["retry-after"]
+    assert hosts[0].curl(f"/v1/uploads/{uploads[1]}", "-X", "DELETE", *TUS).status == 204
+    begin_upload(hosts[1])
 
 
 def test_hosts_without_a_common_blob_store_are_refused(shared, tmp_path):

@@ -176,6 +176,117 @@ static void a_newer_schema_is_refused_and_an_older_one_upgraded(void **state) {
     assert_non_null(strstr(f->error.text, "whittled migrate"));
 }
 
+static struct catalog_piece piece_of(uint64_t offset, uint64_t bytes, const char *name) {
+    struct catalog_piece piece = {.offset = offset, .bytes = bytes};
+    snprintf(piece.name, sizeof piece.name, "%s", name);
+    return piece;
+}
+
+static bool is_added(struct catalog *catalog, const char *id, const char *token, uint64_t offset, uint64_t bytes) {
+    struct catalog_piece piece = piece_of(offset, bytes, token);
+    struct error error;
+    bool held;
+    assert_int_equal(catalog_add_piece(catalog, id, token, &piece, INT64_MAX, &held, &error), STATUS_OK);
+    return held;
+}
+
+static bool is_seized(struct catalog *catalog, const char *id, const char *token, uint64_t offset, uint64_t length,
+                      struct catalog_upload *row) {
+    struct error error;
+    bool seized;
+    assert_int_equal(catalog_seize_upload(catalog, id, token, offset, length, 0, row, &seized, &error), STATUS_OK);
+    return seized;
+}
+
+/* The newest one alone, and at the offset where the upload ends alone. */
+static void an_upload_has_one_writer(void **state) {
+    static const struct catalog_upload_limits limits = {.all = 2, .of_principal = 2, .principal_bytes = 100};
+    struct catalog_fixture *f = *state;
+    struct catalog *other = open_again(f);
+    struct catalog_upload upload = {.principal = "ann", .expires_ms = INT64_MAX, .length = UINT64_MAX}, row;
+    struct catalog_piece pieces[3];
+    bool found;
+    size_t count;
+    catalog_fixture_id(1, upload.id);
+    assert_int_equal(catalog_open_upload(f->catalog, &upload, "one", &limits, &f->error), STATUS_OK);
+    assert_true(is_added(f->catalog, upload.id, "one", 0, 10));
+    assert_int_equal(catalog_usage(other, "ann").reserved, 10);
+    assert_false(is_seized(other, upload.id, "two", 9, UINT64_MAX, &row));
+    assert_int_equal(row.offset, 10);
+    assert_false(is_seized(other, upload.id, "two", 10, 9, &row)); /* shorter than what has come */
+    assert_true(is_added(f->catalog, upload.id, "one", 10, 1));
+    assert_true(is_seized(other, upload.id, "two", UINT64_MAX, 30, &row));
+    assert_int_equal(row.offset, 11);
+    assert_int_equal(catalog_usage(f->catalog, "ann").reserved, 30);
+    assert_false(is_added(f->catalog, upload.id, "one", 11, 5));
+    assert_false(is_added(other, upload.id, "two", 10, 5));
+    assert_true(is_added(other, upload.id, "two", 11, 19));
+    assert_false(is_seized(f->catalog, upload.id, "three", 30, 31, &row));
+    assert_int_equal(catalog_list_pieces(f->catalog, upload.id, 0, pieces, 3, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 3);
+    assert_int_equal(pieces[2].offset, 11);
+    assert_int_equal(pieces[2].bytes, 19);
+    assert_string_equal(pieces[2].name, "two");
+    assert_int_equal(catalog_complete_upload(other, upload.id, "cloud", &f->error), STATUS_OK);
+    assert_false(is_seized(f->catalog, upload.id, "three", 30, UINT64_MAX, &row));
+    assert_string_equal(row.cloud, "cloud");
+    assert_int_equal(catalog_list_pieces(f->catalog, upload.id, 0, pieces, 3, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 0);
+    assert_int_equal(catalog_usage(f->catalog, "ann").reserved, 0);
+    assert_int_equal(catalog_delete_upload(f->catalog, upload.id, &f->error), STATUS_OK);
+    assert_int_equal(catalog_find_upload(other, upload.id, &row, &found, &f->error), STATUS_OK);
+    assert_false(found);
+    catalog_close(other);
+}
+
+static void uploads_are_limited_for_all_hosts(void **state) {
+    static const struct catalog_upload_limits limits = {.all = 3, .of_principal = 2, .principal_bytes = 100};
+    struct catalog_fixture *f = *state;
+    struct catalog *other = open_again(f), *const hosts[] = {f->catalog, other};
+    static const struct {
+        const char *principal, *where; /* NULL = it is added */
+        uint64_t length;
+    } steps[] = {{"ann", NULL, 60}, {"ann", "principal_bytes", 41}, {"ann", NULL, 40}, {"ann", "principal_uploads", 0},
+                 {"bob", NULL, 1},  {"cid", "max_uploads", 1}};
+    for (int i = 0; i < 6; i++) {
+        struct catalog_upload upload = {.expires_ms = i, .length = steps[i].length};
+        snprintf(upload.principal, sizeof upload.principal, "%s", steps[i].principal);
+        catalog_fixture_id(i, upload.id);
+        enum status status = catalog_open_upload(hosts[i % 2], &upload, "token", &limits, &f->error);
+        assert_int_equal(status, steps[i].where ? STATUS_LIMIT : STATUS_OK);
+        if (steps[i].where) assert_string_equal(f->error.where, steps[i].where);
+    }
+    char ids[3][JOB_ID_BYTES], id[JOB_ID_BYTES];
+    size_t count;
+    assert_int_equal(catalog_expired_uploads(other, 2, ids, 3, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 2);
+    assert_string_equal(ids[1], catalog_fixture_id(2, id));
+    catalog_close(other);
+}
+
+/* A mark is claimed by one host, and is due again unless it is taken away. */
+static void marks_are_due_after_a_time(void **state) {
+    struct catalog_fixture *f = *state;
+    struct catalog *other = open_again(f);
+    char names[3][CATALOG_MARK_BYTES];
+    size_t count;
+    assert_int_equal(catalog_mark(f->catalog, "jobs/a", 1000, &f->error), STATUS_OK);
+    assert_int_equal(catalog_mark(f->catalog, "jobs/b", 1000, &f->error), STATUS_OK);
+    assert_int_equal(catalog_mark(other, "jobs/b", 3000, &f->error), STATUS_OK);
+    assert_int_equal(catalog_claim_marks(other, 999, names, 3, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 0);
+    assert_int_equal(catalog_claim_marks(other, 1000, names, 3, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 1);
+    assert_string_equal(names[0], "jobs/a");
+    assert_int_equal(catalog_claim_marks(f->catalog, 2999, names, 3, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 0);
+    assert_int_equal(catalog_unmark(f->catalog, "jobs/a", &f->error), STATUS_OK);
+    assert_int_equal(catalog_claim_marks(f->catalog, INT64_MAX, names, 3, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 1);
+    assert_string_equal(names[0], "jobs/b");
+    catalog_close(other);
+}
+
 int main(void) {
     struct CMUnitTest tests[] = {
         CATALOG_TEST(a_key_is_held_everywhere),
@@ -184,6 +295,9 @@ int main(void) {
         CATALOG_TEST(a_cloud_that_is_expected_stays),
         CATALOG_TEST(turns_are_taken_across_hosts),
         CATALOG_TEST(others_are_told),
+        CATALOG_TEST(an_upload_has_one_writer),
+        CATALOG_TEST(uploads_are_limited_for_all_hosts),
+        CATALOG_TEST(marks_are_due_after_a_time),
         CATALOG_TEST(a_newer_schema_is_refused_and_an_older_one_upgraded),
     };
     return catalog_fixture_run_shared(tests, sizeof tests / sizeof *tests);

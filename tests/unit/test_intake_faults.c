@@ -21,6 +21,13 @@
 #include "tests/unit/faults.h"
 #include "tests/unit/folder.h"
 
+static bool knows(struct uploads *uploads, const char *id, struct catalog_upload *info) {
+    struct error error = {0};
+    bool found = false;
+    assert_int_equal(uploads_find(uploads, id, info, &found, &error), STATUS_OK);
+    return found;
+}
+
 static const char cloud_text[] = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n";
 
 struct fixture {
@@ -193,12 +200,12 @@ static bool upload_in_pieces(struct uploads *uploads, struct catalog_upload *inf
 static bool resume(struct fixture *f) {
     struct uploads *uploads = NULL;
     struct catalog_upload info = {.length = 6}, found;
-    bool ok = uploads_open(f->catalog, store_scratch(f->store), false, &uploads, &f->error) == STATUS_OK;
+    bool ok = uploads_open(f->catalog, f->store, false, &uploads, &f->error) == STATUS_OK;
     if (!ok) return false;
     ok = upload_in_pieces(uploads, &info, &f->error);
     faults_pause();
     if (info.id[0]) assert_int_equal(uploads_delete(uploads, info.id, &f->error), STATUS_OK);
-    assert_false(uploads_find(uploads, info.id, &found));
+    assert_false(knows(uploads, info.id, &found));
     assert_int_equal(catalog_usage(f->catalog, "").reserved, 0);
     uploads_close(uploads);
     faults_go_on();

@@ -19,6 +19,13 @@
 
 #include "server/catalog/sqlite/catalog_sqlite.h"
 
+static bool knows(struct uploads *uploads, const char *id, struct catalog_upload *info) {
+    struct error error = {0};
+    bool found = false;
+    assert_int_equal(uploads_find(uploads, id, info, &found, &error), STATUS_OK);
+    return found;
+}
+
 struct fixture {
     char folder[64], url[CATALOG_URL_BYTES];
     struct store *store;
@@ -34,7 +41,7 @@ static void start(struct fixture *f) {
     assert_int_equal(store_open(f->folder, "", &f->store, &f->error), STATUS_OK);
     catalog_url("", f->folder, f->url);
     assert_int_equal(catalog_open(f->url, &f->catalog, &f->error), STATUS_OK);
-    assert_int_equal(uploads_open(f->catalog, store_scratch(f->store), false, &f->uploads, &f->error), STATUS_OK);
+    assert_int_equal(uploads_open(f->catalog, f->store, false, &f->uploads, &f->error), STATUS_OK);
 }
 
 static void stop(struct fixture *f) {
@@ -81,7 +88,7 @@ static void begin(struct fixture *f, const char *piece, struct catalog_upload *i
 
 static uint64_t offset_of(struct fixture *f, const char *id) {
     struct catalog_upload info;
-    assert_true(uploads_find(f->uploads, id, &info));
+    assert_true(knows(f->uploads, id, &info));
     return info.offset;
 }
 
@@ -146,7 +153,7 @@ static void what_was_never_ended_was_never_begun(void **state) {
     uploads_writer_free(uploads_create(f->uploads, &other, &unchecked, &one_each, &f->problem));
     assert_true(other.id[0]);
     uploads_writer_free(writer);
-    assert_false(uploads_find(f->uploads, info.id, &info));
+    assert_false(knows(f->uploads, info.id, &info));
     assert_int_equal(scratch_part_open(store_scratch(f->store), info.id, false), -1);
 }
 
@@ -178,8 +185,8 @@ static void sweeping_removes_what_has_expired(void **state) {
     assert_true(uploads_end(writer, 5, &info, &f->problem));
     uploads_writer_free(writer);
     uploads_sweep(f->uploads, 10);
-    assert_false(uploads_find(f->uploads, info.id, &info));
-    assert_true(uploads_find(f->uploads, other.id, &other));
+    assert_false(knows(f->uploads, info.id, &info));
+    assert_true(knows(f->uploads, other.id, &other));
 }
 
 static uint64_t reserved(struct fixture *f) { return catalog_usage(f->catalog, "").reserved; }
@@ -283,13 +290,13 @@ static void what_has_no_row_is_not_told_as_success(void **state) {
     assert_false(uploads_end(writer, INT64_MAX, &info, &f->problem));
     uploads_writer_free(writer);
     assert_int_equal(uploads_complete(f->uploads, info.id, "cloud", &f->error), STATUS_IO);
-    assert_true(uploads_find(f->uploads, info.id, &info));
+    assert_true(knows(f->uploads, info.id, &info));
     assert_string_equal(info.cloud, "");
     struct catalog_upload fresh = {.length = 5};
     writer = uploads_create(f->uploads, &fresh, &unchecked, &(struct uploads_limits){10, 10, 0}, &f->problem);
     assert_false(uploads_end(writer, INT64_MAX, &fresh, &f->problem));
     uploads_writer_free(writer);
-    assert_false(uploads_find(f->uploads, fresh.id, &fresh));
+    assert_false(knows(f->uploads, fresh.id, &fresh));
     refuse_rows(f, "DELETE");
     assert_int_equal(uploads_delete(f->uploads, info.id, &f->error), STATUS_IO);
     catalog_sqlite_enter(catalog_sqlite_of(f->catalog));
@@ -306,7 +313,7 @@ static void what_a_row_says_is_there_after_a_restart(void **state) {
     stop(f);
     start(f);
     assert_int_equal(offset_of(f, open.id), 3);
-    assert_true(uploads_find(f->uploads, whole.id, &found));
+    assert_true(knows(f->uploads, whole.id, &found));
     assert_string_equal(found.cloud, "cloud");
 }
 

@@ -282,27 +282,27 @@ static bool s3_exist(struct blobs *blobs, const char *name) {
     return may_be_folder;
 }
 
-static void delete_one(struct blobs_s3 *s3, const char *name) {
+static bool delete_one(struct blobs_s3 *s3, const char *name) {
     struct s3_request request = {.method = "DELETE", .name = name, .body_fd = -1, .to_fd = -1};
     struct error error = {0};
     int code;
     enum status status = s3_client_ask(s3->client, &request, &code, &error);
-    (void)status; /* what stays is garbage, which nobody's row names */
     free(request.text);
+    return status == STATUS_OK && (code < 300 || code == 404);
 }
 
-static void s3_remove(struct blobs *blobs, const char *name) {
+static bool s3_remove(struct blobs *blobs, const char *name) {
     struct blobs_s3 *s3 = s3_of(blobs);
     struct names names = {0};
     struct error error = {0};
-    delete_one(s3, name);
-    if (collect(s3, name, true, &names, &error) == STATUS_OK)
-        for (size_t i = 0; i < names.count; i++) {
-            char below[PATH_BYTES];
-            int n = snprintf(below, sizeof below, "%s/%s", name, names.name[i]);
-            if (n > 0 && n < PATH_BYTES) delete_one(s3, below);
-        }
+    bool is_gone = delete_one(s3, name) && collect(s3, name, true, &names, &error) == STATUS_OK;
+    for (size_t i = 0; i < names.count; i++) {
+        char below[PATH_BYTES];
+        int n = snprintf(below, sizeof below, "%s/%s", name, names.name[i]);
+        is_gone = n > 0 && n < PATH_BYTES && delete_one(s3, below) && is_gone;
+    }
     free_names(&names);
+    return is_gone;
 }
 
 static enum status s3_set_aside(struct blobs *blobs, const char *start, const char *folder, const char *name,

@@ -155,9 +155,11 @@ enum status catalog_postgres_takes_changes(struct catalog *catalog, struct error
 /* ------------------------------------------------------------------------------------------------ what principals have
  */
 
+/* What sessions have reserved, and what uploads will have, or have, whose length isn't known. */
 #define RESERVED                                                                                                       \
-    "coalesce((SELECT sum(r.bytes) FROM reservations r JOIN sessions s ON s.id = r.session "                           \
-    "WHERE r.principal = $1 AND s.lease > whittle_now()), 0)::BIGINT"
+    "(coalesce((SELECT sum(r.bytes) FROM reservations r JOIN sessions s ON s.id = r.session "                          \
+    "WHERE r.principal = $1 AND s.lease > whittle_now()), 0) + coalesce((SELECT sum(CASE WHEN length < 0 THEN "        \
+    "position ELSE length END) FROM uploads WHERE principal = $1 AND cloud = ''), 0))::BIGINT"
 
 static uint64_t count_of(const struct pq_rows *rows, int column) {
     int64_t value = pq_integer(rows, column);
@@ -251,4 +253,6 @@ const struct catalog_backend catalog_postgres = {
     .watch = watch,
 #define OPERATION(name) .name = catalog_postgres_##name,
 #include "server/catalog/catalog_operations.def"
+#define OPERATION(name) .name = catalog_postgres_##name,
+#include "server/catalog/catalog_shared_operations.def"
 };

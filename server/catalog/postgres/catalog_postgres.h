@@ -56,6 +56,14 @@ void catalog_postgres_deafen(struct catalog_postgres *postgres);
 void catalog_postgres_release_later(struct catalog_postgres *postgres, const char *principal, const char *key,
                                     uint64_t bytes);
 
+/* How long what nobody names any more stays: longer than any request to a blob store takes. */
+#define GRACE_MS "600000"
+
+/* A statement that marks a name until a time, both expressions. */
+#define MARK(name, until)                                                                                              \
+    "INSERT INTO marks (name, until) VALUES (" name ", " until ") ON CONFLICT (name) "                                 \
+    "DO UPDATE SET until = excluded.until"
+
 /* A key, or bytes, in the caller's transaction, which they end. */
 enum status catalog_postgres_give_up_key(struct catalog_postgres *postgres, struct pq_link *link, const char *principal,
                                          const char *key, struct error *error) MUST_CHECK;
@@ -81,5 +89,7 @@ enum status catalog_postgres_add_webhook(struct pq_link *link, const char *job, 
 
 #define OPERATION(name) __typeof__(catalog_##name) catalog_postgres_##name;
 #include "server/catalog/catalog_operations.def"
+#define OPERATION(name) __typeof__(catalog_##name) catalog_postgres_##name;
+#include "server/catalog/catalog_shared_operations.def"
 
 #endif

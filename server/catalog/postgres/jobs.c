@@ -633,6 +633,8 @@ static enum status delete_rows(struct catalog_postgres *postgres, struct pq_link
     status = pq_run(link, "DELETE FROM outputs WHERE job = $1", VALUES(T(id)), NULL, error);
     if (status == STATUS_OK) status = pq_run(link, "DELETE FROM jobs WHERE id = $1", VALUES(T(id)), deleted, error);
     if (status == STATUS_OK) status = pq_run(link, "DELETE FROM outbox WHERE job = $1", VALUES(T(id)), NULL, error);
+    if (status == STATUS_OK) /* what an attempt that was lost puts until then */
+        status = pq_run(link, MARK("'jobs/' || $1", "whittle_now() + " GRACE_MS), VALUES(T(id)), NULL, error);
     return status == STATUS_OK ? catalog_postgres_notify(postgres, link, CATALOG_DELETED, id, error) : status;
 }
 

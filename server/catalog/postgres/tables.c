@@ -109,6 +109,14 @@ static const char *const steps[] = {
     "VALUES (who, (later < 2)::INT - (before < 2)::INT, more_bytes, (later = 0)::INT - (before = 0)::INT) "
     "ON CONFLICT (principal) DO UPDATE SET active = u.active + excluded.active, bytes = u.bytes + excluded.bytes, "
     "waiting = u.waiting + excluded.waiting; RETURN NULL; END $$;",
+    /* Uploads whose pieces are blobs: writer is who may add one. */
+    "ALTER TABLE uploads ADD COLUMN writer TEXT NOT NULL DEFAULT '';"
+    "CREATE INDEX uploads_by_principal ON uploads (principal);"
+    "CREATE INDEX uploads_by_expiry ON uploads (expires);"
+    "CREATE TABLE pieces (upload TEXT COLLATE \"C\" NOT NULL, position BIGINT NOT NULL, bytes BIGINT NOT NULL, "
+    "name TEXT NOT NULL, PRIMARY KEY (upload, position));"
+    "CREATE TABLE marks (name TEXT COLLATE \"C\" PRIMARY KEY, until BIGINT NOT NULL);"
+    "CREATE INDEX marks_by_end ON marks (until);",
 };
 enum { STEPS = sizeof steps / sizeof steps[0] };
 

@@ -27,7 +27,7 @@ enum status catalog_sqlite_delete_upload(struct catalog *catalog, const char *id
     return status;
 }
 
-static void read_row(struct sql_rows *from, struct catalog_upload *row) {
+static void read_upload_row(struct sql_rows *from, struct catalog_upload *row) {
     memset(row, 0, sizeof *row);
     sql_copy_text(from, 0, row->id, sizeof row->id);
     sql_copy_text(from, 1, row->principal, sizeof row->principal);
@@ -54,7 +54,7 @@ enum status catalog_sqlite_next_upload(struct catalog *catalog, const char *afte
                                     VALUES(T(behind)), &rows, error);
     if (status == STATUS_OK) {
         *found = sql_next(rows);
-        if (*found) read_row(rows, row);
+        if (*found) read_upload_row(rows, row);
         status = sql_finish(rows, error);
     }
     sql_unlock(db);

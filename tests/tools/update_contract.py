@@ -12,6 +12,7 @@ import pathlib
 import subprocess
 import sys
 import tempfile
+import textwrap
 import urllib.request
 
 FOLDER = pathlib.Path("api/openapi")
@@ -75,11 +76,37 @@ def update_security(operation, scope):
     operation["responses"] = dict(sorted(responses.items()))
 
 
+def type_of(row):
+    """A parameter's type in TypeScript."""
+    if row["type"] == "array":
+        return f"readonly ({type_of(row['items'])})[]"
+    if "enum" in row:
+        return " | ".join(json.dumps(value) for value in row["enum"])
+    return "string" if row["type"] == "string" else "number"
+
+
+def types(table):
+    """api/javascript/parameters.d.ts."""
+    lines = ["// The parameters of a job.  `make contract` writes this file from core/params.c.", "//",
+             "// SPDX-License-Identifier: GPL-3.0-or-later", "", "export interface Parameters {"]
+    for name, row in table.items():
+        notes = ["@deprecated"] if row.get("deprecated") else []
+        notes += [f"Default {row['default']}."] if "default" in row and not isinstance(row["default"], list) else []
+        text = " ".join([row["description"].rstrip(".") + ".", *notes])
+        lines += textwrap.wrap(text, 114, initial_indent="  /** ", subsequent_indent="   *  ")
+        lines[-1] += " */"
+        one = f"  {name}?: {type_of(row)};"
+        lines += [one] if len(one) <= 120 else [f"  {name}?:", *textwrap.wrap(
+            type_of(row) + ";", 114, initial_indent="    ", subsequent_indent="    ", break_long_words=False)]
+    return "\n".join([*lines, "}", ""])
+
+
 def main():
     build = pathlib.Path(sys.argv[1])
     table = table_of(build / "whittled")
     old = set(parts.read(COMPONENTS / "parameters.json"))
     parts.write(COMPONENTS / "parameters.json", {name: parameter(name, row) for name, row in table.items()})
+    pathlib.Path("api/javascript/parameters.d.ts").write_text(types(table), encoding="utf-8")
     schemas = parts.read(COMPONENTS / "schemas.json")
     schemas["Params"]["properties"] = {
         name: {key: value for key, value in row.items() if not key.startswith("x-")} for name, row in table.items()}

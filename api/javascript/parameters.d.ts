@@ -1,0 +1,133 @@
+// The parameters of a job.  `make contract` writes this file from core/params.c.
+//
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+export interface Parameters {
+  /** Keep floor(ratio x points) points; 0.1 where no goal is given. */
+  ratio?: number;
+  /** Keep exactly this many points. */
+  points?: number;
+  /** Keep as few points as a search finds with no input point farther than this from the result, as measured:
+   *  from the mesh where one is made, else from the tangent plane at the nearest kept point; with ratio or
+   *  points, whichever stops first; takes about ten times as long. */
+  max_deviation?: number;
+  /** max_deviation as a fraction of the diagonal. */
+  max_deviation_rel?: number;
+  /** Keep no two points nearer than this to each other, and of any that are the ones that matter more; alone it
+   *  keeps as many as find room, with another goal at most those. */
+  spacing?: number;
+  /** Deprecated, use max_deviation: remove points as long as the quadric error, which no output shows, stays
+   *  below this; with ratio or points, whichever stops first. @deprecated */
+  max_error?: number;
+  /** Ratios, separated by commas: a cloud and a mesh of each, from one contraction, named cloud_RATIO.ply and
+   *  mesh_RATIO.ply; cloud.ply and mesh.ply are those of the largest. */
+  levels?: readonly (number)[];
+  /** Before all else: only points within this box, x0,y0,z0,x1,y1,z1, or, where there are eight numbers and more,
+   *  within this polygon, x,y,x,y,... (a triangle has its first corner twice). */
+  crop?: readonly (number)[];
+  /** Before all else: only points for which all these conditions hold, as class==2|6,intensity>100: a property of
+   *  the input, ==, !=, <, <=, > or >=, and a number, or several with | between them; class, return and returns
+   *  are known for classification, return_number and number_of_returns. */
+  where?: readonly (string)[];
+  /** Where the input was scanned from, as x,y,z: normals and surfaces with borders face it; without it what the
+   *  file says of that is taken. */
+  viewpoint?: readonly (number)[];
+  /** true: clouds and meshes are written with a normal at each point, nx, ny, nz: the input's own where it has
+   *  them and they fit its points, else computed, all towards the outside or the viewpoint. Default false. */
+  normals?: "false" | "true";
+  /** What to write, separated by commas: the cloud as cloud.ply (cloud), cloud.xyz (xyz), cloud.pcd, cloud.las,
+   *  cloud.laz; the mesh as mesh.ply (mesh), mesh.obj, mesh.stl, mesh.glb; report.json (report); dso.ply (dso)
+   *  and error.ply (error), which show every original point with its discrete shape operator, its distance to the
+   *  mesh; preview.png, a picture of before, after and deviation. */
+  outputs?:
+    readonly ("cloud" | "xyz" | "mesh" | "report" | "dso" | "error" | "cloud.pcd" | "mesh.obj" | "mesh.stl" |
+    "mesh.glb" | "preview.png" | "cloud.las" | "cloud.laz" | "cloud.ply" | "cloud.xyz" | "mesh.ply" |
+    "report.json" | "dso.ply" | "error.ply")[];
+  /** Before all other steps: outliers drops points that belong to no surface; full also smooths the others along
+   *  their normals and keeps edges: points are then written at their smoothed positions, with all else unchanged,
+   *  and errors are measured from there; auto: outliers where they are many, full where noise is large against
+   *  the distances between points, and nothing where neither is. Default none. */
+  denoise?: "none" | "outliers" | "full" | "auto";
+  /** subset: mesh vertices are original points; optimal: mesh vertices move freely for the lowest error. Default
+   *  subset. */
+  placement?: "subset" | "optimal";
+  /** Form of the discrete shape operator that weights the quadrics: rms (robust), sum (the paper's), none.
+   *  Default rms. */
+  dso?: "rms" | "sum" | "none";
+  /** Exponent of the discrete shape operator in the weight; 1 is the paper's. Default 0.25. */
+  dso_exponent?: number;
+  /** Weight of a virtual triangle's plane: its area, or unit (the paper's). Default area. */
+  area_weight?: "unit" | "area";
+  /** Weight of the line quadric along the normal, which keeps flat regions evenly sampled. Default 0.003. */
+  line_quadric?: number;
+  /** Edges of attributes count as features, too, each with its weight, as rgb:0.2,intensity:0.1: a step by the
+   *  whole range of an attribute of weight 1 counts as much as one by a tenth of the diagonal; rgb is red, green
+   *  and blue. */
+  weights?: readonly (string)[];
+  /** Radius of the neighbourhood (Gopi's m) as a multiple of the distance to the nearest neighbour. Default 2.5. */
+  neighbourhood?: number;
+  /** Fewest neighbours of a point; three times as many where the cloud is noisy. Default 6. */
+  neighbours_min?: number;
+  /** Most neighbours of a point; three times as many where the cloud is noisy. Default 10. */
+  neighbours_max?: number;
+  /** How the surface is found through the kept points; tight: Tight Cocone with dense normals and consistent
+   *  marking (after Dey and Goswami 2003); literal: Tight Cocone as published (Dey and Goswami 2003). Default
+   *  tight. */
+  reconstruction?: "tight" | "literal";
+  /** What the points are of: closed: the skin of a solid, reconstructed as a closed mesh; open: sheets with
+   *  borders, as scans of rooms and single views are; heightfield: one sheet seen from above, as terrain is;
+   *  auto: found out from the points, and told in the report. Default auto. */
+  surface?: "closed" | "open" | "heightfield" | "auto";
+  /** Of a closed surface: simplify-first: it is reconstructed from the kept points; reconstruct-first: from more,
+   *  and its edges are collapsed with the topology that it has; auto: the latter where walls are thinner than
+   *  kept points are apart, as the report says. Default auto. */
+  order?: "auto" | "simplify-first" | "reconstruct-first";
+  /** Borders of a surface that is reconstructed as closed (surface=closed, which this implies): fill: the mesh is
+   *  closed; keep: facets that no point supports are dropped; auto: fill where the surface is found to be closed.
+   *  Default auto. */
+  boundary?: "fill" | "keep" | "auto";
+  /** Close the holes of a mesh with borders whose borders are at most this long; where the surface ends is no
+   *  hole. */
+  close_holes?: number;
+  /** What a vertex of a mesh has of the input's attributes: nearest: those of its point, or where it was moved
+   *  freely of the nearest one; mean: numbers with fractions, colours and intensity averaged over all points it
+   *  is nearest to. Default nearest. */
+  attributes?: "nearest" | "mean";
+  /** Refinement of the mesh against the original points: none, flips of edges, or full (vertices move too).
+   *  Default full. */
+  refine?: "none" | "flips" | "full";
+  /** What the mesh is measured against: points, the input's own faces, or a reconstruction of the full cloud;
+   *  auto takes the input's faces, and points where it has none, none with an area, or so many equally near ones
+   *  that measuring would take too long; the report says which. Default auto. */
+  reference?: "auto" | "points" | "faces" | "reconstruction";
+  /** Encoding of PLY outputs. Default binary. */
+  encoding?: "binary" | "ascii";
+  /** Bits of each component of red, green and blue in outputs: 8, which all programs show; 16; or keep, as the
+   *  input has them. Default 8. */
+  colours?: "8" | "16" | "keep";
+  /** Coordinates of cloud.pcd: float, 32 bits around an origin that the report tells where it isn't 0, or double,
+   *  which PCL and most other programs can't read. Default float. */
+  pcd_precision?: "float" | "double";
+  /** First line of cloud.xyz: none, which all programs read; plain, the names of the columns; or hash, the same
+   *  behind a #. Default none. */
+  header?: "none" | "plain" | "hash";
+  /** What the columns of a text input are, where its first line doesn't say so: names of the first ones in their
+   *  order, - for one to leave out (-,x,y,z,intensity), or pairs of a name and a column's name or number
+   *  (x:east,y:north,z:4). */
+  columns?: readonly (string)[];
+  /** Width of each of the three pictures in preview.png. Default 480. */
+  preview_size?: number;
+  /** Where preview.png is looked at from: 0 is the front, 90 the right side. Default 30.0. */
+  preview_azimuth?: number;
+  /** How far from above preview.png is looked at: 0 is level, 90 straight down. Default 25.0. */
+  preview_elevation?: number;
+  /** Which axis points upwards in preview.png; auto: z of what is flat, else y or z, whichever the points stand
+   *  on. Default auto. */
+  preview_up?: "auto" | "x" | "y" | "z";
+  /** Seed of the samples that the error is measured with. Default 0. */
+  seed?: number;
+  /** Threads to use; 0 takes all processors; results don't depend on it. Default 0. */
+  threads?: number;
+  /** Deprecated name of reconstruction. @deprecated */
+  cocone?: "tight" | "literal";
+}

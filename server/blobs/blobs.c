@@ -9,7 +9,9 @@
 
 #include "server/blobs/blobs_backend.h"
 
-static const struct blobs_backend *const backends[] = {&blobs_file, &blobs_s3};
+#define BACKEND(name) &name,
+static const struct blobs_backend *const backends[] = {BLOBS_BACKENDS(BACKEND)};
+#undef BACKEND
 enum { BACKENDS = sizeof backends / sizeof *backends };
 
 /* NULL: no backend has URLs like this one. */

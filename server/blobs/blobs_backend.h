@@ -25,6 +25,13 @@ struct blobs {
     const struct blobs_backend *backend;
 };
 
-extern const struct blobs_backend blobs_file, blobs_s3;
+/* All there are.  Another one is a file or a folder here, and a row. */
+#define BLOBS_BACKENDS(ROW)                                                                                            \
+    ROW(blobs_file)                                                                                                    \
+    ROW(blobs_s3)
+
+#define BLOBS_BACKEND(name) extern const struct blobs_backend name;
+BLOBS_BACKENDS(BLOBS_BACKEND)
+#undef BLOBS_BACKEND
 
 #endif

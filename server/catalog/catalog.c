@@ -9,7 +9,9 @@
 
 #include "server/catalog/catalog_backend.h"
 
-static const struct catalog_backend *const backends[] = {&catalog_sqlite, &catalog_postgres};
+#define BACKEND(name) &name,
+static const struct catalog_backend *const backends[] = {CATALOG_BACKENDS(BACKEND)};
+#undef BACKEND
 enum { BACKENDS = sizeof backends / sizeof *backends };
 
 /* ------------------------------------------------------------------------------------------------ open */

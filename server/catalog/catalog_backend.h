@@ -1,7 +1,7 @@
 /* What a backend of the catalog implements, for the folders below this one alone.
  *
- * A backend keeps a struct of its own that begins with a struct catalog.  Another one is a folder, a line here and a
- * row in catalog.c; tests/unit/test_catalog.c is what it has to pass.
+ * A backend keeps a struct of its own that begins with a struct catalog.  Another one is a folder and a row here;
+ * tests/unit/test_catalog.c is what it has to pass.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_SERVER_CATALOG_CATALOG_BACKEND_H
@@ -35,6 +35,13 @@ static inline void catalog_tell(const struct catalog *catalog, enum catalog_chan
     if (catalog->tell) catalog->tell(catalog->ctx, change, id);
 }
 
-extern const struct catalog_backend catalog_sqlite, catalog_postgres;
+/* All there are. */
+#define CATALOG_BACKENDS(ROW)                                                                                          \
+    ROW(catalog_sqlite)                                                                                                \
+    ROW(catalog_postgres)
+
+#define CATALOG_BACKEND(name) extern const struct catalog_backend name;
+CATALOG_BACKENDS(CATALOG_BACKEND)
+#undef CATALOG_BACKEND
 
 #endif

@@ -53,9 +53,9 @@ def copy_tree(tmp_path_factory):
     shutil.rmtree(tree)
 
 
-def make(tree):
+def make(tree, program="whittle"):
     environment = {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MAKELEVEL")}
-    target = f"build/{BUILD.name}/whittle"
+    target = f"build/{BUILD.name}/{program}"
     run = subprocess.run(["make", "-j2", f"config={BUILD.name}", "CI=true", target], cwd=tree, env=environment,
                          capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
@@ -136,3 +136,32 @@ def test_a_format_is_a_file_and_a_row(tree, tmp_path):
     assert "this looks like a PNG image; what is read: TRIPLES, tar archives of clouds, PLY, PCD" in refused.stderr
     text = subprocess.run([whittle, "--help"], capture_output=True, text=True, check=True).stdout
     assert "INPUT is TRIPLES, tar archives of clouds, PLY, PCD" in text
+
+
+ELSEWHERE = """/* Blobs in the files of another scheme.  SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/blobs/blobs_backend.h"
+
+static bool is_valid(const char *where) { return blobs_file.is_valid(where); }
+
+static enum status open_elsewhere(const char *where, const char *folder, struct blobs **blobs, struct error *error) {
+    return blobs_file.open(where, folder, blobs, error);
+}
+
+const struct blobs_backend blobs_elsewhere = {.scheme = "elsewhere:", .is_valid = is_valid, .open = open_elsewhere};
+"""
+
+
+def test_a_blob_store_is_a_file_and_a_row(tree, tmp_path):
+    (tree / "server/blobs/elsewhere.c").write_text(ELSEWHERE, encoding="ascii")
+    add_row(tree / "server/blobs/blobs_backend.h", "    ROW(blobs_s3)", " \\\n    ROW(blobs_elsewhere)")
+    make(tree)
+    whittled = make(tree, "whittled")
+    daemon = conftest.Daemon(tmp_path, "--blobs", f"elsewhere:{tmp_path / 'blobs'}")
+    daemon.program = whittled
+    try:
+        job = daemon.start().submit(conftest.SMALL)
+        assert daemon.ended(job)["status"] == "successful"
+        assert (tmp_path / "blobs/jobs" / job / "outputs").is_dir()
+        assert daemon.curl(f"/v1/jobs/{job}/outputs/cloud.ply").status == 200
+    finally:
+        conftest.end_all([daemon])

@@ -421,6 +421,11 @@ bench-counts: deps ## instructions of each stage against the stored ones; BENCH=
 	@$(MAKE) --no-print-directory -j$$(nproc) all tools
 	@$(PYTHON) tests/bench/counts.py $(build) $(BENCH)
 
+.PHONY: bench-huge
+bench-huge: deps ## a cloud larger than memory, POINTS=10000000: time, memory, disk, seams, error; BENCH="--memory 4G --real CLOUD"
+	@$(MAKE) --no-print-directory -j$$(nproc) all tools
+	@$(PYTHON) tests/bench/huge.py $(build) $(POINTS) $(BENCH)
+
 POINTS ?= 1000000
 .PHONY: sizing
 sizing: deps ## the table of deploy/README.md: processor, memory, disk for each million points; POINTS=1000000

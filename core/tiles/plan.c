@@ -32,7 +32,14 @@
 #include "core/tiles/scratch.h"
 #include "core/tiles/tiles.h"
 
-enum { BLOCK_POINTS = 1 << 16, MOST_BLOCKS = 96, FEWEST_BLOCKS = 8, MOST_PASSES = 200, DEAL_BYTES = 16 << 20 };
+enum {
+    BLOCK_POINTS = 1 << 16,
+    LEAST_BLOCK_POINTS = 1 << 12,
+    MOST_BLOCKS = 96,
+    FEWEST_BLOCKS = 8,
+    MOST_PASSES = 200,
+    DEAL_BYTES = 16 << 20
+};
 static const double PROGRAM = 96e6;       /* bytes: the program, tables of cells, what is read and written at a time */
 static const double AROUND = 1.7;         /* points with those around them, of a tile's own */
 static const double LEFT = 0.85;          /* of a part's room: how many points can be finished */
@@ -85,7 +92,7 @@ enum status tiles_can(const struct params *params, struct error *error) {
     if (params->weights[0]) what = "weights";
     if (select_is_asked(params)) what = "crop and where";
     if (what) return error_set(error, STATUS_NO_MEMORY, "memory", "%s %s", what, why);
-    if (room_of(params) >= 2 * BLOCK_POINTS / FEWEST_BLOCKS) return STATUS_OK;
+    if (room_of(params) >= 4 * FEWEST_BLOCKS * LEAST_BLOCK_POINTS) return STATUS_OK;
     return error_set(error, STATUS_NO_MEMORY, "memory",
                      "%" PRIu64 " MiB are too little even for tiles; use 160M and more", params->memory_bytes >> 20);
 }
@@ -389,11 +396,17 @@ static double reach_of(size_t passes, double share) {
     return fmin(sum, MOST_REACH);
 }
 
+/* Points of a block: fewer where there is little room. */
+static uint64_t block_points_of(const struct scratch_head *head) {
+    uint64_t most = head->room / (4 * FEWEST_BLOCKS);
+    return most < LEAST_BLOCK_POINTS ? LEAST_BLOCK_POINTS : most < BLOCK_POINTS ? most : BLOCK_POINTS;
+}
+
 /* Boxes of some thousand points each, all of the cloud. */
 static enum status find_blocks(const struct planning *plan, struct grid_tile **block, size_t *blocks) {
     struct grid copy = {0};
     enum status status = grid_from(&copy, plan->grid.anchor, plan->grid.level, plan->grid.cell, plan->grid.count);
-    if (!status) status = grid_divide(&copy, 0, copy.count, BLOCK_POINTS, block, blocks);
+    if (!status) status = grid_divide(&copy, 0, copy.count, block_points_of(&plan->scratch.head), block, blocks);
     grid_done(&copy);
     return status ? plan_no_memory(plan->error) : STATUS_OK;
 }
@@ -423,8 +436,8 @@ static enum status gather_blocks(const struct planning *plan, const struct grid_
                                  double reach, struct scratch_points *sample) {
     const struct scratch *s = &plan->scratch;
     struct scratch_points around = {0};
-    double wide = 1 + 2 * reach / sqrt(BLOCK_POINTS);
-    size_t chosen = (size_t)fmin(fmax((double)s->head.room / (BLOCK_POINTS * wide * wide), FEWEST_BLOCKS), MOST_BLOCKS);
+    double each = (double)block_points_of(&s->head), wide = 1 + 2 * reach / sqrt(each);
+    size_t chosen = (size_t)fmin(fmax((double)s->head.room / (each * wide * wide), FEWEST_BLOCKS), MOST_BLOCKS);
     enum status status = STATUS_OK;
     if (chosen > blocks) chosen = blocks;
     for (size_t i = 0; !status && i < chosen; i++) {

@@ -310,9 +310,9 @@ enum status scratch_gather(const char *folder, const struct scratch *scratch, co
     *points = (struct scratch_points){0};
     uint64_t most = count_near(scratch, box, width / side);
     for (int i = 0; most > room; i++) {
-        width = i < NARROWINGS ? width * narrower : -1;
+        width = i < NARROWINGS ? width * narrower : 0;
         most = count_near(scratch, box, width / side);
-        if (i >= NARROWINGS) break;
+        if (i >= NARROWINGS) break; /* the box alone, and cells that touch it */
     }
     points->position = alloc_array(most, sizeof *points->position);
     points->id = alloc_array(most, sizeof *points->id);

@@ -243,12 +243,13 @@ $(build)/version.stamp: FORCE
 FORCE:
 
 # The page at / takes two packages from npm, by their lock file; without it the service has a plain page.
-.PHONY: page
-page: ## fetch what the page takes from npm, put the page together, and build whittled with it (Node 18 or newer)
+.PHONY: page page-files
+page: page-files ## fetch what the page takes from npm, put the page together, and build whittled with it (Node 18 or newer)
+	@$(MAKE) --no-print-directory all
+page-files: # the page alone, for whoever builds afterwards
 	@command -v npm > /dev/null || deploy/deps.sh nodejs npm
 	@cd server/page && npm ci --no-audit --no-fund --ignore-scripts
 	@node server/page/build.mjs server/page build/page
-	@$(MAKE) --no-print-directory all
 
 # ---------------------------------------------------------------------------------------------------- set-up
 # What building, testing and the demo want, by the names of Debian 12's packages.

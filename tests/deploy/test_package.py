@@ -34,6 +34,14 @@ def test_it_holds_what_people_expect(package):
     say(f"{len(expected)} files that people look for are there")
 
 
+def test_the_service_has_its_page(package, tmp_path):
+    if not shutil.which("npm"):
+        pytest.skip("npm, which the page is made with, is not there")
+    run("dpkg-deb", "-x", package, tmp_path)
+    program = (tmp_path / "usr/bin/whittled").read_bytes()
+    assert re.search(rb"viewer-[0-9a-f]{16}\.js", program)
+
+
 class Installed:
     """whittled of the package, run in the machine as its unit would, on loopback."""
 

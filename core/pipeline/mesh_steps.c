@@ -15,6 +15,7 @@
 #include "core/surface/reconstruct.h"
 #include "core/surface/sheet/holes.h"
 #include "core/surface/sheet/orient.h"
+#include "core/surface/sheet/scan_lines.h"
 #include "core/surface/sheet/sheet.h"
 
 /* The points that stand for themselves, and the index of each among them. */
@@ -105,6 +106,16 @@ static enum status has_closed_faces(const struct run *run, bool *closed) {
     return status;
 }
 
+/* Points of curves alone bound no surface: what there is between them is slivers from end to end. */
+static enum status refuse_curves(struct run *run) {
+    bool curves;
+    enum status status = scan_lines_are_curves(&run->neighbours, run->points.point, run->threads, &curves);
+    if (status || !curves) return status;
+    return error_set(run->error, STATUS_DEGENERATE, "delaunay",
+                     "the points lie along curves, however coarsely one looks, and curves bound no surface: leave the "
+                     "mesh out (outputs=cloud), or say what surface it is to be (surface)");
+}
+
 /* What the points tell of their surface before there is a mesh.  Points on one plane are a height field of it,
  * whatever surface with borders they are said to be; not where nothing is said. */
 static enum status look_at_points(struct run *run) {
@@ -124,6 +135,7 @@ static enum status look_at_points(struct run *run) {
     }
     run->field_judged = asked == SURFACE_HEIGHTFIELD;
     if (asked == SURFACE_AUTO) status = has_closed_faces(run, &closed);
+    if (!status && asked == SURFACE_AUTO && !closed) status = refuse_curves(run);
     if (!status && !closed) status = surface_signs_of(run->points.point, run->normal, run->points.count, &run->signs);
     if (status) return status;
     run->decision = LOOKED_AT;
@@ -203,6 +215,7 @@ enum status pipeline_delaunay(struct run *run) {
     enum status status = pipeline_sites_of(run, run->kept_count, &run->sites);
     if (status) return pipeline_no_memory(run, "delaunay");
     if (run->decision == UNDECIDED) status = look_at_points(run);
+    if (status == STATUS_DEGENERATE) return status;
     if (status) return pipeline_no_memory(run, "delaunay");
     bool closed = run->decision != DECIDED || run->surface.form == SURFACE_CLOSED;
     if (run->sites.count < 4)

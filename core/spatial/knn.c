@@ -16,10 +16,11 @@
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
+#include "core/spatial/knn_boxes.h"
 #include "core/spatial/knn_group.h"
 #include "core/spatial/knn_pieces.h"
 
-enum { BATCH = 2048, FEWEST = 2, GROUP = 16, RUN = 64 };
+enum { BATCH = 2048, FEWEST = 2, GROUP = 16, RUN = 64, FEW = 8 /* neighbours */ };
 static const double GROUP_WIDTH = 2, GROUP_ROOM = 1.2; /* in distances to the k-th neighbour, as the next line */
 static const double RUN_WIDTH = 4, RUN_ROOM = 1.6;
 
@@ -27,6 +28,7 @@ struct knn {
     const vec3 *point;
     size_t n;
     struct knn_pieces *pieces;
+    struct knn_boxes *boxes; /* for queries that the pieces' trees don't answer soon */
 };
 
 enum status knn_new(const vec3 *points, size_t n, unsigned threads, struct knn **out, struct error *error) {
@@ -35,8 +37,8 @@ enum status knn_new(const vec3 *points, size_t n, unsigned threads, struct knn *
     struct knn *knn = alloc_zeroed(1, sizeof *knn);
     if (!knn) return error_set(error, STATUS_NO_MEMORY, "knn", "no memory for the index");
     *knn = (struct knn){.point = points, .n = n};
-    if (knn_pieces_new(points, n, threads, &knn->pieces)) {
-        free(knn);
+    if (knn_pieces_new(points, n, threads, &knn->pieces) || knn_boxes_new(points, n, &knn->boxes)) {
+        knn_free(knn);
         return error_set(error, STATUS_NO_MEMORY, "knn", "FLANN could not build its index");
     }
     *out = knn;
@@ -56,9 +58,14 @@ struct search {
 static enum status ask_alone(const struct search *search, size_t q) {
     uint32_t *id = &search->id[q * search->k];
     double *distance_sq = &search->distance_sq[q * search->k];
-    unsigned found;
+    unsigned found, k = search->k, visits = KNN_VISITS * (1 + k / FEW);
+    vec3 query = search->queries[q];
     enum status status =
-        knn_pieces_nearest(search->knn->pieces, search->queries[q], search->k, search->slack, id, distance_sq, &found);
+        knn_pieces_nearest(search->knn->pieces, query, k, search->slack, id, distance_sq, &found, &visits);
+    if (!status && !visits) {
+        double bound_sq = found == k ? distance_sq[k - 1] : INFINITY;
+        found = knn_boxes_nearest(search->knn->boxes, query, k, search->slack, bound_sq, id, distance_sq);
+    }
     for (unsigned i = found; !status && i < search->k; i++) id[i] = UINT32_MAX, distance_sq[i] = INFINITY;
     return status;
 }
@@ -143,5 +150,6 @@ enum status knn_search(const struct knn *knn, const vec3 *queries, size_t m, uns
 void knn_free(struct knn *knn) {
     if (!knn) return;
     knn_pieces_free(knn->pieces);
+    knn_boxes_free(knn->boxes);
     free(knn);
 }

@@ -46,16 +46,18 @@ constexpr double ROUNDING = 1 + 1e-12; /* more than the tree's bounds are off by
 using Tree = flann::KDTreeSingleIndex<flann::L2_3D<double>>;
 
 /* Of equals the lower id comes first and is in.  FLANN passes by what is as far as worstDist(), and what its bounds,
- * which are rounded, put there; so it is told a little more. */
+ * which are rounded, put there; so it is told a little more.  It asks once for each node that it looks at; once there
+ * were too many it is told that nothing is worth looking at any more. */
 class Nearest final : public flann::ResultSet<double> {
   public:
     Nearest(unsigned most, uint32_t *ids, double *distances_sq, unsigned there, const uint32_t *all_ids,
-            const struct knn_slack *slacks)
-        : count(there), k(most), id_of(all_ids), slack(slacks), id(ids), distance_sq(distances_sq) {
+            const struct knn_slack *slacks, unsigned most_visits)
+        : count(there), visits(most_visits), k(most), id_of(all_ids), slack(slacks), id(ids),
+          distance_sq(distances_sq) {
         set_worst();
     }
     bool full() const override { return count == k; }
-    double worstDist() const override { return worst; }
+    double worstDist() const override { return visits && --visits ? worst : -1; }
     void addPoint(double d, size_t index) override {
         uint32_t added = id_of[index];
         if (count == k && !is_after(k - 1, d, added)) return;
@@ -66,6 +68,7 @@ class Nearest final : public flann::ResultSet<double> {
     }
 
     unsigned count;
+    mutable unsigned visits; /* that are left */
 
   private:
     bool is_after(unsigned i, double d, uint32_t added) const {
@@ -141,11 +144,12 @@ enum status knn_flann_new(const vec3 *points, const uint64_t *item, size_t n, st
 }
 
 enum status knn_flann_nearest(const struct knn_flann *tree, vec3 query, unsigned k, const struct knn_slack *slack,
-                              uint32_t *id, double *distance_sq, unsigned *count) {
+                              uint32_t *id, double *distance_sq, unsigned *count, unsigned *visits) {
     return guard([&] {
-        Nearest nearest(k, id, distance_sq, *count, tree->id.data(), slack);
+        Nearest nearest(k, id, distance_sq, *count, tree->id.data(), slack, *visits);
         tree->ask(nearest, query);
         *count = nearest.count;
+        *visits = nearest.visits;
     });
 }
 

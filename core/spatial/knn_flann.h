@@ -24,9 +24,10 @@ enum status knn_flann_new(const vec3 *points, const uint64_t *item, size_t n, st
 
 /* The k nearest of the tree's points and of the *count <= k that are there already, nearest first; of points that are
  * equally far, the lower id.  *count becomes how many there are, k unless there are fewer points.  slack: NULL = none.
- * STATUS_NO_MEMORY. */
+ * *visits: so many nodes may be looked at, of which it takes those off that were; 0 = that weren't enough, and what was
+ * found are some points but not the nearest.  STATUS_NO_MEMORY. */
 enum status knn_flann_nearest(const struct knn_flann *tree, vec3 query, unsigned k, const struct knn_slack *slack,
-                              uint32_t *id, double *distance_sq, unsigned *count) MUST_CHECK;
+                              uint32_t *id, double *distance_sq, unsigned *count, unsigned *visits) MUST_CHECK;
 
 /* Adds the points that are nearer to the centre than the radius to the *count that are there already, in no particular
  * order; where that makes more than most, *count is over most and id of no use.  STATUS_NO_MEMORY. */

@@ -209,16 +209,16 @@ static const struct piece *own_piece(const struct knn_pieces *pieces, vec3 p, do
 }
 
 enum status knn_pieces_nearest(const struct knn_pieces *pieces, vec3 query, unsigned k, const struct knn_slack *slack,
-                               uint32_t *id, double *distance_sq, unsigned *count) {
+                               uint32_t *id, double *distance_sq, unsigned *count, unsigned *visits) {
     double margin_sq;
     const struct piece *own = own_piece(pieces, query, &margin_sq), *end = &pieces->piece[pieces->count + 1];
     enum status status = STATUS_OK;
     *count = 0;
-    if (own->tree) status = knn_flann_nearest(own->tree, query, k, slack, id, distance_sq, count);
+    if (own->tree) status = knn_flann_nearest(own->tree, query, k, slack, id, distance_sq, count, visits);
     if (*count == k && distance_sq[k - 1] < margin_sq) return status;
-    for (const struct piece *piece = pieces->piece; piece < end && !status; piece++)
+    for (const struct piece *piece = pieces->piece; piece < end && *visits && !status; piece++)
         if (piece != own && piece->tree && (*count < k || box_distance_sq(piece, query) <= distance_sq[k - 1]))
-            status = knn_flann_nearest(piece->tree, query, k, slack, id, distance_sq, count);
+            status = knn_flann_nearest(piece->tree, query, k, slack, id, distance_sq, count, visits);
     return status;
 }
 

@@ -33,7 +33,9 @@ enum tree { FREE, SOURCE, SINK };
 /* A parent is an arc 0 .. 3, or one of these. */
 enum { TERMINAL = 4, ORPHAN = 5, ROOTLESS = 6 };
 
-enum { STEPS_PER_NODE = 3000, PHASES_PER_TICK = 1024 };
+/* Steps count along paths, too.  Scans take up to five for each node, a forest's volume 17; points of lines hundreds.
+ */
+enum { STEPS_PER_NODE = 200, PHASES_PER_TICK = 1024 };
 
 struct queue {
     uint32_t first, last;
@@ -125,8 +127,8 @@ static void orphan(struct mincut_search *s, uint32_t node) {
 }
 
 /* The capacity left along the parents of a node and at its terminal. */
-static int32_t bottleneck(const struct mincut_search *s, uint32_t node, int32_t least) {
-    while (s->node[node].parent != TERMINAL) {
+static int32_t bottleneck(struct mincut_search *s, uint32_t node, int32_t least) {
+    for (; s->node[node].parent != TERMINAL; s->steps++) {
         unsigned i = s->node[node].parent;
         int32_t left = residual(s, node, i, false);
         if (left < least) least = left;

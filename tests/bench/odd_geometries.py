@@ -44,33 +44,34 @@ class Bench:
         self.plain_points = odd_shapes.write("plain", points, self.plain_path)
         self.plain = {outputs: self.plain_seconds(outputs) for outputs in OUTPUTS}
 
-    def run(self, path, outputs):
-        memory = predicted(self.build, path, outputs)
-        return run(self.build, path, outputs, self.folder, "--memory", memory)
+    def run(self, path, outputs, *settings):
+        memory = predicted(self.build, path, outputs, *(setting.removeprefix("--") for setting in settings))
+        return run(self.build, path, outputs, self.folder, "--memory", memory, *settings)
 
     def plain_seconds(self, outputs):
         return min(self.run(self.plain_path, outputs)[0] for _ in range(2)) / self.plain_points
 
-    def again(self, path, count, outputs):
+    def again(self, path, count, outputs, *settings):
         """The ratio, measured side by side."""
         before = self.run(self.plain_path, outputs)[0]
-        odd = self.run(path, outputs)[0]
+        odd = self.run(path, outputs, *settings)[0]
         after = self.run(self.plain_path, outputs)[0]
         return odd / count / (max(before, after) / self.plain_points)
 
-    def measure(self, name):
-        """Rows of (outputs, ratio, memory of prediction, what was said)."""
+    def measure(self, name, *settings):
+        """Rows of (outputs, ratio, memory of prediction, what was said); settings: such as --surface=open."""
         path = self.folder / "odd.ply"
         count = odd_shapes.write(name, self.points, path)
         for outputs in OUTPUTS:
-            seconds, peak, status, said = self.run(path, outputs)
+            seconds, peak, status, said = self.run(path, outputs, *settings)
             ratio = seconds / count / self.plain[outputs]
             for _ in range(AGAIN):
                 if NEAR < ratio < 5 * MOST_RATIO:
-                    ratio = min(ratio, self.again(path, count, outputs))
+                    ratio = min(ratio, self.again(path, count, outputs, *settings))
             if status and not said:
                 said = f"ended by {status}"
-            yield outputs, ratio, peak / predicted(self.build, path, outputs), status, said
+            told = predicted(self.build, path, outputs, *(setting.removeprefix("--") for setting in settings))
+            yield outputs, ratio, peak / told, status, said
 
 
 def main():

@@ -12,8 +12,8 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "bench"))
 import odd_geometries  # noqa: E402
 import odd_shapes  # noqa: E402
 
-MEMORY, LIMIT = 71, 65  # exit statuses
-SHAPES = {"UTM and a stray at zero": 0, "one Morton cell": 0, "two skew lines": MEMORY,
+MEMORY, DATA = 71, 65  # exit statuses
+SHAPES = {"UTM and a stray at zero": 0, "one Morton cell": 0, "two skew lines": DATA, "moment curve": DATA,
           "conical spiral": MEMORY, "rotating lidar": 0, "cone of lines": 0,
           "faces of one point": 0, "faces of 255 corners": 0, "lattice": 0, "faces all across": 0,
           "fans all across": 0, "faces of a stray": 0, "faces in one cell": 0}
@@ -35,7 +35,16 @@ def test_time_and_memory_are_bounded(bench, name):
         assert memory <= 1, (outputs, memory)
         refused = SHAPES[name] if "mesh" in outputs else 0
         assert status == refused, said
-        assert not refused or ("outputs=cloud" in said and "allow more memory" in said)
+        assert not refused or "outputs=cloud" in said
+        assert refused != MEMORY or "allow more memory" in said
+        assert refused != DATA or "curves bound no surface" in said
+
+
+def test_slivers_between_points_of_a_curve_cost_no_more(bench):
+    for outputs, ratio, memory, status, said in bench.measure("moment curve", "--surface=heightfield"):
+        assert status == 0, said
+        assert ratio <= odd_geometries.MOST_RATIO, (outputs, ratio)
+        assert memory <= 1, (outputs, memory)
 
 
 @pytest.mark.parametrize("name", ["97 scan lines", "rotating lidar", "cone of lines", "cone"])
@@ -51,9 +60,12 @@ def test_all_points_of_lines_make_a_mesh(bench, name):
 def test_all_points_of_a_few_curves_are_refused_whatever_memory_there_is(bench, name):
     path = bench.folder / "curves.ply"
     odd_shapes.write(name, 20000, path)
-    _, peak, status, said = odd_geometries.run(bench.build, path, "mesh", bench.folder, "--ratio", 1)
-    assert status == LIMIT and "outputs=cloud" in said
-    assert peak <= odd_geometries.predicted(bench.build, path, "mesh", "--most", "ratio=1")
+    settings = {"ratio": 1, "surface": "closed"}
+    _, peak, status, said = odd_geometries.run(bench.build, path, "mesh", bench.folder,
+                                               *(f"--{name}={value}" for name, value in settings.items()))
+    assert status == DATA and "outputs=cloud" in said
+    assert peak <= odd_geometries.predicted(bench.build, path, "mesh", "--most",
+                                            *(f"{name}={value}" for name, value in settings.items()))
 
 
 def test_a_limit_of_the_process_is_the_memory_that_there_is(bench):

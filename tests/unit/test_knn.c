@@ -194,6 +194,27 @@ static void pieces_beside_strays(void **state) {
     assert_pieces_exact(point, MANY);
 }
 
+/* Many points are about as near as the nearest, as those of a curve are from its hollow, or exactly as near, as those
+ * of a circle are from its axis: the trees give up and the boxes are asked. */
+static void far_from_curves(void **state) {
+    (void)state;
+    uint64_t seed = 7;
+    vec3 *curve = malloc(MANY * sizeof *curve), *circle = malloc(MANY * sizeof *circle), query[200];
+    for (size_t i = 0; i < MANY; i++) {
+        double t = (double)i / MANY;
+        curve[i] = (vec3){t, t * t, t * t * t};
+        circle[i] = (vec3){cos(2 * M_PI * t), sin(2 * M_PI * t), 0};
+    }
+    struct ordered_points all[] = {ordered(curve, MANY), ordered(circle, MANY)};
+    for (size_t q = 0; q < 200; q++) query[q] = (vec3){random_unit(&seed), random_unit(&seed), random_unit(&seed)};
+    for (size_t q = 0; q < 20; q++) query[q] = (vec3){0, 0, (double)q / 40};
+    for (int i = 0; i < 2; i++) {
+        for (size_t k = 1; k <= KNN_MAX_K; k = 4 * k)
+            assert_together_as_alone(all[i].point, MANY, query, 200, (unsigned)k);
+        ordered_points_done(&all[i]);
+    }
+}
+
 /* With spacings, what is near is exact; what is thousands of them away is nearly the nearest. */
 static void what_is_far_is_nearly_the_nearest(void **state) {
     (void)state;
@@ -339,6 +360,7 @@ int main(void) {
         cmocka_unit_test(pieces_of_a_grid),
         cmocka_unit_test(pieces_of_a_line),
         cmocka_unit_test(pieces_beside_strays),
+        cmocka_unit_test(far_from_curves),
         cmocka_unit_test(what_is_far_is_nearly_the_nearest),
         cmocka_unit_test(a_piece_of_fewer_than_k),
         cmocka_unit_test(pieces_without_points),

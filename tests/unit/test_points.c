@@ -14,6 +14,7 @@
 #include "core/cloud/morton.h"
 #include "core/simplify/dso.h"
 #include "core/simplify/normals.h"
+#include "core/surface/sheet/scan_lines.h"
 #include "tests/unit/faults.h"
 #include "tests/unit/shapes.h"
 
@@ -254,6 +255,46 @@ static void scan_lines_get_neighbours_across(void **state) {
     found_done(&found);
 }
 
+static vec3 on_moment_curve(double t) { return (vec3){0.5 * t, 0.5 * t * t, 0.5 * t * t * t}; }
+
+/* Two lines that cross without meeting. */
+static vec3 on_skew_lines(double t) {
+    double at = 0.5 * fmod(2 * t, 1);
+    return t < 0.5 ? (vec3){at, 0, 0} : (vec3){0.2, at, 0.3};
+}
+
+/* 14 lines around a pipe, 28 times as dense along as across, and a spiral whose turns are as near each other. */
+static vec3 on_pipe(double t) {
+    double line = floor(14 * t), turn = 2 * M_PI * (14 * t - line);
+    return (vec3){0.2 * cos(turn), 0.2 * sin(turn), 0.04 * line};
+}
+
+static vec3 on_spiral(double t) { return (vec3){0.3 * t * cos(60 * M_PI * t), 0.3 * t * sin(60 * M_PI * t), 0.5 * t}; }
+
+static vec3 on_ball(double t) {
+    double z = 1 - 2 * t, turn = 5000 * t * M_PI * (3 - sqrt(5));
+    return vec3_scale((vec3){sqrt(1 - z * z) * cos(turn), sqrt(1 - z * z) * sin(turn), z}, 0.3);
+}
+
+static void curves_are_no_scan_lines(void **state) {
+    (void)state;
+    enum { N = 5000 };
+    const struct {
+        vec3 (*at)(double t);
+        bool curves;
+    } rows[] = {{on_moment_curve, true}, {on_skew_lines, true}, {on_pipe, false}, {on_spiral, false}, {on_ball, false}};
+    for (size_t r = 0; r < sizeof rows / sizeof *rows; r++)
+        for (unsigned threads = 1; threads <= 2; threads++) {
+            vec3 *point = malloc(N * sizeof *point);
+            for (size_t i = 0; i < N; i++) point[i] = rows[r].at((double)i / N);
+            struct found found = find(point, N, 3, 6, 10);
+            bool curves = !rows[r].curves;
+            assert_int_equal(scan_lines_are_curves(&found.neighbours, found.point, threads, &curves), STATUS_OK);
+            assert_int_equal(curves, rows[r].curves);
+            found_done(&found);
+        }
+}
+
 /* ------------------------------------------------------------------------------------------------ normals, DSO */
 
 static void normals_of_a_plane_and_a_sphere(void **state) {
@@ -369,6 +410,7 @@ int main(void) {
         cmocka_unit_test(any_search_may_fail),
         cmocka_unit_test(an_accidental_close_pair_does_not_shrink_the_ball),
         cmocka_unit_test(scan_lines_get_neighbours_across),
+        cmocka_unit_test(curves_are_no_scan_lines),
         cmocka_unit_test(normals_of_a_plane_and_a_sphere),
         cmocka_unit_test(lonely_and_collinear_points_still_have_a_unit_normal),
         cmocka_unit_test(dso_has_its_exact_values),

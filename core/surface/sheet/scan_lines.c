@@ -7,6 +7,8 @@
  *
  * Each grid leaves about half as many points of a line, so that all take little more than the first.
  *
+ * Where that goes on until hardly any points are left they are those of curves, which bound no surface.
+ *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/surface/sheet/scan_lines.h"
 
@@ -29,7 +31,9 @@ enum {
     FEW = 10,
     CHUNK = 4096
 };
-static const double LINE = 0.02; /* of the trace's square: below, the principal minors' sum is a line's */
+enum { CURVE_SAMPLES = 2000, CURVE_LEAST = 256 /* points, that are left of curves */ };
+static const double CURVES = 0.9; /* of the samples */
+static const double LINE = 0.02;  /* of the trace's square: below, the principal minors' sum is a line's */
 
 struct thinning {
     vec3 *point;
@@ -46,14 +50,21 @@ static bool is_line(sym3 m) {
     return minors < LINE * sym3_trace(m) * sym3_trace(m);
 }
 
-/* The points whose neighbours are all on a line. */
-static size_t find_on_lines(const struct neighbourhood *neighbours, const vec3 *point, uint32_t *on_line) {
+/* Whether the neighbours of a point are all on a line. */
+static bool is_on_line(const struct neighbourhood *neighbours, const vec3 *point, size_t p) {
+    sym3 moment = {0};
+    for (size_t i = 0; i < neighbours->count[p]; i++)
+        moment = moment_add(moment, point[p], point[neighbours->id[p * neighbours->stride + i]]);
+    return neighbours->count[p] && is_line(moment);
+}
+
+/* Of so many points, evenly spread, those whose neighbours are all on a line. */
+static size_t find_on_lines(const struct neighbourhood *neighbours, const vec3 *point, size_t samples,
+                            uint32_t *on_line) {
     size_t count = 0;
-    for (uint32_t p = 0; p < neighbours->n; p++) {
-        sym3 moment = {0};
-        for (size_t i = 0; i < neighbours->count[p]; i++)
-            moment = moment_add(moment, point[p], point[neighbours->id[p * neighbours->stride + i]]);
-        if (neighbours->count[p] && is_line(moment)) on_line[count++] = p;
+    for (size_t i = 0; i < samples; i++) {
+        size_t p = i * neighbours->n / samples;
+        if (is_on_line(neighbours, point, p)) on_line[count++] = (uint32_t)p;
     }
     return count;
 }
@@ -80,7 +91,8 @@ static void thin(struct thinning *left, double side) {
     left->count = count;
 }
 
-/* Looks at so many points among those left; the ones that are still on a line come first, and *count is how many. */
+/* Looks at so many points among those left; the ones that are still on a line come first, and *count is how many.
+ * reach: NULL = of no use. */
 static enum status look(const struct thinning *left, const struct knn *knn, const vec3 *point, unsigned threads,
                         uint32_t *on_line, size_t *count, float *reach) {
     vec3 *query = alloc_array(CHUNK, sizeof *query);
@@ -99,7 +111,7 @@ static enum status look(const struct thinning *left, const struct knn *knn, cons
             uint32_t p = on_line[begin + i];
             if (is_line(moment))
                 on_line[still++] = p;
-            else if (id[i * NEAR + SIXTH] != NONE)
+            else if (reach && id[i * NEAR + SIXTH] != NONE)
                 reach[p] = fmaxf(reach[p], (float)sqrt(distance_sq[i * NEAR + SIXTH]));
         }
     }
@@ -121,28 +133,65 @@ static enum status widen(struct thinning *left, double side, const vec3 *point, 
     return STATUS_OK;
 }
 
+/* A copy of the points, to be thinned; the median of lengths, such as those to neighbours, is what to begin with. */
+static enum status begin_thinning(const struct neighbourhood *neighbours, const vec3 *point, const float *length,
+                                  struct thinning *left, double *side) {
+    float *sorted = alloc_array(neighbours->n, sizeof *sorted);
+    *left = (struct thinning){.count = neighbours->n, .mask = 1};
+    while (left->mask + 1 < 2 * neighbours->n) left->mask = 2 * left->mask + 1;
+    left->point = alloc_array(neighbours->n, sizeof *left->point);
+    left->cell = alloc_array(left->mask + 1, sizeof *left->cell);
+    bool room = sorted && left->point && left->cell;
+    if (room) {
+        memcpy(left->point, point, neighbours->n * sizeof *point);
+        memcpy(sorted, length, neighbours->n * sizeof *sorted);
+        *side = (double)quantile_of(sorted, neighbours->n, 0.5);
+    }
+    free(sorted);
+    return room ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+static void thinning_done(struct thinning *left) { free(left->point), free(left->cell); }
+
 enum status scan_lines_reach(const struct neighbourhood *neighbours, const vec3 *point, unsigned threads, float *reach,
                              size_t *found) {
-    struct thinning left = {.count = neighbours->n, .mask = 1};
     enum status status = STATUS_OK;
     size_t count = 0;
     uint32_t *on_line = alloc_array(neighbours->n, sizeof *on_line);
     if (!on_line) return STATUS_NO_MEMORY;
-    *found = count = find_on_lines(neighbours, point, on_line);
+    *found = count = find_on_lines(neighbours, point, neighbours->n, on_line);
     if (count > neighbours->n / FEW) {
-        float *sorted = alloc_array(neighbours->n, sizeof *sorted);
-        while (left.mask + 1 < 2 * neighbours->n) left.mask = 2 * left.mask + 1;
-        left.point = alloc_array(neighbours->n, sizeof *left.point);
-        left.cell = alloc_array(left.mask + 1, sizeof *left.cell);
-        status = sorted && left.point && left.cell ? STATUS_OK : STATUS_NO_MEMORY;
-        if (!status) {
-            memcpy(left.point, point, neighbours->n * sizeof *point);
-            memcpy(sorted, reach, neighbours->n * sizeof *sorted);
-            double side = (double)quantile_of(sorted, neighbours->n, 0.5);
-            if (side > 0) status = widen(&left, side, point, threads, on_line, &count, reach);
-        }
-        free(sorted), free(left.point), free(left.cell);
+        struct thinning left;
+        double side;
+        status = begin_thinning(neighbours, point, reach, &left, &side);
+        if (!status && side > 0) status = widen(&left, side, point, threads, on_line, &count, reach);
+        thinning_done(&left);
     }
     free(on_line);
+    return status;
+}
+
+enum status scan_lines_are_curves(const struct neighbourhood *neighbours, const vec3 *point, unsigned threads,
+                                  bool *curves) {
+    size_t samples = neighbours->n < CURVE_SAMPLES ? neighbours->n : CURVE_SAMPLES,
+           least = (size_t)(CURVES * (double)samples);
+    uint32_t on_line[CURVE_SAMPLES];
+    size_t count = find_on_lines(neighbours, point, samples, on_line);
+    struct thinning left;
+    double side;
+    *curves = false;
+    if (neighbours->n <= CURVE_LEAST || count < least) return STATUS_OK;
+    enum status status = begin_thinning(neighbours, point, neighbours->spacing, &left, &side);
+    for (; !status && side > 0 && count >= least && !*curves; side *= 2) {
+        struct knn *knn = NULL;
+        size_t before = left.count;
+        thin(&left, side);
+        *curves = left.count <= CURVE_LEAST;
+        if (*curves || left.count == before) continue;
+        status = knn_new(left.point, left.count, threads, &knn, NULL);
+        if (!status) status = look(&left, knn, point, threads, on_line, &count, NULL);
+        knn_free(knn);
+    }
+    thinning_done(&left);
     return status;
 }

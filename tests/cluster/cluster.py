@@ -23,7 +23,7 @@ POSTGRES = pathlib.Path(os.environ.get("POSTGRES_BIN", "/usr/lib/postgresql/15/b
 FAKETIME = next(pathlib.Path("/usr/lib").glob("*/faketime/libfaketimeMT.so.1"), None)
 AS_POSTGRES = ("setpriv", "--reuid", "postgres", "--regid", "postgres", "--clear-groups")
 NUMBERS = {"client": 1, "lb": 2, "db1": 11, "db2": 12, "s3": 20}  # the last part of each address
-PATIENCE_S = 180
+PATIENCE_S = float(os.environ.get("WHITTLE_PATIENCE_S", "300"))  # how long a condition may take
 NOBODY = "02:00:00:00:00:99"  # a link-layer address that no interface has
 
 
@@ -229,8 +229,9 @@ class DatabasePair:
                    text, timeout=seconds, env={"PGCONNECT_TIMEOUT": "2", "PATH": os.environ["PATH"]}).splitlines()
 
     def answers(self, node, by_socket=False):
+        """Whether it takes changes."""
         try:
-            return self.ask(node, "SELECT 1", 2, by_socket) == ["1"]
+            return self.ask(node, "SELECT pg_is_in_recovery()", 3, by_socket) == ["f"]
         except (RuntimeError, subprocess.TimeoutExpired):
             return False
 
@@ -263,12 +264,21 @@ class DatabasePair:
         self.nodes[self.primary].kill()
         self.is_synchronous = False
         self.primary, self.standby = self.standby, self.primary
+        self.lead()
+        self.promotions.append((found, time.monotonic()))
+
+    def lead(self):
+        """Makes a standby of the one that has everything the primary that it is to be."""
+        node = self.nodes[self.primary]
+        if not node.lives():
+            node.start()
         # What it has inherited would let its commits wait for a standby that isn't there.
         with open(self.data(self.primary) / "postgresql.auto.conf", "a", encoding="ascii") as file:
             file.write("synchronous_standby_names = ''\n")
-        run(*AS_POSTGRES, POSTGRES / "pg_ctl", "promote", "-D", self.data(self.primary), "-w", "-t", 30,
-            cwd=self.folder)
-        self.promotions.append((found, time.monotonic()))
+        end = time.monotonic() + 60
+        while not self.answers(self.primary, True) and time.monotonic() < end:
+            subprocess.run([*AS_POSTGRES, POSTGRES / "pg_ctl", "promote", "-D", self.data(self.primary), "-w", "-t", "10"],
+                           cwd=self.folder, capture_output=True, check=False)
 
     def watch(self):
         missed = 0
@@ -280,7 +290,7 @@ class DatabasePair:
                     missed = 0
                 elif missed >= 3:  # the one that has everything is this one
                     self.nodes[self.primary].kill()
-                    self.nodes[self.primary].start()
+                    self.lead()
                     missed = 0
                 elif missed == 0 and not self.is_synchronous:
                     self.make_standby()

@@ -385,8 +385,11 @@ class Campaign:
             answer = wait_until(lambda: self.document(job), f"an answer for {job.id}")
             if answer != (200, job.end):
                 found.append(f"the end of {job.id} has changed: {job.end} {answer}")
-            reply = ask(self.cluster.url, "DELETE", f"/v1/jobs/{job.id}")
-            if not reply or reply[0] != 200:
+            def deleted(job=job):
+                reply = ask(self.cluster.url, "DELETE", f"/v1/jobs/{job.id}")
+                return reply if reply and reply[0] < 500 else None
+            reply = wait_until(deleted, f"an answer to DELETE of {job.id}")
+            if reply[0] not in (200, 410):  # 410: the answer to the first one was lost
                 found.append(f"DELETE of {job.id}: {reply}")
         return found
 

@@ -57,7 +57,7 @@ def test_yamllint_finds_nothing():
     need("yamllint")
     rules = "{extends: default, rules: {document-start: disable, line-length: {max: 120}, truthy: {check-keys: false}}}"
     print(run("yamllint", "-s", "-d", rules, ROOT / "deploy/kubernetes", ROOT / "deploy/compose.yaml", ROOT / "deploy/compose.job-account.yaml",
-              ROOT / "deploy/monitoring"))
+              ROOT / "deploy/hosts", ROOT / "deploy/monitoring"))
 
 
 def test_every_object_fits_its_schema(objects, schemas):
@@ -65,6 +65,15 @@ def test_every_object_fits_its_schema(objects, schemas):
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.count("ok ") == len(objects)
     say(f"{len(objects)} objects fit their JSON schemas")
+
+
+def test_those_of_many_hosts_fit_their_schemas(schemas):
+    need("kubectl")
+    hosts = [o for o in yaml.safe_load_all(run("kubectl", "kustomize", ROOT / "deploy/hosts/kubernetes")) if o]
+    done = validate(hosts)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count("ok ") == len(hosts) > 10
+    say(f"{len(hosts)} objects of many hosts fit their JSON schemas")
 
 
 def test_the_component_gives_jobs_an_account_of_their_own(schemas, tmp_path):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""deploy/monitoring: rules that promtool accepts and whose alerts come when they should, a dashboard whose queries
-parse, and no metric in any of them that the daemon does not show."""
+"""deploy/monitoring: rules that promtool accepts and whose alerts come when they should, dashboards whose queries parse,
+and no metric or label in any of them that the daemon does not show."""
 import json
 import pathlib
 import re
@@ -12,6 +12,7 @@ import pytest
 from conftest import SMALL
 
 FOLDER = pathlib.Path(__file__).resolve().parents[2] / "deploy" / "monitoring"
+DASHBOARDS = sorted(FOLDER.glob("grafana-*.json"))
 needs_promtool = pytest.mark.skipif(not shutil.which("promtool"), reason="promtool (package prometheus) is absent")
 RECORDED = set(re.findall(r"- record: (\S+)", (FOLDER / "rules.yml").read_text()))
 
@@ -23,7 +24,7 @@ def promtool(*arguments):
 
 
 def queries():
-    """Every query of the dashboard, its variables filled in."""
+    """Every query of the dashboards, its variables filled in."""
     found = []
 
     def walk(value):
@@ -34,7 +35,8 @@ def queries():
         elif isinstance(value, list):
             for inner in value:
                 walk(inner)
-    walk(json.loads((FOLDER / "grafana-dashboard.json").read_text()))
+    for dashboard in DASHBOARDS:
+        walk(json.loads(dashboard.read_text()))
     return [q.replace("$instance", ".*") for q in found]
 
 
@@ -46,11 +48,29 @@ def test_every_metric_in_rules_and_dashboard_is_one_that_the_daemon_shows(daemon
     daemon.ended(daemon.submit(SMALL))
     shown = set(re.findall(r"^(whittled_\w+?)(?:\{.*\})? \S+$", daemon.curl("/metrics").body.decode(), re.M))
     assert len(shown) > 20
-    for text in [(FOLDER / "rules.yml").read_text(), *queries()]:
+    adapter = re.findall(r"metricsQuery: (.*)", (FOLDER / "adapter.yml").read_text())
+    assert adapter
+    for text in [(FOLDER / "rules.yml").read_text(), *queries(), *adapter]:
         expressions = re.findall(r"expr: (?:\|\n)?((?:.+\n)(?:          .+\n)*)", text) or [text]
         for expression in map(without_labels, expressions):
             used = set(re.findall(r"whittled[_:][\w:]+", expression))
             assert used <= shown | RECORDED, used - shown - RECORDED
+
+
+def test_every_label_in_the_dashboards_is_one_that_its_metric_has(daemon):
+    daemon.ended(daemon.submit(SMALL))
+    labels = {}
+    for name, text in re.findall(r"^(whittled_\w+?)(?:\{(.*)\})? \S+$", daemon.curl("/metrics").body.decode(), re.M):
+        labels.setdefault(name, {"instance", "job"}).update(re.findall(r'(\w+)="', text))
+    matchers = [pair for query in queries() for pair in re.findall(r"(whittled_\w+)\{([^}]*)\}", query)]
+    assert len(matchers) > 20
+    for name, text in matchers:
+        assert set(re.findall(r"(\w+)(?:=~|!~|!=|=)", text)) <= labels[name], (name, text)
+    grouped = [(g, name) for query in queries()
+               for g, name in re.findall(r"by \(([\w, ]+)\) \((?:rate\()?(whittled_\w+)", query)]
+    assert len(grouped) > 5
+    for group, name in grouped:
+        assert set(group.split(", ")) <= labels[name], (group, name)
 
 
 @needs_promtool
@@ -80,9 +100,10 @@ def test_the_queries_of_the_dashboard_parse(tmp_path):
     assert f"{len(queries())} rules found" in promtool("check", "rules", "--lint=none", tmp_path / "queries.yml")
 
 
-def test_the_panels_do_not_overlap():
+@pytest.mark.parametrize("dashboard", DASHBOARDS, ids=lambda path: path.stem)
+def test_the_panels_do_not_overlap(dashboard):
     taken = set()
-    for panel in json.loads((FOLDER / "grafana-dashboard.json").read_text())["panels"]:
+    for panel in json.loads(dashboard.read_text())["panels"]:
         at = panel["gridPos"]
         cells = {(x, y) for x in range(at["x"], at["x"] + at["w"]) for y in range(at["y"], at["y"] + at["h"])}
         assert not cells & taken and at["x"] + at["w"] <= 24, panel["title"]

@@ -223,11 +223,9 @@ enum status catalog_postgres_reserve(struct catalog *catalog, const char *princi
 
 enum status catalog_postgres_give_back(struct catalog_postgres *postgres, struct pq_link *link, const char *principal,
                                        uint64_t bytes, struct error *error) {
-    enum status status = pq_execute(link, "SET LOCAL synchronous_commit = off", error);
-    if (status == STATUS_OK)
-        status = pq_run(link,
-                        "UPDATE reservations SET bytes = greatest(bytes - $3, 0) WHERE principal = $2 AND session = $1",
-                        VALUES(T(postgres->session), T(principal), I(bytes)), NULL, error);
+    enum status status =
+        pq_run(link, "UPDATE reservations SET bytes = greatest(bytes - $3, 0) WHERE principal = $2 AND session = $1",
+               VALUES(T(postgres->session), T(principal), I(bytes)), NULL, error);
     return pq_end(link, status, NULL, error);
 }
 

@@ -28,12 +28,11 @@ enum status catalog_postgres_hold_key(struct catalog *catalog, const char *princ
     return status;
 }
 
+/* Durable: a failover that undid it would leave the key held for as long as this process lives. */
 enum status catalog_postgres_give_up_key(struct catalog_postgres *postgres, struct pq_link *link, const char *principal,
                                          const char *key, struct error *error) {
-    enum status status = pq_execute(link, "SET LOCAL synchronous_commit = off", error);
-    if (status == STATUS_OK)
-        status = pq_run(link, "DELETE FROM holds WHERE principal = $1 AND key = $2 AND session = $3",
-                        VALUES(T(principal), T(key), T(postgres->session)), NULL, error);
+    enum status status = pq_run(link, "DELETE FROM holds WHERE principal = $1 AND key = $2 AND session = $3",
+                                VALUES(T(principal), T(key), T(postgres->session)), NULL, error);
     return pq_end(link, status, NULL, error);
 }
 

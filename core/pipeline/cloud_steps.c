@@ -205,6 +205,8 @@ enum status pipeline_contract(struct run *run) {
     free(run->quadrics);
     run->quadrics = NULL;
     run->fits = run->points.count;
+    if (!status && run->mesh_follows)
+        status = creases_find(run->points.point, run->normal, &run->neighbours, run->threads, &run->creases);
     return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "contract") : status;
 }
 

@@ -59,6 +59,8 @@ static bool painted(const struct params *p) { return p->outputs & (OUTPUT_DSO | 
  * tetrahedra and these are less than "refine", but as many as memory has room for are not. */
 enum { LOCAL_DELAUNAY = 135, SAMPLES = 259 };
 
+enum { CREASES = 44 }; /* of each point, if each had sheets of its own (core/spatial/sheets.h) */
+
 static const struct stage {
     const char *name;
     bool (*wanted)(const struct params *params);
@@ -72,11 +74,11 @@ static const struct stage {
     {"tangent", cloud_alone, 40, 0, 70, 0, NO_TETS},
     {"join", params_want_mesh, 130, 9, 0, 0, NO_TETS},
     {"contract", params_want_mesh, 165, 11, 0, 0, NO_TETS},
-    {"delaunay", params_want_mesh, 81, 4, SITE, 0, OF_KEPT},
-    {"local_delaunay", refined, LOCAL_DELAUNAY, 4, SITE, 0, OF_KEPT},
-    {"refine", refined, 680, 4, 800, 0, NO_TETS},
-    {"closer", refined_closely, 1080, 4, 1300, 0, NO_TETS},
-    {"measure", params_want_mesh, 105, 4, 300, 175, NO_TETS},
+    {"delaunay", params_want_mesh, 81 + CREASES, 4, SITE, 0, OF_KEPT},
+    {"local_delaunay", refined, LOCAL_DELAUNAY + CREASES, 4, SITE, 0, OF_KEPT},
+    {"refine", refined, 680 + CREASES, 4, 800, 0, NO_TETS},
+    {"closer", refined_closely, 1080 + CREASES, 4, 1300, 0, NO_TETS},
+    {"measure", params_want_mesh, 105 + CREASES, 4, 300, 175, NO_TETS},
     {"reference", reconstructed_whole, SITE, 4, 150, 0, OF_ALL},
     {"attributes", attributed, 110, 0, 300, 0, NO_TETS},
     {"normals", with_normals, 80, 0, 200, 0, NO_TETS},

@@ -253,8 +253,8 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
 }
 
 static struct reconstruct_dense dense_of(const struct run *run, const struct sites *sites) {
-    return (struct reconstruct_dense){run->points.count, run->points.point, run->normal,     run->neighbours.spacing,
-                                      sites->of_point,   run->knn,          &run->neighbours};
+    return (struct reconstruct_dense){run->points.count, run->points.point, run->normal,      run->neighbours.spacing,
+                                      sites->of_point,   run->knn,          &run->neighbours, &run->creases};
 }
 
 /* The surface of the sites, of one form; the mesh's sources become ids along the curve. */
@@ -383,6 +383,7 @@ static struct refine_input refine_input_of(struct run *run) {
                                  .n = run->points.count,
                                  .spacing = run->neighbours.spacing,
                                  .neighbours = &run->neighbours,
+                                 .creases = &run->creases,
                                  .up = run->surface.form == SURFACE_HEIGHTFIELD ? run->surface.up : (vec3){0},
                                  .local_delaunay = &run->local_delaunay,
                                  .samples = &run->samples};
@@ -397,8 +398,8 @@ static bool has_room_for_samples(const struct run *run) {
 /* There are about twice as many triangles as points; refine_mesh finds what it hasn't got. */
 enum status pipeline_local_delaunay(struct run *run) {
     if (!refine_uses_local_delaunay(run->points.count, 2 * run->kept_count)) return STATUS_OK;
-    enum status status =
-        local_delaunay_find(run->points.point, run->normal, &run->neighbours, run->threads, &run->local_delaunay);
+    enum status status = local_delaunay_find(run->points.point, run->normal, &run->neighbours, &run->creases,
+                                             run->threads, &run->local_delaunay);
     if (status || !has_room_for_samples(run)) return status;
     struct refine_input input = refine_input_of(run);
     status = samples_init(&run->samples, &input, 1, run->threads);

@@ -317,6 +317,7 @@ static void run_done(struct run *run) {
     free(run->moved);
     knn_free(run->knn);
     neighbourhood_done(&run->neighbours);
+    creases_done(&run->creases);
     free(run->normal), free(run->turned), free(run->dso), free(run->distance), free(run->quadrics), free(run->kept);
     contraction_done(&run->contraction);
     pipeline_leave_level(run);

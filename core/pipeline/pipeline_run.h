@@ -45,6 +45,7 @@ struct run {
     struct knn *knn;
     struct neighbourhood neighbours;
     vec3 *normal;
+    struct creases creases; /* for meshes */
     float *dso;
     uint8_t *turned;  /* of each normal: it is written the other way round; NULL unless normals are written */
     bool normals_fit; /* those that the input has are there, and fit its points */

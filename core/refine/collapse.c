@@ -79,10 +79,10 @@ static bool merge_is_fair(const struct fit *fit, const struct fan *fan, size_t t
         if (!fit_shape_is_fair(old->shape, surface_shape(made, j))) return false;
         vec3 outside = outside_normal(fit, halfedge_next(fan->ring[i]), new);
         if (!fit_fold_is_fair(fit, vec3_dot(old->normal, outside), vec3_dot(new, outside))) return false;
-        if (!fit->has_up && vec3_dot(before, new) < 0) return false;
+        if (!fit->has_up && vec3_dot(before, new) < fit->fold) return false;
         before = new;
     }
-    return fit->has_up || vec3_dot(outside_normal(fit, side_behind(fan, &merger), before), before) >= 0;
+    return fit->has_up || vec3_dot(outside_normal(fit, side_behind(fan, &merger), before), before) >= fit->fold;
 }
 
 static struct surface merged(const struct fit *fit, const struct fan *fan, size_t to, struct triangle_frames *frames) {

@@ -376,6 +376,7 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
                      const struct refine_options *options) {
     struct fit new = {.mesh = mesh, .input = input, .placement = options->placement, .threads = options->threads};
     new.has_up = vec3_length_sq(input->up) > 0;
+    new.fold = creases_matter(input->creases, input->n) ? FIT_FOLD : 0;
     enum status status = find_samples(&new, wants_middles(mesh, input));
     if (options->placement == PLACEMENT_SUBSET) forget_local_delaunay(&new);
     if (status == STATUS_OK) status = halfedge_init(&new.he, mesh, new.threads);

@@ -35,6 +35,7 @@
 #define FIT_ENOUGH 40     /* points for each triangle that make middles needless */
 #define FIT_CLOSE 16      /* points for each triangle that make a closer look needless */
 #define FIT_EXACT 1e-7    /* distance that is none */
+#define FIT_FOLD (-0.3)   /* cosine between the normals of neighbours where the surface has creases, at least */
 #define FIT_UPRIGHT 5e-4  /* cosine between a triangle of a height field and the way up, at least */
 #define FIT_THIN 0.02     /* shape below which no triangle may get thinner */
 
@@ -53,6 +54,7 @@ struct fit {
     enum placement placement;
     unsigned threads;
     bool has_up, is_new; /* is_new: nothing has changed yet */
+    double fold;         /* smallest cosine between the normals of neighbours: less where the surface has creases */
     double deviation_sq; /* how far from the data any part of the surface may get, squared */
     double far, near;
     double unit_area; /* of the surface at the beginning, for each unit of the samples' weight */
@@ -112,9 +114,9 @@ static inline vec3 fit_corner(const struct fit *fit, uint32_t h) {
 }
 
 /* Whether two neighbouring triangles may turn against each other so that the cosine of their normals goes from before
- * to after: up to 90 degrees, or where it was more already (a sharp edge), no further. */
+ * to after: up to 90 degrees, or 107 where the surface has creases, or where it was more already, no further. */
 static inline bool fit_fold_is_fair(const struct fit *fit, double before, double after) {
-    return fit->has_up || after >= 0 || after >= before;
+    return fit->has_up || after >= fit->fold || after >= before;
 }
 
 /* Of what a triangle may turn by, the cosine: a height field's as far as it likes. */
@@ -122,6 +124,7 @@ static inline double fit_least_turn(const struct fit *fit, double least) { retur
 
 static inline struct star_limits fit_limits(const struct fit *fit, struct star_limits limits) {
     limits.turn = (float)fit_least_turn(fit, (double)limits.turn);
+    limits.fold = (float)fit->fold;
     limits.steep = fit->has_up;
     return limits;
 }

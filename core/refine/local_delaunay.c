@@ -27,11 +27,14 @@ enum { POINT_GRAIN = 1024, ROOM = KNN_MAX_K + 4 };
 #define STEEPEST_SQ 0.64 /* of the sine of the angle between a rib and the tangent plane */
 #define WIDEST (-0.95)   /* cosine of the widest angle between consecutive ribs */
 #define NARROWEST 0.05   /* sine of the narrowest */
-#define ALONG 0.5        /* cosine between a triangle's normal and a point's, for one that a single corner has */
+#define BEHIND (-0.5)    /* cosine of the angle between two neighbours that hide what is behind them */
+#define ALONG_SHEET 0.8  /* the same, a triangle's and a sheet's */
+#define ALONG 0.5        /* cosine between the normals of a triangle and of a point, for one that a single corner has */
 
 struct search {
     const vec3 *point, *normal;
     const struct neighbourhood *neighbours;
+    const struct creases *creases; /* may be NULL */
     struct local_delaunay *out;
 };
 
@@ -73,14 +76,60 @@ INLINE void lay_out(const struct search *search, const struct plane *plane, cons
     }
 }
 
+/* Whether what is on no sheet at p, in direction `to`, lies behind two neighbours on the crease at the sheet's end. */
+static bool is_behind(const vec3 *on, unsigned n, vec3 to, vec3 normal) {
+    vec3 flat = vec3_sub(to, vec3_scale(normal, vec3_dot(to, normal)));
+    double stretch = vec3_length(flat) > 0 ? vec3_length(to) / vec3_length(flat) : 0;
+    flat = vec3_scale(flat, stretch);
+    for (unsigned i = 0; i < n; i++)
+        for (unsigned j = 0; j < n; j++) {
+            double lengths = vec3_length(on[i]) * vec3_length(on[j]);
+            if (vec3_dot(vec3_cross(on[i], flat), normal) <= 0 || vec3_dot(vec3_cross(flat, on[j]), normal) <= 0 ||
+                vec3_dot(on[i], on[j]) < BEHIND * lengths)
+                continue;
+            if (vec3_dot(vec3_cross(vec3_sub(on[j], on[i]), vec3_sub(flat, on[i])), normal) < 0) return true;
+        }
+    return false;
+}
+
+static bool is_on_crease(const struct search *search, uint32_t p) {
+    const struct sheets *sheets = creases_at(search->creases, p);
+    return sheets && sheets->count > 1;
+}
+
+/* The neighbours of p without those behind a crease; their number. */
+static unsigned hold(const struct search *search, const struct sheets *sheets, size_t p, uint32_t held[KNN_MAX_K]) {
+    const struct neighbourhood *neighbours = search->neighbours;
+    const uint32_t *id = &neighbours->id[p * neighbours->stride];
+    vec3 on[KNN_MAX_K];
+    unsigned on_count = 0, count = 0;
+    for (unsigned i = 0; i < neighbours->count[p]; i++) {
+        vec3 to = vec3_sub(search->point[id[i]], search->point[p]);
+        if (is_on_crease(search, id[i]) && sheets_hold(sheets, vec3_unit(to))) on[on_count++] = to;
+    }
+    for (unsigned i = 0; i < neighbours->count[p]; i++) {
+        vec3 to = vec3_sub(search->point[id[i]], search->point[p]);
+        if (sheets_hold(sheets, vec3_unit(to)) || !is_behind(on, on_count, to, sheets_normal(sheets, 0)))
+            held[count++] = id[i];
+    }
+    return count;
+}
+
 static void lay_out_all(const struct search *search, size_t p, struct ribs *ribs) {
     const struct neighbourhood *neighbours = search->neighbours;
     const uint32_t *id = &neighbours->id[p * neighbours->stride];
     struct plane plane = {.at = search->point[p]};
-    vec3_basis(search->normal[p], &plane.u, &plane.v);
+    const struct sheets *sheets = creases_at(search->creases, (uint32_t)p);
+    uint32_t held[KNN_MAX_K];
+    unsigned count = neighbours->count[p];
+    if (sheets && sheets->count == 1) {
+        count = hold(search, sheets, p, held);
+        id = held;
+    }
+    vec3_basis(sheets && sheets->count == 1 ? sheets_normal(sheets, 0) : search->normal[p], &plane.u, &plane.v);
     ribs->n = 0;
-    for (unsigned i = 0; i < neighbours->count[p]; i += F64_LANES) {
-        unsigned left = neighbours->count[p] - i;
+    for (unsigned i = 0; i < count; i += F64_LANES) {
+        unsigned left = count - i;
         lay_out(search, &plane, id + i, left < F64_LANES ? left : F64_LANES, ribs);
     }
 }
@@ -176,12 +225,25 @@ static bool lies_along(const struct search *search, uint32_t p, uint32_t q, uint
            fabs(vec3_dot(normal, n[r])) >= ALONG;
 }
 
+/* Whether the triangle lies along one of the sheets at each of its corners that have any. */
+static bool follows_sheets(const struct search *search, const uint32_t corner[3]) {
+    const struct sheets *sheets[3];
+    const vec3 *p = search->point;
+    for (int k = 0; k < 3; k++) sheets[k] = creases_at(search->creases, corner[k]);
+    if (!sheets[0] && !sheets[1] && !sheets[2]) return true;
+    vec3 normal = vec3_unit(vec3_triangle_normal(p[corner[0]], p[corner[1]], p[corner[2]]));
+    for (int k = 0; k < 3; k++)
+        if (sheets[k] && sheets_agreement(sheets[k], normal) < ALONG_SHEET) return false;
+    return true;
+}
+
 static unsigned votes_of(const struct search *search, uint32_t p, uint32_t q, uint32_t r) {
     bool at_q = has_triangle(search->out, q, p, r);
     if (at_q && q < p) return 0;
     bool at_r = has_triangle(search->out, r, p, q);
     if (at_r && r < p) return 0;
     if (!at_q && !at_r && !lies_along(search, p, q, r)) return 0;
+    if (!follows_sheets(search, (uint32_t[3]){p, q, r})) return 0;
     return 1U + at_q + at_r;
 }
 
@@ -197,11 +259,11 @@ static void vote_range(void *ctx, size_t begin, size_t end) {
 }
 
 FOR_EACH_PROCESSOR(enum status, local_delaunay_find)
-(const vec3 *point, const vec3 *normal, const struct neighbourhood *neighbours, unsigned threads,
- struct local_delaunay *out) {
+(const vec3 *point, const vec3 *normal, const struct neighbourhood *neighbours, const struct creases *creases,
+ unsigned threads, struct local_delaunay *out) {
     size_t n = neighbours->n;
     struct local_delaunay new = {.n = n};
-    struct search search = {point, normal, neighbours, &new};
+    struct search search = {point, normal, neighbours, creases, &new};
     new.rib = alloc_array(n, sizeof *new.rib);
     new.closed = alloc_array(n, sizeof *new.closed);
     new.votes = alloc_array(n, sizeof *new.votes);

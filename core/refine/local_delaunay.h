@@ -13,6 +13,7 @@
 #include "core/base/status.h"
 #include "core/math/vec3.h"
 #include "core/spatial/neighbourhood.h"
+#include "core/spatial/sheets.h"
 
 enum { LOCAL_DELAUNAY_RIBS = 12 }; /* the most that a point has; six are usual */
 
@@ -27,9 +28,11 @@ struct local_delaunay {
     uint32_t *votes;  /* n: two bits for each rib, see local_delaunay_votes; owned */
 };
 
-/* normal[i] is a unit vector of either sign.  O(n k^2), k neighbours each, in practice O(n k).  STATUS_NO_MEMORY. */
+/* normal[i] is a unit vector of either sign.  A point beside a crease (creases may be NULL) doesn't look behind it, and
+ * no triangle is askew to the sheets at its corners.  O(n k^2), k neighbours each, in practice O(n k).
+ * STATUS_NO_MEMORY. */
 enum status local_delaunay_find(const vec3 *point, const vec3 *normal, const struct neighbourhood *neighbours,
-                                unsigned threads, struct local_delaunay *out) MUST_CHECK;
+                                const struct creases *creases, unsigned threads, struct local_delaunay *out) MUST_CHECK;
 
 /* How many of its corners have triangle i of p; 0 where it isn't one, or counts at another corner. */
 static inline unsigned local_delaunay_votes(const struct local_delaunay *local_delaunay, size_t p, unsigned i) {

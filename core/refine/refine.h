@@ -27,6 +27,7 @@ struct refine_input {
     const struct neighbourhood *neighbours; /* of the points: the middles of triangles between neighbours are
                                          fitted to as well, which is what keeps a mesh from bending between
                                          few points; NULL: points alone */
+    const struct creases *creases;          /* of the points; NULL: not known */
     struct local_delaunay
         *local_delaunay;     /* the same points': zeroed when done with; NULL or zeroed where they are to be found */
     vec3 up;                 /* unit: where all triangles of a height field face; zero: the surface is none */

@@ -148,7 +148,8 @@ enum status samples_init(struct samples *samples, const struct refine_input *inp
     struct local_delaunay mine = {0}, *local_delaunay = input->local_delaunay ? input->local_delaunay : &mine;
     enum status status = STATUS_OK;
     if (parts && local_delaunay->n == 0)
-        status = local_delaunay_find(input->points, input->normals, input->neighbours, threads, local_delaunay);
+        status = local_delaunay_find(input->points, input->normals, input->neighbours, input->creases, threads,
+                                     local_delaunay);
     if (status == STATUS_OK) status = place_all(&new, input, parts ? local_delaunay : NULL, parts, threads);
     local_delaunay_done(&mine);
     if (status == STATUS_OK) {

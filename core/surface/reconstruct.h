@@ -32,6 +32,7 @@ enum { RECONSTRUCTION_ROWS(ROW) RECONSTRUCTIONS };
 
 struct knn;
 struct neighbourhood;
+struct creases;
 
 /* The points that those to be meshed were chosen from.  All borrowed. */
 struct reconstruct_dense {
@@ -41,6 +42,7 @@ struct reconstruct_dense {
     const uint32_t *site;                   /* n: which of the points to be meshed stands for each */
     const struct knn *knn;                  /* over them */
     const struct neighbourhood *neighbours; /* of them; NULL = not known: their nearest ones are looked for */
+    const struct creases *creases;          /* of them; NULL = not known */
 };
 
 struct reconstruct_input {

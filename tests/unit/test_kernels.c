@@ -238,7 +238,8 @@ static void tell_local_delaunay(enum form form, uint64_t seed, struct told *told
     struct scene s;
     struct local_delaunay local_delaunay = {0};
     make_scene(&s, &seed);
-    assert_int_equal(FORM(local_delaunay_find, form)(s.point, s.normal, &s.neighbours, 1, &local_delaunay), STATUS_OK);
+    assert_int_equal(FORM(local_delaunay_find, form)(s.point, s.normal, &s.neighbours, NULL, 1, &local_delaunay),
+                     STATUS_OK);
     tell(told, local_delaunay.rib, POINTS * sizeof *local_delaunay.rib);
     tell(told, local_delaunay.closed, POINTS * sizeof *local_delaunay.closed);
     tell(told, local_delaunay.votes, POINTS * sizeof *local_delaunay.votes);

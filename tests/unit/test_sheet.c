@@ -105,7 +105,7 @@ static void scan_done(struct scan *scan) {
 static enum status made_within(const struct scan *scan, enum surface_form form, unsigned threads,
                                const struct progress *progress, struct mesh *mesh, struct reconstruct_facts *facts) {
     struct reconstruct_dense dense = {
-        scan->dense.n, scan->dense.point, scan->dense.normal, scan->dense.spacing, NULL, scan->knn, NULL};
+        scan->dense.n, scan->dense.point, scan->dense.normal, scan->dense.spacing, NULL, scan->knn, NULL, NULL};
     struct reconstruct_input input = {.points = scan->kept, .n = scan->kept_count, .dense = &dense};
     struct reconstruct_options options = {.threads = threads, .surface = form, .up = {0, 0, 1}};
     struct tets tets = {0};
@@ -324,7 +324,7 @@ static void what_is_moved_off_the_points_is_trimmed(void **state) {
     struct scan scan = scan_of(waves);
     struct neighbourhood neighbours = dense_neighbourhood(&scan.dense);
     struct reconstruct_dense dense = {scan.dense.n, scan.dense.point, scan.dense.normal, scan.dense.spacing,
-                                      NULL,         scan.knn,         &neighbours};
+                                      NULL,         scan.knn,         &neighbours,       NULL};
     struct mesh mesh = made(&scan, SURFACE_OPEN, NULL);
     size_t before = mesh.triangle_count, around = 0;
     uint32_t moved = 0;

@@ -91,8 +91,8 @@ FOR_EACH_PROCESSOR(void, star_frames_make)
 }
 
 /* Whether pairs of neighbours may turn so that the cosines of their normals go from before to after. */
-INLINE i32v fold_is_fair(f32v before, f32v after) {
-    return f32_at_least(after, f32_all(0)) | f32_at_least(after, before);
+INLINE i32v fold_is_fair(f32v before, f32v after, float fold) {
+    return f32_at_least(after, f32_all(fold)) | f32_at_least(after, before);
 }
 
 FOR_EACH_PROCESSOR(bool, star_may_become)
@@ -106,8 +106,8 @@ FOR_EACH_PROCESSOR(bool, star_may_become)
         i32v fair = f32_at_least(f32v3_dot(before, after), f32_all(limits.turn)) | f32_equal(old_shape, f32_all(0));
         fair &= f32_at_least(new_shape, f32_all(limits.thin)) | f32_at_least(new_shape, old_shape);
         if (!limits.steep) {
-            fair &= fold_is_fair(f32v3_dot(before, before_next), f32v3_dot(after, after_next));
-            fair &= fold_is_fair(f32v3_dot(before, across), f32v3_dot(after, across));
+            fair &= fold_is_fair(f32v3_dot(before, before_next), f32v3_dot(after, after_next), limits.fold);
+            fair &= fold_is_fair(f32v3_dot(before, across), f32v3_dot(after, across), limits.fold);
         }
         i32v inside = i32_less(i32_count() + (int32_t)i, i32_all((int32_t)old->n));
         if (i32_any(inside & ~fair)) return false;

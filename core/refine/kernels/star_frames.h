@@ -54,6 +54,7 @@ void star_frames_make(struct star_frames *star, const struct star_rim *rim, vec3
 struct star_limits {
     float turn; /* smallest cosine between the normals of a triangle before and after */
     float thin; /* shape below which no triangle may get thinner */
+    float fold; /* smallest cosine between the normals of neighbours, where it wasn't smaller before */
     bool steep; /* neighbours may turn against each other as far as they like */
 };
 

@@ -77,9 +77,9 @@ static double facet_price(const struct cocone_voters *voters, const uint32_t v[3
     return price;
 }
 
-/* The prices of a half facet of a finite cell and of its twin, in each frame.  Turning the normals of its vertices
- * makes one of them cheaper by as much as the other becomes dearer: by the sum of the cosines between them and the
- * facet's normal, into the cell. */
+/* The prices of a half facet of a finite cell and of its twin, in each frame: they fall with the cosines between the
+ * facet's normal, into the cell, and the normals of its vertices.  A vertex on a crease has those of the sheets, of
+ * which the facet belongs to one; so what spans a crease askew to both is dear. */
 static void find_prices(const struct cocone_voters *voters, uint32_t half, int count, int32_t price[][2]) {
     const vec3 *point = voters->star->point;
     uint32_t v[3];
@@ -87,11 +87,14 @@ static void find_prices(const struct cocone_voters *voters, uint32_t half, int c
     double both = facet_price(voters, v) + 3 * PRICE_TURNED;
     vec3 facet_normal = vec3_unit(vec3_triangle_normal(point[v[0]], point[v[1]], point[v[2]]));
     for (int k = 0; k < count; k++) {
-        const vec3 *normal = voters->frame[k].normal;
-        double turn =
-            PRICE_TURNED * vec3_dot(facet_normal, vec3_add(vec3_add(normal[v[0]], normal[v[1]]), normal[v[2]]));
-        price[k][0] = units(both - turn);
-        price[k][1] = units(both + turn);
+        double along = 0, against = 0;
+        for (int i = 0; i < 3; i++) {
+            struct cocone_cosines most =
+                cocone_creases_cosines(voters->creases, v[i], voters->frame[k].normal[v[i]], facet_normal);
+            along += most.along, against += most.against;
+        }
+        price[k][0] = units(both - PRICE_TURNED * along);
+        price[k][1] = units(both - PRICE_TURNED * against);
     }
 }
 

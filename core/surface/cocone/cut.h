@@ -5,6 +5,7 @@
 #define WHITTLE_CORE_SURFACE_COCONE_CUT_H
 
 #include "core/base/progress.h"
+#include "core/surface/cocone/creases.h"
 #include "core/surface/cocone/orient.h"
 
 /* Costs are whole numbers of parts: so many are the vote of a cell that is certain to a point. */
@@ -24,6 +25,7 @@ struct cocone_voters {
     const double *support;            /* n or NULL, see struct reconstruct_input */
     const struct cocone_frame *frame; /* with oriented normals */
     const struct cocone_lies *lies;
+    const struct creases *creases; /* of the points */
 };
 
 /* Whether all three edges of the facet are as short as the support radii of their ends allow: |ab| <= 1.2 (rho_a +

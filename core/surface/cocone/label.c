@@ -111,7 +111,8 @@ enum status cocone_label_make(const struct cocone_star *star, const struct recon
     struct cocone_frame frame[COCONE_FRAMES] = {{0}};
     struct cocone_lies lies[COCONE_FRAMES] = {{0}};
     struct cocone_cost cost[COCONE_FRAMES] = {{0}};
-    struct cocone_voters voters = {star, input->support, frame, lies};
+    struct creases creases = {.of = NULL};
+    struct cocone_voters voters = {star, input->support, frame, lies, &creases};
     struct relay relay = {progress, pthread_self(), false};
     struct progress relayed = {relay_tick, &relay};
     struct making making[COCONE_FRAMES];
@@ -121,14 +122,16 @@ enum status cocone_label_make(const struct cocone_star *star, const struct recon
                                     .frame = &frame[k],
                                     .lies = &lies[k],
                                     .label = &label[k],
-                                    .voters = {star, input->support, &frame[k], &lies[k]}};
+                                    .voters = {star, input->support, &frame[k], &lies[k], &creases}};
     enum status status = cocone_frame_build(star, input->normals, threads, frame, count);
     if (!status) status = cocone_orient_measure(star, frame, count, threads, lies);
     if (!status) status = orient_all(making, count, threads);
+    if (!status) status = cocone_creases_find(input, &creases);
     if (!status) status = cocone_cut_costs(&voters, count, threads, cost);
     for (int k = 0; k < count; k++) label[k].cost = cost[k];
     if (!status) status = cut_all(making, count, threads);
     for (int k = 0; k < count; k++) cocone_frame_done(&frame[k]), cocone_orient_done(&lies[k]);
+    free(creases.of);
     return status;
 }
 

@@ -74,6 +74,26 @@ int blobs_read(struct blobs *blobs, const char *name) {
     return is_name(name) ? blobs->backend->read(blobs, name) : -1;
 }
 
+int blobs_read_range(struct blobs *blobs, const char *name, uint64_t first, uint64_t last) {
+    if (!blobs->backend->read_range) return blobs_read(blobs, name);
+    errno = ENOENT;
+    return is_name(name) ? blobs->backend->read_range(blobs, name, first, last) : -1;
+}
+
+bool blobs_link(struct blobs *blobs, const char *name, unsigned seconds, const char *type, const char *disposition,
+                char *url, size_t bytes) {
+    return blobs->backend->link && is_name(name) &&
+           blobs->backend->link(blobs, name, seconds, type, disposition, url, bytes);
+}
+
+void blobs_watch_unfinished(struct blobs *blobs, const struct blobs_unfinished *unfinished) {
+    blobs->unfinished = *unfinished;
+}
+
+bool blobs_give_up(struct blobs *blobs, const char *what) {
+    return !blobs->backend->give_up || blobs->backend->give_up(blobs, what);
+}
+
 bool blobs_exist(struct blobs *blobs, const char *name) { return is_name(name) && blobs->backend->exist(blobs, name); }
 
 bool blobs_remove(struct blobs *blobs, const char *name) {

@@ -21,7 +21,7 @@
 
 struct blobs;
 
-enum { BLOBS_URL_BYTES = 4200, BLOBS_NAME_BYTES = 256 };
+enum { BLOBS_URL_BYTES = 4200, BLOBS_NAME_BYTES = 256, BLOBS_LINK_BYTES = 4096, BLOBS_UNFINISHED_BYTES = 480 };
 
 /* Whether a setting may be the URL of a blob store: file:PATH, or s3://BUCKET/PREFIX?endpoint=URL (s3/s3_client.h). */
 bool blobs_url_valid(const char *url);
@@ -52,9 +52,30 @@ enum status blobs_put(struct blobs *blobs, const char *folder, const struct blob
 enum status blobs_copy(struct blobs *blobs, const char *from_folder, const char *to_folder,
                        struct error *error) MUST_CHECK;
 
-/* Opens a blob for reading, at any place; -1 with errno, ENOENT where there is none.  The descriptor stays good when
- * the blob is removed. */
+/* Opens a blob for reading, at any place; -1 with errno, ENOENT where there is none, EHOSTUNREACH where its store is
+ * away.  The descriptor stays good when the blob is removed. */
 int blobs_read(struct blobs *blobs, const char *name);
+
+/* The same for bytes first to last alone, at the places that they have in the blob: others of the file are any.  A
+ * range that isn't in the blob: EIO. */
+int blobs_read_range(struct blobs *blobs, const char *name, uint64_t first, uint64_t last);
+
+/* A URL of the blob at its store that anybody may GET for so many seconds, where it is told as this type and this
+ * Content-Disposition.  false: there are none. */
+bool blobs_link(struct blobs *blobs, const char *name, unsigned seconds, const char *type, const char *disposition,
+                char *url, size_t bytes);
+
+/* Who is told of what a store keeps of a put that doesn't end, before there is anything (false: the put fails), and
+ * when there is nothing of it any more.  To be set before the first put; without it nobody is told. */
+struct blobs_unfinished {
+    bool (*begins)(void *ctx, const char *what);
+    void (*ends)(void *ctx, const char *what);
+    void *ctx;
+};
+void blobs_watch_unfinished(struct blobs *blobs, const struct blobs_unfinished *unfinished);
+
+/* Removes what there is of it.  false: some may be there still. */
+bool blobs_give_up(struct blobs *blobs, const char *what);
 
 /* Whether there is a blob of this name, or one below the folder of this name; a store that doesn't answer may have it.
  */

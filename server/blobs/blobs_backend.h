@@ -15,6 +15,9 @@ struct blobs_backend {
     __typeof__(blobs_put) *put;
     __typeof__(blobs_copy) *copy;
     __typeof__(blobs_read) *read;
+    __typeof__(blobs_read_range) *read_range; /* NULL = read does as well */
+    __typeof__(blobs_link) *link;             /* NULL = there are none */
+    __typeof__(blobs_give_up) *give_up;       /* NULL = nothing stays unfinished */
     __typeof__(blobs_exist) *exist;
     __typeof__(blobs_remove) *remove;
     __typeof__(blobs_list) *list;
@@ -23,6 +26,7 @@ struct blobs_backend {
 
 struct blobs {
     const struct blobs_backend *backend;
+    struct blobs_unfinished unfinished; /* begins NULL = nobody is told */
 };
 
 /* All there are.  Another one is a file or a folder here, and a row. */

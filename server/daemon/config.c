@@ -52,7 +52,8 @@ static const struct setting table[] = {
     {"blobs", BLOBS, AT(blobs), "", 0, 0, NULL,
      "Where clouds and outputs are kept, as file:PATH, or s3://BUCKET/PREFIX?endpoint=URL with region, keys (a file "
      "with "
-     "a line access:secret) and ca; all hosts that share a catalog share it; default: the data folder"},
+     "a line access:secret), ca and part (objects of more MiB go in parts of so many; default 64); all hosts that "
+     "share a catalog share it; default: the data folder"},
     {"roles", ROLES, AT(roles), "http,work", 0, 0, NULL,
      "What this host does of the work: http takes requests, work runs jobs; one of them alone where several hosts "
      "share "
@@ -125,6 +126,10 @@ static const struct setting table[] = {
      "Uploads are refused when less room would be left on the disk"},
     {"result-cache", SWITCH, AT(result_cache), "1", 0, 1, NULL,
      "Answer the same cloud with the same parameters from the outputs of the earlier job"},
+    {"blob-redirect", SWITCH | LIVE, AT(blob_redirect), "0", 0, 1, NULL,
+     "Send programs that GET an output or a cloud to the S3 store, by a link that ends after five minutes; clients "
+     "must "
+     "reach the endpoint of blobs"},
     {"webhooks", SWITCH, AT(webhooks), "0", 0, 1, NULL,
      "Allow webhooks: a POST to an address of the client when its job has ended"},
     {"webhook-secret-file", TEXT, AT(webhook_secret_file), "", 0, 0, NULL,

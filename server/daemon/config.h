@@ -28,6 +28,7 @@ struct config {
     int64_t oneshot_abandon; /* a switch: a one-shot whose client is gone is dismissed */
     int64_t insecure_open;   /* a switch: 0 or 1 */
     int64_t result_cache;    /* a switch */
+    int64_t blob_redirect;   /* a switch: outputs and clouds are fetched at the store, where it gives links */
     int64_t idempotency_retention_ms;
     int64_t webhooks; /* a switch */
     int64_t webhook_retry_ms, lease_ms;

@@ -226,11 +226,10 @@ static void get_cloud_data(struct service *service, struct request *request, str
     struct catalog_cloud record;
     if (!handlers_takes_no_query(request, response)) return;
     if (handlers_read_cloud(service, request, request->match.capture[0], &record, response)) {
-        struct job nameless = {0};
         struct job_output output = {.bytes = record.bytes};
         cloud_file_name(&record, output.name, sizeof output.name);
         memcpy(output.sha256, record.sha256, sizeof output.sha256);
-        handlers_send_content(request, &nameless, &output, store_cloud_open(service->store, record.sha256), response);
+        handlers_send_cloud(service, request, &output, response);
     }
     catalog_cloud_done(&record);
 }

@@ -6,8 +6,10 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <ctype.h>
+#include <errno.h>
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -39,7 +41,7 @@ const char *handlers_media_type(const char *name) {
 /* ------------------------------------------------------------------------------------------------ files */
 
 static void refuse_range(int fd, uint64_t bytes, struct response *response) {
-    close(fd);
+    if (fd >= 0) close(fd);
     response_refuse(response, PROBLEM_RANGE_NOT_SATISFIABLE, "the content has %llu bytes", (unsigned long long)bytes);
     response_header(response, "Content-Range", "bytes */%llu", (unsigned long long)bytes);
 }
@@ -108,7 +110,9 @@ void handlers_send_content(const struct request *request, const struct job *job,
                            int fd, struct response *response) {
     char etag[DIGEST_HEX_BYTES + 2];
     snprintf(etag, sizeof etag, "\"%s\"", output->sha256);
-    if (fd < 0) {
+    if (fd < 0 && errno == EHOSTUNREACH) {
+        response_refuse(response, PROBLEM_NOT_READY, "the store of outputs and clouds doesn't answer");
+    } else if (fd < 0) {
         response_refuse(response, PROBLEM_INTERNAL_ERROR, "the output can't be read");
     } else if (request_none_match(request, etag)) {
         close(fd);
@@ -119,12 +123,66 @@ void handlers_send_content(const struct request *request, const struct job *job,
     }
 }
 
+/* Sends a program to the store itself, which tells the content by its own tag: so not who has named one of ours, and
+ * no page of a browser, whose rules for other origins the store doesn't know. */
+static bool redirect(struct service *service, const struct request *request, const struct job *job,
+                     const struct job_output *output, struct response *response) {
+    enum { LINK_S = 300 };
+    char *url = malloc(BLOBS_LINK_BYTES), name[128], disposition[160];
+    bool is_plain = strcmp(request->method, "GET") == 0 && !request->header[HEADER_IF_MATCH] &&
+                    !request->header[HEADER_IF_RANGE] && !request->header[HEADER_SEC_FETCH_SITE];
+    output_file_name(job, output->name, name, sizeof name);
+    snprintf(disposition, sizeof disposition, "attachment; filename=\"%s\"", name);
+    struct store_link link = {LINK_S, handlers_media_type(output->name), disposition, url};
+    bool is_linked = !service->config->blob_redirect || !is_plain || !url ? false
+                     : job->id[0] ? store_output_link(service->store, job->id, job->attempt, output->name, &link)
+                                  : store_cloud_link(service->store, output->sha256, &link);
+    if (!is_linked) {
+        free(url);
+        return false;
+    }
+    response_text(response, 302, "text/plain; charset=utf-8", strdup(""));
+    response->location = url;
+    response_header(response, "Cache-Control", "no-store");
+    return true;
+}
+
+/* What lies in the store: an output of the job, or a cloud (job->id ""), called as the output says.  Of what lies
+ * elsewhere no more is fetched than is sent; for HEAD, a byte. */
+static void send_stored(struct service *service, const struct request *request, const struct job *job,
+                        const struct job_output *output, struct response *response) {
+    char etag[DIGEST_HEX_BYTES + 2];
+    struct store_range range = {0, 0};
+    snprintf(etag, sizeof etag, "\"%s\"", output->sha256);
+    if (request_none_match(request, etag)) {
+        response_unchanged(response, etag, for_ever, output->bytes);
+        return;
+    }
+    if (redirect(service, request, job, output, response)) return;
+    enum request_range kind = range_of(request, output->bytes, etag, &range.first, &range.last);
+    if (kind == RANGE_UNSATISFIABLE) {
+        refuse_range(-1, output->bytes, response);
+        return;
+    }
+    if (request->head) range = (struct store_range){0, 0};
+    bool is_part = output->bytes && (kind != RANGE_NONE || request->head);
+    const struct store_range *part = is_part ? &range : NULL;
+    int fd = job->id[0] ? store_output_open_range(service->store, job->id, job->attempt, output->name, part)
+                        : store_cloud_open_range(service->store, output->sha256, part);
+    handlers_send_content(request, job, output, fd, response);
+}
+
+void handlers_send_cloud(struct service *service, const struct request *request, const struct job_output *output,
+                         struct response *response) {
+    struct job nameless = {0};
+    send_stored(service, request, &nameless, output, response);
+}
+
 void handlers_send_output(struct service *service, const struct request *request, const struct job *job,
                           const char *name, struct response *response) {
     const struct job_output *output = handlers_find_output(job, name);
     if (output)
-        handlers_send_content(request, job, output,
-                              store_output_open(service->store, job->id, job->attempt, output->name), response);
+        send_stored(service, request, job, output, response);
     else
         response_refuse(response, PROBLEM_NO_SUCH_OUTPUT, "the job has no output %.80s", name);
 }

@@ -21,6 +21,10 @@ const char *handlers_media_type(const char *name);
 void handlers_send_output(struct service *service, const struct request *request, const struct job *job,
                           const char *name, struct response *response);
 
+/* The same of a cloud, called as the output says. */
+void handlers_send_cloud(struct service *service, const struct request *request, const struct job_output *output,
+                         struct response *response);
+
 /* The same for content that is open already; takes fd (-1: it could not be opened).  output names, measures and hashes
  * it. */
 void handlers_send_content(const struct request *request, const struct job *job, const struct job_output *output,

@@ -245,6 +245,7 @@ static enum MHD_Result answer(struct exchange *x) {
     let_go(x);
     if (!made) return MHD_NO;
     for (size_t i = 0; i < r->header_count; i++) MHD_add_response_header(made, r->header[i].name, r->header[i].value);
+    if (r->location) MHD_add_response_header(made, "Location", r->location);
     MHD_add_response_header(made, "X-Content-Type-Options", "nosniff");
     MHD_add_response_header(made, "X-Request-Id", x->request.id);
     if (x->request.tus) MHD_add_response_header(made, "Tus-Resumable", "1.0.0");

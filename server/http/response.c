@@ -22,6 +22,7 @@ void response_init(struct response *response) {
 
 void response_done(struct response *response) {
     free(response->text);
+    free(response->location);
     if (response->fd >= 0) close(response->fd);
     response_init(response);
 }

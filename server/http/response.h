@@ -22,7 +22,8 @@ struct response {
         const char *name; /* static */
         char value[RESPONSE_HEADER_BYTES];
     } header[RESPONSE_MAX_HEADERS];
-    char *text; /* owned; text of RESPONSE_TEXT, next piece of RESPONSE_STREAM (NULL = nothing yet) */
+    char *location; /* owned; a header, for it may be long; NULL = none */
+    char *text;     /* owned; text of RESPONSE_TEXT, next piece of RESPONSE_STREAM (NULL = nothing yet) */
     size_t text_bytes;
     int fd; /* owned; of RESPONSE_FILE */
     uint64_t file_offset, file_bytes;

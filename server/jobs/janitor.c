@@ -178,6 +178,34 @@ static void sweep_leases(struct service *service) {
     free(jobs);
 }
 
+/* What a store keeps of a put that didn't end. */
+static const char unfinished_mark[] = "unfinished ";
+
+static bool mark_unfinished(void *ctx, const char *what) {
+    enum { PUT_MS = 3600 * 1000 }; /* no put takes longer */
+    struct service *service = ctx;
+    char name[CATALOG_MARK_BYTES];
+    struct error error = {0};
+    snprintf(name, sizeof name, "%s%s", unfinished_mark, what);
+    enum status status = catalog_mark(service->catalog, name, job_now_ms() + PUT_MS, &error);
+    if (status != STATUS_OK) log_line(LOG_ERROR, "%s can't be marked: %s", name, error.text);
+    return status == STATUS_OK;
+}
+
+static void unmark_unfinished(void *ctx, const char *what) {
+    struct service *service = ctx;
+    char name[CATALOG_MARK_BYTES];
+    struct error error = {0};
+    snprintf(name, sizeof name, "%s%s", unfinished_mark, what);
+    if (catalog_unmark(service->catalog, name, &error) != STATUS_OK)
+        log_line(LOG_WARNING, "%s stays marked: %s", name, error.text); /* and is given up, which does nothing then */
+}
+
+void service_watch_unfinished(struct service *service) {
+    const struct blobs_unfinished unfinished = {mark_unfinished, unmark_unfinished, service};
+    if (service->is_shared) store_watch_unfinished(service->store, &unfinished);
+}
+
 /* What a mark names goes, unless a row names it by now: a job's folder of blobs, an upload's, a cloud.  The mark stays
  * where that fails, and is due again. */
 static enum status sweep_mark(struct service *service, const char *name, struct error *error) {
@@ -187,6 +215,10 @@ static enum status sweep_mark(struct service *service, const char *name, struct 
     } kinds[] = {{"jobs/", CATALOG_JOB}, {"uploads/", CATALOG_UPLOAD}};
     bool known = false;
     enum status status = STATUS_OK;
+    if (strncmp(name, unfinished_mark, strlen(unfinished_mark)) == 0)
+        return store_give_up(service->store, name + strlen(unfinished_mark))
+                   ? catalog_unmark(service->catalog, name, error)
+                   : STATUS_OK;
     for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
         size_t length = strlen(kinds[i].folder);
         if (strncmp(name, kinds[i].folder, length) != 0) continue;

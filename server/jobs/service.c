@@ -80,6 +80,7 @@ enum status service_open(struct service *service, const struct config *config, s
         scratch_keep_free(store_scratch(service->store), (uint64_t)config->min_free_bytes);
         status = open_catalog(service, error);
     }
+    if (status == STATUS_OK) service_watch_unfinished(service);
     if (status == STATUS_OK) {
         scratch_key_path(store_scratch(service->store), path);
         status = signature_open(path, &service->signing_key, error);

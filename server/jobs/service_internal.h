@@ -25,4 +25,7 @@ void service_forget_cloud(struct service *service, const char *cloud);
 /* janitor.c: moves all ends, and the service's own clock, with a clock on the wall that was set by so much. */
 enum status service_move_ends(struct service *service, int64_t step_ms, struct error *error) MUST_CHECK;
 
+/* What the store doesn't end is marked in the catalog from now on, and given up after a grace. */
+void service_watch_unfinished(struct service *service);
+
 #endif

@@ -76,10 +76,32 @@ enum status store_upload_keep(struct store *store, struct scratch_file *upload, 
     return status;
 }
 
-int store_cloud_open(struct store *store, const char *sha256) {
+void store_watch_unfinished(struct store *store, const struct blobs_unfinished *unfinished) {
+    blobs_watch_unfinished(store->blobs, unfinished);
+}
+
+bool store_give_up(struct store *store, const char *what) { return blobs_give_up(store->blobs, what); }
+
+static int read_part(struct store *store, const char *name, const struct store_range *range) {
+    return range ? blobs_read_range(store->blobs, name, range->first, range->last) : blobs_read(store->blobs, name);
+}
+
+static bool link_to(struct store *store, const char *name, const struct store_link *link) {
+    return blobs_link(store->blobs, name, link->seconds, link->type, link->disposition, link->url, BLOBS_LINK_BYTES);
+}
+
+int store_cloud_open(struct store *store, const char *sha256) { return store_cloud_open_range(store, sha256, NULL); }
+
+int store_cloud_open_range(struct store *store, const char *sha256, const struct store_range *range) {
     char name[BLOBS_NAME_BYTES];
     cloud_name(sha256, name);
-    return blobs_read(store->blobs, name);
+    return read_part(store, name, range);
+}
+
+bool store_cloud_link(struct store *store, const char *sha256, const struct store_link *link) {
+    char name[BLOBS_NAME_BYTES];
+    cloud_name(sha256, name);
+    return link_to(store, name, link);
 }
 
 bool store_cloud_exists(struct store *store, const char *sha256) {
@@ -228,11 +250,30 @@ enum status store_outputs_share(struct store *store, const char *from_id, int fr
     return status;
 }
 
-int store_output_open(struct store *store, const char *id, int attempt, const char *name) {
-    char folder[BLOBS_NAME_BYTES], path[BLOBS_NAME_BYTES + JOB_OUTPUT_NAME_BYTES];
+/* false: no output is called so. */
+static bool output_path(struct store *store, const char *id, int attempt, const char *name,
+                        char path[BLOBS_NAME_BYTES + JOB_OUTPUT_NAME_BYTES]) {
+    char folder[BLOBS_NAME_BYTES];
     find_outputs(store, id, attempt, folder);
-    snprintf(path, sizeof path, "%s/%.*s", folder, JOB_OUTPUT_NAME_BYTES - 1, name);
-    return strchr(name, '/') ? -1 : blobs_read(store->blobs, path);
+    snprintf(path, BLOBS_NAME_BYTES + JOB_OUTPUT_NAME_BYTES, "%s/%.*s", folder, JOB_OUTPUT_NAME_BYTES - 1, name);
+    return !strchr(name, '/');
+}
+
+int store_output_open(struct store *store, const char *id, int attempt, const char *name) {
+    return store_output_open_range(store, id, attempt, name, NULL);
+}
+
+int store_output_open_range(struct store *store, const char *id, int attempt, const char *name,
+                            const struct store_range *range) {
+    char path[BLOBS_NAME_BYTES + JOB_OUTPUT_NAME_BYTES];
+    errno = ENOENT;
+    return output_path(store, id, attempt, name, path) ? read_part(store, path, range) : -1;
+}
+
+bool store_output_link(struct store *store, const char *id, int attempt, const char *name,
+                       const struct store_link *link) {
+    char path[BLOBS_NAME_BYTES + JOB_OUTPUT_NAME_BYTES];
+    return output_path(store, id, attempt, name, path) && link_to(store, path, link);
 }
 
 bool store_outputs_exist(struct store *store, const char *id, int attempt) {

@@ -39,8 +39,27 @@ struct scratch *store_scratch(struct store *store);
 enum status store_upload_keep(struct store *store, struct scratch_file *upload, const char *sha256,
                               struct error *error) MUST_CHECK;
 
-/* A cloud, opened for reading; -1 when there is none. */
+/* Part of something that is kept: bytes first to last, to be read at their places. */
+struct store_range {
+    uint64_t first, last;
+};
+
+/* How somebody may fetch something at the store itself, for so many seconds, and what it is told as. */
+struct store_link {
+    unsigned seconds;
+    const char *type, *disposition;
+    char *url; /* BLOBS_LINK_BYTES */
+};
+
+/* What a put to the store doesn't end is marked in the catalog, from now on: by these (blobs/blobs.h). */
+void store_watch_unfinished(struct store *store, const struct blobs_unfinished *unfinished);
+bool store_give_up(struct store *store, const char *what);
+
+/* A cloud, opened for reading, all or at least a range (NULL = all); -1 with errno when there is none, or its store is
+ * away.  false: it can't be fetched elsewhere. */
 int store_cloud_open(struct store *store, const char *sha256);
+int store_cloud_open_range(struct store *store, const char *sha256, const struct store_range *range);
+bool store_cloud_link(struct store *store, const char *sha256, const struct store_link *link);
 bool store_cloud_exists(struct store *store, const char *sha256);
 bool store_cloud_delete(struct store *store, const char *sha256); /* false: it may be there still */
 
@@ -71,8 +90,12 @@ enum status store_outputs_keep(struct store *store, const char *id, int attempt,
 enum status store_outputs_share(struct store *store, const char *from_id, int from_attempt, const char *to_id,
                                 struct error *error) MUST_CHECK;
 
-/* Opens an output for reading; -1 when there is none. */
+/* Opens an output for reading, like a cloud. */
 int store_output_open(struct store *store, const char *id, int attempt, const char *name);
+int store_output_open_range(struct store *store, const char *id, int attempt, const char *name,
+                            const struct store_range *range);
+bool store_output_link(struct store *store, const char *id, int attempt, const char *name,
+                       const struct store_link *link);
 bool store_outputs_exist(struct store *store, const char *id, int attempt);
 
 /* How many there are; -1 where they can't be listed. */

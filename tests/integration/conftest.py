@@ -222,7 +222,7 @@ class Daemon:
     def curl(self, path, *arguments, data=None):
         done = subprocess.run(self.curl_command(path, *arguments), input=data, capture_output=True, check=False)
         assert done.returncode == 0, done.stderr
-        return parse_reply(done.stdout)
+        return parse_reply(done.stdout, "-L" in arguments)
 
     def post(self, path, data, *arguments):
         return self.curl(path, "-X", "POST", "--data-binary", "@-", "-H", "Expect:", *arguments, data=data)
@@ -261,13 +261,13 @@ class Daemon:
         return sorted(p.name for p in (self.data / "tmp").iterdir())
 
 
-def parse_reply(output):
-    """The last of the header blocks, and the body."""
+def parse_reply(output, follows=False):
+    """The last of the header blocks, and the body; follows: what a redirection leads to."""
     while True:
         head, _, rest = output.partition(b"\r\n\r\n")
         lines = head.decode("latin-1").split("\r\n")
         status = int(lines[0].split()[1])
-        if status != 100:
+        if status != 100 and not (follows and 300 <= status < 400):
             break
         output = rest
     headers = {}

@@ -5,8 +5,10 @@ import hashlib
 import itertools
 import os
 import pathlib
+import re
 import socket
 import subprocess
+import threading
 
 import pytest
 
@@ -280,6 +282,150 @@ def test_uploads_of_all_hosts_count_together(make_daemon, shared):
     assert reply.status == 503 and reply.slug == "too-many-uploads" and reply.headers["retry-after"]
     assert hosts[0].curl(f"/v1/uploads/{uploads[1]}", "-X", "DELETE", *TUS).status == 204
     begin_upload(hosts[1])
+
+
+# ---------------------------------------------------------------------------------------------- bytes in the store
+
+@pytest.fixture(name="in_s3")
+def make_in_s3(server, request):
+    """Flags of hosts whose blobs are in S3, in parts of 5 MiB; and the gateway's address."""
+    if "WHITTLE_BLOBS" not in os.environ:
+        pytest.skip("WHITTLE_BLOBS names no S3 store")
+    bucket, query = os.environ["WHITTLE_BLOBS"].split("?")
+    name = f"hosts{next(names)}"
+    subprocess.run([PROGRAMS / "createdb", "-h", server, "-U", "whittle", name], check=True)
+    url = f"postgresql://whittle@/{name}?host={server}"
+    subprocess.run([BUILD / "whittled", "migrate", "--catalog", url], check=True)
+    blobs = f"{bucket}/{os.getpid()}-{name}?{query}&part=5"
+    return ["--catalog", url, "--blobs", blobs, "--lease", "500ms"], query.split("endpoint=")[1]
+
+
+def unfinished_in(s3_flags):
+    """The store's own list of uploads in parts that were not completed, below the hosts' prefix."""
+    bucket, _, prefix = s3_flags[3].split("?")[0].removeprefix("s3://").partition("/")
+    endpoint = re.search("endpoint=([^&]*)", s3_flags[3])[1]
+    done = subprocess.run(["curl", "-sS", "--aws-sigv4", "aws:amz:us-east-1:s3", "--user",
+                           f"{os.environ['AWS_ACCESS_KEY_ID']}:{os.environ['AWS_SECRET_ACCESS_KEY']}", "-H",
+                           "x-amz-content-sha256: UNSIGNED-PAYLOAD", f"{endpoint}/{bucket}?uploads="],
+                          capture_output=True, text=True, check=True)
+    return [key for key in re.findall("<Key>([^<]*)</Key>", done.stdout) if key.startswith(prefix)]
+
+
+@pytest.fixture(name="long", scope="module")
+def make_long():
+    """A cloud of 12 MiB: three parts."""
+    return sphere(450000)
+
+
+def test_what_is_long_is_put_in_parts_and_is_the_same(make_daemon, in_s3, long):
+    flags, _ = in_s3
+    host, other = make_daemon(*flags, "--roles", "http"), make_daemon(*flags, "--roles", "http")
+    assert len(long) > 2 * (5 << 20)
+    cloud = host.post("/v1/clouds", long)
+    assert cloud.status == 201, cloud.body
+    assert other.curl(f"/v1/clouds/{cloud.json['id']}/data").body == long
+    assert unfinished_in(flags) == []
+
+
+def test_a_put_in_parts_that_its_host_does_not_end_is_given_up(make_daemon, in_s3, long, server):
+    """Killed after its first part: the mark in the catalog says what there is, and when it is over another host ends it."""
+    flags, _ = in_s3
+    host, other = make_daemon(*flags, "--roles", "http"), make_daemon(*flags, "--roles", "http")
+    host.kill()
+    host.start("--fault", "part-put=kill")
+    subprocess.run(host.curl_command("/v1/clouds", "-X", "POST", "-H", "Expect:", "--data-binary", "@-"), input=long,
+                   capture_output=True, check=False)
+    host.process.wait(PATIENCE_S)
+    assert len(unfinished_in(flags)) == 1
+    ask = [PROGRAMS / "psql", "-X", "-q", "-A", "-t", "-c"]
+    found = subprocess.run([*ask, "UPDATE marks SET until = 0 WHERE name LIKE 'unfinished %' RETURNING name", flags[1]],
+                           capture_output=True, text=True, check=True).stdout
+    assert "clouds/" in found
+    wait_until(lambda: not unfinished_in(flags), "the end of what was begun")
+    wait_until(lambda: subprocess.run([*ask, "SELECT count(*) FROM marks", flags[1]], capture_output=True, text=True,
+                                      check=True).stdout.strip() == "0", "the end of its mark")
+    assert other.curl("/v1/clouds").json["clouds"] == []
+
+
+class Counting:
+    """Passes connections on to the gateway, and counts the bytes that come back."""
+
+    def __init__(self, endpoint):
+        host, port = endpoint.removeprefix("http://").split(":")
+        self.to, self.returned = (host, int(port)), 0
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{self.listener.getsockname()[1]}"
+        threading.Thread(target=self.take, daemon=True).start()
+
+    def take(self):
+        while True:
+            try:
+                client = self.listener.accept()[0]
+            except OSError:
+                return
+            store = socket.create_connection(self.to)
+            threading.Thread(target=self.copy, args=[client, store, False], daemon=True).start()
+            threading.Thread(target=self.copy, args=[store, client, True], daemon=True).start()
+
+    def copy(self, source, sink, counts):
+        try:
+            while data := source.recv(65536):
+                self.returned += len(data) * counts
+                sink.sendall(data)
+        except OSError:
+            pass
+        for end in (source, sink):
+            try:
+                end.shutdown(socket.SHUT_RDWR)
+            except OSError:
+                pass
+
+
+def test_of_a_range_no_more_is_fetched(make_daemon, in_s3, long):
+    flags, endpoint = in_s3
+    proxy = Counting(endpoint)
+    flags = [flag.replace(endpoint, proxy.url) for flag in flags]
+    host = make_daemon(*flags, "--roles", "http")
+    path = f"/v1/clouds/{host.post('/v1/clouds', long).json['id']}/data"
+    before = proxy.returned
+    for first, last in ((0, 0), (5 << 20, (5 << 20) + 999), (len(long) - 10, len(long) - 1)):
+        reply = host.curl(path, "-H", f"Range: bytes={first}-{last}")
+        assert reply.status == 206 and reply.body == long[first:last + 1]
+        assert reply.headers["content-range"] == f"bytes {first}-{last}/{len(long)}"
+    etag = host.curl(path, "-I").headers["etag"]
+    assert host.curl(path, "-H", f"If-None-Match: {etag}").status == 304
+    assert host.curl(path, "-H", f"Range: bytes={len(long)}-").status == 416
+    assert proxy.returned - before < 100000 < len(long)
+    assert host.curl(path).body == long and proxy.returned - before > len(long)
+
+
+def test_rule_9_programs_are_sent_to_the_store(make_daemon, in_s3):
+    flags, endpoint = in_s3
+    host = make_daemon(*flags, "--blob-redirect")
+    job = host.submit(SMALL, "?label=a+ball")
+    host.ended(job)
+    path = f"/v1/jobs/{job}/outputs/cloud.ply"
+    through = host.curl(path, "-H", "Sec-Fetch-Site: same-origin")  # a browser's page
+    reply = host.curl(path)
+    assert reply.status == 302 and reply.headers["location"].startswith(endpoint + "/")
+    assert reply.headers["cache-control"] == "no-store"
+    fetched = host.curl(path, "-L")
+    assert fetched.status == 200 and fetched.body == through.body
+    assert fetched.headers["content-type"] == through.headers["content-type"] == "model/ply"
+    assert fetched.headers["content-disposition"] == through.headers["content-disposition"]
+    part = host.curl(path, "-L", "-H", "Range: bytes=10-19")
+    assert part.status == 206 and part.body == through.body[10:20]
+    tag = through.headers["etag"]
+    assert host.curl(path, "-H", f"If-None-Match: {tag}").status == 304
+    assert host.curl(path, "-L", "-H", 'If-None-Match: "another"').body == through.body
+    assert host.curl(path, "-H", f"If-Match: {tag}").status == 200  # the store has a tag of its own
+    assert host.curl(path, "-H", 'If-Match: "another"').status == 412
+    assert host.curl(path, "-I").headers["etag"] == tag
+    assert host.post("/v1/clouds", SMALL).status in (200, 201)
+    assert host.curl(SMALLS_CLOUD + "/data").status == 302 and host.curl(SMALLS_CLOUD + "/data", "-L").body == SMALL
+    changed = reply.headers["location"].replace("X-Amz-Expires=300", "X-Amz-Expires=3000")
+    assert subprocess.run(["curl", "-s", "-o", "/dev/null", "-w", "%{http_code}", changed], capture_output=True, text=True,
+                          check=True).stdout == "403"
 
 
 def test_hosts_without_a_common_blob_store_are_refused(shared, tmp_path):

@@ -1,7 +1,8 @@
 /* Blobs as objects of an S3 store: prefix/name is the object's key.
  *
- * The store checks the hash of what is put.  What is read comes as a copy, into a file without a name in the folder
- * that the store was opened with.  An object of more than 5 GiB is refused by the store.
+ * The store checks the hash of what is put: whole, or of each part of what is long, and the whole's is compared here.
+ * What is read, all or a range, comes as a copy, into a file without a name in the folder that the store was opened
+ * with.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <errno.h>
@@ -13,6 +14,9 @@
 #include <unistd.h>
 
 #include "core/base/alloc.h"
+#include "core/base/fault.h"
+#include "server/base/away.h"
+#include "server/base/digest.h"
 #include "server/base/folders.h"
 #include "server/blobs/blobs_backend.h"
 #include "server/blobs/s3/s3_client.h"
@@ -29,7 +33,8 @@ static struct blobs_s3 *s3_of(struct blobs *blobs) { return (struct blobs_s3 *)(
 
 /* An answer that isn't the one that was hoped for. */
 static enum status refused(struct error *error, const char *what, const char *name, int code) {
-    return error_set(error, STATUS_IO, "blobs", "can't %s %.200s: the store answered %d", what, name, code);
+    return error_set(error, STATUS_IO, code < 500 ? "blobs" : AWAY, "can't %s %.200s: the store answered %d", what,
+                     name, code);
 }
 
 /* ------------------------------------------------------------------------------------------------ list */
@@ -184,31 +189,172 @@ static enum status s3_open(const char *where, const char *folder, struct blobs *
 
 /* ------------------------------------------------------------------------------------------------ put, copy */
 
+/* The file whole, in one request.  The store compares its hash. */
+static enum status put_whole(struct blobs_s3 *s3, const char *name, int fd, uint64_t bytes, const char *sha256,
+                             struct error *error) {
+    struct s3_request request = {
+        .method = "PUT", .name = name, .body_fd = fd, .body_bytes = bytes, .sha256 = sha256, .to_fd = -1};
+    int code;
+    enum status status = s3_client_ask(s3->client, &request, &code, error);
+    if (status == STATUS_OK && code == 400)
+        status = error_set(error, STATUS_MALFORMED, "blobs", "%.200s isn't what its hash says", name);
+    else if (status == STATUS_OK && code != 200)
+        status = refused(error, "put", name, code);
+    free(request.text);
+    return status;
+}
+
+/* A put in parts: begun, each part with its hash, then completed; or given up, which whoever watches does for a host
+ * that died.  "<upload's id> <name>" is what it is called. */
+struct parts {
+    const char *name;
+    char what[BLOBS_UNFINISHED_BYTES], query[PATH_BYTES]; /* uploadId=... */
+    char *list;                                           /* of the parts, as CompleteMultipartUpload has it */
+    size_t list_bytes;
+    FILE *writer; /* of the list */
+};
+
+static enum status begin_parts(struct blobs_s3 *s3, struct parts *parts, struct error *error) {
+    struct s3_request request = {
+        .method = "POST", .name = parts->name, .query = "uploads=", .body_fd = -1, .to_fd = -1};
+    int code;
+    enum status status = s3_client_ask(s3->client, &request, &code, error);
+    const char *at = request.text, *id;
+    size_t length;
+    if (status == STATUS_OK && (code != 200 || !at || !next_between(&at, "<UploadId>", "</UploadId>", &id, &length)))
+        status = refused(error, "begin to put", parts->name, code);
+    if (status == STATUS_OK) {
+        char plain[BLOBS_UNFINISHED_BYTES];
+        snprintf(plain, sizeof plain, "%.*s", (int)length, id);
+        char *encoded = s3_client_encode(plain);
+        int n = snprintf(parts->query, sizeof parts->query, "uploadId=%s", encoded ? encoded : "");
+        int m = snprintf(parts->what, sizeof parts->what, "%s %s", encoded ? encoded : "", parts->name);
+        if (!encoded || n >= (int)sizeof parts->query || m >= (int)sizeof parts->what)
+            status = error_set(error, STATUS_IO, "blobs", "the store's name of an upload is too long");
+        free(encoded);
+    }
+    free(request.text);
+    return status;
+}
+
+static enum status put_part(struct blobs_s3 *s3, struct parts *parts, int number, int fd, uint64_t offset,
+                            uint64_t bytes, struct digest *whole, struct error *error) {
+    char query[PATH_BYTES + 32], sha256[DIGEST_HEX_BYTES];
+    struct digest *digest = digest_new();
+    int code = 0;
+    if (!digest) return error_set(error, STATUS_NO_MEMORY, "blobs", "no memory");
+    bool is_read = digest_range(digest, fd, offset, bytes) == 0 && digest_range(whole, fd, offset, bytes) == 0;
+    digest_finish(digest, sha256);
+    digest_free(digest);
+    if (!is_read) return error_set(error, STATUS_IO, "blobs", "can't read %.200s", parts->name);
+    snprintf(query, sizeof query, "partNumber=%d&%s", number, parts->query);
+    struct s3_request request = {.method = "PUT",
+                                 .name = parts->name,
+                                 .query = query,
+                                 .body_fd = fd,
+                                 .body_offset = offset,
+                                 .body_bytes = bytes,
+                                 .sha256 = sha256,
+                                 .to_fd = -1};
+    enum status status = s3_client_ask(s3->client, &request, &code, error);
+    if (status == STATUS_OK && (code != 200 || !request.etag[0])) status = refused(error, "put", parts->name, code);
+    if (status == STATUS_OK)
+        fprintf(parts->writer, "<Part><PartNumber>%d</PartNumber><ETag>%s</ETag></Part>", number, request.etag);
+    free(request.text);
+    return status;
+}
+
+/* An answer that was lost may have been that it is done: then there is no such upload, but the object. */
+static enum status complete_parts(struct blobs_s3 *s3, struct parts *parts, struct error *error) {
+    char sha256[DIGEST_HEX_BYTES];
+    struct s3_request look = {.method = "HEAD", .name = parts->name, .body_fd = -1, .to_fd = -1};
+    int code = 0;
+    fputs("</CompleteMultipartUpload>", parts->writer);
+    bool is_written = fclose(parts->writer) == 0 && digest_text(parts->list, sha256);
+    parts->writer = NULL;
+    if (!is_written) return error_set(error, STATUS_NO_MEMORY, "blobs", "no memory");
+    struct s3_request request = {.method = "POST",
+                                 .name = parts->name,
+                                 .query = parts->query,
+                                 .body_fd = -1,
+                                 .body_text = parts->list,
+                                 .sha256 = sha256,
+                                 .to_fd = -1};
+    enum status status = s3_client_ask(s3->client, &request, &code, error);
+    bool is_done =
+        status == STATUS_OK && code == 200 && request.text && strstr(request.text, "<CompleteMultipartUploadResult");
+    if (status == STATUS_OK && code == 404) {
+        status = s3_client_ask(s3->client, &look, &code, error);
+        is_done = status == STATUS_OK && code == 200;
+    }
+    if (status == STATUS_OK && !is_done) status = refused(error, "complete", parts->name, code);
+    free(request.text);
+    free(look.text);
+    return status;
+}
+
+static bool s3_give_up(struct blobs *blobs, const char *what) {
+    const char *blank = strchr(what, ' ');
+    char query[PATH_BYTES];
+    struct error error = {0};
+    int code;
+    if (!blank) return true;
+    snprintf(query, sizeof query, "uploadId=%.*s", (int)(blank - what), what);
+    struct s3_request request = {.method = "DELETE", .name = blank + 1, .query = query, .body_fd = -1, .to_fd = -1};
+    enum status status = s3_client_ask(s3_of(blobs)->client, &request, &code, &error);
+    free(request.text);
+    return status == STATUS_OK && (code < 300 || code == 404);
+}
+
+static enum status put_parts(struct blobs_s3 *s3, const char *name, int fd, uint64_t bytes, const char *sha256,
+                             struct error *error) {
+    enum { MOST_PARTS = 10000 };
+    const struct blobs_unfinished *unfinished = &s3->blobs.unfinished;
+    uint64_t part_bytes = s3_client_part_bytes(s3->client), done = 0;
+    struct parts parts = {.name = name};
+    char found[DIGEST_HEX_BYTES];
+    if (bytes / MOST_PARTS >= part_bytes) part_bytes = bytes / MOST_PARTS + 1;
+    struct digest *whole = digest_new();
+    parts.writer = open_memstream(&parts.list, &parts.list_bytes);
+    enum status status = whole && parts.writer ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "blobs", "no memory");
+    if (status == STATUS_OK) status = begin_parts(s3, &parts, error);
+    bool is_begun = status == STATUS_OK;
+    if (is_begun && unfinished->begins && !unfinished->begins(unfinished->ctx, parts.what))
+        status = error_set(error, STATUS_IO, AWAY, "what is put in parts can't be noted");
+    if (status == STATUS_OK) fputs("<CompleteMultipartUpload>", parts.writer);
+    for (int number = 1; status == STATUS_OK && done < bytes; number++) {
+        uint64_t count = bytes - done < part_bytes ? bytes - done : part_bytes;
+        status = put_part(s3, &parts, number, fd, done, count, whole, error);
+        fault_at("part-put");
+        done += count;
+    }
+    if (whole) digest_finish(whole, found);
+    if (status == STATUS_OK && strcmp(found, sha256) != 0)
+        status = error_set(error, STATUS_MALFORMED, "blobs", "%.200s isn't what its hash says", name);
+    if (status == STATUS_OK) status = complete_parts(s3, &parts, error);
+    bool is_over = status == STATUS_OK || (is_begun && s3_give_up(&s3->blobs, parts.what));
+    if (is_begun && is_over && unfinished->ends) unfinished->ends(unfinished->ctx, parts.what);
+    if (parts.writer) fclose(parts.writer);
+    free(parts.list);
+    digest_free(whole);
+    return status;
+}
+
 static enum status put_one(struct blobs_s3 *s3, const char *folder, const struct blobs_source *source,
                            struct error *error) {
     char name[PATH_BYTES];
     struct stat facts;
-    int code, fd = openat(source->folder_fd, source->file, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
+    int fd = openat(source->folder_fd, source->file, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
     snprintf(name, sizeof name, "%s/%s", folder, source->name);
-    if (fd < 0 || fstat(fd, &facts) != 0) {
-        enum status status =
+    enum status status = STATUS_OK;
+    if (fd < 0 || fstat(fd, &facts) != 0)
+        status =
             error_set(error, status_from_errno(errno), "blobs", "can't read %.100s: %s", source->name, strerror(errno));
-        folders_close(fd);
-        return status;
-    }
-    struct s3_request request = {.method = "PUT",
-                                 .name = name,
-                                 .body_fd = fd,
-                                 .body_bytes = (uint64_t)facts.st_size,
-                                 .sha256 = source->sha256,
-                                 .to_fd = -1};
-    enum status status = s3_client_ask(s3->client, &request, &code, error);
-    if (status == STATUS_OK && code == 400)
-        status = error_set(error, STATUS_MALFORMED, "blobs", "%.100s isn't what its hash says", source->name);
-    else if (status == STATUS_OK && code != 200)
-        status = refused(error, "put", name, code);
-    free(request.text);
-    close(fd);
+    else if ((uint64_t)facts.st_size <= s3_client_part_bytes(s3->client))
+        status = put_whole(s3, name, fd, (uint64_t)facts.st_size, source->sha256, error);
+    else
+        status = put_parts(s3, name, fd, (uint64_t)facts.st_size, source->sha256, error);
+    folders_close(fd);
     return status;
 }
 
@@ -254,18 +400,39 @@ static int open_nameless(const char *folder) {
     return fd;
 }
 
-static int s3_read(struct blobs *blobs, const char *name) {
-    struct blobs_s3 *s3 = s3_of(blobs);
+/* As the request says, but for where to. */
+static int fetch(struct blobs_s3 *s3, struct s3_request *request) {
     struct error error = {0};
     int code, fd = open_nameless(s3->folder);
     if (fd < 0) return -1;
-    struct s3_request request = {.method = "GET", .name = name, .body_fd = -1, .to_fd = fd};
-    enum status status = s3_client_ask(s3->client, &request, &code, &error);
-    free(request.text);
-    if (status == STATUS_OK && code == 200 && lseek(fd, 0, SEEK_SET) == 0) return fd;
+    request->method = "GET";
+    request->body_fd = -1;
+    request->to_fd = fd;
+    enum status status = s3_client_ask(s3->client, request, &code, &error);
+    free(request->text);
+    if (status == STATUS_OK && code == (request->is_range ? 206 : 200) && lseek(fd, 0, SEEK_SET) == 0) return fd;
     close(fd);
-    errno = status == STATUS_OK && code == 404 ? ENOENT : status == STATUS_NO_SPACE ? ENOSPC : EIO;
+    bool is_away = status == STATUS_IO || (status == STATUS_OK && code >= 500);
+    errno = status == STATUS_OK && code == 404 ? ENOENT
+            : status == STATUS_NO_SPACE        ? ENOSPC
+            : is_away                          ? EHOSTUNREACH
+                                               : EIO;
     return -1;
+}
+
+static int s3_read(struct blobs *blobs, const char *name) {
+    struct s3_request request = {.name = name};
+    return fetch(s3_of(blobs), &request);
+}
+
+static int s3_read_range(struct blobs *blobs, const char *name, uint64_t first, uint64_t last) {
+    struct s3_request request = {.name = name, .is_range = true, .first = first, .last = last};
+    return fetch(s3_of(blobs), &request);
+}
+
+static bool s3_link(struct blobs *blobs, const char *name, unsigned seconds, const char *type, const char *disposition,
+                    char *url, size_t bytes) {
+    return s3_client_presign(s3_of(blobs)->client, name, seconds, type, disposition, url, bytes);
 }
 
 static bool s3_exist(struct blobs *blobs, const char *name) {
@@ -320,6 +487,9 @@ const struct blobs_backend blobs_s3 = {
     .put = s3_put,
     .copy = s3_copy,
     .read = s3_read,
+    .read_range = s3_read_range,
+    .link = s3_link,
+    .give_up = s3_give_up,
     .exist = s3_exist,
     .remove = s3_remove,
     .list = s3_list,

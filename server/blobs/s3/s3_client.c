@@ -23,6 +23,7 @@
 
 #include "core/base/alloc.h"
 #include "core/base/fault.h"
+#include "server/base/away.h"
 #include "server/blobs/s3/signature_v4.h"
 #include "server/daemon/setting_file.h"
 
@@ -37,6 +38,7 @@ struct s3_client {
     CURL *idle[HANDLES]; /* with their connections */
     int idle_count;
     _Atomic int64_t ahead_s; /* of the store's clock before the machine's */
+    uint64_t part_bytes;
 };
 
 static const char empty_sha256[] = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855";
@@ -68,12 +70,16 @@ static bool read_endpoint(struct s3_client *client) {
 
 /* false: it is no URL of a store. */
 static bool read_url(const char *where, struct s3_client *client, char keys_file[PART_BYTES]) {
+    char part[PART_BYTES] = "64", *rest;
     size_t path = strcspn(where, "?"), bucket = strcspn(where, "/?");
     struct {
         const char *name;
         char *to;
-    } const parameters[] = {
-        {"endpoint=", client->endpoint}, {"region=", client->keys.region}, {"keys=", keys_file}, {"ca=", client->ca}};
+    } const parameters[] = {{"endpoint=", client->endpoint},
+                            {"region=", client->keys.region},
+                            {"keys=", keys_file},
+                            {"ca=", client->ca},
+                            {"part=", part}};
     enum { PARAMETERS = sizeof parameters / sizeof *parameters };
     if (!bucket || !copy_part(client->bucket, where, bucket)) return false;
     if (path > bucket + 1 && !copy_part(client->prefix, where + bucket + 1, path - bucket - 1)) return false;
@@ -90,7 +96,9 @@ static bool read_url(const char *where, struct s3_client *client, char keys_file
         memcpy(parameters[i].to, value, strlen(value) + 1);
         next += end + (next[end] == '&');
     }
-    return read_endpoint(client);
+    unsigned long mebibytes = strtoul(part, &rest, 10);
+    client->part_bytes = (uint64_t)mebibytes << 20;
+    return !*rest && mebibytes >= 5 && mebibytes <= 5000 && read_endpoint(client);
 }
 
 bool s3_client_valid(const char *where) {
@@ -155,6 +163,8 @@ void s3_client_close(struct s3_client *client) {
     curl_global_cleanup();
 }
 
+uint64_t s3_client_part_bytes(const struct s3_client *client) { return client->part_bytes; }
+
 const char *s3_client_prefix(const struct s3_client *client) { return client->prefix; }
 
 char *s3_client_encode(const char *text) {
@@ -173,12 +183,17 @@ struct exchange {
     time_t answered_s; /* by the store's clock; 0 = it didn't say */
 };
 
-/* Keeps the time at which the store has answered. */
+/* Keeps the time at which the store has answered, and the object's tag. */
 static size_t take_header(char *bytes, size_t size, size_t count, void *ctx) {
-    static const char name[] = "date:";
+    static const char name[] = "date:", tag[] = "etag:";
     struct exchange *exchange = ctx;
     size_t length = size * count;
-    char text[DATE_BYTES];
+    char text[DATE_BYTES], *etag = exchange->request->etag;
+    if (length > sizeof tag && length < S3_ETAG_BYTES && strncasecmp(bytes, tag, sizeof tag - 1) == 0) {
+        snprintf(etag, S3_ETAG_BYTES, "%.*s", (int)(length - sizeof tag + 1), bytes + sizeof tag - 1);
+        memmove(etag, etag + strspn(etag, " "), strlen(etag + strspn(etag, " ")) + 1);
+        etag[strcspn(etag, "\r\n")] = 0;
+    }
     if (length > sizeof name && length < sizeof text && strncasecmp(bytes, name, sizeof name - 1) == 0) {
         snprintf(text, sizeof text, "%.*s", (int)(length - sizeof name + 1), bytes + sizeof name - 1);
         time_t said = curl_getdate(text, NULL);
@@ -189,7 +204,10 @@ static size_t take_header(char *bytes, size_t size, size_t count, void *ctx) {
 
 static size_t give_body(char *bytes, size_t size, size_t count, void *ctx) {
     struct exchange *exchange = ctx;
-    ssize_t n = pread(exchange->request->body_fd, bytes, size * count, (off_t)exchange->sent);
+    const struct s3_request *request = exchange->request;
+    uint64_t left = request->body_bytes - exchange->sent, room = size * count;
+    ssize_t n =
+        pread(request->body_fd, bytes, room < left ? room : left, (off_t)(request->body_offset + exchange->sent));
     if (n < 0) return CURL_READFUNC_ABORT;
     exchange->sent += (uint64_t)n;
     return (size_t)n;
@@ -244,6 +262,14 @@ static bool encode_path(const struct s3_client *client, const char *name, char p
     return ok;
 }
 
+/* By the store's clock. */
+static void write_date(const struct s3_client *client, char date[SIGNATURE_V4_DATE_BYTES]) {
+    time_t now = time(NULL) + (time_t)atomic_load(&client->ahead_s);
+    struct tm tm;
+    gmtime_r(&now, &tm);
+    strftime(date, SIGNATURE_V4_DATE_BYTES, "%Y%m%dT%H%M%SZ", &tm);
+}
+
 /* Host is libcurl's own, the same as is signed. */
 static struct curl_slist *sign(const struct s3_client *client, const struct s3_request *request, const char *path,
                                const char *copy_source) {
@@ -254,10 +280,7 @@ static struct curl_slist *sign(const struct s3_client *client, const struct s3_r
                                            .body_sha256 = request->sha256 ? request->sha256 : empty_sha256,
                                            .copy_source = copy_source};
     char authorization[SIGNATURE_V4_BYTES], header[URL_BYTES + 64];
-    time_t now = time(NULL) + (time_t)atomic_load(&client->ahead_s);
-    struct tm tm;
-    gmtime_r(&now, &tm);
-    strftime(to_sign.date, sizeof to_sign.date, "%Y%m%dT%H%M%SZ", &tm);
+    write_date(client, to_sign.date);
     if (!signature_v4_make(&client->keys, &to_sign, authorization)) return NULL;
     struct curl_slist *headers = curl_slist_append(NULL, "Expect:");
     snprintf(header, sizeof header, "Authorization: %s", authorization);
@@ -266,6 +289,11 @@ static struct curl_slist *sign(const struct s3_client *client, const struct s3_r
     headers = curl_slist_append(headers, header);
     snprintf(header, sizeof header, "x-amz-content-sha256: %s", to_sign.body_sha256);
     headers = curl_slist_append(headers, header);
+    if (request->is_range) {
+        snprintf(header, sizeof header, "Range: bytes=%llu-%llu", (unsigned long long)request->first,
+                 (unsigned long long)request->last);
+        headers = curl_slist_append(headers, header);
+    }
     snprintf(header, sizeof header, "x-amz-copy-source: %s", copy_source ? copy_source : "");
     return copy_source ? curl_slist_append(headers, header) : headers;
 }
@@ -294,6 +322,10 @@ static void configure(const struct s3_client *client, CURL *curl, const char *ur
         curl_easy_setopt(curl, CURLOPT_READFUNCTION, give_body);
         curl_easy_setopt(curl, CURLOPT_READDATA, exchange);
         curl_easy_setopt(curl, CURLOPT_INFILESIZE_LARGE, (curl_off_t)(request->copy_of ? 0 : request->body_bytes));
+    }
+    if (strcmp(request->method, "POST") == 0) {
+        curl_easy_setopt(curl, CURLOPT_POST, 1L);
+        curl_easy_setopt(curl, CURLOPT_POSTFIELDS, request->body_text ? request->body_text : "");
     }
     if (strcmp(request->method, "DELETE") == 0) curl_easy_setopt(curl, CURLOPT_CUSTOMREQUEST, "DELETE");
     if (request->to_fd >= 0) curl_easy_setopt(curl, CURLOPT_FAILONERROR, 1L); /* an error's text is no object */
@@ -335,8 +367,7 @@ static enum status try_once(struct s3_client *client, CURL *curl, struct s3_requ
     if (exchange.is_short_of_memory) return error_set(error, STATUS_NO_MEMORY, "blobs", "no memory");
     if (result == CURLE_OK || (result == CURLE_HTTP_RETURNED_ERROR && answer)) return STATUS_OK;
     *code = 0;
-    return error_set(error, STATUS_IO, "blobs", "the store doesn't answer: %s",
-                     why[0] ? why : curl_easy_strerror(result));
+    return error_set(error, STATUS_IO, AWAY, "the store doesn't answer: %s", why[0] ? why : curl_easy_strerror(result));
 }
 
 /* ------------------------------------------------------------------------------------------------ requests */
@@ -360,10 +391,11 @@ static void give_handle(struct s3_client *client, CURL *curl) {
 static void start_again(struct s3_request *request) {
     free(request->text);
     request->text = NULL;
+    request->etag[0] = 0;
     if (request->to_fd < 0) return;
     int cut = ftruncate(request->to_fd, 0);
     (void)cut; /* the next answer is longer than what stays, or the hash tells */
-    lseek(request->to_fd, 0, SEEK_SET);
+    lseek(request->to_fd, request->is_range ? (off_t)request->first : 0, SEEK_SET);
 }
 
 enum status s3_client_ask(struct s3_client *client, struct s3_request *request, int *code, struct error *error) {
@@ -380,4 +412,22 @@ enum status s3_client_ask(struct s3_client *client, struct s3_request *request, 
     }
     give_handle(client, curl);
     return status;
+}
+
+bool s3_client_presign(struct s3_client *client, const char *name, unsigned seconds, const char *type,
+                       const char *disposition, char *url, size_t bytes) {
+    char path[URL_BYTES], told[URL_BYTES], query[2 * URL_BYTES];
+    char *encoded_type = s3_client_encode(type), *encoded = s3_client_encode(disposition);
+    int n = encoded && encoded_type
+                ? snprintf(told, sizeof told, "response-content-disposition=%s&response-content-type=%s", encoded,
+                           encoded_type)
+                : -1;
+    free(encoded_type);
+    free(encoded);
+    if (n < 0 || n >= URL_BYTES || !encode_path(client, name, path)) return false;
+    struct signature_v4_request to_sign = {.method = "GET", .host = client->host, .path = path, .query = told};
+    write_date(client, to_sign.date);
+    if (!signature_v4_presign(&client->keys, &to_sign, seconds, query, sizeof query)) return false;
+    n = snprintf(url, bytes, "%s%s?%s", client->endpoint, path, query);
+    return n > 0 && (size_t)n < bytes;
 }

@@ -13,28 +13,41 @@
 struct s3_client;
 
 /* s3://bucket/prefix?endpoint=URL, without its scheme; other parameters are region (us-east-1), keys (a file with a
- * line access:secret; else AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY of the environment) and ca (a file of
- * certificates). */
+ * line access:secret; else AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY of the environment), ca (a file of
+ * certificates) and part (64: objects of more MiB are put in parts of so many; 5 to 5000). */
 bool s3_client_valid(const char *where);
 enum status s3_client_open(const char *where, struct s3_client **client, struct error *error) MUST_CHECK;
 void s3_client_close(struct s3_client *client);
 
+enum { S3_ETAG_BYTES = 72 };
+
 /* A request, and what came of it. */
 struct s3_request {
-    const char *method;  /* GET, HEAD, PUT, DELETE */
+    const char *method;  /* GET, HEAD, PUT, POST, DELETE */
     const char *name;    /* of an object, below the prefix; NULL = of the bucket */
     const char *query;   /* sorted, encoded; NULL = none */
     const char *copy_of; /* PUT: the name of another object; NULL = the bytes of body_fd */
-    int body_fd;         /* PUT: read from its start */
-    uint64_t body_bytes;
-    const char *sha256; /* of the body, which the store checks; NULL = of an empty one */
-    int to_fd;          /* GET: where the object goes, -1 = into text */
-    char *text;         /* the answer's; the caller's to free */
+    int body_fd;         /* PUT: body_bytes of it, from body_offset on */
+    uint64_t body_offset, body_bytes;
+    const char *body_text; /* POST */
+    const char *sha256;    /* of the body, which the store checks; NULL = of an empty one */
+    int to_fd;             /* GET: where the object goes, -1 = into text */
+    bool is_range;         /* GET: bytes first to last alone, which go to the same places of to_fd; 206 */
+    uint64_t first, last;
+    char *text;               /* the answer's; the caller's to free */
+    char etag[S3_ETAG_BYTES]; /* the answer's, with its quotes; "" = it has none, or a longer one */
 };
 
 /* *code is the answer's status.  STATUS_IO: there was none, though it was asked three times. */
 enum status s3_client_ask(struct s3_client *client, struct s3_request *request, int *code,
                           struct error *error) MUST_CHECK;
+
+/* How many bytes a part has. */
+uint64_t s3_client_part_bytes(const struct s3_client *client);
+
+/* A URL of the object that anybody may GET for so many seconds, who is told this type and disposition then. */
+bool s3_client_presign(struct s3_client *client, const char *name, unsigned seconds, const char *type,
+                       const char *disposition, char *url, size_t bytes);
 
 /* The prefix of all names, "" or with a slash at its end. */
 const char *s3_client_prefix(const struct s3_client *client);

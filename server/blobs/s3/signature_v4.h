@@ -6,6 +6,7 @@
 #define WHITTLE_SERVER_BLOBS_S3_SIGNATURE_V4_H
 
 #include <stdbool.h>
+#include <stddef.h>
 
 enum { SIGNATURE_V4_BYTES = 512, SIGNATURE_V4_DATE_BYTES = 17 };
 
@@ -22,5 +23,10 @@ struct signature_v4_request {
 /* The value of the header Authorization; false when memory runs out. */
 bool signature_v4_make(const struct signature_v4_keys *keys, const struct signature_v4_request *request,
                        char value[SIGNATURE_V4_BYTES]);
+
+/* The signature of a URL that anybody may GET for so many seconds from its date on: query (of request; encoded, sorted)
+ * gets its parameters, which sort before those that it holds.  false: memory runs out, or room does. */
+bool signature_v4_presign(const struct signature_v4_keys *keys, const struct signature_v4_request *request,
+                          unsigned seconds, char *query, size_t bytes);
 
 #endif

@@ -194,7 +194,7 @@ enum status knn_pieces_new(const vec3 *points, size_t n, unsigned threads, struc
 /* ------------------------------------------------------------------------------------------------ queries */
 
 /* How far a piece's box is from a place.  Rounding never makes it more than how far its points are. */
-static double box_distance_sq(const struct piece *piece, vec3 p) {
+static double piece_distance_sq(const struct piece *piece, vec3 p) {
     vec3 inside = vec3_min(vec3_max(p, piece->least), piece->most);
     return vec3_distance_sq(p, inside);
 }
@@ -204,7 +204,7 @@ static const struct piece *own_piece(const struct knn_pieces *pieces, vec3 p, do
     double margin;
     const struct piece *strays = &pieces->piece[pieces->count], *own = &pieces->piece[piece_of(pieces, p, &margin)];
     *margin_sq = margin * margin;
-    if (strays->tree) *margin_sq = fmin(*margin_sq, box_distance_sq(strays, p));
+    if (strays->tree) *margin_sq = fmin(*margin_sq, piece_distance_sq(strays, p));
     return own;
 }
 
@@ -217,7 +217,7 @@ enum status knn_pieces_nearest(const struct knn_pieces *pieces, vec3 query, unsi
     if (own->tree) status = knn_flann_nearest(own->tree, query, k, slack, id, distance_sq, count, visits);
     if (*count == k && distance_sq[k - 1] < margin_sq) return status;
     for (const struct piece *piece = pieces->piece; piece < end && *visits && !status; piece++)
-        if (piece != own && piece->tree && (*count < k || box_distance_sq(piece, query) <= distance_sq[k - 1]))
+        if (piece != own && piece->tree && (*count < k || piece_distance_sq(piece, query) <= distance_sq[k - 1]))
             status = knn_flann_nearest(piece->tree, query, k, slack, id, distance_sq, count, visits);
     return status;
 }
@@ -230,7 +230,7 @@ enum status knn_pieces_within(const struct knn_pieces *pieces, vec3 centre, doub
     *count = 0;
     if (margin_sq < radius * radius) piece = pieces->piece, end = piece + pieces->count + 1;
     for (; piece < end && *count <= most && !status; piece++)
-        if (piece->tree && box_distance_sq(piece, centre) < radius * radius)
+        if (piece->tree && piece_distance_sq(piece, centre) < radius * radius)
             status = knn_flann_within(piece->tree, centre, radius, most, id, count);
     return status;
 }

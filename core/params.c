@@ -60,14 +60,14 @@ static const struct param table[] = {
     {"max_deviation_rel", PARAM_NUMBER, AT(max_deviation_rel), 0, 1, true, "", NULL,
      "fraction of the bounding-box diagonal", true, "max_deviation as a fraction of the diagonal"},
     {"spacing", PARAM_NUMBER, AT(spacing), 0, 1e300, true, "", NULL, "units of the file", true,
-     "Keep no two points nearer than this to each other, and of any that are the ones that matter more; alone it keeps "
-     "as many as find room, with another goal at most those"},
+     "Keep no two points nearer to each other than this; of points that are, the more important one stays. Alone it "
+     "keeps all that have this distance, with another goal at most as many"},
     {"max_error", PARAM_NUMBER, AT(max_error), 0, 1, true, "", NULL, "fraction of the bounding-box diagonal", true,
      "Deprecated, use max_deviation: remove points as long as the quadric error, which no output shows, stays below "
      "this; with ratio or points, whichever stops first"},
     {"levels", PARAM_LEVELS, AT(levels), 0, 1, true, "", NULL, "", true,
      "Ratios, separated by commas: a cloud and a mesh of each, from one contraction, named cloud_RATIO.ply and "
-     "mesh_RATIO.ply; cloud.ply and mesh.ply are those of the largest"},
+     "mesh_RATIO.ply; cloud.ply and mesh.ply are of the largest ratio"},
     {"crop", PARAM_NUMBERS, AT(crop), PARAMS_BOX_NUMBERS, PARAMS_MAX_NUMBERS, false, "", NULL, "units of the file",
      true,
      "Before all else: only points within this box, x0,y0,z0,x1,y1,z1, or, where there are eight numbers and more, "
@@ -129,8 +129,8 @@ static const struct param table[] = {
     {"close_holes", PARAM_NUMBER, AT(close_holes), 0, 1e300, true, "", NULL, "units of the file", true,
      "Close the holes of a mesh with borders whose borders are at most this long; where the surface ends is no hole"},
     {"attributes", PARAM_CHOICE, AT(attributes), 0, 0, false, "nearest", attribute_forms, "", true,
-     "What a vertex of a mesh has of the input's attributes: nearest: those of its point, or where it was moved freely "
-     "of the nearest one; mean: numbers with fractions, colours and intensity averaged over all points it is nearest "
+     "Attributes of a mesh's vertices: nearest: of the vertex's own point, or where it was moved freely of the nearest "
+     "point; mean: numbers with fractions, colours and intensity averaged over all points that the vertex is nearest "
      "to"},
     {"refine", PARAM_CHOICE, AT(refine), 0, 0, false, "full", refine_forms, "", true,
      "Refinement of the mesh against the original points: none, flips of edges, or full (vertices move too)"},

@@ -13,14 +13,14 @@ export interface Parameters {
   max_deviation?: number;
   /** max_deviation as a fraction of the diagonal. */
   max_deviation_rel?: number;
-  /** Keep no two points nearer than this to each other, and of any that are the ones that matter more; alone it
-   *  keeps as many as find room, with another goal at most those. */
+  /** Keep no two points nearer to each other than this; of points that are, the more important one stays. Alone
+   *  it keeps all that have this distance, with another goal at most as many. */
   spacing?: number;
   /** Deprecated, use max_deviation: remove points as long as the quadric error, which no output shows, stays
    *  below this; with ratio or points, whichever stops first. @deprecated */
   max_error?: number;
   /** Ratios, separated by commas: a cloud and a mesh of each, from one contraction, named cloud_RATIO.ply and
-   *  mesh_RATIO.ply; cloud.ply and mesh.ply are those of the largest. */
+   *  mesh_RATIO.ply; cloud.ply and mesh.ply are of the largest ratio. */
   levels?: readonly (number)[];
   /** Before all else: only points within this box, x0,y0,z0,x1,y1,z1, or, where there are eight numbers and more,
    *  within this polygon, x,y,x,y,... (a triangle has its first corner twice). */
@@ -89,8 +89,8 @@ export interface Parameters {
   /** Close the holes of a mesh with borders whose borders are at most this long; where the surface ends is no
    *  hole. */
   close_holes?: number;
-  /** What a vertex of a mesh has of the input's attributes: nearest: those of its point, or where it was moved
-   *  freely of the nearest one; mean: numbers with fractions, colours and intensity averaged over all points it
+  /** Attributes of a mesh's vertices: nearest: of the vertex's own point, or where it was moved freely of the
+   *  nearest point; mean: numbers with fractions, colours and intensity averaged over all points that the vertex
    *  is nearest to. Default nearest. */
   attributes?: "nearest" | "mean";
   /** Refinement of the mesh against the original points: none, flips of edges, or full (vertices move too).

@@ -41,7 +41,7 @@
 
 enum { FIT_MAX_RING = 32 };
 
-/* What neighbours want to know of a triangle. */
+/* Of a triangle, for comparisons with its neighbours. */
 struct facing {
     vec3 normal;
     double shape;

@@ -455,7 +455,7 @@ enum status catalog_end_webhook(struct catalog *catalog, const char *job, struct
 /* Who is told what a catalog holds. */
 struct catalog_examiner {
     void (*damaged)(void *ctx, const char *what);
-    void (*unfinished)(void *ctx, const char *what); /* which the next start mends */
+    void (*unfinished)(void *ctx, const char *what); /* which the next start recovers */
     void (*job)(void *ctx, const char *id, int attempt, int64_t state, uint64_t outputs);
     void (*cloud)(void *ctx, const char *sha256);
     void (*output)(void *ctx, const char *job, int attempt, const struct job_output *output);

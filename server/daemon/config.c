@@ -143,7 +143,7 @@ static const struct setting table[] = {
     {"max-connections", COUNT, AT(max_connections), "1000", 8, 100000, "max_connections",
      "Connections at a time; fewer where the limit of open files has no room for three descriptors of each"},
     {"connections-per-address", COUNT, AT(connections_per_address), "200", 1, 100000, "connections_per_address",
-     "Connections of one address at a time, of IPv6 those of one /64"},
+     "Connections from one address at a time; with IPv6, from one /64"},
     {"header-timeout", DURATION, AT(header_timeout_ms), "10s", 1, DAY, "header_timeout_ms",
      "How long a new connection may take for its first request's headers; this, idle-timeout and upload-grace are 2 s "
      "while three quarters of max-connections are taken"},

@@ -82,9 +82,9 @@ static bool check_token(const struct service *service, struct request *request, 
     bool known = token && tokens_find(service->tokens, token, &request->principal);
     if (!known) request->principal = (struct principal){0};
     if (scope == ROUTES_PUBLIC) return true;
-    if (!header) return refuse_unknown("the operation wants Authorization: Bearer", "", response);
+    if (!header) return refuse_unknown("this operation needs Authorization: Bearer and a token", "", response);
     if (!token) return refuse_unknown("Authorization has to be Bearer and a token", "invalid_request", response);
-    if (!known) return refuse_unknown("nobody has this token", "invalid_token", response);
+    if (!known) return refuse_unknown("this token is unknown", "invalid_token", response);
     return (request->principal.scopes & (scope | ROUTES_ADMIN)) || refuse_scope(scope, response);
 }
 

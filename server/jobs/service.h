@@ -66,7 +66,7 @@ struct service {
     _Atomic bool draining;   /* no new work is taken */
 };
 
-/* Opens the store and the queue, and mends what an earlier process left (logged): running jobs are queued again, or
+/* Opens the store and the queue, and recovers what an earlier process left (logged): running jobs are queued again, or
  * failed where the service has ended in too many of them; half-written files are removed; clouds, outputs and uploads
  * that the database doesn't know go to lost+found; jobs whose outputs are gone are deleted.  STATUS_UNSUPPORTED: folder
  * and database don't belong together (jobs/identity.h). */

@@ -610,7 +610,7 @@ static bool was_recorded(const struct run *run, const struct verdict *verdict) {
 }
 
 /* Records the end.  A database that refuses is asked again: until it does, the job can't be anything else, and taking
- * more work would lead nowhere.  A drain ends the wait; the next start finds the job running, and mends that.  false:
+ * more work would lead nowhere.  A drain ends the wait; the next start finds the job running, and recovers it.  false:
  * the job isn't this run's any more. */
 static bool record(const struct run *run, const struct verdict *verdict) {
     struct error error = {0};

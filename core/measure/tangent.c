@@ -20,11 +20,11 @@ struct part {
 };
 
 struct tangent {
-    const struct knn *knn;
-    const vec3 *point, *normal;
-    const uint32_t *kept; /* along the curve */
-    struct part *part;    /* one for each chunk, added up in order */
-    float *distance;      /* of each point; may be NULL */
+    struct tangent_planes planes;
+    const uint32_t *kept; /* which of the planes belongs to each of the index's points; NULL: its own */
+    const vec3 *point;
+    struct part *part; /* one for each chunk, added up in order */
+    float *distance;   /* of each point; may be NULL */
 };
 
 static void measure_chunk(void *ctx, size_t begin, size_t end) {
@@ -32,10 +32,10 @@ static void measure_chunk(void *ctx, size_t begin, size_t end) {
     struct part *part = &t->part[begin / CHUNK];
     uint32_t nearest[CHUNK];
     double distance_sq[CHUNK];
-    part->status = knn_search(t->knn, &t->point[begin], end - begin, 1, 1, nearest, distance_sq);
+    part->status = knn_search(t->planes.knn, &t->point[begin], end - begin, 1, 1, nearest, distance_sq);
     for (size_t i = begin; !part->status && i < end; i++) {
-        uint32_t q = t->kept[nearest[i - begin]];
-        double d = fabs(vec3_dot(vec3_sub(t->point[i], t->point[q]), t->normal[q]));
+        uint32_t q = t->kept ? t->kept[nearest[i - begin]] : nearest[i - begin];
+        double d = fabs(vec3_dot(vec3_sub(t->point[i], t->planes.point[q]), t->planes.normal[q]));
         part->sum += d;
         part->sum_sq += d * d;
         part->max = fmax(part->max, d);
@@ -43,18 +43,34 @@ static void measure_chunk(void *ctx, size_t begin, size_t end) {
     }
 }
 
-static enum status add_up(const struct part *part, size_t parts, size_t n, struct distance_stats *stats) {
-    struct distance_stats total = {.count = n};
+static enum status add_up(const struct part *part, size_t parts, size_t n, struct tangent_sum *sum) {
+    struct tangent_sum total = *sum;
+    total.count += n;
     for (size_t i = 0; i < parts; i++) {
         if (part[i].status) return part[i].status;
-        total.mean += part[i].sum;
-        total.rms += part[i].sum_sq;
+        total.sum += part[i].sum;
+        total.sum_sq += part[i].sum_sq;
         total.max = fmax(total.max, part[i].max);
     }
-    total.mean /= (double)n;
-    total.rms = sqrt(total.rms / (double)n);
-    *stats = total;
+    *sum = total;
     return STATUS_OK;
+}
+
+struct distance_stats tangent_stats(const struct tangent_sum *sum) {
+    double n = sum->count ? (double)sum->count : 1;
+    return (struct distance_stats){sum->count, sum->sum / n, sqrt(sum->sum_sq / n), sum->max};
+}
+
+enum status tangent_add(const struct tangent_planes *planes, const vec3 *point, size_t n, unsigned threads,
+                        struct tangent_sum *sum) {
+    size_t parts = (n + CHUNK - 1) / CHUNK;
+    struct part *part = alloc_zeroed(parts, sizeof *part);
+    if (!part) return STATUS_NO_MEMORY;
+    struct tangent tangent = {*planes, NULL, point, part, NULL};
+    par_for(threads, n, CHUNK, measure_chunk, &tangent);
+    enum status status = add_up(part, parts, n, sum);
+    free(part);
+    return status;
 }
 
 /* The kept points along the curve; item and spare are scratch for k each. */
@@ -79,9 +95,11 @@ enum status tangent_error(const vec3 *point, const vec3 *normal, size_t n, const
     for (size_t i = 0; !status && i < k; i++) kept_point[i] = point[sorted[i]];
     if (!status) status = knn_new(kept_point, k, threads, &knn, NULL);
     if (!status) {
-        struct tangent tangent = {knn, point, normal, sorted, part, distance};
+        struct tangent_sum sum = {0};
+        struct tangent tangent = {{knn, point, normal}, sorted, point, part, distance};
         par_for(threads, n, CHUNK, measure_chunk, &tangent);
-        status = add_up(part, parts, n, stats);
+        status = add_up(part, parts, n, &sum);
+        if (!status) *stats = tangent_stats(&sum);
     }
     knn_free(knn);
     free(kept_point), free(sorted), free(part);

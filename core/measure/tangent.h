@@ -7,6 +7,7 @@
 #include "core/base/status.h"
 #include "core/math/vec3.h"
 #include "core/report.h"
+#include "core/spatial/knn.h"
 
 /* The distance of every one of n original points to the tangent plane (normal of unit length, sign arbitrary) at its
  * nearest kept point: kept[i] < n, k >= 1 of them.  Zero on a plane, second order in the spacing elsewhere; it tells
@@ -14,5 +15,18 @@
  * distance (NULL = not wanted) gets that of each point.  STATUS_NO_MEMORY. */
 enum status tangent_error(const vec3 *point, const vec3 *normal, size_t n, const uint32_t *kept, size_t k,
                           unsigned threads, struct distance_stats *stats, float *distance) MUST_CHECK;
+
+/* The same in parts, for points that aren't all in memory: the planes are those at the k points of an index. */
+struct tangent_planes {
+    const struct knn *knn;
+    const vec3 *point, *normal; /* of the index: borrowed, as it is */
+};
+struct tangent_sum {
+    uint64_t count;
+    double sum, sum_sq, max;
+};
+enum status tangent_add(const struct tangent_planes *planes, const vec3 *point, size_t n, unsigned threads,
+                        struct tangent_sum *sum) MUST_CHECK;
+struct distance_stats tangent_stats(const struct tangent_sum *sum);
 
 #endif

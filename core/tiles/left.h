@@ -1,6 +1,6 @@
 /* What is left of a tile once it has been run: points with their quadrics, and which others each is joined to.
  *
- *     head | positions | ids | quadrics | degrees | links
+ *     head | positions | ids | quadrics | normals | degrees | links
  *
  * ids and links are numbers of points in the input.  A link may lead to a point of another tile, or to one that the
  * other tile hasn't left, where both saw too little of each other.

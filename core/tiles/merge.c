@@ -17,11 +17,16 @@
 #include "core/base/hash64.h"
 #include "core/base/par.h"
 #include "core/base/radix.h"
+#include "core/io/build.h"
 #include "core/io/formats/las_fields.h"
 #include "core/io/stream.h"
+#include "core/measure/tangent.h"
+#include "core/spatial/knn.h"
 #include "core/tiles/left.h"
 #include "core/tiles/scratch.h"
 #include "core/tiles/tiles.h"
+
+enum { PIECE = 1 << 18, NOTE_BYTES = 96 };
 
 struct merging {
     const char *folder;
@@ -36,6 +41,7 @@ struct merging {
     uint32_t *id;
     struct ordered_points points; /* along the curve */
     struct packed_quadric *quadrics;
+    float (*normal)[3];
     struct adjacency near;
     struct contraction contraction;
 };
@@ -105,11 +111,14 @@ static enum status read_rest_of(struct merging *m, size_t tile, size_t at, size_
     size_t n = m->head[tile].count;
     uint64_t from = sizeof *m->head + n * (sizeof *m->position + sizeof *m->id);
     struct packed_quadric *own = alloc_array(n, sizeof *own);
+    float(*normal)[3] = alloc_array(n, sizeof *normal);
     uint8_t *degree = alloc_array(n, sizeof *degree);
     int fd = open_left(m, tile, path);
-    enum status status = own && degree ? STATUS_OK : merge_no_memory(m);
+    enum status status = own && normal && degree ? STATUS_OK : merge_no_memory(m);
     if (!status) status = scratch_read(fd, own, n * sizeof *own, from, path, m->error);
     from += n * sizeof *own;
+    if (!status) status = scratch_read(fd, normal, n * sizeof *normal, from, path, m->error);
+    from += n * sizeof *normal;
     if (!status) status = scratch_read(fd, degree, n, from, path, m->error);
     if (!status)
         status =
@@ -117,12 +126,13 @@ static enum status read_rest_of(struct merging *m, size_t tile, size_t at, size_
     for (size_t i = 0; !status && i < n; i++) {
         uint32_t p = m->points.distinct[at + i];
         m->quadrics[p] = own[i];
+        memcpy(m->normal[p], normal[i], sizeof *normal);
         m->near.start[p] = (uint32_t)link;
         m->near.degree[p] = degree[i];
         link += degree[i];
     }
     if (fd >= 0) close(fd);
-    free(own), free(degree);
+    free(own), free(normal), free(degree);
     return status;
 }
 
@@ -134,7 +144,8 @@ static enum status read_rest(struct merging *m) {
     m->near.start = alloc_array(n, sizeof *m->near.start);
     m->near.degree = alloc_array(n, sizeof *m->near.degree);
     m->near.list = alloc_array(m->links, sizeof *m->near.list);
-    if (!m->quadrics || !m->near.start || !m->near.degree || !m->near.list) return merge_no_memory(m);
+    m->normal = alloc_array(n, sizeof *m->normal);
+    if (!m->normal || !m->quadrics || !m->near.start || !m->near.degree || !m->near.list) return merge_no_memory(m);
     for (size_t t = 0; !status && t < m->scratch.head.tiles; t++) {
         status = read_rest_of(m, t, at, link);
         at += m->head[t].count;
@@ -257,7 +268,7 @@ static enum status read_kept(const struct merging *m, struct cloud_stream *strea
             kept[radix_value(wanted[to])] = (uint32_t)to;
         }
         first += part->count;
-        if (progress_tick(m->progress, "gather", 0.6 + 0.4 * cloud_stream_fraction(stream)))
+        if (progress_tick(m->progress, "gather", 0.7 + 0.3 * cloud_stream_fraction(stream)))
             return error_set(m->error, STATUS_CANCELLED, "tiles", "cancelled");
     }
     return STATUS_OK;
@@ -279,6 +290,83 @@ static enum status gather(const struct merging *m, size_t n, struct cloud *cloud
     return status;
 }
 
+static enum status note_dropped(const struct merging *m, struct cloud *cloud) {
+    char note[NOTE_BYTES];
+    snprintf(note, sizeof note, "%" PRIu64 " points without a position (a coordinate is nan or infinite)",
+             m->scratch.head.dropped);
+    return cloud_leave_out(cloud, note) ? merge_no_memory(m) : STATUS_OK;
+}
+
+/* ------------------------------------------------------------------------------------------------ distances */
+
+/* The planes at the k points that are kept, along the curve. */
+static enum status find_planes(const struct merging *m, size_t k, vec3 *point, vec3 *normal) {
+    uint64_t *item = alloc_array(k, sizeof *item), *spare = alloc_array(k, sizeof *spare), *sorted;
+    if (item && spare) {
+        for (size_t i = 0; i < k; i++) item[i] = radix_item(m->contraction.order[m->contraction.n - 1 - i], 0);
+        sorted = radix_sort(item, spare, k, m->threads);
+        for (size_t i = 0; i < k; i++) {
+            uint32_t p = radix_key(sorted[i]);
+            point[i] = m->points.point[p];
+            normal[i] = (vec3){(double)m->normal[p][0], (double)m->normal[p][1], (double)m->normal[p][2]};
+        }
+    }
+    bool room = item && spare;
+    free(item), free(spare);
+    return room ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+/* All points of a tile, in the order of its file. */
+static enum status measure_tile(const struct merging *m, size_t tile, const struct tangent_planes *planes,
+                                unsigned char *piece, vec3 *point, struct tangent_sum *sum) {
+    const struct scratch_coding *coding = &m->scratch.head.coding;
+    const struct ordered_points *frame = &m->scratch.head.whole;
+    size_t each = scratch_record_bytes(coding);
+    uint64_t points = m->scratch.tile[tile].points;
+    char path[SCRATCH_PATH_BYTES];
+    scratch_path(path, m->folder, "points", tile);
+    int fd = open(path, O_RDONLY | O_CLOEXEC);
+    enum status status = STATUS_OK;
+    for (uint64_t first = 0; !status && first < points; first += PIECE) {
+        size_t n = points - first < PIECE ? (size_t)(points - first) : PIECE;
+        status = scratch_read(fd, piece, n * each, first * each, path, m->error);
+        for (size_t i = 0; !status && i < n; i++) {
+            uint32_t id;
+            vec3 d = vec3_sub(scratch_decode(coding, piece + i * each, &id), frame->centre);
+            point[i] = (vec3){d.x / frame->scale, d.y / frame->scale, d.z / frame->scale};
+        }
+        if (!status) status = tangent_add(planes, point, n, m->threads, sum);
+    }
+    if (fd >= 0) close(fd);
+    return status;
+}
+
+/* The distance of every point of the input to the tangent plane at the nearest of k kept ones, in the input's units. */
+static enum status measure_kept(const struct merging *m, size_t k, struct distance_stats *stats) {
+    struct knn *knn = NULL;
+    struct tangent_sum sum = {0};
+    vec3 *kept = alloc_array(k, sizeof *kept), *normal = alloc_array(k, sizeof *normal);
+    vec3 *point = alloc_array(PIECE, sizeof *point);
+    unsigned char *piece = alloc_array(PIECE, scratch_record_bytes(&m->scratch.head.coding));
+    enum status status = kept && normal && point && piece ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) status = find_planes(m, k, kept, normal);
+    if (!status) status = knn_new(kept, k, m->threads, &knn, NULL);
+    const struct tangent_planes planes = {knn, kept, normal};
+    for (size_t t = 0; !status && t < m->scratch.head.tiles; t++) {
+        status = measure_tile(m, t, &planes, piece, point, &sum);
+        double done = (double)t / (double)m->scratch.head.tiles;
+        if (!status && progress_tick(m->progress, "measure", 0.5 + 0.2 * done)) status = STATUS_CANCELLED;
+    }
+    knn_free(knn);
+    free(kept), free(normal), free(point), free(piece);
+    if (status == STATUS_NO_MEMORY) return merge_no_memory(m);
+    *stats = tangent_stats(&sum);
+    stats->mean *= m->scratch.head.whole.scale;
+    stats->rms *= m->scratch.head.whole.scale;
+    stats->max *= m->scratch.head.whole.scale;
+    return status;
+}
+
 /* ------------------------------------------------------------------------------------------------ the whole */
 
 static double now_ms(void) {
@@ -288,7 +376,7 @@ static double now_ms(void) {
 }
 
 static int contract_tick(void *ctx, const char *stage, double fraction) {
-    return progress_tick(ctx, stage, 0.2 + 0.4 * fraction);
+    return progress_tick(ctx, stage, 0.2 + 0.3 * fraction);
 }
 
 static enum status finish(struct merging *m) {
@@ -319,6 +407,14 @@ static enum status finish(struct merging *m) {
     return status;
 }
 
+static enum status measure_levels(const struct merging *m, struct pipeline_result *result) {
+    enum status status = STATUS_OK;
+    size_t levels = m->scratch.head.params.levels.count ? m->scratch.head.params.levels.count : 1;
+    for (size_t i = 0; !status && i < levels; i++)
+        status = measure_kept(m, kept_of(m, i), &result->report.level[i].tangent);
+    return status;
+}
+
 static void report_levels(const struct merging *m, struct pipeline_result *result) {
     const struct scratch_head *head = &m->scratch.head;
     struct report *report = &result->report;
@@ -335,12 +431,13 @@ static void report_levels(const struct merging *m, struct pipeline_result *resul
     report->points_in = head->points;
     report->points_distinct = m->distinct;
     report->diagonal = head->whole.diagonal;
+    report->noise_level = head->noise * head->whole.scale;
     memcpy(report->box_min, &head->whole.box_min, sizeof report->box_min);
     memcpy(report->box_max, &head->whole.box_max, sizeof report->box_max);
 }
 
 static void merging_done(struct merging *m) {
-    free(m->head), free(m->position), free(m->id), free(m->quadrics);
+    free(m->head), free(m->position), free(m->id), free(m->quadrics), free(m->normal);
     ordered_points_done(&m->points);
     adjacency_done(&m->near);
     contraction_done(&m->contraction);
@@ -359,7 +456,13 @@ enum status tiles_merge(const char *folder, unsigned threads, const struct progr
     if (!status) status = check_input(&m);
     if (!status) status = finish(&m);
     if (!status) report_add_stage(&made.report, "merge", now_ms() - start_ms);
+    double measure_ms = now_ms();
+    if (!status) status = measure_levels(&m, &made);
+    if (!status) report_add_stage(&made.report, "measure", now_ms() - measure_ms);
+    double gather_ms = now_ms();
     if (!status) status = gather(&m, kept_of(&m, 0), &kept, &made.kept);
+    if (!status) report_add_stage(&made.report, "gather", now_ms() - gather_ms);
+    if (!status && m.scratch.head.dropped) status = note_dropped(&m, &kept);
     par_team_free(team);
     if (status == STATUS_CANCELLED) error_set(error, status, "tiles", "cancelled");
     if (!status) {

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 
 #include "core/base/alloc.h"
+#include "core/clean/noise.h"
 #include "core/pipeline/memory.h"
 #include "core/simplify/dso.h"
 #include "core/simplify/normals.h"
@@ -44,7 +45,7 @@ static enum status assemble(struct part *part, const struct neighbourhood *hood,
     const struct params *params = part->params;
     const struct quadric_options options = {(enum area_weight)params->area_weight, params->line_quadric, part->threads};
     bool smoothed = params->dso == DSO_RMS;
-    vec3 *normal = alloc_array(n, sizeof *normal);
+    vec3 *normal = part->normal = alloc_array(n, sizeof *normal);
     float *dso = alloc_array(n, sizeof *dso), *smooth = alloc_array(n, sizeof *smooth);
     float *weight = alloc_array(n, sizeof *weight);
     part->quadrics = alloc_array(n, sizeof *part->quadrics);
@@ -59,7 +60,8 @@ static enum status assemble(struct part *part, const struct neighbourhood *hood,
         quadric_assemble(part->points.point, normal, hood, weight, &options, part->quadrics);
         if (find) whole->length_bias = contract_length_bias(part->quadrics, part->own, n);
     }
-    free(normal), free(dso), free(smooth), free(weight);
+    if (room && find && noise_estimate(part->points.point, normal, hood, &whole->noise)) room = false;
+    free(dso), free(smooth), free(weight);
     return room ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
@@ -87,8 +89,8 @@ void part_done(struct part *part) {
     if (!part) return;
     ordered_points_done(&part->points);
     adjacency_done(&part->near);
-    free(part->own), free(part->quadrics);
-    part->own = NULL, part->quadrics = NULL;
+    free(part->own), free(part->normal), free(part->quadrics);
+    part->own = NULL, part->normal = NULL, part->quadrics = NULL;
 }
 
 /* What a cloud takes, of which the records aren't there, but numbers and marks. */

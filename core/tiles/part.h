@@ -17,6 +17,7 @@ struct part {
     unsigned threads;
     struct ordered_points points; /* of the part, in the whole's frame */
     uint8_t *own;                 /* of each: it is of the box, not around it */
+    vec3 *normal;
     struct packed_quadric *quadrics;
     struct adjacency near;
 };
@@ -26,6 +27,7 @@ struct part_whole {
     struct ordered_points frame;
     bool noisy;
     double average, length_bias;
+    double noise; /* core/clean/noise.h, in the frame */
 };
 
 /* Makes quadrics and lists of the points.  find: noise, the average operator and length_bias are found of those of its

@@ -70,7 +70,7 @@ static uint64_t room_of(const struct params *params) {
 }
 
 struct tiles_prediction tiles_predict(uint64_t points, const struct params *params) {
-    const double raw = 28, left_bytes = 140, each_s = 4.2e-6;
+    const double raw = 28, left_bytes = 152, each_s = 4.2e-6;
     unsigned threads = params->threads ? (unsigned)params->threads : par_processors();
     double room = (double)room_of(params), left = fmin((double)points, LEFT * room);
     double tile = fmin((double)points, room / AROUND);
@@ -177,6 +177,7 @@ static enum status count(struct planning *plan, struct cloud_stream *stream) {
             return error_set(plan->error, STATUS_LIMIT, "points", "more than %u points", NONE - 1);
     }
     if (head->points == 0) return error_set(plan->error, STATUS_MALFORMED, "read", "no points");
+    head->dropped = cloud_stream_dropped(stream);
     grid_ripen(&plan->grid);
     order_frame_of(c.least, c.most, &head->whole);
     head->coding = c.f32 ? c.single : c.scaled ? c.whole : (struct scratch_coding){.kind = CODING_F64};
@@ -250,7 +251,7 @@ static enum status check_disk(const struct planning *plan) {
     const struct scratch_head *head = &plan->scratch.head;
     double each = (double)scratch_record_bytes(&head->coding);
     double needed =
-        each * (double)(head->points + head->tile_points) + 140 * fmin((double)head->points, LEFT * (double)head->room);
+        each * (double)(head->points + head->tile_points) + 152 * fmin((double)head->points, LEFT * (double)head->room);
     if (statvfs(plan->job->folder, &about) != 0) return STATUS_OK;
     double there = (double)about.f_bavail * (double)about.f_frsize;
     if (needed <= there) return STATUS_OK;
@@ -508,6 +509,7 @@ static enum status sample(struct planning *plan) {
     head->noisy = whole.noisy;
     head->average = whole.average;
     head->length_bias = whole.length_bias;
+    head->noise = whole.noise;
     if (!status) status = contract_sample(plan, &part, whole.length_bias, share);
     part_done(&part);
     return status;

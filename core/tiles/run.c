@@ -49,7 +49,7 @@ static struct left_head head_of(const struct part *part, const struct contract_l
 /* Array by array, of those that are the tile's own. */
 static void put(struct sink *sink, const struct part *part, const struct scratch_points *points,
                 const struct contract_left *left) {
-    enum { POSITIONS, IDS, QUADRICS, DEGREES, LINKS, ARRAYS };
+    enum { POSITIONS, IDS, QUADRICS, NORMALS, DEGREES, LINKS, ARRAYS };
     const struct left_head head = head_of(part, left);
     const uint32_t *original = part->points.original;
     sink_bytes(sink, &head, sizeof head);
@@ -62,6 +62,8 @@ static void put(struct sink *sink, const struct part *part, const struct scratch
             if (array == POSITIONS) sink_bytes(sink, &points->position[original[p]], sizeof *points->position);
             if (array == IDS) sink_bytes(sink, &points->id[original[p]], sizeof *points->id);
             if (array == QUADRICS) sink_bytes(sink, &left->quadric[i], sizeof left->quadric[i]);
+            const vec3 *of = &part->normal[p];
+            if (array == NORMALS) sink_bytes(sink, (float[]){(float)of->x, (float)of->y, (float)of->z}, 12);
             if (array == DEGREES) sink_bytes(sink, &left->near.degree[i], sizeof left->near.degree[i]);
             for (unsigned k = 0; array == LINKS && k < degree; k++) links[k] = points->id[original[left->id[list[k]]]];
             if (array == LINKS) sink_bytes(sink, links, degree * sizeof *links);
@@ -102,7 +104,7 @@ static enum status run_tile(struct running *run, unsigned threads) {
     const struct grid_tile *tile = &s->tile[run->tile];
     struct scratch_points points = {0};
     struct part part = {.params = &s->head.params, .threads = threads};
-    struct part_whole whole = {s->head.whole, s->head.noisy, s->head.average, s->head.length_bias};
+    struct part_whole whole = {s->head.whole, s->head.noisy, s->head.average, s->head.length_bias, 0};
     struct contract_left left = {0};
     double spacing;
     if (grid_from(&run->grid, s->head.anchor, s->head.level, s->cell, s->head.cells) ||

@@ -48,6 +48,8 @@ struct scratch_head {
     int level;
     bool noisy;
     double average, length_bias; /* of the operator; contract.h */
+    double noise;                /* of the sample, in the frame */
+    uint64_t dropped;            /* points of the input without a position */
     struct scratch_coding coding;
 };
 

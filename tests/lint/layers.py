@@ -38,8 +38,8 @@ ROOMS = {
     "core/pipeline": {"core/base", "core/math", "core/cloud", "core/mesh", "core/io", "core/io/formats", "core/io/laz",
                       "core/spatial", "core/clean", "core/simplify", "core/surface", "core/surface/cocone",
                       "core/surface/sheet", "core/refine", "core/measure", "core/picture"},
-    "core/tiles": {"core/base", "core/math", "core/cloud", "core/io", "core/io/formats", "core/spatial", "core/simplify",
-                   "core/pipeline"},
+    "core/tiles": {"core/base", "core/math", "core/cloud", "core/io", "core/io/formats", "core/spatial", "core/clean",
+                   "core/simplify", "core/measure", "core/pipeline"},
     "core/picture": {"core/base", "core/math", "core/cloud", "core/mesh", "core/io", "core/spatial"},
     "core/library": {"core/base", "core/cloud", "core/mesh", "core/io", "core/pipeline"},
 }

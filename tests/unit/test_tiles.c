@@ -156,7 +156,7 @@ static void quadrics_are_those_of_the_whole(void **state) {
     for (size_t t = 0; t < facts.tiles; t++) {
         struct scratch_points points;
         struct part part = {.params = &params, .threads = 2};
-        struct part_whole whole = {s.head.whole, s.head.noisy, s.head.average, s.head.length_bias};
+        struct part_whole whole = {s.head.whole, s.head.noisy, s.head.average, s.head.length_bias, 0};
         assert_int_equal(scratch_gather(scratch_folder, &s, &grid, &s.tile[t], 0.1, POINTS, &points, &error),
                          STATUS_OK);
         assert_true(points.count < POINTS);
@@ -205,6 +205,10 @@ static void tiles_keep_what_memory_keeps(void **state) {
     assert_int_equal(tiled.report.points_in, inside.report.points_in);
     assert_int_equal(tiled.report.points_distinct, inside.report.points_distinct);
     assert_true(tiled.report.diagonal == inside.report.diagonal);
+    const struct distance_stats *a_planes = &inside.report.level[0].tangent, *b_planes = &tiled.report.level[0].tangent;
+    assert_int_equal(b_planes->count, POINTS);
+    assert_true(fabs(b_planes->mean - a_planes->mean) < 0.02 * a_planes->mean);
+    assert_true(fabs(b_planes->max - a_planes->max) < 0.02 * a_planes->max);
     qsort(inside.kept, n, sizeof *inside.kept, compare_numbers);
     size_t a = 0, b = 0;
     for (uint32_t id = 0; id < POINTS; id++) { /* both are in the order of the input */

@@ -369,7 +369,7 @@ static enum status measure_kept(const struct merging *m, size_t k, struct distan
 
 /* ------------------------------------------------------------------------------------------------ the whole */
 
-static double now_ms(void) {
+static double merge_clock_ms(void) {
     struct timespec t;
     clock_gettime(CLOCK_MONOTONIC, &t);
     return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
@@ -450,25 +450,25 @@ enum status tiles_merge(const char *folder, unsigned threads, const struct progr
     struct pipeline_result made = {0};
     struct cloud kept = {0};
     struct rusage usage;
-    double start_ms = now_ms();
+    double start_ms = merge_clock_ms();
     struct par_team *team = par_team_new();
     enum status status = team ? scratch_load(folder, &m.scratch, error) : merge_no_memory(&m);
     if (!status) status = check_input(&m);
     if (!status) status = finish(&m);
-    if (!status) report_add_stage(&made.report, "merge", now_ms() - start_ms);
-    double measure_ms = now_ms();
+    if (!status) report_add_stage(&made.report, "merge", merge_clock_ms() - start_ms);
+    double measure_ms = merge_clock_ms();
     if (!status) status = measure_levels(&m, &made);
-    if (!status) report_add_stage(&made.report, "measure", now_ms() - measure_ms);
-    double gather_ms = now_ms();
+    if (!status) report_add_stage(&made.report, "measure", merge_clock_ms() - measure_ms);
+    double gather_ms = merge_clock_ms();
     if (!status) status = gather(&m, kept_of(&m, 0), &kept, &made.kept);
-    if (!status) report_add_stage(&made.report, "gather", now_ms() - gather_ms);
+    if (!status) report_add_stage(&made.report, "gather", merge_clock_ms() - gather_ms);
     if (!status && m.scratch.head.dropped) status = note_dropped(&m, &kept);
     par_team_free(team);
     if (status == STATUS_CANCELLED) error_set(error, status, "tiles", "cancelled");
     if (!status) {
         report_levels(&m, &made);
         snprintf(made.report.format, sizeof made.report.format, "%s", kept.form);
-        made.report.total_ms = now_ms() - start_ms;
+        made.report.total_ms = merge_clock_ms() - start_ms;
         getrusage(RUSAGE_SELF, &usage);
         made.report.peak_rss_bytes = (uint64_t)usage.ru_maxrss * 1024;
         *cloud = kept;

@@ -16,6 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "core/base/alloc.h"
@@ -113,6 +114,12 @@ static enum status name_scratch(const struct worker_options *options, char folde
     return n < FOLDER_BYTES ? STATUS_OK : error_set(error, STATUS_BAD_PARAMETER, "scratch", "the name is too long");
 }
 
+static double tiles_clock_ms(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
+}
+
 static void announce(const struct worker_options *options, const char *folder, uint64_t points) {
     struct tiles_prediction takes = tiles_predict(points, &options->params);
     fprintf(stderr,
@@ -154,14 +161,22 @@ enum status worker_tiles_simplify(const struct worker_options *options, const st
     const struct tiles_job job = {(const char *const *)options->input, options->input_count, folder, &options->params,
                                   options->tile_points};
     worker_progress_span(display, 0, PLAN_SHARE);
+    double start_ms = tiles_clock_ms();
     status = tiles_plan(&job, &progress, &facts, error);
+    double planned_ms = tiles_clock_ms();
     for (size_t t = 0; !status && t < facts.tiles; t++) {
         double each = (RUN_SHARE - PLAN_SHARE) / (double)facts.tiles;
         worker_progress_span(display, PLAN_SHARE + each * (double)t, PLAN_SHARE + each * (double)(t + 1));
         status = tiles_run(folder, t, threads, &progress, error);
     }
     worker_progress_span(display, RUN_SHARE, 1);
+    double run_ms = tiles_clock_ms();
     if (!status) status = tiles_merge(folder, threads, &progress, cloud, result, error);
+    if (!status) { /* of this process: what was done before a stop isn't counted */
+        report_add_stage(&result->report, "plan", planned_ms - start_ms);
+        report_add_stage(&result->report, "tiles", run_ms - planned_ms);
+        result->report.total_ms = tiles_clock_ms() - start_ms;
+    }
     if (status == STATUS_CANCELLED) tell_what_is_left(folder);
     return status;
 }

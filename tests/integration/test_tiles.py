@@ -204,3 +204,42 @@ def test_several_inputs_are_one_cloud(tmp_path):
     inside, tiled = (set(records((tmp_path / name).read_bytes())) for name in ("inside.ply", "out.ply"))
     assert len(tiled) == 1000 and len(inside & tiled) > 980
     assert "is the input" in whittle("tiles", "merge", parts[1], "--scratch", work, "-f", status=73).stderr
+
+
+DEPLOY = pathlib.Path(__file__).resolve().parents[2] / "deploy"
+
+
+def test_make_runs_tiles_beside_each_other(cloud, expected, tmp_path):
+    command = ["make", "-f", DEPLOY / "tiles.mk", "-j2", f"IN={cloud}", f"OUT={tmp_path}/out.ply", "MEMORY=1G",
+               f"WHITTLE={os.path.abspath(WHITTLE)}", f"PARAMETERS=--ratio 0.05 --tile-points {TILE}"]
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("MAKE") and name != "MFLAGS"}
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, env=environment)
+    assert (tmp_path / "out.ply").read_bytes() == expected
+    (tmp_path / "out.ply").unlink()
+    (tmp_path / "out.ply.tiles/left.3").unlink()
+    told = subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout
+    assert told.count("tiles run") == 1 and (tmp_path / "out.ply").read_bytes() == expected
+
+
+SBATCH = """#!/bin/sh
+# Runs what slurm would: an array's tasks one after the other, last first.
+array=
+while [ "${1#--}" != "$1" ]; do
+    case $1 in --array=*) array=${1#--array=} ;; esac
+    shift
+done
+for task in $(echo "${array:-0}" | tr ',' '\\n' | tac); do
+    SLURM_ARRAY_TASK_ID=$task sh "$@" >&2 || exit 1
+done
+echo 17
+"""
+
+
+def test_an_array_job_runs_tiles_in_any_order(cloud, expected, tmp_path):
+    (tmp_path / "sbatch").write_text(SBATCH, encoding="ascii")
+    (tmp_path / "sbatch").chmod(0o755)
+    environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}", "WHITTLE": os.path.abspath(WHITTLE),
+                   "MEMORY": "1G"}
+    subprocess.run(["sh", DEPLOY / "tiles.slurm", cloud, tmp_path / "out.ply", "--ratio", "0.05", "--tile-points",
+                    str(TILE)], check=True, env=environment, stdout=subprocess.DEVNULL)
+    assert (tmp_path / "out.ply").read_bytes() == expected

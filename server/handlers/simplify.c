@@ -17,11 +17,26 @@
 
 static const char *const own_names[] = {"label", "priority", "output", NULL};
 
-/* The bit of `outputs` that output=... stands for, by any of its names; 0 where there is none of that name. */
+/* What names the one output: `output`, or `outputs` as a job has it; NULL: nothing does.  *times: how often. */
+static const char *name_of_output(const struct request *request, size_t *times) {
+    const char *value = NULL;
+    *times = 0;
+    for (size_t i = 0; i < request->query_count; i++) {
+        const char *name = request->query[i].name;
+        if (strcmp(name, "output") != 0 && strcmp(name, "outputs") != 0) continue;
+        value = request->query[i].value;
+        ++*times;
+    }
+    return value;
+}
+
+/* The bit of `outputs` that stands for it, by any of its names; 0 where there is none of that name, or several. */
 static uint32_t output_asked(const struct request *request) {
-    const char *value = query_find(request->query, request->query_count, "output");
+    size_t times;
+    const char *value = name_of_output(request, &times);
     struct params one;
     struct error error;
+    if (times > 1) return 0;
     params_defaults(&one);
     if (params_set(&one, "outputs", value ? value : "cloud", &error)) return 0;
     return one.outputs & (one.outputs - 1) ? 0 : one.outputs;
@@ -35,8 +50,15 @@ static void refuse_output(const struct request *request, struct problem *problem
     static const char allowed[] =
         "one of cloud, xyz, cloud.pcd, cloud.las, cloud.laz, mesh, mesh.obj, mesh.stl, mesh.glb, report, dso, error, "
         "preview.png";
-    problem_set(problem, PROBLEM_INVALID_PARAMETER, "output: takes %s", allowed);
-    problem_add_error(problem, "output", query_find(request->query, request->query_count, "output"), allowed, NULL);
+    size_t times;
+    const char *value = name_of_output(request, &times);
+    const char *name = query_find(request->query, request->query_count, "outputs") ? "outputs" : "output";
+    if (times > 1 || (strcmp(name, "outputs") == 0 && value && strchr(value, ',')))
+        problem_set(problem, PROBLEM_CONFLICTING_PARAMETERS,
+                    "%s: this operation has one output; use /v1/jobs for several", name);
+    else
+        problem_set(problem, PROBLEM_INVALID_PARAMETER, "%s: takes %s", name, allowed);
+    problem_add_error(problem, name, value, allowed, NULL);
 }
 
 static bool read_simplify(const struct request *request, struct job *job, struct response *response) {
@@ -44,11 +66,7 @@ static bool read_simplify(const struct request *request, struct job *job, struct
     uint32_t asked = output_asked(request);
     bool ok = query_decode_params(request->query, request->query_count, own_names, &job->params, &problem) &&
               handlers_read_preferences(request, job, &problem);
-    if (ok && query_find(request->query, request->query_count, "outputs")) {
-        problem_set(&problem, PROBLEM_CONFLICTING_PARAMETERS, "outputs: this operation has one output");
-        problem_add_error(&problem, "outputs", NULL, "not here", "output");
-        ok = false;
-    } else if (ok && !asked) {
+    if (ok && !asked) {
         refuse_output(request, &problem);
         ok = false;
     }
@@ -68,7 +86,8 @@ static bool is_acceptable(const struct request *request, struct response *respon
     char type[64], supported[128];
     const char *name = file_asked(request), *whole = handlers_media_type(name);
     snprintf(type, sizeof type, "%.*s", (int)strcspn(whole, ";"), whole);
-    if (request_prefers_async(request) || !query_find(request->query, request->query_count, "output") ||
+    size_t times;
+    if (request_prefers_async(request) || !name_of_output(request, &times) ||
         request_accepts(request, type) || request_accepts(request, "application/octet-stream") ||
         request_accepts(request, "application/json"))
         return true;

@@ -68,8 +68,13 @@ def test_queries_of_reading(daemon, path):
     assert reply.status == 400 and reply.slug in ("unknown-parameter", "invalid-parameter")
 
 
-def test_one_shot_has_output_and_not_outputs(daemon):
-    assert daemon.post("/v1/simplify?outputs=mesh", SMALL).slug == "conflicting-parameters"
+def test_one_shot_has_one_output_by_either_name(daemon):
+    for query in ("outputs=mesh,cloud", "outputs=mesh&outputs=cloud", "outputs=mesh&output=mesh"):
+        refused = daemon.post(f"/v1/simplify?{query}", SMALL)
+        assert refused.slug == "conflicting-parameters" and "/v1/jobs" in refused.json["detail"]
+    assert daemon.post("/v1/simplify?outputs=mush", SMALL).slug == "invalid-parameter"
+    assert daemon.post("/v1/simplify?outputs=mesh.glb&ratio=0.5", SMALL).body == \
+        daemon.post("/v1/simplify?output=mesh.glb&ratio=0.5", SMALL).body
     assert daemon.post("/v1/simplify?output=moon", SMALL).slug == "invalid-parameter"
 
 

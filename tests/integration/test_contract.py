@@ -152,6 +152,66 @@ def test_problem_responses_show_each_problem_that_they_name(contract):
     assert shown
 
 
+def resolved(contract, node):
+    while "$ref" in node:
+        node = target_of(contract, node["$ref"])
+    return node
+
+
+def values_of(contract, node):
+    """The examples of a parameter or of a body."""
+    if "example" in node:
+        return [node["example"]]
+    return [resolved(contract, example)["value"] for example in node.get("examples", {}).values()]
+
+
+PLAIN = ("text/html", "text/css", "text/javascript")  # pages, which people look at
+
+
+def test_whatever_is_sent_or_comes_back_has_an_example_that_fits(contract):
+    described = pytest.importorskip("described", reason="python3-jsonschema is not installed")
+    looked = 0
+    for operation in operations_of(contract):
+        nodes_of = [(each["name"], each) for each in
+                    (resolved(contract, each) for each in operation.get("parameters", []))]
+        bodies = [operation["requestBody"]] if "requestBody" in operation else []
+        for body in bodies + [resolved(contract, each) for each in operation["responses"].values()]:
+            nodes_of += [(kind, content) for kind, content in resolved(contract, body).get("content", {}).items()
+                         if content["schema"].get("format") != "binary" and kind not in PLAIN]
+        for name, node in nodes_of:
+            values = values_of(contract, node)
+            assert values, (operation["operationId"], name)
+            for value in values:
+                described.check_schema(value, node["schema"])
+                looked += 1
+    assert looked > 500
+
+
+# Keywords of languages that clients are generated for, as far as those can't be names of methods and classes there.
+RESERVED = set("""abstract and as assert async await boolean break byte case catch char class const continue debugger def
+default del delete do double elif else enum except export extends false final finally float for from func function global
+go goto if implements import in instanceof int interface is lambda let long map native new nil none nonlocal not null or
+package pass private protected public raise range return select self short static struct super switch synchronized this
+throw throws transient true try type typeof var void volatile while with yield""".split())
+
+
+def test_no_names_differ_by_case_alone_and_none_is_reserved(contract):
+    schemas = contract["components"]["schemas"]
+    groups = {"operations": [operation["operationId"] for operation in operations_of(contract)],
+              "schemas": list(schemas), "tags": [tag["name"] for tag in contract["tags"]],
+              **{f"components/{kind}": list(named) for kind, named in contract["components"].items()},
+              **{f"members of {name}": list(schema.get("properties", {})) for name, schema in schemas.items()}}
+    for operation in operations_of(contract):
+        found = [resolved(contract, each) for each in operation.get("parameters", [])]
+        groups[f"parameters of {operation['operationId']}"] = [f"{each['in']} {each['name']}" for each in found]
+    for group, names in groups.items():
+        plain = [re.sub("[^a-z0-9 ]", "", name.lower()) for name in names]
+        assert len(set(plain)) == len(plain), (group, sorted(names))
+        words = {name.split(" ")[-1] for name in names if not name.startswith("header ")}  # those have names of HTTP
+        if not group.startswith(("members", "components/")):
+            assert not {word.lower() for word in words} & RESERVED, group
+
+
 def test_what_operations_share_is_written_once(contract):
     responses = [(status, response) for operation in operations_of(contract)
                  for status, response in operation["responses"].items() if "$ref" not in response]

@@ -34,12 +34,20 @@ def table_of(whittled):
             process.wait()
 
 
+# Of parameters without a default.
+EXAMPLES = {"ratio": 0.1, "points": 5000, "max_deviation": 0.5, "max_deviation_rel": 0.001, "spacing": 0.05,
+            "max_error": 0.001, "levels": [0.4, 0.2, 0.1], "crop": [0, 0, 0, 10, 10, 5], "viewpoint": [0, 0, 1.7],
+            "where": ["class==2|6", "intensity>100"], "weights": ["rgb:0.2"], "close_holes": 2.5,
+            "columns": ["-", "x", "y", "z"], "outputs": ["cloud", "mesh", "report"], "cocone": "tight"}
+
+
 def parameter(name, row):
     schema = {key: value for key, value in row.items() if key != "description"}
     described = {"name": name, "in": "query", "description": row["description"] + ".", "required": False,
                  "schema": schema}
     if schema.pop("deprecated", False):
         described["deprecated"] = True
+    described["example"] = EXAMPLES[name] if name in EXAMPLES else row["default"]
     if schema["type"] == "array":
         described |= {"style": "form", "explode": True}
     return described

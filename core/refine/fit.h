@@ -119,7 +119,7 @@ static inline bool fit_fold_is_fair(const struct fit *fit, double before, double
     return fit->has_up || after >= fit->fold || after >= before;
 }
 
-/* Of what a triangle may turn by, the cosine: a height field's as far as it likes. */
+/* Cosine of the angle by which a triangle may turn at most; no bound for a height field's. */
 static inline double fit_least_turn(const struct fit *fit, double least) { return fit->has_up ? -1 : least; }
 
 static inline struct star_limits fit_limits(const struct fit *fit, struct star_limits limits) {

@@ -8,7 +8,7 @@
  *      \   /             a corner, and the round starts there.
  *       q3   (unsampled)
  *
- * Each point sees its own plane, so neighbours may disagree: a triangle is as sure as many of its corners have it.
+ * Each point has a plane of its own, so neighbours may disagree: a triangle is as sure as many of its corners have it.
  * One that a single corner has must at least lie along the surface at all three, which none across a thin part does.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */

@@ -13,7 +13,7 @@
 
 _Static_assert((int)SCRATCH_IDENTITY_BYTES == (int)CATALOG_IDENTITY_BYTES, "both keep the same");
 
-/* The URL comes last: it may be as long as it likes. */
+/* The URL comes last: its length has no limit. */
 static enum status refuse(const char *url, const char *what, struct error *error) {
     return error_set(
         error, STATUS_UNSUPPORTED, "identity",

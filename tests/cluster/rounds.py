@@ -9,6 +9,7 @@ seed, hit hosts, processes, servers and links.  Then all is mended, and the orac
 - no end that was told changes;
 - no output differs by a bit from that of one machine;
 - each webhook comes; how often one comes again is counted;
+- who reads what has ended before gets it, or an honest 5xx, never that it isn't there;
 - no row without its blob, ever; no blob without a row once the grace is over (--grace).
 The time from the death of a primary to the next 201 is measured.  Round N of a seed is always the same one.
 
@@ -104,15 +105,17 @@ class Job:
 class Clients:
     """What is asked of the cluster during a round, by several threads."""
 
-    def __init__(self, url, chance, name, webhook, threads=3):
-        self.url, self.name, self.webhook = url, name, webhook
+    def __init__(self, url, chance, name, webhook, library, threads=3):
+        self.url, self.name, self.webhook, self.library = url, name, webhook, library
         self.jobs, self.found, self.lock = [], [], threading.Lock()
         self.first_201 = []  # (when its request began, when it was answered), by time.monotonic()
         self.ends = threading.Event()
-        self.statuses = collections.Counter()
+        self.statuses, self.reads = collections.Counter(), collections.Counter()
         seeds = [chance.random() for _ in range(threads)]
         self.threads = [threading.Thread(target=self.work, args=(i, random.Random(s)), daemon=True)
-                        for i, s in enumerate(seeds)]
+                        for i, s in enumerate(seeds)] if threads else []
+        if library:
+            self.threads.append(threading.Thread(target=self.read, args=(random.Random(chance.random()),), daemon=True))
         for thread in self.threads:
             thread.start()
 
@@ -131,6 +134,22 @@ class Clients:
                 if cancel:
                     self.cancel(job)
             self.ends.wait(0.1 + chance.random() * 0.5)
+
+    def read(self, chance):
+        """Jobs that have ended before the round, and their outputs."""
+        while not self.ends.is_set():
+            job, name = chance.choice(self.library), chance.choice([None, "cloud.ply", "mesh.ply"])
+            path = f"/v1/jobs/{job.id}" + (f"/outputs/{name}" if name else "")
+            reply = ask(self.url, "GET", path)
+            self.reads[reply[0] if reply else "none"] += 1
+            if reply and reply[0] == 200:
+                same = (hashlib.sha256(reply[2]).hexdigest() == job.hashes[name] if name
+                        else json.loads(reply[2]) == job.end)
+                if not same:
+                    self.found.append(f"GET {path} has changed: {reply[2][:300]}")
+            elif reply and reply[0] < 500:
+                self.found.append(f"GET {path}: {reply[0]} {reply[2][:300]}")
+            self.ends.wait(0.2)
 
     def persist(self, method, path, body, headers, done):
         """Asks until somebody says what is done; what nobody has answered is asked again, also when the round has
@@ -288,6 +307,17 @@ class Campaign:
         self.receiver = Receiver(c.network.address("client"))
         self.gaps, self.found, self.jobs, self.cancelled, self.again = [], [], 0, 0, 0
         self.drawn = collections.Counter()
+        self.library = self.make_library()
+
+    def make_library(self):
+        """Jobs that are read in all rounds."""
+        clients = Clients(self.cluster.url, random.Random(0), f"library-{os.getpid()}", self.receiver.url, [], 0)
+        jobs = [Job(f"library-{os.getpid()}-{shape}", shape) for shape in SHAPES]
+        for job in jobs:
+            assert clients.submit(job, False), clients.found
+            job.hashes = self.hashes[job.shape]
+            assert self.look_at(job) == [], job.id
+        return jobs
 
     def draw(self, number):
         chance = random.Random(f"{self.options.seed}/{number}")
@@ -304,7 +334,8 @@ class Campaign:
     def run_round(self, number):
         chance, faults = self.draw(number)
         began = time.monotonic()
-        clients = Clients(self.cluster.url, chance, f"s{self.options.seed}r{number}-{os.getpid()}", self.receiver.url)
+        clients = Clients(self.cluster.url, chance, f"s{self.options.seed}r{number}-{os.getpid()}", self.receiver.url,
+                          self.library)
         deaths, mends = [], []
         for fault in faults:
             time.sleep(0.5 + chance.random())
@@ -333,7 +364,7 @@ class Campaign:
         found += self.look_at_all(clients.jobs)
         self.jobs += len(clients.jobs)
         print(f"round {number}: {' + '.join(map(str, faults))}: {len(clients.jobs)} jobs, "
-              f"{time.monotonic() - began:.0f} s, answers {dict(clients.statuses)}"
+              f"{time.monotonic() - began:.0f} s, answers {dict(clients.statuses)}, reads {dict(clients.reads)}"
               + (f", the next 201 {', '.join(f'{g:.1f}' for g in gaps if g)} s after the primary's death" if gaps else ""),
               flush=True)
         for text in found:

@@ -13,6 +13,8 @@ import datetime
 import json
 import os
 import pathlib
+import re
+import signal
 import statistics
 import subprocess
 import sys
@@ -48,7 +50,11 @@ class Groups:
 
     def inside(self, name):
         """The command that runs another one in the group, in its own place."""
-        return "sh", "-c", f'echo $$ > {self.root / name}/cgroup.procs; exec "$@"', "sh"
+        return "sh", "-ec", f'echo $$ > {self.root / name}/cgroup.procs; exec "$@"', "sh"
+
+    def throttled(self, name):
+        """In how many periods the host has had all that it may have."""
+        return int(re.search(r"nr_throttled (\d+)", (self.root / name / "cpu.stat").read_text())[1])
 
     def close(self):
         for group in [*self.root.iterdir(), self.root]:
@@ -126,12 +132,14 @@ def main():
     parser.add_argument("--jobs", type=int, default=30, help="for three hosts; a third of it for one")
     parser.add_argument("--share", type=float, default=0.5, help="of a core, for each host")
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     flags = ["--workers", "1", "--threads-per-job", "1", "--result-cache=0", "--max-queue", "10000"]
     groups = Groups([f"host{i + 1}" for i in range(3)], options.share)
     try:
         with tempfile.TemporaryDirectory(prefix="whittle-bench.") as folder, \
                 Cluster(folder, 3, flags, fakes_time=False, wrap=groups.inside) as c:
             ratios = measure_throughput(c, options)
+            assert all(groups.throttled(name) for name in c.hosts), "the groups held nobody"
         with tempfile.TemporaryDirectory(prefix="whittle-bench.") as folder, \
                 Cluster(folder, 1, flags, fakes_time=False) as c:
             alone, shared = measure_trivial(c, pathlib.Path(folder) / "alone", flags, options.rounds)

@@ -370,7 +370,7 @@ class Host:
         set_here = [f"{k}={v}" for k, v in faked.items()]
         address = cluster.network.address(name)
         self.process = Process(
-            [*cluster.network.inside(name), *wrap, "env", *set_here, BUILD / "whittled", "--listen",
+            [*wrap, *cluster.network.inside(name), "env", *set_here, BUILD / "whittled", "--listen",
              f"{address}:{self.PORT}", "--admin-listen", f"{address}:{self.PORT + 1}", "--data", self.data, *flags],
             self.folder / "log", env=dict(os.environ, **cluster.store.keys))
         self.url = f"http://{address}:{self.PORT}"

@@ -255,10 +255,12 @@ def make_faults(c, chance):
         return (lambda: network.mute(a, b)), (lambda: network.unmute(a, b))
 
     def fill_store():
-        c.store.ceph_command("osd", "set-full-ratio", "0.0001")
+        for kind, ratio in (("nearfull", "0.00001"), ("backfillfull", "0.00002"), ("full", "0.00003")):
+            c.store.ceph_command("osd", f"set-{kind}-ratio", ratio)
 
     def empty_store():
-        c.store.ceph_command("osd", "set-full-ratio", "0.95")
+        for kind, ratio in (("full", "0.95"), ("backfillfull", "0.9"), ("nearfull", "0.85")):
+            c.store.ceph_command("osd", f"set-{kind}-ratio", ratio)
 
     other = chance.choice([-HOUR_S, HOUR_S])
     kinds = {

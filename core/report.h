@@ -41,6 +41,7 @@ struct report_level {
     uint64_t holes_closed;       /* of a mesh with borders, because they were asked for */
     uint64_t reconstructed_from; /* points that the surface went through before edges were collapsed */
     uint64_t handles, borders;   /* 0 handles unless it is manifold and oriented */
+    uint64_t self_intersections; /* pairs of triangles (core/mesh/intersect.h) */
     double border_length;
     bool watertight, manifold, oriented;
     double area, volume;

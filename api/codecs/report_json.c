@@ -46,16 +46,17 @@ static json_t *report_cloud_json(const struct report_level *r, double diagonal) 
 
 static json_t *mesh_json(const struct report_level *r, double diagonal) {
     return json_pack(
-        "{s:o, s:o, s:b, s:b, s:b, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:s, s:o}", "vertices",
-        stats_json_count(r->vertices), "triangles", stats_json_count(r->triangles), "watertight", r->watertight,
-        "manifold", r->manifold, "oriented", r->oriented, "components", stats_json_count(r->components), "handles",
-        stats_json_count(r->handles), "borders", stats_json_count(r->borders), "border_length",
-        stats_json_number(r->border_length), "border_length_rel", stats_json_number(r->border_length / diagonal),
-        "holes_closed", stats_json_count(r->holes_closed), "hole_fill_triangles",
-        stats_json_count(r->hole_fill_triangles), "points_lost", stats_json_count(r->points_lost), "vertices_split",
-        stats_json_count(r->vertices_split), "area", stats_json_number(r->area), "volume", stats_json_number(r->volume),
-        "unsupported_area_share", stats_json_number(r->unsupported), "reconstruction", r->reconstruction,
-        "reconstructed_from", stats_json_count(r->reconstructed_from));
+        "{s:o, s:o, s:b, s:b, s:b, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:s, s:o}",
+        "vertices", stats_json_count(r->vertices), "triangles", stats_json_count(r->triangles), "watertight",
+        r->watertight, "manifold", r->manifold, "oriented", r->oriented, "components", stats_json_count(r->components),
+        "handles", stats_json_count(r->handles), "borders", stats_json_count(r->borders), "self_intersections",
+        stats_json_count(r->self_intersections), "border_length", stats_json_number(r->border_length),
+        "border_length_rel", stats_json_number(r->border_length / diagonal), "holes_closed",
+        stats_json_count(r->holes_closed), "hole_fill_triangles", stats_json_count(r->hole_fill_triangles),
+        "points_lost", stats_json_count(r->points_lost), "vertices_split", stats_json_count(r->vertices_split), "area",
+        stats_json_number(r->area), "volume", stats_json_number(r->volume), "unsupported_area_share",
+        stats_json_number(r->unsupported), "reconstruction", r->reconstruction, "reconstructed_from",
+        stats_json_count(r->reconstructed_from));
 }
 
 /* Names from before directions were told apart, which clients go on reading: mean, rms and max are those of

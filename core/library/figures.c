@@ -55,6 +55,7 @@ static const struct figure figures[] = {
     OF_MESH("mesh.components", COUNT, components),
     OF_MESH("mesh.handles", COUNT, handles),
     OF_MESH("mesh.borders", COUNT, borders),
+    OF_MESH("mesh.self_intersections", COUNT, self_intersections),
     OF_MESH("mesh.border_length", NUMBER, border_length),
     OF_MESH("mesh.holes_closed", COUNT, holes_closed),
     OF_MESH("mesh.hole_fill_triangles", COUNT, hole_fill_triangles),

@@ -10,6 +10,7 @@
 #include "core/base/radix.h"
 #include "core/measure/metro.h"
 #include "core/measure/support.h"
+#include "core/mesh/intersect.h"
 #include "core/pipeline/pipeline_run.h"
 #include "core/spatial/bvh.h"
 
@@ -198,7 +199,9 @@ enum status pipeline_measure(struct run *run) {
 
 enum status pipeline_examine(struct run *run) {
     struct mesh_facts facts;
+    size_t crossing = 0;
     enum status status = mesh_examine(&run->mesh, &facts);
+    if (!status) status = mesh_count_intersections(&run->mesh, run->threads, &crossing);
     if (status) return status;
     struct report_level *report = &run->report.level[run->level];
     double scale = run->points.scale;
@@ -212,6 +215,7 @@ enum status pipeline_examine(struct run *run) {
     report->manifold = facts.manifold;
     report->oriented = facts.misoriented_edges == 0;
     report->borders = facts.borders;
+    report->self_intersections = crossing;
     report->border_length = facts.border_length * scale;
     if (facts.manifold && facts.misoriented_edges == 0)
         report->handles = (uint64_t)((2 * (long)facts.components - facts.euler - (long)facts.borders) / 2);

@@ -1,0 +1,98 @@
+/* A determinant in double, and where that is too near to zero to tell, in expansions: sums of doubles of which none
+ * overlaps another, the smallest first.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/math/predicates.h"
+
+#include <float.h>
+
+enum { TERMS = 24, EACH = 4, MOST = TERMS * EACH };
+
+#define UNIT (DBL_EPSILON / 2)
+#define SIDE_BOUND ((7 + 56 * UNIT) * UNIT) /* of the sum of absolute values */
+#define TURN_BOUND ((3 + 16 * UNIT) * UNIT)
+
+struct expansion {
+    int n;
+    double part[MOST];
+};
+
+/* a + b = *sum + *rest, exactly. */
+static void two_sum(double a, double b, double *sum, double *rest) {
+    double s = a + b, virtual = s - a;
+    *rest = (a - (s - virtual)) + (b - virtual);
+    *sum = s;
+}
+
+/* a * b = *product + *rest, exactly. */
+static void two_product(double a, double b, double *product, double *rest) {
+    *product = a * b;
+    *rest = fma(a, b, -*product);
+}
+
+static void add(struct expansion *e, double x) {
+    int n = 0;
+    for (int i = 0; i < e->n; i++) {
+        double rest;
+        two_sum(x, e->part[i], &x, &rest);
+        if (rest != 0) e->part[n++] = rest;
+    }
+    if (x != 0 || n == 0) e->part[n++] = x;
+    e->n = n;
+}
+
+/* Adds the product of three numbers. */
+static void add_product(struct expansion *e, double a, double b, double c) {
+    double high, low, product, rest;
+    two_product(a, b, &high, &low);
+    two_product(high, c, &product, &rest);
+    add(e, rest), add(e, product);
+    two_product(low, c, &product, &rest);
+    add(e, rest), add(e, product);
+}
+
+/* The largest part decides. */
+static int sign_of(const struct expansion *e) {
+    double largest = e->n > 0 ? e->part[e->n - 1] : 0;
+    return (largest > 0) - (largest < 0);
+}
+
+/* Adds the determinant of three places, times a sign. */
+static void add_determinant(struct expansion *e, vec3 a, vec3 b, vec3 c, double sign) {
+    add_product(e, sign * a.x, b.y, c.z), add_product(e, -sign * a.x, b.z, c.y);
+    add_product(e, sign * a.y, b.z, c.x), add_product(e, -sign * a.y, b.x, c.z);
+    add_product(e, sign * a.z, b.x, c.y), add_product(e, -sign * a.z, b.y, c.x);
+}
+
+static int exact_side(vec3 a, vec3 b, vec3 c, vec3 d) {
+    struct expansion e = {.n = 0};
+    add_determinant(&e, b, c, d, 1), add_determinant(&e, a, c, d, -1);
+    add_determinant(&e, a, b, d, 1), add_determinant(&e, a, b, c, -1);
+    return sign_of(&e);
+}
+
+int predicate_side(vec3 a, vec3 b, vec3 c, vec3 d) {
+    vec3 p = vec3_sub(a, d), q = vec3_sub(b, d), r = vec3_sub(c, d);
+    double yz = q.y * r.z, zy = q.z * r.y, zx = q.z * r.x, xz = q.x * r.z, xy = q.x * r.y, yx = q.y * r.x;
+    double value = p.x * (yz - zy) + p.y * (zx - xz) + p.z * (xy - yx);
+    double size =
+        fabs(p.x) * (fabs(yz) + fabs(zy)) + fabs(p.y) * (fabs(zx) + fabs(xz)) + fabs(p.z) * (fabs(xy) + fabs(yx));
+    double bound = SIDE_BOUND * size;
+    if (value > bound) return -1;
+    if (-value > bound) return 1;
+    return exact_side(a, b, c, d);
+}
+
+int predicate_turn(vec3 a, vec3 b, vec3 c, int axis) {
+    double ax = axis == 0 ? a.y : axis == 1 ? a.z : a.x, ay = axis == 0 ? a.z : axis == 1 ? a.x : a.y;
+    double bx = axis == 0 ? b.y : axis == 1 ? b.z : b.x, by = axis == 0 ? b.z : axis == 1 ? b.x : b.y;
+    double cx = axis == 0 ? c.y : axis == 1 ? c.z : c.x, cy = axis == 0 ? c.z : axis == 1 ? c.x : c.y;
+    double left = (ax - cx) * (by - cy), right = (ay - cy) * (bx - cx), value = left - right;
+    double bound = TURN_BOUND * (fabs(left) + fabs(right));
+    if (value > bound) return 1;
+    if (-value > bound) return -1;
+    struct expansion e = {.n = 0};
+    add_product(&e, ax, by, 1), add_product(&e, -ay, bx, 1), add_product(&e, bx, cy, 1);
+    add_product(&e, -by, cx, 1), add_product(&e, cx, ay, 1), add_product(&e, -cy, ax, 1);
+    return sign_of(&e);
+}

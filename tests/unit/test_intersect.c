@@ -1,0 +1,154 @@
+/* Exact signs, and meshes that pass through themselves.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <float.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "core/math/predicates.h"
+#include "core/mesh/intersect.h"
+#include "tests/unit/faults.h"
+#include "tests/unit/shapes.h"
+
+static size_t count_of(const vec3 *vertex, size_t vertices, const uint32_t (*triangle)[3], size_t triangles) {
+    struct mesh mesh = {.vertex_count = vertices,
+                        .vertex = (vec3 *)vertex,
+                        .triangle_count = triangles,
+                        .triangle = (uint32_t(*)[3])triangle};
+    size_t one = 7, two = 8;
+    assert_int_equal(mesh_count_intersections(&mesh, 1, &one), STATUS_OK);
+    assert_int_equal(mesh_count_intersections(&mesh, 3, &two), STATUS_OK);
+    assert_int_equal(one, two);
+    return one;
+}
+
+/* Near the plane x = y, where a determinant in double is all rounding. */
+static void signs_are_exact(void **state) {
+    (void)state;
+    const vec3 a = {12, 12, 0}, b = {24, 24, 0}, c = {24, 24, 24};
+    const double step = DBL_EPSILON / 2;
+    for (int i = 0; i < 40; i++)
+        for (int j = 0; j < 40; j++) {
+            vec3 p = {0.5 + i * step, 0.5 + j * step, 0.1};
+            int side = (i > j) - (i < j);
+            assert_int_equal(predicate_side(a, b, c, p), side);
+            assert_int_equal(predicate_side(b, a, c, p), -side);
+            assert_int_equal(predicate_turn(a, b, p, 2), -side);
+            assert_int_equal(predicate_turn(b, a, p, 2), side);
+        }
+}
+
+static void sides_are_those_of_the_normal(void **state) {
+    (void)state;
+    const vec3 o = {0, 0, 0}, x = {1, 0, 0}, y = {0, 1, 0}, z = {0, 0, 1};
+    assert_int_equal(predicate_side(o, x, y, z), 1);
+    assert_int_equal(predicate_side(o, y, x, z), -1);
+    assert_int_equal(predicate_side(o, x, y, (vec3){3, 4, 0}), 0);
+    assert_int_equal(predicate_side(o, x, (vec3){2, 0, 0}, z), 0);
+    assert_int_equal(predicate_turn(o, x, y, 2), 1);
+    assert_int_equal(predicate_turn(o, y, z, 0), 1);
+    assert_int_equal(predicate_turn(o, z, x, 1), 1);
+    assert_int_equal(predicate_turn(o, x, y, 0), 0);
+}
+
+/* What two triangles have in common, and whether that is more than what they share. */
+static void pairs_are_told_apart(void **state) {
+    (void)state;
+    static const vec3 base[3] = {{0, 0, 0}, {4, 0, 0}, {0, 4, 0}};
+    static const struct {
+        vec3 other[3];
+        size_t pairs;
+    } cases[] = {
+        {{{1, 1, 1}, {2, 1, 1}, {1, 2, 1}}, 0},       /* above */
+        {{{1, 1, -1}, {1, 1, 1}, {9, 9, 1}}, 1},      /* through the middle */
+        {{{9, 9, -1}, {9, 9, 1}, {8, 9, 1}}, 0},      /* through the plane, beside it */
+        {{{1, 1, 0}, {1, 1, 5}, {2, 1, 5}}, 1},       /* stands on it */
+        {{{2, 2, 0}, {9, 9, 5}, {9, 8, 5}}, 1},       /* touches an edge */
+        {{{5, 5, 0}, {9, 5, 0}, {5, 9, 0}}, 0},       /* in the plane, beside it */
+        {{{1, 1, 0}, {9, 1, 0}, {1, 9, 0}}, 1},       /* in the plane, over it */
+        {{{1, 1, 0}, {2, 1, 0}, {1, 2, 0}}, 1},       /* in the plane, within it */
+        {{{-9, -9, 0}, {30, -9, 0}, {-9, 30, 0}}, 1}, /* in the plane, around it */
+        {{{0, 0, 0}, {-4, 0, 1}, {0, -4, 1}}, 0},     /* shares a corner */
+        {{{0, 0, 0}, {2, 2, -1}, {2, 2, 1}}, 1},      /* shares a corner, and cuts on */
+        {{{0, 0, 0}, {2, 1, 0}, {-1, -3, 0}}, 1},     /* shares a corner, and lies over it */
+        {{{0, 0, 0}, {2, 0, 0}, {1, -3, 1}}, 1},      /* shares a corner and half an edge */
+        {{{4, 0, 0}, {0, 0, 0}, {0, 0, 4}}, 0},       /* shares an edge */
+        {{{4, 0, 0}, {0, 0, 0}, {1, -4, 0}}, 0},      /* shares an edge, in the plane */
+        {{{4, 0, 0}, {0, 0, 0}, {1, 1, 0}}, 1},       /* folded onto it */
+        {{{0, 4, 0}, {0, 0, 0}, {4, 0, 0}}, 1},       /* the same corners */
+        {{{1, 1, -1}, {1, 1, 1}, {1, 1, 3}}, 0},      /* has no area */
+        {{{0, 0, 0}, {0, 0, 0}, {4, 0, 0}}, 0},       /* nor has this */
+    };
+    static const uint32_t two[2][3] = {{0, 1, 2}, {3, 4, 5}};
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
+        for (int turn = 0; turn < 6; turn++) {
+            vec3 vertex[6];
+            for (int k = 0; k < 3; k++) {
+                vertex[turn % 2 ? 3 + k : k] = base[(turn + k) % 3];
+                vertex[turn % 2 ? k : 3 + k] = cases[i].other[(turn / 2 + k) % 3];
+            }
+            assert_int_equal(count_of(vertex, 6, two, 2), cases[i].pairs);
+        }
+}
+
+/* Many small triangles: as many pairs as looking at each pair finds. */
+static void all_pairs_are_found(void **state) {
+    (void)state;
+    enum { N = 600 };
+    static vec3 vertex[3 * N];
+    static uint32_t triangle[N][3];
+    uint64_t random = 3;
+    size_t expected = 0;
+    for (uint32_t t = 0; t < N; t++) {
+        vec3 at = {random_unit(&random), random_unit(&random), random_unit(&random)};
+        for (uint32_t k = 0; k < 3; k++) {
+            vec3 off = {random_unit(&random), random_unit(&random), random_unit(&random)};
+            vertex[3 * t + k] = vec3_add(at, vec3_scale(off, 0.2));
+            triangle[t][k] = 3 * t + k;
+        }
+    }
+    for (uint32_t t = 0; t < N; t++)
+        for (uint32_t u = t + 1; u < N; u++) {
+            uint32_t two[2][3];
+            memcpy(two[0], triangle[t], sizeof two[0]), memcpy(two[1], triangle[u], sizeof two[1]);
+            struct mesh pair = {.vertex_count = 3 * N, .vertex = vertex, .triangle_count = 2, .triangle = two};
+            size_t meets = 0;
+            assert_int_equal(mesh_count_intersections(&pair, 1, &meets), STATUS_OK);
+            expected += meets;
+        }
+    assert_true(expected > 20);
+    assert_int_equal(count_of(vertex, 3 * N, (const uint32_t(*)[3])triangle, N), expected);
+    assert_int_equal(count_of(vertex, 0, NULL, 0), 0);
+}
+
+static void without_memory_nothing_is_counted(void **state) {
+    (void)state;
+    static vec3 vertex[] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+    static uint32_t triangle[][3] = {{0, 1, 2}};
+    struct mesh mesh = {.vertex_count = 3, .vertex = vertex, .triangle_count = 1, .triangle = triangle};
+    for (long nth = 1; nth <= 3; nth++) {
+        size_t pairs = 5;
+        faults_in_memory(nth, false);
+        enum status status = mesh_count_intersections(&mesh, 1, &pairs);
+        assert_true(faults_stop());
+        assert_int_equal(status, STATUS_NO_MEMORY);
+        assert_int_equal(pairs, 5);
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(signs_are_exact),
+        cmocka_unit_test(sides_are_those_of_the_normal),
+        cmocka_unit_test(pairs_are_told_apart),
+        cmocka_unit_test(all_pairs_are_found),
+        cmocka_unit_test(without_memory_nothing_is_counted),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -333,9 +333,12 @@ statistics: ## how many functions in a thousand lines, how long, how many used o
 	@$(PYTHON) tests/tools/statistics.py $(STATISTICS)
 
 AGAIN ?= 0
+BACKEND ?=
 .PHONY: test-integration
-test-integration: ## the integration tests alone, with the programs that are there; AGAIN=3 gives so many a second try
-	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider -n 4 --again=$(AGAIN) \
+test-integration: ## the integration tests alone, with the programs that are there; AGAIN=3 gives so many a second try; BACKEND=hosts: on PostgreSQL and Ceph's S3
+	@$(if $(filter hosts,$(BACKEND)),deploy/deps.sh $(cluster_packages))
+	@$(if $(filter hosts,$(BACKEND)),WHITTLE_BACKEND=hosts POSTGRES_OPTIONS='-c max_connections=1000' \
+	    tests/tools/with_postgres.sh tests/tools/with_s3.sh env) WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider -n 4 --again=$(AGAIN) \
 	    --allowed-skips=tests/integration/skips.txt tests/integration
 
 .PHONY: test-cluster

@@ -57,10 +57,9 @@ def test_ends_of_the_service_fail_no_job(make_daemon, large):
 
 def interruptions(daemon, *job_ids, number=None):
     """How often the service ended while each ran, as the database has it; or sets that."""
-    with contextlib.closing(sqlite3.connect(daemon.data / "whittled.db")) as database, database:
-        if number is not None:
-            database.executemany("UPDATE jobs SET interruptions = ? WHERE id = ?", [(number, i) for i in job_ids])
-        return [database.execute("SELECT interruptions FROM jobs WHERE id = ?", (i,)).fetchone()[0] for i in job_ids]
+    for job_id in job_ids if number is not None else ():
+        daemon.ask(f"UPDATE jobs SET interruptions = {number} WHERE id = '{job_id}'")
+    return [daemon.ask(f"SELECT interruptions FROM jobs WHERE id = '{job_id}'")[0][0] for job_id in job_ids]
 
 
 def test_a_job_that_ends_the_service_again_and_again_fails(make_daemon, large):

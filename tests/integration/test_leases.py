@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A job that runs is held by a lease: who has lost it ends the process and writes nothing more of the job; what nobody
 holds is queued again.  Another host is played by changes of the database."""
-import contextlib
-import sqlite3
 
 import pytest
 
@@ -22,15 +20,8 @@ def make_gated(make_daemon, tmp_path):
     gate.unlink(missing_ok=True)
 
 
-def change(daemon, statement, *values):
-    with contextlib.closing(sqlite3.connect(daemon.data / "whittled.db", timeout=60)) as database:
-        database.execute(statement, values)
-        database.commit()
-
-
 def row(daemon, job_id, *columns):
-    with contextlib.closing(sqlite3.connect(daemon.data / "whittled.db", timeout=60)) as database:
-        return database.execute(f"SELECT {', '.join(columns)} FROM jobs WHERE id = ?", (job_id,)).fetchone()
+    return daemon.ask(f"SELECT {', '.join(columns)} FROM jobs WHERE id = '{job_id}'")[0]
 
 
 def test_leases_are_renewed(gated):
@@ -49,13 +40,13 @@ def test_what_another_host_has_taken_ends_here_and_leaves_nothing(gated):
     daemon.wait_for(job, "running")
     own, = row(daemon, job, "owner")
     pid = daemon.worker_pid(job)
-    change(daemon, "UPDATE jobs SET owner = 'another', attempt = 2, lease = ? WHERE id = ?", FAR, job)
+    daemon.ask(f"UPDATE jobs SET owner = 'another', attempt = 2, lease = {FAR} WHERE id = '{job}'")
     wait_until(lambda: f"job={job} attempt=1 is lost" in daemon.log_text(), "the end of the lost run")
     wait_until(lambda: not process_lives(pid), "the end of its process")
     assert row(daemon, job, "state", "owner", "attempt") == (1, "another", 2)
     assert daemon.leftovers() == [] and not list((daemon.data / "jobs" / job).glob("outputs*"))
 
-    change(daemon, "UPDATE jobs SET lease = 1 WHERE id = ?", job)  # the other host is gone
+    daemon.ask(f"UPDATE jobs SET lease = 1 WHERE id = '{job}'")  # the other host is gone
     gate.unlink()
     ended = daemon.ended(job)
     assert ended["status"] == "successful" and ended["attempt"] == 3
@@ -69,11 +60,11 @@ def test_the_start_leaves_what_another_host_holds(gated):
     job = daemon.submit(SMALL)
     daemon.wait_for(job, "running")
     daemon.kill()
-    change(daemon, "UPDATE jobs SET owner = 'another', lease = ? WHERE id = ?", FAR, job)
+    daemon.ask(f"UPDATE jobs SET owner = 'another', lease = {FAR} WHERE id = '{job}'")
     gate.unlink()
     daemon.start()
     assert daemon.job(job)["status"] == "running"
-    change(daemon, "UPDATE jobs SET lease = 1 WHERE id = ?", job)
+    daemon.ask(f"UPDATE jobs SET lease = 1 WHERE id = '{job}'")
     assert daemon.ended(job)["attempt"] == 2
 
 
@@ -83,7 +74,7 @@ def test_a_cancelled_job_is_not_run_again_after_a_kill(gated):
     job = daemon.submit(SMALL)
     daemon.wait_for(job, "running")
     daemon.kill()
-    change(daemon, "UPDATE jobs SET cancelled = 1 WHERE id = ?", job)
+    daemon.ask(f"UPDATE jobs SET cancelled = 1 WHERE id = '{job}'")
     gate.unlink()
     daemon.start()
     assert daemon.ended(job)["status"] == "dismissed"

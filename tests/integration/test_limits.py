@@ -10,7 +10,6 @@ import resource
 import select
 import signal
 import socket
-import sqlite3
 import subprocess
 import time
 
@@ -194,13 +193,11 @@ def test_the_share_in_bytes_holds_for_requests_side_by_side(shared, how):
         replies = list(pool.map(one, range(20)))
     assert {reply.status for reply in replies} == {201, 429}
     taken = [reply for reply in replies if reply.status == 201]
-    database = sqlite3.connect(daemon.data / "whittled.db")
-    kept = database.execute("SELECT (SELECT coalesce(sum(length), 0) FROM uploads WHERE principal = 'a') + (SELECT "
-                            "coalesce(sum(bytes), 0) FROM clouds WHERE principal = 'a') + (SELECT coalesce(sum(input_bytes),"
-                            " 0) FROM jobs WHERE principal = 'a')").fetchone()[0]
-    outputs = database.execute("SELECT coalesce(sum(bytes), 0) FROM outputs WHERE job IN (SELECT id FROM jobs WHERE "
-                               "principal = 'a')").fetchone()[0]
-    database.close()
+    kept = daemon.ask("SELECT (SELECT coalesce(sum(length), 0) FROM uploads WHERE principal = 'a') + (SELECT "
+                      "coalesce(sum(bytes), 0) FROM clouds WHERE principal = 'a') + (SELECT coalesce(sum(input_bytes),"
+                      " 0) FROM jobs WHERE principal = 'a')")[0][0]
+    outputs = daemon.ask("SELECT coalesce(sum(bytes), 0) FROM outputs WHERE job IN (SELECT id FROM jobs WHERE "
+                         "principal = 'a')")[0][0]
     if how == "reused":
         assert kept + outputs <= 3 * length + 40000
     else:

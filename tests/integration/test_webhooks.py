@@ -6,7 +6,6 @@ import hmac
 import http.server
 import json
 import socket
-import sqlite3
 import subprocess
 import threading
 import time
@@ -198,8 +197,7 @@ def test_pauses_between_attempts_double(hooked, receive):
 
 def due(daemon):
     """When the only row of the outbox is due, in ms from now; None while it was not yet tried."""
-    with sqlite3.connect(f"file:{daemon.data / 'whittled.db'}?mode=ro", uri=True) as database:
-        attempts, at = database.execute("SELECT attempts, due FROM outbox").fetchone()
+    (attempts, at), = daemon.ask("SELECT attempts, due FROM outbox")
     return at - time.time() * 1000 if attempts else None
 
 
@@ -377,5 +375,4 @@ def test_the_service_ends_its_deliveries_before_it_ends(hooked, raw):
     log = daemon.log_text()
     for job_id in ids:
         assert log.index(f"job={job_id} webhook interrupted: the service stops") < log.index(" info  ended")
-    with sqlite3.connect(f"file:{daemon.data / 'whittled.db'}?mode=ro", uri=True) as database:
-        assert database.execute("SELECT attempts FROM outbox").fetchall() == [(0,)] * 3
+    assert daemon.ask("SELECT attempts FROM outbox") == [(0,)] * 3

@@ -1,5 +1,6 @@
 # Completion of whittle for fish: commands, the options that this whittle lists with what each takes, files.
 # SPDX-License-Identifier: GPL-3.0-or-later
+complete -c whittle -n __fish_use_subcommand -a tiles -d 'A cloud that does not fit into memory, step by step'
 complete -c whittle -n __fish_use_subcommand -a convert -d 'All points, in another format'
 complete -c whittle -n __fish_use_subcommand -a info -d 'What a cloud is'
 complete -c whittle -n __fish_use_subcommand -a measure -d 'Distances between two clouds or meshes'

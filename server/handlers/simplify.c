@@ -87,9 +87,8 @@ static bool is_acceptable(const struct request *request, struct response *respon
     const char *name = file_asked(request), *whole = handlers_media_type(name);
     snprintf(type, sizeof type, "%.*s", (int)strcspn(whole, ";"), whole);
     size_t times;
-    if (request_prefers_async(request) || !name_of_output(request, &times) ||
-        request_accepts(request, type) || request_accepts(request, "application/octet-stream") ||
-        request_accepts(request, "application/json"))
+    if (request_prefers_async(request) || !name_of_output(request, &times) || request_accepts(request, type) ||
+        request_accepts(request, "application/octet-stream") || request_accepts(request, "application/json"))
         return true;
     snprintf(supported, sizeof supported, "%s,application/octet-stream", type);
     problem_set(&problem, PROBLEM_NOT_ACCEPTABLE, "%s is %s, which Accept: %.80s leaves out", name, type,

@@ -89,7 +89,7 @@ struct report {
     uint64_t points_in, points_distinct, points_outliers /* of points_in, dropped by denoising */;
     uint64_t points_cropped, points_filtered; /* that weren't asked for (core/cloud/select.h), beside points_in */
     double noise; /* standard deviation of the points from the surface that they were smoothed to; 0: they weren't */
-    char denoised[16];  /* what was done: "none", "outliers", "full" */
+    char denoised[16];  /* what was done: "none", "outliers", "layers" (those and the less exact of two), "full" */
     double noise_level; /* estimated, of the points that are simplified (core/clean/noise.h) */
     double diagonal;    /* of the bounding box of all points read, or where they are denoised of those that were left */
     double box_min[3], box_max[3];

@@ -1,4 +1,4 @@
-/* Three rules, each for a kind of stray that the others can't see.  m_p is the mean distance to the eight nearest
+/* Four rules, each for a kind of stray that the others can't see.  m_p is the mean distance to the eight nearest
  * neighbours, and all is judged by its logarithm, because spacings spread by factors, not by sums; a threshold is the
  * median and some median absolute deviations, which half of the points can't shift.
  *
@@ -6,8 +6,11 @@
  *  apart    m_p is large against those of its neighbours: a stray close above a surface
  *  cluster  a component of the graph of neighbours with few points, and a wide gap around it
  *
+ *  off      it lies off the tangent planes of all its neighbours but one: a stray within a spacing of a surface
+ *
  * Density that changes within a scan is no reason to drop anything: a point that the first two rules suspect is kept
- * where it lies in one plane with its neighbours.
+ * where it lies in one plane with its neighbours.  The last rule judges suspects too, by planes that no suspect has a
+ * part in: who fits them and isn't far from them stays, such as the few points inside of a nostril.
  *
  * Rusu et al.: Towards 3D point cloud based object maps for household environments (2008) is the statistical filter
  * that the first rule comes from; Breunig et al.: LOF (2000) has the idea of the second.
@@ -17,21 +20,28 @@
 
 #include <float.h>
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
 #include "core/base/quantile.h"
+#include "core/clean/offsets.h"
 #include "core/cloud/cloud.h"
 #include "core/math/sym3.h"
 
-enum { CHUNK = 2048, K = 8, CLUSTER_MOST = 48, CLUSTER_SHARE = 500 };
+enum { CHUNK = 2048, K = 8, CLUSTER_MOST = 48, CLUSTER_SHARE = 500, JUDGED = 2, COMPANY = 4 };
 static const double DEVIATION = 1.4826;                  /* from a median absolute deviation to a standard one */
 static const double FAR_DEVIATIONS = 4, FAR_LEAST = 0.9; /* e^0.9 = 2.5 times the usual spacing at least */
 static const double APART_DEVIATIONS = 5, APART_LEAST = 0.6;
 static const double FLAT = 0.02;       /* smallest over middle eigenvalue below which a suspect lies on a surface */
 static const double CLUSTER_GAP = 1.6; /* logarithm of the gap over the usual m */
+/* Off by so many times what is usual beside it and what is rough there; by so much of the neighbourhood's radius, and
+ * by so many times what a quarter of all points exceed, of theirs. */
+static const float OFF_USUAL = 8, OFF_ROUGH = 4, OFF_RADIUS = 0.1F, OFF_NOISE = 5;
+static const float SPARSE = 3;          /* as far from others as a point beside them may be */
+static const double COMPANY_NEAR = 0.5; /* distance to the COMPANY-th nearest other outlier, over its median */
 
 struct hunt {
     const struct knn *knn;
@@ -167,6 +177,73 @@ static enum status drop_clusters(const struct hunt *hunt, double limit) {
     return status;
 }
 
+/* ------------------------------------------------------------------------------------------------ off surfaces */
+
+/* Of the neighbourhood's radius: how far off no point is that isn't a stray. */
+static enum status find_limit(const struct hunt *hunt, const struct offsets *offsets, float *limit) {
+    float *relative = alloc_array(hunt->n, sizeof *relative);
+    if (!relative) return STATUS_NO_MEMORY;
+    for (size_t p = 0; p < hunt->n; p++) relative[p] = offsets->quarter[p] / offsets->radius[p];
+    *limit = fmaxf(OFF_RADIUS, OFF_NOISE * quantile_of(relative, hunt->n, 0.75));
+    free(relative);
+    return STATUS_OK;
+}
+
+/* Judges each point again by the planes of those that aren't outliers so far. */
+static enum status judge(struct hunt *hunt, uint8_t *trusted, unsigned threads) {
+    struct offsets offsets = {0};
+    size_t left = 0;
+    float limit = 0;
+    for (size_t p = 0; p < hunt->n; p++) left += trusted[p] = !hunt->outlier[p];
+    if (left < OUTLIERS_MIN_POINTS) return STATUS_OK;
+    enum status status = offsets_find(hunt->point, hunt->n, trusted, threads, &offsets);
+    if (!status) status = find_limit(hunt, &offsets, &limit);
+    for (size_t p = 0; p < hunt->n && !status; p++) {
+        float off = offsets.second[p];
+        bool is_off =
+            off > OFF_USUAL * offsets.usual[p] && off > OFF_ROUGH * offsets.rough[p] && off > limit * offsets.radius[p];
+        hunt->outlier[p] = offsets.sparsity[p] > SPARSE ? OUTLIER_FAR : is_off ? OUTLIER_OFF : 0;
+    }
+    offsets_done(&offsets);
+    return status;
+}
+
+/* Strays are scattered, and what was taken for some of them in a place with few points comes together: outliers of
+ * which far more others are near than is usual are none. */
+static enum status keep_company(struct hunt *hunt, unsigned threads) {
+    size_t m = 0;
+    vec3 *stray = alloc_array(hunt->n, sizeof *stray);
+    float *apart = alloc_array(hunt->n, sizeof *apart);
+    struct knn *knn = NULL;
+    double usual = 0, mad;
+    enum status status = stray && apart ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t p = 0; p < hunt->n && !status; p++)
+        if (hunt->outlier[p]) stray[m++] = hunt->point[p];
+    if (m <= COMPANY || status) goto out;
+    status = knn_new(stray, m, threads, &knn, NULL);
+    for (size_t i = 0; i < m && !status; i++) {
+        uint32_t found[COMPANY + 1];
+        double distance_sq[COMPANY + 1];
+        status = knn_search(knn, &stray[i], 1, COMPANY + 1, 1, found, distance_sq);
+        if (!status) apart[i] = (float)sqrt(distance_sq[COMPANY]);
+    }
+    if (!status) status = quantile_spread(apart, m, &usual, &mad);
+    for (size_t p = 0, i = 0; p < hunt->n && !status; p++)
+        if (hunt->outlier[p] && (double)apart[i++] < COMPANY_NEAR * usual) hunt->outlier[p] = 0;
+out:
+    knn_free(knn);
+    free(stray), free(apart);
+    return status;
+}
+
+static enum status judge_all(struct hunt *hunt, unsigned threads) {
+    uint8_t *trusted = alloc_array(hunt->n, sizeof *trusted);
+    enum status status = trusted ? STATUS_OK : STATUS_NO_MEMORY;
+    for (int round = 0; round < JUDGED && !status; round++) status = judge(hunt, trusted, threads);
+    free(trusted);
+    return status;
+}
+
 /* ------------------------------------------------------------------------------------------------ the whole */
 
 static enum status thresholds(struct hunt *hunt, double *usual_m) {
@@ -188,7 +265,9 @@ static enum status hunt_all(struct hunt *hunt, unsigned threads) {
     enum status status = thresholds(hunt, &usual_m);
     if (status) return status;
     par_for(threads, hunt->n, CHUNK, suspect_range, hunt);
-    return drop_clusters(hunt, exp(fmax(hunt->far, usual_m + CLUSTER_GAP)));
+    status = judge_all(hunt, threads);
+    if (!status) status = keep_company(hunt, threads);
+    return status ? status : drop_clusters(hunt, exp(fmax(hunt->far, usual_m + CLUSTER_GAP)));
 }
 
 enum status outliers_find(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, uint8_t *outlier,
@@ -204,7 +283,7 @@ enum status outliers_find(const struct knn *knn, const vec3 *point, size_t n, un
     if (hunt.near && hunt.log_m && hunt.log_ratio && hunt.chunk_status) status = hunt_all(&hunt, threads);
     free(hunt.near), free(hunt.log_m), free(hunt.log_ratio), free(hunt.chunk_status);
     if (status) return status;
-    for (size_t p = 0; p < n; p++) found += outlier[p];
+    for (size_t p = 0; p < n; p++) found += outlier[p] != 0;
     if (found > n / 2) goto none;
     *count = found;
     return STATUS_OK;

@@ -14,6 +14,7 @@
 #include "core/base/alloc.h"
 #include "core/base/quantile.h"
 #include "core/clean/denoise.h"
+#include "core/clean/layers.h"
 #include "core/clean/outliers.h"
 #include "core/cloud/morton.h"
 #include "core/io/read.h"
@@ -128,6 +129,90 @@ static void a_stray_close_above_a_surface_is_found(void **state) {
     point[N] = (vec3){0.5, 0.5, height_plane(0.5, 0.5) + 5.0 / SIDE};
     assert_int_equal(find_outliers(point, N + 1, 1, outlier), 1);
     assert_true(outlier[N]);
+    free(point);
+}
+
+/* Half a spacing off, where the distance to its neighbours is that of any other point. */
+static void a_stray_amid_a_surface_is_found(void **state) {
+    (void)state;
+    enum { N = 5000, STRAYS = 20 }; /* the spacing is 0.05 */
+    vec3 *point = shape_sphere(N, 1);
+    assert_non_null(point = realloc(point, (N + STRAYS) * sizeof *point));
+    for (size_t i = 0; i < STRAYS; i++) point[N + i] = vec3_scale(point[100 + i * (N / STRAYS)], i % 2 ? 1.03 : 0.97);
+    uint8_t outlier[N + STRAYS];
+    assert_int_equal(find_outliers(point, N + STRAYS, 2, outlier), STRAYS);
+    for (size_t i = 0; i < STRAYS; i++) assert_int_equal(outlier[N + i], OUTLIER_OFF);
+    free(point);
+}
+
+/* A few points in a corner of which the scanner saw little. */
+static void a_sparse_piece_is_kept_among_strays(void **state) {
+    (void)state;
+    enum { N = 6000, DUST = 300, PIECE = 16 };
+    vec3 *point = sphere_with_dust(N, DUST);
+    assert_non_null(point = realloc(point, (N + DUST + PIECE) * sizeof *point));
+    for (size_t i = 0; i < PIECE; i++)
+        point[N + DUST + i] = (vec3){0.1 * (double)(i % 4) - 0.15, 0.1 * (double)(i / 4) - 0.15, 1.12};
+    uint8_t outlier[N + DUST + PIECE];
+    find_outliers(point, N + DUST + PIECE, 1, outlier);
+    size_t kept = 0;
+    for (size_t i = 0; i < PIECE; i++) kept += !outlier[N + DUST + i];
+    assert_true(kept > PIECE / 2);
+    free(point);
+}
+
+/* ------------------------------------------------------------------------------------------------ layers */
+
+static size_t find_layers(const vec3 *point, size_t n, unsigned threads, uint8_t *outlier) {
+    size_t count = SIZE_MAX;
+    find_outliers(point, n, threads, outlier);
+    assert_int_equal(layers_find(point, n, threads, outlier, &count), STATUS_OK);
+    return count;
+}
+
+static void doubles_that_are_less_exact_go(void **state) {
+    (void)state;
+    enum { N = 6000 }; /* the spacing is 0.046 */
+    vec3 *point = shape_sphere(N, 1), *doubled = shape_sphere(N, 1);
+    assert_non_null(point = realloc(point, 2 * N * sizeof *point));
+    add_noise(doubled, N, 0.015);
+    memcpy(&point[N], doubled, N * sizeof *point);
+    static uint8_t outlier[2 * N], again[2 * N];
+    assert_true(find_layers(point, 2 * N, 1, outlier) > N / 2);
+    size_t lost = 0;
+    double before = 0, after = 0;
+    for (size_t i = 0; i < N; i++) lost += outlier[i] != 0;
+    for (size_t i = 0; i < 2 * N; i++) {
+        before += off_sphere(point[i]);
+        after += outlier[i] ? 0 : off_sphere(point[i]);
+    }
+    assert_true(lost < N / 20);
+    assert_true(after < before / 8);
+    find_layers(point, 2 * N, 5, again);
+    assert_memory_equal(outlier, again, sizeof outlier);
+    free(point), free(doubled);
+}
+
+static void noise_that_is_the_same_everywhere_is_no_layer(void **state) {
+    (void)state;
+    enum { SIDE = 40, N = 6 * SIDE * SIDE };
+    static uint8_t outlier[N];
+    for (int i = 0; i < 4; i++) {
+        vec3 *point = cube(SIDE); /* the spacing is 0.05 */
+        add_noise(point, N, i * 0.008);
+        assert_int_equal(find_layers(point, N, 2, outlier), 0);
+        free(point);
+    }
+}
+
+/* As a depth camera has them, whose planes are exact but for jumps. */
+static void steps_of_rounded_coordinates_are_no_layers(void **state) {
+    (void)state;
+    enum { SIDE = 80, N = SIDE * SIDE };
+    static uint8_t outlier[N];
+    vec3 *point = shape_height_field(SIDE, height_saddle);
+    for (size_t i = 0; i < N; i++) point[i].z = floor(point[i].z * 150) / 150;
+    assert_int_equal(find_layers(point, N, 2, outlier), 0);
     free(point);
 }
 
@@ -364,7 +449,8 @@ static void every_allocation_may_fail(void **state) {
         struct denoise_result result = {0};
         faults_in_memory(failures + 1, false);
         enum status found = outliers_find(knn, point, N, 1, outlier, &count);
-        enum status status = found ? found : denoise_smooth(point, N, 1, &result);
+        enum status layered = found ? found : layers_find(point, N, 1, outlier, &count);
+        enum status status = layered ? layered : denoise_smooth(point, N, 1, &result);
         bool happened = faults_stop();
         assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
         if (!happened) {
@@ -481,6 +567,11 @@ int main(void) {
         cmocka_unit_test(the_spread_leaves_values_alone),
         cmocka_unit_test(dust_is_found_and_no_point_of_the_surface),
         cmocka_unit_test(a_stray_close_above_a_surface_is_found),
+        cmocka_unit_test(a_stray_amid_a_surface_is_found),
+        cmocka_unit_test(a_sparse_piece_is_kept_among_strays),
+        cmocka_unit_test(doubles_that_are_less_exact_go),
+        cmocka_unit_test(noise_that_is_the_same_everywhere_is_no_layer),
+        cmocka_unit_test(steps_of_rounded_coordinates_are_no_layers),
         cmocka_unit_test(a_small_cluster_far_away_is_found),
         cmocka_unit_test(two_objects_and_two_densities_lose_nothing),
         cmocka_unit_test(edges_and_corners_of_clean_shapes_are_no_outliers),

@@ -1,0 +1,81 @@
+/* What is measured is each point's distance from its neighbours' planes against that of the more exact ones among them
+ * (core/clean/offsets.h).  Of noise that is the same everywhere up to 4 % of the points have sixteen times that and a
+ * twentieth of the neighbourhood's radius; of two layers most of the less exact one have.
+ *
+ * Weights by accuracy would be those of least squares: a layer ten times as far off counts a hundredth.  So it is
+ * dropped.  What the first round drops of the more exact layer, at edges and on thin parts, comes back in the next
+ * ones, where it is compared with planes that no other layer disturbs.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/clean/layers.h"
+
+#include <stdbool.h>
+#include <stdlib.h>
+
+#include "core/base/alloc.h"
+#include "core/base/quantile.h"
+#include "core/clean/offsets.h"
+#include "core/clean/outliers.h"
+
+enum { ROUNDS = 3 };
+static const float MUCH = 16, MUCH_LEAST = 0.05F; /* off by so many times what is usual; and of the radius */
+static const double LAYER_SHARE = 0.06;           /* of the points that are that far off */
+static const float DROPPED = 4;                   /* of what is usual */
+/* Coordinates in steps, as of depth cameras, have a core that is far sharper than the rest too: points of one step.  A
+ * quarter of the points then is many times nearer than half of them. */
+static const float STEPS = 0.2F;
+
+/* *share of the points are far off; 0 where all lie in steps. */
+static enum status find_share(const struct offsets *offsets, size_t n, const uint8_t *outlier, double *share) {
+    float *relative = alloc_array(n, sizeof *relative);
+    if (!relative) return STATUS_NO_MEMORY;
+    size_t many = 0, counted = 0;
+    for (size_t p = 0; p < n; p++) {
+        if (outlier[p] == OUTLIER_FAR) continue;
+        float off = offsets->quarter[p], radius = offsets->radius[p];
+        many += off > MUCH * offsets->usual[p] && off > MUCH_LEAST * radius;
+        relative[counted++] = off / radius;
+    }
+    *share = 0;
+    if (counted > 0 && quantile_of(relative, counted, 0.25) > STEPS * quantile_of(relative, counted, 0.5))
+        *share = (double)many / (double)counted;
+    free(relative);
+    return STATUS_OK;
+}
+
+/* Judges all that outliers_find didn't find far off against those that are trusted, who are those that pass. */
+static size_t judge(const struct offsets *offsets, const float *off, size_t n, const uint8_t *outlier,
+                    uint8_t *trusted) {
+    size_t left = 0;
+    for (size_t p = 0; p < n; p++) {
+        trusted[p] = outlier[p] != OUTLIER_FAR && off[p] <= DROPPED * offsets->usual[p];
+        left += trusted[p];
+    }
+    return left;
+}
+
+enum status layers_find(const vec3 *point, size_t n, unsigned threads, uint8_t *outlier, size_t *count) {
+    struct offsets offsets = {0};
+    double share = 0;
+    uint8_t *trusted = alloc_array(n, sizeof *trusted);
+    size_t left = 0;
+    *count = 0;
+    if (!trusted) return STATUS_NO_MEMORY;
+    for (size_t p = 0; p < n; p++) left += trusted[p] = outlier[p] != OUTLIER_FAR;
+    enum status status = STATUS_OK;
+    for (int round = 0; round < ROUNDS && !status && left > OUTLIERS_MIN_POINTS; round++) {
+        status = offsets_find(point, n, trusted, threads, &offsets);
+        if (!status && round == 0) status = find_share(&offsets, n, outlier, &share);
+        bool layered = share > LAYER_SHARE;
+        const float *off = round ? offsets.third : offsets.quarter;
+        if (!status && layered) left = judge(&offsets, off, n, outlier, trusted);
+        offsets_done(&offsets);
+        if (!layered) break;
+    }
+    for (size_t p = 0; p < n && !status && share > LAYER_SHARE; p++) {
+        *count += !trusted[p] && outlier[p] != OUTLIER_FAR;
+        outlier[p] = trusted[p] ? 0 : outlier[p] ? outlier[p] : OUTLIER_OFF;
+    }
+    free(trusted);
+    return status;
+}

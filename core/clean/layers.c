@@ -1,6 +1,6 @@
 /* What is measured is each point's distance from its neighbours' planes against that of the more exact ones among them
- * (core/clean/offsets.h).  Of noise that is the same everywhere up to 4 % of the points have sixteen times that and a
- * twentieth of the neighbourhood's radius; of two layers most of the less exact one have.
+ * (core/clean/offsets.h).  Of noise that is the same everywhere up to 1.7 % of the points have 24 times that and a
+ * twentieth of the neighbourhood's radius; of two layers there are more such points.
  *
  * Weights by accuracy would be those of least squares: a layer ten times as far off counts a hundredth.  So it is
  * dropped.  What the first round drops of the more exact layer, at edges and on thin parts, comes back in the next
@@ -18,8 +18,8 @@
 #include "core/clean/outliers.h"
 
 enum { ROUNDS = 3 };
-static const float MUCH = 16, MUCH_LEAST = 0.05F; /* off by so many times what is usual; and of the radius */
-static const double LAYER_SHARE = 0.06;           /* of the points that are that far off */
+static const float MUCH = 24, MUCH_LEAST = 0.05F; /* off by so many times what is usual; and of the radius */
+static const double LAYER_SHARE = 0.025;          /* of the points that are that far off */
 static const float DROPPED = 4;                   /* of what is usual */
 /* Coordinates in steps, as of depth cameras, have a core that is far sharper than the rest too: points of one step.  A
  * quarter of the points then is many times nearer than half of them. */

@@ -115,6 +115,7 @@ def test_bytes_are_the_same_after_kills(cloud, expected, tmp_path):
     tiles = whittle("tiles", "list", "--scratch", work).stdout.split()
     while kills < 18:
         tile = when.choice(tiles)
+        (work / f"left.{tile}").unlink(missing_ok=True)  # so that there is something to be killed at
         kills += kill_while([WHITTLE, "tiles", "run", tile, "--scratch", str(work)], when.uniform(0, 0.05))
     for tile in whittle("tiles", "list", "--scratch", work).stdout.split():
         whittle("tiles", "run", tile, "--scratch", work)

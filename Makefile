@@ -558,7 +558,7 @@ endif
 
 # Everything of the contract, with what it wants of others: linters, a validating proxy and a client from npm, a
 # browser, nginx, wget.
-contract_tests := contract matrix description generated python_client javascript_client join browser clients prefix proxy clouds uploads \
+contract_tests := contract matrix description generated python_client javascript_client join attributes recipes browser clients prefix proxy clouds uploads \
                   formats levels cache idempotency webhooks access config cli memory
 .PHONY: test-contract
 test-contract: deps ## the whole contract, held by linters, a validating proxy, browser, proxies and clients of others

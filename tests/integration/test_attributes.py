@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Attributes through every pair of formats, in by one and out by another; and what readers that aren't ours see."""
+import itertools
+import json
+import pathlib
+import re
+import shutil
+import struct
+import subprocess
+
+import pytest
+
+from test_cli import whittle
+
+# One cloud by what programs call it: name, value of each of three points.
+POINTS = {"x": (1, 4, 7), "y": (2, 5, 8), "z": (3, 6, 9.5), "nx": (0, 0, 1), "ny": (0, 1, 0), "nz": (1, 0, 0),
+          "red": (10, 40, 70), "green": (20, 50, 80), "blue": (30, 60, 90), "intensity": (5, 6, 7),
+          "classification": (2, 6, 9), "gps_time": (100.5, 200.25, 300), "label": (7, 8, 9)}
+TYPES = {"red": "uchar", "green": "uchar", "blue": "uchar", "intensity": "ushort", "classification": "uchar",
+         "gps_time": "double", "label": "int"}
+CALLED = {  # by others
+    "usual": {},
+    "CloudCompare": {"intensity": "scalar_Intensity", "classification": "scalar_Classification",
+                     "gps_time": "scalar_GpsTime", "label": "scalar_Label"},
+    "PCL": {"nx": "normal_x", "ny": "normal_y", "nz": "normal_z"},
+    "PDAL": {"red": "Red", "green": "Green", "blue": "Blue", "nx": "NormalX", "ny": "NormalY", "nz": "NormalZ",
+             "intensity": "Intensity", "classification": "Classification", "gps_time": "GpsTime", "label": "Label"},
+    "Potree": {"red": "r", "green": "g", "blue": "b", "classification": "class", "gps_time": "gps-time"},
+}
+FORMATS = ("ply", "pcd", "las", "laz", "xyz")
+HEADER = ("--header", "plain")
+
+
+def make(path, called):
+    head = "".join(f"property {TYPES.get(name, 'float')} {called.get(name, name)}\n" for name in POINTS)
+    rows = "".join(" ".join(f"{POINTS[name][i]:g}" for name in POINTS) + "\n" for i in range(3))
+    path.write_text(f"ply\nformat ascii 1.0\nelement vertex 3\n{head}end_header\n{rows}")
+    return path
+
+
+def read(path):
+    """The columns of a cloud by our own reader, as text with names."""
+    text = path.with_suffix(".columns.xyz")
+    done = whittle("convert", path, text, *HEADER, "--force")
+    assert done.returncode == 0, done.stderr
+    names, *lines = text.read_text().splitlines()
+    return {name: tuple(map(float, column)) for name, column in zip(names.split(), zip(*map(str.split, lines)))}
+
+
+@pytest.mark.parametrize("first, second", itertools.product(FORMATS, FORMATS))
+def test_every_attribute_survives_every_pair_of_formats(tmp_path, first, second):
+    scan = make(tmp_path / "scan.ply", {})
+    for source, out in ((scan, tmp_path / f"one.{first}"), (tmp_path / f"one.{first}", tmp_path / f"two.{second}")):
+        done = whittle("convert", source, out, *HEADER)
+        assert done.returncode == 0, done.stderr
+    found = read(tmp_path / f"two.{second}")
+    for name, values in POINTS.items():
+        assert found[name] == pytest.approx(values, abs=1e-6), name
+
+
+@pytest.mark.parametrize("who", CALLED)
+def test_what_others_call_the_same_becomes_what_las_calls_it(tmp_path, who):
+    done = whittle("convert", make(tmp_path / "scan.ply", CALLED[who]), tmp_path / "out.las")
+    assert done.returncode == 0, done.stderr
+    found = read(tmp_path / "out.las")
+    for name in ("red", "green", "blue", "intensity", "classification", "gps_time"):
+        assert found[name] == pytest.approx(POINTS[name]), (who, name)
+
+
+@pytest.mark.parametrize("who", CALLED)
+def test_conditions_know_all_names(tmp_path, who):
+    scan = make(tmp_path / "scan.ply", CALLED[who])
+    for condition, left in (("class==2|6", 2), ("intensity>5", 2), ("gps_time<200", 1), ("red>=70", 1), ("nz>0.5", 1)):
+        done = whittle("convert", scan, tmp_path / "out.xyz", "--where", condition, "--force", "-q")
+        assert done.returncode == 0, done.stderr
+        assert len((tmp_path / "out.xyz").read_text().splitlines()) == left, (who, condition)
+
+
+# ---------------------------------------------------------------------------------------------- others' readers
+
+
+def columns_of_ascii_ply(path):
+    head, body = path.read_text(errors="replace").split("end_header\n", 1)
+    vertex = head.split("element vertex")[1].split("element")[0]
+    names = re.findall(r"property \w+ (\w+)", vertex)
+    rows = [line.split() for line in body.splitlines()[:3]]
+    return {name: tuple(float(row[i]) for row in rows) for i, name in enumerate(names)}
+
+
+@pytest.mark.skipif(not shutil.which("pcl_pcd2ply"), reason="pcl_pcd2ply isn't installed")
+@pytest.mark.parametrize("first", FORMATS)
+def test_pcl_has_every_attribute(tmp_path, first):
+    scan = make(tmp_path / "scan.ply", {})
+    assert whittle("convert", scan, tmp_path / f"one.{first}", *HEADER).returncode == 0
+    assert whittle("convert", tmp_path / f"one.{first}", tmp_path / "two.pcd").returncode == 0
+    subprocess.run(["pcl_pcd2ply", "-format", "0", tmp_path / "two.pcd", tmp_path / "pcl.ply"], check=True,
+                   capture_output=True)
+    found = columns_of_ascii_ply(tmp_path / "pcl.ply")
+    for name, values in POINTS.items():
+        assert found[name] == pytest.approx(values, abs=1e-4), name
+
+
+@pytest.mark.skipif(not shutil.which("CloudCompare"), reason="CloudCompare isn't installed")
+@pytest.mark.parametrize("first", FORMATS)
+def test_cloudcompare_has_colours_normals_and_intensity(tmp_path, first):
+    scan = make(tmp_path / "scan.ply", {})
+    assert whittle("convert", scan, tmp_path / f"one.{first}", *HEADER).returncode == 0
+    assert whittle("convert", tmp_path / f"one.{first}", tmp_path / "two.ply", "--force").returncode == 0
+    subprocess.run(["CloudCompare", "-SILENT", "-AUTO_SAVE", "OFF", "-C_EXPORT_FMT", "ASC", "-ADD_HEADER", "-SEP",
+                    "SPACE", "-PREC", "6", "-O", tmp_path / "two.ply", "-SAVE_CLOUDS", "FILE", tmp_path / "out.asc"],
+                   check=True, capture_output=True, env={"QT_QPA_PLATFORM": "offscreen", "HOME": str(tmp_path),
+                                                         "PATH": "/usr/bin:/bin"})
+    names, *lines = (tmp_path / "out.asc").read_text().splitlines()
+    found = dict(zip(names.lstrip("/").split(), zip(*(map(float, line.split()) for line in lines))))
+    others = {"x": "X", "y": "Y", "z": "Z", "red": "R", "green": "G", "blue": "B", "nx": "Nx", "ny": "Ny", "nz": "Nz",
+              "intensity": "intensity"}
+    for name, other in others.items():
+        assert found[other] == pytest.approx(POINTS[name], abs=2e-3), name  # its normals are of 16 bits
+
+
+@pytest.mark.parametrize("first", FORMATS)
+def test_open3d_has_colours_and_normals(tmp_path, first):
+    open3d = pytest.importorskip("open3d", reason="python3-open3d isn't installed")
+    scan = make(tmp_path / "scan.ply", {})
+    assert whittle("convert", scan, tmp_path / f"one.{first}", *HEADER).returncode == 0
+    for second in ("ply", "pcd"):
+        out = tmp_path / f"two.{second}"
+        assert whittle("convert", tmp_path / f"one.{first}", out).returncode == 0
+        cloud = open3d.io.read_point_cloud(str(out))
+        for axis, (place, normal, colour) in enumerate((("x", "nx", "red"), ("y", "ny", "green"), ("z", "nz", "blue"))):
+            assert [p[axis] for p in cloud.points] == pytest.approx(POINTS[place])
+            assert [n[axis] for n in cloud.normals] == pytest.approx(POINTS[normal], abs=1e-6)
+            assert [255 * c[axis] for c in cloud.colors] == pytest.approx(POINTS[colour], abs=1e-3)
+
+
+def test_glb_has_colours_and_normals_by_its_own_names(tmp_path):
+    """A mesh of the three points: what the JSON of the file names, and the bytes of the colours."""
+    scan = make(tmp_path / "scan.ply", CALLED["PCL"])
+    scan.write_text(scan.read_text().replace("end_header\n", "element face 1\nproperty list uchar int vertex_indices\n"
+                                             "end_header\n") + "3 0 1 2\n")
+    assert whittle("convert", scan, tmp_path / "mesh.glb").returncode == 0
+    data = pathlib.Path(tmp_path / "mesh.glb").read_bytes()
+    length, = struct.unpack_from("<I", data, 12)
+    attributes = json.loads(data[20:20 + length])["meshes"][0]["primitives"][0]["attributes"]
+    assert {"POSITION", "NORMAL", "COLOR_0"} <= set(attributes)

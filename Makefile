@@ -41,6 +41,8 @@ CC := clang
 CXX := clang++
 endif
 COMMON := $(flags_$(config)) -I. -MMD -MP -pthread -fno-math-errno -ffp-contract=off -fstack-protector-strong
+# gcc 12 for arm64 ends with an internal error where it vectorises some reductions by itself; ours are written as vectors.
+COMMON += $(if $(findstring aarch64,$(shell $(CC) -dumpmachine 2>&1)),-fno-tree-vectorize)
 override CFLAGS += -std=c11 -D_GNU_SOURCE $(COMMON) $(WARNINGS) -Wstrict-prototypes
 override CXXFLAGS += -std=c++17 $(COMMON) -Wall -Wextra -Wshadow -DCGAL_NDEBUG -frounding-math
 override LDFLAGS += $(filter -fsanitize% --coverage,$(flags_$(config))) -pthread \

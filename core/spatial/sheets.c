@@ -197,7 +197,10 @@ enum status creases_find(const vec3 *point, const vec3 *normal, const struct nei
         return STATUS_NO_MEMORY;
     }
     if (count > 0) par_for(threads, neighbours->n, GRAIN, explain_range, &search);
-    for (size_t p = 0; p < neighbours->n; p++) new.on_lines += is_on_line(&search, p);
+    for (size_t p = 0; p < neighbours->n; p++) {
+        new.several += is_on_several(&new, (uint32_t)p);
+        new.on_lines += is_on_line(&search, p);
+    }
     *creases = new;
     return STATUS_OK;
 }

@@ -31,7 +31,8 @@ struct sheets {
 struct creases {
     uint32_t *of;      /* n: index of a point's sheets, or NONE (UINT32_MAX); owned */
     struct sheets *at; /* owned */
-    size_t on_lines;   /* points on several sheets that have two neighbours like it */
+    size_t several;    /* points on several sheets */
+    size_t on_lines;   /* of these, those that have two neighbours like it */
 };
 
 /* Finds the sheets of n points with their fitted normals (unit, of either sign).  Where the neighbours are about that
@@ -50,9 +51,11 @@ static inline const struct sheets *creases_at(const struct creases *creases, uin
 }
 
 /* Whether the surface of n points has creases to speak of: lines over twice as long, more or less, as the root of its
- * area.  Those of a cube are five times as long; where bodies are round, a few points look like a crease's. */
+ * area, and hardly any points that look like a crease's beside them.  Those of a cube are five times as long; where
+ * bodies are round, or points too few to tell, such points are scattered. */
 static inline bool creases_matter(const struct creases *creases, size_t n) {
-    return creases && creases->on_lines > 2 * sqrt((double)n);
+    static const double LINED = 0.85; /* of the points that look like a crease's */
+    return creases && (double)creases->on_lines > fmax(2 * sqrt((double)n), LINED * (double)creases->several);
 }
 
 static inline vec3 sheets_normal(const struct sheets *sheets, unsigned k) {

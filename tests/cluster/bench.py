@@ -34,15 +34,17 @@ CLOUD = sphere(60000)
 
 
 class Groups:
-    """A control group for each host."""
+    """A control group for each host, and one for all else of the cluster."""
 
     def __init__(self, names, share):
         self.root = GROUPS / f"whittle{os.getpid()}"
         if not (GROUPS / "cpu.cfs_quota_us").exists():
             sys.exit(f"there is no {GROUPS}/cpu.cfs_quota_us")
         self.root.mkdir()
-        # What else the machine does is not to take away what the hosts may have.
+        # What else the machine does is not to take away what the cluster may have.
         (self.root / "cpu.shares").write_text("65536")
+        (self.root / "rest").mkdir()
+        (self.root / "rest/cgroup.procs").write_text(str(os.getpid()))
         for name in names:
             (self.root / name).mkdir()
             (self.root / name / "cpu.cfs_period_us").write_text(str(PERIOD_US))
@@ -57,6 +59,7 @@ class Groups:
         return int(re.search(r"nr_throttled (\d+)", (self.root / name / "cpu.stat").read_text())[1])
 
     def close(self):
+        (GROUPS / "cgroup.procs").write_text(str(os.getpid()))
         for group in [*self.root.iterdir(), self.root]:
             if group.is_dir():
                 group.rmdir()

@@ -145,6 +145,7 @@ static int run(const struct config *config, struct signals *signals, int argc, c
     }
     enum status status = open_doors(&service, config, &error);
     if (status == STATUS_OK) status = supervisor_open(&service, &service.supervisor, &error);
+    if (status == STATUS_OK) service_tell(&service, service.supervisor);
     if (status == STATUS_OK) status = webhooks_open(&service, &webhooks, &error);
     if (status == STATUS_OK) status = readiness_open(&service, READINESS_PERIOD_MS, &service.readiness, &error);
     if (status == STATUS_OK) status = http_open(&service, &handlers_all, &http, &addresses, &error);
@@ -167,6 +168,7 @@ static int run(const struct config *config, struct signals *signals, int argc, c
     http_close(http);
     notify_unwatch(watch);
     readiness_close(service.readiness);
+    service_tell(&service, NULL);
     supervisor_close(service.supervisor);
     webhooks_close(webhooks);
     tokens_close(service.tokens);

@@ -18,9 +18,17 @@
 static void hear_of_change(void *ctx, enum catalog_change change, const char *id) {
     struct service *service = ctx;
     if (change == CATALOG_DELETED) documents_forget(service->documents, id);
-    if (change == CATALOG_WAITS && service->supervisor) service->runner->notify(service->supervisor);
-    if (change == CATALOG_CANCELLED && service->supervisor) service->runner->cancel(service->supervisor, id);
+    pthread_rwlock_rdlock(&service->told_lock);
+    if (change == CATALOG_WAITS && service->told) service->runner->notify(service->told);
+    if (change == CATALOG_CANCELLED && service->told) service->runner->cancel(service->told, id);
+    pthread_rwlock_unlock(&service->told_lock);
     if (change != CATALOG_CANCELLED) events_publish(service->events, id);
+}
+
+void service_tell(struct service *service, struct supervisor *supervisor) {
+    pthread_rwlock_wrlock(&service->told_lock);
+    service->told = supervisor;
+    pthread_rwlock_unlock(&service->told_lock);
 }
 
 /* Opens the database, if it is the folder's own. */
@@ -68,6 +76,7 @@ enum status service_open(struct service *service, const struct config *config, s
     memset(service, 0, sizeof *service);
     service->config = config;
     pthread_rwlock_init(&service->clouds, NULL);
+    pthread_rwlock_init(&service->told_lock, NULL);
     service->estimate = estimate_new();
     service->documents = documents_new();
     enum status status = service->estimate && service->documents
@@ -96,14 +105,15 @@ enum status service_open(struct service *service, const struct config *config, s
 }
 
 void service_close(struct service *service) {
+    uploads_close(service->uploads);
+    catalog_close(service->catalog); /* which tells of changes until then */
     events_free(service->events);
     metrics_free(service->metrics);
-    uploads_close(service->uploads);
-    catalog_close(service->catalog);
     offload_close(service->hashing);
     store_close(service->store);
     estimate_free(service->estimate);
     documents_free(service->documents);
+    pthread_rwlock_destroy(&service->told_lock);
     pthread_rwlock_destroy(&service->clouds);
 }
 

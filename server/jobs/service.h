@@ -55,9 +55,11 @@ struct service {
     struct events *events;
     struct uploads *uploads;
     struct metrics *metrics;
-    struct estimate *estimate;           /* how long jobs took */
-    struct documents *documents;         /* of ended jobs, in memory */
-    struct supervisor *supervisor;       /* set by main, before the first request */
+    struct estimate *estimate;     /* how long jobs took */
+    struct documents *documents;   /* of ended jobs, in memory */
+    struct supervisor *supervisor; /* set by main, before the first request */
+    pthread_rwlock_t told_lock;
+    struct supervisor *told;             /* of changes of the catalog, by any thread; NULL = nobody */
     const struct service_runner *runner; /* what it does; set when it is opened */
     struct readiness *readiness;
     struct service_measure confinement[SERVICE_MEASURES]; /* set with the supervisor; those without a name are none */
@@ -112,6 +114,10 @@ enum status service_delete(struct service *service, const struct job *job, const
 
 /* Deletes the jobs, clouds and uploads whose time is over.  By one thread alone. */
 void service_sweep(struct service *service);
+
+/* From now on the supervisor (NULL = nobody) is told which jobs wait and which are to end.  Whoever was before isn't
+ * being told any more when this returns. */
+void service_tell(struct service *service, struct supervisor *supervisor);
 
 /* Whether the catalog and the supervisor answer; logs what does not.  Blocks for as long as they do. */
 bool service_answers(struct service *service);

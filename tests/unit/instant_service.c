@@ -82,6 +82,7 @@ enum status instant_service_open(struct instant_service *instant, const struct c
     if (status != STATUS_OK) return status;
     instant->service.runner = &runner;
     instant->service.supervisor = (struct supervisor *)(void *)instant;
+    service_tell(&instant->service, instant->service.supervisor);
     status = readiness_open(&instant->service, INT32_MAX, &instant->service.readiness, error); /* looks once */
     if (status == STATUS_OK) status = http_open(&instant->service, &handlers_all, &instant->http, &addresses, error);
     if (status != STATUS_OK) {

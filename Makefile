@@ -618,4 +618,4 @@ format: ## lay out the code with clang-format
 clean: ## remove everything that was built
 	rm -rf build out
 
--include $(shell find build -name '*.d' 2>/dev/null)
+-include $(shell find $(build) -name '*.d' -type f 2>/dev/null)

@@ -72,6 +72,16 @@ def test_make_deb_installs_what_dpkg_wants():
     assert build_dependencies() <= {name for names in made for name in names}
 
 
+def test_a_folder_that_is_called_like_dependencies_is_none():
+    """As fish's vendor_completions.d of the package, which `make deb` leaves in the build."""
+    folder = conftest.BUILD / "vendor_completions.d"
+    folder.mkdir(exist_ok=True)
+    try:
+        assert "odd-geometries" in run("make", "-C", ROOT, f"config={conftest.BUILD.name}", "help")
+    finally:
+        folder.rmdir()
+
+
 @pytest.mark.skipif(conftest.SANITIZED, reason="sanitizers change nothing here, and the plain run does it")
 @pytest.mark.skipif(not shutil.which("clang"), reason="clang is not installed")
 def test_clang_takes_the_sources_too():

@@ -415,7 +415,7 @@ static void any_allocation_that_fails_is_reported(void **state) {
         }
     assert_int_equal(refused[0], 2 * 8 + 2 + 3 + 2 * 7); /* two hierarchies, two samplers, the batch, two searches */
     assert_int_equal(refused[1], 2 * 8 + 2 * 5 + 3);
-    assert_int_equal(refused[2], 2 * 4 + 3); /* two indices, the batch */
+    assert_int_equal(refused[2], 2 * 6 + 3); /* two indices, the batch */
     free_mesh(&a), free_mesh(&b);
 }
 

@@ -21,9 +21,10 @@ enum { ROUNDS = 3 };
 static const float MUCH = 24, MUCH_LEAST = 0.05F; /* off by so many times what is usual; and of the radius */
 static const double LAYER_SHARE = 0.025;          /* of the points that are that far off */
 static const float DROPPED = 4;                   /* of what is usual */
-/* Coordinates in steps, as of depth cameras, have a core that is far sharper than the rest too: points of one step.  A
- * quarter of the points then is many times nearer than half of them. */
-static const float STEPS = 0.2F;
+/* Coordinates in steps, as of depth cameras, have a core that is far sharper than the rest too: points of one step,
+ * which lie in its plane.  A tenth of all points then is many times nearer than a quarter of them, where any smooth
+ * density has four tenths. */
+static const float STEPS = 0.3F;
 
 /* *share of the points are far off; 0 where all lie in steps. */
 static enum status find_share(const struct offsets *offsets, size_t n, const uint8_t *outlier, double *share) {
@@ -37,7 +38,7 @@ static enum status find_share(const struct offsets *offsets, size_t n, const uin
         relative[counted++] = off / radius;
     }
     *share = 0;
-    if (counted > 0 && quantile_of(relative, counted, 0.25) > STEPS * quantile_of(relative, counted, 0.5))
+    if (counted > 0 && quantile_of(relative, counted, 0.1) > STEPS * quantile_of(relative, counted, 0.25))
         *share = (double)many / (double)counted;
     free(relative);
     return STATUS_OK;

@@ -244,3 +244,13 @@ def test_an_array_job_runs_tiles_in_any_order(cloud, expected, tmp_path):
     subprocess.run(["sh", DEPLOY / "tiles.slurm", cloud, tmp_path / "out.ply", "--ratio", "0.05", "--tile-points",
                     str(TILE)], check=True, env=environment, stdout=subprocess.DEVNULL)
     assert (tmp_path / "out.ply").read_bytes() == expected
+
+
+REAL = pathlib.Path(__file__).resolve().parents[2].parent / "shared/data/laz/autzen_trim.laz"
+
+
+@pytest.mark.skipif(not REAL.exists(), reason="../shared/data/laz/autzen_trim.laz isn't there")
+def test_a_survey_in_tiles_is_what_memory_makes_of_it(tmp_path):
+    tiled = steps(REAL, tmp_path / "work", tmp_path / "tiled.laz")
+    whittle(REAL, tmp_path / "inside.laz", "--ratio", "0.05")
+    assert tiled == (tmp_path / "inside.laz").read_bytes()

@@ -66,7 +66,8 @@ unit_src := $(wildcard tests/unit/test_*.c)
 instant_service := tests/unit/instant_service
 unit_support_src := $(filter-out $(unit_src) $(instant_service).c,$(wildcard tests/unit/*.c)) $(reference_src)
 # Unit tests of core/ that need nothing of api/ and server/.
-core_unit_src := $(shell grep -LE '"(api|server)/|unit/(faults|queue_fixture|instant_service)[.]h' $(unit_src))
+service_fixtures := $(shell grep -lE '"(api|server)/' tests/unit/*.h) $(addprefix tests/unit/,faults.h instant_service.h)
+core_unit_src := $(shell grep -LF -e '"api/' -e '"server/' $(patsubst %,-e '"%"',$(service_fixtures)) $(unit_src))
 ifeq ($(config),arm64)
 server_src := $(wildcard server/shared/*.c)
 unit_src := $(core_unit_src)

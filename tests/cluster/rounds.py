@@ -25,6 +25,7 @@ import json
 import os
 import pathlib
 import random
+import shutil
 import signal
 import statistics
 import subprocess
@@ -456,7 +457,7 @@ def main():
     parser.add_argument("--faults", type=lambda text: text.split(","), help="these alone, separated by commas")
     parser.add_argument("--grace", type=int, help="how long blobs without a row may stay at the end, in seconds; "
                         "without it they are counted")
-    parser.add_argument("--folder", help="for logs and data; kept")
+    parser.add_argument("--folder", help="for logs and data; kept, as it is without this where something is found")
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, end_orderly)
     folder = pathlib.Path(options.folder or tempfile.mkdtemp(prefix="whittle-cluster."))
@@ -490,6 +491,8 @@ def main():
     print(f"{len(campaign.found)} findings")
     for text in campaign.found:
         print(f"  {text}")
+    if not campaign.found and not options.folder:
+        shutil.rmtree(folder, ignore_errors=True)
     sys.exit(1 if campaign.found else 0)
 
 

@@ -18,10 +18,12 @@
 static void hear_of_change(void *ctx, enum catalog_change change, const char *id) {
     struct service *service = ctx;
     if (change == CATALOG_DELETED) documents_forget(service->documents, id);
-    pthread_rwlock_rdlock(&service->told_lock);
-    if (change == CATALOG_WAITS && service->told) service->runner->notify(service->told);
-    if (change == CATALOG_CANCELLED && service->told) service->runner->cancel(service->told, id);
-    pthread_rwlock_unlock(&service->told_lock);
+    if (change == CATALOG_WAITS || change == CATALOG_CANCELLED) { /* other changes are made under the runner's locks */
+        pthread_rwlock_rdlock(&service->told_lock);
+        if (change == CATALOG_WAITS && service->told) service->runner->notify(service->told);
+        if (change == CATALOG_CANCELLED && service->told) service->runner->cancel(service->told, id);
+        pthread_rwlock_unlock(&service->told_lock);
+    }
     if (change != CATALOG_CANCELLED) events_publish(service->events, id);
 }
 

@@ -46,7 +46,8 @@ COMMON += $(if $(findstring aarch64,$(shell $(CC) -dumpmachine 2>&1)),-fno-tree-
 override CFLAGS += -std=c11 -D_GNU_SOURCE $(COMMON) $(WARNINGS) -Wstrict-prototypes
 override CXXFLAGS += -std=c++17 $(COMMON) -Wall -Wextra -Wshadow -DCGAL_NDEBUG -frounding-math
 override LDFLAGS += $(filter -fsanitize% --coverage,$(flags_$(config))) -pthread \
-    $(if $(filter arm64,$(config)),-L$(sysroot)/lib/aarch64-linux-gnu)
+    $(if $(filter arm64,$(config)),-L$(sysroot)/lib/aarch64-linux-gnu \
+        $(foreach at,$(sysroot) $(sysroot)/..,-Wl$(comma)-rpath-link=$(at)/lib/aarch64-linux-gnu))
 
 CODEC_LIBS := -lz -lzstd
 CORE_LIBS := -lpng -lexpat -llz4 -lgmp -lmpfr -lstdc++ $(CODEC_LIBS) -lm

@@ -263,9 +263,9 @@ static vec3 on_skew_lines(double t) {
     return t < 0.5 ? (vec3){at, 0, 0} : (vec3){0.2, at, 0.3};
 }
 
-/* 14 lines around a pipe, 28 times as dense along as across, and a spiral whose turns are as near each other. */
+/* 5 lines around a pipe, 32 times as dense along as across, and a spiral whose turns are nearer each other. */
 static vec3 on_pipe(double t) {
-    double line = floor(14 * t), turn = 2 * M_PI * (14 * t - line);
+    double line = floor(5 * t), turn = 2 * M_PI * (5 * t - line);
     return (vec3){0.2 * cos(turn), 0.2 * sin(turn), 0.04 * line};
 }
 

@@ -45,8 +45,8 @@ static enum status find_share(const struct offsets *offsets, size_t n, const uin
 }
 
 /* Judges all that outliers_find didn't find far off against those that are trusted, who are those that pass. */
-static size_t judge(const struct offsets *offsets, const float *off, size_t n, const uint8_t *outlier,
-                    uint8_t *trusted) {
+static size_t judge_layers(const struct offsets *offsets, const float *off, size_t n, const uint8_t *outlier,
+                           uint8_t *trusted) {
     size_t left = 0;
     for (size_t p = 0; p < n; p++) {
         trusted[p] = outlier[p] != OUTLIER_FAR && off[p] <= DROPPED * offsets->usual[p];
@@ -69,7 +69,7 @@ enum status layers_find(const vec3 *point, size_t n, unsigned threads, uint8_t *
         if (!status && round == 0) status = find_share(&offsets, n, outlier, &share);
         bool layered = share > LAYER_SHARE;
         const float *off = round ? offsets.third : offsets.quarter;
-        if (!status && layered) left = judge(&offsets, off, n, outlier, trusted);
+        if (!status && layered) left = judge_layers(&offsets, off, n, outlier, trusted);
         offsets_done(&offsets);
         if (!layered) break;
     }

@@ -35,9 +35,9 @@ struct planes {
     struct offsets made;
 };
 
-static double square(double x) { return x * x; }
+static double square_of(double x) { return x * x; }
 
-static enum status find_chunk(struct planes *s, size_t begin, size_t end) {
+static enum status find_near_chunk(struct planes *s, size_t begin, size_t end) {
     uint32_t found[GRAIN * (K + 1)];
     double *distance_sq = alloc_array(end - begin, (K + 1) * sizeof *distance_sq);
     if (!distance_sq) return STATUS_NO_MEMORY;
@@ -60,18 +60,18 @@ static enum status find_chunk(struct planes *s, size_t begin, size_t end) {
     return status;
 }
 
-static void find_range(void *ctx, size_t begin, size_t end) {
+static void find_near_range(void *ctx, size_t begin, size_t end) {
     struct planes *s = ctx;
-    s->chunk_status[begin / GRAIN] = find_chunk(s, begin, end);
+    s->chunk_status[begin / GRAIN] = find_near_chunk(s, begin, end);
 }
 
 /* The plane through p's neighbourhood, relative to p: its normal, and *height of it over p. */
-static vec3 fit_plane(const struct planes *s, size_t p, double *height) {
+static vec3 fit_plane_near(const struct planes *s, size_t p, double *height) {
     vec3 e[K + 1], normal = {0, 0, 0};
-    double near[K + 1], radius_sq = square((double)s->made.radius[p]), spread_sq = 0;
+    double near[K + 1], radius_sq = square_of((double)s->made.radius[p]), spread_sq = 0;
     for (unsigned i = 0; i <= K; i++) {
         e[i] = i < K ? vec3_sub(s->point[s->near[p * K + i]], s->point[p]) : (vec3){0, 0, 0};
-        near[i] = square(fmax(0, 1 - vec3_length_sq(e[i]) / (RIM_SQ * radius_sq)));
+        near[i] = square_of(fmax(0, 1 - vec3_length_sq(e[i]) / (RIM_SQ * radius_sq)));
     }
     *height = 0;
     for (int round = 0; round < ROUNDS; round++) {
@@ -80,7 +80,7 @@ static vec3 fit_plane(const struct planes *s, size_t p, double *height) {
         double total = 0, least, scale_sq = SPREAD_SQ * fmax(spread_sq, LEAST_SQ * radius_sq);
         for (unsigned i = 0; i <= K; i++) {
             double w = near[i];
-            if (round > 0) w *= square(scale_sq / (scale_sq + square(vec3_dot(normal, e[i]) - *height)));
+            if (round > 0) w *= square_of(scale_sq / (scale_sq + square_of(vec3_dot(normal, e[i]) - *height)));
             total += w;
             sum = vec3_add(sum, vec3_scale(e[i], w));
             moment = sym3_add(moment, sym3_scale(sym3_outer(e[i]), w));
@@ -97,7 +97,7 @@ static vec3 fit_plane(const struct planes *s, size_t p, double *height) {
 static void plane_range(void *ctx, size_t begin, size_t end) {
     const struct planes *s = ctx;
     for (size_t p = begin; p < end; p++)
-        if (s->trusted[p]) s->normal[p] = fit_plane(s, p, &s->height[p]);
+        if (s->trusted[p]) s->normal[p] = fit_plane_near(s, p, &s->height[p]);
 }
 
 static void offset_range(void *ctx, size_t begin, size_t end) {
@@ -126,7 +126,7 @@ static void usual_range(void *ctx, size_t begin, size_t end) {
     }
 }
 
-static enum status allocate(struct planes *s) {
+static enum status allocate_planes(struct planes *s) {
     struct offsets *made = &s->made;
     float **each[] = {&made->second, &made->third,  &made->quarter,  &made->usual,
                       &made->rough,  &made->radius, &made->sparsity, &s->spacing};
@@ -148,7 +148,7 @@ static enum status find_all(struct planes *s, unsigned threads) {
         if (s->trusted[p]) s->listened[m] = s->point[p], s->listened_id[m++] = (uint32_t)p;
     enum status status = knn_new(s->listened, m, threads, &s->knn, NULL);
     if (status) return status;
-    par_for(threads, s->n, GRAIN, find_range, s);
+    par_for(threads, s->n, GRAIN, find_near_range, s);
     for (size_t i = 0; i <= s->n / GRAIN; i++)
         if (s->chunk_status[i]) return s->chunk_status[i];
     par_for(threads, s->n, GRAIN, plane_range, s);
@@ -160,7 +160,7 @@ static enum status find_all(struct planes *s, unsigned threads) {
 enum status offsets_find(const vec3 *point, size_t n, const uint8_t *trusted, unsigned threads,
                          struct offsets *offsets) {
     struct planes s = {.point = point, .n = n, .trusted = trusted};
-    enum status status = allocate(&s);
+    enum status status = allocate_planes(&s);
     if (!status) status = find_all(&s, threads);
     knn_free(s.knn);
     free(s.listened), free(s.listened_id), free(s.near), free(s.spacing), free(s.normal), free(s.height);

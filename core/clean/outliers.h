@@ -18,8 +18,8 @@ enum { OUTLIERS_MIN_POINTS = 32 };
 enum { OUTLIER_FAR = 1, OUTLIER_OFF = 2 };
 
 /* Sets outlier[p] of n distinct points (knn is over them) to one of these where p stands off, else to 0; *count of them
- * aren't 0.  Never more than half of the points.  The same for any number of threads, and for any scale and density of the points.
- * O(n log n).  STATUS_NO_MEMORY. */
+ * aren't 0.  Never more than half of the points.  The same for any number of threads, and for any scale and density of
+ * the points.  O(n log n).  STATUS_NO_MEMORY. */
 enum status outliers_find(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, uint8_t *outlier,
                           size_t *count) MUST_CHECK;
 

@@ -38,7 +38,7 @@ make --no-print-directory -j"$(nproc)" config=arm64 CC="${CC_ARM64:-$triplet-gcc
     AR=$triplet-ar core-units $build/whittle
 
 libs=$PWD/$root/usr/lib/$triplet:$PWD/$root/lib/$triplet
-emulate=(qemu-aarch64 -L /usr/$triplet -E "LD_LIBRARY_PATH=$libs")
+emulate=(qemu-aarch64 -L /usr/$triplet -E "LD_LIBRARY_PATH=$libs" -E WHITTLE_EMULATED=1)
 printf '#!/bin/sh\nexec qemu-aarch64 -L /usr/%s -E LD_LIBRARY_PATH=%s %s "$@"\n' \
     $triplet "$libs" "$PWD/$build/whittle" >"$build/whittle-emulated"
 chmod +x "$build/whittle-emulated"

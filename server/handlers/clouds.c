@@ -185,7 +185,7 @@ static void get_cloud(struct service *service, struct request *request, struct r
 
 const struct handler handlers_get_cloud = {.run = get_cloud};
 
-/* What a job with the query's parameters would take and keep; nothing is made of it. */
+/* What a job with the query's parameters would take and keep; no job is made. */
 static void get_plan(struct service *service, struct request *request, struct response *response) {
     struct catalog_cloud record;
     struct job job = {0};

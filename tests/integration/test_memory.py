@@ -66,7 +66,7 @@ def test_parameters_of_a_form_and_named_clouds_count_too(make_daemon, tmp_path):
 
 
 def test_a_plan_says_what_a_job_would_take(make_daemon):
-    """Kept points, memory, whether it fits, and how long such jobs took; nothing is made of it."""
+    """Kept points, memory and whether it fits; no job is made."""
     daemon = make_daemon("--job-memory", "80M", "--worker-sandbox=off")
     cloud = ply(60000)
     reply = daemon.post("/v1/clouds", cloud)

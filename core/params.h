@@ -11,10 +11,10 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "core/base/column_list.h"
-#include "core/base/condition_list.h"
 #include "core/base/status.h"
-#include "core/base/weight_list.h"
+#include "core/lists/column_list.h"
+#include "core/lists/condition_list.h"
+#include "core/lists/weight_list.h"
 
 enum dso_form { DSO_RMS, DSO_SUM, DSO_NONE };
 enum placement { PLACEMENT_SUBSET, PLACEMENT_OPTIMAL };

@@ -9,9 +9,9 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
-#include "core/base/condition_list.h"
 #include "core/cloud/attribute_names.h"
 #include "core/cloud/keep.h"
+#include "core/lists/condition_list.h"
 
 /* ------------------------------------------------------------------------------------------------ properties */
 

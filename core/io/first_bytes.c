@@ -4,7 +4,7 @@
 #include <string.h>
 #include <strings.h>
 
-#include "core/base/padding.h"
+#include "core/io/padding.h"
 
 static bool has_control_character(const char *text, size_t n) {
     for (size_t i = 0; i < n; i++)

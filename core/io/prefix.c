@@ -17,7 +17,7 @@
 #include "core/base/alloc.h"
 #include "core/io/formats/pcd_header.h"
 #include "core/io/formats/ply_header.h"
-#include "core/io/sink.h"
+#include "core/io/out/sink.h"
 
 enum { BLOCK_BYTES = PLY_HEADER_MAX_BYTES };
 

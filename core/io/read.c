@@ -21,9 +21,9 @@
 #include <unistd.h>
 
 #include "core/base/alloc.h"
-#include "core/base/padding.h"
 #include "core/io/codec/inflate.h"
 #include "core/io/formats/ply_header.h"
+#include "core/io/padding.h"
 #include "core/io/reader.h"
 #include "core/io/sniff.h"
 

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 
 #include "core/base/alloc.h"
-#include "core/io/sink.h"
+#include "core/io/out/sink.h"
 
 static void *take_memory(png_structp png, png_alloc_size_t bytes) {
     (void)png;

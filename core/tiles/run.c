@@ -12,8 +12,8 @@
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
-#include "core/io/file_out.h"
-#include "core/io/sink.h"
+#include "core/io/out/file_out.h"
+#include "core/io/out/sink.h"
 #include "core/tiles/left.h"
 #include "core/tiles/part.h"
 #include "core/tiles/scratch.h"

@@ -13,8 +13,8 @@
 #include "core/base/alloc.h"
 #include "core/base/hash64.h"
 #include "core/base/version.h"
-#include "core/io/file_out.h"
-#include "core/io/sink.h"
+#include "core/io/out/file_out.h"
+#include "core/io/out/sink.h"
 
 static const char mark[16] = "whittle tiles 1";
 enum { ID_BYTES = sizeof(uint32_t), LOOK_BYTES = 64 * 1024 };

@@ -5,8 +5,8 @@
  *     left.N      what running tile N has left of them
  *     raw.N       points.N while the plan is being made, in the order of the input
  *
- * Files are written beside their names, flushed, and renamed (core/io/file_out.h), but for raw.N, which nobody needs
- * after a crash.
+ * Files are written beside their names, flushed, and renamed (core/io/out/file_out.h), but for raw.N, which nobody
+ * needs after a crash.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_TILES_SCRATCH_H

@@ -9,7 +9,7 @@
 #include "core/base/progress.h"
 #include "core/base/status.h"
 #include "core/cloud/cloud.h"
-#include "core/io/file_out.h"
+#include "core/io/out/file_out.h"
 
 /* Opens a file, or standard input for "-"; *input is the descriptor.  STATUS_IO where it isn't there, is a folder or
  * can't be opened: the exit status is WIRE_EXIT_NO_INPUT then. */

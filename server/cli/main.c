@@ -26,7 +26,7 @@
 #include "core/cloud/colour_depth.h"
 #include "core/cloud/normals.h"
 #include "core/cloud/select.h"
-#include "core/io/formats/las_write.h"
+#include "core/io/out/las_write.h"
 #include "core/pipeline/memory.h"
 #include "core/pipeline/pipeline.h"
 #include "server/cli/dry_run.h"

@@ -20,8 +20,8 @@
 #include <string.h>
 
 #include "api/codecs/measure_json.h"
-#include "core/base/column_list.h"
 #include "core/io/read.h"
+#include "core/lists/column_list.h"
 #include "core/measure/metro.h"
 #include "core/params.h"
 #include "server/cli/input.h"

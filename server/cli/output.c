@@ -5,7 +5,7 @@
  *
  * The input is never replaced: it is known by device and inode, so by no other name or link either.  Other files are
  * replaced where the user said where to write (-o) or that they may be (--force).  Both are asked of every planned file
- * before the work begins, and hold again when files get their names (core/io/file_out.h).
+ * before the work begins, and hold again when files get their names (core/io/out/file_out.h).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/cli/output.h"
@@ -22,16 +22,16 @@
 
 #include "api/codecs/report_json.h"
 #include "core/cloud/colour_map.h"
-#include "core/io/file_out.h"
-#include "core/io/formats/glb_write.h"
 #include "core/io/formats/las_fields.h"
-#include "core/io/formats/las_write.h"
-#include "core/io/formats/mesh_attributes.h"
-#include "core/io/formats/obj_write.h"
-#include "core/io/formats/pcd_write.h"
-#include "core/io/formats/ply_write.h"
-#include "core/io/formats/stl_write.h"
-#include "core/io/write.h"
+#include "core/io/out/file_out.h"
+#include "core/io/out/glb_write.h"
+#include "core/io/out/las_write.h"
+#include "core/io/out/mesh_attributes.h"
+#include "core/io/out/obj_write.h"
+#include "core/io/out/pcd_write.h"
+#include "core/io/out/ply_write.h"
+#include "core/io/out/stl_write.h"
+#include "core/io/out/write.h"
 #include "core/picture/png_write.h"
 #include "core/pipeline/attributes.h"
 #include "server/cli/preview.h"

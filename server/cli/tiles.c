@@ -21,7 +21,7 @@
 
 #include "core/base/alloc.h"
 #include "core/cloud/colour_depth.h"
-#include "core/io/formats/las_write.h"
+#include "core/io/out/las_write.h"
 #include "core/io/sniff.h"
 #include "core/io/stream.h"
 #include "core/pipeline/memory.h"

@@ -7,8 +7,8 @@
 #include <unistd.h>
 
 #include "core/io/formats/ply_header.h"
+#include "core/io/out/write.h"
 #include "core/io/reader.h"
-#include "core/io/write.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 

@@ -10,7 +10,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "core/io/formats/pcd_write.h"
+#include "core/io/out/pcd_write.h"
 #include "core/io/reader.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);

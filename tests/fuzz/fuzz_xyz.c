@@ -6,9 +6,9 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include "core/io/out/write.h"
 #include "core/io/read.h"
 #include "core/io/reader.h"
-#include "core/io/write.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 

@@ -45,7 +45,7 @@ def test_names_that_exist_are_found_wherever_they_are_looked_for(tree):
 
 
 @pytest.mark.parametrize("text, missing", [
-    ("`core/io/write.c`", "core/io/write.c"), ("`write.c`", "write.c"), ("`io/read.c`", "io/read.c"),
+    ("`core/io/out/write.c`", "core/io/out/write.c"), ("`write.c`", "write.c"), ("`io/read.c`", "io/read.c"),
     ("`core/io/read.{c,cc}`", "core/io/read.cc"), ("`core/oi/`", "core/oi"), ("`core/io/*.cc`", "core/io/*.cc"),
     ("[there](../http/none.md)", "../http/none.md")])
 def test_a_name_that_does_not_exist_is_a_problem(tree, text, missing):

@@ -15,8 +15,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "core/io/out/write.h"
 #include "core/io/read.h"
-#include "core/io/write.h"
 
 struct task {
     const char *in, *out;

@@ -13,12 +13,12 @@
 #include <cmocka.h>
 
 #include "core/base/alloc.h"
-#include "core/base/padding.h"
 #include "core/io/formats/ply_header.h"
+#include "core/io/out/write.h"
+#include "core/io/padding.h"
 #include "core/io/read.h"
 #include "core/io/reader.h"
 #include "core/io/sniff.h"
-#include "core/io/write.h"
 
 enum { BYTES = 1 << 16, POINTS = 40, LARGE = 50000 };
 

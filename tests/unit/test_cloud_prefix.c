@@ -13,9 +13,9 @@
 
 #include <cmocka.h>
 
+#include "core/io/out/write.h"
 #include "core/io/read.h"
 #include "core/io/reader.h"
-#include "core/io/write.h"
 
 enum { LARGE = 40000 };
 

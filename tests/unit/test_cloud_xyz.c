@@ -13,8 +13,8 @@
 
 #include "core/base/alloc.h"
 #include "core/base/number.h"
+#include "core/io/out/write.h"
 #include "core/io/read.h"
-#include "core/io/write.h"
 
 enum { MANY = 5000, ROUNDS = 200000 };
 

@@ -18,9 +18,9 @@
 
 #include <cmocka.h>
 
-#include "core/io/file_out.h"
+#include "core/io/out/file_out.h"
+#include "core/io/out/write.h"
 #include "core/io/reader.h"
-#include "core/io/write.h"
 #include "server/catalog/catalog.h"
 #include "server/storage/store.h"
 #include "server/storage/upload.h"

@@ -23,8 +23,8 @@
 
 #include <cmocka.h>
 
+#include "core/io/out/write.h"
 #include "core/io/read.h"
-#include "core/io/write.h"
 
 enum { PATH_BYTES = 512, LINE_BYTES = 1024, LEAST_CASES = 25, PIPE_BYTES = 131072 };
 

@@ -16,13 +16,13 @@
 
 #include "core/base/alloc.h"
 #include "core/io/codec/lzf.h"
-#include "core/io/formats/glb_write.h"
-#include "core/io/formats/las_write.h"
-#include "core/io/formats/obj_write.h"
-#include "core/io/formats/pcd_write.h"
-#include "core/io/formats/stl_write.h"
+#include "core/io/out/glb_write.h"
+#include "core/io/out/las_write.h"
+#include "core/io/out/obj_write.h"
+#include "core/io/out/pcd_write.h"
+#include "core/io/out/stl_write.h"
+#include "core/io/out/write.h"
 #include "core/io/read.h"
-#include "core/io/write.h"
 
 enum { PATH_BYTES = 700, MOST_CUTS = 1500 };
 

@@ -14,8 +14,8 @@
 #include <cmocka.h>
 
 #include "core/base/alloc.h"
-#include "core/io/file_out.h"
-#include "core/io/formats/ply_write.h"
+#include "core/io/out/file_out.h"
+#include "core/io/out/ply_write.h"
 #include "core/io/read.h"
 #include "core/mesh/mesh.h"
 

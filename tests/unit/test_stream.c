@@ -14,10 +14,10 @@
 #include <cmocka.h>
 
 #include "core/base/alloc.h"
-#include "core/io/formats/las_write.h"
+#include "core/io/out/las_write.h"
+#include "core/io/out/write.h"
 #include "core/io/read.h"
 #include "core/io/stream.h"
-#include "core/io/write.h"
 #include "tests/unit/folder.h"
 #include "tests/unit/shapes.h"
 

@@ -26,11 +26,11 @@
 
 #include "core/base/alloc.h"
 #include "core/base/endian.h"
-#include "core/base/padding.h"
 #include "core/io/build.h"
 #include "core/io/codec/lzf.h"
 #include "core/io/first_bytes.h"
 #include "core/io/formats/pcd_header.h"
+#include "core/io/padding.h"
 #include "core/io/text_scanner.h"
 
 enum { LZF_MOST = 265 /* no byte of LZF becomes more than this */, LENGTHS_BYTES = 8 };

@@ -26,7 +26,7 @@
 
 #include "core/base/alloc.h"
 #include "core/base/number.h"
-#include "core/base/padding.h"
+#include "core/io/padding.h"
 
 enum { MAX_WORDS = 6 };
 

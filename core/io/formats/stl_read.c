@@ -26,9 +26,9 @@
 
 #include "core/base/alloc.h"
 #include "core/base/endian.h"
-#include "core/base/padding.h"
 #include "core/io/build.h"
 #include "core/io/first_bytes.h"
+#include "core/io/padding.h"
 #include "core/io/text_scanner.h"
 
 enum { HEADER_BYTES = 84, FACET_BYTES = 50, FIRST_SLOTS = 1024 };

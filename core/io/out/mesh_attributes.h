@@ -1,8 +1,8 @@
 /* What a mesh's vertices have from the points that they stand for: normals and colours, for formats that know these.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_CORE_IO_FORMATS_MESH_ATTRIBUTES_H
-#define WHITTLE_CORE_IO_FORMATS_MESH_ATTRIBUTES_H
+#ifndef WHITTLE_CORE_IO_OUT_MESH_ATTRIBUTES_H
+#define WHITTLE_CORE_IO_OUT_MESH_ATTRIBUTES_H
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -1,8 +1,8 @@
 /* Files that appear complete or not at all.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_CORE_IO_FILE_OUT_H
-#define WHITTLE_CORE_IO_FILE_OUT_H
+#ifndef WHITTLE_CORE_IO_OUT_FILE_OUT_H
+#define WHITTLE_CORE_IO_OUT_FILE_OUT_H
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -10,7 +10,7 @@
  * A view of scalars of 1 or 2 bytes has a stride of 4, as the format demands.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/io/formats/glb_write.h"
+#include "core/io/out/glb_write.h"
 
 #include <ctype.h>
 #include <math.h>
@@ -22,8 +22,8 @@
 
 #include "core/base/alloc.h"
 #include "core/base/version.h"
-#include "core/io/formats/mesh_attributes.h"
-#include "core/io/write.h"
+#include "core/io/out/mesh_attributes.h"
+#include "core/io/out/write.h"
 
 enum {
     GLB_HEADER_BYTES = 12,

@@ -1,13 +1,13 @@
 /* Meshes as OBJ.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/io/formats/obj_write.h"
+#include "core/io/out/obj_write.h"
 
 #include <stdbool.h>
 
 #include "core/base/number.h"
-#include "core/io/formats/mesh_attributes.h"
-#include "core/io/sink.h"
+#include "core/io/out/mesh_attributes.h"
+#include "core/io/out/sink.h"
 
 static void obj_put_number(struct sink *sink, double value, bool narrow) {
     char *to = (char *)sink_reserve(sink, NUMBER_TEXT_BYTES + 1);

@@ -4,7 +4,7 @@
  * which is packed of three or four.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/io/formats/pcd_write.h"
+#include "core/io/out/pcd_write.h"
 
 #include <assert.h>
 #include <math.h>
@@ -12,8 +12,8 @@
 #include <string.h>
 
 #include "core/io/formats/pcd_header.h"
+#include "core/io/out/write.h"
 #include "core/io/text_scanner.h"
-#include "core/io/write.h"
 
 struct field {
     const char *name;

@@ -10,7 +10,7 @@
  * none was, else a look just before.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/io/file_out.h"
+#include "core/io/out/file_out.h"
 
 #include <errno.h>
 #include <fcntl.h>

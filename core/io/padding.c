@@ -3,7 +3,7 @@
  * Anything else that follows is refused: a header that promises too few points would lose the others without a word.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/base/padding.h"
+#include "core/io/padding.h"
 
 #include <stdio.h>
 #include <string.h>

@@ -3,13 +3,13 @@
  * What a vertex record is made of is decided once, as a list of columns; then each vertex is written column by column.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/io/formats/ply_write.h"
+#include "core/io/out/ply_write.h"
 
 #include <assert.h>
 #include <stdbool.h>
 #include <string.h>
 
-#include "core/io/write.h"
+#include "core/io/out/write.h"
 
 struct column {
     const char *name;

@@ -1,8 +1,8 @@
 /* Padding: what editors, transfers and devices put after the data of a binary file, and nobody misses.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_CORE_BASE_PADDING_H
-#define WHITTLE_CORE_BASE_PADDING_H
+#ifndef WHITTLE_CORE_IO_PADDING_H
+#define WHITTLE_CORE_IO_PADDING_H
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -4,7 +4,7 @@
  * as one copy of its record.  Everything else goes scalar by scalar.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/io/write.h"
+#include "core/io/out/write.h"
 
 #include <assert.h>
 #include <stdbool.h>
@@ -20,7 +20,7 @@ const char *cloud_write_type_name(enum scalar_type type) {
     return names[type];
 }
 
-static void put_binary(struct sink *sink, const unsigned char *p, enum scalar_type type) {
+static void put_binary_scalar(struct sink *sink, const unsigned char *p, enum scalar_type type) {
     size_t bytes = scalar_bytes(type);
     unsigned char *to = sink_reserve(sink, bytes);
     for (size_t i = 0; i < bytes; i++) to[i] = p[little_endian ? i : bytes - 1 - i];
@@ -43,7 +43,7 @@ static void put_text(struct sink *sink, const void *p, enum scalar_type type) {
 
 void cloud_write_scalar(struct sink *sink, const void *p, enum scalar_type type, enum encoding encoding) {
     if (encoding == ENCODING_BINARY)
-        put_binary(sink, p, type);
+        put_binary_scalar(sink, p, type);
     else
         put_text(sink, p, type);
 }
@@ -83,7 +83,7 @@ static void put_list(struct sink *sink, const struct property *property, size_t 
     for (; at < end; at += each) cloud_write_scalar(sink, property->list_data + at, property->type, encoding);
 }
 
-static void put_vertex(struct sink *sink, const struct cloud *cloud, size_t id, enum encoding encoding) {
+static void put_point(struct sink *sink, const struct cloud *cloud, size_t id, enum encoding encoding) {
     const unsigned char *record = cloud->record + id * cloud->record_bytes;
     for (size_t j = 0; j < cloud->property_count; j++) {
         const struct property *property = &cloud->property[j];
@@ -118,7 +118,7 @@ enum status cloud_write_ply(int fd, const struct cloud *cloud, const uint32_t *i
         if (one_copy)
             sink_bytes(&sink, cloud->record + id * cloud->record_bytes, cloud->record_bytes);
         else
-            put_vertex(&sink, cloud, id, encoding);
+            put_point(&sink, cloud, id, encoding);
     }
     return sink_done(&sink, STATUS_OK, error);
 }

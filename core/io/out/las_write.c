@@ -5,7 +5,7 @@
  * bytes. Then points go out in pieces: each is put together, and for LAZ compressed, on a thread of its own.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/io/formats/las_write.h"
+#include "core/io/out/las_write.h"
 
 #include <assert.h>
 #include <fcntl.h>
@@ -21,7 +21,7 @@
 #include "core/cloud/attribute_names.h"
 #include "core/io/formats/las_fields.h"
 #include "core/io/laz/laz.h"
-#include "core/io/sink.h"
+#include "core/io/out/sink.h"
 
 enum { SLOTS_MOST = 64, RETURNS = 15, OLD_RETURNS = 5, WKT_BIT = 0x10, KEPT_BITS = 0x19, NEWEST_MINOR = 4 };
 static const double WIDEST = 2e9; /* of 2^31 steps */

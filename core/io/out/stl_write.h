@@ -1,8 +1,8 @@
 /* Writing a mesh as binary STL.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_CORE_IO_FORMATS_STL_WRITE_H
-#define WHITTLE_CORE_IO_FORMATS_STL_WRITE_H
+#ifndef WHITTLE_CORE_IO_OUT_STL_WRITE_H
+#define WHITTLE_CORE_IO_OUT_STL_WRITE_H
 
 #include "core/base/left_out.h"
 #include "core/base/status.h"

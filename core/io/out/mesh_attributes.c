@@ -4,7 +4,7 @@
  * by the largest number: at most 1 in floats, at most 255, else 65535.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/io/formats/mesh_attributes.h"
+#include "core/io/out/mesh_attributes.h"
 
 #include <stdio.h>
 #include <string.h>

@@ -1,7 +1,7 @@
 /* Buffered writing.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/io/sink.h"
+#include "core/io/out/sink.h"
 
 #include <assert.h>
 #include <errno.h>

@@ -1,8 +1,8 @@
 /* Writing a mesh as binary glTF 2.0.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_CORE_IO_FORMATS_GLB_WRITE_H
-#define WHITTLE_CORE_IO_FORMATS_GLB_WRITE_H
+#ifndef WHITTLE_CORE_IO_OUT_GLB_WRITE_H
+#define WHITTLE_CORE_IO_OUT_GLB_WRITE_H
 
 #include "core/base/left_out.h"
 #include "core/base/status.h"

@@ -1,8 +1,8 @@
 /* Writing points of a cloud as LAS or LAZ.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_CORE_IO_FORMATS_LAS_WRITE_H
-#define WHITTLE_CORE_IO_FORMATS_LAS_WRITE_H
+#ifndef WHITTLE_CORE_IO_OUT_LAS_WRITE_H
+#define WHITTLE_CORE_IO_OUT_LAS_WRITE_H
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -1,13 +1,13 @@
 /* Meshes as binary STL.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/io/formats/stl_write.h"
+#include "core/io/out/stl_write.h"
 
 #include <stdio.h>
 #include <string.h>
 
-#include "core/io/formats/mesh_attributes.h"
-#include "core/io/write.h"
+#include "core/io/out/mesh_attributes.h"
+#include "core/io/out/write.h"
 
 enum { HEADER_BYTES = 80 };
 

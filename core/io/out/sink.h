@@ -1,8 +1,8 @@
 /* Buffered writing to a descriptor.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_CORE_IO_SINK_H
-#define WHITTLE_CORE_IO_SINK_H
+#ifndef WHITTLE_CORE_IO_OUT_SINK_H
+#define WHITTLE_CORE_IO_OUT_SINK_H
 
 #include <stddef.h>
 #include <sys/types.h>

@@ -1,8 +1,8 @@
 /* Writing points of a cloud as PCD.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_CORE_IO_FORMATS_PCD_WRITE_H
-#define WHITTLE_CORE_IO_FORMATS_PCD_WRITE_H
+#ifndef WHITTLE_CORE_IO_OUT_PCD_WRITE_H
+#define WHITTLE_CORE_IO_OUT_PCD_WRITE_H
 
 #include <stddef.h>
 #include <stdint.h>

@@ -1,8 +1,8 @@
 /* Writing a mesh as PLY.  (Reading one is cloud_read: it gives the vertices as points, and the triangles.)
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_CORE_IO_FORMATS_PLY_WRITE_H
-#define WHITTLE_CORE_IO_FORMATS_PLY_WRITE_H
+#ifndef WHITTLE_CORE_IO_OUT_PLY_WRITE_H
+#define WHITTLE_CORE_IO_OUT_PLY_WRITE_H
 
 #include "core/base/status.h"
 #include "core/cloud/cloud.h"

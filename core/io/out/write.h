@@ -1,15 +1,15 @@
 /* Writing points of a cloud, with all that the file said of them.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_CORE_IO_WRITE_H
-#define WHITTLE_CORE_IO_WRITE_H
+#ifndef WHITTLE_CORE_IO_OUT_WRITE_H
+#define WHITTLE_CORE_IO_OUT_WRITE_H
 
 #include <stddef.h>
 #include <stdint.h>
 
 #include "core/base/status.h"
 #include "core/cloud/cloud.h"
-#include "core/io/sink.h"
+#include "core/io/out/sink.h"
 #include "core/params.h"
 
 /* Common to both: ids are n ids < cloud->count, in the order in which the points are to be written, repetition allowed;

@@ -1,7 +1,7 @@
 /* The input is read whole, so it is known to be sound, and its points are counted, not guessed by its length.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/cli/dry_run.h"
+#include "server/cli/cli_internal.h"
 
 #include <inttypes.h>
 #include <math.h>

@@ -1,7 +1,7 @@
 /* GMP has no way to tell its caller that memory has run out, and nothing may be thrown through it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/cli/exact_numbers.h"
+#include "server/cli/cli_internal.h"
 
 #include <gmp.h>
 #include <stdlib.h>

@@ -4,7 +4,7 @@
  * that is given back counts.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/cli/heap.h"
+#include "server/cli/cli_internal.h"
 
 #include <malloc.h>
 #include <stdint.h>

@@ -1,7 +1,7 @@
 /* --help, the manual page and the list for completion, from the same rows.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/cli/help.h"
+#include "server/cli/cli_internal.h"
 
 #include <ctype.h>
 #include <stdbool.h>

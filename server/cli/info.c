@@ -4,7 +4,7 @@
  * they are of.  The last is what a mesh of the cloud would be made as, so one is made, of MESH_POINTS points at most.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/cli/info.h"
+#include "server/cli/cli_internal.h"
 
 #include <errno.h>
 #include <getopt.h>

@@ -9,7 +9,7 @@
  *     A points, B points      forward and backward, each to the nearest point of the other
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/cli/measure.h"
+#include "server/cli/cli_internal.h"
 
 #include <errno.h>
 #include <getopt.h>

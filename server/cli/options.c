@@ -10,7 +10,7 @@
 #include <string.h>
 
 #include "core/base/version.h"
-#include "server/cli/help.h"
+#include "server/cli/cli_internal.h"
 #include "server/cli/output.h"
 
 enum { NAME_BYTES = 64 };

@@ -1,7 +1,18 @@
-/* Hosts, origins and CORS (the Fetch standard, section 3.2).
+/* What web pages may do with the service: hosts, origins and CORS (the Fetch standard, section 3.2).
+ *
+ * A browser sends what any page tells it to, also to a service on the reader's own machine, where it needs no token.
+ * Two checks keep other people's pages out, and leave programs (curl, REST clients) alone:
+ *
+ *  - Host.  A page whose name server answers with our address would count as ours (DNS rebinding).  Its requests carry
+ *    its name, so only names that are ours are answered: addresses and localhost, the one that --listen names, the
+ *    machine's own, and those in --allowed-hosts.  Where tokens are wanted a page has none, and every host is answered
+ *    unless --allowed-hosts says which; where the service is open to a network (--insecure-open), names without a dot
+ *    are taken as well.  Health is told to every host.
+ *  - Origin.  What changes something is refused when the browser says that a page of another origin sends it
+ *    (Sec-Fetch-Site, else Origin).  --cors-origins names pages that may; they are given the CORS headers too.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/http/cross_site.h"
+#include "server/http/http_internal.h"
 
 #include <limits.h>
 #include <string.h>

@@ -39,14 +39,10 @@
 #include "server/base/thread_pool.h"
 #include "server/daemon/log.h"
 #include "server/daemon/metrics.h"
-#include "server/http/cross_site.h"
 #include "server/http/handler.h"
-#include "server/http/in_flight.h"
-#include "server/http/listen.h"
+#include "server/http/http_internal.h"
 #include "server/http/peers.h"
-#include "server/http/precheck.h"
 #include "server/http/tls.h"
-#include "server/http/watchdog.h"
 
 enum {
     MAX_SERVING_THREADS = 4,

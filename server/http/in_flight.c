@@ -1,7 +1,7 @@
 /* Counters under one lock.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/http/in_flight.h"
+#include "server/http/http_internal.h"
 
 #include <time.h>
 

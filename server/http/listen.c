@@ -1,7 +1,7 @@
 /* The listening socket.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/http/listen.h"
+#include "server/http/http_internal.h"
 
 #include <arpa/inet.h>
 #include <errno.h>

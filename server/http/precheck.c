@@ -3,7 +3,7 @@
  * All that can be refused is refused here, so that a client which waits for 100 Continue needn't send its body.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/http/precheck.h"
+#include "server/http/http_internal.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -11,7 +11,6 @@
 
 #include "api/links.h"
 #include "server/http/access.h"
-#include "server/http/cross_site.h"
 
 const char *head_path(const char *target) {
     size_t scheme = strncasecmp(target, "http://", 7) == 0 ? 7 : strncasecmp(target, "https://", 8) == 0 ? 8 : 0;

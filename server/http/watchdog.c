@@ -4,7 +4,7 @@
  * Invariant: a socket is in the list only while it is open.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/http/watchdog.h"
+#include "server/http/http_internal.h"
 
 #include <poll.h>
 #include <pthread.h>

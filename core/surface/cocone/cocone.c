@@ -24,7 +24,6 @@
 #include "core/surface/cocone/cocone_internal.h"
 #include "core/surface/cocone/handles.h"
 #include "core/surface/cocone/judge.h"
-#include "core/surface/cocone/repair.h"
 #include "core/surface/cocone/star.h"
 #include "core/surface/cocone/surface.h"
 #include "core/surface/reconstruct.h"

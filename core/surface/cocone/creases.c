@@ -1,7 +1,7 @@
 /* From the creases among the original points to those among the ones to be meshed.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/surface/cocone/creases.h"
+#include "core/surface/cocone/cocone_internal.h"
 
 #include <string.h>
 

@@ -17,7 +17,7 @@
  * Keriven, Robust and efficient surface reconstruction from range data (2009), for the cut over Delaunay cells.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/surface/cocone/cut.h"
+#include "core/surface/cocone/cocone_internal.h"
 
 #include <stdlib.h>
 

@@ -5,7 +5,7 @@
  * Cocone: a water-tight surface reconstructor (2003), section 2.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/surface/cocone/frame.h"
+#include "core/surface/cocone/cocone_internal.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -33,7 +33,6 @@
 #include "core/surface/cocone/boundary.h"
 #include "core/surface/cocone/cocone_internal.h"
 #include "core/surface/cocone/judge.h"
-#include "core/surface/cocone/repair.h"
 #include "core/surface/cocone/surface.h"
 #include "core/surface/handle_loops.h"
 

@@ -4,7 +4,7 @@
 #ifndef WHITTLE_CORE_SURFACE_COCONE_HANDLES_H
 #define WHITTLE_CORE_SURFACE_COCONE_HANDLES_H
 
-#include "core/surface/cocone/cut.h"
+#include "core/surface/cocone/cocone_internal.h"
 #include "core/surface/reconstruct.h"
 
 /* What a labelling is looked at with.  All borrowed; dense isn't NULL. */

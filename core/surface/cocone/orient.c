@@ -23,7 +23,7 @@
  * join clusters along the strongest sum.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/surface/cocone/orient.h"
+#include "core/surface/cocone/cocone_internal.h"
 
 #include <stdlib.h>
 

@@ -20,7 +20,7 @@
  * stay as they are.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/surface/cocone/repair.h"
+#include "core/surface/cocone/cocone_internal.h"
 
 #include <stdlib.h>
 

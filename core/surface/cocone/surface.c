@@ -27,7 +27,7 @@
 #include "core/base/radix.h"
 #include "core/cloud/cloud.h"
 #include "core/surface/cocone/boundary.h"
-#include "core/surface/cocone/cut.h"
+#include "core/surface/cocone/cocone_internal.h"
 
 enum { GRAIN = 2048, EDGE_GRAIN = 8192, EMPTYING = 4 };
 

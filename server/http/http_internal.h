@@ -1,0 +1,147 @@
+/* What http.c is made of, and nobody else takes: what a head decides, limits on connections, the socket.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_HTTP_HTTP_INTERNAL_H
+#define WHITTLE_SERVER_HTTP_HTTP_INTERNAL_H
+
+#include <pthread.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/base/status.h"
+#include "server/daemon/config.h"
+#include "server/daemon/metrics.h"
+#include "server/http/handler.h"
+#include "server/http/request.h"
+#include "server/jobs/service.h"
+
+/* ------------------------------------------------------------------------------------------------ cross_site.c */
+
+/* What web pages may do with the service: the checks are explained on top of the file. */
+
+/* Whether the request, which has been matched, names one of our hosts; false: the response (421) is there. */
+bool cross_site_admit_host(const struct config *config, const struct request *request, struct response *response);
+
+/* Whether no foreign page sends the request; false: the response (403) is there. */
+bool cross_site_admit_origin(const struct config *config, const struct request *request, struct response *response);
+
+/* Answers a browser that asks what a page of --cors-origins may send to a path of ours; false: nothing is asked. */
+bool cross_site_preflight(const struct config *config, const struct request *request, struct response *response);
+
+/* Lets a page of --cors-origins read the response. */
+void cross_site_share(const struct config *config, const struct request *request, struct response *response);
+
+/* ------------------------------------------------------------------------------------------------ precheck.c */
+
+/* What a request's head decides, before its body: whether it can be understood, which operation it is, and whether that
+ * wants the body. */
+
+/* The path of a target in absolute form, "http://host/path"; else the target itself.  Borrows. */
+const char *head_path(const char *target);
+
+/* Whether the head, of so many bytes, is within limits and says one thing; version as in "HTTP/1.1".  false: the
+ * response says why not, and where the next request begins is uncertain. */
+bool head_check(const struct config *config, const struct request *request, const char *version, uint64_t bytes,
+                struct response *response);
+
+/* Finds the operation (admin: of those that the admin listener serves), and asks it whether it wants the body.  NULL:
+ * the response says why not. */
+const struct handler *head_admit(struct service *service, const struct handlers *handlers, struct request *request,
+                                 bool admin, struct response *response);
+
+/* ------------------------------------------------------------------------------------------------ in_flight.c */
+
+/* How many exchanges there are, how many of them are parked, how many bring a body; and waiting for their end.  All
+ * functions may be called from any thread. */
+
+struct tally {
+    pthread_mutex_t lock;
+    pthread_cond_t fewer;
+    unsigned parked, exchanges, uploads;
+    bool stopping;
+};
+
+void tally_init(struct tally *tally);
+void tally_done(struct tally *tally);
+
+/* An exchange begins, or ends. */
+void tally_begin(struct tally *tally);
+void tally_end(struct tally *tally);
+
+/* An exchange is about to be suspended; false: nothing may be any more.  Or it is resumed. */
+bool tally_park(struct tally *tally);
+void tally_unpark(struct tally *tally);
+
+/* A body begins to come, or has come. */
+void tally_upload(struct tally *tally, bool begins);
+unsigned tally_uploads(struct tally *tally);
+
+/* Lets nothing park any more; waits until nothing is parked and, for so long at most, until all exchanges have ended.
+ */
+void tally_stop(struct tally *tally, int patience_s);
+
+/* ------------------------------------------------------------------------------------------------ watchdog.c */
+
+/* Cuts off connections that are too slow: no headers in time, silence between requests, bodies that trickle, and bodies
+ * whose rest can't come any more because the client has closed its half of the connection.
+ *
+ * libmicrohttpd's own timeout starts again with every byte, so it is no defence against a client that sends one byte a
+ * minute. */
+
+struct watchdog;
+struct watched; /* one connection */
+
+/* A body may be slower than min_bytes_per_s (0 = no rate) for grace_ms, at its beginning or later.  While three
+ * quarters of so many connections are there, none of the times is longer than WATCHDOG_PRESSED_MS: who sends nothing
+ * leaves his place to others. */
+struct watchdog_limits {
+    int64_t header_ms, idle_ms, min_bytes_per_s, grace_ms;
+    int64_t connections;
+};
+
+enum { WATCHDOG_PRESSED_MS = 2000 };
+
+enum watchdog_phase {
+    WATCHDOG_HEADERS, /* connected, nothing complete yet */
+    WATCHDOG_BODY,    /* headers are here, the body isn't */
+    WATCHDOG_BUSY,    /* it is our turn */
+    WATCHDOG_IDLE     /* between two requests */
+};
+
+/* metrics is borrowed. */
+enum status watchdog_open(struct watchdog_limits limits, struct metrics *metrics,
+                          struct watchdog **watchdog) MUST_CHECK;
+
+/* After the last connection was removed.  Accepts NULL. */
+void watchdog_close(struct watchdog *watchdog);
+
+/* Watches a socket from its first to its last moment; NULL when memory runs out, which the others accept. */
+struct watched *watchdog_add(struct watchdog *watchdog, int fd);
+void watchdog_remove(struct watchdog *watchdog, struct watched *watched);
+
+/* From any thread. */
+void watchdog_enter(struct watched *watched, enum watchdog_phase phase);
+void watchdog_count(struct watched *watched, size_t bytes);
+
+/* ------------------------------------------------------------------------------------------------ listen.c */
+
+/* The socket that the service listens on. */
+
+/* Opens a listening socket on "HOST:PORT" ("[::1]:8080" for IPv6; port 0 takes a free one).  STATUS_BAD_PARAMETER when
+ * the address is malformed, or not loopback and open is false; STATUS_IO when it is taken.  *fd is the caller's. */
+enum status listen_open(const char *address, bool open, int *fd, struct error *error) MUST_CHECK;
+
+/* Takes over a listening socket that was inherited, instead of opening one.  STATUS_BAD_PARAMETER when it isn't a
+ * listening TCP socket, or not on loopback and open is false.  *fd is the caller's, and is inherited itself. */
+enum status listen_adopt(int inherited, bool open, int *fd, struct error *error) MUST_CHECK;
+
+/* "HOST:PORT" of a listening socket. */
+enum { LISTEN_NAME_BYTES = 128 };
+void listen_name(int fd, char name[LISTEN_NAME_BYTES]);
+
+/* The host of a client's address, without its port. */
+struct sockaddr;
+void listen_peer(const struct sockaddr *address, char host[LISTEN_NAME_BYTES]);
+
+#endif

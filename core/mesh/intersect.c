@@ -6,8 +6,6 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/mesh/intersect.h"
 
-#include <stdatomic.h>
-#include <stdbool.h>
 #include <stdlib.h>
 
 #include "core/base/alloc.h"
@@ -27,13 +25,14 @@ struct node {
     uint32_t begin, count, right;
 };
 
-struct search {
+struct intersections {
     const struct mesh *mesh;
+    size_t n;
     struct box *box;    /* of each triangle */
     uint32_t *triangle; /* in the order of the leaves */
+    uint32_t *place;    /* of each triangle in that order */
     struct node *node;
     size_t nodes;
-    atomic_size_t pairs;
 };
 
 /* ------------------------------------------------------------------------------------------------ two triangles */
@@ -124,10 +123,9 @@ static bool has_area(const vec3 t[3]) {
     return find_axis(t, &axis, &turn);
 }
 
-static bool intersect(const struct mesh *mesh, uint32_t first, uint32_t second) {
-    vec3 a[3], b[3], from_a[3], from_b[3];
+bool triangles_intersect(const vec3 a[3], const vec3 b[3]) {
+    vec3 from_a[3], from_b[3];
     int shared = 0, at_a = 0, at_b = 0, other_a = 0, other_b = 0;
-    corners_of(mesh, first, a), corners_of(mesh, second, b);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) {
             if (!vec3_equal(a[i], b[j])) continue;
@@ -162,13 +160,25 @@ static void box_add(struct box *box, vec3 p) {
 
 static const struct box EMPTY = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
 
+static struct box box_of(const vec3 corner[3]) {
+    struct box box = EMPTY;
+    for (int k = 0; k < 3; k++) box_add(&box, corner[k]);
+    return box;
+}
+
+static void box_join(struct box *box, const struct box *with) {
+    for (int k = 0; k < 3; k++) {
+        box->low[k] = fminf(box->low[k], with->low[k]);
+        box->high[k] = fmaxf(box->high[k], with->high[k]);
+    }
+}
+
 static void box_range(void *ctx, size_t begin, size_t end) {
-    const struct search *search = ctx;
+    const struct intersections *found = ctx;
     for (size_t t = begin; t < end; t++) {
         vec3 corner[3];
-        corners_of(search->mesh, (uint32_t)t, corner);
-        search->box[t] = EMPTY;
-        for (int k = 0; k < 3; k++) box_add(&search->box[t], corner[k]);
+        corners_of(found->mesh, (uint32_t)t, corner);
+        found->box[t] = box_of(corner);
     }
 }
 
@@ -178,8 +188,8 @@ static bool boxes_meet(const struct box *a, const struct box *b) {
     return !apart;
 }
 
-static float middle(const struct search *search, uint32_t triangle, int axis) {
-    const struct box *box = &search->box[triangle];
+static float middle(const struct intersections *found, uint32_t triangle, int axis) {
+    const struct box *box = &found->box[triangle];
     return box->low[axis] / 2 + box->high[axis] / 2;
 }
 
@@ -189,89 +199,193 @@ static void swap(uint32_t *a, uint32_t *b) {
 }
 
 /* Moves triangles of which the middle is under `at` to the front; their number. */
-static uint32_t part(const struct search *search, uint32_t *triangle, uint32_t n, int axis, float at) {
+static uint32_t part(const struct intersections *found, uint32_t *triangle, uint32_t n, int axis, float at) {
     uint32_t front = 0;
     for (uint32_t i = 0; i < n; i++)
-        if (middle(search, triangle[i], axis) < at) swap(&triangle[i], &triangle[front++]);
+        if (middle(found, triangle[i], axis) < at) swap(&triangle[i], &triangle[front++]);
     return front;
 }
 
 /* Halves the box of the middles along its longest side, or where all are at one place, the list. */
-static uint32_t halve(const struct search *search, uint32_t *triangle, uint32_t n) {
+static uint32_t halve(const struct intersections *found, uint32_t *triangle, uint32_t n) {
     struct box box = EMPTY;
     for (uint32_t i = 0; i < n; i++)
         for (int k = 0; k < 3; k++) {
-            float at = middle(search, triangle[i], k);
+            float at = middle(found, triangle[i], k);
             box.low[k] = fminf(box.low[k], at), box.high[k] = fmaxf(box.high[k], at);
         }
     int axis = 0;
     for (int k = 1; k < 3; k++)
         if (box.high[k] - box.low[k] > box.high[axis] - box.low[axis]) axis = k;
-    uint32_t front = part(search, triangle, n, axis, box.low[axis] / 2 + box.high[axis] / 2);
+    uint32_t front = part(found, triangle, n, axis, box.low[axis] / 2 + box.high[axis] / 2);
     return front > n / 16 && front < n - n / 16 ? front : n / 2;
 }
 
-static void build(struct search *search, uint32_t begin, uint32_t count) {
-    struct node *node = &search->node[search->nodes++];
+static void build(struct intersections *found, uint32_t begin, uint32_t count) {
+    struct node *node = &found->node[found->nodes++];
     *node = (struct node){EMPTY, begin, count, 0};
-    for (uint32_t i = begin; i < begin + count; i++) {
-        const struct box *box = &search->box[search->triangle[i]];
-        for (int k = 0; k < 3; k++) {
-            node->box.low[k] = fminf(node->box.low[k], box->low[k]);
-            node->box.high[k] = fmaxf(node->box.high[k], box->high[k]);
-        }
-    }
+    for (uint32_t i = begin; i < begin + count; i++) box_join(&node->box, &found->box[found->triangle[i]]);
     if (count <= LEAF) return;
-    uint32_t front = halve(search, &search->triangle[begin], count);
-    build(search, begin, front);
-    node->right = (uint32_t)search->nodes;
-    build(search, begin + front, count - front);
+    uint32_t front = halve(found, &found->triangle[begin], count);
+    build(found, begin, front);
+    node->right = (uint32_t)found->nodes;
+    build(found, begin + front, count - front);
 }
 
-/* How many triangles with higher numbers this one intersects. */
-static size_t count_of(const struct search *search, uint32_t triangle) {
+enum status intersections_new(const struct mesh *mesh, unsigned threads, struct intersections **found) {
+    size_t n = mesh->triangle_count;
+    struct intersections *new = alloc_zeroed(1, sizeof *new);
+    if (!new) return STATUS_NO_MEMORY;
+    new->mesh = mesh, new->n = n;
+    new->box = alloc_array(n, sizeof *new->box);
+    new->triangle = alloc_array(n, sizeof *new->triangle);
+    new->place = alloc_array(n, sizeof *new->place);
+    new->node = alloc_array(2 * n, sizeof *new->node);
+    if (!new->box || !new->triangle || !new->place || !new->node) {
+        intersections_free(new);
+        return STATUS_NO_MEMORY;
+    }
+    par_for(threads, n, GRAIN, box_range, new);
+    for (size_t t = 0; t < n; t++) new->triangle[t] = (uint32_t)t;
+    if (n > 0) build(new, 0, (uint32_t)n);
+    for (size_t i = 0; i < n; i++) new->place[new->triangle[i]] = (uint32_t)i;
+    *found = new;
+    return STATUS_OK;
+}
+
+void intersections_free(struct intersections *found) {
+    if (!found) return;
+    free(found->box), free(found->triangle), free(found->place), free(found->node);
+    free(found);
+}
+
+/* Boxes of nodes only grow. */
+void intersections_update(struct intersections *found, uint32_t triangle) {
+    vec3 corner[3];
+    corners_of(found->mesh, triangle, corner);
+    struct box box = found->box[triangle] = box_of(corner);
+    for (uint32_t at = 0;;) {
+        struct node *node = &found->node[at];
+        box_join(&node->box, &box);
+        if (node->count <= LEAF) return;
+        at = found->place[triangle] < found->node[node->right].begin ? at + 1 : node->right;
+    }
+}
+
+/* ------------------------------------------------------------------------------------------------ the pairs */
+
+/* Which triangles intersect one: those with ids from `least` on. */
+struct query {
+    const vec3 *corner;
+    struct box box;
+    uint32_t least;
+    uint32_t *other; /* the first of them are put here */
+    size_t most, count;
+};
+
+static void look_at_leaf(const struct intersections *found, const struct node *leaf, struct query *query) {
+    for (uint32_t i = leaf->begin; i < leaf->begin + leaf->count; i++) {
+        uint32_t t = found->triangle[i];
+        vec3 corner[3];
+        if (t < query->least || !boxes_meet(&query->box, &found->box[t])) continue;
+        corners_of(found->mesh, t, corner);
+        if (!triangles_intersect(query->corner, corner)) continue;
+        if (query->count < query->most) query->other[query->count] = t;
+        query->count++;
+    }
+}
+
+static void look(const struct intersections *found, struct query *query) {
     uint32_t stack[STACK];
-    size_t depth = 0, count = 0;
-    const struct box *box = &search->box[triangle];
-    stack[depth++] = 0;
+    size_t depth = 0;
+    query->box = box_of(query->corner);
+    if (found->n > 0) stack[depth++] = 0;
     while (depth > 0) {
         uint32_t at = stack[--depth];
-        const struct node *node = &search->node[at];
-        if (!boxes_meet(box, &node->box)) continue;
-        if (node->count > LEAF) {
+        const struct node *node = &found->node[at];
+        if (!boxes_meet(&query->box, &node->box)) continue;
+        if (node->count > LEAF)
             stack[depth++] = node->right, stack[depth++] = at + 1;
-            continue;
-        }
-        for (uint32_t i = node->begin; i < node->begin + node->count; i++) {
-            uint32_t other = search->triangle[i];
-            count +=
-                other > triangle && boxes_meet(box, &search->box[other]) && intersect(search->mesh, triangle, other);
-        }
+        else
+            look_at_leaf(found, node, query);
     }
-    return count;
 }
 
+size_t intersections_of(const struct intersections *found, const vec3 corner[3], uint32_t *other, size_t most) {
+    struct query query = {.corner = corner, .other = other, .most = most};
+    look(found, &query);
+    return query.count;
+}
+
+static size_t look_beyond(const struct intersections *found, uint32_t t, uint32_t *other, size_t most) {
+    vec3 corner[3];
+    corners_of(found->mesh, t, corner);
+    struct query query = {.corner = corner, .least = t + 1, .other = other, .most = most};
+    look(found, &query);
+    return query.count;
+}
+
+struct counts {
+    const struct intersections *found;
+    uint32_t *of; /* of each triangle: how many with higher ids intersect it */
+};
+
 static void count_range(void *ctx, size_t begin, size_t end) {
-    struct search *search = ctx;
-    size_t count = 0;
-    for (size_t t = begin; t < end; t++) count += count_of(search, (uint32_t)t);
-    atomic_fetch_add(&search->pairs, count);
+    const struct counts *counts = ctx;
+    for (size_t t = begin; t < end; t++) counts->of[t] = (uint32_t)look_beyond(counts->found, (uint32_t)t, NULL, 0);
+}
+
+/* Returns new, of each triangle. */
+static uint32_t *count_all(const struct intersections *found, unsigned threads) {
+    struct counts counts = {found, alloc_array(found->n, sizeof *counts.of)};
+    if (counts.of) par_for(threads, found->n, GRAIN, count_range, &counts);
+    return counts.of;
+}
+
+static int compare_ids(const void *a, const void *b) {
+    const uint32_t *x = a, *y = b;
+    return (*x > *y) - (*x < *y);
+}
+
+/* The pairs of a triangle with the `count` of higher ids, in order. */
+static bool list_of(const struct intersections *found, uint32_t t, uint32_t count, uint32_t (*pair)[2]) {
+    uint32_t *other = alloc_array(count, sizeof *other);
+    if (!other) return false;
+    look_beyond(found, t, other, count);
+    qsort(other, count, sizeof *other, compare_ids);
+    for (uint32_t i = 0; i < count; i++) pair[i][0] = t, pair[i][1] = other[i];
+    free(other);
+    return true;
+}
+
+enum status intersections_list(const struct intersections *found, unsigned threads, uint32_t (**pair)[2],
+                               size_t *count) {
+    uint32_t *of = count_all(found, threads);
+    size_t all = 0;
+    if (!of) return STATUS_NO_MEMORY;
+    for (size_t t = 0; t < found->n; t++) all += of[t];
+    uint32_t(*list)[2] = alloc_array(all, sizeof *list);
+    bool ok = list != NULL;
+    for (size_t t = 0, i = 0; ok && t < found->n; i += of[t], t++)
+        if (of[t]) ok = list_of(found, (uint32_t)t, of[t], &list[i]);
+    free(of);
+    if (!ok) {
+        free(list);
+        return STATUS_NO_MEMORY;
+    }
+    *pair = list, *count = all;
+    return STATUS_OK;
 }
 
 enum status mesh_count_intersections(const struct mesh *mesh, unsigned threads, size_t *pairs) {
-    size_t n = mesh->triangle_count;
-    struct search search = {.mesh = mesh};
-    search.box = alloc_array(n, sizeof *search.box);
-    search.triangle = alloc_array(n, sizeof *search.triangle);
-    search.node = alloc_array(2 * n, sizeof *search.node);
-    bool ok = search.box && search.triangle && search.node;
-    if (ok && n > 0) {
-        par_for(threads, n, GRAIN, box_range, &search);
-        for (size_t t = 0; t < n; t++) search.triangle[t] = (uint32_t)t;
-        build(&search, 0, (uint32_t)n);
-        par_for(threads, n, GRAIN, count_range, &search);
-    }
-    if (ok) *pairs = atomic_load(&search.pairs);
-    free(search.box), free(search.triangle), free(search.node);
-    return ok ? STATUS_OK : STATUS_NO_MEMORY;
+    struct intersections *found = NULL;
+    enum status status = intersections_new(mesh, threads, &found);
+    if (status) return status;
+    uint32_t *of = count_all(found, threads);
+    size_t all = 0;
+    for (size_t t = 0; of && t < mesh->triangle_count; t++) all += of[t];
+    if (of) *pairs = all;
+    intersections_free(found);
+    free(of);
+    return of ? STATUS_OK : STATUS_NO_MEMORY;
 }

@@ -4,6 +4,8 @@
 #ifndef WHITTLE_CORE_MESH_INTERSECT_H
 #define WHITTLE_CORE_MESH_INTERSECT_H
 
+#include <stdbool.h>
+
 #include "core/mesh/mesh.h"
 
 /* Counts the pairs of triangles that have more in common than the corners and edges that they share: exactly, whatever
@@ -12,5 +14,30 @@
  * triangles are about as large as their neighbours, 1 to 2 us for each; the same for any number of threads (0 = all
  * processors).  At most 100 bytes for each triangle.  STATUS_NO_MEMORY, and then *pairs is untouched. */
 enum status mesh_count_intersections(const struct mesh *mesh, unsigned threads, size_t *pairs) MUST_CHECK;
+
+/* What intersects what on a mesh whose triangles change, one by one. */
+struct intersections;
+
+/* Makes new, with the mesh borrowed.  As long as there are that many triangles, their corners may change.
+ * STATUS_NO_MEMORY, and then *found is untouched. */
+enum status intersections_new(const struct mesh *mesh, unsigned threads, struct intersections **found) MUST_CHECK;
+
+/* Accepts NULL. */
+void intersections_free(struct intersections *found);
+
+/* A triangle's corners aren't where they were any more. */
+void intersections_update(struct intersections *found, uint32_t triangle);
+
+/* Sets *pair to new memory, with the *count pairs of triangles that intersect, each once, with the lower id first, in
+ * order.  STATUS_NO_MEMORY, and then both are untouched. */
+enum status intersections_list(const struct intersections *found, unsigned threads, uint32_t (**pair)[2],
+                               size_t *count) MUST_CHECK;
+
+/* The triangles that one with these corners would intersect, itself among them where it is one of the mesh's: sets the
+ * first `most` of other, and returns how many they are. */
+size_t intersections_of(const struct intersections *found, const vec3 corner[3], uint32_t *other, size_t most);
+
+/* Whether two triangles intersect. */
+bool triangles_intersect(const vec3 a[3], const vec3 b[3]);
 
 #endif

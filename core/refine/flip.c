@@ -113,6 +113,19 @@ static bool flip_stays(const struct fit *fit, uint32_t h, const struct surface *
     return fit_stays(fit, &region, made);
 }
 
+double fit_flip_cost(const struct fit *fit, uint32_t h, enum fit_fairness fairness) {
+    struct triangle_corners corners[2];
+    struct triangle_frames frames;
+    struct fit_region region;
+    set_new_corners(fit, h, corners);
+    struct surface made = triangle_frames_make(&frames, corners, 2);
+    if (!flip_is_possible(fit, h) || (fairness != FIT_REGARDLESS && !flip_is_fair(fit, h, &made))) return INFINITY;
+    if (!fit_faces_up(fit, surface_normal(&made, 0)) || !fit_faces_up(fit, surface_normal(&made, 1))) return INFINITY;
+    gather_sides(fit, h, &region);
+    if (fairness != FIT_REGARDLESS && !fit_stays(fit, &region, &made)) return INFINITY;
+    return fit_cost_with(fit, &region, &made, INFINITY) - fit->cost[h / 3] - fit->cost[fit->he.twin[h] / 3];
+}
+
 enum { BATCH = 8 }; /* edges whose triangles are made together */
 
 /* Whether the new triangles stay with the data is looked at last, when their nearest samples have come. */
@@ -258,6 +271,12 @@ static void flip(struct fit *fit, uint32_t h) {
                 fit->touched[triangle[i]] |= due_bit(g);
             fit->stale[fit->mesh->triangle[triangle[i]][k]] = 1;
         }
+}
+
+void fit_flip_one(struct fit *fit, uint32_t h) {
+    uint32_t triangle[2] = {h / 3, fit->he.twin[h] / 3};
+    flip(fit, h);
+    fit_share(fit, triangle, 2, triangle, 2);
 }
 
 static void fetch_edge(void *ctx, size_t i) {

@@ -1,10 +1,7 @@
 /* The schedule: up to FIRST_ROUNDS rounds of flips, then sweeps of reallocations, moves and flips; where vertices move
- * freely, with more samples from sweep `before_closer` on.
+ * freely, with more samples from sweep `before_closer` on; at last what crosses is parted.
  *
  * Everything works on a copy of the mesh, which takes its place at the end.
- *
- * Deliberately missing: a proof that the result doesn't cross itself somewhere far away; only neighbours are kept from
- * folding onto each other.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/refine/refine.h"
@@ -64,6 +61,7 @@ static enum status run_schedule(struct fit *fit, enum refine_form form, const st
         if (!status && fit->borders && i > 0) status = fit_reassign(fit);
         if (!status) status = sweep(fit, i < sweeps.with_reallocations, facts);
     }
+    if (!status) status = fit_uncross(fit, form == REFINE_FULL, &facts->uncrossed);
     return status;
 }
 

@@ -45,16 +45,18 @@ struct refine_options {
 
 struct refine_facts {
     size_t flips, moves, reallocations; /* vertices taken out in one place and put in at another */
+    size_t uncrossed;                   /* flips and moves because triangles passed through each other */
     double mean_before, mean_after;     /* distance of the points (and middles) to the mesh, weighted by area */
 };
 
 /* Refines the mesh in place: the number of its vertices stays, as do its orientation, its topology and whatever isn't
  * manifold, so a closed mesh stays closed, with as many triangles.  A border is fitted like the rest, and reaches for
  * the points beyond it; its vertices stand at points, or move along their normals.  The shorter the border gets,
- * the more triangles there are.  No triangle folds onto a neighbour that it wasn't folded onto before; those of a
- * height field get as steep as they like, but keep facing up. mesh->source (may be NULL with optimal placement; ids of
- * points) follows the vertices: NONE for those that stand at no point.  A triangle made of one that fills a hole and
- * one that doesn't counts as supported.
+ * the more triangles there are.  No triangle folds onto a neighbour that it wasn't folded onto before, unless nothing
+ * else keeps it from passing through another; those of a height field get as steep as they like, but keep facing up.
+ * No triangles pass through each other in the end, but where very many did, as noise makes them. mesh->source (may be
+ * NULL with optimal placement; ids of points) follows the vertices: NONE for those that stand at no point.  A triangle
+ * made of one that fills a hole and one that doesn't counts as supported.
  *
  * The same for any number of threads; about 5 us for each point.  *mesh and *facts (may be NULL) are untouched on
  * failure: STATUS_NO_MEMORY, STATUS_LIMIT (2^28 points or triangles), STATUS_CANCELLED (stage "refine"). */

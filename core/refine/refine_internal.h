@@ -41,6 +41,19 @@ double fit_unsampled_gain(const struct fit *fit, const struct fit_region *region
  * triangles that are left touched are those of the last round.  *flips += their number.  STATUS_NO_MEMORY. */
 enum status fit_flip(struct fit *fit, size_t rounds, size_t *flips) MUST_CHECK;
 
+/* What a change must not do. */
+enum fit_fairness {
+    FIT_FAIR,      /* what none may do: thin triangles, fold or turn them, or lead them away from the data */
+    FIT_TURNING,   /* triangles may turn as far as they like */
+    FIT_REGARDLESS /* anything goes */
+};
+
+/* How much dearer the flip of h, which has a twin, makes the mesh; INFINITY where it isn't possible or fair. */
+double fit_flip_cost(const struct fit *fit, uint32_t h, enum fit_fairness fairness);
+
+/* Flips that edge, and hands out its samples. */
+void fit_flip_one(struct fit *fit, uint32_t h);
+
 /* ------------------------------------------------------------------------------------------------ relocate.c */
 
 /* Moves of vertices that bring the mesh nearer to the points (Hoppe and others 1993: fitting for fixed triangles). */
@@ -48,6 +61,21 @@ enum status fit_flip(struct fit *fit, size_t rounds, size_t *flips) MUST_CHECK;
 /* Tries to move each unlocked vertex whose star is stale, once: to a better one of the original points (subset) or to
  * the best place (optimal).  *moves += the number of those that moved.  STATUS_NO_MEMORY. */
 enum status fit_move(struct fit *fit, size_t *moves) MUST_CHECK;
+
+/* How much dearer the mesh gets with the vertex, which isn't locked, at place; INFINITY where that isn't fair. */
+double fit_move_cost(const struct fit *fit, uint32_t vertex, vec3 place, enum fit_fairness fairness);
+
+/* Puts the vertex there, at a point or none (NONE), and hands out its samples. */
+void fit_move_one(struct fit *fit, uint32_t vertex, vec3 place, uint32_t source);
+
+/* ------------------------------------------------------------------------------------------------ uncross.c */
+
+/* Triangles that pass through each other are parted. */
+
+/* Flips edges, and where that is allowed moves vertices, of crossing triangles as long as there are fewer crossings;
+ * *changes += their number.  What it doesn't get apart within its bounds stays.  About 2 us for each triangle, and some
+ * 1 000 for each pair; O(triangles) at most.  One thread's work but for the search.  STATUS_NO_MEMORY. */
+enum status fit_uncross(struct fit *fit, bool moves, size_t *changes) MUST_CHECK;
 
 /* ------------------------------------------------------------------------------------------------ reallocate.c */
 

@@ -151,10 +151,10 @@ static double relocated_cost(const struct fit *fit, struct star *star, vec3 plac
     return cost >= limit || star_stays(fit, star, place) ? cost : INFINITY;
 }
 
-static void put_vertex(struct fit *fit, const struct star *star, vec3 place, uint32_t source) {
-    fit->mesh->vertex[star->vertex] = place;
-    if (fit->mesh->source) fit->mesh->source[star->vertex] = source;
-    fit_share(fit, star->region.triangle, star->n, star->region.triangle, star->n);
+static void put_vertex(struct fit *fit, uint32_t vertex, const struct fit_region *star, vec3 place, uint32_t source) {
+    fit->mesh->vertex[vertex] = place;
+    if (fit->mesh->source) fit->mesh->source[vertex] = source;
+    fit_share(fit, star->triangle, star->n, star->triangle, star->n);
 }
 
 static bool move_freely(struct fit *fit, struct star *star, vec3 step) {
@@ -164,7 +164,7 @@ static bool move_freely(struct fit *fit, struct star *star, vec3 step) {
     for (size_t i = 0; i < sizeof part / sizeof *part; i++) {
         vec3 place = vec3_add(from, vec3_scale(step, part[i]));
         if (relocated_cost(fit, star, place, limit, limit) >= limit) continue;
-        put_vertex(fit, star, place, NONE);
+        put_vertex(fit, star->vertex, &star->region, place, NONE);
         return true;
     }
     return false;
@@ -222,7 +222,7 @@ static bool move_to_point(struct fit *fit, struct star *star, const struct sampl
     }
     if (best == NONE) return false;
     fit_take(fit, best);
-    put_vertex(fit, star, fit->input->points[best], best);
+    put_vertex(fit, star->vertex, &star->region, fit->input->points[best], best);
     return true;
 }
 
@@ -243,6 +243,29 @@ static bool move_vertex(struct fit *fit, uint32_t vertex, const struct ring *rin
     if (fit->placement == PLACEMENT_SUBSET) return move_to_point(fit, &star, &model, step);
     if (!star.rim.open) return move_freely(fit, &star, step);
     return move_freely(fit, &star, along_normal(&star, step)) || move_to_point(fit, &star, &model, step);
+}
+
+double fit_move_cost(const struct fit *fit, uint32_t vertex, vec3 place, enum fit_fairness fairness) {
+    struct ring ring;
+    struct star star;
+    struct star_limits turning = fit_limits(fit, limits_of_moves);
+    turning.turn = -1;
+    ring.n = fit_ring(fit, vertex, ring.out);
+    if (!star_of(fit, vertex, &ring, &star)) return INFINITY;
+    if (fairness == FIT_FAIR) return relocated_cost(fit, &star, place, INFINITY, INFINITY) - star.cost;
+    set_star_frames(&star, place, &star.new);
+    if (fairness == FIT_TURNING && !star_may_become(&star.old, &star.new, &star.outside, turning)) return INFINITY;
+    if (!fit_star_faces_up(fit, &star.new)) return INFINITY;
+    if (fairness == FIT_TURNING && !star_stays(fit, &star, place)) return INFINITY;
+    return fit_star_cost(fit, &star.region, &star.new, INFINITY) - star.cost;
+}
+
+void fit_move_one(struct fit *fit, uint32_t vertex, vec3 place, uint32_t source) {
+    struct fit_region star;
+    uint32_t ring[FIT_MAX_RING];
+    star.n = fit_ring(fit, vertex, ring);
+    for (size_t i = 0; i < star.n; i++) star.triangle[i] = ring[i] / 3;
+    put_vertex(fit, vertex, &star, place, source);
 }
 
 /* The vertices that are near this one; their number, or 0 where there are more than fit. */

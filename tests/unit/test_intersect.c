@@ -127,12 +127,51 @@ static void all_pairs_are_found(void **state) {
     assert_int_equal(count_of(vertex, 0, NULL, 0), 0);
 }
 
+/* After each change what is found is what a mesh that was so from the beginning has. */
+static void changes_are_followed(void **state) {
+    (void)state;
+    enum { N = 100 };
+    static vec3 vertex[3 * N];
+    static uint32_t triangle[N][3];
+    struct mesh mesh = {.vertex_count = 3 * N, .vertex = vertex, .triangle_count = N, .triangle = triangle};
+    struct intersections *found = NULL;
+    uint64_t random = 5;
+    size_t most = 0;
+    for (uint32_t i = 0; i < 3 * N; i++) triangle[i / 3][i % 3] = i;
+    assert_int_equal(intersections_new(&mesh, 2, &found), STATUS_OK);
+    for (uint32_t step = 0; step < 2 * N; step++) {
+        vec3 at = {random_unit(&random), random_unit(&random), random_unit(&random)};
+        for (uint32_t k = 0; k < 3; k++) {
+            vec3 off = {random_unit(&random), random_unit(&random), random_unit(&random)};
+            vertex[3 * (step % N) + k] = vec3_add(at, vec3_scale(off, 0.5));
+        }
+        intersections_update(found, step % N);
+        uint32_t(*pair)[2] = NULL, other[N];
+        size_t pairs = 0, counted = 0, of_all = 0;
+        assert_int_equal(intersections_list(found, 2, &pair, &pairs), STATUS_OK);
+        assert_int_equal(mesh_count_intersections(&mesh, 1, &counted), STATUS_OK);
+        assert_int_equal(pairs, counted);
+        for (size_t i = 0; i < pairs; i++) assert_true(pair[i][0] < pair[i][1]);
+        for (size_t i = 1; i < pairs; i++) assert_true(memcmp(pair[i - 1], pair[i], sizeof pair[i]) != 0);
+        for (uint32_t t = 0; t < N; t++) {
+            size_t n = intersections_of(found, &vertex[3 * t], other, N);
+            for (size_t i = 0; i < n; i++) of_all += other[i] != t;
+        }
+        assert_int_equal(of_all, 2 * pairs);
+        most = pairs > most ? pairs : most;
+        free(pair);
+    }
+    assert_true(most > 20);
+    intersections_free(found);
+    intersections_free(NULL);
+}
+
 static void without_memory_nothing_is_counted(void **state) {
     (void)state;
     static vec3 vertex[] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
     static uint32_t triangle[][3] = {{0, 1, 2}};
     struct mesh mesh = {.vertex_count = 3, .vertex = vertex, .triangle_count = 1, .triangle = triangle};
-    for (long nth = 1; nth <= 3; nth++) {
+    for (long nth = 1; nth <= 6; nth++) {
         size_t pairs = 5;
         faults_in_memory(nth, false);
         enum status status = mesh_count_intersections(&mesh, 1, &pairs);
@@ -144,11 +183,9 @@ static void without_memory_nothing_is_counted(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(signs_are_exact),
-        cmocka_unit_test(sides_are_those_of_the_normal),
-        cmocka_unit_test(pairs_are_told_apart),
-        cmocka_unit_test(all_pairs_are_found),
-        cmocka_unit_test(without_memory_nothing_is_counted),
+        cmocka_unit_test(signs_are_exact),      cmocka_unit_test(sides_are_those_of_the_normal),
+        cmocka_unit_test(pairs_are_told_apart), cmocka_unit_test(all_pairs_are_found),
+        cmocka_unit_test(changes_are_followed), cmocka_unit_test(without_memory_nothing_is_counted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

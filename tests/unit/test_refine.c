@@ -12,6 +12,7 @@
 
 #include "core/base/alloc.h"
 #include "core/cloud/cloud.h"
+#include "core/mesh/intersect.h"
 #include "core/refine/local_delaunay.h"
 #include "core/refine/refine.h"
 #include "core/refine/refine_internal.h"
@@ -521,6 +522,45 @@ static void test_closed_stays_closed_and_gets_better(void **state) {
     dense_done(&dense);
 }
 
+/* Vertex v is put somewhere, and the mesh is looked at as it is then. */
+static size_t uncross(const struct dense *dense, uint32_t v, vec3 place, bool moves, struct mesh *mesh) {
+    struct refine_input input = dense_input(dense);
+    struct refine_options options = {REFINE_FULL, PLACEMENT_OPTIMAL, 2};
+    struct fit fit;
+    size_t changes = 0, crossing = 0;
+    *mesh = sphere_mesh(dense);
+    mesh->vertex[v] = place;
+    mesh->source[v] = NONE;
+    assert_int_equal(mesh_count_intersections(mesh, 1, &crossing), STATUS_OK);
+    assert_int_equal(fit_init(&fit, mesh, &input, &options), STATUS_OK);
+    assert_int_equal(fit_uncross(&fit, moves, &changes), STATUS_OK);
+    fit_done(&fit);
+    assert_true(changes > 0 ? crossing > 0 : crossing == 0 || !moves);
+    assert_int_equal(mesh_count_intersections(mesh, 1, &crossing), STATUS_OK);
+    return crossing;
+}
+
+static void test_what_crosses_is_parted(void **state) {
+    (void)state;
+    struct dense dense = sphere_points();
+    struct mesh mesh = sphere_mesh(&dense), parted;
+    size_t vertices = mesh.vertex_count, triangles = mesh.triangle_count;
+    for (uint32_t v = 0; v < vertices; v += 40) {
+        vec3 through = vec3_scale(mesh.vertex[v], -1.2);
+        assert_int_equal(uncross(&dense, v, mesh.vertex[v], true, &parted), 0);
+        assert_memory_equal(parted.vertex, mesh.vertex, vertices * sizeof(vec3));
+        mesh_done(&parted);
+        assert_int_equal(uncross(&dense, v, through, true, &parted), 0);
+        check_sphere(&parted, vertices, triangles);
+        mesh_done(&parted);
+        (void)uncross(&dense, v, through, false, &parted); /* flips alone */
+        assert_true(vec3_equal(parted.vertex[v], through));
+        mesh_done(&parted);
+    }
+    mesh_done(&mesh);
+    dense_done(&dense);
+}
+
 static void test_subset_stays_a_subset(void **state) {
     (void)state;
     struct dense dense = sphere_points();
@@ -751,6 +791,7 @@ int main(void) {
         cmocka_unit_test(test_samples_made_beforehand_change_nothing),
         cmocka_unit_test(test_a_closer_look_has_all_samples_in_the_lists),
         cmocka_unit_test(test_closed_stays_closed_and_gets_better),
+        cmocka_unit_test(test_what_crosses_is_parted),
         cmocka_unit_test(test_subset_stays_a_subset),
         cmocka_unit_test(test_threads_change_nothing),
         cmocka_unit_test(test_ends_without_points_stay),

@@ -1,0 +1,222 @@
+/* Flips, moves and reallocations look no farther than the triangles around them, so sheets that are near each other may
+ * come to pass through each other, and so may what is folded more than once.  What crosses is looked for at the end,
+ * with exact signs, and for each pair whatever leaves the fewest crossings is done, as long as there are fewer than
+ * before: an edge of the two triangles is flipped, or a corner moved behind the other triangle, towards the middle of
+ * its neighbours or to one of the points of its star; among equals what costs least.  Where nothing fair is left to do,
+ * triangles may turn, and then fold: each round goes by what was left over.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/refine/refine_internal.h"
+
+#include <stdlib.h>
+
+#include "core/cloud/cloud.h"
+#include "core/mesh/intersect.h"
+
+enum { ROUNDS = 8, CROSSED_MOST = 64, POINTS_TRIED = 12 };
+enum { TRIED_OF_EACH = 2, TRIED_LEAST = 50000 /* changes tried: for each triangle of the mesh, and in any case */ };
+
+struct uncrossing {
+    struct fit *fit;
+    struct intersections *found;
+    enum fit_fairness fairness;
+    bool moves;
+    size_t tried, most;
+};
+
+/* What may be done: a flip of the edge of h, or vertex moved to place. */
+struct way_out {
+    uint32_t h, vertex, source;
+    vec3 place;
+    long crossings; /* more than before */
+    double cost;    /* likewise */
+};
+
+/* Triangles that take the place of some of the mesh's. */
+struct replacement {
+    size_t n;
+    uint32_t triangle[FIT_MAX_RING];
+    vec3 corner[FIT_MAX_RING][3];
+};
+
+static void set_corners(const struct fit *fit, uint32_t triangle, vec3 corner[3]) {
+    for (int k = 0; k < 3; k++) corner[k] = fit->mesh->vertex[fit->mesh->triangle[triangle][k]];
+}
+
+static bool is_replaced(const struct replacement *of, uint32_t triangle) {
+    for (size_t i = 0; i < of->n; i++)
+        if (of->triangle[i] == triangle) return true;
+    return false;
+}
+
+/* Crossings of the triangles with each other and with all that stay. */
+static long count_crossings(const struct uncrossing *all, const struct replacement *of) {
+    uint32_t other[CROSSED_MOST];
+    long count = 0;
+    for (size_t i = 0; i < of->n; i++) {
+        size_t n = intersections_of(all->found, of->corner[i], other, CROSSED_MOST);
+        for (size_t k = 0; k < n && k < CROSSED_MOST; k++) count += !is_replaced(of, other[k]);
+        for (size_t k = 0; k < i; k++) count += triangles_intersect(of->corner[i], of->corner[k]);
+    }
+    return count;
+}
+
+static void take(struct way_out *best, struct way_out way) {
+    if (way.crossings < best->crossings || (way.crossings == best->crossings && way.cost < best->cost)) *best = way;
+}
+
+/* ------------------------------------------------------------------------------------------------ flips */
+
+static void try_flip(struct uncrossing *all, uint32_t h, struct way_out *best) {
+    const struct fit *fit = all->fit;
+    struct replacement now = {.n = 2};
+    if (fit->he.twin[h] == NONE) return;
+    double cost = fit_flip_cost(fit, h, all->fairness);
+    all->tried++;
+    if (!(cost < INFINITY)) return;
+    now.triangle[0] = h / 3, now.triangle[1] = fit->he.twin[h] / 3;
+    for (int i = 0; i < 2; i++) set_corners(fit, now.triangle[i], now.corner[i]);
+    struct replacement then = now;
+    vec3 a = fit_corner(fit, h), b = fit_corner(fit, fit->he.twin[h]);
+    vec3 c = fit_corner(fit, halfedge_prev(h)), d = fit_corner(fit, halfedge_prev(fit->he.twin[h]));
+    then.corner[0][0] = a, then.corner[0][1] = d, then.corner[0][2] = c;
+    then.corner[1][0] = d, then.corner[1][1] = b, then.corner[1][2] = c;
+    long crossings = count_crossings(all, &then) - count_crossings(all, &now);
+    take(best, (struct way_out){.h = h, .vertex = NONE, .crossings = crossings, .cost = cost});
+}
+
+/* ------------------------------------------------------------------------------------------------ moves */
+
+/* A vertex that may move. */
+struct mover {
+    uint32_t vertex;
+    struct replacement now;
+    int corner[FIT_MAX_RING]; /* which of each triangle's it is */
+    long crossings;
+};
+
+static bool mover_of(const struct uncrossing *all, uint32_t vertex, struct mover *mover) {
+    const struct fit *fit = all->fit;
+    uint32_t ring[FIT_MAX_RING];
+    if (fit->he.locked[vertex] != HALFEDGE_FREE) return false;
+    mover->vertex = vertex;
+    mover->now.n = fit_ring(fit, vertex, ring);
+    for (size_t i = 0; i < mover->now.n; i++) {
+        mover->now.triangle[i] = ring[i] / 3;
+        mover->corner[i] = (int)(ring[i] % 3);
+        set_corners(fit, ring[i] / 3, mover->now.corner[i]);
+    }
+    mover->crossings = mover->now.n ? count_crossings(all, &mover->now) : 0;
+    return mover->crossings > 0;
+}
+
+static void try_place(struct uncrossing *all, const struct mover *mover, vec3 place, uint32_t source,
+                      struct way_out *best) {
+    struct replacement then = mover->now;
+    all->tried++;
+    for (size_t i = 0; i < then.n; i++) then.corner[i][mover->corner[i]] = place;
+    long crossings = count_crossings(all, &then) - mover->crossings;
+    if (crossings > best->crossings) return;
+    double cost = fit_move_cost(all->fit, mover->vertex, place, all->fairness);
+    if (cost < INFINITY) take(best, (struct way_out){NONE, mover->vertex, source, place, crossings, cost});
+}
+
+/* Behind the other triangle's plane, a little farther and farther. */
+static void try_behind(struct uncrossing *all, const struct mover *mover, uint32_t other, struct way_out *best) {
+    static const double part[] = {1.05, 1.3, 2};
+    const struct fit *fit = all->fit;
+    vec3 corner[3], at = fit->mesh->vertex[mover->vertex];
+    set_corners(fit, other, corner);
+    vec3 normal = vec3_unit(vec3_triangle_normal(corner[0], corner[1], corner[2]));
+    double deepest = vec3_dot(normal, vec3_sub(at, corner[0]));
+    for (size_t i = 0; i < sizeof part / sizeof *part; i++)
+        try_place(all, mover, vec3_sub(at, vec3_scale(normal, part[i] * deepest)), NONE, best);
+}
+
+static void try_towards_neighbours(struct uncrossing *all, const struct mover *mover, struct way_out *best) {
+    static const double part[] = {0.25, 0.5, 1};
+    const struct fit *fit = all->fit;
+    vec3 sum = {0}, at = fit->mesh->vertex[mover->vertex];
+    for (size_t i = 0; i < mover->now.n; i++) sum = vec3_add(sum, mover->now.corner[i][(mover->corner[i] + 1) % 3]);
+    vec3 middle = vec3_scale(sum, 1 / (double)mover->now.n);
+    for (size_t i = 0; i < sizeof part / sizeof *part; i++)
+        try_place(all, mover, vec3_lerp(at, middle, part[i]), NONE, best);
+}
+
+/* Points of the star, evenly from among them. */
+static void try_points(struct uncrossing *all, const struct mover *mover, struct way_out *best) {
+    const struct fit *fit = all->fit;
+    struct fit_region region = {.n = mover->now.n};
+    for (size_t i = 0; i < region.n; i++) region.triangle[i] = mover->now.triangle[i];
+    fit_gather(fit, &region);
+    size_t step = region.batch.n / POINTS_TRIED + 1;
+    for (size_t i = 0; i < region.batch.n; i += step) {
+        uint32_t point = samples_point(&fit->samples, region.batch.sample[i]);
+        if (point == NONE || fit->taken[point]) continue;
+        try_place(all, mover, fit->input->points[point], point, best);
+    }
+}
+
+static void try_moves(struct uncrossing *all, uint32_t vertex, const uint32_t other[2], struct way_out *best) {
+    struct mover mover;
+    if (!mover_of(all, vertex, &mover)) return;
+    try_points(all, &mover, best);
+    if (all->fit->placement != PLACEMENT_OPTIMAL) return;
+    try_behind(all, &mover, other[0], best);
+    try_behind(all, &mover, other[1], best);
+    try_towards_neighbours(all, &mover, best);
+}
+
+/* ------------------------------------------------------------------------------------------------ pairs */
+
+static void make_way(struct uncrossing *all, const struct way_out *way) {
+    struct fit *fit = all->fit;
+    if (way->vertex == NONE) {
+        uint32_t triangle[2] = {way->h / 3, fit->he.twin[way->h] / 3};
+        fit_flip_one(fit, way->h);
+        for (int i = 0; i < 2; i++) intersections_update(all->found, triangle[i]);
+        return;
+    }
+    uint32_t ring[FIT_MAX_RING], before = fit->mesh->source ? fit->mesh->source[way->vertex] : NONE;
+    size_t n = fit_ring(fit, way->vertex, ring);
+    fit_leave(fit, before);
+    fit_take(fit, way->source);
+    fit_move_one(fit, way->vertex, way->place, way->source);
+    for (size_t i = 0; i < n; i++) intersections_update(all->found, ring[i] / 3);
+}
+
+/* Whether the pair crossed, and something was done about it. */
+static bool part_pair(struct uncrossing *all, const uint32_t pair[2]) {
+    const struct fit *fit = all->fit;
+    vec3 a[3], b[3];
+    struct way_out best = {.h = NONE, .vertex = NONE, .crossings = -1, .cost = INFINITY};
+    set_corners(fit, pair[0], a), set_corners(fit, pair[1], b);
+    if (!triangles_intersect(a, b)) return false;
+    for (int i = 0; i < 2; i++)
+        for (uint32_t k = 0; k < 3; k++) {
+            try_flip(all, 3 * pair[i] + k, &best);
+            if (all->moves) try_moves(all, fit->mesh->triangle[pair[i]][k], pair, &best);
+        }
+    if (best.h == NONE && best.vertex == NONE) return false;
+    make_way(all, &best);
+    return true;
+}
+
+enum status fit_uncross(struct fit *fit, bool moves, size_t *changes) {
+    struct uncrossing all = {.fit = fit, .moves = moves};
+    bool done = false;
+    all.most = TRIED_OF_EACH * fit->mesh->triangle_count + TRIED_LEAST;
+    enum status status = intersections_new(fit->mesh, fit->threads, &all.found);
+    for (int i = 0; i < ROUNDS && !done && !status; i++) {
+        uint32_t(*pair)[2] = NULL;
+        size_t n = 0, parted = 0;
+        status = intersections_list(all.found, fit->threads, &pair, &n);
+        for (size_t k = 0; k < n && all.tried < all.most; k++) parted += part_pair(&all, pair[k]);
+        *changes += parted;
+        done = n == 0 || (parted == 0 && all.fairness == FIT_REGARDLESS);
+        if (parted == 0 && !done) all.fairness++;
+        free(pair);
+    }
+    intersections_free(all.found);
+    return status;
+}

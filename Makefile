@@ -580,6 +580,14 @@ test-page: deps ## the page in a real browser: the whole way, pixels, tokens, a 
 	@cd tests/page && npm ci --no-audit --no-fund --ignore-scripts
 	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider tests/integration/test_page.py
 
+# CLOUD is looked at first; while a job of LONG runs, that is.
+.PHONY: screenshots
+screenshots: deps ## pictures of every part of the page, dark and light, at three widths, in out/page; CLOUD=scan.ply LONG=larger.ply
+	@deploy/deps.sh $(page_packages)
+	@$(MAKE) --no-print-directory page
+	@cd tests/page && npm ci --no-audit --no-fund --ignore-scripts
+	@$(PYTHON) tests/page/screenshots.py $(build) out/page $(CLOUD) $(LONG)
+
 .PHONY: bench-page
 bench-page: deps ## what a person waits for who opens a million points in a browser; BENCH="--points 2000000"
 	@deploy/deps.sh $(page_packages)

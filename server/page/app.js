@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The page's parts, one after the other: drop, choose, follow, look, read; and the jobs to come back to.
-import { askJson, base, events, sendJson, ask, setToken, token } from "./api.js";
+import { adviceOn, ask, askJson, base, events, sendJson, setToken, token, Unreachable } from "./api.js";
 import { choose, chosen } from "./choose.js";
 import { listJobs } from "./jobs.js";
 import { read } from "./read.js";
-import { bytes, find, seconds, show } from "./words.js";
+import { bytes, count, find, make, seconds, show } from "./words.js";
 
-const PARTS = ["drop", "choose", "follow", "look", "read", "jobs"];
+const PARTS = ["drop", "choose", "follow", "ended", "look", "read", "jobs"];
+const PAUSE_MS = 2000; // before a service that doesn't answer is asked again
 let cloud = null, job = null, stop = null, looking = null;
 
 function say(text) {
@@ -15,6 +16,12 @@ function say(text) {
 
 function parts(...visible) {
   for (const part of PARTS) show(part, visible.includes(part));
+}
+
+// Brings a part into view, for eyes, keys and screen readers.
+function lead(id) {
+  find(id).scrollIntoView({ block: "nearest" });
+  find(id).focus({ preventScroll: true });
 }
 
 // Whatever fails is said at the top of the page.
@@ -39,17 +46,25 @@ async function send(file) {
   show("sending", true);
   find("sending-name").textContent = file.name;
   try {
-    const id = await upload(file, (sent, all) => {
+    const id = await upload(file, { progress: (sent, all) => {
       const speed = sent / Math.max((performance.now() - began) / 1000, 0.001);
       find("sending-bar").value = all ? sent / all : 1;
       find("sending-text").textContent = `${bytes(sent)} of ${bytes(all)}, ${bytes(speed)}/s`;
-    }, stop.signal);
+      if (find("sending").dataset.broken) say("");
+      delete find("sending").dataset.broken;
+    }, broken: () => {
+      find("sending").dataset.broken = true;
+      say("The connection is lost. The upload goes on by itself, where it was, as soon as the service answers.");
+    } }, stop.signal);
+    say("");
     await openCloud(id, file.name);
   } catch (error) {
     const { status, text } = reasonOf(error);
     if (status === 401) document.dispatchEvent(new CustomEvent("token-wanted"));
     else if (!stop.signal.aborted) say(`${file.name}: ${text}`);
+    else say("");
   } finally {
+    delete find("sending").dataset.broken;
     show("sending", false);
     show("drop-zone", true);
     find("drop-file").value = "";
@@ -81,8 +96,7 @@ async function openCloud(id, label, params) {
   await choose(cloud, params);
   history.pushState(null, "", `${base}/`);
   parts("choose");
-  find("choose-title").scrollIntoView();
-  find("goal-slider").focus({ preventScroll: true });
+  lead("choose-title");
 }
 
 async function start() {
@@ -97,11 +111,23 @@ async function start() {
 
 /* ---------------------------------------------------------------------------------------------------- follow */
 
+// What the stages do, as core/pipeline/pipeline.c has them.
+const STAGES = { read: "reading the file", order: "putting the points in order", denoise: "taking noise away", neighbours: "finding each point's neighbours",
+  normals: "fitting planes to them", sides: "finding out which side is outside", dso: "measuring how the surface bends", quadrics: "weighing each point",
+  contract: "ranking the points", space: "keeping points apart", search: "searching for the fewest points", keep: "keeping the first ones",
+  local_delaunay: "triangulating around each point", tangent: "measuring the cloud's deviation", delaunay: "triangulating",
+  reconstruct: "finding the surface", refine: "fitting the mesh to the points", holes: "closing holes", examine: "examining the mesh",
+  measure: "measuring the mesh's deviation", verify: "checking the bound", distances: "measuring every point", write: "writing the files" };
+let stages = [];
+
 function tell(news) {
-  const { ahead, stage, status, estimate } = news, left = estimate?.seconds_left;
-  const doing = status === "accepted" ? `Waiting${ahead ? `, ${ahead} ahead` : ""}` : `${stage ?? "starting"}, ${news.progress} %`;
+  const { ahead, stage, status, estimate } = news, left = estimate?.seconds_left, progress = news.progress ?? 0;
+  if (stage && stages.at(-1) !== stage) stages = [...stages.filter((each) => each !== stage), stage];
+  const doing = status === "accepted" ? (ahead ? `Waiting: ${count(ahead)} ahead` : "Waiting for its turn") : `${progress} %`;
   find("follow-text").textContent = left > 0 ? `${doing}, about ${seconds(left)} left` : doing;
-  find("follow-bar").value = news.progress ?? 0;
+  find("follow-bar").value = progress;
+  find("follow-bar").setAttribute("aria-valuetext", `${progress} %${stage ? `, ${STAGES[stage] ?? stage}` : ""}`);
+  find("follow-stages").replaceChildren(...stages.map((each, i) => make("li", { "aria-current": i === stages.length - 1 && "step" }, STAGES[each] ?? each)));
 }
 
 const hasEnded = (status) => ["successful", "failed", "dismissed"].includes(status);
@@ -109,11 +135,23 @@ const hasEnded = (status) => ["successful", "failed", "dismissed"].includes(stat
 async function follow() {
   stop?.abort();
   const mine = stop = new AbortController();
+  stages = [];
   parts("follow");
+  find("follow-title").textContent = job.label ? `${job.label} is at work` : "At work";
+  lead("follow-title");
   tell({ ...job, ahead: job.queue.ahead });
-  while (!hasEnded(job.status) && !mine.signal.aborted) {
-    for await (const news of events(job.id, mine.signal)) if (news.status) tell(news);
-    job = await askJson(`/v1/jobs/${job.id}`);
+  for (let lost = false; !hasEnded(job.status) && !mine.signal.aborted;) {
+    try {
+      for await (const news of events(job.id, mine.signal)) if (news.status) tell(news);
+      job = await askJson(`/v1/jobs/${job.id}`);
+      if (lost) say("");
+      lost = false;
+    } catch (error) {
+      if (mine.signal.aborted || "status" in error) throw error; // streams that break off have errors of several kinds
+      lost = true;
+      say(`${new Unreachable().message} The job is not lost by that; this page goes on by itself.`);
+      await new Promise((resolve) => setTimeout(resolve, PAUSE_MS));
+    }
   }
 }
 
@@ -128,22 +166,35 @@ async function showPicture(outputs) {
   if (picture) find("look-picture").src = URL.createObjectURL(await (await ask(picture.href)).blob());
 }
 
+// A job that has no result: why, and what can be done.
+async function showEnd() {
+  const { label, status, problem } = job, name = label || "The job";
+  parts("ended");
+  find("ended-title").textContent = status === "dismissed" ? `${name} was cancelled` : `${name} has failed`;
+  find("ended-text").textContent = status === "dismissed" ? "It has no result. The file is still here for other jobs."
+    : `${problem?.title ?? "No reason was given"}${problem?.detail ? `: ${problem.detail}` : ""}${problem?.line ? ` (line ${problem.line})` : ""}.`;
+  find("ended-advice").textContent = [problem?.hint, adviceOn(problem)].filter(Boolean).join(". ");
+  show("ended-more", false);
+  lead("ended-title");
+  if (status === "dismissed") return;
+  find("ended-log").textContent = await (await ask(`/v1/jobs/${job.id}/log`)).text();
+  show("ended-more", Boolean(find("ended-log").textContent));
+}
+
 async function openJob(id) {
   if (location.pathname !== `${base}/jobs/${id}`) history.pushState(null, "", `${base}/jobs/${id}`);
   job = await askJson(`/v1/jobs/${id}`);
   document.title = `${job.label || id.slice(0, 8)} · whittled`;
   if (!hasEnded(job.status)) await follow();
   if (!hasEnded(job.status)) return;
-  if (job.status !== "successful") {
-    parts("drop", "jobs");
-    await listJobs(actions);
-    say(`${job.label || "The job"} ${job.status}: ${job.problem?.detail ?? job.problem?.title ?? "no reason given"}`);
-    return;
-  }
+  if (job.status !== "successful") return showEnd();
   const { outputs } = await askJson(`/v1/jobs/${id}/outputs`);
   find("look-title").textContent = job.label || `Job ${id.slice(-6)}`;
   read(job, outputs);
   parts("look", "read");
+  for (const part of ["look-canvas", "look-tools"]) show(part, true);
+  for (const part of ["look-none", "look-picture"]) show(part, false);
+  lead("look-title");
   try {
     looking ??= await import("./look.js");
     await looking.look(job, outputs);
@@ -203,12 +254,16 @@ on("choose-back", "click", home);
 on("follow-cancel", "click", async () => {
   await ask(`/v1/jobs/${job.id}`, { method: "DELETE" });
 });
-on("read-again", "click", () => again(job));
-on("read-delete", "click", () => remove(job));
-on("home", "click", () => {
-  history.pushState(null, "", `${base}/`);
-  return home();
-});
+for (const part of ["read", "ended"]) {
+  on(`${part}-again`, "click", () => again(job));
+  on(`${part}-delete`, "click", () => remove(job));
+}
+for (const id of ["home", "ended-home"]) {
+  on(id, "click", () => {
+    history.pushState(null, "", `${base}/`);
+    return home();
+  });
+}
 on("token-open", "click", () => {
   show("token", find("token").hidden);
   find("token-value").focus();
@@ -217,6 +272,7 @@ on("token-form", "submit", () => {
   setToken(find("token-value").value.trim());
   find("token-value").value = "";
   show("token", false);
+  show("token-open", Boolean(token()));
   return route();
 });
 on("token-drop", "click", () => {
@@ -227,8 +283,10 @@ on("token-drop", "click", () => {
 document.addEventListener("token-wanted", () => {
   find("token-title").textContent = token() ? "The service doesn't take this token" : "A token is needed";
   show("token", true);
+  show("token-open", true);
   find("token-value").focus();
 });
 addEventListener("popstate", route);
+show("token-open", Boolean(token()));
 globalThis.whittled = { drawn: () => looking?.drawn() }; // for tests
 route();

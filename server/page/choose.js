@@ -3,45 +3,85 @@
 import { askJson, base } from "./api.js";
 import { bytes, count, figure, find, make, percent, seconds } from "./words.js";
 
-const OUTPUTS = [["cloud", "Cloud"], ["mesh", "Mesh"], ["error", "Deviation of every point"], ["preview.png", "Picture"],
-  ["dso", "Shape operator"], ["mesh.glb", "Mesh as glTF"], ["mesh.obj", "Mesh as OBJ"], ["mesh.stl", "Mesh as STL"],
-  ["cloud.las", "Cloud as LAS"], ["cloud.laz", "Cloud as LAZ"], ["cloud.pcd", "Cloud as PCD"], ["xyz", "Cloud as text"]];
+const OUTPUTS = [
+  ["Points as", [["cloud", "PLY"], ["cloud.las", "LAS"], ["cloud.laz", "LAZ"], ["cloud.pcd", "PCD"], ["xyz", "text"]]],
+  ["Mesh as", [["mesh", "PLY"], ["mesh.glb", "glTF"], ["mesh.obj", "OBJ"], ["mesh.stl", "STL"]]],
+  ["What is lost", [["error", "deviation of every point"], ["preview.png", "picture"], ["dso", "shape operator"]]],
+];
 const USUAL = ["cloud", "mesh", "error", "preview.png"], SMALL = ["cloud", "preview.png"];
 const MANY = 3000000; // points beyond which a mesh isn't the first suggestion
-const ELSEWHERE = ["ratio", "points", "max_deviation", "max_deviation_rel", "outputs", "threads"];
+const ELSEWHERE = ["ratio", "points", "levels", "max_deviation", "max_deviation_rel", "outputs", "threads"];
+const PLACES = 300; // of the slider
 
 const PAUSE_MS = 150;
 
-let cloud = null, schema = null, planning = 0;
-
-const goalName = () => document.querySelector('input[name="goal"]:checked').value;
-
-// The slider's places are even in powers of ten: 0.001 to 1 of the points, 0.00001 to 0.01 of the diagonal.
-const goalValue = () => Number((10 ** (find("goal-slider").value / 100 - (goalName() === "ratio" ? 3 : 5))).toPrecision(3));
+let cloud = null, schema = null, planning = 0, goal = { name: "ratio", value: 0.1 };
 
 function diagonal() {
   const box = cloud?.bounding_box;
   return box ? Math.hypot(...box.max.map((high, i) => high - box.min[i])) : null;
 }
 
+// Each goal: the ends of its slider, whose places are even in powers of ten; the number that people write for a value,
+// and back; and what it means.  Deviations are shares of the box's diagonal, written in the file's units once it is known.
+const GOALS = {
+  ratio: {
+    label: "Share of the points, in percent", ends: () => [0.001, 1], first: 0.1,
+    write: (value) => 100 * value, read: (number) => number / 100,
+    text: (value) => percent(value) + (cloud?.points ? `: ${count(Math.max(1, Math.floor(value * cloud.points)))} of ${count(cloud.points)} points` : ""),
+  },
+  points: {
+    label: "Points", ends: () => [10, cloud?.points || 1e7], first: 10000,
+    write: (value) => value, read: Math.round,
+    text: (value) => `${count(value)}${cloud?.points ? ` of ${count(cloud.points)}` : ""} points${cloud?.points ? `, ${percent(value / cloud.points)}` : ""}`,
+  },
+  max_deviation_rel: {
+    label: () => (diagonal() ? "Largest deviation, in the file's units" : "Largest deviation, in percent of the box's diagonal"),
+    ends: () => [0.00001, 0.01], first: 0.001,
+    write: (value) => value * (diagonal() ?? 100), read: (number) => number / (diagonal() ?? 100),
+    text: (value) => `no point farther than ${percent(value)} of the box's diagonal${diagonal() ? `, ${figure(value * diagonal())} in the file's units,` : ""} from the mesh; takes about ten times as long`,
+  },
+};
+const round = (value) => Number(value.toPrecision(3));
+
+// Puts the slider and the number where the goal is; `writing` is the one that is just moved.
+function placeGoal(writing) {
+  const several = goal.name === "levels", { label, ends, write } = GOALS[goal.name] ?? GOALS.ratio, [low, high] = ends();
+  find("goal-one").hidden = several;
+  find("goal-several").hidden = !several;
+  if (several) return;
+  const text = typeof label === "function" ? label() : label;
+  find("goal-label").textContent = text;
+  find("goal-slider").setAttribute("aria-label", text);
+  if (writing !== "goal-slider") find("goal-slider").value = Math.round(PLACES * Math.log(goal.value / low) / Math.log(high / low));
+  if (writing !== "goal-number") find("goal-number").value = Number(write(goal.value).toPrecision(4));
+  const tick = (share) => figure(round(write(low * (high / low) ** share)));
+  find("goal-scale").replaceChildren(...[0, 1 / 3, 2 / 3, 1].map((share) => make("span", {}, tick(share))));
+}
+
+const levels = () => find("goal-levels").value.split(/[\s,;]+/).filter(Boolean).map((each) => round(Number(each) / 100));
+
 function sayGoal() {
-  const value = goalValue(), slider = find("goal-slider");
-  let text = `${percent(value)} of the box's diagonal`;
-  if (goalName() === "ratio") {
-    text = percent(value);
-    if (cloud?.points) text += `: ${count(Math.max(1, Math.floor(value * cloud.points)))} of ${count(cloud.points)} points`;
-  } else if (diagonal()) text += `, ${figure(value * diagonal())} in the file's units; takes about ten times as long`;
-  else text += "; takes about ten times as long";
-  find("goal-label").textContent = goalName() === "ratio" ? "Share of the points" : "Largest deviation";
+  const text = goal.name === "levels" ? levels().map(GOALS.ratio.text).join("; ") : GOALS[goal.name].text(goal.value);
   find("goal-text").textContent = text;
-  slider.setAttribute("aria-valuetext", text);
+  find("goal-slider").setAttribute("aria-valuetext", text);
   sayCommand();
   sayPlan();
 }
 
+function changeGoal({ target }) {
+  if (target.name === "goal") goal = { name: target.value, value: GOALS[target.value]?.first };
+  const [low, high] = (GOALS[goal.name] ?? GOALS.ratio).ends();
+  if (target.id === "goal-slider") goal.value = round(low * (high / low) ** (target.value / PLACES));
+  if (target.id === "goal-number" && target.value > 0) goal.value = GOALS[goal.name].read(Number(target.value));
+  if (goal.name === "points" && goal.value) goal.value = Math.max(1, Math.min(high, Math.round(goal.value)));
+  placeGoal(target.id);
+  sayGoal();
+}
+
 // What differs from the defaults.
 export function chosen() {
-  const params = { [goalName()]: goalValue() };
+  const params = { [goal.name]: goal.name === "levels" ? levels() : goal.value };
   params.outputs = [...document.querySelectorAll("#choose-outputs input:checked")].map((box) => box.value);
   for (const input of document.querySelectorAll("#choose-more [name]")) {
     const row = schema[input.name];
@@ -70,9 +110,9 @@ function sayPlan() {
     try {
       const plan = await askJson(`/v1/clouds/${asked}/plan?${query}`);
       if (plan.problem) text = `${plan.problem.detail}${plan.problem.hint ? `; ${plan.problem.hint}` : ""}`;
-      else if (plan.memory_bytes) text = `Takes up to ${bytes(plan.memory_bytes)} of ${bytes(plan.memory_limit_bytes)}`;
+      else if (plan.memory_bytes) text = `Takes up to ${bytes(plan.memory_bytes)} of memory, ${bytes(plan.memory_limit_bytes)} are there`;
       else text = "How much memory it takes is known once the file has been read";
-      if (!plan.problem) text += plan.seconds === null ? "." : `, about ${seconds(plan.seconds)}.`;
+      if (!plan.problem) text += plan.seconds === null ? "." : ` and about ${seconds(plan.seconds)}.`;
     } catch (error) {
       text = error.message;
     }
@@ -117,12 +157,15 @@ export async function choose(described, params = {}) {
     ...(cloud.properties ? [fact("Properties", cloud.properties.map((p) => p.name).join(", "))] : []),
     ...(box ? [fact("Box", box.max.map((high, i) => figure(high - box.min[i])).join(" × "))] : []));
   const wanted = params.outputs?.filter((name) => name !== "report") ?? usual;
-  find("choose-outputs").replaceChildren(...OUTPUTS.map(([value, text]) => make("label", {},
-    make("input", { type: "checkbox", value, checked: wanted.includes(value) }), ` ${text}`)));
-  const bounded = params.max_deviation_rel;
-  document.querySelector(`input[name="goal"][value="${bounded ? "max_deviation_rel" : "ratio"}"]`).checked = true;
-  const value = bounded ? 100 * (Math.log10(bounded) + 5) : 100 * (Math.log10(params.ratio ?? 0.1) + 3);
-  find("goal-slider").value = Math.round(value);
+  find("choose-outputs").replaceChildren(...OUTPUTS.map(([group, rows]) => make("div", { class: "outputs", role: "group", "aria-label": group },
+    make("span", {}, group), make("div", { class: "checks" }, ...rows.map(([value, text]) => make("label", {},
+      make("input", { type: "checkbox", value, checked: wanted.includes(value) }), ` ${text}`))))));
+  if (params.max_deviation && diagonal()) params = { ...params, max_deviation_rel: params.max_deviation / diagonal() };
+  const name = ["levels", "max_deviation_rel", "ratio", "points"].find((each) => params[each]) ?? "ratio";
+  goal = { name, value: params[name] ?? GOALS[name]?.first };
+  if (name === "levels") find("goal-levels").value = params.levels.map((each) => round(100 * each)).join(", ");
+  document.querySelector(`input[name="goal"][value="${name}"]`).checked = true;
+  placeGoal();
   for (const input of document.querySelectorAll("#choose-more [name]")) {
     const given = params[input.name], usualValue = schema[input.name].default;
     input.value = given !== undefined && String(given) !== String(usualValue) ? given : input.matches("select") ? usualValue : "";
@@ -130,4 +173,4 @@ export async function choose(described, params = {}) {
   sayGoal();
 }
 
-find("choose-form").addEventListener("input", sayGoal);
+find("choose-form").addEventListener("input", changeGoal);

@@ -36,6 +36,8 @@ function draw() {
   const matching = shown.filter((job) => (job.label ?? "").toLowerCase().includes(wanted));
   find("jobs-list").replaceChildren(...matching.map(cardOf));
   find("jobs-none").hidden = matching.length > 0;
+  find("jobs-none").textContent = shown.length || find("jobs-status").value ? "No job is called so." : "What you have made will be listed here.";
+  find("jobs-tools").hidden = !shown.length && !find("jobs-status").value;
   find("jobs-more").hidden = !next;
 }
 

@@ -3,8 +3,8 @@
 import * as THREE from "three";
 
 import { ask } from "./api.js";
-import { comesInPieces, readHead } from "./ply.js";
-import { colourOf, rangeOf } from "./ramp.js";
+import { arraysFor, comesInPieces, readHead } from "./ply.js";
+import { rangeOf, shadeOf, shadesOf } from "./ramp.js";
 
 const FIRST_BYTES = 64 * 1024; // the head, and the points of the first view
 const PIECE_POINTS = 50000, MOST_POINTS = 400000; // of a request: twice as many each time
@@ -34,13 +34,13 @@ async function bytesOf(url, from, to) {
 
 const linear = Float32Array.from({ length: 256 }, (_, c) => new THREE.Color().setRGB(c / 255, 0, 0, THREE.SRGBColorSpace).r);
 
-// The ramp as a picture of one line.
-const SHADES = 256, ramp = new THREE.DataTexture(Uint8Array.from({ length: 4 * SHADES }, (_, i) =>
-  (i % 4 === 3 ? 255 : Math.round(colourOf(Math.floor(i / 4) / (SHADES - 1))[i % 4]))), SHADES, 1);
-Object.assign(ramp, { colorSpace: THREE.SRGBColorSpace, magFilter: THREE.LinearFilter, minFilter: THREE.LinearFilter, needsUpdate: true });
+// Values from low to high, or classes, as a picture of one line.
+const SHADES = 256;
+const shadesTexture = () => Object.assign(new THREE.DataTexture(new Uint8Array(4 * SHADES), SHADES, 1), {
+  colorSpace: THREE.SRGBColorSpace, magFilter: THREE.LinearFilter, minFilter: THREE.LinearFilter });
 
-// Points are squares of `size` in the file's units; what they are coloured by is chosen when they are drawn, so that
-// nothing is computed for each of a million points here.
+// Points are discs of `size` in the file's units, lit where they have normals; what they are coloured by is chosen when
+// they are drawn, so that nothing is computed for each of a million points here.
 const DOT = {
   vertexShader: `
     attribute vec3 tint;
@@ -49,24 +49,45 @@ const DOT = {
     uniform vec3 clay;
     uniform float size, half_height, low, high;
     uniform int by;
+    uniform bool lit;
     varying vec3 shade;
+    varying float wide;
     vec3 linear(vec3 c) {
       return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c));
     }
     void main() {
       vec4 at = modelViewMatrix * vec4(position, 1.0);
       gl_Position = projectionMatrix * at;
-      gl_PointSize = max(size * half_height / -at.z, 1.0);
-      shade = by == 0 ? clay : by == 1 ? linear(tint)
-        : texture2D(ramp, vec2(clamp((value - low) / (high - low), 0.002, 0.998), 0.5)).rgb;
+      gl_PointSize = wide = max(size * half_height / -at.z, 1.0);
+      float share = by == 4 ? (value + 0.5) / 256.0 : clamp((value - low) / (high - low), 0.002, 0.998);
+      shade = by == 0 ? clay : by == 1 ? linear(tint) : by == 3 ? linear(0.5 + 0.5 * normal) : texture2D(ramp, vec2(share, 0.5)).rgb;
+      if (lit) shade *= 0.4 + 0.75 * abs(dot(normalize(normalMatrix * normal + vec3(0.0, 0.0, 1e-6)), vec3(-0.497, 0.678, 0.542)));
     }`,
-  fragmentShader: "varying vec3 shade; void main() { gl_FragColor = vec4(shade, 1.0); }",
+  fragmentShader: `
+    varying vec3 shade;
+    varying float wide;
+    void main() {
+      vec2 from = gl_PointCoord - 0.5;
+      if (wide > 3.0 && dot(from, from) > 0.25) discard;
+      gl_FragColor = vec4(shade, 1.0);
+    }`,
 };
-const BY = { plain: 0, own: 1 }, BY_VALUE = 2;
+const BY = { plain: 0, own: 1, normals: 3 }, BY_VALUE = 2, BY_CLASS = 4;
 
-const dots = () => new THREE.ShaderMaterial({ ...DOT, uniforms: { ramp: { value: ramp }, size: { value: 1 },
+const dots = () => new THREE.ShaderMaterial({ ...DOT, uniforms: { ramp: { value: shadesTexture() }, size: { value: 1 }, lit: { value: false },
   clay: { value: new THREE.Vector3(...CLAY.map((c) => linear[c])) }, half_height: { value: 1 }, low: { value: 0 },
   high: { value: 1 }, by: { value: 0 } } });
+
+// Names that points or vertices can be coloured by.
+const attributesOf = (points, facing) => [...(points.rgb ? ["own"] : []), "plain", "height", ...(facing ? ["normals"] : []),
+  ...Object.keys(points.scalar)];
+
+// The coordinates along an axis, in an array for all of `count` points; the first n are filled.
+function heights({ position, origin }, n, count, axis) {
+  const height = new Float32Array(count);
+  for (let i = 0; i < n; i++) height[i] = position[3 * i + axis] + origin[axis];
+  return height;
+}
 
 // Points of a PLY that come in pieces, the first ones first.  area: of the surface, about, in square units; reach: of
 // the farthest point from the origin, at most; ranked: the first n of them are the cloud of n points.
@@ -94,6 +115,7 @@ export class PointLayer {
     const piece = await parse({ what: "records", head, buffer, start, count, origin: this.origin }, [buffer]);
     this.points.position.set(piece.position, 3 * begin);
     if (piece.rgb) this.points.rgb.set(piece.rgb, 3 * begin);
+    if (piece.normal) this.points.normal.set(piece.normal, 3 * begin);
     for (const name in piece.scalar) this.points.scalar[name].set(piece.scalar[name], begin);
     this.loaded = begin + count;
     for (const attribute of Object.values(this.geometry.attributes)) {
@@ -104,16 +126,12 @@ export class PointLayer {
   }
 
   make() {
-    const n = this.count, names = this.head.vertex.properties.filter((p) => !p.count).map((p) => p.name);
-    const coloured = names.includes("red");
-    this.points ??= {
-      position: new Float32Array(3 * n), rgb: coloured ? new Uint8Array(3 * n) : null,
-      scalar: Object.fromEntries(names.filter((name) => !["x", "y", "z", "alpha"].includes(name)
-        && !(coloured && ["red", "green", "blue"].includes(name))).map((name) => [name, new Float32Array(n)])),
-    };
+    const n = this.count;
+    this.points ??= { ...arraysFor(this.head, n), origin: this.origin };
     this.geometry = new THREE.BufferGeometry();
     this.geometry.setAttribute("position", new THREE.BufferAttribute(this.points.position, 3));
     if (this.points.rgb) this.geometry.setAttribute("tint", new THREE.BufferAttribute(this.points.rgb, 3, true));
+    if (this.points.normal) this.geometry.setAttribute("normal", new THREE.BufferAttribute(this.points.normal, 3));
     this.material = dots();
     this.geometry.boundingSphere = new THREE.Sphere(new THREE.Vector3(), this.reach); // points come later
     this.object = new THREE.Points(this.geometry, this.material);
@@ -126,22 +144,31 @@ export class PointLayer {
 
   // Names that points can be coloured by.
   get attributes() {
-    return [...(this.points.rgb ? ["own"] : []), "plain", ...Object.keys(this.points.scalar)];
+    return attributesOf(this.points, Boolean(this.points.normal));
   }
 
-  // Returns the range of the values that the legend shows, null where there is none.
-  colourBy(name) {
-    const values = this.points.scalar[name], range = values && rangeOf(values.subarray(0, this.loaded));
+  // Returns the range of the values that the legend shows, null where there is none.  axis: which of x, y, z is height.
+  colourBy(name, axis) {
+    if (name === "height") this.points.height = heights(this.points, this.loaded, this.count, axis);
+    const values = name === "height" ? this.points.height : this.points.scalar[name];
+    const range = values ? rangeOf(name, values.subarray(0, this.loaded)) : null;
     this.by = { name, range };
-    if (values && this.values !== values) {
+    if (values && (this.values !== values || name === "height")) {
       this.geometry.setAttribute("value", new THREE.BufferAttribute(values, 1));
       this.values = values;
     }
     const { uniforms } = this.material;
-    uniforms.by.value = BY[name] ?? BY_VALUE;
+    uniforms.by.value = range?.classes ? BY_CLASS : BY[name] ?? BY_VALUE;
     uniforms.low.value = range?.low ?? 0;
     uniforms.high.value = range?.high ?? 1;
-    return range ?? null;
+    uniforms.lit.value = Boolean(this.points.normal) && name !== "normals";
+    if (range) {
+      const shades = uniforms.ramp.value;
+      shades.image.data.set(shadesOf(range));
+      shades.magFilter = shades.minFilter = range.classes ? THREE.NearestFilter : THREE.LinearFilter;
+      shades.needsUpdate = true;
+    }
+    return range;
   }
 
   // Shows the first n points, of those that are there.
@@ -154,7 +181,7 @@ export class PointLayer {
   // Draws count of the points from begin on, as large as the first `whole` of them have to be to cover the surface.
   part(begin, count, whole) {
     this.geometry.setDrawRange(begin, count);
-    this.material.uniforms.size.value = 5 * Math.sqrt(this.area / Math.max(whole, 1));
+    this.material.uniforms.size.value = 1.6 * Math.sqrt(this.area / Math.max(whole, 1));
   }
 
   // A file's own order is how it was scanned: its points are drawn in one that is everywhere at once, so that any first
@@ -190,6 +217,7 @@ export class PointLayer {
 
   dispose() {
     this.geometry.dispose();
+    this.material.uniforms.ramp.value.dispose();
     this.material.dispose();
   }
 }
@@ -212,10 +240,21 @@ export class MeshLayer {
     return layer;
   }
 
-  colourBy(name) {
-    const rgb = name === "own" ? this.points.rgb : null;
-    for (let k = 0; k < this.colour.length; k++) this.colour[k] = linear[rgb ? rgb[k] : CLAY[k % 3]];
+  get attributes() {
+    return attributesOf(this.points, true);
+  }
+
+  // Returns the range of the values that the legend shows, null where there is none.  axis: which of x, y, z is height.
+  colourBy(name, axis) {
+    const { points, colour } = this, n = points.count, normal = this.geometry.attributes.normal.array;
+    const values = name === "height" ? heights(points, n, n, axis) : points.scalar[name];
+    const range = values ? rangeOf(name, values) : null;
+    this.by = { name, range };
+    if (range) for (let i = 0; i < n; i++) shadeOf(range, values[i]).forEach((c, k) => { colour[3 * i + k] = linear[Math.round(c)]; });
+    else if (name === "normals") for (let k = 0; k < colour.length; k++) colour[k] = linear[Math.round(127.5 + 127.5 * normal[k])];
+    else for (let k = 0; k < colour.length; k++) colour[k] = linear[name === "own" ? points.rgb[k] : CLAY[k % 3]];
     this.geometry.attributes.color.needsUpdate = true;
+    return range;
   }
 
   // flat, smooth or wireframe

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The part of the page that shows a result: what is before, what is after, and how it is coloured.
 import { MeshLayer, PointLayer } from "./layers.js";
-import { drawHistogram } from "./ramp.js";
+import { drawLegend } from "./ramp.js";
 import { Viewer } from "./viewer.js";
 import { count, figure, find, make, percent } from "./words.js";
 
 const MOST_AT_ONCE = 2000000; // points of the original that are fetched without being asked for
 const FIRST = 50000; // points of the first view
+
+const SIDES = [0, 1]; // before, after
 
 let viewer = null, now = null, picked = [];
 
@@ -39,14 +41,15 @@ function guessUp({ points, loaded = points.count }, size) {
 function sourcesOf(job, outputs) {
   const at = (name) => outputs.find((output) => output.name === name)?.href, before = [], after = [];
   if (at("error.ply")) before.push(["error", "deviation", at("error.ply")]);
-  if (job.input.format?.startsWith("ply/")) before.push(["own", "the file's points", `/v1/clouds/${job.input.sha256}/data`]);
+  if (job.input.format?.startsWith("ply/")) before.push(["own", "the file itself", `/v1/clouds/${job.input.sha256}/data`]);
   if (at("dso.ply")) before.push(["dso", "shape operator", at("dso.ply")]);
   if (at("mesh.ply")) after.push(["mesh", "mesh", at("mesh.ply")]);
   if (at("cloud.ply")) after.push(["cloud", "points", at("cloud.ply")]);
-  for (const output of outputs.filter((each) => /^mesh_.*\.ply$/.test(each.name))) {
-    after.push([output.name, `mesh at ${percent(Number(output.name.slice(5, -4)))}`, output.href]);
-  }
-  return { before, after };
+  const levels = outputs.filter((each) => /^mesh_.*\.ply$/.test(each.name))
+    .map(({ name, href }) => ({ name, href, ratio: Number(name.slice(5, -4)) })).sort((a, b) => b.ratio - a.ratio);
+  if (levels.length) after.shift(); // mesh.ply is the finest of them
+  after.unshift(...levels.map(({ name, href, ratio }) => [name, `mesh at ${percent(ratio)}`, href]));
+  return { before, after, levels };
 }
 
 function put(side, layer) {
@@ -60,44 +63,48 @@ function put(side, layer) {
   viewer.ask();
 }
 
-function legend(layer, range) {
-  find("legend").hidden = !range;
-  if (!range) return;
-  drawHistogram(find("legend-bars"), range);
-  const name = layer.by.name;
-  find("legend-low").textContent = figure(range.low);
-  find("legend-high").textContent = `${range.most > range.high ? "over " : ""}${figure(range.high)}`;
-  find("legend-name").textContent = name === "distance" ? `deviation, largest ${figure(range.most)}` : name;
+const NAMES = { own: "its own colours", plain: "one colour", distance: "deviation", dso: "shape operator", rgb: "colour" };
+const TITLES = { distance: "Deviation of each point, in the file's units", height: "Height, in the file's units",
+  dso: "Discrete shape operator: how much the surface bends" };
+
+const nameOf = (name) => NAMES[name] ?? name.replace(/^scalar_/, "").replaceAll("_", " ");
+
+function listColours(side) {
+  const names = now.layers[side]?.attributes ?? ["plain"];
+  fill(`look-colour-${side}`, names.map((name) => [name, nameOf(name)]), now.layers[side]?.by?.name);
 }
 
-// Colours of the side that the list is for: before, where that is seen, else after.
-const colouredSide = () => (viewer.layout === "after" || !now.layers[0] ? 1 : 0);
-
-function listColours() {
-  const layer = now.layers[colouredSide()], names = layer?.attributes ?? ["own", "plain"];
-  fill("look-colour", names.map((name) => [name, { own: "its own", plain: "none", distance: "deviation" }[name] ?? name]), layer?.by?.name);
-}
-
-function colour(name) {
-  const side = colouredSide(), layer = now.layers[side];
-  const range = layer?.colourBy(name) ?? null;
-  legend(layer, range);
+// Colours a side by an attribute that it has, and says what the colours mean.
+function colour(side, name) {
+  const layer = now.layers[side], range = layer?.colourBy(name, "xyz".indexOf(viewer.up)) ?? null;
+  drawLegend(find(`legend-${side}`), range, TITLES[name] ?? nameOf(name));
   viewer.ask();
 }
 
-function sayLevel() {
-  const layer = now.layers[1], row = find("level-row"), isCloud = layer instanceof PointLayer;
-  row.hidden = !layer;
-  find("look-level").disabled = !isCloud && !now.sources.after.some(([name]) => name === "cloud");
-  if (!layer) return;
-  const text = isCloud ? `${count(layer.shown)} of ${count(layer.count)} points, ${percent(layer.shown / now.pointsIn)} of the original`
-    : `${count(layer.triangles)} triangles`;
-  find("level-text").textContent = text;
-  find("look-level").setAttribute("aria-valuetext", text);
+// What a side is coloured by when it is first seen, or when what it shows was changed.
+function firstColour(side, source) {
+  const { attributes } = now.layers[side], wanted = { error: "distance", dso: "dso" }[source];
+  return [wanted, now.colours[side], "own", "plain"].find((name) => attributes.includes(name));
 }
 
+function sayLevel() {
+  const layer = now.layers[1], isCloud = layer instanceof PointLayer, { levels } = now.sources;
+  find("level-row").hidden = !layer;
+  find("look-level").disabled = !isCloud && levels.length < 2 && !hasCloud();
+  if (!layer) return;
+  const share = isCloud ? layer.shown / now.pointsIn : levels.find(({ name }) => name === find("look-after").value)?.ratio;
+  let text = isCloud ? `${count(layer.shown)} of ${count(layer.count)} points, ${percent(share)} of the original` : `${count(layer.triangles)} triangles`;
+  if (!isCloud && share) text += `, of ${percent(share)} of the points`;
+  find("level-text").textContent = text;
+  find("look-level").setAttribute("aria-valuetext", text);
+  find("level-help").textContent = isCloud || levels.length > 1 ? "" : hasCloud() ? "Moving it shows the cloud: any first part of it is a coarser cloud." : "";
+}
+
+const hasCloud = () => now.sources.after.some(([name]) => name === "cloud");
+
 // The slider's places are even in powers of ten, from one point in a thousand.
-const levelPoints = (layer) => Math.max(1, Math.round(layer.count * 10 ** (3 * (find("look-level").value / 1000 - 1))));
+const levelShare = () => 10 ** (3 * (find("look-level").value / 1000 - 1));
+const levelPoints = (layer) => Math.max(1, Math.round(layer.count * levelShare()));
 
 async function level() {
   const layer = now.layers[1];
@@ -114,6 +121,17 @@ async function level() {
   });
 }
 
+// The level was moved: of meshes, the nearest that there is; of a mesh alone, its cloud.
+function moveLevel() {
+  if (!(now.layers[1] instanceof MeshLayer)) return level();
+  const { levels } = now.sources, wanted = Math.log(levelShare() * (levels[0]?.ratio ?? 1));
+  const nearest = levels.reduce((a, b) => (a && Math.abs(Math.log(a.ratio) - wanted) <= Math.abs(Math.log(b.ratio) - wanted) ? a : b), null);
+  const value = levels.length > 1 ? nearest.name : hasCloud() ? "cloud" : find("look-after").value;
+  if (find("look-after").value === value) return;
+  find("look-after").value = value;
+  return showAfter(value);
+}
+
 const openPoints = (url, ranked) => PointLayer.open(url,
   { origin: now.origin, area: now.area, reach: Math.hypot(...now.size), ranked });
 
@@ -123,22 +141,20 @@ async function showBefore(value) {
   const layer = await openPoints(source[2], false);
   if (shown !== now) return;
   put(0, layer);
+  const here = () => now.layers[0] === layer;
   const more = () => {
     layer.show(layer.loaded);
     viewer.ask();
   };
-  const name = { error: "distance", dso: "dso" }[value], dye = () => {
-    if (now.layers[0] === layer) legend(layer, name ? layer.colourBy(name) : null);
-  };
-  dye();
+  colour(0, firstColour(0, value));
+  listColours(0);
   more();
   await layer.load(FIRST, more);
-  dye();
+  if (here()) colour(0, layer.by.name); // of all that have come
   if (layer.count <= MOST_AT_ONCE) await layer.load(layer.count, more);
-  if (now.layers[0] !== layer) return;
-  dye();
+  if (!here()) return;
+  colour(0, layer.by.name);
   more();
-  listColours();
 }
 
 async function showAfter(value) {
@@ -147,18 +163,29 @@ async function showAfter(value) {
   const layer = await (value === "cloud" ? openPoints(source[2], true) : MeshLayer.open(source[2], now.origin));
   if (shown !== now) return;
   put(1, layer);
-  if (layer instanceof MeshLayer) layer.shade(find("look-mesh").value);
+  const isMesh = layer instanceof MeshLayer;
+  find("look-mesh").disabled = !isMesh;
+  if (isMesh) layer.shade(find("look-mesh").value);
+  const name = firstColour(1, value);
+  colour(1, name);
+  listColours(1);
   await level();
+  if (now.layers[1] !== layer) return;
+  if (!isMesh && layer.by.range) colour(1, layer.by.name); // of all that have come
   sayLevel();
-  if (colouredSide() === 1) listColours();
 }
 
+// Distances and coordinates are those of the file.
 function measure(place) {
-  if (!place) return;
+  if (!place) {
+    find("measure-text").textContent = "There is nothing at that place.";
+    return;
+  }
   picked = picked.length === 2 ? [place] : [...picked, place];
   viewer.mark(picked);
-  find("measure-text").textContent = picked.length === 2
-    ? `${figure(picked[0].distanceTo(picked[1]))} between the two places, in the file's units` : "Pick the second place.";
+  const [a, b] = picked, parts = (v) => ["x", "y", "z"].map((axis) => `${axis} ${figure(v[axis])}`).join(", ");
+  find("measure-text").textContent = b ? `${figure(a.distanceTo(b))} between the two places (${parts(b.clone().sub(a))}), in the file's units`
+    : `First place: ${["x", "y", "z"].map((axis, i) => (a[axis] + now.origin[i]).toFixed(now.digits)).join(", ")}. Pick the second one.`;
 }
 
 function layOut(layout) {
@@ -166,8 +193,17 @@ function layOut(layout) {
   find("look-bar").hidden = layout !== "swipe";
   find("look-left").hidden = layout === "after";
   find("look-right").hidden = layout === "before";
-  listColours();
+  find("look-stage").dataset.layout = layout;
+  aim();
   viewer.ask();
+}
+
+// Where keys pick, while places are picked.
+function aim() {
+  const [x, y] = viewer.middle(), box = find("look-canvas").getBoundingClientRect(), cross = find("look-aim");
+  cross.hidden = !viewer.picking;
+  cross.style.left = `${x - box.left}px`;
+  cross.style.top = `${y - box.top}px`;
 }
 
 function listen() {
@@ -175,19 +211,22 @@ function listen() {
   on("look-layout", layOut);
   on("look-before", showBefore);
   on("look-after", showAfter);
-  on("look-colour", colour);
-  on("look-up", (up) => viewer.turnUp(up));
+  for (const side of SIDES) {
+    on(`look-colour-${side}`, (name) => {
+      now.colours[side] = name;
+      colour(side, name);
+    });
+  }
+  on("look-up", (up) => {
+    viewer.turnUp(up);
+    for (const side of SIDES) if (now.layers[side]?.by?.name === "height") colour(side, "height");
+  });
+  new ResizeObserver(aim).observe(find("look-canvas"));
   on("look-mesh", (how) => {
     if (now.layers[1] instanceof MeshLayer) now.layers[1].shade(how);
     viewer.ask();
   });
-  find("look-level").addEventListener("input", () => { // levels are those of points
-    if (!(now.layers[1] instanceof MeshLayer)) return level();
-    if (now.sources.after.some(([name]) => name === "cloud") && find("look-after").value !== "cloud") {
-      find("look-after").value = "cloud";
-      return showAfter("cloud");
-    }
-  });
+  find("look-level").addEventListener("input", moveLevel);
   find("look-bar").addEventListener("input", (event) => {
     viewer.bar = event.target.value / 100;
     viewer.ask();
@@ -203,7 +242,9 @@ function listen() {
     find("look-canvas").classList.toggle("picking", pressed);
     picked = [];
     viewer.mark(null);
-    find("measure-text").textContent = pressed ? "Pick two places." : "";
+    find("measure-text").textContent = pressed ? "Pick two places: click them, or turn them under the cross and press Enter." : "";
+    aim();
+    if (pressed) find("look-canvas").focus({ preventScroll: true });
   });
   toggle("look-box", (pressed) => {
     viewer.showBox(pressed);
@@ -227,13 +268,14 @@ export async function look(job, outputs) {
   const { box_min: low, box_max: high } = job.report.input, size = high.map((x, i) => x - low[i]);
   const [a, b, c] = size;
   now = { name: job.label || job.id, origin: low.map((x, i) => (x + high[i]) / 2), size, layers: [null, null],
+    colours: [null, null], digits: Math.max(0, Math.min(9, 4 - Math.floor(Math.log10(Math.hypot(...size) || 1)))),
     area: job.report.mesh?.area || 0.8 * (a * b + b * c + c * a) || Math.max(a, b, c) ** 2 || 1, pointsIn: job.report.points_in, sources: sourcesOf(job, outputs) };
   viewer.frame(size, "z");
   find("look-level").value = 1000;
   const { before, after } = now.sources;
   fill("look-before", before.length ? before : [["", "nothing"]]);
   fill("look-after", after.length ? after : [["", "nothing"]]);
-  const layout = before.length && after.length ? (innerWidth < 700 ? "swipe" : "side") : before.length ? "before" : "after";
+  const layout = before.length && after.length ? "side" : before.length ? "before" : "after";
   find("look-layout").value = layout;
   layOut(layout);
   const shown = now, first = after.length ? showAfter(after[0][0]) : showBefore(before[0]?.[0]);
@@ -242,6 +284,7 @@ export async function look(job, outputs) {
     if (shown !== now || !layer) return;
     find("look-up").value = guessUp(layer, size);
     viewer.turnUp(find("look-up").value);
+    viewer.reset();
   });
   await Promise.all([turned, after.length ? showBefore(before[0]?.[0]) : null]);
   sayLevel();
@@ -256,9 +299,10 @@ export function leave() {
   for (const id of ["look-measure", "look-box"]) find(id).setAttribute("aria-pressed", "false");
   viewer.picking = null;
   find("measure-text").textContent = "";
-  find("legend").hidden = true;
+  for (const side of SIDES) drawLegend(find(`legend-${side}`), null);
+  aim();
 }
 
 // For tests: what is drawn.
-export const drawn = () => ({ frames: viewer.frames, busy: Boolean(viewer.drawing), layers: now.layers.map((layer) => layer && {
+export const drawn = () => ({ frames: viewer.frames, busy: Boolean(viewer.drawing), layers: (now?.layers ?? []).map((layer) => layer && {
   shown: layer.shown ?? null, count: layer.count ?? null, triangles: layer.triangles ?? null, fetched: layer.fetched }) });

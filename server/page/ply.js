@@ -48,15 +48,18 @@ function places(element) {
   }));
 }
 
-// Empty arrays for n points: position (less origin), rgb where there are colours, and each other scalar.
-function arrays(head, n) {
+const COLOURS = ["red", "green", "blue"], NORMALS = ["nx", "ny", "nz"];
+
+// Empty arrays for n points: position (less origin), rgb and normal where the file has them, and each other scalar.
+export function arraysFor(head, n) {
   const names = head.vertex.properties.filter((property) => !property.count).map((property) => property.name);
-  const coloured = ["red", "green", "blue"].every((name) => names.includes(name));
+  const coloured = COLOURS.every((name) => names.includes(name)), facing = NORMALS.every((name) => names.includes(name));
   const others = names.filter((name) => !["x", "y", "z", "alpha"].includes(name)
-    && !(coloured && ["red", "green", "blue"].includes(name)));
+    && !(coloured && COLOURS.includes(name)) && !(facing && NORMALS.includes(name)));
   return {
     position: new Float32Array(3 * n),
     rgb: coloured ? new Uint8Array(3 * n) : null,
+    normal: facing ? new Float32Array(3 * n) : null,
     scalar: Object.fromEntries(others.map((name) => [name, new Float32Array(n)])),
   };
 }
@@ -66,16 +69,13 @@ const colourScale = (type) => (/16|short/.test(type) ? 1 / 257 : /float|double/.
 // Reads n records from a piece; origin (three numbers) is taken off, or null: it is the first point.
 export function readRecords(head, buffer, start, n, origin) {
   const view = new DataView(buffer), little = head.format !== "binary_big_endian";
-  const at = places(head.vertex), into = arrays(head, n), stride = head.vertex.stride;
+  const at = places(head.vertex), into = arraysFor(head, n), stride = head.vertex.stride;
   const value = (name, i) => view[READ[at[name].type]](start + i * stride + at[name].offset, little);
   const zero = origin ?? ["x", "y", "z"].map((name) => (n ? value(name, 0) : 0));
   for (let i = 0; i < n; i++) {
     for (let axis = 0; axis < 3; axis++) into.position[3 * i + axis] = value("xyz"[axis], i) - zero[axis];
-    if (into.rgb) {
-      ["red", "green", "blue"].forEach((name, c) => {
-        into.rgb[3 * i + c] = value(name, i) * colourScale(at[name].type);
-      });
-    }
+    if (into.rgb) COLOURS.forEach((name, c) => { into.rgb[3 * i + c] = value(name, i) * colourScale(at[name].type); });
+    if (into.normal) NORMALS.forEach((name, c) => { into.normal[3 * i + c] = value(name, i); });
     for (const name in into.scalar) into.scalar[name][i] = value(name, i);
   }
   return { ...into, count: n, origin: zero };
@@ -100,8 +100,6 @@ function cursorOf(head, buffer) {
   };
 }
 
-const isColour = (name) => ["red", "green", "blue"].includes(name);
-
 // A whole file: points, and the triangles of its faces (fans).
 export function readWhole(buffer, origin) {
   const head = readHead(buffer), cursor = cursorOf(head, buffer), triangle = [];
@@ -113,7 +111,7 @@ export function readWhole(buffer, origin) {
       cursor.skip(n * element.properties.length, n * element.stride);
       continue;
     }
-    if (element === head.vertex) points = { ...arrays(head, n), count: n, origin };
+    if (element === head.vertex) points = { ...arraysFor(head, n), count: n, origin };
     for (let i = 0; i < n; i++) readElement(element, i, element === head.vertex);
   }
   return { ...points, origin: points.origin ?? [0, 0, 0], triangle: triangle.length ? new Uint32Array(triangle) : null };
@@ -122,7 +120,7 @@ export function readWhole(buffer, origin) {
     const found = {};
     for (const property of element.properties) {
       if (!property.count) {
-        found[property.name] = cursor.next(property.type) * (isColour(property.name) ? colourScale(property.type) : 1);
+        found[property.name] = cursor.next(property.type) * (COLOURS.includes(property.name) ? colourScale(property.type) : 1);
         continue;
       }
       const length = cursor.next(property.count), isFace = /^vertex_ind/.test(property.name);
@@ -137,7 +135,8 @@ export function readWhole(buffer, origin) {
     if (!isVertex) return;
     points.origin ??= [found.x, found.y, found.z];
     [found.x, found.y, found.z].forEach((value, axis) => { points.position[3 * i + axis] = value - points.origin[axis]; });
-    if (points.rgb) [found.red, found.green, found.blue].forEach((value, c) => { points.rgb[3 * i + c] = value; });
+    if (points.rgb) COLOURS.forEach((name, c) => { points.rgb[3 * i + c] = found[name]; });
+    if (points.normal) NORMALS.forEach((name, c) => { points.normal[3 * i + c] = found[name]; });
     for (const name in points.scalar) points.scalar[name][i] = found[name];
   }
 }

@@ -10,7 +10,7 @@ const work = {
 self.onmessage = ({ data }) => {
   try {
     const result = work[data.what](data);
-    const owned = [result.position, result.rgb, result.triangle, ...Object.values(result.scalar)]
+    const owned = [result.position, result.rgb, result.normal, result.triangle, ...Object.values(result.scalar)]
       .filter(Boolean).map((array) => array.buffer);
     self.postMessage({ id: data.id, result }, owned);
   } catch (error) {

@@ -2,34 +2,48 @@
 // A result's figures, files and the command that makes it again.
 import { ask, base, sendJson, token } from "./api.js";
 import { commandOf } from "./choose.js";
-import { bytes, count, figure, find, make, seconds } from "./words.js";
+import { bytes, count, figure, find, make, percent, seconds } from "./words.js";
 
 const DIRECTIONS = [["symmetric", "both ways"], ["input_to_mesh", "points to mesh"], ["mesh_to_input", "mesh to points"],
   ["surface_to_mesh", "surface to mesh"]];
 
 function rowsOf(report) {
-  const rows = [["points", `${count(report.points_out)} of ${count(report.points_in)}`]], { mesh, error, cloud } = report;
+  const rows = [["points", `${count(report.points_out)} of ${count(report.points_in)}`]], { mesh } = report;
   if (mesh) {
-    rows.push(["triangles", count(mesh.triangles)], ["closed", mesh.watertight ? "yes" : `no, ${mesh.borders} borders`],
+    rows.push(["triangles", count(mesh.triangles)], ["closed", mesh.watertight ? "yes" : `no, ${count(mesh.borders)} borders`],
       ["components", count(mesh.components)], ["handles", count(mesh.handles)], ["area", figure(mesh.area)]);
     if (mesh.watertight) rows.push(["volume", figure(mesh.volume)]);
-  }
-  const measured = error ? DIRECTIONS.filter(([name]) => error[name]).map(([name, text]) => [text, error[name]])
-    : cloud?.tangent_error ? [["points to tangent planes", cloud.tangent_error]] : [];
-  for (const [text, stats] of measured) {
-    rows.push([`${text}: mean`, figure(stats.mean)], [`${text}: RMS`, figure(stats.rms)], [`${text}: largest`, figure(stats.max)]);
   }
   return rows;
 }
 
+// Distances by direction: a row each, with the share of the box's diagonal that the largest one is.
+function errorTable({ error, cloud }) {
+  const measured = error ? DIRECTIONS.filter(([name]) => error[name]).map(([name, text]) => [text, error[name]])
+    : cloud?.tangent_error ? [["points to tangent planes", cloud.tangent_error]] : [];
+  if (!measured.length) return [];
+  return [make("caption", {}, "Deviation, in the file's units"),
+    make("tr", {}, make("td", {}), ...["mean", "RMS", "largest", "of the diagonal"].map((text) => make("th", { scope: "col" }, text))),
+    ...measured.map(([text, stats]) => make("tr", {}, make("th", { scope: "row" }, text), ...[stats.mean, stats.rms, stats.max]
+      .map((value) => make("td", {}, figure(value))), make("td", {}, percent(stats.max_rel))))];
+}
+
+// What most people want to know, in a line.
+export function headlines({ report, resources }) {
+  const largest = (report.error?.symmetric ?? report.cloud?.tangent_error), { mesh } = report;
+  return [["Points", `${count(report.points_in)} → ${count(report.points_out)} (${percent(report.points_out / report.points_in)})`],
+    ...(mesh ? [["Mesh", `${count(mesh.triangles)} triangles, ${mesh.watertight ? "closed" : "open"}`]] : []),
+    ...(largest ? [["Mean deviation, % of diagonal", `${figure(largest.mean)} (${percent(largest.mean_rel)})`], ["Largest deviation", `${figure(largest.max)} (${percent(largest.max_rel)})`]] : []),
+    ...(resources ? [["Took", `${seconds(resources.wall_seconds)}, ${bytes(resources.peak_rss_bytes)}`]] : [])];
+}
+
 const line = ([name, value]) => make("tr", {}, make("th", { scope: "row" }, name), make("td", {}, value));
 
-// A link that carries no token is made where one is needed, and works for anyone for a day.
-async function share(output) {
-  const { href } = await sendJson(`${output.href}/link?seconds=86400`, undefined);
-  const url = new URL(href, location.href).href;
-  await navigator.clipboard?.writeText(url).catch(() => {});
-  return url;
+// Copies a link and says which; where a token is needed, one that carries none is made, and works for anyone for a day.
+async function share(output, plain) {
+  const url = token() ? new URL((await sendJson(`${output.href}/link?seconds=86400`, undefined)).href, location.href).href : plain;
+  const copied = await navigator.clipboard?.writeText(url).then(() => true, () => false);
+  return `${copied ? "copied" : "the link"}${token() ? ", good for a day" : ""}: ${url}`;
 }
 
 async function download(output) {
@@ -42,15 +56,17 @@ function fileOf(output) {
   const href = output.href.startsWith(base) ? output.href : base + output.href;
   const name = token() ? make("button", { type: "button", class: "quiet", onclick: () => download(output) }, output.name)
     : make("a", { href, download: output.name }, output.name);
-  const said = make("output", {});
-  const sharing = make("button", { type: "button", class: "quiet", "aria-label": `Link to ${output.name}`, onclick: async () => {
-    said.textContent = token() ? await share(output).catch((error) => error.message) : new URL(href, location.href).href;
-  } }, "Link");
+  const said = make("output", { class: "note" });
+  const sharing = make("button", { type: "button", class: "quiet", "aria-label": `Copy a link to ${output.name}`, onclick: async () => {
+    said.textContent = await share(output, new URL(href, location.href).href).catch((error) => error.message);
+  } }, "Copy link");
   return make("li", {}, name, make("span", { class: "note" }, bytes(output.bytes)), sharing, said);
 }
 
 export function read(job, outputs) {
   const { report, resources, params } = job;
+  find("look-facts").replaceChildren(...headlines(job).map(([name, value]) => make("li", {}, make("span", {}, name), make("strong", {}, value))));
+  find("read-error").replaceChildren(...errorTable(report));
   find("read-table").replaceChildren(...rowsOf(report).map(line));
   if (resources) {
     find("read-table").append(...[["time", seconds(resources.wall_seconds)], ["memory", bytes(resources.peak_rss_bytes)]].map(line));
@@ -58,6 +74,6 @@ export function read(job, outputs) {
   find("read-warnings").replaceChildren(...(report.warnings ?? []).map((text) => make("p", { class: "warning" }, text)));
   find("read-times").replaceChildren(...Object.entries(report.timings_ms ?? {}).map(([name, ms]) => line([name, `${ms.toFixed(0)} ms`])));
   find("read-files").replaceChildren(...outputs.map(fileOf));
-  const { ratio, points, max_deviation_rel: bound } = params, goal = bound ? { max_deviation_rel: bound } : ratio ? { ratio } : { points };
+  const name = ["levels", "max_deviation", "max_deviation_rel", "ratio", "points"].find((each) => params[each]), goal = { [name]: params[name] };
   find("read-curl").textContent = commandOf({ ...goal, outputs: params.outputs }, job.label);
 }

@@ -1,18 +1,25 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A file becomes a cloud of the service, by a resumable upload.
-import { authorization, base } from "./api.js";
+import { adviceOn, authorization, base } from "./api.js";
 
 const PIECE_BYTES = 8 * 1024 * 1024; // what a broken connection loses at most
+const PAUSES_MS = [500, 1000, 2000, ...new Array(100).fill(3000)]; // five minutes without an answer
 
-// Calls progress(sent, all); gives the cloud's id.  signal stops it; the same file goes on where it stopped.
-export async function upload(file, progress, signal) {
+// Calls progress(sent, all), and broken() where no answer came and it tries again; gives the cloud's id.  signal stops it;
+// the same file goes on where it stopped.
+export async function upload(file, { progress, broken }, signal) {
   await import("tus-js-client");
   let cloud = null;
   await new Promise((resolve, reject) => {
     const sending = new globalThis.tus.Upload(file, {
       endpoint: `${base}/v1/uploads`,
       chunkSize: PIECE_BYTES,
-      retryDelays: [0, 1000, 3000, 5000, 10000],
+      retryDelays: PAUSES_MS,
+      onShouldRetry: (error) => {
+        const status = error.originalResponse?.getStatus() ?? 0;
+        if (!status) broken();
+        return !status || [409, 423, 502, 503, 504].includes(status);
+      },
       headers: authorization(),
       metadata: { filename: file.name.slice(0, 200) },
       removeFingerprintOnSuccess: true,
@@ -34,12 +41,13 @@ export async function upload(file, progress, signal) {
   return cloud;
 }
 
-// What the service said, of a failure of the above.
+// What the service said, of a failure of the above, and what to do about it.
 export function reasonOf(error) {
   try {
     const said = JSON.parse(error.originalResponse.getBody());
-    return { status: error.originalResponse.getStatus(), text: said.detail || said.title };
+    return { status: error.originalResponse.getStatus(), text: `${said.detail || said.title}. ${adviceOn(said)}` };
   } catch {
-    return { status: error.originalResponse?.getStatus?.() ?? 0, text: error.message };
+    const status = error.originalResponse?.getStatus?.() ?? 0;
+    return { status, text: status ? error.message : "the service doesn't answer. What has come there is kept for a day: drop the same file again and it goes on." };
   }
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Two scenes under one camera: side by side, under a bar that swipes, or one of them alone.
+// Two scenes under one camera: side by side (one above the other where it is narrow), under a bar that swipes, or one
+// of them alone.
 //
 // While something moves, the first of the points are drawn, as many as this device draws in a moment; all of them are
 // when it stands still.  Nothing is handed to the device before it has done what it has, so that no task of the page
@@ -74,7 +75,7 @@ export class Viewer {
     canvas.addEventListener("webglcontextrestored", () => this.ask());
   }
 
-  // size: the box's sides; up: "y" or "z"
+  // size: the box's sides; up: "x", "y" or "z"
   frame(size, up) {
     this.size = size;
     this.radius = Math.max(Math.hypot(...size) / 2, 1e-12);
@@ -88,8 +89,11 @@ export class Viewer {
     this.ask();
   }
 
+  // From a little above, with the longer side of what lies flat across the picture.
   reset() {
-    Object.assign(this, { azimuth: Math.PI / 6, elevation: 0.4, distance: 3.1 * this.radius });
+    const [x, y, z] = this.size, [across, deep] = { x: [y, z], y: [x, z], z: [x, y] }[this.up];
+    const flat = Math.max(x, y, z) > 3 * { x, y, z }[this.up];
+    Object.assign(this, { azimuth: Math.PI / 6 + (deep > 1.2 * across ? Math.PI / 2 : 0), elevation: flat ? 0.7 : 0.4, distance: 3.1 * this.radius });
     this.centre.set(0, 0, 0);
     this.ask();
   }
@@ -113,11 +117,19 @@ export class Viewer {
     for (const { light } of this.sides) light.position.copy(from);
   }
 
-  // x, width (shares of the canvas) and the part that is drawn, for each side that is seen.
+  // For each side that is seen: where its picture is, and the part of it that is drawn, as left, bottom, width and height
+  // in shares of the canvas.
   parts() {
-    const bar = this.bar;
-    return { side: [[0, 0, 0.5, 0, 0.5], [1, 0.5, 0.5, 0.5, 0.5]], swipe: [[0, 0, 1, 0, bar], [1, 0, 1, bar, 1 - bar]],
-      before: [[0, 0, 1, 0, 1]], after: [[1, 0, 1, 0, 1]] }[this.layout];
+    const { bar, canvas, layout } = this, all = [0, 0, 1, 1];
+    if (layout === "swipe") return [{ side: 0, view: all, clip: [0, 0, bar, 1] }, { side: 1, view: all, clip: [bar, 0, 1 - bar, 1] }];
+    if (layout !== "side") return [{ side: layout === "after" ? 1 : 0, view: all, clip: all }];
+    const halves = canvas.clientWidth < canvas.clientHeight ? [[0, 0.5, 1, 0.5], [0, 0, 1, 0.5]] : [[0, 0, 0.5, 1], [0.5, 0, 0.5, 1]];
+    return halves.map((half, side) => ({ side, view: half, clip: half }));
+  }
+
+  // Width of a picture by its height.
+  aspectOf([, , width, height]) {
+    return width * this.canvas.clientWidth / Math.max(1, height * this.canvas.clientHeight);
   }
 
   // Draws what the camera sees until nothing has changed meanwhile: as much as is drawn in a moment at once, and all of
@@ -142,7 +154,7 @@ export class Viewer {
 
   // How many points there are to draw, of the side that has more.
   most() {
-    const objects = this.parts().flatMap(([side]) => this.sides[side].root.children);
+    const objects = this.parts().flatMap(({ side }) => this.sides[side].root.children);
     return Math.max(1, ...objects.map((o) => (o.userData.part && o.userData.shown) || 0));
   }
 
@@ -161,19 +173,18 @@ export class Viewer {
     renderer.setClearColor(0, 1);
     renderer.autoClear = false;
     if (!begin) renderer.clear();
-    for (const [side, left, share, from, part] of this.parts()) {
+    const pixels = ([left, bottom, wide, high]) => [left * width, bottom * height, wide * width, high * height].map(Math.round);
+    for (const { side, view, clip } of this.parts()) {
       const { root, scene } = this.sides[side];
-      camera.aspect = share * width / height;
-      camera.fov = camera.aspect < 1 ? 2 * Math.atan(Math.tan(35 * Math.PI / 360) / camera.aspect) * 180 / Math.PI : 35;
-      camera.updateProjectionMatrix();
-      target.viewport.set(left * width, 0, share * width, height);
-      target.scissor.set(from * width, 0, part * width, height);
+      this.lens(view);
+      target.viewport.set(...pixels(view));
+      target.scissor.set(...pixels(clip));
       target.scissorTest = true;
       renderer.setRenderTarget(target);
       for (const { userData: { part: take, shown }, material } of root.children) {
         if (!take) continue;
         take(begin, Math.max(0, Math.min(count, shown - begin)), Math.min(whole, shown));
-        material.uniforms.half_height.value = height / 2;
+        material.uniforms.half_height.value = view[3] * height / (2 * Math.tan(camera.fov * Math.PI / 360));
       }
       if (!begin || root.children.some((o) => o.userData.shown > begin)) renderer.render(scene, camera);
     }
@@ -232,15 +243,29 @@ export class Viewer {
   // Where a place of the window is: side, and x and y from -1 to 1 in that side's picture.
   sideAt(clientX, clientY) {
     const box = this.canvas.getBoundingClientRect(), x = (clientX - box.left) / box.width, y = (clientY - box.top) / box.height;
-    const part = this.parts().find(([, , , from, wide]) => x >= from && x < from + wide) ?? this.parts()[0];
-    return { side: part[0], x: 2 * (x - part[1]) / part[2] - 1, y: 1 - 2 * y, share: part[2] };
+    const within = ({ clip: [left, bottom, wide, high] }) => x >= left && x < left + wide && 1 - y >= bottom && 1 - y < bottom + high;
+    const { side, view } = this.parts().find(within) ?? this.parts()[0], [left, bottom, wide, high] = view;
+    return { side, view, x: 2 * (x - left) / wide - 1, y: 2 * (1 - y - bottom) / high - 1 };
+  }
+
+  // The middle of the first picture, as a place of the window: where keys pick.
+  middle() {
+    const box = this.canvas.getBoundingClientRect(), { view: [left, bottom, wide, high] } = this.parts()[0];
+    return [box.left + (left + wide / 2) * box.width, box.top + (1 - bottom - high / 2) * box.height];
+  }
+
+  // The camera's angle and shape for a picture.
+  lens(view) {
+    const { camera } = this;
+    camera.aspect = this.aspectOf(view);
+    camera.fov = camera.aspect < 1 ? 2 * Math.atan(Math.tan(35 * Math.PI / 360) / camera.aspect) * 180 / Math.PI : 35;
+    camera.updateProjectionMatrix();
   }
 
   // The point of the layer's data that is seen there, in the file's units less the origin; null where there is nothing.
   pick(clientX, clientY) {
-    const at = this.sideAt(clientX, clientY), ray = new THREE.Raycaster(), { camera, canvas } = this;
-    camera.aspect = at.share * canvas.clientWidth / canvas.clientHeight;
-    camera.updateProjectionMatrix();
+    const at = this.sideAt(clientX, clientY), ray = new THREE.Raycaster(), { camera } = this;
+    this.lens(at.view);
     ray.setFromCamera(new THREE.Vector2(at.x, at.y), camera);
     const root = this.sides[at.side].root, dots = root.children.find((o) => o.userData.part);
     dots?.userData.part(0, dots.userData.shown, dots.userData.shown);
@@ -249,7 +274,9 @@ export class Viewer {
     const hits = ray.intersectObjects(root.children.filter((o) => o.visible && !o.userData.mark), true);
     if (!hits.length) return null;
     const nearest = hits.reduce((a, b) => ((b.distanceToRay ?? 0) + 0.02 * b.distance < (a.distanceToRay ?? 0) + 0.02 * a.distance ? b : a));
-    return root.worldToLocal(nearest.point.clone());
+    const { object, index } = nearest;
+    return object.isPoints ? new THREE.Vector3().fromBufferAttribute(object.geometry.attributes.position, index)
+      : root.worldToLocal(nearest.point.clone());
   }
 
   listen() {
@@ -292,7 +319,8 @@ export class Viewer {
       const shift = event.shiftKey;
       const keys = { ArrowLeft: () => (shift ? this.shift(20, 0) : this.turn(-STEP, 0)), ArrowRight: () => (shift ? this.shift(-20, 0) : this.turn(STEP, 0)),
         ArrowUp: () => (shift ? this.shift(0, 20) : this.turn(0, STEP)), ArrowDown: () => (shift ? this.shift(0, -20) : this.turn(0, -STEP)),
-        "+": () => this.zoom(0.85), "=": () => this.zoom(0.85), "-": () => this.zoom(1 / 0.85), Home: () => this.reset() };
+        "+": () => this.zoom(0.85), "=": () => this.zoom(0.85), "-": () => this.zoom(1 / 0.85), Home: () => this.reset(),
+        ...(this.picking && { Enter: () => this.picking(this.pick(...this.middle())) }) };
       if (!keys[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
       event.preventDefault();
       keys[event.key]();

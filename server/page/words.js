@@ -16,8 +16,12 @@ export function seconds(s) {
 }
 
 // Three or so significant digits, as a length is read.
-export const figure = (x) => (x === 0 ? "0" : Math.abs(x) >= 1e5 || Math.abs(x) < 1e-4
-  ? x.toExponential(2) : String(Number(x.toPrecision(4))));
+export function figure(x) {
+  if (!x) return String(x ?? "");
+  const places = 3 - Math.floor(Math.log10(Math.abs(x)));
+  if (Math.abs(x) >= 1e9 || places > 10) return x.toExponential(2).replace("e-", " × 10^-").replace("e+", " × 10^");
+  return places <= 0 ? count(Math.round(x)) : String(Number(x.toPrecision(4)).toFixed(Math.min(places, 10)).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, ""));
+}
 
 export const percent = (share) => `${Number((100 * share).toPrecision(3))} %`;
 

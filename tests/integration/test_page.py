@@ -154,7 +154,7 @@ def test_the_whole_way(daemon, tmp_path):
     assert goal, seen["goal"]
     kept = int(goal[3])
     assert f"{daemon.url}/v1/jobs?ratio=0.2" in seen["command"] and "outputs=cloud,mesh,error,preview.png" in seen["command"]
-    assert re.match(r"Takes up to [\d.]+ MiB of [\d.]+ [MG]iB\.", seen["plan"]), seen["plan"]
+    assert re.match(r"Takes up to [\d.]+ MiB of memory, [\d.]+ [MG]iB are there", seen["plan"]), seen["plan"]
     before, after = seen["shown"]["layers"]
     assert before["shown"] == before["count"] == 2592 and after["triangles"] == 2 * kept, seen["shown"]
     assert f"{kept} of 2592" in seen["figures"].replace("\u202f", "")

@@ -4,21 +4,24 @@
 //
 // Usage: node measure.js BROWSER URL_OF_A_JOB [PICTURE]
 "use strict";
-const { mkdtempSync, rmSync } = require("node:fs");
-const { tmpdir } = require("node:os");
-const { join } = require("node:path");
-const puppeteer = require("puppeteer-core");
+const { run, settled, withBrowser } = require("./browser.js");
 
 const FRAMES = 20;
-const FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-  "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
-  "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"];
 
 // In the page, before anything of it runs.
 function watch() {
   globalThis.tasks = [];
   new PerformanceObserver((list) => globalThis.tasks.push(...list.getEntries().map((e) => [Math.round(e.startTime), Math.round(e.duration)])))
     .observe({ type: "longtask", buffered: true });
+  const look = () => {
+    if (!globalThis.whittled?.drawn()?.layers.some((layer) => layer && (layer.shown || layer.triangles))) {
+      setTimeout(look, 1);
+      return;
+    }
+    const entries = [...performance.getEntriesByType("resource"), ...performance.getEntriesByType("navigation")];
+    globalThis.first = { ms: Math.round(performance.now()), bytes: entries.reduce((sum, entry) => sum + entry.transferSize, 0) };
+  };
+  look();
 }
 
 // Milliseconds of processor that the page's own thread took for each of its tasks, the longest first: what the machine
@@ -30,7 +33,7 @@ function processorTimes(events) {
 }
 
 async function measure(browser, url, picture) {
-  const page = await browser.newPage(), bytes = { all: 0, first: 0 };
+  const page = await browser.newPage(), bytes = { all: 0 };
   page.setDefaultTimeout(300000);
   await page.evaluateOnNewDocument(watch);
   await page.setViewport({ width: 1600, height: 900 });
@@ -40,13 +43,11 @@ async function measure(browser, url, picture) {
   await page.tracing.start({ categories: ["toplevel", "devtools.timeline"] });
   const began = Date.now();
   await page.goto(url, { waitUntil: "domcontentloaded" });
-  await page.waitForFunction(() => globalThis.whittled?.drawn?.()?.layers.some((l) => l && (l.shown || l.triangles)));
-  const first = Date.now() - began;
-  bytes.first = bytes.all;
+  await page.waitForFunction(() => globalThis.first);
+  const first = await page.evaluate(() => globalThis.first);
   await page.waitForFunction(() => document.documentElement.dataset.looking);
   const loaded = Date.now() - began;
-  const settle = () => page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
-  await settle();
+  await settled(page);
   const whileLoading = await page.evaluate(() => globalThis.tasks.splice(0));
   const busy = processorTimes(JSON.parse(Buffer.from(await page.tracing.stop()).toString()).traceEvents);
   await page.focus("#look-canvas");
@@ -66,7 +67,7 @@ async function measure(browser, url, picture) {
   const heap = await page.metrics();
   if (picture) await page.screenshot({ path: picture });
   const { layers } = await page.evaluate(() => whittled.drawn());
-  return { first_view_ms: first, first_view_bytes: bytes.first, loaded_ms: loaded, bytes: bytes.all,
+  return { first_view_ms: first.ms, first_view_bytes: first.bytes, loaded_ms: loaded, bytes: bytes.all,
     longest_task_processor_ms: busy[0] ?? 0, tasks_by_processor_ms: busy.slice(0, 8), longest_task_ms: Math.max(0, ...whileLoading.map(([, ms]) => ms)), tasks_over_100_ms: whileLoading.filter(([, ms]) => ms > 100),
     frame_ms: { median: Math.round(turning[FRAMES >> 1]), most: Math.round(turning.at(-1)) }, all_drawn_ms: whole,
     longest_task_while_turning_ms: Math.max(0, ...whileTurning.map(([, ms]) => ms)),
@@ -74,17 +75,7 @@ async function measure(browser, url, picture) {
 }
 
 async function main([executablePath, url, picture]) {
-  const profile = mkdtempSync(join(tmpdir(), "page-measure-"));
-  const browser = await puppeteer.launch({ executablePath, userDataDir: profile, args: FLAGS, protocolTimeout: 600000 });
-  try {
-    console.log(JSON.stringify(await measure(browser, url, picture), null, 1));
-  } finally {
-    await browser.close();
-    rmSync(profile, { recursive: true, force: true });
-  }
+  await withBrowser(executablePath, async (browser) => console.log(JSON.stringify(await measure(browser, url, picture), null, 1)));
 }
 
-main(process.argv.slice(2)).catch((error) => {
-  console.error(error.stack);
-  process.exitCode = 1;
-});
+run(main);

@@ -4,22 +4,14 @@
 //
 // Usage: node walk.js BROWSER URL CLOUD FOLDER [TOKEN]
 "use strict";
-const { mkdtempSync, rmSync } = require("node:fs");
-const { tmpdir } = require("node:os");
 const { join } = require("node:path");
 const axe = require("axe-core").source;
-const puppeteer = require("puppeteer-core");
+const { run, settled: settle, watchedPage, withBrowser } = require("./browser.js");
 
 const WIDTHS = [360, 800, 1600];
-const FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-  "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
-  "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"];
 
 async function walk(page, [url, cloud, folder, token], seen) {
-  const settled = async () => {
-    await page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
-    await page.waitForFunction(() => !document.documentElement.dataset.looking || !whittled.drawn().busy);
-  };
+  const settled = () => settle(page);
   const drawn = () => page.evaluate(() => whittled.drawn());
   const text = (id) => page.$eval(`#${id}`, (element) => element.textContent);
   const ready = (selector) => page.waitForSelector(selector, { visible: true });
@@ -135,27 +127,12 @@ async function walk(page, [url, cloud, folder, token], seen) {
 }
 
 async function main([executablePath, ...rest]) {
-  const profile = mkdtempSync(join(tmpdir(), "page-test-"));
-  const browser = await puppeteer.launch({ executablePath, userDataDir: profile, args: FLAGS, protocolTimeout: 600000 });
   const seen = { requests: [], console: [], errors: [], fits: [], violations: {} };
   try {
-    const page = await browser.newPage();
-    page.setDefaultTimeout(180000);
-    await page.setBypassCSP(false);
-    await page.setViewport({ width: 1600, height: 900 });
-    page.on("request", (request) => seen.requests.push(request.url()));
-    page.on("console", (message) => seen.console.push(`${message.type()}: ${message.text()}`));
-    page.on("pageerror", (error) => seen.errors.push(String(error)));
-    page.on("requestfailed", (request) => seen.errors.push(`${request.url()}: ${request.failure().errorText}`));
-    await walk(page, rest, seen);
+    await withBrowser(executablePath, async (browser) => walk(await watchedPage(browser, seen), rest, seen));
   } finally {
     console.log(JSON.stringify(seen));
-    await browser.close();
-    rmSync(profile, { recursive: true, force: true });
   }
 }
 
-main(process.argv.slice(2)).catch((error) => {
-  console.error(error.stack);
-  process.exitCode = 1;
-});
+run(main);

@@ -260,7 +260,7 @@ page-files: # the page alone, for whoever builds afterwards
 packages := gcc g++ make git pkg-config libc6-dev libflann-dev libcgal-dev libgmp-dev libmpfr-dev libjansson-dev \
             libmicrohttpd-dev libgnutls28-dev libcurl4-openssl-dev libsqlite3-dev libpq-dev libseccomp-dev nettle-dev zlib1g-dev libpng-dev \
             libzstd-dev liblz4-dev libexpat1-dev libcmocka-dev libfaketime xz-utils zstd sqlite3 procps curl jq python3 \
-            python3-pytest python3-pytest-xdist python3-jsonschema python3-numpy ca-certificates clang-format
+            python3-pytest python3-pytest-xdist python3-jsonschema python3-numpy python3-scipy ca-certificates clang-format
 peers_packages := libeigen3-dev libtbb-dev libpcl-dev libopen3d-dev libmeshoptimizer-dev meshlab xvfb xauth
 bench_packages := valgrind
 paper_packages := libeigen3-dev libtbb-dev libmeshoptimizer-dev python3-matplotlib

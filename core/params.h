@@ -53,11 +53,12 @@ enum output {
     OUTPUT_PREVIEW = 1 << 10,   /* preview.png */
     OUTPUT_CLOUD_LAS = 1 << 11, /* cloud.las */
     OUTPUT_CLOUD_LAZ = 1 << 12, /* cloud.laz */
+    OUTPUT_TILESET = 1 << 13,   /* tileset.3tz, or tileset.json with its tiles */
     OUTPUT_ANY_LAS = OUTPUT_CLOUD_LAS | OUTPUT_CLOUD_LAZ,
-    OUTPUT_ANY_CLOUD = OUTPUT_CLOUD | OUTPUT_CLOUD_XYZ | OUTPUT_CLOUD_PCD | OUTPUT_ANY_LAS,
+    OUTPUT_ANY_CLOUD = OUTPUT_CLOUD | OUTPUT_CLOUD_XYZ | OUTPUT_CLOUD_PCD | OUTPUT_ANY_LAS | OUTPUT_TILESET,
     OUTPUT_ANY_MESH = OUTPUT_MESH | OUTPUT_MESH_OBJ | OUTPUT_MESH_STL | OUTPUT_MESH_GLB
 };
-enum { PARAMS_OUTPUTS = 13, PARAMS_MAX_FILES = 64 /* that one job may write */ };
+enum { PARAMS_OUTPUTS = 14, PARAMS_MAX_FILES = 64 /* that one job may write */ };
 
 enum { PARAMS_MAX_LEVELS = 16 };
 enum { PARAMS_ALIASES = 1, PARAMS_ALIAS_BYTES = 32 };

@@ -14,4 +14,9 @@ static inline uint64_t load_little_endian(const unsigned char *p, size_t bytes) 
     return value;
 }
 
+/* Puts the number into the next bytes. */
+static inline void store_little_endian(unsigned char *p, uint64_t value, size_t bytes) {
+    for (size_t i = 0; i < bytes; i++) p[i] = (unsigned char)(value >> 8 * i);
+}
+
 #endif

@@ -315,6 +315,7 @@ enum worker_request worker_options_parse(struct worker_options *options, int arg
 }
 
 void worker_options_done(struct worker_options *options) {
-    free(options->input);
+    free(options->input), free(options->tileset_folder);
+    options->tileset_folder = NULL;
     options->input = NULL, options->input_count = 0;
 }

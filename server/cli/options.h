@@ -14,20 +14,21 @@ enum preview_way { PREVIEW_NOT, PREVIEW_AUTO, PREVIEW_KITTY, PREVIEW_SIXEL, PREV
 
 struct worker_options {
     struct params params;
-    const char **input; /* paths, or "-" for standard input: one cloud together; owned, the texts are argv's */
-    size_t input_count; /* at least 1 */
-    const char *output; /* where outputs go: a folder, one file, or "-" for standard output; borrowed from argv */
-    bool output_named;  /* by the last of several names: files that are there stay */
-    bool output_given;  /* by -o: files that are there are replaced */
-    bool to_standard;   /* output is "-": there is exactly one output, and messages go to standard error */
-    bool to_file;       /* output is the name of the one file */
-    bool force;         /* files that are there are replaced */
-    bool dry_run;       /* read the input, tell what would be done, write nothing */
-    int progress_fd;    /* -1: none */
-    bool summary;       /* print what was done */
-    bool verbose;       /* and how long each stage took */
-    bool json;          /* the report to standard output in its place */
-    bool convert;       /* `whittle convert`: all points as they are */
+    const char **input;   /* paths, or "-" for standard input: one cloud together; owned, the texts are argv's */
+    size_t input_count;   /* at least 1 */
+    const char *output;   /* where outputs go: a folder, one file, or "-" for standard output; borrowed from argv */
+    bool output_named;    /* by the last of several names: files that are there stay */
+    bool output_given;    /* by -o: files that are there are replaced */
+    bool to_standard;     /* output is "-": there is exactly one output, and messages go to standard error */
+    char *tileset_folder; /* output is this, a folder of tiles; NULL: it isn't; owned */
+    bool to_file;         /* output is the name of the one file */
+    bool force;           /* files that are there are replaced */
+    bool dry_run;         /* read the input, tell what would be done, write nothing */
+    int progress_fd;      /* -1: none */
+    bool summary;         /* print what was done */
+    bool verbose;         /* and how long each stage took */
+    bool json;            /* the report to standard output in its place */
+    bool convert;         /* `whittle convert`: all points as they are */
     enum preview_way preview;
     bool memory_given;    /* by --memory */
     const char *scratch;  /* folder of tiles; NULL = not given; borrowed from argv */

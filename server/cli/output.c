@@ -34,6 +34,7 @@
 #include "core/io/out/write.h"
 #include "core/picture/png_write.h"
 #include "core/pipeline/attributes.h"
+#include "core/tileset/tileset.h"
 #include "server/cli/preview.h"
 
 enum { MOST_OPEN = 16 };
@@ -84,6 +85,18 @@ static enum status write_las(int fd, const struct outputs *o, struct error *erro
 
 static enum status write_laz(int fd, const struct outputs *o, struct error *error) {
     return write_las_or_laz(fd, o, true, error);
+}
+
+static enum status write_tileset(int fd, const struct outputs *o, struct error *error) {
+    const struct tileset_points points = {o->cloud, o->result->kept, o->level->kept_count,
+                                          (unsigned)o->options->params.threads};
+    if (!points.kept)
+        return error_set(error, STATUS_BAD_PARAMETER, "output",
+                         "tiles show the most important points first; use whittle without convert to rank them, with "
+                         "--ratio 1 to keep all");
+    if (o->options->tileset_folder)
+        return tileset_write_folder(fd, o->options->tileset_folder, &points, o->left_out, error);
+    return tileset_write_archive(fd, &points, o->left_out, error);
 }
 
 static bool is_scalar(const struct mesh_attributes *attributes, const struct property *property) {
@@ -166,13 +179,13 @@ struct file {
 };
 
 static const struct file files[] = {
-    {OUTPUT_CLOUD, "cloud", "ply", true, write_cloud},      {OUTPUT_CLOUD_XYZ, "cloud", "xyz", true, write_xyz},
-    {OUTPUT_CLOUD_PCD, "cloud", "pcd", true, write_pcd},    {OUTPUT_MESH, "mesh", "ply", true, write_mesh},
-    {OUTPUT_MESH_OBJ, "mesh", "obj", true, write_obj},      {OUTPUT_MESH_STL, "mesh", "stl", true, write_stl},
-    {OUTPUT_MESH_GLB, "mesh", "glb", true, write_glb},      {OUTPUT_DSO, "dso", "ply", false, write_dso},
-    {OUTPUT_ERROR, "error", "ply", false, write_error},     {OUTPUT_PREVIEW, "preview", "png", false, write_preview},
-    {OUTPUT_CLOUD_LAS, "cloud", "las", true, write_las},    {OUTPUT_CLOUD_LAZ, "cloud", "laz", true, write_laz},
-    {OUTPUT_REPORT, "report", "json", false, write_report},
+    {OUTPUT_CLOUD, "cloud", "ply", true, write_cloud},       {OUTPUT_CLOUD_XYZ, "cloud", "xyz", true, write_xyz},
+    {OUTPUT_CLOUD_PCD, "cloud", "pcd", true, write_pcd},     {OUTPUT_MESH, "mesh", "ply", true, write_mesh},
+    {OUTPUT_MESH_OBJ, "mesh", "obj", true, write_obj},       {OUTPUT_MESH_STL, "mesh", "stl", true, write_stl},
+    {OUTPUT_MESH_GLB, "mesh", "glb", true, write_glb},       {OUTPUT_DSO, "dso", "ply", false, write_dso},
+    {OUTPUT_ERROR, "error", "ply", false, write_error},      {OUTPUT_PREVIEW, "preview", "png", false, write_preview},
+    {OUTPUT_CLOUD_LAS, "cloud", "las", true, write_las},     {OUTPUT_CLOUD_LAZ, "cloud", "laz", true, write_laz},
+    {OUTPUT_TILESET, "tileset", "3tz", true, write_tileset}, {OUTPUT_REPORT, "report", "json", false, write_report},
 };
 enum { FILES = sizeof files / sizeof files[0] };
 
@@ -210,14 +223,16 @@ static bool name_file(const struct worker_options *options, const struct planned
     char suffix[40] = "";
     size_t length = strlen(folder);
     int n;
+    const char *type = item->file->type;
+    if (options->tileset_folder && item->file->bit == OUTPUT_TILESET) type = "json";
     if (item->named) snprintf(suffix, sizeof suffix, "_%.10g", options->params.levels.ratio[item->level]);
     while (length > 1 && folder[length - 1] == '/') length--;
     if (options->to_file)
         n = snprintf(path, PATH_MAX, "%s", folder);
     else if (strcmp(folder, ".") == 0)
-        n = snprintf(path, PATH_MAX, "%s%s.%s", item->file->stem, suffix, item->file->type);
+        n = snprintf(path, PATH_MAX, "%s%s.%s", item->file->stem, suffix, type);
     else
-        n = snprintf(path, PATH_MAX, "%.*s/%s%s.%s", (int)length, folder, item->file->stem, suffix, item->file->type);
+        n = snprintf(path, PATH_MAX, "%.*s/%s%s.%s", (int)length, folder, item->file->stem, suffix, type);
     return n > 0 && n < PATH_MAX;
 }
 
@@ -278,7 +293,36 @@ static enum status refuse_foreign(const char *type, struct error *error) {
                      "no .%s is written; use one of %s, or a folder, which ends in /", type, types);
 }
 
+/* A folder of tiles: named by its tileset.json, or NAME.3dtiles. */
+static bool is_tileset_folder(const struct worker_options *options) {
+    const char *end = options->output + strlen(options->output), *name = "tileset.json";
+    size_t length = strlen(name);
+    if ((size_t)(end - options->output) >= length && strcmp(end - length, name) == 0)
+        return end - length == options->output || end[-(ptrdiff_t)length - 1] == '/';
+    while (end > options->output && end[-1] == '/') end--;
+    name = ".3dtiles";
+    length = strlen(name);
+    return (size_t)(end - options->output) > length && strncmp(end - length, name, length) == 0;
+}
+
+static enum status settle_tileset_folder(struct worker_options *options, struct error *error) {
+    size_t length = strlen(options->output);
+    const char *slash = strrchr(options->output, '/');
+    if (options->params.levels.count || (options->outputs_given && !(options->params.outputs & OUTPUT_TILESET)))
+        return error_set(error, STATUS_BAD_PARAMETER, "output",
+                         "%s takes a tileset, of one level; use --outputs tileset, or another folder", options->output);
+    if (length >= sizeof "tileset.json" - 1 &&
+        strcmp(options->output + length - (sizeof "tileset.json" - 1), "tileset.json") == 0)
+        length = slash ? (size_t)(slash - options->output) + (slash == options->output) : 0;
+    options->tileset_folder = strndup(length ? options->output : ".", length ? length : 1);
+    if (!options->tileset_folder) return error_set(error, STATUS_NO_MEMORY, "output", "no memory");
+    options->output = options->tileset_folder;
+    if (!options->outputs_given) options->params.outputs = OUTPUT_TILESET;
+    return STATUS_OK;
+}
+
 enum status worker_output_settle(struct worker_options *options, struct error *error) {
+    if (is_tileset_folder(options)) return settle_tileset_folder(options, error);
     const char *type = extension(options->output);
     uint32_t outputs = options->params.outputs;
     struct stat about;

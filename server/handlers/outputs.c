@@ -24,10 +24,15 @@
 static const struct {
     const char *suffix, *media_type;
 } media_types[] = {
-    {".ply", "model/ply"},         {".xyz", "text/plain; charset=utf-8"},
-    {".json", "application/json"}, {".obj", "model/obj"},
-    {".stl", "model/stl"},         {".glb", "model/gltf-binary"},
-    {".png", "image/png"},         {"", "application/octet-stream"},
+    {".ply", "model/ply"},
+    {".xyz", "text/plain; charset=utf-8"},
+    {".json", "application/json"},
+    {".obj", "model/obj"},
+    {".stl", "model/stl"},
+    {".glb", "model/gltf-binary"},
+    {".png", "image/png"},
+    {".3tz", "application/vnd.maxar.archive.3tz+zip"},
+    {"", "application/octet-stream"},
 };
 
 const char *handlers_media_type(const char *name) {

@@ -48,8 +48,8 @@ static const char *file_asked(const struct request *request) {
 
 static void refuse_output(const struct request *request, struct problem *problem) {
     static const char allowed[] =
-        "one of cloud, xyz, cloud.pcd, cloud.las, cloud.laz, mesh, mesh.obj, mesh.stl, mesh.glb, report, dso, error, "
-        "preview.png";
+        "one of cloud, xyz, cloud.pcd, cloud.las, cloud.laz, tileset, mesh, mesh.obj, mesh.stl, mesh.glb, report, dso, "
+        "error, preview.png";
     size_t times;
     const char *value = name_of_output(request, &times);
     const char *name = query_find(request->query, request->query_count, "outputs") ? "outputs" : "output";

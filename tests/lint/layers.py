@@ -42,6 +42,8 @@ ROOMS = {
                       "core/surface/sheet", "core/refine", "core/measure", "core/picture"},
     "core/tiles": {"core/base", "core/math", "core/cloud", "core/io", "core/io/formats", "core/io/out", "core/spatial",
                    "core/clean", "core/simplify", "core/measure", "core/pipeline"},
+    "core/tileset": {"core/base", "core/math", "core/cloud", "core/mesh", "core/io/formats", "core/io/out",
+                     "core/spatial"},
     "core/picture": {"core/base", "core/math", "core/cloud", "core/mesh", "core/io/out", "core/spatial"},
     "core/library": {"core/base", "core/cloud", "core/mesh", "core/io", "core/pipeline"},
 }

@@ -5,40 +5,17 @@
 
 #include <string.h>
 
+#include "core/base/crc32.h"
 #include "core/base/endian.h"
 #include "core/io/first_bytes.h"
 #include "core/io/reader.h"
 
-enum { TABLES = 8, PAGE_SIZE_AT = 40 };
-#define POLYNOMIAL 0x82F63B78u /* Castagnoli's, its bits reversed */
-
-/* table[k][b]: what byte b does to the remainder k bytes later. */
-static void fill_tables(uint32_t table[TABLES][256]) {
-    for (uint32_t b = 0; b < 256; b++) {
-        uint32_t c = b;
-        for (int i = 0; i < 8; i++) c = c >> 1 ^ (c & 1 ? POLYNOMIAL : 0);
-        table[0][b] = c;
-    }
-    for (uint32_t b = 0; b < 256; b++)
-        for (int k = 1; k < TABLES; k++) table[k][b] = table[k - 1][b] >> 8 ^ table[0][table[k - 1][b] & 0xff];
-}
-
-/* Eight bytes at a time (Kounavis, Berry 2005). */
-static uint32_t checksum_of(uint32_t table[TABLES][256], const unsigned char *p, size_t n) {
-    uint32_t c = UINT32_MAX;
-    for (; n >= TABLES; n -= TABLES, p += TABLES) {
-        uint64_t v = load_little_endian(p, 8) ^ c;
-        c = 0;
-        for (int k = 0; k < TABLES; k++) c ^= table[TABLES - 1 - k][v >> 8 * k & 0xff];
-    }
-    for (; n; n--, p++) c = c >> 8 ^ table[0][(c ^ *p) & 0xff];
-    return ~c;
-}
+enum { PAGE_SIZE_AT = 40 };
 
 uint32_t e57_checksum(const unsigned char *bytes, size_t n) {
-    uint32_t table[TABLES][256];
-    fill_tables(table);
-    return checksum_of(table, bytes, n);
+    struct crc32 crc;
+    crc32_init(&crc, CRC32_CASTAGNOLI);
+    return crc32_of(&crc, bytes, n);
 }
 
 static uint32_t big_load(const unsigned char *p) {
@@ -46,7 +23,7 @@ static uint32_t big_load(const unsigned char *p) {
 }
 
 enum status e57_pages_open(const void *bytes, size_t n, struct e57_pages *pages, struct error *error) {
-    uint32_t table[TABLES][256];
+    struct crc32 crc;
     const unsigned char *p = bytes;
     if (n < E57_HEADER_BYTES)
         return error_set_at(error, STATUS_MALFORMED, "header", 0, n, "the file ends in its header");
@@ -56,9 +33,9 @@ enum status e57_pages_open(const void *bytes, size_t n, struct e57_pages *pages,
                             (unsigned long long)page, E57_PAGE);
     if (n % E57_PAGE)
         return error_set_at(error, STATUS_MALFORMED, "read", 0, n, "the file ends in the middle of a page");
-    fill_tables(table);
+    crc32_init(&crc, CRC32_CASTAGNOLI);
     for (size_t at = 0; at < n; at += E57_PAGE)
-        if (checksum_of(table, p + at, E57_PAYLOAD) != big_load(p + at + E57_PAYLOAD))
+        if (crc32_of(&crc, p + at, E57_PAYLOAD) != big_load(p + at + E57_PAYLOAD))
             return error_set_at(error, STATUS_MALFORMED, "read", 0, at,
                                 "the checksum of page %zu is wrong: the file is damaged", at / E57_PAGE + 1);
     *pages = (struct e57_pages){p, n / E57_PAGE * E57_PAYLOAD};

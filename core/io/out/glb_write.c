@@ -1,4 +1,4 @@
-/* Meshes as binary glTF 2.0 (Khronos Group, 2021).
+/* Meshes, and points of a cloud, as binary glTF 2.0 (Khronos Group, 2021).
  *
  *     "glTF" 2 length | length "JSON" {...} blanks | length "BIN\0" views        lengths are uint32, of multiples of 4
  *
@@ -7,7 +7,7 @@
  *
  *     POSITION | NORMAL | COLOR_0 | _NAME ... | indices
  *
- * A view of scalars of 1 or 2 bytes has a stride of 4, as the format demands.
+ * A view of scalars of 1 or 2 bytes has a stride of 4, as the format demands.  Points have no indices.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/io/out/glb_write.h"
@@ -22,6 +22,7 @@
 
 #include "core/base/alloc.h"
 #include "core/base/version.h"
+#include "core/cloud/attribute_names.h"
 #include "core/io/out/mesh_attributes.h"
 #include "core/io/out/write.h"
 
@@ -34,7 +35,8 @@ enum {
     TYPE_U32 = 5125,
     TYPE_F32 = 5126,
     TARGET_VERTICES = 34962,
-    TARGET_INDICES = 34963
+    TARGET_INDICES = 34963,
+    MODE_POINTS = 0
 };
 
 enum column_kind { COLUMN_POSITION, COLUMN_NORMAL, COLUMN_COLOUR, COLUMN_PROPERTY };
@@ -54,6 +56,7 @@ struct plan {
     struct mesh_attributes attributes;
     bool moved; /* positions are relative to origin */
     vec3 origin;
+    bool points; /* without faces; y is upwards */
     size_t count;
     struct column column[CLOUD_MAX_PROPERTIES];
 };
@@ -98,28 +101,38 @@ static void name_column(struct plan *plan, struct column *column) {
             snprintf(column->name + n, sizeof column->name - n, "_%zu", plan->count);
 }
 
+/* What viewers colour points by: other properties would multiply what they have to load. */
+static bool is_shown(const struct property *property) {
+    const char *name = attribute_usual_name(property->name);
+    return name && (strcmp(name, "intensity") == 0 || strcmp(name, "classification") == 0);
+}
+
 static void glb_add_properties(struct plan *plan) {
     const struct cloud *cloud = plan->attributes.cloud;
     for (size_t j = 0; cloud && j < cloud->property_count && plan->count < CLOUD_MAX_PROPERTIES; j++) {
         const struct property *property = &cloud->property[j];
         if (mesh_attributes_is_position(cloud, j) || mesh_attributes_knows(&plan->attributes, property)) continue;
-        if (property->is_list || !code_of(property->type)) continue;
+        if (property->is_list || !code_of(property->type) || (plan->points && !is_shown(property))) continue;
         struct column column = {COLUMN_PROPERTY, property, "", "SCALAR", code_of(property->type), 4, false};
         name_column(plan, &column);
         plan->column[plan->count++] = column;
     }
 }
 
-static void make_plan(struct plan *plan, const struct mesh *mesh, const struct cloud *cloud) {
-    *plan = (struct plan){.mesh = mesh};
-    mesh_attributes_find(mesh, cloud, &plan->attributes);
-    glb_find_origin(plan);
+static void add_columns(struct plan *plan) {
     plan->column[plan->count++] = (struct column){COLUMN_POSITION, NULL, "POSITION", "VEC3", TYPE_F32, 12, false};
     if (plan->attributes.normal[0])
         plan->column[plan->count++] = (struct column){COLUMN_NORMAL, NULL, "NORMAL", "VEC3", TYPE_F32, 12, false};
     if (plan->attributes.colour[0])
         plan->column[plan->count++] = (struct column){COLUMN_COLOUR, NULL, "COLOR_0", "VEC4", TYPE_U16, 8, true};
     glb_add_properties(plan);
+}
+
+static void plan_mesh(struct plan *plan, const struct mesh *mesh, const struct cloud *cloud) {
+    *plan = (struct plan){.mesh = mesh};
+    mesh_attributes_find(mesh, cloud, &plan->attributes);
+    glb_find_origin(plan);
+    add_columns(plan);
 }
 
 static uint64_t binary_bytes(const struct plan *plan) {
@@ -158,13 +171,15 @@ static void add_accessors(struct text *text, const struct plan *plan) {
     add(text, "\"accessors\":[");
     for (size_t i = 0; i < plan->count; i++) {
         const struct column *column = &plan->column[i];
-        add(text, "{\"bufferView\":%zu,\"componentType\":%d,%s\"count\":%zu,\"type\":\"%s\"", i, column->type,
-            column->normalised ? "\"normalized\":true," : "", plan->mesh->vertex_count, column->shape);
+        add(text, "%s{\"bufferView\":%zu,\"componentType\":%d,%s\"count\":%zu,\"type\":\"%s\"", i ? "," : "", i,
+            column->type, column->normalised ? "\"normalized\":true," : "", plan->mesh->vertex_count, column->shape);
         if (column->kind == COLUMN_POSITION) add_bounds(text, plan);
-        add(text, "},");
+        add(text, "}");
     }
-    add(text, "{\"bufferView\":%zu,\"componentType\":%d,\"count\":%zu,\"type\":\"SCALAR\"}],", plan->count, TYPE_U32,
-        plan->mesh->triangle_count * 3);
+    if (!plan->points)
+        add(text, ",{\"bufferView\":%zu,\"componentType\":%d,\"count\":%zu,\"type\":\"SCALAR\"}", plan->count, TYPE_U32,
+            plan->mesh->triangle_count * 3);
+    add(text, "],");
 }
 
 static void add_views(struct text *text, const struct plan *plan) {
@@ -172,23 +187,34 @@ static void add_views(struct text *text, const struct plan *plan) {
     add(text, "\"bufferViews\":[");
     for (size_t i = 0; i < plan->count; i++) {
         uint64_t bytes = (uint64_t)plan->mesh->vertex_count * plan->column[i].stride;
-        add(text, "{\"buffer\":0,\"byteOffset\":%llu,\"byteLength\":%llu,\"byteStride\":%zu,\"target\":%d},",
-            (unsigned long long)at, (unsigned long long)bytes, plan->column[i].stride, TARGET_VERTICES);
+        add(text, "%s{\"buffer\":0,\"byteOffset\":%llu,\"byteLength\":%llu,\"byteStride\":%zu,\"target\":%d}",
+            i ? "," : "", (unsigned long long)at, (unsigned long long)bytes, plan->column[i].stride, TARGET_VERTICES);
         at += bytes;
     }
-    add(text, "{\"buffer\":0,\"byteOffset\":%llu,\"byteLength\":%llu,\"target\":%d}],", (unsigned long long)at,
-        (unsigned long long)plan->mesh->triangle_count * 12, TARGET_INDICES);
-    add(text, "\"buffers\":[{\"byteLength\":%llu}]", (unsigned long long)binary_bytes(plan));
+    if (!plan->points)
+        add(text, ",{\"buffer\":0,\"byteOffset\":%llu,\"byteLength\":%llu,\"target\":%d}", (unsigned long long)at,
+            (unsigned long long)plan->mesh->triangle_count * 12, TARGET_INDICES);
+    add(text, "],\"buffers\":[{\"byteLength\":%llu}]", (unsigned long long)binary_bytes(plan));
 }
 
 static void add_mesh(struct text *text, const struct plan *plan) {
     add(text, "\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0");
     if (plan->moved) add(text, ",\"translation\":[%.17g,%.17g,%.17g]", plan->origin.x, plan->origin.y, plan->origin.z);
-    add(text, "}],\"materials\":[{\"pbrMetallicRoughness\":{\"metallicFactor\":0},\"doubleSided\":true}],"
-              "\"meshes\":[{\"primitives\":[{\"attributes\":{");
+    bool unlit = plan->points && !plan->attributes.normal[0];
+    add(text, "}],\"materials\":[{\"pbrMetallicRoughness\":{\"metallicFactor\":0}%s}],",
+        unlit          ? ",\"extensions\":{\"KHR_materials_unlit\":{}}"
+        : plan->points ? ""
+                       : ",\"doubleSided\":true");
+    if (unlit) add(text, "\"extensionsUsed\":[\"KHR_materials_unlit\"],");
+    add(text, "\"meshes\":[{\"primitives\":[{\"attributes\":{");
     for (size_t i = 0; i < plan->count; i++) add(text, "%s\"%s\":%zu", i ? "," : "", plan->column[i].name, i);
-    add(text, "},\"indices\":%zu,\"material\":0}]}],", plan->count);
+    if (plan->points)
+        add(text, "},\"mode\":%d,\"material\":0}]}],", MODE_POINTS);
+    else
+        add(text, "},\"indices\":%zu,\"material\":0}]}],", plan->count);
 }
+
+static bool has_content(const struct plan *plan) { return plan->points || plan->mesh->triangle_count > 0; }
 
 /* The whole text, filled up with blanks to a multiple of four; bytes NULL: no memory. */
 static struct text make_json(const struct plan *plan) {
@@ -196,7 +222,7 @@ static struct text make_json(const struct plan *plan) {
     text.bytes = alloc_array(text.capacity, 1);
     if (!text.bytes) return text;
     add(&text, "{\"asset\":{\"version\":\"2.0\",\"generator\":\"whittle %s\"}", whittle_version());
-    if (plan->mesh->triangle_count > 0) {
+    if (has_content(plan)) {
         add(&text, ",");
         add_mesh(&text, plan);
         add_accessors(&text, plan);
@@ -225,6 +251,9 @@ static void put_normal(struct sink *sink, vec3 n) {
     put_f32(sink, (float)n.x), put_f32(sink, (float)n.y), put_f32(sink, (float)n.z);
 }
 
+/* z upwards, as tilesets have it, to y upwards, as glTF has it. */
+static vec3 turn_y_up(vec3 p) { return (vec3){p.x, p.z, -p.y}; }
+
 /* From sRGB (IEC 61966-2-1) to linear. */
 static double linear(double value) { return value <= 0.04045 ? value / 12.92 : pow((value + 0.055) / 1.055, 2.4); }
 
@@ -248,7 +277,11 @@ static void put_cell(struct sink *sink, const struct plan *plan, const struct co
     case COLUMN_POSITION:
         for (int axis = 0; axis < 3; axis++) put_f32(sink, position_of(plan, v, axis));
         break;
-    case COLUMN_NORMAL: put_normal(sink, mesh_attributes_normal(&plan->attributes, v)); break;
+    case COLUMN_NORMAL: {
+        vec3 n = mesh_attributes_normal(&plan->attributes, v);
+        put_normal(sink, plan->points ? turn_y_up(n) : n);
+        break;
+    }
     case COLUMN_COLOUR:
         mesh_attributes_colour(&plan->attributes, v, rgba);
         glb_put_colour(sink, rgba);
@@ -280,34 +313,69 @@ static void glb_note(const struct plan *plan, const struct cloud *cloud, struct 
                      plan->origin.y, plan->origin.z, mesh_attributes_f32_error(plan->mesh, plan->origin));
 }
 
+static uint64_t whole_bytes(const struct plan *plan, const struct text *json) {
+    uint64_t binary = has_content(plan) ? binary_bytes(plan) : 0;
+    return GLB_HEADER_BYTES + CHUNK_HEADER_BYTES + json->used + (binary ? CHUNK_HEADER_BYTES + binary : 0);
+}
+
 static void put_chunk_header(struct sink *sink, size_t bytes, const char type[4]) {
     put_u32(sink, (uint32_t)bytes);
     sink_bytes(sink, type, 4);
+}
+
+static void put_whole(struct sink *sink, const struct plan *plan, const struct text *json) {
+    uint64_t binary = has_content(plan) ? binary_bytes(plan) : 0;
+    sink_text(sink, "glTF");
+    put_u32(sink, 2);
+    put_u32(sink, (uint32_t)whole_bytes(plan, json));
+    put_chunk_header(sink, json->used, "JSON");
+    sink_bytes(sink, json->bytes, json->used);
+    if (binary) put_chunk_header(sink, binary, "BIN\0");
+    if (binary) put_binary(sink, plan);
 }
 
 enum status mesh_write_glb(int fd, const struct mesh *mesh, const struct cloud *cloud, struct left_out *left_out,
                            struct error *error) {
     struct plan plan;
     struct sink sink = {0};
-    make_plan(&plan, mesh, cloud);
-    uint64_t binary = mesh->triangle_count > 0 ? binary_bytes(&plan) : 0;
+    plan_mesh(&plan, mesh, cloud);
     struct text json = make_json(&plan);
-    uint64_t total = GLB_HEADER_BYTES + CHUNK_HEADER_BYTES + json.used + (binary ? CHUNK_HEADER_BYTES + binary : 0);
     enum status status = STATUS_OK;
     if (!json.bytes || sink_init(&sink, fd))
         status = error_set(error, STATUS_NO_MEMORY, "write", "no memory for a buffer");
-    else if (total > UINT32_MAX || mesh->vertex_count >= UINT32_MAX)
+    else if (whole_bytes(&plan, &json) > UINT32_MAX || mesh->vertex_count >= UINT32_MAX)
         status = error_set(error, STATUS_LIMIT, "write", "the mesh is larger than the 4 GiB that glTF can hold");
     if (!status) {
         glb_note(&plan, cloud, left_out);
-        sink_text(&sink, "glTF");
-        put_u32(&sink, 2);
-        put_u32(&sink, (uint32_t)total);
-        put_chunk_header(&sink, json.used, "JSON");
-        sink_bytes(&sink, json.bytes, json.used);
-        if (binary) put_chunk_header(&sink, binary, "BIN\0");
-        if (binary) put_binary(&sink, &plan);
+        put_whole(&sink, &plan, &json);
     }
     free(json.bytes);
     return sink_done(&sink, status, error);
+}
+
+/* ------------------------------------------------------------------------------------------------ points */
+
+static bool glb_shows(const struct mesh_attributes *attributes, const struct property *property) {
+    return mesh_attributes_knows(attributes, property) || is_shown(property);
+}
+
+void cloud_glb_note(const struct glb_points *points, const char *where, struct left_out *left_out) {
+    mesh_attributes_note(points->attributes, points->attributes->cloud, where, glb_shows, true, left_out);
+}
+
+enum status cloud_put_glb(struct sink *sink, const struct glb_points *points) {
+    vec3 *place = alloc_array(points->n, sizeof *place);
+    if (!place) return STATUS_NO_MEMORY;
+    for (size_t i = 0; i < points->n; i++) place[i] = turn_y_up(points->position[i]);
+    const struct mesh mesh = {.vertex_count = points->n, .vertex = place, .source = (uint32_t *)(uintptr_t)points->ids};
+    struct plan plan = {.mesh = &mesh, .attributes = *points->attributes, .points = true, .moved = true};
+    plan.attributes.mesh = &mesh;
+    plan.origin = turn_y_up(points->centre);
+    add_columns(&plan);
+    struct text json = make_json(&plan);
+    enum status status = json.bytes ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status && whole_bytes(&plan, &json) > UINT32_MAX) status = STATUS_LIMIT;
+    if (!status) put_whole(sink, &plan, &json);
+    free(json.bytes), free(place);
+    return status;
 }

@@ -1,4 +1,4 @@
-/* Writing a mesh as binary glTF 2.0.
+/* Writing a mesh, or points, as binary glTF 2.0.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_IO_OUT_GLB_WRITE_H
@@ -7,6 +7,8 @@
 #include "core/base/left_out.h"
 #include "core/base/status.h"
 #include "core/cloud/cloud.h"
+#include "core/io/out/mesh_attributes.h"
+#include "core/io/out/sink.h"
 #include "core/mesh/mesh.h"
 
 /* One scene of one node of one mesh.  Positions are float32: exact where all coordinates fit, else relative to the
@@ -19,5 +21,22 @@
  * GiB.  O(size). */
 enum status mesh_write_glb(int fd, const struct mesh *mesh, const struct cloud *cloud, struct left_out *left_out,
                            struct error *error) MUST_CHECK;
+
+/* Points of a tileset's tile.  Coordinates are those of the tileset, whose z points upwards; in the file y does, as
+ * glTF says and viewers undo. */
+struct glb_points {
+    const struct mesh_attributes *attributes; /* of the whole cloud, so that tiles agree on what white is */
+    const uint32_t *ids;                      /* n of the cloud's points */
+    const vec3 *position;                     /* of each */
+    size_t n;                                 /* at least 1 */
+    vec3 centre;                              /* what coordinates are float32 around; the node's translation */
+};
+
+/* Puts one scene of one node of one primitive of mode POINTS: POSITION, NORMAL and COLOR_0 as above, intensity and
+ * classification; material unlit where there are no normals.  STATUS_NO_MEMORY, STATUS_LIMIT. */
+enum status cloud_put_glb(struct sink *sink, const struct glb_points *points) MUST_CHECK;
+
+/* Notes under `where` which properties these files don't hold. */
+void cloud_glb_note(const struct glb_points *points, const char *where, struct left_out *left_out);
 
 #endif

@@ -290,14 +290,10 @@ static void plan(struct writer *w, bool compressed) {
 
 /* ------------------------------------------------------------------------------------------------ points */
 
-static void put_little_endian(unsigned char *p, uint64_t value, size_t bytes) {
-    for (size_t i = 0; i < bytes; i++) p[i] = (unsigned char)(value >> 8 * i);
-}
-
 static void put_f64(unsigned char *p, double value) {
     uint64_t bits;
     memcpy(&bits, &value, sizeof bits);
-    put_little_endian(p, bits, sizeof bits);
+    store_little_endian(p, bits, sizeof bits);
 }
 
 /* A value in the type that the file has it in. */
@@ -313,14 +309,14 @@ static void las_put_number(unsigned char *p, unsigned type, double value) {
         if (bytes == 2) bits = (memcpy(&two, scalar, 2), two);
         if (bytes == 4) bits = (memcpy(&four, scalar, 4), four);
         if (bytes == 8) memcpy(&bits, scalar, 8);
-        put_little_endian(p, bits, bytes);
+        store_little_endian(p, bits, bytes);
         return;
     }
     if (type == LAS_U64)
         bits = value >= 0x1p64 ? UINT64_MAX : value > 0 ? (uint64_t)value : 0;
     else
         bits = (uint64_t)(value >= 0x1p63 ? INT64_MAX : value > -0x1p63 ? (int64_t)value : INT64_MIN);
-    put_little_endian(p, bits, 8);
+    store_little_endian(p, bits, 8);
 }
 
 static void put_target(const struct writer *w, const struct target *target, size_t id, unsigned char *record) {
@@ -346,7 +342,7 @@ static void put_target(const struct writer *w, const struct target *target, size
 static void las_put_point(const struct writer *w, size_t id, unsigned char *record) {
     memset(record, 0, w->record_bytes);
     for (size_t axis = 0; axis < 3; axis++)
-        put_little_endian(record + 4 * axis, (uint32_t)coordinate_of(w, id, axis), 4);
+        store_little_endian(record + 4 * axis, (uint32_t)coordinate_of(w, id, axis), 4);
     for (size_t i = 0; i < w->target_count; i++) put_target(w, &w->target[i], id, record);
 }
 
@@ -446,26 +442,26 @@ static void las_put_header(const struct writer *w, struct sink *sink, bool compr
     unsigned char head[LAS_HEADER_BYTES] = "LASF";
     size_t bytes = header_bytes(w);
     bool is_old = w->format < 6;
-    put_little_endian(head + 4, w->source, 2);
-    put_little_endian(head + 6, w->minor < 4 ? w->encoding & ~(unsigned)WKT_BIT : w->encoding, 2);
+    store_little_endian(head + 4, w->source, 2);
+    store_little_endian(head + 6, w->minor < 4 ? w->encoding & ~(unsigned)WKT_BIT : w->encoding, 2);
     head[24] = 1, head[25] = (unsigned char)w->minor;
     memcpy(head + 26, "EXTRACTION", 10);
     memcpy(head + 58, "whittle", 7);
-    put_little_endian(head + 94, bytes, 2);
-    put_little_endian(head + 96, bytes + w->records.used, 4);
-    put_little_endian(head + 100, w->record_count, 4);
+    store_little_endian(head + 94, bytes, 2);
+    store_little_endian(head + 96, bytes + w->records.used, 4);
+    store_little_endian(head + 100, w->record_count, 4);
     head[104] = (unsigned char)(w->format | (compressed ? LAS_LAZ_BIT : 0));
-    put_little_endian(head + 105, w->record_bytes, 2);
-    if (is_old) put_little_endian(head + 107, w->n, 4);
-    for (size_t i = 0; is_old && i < OLD_RETURNS; i++) put_little_endian(head + 111 + 4 * i, w->of_return[i], 4);
+    store_little_endian(head + 105, w->record_bytes, 2);
+    if (is_old) store_little_endian(head + 107, w->n, 4);
+    for (size_t i = 0; is_old && i < OLD_RETURNS; i++) store_little_endian(head + 111 + 4 * i, w->of_return[i], 4);
     for (size_t axis = 0; axis < 3; axis++) {
         put_f64(head + 131 + 8 * axis, w->scale[axis]);
         put_f64(head + 155 + 8 * axis, w->add[axis]);
         put_f64(head + 179 + 16 * axis, w->n ? w->high[axis] * w->scale[axis] + w->add[axis] : 0);
         put_f64(head + 187 + 16 * axis, w->n ? w->low[axis] * w->scale[axis] + w->add[axis] : 0);
     }
-    put_little_endian(head + 247, w->n, 8);
-    for (size_t i = 0; i < RETURNS; i++) put_little_endian(head + 255 + 8 * i, w->of_return[i], 8);
+    store_little_endian(head + 247, w->n, 8);
+    for (size_t i = 0; i < RETURNS; i++) store_little_endian(head + 255 + 8 * i, w->of_return[i], 8);
     sink_bytes(sink, head, bytes);
     if (w->records.used) sink_bytes(sink, w->records.bytes, w->records.used);
 }
@@ -491,7 +487,7 @@ static enum status put_compressed(struct writer *w, struct sink *sink, off_t beg
     for (size_t i = 0; !status && i < pieces; i++) at += size_of[i];
     if (!status) laz_chunks_write(&table, NULL, size_of, pieces);
     if (table.failed) status = STATUS_NO_MEMORY;
-    put_little_endian(place, at, sizeof place);
+    store_little_endian(place, at, sizeof place);
     if (!status) sink_bytes(sink, table.bytes, table.used);
     if (!status && begin < 0) sink_bytes(sink, place, sizeof place);
     if (!status && begin >= 0) sink_rewrite(sink, place, sizeof place, begin + (off_t)first);

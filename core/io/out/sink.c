@@ -17,8 +17,15 @@
 enum { BUFFER_BYTES = 256 * 1024, MOST_RESERVED = 4096 };
 
 enum status sink_init(struct sink *sink, int fd) {
-    *sink = (struct sink){.fd = fd, .buffer = alloc_array(BUFFER_BYTES, 1)};
+    *sink = (struct sink){.fd = fd, .capacity = BUFFER_BYTES, .buffer = alloc_array(BUFFER_BYTES, 1)};
     return sink->buffer ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+enum status sink_init_memory(struct sink *sink) { return sink_init(sink, -1); }
+
+void sink_restart(struct sink *sink) {
+    sink->used = 0;
+    sink->failure = 0;
 }
 
 static void write_all(struct sink *sink, const unsigned char *bytes, size_t n) {
@@ -34,18 +41,40 @@ static void flush(struct sink *sink) {
     sink->used = 0;
 }
 
+/* Memory for n bytes more, and as much again; where there is none, what was put is forgotten. */
+static void grow(struct sink *sink, size_t n) {
+    size_t capacity = 2 * (sink->used + n);
+    unsigned char *buffer = alloc_resize(sink->buffer, capacity, 1);
+    if (!buffer) {
+        sink->failure = ENOMEM;
+        sink->used = 0;
+        return;
+    }
+    sink->buffer = buffer;
+    sink->capacity = capacity;
+}
+
+/* Where there is no room for n bytes; for more than the buffer has there may be none after it. */
+static void make_room(struct sink *sink, size_t n) {
+    if (sink->capacity - sink->used >= n) return;
+    if (sink->fd >= 0)
+        flush(sink);
+    else
+        grow(sink, n);
+}
+
 unsigned char *sink_reserve(struct sink *sink, size_t n) {
     assert(n <= MOST_RESERVED);
-    if (BUFFER_BYTES - sink->used < n) flush(sink);
+    make_room(sink, n);
     return sink->buffer + sink->used;
 }
 
 void sink_advance(struct sink *sink, size_t n) { sink->used += n; }
 
 void sink_bytes(struct sink *sink, const void *bytes, size_t n) {
-    if (BUFFER_BYTES - sink->used < n) flush(sink);
-    if (n > BUFFER_BYTES) {
-        write_all(sink, bytes, n);
+    make_room(sink, n);
+    if (n > sink->capacity) {
+        if (sink->fd >= 0) write_all(sink, bytes, n);
     } else {
         memcpy(sink->buffer + sink->used, bytes, n);
         sink->used += n;
@@ -73,7 +102,7 @@ void sink_rewrite(struct sink *sink, const void *bytes, size_t n, off_t at) {
 }
 
 enum status sink_done(struct sink *sink, enum status status, struct error *error) {
-    if (!status && sink->buffer) flush(sink);
+    if (!status && sink->buffer && sink->fd >= 0) flush(sink);
     if (!status && sink->failure)
         status =
             error_set(error, status_from_errno(sink->failure), "write", "can't write: %s", strerror(sink->failure));

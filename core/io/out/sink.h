@@ -1,4 +1,4 @@
-/* Buffered writing to a descriptor.
+/* Buffered writing to a descriptor, or to memory.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_IO_OUT_SINK_H
@@ -11,14 +11,21 @@
 
 /* The first failure sticks: later writes do nothing, and sink_done tells. */
 struct sink {
-    int fd; /* borrowed */
-    size_t used;
+    int fd; /* borrowed; -1: memory */
+    size_t used, capacity;
     unsigned char *buffer; /* owned */
     int failure;           /* errno of the first write that failed; 0 = none */
 };
 
 /* STATUS_NO_MEMORY only.  sink_done must follow in any case. */
 enum status sink_init(struct sink *sink, int fd) MUST_CHECK;
+
+/* The same to memory, which grows: used bytes of buffer, until sink_done frees them.  Where it can't grow, failure is
+ * ENOMEM. */
+enum status sink_init_memory(struct sink *sink) MUST_CHECK;
+
+/* Begins again with the memory that there is. */
+void sink_restart(struct sink *sink);
 
 /* Room for n bytes (at most 4096), to be filled by the caller and then counted with sink_advance. */
 unsigned char *sink_reserve(struct sink *sink, size_t n);

@@ -1,0 +1,286 @@
+/* Tiles of a cloud: the tree, its errors, a file for each node, and the JSON that joins them.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/tileset/tileset.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "core/base/alloc.h"
+#include "core/base/par.h"
+#include "core/base/version.h"
+#include "core/io/formats/las_system.h"
+#include "core/io/out/file_out.h"
+#include "core/io/out/glb_write.h"
+#include "core/io/out/mesh_attributes.h"
+#include "core/io/out/sink.h"
+#include "core/mesh/mesh.h"
+#include "core/tileset/archive.h"
+#include "core/tileset/node_error.h"
+#include "core/tileset/octree.h"
+
+enum { ABREAST = 16 /* tiles that are made before they are written */, PATH_BYTES = 4096, SYSTEM_BYTES = 256 };
+static const char WHERE[] = "tileset";
+/* Boxes are wider than the points by a share of their size, for what rounding to float32 moves, and never flat. */
+static const double ROUNDING = 0x1p-22, THINNEST = 1e-6;
+
+/* Where files go. */
+struct target {
+    struct archive *archive; /* or */
+    const char *folder;
+    struct file_out file[ABREAST]; /* of the folder, without their names yet */
+    size_t files;
+};
+
+struct writing {
+    const struct tileset_points *points;
+    struct target *target;
+    struct error *error;
+    vec3 origin;
+    struct octree tree;
+    struct mesh_attributes attributes;
+    struct mesh all; /* its sources are the points */
+    struct sink glb[ABREAST];
+    size_t first; /* of the tiles that are made beside each other */
+    enum status made[ABREAST];
+};
+
+static enum status tileset_no_memory(const struct writing *w) {
+    return error_set(w->error, STATUS_NO_MEMORY, WHERE, "not enough memory for tiles of %zu points", w->points->n);
+}
+
+/* ------------------------------------------------------------------------------------------------ the tree */
+
+static void name_tile(char name[ARCHIVE_NAME_BYTES], size_t t) {
+    snprintf(name, ARCHIVE_NAME_BYTES, "tiles/%zu.glb", t);
+}
+
+static enum status make_tree(struct writing *w) {
+    const struct tileset_points *points = w->points;
+    vec3 *place = alloc_array(points->n, sizeof *place);
+    if (!place) return tileset_no_memory(w);
+    vec3 low = points->cloud->position[points->kept[0]], high = low;
+    for (size_t i = 0; i < points->n; i++) {
+        place[i] = points->cloud->position[points->kept[i]];
+        low = vec3_min(low, place[i]);
+        high = vec3_max(high, place[i]);
+    }
+    w->origin = vec3_lerp(low, high, 0.5);
+    for (size_t i = 0; i < points->n; i++) place[i] = vec3_sub(place[i], w->origin);
+    enum status status = octree_make(place, points->n, points->threads, &w->tree);
+    free(place);
+    if (!status) status = node_errors(&w->tree, points->threads);
+    return status ? tileset_no_memory(w) : STATUS_OK;
+}
+
+/* From ranks to ids: attributes are found by these. */
+static void find_attributes(struct writing *w) {
+    for (size_t i = 0; i < w->tree.points; i++) w->tree.rank[i] = w->points->kept[w->tree.rank[i]];
+    w->all = (struct mesh){.vertex_count = w->tree.points, .vertex = w->tree.point, .source = w->tree.rank};
+    mesh_attributes_find(&w->all, w->points->cloud, &w->attributes);
+}
+
+/* ------------------------------------------------------------------------------------------------ tiles */
+
+static struct glb_points points_of(const struct writing *w, size_t t) {
+    const struct octree_node *node = &w->tree.node[t];
+    return (struct glb_points){.attributes = &w->attributes,
+                               .ids = w->tree.rank + node->first,
+                               .position = w->tree.point + node->first,
+                               .n = node->own,
+                               .centre = vec3_lerp(node->own_low, node->own_high, 0.5)};
+}
+
+static void make_tiles(void *ctx, size_t begin, size_t end) {
+    struct writing *w = ctx;
+    for (size_t i = begin; i < end; i++) {
+        const struct glb_points points = points_of(w, w->first + i);
+        sink_restart(&w->glb[i]);
+        w->made[i] = cloud_put_glb(&w->glb[i], &points);
+        if (!w->made[i] && w->glb[i].failure) w->made[i] = STATUS_NO_MEMORY;
+    }
+}
+
+static enum status commit_tiles(struct target *target, struct error *error) {
+    size_t n = target->files;
+    target->files = 0;
+    return n ? file_out_commit(target->file, n, error) : STATUS_OK;
+}
+
+static enum status put_in_folder(struct target *target, const char *name, const void *bytes, size_t n,
+                                 struct error *error) {
+    char path[PATH_BYTES];
+    struct sink sink;
+    struct file_out *file = &target->file[target->files];
+    if (snprintf(path, sizeof path, "%s/%s", target->folder, name) >= (int)sizeof path)
+        return error_set(error, STATUS_IO, "output", "the name is too long: %.80s...", target->folder);
+    enum status status = file_out_begin(file, path, error);
+    if (status) return status;
+    target->files++;
+    status = sink_init(&sink, file->fd);
+    if (!status) sink_bytes(&sink, bytes, n);
+    return sink_done(&sink, status, error);
+}
+
+static enum status put_tile(struct writing *w, size_t t, const struct sink *glb) {
+    char name[ARCHIVE_NAME_BYTES];
+    name_tile(name, t);
+    if (w->target->folder) return put_in_folder(w->target, name, glb->buffer, glb->used, w->error);
+    return archive_add(w->target->archive, name, glb->buffer, (uint32_t)glb->used) ? tileset_no_memory(w) : STATUS_OK;
+}
+
+static enum status put_tiles(struct writing *w) {
+    enum status status = STATUS_OK;
+    for (w->first = 0; w->first < w->tree.count && !status; w->first += ABREAST) {
+        size_t n = w->tree.count - w->first < ABREAST ? w->tree.count - w->first : ABREAST;
+        par_for(w->points->threads, n, 1, make_tiles, w);
+        for (size_t i = 0; i < n && !status; i++) {
+            status = w->made[i] == STATUS_NO_MEMORY ? tileset_no_memory(w)
+                     : w->made[i]                   ? error_set(w->error, w->made[i], WHERE, "a tile is beyond 4 GiB")
+                                                    : put_tile(w, w->first + i, &w->glb[i]);
+        }
+        if (!status) status = commit_tiles(w->target, w->error);
+    }
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ JSON */
+
+/* Center, and half an axis each, of a box around these corners. */
+static void put_box(struct sink *json, vec3 low, vec3 high) {
+    vec3 middle = vec3_lerp(low, high, 0.5), half = vec3_scale(vec3_sub(high, low), 0.5);
+    double most = fmax(half.x, fmax(half.y, half.z));
+    double least = most > 0 ? most * THINNEST : THINNEST;
+    vec3 wide = {fmax(half.x, least), fmax(half.y, least), fmax(half.z, least)};
+    wide = vec3_add(wide, (vec3){most * ROUNDING, most * ROUNDING, most * ROUNDING});
+    sink_format(json, "\"boundingVolume\":{\"box\":[%.17g,%.17g,%.17g,%.17g,0,0,0,%.17g,0,0,0,%.17g]}", middle.x,
+                middle.y, middle.z, wide.x, wide.y, wide.z);
+}
+
+/* A tile and those below it. */
+static void put_node(struct sink *json, const struct writing *w, size_t t) {
+    const struct octree_node *node = &w->tree.node[t];
+    char name[ARCHIVE_NAME_BYTES];
+    name_tile(name, t);
+    sink_text(json, "{");
+    put_box(json, node->low, node->high);
+    sink_format(json, ",\"geometricError\":%.17g,", node->error);
+    if (t == 0)
+        sink_format(json, "\"refine\":\"ADD\",\"transform\":[1,0,0,0,0,1,0,0,0,0,1,0,%.17g,%.17g,%.17g,1],",
+                    w->origin.x, w->origin.y, w->origin.z);
+    sink_format(json, "\"content\":{\"uri\":\"%s\"}", name);
+    for (size_t child = t + 1; child < node->next; child = w->tree.node[child].next) {
+        sink_text(json, child == t + 1 ? ",\"children\":[\n" : ",\n");
+        put_node(json, w, child);
+    }
+    sink_text(json, t + 1 < node->next ? "]}" : "}");
+}
+
+/* A text without what JSON has a meaning for. */
+static void put_plain(struct sink *json, const char *text) {
+    for (; *text; text++)
+        if ((unsigned char)*text >= ' ' && *text != '"' && *text != '\\') sink_bytes(json, text, 1);
+}
+
+/* What the tileset says of itself: how many points it has, and their coordinate system, where the input names one. */
+static void put_metadata(struct sink *json, const struct writing *w) {
+    char system[SYSTEM_BYTES] = "";
+    if (w->points->cloud->las) las_records_system(w->points->cloud->las, system, sizeof system);
+    sink_text(json, "\"schema\":{\"id\":\"whittle\",\"classes\":{\"tileset\":{\"properties\":{"
+                    "\"points\":{\"type\":\"SCALAR\",\"componentType\":\"UINT32\",\"required\":true}");
+    if (system[0])
+        sink_text(json, ",\"coordinateSystem\":{\"type\":\"STRING\",\"description\":\"What the input says its "
+                        "coordinates are in; they are as they were\"}");
+    sink_format(json, "}}}},\n\"metadata\":{\"class\":\"tileset\",\"properties\":{\"points\":%zu", w->tree.points);
+    if (system[0]) {
+        sink_text(json, ",\"coordinateSystem\":\"");
+        put_plain(json, system);
+        sink_text(json, "\"");
+    }
+    sink_text(json, "}},\n");
+}
+
+static void put_json(struct sink *json, const struct writing *w) {
+    const struct octree_node *root = &w->tree.node[0];
+    sink_format(json, "{\"asset\":{\"version\":\"1.1\",\"generator\":\"whittle %s\"},\n", whittle_version());
+    put_metadata(json, w);
+    sink_format(json, "\"geometricError\":%.17g,\n\"root\":", vec3_distance(root->low, root->high));
+    put_node(json, w, 0);
+    sink_text(json, "}\n");
+}
+
+/* ------------------------------------------------------------------------------------------------ the whole */
+
+static enum status begin(struct writing *w) {
+    enum status status = STATUS_OK;
+    for (size_t i = 0; i < ABREAST && !status; i++) status = sink_init_memory(&w->glb[i]);
+    return status ? tileset_no_memory(w) : make_tree(w);
+}
+
+static void writing_done(struct writing *w) {
+    for (size_t i = 0; i < ABREAST; i++) free(w->glb[i].buffer);
+    for (size_t i = 0; i < w->target->files; i++) file_out_abort(&w->target->file[i]);
+    octree_done(&w->tree);
+}
+
+/* Everything but tileset.json. */
+static enum status put_all_tiles(struct writing *w, struct left_out *left_out) {
+    enum status status = begin(w);
+    if (!status) {
+        find_attributes(w);
+        const struct glb_points first = points_of(w, 0);
+        cloud_glb_note(&first, WHERE, left_out);
+        status = put_tiles(w);
+    }
+    return status;
+}
+
+/* tileset.json comes behind the tiles: it is in memory until then. */
+static enum status archive_json(struct writing *w) {
+    struct sink json;
+    enum status status = sink_init_memory(&json);
+    if (!status) put_json(&json, w);
+    if (!status && json.failure) status = STATUS_NO_MEMORY;
+    if (!status) status = archive_add(w->target->archive, "tileset.json", json.buffer, (uint32_t)json.used);
+    if (!status) status = archive_finish(w->target->archive);
+    free(json.buffer);
+    return status ? tileset_no_memory(w) : STATUS_OK;
+}
+
+enum status tileset_write_archive(int fd, const struct tileset_points *points, struct left_out *left_out,
+                                  struct error *error) {
+    struct sink sink;
+    struct archive archive;
+    struct target target = {.archive = &archive};
+    struct writing w = {.points = points, .target = &target, .error = error};
+    enum status status = sink_init(&sink, fd);
+    archive_init(&archive, &sink);
+    status = status ? tileset_no_memory(&w) : put_all_tiles(&w, left_out);
+    if (!status) status = archive_json(&w);
+    writing_done(&w);
+    archive_done(&archive);
+    return sink_done(&sink, status, error);
+}
+
+enum status tileset_write_folder(int fd, const char *folder, const struct tileset_points *points,
+                                 struct left_out *left_out, struct error *error) {
+    char path[PATH_BYTES];
+    struct sink sink;
+    struct target target = {.folder = folder};
+    struct writing w = {.points = points, .target = &target, .error = error};
+    if (snprintf(path, sizeof path, "%s/tiles", folder) >= (int)sizeof path)
+        return error_set(error, STATUS_IO, "output", "the name is too long: %.80s...", folder);
+    if (mkdir(path, 0777) != 0 && errno != EEXIST)
+        return error_set(error, status_from_errno(errno), "output", "can't make the folder %s: %s", path,
+                         strerror(errno));
+    enum status status = sink_init(&sink, fd);
+    status = status ? tileset_no_memory(&w) : put_all_tiles(&w, left_out);
+    if (!status) put_json(&sink, &w);
+    writing_done(&w);
+    return sink_done(&sink, status, error);
+}

@@ -192,6 +192,7 @@ class DatabasePair:
         shutil.chown(folder, "postgres")
         self.primary, self.standby = "db1", "db2"
         self.is_synchronous = False
+        self.watches = threading.Lock()  # held by who promotes, or makes a standby
         self.promotions = []  # (when the primary was found gone, when the other was promoted), by time.monotonic()
         self.ends = threading.Event()
         self.nodes = {node: Process([*network.inside(node), *AS_POSTGRES, "--pdeathsig", "INT", POSTGRES / "postgres",
@@ -280,25 +281,47 @@ class DatabasePair:
             subprocess.run([*AS_POSTGRES, POSTGRES / "pg_ctl", "promote", "-D", self.data(self.primary), "-w", "-t", "10"],
                            cwd=self.folder, capture_output=True, check=False)
 
+    def orphan(self):
+        """Promotes the standby, and nobody ends the primary, which goes on as if it were one: its commits wait for a
+        standby that it doesn't have any more.  False where there is no standby that could be.  adopt ends it."""
+        self.watches.acquire()  # pylint: disable=consider-using-with
+        if not self.is_whole():
+            self.watches.release()
+            return False
+        self.is_synchronous = False
+        self.primary, self.standby = self.standby, self.primary
+        self.lead()
+        return True
+
+    def adopt(self):
+        """The one that was left is made a standby of the other."""
+        self.watches.release()
+
     def watch(self):
         missed = 0
         while not self.ends.wait(0.5):
-            try:
-                missed = 0 if self.answers(self.primary) else missed + 1
-                if missed >= 3 and self.is_synchronous:
-                    self.promote()
-                    missed = 0
-                elif missed >= 3:  # the one that has everything is this one
-                    self.nodes[self.primary].kill()
-                    self.lead()
-                    missed = 0
-                elif missed == 0 and not self.is_synchronous:
-                    self.make_standby()
-                elif missed == 0 and not self.nodes[self.standby].lives():
-                    self.nodes[self.standby].start()
-            except (RuntimeError, AssertionError, OSError, subprocess.TimeoutExpired) as error:
-                with open(self.folder / "watch.log", "a", encoding="utf-8") as file:
-                    file.write(f"{error}\n")
+            with self.watches:
+                missed = self.look(missed)
+
+    def look(self, missed):
+        """Does what there is to do; how often in a row the primary has had no answer."""
+        try:
+            missed = 0 if self.answers(self.primary) else missed + 1
+            if missed >= 3 and self.is_synchronous:
+                self.promote()
+                missed = 0
+            elif missed >= 3:  # the one that has everything is this one
+                self.nodes[self.primary].kill()
+                self.lead()
+                missed = 0
+            elif missed == 0 and not self.is_synchronous:
+                self.make_standby()
+            elif missed == 0 and not self.nodes[self.standby].lives():
+                self.nodes[self.standby].start()
+        except (RuntimeError, AssertionError, OSError, subprocess.TimeoutExpired) as error:
+            with open(self.folder / "watch.log", "a", encoding="utf-8") as file:
+                file.write(f"{error}\n")
+        return missed
 
     def is_whole(self):
         return self.is_synchronous and self.is_followed("sync") and self.answers(self.primary)

@@ -233,6 +233,13 @@ def make_faults(c, chance):
             begin(database.primary)
         return aim, lambda: mend(aims["primary"])
 
+    def orphan():
+        aims["orphan"] = database.orphan()
+
+    def adopt():
+        if aims["orphan"]:
+            database.adopt()
+
     def stop_gateway():
         gateway.signal(signal.SIGSTOP)
 
@@ -270,6 +277,7 @@ def make_faults(c, chance):
         "kill-worker": (host.name, kill_worker),
         "kill-primary": ("database", *of_primary(lambda node: database.nodes[node].kill())),
         "stop-primary": ("database", *of_primary(lambda node: database.nodes[node].signal(signal.SIGSTOP))),
+        "orphan-primary": ("database", orphan, adopt),
         "kill-standby": ("database", lambda: database.nodes[database.standby].kill()),
         "kill-gateway": ("s3", gateway.kill, gateway.start),
         "stop-gateway": ("s3", stop_gateway, lambda: gateway.signal(signal.SIGCONT)),
@@ -298,8 +306,8 @@ def other_node(database, node):
     return next(n for n in database.nodes if n != node)
 
 
-SLOW = {"full-store": 15}  # seconds that it takes to be noticed
-ENDS_PRIMARY = ("kill-primary", "stop-primary", "cut-primary")
+SLOW = {"full-store": 15, "orphan-primary": 15}  # seconds that it takes to be noticed
+ENDS_PRIMARY = ("kill-primary", "stop-primary", "cut-primary", "orphan-primary")
 
 
 # ------------------------------------------------------------------------------------------------ rounds

@@ -5,16 +5,19 @@ are killed or stopped, a database that is stopped or whose answers are lost, clo
 import contextlib
 import os
 import pathlib
+import pwd
 import re
+import shutil
 import signal
 import socket
 import subprocess
+import tempfile
 import threading
 import time
 
 import pytest
 
-from conftest import BUILD, SMALL, end_all, process_lives, sphere, wait_until
+from conftest import BUILD, PATIENCE_S, SMALL, end_all, process_lives, sphere, wait_until
 from test_clock import LIBRARY, Clocked
 from test_hosts import PROGRAMS, content, make_gate, make_server, make_shared, names  # pylint: disable=unused-import
 from test_webhooks import SECRET, Receiver
@@ -412,6 +415,104 @@ def test_rule_7_a_store_that_is_away_is_a_503_and_its_work_goes_on_after_it(make
     assert int(ask(["", url], "SELECT count(*) FROM jobs")) == 1
     gateway.open()
     assert host.ended(host.submit(SMALL))["status"] == "successful" and content(host, job)
+
+
+class Pair:
+    """A primary and its synchronous standby, each on a socket of its own."""
+
+    def __init__(self, folder):
+        self.folder, self.processes = folder, {}
+        folder.chmod(0o755)
+        shutil.chown(folder, account())
+        self.run(PROGRAMS / "initdb", "-D", self.data("a"), "-U", "whittle", "-A", "trust", "--no-sync")
+        self.start("a")
+        self.run(PROGRAMS / "pg_basebackup", "-D", self.data("b"), "-R", "-X", "stream", "-c", "fast", "-U", "whittle",
+                 "-h", self.socket("a"))
+        self.start("b")
+        self.ask("a", "ALTER SYSTEM SET synchronous_standby_names = '*'")
+        self.ask("a", "SELECT pg_reload_conf()")
+        wait_until(lambda: self.ask("a", "SELECT sync_state FROM pg_stat_replication") == "sync", "the standby")
+
+    def data(self, node):
+        return self.folder / f"{node}.data"
+
+    def socket(self, node):
+        return self.folder / node
+
+    def run(self, *command):
+        subprocess.run([*as_account(), *command], cwd=self.folder, check=True, capture_output=True, timeout=PATIENCE_S)
+
+    def start(self, node):
+        self.run("mkdir", self.socket(node))
+        with open(self.folder.parent / f"{node}.log", "wb") as log:
+            self.processes[node] = subprocess.Popen(  # pylint: disable=consider-using-with
+                [*as_account(), PROGRAMS / "postgres", "-D", self.data(node), "-k", self.socket(node), "-c",
+                 "listen_addresses=", "-c", "fsync=off"], cwd=self.folder, stdout=log, stderr=log)
+        wait_until(lambda: subprocess.run([PROGRAMS / "pg_isready", "-q", "-h", self.socket(node)],
+                                          check=False).returncode == 0, "PostgreSQL")
+
+    def ask(self, node, statement):
+        return ask(["", f"postgresql://whittle@/postgres?host={self.socket(node)}"], statement)
+
+    def promote(self, node):
+        """The other one isn't told: it takes changes as before, whose commits wait for ever."""
+        self.ask(node, "ALTER SYSTEM SET synchronous_standby_names = ''")
+        self.ask(node, "SELECT pg_promote()")
+        wait_until(lambda: self.ask(node, "SELECT pg_is_in_recovery()") == "f", "the promotion")
+
+    def close(self):
+        for process in self.processes.values():
+            process.send_signal(signal.SIGQUIT)  # what waits for its standby would keep it
+        for process in self.processes.values():
+            process.wait(PATIENCE_S)
+
+
+def account():
+    """Which PostgreSQL runs as: it doesn't as root."""
+    return "postgres" if os.getuid() == 0 else pwd.getpwuid(os.getuid()).pw_name
+
+
+def as_account():
+    return ["setpriv", "--reuid", "postgres", "--regid", "postgres", "--clear-groups"] if os.getuid() == 0 else []
+
+
+@pytest.fixture(name="pair")
+def make_pair():
+    if not (PROGRAMS / "initdb").exists():
+        pytest.skip("PostgreSQL 15 isn't installed")
+    with tempfile.TemporaryDirectory(prefix="pair.") as outer:  # a short path, for the sockets
+        os.chmod(outer, 0o755)
+        folder = pathlib.Path(outer) / "of"
+        folder.mkdir()
+        pair = Pair(folder)
+        yield pair
+        pair.close()
+
+
+def test_rule_7_a_primary_that_was_deposed_is_left_when_its_commits_hang(make_daemon, pair, tmp_path):
+    """It still says that it takes changes, and is the first that is asked; nothing that was answered is lost with it."""
+    url = f"postgresql://whittle@/postgres?host={pair.socket('a')},{pair.socket('b')}&target_session_attrs=read-write"
+    subprocess.run([BUILD / "whittled", "migrate", "--catalog", url], check=True)
+    flags = ["--catalog", url, "--blobs", f"file:{tmp_path / 'blobs'}", "--lease", "5s", "--result-cache=0"]
+    hosts = [make_daemon(*flags), make_daemon(*flags)]
+    before = [host.submit(SMALL, "?ratio=0.3") for host in hosts]
+    for host, job in zip(hosts, before):
+        host.ended(job)
+    pair.promote("b")
+    assert pair.ask("a", "SELECT pg_is_in_recovery()") == "f"
+    for number, host in enumerate(hosts):
+        answers = []
+
+        def accepted(host=host, number=number, answers=answers):
+            answers.append(host.post("/v1/jobs?ratio=0.6", SMALL, "-H", f"Idempotency-Key: {number}"))
+            return answers[-1].status == 201
+        wait_until(accepted, "work at the new primary")
+        assert all(a.status in (201, 409, 503) for a in answers), [a.body for a in answers]
+        job = answers[-1].json["id"]
+        assert host.ended(job)["status"] == "successful" and content(host, job)
+    for job in before:
+        assert hosts[0].job(job)["status"] == "successful"
+    assert pair.ask("b", "SELECT count(*), count(DISTINCT id) FROM jobs") == "4|4"
 
 
 class Gateway:

@@ -24,14 +24,22 @@ struct pq_link {
     struct pq *pq;
     PGconn *conn; /* NULL = not connected */
     bool is_taken;
-    int64_t until_ms; /* when all has to be done; 0 = each statement has a deadline of its own */
+    int64_t until_ms;   /* when all has to be done; 0 = each statement has a deadline of its own */
+    unsigned departure; /* the pool's when it was connected */
 };
+
+/* Several servers may be named, of which one takes changes.  One that is left (leave_server) is asked last from then
+ * on, and what is connected to it is connected anew. */
+enum { HOSTS, ADDRESSES, PORTS, LISTS };
 
 struct pq {
     char *conninfo;
     pthread_mutex_t lock;
     pthread_cond_t given;
-    _Atomic bool is_silent; /* the last one who asked the server has had no answer */
+    _Atomic bool is_silent;     /* the last one who asked the server has had no answer */
+    _Atomic unsigned departure; /* how often a server was left */
+    _Atomic size_t first;       /* the server that is asked first */
+    char *list[LISTS];          /* as libpq has them, separated by commas; NULL = not named */
     struct pq_link link[LINKS];
 };
 
@@ -74,7 +82,74 @@ static void ignore_notice(void *ctx, const PGresult *result) {
     (void)result;
 }
 
-/* Settings that the address doesn't name itself: what libpq can see of a dead server, it is to see soon. */
+static const char *const list_names[LISTS] = {[HOSTS] = "host", [ADDRESSES] = "hostaddr", [PORTS] = "port"};
+
+/* What the address names of them; the environment's and a service file's stay as they are. */
+static enum status read_servers(struct pq *pq, struct error *error) {
+    PQconninfoOption *options = PQconninfoParse(pq->conninfo, NULL);
+    bool has_memory = options != NULL;
+    for (PQconninfoOption *option = options; has_memory && option->keyword; option++)
+        for (int l = 0; has_memory && l < LISTS; l++) {
+            if (strcmp(option->keyword, list_names[l]) != 0 || !option->val || !*option->val) continue;
+            pq->list[l] = strdup(option->val);
+            has_memory = pq->list[l] != NULL;
+        }
+    PQconninfoFree(options);
+    return has_memory ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "database", "no memory");
+}
+
+static size_t count_items(const char *list) {
+    size_t count = list ? 1 : 0;
+    for (; list && *list; list++) count += *list == ',';
+    return count;
+}
+
+static const char *find_item(const char *list, size_t number) {
+    while (number--) list += strcspn(list, ",") + 1;
+    return list;
+}
+
+static size_t count_servers(const struct pq *pq) {
+    return count_items(pq->list[HOSTS] ? pq->list[HOSTS] : pq->list[ADDRESSES]);
+}
+
+/* The list from one of its items on, the others behind; new.  One port is for all servers. */
+static char *turn_list(const char *list, size_t first) {
+    size_t bytes = list ? strlen(list) + 2 : 0;
+    char *turned = list ? malloc(bytes) : NULL;
+    if (!turned) return NULL;
+    const char *from = first < count_items(list) ? find_item(list, first) : list;
+    int before = from > list ? (int)(from - list - 1) : 0;
+    snprintf(turned, bytes, "%s%s%.*s", from, before ? "," : "", before, list);
+    return turned;
+}
+
+static bool is_item(const char *list, size_t number, const char *text) {
+    const char *item = find_item(list, number);
+    size_t length = strcspn(item, ",");
+    return strlen(text) == length && memcmp(item, text, length) == 0;
+}
+
+/* A server that hangs may be one that isn't the primary any more and doesn't know it: its commits wait for a standby
+ * that has become another's, and it still says that it takes changes.  All leave it who are connected to it. */
+static void leave_server(struct pq_link *link) {
+    struct pq *pq = link->pq;
+    size_t servers = count_servers(pq);
+    const char *host = PQhost(link->conn), *port = PQport(link->conn);
+    const char *names = pq->list[HOSTS] ? pq->list[HOSTS] : pq->list[ADDRESSES];
+    bool has_ports = count_items(pq->list[PORTS]) == servers && servers > 1;
+    pthread_mutex_lock(&pq->lock);
+    if (link->departure == pq->departure) {
+        for (size_t i = 0; host && i < servers; i++)
+            if (is_item(names, i, host) && (!has_ports || is_item(pq->list[PORTS], i, port)))
+                pq->first = (i + 1) % servers;
+        pq->departure++;
+    }
+    pthread_mutex_unlock(&pq->lock);
+}
+
+/* Settings that the address doesn't name itself: what libpq can see of a dead server, it is to see soon.  What follows
+ * the address is instead of what it names. */
 static enum status connect_link(struct pq_link *link, struct error *error) {
     static const char *const names[] = {"connect_timeout",
                                         "tcp_user_timeout",
@@ -85,11 +160,21 @@ static enum status connect_link(struct pq_link *link, struct error *error) {
                                         "fallback_application_name",
                                         "client_encoding",
                                         "dbname",
+                                        list_names[HOSTS],
+                                        list_names[ADDRESSES],
+                                        list_names[PORTS],
                                         NULL};
-    const char *values[] = {"3", "5000", "2", "1", "3", "read-write", "whittled", "UTF8", link->pq->conninfo, NULL};
+    struct pq *pq = link->pq;
+    char *list[LISTS];
     if (fault_at("database-connect")) return away(strerror(errno), error);
     disconnect(link);
+    link->departure = pq->departure;
+    for (int l = 0; l < LISTS; l++) list[l] = turn_list(pq->list[l], pq->first);
+    const char *values[] = {
+        "3",         "5000",          "2",         "1", "3", "read-write", "whittled", "UTF8", pq->conninfo,
+        list[HOSTS], list[ADDRESSES], list[PORTS], NULL};
     link->conn = PQconnectdbParams(names, values, 1);
+    for (int l = 0; l < LISTS; l++) free(list[l]);
     if (!link->conn) return error_set(error, STATUS_NO_MEMORY, "database", "no memory");
     if (PQstatus(link->conn) == CONNECTION_OK) {
         PQsetNoticeReceiver(link->conn, ignore_notice, NULL);
@@ -112,8 +197,9 @@ enum status pq_open(const char *conninfo, struct pq **pq, struct error *error) {
     pthread_condattr_destroy(&by_monotonic);
     for (int i = 0; i < LINKS; i++) opened->link[i].pq = opened;
     opened->conninfo = strdup(conninfo);
-    enum status status = opened->conninfo ? connect_link(&opened->link[0], error)
-                                          : error_set(error, STATUS_NO_MEMORY, "database", "no memory");
+    enum status status =
+        opened->conninfo ? read_servers(opened, error) : error_set(error, STATUS_NO_MEMORY, "database", "no memory");
+    if (status == STATUS_OK) status = connect_link(&opened->link[0], error);
     if (status == STATUS_OK)
         *pq = opened;
     else
@@ -126,6 +212,7 @@ void pq_close(struct pq *pq) {
     for (int i = 0; i < LINKS; i++) disconnect(&pq->link[i]);
     pthread_cond_destroy(&pq->given);
     pthread_mutex_destroy(&pq->lock);
+    for (int l = 0; l < LISTS; l++) free(pq->list[l]);
     free(pq->conninfo);
     free(pq);
 }
@@ -151,6 +238,7 @@ static enum status take(struct pq *pq, int64_t until_ms, struct pq_link **link, 
     pthread_mutex_unlock(&pq->lock);
     if (!found) return error_set(error, STATUS_IO, AWAY, "the database has no time");
     found->until_ms = until_ms;
+    if (found->departure != pq->departure) disconnect(found);
     enum status status = found->conn ? STATUS_OK : connect_link(found, error);
     if (status == STATUS_OK)
         *link = found;
@@ -186,6 +274,7 @@ static bool wait_for(struct pq_link *link, short events, int64_t deadline_ms, st
     if (n > 0 || (n < 0 && errno == EINTR)) return true;
     error_set(error, STATUS_IO, AWAY, "the database doesn't answer");
     link->pq->is_silent = true;
+    if (!link->until_ms) leave_server(link);
     disconnect(link);
     return false;
 }
@@ -393,7 +482,8 @@ static bool take_notification(struct pq_link *link, char *text, size_t bytes) {
 }
 
 enum status pq_wait(struct pq_link *link, int ms, char *text, size_t bytes, bool *notified, struct error *error) {
-    if (!link->conn) return error_set(error, STATUS_IO, AWAY, "the connection is gone");
+    if (!link->conn || link->departure != link->pq->departure)
+        return error_set(error, STATUS_IO, AWAY, "the connection is gone");
     *notified = take_notification(link, text, bytes);
     if (*notified) return STATUS_OK;
     struct pollfd socket = {.fd = PQsocket(link->conn), .events = POLLIN};

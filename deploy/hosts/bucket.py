@@ -6,7 +6,7 @@
     bucket.py undelete URL      brings back the objects named on standard input, one a line, where they were removed;
                                 a name that ends in / stands for all below it
 
-URL is what whittled's setting `blobs` says: s3://BUCKET/PREFIX?endpoint=URL&region=NAME.  The keys are in
+URL is what whittled's setting `blobs` says: s3://BUCKET/PREFIX?endpoint=URL&region=NAME&style=host.  The keys are in
 AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, else in the file that keys= names.
 """
 import datetime
@@ -32,6 +32,9 @@ class Bucket:
         self.bucket, self.prefix = parts.netloc, parts.path.strip("/")
         self.prefix += "/" if self.prefix else ""
         self.endpoint, self.region = settings["endpoint"], settings.get("region", "us-east-1")
+        self.is_in_path = settings.get("style", "path") == "path"
+        if not self.is_in_path:
+            self.endpoint = self.endpoint.replace("://", f"://{self.bucket}.", 1)
         if "keys" in settings:
             with open(settings["keys"], encoding="utf-8") as file:
                 self.access, self.secret = file.readline().strip().split(":", 1)
@@ -42,7 +45,7 @@ class Bucket:
         """The answer's bytes; the request is signed as version 4 of Amazon's signatures has it."""
         def quote(text):
             return urllib.parse.quote(text, safe="-_.~")
-        path = "/" + "/".join(map(quote, [self.bucket, *(key.split("/") if key else [])]))
+        path = "/" + "/".join(map(quote, [self.bucket] * self.is_in_path + key.split("/") * bool(key)))
         text = "&".join(f"{quote(k)}={quote(v)}" for k, v in sorted(query))
         host = urllib.parse.urlsplit(self.endpoint).netloc
         now = datetime.datetime.now(datetime.timezone.utc)

@@ -51,9 +51,9 @@ static const struct setting table[] = {
      "sqlite:whittled.db in the data folder"},
     {"blobs", BLOBS, AT(blobs), "", 0, 0, NULL,
      "Where clouds and outputs are kept, as file:PATH, or s3://BUCKET/PREFIX?endpoint=URL with region, keys (a file "
-     "with "
-     "a line access:secret), ca and part (objects of more MiB go in parts of so many; default 64); all hosts that "
-     "share a catalog share it; default: the data folder"},
+     "with a line access:secret), ca, style (path, or host: the bucket stands in front of the endpoint's host) and "
+     "part (objects of more MiB go in parts of so many; default 64); all hosts that share a catalog share it; default: "
+     "the data folder"},
     {"roles", ROLES, AT(roles), "http,work", 0, 0, NULL,
      "What this host does of the work: http takes requests, work runs jobs; one of them alone where several hosts "
      "share "

@@ -350,9 +350,9 @@ class Campaign:
         deaths, mends = [], []
         for fault in faults:
             time.sleep(0.5 + chance.random())
+            fault.begin()
             if fault.name in ENDS_PRIMARY:
                 deaths.append(time.monotonic())
-            fault.begin()
             self.drawn[fault.name] += 1
             mends.append((time.monotonic() + fault.hold, fault))
         for when, fault in sorted(mends, key=lambda m: m[0]):

@@ -399,8 +399,17 @@ def test_of_a_range_no_more_is_fetched(make_daemon, in_s3, long):
     assert host.curl(path).body == long and proxy.returned - before > len(long)
 
 
-def test_rule_9_programs_are_sent_to_the_store(make_daemon, in_s3):
+def by_host(url):
+    """The URL of the same place in the store, whose bucket is named by the host: BUCKET.localhost is this machine."""
+    return url.replace("//127.0.0.1", "//localhost") + "&style=host"
+
+
+@pytest.mark.parametrize("style", ["path", "host"])
+def test_rule_9_programs_are_sent_to_the_store(make_daemon, in_s3, style):
     flags, endpoint = in_s3
+    if style == "host":
+        bucket = flags[3].removeprefix("s3://").split("/")[0]
+        flags, endpoint = [*flags[:3], by_host(flags[3]), *flags[4:]], endpoint.replace("127.0.0.1", f"{bucket}.localhost")
     host = make_daemon(*flags, "--blob-redirect")
     job = host.submit(SMALL, "?label=a+ball")
     host.ended(job)

@@ -3,12 +3,13 @@
 import importlib.util
 import os
 import pathlib
+import socket
 import subprocess
 
 import pytest
 
 from conftest import BUILD, SMALL
-from test_hosts import PROGRAMS, content, make_server  # noqa: F401, a fixture
+from test_hosts import PROGRAMS, by_host, content, make_server  # noqa: F401, a fixture
 
 FOLDER = pathlib.Path(__file__).parents[2] / "deploy/hosts"
 spec = importlib.util.spec_from_file_location("bucket", FOLDER / "bucket.py")
@@ -33,6 +34,15 @@ def make_bucket():
     bucket.Bucket(url).ask("PUT")
     run(FOLDER / "bucket.py", "keep", url)
     return url
+
+
+def test_the_bucket_may_be_named_by_the_host(blobs, monkeypatch):
+    """BUCKET.localhost is this machine, as curl has it."""
+    found = socket.getaddrinfo
+    monkeypatch.setattr(socket, "getaddrinfo", lambda host, *rest, **named: found(
+        "127.0.0.1" if host.endswith(".localhost") else host, *rest, **named))
+    named = bucket.Bucket(by_host(blobs))
+    assert b"<ListBucketResult" in named.ask("GET") and list(named.removed()) == []
 
 
 def database(server, name):

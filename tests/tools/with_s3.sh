@@ -54,6 +54,7 @@ mon warn on pool no redundancy = false
 public addr = 127.0.0.1
 cluster addr = 127.0.0.1
 rgw frontends = beast endpoint=127.0.0.1:$http tcp_nodelay=1
+rgw dns name = localhost
 rgw data = $folder/rgw
 debug ms = 0
 EOF

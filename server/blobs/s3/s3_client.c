@@ -33,6 +33,7 @@ enum { PART_BYTES = 512, URL_BYTES = 2048, TEXT_MAX_BYTES = 8 << 20 };
 
 struct s3_client {
     char endpoint[PART_BYTES], host[PART_BYTES], bucket[PART_BYTES], prefix[PART_BYTES], ca[PART_BYTES];
+    bool is_host_style; /* the bucket is named by the host, not by the path */
     struct signature_v4_keys keys;
     pthread_mutex_t lock;
     CURL *idle[HANDLES]; /* with their connections */
@@ -60,17 +61,19 @@ static bool copy_decoded(char to[PART_BYTES], const char *from, size_t length) {
     return ok;
 }
 
-/* The host as the header Host names it: of the endpoint, without its scheme. */
+/* The host as the header Host names it: of the endpoint, without its scheme, the bucket in front where it is there. */
 static bool read_endpoint(struct s3_client *client) {
     const char *host = strstr(client->endpoint, "://");
     bool is_web = strncmp(client->endpoint, "http://", 7) == 0 || strncmp(client->endpoint, "https://", 8) == 0;
     if (!is_web || !host[3] || strchr(host + 3, '/')) return false;
-    return copy_part(client->host, host + 3, strlen(host + 3));
+    int n = snprintf(client->host, PART_BYTES, "%s%s%s", client->is_host_style ? client->bucket : "",
+                     client->is_host_style ? "." : "", host + 3);
+    return n > 0 && n < PART_BYTES;
 }
 
 /* false: it is no URL of a store. */
 static bool read_url(const char *where, struct s3_client *client, char keys_file[PART_BYTES]) {
-    char part[PART_BYTES] = "64", *rest;
+    char part[PART_BYTES] = "64", style[PART_BYTES] = "path", *rest;
     size_t path = strcspn(where, "?"), bucket = strcspn(where, "/?");
     struct {
         const char *name;
@@ -79,6 +82,7 @@ static bool read_url(const char *where, struct s3_client *client, char keys_file
                             {"region=", client->keys.region},
                             {"keys=", keys_file},
                             {"ca=", client->ca},
+                            {"style=", style},
                             {"part=", part}};
     enum { PARAMETERS = sizeof parameters / sizeof *parameters };
     if (!bucket || !copy_part(client->bucket, where, bucket)) return false;
@@ -98,6 +102,8 @@ static bool read_url(const char *where, struct s3_client *client, char keys_file
     }
     unsigned long mebibytes = strtoul(part, &rest, 10);
     client->part_bytes = (uint64_t)mebibytes << 20;
+    client->is_host_style = strcmp(style, "host") == 0;
+    if (!client->is_host_style && strcmp(style, "path") != 0) return false;
     return !*rest && mebibytes >= 5 && mebibytes <= 5000 && read_endpoint(client);
 }
 
@@ -244,12 +250,12 @@ static size_t take_bytes(char *bytes, size_t size, size_t count, void *ctx) {
     return length;
 }
 
-/* Each part of a path, encoded; the slashes between them stay. */
-static bool encode_path(const struct s3_client *client, const char *name, char path[URL_BYTES]) {
+/* Each part of a path, encoded; the slashes between them stay.  NULL is the bucket's own. */
+static bool encode_path(const struct s3_client *client, bool with_bucket, const char *name, char path[URL_BYTES]) {
     char plain[URL_BYTES];
     size_t length = 0;
-    int n = name ? snprintf(plain, sizeof plain, "/%s/%s%s", client->bucket, client->prefix, name)
-                 : snprintf(plain, sizeof plain, "/%s", client->bucket);
+    int n = snprintf(plain, sizeof plain, "%s%s%s%s%s", with_bucket ? "/" : "", with_bucket ? client->bucket : "",
+                     name || !with_bucket ? "/" : "", name ? client->prefix : "", name ? name : "");
     bool ok = n > 0 && n < URL_BYTES;
     for (const char *c = plain; ok && *c; c++) {
         bool is_plain = (*c >= 'a' && *c <= 'z') || (*c >= 'A' && *c <= 'Z') || (*c >= '0' && *c <= '9') ||
@@ -260,6 +266,14 @@ static bool encode_path(const struct s3_client *client, const char *name, char p
     }
     path[length] = 0;
     return ok;
+}
+
+/* query: NULL = none.  false: it doesn't fit. */
+static bool make_url(const struct s3_client *client, const char *path, const char *query, char *url, size_t bytes) {
+    int scheme = (int)(strchr(client->endpoint, ':') - client->endpoint);
+    int n = snprintf(url, bytes, "%.*s://%s%s%s%s", scheme, client->endpoint, client->host, path, query ? "?" : "",
+                     query ? query : "");
+    return n > 0 && (size_t)n < bytes;
 }
 
 /* By the store's clock. */
@@ -347,11 +361,10 @@ static enum status try_once(struct s3_client *client, CURL *curl, struct s3_requ
     struct exchange exchange = {.request = request};
     long answer = 0;
     *code = 0;
-    if (!encode_path(client, request->name, path) ||
-        (request->copy_of && !encode_path(client, request->copy_of, copy_source)))
+    if (!encode_path(client, !client->is_host_style, request->name, path) ||
+        (request->copy_of && !encode_path(client, true, request->copy_of, copy_source)) ||
+        !make_url(client, path, request->query, url, sizeof url))
         return error_set(error, STATUS_BAD_PARAMETER, "blobs", "a name is too long");
-    snprintf(url, sizeof url, "%s%s%s%s", client->endpoint, path, request->query ? "?" : "",
-             request->query ? request->query : "");
     struct curl_slist *headers = sign(client, request, path, request->copy_of ? copy_source : NULL);
     if (!headers) return error_set(error, STATUS_NO_MEMORY, "blobs", "no memory");
     curl_easy_reset(curl);
@@ -424,10 +437,9 @@ bool s3_client_presign(struct s3_client *client, const char *name, unsigned seco
                 : -1;
     free(encoded_type);
     free(encoded);
-    if (n < 0 || n >= URL_BYTES || !encode_path(client, name, path)) return false;
+    if (n < 0 || n >= URL_BYTES || !encode_path(client, !client->is_host_style, name, path)) return false;
     struct signature_v4_request to_sign = {.method = "GET", .host = client->host, .path = path, .query = told};
     write_date(client, to_sign.date);
-    if (!signature_v4_presign(&client->keys, &to_sign, seconds, query, sizeof query)) return false;
-    n = snprintf(url, bytes, "%s%s?%s", client->endpoint, path, query);
-    return n > 0 && (size_t)n < bytes;
+    return signature_v4_presign(&client->keys, &to_sign, seconds, query, sizeof query) &&
+           make_url(client, path, query, url, bytes);
 }

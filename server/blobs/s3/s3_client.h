@@ -14,7 +14,8 @@ struct s3_client;
 
 /* s3://bucket/prefix?endpoint=URL, without its scheme; other parameters are region (us-east-1), keys (a file with a
  * line access:secret; else AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY of the environment), ca (a file of
- * certificates) and part (64: objects of more MiB are put in parts of so many; 5 to 5000). */
+ * certificates), style (path: the bucket is in the path; host: in front of the endpoint's host) and part (64: objects
+ * of more MiB are put in parts of so many; 5 to 5000). */
 bool s3_client_valid(const char *where);
 enum status s3_client_open(const char *where, struct s3_client **client, struct error *error) MUST_CHECK;
 void s3_client_close(struct s3_client *client);

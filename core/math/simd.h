@@ -168,6 +168,14 @@ INLINE unsigned f32_place_of_least(const f32v x[F32_PARTS]) {
     least = f32_min(least, f32_lookup((const float *)&least, (i32v){1, 0, 3, 2, 5, 4, 7, 6}));
     unsigned places = (unsigned)_mm256_movemask_ps((__m256)f32_equal(x[0], least));
     return places ? (unsigned)__builtin_ctz(places) : F32_SUMS - 1;
+#elif defined(SIMD_X86)
+    __m128 least = _mm_min_ps((__m128)x[0], (__m128)x[1]);
+    least = _mm_min_ps(least, _mm_shuffle_ps(least, least, _MM_SHUFFLE(1, 0, 3, 2)));
+    least = _mm_min_ps(least, _mm_shuffle_ps(least, least, _MM_SHUFFLE(2, 3, 0, 1)));
+    int low = _mm_movemask_ps(_mm_cmpeq_ps((__m128)x[0], least)),
+        high = _mm_movemask_ps(_mm_cmpeq_ps((__m128)x[1], least));
+    unsigned places = (unsigned)(low | high << 4);
+    return places ? (unsigned)__builtin_ctz(places) : F32_SUMS - 1;
 #else
     float each[F32_SUMS];
     unsigned place = 0;

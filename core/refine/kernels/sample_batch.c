@@ -174,6 +174,15 @@ INLINE size_t spread_all(const struct surface *surface, vec3 origin, struct spre
     return surface->n;
 }
 
+/* Before a loop over parts: it is written out, so that what each part has stays in registers. */
+#define UNROLLED _Pragma("GCC unroll 8")
+
+/* Part k of F32_SUMS samples, from number i on. */
+INLINE struct f32v3 places_of(const struct sample_batch *batch, size_t i, size_t k) {
+    size_t at = i + k * F32_LANES;
+    return (struct f32v3){f32_load(&batch->x[at]), f32_load(&batch->y[at]), f32_load(&batch->z[at])};
+}
+
 INLINE f32v cost_of(f32v weight, f32v d_sq, float further) { return weight * (f32_sqrt(d_sq) + d_sq * further); }
 
 FOR_EACH_PROCESSOR(double, sample_batch_cost)
@@ -182,12 +191,16 @@ FOR_EACH_PROCESSOR(double, sample_batch_cost)
     f32v sum[F32_PARTS] = {0};
     size_t n = spread_all(surface, batch->origin, triangle);
     for (size_t i = 0; i < batch->n; i += F32_SUMS) {
-        for (size_t k = 0; k < F32_PARTS; k++) {
-            size_t at = i + k * F32_LANES;
-            f32v x = f32_load(&batch->x[at]), y = f32_load(&batch->y[at]), z = f32_load(&batch->z[at]);
-            f32v d_sq = f32_all(INFINITY);
-            for (size_t j = 0; j < n; j++) d_sq = f32_min(distance_at_sq(&triangle[j], x, y, z), d_sq);
-            sum[k] += cost_of(f32_load(&batch->weight[at]), d_sq, further);
+        f32v d_sq[F32_PARTS];
+        UNROLLED for (size_t k = 0; k < F32_PARTS; k++) d_sq[k] = f32_all(INFINITY);
+        for (size_t j = 0; j < n; j++) {
+            UNROLLED for (size_t k = 0; k < F32_PARTS; k++) {
+                struct f32v3 p = places_of(batch, i, k);
+                d_sq[k] = f32_min(distance_at_sq(&triangle[j], p.x, p.y, p.z), d_sq[k]);
+            }
+        }
+        UNROLLED for (size_t k = 0; k < F32_PARTS; k++) {
+            sum[k] += cost_of(f32_load(&batch->weight[i + k * F32_LANES]), d_sq[k], further);
         }
         if (f32_total(sum) > limit) break;
     }
@@ -209,17 +222,24 @@ INLINE void spread_star(const struct star_frames *star, struct spread triangle[S
             .bx = f32_all(star->bx[j]),
             .ab_half = f32_all(star->bx[j] / 2),
             .bc = {f32_all(star->bc_x[j]), f32_all(star->bc_y[j]), f32_all(star->bc_half[j])},
-            .ac = {.x = f32_all(star->ac_x[j]), .y = f32_all(star->ac_y[j])},
+            .ac = {f32_all(star->ac_x[j]), f32_all(star->ac_y[j]), f32_all(0)},
         };
 }
 
-/* Squared distances of samples from number i on to the nearest of a star's triangles. */
-INLINE f32v star_sq(const struct sample_batch *batch, const struct star_frames *star, const struct spread *triangle,
-                    size_t i) {
-    f32v x = f32_load(&batch->x[i]) - star->ax, y = f32_load(&batch->y[i]) - star->ay;
-    f32v z = f32_load(&batch->z[i]) - star->az, d_sq = f32_all(FAR_AWAY * FAR_AWAY);
-    for (size_t j = 0; j < star->sectors; j++) d_sq = f32_min(distance_sq(&triangle[j], x, y, z, WITHOUT_AC), d_sq);
-    return d_sq;
+/* Squared distances of F32_SUMS samples, from number i on, to the nearest of a star's triangles. */
+INLINE void star_sq(const struct sample_batch *batch, const struct star_frames *star, const struct spread *triangle,
+                    size_t i, f32v d_sq[F32_PARTS]) {
+    struct f32v3 seen[F32_PARTS];
+    UNROLLED for (size_t k = 0; k < F32_PARTS; k++) {
+        struct f32v3 p = places_of(batch, i, k);
+        seen[k] = (struct f32v3){p.x - star->ax, p.y - star->ay, p.z - star->az};
+        d_sq[k] = f32_all(FAR_AWAY * FAR_AWAY);
+    }
+    for (size_t j = 0; j < star->sectors; j++) {
+        UNROLLED for (size_t k = 0; k < F32_PARTS; k++) {
+            d_sq[k] = f32_min(distance_sq(&triangle[j], seen[k].x, seen[k].y, seen[k].z, WITHOUT_AC), d_sq[k]);
+        }
+    }
 }
 
 FOR_EACH_PROCESSOR(double, sample_batch_star_cost)
@@ -228,9 +248,10 @@ FOR_EACH_PROCESSOR(double, sample_batch_star_cost)
     f32v sum[F32_PARTS] = {0};
     spread_star(star, triangle);
     for (size_t i = 0; i < batch->n; i += F32_SUMS) {
-        for (size_t k = 0; k < F32_PARTS; k++) {
-            size_t at = i + k * F32_LANES;
-            sum[k] += cost_of(f32_load(&batch->weight[at]), star_sq(batch, star, triangle, at), further);
+        f32v d_sq[F32_PARTS];
+        star_sq(batch, star, triangle, i, d_sq);
+        UNROLLED for (size_t k = 0; k < F32_PARTS; k++) {
+            sum[k] += cost_of(f32_load(&batch->weight[i + k * F32_LANES]), d_sq[k], further);
         }
         if (f32_total(sum) > limit) break;
     }
@@ -241,7 +262,11 @@ FOR_EACH_PROCESSOR(void, sample_batch_star_distances)
 (const struct sample_batch *batch, const struct star_frames *star, float distance_sq[SAMPLE_BATCH_ROOM]) {
     struct spread triangle[STAR_MOST];
     spread_star(star, triangle);
-    for (size_t i = 0; i < batch->n; i += F32_LANES) f32_store(&distance_sq[i], star_sq(batch, star, triangle, i));
+    for (size_t i = 0; i < batch->n; i += F32_SUMS) {
+        f32v d_sq[F32_PARTS];
+        star_sq(batch, star, triangle, i, d_sq);
+        UNROLLED for (size_t k = 0; k < F32_PARTS; k++) f32_store(&distance_sq[i + k * F32_LANES], d_sq[k]);
+    }
 }
 
 /* The triangle of each sample, side by side: the members are those of struct star_frames. */
@@ -252,29 +277,34 @@ struct own_triangles {
 };
 
 /* Triangle from + which[k] for sample k. */
-INLINE struct own_triangles own_triangles_of(const struct star_frames *s, size_t from, i32v which) {
+/* table[which]; same: all of which are. */
+INLINE f32v look(const float table[8], i32v which, bool same) {
+    return same ? f32_all(table[SIMD_LANE(which, 0)]) : f32_lookup(table, which);
+}
+
+INLINE struct own_triangles own_triangles_of(const struct star_frames *s, size_t from, i32v which, bool same) {
     return (struct own_triangles){
-        .ux = f32_lookup(&s->u.x[from], which),
-        .uy = f32_lookup(&s->u.y[from], which),
-        .uz = f32_lookup(&s->u.z[from], which),
-        .vx = f32_lookup(&s->v.x[from], which),
-        .vy = f32_lookup(&s->v.y[from], which),
-        .vz = f32_lookup(&s->v.z[from], which),
-        .nx = f32_lookup(&s->normal.x[from], which),
-        .ny = f32_lookup(&s->normal.y[from], which),
-        .nz = f32_lookup(&s->normal.z[from], which),
-        .bx = f32_lookup(&s->bx[from], which),
-        .bx_inverse = f32_lookup(&s->bx_inverse[from], which),
-        .bc_x = f32_lookup(&s->bc_x[from], which),
-        .bc_y = f32_lookup(&s->bc_y[from], which),
-        .bc_half = f32_lookup(&s->bc_half[from], which),
-        .ac_x = f32_lookup(&s->ac_x[from], which),
-        .ac_y = f32_lookup(&s->ac_y[from], which),
-        .ac_inverse = f32_lookup(&s->ac_inverse[from], which),
-        .cx = f32_lookup(&s->cx[from], which),
-        .cy = f32_lookup(&s->cy[from], which),
-        .cy_inverse = f32_lookup(&s->cy_inverse[from], which),
-        .pulls = f32_less(f32_all(THINNEST), f32_lookup(&s->shape[from], which)),
+        .ux = look(&s->u.x[from], which, same),
+        .uy = look(&s->u.y[from], which, same),
+        .uz = look(&s->u.z[from], which, same),
+        .vx = look(&s->v.x[from], which, same),
+        .vy = look(&s->v.y[from], which, same),
+        .vz = look(&s->v.z[from], which, same),
+        .nx = look(&s->normal.x[from], which, same),
+        .ny = look(&s->normal.y[from], which, same),
+        .nz = look(&s->normal.z[from], which, same),
+        .bx = look(&s->bx[from], which, same),
+        .bx_inverse = look(&s->bx_inverse[from], which, same),
+        .bc_x = look(&s->bc_x[from], which, same),
+        .bc_y = look(&s->bc_y[from], which, same),
+        .bc_half = look(&s->bc_half[from], which, same),
+        .ac_x = look(&s->ac_x[from], which, same),
+        .ac_y = look(&s->ac_y[from], which, same),
+        .ac_inverse = look(&s->ac_inverse[from], which, same),
+        .cx = look(&s->cx[from], which, same),
+        .cy = look(&s->cy[from], which, same),
+        .cy_inverse = look(&s->cy_inverse[from], which, same),
+        .pulls = f32_less(f32_all(THINNEST), look(&s->shape[from], which, same)),
     };
 }
 
@@ -330,14 +360,21 @@ INLINE void fit_samples(const struct own_triangles *f, struct feet r, f32v weigh
     s->gx += far * nx, s->gy += far * ny, s->gz += far * nz;
 }
 
-/* Adds the samples of up to eight triangles, which follow each other. */
+/* Adds the samples of up to eight triangles, which follow each other.  Without a lookup in registers, samples that are
+ * of one triangle all, as most are of four, take its numbers once. */
 INLINE void fit_triangles(const struct sample_batch *batch, const size_t *begin, const struct star_frames *star,
                           struct span in, struct lengths by, struct sums sums[F32_PARTS]) {
+    struct own_triangles f;
+    int32_t held = -1; /* the triangle that all of f are */
     for (size_t first = begin[in.begin], end = begin[in.end]; first < end; first += F32_SUMS)
         for (size_t part = 0, i = first; part < F32_PARTS && i < end; part++, i += F32_LANES) {
             i32v place = i32_count() + (int32_t)i, which = i32_all(0), valid = i32_less(place, i32_all((int32_t)end));
             for (size_t k = in.begin + 1; k < in.end; k++) which -= ~i32_less(place, i32_all((int32_t)begin[k]));
-            struct own_triangles f = own_triangles_of(star, in.begin, which);
+            int32_t least = SIMD_LANE(which, 0), most = SIMD_LANE(which, F32_LANES - 1);
+            if (F32_PARTS == 1 || least != most)
+                f = own_triangles_of(star, in.begin, which, false), held = -1;
+            else if (least != held)
+                f = own_triangles_of(star, in.begin, which, true), held = least;
             struct feet feet = feet_of(&f, f32_load(&batch->x[i]) - star->ax, f32_load(&batch->y[i]) - star->ay,
                                        f32_load(&batch->z[i]) - star->az);
             fit_samples(&f, feet, f32_where(valid, f32_load(&batch->weight[i])), by, &sums[part]);
@@ -409,16 +446,17 @@ FOR_EACH_PROCESSOR(void, sample_batch_nearest)
     vec3 p = vec3_sub(place, batch->origin);
     f32v best_sq[F32_PARTS];
     i32v best[F32_PARTS];
-    for (size_t k = 0; k < F32_PARTS; k++) best_sq[k] = f32_all(INFINITY), best[k] = i32_all(0);
-    for (size_t first = 0; first < batch->n; first += F32_SUMS)
-        for (size_t k = 0; k < F32_PARTS; k++) {
-            size_t i = first + k * F32_LANES;
-            f32v dx = f32_load(&batch->x[i]) - (float)p.x, dy = f32_load(&batch->y[i]) - (float)p.y;
-            f32v dz = f32_load(&batch->z[i]) - (float)p.z;
+    UNROLLED for (size_t k = 0; k < F32_PARTS; k++) best_sq[k] = f32_all(INFINITY), best[k] = i32_all(0);
+    for (size_t first = 0; first < batch->n; first += F32_SUMS) {
+        UNROLLED for (size_t k = 0; k < F32_PARTS; k++) {
+            struct f32v3 q = places_of(batch, first, k);
+            f32v dx = q.x - (float)p.x, dy = q.y - (float)p.y, dz = q.z - (float)p.z;
             f32v d_sq = dx * dx + dy * dy + dz * dz;
-            best[k] = i32_pick(f32_less(d_sq, best_sq[k]), i32_count() + (int32_t)i, best[k]);
+            i32v number = i32_count() + (int32_t)(first + k * F32_LANES);
+            best[k] = i32_pick(f32_less(d_sq, best_sq[k]), number, best[k]);
             best_sq[k] = f32_min(d_sq, best_sq[k]);
         }
+    }
     unsigned part = f32_place_of_least(best_sq), k = part / F32_LANES, lane = part % F32_LANES;
     size_t which = (size_t)SIMD_LANE(best[k], lane);
     double least_sq = (double)SIMD_LANE(best_sq[k], lane);

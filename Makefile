@@ -572,13 +572,14 @@ test-contract: deps ## the whole contract, held by linters, a validating proxy, 
 	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -n 2 -p no:cacheprovider \
 	    $(contract_tests:%=tests/integration/test_%.py)
 
-page_packages := chromium $(if $(shell command -v npm),,nodejs npm)
+page_packages := chromium nginx-light openssl $(if $(shell command -v npm),,nodejs npm)
 .PHONY: test-page
-test-page: deps ## the page in a real browser: the whole way, pixels, tokens, a base path, accessibility
+test-page: deps ## the page in a real browser: the whole way, also behind nginx with TLS; failures, keys, fingers, pixels, accessibility
 	@deploy/deps.sh $(page_packages)
 	@$(MAKE) --no-print-directory page
 	@cd tests/page && npm ci --no-audit --no-fund --ignore-scripts
-	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider tests/integration/test_page.py
+	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider tests/integration/test_page.py \
+	    tests/integration/test_page_states.py
 
 # CLOUD is looked at first; while a job of LONG runs, that is.
 .PHONY: screenshots

@@ -286,12 +286,13 @@ static void put_page(FILE *out, const json_t *root, const char *here) {
             "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
             "<title>whittled: reference</title>\n<style>%s</style>\n<h1>whittled</h1>\n",
             style);
-    put_element(out, "p", text_at(info, "description"));
     if (links_base()[0]) fprintf(out, "<p>All paths are below <code>%s</code>.</p>\n", links_base());
     fputs("<nav><a href=\"#upload\">upload</a>", out);
     json_array_foreach(tags, i, tag) fprintf(out, "<a href=\"#%s\">%s</a>", text_at(tag, "name"), text_at(tag, "name"));
     fputs("<a href=\"#schemas\">schemas</a><a href=\"openapi.json\">openapi.json</a></nav>\n", out);
     put_ways(out, root, here);
+    fputs("<h2 id=\"all\">What holds for all operations</h2>\n", out);
+    put_element(out, "p", text_at(info, "description"));
     json_array_foreach(tags, i, tag) put_tag(out, root, tag);
     fputs("<h2 id=\"schemas\">schemas</h2>\n", out);
     json_object_foreach(json_object_get(json_object_get(root, "components"), "schemas"), name, schema)

@@ -73,10 +73,10 @@ async function send(file) {
 
 // A surface with features of several sizes, made here: a knot whose tube has grooves.
 function example() {
-  const lines = ["ply", "format ascii 1.0", "element vertex 60000", "property float x", "property float y", "property float z",
+  const lines = ["ply", "format ascii 1.0", "element vertex 30000", "property float x", "property float y", "property float z",
     "property uchar red", "property uchar green", "property uchar blue", "end_header"];
-  for (let i = 0; i < 60000; i++) {
-    const u = 2 * Math.PI * ((i * 0.618033988749895) % 1), t = 2 * Math.PI * i / 60000;
+  for (let i = 0; i < 30000; i++) {
+    const u = 2 * Math.PI * ((i * 0.618033988749895) % 1), t = 2 * Math.PI * i / 30000;
     const around = (s) => [Math.sin(s) + 2 * Math.sin(2 * s), Math.cos(s) - 2 * Math.cos(2 * s), -Math.sin(3 * s)];
     const here = around(t), ahead = around(t + 1e-4), along = here.map((c, k) => ahead[k] - c), length = Math.hypot(...along);
     const d = along.map((c) => c / length), side = [d[1], -d[0], 0], wide = Math.hypot(...side), n = side.map((c) => c / wide);

@@ -304,5 +304,6 @@ export function leave() {
 }
 
 // For tests: what is drawn.
-export const drawn = () => ({ frames: viewer.frames, busy: Boolean(viewer.drawing), layers: (now?.layers ?? []).map((layer) => layer && {
+export const drawn = () => ({ frames: viewer?.frames ?? 0, busy: Boolean(viewer?.drawing), view: viewer && { azimuth: viewer.azimuth,
+  elevation: viewer.elevation, distance: viewer.distance, centre: viewer.centre.toArray() }, layers: (now?.layers ?? []).map((layer) => layer && {
   shown: layer.shown ?? null, count: layer.count ?? null, triangles: layer.triangles ?? null, fetched: layer.fetched }) });

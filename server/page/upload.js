@@ -5,6 +5,13 @@ import { adviceOn, authorization, base } from "./api.js";
 const PIECE_BYTES = 8 * 1024 * 1024; // what a broken connection loses at most
 const PAUSES_MS = [500, 1000, 2000, ...new Array(100).fill(3000)]; // five minutes without an answer
 
+// The file was moved, changed or deleted meanwhile.
+class Gone extends Error {
+  constructor() {
+    super("the file can't be read any more. Was it moved or changed? Choose it again.");
+  }
+}
+
 // Calls progress(sent, all), and broken() where no answer came and it tries again; gives the cloud's id.  signal stops it;
 // the same file goes on where it stopped.
 export async function upload(file, { progress, broken }, signal) {
@@ -17,7 +24,10 @@ export async function upload(file, { progress, broken }, signal) {
       retryDelays: PAUSES_MS,
       onShouldRetry: (error) => {
         const status = error.originalResponse?.getStatus() ?? 0;
-        if (!status) broken();
+        if (!status) {
+          broken();
+          file.slice(0, 1).arrayBuffer().catch(() => sending.abort().finally(() => reject(new Gone())));
+        }
         return !status || [409, 423, 502, 503, 504].includes(status);
       },
       headers: authorization(),
@@ -48,6 +58,6 @@ export function reasonOf(error) {
     return { status: error.originalResponse.getStatus(), text: `${said.detail || said.title}. ${adviceOn(said)}` };
   } catch {
     const status = error.originalResponse?.getStatus?.() ?? 0;
-    return { status, text: status ? error.message : "the service doesn't answer. What has come there is kept for a day: drop the same file again and it goes on." };
+    return { status, text: status || error instanceof Gone ? error.message : "the service doesn't answer. What has come there is kept for a day: drop the same file again and it goes on." };
   }
 }

@@ -285,7 +285,8 @@ export class Viewer {
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
       down.set(event.pointerId, event);
-      spread = 0;
+      const [a, b] = [...down.values()];
+      spread = b ? Math.hypot(a.clientX - b.clientX, a.clientY - b.clientY) : 0;
       moved = 0;
     });
     canvas.addEventListener("pointermove", (event) => {
@@ -297,7 +298,7 @@ export class Viewer {
       const [a, b] = [...down.values()];
       if (b) {
         const now = Math.hypot(a.clientX - b.clientX, a.clientY - b.clientY);
-        if (spread) this.zoom(spread / now);
+        if (spread && now) this.zoom(spread / now);
         spread = now;
         this.shift(dx / 2, dy / 2);
       } else if (event.buttons & 2 || event.shiftKey) this.shift(dx, dy);

@@ -10,8 +10,9 @@ const FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", 
   "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
   "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"];
 
-// Calls work(browser) and ends the browser after it, whatever happens; more: flags beside the usual ones.
-async function withBrowser(executablePath, work, more = []) {
+// Calls work(browser) and ends the browser after it, whatever happens; BROWSER_FLAGS are flags beside the usual ones.
+async function withBrowser(executablePath, work) {
+  const more = (process.env.BROWSER_FLAGS ?? "").split(" ").filter(Boolean);
   const profile = mkdtempSync(join(tmpdir(), "page-"));
   const browser = await puppeteer.launch({ executablePath, userDataDir: profile, args: [...FLAGS, ...more], protocolTimeout: 600000 });
   try {
@@ -25,7 +26,7 @@ async function withBrowser(executablePath, work, more = []) {
 // A page whose requests, console, errors go into `seen`.
 async function watchedPage(browser, seen) {
   const page = await browser.newPage();
-  page.setDefaultTimeout(180000);
+  page.setDefaultTimeout(Number(process.env.PATIENCE_MS ?? 180000));
   await page.setViewport({ width: 1600, height: 900 });
   page.on("request", (request) => seen.requests.push(request.url()));
   page.on("console", (message) => seen.console.push(`${message.type()}: ${message.text()}`));

@@ -48,6 +48,7 @@ async function walk(page, [url, cloud, folder, token], seen) {
     painted: performance.getEntriesByName("first-contentful-paint")[0]?.startTime,
   }));
   seen.first.ms = Date.now() - opened;
+  seen.protocols = await page.evaluate(() => performance.getEntriesByType("resource").map((entry) => entry.nextHopProtocol));
   await look("drop");
 
   const input = await page.$("#drop-file");

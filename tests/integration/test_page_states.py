@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The page in chromium where something goes wrong, by keys alone, by fingers, and in each colour; behind nginx with TLS."""
+import hashlib
+import json
+import os
+import random
+import re
+import struct
+import subprocess
+import threading
+
+import pytest
+
+import conftest
+import test_proxy
+from test_page import BROWSER, NODE, files_of, hold, needs_browser, scan, share_of, walk
+from test_parameters import torus
+from test_preview import decode
+
+pytestmark = needs_browser
+
+
+def drive(scenario, url, *rest, doing=None, flags=()):
+    """Plays a scenario of states.js; doing: what it may want to happen to the service."""
+    command = ["node", NODE / "states.js", BROWSER, scenario, url, *rest]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                          env=os.environ | {"BROWSER_FLAGS": " ".join(flags)}) as node:
+        clock = threading.Timer(conftest.PATIENCE_S * 3, node.kill)
+        clock.start()
+        try:
+            for line in node.stdout:
+                seen = json.loads(line)
+                if "wants" not in seen:
+                    break
+                doing[seen["wants"]]()
+                print("", file=node.stdin, flush=True)
+            assert node.wait() == 0, node.stderr.read()
+        finally:
+            clock.cancel()
+    assert {state: found for state, found in seen["violations"].items() if found} == {}
+    assert [error for error in seen["errors"] if not re.search("ERR_ABORTED|ERR_CONNECTION|ERR_INTERNET|ERR_INCOMPLETE|ERR_EMPTY", error)] == []
+    return seen
+
+
+def restart(daemon):
+    """What kills a daemon, and what starts it again where it was."""
+    def start():
+        port = daemon.port
+        daemon.flags = (*daemon.flags, "--listen", f"127.0.0.1:{port}")
+        daemon.start()
+    return {"kill": daemon.kill, "start": start}
+
+
+@pytest.fixture(name="noise", scope="module")
+def make_noise(tmp_path_factory):
+    """A PLY of 24 MB that takes long enough."""
+    path, numbers = tmp_path_factory.mktemp("noise") / "large.ply", random.Random(4)
+    n = 2000000
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {n}\n" + "".join(f"property float {c}\n" for c in "xyz")
+    row = struct.pack("<3f", *(numbers.random() for _ in range(3)))
+    path.write_bytes(head.encode() + b"end_header\n" + row * 1000 + numbers.randbytes(12 * (n - 1000)).replace(b"\x7f", b"\x3f").replace(b"\xff", b"\x3f"))
+    return path
+
+
+# ---------------------------------------------------------------------------------------------- refusals and failures
+
+def test_a_token_that_is_refused_is_said(make_daemon, tmp_path):
+    tokens = tmp_path / "tokens"
+    tokens.write_text(f"alice:submit,read:{hashlib.sha256(b'secret').hexdigest()}\n")
+    daemon = make_daemon("--tokens-file", tokens)
+    files_of(daemon)
+    assert "doesn't take this token" in drive("wrong_token", f"{daemon.url}/", tmp_path, "secret2")["title"]
+
+
+def test_a_file_that_is_no_scan(daemon, tmp_path):
+    files_of(daemon)
+    picture = tmp_path / "holiday.jpg"
+    picture.write_bytes(b"\xff\xd8\xff\xe0\0\x10JFIF" + bytes(range(256)) * 40)
+    seen = drive("no_scan", f"{daemon.url}/", tmp_path, picture)
+    assert seen["news"]["refused"].startswith("holiday.jpg: ") and "PLY, LAS" in seen["news"]["refused"]
+
+
+def test_a_full_disk(make_daemon, tmp_path):
+    daemon = make_daemon("--min-free", "1023T")
+    files_of(daemon)
+    seen = drive("no_scan", f"{daemon.url}/", tmp_path, scan(tmp_path / "torus.ply"))
+    assert "disk is full" in seen["news"]["refused"], seen["news"]
+
+
+def test_a_quota(make_daemon, tmp_path):
+    daemon = make_daemon("--principal-bytes", "50000")
+    files_of(daemon)
+    seen = drive("no_scan", f"{daemon.url}/", tmp_path, scan(tmp_path / "torus.ply"))
+    assert "limit" in seen["news"]["refused"] and "delete" in seen["news"]["refused"], seen["news"]
+
+
+def test_a_job_that_fails_says_why_and_what_to_do(daemon, tmp_path):
+    files_of(daemon)
+    letter = tmp_path / "letter.txt"
+    letter.write_text("Dear reader,\nthis is no cloud.\n")
+    title, text, advice = drive("failed", f"{daemon.url}/", tmp_path, letter)["ended"]
+    assert title == "letter.txt has failed" and "Malformed cloud" in text and "Save it again" in advice
+
+
+def test_a_job_is_cancelled(daemon, tmp_path, large):
+    files_of(daemon)
+    (tmp_path / "large.ply").write_bytes(large)
+    seen = drive("cancelled", f"{daemon.url}/", tmp_path, tmp_path / "large.ply")
+    assert seen["stage"] and seen["ended"][0] == "large.ply was cancelled"
+
+
+# ---------------------------------------------------------------------------------------------- a service that is away
+
+@pytest.mark.parametrize("scenario", ["killed", "offline"])
+def test_an_upload_goes_on_where_it_was(daemon, tmp_path, noise, scenario):
+    files_of(daemon)
+    seen = drive(scenario, f"{daemon.url}/", tmp_path, noise, doing=restart(daemon))
+    assert seen["news"]["after it"] == "" and max(seen["offsets"]) >= 8 << 20
+    assert seen["offsets"].count(0) == 1, seen["offsets"]
+
+
+def test_a_service_that_goes_away_while_a_job_runs(daemon, tmp_path, large):
+    files_of(daemon)
+    (tmp_path / "large.ply").write_bytes(large)
+    seen = drive("away", f"{daemon.url}/", tmp_path, tmp_path / "large.ply", doing=restart(daemon))
+    assert seen["news"]["after it"] == ""
+
+
+# ---------------------------------------------------------------------------------------------- hands
+
+def test_keys_alone_lead_from_the_example_to_its_deletion(daemon, tmp_path):
+    files_of(daemon)
+    seen = drive("keys", f"{daemon.url}/", tmp_path)
+    first, last = seen["views"]
+    assert all(first[name] != last[name] for name in ("azimuth", "elevation", "distance", "centre"))
+    assert "points" in seen["level"] and re.match(r"[\d.]+ between", seen["measured"][-1]), seen["measured"]
+
+
+def test_fingers_turn_zoom_and_move(daemon, tmp_path):
+    files_of(daemon)
+    job = daemon.submit(scan(tmp_path / "torus.ply").read_bytes(), "?ratio=0.3&outputs=mesh,error")
+    assert daemon.ended(job)["status"] == "successful"
+    seen = drive("fingers", f"{daemon.url}/jobs/{job}", tmp_path)
+    before, turned, zoomed, shifted = (seen[name] for name in ("before", "turned", "zoomed", "shifted"))
+    assert turned["azimuth"] != before["azimuth"] and turned["distance"] == before["distance"]
+    assert zoomed["distance"] < 0.6 * turned["distance"] and zoomed["azimuth"] == turned["azimuth"]
+    assert shifted["centre"] != zoomed["centre"] and abs(shifted["distance"] / zoomed["distance"] - 1) < 0.05
+
+
+# ---------------------------------------------------------------------------------------------- colours
+
+def surveyed():
+    """The torus with normals, classes, intensities, and a time that only grows, as binary PLY."""
+    points = list(torus())
+    names = [("x", "float"), ("y", "float"), ("z", "float"), ("nx", "float"), ("ny", "float"), ("nz", "float"),
+             ("intensity", "ushort"), ("classification", "uchar"), ("gps_time", "double")]
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n" + "".join(f"property {kind} {name}\n" for name, kind in names)
+    rows = (struct.pack("<6fHBd", x, y, z, 0, 0, 1 if z > 0 else -1, int(30000 + 9000 * x), 2 if z < 0 else 6, 1e5 + i)
+            for i, (x, y, z) in enumerate(points))
+    return head.encode() + b"end_header\n" + b"".join(rows)
+
+
+def tones_of(path):
+    """How many different colours a picture has, coarsely, and the share of its pixels that are mostly red, green, blue."""
+    width, rows = decode(path.read_bytes())
+    pixels = [row[i:i + 3] for row in rows for i in range(0, 3 * width, 3)]
+    most = [sum(p[c] > max(p[:c] + p[c + 1:]) + 25 for p in pixels) / len(pixels) for c in range(3)]
+    return len({(p[0] >> 5, p[1] >> 5, p[2] >> 5) for p in pixels}), most
+
+
+def test_each_attribute_colours_with_a_legend_and_levels_have_meshes(daemon, tmp_path):
+    files_of(daemon)
+    job = daemon.submit(surveyed(), "?levels=0.4,0.1&outputs=cloud,mesh,error&normals=true")
+    assert daemon.ended(job)["status"] == "successful"
+    seen = drive("colours", f"{daemon.url}/jobs/{job}", tmp_path)
+    assert [name for name, _ in seen["after"]] == ["mesh_0.4.ply", "mesh_0.1.ply", "cloud"]
+    (few, of_few), (many, of_many) = seen["meshes"]
+    assert few < many / 3 and "10 %" in of_few and "40 %" in of_many
+    assert {"plain", "height", "normals", "intensity", "classification", "gps_time"} <= {name for name, _ in seen["colours"]}
+    legends = seen["legends"]
+    assert legends["plain"] is None and legends["normals"] is None
+    assert "2 ground" in legends["classification"] and "6 building" in legends["classification"] and "%" in legends["classification"]
+    for name in ("height", "intensity", "gps_time"):
+        assert re.search(r"half of the points below [\d.\u202f-]+, 98 of 100 below", legends[name]), legends[name]
+    tones = {name: tones_of(tmp_path / f"cloud-{name}.png") for name, _ in seen["colours"]}
+    assert len({str(tone) for tone in tones.values()}) == len(tones)
+    assert min(tones["classification"][1][0], tones["normals"][1][2]) > 0.02 > tones["plain"][1][0]
+    assert (tmp_path / "mesh-smooth.png").read_bytes() != (tmp_path / "mesh-normals.png").read_bytes()
+    assert "Deviation" in seen["histogram"] and "largest" in seen["histogram"]
+    hot = [sum(share_of(tmp_path / f"swipe-{bar}.png", lambda r, g, b: r > g + 40 and g > b)) for bar in (20, 80)]
+    assert hot[1] > 2 * hot[0], hot
+    width, rows = decode_any(tmp_path / seen["saved"])
+    assert width > 500 and rows > 300
+
+
+def decode_any(path):
+    """Width and height of a PNG."""
+    data = path.read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    return struct.unpack(">II", data[16:24])
+
+
+def test_without_webgl_the_picture_is_shown(daemon, tmp_path):
+    files_of(daemon)
+    job = daemon.submit(scan(tmp_path / "torus.ply").read_bytes(), "?ratio=0.3&outputs=mesh,preview.png")
+    assert daemon.ended(job)["status"] == "successful"
+    assert drive("no_webgl", f"{daemon.url}/jobs/{job}", tmp_path, flags=["--disable-3d-apis"])["tools"]
+
+
+# ---------------------------------------------------------------------------------------------- nginx
+
+def pinned(certificate):
+    """The flag that makes chromium trust one key alone, which is how a test can have an authority of its own."""
+    key = subprocess.run(f"openssl x509 -in {certificate} -pubkey -noout | openssl pkey -pubin -outform der | openssl dgst -sha256 -binary | base64",
+                         shell=True, capture_output=True, text=True, check=True).stdout.strip()
+    return f"--ignore-certificate-errors-spki-list={key}"
+
+
+@pytest.mark.skipif(not test_proxy.NGINX or not test_proxy.shutil.which("openssl"), reason="nginx and openssl aren't installed")
+@pytest.mark.parametrize("protocol, flags", [("h2", ()), ("http/1.1", ("--disable-http2",))])
+def test_the_whole_way_behind_nginx_with_tls_below_a_path_with_a_token(make_daemon, tmp_path, monkeypatch, protocol, flags):
+    tokens = tmp_path / "tokens"
+    tokens.write_text(f"alice:submit,read:{hashlib.sha256(b'secret').hexdigest()}\n")
+    daemon = make_daemon("--tokens-file", tokens, "--base-path", "/whittle")
+    files_of(daemon, "/whittle")
+    proxy = test_proxy.Proxy(tmp_path / "nginx", daemon.port).start()
+    try:
+        monkeypatch.setenv("BROWSER_FLAGS", " ".join([pinned(proxy.folder / "tls.crt"), *flags]))
+        seen = walk(f"{proxy.url}/whittle/", scan(tmp_path / "torus.ply"), tmp_path / "pictures", "secret")
+    finally:
+        proxy.stop()
+    seen["console"] = [line for line in seen["console"] if "401" not in line]
+    hold(seen, proxy, "/whittle")
+    assert seen["address"].startswith(f"{proxy.url}/whittle/jobs/") and len(seen["cards"]) == 1
+    assert set(seen["protocols"]) == {protocol}
+    assert f"{proxy.url}/whittle/v1/jobs?" in seen["command"]

@@ -1,0 +1,290 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// States of the page that the way through it doesn't meet: refusals, failures, a service that is away, keys alone,
+// fingers, colours.  Prints what was seen as JSON, one line.  Where something has to happen to the service meanwhile it
+// prints {"wants": NAME} and waits for a line.
+//
+// Usage: node states.js BROWSER SCENARIO URL FOLDER [FILE | TOKEN]
+"use strict";
+const { join } = require("node:path");
+const { createInterface } = require("node:readline");
+const axe = require("axe-core").source;
+const { run, settled, watchedPage, withBrowser } = require("./browser.js");
+
+const answers = createInterface({ input: process.stdin })[Symbol.asyncIterator]();
+
+async function outside(wants) {
+  console.log(JSON.stringify({ wants }));
+  await answers.next();
+}
+
+// What the scenarios do with a page.
+function hands(page, seen) {
+  const text = (id) => page.$eval(`#${id}`, (element) => element.innerText);
+  const visible = (selector) => page.waitForSelector(selector, { visible: true });
+  const said = (id, part) => page.waitForFunction((where, what) => document.getElementById(where).textContent.includes(what), {}, id, part);
+  const looked = () => page.waitForFunction(() => document.documentElement.dataset.looking);
+  return {
+    text, visible, said, looked,
+    drawn: () => page.evaluate(() => whittled.drawn()),
+    settled: () => settled(page),
+    async drop(file) {
+      await (await page.$("#drop-file")).uploadFile(file);
+    },
+    // Holds a state to axe, and keeps what the page says.
+    async judge(state) {
+      await page.evaluate(`if (!globalThis.axe) { ${axe} }`);
+      seen.violations[state] = await page.evaluate(async () => {
+        const { violations } = await axe.run();
+        return violations.map(({ id, nodes }) => `${id}: ${nodes.map((node) => node.html.slice(0, 90)).join(" | ")}`);
+      });
+      seen.news[state] = await text("news");
+    },
+    // Presses Tab until an element has the focus, as somebody without a mouse does.
+    async tabTo(selector) {
+      for (let i = 0; i < 120; i++) {
+        if (await page.evaluate((wanted) => document.activeElement.matches(wanted), selector)) return;
+        await page.keyboard.press("Tab");
+      }
+      throw new Error(`Tab doesn't lead to ${selector}`);
+    },
+  };
+}
+
+const scenarios = {
+  async wrong_token({ page, judge, visible, said, text, seen }, token) {
+    await visible("#token-value");
+    await page.type("#token-value", token);
+    await page.keyboard.press("Enter");
+    await said("token-title", "take this token");
+    await judge("wrong token");
+    seen.title = await text("token-title");
+  },
+
+  async no_scan({ drop, said, judge }, file) {
+    await drop(file);
+    await said("news", ":");
+    await judge("refused");
+  },
+
+  async failed({ page, drop, visible, judge, text, seen }, file) {
+    await drop(file);
+    await visible("#choose-start");
+    await page.click("#choose-start");
+    await visible("#ended-more");
+    await judge("failed");
+    seen.ended = [await text("ended-title"), await text("ended-text"), await text("ended-advice")];
+    await page.click("#ended-more summary");
+    await judge("failed, with its log");
+    await page.reload();
+    await visible("#ended-title");
+    await page.click("#ended-again");
+    await visible("#choose-start");
+  },
+
+  async cancelled({ page, drop, visible, judge, text, seen }, file) {
+    await drop(file);
+    await visible("#choose-start");
+    await page.click("#choose-start");
+    await page.waitForFunction(() => document.querySelector("#follow-stages li[aria-current]"));
+    await judge("running");
+    seen.stage = await text("follow-stages");
+    await page.click("#follow-cancel");
+    await visible("#ended-title");
+    await judge("cancelled");
+    seen.ended = [await text("ended-title"), await text("ended-text")];
+  },
+
+  // The service is killed in the middle of an upload, and comes back.
+  async killed({ page, drop, visible, judge, said, seen }, file) {
+    await upload_slowly({ page, drop, seen }, file);
+    await outside("kill");
+    await said("news", "goes on by itself");
+    await judge("service gone");
+    await outside("start");
+    await visible("#choose-start");
+    await judge("after it");
+  },
+
+  // The network is lost in the middle of an upload, and comes back.
+  async offline({ page, drop, visible, judge, said, seen }, file) {
+    const session = await upload_slowly({ page, drop, seen }, file);
+    await session.send("Network.emulateNetworkConditions", { offline: true, latency: 0, downloadThroughput: -1, uploadThroughput: -1 });
+    await said("news", "goes on by itself");
+    await judge("offline");
+    await session.send("Network.emulateNetworkConditions", { offline: false, latency: 0, downloadThroughput: -1, uploadThroughput: -1 });
+    await visible("#choose-start");
+    await judge("after it");
+  },
+
+  // The service goes away while a job runs, and comes back.
+  async away({ page, drop, visible, looked, judge, said }, file) {
+    await drop(file);
+    await visible("#choose-start");
+    await page.click("#choose-start");
+    await page.waitForFunction(() => document.querySelector("#follow-stages li[aria-current]"));
+    await outside("kill");
+    await said("news", "not lost");
+    await judge("service gone");
+    await page.evaluate(() => document.getElementById("home").click());
+    await said("news", "doesn't answer");
+    await judge("list without a service");
+    await outside("start");
+    await page.goBack();
+    await looked();
+    await judge("after it");
+  },
+
+  async keys({ page, visible, tabTo, looked, text, drawn, settled: rest, judge, seen }) {
+    const { keyboard } = page;
+    await tabTo("#drop-example");
+    await keyboard.press("Enter");
+    await visible("#choose-start");
+    await tabTo("#goal-slider");
+    await keyboard.press("ArrowLeft");
+    await tabTo("#choose-start");
+    await keyboard.press("Enter");
+    await looked();
+    await rest();
+    await tabTo("#look-canvas");
+    seen.views = [(await drawn()).view];
+    for (const key of ["ArrowLeft", "ArrowUp", "+"]) await keyboard.press(key);
+    await keyboard.down("Shift");
+    await keyboard.press("ArrowLeft");
+    await keyboard.up("Shift");
+    seen.views.push((await drawn()).view);
+    await keyboard.press("Home");
+    await tabTo("#look-after");
+    await keyboard.press("ArrowDown");
+    await page.waitForFunction(() => whittled.drawn().layers[1]?.count);
+    await tabTo("#look-level");
+    await keyboard.press("End");
+    for (let i = 0; i < 3; i++) await keyboard.press("PageDown");
+    seen.level = await text("level-text");
+    await keyboard.press("End");
+    await tabTo("#look-measure");
+    await keyboard.press("Enter");
+    await page.focus("#look-canvas");
+    await rest();
+    await judge("picking");
+    seen.measured = [];
+    for (let i = 0; i < 24 && !/between/.test(seen.measured.at(-1)); i++) {
+      await keyboard.press("Enter");
+      seen.measured.push(await text("measure-text"));
+      await keyboard.press("ArrowLeft");
+      await keyboard.press("ArrowUp");
+    }
+    page.on("dialog", (dialog) => dialog.accept());
+    await tabTo("#read-delete");
+    await keyboard.press("Enter");
+    await visible("#jobs-none");
+  },
+
+  async fingers({ page, looked, drawn, settled: rest, seen }) {
+    await page.setViewport({ width: 360, height: 780, hasTouch: true, isMobile: true, deviceScaleFactor: 2 });
+    await looked();
+    await rest();
+    const session = await page.createCDPSession(), stage = await page.$("#look-canvas");
+    await stage.scrollIntoView();
+    const { x, y, width, height } = await stage.boundingBox(), middle = [x + width / 2, y + height / 2];
+    const touch = (type, ...places) => session.send("Input.dispatchTouchEvent", { type, touchPoints: places.map(([dx, dy], id) => ({ x: middle[0] + dx, y: middle[1] + dy, id })) });
+    async function gesture(steps) {
+      await touch("touchStart", ...steps[0]);
+      for (const places of steps.slice(1)) await touch("touchMove", ...places);
+      await touch("touchEnd");
+      return (await drawn()).view;
+    }
+    seen.before = (await drawn()).view;
+    seen.turned = await gesture([[[0, 0]], [[20, 0]], [[40, 10]]]);
+    seen.zoomed = await gesture([[[-20, 0], [20, 0]], [[-40, 0], [40, 0]], [[-60, 0], [60, 0]]]);
+    seen.shifted = await gesture([[[-20, 0], [20, 0]], [[0, 10], [40, 10]], [[20, 20], [60, 20]]]);
+  },
+
+  // Each colour of the result's side, meshes of the levels, the swipe bar, the picture that is saved.
+  async colours({ page, folder, looked, text, drawn, settled: rest, judge, seen }) {
+    await looked();
+    const stage = await page.$("#look-canvas");
+    const shoot = async (name) => {
+      await rest();
+      await stage.screenshot({ path: join(folder, `${name}.png`) });
+    };
+    const options = (id) => page.$$eval(`#${id} option`, (all) => all.map((each) => [each.value, each.textContent]));
+    seen.after = await options("look-after");
+    seen.meshes = [];
+    for (const place of ["Home", "End"]) {
+      await page.focus("#look-level");
+      const before = (await drawn()).layers[1].triangles;
+      await page.keyboard.press(place);
+      if (place === "Home") await page.waitForFunction((n) => whittled.drawn().layers[1]?.triangles !== n, {}, before);
+      else await page.waitForFunction((n) => whittled.drawn().layers[1]?.triangles > n, {}, before);
+      seen.meshes.push([(await drawn()).layers[1].triangles, await text("level-text")]);
+    }
+    await page.select("#look-mesh", "smooth");
+    await shoot("mesh-smooth");
+    await page.select("#look-colour-1", "normals");
+    await shoot("mesh-normals");
+    await page.select("#look-after", "cloud");
+    await page.waitForFunction(() => whittled.drawn().layers[1]?.shown && whittled.drawn().layers[1].shown === whittled.drawn().layers[1].count);
+    await page.select("#look-layout", "after");
+    seen.colours = await options("look-colour-1");
+    seen.legends = {};
+    for (const [name] of seen.colours) {
+      await page.select("#look-colour-1", name);
+      await shoot(`cloud-${name}`);
+      seen.legends[name] = await page.$eval("#legend-1", (legend) => (legend.hidden ? null
+        : `${legend.innerText} ${[...legend.querySelectorAll("canvas[aria-label]")].map((each) => each.ariaLabel)}`));
+    }
+    await page.select("#look-layout", "swipe");
+    await page.select("#look-colour-1", "plain");
+    for (const bar of [20, 80]) {
+      await page.$eval("#look-bar", (slider, to) => {
+        slider.value = to;
+        slider.dispatchEvent(new Event("input", { bubbles: true }));
+      }, bar);
+      await shoot(`swipe-${bar}`);
+    }
+    seen.histogram = await page.$eval("#legend-0", (legend) => `${legend.innerText} ${legend.querySelector("canvas").ariaLabel}`);
+    await judge("legends");
+    const session = await page.createCDPSession();
+    await session.send("Browser.setDownloadBehavior", { behavior: "allowAndName", downloadPath: folder, eventsEnabled: true });
+    const saved = new Promise((resolve) => session.on("Browser.downloadProgress", (event) => event.state === "completed" && resolve(event.guid)));
+    await page.click("#look-shot");
+    seen.saved = await saved;
+  },
+
+  // Without WebGL the picture is shown.
+  async no_webgl({ page, looked, judge, visible, seen }) {
+    await visible("#look-picture");
+    await page.waitForFunction(() => document.getElementById("look-picture").naturalWidth > 0);
+    await judge("no WebGL");
+    seen.tools = await page.$eval("#look-tools", (tools) => tools.hidden);
+  },
+};
+
+// Begins an upload at a rate at which something can happen meanwhile.
+async function upload_slowly({ page, drop, seen }, file) {
+  const session = await page.createCDPSession();
+  await session.send("Network.enable");
+  await session.send("Network.emulateNetworkConditions", { offline: false, latency: 0, downloadThroughput: -1, uploadThroughput: 3e6 });
+  seen.offsets = [];
+  page.on("request", (request) => request.method() === "PATCH" && seen.offsets.push(Number(request.headers()["upload-offset"])));
+  await drop(file);
+  await page.waitForFunction(() => document.getElementById("sending-bar").value > 0.4);
+  return session;
+}
+
+async function main([executablePath, scenario, url, folder, ...rest]) {
+  const seen = { requests: [], console: [], errors: [], violations: {}, news: {} };
+  try {
+    await withBrowser(executablePath, async (browser) => {
+      const page = await watchedPage(browser, seen);
+      await page.goto(url, { waitUntil: "domcontentloaded" });
+      await page.waitForFunction(() => globalThis.whittled);
+      await scenarios[scenario]({ page, folder, seen, ...hands(page, seen) }, ...rest);
+    });
+  } finally {
+    console.log(JSON.stringify(seen));
+    process.stdin.destroy();
+  }
+}
+
+run(main);

@@ -54,6 +54,7 @@ struct fit {
     enum placement placement;
     unsigned threads;
     bool has_up, is_new; /* is_new: nothing has changed yet */
+    bool leaps;          /* a split that gains much may fold the surface sharply */
     double fold;         /* smallest cosine between the normals of neighbours: less where the surface has creases */
     double deviation_sq; /* how far from the data any part of the surface may get, squared */
     double far, near;

@@ -28,6 +28,9 @@ struct diamond {
 
 static const struct star_limits limits_of_splits = {.turn = (float)FIT_CANDIDATE_LEAST_TURN, .thin = (float)FIT_THIN};
 
+#define LEAP 0.5          /* of what the triangles cost: where it is less, the surface may fold for it */
+#define SHARPEST (-0.75f) /* cosine of such a fold */
+
 static void set_diamond_frames(const struct diamond *diamond, vec3 place, struct star_frames *frames) {
     star_frames_make(frames, &diamond->rim, vec3_sub(place, diamond->region.batch.origin));
 }
@@ -67,12 +70,23 @@ static void diamond_of(const struct fit *fit, uint32_t h, struct diamond *diamon
     fit_gather(fit, &diamond->region);
 }
 
+/* Where a face that was bridged comes back, the triangle beside it stays where it was for the time being, so the fold
+ * to it may be sharp where the split gains most of what the triangles cost. */
+static bool split_may_leap(const struct fit *fit, const struct diamond *diamond) {
+    struct star_limits limits = fit_limits(fit, limits_of_splits);
+    limits.fold = SHARPEST;
+    return fit->leaps && star_may_become(&diamond->old, &diamond->new, &diamond->outside, limits);
+}
+
 static double split_cost(const struct fit *fit, struct diamond *diamond, vec3 place, double limit) {
     set_diamond_frames(diamond, place, &diamond->new);
-    if (!star_may_become(&diamond->old, &diamond->new, &diamond->outside, fit_limits(fit, limits_of_splits)))
-        return INFINITY;
     if (!fit_star_faces_up(fit, &diamond->new)) return INFINITY;
-    return fit_star_cost(fit, &diamond->region, &diamond->new, limit);
+    if (star_may_become(&diamond->old, &diamond->new, &diamond->outside, fit_limits(fit, limits_of_splits)))
+        return fit_star_cost(fit, &diamond->region, &diamond->new, limit);
+    if (!split_may_leap(fit, diamond)) return INFINITY;
+    double least = fmin(limit, LEAP * diamond->cost);
+    double cost = fit_star_cost(fit, &diamond->region, &diamond->new, least);
+    return cost < least ? cost : INFINITY;
 }
 
 static bool split_stays(const struct fit *fit, const struct diamond *diamond, vec3 place) {

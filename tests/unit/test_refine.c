@@ -522,6 +522,30 @@ static void test_closed_stays_closed_and_gets_better(void **state) {
     dense_done(&dense);
 }
 
+/* The floor beside a wall should rise from it in a pyramid: the split that does so folds it against the wall. */
+static void test_a_split_that_gains_much_may_fold(void **state) {
+    (void)state;
+    static const vec3 corner[6] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}, {1, 0, 1}, {1, 1, 1}};
+    static const uint32_t floor_and_wall[4][3] = {{0, 1, 2}, {2, 3, 0}, {2, 1, 4}, {2, 4, 5}};
+    enum { DIAGONAL = 2 };
+    struct dense dense = dense_field(17, tent);
+    struct mesh mesh = mesh_new(corner, 6, floor_and_wall, 4);
+    struct refine_input input = dense_input(&dense);
+    struct refine_options options = {REFINE_FULL, PLACEMENT_OPTIMAL, 1};
+    struct fit fit;
+    assert_int_equal(fit_init(&fit, &mesh, &input, &options), STATUS_OK);
+    fit.fold = FIT_FOLD;
+    assert_int_equal(fit_split_best(&fit, DIAGONAL).halfedge, NONE);
+    fit.leaps = true;
+    struct fit_candidate split = fit_split_best(&fit, DIAGONAL);
+    assert_int_equal(split.halfedge, DIAGONAL);
+    assert_true(vec3_distance(split.place, (vec3){0.5, 0.5, 0.5}) < 1e-6);
+    assert_true(split.value > 0);
+    fit_done(&fit);
+    mesh_done(&mesh);
+    dense_done(&dense);
+}
+
 /* Vertex v is put somewhere, and the mesh is looked at as it is then. */
 static size_t uncross(const struct dense *dense, uint32_t v, vec3 place, bool moves, struct mesh *mesh) {
     struct refine_input input = dense_input(dense);
@@ -791,6 +815,7 @@ int main(void) {
         cmocka_unit_test(test_samples_made_beforehand_change_nothing),
         cmocka_unit_test(test_a_closer_look_has_all_samples_in_the_lists),
         cmocka_unit_test(test_closed_stays_closed_and_gets_better),
+        cmocka_unit_test(test_a_split_that_gains_much_may_fold),
         cmocka_unit_test(test_what_crosses_is_parted),
         cmocka_unit_test(test_subset_stays_a_subset),
         cmocka_unit_test(test_threads_change_nothing),

@@ -27,7 +27,7 @@ static const char *const reconstructions[] = {RECONSTRUCTION_ROWS(NAME) NULL};
 static const char reconstructions_help[] = "How the surface is found through the kept points" RECONSTRUCTION_ROWS(HELP);
 #undef NAME
 #undef HELP
-static const char *const surface_forms[] = {"closed", "open", "heightfield", "auto", NULL};
+static const char *const surface_forms[] = {"closed", "open", "heightfield", "auto", "given", NULL};
 static const char *const orders[] = {"auto", "simplify-first", "reconstruct-first", NULL};
 static const char *const boundary_forms[] = {"fill", "keep", "auto", NULL};
 static const char *const refine_forms[] = {"none", "flips", "full", NULL};
@@ -119,8 +119,9 @@ static const struct param table[] = {
      reconstructions_help},
     {"surface", PARAM_CHOICE, AT(surface), 0, 0, false, "auto", surface_forms, "", true,
      "What the points are of: closed: the skin of a solid, reconstructed as a closed mesh; open: sheets with borders, "
-     "as scans of rooms and single views are; heightfield: one sheet seen from above, as terrain is; auto: found out "
-     "from the points, and told in the report"},
+     "as scans of rooms and single views are; heightfield: one sheet seen from above, as terrain is; given: the "
+     "input's own faces, whose edges are collapsed, with borders and seams of texture coordinates kept; auto: given "
+     "where the input has faces, else found out from the points, and told in the report"},
     {"order", PARAM_CHOICE, AT(order), 0, 0, false, "auto", orders, "", true,
      "Of a closed surface: simplify-first: it is reconstructed from the kept points; reconstruct-first: from more, and "
      "its edges are collapsed with the topology that it has; auto: the latter where walls are thinner than kept points "

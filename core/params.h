@@ -22,8 +22,9 @@ enum area_weight { AREA_UNIT, AREA_AREA };
 /* Whether points are simplified before the surface is reconstructed from them, or it is reconstructed from more. */
 enum order { ORDER_AUTO, ORDER_SIMPLIFY_FIRST, ORDER_RECONSTRUCT_FIRST };
 enum refine_form { REFINE_NONE, REFINE_FLIPS, REFINE_FULL };
-/* What the points are of: the skin of solids; sheets with borders; one sheet seen from above. */
-enum surface_form { SURFACE_CLOSED, SURFACE_OPEN, SURFACE_HEIGHTFIELD, SURFACE_AUTO };
+/* What the points are of: the skin of solids; sheets with borders; one sheet seen from above; or of what the input's
+ * faces are. */
+enum surface_form { SURFACE_CLOSED, SURFACE_OPEN, SURFACE_HEIGHTFIELD, SURFACE_AUTO, SURFACE_GIVEN };
 enum boundary_form { BOUNDARY_FILL, BOUNDARY_KEEP, BOUNDARY_AUTO };
 enum reference_form { REFERENCE_AUTO, REFERENCE_POINTS, REFERENCE_FACES, REFERENCE_RECONSTRUCTION };
 /* What is done to the points before all else. */

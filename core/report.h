@@ -46,7 +46,7 @@ struct report_level {
     bool watertight, manifold, oriented;
     double area, volume;
     double unsupported;      /* share of the area that no input point supports (core/measure/support.h) */
-    char reconstruction[24]; /* which form was taken: "tight", "literal", ... */
+    char reconstruction[24]; /* which form was taken: "tight", "literal", ..., "given" */
 
     bool has_error;
     struct distance_stats input_to_mesh;   /* every original point to the mesh */
@@ -79,9 +79,9 @@ struct report_spacing {
 
 /* What the cloud was taken for, once for all meshes.  "" where there are none. */
 struct report_surface {
-    char kind[16];        /* "closed", "open", "heightfield" */
+    char kind[16];        /* "closed", "open", "heightfield", "given" */
     char reason[200];     /* a sentence without a full stop */
-    char orientation[16]; /* what says which side is in front: "outwards", "upwards", "normals", "viewpoint" */
+    char orientation[16]; /* what says which side is in front: "outwards", "upwards", "normals", "viewpoint", "faces" */
     bool sure;
 };
 

@@ -77,8 +77,9 @@ export interface Parameters {
   reconstruction?: "tight" | "literal";
   /** What the points are of: closed: the skin of a solid, reconstructed as a closed mesh; open: sheets with
    *  borders, as scans of rooms and single views are; heightfield: one sheet seen from above, as terrain is;
-   *  auto: found out from the points, and told in the report. Default auto. */
-  surface?: "closed" | "open" | "heightfield" | "auto";
+   *  given: the input's own faces, whose edges are collapsed, with borders and seams of texture coordinates kept;
+   *  auto: given where the input has faces, else found out from the points, and told in the report. Default auto. */
+  surface?: "closed" | "open" | "heightfield" | "auto" | "given";
   /** Of a closed surface: simplify-first: it is reconstructed from the kept points; reconstruct-first: from more,
    *  and its edges are collapsed with the topology that it has; auto: the latter where walls are thinner than
    *  kept points are apart, as the report says. Default auto. */

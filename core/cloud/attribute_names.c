@@ -90,3 +90,20 @@ const struct property *attribute_find(const struct cloud *cloud, const char *nam
     }
     return same;
 }
+
+/* Letters as short as these are names of other things, too: they count in pairs, and as they are. */
+bool attribute_find_texture(const struct cloud *cloud, const struct property *texture[2]) {
+    static const char *const pairs[][2] = {
+        {"s", "t"}, {"u", "v"}, {"texture_u", "texture_v"}, {"texture_s", "texture_t"}, {"tu", "tv"}};
+    for (size_t i = 0; i < sizeof pairs / sizeof *pairs; i++) {
+        const struct property *found[2] = {NULL, NULL};
+        for (size_t j = 0; j < cloud->property_count; j++)
+            for (int k = 0; k < 2; k++)
+                if (!cloud->property[j].is_list && strcasecmp(cloud->property[j].name, pairs[i][k]) == 0)
+                    found[k] = &cloud->property[j];
+        if (!found[0] || !found[1]) continue;
+        texture[0] = found[0], texture[1] = found[1];
+        return true;
+    }
+    return false;
+}

@@ -19,4 +19,8 @@ bool attribute_is_same(const char *a, const char *b);
 /* The scalar property of this name: as it is, or the first one by a name that says the same.  NULL: none. */
 const struct property *attribute_find(const struct cloud *cloud, const char *name);
 
+/* The two properties of texture coordinates, s and t or by other names that are usual for both; false where there are
+ * none. */
+bool attribute_find_texture(const struct cloud *cloud, const struct property *texture[2]);
+
 #endif

@@ -4,6 +4,9 @@
  *
  * Quadrics are about the origin: coordinates are those of the normalised frame, so little cancels in double.
  *
+ * A border, or a seam, is the edge of what its triangles tell: a plane through each of its edges, upright on the
+ * triangle, has it keep its course.
+ *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/mesh/decimate.h"
 
@@ -13,12 +16,14 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
+#include "core/cloud/cloud.h"
 #include "core/math/sym3.h"
 #include "core/mesh/halfedge.h"
 
 #define UNUSED UINT32_MAX
 #define LEAST_TURN 0.25  /* cosine between a triangle's normals before and after a collapse */
 #define THIN 0.02        /* twice the area by the square of the longest edge: no triangle gets under it */
+#define COURSE 2.0       /* what the plane through a border's edge weighs, times its length squared */
 #define STAY 1e-3        /* of a vertex's area: what its own distance weighs beside that to the planes */
 enum { RING_MOST = 30 }; /* neighbours of a vertex */
 
@@ -30,6 +35,7 @@ struct error_form { /* E(x) = x^T a x + 2 b . x + c */
 
 struct decimation {
     struct mesh *mesh;
+    struct decimate_rules rules;
     struct halfedge he;
     struct error_form *form; /* of each vertex */
     double *key;             /* of each vertex: what its cheapest collapse costs, as far as is known */
@@ -58,6 +64,30 @@ static void form_add_point(struct error_form *form, vec3 at, double weight) {
     form->a.xx += weight, form->a.yy += weight, form->a.zz += weight;
     form->b = vec3_sub(form->b, vec3_scale(at, weight));
     form->c += weight * vec3_length_sq(at);
+}
+
+/* Whether corners of one vertex differ across the edge of h, which has a twin. */
+static bool is_seam(const struct decimation *d, uint32_t h) {
+    const uint32_t *record = d->rules.record ? d->rules.record[0] : NULL;
+    uint32_t g = d->he.twin[h];
+    return record && (record[h] != record[halfedge_next(g)] || record[halfedge_next(h)] != record[g]);
+}
+
+static void add_course(struct decimation *d, uint32_t h) {
+    uint32_t from = halfedge_from(&d->he, h), to = halfedge_to(&d->he, h);
+    vec3 a = d->mesh->vertex[from], edge = vec3_sub(d->mesh->vertex[to], a);
+    vec3 across = vec3_cross(edge, mesh_triangle_normal(d->mesh, h / 3));
+    double length = vec3_length(across), weight = COURSE * vec3_length_sq(edge);
+    if (!(length > 0)) return;
+    form_add_plane(&d->form[from], vec3_scale(across, 1 / length), a, weight);
+    form_add_plane(&d->form[to], vec3_scale(across, 1 / length), a, weight);
+}
+
+static void set_courses(struct decimation *d) {
+    for (uint32_t h = 0; h < 3 * d->mesh->triangle_count; h++) {
+        bool border = d->he.twin[h] == NONE;
+        if (border ? d->rules.borders : is_seam(d, h)) add_course(d, h);
+    }
 }
 
 static void set_forms(struct decimation *d) {
@@ -120,51 +150,120 @@ static void enqueue(struct decimation *d, uint32_t v, double key) {
 
 /* ------------------------------------------------------------------------------------------------ collapses */
 
-/* Whether the vertex of the ring may be put where the end of half-edge h, one of the ring, is. */
-static bool is_fair(const struct decimation *d, const uint32_t *ring, size_t n, uint32_t h) {
+/* What a vertex may be merged into: the ends of half-edges out of it, or, along a border, where the one half-edge that
+ * runs to it comes from. */
+struct ways {
+    size_t n;     /* triangles around it; 0: it stays */
+    size_t count; /* half-edges whose edge may be collapsed */
+    uint32_t ring[RING_MOST], way[RING_MOST];
+};
+
+static uint32_t other_end(const struct decimation *d, uint32_t h, uint32_t v) {
+    return halfedge_from(&d->he, h) == v ? halfedge_to(&d->he, h) : halfedge_from(&d->he, h);
+}
+
+/* A vertex on a seam is merged along it; where seams end or cross it stays. */
+static void keep_to_seams(const struct decimation *d, bool on_border, struct ways *ways) {
+    uint32_t seam[RING_MOST];
+    size_t count = 0;
+    for (size_t i = on_border; i < ways->n; i++)
+        if (is_seam(d, ways->ring[i])) seam[count++] = ways->ring[i];
+    if (count == 0) return;
+    ways->count = count == 2 && !on_border ? 2 : 0;
+    memcpy(ways->way, seam, ways->count * sizeof *seam);
+}
+
+static void find_ways(const struct decimation *d, uint32_t v, struct ways *ways) {
+    bool on_border = d->he.locked[v] == HALFEDGE_BORDER;
+    ways->n = ways->count = 0;
+    if (d->he.out[v] == UNUSED || d->he.locked[v] == HALFEDGE_KNOTTED || (on_border && !d->rules.borders)) return;
+    ways->n = halfedge_ring(&d->he, v, ways->ring, RING_MOST);
+    if (ways->n == 0) return;
+    if (on_border) {
+        ways->way[0] = ways->ring[0], ways->way[1] = halfedge_prev(ways->ring[ways->n - 1]);
+        ways->count = 2;
+    } else {
+        memcpy(ways->way, ways->ring, ways->n * sizeof *ways->ring);
+        ways->count = ways->n;
+    }
+    if (d->rules.record) keep_to_seams(d, on_border, ways);
+}
+
+static double longest_sq_of(vec3 a, vec3 b, vec3 c) {
+    return fmax(vec3_distance_sq(b, c), fmax(vec3_distance_sq(a, b), vec3_distance_sq(a, c)));
+}
+
+/* Whether vertex v may be put where the other end of one of its ways is. */
+static bool is_fair(const struct decimation *d, uint32_t v, const struct ways *ways, uint32_t way) {
     const vec3 *vertex = d->mesh->vertex;
-    uint32_t to = halfedge_to(&d->he, h), gone = halfedge_from(&d->he, h);
-    for (size_t i = 0; i < n; i++) {
-        uint32_t b = halfedge_to(&d->he, ring[i]), c = halfedge_apex(&d->he, ring[i]);
+    uint32_t to = other_end(d, way, v);
+    for (size_t i = 0; i < ways->n; i++) {
+        uint32_t b = halfedge_to(&d->he, ways->ring[i]), c = halfedge_apex(&d->he, ways->ring[i]);
         if (b == to || c == to) continue;
-        vec3 before = vec3_triangle_normal(vertex[gone], vertex[b], vertex[c]);
+        vec3 before = vec3_triangle_normal(vertex[v], vertex[b], vertex[c]);
         vec3 after = vec3_triangle_normal(vertex[to], vertex[b], vertex[c]);
         double length = vec3_length(after), was = vec3_length(before);
-        double longest_sq = fmax(vec3_distance_sq(vertex[b], vertex[c]), fmax(vec3_distance_sq(vertex[to], vertex[b]),
-                                                                              vec3_distance_sq(vertex[to], vertex[c])));
-        if (!(length >= THIN * longest_sq) || vec3_dot(before, after) < LEAST_TURN * length * was) return false;
+        double longest_sq = longest_sq_of(vertex[to], vertex[b], vertex[c]);
+        bool thin = !(length >= THIN * longest_sq);
+        if (thin && d->rules.slivers)
+            thin = !(length > 0 && length * longest_sq_of(vertex[v], vertex[b], vertex[c]) >= was * longest_sq);
+        if (thin || vec3_dot(before, after) < LEAST_TURN * length * was) return false;
     }
     uint32_t others[RING_MOST];
-    size_t m = halfedge_ring(&d->he, to, others, RING_MOST);
-    return m > 0 && n + m <= RING_MOST + 4 && halfedge_may_collapse(&d->he, h, gone);
+    size_t m = d->he.locked[to] == HALFEDGE_KNOTTED ? 0 : halfedge_ring(&d->he, to, others, RING_MOST);
+    return m > 0 && ways->n + m <= RING_MOST + 4 && halfedge_may_collapse(&d->he, way, v);
 }
 
 /* The cheapest collapse of a vertex, of those that are allowed, or of all; INFINITY: there is none. */
 static double cheapest(const struct decimation *d, uint32_t v, bool allowed, uint32_t *best) {
-    uint32_t ring[RING_MOST];
+    struct ways ways;
     double least = INFINITY;
-    size_t n =
-        d->he.out[v] == UNUSED || d->he.locked[v] != HALFEDGE_FREE ? 0 : halfedge_ring(&d->he, v, ring, RING_MOST);
-    for (size_t i = 0; i < n; i++) {
-        uint32_t to = halfedge_to(&d->he, ring[i]);
+    find_ways(d, v, &ways);
+    for (size_t i = 0; i < ways.count; i++) {
+        uint32_t to = other_end(d, ways.way[i], v);
         vec3 place = d->mesh->vertex[to];
         double cost = form_value(&d->form[v], place) + form_value(&d->form[to], place);
-        if (cost < least && (!allowed || is_fair(d, ring, n, ring[i]))) least = cost, *best = ring[i];
+        if (cost < least && (!allowed || is_fair(d, v, &ways, ways.way[i]))) least = cost, *best = ways.way[i];
     }
     return least;
 }
 
-static void collapse(struct decimation *d, uint32_t h) {
-    uint32_t gone = halfedge_from(&d->he, h), to = halfedge_to(&d->he, h), ring[RING_MOST], ignored;
+/* Gives the corners of v the records of `to`, each those of its own side of the seam: around v from the triangle of h
+ * to the next seam, which h is part of unless there is none, and on to h's twin. */
+static void hand_over_records(struct decimation *d, uint32_t v, const struct ways *ways, uint32_t way) {
+    uint32_t *record = d->rules.record[0];
+    bool outward = halfedge_from(&d->he, way) == v;
+    uint32_t twin = d->he.twin[way], side = record[outward ? halfedge_next(way) : way];
+    uint32_t other = twin == NONE ? side : record[twin];
+    size_t first = 0;
+    while (outward && ways->ring[first] != way) first++;
+    uint32_t given[RING_MOST];
+    for (size_t k = 0; k < ways->n; k++) {
+        size_t i = (first + k) % ways->n;
+        if (k > 0 && twin != NONE && is_seam(d, ways->ring[i])) side = other;
+        given[i] = side;
+    }
+    for (size_t i = 0; i < ways->n; i++) record[ways->ring[i]] = given[i];
+}
+
+static void queue_again(struct decimation *d, uint32_t v) {
+    uint32_t ignored;
+    enqueue(d, v, cheapest(d, v, false, &ignored));
+}
+
+static void collapse(struct decimation *d, uint32_t gone, uint32_t h) {
+    uint32_t to = other_end(d, h, gone), ring[RING_MOST];
+    struct ways ways;
+    find_ways(d, gone, &ways);
+    if (d->rules.record) hand_over_records(d, gone, &ways, h);
     struct halfedge_spare spare = halfedge_collapse(&d->he, h, gone);
-    for (int k = 0; k < 2; k++) d->mesh->triangle[spare.triangle[k]][0] = UNUSED;
+    for (int k = 0; k < 2; k++)
+        if (spare.triangle[k] != NONE) d->mesh->triangle[spare.triangle[k]][0] = UNUSED;
     form_add(&d->form[to], &d->form[gone]);
     size_t n = halfedge_ring(&d->he, to, ring, RING_MOST);
-    enqueue(d, to, cheapest(d, to, false, &ignored));
-    for (size_t i = 0; i < n; i++) {
-        uint32_t v = halfedge_to(&d->he, ring[i]);
-        enqueue(d, v, cheapest(d, v, false, &ignored));
-    }
+    queue_again(d, to);
+    for (size_t i = 0; i < n; i++) queue_again(d, halfedge_to(&d->he, ring[i]));
+    if (n && d->he.locked[to] == HALFEDGE_BORDER) queue_again(d, halfedge_apex(&d->he, ring[n - 1]));
 }
 
 static void collapse_down_to(struct decimation *d, size_t vertices, size_t count) {
@@ -177,19 +276,20 @@ static void collapse_down_to(struct decimation *d, size_t vertices, size_t count
             enqueue(d, v, cost);
             continue;
         }
-        collapse(d, h);
+        collapse(d, v, h);
         vertices--;
     }
 }
 
 /* Leaves out triangles and vertices that aren't there any more. */
-static void compact(struct mesh *mesh, uint32_t *number) {
+static void compact(struct mesh *mesh, uint32_t (*record)[3], uint32_t *number) {
     size_t triangles = 0, vertices = 0;
     memset(number, 0xff, mesh->vertex_count * sizeof *number);
     for (size_t t = 0; t < mesh->triangle_count; t++) {
         if (mesh->triangle[t][0] == UNUSED) continue;
         memmove(mesh->triangle[triangles], mesh->triangle[t], sizeof *mesh->triangle);
         if (mesh->tag) mesh->tag[triangles] = mesh->tag[t];
+        if (record) memmove(record[triangles], record[t], sizeof *record);
         for (int k = 0; k < 3; k++) number[mesh->triangle[triangles][k]] = 0;
         triangles++;
     }
@@ -204,9 +304,9 @@ static void compact(struct mesh *mesh, uint32_t *number) {
     mesh->triangle_count = triangles, mesh->vertex_count = vertices;
 }
 
-enum status mesh_decimate(struct mesh *mesh, size_t count) {
+enum status mesh_decimate(struct mesh *mesh, const struct decimate_rules *rules, size_t count) {
     size_t n = mesh->vertex_count, used = 0;
-    struct decimation d = {.mesh = mesh};
+    struct decimation d = {.mesh = mesh, .rules = rules ? *rules : (struct decimate_rules){0}};
     uint32_t ignored;
     enum status status = halfedge_init(&d.he, mesh, 1);
     d.form = alloc_zeroed(n, sizeof *d.form);
@@ -215,13 +315,14 @@ enum status mesh_decimate(struct mesh *mesh, size_t count) {
     d.place = alloc_array(n, sizeof *d.place);
     if (!status && d.form && d.key && d.heap && d.place) {
         set_forms(&d);
+        set_courses(&d);
         memset(d.place, 0xff, n * sizeof *d.place);
         for (uint32_t v = 0; v < n; v++) {
             used += d.he.out[v] != UNUSED;
             enqueue(&d, v, cheapest(&d, v, false, &ignored));
         }
         collapse_down_to(&d, used, count);
-        compact(mesh, d.place);
+        compact(mesh, d.rules.record, d.place);
     } else {
         status = STATUS_NO_MEMORY;
     }

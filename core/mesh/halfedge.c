@@ -237,11 +237,18 @@ static bool can_spare_triangle(const struct halfedge *he, uint32_t vertex) {
     return halfedge_ring(he, vertex, ring, he->locked[vertex] == HALFEDGE_BORDER ? 1 : 3) == 0;
 }
 
+/* Whether anything lies across from the two edges that h's triangle leaves as one: a lone triangle of a knotted vertex,
+ * whose fans can't be counted, has nothing. */
+static bool can_close(const struct halfedge *he, uint32_t h) {
+    return he->twin[halfedge_next(h)] != NONE || he->twin[halfedge_prev(h)] != NONE;
+}
+
 /* The ends may share no neighbour but the apexes, and these need another triangle to live on.  Two vertices of a border
  * are merged only along it, or it would be pinched. */
 bool halfedge_may_collapse(const struct halfedge *he, uint32_t h, uint32_t gone) {
     uint32_t g = he->twin[h], from = halfedge_from(he, h), to = halfedge_to(he, h), c = halfedge_apex(he, h);
     if (he->locked[from] == HALFEDGE_KNOTTED || he->locked[to] == HALFEDGE_KNOTTED) return false;
+    if (!can_close(he, h) || (g != NONE && !can_close(he, g))) return false;
     if (g == NONE) return count_common(he, from, to) == 1 && can_spare_triangle(he, c);
     uint32_t d = halfedge_apex(he, g);
     if (he->locked[gone] || c == d || count_common(he, from, to) != 2) return false;

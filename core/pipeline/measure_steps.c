@@ -7,73 +7,22 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
-#include "core/base/radix.h"
 #include "core/measure/metro.h"
 #include "core/measure/support.h"
 #include "core/mesh/intersect.h"
 #include "core/pipeline/pipeline_run.h"
 #include "core/spatial/bvh.h"
 
-/* Whether a face is a point or a line, as far as its corners' coordinates tell. */
-static bool has_no_area(const struct mesh *surface, const uint32_t corner[3]) {
-    vec3 a = surface->vertex[corner[0]], b = surface->vertex[corner[1]], c = surface->vertex[corner[2]];
-    return !(vec3_length_sq(vec3_triangle_normal(a, b, c)) > 0);
-}
-
-/* The key of a face's corners, the k-th smallest: equal for those that are one place. */
-static uint32_t corner_key(const struct run *run, const uint32_t corner[3], int k) {
-    uint32_t key[3];
-    for (int i = 0; i < 3; i++) {
-        uint32_t distinct = run->points.distinct[corner[i]];
-        key[i] = distinct == NONE ? corner[i] : run->points.original[distinct];
-    }
-    for (int i = 1; i < 3; i++)
-        for (int j = i; j > 0 && key[j] < key[j - 1]; j--) {
-            uint32_t larger = key[j - 1];
-            key[j - 1] = key[j], key[j] = larger;
-        }
-    return key[k];
-}
-
-static bool same_corners(const struct run *run, uint32_t t, uint32_t u) {
-    const uint32_t *a = run->cloud->triangle[t], *b = run->cloud->triangle[u];
-    for (int k = 0; k < 3; k++)
-        if (corner_key(run, a, k) != corner_key(run, b, k)) return false;
-    return true;
-}
-
-/* Faces in the order of their corners' keys, the largest first: those of equal ones stand together, by their ids.
- * item: n and as many more. */
-static uint64_t *sort_faces(const struct run *run, uint64_t *item, size_t n) {
-    uint64_t *spare = item + n;
-    for (int k = 2; k >= 0; k--) {
-        for (size_t i = 0; i < n; i++) {
-            uint32_t t = k == 2 ? (uint32_t)i : radix_value(item[i]);
-            item[i] = radix_item(corner_key(run, run->cloud->triangle[t], k), t);
-        }
-        uint64_t *sorted = radix_sort(item, spare, n, run->threads);
-        if (sorted != item) spare = item, item = sorted;
-    }
-    return item;
-}
-
 /* Which of the faces make the surface, in their order: those with an area, each once.  What lies in many layers at one
  * place is as near to everything, so that telling it apart would take forever, and isn't more surface. */
 static enum status pick_faces(struct run *run, struct mesh *surface) {
-    size_t n = run->cloud->triangle_count, flat = 0, repeated = 0;
-    uint64_t *item = alloc_array(n, 2 * sizeof *item);
+    size_t n = run->cloud->triangle_count, flat, repeated;
     uint8_t *left_out = alloc_zeroed(n, sizeof *left_out);
     surface->triangle = alloc_array(n, sizeof *surface->triangle);
-    bool room = item && left_out && surface->triangle;
-    if (room) {
-        const uint64_t *sorted = sort_faces(run, item, n);
-        for (size_t i = 0; i < n; i++) {
-            uint32_t t = radix_value(sorted[i]);
-            left_out[t] = has_no_area(surface, run->cloud->triangle[t]);
-            flat += left_out[t];
-            if (left_out[t] || i == 0 || !same_corners(run, radix_value(sorted[i - 1]), t)) continue;
-            left_out[t] = 1, repeated++;
-        }
+    enum status status = STATUS_NO_MEMORY;
+    if (left_out && surface->triangle)
+        status = faces_sort_out(run->cloud, &run->points, false, run->threads, left_out, &flat, &repeated);
+    if (!status) {
         for (size_t t = 0; t < n; t++)
             if (!left_out[t])
                 memcpy(surface->triangle[surface->triangle_count++], run->cloud->triangle[t],
@@ -83,8 +32,8 @@ static enum status pick_faces(struct run *run, struct mesh *surface) {
         if (repeated)
             left_out_add(&run->report.left_out, "input", "%zu faces are there already, and count once", repeated);
     }
-    free(item), free(left_out);
-    return room ? STATUS_OK : STATUS_NO_MEMORY;
+    free(left_out);
+    return status;
 }
 
 /* The input's own faces in the normalised frame. */
@@ -200,7 +149,10 @@ enum status pipeline_measure(struct run *run) {
 enum status pipeline_examine(struct run *run) {
     struct mesh_facts facts;
     size_t crossing = 0;
-    enum status status = mesh_examine(&run->mesh, &facts);
+    struct mesh joined = run->mesh;
+    enum status status = run->record ? pipeline_join_seams(run, &joined) : STATUS_OK;
+    if (!status) status = mesh_examine(&joined, &facts);
+    if (run->record) free(joined.triangle);
     if (!status) status = mesh_count_intersections(&run->mesh, run->threads, &crossing);
     if (status) return status;
     struct report_level *report = &run->report.level[run->level];

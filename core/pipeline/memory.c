@@ -35,7 +35,7 @@
 
 static const double PROGRAM = 6.1e6; /* the program, its libraries, stacks and buffers */
 static const double MARGIN = 1.05, KEPT_MARGIN = 1.16;
-enum { POSITION = 24, TRIANGLE = 12, HELD = 32 };
+enum { POSITION = 24, TRIANGLE = 12, GIVEN = 25 /* of a face that is the surface */, HELD = 32 };
 
 /* Of tetrahedra, which are what points between them make it: for each point kept, for each point, for small clouds. */
 static const double TETS_KEPT = 9, TETS_POINT = 1.5, TETS_LEAST = 20000;
@@ -49,6 +49,9 @@ static bool attributed(const struct params *p) {
     return params_want_mesh(p) && (p->placement == PLACEMENT_OPTIMAL || p->attributes == ATTRIBUTES_MEAN);
 }
 static bool with_normals(const struct params *p) { return p->normals == SWITCH_TRUE; }
+static bool maybe_given(const struct params *p) {
+    return params_want_mesh(p) && (p->surface == SURFACE_GIVEN || p->surface == SURFACE_AUTO);
+}
 static bool cloud_alone(const struct params *p) { return !params_want_mesh(p); }
 static bool reconstructed_whole(const struct params *p) {
     return params_want_mesh(p) && p->reference == REFERENCE_RECONSTRUCTION;
@@ -76,6 +79,7 @@ static const struct stage {
     {"contract", params_want_mesh, 165, 11, 0, 0, NO_TETS},
     {"delaunay", params_want_mesh, 81 + CREASES, 4, SITE, 0, OF_KEPT},
     {"local_delaunay", refined, LOCAL_DELAUNAY + CREASES, 4, SITE, 0, OF_KEPT},
+    {"collapse", maybe_given, 231 + CREASES, 4, 0, 75, NO_TETS},
     {"refine", refined, 680 + CREASES, 4, 800, 0, NO_TETS},
     {"closer", refined_closely, 1080 + CREASES, 4, 1300, 0, NO_TETS},
     {"measure", params_want_mesh, 105 + CREASES, 4, 320, 175, NO_TETS},
@@ -127,7 +131,8 @@ enum { PICTURED = 16 };
 /* What the input takes while points are simplified. */
 static double cloud_bytes(const struct memory_job *job, const struct params *params) {
     double positions = params->denoise >= DENOISE_FULL ? 2 * POSITION : POSITION;
-    return (double)job->points * (positions + (double)job->record_bytes) + (double)job->faces * TRIANGLE;
+    return (double)job->points * (positions + (double)job->record_bytes) +
+           (double)job->faces * (maybe_given(params) ? TRIANGLE + GIVEN : TRIANGLE);
 }
 
 /* What a stage takes but for tetrahedra. */

@@ -86,8 +86,11 @@ static int dimension_of(const vec3 *point, size_t n, vec3 axis[3]) {
 
 /* ------------------------------------------------------------------------------------------------ what surface */
 
-static void decide(struct run *run, struct surface_choice choice) {
-    static const char *const forms[] = {"closed", "open", "heightfield"};
+void pipeline_decide(struct run *run, struct surface_choice choice) {
+    static const char *const forms[] = {[SURFACE_CLOSED] = "closed",
+                                        [SURFACE_OPEN] = "open",
+                                        [SURFACE_HEIGHTFIELD] = "heightfield",
+                                        [SURFACE_GIVEN] = "given"};
     struct report_surface *report = &run->report.surface;
     run->surface = choice;
     run->decision = DECIDED;
@@ -129,7 +132,7 @@ static enum status look_at_points(struct run *run) {
     if (dimension == 2) {
         choice.form = SURFACE_HEIGHTFIELD, choice.up = axis[0];
         snprintf(choice.reason, sizeof choice.reason, "all points lie on one plane");
-        decide(run, choice);
+        pipeline_decide(run, choice);
         run->field_judged = true;
         return STATUS_OK;
     }
@@ -144,7 +147,7 @@ static enum status look_at_points(struct run *run) {
         choice.form = SURFACE_CLOSED;
         snprintf(choice.reason, sizeof choice.reason, "the input's own faces are a closed surface");
     }
-    if (asked != SURFACE_AUTO || closed || surface_choose_by_signs(&run->signs, &choice)) decide(run, choice);
+    if (asked != SURFACE_AUTO || closed || surface_choose_by_signs(&run->signs, &choice)) pipeline_decide(run, choice);
     return STATUS_OK;
 }
 
@@ -170,7 +173,7 @@ static enum status judge_closed(struct run *run, const struct mesh *closed) {
     enum status status = find_lid(run, closed, SURFACE_CLOSED, &share);
     if (status) return status;
     surface_choose_by_lid(&run->signs, share, &choice);
-    decide(run, choice);
+    pipeline_decide(run, choice);
     return STATUS_OK;
 }
 
@@ -179,7 +182,7 @@ static enum status judge_field(struct run *run, const struct mesh *field) {
     double share = 0;
     struct surface_choice choice = run->surface;
     enum status status = find_lid(run, field, SURFACE_HEIGHTFIELD, &share);
-    if (!status && surface_leave_field(share, &choice)) decide(run, choice);
+    if (!status && surface_leave_field(share, &choice)) pipeline_decide(run, choice);
     run->field_judged = true;
     return status;
 }
@@ -212,6 +215,7 @@ static enum status triangulate(const struct run *run, const struct sites *sites,
 
 enum status pipeline_delaunay(struct run *run) {
     static const char *const flat[] = {"coincide in one point", "lie on one line", "lie on one plane"};
+    if (pipeline_is_given(run)) return STATUS_OK;
     enum status status = pipeline_sites_of(run, run->kept_count, &run->sites);
     if (status) return pipeline_no_memory(run, "delaunay");
     if (run->decision == UNDECIDED) status = look_at_points(run);
@@ -282,7 +286,7 @@ static enum status reconstruct_as(struct run *run, enum surface_form form, const
 static void decide_none_is_closed(struct run *run) {
     struct surface_choice choice = {.form = SURFACE_OPEN, .up = run->signs.up};
     snprintf(choice.reason, sizeof choice.reason, "no closed surface could be found");
-    decide(run, choice);
+    pipeline_decide(run, choice);
 }
 
 /* Decides what surface the cloud has by a closed mesh of the k most important points, unless they have none. */
@@ -350,6 +354,7 @@ static enum status explain_reconstruction(struct run *run, enum status status) {
 }
 
 enum status pipeline_reconstruct(struct run *run) {
+    if (pipeline_is_given(run)) return pipeline_collapse(run);
     struct reconstruct_facts facts = {0};
     enum status status = reconstruct(run, &run->sites, &run->tets, &run->mesh, &facts);
     tets_done(&run->tets);
@@ -365,6 +370,7 @@ enum status pipeline_reconstruct(struct run *run) {
 }
 
 enum status pipeline_reconstruct_all(struct run *run, struct mesh *surface) {
+    if (pipeline_is_given(run)) return explain_reconstruction(run, faces_mesh(&run->faces, &run->points, surface));
     struct sites sites;
     struct tets tets = {0};
     struct reconstruct_facts facts = {0};
@@ -377,7 +383,8 @@ enum status pipeline_reconstruct_all(struct run *run, struct mesh *surface) {
     return explain_reconstruction(run, status);
 }
 
-static struct refine_input refine_input_of(struct run *run) {
+static struct refine_input refine_input_of(struct run *run, struct refine_faces *faces) {
+    *faces = (struct refine_faces){run->faces.count, (const uint32_t(*)[3])run->faces.triangle, run->faces.on_seam};
     return (struct refine_input){.points = run->points.point,
                                  .normals = run->normal,
                                  .n = run->points.count,
@@ -386,7 +393,8 @@ static struct refine_input refine_input_of(struct run *run) {
                                  .creases = &run->creases,
                                  .up = run->surface.form == SURFACE_HEIGHTFIELD ? run->surface.up : (vec3){0},
                                  .local_delaunay = &run->local_delaunay,
-                                 .samples = &run->samples};
+                                 .samples = &run->samples,
+                                 .faces = pipeline_is_given(run) ? faces : NULL};
 }
 
 /* Whether triangulation and samples take no more memory together than the refinement does after them (memory.c). */
@@ -397,19 +405,25 @@ static bool has_room_for_samples(const struct run *run) {
 
 /* There are about twice as many triangles as points; refine_mesh finds what it hasn't got. */
 enum status pipeline_local_delaunay(struct run *run) {
-    if (!refine_uses_local_delaunay(run->points.count, 2 * run->kept_count)) return STATUS_OK;
-    enum status status = local_delaunay_find(run->points.point, run->normal, &run->neighbours, &run->creases,
-                                             run->threads, &run->local_delaunay);
+    bool given = pipeline_is_given(run);
+    if (!given && !refine_uses_local_delaunay(run->points.count, 2 * run->kept_count)) return STATUS_OK;
+    enum status status = STATUS_OK;
+    if (!given)
+        status = local_delaunay_find(run->points.point, run->normal, &run->neighbours, &run->creases, run->threads,
+                                     &run->local_delaunay);
     if (status || !has_room_for_samples(run)) return status;
-    struct refine_input input = refine_input_of(run);
+    struct refine_faces faces;
+    struct refine_input input = refine_input_of(run, &faces);
     status = samples_init(&run->samples, &input, 1, run->threads);
     if (run->params->placement == PLACEMENT_SUBSET) local_delaunay_done(&run->local_delaunay);
     return status;
 }
 
 enum status pipeline_refine(struct run *run) {
-    struct refine_input input = refine_input_of(run);
-    struct refine_options options = {(enum refine_form)run->params->refine, (enum placement)run->params->placement,
+    struct refine_faces faces;
+    struct refine_input input = refine_input_of(run, &faces);
+    struct refine_options options = {(enum refine_form)run->params->refine,
+                                     run->record ? PLACEMENT_SUBSET : (enum placement)run->params->placement,
                                      run->threads};
     enum status status = refine_mesh(&run->mesh, &input, &options, &run->progress, NULL);
     struct reconstruct_dense dense = dense_of(run, &run->sites);
@@ -419,6 +433,10 @@ enum status pipeline_refine(struct run *run) {
 
 enum status pipeline_close_holes(struct run *run) {
     size_t closed = 0;
+    if (run->record) {
+        left_out_add(&run->report.left_out, "mesh", "close_holes: holes of a surface with seams stay open");
+        return STATUS_OK;
+    }
     double longest = run->params->close_holes / run->points.scale;
     enum status status = sheet_close_holes(&run->mesh, longest, run->threads, &closed);
     run->report.level[run->level].holes_closed = closed;

@@ -6,6 +6,7 @@
  *
  *  1 order        distinct points in a frame of their own, along a space-filling curve
  *    denoise      where it is asked for: outliers go, noise is smoothed along the normals
+ *    faces        for a mesh: whether the input's own faces are the surface, and which of them
  *  2 neighbours   FLANN, and Gopi's neighbourhood
  *  3 normals      least squares
  *    sides        where a mesh or normals are asked for: whether the input's normals fit, which way normals point
@@ -20,7 +21,8 @@
  *                 for a mesh that is refined: triangles between neighbouring original points, and where few points are
  *                 kept the samples that they make
  *  9 delaunay     tetrahedra of the kept points
- * 10 reconstruct  Tight Cocone; where walls are too thin for the kept points, of more, and then edges are collapsed
+ * 10 reconstruct  Tight Cocone; where walls are too thin for the kept points, of more, and then edges are collapsed;
+ *                 where the input's faces are the surface, theirs are
  * 11 refine       flips and moves against the original points
  *    holes        where it is asked for: those of a mesh with borders are closed
  * 12 examine      is it closed, oriented, a manifold
@@ -74,6 +76,10 @@ static bool holes_wanted(const struct params *params) {
     return params_want_mesh(params) && !isnan(params->close_holes);
 }
 
+static bool faces_wanted(const struct params *params) {
+    return params_want_mesh(params) && (params->surface == SURFACE_GIVEN || params->surface == SURFACE_AUTO);
+}
+
 static bool always(const struct params *params) {
     (void)params;
     return true;
@@ -92,6 +98,7 @@ static const struct step {
 } steps[] = {
     {"order", pipeline_order, always, ONCE, 2},
     {"denoise", pipeline_denoise, denoise_wanted, ONCE, 30},
+    {"faces", pipeline_faces, faces_wanted, ONCE, 4},
     {"neighbours", pipeline_neighbours, always, ONCE, 10},
     {"normals", pipeline_normals, always, ONCE, 4},
     {"sides", pipeline_sides, sides_wanted, ONCE, 1},
@@ -133,6 +140,7 @@ static double now_ms(void) {
 /* From the normalised frame and ids along the curve to the input's. */
 static void restore_vertex(const struct run *run, struct mesh *mesh, size_t v) {
     uint32_t source = mesh->source[v] == NONE ? NONE : run->points.original[mesh->source[v]];
+    if (source != NONE && run->record && run->faces.on_seam[mesh->source[v]]) source = run->record[v];
     mesh->source[v] = source;
     const vec3 *position = run->moved ? run->moved : run->cloud->position;
     mesh->vertex[v] = source != NONE ? position[source]
@@ -145,6 +153,8 @@ void pipeline_leave_level(struct run *run) {
     samples_done(&run->samples);
     tets_done(&run->tets);
     mesh_done(&run->mesh);
+    free(run->record);
+    run->record = NULL;
 }
 
 /* Hands the level's results over and leaves the run ready for the next one. */
@@ -152,7 +162,7 @@ static void take_level(struct run *run, struct pipeline_level *level) {
     for (size_t v = 0; v < run->mesh.vertex_count; v++) restore_vertex(run, &run->mesh, v);
     *level = (struct pipeline_level){run->kept_count, run->mesh};
     run->mesh = (struct mesh){0};
-    pipeline_sites_done(&run->sites);
+    pipeline_leave_level(run);
 }
 
 /* A step and those beside it, which come before it in the table, one after the other. */
@@ -318,6 +328,7 @@ static void run_done(struct run *run) {
     knn_free(run->knn);
     neighbourhood_done(&run->neighbours);
     creases_done(&run->creases);
+    faces_done(&run->faces);
     free(run->normal), free(run->turned), free(run->dso), free(run->distance), free(run->quadrics), free(run->kept);
     contraction_done(&run->contraction);
     pipeline_leave_level(run);

@@ -12,6 +12,7 @@
 #include "core/simplify/quadric.h"
 #include "core/spatial/knn.h"
 #include "core/spatial/neighbourhood.h"
+#include "core/surface/given/faces.h"
 #include "core/surface/reconstruct.h"
 #include "core/surface/sheet/kind.h"
 #include "core/surface/tets.h"
@@ -57,6 +58,8 @@ struct run {
     size_t searched;   /* at least so many points are kept, since the deviation asks for them; 0 = it doesn't */
     uint32_t *kept;    /* of the finest level, along the curve's ids, most important first */
     struct sites sites;
+    struct faces faces;            /* the input's own, where they are the surface; else zeroed */
+    uint32_t *record;              /* of each vertex of a mesh with seams its point of the cloud; NULL = it has none */
     struct surface_choice surface; /* of the whole cloud, made with the first mesh */
     struct surface_signs signs;    /* that it is made by */
     enum { UNDECIDED, LOOKED_AT, DECIDED } decision;
@@ -85,6 +88,7 @@ enum status pipeline_search(struct run *run) MUST_CHECK;
 enum status pipeline_keep(struct run *run) MUST_CHECK;
 enum status pipeline_local_delaunay(struct run *run) MUST_CHECK;
 enum status pipeline_tangent(struct run *run) MUST_CHECK;
+enum status pipeline_faces(struct run *run) MUST_CHECK;
 enum status pipeline_delaunay(struct run *run) MUST_CHECK;
 enum status pipeline_reconstruct(struct run *run) MUST_CHECK;
 enum status pipeline_refine(struct run *run) MUST_CHECK;
@@ -130,6 +134,22 @@ enum status pipeline_reconstruct_all(struct run *run, struct mesh *surface) MUST
 /* The closed surface of sites; the mesh's sources become ids along the curve. */
 enum status pipeline_reconstruct_closed(struct run *run, const struct sites *sites, const struct tets *tets,
                                         struct mesh *mesh, struct reconstruct_facts *facts) MUST_CHECK;
+
+/* What the cloud is taken for from now on. */
+void pipeline_decide(struct run *run, struct surface_choice choice);
+
+/* Whether the surface is what the input's faces are. */
+static inline bool pipeline_is_given(const struct run *run) {
+    return run->decision == DECIDED && run->surface.form == SURFACE_GIVEN;
+}
+
+/* The mesh of the input's faces, with as many vertices as are kept, or as it can't do without; fills run->error where
+ * it fails. */
+enum status pipeline_collapse(struct run *run) MUST_CHECK;
+
+/* run->mesh, which has seams, with one vertex at each of its places; its triangles are the caller's, all else is
+ * run->mesh's.  STATUS_NO_MEMORY: then, too. */
+enum status pipeline_join_seams(const struct run *run, struct mesh *joined) MUST_CHECK;
 
 /* Puts a mesh that was reconstructed from more points in place of run->mesh, as params->order says.  run->mesh is
  * closed, and not refined yet.  STATUS_NO_MEMORY, STATUS_CANCELLED. */

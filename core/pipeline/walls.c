@@ -96,7 +96,7 @@ static enum status reconstruct_first(struct run *run, size_t k, struct wall_tria
     tets_done(&tets);
     pipeline_sites_done(&sites);
     if (!status) status = find_lost(run, &trial->mesh, &trial->lost);
-    if (!status) status = mesh_decimate(&trial->mesh, run->kept_count);
+    if (!status) status = mesh_decimate(&trial->mesh, NULL, run->kept_count);
     trial->from = k;
     return status ? status : judge_trial(run, trial);
 }

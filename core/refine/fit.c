@@ -369,7 +369,17 @@ static void forget_local_delaunay(const struct fit *fit) {
 }
 
 static bool wants_middles(const struct mesh *mesh, const struct refine_input *input) {
-    return input->neighbours && refine_uses_local_delaunay(input->n, mesh->triangle_count);
+    return input->faces || (input->neighbours && refine_uses_local_delaunay(input->n, mesh->triangle_count));
+}
+
+/* A knotted vertex neither moves nor merges, and to a point that is taken none comes. */
+static void fix(struct fit *fit, const uint8_t *fixed) {
+    for (size_t v = 0; v < fit->mesh->vertex_count; v++) {
+        uint32_t point = fit->mesh->source[v];
+        if (point != NONE && fixed[point]) fit->he.locked[v] = HALFEDGE_KNOTTED;
+    }
+    for (size_t p = 0; p < fit->input->n; p++)
+        if (fixed[p]) fit_take(fit, (uint32_t)p);
 }
 
 enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_input *input,
@@ -384,6 +394,7 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
     if (status == STATUS_OK) status = allocate(&new);
     if (status == STATUS_OK) {
         for (size_t v = 0; mesh->source && v < mesh->vertex_count; v++) fit_take(&new, mesh->source[v]);
+        if (input->faces && input->faces->fixed) fix(&new, input->faces->fixed);
         par_for(new.threads, mesh->triangle_count, FACE_GRAIN, face_range, &new);
         status = assign_all(&new, true);
     }

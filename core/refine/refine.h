@@ -18,6 +18,13 @@
 #include "core/params.h"
 #include "core/spatial/neighbourhood.h"
 
+/* A surface that is known: what is between the points is sampled on its triangles. */
+struct refine_faces {
+    size_t count;
+    const uint32_t (*triangle)[3]; /* ids of points, by the lowest of each */
+    const uint8_t *fixed; /* of each point: a vertex that stands there stays, and no other comes there; NULL: none is */
+};
+
 /* The original points, in the normalised frame (bounding-box diagonal 1). */
 struct refine_input {
     const vec3 *points;                     /* n; in space-filling order it is faster */
@@ -32,6 +39,7 @@ struct refine_input {
         *local_delaunay;     /* the same points': zeroed when done with; NULL or zeroed where they are to be found */
     vec3 up;                 /* unit: where all triangles of a height field face; zero: the surface is none */
     struct samples *samples; /* likewise; where there are others than are wanted, these are found, too */
+    const struct refine_faces *faces; /* the true surface through the points, where it is known; else NULL */
 };
 
 /* Whether the middles are of use to a mesh of so many triangles; where there are many points for each, they aren't. */

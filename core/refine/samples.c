@@ -22,6 +22,7 @@
 #include "core/base/alloc.h"
 #include "core/base/par.h"
 #include "core/cloud/cloud.h"
+#include "core/refine/face_samples.h"
 #include "core/refine/local_delaunay.h"
 
 enum { POINT_GRAIN = 1024 };
@@ -147,6 +148,7 @@ enum status samples_init(struct samples *samples, const struct refine_input *inp
     struct samples new = {0};
     struct local_delaunay mine = {0}, *local_delaunay = input->local_delaunay ? input->local_delaunay : &mine;
     enum status status = STATUS_OK;
+    if (input->faces) return face_samples_init(samples, input, parts, threads);
     if (parts && local_delaunay->n == 0)
         status = local_delaunay_find(input->points, input->normals, input->neighbours, input->creases, threads,
                                      local_delaunay);

@@ -158,6 +158,18 @@ def test_files_and_their_surfaces(whittle, tmp_path):
     assert (of_file.mesh.vertices == of_arrays.mesh.vertices).all()
 
 
+def test_triangles_are_simplified_with_their_own_connectivity(whittle):
+    n = 40
+    points = numpy.array([(i, j, numpy.sin(i / 6) + numpy.cos(j / 5)) for i in range(n) for j in range(n)])
+    corners = [(i * n + j, (i + 1) * n + j, (i + 1) * n + j + 1, i * n + j + 1)
+               for i in range(n - 1) for j in range(n - 1)]
+    triangles = numpy.array([t for a, b, c, d in corners for t in ((a, b, c), (a, c, d))])
+    result = whittle.simplify(points, triangles=triangles, ratio=0.1, outputs=("mesh",), surface="given")
+    assert result.report["mesh.borders"] == 1 and result.report["mesh.manifold"] == 1
+    assert len(result.mesh.vertices) == n * n // 10
+    assert (result.mesh.vertices == points[result.mesh.sources]).all()
+
+
 def test_columns_of_a_text_have_the_names_that_the_caller_says(whittle, tmp_path):
     path, points = tmp_path / "survey.csv", sphere(500)
     numpy.savetxt(path, numpy.column_stack([numpy.arange(500), points]), fmt="%.17g", delimiter=",",

@@ -48,7 +48,7 @@ static void test_topology_stays(void **state) {
     static const double thin[] = {1, 5, 25};
     for (int i = 0; i < 3; i++) {
         struct mesh mesh = ring_mesh(thin[i]), whole = ring_mesh(thin[i]);
-        assert_int_equal(mesh_decimate(&mesh, VERTICES / 5), STATUS_OK);
+        assert_int_equal(mesh_decimate(&mesh, NULL, VERTICES / 5), STATUS_OK);
         struct mesh_facts facts = facts_of(&mesh);
         assert_int_equal(mesh.vertex_count, VERTICES / 5);
         assert_int_equal(mesh.triangle_count, 2 * mesh.vertex_count);
@@ -64,7 +64,7 @@ static void test_topology_stays(void **state) {
 static void test_vertices_are_a_subset(void **state) {
     (void)state;
     struct mesh mesh = ring_mesh(1), whole = ring_mesh(1);
-    assert_int_equal(mesh_decimate(&mesh, 100), STATUS_OK);
+    assert_int_equal(mesh_decimate(&mesh, NULL, 100), STATUS_OK);
     for (size_t v = 0; v < mesh.vertex_count; v++) {
         uint32_t was = (mesh.source[v] - 7) / 3;
         assert_true(vec3_equal(mesh.vertex[v], whole.vertex[was]));
@@ -77,7 +77,7 @@ static void test_vertices_are_a_subset(void **state) {
 static void test_it_ends_where_nothing_can_go(void **state) {
     (void)state;
     struct mesh mesh = ring_mesh(1);
-    assert_int_equal(mesh_decimate(&mesh, 1), STATUS_OK);
+    assert_int_equal(mesh_decimate(&mesh, NULL, 1), STATUS_OK);
     struct mesh_facts facts = facts_of(&mesh);
     assert_true(facts.watertight && facts.manifold);
     assert_int_equal(facts.euler, 0);
@@ -88,7 +88,7 @@ static void test_it_ends_where_nothing_can_go(void **state) {
 static void test_enough_is_left_alone(void **state) {
     (void)state;
     struct mesh mesh = ring_mesh(1), whole = ring_mesh(1);
-    assert_int_equal(mesh_decimate(&mesh, VERTICES), STATUS_OK);
+    assert_int_equal(mesh_decimate(&mesh, NULL, VERTICES), STATUS_OK);
     assert_int_equal(mesh.vertex_count, VERTICES);
     assert_memory_equal(mesh.triangle, whole.triangle, TRIANGLES * sizeof *mesh.triangle);
     mesh_done(&mesh), mesh_done(&whole);
@@ -100,7 +100,7 @@ static void test_border_stays(void **state) {
     struct mesh mesh = ring_mesh(1), whole = ring_mesh(1);
     mesh.triangle_count -= (size_t)2 * TUBE; /* cut through */
     struct mesh_facts before = facts_of(&mesh);
-    assert_int_equal(mesh_decimate(&mesh, 150), STATUS_OK);
+    assert_int_equal(mesh_decimate(&mesh, NULL, 150), STATUS_OK);
     struct mesh_facts after = facts_of(&mesh);
     assert_int_equal(before.boundary_edges, after.boundary_edges);
     assert_true(fabs(before.border_length - after.border_length) < 1e-12);
@@ -109,13 +109,65 @@ static void test_border_stays(void **state) {
     mesh_done(&mesh), mesh_done(&whole);
 }
 
+static const struct decimate_rules given = {.borders = true, .slivers = true};
+
+/* A border is merged along itself where the rules say so, and keeps its course. */
+static void test_border_is_merged_along_itself(void **state) {
+    (void)state;
+    struct mesh mesh = ring_mesh(1);
+    mesh.triangle_count -= (size_t)2 * TUBE;
+    struct mesh_facts before = facts_of(&mesh);
+    assert_int_equal(mesh_decimate(&mesh, &given, 150), STATUS_OK);
+    struct mesh_facts after = facts_of(&mesh);
+    assert_true(after.boundary_edges < before.boundary_edges && after.borders == before.borders);
+    assert_true(fabs(before.border_length - after.border_length) < 0.1 * before.border_length);
+    assert_true(after.manifold && after.euler == before.euler);
+    assert_int_equal(mesh.vertex_count, 150);
+    mesh_done(&mesh);
+}
+
+/* Corners on either side of a seam have records of their own, also where it is merged along itself; where a seam ends a
+ * vertex stays. */
+static void test_seam_stays_between_its_sides(void **state) {
+    (void)state;
+    struct mesh mesh = ring_mesh(1);
+    uint32_t(*record)[3] = alloc_array(TRIANGLES, sizeof *record);
+    assert_non_null(record);
+    for (uint32_t t = 0; t < TRIANGLES; t++)
+        for (int k = 0; k < 3; k++) { /* half of the ring has another picture */
+            bool half = t / (2 * TUBE) < AROUND / 2;
+            record[t][k] = mesh.triangle[t][k] + (half ? 1000 : 0);
+        }
+    struct decimate_rules rules = given;
+    rules.record = record;
+    assert_int_equal(mesh_decimate(&mesh, &rules, 120), STATUS_OK);
+    assert_int_equal(mesh.vertex_count, 120);
+    size_t on_seams = 0;
+    for (size_t v = 0; v < mesh.vertex_count; v++) {
+        uint32_t was = (mesh.source[v] - 7) / 3, column = was / TUBE;
+        on_seams += column == 0 || column == AROUND / 2;
+    }
+    assert_true(on_seams > 6 && on_seams < (size_t)2 * TUBE);
+    for (size_t t = 0; t < mesh.triangle_count; t++)
+        for (int k = 0; k < 3; k++) {
+            uint32_t was = (mesh.source[mesh.triangle[t][k]] - 7) / 3, column = was / TUBE;
+            assert_int_equal(record[t][k] % 1000, was);
+            assert_int_equal(record[t][k] >= 1000, record[t][0] >= 1000);
+            if (column > 0 && column < AROUND / 2) assert_true(record[t][k] >= 1000);
+            if (column > AROUND / 2) assert_true(record[t][k] < 1000);
+        }
+    assert_true(facts_of(&mesh).watertight);
+    free(record);
+    mesh_done(&mesh);
+}
+
 static void test_failure_leaves_the_mesh(void **state) {
     (void)state;
     struct mesh mesh = ring_mesh(1), whole = ring_mesh(1);
     int failures = 0;
     for (;;) {
         faults_in_memory(failures + 1, false);
-        enum status status = mesh_decimate(&mesh, 100);
+        enum status status = mesh_decimate(&mesh, NULL, 100);
         bool happened = faults_stop();
         assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
         if (!happened) break;
@@ -134,6 +186,8 @@ int main(void) {
         cmocka_unit_test(test_it_ends_where_nothing_can_go),
         cmocka_unit_test(test_enough_is_left_alone),
         cmocka_unit_test(test_border_stays),
+        cmocka_unit_test(test_border_is_merged_along_itself),
+        cmocka_unit_test(test_seam_stays_between_its_sides),
         cmocka_unit_test(test_failure_leaves_the_mesh),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

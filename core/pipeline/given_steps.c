@@ -1,0 +1,146 @@
+/* The input's own faces as the surface: whether they are one, and the mesh that their edges are collapsed to.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/base/alloc.h"
+#include "core/mesh/decimate.h"
+#include "core/pipeline/memory.h"
+#include "core/pipeline/pipeline_run.h"
+
+/* Faces that fewer of the points have, or that meet in fans at more of them, are no surface to anybody who didn't ask
+ * for it. */
+static const double USED_LEAST = 0.5, KNOTTED_MOST = 0.05;
+
+/* Whether somebody asked for a reconstruction by saying how it is to be done. */
+static bool reconstruction_is_asked(const struct params *params) {
+    return params->order != ORDER_AUTO || params->reconstruction != 0;
+}
+
+static bool are_surface(const struct run *run, const struct faces_facts *facts) {
+    return run->faces.count && (double)facts->used >= USED_LEAST * (double)run->points.count &&
+           (double)facts->knotted <= KNOTTED_MOST * (double)facts->used;
+}
+
+static void tell_of_faces(struct run *run, const struct faces_facts *facts) {
+    struct left_out *notes = &run->report.left_out;
+    if (facts->turned)
+        left_out_add(notes, "input", "%zu faces faced against those beside them, and were turned over", facts->turned);
+    if (facts->knotted)
+        left_out_add(notes, "input",
+                     "%zu vertices where more than two faces share an edge, or fans of faces meet, stay where they are",
+                     facts->knotted);
+    if (facts->seams_dropped)
+        left_out_add(notes, "input",
+                     "%s: they differ at nearly every edge, so that no vertex could go if they were kept apart",
+                     facts->seams ? "normals of each face's own" : "texture coordinates or normals of each face's own");
+    if (facts->seams && run->params->placement == PLACEMENT_OPTIMAL)
+        left_out_add(notes, "mesh", "placement=optimal: vertices stay at points, since there are %zu edges on seams",
+                     facts->seams);
+}
+
+static void take_faces(struct run *run, const struct faces_facts *facts) {
+    struct surface_choice choice = {.form = SURFACE_GIVEN, .sure = true};
+    if (run->params->surface == SURFACE_AUTO)
+        snprintf(choice.reason, sizeof choice.reason, "the input has faces; closed, open and heightfield reconstruct");
+    pipeline_decide(run, choice);
+    snprintf(run->report.surface.orientation, sizeof run->report.surface.orientation, "faces");
+    tell_of_faces(run, facts);
+}
+
+enum status pipeline_faces(struct run *run) {
+    enum surface_form asked = (enum surface_form)run->params->surface;
+    struct faces_facts facts = {0};
+    if (asked == SURFACE_GIVEN && !run->cloud->triangle_count)
+        return error_set(run->error, STATUS_BAD_PARAMETER, "surface",
+                         "given: the input has no faces; leave it out, and the surface is reconstructed");
+    if (asked != SURFACE_GIVEN && (asked != SURFACE_AUTO || reconstruction_is_asked(run->params))) return STATUS_OK;
+    if (!run->cloud->triangle_count) return STATUS_OK;
+    if (faces_make(run->cloud, &run->points, run->threads, &run->faces, &facts))
+        return pipeline_no_memory(run, "faces");
+    if (asked == SURFACE_GIVEN && !run->faces.count)
+        return error_set(run->error, STATUS_DEGENERATE, "faces",
+                         "none of the input's %zu triangles has three corners at different places",
+                         run->cloud->triangle_count);
+    if (asked == SURFACE_GIVEN || are_surface(run, &facts)) {
+        take_faces(run, &facts);
+        return STATUS_OK;
+    }
+    left_out_add(&run->report.left_out, "input",
+                 "its faces as a surface: %zu of %zu points have any, %zu several fans; surface=given takes them",
+                 facts.used, run->points.count, facts.knotted);
+    faces_done(&run->faces);
+    return STATUS_OK;
+}
+
+/* A mesh that can't become as small as it should may take more memory than there is for it. */
+static enum status check_room(struct run *run) {
+    struct params as_many = *run->params;
+    const struct memory_job job = {run->cloud->count, run->cloud->record_bytes, run->cloud->triangle_count, 0, 0};
+    size_t n = run->mesh.vertex_count;
+    if (n <= run->kept_count) return STATUS_OK;
+    left_out_add(&run->report.left_out, "mesh", "%zu vertices that can't go without changing what the surface is",
+                 n - run->kept_count);
+    as_many.points = n, as_many.ratio = NAN, as_many.levels.count = 0;
+    if (!as_many.memory_bytes || memory_predict(&job, &as_many) <= as_many.memory_bytes) return STATUS_OK;
+    return error_set(run->error, STATUS_NO_MEMORY, "collapse",
+                     "the input's faces can't be simplified to fewer than %zu vertices, and %" PRIu64
+                     " MiB have no room for them: allow more memory, or have the surface reconstructed "
+                     "(surface=closed, surface=open)",
+                     n, as_many.memory_bytes >> 20);
+}
+
+/* The mesh's seams become borders, of which refinement lets go no vertex. */
+static enum status cut_seams(struct run *run, const uint32_t (*record)[3]) {
+    size_t before = run->mesh.vertex_count;
+    enum status status = faces_cut(&run->mesh, record, &run->record);
+    run->report.level[run->level].vertices_split = run->mesh.vertex_count - before;
+    return status;
+}
+
+enum status pipeline_collapse(struct run *run) {
+    struct report_level *report = &run->report.level[run->level];
+    struct decimate_rules rules = {.borders = true, .slivers = true};
+    enum status status = faces_mesh(&run->faces, &run->points, &run->mesh);
+    if (!status && run->faces.record) {
+        rules.record = alloc_array(run->faces.count, sizeof *rules.record);
+        status = rules.record ? STATUS_OK : STATUS_NO_MEMORY;
+        if (!status) memcpy(rules.record, run->faces.record, run->faces.count * sizeof *rules.record);
+    }
+    if (!status) status = mesh_decimate(&run->mesh, &rules, run->kept_count);
+    if (status) status = pipeline_no_memory(run, "collapse");
+    if (!status) status = check_room(run);
+    if (!status && rules.record && cut_seams(run, (const uint32_t(*)[3])rules.record))
+        status = pipeline_no_memory(run, "collapse");
+    free(rules.record);
+    report->reconstructed_from = run->points.count;
+    snprintf(report->reconstruction, sizeof report->reconstruction, "given");
+    return status;
+}
+
+/* The mesh without the copies that seams have made, for whoever asks what it is. */
+enum status pipeline_join_seams(const struct run *run, struct mesh *joined) {
+    uint32_t *first = alloc_array(run->points.count, sizeof *first);
+    *joined = run->mesh;
+    joined->triangle = alloc_array(run->mesh.triangle_count, sizeof *joined->triangle);
+    bool room = first && joined->triangle;
+    if (room) {
+        memset(first, 0xff, run->points.count * sizeof *first);
+        for (size_t v = 0; v < run->mesh.vertex_count; v++) {
+            uint32_t source = run->mesh.source[v];
+            if (source != NONE && run->faces.on_seam[source] && first[source] == NONE) first[source] = (uint32_t)v;
+        }
+        for (size_t t = 0; t < run->mesh.triangle_count; t++)
+            for (int k = 0; k < 3; k++) {
+                uint32_t v = run->mesh.triangle[t][k], source = run->mesh.source[v];
+                bool on_seam = source != NONE && run->faces.on_seam[source];
+                joined->triangle[t][k] = on_seam ? first[source] : v;
+            }
+    }
+    free(first);
+    return room ? STATUS_OK : STATUS_NO_MEMORY;
+}

@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""surface=given: the input's own faces are simplified, with the connectivity that they have."""
+import collections
+import json
+import math
+import os
+import pathlib
+import struct
+import subprocess
+
+import pytest
+
+WHITTLE = pathlib.Path(os.environ.get("WHITTLE_BUILD", "build/release")).resolve() / "whittle"
+AROUND, ACROSS = 64, 32
+
+
+def run(*arguments, **options):
+    return subprocess.run([WHITTLE, *map(str, arguments)], capture_output=True, text=True, check=False, **options)
+
+
+def write_ply(path, vertices, faces, names=("x", "y", "z")):
+    lines = ["ply", "format ascii 1.0", f"element vertex {len(vertices)}", *(f"property double {n}" for n in names),
+             f"element face {len(faces)}", "property list int int vertex_indices", "end_header",
+             *(" ".join(f"{x:.17g}" for x in v) for v in vertices), *(" ".join(map(str, (len(f), *f))) for f in faces)]
+    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+    return path
+
+
+def read_ply(path):
+    """(names, vertices, triangles) of the binary PLY that whittle writes."""
+    data = path.read_bytes()
+    end = data.index(b"end_header\n") + len(b"end_header\n")
+    names, form, counts, element = [], "<", {}, None
+    for words in (line.split() for line in data[:end].decode("ascii").splitlines()):
+        if words[0] == "element":
+            element, counts[words[1]] = words[1], int(words[2])
+        elif words[0] == "property" and element == "vertex":
+            names.append(words[2])
+            form += {"double": "d", "float": "f", "float64": "d", "float32": "f", "uchar": "B"}[words[1]]
+    row, at = struct.Struct(form), end + counts["vertex"] * struct.calcsize(form)
+    vertices = list(row.iter_unpack(data[end:at]))
+    size = (len(data) - at) // counts["face"]
+    faces = [struct.unpack_from("<B3i", data, at + i * size)[1:] for i in range(counts["face"])]
+    return names, vertices, faces
+
+
+def simplify(path, folder, *options):
+    done = run(path, "--outputs", "mesh,report", "-o", folder, *options)
+    assert done.returncode == 0, done.stderr
+    return json.loads((folder / "report.json").read_text(encoding="utf-8")), *read_ply(folder / "mesh.ply")
+
+
+def grid(around, across, closed):
+    """Quadrilaterals of a grid; where it is closed, its ends are joined both ways."""
+    rows, columns = (around, across) if closed else (around - 1, across - 1)
+    return [(i * across + j, (i + 1) % around * across + j, (i + 1) % around * across + (j + 1) % across,
+             i * across + (j + 1) % across) for i in range(rows) for j in range(columns)]
+
+
+def torus():
+    def place(i, j):
+        u, v = 2 * math.pi * i / AROUND, 2 * math.pi * j / ACROSS
+        return (3 + math.cos(v)) * math.cos(u), (3 + math.cos(v)) * math.sin(u), math.sin(v)
+    return [place(i, j) for i in range(AROUND) for j in range(ACROSS)], grid(AROUND, ACROSS, True)
+
+
+def hill(n=50):
+    vertices = [(i, j, 4 * math.sin(i / 9) * math.cos(j / 7)) for i in range(n) for j in range(n)]
+    return vertices, grid(n, n, False)
+
+
+def tube():
+    """With texture coordinates around and along it, and so a seam where they begin and end."""
+    vertices = [(math.cos(2 * math.pi * i / AROUND), math.sin(2 * math.pi * (i % AROUND) / AROUND), j / 8, i / AROUND,
+                 j / ACROSS) for i in range(AROUND + 1) for j in range(ACROSS)]
+    vertices[AROUND * ACROSS:] = [(*vertices[j][:3], 1, j / ACROSS) for j in range(ACROSS)]
+    return vertices, grid(AROUND + 1, ACROSS, False)
+
+
+def edges_of(faces):
+    return collections.Counter(tuple(sorted((f[k], f[(k + 1) % 3]))) for f in faces for k in range(3))
+
+
+@pytest.mark.parametrize("surface", ["given", "auto"])
+def test_a_closed_surface_stays_what_it_is(tmp_path, surface):
+    vertices, faces = torus()
+    path = write_ply(tmp_path / "torus.ply", vertices, faces)
+    report, _, found, triangles = simplify(path, tmp_path, "--ratio", 0.2, "--surface", surface)
+    wanted = len(vertices) // 5
+    assert report["surface"]["kind"] == report["mesh"]["reconstruction"] == "given"
+    assert report["surface"]["orientation"] == "faces"
+    assert report["mesh"]["vertices"] == len(found) == wanted and len(triangles) == 2 * wanted
+    assert report["mesh"]["watertight"] and report["mesh"]["handles"] == 1 and report["mesh"]["components"] == 1
+    assert report["mesh"]["self_intersections"] == 0 and report["left_out"] == []
+    assert set(found) <= set(vertices)
+    assert set(edges_of(triangles).values()) == {2}
+
+
+def test_it_is_nearer_than_what_is_reconstructed(tmp_path):
+    path = write_ply(tmp_path / "torus.ply", *torus())
+    error = {}
+    for surface in ("given", "closed"):
+        report = simplify(path, tmp_path, "--ratio", 0.1, "--surface", surface)[0]
+        assert report["surface"]["kind"] == surface
+        error[surface] = report["error"]["symmetric"]["mean"]
+    assert error["given"] < error["closed"]
+
+
+def test_borders_keep_their_course(tmp_path):
+    vertices, faces = hill()
+    path = write_ply(tmp_path / "hill.ply", vertices, faces)
+    report, _, found, triangles = simplify(path, tmp_path, "--ratio", 0.1)
+    whole = simplify(path, tmp_path, "--ratio", 1, "--refine", "none")[0]["mesh"]
+    mesh = report["mesh"]
+    assert report["surface"]["kind"] == "given"
+    assert mesh["vertices"] == len(vertices) // 10 and mesh["borders"] == 1 and mesh["manifold"]
+    assert mesh["border_length"] == pytest.approx(whole["border_length"], rel=0.01)
+    assert mesh["area"] == pytest.approx(whole["area"], rel=0.01)
+    border = {v for edge, count in edges_of(triangles).items() if count == 1 for v in edge}
+    assert len(border) < 3 * math.sqrt(len(vertices)), "borders are simplified, too"
+    assert all(min(found[v][0], found[v][1]) < 2 or max(found[v][0], found[v][1]) > 47 for v in border)
+
+
+@pytest.mark.parametrize("placement", ["subset", "optimal"])
+@pytest.mark.parametrize("names", [("s", "t"), ("texture_u", "texture_v")])
+def test_texture_coordinates_keep_their_seams(tmp_path, placement, names):
+    vertices, faces = tube()
+    path = write_ply(tmp_path / "tube.ply", vertices, faces, ("x", "y", "z", *names))
+    report, properties, found, triangles = simplify(path, tmp_path, "--ratio", 0.2, "--placement", placement)
+    assert properties[3:] == list(names)
+    assert report["surface"]["kind"] == "given"
+    assert report["mesh"]["borders"] == 2 and report["mesh"]["manifold"], "joined at the seam it is a tube"
+    assert set(found) <= set(vertices)
+    on_seam = {(v[2], v[3]) for v in found if v[3] in (0, 1)}
+    assert report["mesh"]["vertices_split"] == len(on_seam) // 2 > 1
+    assert {z for z, s in on_seam if s == 0} == {z for z, s in on_seam if s == 1}
+    for f in triangles:
+        around = [found[v][3] for v in f]
+        assert max(around) - min(around) < 0.4, "no triangle runs over the seam to the picture's other side"
+    placed = [note["what"] for note in report["left_out"] if "placement" in note["what"]]
+    assert len(placed) == (placement == "optimal")
+
+
+def notes_of(report):
+    return " ".join(note["what"] for note in report["left_out"])
+
+
+def test_faces_that_face_against_each_other_are_turned(tmp_path):
+    vertices, faces = torus()
+    faces = [tuple(reversed(f)) if i % 5 == 0 else f for i, f in enumerate(faces)]
+    report = simplify(write_ply(tmp_path / "t.ply", vertices, faces), tmp_path, "--ratio", 0.2)[0]
+    assert report["mesh"]["watertight"] and report["mesh"]["oriented"] and report["mesh"]["volume"] > 0
+    turned = 2 * len([f for i, f in enumerate(faces) if i % 5 == 0])
+    assert f"{turned} faces faced against" in notes_of(report)
+
+
+def test_three_sheets_at_an_edge_stay_together(tmp_path):
+    n = 20
+    vertices = [(i, j, 0) for i in range(n) for j in range(n)] + [(n // 2, j, k) for k in range(1, 9) for j in range(n)]
+    wall = [[n // 2 * n + j for j in range(n)], *[[n * n + k * n + j for j in range(n)] for k in range(8)]]
+    faces = grid(n, n, False) + [(a[j], b[j], b[j + 1], a[j + 1]) for a, b in zip(wall, wall[1:]) for j in range(n - 1)]
+    path = write_ply(tmp_path / "sheets.ply", vertices, faces)
+    report, _, found, triangles = simplify(path, tmp_path, "--ratio", 0.2, "--surface", "given")
+    assert f"{n} vertices where more than two faces share an edge" in notes_of(report)
+    assert {(n / 2, float(j), 0.0) for j in range(n)} <= set(found)
+    assert 3 in edges_of(triangles).values() and report["mesh"]["components"] == 1
+
+
+HOSTILE = {
+    "repeated": ([(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)], [(0, 1, 2), (1, 2, 0), (2, 1, 0), (1, 3, 2), (1, 1, 2)]),
+    "a polygon of many corners": ([(math.cos(i / 500), math.sin(i / 500), 0) for i in range(3000)], [range(3000)]),
+    "a point that is none": ([(0, 0, 0), (1, 0, 0), (0, 1, 0), (float("nan"), 1, 0), (1, 1, 0)],
+                             [(0, 1, 2), (1, 3, 2), (1, 4, 2)]),
+    "fans at one point": ([(0, 0, 0)] + [(i, j, 1) for i in (1, 2, 3, 4) for j in (1, 2)],
+                          [(0, 1, 2), (0, 3, 4), (0, 5, 6), (0, 7, 8)]),
+    "a strip with one side": ([((2 + w * math.cos(u / 2)) * math.cos(u), (2 + w * math.cos(u / 2)) * math.sin(u),
+                                w * math.sin(u / 2)) for u in (k * math.pi / 10 for k in range(20)) for w in (-1, 1)],
+                              [(2 * k, 2 * k + 1, 2 * k + 3, 2 * k + 2) for k in range(19)] + [(38, 39, 0, 1)]),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+@pytest.mark.parametrize("placement", ["subset", "optimal"])
+def test_odd_faces_make_a_mesh_or_are_refused(tmp_path, name, placement):
+    vertices, faces = HOSTILE[name]
+    path = write_ply(tmp_path / "odd.ply", vertices, [tuple(f) for f in faces])
+    report, _, found, triangles = simplify(path, tmp_path, "--ratio", 0.3, "--surface", "given",
+                                           "--placement", placement)
+    assert triangles and all(len(set(f)) == 3 and max(f) < len(found) for f in triangles)
+    assert report["mesh"]["oriented"] == (name != "a strip with one side")
+
+
+@pytest.mark.parametrize("faces, says", [
+    ([], "the input has no faces"), ([(0, 0, 1), (2, 2, 2)], "none of the input's 2 triangles"),
+    ([(0, 1, 9)], "an index is of no vertex"), ([(0, 1, -1)], "an index is of no vertex")])
+def test_what_is_no_surface_is_refused_in_words(tmp_path, faces, says):
+    path = write_ply(tmp_path / "none.ply", [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], faces)
+    done = run(path, "--surface", "given", "--outputs", "mesh", "-o", tmp_path / "out")
+    assert done.returncode in (64, 65) and says in done.stderr, done.stderr
+
+
+def test_faces_of_few_points_don_t_decide(tmp_path):
+    vertices = torus()[0]
+    path = write_ply(tmp_path / "few.ply", vertices, torus()[1][:100])
+    report = simplify(path, tmp_path, "--ratio", 0.3, "--refine", "none")[0]
+    assert report["surface"]["kind"] == "closed" and "surface=given takes them" in notes_of(report)
+
+
+def test_levels_bounds_and_threads(tmp_path):
+    path = write_ply(tmp_path / "torus.ply", *torus())
+    made = []
+    for threads in (1, 2, 3):
+        folder = tmp_path / str(threads)
+        done = run(path, "--levels", "0.3,0.1", "--outputs", "mesh,cloud,error", "-o", folder, "--threads", threads,
+                   "--placement", "optimal")
+        assert done.returncode == 0, done.stderr
+        made.append({file.name: file.read_bytes() for file in folder.iterdir()})
+    assert made[0] == made[1] == made[2] and {"mesh_0.3.ply", "mesh_0.1.ply"} <= made[0].keys()
+    assert [len(read_ply(tmp_path / "1" / f"mesh_{r}.ply")[1]) for r in (0.3, 0.1)] == [614, 204]
+    report = simplify(path, tmp_path / "bound", "--max-deviation", 0.05)[0]
+    assert report["surface"]["kind"] == "given" and report["error"]["input_to_mesh"]["max"] <= 0.05
+    assert report["mesh"]["vertices"] < 1000
+
+
+def test_the_service_says_what_it_took(daemon, tmp_path):
+    mesh = write_ply(tmp_path / "torus.ply", *torus()).read_bytes()
+    job = daemon.ended(daemon.submit(mesh, "?ratio=0.2&surface=given&outputs=mesh,report"))
+    assert job["status"] == "successful", job
+    assert job["report"]["surface"]["kind"] == "given" and job["report"]["mesh"]["watertight"]
+    cloud = "\n".join(" ".join(map(str, v)) for v in torus()[0]).encode()
+    job = daemon.ended(daemon.submit(cloud, "?surface=given&outputs=mesh"))
+    assert job["status"] == "failed" and "no faces" in json.dumps(job)

@@ -11,11 +11,9 @@
 
 #include "core/base/alloc.h"
 #include "core/base/endian.h"
-#include "core/base/md5.h"
 
 enum {
     LOCAL_MARK = 0x04034b50,
-    CENTRAL_MARK = 0x02014b50,
     END_MARK = 0x06054b50,
     END64_MARK = 0x06064b50,
     END64_LOCATOR_MARK = 0x07064b50,
@@ -27,9 +25,8 @@ enum {
     EXTRA64 = 1,
     EXTRA64_BYTES = 8,
     END64_BYTES = 44,
-    INDEX_ITEM_BYTES = MD5_BYTES + 8
+
 };
-static const char INDEX_NAME[] = "@3dtilesIndex1@";
 
 static void archive_put(struct archive *archive, uint64_t value, size_t bytes) {
     unsigned char text[8];
@@ -82,8 +79,7 @@ enum status archive_add(struct archive *archive, const char *name, const void *b
 
 /* ------------------------------------------------------------------------------------------------ the index */
 
-/* Digests are compared as two numbers of 64 bits each, the first one first. */
-static int compare_items(const void *one, const void *other) {
+int archive_compare_items(const void *one, const void *other) {
     for (size_t at = 0; at < MD5_BYTES; at += 8) {
         uint64_t a = load_little_endian((const unsigned char *)one + at, 8);
         uint64_t b = load_little_endian((const unsigned char *)other + at, 8);
@@ -94,15 +90,15 @@ static int compare_items(const void *one, const void *other) {
 
 static enum status add_index(struct archive *archive) {
     size_t n = archive->count;
-    unsigned char *item = alloc_array(n, INDEX_ITEM_BYTES);
+    unsigned char *item = alloc_array(n, ARCHIVE_ITEM_BYTES);
     if (!item) return STATUS_NO_MEMORY;
     for (size_t i = 0; i < n; i++) {
         const struct archive_member *member = &archive->member[i];
-        md5_short(member->name, strlen(member->name), item + i * INDEX_ITEM_BYTES);
-        store_little_endian(item + i * INDEX_ITEM_BYTES + MD5_BYTES, member->at, 8);
+        md5_short(member->name, strlen(member->name), item + i * ARCHIVE_ITEM_BYTES);
+        store_little_endian(item + i * ARCHIVE_ITEM_BYTES + MD5_BYTES, member->at, 8);
     }
-    qsort(item, n, INDEX_ITEM_BYTES, compare_items);
-    enum status status = archive_add(archive, INDEX_NAME, item, (uint32_t)(n * INDEX_ITEM_BYTES));
+    qsort(item, n, ARCHIVE_ITEM_BYTES, archive_compare_items);
+    enum status status = archive_add(archive, ARCHIVE_INDEX, item, (uint32_t)(n * ARCHIVE_ITEM_BYTES));
     free(item);
     return status;
 }
@@ -111,7 +107,7 @@ static enum status add_index(struct archive *archive) {
 
 static void put_entry(struct archive *archive, const struct archive_member *member) {
     bool far = member->at >= UINT32_MAX;
-    archive_put(archive, CENTRAL_MARK, 4);
+    archive_put(archive, ARCHIVE_ENTRY_MARK, 4);
     archive_put(archive, UNIX | (far ? VERSION64 : VERSION), 2);
     put_common(archive, member, far ? 4 + EXTRA64_BYTES : 0);
     archive_put(archive, 0, 2); /* comment */

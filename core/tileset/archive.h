@@ -12,10 +12,12 @@
 #include <stdint.h>
 
 #include "core/base/crc32.h"
+#include "core/base/md5.h"
 #include "core/base/status.h"
 #include "core/io/out/sink.h"
 
-enum { ARCHIVE_NAME_BYTES = 40 };
+enum { ARCHIVE_NAME_BYTES = 40, ARCHIVE_ENTRY_MARK = 0x02014b50, ARCHIVE_ITEM_BYTES = MD5_BYTES + 8 };
+#define ARCHIVE_INDEX "@3dtilesIndex1@"
 
 struct archive_member {
     char name[ARCHIVE_NAME_BYTES];
@@ -38,6 +40,10 @@ enum status archive_add(struct archive *archive, const char *name, const void *b
 
 /* Puts the index and the directory.  STATUS_NO_MEMORY. */
 enum status archive_finish(struct archive *archive) MUST_CHECK;
+
+/* Of two items of an index, which begin with digests: these are compared as two numbers of 64 bits each, the first one
+ * first.  For qsort and bsearch. */
+int archive_compare_items(const void *one, const void *other);
 
 /* Accepts a zeroed one. */
 void archive_done(struct archive *archive);

@@ -17,6 +17,7 @@
 #include "api/codecs/job_json.h"
 #include "api/codecs/report_read.h"
 #include "core/io/prefix.h"
+#include "core/tileset/archive_find.h"
 #include "server/base/digest.h"
 #include "server/handlers/handlers.h"
 #include "server/handlers/outputs.h"
@@ -337,6 +338,86 @@ static void get_output(struct service *service, struct request *request, struct 
 }
 
 const struct handler handlers_get_output = {.run = get_output};
+
+/* ------------------------------------------------------------------------------------------------ tiles */
+
+static const char TILESET[] = "tileset.3tz";
+
+/* An output, some bytes of which are read at a time. */
+struct reading {
+    struct service *service;
+    const struct job *job;
+};
+
+static bool read_output(void *ctx, uint64_t at, void *to, size_t n) {
+    const struct reading *r = ctx;
+    const struct store_range range = {at, at + n - 1};
+    if (!n) return true;
+    int fd = store_output_open_range(r->service->store, r->job->id, r->job->attempt, TILESET, &range);
+    if (fd < 0) return false;
+    bool whole = pread(fd, to, n, (off_t)at) == (ssize_t)n;
+    close(fd);
+    return whole;
+}
+
+/* The bytes of the archive that are this member: they lie in it as they are. */
+static void send_member(struct service *service, const struct request *request, const struct job *job,
+                        const struct job_output *output, const char *name, struct response *response) {
+    struct reading reading = {service, job};
+    uint64_t first = 0, count = 0;
+    char etag[DIGEST_HEX_BYTES + 128];
+    enum archive_found found = archive_find(read_output, &reading, output->bytes, name, &first, &count);
+    snprintf(etag, sizeof etag, "\"%s-%s\"", output->sha256, strrchr(name, '/') ? strrchr(name, '/') + 1 : name);
+    if (found == ARCHIVE_NOT_THERE) {
+        response_refuse(response, PROBLEM_NO_SUCH_OUTPUT, "the tileset has no %.80s", name);
+    } else if (found == ARCHIVE_FOUND && request_none_match(request, etag)) {
+        response_unchanged(response, etag, for_ever, count);
+    } else {
+        const struct store_range range = {first, first + count - 1};
+        int fd = found == ARCHIVE_FOUND && count
+                     ? store_output_open_range(service->store, job->id, job->attempt, TILESET, &range)
+                     : -1;
+        if (fd < 0) {
+            response_refuse(response, errno == EHOSTUNREACH ? PROBLEM_NOT_READY : PROBLEM_INTERNAL_ERROR,
+                            "the tileset can't be read");
+            return;
+        }
+        response->kind = RESPONSE_FILE;
+        response->fd = fd;
+        response->file_offset = first;
+        response->file_bytes = count;
+        response_header(response, "ETag", "%s", etag);
+        response_header(response, "Content-Type", "%s", handlers_media_type(name));
+        response_header(response, "Cache-Control", "%s", for_ever);
+    }
+}
+
+static void send_tileset(struct service *service, const struct request *request, const char *folder,
+                         struct response *response) {
+    struct job job = {0};
+    char name[96];
+    if (!handlers_takes_no_query(request, response)) return;
+    snprintf(name, sizeof name, "%s%.64s", folder, request->match.capture[1]);
+    if (handlers_read_successful(service, request, &job, response)) {
+        const struct job_output *output = handlers_find_output(&job, TILESET);
+        if (output)
+            send_member(service, request, &job, output, name, response);
+        else
+            response_refuse(response, PROBLEM_NO_SUCH_OUTPUT, "the job has no output %s", TILESET);
+    }
+    job_done(&job);
+}
+
+static void get_tileset(struct service *service, struct request *request, struct response *response) {
+    send_tileset(service, request, "", response);
+}
+
+static void get_tile(struct service *service, struct request *request, struct response *response) {
+    send_tileset(service, request, "tiles/", response);
+}
+
+const struct handler handlers_get_tileset = {.run = get_tileset};
+const struct handler handlers_get_tile = {.run = get_tile};
 
 /* ------------------------------------------------------------------------------------------------ log */
 

@@ -82,8 +82,10 @@ def parts_of(operation, daemon, **parts):
     """Values for the path's parameters: what is there, unless the case says otherwise."""
     if "{id}" in operation.path and "id" not in parts:
         parts["id"] = (cloud_of(daemon) if "/clouds/" in operation.path else
-                       upload_of(daemon, 10).rsplit("/", 1)[1] if "/uploads/" in operation.path else job_of(daemon))
-    return {"name": "cloud.ply", "slug": "no-such-job", **parts}
+                       upload_of(daemon, 10).rsplit("/", 1)[1] if "/uploads/" in operation.path else
+                       job_of(daemon, "?ratio=0.5&outputs=tileset") if "/tileset" in operation.path else job_of(daemon))
+    name = "cloud.ply" if "/tileset" not in operation.path else "0.glb" if "/tiles/" in operation.path else "tileset.json"
+    return {"name": name, "slug": "no-such-job", **parts}
 
 
 # ---------------------------------------------------------------------------------------------- common
@@ -604,7 +606,7 @@ def getEvents_204(world, operation):
 # What only shared state answers: a database or a store that is away (test_rule_7_... in test_rules.py), and sending
 # programs to the store (test_rule_9_... in test_hosts.py).  Those tests take PostgreSQL and S3.
 OF_HOSTS = {*((name, "503") for name in ("listJobs", "getJob", "deleteJob", "getEvents", "getLog", "listOutputs",
-                                         "getOutput", "createLink", "listClouds", "getCloud", "deleteCloud",
+                                         "getOutput", "getTileset", "getTile", "createLink", "listClouds", "getCloud", "deleteCloud",
                                          "getCloudData", "getUpload", "deleteUpload")),
             ("getOutput", "302"), ("getCloudData", "302")}
 MATRIX = [(operation.id, status) for operation in OPERATIONS.values() for status in operation.statuses

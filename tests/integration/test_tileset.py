@@ -202,6 +202,27 @@ def test_a_cloud_in_tiles_of_its_own_becomes_one(made):
     assert merged.json["metadata"]["properties"]["points"] == POINTS * 3 // 10
 
 
+def test_the_service_has_it_as_a_folder(daemon, made):
+    folder = made[0]
+    data = (folder / "hills.ply").read_bytes()
+    job_id = daemon.submit(data, "?ratio=1&outputs=tileset")
+    daemon.ended(job_id)
+    whole = daemon.curl(f"/v1/jobs/{job_id}/outputs/tileset.3tz")
+    assert whole.headers["content-type"] == "application/vnd.maxar.archive.3tz+zip"
+    tree = folder / "hills.3dtiles"
+    for path in sorted(path.relative_to(tree) for path in tree.rglob("*") if path.is_file()):
+        reply = daemon.curl(f"/v1/jobs/{job_id}/tileset/{path}")
+        assert reply.status == 200 and reply.body == (tree / path).read_bytes()
+        assert reply.headers["content-type"] == {"json": "application/json", "glb": "model/gltf-binary"}[path.suffix[1:]]
+        again = daemon.curl(f"/v1/jobs/{job_id}/tileset/{path}", "-H", f"If-None-Match: {reply.headers['etag']}")
+        assert again.status == 304
+    for absent in ("tiles/99999.glb", "no.json", "tiles/tileset.json"):
+        assert daemon.curl(f"/v1/jobs/{job_id}/tileset/{absent}").slug == "no-such-output"
+    plain = daemon.submit(data, "?ratio=0.01")
+    daemon.ended(plain)
+    assert daemon.curl(f"/v1/jobs/{plain}/tileset/tileset.json").slug == "no-such-output"
+
+
 def test_tileset_json_names_its_folder(made, tmp_path):
     whittle(made[0] / "hills.ply", tmp_path / "tileset.json", "--ratio", "0.1")
     assert sorted(os.listdir(tmp_path)) == ["tiles", "tileset.json"]

@@ -151,6 +151,11 @@ static const struct param table[] = {
     {"header", PARAM_CHOICE, AT(header), 0, 0, false, "none", xyz_headers, "", true,
      "First line of cloud.xyz: none, which all programs read; plain, the names of the columns; or hash, the same "
      "behind a #"},
+    {"quantize", PARAM_CHOICE, AT(quantize), 0, 0, false, "false", switch_forms, "", true,
+     "true: positions in mesh.glb and in tiles have 16 bits along each axis of their box, normals 8 "
+     "(KHR_mesh_quantization)"},
+    {"meshopt", PARAM_CHOICE, AT(meshopt), 0, 0, false, "false", switch_forms, "", true,
+     "true: mesh.glb and tiles are compressed, for programs that read EXT_meshopt_compression"},
     {"columns", PARAM_COLUMNS, AT(columns), 0, 0, false, "", NULL, "", true,
      "What the columns of a text input are, where its first line doesn't say so: names of the first ones in their "
      "order, - for one to leave out (-,x,y,z,intensity), or pairs of a name and a column's name or number "

@@ -116,6 +116,7 @@ struct params {
     int colours;                               /* enum colour_bits */
     int pcd_precision;                         /* enum pcd_precision */
     int header;                                /* enum xyz_header */
+    int quantize, meshopt;                     /* enum switch_form: of glTF */
     char columns[COLUMN_LIST_BYTES];           /* of a text input; "" = not given */
     uint64_t preview_size;                     /* pixels */
     double preview_azimuth, preview_elevation; /* degrees */

@@ -113,6 +113,11 @@ export interface Parameters {
   /** First line of cloud.xyz: none, which all programs read; plain, the names of the columns; or hash, the same
    *  behind a #. Default none. */
   header?: "none" | "plain" | "hash";
+  /** true: positions in mesh.glb and in tiles have 16 bits along each axis of their box, normals 8
+   *  (KHR_mesh_quantization). Default false. */
+  quantize?: "false" | "true";
+  /** true: mesh.glb and tiles are compressed, for programs that read EXT_meshopt_compression. Default false. */
+  meshopt?: "false" | "true";
   /** What the columns of a text input are, where its first line doesn't say so: names of the first ones in their
    *  order, - for one to leave out (-,x,y,z,intensity), or pairs of a name and a column's name or number
    *  (x:east,y:north,z:4). */

@@ -16,7 +16,6 @@
 #include "core/base/version.h"
 #include "core/io/formats/las_system.h"
 #include "core/io/out/file_out.h"
-#include "core/io/out/glb_write.h"
 #include "core/io/out/mesh_attributes.h"
 #include "core/io/out/sink.h"
 #include "core/mesh/mesh.h"
@@ -26,7 +25,8 @@
 
 enum { ABREAST = 16 /* tiles that are made before they are written */, PATH_BYTES = 4096, SYSTEM_BYTES = 256 };
 static const char WHERE[] = "tileset";
-/* Boxes are wider than the points by a share of their size, for what rounding to float32 moves, and never flat. */
+/* Boxes are wider than the points by a share of their size, for what rounding to float32 moves, and never flat.
+ * Quantized points move more. */
 static const double ROUNDING = 0x1p-22, THINNEST = 1e-6;
 
 /* Where files go. */
@@ -93,6 +93,7 @@ static struct glb_points points_of(const struct writing *w, size_t t) {
                                .ids = w->tree.rank + node->first,
                                .position = w->tree.point + node->first,
                                .n = node->own,
+                               .packing = w->points->packing,
                                .centre = vec3_lerp(node->own_low, node->own_high, 0.5)};
 }
 
@@ -152,12 +153,13 @@ static enum status put_tiles(struct writing *w) {
 /* ------------------------------------------------------------------------------------------------ JSON */
 
 /* Center, and half an axis each, of a box around these corners. */
-static void put_box(struct sink *json, vec3 low, vec3 high) {
+static void put_box(struct sink *json, const struct writing *w, vec3 low, vec3 high) {
     vec3 middle = vec3_lerp(low, high, 0.5), half = vec3_scale(vec3_sub(high, low), 0.5);
     double most = fmax(half.x, fmax(half.y, half.z));
     double least = most > 0 ? most * THINNEST : THINNEST;
     vec3 wide = {fmax(half.x, least), fmax(half.y, least), fmax(half.z, least)};
-    wide = vec3_add(wide, (vec3){most * ROUNDING, most * ROUNDING, most * ROUNDING});
+    double moved = most * (w->points->packing.quantized ? 1.0 / UINT16_MAX : ROUNDING);
+    wide = vec3_add(wide, (vec3){moved, moved, moved});
     sink_format(json, "\"boundingVolume\":{\"box\":[%.17g,%.17g,%.17g,%.17g,0,0,0,%.17g,0,0,0,%.17g]}", middle.x,
                 middle.y, middle.z, wide.x, wide.y, wide.z);
 }
@@ -168,7 +170,7 @@ static void put_node(struct sink *json, const struct writing *w, size_t t) {
     char name[ARCHIVE_NAME_BYTES];
     name_tile(name, t);
     sink_text(json, "{");
-    put_box(json, node->low, node->high);
+    put_box(json, w, node->low, node->high);
     sink_format(json, ",\"geometricError\":%.17g,", node->error);
     if (t == 0)
         sink_format(json, "\"refine\":\"ADD\",\"transform\":[1,0,0,0,0,1,0,0,0,0,1,0,%.17g,%.17g,%.17g,1],",

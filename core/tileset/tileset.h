@@ -8,6 +8,8 @@
  * of the tile and of those above it, which are shown wherever it is; 0 where there is none below.  That of the whole
  * tileset, of which nothing is shown then, is the diagonal of its box.
  *
+ * Quantized points (core/io/out/glb_write.h) lie up to half a step off those that are measured.
+ *
  * Coordinates are the input's, around the middle of its box, which the root's transform says; z is upwards.  They are
  * taken for what 3D Tiles calls local: nothing is projected.  The name of the input's coordinate system is among the
  * tileset's metadata.
@@ -22,12 +24,14 @@
 #include "core/base/left_out.h"
 #include "core/base/status.h"
 #include "core/cloud/cloud.h"
+#include "core/io/out/glb_write.h"
 
 struct tileset_points {
     const struct cloud *cloud;
     const uint32_t *kept; /* n >= 1 ids of the cloud's points, the most important first */
     size_t n;
     unsigned threads; /* 0 = all processors */
+    struct glb_packing packing;
 };
 
 /* Writes the archive (3tz: a zip whose members aren't compressed, with an index at its end) to fd, which stays open and

@@ -87,9 +87,14 @@ static enum status write_laz(int fd, const struct outputs *o, struct error *erro
     return write_las_or_laz(fd, o, true, error);
 }
 
+static struct glb_packing packing_of(const struct outputs *o) {
+    const struct params *params = &o->options->params;
+    return (struct glb_packing){params->quantize == SWITCH_TRUE, params->meshopt == SWITCH_TRUE};
+}
+
 static enum status write_tileset(int fd, const struct outputs *o, struct error *error) {
     const struct tileset_points points = {o->cloud, o->result->kept, o->level->kept_count,
-                                          (unsigned)o->options->params.threads};
+                                          (unsigned)o->options->params.threads, packing_of(o)};
     if (!points.kept)
         return error_set(error, STATUS_BAD_PARAMETER, "output",
                          "tiles show the most important points first; use whittle without convert to rank them, with "
@@ -137,7 +142,8 @@ static enum status write_stl(int fd, const struct outputs *o, struct error *erro
 static enum status write_glb(int fd, const struct outputs *o, struct error *error) {
     const struct cloud *cloud;
     const struct mesh mesh = mesh_of(o, &cloud);
-    return mesh_write_glb(fd, &mesh, cloud, o->left_out, error);
+    const struct glb_packing packing = packing_of(o);
+    return mesh_write_glb(fd, &mesh, cloud, &packing, o->left_out, error);
 }
 
 static enum status write_report(int fd, const struct outputs *o, struct error *error) {

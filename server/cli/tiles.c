@@ -323,6 +323,8 @@ static struct params outputs_of(const struct params *planned, const struct param
     params.colours = given->colours;
     params.pcd_precision = given->pcd_precision;
     params.header = given->header;
+    params.quantize = given->quantize;
+    params.meshopt = given->meshopt;
     params.threads = given->threads;
     return params;
 }

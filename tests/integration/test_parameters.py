@@ -95,6 +95,8 @@ ROWS = {
     "levels": ("torus", CLOUD, ("0.1", "0.2", "0.2,0.1", "0.2,0.05"), None),
     "outputs": ("torus", {}, ("cloud", "xyz", "mesh", "report", "dso", "error", "cloud.pcd", "mesh.obj", "mesh.stl",
                               "mesh.glb", "preview.png", "cloud.las", "cloud.laz", "tileset"), None),
+    "quantize": ("torus", MESH | {"outputs": "mesh.glb"}, ("false", "true"), "mesh.glb"),
+    "meshopt": ("torus", MESH | {"outputs": "mesh.glb"}, ("false", "true"), "mesh.glb"),
     "denoise": ("noisy", CLOUD | {"ratio": 1}, ("none", "outliers", "full"), "cloud.ply"),
     "placement": ("torus", MESH, ("subset", "optimal"), "mesh.ply"),
     "dso": ("torus", CLOUD, ("rms", "sum", "none"), "cloud.ply"),

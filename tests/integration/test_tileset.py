@@ -59,7 +59,8 @@ def read_glb(data):
         kind, width = numpy.dtype(TYPES[accessor["componentType"]]), SHAPES[accessor["type"]]
         found[name] = numpy.ndarray((accessor["count"], width), kind, binary, view["byteOffset"],
                                     (view["byteStride"], kind.itemsize))
-    x, y, z = (found["POSITION"].astype("f8") + scene["nodes"][0]["translation"]).T
+    node = scene["nodes"][0]
+    x, y, z = (found["POSITION"].astype("f8") * node.get("scale", [1, 1, 1]) + node["translation"]).T
     found["place"] = numpy.stack([x, -z, y], 1)
     return found, scene
 
@@ -288,13 +289,51 @@ def test_tiles_are_valid(made):
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+@pytest.mark.parametrize("quantize", ["false", "true"])
+def test_compressed_is_the_same_when_it_is_read(made, tmp_path, quantize):
+    """By the decoder of those who made the compression: tiles, and a mesh with its triangles."""
+    if not (NODE / "node_modules/three").exists() or not (NODE / "node_modules/gltf-validator").exists():
+        pytest.skip("gltf-validator isn't installed: npm ci in tests/node")
+    for packed in ("false", "true"):
+        how = ("--quantize", quantize, "--meshopt", packed)
+        whittle(made[0] / "hills.ply", tmp_path / f"{packed}.3dtiles", "--ratio", "0.6", *how)
+        whittle(made[0] / "hills.ply", tmp_path / f"{packed}.3dtiles/mesh.glb", "--points", "3000", "--surface", "open",
+                "--normals", "true", *how)
+    plain = sorted((tmp_path / "false.3dtiles").rglob("*.glb"))
+    packed = sorted((tmp_path / "true.3dtiles").rglob("*.glb"))
+    subprocess.run(["node", NODE / "decode_meshopt.mjs", *packed], check=True)
+    done = subprocess.run(["node", NODE / "validate_glb.js", *plain, *packed], capture_output=True, text=True,
+                          check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "") and len(plain) == len(packed) > 4
+    for one, other in zip(plain, packed):
+        data = one.read_bytes()
+        json_bytes = struct.unpack("<I", data[12:16])[0]
+        length = sum(view["byteLength"] for view in json.loads(data[20:20 + json_bytes])["bufferViews"])
+        assert data[28 + json_bytes:][:length] == other.with_name(other.name + ".plain").read_bytes()
+        assert other.stat().st_size < 0.8 * one.stat().st_size
+
+
+def test_quantized_points_are_near_what_they_were(made, tileset):
+    folder = made[0]
+    whittle(folder / "hills.ply", "--ratio", "1", "--quantize", "true", "-o", folder / "quantized.3dtiles")
+    near = Tileset(lambda name: (folder / "quantized.3dtiles" / name).read_bytes())
+    for (tile, _, attributes), (_, _, exact) in zip(near.tiles, tileset.tiles, strict=True):
+        low, high = exact["place"].min(0), exact["place"].max(0)
+        step = (high - low).max() / 65535
+        assert numpy.abs(attributes["place"] - exact["place"]).max() <= 0.51 * step
+        low, high = box_of(tile)
+        assert (attributes["place"] >= low).all() and (attributes["place"] <= high).all()
+
+
+@pytest.mark.parametrize("how", [(), ("--quantize", "true", "--meshopt", "true")], ids=["plain", "packed"])
 @pytest.mark.skipif(
     not BROWSER or not shutil.which("node") or not (NODE / "node_modules/3d-tiles-renderer").exists(),
     reason="chromium, node, or what make test-contract installs into tests/node, is not there")
-def test_a_viewer_shows_it(made, tileset, tmp_path):
+def test_a_viewer_shows_it(made, tileset, tmp_path, how):
     """3d-tiles-renderer: from far off the first tile alone, nearby all that is near; each in the colours it has."""
-    done = subprocess.run(["node", NODE / "show_tileset.mjs", BROWSER, made[0] / "hills.3dtiles", tmp_path],
-                          capture_output=True, text=True, check=False, timeout=170)
+    whittle(made[0] / "hills.ply", "--ratio", "1", "-o", tmp_path / "shown.3dtiles", *how)
+    done = subprocess.run(["node", NODE / "show_tileset.mjs", BROWSER, tmp_path / "shown.3dtiles", tmp_path],
+                          capture_output=True, text=True, check=False, timeout=900)
     assert done.returncode == 0, done.stderr
     seen = json.loads(done.stdout)
     assert seen["errors"] == [] and seen["failed"] == []

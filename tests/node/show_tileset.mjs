@@ -35,7 +35,7 @@ globalThis.show = async (url, distance, errorTarget) => {
   scene.add(root);
   tiles.setCamera(camera);
   let box = null;
-  for (let still = 0; still < 20;) {
+  for (let still = 0; still < 5;) {
     const sphere = new three.Sphere();
     if (tiles.getBoundingSphere(sphere)) {
       // The middle of the cloud is where the camera looks, so that numbers are small where it is drawn.
@@ -94,7 +94,7 @@ async function main([executablePath, folder, pictures]) {
   await new Promise((done) => server.listen(0, "127.0.0.1", done));
   const url = `http://127.0.0.1:${server.address().port}`;
   const browser = await puppeteer.launch({
-    executablePath,
+    executablePath, protocolTimeout: 600000,
     args: ["--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--disable-background-networking",
       "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"],
   });
@@ -104,7 +104,7 @@ async function main([executablePath, folder, pictures]) {
     tab.on("pageerror", (error) => errors.push(String(error)));
     tab.on("console", (message) => message.type() === "error" && errors.push(message.text()));
     await tab.goto(url);
-    await tab.waitForFunction(() => globalThis.show, { timeout: 60000 });
+    await tab.waitForFunction(() => globalThis.show, { timeout: 300000 });
     const far = await tab.evaluate(() => show(new URL("set/tileset.json", location).href, 40, 1));
     const all = await tab.evaluate(() => show(new URL("set/tileset.json", location).href, 2, 1e-9));
     await tab.screenshot({ path: join(pictures, "tileset.png") });

@@ -24,13 +24,15 @@
 #include "core/base/version.h"
 #include "core/cloud/attribute_names.h"
 #include "core/io/out/mesh_attributes.h"
+#include "core/io/out/meshopt.h"
 #include "core/io/out/write.h"
 
 enum {
     GLB_HEADER_BYTES = 12,
     CHUNK_HEADER_BYTES = 8,
     JSON_FIXED_BYTES = 4096,
-    JSON_COLUMN_BYTES = 512,
+    JSON_COLUMN_BYTES = 1024,
+    TYPE_I8 = 5120,
     TYPE_U16 = 5123,
     TYPE_U32 = 5125,
     TYPE_F32 = 5126,
@@ -57,27 +59,49 @@ struct plan {
     bool moved; /* positions are relative to origin */
     vec3 origin;
     bool points; /* without faces; y is upwards */
+    struct glb_packing packing;
+    double step; /* quantised: what a position's whole numbers are multiplied by, from origin on */
+    /* Compressed: all columns, then the indices, one behind the other; each ends at end[i].  Owned. */
+    struct sink packed;
+    size_t end[CLOUD_MAX_PROPERTIES + 1];
     size_t count;
     struct column column[CLOUD_MAX_PROPERTIES];
 };
 
 /* ------------------------------------------------------------------------------------------------ plan */
 
-static void glb_find_origin(struct plan *plan) {
-    const struct mesh *mesh = plan->mesh;
-    plan->moved = !mesh_attributes_fit_f32(mesh);
-    for (int axis = 0; plan->moved && axis < 3; axis++) {
-        double low = INFINITY, high = -INFINITY;
+static void find_box(const struct mesh *mesh, double low[3], double high[3]) {
+    for (int axis = 0; axis < 3; axis++) {
+        low[axis] = INFINITY, high[axis] = -INFINITY;
         for (size_t v = 0; v < mesh->vertex_count; v++) {
-            low = fmin(low, (&mesh->vertex[v].x)[axis]);
-            high = fmax(high, (&mesh->vertex[v].x)[axis]);
+            low[axis] = fmin(low[axis], (&mesh->vertex[v].x)[axis]);
+            high[axis] = fmax(high[axis], (&mesh->vertex[v].x)[axis]);
         }
-        (&plan->origin.x)[axis] = low / 2 + high / 2;
     }
 }
 
+static void glb_find_origin(struct plan *plan) {
+    double low[3], high[3];
+    plan->moved = !mesh_attributes_fit_f32(plan->mesh);
+    if (!plan->moved) return;
+    find_box(plan->mesh, low, high);
+    for (int axis = 0; axis < 3; axis++) (&plan->origin.x)[axis] = low[axis] / 2 + high[axis] / 2;
+}
+
+/* Whole numbers of 16 bits from the lowest corner on, with the same step along all axes, which normals need. */
+static void find_steps(struct plan *plan) {
+    double low[3], high[3], most = 0;
+    if (!plan->packing.quantized || !plan->mesh->vertex_count) return;
+    find_box(plan->mesh, low, high);
+    for (int axis = 0; axis < 3; axis++) most = fmax(most, high[axis] - low[axis]);
+    plan->origin = (vec3){low[0], low[1], low[2]};
+    plan->step = most > 0 ? most / UINT16_MAX : 1;
+    plan->moved = true;
+}
+
 static float position_of(const struct plan *plan, size_t v, int axis) {
-    return (float)((&plan->mesh->vertex[v].x)[axis] - (&plan->origin.x)[axis]);
+    double from = (&plan->mesh->vertex[v].x)[axis] - (&plan->origin.x)[axis];
+    return (float)(plan->step > 0 ? nearbyint(from / plan->step) : from);
 }
 
 /* glTF's code of a property's type, or 0 where an attribute can't have it. */
@@ -120,25 +144,35 @@ static void glb_add_properties(struct plan *plan) {
 }
 
 static void add_columns(struct plan *plan) {
-    plan->column[plan->count++] = (struct column){COLUMN_POSITION, NULL, "POSITION", "VEC3", TYPE_F32, 12, false};
+    bool whole = plan->packing.quantized;
+    find_steps(plan);
+    plan->column[plan->count++] =
+        (struct column){COLUMN_POSITION, NULL, "POSITION", "VEC3", whole ? TYPE_U16 : TYPE_F32, whole ? 8 : 12, false};
     if (plan->attributes.normal[0])
-        plan->column[plan->count++] = (struct column){COLUMN_NORMAL, NULL, "NORMAL", "VEC3", TYPE_F32, 12, false};
+        plan->column[plan->count++] =
+            (struct column){COLUMN_NORMAL, NULL, "NORMAL", "VEC3", whole ? TYPE_I8 : TYPE_F32, whole ? 4 : 12, whole};
     if (plan->attributes.colour[0])
         plan->column[plan->count++] = (struct column){COLUMN_COLOUR, NULL, "COLOR_0", "VEC4", TYPE_U16, 8, true};
     glb_add_properties(plan);
 }
 
-static void plan_mesh(struct plan *plan, const struct mesh *mesh, const struct cloud *cloud) {
-    *plan = (struct plan){.mesh = mesh};
+static void plan_mesh(struct plan *plan, const struct mesh *mesh, const struct cloud *cloud,
+                      const struct glb_packing *packing) {
+    *plan = (struct plan){.mesh = mesh, .packing = *packing};
     mesh_attributes_find(mesh, cloud, &plan->attributes);
     glb_find_origin(plan);
     add_columns(plan);
 }
 
-static uint64_t binary_bytes(const struct plan *plan) {
+/* Of all views as they are when they have been read. */
+static uint64_t plain_bytes(const struct plan *plan) {
     uint64_t bytes = (uint64_t)plan->mesh->triangle_count * 12;
     for (size_t i = 0; i < plan->count; i++) bytes += (uint64_t)plan->mesh->vertex_count * plan->column[i].stride;
     return bytes;
+}
+
+static uint64_t binary_bytes(const struct plan *plan) {
+    return plan->packing.compressed ? (plan->packed.used + 3) / 4 * 4 : plain_bytes(plan);
 }
 
 /* ------------------------------------------------------------------------------------------------ JSON */
@@ -182,30 +216,66 @@ static void add_accessors(struct text *text, const struct plan *plan) {
     add(text, "],");
 }
 
+/* What a view of the plain bytes is made of. */
+static void add_packed(struct text *text, const struct plan *plan, size_t i, size_t stride, size_t n,
+                       const char *mode) {
+    size_t from = i ? plan->end[i - 1] : 0;
+    if (plan->packing.compressed)
+        add(text,
+            ",\"extensions\":{\"EXT_meshopt_compression\":{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":%zu,"
+            "\"byteStride\":%zu,\"mode\":\"%s\",\"count\":%zu}}",
+            from, plan->end[i] - from, stride, mode, n);
+}
+
 static void add_views(struct text *text, const struct plan *plan) {
     uint64_t at = 0;
+    int buffer = plan->packing.compressed;
+    const struct mesh *mesh = plan->mesh;
     add(text, "\"bufferViews\":[");
     for (size_t i = 0; i < plan->count; i++) {
-        uint64_t bytes = (uint64_t)plan->mesh->vertex_count * plan->column[i].stride;
-        add(text, "%s{\"buffer\":0,\"byteOffset\":%llu,\"byteLength\":%llu,\"byteStride\":%zu,\"target\":%d}",
-            i ? "," : "", (unsigned long long)at, (unsigned long long)bytes, plan->column[i].stride, TARGET_VERTICES);
+        size_t stride = plan->column[i].stride;
+        uint64_t bytes = (uint64_t)mesh->vertex_count * stride;
+        add(text, "%s{\"buffer\":%d,\"byteOffset\":%llu,\"byteLength\":%llu,\"byteStride\":%zu,\"target\":%d",
+            i ? "," : "", buffer, (unsigned long long)at, (unsigned long long)bytes, stride, TARGET_VERTICES);
+        add_packed(text, plan, i, stride, mesh->vertex_count, "ATTRIBUTES");
+        add(text, "}");
         at += bytes;
     }
-    if (!plan->points)
-        add(text, ",{\"buffer\":0,\"byteOffset\":%llu,\"byteLength\":%llu,\"target\":%d}", (unsigned long long)at,
-            (unsigned long long)plan->mesh->triangle_count * 12, TARGET_INDICES);
-    add(text, "],\"buffers\":[{\"byteLength\":%llu}]", (unsigned long long)binary_bytes(plan));
+    if (!plan->points) {
+        add(text, ",{\"buffer\":%d,\"byteOffset\":%llu,\"byteLength\":%llu,\"target\":%d", buffer,
+            (unsigned long long)at, (unsigned long long)mesh->triangle_count * 12, TARGET_INDICES);
+        add_packed(text, plan, plan->count, 4, 3 * mesh->triangle_count, "INDICES");
+        add(text, "}");
+    }
+    add(text, "],\"buffers\":[{\"byteLength\":%llu}", (unsigned long long)binary_bytes(plan));
+    if (plan->packing.compressed)
+        add(text, ",{\"byteLength\":%llu,\"extensions\":{\"EXT_meshopt_compression\":{\"fallback\":true}}}",
+            (unsigned long long)plain_bytes(plan));
+    add(text, "]");
+}
+
+/* The extensions that are used, and those without which nothing is seen. */
+static void add_extensions(struct text *text, const struct plan *plan, bool unlit) {
+    const char *compressed = plan->packing.compressed ? "\"EXT_meshopt_compression\"" : "";
+    const char *quantized = plan->packing.quantized ? "\"KHR_mesh_quantization\"" : "";
+    const char *between = *compressed && *quantized ? "," : "";
+    bool required = *compressed || *quantized;
+    if (required) add(text, "\"extensionsRequired\":[%s%s%s],", compressed, between, quantized);
+    if (required || unlit)
+        add(text, "\"extensionsUsed\":[%s%s%s%s%s],", compressed, between, quantized, required && unlit ? "," : "",
+            unlit ? "\"KHR_materials_unlit\"" : "");
 }
 
 static void add_mesh(struct text *text, const struct plan *plan) {
     add(text, "\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0");
     if (plan->moved) add(text, ",\"translation\":[%.17g,%.17g,%.17g]", plan->origin.x, plan->origin.y, plan->origin.z);
+    if (plan->step > 0) add(text, ",\"scale\":[%.17g,%.17g,%.17g]", plan->step, plan->step, plan->step);
     bool unlit = plan->points && !plan->attributes.normal[0];
     add(text, "}],\"materials\":[{\"pbrMetallicRoughness\":{\"metallicFactor\":0}%s}],",
         unlit          ? ",\"extensions\":{\"KHR_materials_unlit\":{}}"
         : plan->points ? ""
                        : ",\"doubleSided\":true");
-    if (unlit) add(text, "\"extensionsUsed\":[\"KHR_materials_unlit\"],");
+    add_extensions(text, plan, unlit);
     add(text, "\"meshes\":[{\"primitives\":[{\"attributes\":{");
     for (size_t i = 0; i < plan->count; i++) add(text, "%s\"%s\":%zu", i ? "," : "", plan->column[i].name, i);
     if (plan->points)
@@ -244,11 +314,29 @@ static void put_f32(struct sink *sink, float value) {
 }
 
 /* As it is where it is about a unit long, as the format wants; else made so. */
-static void put_normal(struct sink *sink, vec3 n) {
+static void put_normal(struct sink *sink, const struct plan *plan, vec3 n) {
     double length = vec3_length(n);
     if (!(length > 0) || !isfinite(length)) n = (vec3){0, 0, 1}, length = 1;
     if (fabs(length - 1) > 1e-3) n = vec3_scale(n, 1 / length);
-    put_f32(sink, (float)n.x), put_f32(sink, (float)n.y), put_f32(sink, (float)n.z);
+    if (!plan->packing.quantized) {
+        put_f32(sink, (float)n.x), put_f32(sink, (float)n.y), put_f32(sink, (float)n.z);
+        return;
+    }
+    const int8_t whole[4] = {(int8_t)nearbyint(n.x * INT8_MAX), (int8_t)nearbyint(n.y * INT8_MAX),
+                             (int8_t)nearbyint(n.z * INT8_MAX), 0};
+    sink_bytes(sink, whole, sizeof whole);
+}
+
+static void put_position(struct sink *sink, const struct plan *plan, size_t v) {
+    uint16_t whole[4] = {0};
+    for (int axis = 0; axis < 3; axis++) {
+        if (!plan->packing.quantized)
+            put_f32(sink, position_of(plan, v, axis));
+        else
+            whole[axis] = (uint16_t)position_of(plan, v, axis);
+    }
+    for (int k = 0; plan->packing.quantized && k < 4; k++)
+        cloud_write_scalar(sink, &whole[k], SCALAR_UINT16, ENCODING_BINARY);
 }
 
 /* z upwards, as tilesets have it, to y upwards, as glTF has it. */
@@ -274,12 +362,10 @@ static void put_property(struct sink *sink, const struct property *property, con
 static void put_cell(struct sink *sink, const struct plan *plan, const struct column *column, size_t v) {
     double rgba[4];
     switch (column->kind) {
-    case COLUMN_POSITION:
-        for (int axis = 0; axis < 3; axis++) put_f32(sink, position_of(plan, v, axis));
-        break;
+    case COLUMN_POSITION: put_position(sink, plan, v); break;
     case COLUMN_NORMAL: {
         vec3 n = mesh_attributes_normal(&plan->attributes, v);
-        put_normal(sink, plan->points ? turn_y_up(n) : n);
+        put_normal(sink, plan, plan->points ? turn_y_up(n) : n);
         break;
     }
     case COLUMN_COLOUR:
@@ -290,12 +376,45 @@ static void put_cell(struct sink *sink, const struct plan *plan, const struct co
     }
 }
 
+static void put_column(struct sink *sink, const struct plan *plan, const struct column *column) {
+    for (size_t v = 0; v < plan->mesh->vertex_count && !sink->failure; v++) put_cell(sink, plan, column, v);
+}
+
 static void put_binary(struct sink *sink, const struct plan *plan) {
+    static const unsigned char nothing[3];
     const struct mesh *mesh = plan->mesh;
-    for (size_t i = 0; i < plan->count; i++)
-        for (size_t v = 0; v < mesh->vertex_count && !sink->failure; v++) put_cell(sink, plan, &plan->column[i], v);
+    if (plan->packing.compressed) {
+        sink_bytes(sink, plan->packed.buffer, plan->packed.used);
+        sink_bytes(sink, nothing, binary_bytes(plan) - plan->packed.used);
+        return;
+    }
+    for (size_t i = 0; i < plan->count; i++) put_column(sink, plan, &plan->column[i]);
     for (size_t t = 0; t < mesh->triangle_count && !sink->failure; t++)
         for (int k = 0; k < 3; k++) put_u32(sink, mesh->triangle[t][k]);
+}
+
+/* Compresses all views, where that is asked for. */
+static enum status pack(struct plan *plan) {
+    struct sink plain;
+    if (!plan->packing.compressed || !has_content(plan)) {
+        plan->packing.compressed = false;
+        return STATUS_OK;
+    }
+    if (sink_init_memory(&plan->packed)) return STATUS_NO_MEMORY;
+    enum status status = sink_init_memory(&plain);
+    for (size_t i = 0; i < plan->count && !status; i++) {
+        sink_restart(&plain);
+        put_column(&plain, plan, &plan->column[i]);
+        if (plain.failure) status = STATUS_NO_MEMORY;
+        if (!status)
+            meshopt_put_attributes(&plan->packed, plain.buffer, plan->mesh->vertex_count, plan->column[i].stride);
+        plan->end[i] = plan->packed.used;
+    }
+    if (!status && !plan->points)
+        meshopt_put_indices(&plan->packed, &plan->mesh->triangle[0][0], 3 * plan->mesh->triangle_count);
+    plan->end[plan->count] = plan->packed.used;
+    free(plain.buffer);
+    return status || plan->packed.failure ? STATUS_NO_MEMORY : STATUS_OK;
 }
 
 /* ------------------------------------------------------------------------------------------------ the whole */
@@ -303,7 +422,10 @@ static void put_binary(struct sink *sink, const struct plan *plan) {
 static void glb_note(const struct plan *plan, const struct cloud *cloud, struct left_out *left_out) {
     bool rounded = false;
     mesh_attributes_note(&plan->attributes, cloud, "mesh.glb", glb_keeps, false, left_out);
-    for (size_t v = 0; plan->moved && !rounded && v < plan->mesh->vertex_count; v++)
+    if (plan->step > 0)
+        left_out_add(left_out, "mesh.glb", "precision: coordinates are whole numbers of 16 bits, off by up to %.2g",
+                     plan->step / 2);
+    for (size_t v = 0; plan->moved && !(plan->step > 0) && !rounded && v < plan->mesh->vertex_count; v++)
         for (int axis = 0; axis < 3; axis++)
             rounded = rounded ||
                       (double)position_of(plan, v, axis) + (&plan->origin.x)[axis] != (&plan->mesh->vertex[v].x)[axis];
@@ -334,14 +456,15 @@ static void put_whole(struct sink *sink, const struct plan *plan, const struct t
     if (binary) put_binary(sink, plan);
 }
 
-enum status mesh_write_glb(int fd, const struct mesh *mesh, const struct cloud *cloud, struct left_out *left_out,
-                           struct error *error) {
+enum status mesh_write_glb(int fd, const struct mesh *mesh, const struct cloud *cloud,
+                           const struct glb_packing *packing, struct left_out *left_out, struct error *error) {
     struct plan plan;
     struct sink sink = {0};
-    plan_mesh(&plan, mesh, cloud);
-    struct text json = make_json(&plan);
-    enum status status = STATUS_OK;
-    if (!json.bytes || sink_init(&sink, fd))
+    struct text json = {0};
+    plan_mesh(&plan, mesh, cloud, packing);
+    enum status status = pack(&plan);
+    if (!status) json = make_json(&plan);
+    if (status || !json.bytes || sink_init(&sink, fd))
         status = error_set(error, STATUS_NO_MEMORY, "write", "no memory for a buffer");
     else if (whole_bytes(&plan, &json) > UINT32_MAX || mesh->vertex_count >= UINT32_MAX)
         status = error_set(error, STATUS_LIMIT, "write", "the mesh is larger than the 4 GiB that glTF can hold");
@@ -349,7 +472,7 @@ enum status mesh_write_glb(int fd, const struct mesh *mesh, const struct cloud *
         glb_note(&plan, cloud, left_out);
         put_whole(&sink, &plan, &json);
     }
-    free(json.bytes);
+    free(json.bytes), free(plan.packed.buffer);
     return sink_done(&sink, status, error);
 }
 
@@ -369,13 +492,16 @@ enum status cloud_put_glb(struct sink *sink, const struct glb_points *points) {
     for (size_t i = 0; i < points->n; i++) place[i] = turn_y_up(points->position[i]);
     const struct mesh mesh = {.vertex_count = points->n, .vertex = place, .source = (uint32_t *)(uintptr_t)points->ids};
     struct plan plan = {.mesh = &mesh, .attributes = *points->attributes, .points = true, .moved = true};
+    struct text json = {0};
+    plan.packing = points->packing;
     plan.attributes.mesh = &mesh;
     plan.origin = turn_y_up(points->centre);
     add_columns(&plan);
-    struct text json = make_json(&plan);
-    enum status status = json.bytes ? STATUS_OK : STATUS_NO_MEMORY;
+    enum status status = pack(&plan);
+    if (!status) json = make_json(&plan);
+    if (!json.bytes) status = STATUS_NO_MEMORY;
     if (!status && whole_bytes(&plan, &json) > UINT32_MAX) status = STATUS_LIMIT;
     if (!status) put_whole(sink, &plan, &json);
-    free(json.bytes), free(place);
+    free(json.bytes), free(place), free(plan.packed.buffer);
     return status;
 }

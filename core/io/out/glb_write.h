@@ -11,6 +11,14 @@
 #include "core/io/out/sink.h"
 #include "core/mesh/mesh.h"
 
+/* How numbers are written.  Quantized (KHR_mesh_quantization): positions as whole numbers of 16 bits from the lowest
+ * corner on, off by up to half a 65 535th of the box's longest side along each axis; normals of 8 bits.  Compressed
+ * (EXT_meshopt_compression): all views, without loss; most of what is read so is half as long, or a third where it is
+ * quantized.  Who reads the file must know the extension. */
+struct glb_packing {
+    bool quantized, compressed;
+};
+
 /* One scene of one node of one mesh.  Positions are float32: exact where all coordinates fit, else relative to the
  * centre of the bounding box, which the node's translation then holds.  NORMAL where all vertices have a normal,
  * COLOR_0 (linear, uint16) where all have a colour, which is taken for sRGB; other properties of 1- and 2-byte integers
@@ -19,7 +27,8 @@
  * cloud (NULL = none) is what mesh->source refers to.  fd stays open and isn't synced.  What can't be held goes to
  * left_out (may be NULL) under "mesh.glb".  STATUS_IO (with the reason), STATUS_NO_MEMORY, STATUS_LIMIT for more than 4
  * GiB.  O(size). */
-enum status mesh_write_glb(int fd, const struct mesh *mesh, const struct cloud *cloud, struct left_out *left_out,
+enum status mesh_write_glb(int fd, const struct mesh *mesh, const struct cloud *cloud,
+                           const struct glb_packing *packing, struct left_out *left_out,
                            struct error *error) MUST_CHECK;
 
 /* Points of a tileset's tile.  Coordinates are those of the tileset, whose z points upwards; in the file y does, as
@@ -29,7 +38,8 @@ struct glb_points {
     const uint32_t *ids;                      /* n of the cloud's points */
     const vec3 *position;                     /* of each */
     size_t n;                                 /* at least 1 */
-    vec3 centre;                              /* what coordinates are float32 around; the node's translation */
+    struct glb_packing packing;
+    vec3 centre; /* what coordinates are float32 around; the node's translation */
 };
 
 /* Puts one scene of one node of one primitive of mode POINTS: POSITION, NORMAL and COLOR_0 as above, intensity and

@@ -174,6 +174,14 @@ enum status cloud_build_triangle(struct cloud_build *build, uint32_t a, uint32_t
     return cloud_build_append(&build->cloud, &build->triangles, a, b, c, build->error);
 }
 
+void cloud_build_renumber(struct cloud_build *build, const uint32_t *id, size_t count) {
+    for (size_t t = 0; t < build->cloud.triangle_count; t++)
+        for (int k = 0; k < 3; k++) {
+            uint32_t *corner = &build->cloud.triangle[t][k];
+            if (UINT32_MAX - 1 - *corner < count) *corner = id[UINT32_MAX - 1 - *corner];
+        }
+}
+
 /* ------------------------------------------------------------------------------------------------ notes */
 
 /* Appends a line to a text, unless it would become too long.  STATUS_NO_MEMORY. */

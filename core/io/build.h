@@ -67,6 +67,9 @@ enum status cloud_build_triangle(struct cloud_build *build, uint32_t a, uint32_t
 enum status cloud_build_append(struct cloud *cloud, struct triangle_room *room, uint32_t a, uint32_t b, uint32_t c,
                                struct error *error) MUST_CHECK;
 
+/* Corners that were added as UINT32_MAX - 1 - i, i < count, become id[i]. */
+void cloud_build_renumber(struct cloud_build *build, const uint32_t *id, size_t count);
+
 /* Notes what the file has and a cloud can't hold; one line.  A note that is there already isn't added again.
  * STATUS_NO_MEMORY.  The first is for readers that fill a cloud of their own. */
 enum status cloud_leave_out(struct cloud *cloud, const char *what) MUST_CHECK;

@@ -145,6 +145,47 @@ def notes_of(report):
     return " ".join(note["what"] for note in report["left_out"])
 
 
+def test_an_obj_with_texture_coordinates_at_its_corners_keeps_them(tmp_path):
+    vertices, faces = tube()
+    number = {}
+    for v in vertices:
+        number.setdefault(v[:3], len(number) + 1)
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in number] + [f"vt {v[3]!r} {v[4]!r}" for v in vertices]
+    lines += ["f " + " ".join(f"{number[vertices[v][:3]]}/{v + 1}" for v in f) for f in faces]
+    path = tmp_path / "tube.obj"
+    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+    report, properties, found, triangles = simplify(path, tmp_path, "--ratio", 0.2)
+    assert report["input"]["points"] == len(vertices) and report["input"]["points_distinct"] == len(number)
+    assert properties == ["x", "y", "z", "s", "t"] and report["mesh"]["vertices_split"] > 1
+    assert set(found) <= set(vertices)
+    assert all(max(found[v][3] for v in f) - min(found[v][3] for v in f) < 0.4 for f in triangles)
+    done = run(path, "--ratio", 0.2, "--outputs", "mesh.obj,mesh.glb", "-o", tmp_path)
+    assert done.returncode == 0, done.stderr
+    written = [line.split() for line in (tmp_path / "mesh.obj").read_text(encoding="ascii").splitlines()]
+    assert [tuple(map(float, words[1:])) for words in written if words[0] == "vt"] == [v[3:] for v in found]
+    assert [tuple(int(word.split("/")[1]) - 1 for word in words[1:]) for words in written if words[0] == "f"] == triangles
+    glb = (tmp_path / "mesh.glb").read_bytes()
+    size = struct.unpack_from("<I", glb, 12)[0]
+    described = json.loads(glb[20:20 + size])
+    accessor = described["accessors"][described["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"]]
+    view = described["bufferViews"][accessor["bufferView"]]
+    places = list(struct.iter_unpack("<2f", glb[28 + size + view["byteOffset"]:][:view["byteLength"]]))
+    assert len(places) == len(found)
+    assert all(p == pytest.approx((v[3], 1 - v[4]), abs=1e-6) for p, v in zip(places, found)), "downwards, in glTF"
+
+
+def test_texture_coordinates_of_each_face_s_own_are_left_out(tmp_path):
+    vertices, faces = torus()
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices] + [f"vt {i / 4} {i / 9}" for i in range(4 * len(faces))]
+    lines += ["f " + " ".join(f"{v + 1}/{4 * i + k + 1}" for k, v in enumerate(f)) for i, f in enumerate(faces)]
+    path = tmp_path / "torus.obj"
+    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+    report, properties, found, _ = simplify(path, tmp_path, "--ratio", 0.2)
+    assert properties == ["x", "y", "z"] and len(found) == len(vertices) // 5
+    assert report["input"]["points"] == len(vertices) and report["mesh"]["watertight"]
+    assert "texture coordinates" in notes_of(report)
+
+
 def test_faces_that_face_against_each_other_are_turned(tmp_path):
     vertices, faces = torus()
     faces = [tuple(reversed(f)) if i % 5 == 0 else f for i, f in enumerate(faces)]

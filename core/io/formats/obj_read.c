@@ -10,7 +10,9 @@
  *
  * A point of a cloud has one normal, a vertex of OBJ as many as it has corners.  Normals become properties nx, ny, nz
  * (texture coordinates s, t) where every vertex has exactly one: all corners at it refer to equal ones, or there are no
- * faces and as many normals as vertices.  Else they are left out, and that is noted.
+ * faces and as many normals as vertices.  Where texture coordinates differ at a few vertices, those of a seam, these
+ * have copies behind all vertices, one for each of the others that corners refer to.  Else they are left out, and that
+ * is noted.
  *
  * Invariant: table.count is the number of lines of its kind that came so far; of_vertex[i] is NONE or < attribute
  * count.
@@ -28,7 +30,7 @@
 #include "core/io/first_bytes.h"
 #include "core/io/text_scanner.h"
 
-enum { MAX_WIDTH = 8, FIRST_ROWS = 1024 };
+enum { MAX_WIDTH = 8, FIRST_ROWS = 1024, COPIES_SHARE = 4 /* of the vertices */, COPIES_MOST = 256 /* of one */ };
 
 /* Rows of numbers, all as wide as the first. */
 struct table {
@@ -42,6 +44,12 @@ struct attribute {
     uint32_t *of_vertex; /* which row each vertex has; NONE: none yet; owned */
     size_t capacity;     /* of of_vertex */
     bool used, differs;  /* corners refer to it; two corners of one vertex to different rows */
+    uint32_t *copy_of;   /* of each vertex the first of its copies, or NONE; owned; capacity as of_vertex */
+};
+
+/* A vertex once more, with another row of texture coordinates. */
+struct copy {
+    uint32_t vertex, row, next; /* next: of the same vertex, or NONE */
 };
 
 enum { NORMALS, TEXTURE, ATTRIBUTES };
@@ -53,6 +61,9 @@ struct reader {
     uint64_t *vertex_line; /* of each vertex, for errors; owned */
     size_t line_capacity;
     struct attribute attribute[ATTRIBUTES];
+    struct copy *copy; /* owned */
+    size_t copies, copy_capacity;
+    bool too_many;                  /* copies would be */
     uint64_t largest, largest_line; /* index of a vertex, from 1, that a face has used, and where */
 };
 
@@ -131,6 +142,36 @@ static bool same_row(const struct table *table, uint32_t a, uint32_t b) {
                             table->width * sizeof *table->value) == 0;
 }
 
+/* The number that a corner at a copy has until it is known how many vertices there are. */
+static uint32_t corner_of_copy(size_t i) { return UINT32_MAX - 1 - (uint32_t)i; }
+
+/* The corner has texture coordinates other than those that its vertex came with: it becomes one of a copy. */
+static enum status copy_vertex(struct reader *r, uint32_t row, uint32_t *vertex) {
+    struct attribute *a = &r->attribute[TEXTURE];
+    uint32_t *last = &a->copy_of[*vertex];
+    for (int i = 0; *last != NONE; last = &r->copy[*last].next) {
+        if (same_row(&a->table, r->copy[*last].row, row)) {
+            *vertex = corner_of_copy(*last);
+            return STATUS_OK;
+        }
+        if (++i == COPIES_MOST) r->too_many = true;
+    }
+    if (r->copies > r->vertex.count / COPIES_SHARE) r->too_many = true;
+    if (r->too_many) return STATUS_OK;
+    uint32_t index = (uint32_t)r->copies;
+    *last = index; /* before the copies are moved */
+    if (r->copies == r->copy_capacity) {
+        size_t capacity = r->copies + r->copies / 2 + FIRST_ROWS;
+        struct copy *grown = alloc_resize(r->copy, capacity, sizeof *grown);
+        if (!grown) return obj_no_memory(r);
+        r->copy = grown;
+        r->copy_capacity = capacity;
+    }
+    r->copy[r->copies++] = (struct copy){*vertex, row, NONE};
+    *vertex = corner_of_copy(index);
+    return STATUS_OK;
+}
+
 /* A corner at this vertex has row `row` of the attribute. */
 static enum status refer(struct reader *r, struct attribute *a, uint32_t vertex, uint32_t row) {
     if (vertex >= a->capacity) {
@@ -139,6 +180,10 @@ static enum status refer(struct reader *r, struct attribute *a, uint32_t vertex,
         if (!grown) return obj_no_memory(r);
         memset(grown + a->capacity, 0xff, (capacity - a->capacity) * sizeof *grown);
         a->of_vertex = grown;
+        uint32_t *copies = alloc_resize(a->copy_of, capacity, sizeof *copies);
+        if (!copies) return obj_no_memory(r);
+        memset(copies + a->capacity, 0xff, (capacity - a->capacity) * sizeof *copies);
+        a->copy_of = copies;
         a->capacity = capacity;
     }
     a->used = true;
@@ -174,7 +219,7 @@ static enum status take_corner(struct reader *r, const struct scan_word *word, u
     if (!obj_split(word, part, &parts) || !scan_i64(&part[0], &number)) return bad_corner(r, word, "is no vertex");
     if (!resolve(number, r->vertex.count, &index) || index >= NONE) return bad_corner(r, word, "is out of range");
     if (index >= r->largest) r->largest = index + 1, r->largest_line = r->scan.line;
-    *vertex = (uint32_t)index;
+    uint32_t of = *vertex = (uint32_t)index;
     if (index >= r->vertex.count) return STATUS_OK; /* defined later, if at all */
     for (size_t k = 1; k < parts; k++) {
         struct attribute *a = &r->attribute[attribute_of_part[k]];
@@ -182,7 +227,9 @@ static enum status take_corner(struct reader *r, const struct scan_word *word, u
         if (!scan_i64(&part[k], &number)) return bad_corner(r, word, "has no whole numbers");
         if (!resolve(number, a->table.count, &index) || index >= a->table.count || index >= NONE)
             return bad_corner(r, word, k == 1 ? "has a texture index out of range" : "has a normal out of range");
-        enum status status = refer(r, a, *vertex, (uint32_t)index);
+        enum status status = refer(r, a, of, (uint32_t)index);
+        if (!status && k == 1 && !same_row(&a->table, a->of_vertex[of], (uint32_t)index))
+            status = copy_vertex(r, (uint32_t)index, vertex);
         if (status) return status;
     }
     return STATUS_OK;
@@ -251,10 +298,16 @@ static enum status take_lines(struct reader *r) {
 
 /* ------------------------------------------------------------------------------------------------ the cloud */
 
-/* Whether each vertex has exactly one row. */
+static bool copies_are_few(const struct reader *r) {
+    return r->copies && !r->too_many && r->copies <= r->vertex.count / COPIES_SHARE &&
+           r->vertex.count + r->copies <= r->build.max_points;
+}
+
+/* Whether each vertex, or each copy of it, has exactly one row. */
 static bool is_of_vertices(const struct reader *r, const struct attribute *a) {
     if (!a->used) return r->build.cloud.triangle_count == 0 && a->table.count == r->vertex.count;
-    if (a->differs || a->capacity < r->vertex.count) return false;
+    bool copied = a == &r->attribute[TEXTURE] && copies_are_few(r);
+    if ((a->differs && !copied) || a->capacity < r->vertex.count) return false;
     for (size_t i = 0; i < r->vertex.count; i++)
         if (a->of_vertex[i] == NONE) return false;
     return true;
@@ -287,24 +340,41 @@ static enum status obj_describe(struct reader *r, bool keeps[ATTRIBUTES]) {
     return status;
 }
 
+/* Corners of copies get the copies' numbers behind all vertices, or where there are none those of the vertices. */
+static enum status number_copies(struct reader *r, bool kept) {
+    uint32_t *id = alloc_array(r->copies, sizeof *id);
+    if (!id) return obj_no_memory(r);
+    for (size_t i = 0; i < r->copies; i++) id[i] = kept ? (uint32_t)(r->vertex.count + i) : r->copy[i].vertex;
+    cloud_build_renumber(&r->build, id, r->copies);
+    free(id);
+    return STATUS_OK;
+}
+
+/* The point of vertex i, or of this copy of it (NULL: itself). */
+static enum status make_point(struct reader *r, const bool keeps[ATTRIBUTES], size_t i, const struct copy *copy) {
+    double record[(ATTRIBUTES + 1) * MAX_WIDTH];
+    size_t used = r->vertex.width;
+    memcpy(record, r->vertex.value + i * used, used * sizeof *record);
+    for (int k = 0; k < ATTRIBUTES; k++) {
+        const struct attribute *a = &r->attribute[k];
+        if (!keeps[k]) continue;
+        size_t row = copy && k == TEXTURE ? copy->row : a->used ? a->of_vertex[i] : i;
+        memcpy(record + used, a->table.value + row * a->table.width, a->table.width * sizeof *record);
+        used += a->table.width;
+    }
+    return cloud_build_point(&r->build, record, (struct cloud_place){r->vertex_line[i], r->build.bytes});
+}
+
 static enum status make_points(struct reader *r) {
     bool keeps[ATTRIBUTES] = {0};
-    double record[(ATTRIBUTES + 1) * MAX_WIDTH];
     if (!r->vertex.count) return STATUS_OK;
     enum status status = obj_describe(r, keeps);
-    if (!status) status = cloud_build_room(&r->build, r->vertex.count);
-    for (size_t i = 0; !status && i < r->vertex.count; i++) {
-        size_t used = r->vertex.width;
-        memcpy(record, r->vertex.value + i * used, used * sizeof *record);
-        for (int k = 0; k < ATTRIBUTES; k++) {
-            const struct attribute *a = &r->attribute[k];
-            if (!keeps[k]) continue;
-            size_t row = a->used ? a->of_vertex[i] : i;
-            memcpy(record + used, a->table.value + row * a->table.width, a->table.width * sizeof *record);
-            used += a->table.width;
-        }
-        status = cloud_build_point(&r->build, record, (struct cloud_place){r->vertex_line[i], r->build.bytes});
-    }
+    bool copied = keeps[TEXTURE] && r->copies;
+    if (!status && r->copies) status = number_copies(r, copied);
+    if (!status) status = cloud_build_room(&r->build, r->vertex.count + (copied ? r->copies : 0));
+    for (size_t i = 0; !status && i < r->vertex.count; i++) status = make_point(r, keeps, i, NULL);
+    for (size_t i = 0; !status && copied && i < r->copies; i++)
+        status = make_point(r, keeps, r->copy[i].vertex, &r->copy[i]);
     return status;
 }
 
@@ -337,7 +407,10 @@ enum status cloud_obj_read(const void *bytes, size_t n, const struct cloud_limit
     cloud_build_start(&r.build, "obj", n, limits, progress, error);
     enum status status = take_lines(&r);
     if (!status) status = make_points(&r);
-    free(r.vertex.value), free(r.vertex_line);
-    for (int k = 0; k < ATTRIBUTES; k++) free(r.attribute[k].table.value), free(r.attribute[k].of_vertex);
+    free(r.vertex.value), free(r.vertex_line), free(r.copy);
+    for (int k = 0; k < ATTRIBUTES; k++) {
+        free(r.attribute[k].table.value), free(r.attribute[k].of_vertex);
+        free(r.attribute[k].copy_of);
+    }
     return cloud_build_end(&r.build, status, cloud);
 }

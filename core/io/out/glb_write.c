@@ -5,7 +5,7 @@
  * Every attribute is a column of the binary part: one view, one accessor, described by a row of the plan.  The JSON
  * text is made of the plan first, since its length comes before it; then each column is written from the mesh.
  *
- *     POSITION | NORMAL | COLOR_0 | _NAME ... | indices
+ *     POSITION | NORMAL | COLOR_0 | TEXCOORD_0 | _NAME ... | indices
  *
  * A view of scalars of 1 or 2 bytes has a stride of 4, as the format demands.  Points have no indices.
  *
@@ -41,7 +41,7 @@ enum {
     MODE_POINTS = 0
 };
 
-enum column_kind { COLUMN_POSITION, COLUMN_NORMAL, COLUMN_COLOUR, COLUMN_PROPERTY };
+enum column_kind { COLUMN_POSITION, COLUMN_NORMAL, COLUMN_COLOUR, COLUMN_TEXTURE, COLUMN_PROPERTY };
 
 struct column {
     enum column_kind kind;
@@ -153,6 +153,8 @@ static void add_columns(struct plan *plan) {
             (struct column){COLUMN_NORMAL, NULL, "NORMAL", "VEC3", whole ? TYPE_I8 : TYPE_F32, whole ? 4 : 12, whole};
     if (plan->attributes.colour[0])
         plan->column[plan->count++] = (struct column){COLUMN_COLOUR, NULL, "COLOR_0", "VEC4", TYPE_U16, 8, true};
+    if (plan->attributes.texture[0])
+        plan->column[plan->count++] = (struct column){COLUMN_TEXTURE, NULL, "TEXCOORD_0", "VEC2", TYPE_F32, 8, false};
     glb_add_properties(plan);
 }
 
@@ -352,6 +354,12 @@ static void glb_put_colour(struct sink *sink, const double rgba[4]) {
     }
 }
 
+/* glTF's pictures begin at the top, others' at the bottom. */
+static void put_texture_place(struct sink *sink, const double st[2]) {
+    put_f32(sink, isfinite(st[0]) ? (float)st[0] : 0);
+    put_f32(sink, isfinite(st[1]) ? (float)(1 - st[1]) : 0);
+}
+
 static void put_property(struct sink *sink, const struct property *property, const unsigned char *record) {
     static const uint8_t nothing;
     cloud_write_scalar(sink, record + property->offset_bytes, property->type, ENCODING_BINARY);
@@ -360,7 +368,7 @@ static void put_property(struct sink *sink, const struct property *property, con
 }
 
 static void put_cell(struct sink *sink, const struct plan *plan, const struct column *column, size_t v) {
-    double rgba[4];
+    double rgba[4], st[2];
     switch (column->kind) {
     case COLUMN_POSITION: put_position(sink, plan, v); break;
     case COLUMN_NORMAL: {
@@ -371,6 +379,10 @@ static void put_cell(struct sink *sink, const struct plan *plan, const struct co
     case COLUMN_COLOUR:
         mesh_attributes_colour(&plan->attributes, v, rgba);
         glb_put_colour(sink, rgba);
+        break;
+    case COLUMN_TEXTURE:
+        mesh_attributes_texture(&plan->attributes, v, st);
+        put_texture_place(sink, st);
         break;
     case COLUMN_PROPERTY: put_property(sink, column->from, mesh_attributes_record(&plan->attributes, v)); break;
     }

@@ -45,11 +45,16 @@ void mesh_attributes_find(const struct mesh *mesh, const struct cloud *cloud, st
         if (!attributes->normal[k]) memset(attributes->normal, 0, sizeof attributes->normal);
         if (!attributes->colour[k]) memset(attributes->colour, 0, sizeof attributes->colour);
     }
+    if (!attribute_find_texture(cloud, attributes->texture)) memset(attributes->texture, 0, sizeof attributes->texture);
     if (attributes->colour[0]) attributes->colour_scale = find_scale(attributes);
 }
 
 vec3 mesh_attributes_normal(const struct mesh_attributes *a, size_t v) {
     return (vec3){load(a, a->normal[0], v), load(a, a->normal[1], v), load(a, a->normal[2], v)};
+}
+
+void mesh_attributes_texture(const struct mesh_attributes *a, size_t v, double st[2]) {
+    for (int k = 0; k < 2; k++) st[k] = load(a, a->texture[k], v);
 }
 
 void mesh_attributes_colour(const struct mesh_attributes *a, size_t v, double rgba[4]) {
@@ -68,6 +73,8 @@ bool mesh_attributes_knows(const struct mesh_attributes *attributes, const struc
         if (attributes->normal[k] == property) return true;
     for (int k = 0; k < 4; k++)
         if (attributes->colour[k] == property) return true;
+    for (int k = 0; k < 2; k++)
+        if (attributes->texture[k] == property) return true;
     return false;
 }
 

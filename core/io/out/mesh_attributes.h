@@ -1,4 +1,5 @@
-/* What a mesh's vertices have from the points that they stand for: normals and colours, for formats that know these.
+/* What a mesh's vertices have from the points that they stand for: normals, colours and texture coordinates, for
+ * formats that know these.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_IO_OUT_MESH_ATTRIBUTES_H
@@ -12,11 +13,12 @@
 #include "core/mesh/mesh.h"
 
 struct mesh_attributes {
-    const struct mesh *mesh;          /* borrowed */
-    const struct cloud *cloud;        /* borrowed; NULL: some vertex has no point, so there are no attributes */
-    const struct property *normal[3]; /* nx, ny, nz; all NULL where there are none */
-    const struct property *colour[4]; /* red, green, blue, alpha; likewise; alpha may be NULL alone */
-    double colour_scale;              /* what a colour's number is multiplied by to lie in 0 .. 1 */
+    const struct mesh *mesh;           /* borrowed */
+    const struct cloud *cloud;         /* borrowed; NULL: some vertex has no point, so there are no attributes */
+    const struct property *normal[3];  /* nx, ny, nz; all NULL where there are none */
+    const struct property *colour[4];  /* red, green, blue, alpha; likewise; alpha may be NULL alone */
+    const struct property *texture[2]; /* s, t; likewise */
+    double colour_scale;               /* what a colour's number is multiplied by to lie in 0 .. 1 */
 };
 
 /* cloud may be NULL.  O(vertices). */
@@ -28,10 +30,13 @@ const unsigned char *mesh_attributes_record(const struct mesh_attributes *attrib
 /* The normal of vertex v as it is in the cloud, where there are normals. */
 vec3 mesh_attributes_normal(const struct mesh_attributes *attributes, size_t v);
 
+/* Its texture coordinates, where there are any. */
+void mesh_attributes_texture(const struct mesh_attributes *attributes, size_t v, double st[2]);
+
 /* Its colour and opacity, each 0 .. 1, where there are colours. */
 void mesh_attributes_colour(const struct mesh_attributes *attributes, size_t v, double rgba[4]);
 
-/* Whether property j is x, y, z, or among the normals and colours that were found. */
+/* Whether property j is x, y, z, or among the normals, colours and texture coordinates that were found. */
 bool mesh_attributes_is_position(const struct cloud *cloud, size_t j);
 bool mesh_attributes_knows(const struct mesh_attributes *attributes, const struct property *property);
 

@@ -40,7 +40,18 @@ static void put_vertices(struct sink *sink, const struct mesh *mesh, const struc
     }
 }
 
-static void put_triangles(struct sink *sink, const struct mesh *mesh, bool normals) {
+static void put_texture(struct sink *sink, const struct mesh *mesh, const struct mesh_attributes *attributes) {
+    bool narrow = attributes->texture[0] && attributes->texture[0]->type == SCALAR_FLOAT32;
+    for (size_t v = 0; attributes->texture[0] && v < mesh->vertex_count && !sink->failure; v++) {
+        double st[2];
+        mesh_attributes_texture(attributes, v, st);
+        sink_text(sink, "vt");
+        for (int k = 0; k < 2; k++) obj_put_number(sink, st[k], narrow);
+        sink_text(sink, "\n");
+    }
+}
+
+static void put_triangles(struct sink *sink, const struct mesh *mesh, bool texture, bool normals) {
     int tag = -1;
     for (size_t t = 0; t < mesh->triangle_count && !sink->failure; t++) {
         if (mesh->tag && mesh->tag[t] != tag) {
@@ -50,7 +61,9 @@ static void put_triangles(struct sink *sink, const struct mesh *mesh, bool norma
         sink_text(sink, "f");
         for (int k = 0; k < 3; k++) {
             unsigned long id = (unsigned long)mesh->triangle[t][k] + 1;
-            sink_format(sink, normals ? " %lu//%lu" : " %lu", id, id);
+            sink_format(sink, " %lu", id);
+            if (texture) sink_format(sink, "/%lu", id);
+            if (normals) sink_format(sink, texture ? "/%lu" : "//%lu", id);
         }
         sink_text(sink, "\n");
     }
@@ -70,6 +83,7 @@ enum status mesh_write_obj(int fd, const struct mesh *mesh, const struct cloud *
     bool narrow = mesh_attributes_fit_f32(mesh) && cloud;
     for (int axis = 0; narrow && axis < 3; axis++) narrow = cloud->property[cloud->xyz[axis]].type == SCALAR_FLOAT32;
     put_vertices(&sink, mesh, &attributes, narrow);
-    put_triangles(&sink, mesh, attributes.normal[0] != NULL);
+    put_texture(&sink, mesh, &attributes);
+    put_triangles(&sink, mesh, attributes.texture[0] != NULL, attributes.normal[0] != NULL);
     return sink_done(&sink, STATUS_OK, error);
 }

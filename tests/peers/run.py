@@ -24,6 +24,7 @@ from programs import SAMPLES, Failed, Made, Programs, best, markdown
 
 WHITTLE = {"whittle": (), "whittle, no refinement": ("--refine", "none"), "whittle, flips": ("--refine", "flips"),
            "whittle, optimal": ("--placement", "optimal")}
+GIVEN = {"whittle, given": (), "whittle, given, optimal": ("--placement", "optimal")}
 FRONT = {"whittle + front": ("whittle", ""), "CGAL wlop + front": ("points_cgal", "wlop"),
          "CGAL hierarchy + front": ("points_cgal", "hierarchy"), "CGAL grid + front": ("points_cgal", "grid"),
          "CGAL random + front": ("points_cgal", "random"),
@@ -32,8 +33,8 @@ FRONT = {"whittle + front": ("whittle", ""), "CGAL wlop + front": ("points_cgal"
 MESH = {"CGAL Lindstrom-Turk": ("surface_cgal", "lindstrom-turk"),
         "CGAL Garland-Heckbert": ("surface_cgal", "garland-heckbert"), "Open3D decimation": ("open3d", "decimation"),
         "meshoptimizer": ("meshoptimizer", "simplify")}
-METHODS = [*WHITTLE, *FRONT, *MESH]
-FROM = {**{m: "points" for m in [*WHITTLE, *FRONT]}, **{m: "true mesh" for m in MESH}}
+METHODS = [*WHITTLE, *FRONT, *GIVEN, *MESH]
+FROM = {**{m: "points" for m in [*WHITTLE, *FRONT]}, **{m: "true mesh" for m in [*GIVEN, *MESH]}}
 
 
 def make(programs, method, model, ratio):
@@ -41,6 +42,8 @@ def make(programs, method, model, ratio):
     count = math.floor(ratio * model.points)
     if method in WHITTLE:
         return programs.mesh(model.cloud, "--ratio", ratio, *WHITTLE[method])
+    if method in GIVEN:
+        return programs.mesh(model.mesh, "--ratio", ratio, "--surface", "given", *GIVEN[method])
     if method in MESH:
         return programs.peer(*MESH[method], Made(model.mesh), count)
     return programs.peer("surface_cgal", "front", pick(programs, method, model, ratio, count), 0)

@@ -9,18 +9,21 @@
 #include "core/refine/refine_internal.h"
 
 #include <stdlib.h>
+#include <string.h>
 
+#include "core/base/alloc.h"
 #include "core/cloud/cloud.h"
 #include "core/mesh/intersect.h"
 
 enum { ROUNDS = 8, CROSSED_MOST = 64, POINTS_TRIED = 12 };
-enum { TRIED_OF_EACH = 2, TRIED_LEAST = 50000 /* changes tried: for each triangle of the mesh, and in any case */ };
+enum { TRIED_OF_EACH = 1, TRIED_LEAST = 30000 /* changes tried: for each triangle of the mesh, and in any case */ };
 
 struct uncrossing {
     struct fit *fit;
     struct intersections *found;
     enum fit_fairness fairness;
     bool moves;
+    uint8_t *stuck; /* of each vertex: no way out was found with it in this round */
     size_t tried, most;
 };
 
@@ -195,9 +198,13 @@ static bool part_pair(struct uncrossing *all, const uint32_t pair[2]) {
     for (int i = 0; i < 2; i++)
         for (uint32_t k = 0; k < 3; k++) {
             try_flip(all, 3 * pair[i] + k, &best);
-            if (all->moves) try_moves(all, fit->mesh->triangle[pair[i]][k], pair, &best);
+            uint32_t vertex = fit->mesh->triangle[pair[i]][k];
+            if (all->moves && !all->stuck[vertex]) try_moves(all, vertex, pair, &best);
         }
-    if (best.h == NONE && best.vertex == NONE) return false;
+    if (best.h == NONE && best.vertex == NONE) {
+        for (int i = 0; i < 6; i++) all->stuck[fit->mesh->triangle[pair[i / 3]][i % 3]] = 1;
+        return false;
+    }
     make_way(all, &best);
     return true;
 }
@@ -206,10 +213,12 @@ enum status fit_uncross(struct fit *fit, bool moves, size_t *changes) {
     struct uncrossing all = {.fit = fit, .moves = moves};
     bool done = false;
     all.most = TRIED_OF_EACH * fit->mesh->triangle_count + TRIED_LEAST;
-    enum status status = intersections_new(fit->mesh, fit->threads, &all.found);
+    all.stuck = alloc_array(fit->mesh->vertex_count, 1);
+    enum status status = all.stuck ? intersections_new(fit->mesh, fit->threads, &all.found) : STATUS_NO_MEMORY;
     for (int i = 0; i < ROUNDS && !done && !status; i++) {
         uint32_t(*pair)[2] = NULL;
         size_t n = 0, parted = 0;
+        memset(all.stuck, 0, fit->mesh->vertex_count);
         status = intersections_list(all.found, fit->threads, &pair, &n);
         for (size_t k = 0; k < n && all.tried < all.most; k++) parted += part_pair(&all, pair[k]);
         *changes += parted;
@@ -218,5 +227,6 @@ enum status fit_uncross(struct fit *fit, bool moves, size_t *changes) {
         free(pair);
     }
     intersections_free(all.found);
+    free(all.stuck);
     return status;
 }

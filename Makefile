@@ -267,7 +267,7 @@ paper_packages := libeigen3-dev libtbb-dev libmeshoptimizer-dev python3-matplotl
 real_scans_packages := libeigen3-dev libtbb-dev libopen3d-dev python3-matplotlib
 cluster_packages := postgresql-15 ceph-mon ceph-mgr ceph-osd radosgw nginx-light iproute2
 fuzz_packages := clang libclang-rt-14-dev
-contract_packages := chromium nginx-light openssl wget zstd groff $(if $(shell command -v npm),,nodejs npm)
+contract_packages := chromium libsixel-bin nginx-light openssl wget zstd groff $(if $(shell command -v npm),,nodejs npm)
 
 .PHONY: deps
 deps: ## install the Debian packages that are missing (root, or sudo)
@@ -563,7 +563,7 @@ endif
 # Everything of the contract, with what it wants of others: linters, a validating proxy and a client from npm, a
 # browser, nginx, wget.
 contract_tests := contract matrix description generated python_client javascript_client join attributes recipes browser clients prefix proxy clouds uploads \
-                  formats levels cache idempotency webhooks access config cli memory
+                  formats levels preview cache idempotency webhooks access config cli memory
 .PHONY: test-contract
 test-contract: deps ## the whole contract, held by linters, a validating proxy, browser, proxies and clients of others
 	@deploy/deps.sh $(contract_packages)
@@ -581,13 +581,24 @@ test-page: deps ## the page in a real browser: the whole way, also behind nginx 
 	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider tests/integration/test_page.py \
 	    tests/integration/test_page_states.py
 
+.PHONY: compare-viewers
+compare-viewers: deps ## from a file to what was lost: the page beside CloudCompare and a glTF viewer; pictures in out/viewers; CLOUD=scan.ply
+	@deploy/deps.sh $(page_packages) cloudcompare xvfb xauth imagemagick
+	@$(MAKE) --no-print-directory page
+	@for f in tests/page tests/page/viewers; do (cd $$f && npm ci --no-audit --no-fund --ignore-scripts) || exit; done
+	@mkdir -p out/viewers
+	@[ -n '$(CLOUD)' ] || tests/demo/scan.sh armadillo out/armadillo.xyz
+	@$(PYTHON) tests/page/compare.py $(build) out/viewers $(or $(CLOUD),out/armadillo.xyz)
+
 # CLOUD is looked at first; while a job of LONG runs, that is.
 .PHONY: screenshots
 screenshots: deps ## pictures of every part of the page, dark and light, at three widths, in out/page; CLOUD=scan.ply LONG=larger.ply
 	@deploy/deps.sh $(page_packages)
 	@$(MAKE) --no-print-directory page
 	@cd tests/page && npm ci --no-audit --no-fund --ignore-scripts
-	@$(PYTHON) tests/page/screenshots.py $(build) out/page $(CLOUD) $(LONG)
+	@mkdir -p out/page
+	@[ -n '$(CLOUD)' ] || tests/demo/scan.sh armadillo out/armadillo.xyz
+	@$(PYTHON) tests/page/screenshots.py $(build) out/page $(or $(CLOUD),out/armadillo.xyz) $(LONG)
 
 .PHONY: bench-page
 bench-page: deps ## what a person waits for who opens a million points in a browser; BENCH="--points 2000000"

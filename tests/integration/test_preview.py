@@ -4,6 +4,7 @@ import base64
 import json
 import os
 import re
+import shutil
 import struct
 import subprocess
 import zlib
@@ -154,6 +155,16 @@ def test_sixels_are_the_picture_in_a_palette(scan, tmp_path):
                 x += 1
     assert len(pixel) == width * len(rows)
     off = [abs(palette[pixel[x, y]][c] - rows[y][3 * x + c]) for y in range(len(rows)) for x in range(width) for c in range(3)]
+    assert max(off) <= 52 and sum(off) / len(off) < 20
+
+
+@pytest.mark.skipif(not shutil.which("sixel2png"), reason="sixel2png of libsixel isn't installed")
+def test_libsixel_reads_the_same_picture(scan, tmp_path):
+    said, file = shown(scan, tmp_path, "=sixel")
+    data = subprocess.run(["sixel2png"], input=said, capture_output=True, check=True).stdout
+    (width, rows), (read_width, read) = decode(file), decode(data)
+    assert (read_width, len(read)) == (width, len(rows))
+    off = [abs(a - b) for one, other in zip(rows, read) for a, b in zip(one, other)]
     assert max(off) <= 52 and sum(off) / len(off) < 20
 
 

@@ -575,9 +575,9 @@ static void list_left(struct contractor *c) {
     }
 }
 
-enum status contract_rest(const vec3 *point, struct adjacency *near, struct packed_quadric *quadrics,
-                          double length_bias, float error, const struct contract_options *options,
-                          const struct progress *progress, struct contraction *out) {
+/* Takes near. */
+static struct contractor contractor_of(const vec3 *point, struct adjacency *near, struct packed_quadric *quadrics,
+                                       double length_bias, unsigned threads) {
     size_t n = near->n;
     assert(n >= 1 && n < NONE);
     struct contractor c = {.slots = n,
@@ -585,10 +585,18 @@ enum status contract_rest(const vec3 *point, struct adjacency *near, struct pack
                            .quadric = quadrics,
                            .near = *near,
                            .length_bias = length_bias,
-                           .first_error = error,
-                           .threads = options->threads,
+                           .threads = threads,
                            .out = {.n = n}};
     *near = (struct adjacency){0};
+    return c;
+}
+
+enum status contract_rest(const vec3 *point, struct adjacency *near, struct packed_quadric *quadrics,
+                          double length_bias, float error, const struct contract_options *options,
+                          const struct progress *progress, struct contraction *out) {
+    size_t n = near->n;
+    struct contractor c = contractor_of(point, near, quadrics, length_bias, options->threads);
+    c.first_error = error;
     enum status status = contractor_init(&c);
     while (!status && c.live_count > 1 && c.live_count > options->least) {
         status = pass(&c);
@@ -691,15 +699,7 @@ enum status contract_some(const vec3 *point, struct adjacency *near, struct pack
                           const struct contract_part *part, const struct progress *progress,
                           struct contract_left *left) {
     size_t n = near->n;
-    assert(n >= 1 && n < NONE);
-    struct contractor c = {.slots = n,
-                           .point = point,
-                           .quadric = quadrics,
-                           .near = *near,
-                           .length_bias = part->length_bias,
-                           .threads = part->threads,
-                           .out = {.n = n}};
-    *near = (struct adjacency){0};
+    struct contractor c = contractor_of(point, near, quadrics, part->length_bias, part->threads);
     uint8_t *taken = part->counted ? alloc_array(n, sizeof *taken) : NULL;
     enum status status = part->counted && !taken ? STATUS_NO_MEMORY : contractor_init(&c);
     size_t passes = 0, of = 0, live = 0;

@@ -18,6 +18,7 @@
 #include <pthread.h>
 
 #include "server/catalog/catalog_backend.h"
+#include "server/catalog/cells.h"
 #include "server/catalog/postgres/pq.h"
 
 enum { SESSION_BYTES = 33, SESSION_LEASE_MS = 60000 };
@@ -40,6 +41,9 @@ struct catalog_postgres {
     pthread_mutex_t later_lock;
     struct later *later; /* which the listener gives back */
 };
+
+/* The row that these are at. */
+struct catalog_cells catalog_postgres_cells(struct pq_rows *row);
 
 static inline struct catalog_postgres *catalog_postgres_of(struct catalog *catalog) {
     return (struct catalog_postgres *)(void *)catalog;

@@ -14,70 +14,27 @@
 
 /* ------------------------------------------------------------------------------------------------ rows */
 
-/* In the order in which read_job takes them. */
-#define COLUMNS                                                                                                        \
-    "id, state, sequence, attempt, created, started, finished, updated, expires, label, cloud, input_bytes, "          \
-    "input_points, input_format, params, stage, message, fraction, cpu, wall, rss, report, problem, principal, "       \
-    "priority, result, memory, failures, interruptions, owner, lease, cancelled"
-
-static void read_job(const struct pq_rows *row, struct job *job) {
-    int c = 0;
-    memset(job, 0, sizeof *job);
-    pq_copy_text(row, c++, job->id, sizeof job->id);
-    job->state = (enum job_state)pq_integer(row, c++);
-    job->sequence = (uint64_t)pq_integer(row, c++);
-    job->attempt = (int)pq_integer(row, c++);
-    int64_t *const times[] = {&job->created_ms, &job->started_ms, &job->finished_ms, &job->updated_ms,
-                              &job->expires_ms};
-    for (size_t i = 0; i < sizeof times / sizeof *times; i++) *times[i] = pq_integer(row, c++);
-    pq_copy_text(row, c++, job->label, sizeof job->label);
-    pq_copy_text(row, c++, job->cloud, sizeof job->cloud);
-    job->input_bytes = (uint64_t)pq_integer(row, c++);
-    job->input_points = (uint64_t)pq_integer(row, c++);
-    pq_copy_text(row, c++, job->input_format, sizeof job->input_format);
-    job_params_read(pq_text(row, c++), &job->params);
-    pq_copy_text(row, c++, job->stage, sizeof job->stage);
-    pq_copy_text(row, c++, job->message, sizeof job->message);
-    job->fraction = pq_real(row, c++);
-    job->cpu_s = pq_real(row, c++);
-    job->wall_s = pq_real(row, c++);
-    job->peak_rss_bytes = (uint64_t)pq_integer(row, c++);
-    job->report = pq_new_text(row, c++);
-    job->problem = pq_new_text(row, c++);
-    pq_copy_text(row, c++, job->principal, sizeof job->principal);
-    job->priority = (int)pq_integer(row, c++);
-    pq_copy_text(row, c++, job->result, sizeof job->result);
-    job->memory_bytes = (uint64_t)pq_integer(row, c++);
-    job->failures = (int)pq_integer(row, c++);
-    job->interruptions = (int)pq_integer(row, c++);
-    pq_copy_text(row, c++, job->owner, sizeof job->owner);
-    job->lease_end_ms = pq_integer(row, c++);
-    job->is_cancelled = pq_integer(row, c) != 0;
-}
-
 static enum status read_outputs(struct pq_link *link, struct job *job, struct error *error) {
     struct pq_rows *rows;
-    enum status status = pq_select(link, "SELECT name, bytes, sha256 FROM outputs WHERE job = $1 ORDER BY position",
-                                   VALUES(T(job->id)), &rows, error);
+    enum status status =
+        pq_select(link, "SELECT " CATALOG_OUTPUT_COLUMNS " FROM outputs WHERE job = $1 ORDER BY position",
+                  VALUES(T(job->id)), &rows, error);
     if (status != STATUS_OK) return status;
-    while (job->output_count < JOB_MAX_OUTPUTS && pq_next(rows)) {
-        struct job_output *output = &job->output[job->output_count++];
-        pq_copy_text(rows, 0, output->name, sizeof output->name);
-        output->bytes = (uint64_t)pq_integer(rows, 1);
-        pq_copy_text(rows, 2, output->sha256, sizeof output->sha256);
-    }
+    struct catalog_cells cells = catalog_postgres_cells(rows);
+    while (job->output_count < JOB_MAX_OUTPUTS && pq_next(rows)) catalog_cells_read_output(&cells, job);
     pq_free(rows);
     return STATUS_OK;
 }
 
-/* The jobs of a SELECT COLUMNS, outputs too; *count is 0 on failure. */
+/* The jobs of a SELECT CATALOG_JOB_COLUMNS, outputs too; *count is 0 on failure. */
 static enum status select_jobs(struct pq_link *link, const char *text, const struct pq_value *values,
                                size_t value_count, struct job *jobs, size_t max, size_t *count, struct error *error) {
     struct pq_rows *rows;
     *count = 0;
     enum status status = pq_select(link, text, values, value_count, &rows, error);
     if (status != STATUS_OK) return status;
-    while (*count < max && pq_next(rows)) read_job(rows, &jobs[(*count)++]);
+    struct catalog_cells cells = catalog_postgres_cells(rows);
+    while (*count < max && pq_next(rows)) catalog_cells_read_job(&cells, &jobs[(*count)++]);
     pq_free(rows);
     for (size_t i = 0; status == STATUS_OK && i < *count; i++) status = read_outputs(link, &jobs[i], error);
     if (status == STATUS_OK) return STATUS_OK;
@@ -314,7 +271,7 @@ static enum status claim(struct catalog_postgres *postgres, struct pq_link *link
             "lease = whittle_now() + $3, writer = $6 WHERE id = (" FIRST ") AND state = 0 AND memory <= $4 "
             "AND (interruptions < $5 OR NOT EXISTS (SELECT 1 FROM jobs WHERE state = 1 AND owner = $2)) "
             "AND NOT EXISTS (SELECT 1 FROM jobs WHERE state = 1 AND owner = $2 AND interruptions >= $5) "
-            "RETURNING " COLUMNS,
+            "RETURNING " CATALOG_JOB_COLUMNS,
             VALUES(I(JOB_RUNNING), T(by->owner), I(by->lease_ms), I(by->memory_bytes), I(JOB_ALONE_AFTER),
                    T(postgres->session)),
             job, 1, count, error);
@@ -396,7 +353,8 @@ enum status catalog_postgres_list_lost(struct catalog *catalog, const char *owne
     enum status status = pq_take(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
     status = select_jobs(link,
-                         "SELECT " COLUMNS " FROM jobs WHERE state = $1 AND (lease <= whittle_now() OR owner = $2) "
+                         "SELECT " CATALOG_JOB_COLUMNS
+                         " FROM jobs WHERE state = $1 AND (lease <= whittle_now() OR owner = $2) "
                          "ORDER BY id LIMIT $3",
                          VALUES(I(JOB_RUNNING), T(owner), I(max)), jobs, max, count, error);
     pq_done(link);
@@ -554,10 +512,11 @@ enum status catalog_postgres_find_result(struct catalog *catalog, const char *re
     *found = false;
     enum status status = pq_take(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = select_jobs(link,
-                         "SELECT " COLUMNS " FROM jobs WHERE result = $1 AND result <> '' AND principal = $2 "
-                         "AND state = $3 ORDER BY id DESC LIMIT 1",
-                         VALUES(T(result), T(principal), I(JOB_SUCCESSFUL)), job, 1, &count, error);
+    status =
+        select_jobs(link,
+                    "SELECT " CATALOG_JOB_COLUMNS " FROM jobs WHERE result = $1 AND result <> '' AND principal = $2 "
+                    "AND state = $3 ORDER BY id DESC LIMIT 1",
+                    VALUES(T(result), T(principal), I(JOB_SUCCESSFUL)), job, 1, &count, error);
     pq_done(link);
     *found = status == STATUS_OK && count == 1;
     return status;
@@ -591,7 +550,8 @@ enum status catalog_postgres_get(struct catalog *catalog, const char *id, struct
     *presence = CATALOG_ABSENT;
     enum status status = pq_take(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = select_jobs(link, "SELECT " COLUMNS " FROM jobs WHERE id = $1", VALUES(T(id)), job, 1, &count, error);
+    status = select_jobs(link, "SELECT " CATALOG_JOB_COLUMNS " FROM jobs WHERE id = $1", VALUES(T(id)), job, 1, &count,
+                         error);
     if (status == STATUS_OK && count) status = fill_ahead(link, job, error);
     if (status == STATUS_OK && !count) status = find_tombstone(link, id, tombstone, &gone, error);
     pq_done(link);
@@ -607,7 +567,8 @@ enum status catalog_postgres_list(struct catalog *catalog, const struct catalog_
     enum status status = pq_take(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
     status = select_jobs(link,
-                         "SELECT " COLUMNS " FROM jobs WHERE ($1 < 0 OR state = $1) AND ($2 IS NULL OR label = $2) "
+                         "SELECT " CATALOG_JOB_COLUMNS
+                         " FROM jobs WHERE ($1 < 0 OR state = $1) AND ($2 IS NULL OR label = $2) "
                          "AND ($3 IS NULL OR id < $3) AND ($4 IS NULL OR principal = $4) ORDER BY id DESC LIMIT $5",
                          VALUES(I(filter->by_state ? (int)filter->state : -1), T(filter->label), T(filter->after),
                                 T(filter->principal), I(max)),

@@ -6,14 +6,13 @@
 
 #include "server/catalog/postgres/catalog_postgres.h"
 
-static void read_row(const struct pq_rows *from, enum catalog_table_name table, struct catalog_row *row) {
-    const struct catalog_table *shape = &catalog_tables[table];
-    *row = (struct catalog_row){.table = table};
-    for (size_t i = 0; i < catalog_table_columns(shape); i++) {
-        if (shape->column[i].type == CATALOG_INTEGER) row->cell[i].integer = pq_integer(from, (int)i);
-        if (shape->column[i].type == CATALOG_REAL) row->cell[i].real = pq_real(from, (int)i);
-        if (shape->column[i].type == CATALOG_TEXT) row->cell[i].text = pq_new_text(from, (int)i);
-    }
+static int64_t cell_integer(void *row, int column) { return pq_integer(row, column); }
+static double cell_real(void *row, int column) { return pq_real(row, column); }
+static const char *cell_text(void *row, int column) { return pq_text(row, column); }
+static char *cell_new_text(void *row, int column) { return pq_new_text(row, column); }
+
+struct catalog_cells catalog_postgres_cells(struct pq_rows *row) {
+    return (struct catalog_cells){row, cell_integer, cell_real, cell_text, cell_new_text};
 }
 
 enum status catalog_postgres_read_rows(struct catalog *catalog, enum catalog_table_name table, const char *of,
@@ -31,7 +30,8 @@ enum status catalog_postgres_read_rows(struct catalog *catalog, enum catalog_tab
              columns, shape->name, shape->column[0].name, shape->order);
     status = pq_select(link, text, VALUES(T(of), I(max), I(skip)), &from, error);
     if (status == STATUS_OK) {
-        while (*count < max && pq_next(from)) read_row(from, table, &rows[(*count)++]);
+        struct catalog_cells cells = catalog_postgres_cells(from);
+        while (*count < max && pq_next(from)) catalog_cells_read_row(&cells, table, &rows[(*count)++]);
         pq_free(from);
     }
     pq_done(link);

@@ -6,59 +6,22 @@
 #include <stdlib.h>
 #include <string.h>
 
-void job_rows_read_one(struct sql_rows *row, struct job *job) {
-    int c = 0;
-    memset(job, 0, sizeof *job);
-    sql_copy_text(row, c++, job->id, sizeof job->id);
-    job->state = (enum job_state)sql_integer(row, c++);
-    job->sequence = (uint64_t)sql_integer(row, c++);
-    job->attempt = (int)sql_integer(row, c++);
-    int64_t *const times[] = {&job->created_ms, &job->started_ms, &job->finished_ms, &job->updated_ms,
-                              &job->expires_ms};
-    for (size_t i = 0; i < sizeof times / sizeof *times; i++) *times[i] = sql_integer(row, c++);
-    sql_copy_text(row, c++, job->label, sizeof job->label);
-    sql_copy_text(row, c++, job->cloud, sizeof job->cloud);
-    job->input_bytes = (uint64_t)sql_integer(row, c++);
-    job->input_points = (uint64_t)sql_integer(row, c++);
-    sql_copy_text(row, c++, job->input_format, sizeof job->input_format);
-    job_params_read(sql_text(row, c++), &job->params);
-    sql_copy_text(row, c++, job->stage, sizeof job->stage);
-    sql_copy_text(row, c++, job->message, sizeof job->message);
-    job->fraction = sql_real(row, c++);
-    job->cpu_s = sql_real(row, c++);
-    job->wall_s = sql_real(row, c++);
-    job->peak_rss_bytes = (uint64_t)sql_integer(row, c++);
-    job->report = sql_new_text(row, c++);
-    job->problem = sql_new_text(row, c++);
-    sql_copy_text(row, c++, job->principal, sizeof job->principal);
-    job->priority = (int)sql_integer(row, c++);
-    sql_copy_text(row, c++, job->result, sizeof job->result);
-    job->memory_bytes = (uint64_t)sql_integer(row, c++);
-    job->failures = (int)sql_integer(row, c++);
-    job->interruptions = (int)sql_integer(row, c++);
-    sql_copy_text(row, c++, job->owner, sizeof job->owner);
-    job->lease_end_ms = sql_integer(row, c++);
-    job->is_cancelled = sql_integer(row, c) != 0;
-}
-
 static enum status read_outputs(struct sql *db, struct job *job, struct error *error) {
     struct sql_rows *row;
-    enum status status = sql_select(db, "SELECT name, bytes, sha256 FROM outputs WHERE job = ?1 ORDER BY position",
-                                    VALUES(T(job->id)), &row, error);
+    enum status status =
+        sql_select(db, "SELECT " CATALOG_OUTPUT_COLUMNS " FROM outputs WHERE job = ?1 ORDER BY position",
+                   VALUES(T(job->id)), &row, error);
     if (status != STATUS_OK) return status;
-    while (job->output_count < JOB_MAX_OUTPUTS && sql_next(row)) {
-        struct job_output *output = &job->output[job->output_count++];
-        sql_copy_text(row, 0, output->name, sizeof output->name);
-        output->bytes = (uint64_t)sql_integer(row, 1);
-        sql_copy_text(row, 2, output->sha256, sizeof output->sha256);
-    }
+    struct catalog_cells cells = catalog_sqlite_cells(row);
+    while (job->output_count < JOB_MAX_OUTPUTS && sql_next(row)) catalog_cells_read_output(&cells, job);
     return sql_finish(row, error);
 }
 
 enum status job_rows_read(struct sql *db, struct sql_rows *row, struct job *jobs, size_t max, size_t *count,
                           struct error *error) {
+    struct catalog_cells cells = catalog_sqlite_cells(row);
     *count = 0;
-    while (*count < max && sql_next(row)) job_rows_read_one(row, &jobs[(*count)++]);
+    while (*count < max && sql_next(row)) catalog_cells_read_job(&cells, &jobs[(*count)++]);
     enum status status = sql_finish(row, error);
     for (size_t i = 0; status == STATUS_OK && i < *count; i++) status = read_outputs(db, &jobs[i], error);
     if (status == STATUS_OK) return STATUS_OK;
@@ -71,7 +34,7 @@ enum status job_rows_find(struct sql *db, const char *id, struct job *job, bool 
     struct sql_rows *row;
     size_t count = 0;
     enum status status =
-        sql_select(db, "SELECT " JOB_ROWS_COLUMNS " FROM jobs WHERE id = ?1", VALUES(T(id)), &row, error);
+        sql_select(db, "SELECT " CATALOG_JOB_COLUMNS " FROM jobs WHERE id = ?1", VALUES(T(id)), &row, error);
     if (status == STATUS_OK) status = job_rows_read(db, row, job, 1, &count, error);
     *found = count == 1;
     return status;

@@ -1,24 +1,17 @@
 /* Jobs as rows of the database, within the catalog's transactions, under its locks.
  *
- * To keep something more of a job: a column in schema.c, its name here, its line in job_rows.c.
- *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_SERVER_CATALOG_SQLITE_JOB_ROWS_H
 #define WHITTLE_SERVER_CATALOG_SQLITE_JOB_ROWS_H
 
+#include "server/catalog/cells.h"
 #include "server/catalog/job.h"
 #include "server/catalog/sqlite/sql.h"
 
-/* In the order in which they are read. */
-#define JOB_ROWS_COLUMNS                                                                                               \
-    "id, state, sequence, attempt, created, started, finished, updated, expires, label, cloud, input_bytes, "          \
-    "input_points, input_format, params, stage, message, fraction, cpu, wall, rss, report, problem, principal, "       \
-    "priority, result, memory, failures, interruptions, owner, lease, cancelled"
+/* The row that these are at. */
+struct catalog_cells catalog_sqlite_cells(struct sql_rows *row);
 
-/* Reads the row of a SELECT JOB_ROWS_COLUMNS that the rows stand at, without the job's outputs. */
-void job_rows_read_one(struct sql_rows *row, struct job *job);
-
-/* Reads all its rows, outputs too, and ends the SELECT; *count is 0 on failure. */
+/* Reads all rows of a SELECT CATALOG_JOB_COLUMNS, outputs too, and ends it; *count is 0 on failure. */
 enum status job_rows_read(struct sql *db, struct sql_rows *row, struct job *jobs, size_t max, size_t *count,
                           struct error *error) MUST_CHECK;
 

@@ -88,7 +88,7 @@ static enum status claim(struct catalog_sqlite *sqlite, const struct catalog_cla
                    "sequence = max(sequence + 1, ?2), stage = '', message = '', fraction = 0, owner = ?8, lease = ?9 "
                    "WHERE id = (SELECT id FROM jobs WHERE state = ?3 ORDER BY id <> ?4, id LIMIT 1) "
                    "AND memory <= ?5 AND (interruptions < ?6 OR ?7 = 0) "
-                   "RETURNING " JOB_ROWS_COLUMNS,
+                   "RETURNING " CATALOG_JOB_COLUMNS,
                    VALUES(I(JOB_RUNNING), I(now), I(JOB_ACCEPTED), T(id), I(by->memory_bytes), I(JOB_ALONE_AFTER),
                           I(sqlite->running), T(by->owner), I(now + by->lease_ms)),
                    &row, error);
@@ -177,7 +177,7 @@ enum status catalog_sqlite_list_lost(struct catalog *catalog, const char *owner,
     *count = 0;
     sql_lock(reader);
     enum status status = sql_select(reader,
-                                    "SELECT " JOB_ROWS_COLUMNS " FROM jobs WHERE state = ?1 "
+                                    "SELECT " CATALOG_JOB_COLUMNS " FROM jobs WHERE state = ?1 "
                                     "AND (lease <= ?2 OR owner = ?3) ORDER BY id LIMIT ?4",
                                     VALUES(I(JOB_RUNNING), I(job_now_ms()), T(owner), I(max)), &row, error);
     if (status == STATUS_OK) status = job_rows_read(reader, row, jobs, max, count, error);
@@ -301,7 +301,7 @@ enum status catalog_sqlite_find_result(struct catalog *catalog, const char *resu
     size_t count = 0;
     sql_lock(sqlite->reader);
     enum status status = sql_select(sqlite->reader,
-                                    "SELECT " JOB_ROWS_COLUMNS " FROM jobs WHERE result = ?1 AND result <> '' "
+                                    "SELECT " CATALOG_JOB_COLUMNS " FROM jobs WHERE result = ?1 AND result <> '' "
                                     "AND principal = ?2 AND state = ?3 ORDER BY id DESC LIMIT 1",
                                     VALUES(T(result), T(principal), I(JOB_SUCCESSFUL)), &row, error);
     if (status == STATUS_OK) status = job_rows_read(sqlite->reader, row, job, 1, &count, error);
@@ -349,7 +349,7 @@ enum status catalog_sqlite_list(struct catalog *catalog, const struct catalog_fi
     *count = 0;
     sql_lock(sqlite->reader);
     enum status status = sql_select(sqlite->reader,
-                                    "SELECT " JOB_ROWS_COLUMNS " FROM jobs WHERE (?1 < 0 OR state = ?1) "
+                                    "SELECT " CATALOG_JOB_COLUMNS " FROM jobs WHERE (?1 < 0 OR state = ?1) "
                                     "AND (?2 IS NULL OR label = ?2) AND (?3 IS NULL OR id < ?3) "
                                     "AND (?4 IS NULL OR principal = ?4) ORDER BY id DESC LIMIT ?5",
                                     VALUES(I(filter->by_state ? (int)filter->state : -1), T(filter->label),

@@ -69,12 +69,13 @@ static enum status load_state(struct catalog_sqlite *sqlite, enum job_state stat
     struct sql_rows *row;
     uint64_t found = 0;
     enum status status =
-        sql_select(sqlite->writer, "SELECT " JOB_ROWS_COLUMNS " FROM jobs WHERE state = ?1 ORDER BY id",
+        sql_select(sqlite->writer, "SELECT " CATALOG_JOB_COLUMNS " FROM jobs WHERE state = ?1 ORDER BY id",
                    VALUES(I(state)), &row, error);
     if (status != STATUS_OK) return status;
+    struct catalog_cells cells = catalog_sqlite_cells(row);
     struct job job;
     for (; sql_next(row); found++) {
-        job_rows_read_one(row, &job);
+        catalog_cells_read_job(&cells, &job);
         put(sqlite, &job);
         if (state == JOB_RUNNING && job.interruptions >= JOB_ALONE_AFTER) sqlite->alone = true;
         job_done(&job);

@@ -5,15 +5,15 @@
 #include <string.h>
 
 #include "server/catalog/sqlite/catalog_sqlite.h"
+#include "server/catalog/sqlite/job_rows.h"
 
-static void read_row(struct sql_rows *from, enum catalog_table_name table, struct catalog_row *row) {
-    const struct catalog_table *shape = &catalog_tables[table];
-    *row = (struct catalog_row){.table = table};
-    for (size_t i = 0; i < catalog_table_columns(shape); i++) {
-        if (shape->column[i].type == CATALOG_INTEGER) row->cell[i].integer = sql_integer(from, (int)i);
-        if (shape->column[i].type == CATALOG_REAL) row->cell[i].real = sql_real(from, (int)i);
-        if (shape->column[i].type == CATALOG_TEXT) row->cell[i].text = sql_new_text(from, (int)i);
-    }
+static int64_t cell_integer(void *row, int column) { return sql_integer(row, column); }
+static double cell_real(void *row, int column) { return sql_real(row, column); }
+static const char *cell_text(void *row, int column) { return sql_text(row, column); }
+static char *cell_new_text(void *row, int column) { return sql_new_text(row, column); }
+
+struct catalog_cells catalog_sqlite_cells(struct sql_rows *row) {
+    return (struct catalog_cells){row, cell_integer, cell_real, cell_text, cell_new_text};
 }
 
 enum status catalog_sqlite_read_rows(struct catalog *catalog, enum catalog_table_name table, const char *of,
@@ -30,7 +30,8 @@ enum status catalog_sqlite_read_rows(struct catalog *catalog, enum catalog_table
     sql_lock(reader);
     enum status status = sql_select(reader, text, VALUES(T(of), I(max), I(skip)), &from, error);
     if (status == STATUS_OK) {
-        while (*count < max && sql_next(from)) read_row(from, table, &rows[(*count)++]);
+        struct catalog_cells cells = catalog_sqlite_cells(from);
+        while (*count < max && sql_next(from)) catalog_cells_read_row(&cells, table, &rows[(*count)++]);
         status = sql_finish(from, error);
     }
     sql_unlock(reader);

@@ -1,0 +1,63 @@
+/* What records are made of.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/catalog/cells.h"
+
+#include <stdio.h>
+#include <string.h>
+
+static void copy_text(const struct catalog_cells *cells, int column, char *to, size_t bytes) {
+    snprintf(to, bytes, "%s", cells->text(cells->row, column));
+}
+
+void catalog_cells_read_job(const struct catalog_cells *cells, struct job *job) {
+    int c = 0;
+    memset(job, 0, sizeof *job);
+    copy_text(cells, c++, job->id, sizeof job->id);
+    job->state = (enum job_state)cells->integer(cells->row, c++);
+    job->sequence = (uint64_t)cells->integer(cells->row, c++);
+    job->attempt = (int)cells->integer(cells->row, c++);
+    int64_t *const times[] = {&job->created_ms, &job->started_ms, &job->finished_ms, &job->updated_ms,
+                              &job->expires_ms};
+    for (size_t i = 0; i < sizeof times / sizeof *times; i++) *times[i] = cells->integer(cells->row, c++);
+    copy_text(cells, c++, job->label, sizeof job->label);
+    copy_text(cells, c++, job->cloud, sizeof job->cloud);
+    job->input_bytes = (uint64_t)cells->integer(cells->row, c++);
+    job->input_points = (uint64_t)cells->integer(cells->row, c++);
+    copy_text(cells, c++, job->input_format, sizeof job->input_format);
+    job_params_read(cells->text(cells->row, c++), &job->params);
+    copy_text(cells, c++, job->stage, sizeof job->stage);
+    copy_text(cells, c++, job->message, sizeof job->message);
+    job->fraction = cells->real(cells->row, c++);
+    job->cpu_s = cells->real(cells->row, c++);
+    job->wall_s = cells->real(cells->row, c++);
+    job->peak_rss_bytes = (uint64_t)cells->integer(cells->row, c++);
+    job->report = cells->new_text(cells->row, c++);
+    job->problem = cells->new_text(cells->row, c++);
+    copy_text(cells, c++, job->principal, sizeof job->principal);
+    job->priority = (int)cells->integer(cells->row, c++);
+    copy_text(cells, c++, job->result, sizeof job->result);
+    job->memory_bytes = (uint64_t)cells->integer(cells->row, c++);
+    job->failures = (int)cells->integer(cells->row, c++);
+    job->interruptions = (int)cells->integer(cells->row, c++);
+    copy_text(cells, c++, job->owner, sizeof job->owner);
+    job->lease_end_ms = cells->integer(cells->row, c++);
+    job->is_cancelled = cells->integer(cells->row, c) != 0;
+}
+
+void catalog_cells_read_output(const struct catalog_cells *cells, struct job *job) {
+    struct job_output *output = &job->output[job->output_count++];
+    copy_text(cells, 0, output->name, sizeof output->name);
+    output->bytes = (uint64_t)cells->integer(cells->row, 1);
+    copy_text(cells, 2, output->sha256, sizeof output->sha256);
+}
+
+void catalog_cells_read_row(const struct catalog_cells *cells, enum catalog_table_name table, struct catalog_row *row) {
+    const struct catalog_table *shape = &catalog_tables[table];
+    *row = (struct catalog_row){.table = table};
+    for (size_t i = 0; i < catalog_table_columns(shape); i++) {
+        if (shape->column[i].type == CATALOG_INTEGER) row->cell[i].integer = cells->integer(cells->row, (int)i);
+        if (shape->column[i].type == CATALOG_REAL) row->cell[i].real = cells->real(cells->row, (int)i);
+        if (shape->column[i].type == CATALOG_TEXT) row->cell[i].text = cells->new_text(cells->row, (int)i);
+    }
+}

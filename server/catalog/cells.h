@@ -1,0 +1,41 @@
+/* Rows of a backend's database, read without knowing whose: a backend says how its driver gives a column, and what a
+ * record is made of is said once, for all of them.
+ *
+ * To keep something more of a job: a column in each backend's schema, its name in CATALOG_JOB_COLUMNS, its line in
+ * cells.c.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_SERVER_CATALOG_CELLS_H
+#define WHITTLE_SERVER_CATALOG_CELLS_H
+
+#include <stdint.h>
+
+#include "server/catalog/job.h"
+#include "server/catalog/rows.h"
+
+/* The row that a SELECT is at.  Columns count from 0. */
+struct catalog_cells {
+    void *row; /* the driver's; what the functions take; borrowed */
+    int64_t (*integer)(void *row, int column);
+    double (*real)(void *row, int column);
+    const char *(*text)(void *row, int column); /* borrowed until the next call; null is "" */
+    char *(*new_text)(void *row, int column);   /* returns new; NULL for null, or where there is no memory */
+};
+
+/* In the order in which they are read. */
+#define CATALOG_JOB_COLUMNS                                                                                            \
+    "id, state, sequence, attempt, created, started, finished, updated, expires, label, cloud, input_bytes, "          \
+    "input_points, input_format, params, stage, message, fraction, cpu, wall, rss, report, problem, principal, "       \
+    "priority, result, memory, failures, interruptions, owner, lease, cancelled"
+#define CATALOG_OUTPUT_COLUMNS "name, bytes, sha256"
+
+/* A row of CATALOG_JOB_COLUMNS, without the job's outputs; *job is the caller's, for job_done. */
+void catalog_cells_read_job(const struct catalog_cells *cells, struct job *job);
+
+/* Adds a row of CATALOG_OUTPUT_COLUMNS to the job, which has fewer than JOB_MAX_OUTPUTS. */
+void catalog_cells_read_output(const struct catalog_cells *cells, struct job *job);
+
+/* A row of catalog_rows_list_columns; *row is the caller's, for catalog_row_done. */
+void catalog_cells_read_row(const struct catalog_cells *cells, enum catalog_table_name table, struct catalog_row *row);
+
+#endif

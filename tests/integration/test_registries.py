@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What is a table in the source takes one more row: a copy of the tree with it is built, and does what the row says."""
 import json
+import math
 import os
 import pathlib
+import random
 import shutil
 import subprocess
 
@@ -53,6 +55,18 @@ def copy_tree(tmp_path_factory):
     shutil.rmtree(tree)
 
 
+def sources(tree):
+    return {str(path.relative_to(tree)): path.read_bytes() for top in ("core", "api", "server", "deploy")
+            for path in (tree / top).rglob("*") if path.is_file()}
+
+
+@pytest.fixture(name="changed")
+def changed_files(tree):
+    """A function: which files have changed since the test began, or are new."""
+    before = sources(tree)
+    return lambda: sorted(name for name, content in sources(tree).items() if before.get(name) != content)
+
+
 def make(tree, program="whittle"):
     environment = {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MAKELEVEL")}
     target = f"build/{BUILD.name}/{program}"
@@ -68,10 +82,11 @@ def add_row(path, after, row):
     path.write_text(text.replace(after, after + row), encoding="utf-8")
 
 
-def test_a_reconstruction_is_a_file_and_a_row(tree, tmp_path):
+def test_a_reconstruction_is_a_file_and_a_row(tree, changed, tmp_path):
     (tree / "core/surface/hull.c").write_text(HULL, encoding="ascii")
     add_row(tree / "core/surface/reconstruct.h", '"Tight Cocone as published", "Dey and Goswami 2003")',
             ' \\\n    ROW(HULL, hull, "hull", "the convex hull", "Barber and others 1996")')
+    assert changed() == ["core/surface/hull.c", "core/surface/reconstruct.h"]
     whittle = make(tree)
     cloud = write(tmp_path / "torus.obj", torus())
     subprocess.run([whittle, cloud, "--reconstruction", "hull", "--refine", "none", "--outputs", "mesh,report",
@@ -119,10 +134,11 @@ enum status cloud_triples_read(const void *bytes, size_t n, const struct cloud_l
 """
 
 
-def test_a_format_is_a_file_and_a_row(tree, tmp_path):
+def test_a_format_is_a_file_and_a_row(tree, changed, tmp_path):
     (tree / "core/io/formats/triples_read.c").write_text(TRIPLES, encoding="ascii")
     add_row(tree / "core/io/formats.h", "#define CLOUD_FORMAT_ROWS(ROW) ",
             '\\\n    ROW(TRIPLES, triples, "TRIPLES", "triples of digits", "triples") ')
+    assert changed() == ["core/io/formats.h", "core/io/formats/triples_read.c"]
     whittle = make(tree)
     points = [f"{x}{y}{z}" for x in range(4) for y in range(4) for z in range(4)]
     cloud = tmp_path / "cloud"
@@ -151,9 +167,10 @@ const struct blobs_backend blobs_elsewhere = {.scheme = "elsewhere:", .is_valid 
 """
 
 
-def test_a_blob_store_is_a_file_and_a_row(tree, tmp_path):
+def test_a_blob_store_is_a_file_and_a_row(tree, changed, tmp_path):
     (tree / "server/blobs/elsewhere.c").write_text(ELSEWHERE, encoding="ascii")
     add_row(tree / "server/blobs/blobs_backend.h", "    ROW(blobs_s3)", " \\\n    ROW(blobs_elsewhere)")
+    assert changed() == ["server/blobs/blobs_backend.h", "server/blobs/elsewhere.c"]
     make(tree)
     whittled = make(tree, "whittled")
     daemon = conftest.Daemon(tmp_path, "--blobs", f"elsewhere:{tmp_path / 'blobs'}")
@@ -165,3 +182,118 @@ def test_a_blob_store_is_a_file_and_a_row(tree, tmp_path):
         assert daemon.curl(f"/v1/jobs/{job}/outputs/cloud.ply").status == 200
     finally:
         conftest.end_all([daemon])
+
+
+def set_line(path, before, after):
+    text = path.read_text(encoding="utf-8")
+    assert text.count(before) == 1
+    path.write_text(text.replace(before, after), encoding="utf-8")
+
+
+def spread_of(points):
+    """The mean distance of the points to the nearest other one."""
+    return sum(min(math.dist(p, q) for q in points if q is not p) for p in points) / len(points)
+
+
+def kept_points(whittle, cloud, folder):
+    folder.mkdir()
+    subprocess.run([whittle, cloud, "--points", "60", "--outputs", "xyz", "-o", f"{folder}/", "-q"], check=True)
+    lines = (folder / "cloud.xyz").read_text(encoding="ascii").split("\n")[:-1]
+    return [tuple(map(float, line.split()[:3])) for line in lines]
+
+
+def ridge():
+    """A plain with a ridge across it."""
+    spread = random.Random(7)
+    places = [((i + 0.8 * spread.random()) / 40, (j + 0.8 * spread.random()) / 40) for i in range(40) for j in range(40)]
+    return [(x, y, 0.2 * max(0, 1 - 10 * abs(x - 0.5))) for x, y in places]
+
+
+def test_the_cost_is_in_one_file(tree, changed, tmp_path):
+    """With nothing but the length of a pair as its cost, the shortest pairs go first wherever they are: what is kept is
+    spread wider than by planes, which keep the ridge and little else."""
+    cost = tree / "core/simplify/pair_cost.c"
+    before = cost.read_text(encoding="utf-8")
+    cloud = write(tmp_path / "ridge.obj", ridge())
+    by_planes = kept_points(BUILD / "whittle", cloud, tmp_path / "planes")
+    set_line(cost, "    return f64_min(e->p_stays, e->q_stays) + f64_all(f->length_bias) * e->length_sq;\n",
+             "    return f64_all(f->length_bias) * e->length_sq;\n")
+    assert changed() == ["core/simplify/pair_cost.c"]
+    try:
+        by_length = kept_points(make(tree), cloud, tmp_path / "length")
+    finally:
+        cost.write_text(before, encoding="utf-8")
+    assert len(by_planes) == len(by_length) == 60
+    assert spread_of(by_length) > 1.2 * spread_of(by_planes)
+
+
+ECHO = """
+static void get_echo(struct service *service, struct request *request, struct response *response) {
+    (void)service;
+    if (handlers_takes_no_query(request, response))
+        response_text(response, 200, "text/plain", strdup(request->match.capture[0]));
+}
+
+const struct handler handlers_get_echo = {.run = get_echo, .quick = true};
+"""
+
+
+def test_a_route_is_a_row_a_handler_and_its_description(tree, changed, tmp_path):
+    add_row(tree / "api/routes.def", 'ROUTE(GET_READINESS, get_readiness, "GET", "/readyz", "getReadiness", PUBLIC)',
+            '\nROUTE(GET_ECHO, get_echo, "GET", "/v1/echo/{id}", "getEcho", PUBLIC)')
+    handlers = tree / "server/handlers/service.c"
+    handlers.write_text(handlers.read_text(encoding="utf-8") + ECHO, encoding="utf-8")
+    paths = tree / "api/openapi/paths/service.json"
+    described = json.loads(paths.read_text(encoding="utf-8"))
+    described["/v1/echo/{id}"] = {"get": {"operationId": "getEcho", "summary": "The word.", "security": [], "tags": ["service"],
+                                          "responses": {"200": {"description": "It."}}}}
+    paths.write_text(json.dumps(described), encoding="utf-8")
+    assert changed() == ["api/openapi/paths/service.json", "api/routes.def", "server/handlers/service.c"]
+    make(tree)
+    whittled = make(tree, "whittled")
+    daemon = conftest.Daemon(tmp_path)
+    daemon.program = whittled
+    try:
+        daemon.start()
+        answer = daemon.curl("/v1/echo/word")
+        assert answer.status == 200 and answer.body.decode() == "word"
+        refused = daemon.curl("/v1/echo/word", "-X", "DELETE")
+        assert refused.status == 405 and "GET" in refused.headers["allow"]
+        assert "/v1/echo/{id}" in json.loads(daemon.curl("/openapi.json").body)["paths"]
+    finally:
+        conftest.end_all([daemon])
+
+
+LEDGER = """/* A catalog in the files of another scheme.  SPDX-License-Identifier: GPL-3.0-or-later */
+#include "server/catalog/catalog_backend.h"
+
+static bool is_valid(const char *where) { return catalog_sqlite.is_valid(where); }
+
+static bool exists(const char *where) { return catalog_sqlite.exists(where); }
+
+static enum status open_ledger(const char *where, bool as_is, struct catalog **catalog, struct error *error) {
+    return catalog_sqlite.open(where, as_is, catalog, error);
+}
+
+static enum status migrate(const char *where, struct error *error) { return catalog_sqlite.migrate(where, error); }
+
+const struct catalog_backend catalog_ledger = {
+    .scheme = "ledger:", .is_valid = is_valid, .exists = exists, .open = open_ledger, .migrate = migrate};
+"""
+
+
+def test_a_catalog_is_a_folder_and_a_row(tree, changed, tmp_path):
+    (tree / "server/catalog/ledger").mkdir()
+    (tree / "server/catalog/ledger/ledger.c").write_text(LEDGER, encoding="ascii")
+    add_row(tree / "server/catalog/catalog_backend.h", "    ROW(catalog_postgres)", " \\\n    ROW(catalog_ledger)")
+    assert changed() == ["server/catalog/catalog_backend.h", "server/catalog/ledger/ledger.c"]
+    make(tree)
+    whittled = make(tree, "whittled")
+    daemon = conftest.Daemon(tmp_path, "--catalog", f"ledger:{tmp_path / 'ledger.db'}")
+    daemon.program = whittled
+    try:
+        job = daemon.start().submit(conftest.SMALL)
+        assert daemon.ended(job)["status"] == "successful"
+    finally:
+        conftest.end_all([daemon])
+    assert (tmp_path / "ledger.db").stat().st_size > 0

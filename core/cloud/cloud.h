@@ -50,6 +50,8 @@ struct property {
     unsigned char *list_data;    /* lists: items, native byte order; owned */
 };
 
+struct params;
+
 /* What a reader may accept; 0 = the format's own limit (NONE - 1 points, CLOUD_MAX_PROPERTIES); and what only the
  * caller knows of the file. */
 struct cloud_limits {
@@ -59,6 +61,8 @@ struct cloud_limits {
     bool columns_if_text;   /* of any other format they are left aside, and not refused */
     uint64_t max_triangles; /* that memory has room for; more are STATUS_NO_MEMORY */
     unsigned threads;       /* that may read; 0 = all processors */
+    /* Of clouds that are read part by part: only points that its crop and where leave; NULL = all.  Borrowed. */
+    const struct params *select;
 };
 
 struct cloud_las;

@@ -94,8 +94,8 @@ static enum status refuse_all(const struct cloud *cloud, const struct selection 
                      (uint64_t)cloud->count - selection->cropped);
 }
 
-enum status select_points(const struct cloud *cloud, const struct params *params, uint8_t *kept,
-                          struct selection *selection, struct error *error) {
+enum status select_part(const struct cloud *cloud, const struct params *params, uint8_t *kept,
+                        struct selection *selection, struct error *error) {
     struct selection made = {.cropped = crop_points(cloud, &params->crop, kept)};
     struct condition condition;
     for (const char *at = params->where; *at;) {
@@ -105,9 +105,17 @@ enum status select_points(const struct cloud *cloud, const struct params *params
         if (!property) return select_refuse(cloud, "where", condition.name, error);
         made.filtered += filter_points(cloud, &condition, property, kept);
     }
-    if (made.cropped + made.filtered == cloud->count) return refuse_all(cloud, &made, error);
     *selection = made;
     return STATUS_OK;
+}
+
+enum status select_points(const struct cloud *cloud, const struct params *params, uint8_t *kept,
+                          struct selection *selection, struct error *error) {
+    struct selection made;
+    enum status status = select_part(cloud, params, kept, &made, error);
+    if (!status && made.cropped + made.filtered == cloud->count) status = refuse_all(cloud, &made, error);
+    if (!status) *selection = made;
+    return status;
 }
 
 enum status select_in_place(struct cloud *cloud, const struct params *params, struct selection *selection,

@@ -17,6 +17,10 @@ static inline bool select_is_asked(const struct params *params) { return params-
 /* STATUS_BAD_PARAMETER at a parameter that names a property which isn't there: tells those that are. */
 enum status select_refuse(const struct cloud *cloud, const char *parameter, const char *name, struct error *error);
 
+/* As select_points, of a part of a cloud, of which none may be left. */
+enum status select_part(const struct cloud *cloud, const struct params *params, uint8_t *kept,
+                        struct selection *selection, struct error *error) MUST_CHECK;
+
 /* kept[i] = 1 for each of the cloud->count points that params->crop and params->where leave, else 0.  A box has its
  * faces, whichever two of its corners are given; a polygon, of which a line that leaves it is counted by even and odd,
  * has about half of its edges.  STATUS_BAD_PARAMETER (error->where names the parameter) where there is no such

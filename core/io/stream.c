@@ -34,6 +34,7 @@ struct cloud_stream {
     char **path;        /* owned, each */
     uint64_t *before;   /* count + 1: bytes of the files before each; owned */
     uint64_t dropped;
+    struct selection selection;
     struct file first, other; /* the first one stays for what it says */
 };
 
@@ -150,7 +151,7 @@ enum status cloud_stream_open(const char *const *path, size_t count, const struc
         if (!s->columns) status = STATUS_NO_MEMORY;
     }
     if (status) error_set(error, STATUS_NO_MEMORY, "read", "no memory to read with");
-    if (limits) s->limits.threads = limits->threads;
+    if (limits) s->limits.threads = limits->threads, s->limits.select = limits->select;
     s->limits.columns = s->columns;
     s->limits.columns_if_text = true;
     if (!status) status = go_on(s, error);
@@ -171,19 +172,36 @@ static void give_back(struct file *file) {
     file->given_back = end;
 }
 
-/* Closes the gaps that points without a position leave. */
-static void drop_unplaced(struct cloud_stream *s, struct cloud *part) {
+/* Closes the gaps that other points leave.  kept: of each point, whether it is one; NULL = those with a position. */
+static size_t close_gaps(struct cloud *part, const uint8_t *is_kept) {
     size_t kept = 0;
     for (size_t i = 0; i < part->count; i++) {
-        if (!vec3_is_finite(part->position[i])) continue;
+        if (is_kept ? !is_kept[i] : !vec3_is_finite(part->position[i])) continue;
         if (kept < i) {
             part->position[kept] = part->position[i];
             memcpy(part->record + kept * part->record_bytes, part->record + i * part->record_bytes, part->record_bytes);
         }
         kept++;
     }
-    s->dropped += part->count - kept;
+    size_t gone = part->count - kept;
     part->count = kept;
+    return gone;
+}
+
+/* Leaves the points that are asked for. */
+static enum status select_of(struct cloud_stream *s, struct cloud *part, struct error *error) {
+    struct selection selection;
+    if (!s->limits.select || !select_is_asked(s->limits.select)) return STATUS_OK;
+    uint8_t *kept = alloc_array(part->count, sizeof *kept);
+    if (!kept) return error_set(error, STATUS_NO_MEMORY, "crop", "no memory for %zu points", part->count);
+    enum status status = select_part(part, s->limits.select, kept, &selection, error);
+    if (!status) {
+        s->selection.cropped += selection.cropped;
+        s->selection.filtered += selection.filtered;
+        close_gaps(part, kept);
+    }
+    free(kept);
+    return status;
 }
 
 enum status cloud_stream_next(struct cloud_stream *stream, const struct cloud **part, struct error *error) {
@@ -194,7 +212,9 @@ enum status cloud_stream_next(struct cloud_stream *stream, const struct cloud **
         if (status) return status;
         give_back(file);
         bool ended = cloud->count == 0;
-        drop_unplaced(stream, cloud);
+        stream->dropped += close_gaps(cloud, NULL);
+        status = select_of(stream, cloud, error);
+        if (status) return status;
         *part = cloud;
         if (cloud->count || (ended && stream->next == stream->count)) return STATUS_OK;
         if (!ended) continue;
@@ -210,6 +230,10 @@ double cloud_stream_fraction(const struct cloud_stream *stream) {
 }
 
 uint64_t cloud_stream_dropped(const struct cloud_stream *stream) { return stream->dropped; }
+
+struct selection cloud_stream_selection(const struct cloud_stream *stream) {
+    return stream->selection;
+}
 
 void cloud_stream_free(struct cloud_stream *stream) {
     if (!stream) return;

@@ -11,13 +11,14 @@
 
 #include "core/base/status.h"
 #include "core/cloud/cloud.h"
+#include "core/cloud/select.h"
 
 struct cloud_stream;
 
 /* Begins with `count` >= 1 files, which are read one after the other as one cloud: all must have the first one's
- * properties.  limits may be NULL; columns and threads of it are followed.  Paths are copied.  STATUS_UNSUPPORTED for
- * a format, or a file of one, that isn't read so, STATUS_MALFORMED, STATUS_IO, STATUS_NO_MEMORY.  *out is the caller's,
- * to be given to cloud_stream_free. */
+ * properties.  limits may be NULL; columns, threads and select of it are followed.  Paths are copied.
+ * STATUS_UNSUPPORTED for a format, or a file of one, that isn't read so, STATUS_MALFORMED, STATUS_IO, STATUS_NO_MEMORY.
+ * *out is the caller's, to be given to cloud_stream_free. */
 enum status cloud_stream_open(const char *const *path, size_t count, const struct cloud_limits *limits,
                               struct cloud_stream **out, struct error *error) MUST_CHECK;
 
@@ -25,14 +26,17 @@ enum status cloud_stream_open(const char *const *path, size_t count, const struc
  * until the stream is freed. */
 const struct cloud *cloud_stream_cloud(const struct cloud_stream *stream);
 
-/* The next part, at most some four million points, all with a position: *part borrowed until the next call; its count
- * is 0 at the end alone.  A point's number is how many were given before it, the same each time that the files are
- * read.  Memory: what a part takes, 60 MiB or less of usual files. */
+/* The next part, at most some four million points, all with a position and asked for: *part borrowed until the next
+ * call; its count is 0 at the end alone.  A point's number is how many were given before it, the same each time that
+ * the files are read.  Memory: what a part takes, 60 MiB or less of usual files. */
 enum status cloud_stream_next(struct cloud_stream *stream, const struct cloud **part, struct error *error) MUST_CHECK;
 
 /* How much of the bytes is read, 0 to 1; and how many points had no position, by now. */
 double cloud_stream_fraction(const struct cloud_stream *stream);
 uint64_t cloud_stream_dropped(const struct cloud_stream *stream);
+
+/* How many points with a position weren't asked for, by now. */
+struct selection cloud_stream_selection(const struct cloud_stream *stream);
 
 /* Accepts NULL. */
 void cloud_stream_free(struct cloud_stream *stream);

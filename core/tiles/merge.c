@@ -243,7 +243,8 @@ static enum status check_input(const struct merging *m) {
 static enum status reopen_input(const struct merging *m, struct cloud_stream **stream) {
     size_t n = m->scratch.head.inputs;
     const char **path = alloc_array(n, sizeof *path);
-    const struct cloud_limits limits = {.columns = m->scratch.head.params.columns, .threads = m->threads};
+    const struct params *params = &m->scratch.head.params;
+    const struct cloud_limits limits = {.columns = params->columns, .threads = m->threads, .select = params};
     if (!path) return merge_no_memory(m);
     for (size_t i = 0; i < n; i++) path[i] = m->scratch.input[i].path;
     enum status status = cloud_stream_open(path, n, &limits, stream, m->error);
@@ -429,6 +430,8 @@ static void report_levels(const struct merging *m, struct pipeline_result *resul
         report->level[i].contraction_error = error * head->whole.scale;
     }
     report->points_in = head->points;
+    report->points_cropped = head->selection.cropped;
+    report->points_filtered = head->selection.filtered;
     report->points_distinct = m->distinct;
     report->diagonal = head->whole.diagonal;
     report->noise_level = head->noise * head->whole.scale;

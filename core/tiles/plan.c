@@ -90,7 +90,6 @@ enum status tiles_can(const struct params *params, struct error *error) {
     if (!isnan(params->max_error)) what = "max_error";
     if (!isnan(params->spacing)) what = "spacing";
     if (params->weights[0]) what = "weights";
-    if (select_is_asked(params)) what = "crop and where";
     if (what) return error_set(error, STATUS_NO_MEMORY, "memory", "%s %s", what, why);
     if (room_of(params) >= 4 * FEWEST_BLOCKS * LEAST_BLOCK_POINTS) return STATUS_OK;
     return error_set(error, STATUS_NO_MEMORY, "memory",
@@ -176,8 +175,13 @@ static enum status count(struct planning *plan, struct cloud_stream *stream) {
         if (head->points >= NONE)
             return error_set(plan->error, STATUS_LIMIT, "points", "more than %u points", NONE - 1);
     }
-    if (head->points == 0) return error_set(plan->error, STATUS_MALFORMED, "read", "no points");
     head->dropped = cloud_stream_dropped(stream);
+    head->selection = cloud_stream_selection(stream);
+    uint64_t others = head->selection.cropped + head->selection.filtered;
+    if (head->points == 0 && others > 0)
+        return error_set(plan->error, STATUS_BAD_PARAMETER, head->selection.filtered ? "where" : "crop",
+                         "no point is left of %" PRIu64, others);
+    if (head->points == 0) return error_set(plan->error, STATUS_MALFORMED, "read", "no points");
     grid_ripen(&plan->grid);
     order_frame_of(c.least, c.most, &head->whole);
     head->coding = c.f32 ? c.single : c.scaled ? c.whole : (struct scratch_coding){.kind = CODING_F64};
@@ -519,7 +523,8 @@ static enum status sample(struct planning *plan) {
 
 static enum status open_input(const struct planning *plan, struct cloud_stream **stream) {
     const struct params *params = plan->job->params;
-    const struct cloud_limits limits = {.columns = params->columns, .threads = (unsigned)params->threads};
+    const struct cloud_limits limits = {
+        .columns = params->columns, .threads = (unsigned)params->threads, .select = params};
     return cloud_stream_open(plan->job->input, plan->job->inputs, &limits, stream, plan->error);
 }
 

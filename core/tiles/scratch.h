@@ -17,6 +17,7 @@
 
 #include "core/cloud/cloud.h"
 #include "core/cloud/morton.h"
+#include "core/cloud/select.h"
 #include "core/params.h"
 #include "core/simplify/contract.h"
 #include "core/tiles/grid.h"
@@ -50,6 +51,7 @@ struct scratch_head {
     double average, length_bias; /* of the operator; contract.h */
     double noise;                /* of the sample, in the frame */
     uint64_t dropped;            /* points of the input without a position */
+    struct selection selection;  /* points that weren't asked for */
     struct scratch_coding coding;
 };
 

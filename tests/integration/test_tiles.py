@@ -57,6 +57,31 @@ def make_cloud(tmp_path_factory):
     return bumps(tmp_path_factory.mktemp("tiles") / "bumps.ply", POINTS)
 
 
+def test_only_points_that_are_asked_for(cloud, tmp_path):
+    """As if there were no others: the file without them gives the same points, for the same tiles."""
+    asked = ("--crop", "0,0,-9,30,30,9", "--where", "intensity>=20000")
+    data = cloud.read_bytes()
+    start = data.index(b"end_header\n") + 11
+    body = [data[i:i + 14] for i in range(start, len(data), 14)]
+    some = []
+    for record in body:
+        x, y, z, intensity = struct.unpack("<3fH", record)
+        if 0 <= x <= 30 and 0 <= y <= 30 and -9 <= z <= 9 and intensity >= 20000:
+            some.append(record)
+    head = data[:start].replace(b"vertex %d" % POINTS, b"vertex %d" % len(some))
+    (tmp_path / "some.ply").write_bytes(head + b"".join(some))
+    assert 0 < len(some) < POINTS / 2
+    goal = ("--ratio", "0.1")
+    expected = steps(tmp_path / "some.ply", tmp_path / "one", tmp_path / "one.ply", goal=goal)
+    assert steps(cloud, tmp_path / "two", tmp_path / "two.ply", goal=(*goal, *asked)) == expected
+    done = whittle("tiles", "plan", cloud, "--scratch", tmp_path / "none", "--memory", "1G", "--where", "colour==1",
+                   status=64)
+    assert "colour" in done.stderr
+    done = whittle("tiles", "plan", cloud, "--scratch", tmp_path / "none", "--memory", "1G", "--where", "intensity<0",
+                   status=64)
+    assert "no point is left of 60000" in done.stderr
+
+
 @pytest.fixture(name="expected", scope="module")
 def make_expected(cloud, tmp_path_factory):
     folder = tmp_path_factory.mktemp("expected")

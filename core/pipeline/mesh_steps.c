@@ -8,6 +8,7 @@
 
 #include "core/base/alloc.h"
 #include "core/math/sym3.h"
+#include "core/mesh/decimate.h"
 #include "core/pipeline/memory.h"
 #include "core/pipeline/pipeline_run.h"
 #include "core/refine/refine.h"
@@ -250,6 +251,7 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     sides.normal = normal;
     sides.viewed = views.is_one, sides.view = views.one;
     sides.views = views.each;
+    if (!status && !field) status = sheet_part_turned(mesh, &sides, run->threads);
     if (!status) status = sheet_orient(mesh, &sides, run->threads, &side);
     snprintf(run->report.surface.orientation, sizeof run->report.surface.orientation, "%s", names[side]);
     free(normal), free(views.each);
@@ -346,6 +348,47 @@ enum status pipeline_reconstruct_closed(struct run *run, const struct sites *sit
     return reconstruct_as(run, SURFACE_CLOSED, sites, tets, mesh, facts);
 }
 
+/* The same surface through the k most important points, its edges collapsed until as many vertices are left as are
+ * kept. */
+static enum status reconstruct_denser(struct run *run, size_t k, struct mesh *mesh, struct reconstruct_facts *facts) {
+    struct sites sites = {0};
+    struct tets tets = {0};
+    struct error ignored = {0};
+    enum surface_form form = run->surface.form;
+    enum status status = pipeline_sites_of(run, k, &sites);
+    if (!status && form == SURFACE_OPEN)
+        status = delaunay_build_within(sites.point, k, tetrahedra_allowed(run, false, run->params), run->threads,
+                                       &run->progress, &tets, &ignored);
+    if (!status) status = reconstruct_as(run, form, &sites, &tets, mesh, facts);
+    tets_done(&tets);
+    pipeline_sites_done(&sites);
+    return status ? status : mesh_decimate(mesh, &(struct decimate_rules){.borders = true}, run->kept_count);
+}
+
+/* A surface with borders is nearer to the points when it is reconstructed from more of them: where sheets end, step or
+ * stand upright, few points don't tell which of them are neighbours.  Where that can't be done the mesh stays. */
+static enum status reconstruct_first(struct run *run, struct reconstruct_facts *facts) {
+    enum { DENSER = 4, DENSER_IN_PLANE = 10 };
+    bool field = run->surface.form == SURFACE_HEIGHTFIELD;
+    size_t n = run->points.count, k = run->kept_count * (field ? DENSER_IN_PLANE : DENSER);
+    size_t most = memory_usual_points(n, run->kept_count);
+    struct reconstruct_facts found = {0};
+    struct mesh mesh = {0};
+    if (!field && k > most) k = most;
+    if (k > n) k = n;
+    if (run->params->order == ORDER_SIMPLIFY_FIRST || k <= run->kept_count) return STATUS_OK;
+    enum status status = reconstruct_denser(run, k, &mesh, &found);
+    if (!status && mesh.triangle_count > 0) {
+        struct mesh before = run->mesh;
+        run->mesh = mesh, mesh = before;
+        *facts = found;
+        status = pipeline_count_vertices(run, &run->mesh, facts);
+        run->report.level[run->level].reconstructed_from = k;
+    }
+    mesh_done(&mesh);
+    return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
+}
+
 static enum status explain_reconstruction(struct run *run, enum status status) {
     if (status == STATUS_NO_MEMORY) return pipeline_no_memory(run, "reconstruct");
     if (status == STATUS_DEGENERATE)
@@ -361,6 +404,8 @@ enum status pipeline_reconstruct(struct run *run) {
     run->report.level[run->level].reconstructed_from = run->kept_count;
     if (!status && run->surface.form == SURFACE_CLOSED && run->params->boundary != BOUNDARY_KEEP)
         status = pipeline_resolve_walls(run, &facts);
+    if (!status && (run->surface.form == SURFACE_OPEN || run->surface.form == SURFACE_HEIGHTFIELD))
+        status = reconstruct_first(run, &facts);
     if (status) return explain_reconstruction(run, status);
     run->report.level[run->level].points_lost = facts.points_lost;
     run->report.level[run->level].vertices_split = facts.vertices_split;

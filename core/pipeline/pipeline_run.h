@@ -155,4 +155,9 @@ enum status pipeline_join_seams(const struct run *run, struct mesh *joined) MUST
  * closed, and not refined yet.  STATUS_NO_MEMORY, STATUS_CANCELLED. */
 enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;
 
+/* What a mesh through other points than the kept ones tells of these: how many aren't there, and which vertices are
+ * copies.  STATUS_NO_MEMORY. */
+enum status pipeline_count_vertices(const struct run *run, const struct mesh *mesh,
+                                    struct reconstruct_facts *facts) MUST_CHECK;
+
 #endif

@@ -84,7 +84,7 @@ static enum status judge_trial(const struct run *run, struct wall_trial *trial) 
 }
 
 /* The surface through the k most important points, with as many vertices as are kept. */
-static enum status reconstruct_first(struct run *run, size_t k, struct wall_trial *trial) {
+static enum status try_denser(struct run *run, size_t k, struct wall_trial *trial) {
     struct sites sites = {0};
     struct tets tets = {0};
     struct error ignored = {0};
@@ -101,16 +101,14 @@ static enum status reconstruct_first(struct run *run, size_t k, struct wall_tria
     return status ? status : judge_trial(run, trial);
 }
 
-/* What a mesh through other points tells of those that are kept: how many aren't there, and which vertices are copies.
- */
-static enum status count_vertices(const struct run *run, struct wall_trial *trial) {
+enum status pipeline_count_vertices(const struct run *run, const struct mesh *mesh, struct reconstruct_facts *facts) {
     uint8_t *there = alloc_zeroed(run->points.count, 1);
     size_t distinct = 0, kept = run->kept_count;
     if (!there) return STATUS_NO_MEMORY;
-    for (size_t v = 0; v < trial->mesh.vertex_count; v++) there[trial->mesh.source[v]] = 1;
+    for (size_t v = 0; v < mesh->vertex_count; v++) there[mesh->source[v]] = 1;
     for (size_t i = 0; i < run->points.count; i++) distinct += there[i];
-    trial->facts.points_lost = kept > distinct ? kept - distinct : 0;
-    trial->facts.vertices_split = trial->mesh.vertex_count - distinct;
+    facts->points_lost = kept > distinct ? kept - distinct : 0;
+    facts->vertices_split = mesh->vertex_count - distinct;
     free(there);
     return STATUS_OK;
 }
@@ -138,7 +136,7 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
         struct wall_trial trial = {0};
         if (in_vain == IN_VAIN) break;
         k = k < most / DENSER ? k * DENSER : most;
-        status = reconstruct_first(run, k, &trial);
+        status = try_denser(run, k, &trial);
         if (status == STATUS_LIMIT || status == STATUS_DEGENERATE) {
             mesh_done(&trial.mesh);
             status = STATUS_OK;
@@ -154,7 +152,7 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
         }
         mesh_done(&trial.mesh);
     }
-    if (!status && best.from > run->kept_count) status = count_vertices(run, &best);
+    if (!status && best.from > run->kept_count) status = pipeline_count_vertices(run, &best.mesh, &best.facts);
     if (status) return status;
     *facts = best.facts;
     run->report.level[run->level].reconstructed_from = best.from;

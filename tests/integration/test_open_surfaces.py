@@ -59,10 +59,23 @@ def check_sheet(points, triangles, upwards):
 
 
 @pytest.mark.parametrize("surface", ["open", "heightfield"])
+def test_sheets_are_nearer_when_reconstructed_first(terrain, tmp_path, surface):
+    """Unrefined, where the order is all that differs; auto is reconstruct-first for sheets."""
+    made = {order: meshed(terrain, tmp_path / order, surface=surface, ratio=0.06, refine="none", order=order)[2]
+            for order in ("simplify-first", "reconstruct-first", "auto")}
+    simple, first, auto = made.values()
+    kept = simple["mesh"]["vertices"]
+    assert simple["mesh"]["reconstructed_from"] == kept and first["mesh"]["reconstructed_from"] > 1.5 * kept
+    assert abs(first["mesh"]["vertices"] - kept) < 0.02 * kept
+    assert first["error"]["input_to_mesh"]["mean"] < 0.9 * simple["error"]["input_to_mesh"]["mean"]
+    assert auto["mesh"] == first["mesh"] and auto["error"] == first["error"]
+
+
+@pytest.mark.parametrize("surface", ["open", "heightfield"])
 @pytest.mark.parametrize("placement", ["subset", "optimal"])
 def test_refinement_halves_the_error_and_keeps_the_sheet(terrain, tmp_path, surface, placement):
-    made = {form: meshed(terrain, tmp_path / form, surface=surface, placement=placement, ratio=0.06, refine=form)
-            for form in ("none", "full")}
+    made = {form: meshed(terrain, tmp_path / form, surface=surface, placement=placement, ratio=0.06, refine=form,
+                         order="simplify-first") for form in ("none", "full")}
     before, after = (made[form][2]["error"]["input_to_mesh"]["mean"] for form in ("none", "full"))
     assert after < 0.5 * before
     check_sheet(*made["full"][:2], surface == "heightfield")

@@ -446,6 +446,40 @@ static void sides_follow_what_is_known(void **state) {
     mesh_done(&mesh), scan_done(&scan);
 }
 
+/* Points on either side of a line were seen from opposite sides: no surface joins them, whatever is nearest. */
+static void what_faces_the_other_way_is_cut_off(void **state) {
+    (void)state;
+    struct scan scan = scan_of(waves);
+    struct mesh mesh = made(&scan, SURFACE_OPEN, NULL);
+    struct mesh_facts before, after;
+    enum sheet_side side;
+    vec3 *normal = alloc_array(scan.kept_count, sizeof *normal);
+    assert_non_null(normal);
+    double low = INFINITY, high = -INFINITY;
+    for (size_t i = 0; i < scan.kept_count; i++) low = fmin(low, scan.kept[i].x), high = fmax(high, scan.kept[i].x);
+    for (size_t i = 0; i < scan.kept_count; i++)
+        normal[i] = (vec3){0, 0, scan.kept[i].x > (low + 2 * high) / 3 ? -1 : 1};
+    struct sheet_sides sides = {.up = {0, 0, 1}};
+    is_a_manifold_with_borders(&mesh, &before);
+    assert_int_equal(sheet_part_turned(&mesh, &sides, 1), STATUS_OK);
+    is_a_manifold_with_borders(&mesh, &after);
+    assert_int_equal(after.components, before.components);
+    sides.normal = normal;
+    assert_int_equal(sheet_part_turned(&mesh, &sides, 1), STATUS_OK);
+    assert_int_equal(sheet_orient(&mesh, &sides, 1, &side), STATUS_OK);
+    is_a_manifold_with_borders(&mesh, &after);
+    assert_true(after.components > before.components);
+    double against = 0, all = 0;
+    for (size_t t = 0; t < mesh.triangle_count; t++) {
+        vec3 area = mesh_triangle_normal(&mesh, t);
+        all += vec3_length(area);
+        against += vec3_dot(area, normal[mesh.source[mesh.triangle[t][0]]]) < 0 ? vec3_length(area) : 0;
+    }
+    assert_true(against < 0.03 * all);
+    free(normal);
+    mesh_done(&mesh), scan_done(&scan);
+}
+
 static void threads_make_the_same_mesh(void **state) {
     (void)state;
     const enum surface_form forms[] = {SURFACE_OPEN, SURFACE_HEIGHTFIELD};
@@ -510,6 +544,7 @@ int main(void) {
         cmocka_unit_test(points_say_what_they_are_of),
         cmocka_unit_test(the_lid_decides_where_points_do_not),
         cmocka_unit_test(sides_follow_what_is_known),
+        cmocka_unit_test(what_faces_the_other_way_is_cut_off),
         cmocka_unit_test(threads_make_the_same_mesh),
         cmocka_unit_test(all_stages_can_be_cancelled),
         cmocka_unit_test(a_failing_allocation_is_told),

@@ -11,8 +11,9 @@
 #include "core/base/disjoint_set.h"
 #include "core/cloud/cloud.h"
 #include "core/mesh/halfedge.h"
+#include "core/mesh/submesh.h"
 
-enum { SIDES = SIDE_OUT + 1 };
+enum { SIDES = SIDE_OUT + 1, TURNED_LEAST = 50 /* triangles of a part that is cut off */ };
 static const double AGREE[SIDES] = {0.5, 0.5, 0.3, 0}; /* sum of the votes by the sum of their sizes */
 
 struct votes {
@@ -102,5 +103,68 @@ enum status sheet_orient(struct mesh *mesh, const struct sheet_sides *sides, uns
     if (!status) status = find_oriented_components(mesh, sides->field, threads, component);
     if (!status) *side = turn(mesh, sides, component, votes);
     free(component), free(votes);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ turned parts */
+
+/* Triangles by how they face: parts are components of those that face the same way. */
+struct facing_parts {
+    uint8_t *in_front;
+    uint32_t *whole, *part; /* sets */
+    double *front;          /* by a component's root: area in front, less that which isn't */
+    uint32_t *count;        /* of triangles, by a part's root */
+};
+
+static bool faces_front(const struct mesh *mesh, const struct sheet_sides *sides, size_t t) {
+    struct votes votes = {0};
+    vote_all(mesh, sides, t, &votes);
+    return votes.sum[sides->normal ? SIDE_NORMALS : SIDE_VIEW] >= 0;
+}
+
+static void find_parts(const struct mesh *mesh, const struct halfedge *he, const struct sheet_sides *sides,
+                       struct facing_parts *parts) {
+    for (size_t t = 0; t < mesh->triangle_count; t++) parts->in_front[t] = faces_front(mesh, sides, t);
+    for (uint32_t h = 0; h < 3 * mesh->triangle_count; h++) {
+        uint32_t t = h / 3, across = he->twin[h] / 3;
+        if (he->twin[h] == NONE) continue;
+        disjoint_set_unite(parts->whole, t, across);
+        if (parts->in_front[t] == parts->in_front[across]) disjoint_set_unite(parts->part, t, across);
+    }
+    for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+        double area = vec3_length(mesh_triangle_normal(mesh, t));
+        parts->front[disjoint_set_root(parts->whole, t)] += parts->in_front[t] ? area : -area;
+        parts->count[disjoint_set_root(parts->part, t)]++;
+    }
+}
+
+/* The triangles of large parts along their edges to what faces as most of the component does. */
+static void mark_seams(const struct halfedge *he, struct facing_parts *parts, uint8_t *out) {
+    for (uint32_t h = 0; h < 3 * he->triangle_count; h++) {
+        uint32_t t = h / 3;
+        bool mostly_front = parts->front[disjoint_set_root(parts->whole, t)] >= 0;
+        bool turned = parts->in_front[t] != mostly_front, seam = he->twin[h] != NONE;
+        seam = seam && parts->in_front[he->twin[h] / 3] != parts->in_front[t];
+        if (turned && seam && parts->count[disjoint_set_root(parts->part, t)] >= TURNED_LEAST) out[t] = 1;
+    }
+}
+
+enum status sheet_part_turned(struct mesh *mesh, const struct sheet_sides *sides, unsigned threads) {
+    size_t n = mesh->triangle_count;
+    if (!sides->normal && !sides->viewed && !sides->views) return STATUS_OK;
+    struct halfedge he = {0};
+    uint8_t *out = alloc_zeroed(n, 1);
+    struct facing_parts parts = {alloc_array(n, 1), disjoint_set_new(n), disjoint_set_new(n),
+                                 alloc_zeroed(n, sizeof *parts.front), alloc_zeroed(n, sizeof *parts.count)};
+    bool ok = out && parts.in_front && parts.whole && parts.part && parts.front && parts.count;
+    enum status status = ok ? halfedge_init(&he, mesh, threads) : STATUS_NO_MEMORY;
+    if (!status) {
+        find_parts(mesh, &he, sides, &parts);
+        mark_seams(&he, &parts, out);
+        status = submesh_without(mesh, &he, out);
+    }
+    halfedge_done(&he);
+    free(out);
+    free(parts.in_front), free(parts.whole), free(parts.part), free(parts.front), free(parts.count);
     return status;
 }

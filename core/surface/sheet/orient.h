@@ -20,6 +20,11 @@ struct sheet_sides {
 
 enum sheet_side { SIDE_NORMALS, SIDE_VIEW, SIDE_UP, SIDE_OUT };
 
+/* Cuts a mesh where a part of it that faces away from the given normals, or else from the view, is joined to one that
+ * doesn't: points were seen from in front, so the surface that joins them there is none.  Nothing is done where neither
+ * is known.  Small parts stay.  The mesh has tags and sources.  O(triangles).  STATUS_NO_MEMORY. */
+enum status sheet_part_turned(struct mesh *mesh, const struct sheet_sides *sides, unsigned threads) MUST_CHECK;
+
 /* Turns each component of the mesh (manifold, oriented) to face as the given normals do, else to the view, where most
  * of its area agrees on it; else upwards where it faces up or down mostly; else away from its middle.  *side is what
  * the largest part of the area was turned by.  O(triangles).  STATUS_NO_MEMORY. */

@@ -5,9 +5,10 @@
  *
  * More points aren't always better: where sheets touch, points that are dense join them.  So counts double from the
  * kept ones on, the first with which hardly any edge runs across ends the search, and the nearest to the original
- * points of those tried is taken, unless it has more pieces or handles than the mesh of the kept points.  Where the
- * normals are too uncertain to tell what runs across, more points change little: the search is given up, and a noisy
- * cloud isn't searched at all.
+ * points of those tried is taken, unless it has more pieces or handles than the mesh of the kept points.
+ *
+ * There is no search where there can be no walls: in a noisy cloud, where the points nearby have other normals than the
+ * vertices from which edges run across, and among points that have more tetrahedra than those of a surface do.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <math.h>
@@ -24,6 +25,11 @@
 static const double ACROSS = 0.5;
 static const double WALLS_LOST = 0.005; /* share of the vertices with such edges, over which walls are lost */
 enum { DENSER = 2, TRIALS = 4, IN_VAIN = 2 /* trials after which no fewer edges run across */ };
+enum { TETRAHEDRA = 8 }; /* for each point, at most: surfaces have 6.4 to 7.1 */
+
+static const double ALIKE = 0.7;          /* cosine between normals of a surface that are near each other */
+static const double CERTAIN = 0.5;        /* share of the vertices with edges across, from which on they are searched */
+enum { ALONG = 4 /* as many points before and after one along the curve are near it, as a rule */ };
 
 static bool runs_across(const struct run *run, const struct mesh *mesh, uint32_t v, uint32_t w) {
     vec3 edge = vec3_sub(mesh->vertex[w], mesh->vertex[v]);
@@ -33,18 +39,31 @@ static bool runs_across(const struct run *run, const struct mesh *mesh, uint32_t
     return fabs(vec3_dot(edge, from)) > least && fabs(vec3_dot(edge, to)) > least;
 }
 
-/* The share of a mesh's vertices from which an edge runs across a wall. */
-static enum status find_lost(const struct run *run, const struct mesh *mesh, double *share) {
+/* Whether most points near one have its normal, or the opposite one, as those of either sheet of a wall do.  In a volume
+ * of noise a quarter of them or so. */
+static bool is_certain(const struct run *run, size_t point) {
+    size_t first = point < ALONG ? 0 : point - ALONG, last = point + ALONG;
+    size_t alike = 0;
+    if (last >= run->points.count) last = run->points.count - 1;
+    for (size_t i = first; i <= last; i++)
+        alike += i != point && fabs(vec3_dot(run->normal[i], run->normal[point])) > ALIKE;
+    return 2 * alike > last - first;
+}
+
+/* The share of a mesh's vertices from which an edge runs across a wall, and of these, those with a certain normal. */
+static enum status find_lost(const struct run *run, const struct mesh *mesh, double *share, double *certain) {
     uint8_t *lost = alloc_zeroed(mesh->vertex_count, 1);
-    size_t count = 0;
+    size_t count = 0, certain_count = 0;
     if (!lost) return STATUS_NO_MEMORY;
     for (size_t t = 0; t < mesh->triangle_count; t++)
         for (int k = 0; k < 3; k++) {
             uint32_t v = mesh->triangle[t][k], w = mesh->triangle[t][(k + 1) % 3];
             if (runs_across(run, mesh, v, w)) lost[v] = lost[w] = 1;
         }
-    for (size_t v = 0; v < mesh->vertex_count; v++) count += lost[v];
+    for (size_t v = 0; v < mesh->vertex_count; v++)
+        if (lost[v]) count++, certain_count += is_certain(run, mesh->source[v]);
     *share = mesh->vertex_count ? (double)count / (double)mesh->vertex_count : 0;
+    *certain = count ? (double)certain_count / (double)count : 0;
     free(lost);
     return STATUS_OK;
 }
@@ -71,7 +90,7 @@ static enum status find_mean(const struct run *run, const struct mesh *mesh, dou
 struct wall_trial {
     struct mesh mesh;
     struct reconstruct_facts facts;
-    double lost, mean;
+    double lost, certain, mean;
     size_t components, from;
     long handles;
 };
@@ -90,12 +109,13 @@ static enum status try_denser(struct run *run, size_t k, struct wall_trial *tria
     struct error ignored = {0};
     const struct memory_job job = {run->cloud->count, run->cloud->record_bytes, run->cloud->triangle_count, 0, 0};
     size_t most = memory_tetrahedra(&job, run->kept_count, false, run->params);
+    if (most > TETRAHEDRA * k) most = TETRAHEDRA * k;
     enum status status = pipeline_sites_of(run, k, &sites);
     if (!status) status = delaunay_build_within(sites.point, k, most, run->threads, &run->progress, &tets, &ignored);
     if (!status) status = pipeline_reconstruct_closed(run, &sites, &tets, &trial->mesh, &trial->facts);
     tets_done(&tets);
     pipeline_sites_done(&sites);
-    if (!status) status = find_lost(run, &trial->mesh, &trial->lost);
+    if (!status) status = find_lost(run, &trial->mesh, &trial->lost, &trial->certain);
     if (!status) status = mesh_decimate(&trial->mesh, NULL, run->kept_count);
     trial->from = k;
     return status ? status : judge_trial(run, trial);
@@ -125,9 +145,9 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
     if (most > run->points.count) most = run->points.count;
     if (run->neighbours.noisy && !always) return STATUS_OK;
     if (asked == ORDER_SIMPLIFY_FIRST || run->kept_count >= most) return STATUS_OK;
-    enum status status = find_lost(run, &best.mesh, &best.lost);
+    enum status status = find_lost(run, &best.mesh, &best.lost, &best.certain);
     double lost = best.lost;
-    if (status || !(always || lost > WALLS_LOST)) return status;
+    if (status || !(always || (lost > WALLS_LOST && best.certain > CERTAIN))) return status;
     status = judge_trial(run, &best);
     size_t k = run->kept_count;
     double least_lost = lost;

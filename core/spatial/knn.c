@@ -3,14 +3,16 @@
  * The trees are walked once for a run of some ten queries.  From what that has gathered groups of some three take what
  * is near them; whoever needs more than its group has looks among all that the run has, and then asks the trees.
  *
- * How far the k-th neighbour of the last query was tells how wide the next run and group may be.  A group of few isn't
- * worth gathering for; so queries in no order cost what they would without groups.
+ * How far the k-th neighbour of the last query was tells how wide the next run and group may be: by that of a surface.
+ * In a volume as wide a ball has several times as many points, too many to gather, so groups become narrower there.  A
+ * group of few isn't worth gathering for, but in a volume; so queries in no order cost what they would without groups.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/spatial/knn.h"
 
 #include <assert.h>
 #include <limits.h>
+#include <math.h>
 #include <stdatomic.h>
 #include <stdlib.h>
 
@@ -23,6 +25,8 @@
 enum { BATCH = 2048, FEWEST = 2, GROUP = 16, RUN = 64, FEW = 8 /* neighbours */ };
 static const double GROUP_WIDTH = 2, GROUP_ROOM = 1.2; /* in distances to the k-th neighbour, as the next line */
 static const double RUN_WIDTH = 4, RUN_ROOM = 1.6;
+static const double NARROWEST = 1.0 / 4; /* of those widths, where balls are crowded */
+enum { UNCROWDED = KNN_GROUP_POINTS / 8 /* points in a ball that may be twice as wide */ };
 
 struct knn {
     const vec3 *point;
@@ -74,6 +78,7 @@ static enum status ask_alone(const struct search *search, size_t q) {
 struct run {
     size_t end;
     double usual; /* how far the k-th neighbour of the last query was */
+    double width; /* of groups, a fraction of GROUP_WIDTH */
     bool gathered;
     struct knn_group wide; /* what was, for all of them */
 };
@@ -86,8 +91,6 @@ static size_t length_of(const struct search *search, const struct run *run, size
 
 static enum status gather(const struct search *search, size_t q, size_t n, double room, struct knn_group *group,
                           bool *gathered) {
-    *gathered = false;
-    if (n < FEWEST) return STATUS_OK;
     return knn_group_gather(group, search->knn->pieces, search->knn->point, &search->queries[q], n, room, gathered);
 }
 
@@ -102,7 +105,11 @@ static enum status ask_group(const struct search *search, struct run *run, size_
     double room = GROUP_ROOM * run->usual;
     enum status status = STATUS_OK;
     bool gathered = run->gathered && knn_group_narrow(&run->wide, &search->queries[q], n, room, &group);
-    if (!gathered) status = gather(search, q, n, room, &group, &gathered);
+    if (!gathered && (n >= FEWEST || run->width < 1)) {
+        status = gather(search, q, n, room, &group, &gathered);
+        if (!gathered) run->width = fmax(run->width / 2, NARROWEST);
+    }
+    if (gathered && group.count < UNCROWDED) run->width = fmin(2 * run->width, 1);
     for (size_t end = q + n; q < end && !status; q++) {
         if (gathered && is_answered(search, &group, q, run->usual)) continue;
         if (run->gathered && is_answered(search, &run->wide, q, run->usual)) continue;
@@ -113,9 +120,12 @@ static enum status ask_group(const struct search *search, struct run *run, size_
 }
 
 static enum status ask_run(const struct search *search, struct run *run, size_t q) {
-    enum status status = gather(search, q, run->end - q, RUN_ROOM * run->usual, &run->wide, &run->gathered);
+    enum status status = STATUS_OK;
+    run->gathered = false;
+    if (run->end - q >= FEWEST && !(run->width < 1))
+        status = gather(search, q, run->end - q, RUN_ROOM * run->usual, &run->wide, &run->gathered);
     for (size_t n; q < run->end && !status; q += n) {
-        n = length_of(search, run, q, GROUP, GROUP_WIDTH);
+        n = length_of(search, run, q, GROUP, GROUP_WIDTH * run->width);
         status = ask_group(search, run, q, n);
     }
     return status;
@@ -124,7 +134,7 @@ static enum status ask_run(const struct search *search, struct run *run, size_t 
 static void search_range(void *ctx, size_t begin, size_t end) {
     struct search *search = ctx;
     enum status status = STATUS_OK;
-    struct run run = {.usual = 0};
+    struct run run = {.width = 1};
     for (size_t q = begin; q < end && !status; q = run.end) {
         run.end = end;
         run.end = q + length_of(search, &run, q, RUN, RUN_WIDTH);

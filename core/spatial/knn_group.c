@@ -99,20 +99,28 @@ static bool has_equals(const struct ranking *r, unsigned k) {
     return equal;
 }
 
-/* Puts those whose keys differ in their places alone in the order of their distances, equal ones in that of their ids.
- * Keys are nearly in it, so few change places.  Nothing that is as far as the last one is missing: what is ranked is
- * all that is nearer than a bound. */
-static void rank_equals(const struct knn_group *g, struct ranking *r) {
-    for (unsigned i = 1; i < r->count; i++) {
-        double key = r->ranked[i];
-        unsigned place = bits_of(key) & (PLACES - 1), j = i;
-        for (; j > 0 && bits_of(r->ranked[j - 1]) >> PLACE_BITS == bits_of(key) >> PLACE_BITS; j--) {
-            unsigned before = bits_of(r->ranked[j - 1]) & (PLACES - 1);
-            double d = r->distance_sq[before] - r->distance_sq[place];
-            if (d < 0 || (d == 0 && g->id[before] < g->id[place])) break;
-            r->ranked[j] = r->ranked[j - 1];
-        }
-        r->ranked[j] = key;
+/* Puts the n keys from the first on, which differ in their places alone, in the order of their distances, equal ones in
+ * that of their ids. */
+static void rank_run(const struct knn_group *g, struct ranking *r, unsigned first, unsigned n) {
+    double key[KNN_GROUP_POINTS], distance_sq[KNN_GROUP_POINTS], id[KNN_GROUP_POINTS];
+    for (unsigned i = 0; i < n; i++) {
+        unsigned place = bits_of(r->ranked[first + i]) & (PLACES - 1);
+        key[i] = r->ranked[first + i], distance_sq[i] = r->distance_sq[place], id[i] = g->id[place];
+    }
+    for (unsigned i = 0; i < n; i++) {
+        int64_t rank = 0;
+        for (unsigned j = 0; j < n; j++) /* no branch to guess wrong */
+            rank += (distance_sq[j] < distance_sq[i]) | ((distance_sq[j] == distance_sq[i]) & (id[j] < id[i]));
+        r->ranked[first + rank] = key[i];
+    }
+}
+
+/* Puts what the first k may be among in order.  Nothing that is as far as the last one is missing: what is ranked is all
+ * that is nearer than a bound. */
+static void rank_equals(const struct knn_group *g, unsigned k, struct ranking *r) {
+    for (unsigned i = 0, n; i < k; i += n) {
+        for (n = 1; i + n < r->count && bits_of(r->ranked[i + n]) >> PLACE_BITS == bits_of(r->ranked[i]) >> PLACE_BITS;) n++;
+        if (n > 1) rank_run(g, r, i, n);
     }
 }
 
@@ -123,7 +131,7 @@ FOR_EACH_PROCESSOR(bool, knn_group_nearest)
     if (group->count < k || !(sure > 0)) return false;
     rank(group, query, k, NEAR * usual * usual, fmin(sure * sure, FARTHEST), &r);
     if (r.count < k) return false;
-    if (has_equals(&r, k)) rank_equals(group, &r);
+    if (has_equals(&r, k)) rank_equals(group, k, &r);
     for (unsigned i = 0; i < k; i++) {
         unsigned place = bits_of(r.ranked[i]) & (PLACES - 1);
         id[i] = group->id[place];

@@ -25,7 +25,7 @@
 enum { BATCH = 2048, FEWEST = 2, GROUP = 16, RUN = 64, FEW = 8 /* neighbours */ };
 static const double GROUP_WIDTH = 2, GROUP_ROOM = 1.2; /* in distances to the k-th neighbour, as the next line */
 static const double RUN_WIDTH = 4, RUN_ROOM = 1.6;
-static const double NARROWEST = 1.0 / 4; /* of those widths, where balls are crowded */
+static const double NARROWEST = 1.0 / 3; /* of those widths, where balls are crowded */
 enum { UNCROWDED = KNN_GROUP_POINTS / 8 /* points in a ball that may be twice as wide */ };
 
 struct knn {

@@ -7,8 +7,8 @@
  * kept ones on, the first with which hardly any edge runs across ends the search, and the nearest to the original
  * points of those tried is taken, unless it has more pieces or handles than the mesh of the kept points.
  *
- * There is no search where there can be no walls: in a noisy cloud, where the points nearby have other normals than the
- * vertices from which edges run across, and among points that have more tetrahedra than those of a surface do.
+ * There is no search where there can be no walls: in a noisy cloud, where most vertices have another normal than the
+ * points nearby, and among points that have more tetrahedra than those of a surface do.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <math.h>
@@ -27,9 +27,9 @@ static const double WALLS_LOST = 0.005; /* share of the vertices with such edges
 enum { DENSER = 2, TRIALS = 4, IN_VAIN = 2 /* trials after which no fewer edges run across */ };
 enum { TETRAHEDRA = 8 }; /* for each point, at most: surfaces have 6.4 to 7.1 */
 
-static const double ALIKE = 0.7;          /* cosine between normals of a surface that are near each other */
-static const double CERTAIN = 0.5;        /* share of the vertices with edges across, from which on they are searched */
 enum { ALONG = 4 /* as many points before and after one along the curve are near it, as a rule */ };
+static const double ALIKE = 0.7;   /* cosine between normals of a surface that are near each other */
+static const double CERTAIN = 0.5; /* share of a surface's vertices with such normals, at least */
 
 static bool runs_across(const struct run *run, const struct mesh *mesh, uint32_t v, uint32_t w) {
     vec3 edge = vec3_sub(mesh->vertex[w], mesh->vertex[v]);
@@ -39,8 +39,8 @@ static bool runs_across(const struct run *run, const struct mesh *mesh, uint32_t
     return fabs(vec3_dot(edge, from)) > least && fabs(vec3_dot(edge, to)) > least;
 }
 
-/* Whether most points near one have its normal, or the opposite one, as those of either sheet of a wall do.  In a volume
- * of noise a quarter of them or so. */
+/* Whether most points near one have its normal, or the opposite one, as those of either sheet of a wall do: true
+ * of nine tenths of a scan's, of two thirds of a coarse model's, and of a quarter of those in a volume of noise. */
 static bool is_certain(const struct run *run, size_t point) {
     size_t first = point < ALONG ? 0 : point - ALONG, last = point + ALONG;
     size_t alike = 0;
@@ -50,20 +50,24 @@ static bool is_certain(const struct run *run, size_t point) {
     return 2 * alike > last - first;
 }
 
-/* The share of a mesh's vertices from which an edge runs across a wall, and of these, those with a certain normal. */
-static enum status find_lost(const struct run *run, const struct mesh *mesh, double *share, double *certain) {
+static bool are_certain(const struct run *run, const struct mesh *mesh) {
+    size_t count = 0;
+    for (size_t v = 0; v < mesh->vertex_count; v++) count += is_certain(run, mesh->source[v]);
+    return (double)count > CERTAIN * (double)mesh->vertex_count;
+}
+
+/* The share of a mesh's vertices from which an edge runs across a wall. */
+static enum status find_lost(const struct run *run, const struct mesh *mesh, double *share) {
     uint8_t *lost = alloc_zeroed(mesh->vertex_count, 1);
-    size_t count = 0, certain_count = 0;
+    size_t count = 0;
     if (!lost) return STATUS_NO_MEMORY;
     for (size_t t = 0; t < mesh->triangle_count; t++)
         for (int k = 0; k < 3; k++) {
             uint32_t v = mesh->triangle[t][k], w = mesh->triangle[t][(k + 1) % 3];
             if (runs_across(run, mesh, v, w)) lost[v] = lost[w] = 1;
         }
-    for (size_t v = 0; v < mesh->vertex_count; v++)
-        if (lost[v]) count++, certain_count += is_certain(run, mesh->source[v]);
+    for (size_t v = 0; v < mesh->vertex_count; v++) count += lost[v];
     *share = mesh->vertex_count ? (double)count / (double)mesh->vertex_count : 0;
-    *certain = count ? (double)certain_count / (double)count : 0;
     free(lost);
     return STATUS_OK;
 }
@@ -90,7 +94,7 @@ static enum status find_mean(const struct run *run, const struct mesh *mesh, dou
 struct wall_trial {
     struct mesh mesh;
     struct reconstruct_facts facts;
-    double lost, certain, mean;
+    double lost, mean;
     size_t components, from;
     long handles;
 };
@@ -109,13 +113,13 @@ static enum status try_denser(struct run *run, size_t k, struct wall_trial *tria
     struct error ignored = {0};
     const struct memory_job job = {run->cloud->count, run->cloud->record_bytes, run->cloud->triangle_count, 0, 0};
     size_t most = memory_tetrahedra(&job, run->kept_count, false, run->params);
-    if (most > TETRAHEDRA * k) most = TETRAHEDRA * k;
+    if (run->params->order == ORDER_AUTO && most > TETRAHEDRA * k) most = TETRAHEDRA * k;
     enum status status = pipeline_sites_of(run, k, &sites);
     if (!status) status = delaunay_build_within(sites.point, k, most, run->threads, &run->progress, &tets, &ignored);
     if (!status) status = pipeline_reconstruct_closed(run, &sites, &tets, &trial->mesh, &trial->facts);
     tets_done(&tets);
     pipeline_sites_done(&sites);
-    if (!status) status = find_lost(run, &trial->mesh, &trial->lost, &trial->certain);
+    if (!status) status = find_lost(run, &trial->mesh, &trial->lost);
     if (!status) status = mesh_decimate(&trial->mesh, NULL, run->kept_count);
     trial->from = k;
     return status ? status : judge_trial(run, trial);
@@ -145,9 +149,9 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
     if (most > run->points.count) most = run->points.count;
     if (run->neighbours.noisy && !always) return STATUS_OK;
     if (asked == ORDER_SIMPLIFY_FIRST || run->kept_count >= most) return STATUS_OK;
-    enum status status = find_lost(run, &best.mesh, &best.lost, &best.certain);
+    enum status status = find_lost(run, &best.mesh, &best.lost);
     double lost = best.lost;
-    if (status || !(always || (lost > WALLS_LOST && best.certain > CERTAIN))) return status;
+    if (status || !(always || (lost > WALLS_LOST && are_certain(run, &best.mesh)))) return status;
     status = judge_trial(run, &best);
     size_t k = run->kept_count;
     double least_lost = lost;

@@ -115,11 +115,12 @@ static void rank_run(const struct knn_group *g, struct ranking *r, unsigned firs
     }
 }
 
-/* Puts what the first k may be among in order.  Nothing that is as far as the last one is missing: what is ranked is all
- * that is nearer than a bound. */
+/* Puts what the first k may be among in order.  Nothing that is as far as the last one is missing: what is ranked is
+ * all that is nearer than a bound. */
 static void rank_equals(const struct knn_group *g, unsigned k, struct ranking *r) {
     for (unsigned i = 0, n; i < k; i += n) {
-        for (n = 1; i + n < r->count && bits_of(r->ranked[i + n]) >> PLACE_BITS == bits_of(r->ranked[i]) >> PLACE_BITS;) n++;
+        uint64_t bits = bits_of(r->ranked[i]) >> PLACE_BITS;
+        for (n = 1; i + n < r->count && bits_of(r->ranked[i + n]) >> PLACE_BITS == bits;) n++;
         if (n > 1) rank_run(g, r, i, n);
     }
 }

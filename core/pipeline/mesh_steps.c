@@ -2,6 +2,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <inttypes.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -366,7 +367,8 @@ static enum status reconstruct_denser(struct run *run, size_t k, struct mesh *me
 }
 
 /* A surface with borders is nearer to the points when it is reconstructed from more of them: where sheets end, step or
- * stand upright, few points don't tell which of them are neighbours.  Where that can't be done the mesh stays. */
+ * stand upright, few points don't tell which of them are neighbours.  Where that can't be done the mesh stays; so it
+ * does where points are to be apart, since others than the kept ones aren't. */
 static enum status reconstruct_first(struct run *run, struct reconstruct_facts *facts) {
     enum { DENSER = 4, DENSER_IN_PLANE = 10 };
     bool field = run->surface.form == SURFACE_HEIGHTFIELD;
@@ -376,7 +378,8 @@ static enum status reconstruct_first(struct run *run, struct reconstruct_facts *
     struct mesh mesh = {0};
     if (!field && k > most) k = most;
     if (k > n) k = n;
-    if (run->params->order == ORDER_SIMPLIFY_FIRST || k <= run->kept_count) return STATUS_OK;
+    bool asked = run->params->order == ORDER_RECONSTRUCT_FIRST, spaced = !isnan(run->params->spacing);
+    if (run->params->order == ORDER_SIMPLIFY_FIRST || (spaced && !asked) || k <= run->kept_count) return STATUS_OK;
     enum status status = reconstruct_denser(run, k, &mesh, &found);
     if (!status && mesh.triangle_count > 0) {
         struct mesh before = run->mesh;

@@ -32,12 +32,13 @@ static void two_product(double a, double b, double *product, double *rest) {
 
 static void add(struct expansion *e, double x) {
     int n = 0;
+    if (x == 0) return;
     for (int i = 0; i < e->n; i++) {
         double rest;
         two_sum(x, e->part[i], &x, &rest);
         if (rest != 0) e->part[n++] = rest;
     }
-    if (x != 0 || n == 0) e->part[n++] = x;
+    if (x != 0) e->part[n++] = x;
     e->n = n;
 }
 
@@ -49,6 +50,13 @@ static void add_product(struct expansion *e, double a, double b, double c) {
     add(e, rest), add(e, product);
     two_product(low, c, &product, &rest);
     add(e, rest), add(e, product);
+}
+
+/* a - b = *to, exactly; false where that is no double. */
+static bool subtract(vec3 a, vec3 b, vec3 *to) {
+    vec3 rest;
+    two_sum(a.x, -b.x, &to->x, &rest.x), two_sum(a.y, -b.y, &to->y, &rest.y), two_sum(a.z, -b.z, &to->z, &rest.z);
+    return rest.x == 0 && rest.y == 0 && rest.z == 0;
 }
 
 /* The largest part decides. */
@@ -64,8 +72,14 @@ static void add_determinant(struct expansion *e, vec3 a, vec3 b, vec3 c, double 
     add_product(e, sign * a.z, b.x, c.y), add_product(e, -sign * a.z, b.y, c.x);
 }
 
+/* Coordinates that were floats have differences without rounding, and then there is one determinant instead of four. */
 static int exact_side(vec3 a, vec3 b, vec3 c, vec3 d) {
     struct expansion e = {.n = 0};
+    vec3 p, q, r;
+    if (subtract(a, d, &p) && subtract(b, d, &q) && subtract(c, d, &r)) {
+        add_determinant(&e, p, q, r, -1);
+        return sign_of(&e);
+    }
     add_determinant(&e, b, c, d, 1), add_determinant(&e, a, c, d, -1);
     add_determinant(&e, a, b, d, 1), add_determinant(&e, a, b, c, -1);
     return sign_of(&e);

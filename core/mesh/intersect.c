@@ -86,8 +86,21 @@ static void turned(const vec3 from[3], int k, vec3 to[3]) {
     for (int i = 0; i < 3; i++) to[i] = from[(k + i) % 3];
 }
 
+/* Whether a projection shows b beyond one of the edges of a that begin at the corner that they share. */
+static bool is_beside(const vec3 a[3], const vec3 b[3]) {
+    int axis, turn;
+    if (!find_axis(a, &axis, &turn)) return false;
+    for (int k = 1; k < 3; k++) {
+        int beyond = k == 1 ? -turn : turn;
+        if (predicate_turn(a[0], a[k], b[1], axis) == beyond && predicate_turn(a[0], a[k], b[2], axis) == beyond)
+            return true;
+    }
+    return false;
+}
+
 /* They share a[0] = b[0] alone. */
 static bool meet_beside_corner(const vec3 a[3], const vec3 b[3]) {
+    if (is_beside(a, b) || is_beside(b, a)) return false;
     int of_b[2] = {predicate_side(a[0], a[1], a[2], b[1]), predicate_side(a[0], a[1], a[2], b[2])};
     if (!differ(of_b[0], of_b[1])) return false;
     int of_a[2] = {predicate_side(b[0], b[1], b[2], a[1]), predicate_side(b[0], b[1], b[2], a[2])};
@@ -97,8 +110,8 @@ static bool meet_beside_corner(const vec3 a[3], const vec3 b[3]) {
 /* They share the edge a[0] a[1], and c is the other's third corner. */
 static bool meet_beside_edge(const vec3 a[3], vec3 c) {
     int axis, turn;
-    if (predicate_side(a[0], a[1], a[2], c) != 0 || !find_axis(a, &axis, &turn)) return false;
-    return predicate_turn(a[0], a[1], c, axis) == turn;
+    if (!find_axis(a, &axis, &turn) || predicate_turn(a[0], a[1], c, axis) != turn) return false;
+    return predicate_side(a[0], a[1], a[2], c) == 0;
 }
 
 static bool meet_apart(const vec3 a[3], const vec3 b[3]) {

@@ -209,23 +209,35 @@ static bool part_pair(struct uncrossing *all, const uint32_t pair[2]) {
     return true;
 }
 
+/* The pairs are looked for again only where something was done about them. */
+static enum status part_all(struct uncrossing *all, size_t *changes) {
+    struct fit *fit = all->fit;
+    enum status status = STATUS_OK;
+    uint32_t(*pair)[2] = NULL;
+    size_t n = 0, parted = 1;
+    for (int i = 0; i < ROUNDS && !status; i++) {
+        if (parted > 0) {
+            free(pair), pair = NULL;
+            status = intersections_list(all->found, fit->threads, &pair, &n);
+            if (status || n == 0) break;
+        }
+        memset(all->stuck, 0, fit->mesh->vertex_count);
+        parted = 0;
+        for (size_t k = 0; k < n && all->tried < all->most; k++) parted += part_pair(all, pair[k]);
+        *changes += parted;
+        if (all->tried >= all->most || (parted == 0 && all->fairness == FIT_REGARDLESS)) break;
+        if (parted == 0) all->fairness++;
+    }
+    free(pair);
+    return status;
+}
+
 enum status fit_uncross(struct fit *fit, bool moves, size_t *changes) {
     struct uncrossing all = {.fit = fit, .moves = moves};
-    bool done = false;
     all.most = TRIED_OF_EACH * fit->mesh->triangle_count + TRIED_LEAST;
     all.stuck = alloc_array(fit->mesh->vertex_count, 1);
     enum status status = all.stuck ? intersections_new(fit->mesh, fit->threads, &all.found) : STATUS_NO_MEMORY;
-    for (int i = 0; i < ROUNDS && !done && !status; i++) {
-        uint32_t(*pair)[2] = NULL;
-        size_t n = 0, parted = 0;
-        memset(all.stuck, 0, fit->mesh->vertex_count);
-        status = intersections_list(all.found, fit->threads, &pair, &n);
-        for (size_t k = 0; k < n && all.tried < all.most; k++) parted += part_pair(&all, pair[k]);
-        *changes += parted;
-        done = n == 0 || (parted == 0 && all.fairness == FIT_REGARDLESS);
-        if (parted == 0 && !done) all.fairness++;
-        free(pair);
-    }
+    if (!status) status = part_all(&all, changes);
     intersections_free(all.found);
     free(all.stuck);
     return status;

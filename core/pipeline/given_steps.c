@@ -78,20 +78,35 @@ enum status pipeline_faces(struct run *run) {
 }
 
 /* A mesh that can't become as small as it should may take more memory than there is for it. */
-static enum status check_room(struct run *run) {
+static bool has_room(const struct run *run) {
     struct params as_many = *run->params;
     const struct memory_job job = {run->cloud->count, run->cloud->record_bytes, run->cloud->triangle_count, 0, 0};
     size_t n = run->mesh.vertex_count;
-    if (n <= run->kept_count) return STATUS_OK;
-    left_out_add(&run->report.left_out, "mesh", "%zu vertices that can't go without changing what the surface is",
-                 n - run->kept_count);
+    if (n <= run->kept_count || !as_many.memory_bytes) return true;
     as_many.points = n, as_many.ratio = NAN, as_many.levels.count = 0;
-    if (!as_many.memory_bytes || memory_predict(&job, &as_many) <= as_many.memory_bytes) return STATUS_OK;
+    return memory_predict(&job, &as_many) <= as_many.memory_bytes;
+}
+
+/* The surface is found by the points instead. */
+static enum status reconstruct_instead(struct run *run) {
+    left_out_add(&run->report.left_out, "input",
+                 "its faces as a surface: they can't be simplified to fewer than %zu vertices, and the memory has no "
+                 "room for them",
+                 run->mesh.vertex_count);
+    mesh_done(&run->mesh);
+    run->mesh = (struct mesh){0};
+    faces_done(&run->faces);
+    run->decision = UNDECIDED;
+    enum status status = pipeline_delaunay(run);
+    return status ? status : pipeline_reconstruct(run);
+}
+
+static enum status refuse_for_room(struct run *run) {
     return error_set(run->error, STATUS_NO_MEMORY, "collapse",
                      "the input's faces can't be simplified to fewer than %zu vertices, and %" PRIu64
                      " MiB have no room for them: allow more memory, or have the surface reconstructed "
                      "(surface=closed, surface=open)",
-                     n, as_many.memory_bytes >> 20);
+                     run->mesh.vertex_count, run->params->memory_bytes >> 20);
 }
 
 /* The mesh's seams become borders, of which refinement lets go no vertex. */
@@ -102,24 +117,35 @@ static enum status cut_seams(struct run *run, const uint32_t (*record)[3]) {
     return status;
 }
 
-enum status pipeline_collapse(struct run *run) {
-    struct report_level *report = &run->report.level[run->level];
+/* Collapses edges until as many vertices are left as are kept, or none can go. */
+static enum status collapse(struct run *run, uint32_t (**record)[3]) {
     struct decimate_rules rules = {.borders = true, .slivers = true};
     enum status status = faces_mesh(&run->faces, &run->points, &run->mesh);
     if (!status && run->faces.record) {
-        rules.record = alloc_array(run->faces.count, sizeof *rules.record);
+        *record = rules.record = alloc_array(run->faces.count, sizeof *rules.record);
         status = rules.record ? STATUS_OK : STATUS_NO_MEMORY;
         if (!status) memcpy(rules.record, run->faces.record, run->faces.count * sizeof *rules.record);
     }
-    if (!status) status = mesh_decimate(&run->mesh, &rules, run->kept_count);
-    if (status) status = pipeline_no_memory(run, "collapse");
-    if (!status) status = check_room(run);
-    if (!status && rules.record && cut_seams(run, (const uint32_t(*)[3])rules.record))
-        status = pipeline_no_memory(run, "collapse");
-    free(rules.record);
+    return status ? status : mesh_decimate(&run->mesh, &rules, run->kept_count);
+}
+
+enum status pipeline_collapse(struct run *run) {
+    struct report_level *report = &run->report.level[run->level];
+    uint32_t(*record)[3] = NULL;
+    enum status status = collapse(run, &record);
+    bool room = status || has_room(run);
+    if (!room) {
+        free(record);
+        return run->params->surface == SURFACE_AUTO ? reconstruct_instead(run) : refuse_for_room(run);
+    }
+    if (!status && run->mesh.vertex_count > run->kept_count)
+        left_out_add(&run->report.left_out, "mesh", "%zu vertices that can't go without changing what the surface is",
+                     run->mesh.vertex_count - run->kept_count);
+    if (!status && record) status = cut_seams(run, (const uint32_t(*)[3])record);
+    free(record);
     report->reconstructed_from = run->points.count;
     snprintf(report->reconstruction, sizeof report->reconstruction, "given");
-    return status;
+    return status ? pipeline_no_memory(run, "collapse") : STATUS_OK;
 }
 
 /* The mesh without the copies that seams have made, for whoever asks what it is. */

@@ -380,7 +380,10 @@ static enum status reconstruct_first(struct run *run, struct reconstruct_facts *
     if (k > n) k = n;
     bool asked = run->params->order == ORDER_RECONSTRUCT_FIRST, spaced = !isnan(run->params->spacing);
     if (run->params->order == ORDER_SIMPLIFY_FIRST || (spaced && !asked) || k <= run->kept_count) return STATUS_OK;
-    enum status status = reconstruct_denser(run, k, &mesh, &found);
+    bool curves; /* whose points don't tell what is between them, however many they are */
+    enum status status = scan_lines_are_curves(&run->neighbours, run->points.point, run->threads, &curves);
+    if (status || (curves && !asked)) return status;
+    status = reconstruct_denser(run, k, &mesh, &found);
     if (!status && mesh.triangle_count > 0) {
         struct mesh before = run->mesh;
         run->mesh = mesh, mesh = before;

@@ -151,7 +151,7 @@ static void leave_server(struct pq_link *link) {
 /* Settings that the address doesn't name itself: what libpq can see of a dead server, it is to see soon.  What follows
  * the address is instead of what it names. */
 static enum status connect_link(struct pq_link *link, struct error *error) {
-    static const char *const names[] = {"connect_timeout",
+    const char *const names[] = {"connect_timeout",
                                         "tcp_user_timeout",
                                         "keepalives_idle",
                                         "keepalives_interval",

@@ -152,18 +152,18 @@ static void leave_server(struct pq_link *link) {
  * the address is instead of what it names. */
 static enum status connect_link(struct pq_link *link, struct error *error) {
     const char *const names[] = {"connect_timeout",
-                                        "tcp_user_timeout",
-                                        "keepalives_idle",
-                                        "keepalives_interval",
-                                        "keepalives_count",
-                                        "target_session_attrs",
-                                        "fallback_application_name",
-                                        "client_encoding",
-                                        "dbname",
-                                        list_names[HOSTS],
-                                        list_names[ADDRESSES],
-                                        list_names[PORTS],
-                                        NULL};
+                                 "tcp_user_timeout",
+                                 "keepalives_idle",
+                                 "keepalives_interval",
+                                 "keepalives_count",
+                                 "target_session_attrs",
+                                 "fallback_application_name",
+                                 "client_encoding",
+                                 "dbname",
+                                 list_names[HOSTS],
+                                 list_names[ADDRESSES],
+                                 list_names[PORTS],
+                                 NULL};
     struct pq *pq = link->pq;
     char *list[LISTS];
     if (fault_at("database-connect")) return away(strerror(errno), error);

@@ -410,13 +410,12 @@ overhead: deps ## what the service costs beside the work, against nginx: request
 	@$(MAKE) --no-print-directory -j$$(nproc) all
 	@$(PYTHON) tests/bench/overhead.py $(build)
 
-HOSTS ?= 100
 .PHONY: bench-catalog
 bench-catalog: deps ## what PostgreSQL spends on a claim and a report with 10000 jobs waiting, and on idle hosts; HOSTS=100
 	@deploy/deps.sh postgresql-15
 	@$(MAKE) --no-print-directory -j$$(nproc) all
 	@POSTGRES_FSYNC=on POSTGRES_OPTIONS='-c max_connections=1000 -c shared_preload_libraries=pg_stat_statements' \
-	    tests/tools/with_postgres.sh $(PYTHON) tests/bench/catalog.py $(build) --hosts $(HOSTS)
+	    tests/tools/with_postgres.sh $(PYTHON) tests/bench/catalog.py $(build) --hosts $(or $(HOSTS),100)
 
 .PHONY: bench-hosts
 bench-hosts: deps ## throughput of three hosts of half a core each against one, a trivial job's time on PostgreSQL and S3 (root)

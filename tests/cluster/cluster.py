@@ -30,7 +30,7 @@ NOBODY = "02:00:00:00:00:99"  # a link-layer address that no interface has
 def run(*command, **options):
     """Its output; an error with all that it said when it fails or takes too long."""
     done = subprocess.run([str(c) for c in command], capture_output=True, text=True, check=False,
-                          timeout=options.pop("timeout", 60), **options)
+                          timeout=options.pop("timeout", PATIENCE_S), **options)
     if done.returncode:
         raise RuntimeError(f"{' '.join(map(str, command))}: {done.returncode}\n{done.stdout}{done.stderr}")
     return done.stdout

@@ -28,17 +28,13 @@ static bool is_valid(const char *where) {
 /* A server always holds something: whether it is a catalog is seen when it is opened. */
 static bool exists(const char *where) { return is_valid(where); }
 
-static enum status check_schema(struct catalog_postgres *postgres, bool as_is, struct error *error) {
+static enum status check_schema(struct catalog_postgres *postgres, struct error *error) {
     struct pq_link *link;
-    int64_t version = 0;
     enum status status = pq_take(postgres->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = tables_version(link, &version, error);
+    status = tables_check(link, error);
     pq_done(link);
-    if (status != STATUS_OK || as_is || version == tables_steps()) return status;
-    const char *why = version > tables_steps() ? "it is newer: run a newer whittled" : "run whittled migrate";
-    return error_set(error, STATUS_UNSUPPORTED, "catalog", "the database has schema %lld, this program knows %d; %s",
-                     (long long)version, tables_steps(), why);
+    return status;
 }
 
 static void make_session(char session[SESSION_BYTES]) {
@@ -57,7 +53,7 @@ static enum status open_server(const char *where, bool as_is, struct catalog **c
     make_session(opened->session);
     make_url(where, url);
     enum status status = pq_open(url, &opened->pq, error);
-    if (status == STATUS_OK) status = check_schema(opened, as_is, error);
+    if (status == STATUS_OK && !as_is) status = check_schema(opened, error);
     if (status == STATUS_OK && !as_is) status = catalog_postgres_listen(opened, error);
     if (status == STATUS_OK)
         *catalog = &opened->catalog;
@@ -208,7 +204,7 @@ enum status catalog_postgres_reserve(struct catalog *catalog, const char *princi
     if (!bytes && !limit) return STATUS_OK;
     enum status status = pq_begin_soon(postgres->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = pq_execute(link, "SET LOCAL synchronous_commit = off", error);
+    status = pq_run(link, "SET LOCAL synchronous_commit = off", NULL, 0, NULL, error);
     if (status == STATUS_OK) status = catalog_postgres_check_bytes(link, principal, bytes, limit, error);
     if (status == STATUS_OK)
         status = pq_run(link,

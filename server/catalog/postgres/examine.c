@@ -50,17 +50,11 @@ static void look_at_stray(const struct catalog_examiner *examiner, const struct 
 void catalog_postgres_examine(struct catalog *catalog, const struct catalog_examiner *examiner) {
     struct examination e = {.examiner = examiner};
     struct error error = {0};
-    char text[120];
-    int64_t version = 0;
     enum status status = pq_take(catalog_postgres_of(catalog)->pq, &e.link, &error);
-    if (status == STATUS_OK) status = tables_version(e.link, &version, &error);
-    snprintf(text, sizeof text, "the database has schema %lld, this program knows %d", (long long)version,
-             tables_steps());
-    if (status != STATUS_OK)
+    if (status == STATUS_OK) status = tables_check(e.link, &error);
+    if (status != STATUS_OK) {
         examiner->damaged(examiner->ctx, error.text);
-    else if (version != tables_steps())
-        examiner->damaged(examiner->ctx, text);
-    if (status == STATUS_OK && version == tables_steps()) {
+    } else {
         each_row(&e, "SELECT id, attempt, state, (SELECT count(*) FROM outputs WHERE job = id) FROM jobs ORDER BY id",
                  look_at_job);
         each_row(&e, "SELECT cloud FROM jobs UNION SELECT sha256 FROM clouds ORDER BY 1", look_at_cloud);

@@ -117,15 +117,18 @@ static const char *const steps[] = {
     "name TEXT NOT NULL, PRIMARY KEY (upload, position));"
     "CREATE TABLE marks (name TEXT COLLATE \"C\" PRIMARY KEY, until BIGINT NOT NULL);"
     "CREATE INDEX marks_by_end ON marks (until);",
+    /* How many steps a program must know to go on with these. */
+    "ALTER TABLE schema_steps ADD COLUMN oldest BIGINT NOT NULL DEFAULT 0;",
 };
 enum { STEPS = sizeof steps / sizeof steps[0] };
+
+/* What the version before this one knows; with a new version it becomes what STEPS was. */
+enum { OLDEST = 5 };
 
 /* Of the lock that one migration at a time has. */
 #define MIGRATION "7741160"
 
-int tables_steps(void) { return STEPS; }
-
-enum status tables_version(struct pq_link *link, int64_t *version, struct error *error) {
+static enum status read_version(struct pq_link *link, int64_t *version, struct error *error) {
     int64_t tables = 0;
     *version = 0;
     enum status status = pq_number(link, "SELECT count(*) FROM pg_class WHERE oid = to_regclass('schema_steps')", NULL,
@@ -135,18 +138,30 @@ enum status tables_version(struct pq_link *link, int64_t *version, struct error 
     return status;
 }
 
+enum status tables_check(struct pq_link *link, struct error *error) {
+    int64_t version = 0, oldest = INT64_MAX;
+    enum status status = read_version(link, &version, error);
+    if (status == STATUS_OK && version > STEPS)
+        status = pq_number(link, "SELECT oldest FROM schema_steps", NULL, 0, &oldest, error);
+    if (status != STATUS_OK || version == STEPS || oldest <= STEPS) return status;
+    return error_set(error, STATUS_UNSUPPORTED, "catalog", "the database has schema %lld, this program knows %d; %s",
+                     (long long)version, STEPS,
+                     version > STEPS ? "it is more than a version newer: run a newer whittled"
+                                     : "run whittled migrate");
+}
+
 static enum status run_steps(struct pq_link *link, struct error *error) {
     int64_t version = 0;
     enum status status = pq_execute(link, "SELECT pg_advisory_xact_lock(" MIGRATION ")", error);
-    if (status == STATUS_OK) status = tables_version(link, &version, error);
-    if (status == STATUS_OK && version > STEPS)
-        return error_set(error, STATUS_UNSUPPORTED, "database", "the database has schema %lld, this program knows %d",
-                         (long long)version, STEPS);
+    if (status == STATUS_OK) status = read_version(link, &version, error);
+    if (status != STATUS_OK || version > STEPS) return status == STATUS_OK ? tables_check(link, error) : status;
     if (status == STATUS_OK && !version)
         status = pq_execute(
             link, "CREATE TABLE schema_steps (count BIGINT NOT NULL); INSERT INTO schema_steps VALUES (0)", error);
     for (int64_t i = version; status == STATUS_OK && i < STEPS; i++) status = pq_execute(link, steps[i], error);
-    if (status == STATUS_OK) status = pq_run(link, "UPDATE schema_steps SET count = $1", VALUES(I(STEPS)), NULL, error);
+    if (status == STATUS_OK)
+        status =
+            pq_run(link, "UPDATE schema_steps SET count = $1, oldest = $2", VALUES(I(STEPS), I(OLDEST)), NULL, error);
     return status;
 }
 

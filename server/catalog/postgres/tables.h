@@ -6,11 +6,9 @@
 
 #include "server/catalog/postgres/pq.h"
 
-/* How many steps this program knows. */
-int tables_steps(void);
-
-/* How many steps the database has had; 0 where it has no tables of ours. */
-enum status tables_version(struct pq_link *link, int64_t *version, struct error *error) MUST_CHECK;
+/* Whether this program goes on with the tables as they are: its own, or those of the next version, so that hosts may be
+ * upgraded one after the other.  STATUS_UNSUPPORTED: they are older, or newer than that. */
+enum status tables_check(struct pq_link *link, struct error *error) MUST_CHECK;
 
 /* Runs those of the steps that it hasn't had yet, in one transaction, alone.  STATUS_UNSUPPORTED when it has had more.
  */

@@ -15,6 +15,7 @@
 #include "server/runner/job_run.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <poll.h>
 #include <signal.h>
 #include <stdio.h>
@@ -505,9 +506,11 @@ static void judge(struct run *run, struct verdict *verdict) {
 
 /* ------------------------------------------------------------------------------------------------ settle */
 
-/* The report that the job wrote, compact; NULL where it can't be read. */
+/* The report that the job wrote, compact, before it is put into the store; NULL where it can't be read. */
 static char *read_report(const struct run *run) {
-    int fd = store_output_open(run->service->store, run->job->id, run->job->attempt, "report.json");
+    char path[SCRATCH_PATH_BYTES + 16];
+    snprintf(path, sizeof path, "%s/report.json", run->output);
+    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
     char *text = fd >= 0 ? calloc(1, REPORT_MAX_BYTES) : NULL, *report = NULL;
     if (text && pread(fd, text, REPORT_MAX_BYTES - 1, 0) > 0) report = report_read_compact(text);
     free(text);
@@ -555,10 +558,11 @@ static void keep_outputs(struct run *run, struct verdict *verdict) {
     struct job *job = run->job;
     enum status status = footprint_check(run->output, &job->params, &error);
     bool is_sound = status == STATUS_OK;
-    if (is_sound) status = put_outputs_when_possible(run, &error);
-    if (status == STATUS_OK) {
-        free(job->report);
-        job->report = read_report(run);
+    if (is_sound) {
+        char *report = read_report(run); /* keeping the outputs takes them out of this folder */
+        status = put_outputs_when_possible(run, &error);
+        free(status == STATUS_OK ? job->report : report);
+        if (status == STATUS_OK) job->report = report;
     }
     if (!run_is_wanted(run)) verdict->event = JOB_DISMISS;
     if (status != STATUS_OK || verdict->event == JOB_DISMISS) drop_outputs(run);

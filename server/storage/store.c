@@ -214,13 +214,14 @@ static void take_next(void *ctx, const char *name) {
             take_output(taking->folder_fd, name, taking->will, &taking->outputs[taking->count++], taking->error);
 }
 
-/* An earlier run's whose end was never recorded are removed first. */
+/* In the data folder those of an earlier version's run, whose end was never recorded, are removed first: it had one
+ * name for all attempts. */
 static enum status put_outputs(struct store *store, int folder_fd, const char *folder, const struct job_output *outputs,
                                size_t count, struct error *error) {
     struct blobs_source sources[JOB_MAX_OUTPUTS];
     for (size_t i = 0; i < count; i++)
         sources[i] = (struct blobs_source){outputs[i].name, folder_fd, outputs[i].name, outputs[i].sha256};
-    blobs_remove(store->blobs, folder);
+    if (!store->is_apart) blobs_remove(store->blobs, folder);
     return blobs_put(store->blobs, folder, sources, count, error);
 }
 

@@ -26,7 +26,8 @@ static enum status read_outputs(struct pq_link *link, struct job *job, struct er
     return STATUS_OK;
 }
 
-/* The jobs of a SELECT CATALOG_JOB_COLUMNS, outputs too; *count is 0 on failure. */
+/* The jobs of a SELECT CATALOG_JOB_COLUMNS; outputs too, which those alone have that have ended.  *count is 0 on
+ * failure. */
 static enum status select_jobs(struct pq_link *link, const char *text, const struct pq_value *values,
                                size_t value_count, struct job *jobs, size_t max, size_t *count, struct error *error) {
     struct pq_rows *rows;
@@ -36,7 +37,8 @@ static enum status select_jobs(struct pq_link *link, const char *text, const str
     struct catalog_cells cells = catalog_postgres_cells(rows);
     while (*count < max && pq_next(rows)) catalog_cells_read_job(&cells, &jobs[(*count)++]);
     pq_free(rows);
-    for (size_t i = 0; status == STATUS_OK && i < *count; i++) status = read_outputs(link, &jobs[i], error);
+    for (size_t i = 0; status == STATUS_OK && i < *count; i++)
+        if (job_ended(jobs[i].state)) status = read_outputs(link, &jobs[i], error);
     if (status == STATUS_OK) return STATUS_OK;
     for (size_t i = 0; i < *count; i++) job_done(&jobs[i]);
     *count = 0;
@@ -210,13 +212,18 @@ static enum status insert(struct catalog_postgres *postgres, struct pq_link *lin
 static enum status check_counts(struct pq_link *link, const struct job *job, const struct catalog_limits *limits,
                                 struct error *error) {
     int64_t waiting = 0, active = 0;
+    struct pq_rows *rows;
     uint64_t most = limits->waiting < INT64_MAX ? limits->waiting : INT64_MAX;
-    enum status status = pq_number(link, "SELECT coalesce(sum(waiting), 0)::BIGINT FROM usage WHERE waiting > 0", NULL,
-                                   0, &waiting, error);
-    if (status == STATUS_OK)
-        status =
-            pq_number(link, "SELECT active FROM usage WHERE principal = $1", VALUES(T(job->principal)), &active, error);
+    enum status status = pq_select(link,
+                                   "SELECT coalesce((SELECT sum(waiting) FROM usage WHERE waiting > 0), 0)::BIGINT, "
+                                   "coalesce((SELECT active FROM usage WHERE principal = $1), 0)",
+                                   VALUES(T(job->principal)), &rows, error);
     if (status != STATUS_OK) return status;
+    if (pq_next(rows)) {
+        waiting = pq_integer(rows, 0);
+        active = pq_integer(rows, 1);
+    }
+    pq_free(rows);
     if ((uint64_t)waiting >= most)
         return error_set(error, STATUS_LIMIT, "queue", "%lld jobs are waiting", (long long)waiting);
     if (limits->principal_jobs && (uint64_t)active >= limits->principal_jobs)
@@ -244,7 +251,7 @@ enum status catalog_postgres_submit(struct catalog *catalog, const struct job *j
     bool unknown = false;
     enum status status = pq_begin(postgres->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = pq_execute(link, LOCK_SUBMIT, error);
+    status = pq_run(link, LOCK_SUBMIT, NULL, 0, NULL, error);
     if (status == STATUS_OK) status = check_counts(link, job, limits, error);
     if (status == STATUS_OK)
         status = catalog_postgres_check_bytes(link, job->principal, job->input_bytes, limits->principal_bytes, error);
@@ -262,7 +269,7 @@ enum status catalog_postgres_submit(struct catalog *catalog, const struct job *j
  * runs while its host runs nothing else. */
 static enum status claim(struct catalog_postgres *postgres, struct pq_link *link, const struct catalog_claim *by,
                          struct job *job, size_t *count, struct error *error) {
-    enum status status = pq_execute(link, LOCK_CLAIM, error);
+    enum status status = pq_run(link, LOCK_CLAIM, NULL, 0, NULL, error);
     if (status == STATUS_OK)
         status = select_jobs(
             link,
@@ -306,7 +313,7 @@ enum status catalog_postgres_progress(struct catalog *catalog, const struct job 
     int64_t changed = 0;
     enum status status = pq_begin(postgres->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = pq_execute(link, "SET LOCAL synchronous_commit = off", error);
+    status = pq_run(link, "SET LOCAL synchronous_commit = off", NULL, 0, NULL, error);
     if (status == STATUS_OK)
         status = pq_run(link,
                         "UPDATE jobs SET stage = $2, message = $3, fraction = $4, updated = whittle_now(), "
@@ -328,7 +335,7 @@ enum status catalog_postgres_renew(struct catalog *catalog, const char *owner, i
     *count = 0;
     enum status status = pq_begin(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = pq_execute(link, "SET LOCAL synchronous_commit = off", error);
+    status = pq_run(link, "SET LOCAL synchronous_commit = off", NULL, 0, NULL, error);
     if (status == STATUS_OK)
         status = pq_select(link,
                            "UPDATE jobs SET lease = whittle_now() + $3 WHERE state = $1 AND owner = $2 "

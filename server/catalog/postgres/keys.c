@@ -14,7 +14,7 @@ enum status catalog_postgres_hold_key(struct catalog *catalog, const char *princ
     int64_t taken = 0;
     enum status status = pq_begin_soon(postgres->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = pq_execute(link, "SET LOCAL synchronous_commit = off", error);
+    status = pq_run(link, "SET LOCAL synchronous_commit = off", NULL, 0, NULL, error);
     if (status == STATUS_OK)
         status = pq_run(link,
                         "INSERT INTO holds (principal, key, session) VALUES ($1, $2, $3) "
@@ -92,7 +92,7 @@ enum status catalog_postgres_keep_reply(struct catalog *catalog, const char *pri
     struct pq_link *link;
     enum status status = pq_begin(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = pq_execute(link, "SET LOCAL synchronous_commit = off", error);
+    status = pq_run(link, "SET LOCAL synchronous_commit = off", NULL, 0, NULL, error);
     if (status == STATUS_OK)
         status = pq_run(link, "UPDATE replies SET status = $3, etag = $4, reply = $5 WHERE principal = $1 AND key = $2",
                         VALUES(T(principal), T(key), I(status_code), T(etag), T(reply)), NULL, error);

@@ -26,6 +26,9 @@ struct pq_link {
     bool is_taken;
     int64_t until_ms;   /* when all has to be done; 0 = each statement has a deadline of its own */
     unsigned departure; /* the pool's when it was connected */
+    bool is_in;         /* a transaction, */
+    bool begins;        /* whose BEGIN goes out with its first statement */
+    unsigned queued; /* statements that were sent and whose answers weren't taken: the connection is in pipeline mode */
 };
 
 /* Several servers may be named, of which one takes changes.  One that is left (leave_server) is asked last from then
@@ -75,6 +78,7 @@ bool pq_valid(const char *conninfo) {
 static void disconnect(struct pq_link *link) {
     PQfinish(link->conn);
     link->conn = NULL;
+    link->queued = 0;
 }
 
 static void ignore_notice(void *ctx, const PGresult *result) {
@@ -256,6 +260,7 @@ enum status pq_take_soon(struct pq *pq, struct pq_link **link, struct error *err
 
 void pq_done(struct pq_link *link) {
     struct pq *pq = link->pq;
+    link->is_in = link->begins = false;
     if (link->conn && (PQstatus(link->conn) != CONNECTION_OK || PQtransactionStatus(link->conn) != PQTRANS_IDLE))
         disconnect(link);
     pthread_mutex_lock(&pq->lock);
@@ -320,6 +325,19 @@ static enum status status_of(const PGresult *result, struct pq_link *link, struc
                    text ? text : PQerrorMessage(link->conn), error);
 }
 
+/* Takes what a statement has come to: its last result, or the first that failed, of these and of *last.  false: the
+ * connection is closed. */
+static bool take_next(struct pq_link *link, int64_t deadline_ms, PGresult **last, struct error *error) {
+    for (PGresult *next;;) {
+        if (!finish_query(link, deadline_ms, error)) return false;
+        next = PQgetResult(link->conn);
+        if (!next) return true;
+        bool was_fine = !*last || PQresultStatus(*last) == PGRES_COMMAND_OK || PQresultStatus(*last) == PGRES_TUPLES_OK;
+        PQclear(was_fine ? *last : next);
+        if (was_fine) *last = next;
+    }
+}
+
 /* The last result of what was sent. */
 static enum status take_result(struct pq_link *link, int sent, PGresult **result, struct error *error) {
     int64_t deadline_ms = link->until_ms ? link->until_ms : clock_ms() + DEADLINE_MS;
@@ -329,18 +347,10 @@ static enum status take_result(struct pq_link *link, int sent, PGresult **result
         disconnect(link);
         return status;
     }
-    for (PGresult *next;;) {
-        if (!finish_query(link, deadline_ms, error)) {
-            PQclear(*result);
-            *result = NULL;
-            return STATUS_IO;
-        }
-        next = PQgetResult(link->conn);
-        if (!next) break;
-        bool was_fine =
-            !*result || PQresultStatus(*result) == PGRES_COMMAND_OK || PQresultStatus(*result) == PGRES_TUPLES_OK;
-        PQclear(was_fine ? *result : next);
-        if (was_fine) *result = next;
+    if (!take_next(link, deadline_ms, result, error)) {
+        PQclear(*result);
+        *result = NULL;
+        return STATUS_IO;
     }
     enum status status = status_of(*result, link, error);
     if (status == STATUS_OK) return STATUS_OK;
@@ -349,13 +359,10 @@ static enum status take_result(struct pq_link *link, int sent, PGresult **result
     return status;
 }
 
-static enum status query(struct pq_link *link, const char *text, const struct pq_value *values, size_t count,
-                         PGresult **result, struct error *error) {
+static bool send_statement(struct pq_link *link, const char *text, const struct pq_value *values, size_t count) {
     Oid types[MAX_VALUES];
     const char *texts[MAX_VALUES];
     char numbers[MAX_VALUES][NUMBER_BYTES];
-    *result = NULL;
-    if (!link->conn || count > MAX_VALUES) return error_set(error, STATUS_IO, AWAY, "the connection is gone");
     for (size_t i = 0; i < count; i++) {
         const struct pq_value *value = &values[i];
         types[i] = value->type == PQ_VALUE_INTEGER ? OID_INT8 : value->type == PQ_VALUE_REAL ? OID_FLOAT8 : OID_TEXT;
@@ -363,13 +370,67 @@ static enum status query(struct pq_link *link, const char *text, const struct pq
         if (value->type == PQ_VALUE_INTEGER) snprintf(numbers[i], NUMBER_BYTES, "%lld", (long long)value->integer);
         if (value->type == PQ_VALUE_REAL) snprintf(numbers[i], NUMBER_BYTES, "%.17g", value->real);
     }
-    int sent = PQsendQueryParams(link->conn, text, (int)count, types, texts, NULL, NULL, 0);
-    return take_result(link, sent, result, error);
+    return PQsendQueryParams(link->conn, text, (int)count, types, texts, NULL, NULL, 0);
+}
+
+/* ---- several statements, one round trip: what needs no answer waits for the next that does ---- */
+
+static enum status queue(struct pq_link *link, const char *text, const struct pq_value *values, size_t count,
+                         struct error *error) {
+    if (!link->conn || count > MAX_VALUES) return error_set(error, STATUS_IO, AWAY, "the connection is gone");
+    bool sent = link->queued || PQenterPipelineMode(link->conn);
+    if (sent && link->begins) {
+        sent = send_statement(link, "BEGIN", NULL, 0);
+        link->begins = false;
+        link->queued++;
+    }
+    sent = sent && send_statement(link, text, values, count);
+    link->queued++;
+    if (sent) return STATUS_OK;
+    enum status status = away(PQerrorMessage(link->conn), error);
+    disconnect(link);
+    return status;
+}
+
+/* The result of the last one, or of the first that failed, after which none is done. */
+static enum status take_queued(struct pq_link *link, PGresult **result, struct error *error) {
+    int64_t deadline_ms = link->until_ms ? link->until_ms : clock_ms() + DEADLINE_MS;
+    PGresult *last = NULL;
+    bool answers = PQpipelineSync(link->conn);
+    if (!answers) {
+        away(PQerrorMessage(link->conn), error);
+        disconnect(link);
+    }
+    for (unsigned left = link->queued; answers && left; left--) answers = take_next(link, deadline_ms, &last, error);
+    if (answers && (answers = finish_query(link, deadline_ms, error))) PQclear(PQgetResult(link->conn)); /* the end */
+    *result = NULL;
+    if (!answers) {
+        PQclear(last);
+        return STATUS_IO;
+    }
+    link->queued = 0;
+    enum status status = status_of(last, link, error);
+    if (link->conn && !PQexitPipelineMode(link->conn)) disconnect(link); /* what is there counts all the same */
+    if (status == STATUS_OK)
+        *result = last;
+    else
+        PQclear(last);
+    return status;
+}
+
+static enum status query(struct pq_link *link, const char *text, const struct pq_value *values, size_t count,
+                         PGresult **result, struct error *error) {
+    *result = NULL;
+    if (!link->conn || count > MAX_VALUES) return error_set(error, STATUS_IO, AWAY, "the connection is gone");
+    if (!link->is_in) return take_result(link, send_statement(link, text, values, count), result, error);
+    enum status status = queue(link, text, values, count, error);
+    return status == STATUS_OK ? take_queued(link, result, error) : status;
 }
 
 enum status pq_run(struct pq_link *link, const char *text, const struct pq_value *values, size_t count,
                    int64_t *changed, struct error *error) {
     PGresult *result;
+    if (link->is_in && !changed) return queue(link, text, values, count, error);
     enum status status = query(link, text, values, count, &result, error);
     if (status == STATUS_OK && changed) *changed = strtoll(PQcmdTuples(result), NULL, 10);
     PQclear(result);
@@ -377,21 +438,35 @@ enum status pq_run(struct pq_link *link, const char *text, const struct pq_value
 }
 
 enum status pq_execute(struct pq_link *link, const char *text, struct error *error) {
-    PGresult *result;
+    PGresult *result = NULL;
+    enum status status = STATUS_OK;
     if (!link->conn) return error_set(error, STATUS_IO, AWAY, "the connection is gone");
-    enum status status = take_result(link, PQsendQuery(link->conn, text), &result, error);
+    if (link->queued) status = take_queued(link, &result, error);
+    PQclear(result);
+    result = NULL;
+    if (status == STATUS_OK && link->begins) {
+        link->begins = false;
+        status = pq_execute(link, "BEGIN", error);
+    }
+    if (status == STATUS_OK) status = take_result(link, PQsendQuery(link->conn, text), &result, error);
     PQclear(result);
     return status;
 }
 
-/* A connection may have died while nobody used it: nothing was done on it yet, so another one does as well. */
+/* Whether the connection has been closed while nobody used it, as far as this machine knows. */
+static bool is_closed(struct pq_link *link) {
+    struct pollfd socket = {.fd = PQsocket(link->conn), .events = POLLIN};
+    while (poll(&socket, 1, 0) > 0)
+        if (!PQconsumeInput(link->conn) || PQstatus(link->conn) != CONNECTION_OK) return true;
+    return false;
+}
+
 static enum status begin(struct pq_link *link, struct error *error) {
-    enum status status = pq_execute(link, "BEGIN", error);
-    if (status != STATUS_OK && !link->conn && (!link->until_ms || clock_ms() < link->until_ms)) {
-        status = connect_link(link, error);
-        if (status == STATUS_OK) status = pq_execute(link, "BEGIN", error);
-    }
-    if (status != STATUS_OK) pq_done(link);
+    enum status status = is_closed(link) ? connect_link(link, error) : STATUS_OK;
+    if (status == STATUS_OK)
+        link->is_in = link->begins = true;
+    else
+        pq_done(link);
     return status;
 }
 
@@ -405,18 +480,25 @@ enum status pq_begin_soon(struct pq *pq, struct pq_link **link, struct error *er
     return status == STATUS_OK ? begin(*link, error) : status;
 }
 
-enum status pq_end(struct pq_link *link, enum status status, bool *unknown, struct error *error) {
+static void roll_back(struct pq_link *link) {
     struct error ignored;
-    enum status done = STATUS_OK;
+    PGresult *result = NULL;
+    if (!link->conn || link->begins) return;
+    enum status status = query(link, "ROLLBACK", NULL, 0, &result, &ignored);
+    (void)status; /* closing the connection, which follows where it failed, does the same */
+    PQclear(result);
+}
+
+enum status pq_end(struct pq_link *link, enum status status, bool *unknown, struct error *error) {
+    PGresult *result = NULL;
     if (status == STATUS_OK && fault_at("commit"))
         status = error_set(error, status_from_errno(errno), "database", "%s", strerror(errno));
-    if (status != STATUS_OK) {
-        done = pq_execute(link, "ROLLBACK", &ignored);
-        (void)done; /* closing the connection, which follows where it failed, does the same */
-    } else {
-        status = pq_execute(link, "COMMIT", error);
+    if (status == STATUS_OK && !link->begins) {
+        status = query(link, "COMMIT", NULL, 0, &result, error);
         if (unknown) *unknown = status != STATUS_OK && !link->conn;
+        PQclear(result);
     }
+    if (status != STATUS_OK) roll_back(link);
     pq_done(link);
     return status;
 }
@@ -427,7 +509,7 @@ enum status pq_end(struct pq_link *link, enum status status, bool *unknown, stru
 enum status pq_select(struct pq_link *link, const char *text, const struct pq_value *values, size_t count,
                       struct pq_rows **rows, struct error *error) {
     PGresult *result;
-    bool is_idle = link->conn && PQtransactionStatus(link->conn) == PQTRANS_IDLE;
+    bool is_idle = link->conn && !link->is_in;
     enum status status = query(link, text, values, count, &result, error);
     bool has_time = !link->until_ms || clock_ms() < link->until_ms;
     if (status != STATUS_OK && !link->conn && is_idle && has_time && connect_link(link, error) == STATUS_OK)

@@ -56,11 +56,13 @@ struct pq_value {
 #define VALUES(...)                                                                                                    \
     (const struct pq_value[]){__VA_ARGS__}, sizeof((const struct pq_value[]){__VA_ARGS__}) / sizeof(struct pq_value)
 
-/* Runs a statement; *changed (NULL = not wanted) is how many rows it has changed. */
+/* Runs a statement; *changed is how many rows it has changed.  In a transaction one of which that isn't wanted (NULL)
+ * goes out with the next that has an answer, or with the COMMIT, and so does the BEGIN: where it fails that one does.
+ */
 enum status pq_run(struct pq_link *link, const char *text, const struct pq_value *values, size_t count,
                    int64_t *changed, struct error *error) MUST_CHECK;
 
-/* Runs statements without values. */
+/* Runs statements without values, at once. */
 enum status pq_execute(struct pq_link *link, const char *text, struct error *error) MUST_CHECK;
 
 /* Runs one whose rows are wanted: all of them, to be freed with pq_free.  pq_next goes to the next one; false: there is

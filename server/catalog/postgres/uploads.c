@@ -115,7 +115,7 @@ enum status catalog_postgres_open_upload(struct catalog *catalog, const struct c
     bool unknown = false, found = false;
     enum status status = pq_begin(postgres->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = pq_execute(link, LOCK_UPLOADS, error);
+    status = pq_run(link, LOCK_UPLOADS, NULL, 0, NULL, error);
     if (status == STATUS_OK) status = check_upload_counts(link, row->principal, limits, error);
     if (status == STATUS_OK)
         status = catalog_postgres_check_bytes(link, row->principal, row->length == UINT64_MAX ? 0 : row->length,

@@ -267,6 +267,14 @@ class Daemon:
         with contextlib.closing(sqlite3.connect(self.data / "whittled.db", timeout=60)) as database, database:
             return database.execute(statement).fetchall()
 
+    def kept(self, what):
+        """The names of the "jobs" or "clouds" that it has: by its folder, or where hosts share a store, which removes
+        them after a grace, by the rows that name them."""
+        if self.shared:
+            column = {"jobs": "id", "clouds": "DISTINCT cloud"}[what]
+            return sorted(row[0] for row in self.ask(f"SELECT {column} FROM jobs"))
+        return sorted(path.name for path in (self.data / what).iterdir())
+
     def leftovers(self):
         return sorted(p.name for p in (self.data / "tmp").iterdir())
 
@@ -317,7 +325,8 @@ def pytest_collection_modifyitems(items):
             if line.strip() and not line.startswith("#")] if HOSTS else []
     for item in items:
         for file, name, reason in rows:
-            if item.path.name == file and fnmatch.fnmatch(item.originalname or item.name, name):
+            if item.path.name == file and (
+                    fnmatch.fnmatch(item.originalname or item.name, name) or fnmatch.fnmatch(item.name, name)):
                 item.add_marker(pytest.mark.skip(reason=f"of one host: {reason}"))
 
 

@@ -232,19 +232,18 @@ def test_delete_of_an_ended_job_leaves_a_tombstone(daemon):
         gone = daemon.curl(f"/v1/jobs/{job_id}{path}")
         assert (gone.status, gone.slug) == (410, "job-gone")
         assert gone.json["reason"] == "deleted" and gone.json["at"].endswith("Z")
-    assert list((daemon.data / "jobs").iterdir()) == []
-    assert list((daemon.data / "clouds").iterdir()) == []
+    assert daemon.kept("jobs") == daemon.kept("clouds") == []
 
 
 def test_a_cloud_stays_as_long_as_one_job_refers_to_it(daemon):
     first, second = daemon.submit(SMALL), daemon.submit(SMALL)
     for job_id in (first, second):
         daemon.ended(job_id)
-    assert len(list((daemon.data / "clouds").iterdir())) == 1
+    assert len(daemon.kept("clouds")) == 1
     daemon.curl(f"/v1/jobs/{first}", "-X", "DELETE")
-    assert len(list((daemon.data / "clouds").iterdir())) == 1
+    assert len(daemon.kept("clouds")) == 1
     daemon.curl(f"/v1/jobs/{second}", "-X", "DELETE")
-    assert list((daemon.data / "clouds").iterdir()) == []
+    assert daemon.kept("clouds") == []
 
 
 def test_ended_jobs_expire(make_daemon):

@@ -7,6 +7,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "server/catalog/postgres/pq.h"
 #include "tests/unit/catalog_fixture.h"
 
 static struct catalog *open_again(struct catalog_fixture *f) {
@@ -166,7 +167,7 @@ static void others_are_told(void **state) {
 static void a_newer_schema_is_refused_and_an_older_one_upgraded(void **state) {
     struct catalog_fixture *f = *state;
     struct catalog *other = NULL;
-    assert_int_equal(catalog_migrate(f->url, &f->error), STATUS_OK); /* again: nothing happens */
+    assert_int_equal(catalog_migrate(f->url, &f->error), STATUS_OK);          /* again: nothing happens */
     assert_true(catalog_fixture_set_version(f, "count + 1, oldest = count")); /* the next version's, which knows us */
     assert_int_equal(catalog_open(f->url, &other, &f->error), STATUS_OK);
     catalog_close(other);
@@ -178,6 +179,32 @@ static void a_newer_schema_is_refused_and_an_older_one_upgraded(void **state) {
     assert_true(catalog_fixture_set_version(f, "0"));
     assert_int_equal(catalog_open(f->url, &other, &f->error), STATUS_UNSUPPORTED);
     assert_non_null(strstr(f->error.text, "whittled migrate"));
+}
+
+/* A host that was stopped amid a transaction has everybody's turn locked. */
+static void who_stands_still_in_a_transaction_holds_nobody_up(void **state) {
+    enum { TRIES = 20 };
+    struct catalog_fixture *f = *state;
+    struct catalog_claim by = {"host", 60000, INT64_MAX};
+    struct pq *pq = NULL;
+    struct pq_link *link;
+    struct job job;
+    int64_t one = 0;
+    bool found = false, unknown = false;
+    catalog_fixture_submit(f, 1);
+    assert_int_equal(pq_open(f->url, &pq, &f->error), STATUS_OK);
+    assert_int_equal(pq_begin(pq, &link, &f->error), STATUS_OK);
+    assert_int_equal(
+        pq_number(link, "SELECT 1 FROM (SELECT pg_advisory_xact_lock(7741162)) AS claims", NULL, 0, &one, &f->error),
+        STATUS_OK);
+    assert_int_equal(one, 1);
+    for (int i = 0; !found && i < TRIES; i++)
+        if (catalog_claim(f->catalog, &by, &job, &found, &f->error) != STATUS_OK) found = false;
+    assert_true(found);
+    job_done(&job);
+    assert_int_equal(pq_end(link, STATUS_OK, &unknown, &f->error), STATUS_IO); /* its connection was closed */
+    assert_true(unknown);
+    pq_close(pq);
 }
 
 static struct catalog_piece piece_of(uint64_t offset, uint64_t bytes, const char *name) {
@@ -303,6 +330,7 @@ int main(void) {
         CATALOG_TEST(uploads_are_limited_for_all_hosts),
         CATALOG_TEST(marks_are_due_after_a_time),
         CATALOG_TEST(a_newer_schema_is_refused_and_an_older_one_upgraded),
+        CATALOG_TEST(who_stands_still_in_a_transaction_holds_nobody_up),
     };
     return catalog_fixture_run_shared(tests, sizeof tests / sizeof *tests);
 }

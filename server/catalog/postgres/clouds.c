@@ -183,7 +183,9 @@ enum status catalog_postgres_remove_cloud(struct catalog *catalog, const char *c
     *removed = false;
     enum status status = pq_begin(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = pq_number(link, EXPECT, VALUES(T(cloud), I(now_ms)), &until_ms, error);
+    /* The store is asked with the row locked, and takes its time. */
+    status = pq_run(link, "SET LOCAL idle_in_transaction_session_timeout = 0", NULL, 0, NULL, error);
+    if (status == STATUS_OK) status = pq_number(link, EXPECT, VALUES(T(cloud), I(now_ms)), &until_ms, error);
     if (status == STATUS_OK && until_ms <= now_ms) status = count_uses(link, cloud, &uses, error);
     if (status == STATUS_OK && !uses) remove(ctx, cloud);
     if (status == STATUS_OK && until_ms <= now_ms)

@@ -18,6 +18,8 @@
 
 /* A statement's deadline, that of all that is to be done soon, and how many connections there are. */
 enum { DEADLINE_MS = 5000, SOON_MS = 1000, LINKS = 8, MAX_VALUES = 32, NUMBER_BYTES = 40 };
+/* What a host that is stopped amid a transaction has locked is free then: it could have been everybody's turn. */
+#define IDLE_MS "5000"
 enum { OID_INT8 = 20, OID_TEXT = 25, OID_FLOAT8 = 701 };
 
 struct pq_link {
@@ -163,6 +165,7 @@ static enum status connect_link(struct pq_link *link, struct error *error) {
                                  "target_session_attrs",
                                  "fallback_application_name",
                                  "client_encoding",
+                                 "options",
                                  "dbname",
                                  list_names[HOSTS],
                                  list_names[ADDRESSES],
@@ -174,9 +177,11 @@ static enum status connect_link(struct pq_link *link, struct error *error) {
     disconnect(link);
     link->departure = pq->departure;
     for (int l = 0; l < LISTS; l++) list[l] = turn_list(pq->list[l], pq->first);
-    const char *values[] = {
-        "3",         "5000",          "2",         "1", "3", "read-write", "whittled", "UTF8", pq->conninfo,
-        list[HOSTS], list[ADDRESSES], list[PORTS], NULL};
+    const char *values[] = {"3",          "5000",      "2",
+                            "1",          "3",         "read-write",
+                            "whittled",   "UTF8",      "-c idle_in_transaction_session_timeout=" IDLE_MS,
+                            pq->conninfo, list[HOSTS], list[ADDRESSES],
+                            list[PORTS],  NULL};
     link->conn = PQconnectdbParams(names, values, 1);
     for (int l = 0; l < LISTS; l++) free(list[l]);
     if (!link->conn) return error_set(error, STATUS_NO_MEMORY, "database", "no memory");

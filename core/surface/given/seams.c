@@ -89,7 +89,8 @@ static enum status keep(const struct seams *s, const struct halfedge *he, struct
     for (uint32_t h = 0; h < 3 * faces->count; h++)
         if (is_seam(s, faces, he, h)) faces->on_seam[halfedge_from(he, h)] = faces->on_seam[halfedge_to(he, h)] = 1;
     for (size_t v = 0; v < he->vertex_count; v++) faces->on_seam[v] |= he->locked[v] == HALFEDGE_KNOTTED;
-    for (size_t c = 0; c < 3 * faces->count; c++) faces->record[0][c] = s->alike[faces->record[0][c]];
+    for (size_t t = 0; t < faces->count; t++)
+        for (int k = 0; k < 3; k++) faces->record[t][k] = s->alike[faces->record[t][k]];
     return STATUS_OK;
 }
 

@@ -11,6 +11,7 @@
 #include "core/mesh/decimate.h"
 #include "core/pipeline/memory.h"
 #include "core/pipeline/pipeline_run.h"
+#include "core/spatial/bvh.h"
 
 /* Faces that fewer of the points have, or that meet in fans at more of them, are no surface to anybody who didn't ask
  * for it. */
@@ -87,12 +88,24 @@ static bool has_room(const struct run *run) {
     return memory_predict(&job, &as_many) <= as_many.memory_bytes;
 }
 
+/* Whether so much of the mesh is as near to the points as the nearest that fitting it to them takes too long: sheets
+ * lie near few of each other, triangles that lie across each other near most. */
+static enum status find_tangles(const struct run *run, bool *tangled) {
+    enum { TRIALS = 256, MOST_VISITS = 200 };
+    vec3 trial[TRIALS];
+    struct bvh *bvh = NULL;
+    size_t count = run->points.count, n = count < TRIALS ? count : TRIALS;
+    enum status status = bvh_new(&run->mesh, run->threads, &bvh);
+    for (size_t i = 0; i < n; i++) trial[i] = run->points.point[i * (count / n)];
+    if (!status) *tangled = bvh_visits(bvh, trial, n, MOST_VISITS * n) > MOST_VISITS * n;
+    bvh_free(bvh);
+    return status;
+}
+
 /* The surface is found by the points instead. */
-static enum status reconstruct_instead(struct run *run) {
-    left_out_add(&run->report.left_out, "input",
-                 "its faces as a surface: they can't be simplified to fewer than %zu vertices, and the memory has no "
-                 "room for them",
-                 run->mesh.vertex_count);
+static enum status reconstruct_instead(struct run *run, const char *why) {
+    left_out_add(&run->report.left_out, "input", "its faces as a surface: simplified to %zu vertices, %s",
+                 run->mesh.vertex_count, why);
     mesh_done(&run->mesh);
     run->mesh = (struct mesh){0};
     faces_done(&run->faces);
@@ -133,10 +146,13 @@ enum status pipeline_collapse(struct run *run) {
     struct report_level *report = &run->report.level[run->level];
     uint32_t(*record)[3] = NULL;
     enum status status = collapse(run, &record);
-    bool room = status || has_room(run);
-    if (!room) {
+    bool room = status || has_room(run), tangled = false, automatic = run->params->surface == SURFACE_AUTO;
+    if (!status && room && automatic) status = find_tangles(run, &tangled);
+    if (!room || tangled) {
         free(record);
-        return run->params->surface == SURFACE_AUTO ? reconstruct_instead(run) : refuse_for_room(run);
+        if (!automatic) return refuse_for_room(run);
+        return reconstruct_instead(run, room ? "they lie across each other"
+                                             : "from which none can go, they have no room in the memory");
     }
     if (!status && run->mesh.vertex_count > run->kept_count)
         left_out_add(&run->report.left_out, "mesh", "%zu vertices that can't go without changing what the surface is",

@@ -40,6 +40,16 @@ def test_time_and_memory_are_bounded(bench, name):
         assert refused != DATA or "curves bound no surface" in said
 
 
+@pytest.mark.parametrize("name", ["faces all across", "fans all across"])
+def test_faces_across_each_other_are_no_surface_whatever_memory_there_is(bench, name, tmp_path):
+    """Fitting them to the points took 36 s; there, and not where memory was short, they were taken for a surface."""
+    odd_shapes.write(name, 20000, tmp_path / "odd.ply")
+    plain = bench.plain_seconds("cloud,mesh")
+    seconds, _, status, said = odd_geometries.run(bench.build, tmp_path / "odd.ply", "cloud,mesh", tmp_path)
+    assert status == 0, said
+    assert seconds <= odd_geometries.MOST_RATIO * plain * 20000, seconds
+
+
 def test_slivers_between_points_of_a_curve_cost_no_more(bench):
     """Over 8 times a plain cloud's when distances were looked up in FLANN's tree alone; about 4 now."""
     for outputs, ratio, memory, status, said in bench.measure("moment curve", "--surface=heightfield"):

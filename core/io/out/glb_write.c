@@ -315,7 +315,7 @@ static void put_f32(struct sink *sink, float value) {
     cloud_write_scalar(sink, &value, SCALAR_FLOAT32, ENCODING_BINARY);
 }
 
-/* As it is where it is about a unit long, as the format wants; else made so. */
+/* As it is where it is about a unit long, as the format requires; else made so. */
 static void put_normal(struct sink *sink, const struct plan *plan, vec3 n) {
     double length = vec3_length(n);
     if (!(length > 0) || !isfinite(length)) n = (vec3){0, 0, 1}, length = 1;

@@ -7,6 +7,8 @@
 
 #include "core/base/alloc.h"
 #include "core/base/hash64.h"
+#include "core/base/par.h"
+#include "core/base/prefetch.h"
 #include "core/cloud/cloud.h"
 
 enum { SLOTS = 2 * GRID_MOST_CELLS, FIRST_BITS = 12, MOST_BITS = 30, CELL_POINTS = 16 };
@@ -18,17 +20,20 @@ static bool same_place(struct grid_place a, struct grid_place b) {
 }
 
 static size_t slot_of(const struct grid *grid, struct grid_place place) {
-    uint64_t hash = 0;
-    for (int axis = 0; axis < 3; axis++) hash = hash64(hash + (uint32_t)place.at[axis]);
-    return (size_t)hash & (grid->slots - 1);
+    const uint64_t x = (uint32_t)place.at[0], y = (uint32_t)place.at[1], z = (uint32_t)place.at[2];
+    return (size_t)hash64(x * 0x9E3779B97F4A7C15u + y * 0xC2B2AE3D27D4EB4Fu + z * 0x165667B19E3779F9u) &
+           (grid->slots - 1);
 }
 
-/* Where the cell is in the table, or where it would be. */
-static size_t probe(const struct grid *grid, struct grid_place place) {
-    size_t s = slot_of(grid, place);
+/* From a place's slot on: where the cell is in the table, or where it would be. */
+static size_t probe_from(const struct grid *grid, struct grid_place place, size_t s) {
     while (grid->slot[s] != NONE && !same_place(grid->cell[grid->slot[s]].place, place))
         s = (s + 1) & (grid->slots - 1);
     return s;
+}
+
+static size_t probe(const struct grid *grid, struct grid_place place) {
+    return probe_from(grid, place, slot_of(grid, place));
 }
 
 static bool is_within(const struct grid *grid, vec3 p) {
@@ -37,10 +42,18 @@ static bool is_within(const struct grid *grid, vec3 p) {
     return fabs(d.x) < most && fabs(d.y) < most && fabs(d.z) < most;
 }
 
+static int32_t floor_of(double value) {
+    int32_t whole = (int32_t)value;
+    return whole - ((double)whole > value);
+}
+
+static struct grid_place place_at(vec3 anchor, double scale, vec3 p) {
+    vec3 d = vec3_sub(p, anchor);
+    return (struct grid_place){{floor_of(d.x * scale), floor_of(d.y * scale), floor_of(d.z * scale)}};
+}
+
 struct grid_place grid_place_of(const struct grid *grid, vec3 p) {
-    double scale = ldexp(1, -grid->level);
-    vec3 d = vec3_sub(p, grid->anchor);
-    return (struct grid_place){{(int32_t)floor(d.x * scale), (int32_t)floor(d.y * scale), (int32_t)floor(d.z * scale)}};
+    return place_at(grid->anchor, ldexp(1, -grid->level), p);
 }
 
 /* Adds to the cell at a place; the table has room. */
@@ -50,8 +63,7 @@ static void add_to(struct grid *grid, struct grid_place place, uint64_t count) {
         grid->slot[s] = (uint32_t)grid->count;
         grid->cell[grid->count++] = (struct grid_cell){.place = place};
     }
-    grid->last = grid->slot[s];
-    grid->cell[grid->last].count += count;
+    grid->cell[grid->slot[s]].count += count;
 }
 
 /* Cells of twice the side. */
@@ -98,33 +110,64 @@ enum status grid_from(struct grid *grid, vec3 anchor, int level, const struct gr
     return STATUS_OK;
 }
 
-enum status grid_count(struct grid *grid, const vec3 *point, size_t n) {
+/* ------------------------------------------------------------------------------------------------ find */
+
+struct finding {
+    const struct grid *grid;
+    const vec3 *point;
+    uint32_t *cell;
+};
+
+/* Slots, and then cells, are far apart in memory: those of a block of points are fetched before they are looked at. */
+static void find_range(void *ctx, size_t begin, size_t end) {
+    enum { BLOCK = 64 };
+    const struct finding *f = ctx;
+    const struct grid *grid = f->grid;
+    const double scale = ldexp(1, -grid->level), most = ldexp(1, MOST_BITS);
+    struct grid_place place[BLOCK];
+    size_t slot[BLOCK];
+    for (size_t first = begin; first < end; first += BLOCK) {
+        size_t n = end - first < BLOCK ? end - first : BLOCK;
+        for (size_t i = 0; i < n; i++) {
+            vec3 d = vec3_scale(vec3_sub(f->point[first + i], grid->anchor), scale);
+            bool within = fabs(d.x) < most && fabs(d.y) < most && fabs(d.z) < most;
+            slot[i] = SLOTS;
+            if (!within) continue;
+            place[i] = place_at(grid->anchor, scale, f->point[first + i]);
+            slot[i] = slot_of(grid, place[i]);
+            prefetch(&grid->slot[slot[i]]);
+        }
+        for (size_t i = 0; i < n; i++)
+            if (slot[i] < SLOTS && grid->slot[slot[i]] != NONE) prefetch(&grid->cell[grid->slot[slot[i]]]);
+        for (size_t i = 0; i < n; i++)
+            f->cell[first + i] = slot[i] < SLOTS ? grid->slot[probe_from(grid, place[i], slot[i])] : NONE;
+    }
+}
+
+void grid_find(const struct grid *grid, const vec3 *point, size_t n, unsigned threads, uint32_t *cell) {
+    enum { GRAIN = 1 << 14 };
+    struct finding f = {grid, point, cell};
+    par_for(threads, n, GRAIN, find_range, &f);
+}
+
+void grid_count(struct grid *grid, const vec3 *point, size_t n, unsigned threads, uint32_t *cell) {
+    int level = grid->level;
+    grid_find(grid, point, n, threads, cell);
     for (size_t i = 0; i < n; i++) {
-        while (!is_within(grid, point[i])) coarsen(grid);
-        struct grid_place place = grid_place_of(grid, point[i]);
-        if (grid->count && same_place(grid->cell[grid->last].place, place)) {
-            grid->cell[grid->last].count++;
+        if (cell[i] != NONE && grid->level == level) {
+            grid->cell[cell[i]].count++;
             continue;
         }
-        add_to(grid, place, 1);
+        while (!is_within(grid, point[i])) coarsen(grid);
+        add_to(grid, grid_place_of(grid, point[i]), 1);
         while (grid->count > GRID_MOST_CELLS) coarsen(grid);
     }
-    return STATUS_OK;
 }
 
 void grid_ripen(struct grid *grid) {
     uint64_t points = 0;
     for (size_t i = 0; i < grid->count; i++) points += grid->cell[i].count;
     while (grid->count > 1 && points < CELL_POINTS * (uint64_t)grid->count) coarsen(grid);
-}
-
-uint32_t grid_find(struct grid *grid, vec3 p) {
-    if (!is_within(grid, p)) return NONE;
-    struct grid_place place = grid_place_of(grid, p);
-    if (grid->count && same_place(grid->cell[grid->last].place, place)) return (uint32_t)grid->last;
-    uint32_t found = grid->slot[probe(grid, place)];
-    if (found != NONE) grid->last = found;
-    return found;
 }
 
 void grid_done(struct grid *grid) {
@@ -214,7 +257,6 @@ void grid_settle(struct grid *grid, const struct grid_tile *tile, size_t tiles) 
     }
     memset(grid->slot, -1, grid->slots * sizeof *grid->slot);
     for (size_t i = 0; i < grid->count; i++) grid->slot[probe(grid, grid->cell[i].place)] = (uint32_t)i;
-    grid->last = 0;
 }
 
 static int compare_doubles(const void *a, const void *b) {

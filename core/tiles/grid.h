@@ -36,12 +36,13 @@ struct grid {
     struct grid_cell *cell; /* count; owned */
     uint32_t *slot;         /* of a table, by hash: which cell, NONE = none; owned */
     size_t slots;           /* a power of two */
-    size_t last;            /* the cell that was found last */
 };
 
 /* STATUS_NO_MEMORY.  The first points tell where the grid begins, and how fine. */
 enum status grid_init(struct grid *grid, const vec3 *point, size_t n) MUST_CHECK;
-enum status grid_count(struct grid *grid, const vec3 *point, size_t n) MUST_CHECK;
+
+/* Adds n points.  cell: room for n numbers, which say nothing afterwards. */
+void grid_count(struct grid *grid, const vec3 *point, size_t n, unsigned threads, uint32_t *cell);
 
 /* After counting: cells are joined until they have enough points on average to tell how dense these are. */
 void grid_ripen(struct grid *grid);
@@ -55,8 +56,8 @@ void grid_done(struct grid *grid);
 double grid_side(const struct grid *grid);
 struct grid_place grid_place_of(const struct grid *grid, vec3 p);
 
-/* The cell of a point that has been counted; NONE for any other one's. */
-uint32_t grid_find(struct grid *grid, vec3 p);
+/* The cell of each of n points that have been counted; NONE for any other one's.  On up to `threads` threads. */
+void grid_find(const struct grid *grid, const vec3 *point, size_t n, unsigned threads, uint32_t *cell);
 
 /* Cells of a box [from, to), which are first .. first + cells - 1 of the grid's. */
 struct grid_tile {

@@ -54,6 +54,9 @@ struct planning {
     struct scratch scratch;
     struct grid grid;
     size_t tiles;
+    unsigned threads;
+    uint32_t *cell; /* of each point of the part that is read; owned */
+    size_t cell_room;
 };
 
 static enum status plan_no_memory(struct error *error) {
@@ -61,6 +64,14 @@ static enum status plan_no_memory(struct error *error) {
 }
 
 static enum status cancelled(struct error *error) { return error_set(error, STATUS_CANCELLED, "tiles", "cancelled"); }
+
+static enum status make_cells(struct planning *plan, size_t n) {
+    if (n <= plan->cell_room) return STATUS_OK;
+    free(plan->cell);
+    plan->cell = alloc_array(n, sizeof *plan->cell);
+    plan->cell_room = plan->cell ? n : 0;
+    return plan->cell ? STATUS_OK : plan_no_memory(plan->error);
+}
 
 /* ------------------------------------------------------------------------------------------------ sizes */
 
@@ -120,17 +131,47 @@ static enum status find_goal(const struct planning *plan, double *goal) {
 
 struct counting {
     vec3 least, most;
-    bool f32, scaled;
+    bool f32, scaled, far; /* far: a coordinate is too large, or none */
     struct scratch_coding single, whole;
 };
 
-static void count_part(struct counting *c, const vec3 *point, size_t n) {
-    for (size_t i = 0; i < n; i++) {
-        c->least = vec3_min(c->least, point[i]);
-        c->most = vec3_max(c->most, point[i]);
-        c->f32 = c->f32 && scratch_codes(&c->single, point[i]);
-        c->scaled = c->scaled && scratch_codes(&c->whole, point[i]);
+enum { COUNT_GRAIN = 1 << 14 };
+
+struct counting_part {
+    const vec3 *point;
+    struct counting *range; /* of each range of COUNT_GRAIN points: begun alike */
+};
+
+static void count_range(void *ctx, size_t begin, size_t end) {
+    const struct counting_part *part = ctx;
+    struct counting c = part->range[begin / COUNT_GRAIN];
+    for (size_t i = begin; i < end; i++) {
+        vec3 p = part->point[i];
+        c.least = vec3_min(c.least, p);
+        c.most = vec3_max(c.most, p);
+        c.far = c.far || !(fabs(p.x) < ORDER_LARGEST && fabs(p.y) < ORDER_LARGEST && fabs(p.z) < ORDER_LARGEST);
+        c.f32 = c.f32 && scratch_codes(&c.single, p);
+        c.scaled = c.scaled && scratch_codes(&c.whole, p);
     }
+    part->range[begin / COUNT_GRAIN] = c;
+}
+
+static enum status count_part(const struct planning *plan, struct counting *c, const vec3 *point, size_t n) {
+    size_t ranges = (n + COUNT_GRAIN - 1) / COUNT_GRAIN;
+    struct counting_part part = {point, alloc_array(ranges, sizeof *part.range)};
+    if (!part.range) return plan_no_memory(plan->error);
+    for (size_t r = 0; r < ranges; r++) part.range[r] = *c;
+    par_for(plan->threads, n, COUNT_GRAIN, count_range, &part);
+    for (size_t r = 0; r < ranges; r++) {
+        c->least = vec3_min(c->least, part.range[r].least);
+        c->most = vec3_max(c->most, part.range[r].most);
+        c->f32 = c->f32 && part.range[r].f32;
+        c->scaled = c->scaled && part.range[r].scaled;
+        c->far = c->far || part.range[r].far;
+    }
+    free(part.range);
+    if (!c->far) return STATUS_OK;
+    return error_set(plan->error, STATUS_MALFORMED, "tiles", "a point has a coordinate over %g", ORDER_LARGEST);
 }
 
 /* The coding that LAS has. */
@@ -146,13 +187,6 @@ static bool whole_numbers_of(const struct cloud *cloud, struct scratch_coding *c
     return true;
 }
 
-static enum status check_part(const struct planning *plan, const vec3 *point, size_t n) {
-    for (size_t i = 0; i < n; i++)
-        if (!(fabs(point[i].x) < ORDER_LARGEST && fabs(point[i].y) < ORDER_LARGEST && fabs(point[i].z) < ORDER_LARGEST))
-            return error_set(plan->error, STATUS_MALFORMED, "tiles", "a point has a coordinate over %g", ORDER_LARGEST);
-    return STATUS_OK;
-}
-
 static enum status count(struct planning *plan, struct cloud_stream *stream) {
     struct scratch_head *head = &plan->scratch.head;
     const struct cloud *part;
@@ -162,15 +196,15 @@ static enum status count(struct planning *plan, struct cloud_stream *stream) {
         enum status status = cloud_stream_next(stream, &part, plan->error);
         if (!status && progress_tick(plan->progress, "count", 0.35 * cloud_stream_fraction(stream)))
             status = cancelled(plan->error);
-        if (!status) status = check_part(plan, part->position, part->count);
         if (status) return status;
         if (part->count == 0) break;
-        if (head->points == 0) {
-            c.least = c.most = part->position[0];
-            if (grid_init(&plan->grid, part->position, part->count)) return plan_no_memory(plan->error);
-        }
-        count_part(&c, part->position, part->count);
-        if (grid_count(&plan->grid, part->position, part->count)) return plan_no_memory(plan->error);
+        if (head->points == 0) c.least = c.most = part->position[0];
+        status = count_part(plan, &c, part->position, part->count);
+        if (!status) status = make_cells(plan, part->count);
+        if (status) return status;
+        if (head->points == 0 && grid_init(&plan->grid, part->position, part->count))
+            return plan_no_memory(plan->error);
+        grid_count(&plan->grid, part->position, part->count, plan->threads, plan->cell);
         head->points += part->count;
         if (head->points >= NONE)
             return error_set(plan->error, STATUS_LIMIT, "points", "more than %u points", NONE - 1);
@@ -297,12 +331,13 @@ static enum status flush(const struct planning *plan, struct dealer *dealer, siz
 static enum status deal_part(struct planning *plan, struct dealer *dealer, const struct cloud *part, uint64_t first) {
     const struct scratch_coding *coding = &plan->scratch.head.coding;
     size_t each = scratch_record_bytes(coding);
-    enum status status = STATUS_OK;
+    enum status status = make_cells(plan, part->count);
+    if (status) return status;
+    grid_find(&plan->grid, part->position, part->count, plan->threads, plan->cell);
     for (size_t i = 0; !status && i < part->count; i++) {
-        uint32_t cell = grid_find(&plan->grid, part->position[i]);
-        if (cell == NONE || !scratch_codes(coding, part->position[i]))
+        if (plan->cell[i] == NONE || !scratch_codes(coding, part->position[i]))
             return error_set(plan->error, STATUS_IO, "read", "the input has changed while it was read");
-        size_t tile = plan->grid.cell[cell].tile;
+        size_t tile = plan->grid.cell[plan->cell[i]].tile;
         scratch_encode(coding, part->position[i], (uint32_t)(first + i),
                        dealer->bytes + tile * dealer->room + dealer->used[tile]);
         dealer->used[tile] += each;
@@ -340,40 +375,46 @@ static enum status deal(struct planning *plan, struct cloud_stream *stream) {
 }
 
 /* The records of a tile by cell, each cell's in the order of the input. */
-static enum status put_by_cell(struct planning *plan, size_t t, const unsigned char *from, unsigned char *to) {
+static enum status put_by_cell(const struct planning *plan, size_t t, const unsigned char *from, unsigned char *to) {
+    enum { BATCH = 1 << 12 };
     const struct scratch_coding *coding = &plan->scratch.head.coding;
     const struct grid_tile *tile = &plan->scratch.tile[t];
     size_t each = scratch_record_bytes(coding);
     uint64_t *next = alloc_array(tile->cells, sizeof *next);
-    if (!next) return plan_no_memory(plan->error);
-    for (size_t i = 0; i < tile->cells; i++) next[i] = plan->grid.cell[tile->first + i].first;
-    for (uint64_t i = 0; i < tile->points; i++) {
-        uint32_t id, cell = grid_find(&plan->grid, scratch_decode(coding, from + i * each, &id));
-        memcpy(to + next[cell - tile->first]++ * each, from + i * each, each);
+    vec3 *point = alloc_array(BATCH, sizeof *point);
+    uint32_t *cell = alloc_array(BATCH, sizeof *cell), id;
+    bool room = next && point && cell;
+    for (size_t i = 0; room && i < tile->cells; i++) next[i] = plan->grid.cell[tile->first + i].first;
+    for (uint64_t first = 0; room && first < tile->points; first += BATCH) {
+        size_t n = tile->points - first < BATCH ? (size_t)(tile->points - first) : BATCH;
+        for (size_t i = 0; i < n; i++) point[i] = scratch_decode(coding, from + (first + i) * each, &id);
+        grid_find(&plan->grid, point, n, 1, cell);
+        for (size_t i = 0; i < n; i++)
+            memcpy(to + next[cell[i] - tile->first]++ * each, from + (first + i) * each, each);
     }
-    free(next);
-    return STATUS_OK;
+    free(next), free(point), free(cell);
+    return room ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
-static enum status sort_tile(struct planning *plan, size_t t) {
+static enum status sort_tile(const struct planning *plan, size_t t, struct error *error) {
     char raw[SCRATCH_PATH_BYTES], path[SCRATCH_PATH_BYTES];
     size_t bytes = (size_t)plan->scratch.tile[t].points * scratch_record_bytes(&plan->scratch.head.coding);
     unsigned char *from = alloc_array(bytes, 1), *to = alloc_array(bytes, 1);
     struct file_out file = {0};
     struct sink sink;
-    enum status status = from && to ? STATUS_OK : plan_no_memory(plan->error);
+    enum status status = from && to ? STATUS_OK : plan_no_memory(error);
     scratch_path(raw, plan->job->folder, "raw", t);
     scratch_path(path, plan->job->folder, "points", t);
     int fd = status ? -1 : open(raw, O_RDONLY | O_CLOEXEC);
-    if (!status) status = scratch_read(fd, from, bytes, 0, raw, plan->error);
+    if (!status) status = scratch_read(fd, from, bytes, 0, raw, error);
     if (fd >= 0) close(fd);
-    if (!status) status = put_by_cell(plan, t, from, to);
-    if (!status) status = file_out_begin(&file, path, plan->error);
+    if (!status && put_by_cell(plan, t, from, to)) status = plan_no_memory(error);
+    if (!status) status = file_out_begin(&file, path, error);
     if (!status) {
         status = sink_init(&sink, file.fd);
         sink_bytes(&sink, to, bytes);
-        status = sink_done(&sink, status, plan->error);
-        if (!status) status = file_out_commit(&file, 1, plan->error);
+        status = sink_done(&sink, status, error);
+        if (!status) status = file_out_commit(&file, 1, error);
     }
     if (status) file_out_abort(&file);
     if (!status) unlink(raw);
@@ -381,14 +422,33 @@ static enum status sort_tile(struct planning *plan, size_t t) {
     return status;
 }
 
-static enum status sort(struct planning *plan) {
-    enum status status = STATUS_OK;
-    for (size_t t = 0; !status && t < plan->tiles; t++) {
-        if (progress_tick(plan->progress, "sort", 0.7 + 0.15 * (double)t / (double)plan->tiles))
+enum { SORTED_AT_ONCE = 4 /* tiles, whose points are twice in memory: less than a part takes */ };
+
+struct sorting {
+    const struct planning *plan;
+    size_t first;
+    enum status status[SORTED_AT_ONCE];
+    struct error error[SORTED_AT_ONCE];
+};
+
+static void sort_some(void *ctx, size_t begin, size_t end) {
+    struct sorting *s = ctx;
+    for (size_t i = begin; i < end; i++) s->status[i] = sort_tile(s->plan, s->first + i, &s->error[i]);
+}
+
+static enum status sort(const struct planning *plan) {
+    struct sorting s = {.plan = plan};
+    for (; s.first < plan->tiles; s.first += SORTED_AT_ONCE) {
+        size_t n = plan->tiles - s.first < SORTED_AT_ONCE ? plan->tiles - s.first : SORTED_AT_ONCE;
+        if (progress_tick(plan->progress, "sort", 0.7 + 0.15 * (double)s.first / (double)plan->tiles))
             return cancelled(plan->error);
-        status = sort_tile(plan, t);
+        par_for(plan->threads, n, 1, sort_some, &s);
+        for (size_t i = 0; i < n; i++) {
+            if (s.status[i] && plan->error) *plan->error = s.error[i];
+            if (s.status[i]) return s.status[i];
+        }
     }
-    return status;
+    return STATUS_OK;
 }
 
 /* ------------------------------------------------------------------------------------------------ sample */
@@ -595,7 +655,8 @@ static void tell(const char *folder, const struct scratch *s, struct tiles_facts
 
 enum status tiles_plan(const struct tiles_job *job, const struct progress *progress, struct tiles_facts *facts,
                        struct error *error) {
-    struct planning plan = {.job = job, .progress = progress, .error = error};
+    struct planning plan = {
+        .job = job, .progress = progress, .error = error, .threads = (unsigned)job->params->threads};
     struct scratch there = {0};
     enum status status = tiles_can(job->params, error);
     if (!status && mkdir(job->folder, 0777) != 0 && errno != EEXIST)
@@ -619,6 +680,7 @@ enum status tiles_plan(const struct tiles_job *job, const struct progress *progr
     scratch_done(&there);
     scratch_done(&plan.scratch);
     grid_done(&plan.grid);
+    free(plan.cell);
     return status;
 }
 

@@ -17,6 +17,7 @@
 #include "core/pipeline/pipeline.h"
 #include "core/simplify/dso.h"
 #include "core/simplify/normals.h"
+#include "core/tiles/grid.h"
 #include "core/tiles/part.h"
 #include "core/tiles/scratch.h"
 #include "core/tiles/tiles.h"
@@ -248,6 +249,53 @@ static void other_runs_are_refused(void **state) {
     assert_int_equal(tiles_plan(&job, NULL, &facts, &error), STATUS_NO_MEMORY);
 }
 
+/* Points come in from a corner, so that cells are joined in the middle of a part, and one that is far off joins them
+ * again.  Whatever the parts and threads are, each point is counted once, in the cell of its place. */
+static void cells_hold_each_point_once(void **state) {
+    enum { MANY = 700000, PARTS = 3 };
+    static const struct {
+        size_t part;
+        unsigned threads;
+    } way[PARTS] = {{MANY, 2}, {50000, 1}, {333, 2}};
+    struct grid grid[PARTS];
+    uint32_t *cell = alloc_array(MANY, sizeof *cell), *count = alloc_zeroed(GRID_MOST_CELLS, sizeof *count);
+    vec3 *point = alloc_array(MANY, sizeof *point);
+    uint64_t seed = 5;
+    (void)state;
+    assert_true(cell && count && point);
+    for (size_t i = 0; i < MANY; i++) {
+        double grown = sqrt((double)(i + 1) / MANY);
+        point[i] = (vec3){grown * random_unit(&seed), grown * random_unit(&seed), -0.1 * random_unit(&seed)};
+    }
+    point[MANY / 2] = (vec3){-3e8, 5, 0};
+    for (size_t w = 0; w < PARTS; w++) {
+        assert_int_equal(grid_init(&grid[w], point, 1000), STATUS_OK);
+        for (size_t first = 0; first < MANY; first += way[w].part) {
+            size_t n = MANY - first < way[w].part ? MANY - first : way[w].part;
+            grid_count(&grid[w], point + first, n, way[w].threads, cell);
+        }
+        assert_int_equal(grid[w].level, grid[0].level);
+        assert_int_equal(grid[w].count, grid[0].count);
+        assert_memory_equal(grid[w].cell, grid[0].cell, grid[0].count * sizeof *grid[0].cell);
+    }
+    grid_find(&grid[0], point, MANY, 2, cell);
+    for (size_t i = 0; i < MANY; i++) {
+        assert_in_range(cell[i], 0, grid[0].count - 1);
+        struct grid_place place = grid_place_of(&grid[0], point[i]);
+        double side = grid_side(&grid[0]);
+        assert_memory_equal(&place, &grid[0].cell[cell[i]].place, sizeof place);
+        assert_true(place.at[2] == (int32_t)floor((point[i].z - grid[0].anchor.z) / side));
+        count[cell[i]]++;
+    }
+    for (size_t i = 0; i < grid[0].count; i++) assert_int_equal(count[i], grid[0].cell[i].count);
+    const vec3 none[] = {{1e300, 0, 0}, {0.5, 0.5, 1e9}};
+    grid_find(&grid[0], none, 2, 1, cell);
+    assert_int_equal(cell[0], NONE);
+    assert_int_equal(cell[1], NONE);
+    for (size_t w = 0; w < PARTS; w++) grid_done(&grid[w]);
+    free(cell), free(count), free(point);
+}
+
 static int make_base(void **state) {
     (void)state;
     folder_make_in_memory(base, sizeof base);
@@ -263,7 +311,8 @@ static int remove_base(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(every_point_is_in_one_tile), cmocka_unit_test(quadrics_are_those_of_the_whole),
-        cmocka_unit_test(tiles_keep_what_memory_keeps), cmocka_unit_test(other_runs_are_refused)};
+        cmocka_unit_test(cells_hold_each_point_once), cmocka_unit_test(every_point_is_in_one_tile),
+        cmocka_unit_test(quadrics_are_those_of_the_whole), cmocka_unit_test(tiles_keep_what_memory_keeps),
+        cmocka_unit_test(other_runs_are_refused)};
     return cmocka_run_group_tests(tests, make_base, remove_base);
 }

@@ -12,9 +12,9 @@
 #include <stdint.h>
 
 #include "core/base/status.h"
-#include "core/lists/column_list.h"
-#include "core/lists/condition_list.h"
-#include "core/lists/weight_list.h"
+#include "core/text/column_list.h"
+#include "core/text/condition_list.h"
+#include "core/text/weight_list.h"
 
 enum dso_form { DSO_RMS, DSO_SUM, DSO_NONE };
 enum placement { PLACEMENT_SUBSET, PLACEMENT_OPTIMAL };

@@ -57,7 +57,7 @@ struct params;
 struct cloud_limits {
     uint64_t max_points;
     uint32_t max_properties;
-    const char *columns;    /* of text: core/lists/column_list.h; NULL or "" = what the file says */
+    const char *columns;    /* of text: core/text/column_list.h; NULL or "" = what the file says */
     bool columns_if_text;   /* of any other format they are left aside, and not refused */
     uint64_t max_triangles; /* that memory has room for; more are STATUS_NO_MEMORY */
     unsigned threads;       /* that may read; 0 = all processors */

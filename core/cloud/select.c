@@ -11,7 +11,7 @@
 #include "core/base/alloc.h"
 #include "core/cloud/attribute_names.h"
 #include "core/cloud/keep.h"
-#include "core/lists/condition_list.h"
+#include "core/text/condition_list.h"
 
 /* ------------------------------------------------------------------------------------------------ properties */
 

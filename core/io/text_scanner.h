@@ -10,7 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "core/base/number.h"
+#include "core/text/number.h"
 
 struct scan {
     const char *begin, *at, *end;

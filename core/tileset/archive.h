@@ -11,9 +11,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "core/base/crc32.h"
-#include "core/base/md5.h"
 #include "core/base/status.h"
+#include "core/io/codec/crc32.h"
+#include "core/io/codec/md5.h"
 #include "core/io/out/sink.h"
 
 enum { ARCHIVE_NAME_BYTES = 40, ARCHIVE_ENTRY_MARK = 0x02014b50, ARCHIVE_ITEM_BYTES = MD5_BYTES + 8 };

@@ -8,7 +8,7 @@
 
 #include "core/base/alloc.h"
 #include "core/base/endian.h"
-#include "core/base/md5.h"
+#include "core/io/codec/md5.h"
 #include "core/tileset/archive.h"
 
 /* Bytes of the parts, and where in them what is looked for lies. */

@@ -21,9 +21,9 @@
 
 #include "api/codecs/measure_json.h"
 #include "core/io/read.h"
-#include "core/lists/column_list.h"
 #include "core/measure/metro.h"
 #include "core/params.h"
+#include "core/text/column_list.h"
 #include "server/cli/input.h"
 #include "server/cli/output.h"
 #include "server/shared/worker_protocol.h"

@@ -15,17 +15,17 @@ MAY_INCLUDE = {"core": {"core"}, "api": {"api", "core"}, "server": {"server", "a
 # The rooms of core/, from the bottom up: a file may include its own room, what stands above core/'s rooms (params.h,
 # report.h), and the rooms that its row names.
 ROOMS = {
-    "core": {"core/base", "core/lists", "core/surface"},  # params.c takes the names of reconstructions from their table
+    "core": {"core/base", "core/text", "core/surface"},  # params.c takes the names of reconstructions from their table
     "core/base": set(),
-    "core/lists": set(),
+    "core/text": set(),
     "core/math": {"core/base"},
-    "core/cloud": {"core/base", "core/lists", "core/math"},
+    "core/cloud": {"core/base", "core/text", "core/math"},
     "core/mesh": {"core/base", "core/math", "core/cloud"},
     "core/io/codec": {"core/base"},
     "core/io/laz": {"core/base"},
-    "core/io": {"core/base", "core/cloud", "core/io/codec", "core/io/formats", "core/io/out"},
-    "core/io/formats": {"core/base", "core/lists", "core/cloud", "core/io", "core/io/codec", "core/io/laz"},
-    "core/io/out": {"core/base", "core/cloud", "core/mesh", "core/io", "core/io/formats", "core/io/laz"},
+    "core/io": {"core/base", "core/text", "core/cloud", "core/io/codec", "core/io/formats", "core/io/out"},
+    "core/io/formats": {"core/base", "core/text", "core/cloud", "core/io", "core/io/codec", "core/io/laz"},
+    "core/io/out": {"core/base", "core/text", "core/cloud", "core/mesh", "core/io", "core/io/formats", "core/io/laz"},
     "core/spatial": {"core/base", "core/math", "core/cloud", "core/mesh"},
     "core/clean": {"core/base", "core/math", "core/cloud", "core/spatial"},
     "core/simplify": {"core/base", "core/math", "core/cloud", "core/spatial"},
@@ -43,7 +43,7 @@ ROOMS = {
                       "core/surface/given", "core/surface/sheet", "core/refine", "core/measure", "core/picture"},
     "core/tiles": {"core/base", "core/math", "core/cloud", "core/io", "core/io/formats", "core/io/out", "core/spatial",
                    "core/clean", "core/simplify", "core/measure", "core/pipeline"},
-    "core/tileset": {"core/base", "core/math", "core/cloud", "core/mesh", "core/io/formats", "core/io/out",
+    "core/tileset": {"core/base", "core/math", "core/cloud", "core/mesh", "core/io/codec", "core/io/formats", "core/io/out",
                      "core/spatial"},
     "core/picture": {"core/base", "core/math", "core/cloud", "core/mesh", "core/io/out", "core/spatial"},
     "core/library": {"core/base", "core/cloud", "core/mesh", "core/io", "core/pipeline"},
@@ -80,7 +80,7 @@ DAEMON_SEES = API_SEES | {"core/base/alloc.h", "core/base/fault.h", "core/io/cod
                           "core/io/formats/ply_header.h", "core/io/prefix.h",
                           "core/pipeline/memory.h", "core/tileset/archive_find.h"}
 # What those bring along: nothing else of core/ reaches api/ or the daemon by way of another header.
-BROUGHT = {"core/lists/column_list.h", "core/lists/condition_list.h", "core/lists/weight_list.h", "core/base/left_out.h", "core/cloud/cloud.h", "core/io/formats.h", "core/math/vec3.h"}
+BROUGHT = {"core/text/column_list.h", "core/text/condition_list.h", "core/text/weight_list.h", "core/base/left_out.h", "core/cloud/cloud.h", "core/io/formats.h", "core/math/vec3.h"}
 # A third-party header, or what stands behind a seam -> the only files that include it (a pattern).
 OWNER = {
     r"flann/.*": r"core/spatial/knn_flann\.cc",

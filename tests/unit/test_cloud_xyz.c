@@ -12,9 +12,9 @@
 #include <cmocka.h>
 
 #include "core/base/alloc.h"
-#include "core/base/number.h"
 #include "core/io/out/write.h"
 #include "core/io/read.h"
+#include "core/text/number.h"
 
 enum { MANY = 5000, ROUNDS = 200000 };
 

@@ -5,8 +5,8 @@
 
 #include <string.h>
 
-#include "core/base/crc32.h"
 #include "core/base/endian.h"
+#include "core/io/codec/crc32.h"
 #include "core/io/first_bytes.h"
 #include "core/io/reader.h"
 

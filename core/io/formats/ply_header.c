@@ -25,8 +25,8 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
-#include "core/base/number.h"
 #include "core/io/padding.h"
+#include "core/text/number.h"
 
 enum { MAX_WORDS = 6 };
 

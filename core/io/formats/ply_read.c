@@ -20,13 +20,13 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
-#include "core/base/number.h"
 #include "core/io/build.h"
 #include "core/io/finite.h"
 #include "core/io/first_bytes.h"
 #include "core/io/formats/ply_header.h"
 #include "core/io/padding.h"
 #include "core/io/parts.h"
+#include "core/text/number.h"
 
 enum { BLOCK_RECORDS = 16384, TICK_RECORDS = 16384, PART_RECORDS = 1 << 18 };
 

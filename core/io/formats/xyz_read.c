@@ -13,7 +13,7 @@
  * can't be: one of both might set off thousands, so a file with both is refused.  Where blanks separate them and single
  * commas stand inside of numbers ("1,5 2,5 3,5"), nobody can tell three columns from six: that is refused, too.
  *
- * Lines end by \n, \r\n or \r.  Columns are named by the caller's list (core/lists/column_list.h), else by the names
+ * Lines end by \n, \r\n or \r.  Columns are named by the caller's list (core/text/column_list.h), else by the names
  * line, or by a comment that has x, y and z among its names (CloudCompare's "//X Y Z R G B"), when it has as many names
  * as there are columns.  x, y and z may then stand anywhere, and by other names that are known (column_names.c); a
  * names line without them is refused, since columns would be taken for others.  One that has other than as many names
@@ -36,14 +36,14 @@
 #include <strings.h>
 
 #include "core/base/alloc.h"
-#include "core/base/number.h"
 #include "core/io/build.h"
 #include "core/io/finite.h"
 #include "core/io/first_bytes.h"
 #include "core/io/formats/column_names.h"
 #include "core/io/padding.h"
 #include "core/io/parts.h"
-#include "core/lists/column_list.h"
+#include "core/text/column_list.h"
+#include "core/text/number.h"
 
 enum { PART_POINTS = 1 << 18, TICK_POINTS = 16384, FIRST_CAPACITY = 1024, WORD_BYTES = 512, NAMES_BYTES = 120 };
 enum { NAMES_WITHIN_BYTES = 64 * 1024 /* of the file's beginning a comment may name the columns */ };
@@ -51,7 +51,7 @@ enum { NAMES_WITHIN_BYTES = 64 * 1024 /* of the file's beginning a comment may n
 struct reader {
     const char *begin, *at, *end;
     uint64_t line;        /* which one at is on */
-    const char *list;     /* core/lists/column_list.h, of the caller; NULL = none */
+    const char *list;     /* core/text/column_list.h, of the caller; NULL = none */
     const char *names_at; /* line that may name the columns; NULL = none */
     bool names_are_comment;
     bool decimal_commas;

@@ -5,9 +5,9 @@
 
 #include <stdbool.h>
 
-#include "core/base/number.h"
 #include "core/io/out/mesh_attributes.h"
 #include "core/io/out/sink.h"
+#include "core/text/number.h"
 
 static void obj_put_number(struct sink *sink, double value, bool narrow) {
     char *to = (char *)sink_reserve(sink, NUMBER_TEXT_BYTES + 1);

@@ -1,7 +1,7 @@
 /* Lists of columns.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/lists/column_list.h"
+#include "core/text/column_list.h"
 
 #include <string.h>
 

@@ -9,8 +9,8 @@
  * a column may have any but commas.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_CORE_LISTS_COLUMN_LIST_H
-#define WHITTLE_CORE_LISTS_COLUMN_LIST_H
+#ifndef WHITTLE_CORE_TEXT_COLUMN_LIST_H
+#define WHITTLE_CORE_TEXT_COLUMN_LIST_H
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -4,8 +4,8 @@
  *     pair = property ":" number        rgb for red, green and blue together; over 0, at most 100; none there twice
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_CORE_LISTS_WEIGHT_LIST_H
-#define WHITTLE_CORE_LISTS_WEIGHT_LIST_H
+#ifndef WHITTLE_CORE_TEXT_WEIGHT_LIST_H
+#define WHITTLE_CORE_TEXT_WEIGHT_LIST_H
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -1,7 +1,7 @@
 /* Cyclic redundancy checks.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/base/crc32.h"
+#include "core/io/codec/crc32.h"
 
 #include "core/base/endian.h"
 

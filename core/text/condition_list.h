@@ -8,8 +8,8 @@
  * bytes that aren't blanks, commas, or of an operator.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_CORE_LISTS_CONDITION_LIST_H
-#define WHITTLE_CORE_LISTS_CONDITION_LIST_H
+#ifndef WHITTLE_CORE_TEXT_CONDITION_LIST_H
+#define WHITTLE_CORE_TEXT_CONDITION_LIST_H
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -1,8 +1,8 @@
 /* Cyclic redundancy checks of 32 bits, of any polynomial.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_CORE_BASE_CRC32_H
-#define WHITTLE_CORE_BASE_CRC32_H
+#ifndef WHITTLE_CORE_IO_CODEC_CRC32_H
+#define WHITTLE_CORE_IO_CODEC_CRC32_H
 
 #include <stddef.h>
 #include <stdint.h>

@@ -1,8 +1,8 @@
 /* Numbers as text: reading and writing that is exact, fast and the same in every locale.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_CORE_BASE_NUMBER_H
-#define WHITTLE_CORE_BASE_NUMBER_H
+#ifndef WHITTLE_CORE_TEXT_NUMBER_H
+#define WHITTLE_CORE_TEXT_NUMBER_H
 
 #include <stddef.h>
 

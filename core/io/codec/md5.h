@@ -1,8 +1,8 @@
 /* MD5 (RFC 1321), for formats that name things by it; it keeps no secret.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_CORE_BASE_MD5_H
-#define WHITTLE_CORE_BASE_MD5_H
+#ifndef WHITTLE_CORE_IO_CODEC_MD5_H
+#define WHITTLE_CORE_IO_CODEC_MD5_H
 
 #include <stddef.h>
 

@@ -1,7 +1,7 @@
 /* Weights of attributes.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/lists/weight_list.h"
+#include "core/text/weight_list.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -16,7 +16,7 @@
  * Invariant: what is written here is read here to the same bits.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/base/number.h"
+#include "core/text/number.h"
 
 #include <ctype.h>
 #include <float.h>

@@ -1,7 +1,7 @@
 /* MD5 of short texts: blocks of 64 bytes, of which the last end in a one, zeros and the length in bits.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/base/md5.h"
+#include "core/io/codec/md5.h"
 
 #include <assert.h>
 #include <math.h>

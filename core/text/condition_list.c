@@ -1,7 +1,7 @@
 /* Conditions.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/lists/condition_list.h"
+#include "core/text/condition_list.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -441,7 +441,7 @@ sizing: deps ## the table of deploy/README.md: processor, memory, disk for each 
 	@$(PYTHON) tests/bench/sizing.py $(build) $(POINTS)
 
 .PHONY: accuracy
-accuracy: deps ## the error table of the README; MESHES="mesh.ply ..." for others than Horse and Venus
+accuracy: deps ## the error tables of tests/bench/README.md; MESHES="mesh.ply ..." for others than Horse and Venus
 	@$(MAKE) --no-print-directory -j$$(nproc) all $(build)/tests/peers/distances
 	@$(PYTHON) tests/bench/accuracy.py $(build) $(MESHES)
 

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The error table of the README: Horse and Venus at 20, 10 and 5 %, measured against their true meshes.
+"""The error tables of tests/bench/README.md: Horse and Venus at 20, 10 and 5 %, measured against their true meshes.
 
 Usage: accuracy.py BUILD_FOLDER [MESH.ply ...]      (default: Horse and Venus of ../shared/data)
 

@@ -24,10 +24,10 @@ def make_tree(tmp_path):
     (tmp_path / "core/io/read.c").touch()
     (tmp_path / "core/io/read.h").touch()
     (tmp_path / "core/whittle.h").touch()
-    (tmp_path / "README.md").write_text("`core/io/read.c`\n<!-- layers: make lint compares this table with "
-                                        "tests/lint/layers.py -->\n<!-- end of layers -->\n")
-    (tmp_path / "server/README.md").write_text("<!-- layers: make lint compares this table with "
-                                               "tests/lint/layers.py -->\n<!-- end of layers -->\n")
+    (tmp_path / "README.md").write_text("`core/io/read.c`\n")
+    for top in ("core", "server"):
+        (tmp_path / top / "README.md").write_text("<!-- layers: make lint compares this table with "
+                                                  "tests/lint/layers.py -->\n<!-- end of layers -->\n")
     assert lint(tmp_path, "--update") == ""
     return tmp_path
 
@@ -41,7 +41,7 @@ def test_names_that_exist_are_found_wherever_they_are_looked_for(tree):
     (tree / "core/io/README.md").write_text("`read.c`, `core/io/read.{c,h}`, `core/*/read.h`, [up](../../README.md), "
                                             "`out/report.html`, [elsewhere](https://example.org/core/none.c)\n")
     (tree / "server/http/README.md").write_text("`read.h`, `core/io/`\n")
-    assert lint(tree) == "lint: 4 documents, 0 problems\n"
+    assert lint(tree) == "lint: 5 documents, 0 problems\n"
 
 
 @pytest.mark.parametrize("text, missing", [
@@ -50,14 +50,14 @@ def test_names_that_exist_are_found_wherever_they_are_looked_for(tree):
     ("[there](../http/none.md)", "../http/none.md")])
 def test_a_name_that_does_not_exist_is_a_problem(tree, text, missing):
     (tree / "server/http/DECISIONS.md").write_text(f"# Title\n{text}\n")
-    assert lint(tree) == f"server/http/DECISIONS.md: there is no {missing}\nlint: 3 documents, 1 problems\n"
+    assert lint(tree) == f"server/http/DECISIONS.md: there is no {missing}\nlint: 4 documents, 1 problems\n"
 
 
 def test_a_table_of_layers_that_is_not_the_codes_is_a_problem(tree):
     layers = tree / "tests/lint/layers.py"
     layers.write_text(layers.read_text().replace('"core/math": {"core/base"}', '"core/math": set()'))
-    assert lint(tree) == ("README.md: the table of layers differs from tests/lint/layers.py; "
-                          "tests/lint/documents.py --update writes it\nlint: 2 documents, 1 problems\n")
+    assert lint(tree) == ("core/README.md: the table of layers differs from tests/lint/layers.py; "
+                          "tests/lint/documents.py --update writes it\nlint: 3 documents, 1 problems\n")
     lint(tree, "--update")
-    assert lint(tree) == "lint: 2 documents, 0 problems\n"
-    assert "| `core/math/` | none |" in (tree / "README.md").read_text()
+    assert lint(tree) == "lint: 3 documents, 0 problems\n"
+    assert "| `core/math/` | none |" in (tree / "core/README.md").read_text()

@@ -2,7 +2,7 @@
 """Checks that every file that a document names exists, and that the tables of layers are the code's.
 
 Usage: documents.py             (from the root of the tree)
-       documents.py --update    writes the tables of layers into README.md and server/README.md
+       documents.py --update    writes the tables of layers into core/README.md and server/README.md
 
 A name is what stands in backticks and has the form of a path below core/, server/, api/, tests/ or deploy/, or of a
 source file; or the target of a link.  Braces and wildcards are expanded.  A name is looked for in the folder of its
@@ -75,7 +75,7 @@ def server_table():
     return "\n".join(lines) + "\n"
 
 
-TABLES = {"README.md": layer_table, "server/README.md": server_table}
+TABLES = {"core/README.md": layer_table, "server/README.md": server_table}
 
 
 def with_table(text, table):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Starts whittled for a test, on a free port and a data folder of its own, and talks to it with curl."""
 import contextlib
+import ctypes
 import fnmatch
 import http.client
 import json
@@ -200,9 +201,21 @@ class Daemon:
                 self.process.send_signal(signal.SIGTERM)
             wait_until(ended, "the end of whittled")
 
+    def __enter__(self):
+        return self.start()
+
+    def __exit__(self, *reason):
+        end_all([self])
+
     def faults(self):
-        """What is wrong with how its processes ended."""
-        ends = [process.wait(PATIENCE_S) for process in self.processes]
+        """What is wrong with how its processes ended; those that haven't are killed."""
+        ends = []
+        for process in self.processes:
+            late = process.poll() is None
+            if late:
+                process.kill()
+                process.wait()
+            ends.append("nothing but SIGKILL" if late else process.returncode)
         return ([f"whittled ended with {end}" for end in ends if end not in self.allowed]
                 + SANITIZERS_SAY.findall(self.log_text() if self.log.exists() else ""))
 
@@ -385,9 +398,70 @@ def pass_alone(failed, terminal):
     return result.returncode == 0
 
 
-@pytest.hookimpl(tryfirst=True)
+# ---------------------------------------------------------------------------------------------- what is left running
+
+PR_SET_CHILD_SUBREAPER = 36
+ENDING_S = 20  # how long a process that has been told to end may still be there
+
+
+def pytest_configure(config):
+    """What a test or a process of it leaves behind becomes our child: of the one that begins the others, if several run.
+    Told to end, we end what the tests have started, as at the keyboard."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    if not hasattr(config, "workerinput"):
+        ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+
+
+def left_running(pid):
+    """All processes below it that live."""
+    found = []
+    for child in children_of(pid):
+        found += [child] * process_lives(child) + left_running(child)
+    return found
+
+
+def told_of(pid):
+    """Its command, as far as it may be read, and the test that it was started in."""
+    def read(name):
+        with contextlib.suppress(OSError):
+            return pathlib.Path(f"/proc/{pid}/{name}").read_bytes().replace(b"\0", b" ").decode(errors="replace").strip()
+        return ""
+    test = re.search(r"PYTEST_CURRENT_TEST=(\S+ \(\w+\))", read("environ"))
+    command = read("cmdline") or "a process without memory, " + ", ".join(re.findall("(?:Name|State|NSpid):.*", read("status")))
+    return f"{command[:200]} of {test[1] if test else 'a test that its environment does not name'}"
+
+
+def end_what_is_left():
+    """Ends the processes that are left below this one, and returns what they were.  Those that we have adopted are waited
+    for: a namespace of process ids stays, with its first process, until all in it have been."""
+    end = time.monotonic() + ENDING_S
+    while left_running(os.getpid()) and time.monotonic() < end:
+        for child in children_of(os.getpid()):
+            with contextlib.suppress(ChildProcessError):
+                os.waitpid(child, os.WNOHANG)
+        time.sleep(0.05)
+    left = [(pid, told_of(pid)) for pid in left_running(os.getpid())]
+    for pid, _ in left:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+    return [f"left running: {pid} {what}" for pid, what in left]
+
+
+@pytest.hookimpl(hookwrapper=True, tryfirst=True)
 def pytest_sessionfinish(session, exitstatus):
-    """Where all is well nothing is left, and what was skipped is looked at."""
+    """Where all is well no file is left, and what was skipped is looked at; when all fixtures are gone, no process is
+    there that a test started."""
+    look_back(session, exitstatus)
+    yield
+    if hasattr(session.config, "workerinput"):
+        return
+    for line in end_what_is_left():
+        print(f"\n{line}", end="", flush=True)
+        if session.exitstatus == pytest.ExitCode.OK:
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def look_back(session, exitstatus):
     config = session.config
     path, terminal = config.getoption("--allowed-skips"), config.pluginmanager.get_plugin("terminalreporter")
     if terminal and not hasattr(config, "workerinput") and exitstatus == pytest.ExitCode.TESTS_FAILED:
@@ -414,12 +488,18 @@ def make_large():
 
 
 def end_all(daemons):
-    """The end of a fixture that started them: stops those that run, and looks how each ended."""
+    """The end of a fixture that started them: stops those that run, and looks how each ended.  None is left, whatever
+    keeps one of them from ending."""
+    faults = []
     for daemon in daemons:
-        daemon.give_up()
+        try:
+            daemon.give_up()
+        except AssertionError as reason:
+            faults.append(str(reason))
     for daemon in daemons:
         print(daemon.log_text()[-20000:] if daemon.log.exists() else "")
-    assert [fault for daemon in daemons for fault in daemon.faults()] == []
+        faults += daemon.faults()
+    assert not faults, "; ".join(faults)
 
 
 @pytest.fixture(name="make_daemon")

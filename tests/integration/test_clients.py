@@ -26,11 +26,10 @@ QUERY = "/v1/jobs?points=50&outputs=cloud"
 @pytest.fixture(name="daemon", scope="module")
 def make_shared_daemon(tmp_path_factory):
     from conftest import Daemon
-    daemon = Daemon(tmp_path_factory.mktemp("daemon"), "--result-cache=0").start()
-    yield daemon
-    assert daemon.stop() == 0
-    assert daemon.leftovers() == []
-    print(daemon.log_text()[-20000:])
+    with Daemon(tmp_path_factory.mktemp("daemon"), "--result-cache=0") as daemon:
+        yield daemon
+        assert daemon.stop() == 0
+        assert daemon.leftovers() == []
 
 
 @pytest.fixture(name="files", scope="module")

@@ -16,7 +16,12 @@ HERE = pathlib.Path(__file__).parent
 
 @pytest.fixture(name="daemon")
 def make_own_daemon(tmp_path):
-    return conftest.Daemon(tmp_path).start()
+    daemon = conftest.Daemon(tmp_path).start()
+    yield daemon
+    for process in daemon.processes:  # which those tests end, when they pass
+        if process.poll() is None:
+            process.kill()
+            process.wait()
 
 
 def test_a_clean_end_is_one_with_jobs_under_way_too(daemon, large):
@@ -74,6 +79,62 @@ def run_pytest(tmp_path, cases, allowed, *flags):
          "--allowed-skips", folder / "allowed", folder / "test_cases.py"], capture_output=True, text=True, check=False,
         env=dict(os.environ, TMPDIR=str(tmp_path / "temporary")))
     return done.returncode, done.stdout, [str(p) for p in (tmp_path / "temporary").rglob("large")]
+
+
+def test_one_that_does_not_end_keeps_no_other_from_ending(daemon, tmp_path, monkeypatch):
+    def give_up():
+        raise AssertionError("the end of whittled did not come")
+    monkeypatch.setattr(daemon, "give_up", give_up)
+    (tmp_path / "other").mkdir()
+    with conftest.Daemon(tmp_path / "other") as other:
+        with pytest.raises(AssertionError, match="the end of whittled did not come; whittled ended with nothing but SIGKILL"):
+            conftest.end_all([daemon, other])
+        assert daemon.process.returncode == -signal.SIGKILL and other.process.returncode == 0
+
+
+LEAVES = """
+import pathlib, subprocess, pytest
+def note(pid, name): (pathlib.Path(__file__).parent / name).write_text(str(pid))
+@pytest.fixture(name="left", scope="module")
+def make_left():
+    process = subprocess.Popen(["sleep", "1001"], start_new_session=True)
+    note(process.pid, "child")
+    yield process
+    assert False, "before it is ended"
+def test_of_a_fixture(left): assert left.poll() is None
+def test_that_forks():
+    sleep = "sleep 1002 >/dev/null 2>&1 & echo $!"
+    note(subprocess.run(["setsid", "sh", "-c", sleep], stdout=subprocess.PIPE, text=True, check=True).stdout, "grandchild")
+"""
+
+
+@pytest.mark.parametrize("flags", [(), ("-n", "2")], ids=["one process", "two"])
+def test_a_process_that_is_left_fails_the_run_and_is_ended(tmp_path, flags):
+    code, text, _ = run_pytest(tmp_path, LEAVES.replace("assert False", "assert True"), "", *flags)
+    assert code == 1 and "2 passed" in text
+    for seconds, test in ((1001, "test_of_a_fixture (setup)"), (1002, "test_that_forks (call)")):
+        assert re.search(rf"left running: \d+ sleep {seconds} of \S+{re.escape(test)}", text), text
+    for name in ("child", "grandchild"):
+        assert not conftest.process_lives(int((tmp_path / "cases" / name).read_text()))
+    code, text, _ = run_pytest(tmp_path, LEAVES.replace("100", "0.0"), "", *flags)
+    assert code == 1 and "before it is ended" in text and "left running" not in text
+
+
+def test_told_to_end_the_tests_end_what_they_have_started(tmp_path):
+    cases = LEAVES.replace("assert False", "assert True") + """
+def test_that_waits(left):
+    note(0, "waits")
+    left.wait()
+"""
+    run_pytest(tmp_path, "def test(): pass\n", "")  # makes the folder
+    (tmp_path / "cases/test_cases.py").write_text(cases)
+    with subprocess.Popen([sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", tmp_path / "cases",
+                           tmp_path / "cases/test_cases.py"], stdout=subprocess.DEVNULL) as process:
+        conftest.wait_until((tmp_path / "cases/waits").exists, "the last test")
+        process.terminate()
+        assert process.wait(conftest.PATIENCE_S) == pytest.ExitCode.INTERRUPTED
+    for name in ("child", "grandchild"):
+        assert not conftest.process_lives(int((tmp_path / "cases" / name).read_text()))
 
 
 @pytest.mark.parametrize("flags", [(), ("-n", "2")], ids=["one process", "two"])

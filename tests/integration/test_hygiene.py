@@ -16,13 +16,12 @@ SMUGGLED = b"GET /v1/info HTTP/1.1\r\nHost: smuggled\r\nX-Request-Id: smuggled\r
 
 @pytest.fixture(name="daemon", scope="module")
 def make_shared_daemon(tmp_path_factory):
-    daemon = Daemon(tmp_path_factory.mktemp("daemon")).start()
-    yield daemon
-    assert daemon.leftovers() == []
-    assert daemon.curl("/v1/jobs").json["jobs"] == []
-    assert daemon.stop() == 0
-    assert "id=smuggled" not in daemon.log_text()
-    print(daemon.log_text()[-20000:])
+    with Daemon(tmp_path_factory.mktemp("daemon")) as daemon:
+        yield daemon
+        wait_until(lambda: daemon.leftovers() == [], "the end of all bodies")  # of connections just closed, too
+        assert daemon.curl("/v1/jobs").json["jobs"] == []
+        assert daemon.stop() == 0
+        assert "id=smuggled" not in daemon.log_text()
 
 
 def raw(daemon, data):

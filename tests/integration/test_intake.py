@@ -21,11 +21,10 @@ NAME = hashlib.sha256(SMALL).hexdigest()
 @pytest.fixture(name="daemon", scope="module")
 def make_shared_daemon(tmp_path_factory):
     from conftest import Daemon
-    daemon = Daemon(tmp_path_factory.mktemp("daemon"), "--max-body-bytes", "32M").start()
-    yield daemon
-    assert daemon.stop() == 0
-    assert daemon.leftovers() == []
-    print(daemon.log_text()[-20000:])
+    with Daemon(tmp_path_factory.mktemp("daemon"), "--max-body-bytes", "32M") as daemon:
+        yield daemon
+        assert daemon.stop() == 0
+        assert daemon.leftovers() == []
 
 
 @pytest.fixture(name="cloud", scope="module")

@@ -18,11 +18,10 @@ FIXTURES = pathlib.Path(__file__).parent.parent / "fixtures"
 @pytest.fixture(name="daemon", scope="module")
 def make_shared_daemon(tmp_path_factory):
     from conftest import Daemon
-    daemon = Daemon(tmp_path_factory.mktemp("daemon"), "--max-body-bytes", "32M").start()
-    yield daemon
-    assert daemon.leftovers() == []
-    assert daemon.stop() == 0
-    print(daemon.log_text()[-20000:])
+    with Daemon(tmp_path_factory.mktemp("daemon"), "--max-body-bytes", "32M") as daemon:
+        yield daemon
+        wait_until(lambda: daemon.leftovers() == [], "the end of all bodies")
+        assert daemon.stop() == 0
 
 
 # ---------------------------------------------------------------------------------------------- parameters

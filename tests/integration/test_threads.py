@@ -20,10 +20,8 @@ def make_watched(tmp_path):
                     library, source], check=True)
     daemon = Daemon(tmp_path, "--workers", "2")
     daemon.prefix = ("env", f"LD_PRELOAD={library}", f"WATCHED_CALLS={tmp_path / 'calls'}")
-    yield daemon.start()
-    if daemon.process.poll() is None:
-        daemon.kill()
-    print(daemon.log_text()[-20000:])
+    with daemon:
+        yield daemon
 
 
 def calls_of(daemon):

@@ -16,13 +16,14 @@ import pathlib
 import queue
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import time
 import tomllib
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-TEST_S, BUILD_S = 600, 1800
+TEST_S, BUILD_S, END_S = 600, 1800, 240
 MAKE = ["make", "--no-print-directory", "-j2", *(f"{name}={os.environ[name]}" for name in ("CC", "CXX", "LDFLAGS")
                                                  if name in os.environ)]
 
@@ -31,8 +32,18 @@ class Broken(Exception):
     """A row of which nothing can be told."""
 
 
+def end_all_of(folder):
+    """Kills what runs a program of this folder: a mutant may be that nothing ends."""
+    for link in pathlib.Path("/proc").glob("[0-9]*/exe"):
+        try:
+            if link.readlink().is_relative_to(folder):
+                os.kill(int(link.parent.name), signal.SIGKILL)
+        except OSError:
+            pass  # it has ended, or is somebody else's
+
+
 def run(command, folder, seconds, log):
-    """The exit status; None where it took too long."""
+    """The exit status; None where it took too long.  Nothing that it started is left."""
     environment = {**os.environ, "WHITTLE_BUILD": str(folder / "build/release")}
     for name in ("MAKEFLAGS", "CI"):  # a mutant may leave something unused, which is an error there
         environment.pop(name, None)
@@ -41,9 +52,15 @@ def run(command, folder, seconds, log):
         try:
             return process.wait(seconds)
         except subprocess.TimeoutExpired:
-            process.terminate()
-            process.wait()
+            process.terminate()  # tests end what they have started
+            try:
+                process.wait(END_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
             return None
+        finally:
+            end_all_of(folder)
 
 
 class Tree:

@@ -213,7 +213,10 @@ def make_other_user(make_daemon):
         shutil.copy(program, programs)
         return make_daemon("--worker", programs / program.name, "--job-user", "nobody", "--workers", "2", *flags)
 
+    before = os.getgroups()
+    os.setgroups([*before, 4, 20])  # further ones of root's, which the daemon has from us
     yield make
+    os.setgroups(before)
     shutil.rmtree(programs)
 
 
@@ -228,7 +231,9 @@ def test_jobs_of_another_user_reach_nothing_of_the_service(other_user, kernel):
     pid = daemon.worker_pid(job_id)
     status = dict(line.split(":\t", 1) for line in pathlib.Path(f"/proc/{pid}/status").read_text().splitlines()
                   if ":\t" in line)
-    assert status["Uid"].split() == [str(NOBODY)] * 4 and status["Groups"].strip() == ""
+    account = pwd.getpwnam("nobody")
+    assert status["Uid"].split() == [str(NOBODY)] * 4 and status["Gid"].split() == [str(account.pw_gid)] * 4
+    assert status["Groups"].strip() == ""
     assert int(status["CapEff"], 16) == int(status["CapPrm"], 16) == 0
     for path in (daemon.data / "whittled.db", daemon.data / "signing.key", daemon.data / "jobs"):
         assert outcome(daemon, "read", path) == NO_ACCESS

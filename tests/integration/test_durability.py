@@ -403,8 +403,10 @@ def test_a_folder_without_its_database_is_refused(filled, make_daemon, how):
             other.ended(other.submit(SMALL))  # even one that knows the same cloud
         assert other.stop() == 0
         path.write_bytes((other.data / "whittled.db").read_bytes())
+    lacks, sizes = how in ("removed", "emptied"), {p: p.stat().st_size for p in filled.data.glob("whittled.db*")}
     for _ in range(2):
-        refused(filled)
+        assert ("the database is missing or empty" in refused(filled)) == lacks
+        assert not lacks or {p: p.stat().st_size for p in filled.data.glob("whittled.db*")} == sizes  # it isn't made
     for leftover in filled.data.glob("whittled.db*"):
         leftover.unlink()
     path.write_bytes(own)

@@ -139,6 +139,14 @@ def test_every_program_says_the_version_it_was_built_of(make_daemon, tmp_path):
     assert f'"generator":"whittle {version}"'.encode() in (tmp_path / "mesh.glb").read_bytes()
 
 
+def test_programs_know_their_version_whatever_flags_they_are_built_with(tmp_path):
+    environment = {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MAKELEVEL", "CFLAGS")}
+    run("make", f"build={tmp_path}", "CFLAGS=-O1", f"{tmp_path}/core/base/version.o", cwd=ROOT, env=environment)
+    version = (tmp_path / "version.stamp").read_bytes().strip()
+    assert re.match(rb"\d+\.\d+\.\d+", version)
+    assert version in (tmp_path / "core/base/version.o").read_bytes()
+
+
 @pytest.mark.parametrize("document", ["README.md", "deploy/README.md", "server/README.md",
                                       "server/page/plain.html"])
 def test_commands_of_the_documents_show_problem_documents(document):

@@ -12,6 +12,9 @@
  *        |--- keeper <-----|   process 1: all that there is in the namespace ends with it
  *        `--- whittle <----'   process 2
  *
+ * It may be killed at any moment, as the kernel does that is short of memory; so its children's ids are written by the
+ * kernel, into memory that it shares with the service, before they run.
+ *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/runner/spawn.h"
 
@@ -23,10 +26,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
+
+#include "core/base/fault.h"
 
 enum { MAX_ARGUMENTS = 128, VALUE_BYTES = PARAMS_TEXT_BYTES, PROGRESS_FD = 3, CANNOT_CONFINE = 126, CANNOT_EXEC = 127 };
 
@@ -112,7 +118,7 @@ static void close_if_open(int fd) {
 }
 
 struct pair {
-    pid_t keeper, worker; /* -1: could not be forked */
+    pid_t keeper, worker; /* -1: could not be forked, or wasn't */
 };
 
 /* The init of a job's processes.  It holds a copy of the service's memory, which is closed to them. */
@@ -125,18 +131,18 @@ __attribute__((noreturn)) static void keep(int life_fd) {
     _exit(0);
 }
 
-/* fork, of a child of our parent's. */
-static pid_t fork_sibling(void) { return (pid_t)syscall(SYS_clone, CLONE_PARENT | SIGCHLD, 0, 0, 0, 0); }
+/* fork, of a child of our parent's; *pid is the child's id before that begins, however we end. */
+static bool fork_sibling(pid_t *pid) {
+    return syscall(SYS_clone, CLONE_PARENT | CLONE_PARENT_SETTID | SIGCHLD, 0, pid, 0, 0) == 0;
+}
 
-__attribute__((noreturn)) static void fork_pair(const struct child *child, int life_fd, int report_fd) {
-    struct pair pair = {-1, -1};
+__attribute__((noreturn)) static void fork_pair(const struct child *child, int life_fd, struct pair *pair) {
     if (!confine_enter_namespaces(child->request->confinement)) _exit(CANNOT_CONFINE);
-    pair.keeper = fork_sibling();
-    if (pair.keeper == 0) keep(life_fd);
-    if (pair.keeper > 0) pair.worker = fork_sibling();
-    if (pair.worker == 0) become_worker(child);
-    ssize_t n = write(report_fd, &pair, sizeof pair);
-    _exit(n == (ssize_t)sizeof pair ? 0 : CANNOT_CONFINE);
+    if (fork_sibling(&pair->keeper)) keep(life_fd);
+    fault_at("keeper-forked");
+    if (pair->keeper > 0 && fork_sibling(&pair->worker)) become_worker(child);
+    fault_at("worker-forked");
+    _exit(0);
 }
 
 static pid_t wait_for(pid_t pid) {
@@ -152,30 +158,35 @@ static void end_keeper(struct spawned *spawned) {
     spawned->keeper = -1;
 }
 
+static struct pair *new_pair(void) {
+    struct pair *pair = mmap(NULL, sizeof *pair, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    if (pair == MAP_FAILED) return NULL;
+    *pair = (struct pair){-1, -1};
+    return pair;
+}
+
 /* Both, by the third process; -1 with errno when they can't be had. */
 static pid_t fork_with_keeper(struct child *child, struct spawned *spawned) {
-    int life[2] = {-1, -1}, report[2] = {-1, -1};
-    struct pair pair = {-1, -1};
+    int life[2] = {-1, -1}, reason = 0;
+    pid_t worker = -1;
+    struct pair *pair = new_pair();
     child->parent = 0; /* is in no namespace of theirs */
-    if (pipe2(life, O_CLOEXEC) == 0 && pipe2(report, O_CLOEXEC) == 0) {
+    if (!pair || pipe2(life, O_CLOEXEC) != 0) {
+        reason = errno;
+    } else {
         pid_t pid = fork();
-        if (pid == 0) fork_pair(child, life[0], report[1]);
-        close(report[1]);
-        report[1] = -1;
-        if (pid > 0 && read(report[0], &pair, sizeof pair) != (ssize_t)sizeof pair) errno = EAGAIN;
-        int reason = errno;
+        if (pid == 0) fork_pair(child, life[0], pair);
+        reason = pid < 0 ? errno : EAGAIN;
         if (pid > 0) wait_for(pid);
-        errno = reason;
+        spawned->keeper = pair->keeper;
+        worker = pair->worker;
     }
-    int reason = errno;
-    close_if_open(life[0]);
-    close_if_open(report[0]);
-    close_if_open(report[1]);
-    spawned->keeper = pair.keeper;
     spawned->keeper_fd = life[1];
-    if (pair.worker < 0) end_keeper(spawned);
+    close_if_open(life[0]);
+    if (worker < 0) end_keeper(spawned);
+    if (pair) munmap(pair, sizeof *pair);
     errno = reason;
-    return pair.worker;
+    return worker;
 }
 
 static enum status fork_child(struct child *child, struct spawned *spawned, struct error *error) {

@@ -400,16 +400,36 @@ def pass_alone(failed, terminal):
 
 # ---------------------------------------------------------------------------------------------- what is left running
 
-PR_SET_CHILD_SUBREAPER = 36
-ENDING_S = 20  # how long a process that has been told to end may still be there
+PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36
+ENDING_S = 10  # how long a process that has been told to end may still be there
 
 
 def pytest_configure(config):
-    """What a test or a process of it leaves behind becomes our child: of the one that begins the others, if several run.
-    Told to end, we end what the tests have started, as at the keyboard."""
+    """Told to end, we end what the tests have started, as at the keyboard."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if not hasattr(config, "workerinput"):
-        ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+        stand_guard()
+
+
+def stand_guard():
+    """Goes on in a child.  This process adopts, and waits for, what tests and their processes leave behind, as process 1
+    would; when the child has ended it ends what is still there, and says so."""
+    libc = ctypes.CDLL(None)
+    sys.stdout.flush()
+    libc.prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+    child = os.fork()
+    if child == 0:
+        libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+        return
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the keyboard tells the child as well
+    signal.signal(signal.SIGTERM, lambda *_: os.kill(child, signal.SIGTERM))
+    ended = None
+    while ended is None:
+        pid, status = os.wait()
+        ended = os.waitstatus_to_exitcode(status) if pid == child else None
+    left = end_what_is_left()
+    os.write(1, "".join(f"{line}\n" for line in left).encode())
+    os._exit(1 if left and ended == 0 else 128 - ended if ended < 0 else ended)
 
 
 def left_running(pid):
@@ -432,8 +452,7 @@ def told_of(pid):
 
 
 def end_what_is_left():
-    """Ends the processes that are left below this one, and returns what they were.  Those that we have adopted are waited
-    for: a namespace of process ids stays, with its first process, until all in it have been."""
+    """Ends the processes that are left below this one, and returns what they were."""
     end = time.monotonic() + ENDING_S
     while left_running(os.getpid()) and time.monotonic() < end:
         for child in children_of(os.getpid()):
@@ -447,21 +466,9 @@ def end_what_is_left():
     return [f"left running: {pid} {what}" for pid, what in left]
 
 
-@pytest.hookimpl(hookwrapper=True, tryfirst=True)
+@pytest.hookimpl(tryfirst=True)
 def pytest_sessionfinish(session, exitstatus):
-    """Where all is well no file is left, and what was skipped is looked at; when all fixtures are gone, no process is
-    there that a test started."""
-    look_back(session, exitstatus)
-    yield
-    if hasattr(session.config, "workerinput"):
-        return
-    for line in end_what_is_left():
-        print(f"\n{line}", end="", flush=True)
-        if session.exitstatus == pytest.ExitCode.OK:
-            session.exitstatus = pytest.ExitCode.TESTS_FAILED
-
-
-def look_back(session, exitstatus):
+    """Where all is well nothing is left, and what was skipped is looked at."""
     config = session.config
     path, terminal = config.getoption("--allowed-skips"), config.pluginmanager.get_plugin("terminalreporter")
     if terminal and not hasattr(config, "workerinput") and exitstatus == pytest.ExitCode.TESTS_FAILED:

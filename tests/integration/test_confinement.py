@@ -154,6 +154,23 @@ def test_a_job_has_no_name_for_the_service_where_its_process_ids_are_its_own(req
     assert daemon.process.poll() is None
 
 
+@pytest.mark.parametrize("point", ["keeper-forked", "worker-forked"])
+def test_who_forks_both_may_be_killed_and_leaves_nobody(make_daemon, point):
+    """A keeper that the service didn't know of was a process without an end for as long as the service ran."""
+    daemon = make_daemon("--fault", f"{point}=kill")
+    need(daemon, "own process ids")
+    job_id = daemon.submit(SMALL)
+    if point == "worker-forked":
+        assert daemon.ended(job_id)["status"] == "successful"
+    else:
+        said = "can't be started yet: can't fork: Resource temporarily unavailable"
+        wait_until(lambda: daemon.log_text().count(said) > 1, "two attempts")
+        daemon.curl(f"/v1/jobs/{job_id}", "-X", "DELETE")
+        assert daemon.ended(job_id)["status"] == "dismissed"
+    assert children_of(daemon.process.pid) == []
+    daemon.allowed = {0}
+
+
 def test_the_keeper_of_a_job_s_process_ids_ends_with_the_job_and_with_the_service(probe):
     need(probe, "own process ids")
     job_id = probe.submit(probe_input(probe, "nothing"))

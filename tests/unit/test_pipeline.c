@@ -288,6 +288,12 @@ static void faces_that_are_no_surface_are_told(void **state) {
     assert_true(warns(&result.report, "2 faces are there already, and count once"));
     assert_string_equal(result.report.level[0].reference, "faces");
     assert_true(result.report.level[0].surface_to_mesh.count > 0);
+    set_face(&cloud, 1, 7, 8, 9), cloud.triangle_count = 2; /* the same without those that don't count */
+    struct pipeline_result bare = succeed(&cloud, "ratio 0.3 outputs mesh");
+    assert_int_equal(bare.report.left_out.count + 2, result.report.left_out.count);
+    assert_memory_equal(&bare.report.level[0].surface_to_mesh, &result.report.level[0].surface_to_mesh,
+                        sizeof bare.report.level[0].surface_to_mesh);
+    pipeline_result_done(&bare);
     pipeline_result_done(&result);
     cloud_done(&cloud);
 }

@@ -16,34 +16,57 @@
 #include "core/base/quantile.h"
 
 static const double OF_GAUSS = 1.4826; /* standard deviation by the median of absolute values */
+/* Where every STEP_KEPT-th point or more is looked at, offsets are worked out once for all points: each is needed by
+ * about as many points as it has neighbours. */
+enum { STEP_KEPT = 6 };
 
-static double offset_of(const vec3 *point, const struct neighbourhood *neighbours, size_t p, vec3 normal) {
+struct offsets {
+    const vec3 *point, *normal;
+    const struct neighbourhood *neighbours;
+    double *kept; /* of every point; NULL: each is worked out when it is needed */
+};
+
+static double offset_of(const struct offsets *offsets, size_t p) {
+    const struct neighbourhood *neighbours = offsets->neighbours;
     vec3 sum = {0, 0, 0};
-    for (unsigned i = 0; i < neighbours->count[p]; i++)
-        sum = vec3_add(sum, vec3_sub(point[neighbours->id[p * neighbours->stride + i]], point[p]));
-    return neighbours->count[p] ? -vec3_dot(sum, normal) / neighbours->count[p] : 0;
+    for (unsigned i = 0; i < neighbours->count[p]; i++) {
+        uint32_t q = neighbours->id[p * neighbours->stride + i];
+        sum = vec3_add(sum, vec3_sub(offsets->point[q], offsets->point[p]));
+    }
+    return neighbours->count[p] ? -vec3_dot(sum, offsets->normal[p]) / neighbours->count[p] : 0;
 }
 
-static double difference_at(const vec3 *point, const vec3 *normal, const struct neighbourhood *neighbours, size_t p) {
+static double offset_at(const struct offsets *offsets, size_t p) {
+    return offsets->kept ? offsets->kept[p] : offset_of(offsets, p);
+}
+
+static double difference_at(const struct offsets *offsets, size_t p) {
+    const struct neighbourhood *neighbours = offsets->neighbours;
     double mean = 0;
     unsigned k = neighbours->count[p];
     if (k == 0) return 0;
     for (unsigned i = 0; i < k; i++) {
         uint32_t q = neighbours->id[p * neighbours->stride + i];
-        double sign = vec3_dot(normal[p], normal[q]) < 0 ? -1 : 1;
-        mean += sign * offset_of(point, neighbours, q, normal[q]) / k;
+        double sign = vec3_dot(offsets->normal[p], offsets->normal[q]) < 0 ? -1 : 1;
+        mean += sign * offset_at(offsets, q) / k;
     }
     double variance = (1 + 1.0 / k) * (1 + 1.0 / k) + 2.56 / k;
-    return fabs(offset_of(point, neighbours, p, normal[p]) - mean) / sqrt(variance);
+    return fabs(offset_at(offsets, p) - mean) / sqrt(variance);
 }
 
 enum status noise_estimate(const vec3 *point, const vec3 *normal, const struct neighbourhood *neighbours,
                            double *level) {
     size_t step = neighbours->n / NOISE_SAMPLES + 1, count = (neighbours->n + step - 1) / step;
+    struct offsets offsets = {point, normal, neighbours, NULL};
     float *difference = alloc_array(count, sizeof *difference);
-    if (!difference) return STATUS_NO_MEMORY;
-    for (size_t i = 0; i < count; i++) difference[i] = (float)difference_at(point, normal, neighbours, i * step);
-    *level = count ? OF_GAUSS * (double)quantile_of(difference, count, 0.5) : 0;
-    free(difference);
-    return STATUS_OK;
+    double *kept = step <= STEP_KEPT ? alloc_array(neighbours->n, sizeof *kept) : NULL;
+    enum status status = difference && (kept || step > STEP_KEPT) ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) {
+        for (size_t p = 0; kept && p < neighbours->n; p++) kept[p] = offset_of(&offsets, p);
+        offsets.kept = kept;
+        for (size_t i = 0; i < count; i++) difference[i] = (float)difference_at(&offsets, i * step);
+        *level = count ? OF_GAUSS * (double)quantile_of(difference, count, 0.5) : 0;
+    }
+    free(difference), free(kept);
+    return status;
 }

@@ -164,10 +164,6 @@ static void add_sector(const struct sectors *sectors, unsigned i, quadric *q, do
     q->weight += sectors->weight[i];
 }
 
-static quadric weighted(quadric q, double w) {
-    return (quadric){sym3_scale(q.a, w), vec3_scale(q.b, w), q.c * w, q.weight * w};
-}
-
 static vec3 spoke_at(const struct spokes *s, unsigned i) { return (vec3){s->x[i], s->y[i], s->z[i]}; }
 
 INLINE void assemble_point(const struct assembly *assembly, size_t p) {
@@ -189,7 +185,8 @@ INLINE void assemble_point(const struct assembly *assembly, size_t p) {
             add_boundary(&q, spoke_at(&spokes, i + 1), assembly->normal[p], 1);
         }
     }
-    q = weighted(q, (double)assembly->weight[p]);
+    double weight = (double)assembly->weight[p];
+    q = (quadric){sym3_scale(q.a, weight), vec3_scale(q.b, weight), q.c * weight, q.weight * weight};
     quadric_add_line(&q, assembly->normal[p], assembly->options->line * (by_area ? area : spokes.count));
     assembly->quadrics[p] = quadric_pack(&q);
 }

@@ -39,8 +39,6 @@ static vec3 find_corner(const vec3 *position, size_t n, double *extent) {
     return low;
 }
 
-static void grid_done(struct grid *grid) { free(grid->head), free(grid->next); }
-
 static enum status grid_init(struct grid *grid, const vec3 *position, size_t n, double spacing) {
     double extent;
     size_t places = 1;
@@ -152,7 +150,7 @@ enum status spacing_apply(struct contraction *contraction, const vec3 *position,
         reorder_errors(contraction, order, error);
         memcpy(contraction->order, order, n * sizeof *order);
     }
-    grid_done(&grid);
+    free(grid.head), free(grid.next);
     free(near), free(order), free(error);
     return status;
 }

@@ -134,16 +134,13 @@ static double length_of(const struct search *s, uint32_t h) {
     return vec3_distance(s->mesh->vertex[halfedge_from(&s->he, h)], s->mesh->vertex[halfedge_to(&s->he, h)]);
 }
 
-static bool is_shorter(const struct found *a, const struct found *b) {
-    return a->count != b->count ? a->count < b->count : a->length < b->length;
-}
-
 /* Remembers the loop, if it is the shortest of its class from this base, whose loops begin at `first`. */
 static enum status remember(struct search *s, size_t first, struct found loop) {
     size_t i = first;
     while (i < s->found_count && s->found[i].class != loop.class) i++;
     if (i < s->found_count) {
-        if (is_shorter(&loop, &s->found[i])) s->found[i] = loop;
+        const struct found *so_far = &s->found[i];
+        if (loop.count != so_far->count ? loop.count < so_far->count : loop.length < so_far->length) s->found[i] = loop;
         return STATUS_OK;
     }
     if (i - first == CLASSES_AT_ONCE) return STATUS_OK;
@@ -302,12 +299,6 @@ static enum status search_init(struct search *s) {
     return status;
 }
 
-static void search_done(struct search *s) {
-    free(s->mark), free(s->tree), free(s->climb), free(s->queue);
-    free(s->seen), free(s->visit), free(s->order), free(s->found);
-    halfedge_done(&s->he);
-}
-
 enum status loops_find(const struct mesh *mesh, uint32_t edges_most, size_t *steps, struct loops *out) {
     struct search s = {.mesh = mesh, .edges_most = edges_most, .steps = *steps};
     struct loops loops = {0};
@@ -317,7 +308,9 @@ enum status loops_find(const struct mesh *mesh, uint32_t edges_most, size_t *ste
         *steps = s.steps;
         if (!status) status = take_shortest(&s, &loops);
     }
-    search_done(&s);
+    free(s.mark), free(s.tree), free(s.climb), free(s.queue);
+    free(s.seen), free(s.visit), free(s.order), free(s.found);
+    halfedge_done(&s.he);
     if (!status) *out = loops;
     return status;
 }

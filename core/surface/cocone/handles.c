@@ -213,18 +213,14 @@ static void add_trial(struct handles *h, const struct cocone_repair_trial *trial
     h->trial[h->trials++] = *trial;
 }
 
-static bool is_free(const struct handles *h, const uint32_t *point, size_t count) {
-    bool free = true;
-    for (size_t k = 0; k < count; k++) free = free && !h->touched[point[k]];
-    return free;
-}
-
 static enum status propose_loop(struct handles *h, const struct mesh *mesh, const struct loop *loop) {
     uint32_t point[LOOPS_MOST_EDGES];
     struct cocone_repair_trial trial;
     int attempts;
-    for (size_t k = 0; k < loop->count; k++) point[k] = mesh->source[loop->vertex[k]];
-    if (!is_free(h, point, loop->count)) return STATUS_OK;
+    for (size_t k = 0; k < loop->count; k++) {
+        point[k] = mesh->source[loop->vertex[k]];
+        if (h->touched[point[k]]) return STATUS_OK;
+    }
     enum status status = count_attempts(h, fingerprint_of(point, loop->count), &attempts);
     if (status || attempts == ATTEMPTS) return status;
     try_loop(h, point, loop->count, attempts, &trial);
@@ -347,12 +343,6 @@ static enum status handles_init(struct handles *h) {
     return cocone_repair_new(star, h->input->cost, h->inside, &h->repair);
 }
 
-static void handles_done(struct handles *h) {
-    free(h->before), free(h->other), free(h->group);
-    free(h->touched), free(h->trial), free(h->tried);
-    cocone_repair_free(h->repair);
-}
-
 enum status cocone_handles_close(const struct cocone_handles_input *input, uint8_t *inside, size_t *closed) {
     struct handles h = {.input = input, .star = input->star, .inside = inside};
     bool sphere;
@@ -361,7 +351,9 @@ enum status cocone_handles_close(const struct cocone_handles_input *input, uint8
     if (!status && !sphere) {
         status = handles_init(&h);
         if (!status) status = close_all(&h, &count);
-        handles_done(&h);
+        free(h.before), free(h.other), free(h.group);
+        free(h.touched), free(h.trial), free(h.tried);
+        cocone_repair_free(h.repair);
     }
     if (!status) *closed = count;
     return status;

@@ -112,16 +112,12 @@ static double cell_matters(const struct judge *j, uint32_t cell) {
     return sum;
 }
 
-/* Whether the group could win at all: in each of the two directions a score is about its volume at most. */
-static bool is_worth_it(const struct judge *j, const uint32_t *list, size_t count) {
-    double volume = 0, matters = 0;
-    for (size_t k = 0; k < count; k++) volume += volume_of(j, list[k]), matters += cell_matters(j, list[k]);
-    return 2 * volume > matters;
-}
-
+/* A group is judged if it could win at all: in each of the two directions a score is about its volume at most. */
 static void add_group(struct judge *j, uint32_t *list) {
     size_t count = flood_group(j, list);
-    if (is_worth_it(j, list, count)) {
+    double volume = 0, matters = 0;
+    for (size_t k = 0; k < count; k++) volume += volume_of(j, list[k]), matters += cell_matters(j, list[k]);
+    if (2 * volume > matters) {
         for (size_t k = 0; k < count; k++)
             for (int i = 0; i < 4; i++) j->near[j->star->tets->vertex[list[k]][i]] = 1;
         j->group_count++;

@@ -94,13 +94,8 @@ static vec3 centroid_direction(const struct cocone_star *star, uint32_t cell, ui
     return vec3_unit(sum);
 }
 
-/* From the cosines of the normal with the directions of the dual and of the cell itself. */
-static float lie_of(double dual, double own) {
-    double certainty = FAINT + sqrt(own * dual > 0 ? own * dual : 0);
-    return (float)(dual < 0 ? -certainty : certainty);
-}
-
-/* How a cell lies to its vertex i, in all frames. */
+/* How a cell lies to its vertex i, in all frames: from the cosines of the normal with the directions of the dual and of
+ * the cell itself. */
 static void measure(const struct measuring *m, uint32_t cell, int i) {
     uint32_t vertex = m->star->tets->vertex[cell][i];
     vec3 dual = {0}, own = {0};
@@ -110,7 +105,9 @@ static void measure(const struct measuring *m, uint32_t cell, int i) {
         float lie = HULL_LIE;
         if (vertex != NONE) {
             vec3 normal = m->frame[k].normal[vertex];
-            lie = lie_of(vec3_dot(dual, normal), vec3_dot(own, normal));
+            double to_dual = vec3_dot(dual, normal), to_own = vec3_dot(own, normal);
+            double certainty = FAINT + sqrt(to_own * to_dual > 0 ? to_own * to_dual : 0);
+            lie = (float)(to_dual < 0 ? -certainty : certainty);
         }
         m->lies[k].lie[cell][i] = lie;
     }

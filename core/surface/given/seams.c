@@ -20,10 +20,6 @@ struct seams {
     uint32_t *alike, *next; /* of each point of the cloud: the lowest like it; the next of a chain of unlike ones */
 };
 
-static void add_texture(struct seams *s) {
-    if (attribute_find_texture(s->cloud, s->property)) s->properties = 2;
-}
-
 static void add_normals(struct seams *s) {
     static const char *const names[] = {"nx", "ny", "nz"};
     for (size_t k = 0; k < 3; k++) {
@@ -95,7 +91,7 @@ static enum status keep(const struct seams *s, const struct halfedge *he, struct
 }
 
 static enum status choose(struct seams *s, const struct halfedge *he, struct faces *faces, struct faces_facts *facts) {
-    add_texture(s);
+    if (attribute_find_texture(s->cloud, s->property)) s->properties = 2;
     size_t textured = s->properties;
     add_normals(s);
     bool few = are_few(s, faces, he, facts);

@@ -31,18 +31,16 @@ static int compare_lone(const void *a, const void *b) {
     return (x->halfedge > y->halfedge) - (x->halfedge < y->halfedge);
 }
 
-static struct lone lone_of(const struct sides *s, uint32_t h) {
-    uint32_t from = halfedge_from(&s->he, h), to = halfedge_to(&s->he, h);
-    return (struct lone){from < to ? from : to, from < to ? to : from, h};
-}
-
 static enum status find_disagreements(struct sides *s) {
     size_t n = 3 * s->faces->count, count = 0, i = 0;
     for (size_t h = 0; h < n; h++) count += s->he.twin[h] == NONE;
     struct lone *lone = alloc_array(count, sizeof *lone);
     if (!lone) return STATUS_NO_MEMORY;
-    for (uint32_t h = 0; h < n; h++)
-        if (s->he.twin[h] == NONE) lone[i++] = lone_of(s, h);
+    for (uint32_t h = 0; h < n; h++) {
+        if (s->he.twin[h] != NONE) continue;
+        uint32_t from = halfedge_from(&s->he, h), to = halfedge_to(&s->he, h);
+        lone[i++] = (struct lone){from < to ? from : to, from < to ? to : from, h};
+    }
     qsort(lone, count, sizeof *lone, compare_lone);
     for (size_t begin = 0, end; begin < count; begin = end) {
         for (end = begin + 1; end < count; end++)

@@ -34,10 +34,6 @@ struct closing {
     size_t made, room;
 };
 
-static double edge_length(const struct closing *c, uint32_t h) {
-    return vec3_distance(c->mesh->vertex[halfedge_from(&c->he, h)], c->mesh->vertex[halfedge_to(&c->he, h)]);
-}
-
 static uint32_t next_on_border(const struct closing *c, uint32_t h) { return c->border[halfedge_to(&c->he, h)]; }
 
 /* The loop's length and number of edges; marks it. */
@@ -47,7 +43,7 @@ static double follow(struct closing *c, uint32_t first, size_t *edges) {
     *edges = 0;
     do {
         c->seen[h] = 1;
-        length += edge_length(c, h);
+        length += vec3_distance(c->mesh->vertex[halfedge_from(&c->he, h)], c->mesh->vertex[halfedge_to(&c->he, h)]);
         ++*edges;
         h = next_on_border(c, h);
     } while (h != first && h != NONE && !c->seen[h]);

@@ -80,8 +80,6 @@ static enum status grid_init(struct grid *g, const vec3 *point, size_t n, vec3 u
     return STATUS_OK;
 }
 
-static void grid_done(struct grid *g) { free(g->begin), free(g->point); }
-
 struct neighbour {
     double distance_sq; /* in the plane */
     uint32_t id;
@@ -133,7 +131,7 @@ static enum status look_along(const vec3 *point, const vec3 *normal, size_t n, v
         steep += fabs(vec3_dot(normal[p], up)) < LEANS;
     }
     *signs = (struct surface_signs){n, up, (double)layered / (double)samples, (double)steep / (double)samples};
-    grid_done(&grid);
+    free(grid.begin), free(grid.point);
     return status;
 }
 
@@ -189,11 +187,6 @@ bool surface_choose_by_signs(const struct surface_signs *signs, struct surface_c
     return true;
 }
 
-static bool has_any(const struct mesh *mesh, const uint8_t *mark, size_t t) {
-    const uint32_t *v = mesh->triangle[t];
-    return mark[v[0]] || mark[v[1]] || mark[v[2]];
-}
-
 /* Marks the vertices whose triangles don't count: strays, and where there are many, as outliers, what is beside them.
  * aside: all zero. */
 static void set_aside(const struct mesh *mesh, const struct sheet_points *points, uint8_t *aside) {
@@ -219,7 +212,8 @@ enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *p
     enum status status = far && aside ? sheet_far_share(mesh, points, limit, threads, far) : STATUS_NO_MEMORY;
     if (!status) set_aside(mesh, points, aside);
     for (size_t t = 0; !status && t < mesh->triangle_count; t++) {
-        if (has_any(mesh, aside, t)) continue;
+        const uint32_t *v = mesh->triangle[t];
+        if (aside[v[0]] || aside[v[1]] || aside[v[2]]) continue;
         double area = vec3_length(mesh_triangle_normal(mesh, t));
         all += area;
         without += area * (double)far[t];

@@ -116,15 +116,13 @@ struct facing_parts {
     uint32_t *count;        /* of triangles, by a part's root */
 };
 
-static bool faces_front(const struct mesh *mesh, const struct sheet_sides *sides, size_t t) {
-    struct votes votes = {0};
-    vote_all(mesh, sides, t, &votes);
-    return votes.sum[sides->normal ? SIDE_NORMALS : SIDE_VIEW] >= 0;
-}
-
 static void find_parts(const struct mesh *mesh, const struct halfedge *he, const struct sheet_sides *sides,
                        struct facing_parts *parts) {
-    for (size_t t = 0; t < mesh->triangle_count; t++) parts->in_front[t] = faces_front(mesh, sides, t);
+    for (size_t t = 0; t < mesh->triangle_count; t++) {
+        struct votes votes = {0};
+        vote_all(mesh, sides, t, &votes);
+        parts->in_front[t] = votes.sum[sides->normal ? SIDE_NORMALS : SIDE_VIEW] >= 0;
+    }
     for (uint32_t h = 0; h < 3 * mesh->triangle_count; h++) {
         uint32_t t = h / 3, across = he->twin[h] / 3;
         if (he->twin[h] == NONE) continue;

@@ -175,11 +175,6 @@ static enum status reach_of_corners(const struct mesh *mesh, const struct sheet_
     return status;
 }
 
-static double least_reach(const struct mesh *mesh, uint32_t t, const float *reach) {
-    const uint32_t *v = mesh->triangle[t];
-    return (double)fminf(reach[v[0]], fminf(reach[v[1]], reach[v[2]]));
-}
-
 /* What triangles are looked at in. */
 struct look {
     struct sheet_limit limit;
@@ -208,7 +203,8 @@ static enum status count_far(const struct mesh *mesh, const struct sheet_points 
         for (uint32_t t = (uint32_t)begin; t < end; t++) {
             double longest = longest_side(mesh, t);
             if (tally[t].all || longest < look->least) continue;
-            double step = STEP * least_reach(mesh, t, look->reach);
+            const uint32_t *v = mesh->triangle[t];
+            double step = STEP * (double)fminf(look->reach[v[0]], fminf(look->reach[v[1]], look->reach[v[2]]));
             if (longest >= least * step) add_places(mesh, t, step, &places);
         }
         if (!status) status = judge(points, &look->limit, look->threads, &places, tally);

@@ -142,12 +142,6 @@ static void find_stars(const struct fit *fit, uint32_t *star) {
         }
 }
 
-/* Refinement, and a mesher that goes along fronts, leave triangles in no order that a rough hierarchy could go by. */
-static enum status bvh_of(const struct fit *fit, struct bvh **bvh) {
-    bool in_order = fit->is_new && fit->borders == 0;
-    return (in_order ? bvh_new_rough : bvh_new)(fit->mesh, fit->threads, bvh);
-}
-
 FOR_EACH_PROCESSOR(enum status, fit_assign)
 (const struct fit *fit, uint32_t *triangle, float *distance_sq) {
     struct bvh *bvh = NULL;
@@ -155,7 +149,10 @@ FOR_EACH_PROCESSOR(enum status, fit_assign)
     struct assignment a = {.fit = fit, .triangle = triangle, .distance_sq = distance_sq};
     a.sides = sample_buckets_room(&fit->lists);
     a.star = alloc_array(points, sizeof *a.star);
-    enum status status = a.star ? bvh_of(fit, &bvh) : STATUS_NO_MEMORY;
+    enum status status = STATUS_NO_MEMORY;
+    /* A rough hierarchy goes by the order of triangles, of which refinement and a mesher along fronts leave none. */
+    bool in_order = fit->is_new && fit->borders == 0;
+    if (a.star) status = (in_order ? bvh_new_rough : bvh_new)(fit->mesh, fit->threads, &bvh);
     if (status == STATUS_OK) {
         a.bvh = bvh;
         find_stars(fit, a.star);

@@ -368,10 +368,6 @@ static void forget_local_delaunay(const struct fit *fit) {
     if (fit->input && fit->input->local_delaunay) local_delaunay_done(fit->input->local_delaunay);
 }
 
-static bool wants_middles(const struct mesh *mesh, const struct refine_input *input) {
-    return input->faces || (input->neighbours && refine_uses_local_delaunay(input->n, mesh->triangle_count));
-}
-
 /* A knotted vertex neither moves nor merges, and to a point that is taken none comes. */
 static void fix(struct fit *fit, const uint8_t *fixed) {
     for (size_t v = 0; v < fit->mesh->vertex_count; v++) {
@@ -387,7 +383,8 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
     struct fit new = {.mesh = mesh, .input = input, .placement = options->placement, .threads = options->threads};
     new.has_up = vec3_length_sq(input->up) > 0;
     new.fold = creases_matter(input->creases, input->n) ? FIT_FOLD : 0;
-    enum status status = find_samples(&new, wants_middles(mesh, input));
+    bool of_use = input->neighbours && refine_uses_local_delaunay(input->n, mesh->triangle_count);
+    enum status status = find_samples(&new, input->faces || of_use);
     if (options->placement == PLACEMENT_SUBSET) forget_local_delaunay(&new);
     if (status == STATUS_OK) status = halfedge_init(&new.he, mesh, new.threads);
     if (status == STATUS_OK) status = make_room(&new);
@@ -406,10 +403,6 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
     return STATUS_OK;
 }
 
-static bool wants_quarters(const struct fit *fit) {
-    return fit->input->neighbours && (double)fit->input->n < FIT_CLOSE * (double)fit->mesh->triangle_count;
-}
-
 enum status fit_reassign(struct fit *fit) {
     sample_buckets_done(&fit->lists);
     memset(fit->cost, 0, fit->room * sizeof *fit->cost);
@@ -420,7 +413,8 @@ enum status fit_reassign(struct fit *fit) {
 }
 
 enum status fit_look_closer(struct fit *fit) {
-    if (!wants_quarters(fit)) return STATUS_OK;
+    bool is_close = (double)fit->input->n < FIT_CLOSE * (double)fit->mesh->triangle_count;
+    if (!fit->input->neighbours || !is_close) return STATUS_OK;
     samples_done(&fit->samples);
     enum status status = samples_init(&fit->samples, fit->input, SAMPLES_QUARTERS, fit->threads);
     forget_local_delaunay(fit);

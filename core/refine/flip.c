@@ -196,13 +196,6 @@ static bool measure_one_batch(void *ctx, size_t batch) {
     return true;
 }
 
-static void measure_all(const struct fit *fit, struct candidate *candidate, size_t count) {
-    static const struct prefetch ahead[PREFETCH_STAGES] = {
-        {4, fetch_batch_triangles}, {2, fetch_batch_around}, {1, fetch_batch_more}};
-    struct measuring measuring = {fit, candidate, count};
-    for_each_prefetched(ahead, &measuring, 0, (count + BATCH - 1) / BATCH, measure_one_batch);
-}
-
 /* touched[t] & 1 stands for all edges of a triangle, the bits above it for those of its half-edges one by one. */
 static uint8_t due_bit(uint32_t h) { return (uint8_t)(2 << h % 3); }
 
@@ -224,10 +217,13 @@ static size_t collect(const struct fit *fit, struct span range, struct candidate
 
 /* The edges of a range that gain are left in the range's own part of the room. */
 static void measure(void *ctx, size_t begin, size_t end) {
+    static const struct prefetch ahead[PREFETCH_STAGES] = {
+        {4, fetch_batch_triangles}, {2, fetch_batch_around}, {1, fetch_batch_more}};
     const struct round *round = ctx;
     struct candidate candidate[3 * TRIANGLE_GRAIN];
     size_t count = collect(round->fit, (struct span){begin, end}, candidate), kept = 0;
-    measure_all(round->fit, candidate, count);
+    struct measuring measuring = {round->fit, candidate, count};
+    for_each_prefetched(ahead, &measuring, 0, (count + BATCH - 1) / BATCH, measure_one_batch);
     for (size_t i = 0; i < count; i++)
         if (candidate[i].gain > 0)
             round->room[3 * begin + kept++] =

@@ -239,11 +239,6 @@ static bool has_changed_beside(const struct fit *fit, uint32_t h, const uint8_t 
     return has_changed_around(fit, halfedge_next(h), changed) || has_changed_around(fit, halfedge_prev(h), changed);
 }
 
-static bool split_holds(const struct fit *fit, uint32_t h, const uint8_t *changed) {
-    uint32_t g = fit->he.twin[h];
-    return !has_changed_beside(fit, h, changed) && (g == NONE || !has_changed_beside(fit, g, changed));
-}
-
 static void mark(struct fit *fit, uint8_t *changed, const uint32_t *triangle, size_t n) {
     for (size_t i = 0; i < n; i++) {
         changed[triangle[i]] = fit->touched[triangle[i]] = 1;
@@ -349,12 +344,13 @@ static void apply_all(struct reallocation *reallocation, const struct ranking *l
     for (size_t j = 0; j < gain->n && reallocation->applied_count < most && has_room(reallocation); j++) {
         const struct fit_candidate *split = candidate_at(gain, j);
         prefetch_ahead(ahead, &gains, j, gain->n);
-        if (!split_holds(fit, split->halfedge, reallocation->changed)) continue;
-        uint32_t h = split->halfedge, g = fit->he.twin[h];
-        reallocation->changed[h / 3] = reallocation->changed[(g == NONE ? h : g) / 3] = 1;
+        uint32_t h = split->halfedge, g = fit->he.twin[h] == NONE ? h : fit->he.twin[h];
+        uint8_t *changed = reallocation->changed;
+        if (has_changed_beside(fit, h, changed) || has_changed_beside(fit, g, changed)) continue;
+        changed[h / 3] = changed[g / 3] = 1;
         for (; i < loss->n; i++) {
             prefetch_ahead(ahead, &losses, i, loss->n);
-            if (collapse_holds(fit, candidate_at(loss, i), reallocation->changed)) break;
+            if (collapse_holds(fit, candidate_at(loss, i), changed)) break;
         }
         if (i == loss->n || split->value < REALLOCATION_PAYS * candidate_at(loss, i)->value) break;
         const struct fit_candidate *collapse = candidate_at(loss, i++);
@@ -426,17 +422,13 @@ static int compare_ids(const void *a, const void *b) {
     return (x < y) - (x > y);
 }
 
-/* The last triangles take the places of those that are none, from the last on. */
-static void close_up(struct reallocation *reallocation) {
-    qsort(reallocation->free, reallocation->frees, sizeof *reallocation->free, compare_ids);
-    for (size_t i = 0; i < reallocation->frees; i++) fit_drop_triangle(reallocation->fit, reallocation->free[i]);
-}
-
-/* Triangles that one vertex left may be another's: so all are left before any is taken. */
+/* Triangles that one vertex left may be another's: so all are left before any is taken.  Then the last triangles take
+ * the places of those that are none, from the last on. */
 static void share_applied(struct reallocation *reallocation) {
     par_for(reallocation->fit->threads, reallocation->applied_count, APPLIED_GRAIN, share_merged, reallocation);
     par_for(reallocation->fit->threads, reallocation->applied_count, APPLIED_GRAIN, share_split, reallocation);
-    close_up(reallocation);
+    qsort(reallocation->free, reallocation->frees, sizeof *reallocation->free, compare_ids);
+    for (size_t i = 0; i < reallocation->frees; i++) fit_drop_triangle(reallocation->fit, reallocation->free[i]);
 }
 
 static enum status apply_candidates(struct fit *fit, const struct ranking *loss, const struct ranking *gain,

@@ -356,10 +356,6 @@ static enum status plan_new(const struct fit *fit, struct plan *plan) {
     return STATUS_OK;
 }
 
-static void plan_done(struct plan *plan) {
-    free(plan->place), free(plan->group), free(plan->vertex), free(plan->start);
-}
-
 struct batch {
     struct fit *fit;
     const struct plan *plan;
@@ -367,13 +363,6 @@ struct batch {
     uint8_t *moved;
     size_t begin; /* of the vertices that are moved in parallel, where each is a range of its own */
 };
-
-static void move_one(const struct batch *batch, size_t i, const struct ring *ring) {
-    uint32_t v = batch->plan->vertex[i], *source = batch->fit->mesh->source;
-    uint32_t before = source ? source[v] : NONE;
-    batch->moved[i] = move_vertex(batch->fit, v, ring);
-    batch->left[i] = batch->moved[i] ? before : NONE;
-}
 
 /* Vertices that are moved one after the other, with the rings of the next ones. */
 struct moving {
@@ -404,7 +393,11 @@ static void fetch_third_blocks(void *ctx, size_t i) {
 
 static bool move_next(void *ctx, size_t i) {
     const struct moving *moving = ctx;
-    move_one(moving->batch, i, &moving->ring[i % RINGS]);
+    const struct batch *batch = moving->batch;
+    uint32_t v = batch->plan->vertex[i], *source = batch->fit->mesh->source;
+    uint32_t before = source ? source[v] : NONE;
+    batch->moved[i] = move_vertex(batch->fit, v, &moving->ring[i % RINGS]);
+    batch->left[i] = batch->moved[i] ? before : NONE;
     return true;
 }
 
@@ -474,7 +467,7 @@ enum status fit_move(struct fit *fit, size_t *moves) {
     enum status status = plan_new(fit, &plan);
     if (!moved || !left) status = STATUS_NO_MEMORY;
     if (status == STATUS_OK) *moves += move_groups(&(struct batch){fit, &plan, left, moved, 0});
-    plan_done(&plan);
+    free(plan.place), free(plan.group), free(plan.vertex), free(plan.start);
     free(moved), free(left);
     return status;
 }

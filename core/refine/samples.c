@@ -44,16 +44,12 @@ struct filling {
     double mean_area;
 };
 
-/* With mean 1, but for a few lonely points that would count for too much. */
-static double area_of(const struct filling *filling, uint32_t p) {
-    double spacing = (double)filling->input->spacing[p];
-    double relative = filling->mean_area > 0 ? spacing * spacing / filling->mean_area : 1;
-    return relative > LARGEST_WEIGHT ? LARGEST_WEIGHT : relative;
-}
-
+/* Areas have mean 1, but for a few lonely points that would count for too much. */
 static void set_point(const struct filling *filling, uint32_t p) {
     const struct refine_input *input = filling->input;
-    double weight = point_share[filling->parts] * area_of(filling, p);
+    double spacing = (double)input->spacing[p];
+    double area = filling->mean_area > 0 ? spacing * spacing / filling->mean_area : 1;
+    double weight = point_share[filling->parts] * (area > LARGEST_WEIGHT ? LARGEST_WEIGHT : area);
     filling->samples->sample[p] = (struct sample){input->points[p], (float)weight, REACH * input->spacing[p]};
     filling->samples->normal[p] = input->normals[p];
 }

@@ -199,13 +199,6 @@ static bool is_given(const struct confinement *confinement, bool (*gives)(const 
     return wait_for_child(pid) == 0;
 }
 
-static void try_namespaces(struct confinement *confinement) {
-    if (fault_at("namespaces")) return;
-    confinement->no_network = is_given(confinement, leaves_network);
-    confinement->counts_threads = is_given(confinement, limits_threads);
-    confinement->own_pids = !fault_at("pid-namespace") && is_given(confinement, has_own_pids);
-}
-
 /* Looks the account up, and tries in a child whether it can execute the program. */
 static enum status find_user(struct confinement *confinement, const char *user, struct error *error) {
     confinement->user = user;
@@ -238,7 +231,10 @@ enum status confine_open(const char *program, bool sandbox, const char *user, st
     enum status status = find_user(opened, user, error);
     if (status == STATUS_OK && sandbox) {
         opened->landlock = landlock_version();
-        try_namespaces(opened);
+        bool namespaces = !fault_at("namespaces");
+        opened->no_network = namespaces && is_given(opened, leaves_network);
+        opened->counts_threads = namespaces && is_given(opened, limits_threads);
+        opened->own_pids = namespaces && !fault_at("pid-namespace") && is_given(opened, has_own_pids);
         if (!opened->landlock && !opened->no_network) prctl(PR_SET_DUMPABLE, 0); /* its memory isn't a job's to open */
         status = seccomp_filter_open(program, no_environment, &opened->filter, error);
     }

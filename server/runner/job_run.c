@@ -424,8 +424,6 @@ static void explain_stall(const struct run *run, struct problem *problem) {
              job->attempt, job->stage[0] ? job->stage : "start", (double)limit_ms / 1000);
 }
 
-static bool took_too_much(const struct run *run) { return run->found.files || run->found.threads; }
-
 /* What there was too much of. */
 static void explain_excess(const struct run *run, struct problem *problem) {
     const struct footprint *found = &run->found, *most = &run->most;
@@ -476,7 +474,7 @@ static void judge(struct run *run, struct verdict *verdict) {
         verdict->event = JOB_DISMISS;
     } else if (run->is_done && exited_well) {
         verdict->event = JOB_DONE;
-    } else if (took_too_much(run)) {
+    } else if (run->found.files || run->found.threads) {
         write_obituary(run, PROBLEM_WORKER_CRASHED, &verdict->problem);
         explain_excess(run, &verdict->problem);
     } else if (command == WORKER_REQUEUE) {

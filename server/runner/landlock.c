@@ -41,12 +41,6 @@ struct path_rule {
 #define TRUNCATE (UINT64_C(1) << 14)
 #define OF_A_FILE (EXECUTE | WRITE_FILE | READ_FILE | TRUNCATE)
 
-/* Bits that a version knows: the first has 13, and 2, 3 and 5 add one each. */
-static uint64_t known_rights(int version) {
-    int bits = 13 + (version >= 2) + (version >= 3) + (version >= 5);
-    return (UINT64_C(1) << bits) - 1;
-}
-
 /* For tests a newer kernel passes as Debian 12's, which has files alone, or as one without. */
 int landlock_version(void) {
     long version = fault_at("landlock") ? 0 : syscall(CREATE_RULESET, NULL, 0, GET_VERSION);
@@ -73,7 +67,8 @@ bool landlock_apply(int version, const char *program, const char *folder) {
     static const char *const libraries[] = {"/lib", "/lib64", "/usr/lib", "/usr/lib64", "/usr/local/lib"};
     static const char *const readable[] = {"/etc/ld.so.cache", "/etc/ld.so.preload", "/sys/devices/system/cpu",
                                            "/dev/urandom", "/dev/null"};
-    uint64_t known = known_rights(version);
+    int bits = 13 + (version >= 2) + (version >= 3) + (version >= 5); /* rights that each version has added */
+    uint64_t known = (UINT64_C(1) << bits) - 1;
     struct ruleset ruleset = {known, version >= 4 ? 3 : 0, version >= 6 ? 3 : 0};
     size_t bytes = version >= 6   ? sizeof ruleset
                    : version >= 4 ? offsetof(struct ruleset, scopes)

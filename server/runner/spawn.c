@@ -76,18 +76,7 @@ static bool make_arguments(struct child *child, const struct spawn_request *requ
            add(child, &count, "3") && add(child, &count, "--quiet");
 }
 
-static void free_arguments(struct child *child) {
-    for (size_t i = 0; child->argv[i]; i++) free(child->argv[i]);
-}
-
 /* ------------------------------------------------------------------------------------------------ the child */
-
-static void reset_signals(void) {
-    sigset_t none;
-    sigemptyset(&none);
-    signal(SIGPIPE, SIG_DFL);
-    sigprocmask(SIG_SETMASK, &none, NULL);
-}
 
 /* The descriptors given are all over PROGRESS_FD, so that none is overwritten before it is copied. */
 static void place_descriptors(const struct child *child) {
@@ -100,9 +89,12 @@ static void place_descriptors(const struct child *child) {
 
 __attribute__((noreturn)) static void become_worker(const struct child *child) {
     const struct spawn_request *request = child->request;
+    sigset_t none;
     setpgid(0, 0);
     place_descriptors(child);
-    reset_signals();
+    sigemptyset(&none);
+    signal(SIGPIPE, SIG_DFL);
+    sigprocmask(SIG_SETMASK, &none, NULL);
     if (!confine_this_process(request->confinement, &request->limits, request->output)) _exit(CANNOT_CONFINE);
     if (getppid() != child->parent) _exit(CANNOT_CONFINE); /* it has ended meanwhile */
     confine_execute(request->confinement, child->argv);
@@ -227,7 +219,7 @@ enum status spawn_worker(const struct spawn_request *request, struct spawned *sp
         status = fork_child(&child, spawned, error);
     const int mine[] = {child.input_fd, child.log_fd, child.progress_fd, ends[1]};
     for (size_t i = 0; i < sizeof mine / sizeof *mine; i++) close_if_open(mine[i]);
-    free_arguments(&child);
+    for (size_t i = 0; child.argv[i]; i++) free(child.argv[i]);
     if (status == STATUS_OK) {
         fcntl(ends[0], F_SETFL, O_NONBLOCK);
         spawned->progress_fd = ends[0];

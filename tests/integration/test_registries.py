@@ -67,10 +67,10 @@ def changed_files(tree):
     return lambda: sorted(name for name, content in sources(tree).items() if before.get(name) != content)
 
 
-def make(tree, program="whittle"):
+def make(tree, program="whittle", *settings):
     environment = {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MAKELEVEL")}
     target = f"build/{BUILD.name}/{program}"
-    run = subprocess.run(["make", "-j2", f"config={BUILD.name}", "CI=true", target], cwd=tree, env=environment,
+    run = subprocess.run(["make", "-j2", f"config={BUILD.name}", "CI=true", *settings, target], cwd=tree, env=environment,
                          capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     return tree / target
@@ -297,3 +297,33 @@ def test_a_catalog_is_a_folder_and_a_row(tree, changed, tmp_path):
     finally:
         conftest.end_all([daemon])
     assert (tmp_path / "ledger.db").stat().st_size > 0
+
+
+def test_a_parameter_is_a_member_a_row_and_its_use(tree, changed, tmp_path):
+    """Nearly every source includes the structure of parameters, so all of them are compiled again, without optimising."""
+    set_line(tree / "core/params.h", "    double dso_exponent;\n", "    double dso_exponent;\n    double dso_factor;\n")
+    add_row(tree / "core/params.c", "static const struct param table[] = {",
+            '\n    {"dso_factor", PARAM_NUMBER, AT(dso_factor), 0, 4, false, "1", NULL, "", true,\n'
+            '     "What dso_exponent is multiplied by"},')
+    set_line(tree / "core/pipeline/cloud_steps.c", "run->params->dso_exponent,",
+             "run->params->dso_exponent * run->params->dso_factor,")
+    assert changed() == ["core/params.c", "core/params.h", "core/pipeline/cloud_steps.c"]
+    scalar = " -DSIMD_SCALAR" if BUILD.name == "scalar" else ""
+    whittle = make(tree, "whittle", f"flags_{BUILD.name}=-O0{scalar}")
+    cloud = write(tmp_path / "torus.obj", torus())
+
+    def kept(name, *options):
+        subprocess.run([whittle, cloud, *options, "--outputs", "cloud,report", "-o", tmp_path / name, "-q"], check=True)
+        report = json.loads((tmp_path / name / "report.json").read_text(encoding="utf-8"))
+        return (tmp_path / name / "cloud.ply").read_bytes(), report["params"]["dso_factor"]
+
+    by_default, none, halved = kept("default"), kept("none", "--dso-factor", "0"), kept("half", "--dso-factor", "0.5")
+    assert [by_default[1], none[1], halved[1]] == [1, 0, 0.5]
+    assert none[0] == kept("flat", "--dso-exponent", "0")[0] != by_default[0]
+    assert halved[0] == kept("eighth", "--dso-exponent", "0.125")[0] != by_default[0]
+    wrong = subprocess.run([whittle, cloud, "--dso-factor", "5"], capture_output=True, text=True, check=False)
+    assert wrong.returncode == 64
+    assert "--dso-factor: '5' is not allowed; it takes a number from 0, at most 4" in wrong.stderr
+    text = subprocess.run([whittle, "--help"], capture_output=True, text=True, check=True).stdout
+    told = " ".join(text.split("--dso-factor")[1].split("\n  --")[0].split())
+    assert "What dso-exponent is multiplied by. a number from 0, at most 4; default 1" in told

@@ -34,7 +34,8 @@ flags_arm64 := $(flags_release) $(addprefix -isystem $(sysroot)/include,/aarch64
 flags_debug := -O0 -g3
 flags_asan := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 flags_tsan := -O1 -g -fsanitize=thread
-flags_cov := -O0 -g --coverage
+# Counters that threads share are added to as one, or they go astray, below zero too, which gcovr refuses.
+flags_cov := -Og -g --coverage -fprofile-update=atomic
 flags_fuzz := -O1 -g -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=undefined
 ifneq ($(filter $(config),fuzz clang),)
 CC := clang
@@ -339,11 +340,12 @@ statistics: ## how many functions in a thousand lines, how long, how many used o
 AGAIN ?= 0
 BACKEND ?=
 .PHONY: test-integration
-test-integration: ## the integration tests alone, with the programs that are there; AGAIN=3 gives so many a second try; BACKEND=hosts: on PostgreSQL and Ceph's S3
+INTEGRATION ?= .
+test-integration: ## the integration tests alone, with the programs that are there, or INTEGRATION="test_http.py ..."; AGAIN=3 gives so many a second try; BACKEND=hosts: on PostgreSQL and Ceph's S3
 	@$(if $(filter hosts,$(BACKEND)),deploy/deps.sh $(cluster_packages))
 	@$(if $(filter hosts,$(BACKEND)),WHITTLE_BACKEND=hosts POSTGRES_OPTIONS='-c max_connections=1000' \
 	    tests/tools/with_postgres.sh tests/tools/with_s3.sh env) WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider -n 4 --again=$(AGAIN) \
-	    --allowed-skips=tests/integration/skips.txt tests/integration
+	    --allowed-skips=tests/integration/skips.txt $(addprefix tests/integration/,$(INTEGRATION))
 
 .PHONY: test-cluster
 test-cluster: deps ## what several hosts share, on PostgreSQL and on Ceph's S3: contract suites, hosts beside each other, ROUNDS=5 of faults (SEED=1)
@@ -385,16 +387,18 @@ mutants: deps ## plant faults by hand, one at a time, and see a test find each; 
 	@$(MAKE) --no-print-directory config=release -j$$(nproc) all tests
 	@$(PYTHON) tests/mutants/run.py -j $$(nproc) --pick '$(MUTANTS)' build/release
 
+# Tests that fail don't take the figure away: it is printed, and then the target fails.
 .PHONY: coverage
-coverage: deps ## which lines and branches the tests run, a figure for each room -> build/cov/coverage.txt, .html
+coverage: deps ## which lines and branches the tests run, a figure for each room -> build/cov/coverage.txt, .html; INTEGRATION="test_http.py ..."
 	@deploy/deps.sh gcovr
 	@$(MAKE) --no-print-directory config=cov -j$$(nproc) all tests
-	@find build/cov -name '*.gcda' -delete
-	@$(MAKE) --no-print-directory config=cov -j$$(nproc) test-unit
-	@$(MAKE) --no-print-directory config=cov test-integration
-	@gcovr -r . --object-directory build/cov -f core/ -f api/ -f server/ --txt build/cov/coverage.txt \
-	    --html-details build/cov/coverage.html --print-summary
-	@$(PYTHON) tests/tools/coverage.py build/cov/coverage.txt
+	@$(PYTHON) tests/tools/coverage.py --clean build/cov
+	@failed=0; \
+	$(MAKE) --no-print-directory -k config=cov -j$$(nproc) test-unit || failed=1; \
+	$(MAKE) --no-print-directory config=cov test-integration || failed=1; \
+	gcovr -r . --object-directory build/cov -f core/ -f api/ -f server/ --txt build/cov/coverage.txt \
+	    --html-details build/cov/coverage.html --print-summary && \
+	$(PYTHON) tests/tools/coverage.py build/cov/coverage.txt && exit $$failed
 
 # ---------------------------------------------------------------------------------------------------- figures
 .PHONY: bench

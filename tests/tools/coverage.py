@@ -2,6 +2,8 @@
 """Sums gcovr's table up by rooms: lines, lines that ran, and how many in a hundred.
 
 Usage: coverage.py coverage.txt
+       coverage.py --clean FOLDER      (from the root of the tree) removes the counts of earlier runs, and all that was
+                                       compiled of sources that are there no more, which gcovr complains of
 SPDX-License-Identifier: GPL-3.0-or-later
 """
 import collections
@@ -10,7 +12,20 @@ import re
 import sys
 
 
+def clean(folder):
+    for count in folder.rglob("*.gcda"):
+        count.unlink()
+    for note in folder.rglob("*.gcno"):
+        source = pathlib.Path(str(note.relative_to(folder)).split(".")[0])
+        if not any(source.with_suffix(ending).is_file() for ending in (".c", ".cc")):
+            for path in note.parent.glob(f"{note.stem}.*"):
+                path.unlink()
+
+
 def main():
+    if sys.argv[1] == "--clean":
+        clean(pathlib.Path(sys.argv[2]))
+        return
     rooms = collections.defaultdict(lambda: [0, 0])
     for line in pathlib.Path(sys.argv[1]).read_text().splitlines():
         row = re.match(r"((?:core|api|server)/\S+)\s+(\d+)\s+(\d+)\s+\d+%", line)

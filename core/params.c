@@ -18,7 +18,7 @@
 
 enum { VALUE_BYTES = 256, NUMBER_BYTES = 40, MAX_NAME = 64 };
 
-static const char *const placements[] = {"subset", "optimal", NULL};
+static const char *const placements[] = {"subset", "optimal", "auto", NULL};
 static const char *const dso_forms[] = {"rms", "sum", "none", NULL};
 static const char *const area_weights[] = {"unit", "area", NULL};
 #define NAME(constant, name, reported, what, source) #name,
@@ -96,8 +96,10 @@ static const struct param table[] = {
      "their normals and keeps edges: points are then written at their smoothed positions, with all else unchanged, and "
      "errors are measured from there; auto: outliers where they are many, full where noise is large against the "
      "distances between points, and nothing where neither is"},
-    {"placement", PARAM_CHOICE, AT(placement), 0, 0, false, "subset", placements, "", true,
-     "subset: mesh vertices are original points; optimal: mesh vertices move freely for the lowest error"},
+    {"placement", PARAM_CHOICE, AT(placement), 0, 0, false, "auto", placements, "", true,
+     "subset: mesh vertices are original points; optimal: mesh vertices move freely for the lowest error; auto: "
+     "optimal "
+     "where the surface is the input's own faces (surface=given) without texture coordinates and seams, else subset"},
     {"dso", PARAM_CHOICE, AT(dso), 0, 0, false, "rms", dso_forms, "", true,
      "Form of the discrete shape operator that weights the quadrics: rms (robust), sum (the paper's), none"},
     {"dso_exponent", PARAM_NUMBER, AT(dso_exponent), -2, 4, false, "0.25", NULL, "", true,

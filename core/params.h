@@ -17,7 +17,8 @@
 #include "core/text/weight_list.h"
 
 enum dso_form { DSO_RMS, DSO_SUM, DSO_NONE };
-enum placement { PLACEMENT_SUBSET, PLACEMENT_OPTIMAL };
+/* auto: as the surface is known (pipeline_placement). */
+enum placement { PLACEMENT_SUBSET, PLACEMENT_OPTIMAL, PLACEMENT_AUTO };
 enum area_weight { AREA_UNIT, AREA_AREA };
 /* Whether points are simplified before the surface is reconstructed from them, or it is reconstructed from more. */
 enum order { ORDER_AUTO, ORDER_SIMPLIFY_FIRST, ORDER_RECONSTRUCT_FIRST };

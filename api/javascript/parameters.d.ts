@@ -49,9 +49,10 @@ export interface Parameters {
    *  and errors are measured from there; auto: outliers where they are many, full where noise is large against
    *  the distances between points, and nothing where neither is. Default none. */
   denoise?: "none" | "outliers" | "full" | "auto";
-  /** subset: mesh vertices are original points; optimal: mesh vertices move freely for the lowest error. Default
-   *  subset. */
-  placement?: "subset" | "optimal";
+  /** subset: mesh vertices are original points; optimal: mesh vertices move freely for the lowest error; auto:
+   *  optimal where the surface is the input's own faces (surface=given) without texture coordinates and seams,
+   *  else subset. Default auto. */
+  placement?: "subset" | "optimal" | "auto";
   /** Form of the discrete shape operator that weights the quadrics: rms (robust), sum (the paper's), none.
    *  Default rms. */
   dso?: "rms" | "sum" | "none";

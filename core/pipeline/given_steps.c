@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
+#include "core/cloud/attribute_names.h"
 #include "core/mesh/decimate.h"
 #include "core/pipeline/memory.h"
 #include "core/pipeline/pipeline_run.h"
@@ -44,10 +45,22 @@ static void tell_of_faces(struct run *run, const struct faces_facts *facts) {
                      facts->seams);
 }
 
+/* A vertex that is moved has the texture coordinates of the nearest point, so a picture would shift on the surface. */
+static bool may_move(const struct run *run, const struct faces_facts *facts) {
+    const struct property *texture[2];
+    return !facts->seams && !attribute_find_texture(run->cloud, texture);
+}
+
 static void take_faces(struct run *run, const struct faces_facts *facts) {
     struct surface_choice choice = {.form = SURFACE_GIVEN, .sure = true};
     if (run->params->surface == SURFACE_AUTO)
         snprintf(choice.reason, sizeof choice.reason, "the input has faces; closed, open and heightfield reconstruct");
+    if (run->params->placement == PLACEMENT_AUTO && may_move(run, facts)) {
+        size_t used = strlen(choice.reason);
+        run->placement = PLACEMENT_OPTIMAL;
+        snprintf(choice.reason + used, sizeof choice.reason - used, "%s; vertices move freely, unless placement=subset",
+                 used ? "" : "it was asked for");
+    }
     pipeline_decide(run, choice);
     snprintf(run->report.surface.orientation, sizeof run->report.surface.orientation, "faces");
     tell_of_faces(run, facts);
@@ -110,6 +123,7 @@ static enum status reconstruct_instead(struct run *run, const char *why) {
     run->mesh = (struct mesh){0};
     faces_done(&run->faces);
     run->decision = UNDECIDED;
+    if (run->params->placement == PLACEMENT_AUTO) run->placement = PLACEMENT_SUBSET;
     enum status status = pipeline_delaunay(run);
     return status ? status : pipeline_reconstruct(run);
 }
@@ -162,6 +176,34 @@ enum status pipeline_collapse(struct run *run) {
     report->reconstructed_from = run->points.count;
     snprintf(report->reconstruction, sizeof report->reconstruction, "given");
     return status ? pipeline_no_memory(run, "collapse") : STATUS_OK;
+}
+
+/* Beside a mesh whose vertices are points the cloud is those points, the most important first. */
+enum status pipeline_vertices(struct run *run) {
+    const struct contraction *contraction = &run->contraction;
+    const struct mesh *mesh = &run->mesh;
+    struct report_level *level = &run->report.level[run->level];
+    size_t points = 0, at = 0;
+    if (!pipeline_is_given(run)) return STATUS_OK;
+    uint8_t *is_vertex = alloc_zeroed(run->points.count, sizeof *is_vertex);
+    for (size_t v = 0; is_vertex && v < mesh->vertex_count; v++) {
+        if (mesh->source[v] == NONE) { /* of several that may move freely */
+            free(is_vertex);
+            return STATUS_OK;
+        }
+        points += !is_vertex[mesh->source[v]];
+        is_vertex[mesh->source[v]] = 1;
+    }
+    uint32_t *kept = is_vertex ? alloc_array(points, sizeof *kept) : NULL;
+    for (size_t i = contraction->n; kept && i-- > 0;)
+        if (is_vertex[contraction->order[i]]) kept[at++] = contraction->order[i];
+    free(is_vertex);
+    if (!kept) return pipeline_no_memory(run, "vertices");
+    free(run->kept);
+    run->kept = kept;
+    run->kept_count = level->points_out = at;
+    level->ratio = (double)at / (double)run->cloud->count;
+    return pipeline_tangent(run) ? pipeline_no_memory(run, "vertices") : STATUS_OK;
 }
 
 /* The mesh without the copies that seams have made, for whoever asks what it is. */

@@ -157,8 +157,17 @@ static double las_bytes(const struct memory_job *job, double kept, const struct 
     return COLOURS * (double)job->points + slots * (2 * fmin(kept, LAZ_USUAL_CHUNK) * bytes + codec);
 }
 
-static uint64_t predict(const struct memory_job *job, const struct params *params,
+/* As the pipeline settles placement=auto, at most. */
+static void settle_placement(const struct memory_job *job, struct params *params) {
+    if (params->placement != PLACEMENT_AUTO) return;
+    params->placement = job->faces && maybe_given(params) ? PLACEMENT_OPTIMAL : PLACEMENT_SUBSET;
+}
+
+static uint64_t predict(const struct memory_job *job, const struct params *asked,
                         double (*tetrahedra)(double points, double triangulated)) {
+    struct params settled = *asked;
+    const struct params *params = &settled;
+    settle_placement(job, &settled);
     double points = (double)job->points, kept = kept_points(job, params);
     double peak = cloud_bytes(job, params) + (double)job->input_bytes;
     for (int i = 0; i < STAGES; i++) {

@@ -451,7 +451,7 @@ static struct refine_input refine_input_of(struct run *run, struct refine_faces 
 /* Whether triangulation and samples take no more memory together than the refinement does after them (memory.c). */
 static bool has_room_for_samples(const struct run *run) {
     enum { FEWER = 4 };
-    return run->params->placement == PLACEMENT_OPTIMAL || run->kept_count <= run->points.count / FEWER;
+    return run->placement == PLACEMENT_OPTIMAL || run->kept_count <= run->points.count / FEWER;
 }
 
 /* There are about twice as many triangles as points; refine_mesh finds what it hasn't got. */
@@ -466,7 +466,7 @@ enum status pipeline_local_delaunay(struct run *run) {
     struct refine_faces faces;
     struct refine_input input = refine_input_of(run, &faces);
     status = samples_init(&run->samples, &input, 1, run->threads);
-    if (run->params->placement == PLACEMENT_SUBSET) local_delaunay_done(&run->local_delaunay);
+    if (run->placement == PLACEMENT_SUBSET) local_delaunay_done(&run->local_delaunay);
     return status;
 }
 
@@ -474,8 +474,7 @@ enum status pipeline_refine(struct run *run) {
     struct refine_faces faces;
     struct refine_input input = refine_input_of(run, &faces);
     struct refine_options options = {(enum refine_form)run->params->refine,
-                                     run->record ? PLACEMENT_SUBSET : (enum placement)run->params->placement,
-                                     run->threads};
+                                     run->record ? PLACEMENT_SUBSET : run->placement, run->threads};
     enum status status = refine_mesh(&run->mesh, &input, &options, &run->progress, NULL);
     struct reconstruct_dense dense = dense_of(run, &run->sites);
     if (!status && run->surface.form == SURFACE_OPEN) status = sheet_trim(&run->mesh, &dense, run->threads);

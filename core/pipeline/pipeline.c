@@ -25,6 +25,7 @@
  *                 where the input's faces are the surface, theirs are
  * 11 refine       flips and moves against the original points
  *    holes        where it is asked for: those of a mesh with borders are closed
+ *    vertices     where the input's faces are the surface: the cloud becomes the mesh's vertices, if those are points
  * 12 examine      is it closed, oriented, a manifold
  * 13 measure      distances in both directions
  *    verify       where a deviation is bounded: the one measured is within it
@@ -80,6 +81,11 @@ static bool faces_wanted(const struct params *params) {
     return params_want_mesh(params) && (params->surface == SURFACE_GIVEN || params->surface == SURFACE_AUTO);
 }
 
+/* Vertices of several levels aren't all of each other's. */
+static bool vertices_wanted(const struct params *params) {
+    return faces_wanted(params) && params->outputs & OUTPUT_ANY_CLOUD && params->levels.count < 2;
+}
+
 static bool always(const struct params *params) {
     (void)params;
     return true;
@@ -114,6 +120,7 @@ static const struct step {
     {"reconstruct", pipeline_reconstruct, params_want_mesh, EACH, 10},
     {"refine", pipeline_refine, refinement_wanted, EACH, 60},
     {"holes", pipeline_close_holes, holes_wanted, EACH, 1},
+    {"vertices", pipeline_vertices, vertices_wanted, EACH, 1},
     {"examine", pipeline_examine, params_want_mesh, BESIDE, 1},
     {"measure", pipeline_measure, params_want_mesh, EACH, 20},
     {"verify", pipeline_verify, deviation_bounded, EACH, 0},
@@ -340,6 +347,7 @@ enum status pipeline_run(const struct cloud *cloud, const struct params *params,
     struct pipeline_result made = {.level_count = params->levels.count ? params->levels.count : 1};
     double start_ms = now_ms();
     run.mesh_follows = params_want_mesh(params);
+    run.placement = params->placement == PLACEMENT_OPTIMAL ? PLACEMENT_OPTIMAL : PLACEMENT_SUBSET;
     if (error) *error = (struct error){0};
     if (cloud->count == 0) return error_set(error, STATUS_DEGENERATE, "points", "the cloud has no points");
     struct par_team *team = par_team_new();

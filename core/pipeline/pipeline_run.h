@@ -48,8 +48,9 @@ struct run {
     vec3 *normal;
     struct creases creases; /* for meshes */
     float *dso;
-    uint8_t *turned;  /* of each normal: it is written the other way round; NULL unless normals are written */
-    bool normals_fit; /* those that the input has are there, and fit its points */
+    enum placement placement; /* of vertices, with the surface that is known by now: never PLACEMENT_AUTO */
+    uint8_t *turned;          /* of each normal: it is written the other way round; NULL unless normals are written */
+    bool normals_fit;         /* those that the input has are there, and fit its points */
     struct packed_quadric *quadrics;
     struct contraction contraction;
     size_t level;      /* the one that the steps work on */
@@ -93,6 +94,7 @@ enum status pipeline_delaunay(struct run *run) MUST_CHECK;
 enum status pipeline_reconstruct(struct run *run) MUST_CHECK;
 enum status pipeline_refine(struct run *run) MUST_CHECK;
 enum status pipeline_close_holes(struct run *run) MUST_CHECK;
+enum status pipeline_vertices(struct run *run) MUST_CHECK;
 enum status pipeline_examine(struct run *run) MUST_CHECK;
 enum status pipeline_measure(struct run *run) MUST_CHECK;
 enum status pipeline_verify(struct run *run) MUST_CHECK;

@@ -21,6 +21,7 @@
 #include <unistd.h>
 
 #include "api/codecs/report_json.h"
+#include "core/base/alloc.h"
 #include "core/cloud/colour_map.h"
 #include "core/io/formats/las_fields.h"
 #include "core/io/out/file_out.h"
@@ -359,6 +360,25 @@ enum status worker_output_settle_faces(struct worker_options *options, const str
                      now->type);
 }
 
+static bool is_mesh(const struct cloud *cloud) {
+    size_t used = 0;
+    uint8_t *has_face = cloud->triangle_count ? alloc_zeroed(cloud->count, sizeof *has_face) : NULL;
+    for (size_t t = 0; has_face && t < cloud->triangle_count; t++)
+        for (int k = 0; k < 3; k++) {
+            used += !has_face[cloud->triangle[t][k]];
+            has_face[cloud->triangle[t][k]] = 1;
+        }
+    free(has_face);
+    return used > 0 && 2 * used >= cloud->count;
+}
+
+void worker_output_follow_faces(struct worker_options *options, const struct cloud *cloud) {
+    if (options->outputs_given || (!options->to_file && !options->to_standard) || !is_mesh(cloud)) return;
+    const struct file *now = file_of_bit(options->params.outputs);
+    const struct file *meshed = now ? find_file(now->type, file_of_bit(OUTPUT_MESH)) : NULL;
+    if (meshed) options->params.outputs = meshed->bit;
+}
+
 /* ------------------------------------------------------------------------------------------------ beforehand */
 
 static struct file_out_rule make_rule(const struct worker_options *options, const struct worker_inputs *inputs) {
@@ -454,7 +474,11 @@ static enum status write_file(struct outputs *outputs, const struct planned *ite
 }
 
 /* The lines of what the input's reader left out. */
-static void note_input(const struct cloud *cloud, uint32_t outputs, struct left_out *left_out) {
+static void note_input(const struct worker_options *options, const struct cloud *cloud, struct left_out *left_out) {
+    uint32_t outputs = options->params.outputs;
+    if (options->to_file && !options->outputs_given && !(outputs & OUTPUT_ANY_MESH) && is_mesh(cloud))
+        left_out_add(left_out, "input", "its faces, which a .%s has not; use .ply, .obj, .stl or .glb",
+                     file_of_bit(outputs)->type);
     if (cloud->las && cloud->las->has_crs && outputs & (OUTPUT_ANY_CLOUD | OUTPUT_ANY_MESH) & ~(uint32_t)OUTPUT_ANY_LAS)
         left_out_add(left_out, "input", "the coordinate system, but in cloud.las and cloud.laz");
     for (const char *at = cloud->left_out; at && *at;) {
@@ -536,7 +560,7 @@ enum status worker_output_write(const struct worker_options *options, const stru
                               .level = &result->level[0],
                               .rule = make_rule(options, inputs),
                               .left_out = &result->report.left_out};
-    note_input(cloud, options->params.outputs, outputs.left_out);
+    note_input(options, cloud, outputs.left_out);
     enum status status = find_vertices(&outputs, error);
     if (!status) status = options->to_standard ? write_standard(&outputs, error) : write_folder(&outputs, error);
     vertices_done(&outputs);

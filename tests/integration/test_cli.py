@@ -80,7 +80,7 @@ def test_all_outputs_of_a_scan(scan, tmp_path):
     assert report["mesh"]["volume"] == pytest.approx(4 / 3 * math.pi, rel=0.05)
     assert 0 < report["error"]["mean_rel"] < report["error"]["max_rel"] < 0.02
     assert report["error"]["reference"] == "points"
-    assert report["params"]["ratio"] == 0.1 and report["params"]["placement"] == "subset"
+    assert report["params"]["ratio"] == 0.1 and report["params"]["placement"] == "auto"
     assert {"neighbours", "contract", "delaunay", "reconstruct", "measure", "total"} <= report["timings_ms"].keys()
     assert len((tmp_path / "out" / "cloud.xyz").read_text().splitlines()) == 300
 

@@ -85,7 +85,7 @@ def edges_of(faces):
 def test_a_closed_surface_stays_what_it_is(tmp_path, surface):
     vertices, faces = torus()
     path = write_ply(tmp_path / "torus.ply", vertices, faces)
-    report, _, found, triangles = simplify(path, tmp_path, "--ratio", 0.2, "--surface", surface)
+    report, _, found, triangles = simplify(path, tmp_path, "--ratio", 0.2, "--surface", surface, "--placement", "subset")
     wanted = len(vertices) // 5
     assert report["surface"]["kind"] == report["mesh"]["reconstruction"] == "given"
     assert report["surface"]["orientation"] == "faces"
@@ -94,6 +94,70 @@ def test_a_closed_surface_stays_what_it_is(tmp_path, surface):
     assert report["mesh"]["self_intersections"] == 0 and report["left_out"] == []
     assert set(found) <= set(vertices)
     assert set(edges_of(triangles).values()) == {2}
+
+
+def test_a_mesh_goes_in_and_a_mesh_comes_out(tmp_path):
+    """Where the output's format has faces, and nobody says what to write; a cloud stays a cloud."""
+    vertices, faces = torus()
+    mesh, cloud = write_ply(tmp_path / "mesh.ply", vertices, faces), write_ply(tmp_path / "cloud.ply", vertices, [])
+    wanted = len(vertices) // 10
+    for name in ("small.ply", "small.obj", "small.stl", "small.glb"):
+        told = run(mesh, tmp_path / name)
+        assert told.returncode == 0 and f"mesh             {2 * wanted} triangles" in told.stdout, told
+        assert "given: the input has faces" in told.stdout and "faces, which" not in told.stdout
+    assert len(read_ply(tmp_path / "small.ply")[2]) == 2 * wanted
+    assert "would write" in run(mesh, tmp_path / "other.ply", "--dry-run").stdout
+    with open(mesh, "rb") as file:
+        piped = subprocess.run([WHITTLE, "-", "-o", "-"], stdin=file, capture_output=True, check=True).stdout
+    (tmp_path / "piped.ply").write_bytes(piped)
+    assert (tmp_path / "piped.ply").read_bytes() == (tmp_path / "small.ply").read_bytes()
+    assert len(read_ply_cloud(run(mesh, tmp_path / "points.ply", "--outputs", "cloud"), tmp_path / "points.ply")) == wanted
+    assert len(read_ply_cloud(run(cloud, tmp_path / "few.ply"), tmp_path / "few.ply")) == wanted
+    without = run(mesh, tmp_path / "small.xyz")
+    assert without.returncode == 0 and "its faces, which a .xyz has not" in without.stdout
+
+
+def read_ply_cloud(done, path):
+    assert done.returncode == 0 and b"element face" not in path.read_bytes()[:400], done
+    return read_points(path)
+
+
+def read_points(path):
+    data = path.read_bytes()
+    end = data.index(b"end_header\n") + len(b"end_header\n")
+    return list(struct.iter_unpack("<3d", data[end:]))
+
+
+def test_vertices_move_freely_unless_there_are_texture_coordinates(tmp_path):
+    vertices, faces = torus()
+    plain = write_ply(tmp_path / "torus.ply", vertices, faces)
+    textured = write_ply(tmp_path / "textured.ply", [(*v, v[0], v[1]) for v in vertices], faces, ("x", "y", "z", "s", "t"))
+    error = {}
+    for placement in ("auto", "optimal", "subset"):
+        folder = tmp_path / placement
+        report, _, found, _ = simplify(plain, folder, "--placement", placement)
+        error[placement] = report["error"]["symmetric"]["mean"]
+        assert (set(found) <= set(vertices)) == (placement == "subset")
+    assert error["auto"] == error["optimal"] < error["subset"]
+    _, _, found, _ = simplify(textured, tmp_path)
+    assert {v[:3] for v in found} <= set(vertices)
+    reconstructed = simplify(plain, tmp_path, "--surface", "closed")[2]
+    assert set(reconstructed) <= set(vertices)
+
+
+def test_the_cloud_beside_a_mesh_is_its_vertices(tmp_path):
+    vertices, faces = torus()
+    path = write_ply(tmp_path / "torus.ply", vertices, faces)
+    done = run(path, "--outputs", "cloud,mesh,report", "--placement", "subset", "--ratio", 0.1, "-o", tmp_path)
+    assert done.returncode == 0, done.stderr
+    cloud = read_points(tmp_path / "cloud.ply")
+    assert sorted(cloud) == sorted(read_ply(tmp_path / "mesh.ply")[1]) and len(cloud) == len(vertices) // 10
+    ranked = run(path, "--outputs", "cloud", "-o", tmp_path / "ranked", "--ratio", 1)
+    assert ranked.returncode == 0, ranked.stderr
+    place = {point: i for i, point in enumerate(read_points(tmp_path / "ranked" / "cloud.ply"))}
+    assert [place[point] for point in cloud] == sorted(place[point] for point in cloud)
+    report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert report["points_out"] == len(cloud)
 
 
 def test_it_is_nearer_than_what_is_reconstructed(tmp_path):

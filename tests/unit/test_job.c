@@ -127,7 +127,7 @@ static void stored_parameters_of_another_version_are_skipped(void **state) {
     struct params params;
     job_params_read("gone=1\nratio=0.25\nplacement=sideways\nno equals\n\n=\nseed=3", &params);
     assert_float_equal(params.ratio, 0.25, 0);
-    assert_int_equal(params.placement, PLACEMENT_SUBSET);
+    assert_int_equal(params.placement, PLACEMENT_AUTO);
     assert_int_equal(params.seed, 3);
 }
 

@@ -17,6 +17,7 @@
     ROW(LAS, las, "LAS, LAZ", "a LAS cloud", "las,laz")                                                                \
     ROW(E57, e57, "E57", "an E57 cloud", "e57")                                                                        \
     ROW(PTX, ptx, "PTX", "a PTX cloud", "ptx")                                                                         \
+    ROW(GLB, glb, "binary glTF", "a binary glTF scene", "glb")                                                         \
     ROW(OFF, off, "OFF", "an OFF mesh", "off")                                                                         \
     ROW(OBJ, obj, "OBJ", "an OBJ mesh", "obj")                                                                         \
     ROW(STL, stl, "STL", "an STL mesh", "stl/ascii,stl/binary")                                                        \

@@ -54,7 +54,6 @@ static const struct {
     {"%PDF", 4, {CLOUD_KIND_OTHER, "a PDF document", ""}},
     {"\x7f\x45LF", 4, {CLOUD_KIND_OTHER, "an ELF program", ""}},
     {"# vtk DataFile", 14, {CLOUD_KIND_OTHER, "a VTK file", ""}},
-    {"glTF", 4, {CLOUD_KIND_OTHER, "a binary glTF scene", ""}},
     {"SQLite format 3", 15, {CLOUD_KIND_OTHER, "an SQLite database", ""}},
     {"\xff\xfe", 2, {CLOUD_KIND_OTHER, "UTF-16 text (iconv -f UTF-16 -t UTF-8 converts it)", ""}},
     {"\xfe\xff", 2, {CLOUD_KIND_OTHER, "UTF-16 text (iconv -f UTF-16 -t UTF-8 converts it)", ""}},

@@ -307,6 +307,12 @@ static void job_of_e57(uint64_t total_bytes, struct memory_job *job) {
     *job = (struct memory_job){total_bytes / LEAST_BYTES + 1, RECORD_BYTES, 0, total_bytes, 0};
 }
 
+/* A point takes 12 bytes or more, and so do two triangles between points that have numbers of 16 bits. */
+static void job_of_glb(uint64_t total_bytes, struct memory_job *job) {
+    enum { POINT_BYTES = 12, RECORD_BYTES = 48 };
+    *job = (struct memory_job){total_bytes / POINT_BYTES + 1, RECORD_BYTES, total_bytes / POINT_BYTES, total_bytes, 0};
+}
+
 /* A closed surface has half as many points as facets; twice that is counted, and the table that joins corners. */
 static void job_of_stl(const unsigned char *bytes, uint64_t total_bytes, struct memory_job *job) {
     enum { COUNT = 80, RECORD_BYTES = 12, TABLE_BYTES = 16 };
@@ -347,6 +353,7 @@ enum status memory_job_of(const void *first_bytes, size_t n, uint64_t total_byte
     case CLOUD_KIND_PLY: return job_of_ply(first_bytes, n, total_bytes, job);
     case CLOUD_KIND_PCD: return job_of_pcd(first_bytes, n, total_bytes, job);
     case CLOUD_KIND_LAS: return job_of_las(first_bytes, n, total_bytes, job);
+    case CLOUD_KIND_GLB: job_of_glb(total_bytes, job); return STATUS_OK;
     case CLOUD_KIND_E57: job_of_e57(total_bytes, job); return STATUS_OK;
     case CLOUD_KIND_PTX:
     case CLOUD_KIND_TEXT: job_of_text(first_bytes, n, total_bytes, job); return STATUS_OK;

@@ -58,6 +58,79 @@ def test_every_attribute_survives_every_pair_of_formats(tmp_path, first, second)
         assert found[name] == pytest.approx(values, abs=1e-6), name
 
 
+# Formats of meshes, and what each can hold beside coordinates.
+SHOWN = ("nx", "ny", "nz", "red", "green", "blue")
+MESHES = {"ply": tuple(POINTS)[3:], "glb": (*SHOWN, "intensity", "classification"), "obj": SHOWN, "stl": ()}
+
+
+def make_mesh(path):
+    make(path, {})
+    path.write_text(path.read_text().replace("end_header\n", "element face 1\nproperty list uchar int vertex_indices\n"
+                                             "end_header\n") + "3 0 1 2\n")
+    return path
+
+
+@pytest.mark.parametrize("first, second", itertools.product(MESHES, MESHES))
+def test_every_attribute_of_a_mesh_survives_every_pair_of_formats(tmp_path, first, second):
+    mesh = make_mesh(tmp_path / "mesh.ply")
+    for source, out in ((mesh, tmp_path / f"one.{first}"), (tmp_path / f"one.{first}", tmp_path / f"two.{second}")):
+        done = whittle("convert", source, out)
+        assert done.returncode == 0 and "1 triangles" in done.stdout, done
+    found = read(tmp_path / f"two.{second}")
+    for name in ("x", "y", "z", *(set(MESHES[first]) & set(MESHES[second]))):
+        assert found[name] == pytest.approx(POINTS[name], abs=1e-6), name
+
+
+PTX = "3\n1\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n" + "".join(
+    f"{x} {y} {z} {i} {r} {g} {b}\n" for x, y, z, i, r, g, b in zip(*(
+        POINTS[n] for n in ("x", "y", "z")), (0.25, 0.5, 0.75), *(POINTS[n] for n in ("red", "green", "blue"))))
+E57 = pathlib.Path(__file__).resolve().parents[1] / "fixtures/valid/e57-all-kinds/input.e57"
+
+
+@pytest.mark.parametrize("second", ("ply", "pcd", "xyz", "las"))
+def test_what_scanners_write_keeps_its_attributes(tmp_path, second):
+    """LAS has whole numbers for intensities."""
+    (tmp_path / "scan.ptx").write_text(PTX)
+    assert whittle("convert", tmp_path / "scan.ptx", tmp_path / f"ptx.{second}", *HEADER).returncode == 0
+    found = read(tmp_path / f"ptx.{second}")
+    for name in ("x", "y", "z", "red", "green", "blue"):
+        assert found[name] == pytest.approx(POINTS[name], abs=1e-6), name
+    assert second == "las" or found["intensity"] == pytest.approx((0.25, 0.5, 0.75))
+    assert whittle("convert", E57, tmp_path / f"e57.{second}", *HEADER, "--colours", "keep").returncode == 0
+    found, direct = read(tmp_path / f"e57.{second}"), columns_of_e57(tmp_path)
+    for name in ("x", "y", "z"):
+        assert found[name] == pytest.approx(direct[name], abs=1e-6), name
+    assert second == "las" or found["intensity"] == pytest.approx(direct["intensity"])
+
+
+def columns_of_e57(folder):
+    copy = folder / "copy.e57"
+    copy.write_bytes(E57.read_bytes())
+    return read(copy)
+
+
+def from_linear(value):
+    return 12.92 * value if value <= 0.0031308 else 1.055 * value ** (1 / 2.4) - 0.055
+
+
+@pytest.mark.skipif(not shutil.which("assimp"), reason="assimp isn't installed")
+@pytest.mark.parametrize("ours", ("glb", "obj", "ply"))
+def test_assimp_reads_what_we_write_and_we_what_it_writes(tmp_path, ours):
+    """Its colours are those of the file: linear in glTF."""
+    assert whittle("convert", make_mesh(tmp_path / "mesh.ply"), tmp_path / f"ours.{ours}").returncode == 0
+    for end, form in (("glb", "glb2"), ("obj", "obj"), ("ply", "ply")):
+        theirs = tmp_path / f"theirs.{end}"
+        subprocess.run(["assimp", "export", tmp_path / f"ours.{ours}", theirs, f"-f{form}"], check=True,
+                       capture_output=True)
+        found = read(theirs)
+        for name in ("x", "y", "z", "nx", "ny", "nz"):
+            assert sorted(found[name]) == pytest.approx(sorted(POINTS[name]), abs=1e-5), (end, name)
+    linear = read(tmp_path / "theirs.ply")
+    for name in ("red", "green", "blue"):
+        values = [255 * from_linear(v / 255) for v in linear[name]] if ours == "glb" else linear[name]
+        assert values == pytest.approx(POINTS[name], abs=13 if ours == "glb" else 1.5), name  # linear ones in 8 bits
+
+
 @pytest.mark.parametrize("who", CALLED)
 def test_what_others_call_the_same_becomes_what_las_calls_it(tmp_path, who):
     done = whittle("convert", make(tmp_path / "scan.ply", CALLED[who]), tmp_path / "out.las")

@@ -335,3 +335,29 @@ def test_the_service_says_what_it_took(daemon, tmp_path):
     cloud = "\n".join(" ".join(map(str, v)) for v in torus()[0]).encode()
     job = daemon.ended(daemon.submit(cloud, "?surface=given&outputs=mesh"))
     assert job["status"] == "failed" and "no faces" in json.dumps(job)
+
+
+def test_texture_coordinates_of_glb_keep_their_seams(tmp_path):
+    """A tube by way of GLB, there and back: whose texture begins and ends at an edge."""
+    tube_ply = write_ply(tmp_path / "tube.ply", *tube(), ("x", "y", "z", "s", "t"))
+    assert run("convert", tube_ply, tmp_path / "tube.glb").returncode == 0
+    assert run(tmp_path / "tube.glb", tmp_path / "small.glb", "--ratio", 0.2).returncode == 0
+    assert run("convert", tmp_path / "small.glb", tmp_path / "small.ply").returncode == 0
+    names, found, triangles = read_ply(tmp_path / "small.ply")
+    assert names == ["x", "y", "z", "s", "t"] and len(triangles) > 100
+    given = {tuple(round(c, 4) for c in v) for v in tube()[0]}
+    assert {tuple(round(c, 4) for c in v) for v in found} <= given
+    assert max(v[3] for v in found) == 1 and min(v[3] for v in found) == 0
+    assert all(max(found[i][3] for i in t) - min(found[i][3] for i in t) < 0.5 for t in triangles), "none across the seam"
+
+
+def test_the_service_takes_glb(daemon, tmp_path):
+    mesh = write_ply(tmp_path / "torus.ply", *torus())
+    assert run("convert", mesh, tmp_path / "torus.glb").returncode == 0
+    data = (tmp_path / "torus.glb").read_bytes()
+    job = daemon.ended(daemon.submit(data, "?ratio=0.2&outputs=mesh.glb,report"))
+    assert job["status"] == "successful" and job["input"]["format"] == "glb", job
+    assert job["report"]["surface"]["kind"] == "given" and job["report"]["mesh"]["watertight"]
+    refused = daemon.post("/v1/simplify", data.replace(b'"asset":{"version":"2.0"', b'"extensionsRequired":["EXT_meshopt_compression"],'
+                                                       b'"asset":{"version":"2.0"')[:len(data)])
+    assert refused.status in (415, 422), refused

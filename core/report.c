@@ -18,8 +18,9 @@ void report_add_stage(struct report *report, const char *name, double wall_ms) {
 }
 
 /* A closed mesh over what wasn't scanned. */
-static bool warns_of_lid(const struct report_level *level, char *text, size_t text_bytes) {
-    if (!level->has_mesh || !level->watertight || level->unsupported <= REPORT_UNSUPPORTED_MOST) return false;
+static bool warns_of_lid(const struct report *report, const struct report_level *level, char *text, size_t text_bytes) {
+    bool given = strcmp(report->surface.kind, "given") == 0; /* nothing but the input's faces spans anything */
+    if (given || !level->has_mesh || !level->watertight || level->unsupported <= REPORT_UNSUPPORTED_MOST) return false;
     snprintf(
         text, text_bytes,
         "the mesh is watertight, but no input point supports %.0f %% of its area (warned of from %.0f %%): it spans "
@@ -39,6 +40,6 @@ static bool warns_of_kind(const struct report *report, const struct report_level
 
 bool report_warning(const struct report *report, const struct report_level *level, size_t n, char *text,
                     size_t text_bytes) {
-    if (warns_of_lid(level, text, text_bytes) && n-- == 0) return true;
+    if (warns_of_lid(report, level, text, text_bytes) && n-- == 0) return true;
     return warns_of_kind(report, level, text, text_bytes) && n == 0;
 }

@@ -24,7 +24,9 @@
 #define LEAST_TURN 0.25  /* cosine between a triangle's normals before and after a collapse */
 #define THIN 0.02        /* twice the area by the square of the longest edge: no triangle gets under it */
 #define COURSE 2.0       /* what the plane through a border's edge weighs, times its length squared */
+#define FARTHEST 9.0     /* that a vertex is put from where it was, by the length of the edge that goes, squared */
 #define STAY 1e-3        /* of a vertex's area: what its own distance weighs beside that to the planes */
+#define STAY_MOVES 1e-7  /* the same where vertices move: more draws them off edges and corners */
 enum { RING_MOST = 30 }; /* neighbours of a vertex */
 
 struct error_form { /* E(x) = x^T a x + 2 b . x + c */
@@ -100,7 +102,7 @@ static void set_forms(struct decimation *d) {
         normal = vec3_scale(normal, 1 / twice);
         for (int k = 0; k < 3; k++) {
             form_add_plane(&d->form[corner[k]], normal, vertex[corner[k]], twice);
-            form_add_point(&d->form[corner[k]], vertex[corner[k]], STAY * twice);
+            form_add_point(&d->form[corner[k]], vertex[corner[k]], (d->rules.moves ? STAY_MOVES : STAY) * twice);
         }
     }
 }
@@ -193,37 +195,63 @@ static double longest_sq_of(vec3 a, vec3 b, vec3 c) {
     return fmax(vec3_distance_sq(b, c), fmax(vec3_distance_sq(a, b), vec3_distance_sq(a, c)));
 }
 
-/* Whether vertex v may be put where the other end of one of its ways is. */
-static bool is_fair(const struct decimation *d, uint32_t v, const struct ways *ways, uint32_t way) {
+/* Whether the triangles around v, but those that `to` has as well, may have v at a place. */
+static bool may_stand(const struct decimation *d, uint32_t v, const uint32_t *ring, size_t n, uint32_t to, vec3 place) {
     const vec3 *vertex = d->mesh->vertex;
-    uint32_t to = other_end(d, way, v);
-    for (size_t i = 0; i < ways->n; i++) {
-        uint32_t b = halfedge_to(&d->he, ways->ring[i]), c = halfedge_apex(&d->he, ways->ring[i]);
+    for (size_t i = 0; i < n; i++) {
+        uint32_t b = halfedge_to(&d->he, ring[i]), c = halfedge_apex(&d->he, ring[i]);
         if (b == to || c == to) continue;
         vec3 before = vec3_triangle_normal(vertex[v], vertex[b], vertex[c]);
-        vec3 after = vec3_triangle_normal(vertex[to], vertex[b], vertex[c]);
+        vec3 after = vec3_triangle_normal(place, vertex[b], vertex[c]);
         double length = vec3_length(after), was = vec3_length(before);
-        double longest_sq = longest_sq_of(vertex[to], vertex[b], vertex[c]);
+        double longest_sq = longest_sq_of(place, vertex[b], vertex[c]);
         bool thin = !(length >= THIN * longest_sq);
         if (thin && d->rules.slivers)
             thin = !(length > 0 && length * longest_sq_of(vertex[v], vertex[b], vertex[c]) >= was * longest_sq);
         if (thin || vec3_dot(before, after) < LEAST_TURN * length * was) return false;
     }
-    uint32_t others[RING_MOST];
+    return true;
+}
+
+/* Whether vertex v may be merged into the other end of one of its ways, which is put at a place then. */
+static bool is_fair(const struct decimation *d, uint32_t v, const struct ways *ways, uint32_t way, vec3 place) {
+    uint32_t to = other_end(d, way, v), others[RING_MOST];
     size_t m = d->he.locked[to] == HALFEDGE_KNOTTED ? 0 : halfedge_ring(&d->he, to, others, RING_MOST);
-    return m > 0 && ways->n + m <= RING_MOST + 4 && halfedge_may_collapse(&d->he, way, v);
+    if (m == 0 || ways->n + m > RING_MOST + 4 || !may_stand(d, v, ways->ring, ways->n, to, place)) return false;
+    bool stays = memcmp(&place, &d->mesh->vertex[to], sizeof place) == 0;
+    return (stays || may_stand(d, to, others, m, v, place)) && halfedge_may_collapse(&d->he, way, v);
+}
+
+/* Where both ends of an edge cost least together: where the derivative of what they cost is 0, or at `to`. */
+static vec3 best_place(const struct decimation *d, uint32_t v, uint32_t to) {
+    vec3 stay = d->mesh->vertex[to];
+    if (!d->rules.moves || d->he.locked[v] || d->he.locked[to]) return stay;
+    struct error_form both = d->form[v];
+    form_add(&both, &d->form[to]);
+    const sym3 a = both.a;
+    vec3 x = {a.xx, a.xy, a.xz}, y = {a.xy, a.yy, a.yz}, z = {a.xz, a.yz, a.zz};
+    vec3 right = vec3_scale(both.b, -1), yz = vec3_cross(y, z);
+    double determinant = vec3_dot(x, yz);
+    if (!(determinant > 0)) return stay;
+    vec3 place = {vec3_dot(right, yz), vec3_dot(right, vec3_cross(z, x)), vec3_dot(right, vec3_cross(x, y))};
+    place = vec3_scale(place, 1 / determinant);
+    double far_sq = vec3_distance_sq(d->mesh->vertex[v], stay);
+    return vec3_distance_sq(place, stay) <= FARTHEST * far_sq && form_value(&both, place) < form_value(&both, stay)
+               ? place
+               : stay;
 }
 
 /* The cheapest collapse of a vertex, of those that are allowed, or of all; INFINITY: there is none. */
-static double cheapest(const struct decimation *d, uint32_t v, bool allowed, uint32_t *best) {
+static double cheapest(const struct decimation *d, uint32_t v, bool allowed, uint32_t *best, vec3 *best_at) {
     struct ways ways;
     double least = INFINITY;
     find_ways(d, v, &ways);
     for (size_t i = 0; i < ways.count; i++) {
         uint32_t to = other_end(d, ways.way[i], v);
-        vec3 place = d->mesh->vertex[to];
+        vec3 place = best_place(d, v, to);
         double cost = form_value(&d->form[v], place) + form_value(&d->form[to], place);
-        if (cost < least && (!allowed || is_fair(d, v, &ways, ways.way[i]))) least = cost, *best = ways.way[i];
+        if (cost < least && (!allowed || is_fair(d, v, &ways, ways.way[i], place)))
+            least = cost, *best = ways.way[i], *best_at = place;
     }
     return least;
 }
@@ -248,10 +276,12 @@ static void hand_over_records(struct decimation *d, uint32_t v, const struct way
 
 static void queue_again(struct decimation *d, uint32_t v) {
     uint32_t ignored;
-    enqueue(d, v, cheapest(d, v, false, &ignored));
+    vec3 nowhere;
+    enqueue(d, v, cheapest(d, v, false, &ignored, &nowhere));
 }
 
-static void collapse(struct decimation *d, uint32_t gone, uint32_t h) {
+/* Puts what is left at a place, where it isn't its point any more if it moves. */
+static void collapse(struct decimation *d, uint32_t gone, uint32_t h, vec3 place) {
     uint32_t to = other_end(d, h, gone), ring[RING_MOST];
     struct ways ways;
     find_ways(d, gone, &ways);
@@ -260,6 +290,8 @@ static void collapse(struct decimation *d, uint32_t gone, uint32_t h) {
     for (int k = 0; k < 2; k++)
         if (spare.triangle[k] != NONE) d->mesh->triangle[spare.triangle[k]][0] = UNUSED;
     form_add(&d->form[to], &d->form[gone]);
+    if (d->mesh->source && memcmp(&place, &d->mesh->vertex[to], sizeof place) != 0) d->mesh->source[to] = NONE;
+    d->mesh->vertex[to] = place;
     size_t n = halfedge_ring(&d->he, to, ring, RING_MOST);
     queue_again(d, to);
     for (size_t i = 0; i < n; i++) queue_again(d, halfedge_to(&d->he, ring[i]));
@@ -268,15 +300,16 @@ static void collapse(struct decimation *d, uint32_t gone, uint32_t h) {
 
 static void collapse_down_to(struct decimation *d, size_t vertices, size_t count) {
     uint32_t h = UNUSED;
+    vec3 place;
     while (vertices > count && d->count > 0) {
         uint32_t v = d->heap[0];
-        double known = d->key[v], cost = cheapest(d, v, true, &h);
+        double known = d->key[v], cost = cheapest(d, v, true, &h, &place);
         dequeue(d, v);
         if (cost > known) {
             enqueue(d, v, cost);
             continue;
         }
-        collapse(d, v, h);
+        collapse(d, v, h, place);
         vertices--;
     }
 }
@@ -308,6 +341,7 @@ enum status mesh_decimate(struct mesh *mesh, const struct decimate_rules *rules,
     size_t n = mesh->vertex_count, used = 0;
     struct decimation d = {.mesh = mesh, .rules = rules ? *rules : (struct decimate_rules){0}};
     uint32_t ignored;
+    vec3 nowhere;
     enum status status = halfedge_init(&d.he, mesh, 1);
     d.form = alloc_zeroed(n, sizeof *d.form);
     d.key = alloc_array(n, sizeof *d.key);
@@ -319,7 +353,7 @@ enum status mesh_decimate(struct mesh *mesh, const struct decimate_rules *rules,
         memset(d.place, 0xff, n * sizeof *d.place);
         for (uint32_t v = 0; v < n; v++) {
             used += d.he.out[v] != UNUSED;
-            enqueue(&d, v, cheapest(&d, v, false, &ignored));
+            enqueue(&d, v, cheapest(&d, v, false, &ignored, &nowhere));
         }
         collapse_down_to(&d, used, count);
         compact(mesh, d.rules.record, d.place);

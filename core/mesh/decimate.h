@@ -17,6 +17,7 @@
 struct decimate_rules {
     bool borders;          /* they are merged along themselves, for little change of their course; else they stay */
     bool slivers;          /* triangles may be as thin as they were */
+    bool moves;            /* what two vertices become may stand where that costs least, and has no source then */
     uint32_t (*record)[3]; /* of each corner the record of its vertex that it has, which follows; NULL = one for each
                               vertex.  Edges where corners of one vertex differ are seams: merged along themselves */
 };

@@ -147,6 +147,7 @@ static enum status cut_seams(struct run *run, const uint32_t (*record)[3]) {
 /* Collapses edges until as many vertices are left as are kept, or none can go. */
 static enum status collapse(struct run *run, uint32_t (**record)[3]) {
     struct decimate_rules rules = {.borders = true, .slivers = true};
+    rules.moves = run->placement == PLACEMENT_OPTIMAL && !run->faces.record;
     enum status status = faces_mesh(&run->faces, &run->points, &run->mesh);
     if (!status && run->faces.record) {
         *record = rules.record = alloc_array(run->faces.count, sizeof *rules.record);

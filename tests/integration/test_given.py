@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """surface=given: the input's own faces are simplified, with the connectivity that they have."""
 import collections
+import itertools
 import json
 import math
 import os
@@ -143,6 +144,34 @@ def test_vertices_move_freely_unless_there_are_texture_coordinates(tmp_path):
     assert {v[:3] for v in found} <= set(vertices)
     reconstructed = simplify(plain, tmp_path, "--surface", "closed")[2]
     assert set(reconstructed) <= set(vertices)
+
+
+def test_edges_are_collapsed_to_where_that_costs_least(tmp_path):
+    """Before any refinement; corners and edges of a box stay sharp."""
+    path = write_ply(tmp_path / "torus.ply", *torus())
+    error = {}
+    for placement in ("optimal", "subset"):
+        report, _, found, _ = simplify(path, tmp_path, "--placement", placement, "--refine", "none", "--ratio", 0.1)
+        error[placement] = report["error"]["symmetric"]["mean"]
+        assert (set(found) <= set(torus()[0])) == (placement == "subset")
+    assert error["optimal"] < 0.8 * error["subset"]
+    report, _, found, triangles = simplify(write_ply(tmp_path / "box.ply", *box()), tmp_path, "--points", 8)
+    assert len(triangles) == 12 and report["error"]["symmetric"]["max_rel"] < 1e-6
+    assert sorted(tuple(round(c, 4) for c in v) for v in found) == sorted(itertools.product((0, 1), repeat=3))
+
+
+def box(n=12):
+    """The surface of the unit cube, each side of n by n squares."""
+    ids, faces = {}, []
+
+    def place(*p):
+        return ids.setdefault(p, len(ids))
+    for axis, side in itertools.product(range(3), (0, n)):
+        for i, j in itertools.product(range(n), repeat=2):
+            square = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)][::1 if side else -1]
+            faces.append([place(*(c[:axis] + (side,) + c[axis:])) for c in square] if axis != 1 else
+                         [place(*(c[:axis] + (side,) + c[axis:])) for c in square[::-1]])
+    return [tuple(c / n for c in p) for p in ids], faces
 
 
 def test_the_cloud_beside_a_mesh_is_its_vertices(tmp_path):

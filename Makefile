@@ -359,7 +359,7 @@ cluster-tests:
 	@for t in $(filter %/test_blobs,$(unit_programs)) $(filter %/test_catalog_%,$(unit_programs)); do \
 	    echo "  TEST $$t"; $$t || exit; done
 	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider -n 2 \
-	    $(addprefix tests/integration/,test_hosts.py test_rules.py test_hosts_backup.py test_hosts_deploy.py test_transfer.py)
+	    $(addprefix tests/integration/,test_hosts.py test_rules.py test_hostile_store.py test_hosts_backup.py test_hosts_deploy.py test_transfer.py)
 
 # A cluster in network namespaces, as root.  FAULTS=kill-host,cut-primary draws among these alone.
 given = $(filter command% environment%,$(origin $(1)))

@@ -69,15 +69,16 @@ enum status blobs_copy(struct blobs *blobs, const char *from_folder, const char 
     return blobs->backend->copy(blobs, from_folder, to_folder, error);
 }
 
-int blobs_read(struct blobs *blobs, const char *name) {
+int blobs_read(struct blobs *blobs, const char *name, const struct blobs_facts *facts) {
     errno = ENOENT;
-    return is_name(name) ? blobs->backend->read(blobs, name) : -1;
+    return is_name(name) ? blobs->backend->read(blobs, name, facts) : -1;
 }
 
-int blobs_read_range(struct blobs *blobs, const char *name, uint64_t first, uint64_t last) {
-    if (!blobs->backend->read_range) return blobs_read(blobs, name);
+int blobs_read_range(struct blobs *blobs, const char *name, const struct blobs_facts *facts, uint64_t first,
+                     uint64_t last) {
+    if (!blobs->backend->read_range) return blobs_read(blobs, name, facts);
     errno = ENOENT;
-    return is_name(name) ? blobs->backend->read_range(blobs, name, first, last) : -1;
+    return is_name(name) ? blobs->backend->read_range(blobs, name, facts, first, last) : -1;
 }
 
 bool blobs_link(struct blobs *blobs, const char *name, unsigned seconds, const char *type, const char *disposition,

@@ -52,13 +52,21 @@ enum status blobs_put(struct blobs *blobs, const char *folder, const struct blob
 enum status blobs_copy(struct blobs *blobs, const char *from_folder, const char *to_folder,
                        struct error *error) MUST_CHECK;
 
-/* Opens a blob for reading, at any place; -1 with errno, ENOENT where there is none, EHOSTUNREACH where its store is
- * away.  The descriptor stays good when the blob is removed. */
-int blobs_read(struct blobs *blobs, const char *name);
+/* What is known of a blob by who reads it: a backend that copies compares. */
+struct blobs_facts {
+    const char *sha256; /* in hexadecimal, or its first digits; NULL = isn't known */
+    uint64_t bytes;     /* 0 = aren't known */
+};
 
-/* The same for bytes first to last alone, at the places that they have in the blob: others of the file are any.  A
- * range that isn't in the blob: EIO. */
-int blobs_read_range(struct blobs *blobs, const char *name, uint64_t first, uint64_t last);
+/* Opens a blob for reading, at any place; -1 with errno, ENOENT where there is none, EHOSTUNREACH where its store is
+ * away, ENOSPC where there is no room for a copy, EIO where it isn't what is known of it (NULL = nothing is).  The
+ * descriptor stays good when the blob is removed. */
+int blobs_read(struct blobs *blobs, const char *name, const struct blobs_facts *facts);
+
+/* The same for bytes first to last alone, at the places that they have in the blob: others of the file are any.  Their
+ * hash isn't known.  A range that isn't in the blob: EIO. */
+int blobs_read_range(struct blobs *blobs, const char *name, const struct blobs_facts *facts, uint64_t first,
+                     uint64_t last);
 
 /* A URL of the blob at its store that anybody may GET for so many seconds, where it is told as this type and this
  * Content-Disposition.  false: there are none. */

@@ -11,6 +11,7 @@
  * The catalog is opened as it is, so that it can look at what an older or a broken service left.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <errno.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -65,8 +66,11 @@ static void hear_of_unfinished(void *ctx, const char *what) { unfinished(ctx, "%
 static void look_at_file(struct check *check, int fd, const char *name, uint64_t bytes, const char *sha256) {
     char found[DIGEST_HEX_BYTES];
     uint64_t length;
-    if (fd < 0)
+    if (fd < 0 && errno == ENOENT)
         damaged(check, "%s is missing", name);
+    else if (fd < 0)
+        damaged(check, errno == EIO ? "%s isn't what its hash says, or can't be read" : "%s can't be read: %s", name,
+                strerror(errno));
     else if (digest_file(fd, found, &length) != 0)
         damaged(check, "%s can't be read", name);
     else if (bytes != UINT64_MAX && length != bytes)

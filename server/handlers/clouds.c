@@ -45,9 +45,11 @@ static void describe_properties(struct properties *found) {
 static void read_properties(struct service *service, const struct catalog_cloud *record, struct properties *found) {
     memset(found, 0, sizeof *found);
     if (strncmp(record->format, "ply/", 4) != 0) return;
-    int fd = store_cloud_open(service->store, record->sha256);
+    const uint64_t most = record->bytes < PLY_HEADER_MAX_BYTES ? record->bytes : PLY_HEADER_MAX_BYTES;
+    const struct store_range range = {0, most - 1, record->bytes};
+    int fd = most ? store_cloud_open_range(service->store, record->sha256, &range) : -1;
     char *head = malloc(PLY_HEADER_MAX_BYTES);
-    ssize_t n = fd >= 0 && head ? pread(fd, head, PLY_HEADER_MAX_BYTES, 0) : -1;
+    ssize_t n = fd >= 0 && head ? pread(fd, head, most, 0) : -1;
     struct error error = {0};
     if (n > 0 && ply_header_parse(head, (size_t)n, &found->header, &error) == STATUS_OK) describe_properties(found);
     free(head);

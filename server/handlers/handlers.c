@@ -235,13 +235,15 @@ static bool came_before(struct service *service, const struct request *request, 
 }
 
 /* The first bytes of the request's cloud, which is in its body or here already; returns new, NULL: it can't be read. */
-static unsigned char *read_head(struct service *service, const struct request *request, const char *sha256,
-                                size_t *count) {
+static unsigned char *read_head(struct service *service, const struct request *request,
+                                const struct upload_facts *facts, size_t *count) {
     const struct upload *upload = request->body ? body_upload(request->body) : NULL;
     unsigned char *head = alloc_array(HEAD_BYTES, 1);
-    int fd = upload ? -1 : store_cloud_open(service->store, sha256);
+    const size_t most = facts->bytes < HEAD_BYTES ? (size_t)facts->bytes : HEAD_BYTES;
+    const struct store_range range = {0, most - 1, facts->bytes};
+    int fd = upload || !most ? -1 : store_cloud_open_range(service->store, facts->sha256, &range);
     const void *bytes = upload ? upload_head(upload, count) : NULL;
-    ssize_t n = fd >= 0 && head ? pread(fd, head, HEAD_BYTES, 0) : -1;
+    ssize_t n = fd >= 0 && head ? pread(fd, head, most, 0) : -1;
     if (bytes && head) memcpy(head, bytes, *count = *count < HEAD_BYTES ? *count : HEAD_BYTES);
     if (n >= 0) *count = (size_t)n;
     if (fd >= 0) close(fd);
@@ -255,7 +257,7 @@ static bool fits(struct service *service, const struct request *request, const s
                  struct job *job, struct problem *problem) {
     struct admission admission = service_admission(service->config, &job->params);
     size_t count;
-    unsigned char *head = read_head(service, request, facts->sha256, &count);
+    unsigned char *head = read_head(service, request, facts, &count);
     bool ok = !head || admission_check(&admission, head, count, facts->bytes, &job->memory_bytes, problem);
     free(head);
     return ok;

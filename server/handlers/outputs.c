@@ -112,14 +112,28 @@ static void describe_output(const struct job *job, const struct job_output *outp
     response_header(response, "Cache-Control", "%s", for_ever);
 }
 
+/* What can't be opened for reading, as errno says: its store is away, or this host lacks something that it may have
+ * later, and others now. */
+static void refuse_unreadable(struct response *response, const char *what) {
+    static const int lacks[] = {ENOSPC, EDQUOT, EFBIG, ENOMEM, EMFILE, ENFILE};
+    int reason = errno;
+    bool is_short = false;
+    for (size_t i = 0; i < sizeof lacks / sizeof *lacks; i++) is_short = is_short || reason == lacks[i];
+    if (reason == EHOSTUNREACH)
+        response_refuse(response, PROBLEM_NOT_READY, "the store of outputs and clouds doesn't answer");
+    else if (is_short)
+        response_refuse(response, PROBLEM_NOT_READY, "this host can't take %s out of the store now: %s", what,
+                        strerror(reason));
+    else
+        response_refuse(response, PROBLEM_INTERNAL_ERROR, "%s can't be read", what);
+}
+
 void handlers_send_content(const struct request *request, const struct job *job, const struct job_output *output,
                            int fd, struct response *response) {
     char etag[DIGEST_HEX_BYTES + 2];
     snprintf(etag, sizeof etag, "\"%s\"", output->sha256);
-    if (fd < 0 && errno == EHOSTUNREACH) {
-        response_refuse(response, PROBLEM_NOT_READY, "the store of outputs and clouds doesn't answer");
-    } else if (fd < 0) {
-        response_refuse(response, PROBLEM_INTERNAL_ERROR, "the output can't be read");
+    if (fd < 0) {
+        refuse_unreadable(response, "the output");
     } else if (request_none_match(request, etag)) {
         close(fd);
         response_unchanged(response, etag, for_ever, output->bytes);
@@ -158,7 +172,7 @@ static bool redirect(struct service *service, const struct request *request, con
 static void send_stored(struct service *service, const struct request *request, const struct job *job,
                         const struct job_output *output, struct response *response) {
     char etag[DIGEST_HEX_BYTES + 2];
-    struct store_range range = {0, 0};
+    struct store_range range = {.of = output->bytes};
     snprintf(etag, sizeof etag, "\"%s\"", output->sha256);
     if (request_none_match(request, etag)) {
         response_unchanged(response, etag, for_ever, output->bytes);
@@ -170,10 +184,10 @@ static void send_stored(struct service *service, const struct request *request, 
         refuse_range(-1, output->bytes, response);
         return;
     }
-    if (request->head) range = (struct store_range){0, 0};
+    if (request->head) range.first = range.last = 0;
     bool is_part = output->bytes && (kind != RANGE_NONE || request->head);
     const struct store_range *part = is_part ? &range : NULL;
-    int fd = job->id[0] ? store_output_open_range(service->store, job->id, job->attempt, output->name, part)
+    int fd = job->id[0] ? store_output_open_range(service->store, job->id, job->attempt, output, part)
                         : store_cloud_open_range(service->store, output->sha256, part);
     handlers_send_content(request, job, output, fd, response);
 }
@@ -244,16 +258,19 @@ static int make_level(struct service *service, const struct job *job, uint64_t p
     struct error error = {0};
     uint64_t held = 0;
     char allowed[80], value[24];
-    int from = store_output_open(service->store, job->id, job->attempt, level->name),
-        to = scratch_nameless_open(store_scratch(service->store));
-    enum status status = from < 0 || to < 0
-                             ? error_set(&error, STATUS_IO, "level", "can't open %s or its copy", level->name)
-                             : cloud_prefix_copy(from, to, points, &held, &error);
+    int from = store_output_open_range(service->store, job->id, job->attempt, level, NULL),
+        to = from < 0 ? -1 : scratch_nameless_open(store_scratch(service->store));
+    if (to < 0) {
+        refuse_unreadable(response, "the output");
+        folders_close(from);
+        return -1;
+    }
+    enum status status = cloud_prefix_copy(from, to, points, &held, &error);
     if (status == STATUS_OK && digest_file(to, level->sha256, &level->bytes) != 0)
         status = error_set(&error, STATUS_IO, "level", "can't read what was written");
-    if (from >= 0) close(from);
+    close(from);
     if (status == STATUS_OK) return to;
-    if (to >= 0) close(to);
+    close(to);
     snprintf(allowed, sizeof allowed, "1 to %llu points, those of this output", (unsigned long long)held);
     snprintf(value, sizeof value, "%llu", (unsigned long long)points);
     if (status == STATUS_LIMIT)
@@ -347,13 +364,14 @@ static const char TILESET[] = "tileset.3tz";
 struct reading {
     struct service *service;
     const struct job *job;
+    const struct job_output *output;
 };
 
 static bool read_output(void *ctx, uint64_t at, void *to, size_t n) {
     const struct reading *r = ctx;
-    const struct store_range range = {at, at + n - 1};
+    const struct store_range range = {at, at + n - 1, r->output->bytes};
     if (!n) return true;
-    int fd = store_output_open_range(r->service->store, r->job->id, r->job->attempt, TILESET, &range);
+    int fd = store_output_open_range(r->service->store, r->job->id, r->job->attempt, r->output, &range);
     if (fd < 0) return false;
     bool whole = pread(fd, to, n, (off_t)at) == (ssize_t)n;
     close(fd);
@@ -363,7 +381,7 @@ static bool read_output(void *ctx, uint64_t at, void *to, size_t n) {
 /* The bytes of the archive that are this member: they lie in it as they are. */
 static void send_member(struct service *service, const struct request *request, const struct job *job,
                         const struct job_output *output, const char *name, struct response *response) {
-    struct reading reading = {service, job};
+    struct reading reading = {service, job, output};
     uint64_t first = 0, count = 0;
     char etag[DIGEST_HEX_BYTES + 128];
     enum archive_found found = archive_find(read_output, &reading, output->bytes, name, &first, &count);
@@ -373,13 +391,12 @@ static void send_member(struct service *service, const struct request *request, 
     } else if (found == ARCHIVE_FOUND && request_none_match(request, etag)) {
         response_unchanged(response, etag, for_ever, count);
     } else {
-        const struct store_range range = {first, first + count - 1};
+        const struct store_range range = {first, first + count - 1, output->bytes};
         int fd = found == ARCHIVE_FOUND && count
-                     ? store_output_open_range(service->store, job->id, job->attempt, TILESET, &range)
+                     ? store_output_open_range(service->store, job->id, job->attempt, output, &range)
                      : -1;
         if (fd < 0) {
-            response_refuse(response, errno == EHOSTUNREACH ? PROBLEM_NOT_READY : PROBLEM_INTERNAL_ERROR,
-                            "the tileset can't be read");
+            refuse_unreadable(response, "the tileset");
             return;
         }
         response->kind = RESPONSE_FILE;
@@ -431,6 +448,8 @@ static void get_log(struct service *service, struct request *request, struct res
         uint64_t bytes = fd >= 0 && fstat(fd, &facts) == 0 ? (uint64_t)facts.st_size : 0;
         if (fd >= 0)
             handlers_send_file(request, fd, bytes, NULL, response);
+        else if (service->is_shared && errno != ENOENT)
+            refuse_unreadable(response, "the log");
         else
             response_text(response, 200, "text/plain; charset=utf-8", strdup("")); /* it has not begun */
         if (response->kind == RESPONSE_FILE) response_header(response, "Content-Type", "text/plain; charset=utf-8");

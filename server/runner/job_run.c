@@ -68,6 +68,7 @@ struct run {
     int64_t moved_ms, cpu_ns;    /* when it was last known to go on; the processor time that it had then */
     bool timed_out, stalled;
     bool input_missing;              /* the store has answered that the job's cloud isn't there */
+    bool input_damaged;              /* what it gives isn't the cloud */
     bool is_short;                   /* this host lacks what the job takes */
     char output[SCRATCH_PATH_BYTES]; /* the folder that it writes into */
     struct confine_limits limits;
@@ -113,6 +114,7 @@ static enum status start(struct run *run, struct error *error) {
     dprintf(run->log_fd, "attempt %d begins\n", run->job->attempt);
     int input_fd = store_cloud_open(run->service->store, run->job->cloud);
     run->input_missing = input_fd < 0 && errno == ENOENT;
+    run->input_damaged = input_fd < 0 && errno == EIO;
     if (input_fd < 0) return error_set(error, STATUS_IO, "worker", "can't open the job's input: %s", strerror(errno));
     run->limits = (struct confine_limits){.cpu_ms = config->job_cpu_ms, .file_bytes = config->job_file_bytes};
     limit_memory(run->job, threads, config->job_memory_bytes, &run->limits);
@@ -157,7 +159,7 @@ static enum status start_when_possible(struct run *run, struct error *error) {
         enum status status = start(run, error);
         bool wanted = atomic_load(&run->control->command) == WORKER_GO_ON;
         if (status == STATUS_OK || run->input_missing || !wanted) return status;
-        run->is_short = run->service->is_shared && events_clock_ms() >= until;
+        run->is_short = run->service->is_shared && !run->input_damaged && events_clock_ms() >= until;
         if (events_clock_ms() >= until) return status;
         log_line(LOG_WARNING, "job=%s can't be started yet: %s", run->job->id, error->text);
         if (run->log_fd >= 0) close(run->log_fd);
@@ -335,7 +337,9 @@ static void write_obituary(const struct run *run, enum problem_kind kind, struct
 /* The first bytes of the job's cloud; returns new, NULL without memory or cloud. */
 static unsigned char *read_head(const struct run *run, size_t *n) {
     unsigned char *head = calloc(1, HEAD_BYTES);
-    int fd = store_cloud_open(run->service->store, run->job->cloud);
+    const uint64_t bytes = run->job->input_bytes;
+    const struct store_range range = {0, (bytes < HEAD_BYTES ? bytes : HEAD_BYTES) - 1, bytes};
+    int fd = bytes ? store_cloud_open_range(run->service->store, run->job->cloud, &range) : -1;
     ssize_t got = fd >= 0 && head ? pread(fd, head, HEAD_BYTES, 0) : 0;
     *n = got > 0 ? (size_t)got : 0;
     if (fd >= 0) close(fd);

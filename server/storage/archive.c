@@ -73,7 +73,11 @@ static bool copy(struct store *store, const struct archive_member *member, unsig
                  struct problem *problem) {
     int fd = store_cloud_open(store, member->sha256);
     uint64_t left = member->bytes;
-    bool ok = fd >= 0 || lose(member, "is not here any more", problem);
+    bool ok = fd >= 0;
+    if (!ok && errno == ENOENT)
+        lose(member, "is not here any more", problem);
+    else if (!ok)
+        problem_set(problem, PROBLEM_NOT_READY, "the cloud %.64s can't be read: %s", member->sha256, strerror(errno));
     while (ok && left > 0) {
         ssize_t n = read(fd, piece, left < PIECE_BYTES ? (size_t)left : PIECE_BYTES);
         if (n < 0 && errno == EINTR) continue;

@@ -16,6 +16,7 @@
 
 #include "core/base/alloc.h"
 #include "core/base/fault.h"
+#include "server/base/away.h"
 #include "server/base/digest.h"
 #include "server/blobs/blobs.h"
 #include "server/blobs/lost_found.h"
@@ -82,8 +83,12 @@ void store_watch_unfinished(struct store *store, const struct blobs_unfinished *
 
 bool store_give_up(struct store *store, const char *what) { return blobs_give_up(store->blobs, what); }
 
-static int read_part(struct store *store, const char *name, const struct store_range *range) {
-    return range ? blobs_read_range(store->blobs, name, range->first, range->last) : blobs_read(store->blobs, name);
+static int read_part(struct store *store, const char *name, const struct blobs_facts *known,
+                     const struct store_range *range) {
+    struct blobs_facts facts = *known;
+    if (!range) return blobs_read(store->blobs, name, &facts);
+    if (range->of) facts.bytes = range->of;
+    return blobs_read_range(store->blobs, name, &facts, range->first, range->last);
 }
 
 static bool link_to(struct store *store, const char *name, const struct store_link *link) {
@@ -93,9 +98,10 @@ static bool link_to(struct store *store, const char *name, const struct store_li
 int store_cloud_open(struct store *store, const char *sha256) { return store_cloud_open_range(store, sha256, NULL); }
 
 int store_cloud_open_range(struct store *store, const char *sha256, const struct store_range *range) {
+    const struct blobs_facts facts = {.sha256 = sha256};
     char name[BLOBS_NAME_BYTES];
     cloud_name(sha256, name);
-    return read_part(store, name, range);
+    return read_part(store, name, &facts, range);
 }
 
 bool store_cloud_link(struct store *store, const char *sha256, const struct store_link *link) {
@@ -128,25 +134,27 @@ enum status store_part_keep(struct store *store, const char *id, const char *sha
 
 /* ------------------------------------------------------------------------------------------------ pieces */
 
-enum status store_piece_keep(struct store *store, const char *upload, const char *name, struct scratch_file *file,
-                             struct error *error) {
-    char folder[BLOBS_NAME_BYTES], sha256[DIGEST_HEX_BYTES];
-    uint64_t bytes;
+enum status store_piece_keep(struct store *store, const char *upload, const char *name, const char *sha256,
+                             struct scratch_file *file, struct error *error) {
+    char folder[BLOBS_NAME_BYTES];
+    struct blobs_source source = scratch_file_source(store->scratch, file, name, sha256);
     snprintf(folder, sizeof folder, "%s/%.60s", uploads, upload);
-    enum status status = digest_file(file->fd, sha256, &bytes) == 0 ? STATUS_OK : store_refused(error, "read", name);
-    if (status == STATUS_OK) {
-        struct blobs_source source = scratch_file_source(store->scratch, file, name, sha256);
-        status = blobs_put(store->blobs, folder, &source, 1, error);
-    }
+    enum status status = blobs_put(store->blobs, folder, &source, 1, error);
     scratch_file_drop(store->scratch, file);
     return status;
 }
 
 enum status store_piece_copy(struct store *store, const char *upload, const char *name, int to, struct error *error) {
     char path[BLOBS_NAME_BYTES];
+    const char *hash = strstr(name, "--");
+    const struct blobs_facts facts = {.sha256 = hash ? hash + 2 : NULL};
     snprintf(path, sizeof path, "%s/%.60s/%.80s", uploads, upload, name);
-    int fd = blobs_read(store->blobs, path);
-    enum status status = fd >= 0 && folders_copy(fd, to) == 0 ? STATUS_OK : store_refused(error, "read", path);
+    int fd = blobs_read(store->blobs, path, &facts);
+    enum status status = STATUS_OK;
+    if (fd < 0 && errno == EHOSTUNREACH)
+        status = error_set(error, STATUS_IO, AWAY, "the store doesn't give %s", path);
+    else if (fd < 0 || folders_copy(fd, to) != 0)
+        status = store_refused(error, "read", path);
     folders_close(fd);
     return status;
 }
@@ -261,14 +269,17 @@ static bool output_path(struct store *store, const char *id, int attempt, const 
 }
 
 int store_output_open(struct store *store, const char *id, int attempt, const char *name) {
-    return store_output_open_range(store, id, attempt, name, NULL);
-}
-
-int store_output_open_range(struct store *store, const char *id, int attempt, const char *name,
-                            const struct store_range *range) {
     char path[BLOBS_NAME_BYTES + JOB_OUTPUT_NAME_BYTES];
     errno = ENOENT;
-    return output_path(store, id, attempt, name, path) ? read_part(store, path, range) : -1;
+    return output_path(store, id, attempt, name, path) ? blobs_read(store->blobs, path, NULL) : -1;
+}
+
+int store_output_open_range(struct store *store, const char *id, int attempt, const struct job_output *output,
+                            const struct store_range *range) {
+    const struct blobs_facts facts = {output->sha256, output->bytes};
+    char path[BLOBS_NAME_BYTES + JOB_OUTPUT_NAME_BYTES];
+    errno = ENOENT;
+    return output_path(store, id, attempt, output->name, path) ? read_part(store, path, &facts, range) : -1;
 }
 
 bool store_output_link(struct store *store, const char *id, int attempt, const char *name,
@@ -334,6 +345,7 @@ struct gathering {
     const char *folder;
     int to_fd;
     size_t found;
+    int error; /* an errno; 0 = none: all that there was could be read */
 };
 
 static void gather_log(void *ctx, const char *name) {
@@ -341,21 +353,27 @@ static void gather_log(void *ctx, const char *name) {
     char path[2 * BLOBS_NAME_BYTES];
     if (strncmp(name, "log.", 4) != 0) return;
     snprintf(path, sizeof path, "%s/%.200s", gathering->folder, name);
-    int fd = blobs_read(gathering->store->blobs, path);
-    if (fd >= 0 && folders_copy(fd, gathering->to_fd) == 0) gathering->found++;
+    int fd = blobs_read(gathering->store->blobs, path, NULL);
+    if (fd >= 0 && folders_copy(fd, gathering->to_fd) == 0)
+        gathering->found++;
+    else if (errno != ENOENT)
+        gathering->error = errno;
     folders_close(fd);
 }
 
 int store_log_gather(struct store *store, const char *id) {
     char folder[BLOBS_NAME_BYTES];
     struct error error = {0};
-    struct gathering gathering = {store, folder, scratch_nameless_open(store->scratch), 0};
+    struct gathering gathering = {store, folder, scratch_nameless_open(store->scratch), 0, 0};
     if (gathering.to_fd < 0) return -1;
     snprintf(folder, sizeof folder, "%s/%.80s", jobs, id);
     enum status status = blobs_list(store->blobs, folder, gather_log, &gathering, &error);
-    if (status == STATUS_OK && gathering.found && lseek(gathering.to_fd, 0, SEEK_SET) == 0) return gathering.to_fd;
+    bool is_all = status == STATUS_OK && !gathering.error;
+    if (is_all && gathering.found && lseek(gathering.to_fd, 0, SEEK_SET) == 0) return gathering.to_fd;
     close(gathering.to_fd);
-    return scratch_log_open(store->scratch, id, false);
+    int own_fd = scratch_log_open(store->scratch, id, false);
+    if (own_fd < 0 && !is_all) errno = gathering.error ? gathering.error : EHOSTUNREACH;
+    return own_fd;
 }
 
 /* The log lies in the same folder where the blobs are in the data folder. */

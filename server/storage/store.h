@@ -4,7 +4,7 @@
  *     clouds/<sha256>                 a blob: an input, by content
  *     jobs/<id>/outputs/<name>        a blob: an output of a job that succeeded; outputs.<n> of its n-th attempt, n > 1
  *     jobs/<id>/log.<host>            a blob, where several hosts share them: what one of them has of the log
- *     uploads/<id>/<offset>-<token>   a blob, where several hosts share them: a piece of an upload
+ *     uploads/<id>/<offset>-<token>--<hash>   a blob, where several hosts share them: a piece of an upload
  *     jobs/<id>/log, uploads/<id>     scratch
  *
  * What is visible is complete and on disk.  All functions may be called from any thread, and block on the disk; those
@@ -39,9 +39,9 @@ struct scratch *store_scratch(struct store *store);
 enum status store_upload_keep(struct store *store, struct scratch_file *upload, const char *sha256,
                               struct error *error) MUST_CHECK;
 
-/* Part of something that is kept: bytes first to last, to be read at their places. */
+/* Part of something that is kept: bytes first to last, to be read at their places, of so many (0 = isn't known). */
 struct store_range {
-    uint64_t first, last;
+    uint64_t first, last, of;
 };
 
 /* How somebody may fetch something at the store itself, for so many seconds, and what it is told as. */
@@ -55,8 +55,8 @@ struct store_link {
 void store_watch_unfinished(struct store *store, const struct blobs_unfinished *unfinished);
 bool store_give_up(struct store *store, const char *what);
 
-/* A cloud, opened for reading, all or at least a range (NULL = all); -1 with errno when there is none, or its store is
- * away.  false: it can't be fetched elsewhere. */
+/* A cloud, opened for reading, all or at least a range (NULL = all); -1 with the errno of blobs_read where it can't be.
+ * false: it can't be fetched elsewhere. */
 int store_cloud_open(struct store *store, const char *sha256);
 int store_cloud_open_range(struct store *store, const char *sha256, const struct store_range *range);
 bool store_cloud_link(struct store *store, const char *sha256, const struct store_link *link);
@@ -66,10 +66,11 @@ bool store_cloud_delete(struct store *store, const char *sha256); /* false: it m
 /* Makes the file's content the cloud of this hash, too; the part stays. */
 enum status store_part_keep(struct store *store, const char *id, const char *sha256, struct error *error) MUST_CHECK;
 
-/* Pieces of an upload that several hosts go on with: makes the file, which was flushed, the piece of that name; copies
- * one to where `to` is at; removes all of an upload's.  Ends the file. */
-enum status store_piece_keep(struct store *store, const char *upload, const char *name, struct scratch_file *file,
-                             struct error *error) MUST_CHECK;
+/* Pieces of an upload that several hosts go on with: makes the file, which was flushed and has this hash, the piece of
+ * that name, and ends the file; copies one to where `to` is at; removes all of an upload's.  A name ends with the first
+ * digits of the hash behind two dashes, which are compared when it is copied; those of earlier versions have none. */
+enum status store_piece_keep(struct store *store, const char *upload, const char *name, const char *sha256,
+                             struct scratch_file *file, struct error *error) MUST_CHECK;
 enum status store_piece_copy(struct store *store, const char *upload, const char *name, int to,
                              struct error *error) MUST_CHECK;
 void store_pieces_delete(struct store *store, const char *upload);
@@ -90,9 +91,9 @@ enum status store_outputs_keep(struct store *store, const char *id, int attempt,
 enum status store_outputs_share(struct store *store, const char *from_id, int from_attempt, const char *to_id,
                                 struct error *error) MUST_CHECK;
 
-/* Opens an output for reading, like a cloud. */
+/* Opens an output for reading, like a cloud: by its name alone, or as what its row says. */
 int store_output_open(struct store *store, const char *id, int attempt, const char *name);
-int store_output_open_range(struct store *store, const char *id, int attempt, const char *name,
+int store_output_open_range(struct store *store, const char *id, int attempt, const struct job_output *output,
                             const struct store_range *range);
 bool store_output_link(struct store *store, const char *id, int attempt, const char *name,
                        const struct store_link *link);
@@ -107,8 +108,8 @@ int store_log_open(struct store *store, const char *id, bool append);
 /* Makes what this host has of a job's log a blob, for other hosts to read; again, in the place of what it was. */
 enum status store_log_share(struct store *store, const char *id, const char *host, struct error *error) MUST_CHECK;
 
-/* Opens what all hosts have shared of it, one after the other; this host's own where they have nothing.  -1 when there
- * is none. */
+/* Opens what all hosts have shared of it, one after the other; this host's own where they have nothing.  -1 with errno,
+ * ENOENT when there is none. */
 int store_log_gather(struct store *store, const char *id);
 
 /* Removes an attempt's outputs, or all of the job, its log too: they vanish at once. */

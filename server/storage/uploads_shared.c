@@ -293,12 +293,19 @@ static bool shared_write(struct uploads_writer *any, const void *bytes, size_t c
 static enum status put_piece(struct shared_writer *writer, struct scratch_file *file, uint64_t offset, uint64_t bytes,
                              int64_t expires_ms, bool *held, struct error *error) {
     struct shared *uploads = writer->uploads;
+    enum { HASH_DIGITS = 8 }; /* as many as a piece's name has room for */
     struct catalog_piece piece = {.offset = offset, .bytes = bytes};
     const char *id = writer->info.id;
+    char sha256[DIGEST_HEX_BYTES] = "";
+    uint64_t found;
     enum status status = STATUS_OK;
-    snprintf(piece.name, sizeof piece.name, "%020llu-%s", (unsigned long long)offset, writer->token);
-    if (bytes) status = scratch_file_sync(file, error);
-    if (status == STATUS_OK && bytes) status = store_piece_keep(uploads->store, id, piece.name, file, error);
+    if (bytes && digest_file(file->fd, sha256, &found) != 0)
+        status =
+            error_set(error, status_from_errno(errno), "uploads", "can't read a piece of %s: %s", id, strerror(errno));
+    snprintf(piece.name, sizeof piece.name, "%020llu-%s--%.*s", (unsigned long long)offset, writer->token, HASH_DIGITS,
+             sha256);
+    if (status == STATUS_OK && bytes) status = scratch_file_sync(file, error);
+    if (status == STATUS_OK && bytes) status = store_piece_keep(uploads->store, id, piece.name, sha256, file, error);
     fault_at("piece-kept");
     if (status == STATUS_OK)
         status = catalog_add_piece(uploads->catalog, id, writer->token, &piece, expires_ms, held, error);

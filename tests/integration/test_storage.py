@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 
-from conftest import SMALL, Daemon, sphere, wait_until
+from conftest import HOSTS, SMALL, Daemon, sphere, wait_until
 
 SMALL_DISK = "mount -t tmpfs -o size=$SIZE whittled \"$DATA\" && exec \"$@\""
 
@@ -60,7 +60,7 @@ def test_a_disk_that_fills_during_the_job(cramped):
     cloud = sphere(25000)  # in and out together are longer than the disk
     job_id = cramped.submit(cloud, "?ratio=1&outputs=cloud,xyz,mesh")
     job = cramped.ended(job_id)
-    assert job["status"] == "failed" and job["attempt"] == 1
+    assert job["status"] == "failed" and job["attempt"] == (3 if HOSTS else 1)  # another host might have more room
     problem = job["problem"]
     assert problem["type"] == "/problems/storage-full" and problem["status"] == 507
     assert "No space left on device" in problem["detail"]

@@ -112,7 +112,7 @@ enum status blobs_fixture_put(struct blobs_fixture *f, const char *folder, const
 
 bool blobs_fixture_has(struct blobs_fixture *f, const char *name, const char *text) {
     char found[256] = "";
-    int fd = blobs_read(f->blobs, name);
+    int fd = blobs_read(f->blobs, name, NULL);
     assert_int_equal(fd >= 0, blobs_exist(f->blobs, name));
     if (fd < 0) return false;
     assert_int_equal(pread(fd, found, sizeof found - 1, 0), strlen(text));

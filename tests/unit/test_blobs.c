@@ -22,7 +22,7 @@ static void what_was_put_is_there(void **state) {
     PUT(f, "clouds", "a", "first");
     assert_true(blobs_fixture_has(f, "clouds/a", "first"));
     assert_false(blobs_fixture_has(f, "clouds/b", ""));
-    assert_int_equal(blobs_read(f->blobs, "clouds/b"), -1);
+    assert_int_equal(blobs_read(f->blobs, "clouds/b", NULL), -1);
     assert_int_equal(errno, ENOENT);
     blobs_fixture_reopen(f);
     assert_true(blobs_fixture_has(f, "clouds/a", "first"));
@@ -37,7 +37,7 @@ static void an_empty_blob_is_one(void **state) {
 static void a_name_that_is_there_is_replaced(void **state) {
     struct blobs_fixture *f = *state;
     PUT(f, "clouds", "a", "first, and longer");
-    int before = blobs_read(f->blobs, "clouds/a");
+    int before = blobs_read(f->blobs, "clouds/a", NULL);
     PUT(f, "clouds", "a", "second");
     assert_true(blobs_fixture_has(f, "clouds/a", "second"));
     char found[32] = "";
@@ -76,7 +76,7 @@ static void what_is_removed_is_gone_and_nothing_else(void **state) {
     PUT(f, "jobs/1/outputs", "a", "1", "b", "2");
     PUT(f, "jobs/1/outputs.2", "a", "1");
     PUT(f, "jobs/10/outputs", "a", "1");
-    int open_still = blobs_read(f->blobs, "jobs/1/outputs/b");
+    int open_still = blobs_read(f->blobs, "jobs/1/outputs/b", NULL);
     blobs_remove(f->blobs, "jobs/1/outputs/a");
     assert_false(blobs_fixture_has(f, "jobs/1/outputs/a", ""));
     assert_true(blobs_fixture_has(f, "jobs/1/outputs/b", "2"));
@@ -111,7 +111,7 @@ static void names_that_lead_elsewhere_are_nobodys(void **state) {
         "", "/", "clouds/", "/etc/passwd", "../scratch/a", "clouds/../a", "clouds//a", "clouds/.", "clouds/.a", "."};
     PUT(f, "clouds", "a", "x");
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
-        assert_int_equal(blobs_read(f->blobs, names[i]), -1);
+        assert_int_equal(blobs_read(f->blobs, names[i], NULL), -1);
         assert_false(blobs_exist(f->blobs, names[i]));
         blobs_remove(f->blobs, names[i]);
         const char *const put[] = {"a", "y", NULL};
@@ -149,7 +149,7 @@ static void a_large_blob_is_read_at_any_place(void **state) {
     close(fd);
     struct blobs_source source = {"large", f->scratch_fd, "large", hex};
     assert_int_equal(blobs_put(f->blobs, "clouds", &source, 1, &f->error), STATUS_OK);
-    fd = blobs_read(f->blobs, "clouds/large");
+    fd = blobs_read(f->blobs, "clouds/large", NULL);
     assert_int_equal(lseek(fd, 0, SEEK_END), BYTES);
     assert_int_equal(pread(fd, found, 10, 2000001), 10);
     assert_memory_equal(found, bytes + 2000001, 10);

@@ -172,7 +172,8 @@ static enum status file_copy(struct blobs *blobs, const char *from_folder, const
 
 /* ------------------------------------------------------------------------------------------------ read, remove */
 
-static int file_read(struct blobs *blobs, const char *name) {
+static int file_read(struct blobs *blobs, const char *name, const struct blobs_facts *facts) {
+    (void)facts; /* it is what was put, or the disk says so */
     return openat(file_of(blobs)->root_fd, name, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
 }
 

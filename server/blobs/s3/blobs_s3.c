@@ -2,7 +2,7 @@
  *
  * The store checks the hash of what is put: whole, or of each part of what is long, and the whole's is compared here.
  * What is read, all or a range, comes as a copy, into a file without a name in the folder that the store was opened
- * with.
+ * with, and is compared with what the reader knows of it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <errno.h>
@@ -20,6 +20,7 @@
 #include "server/base/folders.h"
 #include "server/blobs/blobs_backend.h"
 #include "server/blobs/s3/s3_client.h"
+#include "server/daemon/log.h"
 
 enum { FOLDER_BYTES = 4096, QUERY_BYTES = 4096, PATH_BYTES = 2 * BLOBS_NAME_BYTES };
 
@@ -31,10 +32,9 @@ struct blobs_s3 {
 
 static struct blobs_s3 *s3_of(struct blobs *blobs) { return (struct blobs_s3 *)(void *)blobs; }
 
-/* An answer that isn't the one that was hoped for. */
+/* An answer that isn't the one that was hoped for: whoever asked for it may come again. */
 static enum status refused(struct error *error, const char *what, const char *name, int code) {
-    return error_set(error, STATUS_IO, code < 500 ? "blobs" : AWAY, "can't %s %.200s: the store answered %d", what,
-                     name, code);
+    return error_set(error, STATUS_IO, AWAY, "can't %s %.200s: the store answered %d", what, name, code);
 }
 
 /* ------------------------------------------------------------------------------------------------ list */
@@ -65,6 +65,7 @@ static void tell_names(const struct listing *listing, const char *text, const ch
     while (next_between(&text, open, close, &key, &length)) {
         char name[PATH_BYTES];
         if (length <= listing->skip || length - listing->skip >= sizeof name) continue;
+        if (strncmp(key, listing->prefix, listing->skip) != 0) continue;
         snprintf(name, sizeof name, "%.*s", (int)(length - listing->skip), key + listing->skip);
         if (name[strlen(name) - 1] == '/') name[strlen(name) - 1] = 0;
         listing->found(listing->ctx, name);
@@ -84,13 +85,14 @@ static bool make_query(const struct listing *listing, const char *token, int mos
     return ok && n > 0 && n < QUERY_BYTES;
 }
 
-/* Page by page; *count (NULL = not wanted) is ended by its first page. */
+/* Page by page. */
 static enum status list_keys(struct blobs_s3 *s3, const struct listing *listing, struct error *error) {
     enum { PAGE = 1000 };
     char query[QUERY_BYTES], token[1024] = "";
     bool more = true;
     while (more) {
-        struct s3_request request = {.method = "GET", .query = query, .to_fd = -1, .body_fd = -1};
+        struct s3_request request = {
+            .method = "GET", .query = query, .to_fd = -1, .body_fd = -1, .ends_with = "</ListBucketResult>"};
         int code;
         if (!make_query(listing, token[0] ? token : NULL, PAGE, query))
             return error_set(error, STATUS_NO_MEMORY, "blobs", "no memory");
@@ -105,6 +107,9 @@ static enum status list_keys(struct blobs_s3 *s3, const struct listing *listing,
             more = next_between(&at, "<NextContinuationToken>", "</NextContinuationToken>", &text, &length) &&
                    length < sizeof token;
             if (more) snprintf(token, sizeof token, "%.*s", (int)length, text);
+            if (!more && strstr(request.text, "<IsTruncated>true"))
+                status =
+                    error_set(error, STATUS_IO, AWAY, "the store doesn't tell how %.200s goes on", listing->prefix);
         }
         free(request.text);
         if (status != STATUS_OK) return status;
@@ -189,6 +194,13 @@ static enum status s3_open(const char *where, const char *folder, struct blobs *
 
 /* ------------------------------------------------------------------------------------------------ put, copy */
 
+/* Whether the file has this hash: who refuses it otherwise has got something else. */
+static bool is_content(int fd, const char *sha256) {
+    char found[DIGEST_HEX_BYTES];
+    uint64_t bytes;
+    return digest_file(fd, found, &bytes) == 0 && strcmp(found, sha256) == 0;
+}
+
 /* The file whole, in one request.  The store compares its hash. */
 static enum status put_whole(struct blobs_s3 *s3, const char *name, int fd, uint64_t bytes, const char *sha256,
                              struct error *error) {
@@ -196,7 +208,7 @@ static enum status put_whole(struct blobs_s3 *s3, const char *name, int fd, uint
         .method = "PUT", .name = name, .body_fd = fd, .body_bytes = bytes, .sha256 = sha256, .to_fd = -1};
     int code;
     enum status status = s3_client_ask(s3->client, &request, &code, error);
-    if (status == STATUS_OK && code == 400)
+    if (status == STATUS_OK && code == 400 && !is_content(fd, sha256))
         status = error_set(error, STATUS_MALFORMED, "blobs", "%.200s isn't what its hash says", name);
     else if (status == STATUS_OK && code != 200)
         status = refused(error, "put", name, code);
@@ -215,8 +227,12 @@ struct parts {
 };
 
 static enum status begin_parts(struct blobs_s3 *s3, struct parts *parts, struct error *error) {
-    struct s3_request request = {
-        .method = "POST", .name = parts->name, .query = "uploads=", .body_fd = -1, .to_fd = -1};
+    struct s3_request request = {.method = "POST",
+                                 .name = parts->name,
+                                 .query = "uploads=",
+                                 .body_fd = -1,
+                                 .to_fd = -1,
+                                 .ends_with = "</InitiateMultipartUploadResult>"};
     int code;
     enum status status = s3_client_ask(s3->client, &request, &code, error);
     const char *at = request.text, *id;
@@ -257,7 +273,7 @@ static enum status put_part(struct blobs_s3 *s3, struct parts *parts, int number
                                  .sha256 = sha256,
                                  .to_fd = -1};
     enum status status = s3_client_ask(s3->client, &request, &code, error);
-    if (status == STATUS_OK && (code != 200 || !request.etag[0])) status = refused(error, "put", parts->name, code);
+    if (status == STATUS_OK && code != 200) status = refused(error, "put", parts->name, code);
     if (status == STATUS_OK)
         fprintf(parts->writer, "<Part><PartNumber>%d</PartNumber><ETag>%s</ETag></Part>", number, request.etag);
     free(request.text);
@@ -279,10 +295,10 @@ static enum status complete_parts(struct blobs_s3 *s3, struct parts *parts, stru
                                  .body_fd = -1,
                                  .body_text = parts->list,
                                  .sha256 = sha256,
-                                 .to_fd = -1};
+                                 .to_fd = -1,
+                                 .ends_with = "</CompleteMultipartUploadResult>"};
     enum status status = s3_client_ask(s3->client, &request, &code, error);
-    bool is_done =
-        status == STATUS_OK && code == 200 && request.text && strstr(request.text, "<CompleteMultipartUploadResult");
+    bool is_done = status == STATUS_OK && code == 200;
     if (status == STATUS_OK && code == 404) {
         status = s3_client_ask(s3->client, &look, &code, error);
         is_done = status == STATUS_OK && code == 200;
@@ -377,7 +393,12 @@ static enum status s3_copy(struct blobs *blobs, const char *from_folder, const c
         int code;
         int n = snprintf(from, sizeof from, "%s/%s", from_folder, names.name[i]);
         int m = snprintf(to, sizeof to, "%s/%s", to_folder, names.name[i]);
-        struct s3_request request = {.method = "PUT", .name = to, .copy_of = from, .body_fd = -1, .to_fd = -1};
+        struct s3_request request = {.method = "PUT",
+                                     .name = to,
+                                     .copy_of = from,
+                                     .body_fd = -1,
+                                     .to_fd = -1,
+                                     .ends_with = "</CopyObjectResult>"};
         if (n < 0 || n >= PATH_BYTES || m < 0 || m >= PATH_BYTES) continue;
         status = s3_client_ask(s3->client, &request, &code, error);
         if (status == STATUS_OK && code != 200) status = refused(error, "copy", from, code);
@@ -412,21 +433,27 @@ static int fetch(struct blobs_s3 *s3, struct s3_request *request) {
     free(request->text);
     if (status == STATUS_OK && code == (request->is_range ? 206 : 200) && lseek(fd, 0, SEEK_SET) == 0) return fd;
     close(fd);
-    bool is_away = status == STATUS_IO || (status == STATUS_OK && code >= 500);
+    bool is_away = status == STATUS_IO || (status == STATUS_OK && code != 416);
+    if (status == STATUS_MALFORMED) log_line_seldom(LOG_ERROR, "%s: %s", error.where, error.text);
     errno = status == STATUS_OK && code == 404 ? ENOENT
             : status == STATUS_NO_SPACE        ? ENOSPC
+            : status == STATUS_NO_MEMORY       ? ENOMEM
             : is_away                          ? EHOSTUNREACH
                                                : EIO;
     return -1;
 }
 
-static int s3_read(struct blobs *blobs, const char *name) {
-    struct s3_request request = {.name = name};
+static const struct blobs_facts nothing_known = {0};
+
+static int s3_read(struct blobs *blobs, const char *name, const struct blobs_facts *facts) {
+    struct s3_request request = {.name = name, .expected = facts ? *facts : nothing_known};
     return fetch(s3_of(blobs), &request);
 }
 
-static int s3_read_range(struct blobs *blobs, const char *name, uint64_t first, uint64_t last) {
-    struct s3_request request = {.name = name, .is_range = true, .first = first, .last = last};
+static int s3_read_range(struct blobs *blobs, const char *name, const struct blobs_facts *facts, uint64_t first,
+                         uint64_t last) {
+    struct s3_request request = {
+        .name = name, .is_range = true, .first = first, .last = last, .expected = facts ? *facts : nothing_known};
     return fetch(s3_of(blobs), &request);
 }
 
@@ -435,18 +462,33 @@ static bool s3_link(struct blobs *blobs, const char *name, unsigned seconds, con
     return s3_client_presign(s3_of(blobs)->client, name, seconds, type, disposition, url, bytes);
 }
 
+/* Whether a listing has the name itself, or one below it. */
+struct looking {
+    const char *name;
+    bool is_found;
+};
+
+static void look_for(void *ctx, const char *name) {
+    struct looking *looking = ctx;
+    size_t length = strlen(looking->name);
+    looking->is_found =
+        looking->is_found || (strncmp(name, looking->name, length) == 0 && (!name[length] || name[length] == '/'));
+}
+
+/* An answer to HEAD has no text that could say whose it is: that there is none is what a listing says. */
 static bool s3_exist(struct blobs *blobs, const char *name) {
     struct blobs_s3 *s3 = s3_of(blobs);
     struct s3_request request = {.method = "HEAD", .name = name, .body_fd = -1, .to_fd = -1};
-    struct names names = {0};
+    struct looking looking = {.name = name};
     struct error error = {0};
+    char prefix[PATH_BYTES + 512];
     int code;
     enum status status = s3_client_ask(s3->client, &request, &code, &error);
     free(request.text);
     if (status != STATUS_OK || code != 404) return true;
-    bool may_be_folder = collect(s3, name, false, &names, &error) != STATUS_OK || names.count > 0;
-    free_names(&names);
-    return may_be_folder;
+    snprintf(prefix, sizeof prefix, "%s%s", s3_client_prefix(s3->client), name);
+    struct listing listing = {prefix, strlen(s3_client_prefix(s3->client)), true, look_for, &looking};
+    return list_keys(s3, &listing, &error) != STATUS_OK || looking.is_found;
 }
 
 static bool delete_one(struct blobs_s3 *s3, const char *name) {

@@ -3,6 +3,10 @@
  * A store that is stopped, or full, doesn't refuse but hangs: whoever moves fewer than MIN_BYTES_S for STALL_S is cut
  * off.  Every request may be made again (a name stands for one content), so one that had no answer is, twice.
  *
+ * Proxies stand between, which break answers off, or answer themselves.  An answer is taken for the store's where it
+ * is whole: objects have the length and the hash that they are known by, texts their end, errors a code of S3's (a
+ * page that says 404 doesn't mean that an object isn't there).
+ *
  * A store refuses what was signed at another time than its own.  So requests are signed by the store's clock, as its
  * answers tell it, where the machine's is off.
  *
@@ -24,12 +28,14 @@
 #include "core/base/alloc.h"
 #include "core/base/fault.h"
 #include "server/base/away.h"
+#include "server/base/digest.h"
 #include "server/blobs/s3/signature_v4.h"
 #include "server/daemon/setting_file.h"
 
 enum { CONNECT_S = 5, STALL_S = 15, MIN_BYTES_S = 512, TRIES = 3, PAUSE_MS = 200, HANDLES = 8 };
 enum { CLOCK_OFF_S = 60, DATE_BYTES = 64 };
 enum { PART_BYTES = 512, URL_BYTES = 2048, TEXT_MAX_BYTES = 8 << 20 };
+enum { CONTENT_RANGE_BYTES = 96 };
 
 struct s3_client {
     char endpoint[PART_BYTES], host[PART_BYTES], bucket[PART_BYTES], prefix[PART_BYTES], ca[PART_BYTES];
@@ -183,28 +189,37 @@ char *s3_client_encode(const char *text) {
 
 struct exchange {
     struct s3_request *request;
-    uint64_t sent, text_bytes;
-    bool is_short_of_memory;
+    CURL *curl;
+    uint64_t sent, text_bytes, taken; /* taken: of an object */
+    struct digest *digest;            /* of what is taken; NULL = nobody knows what it should be */
+    bool is_short_of_memory, is_too_long;
     int write_errno;
     time_t answered_s; /* by the store's clock; 0 = it didn't say */
+    char content_range[CONTENT_RANGE_BYTES];
 };
 
-/* Keeps the time at which the store has answered, and the object's tag. */
+/* Whether a header is called so ("etag:"); its value goes to text, "" where it is too long. */
+static bool read_header(const char *bytes, size_t length, const char *name, char *text, size_t room) {
+    size_t skip = strlen(name);
+    if (length < skip || strncasecmp(bytes, name, skip) != 0) return false;
+    while (skip < length && bytes[skip] == ' ') skip++;
+    int n = snprintf(text, room, "%.*s", (int)(length - skip), bytes + skip);
+    if (n < 0 || (size_t)n >= room) text[0] = 0;
+    text[strcspn(text, "\r\n")] = 0;
+    return true;
+}
+
+/* Keeps the time at which the store has answered, the object's tag, and which part of it comes. */
 static size_t take_header(char *bytes, size_t size, size_t count, void *ctx) {
-    static const char name[] = "date:", tag[] = "etag:";
     struct exchange *exchange = ctx;
     size_t length = size * count;
-    char text[DATE_BYTES], *etag = exchange->request->etag;
-    if (length > sizeof tag && length < S3_ETAG_BYTES && strncasecmp(bytes, tag, sizeof tag - 1) == 0) {
-        snprintf(etag, S3_ETAG_BYTES, "%.*s", (int)(length - sizeof tag + 1), bytes + sizeof tag - 1);
-        memmove(etag, etag + strspn(etag, " "), strlen(etag + strspn(etag, " ")) + 1);
-        etag[strcspn(etag, "\r\n")] = 0;
-    }
-    if (length > sizeof name && length < sizeof text && strncasecmp(bytes, name, sizeof name - 1) == 0) {
-        snprintf(text, sizeof text, "%.*s", (int)(length - sizeof name + 1), bytes + sizeof name - 1);
+    char text[DATE_BYTES];
+    if (read_header(bytes, length, "date:", text, sizeof text)) {
         time_t said = curl_getdate(text, NULL);
         if (said > 0) exchange->answered_s = said;
     }
+    read_header(bytes, length, "etag:", exchange->request->etag, S3_ETAG_BYTES);
+    read_header(bytes, length, "content-range:", exchange->content_range, CONTENT_RANGE_BYTES);
     return length;
 }
 
@@ -234,11 +249,27 @@ static size_t take_text(struct exchange *exchange, const char *bytes, size_t cou
     return count;
 }
 
-/* What follows an error's status is text, whatever was asked for; it is not kept of an object. */
+/* The status with which an object comes. */
+static int wanted_code(const struct s3_request *request) { return request->is_range ? 206 : 200; }
+
+/* How many bytes are to come of the object; UINT64_MAX: nobody knows. */
+static uint64_t wanted_bytes(const struct s3_request *request) {
+    if (request->is_range) return request->last - request->first + 1;
+    return request->expected.bytes ? request->expected.bytes : UINT64_MAX;
+}
+
+/* What follows another status than the one that was hoped for is text, whatever was asked for. */
 static size_t take_bytes(char *bytes, size_t size, size_t count, void *ctx) {
     struct exchange *exchange = ctx;
     size_t length = size * count;
-    if (exchange->request->to_fd < 0) return take_text(exchange, bytes, length);
+    long code = 0;
+    curl_easy_getinfo(exchange->curl, CURLINFO_RESPONSE_CODE, &code);
+    if (exchange->request->to_fd < 0 || code != wanted_code(exchange->request))
+        return take_text(exchange, bytes, length);
+    exchange->is_too_long = length > wanted_bytes(exchange->request) - exchange->taken;
+    if (exchange->is_too_long) return 0;
+    exchange->taken += length;
+    if (exchange->digest) digest_update(exchange->digest, bytes, length);
     for (size_t done = 0; done < length;) {
         ssize_t n = write(exchange->request->to_fd, bytes + done, length - done);
         if (n < 0 && errno != EINTR) {
@@ -342,7 +373,6 @@ static void configure(const struct s3_client *client, CURL *curl, const char *ur
         curl_easy_setopt(curl, CURLOPT_POSTFIELDS, request->body_text ? request->body_text : "");
     }
     if (strcmp(request->method, "DELETE") == 0) curl_easy_setopt(curl, CURLOPT_CUSTOMREQUEST, "DELETE");
-    if (request->to_fd >= 0) curl_easy_setopt(curl, CURLOPT_FAILONERROR, 1L); /* an error's text is no object */
 }
 
 /* Whether the store has refused a request for its time, and tells another one. */
@@ -354,11 +384,46 @@ static bool adopt_clock(struct s3_client *client, const struct exchange *exchang
     return true;
 }
 
+/* Whether the bytes that were asked for have come: all of them, from where they were to come, and with their hash. */
+static bool is_as_expected(struct exchange *exchange) {
+    const struct s3_request *request = exchange->request;
+    char found[DIGEST_HEX_BYTES], range[CONTENT_RANGE_BYTES];
+    int n = snprintf(range, sizeof range, "bytes %llu-%llu/", (unsigned long long)request->first,
+                     (unsigned long long)request->last);
+    if (request->expected.bytes)
+        snprintf(range + n, sizeof range - (size_t)n, "%llu", (unsigned long long)request->expected.bytes);
+    uint64_t wanted = wanted_bytes(request);
+    if (wanted != UINT64_MAX && exchange->taken != wanted) return false;
+    if (request->is_range) return strncmp(exchange->content_range, range, strlen(range)) == 0;
+    if (!exchange->digest) return true;
+    digest_finish(exchange->digest, found);
+    return strncmp(found, request->expected.sha256, strlen(request->expected.sha256)) == 0;
+}
+
+/* What is wrong with an answer that has come to its end. */
+static enum status look_at_answer(struct exchange *exchange, int code, struct error *error) {
+    const struct s3_request *request = exchange->request;
+    const char *name = request->name ? request->name : "the bucket";
+    bool is_ok = code == wanted_code(request), is_head = strcmp(request->method, "HEAD") == 0;
+    bool is_text_whole = !request->ends_with || (request->text && strstr(request->text, request->ends_with));
+    if (code >= 400 && code < 500 && !is_head && (!request->text || !strstr(request->text, "<Code>")))
+        return error_set(error, STATUS_IO, AWAY, "somebody before the store answered %d for %.200s", code, name);
+    if (request->body_fd >= 0 && code == 200 && !request->etag[0])
+        return error_set(error, STATUS_IO, AWAY, "the answer to the put of %.200s isn't the store's", name);
+    if (request->to_fd >= 0 && code == 200 && request->is_range)
+        return error_set(error, STATUS_MALFORMED, "blobs", "all of %.200s came instead of a part", name);
+    if (request->to_fd >= 0 && is_ok && !is_as_expected(exchange))
+        return error_set(error, STATUS_MALFORMED, "blobs", "what came of %.200s isn't what was put", name);
+    if (request->to_fd < 0 && is_ok && !is_text_whole)
+        return error_set(error, STATUS_IO, AWAY, "the store's answer about %.200s isn't whole", name);
+    return STATUS_OK;
+}
+
 /* *again: it was refused for the time of its signature, and may be signed anew. */
 static enum status try_once(struct s3_client *client, CURL *curl, struct s3_request *request, int *code, bool *again,
                             struct error *error) {
     char path[URL_BYTES], copy_source[URL_BYTES], url[2 * URL_BYTES], why[CURL_ERROR_SIZE] = "";
-    struct exchange exchange = {.request = request};
+    struct exchange exchange = {.request = request, .curl = curl};
     long answer = 0;
     *code = 0;
     if (!encode_path(client, !client->is_host_style, request->name, path) ||
@@ -367,6 +432,10 @@ static enum status try_once(struct s3_client *client, CURL *curl, struct s3_requ
         return error_set(error, STATUS_BAD_PARAMETER, "blobs", "a name is too long");
     struct curl_slist *headers = sign(client, request, path, request->copy_of ? copy_source : NULL);
     if (!headers) return error_set(error, STATUS_NO_MEMORY, "blobs", "no memory");
+    if (request->to_fd >= 0 && !request->is_range && request->expected.sha256) {
+        exchange.digest = digest_new();
+        exchange.is_short_of_memory = !exchange.digest;
+    }
     curl_easy_reset(curl);
     configure(client, curl, url, headers, &exchange, why);
     CURLcode result = fault_at("blobs-request") ? CURLE_COULDNT_CONNECT : curl_easy_perform(curl);
@@ -374,13 +443,22 @@ static enum status try_once(struct s3_client *client, CURL *curl, struct s3_requ
     curl_slist_free_all(headers);
     *code = (int)answer;
     *again = adopt_clock(client, &exchange, answer);
+    enum status status = STATUS_OK;
     if (exchange.write_errno)
-        return error_set(error, status_from_errno(exchange.write_errno), "blobs", "what is fetched can't be stored: %s",
-                         strerror(exchange.write_errno));
-    if (exchange.is_short_of_memory) return error_set(error, STATUS_NO_MEMORY, "blobs", "no memory");
-    if (result == CURLE_OK || (result == CURLE_HTTP_RETURNED_ERROR && answer)) return STATUS_OK;
-    *code = 0;
-    return error_set(error, STATUS_IO, AWAY, "the store doesn't answer: %s", why[0] ? why : curl_easy_strerror(result));
+        status = error_set(error, status_from_errno(exchange.write_errno), "blobs",
+                           "what is fetched can't be stored: %s", strerror(exchange.write_errno));
+    else if (exchange.is_short_of_memory)
+        status = error_set(error, STATUS_NO_MEMORY, "blobs", "no memory");
+    else if (exchange.is_too_long)
+        status = error_set(error, STATUS_MALFORMED, "blobs", "more came of %.200s than was put", request->name);
+    else if (result != CURLE_OK)
+        status = error_set(error, STATUS_IO, AWAY, "the store doesn't answer: %s",
+                           why[0] ? why : curl_easy_strerror(result));
+    else
+        status = look_at_answer(&exchange, *code, error);
+    if (status != STATUS_OK) *code = 0;
+    digest_free(exchange.digest);
+    return status;
 }
 
 /* ------------------------------------------------------------------------------------------------ requests */
@@ -407,8 +485,16 @@ static void start_again(struct s3_request *request) {
     request->etag[0] = 0;
     if (request->to_fd < 0) return;
     int cut = ftruncate(request->to_fd, 0);
-    (void)cut; /* the next answer is longer than what stays, or the hash tells */
+    (void)cut; /* the next answer is longer than what stays, or its length tells */
     lseek(request->to_fd, request->is_range ? (off_t)request->first : 0, SEEK_SET);
+}
+
+/* Whether another try may end otherwise: the store has trouble, or what was to be put came to it in part. */
+static bool is_for_now(const struct s3_request *request, enum status status, int code) {
+    bool was_put = request->body_fd >= 0 && code == 400;
+    if (status == STATUS_OK)
+        return code >= 500 || code < 200 || code / 100 == 3 || code == 408 || code == 429 || was_put;
+    return status == STATUS_IO || status == STATUS_MALFORMED;
 }
 
 enum status s3_client_ask(struct s3_client *client, struct s3_request *request, int *code, struct error *error) {
@@ -420,8 +506,7 @@ enum status s3_client_ask(struct s3_client *client, struct s3_request *request, 
         start_again(request);
         bool again = false;
         status = try_once(client, curl, request, code, &again, error);
-        if (again) continue;
-        if ((status == STATUS_OK && *code < 500) || (status != STATUS_OK && status != STATUS_IO)) break;
+        if (!again && !is_for_now(request, status, *code)) break;
     }
     give_handle(client, curl);
     return status;

@@ -9,6 +9,7 @@
 #include <stdint.h>
 
 #include "core/base/status.h"
+#include "server/blobs/blobs.h"
 
 struct s3_client;
 
@@ -35,11 +36,15 @@ struct s3_request {
     int to_fd;             /* GET: where the object goes, -1 = into text */
     bool is_range;         /* GET: bytes first to last alone, which go to the same places of to_fd; 206 */
     uint64_t first, last;
-    char *text;               /* the answer's; the caller's to free */
-    char etag[S3_ETAG_BYTES]; /* the answer's, with its quotes; "" = it has none, or a longer one */
+    struct blobs_facts expected; /* GET: what is known of the object; a range is not hashed */
+    const char *ends_with;       /* what the text of an answer of 200 has, where it is whole; NULL = anything */
+    char *text;                  /* the answer's, where it isn't an object; the caller's to free */
+    char etag[S3_ETAG_BYTES];    /* the answer's, with its quotes; "" = it has none, or a longer one */
 };
 
-/* *code is the answer's status.  STATUS_IO: there was none, though it was asked three times. */
+/* *code is the answer's status: of the store, for who stands in between says it otherwise (below).  All is asked three
+ * times.  STATUS_IO: there was no answer, or none of the store's, or it broke off.  STATUS_MALFORMED: what came is not
+ * what is known of it. */
 enum status s3_client_ask(struct s3_client *client, struct s3_request *request, int *code,
                           struct error *error) MUST_CHECK;
 

@@ -1,0 +1,377 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Who stands between a host and its S3 store, and cuts, delays, refuses and changes what goes by: nothing is lost, nothing
+else is served than what was put, and what can't be done is told as such (5xx), not as done or as not there."""
+import collections
+import contextlib
+import http.client
+import http.server
+import os
+import random
+import re
+import subprocess
+import threading
+
+import pytest
+
+from conftest import BUILD, SMALL, sphere, wait_until
+from test_hosts import PROGRAMS, content, make_in_s3, make_server  # pylint: disable=unused-import
+from test_storage import inside, on_a_disk_of
+
+SLOW_DOWN = (b'<?xml version="1.0"?><Error><Code>SlowDown</Code><Message>Reduce your request rate.</Message></Error>')
+FAILED = b'<?xml version="1.0"?><Error><Code>InternalError</Code><Message>We encountered an error.</Message></Error>'
+PAGE = b"<html><head><title>Not Found</title></head></html>"
+HOP = {"connection", "keep-alive", "transfer-encoding", "content-length"}
+LONG = sphere(250000)  # more than 5 MiB: it is put in parts
+
+
+def half(body):
+    return body[:len(body) // 2]
+
+
+def flip(body):
+    return body[:len(body) // 2] + bytes([body[len(body) // 2] ^ 1]) + body[len(body) // 2 + 1:] if body else body
+
+
+class Meddler(http.server.ThreadingHTTPServer):
+    """Passes requests on to the gateway, each in a way that `choose` says: the name of one of WAYS, or None."""
+    daemon_threads = True
+
+    def __init__(self, endpoint, choose):
+        self.to, self.choose = endpoint.removeprefix("http://"), choose
+        self.done = collections.Counter()  # in which way, and of which method
+        super().__init__(("127.0.0.1", 0), Handler)
+        self.url = f"http://127.0.0.1:{self.server_address[1]}"
+        threading.Thread(target=self.serve_forever, daemon=True).start()
+
+    def handle_error(self, request, client_address):
+        pass  # connections end here in the middle
+
+
+class Handler(http.server.BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+
+    def handle_one(self):
+        body = self.rfile.read(int(self.headers.get("content-length", 0)))
+        way = self.server.choose(self.command, self.path)
+        if way not in OF_METHOD.get(self.command, OF_ALL):
+            way = None
+        self.server.done[way, self.command] += 1
+        getattr(self, "do_" + way if way else "pass_on")(body)
+
+    do_GET = do_HEAD = do_PUT = do_POST = do_DELETE = handle_one
+
+    def ask(self, body):
+        """The store's own answer: status, headers, body."""
+        connection = http.client.HTTPConnection(self.server.to, timeout=60)
+        try:
+            connection.putrequest(self.command, self.path, skip_host=True, skip_accept_encoding=True)
+            for name, value in self.headers.items():
+                connection.putheader(name, value)
+            connection.endheaders(body)
+            reply = connection.getresponse()
+            headers = [(n, v) for n, v in reply.getheaders() if n.lower() not in HOP]
+            return reply.status, headers, reply.read(), reply.getheader("content-length", "0")
+        finally:
+            connection.close()
+
+    def answer(self, status, headers, body, length=None):
+        """length: what is told of it, where that isn't what comes."""
+        self.send_response_only(status)
+        for name, value in headers:
+            self.send_header(name, value)
+        self.send_header("Content-Length", length or str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+        if self.command != "HEAD" and length and int(length) != len(body):
+            self.drop()
+
+    def drop(self):
+        self.wfile.flush()
+        self.close_connection = True
+
+    def pass_on(self, body):
+        status, headers, reply, length = self.ask(body)
+        self.answer(status, headers, reply, length if self.command == "HEAD" else None)
+
+    def change(self, body, change):
+        """Another body for an answer that is well, of another length."""
+        status, headers, reply, length = self.ask(body)
+        reply = change(reply) if status < 300 else reply
+        self.answer(status, headers, reply, length if self.command == "HEAD" else None)
+
+    # -- the ways
+    def do_error(self, _):
+        self.answer(500, [], b"<html>500</html>")
+
+    def do_slow_down(self, _):
+        self.answer(503, [("Content-Type", "application/xml")], SLOW_DOWN)
+
+    def do_too_many(self, _):
+        self.answer(429, [], b"")
+
+    def do_page(self, _):
+        self.answer(404, [("Content-Type", "text/html")], PAGE)
+
+    def do_forbid(self, _):
+        self.answer(403, [("Content-Type", "text/html")], PAGE)
+
+    def do_welcome(self, _):
+        self.answer(200, [("Content-Type", "text/html")], PAGE)
+
+    def do_elsewhere(self, _):
+        self.answer(307, [("Location", "http://127.0.0.1:9/")], b"")
+
+    def do_refuse(self, _):
+        self.drop()
+
+    def do_lose(self, body):
+        self.ask(body)
+        self.drop()
+
+    def do_cut(self, body):
+        status, headers, reply, _ = self.ask(body)
+        self.answer(status, headers, half(reply), str(len(reply)))
+
+    def do_short(self, body):
+        self.change(body, half)
+
+    def do_longer(self, body):
+        self.change(body, lambda reply: reply + b"more")
+
+    def do_flip(self, body):
+        self.change(body, flip)
+
+    def do_trickle(self, body):
+        """In many small pieces."""
+        status, headers, reply, _ = self.ask(body)
+        self.answer(status, headers, reply[:1], str(len(reply) or 1) if reply else None)
+        for at in range(1, len(reply), 1 + len(reply) // 50):
+            self.wfile.write(reply[at:at + 1 + len(reply) // 50])
+            self.wfile.flush()
+        self.close_connection = True
+
+    def do_tag(self, body):
+        status, headers, reply, length = self.ask(body)
+        headers = [(n, v if n.lower() != "etag" else '"0123456789abcdef0123456789abcdef"') for n, v in headers]
+        self.answer(status, headers, reply, length if self.command == "HEAD" else None)
+
+    def do_shift(self, body):
+        """Another part than was asked for."""
+        wanted = self.headers["range"]
+        if wanted:
+            first, last = map(int, re.findall(r"\d+", wanted))
+            self.headers.replace_header("range", f"bytes={max(0, first - 1)}-{max(0, last - 1)}")
+        self.pass_on(body)
+
+    def do_all(self, body):
+        """All of it, where a part was asked for."""
+        del self.headers["range"]
+        self.pass_on(body)
+
+    def do_halve(self, body):
+        """Half of what is put reaches the store."""
+        connection = http.client.HTTPConnection(self.server.to, timeout=60)
+        with contextlib.suppress(OSError, http.client.HTTPException):
+            connection.putrequest(self.command, self.path, skip_host=True, skip_accept_encoding=True)
+            for name, value in self.headers.items():
+                connection.putheader(name, value)
+            connection.endheaders(half(body))
+        connection.close()
+        self.drop()
+
+    def do_spoil(self, body):
+        """Something else than was to be put reaches the store."""
+        status, headers, reply, _ = self.ask(flip(body))
+        self.answer(status, headers, reply)
+
+    def do_fail_well(self, _):
+        """200, and in its text that it failed, as S3 itself says it of copies and of what is completed."""
+        self.answer(200, [("Content-Type", "application/xml")], FAILED)
+
+    def log_message(self, *_):
+        pass
+
+
+OF_ALL = {"error", "slow_down", "too_many", "page", "forbid", "elsewhere", "refuse", "lose"}
+CHANGED = {"cut", "short", "longer", "flip", "trickle"}  # of an answer
+OF_METHOD = {"GET": {*OF_ALL, *CHANGED, "welcome", "shift", "all"}, "HEAD": OF_ALL - {"page", "forbid", "elsewhere"},
+             "PUT": {*OF_ALL, "tag", "halve", "spoil", "welcome"}, "POST": {*OF_ALL, "fail_well", "cut", "short", "welcome"},
+             "DELETE": OF_ALL - {"elsewhere"}}
+WAYS = sorted(set().union(*OF_METHOD.values()))
+HARMLESS = {"trickle", "tag"}  # where nothing is put in parts
+
+
+def through(flags, endpoint, meddler):
+    return [flag.replace(endpoint, meddler.url) for flag in flags]
+
+
+def own_check(flags, folder):
+    """What `whittled check` says where nobody meddles."""
+    done = subprocess.run([BUILD / "whittled", "check", "--data", folder, *flags[:4]], capture_output=True, text=True,
+                          check=False)
+    return done.returncode, [line for line in (done.stdout + done.stderr).splitlines() if line.startswith("damaged")]
+
+
+def persist(ask):
+    """Until it is done; each answer before is that it can't be now."""
+    def done():
+        reply = ask()
+        assert reply.status < 300 or reply.status in (409, 500, 503), (reply.status, reply.body)
+        return reply if reply.status < 300 else None
+    return wait_until(done, "an answer that it is done")
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_what_happens_to_the_first_try_of_a_request_is_made_good(make_daemon, in_s3, tmp_path, way):
+    seen = set()
+
+    def first(method, path):
+        request = method, re.sub("uploadId=[^&]*", "", path)
+        is_first = request not in seen
+        seen.add(request)
+        return way if is_first else None
+
+    flags, endpoint = in_s3
+    meddler = Meddler(endpoint, lambda *_: None)
+    host = make_daemon(*through(flags, endpoint, meddler), "--lease", "60s")
+    meddler.choose = first
+    job = host.submit(SMALL, "?ratio=0.5")
+    cloud = persist(lambda: host.post("/v1/clouds", LONG)) if way == "tag" else host.post("/v1/clouds", LONG)
+    assert cloud.status == 201, cloud.body
+    assert host.ended(job)["status"] == "successful", host.job(job)
+    again = host.submit(SMALL, "?ratio=0.5")  # the same result, copied
+    assert host.ended(again)["status"] == "successful"
+    same = content(host, job)
+    part = host.curl(f"/v1/jobs/{again}/outputs/cloud.ply", "-H", "Range: bytes=100-199")
+    assert part.status == 206 and (part.body == same[100:200] or way == "flip")  # a part's hash isn't known
+    meddler.choose = lambda *_: None
+    assert content(host, job) == content(host, again) == same
+    assert host.curl(f"/v1/clouds/{cloud.json['id']}/data").body == LONG
+    assert any(done == way for done, _ in meddler.done), meddler.done
+    assert host.stop() == 0 and own_check(flags, tmp_path / "check") == (0, [])
+
+
+@pytest.mark.parametrize("way", sorted(set(WAYS) - HARMLESS))
+def test_what_happens_to_every_request_is_told_and_ends_with_it(make_daemon, in_s3, tmp_path, way):
+    flags, endpoint = in_s3
+    meddler = Meddler(endpoint, lambda *_: None)
+    host = make_daemon(*through(flags, endpoint, meddler), "--lease", "60s", "--result-cache=0")
+    job = host.submit(SMALL, "?ratio=0.5")
+    host.ended(job)
+    path = f"/v1/jobs/{job}/outputs/cloud.ply"
+    before = content(host, job)
+    meddler.choose = lambda *_: way
+    whole, part = host.curl(path), host.curl(path, "-H", "Range: bytes=100-199")
+    made, kept = host.post("/v1/jobs?ratio=0.4", SMALL), host.post("/v1/clouds", SMALL + b"# another\n")
+    begun = host.post("/v1/clouds", LONG)
+    meddler.choose = lambda *_: None
+    for reply, good, right in ((whole, 200, before), (part, 206, before[100:200])):
+        if way == "flip" and good == 206:
+            continue  # a part's hash isn't known
+        assert (reply.status, reply.body) == (good, right) or reply.status in (500, 503), (reply.status, reply.body)
+        assert reply.status != 500 or way in ("short", "longer", "flip", "all", "shift", "welcome"), (way, reply.body)
+    for reply in (made, kept, begun):
+        assert reply.status in (200, 201, 503), (reply.status, reply.body)
+        assert reply.status != 503 or int(reply.headers["retry-after"]) > 0
+    assert content(host, job) == before
+    for reply, data in ((kept, SMALL + b"# another\n"), (begun, LONG)):
+        if reply.status != 503:
+            assert host.curl(f"/v1/clouds/{reply.json['id']}/data").body == data
+    if made.status == 201:
+        assert host.ended(made.json["id"])["status"] == "successful"
+    assert host.ended(host.submit(SMALL, "?ratio=0.4"))["status"] == "successful"
+    assert host.stop() == 0 and own_check(flags, tmp_path / "check") == (0, [])
+
+
+def test_a_store_that_is_hostile_at_random_loses_nothing_and_changes_nothing(make_daemon, in_s3, tmp_path):
+    """Two hosts, each through a meddler of its own; every third request meets something, drawn by a seed."""
+    flags, endpoint = in_s3
+    seed = int(os.environ.get("HOSTILE_SEED") or random.SystemRandom().randrange(10**6))
+    print(f"HOSTILE_SEED={seed}")
+    meddlers, hosts = [], []
+    for i in range(2):
+        chance, lock = random.Random(f"{seed}/{i}"), threading.Lock()
+
+        def choose(*_, chance=chance, lock=lock):
+            with lock:
+                return chance.choice(WAYS) if chance.random() < 0.33 else None
+        meddlers.append(Meddler(endpoint, lambda *_: None))
+        hosts.append(make_daemon(*through(flags, endpoint, meddlers[-1]), "--lease", "5s", "--result-cache=0"))
+        meddlers[-1].choose = choose
+    jobs = {}
+    for i in range(12):
+        cloud = sphere(200 + i)
+        reply = persist(lambda: hosts[i % 2].post(  # pylint: disable=cell-var-from-loop
+            "/v1/jobs?ratio=0.5", cloud, "-H", f"Idempotency-Key: hostile-{i}"))
+        jobs[reply.json["id"]] = cloud
+    for job, cloud in jobs.items():
+        ended = wait_until(lambda: hosts[0].job(job) if hosts[0].job(job)["status"] in (  # pylint: disable=cell-var-from-loop
+            "successful", "failed", "dismissed") else None, f"the end of {job}")
+        assert ended["status"] == "successful", ended
+        (tmp_path / "in.xyz").write_bytes(cloud)
+        subprocess.run([BUILD / "whittle", tmp_path / "in.xyz", tmp_path / "out.ply", "--ratio", "0.5", "-q", "--force"],
+                       check=True)
+        for host in hosts:
+            found = persist(lambda: host.curl(f"/v1/jobs/{job}/outputs/cloud.ply"))  # pylint: disable=cell-var-from-loop
+            assert found.body == (tmp_path / "out.ply").read_bytes()
+    assert len(hosts[0].curl("/v1/jobs").json["jobs"]) == len(jobs)
+    assert [host.stop() for host in hosts] == [0, 0] and own_check(flags, tmp_path / "check") == (0, [])
+
+
+def test_a_job_whose_cloud_the_store_changes_fails_and_is_not_computed(make_daemon, in_s3):
+    flags, endpoint = in_s3
+    meddler = Meddler(endpoint, lambda method, path: "flip" if "/clouds/" in path else None)
+    host = make_daemon(*through(flags, endpoint, meddler), "--lease", "60s")
+    ended = host.ended(host.submit(SMALL))
+    assert ended["status"] == "failed" and "input" in ended["problem"]["detail"], ended
+
+
+def test_a_piece_of_an_upload_that_the_store_changes_makes_no_cloud(make_daemon, in_s3):
+    flags, endpoint = in_s3
+    meddler = Meddler(endpoint, lambda *_: None)
+    host = make_daemon(*through(flags, endpoint, meddler), "--roles", "http")
+    tus = ("-H", "Tus-Resumable: 1.0.0")
+    begun = host.curl("/v1/uploads", "-X", "POST", *tus, "-H", f"Upload-Length: {len(SMALL)}")
+    assert begun.status == 201, begun.body
+    upload = begun.headers["location"].removeprefix(host.url)
+
+    def send(offset, data):
+        return host.curl(upload, "-X", "PATCH", *tus, "-H", f"Upload-Offset: {offset}", "-H",
+                         "Content-Type: application/offset+octet-stream", "--data-binary", "@-", data=data)
+    assert send(0, SMALL[:5000]).status == 204
+    meddler.choose = lambda method, path: "flip" if "/uploads/" in path else None
+    refused = send(5000, SMALL[5000:])
+    assert refused.status >= 500, refused.body
+    assert host.curl("/v1/clouds").json["clouds"] == []
+    meddler.choose = lambda *_: None
+    assert host.curl(upload, "-I", *tus).headers["upload-offset"] == str(len(SMALL))  # which makes it one
+    (cloud,) = host.curl("/v1/clouds").json["clouds"]
+    assert host.curl(f"/v1/clouds/{cloud['id']}/data").body == SMALL
+
+
+@pytest.fixture(name="cramped")
+def make_cramped(in_s3, tmp_path):
+    folder = tmp_path / "cramped"
+    folder.mkdir()
+    yield from on_a_disk_of("40M", folder, *in_s3[0], "--roles", "http")
+
+
+def test_a_host_whose_disk_is_full_says_so_to_readers(in_s3, cramped, make_daemon):
+    """What it can't take out of the store others can; when there is room it can, too."""
+    host, other = cramped, make_daemon(*in_s3[0])
+    cloud = other.post("/v1/clouds", LONG).json["id"]
+    job = other.submit(SMALL)
+    other.ended(job)
+    ballast = inside(host) / "ballast"
+    with open(ballast, "wb", buffering=0) as file, contextlib.suppress(OSError):
+        while True:
+            file.write(bytes(4096))
+    for path in (f"/v1/clouds/{cloud}/data", f"/v1/jobs/{job}/outputs/cloud.ply", f"/v1/jobs/{job}/log"):
+        reply = host.curl(path)
+        assert reply.status == 503 and int(reply.headers["retry-after"]) > 0, (path, reply.status, reply.body)
+        assert other.curl(path).status == 200
+    level = host.curl(f"/v1/jobs/{job}/outputs/cloud.ply?points=20")
+    assert level.status == 503, level.body
+    assert host.job(job)["status"] == "successful"
+    ballast.unlink()
+    assert host.curl(f"/v1/clouds/{cloud}/data").body == LONG and content(host, job) == content(other, job)

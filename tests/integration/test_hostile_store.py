@@ -13,7 +13,7 @@ import threading
 
 import pytest
 
-from conftest import BUILD, SMALL, sphere, wait_until
+from conftest import BUILD, PATIENCE_S, SMALL, sphere, wait_until
 from test_hosts import PROGRAMS, content, make_in_s3, make_server  # pylint: disable=unused-import
 from test_storage import inside, on_a_disk_of
 
@@ -316,6 +316,23 @@ def test_a_store_that_is_hostile_at_random_loses_nothing_and_changes_nothing(mak
             assert found.body == (tmp_path / "out.ply").read_bytes()
     assert len(hosts[0].curl("/v1/jobs").json["jobs"]) == len(jobs)
     assert [host.stop() for host in hosts] == [0, 0] and own_check(flags, tmp_path / "check") == (0, [])
+
+
+def test_outputs_are_put_side_by_side(make_daemon, in_s3):
+    """The first put of an output waits for the second one."""
+    flags, endpoint = in_s3
+    both, waiting = threading.Condition(), set()
+
+    def choose(method, path):
+        if method == "PUT" and "/outputs/" in path:
+            with both:
+                waiting.add(path)
+                both.notify_all()
+                both.wait_for(lambda: len(waiting) >= 2, PATIENCE_S)
+    host = make_daemon(*through(flags, endpoint, Meddler(endpoint, choose)), "--lease", "600s")
+    job = host.submit(SMALL, "?outputs=cloud,xyz,report")
+    assert host.ended(job)["status"] == "successful" and len(waiting) == 3
+    assert content(host, job) and content(host, job, "cloud.xyz")
 
 
 def test_a_job_whose_cloud_the_store_changes_fails_and_is_not_computed(make_daemon, in_s3):

@@ -7,6 +7,8 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <errno.h>
 #include <fcntl.h>
+#include <pthread.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -374,12 +376,54 @@ static enum status put_one(struct blobs_s3 *s3, const char *folder, const struct
     return status;
 }
 
+/* Several at once: what a store takes for each is mostly waiting. */
+struct putting {
+    struct blobs_s3 *s3;
+    const char *folder;
+    const struct blobs_source *sources;
+    size_t count;
+    _Atomic size_t next;
+    pthread_mutex_t lock;
+    enum status status; /* of the first that fails, and its error; what has not begun then doesn't */
+    struct error *error;
+};
+
+static void *put_others(void *ctx) {
+    struct putting *putting = ctx;
+    for (;;) {
+        struct error error = {0};
+        pthread_mutex_lock(&putting->lock);
+        bool goes_on = putting->status == STATUS_OK;
+        pthread_mutex_unlock(&putting->lock);
+        size_t i = goes_on ? atomic_fetch_add(&putting->next, 1) : putting->count;
+        if (i >= putting->count) return NULL;
+        enum status status = put_one(putting->s3, putting->folder, &putting->sources[i], &error);
+        if (status == STATUS_OK) continue;
+        pthread_mutex_lock(&putting->lock);
+        if (putting->status == STATUS_OK) *putting->error = error;
+        if (putting->status == STATUS_OK) putting->status = status;
+        pthread_mutex_unlock(&putting->lock);
+    }
+}
+
 static enum status s3_put(struct blobs *blobs, const char *folder, const struct blobs_source *sources, size_t count,
                           struct error *error) {
-    enum status status = STATUS_OK;
-    for (size_t i = 0; status == STATUS_OK && i < count; i++)
-        status = put_one(s3_of(blobs), folder, &sources[i], error);
-    return status;
+    enum { AT_ONCE = 4 };
+    struct putting putting = {.s3 = s3_of(blobs),
+                              .folder = folder,
+                              .sources = sources,
+                              .count = count,
+                              .lock = PTHREAD_MUTEX_INITIALIZER,
+                              .error = error};
+    pthread_t others[AT_ONCE - 1];
+    size_t started = 0;
+    while (started + 1 < count && started + 1 < AT_ONCE &&
+           pthread_create(&others[started], NULL, put_others, &putting) == 0)
+        started++;
+    put_others(&putting);
+    for (size_t i = 0; i < started; i++) pthread_join(others[i], NULL);
+    pthread_mutex_destroy(&putting.lock);
+    return putting.status;
 }
 
 static enum status s3_copy(struct blobs *blobs, const char *from_folder, const char *to_folder, struct error *error) {

@@ -288,7 +288,7 @@ int transfer_main(int argc, char **argv) {
     if (status == STATUS_OK) status = open_side(settings, config.data, config.catalog, config.blobs, !imports, &error);
     if (status == STATUS_OK) status = open_side(other, folder, "", "", imports, &error);
     if (status == STATUS_OK) status = move_all(&t, &error);
-    if (request == CONFIG_RUN)
+    if (status == STATUS_OK || t.jobs || t.clouds || t.outputs)
         printf("%sed %zu jobs, %zu clouds, %zu outputs that were not there\n", argv[0], t.jobs, t.clouds, t.outputs);
     if (status != STATUS_OK) fprintf(stderr, "whittled: %s: %s\n", error.where, error.text);
     close_side(&t.from);

@@ -14,7 +14,9 @@ deploy_packages := $(deb_packages) lintian mmdebstrap buildah umoci runc podman 
 PREFIX ?= /usr/local
 DESTDIR ?=
 LIBDIR ?= $(PREFIX)/lib
-PYTHONDIR ?= $(LIBDIR)/python3/dist-packages
+# Debian's Python looks for what isn't Debian's in a folder of its own version.
+python_version = $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+PYTHONDIR ?= $(LIBDIR)/python$(if $(filter /usr/local,$(PREFIX)),$(python_version),3)/dist-packages
 staged = $(DESTDIR)$(1)
 # What programs that link libwhittle.a need beside it.
 pc_private := $(filter-out -lstdc++,$(CORE_LIBS)) -lstdc++ -pthread
@@ -29,6 +31,7 @@ install-library: library ## libwhittle with its header, whittle.pc and Python mo
 	    core/library/whittle.pc.in > $(call staged,$(LIBDIR)/pkgconfig/whittle.pc)
 	install -d $(call staged,$(PYTHONDIR)/whittle)
 	install -m644 api/python/whittle/*.py $(call staged,$(PYTHONDIR)/whittle)
+	$(if $(DESTDIR),,$(if $(filter /usr /usr/local,$(PREFIX)),ldconfig)) # programs find a new library by its list
 
 .PHONY: install
 install: all man install-library ## programs, manual pages and library; PREFIX=/usr/local DESTDIR=

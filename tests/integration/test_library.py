@@ -34,9 +34,21 @@ def installed(tmp_path_factory):
     return prefix
 
 
-def install(prefix, config):
-    run("make", "-C", ROOT, f"config={config}", "install-library", f"PREFIX={prefix}",
+def install(prefix, config, *settings):
+    run("make", "-C", ROOT, f"config={config}", "install-library", f"PREFIX={prefix}", *settings,
         env={k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MFLAGS", "MAKELEVEL")})
+
+
+def test_the_default_place_is_one_where_python_looks(tmp_path):
+    looked_in = run("/usr/bin/python3", "-c", "import sys; print(*sys.path, sep='\\n')", cwd="/").splitlines()
+    if not any(folder.startswith("/usr/local/lib/python3") for folder in looked_in):
+        pytest.skip("this Python doesn't look into /usr/local")
+    with open(pathlib.Path(BUILD) / "library.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        install("/usr/local", pathlib.Path(BUILD).name, f"DESTDIR={tmp_path}")
+    module, = tmp_path.rglob("whittle/__init__.py")
+    assert f"/{module.parent.parent.relative_to(tmp_path)}" in looked_in
+    assert (tmp_path / "usr/local/lib/libwhittle.so.0").is_file()
 
 
 def flags(installed, *wanted):

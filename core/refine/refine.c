@@ -55,7 +55,7 @@ static enum status run_schedule(struct fit *fit, enum refine_form form, const st
                                 struct refine_facts *facts) {
     struct sweeps sweeps = (fit->borders ? open_sweeps_of : sweeps_of)[fit->placement];
     if (form != REFINE_FULL) sweeps = (struct sweeps){0};
-    bool has_edges = fit->fold < 0 && !fit->has_up;
+    bool has_edges = fit->fold < 0 && !fit->has_up; /* the points have creases, along which the surface may fold */
     if (progress_tick(progress, "refine", 0.1)) return STATUS_CANCELLED;
     enum status status = fit_flip(fit, FIRST_ROUNDS, &facts->flips);
     for (size_t i = 0; i < sweeps.all && !status; i++) {

@@ -25,6 +25,7 @@ def make_tree(tmp_path):
     (tmp_path / "core/io/read.h").touch()
     (tmp_path / "core/whittle.h").touch()
     (tmp_path / "README.md").write_text("`core/io/read.c`\n")
+    (tmp_path / "Makefile").write_text("kernel_src := read.c\n")
     for top in ("core", "server"):
         (tmp_path / top / "README.md").write_text("<!-- layers: make lint compares this table with "
                                                   "tests/lint/layers.py -->\n<!-- end of layers -->\n")
@@ -51,6 +52,14 @@ def test_names_that_exist_are_found_wherever_they_are_looked_for(tree):
 def test_a_name_that_does_not_exist_is_a_problem(tree, text, missing):
     (tree / "server/http/DECISIONS.md").write_text(f"# Title\n{text}\n")
     assert lint(tree) == f"server/http/DECISIONS.md: there is no {missing}\nlint: 4 documents, 1 problems\n"
+
+
+def test_a_function_that_a_readme_names_is_in_the_source(tree):
+    (tree / "core/io/read.c").write_text("static void find_end(void) {}\n")
+    (tree / "core/io/README.md").write_text("`find_end`, `find_end()`, `kernel_src`, `NO_NAME`, `read`\n")
+    assert lint(tree) == "lint: 4 documents, 0 problems\n"
+    (tree / "core/io/README.md").write_text("`find_begin` and `find_end`\n")
+    assert lint(tree) == "core/io/README.md: nothing is called find_begin\nlint: 4 documents, 1 problems\n"
 
 
 def test_a_table_of_layers_that_is_not_the_codes_is_a_problem(tree):

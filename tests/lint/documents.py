@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Checks that every file that a document names exists, and that the tables of layers are the code's.
+"""Checks that every file that a document names exists, every function that a README names, and that the tables of
+layers are the code's.
 
 Usage: documents.py             (from the root of the tree)
        documents.py --update    writes the tables of layers into core/README.md and server/README.md
@@ -7,7 +8,8 @@ Usage: documents.py             (from the root of the tree)
 A name is what stands in backticks and has the form of a path below core/, server/, api/, tests/ or deploy/, or of a
 source file; or the target of a link.  Braces and wildcards are expanded.  A name is looked for in the folder of its
 document, then in the root; one without a slash may be anywhere in the tree.  Folders that commands make (out/) need
-not exist.
+not exist.  A function, or any other name of the source, is what stands in backticks in the READMEs of core/, api/ and
+server/ as small words with underscores between them.
 SPDX-License-Identifier: GPL-3.0-or-later
 """
 import itertools
@@ -21,6 +23,8 @@ TOPS = ("core", "server", "api", "tests", "deploy")
 SOURCE = r"[\w.*{},/-]+\.(?:c|cc|h|py|sh|js|mk|map|sql|html|def)"
 PATH = rf"(?:{'|'.join(TOPS)})/[\w.*{{}},/-]*"
 NAME = re.compile(rf"`({PATH}|{SOURCE})`")
+IDENTIFIER = re.compile(r"`([a-z][a-z0-9]*(?:_[a-z0-9]+)+)(?:\(\))?`")
+NAMED_IN, READABLE = ("core", "api", "server"), (".c", ".cc", ".h", ".def", ".py", ".js", ".json", ".sql", ".html")
 LINK = re.compile(r"\]\((?!\w+:|#)([^)#\s]+)[^)]*\)")
 BEGIN, END = "<!-- layers: make lint compares this table with tests/lint/layers.py -->\n", "<!-- end of layers -->\n"
 
@@ -45,6 +49,16 @@ def missing_names(document):
     for target in LINK.findall(text):
         if not (folder / target).exists():
             yield target
+
+
+def words_of_the_source():
+    """What a README may name: all words of the sources, and the names of their files."""
+    words = set(re.findall(r"\w+", pathlib.Path("Makefile").read_text(encoding="utf-8")))
+    for path in (p for top in TOPS for p in pathlib.Path(top).rglob("*")):
+        if path.suffix in READABLE and "node_modules" not in path.parts and path.is_file():
+            words.add(path.stem)
+            words.update(re.findall(r"\w+", path.read_text(encoding="utf-8", errors="replace")))
+    return words
 
 
 def room_names(rooms, top="core"):
@@ -92,6 +106,11 @@ def main():
     documents = [pathlib.Path("README.md")] + [p for top in (*TOPS, ".github") for p in sorted(pathlib.Path(top).rglob("*.md"))
                             if "node_modules" not in p.parts]
     problems = [f"{document}: there is no {name}" for document in documents for name in missing_names(document)]
+    words = words_of_the_source()
+    for document in documents:
+        if document.name == "README.md" and document.parts[0] in NAMED_IN:
+            names = IDENTIFIER.findall(document.read_text(encoding="utf-8"))
+            problems += [f"{document}: nothing is called {name}" for name in names if name not in words]
     for readme, table in readmes.items():
         text = readme.read_text(encoding="utf-8")
         if BEGIN not in text or with_table(text, table) != text:

@@ -484,6 +484,12 @@ placement: deps ## whether placement=optimal is ever worse than subset, eleven r
 	@$(MAKE) --no-print-directory -j$$(nproc) all
 	@$(PYTHON) tests/peers/placement.py --build $(build) $(chosen)
 
+.PHONY: given
+given: deps ## meshes with their own faces beside Lindstrom and Turk's; MODELS= RATIOS= JUDGE=cgal -> out/given.md
+	@deploy/deps.sh libeigen3-dev libtbb-dev
+	@$(MAKE) --no-print-directory -j$$(nproc) all $(addprefix $(build)/tests/peers/,surface_cgal distances)
+	@$(PYTHON) tests/peers/given.py --build $(build) $(chosen) $(if $(JUDGE),--judge $(JUDGE))
+
 .PHONY: open-scans
 open-scans: deps ## whether holes of scans stay open along their borders; MODELS= RATIOS= -> out/open_scans.md
 	@$(MAKE) --no-print-directory -j$$(nproc) all

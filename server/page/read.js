@@ -17,15 +17,16 @@ function rowsOf(report) {
   return rows;
 }
 
-// Distances by direction: a row each, with the share of the box's diagonal that the largest one is.
+// Distances by direction, which a narrow screen has above their numbers, so the roles are said: a row each, with the share of the box's diagonal that the largest one is.
 function errorTable({ error, cloud }) {
   const measured = error ? DIRECTIONS.filter(([name]) => error[name]).map(([name, text]) => [text, error[name]])
     : cloud?.tangent_error ? [["points to tangent planes", cloud.tangent_error]] : [];
   if (!measured.length) return [];
   return [make("caption", {}, "Deviation, in the file's units"),
-    make("tr", {}, make("td", {}), ...["mean", "RMS", "largest", "of the diagonal"].map((text) => make("th", { scope: "col" }, text))),
-    ...measured.map(([text, stats]) => make("tr", {}, make("th", { scope: "row" }, text), ...[stats.mean, stats.rms, stats.max]
-      .map((value) => make("td", {}, figure(value))), make("td", {}, percent(stats.max_rel))))];
+    make("tr", { role: "row" }, make("td", { role: "cell" }), ...["mean", "RMS", "largest", "of diagonal"]
+      .map((text) => make("th", { scope: "col", role: "columnheader" }, text))),
+    ...measured.map(([text, { mean, rms, max, max_rel: share }]) => make("tr", { role: "row" }, make("th", { scope: "row", role: "rowheader" }, text),
+      ...[figure(mean), figure(rms), figure(max), percent(share)].map((value) => make("td", { role: "cell" }, value))))];
 }
 
 // What most people want to know, in a line.

@@ -22,6 +22,7 @@ async function walk(page, [url, cloud, folder, token], seen) {
       await settled();
       const fit = await page.evaluate(() => [document.documentElement.scrollWidth, document.documentElement.clientWidth]);
       seen.fits.push([part, width, ...fit]);
+      seen.fits.push(...await page.$$eval(".scrolls", (all, ...where) => all.map((each) => [...where, each.scrollWidth, each.clientWidth]), `${part}, a table`, width));
       await page.screenshot({ path: join(folder, `${part}-${width}.png`), fullPage: true });
     }
     await settled();

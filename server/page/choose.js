@@ -4,11 +4,11 @@ import { askJson, base } from "./api.js";
 import { bytes, count, figure, find, make, percent, seconds } from "./words.js";
 
 const OUTPUTS = [
-  ["Points as", [["cloud", "PLY"], ["cloud.las", "LAS"], ["cloud.laz", "LAZ"], ["cloud.pcd", "PCD"], ["xyz", "text"]]],
+  ["Points as", [["cloud", "PLY"], ["cloud.las", "LAS"], ["cloud.laz", "LAZ"], ["cloud.pcd", "PCD"], ["xyz", "text"], ["tileset", "tiles"]]],
   ["Mesh as", [["mesh", "PLY"], ["mesh.glb", "glTF"], ["mesh.obj", "OBJ"], ["mesh.stl", "STL"]]],
   ["What is lost", [["error", "deviation of every point"], ["preview.png", "picture"], ["dso", "shape operator"]]],
 ];
-const USUAL = ["cloud", "mesh", "error", "preview.png"], SMALL = ["cloud", "preview.png"];
+const USUAL = ["cloud", "mesh", "error", "preview.png"], SMALL = ["cloud", "tileset", "preview.png"];
 const MANY = 3000000; // points beyond which a mesh isn't the first suggestion
 const ELSEWHERE = ["ratio", "points", "levels", "max_deviation", "max_deviation_rel", "outputs", "threads"];
 const PLACES = 300; // of the slider

@@ -3,12 +3,12 @@
 import * as THREE from "three";
 
 import { ask } from "./api.js";
+import { attributesOf, CLAY, DISC, dots, linear, paint } from "./dots.js";
 import { arraysFor, comesInPieces, readHead } from "./ply.js";
-import { rangeOf, shadeOf, shadesOf } from "./ramp.js";
+import { rangeOf, shadeOf } from "./ramp.js";
 
 const FIRST_BYTES = 64 * 1024; // the head, and the points of the first view
 const PIECE_POINTS = 50000, MOST_POINTS = 400000; // of a request: twice as many each time
-const CLAY = [203, 196, 186];
 
 const worker = new Worker(new URL("./points_worker.js", import.meta.url), { type: "module" });
 const waiting = new Map();
@@ -32,56 +32,6 @@ async function bytesOf(url, from, to) {
   return reply.arrayBuffer();
 }
 
-const linear = Float32Array.from({ length: 256 }, (_, c) => new THREE.Color().setRGB(c / 255, 0, 0, THREE.SRGBColorSpace).r);
-
-// Values from low to high, or classes, as a picture of one line.
-const SHADES = 256;
-const shadesTexture = () => Object.assign(new THREE.DataTexture(new Uint8Array(4 * SHADES), SHADES, 1), {
-  colorSpace: THREE.SRGBColorSpace, magFilter: THREE.LinearFilter, minFilter: THREE.LinearFilter });
-
-// Points are discs of `size` in the file's units, lit where they have normals; what they are coloured by is chosen when
-// they are drawn, so that nothing is computed for each of a million points here.
-const DOT = {
-  vertexShader: `
-    attribute vec3 tint;
-    attribute float value;
-    uniform sampler2D ramp;
-    uniform vec3 clay;
-    uniform float size, half_height, low, high;
-    uniform int by;
-    uniform bool lit;
-    varying vec3 shade;
-    varying float wide;
-    vec3 linear(vec3 c) {
-      return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c));
-    }
-    void main() {
-      vec4 at = modelViewMatrix * vec4(position, 1.0);
-      gl_Position = projectionMatrix * at;
-      gl_PointSize = wide = max(size * half_height / -at.z, 1.0);
-      float share = by == 4 ? (value + 0.5) / 256.0 : clamp((value - low) / (high - low), 0.002, 0.998);
-      shade = by == 0 ? clay : by == 1 ? linear(tint) : by == 3 ? linear(0.5 + 0.5 * normal) : texture2D(ramp, vec2(share, 0.5)).rgb;
-      if (lit) shade *= 0.4 + 0.75 * abs(dot(normalize(normalMatrix * normal + vec3(0.0, 0.0, 1e-6)), vec3(-0.497, 0.678, 0.542)));
-    }`,
-  fragmentShader: `
-    varying vec3 shade;
-    varying float wide;
-    void main() {
-      vec2 from = gl_PointCoord - 0.5;
-      if (wide > 3.0 && dot(from, from) > 0.25) discard;
-      gl_FragColor = vec4(shade, 1.0);
-    }`,
-};
-const BY = { plain: 0, own: 1, normals: 3 }, BY_VALUE = 2, BY_CLASS = 4;
-
-const dots = () => new THREE.ShaderMaterial({ ...DOT, uniforms: { ramp: { value: shadesTexture() }, size: { value: 1 }, lit: { value: false },
-  clay: { value: new THREE.Vector3(...CLAY.map((c) => linear[c])) }, half_height: { value: 1 }, low: { value: 0 },
-  high: { value: 1 }, by: { value: 0 } } });
-
-// Names that points or vertices can be coloured by.
-const attributesOf = (points, facing) => [...(points.rgb ? ["own"] : []), "plain", "height", ...(facing ? ["normals"] : []),
-  ...Object.keys(points.scalar)];
-
 // The coordinates along an axis, in an array for all of `count` points; the first n are filled.
 function heights({ position, origin }, n, count, axis) {
   const height = new Float32Array(count);
@@ -104,7 +54,8 @@ export class PointLayer {
     layer.fetched = buffer.byteLength;
     if (layer.loaded) layer.points = await parse({ what: "whole", buffer, origin }, [buffer]);
     layer.make();
-    if (!layer.loaded) await layer.take(buffer, head.bytes, Math.floor((buffer.byteLength - head.bytes) / head.vertex.stride));
+    if (layer.loaded) await layer.mix();
+    else await layer.take(buffer, head.bytes, Math.floor((buffer.byteLength - head.bytes) / head.vertex.stride));
     return layer;
   }
 
@@ -122,7 +73,7 @@ export class PointLayer {
       attribute.addUpdateRange(attribute.itemSize * begin, attribute.itemSize * count);
       attribute.needsUpdate = true;
     }
-    if (this.loaded === this.count) this.mix();
+    if (this.loaded === this.count) await this.mix();
   }
 
   make() {
@@ -136,10 +87,9 @@ export class PointLayer {
     this.geometry.boundingSphere = new THREE.Sphere(new THREE.Vector3(), this.reach); // points come later
     this.object = new THREE.Points(this.geometry, this.material);
     this.object.frustumCulled = false;
-    this.object.userData.part = (begin, count, whole) => this.part(begin, count, whole);
+    Object.assign(this.object.userData, { uniforms: this.material.uniforms, part: (begin, count, whole) => this.part(begin, count, whole) });
     this.colourBy(this.points.rgb ? "own" : "plain");
     this.show(this.loaded);
-    if (this.loaded === n) this.mix();
   }
 
   // Names that points can be coloured by.
@@ -157,17 +107,7 @@ export class PointLayer {
       this.geometry.setAttribute("value", new THREE.BufferAttribute(values, 1));
       this.values = values;
     }
-    const { uniforms } = this.material;
-    uniforms.by.value = range?.classes ? BY_CLASS : BY[name] ?? BY_VALUE;
-    uniforms.low.value = range?.low ?? 0;
-    uniforms.high.value = range?.high ?? 1;
-    uniforms.lit.value = Boolean(this.points.normal) && name !== "normals";
-    if (range) {
-      const shades = uniforms.ramp.value;
-      shades.image.data.set(shadesOf(range));
-      shades.magFilter = shades.minFilter = range.classes ? THREE.NearestFilter : THREE.LinearFilter;
-      shades.needsUpdate = true;
-    }
+    paint(this.material.uniforms, this.by, Boolean(this.points.normal));
     return range;
   }
 
@@ -181,19 +121,15 @@ export class PointLayer {
   // Draws count of the points from begin on, as large as the first `whole` of them have to be to cover the surface.
   part(begin, count, whole) {
     this.geometry.setDrawRange(begin, count);
-    this.material.uniforms.size.value = 1.6 * Math.sqrt(this.area / Math.max(whole, 1));
+    this.material.uniforms.size.value = DISC * Math.sqrt(this.area / Math.max(whole, 1));
   }
 
   // A file's own order is how it was scanned: its points are drawn in one that is everywhere at once, so that any first
   // part of them shows the whole.
-  mix() {
+  async mix() {
     if (this.ranked) return;
-    const n = this.count, order = new Uint32Array(n);
-    let step = Math.max(1, Math.floor(n * 0.618));
-    const divides = (a, b) => (b ? divides(b, a % b) : a);
-    while (divides(n, step) > 1) step++;
-    for (let i = 0, at = 0; i < n; i++, at = at + step >= n ? at + step - n : at + step) order[i] = at;
-    this.geometry.setIndex(new THREE.BufferAttribute(order, 1));
+    const { order } = await parse({ what: "mix", count: this.count }, []);
+    if (!this.gone) this.geometry.setIndex(new THREE.BufferAttribute(order, 1));
   }
 
   // Fetches what is missing of the first n points, piece by piece; more(layer) is called after each.
@@ -216,6 +152,7 @@ export class PointLayer {
   }
 
   dispose() {
+    this.gone = true;
     this.geometry.dispose();
     this.material.uniforms.ramp.value.dispose();
     this.material.dispose();

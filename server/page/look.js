@@ -2,11 +2,13 @@
 // The part of the page that shows a result: what is before, what is after, and how it is coloured.
 import { MeshLayer, PointLayer } from "./layers.js";
 import { drawLegend } from "./ramp.js";
+import { TilesLayer } from "./tiles.js";
 import { Viewer } from "./viewer.js";
 import { count, figure, find, make, percent } from "./words.js";
 
 const MOST_AT_ONCE = 2000000; // points of the original that are fetched without being asked for
 const FIRST = 50000; // points of the first view
+const BUDGET = matchMedia("(pointer: coarse)").matches ? 200000 : 1000000; // points of tiles that are drawn at once
 
 const SIDES = [0, 1]; // before, after
 
@@ -49,6 +51,7 @@ function sourcesOf(job, outputs) {
     .map(({ name, href }) => ({ name, href, ratio: Number(name.slice(5, -4)) })).sort((a, b) => b.ratio - a.ratio);
   if (levels.length) after.shift(); // mesh.ply is the finest of them
   after.unshift(...levels.map(({ name, href, ratio }) => [name, `mesh at ${percent(ratio)}`, href]));
+  if (at("tileset.3tz")) after.splice(job.report.points_out > BUDGET ? 0 : after.length, 0, ["tiles", "points, as tiles", `/v1/jobs/${job.id}/tileset/tileset.json`]);
   return { before, after, levels };
 }
 
@@ -87,16 +90,27 @@ function firstColour(side, source) {
   return [wanted, now.colours[side], "own", "plain"].find((name) => attributes.includes(name));
 }
 
+function sayLevelText(text) {
+  find("level-text").textContent = text;
+  find("look-level").setAttribute("aria-valuetext", text);
+}
+
+// Of tiles the slider says how many points may be drawn at once; which ones follows the camera.
+function sayTiles(layer) {
+  sayLevelText(`${count(layer.shown)} of ${count(layer.count)} points, in ${count(layer.chosen.length)} of ${count(layer.all)} tiles`);
+  find("level-help").textContent = layer.fault || `Nearer shows more, up to ${count(layer.budget)} points at once.`;
+}
+
 function sayLevel() {
   const layer = now.layers[1], isCloud = layer instanceof PointLayer, { levels } = now.sources;
   find("level-row").hidden = !layer;
-  find("look-level").disabled = !isCloud && levels.length < 2 && !hasCloud();
+  find("look-level").disabled = layer instanceof MeshLayer && levels.length < 2 && !hasCloud();
   if (!layer) return;
+  if (layer instanceof TilesLayer) return sayTiles(layer);
   const share = isCloud ? layer.shown / now.pointsIn : levels.find(({ name }) => name === find("look-after").value)?.ratio;
   let text = isCloud ? `${count(layer.shown)} of ${count(layer.count)} points, ${percent(share)} of the original` : `${count(layer.triangles)} triangles`;
   if (!isCloud && share) text += `, of ${percent(share)} of the points`;
-  find("level-text").textContent = text;
-  find("look-level").setAttribute("aria-valuetext", text);
+  sayLevelText(text);
   find("level-help").textContent = isCloud || levels.length > 1 ? "" : hasCloud() ? "Moving it shows the cloud: any first part of it is a coarser cloud." : "";
 }
 
@@ -108,6 +122,10 @@ const levelPoints = (layer) => Math.max(1, Math.round(layer.count * levelShare()
 
 async function level() {
   const layer = now.layers[1];
+  if (layer instanceof TilesLayer) {
+    layer.budget = Math.round(layer.most * levelShare());
+    viewer.ask();
+  }
   if (!(layer instanceof PointLayer)) return sayLevel();
   const wanted = levelPoints(layer);
   layer.show(wanted);
@@ -132,6 +150,20 @@ function moveLevel() {
   return showAfter(value);
 }
 
+// Tiles come while the camera moves; the colours' range is that of all that had come when nothing more was wanted.
+async function openTiles(url) {
+  let wholly = false;
+  const isShown = (layer) => now?.layers[1] === layer;
+  return TilesLayer.open(url, { origin: now.origin, area: now.area, budget: BUDGET, said: (layer) => isShown(layer) && sayLevel(), changed: (layer) => {
+    if (!isShown(layer)) return;
+    if (!layer.waiting && !wholly && layer.by.range) {
+      wholly = true;
+      colour(1, layer.by.name);
+    }
+    viewer.ask();
+  } });
+}
+
 const openPoints = (url, ranked) => PointLayer.open(url,
   { origin: now.origin, area: now.area, reach: Math.hypot(...now.size), ranked });
 
@@ -139,7 +171,10 @@ async function showBefore(value) {
   const source = now.sources.before.find(([name]) => name === value), shown = now;
   if (!source) return;
   const layer = await openPoints(source[2], false);
-  if (shown !== now) return;
+  if (shown !== now || find("look-before").value !== value) {
+    layer.dispose();
+    return;
+  }
   put(0, layer);
   const here = () => now.layers[0] === layer;
   const more = () => {
@@ -160,8 +195,11 @@ async function showBefore(value) {
 async function showAfter(value) {
   const source = now.sources.after.find(([name]) => name === value), shown = now;
   if (!source) return;
-  const layer = await (value === "cloud" ? openPoints(source[2], true) : MeshLayer.open(source[2], now.origin));
-  if (shown !== now) return;
+  const layer = await (value === "tiles" ? openTiles(source[2]) : value === "cloud" ? openPoints(source[2], true) : MeshLayer.open(source[2], now.origin));
+  if (shown !== now || find("look-after").value !== value) {
+    layer.dispose();
+    return;
+  }
   put(1, layer);
   const isMesh = layer instanceof MeshLayer;
   find("look-mesh").disabled = !isMesh;
@@ -207,7 +245,15 @@ function aim() {
 }
 
 function listen() {
-  const on = (id, what) => find(id).addEventListener("change", (event) => what(event.target.value));
+  const trying = async (work) => {
+    find("news").textContent = "";
+    try {
+      await work();
+    } catch (error) {
+      find("news").textContent = error.message;
+    }
+  };
+  const on = (id, what) => find(id).addEventListener("change", (event) => trying(() => what(event.target.value)));
   on("look-layout", layOut);
   on("look-before", showBefore);
   on("look-after", showAfter);
@@ -226,7 +272,7 @@ function listen() {
     if (now.layers[1] instanceof MeshLayer) now.layers[1].shade(how);
     viewer.ask();
   });
-  find("look-level").addEventListener("input", moveLevel);
+  find("look-level").addEventListener("input", () => trying(moveLevel));
   find("look-bar").addEventListener("input", (event) => {
     viewer.bar = event.target.value / 100;
     viewer.ask();
@@ -306,4 +352,6 @@ export function leave() {
 // For tests: what is drawn.
 export const drawn = () => ({ frames: viewer?.frames ?? 0, busy: Boolean(viewer?.drawing), view: viewer && { azimuth: viewer.azimuth,
   elevation: viewer.elevation, distance: viewer.distance, centre: viewer.centre.toArray() }, layers: (now?.layers ?? []).map((layer) => layer && {
-  shown: layer.shown ?? null, count: layer.count ?? null, triangles: layer.triangles ?? null, fetched: layer.fetched }) });
+  shown: layer.shown ?? null, count: layer.count ?? null, triangles: layer.triangles ?? null, fetched: layer.fetched,
+  tiles: layer.chosen && { shown: layer.chosen.length, held: layer.held.size, all: layer.all, waiting: layer.waiting, budget: layer.budget } }),
+  geometries: viewer?.renderer.info.memory.geometries ?? 0 });

@@ -140,3 +140,12 @@ export function readWhole(buffer, origin) {
     for (const name in points.scalar) points.scalar[name][i] = found[name];
   }
 }
+
+// The numbers from 0 to n - 1 in an order that is everywhere at once: any first part of it is spread over all.
+export function mixed(n) {
+  const order = new Uint32Array(n), divides = (a, b) => (b ? divides(b, a % b) : a);
+  let step = Math.max(1, Math.floor(n * 0.618));
+  while (divides(n, step) > 1) step++;
+  for (let i = 0, at = 0; i < n; i++, at = at + step >= n ? at + step - n : at + step) order[i] = at;
+  return order;
+}

@@ -1,16 +1,17 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Parses off the page's own thread.  A message {id, what, ...} is answered by {id, result} or {id, error}.
-import { readRecords, readWhole } from "./ply.js";
+import { mixed, readRecords, readWhole } from "./ply.js";
 
 const work = {
   records: ({ head, buffer, start, count, origin }) => readRecords(head, buffer, start, count, origin),
+  mix: ({ count }) => ({ order: mixed(count) }),
   whole: ({ buffer, origin }) => readWhole(buffer, origin),
 };
 
 self.onmessage = ({ data }) => {
   try {
     const result = work[data.what](data);
-    const owned = [result.position, result.rgb, result.normal, result.triangle, ...Object.values(result.scalar)]
+    const owned = [result.order, result.position, result.rgb, result.normal, result.triangle, ...Object.values(result.scalar ?? {})]
       .filter(Boolean).map((array) => array.buffer);
     self.postMessage({ id: data.id, result }, owned);
   } catch (error) {

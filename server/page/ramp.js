@@ -56,9 +56,8 @@ export function rangeOf(name, values) {
   const classes = name === "distance" || name === "height" ? null : classesIn(name, values);
   if (classes) return { name, classes, low: 0, high: 255 };
   const kind = name === "height" ? "height" : /intensity|reflectance|grey|gray/.test(name) ? "grey" : "deviation";
-  const step = Math.max(1, Math.floor(values.length / 50000)), some = [];
-  for (let i = 0; i < values.length; i += step) if (Number.isFinite(values[i])) some.push(values[i]);
-  some.sort((a, b) => a - b);
+  const step = Math.max(1, Math.floor(values.length / 50000));
+  const some = new Float32Array(Math.ceil(values.length / step)).map((_, i) => values[i * step]).filter(Number.isFinite).sort();
   if (!some.length) return { name, kind, low: 0, high: 1, least: 0, most: 0, some };
   const low = some[0] >= 0 && kind === "deviation" ? 0 : some[Math.floor(0.02 * (some.length - 1))];
   let high = some[Math.floor(0.98 * (some.length - 1))];

@@ -7,7 +7,7 @@
 // waits for it (a browser without a graphics processor reads each picture back in a task).
 //
 // Everything is drawn into a target with its depth first; a second pass darkens what lies behind its neighbours in the
-// picture, so that points without normals show their shape.
+// picture, and lights points without normals (alpha 0) by the plane that the depths around them lie on.
 //   Boucheny: Interactive Scientific Visualization of Large Datasets, 2009 (eye-dome lighting)
 import * as THREE from "three";
 
@@ -18,28 +18,62 @@ const MOMENT_MS = 40, STILL_MS = 120; // a picture while it moves; without a mov
 const FIRST = 100000, LEAST = 30000, MOST = 4000000; // points that are drawn at once: to begin with, at least, at most
 
 const DOME = {
-  uniforms: { colours: { value: null }, depths: { value: null }, pixel: { value: new THREE.Vector2() },
+  uniforms: { colours: { value: null }, depths: { value: null }, pixel: { value: new THREE.Vector2() }, unit: { value: 1 }, reach: { value: 4 },
     near: { value: 0.1 }, far: { value: 10 }, strength: { value: 1 }, paper: { value: new THREE.Color() } },
   vertexShader: "varying vec2 at; void main() { at = uv; gl_Position = vec4(position.xy, 0.0, 1.0); }",
   fragmentShader: `
     uniform sampler2D colours, depths;
     uniform vec2 pixel;
-    uniform float near, far, strength;
+    uniform float near, far, strength, unit, reach;
     uniform vec3 paper;
     varying vec2 at;
     float far_away(vec2 p) {
       float d = texture2D(depths, p).x * 2.0 - 1.0;
-      return log2(2.0 * near * far / (far + near - d * (far - near)));
+      return 2.0 * near * far / (far + near - d * (far - near));
+    }
+    // Depths around as a plane, those of what lies behind or before left out; returns its normal, to the camera.
+    vec3 facing(float own) {
+      float n = 0.0, z = 0.0, xx = 0.0, xy = 0.0, yy = 0.0, xz = 0.0, yz = 0.0;
+      vec2 middle = vec2(0.0);
+      for (int i = 0; i < 12; i++) {
+        float angle = 2.399963 * float(i);
+        vec2 away = reach * sqrt((float(i) + 0.7) / 12.0) * vec2(cos(angle), sin(angle)), d = away * unit * own;
+        float deep = far_away(at + pixel * away) - own;
+        if (abs(deep) > 5.0 * reach * unit * own) continue;
+        n += 1.0;
+        middle += d;
+        z += deep;
+        xx += d.x * d.x;
+        xy += d.x * d.y;
+        yy += d.y * d.y;
+        xz += d.x * deep;
+        yz += d.y * deep;
+      }
+      if (n < 4.0) return vec3(0.0, 0.0, 1.0);
+      middle /= n;
+      z /= n;
+      xx -= n * middle.x * middle.x;
+      xy -= n * middle.x * middle.y;
+      yy -= n * middle.y * middle.y;
+      xz -= n * middle.x * z;
+      yz -= n * middle.y * z;
+      float det = xx * yy - xy * xy;
+      if (det <= 0.01 * xx * yy) return vec3(0.0, 0.0, 1.0);
+      return normalize(vec3((xz * yy - yz * xy) / det, (yz * xx - xz * xy) / det, 1.0));
     }
     void main() {
+      if (texture2D(depths, at).x >= 1.0) {
+        gl_FragColor = sRGBTransferOETF(vec4(paper, 1.0));
+        return;
+      }
       float own = far_away(at), behind = 0.0;
       for (int i = 0; i < 8; i++) {
         float angle = 0.785398 * float(i);
-        behind += max(0.0, own - far_away(at + pixel * vec2(cos(angle), sin(angle)) * 1.4));
+        behind += max(0.0, log2(own / far_away(at + pixel * vec2(cos(angle), sin(angle)) * 1.4)));
       }
-      bool nothing = texture2D(depths, at).x >= 1.0;
-      vec3 colour = nothing ? paper : texture2D(colours, at).rgb * max(exp(-strength * behind), 0.35);
-      gl_FragColor = sRGBTransferOETF(vec4(colour, 1.0));
+      vec4 colour = texture2D(colours, at);
+      if (colour.a < 0.5) colour.rgb *= 0.4 + 0.75 * abs(dot(facing(own), vec3(-0.497, 0.678, 0.542)));
+      gl_FragColor = sRGBTransferOETF(vec4(colour.rgb * max(exp(-strength * behind), 0.35), 1.0));
     }`,
 };
 
@@ -137,6 +171,7 @@ export class Viewer {
   async draw() {
     while (this.stale) {
       this.stale = false;
+      this.choose();
       const most = this.most(), began = performance.now();
       this.piece(this.target, 0, this.budget, Math.min(this.budget, most), this.ratio);
       await this.done();
@@ -149,6 +184,22 @@ export class Viewer {
         await this.done();
       }
       if (!this.stale) await this.show(this.fine);
+    }
+  }
+
+  // How high the picture is at distance 1.
+  spread() {
+    return 2 * Math.tan(this.camera.fov * Math.PI / 360);
+  }
+
+  // Has layers choose what they show of themselves from where the camera is.
+  choose() {
+    this.place();
+    this.camera.updateMatrixWorld();
+    for (const { side, view } of this.parts()) {
+      const { root } = this.sides[side];
+      this.lens(view);
+      for (const { userData: { see } } of root.children) see?.(this.camera, root, view[3] * this.canvas.clientHeight / this.spread());
     }
   }
 
@@ -181,10 +232,11 @@ export class Viewer {
       target.scissor.set(...pixels(clip));
       target.scissorTest = true;
       renderer.setRenderTarget(target);
-      for (const { userData: { part: take, shown }, material } of root.children) {
+      for (const { userData: { part: take, shown, uniforms, dot } } of root.children) {
         if (!take) continue;
         take(begin, Math.max(0, Math.min(count, shown - begin)), Math.min(whole, shown));
-        material.uniforms.half_height.value = view[3] * height / (2 * Math.tan(camera.fov * Math.PI / 360));
+        uniforms.half_height.value = view[3] * height / this.spread();
+        uniforms.least.value = Math.max(1, (dot ?? 0) * height / Math.max(1, canvas.clientHeight));
       }
       if (!begin || root.children.some((o) => o.userData.shown > begin)) renderer.render(scene, camera);
     }
@@ -197,6 +249,10 @@ export class Viewer {
     uniforms.colours.value = target.texture;
     uniforms.depths.value = target.depthTexture;
     uniforms.pixel.value.set(1 / Math.max(canvas.clientWidth, 1), 1 / Math.max(canvas.clientHeight, 1));
+    const high = this.parts()[0].view[3] * Math.max(canvas.clientHeight, 1), wide = Math.max(0, ...this.sides.flatMap(({ root }) => root.children)
+      .map(({ userData }) => (userData.uniforms ? userData.uniforms.size.value * high / this.spread() / this.distance : 0)));
+    uniforms.unit.value = this.spread() / high;
+    uniforms.reach.value = Math.min(Math.max(1.3 * wide, 4), 20);
     uniforms.near.value = camera.near;
     uniforms.far.value = camera.far;
     uniforms.strength.value = 6;

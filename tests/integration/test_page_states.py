@@ -2,6 +2,7 @@
 """The page in chromium where something goes wrong, by keys alone, by fingers, and in each colour; behind nginx with TLS."""
 import hashlib
 import json
+import math
 import os
 import random
 import re
@@ -198,6 +199,45 @@ def decode_any(path):
     data = path.read_bytes()
     assert data[:8] == b"\x89PNG\r\n\x1a\n"
     return struct.unpack(">II", data[16:24])
+
+
+def ball(n):
+    """Points evenly on a sphere, without normals, as binary PLY."""
+    def row(i):
+        z = 1 - (2 * i + 1) / n
+        wide, turn = math.sqrt(1 - z * z), i * math.pi * (3 - math.sqrt(5))
+        return struct.pack("<3f", wide * math.cos(turn), wide * math.sin(turn), z)
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {n}\n" + "".join(f"property float {c}\n" for c in "xyz")
+    return head.encode() + b"end_header\n" + b"".join(row(i) for i in range(n))
+
+
+def brightness_of(path):
+    """The tenth and the ninetieth percentile of the brightness of pixels that aren't paper."""
+    width, rows = decode(path.read_bytes())
+    found = sorted(sum(row[i:i + 3]) for row in rows for i in range(0, 3 * width, 3) if sum(row[i:i + 3]) < 715)
+    return found[len(found) // 10], found[len(found) * 9 // 10]
+
+
+def test_a_large_cloud_is_seen_as_tiles(daemon, tmp_path):
+    """Nearer fetches more of them, never draws more than it may, and nothing is left when the job is closed; points
+    without normals are lit by their depths."""
+    files_of(daemon)
+    job = daemon.submit(ball(150000), "?ratio=0.9&outputs=cloud,tileset")
+    assert daemon.ended(job)["status"] == "successful"
+    seen = drive("tiles", f"{daemon.url}/jobs/{job}", tmp_path)
+    assert seen["after"] == ["cloud", "tiles"]
+    away, usual, few, near = (seen[name] for name in ("away", "usual", "few", "near"))
+    assert 1 <= away["tiles"]["shown"] < usual["tiles"]["shown"] <= usual["tiles"]["all"]
+    assert away["fetched"] < usual["fetched"] and away["shown"] < usual["shown"] <= usual["count"] == 135000
+    assert few["tiles"]["budget"] < 10000 and few["shown"] == few["tiles"]["budget"]
+    assert near["tiles"]["shown"] < near["tiles"]["held"] <= near["tiles"]["all"]
+    assert re.match(rf"{usual['shown']} of 135000 points, in {usual['tiles']['shown']} of", usual["text"].replace("\u202f", ""))
+    tiles = [url for url in seen["requests"] if "/tileset/tiles/" in url]
+    assert len(tiles) == len(set(tiles)) == near["tiles"]["held"]
+    assert seen["geometries"] >= seen["before"] + near["tiles"]["shown"] - 1 and seen["left"] <= 2
+    for name in ("lit", "tiles"):
+        dark, light = brightness_of(tmp_path / f"{name}.png")
+        assert dark < 0.8 * light, (name, dark, light)
 
 
 def test_without_webgl_the_picture_is_shown(daemon, tmp_path):

@@ -251,6 +251,50 @@ const scenarios = {
     seen.saved = await saved;
   },
 
+  // A cloud as tiles: from far away, from the usual place, with few points allowed, from near; and what is left of it.
+  async tiles({ page, folder, looked, text, drawn, settled: rest, visible, judge, seen }) {
+    await looked();
+    seen.after = await page.$$eval("#look-after option", (all) => all.map((each) => each.value));
+    await page.select("#look-after", "cloud");
+    await page.waitForFunction(() => whittled.drawn().layers[1]?.shown && !whittled.drawn().layers[1].tiles);
+    await page.select("#look-layout", "after");
+    await rest();
+    const stage = await page.$("#look-canvas");
+    await stage.screenshot({ path: join(folder, "lit.png") });
+    seen.before = (await drawn()).geometries;
+    await stage.focus();
+    for (let i = 0; i < 15; i++) await page.keyboard.press("-");
+    await page.select("#look-after", "tiles");
+    await page.waitForFunction(() => whittled.drawn().layers[1]?.tiles);
+    const stand = async (name) => {
+      await rest();
+      await page.waitForFunction(() => !whittled.drawn().busy && !whittled.drawn().layers[1].tiles.waiting);
+      await rest();
+      seen[name] = { ...(await drawn()).layers[1], text: await text("level-text") };
+    };
+    const level = (value) => page.$eval("#look-level", (slider, to) => {
+      slider.value = to;
+      slider.dispatchEvent(new Event("input", { bubbles: true }));
+    }, value);
+    await stand("away");
+    await page.keyboard.press("Home");
+    await stand("usual");
+    await stage.screenshot({ path: join(folder, "tiles.png") });
+    await level(300);
+    await stand("few");
+    await judge("tiles");
+    await level(1000);
+    for (let i = 0; i < 6; i++) await page.keyboard.press("+");
+    await page.keyboard.down("Shift");
+    for (let i = 0; i < 40; i++) await page.keyboard.press("ArrowRight");
+    await page.keyboard.up("Shift");
+    await stand("near");
+    seen.geometries = (await drawn()).geometries;
+    await page.click("#home");
+    await visible("#jobs");
+    seen.left = (await drawn()).geometries;
+  },
+
   // Without WebGL the picture is shown.
   async no_webgl({ page, looked, judge, visible, seen }) {
     await visible("#look-picture");

@@ -25,6 +25,8 @@ static const char style[] =
     "code{font-size:95%}h3{margin-top:2.2rem}"
     "h3 code{background:#8882;padding:.1rem .4rem}"
     "nav{display:flex;flex-wrap:wrap;gap:.2rem 1rem}"
+    "form{display:grid;gap:.5rem;padding:.5rem 0}label{display:grid}input,textarea,button{font:inherit;padding:.3rem .5rem}"
+    "button{justify-self:start}"
     "@media(max-width:40rem){table,tbody,tr,td{display:block}tr:has(th){display:none}td{border:0;padding:0}"
     "tr{padding:.5rem 0;border-bottom:1px solid #8884}}"
     "@media(prefers-color-scheme:dark){body{color:#ddd;background:#181818}a{color:#8bf}}";
@@ -104,8 +106,8 @@ static void put_type(FILE *out, const json_t *schema) {
 static void put_row(FILE *out, const char *name, const char *where, const json_t *schema, const char *description) {
     fputs("<tr><td><code>", out);
     put_escaped(out, name);
-    fputs("</code><td>", out);
-    put_escaped(out, where);
+    fputs("</code>", out);
+    if (where) fputs("<td>", out), put_escaped(out, where);
     fputs("<td>", out);
     put_type(out, schema);
     fputs("<td>", out);
@@ -155,7 +157,7 @@ static void put_response(FILE *out, const json_t *response) {
 static void put_responses(FILE *out, const json_t *root, const json_t *responses) {
     const char *status;
     json_t *each;
-    fputs("<div class=\"scrolls\" tabindex=\"0\"><table><tr><th>Status<th>Meaning<th>Content\n", out);
+    fputs("<div class=\"scrolls\" tabindex=\"0\" role=\"group\" aria-label=\"Table\"><table><tr><th>Status<th>Meaning<th>Content\n", out);
     json_object_foreach((json_t *)responses, status, each) {
         const json_t *response = resolve(root, each);
         fprintf(out, "<tr><td>%s<td>", status);
@@ -167,8 +169,137 @@ static void put_responses(FILE *out, const json_t *root, const json_t *responses
     fputs("</table></div>\n", out);
 }
 
+/* A document of the contract, as it is sent, folded. */
+static void put_document(FILE *out, const json_t *value, const char *title) {
+    char *text = value ? json_dumps(value, JSON_INDENT(2) | JSON_ENCODE_ANY | JSON_REAL_PRECISION(15)) : NULL;
+    if (!text) return;
+    fputs("<details><summary>", out);
+    put_escaped(out, title);
+    fputs("</summary><pre tabindex=\"0\">", out);
+    put_escaped(out, text);
+    fputs("</pre></details>\n", out);
+    free(text);
+}
+
+/* The example of a content, a parameter or a header; NULL where there is none. */
+static const json_t *example_of(const json_t *root, const json_t *of) {
+    const json_t *own = json_object_get(of, "example");
+    void *first = json_object_iter(json_object_get(of, "examples"));
+    return own || !first ? own : json_object_get(resolve(root, json_object_iter_value(first)), "value");
+}
+
+/* Puts a parameter's example as a part of an address or a header: lists with commas between. */
+static void put_value(FILE *out, const json_t *value) {
+    const json_t *each;
+    size_t i;
+    json_array_foreach(value, i, each) {
+        fputs(i ? "," : "", out);
+        put_value(out, each);
+    }
+    if (json_is_array(value)) return;
+    if (json_is_string(value))
+        put_escaped(out, json_string_value(value));
+    else
+        put_json(out, "", value);
+}
+
+static const json_t *parameter_named(const json_t *root, const json_t *list, const char *name) {
+    size_t i;
+    const json_t *each;
+    json_array_foreach(list, i, each) {
+        const json_t *parameter = resolve(root, each);
+        if (strcmp(text_at(parameter, "name"), name) == 0) return parameter;
+    }
+    return NULL;
+}
+
+/* The path, with examples for what is in braces. */
+static void put_path(FILE *out, const json_t *root, const char *path, const json_t *shared, const json_t *own) {
+    for (char name[64]; *path; path++) {
+        size_t length = *path == '{' ? strcspn(path + 1, "}") : 0;
+        if (!length) {
+            put_escaped(out, (char[]){*path, 0});
+            continue;
+        }
+        snprintf(name, sizeof name, "%.*s", (int)length, path + 1);
+        const json_t *parameter = parameter_named(root, shared, name);
+        put_value(out, example_of(root, parameter ? parameter : parameter_named(root, own, name)));
+        path += length + 1;
+    }
+}
+
+#define TUS_MEDIA "application/offset+octet-stream"
+
+/* What has to be said, and what goes into the body. */
+static void put_given(FILE *out, const json_t *root, const char *method, const json_t *own, const json_t *body) {
+    const json_t *content = json_object_get(body, "content"), *document = json_object_get(content, "application/json");
+    const json_t *example = example_of(root, document), *each;
+    size_t i;
+    json_array_foreach(own, i, each) {
+        const json_t *parameter = resolve(root, each);
+        bool wanted = json_is_true(json_object_get(parameter, "required")) ||
+                      (strcmp(text_at(parameter, "name"), "Upload-Length") == 0 && strcmp(method, "post") == 0);
+        if (!wanted || strcmp(text_at(parameter, "in"), "header") != 0) continue;
+        fprintf(out, " -H '%s: ", text_at(parameter, "name"));
+        put_value(out, example_of(root, parameter));
+        fputs("'", out);
+    }
+    if (json_object_size(content) && (!example || json_object_size(content) > 1)) {
+        if (json_object_get(content, TUS_MEDIA)) fputs(" -H 'Content-Type: " TUS_MEDIA "'", out);
+        fputs(" -T scan.ply", out);
+    } else if (example) {
+        fputs(" --json '", out);
+        put_json(out, "", example);
+        fputs("'", out);
+    }
+}
+
+/* A line for a shell that asks for this operation. */
+static void put_call(FILE *out, const json_t *root, const char *path, const char *method, const json_t *shared,
+                     const json_t *operation, const char *here) {
+    const json_t *own = json_object_get(operation, "parameters");
+    fputs("<pre tabindex=\"0\">curl -sS --fail-with-body", out);
+    if (strcmp(method, "head") == 0) fputs(" -I", out);
+    if (strcmp(method, "get") != 0 && strcmp(method, "head") != 0) {
+        fputs(" -X ", out);
+        for (const char *c = method; *c; c++) fputc(*c - 'a' + 'A', out);
+    }
+    put_given(out, root, method, own, json_object_get(operation, "requestBody"));
+    fputs(" '", out);
+    put_escaped(out, here);
+    put_path(out, root, path, shared, own);
+    const char *between = "?";
+    const json_t *each;
+    size_t i;
+    json_array_foreach(own, i, each) {
+        const json_t *parameter = resolve(root, each);
+        bool wanted = json_is_true(json_object_get(parameter, "required")) ||
+                      (strcmp(text_at(parameter, "name"), "ratio") == 0 && !strstr(path, "{name}"));
+        if (!wanted || strcmp(text_at(parameter, "in"), "query") != 0) continue;
+        fprintf(out, "%s%s=", between, text_at(parameter, "name"));
+        put_value(out, example_of(root, parameter));
+        between = "&amp;";
+    }
+    fputs("'</pre>\n", out);
+}
+
+/* What is answered where all is well. */
+static void put_answer(FILE *out, const json_t *root, const json_t *responses) {
+    const char *status;
+    json_t *each;
+    json_object_foreach((json_t *)responses, status, each) {
+        const json_t *content = json_object_get(resolve(root, each), "content");
+        const json_t *example = example_of(root, json_object_get(content, "application/json"));
+        char title[64];
+        if (status[0] != '2' || !example) continue;
+        snprintf(title, sizeof title, "An answer (%.8s)", status);
+        put_document(out, example, title);
+        return;
+    }
+}
+
 static void put_operation(FILE *out, const json_t *root, const char *path, const char *method, const json_t *shared,
-                          const json_t *operation) {
+                          const json_t *operation, const char *here) {
     fprintf(out, "<h3 id=\"%s\"><code>", text_at(operation, "operationId"));
     for (const char *c = method; *c; c++) fputc(*c - 'a' + 'A', out);
     fputs(" ", out);
@@ -177,8 +308,10 @@ static void put_operation(FILE *out, const json_t *root, const char *path, const
     put_element(out, "p", text_at(operation, "summary"));
     put_element(out, "p", text_at(operation, "description"));
     const json_t *own = json_object_get(operation, "parameters"), *body = json_object_get(operation, "requestBody");
+    put_call(out, root, path, method, shared, operation, here);
+    put_answer(out, root, json_object_get(operation, "responses"));
     if (json_array_size(own) || json_array_size(shared)) {
-        fputs("<div class=\"scrolls\" tabindex=\"0\"><table><tr><th>Parameter<th>In<th>Type<th>Meaning\n", out);
+        fputs("<div class=\"scrolls\" tabindex=\"0\" role=\"group\" aria-label=\"Table\"><table><tr><th>Parameter<th>In<th>Type<th>Meaning\n", out);
         put_parameters(out, root, shared);
         put_parameters(out, root, own);
         fputs("</table></div>\n", out);
@@ -196,14 +329,14 @@ static bool has_tag(const json_t *operation, const char *tag) {
     return own && strcmp(own, tag) == 0;
 }
 
-static void put_tag(FILE *out, const json_t *root, const json_t *tag) {
+static void put_tag(FILE *out, const json_t *root, const json_t *tag, const char *here) {
     const char *path, *method, *name = text_at(tag, "name");
     json_t *item, *operation;
     fprintf(out, "<h2 id=\"%s\">%s</h2>\n", name, name);
     put_element(out, "p", text_at(tag, "description"));
     json_object_foreach(json_object_get(root, "paths"), path, item)
         json_object_foreach(item, method, operation) if (has_tag(operation, name))
-            put_operation(out, root, path, method, json_object_get(item, "parameters"), operation);
+            put_operation(out, root, path, method, json_object_get(item, "parameters"), operation, here);
 }
 
 /* ------------------------------------------------------------------------------------------------ the page */
@@ -213,9 +346,9 @@ static void put_schema(FILE *out, const char *name, const json_t *schema) {
     json_t *each;
     fprintf(out, "<h3 id=\"%s\"><code>%s</code></h3>\n", name, name);
     put_element(out, "p", text_at(schema, "description"));
-    fputs("<div class=\"scrolls\" tabindex=\"0\"><table><tr><th>Member<th><th>Type<th>Meaning\n", out);
+    fputs("<div class=\"scrolls\" tabindex=\"0\" role=\"group\" aria-label=\"Table\"><table><tr><th>Member<th>Type<th>Meaning\n", out);
     json_object_foreach(json_object_get(schema, "properties"), member, each)
-        put_row(out, member, "", each, text_at(each, "description"));
+        put_row(out, member, NULL, each, text_at(each, "description"));
     fputs("</table></div>\n", out);
 }
 
@@ -251,20 +384,6 @@ static void put_lines(FILE *out, const char *lines, const char *here) {
     fputs("</pre>\n", out);
 }
 
-/* A document of the contract's examples, as it is sent. */
-static void put_example(FILE *out, const json_t *root, const char *name, const char *title) {
-    const json_t *examples = json_object_get(json_object_get(root, "components"), "examples");
-    const json_t *value = json_object_get(json_object_get(examples, name), "value");
-    char *text = value ? json_dumps(value, JSON_INDENT(2) | JSON_REAL_PRECISION(15)) : NULL;
-    if (!text) return;
-    fputs("<details><summary>", out);
-    put_escaped(out, title);
-    fputs("</summary><pre tabindex=\"0\">", out);
-    put_escaped(out, text);
-    fputs("</pre></details>\n", out);
-    free(text);
-}
-
 static void put_ways(FILE *out, const json_t *root, const char *here) {
     fputs("<h2 id=\"upload\">How to upload a cloud</h2>\n", out);
     fputs("<p>In a browser: drop it on <a href=\"./\">the first page</a>. From a command line:</p>\n", out);
@@ -272,11 +391,13 @@ static void put_ways(FILE *out, const json_t *root, const char *here) {
         put_element(out, "p", ways[i].what);
         put_lines(out, ways[i].lines, here);
     }
-    put_example(out, root, "Job", "A job, as it is answered");
-    put_example(out, root, "invalid-parameter", "A refusal, as it is answered");
+    const json_t *examples = json_object_get(json_object_get(root, "components"), "examples");
+    put_document(out, json_object_get(json_object_get(examples, "Job"), "value"), "A job, as it is answered");
+    put_document(out, json_object_get(json_object_get(examples, "invalid-parameter"), "value"),
+                 "A refusal, as it is answered");
 }
 
-static void put_page(FILE *out, const json_t *root, const char *here) {
+static void put_page(FILE *out, const json_t *root, const char *here, const char *script) {
     const json_t *info = json_object_get(root, "info"), *tags = json_object_get(root, "tags"), *tag;
     const char *name;
     json_t *schema;
@@ -284,8 +405,10 @@ static void put_page(FILE *out, const json_t *root, const char *here) {
     fprintf(out,
             "<!doctype html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n"
             "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
-            "<title>whittled: reference</title>\n<style>%s</style>\n<h1>whittled</h1>\n",
+            "<title>whittled: reference</title>\n<style>%s</style>\n",
             style);
+    if (script) fprintf(out, "<script type=\"module\" src=\"page/%s\"></script>\n", script);
+    fputs("<main><h1>whittled</h1>\n", out);
     if (links_base()[0]) fprintf(out, "<p>All paths are below <code>%s</code>.</p>\n", links_base());
     fputs("<nav><a href=\"#upload\">upload</a>", out);
     json_array_foreach(tags, i, tag) fprintf(out, "<a href=\"#%s\">%s</a>", text_at(tag, "name"), text_at(tag, "name"));
@@ -293,20 +416,20 @@ static void put_page(FILE *out, const json_t *root, const char *here) {
     put_ways(out, root, here);
     fputs("<h2 id=\"all\">What holds for all operations</h2>\n", out);
     put_element(out, "p", text_at(info, "description"));
-    json_array_foreach(tags, i, tag) put_tag(out, root, tag);
+    json_array_foreach(tags, i, tag) put_tag(out, root, tag, here);
     fputs("<h2 id=\"schemas\">schemas</h2>\n", out);
     json_object_foreach(json_object_get(json_object_get(root, "components"), "schemas"), name, schema)
         put_schema(out, name, schema);
-    fputs("</html>\n", out);
+    fputs("</main></html>\n", out);
 }
 
-char *docs_page(const char *here) {
+char *docs_page(const char *here, const char *script) {
     size_t bytes, page_bytes;
     const char *document = openapi_document(&bytes);
     char *page = NULL;
     json_t *root = json_loadb(document, bytes, 0, NULL);
     FILE *out = root ? open_memstream(&page, &page_bytes) : NULL;
-    if (out) put_page(out, root, here);
+    if (out) put_page(out, root, here, script);
     bool whole = out && fclose(out) == 0;
     json_decref(root);
     if (whole) return page;

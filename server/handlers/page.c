@@ -10,6 +10,7 @@
 
 #ifndef PAGE_INDEX
 #define PAGE_INDEX "server/page/plain.html"
+#define PAGE_DOCS NULL
 #define PAGE_FILES(FILE)
 #endif
 
@@ -38,6 +39,8 @@ const char *page_document(size_t *bytes) {
 }
 
 bool page_has_files(void) { return files[0].name != NULL; }
+
+const char *page_docs_script(void) { return PAGE_DOCS; }
 
 bool page_file(const char *name, struct page_file *found) {
     for (const struct file *file = files; file->name; file++) {

@@ -14,6 +14,9 @@ const char *page_document(size_t *bytes);
 /* Whether the page loads files; the plain one doesn't. */
 bool page_has_files(void);
 
+/* The name of the script of /docs among the files, static; NULL for the plain page. */
+const char *page_docs_script(void);
+
 /* A file that the page loads, static; its name has a hash of its content. */
 struct page_file {
     const char *type; /* its media type */

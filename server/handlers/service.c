@@ -150,6 +150,10 @@ static void get_page_file(struct service *service, struct request *request, stru
 
 const struct handler handlers_get_page_file = {.run = get_page_file, .quick = true};
 
+/* The script beside the page's files, and what it asks of this service. */
+static const char docs_policy[] = "default-src 'none'; script-src 'self'; connect-src 'self'; style-src 'unsafe-inline'; "
+                                  "base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
 static void get_docs(struct service *service, struct request *request, struct response *response) {
     char *here = NULL;
     size_t bytes;
@@ -158,7 +162,14 @@ static void get_docs(struct service *service, struct request *request, struct re
     FILE *out = open_memstream(&here, &bytes);
     if (out) put_address(out, request);
     bool whole = out && fclose(out) == 0;
-    answer_page(whole ? docs_page(here) : NULL, response);
+    const char *script = page_docs_script();
+    char *text = whole ? docs_page(here, script) : NULL;
+    if (script) {
+        response_text(response, 200, "text/html; charset=utf-8", text);
+        response_header(response, "Content-Security-Policy", "%s", docs_policy);
+    } else {
+        answer_page(text, response);
+    }
     response_header(response, "Vary", "Host");
     free(here);
 }

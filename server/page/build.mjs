@@ -51,8 +51,9 @@ for (const name of readdirSync(source).filter((each) => each.endsWith(".css"))) 
 const index = readFileSync(join(source, "index.html"), "utf8").replace(/page\/([\w.-]+\.(js|css))/g, (whole, name) =>
   `page/${name.endsWith(".js") ? putModule(name) : named.get(name)}`);
 writeFileSync(join(out, "index.html"), index);
+const docs = putModule("docs.js"); // of /docs, which the service writes
 
 const rows = made.map(({ name, type, path }, n) => `FILE(${n}, "${name}", "${type}", "${path}")`);
-writeFileSync(join(out, "files.h"), `#define PAGE_INDEX "${join(out, "index.html")}"\n` +
+writeFileSync(join(out, "files.h"), `#define PAGE_INDEX "${join(out, "index.html")}"\n#define PAGE_DOCS "${docs}"\n` +
   `#define PAGE_FILES(FILE) ${rows.join(" ")}\n`);
 console.log(`page: ${made.length} files in ${out}`);

@@ -241,3 +241,22 @@ def test_the_reference_begins_with_how_to_upload_at_the_address_it_was_asked_at(
     subprocess.run(line, shell=True, cwd=tmp_path, check=True)
     assert (tmp_path / "small.ply").read_bytes().startswith(b"ply")
     assert "0.10000000000000001" not in text and "0.0030000000000000001" not in text and "default 0.003" in text
+
+
+def test_the_reference_has_a_line_for_each_operation_that_does_what_it_says(daemon, tmp_path):
+    contract, text = daemon.curl("/openapi.json").json, html.unescape(daemon.curl("/docs").body.decode())
+    (tmp_path / "scan.ply").write_bytes(conftest.SMALL)
+    for path, item in contract["paths"].items():
+        for method, operation in item.items():
+            if method == "parameters":
+                continue
+            part = text[text.index(f'<h3 id="{operation["operationId"]}">'):].split("<h3", 2)[1]
+            line = re.search(r"<pre[^>]*>(curl .*?)</pre>", part)[1]
+            assert "{" not in line.rsplit("'", 2)[1] and "null" not in line.lower(), line
+            answers = [reply for status, reply in operation["responses"].items() if status[0] == "2"]
+            if any("examples" in reply.get("content", {}).get("application/json", {}) for reply in answers):
+                assert "An answer (2" in part, path
+            names = re.findall("{([^}]*)}", path)
+            if method == "get" and not names or method == "post" and path in ("/v1/simplify", "/v1/jobs", "/v1/clouds"):
+                done = subprocess.run(line, shell=True, cwd=tmp_path, check=False, capture_output=True)
+                assert done.returncode == 0, (line, done.stdout, done.stderr)

@@ -247,6 +247,19 @@ def test_without_webgl_the_picture_is_shown(daemon, tmp_path):
     assert drive("no_webgl", f"{daemon.url}/jobs/{job}", tmp_path, flags=["--disable-3d-apis"])["tools"]
 
 
+def test_operations_are_tried_out_on_the_reference(make_daemon, tmp_path):
+    daemon = make_daemon("--base-path", "/whittle")
+    files_of(daemon, "/whittle")
+    contract = daemon.curl("/whittle/openapi.json").json
+    seen = drive("docs", f"{daemon.url}/whittle/docs", tmp_path, scan(tmp_path / "torus.ply"))
+    assert seen["tries"] == sum(method != "parameters" for item in contract["paths"].values() for method in item)
+    assert seen["made"].startswith("201 ") and "location: /whittle/v1/jobs/" in seen["made"]
+    job = re.search(r'"id": "([0-9a-f-]{36})"', seen["made"])[1]
+    assert seen["got"].startswith("200 ") and job in seen["got"]
+    assert seen["wrong"].startswith("404 ") and "no-such-cloud" in seen["wrong"]
+    assert all(url.startswith(f"{daemon.url}/whittle/") for url in seen["requests"]), seen["requests"]
+
+
 # ---------------------------------------------------------------------------------------------- nginx
 
 def pinned(certificate):

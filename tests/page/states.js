@@ -37,7 +37,7 @@ function hands(page, seen) {
         const { violations } = await axe.run();
         return violations.map(({ id, nodes }) => `${id}: ${nodes.map((node) => node.html.slice(0, 90)).join(" | ")}`);
       });
-      seen.news[state] = await text("news");
+      seen.news[state] = await page.$("#news") ? await text("news") : "";
     },
     // Presses Tab until an element has the focus, as somebody without a mouse does.
     async tabTo(selector) {
@@ -295,6 +295,25 @@ const scenarios = {
     seen.left = (await drawn()).geometries;
   },
 
+  // Operations are tried out on the reference: a job is made of a file, and asked for.
+  async docs({ page, visible, judge, seen }, file) {
+    await page.waitForFunction(() => document.documentElement.dataset.ready);
+    seen.tries = (await page.$$("details.try")).length;
+    const attempt = async (id, doing) => {
+      await page.evaluate((of) => document.querySelector(`#${of} ~ details.try summary`).click(), id);
+      await visible(`#try-${id}-path`);
+      await doing?.(await page.$(`#try-${id}-file`));
+      await page.evaluate((of) => document.getElementById(`try-${of}-path`).form.requestSubmit(), id);
+      await page.waitForFunction((of) => document.getElementById(`try-${of}-path`).form.lastChild.querySelector("strong"), {}, id);
+      await page.waitForNetworkIdle({ idleTime: 200 });
+      return page.evaluate((of) => document.getElementById(`try-${of}-path`).form.lastChild.innerText, id);
+    };
+    seen.made = await attempt("createJob", (input) => input.uploadFile(file));
+    seen.got = await attempt("getJob");
+    seen.wrong = await attempt("createCloudJob");
+    await judge("reference");
+  },
+
   // Without WebGL the picture is shown.
   async no_webgl({ page, looked, judge, visible, seen }) {
     await visible("#look-picture");
@@ -322,7 +341,7 @@ async function main([executablePath, scenario, url, folder, ...rest]) {
     await withBrowser(executablePath, async (browser) => {
       const page = await watchedPage(browser, seen);
       await page.goto(url, { waitUntil: "domcontentloaded" });
-      await page.waitForFunction(() => globalThis.whittled);
+      if (scenario !== "docs") await page.waitForFunction(() => globalThis.whittled);
       await scenarios[scenario]({ page, folder, seen, ...hands(page, seen) }, ...rest);
     });
   } finally {

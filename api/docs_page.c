@@ -8,6 +8,7 @@
 #include "api/docs_page.h"
 
 #include <jansson.h>
+#include <math.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -17,6 +18,7 @@
 #include "api/openapi/openapi.h"
 
 static const char style[] =
+    ":root{color-scheme:light dark}"
     "body{font:15px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;"
     "color:#222;background:#fff}"
     "table{border-collapse:collapse;width:100%}td,th{text-align:left;vertical-align:top;padding:.2rem .6rem .2rem 0;"
@@ -25,11 +27,15 @@ static const char style[] =
     "code{font-size:95%}h3{margin-top:2.2rem}"
     "h3 code{background:#8882;padding:.1rem .4rem}"
     "nav{display:flex;flex-wrap:wrap;gap:.2rem 1rem}"
-    "form{display:grid;gap:.5rem;padding:.5rem 0}label{display:grid}input,textarea,button{font:inherit;padding:.3rem .5rem}"
+    "form{display:grid;gap:.5rem;padding:.5rem 0}label{display:grid}"
+    "input,textarea,button{font:inherit;padding:.3rem .5rem;box-sizing:border-box;max-width:100%;min-width:0}"
+    "input,textarea{width:100%}"
     "button{justify-self:start}"
     "@media(max-width:40rem){table,tbody,tr,td{display:block}tr:has(th){display:none}td{border:0;padding:0}"
     "tr{padding:.5rem 0;border-bottom:1px solid #8884}}"
     "@media(prefers-color-scheme:dark){body{color:#ddd;background:#181818}a{color:#8bf}}";
+
+#define TABLE "<div class=\"scrolls\" tabindex=\"0\" role=\"group\" aria-label=\"Table\"><table>"
 
 static void put_escaped(FILE *out, const char *text) {
     for (; text && *text; text++) {
@@ -48,10 +54,21 @@ static const char *text_at(const json_t *json, const char *name) {
     return text ? text : "";
 }
 
+/* Prose; what is between backticks is code. */
+static void put_prose(FILE *out, const char *text) {
+    bool code = false;
+    for (const char *tick; (tick = strchr(text, '`')); text = tick + 1, code = !code) {
+        for (; text < tick; text++) put_escaped(out, (char[]){*text, 0});
+        fputs(code ? "</code>" : "<code>", out);
+    }
+    put_escaped(out, text);
+    if (code) fputs("</code>", out);
+}
+
 static void put_element(FILE *out, const char *element, const char *text) {
     if (!text[0]) return;
     fprintf(out, "<%s>", element);
-    put_escaped(out, text);
+    put_prose(out, text);
     fprintf(out, "</%s>\n", element);
 }
 
@@ -71,7 +88,13 @@ static const json_t *resolve(const json_t *root, const json_t *node) {
 
 /* ------------------------------------------------------------------------------------------------ types */
 
+/* A number that is whole is written so: 1, not 1.0. */
 static void put_json(FILE *out, const char *before, const json_t *value) {
+    double number = json_real_value(value);
+    if (json_is_real(value) && fabs(number) < 1e15 && number == floor(number)) {
+        fprintf(out, "%s%.0f", before, number);
+        return;
+    }
     char *text = value ? json_dumps(value, JSON_ENCODE_ANY | JSON_COMPACT | JSON_REAL_PRECISION(15)) : NULL;
     if (text) {
         fputs(before, out);
@@ -111,7 +134,7 @@ static void put_row(FILE *out, const char *name, const char *where, const json_t
     fputs("<td>", out);
     put_type(out, schema);
     fputs("<td>", out);
-    put_escaped(out, description);
+    put_prose(out, description);
     fputs("\n", out);
 }
 
@@ -157,7 +180,7 @@ static void put_response(FILE *out, const json_t *response) {
 static void put_responses(FILE *out, const json_t *root, const json_t *responses) {
     const char *status;
     json_t *each;
-    fputs("<div class=\"scrolls\" tabindex=\"0\" role=\"group\" aria-label=\"Table\"><table><tr><th>Status<th>Meaning<th>Content\n", out);
+    fputs(TABLE "<tr><th>Status<th>Meaning<th>Content\n", out);
     json_object_foreach((json_t *)responses, status, each) {
         const json_t *response = resolve(root, each);
         fprintf(out, "<tr><td>%s<td>", status);
@@ -311,7 +334,7 @@ static void put_operation(FILE *out, const json_t *root, const char *path, const
     put_call(out, root, path, method, shared, operation, here);
     put_answer(out, root, json_object_get(operation, "responses"));
     if (json_array_size(own) || json_array_size(shared)) {
-        fputs("<div class=\"scrolls\" tabindex=\"0\" role=\"group\" aria-label=\"Table\"><table><tr><th>Parameter<th>In<th>Type<th>Meaning\n", out);
+        fputs(TABLE "<tr><th>Parameter<th>In<th>Type<th>Meaning\n", out);
         put_parameters(out, root, shared);
         put_parameters(out, root, own);
         fputs("</table></div>\n", out);
@@ -346,7 +369,7 @@ static void put_schema(FILE *out, const char *name, const json_t *schema) {
     json_t *each;
     fprintf(out, "<h3 id=\"%s\"><code>%s</code></h3>\n", name, name);
     put_element(out, "p", text_at(schema, "description"));
-    fputs("<div class=\"scrolls\" tabindex=\"0\" role=\"group\" aria-label=\"Table\"><table><tr><th>Member<th>Type<th>Meaning\n", out);
+    fputs(TABLE "<tr><th>Member<th>Type<th>Meaning\n", out);
     json_object_foreach(json_object_get(schema, "properties"), member, each)
         put_row(out, member, NULL, each, text_at(each, "description"));
     fputs("</table></div>\n", out);

@@ -151,8 +151,9 @@ static void get_page_file(struct service *service, struct request *request, stru
 const struct handler handlers_get_page_file = {.run = get_page_file, .quick = true};
 
 /* The script beside the page's files, and what it asks of this service. */
-static const char docs_policy[] = "default-src 'none'; script-src 'self'; connect-src 'self'; style-src 'unsafe-inline'; "
-                                  "base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+static const char docs_policy[] =
+    "default-src 'none'; script-src 'self'; connect-src 'self'; style-src 'unsafe-inline'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 static void get_docs(struct service *service, struct request *request, struct response *response) {
     char *here = NULL;

@@ -240,6 +240,7 @@ def test_the_reference_begins_with_how_to_upload_at_the_address_it_was_asked_at(
     (tmp_path / "scan.ply").write_bytes(conftest.SMALL)
     subprocess.run(line, shell=True, cwd=tmp_path, check=True)
     assert (tmp_path / "small.ply").read_bytes().startswith(b"ply")
+    assert not re.search(r"(from|over|at most|default) -?[0-9]+\.0\b", text) and "`" not in re.sub(r"(?s)<pre.*?</pre>", "", text)
     assert "0.10000000000000001" not in text and "0.0030000000000000001" not in text and "default 0.003" in text
 
 

@@ -10,8 +10,10 @@
 
 #ifndef PAGE_INDEX
 #define PAGE_INDEX "server/page/plain.html"
-#define PAGE_DOCS NULL
 #define PAGE_FILES(FILE)
+#endif
+#ifndef PAGE_DOCS
+#define PAGE_DOCS NULL
 #endif
 
 #define EMBED(symbol, path)                                                                                            \

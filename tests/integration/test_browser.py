@@ -3,6 +3,7 @@
 is there and legible on a desk and in a hand.  `make test-contract` installs browser and driver."""
 import json
 import pathlib
+import re
 import shutil
 import subprocess
 
@@ -43,7 +44,8 @@ def test_the_reference_page(make_daemon, tmp_path, base, width):
     daemon = make_daemon("--base-path", base)
     contract = daemon.curl("/openapi.json").json
     seen = look(f"{daemon.url}{base}/docs", width, tmp_path)
-    only_from(seen, f"{daemon.url}{base}/docs")
+    scripts = re.findall("page/docs-[0-9a-f]{16}.js", daemon.curl(f"{base}/docs").body.decode())  # where the page is built
+    only_from(seen, f"{daemon.url}{base}/docs", f"{daemon.url}{base}/openapi.json", *(f"{daemon.url}{base}/{name}" for name in scripts))
     headings = seen["page"]["headings"]
     for path, item in contract["paths"].items():
         for method in item:

@@ -4,7 +4,7 @@ import { adviceOn, ask, askJson, base, events, sendJson, setToken, token, Unreac
 import { choose, chosen } from "./choose.js";
 import { listJobs } from "./jobs.js";
 import { read } from "./read.js";
-import { bytes, count, find, make, seconds, show } from "./words.js";
+import { bytes, count, find, isolated, make, seconds, show } from "./words.js";
 
 const PARTS = ["drop", "choose", "follow", "ended", "look", "read", "jobs"];
 const PAUSE_MS = 2000; // before a service that doesn't answer is asked again
@@ -61,7 +61,7 @@ async function send(file) {
   } catch (error) {
     const { status, text } = reasonOf(error);
     if (status === 401) document.dispatchEvent(new CustomEvent("token-wanted"));
-    else if (!stop.signal.aborted) say(`${file.name}: ${text}`);
+    else if (!stop.signal.aborted) say(`${isolated(file.name)}: ${text}`);
     else say("");
   } finally {
     delete find("sending").dataset.broken;
@@ -137,7 +137,7 @@ async function follow() {
   const mine = stop = new AbortController();
   stages = [];
   parts("follow");
-  find("follow-title").textContent = job.label ? `${job.label} is at work` : "At work";
+  find("follow-title").textContent = job.label ? `${isolated(job.label)} is at work` : "At work";
   lead("follow-title");
   tell({ ...job, ahead: job.queue.ahead });
   for (let lost = false; !hasEnded(job.status) && !mine.signal.aborted;) {
@@ -168,7 +168,7 @@ async function showPicture(outputs) {
 
 // A job that has no result: why, and what can be done.
 async function showEnd() {
-  const { label, status, problem } = job, name = label || "The job";
+  const { label, status, problem } = job, name = label ? isolated(label) : "The job";
   parts("ended");
   find("ended-title").textContent = status === "dismissed" ? `${name} was cancelled` : `${name} has failed`;
   find("ended-text").textContent = status === "dismissed" ? "It has no result. The file is still here for other jobs."
@@ -215,7 +215,7 @@ async function home() {
 }
 
 async function remove(which) {
-  if (!confirm(`Delete ${which.label || "this job"} and its files?`)) return;
+  if (!confirm(`Delete ${which.label ? isolated(which.label) : "this job"} and its files?`)) return;
   await ask(`/v1/jobs/${which.id}`, { method: "DELETE" });
   if (location.pathname !== `${base}/`) history.pushState(null, "", `${base}/`);
   await home();

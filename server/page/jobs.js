@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The jobs that there are, each with its picture.
 import { ask, askJson, base } from "./api.js";
-import { count, find, make, percent } from "./words.js";
+import { count, find, isolated, make, percent } from "./words.js";
 
 const PAGE = 24;
 let shown = [], next = null, actions = {};
@@ -15,7 +15,7 @@ async function pictureOf(job, image) {
 function cardOf(job) {
   const named = job.label || `${job.input.format ?? "cloud"} ${job.id.slice(-6)}`, { report } = job;
   const pictured = job.status === "successful" && job.params.outputs.includes("preview.png");
-  const image = pictured ? make("img", { alt: `Before, after and deviation of ${named}`, loading: "lazy" }) : make("div", { class: "blank" });
+  const image = pictured ? make("img", { alt: `Before, after and deviation of ${isolated(named)}`, loading: "lazy" }) : make("div", { class: "blank" });
   if (pictured) pictureOf(job, image).catch(() => image.replaceWith(make("div", { class: "blank" })));
   const facts = report ? `${count(report.points_out)} of ${count(report.points_in)} points, ${percent(report.points_out / report.points_in)}`
     : job.problem?.title ?? job.stage ?? "";
@@ -27,8 +27,8 @@ function cardOf(job) {
     make("p", { class: "note" }, `${job.status}. ${facts}`),
     make("p", { class: "note" }, make("time", { datetime: job.created }, new Date(job.created).toLocaleString()))),
     make("div", { class: "row" },
-      make("button", { type: "button", class: "quiet", "aria-label": `Run ${named} again`, onclick: () => actions.again(job) }, "Again"),
-      make("button", { type: "button", class: "quiet", "aria-label": `Delete ${named}`, onclick: () => actions.remove(job) }, "Delete")));
+      make("button", { type: "button", class: "quiet", "aria-label": `Run ${isolated(named)} again`, onclick: () => actions.again(job) }, "Again"),
+      make("button", { type: "button", class: "quiet", "aria-label": `Delete ${isolated(named)}`, onclick: () => actions.remove(job) }, "Delete")));
 }
 
 function draw() {

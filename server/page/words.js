@@ -23,6 +23,9 @@ export function figure(x) {
   return places <= 0 ? count(Math.round(x)) : String(Number(x.toPrecision(4)).toFixed(Math.min(places, 10)).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, ""));
 }
 
+// A name within a sentence: what it has to turn the direction of writing ends with it.
+export const isolated = (name) => `\u2068${name}\u2069`;
+
 export const percent = (share) => `${Number((100 * share).toPrecision(3))} %`;
 
 // make("p", { class: "note" }, "text", element...)

@@ -100,14 +100,14 @@ def test_a_job_that_fails_says_why_and_what_to_do(daemon, tmp_path):
     letter = tmp_path / "letter.txt"
     letter.write_text("Dear reader,\nthis is no cloud.\n")
     title, text, advice = drive("failed", f"{daemon.url}/", tmp_path, letter)["ended"]
-    assert title == "letter.txt has failed" and "Malformed cloud" in text and "Save it again" in advice
+    assert title == "\u2068letter.txt\u2069 has failed" and "Malformed cloud" in text and "Save it again" in advice
 
 
 def test_a_job_is_cancelled(daemon, tmp_path, large):
     files_of(daemon)
     (tmp_path / "large.ply").write_bytes(large)
     seen = drive("cancelled", f"{daemon.url}/", tmp_path, tmp_path / "large.ply")
-    assert seen["stage"] and seen["ended"][0] == "large.ply was cancelled"
+    assert seen["stage"] and seen["ended"][0] == "\u2068large.ply\u2069 was cancelled"
 
 
 # ---------------------------------------------------------------------------------------------- a service that is away
@@ -245,6 +245,17 @@ def test_without_webgl_the_picture_is_shown(daemon, tmp_path):
     job = daemon.submit(scan(tmp_path / "torus.ply").read_bytes(), "?ratio=0.3&outputs=mesh,preview.png")
     assert daemon.ended(job)["status"] == "successful"
     assert drive("no_webgl", f"{daemon.url}/jobs/{job}", tmp_path, flags=["--disable-3d-apis"])["tools"]
+
+
+def test_names_of_files_are_names_alone(daemon, tmp_path):
+    """Markup, directions of writing, 4 000 letters; and a job that another tab has deleted."""
+    files_of(daemon)
+    seen = drive("hostile", f"{daemon.url}/", tmp_path, scan(tmp_path / "torus.ply").read_text())
+    assert seen["hit"] is None
+    assert seen["shown"] == [name[:128].strip() for name in seen["names"]]
+    assert [fit for fit in seen["fits"] if fit[2] > fit[3]] == []
+    assert "deleted" in seen["news"]["deleted elsewhere"]
+    assert [line for line in seen["console"] if line.startswith("error") and not re.search("404|410", line)] == []
 
 
 def test_operations_are_tried_out_on_the_reference(make_daemon, tmp_path):

@@ -314,6 +314,47 @@ const scenarios = {
     await judge("reference");
   },
 
+  // Files whose names are markup, turn the direction of writing, or are very long.
+  async hostile({ page, visible, looked, judge, settled: rest, seen }, content) {
+    seen.names = ['<img src=x onerror="globalThis.hit=1"><script>globalThis.hit=2</script>.ply', "a\u202Eylp.exe\u202D\u2066.ply",
+      `${"very long name ".repeat(270)}.ply`, "x".repeat(4000)];
+    seen.shown = [];
+    const fits = async (where) => seen.fits.push([where, 360, ...await page.evaluate(() => [document.documentElement.scrollWidth, document.documentElement.clientWidth])]);
+    seen.fits = [];
+    await page.setViewport({ width: 360, height: 780 });
+    for (const [i, name] of seen.names.entries()) {
+      await page.evaluate((called, text) => {
+        const carried = new DataTransfer();
+        carried.items.add(new File([text], called));
+        document.dispatchEvent(new DragEvent("drop", { dataTransfer: carried, bubbles: true, cancelable: true }));
+      }, name, content);
+      await visible("#choose-start");
+      await fits(`choose ${i}`);
+      await page.click("#choose-start");
+      await looked();
+      await rest();
+      await fits(`look ${i}`);
+      seen.shown.push(await page.$eval("#look-title", (title) => title.textContent));
+      await page.$eval("#home", (link) => link.click());
+      await visible("#jobs");
+      await page.waitForFunction((n) => document.querySelectorAll(".card").length === n, {}, i + 1);
+    }
+    await fits("jobs");
+    await judge("hostile names");
+    await page.evaluate((n) => document.querySelectorAll(".card .name")[n].click(), 0);
+    await looked();
+    seen.hit = await page.evaluate(() => globalThis.hit ?? null);
+    // deleted in another tab meanwhile
+    const other = await page.browser().newPage();
+    await other.goto(page.url());
+    await other.evaluate(() => fetch(location.pathname.replace("/jobs/", "/v1/jobs/"), { method: "DELETE" }).then((reply) => reply.status));
+    await other.close();
+    await page.bringToFront();
+    await page.reload();
+    await page.waitForFunction(() => document.getElementById("news").textContent);
+    await judge("deleted elsewhere");
+  },
+
   // Without WebGL the picture is shown.
   async no_webgl({ page, looked, judge, visible, seen }) {
     await visible("#look-picture");

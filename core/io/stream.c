@@ -44,9 +44,11 @@ static void close_file(struct file *file) {
     *file = (struct file){0};
 }
 
+static bool is_standard_input(const char *path) { return strcmp(path, "-") == 0; }
+
 static enum status map_file(const char *path, struct file *file, struct error *error) {
     struct stat about;
-    int fd = open(path, O_RDONLY | O_CLOEXEC);
+    int fd = is_standard_input(path) ? fcntl(STDIN_FILENO, F_DUPFD_CLOEXEC, 0) : open(path, O_RDONLY | O_CLOEXEC);
     if (fd < 0) return error_set(error, STATUS_IO, "read", "can't open %s: %s", path, strerror(errno));
     enum status status = STATUS_OK;
     if (fstat(fd, &about) != 0 || S_ISDIR(about.st_mode))
@@ -142,7 +144,8 @@ enum status cloud_stream_open(const char *const *path, size_t count, const struc
         s->path[i] = alloc_array(n, 1);
         if (!s->path[i]) status = STATUS_NO_MEMORY;
         if (s->path[i]) memcpy(s->path[i], path[i], n);
-        s->before[i + 1] = s->before[i] + (stat(path[i], &about) == 0 ? (uint64_t)about.st_size : 0);
+        bool known = (is_standard_input(path[i]) ? fstat(STDIN_FILENO, &about) : stat(path[i], &about)) == 0;
+        s->before[i + 1] = s->before[i] + (known ? (uint64_t)about.st_size : 0);
     }
     if (!status && limits && limits->columns) {
         size_t n = strlen(limits->columns) + 1;

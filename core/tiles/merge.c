@@ -54,8 +54,7 @@ static enum status merge_no_memory(const struct merging *m) {
 /* ------------------------------------------------------------------------------------------------ reading */
 
 static int open_left(const struct merging *m, size_t tile, char path[SCRATCH_PATH_BYTES]) {
-    scratch_path(path, m->folder, "left", tile);
-    return open(path, O_RDONLY | O_CLOEXEC);
+    return scratch_open_file(m->folder, "left", tile, path);
 }
 
 static enum status read_heads(struct merging *m) {
@@ -325,8 +324,7 @@ static enum status measure_tile(const struct merging *m, size_t tile, const stru
     size_t each = scratch_record_bytes(coding);
     uint64_t points = m->scratch.tile[tile].points;
     char path[SCRATCH_PATH_BYTES];
-    scratch_path(path, m->folder, "points", tile);
-    int fd = open(path, O_RDONLY | O_CLOEXEC);
+    int fd = scratch_open_file(m->folder, "points", tile, path);
     enum status status = STATUS_OK;
     for (uint64_t first = 0; !status && first < points; first += PIECE) {
         size_t n = points - first < PIECE ? (size_t)(points - first) : PIECE;

@@ -92,12 +92,3 @@ void part_done(struct part *part) {
     free(part->own), free(part->normal), free(part->quadrics);
     part->own = NULL, part->normal = NULL, part->quadrics = NULL;
 }
-
-/* What a cloud takes, of which the records aren't there, but numbers and marks. */
-double part_bytes(const struct params *params) {
-    enum { SMALL = 1 << 20, BESIDE = 16 };
-    struct params cloud = *params;
-    cloud.outputs = OUTPUT_CLOUD;
-    const struct memory_job one = {.points = SMALL}, two = {.points = 2 * SMALL};
-    return BESIDE + ((double)memory_predict(&two, &cloud) - (double)memory_predict(&one, &cloud)) / SMALL;
-}

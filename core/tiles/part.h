@@ -38,7 +38,4 @@ enum status part_make(struct part *part, const struct scratch_points *points, bo
 /* Accepts a zeroed one. */
 void part_done(struct part *part);
 
-/* Of points with params, in bytes each: for who sizes tiles. */
-double part_bytes(const struct params *params);
-
 #endif

@@ -32,18 +32,7 @@
 #include "core/tiles/scratch.h"
 #include "core/tiles/tiles.h"
 
-enum {
-    BLOCK_POINTS = 1 << 16,
-    LEAST_BLOCK_POINTS = 1 << 12,
-    MOST_BLOCKS = 96,
-    FEWEST_BLOCKS = 8,
-    MOST_PASSES = 200,
-    DEAL_BYTES = 16 << 20
-};
-static const double PROGRAM = 96e6;       /* bytes: the program, tables of cells, what is read and written at a time */
-static const double AROUND = 1.7;         /* points with those around them, of a tile's own */
-static const double LEFT = 0.85;          /* of a part's room: how many points can be finished */
-static const double MORE_THAN_KEPT = 1.4; /* points that are left for the end, of those kept */
+enum { BLOCK_POINTS = 1 << 16, MOST_BLOCKS = 96, MOST_PASSES = 200, DEAL_BYTES = 16 << 20 };
 static const double RINGS = 8, PASS_RINGS = 4, MOST_REACH = 400; /* spacings: what stages and passes look at */
 static const double SPOILT = 1000, OUTERMOST = 1.0 / 16;         /* as core/cloud/most.h */
 
@@ -73,58 +62,16 @@ static enum status make_cells(struct planning *plan, size_t n) {
     return plan->cell ? STATUS_OK : plan_no_memory(plan->error);
 }
 
-/* ------------------------------------------------------------------------------------------------ sizes */
-
-static uint64_t room_of(const struct params *params) {
-    double bytes = (double)params->memory_bytes;
-    return bytes > PROGRAM ? (uint64_t)((bytes - PROGRAM) / part_bytes(params)) : 0;
-}
-
-struct tiles_prediction tiles_predict(uint64_t points, const struct params *params) {
-    const double raw = 28, left_bytes = 152, each_s = 4.2e-6;
-    unsigned threads = params->threads ? (unsigned)params->threads : par_processors();
-    double room = (double)room_of(params), left = fmin((double)points, LEFT * room);
-    double tile = fmin((double)points, room / AROUND);
-    return (struct tiles_prediction){(uint64_t)(raw * ((double)points + tile) + left_bytes * left),
-                                     each_s * (double)points * (1 + 1.0 / threads) / 1.5};
-}
-
-enum status tiles_can(const struct params *params, struct error *error) {
-    static const char why[] = "isn't done of a cloud that doesn't fit into memory; allow more memory, or simplify to "
-                              "a cloud first and give that";
-    const char *what = NULL;
-    if (params_want_mesh(params)) what = "a mesh";
-    if (params->outputs & (OUTPUT_DSO | OUTPUT_ERROR | OUTPUT_PREVIEW)) what = "dso, error and preview.png";
-    if (params->denoise != DENOISE_NONE) what = "denoise";
-    if (params->normals == SWITCH_TRUE) what = "normals";
-    if (params_bound_deviation(params)) what = "max_deviation";
-    if (!isnan(params->max_error)) what = "max_error";
-    if (!isnan(params->spacing)) what = "spacing";
-    if (params->weights[0]) what = "weights";
-    if (what) return error_set(error, STATUS_NO_MEMORY, "memory", "%s %s", what, why);
-    if (room_of(params) >= 4 * FEWEST_BLOCKS * LEAST_BLOCK_POINTS) return STATUS_OK;
-    return error_set(error, STATUS_NO_MEMORY, "memory",
-                     "%" PRIu64 " MiB are too little even for tiles; use 160M and more", params->memory_bytes >> 20);
-}
-
-static double wanted_points(const struct params *params, uint64_t points) {
-    double ratio = params->ratio;
-    if (params->levels.count) ratio = params->levels.ratio[0];
-    return params->points ? fmin((double)params->points, (double)points) : floor(ratio * (double)points);
-}
+/* ------------------------------------------------------------------------------------------------ goal */
 
 /* How many points are left for the end: as many as it has room for, and more than are kept. */
 static enum status find_goal(const struct planning *plan, double *goal) {
     const struct scratch_head *head = &plan->scratch.head;
-    double room = LEFT * (double)head->room, wanted = MORE_THAN_KEPT * wanted_points(&head->params, head->points);
+    double room = FIT_LEFT * (double)head->room;
+    double wanted = FIT_MORE_THAN_KEPT * fit_wanted(&head->params, head->points);
     double most = plan->job->tile_points ? fmin(room, 2 * (double)plan->job->tile_points) : room;
     *goal = fmax(most, wanted);
-    if (wanted <= room) return STATUS_OK;
-    return error_set(plan->error, STATUS_NO_MEMORY, "memory",
-                     "%.0f of %" PRIu64 " points are to be kept, and %" PRIu64
-                     " MiB have room to finish %.0f; keep fewer, or allow more memory",
-                     wanted_points(&head->params, head->points), head->points, head->params.memory_bytes >> 20,
-                     room / MORE_THAN_KEPT);
+    return fit_kept(&head->params, head->points, head->room, plan->error);
 }
 
 /* ------------------------------------------------------------------------------------------------ count */
@@ -288,8 +235,8 @@ static enum status check_disk(const struct planning *plan) {
     struct statvfs about;
     const struct scratch_head *head = &plan->scratch.head;
     double each = (double)scratch_record_bytes(&head->coding);
-    double needed =
-        each * (double)(head->points + head->tile_points) + 152 * fmin((double)head->points, LEFT * (double)head->room);
+    double needed = each * (double)(head->points + head->tile_points) +
+                    152 * fmin((double)head->points, FIT_LEFT * (double)head->room);
     if (statvfs(plan->job->folder, &about) != 0) return STATUS_OK;
     double there = (double)about.f_bavail * (double)about.f_frsize;
     if (needed <= there) return STATUS_OK;
@@ -463,8 +410,8 @@ static double reach_of(size_t passes, double share) {
 
 /* Points of a block: fewer where there is little room. */
 static uint64_t block_points_of(const struct scratch_head *head) {
-    uint64_t most = head->room / (4 * FEWEST_BLOCKS);
-    return most < LEAST_BLOCK_POINTS ? LEAST_BLOCK_POINTS : most < BLOCK_POINTS ? most : BLOCK_POINTS;
+    uint64_t most = head->room / (4 * FIT_FEWEST_BLOCKS);
+    return most < FIT_LEAST_BLOCK_POINTS ? FIT_LEAST_BLOCK_POINTS : most < BLOCK_POINTS ? most : BLOCK_POINTS;
 }
 
 /* Boxes of some thousand points each, all of the cloud. */
@@ -502,7 +449,7 @@ static enum status gather_blocks(const struct planning *plan, const struct grid_
     const struct scratch *s = &plan->scratch;
     struct scratch_points around = {0};
     double each = (double)block_points_of(&s->head), wide = 1 + 2 * reach / sqrt(each);
-    size_t chosen = (size_t)fmin(fmax((double)s->head.room / (each * wide * wide), FEWEST_BLOCKS), MOST_BLOCKS);
+    size_t chosen = (size_t)fmin(fmax((double)s->head.room / (each * wide * wide), FIT_FEWEST_BLOCKS), MOST_BLOCKS);
     enum status status = STATUS_OK;
     if (chosen > blocks) chosen = blocks;
     for (size_t i = 0; !status && i < chosen; i++) {
@@ -595,8 +542,8 @@ static enum status identify(struct planning *plan) {
     if (!s->input) return plan_no_memory(plan->error);
     s->head.inputs = job->inputs;
     s->head.params = *job->params;
-    s->head.room = room_of(job->params);
-    s->head.tile_points = job->tile_points ? job->tile_points : (uint64_t)((double)s->head.room / AROUND);
+    s->head.room = fit_room(job->params);
+    s->head.tile_points = job->tile_points ? job->tile_points : (uint64_t)((double)s->head.room / FIT_AROUND);
     enum status status = STATUS_OK;
     for (size_t i = 0; !status && i < job->inputs; i++)
         status = scratch_identify(job->input[i], &s->input[i], plan->error);

@@ -122,6 +122,28 @@ static enum status run_tile(struct running *run, unsigned threads) {
     return status;
 }
 
+/* Where room is short the width is less, so these may be more than are read. */
+static enum status find_around(struct running *run, bool *is_read) {
+    const struct scratch *s = &run->scratch;
+    const struct grid_tile *tile = &s->tile[run->tile];
+    double spacing;
+    if (grid_from(&run->grid, s->head.anchor, s->head.level, s->cell, s->head.cells) ||
+        grid_spacing(&run->grid, tile, SPARSE, &spacing))
+        return run_no_memory(run);
+    for (size_t t = 0; t < s->head.tiles; t++)
+        is_read[t] = scratch_touches(s, &run->grid, tile, s->head.reach * spacing, t);
+    return STATUS_OK;
+}
+
+enum status tiles_around(const char *folder, size_t tile, bool *is_read, struct error *error) {
+    struct running run = {.folder = folder, .tile = tile, .error = error};
+    enum status status = scratch_load(folder, &run.scratch, error);
+    if (!status) status = find_around(&run, is_read);
+    grid_done(&run.grid);
+    scratch_done(&run.scratch);
+    return status;
+}
+
 bool tiles_is_done(const char *folder, size_t tile) { return scratch_has(folder, "left", tile); }
 
 enum status tiles_run(const char *folder, size_t tile, unsigned threads, const struct progress *progress,

@@ -15,19 +15,38 @@
 #include "core/base/version.h"
 #include "core/io/out/file_out.h"
 #include "core/io/out/sink.h"
+#include "core/tiles/tiles.h"
 
 static const char mark[16] = "whittle tiles 1";
 enum { ID_BYTES = sizeof(uint32_t), LOOK_BYTES = 64 * 1024 };
 
 void scratch_path(char path[SCRATCH_PATH_BYTES], const char *folder, const char *name, size_t number) {
+    if (strncmp(folder, TILES_GIVEN, sizeof TILES_GIVEN - 1) == 0) folder = ".";
     if (strcmp(name, "plan") == 0)
         snprintf(path, SCRATCH_PATH_BYTES, "%s/plan", folder);
     else
         snprintf(path, SCRATCH_PATH_BYTES, "%s/%s.%zu", folder, name, number);
 }
 
+/* The descriptor that the folder's name says the file is; -1: it says none. */
+static int given_fd(const char *folder, const char *name, size_t number) {
+    char entry[64];
+    if (strncmp(folder, TILES_GIVEN, sizeof TILES_GIVEN - 1) != 0) return -1;
+    int n = snprintf(entry, sizeof entry, "%s.%zu=", name, number);
+    for (const char *at = folder + sizeof TILES_GIVEN - 1; *at; at += strcspn(at, ","), at += *at == ',')
+        if (strncmp(at, entry, (size_t)n) == 0) return (int)strtol(at + n, NULL, 10);
+    return -1;
+}
+
+int scratch_open_file(const char *folder, const char *name, size_t number, char path[SCRATCH_PATH_BYTES]) {
+    int fd = given_fd(folder, name, number);
+    scratch_path(path, folder, name, number);
+    return fd >= 0 ? fcntl(fd, F_DUPFD_CLOEXEC, 0) : open(path, O_RDONLY | O_CLOEXEC);
+}
+
 bool scratch_has(const char *folder, const char *name, size_t number) {
     char path[SCRATCH_PATH_BYTES];
+    if (given_fd(folder, name, number) >= 0) return true;
     scratch_path(path, folder, name, number);
     return access(path, R_OK) == 0;
 }
@@ -112,7 +131,7 @@ static enum status load(int fd, const char *path, struct scratch *s, struct erro
         return error_set(error, STATUS_MALFORMED, "tiles", "%s is no plan of tiles", path);
     head->version[sizeof head->version - 1] = '\0';
     if (strcmp(head->version, whittle_version()) != 0)
-        return error_set(error, STATUS_BAD_PARAMETER, "tiles", "%s was made by whittle %s; use another folder", path,
+        return error_set(error, STATUS_BAD_PARAMETER, "version", "%s was made by whittle %s; use another folder", path,
                          head->version);
     uint64_t at = sizeof *head, found = 0, hash = hash_of(0, head, sizeof *head);
     if (head->cells > GRID_MOST_CELLS || head->tiles > GRID_MOST_CELLS || head->inputs > GRID_MOST_CELLS ||
@@ -135,8 +154,7 @@ static enum status load(int fd, const char *path, struct scratch *s, struct erro
 enum status scratch_load(const char *folder, struct scratch *scratch, struct error *error) {
     char path[SCRATCH_PATH_BYTES];
     struct scratch loaded = {0};
-    scratch_path(path, folder, "plan", 0);
-    int fd = open(path, O_RDONLY | O_CLOEXEC);
+    int fd = scratch_open_file(folder, "plan", 0, path);
     if (fd < 0) return error_set(error, STATUS_IO, "tiles", "there is no plan %s: %s", path, strerror(errno));
     enum status status = load(fd, path, &loaded, error);
     close(fd);
@@ -152,20 +170,23 @@ enum status scratch_identify(const char *path, struct scratch_input *input, stru
     unsigned char look[LOOK_BYTES];
     struct stat about;
     memset(input, 0, sizeof *input);
-    char *whole = realpath(path, NULL);
-    int fd = whole ? open(whole, O_RDONLY | O_CLOEXEC) : -1;
+    bool standard = strcmp(path, "-") == 0;
+    char *whole = standard ? NULL : realpath(path, NULL);
+    const char *name = standard ? path : whole;
+    int fd = standard ? fcntl(STDIN_FILENO, F_DUPFD_CLOEXEC, 0) : whole ? open(whole, O_RDONLY | O_CLOEXEC) : -1;
     enum status status = STATUS_OK;
     if (fd < 0 || fstat(fd, &about) != 0)
         status = error_set(error, STATUS_IO, "read", "can't open %s: %s", path, strerror(errno));
     else if (!S_ISREG(about.st_mode))
         status = error_set(error, STATUS_UNSUPPORTED, "tiles",
                            "%s is no regular file; what doesn't fit into memory is read more than once", path);
-    else if (strlen(whole) >= sizeof input->path)
+    else if (strlen(name) >= sizeof input->path)
         status = error_set(error, STATUS_LIMIT, "tiles", "the path of %s is too long", path);
     if (!status) {
-        snprintf(input->path, sizeof input->path, "%s", whole);
+        snprintf(input->path, sizeof input->path, "%s", name ? name : "");
         input->bytes = (uint64_t)about.st_size;
-        input->modified_ns = (uint64_t)about.st_mtim.tv_sec * 1000000000u + (uint64_t)about.st_mtim.tv_nsec;
+        if (!standard)
+            input->modified_ns = (uint64_t)about.st_mtim.tv_sec * 1000000000u + (uint64_t)about.st_mtim.tv_nsec;
         size_t n = input->bytes < sizeof look ? (size_t)input->bytes : sizeof look;
         const uint64_t at[] = {0, (input->bytes - n) / 2, input->bytes - n};
         for (size_t i = 0; !status && i < 3; i++) {
@@ -301,6 +322,14 @@ static uint64_t count_near(const struct scratch *scratch, const struct grid_tile
     return sum;
 }
 
+bool scratch_touches(const struct scratch *scratch, const struct grid *grid, const struct grid_tile *box, double width,
+                     size_t tile) {
+    const struct grid_tile *other = &scratch->tile[tile];
+    for (size_t i = other->first; i < other->first + other->cells; i++)
+        if (is_near(box, scratch->cell[i].place, width / grid_side(grid))) return true;
+    return false;
+}
+
 enum status scratch_gather(const char *folder, const struct scratch *scratch, const struct grid *grid,
                            const struct grid_tile *box, double width, uint64_t room, struct scratch_points *points,
                            struct error *error) {
@@ -332,8 +361,7 @@ enum status scratch_gather(const char *folder, const struct scratch *scratch, co
             }
             uint64_t first = cell[i].first, count = 0;
             for (; i < end && is_near(box, cell[i].place, width / side); i++) count += cell[i].count;
-            scratch_path(path, folder, "points", t);
-            if (fd < 0) fd = open(path, O_RDONLY | O_CLOEXEC);
+            if (fd < 0) fd = scratch_open_file(folder, "points", t, path);
             if (fd < 0) {
                 status = error_set(error, STATUS_IO, "tiles", "can't open %s: %s", path, strerror(errno));
                 break;

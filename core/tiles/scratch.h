@@ -70,12 +70,17 @@ void scratch_done(struct scratch *scratch);
 enum status scratch_save(const char *folder, const struct scratch *scratch, struct error *error) MUST_CHECK;
 enum status scratch_load(const char *folder, struct scratch *scratch, struct error *error) MUST_CHECK;
 
-/* Which file this is, for as long as nobody writes to it: its length, time and some of its bytes. */
+/* Which file this is, for as long as nobody writes to it: its length, time and some of its bytes.  Standard input ("-")
+ * has no time: whoever gives it knows that it is the same. */
 enum status scratch_identify(const char *path, struct scratch_input *input, struct error *error) MUST_CHECK;
 
 /* "FOLDER/NAME.N". */
 void scratch_path(char path[SCRATCH_PATH_BYTES], const char *folder, const char *name, size_t number);
 bool scratch_has(const char *folder, const char *name, size_t number);
+
+/* Opens a file of the folder for reading, the descriptor that its name says (TILES_GIVEN) where it says one; path gets
+ * its name in any case.  -1 with errno. */
+int scratch_open_file(const char *folder, const char *name, size_t number, char path[SCRATCH_PATH_BYTES]);
 
 /* ------------------------------------------------------------------------------------------------ points */
 
@@ -100,6 +105,10 @@ void scratch_points_done(struct scratch_points *points);
 enum status scratch_gather(const char *folder, const struct scratch *scratch, const struct grid *grid,
                            const struct grid_tile *box, double width, uint64_t room, struct scratch_points *points,
                            struct error *error) MUST_CHECK;
+
+/* Whether the space around the box, `width` wide, holds points of a tile. */
+bool scratch_touches(const struct scratch *scratch, const struct grid *grid, const struct grid_tile *box, double width,
+                     size_t tile);
 
 /* Whole files: n bytes from `at`; STATUS_IO where they aren't there. */
 enum status scratch_read(int fd, void *to, size_t n, uint64_t at, const char *path, struct error *error) MUST_CHECK;

@@ -20,9 +20,10 @@
 #include "core/base/status.h"
 #include "core/params.h"
 #include "core/pipeline/pipeline.h"
+#include "core/tiles/fit.h"
 
 struct tiles_job {
-    const char *const *input; /* regular files, core/io/stream.h */
+    const char *const *input; /* regular files, core/io/stream.h; "-" is standard input, which is one too */
     size_t inputs;
     const char *folder;          /* scratch; made where it isn't there */
     const struct params *params; /* resolved; memory_bytes bounds what plan, run and merge take each */
@@ -37,15 +38,9 @@ struct tiles_facts {
     uint64_t left_points; /* after these, about */
 };
 
-/* What it takes, by the number of points in the input; disk is the most that scratch holds at once. */
-struct tiles_prediction {
-    uint64_t disk_bytes;
-    double seconds; /* on so many processors as threads says, all stages; by a rule of thumb */
-};
-struct tiles_prediction tiles_predict(uint64_t points, const struct params *params);
-
-/* Whether tiles can do what params ask for: STATUS_BAD_PARAMETER or STATUS_NO_MEMORY that say what can't be. */
-enum status tiles_can(const struct params *params, struct error *error) MUST_CHECK;
+/* A folder's name may say what some of its files are among the descriptors of this process, which opens none by name
+ * where it is confined: TILES_GIVEN "plan.0=4,points.7=5".  What isn't said lies in the current folder. */
+#define TILES_GIVEN "given:"
 
 /* Plans, unless the folder has this plan already.  STATUS_BAD_PARAMETER where it has another one (another input, other
  * parameters); STATUS_NO_MEMORY where params->memory_bytes have no room for it, STATUS_NO_SPACE, STATUS_IO, what
@@ -64,6 +59,9 @@ struct tiles_inputs {
 };
 enum status tiles_inputs(const char *folder, struct tiles_inputs *inputs, struct error *error) MUST_CHECK;
 void tiles_inputs_done(struct tiles_inputs *inputs);
+
+/* The tiles whose points running this one reads, its own among them: is_read[t] of each. */
+enum status tiles_around(const char *folder, size_t tile, bool *is_read, struct error *error) MUST_CHECK;
 
 /* Whether this tile has been run. */
 bool tiles_is_done(const char *folder, size_t tile);

@@ -21,12 +21,15 @@
 
 #include "core/base/alloc.h"
 #include "core/cloud/colour_depth.h"
+#include "core/io/out/file_out.h"
 #include "core/io/out/las_write.h"
+#include "core/io/out/sink.h"
 #include "core/io/sniff.h"
 #include "core/io/stream.h"
 #include "core/pipeline/memory.h"
 #include "core/tiles/tiles.h"
 #include "server/cli/input.h"
+#include "server/cli/no_new_code.h"
 #include "server/cli/output.h"
 #include "server/shared/worker_protocol.h"
 
@@ -329,6 +332,16 @@ static struct params outputs_of(const struct params *planned, const struct param
     return params;
 }
 
+static enum status write_merged(const struct worker_options *options, const struct worker_inputs *inputs,
+                                struct cloud *cloud, struct pipeline_result *result, struct error *error) {
+    enum status status = STATUS_OK;
+    if (options->params.outputs & OUTPUT_ANY_LAS && options->params.colours == COLOURS_8)
+        status = cloud_keep_colours(cloud, error);
+    if (!status)
+        status = cloud_set_colours(cloud, (enum colour_bits)options->params.colours, &result->report.left_out, error);
+    return status ? status : worker_output_write(options, inputs, cloud, result, error);
+}
+
 static int merge_tiles(int argc, char **argv, struct worker_progress *display) {
     struct worker_options options;
     struct tiles_facts facts;
@@ -357,11 +370,7 @@ static int merge_tiles(int argc, char **argv, struct worker_progress *display) {
     status = worker_inputs_open(&inputs, (const char *const *)planned_inputs.path, planned_inputs.count, &error);
     if (!status) status = worker_output_check(&options, &inputs, &error);
     if (!status) status = tiles_merge(scratch, (unsigned)options.params.threads, &progress, &cloud, &result, &error);
-    if (!status && options.params.outputs & OUTPUT_ANY_LAS && options.params.colours == COLOURS_8)
-        status = cloud_keep_colours(&cloud, &error);
-    if (!status)
-        status = cloud_set_colours(&cloud, (enum colour_bits)options.params.colours, &result.report.left_out, &error);
-    if (!status) status = worker_output_write(&options, &inputs, &cloud, &result, &error);
+    if (!status) status = write_merged(&options, &inputs, &cloud, &result, &error);
     if (!status && options.summary)
         worker_output_summary(&options, &result.report, options.to_standard ? stderr : stdout);
     bool no_output = status && (strcmp(error.where, "output") == 0 || strcmp(error.where, "write") == 0);
@@ -373,6 +382,85 @@ static int merge_tiles(int argc, char **argv, struct worker_progress *display) {
     tiles_inputs_done(&planned_inputs);
     worker_options_done(&options);
     return exit_status;
+}
+
+/* ------------------------------------------------------------------------------------------------ for the service */
+
+/* A line for each tile: those whose points it reads. */
+static enum status write_around(size_t tiles, struct error *error) {
+    struct file_out file;
+    struct sink sink;
+    bool *is_read = alloc_array(tiles, sizeof *is_read);
+    if (!is_read) return error_set(error, STATUS_NO_MEMORY, "tiles", "no memory for %zu tiles", tiles);
+    enum status status = file_out_begin(&file, "around", error);
+    if (!status) {
+        status = sink_init(&sink, file.fd);
+        for (size_t t = 0; !status && t < tiles; t++) {
+            status = tiles_around(".", t, is_read, error);
+            for (size_t i = 0; !status && i < tiles; i++)
+                if (is_read[i]) sink_format(&sink, "%zu ", i);
+            if (!status) sink_format(&sink, "\n");
+        }
+        status = sink_done(&sink, status, error);
+        if (!status) status = file_out_commit(&file, 1, error);
+    }
+    if (status) file_out_abort(&file);
+    free(is_read);
+    return status;
+}
+
+static enum status merge_and_write(const struct worker_options *options, const char *folder,
+                                   const struct progress *progress, struct error *error) {
+    struct cloud cloud = {0};
+    struct pipeline_result result = {0};
+    struct worker_inputs inputs = {0};
+    enum status status = worker_inputs_open(&inputs, options->input, options->input_count, error);
+    if (!status) status = tiles_merge(folder, (unsigned)options->params.threads, progress, &cloud, &result, error);
+    if (!status) status = write_merged(options, &inputs, &cloud, &result, error);
+    worker_inputs_done(&inputs);
+    pipeline_result_done(&result);
+    cloud_done(&cloud);
+    return status;
+}
+
+/* One task of a job of tiles.  The cloud is standard input; what the task makes lies in the current folder. */
+static int work_task(int argc, char **argv, volatile sig_atomic_t *stopping) {
+    struct worker_options options;
+    struct worker_progress display;
+    struct progress progress = {worker_progress_tick, &display};
+    struct error error = {0};
+    struct tiles_facts facts;
+    if (argc < 4) return refuse_tiles("work takes a task, its files and the options of whittle");
+    const char *task = argv[1];
+    size_t room = sizeof TILES_GIVEN + strlen(argv[2]);
+    char *folder = alloc_array(room, 1);
+    if (!folder) return wire_exit_status(STATUS_NO_MEMORY);
+    snprintf(folder, room, TILES_GIVEN "%s", argv[2]);
+    if (worker_options_parse(&options, argc - 2, argv + 2, &error) != WORKER_RUN) {
+        fprintf(stderr, "whittle tiles: %s: %s\n", error.where, error.text);
+        worker_options_done(&options);
+        free(folder);
+        return wire_exit_status(STATUS_BAD_PARAMETER);
+    }
+    bool confined = options.progress_fd >= 0 && worker_no_new_code();
+    (void)confined; /* where the kernel has no filters, whittled says so */
+    worker_progress_init(&display, options.progress_fd, stopping);
+    unsigned threads = (unsigned)options.params.threads;
+    enum status status;
+    if (strcmp(task, "plan") == 0) {
+        const struct tiles_job job = {options.input, options.input_count, ".", &options.params, options.tile_points};
+        status = tiles_plan(&job, &progress, &facts, &error);
+        if (!status) status = write_around(facts.tiles, &error);
+    } else if (strcmp(task, "merge") == 0) {
+        status = merge_and_write(&options, folder, &progress, &error);
+    } else {
+        status = tiles_run(folder, strtoul(task, NULL, 10), threads, &progress, &error);
+    }
+    worker_progress_end(&display, status, &error);
+    if (status) worker_output_explain("the cloud", status, &error, stderr);
+    worker_options_done(&options);
+    free(folder);
+    return wire_exit_status(status);
 }
 
 int worker_tiles_main(int argc, char **argv, uint64_t machine_bytes, volatile sig_atomic_t *stopping) {
@@ -387,6 +475,7 @@ int worker_tiles_main(int argc, char **argv, uint64_t machine_bytes, volatile si
             print_tiles_help();
             return 0;
         }
+    if (strcmp(step, "work") == 0) return work_task(argc - 1, argv + 1, stopping);
     worker_progress_init(&display, -1, stopping);
     if (strcmp(step, "plan") == 0) return plan_tiles(argc - 1, argv + 1, &display, machine_bytes);
     if (strcmp(step, "list") == 0) return list_tiles(argc - 1, argv + 1);

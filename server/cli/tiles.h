@@ -31,7 +31,8 @@ enum status worker_tiles_simplify(const struct worker_options *options, const st
 /* Removes the tiles, once the outputs have their names. */
 void worker_tiles_remove(const struct worker_options *options);
 
-/* whittle tiles plan|list|run|merge.  argv[0] is "tiles"; machine_bytes: of memory, where none is given.  Returns the
+/* whittle tiles plan|list|run|merge, and work, which the service starts (server/runner/spawn.c).  argv[0] is "tiles";
+ * machine_bytes: of memory, where none is given.  Returns the
  * exit status. */
 int worker_tiles_main(int argc, char **argv, uint64_t machine_bytes, volatile sig_atomic_t *stopping);
 

@@ -1,0 +1,66 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/tiles/fit.h"
+
+#include <inttypes.h>
+#include <math.h>
+
+#include "core/base/par.h"
+#include "core/pipeline/memory.h"
+
+static const double PROGRAM = 96e6; /* bytes: the program, tables of cells, what is read and written at a time */
+
+/* What a point of a cloud takes, of which the records aren't there, but numbers and marks. */
+static double part_bytes(const struct params *params) {
+    enum { SMALL = 1 << 20, BESIDE = 16 };
+    struct params cloud = *params;
+    cloud.outputs = OUTPUT_CLOUD;
+    const struct memory_job one = {.points = SMALL}, two = {.points = 2 * SMALL};
+    return BESIDE + ((double)memory_predict(&two, &cloud) - (double)memory_predict(&one, &cloud)) / SMALL;
+}
+
+uint64_t fit_room(const struct params *params) {
+    double bytes = (double)params->memory_bytes;
+    return bytes > PROGRAM ? (uint64_t)((bytes - PROGRAM) / part_bytes(params)) : 0;
+}
+
+double fit_wanted(const struct params *params, uint64_t points) {
+    double ratio = params->ratio;
+    if (params->levels.count) ratio = params->levels.ratio[0];
+    return params->points ? fmin((double)params->points, (double)points) : floor(ratio * (double)points);
+}
+
+enum status fit_kept(const struct params *params, uint64_t points, uint64_t room, struct error *error) {
+    double most = FIT_LEFT * (double)room / FIT_MORE_THAN_KEPT, wanted = fit_wanted(params, points);
+    if (wanted <= most) return STATUS_OK;
+    return error_set(error, STATUS_NO_MEMORY, "memory",
+                     "%.0f of %" PRIu64 " points are to be kept, and %" PRIu64
+                     " MiB have room to finish %.0f; keep fewer, or allow more memory",
+                     wanted, points, params->memory_bytes >> 20, most);
+}
+
+struct tiles_prediction tiles_predict(uint64_t points, const struct params *params) {
+    const double raw = 28, left_bytes = 152, each_s = 4.2e-6;
+    unsigned threads = params->threads ? (unsigned)params->threads : par_processors();
+    double room = (double)fit_room(params), left = fmin((double)points, FIT_LEFT * room);
+    double tile = fmin((double)points, room / FIT_AROUND);
+    return (struct tiles_prediction){(uint64_t)(raw * ((double)points + tile) + left_bytes * left),
+                                     each_s * (double)points * (1 + 1.0 / threads) / 1.5};
+}
+
+enum status tiles_can(const struct params *params, struct error *error) {
+    static const char why[] = "isn't done of a cloud that doesn't fit into memory; allow more memory, or simplify to "
+                              "a cloud first and give that";
+    const char *what = NULL;
+    if (params_want_mesh(params)) what = "a mesh";
+    if (params->outputs & (OUTPUT_DSO | OUTPUT_ERROR | OUTPUT_PREVIEW)) what = "dso, error and preview.png";
+    if (params->denoise != DENOISE_NONE) what = "denoise";
+    if (params->normals == SWITCH_TRUE) what = "normals";
+    if (params_bound_deviation(params)) what = "max_deviation";
+    if (!isnan(params->max_error)) what = "max_error";
+    if (!isnan(params->spacing)) what = "spacing";
+    if (params->weights[0]) what = "weights";
+    if (what) return error_set(error, STATUS_NO_MEMORY, "memory", "%s %s", what, why);
+    if (fit_room(params) >= 4 * FIT_FEWEST_BLOCKS * FIT_LEAST_BLOCK_POINTS) return STATUS_OK;
+    return error_set(error, STATUS_NO_MEMORY, "memory",
+                     "%" PRIu64 " MiB are too little even for tiles; use 160M and more", params->memory_bytes >> 20);
+}

@@ -1,0 +1,40 @@
+/* What tiles can do, and what they take: known before anything is read, and by the service, which makes none itself.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_TILES_FIT_H
+#define WHITTLE_CORE_TILES_FIT_H
+
+#include <stdint.h>
+
+#include "core/base/status.h"
+#include "core/params.h"
+
+/* Points with those around them, of a tile's own; of a part's room, how many points can be finished; points that are
+ * left for the end, of those kept. */
+#define FIT_AROUND 1.7
+#define FIT_LEFT 0.85
+#define FIT_MORE_THAN_KEPT 1.4
+
+/* The sample that a plan takes has so many blocks of so many points at least. */
+enum { FIT_LEAST_BLOCK_POINTS = 1 << 12, FIT_FEWEST_BLOCKS = 8 };
+
+/* How many points of a part params->memory_bytes have room for. */
+uint64_t fit_room(const struct params *params);
+
+/* Of so many points, how many are to be kept. */
+double fit_wanted(const struct params *params, uint64_t points);
+
+/* Whether what is to be kept can be finished in the room: STATUS_NO_MEMORY says what can. */
+enum status fit_kept(const struct params *params, uint64_t points, uint64_t room, struct error *error) MUST_CHECK;
+
+/* What it takes, by the number of points in the input; disk is the most that scratch holds at once. */
+struct tiles_prediction {
+    uint64_t disk_bytes;
+    double seconds; /* on so many processors as threads says, all stages; by a rule of thumb */
+};
+struct tiles_prediction tiles_predict(uint64_t points, const struct params *params);
+
+/* Whether tiles can do what params ask for: STATUS_BAD_PARAMETER or STATUS_NO_MEMORY that say what can't be. */
+enum status tiles_can(const struct params *params, struct error *error) MUST_CHECK;
+
+#endif

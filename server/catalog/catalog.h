@@ -113,7 +113,8 @@ struct catalog_claim {
     int64_t lease_ms, memory_bytes;
 };
 
-/* Makes the accepted job whose turn it is (fair_share.h) running and hands it over (the caller's, to job_done).
+/* Makes the accepted job whose turn it is (fair_share.h) running and hands it over (the caller's, to job_done); of one
+ * with tiles its first task that waits, and the job keeps its place while more of them do.
  * *found false: none waits, or that one is predicted to take more memory, or it or the one that runs was
  * interrupted so often that it runs alone (job.h). */
 enum status catalog_claim(struct catalog *catalog, const struct catalog_claim *claim, struct job *job, bool *found,
@@ -147,9 +148,10 @@ enum status catalog_cancel(struct catalog *catalog, const char *id, struct error
 
 /* Makes the transition that event stands for (not JOB_CLAIM), and keeps what *job says of resources, report, problem,
  * outputs and expiry; for JOB_REQUEUE of failures, interruptions and predicted memory
- * alone.  *changed false: the job's state doesn't
- * allow it, or it runs and job->owner and job->attempt don't hold it; nothing was done.  JOB_REQUEUE of a job that is
- * cancelled is JOB_DISMISS. */
+ * alone.  Of a task of a job with tiles it is that task's, and means what job_step_of says; *changed false: it isn't
+ * the caller's any more.  With JOB_TASK_NONE it is the whole job's, whoever has its tasks, JOB_WITHDRAW too while it
+ * runs. *changed false: the job's state doesn't allow it, or it runs and job->owner and job->attempt don't hold it;
+ * nothing was done.  JOB_REQUEUE of a job that is cancelled is JOB_DISMISS. */
 enum status catalog_finish(struct catalog *catalog, enum job_event event, const struct job *job, bool *changed,
                            struct error *error) MUST_CHECK;
 

@@ -42,7 +42,11 @@ void catalog_cells_read_job(const struct catalog_cells *cells, struct job *job) 
     job->interruptions = (int)cells->integer(cells->row, c++);
     copy_text(cells, c++, job->owner, sizeof job->owner);
     job->lease_end_ms = cells->integer(cells->row, c++);
-    job->is_cancelled = cells->integer(cells->row, c) != 0;
+    job->is_cancelled = cells->integer(cells->row, c++) != 0;
+    job->tiles = cells->integer(cells->row, c++);
+    job->tiles_done = cells->integer(cells->row, c);
+    job->task = JOB_TASK_NONE;
+    if (job->tiles && job->state == JOB_ACCEPTED && job->started_ms) job->state = JOB_RUNNING;
 }
 
 void catalog_cells_read_output(const struct catalog_cells *cells, struct job *job) {

@@ -26,7 +26,11 @@ struct catalog_cells {
 #define CATALOG_JOB_COLUMNS                                                                                            \
     "id, state, sequence, attempt, created, started, finished, updated, expires, label, cloud, input_bytes, "          \
     "input_points, input_format, params, stage, message, fraction, cpu, wall, rss, report, problem, principal, "       \
-    "priority, result, memory, failures, interruptions, owner, lease, cancelled"
+    "priority, result, memory, failures, interruptions, owner, lease, cancelled, "                                     \
+    "tiles, tiles_done"
+
+/* The state that a job is seen in: one whose tasks wait runs since the first was claimed. */
+#define CATALOG_JOB_SEEN "CASE WHEN state = 0 AND tiles <> 0 AND started > 0 THEN 1 ELSE state END"
 #define CATALOG_OUTPUT_COLUMNS "name, bytes, sha256"
 
 /* A row of CATALOG_JOB_COLUMNS, without the job's outputs; *job is the caller's, for job_done. */

@@ -46,6 +46,22 @@ bool job_transition(enum job_state state, enum job_event event, enum job_state *
     return true;
 }
 
+void job_become_task(struct job *job, const struct job *task) {
+    job->task = task->task;
+    job->attempt = task->attempt;
+    memcpy(job->owner, task->owner, sizeof job->owner);
+    job->lease_end_ms = task->lease_end_ms;
+    job->failures = task->failures;
+    job->interruptions = task->interruptions;
+}
+
+enum job_step job_step_of(const struct job *job, enum job_event event, enum job_state *next) {
+    *next = event == JOB_DONE ? JOB_SUCCESSFUL : event == JOB_FAIL ? JOB_FAILED : JOB_DISMISSED;
+    if (event == JOB_REQUEUE) return job->task == JOB_TASK_NONE ? JOB_STEP_RESTART : JOB_STEP_AGAIN;
+    if (event != JOB_DONE || job->task > job->tiles) return JOB_STEP_END;
+    return job->task == JOB_TASK_PLAN ? JOB_STEP_PLANNED : JOB_STEP_TILE;
+}
+
 bool job_ended(enum job_state state) { return state != JOB_ACCEPTED && state != JOB_RUNNING; }
 
 /* ------------------------------------------------------------------------------------------------ ids */
@@ -106,6 +122,7 @@ char *job_result_text(const struct job *job, const char *version) {
     if (!out) return NULL;
     fprintf(out, "%s\n%s\n", version, job->cloud);
     print_params(out, &job->params, false);
+    if (job->tiles) fprintf(out, "tiles within %llu\n", (unsigned long long)job->memory_bytes);
     return close_text(out, &text);
 }
 

@@ -12,6 +12,15 @@
  * the service, if any, nobody can tell; so those that were interrupted JOB_ALONE_AFTER times run alone from then on,
  * which frees the innocent, and JOB_MAX_INTERRUPTIONS fail the one that still ends it.
  *
+ * A job that is made in tiles (core/tiles/tiles.h) runs as tasks: the plan, each tile, the merge.  Hosts claim these
+ * rather than the job, each by a lease of its own, as many of them at a time as there is room for; the job runs from
+ * its first claim to its end, and nobody owns it.
+ *
+ *     plan --> tile 1, tile 2, ... tile N --> merge
+ *
+ * A task that is lost waits again, and nothing else does.  The end of a task is the job's where it has failed, or was
+ * the merge.
+ *
  * To add a member that is kept: here, a column in job_rows.h with a step of the schema, and api/codecs/job_json.h.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -48,8 +57,15 @@ enum {
     JOB_ALONE_AFTER = 2,                    /* interrupted so often, it runs while nothing else does */
     JOB_PRIORITY_AGING_MS = 10 * 60 * 1000, /* what a step of priority is worth in waiting */
     JOB_PRIORITY_MAX = 9,
-    JOB_PRIORITY_DEFAULT = 5
+    JOB_PRIORITY_DEFAULT = 5,
+    JOB_TILES_UNPLANNED = -1, /* a number of tiles: it is to be found */
+    JOB_MAX_TILES = 100000,
+    JOB_TASK_NONE = -1, /* a task: the job as a whole */
+    JOB_TASK_PLAN = 0   /* 1 to the number of tiles: one of these; one more: the merge */
 };
+
+/* No lease ends then: of a job whose tasks have owners rather than itself. */
+#define JOB_LEASE_NEVER (INT64_C(1) << 52)
 
 struct job_output {
     char name[JOB_OUTPUT_NAME_BYTES];
@@ -93,6 +109,11 @@ struct job {
     const struct job_key *key; /* borrowed, and kept with the job when it is submitted; NULL = none */
     const char *webhook;       /* the same: where to tell of its end */
 
+    int64_t tiles;      /* that it is made in; 0 = it is made in one piece */
+    int64_t tiles_done; /* of these */
+    int64_t task; /* what was claimed, where there are tiles; then owner, attempt, failures, interruptions are its */
+    double task_cpu_s; /* processor time of that alone */
+
     char stage[JOB_STAGE_BYTES], message[JOB_MESSAGE_BYTES];
     double fraction;
     uint64_t ahead; /* accepted jobs whose turn comes before its own; filled by catalog_get and catalog_list */
@@ -115,6 +136,19 @@ bool job_state_from_name(const char *name, enum job_state *state);
 
 /* Whether the event may happen in this state, and then which state follows. */
 bool job_transition(enum job_state state, enum job_event event, enum job_state *next);
+
+/* What an event means to a job with tiles, by the task that it happened to. */
+enum job_step {
+    JOB_STEP_PLANNED, /* its tiles may be claimed; job->tiles says how many */
+    JOB_STEP_TILE,    /* one more is done */
+    JOB_STEP_AGAIN,   /* the task waits again */
+    JOB_STEP_RESTART, /* all of it begins anew */
+    JOB_STEP_END      /* the job is in state *next */
+};
+enum job_step job_step_of(const struct job *job, enum job_event event, enum job_state *next);
+
+/* Makes a job that was read with its row the task of it that the other one says. */
+void job_become_task(struct job *job, const struct job *task);
 
 /* Whether a job in this state is over. */
 bool job_ended(enum job_state state);

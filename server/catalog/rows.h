@@ -2,7 +2,7 @@
  * backend has under the same names.
  *
  * What a host or a process holds isn't moved: leases, keys of requests under way, reservations; resumable uploads
- * aren't either.  A job that was running has no lease then, so it is queued again.
+ * aren't either.  A job that was running has no lease then, so it is queued again; one of tiles begins anew.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_SERVER_CATALOG_ROWS_H

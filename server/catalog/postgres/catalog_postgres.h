@@ -89,6 +89,27 @@ enum status catalog_postgres_add_key(struct pq_link *link, const char *principal
 enum status catalog_postgres_add_webhook(struct pq_link *link, const char *job, const char *url,
                                          struct error *error) MUST_CHECK;
 
+/* The jobs of a SELECT CATALOG_JOB_COLUMNS; outputs too, which those alone have that have ended.  *count is 0 on
+ * failure. */
+enum status catalog_postgres_select_jobs(struct pq_link *link, const char *text, const struct pq_value *values,
+                                         size_t value_count, struct job *jobs, size_t max, size_t *count,
+                                         struct error *error) MUST_CHECK;
+
+/* A job's end with what is due then, and that it waits again. */
+enum status catalog_postgres_write_end(struct catalog_postgres *postgres, struct pq_link *link, const struct job *job,
+                                       enum job_state next, struct error *error) MUST_CHECK;
+enum status catalog_postgres_write_requeue(struct catalog_postgres *postgres, struct pq_link *link,
+                                           const struct job *job, struct error *error) MUST_CHECK;
+
+/* ---- tasks.c: jobs in tiles, as in sqlite/catalog_sqlite.h ---- */
+
+enum status catalog_postgres_take_task(struct pq_link *link, const struct catalog_claim *by, struct job *job,
+                                       size_t *count, struct error *error) MUST_CHECK;
+enum status catalog_postgres_list_lost_tasks(struct pq_link *link, const char *owner, struct job *jobs, size_t max,
+                                             size_t *count, struct error *error) MUST_CHECK;
+enum status catalog_postgres_finish_tiles(struct catalog_postgres *postgres, enum job_event event,
+                                          const struct job *job, bool *changed, struct error *error) MUST_CHECK;
+
 /* ---- the operations ---- */
 
 #define OPERATION(name) __typeof__(catalog_##name) catalog_postgres_##name;

@@ -26,10 +26,9 @@ static enum status read_outputs(struct pq_link *link, struct job *job, struct er
     return STATUS_OK;
 }
 
-/* The jobs of a SELECT CATALOG_JOB_COLUMNS; outputs too, which those alone have that have ended.  *count is 0 on
- * failure. */
-static enum status select_jobs(struct pq_link *link, const char *text, const struct pq_value *values,
-                               size_t value_count, struct job *jobs, size_t max, size_t *count, struct error *error) {
+enum status catalog_postgres_select_jobs(struct pq_link *link, const char *text, const struct pq_value *values,
+                                         size_t value_count, struct job *jobs, size_t max, size_t *count,
+                                         struct error *error) {
     struct pq_rows *rows;
     *count = 0;
     enum status status = pq_select(link, text, values, value_count, &rows, error);
@@ -171,10 +170,11 @@ void catalog_postgres_depth(struct catalog *catalog, uint64_t *waiting, uint64_t
     struct error ignored;
     *waiting = *running = 0;
     if (pq_take_soon(catalog_postgres_of(catalog)->pq, &link, &ignored) != STATUS_OK) return;
-    if (pq_select(link,
-                  "SELECT coalesce((SELECT sum(waiting) FROM usage WHERE waiting > 0), 0)::BIGINT, "
-                  "(SELECT count(*) FROM jobs WHERE state = 1)",
-                  NULL, 0, &rows, &ignored) == STATUS_OK) {
+    if (pq_select(
+            link,
+            "SELECT coalesce((SELECT sum(waiting) FROM usage WHERE waiting > 0), 0)::BIGINT, "
+            "(SELECT count(*) FROM jobs WHERE state = 1 AND tiles = 0) + (SELECT count(*) FROM tasks WHERE state = 1)",
+            NULL, 0, &rows, &ignored) == STATUS_OK) {
         if (pq_next(rows)) {
             *waiting = (uint64_t)pq_integer(rows, 0);
             *running = (uint64_t)pq_integer(rows, 1);
@@ -194,12 +194,14 @@ static enum status insert(struct catalog_postgres *postgres, struct pq_link *lin
     enum status status = pq_run(
         link,
         "INSERT INTO jobs (id, state, sequence, attempt, created, started, finished, updated, expires, label, cloud, "
-        "input_bytes, input_points, input_format, params, principal, priority, result, memory, due, writer) VALUES "
-        "($1, $2, $3, 0, $3, $4, 0, whittle_now(), 0, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16)",
+        "input_bytes, input_points, input_format, params, principal, priority, result, memory, due, writer, tiles) "
+        "VALUES ($1, $2, $3, 0, $3, $4, 0, whittle_now(), 0, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, "
+        "$17)",
         VALUES(T(job->id), I(JOB_ACCEPTED), I(job->created_ms), I(job->started_ms), T(job->label), T(job->cloud),
                I(job->input_bytes), I(job->input_points), T(job->input_format), T(params), T(job->principal),
                I(job->priority), T(job->result), I(job->memory_bytes),
-               I(job->created_ms - (int64_t)job->priority * JOB_PRIORITY_AGING_MS), T(postgres->session)),
+               I(job->created_ms - (int64_t)job->priority * JOB_PRIORITY_AGING_MS), T(postgres->session),
+               I(job->tiles)),
         NULL, error);
     free(params);
     if (status == STATUS_OK && job->key)
@@ -271,17 +273,26 @@ static enum status claim(struct catalog_postgres *postgres, struct pq_link *link
                          struct job *job, size_t *count, struct error *error) {
     enum status status = pq_run(link, LOCK_CLAIM, NULL, 0, NULL, error);
     if (status == STATUS_OK)
-        status = select_jobs(
+        status = catalog_postgres_select_jobs(
             link,
-            "UPDATE jobs SET state = $1, attempt = attempt + 1, started = whittle_now(), updated = whittle_now(), "
-            "sequence = greatest(sequence + 1, whittle_now()), stage = '', message = '', fraction = 0, owner = $2, "
-            "lease = whittle_now() + $3, writer = $6 WHERE id = (" FIRST ") AND state = 0 AND memory <= $4 "
-            "AND (interruptions < $5 OR NOT EXISTS (SELECT 1 FROM jobs WHERE state = 1 AND owner = $2)) "
+            "UPDATE jobs SET state = $1, attempt = attempt + 1, updated = whittle_now(), "
+            "started = CASE WHEN tiles <> 0 AND started > 0 THEN started ELSE whittle_now() END, "
+            "sequence = greatest(sequence + 1, whittle_now()), stage = CASE tiles WHEN 0 THEN '' ELSE stage END, "
+            "message = CASE tiles WHEN 0 THEN '' ELSE message END, "
+            "fraction = CASE tiles WHEN 0 THEN 0 ELSE fraction END, owner = CASE tiles WHEN 0 THEN $2 ELSE '' END, "
+            "lease = CASE tiles WHEN 0 THEN whittle_now() + $3 ELSE $7 END, writer = $6 WHERE id = (" FIRST
+            ") AND state = 0 AND memory <= $4 "
+            "AND (interruptions < $5 OR NOT EXISTS (SELECT 1 FROM jobs WHERE state = 1 AND owner = $2 "
+            "UNION ALL SELECT 1 FROM tasks WHERE state = 1 AND owner = $2)) "
             "AND NOT EXISTS (SELECT 1 FROM jobs WHERE state = 1 AND owner = $2 AND interruptions >= $5) "
             "RETURNING " CATALOG_JOB_COLUMNS,
             VALUES(I(JOB_RUNNING), T(by->owner), I(by->lease_ms), I(by->memory_bytes), I(JOB_ALONE_AFTER),
-                   T(postgres->session)),
+                   T(postgres->session), I(JOB_LEASE_NEVER)),
             job, 1, count, error);
+    if (status == STATUS_OK && *count && job->tiles) {
+        status = catalog_postgres_take_task(link, by, job, count, error);
+        if (status != STATUS_OK || !*count) job_done(job);
+    }
     if (status == STATUS_OK && *count)
         status = pq_run(link, "UPDATE usage SET served = nextval('turns') WHERE principal = $1",
                         VALUES(T(job->principal)), NULL, error);
@@ -316,11 +327,16 @@ enum status catalog_postgres_progress(struct catalog *catalog, const struct job 
     status = pq_run(link, "SET LOCAL synchronous_commit = off", NULL, 0, NULL, error);
     if (status == STATUS_OK)
         status = pq_run(link,
-                        "UPDATE jobs SET stage = $2, message = $3, fraction = $4, updated = whittle_now(), "
-                        "sequence = greatest(sequence + 1, whittle_now()), writer = $8 "
-                        "WHERE id = $1 AND state = $5 AND attempt = $6 AND owner = $7",
+                        job->tiles
+                            ? "UPDATE jobs SET stage = $2, message = $3, fraction = greatest(fraction, $4), "
+                              "updated = whittle_now(), sequence = greatest(sequence + 1, whittle_now()), writer = $8 "
+                              "WHERE id = $1 AND EXISTS (SELECT 1 FROM tasks WHERE job = $1 AND state = $5 "
+                              "AND attempt = $6 AND owner = $7 AND number = $9)"
+                            : "UPDATE jobs SET stage = $2, message = $3, fraction = $4, updated = whittle_now(), "
+                              "sequence = greatest(sequence + 1, whittle_now()), writer = $8 "
+                              "WHERE id = $1 AND state = $5 AND attempt = $6 AND owner = $7 AND $9 <= 0",
                         VALUES(T(job->id), T(job->stage), T(job->message), R(job->fraction), I(JOB_RUNNING),
-                               I(job->attempt), T(job->owner), T(postgres->session)),
+                               I(job->attempt), T(job->owner), T(postgres->session), I(job->task)),
                         &changed, error);
     status = pq_end(link, status, NULL, error);
     if (status == STATUS_OK) *held = changed > 0;
@@ -338,8 +354,10 @@ enum status catalog_postgres_renew(struct catalog *catalog, const char *owner, i
     status = pq_run(link, "SET LOCAL synchronous_commit = off", NULL, 0, NULL, error);
     if (status == STATUS_OK)
         status = pq_select(link,
-                           "UPDATE jobs SET lease = whittle_now() + $3 WHERE state = $1 AND owner = $2 "
-                           "RETURNING id, attempt, cancelled",
+                           "WITH own AS (UPDATE jobs SET lease = whittle_now() + $3 WHERE state = $1 AND owner = $2 "
+                           "RETURNING id, attempt, cancelled), parts AS (UPDATE tasks SET lease = whittle_now() + $3 "
+                           "WHERE state = $1 AND owner = $2 RETURNING job, attempt) "
+                           "SELECT * FROM own UNION ALL SELECT job, attempt, 0 FROM parts",
                            VALUES(I(JOB_RUNNING), T(owner), I(lease_ms)), &rows, error);
     if (status == STATUS_OK) {
         while (*count < max && pq_next(rows)) {
@@ -359,11 +377,12 @@ enum status catalog_postgres_list_lost(struct catalog *catalog, const char *owne
     *count = 0;
     enum status status = pq_take(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = select_jobs(link,
-                         "SELECT " CATALOG_JOB_COLUMNS
-                         " FROM jobs WHERE state = $1 AND (lease <= whittle_now() OR owner = $2) "
-                         "ORDER BY id LIMIT $3",
-                         VALUES(I(JOB_RUNNING), T(owner), I(max)), jobs, max, count, error);
+    status = catalog_postgres_select_jobs(link,
+                                          "SELECT " CATALOG_JOB_COLUMNS
+                                          " FROM jobs WHERE state = $1 AND (lease <= whittle_now() OR owner = $2) "
+                                          "ORDER BY id LIMIT $3",
+                                          VALUES(I(JOB_RUNNING), T(owner), I(max)), jobs, max, count, error);
+    if (status == STATUS_OK) status = catalog_postgres_list_lost_tasks(link, owner, jobs, max, count, error);
     pq_done(link);
     return status;
 }
@@ -385,8 +404,8 @@ enum status catalog_postgres_cancel(struct catalog *catalog, const char *id, str
 
 /* ------------------------------------------------------------------------------------------------ finish */
 
-static enum status write_end(struct catalog_postgres *postgres, struct pq_link *link, const struct job *job,
-                             enum job_state next, struct error *error) {
+enum status catalog_postgres_write_end(struct catalog_postgres *postgres, struct pq_link *link, const struct job *job,
+                                       enum job_state next, struct error *error) {
     enum status status =
         pq_run(link,
                "UPDATE jobs SET state = $2, owner = '', lease = 0, cancelled = 0, finished = whittle_now(), "
@@ -406,8 +425,8 @@ static enum status write_end(struct catalog_postgres *postgres, struct pq_link *
     return status;
 }
 
-static enum status write_requeue(struct catalog_postgres *postgres, struct pq_link *link, const struct job *job,
-                                 struct error *error) {
+enum status catalog_postgres_write_requeue(struct catalog_postgres *postgres, struct pq_link *link,
+                                           const struct job *job, struct error *error) {
     return pq_run(link,
                   "UPDATE jobs SET state = $2, owner = '', lease = 0, cancelled = 0, updated = whittle_now(), "
                   "sequence = greatest(sequence + 1, whittle_now()), stage = '', message = '', fraction = 0, "
@@ -454,8 +473,8 @@ static enum status finish(struct catalog_postgres *postgres, struct pq_link *lin
     *from = *next = (enum job_state)(held.state < 0 ? JOB_DISMISSED : held.state);
     if (event == JOB_REQUEUE && held.is_cancelled) event = JOB_DISMISS;
     if (status != STATUS_OK || !may_finish(&held, job) || !job_transition(*from, event, next)) return status;
-    status =
-        event == JOB_REQUEUE ? write_requeue(postgres, link, job, error) : write_end(postgres, link, job, *next, error);
+    status = event == JOB_REQUEUE ? catalog_postgres_write_requeue(postgres, link, job, error)
+                                  : catalog_postgres_write_end(postgres, link, job, *next, error);
     enum catalog_change change = *next == JOB_ACCEPTED ? CATALOG_WAITS : CATALOG_CHANGED;
     return status == STATUS_OK ? catalog_postgres_notify(postgres, link, change, job->id, error) : status;
 }
@@ -479,6 +498,7 @@ enum status catalog_postgres_finish(struct catalog *catalog, enum job_event even
     struct pq_link *link;
     bool unknown = false;
     *changed = false;
+    if (job->tiles) return catalog_postgres_finish_tiles(postgres, event, job, changed, error);
     enum status status = pq_begin(postgres->pq, &link, error);
     if (status != STATUS_OK) return status;
     status = finish(postgres, link, event, job, &from, &next, error);
@@ -504,7 +524,7 @@ enum status catalog_postgres_submit_ended(struct catalog *catalog, const struct 
     status = catalog_postgres_check_bytes(link, job->principal, bytes, limits->principal_bytes, error);
     if (status == STATUS_OK) status = insert(postgres, link, job, error);
     if (status == STATUS_OK && job_transition(JOB_ACCEPTED, JOB_REUSE, &next))
-        status = write_end(postgres, link, job, next, error);
+        status = catalog_postgres_write_end(postgres, link, job, next, error);
     if (status == STATUS_OK) status = catalog_postgres_notify(postgres, link, CATALOG_CHANGED, job->id, error);
     status = pq_end(link, status, &unknown, error);
     if (unknown) status = look_up_submit(postgres, job->id, error);
@@ -519,11 +539,11 @@ enum status catalog_postgres_find_result(struct catalog *catalog, const char *re
     *found = false;
     enum status status = pq_take(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status =
-        select_jobs(link,
-                    "SELECT " CATALOG_JOB_COLUMNS " FROM jobs WHERE result = $1 AND result <> '' AND principal = $2 "
-                    "AND state = $3 ORDER BY id DESC LIMIT 1",
-                    VALUES(T(result), T(principal), I(JOB_SUCCESSFUL)), job, 1, &count, error);
+    status = catalog_postgres_select_jobs(link,
+                                          "SELECT " CATALOG_JOB_COLUMNS
+                                          " FROM jobs WHERE result = $1 AND result <> '' AND principal = $2 "
+                                          "AND state = $3 ORDER BY id DESC LIMIT 1",
+                                          VALUES(T(result), T(principal), I(JOB_SUCCESSFUL)), job, 1, &count, error);
     pq_done(link);
     *found = status == STATUS_OK && count == 1;
     return status;
@@ -557,8 +577,8 @@ enum status catalog_postgres_get(struct catalog *catalog, const char *id, struct
     *presence = CATALOG_ABSENT;
     enum status status = pq_take(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = select_jobs(link, "SELECT " CATALOG_JOB_COLUMNS " FROM jobs WHERE id = $1", VALUES(T(id)), job, 1, &count,
-                         error);
+    status = catalog_postgres_select_jobs(link, "SELECT " CATALOG_JOB_COLUMNS " FROM jobs WHERE id = $1", VALUES(T(id)),
+                                          job, 1, &count, error);
     if (status == STATUS_OK && count) status = fill_ahead(link, job, error);
     if (status == STATUS_OK && !count) status = find_tombstone(link, id, tombstone, &gone, error);
     pq_done(link);
@@ -573,13 +593,14 @@ enum status catalog_postgres_list(struct catalog *catalog, const struct catalog_
     *count = 0;
     enum status status = pq_take(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = select_jobs(link,
-                         "SELECT " CATALOG_JOB_COLUMNS
-                         " FROM jobs WHERE ($1 < 0 OR state = $1) AND ($2 IS NULL OR label = $2) "
-                         "AND ($3 IS NULL OR id < $3) AND ($4 IS NULL OR principal = $4) ORDER BY id DESC LIMIT $5",
-                         VALUES(I(filter->by_state ? (int)filter->state : -1), T(filter->label), T(filter->after),
-                                T(filter->principal), I(max)),
-                         jobs, max, count, error);
+    status = catalog_postgres_select_jobs(
+        link,
+        "SELECT " CATALOG_JOB_COLUMNS " FROM jobs WHERE ($1 < 0 OR " CATALOG_JOB_SEEN
+        " = $1) AND ($2 IS NULL OR label = $2) "
+        "AND ($3 IS NULL OR id < $3) AND ($4 IS NULL OR principal = $4) ORDER BY id DESC LIMIT $5",
+        VALUES(I(filter->by_state ? (int)filter->state : -1), T(filter->label), T(filter->after), T(filter->principal),
+               I(max)),
+        jobs, max, count, error);
     if (status == STATUS_OK) status = fill_all_ahead(link, jobs, *count, error);
     pq_done(link);
     for (size_t i = 0; status != STATUS_OK && i < *count; i++) job_done(&jobs[i]);

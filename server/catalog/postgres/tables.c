@@ -119,6 +119,17 @@ static const char *const steps[] = {
     "CREATE INDEX marks_by_end ON marks (until);",
     /* How many steps a program must know to go on with these. */
     "ALTER TABLE schema_steps ADD COLUMN oldest BIGINT NOT NULL DEFAULT 0;",
+    /* Jobs in tiles; a job of these without tasks has none yet.  It has no owner: a host that doesn't know of tasks
+     * would take the job for one in one piece, and changes nothing. */
+    "ALTER TABLE jobs ADD COLUMN tiles BIGINT NOT NULL DEFAULT 0;"
+    "ALTER TABLE jobs ADD COLUMN tiles_done BIGINT NOT NULL DEFAULT 0;"
+    "CREATE TABLE tasks (job TEXT COLLATE \"C\" NOT NULL, number BIGINT NOT NULL, state BIGINT NOT NULL DEFAULT 0, "
+    "attempt BIGINT NOT NULL DEFAULT 0, owner TEXT NOT NULL DEFAULT '', lease BIGINT NOT NULL DEFAULT 0, "
+    "failures BIGINT NOT NULL DEFAULT 0, interruptions BIGINT NOT NULL DEFAULT 0, PRIMARY KEY (job, number));"
+    "CREATE INDEX tasks_running ON tasks (owner) WHERE state = 1;"
+    "CREATE FUNCTION whittle_owned_by_none() RETURNS TRIGGER LANGUAGE plpgsql AS $$ BEGIN RETURN NULL; END $$;"
+    "CREATE TRIGGER jobs_in_tiles BEFORE UPDATE ON jobs FOR EACH ROW WHEN (NEW.tiles <> 0 AND NEW.owner <> '') "
+    "EXECUTE FUNCTION whittle_owned_by_none();",
 };
 enum { STEPS = sizeof steps / sizeof steps[0] };
 

@@ -64,6 +64,9 @@ enum status catalog_sqlite_load(struct catalog_sqlite *sqlite, struct error *err
 
 enum status catalog_sqlite_load_order(struct catalog_sqlite *sqlite, struct error *error) MUST_CHECK;
 
+/* Counts again how many wait and how many run. */
+enum status catalog_sqlite_count(struct catalog_sqlite *sqlite, struct error *error) MUST_CHECK;
+
 /* A job has come to wait; a waiting one runs from now on; one neither waits nor runs any more. */
 void catalog_sqlite_put_in_order(struct catalog_sqlite *sqlite, const struct job *job);
 void catalog_sqlite_put_in_run(struct catalog_sqlite *sqlite, const struct job *job);
@@ -89,6 +92,29 @@ enum status catalog_sqlite_add_webhook(struct sql *writer, const char *job, cons
 enum status catalog_sqlite_make_webhook_due(struct sql *writer, const char *job, int64_t now_ms,
                                             struct error *error) MUST_CHECK;
 enum status catalog_sqlite_remove_webhook(struct sql *writer, const char *job, struct error *error) MUST_CHECK;
+
+/* A job's end, with what is due then. */
+enum status catalog_sqlite_write_end(struct sql *writer, const struct job *job, enum job_state next,
+                                     struct error *error) MUST_CHECK;
+
+/* ---- tasks.c: jobs in tiles ---- */
+
+/* Makes the first task of the job that waits the claimer's: owner, attempt and what else is a task's become *job's.
+ * *count 0: none waits. */
+enum status catalog_sqlite_take_task(struct sql *writer, const struct catalog_claim *by, struct job *job, int64_t now,
+                                     size_t *count, struct error *error) MUST_CHECK;
+
+/* Adds those that are lost to the jobs, as catalog_list_lost. */
+enum status catalog_sqlite_list_lost_tasks(struct sql *reader, const char *owner, struct job *jobs, size_t max,
+                                           size_t *count, struct error *error) MUST_CHECK;
+
+/* catalog_finish of such a job. */
+enum status catalog_sqlite_finish_tiles(struct catalog_sqlite *sqlite, enum job_event event, const struct job *job,
+                                        bool *changed, struct error *error) MUST_CHECK;
+
+/* Puts what is in memory right after a change of a job's tasks, under the writer's lock: how many wait and run, and
+ * whether the job has a turn. */
+void catalog_sqlite_settle_task(struct catalog_sqlite *sqlite, const struct job *job);
 
 /* ---- the operations ---- */
 

@@ -84,15 +84,24 @@ static enum status claim(struct catalog_sqlite *sqlite, const struct catalog_cla
     catalog_sqlite_first_in_order(sqlite, id);
     enum status status =
         sql_select(db,
-                   "UPDATE jobs SET state = ?1, attempt = attempt + 1, started = ?2, updated = ?2, "
-                   "sequence = max(sequence + 1, ?2), stage = '', message = '', fraction = 0, owner = ?8, lease = ?9 "
+                   "UPDATE jobs SET state = ?1, attempt = attempt + 1, updated = ?2, "
+                   "started = CASE WHEN tiles <> 0 AND started > 0 THEN started ELSE ?2 END, "
+                   "sequence = max(sequence + 1, ?2), stage = CASE tiles WHEN 0 THEN '' ELSE stage END, "
+                   "message = CASE tiles WHEN 0 THEN '' ELSE message END, "
+                   "fraction = CASE tiles WHEN 0 THEN 0 ELSE fraction END, "
+                   "owner = CASE tiles WHEN 0 THEN ?8 ELSE '' END, lease = CASE tiles WHEN 0 THEN ?9 ELSE ?10 END "
                    "WHERE id = (SELECT id FROM jobs WHERE state = ?3 ORDER BY id <> ?4, id LIMIT 1) "
                    "AND memory <= ?5 AND (interruptions < ?6 OR ?7 = 0) "
                    "RETURNING " CATALOG_JOB_COLUMNS,
                    VALUES(I(JOB_RUNNING), I(now), I(JOB_ACCEPTED), T(id), I(by->memory_bytes), I(JOB_ALONE_AFTER),
-                          I(sqlite->running), T(by->owner), I(now + by->lease_ms)),
+                          I(sqlite->running), T(by->owner), I(now + by->lease_ms), I(JOB_LEASE_NEVER)),
                    &row, error);
-    return status == STATUS_OK ? job_rows_read(db, row, job, 1, count, error) : status;
+    if (status == STATUS_OK) status = job_rows_read(db, row, job, 1, count, error);
+    if (status == STATUS_OK && *count && job->tiles) {
+        status = catalog_sqlite_take_task(db, by, job, now, count, error);
+        if (status != STATUS_OK || !*count) job_done(job);
+    }
+    return status;
 }
 
 static enum status claim_in_transaction(struct catalog_sqlite *sqlite, const struct catalog_claim *by, struct job *job,
@@ -115,11 +124,14 @@ enum status catalog_sqlite_claim(struct catalog *catalog, const struct catalog_c
     enum status status = STATUS_OK;
     if (sqlite->waiting && !sqlite->alone) status = claim_in_transaction(sqlite, by, job, found, error);
     if (*found) {
-        sqlite->alone = job->interruptions >= JOB_ALONE_AFTER;
-        sqlite->waiting--;
+        sqlite->alone = !job->tiles && job->interruptions >= JOB_ALONE_AFTER;
         sqlite->running++;
         catalog_sqlite_put_in_run(sqlite, job);
     }
+    if (*found && job->tiles)
+        catalog_sqlite_settle_task(sqlite, job);
+    else if (*found)
+        sqlite->waiting--;
     sql_unlock(sqlite->writer);
     if (*found) catalog_tell(catalog, CATALOG_CHANGED, job->id);
     return status;
@@ -131,10 +143,14 @@ enum status catalog_sqlite_progress(struct catalog *catalog, const struct job *j
     struct sql *writer = catalog_sqlite_enter(catalog_sqlite_of(catalog));
     enum status status = sql_run_nosync(
         writer,
-        "UPDATE jobs SET stage = ?2, message = ?3, fraction = ?4, updated = ?5, sequence = max(sequence + 1, ?5) "
-        "WHERE id = ?1 AND state = ?6 AND attempt = ?7 AND owner = ?8",
+        job->tiles
+            ? "UPDATE jobs SET stage = ?2, message = ?3, fraction = max(fraction, ?4), updated = ?5, "
+              "sequence = max(sequence + 1, ?5) WHERE id = ?1 AND EXISTS (SELECT 1 FROM tasks WHERE job = ?1 "
+              "AND number = ?9 AND state = ?6 AND attempt = ?7 AND owner = ?8)"
+            : "UPDATE jobs SET stage = ?2, message = ?3, fraction = ?4, updated = ?5, sequence = max(sequence + 1, ?5) "
+              "WHERE id = ?1 AND state = ?6 AND attempt = ?7 AND owner = ?8 AND ?9 <= 0",
         VALUES(T(job->id), T(job->stage), T(job->message), R(job->fraction), I(job_now_ms()), I(JOB_RUNNING),
-               I(job->attempt), T(job->owner)),
+               I(job->attempt), T(job->owner), I(job->task)),
         error);
     bool changed = status == STATUS_OK && sql_changes(writer) > 0;
     sql_unlock(writer);
@@ -147,7 +163,9 @@ static enum status list_leases(struct sql *db, const char *owner, struct catalog
                                size_t *count, struct error *error) {
     struct sql_rows *row;
     enum status status =
-        sql_select(db, "SELECT id, attempt, cancelled FROM jobs WHERE state = ?1 AND owner = ?2 LIMIT ?3",
+        sql_select(db,
+                   "SELECT id, attempt, cancelled FROM jobs WHERE state = ?1 AND owner = ?2 "
+                   "UNION ALL SELECT job, attempt, 0 FROM tasks WHERE state = ?1 AND owner = ?2 LIMIT ?3",
                    VALUES(I(JOB_RUNNING), T(owner), I(max)), &row, error);
     if (status != STATUS_OK) return status;
     while (*count < max && sql_next(row)) {
@@ -165,6 +183,9 @@ enum status catalog_sqlite_renew(struct catalog *catalog, const char *owner, int
     *count = 0;
     enum status status = sql_run_nosync(writer, "UPDATE jobs SET lease = ?3 WHERE state = ?1 AND owner = ?2",
                                         VALUES(I(JOB_RUNNING), T(owner), I(job_now_ms() + lease_ms)), error);
+    if (status == STATUS_OK)
+        status = sql_run_nosync(writer, "UPDATE tasks SET lease = ?3 WHERE state = ?1 AND owner = ?2",
+                                VALUES(I(JOB_RUNNING), T(owner), I(job_now_ms() + lease_ms)), error);
     if (status == STATUS_OK) status = list_leases(writer, owner, leases, max, count, error);
     sql_unlock(writer);
     return status;
@@ -181,6 +202,7 @@ enum status catalog_sqlite_list_lost(struct catalog *catalog, const char *owner,
                                     "AND (lease <= ?2 OR owner = ?3) ORDER BY id LIMIT ?4",
                                     VALUES(I(JOB_RUNNING), I(job_now_ms()), T(owner), I(max)), &row, error);
     if (status == STATUS_OK) status = job_rows_read(reader, row, jobs, max, count, error);
+    if (status == STATUS_OK) status = catalog_sqlite_list_lost_tasks(reader, owner, jobs, max, count, error);
     sql_unlock(reader);
     return status;
 }
@@ -196,7 +218,7 @@ enum status catalog_sqlite_cancel(struct catalog *catalog, const char *id, struc
 
 /* ------------------------------------------------------------------------------------------------ finish */
 
-static enum status write_end(struct sql *db, const struct job *job, enum job_state next, struct error *error) {
+enum status catalog_sqlite_write_end(struct sql *db, const struct job *job, enum job_state next, struct error *error) {
     enum status status = job_rows_end(db, job, next, error);
     return status == STATUS_OK ? catalog_sqlite_make_webhook_due(db, job->id, job_now_ms(), error) : status;
 }
@@ -239,7 +261,8 @@ static enum status finish(struct sql *db, enum job_event event, const struct job
     *from = *next = (enum job_state)(held.state < 0 ? JOB_DISMISSED : held.state);
     if (event == JOB_REQUEUE && held.is_cancelled) event = JOB_DISMISS;
     if (status == STATUS_OK && may_finish(&held, job) && job_transition(*from, event, next))
-        status = event == JOB_REQUEUE ? job_rows_requeue(db, job, error) : write_end(db, job, *next, error);
+        status =
+            event == JOB_REQUEUE ? job_rows_requeue(db, job, error) : catalog_sqlite_write_end(db, job, *next, error);
     return sql_end(db, status, error);
 }
 
@@ -247,6 +270,7 @@ enum status catalog_sqlite_finish(struct catalog *catalog, enum job_event event,
                                   struct error *error) {
     struct catalog_sqlite *sqlite = catalog_sqlite_of(catalog);
     enum job_state from = JOB_ACCEPTED, next = JOB_ACCEPTED;
+    if (job->tiles) return catalog_sqlite_finish_tiles(sqlite, event, job, changed, error);
     catalog_sqlite_enter(sqlite);
     enum status status = finish(sqlite->writer, event, job, &from, &next, error);
     *changed = status == STATUS_OK && from != next;
@@ -273,7 +297,8 @@ static enum status insert_ended(struct sql *db, const struct job *job, struct er
     enum status status = sql_begin(db, error);
     if (status != STATUS_OK) return status;
     status = insert(db, job, error);
-    if (status == STATUS_OK && job_transition(JOB_ACCEPTED, JOB_REUSE, &next)) status = write_end(db, job, next, error);
+    if (status == STATUS_OK && job_transition(JOB_ACCEPTED, JOB_REUSE, &next))
+        status = catalog_sqlite_write_end(db, job, next, error);
     return sql_end(db, status, error);
 }
 
@@ -348,13 +373,14 @@ enum status catalog_sqlite_list(struct catalog *catalog, const struct catalog_fi
     struct sql_rows *row;
     *count = 0;
     sql_lock(sqlite->reader);
-    enum status status = sql_select(sqlite->reader,
-                                    "SELECT " CATALOG_JOB_COLUMNS " FROM jobs WHERE (?1 < 0 OR state = ?1) "
-                                    "AND (?2 IS NULL OR label = ?2) AND (?3 IS NULL OR id < ?3) "
-                                    "AND (?4 IS NULL OR principal = ?4) ORDER BY id DESC LIMIT ?5",
-                                    VALUES(I(filter->by_state ? (int)filter->state : -1), T(filter->label),
-                                           T(filter->after), T(filter->principal), I(max)),
-                                    &row, error);
+    enum status status =
+        sql_select(sqlite->reader,
+                   "SELECT " CATALOG_JOB_COLUMNS " FROM jobs WHERE (?1 < 0 OR " CATALOG_JOB_SEEN " = ?1) "
+                   "AND (?2 IS NULL OR label = ?2) AND (?3 IS NULL OR id < ?3) "
+                   "AND (?4 IS NULL OR principal = ?4) ORDER BY id DESC LIMIT ?5",
+                   VALUES(I(filter->by_state ? (int)filter->state : -1), T(filter->label), T(filter->after),
+                          T(filter->principal), I(max)),
+                   &row, error);
     if (status == STATUS_OK) status = job_rows_read(sqlite->reader, row, jobs, max, count, error);
     sql_unlock(sqlite->reader);
     for (size_t i = 0; i < *count; i++) jobs[i].ahead = catalog_sqlite_ahead_of(sqlite, &jobs[i]);
@@ -429,6 +455,7 @@ static enum status move_times(struct sql *db, int64_t step_ms, struct error *err
     static const char *const changes[] = {
         "UPDATE jobs SET expires = expires + ?1, sequence = sequence + 1 WHERE expires > 0",
         "UPDATE jobs SET lease = lease + ?1 WHERE lease > 0",
+        "UPDATE tasks SET lease = lease + ?1 WHERE lease > 0",
         "UPDATE clouds SET expires = expires + ?1 WHERE expires > 0",
         "UPDATE uploads SET expires = expires + ?1",
         "UPDATE replies SET at = at + ?1",

@@ -84,6 +84,22 @@ static enum status load_state(struct catalog_sqlite *sqlite, enum job_state stat
     return sql_finish(row, error);
 }
 
+/* What runs is a job in one piece, or a task. */
+enum status catalog_sqlite_count(struct catalog_sqlite *sqlite, struct error *error) {
+    int64_t waiting = 0, running = 0;
+    enum status status = sql_number(sqlite->writer, "SELECT count(*) FROM jobs WHERE state = ?1",
+                                    VALUES(I(JOB_ACCEPTED)), &waiting, error);
+    if (status == STATUS_OK)
+        status = sql_number(sqlite->writer,
+                            "SELECT (SELECT count(*) FROM jobs WHERE state = ?1 AND tiles = 0) + "
+                            "(SELECT count(*) FROM tasks WHERE state = 1)",
+                            VALUES(I(JOB_RUNNING)), &running, error);
+    if (status != STATUS_OK) return status;
+    sqlite->waiting = (uint64_t)waiting;
+    sqlite->running = (uint64_t)running;
+    return STATUS_OK;
+}
+
 enum status catalog_sqlite_load_order(struct catalog_sqlite *sqlite, struct error *error) {
     pthread_mutex_lock(&sqlite->order);
     fair_share_clear(sqlite->fair_share);
@@ -91,8 +107,9 @@ enum status catalog_sqlite_load_order(struct catalog_sqlite *sqlite, struct erro
     pthread_mutex_unlock(&sqlite->order);
     sqlite->alone = false;
     enum status status = load_state(sqlite, JOB_ACCEPTED, catalog_sqlite_put_in_order, &sqlite->waiting, error);
-    return status == STATUS_OK ? load_state(sqlite, JOB_RUNNING, catalog_sqlite_put_in_run, &sqlite->running, error)
-                               : status;
+    if (status == STATUS_OK)
+        status = load_state(sqlite, JOB_RUNNING, catalog_sqlite_put_in_run, &sqlite->running, error);
+    return status == STATUS_OK ? catalog_sqlite_count(sqlite, error) : status;
 }
 
 /* ------------------------------------------------------------------------------------------------ outlook */

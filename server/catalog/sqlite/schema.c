@@ -71,6 +71,14 @@ static const char *const steps[] = {
      "ALTER TABLE jobs ADD COLUMN lease INTEGER NOT NULL DEFAULT 0;"
      "ALTER TABLE jobs ADD COLUMN cancelled INTEGER NOT NULL DEFAULT 0;"),
     "ALTER TABLE outbox ADD COLUMN owner TEXT NOT NULL DEFAULT '';",
+    /* Jobs in tiles; a job of these without tasks has none yet. */
+    ("ALTER TABLE jobs ADD COLUMN tiles INTEGER NOT NULL DEFAULT 0;"
+     "ALTER TABLE jobs ADD COLUMN tiles_done INTEGER NOT NULL DEFAULT 0;"
+     "CREATE TABLE tasks (job TEXT NOT NULL, number INTEGER NOT NULL, state INTEGER NOT NULL DEFAULT 0, "
+     "attempt INTEGER NOT NULL DEFAULT 0, owner TEXT NOT NULL DEFAULT '', lease INTEGER NOT NULL DEFAULT 0, "
+     "failures INTEGER NOT NULL DEFAULT 0, interruptions INTEGER NOT NULL DEFAULT 0, "
+     "PRIMARY KEY (job, number)) STRICT, WITHOUT ROWID;"
+     "CREATE INDEX tasks_running ON tasks (owner) WHERE state = 1;"),
 };
 enum { VERSION = sizeof steps / sizeof steps[0] };
 

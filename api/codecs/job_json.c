@@ -109,6 +109,11 @@ static json_t *estimate_json(const struct job_document *job) {
     return json_pack("{s:f}", "seconds_left", round(job->time_left_s * 10) / 10);
 }
 
+static json_t *tiles_json(const struct job_document *job) {
+    if (!job->tiles) return json_null();
+    return json_pack("{s:I, s:I}", "done", (json_int_t)job->tiles_done, "of", (json_int_t)job->tiles);
+}
+
 static json_t *job_json(const struct job_document *job) {
     json_t *report = parsed_or_null(job->report);
     const struct {
@@ -120,6 +125,7 @@ static json_t *job_json(const struct job_document *job) {
         {"stage", text_or_null(job->stage)},
         {"progress", json_integer((json_int_t)(job->fraction * 100))},
         {"message", text_or_null(job->message)},
+        {"tiles", tiles_json(job)},
         {"created", time_json(job->created_ms)},
         {"started", time_json(job->started_ms)},
         {"finished", time_json(job->finished_ms)},

@@ -15,6 +15,7 @@
 struct job_document {
     const char *id, *status, *stage, *message, *label, *principal; /* principal: who submitted it, "" = null */
     double fraction;                                               /* 0 to 1; written as whole percent */
+    uint64_t tiles, tiles_done; /* 0 = it is made in one piece, or not planned yet (null) */
     int64_t created_ms, started_ms, finished_ms, updated_ms, expires_ms;
     uint64_t ahead; /* jobs before it in the queue */
     int priority;

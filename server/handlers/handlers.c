@@ -258,7 +258,10 @@ static bool fits(struct service *service, const struct request *request, const s
     struct admission admission = service_admission(service->config, &job->params);
     size_t count;
     unsigned char *head = read_head(service, request, facts, &count);
-    bool ok = !head || admission_check(&admission, head, count, facts->bytes, &job->memory_bytes, problem);
+    struct admitted admitted = {0};
+    bool ok = !head || admission_check(&admission, head, count, facts->bytes, &admitted, problem);
+    job->memory_bytes = admitted.memory_bytes;
+    job->tiles = ok && admitted.in_tiles ? JOB_TILES_UNPLANNED : 0;
     free(head);
     return ok;
 }

@@ -261,7 +261,8 @@ enum status handlers_withdraw(struct service *service, struct job *job, bool *ch
     enum status status = catalog_finish(service->catalog, JOB_WITHDRAW, job, changed, error);
     wall_clock_release();
     if (status == STATUS_OK && *changed) {
-        log_line(LOG_INFO, "job=%s accepted -> dismissed", job->id);
+        log_line(LOG_INFO, "job=%s %s -> dismissed", job->id, job_state_name(job->state));
+        if (job->tiles) store_tiles_delete(service->store, job->id); /* and again by who runs a task of it */
     }
     return status;
 }
@@ -312,7 +313,8 @@ static void delete_job(struct service *service, struct request *request, struct 
     if (!handlers_takes_no_query(request, response)) return;
     request->wait.seen = events_now(service->events);
     bool found = handlers_read_job(service, request, id, &job, response) && may_delete(request, &job, response);
-    if (found && job.state == JOB_ACCEPTED) {
+    bool waits = job.state == JOB_ACCEPTED || (job.state == JOB_RUNNING && job.tiles); /* nobody runs all of it */
+    if (found && waits) {
         found = dismiss_waiting(service, &job, &changed, response);
         job_done(&job);
         found = found && handlers_read_job(service, request, id, &job, response) &&

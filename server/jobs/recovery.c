@@ -73,6 +73,7 @@ enum status service_recover_job(struct service *service, struct job *job, bool *
         log_line(LOG_ERROR, "job=%s failed: the service ended %d times while it ran", job->id, job->interruptions);
     }
     enum status status = catalog_finish(service->catalog, *failed ? JOB_FAIL : JOB_REQUEUE, job, changed, error);
+    if (status == STATUS_OK && *changed && *failed && job->tiles) store_tiles_delete(service->store, job->id);
     if (service->is_shared && status == STATUS_OK && *changed) store_outputs_delete(service->store, job->id, attempt);
     return status;
 }
@@ -96,7 +97,9 @@ static enum status recover_job(struct service *service, struct job *job, struct 
     if (job->updated_ms > recovery->latest_ms) recovery->latest_ms = job->updated_ms;
     if (job->state == JOB_RUNNING) return recover_running(service, job, recovery, error);
     struct job_cost cost = estimate_cost(job);
-    if (job->state == JOB_SUCCESSFUL) estimate_learn(service->estimate, &cost, job->wall_s, job->finished_ms);
+    if (job_ended(job->state) && job->tiles) store_tiles_delete(service->store, job->id);
+    if (job->state == JOB_SUCCESSFUL && !job->tiles)
+        estimate_learn(service->estimate, &cost, job->wall_s, job->finished_ms);
     if (job->state == JOB_ACCEPTED && !store_cloud_exists(service->store, job->cloud)) {
         log_line(LOG_ERROR, "job=%s has lost its input %s: it will fail", job->id, job->cloud);
         recovery->inputs_lost++;
@@ -107,11 +110,9 @@ static enum status recover_job(struct service *service, struct job *job, struct 
     return catalog_delete(service->catalog, job->id, "lost", &changed, error);
 }
 
-/* Of many hosts each recovers what it ran itself and what hosts ran that are silent, and learns from the latest jobs
- * how long they take. */
-static enum status recover_own(struct service *service, struct recovery *recovery, struct error *error) {
+/* What this host ran itself, and what hosts ran that are silent: jobs, and tasks of jobs in tiles. */
+static enum status recover_lost(struct service *service, struct recovery *recovery, struct error *error) {
     struct job *jobs = calloc(SERVICE_PAGE, sizeof *jobs);
-    struct catalog_filter latest = {.by_state = true, .state = JOB_SUCCESSFUL};
     size_t count = SERVICE_PAGE;
     enum status status = jobs ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
     while (status == STATUS_OK && count == SERVICE_PAGE) {
@@ -121,10 +122,21 @@ static enum status recover_own(struct service *service, struct recovery *recover
             job_done(&jobs[i]);
         }
     }
+    free(jobs);
+    return status;
+}
+
+/* Of many hosts each recovers what was lost, and learns from the latest jobs how long they take. */
+static enum status recover_own(struct service *service, struct recovery *recovery, struct error *error) {
+    struct job *jobs = calloc(SERVICE_PAGE, sizeof *jobs);
+    struct catalog_filter latest = {.by_state = true, .state = JOB_SUCCESSFUL};
+    size_t count = SERVICE_PAGE;
+    enum status status = jobs ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
+    if (status == STATUS_OK) status = recover_lost(service, recovery, error);
     if (status == STATUS_OK) status = catalog_list(service->catalog, &latest, jobs, SERVICE_PAGE, &count, error);
     for (size_t i = 0; status == STATUS_OK && i < count; i++) {
         struct job_cost cost = estimate_cost(&jobs[i]);
-        estimate_learn(service->estimate, &cost, jobs[i].wall_s, jobs[i].finished_ms);
+        if (!jobs[i].tiles) estimate_learn(service->estimate, &cost, jobs[i].wall_s, jobs[i].finished_ms);
         job_done(&jobs[i]);
     }
     free(jobs);
@@ -185,6 +197,7 @@ enum status service_recover(struct service *service, struct error *error) {
     struct recovery found = {0};
     enum status status =
         service->is_shared ? recover_own(service, &found, error) : recover_jobs(service, &found, error);
+    if (status == STATUS_OK && !service->is_shared) status = recover_lost(service, &found, error);
     if (status == STATUS_OK && !service->is_shared) status = recover_clock(service, &found, error);
     if (status == STATUS_OK && !service->is_shared) status = recover_clouds(service, &found, error);
     if (status == STATUS_OK) status = store_clean(service->store, fate_of, service, &found.files, error);

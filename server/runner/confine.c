@@ -75,7 +75,7 @@ static void limit(unsigned resource, rlim_t soft, rlim_t hard) {
 static void set_limits(const struct confine_limits *limits) {
     rlim_t cpu_s = (rlim_t)((limits->cpu_ms + 999) / 1000), memory = (rlim_t)limits->memory_bytes;
     limit(RLIMIT_CORE, 0, 0);
-    limit(RLIMIT_NOFILE, MAX_FILES, MAX_FILES);
+    limit(RLIMIT_NOFILE, MAX_FILES + (rlim_t)limits->files, MAX_FILES + (rlim_t)limits->files);
     limit(RLIMIT_CPU, cpu_s, cpu_s + CPU_GRACE_S);
     limit(RLIMIT_FSIZE, (rlim_t)limits->file_bytes, (rlim_t)limits->file_bytes);
     if (memory && limits->memory_bytes < CONFINE_ADDRESSABLE) limit(RLIMIT_AS, memory, memory);

@@ -30,6 +30,7 @@ void confine_describe(const struct confinement *confinement, char text[CONFINE_T
 
 struct confine_limits {
     int64_t memory_bytes, data_bytes;    /* address space, and what of it can be written; 0 = no limit */
+    int64_t files;                       /* open ones that it has beside those that any has */
     int64_t cpu_ms, file_bytes, threads; /* threads: where the kernel counts those of this process alone */
 };
 

@@ -27,6 +27,12 @@ struct footprint footprint_most(const struct params *params, uint64_t threads, u
                               .written_bytes = written_bytes};
 }
 
+struct footprint footprint_most_of_task(const struct params *params, uint64_t threads, uint64_t written_bytes) {
+    struct footprint most = footprint_most(params, threads, written_bytes);
+    most.files += 2 * (uint64_t)JOB_MAX_TILES;
+    return most;
+}
+
 /* ------------------------------------------------------------------------------------------------ looking */
 
 /* A short file of /proc as text; "" where it can't be read. */
@@ -106,7 +112,7 @@ static bool output_is_wanted(const struct params *params, const char *name) {
     return false;
 }
 
-static enum status check_wanted(int folder_fd, const char *name, struct error *error) {
+static enum status check_file(int folder_fd, const char *name, struct error *error) {
     struct stat facts;
     if (fstatat(folder_fd, name, &facts, AT_SYMLINK_NOFOLLOW) != 0) return not_believed(error, name, "isn't there");
     if (!S_ISREG(facts.st_mode)) return not_believed(error, name, "is no file");
@@ -116,20 +122,61 @@ static enum status check_wanted(int folder_fd, const char *name, struct error *e
     return ours ? STATUS_OK : not_believed(error, name, "can't be taken over");
 }
 
+static bool take_over(int folder_fd) {
+    struct stat facts;
+    return fstat(folder_fd, &facts) == 0 && (facts.st_uid == geteuid() || fchown(folder_fd, geteuid(), getegid()) == 0);
+}
+
 enum status footprint_check(const char *folder, const struct params *params, struct error *error) {
     char wanted[PARAMS_FILE_BYTES];
     DIR *listing = open_listing(folder);
     enum status status = STATUS_OK;
     if (!listing) return error_set(error, STATUS_IO, "outputs", "can't list the outputs: %s", strerror(errno));
-    struct stat facts;
-    if (fstat(dirfd(listing), &facts) != 0 ||
-        (facts.st_uid != geteuid() && fchown(dirfd(listing), geteuid(), getegid()) != 0))
+    if (!take_over(dirfd(listing)))
         status = error_set(error, STATUS_IO, "outputs", "can't take over the outputs: %s", strerror(errno));
     for (unsigned i = 0; status == STATUS_OK && params_file(params, i, wanted); i++)
-        status = check_wanted(dirfd(listing), wanted, error);
+        status = check_file(dirfd(listing), wanted, error);
     for (struct dirent *entry; status == STATUS_OK && (entry = readdir(listing));)
         if (!is_own(entry->d_name) && !output_is_wanted(params, entry->d_name))
             status = not_believed(error, entry->d_name, "was not asked for");
     closedir(listing);
+    return status;
+}
+
+/* "NAME.N" without a zero before it; -1: it isn't so. */
+static int64_t number_of(const char *file, const char *name) {
+    char again[64];
+    size_t length = strlen(name);
+    if (strncmp(file, name, length) != 0 || file[length] != '.') return -1;
+    long long n = strtoll(file + length + 1, NULL, 10);
+    snprintf(again, sizeof again, "%s.%lld", name, n);
+    return n >= 0 && strcmp(again, file) == 0 ? n : -1;
+}
+
+enum status footprint_check_task(const char *folder, int64_t task, int64_t *tiles, struct error *error) {
+    DIR *listing = open_listing(folder);
+    enum status status = STATUS_OK;
+    bool is_plan = task == JOB_TASK_PLAN;
+    int64_t others = 0, parts = 0, most = -1;
+    if (!listing) return error_set(error, STATUS_IO, "outputs", "can't list what was made: %s", strerror(errno));
+    if (!take_over(dirfd(listing)))
+        status = error_set(error, STATUS_IO, "outputs", "can't take over what was made: %s", strerror(errno));
+    for (struct dirent *entry; status == STATUS_OK && (entry = readdir(listing));) {
+        const char *name = entry->d_name;
+        if (is_own(name)) continue;
+        int64_t part = number_of(name, is_plan ? "points" : "left");
+        bool other = is_plan && (strcmp(name, "plan") == 0 || strcmp(name, "around") == 0);
+        if (!other && (part < 0 || part >= JOB_MAX_TILES || (!is_plan && part != task - 1)))
+            status = not_believed(error, name, "was not asked for");
+        else
+            status = check_file(dirfd(listing), name, error);
+        others += other;
+        parts += !other;
+        if (part > most) most = part;
+    }
+    closedir(listing);
+    bool all = is_plan ? others == 2 && parts == most + 1 && parts > 0 : parts == 1;
+    if (status == STATUS_OK && !all) status = not_believed(error, "a file", "isn't there");
+    if (status == STATUS_OK && is_plan) *tiles = parts;
     return status;
 }

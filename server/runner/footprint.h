@@ -10,6 +10,7 @@
 
 #include "core/base/status.h"
 #include "core/params.h"
+#include "server/catalog/job.h"
 
 struct footprint {
     uint64_t threads, files; /* files: in its folder, whatever they are */
@@ -28,5 +29,11 @@ struct footprint footprint_of(pid_t pid, const char *folder, uint64_t files_most
  * hidden ones included: each a file with this one name, and not empty.  What belonged to the account of the jobs
  * becomes ours.  STATUS_ENGINE with a text for the client. */
 enum status footprint_check(const char *folder, const struct params *params, struct error *error) MUST_CHECK;
+
+/* The same of a task of a job in tiles: of a plan also into how many it has cut the cloud. */
+enum status footprint_check_task(const char *folder, int64_t task, int64_t *tiles, struct error *error) MUST_CHECK;
+
+/* The most that a task may take, of a plan for instance a file for each tile twice. */
+struct footprint footprint_most_of_task(const struct params *params, uint64_t threads, uint64_t written_bytes);
 
 #endif

@@ -36,6 +36,7 @@
 #include "server/daemon/wall_clock.h"
 #include "server/runner/footprint.h"
 #include "server/runner/spawn.h"
+#include "server/runner/task_files.h"
 #include "server/shared/worker_protocol.h"
 #include "server/storage/admission.h"
 
@@ -71,6 +72,7 @@ struct run {
     bool input_damaged;              /* what it gives isn't the cloud */
     bool is_short;                   /* this host lacks what the job takes */
     char output[SCRATCH_PATH_BYTES]; /* the folder that it writes into */
+    struct task_files files;         /* of a job in tiles */
     struct confine_limits limits;
     struct footprint most, found; /* found: what was too much, else zero */
     int64_t footprint_ms;         /* when that was looked at last */
@@ -102,6 +104,25 @@ static void limit_memory(const struct job *job, uint64_t threads, int64_t most_b
     limits->memory_bytes = less(addresses, most_bytes);
 }
 
+/* What is made in tiles may take all of a task's memory; the input is mapped beside. */
+static void limit_task_memory(const struct job *job, uint64_t threads, int64_t most_bytes,
+                              struct confine_limits *limits) {
+    const int64_t mebibyte = 1 << 20, count = (int64_t)threads, predicted = (int64_t)job->memory_bytes;
+    limits->memory_bytes = most_bytes;
+    if (most_bytes >= CONFINE_ADDRESSABLE) return;
+    limits->data_bytes = predicted + 32 * mebibyte + count * (CONFINE_STACK_BYTES + 4 * mebibyte);
+    limits->memory_bytes = limits->data_bytes + (count + 1) * 72 * mebibyte + (int64_t)job->input_bytes;
+}
+
+/* The cloud, where it is read: a tile's points are its own. */
+static int open_input(struct run *run) {
+    if (task_is_tile(run->job)) return open("/dev/null", O_RDONLY | O_CLOEXEC);
+    int input_fd = store_cloud_open(run->service->store, run->job->cloud);
+    run->input_missing = input_fd < 0 && errno == ENOENT;
+    run->input_damaged = input_fd < 0 && errno == EIO;
+    return input_fd;
+}
+
 static enum status start(struct run *run, struct error *error) {
     const struct config *config = run->service->config;
     uint64_t threads = service_threads(run->service, &run->job->params);
@@ -112,13 +133,19 @@ static enum status start(struct run *run, struct error *error) {
     run->log_fd = store_log_open(run->service->store, run->job->id, true);
     if (run->log_fd < 0) return error_set(error, STATUS_IO, "worker", "can't open the job's log: %s", strerror(errno));
     dprintf(run->log_fd, "attempt %d begins\n", run->job->attempt);
-    int input_fd = store_cloud_open(run->service->store, run->job->cloud);
-    run->input_missing = input_fd < 0 && errno == ENOENT;
-    run->input_damaged = input_fd < 0 && errno == EIO;
+    int input_fd = open_input(run);
     if (input_fd < 0) return error_set(error, STATUS_IO, "worker", "can't open the job's input: %s", strerror(errno));
     run->limits = (struct confine_limits){.cpu_ms = config->job_cpu_ms, .file_bytes = config->job_file_bytes};
-    limit_memory(run->job, threads, config->job_memory_bytes, &run->limits);
-    run->most = footprint_most(&run->job->params, threads, (uint64_t)config->job_write_bytes);
+    uint64_t write_bytes = (uint64_t)config->job_write_bytes;
+    if (run->job->tiles) {
+        limit_task_memory(run->job, threads, config->job_memory_bytes, &run->limits);
+        run->most = footprint_most_of_task(&run->job->params, threads, write_bytes);
+        status = task_files_open(&run->files, run->service->store, run->job, error);
+        run->limits.files = (int64_t)run->files.count;
+    } else {
+        limit_memory(run->job, threads, config->job_memory_bytes, &run->limits);
+        run->most = footprint_most(&run->job->params, threads, write_bytes);
+    }
     run->limits.threads = (int64_t)run->most.threads;
     struct spawn_request request = {.confinement = run->confinement,
                                     .input_fd = input_fd,
@@ -127,9 +154,14 @@ static enum status start(struct run *run, struct error *error) {
                                     .threads = threads,
                                     .memory_bytes = run->job->memory_bytes,
                                     .log_fd = run->log_fd,
+                                    .task = run->job->tiles ? run->files.task : NULL,
+                                    .files = run->files.names,
+                                    .file_fd = run->files.fd,
+                                    .file_count = run->files.count,
                                     .limits = run->limits};
-    status = spawn_worker(&request, &run->process, error);
+    if (status == STATUS_OK) status = spawn_worker(&request, &run->process, error);
     close(input_fd);
+    task_files_close(&run->files);
     run->started_ms = run->moved_ms = events_clock_ms();
     return status;
 }
@@ -183,7 +215,7 @@ static void hear(void *ctx, const struct wire_message *message) {
     struct job *job = run->job;
     snprintf(job->stage, sizeof job->stage, "%s", message->stage);
     snprintf(job->message, sizeof job->message, "%s", message->text);
-    job->fraction = message->fraction;
+    job->fraction = task_fraction(job, message->fraction);
 }
 
 /* Reads what there is; false at the end of the stream. */
@@ -293,9 +325,17 @@ static void reap(struct run *run) {
     while (wait4(run->process.pid, &run->wait_status, 0, &usage) < 0 && errno == EINTR) continue;
     struct job *job = run->job;
     job->wall_s = (double)(events_clock_ms() - run->started_ms) / 1e3;
-    job->cpu_s = (double)(usage.ru_utime.tv_sec + usage.ru_stime.tv_sec) +
-                 (double)(usage.ru_utime.tv_usec + usage.ru_stime.tv_usec) / 1e6;
-    job->peak_rss_bytes = (uint64_t)usage.ru_maxrss * 1024;
+    job->task_cpu_s = (double)(usage.ru_utime.tv_sec + usage.ru_stime.tv_sec) +
+                      (double)(usage.ru_utime.tv_usec + usage.ru_stime.tv_usec) / 1e6;
+    uint64_t peak_bytes = (uint64_t)usage.ru_maxrss * 1024;
+    if (job->tiles) { /* with what its tasks took before */
+        job->cpu_s += job->task_cpu_s;
+        job->wall_s = (double)(job_now_ms() - job->started_ms) / 1e3;
+        if (peak_bytes < job->peak_rss_bytes) peak_bytes = job->peak_rss_bytes;
+    } else {
+        job->cpu_s = job->task_cpu_s;
+    }
+    job->peak_rss_bytes = peak_bytes;
     spawn_done(&run->process);
 }
 
@@ -468,6 +508,19 @@ static bool is_short_of_disk(const struct run *run) {
     return run->service->is_shared && run->has_failed && run->said.error.code == STATUS_NO_SPACE;
 }
 
+/* Whether a task was planned by another version of whittle.  While hosts of both are there one of the other version may
+ * have it; where none comes, the job begins anew. */
+static bool is_of_another_version(struct run *run) {
+    struct job *job = run->job;
+    if (!job->tiles || !run->has_failed || strcmp(run->said.error.where, "version") != 0) return false;
+    run->is_short = run->service->is_shared;
+    if (!run->is_short || ++job->failures >= JOB_MAX_FAILURES) {
+        job->task = JOB_TASK_NONE;
+        job->failures = 0;
+    }
+    return true;
+}
+
 static void judge(struct run *run, struct verdict *verdict) {
     int command = atomic_load(&run->control->command);
     bool exited_well = WIFEXITED(run->wait_status) && WEXITSTATUS(run->wait_status) == 0;
@@ -497,6 +550,9 @@ static void judge(struct run *run, struct verdict *verdict) {
         verdict->event = JOB_REQUEUE;
         run->is_short = true;
         problem_from_error(&verdict->problem, &run->said.error);
+    } else if (is_of_another_version(run)) {
+        verdict->event = JOB_REQUEUE;
+        problem_from_error(&verdict->problem, &run->said.error);
     } else if (run->has_failed) {
         problem_from_error(&verdict->problem, &run->said.error);
     } else {
@@ -518,6 +574,12 @@ static char *read_report(const struct run *run) {
     free(text);
     if (fd >= 0) close(fd);
     return report;
+}
+
+/* The folder that it wrote into. */
+static void drop_run(const struct run *run) {
+    struct scratch *scratch = store_scratch(run->service->store);
+    (run->job->tiles ? scratch_run_drop_alone : scratch_run_drop)(scratch, run->job->id, run->job->attempt);
 }
 
 static void drop_outputs(struct run *run) {
@@ -546,8 +608,10 @@ static enum status put_outputs_when_possible(struct run *run, struct error *erro
     const struct digest_will will = {run_is_wanted, run};
     int64_t until = events_clock_ms() + START_PATIENCE_MS;
     for (;;) {
-        enum status status = store_outputs_keep(run->service->store, job->id, job->attempt, &will, job->output,
-                                                &job->output_count, error);
+        enum status status = task_makes_outputs(job)
+                                 ? store_outputs_keep(run->service->store, job->id, job->attempt, &will, job->output,
+                                                      &job->output_count, error)
+                                 : store_tiles_keep(run->service->store, job->id, job->attempt, &will, error);
         if (status == STATUS_OK || !waits_for_store(run, status) || events_clock_ms() >= until) return status;
         log_line_seldom(LOG_WARNING, "job=%s its outputs wait for the store: %s", job->id, error->text);
         wait_for_command(run, RECORD_AGAIN_MS);
@@ -558,10 +622,12 @@ static enum status put_outputs_when_possible(struct run *run, struct error *erro
 static void keep_outputs(struct run *run, struct verdict *verdict) {
     struct error error = {0};
     struct job *job = run->job;
-    enum status status = footprint_check(run->output, &job->params, &error);
+    enum status status = task_makes_outputs(job) ? footprint_check(run->output, &job->params, &error)
+                                                 : footprint_check_task(run->output, job->task, &job->tiles, &error);
     bool is_sound = status == STATUS_OK;
     if (is_sound) {
-        char *report = read_report(run); /* keeping the outputs takes them out of this folder */
+        char *report =
+            task_makes_outputs(job) ? read_report(run) : NULL; /* keeping the outputs takes them out of this folder */
         status = put_outputs_when_possible(run, &error);
         free(status == STATUS_OK ? job->report : report);
         if (status == STATUS_OK) job->report = report;
@@ -579,13 +645,14 @@ static void log_verdict(const struct run *run, const struct verdict *verdict) {
     static const char *const became[JOB_EVENT_COUNT] = {
         [JOB_DONE] = "successful", [JOB_FAIL] = "failed", [JOB_DISMISS] = "dismissed", [JOB_REQUEUE] = "queued again"};
     const struct job *job = run->job;
-    bool has_detail = verdict->problem.detail[0] != 0;
+    bool has_detail = verdict->problem.detail[0] != 0, goes_on = verdict->event == JOB_DONE && !task_makes_outputs(job);
+    const char *now = goes_on ? "running, a task is done" : became[verdict->event];
     log_line(verdict->event == JOB_FAIL ? LOG_WARNING : LOG_INFO,
-             "job=%s running -> %s attempt=%d cpu=%.2fs wall=%.2fs rss=%llu%s%s", job->id, became[verdict->event],
-             job->attempt, job->cpu_s, job->wall_s, (unsigned long long)job->peak_rss_bytes, has_detail ? ": " : "",
+             "job=%s running -> %s attempt=%d cpu=%.2fs wall=%.2fs rss=%llu%s%s", job->id, now, job->attempt,
+             job->cpu_s, job->wall_s, (unsigned long long)job->peak_rss_bytes, has_detail ? ": " : "",
              verdict->problem.detail);
     if (run->log_fd >= 0)
-        dprintf(run->log_fd, "attempt %d: %s%s%s\n", job->attempt, became[verdict->event], has_detail ? ": " : "",
+        dprintf(run->log_fd, "attempt %d: %s%s%s\n", job->attempt, now, has_detail ? ": " : "",
                 verdict->problem.detail);
 }
 
@@ -630,13 +697,34 @@ static bool record(const struct run *run, const struct verdict *verdict) {
     return held || (again && was_recorded(run, verdict));
 }
 
+/* What tasks have made goes with the end of their job. */
+static void drop_tiles(const struct run *run) {
+    if (!store_tiles_delete(run->service->store, run->job->id))
+        log_line(LOG_WARNING, "job=%s what its tasks have made is there still", run->job->id);
+}
+
+/* Of a task that was late: its job may have ended meanwhile, and then nobody else removes what it has put. */
+static void drop_tiles_of_ended(const struct run *run) {
+    struct job now;
+    struct error error = {0};
+    enum catalog_presence presence;
+    struct catalog_tombstone tombstone;
+    if (!run->job->tiles ||
+        catalog_get(run->service->catalog, run->job->id, &now, &presence, &tombstone, &error) != STATUS_OK)
+        return;
+    if (presence != CATALOG_PRESENT || job_ended(now.state)) drop_tiles(run);
+    job_done(&now);
+}
+
 /* Whoever has the job now has outputs of its own: those of this attempt are nobody's. */
 static void let_go(struct run *run) {
     log_line(LOG_WARNING,
-             "job=%s attempt=%d is lost: its lease has ended, so the job waits again or another host has it",
+             "job=%s attempt=%d is lost: its lease has ended, so the job waits again or another host has it, "
+             "or it has ended",
              run->job->id, run->job->attempt);
-    scratch_run_drop(store_scratch(run->service->store), run->job->id, run->job->attempt);
+    drop_run(run);
     drop_outputs(run);
+    drop_tiles_of_ended(run);
 }
 
 /* Before the end is recorded, after which anybody may delete the job: nothing of it is put later. */
@@ -655,7 +743,7 @@ static void settle(struct run *run, struct verdict *verdict) {
     }
     if (verdict->event == JOB_DONE) keep_outputs(run, verdict);
     fault_at("outputs-kept");
-    scratch_run_drop(store_scratch(run->service->store), job->id, job->attempt);
+    drop_run(run);
     show(run);
     log_verdict(run, verdict);
     metrics_run(run->service->metrics, verdict->event, job->cpu_s, job->wall_s);
@@ -667,9 +755,13 @@ static void settle(struct run *run, struct verdict *verdict) {
         job->problem = problem_encode(&verdict->problem);
     }
     struct job_cost cost = estimate_cost(job);
-    if (verdict->event == JOB_DONE) estimate_learn(run->service->estimate, &cost, job->wall_s, job_now_ms());
+    if (verdict->event == JOB_DONE && !job->tiles)
+        estimate_learn(run->service->estimate, &cost, job->wall_s, job_now_ms());
     share_log(run);
-    if (!record(run, verdict)) let_go(run);
+    enum job_state next;
+    bool is_held = record(run, verdict);
+    if (!is_held) let_go(run);
+    if (is_held && job->tiles && job_step_of(job, verdict->event, &next) == JOB_STEP_END) drop_tiles(run);
     fault_at("job-recorded");
 }
 

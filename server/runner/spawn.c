@@ -1,7 +1,7 @@
 /* Starting whittle: everything that needs memory or locks is done before fork, in the child only system calls.
  *
- * The child has no descriptor but 0 (its input), 1 and 2 (its log), 3 (what it says), and a process group of its own;
- * runner/confine.c does the rest.
+ * The child has no descriptor but 0 (its input), 1 and 2 (its log), 3 (what it says), those of a task's files, and a
+ * process group of its own; runner/confine.c does the rest.
  *
  * Where jobs have process ids of their own, the first process among them is their init, whose signals have special
  * rules: so that is not whittle but a keeper, which does nothing but end when the service closes its pipe, or ends.
@@ -40,6 +40,7 @@ struct child {
     const struct spawn_request *request;
     char *argv[MAX_ARGUMENTS];
     int input_fd, log_fd, progress_fd;
+    int *file_fd; /* over where they are to be; owned */
     pid_t parent;
 };
 
@@ -65,7 +66,11 @@ static bool make_arguments(struct child *child, const struct spawn_request *requ
     const struct param *table = params_table(&rows);
     struct params params = *request->params;
     params.threads = request->threads;
-    bool ok = add(child, &count, "whittle") && add(child, &count, "-");
+    bool ok = add(child, &count, "whittle");
+    if (ok && request->task)
+        ok = add(child, &count, "tiles") && add(child, &count, "work") && add(child, &count, request->task) &&
+             add(child, &count, request->files);
+    ok = ok && add(child, &count, "-");
     for (size_t i = 0; ok && i < rows; i++) ok = add_parameter(child, &count, &params, &table[i]);
     if (ok && request->memory_bytes) {
         char bytes[24];
@@ -78,13 +83,14 @@ static bool make_arguments(struct child *child, const struct spawn_request *requ
 
 /* ------------------------------------------------------------------------------------------------ the child */
 
-/* The descriptors given are all over PROGRESS_FD, so that none is overwritten before it is copied. */
+/* The descriptors given are all over those that they become, so that none is overwritten before it is copied. */
 static void place_descriptors(const struct child *child) {
     dup2(child->input_fd, STDIN_FILENO);
     dup2(child->log_fd, STDOUT_FILENO);
     dup2(child->log_fd, STDERR_FILENO);
     dup2(child->progress_fd, PROGRESS_FD);
-    syscall(SYS_close_range, PROGRESS_FD + 1, ~0U, 0);
+    for (size_t i = 0; i < child->request->file_count; i++) dup2(child->file_fd[i], SPAWN_FIRST_FILE + (int)i);
+    syscall(SYS_close_range, SPAWN_FIRST_FILE + child->request->file_count, ~0U, 0);
 }
 
 __attribute__((noreturn)) static void become_worker(const struct child *child) {
@@ -103,7 +109,20 @@ __attribute__((noreturn)) static void become_worker(const struct child *child) {
 
 /* ------------------------------------------------------------------------------------------------ the parent */
 
-static int above_progress_fd(int fd) { return fcntl(fd, F_DUPFD_CLOEXEC, PROGRESS_FD + 1); }
+static int above(const struct spawn_request *request, int fd) {
+    return fcntl(fd, F_DUPFD_CLOEXEC, SPAWN_FIRST_FILE + (int)request->file_count);
+}
+
+/* false: not all could be had. */
+static bool lift_files(struct child *child) {
+    size_t count = child->request->file_count;
+    child->file_fd = count ? malloc(count * sizeof *child->file_fd) : NULL;
+    bool ok = child->file_fd || !count;
+    for (size_t i = 0; ok && i < count; i++) child->file_fd[i] = -1;
+    for (size_t i = 0; ok && i < count; i++)
+        ok = (child->file_fd[i] = above(child->request, child->request->file_fd[i])) >= 0;
+    return ok;
+}
 
 static void close_if_open(int fd) {
     if (fd >= 0) close(fd);
@@ -208,17 +227,21 @@ enum status spawn_worker(const struct spawn_request *request, struct spawned *sp
     int ends[2] = {-1, -1};
     struct child child = {.request = request, .input_fd = -1, .log_fd = -1, .progress_fd = -1, .parent = getpid()};
     enum status status = STATUS_IO;
-    child.input_fd = above_progress_fd(request->input_fd);
-    child.log_fd = above_progress_fd(request->log_fd);
-    if (pipe2(ends, O_CLOEXEC) == 0) child.progress_fd = above_progress_fd(ends[1]);
+    child.input_fd = above(request, request->input_fd);
+    child.log_fd = above(request, request->log_fd);
+    if (pipe2(ends, O_CLOEXEC) == 0) child.progress_fd = above(request, ends[1]);
     if (child.input_fd < 0 || child.log_fd < 0 || child.progress_fd < 0)
         error_set(error, status, "worker", "no descriptors: %s", strerror(errno));
+    else if (!lift_files(&child))
+        error_set(error, status, "worker", "no descriptors for %zu files: %s", request->file_count, strerror(errno));
     else if (!make_arguments(&child, request))
         status = error_set(error, STATUS_NO_MEMORY, "worker", "no memory");
     else
         status = fork_child(&child, spawned, error);
     const int mine[] = {child.input_fd, child.log_fd, child.progress_fd, ends[1]};
     for (size_t i = 0; i < sizeof mine / sizeof *mine; i++) close_if_open(mine[i]);
+    for (size_t i = 0; child.file_fd && i < request->file_count; i++) close_if_open(child.file_fd[i]);
+    free(child.file_fd);
     for (size_t i = 0; child.argv[i]; i++) free(child.argv[i]);
     if (status == STATUS_OK) {
         fcntl(ends[0], F_SETFL, O_NONBLOCK);

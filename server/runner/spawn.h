@@ -1,4 +1,4 @@
-/* Starting whittle for a job, confined: fork + exec with one inherited descriptor.
+/* Starting whittle for a job, confined: fork + exec with few inherited descriptors.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_SERVER_RUNNER_SPAWN_H
@@ -11,6 +11,8 @@
 #include "core/params.h"
 #include "server/runner/confine.h"
 
+enum { SPAWN_FIRST_FILE = 4 };
+
 struct spawn_request {
     const struct confinement *confinement; /* and the program */
     int input_fd;                          /* the cloud; becomes standard input */
@@ -19,6 +21,10 @@ struct spawn_request {
     uint64_t threads;      /* instead of params->threads */
     uint64_t memory_bytes; /* that it may take; 0 = as much as the limits allow */
     int log_fd;            /* becomes standard output and error */
+    const char *task;      /* of a job in tiles: "plan", a tile's number, "merge"; NULL = the job is in one piece */
+    const char *files;     /* "plan.0=4,points.7=5": what the descriptors below are; borrowed, as they are */
+    const int *file_fd;    /* become descriptors from SPAWN_FIRST_FILE on */
+    size_t file_count;
     struct confine_limits limits;
 };
 

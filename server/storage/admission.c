@@ -19,6 +19,7 @@
 #include "core/io/codec/inflate.h"
 #include "core/io/sniff.h"
 #include "core/pipeline/memory.h"
+#include "core/tiles/fit.h"
 
 enum { STEPS = 40, HEAD_BYTES = 64 * 1024, PIECE_BYTES = 4096 };
 static const double SMALLEST_RATIO = 0.001;
@@ -141,7 +142,19 @@ static bool read_job(const struct beginning *beginning, struct memory_job *job, 
     return true;
 }
 
-static bool check(const struct admission *admission, const struct beginning *beginning, uint64_t *memory_bytes,
+/* Whether the job can be done in tiles, each within the limit: what is read part by part, for that matter. */
+static bool fits_in_tiles(const struct admission *admission, const struct beginning *beginning,
+                          const struct memory_job *job) {
+    struct params params = admission->params;
+    struct error ignored;
+    enum cloud_kind kind = cloud_sniff(beginning->bytes, beginning->n).kind;
+    bool in_parts = kind == CLOUD_KIND_PLY || kind == CLOUD_KIND_LAS || kind == CLOUD_KIND_TEXT;
+    params.memory_bytes = admission->max_memory_bytes;
+    return in_parts && !beginning->inflated && tiles_can(&params, &ignored) == STATUS_OK &&
+           fit_kept(&params, job->points, fit_room(&params), &ignored) == STATUS_OK;
+}
+
+static bool check(const struct admission *admission, const struct beginning *beginning, struct admitted *admitted,
                   struct problem *problem) {
     struct memory_job job;
     bool guessed;
@@ -151,16 +164,17 @@ static bool check(const struct admission *admission, const struct beginning *beg
     if (points > admission->max_points && !guessed) return refuse_points(admission, points, problem);
     if (!admission->has_params) return true;
     uint64_t bytes = memory_predict(&job, &admission->params);
-    bool fits = bytes <= most || guessed;
-    *memory_bytes = fits && bytes > most ? most : bytes;
+    admitted->in_tiles = bytes > most && !guessed && fits_in_tiles(admission, beginning, &job);
+    bool fits = bytes <= most || guessed || admitted->in_tiles;
+    admitted->memory_bytes = fits && bytes > most ? most : bytes;
     return fits || refuse_memory(admission, &job, bytes, problem);
 }
 
 bool admission_check(const struct admission *admission, const void *first_bytes, size_t n, uint64_t total_bytes,
-                     uint64_t *memory_bytes, struct problem *problem) {
-    *memory_bytes = 0;
+                     struct admitted *admitted, struct problem *problem) {
+    *admitted = (struct admitted){0};
     struct beginning beginning = begin(first_bytes, n, total_bytes);
-    bool fits = check(admission, &beginning, memory_bytes, problem);
+    bool fits = check(admission, &beginning, admitted, problem);
     free(beginning.inflated);
     return fits;
 }

@@ -17,12 +17,17 @@ struct admission {
     struct params params;
 };
 
+/* What was found: memory_bytes is what the job is predicted to take, or a task of it, 0 = nothing can be said. */
+struct admitted {
+    uint64_t memory_bytes;
+    bool in_tiles; /* it doesn't fit in one piece, and tiles can do what is asked for */
+};
+
 /* Judges by the first n bytes of a cloud of total_bytes (UINT64_MAX = not known); what is compressed is looked into.
- * false: *problem says too-many-points or would-exceed-memory.  *memory_bytes becomes what the job is predicted to
- * take, also where that is too much; 0 where nothing can be said, and true then, for whether the bytes are a cloud is
- * for others to say.  O(n). */
+ * false: *problem says too-many-points or would-exceed-memory.  Where nothing
+ * can be said it is true, for whether the bytes are a cloud is for others to say.  O(n). */
 bool admission_check(const struct admission *admission, const void *first_bytes, size_t n, uint64_t total_bytes,
-                     uint64_t *memory_bytes, struct problem *problem);
+                     struct admitted *admitted, struct problem *problem);
 
 /* What the job may take at most, where it has more tetrahedra than were predicted: core/pipeline/memory.h, within the
  * limit; 0 = not known. */

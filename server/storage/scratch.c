@@ -259,6 +259,12 @@ void scratch_run_drop(struct scratch *scratch, const char *job, int attempt) {
     }
 }
 
+void scratch_run_drop_alone(struct scratch *scratch, const char *job, int attempt) {
+    char name[FOLDERS_NAME_BYTES];
+    run_name(job, attempt, name);
+    folders_remove(scratch->tmp_fd, name);
+}
+
 int scratch_log_open(struct scratch *scratch, const char *job, bool append) {
     int flags = append ? O_WRONLY | O_CREAT | O_APPEND : O_RDONLY;
     int job_fd = append ? folders_make(scratch->jobs_fd, job) : folders_open(scratch->jobs_fd, job);

@@ -114,6 +114,9 @@ enum status scratch_run_begin(struct scratch *scratch, const char *job, int atte
 int scratch_run_open(const struct scratch *scratch, const char *job, int attempt);
 void scratch_run_drop(struct scratch *scratch, const char *job, int attempt);
 
+/* Removes it, and leaves those of other attempts, which are tasks of the same job. */
+void scratch_run_drop_alone(struct scratch *scratch, const char *job, int attempt);
+
 /* Opens the job's log, for appending (made if it isn't there) or reading; -1 when it can't. */
 int scratch_log_open(struct scratch *scratch, const char *job, bool append);
 void scratch_log_delete(struct scratch *scratch, const char *job);

@@ -313,6 +313,64 @@ void store_outputs_delete(struct store *store, const char *id, int attempt) {
     blobs_remove(store->blobs, folder);
 }
 
+/* ------------------------------------------------------------------------------------------------ tiles */
+
+static void tiles_name(const char *id, char name[BLOBS_NAME_BYTES]) {
+    snprintf(name, BLOBS_NAME_BYTES, "%s/%.70s/tiles", jobs, id);
+}
+
+struct keeping {
+    struct store *store;
+    const char *folder;
+    int folder_fd;
+    const struct digest_will *will;
+    size_t count;
+    enum status status;
+    struct error *error;
+};
+
+/* One at a time: a plan may have thousands. */
+static void keep_next(void *ctx, const char *name) {
+    struct keeping *keeping = ctx;
+    struct job_output file;
+    if (keeping->status != STATUS_OK) return;
+    keeping->status = take_output(keeping->folder_fd, name, keeping->will, &file, keeping->error);
+    const struct blobs_source source = {file.name, keeping->folder_fd, file.name, file.sha256};
+    if (keeping->status == STATUS_OK)
+        keeping->status = blobs_put(keeping->store->blobs, keeping->folder, &source, 1, keeping->error);
+    if (keeping->status == STATUS_OK) unlinkat(keeping->folder_fd, name, 0); /* where the store has a copy */
+    keeping->count++;
+}
+
+enum status store_tiles_keep(struct store *store, const char *id, int attempt, const struct digest_will *will,
+                             struct error *error) {
+    char folder[BLOBS_NAME_BYTES];
+    int folder_fd = scratch_run_open(store->scratch, id, attempt);
+    struct keeping keeping = {.store = store, .folder = folder, .folder_fd = folder_fd, .will = will, .error = error};
+    if (folder_fd < 0) return store_refused(error, "open what was made of", id);
+    tiles_name(id, folder);
+    do { /* until nothing is left: a listing may leave out names while others go */
+        keeping.count = 0;
+        if (folders_each(folder_fd, keep_next, &keeping) != 0)
+            keeping.status = store_refused(error, "list what was made of", id);
+    } while (keeping.status == STATUS_OK && keeping.count);
+    close(folder_fd);
+    return keeping.status;
+}
+
+int store_tiles_open(struct store *store, const char *id, const char *name) {
+    char folder[BLOBS_NAME_BYTES], path[2 * BLOBS_NAME_BYTES];
+    tiles_name(id, folder);
+    snprintf(path, sizeof path, "%s/%.100s", folder, name);
+    return blobs_read(store->blobs, path, NULL);
+}
+
+bool store_tiles_delete(struct store *store, const char *id) {
+    char folder[BLOBS_NAME_BYTES];
+    tiles_name(id, folder);
+    return blobs_remove(store->blobs, folder);
+}
+
 /* ------------------------------------------------------------------------------------------------ jobs */
 
 int store_log_open(struct store *store, const char *id, bool append) {

@@ -3,6 +3,7 @@
  *
  *     clouds/<sha256>                 a blob: an input, by content
  *     jobs/<id>/outputs/<name>        a blob: an output of a job that succeeded; outputs.<n> of its n-th attempt, n > 1
+ *     jobs/<id>/tiles/<name>          a blob: what tasks of a job in tiles have made, until the job ends
  *     jobs/<id>/log.<host>            a blob, where several hosts share them: what one of them has of the log
  *     uploads/<id>/<offset>-<token>--<hash>   a blob, where several hosts share them: a piece of an upload
  *     jobs/<id>/log, uploads/<id>     scratch
@@ -101,6 +102,15 @@ bool store_outputs_exist(struct store *store, const char *id, int attempt);
 
 /* How many there are; -1 where they can't be listed. */
 int store_outputs_count(struct store *store, const char *id, int attempt);
+
+/* Makes what is in a task's folder (scratch_run_begin) part of what the job's tasks have made.  Which task makes which
+ * names is known above; a task that runs twice makes the same bytes.  As store_outputs_keep. */
+enum status store_tiles_keep(struct store *store, const char *id, int attempt, const struct digest_will *will,
+                             struct error *error) MUST_CHECK;
+
+/* Opens one for reading; -1 with errno.  Removes all of them; false: some may be there still. */
+int store_tiles_open(struct store *store, const char *id, const char *name);
+bool store_tiles_delete(struct store *store, const char *id);
 
 /* Opens the job's log, for appending (made if it isn't there) or reading; -1 when it can't. */
 int store_log_open(struct store *store, const char *id, bool append);

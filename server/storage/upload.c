@@ -116,7 +116,7 @@ static bool check_kind(struct upload *upload, uint64_t total, bool at_end, struc
 }
 
 static bool check_head(struct upload *upload, uint64_t total, bool at_end, struct problem *problem) {
-    uint64_t ignored;
+    struct admitted ignored;
     if (!check_kind(upload, total, at_end, problem)) return false;
     return !upload->checked ||
            admission_check(&upload->admission, upload->head, upload->head_bytes, total, &ignored, problem);

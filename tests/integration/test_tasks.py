@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Jobs that don't fit into the memory of a process are made in tiles: the same bytes as the command's, whoever dies."""
+import array
+import math
+import os
+import random
+import re
+import signal
+import subprocess
+
+import pytest
+
+from conftest import BUILD, HOSTS, SANITIZED, process_lives, wait_until
+from test_hosts import content, make_server, make_shared, names  # noqa: F401 (fixtures)
+
+# Of 160 MiB a process has room for about 250 000 points, and in one piece these take more.
+LIMIT, POINTS, QUERY = "160M", 600000, "?ratio=0.02&outputs=cloud"
+pytestmark = pytest.mark.skipif(SANITIZED, reason="sanitizers have a time and memory of their own")
+
+
+@pytest.fixture(name="cloud", scope="module")
+def make_cloud(tmp_path_factory):
+    spread = random.Random(7)
+    body = array.array("f")
+    for _ in range(POINTS):
+        x, y = 90 * spread.random(), 110 * spread.random()
+        body.extend((x, y, 3 * math.sin(x / 5) * math.cos(y / 7)))
+    path = tmp_path_factory.mktemp("tasks") / "bumps.ply"
+    path.write_bytes((f"ply\nformat binary_little_endian 1.0\nelement vertex {POINTS}\nproperty float x\n"
+                      "property float y\nproperty float z\nend_header\n").encode() + body.tobytes())
+    return path
+
+
+@pytest.fixture(name="expected", scope="module")
+def make_expected(cloud, tmp_path_factory):
+    """What the command makes of it within the same memory."""
+    out = tmp_path_factory.mktemp("tasks") / "out.ply"
+    done = subprocess.run([BUILD / "whittle", cloud, out, "--ratio", "0.02", "--memory", LIMIT, "--threads", "1"],
+                          capture_output=True, text=True, check=True)
+    assert "tiles in" in done.stderr
+    return out.read_bytes()
+
+
+def limited(make_daemon, *flags):
+    return make_daemon("--job-memory", LIMIT, "--total-memory", "1G", "--workers", "2", "--threads-per-job", "1", *flags)
+
+
+def blobs_of(daemon, job):
+    return sorted(path.name for path in (daemon.data / "jobs" / job).glob("tiles/*"))
+
+
+def test_the_bytes_are_the_command_s(make_daemon, cloud, expected):
+    daemon = limited(make_daemon)
+    job = daemon.submit(cloud.read_bytes(), QUERY)
+    running = wait_until(lambda: (daemon.job(job)["tiles"] or {}).get("done", 0) > 0 and daemon.job(job), "a tile")
+    assert running["status"] in ("running", "successful") and running["tiles"]["of"] > 2
+    ended = daemon.ended(job)
+    assert ended["status"] == "successful", (ended, daemon.log_text()[-3000:])
+    assert ended["tiles"]["done"] == ended["tiles"]["of"]
+    assert ended["attempt"] == ended["tiles"]["of"] + 2  # no task ran twice
+    assert ended["report"]["points_in"] == POINTS and ended["report"]["points_out"] == POINTS // 50
+    assert content(daemon, job) == expected
+    assert ended["resources"]["peak_rss_bytes"] < 160 << 20
+    if not HOSTS:
+        assert blobs_of(daemon, job) == [] and daemon.leftovers() == []
+        assert daemon.stop() == 0 and daemon.check()[0] == 0
+
+
+def test_progress_never_goes_back(make_daemon, cloud):
+    daemon = limited(make_daemon)
+    job = daemon.submit(cloud.read_bytes(), QUERY)
+    seen = []
+    wait_until(lambda: seen.append(daemon.job(job)) or seen[-1]["status"] == "successful", "the end")
+    assert [j["progress"] for j in seen] == sorted(j["progress"] for j in seen)
+    done = [j["tiles"]["done"] for j in seen if j["tiles"]]
+    assert done == sorted(done) and len(set(done)) > 1
+
+
+def test_killed_workers_cost_a_tile_each(make_daemon, cloud, expected):
+    daemon = limited(make_daemon)
+    job = daemon.submit(cloud.read_bytes(), QUERY)
+    killed = []
+
+    def kill_next():
+        for attempt, pid in re.findall(rf"job={job} accepted -> running attempt=(\d+) pid=(\d+)", daemon.log_text()):
+            if int(attempt) in (1, 3, 4) and pid not in killed and process_lives(int(pid)):
+                os.kill(int(pid), signal.SIGKILL)
+                killed.append(pid)
+        return len(killed) == 3 or daemon.job(job)["status"] not in ("accepted", "running")
+
+    wait_until(kill_next, "three processes that were killed")
+    ended = daemon.ended(job)
+    assert ended["status"] == "successful" and killed
+    assert ended["attempt"] <= ended["tiles"]["of"] + 2 + len(killed)
+    assert content(daemon, job) == expected
+
+
+@pytest.mark.skipif(HOSTS, reason="a host that is killed holds its leases")
+def test_a_killed_service_goes_on_where_it_was(make_daemon, cloud, expected):
+    daemon = limited(make_daemon)
+    job = daemon.submit(cloud.read_bytes(), QUERY)
+    for tiles in (0, 1, 3):
+        wait_until(lambda: (daemon.job(job)["tiles"] or {}).get("done", -1) >= tiles, f"{tiles} tiles")
+        before = daemon.job(job)["tiles"]["done"]
+        daemon.kill()
+        daemon.start()
+        assert daemon.job(job)["tiles"]["done"] >= before  # what is done stays done
+    ended = daemon.ended(job)
+    assert ended["status"] == "successful" and content(daemon, job) == expected
+    assert blobs_of(daemon, job) == [] and daemon.leftovers() == []
+
+
+@pytest.mark.skipif(HOSTS, reason="a host that is killed holds its leases")
+def test_what_another_version_has_planned_begins_anew(make_daemon, cloud, expected):
+    daemon = limited(make_daemon)
+    job = daemon.submit(cloud.read_bytes(), QUERY)
+    wait_until(lambda: (daemon.job(job)["tiles"] or {}).get("done", 0) > 0, "a tile")
+    daemon.kill()
+    plan = daemon.data / "jobs" / job / "tiles" / "plan"
+    head = bytearray(plan.read_bytes())
+    head[16:20] = b"9.9\0"  # after the mark
+    plan.write_bytes(head)
+    daemon.start()
+    ended = daemon.ended(job)
+    assert ended["status"] == "successful" and content(daemon, job) == expected
+    assert "was made by whittle 9.9" in daemon.log_text()
+
+
+@pytest.mark.parametrize("tiles", [None, 1])
+def test_cancelling_leaves_nothing(make_daemon, cloud, tiles):
+    daemon = limited(make_daemon)
+    job = daemon.submit(cloud.read_bytes(), QUERY)
+    if tiles is None:
+        daemon.wait_for(job, "running")
+    else:
+        wait_until(lambda: (daemon.job(job)["tiles"] or {}).get("done", 0) >= tiles, "a tile")
+    pids = [int(pid) for pid in re.findall(rf"job={job} accepted -> running attempt=\d+ pid=(\d+)", daemon.log_text())]
+    assert daemon.curl(f"/v1/jobs/{job}", "-X", "DELETE").json["status"] == "dismissed"
+    wait_until(lambda: not any(process_lives(pid) for pid in pids), "the end of its processes")
+    if not HOSTS:
+        wait_until(lambda: blobs_of(daemon, job) == [] and daemon.leftovers() == [], "an empty folder")
+        assert daemon.ask("SELECT count(*) FROM tasks") == [(0,)]
+    other = daemon.submit(b"0 0 0\n1 0 0\n0 1 0\n1 1 0\n", "?ratio=1&outputs=cloud")
+    assert daemon.ended(other)["status"] == "successful"
+
+
+def test_a_job_in_tiles_is_one_job_of_its_principal(make_daemon, cloud):
+    daemon = limited(make_daemon, "--principal-jobs", "1")
+    job = daemon.submit(cloud.read_bytes(), QUERY)
+    daemon.wait_for(job, "running")
+    refused = daemon.post("/v1/jobs?outputs=cloud&ratio=1", b"0 0 0\n1 0 0\n0 1 0\n")
+    assert refused.status == 429
+    assert daemon.ended(job)["status"] == "successful"
+    assert daemon.post("/v1/jobs?outputs=cloud&ratio=1", b"0 0 0\n1 0 0\n0 1 0\n").status == 201
+
+
+@pytest.mark.parametrize("query", ["?ratio=0.02&outputs=mesh", "?ratio=0.02&outputs=cloud&denoise=full",
+                                   "?ratio=0.9&outputs=cloud"])
+def test_what_tiles_cannot_do_is_refused(make_daemon, cloud, query):
+    daemon = limited(make_daemon)
+    reply = daemon.post(f"/v1/jobs{query}", cloud.read_bytes())
+    assert (reply.status, reply.slug) == (422, "would-exceed-memory") or reply.status == 413
+    assert "MiB" in reply.json["detail"]
+
+
+def test_hosts_share_the_tasks(make_daemon, shared, cloud, expected):
+    """One of them is killed on the way."""
+    front = limited(make_daemon, *shared, "--roles", "http")
+    job = front.submit(cloud.read_bytes(), QUERY)
+    hosts = [limited(make_daemon, *shared) for _ in range(2)]
+    wait_until(lambda: (front.job(job)["tiles"] or {}).get("done", 0) > 0, "a tile")
+    hosts[0].kill()
+    ended = front.ended(job)
+    assert ended["status"] == "successful" and ended["tiles"]["done"] == ended["tiles"]["of"]
+    assert content(front, job) == expected
+    assert all(f"job={job}" in host.log_text() for host in hosts)
+    if any(str(flag).startswith("file:") for flag in shared):
+        folder = next(str(flag) for flag in shared if str(flag).startswith("file:"))[5:]
+        wait_until(lambda: not os.path.exists(f"{folder}/jobs/{job}/tiles"), "the removal of tiles")

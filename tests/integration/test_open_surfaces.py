@@ -92,6 +92,33 @@ def test_threads_change_nothing(terrain, tmp_path):
     assert (tmp_path / "1/mesh.ply").read_bytes() == (tmp_path / "3/mesh.ply").read_bytes()
 
 
+SLOT = (0.465, 0.525)  # in x, seven spacings wide; the boards meet below it
+
+
+@pytest.fixture(name="boards", scope="module")
+def make_boards(tmp_path_factory):
+    """Points of two bent boards with a slot between them."""
+    chance, count = random.Random(5), 120
+    path = tmp_path_factory.mktemp("boards") / "boards.xyz"
+    with open(path, "w", encoding="ascii") as file:
+        for i in range(count * count):
+            x, y = ((k + chance.uniform(-0.2, 0.2)) / count for k in (i % count, i // count))
+            if not (SLOT[0] < x < SLOT[1] and y > 0.2):
+                file.write(f"{x:.6f} {y:.6f} {0.15 * math.sin(5 * x + 3 * y):.6f}\n")
+    return path
+
+
+@pytest.mark.parametrize("placement", ["subset", "optimal"])
+@pytest.mark.parametrize("order", ["simplify-first", "reconstruct-first"])
+def test_a_slot_has_no_rungs(boards, tmp_path, placement, order):
+    """Nothing runs across it, though no place in it is three spacings from the points; and nothing else opens."""
+    points, triangles, _ = meshed(boards, tmp_path, surface="open", ratio=0.1, placement=placement, order=order)
+    across = [t for t in triangles if min(points[v][0] for v in t) < SLOT[0] + 0.01
+              and max(points[v][0] for v in t) > SLOT[1] - 0.01 and min(points[v][1] for v in t) > 0.26]
+    assert not across
+    assert len(borders.loops_of([v for t in triangles for v in t])) <= 2  # a tiny hole beside the outer border
+
+
 ROOM, EYE, RINGS = (12.0, 8.0, 3.0), (5.0, 3.0, 1.2), 16
 
 

@@ -6,6 +6,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/surface/sheet/sheet.h"
 
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -17,7 +18,7 @@
 #include "core/surface/sheet/front.h"
 #include "core/surface/sheet/support.h"
 
-static const struct sheet_limit FAR = {3, 4.2}, FAR_IN_PLANE = {4, 4.2};
+static const struct sheet_limit FAR = {3, 4.2, 2}, FAR_IN_PLANE = {4, 4.2, 0};
 
 /* A mesh of all points and no triangles so far. */
 static enum status mesh_of(const struct reconstruct_input *input, struct mesh *mesh) {
@@ -36,40 +37,48 @@ struct originals {
     size_t n;
     const struct knn *knn;
     const struct neighbourhood *neighbours; /* NULL = not known */
+    const vec3 *normal;                     /* likewise */
 };
 
 /* Takes unsupported triangles out. */
 static enum status cut(struct mesh *mesh, const struct originals *originals, struct sheet_limit limit, unsigned threads,
                        const struct progress *progress) {
     struct halfedge he = {0};
-    struct sheet_points points = {.knn = originals->knn};
+    bool has_planes = originals->neighbours && originals->normal;
+    struct sheet_points points = {.knn = originals->knn, .point = originals->point};
     float *reach = alloc_array(originals->n, sizeof *reach);
+    float *inner = has_planes ? alloc_array(originals->n, sizeof *inner) : NULL;
     uint8_t *out = alloc_array(mesh->triangle_count, 1);
     if (!mesh->tag) mesh->tag = alloc_zeroed(mesh->triangle_count, 1);
-    enum status status = reach && out && mesh->tag ? STATUS_OK : STATUS_NO_MEMORY;
+    enum status status = reach && out && mesh->tag && (inner || !has_planes) ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status && originals->neighbours)
         status = sheet_reach_in(originals->neighbours, originals->point, threads, reach, &points.median);
     if (!status && !originals->neighbours)
         status = sheet_reach(originals->knn, originals->point, originals->n, threads, reach, &points.median);
-    points.reach = reach;
+    points.reach = reach, points.inner = inner;
+    if (has_planes) points.normal = originals->normal;
+    if (!status && inner) sheet_inner_reach(originals->neighbours, reach, inner);
     if (!status) status = sheet_unsupported(mesh, &points, limit, threads, progress, out);
     if (!status) status = halfedge_init(&he, mesh, threads);
     if (!status) status = submesh_without(mesh, &he, out);
     halfedge_done(&he);
-    free(reach), free(out);
+    free(reach), free(inner), free(out);
     return status;
+}
+
+static enum status cut_in_space(struct mesh *mesh, const struct reconstruct_dense *dense, unsigned threads,
+                                const struct progress *progress) {
+    const struct originals originals = {dense->point, dense->n, dense->knn, dense->neighbours, dense->normal};
+    return cut(mesh, &originals, FAR, threads, progress);
 }
 
 enum status sheet_open(const struct tets *tets, const struct reconstruct_input *input, unsigned threads,
                        const struct progress *progress, struct mesh *mesh) {
-    const struct reconstruct_dense *dense = input->dense;
     struct mesh made = {0};
     enum status status = mesh_of(input, &made);
     if (!status)
         status = sheet_front(tets, input->points, input->n, threads, progress, &made.triangle, &made.triangle_count);
-    if (!status)
-        status = cut(&made, &(struct originals){dense->point, dense->n, dense->knn, dense->neighbours}, FAR, threads,
-                     progress);
+    if (!status) status = cut_in_space(&made, input->dense, threads, progress);
     if (!status) {
         *mesh = made;
         made = (struct mesh){0};
@@ -79,7 +88,7 @@ enum status sheet_open(const struct tets *tets, const struct reconstruct_input *
 }
 
 enum status sheet_trim(struct mesh *mesh, const struct reconstruct_dense *dense, unsigned threads) {
-    return cut(mesh, &(struct originals){dense->point, dense->n, dense->knn, dense->neighbours}, FAR, threads, NULL);
+    return cut_in_space(mesh, dense, threads, NULL);
 }
 
 /* ------------------------------------------------------------------------------------------------ height fields */
@@ -113,7 +122,8 @@ static enum status cut_in_plane(struct mesh *mesh, const struct reconstruct_dens
     enum status status = feet ? STATUS_OK : STATUS_NO_MEMORY;
     for (size_t i = 0; !status && i < dense->n; i++) feet[i] = foot(plane, dense->point[i]);
     if (!status) status = knn_new(feet, dense->n, threads, &knn, NULL);
-    if (!status) status = cut(mesh, &(struct originals){feet, dense->n, knn, NULL}, FAR_IN_PLANE, threads, progress);
+    if (!status)
+        status = cut(mesh, &(struct originals){feet, dense->n, knn, NULL, NULL}, FAR_IN_PLANE, threads, progress);
     knn_free(knn);
     free(feet);
     return status;

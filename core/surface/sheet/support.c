@@ -28,11 +28,11 @@ enum {
     CHUNK = 4096,
     TRIANGLES = 1024,
     SIDES = 10,
-    FEW_SIDES = SIDES / 2,
+    FEW_SIDES = 6,
     ROUGH_SIDES = 3,
     PLACES = (SIDES + 1) * (SIDES + 2) / 2 - 3
 };
-static const double STEP = 1.5;               /* of the grid, in medians */
+static const double STEP = 1.5;               /* of the grid, in reaches */
 static const double AROUND = 0.7;             /* reaches: no place amid evenly spread points is as far off */
 static const double SURELY = 2, NEARLY = 0.3; /* struct knn_slack: what is surely far may be nearer by a third */
 static const float STRAY = 3;                 /* reaches of a neighbour */
@@ -101,6 +101,21 @@ void sheet_find_strays(const struct neighbourhood *neighbours, const float *reac
     }
 }
 
+void sheet_inner_reach(const struct neighbourhood *neighbours, const float *reach, float *inner) {
+    for (size_t p = 0; p < neighbours->n; p++) {
+        float sorted[SIXTH];
+        size_t count = 0;
+        sorted[count++] = reach[p];
+        for (size_t i = 0; i < neighbours->count[p] && i < SIXTH - 1; i++) {
+            float value = reach[neighbours->id[p * neighbours->stride + i]];
+            size_t at = count++;
+            for (; at > 0 && sorted[at - 1] > value; at--) sorted[at] = sorted[at - 1];
+            sorted[at] = value;
+        }
+        inner[p] = sorted[count / 2];
+    }
+}
+
 /* ------------------------------------------------------------------------------------------------ triangles */
 
 /* Some triangles' places. */
@@ -124,6 +139,7 @@ static void add_places(const struct mesh *mesh, uint32_t t, double step, struct 
     vec3 a = mesh->vertex[v[0]], b = mesh->vertex[v[1]], c = mesh->vertex[v[2]];
     double longest = longest_side(mesh, t);
     int most = places->most_sides, sides = longest < most * step ? (int)ceil(longest / step) : most;
+    if (most % 2 == 0) sides += sides % 2; /* the middle of a side is farthest from its ends */
     for (int i = 0; i <= sides; i++)
         for (int j = 0; i + j <= sides; j++) {
             if (i == sides || j == sides || i + j == 0) continue;
@@ -139,6 +155,16 @@ struct tally {
     uint8_t far, all;
 };
 
+/* Among points that lie at random in a sheet the sixth is at r where 6 are in a disc of r, so one of 2 r is empty in
+ * one of exp(24) places: with limit->beside = 2 a gap is none of chance. */
+static bool is_beside(const struct sheet_points *points, const struct sheet_limit *limit, vec3 place,
+                      uint32_t nearest) {
+    if (!points->normal || limit->beside == 0) return false;
+    vec3 away = vec3_sub(place, points->point[nearest]);
+    double off = vec3_dot(away, points->normal[nearest]), most = limit->beside * (double)points->inner[nearest];
+    return vec3_length_sq(away) - off * off > most * most;
+}
+
 static enum status judge(const struct sheet_points *points, const struct sheet_limit *limit, unsigned threads,
                          struct places *places, struct tally *tally) {
     struct knn_slack slack = {points->reach, SURELY * limit->times, NEARLY};
@@ -149,7 +175,7 @@ static enum status judge(const struct sheet_points *points, const struct sheet_l
         double reach = (double)points->reach[nearest];
         double most = fmax(fmin(limit->times * reach, limit->medians * (double)points->median), AROUND * reach);
         struct tally *t = &tally[places->of[i]];
-        if (places->distance_sq[i] > most * most) t->far++;
+        if (places->distance_sq[i] > most * most || is_beside(points, limit, places->place[i], nearest)) t->far++;
         t->all++;
     }
     return status;
@@ -219,6 +245,11 @@ struct pass {
     double least;
 };
 
+/* In medians: what is nearer isn't far in any way. */
+static double nearest_far(const struct sheet_points *points, const struct sheet_limit *limit) {
+    return points->normal && limit->beside > 0 ? fmin(limit->times, limit->beside) : limit->times;
+}
+
 /* Tallies of triangles, for the caller to free; a later pass looks again at those of which nothing is known to be far.
  * No place of a triangle is farther from its corners, which are points, than its longest side by the root of 3, so that
  * small ones are near all over. */
@@ -227,7 +258,8 @@ static enum status tally_all(const struct mesh *mesh, const struct sheet_points 
                              struct tally **out) {
     float *reach = alloc_array(mesh->vertex_count, sizeof *reach);
     struct tally *tally = *out = alloc_zeroed(mesh->triangle_count, sizeof *tally);
-    struct look look = {limit, sqrt(3) * limit.times * (double)points->median, reach, threads, progress};
+    struct look look = {limit, sqrt(3) * nearest_far(points, &limit) * (double)points->median, reach, threads,
+                        progress};
     enum status status = tally && reach ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) status = reach_of_corners(mesh, points, look.least, threads, reach);
     for (int i = 0; i < passes && !status; i++) {

@@ -28,18 +28,26 @@ enum status sheet_reach_in(const struct neighbourhood *neighbours, const vec3 *p
  * no part of the surface there.  Where density varies, however much, reaches of neighbours are alike. */
 void sheet_find_strays(const struct neighbourhood *neighbours, const float *reach, uint8_t *stray);
 
+/* inner[i] = the middle one of the reaches of a point and its neighbours: one on a border, which has neighbours on one
+ * side alone, has about that of those inside. */
+void sheet_inner_reach(const struct neighbourhood *neighbours, const float *reach, float *inner);
+
 /* The original points that triangles are judged by.  All borrowed. */
 struct sheet_points {
     const struct knn *knn;
     const float *reach; /* sheet_reach */
     float median;
-    const uint8_t *stray; /* sheet_find_strays; NULL = there are none */
+    const uint8_t *stray;       /* sheet_find_strays; NULL = there are none */
+    const vec3 *point, *normal; /* of unit length, either sign; NULL = not known: then nothing is beside a sheet */
+    const float *inner;         /* sheet_inner_reach, where normals are known */
 };
 
 /* From where on a place is far from the points: over so many times the reach of the nearest one; where points are
- * sparse over so many medians of it, unless that is less than points there are apart. */
+ * sparse over so many medians of it, unless that is less than points there are apart.  And, where normals are known and
+ * it isn't 0, over so many times the inner reach along the nearest one's plane: a triangle of few points may lie off a
+ * curved surface, but where it is beside all points there is a gap. */
 struct sheet_limit {
-    double times, medians;
+    double times, medians, beside;
 };
 
 /* out[t] = 1 for the triangles with a place that is far from all original points, else 0.  Places are those of a grid

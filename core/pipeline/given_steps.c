@@ -128,6 +128,13 @@ static enum status reconstruct_instead(struct run *run, const char *why) {
     return status ? status : pipeline_reconstruct(run);
 }
 
+static enum status refuse_tangle(struct run *run) {
+    return error_set(run->error, STATUS_DEGENERATE, "collapse",
+                     "the input's faces lie so far across each other that most of them are as near to a point as the "
+                     "nearest: there is no surface of them; leave surface=given out, and it is reconstructed from the "
+                     "points, or take outputs=cloud");
+}
+
 static enum status refuse_for_room(struct run *run) {
     return error_set(run->error, STATUS_NO_MEMORY, "collapse",
                      "the input's faces can't be simplified to fewer than %zu vertices, and %" PRIu64
@@ -162,10 +169,10 @@ enum status pipeline_collapse(struct run *run) {
     uint32_t(*record)[3] = NULL;
     enum status status = collapse(run, &record);
     bool room = status || has_room(run), tangled = false, automatic = run->params->surface == SURFACE_AUTO;
-    if (!status && room && automatic) status = find_tangles(run, &tangled);
-    if (!room || tangled) {
+    if (!status && (room || !automatic)) status = find_tangles(run, &tangled);
+    if (!status && (!room || tangled)) {
         free(record);
-        if (!automatic) return refuse_for_room(run);
+        if (!automatic) return tangled ? refuse_tangle(run) : refuse_for_room(run);
         return reconstruct_instead(run, room ? "they lie across each other"
                                              : "from which none can go, they have no room in the memory");
     }

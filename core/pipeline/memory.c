@@ -191,8 +191,12 @@ uint64_t memory_predict(const struct memory_job *job, const struct params *param
 
 uint64_t memory_predict_most(const struct memory_job *job, const struct params *params) {
     struct memory_job most = *job;
+    struct params all = *params;
     if (most.faces < most.faces_most) most.faces = most.faces_most;
-    return predict(&most, params, tetrahedra_expected);
+    uint64_t bytes = predict(&most, params, tetrahedra_expected), kept = 0;
+    all.points = most.points, all.ratio = NAN, all.levels.count = 0;
+    if (most.faces && maybe_given(params)) kept = predict(&most, &all, usual_tetrahedra);
+    return bytes > kept ? bytes : kept;
 }
 
 uint64_t memory_triangles(const struct params *params) {

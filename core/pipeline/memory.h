@@ -34,7 +34,7 @@ struct memory_job {
 uint64_t memory_predict(const struct memory_job *job, const struct params *params);
 
 /* The same for as many triangles as may come, and as many tetrahedra as a run may have at all (MEMORY_MOST_TETRAHEDRA):
- * a mesh of points along lines takes up to this. */
+ * a mesh of points along lines takes up to this.  So does a mesh of given faces of which no vertex can go. */
 uint64_t memory_predict_most(const struct memory_job *job, const struct params *params);
 
 /* Tetrahedra for each point that is triangulated, beyond which there is no mesh, however much memory there is: surfaces

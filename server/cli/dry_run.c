@@ -39,7 +39,8 @@ static void print_memory(const struct memory_job *job, const struct params *para
     if (most > params->memory_bytes) most = params->memory_bytes > predicted ? params->memory_bytes : predicted;
     fprintf(to, "%-16s at most %.1f MiB\n", "would take", (double)predicted / mebibyte);
     if (most > predicted)
-        fprintf(to, "%-16s at most %.1f MiB where points lie along lines\n", "", (double)most / mebibyte);
+        fprintf(to, "%-16s at most %.1f MiB where points lie along lines%s\n", "", (double)most / mebibyte,
+                job->faces ? ", or faces can't be simplified" : "");
 }
 
 void dry_run_print(const struct worker_options *options, const struct cloud *cloud, const struct worker_inputs *inputs,

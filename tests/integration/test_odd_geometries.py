@@ -50,6 +50,18 @@ def test_faces_across_each_other_are_no_surface_whatever_memory_there_is(bench, 
     assert seconds <= odd_geometries.MOST_RATIO * plain * 20000, seconds
 
 
+@pytest.mark.parametrize("name", ["faces all across", "fans all across"])
+def test_faces_across_each_other_are_refused_where_they_were_asked_for(bench, name):
+    """They took 36 s and twice the memory that is predicted."""
+    path = bench.folder / "across.ply"
+    odd_shapes.write(name, 20000, path)
+    for memory in ([], ["--memory=2G"]):
+        seconds, peak, status, said = odd_geometries.run(bench.build, path, "cloud,mesh", bench.folder, "--surface=given", *memory)
+        assert status == DATA and "faces lie so far across each other" in said and "outputs=cloud" in said
+        assert seconds <= odd_geometries.MOST_RATIO * bench.plain["cloud,mesh"] * 20000, seconds
+        assert peak <= odd_geometries.predicted(bench.build, path, "cloud,mesh", "surface=given")
+
+
 def test_slivers_between_points_of_a_curve_cost_no_more(bench):
     """Over 8 times a plain cloud's when distances were looked up in FLANN's tree alone; about 4 now."""
     for outputs, ratio, memory, status, said in bench.measure("moment curve", "--surface=heightfield"):

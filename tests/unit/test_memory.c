@@ -276,6 +276,17 @@ static void tetrahedra_have_the_room_that_memory_leaves(void **state) {
     assert_true(memory_predict_most(&job, &params) == memory_predict(&job, &params));
 }
 
+/* However few of the points are to stay: given faces may let none go. */
+static void the_most_has_room_for_given_faces_as_they_are(void **state) {
+    (void)state;
+    const struct memory_job job = {1000000, 12, 2000000, 0, 0};
+    struct params all = params_of("outputs mesh ratio 1 surface given");
+    struct params few = params_of("outputs mesh ratio 0.001 surface given");
+    struct params open = params_of("outputs mesh ratio 0.001 surface open");
+    assert_true(memory_predict_most(&job, &few) >= memory_predict(&job, &all));
+    assert_true(2 * memory_predict_most(&job, &open) < memory_predict(&job, &all));
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(jobs_stay_below_the_prediction_and_near_it),
@@ -285,6 +296,7 @@ int main(void) {
         cmocka_unit_test(points_are_counted_whatever_ends_their_lines),
         cmocka_unit_test(more_of_anything_takes_no_less),
         cmocka_unit_test(tetrahedra_have_the_room_that_memory_leaves),
+        cmocka_unit_test(the_most_has_room_for_given_faces_as_they_are),
     };
     return cmocka_run_group_tests_name("memory", tests, NULL, NULL);
 }

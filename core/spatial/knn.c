@@ -7,6 +7,9 @@
  * In a volume as wide a ball has several times as many points, too many to gather, so groups become narrower there.  A
  * group of few isn't worth gathering for, but in a volume; so queries in no order cost what they would without groups.
  *
+ * Queries far from all points come together, too: after one for which the trees looked at very many points the next
+ * ones ask the boxes at once, and look no farther than by what the one before found.
+ *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/spatial/knn.h"
 
@@ -22,10 +25,11 @@
 #include "core/spatial/knn_group.h"
 #include "core/spatial/knn_pieces.h"
 
-enum { BATCH = 2048, FEWEST = 2, GROUP = 16, RUN = 64, FEW = 8 /* neighbours */ };
+enum { BATCH = 2048, FEWEST = 2, GROUP = 16, RUN = 64, FEW = 8 /* neighbours */, FAR_ALONE = 31 };
 static const double GROUP_WIDTH = 2, GROUP_ROOM = 1.2; /* in distances to the k-th neighbour, as the next line */
 static const double RUN_WIDTH = 4, RUN_ROOM = 1.6;
-static const double NARROWEST = 1.0 / 3; /* of those widths, where balls are crowded */
+static const double NARROWEST = 1.0 / 3;  /* of those widths, where balls are crowded */
+static const double ROUNDING = 1 + 1e-12; /* more than bounds are off by */
 enum { UNCROWDED = KNN_GROUP_POINTS / 8 /* points in a ball that may be twice as wide */ };
 
 struct knn {
@@ -59,26 +63,12 @@ struct search {
     atomic_bool failed;
 };
 
-static enum status ask_alone(const struct search *search, size_t q) {
-    uint32_t *id = &search->id[q * search->k];
-    double *distance_sq = &search->distance_sq[q * search->k];
-    unsigned found, k = search->k, visits = KNN_VISITS * (1 + k / FEW);
-    vec3 query = search->queries[q];
-    enum status status =
-        knn_pieces_nearest(search->knn->pieces, query, k, search->slack, id, distance_sq, &found, &visits);
-    if (!status && !visits) {
-        double bound_sq = found == k ? distance_sq[k - 1] : INFINITY;
-        found = knn_boxes_nearest(search->knn->boxes, query, k, search->slack, bound_sq, id, distance_sq);
-    }
-    for (unsigned i = found; !status && i < search->k; i++) id[i] = UINT32_MAX, distance_sq[i] = INFINITY;
-    return status;
-}
-
 /* Queries along the curve that are near each other. */
 struct run {
-    size_t end;
-    double usual; /* how far the k-th neighbour of the last query was */
-    double width; /* of groups, a fraction of GROUP_WIDTH */
+    size_t begin, end;  /* begin: of the range that this thread answers */
+    unsigned far_alone; /* so many that are asked alone don't ask the trees: one before took them too long */
+    double usual;       /* how far the k-th neighbour of the last query was */
+    double width;       /* of groups, a fraction of GROUP_WIDTH */
     bool gathered;
     struct knn_group wide; /* what was, for all of them */
 };
@@ -87,6 +77,34 @@ struct run {
 static size_t length_of(const struct search *search, const struct run *run, size_t q, size_t most, double width) {
     size_t left = run->end - q;
     return knn_group_length(&search->queries[q], left < most ? left : most, width * run->usual);
+}
+
+/* No farther than this is the k-th neighbour of a query, by the one before it. */
+static double bound_by_last(const struct search *search, const struct run *run, size_t q) {
+    if (q == run->begin) return INFINITY;
+    double last = sqrt(search->distance_sq[q * search->k - 1]);
+    double reach = last + sqrt(vec3_distance_sq(search->queries[q], search->queries[q - 1]));
+    return reach * reach * ROUNDING;
+}
+
+static enum status ask_alone(const struct search *search, struct run *run, size_t q) {
+    uint32_t *id = &search->id[q * search->k];
+    double *distance_sq = &search->distance_sq[q * search->k], bound_sq = INFINITY;
+    unsigned found = 0, k = search->k, visits = KNN_VISITS * (1 + k / FEW);
+    vec3 query = search->queries[q];
+    enum status status = STATUS_OK;
+    if (run->far_alone) {
+        run->far_alone--, visits = 0;
+        bound_sq = bound_by_last(search, run, q);
+    } else {
+        status = knn_pieces_nearest(search->knn->pieces, query, k, search->slack, id, distance_sq, &found, &visits);
+        if (!visits) run->far_alone = FAR_ALONE;
+        if (found == k) bound_sq = distance_sq[k - 1];
+    }
+    if (!status && !visits)
+        found = knn_boxes_nearest(search->knn->boxes, query, k, search->slack, bound_sq, id, distance_sq);
+    for (unsigned i = found; !status && i < search->k; i++) id[i] = UINT32_MAX, distance_sq[i] = INFINITY;
+    return status;
 }
 
 static enum status gather(const struct search *search, size_t q, size_t n, double room, struct knn_group *group,
@@ -113,7 +131,7 @@ static enum status ask_group(const struct search *search, struct run *run, size_
     for (size_t end = q + n; q < end && !status; q++) {
         if (gathered && is_answered(search, &group, q, run->usual)) continue;
         if (run->gathered && is_answered(search, &run->wide, q, run->usual)) continue;
-        status = ask_alone(search, q);
+        status = ask_alone(search, run, q);
     }
     run->usual = sqrt(search->distance_sq[q * search->k - 1]);
     return status;
@@ -134,7 +152,7 @@ static enum status ask_run(const struct search *search, struct run *run, size_t 
 static void search_range(void *ctx, size_t begin, size_t end) {
     struct search *search = ctx;
     enum status status = STATUS_OK;
-    struct run run = {.width = 1};
+    struct run run = {.begin = begin, .width = 1};
     for (size_t q = begin; q < end && !status; q = run.end) {
         run.end = end;
         run.end = q + length_of(search, &run, q, RUN, RUN_WIDTH);

@@ -371,13 +371,16 @@ def test_what_was_deleted_is_not_kept_by_a_crash(make_daemon):
 def refused(daemon):
     """What the service says when it doesn't start, and leaves everything as it was."""
     before = {path: path.read_bytes() for path in daemon.data.rglob("*") if path.is_file() and "whittled.db" not in path.name}
-    done = subprocess.run([daemon.process.args[0], "--data", daemon.data, "--listen", "127.0.0.1:0"],
-                          capture_output=True, text=True, check=False)
-    assert done.returncode == 1 and str(daemon.data) in done.stderr, done.stderr
-    assert "check --adopt" in done.stderr and "backup" in done.stderr
+    with subprocess.Popen([daemon.process.args[0], "--data", daemon.data, "--listen", "127.0.0.1:0"], stdout=subprocess.PIPE,
+                          stderr=subprocess.PIPE, text=True) as process:
+        if process.stdout.readline():  # it serves
+            process.kill()
+        said = process.stderr.read()
+    assert process.returncode == 1 and str(daemon.data) in said, said
+    assert "check --adopt" in said and "backup" in said
     after = {path: path.read_bytes() for path in daemon.data.rglob("*") if path.is_file() and "whittled.db" not in path.name}
     assert after == before
-    return done.stderr
+    return said
 
 
 @pytest.fixture(name="filled")

@@ -38,8 +38,21 @@ static bool warns_of_kind(const struct report *report, const struct report_level
     return true;
 }
 
+/* A mesh of noise, which could have been smoothed. */
+static bool warns_of_noise(const struct report *report, const struct report_level *level, char *text,
+                           size_t text_bytes) {
+    bool given = strcmp(report->surface.kind, "given") == 0;
+    if (given || !level->has_mesh || report->noise_share <= REPORT_LARGE_NOISE) return false;
+    snprintf(text, text_bytes,
+             "noise is %.2g of the distance between points (warned of from %g): the mesh follows it; denoise=auto "
+             "smooths such points",
+             report->noise_share, REPORT_LARGE_NOISE);
+    return true;
+}
+
 bool report_warning(const struct report *report, const struct report_level *level, size_t n, char *text,
                     size_t text_bytes) {
     if (warns_of_lid(report, level, text, text_bytes) && n-- == 0) return true;
-    return warns_of_kind(report, level, text, text_bytes) && n == 0;
+    if (warns_of_kind(report, level, text, text_bytes) && n-- == 0) return true;
+    return warns_of_noise(report, level, text, text_bytes) && n == 0;
 }

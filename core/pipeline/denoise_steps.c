@@ -46,8 +46,8 @@ static enum status remains_new(const struct run *run, struct remains *remains) {
 
 /* What pays was measured on Horse and Venus with noise, doubles and outliers of many levels, and on six scans: outliers
  * from one in a hundred on, of which clean scans have fewer, at places that matter, leaves among them; smoothing from
- * noise of an eighth of the distance between neighbours on. */
-static const double MANY_OUTLIERS = 0.01, LARGE_NOISE = 0.125;
+ * REPORT_LARGE_NOISE on. */
+static const double MANY_OUTLIERS = 0.01;
 
 static void drop(struct remains *remains, const uint8_t *dropped) {
     size_t left = 0;
@@ -94,7 +94,7 @@ static enum status find_noise(struct run *run, const struct remains *remains, bo
         normals_fit(remains->point, &neighbours, run->threads, normal, NULL);
         status = noise_estimate(remains->point, normal, &neighbours, &level);
     }
-    if (!status) *large = level > LARGE_NOISE * (double)quantile_of(neighbours.spacing, n, 0.5);
+    if (!status) *large = level > REPORT_LARGE_NOISE * (double)quantile_of(neighbours.spacing, n, 0.5);
     neighbourhood_done(&neighbours);
     free(normal);
     return status;

@@ -49,7 +49,8 @@ def judged(build, made, truth, folder):
 def measure(build, mesh, truth, ratio, extra, folder):
     """Mean, maximum, points lost, whether it is closed; and by how much mean and maximum differ from the judge's."""
     whittle = build / "whittle"
-    run(whittle, mesh, "--ratio", ratio, "--outputs", "mesh,report", "--reference", "points", "-o", folder, *extra)
+    run(whittle, mesh, "--ratio", ratio, "--outputs", "mesh,report", "--reference", "points", "--surface", "closed", "-o",
+        folder, *extra)
     report = json.loads((folder / "report.json").read_text())
     found = json.loads(run(whittle, "measure", folder / "mesh.ply", mesh, "--json"))
     both = (found["surface"]["mean_rel"] + found["backward"]["mean_rel"]) / 2

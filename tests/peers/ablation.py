@@ -42,7 +42,8 @@ def features(programs, model):
 
 def measure(programs, model, near, ratio, refine, form, exponent):
     """The figures of one run, or None.  The mesh is the input: its vertices are the cloud, its faces the truth."""
-    options = ["--ratio", ratio, "--refine", refine, "--dso", form, "--dso_exponent", exponent, "--threads", 1]
+    options = ["--ratio", ratio, "--refine", refine, "--dso", form, "--dso_exponent", exponent, "--surface", "closed",
+               "--threads", 1]
     name = f"{model.name}-{ratio:g}-{refine}-{form}-{exponent:g}"
     try:
         folder, report = programs.whittle(model.mesh, *options, outputs="error,report", name=name)

@@ -20,7 +20,7 @@ import pathlib
 import sys
 
 import models
-from programs import Failed, Programs, errors_of, markdown
+from programs import Failed, Programs, markdown
 
 LEAST_SHARE = 0.999
 HEADER = ("model", "kept", "sound", "points", "split", "shells", "true", "handles", "true", "mean", "max")
@@ -50,15 +50,16 @@ def handles_of(shells, vertices, triangles):
 
 
 def measure(programs, model, ratio, options):
-    """One row, and whether all is well; the mesh is the input: its vertices are the cloud, its faces the truth."""
+    """One row, and whether all is well.  The input is the vertices alone, so that a surface has to be found."""
     arguments = ["--ratio", ratio, "--placement", options.placement, "--refine", options.refine, "--threads", 1]
     name = f"{model.name}-{ratio:g}"
     try:
-        _, report = programs.whittle(model.mesh, *arguments, outputs="mesh,report", name=name)
+        folder, report = programs.whittle(model.cloud, *arguments, outputs="mesh,report", name=name)
     except Failed as failure:
         print(f"{name}: {failure}", file=sys.stderr)
         return [model.name, f"{100 * ratio:g} %", "none", *["-"] * (len(HEADER) - 3)], False
-    mesh, error, kept = report["mesh"], errors_of(report["error"]), report["points_out"]
+    mesh, kept = report["mesh"], report["points_out"]
+    error = programs.measure(folder / "mesh.ply", model.mesh)
     sound = mesh["watertight"] and mesh["manifold"] and mesh["oriented"]
     share = 1 - mesh["points_lost"] / kept
     shells, handles = shells_of(model.mesh)

@@ -7,6 +7,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include <cmocka.h>
 
@@ -263,8 +264,26 @@ static void a_closed_mesh_over_nothing_is_warned_of(void **state) {
     assert_false(report_warning(&report, &level, 0, text, sizeof text));
 }
 
+static void a_mesh_of_noise_is_warned_of(void **state) {
+    (void)state;
+    struct report report = {.surface = {.kind = "open", .sure = false, .reason = "why"}, .noise_share = 0.214};
+    struct report_level level = {.has_mesh = true};
+    char text[REPORT_WARNING_BYTES];
+    assert_true(report_warning(&report, &level, 0, text, sizeof text));
+    assert_non_null(strstr(text, "not sure"));
+    assert_true(report_warning(&report, &level, 1, text, sizeof text));
+    assert_string_equal(text, "noise is 0.21 of the distance between points (warned of from 0.125): the mesh follows "
+                              "it; denoise=auto smooths such points");
+    assert_false(report_warning(&report, &level, 2, text, sizeof text));
+    report.noise_share = REPORT_LARGE_NOISE;
+    assert_false(report_warning(&report, &level, 1, text, sizeof text));
+    report.noise_share = 0.214, level.has_mesh = false;
+    assert_false(report_warning(&report, &level, 0, text, sizeof text));
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_mesh_of_noise_is_warned_of),
         cmocka_unit_test(figures_are_those_of_an_own_dense_sampling),
         cmocka_unit_test(the_tip_of_one_spike_of_many_is_found),
         cmocka_unit_test(a_place_is_supported_where_points_are_about_it),

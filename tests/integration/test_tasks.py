@@ -62,7 +62,7 @@ def test_the_bytes_are_the_command_s(make_daemon, cloud, expected):
     assert content(daemon, job) == expected
     assert ended["resources"]["peak_rss_bytes"] < 160 << 20
     if not HOSTS:
-        assert blobs_of(daemon, job) == [] and daemon.leftovers() == []
+        wait_until(lambda: blobs_of(daemon, job) == [] and daemon.leftovers() == [], "an empty folder")
         assert daemon.stop() == 0 and daemon.check()[0] == 0
 
 
@@ -107,7 +107,7 @@ def test_a_killed_service_goes_on_where_it_was(make_daemon, cloud, expected):
         assert daemon.job(job)["tiles"]["done"] >= before  # what is done stays done
     ended = daemon.ended(job)
     assert ended["status"] == "successful" and content(daemon, job) == expected
-    assert blobs_of(daemon, job) == [] and daemon.leftovers() == []
+    wait_until(lambda: blobs_of(daemon, job) == [] and daemon.leftovers() == [], "an empty folder")
 
 
 @pytest.mark.skipif(HOSTS, reason="a host that is killed holds its leases")

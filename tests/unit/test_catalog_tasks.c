@@ -312,7 +312,7 @@ static void many_hands_do_each_task_once(void **state) {
     submit_in_tiles(f, 1);
     for (int i = 0; i < THREADS; i++) {
         hand[i] = (struct hand){.catalog = f->catalog};
-        snprintf(hand[i].owner, sizeof hand[i].owner, "h%d", i);
+        snprintf(hand[i].owner, sizeof hand[i].owner, "h%c", (char)('0' + i));
         assert_int_equal(pthread_create(&thread[i], NULL, work_along, &hand[i]), 0);
     }
     for (int i = 0; i < THREADS; i++) {

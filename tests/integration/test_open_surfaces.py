@@ -92,7 +92,7 @@ def test_threads_change_nothing(terrain, tmp_path):
     assert (tmp_path / "1/mesh.ply").read_bytes() == (tmp_path / "3/mesh.ply").read_bytes()
 
 
-SLOT = (0.465, 0.525)  # in x, seven spacings wide; the boards meet below it
+SLOT = (0.457, 0.533)  # in x, nine spacings wide; the boards meet below it
 
 
 @pytest.fixture(name="boards", scope="module")

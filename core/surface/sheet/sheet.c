@@ -18,7 +18,7 @@
 #include "core/surface/sheet/front.h"
 #include "core/surface/sheet/support.h"
 
-static const struct sheet_limit FAR = {3, 4.2, 2}, FAR_IN_PLANE = {4, 4.2, 0};
+static const struct sheet_limit FAR = {3, 4.2, 2.5}, FAR_IN_PLANE = {4, 4.2, 0};
 
 /* A mesh of all points and no triangles so far. */
 static enum status mesh_of(const struct reconstruct_input *input, struct mesh *mesh) {

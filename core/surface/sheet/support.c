@@ -156,7 +156,7 @@ struct tally {
 };
 
 /* Among points that lie at random in a sheet the sixth is at r where 6 are in a disc of r, so one of 2 r is empty in
- * one of exp(24) places: with limit->beside = 2 a gap is none of chance. */
+ * one of exp(24) places: with limit->beside of 2 or more a gap is none of chance. */
 static bool is_beside(const struct sheet_points *points, const struct sheet_limit *limit, vec3 place,
                       uint32_t nearest) {
     if (!points->normal || limit->beside == 0) return false;

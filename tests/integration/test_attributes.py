@@ -60,7 +60,7 @@ def test_every_attribute_survives_every_pair_of_formats(tmp_path, first, second)
 
 # Formats of meshes, and what each can hold beside coordinates.
 SHOWN = ("nx", "ny", "nz", "red", "green", "blue")
-MESHES = {"ply": tuple(POINTS)[3:], "glb": (*SHOWN, "intensity", "classification"), "obj": SHOWN, "stl": ()}
+MESHES = {"ply": tuple(POINTS)[3:], "glb": tuple(POINTS)[3:], "obj": SHOWN, "stl": ()}
 
 
 def make_mesh(path):
@@ -79,6 +79,17 @@ def test_every_attribute_of_a_mesh_survives_every_pair_of_formats(tmp_path, firs
     found = read(tmp_path / f"two.{second}")
     for name in ("x", "y", "z", *(set(MESHES[first]) & set(MESHES[second]))):
         assert found[name] == pytest.approx(POINTS[name], abs=1e-6), name
+
+
+def test_numbers_that_glb_would_round_are_left_out_and_told(tmp_path):
+    """Of 32 bits, and doubles: whole columns, where one value isn't a float32."""
+    mesh = make_mesh(tmp_path / "mesh.ply")
+    mesh.write_text(mesh.read_text().replace(" 300 9\n", " 300.1 16777217\n"))
+    done = whittle("convert", mesh, tmp_path / "out.glb")
+    assert done.returncode == 0 and "gps_time" in done.stdout + done.stderr and "label" in done.stdout + done.stderr
+    found = read(tmp_path / "out.glb")
+    assert "label" not in found and "gps_time" not in found
+    assert found["classification"] == pytest.approx(POINTS["classification"])
 
 
 PTX = "3\n1\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n" + "".join(

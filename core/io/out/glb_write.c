@@ -104,14 +104,30 @@ static float position_of(const struct plan *plan, size_t v, int axis) {
     return (float)(plan->step > 0 ? nearbyint(from / plan->step) : from);
 }
 
-/* glTF's code of a property's type, or 0 where an attribute can't have it. */
+/* Whether all vertices have values that float32 holds. */
+static bool is_single(const struct mesh_attributes *attributes, const struct property *property) {
+    for (size_t v = 0; v < attributes->mesh->vertex_count; v++) {
+        double value = scalar_load(mesh_attributes_record(attributes, v) + property->offset_bytes, property->type);
+        if (!isnan(value) && (double)(float)value != value) return false;
+    }
+    return true;
+}
+
+/* glTF's code of a type, or 0 where an attribute can't have it. */
 static int code_of(enum scalar_type type) {
     static const int codes[SCALAR_TYPE_COUNT] = {5120, 5121, 5122, TYPE_U16, 0, 0, TYPE_F32, 0};
     return codes[type];
 }
 
+/* That of a property; whole numbers of 32 bits and doubles are float32 where that is what they are, labels above all. */
+static int glb_code_of(const struct mesh_attributes *attributes, const struct property *property) {
+    if (property->is_list) return 0;
+    if (code_of(property->type)) return code_of(property->type);
+    return is_single(attributes, property) ? TYPE_F32 : 0;
+}
+
 static bool glb_keeps(const struct mesh_attributes *attributes, const struct property *property) {
-    return mesh_attributes_knows(attributes, property) || (!property->is_list && code_of(property->type));
+    return mesh_attributes_knows(attributes, property) || glb_code_of(attributes, property);
 }
 
 /* "_NAME": letters, digits and underscores, none twice. */
@@ -136,8 +152,10 @@ static void glb_add_properties(struct plan *plan) {
     for (size_t j = 0; cloud && j < cloud->property_count && plan->count < CLOUD_MAX_PROPERTIES; j++) {
         const struct property *property = &cloud->property[j];
         if (mesh_attributes_is_position(cloud, j) || mesh_attributes_knows(&plan->attributes, property)) continue;
-        if (property->is_list || !code_of(property->type) || (plan->points && !is_shown(property))) continue;
-        struct column column = {COLUMN_PROPERTY, property, "", "SCALAR", code_of(property->type), 4, false};
+        if (plan->points && !is_shown(property)) continue;
+        int code = glb_code_of(&plan->attributes, property);
+        if (!code) continue;
+        struct column column = {COLUMN_PROPERTY, property, "", "SCALAR", code, 4, false};
         name_column(plan, &column);
         plan->column[plan->count++] = column;
     }
@@ -362,6 +380,10 @@ static void put_texture_place(struct sink *sink, const double st[2]) {
 
 static void put_property(struct sink *sink, const struct property *property, const unsigned char *record) {
     static const uint8_t nothing;
+    if (!code_of(property->type)) {
+        put_f32(sink, (float)scalar_load(record + property->offset_bytes, property->type));
+        return;
+    }
     cloud_write_scalar(sink, record + property->offset_bytes, property->type, ENCODING_BINARY);
     for (size_t i = scalar_bytes(property->type); i < 4; i++)
         cloud_write_scalar(sink, &nothing, SCALAR_UINT8, ENCODING_BINARY);

@@ -119,7 +119,7 @@ static int code_of(enum scalar_type type) {
     return codes[type];
 }
 
-/* That of a property; whole numbers of 32 bits and doubles are float32 where that is what they are, labels above all. */
+/* That of a property.  Whole numbers of 32 bits and doubles, as labels are, go as float32 where nothing is lost. */
 static int glb_code_of(const struct mesh_attributes *attributes, const struct property *property) {
     if (property->is_list) return 0;
     if (code_of(property->type)) return code_of(property->type);

@@ -451,18 +451,24 @@ def told_of(pid):
     return f"{command[:200]} of {test[1] if test else 'a test that its environment does not name'}"
 
 
-def end_what_is_left():
-    """Ends the processes that are left below this one, and returns what they were."""
+def wait_for_what_is_left():
+    """Until nothing below this process lives, for a while."""
     end = time.monotonic() + ENDING_S
     while left_running(os.getpid()) and time.monotonic() < end:
         for child in children_of(os.getpid()):
             with contextlib.suppress(ChildProcessError):
                 os.waitpid(child, os.WNOHANG)
         time.sleep(0.05)
+
+
+def end_what_is_left():
+    """Ends the processes that are left below this one, and returns what they were."""
+    wait_for_what_is_left()
     left = [(pid, told_of(pid)) for pid in left_running(os.getpid())]
     for pid, _ in left:
         with contextlib.suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)
+    wait_for_what_is_left()
     return [f"left running: {pid} {what}" for pid, what in left]
 
 

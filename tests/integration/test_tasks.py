@@ -168,12 +168,12 @@ def test_hosts_share_the_tasks(make_daemon, shared, cloud, expected):
     front = limited(make_daemon, *shared, "--roles", "http")
     job = front.submit(cloud.read_bytes(), QUERY)
     hosts = [limited(make_daemon, *shared) for _ in range(2)]
+    wait_until(lambda: all(f"job={job}" in host.log_text() for host in hosts), "a task of each host")
     wait_until(lambda: (front.job(job)["tiles"] or {}).get("done", 0) > 0, "a tile")
     hosts[0].kill()
     ended = front.ended(job)
     assert ended["status"] == "successful" and ended["tiles"]["done"] == ended["tiles"]["of"]
     assert content(front, job) == expected
-    assert all(f"job={job}" in host.log_text() for host in hosts)
     if any(str(flag).startswith("file:") for flag in shared):
         folder = next(str(flag) for flag in shared if str(flag).startswith("file:"))[5:]
         wait_until(lambda: not os.path.exists(f"{folder}/jobs/{job}/tiles"), "the removal of tiles")

@@ -51,7 +51,7 @@ override LDFLAGS += $(filter -fsanitize% --coverage,$(flags_$(config))) -pthread
         $(foreach at,$(sysroot) $(sysroot)/..,-Wl$(comma)-rpath-link=$(at)/lib/aarch64-linux-gnu))
 
 CODEC_LIBS := -lz -lzstd
-CORE_LIBS := -lpng -lexpat -llz4 -lgmp -lmpfr -lstdc++ $(CODEC_LIBS) -lm
+CORE_LIBS := -lpng -lexpat -ljansson -llz4 -lgmp -lmpfr -lstdc++ $(CODEC_LIBS) -lm
 API_LIBS := -ljansson
 DAEMON_LIBS := -lpq -lcurl -lmicrohttpd -lsqlite3 -lnettle -lgnutls
 

@@ -3,6 +3,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <dirent.h>
+#include <jansson.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdint.h>
@@ -44,7 +45,7 @@ static struct file load(FILE *from) {
 }
 
 static bool is_new_format(const char *name) {
-    static const char *const first[] = {"off", "obj", "stl", "pcd", "las", "laz", "gzip", "zstd"};
+    static const char *const first[] = {"off", "obj", "stl", "pcd", "las", "laz", "glb", "gzip", "zstd"};
     for (size_t i = 0; i < sizeof first / sizeof *first; i++)
         if (strncmp(name, first[i], strlen(first[i])) == 0) return true;
     return false;
@@ -169,6 +170,73 @@ static void limit_everywhere(const struct file *file) {
 static void limits_hold_to_the_point(void **state) {
     (void)state;
     each_fixture(limit_everywhere);
+}
+
+/* A binary glTF without a binary part. */
+static struct file glb_of(const char *first, const char *repeated, size_t times, const char *last) {
+    enum { BEFORE = 20 };
+    size_t head = strlen(first), each = strlen(repeated), tail = strlen(last), json = head + times * each + tail;
+    struct file file = {malloc(BEFORE + json), BEFORE + json};
+    const uint32_t words[] = {0x46546c67, 2, (uint32_t)file.n, (uint32_t)json, 0x4e4f534a};
+    memcpy(file.bytes, words, BEFORE);
+    memcpy(file.bytes + BEFORE, first, head);
+    for (size_t i = 0; i < times; i++) memcpy(file.bytes + BEFORE + head + i * each, repeated, each);
+    memcpy(file.bytes + file.n - tail, last, tail);
+    return file;
+}
+
+static size_t json_room, json_used;
+
+static void *json_allocate(size_t bytes) {
+    if (json_used + bytes > json_room) return NULL;
+    json_used += bytes;
+    return malloc(bytes);
+}
+
+/* Nothing is given back, so that what is taken in all is counted. */
+static void json_free(void *memory) { free(memory); }
+
+/* What is nested takes eighty times its text. */
+static void a_scene_of_millions_of_parts_is_refused_before_it_takes_memory(void **state) {
+    (void)state;
+    static const char *const parts[][2] = {{"{},", "{}]}"}, {"[],", "[]]}"}, {"0,", "0]}"}, {"\"\",", "0]}"}};
+    json_room = SIZE_MAX, json_used = 0;
+    json_set_alloc_funcs(json_allocate, json_free);
+    for (size_t i = 0; i < sizeof parts / sizeof *parts; i++) {
+        struct cloud cloud = {0};
+        struct error error = {0};
+        struct file many = glb_of("{\"nodes\":[", parts[i][0], 12000000, parts[i][1]);
+        assert_int_equal(cloud_read_memory(many.bytes, many.n, NULL, NULL, &cloud, &error), STATUS_LIMIT);
+        assert_string_equal(error.where, "JSON");
+        assert_int_equal(json_used, 0);
+        free(many.bytes);
+        struct file few =
+            glb_of("{\"nodes\":[", parts[i][0], 50000, parts[i][1]); /* and what isn't, keeps to 240 a part */
+        assert_int_equal(cloud_read_memory(few.bytes, few.n, NULL, NULL, &cloud, &error), STATUS_MALFORMED);
+        assert_in_range(json_used, 50000, 50000 * 300);
+        json_used = 0;
+        free(few.bytes);
+    }
+    json_set_alloc_funcs(malloc, free);
+}
+
+static void a_scene_for_which_memory_runs_out_is_no_other_one(void **state) {
+    (void)state;
+    struct file file = load(fopen("tests/fixtures/valid/glb-all-attributes/input.glb", "rb"));
+    json_set_alloc_funcs(json_allocate, json_free);
+    enum status status = STATUS_NO_MEMORY;
+    for (json_room = 0; status; json_room += 64) {
+        struct cloud cloud = {0};
+        struct error error = {0};
+        json_used = 0;
+        status = cloud_read_memory(file.bytes, file.n, NULL, NULL, &cloud, &error);
+        if (!status) assert_true(cloud.property_count >= 10);
+        cloud_done(&cloud);
+        assert_true(json_room < 1 << 20);
+    }
+    assert_true(json_room > 4096);
+    json_set_alloc_funcs(malloc, free);
+    free(file.bytes);
 }
 
 static void lzf_takes_and_makes_exactly_what_is_there(void **state) {
@@ -610,6 +678,8 @@ int main(void) {
                                        cmocka_unit_test(any_byte_may_be_wrong),
                                        cmocka_unit_test(any_allocation_may_fail),
                                        cmocka_unit_test(limits_hold_to_the_point),
+                                       cmocka_unit_test(a_scene_of_millions_of_parts_is_refused_before_it_takes_memory),
+                                       cmocka_unit_test(a_scene_for_which_memory_runs_out_is_no_other_one),
                                        cmocka_unit_test(lzf_takes_and_makes_exactly_what_is_there),
                                        cmocka_unit_test(pcd_keeps_every_scalar_bit_for_bit),
                                        cmocka_unit_test(pcd_of_floats_is_around_an_origin_that_is_told),

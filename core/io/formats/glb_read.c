@@ -21,6 +21,7 @@
 
 #include <ctype.h>
 #include <inttypes.h>
+#include <jansson.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -30,7 +31,6 @@
 #include "core/base/endian.h"
 #include "core/io/build.h"
 #include "core/io/first_bytes.h"
-#include "core/io/formats/json_text.h"
 
 enum {
     HEADER = 12,
@@ -40,6 +40,9 @@ enum {
     DEEPEST_NODE = 64,
     EXTRAS_MOST = 64 /* columns of _NAME */
 };
+/* What the JSON takes once it is read, at most: for each array or object, each quote, each comma or colon, each byte;
+ * and in all. */
+enum { OPENING_BYTES = 256, QUOTE_BYTES = 40, SEPARATOR_BYTES = 48, TEXT_BYTES = 2, SCENE_MOST_BYTES = 512 << 20 };
 enum { GLTF_POINTS = 0, GLTF_TRIANGLES = 4, GLTF_STRIP = 5, GLTF_FAN = 6 };
 
 /* 3 rows of 4: what a point (x, y, z, 1) is multiplied by. */
@@ -63,7 +66,7 @@ static const char *const table_names[TABLES] = {"accessors", "bufferViews", "buf
 
 /* A primitive where a node has it. */
 struct instance {
-    uint32_t primitive; /* in the JSON */
+    const json_t *primitive;
     struct transform place;
 };
 
@@ -76,12 +79,11 @@ struct reader {
     struct cloud_build build;
     const unsigned char *bytes;
     size_t n;
-    struct json_text json;
+    json_t *json; /* owned */
     const unsigned char *bin;
     size_t bin_bytes;
-    uint32_t *table[TABLES]; /* values of the JSON; owned */
-    size_t count[TABLES];
-    uint8_t *visited; /* of each node; owned */
+    const json_t *table[TABLES]; /* arrays of the JSON, NULL where it has none */
+    uint8_t *visited;            /* of each node; owned */
     struct instance *instance;
     size_t instances, instance_room;
     uint64_t points; /* of all instances, at most */
@@ -101,6 +103,38 @@ static enum status glb_refuse(struct reader *r, const char *where, const char *w
 
 /* ------------------------------------------------------------------------------------------------ chunks, tables */
 
+/* The memory that the JSON takes at most, counted before any of it is there: what is nested and tiny takes eighty times
+ * its text. */
+static uint64_t scene_bytes(const char *text, size_t n) {
+    uint64_t bytes = 1 << 12;
+    for (size_t i = 0; i < n; i++) {
+        char c = text[i];
+        bytes += TEXT_BYTES;
+        if (c == '{' || c == '[') bytes += OPENING_BYTES;
+        if (c == '"') bytes += QUOTE_BYTES;
+        if (c == ',' || c == ':') bytes += SEPARATOR_BYTES;
+    }
+    return bytes;
+}
+
+/* The library may take a string for another where it can't have memory for a byte of it, so whether there is enough is
+ * asked beforehand. */
+static enum status parse_scene(struct reader *r, size_t at, size_t n) {
+    const char *text = (const char *)r->bytes + at;
+    uint64_t bytes = scene_bytes(text, n);
+    json_error_t wrong;
+    if (bytes > SCENE_MOST_BYTES)
+        return error_set_at(r->build.error, STATUS_LIMIT, "JSON", 0, at, "a scene of that many parts isn't read");
+    void *room = alloc_array((size_t)bytes, 1);
+    if (!room) return error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for what the scene says");
+    free(room);
+    r->json = json_loadb(text, n, JSON_DECODE_INT_AS_REAL, &wrong);
+    if (r->json) return STATUS_OK;
+    if (json_error_code(&wrong) == json_error_out_of_memory)
+        return error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for what the scene says");
+    return cloud_build_bad(&r->build, "JSON", (struct cloud_place){0, at + (size_t)wrong.position}, "this is no JSON");
+}
+
 static enum status find_chunks(struct reader *r) {
     size_t at = HEADER;
     uint64_t length = r->n >= HEADER ? load_little_endian(r->bytes + 8, 4) : 0;
@@ -115,78 +149,75 @@ static enum status find_chunks(struct reader *r) {
             return cloud_build_bad(&r->build, "chunk", (struct cloud_place){0, at - CHUNK},
                                    "%" PRIu64 " bytes are promised, %" PRIu64 " are left", bytes, length - at);
         if (chunk == 0) {
-            size_t wrong = 0;
             if (type != CHUNK_JSON) return glb_bad(r, "chunk", "the first one isn't JSON, but %#" PRIx64, type);
-            enum status status = jtext_parse((const char *)r->bytes + at, (size_t)bytes, &r->json, &wrong);
-            if (status == STATUS_NO_MEMORY)
-                return error_set(r->build.error, status, "read", "no memory for what the scene says");
-            if (status)
-                return cloud_build_bad(&r->build, "JSON", (struct cloud_place){0, at + wrong}, "this is no JSON");
+            enum status status = parse_scene(r, at, (size_t)bytes);
+            if (status) return status;
         } else if (type == CHUNK_BIN && !r->bin) {
             r->bin = r->bytes + at, r->bin_bytes = (size_t)bytes;
         }
         at += (size_t)bytes;
     }
-    return r->json.count ? STATUS_OK : glb_bad(r, "chunk", "there is none of JSON in %" PRIu64 " bytes", length);
+    return r->json ? STATUS_OK : glb_bad(r, "chunk", "there is none of JSON in %" PRIu64 " bytes", length);
 }
 
-static enum status index_tables(struct reader *r) {
+static enum status find_tables(struct reader *r) {
     for (int t = 0; t < TABLES; t++) {
-        uint32_t array = jtext_member(&r->json, 0, table_names[t]);
-        size_t count = 0;
-        for (uint32_t v = jtext_first(&r->json, array); v != JSON_NOTHING; v = jtext_next(&r->json, array, v)) count++;
-        r->table[t] = alloc_array(count, sizeof **r->table);
-        if (!r->table[t]) return error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for the scene");
-        for (uint32_t v = jtext_first(&r->json, array); v != JSON_NOTHING; v = jtext_next(&r->json, array, v))
-            r->table[t][r->count[t]++] = v;
+        const json_t *array = json_object_get(r->json, table_names[t]);
+        r->table[t] = json_is_array(array) ? array : NULL;
     }
-    r->visited = alloc_zeroed(r->count[NODES] + 1, sizeof *r->visited);
+    r->visited = alloc_zeroed(json_array_size(r->table[NODES]) + 1, sizeof *r->visited);
     return r->visited ? STATUS_OK : error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for the scene");
 }
 
-/* What a member names by its number in a table; JSON_NOTHING where it isn't there.  false: there is no such one. */
-static bool look_up(const struct reader *r, uint32_t object, const char *name, enum table table, uint32_t *found) {
-    uint32_t member = jtext_member(&r->json, object, name);
+/* false: it is no whole number from 0 to 2^53. */
+static bool whole_value(const json_t *value, uint64_t *number) {
+    double found = json_is_number(value) ? json_number_value(value) : -1;
+    if (!(found >= 0 && found <= 0x1p53) || found != (double)(uint64_t)found) return false;
+    *number = (uint64_t)found;
+    return true;
+}
+
+/* What a member names by its number in a table; NULL where it isn't there.  false: there is no such one. */
+static bool look_up(const struct reader *r, const json_t *object, const char *name, enum table table,
+                    const json_t **found) {
+    const json_t *member = json_object_get(object, name);
     uint64_t i;
-    *found = JSON_NOTHING;
-    if (member == JSON_NOTHING) return true;
-    if (!jtext_whole(&r->json, member, &i) || i >= r->count[table]) return false;
-    *found = r->table[table][i];
+    *found = NULL;
+    if (!member) return true;
+    if (!whole_value(member, &i) || i >= json_array_size(r->table[table])) return false;
+    *found = json_array_get(r->table[table], (size_t)i);
     return true;
 }
 
 /* The number of that name, or `otherwise` where there is none; false: it is no whole one. */
-static bool whole_member(const struct reader *r, uint32_t object, const char *name, uint64_t otherwise,
-                         uint64_t *value) {
-    uint32_t member = jtext_member(&r->json, object, name);
+static bool whole_member(const json_t *object, const char *name, uint64_t otherwise, uint64_t *value) {
+    const json_t *member = json_object_get(object, name);
     *value = otherwise;
-    return member == JSON_NOTHING || jtext_whole(&r->json, member, value);
+    return !member || whole_value(member, value);
 }
 
 /* ------------------------------------------------------------------------------------------------ extensions */
 
 /* What changes how things look, not where they are. */
-static bool glb_may_pass(const struct reader *r, uint32_t name) {
+static bool glb_may_pass(const char *name) {
     static const char *const beginnings[] = {"KHR_mesh_quantization", "KHR_materials_", "KHR_texture_",
                                              "EXT_texture_",          "MSFT_texture_",  "KHR_lights_"};
     for (size_t i = 0; i < sizeof beginnings / sizeof *beginnings; i++)
-        if (jtext_begins(&r->json, name, beginnings[i])) return true;
+        if (strncmp(name, beginnings[i], strlen(beginnings[i])) == 0) return true;
     return false;
 }
 
 static enum status check_extensions(struct reader *r) {
-    uint32_t required = jtext_member(&r->json, 0, "extensionsRequired");
-    for (uint32_t v = jtext_first(&r->json, required); v != JSON_NOTHING; v = jtext_next(&r->json, required, v)) {
-        char text[160], name[80];
-        const struct json_value *value = &r->json.value[v];
-        if (glb_may_pass(r, v)) continue;
+    const json_t *required = json_object_get(r->json, "extensionsRequired"), *value;
+    size_t i;
+    json_array_foreach(required, i, value) {
+        const char *name = json_is_string(value) ? json_string_value(value) : "?";
+        char text[160], quote[80];
         size_t n = 0;
-        for (; n < value->length && n + 1 < sizeof name; n++) {
-            unsigned char c = (unsigned char)r->json.text[value->start + n];
-            name[n] = c > ' ' && c < 127 ? (char)c : '?';
-        }
-        name[n] = 0;
-        snprintf(text, sizeof text, "the extension %s, which isn't read; write the file without it", name);
+        if (glb_may_pass(name)) continue;
+        for (; name[n] && n + 1 < sizeof quote; n++) quote[n] = name[n] > ' ' && name[n] < 127 ? name[n] : '?';
+        quote[n] = 0;
+        snprintf(text, sizeof text, "the extension %s, which isn't read; write the file without it", quote);
         return glb_refuse(r, "extensionsRequired", text);
     }
     return STATUS_OK;
@@ -203,52 +234,43 @@ static bool type_of(uint64_t code, enum scalar_type *type) {
     return true;
 }
 
-static int width_of(const struct reader *r, uint32_t accessor) {
+static int width_of(const json_t *accessor) {
     static const char *const names[] = {"SCALAR", "VEC2", "VEC3", "VEC4"};
-    uint32_t type = jtext_member(&r->json, accessor, "type");
-    for (int i = 0; i < 4; i++)
-        if (jtext_is(&r->json, type, names[i])) return i + 1;
+    const char *type = json_string_value(json_object_get(accessor, "type"));
+    for (int i = 0; type && i < 4; i++)
+        if (strcmp(type, names[i]) == 0) return i + 1;
     return 0;
 }
 
-static bool is_true(const struct reader *r, uint32_t object, const char *name) {
-    uint32_t v = jtext_member(&r->json, object, name);
-    return v != JSON_NOTHING && r->json.value[v].kind == JSON_WORD && r->json.text[r->json.value[v].start] == 't';
-}
-
 /* The accessor that a member of an object names. */
-static enum status find_column(struct reader *r, uint32_t object, const char *name, struct column *column) {
-    uint32_t accessor, view, buffer;
-    uint64_t code, at, from, bytes, stride, buffer_at;
-    uint32_t member = jtext_member(&r->json, object, name);
-    uint64_t which = 0;
-    if (!look_up(r, object, name, ACCESSORS, &accessor) || accessor == JSON_NOTHING)
-        return glb_bad(r, name, "it names no accessor; there are %" PRIu64, r->count[ACCESSORS]);
-    (void)jtext_whole(&r->json, member, &which);
-    if (jtext_member(&r->json, accessor, "sparse") != JSON_NOTHING)
-        return glb_refuse(r, name, "a sparse accessor, which isn't read");
+static enum status find_column(struct reader *r, const json_t *object, const char *name, struct column *column) {
+    const json_t *accessor, *view, *buffer;
+    uint64_t code, at, from, bytes, stride, buffer_at, which = 0;
+    if (!look_up(r, object, name, ACCESSORS, &accessor) || !accessor)
+        return glb_bad(r, name, "it names no accessor; there are %" PRIu64, json_array_size(r->table[ACCESSORS]));
+    (void)whole_member(object, name, 0, &which);
+    if (json_object_get(accessor, "sparse")) return glb_refuse(r, name, "a sparse accessor, which isn't read");
     if (!look_up(r, accessor, "bufferView", VIEWS, &view))
         return glb_bad(r, name, "accessor %" PRIu64 " names no bufferView", which);
-    if (view == JSON_NOTHING) return glb_refuse(r, name, "an accessor without a bufferView, which may be compressed");
-    if (!look_up(r, view, "buffer", BUFFERS, &buffer) || buffer == JSON_NOTHING)
+    if (!view) return glb_refuse(r, name, "an accessor without a bufferView, which may be compressed");
+    if (!look_up(r, view, "buffer", BUFFERS, &buffer) || !buffer)
         return glb_bad(r, name, "the bufferView of accessor %" PRIu64 " names no buffer", which);
-    if (buffer != r->table[BUFFERS][0] || jtext_member(&r->json, buffer, "uri") != JSON_NOTHING)
+    if (buffer != json_array_get(r->table[BUFFERS], 0) || json_object_get(buffer, "uri"))
         return glb_refuse(r, name, "a buffer outside the binary part; write one file that has all");
-    column->width = width_of(r, accessor);
-    if (!whole_member(r, accessor, "componentType", 0, &code) || !type_of(code, &column->type) || !column->width)
+    column->width = width_of(accessor);
+    if (!whole_member(accessor, "componentType", 0, &code) || !type_of(code, &column->type) || !column->width)
         return glb_bad(r, name, "accessor %" PRIu64 " is of no type that there is", which);
     size_t cell = scalar_bytes(column->type) * (size_t)column->width;
-    bool fits = whole_member(r, accessor, "count", 0, &column->count) &&
-                whole_member(r, accessor, "byteOffset", 0, &at) && whole_member(r, view, "byteOffset", 0, &from) &&
-                whole_member(r, view, "byteLength", 0, &bytes) && whole_member(r, view, "byteStride", cell, &stride) &&
-                whole_member(r, buffer, "byteLength", 0, &buffer_at);
+    bool fits = whole_member(accessor, "count", 0, &column->count) && whole_member(accessor, "byteOffset", 0, &at) &&
+                whole_member(view, "byteOffset", 0, &from) && whole_member(view, "byteLength", 0, &bytes) &&
+                whole_member(view, "byteStride", cell, &stride) && whole_member(buffer, "byteLength", 0, &buffer_at);
     fits = fits && column->count >= 1 && stride >= cell && stride <= 65535 && from <= r->bin_bytes &&
            bytes <= r->bin_bytes - from && at <= bytes && bytes - at >= cell &&
            column->count - 1 <= (bytes - at - cell) / stride;
     if (!fits) return glb_bad(r, name, "accessor %" PRIu64 " isn't within the binary part", which);
     column->at = r->bin + from + at;
     column->stride = (size_t)stride;
-    column->normalised = is_true(r, accessor, "normalized");
+    column->normalised = json_is_true(json_object_get(accessor, "normalized"));
     return STATUS_OK;
 }
 
@@ -284,27 +306,28 @@ static struct transform after(const struct transform *outer, const struct transf
 }
 
 /* So many numbers of an array; false: it hasn't that many.  What isn't there stays. */
-static bool numbers(const struct reader *r, uint32_t object, const char *name, double *value, size_t count) {
-    uint32_t array = jtext_member(&r->json, object, name), v = jtext_first(&r->json, array);
-    if (array == JSON_NOTHING) return true;
+static bool numbers(const json_t *object, const char *name, double *value, size_t count) {
+    const json_t *array = json_object_get(object, name);
+    if (!array) return true;
+    if (json_array_size(array) != count) return false;
     for (size_t i = 0; i < count; i++) {
-        if (v == JSON_NOTHING || !jtext_f64(&r->json, v, &value[i])) return false;
-        v = jtext_next(&r->json, array, v);
+        const json_t *number = json_array_get(array, i);
+        if (!json_is_number(number)) return false;
+        value[i] = json_number_value(number);
     }
-    return v == JSON_NOTHING;
+    return true;
 }
 
 /* matrix (16 numbers, column by column), or translation * rotation (x y z w) * scale. */
-static bool transform_of(const struct reader *r, uint32_t node, struct transform *own) {
+static bool transform_of(const json_t *node, struct transform *own) {
     double m[16], t[3] = {0, 0, 0}, q[4] = {0, 0, 0, 1}, s[3] = {1, 1, 1};
-    if (jtext_member(&r->json, node, "matrix") != JSON_NOTHING) {
-        if (!numbers(r, node, "matrix", m, 16)) return false;
+    if (json_object_get(node, "matrix")) {
+        if (!numbers(node, "matrix", m, 16)) return false;
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 4; j++) own->row[i][j] = m[4 * j + i];
         return true;
     }
-    if (!numbers(r, node, "translation", t, 3) || !numbers(r, node, "rotation", q, 4) ||
-        !numbers(r, node, "scale", s, 3))
+    if (!numbers(node, "translation", t, 3) || !numbers(node, "rotation", q, 4) || !numbers(node, "scale", s, 3))
         return false;
     double x = q[0], y = q[1], z = q[2], w = q[3];
     const double turn[3][3] = {{1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)},
@@ -317,16 +340,15 @@ static bool transform_of(const struct reader *r, uint32_t node, struct transform
     return true;
 }
 
-static enum status add_instance(struct reader *r, uint32_t primitive, const struct transform *place) {
+static enum status add_instance(struct reader *r, const json_t *primitive, const struct transform *place) {
     struct column position;
-    uint32_t attributes = jtext_member(&r->json, primitive, "attributes");
     if (r->instances == r->instance_room) {
         size_t room = r->instance_room ? 2 * r->instance_room : 16;
         struct instance *instance = alloc_resize(r->instance, room, sizeof *instance);
         if (!instance) return error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for the scene");
         r->instance = instance, r->instance_room = room;
     }
-    enum status status = find_column(r, attributes, "POSITION", &position);
+    enum status status = find_column(r, json_object_get(primitive, "attributes"), "POSITION", &position);
     if (status) return status;
     if (position.width != 3)
         return glb_bad(r, "POSITION", "it has %" PRIu64 " numbers, not 3", (uint64_t)position.width);
@@ -337,80 +359,85 @@ static enum status add_instance(struct reader *r, uint32_t primitive, const stru
     return STATUS_OK;
 }
 
-static enum status note_of_mesh(struct reader *r, uint32_t primitive) {
+static enum status note_of_mesh(struct reader *r, const json_t *primitive) {
     enum status status = STATUS_OK;
-    if (jtext_member(&r->json, primitive, "targets") != JSON_NOTHING)
+    if (json_object_get(primitive, "targets"))
         status = cloud_build_leave_out(&r->build, "morph targets: the mesh is as it is without them");
-    if (!status && jtext_member(&r->json, primitive, "material") != JSON_NOTHING)
+    if (!status && json_object_get(primitive, "material"))
         status = cloud_build_leave_out(&r->build, "materials and pictures");
     return status;
 }
 
-static enum status add_mesh(struct reader *r, uint32_t mesh, const struct transform *place) {
-    uint32_t primitives = jtext_member(&r->json, mesh, "primitives");
-    enum status status = STATUS_OK;
-    for (uint32_t v = jtext_first(&r->json, primitives); !status && v != JSON_NOTHING;
-         v = jtext_next(&r->json, primitives, v)) {
-        status = add_instance(r, v, place);
-        if (!status) status = note_of_mesh(r, v);
+static enum status add_mesh(struct reader *r, const json_t *mesh, const struct transform *place) {
+    const json_t *primitives = json_object_get(mesh, "primitives"), *primitive;
+    size_t i;
+    json_array_foreach(primitives, i, primitive) {
+        enum status status = add_instance(r, primitive, place);
+        if (!status) status = note_of_mesh(r, primitive);
+        if (status) return status;
     }
-    return status;
+    return STATUS_OK;
 }
 
 static enum status add_node(struct reader *r, uint64_t node, const struct transform *outer, int depth) {
     struct transform own;
-    uint32_t mesh;
-    if (node >= r->count[NODES]) return glb_bad(r, "nodes", "there is no node %" PRIu64, node);
+    const json_t *mesh, *child;
+    size_t i;
+    if (node >= json_array_size(r->table[NODES])) return glb_bad(r, "nodes", "there is no node %" PRIu64, node);
     if (r->visited[node]) return glb_bad(r, "nodes", "node %" PRIu64 " is in the scene twice", node);
     if (depth == DEEPEST_NODE) return glb_bad(r, "nodes", "they are more than %" PRIu64 " deep", DEEPEST_NODE);
     r->visited[node] = 1;
-    uint32_t value = r->table[NODES][node];
-    if (!transform_of(r, value, &own)) return glb_bad(r, "nodes", "the transform of node %" PRIu64 " is none", node);
+    const json_t *value = json_array_get(r->table[NODES], (size_t)node), *children = json_object_get(value, "children");
+    if (!transform_of(value, &own)) return glb_bad(r, "nodes", "the transform of node %" PRIu64 " is none", node);
     own = after(outer, &own);
     if (!look_up(r, value, "mesh", MESHES, &mesh)) return glb_bad(r, "nodes", "node %" PRIu64 " has no mesh", node);
     enum status status = STATUS_OK;
-    if (jtext_member(&r->json, value, "skin") != JSON_NOTHING)
+    if (json_object_get(value, "skin"))
         status = cloud_build_leave_out(&r->build, "skins: the mesh is as it is without them");
-    if (!status && mesh != JSON_NOTHING) status = add_mesh(r, mesh, &own);
-    uint32_t children = jtext_member(&r->json, value, "children");
-    for (uint32_t v = jtext_first(&r->json, children); !status && v != JSON_NOTHING;
-         v = jtext_next(&r->json, children, v)) {
-        uint64_t child = UINT64_MAX;
-        if (!jtext_whole(&r->json, v, &child)) return glb_bad(r, "nodes", "children of node %" PRIu64 " aren't", node);
-        status = add_node(r, child, &own, depth + 1);
+    if (!status && mesh) status = add_mesh(r, mesh, &own);
+    if (status) return status;
+    json_array_foreach(children, i, child) {
+        uint64_t id;
+        if (!whole_value(child, &id)) return glb_bad(r, "nodes", "children of node %" PRIu64 " aren't", node);
+        status = add_node(r, id, &own, depth + 1);
+        if (status) return status;
     }
-    return status;
+    return STATUS_OK;
 }
 
 /* The scene that is shown first, or the first; where there is none all meshes. */
 static enum status walk_scene(struct reader *r) {
-    uint32_t scenes = jtext_member(&r->json, 0, "scenes"), scene = jtext_first(&r->json, scenes);
-    uint64_t shown;
+    uint64_t shown, id;
+    const json_t *mesh, *node;
+    size_t i;
     enum status status = STATUS_OK;
-    if (!whole_member(r, 0, "scene", 0, &shown)) return glb_bad(r, "scene", "it is none of %" PRIu64, 0);
-    for (; shown > 0 && scene != JSON_NOTHING; shown--) scene = jtext_next(&r->json, scenes, scene);
-    if (scene == JSON_NOTHING)
-        for (size_t i = 0; !status && i < r->count[MESHES]; i++) status = add_mesh(r, r->table[MESHES][i], &STILL);
-    uint32_t nodes = jtext_member(&r->json, scene, "nodes");
-    for (uint32_t v = jtext_first(&r->json, nodes); !status && v != JSON_NOTHING; v = jtext_next(&r->json, nodes, v)) {
-        uint64_t node = UINT64_MAX;
-        if (!jtext_whole(&r->json, v, &node)) return glb_bad(r, "scene", "of its nodes one is none of %" PRIu64, 0);
-        status = add_node(r, node, &STILL, 0);
+    if (!whole_member(r->json, "scene", 0, &shown)) return glb_bad(r, "scene", "it is none of %" PRIu64, 0);
+    const json_t *scene = json_array_get(json_object_get(r->json, "scenes"), (size_t)shown);
+    const json_t *nodes = json_object_get(scene, "nodes");
+    if (!scene) {
+        json_array_foreach(r->table[MESHES], i, mesh) {
+            status = add_mesh(r, mesh, &STILL);
+            if (status) return status;
+        }
     }
-    return status;
+    json_array_foreach(nodes, i, node) {
+        if (!whole_value(node, &id)) return glb_bad(r, "scene", "of its nodes one is none of %" PRIu64, 0);
+        status = add_node(r, id, &STILL, 0);
+        if (status) return status;
+    }
+    return STATUS_OK;
 }
 
 /* ------------------------------------------------------------------------------------------------ attributes */
 
-static uint32_t attributes_of(const struct reader *r, size_t i) {
-    return jtext_member(&r->json, r->instance[i].primitive, "attributes");
+static json_t *attributes_of(const struct reader *r, size_t i) {
+    return json_object_get(r->instance[i].primitive, "attributes");
 }
 
 /* Whether all have it; what only some have is noted. */
 static enum status glb_all_have(struct reader *r, const char *attribute, const char *what, bool *all) {
     size_t have = 0;
-    for (size_t i = 0; i < r->instances; i++)
-        have += jtext_member(&r->json, attributes_of(r, i), attribute) != JSON_NOTHING;
+    for (size_t i = 0; i < r->instances; i++) have += json_object_get(attributes_of(r, i), attribute) != NULL;
     *all = have > 0 && have == r->instances;
     if (have == 0 || *all) return STATUS_OK;
     char note[PROPERTY_NAME_BYTES + 40];
@@ -418,15 +445,14 @@ static enum status glb_all_have(struct reader *r, const char *attribute, const c
     return cloud_build_leave_out(&r->build, note);
 }
 
-static enum status find_extra(struct reader *r, uint32_t key) {
-    const struct json_value *name = &r->json.value[key];
+static enum status find_extra(struct reader *r, const char *name) {
+    size_t length = strlen(name);
     struct extra *extra = &r->extra[r->extras];
     struct column column;
     bool all;
-    if (name->length < 2 || name->length >= sizeof extra->attribute || r->extras == EXTRAS_MOST) return STATUS_OK;
-    memcpy(extra->attribute, r->json.text + name->start, name->length);
-    extra->attribute[name->length] = 0;
-    for (size_t k = 1; k <= name->length; k++) extra->name[k - 1] = (char)tolower((unsigned char)extra->attribute[k]);
+    if (length < 2 || length >= sizeof extra->attribute || r->extras == EXTRAS_MOST) return STATUS_OK;
+    memcpy(extra->attribute, name, length + 1);
+    for (size_t k = 1; k <= length; k++) extra->name[k - 1] = (char)tolower((unsigned char)extra->attribute[k]);
     enum status status = glb_all_have(r, extra->attribute, extra->attribute, &all);
     for (size_t i = 0; !status && all && i < r->instances; i++) {
         status = find_column(r, attributes_of(r, i), extra->attribute, &column);
@@ -448,10 +474,11 @@ static enum status find_attributes(struct reader *r) {
         status = find_column(r, attributes_of(r, i), "COLOR_0", &column);
         r->alpha = r->alpha || column.width == 4;
     }
-    uint32_t first = r->instances ? attributes_of(r, 0) : JSON_NOTHING;
-    for (uint32_t key = jtext_first(&r->json, first); !status && key != JSON_NOTHING;
-         key = jtext_next(&r->json, first, key + 1))
-        if (jtext_begins(&r->json, key, "_")) status = find_extra(r, key);
+    const char *name;
+    const json_t *accessor;
+    json_object_foreach(attributes_of(r, 0), name, accessor) {
+        if (!status && name[0] == '_') status = find_extra(r, name);
+    }
     return status;
 }
 
@@ -479,15 +506,15 @@ struct columns {
     struct column position, normal, colour, texture, extra[EXTRAS_MOST];
 };
 
-static enum status find_as(struct reader *r, uint32_t attributes, const char *name, int least, int most, uint64_t count,
-                           struct column *column) {
+static enum status find_as(struct reader *r, const json_t *attributes, const char *name, int least, int most,
+                           uint64_t count, struct column *column) {
     enum status status = find_column(r, attributes, name, column);
     if (!status && (column->width < least || column->width > most || column->count != count))
         status = glb_bad(r, name, "it isn't as many numbers as %" PRIu64 " positions want", count);
     return status;
 }
 
-static enum status find_columns(struct reader *r, uint32_t attributes, struct columns *c) {
+static enum status find_columns(struct reader *r, const json_t *attributes, struct columns *c) {
     enum status status = find_column(r, attributes, "POSITION", &c->position);
     uint64_t count = c->position.count;
     if (!status && r->normal) status = find_as(r, attributes, "NORMAL", 3, 3, count, &c->normal);
@@ -596,11 +623,11 @@ static double determinant(const struct transform *t) {
 static enum status add_faces(struct reader *r, const struct instance *of, uint64_t points, uint32_t base) {
     uint64_t mode;
     struct corners c = {.count = points, .points = points, .base = base};
-    if (!whole_member(r, of->primitive, "mode", GLTF_TRIANGLES, &mode) || mode > GLTF_FAN)
+    if (!whole_member(of->primitive, "mode", GLTF_TRIANGLES, &mode) || mode > GLTF_FAN)
         return glb_bad(r, "mode", "there is none such; the last is %" PRIu64, GLTF_FAN);
     if (mode == GLTF_POINTS) return STATUS_OK;
     if (mode < GLTF_TRIANGLES) return cloud_build_leave_out(&r->build, "lines: their points are kept");
-    c.indexed = jtext_member(&r->json, of->primitive, "indices") != JSON_NOTHING;
+    c.indexed = json_object_get(of->primitive, "indices") != NULL;
     enum status status = c.indexed ? find_column(r, of->primitive, "indices", &c.index) : STATUS_OK;
     if (!status && c.indexed) {
         enum scalar_type type = c.index.type;
@@ -618,17 +645,16 @@ static enum status add_faces(struct reader *r, const struct instance *of, uint64
 static bool has_same_points(const struct reader *r, size_t i) {
     if (i == 0 || memcmp(&r->instance[i].place, &r->instance[i - 1].place, sizeof r->instance->place) != 0)
         return false;
-    const struct json_value *a = &r->json.value[attributes_of(r, i)], *b = &r->json.value[attributes_of(r, i - 1)];
-    return a->length == b->length && memcmp(r->json.text + a->start, r->json.text + b->start, a->length) == 0;
+    return json_equal(attributes_of(r, i), attributes_of(r, i - 1));
 }
 
 static enum status read_scene(struct reader *r) {
     enum status status = find_chunks(r);
     if (!status) status = check_extensions(r);
-    if (!status) status = index_tables(r);
+    if (!status) status = find_tables(r);
     if (!status) status = walk_scene(r);
     if (!status && !r->instances)
-        return glb_bad(r, "scene", "it has no mesh; %" PRIu64 " are defined", r->count[MESHES]);
+        return glb_bad(r, "scene", "it has no mesh; %" PRIu64 " are defined", json_array_size(r->table[MESHES]));
     if (!status) status = find_attributes(r);
     if (!status) status = describe_columns(r);
     uint32_t base = 0;
@@ -652,8 +678,7 @@ enum status cloud_glb_read(const void *bytes, size_t n, const struct cloud_limit
     struct reader r = {.bytes = bytes, .n = n};
     cloud_build_start(&r.build, "glb", n, limits, progress, error);
     enum status status = read_scene(&r);
-    jtext_done(&r.json);
-    for (int t = 0; t < TABLES; t++) free(r.table[t]);
+    json_decref(r.json);
     free(r.visited), free(r.instance);
     return cloud_build_end(&r.build, status, cloud);
 }

@@ -162,27 +162,27 @@ bool triangles_intersect(const vec3 a[3], const vec3 b[3]) {
 
 static double coordinate(vec3 p, int axis) { return axis == 0 ? p.x : axis == 1 ? p.y : p.z; }
 
-/* Rounded outwards. */
-static void box_add(struct box *box, vec3 p) {
-    for (int k = 0; k < 3; k++) {
-        double x = coordinate(p, k);
-        box->low[k] = fminf(box->low[k], nextafterf((float)x, -INFINITY));
-        box->high[k] = fmaxf(box->high[k], nextafterf((float)x, INFINITY));
-    }
-}
-
 static const struct box EMPTY = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
 
+/* Rounded outwards. */
 static struct box box_of(const vec3 corner[3]) {
-    struct box box = EMPTY;
-    for (int k = 0; k < 3; k++) box_add(&box, corner[k]);
+    struct box box;
+    for (int k = 0; k < 3; k++) {
+        double a = coordinate(corner[0], k), b = coordinate(corner[1], k), c = coordinate(corner[2], k);
+        double low = a < b ? a : b, high = a < b ? b : a;
+        low = c < low ? c : low, high = c > high ? c : high;
+        box.low[k] = (float)low, box.high[k] = (float)high;
+        if ((double)box.low[k] > low) box.low[k] = nextafterf(box.low[k], -INFINITY);
+        if ((double)box.high[k] < high) box.high[k] = nextafterf(box.high[k], INFINITY);
+    }
     return box;
 }
 
+/* Comparisons, because calls of fminf and fmaxf take longer than all the rest of a search. */
 static void box_join(struct box *box, const struct box *with) {
     for (int k = 0; k < 3; k++) {
-        box->low[k] = fminf(box->low[k], with->low[k]);
-        box->high[k] = fmaxf(box->high[k], with->high[k]);
+        box->low[k] = with->low[k] < box->low[k] ? with->low[k] : box->low[k];
+        box->high[k] = with->high[k] > box->high[k] ? with->high[k] : box->high[k];
     }
 }
 
@@ -225,7 +225,7 @@ static uint32_t halve(const struct intersections *found, uint32_t *triangle, uin
     for (uint32_t i = 0; i < n; i++)
         for (int k = 0; k < 3; k++) {
             float at = middle(found, triangle[i], k);
-            box.low[k] = fminf(box.low[k], at), box.high[k] = fmaxf(box.high[k], at);
+            box.low[k] = at < box.low[k] ? at : box.low[k], box.high[k] = at > box.high[k] ? at : box.high[k];
         }
     int axis = 0;
     for (int k = 1; k < 3; k++)
@@ -287,7 +287,7 @@ void intersections_update(struct intersections *found, uint32_t triangle) {
 
 /* ------------------------------------------------------------------------------------------------ the pairs */
 
-/* Which triangles intersect one: those with ids from `least` on. */
+/* Which triangles intersect one: those from place `least` on, in the order of the leaves. */
 struct query {
     const vec3 *corner;
     struct box box;
@@ -297,10 +297,11 @@ struct query {
 };
 
 static void look_at_leaf(const struct intersections *found, const struct node *leaf, struct query *query) {
-    for (uint32_t i = leaf->begin; i < leaf->begin + leaf->count; i++) {
+    uint32_t begin = leaf->begin > query->least ? leaf->begin : query->least;
+    for (uint32_t i = begin; i < leaf->begin + leaf->count; i++) {
         uint32_t t = found->triangle[i];
         vec3 corner[3];
-        if (t < query->least || !boxes_meet(&query->box, &found->box[t])) continue;
+        if (!boxes_meet(&query->box, &found->box[t])) continue;
         corners_of(found->mesh, t, corner);
         if (!triangles_intersect(query->corner, corner)) continue;
         if (query->count < query->most) query->other[query->count] = t;
@@ -311,12 +312,11 @@ static void look_at_leaf(const struct intersections *found, const struct node *l
 static void look(const struct intersections *found, struct query *query) {
     uint32_t stack[STACK];
     size_t depth = 0;
-    query->box = box_of(query->corner);
     if (found->n > 0) stack[depth++] = 0;
     while (depth > 0) {
         uint32_t at = stack[--depth];
         const struct node *node = &found->node[at];
-        if (!boxes_meet(&query->box, &node->box)) continue;
+        if (node->begin + node->count <= query->least || !boxes_meet(&query->box, &node->box)) continue;
         if (node->count > LEAF)
             stack[depth++] = node->right, stack[depth++] = at + 1;
         else
@@ -325,48 +325,53 @@ static void look(const struct intersections *found, struct query *query) {
 }
 
 size_t intersections_of(const struct intersections *found, const vec3 corner[3], uint32_t *other, size_t most) {
-    struct query query = {.corner = corner, .other = other, .most = most};
+    struct query query = {.corner = corner, .box = box_of(corner), .other = other, .most = most};
     look(found, &query);
     return query.count;
 }
 
-static size_t look_beyond(const struct intersections *found, uint32_t t, uint32_t *other, size_t most) {
+/* What the triangle at a place intersects of those at later ones. */
+static size_t look_beyond(const struct intersections *found, size_t place, uint32_t *other, size_t most) {
+    uint32_t t = found->triangle[place];
     vec3 corner[3];
     corners_of(found->mesh, t, corner);
-    struct query query = {.corner = corner, .least = t + 1, .other = other, .most = most};
+    struct query query = {corner, found->box[t], (uint32_t)place + 1, other, most, 0};
     look(found, &query);
     return query.count;
 }
 
 struct counts {
     const struct intersections *found;
-    uint32_t *of; /* of each triangle: how many with higher ids intersect it */
+    uint32_t *of; /* of each place: how many at later ones intersect what is there */
 };
 
 static void count_range(void *ctx, size_t begin, size_t end) {
     const struct counts *counts = ctx;
-    for (size_t t = begin; t < end; t++) counts->of[t] = (uint32_t)look_beyond(counts->found, (uint32_t)t, NULL, 0);
+    for (size_t i = begin; i < end; i++) counts->of[i] = (uint32_t)look_beyond(counts->found, i, NULL, 0);
 }
 
-/* Returns new, of each triangle. */
+/* Returns new, of each place. */
 static uint32_t *count_all(const struct intersections *found, unsigned threads) {
     struct counts counts = {found, alloc_array(found->n, sizeof *counts.of)};
     if (counts.of) par_for(threads, found->n, GRAIN, count_range, &counts);
     return counts.of;
 }
 
-static int compare_ids(const void *a, const void *b) {
+static int compare_pairs(const void *a, const void *b) {
     const uint32_t *x = a, *y = b;
-    return (*x > *y) - (*x < *y);
+    int first = (x[0] > y[0]) - (x[0] < y[0]);
+    return first ? first : (x[1] > y[1]) - (x[1] < y[1]);
 }
 
-/* The pairs of a triangle with the `count` of higher ids, in order. */
-static bool list_of(const struct intersections *found, uint32_t t, uint32_t count, uint32_t (*pair)[2]) {
-    uint32_t *other = alloc_array(count, sizeof *other);
+/* The pairs of the triangle at a place with the `count` at later ones. */
+static bool list_of(const struct intersections *found, size_t place, uint32_t count, uint32_t (*pair)[2]) {
+    uint32_t *other = alloc_array(count, sizeof *other), t = found->triangle[place];
     if (!other) return false;
-    look_beyond(found, t, other, count);
-    qsort(other, count, sizeof *other, compare_ids);
-    for (uint32_t i = 0; i < count; i++) pair[i][0] = t, pair[i][1] = other[i];
+    look_beyond(found, place, other, count);
+    for (uint32_t i = 0; i < count; i++) {
+        pair[i][0] = t < other[i] ? t : other[i];
+        pair[i][1] = t < other[i] ? other[i] : t;
+    }
     free(other);
     return true;
 }
@@ -376,16 +381,17 @@ enum status intersections_list(const struct intersections *found, unsigned threa
     uint32_t *of = count_all(found, threads);
     size_t all = 0;
     if (!of) return STATUS_NO_MEMORY;
-    for (size_t t = 0; t < found->n; t++) all += of[t];
+    for (size_t i = 0; i < found->n; i++) all += of[i];
     uint32_t(*list)[2] = alloc_array(all, sizeof *list);
     bool ok = list != NULL;
-    for (size_t t = 0, i = 0; ok && t < found->n; i += of[t], t++)
-        if (of[t]) ok = list_of(found, (uint32_t)t, of[t], &list[i]);
+    for (size_t i = 0, at = 0; ok && i < found->n; at += of[i], i++)
+        if (of[i]) ok = list_of(found, i, of[i], &list[at]);
     free(of);
     if (!ok) {
         free(list);
         return STATUS_NO_MEMORY;
     }
+    qsort(list, all, sizeof *list, compare_pairs);
     *pair = list, *count = all;
     return STATUS_OK;
 }
@@ -396,7 +402,7 @@ enum status mesh_count_intersections(const struct mesh *mesh, unsigned threads, 
     if (status) return status;
     uint32_t *of = count_all(found, threads);
     size_t all = 0;
-    for (size_t t = 0; of && t < mesh->triangle_count; t++) all += of[t];
+    for (size_t i = 0; of && i < mesh->triangle_count; i++) all += of[i];
     if (of) *pairs = all;
     intersections_free(found);
     free(of);

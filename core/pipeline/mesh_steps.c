@@ -395,6 +395,30 @@ static enum status reconstruct_first(struct run *run, struct reconstruct_facts *
     return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
 }
 
+/* Where it isn't sure that the points are of a solid: a mesh with borders takes the place of the closed one if it goes
+ * through them better. */
+static enum status doubt_closed(struct run *run, const struct sites *sites, const struct tets *tets, struct mesh *mesh,
+                                struct reconstruct_facts *facts) {
+    struct surface_points points = {run->points.count, run->points.point, run->normal, run->neighbours.spacing};
+    struct surface_match closed, open;
+    struct surface_choice choice = run->surface;
+    struct reconstruct_facts found = {0};
+    struct mesh other = {0};
+    if (run->params->surface != SURFACE_AUTO || run->closed_judged || choice.sure) return STATUS_OK;
+    run->closed_judged = true;
+    enum status status = reconstruct_as(run, SURFACE_OPEN, sites, tets, &other, &found);
+    if (!status) status = surface_match_of(mesh, &points, run->threads, &closed);
+    if (!status) status = surface_match_of(&other, &points, run->threads, &open);
+    if (!status && surface_leave_closed(&closed, &open, &choice)) {
+        struct mesh before = *mesh;
+        *mesh = other, other = before;
+        *facts = found;
+        pipeline_decide(run, choice);
+    }
+    mesh_done(&other);
+    return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
+}
+
 static enum status explain_reconstruction(struct run *run, enum status status) {
     if (status == STATUS_NO_MEMORY) return pipeline_no_memory(run, "reconstruct");
     if (status == STATUS_DEGENERATE)
@@ -406,10 +430,12 @@ enum status pipeline_reconstruct(struct run *run) {
     if (pipeline_is_given(run)) return pipeline_collapse(run);
     struct reconstruct_facts facts = {0};
     enum status status = reconstruct(run, &run->sites, &run->tets, &run->mesh, &facts);
-    tets_done(&run->tets);
     run->report.level[run->level].reconstructed_from = run->kept_count;
     if (!status && run->surface.form == SURFACE_CLOSED && run->params->boundary != BOUNDARY_KEEP)
         status = pipeline_resolve_walls(run, &facts);
+    if (!status && run->surface.form == SURFACE_CLOSED)
+        status = doubt_closed(run, &run->sites, &run->tets, &run->mesh, &facts);
+    tets_done(&run->tets);
     if (!status && (run->surface.form == SURFACE_OPEN || run->surface.form == SURFACE_HEIGHTFIELD))
         status = reconstruct_first(run, &facts);
     if (status) return explain_reconstruction(run, status);

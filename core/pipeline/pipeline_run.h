@@ -65,6 +65,7 @@ struct run {
     struct surface_signs signs;    /* that it is made by */
     enum { UNDECIDED, LOOKED_AT, DECIDED } decision;
     bool field_judged;                    /* a height field isn't to be doubted any more */
+    bool closed_judged;                   /* nor a closed surface */
     struct local_delaunay local_delaunay; /* for the refinement, which empties them, as it does the samples */
     struct samples samples;
     struct tets tets;

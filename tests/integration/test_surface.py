@@ -82,6 +82,34 @@ def test_auto_finds_out_what_it_is_and_says_why(name, scans, tmp_path):
     assert report["warnings"] == []
 
 
+def house(draw):
+    """Walls and roof from outside, pieces of the walls from inside, and half of the floor."""
+    while True:
+        side, u, v = draw.randrange(10), draw.random(), draw.random()
+        if side == 0:
+            return 4 * u, 3 * v, 2.5
+        if side == 9 and abs(u - 0.5) > 0.3:
+            return 4 * u, 3 * v, 0
+        if 0 < side < 5:
+            return [(0, 3 * u, 2.5 * v), (4 * u, 0, 2.5 * v), (4, 3 * u, 2.5 * v), (4 * u, 3, 2.5 * v)][side - 1]
+        if 5 <= side < 9 and int(7 * u) % 2 == int(5 * v) % 2:
+            return [(0.2, 0.2 + 2.6 * u, 2.5 * v), (0.2 + 3.6 * u, 0.2, 2.5 * v), (3.8, 0.2 + 2.6 * u, 2.5 * v),
+                    (0.2 + 3.6 * u, 2.8, 2.5 * v)][side - 5]
+
+
+def test_where_a_closed_mesh_misses_the_points_an_open_one_is_made(tmp_path):
+    draw = random.Random(7)
+    scan = tmp_path / "house.xyz"
+    scan.write_text("".join("%.6f %.6f %.6f\n" % house(draw) for _ in range(12000)), encoding="ascii")
+    report, _ = run(scan, tmp_path / "auto", "--ratio", "0.3")
+    assert report["surface"]["kind"] == "open" and not report["surface"]["sure"], report["surface"]
+    assert "as far from a closed mesh" in report["surface"]["reason"] and report["warnings"]
+    asked, _ = run(scan, tmp_path / "asked", "--ratio", "0.3", "--surface", "closed")
+    assert asked["surface"]["kind"] == "closed"
+    run(scan, tmp_path / "open", "--ratio", "0.3", "--surface", "open")
+    assert (tmp_path / "auto/mesh.ply").read_bytes() == (tmp_path / "open/mesh.ply").read_bytes()
+
+
 def test_auto_gives_what_asking_gives(scans, tmp_path):
     for name, (_, kind, *_) in SHAPES.items():
         run(scans / f"{name}.xyz", tmp_path / "auto")

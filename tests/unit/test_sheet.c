@@ -285,6 +285,28 @@ static void the_lid_decides_where_points_do_not(void **state) {
     assert_int_equal(field.form, SURFACE_OPEN);
 }
 
+static void closed_surfaces_are_left_where_open_ones_go_through_the_points_better(void **state) {
+    (void)state;
+    static const struct {
+        struct surface_match closed, open;
+        bool left;
+    } tries[] = {
+        {{1.9, .064, .237}, {.957, .058, .145}, true},  /* to and fro between walls */
+        {{1.9, .064, .19}, {.957, .058, .145}, false},  /* as they lie */
+        {{1.1, .064, .237}, {.957, .058, .145}, false}, /* a bottom */
+        {{1.9, .02, .237}, {.957, .058, .145}, false},  /* the open one misses the points */
+        {{1.1, .36, .237}, {.957, .058, .145}, true},   /* the closed one does */
+        {{1.1, 0, .1}, {0, 0, 0}, false},               /* none */
+        {{1.9, .1, .2}, {.9, 0, .1}, true},
+    };
+    for (size_t i = 0; i < sizeof tries / sizeof *tries; i++) {
+        struct surface_choice choice = {.form = SURFACE_CLOSED};
+        assert_int_equal(surface_leave_closed(&tries[i].closed, &tries[i].open, &choice), tries[i].left);
+        assert_int_equal(choice.form, tries[i].left ? SURFACE_OPEN : SURFACE_CLOSED);
+        assert_true(!tries[i].left || choice.reason[0]);
+    }
+}
+
 /* Twenty times as dense along lines as across: what is between two lines is part of the surface all the same. */
 static void lines_far_apart_are_one_sheet(void **state) {
     (void)state;
@@ -541,6 +563,7 @@ static void a_failing_allocation_is_told(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(closed_surfaces_are_left_where_open_ones_go_through_the_points_better),
         cmocka_unit_test(sheets_keep_their_borders_and_holes),
         cmocka_unit_test(a_height_field_faces_up),
         cmocka_unit_test(a_folded_grid_is_one_sheet),

@@ -8,7 +8,10 @@
  *      . ' . '  one layer       . ' . '
  *                               . . ' .  two
  *
- * And a closed mesh of a sheet, or of a room, has a lid over what wasn't scanned, where no points are.
+ * And a closed mesh of a sheet, or of a room, has a lid over what wasn't scanned, where no points are.  Where that is
+ * small it may be the bottom of a statue, or the scan may have no inside, and its closed mesh goes to and fro between
+ * its walls: far from some points, or through them, but not as they lie, with more area than a mesh with borders and
+ * across their normals.
  *
  * Source of the limits: measured on scans and solids, core/surface/DECISIONS.md.
  *
@@ -22,6 +25,7 @@
 #include "core/base/alloc.h"
 #include "core/base/quantile.h"
 #include "core/math/sym3.h"
+#include "core/spatial/bvh.h"
 
 enum { SAMPLES = 2000, NEAR = 9, ABOVE = 3 /* of those near, so many make a layer */, RINGS = 3 };
 enum { MANY_STRAYS = 50 /* one of so many points */ };
@@ -33,6 +37,10 @@ static const double FIELD_LAYERED = 0.1, FIELD_STEEP = 0.15, OPEN_LAYERED = 0.4,
 static const struct sheet_limit LID_FAR = {3, INFINITY, 0}, FIELD_FAR = {5, 4.5, 0};
 static const double OPEN_LID = 0.07, SURE_CLOSED = 0.004, SURE_OPEN = 0.12;
 static const double FIELD_LID = 0.005;
+static const double LESS_AREA = 1.2, AS_NEAR = 2, MORE_LEANING = 1.4, NEARER = 1.5; /* of a closed mesh, an open one */
+static const double LARGEST_TOLD = 1000;
+static const double FAR_SPACINGS = 3;
+enum { MATCHED = 65536, MATCHED_AT_ONCE = 1024 /* points */ };
 enum { SIGNS_LEAST = 1000 /* points that signs can be read off */ };
 
 /* Points by the cells of a grid in the plane across a direction.  The cells are as large as the density of most points
@@ -240,5 +248,59 @@ bool surface_leave_field(double share, struct surface_choice *choice) {
         "seen along (%.2f, %.2f, %.2f) it is one sheet, but with steps: a height field has %.1f %% of its area where "
         "there are no points",
         choice->up.x, choice->up.y, choice->up.z, 100 * share);
+    return true;
+}
+
+/* Mean distance of some of the points to a mesh. */
+static enum status mean_distance_to(const struct mesh *mesh, const struct surface_points *points, unsigned threads,
+                                    double *mean) {
+    struct bvh *bvh = NULL;
+    struct bvh_hit hit[MATCHED_AT_ONCE];
+    vec3 p[MATCHED_AT_ONCE];
+    size_t each = 1 + points->n / MATCHED, count = 0, sampled = (points->n + each - 1) / each;
+    double sum = 0;
+    enum status status = bvh_new(mesh, threads, &bvh);
+    for (size_t first = 0; !status && first < sampled; first += count) {
+        count = sampled - first < MATCHED_AT_ONCE ? sampled - first : MATCHED_AT_ONCE;
+        for (size_t i = 0; i < count; i++) p[i] = points->point[(first + i) * each];
+        bvh_closest_all(bvh, p, count, threads, hit);
+        for (size_t i = 0; i < count; i++)
+            sum += fmin(sqrt(hit[i].distance_sq), FAR_SPACINGS * (double)points->spacing[(first + i) * each]);
+    }
+    bvh_free(bvh);
+    *mean = sum / (double)sampled;
+    return status;
+}
+
+enum status surface_match_of(const struct mesh *mesh, const struct surface_points *points, unsigned threads,
+                             struct surface_match *match) {
+    double along = 0;
+    *match = (struct surface_match){0};
+    if (mesh->triangle_count == 0) return STATUS_OK;
+    for (size_t t = 0; t < mesh->triangle_count; t++) {
+        vec3 normal = mesh_triangle_normal(mesh, t); /* as long as twice the area */
+        match->area += vec3_length(normal) / 2;
+        for (int k = 0; k < 3; k++)
+            along += fabs(vec3_dot(normal, points->normal[mesh->source[mesh->triangle[t][k]]])) / 6;
+    }
+    match->leaning = match->area > 0 ? 1 - along / match->area : 0;
+    return mean_distance_to(mesh, points, threads, &match->distance);
+}
+
+bool surface_leave_closed(const struct surface_match *closed, const struct surface_match *open,
+                          struct surface_choice *choice) {
+    bool nearer = closed->distance > NEARER * open->distance;
+    bool leaner = closed->area > LESS_AREA * open->area && open->distance <= AS_NEAR * closed->distance &&
+                  closed->leaning > MORE_LEANING * open->leaning;
+    if (!(open->area > 0) || (!nearer && !leaner)) return false;
+    choice->form = SURFACE_OPEN;
+    if (nearer)
+        snprintf(choice->reason, sizeof choice->reason,
+                 "the points are %.1f times as far from a closed mesh as from one with borders",
+                 fmin(closed->distance / open->distance, LARGEST_TOLD));
+    else
+        snprintf(choice->reason, sizeof choice->reason,
+                 "a closed mesh has %d %% more area than one with borders, and lies across the points' normals",
+                 percent(closed->area / open->area - 1));
     return true;
 }

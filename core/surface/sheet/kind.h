@@ -48,4 +48,28 @@ void surface_choose_by_lid(const struct surface_signs *signs, double share, stru
  * scanned; then *choice becomes open. */
 bool surface_leave_field(double share, struct surface_choice *choice);
 
+/* How a mesh goes through points, to be compared with another of the same. */
+struct surface_match {
+    double area;
+    double distance; /* mean of the points to it, each at most three times the distance to its neighbours */
+    double leaning;  /* 1 - mean over the area of |cosine| between a triangle and the normals of its corners */
+};
+
+/* The points of a cloud: n of each, normals of unit length and any sign. */
+struct surface_points {
+    size_t n;
+    const vec3 *point, *normal;
+    const float *spacing; /* mean distance to neighbours */
+};
+
+/* *match of a mesh whose sources are ids of the points; all zero without triangles.  Of many points every so many are
+ * looked at.  About 1 us for each of 65 536 points and each triangle.  STATUS_NO_MEMORY. */
+enum status surface_match_of(const struct mesh *mesh, const struct surface_points *points, unsigned threads,
+                             struct surface_match *match) MUST_CHECK;
+
+/* Whether points that were taken for a solid's, without being sure, are none's after all, as the mesh with borders goes
+ * through them better than the closed one; then *choice becomes open. */
+bool surface_leave_closed(const struct surface_match *closed, const struct surface_match *open,
+                          struct surface_choice *choice);
+
 #endif

@@ -14,42 +14,54 @@ import * as THREE from "three";
 const TURN = 0.008, STEP = Math.PI / 24; // radians for a pixel, for a key
 const SMOOTH = 1.5, MOST_PIXELS = 2; // pixels drawn for one of the device, and at most for one of CSS
 const COARSEST = 0.5; // while it moves, where the device is slow
-const MOMENT_MS = 40, STILL_MS = 120; // a picture while it moves; without a move, until all is drawn
-const FIRST = 100000, LEAST = 30000, MOST = 4000000; // points that are drawn at once: to begin with, at least, at most
+const MOMENT_MS = 40, STILL_MS = 120, PIECE_MS = 100; // a picture while it moves; without a move, until all is drawn; a piece of that
+const FIRST = 100000, LEAST = 10000, MOST = 4000000; // points that are drawn at once: to begin with, at least, at most
+const LOOK_MS = 4; // between looks whether the device is done
+
+// Processors that draw without a graphics device work out each sine and both sides of each branch, but leave loops: so places
+// are written out, what is looked at less closely is a program of its own (QUICK), and paper is no branch.
+const places = (call, n, angle, radius) => Array.from({ length: n }, (_, i) => `${call}(vec2(${
+  [Math.cos, Math.sin].map((wave) => (radius(i) * wave(angle * i)).toFixed(6)).join(", ")}));`).join(" ");
 
 const DOME = {
   uniforms: { colours: { value: null }, depths: { value: null }, pixel: { value: new THREE.Vector2() }, unit: { value: 1 }, reach: { value: 4 },
-    near: { value: 0.1 }, far: { value: 10 }, strength: { value: 1 }, paper: { value: new THREE.Color() } },
+    ends: { value: new THREE.Vector2() }, strength: { value: 1 }, paper: { value: new THREE.Color() } },
   vertexShader: "varying vec2 at; void main() { at = uv; gl_Position = vec4(position.xy, 0.0, 1.0); }",
   fragmentShader: `
     uniform sampler2D colours, depths;
-    uniform vec2 pixel;
-    uniform float near, far, strength, unit, reach;
+    uniform vec2 pixel, ends; // ends: what makes a distance of a depth
+    uniform float strength, unit, reach;
     uniform vec3 paper;
     varying vec2 at;
+    float own, nearer = 1.0, n = 0.0, z = 0.0, xx = 0.0, xy = 0.0, yy = 0.0, xz = 0.0, yz = 0.0;
+    vec2 middle = vec2(0.0);
     float far_away(vec2 p) {
-      float d = texture2D(depths, p).x * 2.0 - 1.0;
-      return 2.0 * near * far / (far + near - d * (far - near));
+      return 1.0 / (ends.x + ends.y * texture2D(depths, p).x);
+    }
+    void before(vec2 away) {
+      nearer *= max(1.0, own / far_away(at + pixel * away));
+    }
+    void lies(vec2 way) {
+      vec2 away = reach * way, d = away * unit * own;
+      float deep = far_away(at + pixel * away) - own;
+      if (abs(deep) > 5.0 * reach * unit * own) return;
+      n += 1.0;
+      middle += d;
+      z += deep;
+      xx += d.x * d.x;
+      xy += d.x * d.y;
+      yy += d.y * d.y;
+      xz += d.x * deep;
+      yz += d.y * deep;
     }
     // Depths around as a plane, those of what lies behind or before left out; returns its normal, to the camera.
-    vec3 facing(float own) {
-      float n = 0.0, z = 0.0, xx = 0.0, xy = 0.0, yy = 0.0, xz = 0.0, yz = 0.0;
-      vec2 middle = vec2(0.0);
-      for (int i = 0; i < 12; i++) {
-        float angle = 2.399963 * float(i);
-        vec2 away = reach * sqrt((float(i) + 0.7) / 12.0) * vec2(cos(angle), sin(angle)), d = away * unit * own;
-        float deep = far_away(at + pixel * away) - own;
-        if (abs(deep) > 5.0 * reach * unit * own) continue;
-        n += 1.0;
-        middle += d;
-        z += deep;
-        xx += d.x * d.x;
-        xy += d.x * d.y;
-        yy += d.y * d.y;
-        xz += d.x * deep;
-        yz += d.y * deep;
-      }
-      if (n < 4.0) return vec3(0.0, 0.0, 1.0);
+    vec3 facing() {
+      #ifdef QUICK
+        ${places("lies", 4, Math.PI / 2, () => 0.7)}
+      #else
+        ${places("lies", 12, 2.399963, (i) => Math.sqrt((i + 0.7) / 12))}
+      #endif
+      if (n < 3.0) return vec3(0.0, 0.0, 1.0);
       middle /= n;
       z /= n;
       xx -= n * middle.x * middle.x;
@@ -62,18 +74,21 @@ const DOME = {
       return normalize(vec3((xz * yy - yz * xy) / det, (yz * xx - xz * xy) / det, 1.0));
     }
     void main() {
-      if (texture2D(depths, at).x >= 1.0) {
-        gl_FragColor = sRGBTransferOETF(vec4(paper, 1.0));
-        return;
+      gl_FragColor = vec4(paper, 1.0);
+      float depth = texture2D(depths, at).x;
+      for (int once = 0; once < 1 && depth < 1.0; once++) {
+        own = 1.0 / (ends.x + ends.y * depth);
+        #ifdef QUICK
+          ${places("before", 4, Math.PI / 2, () => 1.4)}
+          nearer *= nearer;
+        #else
+          ${places("before", 8, Math.PI / 4, () => 1.4)}
+        #endif
+        vec4 colour = texture2D(colours, at);
+        if (colour.a < 0.5) colour.rgb *= 0.4 + 0.75 * abs(dot(facing(), vec3(-0.497, 0.678, 0.542)));
+        gl_FragColor.rgb = colour.rgb * max(exp(-strength * log2(nearer)), 0.35);
       }
-      float own = far_away(at), behind = 0.0;
-      for (int i = 0; i < 8; i++) {
-        float angle = 0.785398 * float(i);
-        behind += max(0.0, log2(own / far_away(at + pixel * vec2(cos(angle), sin(angle)) * 1.4)));
-      }
-      vec4 colour = texture2D(colours, at);
-      if (colour.a < 0.5) colour.rgb *= 0.4 + 0.75 * abs(dot(facing(own), vec3(-0.497, 0.678, 0.542)));
-      gl_FragColor = sRGBTransferOETF(vec4(colour.rgb * max(exp(-strength * behind), 0.35), 1.0));
+      gl_FragColor = sRGBTransferOETF(gl_FragColor);
     }`,
 };
 
@@ -82,6 +97,9 @@ const COPY = {
   vertexShader: DOME.vertexShader,
   fragmentShader: "uniform sampler2D picture; varying vec2 at; void main() { gl_FragColor = texture2D(picture, at); }",
 };
+
+// How many times as much is to be done next, where something took ms and is wanted to take `wanted`.
+const stepTo = (wanted, ms) => Math.max(0.5, Math.min(2, wanted / Math.max(ms, 1)));
 
 export class Viewer {
   constructor(canvas) {
@@ -95,14 +113,14 @@ export class Viewer {
     this.camera = new THREE.PerspectiveCamera(35, 1, 0.01, 100);
     [this.target, this.fine] = [0, 1].map(() => new THREE.WebGLRenderTarget(1, 1, { type: THREE.HalfFloatType,
       depthTexture: new THREE.DepthTexture(1, 1, THREE.UnsignedIntType) }));
-    this.dome = new THREE.ShaderMaterial({ ...DOME, depthTest: false, depthWrite: false });
+    [this.dome, this.quick] = [{}, { QUICK: 1 }].map((defines) => new THREE.ShaderMaterial({ ...DOME, defines, depthTest: false, depthWrite: false }));
     this.shaded = new THREE.WebGLRenderTarget(1, 1, { depthBuffer: false });
     this.copy = new THREE.ShaderMaterial({ ...COPY, depthTest: false, depthWrite: false });
     this.screen = new THREE.Mesh(new THREE.PlaneGeometry(2, 2), this.dome);
     this.screen.frustumCulled = false;
     Object.assign(this, { layout: "side", bar: 0.5, radius: 1, centre: new THREE.Vector3(), distance: 4,
       azimuth: Math.PI / 6, elevation: 0.4, picking: null, frames: 0, budget: FIRST,
-      ratio: Math.min(1, this.finest()), stale: false, drawing: null });
+      fine_budget: FIRST, ratio: Math.min(1, this.finest()), stale: false, drawing: null, wake: () => {} });
     this.listen();
     new ResizeObserver(() => this.ask()).observe(canvas);
     canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
@@ -135,6 +153,7 @@ export class Viewer {
   // Draws soon, once.
   ask() {
     this.stale = true;
+    this.wake();
     this.drawing ??= new Promise(requestAnimationFrame).then(() => this.draw()).finally(() => {
       this.drawing = null;
       if (this.stale) this.ask();
@@ -175,16 +194,39 @@ export class Viewer {
       const most = this.most(), began = performance.now();
       this.piece(this.target, 0, this.budget, Math.min(this.budget, most), this.ratio);
       await this.done();
-      await this.show(this.target);
+      await this.show(this.target, this.ratio < Math.min(1, this.finest()));
+      const whole = most <= this.budget && this.ratio >= this.finest();
       this.learn(performance.now() - began);
-      if (most <= this.budget && this.ratio >= this.finest()) continue;
-      await new Promise((resolve) => setTimeout(resolve, this.stale ? 0 : STILL_MS));
-      for (let begin = 0; begin < most && !this.stale; begin += this.budget) {
-        this.piece(this.fine, begin, this.budget, most, this.finest());
+      await this.taken();
+      if (whole) continue;
+      if (!this.stale) await this.rest(STILL_MS);
+      for (let begin = 0, at; begin < most && !this.stale; begin += at) {
+        const from = performance.now();
+        at = this.fine_budget;
+        this.piece(this.fine, begin, at, most, this.finest());
         await this.done();
+        this.fine_budget = Math.round(Math.max(LEAST, Math.min(MOST, at * stepTo(PIECE_MS, performance.now() - from))));
       }
-      if (!this.stale) await this.show(this.fine);
+      if (this.stale) continue;
+      await this.show(this.fine);
+      await this.taken();
     }
+  }
+
+  // Until the browser has taken the picture over: without a graphics processor it reads it back in a task of the page, which
+  // would wait for whatever is asked for meanwhile.
+  taken() {
+    return new Promise((resolve) => {
+      requestAnimationFrame(() => setTimeout(resolve, 0));
+    });
+  }
+
+  // Waits, or until something is asked for.
+  rest(ms) {
+    return new Promise((resolve) => {
+      this.wake = resolve;
+      setTimeout(resolve, ms);
+    });
   }
 
   // How high the picture is at distance 1.
@@ -242,9 +284,9 @@ export class Viewer {
     }
   }
 
-  // Shades what a target holds, and shows it.
-  async show(target) {
-    const { renderer, camera, canvas, shaded, screen, dome: { uniforms } } = this, { width, height } = target;
+  // Shades what a target holds, and shows it; quick: with fewer looks around each pixel.
+  async show(target, quick = false) {
+    const { renderer, camera, canvas, shaded, screen } = this, { width, height } = target, dome = quick ? this.quick : this.dome, { uniforms } = dome;
     if (shaded.width !== width || shaded.height !== height) shaded.setSize(width, height);
     uniforms.colours.value = target.texture;
     uniforms.depths.value = target.depthTexture;
@@ -253,11 +295,10 @@ export class Viewer {
       .map(({ userData }) => (userData.uniforms ? userData.uniforms.size.value * high / this.spread() / this.distance : 0)));
     uniforms.unit.value = this.spread() / high;
     uniforms.reach.value = Math.min(Math.max(1.3 * wide, 4), 20);
-    uniforms.near.value = camera.near;
-    uniforms.far.value = camera.far;
+    uniforms.ends.value.set(1 / camera.near, (camera.near - camera.far) / (camera.near * camera.far));
     uniforms.strength.value = 6;
     uniforms.paper.value.set(getComputedStyle(canvas).backgroundColor);
-    screen.material = this.dome;
+    screen.material = dome;
     renderer.setRenderTarget(shaded);
     renderer.render(screen, camera);
     await this.done();
@@ -271,26 +312,26 @@ export class Viewer {
     this.drawn?.();
   }
 
-  // Once all that was asked for is drawn, looked at once a frame: nobody waits for it.
+  // Once all that was asked for is drawn, looked at now and then: nobody waits for it.
   done() {
     const gl = this.renderer.getContext(), fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
     return new Promise((resolve) => {
       const look = () => {
         if (!gl.isContextLost() && gl.clientWaitSync(fence, 0, 0) === gl.TIMEOUT_EXPIRED) {
-          requestAnimationFrame(look);
+          setTimeout(look, LOOK_MS);
           return;
         }
         gl.deleteSync(fence);
         resolve();
       };
-      requestAnimationFrame(look);
+      setTimeout(look, 0);
     });
   }
 
   // Fewer points, and then fewer pixels, where a picture takes longer than a moment; more where it takes less.
   learn(ms) {
-    const by = Math.max(0.5, Math.min(2, MOMENT_MS / Math.max(ms, 1)));
+    const by = stepTo(MOMENT_MS, ms);
     if (by < 0.8 && this.budget <= LEAST) this.ratio = Math.max(COARSEST, this.ratio * 0.8);
     else if (by > 1.25 && this.ratio < this.finest()) this.ratio = Math.min(this.finest(), this.ratio * 1.25);
     else this.budget = Math.round(Math.max(LEAST, Math.min(MOST, this.budget * by)));

@@ -137,6 +137,14 @@ def test_keys_alone_lead_from_the_example_to_its_deletion(daemon, tmp_path):
     assert "points" in seen["level"] and re.match(r"[\d.]+ between", seen["measured"][-1]), seen["measured"]
 
 
+def test_a_turn_is_shown_at_once(daemon, tmp_path):
+    """What is drawn when nothing moves is waited for by nobody who moves it."""
+    files_of(daemon)
+    job = daemon.submit(scan(tmp_path / "torus.ply").read_bytes(), "?ratio=0.3&outputs=mesh,error")
+    assert daemon.ended(job)["status"] == "successful"
+    assert len(set(drive("restless", f"{daemon.url}/jobs/{job}", tmp_path)["views"])) == 3
+
+
 def test_fingers_turn_zoom_and_move(daemon, tmp_path):
     files_of(daemon)
     job = daemon.submit(scan(tmp_path / "torus.ply").read_bytes(), "?ratio=0.3&outputs=mesh,error")

@@ -6,10 +6,11 @@
 "use strict";
 const { run, settled, withBrowser } = require("./browser.js");
 
-const FRAMES = 20;
+const FRAMES = 20, MARK = "the page that is measured";
 
 // In the page, before anything of it runs.
-function watch() {
+function watch(mark) {
+  performance.mark(mark);
   globalThis.tasks = [];
   new PerformanceObserver((list) => globalThis.tasks.push(...list.getEntries().map((e) => [Math.round(e.startTime), Math.round(e.duration)])))
     .observe({ type: "longtask", buffered: true });
@@ -25,9 +26,10 @@ function watch() {
 }
 
 // Milliseconds of processor that the page's own thread took for each of its tasks, the longest first: what the machine
-// does beside it doesn't count.
+// does beside it doesn't count, nor what the browser's own window does, which is pages as well.
 function processorTimes(events) {
-  const main = new Set(events.filter((e) => e.name === "thread_name" && e.args.name === "CrRendererMain").map((e) => `${e.pid}/${e.tid}`));
+  const main = new Set(events.filter((e) => e.name === MARK).map((e) => `${e.pid}/${e.tid}`));
+  if (main.size !== 1) throw new Error(`the page's thread isn't known: ${[...main]}`);
   return events.filter((e) => e.ph === "X" && /RunTask$/.test(e.name) && main.has(`${e.pid}/${e.tid}`))
     .map((e) => Math.round((e.tdur ?? e.dur) / 1000)).sort((a, b) => b - a);
 }
@@ -35,12 +37,12 @@ function processorTimes(events) {
 async function measure(browser, url, picture) {
   const page = await browser.newPage(), bytes = { all: 0 };
   page.setDefaultTimeout(300000);
-  await page.evaluateOnNewDocument(watch);
+  await page.evaluateOnNewDocument(watch, MARK);
   await page.setViewport({ width: 1600, height: 900 });
   const session = await page.createCDPSession();
   await session.send("Network.enable");
   session.on("Network.loadingFinished", ({ encodedDataLength }) => { bytes.all += encodedDataLength; });
-  await page.tracing.start({ categories: ["toplevel", "devtools.timeline"] });
+  await page.tracing.start({ categories: ["toplevel", "devtools.timeline", "blink.user_timing"] });
   const began = Date.now();
   await page.goto(url, { waitUntil: "domcontentloaded" });
   await page.waitForFunction(() => globalThis.first);

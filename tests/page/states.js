@@ -179,6 +179,24 @@ const scenarios = {
     await visible("#jobs-none");
   },
 
+  // Somebody who turns a result again while it rests before all of it is drawn doesn't wait for that rest: here it has no end.
+  async restless({ page, looked, drawn, settled: rest, seen }) {
+    await looked();
+    await rest();
+    await page.focus("#look-canvas");
+    await page.evaluate(() => {
+      const usual = globalThis.setTimeout;
+      globalThis.setTimeout = (work, ms = 0, ...more) => (ms >= 100 ? 0 : usual(work, ms, ...more));
+    });
+    seen.views = [];
+    for (let i = 0; i < 3; i++) {
+      const { frames } = await drawn();
+      await page.keyboard.press("ArrowLeft");
+      await page.waitForFunction((before) => whittled.drawn().frames > before, {}, frames);
+      seen.views.push((await drawn()).view.azimuth);
+    }
+  },
+
   async fingers({ page, looked, drawn, settled: rest, seen }) {
     await page.setViewport({ width: 360, height: 780, hasTouch: true, isMobile: true, deviceScaleFactor: 2 });
     await looked();

@@ -60,6 +60,7 @@ struct contractor {
     size_t wave;           /* the first of the slots that are moved side by side */
     uint64_t *pick, *swap; /* keyed by the cost's float bits, which order as costs do, with the slot that picked */
     double length_bias;
+    float *gone_cost;  /* by place in the order: of the pair that went; NULL: nobody asks */
     float first_error; /* of what was contracted before */
     bool untouched;    /* the quadrics are as they were given, and of planes through their points alone */
     unsigned threads;
@@ -187,6 +188,7 @@ static void merge_range(void *ctx, size_t begin, size_t end) {
     pair_errors(&field, p, q, count, p_stays, q_stays);
     for (size_t i = 0; i < count; i++) {
         size_t place = c->removed + c->swap[p[i]];
+        if (c->gone_cost) c->gone_cost[place] = c->cost[p[i]];
         if (first_stays(c, p[i], q[i], p_stays[i], q_stays[i]))
             merge_pair(c, p[i], q[i], place);
         else
@@ -509,7 +511,7 @@ static enum status relink(struct contractor *c) {
 static void contractor_done(struct contractor *c) {
     adjacency_done(&c->near);
     free(c->own_point), free(c->id), free(c->target), free(c->partner), free(c->cost), free(c->changed);
-    free(c->spare_list), free(c->chunk), free(c->pick), free(c->swap);
+    free(c->spare_list), free(c->chunk), free(c->pick), free(c->swap), free(c->gone_cost);
 }
 
 double contract_length_bias(const struct packed_quadric *quadrics, const uint8_t *counted, size_t n) {
@@ -695,6 +697,27 @@ static enum status part_pass(struct contractor *c, const struct contract_part *p
     return !status && c->live_count <= c->slots / 2 ? move_together(c) : status;
 }
 
+static void gone_done(struct contract_gone *gone) {
+    free(gone->id), free(gone->cost), free(gone->error), free(gone->end);
+    *gone = (struct contract_gone){0};
+}
+
+/* Room for what part->keeps_gone asks for. */
+static enum status begin_gone(struct contractor *c, const struct contract_part *part, struct contract_gone *gone) {
+    if (!part->keeps_gone) return STATUS_OK;
+    c->gone_cost = alloc_array(c->slots, sizeof *c->gone_cost);
+    gone->end = alloc_array(part->passes, sizeof *gone->end);
+    return c->gone_cost && gone->end ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+/* Takes what the contractor has of them. */
+static void take_gone(struct contractor *c, struct contract_gone *gone) {
+    gone->n = c->removed;
+    gone->id = c->out.order, c->out.order = NULL;
+    gone->error = c->out.error, c->out.error = NULL;
+    gone->cost = c->gone_cost, c->gone_cost = NULL;
+}
+
 enum status contract_some(const vec3 *point, struct adjacency *near, struct packed_quadric *quadrics,
                           const struct contract_part *part, const struct progress *progress,
                           struct contract_left *left) {
@@ -703,11 +726,14 @@ enum status contract_some(const vec3 *point, struct adjacency *near, struct pack
     uint8_t *taken = part->counted ? alloc_array(n, sizeof *taken) : NULL;
     enum status status = part->counted && !taken ? STATUS_NO_MEMORY : contractor_init(&c);
     size_t passes = 0, of = 0, live = 0;
+    struct contract_gone gone = {0};
+    if (!status) status = begin_gone(&c, part, &gone);
     if (!status && taken) of = live = count_counted(&c, part->counted);
     for (size_t i = 0; !status && i < part->passes; i++) {
         if (taken && (double)live <= part->least_share * (double)of) break;
         status = part_pass(&c, part, i, live, taken);
         if (taken) live = count_counted(&c, part->counted);
+        if (part->keeps_gone) gone.end[passes] = c.removed;
         passes++;
         if (!status && progress_tick(progress, "contract", (double)(i + 1) / (double)part->passes))
             status = STATUS_CANCELLED;
@@ -724,6 +750,10 @@ enum status contract_some(const vec3 *point, struct adjacency *near, struct pack
         left->near.n = c.slots;
         c.id = NULL;
         c.near = (struct adjacency){0};
+        if (part->keeps_gone) take_gone(&c, &gone);
+        left->gone = gone;
+    } else {
+        gone_done(&gone);
     }
     free(taken);
     contraction_done(&c.out);
@@ -735,5 +765,6 @@ void contract_left_done(struct contract_left *left) {
     if (!left) return;
     free(left->id);
     adjacency_done(&left->near);
+    gone_done(&left->gone);
     *left = (struct contract_left){0};
 }

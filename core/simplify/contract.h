@@ -5,6 +5,8 @@
 #ifndef WHITTLE_CORE_SIMPLIFY_CONTRACT_H
 #define WHITTLE_CORE_SIMPLIFY_CONTRACT_H
 
+#include <stdbool.h>
+
 #include "core/base/progress.h"
 #include "core/simplify/adjacency.h"
 #include "core/simplify/contraction.h"
@@ -50,6 +52,16 @@ struct contract_part {
     struct contract_limit *limit; /* passes of them: given, or, where points are counted, found */
     const uint8_t *counted;       /* of each point: it counts for the limits, as a sample; NULL: they are given */
     double least_share;           /* of those that count: no pass is begun with so few left */
+    bool keeps_gone;              /* contract_left says which points have gone, too */
+};
+
+/* The points that have gone, in the order that they went. */
+struct contract_gone {
+    size_t n;
+    uint32_t *id; /* owned, as all that follows */
+    float *cost;  /* of the pair that each went with */
+    float *error; /* as of a contraction */
+    size_t *end;  /* of each pass: how many had gone after it */
 };
 
 /* The points that are left, in the order that they had; what this owns is for contract_left_done. */
@@ -61,6 +73,7 @@ struct contract_left {
     float error;                    /* as of a contraction, the largest until now */
     size_t passes;                  /* that were made */
     double share;                   /* of the points that count, what is left */
+    struct contract_gone gone;      /* zeroed unless that was asked for */
 };
 
 /* Makes so many passes, or until few enough of the points that count are left.  As contract otherwise. */

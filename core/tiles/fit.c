@@ -11,11 +11,22 @@ static const double PROGRAM = 96e6; /* bytes: the program, tables of cells, what
 
 /* What a point of a cloud takes, of which the records aren't there, but numbers and marks. */
 static double part_bytes(const struct params *params) {
-    enum { SMALL = 1 << 20, BESIDE = 16 };
+    enum { SMALL = 1 << 20, BESIDE = 16, COST = 4 };
     struct params cloud = *params;
     cloud.outputs = OUTPUT_CLOUD;
     const struct memory_job one = {.points = SMALL}, two = {.points = 2 * SMALL};
-    return BESIDE + ((double)memory_predict(&two, &cloud) - (double)memory_predict(&one, &cloud)) / SMALL;
+    return BESIDE + (fit_is_tileset(params) ? COST : 0) +
+           ((double)memory_predict(&two, &cloud) - (double)memory_predict(&one, &cloud)) / SMALL;
+}
+
+bool fit_is_tileset(const struct params *params) {
+    return (params->outputs & ~(uint32_t)OUTPUT_REPORT) == OUTPUT_TILESET;
+}
+
+uint64_t fit_tileset_room(const struct params *params, uint64_t record_bytes) {
+    const double each = 176; /* positions twice and more, keys, the tree, groups of its points, what is read */
+    double bytes = (double)params->memory_bytes;
+    return bytes > PROGRAM ? (uint64_t)((bytes - PROGRAM) / (each + (double)record_bytes)) : 0;
 }
 
 uint64_t fit_room(const struct params *params) {
@@ -31,7 +42,7 @@ double fit_wanted(const struct params *params, uint64_t points) {
 
 enum status fit_kept(const struct params *params, uint64_t points, uint64_t room, struct error *error) {
     double most = FIT_LEFT * (double)room / FIT_MORE_THAN_KEPT, wanted = fit_wanted(params, points);
-    if (wanted <= most) return STATUS_OK;
+    if (wanted <= most || (fit_is_tileset(params) && params->levels.count < 2)) return STATUS_OK;
     return error_set(error, STATUS_NO_MEMORY, "memory",
                      "%.0f of %" PRIu64 " points are to be kept, and %" PRIu64
                      " MiB have room to finish %.0f; keep fewer, or allow more memory",
@@ -40,11 +51,17 @@ enum status fit_kept(const struct params *params, uint64_t points, uint64_t room
 
 struct tiles_prediction tiles_predict(uint64_t points, const struct params *params) {
     const double raw = 28, left_bytes = 152, each_s = 4.2e-6;
+    const double gone = 8, kept = 72, kept_s = 2e-6; /* of a tileset; about, by records of 40 bytes */
     unsigned threads = params->threads ? (unsigned)params->threads : par_processors();
     double room = (double)fit_room(params), left = fmin((double)points, FIT_LEFT * room);
     double tile = fmin((double)points, room / FIT_AROUND);
-    return (struct tiles_prediction){(uint64_t)(raw * ((double)points + tile) + left_bytes * left),
-                                     each_s * (double)points * (1 + 1.0 / threads) / 1.5};
+    double disk = raw * ((double)points + tile) + left_bytes * left, wanted = fit_wanted(params, points);
+    double seconds = each_s * (double)points * (1 + 1.0 / threads) / 1.5;
+    if (fit_is_tileset(params) && FIT_MORE_THAN_KEPT * wanted > FIT_LEFT * room) {
+        disk += gone * (double)points + 2 * kept * wanted;
+        seconds += kept_s * wanted;
+    }
+    return (struct tiles_prediction){(uint64_t)disk, seconds};
 }
 
 enum status tiles_can(const struct params *params, struct error *error) {

@@ -4,6 +4,7 @@
 #ifndef WHITTLE_CORE_TILES_FIT_H
 #define WHITTLE_CORE_TILES_FIT_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "core/base/status.h"
@@ -23,6 +24,12 @@ uint64_t fit_room(const struct params *params);
 
 /* Of so many points, how many are to be kept. */
 double fit_wanted(const struct params *params, uint64_t points);
+
+/* Whether nothing is asked for but a tileset, which is made of files where what is kept doesn't fit. */
+bool fit_is_tileset(const struct params *params);
+
+/* How many points of so many bytes a tileset may hold in memory at a time. */
+uint64_t fit_tileset_room(const struct params *params, uint64_t record_bytes);
 
 /* Whether what is to be kept can be finished in the room: STATUS_NO_MEMORY says what can. */
 enum status fit_kept(const struct params *params, uint64_t points, uint64_t room, struct error *error) MUST_CHECK;

@@ -11,6 +11,8 @@
 
 #include <stdint.h>
 
+#include "core/base/radix.h"
+
 struct left_head {
     char mark[16];
     uint64_t count, links;
@@ -19,5 +21,41 @@ struct left_head {
 };
 
 #define LEFT_MARK "whittle left 1\0"
+
+/* And of the points that aren't left, where these are kept too:
+ *
+ *     head | errors | items
+ *
+ * errors are a float for each pass, as of a contraction; an item is a key, of which a lower one is more important, and
+ * the number of its point in the input. */
+struct gone_head {
+    char mark[16];
+    uint64_t count, passes;
+};
+
+#define GONE_MARK "whittle gone 1\0"
+
+struct gone_item {
+    uint32_t key, id;
+};
+
+/* Above all ranks of points that are left: what goes later is more important, then what costs more. */
+#define GONE_FIRST (UINT32_C(1) << 31)
+
+static inline uint32_t gone_key(uint64_t passes, uint64_t pass, float cost) {
+    enum { COST_BITS = 23 };
+    uint32_t coarse = radix_key_of((double)cost) >> (31 - COST_BITS);
+    return GONE_FIRST | (uint32_t)(passes - 1 - pass) << COST_BITS | (((UINT32_C(1) << COST_BITS) - 1) - coarse);
+}
+
+static inline uint64_t gone_pass(uint64_t passes, uint32_t key) { return passes - 1 - (key >> 23 & 0xff); }
+
+/* Keys of the whole cloud: each once, points of about the same cost in no order. */
+static inline uint64_t whole_key(uint32_t key, uint32_t id) {
+    uint32_t x = id;
+    x = (x ^ x >> 16) * UINT32_C(0x7feb352d);
+    x = (x ^ x >> 15) * UINT32_C(0x846ca68b);
+    return (uint64_t)key << 32 | (x ^ x >> 16);
+}
 
 #endif

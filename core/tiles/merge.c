@@ -23,6 +23,7 @@
 #include "core/measure/tangent.h"
 #include "core/spatial/knn.h"
 #include "core/tiles/left.h"
+#include "core/tiles/ranks.h"
 #include "core/tiles/scratch.h"
 #include "core/tiles/tiles.h"
 
@@ -197,8 +198,9 @@ static size_t kept_of(const struct merging *m, size_t level) {
     const struct params *params = &m->scratch.head.params;
     double ratio = params->levels.count ? params->levels.ratio[level] : params->ratio;
     double wanted = params->points ? (double)params->points : floor(ratio * (double)m->scratch.head.points);
+    size_t most = m->scratch.head.ranks_all ? (size_t)m->distinct : m->points.count;
     if (wanted < 1) wanted = 1;
-    return wanted < (double)m->points.count ? (size_t)wanted : m->points.count;
+    return wanted < (double)most ? (size_t)wanted : most;
 }
 
 /* What the whole input says of its points, with room for n. */
@@ -410,7 +412,7 @@ static enum status measure_levels(const struct merging *m, struct pipeline_resul
     enum status status = STATUS_OK;
     size_t levels = m->scratch.head.params.levels.count ? m->scratch.head.params.levels.count : 1;
     for (size_t i = 0; !status && i < levels; i++)
-        status = measure_kept(m, kept_of(m, i), &result->report.level[i].tangent);
+        if (kept_of(m, i) <= m->points.count) status = measure_kept(m, kept_of(m, i), &result->report.level[i].tangent);
     return status;
 }
 
@@ -420,7 +422,7 @@ static void report_levels(const struct merging *m, struct pipeline_result *resul
     result->level_count = head->params.levels.count ? head->params.levels.count : 1;
     report->level_count = result->level_count;
     for (size_t i = 0; i < result->level_count; i++) {
-        size_t kept = kept_of(m, i), made = m->contraction.n - kept;
+        size_t kept = kept_of(m, i), made = kept < m->contraction.n ? m->contraction.n - kept : 0;
         result->level[i].kept_count = kept;
         report->level[i].points_out = kept;
         report->level[i].ratio = (double)kept / (double)head->points;
@@ -437,19 +439,74 @@ static void report_levels(const struct merging *m, struct pipeline_result *resul
     memcpy(report->box_max, &head->whole.box_max, sizeof report->box_max);
 }
 
-static void merging_done(struct merging *m) {
+static void left_done(struct merging *m) {
     free(m->head), free(m->position), free(m->id), free(m->quadrics), free(m->normal);
+    m->head = NULL, m->position = NULL, m->id = NULL, m->quadrics = NULL, m->normal = NULL;
     ordered_points_done(&m->points);
     adjacency_done(&m->near);
     contraction_done(&m->contraction);
+    alloc_give_back();
+}
+
+static void merging_done(struct merging *m) {
+    left_done(m);
     scratch_done(&m->scratch);
 }
 
+/* ------------------------------------------------------------------------------------------------ beyond memory */
+
+static enum status name_kept(const struct merging *m, size_t kept, struct kept_file *file) {
+    char path[SCRATCH_PATH_BYTES];
+    const struct scratch_head *head = &m->scratch.head;
+    scratch_path(path, m->folder, "kept", 0);
+    uint64_t room = fit_tileset_room(&head->params, head->record_bytes), tiles = 2 * head->tile_points;
+    *file = (struct kept_file){.path = alloc_array(strlen(path) + 1, 1),
+                               .count = kept,
+                               .record_bytes = head->record_bytes,
+                               .most_points = room < tiles ? room : tiles};
+    if (!file->path) return merge_no_memory(m);
+    memcpy(file->path, path, strlen(path) + 1);
+    return STATUS_OK;
+}
+
+/* The kept points into the file; what was left is freed. */
+static enum status gather_beyond(struct merging *m, struct cloud *cloud, struct kept_file *file,
+                                 struct pipeline_result *made) {
+    struct cloud_stream *stream = NULL;
+    size_t n = m->points.count, kept = kept_of(m, 0);
+    uint32_t *left = alloc_array(n, sizeof *left);
+    const struct ranks ranks = {m->folder, &m->scratch, left, n, m->distinct - n, m->progress, m->error};
+    uint64_t last = 0;
+    float error_made = 0;
+    enum status status = left ? name_kept(m, kept, file) : merge_no_memory(m);
+    for (size_t i = 0; !status && i < n; i++) left[i] = input_id(m, m->contraction.order[n - 1 - i]);
+    if (!status) status = ranks_find_last(&ranks, kept, &last, &error_made);
+    if (!status && kept > n) {
+        made->report.level[0].contraction_error = (double)error_made * m->scratch.head.whole.scale;
+        left_out_add(&made->report.left_out, "report", "distances to the kept points, which don't fit into memory");
+    }
+    left_done(m);
+    if (!status) status = reopen_input(m, &stream);
+    if (!status && describe(cloud_stream_cloud(stream), 0, cloud)) status = merge_no_memory(m);
+    if (!status) status = ranks_write(&ranks, last, stream, file);
+    cloud_stream_free(stream);
+    free(left);
+    return status;
+}
+
+void tiles_kept_remove(struct kept_file *file) {
+    if (file->path) unlink(file->path);
+    kept_file_done(file);
+}
+
+/* ------------------------------------------------------------------------------------------------ merge */
+
 enum status tiles_merge(const char *folder, unsigned threads, const struct progress *progress, struct cloud *cloud,
-                        struct pipeline_result *result, struct error *error) {
+                        struct kept_file *file, struct pipeline_result *result, struct error *error) {
     struct merging m = {.folder = folder, .threads = threads, .progress = progress, .error = error};
     struct pipeline_result made = {0};
     struct cloud kept = {0};
+    struct kept_file written = {0};
     struct rusage usage;
     double start_ms = merge_clock_ms();
     struct par_team *team = par_team_new();
@@ -461,21 +518,25 @@ enum status tiles_merge(const char *folder, unsigned threads, const struct progr
     if (!status) status = measure_levels(&m, &made);
     if (!status) report_add_stage(&made.report, "measure", merge_clock_ms() - measure_ms);
     double gather_ms = merge_clock_ms();
-    if (!status) status = gather(&m, kept_of(&m, 0), &kept, &made.kept);
+    if (!status) report_levels(&m, &made);
+    if (!status)
+        status = m.scratch.head.ranks_all ? gather_beyond(&m, &kept, &written, &made)
+                                          : gather(&m, kept_of(&m, 0), &kept, &made.kept);
     if (!status) report_add_stage(&made.report, "gather", merge_clock_ms() - gather_ms);
     if (!status && m.scratch.head.dropped) status = note_dropped(&m, &kept);
     par_team_free(team);
     if (status == STATUS_CANCELLED) error_set(error, status, "tiles", "cancelled");
     if (!status) {
-        report_levels(&m, &made);
         snprintf(made.report.format, sizeof made.report.format, "%s", kept.form);
         made.report.total_ms = merge_clock_ms() - start_ms;
         getrusage(RUSAGE_SELF, &usage);
         made.report.peak_rss_bytes = (uint64_t)usage.ru_maxrss * 1024;
         *cloud = kept;
+        *file = written;
         *result = made;
     } else {
         cloud_done(&kept);
+        kept_file_done(&written);
         pipeline_result_done(&made);
     }
     merging_done(&m);
@@ -485,7 +546,8 @@ enum status tiles_merge(const char *folder, unsigned threads, const struct progr
 /* ------------------------------------------------------------------------------------------------ removal */
 
 static bool is_ours(const char *name) {
-    static const char *const names[] = {"plan", "points.", "left.", "raw.", ".plan.", ".points.", ".left."};
+    static const char *const names[] = {"plan",   "points.",  "left.",  "gone.",  "kept.", "raw.",
+                                        ".plan.", ".points.", ".left.", ".gone.", ".kept."};
     for (size_t i = 0; i < sizeof names / sizeof *names; i++)
         if (i == 0 ? strcmp(name, names[i]) == 0 : strncmp(name, names[i], strlen(names[i])) == 0) return true;
     return false;

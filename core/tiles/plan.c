@@ -65,12 +65,13 @@ static enum status make_cells(struct planning *plan, size_t n) {
 /* ------------------------------------------------------------------------------------------------ goal */
 
 /* How many points are left for the end: as many as it has room for, and more than are kept. */
-static enum status find_goal(const struct planning *plan, double *goal) {
-    const struct scratch_head *head = &plan->scratch.head;
+static enum status find_goal(struct planning *plan, double *goal) {
+    struct scratch_head *head = &plan->scratch.head;
     double room = FIT_LEFT * (double)head->room;
     double wanted = FIT_MORE_THAN_KEPT * fit_wanted(&head->params, head->points);
     double most = plan->job->tile_points ? fmin(room, 2 * (double)plan->job->tile_points) : room;
-    *goal = fmax(most, wanted);
+    head->ranks_all = fit_is_tileset(&head->params) && head->params.levels.count < 2 && wanted > most;
+    *goal = head->ranks_all ? most : fmax(most, wanted);
     return fit_kept(&head->params, head->points, head->room, plan->error);
 }
 
@@ -139,6 +140,7 @@ static enum status count(struct planning *plan, struct cloud_stream *stream) {
     const struct cloud *part;
     struct counting c = {.f32 = true, .single = {.kind = CODING_F32}};
     c.scaled = whole_numbers_of(cloud_stream_cloud(stream), &c.whole);
+    head->record_bytes = cloud_stream_cloud(stream)->record_bytes;
     for (;;) {
         enum status status = cloud_stream_next(stream, &part, plan->error);
         if (!status && progress_tick(plan->progress, "count", 0.35 * cloud_stream_fraction(stream)))
@@ -237,6 +239,9 @@ static enum status check_disk(const struct planning *plan) {
     double each = (double)scratch_record_bytes(&head->coding);
     double needed = each * (double)(head->points + head->tile_points) +
                     152 * fmin((double)head->points, FIT_LEFT * (double)head->room);
+    if (head->ranks_all)
+        needed +=
+            8 * (double)head->points + 2 * (32 + (double)head->record_bytes) * fit_wanted(&head->params, head->points);
     if (statvfs(plan->job->folder, &about) != 0) return STATUS_OK;
     double there = (double)about.f_bavail * (double)about.f_frsize;
     if (needed <= there) return STATUS_OK;
@@ -595,8 +600,11 @@ static enum status make_plan(struct planning *plan) {
 }
 
 static void tell(const char *folder, const struct scratch *s, struct tiles_facts *facts) {
-    *facts = (struct tiles_facts){
-        .points = s->head.points, .tile_points = s->head.tile_points, .tiles = s->head.tiles, .passes = s->head.passes};
+    *facts = (struct tiles_facts){.points = s->head.points,
+                                  .tile_points = s->head.tile_points,
+                                  .tiles = s->head.tiles,
+                                  .passes = s->head.passes,
+                                  .for_tileset = s->head.ranks_all};
     for (size_t t = 0; t < s->head.tiles; t++) facts->done += scratch_has(folder, "left", t);
 }
 

@@ -70,16 +70,38 @@ static void put(struct sink *sink, const struct part *part, const struct scratch
         }
 }
 
-static enum status save(const struct running *run, const struct part *part, const struct scratch_points *points,
-                        const struct contract_left *left) {
+/* The same of those that have gone. */
+static void put_gone(struct sink *sink, const struct part *part, const struct scratch_points *points,
+                     const struct contract_left *left) {
+    const struct contract_gone *gone = &left->gone;
+    struct gone_head head = {.mark = GONE_MARK, .passes = left->passes};
+    for (size_t i = 0; i < gone->n; i++) head.count += part->own[gone->id[i]];
+    sink_bytes(sink, &head, sizeof head);
+    for (size_t p = 0; p < left->passes; p++) {
+        float error = gone->end[p] ? gone->error[gone->end[p] - 1] : 0;
+        sink_bytes(sink, &error, sizeof error);
+    }
+    for (size_t i = 0, pass = 0; i < gone->n; i++) {
+        while (i >= gone->end[pass]) pass++;
+        struct gone_item item = {gone_key(left->passes, pass, gone->cost[i]),
+                                 points->id[part->points.original[gone->id[i]]]};
+        if (part->own[gone->id[i]]) sink_bytes(sink, &item, sizeof item);
+    }
+}
+
+typedef void put_points(struct sink *sink, const struct part *part, const struct scratch_points *points,
+                        const struct contract_left *left);
+
+static enum status save(const struct running *run, const char *name, put_points *put_some, const struct part *part,
+                        const struct scratch_points *points, const struct contract_left *left) {
     char path[SCRATCH_PATH_BYTES];
     struct file_out file;
     struct sink sink;
-    scratch_path(path, run->folder, "left", run->tile);
+    scratch_path(path, run->folder, name, run->tile);
     enum status status = file_out_begin(&file, path, run->error);
     if (status) return status;
     status = sink_init(&sink, file.fd);
-    if (!status) put(&sink, part, points, left);
+    if (!status) put_some(&sink, part, points, left);
     status = sink_done(&sink, status, run->error);
     if (status)
         file_out_abort(&file);
@@ -93,7 +115,8 @@ static enum status contract_tile(const struct running *run, struct part *part, s
     const struct contract_part some = {.threads = part->threads,
                                        .length_bias = head->length_bias,
                                        .passes = head->passes,
-                                       .limit = run->scratch.limit};
+                                       .limit = run->scratch.limit,
+                                       .keeps_gone = head->ranks_all};
     enum status status = contract_some(part->points.point, &part->near, part->quadrics, &some, run->progress, left);
     if (status == STATUS_CANCELLED) error_set(run->error, status, "tiles", "cancelled");
     return status == STATUS_NO_MEMORY ? run_no_memory(run) : status;
@@ -115,7 +138,8 @@ static enum status run_tile(struct running *run, unsigned threads) {
     if (!status) status = part_make(&part, &points, false, &whole, run->progress, run->error);
     if (status == STATUS_CANCELLED) error_set(run->error, status, "tiles", "cancelled");
     if (!status) status = contract_tile(run, &part, &left);
-    if (!status) status = save(run, &part, &points, &left);
+    if (!status && s->head.ranks_all) status = save(run, "gone", put_gone, &part, &points, &left);
+    if (!status) status = save(run, "left", put, &part, &points, &left); /* which says that the tile is done */
     contract_left_done(&left);
     part_done(&part);
     scratch_points_done(&points);

@@ -17,7 +17,7 @@
 #include "core/io/out/sink.h"
 #include "core/tiles/tiles.h"
 
-static const char mark[16] = "whittle tiles 1";
+static const char mark[16] = "whittle tiles 2";
 enum { ID_BYTES = sizeof(uint32_t), LOOK_BYTES = 64 * 1024 };
 
 void scratch_path(char path[SCRATCH_PATH_BYTES], const char *folder, const char *name, size_t number) {
@@ -148,6 +148,7 @@ static enum status load(int fd, const char *path, struct scratch *s, struct erro
     }
     if (!status) status = scratch_read(fd, &found, sizeof found, at, path, error);
     if (!status && found != hash) status = error_set(error, STATUS_MALFORMED, "tiles", "%s is damaged", path);
+    s->hash = hash;
     return status;
 }
 

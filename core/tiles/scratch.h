@@ -3,6 +3,8 @@
  *     plan        what tells all about it: the input, the parameters, the grid and its tiles, the limits
  *     points.N    the points of tile N, cell by cell: position and number in the input
  *     left.N      what running tile N has left of them
+ *     gone.N      and what it has not, in the order of importance; only where that is kept
+ *     kept.0      the kept points in the order of the input, where they don't fit into memory; kept.0.N parts of it
  *     raw.N       points.N while the plan is being made, in the order of the input
  *
  * Files are written beside their names, flushed, and renamed (core/io/out/file_out.h), but for raw.N, which nobody
@@ -53,10 +55,13 @@ struct scratch_head {
     uint64_t dropped;            /* points of the input without a position */
     struct selection selection;  /* points that weren't asked for */
     struct scratch_coding coding;
+    bool ranks_all;        /* more is kept than can be finished in memory: tiles say what has gone, too */
+    uint64_t record_bytes; /* of the input's points */
 };
 
 struct scratch {
     struct scratch_head head;
+    uint64_t hash;               /* of what was loaded */
     struct scratch_input *input; /* owned, as all that follows */
     struct grid_tile *tile;
     struct grid_cell *cell;

@@ -18,6 +18,7 @@
 
 #include "core/base/progress.h"
 #include "core/base/status.h"
+#include "core/io/out/kept_file.h"
 #include "core/params.h"
 #include "core/pipeline/pipeline.h"
 #include "core/tiles/fit.h"
@@ -36,6 +37,7 @@ struct tiles_facts {
     size_t tiles, done;   /* done: tiles that have been run */
     size_t passes;        /* that are made of tiles */
     uint64_t left_points; /* after these, about */
+    bool for_tileset;     /* and nothing else: more is kept than can be finished in memory */
 };
 
 /* A folder's name may say what some of its files are among the descriptors of this process, which opens none by name
@@ -71,9 +73,16 @@ enum status tiles_run(const char *folder, size_t tile, unsigned threads, const s
                       struct error *error) MUST_CHECK;
 
 /* Makes the result of the tiles, all of which must be done (STATUS_BAD_PARAMETER).  *cloud is the kept points alone, in
- * the order of the input, result->kept their ranking; both are the caller's. */
+ * the order of the input, result->kept their ranking; both are the caller's.
+ *
+ * Where the plan is for a tileset of more points than memory holds, they are in a file of the folder instead, *file,
+ * which is the caller's; the cloud says what its records are, of no point, and result->kept is NULL.  Else file->path
+ * is NULL.  What is there of it isn't made again; tiles_kept_remove removes it. */
 enum status tiles_merge(const char *folder, unsigned threads, const struct progress *progress, struct cloud *cloud,
-                        struct pipeline_result *result, struct error *error) MUST_CHECK;
+                        struct kept_file *file, struct pipeline_result *result, struct error *error) MUST_CHECK;
+
+/* Removes the file of kept points, once nothing more is made of it.  Accepts one without a path. */
+void tiles_kept_remove(struct kept_file *file);
 
 /* Removes what these have made in the folder, and the folder, where nothing else is in it. */
 void tiles_remove(const char *folder);

@@ -10,7 +10,6 @@
 
 #include "core/base/alloc.h"
 #include "core/base/radix.h"
-#include "core/spatial/knn.h"
 
 enum { GROUP = 8, DEEPEST = 32, BATCH = 1 << 16, TRIED = 1 << 9 };
 /* What bounds are rounded by, of sums of a few roots. */
@@ -143,11 +142,24 @@ static enum status measure_node(struct measuring *m, size_t t) {
     return status;
 }
 
-enum status node_errors(struct octree *tree, unsigned threads) {
+/* All points of the tree, as what is below each of the nodes above it. */
+static enum status measure_above(struct measuring *m, struct node_chain *chain) {
+    enum status status = STATUS_OK;
+    for (unsigned d = 0; d < chain->count && !status; d++) {
+        m->above[d] = chain->above[d];
+        status = look_up_middles(m, m->above[d], 0, m->count);
+        if (!status) status = find_largest(m, d, 0, m->count, &chain->error[d]);
+    }
+    return status;
+}
+
+enum status node_errors(struct octree *tree, struct node_chain *chain, unsigned threads) {
     struct measuring m = {.tree = tree, .threads = threads};
+    unsigned above = chain ? chain->count : 0;
     enum status status = make_groups(&m);
+    if (!status && chain) status = measure_above(&m, chain);
     for (size_t t = 0; t < tree->count && !status; t++) status = measure_node(&m, t);
-    for (unsigned d = 0; d < DEEPEST; d++) knn_free(m.above[d]);
+    for (unsigned d = above; d < DEEPEST; d++) knn_free(m.above[d]);
     free(m.group), free(m.middle), free(m.near), free(m.item), free(m.spare);
     free(m.from), free(m.id), free(m.distance_sq), free(m.query);
     return status;

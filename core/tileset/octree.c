@@ -10,32 +10,28 @@
 #include "core/base/alloc.h"
 #include "core/base/radix.h"
 
-enum { PARTS = 8, DEEPEST = 30, CURVE_BITS = 10 };
+enum { PARTS = OCTREE_PARTS, CURVE_BITS = 10 };
 
 struct growing {
     const vec3 *point; /* by rank */
     unsigned threads;
+    bool whole;
     uint32_t *spare; /* owned, as what follows */
     uint64_t *item, *spare_item;
     size_t capacity; /* of nodes */
     struct octree *tree;
 };
 
-struct cube {
-    vec3 centre;
-    double half;
-};
-
-static unsigned part_of(const struct cube *cube, vec3 p) {
+unsigned octree_part_of(const struct octree_cube *cube, vec3 p) {
     return (unsigned)(p.x >= cube->centre.x) | (unsigned)(p.y >= cube->centre.y) << 1 |
            (unsigned)(p.z >= cube->centre.z) << 2;
 }
 
-static struct cube cube_part(const struct cube *cube, unsigned part) {
+struct octree_cube octree_cube_part(const struct octree_cube *cube, unsigned part) {
     double half = cube->half / 2;
-    return (struct cube){{cube->centre.x + (part & 1 ? half : -half), cube->centre.y + (part & 2 ? half : -half),
-                          cube->centre.z + (part & 4 ? half : -half)},
-                         half};
+    return (struct octree_cube){{cube->centre.x + (part & 1 ? half : -half), cube->centre.y + (part & 2 ? half : -half),
+                                 cube->centre.z + (part & 4 ? half : -half)},
+                                half};
 }
 
 /* A node more, zeroed; NULL: no memory.  Nodes move. */
@@ -54,11 +50,11 @@ static struct octree_node *add_node(struct growing *g) {
 
 /* Divides the ranks of a cube: to the front come those that are the node's own, then those of each part; sizes[PARTS]
  * is how many are the node's own. */
-static void divide(const struct growing *g, const struct cube *cube, uint32_t *rank, size_t n, bool whole,
+static void divide(const struct growing *g, const struct octree_cube *cube, uint32_t *rank, size_t n, bool whole,
                    size_t sizes[PARTS + 1]) {
     size_t own = whole || n < OCTREE_TILE_POINTS ? n : OCTREE_TILE_POINTS, at[PARTS + 1], kept;
     memset(sizes, 0, (PARTS + 1) * sizeof *sizes);
-    for (size_t i = own; i < n; i++) sizes[part_of(cube, g->point[rank[i]])]++;
+    for (size_t i = own; i < n; i++) sizes[octree_part_of(cube, g->point[rank[i]])]++;
     bool is_own[PARTS];
     for (unsigned p = 0; p < PARTS; p++) {
         is_own[p] = sizes[p] < OCTREE_LEAST_POINTS;
@@ -71,13 +67,13 @@ static void divide(const struct growing *g, const struct cube *cube, uint32_t *r
     for (unsigned p = 1; p < PARTS; p++) at[p] = at[p - 1] + sizes[p - 1];
     memcpy(g->spare, rank, kept * sizeof *rank);
     for (size_t i = kept; i < n; i++) {
-        unsigned p = part_of(cube, g->point[rank[i]]);
+        unsigned p = octree_part_of(cube, g->point[rank[i]]);
         g->spare[at[is_own[p] ? PARTS : p]++] = rank[i];
     }
     memcpy(rank, g->spare, n * sizeof *rank);
 }
 
-static uint32_t curve_place(const struct cube *cube, vec3 p) {
+static uint32_t curve_place(const struct octree_cube *cube, vec3 p) {
     uint32_t key = 0, at[3];
     for (int axis = 0; axis < 3; axis++) {
         double t = ((&p.x)[axis] - ((&cube->centre.x)[axis] - cube->half)) / (2 * cube->half) * (1 << CURVE_BITS);
@@ -89,7 +85,7 @@ static uint32_t curve_place(const struct cube *cube, vec3 p) {
 }
 
 /* Puts a node's own points along a curve. */
-static void sort_own(const struct growing *g, const struct cube *cube, uint32_t *rank, size_t n) {
+static void sort_own(const struct growing *g, const struct octree_cube *cube, uint32_t *rank, size_t n) {
     for (size_t i = 0; i < n; i++) g->item[i] = radix_item(curve_place(cube, g->point[rank[i]]), rank[i]);
     const uint64_t *sorted = radix_sort(g->item, g->spare_item, n, g->threads);
     for (size_t i = 0; i < n; i++) rank[i] = radix_value(sorted[i]);
@@ -103,12 +99,12 @@ static void bound(const vec3 *point, const uint32_t *rank, size_t n, vec3 *low, 
     }
 }
 
-static enum status grow_node(struct growing *g, struct cube cube, size_t first, size_t n, unsigned depth) {
+static enum status grow_node(struct growing *g, struct octree_cube cube, size_t first, size_t n, unsigned depth) {
     struct octree_node *node = add_node(g);
     size_t sizes[PARTS + 1], number = g->tree->count - 1;
     uint32_t *rank = g->tree->rank + first;
     if (!node) return STATUS_NO_MEMORY;
-    divide(g, &cube, rank, n, depth == DEEPEST, sizes);
+    divide(g, &cube, rank, n, g->whole || depth == OCTREE_DEEPEST, sizes);
     sort_own(g, &cube, rank, sizes[PARTS]);
     *node = (struct octree_node){.first = first, .own = sizes[PARTS], .count = n, .depth = depth};
     bound(g->point, rank, node->own, &node->own_low, &node->own_high);
@@ -117,7 +113,7 @@ static enum status grow_node(struct growing *g, struct cube cube, size_t first, 
     size_t at = first + sizes[PARTS];
     for (unsigned p = 0; p < PARTS && !status; p++) {
         if (!sizes[p]) continue;
-        status = grow_node(g, cube_part(&cube, p), at, sizes[p], depth + 1);
+        status = grow_node(g, octree_cube_part(&cube, p), at, sizes[p], depth + 1);
         at += sizes[p];
     }
     g->tree->node[number].next = (uint32_t)g->tree->count;
@@ -132,27 +128,23 @@ static enum status put_points(const struct growing *g) {
     return STATUS_OK;
 }
 
-static struct cube cube_around(const vec3 *point, size_t n) {
-    vec3 low = point[0], high = point[0];
-    for (size_t i = 1; i < n; i++) {
-        low = vec3_min(low, point[i]);
-        high = vec3_max(high, point[i]);
-    }
+struct octree_cube octree_cube_around(vec3 low, vec3 high) {
     vec3 half = vec3_scale(vec3_sub(high, low), 0.5);
     double most = fmax(half.x, fmax(half.y, half.z));
-    return (struct cube){vec3_add(low, half), most > 0 ? most : 1};
+    return (struct octree_cube){vec3_add(low, half), most > 0 ? most : 1};
 }
 
-enum status octree_make(const vec3 *point, size_t n, unsigned threads, struct octree *tree) {
+enum status octree_make(const vec3 *point, size_t n, struct octree_cube cube, unsigned depth, bool whole,
+                        unsigned threads, struct octree *tree) {
     struct octree made = {.points = n};
-    struct growing g = {.point = point, .threads = threads, .tree = &made};
+    struct growing g = {.point = point, .threads = threads, .whole = whole, .tree = &made};
     g.spare = alloc_array(n, sizeof *g.spare);
     g.item = alloc_array(n, sizeof *g.item);
     g.spare_item = alloc_array(n, sizeof *g.spare_item);
     made.rank = alloc_array(n, sizeof *made.rank);
     enum status status = g.spare && g.item && g.spare_item && made.rank ? STATUS_OK : STATUS_NO_MEMORY;
     for (size_t i = 0; !status && i < n; i++) made.rank[i] = (uint32_t)i;
-    if (!status) status = grow_node(&g, cube_around(point, n), 0, n, 0);
+    if (!status) status = grow_node(&g, cube, 0, n, depth);
     free(g.spare), free(g.item), free(g.spare_item);
     if (!status) status = put_points(&g);
     if (status)

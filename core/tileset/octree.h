@@ -4,6 +4,7 @@
 #ifndef WHITTLE_CORE_TILESET_OCTREE_H
 #define WHITTLE_CORE_TILESET_OCTREE_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -35,9 +36,22 @@ struct octree {
     vec3 *point;    /* owned */
 };
 
-/* point: n >= 1 of them by rank, the most important first.  STATUS_NO_MEMORY.  O(n depth), with 30 bytes a point beside
- * the result. */
-enum status octree_make(const vec3 *point, size_t n, unsigned threads, struct octree *tree) MUST_CHECK;
+enum { OCTREE_PARTS = 8, OCTREE_DEEPEST = 30 };
+
+struct octree_cube {
+    vec3 centre;
+    double half;
+};
+
+/* The cube around a box, and an eighth of a cube; which of them a point is in. */
+struct octree_cube octree_cube_around(vec3 low, vec3 high);
+struct octree_cube octree_cube_part(const struct octree_cube *cube, unsigned part);
+unsigned octree_part_of(const struct octree_cube *cube, vec3 p);
+
+/* point: n >= 1 of them by rank, the most important first; depth is the first node's, whose cube it is.  whole: all of
+ * them are that node's own.  STATUS_NO_MEMORY.  O(n depth), with 30 bytes a point beside the result. */
+enum status octree_make(const vec3 *point, size_t n, struct octree_cube cube, unsigned depth, bool whole,
+                        unsigned threads, struct octree *tree) MUST_CHECK;
 
 /* Accepts a zeroed one. */
 void octree_done(struct octree *tree);

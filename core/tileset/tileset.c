@@ -15,42 +15,16 @@
 #include "core/base/par.h"
 #include "core/base/version.h"
 #include "core/io/formats/las_system.h"
-#include "core/io/out/file_out.h"
-#include "core/io/out/mesh_attributes.h"
-#include "core/io/out/sink.h"
-#include "core/mesh/mesh.h"
-#include "core/tileset/archive.h"
 #include "core/tileset/node_error.h"
-#include "core/tileset/octree.h"
+#include "core/tileset/writing.h"
 
-enum { ABREAST = 16 /* tiles that are made before they are written */, PATH_BYTES = 4096, SYSTEM_BYTES = 256 };
+enum { PATH_BYTES = 4096, SYSTEM_BYTES = 256 };
 static const char WHERE[] = "tileset";
 /* Boxes are wider than the points by a share of their size, for what rounding to float32 moves, and never flat.
  * Quantized points move more. */
 static const double ROUNDING = 0x1p-22, THINNEST = 1e-6;
 
-/* Where files go. */
-struct target {
-    struct archive *archive; /* or */
-    const char *folder;
-    struct file_out file[ABREAST]; /* of the folder, without their names yet */
-    size_t files;
-};
-
-struct writing {
-    const struct tileset_points *points;
-    struct target *target;
-    struct error *error;
-    vec3 origin;
-    struct octree tree;
-    struct mesh_attributes attributes;
-    struct mesh all; /* its sources are the points */
-    struct sink glb[ABREAST];
-    size_t first; /* of the tiles that are made beside each other */
-    enum status made[ABREAST];
-};
-
-static enum status tileset_no_memory(const struct writing *w) {
+enum status writing_no_memory(const struct writing *w) {
     return error_set(w->error, STATUS_NO_MEMORY, WHERE, "not enough memory for tiles of %zu points", w->points->n);
 }
 
@@ -63,7 +37,7 @@ static void name_tile(char name[ARCHIVE_NAME_BYTES], size_t t) {
 static enum status make_tree(struct writing *w) {
     const struct tileset_points *points = w->points;
     vec3 *place = alloc_array(points->n, sizeof *place);
-    if (!place) return tileset_no_memory(w);
+    if (!place) return writing_no_memory(w);
     vec3 low = points->cloud->position[points->kept[0]], high = low;
     for (size_t i = 0; i < points->n; i++) {
         place[i] = points->cloud->position[points->kept[i]];
@@ -72,17 +46,37 @@ static enum status make_tree(struct writing *w) {
     }
     w->origin = vec3_lerp(low, high, 0.5);
     for (size_t i = 0; i < points->n; i++) place[i] = vec3_sub(place[i], w->origin);
-    enum status status = octree_make(place, points->n, points->threads, &w->tree);
+    const struct octree_cube cube = octree_cube_around(vec3_sub(low, w->origin), vec3_sub(high, w->origin));
+    enum status status = octree_make(place, points->n, cube, 0, false, points->threads, &w->tree);
     free(place);
-    if (!status) status = node_errors(&w->tree, points->threads);
-    return status ? tileset_no_memory(w) : STATUS_OK;
+    if (!status) status = node_errors(&w->tree, NULL, points->threads);
+    return status ? writing_no_memory(w) : STATUS_OK;
 }
 
 /* From ranks to ids: attributes are found by these. */
-static void find_attributes(struct writing *w) {
-    for (size_t i = 0; i < w->tree.points; i++) w->tree.rank[i] = w->points->kept[w->tree.rank[i]];
+static void find_attributes(struct writing *w, const struct cloud *cloud, const uint32_t *id) {
+    for (size_t i = 0; i < w->tree.points; i++) w->tree.rank[i] = id[w->tree.rank[i]];
     w->all = (struct mesh){.vertex_count = w->tree.points, .vertex = w->tree.point, .source = w->tree.rank};
-    mesh_attributes_find(&w->all, w->points->cloud, &w->attributes);
+    mesh_attributes_find(&w->all, cloud, &w->attributes);
+    if (w->colour_scale > 0) w->attributes.colour_scale = w->colour_scale;
+}
+
+static enum status add_nodes(struct writing *w) {
+    size_t n = w->nodes + w->tree.count;
+    if (n > w->nodes_room) {
+        size_t room = n + n / 2;
+        struct octree_node *node = alloc_resize(w->node, room, sizeof *node);
+        if (!node || room > UINT32_MAX) return writing_no_memory(w);
+        w->node = node;
+        w->nodes_room = room;
+    }
+    for (size_t t = 0; t < w->tree.count; t++) {
+        struct octree_node *node = &w->node[w->nodes + t];
+        *node = w->tree.node[t];
+        node->next += (uint32_t)w->nodes;
+    }
+    w->nodes = n;
+    return STATUS_OK;
 }
 
 /* ------------------------------------------------------------------------------------------------ tiles */
@@ -107,13 +101,13 @@ static void make_tiles(void *ctx, size_t begin, size_t end) {
     }
 }
 
-static enum status commit_tiles(struct target *target, struct error *error) {
+static enum status commit_tiles(struct writing_target *target, struct error *error) {
     size_t n = target->files;
     target->files = 0;
     return n ? file_out_commit(target->file, n, error) : STATUS_OK;
 }
 
-static enum status put_in_folder(struct target *target, const char *name, const void *bytes, size_t n,
+static enum status put_in_folder(struct writing_target *target, const char *name, const void *bytes, size_t n,
                                  struct error *error) {
     char path[PATH_BYTES];
     struct sink sink;
@@ -132,18 +126,24 @@ static enum status put_tile(struct writing *w, size_t t, const struct sink *glb)
     char name[ARCHIVE_NAME_BYTES];
     name_tile(name, t);
     if (w->target->folder) return put_in_folder(w->target, name, glb->buffer, glb->used, w->error);
-    return archive_add(w->target->archive, name, glb->buffer, (uint32_t)glb->used) ? tileset_no_memory(w) : STATUS_OK;
+    return archive_add(w->target->archive, name, glb->buffer, (uint32_t)glb->used) ? writing_no_memory(w) : STATUS_OK;
 }
 
-static enum status put_tiles(struct writing *w) {
-    enum status status = STATUS_OK;
-    for (w->first = 0; w->first < w->tree.count && !status; w->first += ABREAST) {
-        size_t n = w->tree.count - w->first < ABREAST ? w->tree.count - w->first : ABREAST;
+enum status writing_put_tree(struct writing *w, const struct cloud *cloud, const uint32_t *id) {
+    size_t base = w->nodes;
+    enum status status = add_nodes(w);
+    find_attributes(w, cloud, id);
+    if (base == 0) {
+        const struct glb_points first = points_of(w, 0);
+        cloud_glb_note(&first, WHERE, w->left_out);
+    }
+    for (w->first = 0; w->first < w->tree.count && !status; w->first += WRITING_ABREAST) {
+        size_t n = w->tree.count - w->first < WRITING_ABREAST ? w->tree.count - w->first : WRITING_ABREAST;
         par_for(w->points->threads, n, 1, make_tiles, w);
         for (size_t i = 0; i < n && !status; i++) {
-            status = w->made[i] == STATUS_NO_MEMORY ? tileset_no_memory(w)
+            status = w->made[i] == STATUS_NO_MEMORY ? writing_no_memory(w)
                      : w->made[i]                   ? error_set(w->error, w->made[i], WHERE, "a tile is beyond 4 GiB")
-                                                    : put_tile(w, w->first + i, &w->glb[i]);
+                                                    : put_tile(w, base + w->first + i, &w->glb[i]);
         }
         if (!status) status = commit_tiles(w->target, w->error);
     }
@@ -166,7 +166,7 @@ static void put_box(struct sink *json, const struct writing *w, vec3 low, vec3 h
 
 /* A tile and those below it. */
 static void put_node(struct sink *json, const struct writing *w, size_t t) {
-    const struct octree_node *node = &w->tree.node[t];
+    const struct octree_node *node = &w->node[t];
     char name[ARCHIVE_NAME_BYTES];
     name_tile(name, t);
     sink_text(json, "{");
@@ -176,7 +176,7 @@ static void put_node(struct sink *json, const struct writing *w, size_t t) {
         sink_format(json, "\"refine\":\"ADD\",\"transform\":[1,0,0,0,0,1,0,0,0,0,1,0,%.17g,%.17g,%.17g,1],",
                     w->origin.x, w->origin.y, w->origin.z);
     sink_format(json, "\"content\":{\"uri\":\"%s\"}", name);
-    for (size_t child = t + 1; child < node->next; child = w->tree.node[child].next) {
+    for (size_t child = t + 1; child < node->next; child = w->node[child].next) {
         sink_text(json, child == t + 1 ? ",\"children\":[\n" : ",\n");
         put_node(json, w, child);
     }
@@ -198,7 +198,7 @@ static void put_metadata(struct sink *json, const struct writing *w) {
     if (system[0])
         sink_text(json, ",\"coordinateSystem\":{\"type\":\"STRING\",\"description\":\"What the input says its "
                         "coordinates are in; they are as they were\"}");
-    sink_format(json, "}}}},\n\"metadata\":{\"class\":\"tileset\",\"properties\":{\"points\":%zu", w->tree.points);
+    sink_format(json, "}}}},\n\"metadata\":{\"class\":\"tileset\",\"properties\":{\"points\":%zu", w->points->n);
     if (system[0]) {
         sink_text(json, ",\"coordinateSystem\":\"");
         put_plain(json, system);
@@ -208,7 +208,7 @@ static void put_metadata(struct sink *json, const struct writing *w) {
 }
 
 static void put_json(struct sink *json, const struct writing *w) {
-    const struct octree_node *root = &w->tree.node[0];
+    const struct octree_node *root = &w->node[0];
     sink_format(json, "{\"asset\":{\"version\":\"1.1\",\"generator\":\"whittle %s\"},\n", whittle_version());
     put_metadata(json, w);
     sink_format(json, "\"geometricError\":%.17g,\n\"root\":", vec3_distance(root->low, root->high));
@@ -218,28 +218,21 @@ static void put_json(struct sink *json, const struct writing *w) {
 
 /* ------------------------------------------------------------------------------------------------ the whole */
 
-static enum status begin(struct writing *w) {
-    enum status status = STATUS_OK;
-    for (size_t i = 0; i < ABREAST && !status; i++) status = sink_init_memory(&w->glb[i]);
-    return status ? tileset_no_memory(w) : make_tree(w);
-}
-
 static void writing_done(struct writing *w) {
-    for (size_t i = 0; i < ABREAST; i++) free(w->glb[i].buffer);
+    for (size_t i = 0; i < WRITING_ABREAST; i++) free(w->glb[i].buffer);
     for (size_t i = 0; i < w->target->files; i++) file_out_abort(&w->target->file[i]);
     octree_done(&w->tree);
+    free(w->node);
 }
 
 /* Everything but tileset.json. */
-static enum status put_all_tiles(struct writing *w, struct left_out *left_out) {
-    enum status status = begin(w);
-    if (!status) {
-        find_attributes(w);
-        const struct glb_points first = points_of(w, 0);
-        cloud_glb_note(&first, WHERE, left_out);
-        status = put_tiles(w);
-    }
-    return status;
+static enum status put_all_tiles(struct writing *w) {
+    enum status status = STATUS_OK;
+    for (size_t i = 0; i < WRITING_ABREAST && !status; i++) status = sink_init_memory(&w->glb[i]);
+    if (status) return writing_no_memory(w);
+    if (w->points->file) return parts_put(w);
+    status = make_tree(w);
+    return status ? status : writing_put_tree(w, w->points->cloud, w->points->kept);
 }
 
 /* tileset.json comes behind the tiles: it is in memory until then. */
@@ -251,18 +244,18 @@ static enum status archive_json(struct writing *w) {
     if (!status) status = archive_add(w->target->archive, "tileset.json", json.buffer, (uint32_t)json.used);
     if (!status) status = archive_finish(w->target->archive);
     free(json.buffer);
-    return status ? tileset_no_memory(w) : STATUS_OK;
+    return status ? writing_no_memory(w) : STATUS_OK;
 }
 
 enum status tileset_write_archive(int fd, const struct tileset_points *points, struct left_out *left_out,
                                   struct error *error) {
     struct sink sink;
     struct archive archive;
-    struct target target = {.archive = &archive};
-    struct writing w = {.points = points, .target = &target, .error = error};
+    struct writing_target target = {.archive = &archive};
+    struct writing w = {.points = points, .target = &target, .left_out = left_out, .error = error};
     enum status status = sink_init(&sink, fd);
     archive_init(&archive, &sink);
-    status = status ? tileset_no_memory(&w) : put_all_tiles(&w, left_out);
+    status = status ? writing_no_memory(&w) : put_all_tiles(&w);
     if (!status) status = archive_json(&w);
     writing_done(&w);
     archive_done(&archive);
@@ -273,15 +266,15 @@ enum status tileset_write_folder(int fd, const char *folder, const struct tilese
                                  struct left_out *left_out, struct error *error) {
     char path[PATH_BYTES];
     struct sink sink;
-    struct target target = {.folder = folder};
-    struct writing w = {.points = points, .target = &target, .error = error};
+    struct writing_target target = {.folder = folder};
+    struct writing w = {.points = points, .target = &target, .left_out = left_out, .error = error};
     if (snprintf(path, sizeof path, "%s/tiles", folder) >= (int)sizeof path)
         return error_set(error, STATUS_IO, "output", "the name is too long: %.80s...", folder);
     if (mkdir(path, 0777) != 0 && errno != EEXIST)
         return error_set(error, status_from_errno(errno), "output", "can't make the folder %s: %s", path,
                          strerror(errno));
     enum status status = sink_init(&sink, fd);
-    status = status ? tileset_no_memory(&w) : put_all_tiles(&w, left_out);
+    status = status ? writing_no_memory(&w) : put_all_tiles(&w);
     if (!status) put_json(&sink, &w);
     writing_done(&w);
     return sink_done(&sink, status, error);

@@ -25,12 +25,15 @@
 #include "core/base/status.h"
 #include "core/cloud/cloud.h"
 #include "core/io/out/glb_write.h"
+#include "core/io/out/kept_file.h"
 
 struct tileset_points {
     const struct cloud *cloud;
     const uint32_t *kept; /* n >= 1 ids of the cloud's points, the most important first */
     size_t n;
-    unsigned threads; /* 0 = all processors */
+    const struct kept_file *file; /* in place of those: the points are in it, and the cloud says what their records are;
+                                     memory holds file->most_points of them at a time, and others lie beside it */
+    unsigned threads;             /* 0 = all processors */
     struct glb_packing packing;
 };
 

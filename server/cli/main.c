@@ -129,6 +129,7 @@ static enum status run_request(struct worker_options *options, struct worker_pro
     struct pipeline_result result = {0};
     struct selection selection = {0};
     struct progress progress = {worker_progress_tick, display};
+    struct kept_file file = {0};
     struct worker_inputs inputs = {0};
     worker_progress_span(display, 0, READ_SHARE);
     struct error missing;
@@ -144,7 +145,7 @@ static enum status run_request(struct worker_options *options, struct worker_pro
     if (!status) status = worker_tiles_needed(options, &inputs, &tiled, error);
     if (!status && tiled && options->dry_run) status = worker_tiles_foretell(options, &inputs, error);
     if (!status && tiled && !options->dry_run)
-        status = worker_tiles_simplify(options, &inputs, display, &cloud, &result, error);
+        status = worker_tiles_simplify(options, &inputs, display, &cloud, &file, &result, error);
     const struct cloud_limits limits = {.columns = options->params.columns,
                                         .max_triangles = memory_triangles(&options->params),
                                         .threads = (unsigned)options->params.threads};
@@ -170,10 +171,10 @@ made:
     if (!status && result.normal) status = cloud_set_normals(&cloud, (const float(*)[3])result.normal, error);
     if (!status && options->params.outputs & OUTPUT_ANY_LAS && options->params.colours == COLOURS_8)
         status = cloud_keep_colours(&cloud, error);
-    if (!status)
+    if (!status && !file.path)
         status = cloud_set_colours(&cloud, (enum colour_bits)options->params.colours, &result.report.left_out, error);
     if (!status) {
-        status = worker_output_write(options, &inputs, &cloud, &result, error);
+        status = worker_output_write(options, &inputs, &cloud, &file, &result, error);
         if (is_no_output(status, error)) *exit_status = WIRE_EXIT_NO_OUTPUT;
     }
     if (!status && tiled) worker_tiles_remove(options);
@@ -185,6 +186,7 @@ out:
         status = tell_result(options, &cloud, &result.report, error);
     if (!status && !options->dry_run && !options->json && options->preview) show_preview(options, &cloud, &result);
     pipeline_result_done(&result);
+    kept_file_done(&file);
     cloud_done(&cloud);
     *failed = inputs.failed;
     worker_inputs_done(&inputs);

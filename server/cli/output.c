@@ -43,6 +43,7 @@ enum { MOST_OPEN = 16 };
 struct outputs {
     const struct worker_options *options;
     const struct cloud *cloud;
+    const struct kept_file *kept; /* NULL: the points are the cloud's */
     const struct pipeline_result *result;
     const struct pipeline_level *level; /* the one to write */
     struct left_out *left_out;          /* of the report */
@@ -94,9 +95,13 @@ static struct glb_packing packing_of(const struct outputs *o) {
 }
 
 static enum status write_tileset(int fd, const struct outputs *o, struct error *error) {
-    const struct tileset_points points = {o->cloud, o->result->kept, o->level->kept_count,
-                                          (unsigned)o->options->params.threads, packing_of(o)};
-    if (!points.kept)
+    const struct tileset_points points = {.cloud = o->cloud,
+                                          .kept = o->result->kept,
+                                          .n = o->level->kept_count,
+                                          .file = o->kept,
+                                          .threads = (unsigned)o->options->params.threads,
+                                          .packing = packing_of(o)};
+    if (!points.kept && !points.file)
         return error_set(error, STATUS_BAD_PARAMETER, "output",
                          "tiles show the most important points first; use whittle without convert to rank them, with "
                          "--ratio 1 to keep all");
@@ -553,14 +558,19 @@ static void vertices_done(struct outputs *o) {
 }
 
 enum status worker_output_write(const struct worker_options *options, const struct worker_inputs *inputs,
-                                const struct cloud *cloud, struct pipeline_result *result, struct error *error) {
+                                const struct cloud *cloud, const struct kept_file *file, struct pipeline_result *result,
+                                struct error *error) {
     struct outputs outputs = {.options = options,
                               .cloud = cloud,
+                              .kept = file && file->path ? file : NULL,
                               .result = result,
                               .level = &result->level[0],
                               .rule = make_rule(options, inputs),
                               .left_out = &result->report.left_out};
     note_input(options, cloud, outputs.left_out);
+    if (outputs.kept && (options->params.outputs & ~(uint32_t)OUTPUT_REPORT) != OUTPUT_TILESET)
+        return error_set(error, STATUS_BAD_PARAMETER, "outputs",
+                         "what is kept doesn't fit into memory: a tileset is all that can be made of it");
     enum status status = find_vertices(&outputs, error);
     if (!status) status = options->to_standard ? write_standard(&outputs, error) : write_folder(&outputs, error);
     vertices_done(&outputs);

@@ -6,6 +6,7 @@
 
 #include <stdio.h>
 
+#include "core/io/out/kept_file.h"
 #include "core/pipeline/pipeline.h"
 #include "server/cli/input.h"
 #include "server/cli/options.h"
@@ -31,9 +32,11 @@ enum status worker_output_check(const struct worker_options *options, const stru
 /* Writes the outputs that were asked for into the folder, which is made where it isn't there, or the one output to its
  * file or to standard output.  Each file appears whole or not at all, and what was checked holds still as it gets its
  * name; report.json comes last.  What files can't hold is added to result->report.  STATUS_IO (error->where = the
- * file), STATUS_BAD_PARAMETER, STATUS_NO_MEMORY. */
+ * file), STATUS_BAD_PARAMETER, STATUS_NO_MEMORY.
+ *
+ * file with a path: the kept points are in it (core/tiles/tiles.h), which a tileset alone is made of. */
 enum status worker_output_write(const struct worker_options *options, const struct worker_inputs *inputs,
-                                const struct cloud *cloud, struct pipeline_result *result,
+                                const struct cloud *cloud, const struct kept_file *file, struct pipeline_result *result,
                                 struct error *error) MUST_CHECK;
 
 /* A few lines for people; the names of what was written among them. */

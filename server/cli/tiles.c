@@ -151,8 +151,8 @@ static void tell_what_is_left(const char *folder) {
 }
 
 enum status worker_tiles_simplify(const struct worker_options *options, const struct worker_inputs *inputs,
-                                  struct worker_progress *display, struct cloud *cloud, struct pipeline_result *result,
-                                  struct error *error) {
+                                  struct worker_progress *display, struct cloud *cloud, struct kept_file *file,
+                                  struct pipeline_result *result, struct error *error) {
     char folder[FOLDER_BYTES];
     struct progress progress = {worker_progress_tick, display};
     struct tiles_facts facts = {0};
@@ -174,7 +174,7 @@ enum status worker_tiles_simplify(const struct worker_options *options, const st
     }
     worker_progress_span(display, RUN_SHARE, 1);
     double run_ms = tiles_clock_ms();
-    if (!status) status = tiles_merge(folder, threads, &progress, cloud, result, error);
+    if (!status) status = tiles_merge(folder, threads, &progress, cloud, file, result, error);
     if (!status) { /* of this process: what was done before a stop isn't counted */
         report_add_stage(&result->report, "plan", planned_ms - start_ms);
         report_add_stage(&result->report, "tiles", run_ms - planned_ms);
@@ -333,13 +333,14 @@ static struct params outputs_of(const struct params *planned, const struct param
 }
 
 static enum status write_merged(const struct worker_options *options, const struct worker_inputs *inputs,
-                                struct cloud *cloud, struct pipeline_result *result, struct error *error) {
+                                struct cloud *cloud, const struct kept_file *file, struct pipeline_result *result,
+                                struct error *error) {
     enum status status = STATUS_OK;
-    if (options->params.outputs & OUTPUT_ANY_LAS && options->params.colours == COLOURS_8)
+    if (!file->path && options->params.outputs & OUTPUT_ANY_LAS && options->params.colours == COLOURS_8)
         status = cloud_keep_colours(cloud, error);
-    if (!status)
+    if (!status && !file->path)
         status = cloud_set_colours(cloud, (enum colour_bits)options->params.colours, &result->report.left_out, error);
-    return status ? status : worker_output_write(options, inputs, cloud, result, error);
+    return status ? status : worker_output_write(options, inputs, cloud, file, result, error);
 }
 
 static int merge_tiles(int argc, char **argv, struct worker_progress *display) {
@@ -347,6 +348,7 @@ static int merge_tiles(int argc, char **argv, struct worker_progress *display) {
     struct tiles_facts facts;
     struct params planned;
     struct cloud cloud = {0};
+    struct kept_file file = {0};
     struct pipeline_result result = {0};
     struct progress progress = {worker_progress_tick, display};
     struct error error = {0};
@@ -369,8 +371,14 @@ static int merge_tiles(int argc, char **argv, struct worker_progress *display) {
     options.params = outputs_of(&planned, &options.params);
     status = worker_inputs_open(&inputs, (const char *const *)planned_inputs.path, planned_inputs.count, &error);
     if (!status) status = worker_output_check(&options, &inputs, &error);
-    if (!status) status = tiles_merge(scratch, (unsigned)options.params.threads, &progress, &cloud, &result, &error);
-    if (!status) status = write_merged(&options, &inputs, &cloud, &result, &error);
+    if (!status && facts.for_tileset && !(options.params.outputs & OUTPUT_TILESET))
+        status = error_set(&error, STATUS_BAD_PARAMETER, "outputs",
+                           "the plan is for a tileset of more points than memory holds; merge it to a tileset");
+    if (!status)
+        status = tiles_merge(scratch, (unsigned)options.params.threads, &progress, &cloud, &file, &result, &error);
+    if (!status) status = write_merged(&options, &inputs, &cloud, &file, &result, &error);
+    if (!status) tiles_kept_remove(&file);
+    kept_file_done(&file);
     if (!status && options.summary)
         worker_output_summary(&options, &result.report, options.to_standard ? stderr : stdout);
     bool no_output = status && (strcmp(error.where, "output") == 0 || strcmp(error.where, "write") == 0);
@@ -412,11 +420,14 @@ static enum status write_around(size_t tiles, struct error *error) {
 static enum status merge_and_write(const struct worker_options *options, const char *folder,
                                    const struct progress *progress, struct error *error) {
     struct cloud cloud = {0};
+    struct kept_file file = {0};
     struct pipeline_result result = {0};
     struct worker_inputs inputs = {0};
     enum status status = worker_inputs_open(&inputs, options->input, options->input_count, error);
-    if (!status) status = tiles_merge(folder, (unsigned)options->params.threads, progress, &cloud, &result, error);
-    if (!status) status = write_merged(options, &inputs, &cloud, &result, error);
+    if (!status)
+        status = tiles_merge(folder, (unsigned)options->params.threads, progress, &cloud, &file, &result, error);
+    if (!status) status = write_merged(options, &inputs, &cloud, &file, &result, error);
+    tiles_kept_remove(&file);
     worker_inputs_done(&inputs);
     pipeline_result_done(&result);
     cloud_done(&cloud);

@@ -7,6 +7,7 @@
 #include <signal.h>
 #include <stdbool.h>
 
+#include "core/io/out/kept_file.h"
 #include "core/pipeline/pipeline.h"
 #include "server/cli/input.h"
 #include "server/cli/options.h"
@@ -22,11 +23,11 @@ enum status worker_tiles_needed(const struct worker_options *options, const stru
 enum status worker_tiles_foretell(const struct worker_options *options, const struct worker_inputs *inputs,
                                   struct error *error) MUST_CHECK;
 
-/* Plans, runs and merges; says on standard error what it takes.  *cloud and *result as of tiles_merge.  What is done
- * stays in the scratch folder where it is stopped or fails, and that is told. */
+/* Plans, runs and merges; says on standard error what it takes.  *cloud, *file and *result as of tiles_merge.  What is
+ * done stays in the scratch folder where it is stopped or fails, and that is told. */
 enum status worker_tiles_simplify(const struct worker_options *options, const struct worker_inputs *inputs,
-                                  struct worker_progress *display, struct cloud *cloud, struct pipeline_result *result,
-                                  struct error *error) MUST_CHECK;
+                                  struct worker_progress *display, struct cloud *cloud, struct kept_file *file,
+                                  struct pipeline_result *result, struct error *error) MUST_CHECK;
 
 /* Removes the tiles, once the outputs have their names. */
 void worker_tiles_remove(const struct worker_options *options);

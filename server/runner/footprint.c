@@ -29,7 +29,7 @@ struct footprint footprint_most(const struct params *params, uint64_t threads, u
 
 struct footprint footprint_most_of_task(const struct params *params, uint64_t threads, uint64_t written_bytes) {
     struct footprint most = footprint_most(params, threads, written_bytes);
-    most.files += 2 * (uint64_t)JOB_MAX_TILES;
+    most.files += 2 * (uint64_t)JOB_MAX_TILES; /* or parts of a tileset's points, eight for each level of a tree */
     return most;
 }
 
@@ -153,7 +153,8 @@ static int64_t number_of(const char *file, const char *name) {
     return n >= 0 && strcmp(again, file) == 0 ? n : -1;
 }
 
-enum status footprint_check_task(const char *folder, int64_t task, int64_t *tiles, struct error *error) {
+enum status footprint_check_task(const char *folder, int64_t task, bool may_have_gone, int64_t *tiles,
+                                 struct error *error) {
     DIR *listing = open_listing(folder);
     enum status status = STATUS_OK;
     bool is_plan = task == JOB_TASK_PLAN;
@@ -166,6 +167,10 @@ enum status footprint_check_task(const char *folder, int64_t task, int64_t *tile
         if (is_own(name)) continue;
         int64_t part = number_of(name, is_plan ? "points" : "left");
         bool other = is_plan && (strcmp(name, "plan") == 0 || strcmp(name, "around") == 0);
+        if (!is_plan && may_have_gone && number_of(name, "gone") == task - 1) {
+            status = check_file(dirfd(listing), name, error);
+            continue;
+        }
         if (!other && (part < 0 || part >= JOB_MAX_TILES || (!is_plan && part != task - 1)))
             status = not_believed(error, name, "was not asked for");
         else

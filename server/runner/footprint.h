@@ -5,6 +5,7 @@
 #ifndef WHITTLE_SERVER_RUNNER_FOOTPRINT_H
 #define WHITTLE_SERVER_RUNNER_FOOTPRINT_H
 
+#include <stdbool.h>
 #include <stdint.h>
 #include <sys/types.h>
 
@@ -30,8 +31,10 @@ struct footprint footprint_of(pid_t pid, const char *folder, uint64_t files_most
  * becomes ours.  STATUS_ENGINE with a text for the client. */
 enum status footprint_check(const char *folder, const struct params *params, struct error *error) MUST_CHECK;
 
-/* The same of a task of a job in tiles: of a plan also into how many it has cut the cloud. */
-enum status footprint_check_task(const char *folder, int64_t task, int64_t *tiles, struct error *error) MUST_CHECK;
+/* The same of a task of a job in tiles: of a plan also into how many it has cut the cloud.  may_have_gone: a tile may
+ * also say what it hasn't left. */
+enum status footprint_check_task(const char *folder, int64_t task, bool may_have_gone, int64_t *tiles,
+                                 struct error *error) MUST_CHECK;
 
 /* The most that a task may take, of a plan for instance a file for each tile twice. */
 struct footprint footprint_most_of_task(const struct params *params, uint64_t threads, uint64_t written_bytes);

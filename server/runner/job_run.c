@@ -622,8 +622,9 @@ static enum status put_outputs_when_possible(struct run *run, struct error *erro
 static void keep_outputs(struct run *run, struct verdict *verdict) {
     struct error error = {0};
     struct job *job = run->job;
-    enum status status = task_makes_outputs(job) ? footprint_check(run->output, &job->params, &error)
-                                                 : footprint_check_task(run->output, job->task, &job->tiles, &error);
+    enum status status = task_makes_outputs(job)
+                             ? footprint_check(run->output, &job->params, &error)
+                             : footprint_check_task(run->output, job->task, task_tells_gone(job), &job->tiles, &error);
     bool is_sound = status == STATUS_OK;
     if (is_sound) {
         char *report =

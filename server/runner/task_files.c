@@ -8,6 +8,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "core/tiles/fit.h"
 #include "server/runner/spawn.h"
 
 static const double PLAN_SHARE = 0.3, RUN_SHARE = 0.85; /* of the whole, at whose end each is */
@@ -17,6 +18,8 @@ bool task_is_tile(const struct job *job) {
 }
 
 bool task_makes_outputs(const struct job *job) { return !job->tiles || (job->tiles > 0 && job->task > job->tiles); }
+
+bool task_tells_gone(const struct job *job) { return fit_is_tileset(&job->params); }
 
 double task_fraction(const struct job *job, double fraction) {
     if (!job->tiles) return fraction;
@@ -32,7 +35,7 @@ static enum status no_memory(struct error *error) {
 }
 
 static enum status add_file(struct task_files *files, FILE *names, struct store *store, const struct job *job,
-                            const char *name, int64_t number, struct error *error) {
+                            const char *name, int64_t number, bool is_optional, struct error *error) {
     char blob[64];
     if (files->count == files->room) {
         size_t room = files->room ? 2 * files->room : 64;
@@ -43,6 +46,7 @@ static enum status add_file(struct task_files *files, FILE *names, struct store 
     }
     snprintf(blob, sizeof blob, strcmp(name, "plan") == 0 ? "%s" : "%s.%lld", name, (long long)number);
     int fd = store_tiles_open(store, job->id, blob);
+    if (fd < 0 && errno == ENOENT && is_optional) return STATUS_OK;
     if (fd < 0) return error_set(error, STATUS_IO, "worker", "can't open %s of the job: %s", blob, strerror(errno));
     files->fd[files->count] = fd;
     fprintf(names, "%s%s.%lld=%zu", files->count ? "," : "", name, (long long)number, SPAWN_FIRST_FILE + files->count);
@@ -76,7 +80,7 @@ static enum status add_around(struct task_files *files, FILE *names, struct stor
     for (char *at = line; status == STATUS_OK; at = end) {
         long long t = strtoll(at, &end, 10);
         if (end == at) break;
-        if (t > before && t < job->tiles) status = add_file(files, names, store, job, "points", t, error);
+        if (t > before && t < job->tiles) status = add_file(files, names, store, job, "points", t, false, error);
         before = t > before ? t : before;
     }
     free(line);
@@ -87,8 +91,10 @@ static enum status add_all(struct task_files *files, FILE *names, struct store *
                            struct error *error) {
     enum status status = STATUS_OK;
     for (int64_t t = 0; status == STATUS_OK && t < job->tiles; t++) {
-        status = add_file(files, names, store, job, "points", t, error);
-        if (status == STATUS_OK) status = add_file(files, names, store, job, "left", t, error);
+        status = add_file(files, names, store, job, "points", t, false, error);
+        if (status == STATUS_OK) status = add_file(files, names, store, job, "left", t, false, error);
+        if (status == STATUS_OK && task_tells_gone(job))
+            status = add_file(files, names, store, job, "gone", t, true, error);
     }
     return status;
 }
@@ -100,7 +106,7 @@ enum status task_files_open(struct task_files *files, struct store *store, const
     if (!names) return no_memory(error);
     enum status status = STATUS_OK;
     snprintf(files->task, sizeof files->task, "plan");
-    if (job->task != JOB_TASK_PLAN) status = add_file(files, names, store, job, "plan", 0, error);
+    if (job->task != JOB_TASK_PLAN) status = add_file(files, names, store, job, "plan", 0, false, error);
     if (task_is_tile(job)) {
         snprintf(files->task, sizeof files->task, "%lld", (long long)job->task - 1);
         if (status == STATUS_OK) status = add_around(files, names, store, job, error);

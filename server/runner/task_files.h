@@ -1,8 +1,8 @@
 /* What a task of a job in tiles reads of what others have made, and what share of the job it is.
  *
  *     plan     nothing: the cloud alone                     makes  plan, around, points.0 ... points.N-1
- *     tile     plan, and the points that `around` names     makes  left.T
- *     merge    plan, all points, all that is left           makes  the outputs
+ *     tile     plan, and the points that `around` names     makes  left.T, and for a tileset perhaps gone.T
+ *     merge    plan, all points, all that is left and gone  makes  the outputs
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_SERVER_RUNNER_TASK_FILES_H
@@ -33,6 +33,9 @@ bool task_makes_outputs(const struct job *job);
 
 /* Whether it is a tile's task: that doesn't read the cloud. */
 bool task_is_tile(const struct job *job);
+
+/* Whether its tiles may say which points have gone, too. */
+bool task_tells_gone(const struct job *job);
 
 /* How far the job is when its task is so far; of tiles that run beside each other the one that is farthest counts. */
 double task_fraction(const struct job *job, double fraction);

@@ -66,6 +66,21 @@ def test_the_bytes_are_the_command_s(make_daemon, cloud, expected):
         assert daemon.stop() == 0 and daemon.check()[0] == 0
 
 
+def test_a_tileset_of_all_points_is_the_command_s(make_daemon, cloud, tmp_path):
+    """More points than a process could finish: tiles tell what has gone, and the last task makes files of them."""
+    subprocess.run([BUILD / "whittle", cloud, tmp_path / "out.3tz", "--ratio", "1", "--memory", LIMIT, "--threads", "1"],
+                   capture_output=True, check=True)
+    daemon = limited(make_daemon)
+    job = daemon.submit(cloud.read_bytes(), "?ratio=1&outputs=tileset")
+    ended = daemon.ended(job)
+    assert ended["status"] == "successful" and ended["tiles"]["of"] > 2, (ended, daemon.log_text()[-3000:])
+    assert ended["report"]["points_out"] == POINTS
+    assert ended["resources"]["peak_rss_bytes"] < 160 << 20
+    assert daemon.curl(f"/v1/jobs/{job}/outputs/tileset.3tz").body == (tmp_path / "out.3tz").read_bytes()
+    if not HOSTS:
+        wait_until(lambda: blobs_of(daemon, job) == [] and daemon.leftovers() == [], "an empty folder")
+
+
 def test_progress_never_goes_back(make_daemon, cloud):
     daemon = limited(make_daemon)
     job = daemon.submit(cloud.read_bytes(), QUERY)

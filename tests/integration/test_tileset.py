@@ -17,7 +17,7 @@ numpy = pytest.importorskip("numpy", reason="python3-numpy isn't installed: make
 WHITTLE = os.path.join(os.environ.get("WHITTLE_BUILD", "build/release"), "whittle")
 NODE = pathlib.Path(__file__).parent.parent / "node"
 BROWSER = shutil.which("chromium")
-POINTS, ORIGIN = 240000, (4321000.25, 5432100.5, 250.0)
+POINTS, TILE, ORIGIN = 240000, 20000, (4321000.25, 5432100.5, 250.0)
 TYPES = {5121: "u1", 5123: "<u2", 5126: "<f4"}
 SHAPES = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
 
@@ -97,9 +97,29 @@ def make_tileset(tmp_path_factory):
     return folder, cloud
 
 
-@pytest.fixture(name="tileset", scope="module")
-def read_tileset(made):
-    return Tileset(lambda name: (made[0] / "hills.3dtiles" / name).read_bytes())
+def in_tiles(cloud, scratch, out, *options, order=lambda tiles: tiles, threads=2):
+    """A tileset of more points than the plan's tiles, as if memory had no room for more."""
+    whittle("tiles", "plan", cloud, "--scratch", scratch, "--memory", "1G", "--tile-points", TILE, "--outputs", "tileset",
+            "--threads", threads, *options)
+    for tile in order(whittle("tiles", "list", "--scratch", scratch).stdout.split()):
+        whittle("tiles", "run", tile, "--scratch", scratch, "--threads", threads)
+    return whittle("tiles", "merge", out, "--scratch", scratch, "--threads", threads)
+
+
+@pytest.fixture(name="parts", scope="module")
+def make_tileset_of_parts(made):
+    folder = made[0]
+    in_tiles(folder / "hills.ply", folder / "scratch", folder / "parts.3dtiles", "--ratio", "1")
+    return folder / "scratch"
+
+
+@pytest.fixture(name="tileset", scope="module", params=["in memory", "part by part"])
+def read_tileset(made, parts, request):
+    assert parts
+    name = {"in memory": "hills.3dtiles", "part by part": "parts.3dtiles"}[request.param]
+    tileset = Tileset(lambda file: (made[0] / name / file).read_bytes())
+    tileset.in_memory = request.param == "in memory"
+    return tileset
 
 
 def box_of(tile):
@@ -141,6 +161,9 @@ def test_each_point_is_in_one_tile(tileset, made):
 
 def test_the_first_tile_has_the_points_of_highest_rank(tileset, made):
     folder = made[0]
+    if not tileset.in_memory:
+        assert len(tileset.tiles[0][2]["place"]) >= 1 << 15
+        return
     whittle(folder / "hills.ply", "--outputs", "cloud", "--ratio", "1", "-o", folder)
     data = (folder / "cloud.ply").read_bytes()
     ranked = numpy.frombuffer(data[data.index(b"end_header\n") + 11:], made[1].dtype)[:1 << 15]
@@ -201,6 +224,56 @@ def test_a_cloud_in_tiles_of_its_own_becomes_one(made):
     merged = Tileset(lambda name: (folder / "merged.3dtiles" / name).read_bytes())
     assert len(merged.places(range(len(merged.tiles)))) == POINTS * 3 // 10
     assert merged.json["metadata"]["properties"]["points"] == POINTS * 3 // 10
+
+
+def files_of(tree):
+    """But for those without their names yet, which a kill leaves."""
+    return {str(path.relative_to(tree)): path.read_bytes() for path in sorted(tree.rglob("*"))
+            if path.is_file() and not path.name.startswith(".")}
+
+
+def test_parts_are_the_same_whatever_makes_them(made, parts, tmp_path):
+    """Order of the tiles, threads, and folder or archive."""
+    folder = made[0]
+    assert not list(parts.glob("*kept*"))
+    in_tiles(folder / "hills.ply", tmp_path / "work", tmp_path / "again.3tz", "--ratio", "1", order=reversed, threads=1)
+    with zipfile.ZipFile(tmp_path / "again.3tz") as archive:
+        again = {name: archive.read(name) for name in archive.namelist() if not name.startswith("@")}
+    assert again == files_of(folder / "parts.3dtiles")
+
+
+def test_parts_are_the_same_after_kills(made, parts, tmp_path):
+    """What is there of the kept points isn't gathered again, and half of them is nothing."""
+    folder = made[0]
+    shutil.copytree(parts, tmp_path / "work")
+    out = tmp_path / "out.3dtiles"
+    seen = set()
+    for wanted in [".kept.0.*", "kept.0", "kept.0.[0-9]*", "out.3dtiles/tiles/*"]:
+        with subprocess.Popen([WHITTLE, "tiles", "merge", out, "--scratch", tmp_path / "work", "-f"],
+                              stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+            where = tmp_path if "/" in wanted else tmp_path / "work"
+            while process.poll() is None and not any(where.glob(wanted)):
+                pass
+            seen.update([wanted] if process.poll() is None else [])
+            process.kill()
+    assert seen
+    whittle("tiles", "merge", out, "--scratch", tmp_path / "work", "-f")
+    assert files_of(out) == files_of(folder / "parts.3dtiles")
+
+
+def test_some_of_the_points_part_by_part(made, tmp_path):
+    """The number is exact, and a part of the ranking is the beginning of it."""
+    folder = made[0]
+    done = in_tiles(folder / "hills.ply", tmp_path / "work", tmp_path / "some.3dtiles", "--points", 150001)
+    assert "150001 of 240000" in done.stdout
+    some = Tileset(lambda file: (tmp_path / "some.3dtiles" / file).read_bytes())
+    places = some.places(range(len(some.tiles)))
+    assert len(places) == 150001 and some.json["metadata"]["properties"]["points"] == 150001
+    whole = Tileset(lambda file: (folder / "hills.3dtiles" / file).read_bytes())
+    first = [collections.Counter(t.tiles[0][2]["_INTENSITY"][:, 0].tolist()) for t in (whole, some)]
+    assert (first[0] & first[1]).total() > 0.9 * (1 << 15)
+    refused = whittle("tiles", "merge", tmp_path / "some.ply", "--scratch", tmp_path / "work", status=64)
+    assert "a tileset of more points than memory holds" in refused.stderr
 
 
 def test_the_service_has_it_as_a_folder(daemon, made):

@@ -189,16 +189,17 @@ static void tiles_keep_what_memory_keeps(void **state) {
     struct tiles_facts facts = plan_input("kept", &params);
     struct error error = {0};
     struct cloud cloud = read_input(), kept = {0};
+    struct kept_file file = {0};
     struct pipeline_result inside = {0}, tiled = {0};
     assert_true(facts.passes > 0);
     for (size_t t = facts.tiles; t-- > 0;) {
         assert_false(tiles_is_done(scratch_folder, t));
-        assert_int_equal(tiles_merge(scratch_folder, 1, NULL, &kept, &tiled, &error), STATUS_BAD_PARAMETER);
+        assert_int_equal(tiles_merge(scratch_folder, 1, NULL, &kept, &file, &tiled, &error), STATUS_BAD_PARAMETER);
         assert_int_equal(tiles_run(scratch_folder, t, 2, NULL, &error), STATUS_OK);
         assert_int_equal(tiles_run(scratch_folder, t, 2, NULL, &error), STATUS_OK);
     }
     assert_int_equal(tiles_run(scratch_folder, facts.tiles, 2, NULL, &error), STATUS_BAD_PARAMETER);
-    assert_int_equal(tiles_merge(scratch_folder, 2, NULL, &kept, &tiled, &error), STATUS_OK);
+    assert_int_equal(tiles_merge(scratch_folder, 2, NULL, &kept, &file, &tiled, &error), STATUS_OK);
     assert_int_equal(pipeline_run(&cloud, &params, NULL, &inside, &error), STATUS_OK);
     size_t n = inside.level[0].kept_count, common = 0;
     assert_int_equal(tiled.level[0].kept_count, n);

@@ -11,17 +11,20 @@ size_t scalar_bytes(enum scalar_type type) {
     return bytes[type];
 }
 
+/* Any of the types. */
+union scalar {
+    int8_t i8;
+    uint8_t u8;
+    int16_t i16;
+    uint16_t u16;
+    int32_t i32;
+    uint32_t u32;
+    float f32;
+    double f64;
+};
+
 double scalar_load(const void *p, enum scalar_type type) {
-    union {
-        int8_t i8;
-        uint8_t u8;
-        int16_t i16;
-        uint16_t u16;
-        int32_t i32;
-        uint32_t u32;
-        float f32;
-        double f64;
-    } v;
+    union scalar v;
     memcpy(&v, p, scalar_bytes(type));
     switch (type) {
     case SCALAR_INT8: return v.i8;
@@ -42,16 +45,7 @@ static double saturate(double value, double low, double high) {
 }
 
 void scalar_store(void *p, enum scalar_type type, double value) {
-    union {
-        int8_t i8;
-        uint8_t u8;
-        int16_t i16;
-        uint16_t u16;
-        int32_t i32;
-        uint32_t u32;
-        float f32;
-        double f64;
-    } v;
+    union scalar v;
     switch (type) {
     case SCALAR_INT8: v.i8 = (int8_t)saturate(value, INT8_MIN, INT8_MAX); break;
     case SCALAR_UINT8: v.u8 = (uint8_t)saturate(value, 0, UINT8_MAX); break;

@@ -10,9 +10,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/random.h>
 #include <sys/stat.h>
 #include <unistd.h>
+
+#include "server/base/random.h"
 
 enum { FOLDER_MODE = 0700, DEPTH = 4, BLOCK_BYTES = 1 << 16 };
 
@@ -43,11 +44,9 @@ int folders_make_path(const char *folder) {
 }
 
 void folders_random_name(const char *prefix, char name[FOLDERS_NAME_BYTES]) {
-    uint64_t random[2] = {0};
-    ssize_t n = getrandom(random, sizeof random, 0); /* 16 bytes are never cut short */
-    (void)n;
-    snprintf(name, FOLDERS_NAME_BYTES, "%.40s-%016llx%016llx", prefix, (unsigned long long)random[0],
-             (unsigned long long)random[1]);
+    char random[RANDOM_NAME_BYTES];
+    random_name(random);
+    snprintf(name, FOLDERS_NAME_BYTES, "%.40s-%s", prefix, random);
 }
 
 static int is_visible(const struct dirent *entry) { return entry->d_name[0] != '.'; }

@@ -20,6 +20,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "server/base/deadline.h"
 #include "server/base/notify.h"
 #include "server/daemon/log.h"
 
@@ -70,18 +71,14 @@ struct notify_watch {
     pthread_mutex_t lock;
     pthread_cond_t ending;
     bool ended;
-    int64_t pause_us;
+    int64_t pause_ms;
 };
 
 /* Waits for the pause to pass; false when the watch ends. */
 static bool pause_for(struct notify_watch *watch) {
-    struct timespec until;
-    clock_gettime(CLOCK_MONOTONIC, &until);
-    int64_t ns = until.tv_nsec + watch->pause_us % 1000000 * 1000;
-    until.tv_sec += watch->pause_us / 1000000 + ns / 1000000000;
-    until.tv_nsec = ns % 1000000000;
+    struct timespec until = deadline_in_ms(watch->pause_ms);
     pthread_mutex_lock(&watch->lock);
-    while (!watch->ended && pthread_cond_timedwait(&watch->ending, &watch->lock, &until) != ETIMEDOUT) continue;
+    while (!watch->ended && deadline_wait(&until, &watch->ending, &watch->lock)) continue;
     bool go_on = !watch->ended;
     pthread_mutex_unlock(&watch->lock);
     return go_on;
@@ -109,13 +106,9 @@ enum status notify_watch(bool (*answers)(void *ctx), void *ctx, struct notify_wa
     if (!made) return error_set(error, STATUS_NO_MEMORY, "watchdog", "no memory");
     made->answers = answers;
     made->ctx = ctx;
-    made->pause_us = period_us / CHECKS_IN_PERIOD;
-    pthread_condattr_t monotonic;
-    pthread_condattr_init(&monotonic);
-    pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
+    made->pause_ms = period_us / CHECKS_IN_PERIOD / 1000;
     pthread_mutex_init(&made->lock, NULL);
-    pthread_cond_init(&made->ending, &monotonic);
-    pthread_condattr_destroy(&monotonic);
+    pthread_cond_init(&made->ending, NULL);
     if (pthread_create(&made->thread, NULL, feed, made) == 0) {
         *watch = made;
         return STATUS_OK;

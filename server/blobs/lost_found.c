@@ -11,10 +11,11 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/random.h>
 #include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
+
+#include "server/base/random.h"
 
 enum { FOLDER_MODE = 0700, LEVELS = 2 /* the start, the kind */ };
 
@@ -33,8 +34,7 @@ static int make_folder(int at, const char *name) {
 
 void lost_found_name_start(char start[LOST_FOUND_NAME_BYTES]) {
     uint32_t random = 0;
-    ssize_t n = getrandom(&random, sizeof random, 0); /* 4 bytes are never cut short */
-    (void)n;
+    random_fill(&random, sizeof random);
     time_t now = time(NULL);
     struct tm tm;
     char when[24];

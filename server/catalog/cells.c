@@ -56,6 +56,41 @@ void catalog_cells_read_output(const struct catalog_cells *cells, struct job *jo
     copy_text(cells, 2, output->sha256, sizeof output->sha256);
 }
 
+void catalog_cells_read_task(const struct catalog_cells *cells, struct job *task) {
+    *task = (struct job){.task = cells->integer(cells->row, 1),
+                         .attempt = (int)cells->integer(cells->row, 2),
+                         .lease_end_ms = cells->integer(cells->row, 4),
+                         .failures = (int)cells->integer(cells->row, 5),
+                         .interruptions = (int)cells->integer(cells->row, 6)};
+    copy_text(cells, 0, task->id, sizeof task->id);
+    copy_text(cells, 3, task->owner, sizeof task->owner);
+}
+
+void catalog_cells_read_upload(const struct catalog_cells *cells, struct catalog_upload *upload) {
+    memset(upload, 0, sizeof *upload);
+    copy_text(cells, 0, upload->id, sizeof upload->id);
+    copy_text(cells, 1, upload->principal, sizeof upload->principal);
+    copy_text(cells, 2, upload->metadata, sizeof upload->metadata);
+    copy_text(cells, 3, upload->cloud, sizeof upload->cloud);
+    upload->created_ms = cells->integer(cells->row, 4);
+    upload->expires_ms = cells->integer(cells->row, 5);
+    upload->offset = (uint64_t)cells->integer(cells->row, 6);
+    upload->length = (uint64_t)cells->integer(cells->row, 7); /* -1 is UINT64_MAX */
+    copy_text(cells, 8, upload->boot, sizeof upload->boot);
+}
+
+void catalog_cells_read_cloud(const struct catalog_cells *cells, struct catalog_cloud *cloud) {
+    memset(cloud, 0, sizeof *cloud);
+    copy_text(cells, 0, cloud->sha256, sizeof cloud->sha256);
+    cloud->created_ms = cells->integer(cells->row, 1);
+    cloud->expires_ms = cells->integer(cells->row, 2);
+    cloud->bytes = (uint64_t)cells->integer(cells->row, 3);
+    cloud->points = (uint64_t)cells->integer(cells->row, 4);
+    copy_text(cells, 5, cloud->format, sizeof cloud->format);
+    cloud->jobs = (uint64_t)cells->integer(cells->row, 6);
+    cloud->report = cells->new_text(cells->row, 7);
+}
+
 void catalog_cells_read_row(const struct catalog_cells *cells, enum catalog_table_name table, struct catalog_row *row) {
     const struct catalog_table *shape = &catalog_tables[table];
     *row = (struct catalog_row){.table = table};

@@ -10,8 +10,7 @@
 
 #include <stdint.h>
 
-#include "server/catalog/job.h"
-#include "server/catalog/rows.h"
+#include "server/catalog/catalog.h"
 
 /* The row that a SELECT is at.  Columns count from 0. */
 struct catalog_cells {
@@ -32,12 +31,34 @@ struct catalog_cells {
 /* The state that a job is seen in: one whose tasks wait runs since the first was claimed. */
 #define CATALOG_JOB_SEEN "CASE WHEN state = 0 AND tiles <> 0 AND started > 0 THEN 1 ELSE state END"
 #define CATALOG_OUTPUT_COLUMNS "name, bytes, sha256"
+#define CATALOG_TASK_COLUMNS "job, number, attempt, owner, lease, failures, interruptions"
+#define CATALOG_UPLOAD_COLUMNS "id, principal, metadata, cloud, created, expires, position, length, boot"
+
+/* What is known of clouds, by themselves and by jobs: the two sources as one, each row narrowed down by a condition
+ * over sha256 and principal (jobs have cloud for sha256).  The whole is a SELECT from `seen`, to which WHERE may be
+ * added. */
+#define CATALOG_SELECT_CLOUDS(clouds_where, jobs_where)                                                                \
+    "WITH source AS (SELECT sha256, created, expires, bytes, points, format, 0 AS job FROM clouds WHERE " clouds_where \
+    " UNION ALL SELECT cloud, created, 0, input_bytes, input_points, input_format, 1 FROM jobs WHERE " jobs_where      \
+    "), seen AS (SELECT sha256, min(created) AS created, max(expires) AS expires, max(bytes) AS bytes, "               \
+    "max(points) AS points, max(format) AS format, sum(job) AS jobs FROM source GROUP BY sha256) "                     \
+    "SELECT sha256, created, expires, bytes, points, format, jobs, (SELECT report FROM jobs WHERE "                    \
+    "cloud = seen.sha256 AND report IS NOT NULL ORDER BY id DESC LIMIT 1) FROM seen "
 
 /* A row of CATALOG_JOB_COLUMNS, without the job's outputs; *job is the caller's, for job_done. */
 void catalog_cells_read_job(const struct catalog_cells *cells, struct job *job);
 
 /* Adds a row of CATALOG_OUTPUT_COLUMNS to the job, which has fewer than JOB_MAX_OUTPUTS. */
 void catalog_cells_read_output(const struct catalog_cells *cells, struct job *job);
+
+/* A row of CATALOG_TASK_COLUMNS, in the members that a task has of its own. */
+void catalog_cells_read_task(const struct catalog_cells *cells, struct job *task);
+
+/* A row of CATALOG_UPLOAD_COLUMNS. */
+void catalog_cells_read_upload(const struct catalog_cells *cells, struct catalog_upload *upload);
+
+/* A row of CATALOG_SELECT_CLOUDS; *cloud is the caller's, for catalog_cloud_done. */
+void catalog_cells_read_cloud(const struct catalog_cells *cells, struct catalog_cloud *cloud);
 
 /* A row of catalog_rows_list_columns; *row is the caller's, for catalog_row_done. */
 void catalog_cells_read_row(const struct catalog_cells *cells, enum catalog_table_name table, struct catalog_row *row);

@@ -6,9 +6,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/random.h>
 #include <time.h>
 
+#include "server/base/random.h"
 #include "server/daemon/wall_clock.h"
 
 static const char *const names[JOB_STATE_COUNT] = {"accepted", "running", "successful", "failed", "dismissed"};
@@ -69,8 +69,7 @@ bool job_ended(enum job_state state) { return state != JOB_ACCEPTED && state != 
 void job_new_id(const struct timespec *now, char id[JOB_ID_BYTES]) {
     uint64_t ms = (uint64_t)now->tv_sec * 1000 + (uint64_t)now->tv_nsec / 1000000, random = 0;
     uint64_t fraction = (uint64_t)(now->tv_nsec % 1000000) * 4096 / 1000000;
-    ssize_t n = getrandom(&random, sizeof random, 0); /* 8 bytes are never cut short */
-    (void)n;
+    random_fill(&random, sizeof random);
     snprintf(id, JOB_ID_BYTES, "%08x-%04x-7%03x-%04x-%012llx", (unsigned)(ms >> 16), (unsigned)(ms & 0xffff),
              (unsigned)(fraction & 0xfff), (unsigned)(0x8000 | (random >> 48 & 0x3fff)),
              (unsigned long long)(random & 0xffffffffffff));

@@ -5,6 +5,8 @@
 
 #include <time.h>
 
+#include "server/base/deadline.h"
+
 void tally_init(struct tally *tally) {
     *tally = (struct tally){0};
     pthread_mutex_init(&tally->lock, NULL);
@@ -53,13 +55,10 @@ unsigned tally_uploads(struct tally *tally) {
 }
 
 void tally_stop(struct tally *tally, int patience_s) {
-    struct timespec until;
-    clock_gettime(CLOCK_MONOTONIC, &until);
-    until.tv_sec += patience_s;
+    struct timespec until = deadline_in_ms(patience_s * 1000LL);
     pthread_mutex_lock(&tally->lock);
     tally->stopping = true;
     while (tally->parked) pthread_cond_wait(&tally->fewer, &tally->lock);
-    while (tally->exchanges && pthread_cond_clockwait(&tally->fewer, &tally->lock, CLOCK_MONOTONIC, &until) == 0)
-        continue;
+    while (tally->exchanges && deadline_wait(&until, &tally->fewer, &tally->lock)) continue;
     pthread_mutex_unlock(&tally->lock);
 }

@@ -11,7 +11,8 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/random.h>
+
+#include "server/base/random.h"
 
 enum { CHAINS = 1024 };
 
@@ -62,8 +63,7 @@ struct peers *peers_new(unsigned most) {
     struct peers *peers = calloc(1, sizeof *peers);
     if (!peers) return NULL;
     peers->most = most;
-    ssize_t n = getrandom(&peers->salt, sizeof peers->salt, 0);
-    (void)n; /* 8 bytes are never cut short */
+    random_fill(&peers->salt, sizeof peers->salt);
     pthread_mutex_init(&peers->lock, NULL);
     return peers;
 }

@@ -8,7 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
-#include <sys/random.h>
+
+#include "server/base/random.h"
 
 const char *const message_header_names[HEADER_COUNT] = {
     [HEADER_RANGE] = "Range",
@@ -168,8 +169,7 @@ void request_identify(struct request *request) {
     if (own && is_plain_id(own)) {
         snprintf(request->id, sizeof request->id, "%s", own);
     } else if (!trace || !read_trace(trace, request->id)) {
-        ssize_t n = getrandom(&random, sizeof random, 0); /* 8 bytes are never cut short */
-        (void)n;
+        random_fill(&random, sizeof random);
         snprintf(request->id, sizeof request->id, "%016llx", (unsigned long long)random);
     }
 }

@@ -15,6 +15,7 @@
 #include <sys/socket.h>
 #include <time.h>
 
+#include "server/base/deadline.h"
 #include "server/jobs/change_feed.h"
 
 enum { LOOK_EVERY_MS = 250, HALF_CLOSED_LOOKS = 3 };
@@ -125,15 +126,6 @@ static void look_at(struct watchdog *watchdog, const struct watchdog_limits *lim
     shutdown(watched->fd, SHUT_RDWR);
 }
 
-static void wait_a_little(struct watchdog *watchdog) {
-    struct timespec until;
-    clock_gettime(CLOCK_MONOTONIC, &until);
-    until.tv_nsec += LOOK_EVERY_MS * 1000000L;
-    until.tv_sec += until.tv_nsec / 1000000000L;
-    until.tv_nsec %= 1000000000L;
-    pthread_cond_clockwait(&watchdog->ending_changed, &watchdog->lock, CLOCK_MONOTONIC, &until);
-}
-
 static void *look(void *ctx) {
     struct watchdog *watchdog = ctx;
     pthread_mutex_lock(&watchdog->lock);
@@ -141,7 +133,8 @@ static void *look(void *ctx) {
         int64_t now = events_clock_ms();
         struct watchdog_limits limits = limits_now(watchdog);
         for (struct watched *w = watchdog->first; w; w = w->next) look_at(watchdog, &limits, w, now);
-        wait_a_little(watchdog);
+        struct timespec until = deadline_in_ms(LOOK_EVERY_MS);
+        (void)deadline_wait(&until, &watchdog->ending_changed, &watchdog->lock);
     }
     pthread_mutex_unlock(&watchdog->lock);
     return NULL;

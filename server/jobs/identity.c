@@ -6,9 +6,9 @@
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/random.h>
 #include <unistd.h>
 
+#include "server/base/random.h"
 #include "server/storage/uploads.h"
 
 _Static_assert((int)SCRATCH_IDENTITY_BYTES == (int)CATALOG_IDENTITY_BYTES, "both keep the same");
@@ -85,13 +85,6 @@ static enum status set_both(struct store *store, struct catalog *catalog, const 
     return status == STATUS_OK ? catalog_set_identity(catalog, id, error) : status;
 }
 
-static void make_id(char id[SCRATCH_IDENTITY_BYTES]) {
-    uint64_t random[2] = {0};
-    ssize_t n = getrandom(random, sizeof random, 0); /* 16 bytes are never cut short */
-    (void)n;
-    snprintf(id, SCRATCH_IDENTITY_BYTES, "%016" PRIx64 "%016" PRIx64, random[0], random[1]);
-}
-
 enum status identity_check(struct store *store, struct catalog *catalog, const char *url, bool is_elsewhere,
                            struct error *error) {
     char folders[SCRATCH_IDENTITY_BYTES], databases[CATALOG_IDENTITY_BYTES], fresh[SCRATCH_IDENTITY_BYTES];
@@ -103,7 +96,7 @@ enum status identity_check(struct store *store, struct catalog *catalog, const c
     if (databases[0] && is_elsewhere) return refuse(url, "is another folder's", error);
     status = check_content(store, catalog, url, error);
     if (status != STATUS_OK) return status;
-    make_id(fresh);
+    random_name(fresh);
     return set_both(store, catalog, folders[0] ? folders : databases[0] ? databases : fresh, error);
 }
 
@@ -111,12 +104,12 @@ enum status identity_of_host(struct store *store, struct error *error) {
     char id[SCRATCH_IDENTITY_BYTES];
     enum status status = scratch_identity(store_scratch(store), id, error);
     if (status != STATUS_OK || id[0]) return status;
-    make_id(id);
+    random_name(id);
     return scratch_set_identity(store_scratch(store), id, error);
 }
 
 enum status identity_adopt(struct store *store, struct catalog *catalog, struct error *error) {
     char id[SCRATCH_IDENTITY_BYTES];
-    make_id(id);
+    random_name(id);
     return set_both(store, catalog, id, error);
 }

@@ -13,6 +13,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "server/base/deadline.h"
 #include "server/jobs/service.h"
 
 enum { OVERDUE_MS = 5000 };
@@ -86,16 +87,9 @@ static void look(struct readiness *readiness) {
 
 /* Until the next look; false: there is none. */
 static bool rest(struct readiness *readiness) {
-    struct timespec until;
-    int late = 0;
-    clock_gettime(CLOCK_MONOTONIC, &until);
-    until.tv_sec += readiness->period_ms / 1000;
-    until.tv_nsec += readiness->period_ms % 1000 * 1000000;
-    until.tv_sec += until.tv_nsec / 1000000000;
-    until.tv_nsec %= 1000000000;
+    struct timespec until = deadline_in_ms(readiness->period_ms);
     pthread_mutex_lock(&readiness->lock);
-    while (!readiness->ending && !late)
-        late = pthread_cond_clockwait(&readiness->ended, &readiness->lock, CLOCK_MONOTONIC, &until);
+    while (!readiness->ending && deadline_wait(&until, &readiness->ended, &readiness->lock)) continue;
     bool again = !readiness->ending;
     pthread_mutex_unlock(&readiness->lock);
     return again;

@@ -12,6 +12,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "server/base/deadline.h"
 #include "server/daemon/log.h"
 #include "server/runner/job_run.h"
 #include "server/runner/supervisor.h"
@@ -90,11 +91,9 @@ static bool next_job(struct slot *slot, struct job *job) {
     bool found = false;
     pthread_mutex_lock(&supervisor->lock);
     while (!supervisor->stopping && !(found = claim(slot, job))) {
-        struct timespec until;
+        struct timespec until = deadline_in_ms(LOOK_AGAIN_S * 1000);
         slot->looked_ms = events_clock_ms();
-        clock_gettime(CLOCK_MONOTONIC, &until);
-        until.tv_sec += LOOK_AGAIN_S;
-        pthread_cond_clockwait(&supervisor->submitted, &supervisor->lock, CLOCK_MONOTONIC, &until);
+        (void)deadline_wait(&until, &supervisor->submitted, &supervisor->lock);
     }
     pthread_mutex_unlock(&supervisor->lock);
     return found;
@@ -103,12 +102,8 @@ static bool next_job(struct slot *slot, struct job *job) {
 /* Takes no job for a while, under the lock: another host is to have what this one couldn't run. */
 static void rest_slot(struct slot *slot) {
     struct supervisor *supervisor = slot->supervisor;
-    struct timespec until;
-    clock_gettime(CLOCK_MONOTONIC, &until);
-    until.tv_sec += REST_S;
-    while (!supervisor->stopping &&
-           pthread_cond_clockwait(&supervisor->submitted, &supervisor->lock, CLOCK_MONOTONIC, &until) != ETIMEDOUT)
-        continue;
+    struct timespec until = deadline_in_ms(REST_S * 1000);
+    while (!supervisor->stopping && deadline_wait(&until, &supervisor->submitted, &supervisor->lock)) continue;
 }
 
 static void *work(void *ctx) {
@@ -167,15 +162,8 @@ static void renew_leases(struct supervisor *supervisor, uint64_t round) {
 
 /* A third of a lease from now, under the lock. */
 static void rest(struct supervisor *supervisor) {
-    struct timespec until;
-    int64_t rest_ms = supervisor->service->config->lease_ms / 3;
-    clock_gettime(CLOCK_MONOTONIC, &until);
-    int64_t ns = until.tv_nsec + rest_ms % 1000 * 1000000;
-    until.tv_sec += rest_ms / 1000 + ns / 1000000000;
-    until.tv_nsec = ns % 1000000000;
-    while (!supervisor->renewed_enough &&
-           pthread_cond_clockwait(&supervisor->enough, &supervisor->lock, CLOCK_MONOTONIC, &until) != ETIMEDOUT)
-        continue;
+    struct timespec until = deadline_in_ms(supervisor->service->config->lease_ms / 3);
+    while (!supervisor->renewed_enough && deadline_wait(&until, &supervisor->enough, &supervisor->lock)) continue;
 }
 
 static void *keep_leases(void *ctx) {

@@ -17,13 +17,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/random.h>
 #include <time.h>
 #include <unistd.h>
 
 #include "core/base/fault.h"
 #include "server/base/away.h"
 #include "server/base/digest.h"
+#include "server/base/random.h"
 #include "server/daemon/log.h"
 #include "server/daemon/wall_clock.h"
 #include "server/storage/upload.h"
@@ -142,13 +142,6 @@ static enum status shared_find(struct uploads *all, const char *id, struct catal
 
 /* ------------------------------------------------------------------------------------------------ writers */
 
-static void make_token(char token[CATALOG_TOKEN_BYTES]) {
-    uint64_t random[2] = {0};
-    ssize_t n = getrandom(random, sizeof random, 0); /* 16 bytes are never cut short */
-    (void)n;
-    snprintf(token, CATALOG_TOKEN_BYTES, "%016" PRIx64 "%016" PRIx64, random[0], random[1]);
-}
-
 /* One whose row is still to be seized or made; NULL: *problem says why. */
 static struct shared_writer *shared_writer_new(struct shared *uploads, const struct uploads_check *check,
                                                struct problem *problem) {
@@ -159,7 +152,7 @@ static struct shared_writer *shared_writer_new(struct shared *uploads, const str
         (struct shared_writer){.writer.kind = &uploads_shared, .uploads = uploads, .check = *check, .file.fd = -1};
     pthread_mutex_init(&writer->lock, NULL);
     pthread_cond_init(&writer->changed, NULL);
-    make_token(writer->token);
+    random_name(writer->token);
     if (check->base64[0]) writer->digest = check->is_sha1 ? digest_new_sha1() : digest_new();
     if (check->base64[0] && !writer->digest)
         refuse_shared(PROBLEM_INTERNAL_ERROR, "no memory", problem);
@@ -439,7 +432,7 @@ static enum status shared_interrupt(struct uploads *all, const char *id, struct 
     char token[CATALOG_TOKEN_BYTES];
     bool seized;
     enum status status = commit_all(uploads, id, true, error);
-    make_token(token);
+    random_name(token);
     return status == STATUS_OK
                ? catalog_seize_upload(uploads->catalog, id, token, UINT64_MAX, UINT64_MAX, 0, &row, &seized, error)
                : status;

@@ -14,12 +14,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/random.h>
 #include <time.h>
 #include <unistd.h>
 
 #include "api/codecs/job_json.h"
+#include "server/base/deadline.h"
 #include "server/base/digest.h"
+#include "server/base/random.h"
 #include "server/catalog/catalog.h"
 #include "server/daemon/log.h"
 #include "server/daemon/setting_file.h"
@@ -132,8 +133,7 @@ static enum status send_payload(struct webhooks *webhooks, const struct catalog_
 /* Twice as long each time, and half to one and a half of that. */
 static int64_t pause_ms(const struct webhooks *webhooks, int attempts) {
     uint32_t random = 0;
-    ssize_t n = getrandom(&random, sizeof random, 0); /* 4 bytes are never cut short */
-    (void)n;
+    random_fill(&random, sizeof random);
     double pause =
         (double)webhooks->service->config->webhook_retry_ms * (double)(1u << (attempts < 20 ? attempts : 20));
     if (pause > MAX_PAUSE_MS) pause = MAX_PAUSE_MS;
@@ -230,13 +230,8 @@ static bool consider(void *ctx, const struct catalog_webhook *row) {
 
 /* Until there may be something to do, or the end; under the lock. */
 static void pause_a_little(struct webhooks *webhooks) {
-    struct timespec until;
-    clock_gettime(CLOCK_MONOTONIC, &until);
-    until.tv_nsec += LOOK_MS * 1000000L;
-    until.tv_sec += until.tv_nsec / 1000000000L;
-    until.tv_nsec %= 1000000000L;
-    if (!atomic_load(&webhooks->stop))
-        pthread_cond_clockwait(&webhooks->changed, &webhooks->lock, CLOCK_MONOTONIC, &until);
+    struct timespec until = deadline_in_ms(LOOK_MS);
+    if (!atomic_load(&webhooks->stop)) (void)deadline_wait(&until, &webhooks->changed, &webhooks->lock);
 }
 
 /* false: another host has it. */

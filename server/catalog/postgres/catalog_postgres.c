@@ -7,9 +7,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/random.h>
 
 #include "core/base/alloc.h"
+#include "server/base/random.h"
 #include "server/catalog/postgres/tables.h"
 
 /* ------------------------------------------------------------------------------------------------ open */
@@ -37,20 +37,13 @@ static enum status check_schema(struct catalog_postgres *postgres, struct error 
     return status;
 }
 
-static void make_session(char session[SESSION_BYTES]) {
-    uint64_t random[2] = {0};
-    ssize_t n = getrandom(random, sizeof random, 0); /* 16 bytes are never cut short */
-    (void)n;
-    snprintf(session, SESSION_BYTES, "%016" PRIx64 "%016" PRIx64, random[0], random[1]);
-}
-
 static enum status open_server(const char *where, bool as_is, struct catalog **catalog, struct error *error) {
     char url[CATALOG_URL_BYTES];
     struct catalog_postgres *opened = alloc_zeroed(1, sizeof *opened);
     if (!opened) return error_set(error, STATUS_NO_MEMORY, "catalog", "no memory");
     opened->catalog.backend = &catalog_postgres;
     pthread_mutex_init(&opened->later_lock, NULL);
-    make_session(opened->session);
+    random_name(opened->session);
     make_url(where, url);
     enum status status = pq_open(url, &opened->pq, error);
     if (status == STATUS_OK && !as_is) status = check_schema(opened, error);

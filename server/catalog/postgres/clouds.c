@@ -5,29 +5,6 @@
 
 #include "server/catalog/postgres/catalog_postgres.h"
 
-/* The two sources as one, each row narrowed down by `where` (over sha256 and principal; jobs have cloud for sha256). */
-#define SOURCES(clouds_where, jobs_where)                                                                              \
-    "WITH source AS (SELECT sha256, created, expires, bytes, points, format, 0 AS job FROM clouds WHERE " clouds_where \
-    " UNION ALL SELECT cloud, created, 0, input_bytes, input_points, input_format, 1 FROM jobs WHERE " jobs_where      \
-    "), seen AS (SELECT sha256, min(created) AS created, max(expires) AS expires, max(bytes) AS bytes, "               \
-    "max(points) AS points, max(format) AS format, sum(job) AS jobs FROM source GROUP BY sha256) "
-
-#define COLUMNS                                                                                                        \
-    "SELECT sha256, created, expires, bytes, points, format, jobs, (SELECT report FROM jobs WHERE "                    \
-    "cloud = seen.sha256 AND report IS NOT NULL ORDER BY id DESC LIMIT 1) FROM seen "
-
-static void read_record(const struct pq_rows *row, struct catalog_cloud *record) {
-    memset(record, 0, sizeof *record);
-    pq_copy_text(row, 0, record->sha256, sizeof record->sha256);
-    record->created_ms = pq_integer(row, 1);
-    record->expires_ms = pq_integer(row, 2);
-    record->bytes = (uint64_t)pq_integer(row, 3);
-    record->points = (uint64_t)pq_integer(row, 4);
-    pq_copy_text(row, 5, record->format, sizeof record->format);
-    record->jobs = (uint64_t)pq_integer(row, 6);
-    record->report = pq_new_text(row, 7);
-}
-
 static enum status select_clouds(struct catalog *catalog, const char *text, const struct pq_value *values,
                                  size_t value_count, struct catalog_cloud *records, size_t max, size_t *count,
                                  struct error *error) {
@@ -38,7 +15,8 @@ static enum status select_clouds(struct catalog *catalog, const char *text, cons
     if (status != STATUS_OK) return status;
     status = pq_select(link, text, values, value_count, &rows, error);
     if (status == STATUS_OK) {
-        while (*count < max && pq_next(rows)) read_record(rows, &records[(*count)++]);
+        struct catalog_cells cells = catalog_postgres_cells(rows);
+        while (*count < max && pq_next(rows)) catalog_cells_read_cloud(&cells, &records[(*count)++]);
         pq_free(rows);
     }
     pq_done(link);
@@ -76,8 +54,8 @@ enum status catalog_postgres_get_cloud(struct catalog *catalog, const char *sha2
     size_t count;
     memset(record, 0, sizeof *record);
     enum status status = select_clouds(catalog,
-                                       SOURCES("sha256 = $1 AND ($2 IS NULL OR principal = $2)",
-                                               "cloud = $1 AND ($2 IS NULL OR principal = $2)") COLUMNS,
+                                       CATALOG_SELECT_CLOUDS("sha256 = $1 AND ($2 IS NULL OR principal = $2)",
+                                                             "cloud = $1 AND ($2 IS NULL OR principal = $2)"),
                                        VALUES(T(sha256), T(principal)), record, 1, &count, error);
     *found = count == 1;
     return status;
@@ -86,11 +64,13 @@ enum status catalog_postgres_get_cloud(struct catalog *catalog, const char *sha2
 enum status catalog_postgres_list_clouds(struct catalog *catalog, const char *principal, const char *after,
                                          struct catalog_cloud *records, size_t max, size_t *count,
                                          struct error *error) {
-    return select_clouds(catalog,
-                         SOURCES("$1 IS NULL OR principal = $1", "$1 IS NULL OR principal = $1") COLUMNS
-                         "WHERE $2 IS NULL OR (created, sha256) < (SELECT created, sha256 FROM seen WHERE sha256 = $2) "
-                         "ORDER BY created DESC, sha256 DESC LIMIT $3",
-                         VALUES(T(principal), T(after), I(max)), records, max, count, error);
+    return select_clouds(
+        catalog,
+        CATALOG_SELECT_CLOUDS("$1 IS NULL OR principal = $1",
+                              "$1 IS NULL OR principal = $1") "WHERE $2 IS NULL OR (created, sha256) < (SELECT "
+                                                              "created, sha256 FROM seen WHERE sha256 = $2) "
+                                                              "ORDER BY created DESC, sha256 DESC LIMIT $3",
+        VALUES(T(principal), T(after), I(max)), records, max, count, error);
 }
 
 enum status catalog_postgres_delete_cloud(struct catalog *catalog, const char *sha256, const char *principal,

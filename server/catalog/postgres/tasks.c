@@ -61,21 +61,13 @@ enum status catalog_postgres_list_lost_tasks(struct pq_link *link, const char *o
                                              size_t *count, struct error *error) {
     struct pq_rows *rows;
     size_t first = *count, end = first;
-    enum status status =
-        pq_select(link,
-                  "SELECT job, number, attempt, owner, lease, failures, interruptions FROM tasks WHERE state = $1 "
-                  "AND (lease <= whittle_now() OR owner = $2) ORDER BY job, number LIMIT $3",
-                  VALUES(I(JOB_RUNNING), T(owner), I(max - first)), &rows, error);
+    enum status status = pq_select(link,
+                                   "SELECT " CATALOG_TASK_COLUMNS " FROM tasks WHERE state = $1 "
+                                   "AND (lease <= whittle_now() OR owner = $2) ORDER BY job, number LIMIT $3",
+                                   VALUES(I(JOB_RUNNING), T(owner), I(max - first)), &rows, error);
     if (status != STATUS_OK) return status;
-    for (; end < max && pq_next(rows); end++) {
-        jobs[end] = (struct job){.task = pq_integer(rows, 1),
-                                 .attempt = (int)pq_integer(rows, 2),
-                                 .lease_end_ms = pq_integer(rows, 4),
-                                 .failures = (int)pq_integer(rows, 5),
-                                 .interruptions = (int)pq_integer(rows, 6)};
-        pq_copy_text(rows, 0, jobs[end].id, sizeof jobs[end].id);
-        pq_copy_text(rows, 3, jobs[end].owner, sizeof jobs[end].owner);
-    }
+    struct catalog_cells cells = catalog_postgres_cells(rows);
+    while (end < max && pq_next(rows)) catalog_cells_read_task(&cells, &jobs[end++]);
     pq_free(rows);
     for (size_t i = first; status == STATUS_OK && i < end; i++) {
         struct job task = jobs[i];

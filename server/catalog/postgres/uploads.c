@@ -12,7 +12,7 @@ enum status catalog_postgres_put_upload(struct catalog *catalog, const struct ca
     enum status status = pq_begin(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
     status = pq_run(link,
-                    "INSERT INTO uploads (id, principal, metadata, cloud, created, expires, position, length, boot) "
+                    "INSERT INTO uploads (" CATALOG_UPLOAD_COLUMNS ") "
                     "VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9) ON CONFLICT (id) DO UPDATE SET "
                     "metadata = excluded.metadata, cloud = excluded.cloud, expires = excluded.expires, "
                     "position = excluded.position, length = excluded.length, boot = excluded.boot",
@@ -33,22 +33,7 @@ enum status catalog_postgres_delete_upload(struct catalog *catalog, const char *
     return pq_end(link, status, NULL, error);
 }
 
-#define COLUMNS "id, principal, metadata, cloud, created, expires, position, length, boot"
-
-static void read_upload(const struct pq_rows *rows, struct catalog_upload *row) {
-    memset(row, 0, sizeof *row);
-    pq_copy_text(rows, 0, row->id, sizeof row->id);
-    pq_copy_text(rows, 1, row->principal, sizeof row->principal);
-    pq_copy_text(rows, 2, row->metadata, sizeof row->metadata);
-    pq_copy_text(rows, 3, row->cloud, sizeof row->cloud);
-    row->created_ms = pq_integer(rows, 4);
-    row->expires_ms = pq_integer(rows, 5);
-    row->offset = (uint64_t)pq_integer(rows, 6);
-    row->length = (uint64_t)pq_integer(rows, 7); /* -1 is UINT64_MAX */
-    pq_copy_text(rows, 8, row->boot, sizeof row->boot);
-}
-
-/* The first row of a SELECT COLUMNS; row is untouched where there is none. */
+/* The first row of a SELECT of CATALOG_UPLOAD_COLUMNS; row is untouched where there is none. */
 static enum status select_upload(struct pq_link *link, const char *text, const char *value, struct catalog_upload *row,
                                  bool *found, struct error *error) {
     struct pq_rows *rows;
@@ -56,7 +41,8 @@ static enum status select_upload(struct pq_link *link, const char *text, const c
     enum status status = pq_select(link, text, VALUES(T(value)), &rows, error);
     if (status != STATUS_OK) return status;
     *found = pq_next(rows);
-    if (*found) read_upload(rows, row);
+    struct catalog_cells cells = catalog_postgres_cells(rows);
+    if (*found) catalog_cells_read_upload(&cells, row);
     pq_free(rows);
     return STATUS_OK;
 }
@@ -69,8 +55,8 @@ enum status catalog_postgres_next_upload(struct catalog *catalog, const char *af
     *found = false;
     enum status status = pq_take(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = select_upload(link, "SELECT " COLUMNS " FROM uploads WHERE id > $1 ORDER BY id LIMIT 1", behind, row,
-                           found, error);
+    status = select_upload(link, "SELECT " CATALOG_UPLOAD_COLUMNS " FROM uploads WHERE id > $1 ORDER BY id LIMIT 1",
+                           behind, row, found, error);
     pq_done(link);
     return status;
 }
@@ -81,7 +67,7 @@ enum status catalog_postgres_find_upload(struct catalog *catalog, const char *id
     *found = false;
     enum status status = pq_take_soon(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = select_upload(link, "SELECT " COLUMNS " FROM uploads WHERE id = $1", id, row, found, error);
+    status = select_upload(link, "SELECT " CATALOG_UPLOAD_COLUMNS " FROM uploads WHERE id = $1", id, row, found, error);
     pq_done(link);
     return status;
 }
@@ -152,7 +138,8 @@ enum status catalog_postgres_seize_upload(struct catalog *catalog, const char *i
     memset(row, 0, sizeof *row);
     enum status status = pq_begin_soon(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = select_upload(link, "SELECT " COLUMNS " FROM uploads WHERE id = $1 FOR UPDATE", id, row, &found, error);
+    status = select_upload(link, "SELECT " CATALOG_UPLOAD_COLUMNS " FROM uploads WHERE id = $1 FOR UPDATE", id, row,
+                           &found, error);
     bool is_right = status == STATUS_OK && found && is_next(row, offset, length);
     if (is_right && length != UINT64_MAX && row->length == UINT64_MAX) {
         row->length = length;

@@ -18,6 +18,7 @@
 #include <stdatomic.h>
 
 #include "server/catalog/catalog_backend.h"
+#include "server/catalog/cells.h"
 #include "server/catalog/sqlite/sql.h"
 #include "server/catalog/sqlite/usage.h"
 
@@ -96,6 +97,11 @@ enum status catalog_sqlite_remove_webhook(struct sql *writer, const char *job, s
 /* A job's end, with what is due then. */
 enum status catalog_sqlite_write_end(struct sql *writer, const struct job *job, enum job_state next,
                                      struct error *error) MUST_CHECK;
+
+/* ---- rows.c ---- */
+
+/* The row that these are at. */
+struct catalog_cells catalog_sqlite_cells(struct sql_rows *row);
 
 /* ---- tasks.c: jobs in tiles ---- */
 

@@ -9,35 +9,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* The two sources as one, each row narrowed down by `where` (over sha256 and principal; jobs have cloud for sha256). */
-#define SOURCES(clouds_where, jobs_where)                                                                              \
-    "WITH source AS (SELECT sha256, created, expires, bytes, points, format, 0 AS job FROM clouds WHERE " clouds_where \
-    " UNION ALL SELECT cloud, created, 0, input_bytes, input_points, input_format, 1 FROM jobs WHERE " jobs_where      \
-    "), seen AS (SELECT sha256, min(created) AS created, max(expires) AS expires, max(bytes) AS bytes, "               \
-    "max(points) AS points, max(format) AS format, sum(job) AS jobs FROM source GROUP BY sha256) "
-
-/* In the order in which read_record takes them. */
-#define COLUMNS                                                                                                        \
-    "SELECT sha256, created, expires, bytes, points, format, jobs, (SELECT report FROM jobs WHERE "                    \
-    "cloud = seen.sha256 AND report IS NOT NULL ORDER BY id DESC LIMIT 1) FROM seen "
-
-static void read_record(struct sql_rows *row, struct catalog_cloud *record) {
-    memset(record, 0, sizeof *record);
-    sql_copy_text(row, 0, record->sha256, sizeof record->sha256);
-    record->created_ms = sql_integer(row, 1);
-    record->expires_ms = sql_integer(row, 2);
-    record->bytes = (uint64_t)sql_integer(row, 3);
-    record->points = (uint64_t)sql_integer(row, 4);
-    sql_copy_text(row, 5, record->format, sizeof record->format);
-    record->jobs = (uint64_t)sql_integer(row, 6);
-    record->report = sql_new_text(row, 7);
-}
-
 /* Reads and ends; *count is 0 on failure. */
 static enum status read_records(struct sql_rows *row, struct catalog_cloud *records, size_t max, size_t *count,
                                 struct error *error) {
     *count = 0;
-    while (*count < max && sql_next(row)) read_record(row, &records[(*count)++]);
+    struct catalog_cells cells = catalog_sqlite_cells(row);
+    while (*count < max && sql_next(row)) catalog_cells_read_cloud(&cells, &records[(*count)++]);
     enum status status = sql_finish(row, error);
     if (status == STATUS_OK) return STATUS_OK;
     for (size_t i = 0; i < *count; i++) catalog_cloud_done(&records[i]);
@@ -83,8 +60,8 @@ enum status catalog_sqlite_get_cloud(struct catalog *catalog, const char *sha256
     memset(record, 0, sizeof *record);
     sql_lock(db);
     enum status status = sql_select(db,
-                                    SOURCES("sha256 = ?1 AND (?2 IS NULL OR principal = ?2)",
-                                            "cloud = ?1 AND (?2 IS NULL OR principal = ?2)") COLUMNS,
+                                    CATALOG_SELECT_CLOUDS("sha256 = ?1 AND (?2 IS NULL OR principal = ?2)",
+                                                          "cloud = ?1 AND (?2 IS NULL OR principal = ?2)"),
                                     VALUES(T(sha256), T(principal)), &row, error);
     if (status == STATUS_OK) status = read_records(row, record, 1, &count, error);
     sql_unlock(db);
@@ -99,12 +76,13 @@ enum status catalog_sqlite_list_clouds(struct catalog *catalog, const char *prin
     struct sql_rows *row;
     *count = 0;
     sql_lock(db);
-    enum status status =
-        sql_select(db,
-                   SOURCES("?1 IS NULL OR principal = ?1", "?1 IS NULL OR principal = ?1") COLUMNS
-                   "WHERE ?2 IS NULL OR (created, sha256) < (SELECT created, sha256 FROM seen WHERE sha256 = ?2) "
-                   "ORDER BY created DESC, sha256 DESC LIMIT ?3",
-                   VALUES(T(principal), T(after), I(max)), &row, error);
+    enum status status = sql_select(
+        db,
+        CATALOG_SELECT_CLOUDS("?1 IS NULL OR principal = ?1",
+                              "?1 IS NULL OR principal = ?1") "WHERE ?2 IS NULL OR (created, sha256) < (SELECT "
+                                                              "created, sha256 FROM seen WHERE sha256 = ?2) "
+                                                              "ORDER BY created DESC, sha256 DESC LIMIT ?3",
+        VALUES(T(principal), T(after), I(max)), &row, error);
     if (status == STATUS_OK) status = read_records(row, records, max, count, error);
     sql_unlock(db);
     return status;

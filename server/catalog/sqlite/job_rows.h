@@ -4,12 +4,7 @@
 #ifndef WHITTLE_SERVER_CATALOG_SQLITE_JOB_ROWS_H
 #define WHITTLE_SERVER_CATALOG_SQLITE_JOB_ROWS_H
 
-#include "server/catalog/cells.h"
-#include "server/catalog/job.h"
-#include "server/catalog/sqlite/sql.h"
-
-/* The row that these are at. */
-struct catalog_cells catalog_sqlite_cells(struct sql_rows *row);
+#include "server/catalog/sqlite/catalog_sqlite.h"
 
 /* Reads all rows of a SELECT CATALOG_JOB_COLUMNS, outputs too, and ends it; *count is 0 on failure. */
 enum status job_rows_read(struct sql *db, struct sql_rows *row, struct job *jobs, size_t max, size_t *count,

@@ -62,21 +62,14 @@ enum status catalog_sqlite_list_lost_tasks(struct sql *db, const char *owner, st
     struct sql_rows *row;
     size_t first = *count;
     enum status status = sql_select(db,
-                                    "SELECT job, number, attempt, owner, lease, failures, interruptions FROM tasks "
+                                    "SELECT " CATALOG_TASK_COLUMNS " FROM tasks "
                                     "WHERE state = ?1 AND (lease <= ?2 OR owner = ?3) ORDER BY job, number LIMIT ?4",
                                     VALUES(I(JOB_RUNNING), I(job_now_ms()), T(owner), I(max - first)), &row, error);
     if (status != STATUS_OK) return status;
     size_t end = first;
     struct job task;
-    for (; end < max && sql_next(row); end++) {
-        jobs[end] = (struct job){.task = sql_integer(row, 1),
-                                 .attempt = (int)sql_integer(row, 2),
-                                 .lease_end_ms = sql_integer(row, 4),
-                                 .failures = (int)sql_integer(row, 5),
-                                 .interruptions = (int)sql_integer(row, 6)};
-        sql_copy_text(row, 0, jobs[end].id, sizeof jobs[end].id);
-        sql_copy_text(row, 3, jobs[end].owner, sizeof jobs[end].owner);
-    }
+    struct catalog_cells cells = catalog_sqlite_cells(row);
+    while (end < max && sql_next(row)) catalog_cells_read_task(&cells, &jobs[end++]);
     status = sql_finish(row, error);
     for (size_t i = first; status == STATUS_OK && i < end; i++) {
         bool found;

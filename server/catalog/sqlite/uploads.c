@@ -27,19 +27,6 @@ enum status catalog_sqlite_delete_upload(struct catalog *catalog, const char *id
     return status;
 }
 
-static void read_upload_row(struct sql_rows *from, struct catalog_upload *row) {
-    memset(row, 0, sizeof *row);
-    sql_copy_text(from, 0, row->id, sizeof row->id);
-    sql_copy_text(from, 1, row->principal, sizeof row->principal);
-    sql_copy_text(from, 2, row->metadata, sizeof row->metadata);
-    sql_copy_text(from, 3, row->cloud, sizeof row->cloud);
-    row->created_ms = sql_integer(from, 4);
-    row->expires_ms = sql_integer(from, 5);
-    row->offset = (uint64_t)sql_integer(from, 6);
-    row->length = (uint64_t)sql_integer(from, 7); /* -1 is UINT64_MAX */
-    sql_copy_text(from, 8, row->boot, sizeof row->boot);
-}
-
 enum status catalog_sqlite_next_upload(struct catalog *catalog, const char *after, struct catalog_upload *row,
                                        bool *found, struct error *error) {
     struct sql *db = catalog_sqlite_of(catalog)->reader;
@@ -49,12 +36,13 @@ enum status catalog_sqlite_next_upload(struct catalog *catalog, const char *afte
     *found = false;
     sql_lock(db);
     enum status status = sql_select(db,
-                                    "SELECT id, principal, metadata, cloud, created, expires, position, length, boot "
+                                    "SELECT " CATALOG_UPLOAD_COLUMNS " "
                                     "FROM uploads WHERE id > ?1 ORDER BY id LIMIT 1",
                                     VALUES(T(behind)), &rows, error);
     if (status == STATUS_OK) {
         *found = sql_next(rows);
-        if (*found) read_upload_row(rows, row);
+        struct catalog_cells cells = catalog_sqlite_cells(rows);
+        if (*found) catalog_cells_read_upload(&cells, row);
         status = sql_finish(rows, error);
     }
     sql_unlock(db);

@@ -1,6 +1,7 @@
 /* A mesh that is being fitted to dense points: what all refining operations share.
  *
- * Every sample (a dense point, or a place between three) belongs to one triangle, the nearest as far as is known: each
+ * Every sample (a dense point, or the middle of a triangle between three neighbours) belongs to one triangle of the
+ * mesh, the nearest as far as is known: each
  * operation that changes triangles hands the samples of these triangles out among them again, and looks no further.
  *
  * What is made small is the sum over the samples of  weight * (d + d^2 / far):  the mean distance, with large distances
@@ -123,6 +124,7 @@ static inline bool fit_fold_is_fair(const struct fit *fit, double before, double
 /* Cosine of the angle by which a triangle may turn at most; no bound for a height field's. */
 static inline double fit_least_turn(const struct fit *fit, double least) { return fit->has_up ? -1 : least; }
 
+/* The limits of a star's change, with what this surface allows of turning, folding and steepness. */
 static inline struct star_limits fit_limits(const struct fit *fit, struct star_limits limits) {
     limits.turn = (float)fit_least_turn(fit, (double)limits.turn);
     limits.fold = (float)fit->fold;

@@ -37,7 +37,8 @@ static size_t part_of(const struct fit *fit, double part) {
     return (size_t)(part * (double)fit->mesh->vertex_count) + 1;
 }
 
-/* What may be offered, by a key that is quick to find, and what of it is: items of radix_sort. */
+/* Vertices to collapse, or edges to split: all by a key that is quick to find (items of radix_sort), of which the best
+ * become candidates, whose cost or gain is measured. */
 struct candidate_list {
     struct fit *fit;
     uint64_t *item;                  /* in the order of memory, in which they are read faster */
@@ -45,7 +46,7 @@ struct candidate_list {
     uint64_t *order;                 /* of candidates */
 };
 
-#define NEVER UINT32_MAX /* key of what can't be offered */
+#define NEVER UINT32_MAX /* key of what can be no candidate */
 
 static void fetch_fan_links(void *ctx, size_t i) {
     const struct candidate_list *list = ctx;
@@ -186,12 +187,12 @@ static void estimate_splits(void *ctx, size_t begin, size_t end) {
     for (size_t h = begin; h < end; h++) {
         uint32_t twin = fit->he.twin[h], g = twin == NONE ? (uint32_t)h : twin;
         uint32_t key = radix_key_of(fit->cost[h / 3] + fit->cost[g / 3]);
-        bool offered = twin == NONE ? is_border(fit, (uint32_t)h) : g > h;
-        list->item[h] = radix_item(NEVER - offered * key, (uint32_t)h);
+        bool is_candidate = twin == NONE ? is_border(fit, (uint32_t)h) : g > h;
+        list->item[h] = radix_item(NEVER - is_candidate * key, (uint32_t)h);
     }
 }
 
-/* Keeps the lowest of n items, `most` of them, as far as they can be offered; their number. */
+/* Keeps the lowest of n items, `most` of them, as far as they can be candidates; their number. */
 static size_t shortlist(uint64_t *item, size_t n, size_t most) {
     size_t count = radix_keep_lowest(item, item + n, n, most), kept = 0;
     for (size_t i = 0; i < count; i++)
@@ -312,7 +313,7 @@ static void put_in(struct reallocation *reallocation, const struct fit_candidate
     mark(fit, reallocation->changed, applied->taken, n);
 }
 
-/* The triangles on both sides of the edges that are offered next. */
+/* The triangles on both sides of the edges that are tried next. */
 struct fetched {
     const struct fit *fit;
     const struct ranking *ranking;

@@ -27,22 +27,24 @@ struct refine_faces {
 
 /* The original points, in the normalised frame (bounding-box diagonal 1). */
 struct refine_input {
-    const vec3 *points;                     /* n; in space-filling order it is faster */
-    const vec3 *normals;                    /* n, unit, of either sign */
-    const float *spacing;                   /* n: mean distance to the neighbours */
-    size_t n;                               /* at least 1, less than 2^28 */
-    const struct neighbourhood *neighbours; /* of the points: the middles of triangles between neighbours are
-                                         fitted to as well, which is what keeps a mesh from bending between
-                                         few points; NULL: points alone */
-    const struct creases *creases;          /* of the points; NULL: not known */
-    struct local_delaunay
-        *local_delaunay;     /* the same points': zeroed when done with; NULL or zeroed where they are to be found */
-    vec3 up;                 /* unit: where all triangles of a height field face; zero: the surface is none */
-    struct samples *samples; /* likewise; where there are others than are wanted, these are found, too */
+    const vec3 *points;   /* n; in space-filling order it is faster */
+    const vec3 *normals;  /* n, unit, of either sign */
+    const float *spacing; /* n: mean distance to the neighbours */
+    size_t n;             /* at least 1, less than 2^28 */
+    /* Of the points: the mesh is fitted to the middles of triangles between neighbours as well, which keeps it from
+     * bending between few points; NULL: to the points alone. */
+    const struct neighbourhood *neighbours;
+    const struct creases *creases; /* of the points; NULL: not known */
+    /* What an earlier stage has found of the points; taken, and zeroed when done with.  NULL or zeroed: it is found
+     * here, as are samples that are others than the mesh wants. */
+    struct local_delaunay *local_delaunay;
+    struct samples *samples;
+    vec3 up;                          /* unit: where all triangles of a height field face; zero: the surface is none */
     const struct refine_faces *faces; /* the true surface through the points, where it is known; else NULL */
 };
 
-/* Whether the middles are of use to a mesh of so many triangles; where there are many points for each, they aren't. */
+/* Whether the middles of triangles between neighbours are of use to a mesh of so many triangles; where there are many
+ * points for each, they aren't. */
 bool refine_uses_local_delaunay(size_t points, size_t triangles);
 
 struct refine_options {

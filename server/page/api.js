@@ -5,11 +5,24 @@ export const base = document.querySelector('meta[name="base"]').content;
 
 const KEY = `whittled-token${base}`; // kept until the tab is closed
 
-export const token = () => sessionStorage.getItem(KEY) ?? "";
+let kept = null; // where the browser keeps nothing: until the page is closed
+
+export function token() {
+  try {
+    return kept ?? sessionStorage.getItem(KEY) ?? "";
+  } catch {
+    return "";
+  }
+}
 
 export function setToken(value) {
-  if (value) sessionStorage.setItem(KEY, value);
-  else sessionStorage.removeItem(KEY);
+  kept = null;
+  try {
+    if (value) sessionStorage.setItem(KEY, value);
+    else sessionStorage.removeItem(KEY);
+  } catch {
+    kept = value;
+  }
 }
 
 export const authorization = () => (token() ? { Authorization: `Bearer ${token()}` } : {});

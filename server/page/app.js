@@ -8,7 +8,7 @@ import { bytes, count, find, isolated, make, seconds, show } from "./words.js";
 
 const PARTS = ["drop", "choose", "follow", "ended", "look", "read", "jobs"];
 const PAUSE_MS = 2000; // before a service that doesn't answer is asked again
-let cloud = null, job = null, stop = null, looking = null;
+let cloud = null, job = null, stop = null, looking = null, turns = 0;
 
 function say(text) {
   find("news").textContent = text ?? "";
@@ -200,6 +200,7 @@ async function openJob(id) {
     await looking.look(job, outputs);
     document.documentElement.dataset.looking = id;
   } catch (error) {
+    if ("status" in error || error instanceof Unreachable) throw error;
     console.warn(error.message);
     await showPicture(outputs);
   }
@@ -224,9 +225,18 @@ async function remove(which) {
 const again = (which) => openCloud(which.input.sha256, which.label, which.params);
 const actions = { open: (id) => trying(() => openJob(id)), again: (which) => trying(() => again(which)), remove: (which) => trying(() => remove(which)) };
 
+// Opens what the address says; from a service that is away, when it is back.
 function route() {
-  const id = /\/jobs\/([0-9a-f-]{36})$/.exec(location.pathname)?.[1];
-  return trying(() => (id ? openJob(id) : home()));
+  const { pathname } = location, id = /\/jobs\/([0-9a-f-]{36})$/.exec(pathname)?.[1], turn = ++turns;
+  return trying(async () => {
+    try {
+      await (id ? openJob(id) : home());
+    } catch (error) {
+      if (!(error instanceof Unreachable)) throw error;
+      setTimeout(() => turn === turns && pathname === location.pathname && route(), PAUSE_MS);
+      throw new Error(`${error.message} This page tries again by itself.`);
+    }
+  });
 }
 
 /* ---------------------------------------------------------------------------------------------------- events */
@@ -261,7 +271,7 @@ for (const part of ["read", "ended"]) {
 for (const id of ["home", "ended-home"]) {
   on(id, "click", () => {
     history.pushState(null, "", `${base}/`);
-    return home();
+    return route();
   });
 }
 on("token-open", "click", () => {
@@ -273,7 +283,9 @@ on("token-form", "submit", () => {
   find("token-value").value = "";
   show("token", false);
   show("token-open", Boolean(token()));
-  return route();
+  if (find("choose").hidden) return route();
+  find("choose-form").dispatchEvent(new Event("input")); // what is chosen stays, and is planned again
+  return null;
 });
 on("token-drop", "click", () => {
   setToken("");

@@ -5,6 +5,7 @@ import { count, find, isolated, make, percent } from "./words.js";
 
 const PAGE = 24;
 let shown = [], next = null, actions = {};
+const cards = new Map(); // of jobs that are shown, as they were when these were made
 
 async function pictureOf(job, image) {
   const blob = await (await ask(`/v1/jobs/${job.id}/outputs/preview.png`)).blob();
@@ -31,11 +32,20 @@ function cardOf(job) {
       make("button", { type: "button", class: "quiet", "aria-label": `Delete ${isolated(named)}`, onclick: () => actions.remove(job) }, "Delete")));
 }
 
+const wanted = () => find("jobs-filter").value.toLowerCase();
+const matching = () => shown.filter((job) => (job.label ?? "").toLowerCase().includes(wanted()));
+
+// The card that there is, where nothing has changed: its picture has come.
+function keptCardOf(job) {
+  const key = `${job.id} ${job.updated} ${job.status}`;
+  if (!cards.has(key)) cards.set(key, cardOf(job));
+  return cards.get(key);
+}
+
 function draw() {
-  const wanted = find("jobs-filter").value.toLowerCase();
-  const matching = shown.filter((job) => (job.label ?? "").toLowerCase().includes(wanted));
-  find("jobs-list").replaceChildren(...matching.map(cardOf));
-  find("jobs-none").hidden = matching.length > 0;
+  const found = matching();
+  find("jobs-list").replaceChildren(...found.map(keptCardOf));
+  find("jobs-none").hidden = found.length > 0;
   find("jobs-none").textContent = shown.length || find("jobs-status").value ? "No job is called so." : "What you have made will be listed here.";
   find("jobs-tools").hidden = !shown.length && !find("jobs-status").value;
   find("jobs-more").hidden = !next;
@@ -48,15 +58,30 @@ async function fetchPage(after) {
   return jobs;
 }
 
-export async function listJobs(given = actions) {
-  actions = given;
-  shown = await fetchPage(null);
+async function more() {
+  const after = next, page = await fetchPage(after);
+  shown = [...shown, ...page.filter(({ id }) => shown.every((job) => job.id !== id))];
   draw();
 }
 
-find("jobs-filter").addEventListener("input", draw);
-find("jobs-status").addEventListener("change", () => listJobs().catch(() => {}));
-find("jobs-more").addEventListener("click", async () => {
-  shown = [...shown, ...await fetchPage(next)];
+// Fills a page with jobs that are called so, from as many pages of all as it takes.
+async function search() {
+  const asked = wanted();
   draw();
-});
+  while (asked && next && asked === wanted() && matching().length < PAGE) await more();
+}
+
+function trying(work) {
+  return () => work().catch((error) => { find("news").textContent = error.message; });
+}
+
+export async function listJobs(given = actions) {
+  actions = given;
+  shown = await fetchPage(null);
+  for (const key of cards.keys()) if (!shown.some(({ id }) => key.startsWith(id))) cards.delete(key);
+  await search();
+}
+
+find("jobs-filter").addEventListener("input", trying(search));
+find("jobs-status").addEventListener("change", trying(() => listJobs()));
+find("jobs-more").addEventListener("click", trying(more));

@@ -3,7 +3,7 @@
 import * as THREE from "three";
 
 import { ask } from "./api.js";
-import { attributesOf, CLAY, DISC, dots, linear, paint } from "./dots.js";
+import { attributesOf, CLAY, dots, linear, paint, widthOf } from "./dots.js";
 import { arraysFor, comesInPieces, readHead } from "./ply.js";
 import { rangeOf, shadeOf } from "./ramp.js";
 
@@ -32,27 +32,29 @@ async function bytesOf(url, from, to) {
   return reply.arrayBuffer();
 }
 
+const around = () => new THREE.Sphere(new THREE.Vector3(), 2); // of everything, also where some coordinates are no numbers
+
 // The coordinates along an axis, in an array for all of `count` points; the first n are filled.
-function heights({ position, origin }, n, count, axis) {
+function heights({ position, origin, unit }, n, count, axis) {
   const height = new Float32Array(count);
-  for (let i = 0; i < n; i++) height[i] = position[3 * i + axis] + origin[axis];
+  for (let i = 0; i < n; i++) height[i] = unit * position[3 * i + axis] + origin[axis];
   return height;
 }
 
-// Points of a PLY that come in pieces, the first ones first.  area: of the surface, about, in square units; reach: of
-// the farthest point from the origin, at most; ranked: the first n of them are the cloud of n points.
+// Points of a PLY that come in pieces, the first ones first, around `origin` in units of `unit`, which no point is much
+// farther away than.  area: of the surface, about, in squares of these; ranked: the first n of them are the cloud of n points.
 export class PointLayer {
-  static async open(url, { origin, area, reach, ranked }) {
+  static async open(url, { origin, unit, area, ranked }) {
     let buffer = await bytesOf(url, 0, FIRST_BYTES), head = readHead(buffer);
     if (!head) throw new Error("the file's head is too long");
     const layer = new PointLayer();
-    Object.assign(layer, { url, origin, area, reach, ranked, head, count: head.vertex.count, loaded: 0, shown: 0, fetched: 0 });
+    Object.assign(layer, { url, origin, unit, area, ranked, head, count: head.vertex.count, loaded: 0, shown: 0, fetched: 0 });
     if (!comesInPieces(head)) {
       buffer = await bytesOf(url);
       layer.loaded = layer.count;
     }
     layer.fetched = buffer.byteLength;
-    if (layer.loaded) layer.points = await parse({ what: "whole", buffer, origin }, [buffer]);
+    if (layer.loaded) layer.points = await parse({ what: "whole", buffer, origin, unit }, [buffer]);
     layer.make();
     if (layer.loaded) await layer.mix();
     else await layer.take(buffer, head.bytes, Math.floor((buffer.byteLength - head.bytes) / head.vertex.stride));
@@ -63,7 +65,7 @@ export class PointLayer {
   async take(buffer, start, most) {
     const { head, loaded: begin } = this, count = Math.min(most, this.count - begin);
     if (count <= 0) return;
-    const piece = await parse({ what: "records", head, buffer, start, count, origin: this.origin }, [buffer]);
+    const piece = await parse({ what: "records", head, buffer, start, count, origin: this.origin, unit: this.unit }, [buffer]);
     this.points.position.set(piece.position, 3 * begin);
     if (piece.rgb) this.points.rgb.set(piece.rgb, 3 * begin);
     if (piece.normal) this.points.normal.set(piece.normal, 3 * begin);
@@ -78,13 +80,13 @@ export class PointLayer {
 
   make() {
     const n = this.count;
-    this.points ??= { ...arraysFor(this.head, n), origin: this.origin };
+    this.points ??= { ...arraysFor(this.head, n), origin: this.origin, unit: this.unit };
     this.geometry = new THREE.BufferGeometry();
     this.geometry.setAttribute("position", new THREE.BufferAttribute(this.points.position, 3));
     if (this.points.rgb) this.geometry.setAttribute("tint", new THREE.BufferAttribute(this.points.rgb, 3, true));
     if (this.points.normal) this.geometry.setAttribute("normal", new THREE.BufferAttribute(this.points.normal, 3));
     this.material = dots();
-    this.geometry.boundingSphere = new THREE.Sphere(new THREE.Vector3(), this.reach); // points come later
+    this.geometry.boundingSphere = around(); // points come later
     this.object = new THREE.Points(this.geometry, this.material);
     this.object.frustumCulled = false;
     Object.assign(this.object.userData, { uniforms: this.material.uniforms, part: (begin, count, whole) => this.part(begin, count, whole) });
@@ -121,7 +123,7 @@ export class PointLayer {
   // Draws count of the points from begin on, as large as the first `whole` of them have to be to cover the surface.
   part(begin, count, whole) {
     this.geometry.setDrawRange(begin, count);
-    this.material.uniforms.size.value = DISC * Math.sqrt(this.area / Math.max(whole, 1));
+    this.material.uniforms.size.value = widthOf(this.area, whole);
   }
 
   // A file's own order is how it was scanned: its points are drawn in one that is everywhere at once, so that any first
@@ -160,9 +162,9 @@ export class PointLayer {
 }
 
 export class MeshLayer {
-  static async open(url, origin) {
+  static async open(url, { origin, unit }) {
     const buffer = await bytesOf(url), bytes = buffer.byteLength, layer = new MeshLayer();
-    layer.points = await parse({ what: "whole", buffer, origin }, [buffer]);
+    layer.points = await parse({ what: "whole", buffer, origin, unit }, [buffer]);
     layer.fetched = bytes;
     layer.geometry = new THREE.BufferGeometry();
     layer.geometry.setAttribute("position", new THREE.BufferAttribute(layer.points.position, 3));
@@ -170,8 +172,10 @@ export class MeshLayer {
     layer.geometry.setAttribute("color", new THREE.BufferAttribute(layer.colour, 3));
     layer.geometry.setIndex(new THREE.BufferAttribute(layer.points.triangle, 1));
     layer.geometry.computeVertexNormals();
+    layer.geometry.boundingSphere = around();
     layer.material = new THREE.MeshLambertMaterial({ vertexColors: true, side: THREE.DoubleSide, flatShading: true });
     layer.object = new THREE.Mesh(layer.geometry, layer.material);
+    layer.object.frustumCulled = false;
     layer.triangles = layer.points.triangle.length / 3;
     layer.colourBy(layer.points.rgb ? "own" : "plain");
     return layer;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The part of the page that shows a result: what is before, what is after, and how it is coloured.
+import { Unreachable } from "./api.js";
 import { MeshLayer, PointLayer } from "./layers.js";
 import { drawLegend } from "./ramp.js";
 import { TilesLayer } from "./tiles.js";
@@ -10,6 +11,8 @@ const MOST_AT_ONCE = 2000000; // points of the original that are fetched without
 const FIRST = 50000; // points of the first view
 const BUDGET = matchMedia("(pointer: coarse)").matches ? 200000 : 1000000; // points of tiles that are drawn at once
 
+const PAUSE_MS = 2000; // before a service that doesn't answer is asked again
+
 const SIDES = [0, 1]; // before, after
 
 let viewer = null, now = null, picked = [];
@@ -18,17 +21,18 @@ function fill(id, options, chosen) {
   find(id).replaceChildren(...options.map(([value, text]) => make("option", { value, selected: value === chosen }, text)));
 }
 
-// How much of the box what is lowest along an axis spans, in the other two (as core/picture/view.c has it).
+// How much of the box what is lowest along an axis spans, in the other two (as core/picture/view.c has it).  size: in the
+// units of the positions.
 function footing(position, count, axis, size) {
   const others = [0, 1, 2].filter((other) => other !== axis), spans = others.map(() => [Infinity, -Infinity]);
   for (let i = 0; i < count; i++) {
-    if (position[3 * i + axis] > (0.03 - 0.5) * size[axis]) continue;
+    if (!(position[3 * i + axis] <= (0.03 - 0.5) * size[axis])) continue; // nor what is no number
     others.forEach((other, k) => {
       const x = position[3 * i + other];
       spans[k] = [Math.min(spans[k][0], x), Math.max(spans[k][1], x)];
     });
   }
-  return spans.reduce((share, [low, high], k) => share * Math.max(0, high - low) / size[others[k]], 1);
+  return spans.reduce((share, [low, high], k) => share * (Math.max(0, high - low) / size[others[k]] || 0), 1);
 }
 
 const isFlat = (size) => size[2] < 0.4 * size[0] && size[2] < 0.4 * size[1];
@@ -131,7 +135,7 @@ async function level() {
   layer.show(wanted);
   sayLevel();
   viewer.ask();
-  await layer.load(wanted, () => {
+  await fetchPoints(layer, wanted, () => {
     if (now.layers[1] !== layer) return;
     layer.show(levelPoints(layer));
     sayLevel();
@@ -150,11 +154,30 @@ function moveLevel() {
   return showAfter(value);
 }
 
+// Does work that fetches something while isWanted(), also from a service that is away for a while.
+async function patiently(work, isWanted) {
+  for (let lost = false; ;) {
+    try {
+      const made = await work();
+      if (lost) find("news").textContent = "";
+      return made;
+    } catch (error) {
+      if (!(error instanceof Unreachable) || !isWanted()) throw error;
+      lost = true;
+      find("news").textContent = `${error.message} What is missing comes as soon as it answers.`;
+      await new Promise((resolve) => setTimeout(resolve, PAUSE_MS));
+    }
+  }
+}
+
+// The first n points of a layer, while it is looked at.
+const fetchPoints = (layer, n, more) => patiently(() => layer.load(n, more), () => now.layers.includes(layer));
+
 // Tiles come while the camera moves; the colours' range is that of all that had come when nothing more was wanted.
 async function openTiles(url) {
   let wholly = false;
   const isShown = (layer) => now?.layers[1] === layer;
-  return TilesLayer.open(url, { origin: now.origin, area: now.area, budget: BUDGET, said: (layer) => isShown(layer) && sayLevel(), changed: (layer) => {
+  return TilesLayer.open(url, { origin: now.origin, unit: now.unit, area: now.area, budget: BUDGET, said: (layer) => isShown(layer) && sayLevel(), changed: (layer) => {
     if (!isShown(layer)) return;
     if (!layer.waiting && !wholly && layer.by.range) {
       wholly = true;
@@ -165,13 +188,14 @@ async function openTiles(url) {
 }
 
 const openPoints = (url, ranked) => PointLayer.open(url,
-  { origin: now.origin, area: now.area, reach: Math.hypot(...now.size), ranked });
+  { origin: now.origin, unit: now.unit, area: now.area, ranked });
 
 async function showBefore(value) {
   const source = now.sources.before.find(([name]) => name === value), shown = now;
   if (!source) return;
-  const layer = await openPoints(source[2], false);
-  if (shown !== now || find("look-before").value !== value) {
+  const isWanted = () => shown === now && find("look-before").value === value;
+  const layer = await patiently(() => openPoints(source[2], false), isWanted);
+  if (!isWanted()) {
     layer.dispose();
     return;
   }
@@ -184,9 +208,9 @@ async function showBefore(value) {
   colour(0, firstColour(0, value));
   listColours(0);
   more();
-  await layer.load(FIRST, more);
+  await fetchPoints(layer, FIRST, more);
   if (here()) colour(0, layer.by.name); // of all that have come
-  if (layer.count <= MOST_AT_ONCE) await layer.load(layer.count, more);
+  if (layer.count <= MOST_AT_ONCE) await fetchPoints(layer, layer.count, more);
   if (!here()) return;
   colour(0, layer.by.name);
   more();
@@ -195,8 +219,10 @@ async function showBefore(value) {
 async function showAfter(value) {
   const source = now.sources.after.find(([name]) => name === value), shown = now;
   if (!source) return;
-  const layer = await (value === "tiles" ? openTiles(source[2]) : value === "cloud" ? openPoints(source[2], true) : MeshLayer.open(source[2], now.origin));
-  if (shown !== now || find("look-after").value !== value) {
+  const isWanted = () => shown === now && find("look-after").value === value;
+  const layer = await patiently(() => (value === "tiles" ? openTiles(source[2]) : value === "cloud" ? openPoints(source[2], true)
+    : MeshLayer.open(source[2], now)), isWanted);
+  if (!isWanted()) {
     layer.dispose();
     return;
   }
@@ -222,8 +248,8 @@ function measure(place) {
   picked = picked.length === 2 ? [place] : [...picked, place];
   viewer.mark(picked);
   const [a, b] = picked, parts = (v) => ["x", "y", "z"].map((axis) => `${axis} ${figure(v[axis])}`).join(", ");
-  find("measure-text").textContent = b ? `${figure(a.distanceTo(b))} between the two places (${parts(b.clone().sub(a))}), in the file's units`
-    : `First place: ${["x", "y", "z"].map((axis, i) => (a[axis] + now.origin[i]).toFixed(now.digits)).join(", ")}. Pick the second one.`;
+  find("measure-text").textContent = b ? `${figure(now.unit * a.distanceTo(b))} between the two places (${parts(b.clone().sub(a).multiplyScalar(now.unit))}), in the file's units`
+    : `First place: ${["x", "y", "z"].map((axis, i) => (now.unit * a[axis] + now.origin[i]).toFixed(now.digits)).join(", ")}. Pick the second one.`;
 }
 
 function layOut(layout) {
@@ -312,11 +338,11 @@ export async function look(job, outputs) {
   }
   leave();
   const { box_min: low, box_max: high } = job.report.input, size = high.map((x, i) => x - low[i]);
-  const [a, b, c] = size;
-  now = { name: job.label || job.id, origin: low.map((x, i) => (x + high[i]) / 2), size, layers: [null, null],
+  const unit = Math.hypot(...size) / 2 || 1, [a, b, c] = size.map((side) => side / unit); // Math.hypot doesn't overflow
+  now = { name: job.label || job.id, origin: low.map((x, i) => x / 2 + high[i] / 2), size, unit, layers: [null, null],
     colours: [null, null], digits: Math.max(0, Math.min(9, 4 - Math.floor(Math.log10(Math.hypot(...size) || 1)))),
-    area: job.report.mesh?.area || 0.8 * (a * b + b * c + c * a) || Math.max(a, b, c) ** 2 || 1, pointsIn: job.report.points_in, sources: sourcesOf(job, outputs) };
-  viewer.frame(size, "z");
+    area: job.report.mesh?.area / unit ** 2 || 0.8 * (a * b + b * c + c * a) || Math.max(a, b, c) ** 2 || 1, pointsIn: job.report.points_in, sources: sourcesOf(job, outputs) };
+  viewer.frame([a, b, c], "z");
   find("look-level").value = 1000;
   const { before, after } = now.sources;
   fill("look-before", before.length ? before : [["", "nothing"]]);
@@ -328,7 +354,7 @@ export async function look(job, outputs) {
   const turned = first.then(() => {
     const layer = now.layers[1] ?? now.layers[0];
     if (shown !== now || !layer) return;
-    find("look-up").value = guessUp(layer, size);
+    find("look-up").value = guessUp(layer, [a, b, c]);
     viewer.turnUp(find("look-up").value);
     viewer.reset();
   });

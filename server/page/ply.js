@@ -50,7 +50,8 @@ function places(element) {
 
 const COLOURS = ["red", "green", "blue"], NORMALS = ["nx", "ny", "nz"];
 
-// Empty arrays for n points: position (less origin), rgb and normal where the file has them, and each other scalar.
+// Empty arrays for n points: position (less origin, in units of `unit`), rgb and normal where the file has them, and each
+// other scalar.
 export function arraysFor(head, n) {
   const names = head.vertex.properties.filter((property) => !property.count).map((property) => property.name);
   const coloured = COLOURS.every((name) => names.includes(name)), facing = NORMALS.every((name) => names.includes(name));
@@ -66,19 +67,20 @@ export function arraysFor(head, n) {
 
 const colourScale = (type) => (/16|short/.test(type) ? 1 / 257 : /float|double/.test(type) ? 255 : 1);
 
-// Reads n records from a piece; origin (three numbers) is taken off, or null: it is the first point.
-export function readRecords(head, buffer, start, n, origin) {
+// Reads n records from a piece; origin (three numbers) is taken off, or null: it is the first point.  What is left is
+// counted in units of `unit`, so that no file's numbers are too large or too small for a graphics device.
+export function readRecords(head, buffer, start, n, origin, unit = 1) {
   const view = new DataView(buffer), little = head.format !== "binary_big_endian";
   const at = places(head.vertex), into = arraysFor(head, n), stride = head.vertex.stride;
   const value = (name, i) => view[READ[at[name].type]](start + i * stride + at[name].offset, little);
   const zero = origin ?? ["x", "y", "z"].map((name) => (n ? value(name, 0) : 0));
   for (let i = 0; i < n; i++) {
-    for (let axis = 0; axis < 3; axis++) into.position[3 * i + axis] = value("xyz"[axis], i) - zero[axis];
+    for (let axis = 0; axis < 3; axis++) into.position[3 * i + axis] = (value("xyz"[axis], i) - zero[axis]) / unit;
     if (into.rgb) COLOURS.forEach((name, c) => { into.rgb[3 * i + c] = value(name, i) * colourScale(at[name].type); });
     if (into.normal) NORMALS.forEach((name, c) => { into.normal[3 * i + c] = value(name, i); });
     for (const name in into.scalar) into.scalar[name][i] = value(name, i);
   }
-  return { ...into, count: n, origin: zero };
+  return { ...into, count: n, origin: zero, unit };
 }
 
 // The numbers of a body one after the other, whatever the format is: next(type) gives one, skip(n, bytes) leaves n out.
@@ -101,17 +103,17 @@ function cursorOf(head, buffer) {
 }
 
 // A whole file: points, and the triangles of its faces (fans).
-export function readWhole(buffer, origin) {
+export function readWhole(buffer, origin, unit = 1) {
   const head = readHead(buffer), cursor = cursorOf(head, buffer), triangle = [];
   let points = null;
   for (const element of head.elements) {
     const n = element.count;
     if (element === head.vertex && comesInPieces(head)) {
-      points = readRecords(head, buffer, head.bytes, n, origin);
+      points = readRecords(head, buffer, head.bytes, n, origin, unit);
       cursor.skip(n * element.properties.length, n * element.stride);
       continue;
     }
-    if (element === head.vertex) points = { ...arraysFor(head, n), count: n, origin };
+    if (element === head.vertex) points = { ...arraysFor(head, n), count: n, origin, unit };
     for (let i = 0; i < n; i++) readElement(element, i, element === head.vertex);
   }
   return { ...points, origin: points.origin ?? [0, 0, 0], triangle: triangle.length ? new Uint32Array(triangle) : null };
@@ -134,7 +136,7 @@ export function readWhole(buffer, origin) {
     }
     if (!isVertex) return;
     points.origin ??= [found.x, found.y, found.z];
-    [found.x, found.y, found.z].forEach((value, axis) => { points.position[3 * i + axis] = value - points.origin[axis]; });
+    [found.x, found.y, found.z].forEach((value, axis) => { points.position[3 * i + axis] = (value - points.origin[axis]) / unit; });
     if (points.rgb) COLOURS.forEach((name, c) => { points.rgb[3 * i + c] = found[name]; });
     if (points.normal) NORMALS.forEach((name, c) => { points.normal[3 * i + c] = found[name]; });
     for (const name in points.scalar) points.scalar[name][i] = found[name];

@@ -3,9 +3,9 @@
 import { mixed, readRecords, readWhole } from "./ply.js";
 
 const work = {
-  records: ({ head, buffer, start, count, origin }) => readRecords(head, buffer, start, count, origin),
+  records: ({ head, buffer, start, count, origin, unit }) => readRecords(head, buffer, start, count, origin, unit),
   mix: ({ count }) => ({ order: mixed(count) }),
-  whole: ({ buffer, origin }) => readWhole(buffer, origin),
+  whole: ({ buffer, origin, unit }) => readWhole(buffer, origin, unit),
 };
 
 self.onmessage = ({ data }) => {

@@ -7,7 +7,8 @@
 import * as THREE from "three";
 
 import { ask } from "./api.js";
-import { attributesOf, DISC, dots, paint } from "./dots.js";
+import { attributesOf, dots, paint, widthOf } from "./dots.js";
+import { readPacked } from "./meshopt.js";
 import { mixed } from "./ply.js";
 import { rangeOf } from "./ramp.js";
 
@@ -26,12 +27,12 @@ function readGlb(buffer) {
   const words = new DataView(buffer);
   if (words.getUint32(0, true) !== 0x46546C67) throw new Error("a tile is no binary glTF");
   const head = words.getUint32(12, true), json = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 20, head)));
-  if (json.extensionsUsed?.includes("EXT_meshopt_compression")) throw new Error("These tiles are compressed, which this page doesn't read");
   const binary = 20 + head + 8, found = {};
   for (const [name, at] of Object.entries(json.meshes[0].primitives[0].attributes)) {
     const { bufferView, componentType, count, type, normalized } = json.accessors[at], view = json.bufferViews[bufferView];
     const kind = ARRAYS[componentType], width = WIDTHS[type], stride = (view.byteStride ?? width * kind.BYTES_PER_ELEMENT) / kind.BYTES_PER_ELEMENT;
-    const all = new kind(buffer, binary + (view.byteOffset ?? 0), Math.min(count * stride, view.byteLength / kind.BYTES_PER_ELEMENT));
+    const packed = view.extensions?.EXT_meshopt_compression, plain = packed ? readPacked(new Uint8Array(buffer, binary), packed).buffer : buffer;
+    const all = new kind(plain, packed ? 0 : binary + (view.byteOffset ?? 0), Math.min(count * stride, view.byteLength / kind.BYTES_PER_ELEMENT));
     found[name] = { all, stride, count, scale: normalized && componentType !== FLOAT ? 1 / (2 ** (8 * kind.BYTES_PER_ELEMENT - (componentType % 2 ? 0 : 1)) - 1) : 1 };
   }
   return { found, node: json.nodes[0] };
@@ -43,15 +44,16 @@ function every(n, value) {
   return all;
 }
 
-// A tile's points around `origin`, in the file's axes (y is upwards in glTF, z in a tileset); offset: the tileset's own.
-function pointsOf(buffer, offset, origin) {
+// A tile's points around `origin` in units of `unit`, in the file's axes (y is upwards in glTF, z in a tileset); offset: the
+// tileset's own.
+function pointsOf(buffer, offset, { origin, unit }) {
   const { found, node } = readGlb(buffer), { all, stride, count: n } = found.POSITION;
   const scale = node.scale ?? [1, 1, 1], shift = node.translation ?? [0, 0, 0], position = new Float32Array(3 * n);
   const move = [shift[0] + offset[0] - origin[0], -shift[2] + offset[1] - origin[1], shift[1] + offset[2] - origin[2]];
   for (let i = 0; i < n; i++) {
-    position[3 * i] = all[stride * i] * scale[0] + move[0];
-    position[3 * i + 1] = -all[stride * i + 2] * scale[2] + move[1];
-    position[3 * i + 2] = all[stride * i + 1] * scale[1] + move[2];
+    position[3 * i] = (all[stride * i] * scale[0] + move[0]) / unit;
+    position[3 * i + 1] = (-all[stride * i + 2] * scale[2] + move[1]) / unit;
+    position[3 * i + 2] = (all[stride * i + 1] * scale[1] + move[2]) / unit;
   }
   const points = { position, count: n, origin, rgb: null, normal: null, scalar: {} };
   if (found.NORMAL) {
@@ -75,27 +77,27 @@ function pointsOf(buffer, offset, origin) {
   return points;
 }
 
-// The tree as the page walks it; boxes are around the origin.
-function treeOf(tile, move, folder) {
-  const box = tile.boundingVolume.box, half = [box[3], box[7], box[11]], low = [0, 1, 2].map((k) => box[k] + move[k] - half[k]);
-  return { url: folder + tile.content.uri, hole: tile.geometricError, box: new THREE.Box3(new THREE.Vector3(...low),
-    new THREE.Vector3(...low.map((c, k) => c + 2 * half[k]))), below: (tile.children ?? []).map((each) => treeOf(each, move, folder)),
+// The tree as the page walks it; boxes are around the origin, in units of `unit`.
+function treeOf(tile, move, unit, folder) {
+  const { box } = tile.boundingVolume, half = [box[3], box[7], box[11]].map((c) => c / unit), low = half.map((c, k) => (box[k] + move[k]) / unit - c);
+  return { url: folder + tile.content.uri, hole: tile.geometricError / unit, box: new THREE.Box3(new THREE.Vector3(...low),
+    new THREE.Vector3(...low.map((c, k) => c + 2 * half[k]))), below: (tile.children ?? []).map((each) => treeOf(each, move, unit, folder)),
   points: null, object: null, asked: false, tries: 0, seen: 0 };
 }
 
 const countOf = (tile) => 1 + tile.below.reduce((sum, each) => sum + countOf(each), 0);
 
 export class TilesLayer {
-  // url: of tileset.json; area: of the surface, about, in square units; budget: points that are drawn at most; changed(layer): when something has come; said(layer): when
+  // url: of tileset.json; origin, unit, area: as in layers.js; budget: points that are drawn at most; changed(layer): when something has come; said(layer): when
   // other tiles are drawn.
-  static async open(url, { origin, area, budget, changed, said }) {
+  static async open(url, { origin, unit, area, budget, changed, said }) {
     const text = await (await ask(url)).text(), json = JSON.parse(text), layer = new TilesLayer(), { transform } = json.root;
     const offset = transform ? transform.slice(12, 15) : [0, 0, 0], move = offset.map((c, k) => c - origin[k]);
-    Object.assign(layer, { origin, offset, budget, most: budget, changed, said, count: json.metadata?.properties?.points ?? 0, fetched: text.length,
-      root: treeOf(json.root, move, url.slice(0, url.lastIndexOf("/") + 1)), object: new THREE.Group(), material: dots(), chosen: [], shown: 0,
+    Object.assign(layer, { origin, unit, offset, budget, most: budget, changed, said, count: json.metadata?.properties?.points ?? 0, fetched: text.length,
+      root: treeOf(json.root, move, unit, url.slice(0, url.lastIndexOf("/") + 1)), object: new THREE.Group(), material: dots(), chosen: [], shown: 0,
       held: new Set(), flying: 0, turn: 0, by: { name: "plain", range: null }, stop: new AbortController(), fault: "" });
     layer.all = countOf(layer.root);
-    layer.material.uniforms.size.value = DISC * Math.sqrt(area / Math.max(layer.count, 1));
+    layer.material.uniforms.size.value = widthOf(area, layer.count);
     Object.assign(layer.object.userData, { uniforms: layer.material.uniforms, dot: DOT_PX, shown: 0,
       part: (begin, count) => layer.part(begin, count), see: (camera, root, high) => layer.see(camera, root, high) });
     await layer.fetch(layer.root);
@@ -113,7 +115,7 @@ export class TilesLayer {
     try {
       const buffer = await (await ask(tile.url, { signal: this.stop.signal })).arrayBuffer();
       this.fetched += buffer.byteLength;
-      tile.points = pointsOf(buffer, this.offset, this.origin);
+      tile.points = pointsOf(buffer, this.offset, this);
       this.make(tile);
       this.held.add(tile);
       this.fault = "";
@@ -145,7 +147,7 @@ export class TilesLayer {
   // What a tile's points are coloured by.
   value(tile) {
     const { name, axis } = this.by, { points, object: { geometry } } = tile;
-    const values = name === "height" ? every(points.count, (i) => points.position[3 * i + axis] + this.origin[axis]) : points.scalar[name];
+    const values = name === "height" ? every(points.count, (i) => this.unit * points.position[3 * i + axis] + this.origin[axis]) : points.scalar[name];
     if (values) geometry.setAttribute("value", new THREE.BufferAttribute(values, 1));
     else geometry.deleteAttribute("value");
     return values;

@@ -5,6 +5,14 @@ import { adviceOn, authorization, base } from "./api.js";
 const PIECE_BYTES = 8 * 1024 * 1024; // what a broken connection loses at most
 const PAUSES_MS = [500, 1000, 2000, ...new Array(100).fill(3000)]; // five minutes without an answer
 
+// Where uploads that broke off are remembered.  A browser that keeps nothing, or has no room, costs that alone.
+function memory() {
+  const { urlStorage: kept } = globalThis.tus.defaultOptions, none = () => [];
+  const or = (work, instead) => new Promise((resolve) => resolve(work())).catch(instead);
+  return { findAllUploads: () => or(() => kept.findAllUploads(), none), findUploadsByFingerprint: (print) => or(() => kept.findUploadsByFingerprint(print), none),
+    removeUpload: (key) => or(() => kept.removeUpload(key), () => {}), addUpload: (print, upload) => or(() => kept.addUpload(print, upload), () => null) };
+}
+
 // The file was moved, changed or deleted meanwhile.
 class Gone extends Error {
   constructor() {
@@ -31,6 +39,7 @@ export async function upload(file, { progress, broken }, signal) {
         return !status || [409, 423, 502, 503, 504].includes(status);
       },
       headers: authorization(),
+      urlStorage: memory(),
       metadata: { filename: file.name.slice(0, 200) },
       removeFingerprintOnSuccess: true,
       onAfterResponse: (request, response) => {

@@ -127,10 +127,10 @@ export class Viewer {
     canvas.addEventListener("webglcontextrestored", () => this.ask());
   }
 
-  // size: the box's sides; up: "x", "y" or "z"
+  // size: the box's sides, in the units of all positions; up: "x", "y" or "z"
   frame(size, up) {
     this.size = size;
-    this.radius = Math.max(Math.hypot(...size) / 2, 1e-12);
+    this.radius = Math.hypot(...size) / 2 || 1;
     this.turnUp(up);
     this.reset();
   }
@@ -359,7 +359,7 @@ export class Viewer {
     camera.updateProjectionMatrix();
   }
 
-  // The point of the layer's data that is seen there, in the file's units less the origin; null where there is nothing.
+  // The point of the layer's data that is seen there, in the units of positions; null where there is nothing.
   pick(clientX, clientY) {
     const at = this.sideAt(clientX, clientY), ray = new THREE.Raycaster(), { camera } = this;
     this.lens(at.view);

@@ -218,6 +218,25 @@ def test_a_large_cloud_is_seen_before_it_is_there(daemon, tmp_path):
     assert before["fetched"] + after["fetched"] < seen["bytes"] < before["fetched"] + after["fetched"] + 500000
 
 
+@pytest.mark.skipif(not shutil.which("node"), reason="node isn't installed")
+@pytest.mark.parametrize("quantize", ["false", "true"])
+def test_packed_tiles_are_unpacked_to_the_byte(tmp_path, quantize):
+    cloud = scan(tmp_path / "torus.ply")
+    for packed in ("false", "true"):
+        subprocess.run([conftest.BUILD / "whittle", cloud, tmp_path / f"{packed}.3dtiles", "--ratio", "0.8", "--normals", "true", "--quantize", quantize, "--meshopt", packed, "-q"], check=True)
+    plain, packed = (sorted(tmp_path.glob(f"{each}.3dtiles/tiles/*.glb")) for each in ("false", "true"))
+    subprocess.run(["node", NODE / "unpack.mjs", *packed], check=True)
+    for one, other in zip(plain, packed, strict=True):
+        data = one.read_bytes()
+        length, = struct.unpack("<I", data[12:16])
+        views = json.loads(data[20:20 + length])["bufferViews"]
+        assert data[28 + length:][:sum(view["byteLength"] for view in views)] == other.with_name(f"{other.name}.plain").read_bytes()
+    whole = packed[0].read_bytes()
+    (tmp_path / "short.glb").write_bytes(whole[:-200] + bytes(200))
+    done = subprocess.run(["node", NODE / "unpack.mjs", tmp_path / "short.glb"], capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and "isn't whole" in done.stderr
+
+
 @needs_browser
 def test_a_real_scan(daemon, tmp_path):
     cloud = SHARED / "horse.points.ply"

@@ -6,6 +6,7 @@ import math
 import os
 import random
 import re
+import signal
 import struct
 import subprocess
 import threading
@@ -264,6 +265,104 @@ def test_names_of_files_are_names_alone(daemon, tmp_path):
     assert [fit for fit in seen["fits"] if fit[2] > fit[3]] == []
     assert "deleted" in seen["news"]["deleted elsewhere"]
     assert [line for line in seen["console"] if line.startswith("error") and not re.search("404|410", line)] == []
+
+
+def test_a_token_that_expires_is_asked_for_and_nothing_is_lost(make_daemon, tmp_path):
+    tokens, words, given = tmp_path / "tokens", ["first", "second", "third"], []
+
+    def next_token():
+        given.append(words[len(given)])
+        tokens.write_text(f"alice:submit,read:{hashlib.sha256(given[-1].encode()).hexdigest()}\n")
+    next_token()
+    daemon = make_daemon("--tokens-file", tokens)
+    files_of(daemon)
+    made = daemon.post("/v1/jobs?ratio=0.3&outputs=mesh,error", scan(tmp_path / "torus.ply").read_bytes(),
+                       "-H", "Authorization: Bearer first", "-H", f"Prefer: wait={conftest.PATIENCE_S}")
+    assert made.json["status"] == "successful"
+
+    def revoke():
+        next_token()
+        daemon.process.send_signal(signal.SIGHUP)
+        conftest.wait_until(lambda: daemon.curl("/v1/jobs", "-H", f"Authorization: Bearer {given[-1]}").status == 200, "the next token")
+    seen = drive("expired", f"{daemon.url}/jobs/{made.json['id']}", tmp_path, *words, doing={"revoke": revoke})
+    assert seen["goals"][0] == seen["goals"][1] and not seen["goals"][0].startswith("30")
+
+
+def test_a_service_that_is_away_while_somebody_looks(daemon, tmp_path):
+    files_of(daemon)
+    job = daemon.submit(scan(tmp_path / "torus.ply").read_bytes(), "?ratio=0.3&outputs=mesh,error")
+    assert daemon.ended(job)["status"] == "successful"
+    seen = drive("away_looking", f"{daemon.url}/jobs/{job}", tmp_path, doing=restart(daemon))
+    assert seen["colour"] == "own" and seen["news"]["back"] == ""
+
+
+def test_a_job_that_another_tab_deletes_while_it_is_looked_at(daemon, tmp_path):
+    files_of(daemon)
+    job = daemon.submit(scan(tmp_path / "torus.ply").read_bytes(), "?ratio=0.3&outputs=mesh,cloud,error")
+    assert daemon.ended(job)["status"] == "successful"
+    seen = drive("deleted", f"{daemon.url}/jobs/{job}", tmp_path)
+    assert "deleted" in seen["news"]["deleted while looked at"] and "deleted" in seen["news"]["deleted twice"], seen["news"]
+
+
+def test_a_browser_that_keeps_nothing(make_daemon, tmp_path):
+    tokens = tmp_path / "tokens"
+    tokens.write_text(f"alice:submit,read:{hashlib.sha256(b'secret').hexdigest()}\n")
+    daemon = make_daemon("--tokens-file", tokens)
+    files_of(daemon)
+    assert drive("no_storage", f"{daemon.url}/", tmp_path, "secret", scan(tmp_path / "torus.ply"))["title"] == "torus.ply"
+
+
+def test_a_list_of_more_jobs_than_a_page_has(daemon, tmp_path):
+    """The filter finds what isn't listed yet; a picture is asked for once."""
+    files_of(daemon)
+    for i in range(60):
+        reply = daemon.post(f"/v1/jobs?ratio=1&outputs=cloud,preview.png&label=number-{i}-", conftest.SMALL, "-H", f"Prefer: wait={conftest.PATIENCE_S}")
+        assert reply.json["status"] == "successful"
+    seen = drive("many", f"{daemon.url}/", tmp_path, "number-3-", "60")
+    assert len(seen["first"]) == 24 and "number-59-" in seen["first"] and seen["found"] == ["number-3-"]
+    pictures = [url for url in seen["requests"] if url.endswith("preview.png")]
+    assert len(pictures) == len(set(pictures)) == 60, len(pictures)
+
+
+def places(*rows):
+    text = "\n".join(" ".join(map(str, row)) for row in rows)
+    return f"ply\nformat ascii 1.0\nelement vertex {len(rows)}\nproperty double x\nproperty double y\nproperty double z\nend_header\n{text}\n".encode()
+
+
+def test_hardly_any_points_and_very_large_numbers_are_seen(daemon, tmp_path):
+    files_of(daemon)
+    ring = list(torus())
+    clouds = {"one": places((1, 2, 3)), "two": places((0, 0, 0), (1, 2, 2)), "equal": places(*[(5, 5, 5)] * 9),
+              "huge": places(*[[1e30 * c for c in p] for p in ring]), "tiny": places(*[[1e-20 * c for c in p] for p in ring]),
+              "far": places(*[[x + 691234.5, y + 5334567.25, z + 512.125] for x, y, z in ring]),
+              "holes": places(*[(x, float("nan"), z) if i % 7 == 0 else (x, y, z) for i, (x, y, z) in enumerate(ring)])}
+    addresses = {}
+    for name, cloud in clouds.items():
+        outputs = "cloud" if len(cloud) < 500 else "mesh,cloud,error"
+        job = daemon.submit(cloud, f"?ratio=1&outputs={outputs}&normals={'false' if len(cloud) < 500 else 'true'}")
+        ended = daemon.ended(job)
+        assert ended["status"] == "successful", (name, ended["problem"])
+        addresses[name] = f"{daemon.url}/jobs/{job}"
+    seen = drive("odd", f"{daemon.url}/", tmp_path, json.dumps(addresses))
+    assert [line for line in seen["console"] if line.startswith("error")] == []
+    for name in clouds:
+        shown = share_of(tmp_path / f"{name}.png", lambda r, g, b: abs(r - 250) + abs(g - 250) + abs(b - 248) > 12)
+        assert (0.0005 if name in ("one", "two", "equal") else 0.05) < max(shown) < 0.7, (name, shown)
+    assert "10^30" in seen["seen"]["huge"]["box"] and "10^-20" in seen["seen"]["tiny"]["box"]
+
+
+def test_packed_tiles_look_as_others(daemon, tmp_path):
+    files_of(daemon)
+    jobs = {name: daemon.submit(ball(30000), f"?ratio=0.9&outputs=tileset{query}")
+            for name, query in (("plain", ""), ("packed", "&meshopt=true&quantize=true"))}
+    for job in jobs.values():
+        assert daemon.ended(job)["status"] == "successful"
+    seen = drive("odd", f"{daemon.url}/", tmp_path, json.dumps({name: f"{daemon.url}/jobs/{job}" for name, job in jobs.items()}))
+    plain, packed = (seen["seen"][name]["layers"][1] for name in ("plain", "packed"))
+    assert plain["shown"] == packed["shown"] == 27000 and packed["fetched"] < 0.6 * plain["fetched"]
+    (width, one), (_, other) = (decode((tmp_path / f"{name}.png").read_bytes()) for name in jobs)
+    differ = sum(abs(a - b) > 24 for rows in zip(one, other) for a, b in zip(*rows))
+    assert differ < 0.02 * 3 * width * len(one), differ
 
 
 def test_operations_are_tried_out_on_the_reference(make_daemon, tmp_path):

@@ -373,6 +373,138 @@ const scenarios = {
     await judge("deleted elsewhere");
   },
 
+  // The token is taken from somebody who looks at a result, and then while parameters are chosen.
+  async expired({ page, visible, looked, said, judge, text, seen }, ...tokens) {
+    const give = async (token) => {
+      await page.type("#token-value", token);
+      await page.keyboard.press("Enter");
+      await page.waitForSelector("#token", { hidden: true });
+    };
+    await visible("#token-value");
+    await give(tokens[0]);
+    await looked();
+    await outside("revoke");
+    await page.select("#look-before", "own");
+    await said("token-title", "take this token");
+    await visible("#token-value");
+    await judge("token expired, looking");
+    await give(tokens[1]);
+    await page.waitForFunction(() => document.getElementById("look-before").value === "error" && whittled.drawn().layers[0]?.shown);
+    await page.click("#read-again");
+    await visible("#choose-start");
+    await page.$eval("#goal-slider", (slider) => {
+      slider.value = 280;
+      slider.dispatchEvent(new Event("input", { bubbles: true }));
+    });
+    seen.goals = [await text("goal-text")];
+    await outside("revoke");
+    await page.click("#choose-start");
+    await visible("#token-value");
+    await judge("token expired, choosing");
+    await give(tokens[2]);
+    seen.goals.push(await text("goal-text"));
+    const { pathname } = new URL(page.url());
+    await page.click("#choose-start");
+    await page.waitForFunction((before) => location.pathname !== before, {}, pathname);
+    await visible("#read-again");
+  },
+
+  // The service is away for a while from somebody who looks at a result, and from the list.
+  async away_looking({ page, visible, looked, said, judge, seen }) {
+    await looked();
+    await outside("kill");
+    await page.select("#look-before", "own");
+    await said("news", "as soon as it answers");
+    await judge("away, looking");
+    await outside("start");
+    await page.waitForFunction(() => document.getElementById("news").textContent === "" && whittled.drawn().layers[0]?.shown > 0);
+    seen.colour = await page.$eval("#look-colour-0", (select) => select.value);
+    await outside("kill");
+    await page.click("#home");
+    await said("news", "tries again by itself");
+    await judge("away, list");
+    await outside("start");
+    await visible(".card");
+    await judge("back");
+  },
+
+  // A job that another tab deletes while it is looked at.
+  async deleted({ page, looked, said, judge }) {
+    await looked();
+    const other = await page.browser().newPage();
+    await other.goto(page.url());
+    await other.evaluate(() => fetch(location.pathname.replace("/jobs/", "/v1/jobs/"), { method: "DELETE" }));
+    await other.close();
+    await page.bringToFront();
+    await page.select("#look-after", "cloud");
+    await said("news", ".");
+    await judge("deleted while looked at");
+    page.on("dialog", (dialog) => dialog.accept());
+    await page.click("#read-delete");
+    await said("news", "deleted");
+    await judge("deleted twice");
+  },
+
+  // A browser that keeps nothing: no room, or not allowed.
+  async no_storage({ page, drop, visible, looked, seen }, token, file) {
+    await page.evaluateOnNewDocument(() => {
+      Storage.prototype.setItem = () => { throw new DOMException("no room", "QuotaExceededError"); };
+    });
+    await page.reload();
+    await visible("#token-value");
+    await page.type("#token-value", token);
+    await page.keyboard.press("Enter");
+    await visible("#jobs-none");
+    await drop(file);
+    await visible("#choose-start");
+    await page.click("#choose-start");
+    await looked();
+    await page.evaluateOnNewDocument(() => {
+      for (const name of ["localStorage", "sessionStorage"]) Object.defineProperty(globalThis, name, { get: () => { throw new DOMException("not allowed", "SecurityError"); } });
+    });
+    await page.reload();
+    await visible("#token-value");
+    await page.type("#token-value", token);
+    await page.keyboard.press("Enter");
+    await looked();
+    seen.title = await page.$eval("#look-title", (title) => title.textContent);
+  },
+
+  // More jobs than a page of the list has.
+  async many({ page, visible, judge, seen }, last, count) {
+    await visible(".card");
+    const called = () => page.$$eval(".card .name", (all) => all.map((each) => each.textContent));
+    seen.first = await called();
+    await page.type("#jobs-filter", last);
+    await page.waitForFunction((name) => [...document.querySelectorAll(".card .name")].some((each) => each.textContent === name), {}, last);
+    seen.found = await called();
+    await judge("filtered");
+    await page.$eval("#jobs-filter", (filter) => {
+      filter.value = "";
+      filter.dispatchEvent(new Event("input"));
+    });
+    await page.waitForFunction((n) => document.querySelectorAll(".card").length === Number(n), {}, count);
+    await page.waitForFunction((n) => performance.getEntriesByType("resource").filter(({ name }) => name.endsWith("preview.png")).length >= Number(n), {}, count);
+    await page.type("#jobs-filter", "nothing is called so");
+    await visible("#jobs-none");
+    await judge("nothing found");
+  },
+
+  // Results that have hardly any points, or numbers that are very large; addresses as JSON.
+  async odd({ page, folder, looked, text, drawn, settled: rest, judge, seen }, addresses) {
+    seen.seen = {};
+    for (const [name, address] of Object.entries(JSON.parse(addresses))) {
+      await page.goto(address, { waitUntil: "domcontentloaded" });
+      await looked();
+      await rest();
+      const stage = await page.$("#look-canvas");
+      await stage.screenshot({ path: join(folder, `${name}.png`) });
+      await page.click("#look-box");
+      seen.seen[name] = { box: await text("measure-text"), level: await text("level-text"), layers: (await drawn()).layers };
+      await judge(name);
+    }
+  },
+
   // Without WebGL the picture is shown.
   async no_webgl({ page, looked, judge, visible, seen }) {
     await visible("#look-picture");

@@ -63,6 +63,8 @@ struct cloud_limits {
     unsigned threads;       /* that may read; 0 = all processors */
     /* Of clouds that are read part by part: only points that its crop and where leave; NULL = all.  Borrowed. */
     const struct params *select;
+    /* And a folder for what of them can't be read where it lies: compressed files.  NULL: these aren't read so. */
+    const char *scratch;
 };
 
 struct cloud_las;

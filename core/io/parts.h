@@ -11,7 +11,10 @@
 #include "core/base/status.h"
 #include "core/cloud/cloud.h"
 
-enum { CLOUD_PART_MOST = 1 << 22 /* points in a part, whatever a file says */ };
+enum {
+    CLOUD_PART_MOST = 1 << 22, /* points in a part, whatever a file says */
+    CLOUD_PART_USUAL = 1 << 18
+};
 
 struct cloud_parts {
     struct cloud *cloud; /* what the file says of all its points, and those of the present part: count of them; owned */
@@ -21,11 +24,15 @@ struct cloud_parts {
     void (*free)(struct cloud_parts *parts);
 };
 
-/* Begins with a whole file of n bytes, not compressed, which are borrowed until the end.  Points without a position are
- * among the parts.  Statuses as of the readers; STATUS_UNSUPPORTED where this file can't be read so. */
+/* Begins with a whole file of n bytes, not compressed, a mapping of which is borrowed until the end.  Points without a
+ * position are among the parts.  Statuses as of the readers; STATUS_UNSUPPORTED where this file can't be read so. */
 enum status cloud_las_parts(const void *bytes, size_t n, const struct cloud_limits *limits, struct cloud_parts **out,
                             struct error *error) MUST_CHECK;
 enum status cloud_ply_parts(const void *bytes, size_t n, const struct cloud_limits *limits, struct cloud_parts **out,
+                            struct error *error) MUST_CHECK;
+enum status cloud_pcd_parts(const void *bytes, size_t n, const struct cloud_limits *limits, struct cloud_parts **out,
+                            struct error *error) MUST_CHECK;
+enum status cloud_e57_parts(const void *bytes, size_t n, const struct cloud_limits *limits, struct cloud_parts **out,
                             struct error *error) MUST_CHECK;
 enum status cloud_xyz_parts(const void *bytes, size_t n, const struct cloud_limits *limits, struct cloud_parts **out,
                             struct error *error) MUST_CHECK;

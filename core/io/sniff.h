@@ -4,6 +4,7 @@
 #ifndef WHITTLE_CORE_IO_SNIFF_H
 #define WHITTLE_CORE_IO_SNIFF_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -18,6 +19,12 @@ enum cloud_kind {
     CLOUD_KIND_OTHER /* nothing that we read */
 };
 #undef ROW
+
+/* Whether files of this kind can be read part by part (core/io/stream.h), once they aren't compressed. */
+static inline bool cloud_kind_has_parts(enum cloud_kind kind) {
+    return kind == CLOUD_KIND_PLY || kind == CLOUD_KIND_LAS || kind == CLOUD_KIND_TEXT || kind == CLOUD_KIND_PCD ||
+           kind == CLOUD_KIND_E57;
+}
 
 struct cloud_guess {
     enum cloud_kind kind;

@@ -18,18 +18,21 @@
 #include "core/io/formats/las_system.h"
 #include "core/io/parts.h"
 #include "core/io/sniff.h"
+#include "core/io/temporary.h"
 
 enum { SYSTEM_BYTES = 128 };
 
 struct file {
     unsigned char *map; /* NULL: none */
     size_t bytes, given_back;
+    size_t on_disk; /* bytes, as the file is */
     struct cloud_parts *parts;
 };
 
 struct cloud_stream {
     struct cloud_limits limits;
-    char *columns;      /* of limits; owned */
+    char *columns; /* of limits; owned, as is the next */
+    char *scratch;
     size_t count, next; /* files; the one to open after this */
     char **path;        /* owned, each */
     uint64_t *before;   /* count + 1: bytes of the files before each; owned */
@@ -62,20 +65,41 @@ static enum status map_file(const char *path, struct file *file, struct error *e
         if (map == MAP_FAILED)
             status = error_set(error, STATUS_IO, "read", "can't map %s: %s", path, strerror(errno));
         else
-            *file = (struct file){.map = map, .bytes = (size_t)about.st_size};
+            *file = (struct file){.map = map, .bytes = (size_t)about.st_size, .on_disk = (size_t)about.st_size};
     }
     close(fd);
     return status;
 }
 
+/* Puts what a compressed file becomes in its place. */
+static enum status decompress(const struct cloud_stream *s, struct file *file, struct error *error) {
+    enum inflate_kind kind;
+    unsigned char *map;
+    size_t bytes;
+    if (!s->limits.scratch || !inflate_sniff(file->map, file->bytes, &kind)) return STATUS_OK;
+    (void)madvise(file->map, file->bytes, MADV_SEQUENTIAL);
+    enum status status = temporary_inflate(s->limits.scratch, kind, file->map, file->bytes, &map, &bytes, error);
+    if (status) return status;
+    munmap(file->map, file->bytes);
+    file->map = map;
+    file->bytes = bytes;
+    return STATUS_OK;
+}
+
 static enum status open_file(struct cloud_stream *s, const char *path, struct file *file, struct error *error) {
     enum status status = map_file(path, file, error);
-    if (status) return status;
+    if (!status) status = decompress(s, file, error);
+    if (status) {
+        close_file(file);
+        return status;
+    }
     struct cloud_guess guess = cloud_sniff(file->map, file->bytes);
     const struct cloud_limits *limits = &s->limits;
     switch (guess.kind) {
     case CLOUD_KIND_LAS: status = cloud_las_parts(file->map, file->bytes, limits, &file->parts, error); break;
     case CLOUD_KIND_PLY: status = cloud_ply_parts(file->map, file->bytes, limits, &file->parts, error); break;
+    case CLOUD_KIND_PCD: status = cloud_pcd_parts(file->map, file->bytes, limits, &file->parts, error); break;
+    case CLOUD_KIND_E57: status = cloud_e57_parts(file->map, file->bytes, limits, &file->parts, error); break;
     case CLOUD_KIND_TEXT: status = cloud_xyz_parts(file->map, file->bytes, limits, &file->parts, error); break;
     default:
         status = error_set(error, STATUS_UNSUPPORTED, "read",
@@ -130,6 +154,14 @@ static enum status go_on(struct cloud_stream *s, struct error *error) {
     return error_set(error, STATUS_UNSUPPORTED, "read", "%s has other properties than %s", path, s->path[0]);
 }
 
+static enum status copy_text(const char *from, char **to) {
+    if (!from) return STATUS_OK;
+    size_t n = strlen(from) + 1;
+    *to = alloc_array(n, 1);
+    if (*to) memcpy(*to, from, n);
+    return *to ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
 enum status cloud_stream_open(const char *const *path, size_t count, const struct cloud_limits *limits,
                               struct cloud_stream **out, struct error *error) {
     struct cloud_stream *s = alloc_zeroed(1, sizeof *s);
@@ -140,22 +172,16 @@ enum status cloud_stream_open(const char *const *path, size_t count, const struc
     for (size_t i = 0; !status && i < count; i++) {
         struct stat about;
         s->count++;
-        size_t n = strlen(path[i]) + 1;
-        s->path[i] = alloc_array(n, 1);
-        if (!s->path[i]) status = STATUS_NO_MEMORY;
-        if (s->path[i]) memcpy(s->path[i], path[i], n);
+        status = copy_text(path[i], &s->path[i]);
         bool known = (is_standard_input(path[i]) ? fstat(STDIN_FILENO, &about) : stat(path[i], &about)) == 0;
         s->before[i + 1] = s->before[i] + (known ? (uint64_t)about.st_size : 0);
     }
-    if (!status && limits && limits->columns) {
-        size_t n = strlen(limits->columns) + 1;
-        s->columns = alloc_array(n, 1);
-        if (s->columns) memcpy(s->columns, limits->columns, n);
-        if (!s->columns) status = STATUS_NO_MEMORY;
-    }
+    if (!status && limits) status = copy_text(limits->columns, &s->columns);
+    if (!status && limits) status = copy_text(limits->scratch, &s->scratch);
     if (status) error_set(error, STATUS_NO_MEMORY, "read", "no memory to read with");
     if (limits) s->limits.threads = limits->threads, s->limits.select = limits->select;
     s->limits.columns = s->columns;
+    s->limits.scratch = s->scratch;
     s->limits.columns_if_text = true;
     if (!status) status = go_on(s, error);
     if (status)
@@ -229,7 +255,8 @@ enum status cloud_stream_next(struct cloud_stream *stream, const struct cloud **
 double cloud_stream_fraction(const struct cloud_stream *stream) {
     const struct file *file = stream->next > 1 ? &stream->other : &stream->first;
     uint64_t all = stream->before[stream->count];
-    return all ? (double)(stream->before[stream->next - 1] + file->parts->done_bytes) / (double)all : 1;
+    double done = (double)file->parts->done_bytes / (double)file->bytes * (double)file->on_disk;
+    return all ? ((double)stream->before[stream->next - 1] + done) / (double)all : 1;
 }
 
 uint64_t cloud_stream_dropped(const struct cloud_stream *stream) { return stream->dropped; }
@@ -243,6 +270,6 @@ void cloud_stream_free(struct cloud_stream *stream) {
     close_file(&stream->first);
     close_file(&stream->other);
     for (size_t i = 0; i < stream->count; i++) free(stream->path[i]);
-    free(stream->path), free(stream->before), free(stream->columns);
+    free(stream->path), free(stream->before), free(stream->columns), free(stream->scratch);
     free(stream);
 }

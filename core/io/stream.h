@@ -1,5 +1,5 @@
-/* Reading clouds part by part, so that no file has to fit into memory: PLY, LAS, LAZ and lines of text, from regular
- * files that aren't compressed.
+/* Reading clouds part by part, so that no file has to fit into memory: PLY, LAS, LAZ, PCD, E57 and lines of text, from
+ * regular files.  What is compressed is decompressed onto a disk first, into a file without a name.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_IO_STREAM_H
@@ -16,7 +16,7 @@
 struct cloud_stream;
 
 /* Begins with `count` >= 1 files, which are read one after the other as one cloud: all must have the first one's
- * properties.  limits may be NULL; columns, threads and select of it are followed.  Paths are copied.
+ * properties.  limits may be NULL; columns, threads, select and scratch of it are followed.  Paths are copied.
  * STATUS_UNSUPPORTED for a format, or a file of one, that isn't read so, STATUS_MALFORMED, STATUS_IO, STATUS_NO_MEMORY.
  * *out is the caller's, to be given to cloud_stream_free. */
 enum status cloud_stream_open(const char *const *path, size_t count, const struct cloud_limits *limits,

@@ -245,7 +245,9 @@ static enum status reopen_input(const struct merging *m, struct cloud_stream **s
     size_t n = m->scratch.head.inputs;
     const char **path = alloc_array(n, sizeof *path);
     const struct params *params = &m->scratch.head.params;
-    const struct cloud_limits limits = {.columns = params->columns, .threads = m->threads, .select = params};
+    bool given = strncmp(m->folder, TILES_GIVEN, sizeof TILES_GIVEN - 1) == 0;
+    const struct cloud_limits limits = {
+        .columns = params->columns, .threads = m->threads, .select = params, .scratch = given ? "." : m->folder};
     if (!path) return merge_no_memory(m);
     for (size_t i = 0; i < n; i++) path[i] = m->scratch.input[i].path;
     enum status status = cloud_stream_open(path, n, &limits, stream, m->error);

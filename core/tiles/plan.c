@@ -535,8 +535,10 @@ static enum status sample(struct planning *plan) {
 
 static enum status open_input(const struct planning *plan, struct cloud_stream **stream) {
     const struct params *params = plan->job->params;
-    const struct cloud_limits limits = {
-        .columns = params->columns, .threads = (unsigned)params->threads, .select = params};
+    const struct cloud_limits limits = {.columns = params->columns,
+                                        .threads = (unsigned)params->threads,
+                                        .select = params,
+                                        .scratch = plan->job->folder};
     return cloud_stream_open(plan->job->input, plan->job->inputs, &limits, stream, plan->error);
 }
 

@@ -21,6 +21,7 @@
 
 #include "core/base/alloc.h"
 #include "core/cloud/colour_depth.h"
+#include "core/io/codec/inflate.h"
 #include "core/io/out/file_out.h"
 #include "core/io/out/las_write.h"
 #include "core/io/out/sink.h"
@@ -40,14 +41,23 @@ static const double PLAN_SHARE = 0.3, RUN_SHARE = 0.85; /* of the whole, at whos
 
 /* What is known of an input by its first bytes; false: too little, or it isn't read part by part. */
 static bool look_at_input(int input, struct memory_job *job) {
-    unsigned char *first = alloc_array(FIRST_BYTES, 1);
+    unsigned char *first = alloc_array(FIRST_BYTES, 1), *unpacked = alloc_array(FIRST_BYTES, 1), *begin = first;
     struct stat about;
-    bool regular = first && fstat(input, &about) == 0 && S_ISREG(about.st_mode) && about.st_size > 0;
+    enum inflate_kind kind;
+    bool regular = first && unpacked && fstat(input, &about) == 0 && S_ISREG(about.st_mode) && about.st_size > 0;
     ssize_t n = regular ? pread(input, first, FIRST_BYTES, 0) : 0;
-    enum cloud_kind kind = n > 0 ? cloud_sniff(first, (size_t)n).kind : CLOUD_KIND_OTHER;
-    bool parts = kind == CLOUD_KIND_PLY || kind == CLOUD_KIND_LAS || kind == CLOUD_KIND_TEXT;
-    bool known = parts && memory_job_of(first, (size_t)n, (uint64_t)about.st_size, job) == STATUS_OK;
-    free(first);
+    size_t there = n > 0 ? (size_t)n : 0;
+    uint64_t total = regular ? (uint64_t)about.st_size : 0;
+    if (there && inflate_sniff(first, there, &kind)) {
+        there = inflate_beginning(kind, first, there, unpacked, FIRST_BYTES, &total);
+        begin = unpacked;
+    }
+    enum cloud_kind is = cloud_sniff(begin, there).kind;
+    bool has_header = is == CLOUD_KIND_PLY || is == CLOUD_KIND_PCD || is == CLOUD_KIND_LAS; /* which knows better */
+    uint64_t known_total = begin == unpacked && has_header ? UINT64_MAX : total;
+    bool known = there && cloud_kind_has_parts(is) && memory_job_of(begin, there, known_total, job) == STATUS_OK;
+    if (begin == unpacked) job->input_bytes = total;
+    free(first), free(unpacked);
     return known;
 }
 
@@ -66,12 +76,21 @@ static bool look_at_inputs(const struct worker_inputs *inputs, struct memory_job
     return true;
 }
 
-/* Whether the files are what their headers say, as far as that can be seen before its points are read. */
-static enum status check_parts_of(const struct worker_options *options, struct error *error) {
+static bool is_compressed(int input) {
+    unsigned char first[4];
+    enum inflate_kind kind;
+    return pread(input, first, sizeof first, 0) == (ssize_t)sizeof first && inflate_sniff(first, sizeof first, &kind);
+}
+
+/* Whether the files are what their headers say, as far as that can be seen before its points are read; what is
+ * compressed shows when it is read. */
+static enum status check_parts_of(const struct worker_options *options, const struct worker_inputs *inputs,
+                                  struct error *error) {
     const struct cloud_limits limits = {.columns = options->params.columns, .threads = 1};
     struct cloud_stream *stream = NULL;
     enum status status = STATUS_OK;
     for (size_t i = 0; !status && i < options->input_count; i++) {
+        if (is_compressed(inputs->fd[i])) continue;
         status = cloud_stream_open((const char *const *)options->input + i, 1, &limits, &stream, error);
         cloud_stream_free(stream);
         stream = NULL;
@@ -88,7 +107,7 @@ enum status worker_tiles_needed(const struct worker_options *options, const stru
     *needed = false;
     if (options->convert || options->progress_fd >= 0 || !look_at_inputs(inputs, &job)) return STATUS_OK;
     if (memory_predict(&job, params) <= params->memory_bytes) return STATUS_OK;
-    enum status status = check_parts_of(options, error);
+    enum status status = check_parts_of(options, inputs, error);
     if (status) return status == STATUS_UNSUPPORTED ? STATUS_OK : status;
     *needed = tiles_can(params, &why) == STATUS_OK;
     cloud.outputs = OUTPUT_CLOUD;

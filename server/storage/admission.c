@@ -21,7 +21,7 @@
 #include "core/pipeline/memory.h"
 #include "core/tiles/fit.h"
 
-enum { STEPS = 40, HEAD_BYTES = 64 * 1024, PIECE_BYTES = 4096 };
+enum { STEPS = 40, HEAD_BYTES = 64 * 1024 };
 static const double SMALLEST_RATIO = 0.001;
 
 static uint64_t sure_points(const struct memory_job *job, bool is_text) {
@@ -90,40 +90,14 @@ struct beginning {
     unsigned char *inflated; /* owned; NULL: it isn't compressed */
 };
 
-static enum status collect(void *ctx, const void *bytes, size_t n) {
-    struct beginning *beginning = ctx;
-    size_t room = HEAD_BYTES - beginning->n;
-    memcpy(beginning->inflated + beginning->n, bytes, n < room ? n : room);
-    beginning->n += n < room ? n : room;
-    return beginning->n < HEAD_BYTES ? STATUS_OK : STATUS_CANCELLED;
-}
-
-/* Decompresses as much of the beginning as there is room for; what is broken ends it, and others will say so.  How long
- * the whole becomes is guessed by how much longer this has become. */
-static void inflate_beginning(struct beginning *beginning, enum inflate_kind kind) {
-    const char *packed = beginning->bytes;
-    size_t packed_bytes = beginning->n, taken = 0;
-    struct inflate *inflate = NULL;
-    struct error error;
-    beginning->n = 0;
-    beginning->bytes = beginning->inflated = alloc_array(HEAD_BYTES, 1);
-    enum status status = beginning->inflated
-                             ? inflate_new(kind, NULL, (struct inflate_out){collect, beginning}, &inflate, &error)
-                             : STATUS_NO_MEMORY;
-    while (status == STATUS_OK && taken < packed_bytes) {
-        size_t piece = packed_bytes - taken < PIECE_BYTES ? packed_bytes - taken : PIECE_BYTES;
-        status = inflate_push(inflate, packed + taken, piece, &error);
-        taken += piece;
-    }
-    inflate_free(inflate);
-    if (beginning->total_bytes != UINT64_MAX && taken)
-        beginning->total_bytes = (uint64_t)((double)beginning->total_bytes / (double)taken * (double)beginning->n);
-}
-
 static struct beginning begin(const void *first_bytes, size_t n, uint64_t total_bytes) {
     struct beginning beginning = {.bytes = first_bytes, .n = n, .total_bytes = total_bytes};
     enum inflate_kind kind;
-    if (inflate_sniff(first_bytes, n, &kind)) inflate_beginning(&beginning, kind);
+    if (!inflate_sniff(first_bytes, n, &kind)) return beginning;
+    beginning.bytes = beginning.inflated = alloc_array(HEAD_BYTES, 1);
+    beginning.n = beginning.inflated
+                      ? inflate_beginning(kind, first_bytes, n, beginning.inflated, HEAD_BYTES, &beginning.total_bytes)
+                      : 0;
     return beginning;
 }
 
@@ -148,7 +122,7 @@ static bool fits_in_tiles(const struct admission *admission, const struct beginn
     struct params params = admission->params;
     struct error ignored;
     enum cloud_kind kind = cloud_sniff(beginning->bytes, beginning->n).kind;
-    bool in_parts = kind == CLOUD_KIND_PLY || kind == CLOUD_KIND_LAS || kind == CLOUD_KIND_TEXT;
+    bool in_parts = cloud_kind_has_parts(kind);
     params.memory_bytes = admission->max_memory_bytes;
     return in_parts && !beginning->inflated && tiles_can(&params, &ignored) == STATUS_OK &&
            fit_kept(&params, job->points, fit_room(&params), &ignored) == STATUS_OK;

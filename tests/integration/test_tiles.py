@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Clouds in tiles: the same bytes whatever happens on the way, within the memory that was given."""
+import gzip
 import math
 import os
 import pathlib
 import random
 import resource
+import shutil
 import signal
 import struct
 import subprocess
@@ -207,7 +209,7 @@ def test_a_stop_leaves_what_is_done(tmp_path):
     assert (tmp_path / "out.ply").exists() and not work.exists()
 
 
-@pytest.mark.parametrize("suffix", ["las", "laz", "xyz", "ply"])
+@pytest.mark.parametrize("suffix", ["las", "laz", "xyz", "ply", "pcd"])
 def test_formats_keep_their_attributes(cloud, tmp_path, suffix):
     whole, some = tmp_path / f"all.{suffix}", tmp_path / f"some.{suffix}"
     whittle("convert", cloud, whole, "--header", "plain")
@@ -217,6 +219,31 @@ def test_formats_keep_their_attributes(cloud, tmp_path, suffix):
     kept = (tmp_path / "kept.xyz").read_text(encoding="ascii").splitlines()
     assert len(kept) == 500
     assert set((tmp_path / "whole.xyz").read_text(encoding="ascii").splitlines()).issuperset(kept)
+
+
+@pytest.mark.parametrize("compress", [gzip.compress, None])
+def test_what_is_compressed_is_read_from_the_disk(cloud, expected, tmp_path, compress):
+    """It shows by what it becomes that it doesn't fit, and the kept points are the same."""
+    packed = tmp_path / "bumps.packed"
+    if compress:
+        packed.write_bytes(compress(cloud.read_bytes()))
+    elif not shutil.which("zstd"):
+        pytest.skip("zstd isn't installed")
+    else:
+        subprocess.run(["zstd", "-q", cloud, "-o", packed], check=True)
+    work = tmp_path / "work"
+    assert steps(packed, work, tmp_path / "out.ply") == expected
+    assert not list(work.glob(".input*"))
+    (tmp_path / "torn").write_bytes(packed.read_bytes()[:-2000])
+    done = whittle("tiles", "plan", tmp_path / "torn", "--scratch", tmp_path / "none", "--memory", "1G", status=65)
+    assert "ends" in done.stderr or "checksum" in done.stderr
+    large = bumps(tmp_path / "large.ply", 500000)
+    (tmp_path / "large.ply.gz").write_bytes(gzip.compress(large.read_bytes(), 1))
+    goal = ("--points", 5000, "--memory", "160M")
+    for name in ("large.ply", "large.ply.gz"):
+        done = whittle(tmp_path / name, tmp_path / f"{name}.out.ply", *goal)
+        assert "tiles in" in done.stderr
+    assert (tmp_path / "large.ply.out.ply").read_bytes() == (tmp_path / "large.ply.gz.out.ply").read_bytes()
 
 
 def test_several_inputs_are_one_cloud(tmp_path):

@@ -153,3 +153,36 @@ void inflate_free(struct inflate *inflate) {
     kinds[inflate->kind].codec->stop(inflate->state);
     free(inflate);
 }
+
+/* ------------------------------------------------------------------------------------------------ the beginning */
+
+struct beginning {
+    unsigned char *to;
+    size_t n, room;
+};
+
+static enum status collect(void *ctx, const void *bytes, size_t n) {
+    struct beginning *beginning = ctx;
+    size_t room = beginning->room - beginning->n, taken = n < room ? n : room;
+    memcpy(beginning->to + beginning->n, bytes, taken);
+    beginning->n += taken;
+    return beginning->n < beginning->room ? STATUS_OK : STATUS_CANCELLED;
+}
+
+size_t inflate_beginning(enum inflate_kind kind, const void *packed, size_t n, unsigned char *to, size_t room,
+                         uint64_t *total) {
+    enum { SMALL_PIECE = 4096 };
+    struct beginning beginning = {.to = to, .room = room};
+    struct inflate *inflate = NULL;
+    struct error error;
+    size_t taken = 0;
+    enum status status = inflate_new(kind, NULL, (struct inflate_out){collect, &beginning}, &inflate, &error);
+    while (status == STATUS_OK && taken < n) {
+        size_t piece = n - taken < SMALL_PIECE ? n - taken : SMALL_PIECE;
+        status = inflate_push(inflate, (const char *)packed + taken, piece, &error);
+        taken += piece;
+    }
+    inflate_free(inflate);
+    if (*total != UINT64_MAX && taken) *total = (uint64_t)((double)*total / (double)taken * (double)beginning.n);
+    return beginning.n;
+}

@@ -40,6 +40,12 @@ struct inflate;
 /* Whether the n first bytes of a file begin such a stream (4 are enough to tell). */
 bool inflate_sniff(const void *first, size_t n, enum inflate_kind *kind);
 
+/* Decompresses as much of a stream that begins with these n bytes as there is room for; what is broken ends it.  *total
+ * (UINT64_MAX: not known) is how long the whole stream is, and becomes how long it may become, guessed by this part.
+ * Returns how many bytes `to` has, 0 where there is no memory. */
+size_t inflate_beginning(enum inflate_kind kind, const void *packed, size_t n, unsigned char *to, size_t room,
+                         uint64_t *total);
+
 /* Returns new *inflate, for inflate_free.  limits may be NULL.  STATUS_NO_MEMORY. */
 enum status inflate_new(enum inflate_kind kind, const struct inflate_limits *limits, struct inflate_out out,
                         struct inflate **inflate, struct error *error) MUST_CHECK;

@@ -4,13 +4,14 @@
 #include "core/io/formats/e57_pages.h"
 
 #include <string.h>
+#include <sys/mman.h>
 
 #include "core/base/endian.h"
 #include "core/io/codec/crc32.h"
 #include "core/io/first_bytes.h"
 #include "core/io/reader.h"
 
-enum { PAGE_SIZE_AT = 40 };
+enum { PAGE_SIZE_AT = 40, GIVEN_BACK = 4 << 20 /* bytes: whole pages of any machine */ };
 
 uint32_t e57_checksum(const unsigned char *bytes, size_t n) {
     struct crc32 crc;
@@ -22,7 +23,7 @@ static uint32_t big_load(const unsigned char *p) {
     return (uint32_t)p[0] << 24 | (uint32_t)p[1] << 16 | (uint32_t)p[2] << 8 | p[3];
 }
 
-enum status e57_pages_open(const void *bytes, size_t n, struct e57_pages *pages, struct error *error) {
+enum status e57_pages_open(const void *bytes, size_t n, bool gives_back, struct e57_pages *pages, struct error *error) {
     struct crc32 crc;
     const unsigned char *p = bytes;
     if (n < E57_HEADER_BYTES)
@@ -34,10 +35,13 @@ enum status e57_pages_open(const void *bytes, size_t n, struct e57_pages *pages,
     if (n % E57_PAGE)
         return error_set_at(error, STATUS_MALFORMED, "read", 0, n, "the file ends in the middle of a page");
     crc32_init(&crc, CRC32_CASTAGNOLI);
-    for (size_t at = 0; at < n; at += E57_PAGE)
+    for (size_t at = 0; at < n; at += E57_PAGE) {
+        if (gives_back && at && at % GIVEN_BACK == 0)
+            (void)madvise((unsigned char *)(uintptr_t)bytes + at - GIVEN_BACK, GIVEN_BACK, MADV_DONTNEED);
         if (crc32_of(&crc, p + at, E57_PAYLOAD) != big_load(p + at + E57_PAYLOAD))
             return error_set_at(error, STATUS_MALFORMED, "read", 0, at,
                                 "the checksum of page %zu is wrong: the file is damaged", at / E57_PAGE + 1);
+    }
     *pages = (struct e57_pages){p, n / E57_PAGE * E57_PAYLOAD};
     return STATUS_OK;
 }

@@ -7,6 +7,7 @@
 #ifndef WHITTLE_CORE_IO_FORMATS_E57_PAGES_H
 #define WHITTLE_CORE_IO_FORMATS_E57_PAGES_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -22,8 +23,10 @@ struct e57_pages {
 /* CRC-32C (Castagnoli) of n bytes. */
 uint32_t e57_checksum(const unsigned char *bytes, size_t n);
 
-/* The pages of a file of n bytes, every checksum compared.  STATUS_MALFORMED with the page's offset. */
-enum status e57_pages_open(const void *bytes, size_t n, struct e57_pages *pages, struct error *error) MUST_CHECK;
+/* The pages of a file of n bytes, every checksum compared.  gives_back: the bytes are a mapping of the file's, whose
+ * pages needn't stay in memory once they were looked at.  STATUS_MALFORMED with the page's offset. */
+enum status e57_pages_open(const void *bytes, size_t n, bool gives_back, struct e57_pages *pages,
+                           struct error *error) MUST_CHECK;
 
 /* The logical offset of a physical one; UINT64_MAX where it is in no page's payload. */
 uint64_t e57_pages_logical(const struct e57_pages *pages, uint64_t physical);

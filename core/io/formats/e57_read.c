@@ -30,6 +30,7 @@
 #include "core/io/build.h"
 #include "core/io/formats/e57_pages.h"
 #include "core/io/formats/e57_xml.h"
+#include "core/io/parts.h"
 #include "core/io/reader.h"
 #include "core/io/viewpoints.h"
 
@@ -484,10 +485,11 @@ static bool is_marked(const struct reader *r, enum role role, const double *valu
     return r->of_role[role] != SIZE_MAX && value[r->of_role[role]] != 0;
 }
 
-static enum status e57_take_points(struct reader *r, const struct e57_scan *scan, size_t number, double *value,
-                                   unsigned char *record) {
+/* The next n records of the scan. */
+static enum status e57_take_points(struct reader *r, const struct e57_scan *scan, size_t number, uint64_t n,
+                                   double *value, unsigned char *record) {
     enum status status = STATUS_OK;
-    for (uint64_t i = 0; !status && i < scan->records; i++) {
+    for (uint64_t i = 0; !status && i < n; i++) {
         for (size_t j = 0; !status && j < r->columns; j++) status = take_value(r, &r->column[j], &value[j]);
         if (status || is_marked(r, CARTESIAN_STATE, value) || is_marked(r, SPHERICAL_STATE, value)) continue;
         fill_record(r, scan, number, value, record);
@@ -496,16 +498,20 @@ static enum status e57_take_points(struct reader *r, const struct e57_scan *scan
     return status;
 }
 
-static enum status e57_take_scan(struct reader *r, const struct e57_scan *scan, size_t number) {
+static enum status begin_scan(struct reader *r, const struct e57_scan *scan) {
     uint64_t first = 0;
     enum status status = open_section(r, scan, &first);
     if (!status) status = open_columns(r, scan, first);
-    if (!status) status = set_turn(r, scan);
+    return status ? status : set_turn(r, scan);
+}
+
+static enum status e57_take_scan(struct reader *r, const struct e57_scan *scan, size_t number) {
+    enum status status = begin_scan(r, scan);
     if (status) return status;
     double *value = alloc_zeroed(r->columns, sizeof *value);
     unsigned char *record = alloc_zeroed(r->build.cloud.record_bytes, 1);
     viewpoints_begin(&r->views, (vec3){scan->translation[0], scan->translation[1], scan->translation[2]});
-    status = value && record ? e57_take_points(r, scan, number, value, record)
+    status = value && record ? e57_take_points(r, scan, number, scan->records, value, record)
                              : error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for a point");
     if (!status) viewpoints_end(&r->views);
     free(value), free(record);
@@ -526,10 +532,10 @@ static enum status check_records(struct reader *r) {
     return STATUS_OK;
 }
 
-static enum status e57_read_file(struct reader *r, const void *bytes, size_t n) {
+/* Everything that stands before the points. */
+static enum status e57_begin_file(struct reader *r, const void *bytes, size_t n, bool is_mapped) {
     const unsigned char *head = bytes;
-    size_t number = 0;
-    enum status status = e57_pages_open(bytes, n, &r->pages, r->build.error);
+    enum status status = e57_pages_open(bytes, n, is_mapped, &r->pages, r->build.error);
     if (!status)
         status = e57_xml_parse(&r->pages, e57_pages_logical(&r->pages, load_little_endian(head + XML_AT, 8)),
                                load_little_endian(head + XML_BYTES_AT, 8), &r->file, r->build.error);
@@ -537,6 +543,12 @@ static enum status e57_read_file(struct reader *r, const void *bytes, size_t n) 
     if (!status) status = e57_describe(r);
     if (!status && viewpoints_init(&r->views, r->scans))
         status = error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for %zu scans", r->scans);
+    return status;
+}
+
+static enum status e57_read_file(struct reader *r, const void *bytes, size_t n) {
+    size_t number = 0;
+    enum status status = e57_begin_file(r, bytes, n, false);
     for (size_t s = 0; !status && s < r->file.scan_count; s++)
         if (r->file.scan[s].records) status = e57_take_scan(r, &r->file.scan[s], number++);
     if (!status) viewpoints_give(&r->views, &r->build.cloud);
@@ -552,4 +564,88 @@ enum status cloud_e57_read(const void *bytes, size_t n, const struct cloud_limit
     viewpoints_done(&r.views);
     e57_description_done(&r.file);
     return cloud_build_end(&r.build, status, cloud);
+}
+
+/* ------------------------------------------------------------------------------------------------ part by part */
+
+struct e57_parts {
+    struct cloud_parts parts;
+    struct reader reader;
+    size_t scan, number; /* the next one, and its number among those with records */
+    uint64_t left;       /* records of the one before, which is being read */
+    double *value;       /* of the columns; owned, as is the next */
+    unsigned char *record;
+};
+
+/* Goes to the next scan that has records, if there is one. */
+static enum status next_scan(struct e57_parts *p) {
+    struct reader *r = &p->reader;
+    while (p->scan < r->file.scan_count && r->file.scan[p->scan].records == 0) p->scan++;
+    if (p->scan == r->file.scan_count) return STATUS_OK;
+    const struct e57_scan *scan = &r->file.scan[p->scan++];
+    enum status status = begin_scan(r, scan);
+    if (status) return status;
+    free(p->value);
+    p->value = alloc_zeroed(r->columns, sizeof *p->value);
+    p->left = scan->records;
+    p->number++;
+    viewpoints_begin(&r->views, (vec3){scan->translation[0], scan->translation[1], scan->translation[2]});
+    return p->value ? STATUS_OK : error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for a point");
+}
+
+/* Where in the file the stream that is least far is. */
+static size_t least_done(const struct reader *r) {
+    uint64_t least = UINT64_MAX;
+    for (size_t i = 0; i < r->columns; i++)
+        if (r->column[i].cursor.next && r->column[i].cursor.next < least) least = r->column[i].cursor.next;
+    return least == UINT64_MAX ? 0 : (size_t)(least / E57_PAYLOAD * E57_PAGE);
+}
+
+static enum status e57_next_part(struct cloud_parts *parts, struct error *error) {
+    struct e57_parts *p = (struct e57_parts *)parts;
+    struct reader *r = &p->reader;
+    enum status status = STATUS_OK;
+    r->build.error = error;
+    r->build.cloud.count = 0;
+    while (!status && r->build.cloud.count < CLOUD_PART_USUAL) {
+        if (p->left == 0) status = next_scan(p);
+        if (status || p->left == 0) break;
+        uint64_t room = CLOUD_PART_USUAL - r->build.cloud.count, n = p->left < room ? p->left : room;
+        status = e57_take_points(r, &r->file.scan[p->scan - 1], p->number - 1, n, p->value, p->record);
+        p->left -= n;
+    }
+    bool is_end = p->left == 0 && p->scan == r->file.scan_count;
+    size_t done = is_end ? (size_t)r->n : least_done(r);
+    if (done > parts->done_bytes) parts->done_bytes = done;
+    return status;
+}
+
+static void e57_free_parts(struct cloud_parts *parts) {
+    struct e57_parts *p = (struct e57_parts *)parts;
+    cloud_done(&p->reader.build.cloud);
+    viewpoints_done(&p->reader.views);
+    e57_description_done(&p->reader.file);
+    free(p->reader.column), free(p->value), free(p->record);
+    free(p);
+}
+
+enum status cloud_e57_parts(const void *bytes, size_t n, const struct cloud_limits *limits, struct cloud_parts **out,
+                            struct error *error) {
+    struct e57_parts *p = alloc_zeroed(1, sizeof *p);
+    if (!p) return error_set(error, STATUS_NO_MEMORY, "read", "no memory to read with");
+    struct reader *r = &p->reader;
+    uint64_t promised = 0;
+    (void)limits;
+    r->n = n;
+    cloud_build_start(&r->build, "e57", n, NULL, NULL, error);
+    enum status status = e57_begin_file(r, bytes, n, true);
+    if (!status) p->record = alloc_zeroed(r->build.cloud.record_bytes, 1);
+    if (!status && !p->record) status = error_set(error, STATUS_NO_MEMORY, "read", "no memory for a point");
+    for (size_t s = 0; s < r->file.scan_count; s++) promised += r->file.scan[s].records;
+    p->parts = (struct cloud_parts){&r->build.cloud, promised, 0, e57_next_part, e57_free_parts};
+    if (status)
+        e57_free_parts(&p->parts);
+    else
+        *out = &p->parts;
+    return status;
 }

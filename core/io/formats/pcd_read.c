@@ -23,6 +23,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 
 #include "core/base/alloc.h"
 #include "core/base/endian.h"
@@ -31,6 +32,8 @@
 #include "core/io/first_bytes.h"
 #include "core/io/formats/pcd_header.h"
 #include "core/io/padding.h"
+#include "core/io/parts.h"
+#include "core/io/temporary.h"
 #include "core/io/text_scanner.h"
 
 enum { LZF_MOST = 265 /* no byte of LZF becomes more than this */, LENGTHS_BYTES = 8 };
@@ -179,10 +182,12 @@ static void pcd_store(const struct column *column, uint64_t bits, unsigned char 
     }
 }
 
-static enum status pcd_take_binary(struct reader *r, const unsigned char *data, uint64_t byte, size_t stride) {
+/* Points first .. first + n - 1. */
+static enum status pcd_take_binary(struct reader *r, const unsigned char *data, uint64_t byte, size_t stride,
+                                   uint64_t first, uint64_t n) {
     unsigned char record[CLOUD_MAX_PROPERTIES * 8];
     enum status status = STATUS_OK;
-    for (uint64_t i = 0; !status && i < r->header.points; i++) {
+    for (uint64_t i = first; !status && i < first + n; i++) {
         for (size_t j = 0; j < r->column_count; j++) {
             const struct column *column = &r->column[j];
             pcd_store(column, load_little_endian(data + column->start + i * column->stride, column->field->bytes),
@@ -244,22 +249,31 @@ static enum status pcd_take_line(struct reader *r, struct scan *scan) {
     return cloud_build_point(&r->build, record, place);
 }
 
-static enum status read_ascii(struct reader *r) {
-    struct scan scan = scan_start(r->bytes, r->n);
-    struct scan_word word;
-    enum status status = STATUS_OK;
-    scan.at = scan.begin + r->header.bytes;
-    scan.line = r->header.lines + 1;
+/* The lines, which may be as many as are promised. */
+static enum status begin_lines(struct reader *r, struct scan *scan) {
+    *scan = scan_start(r->bytes, r->n);
+    scan->at = scan->begin + r->header.bytes;
+    scan->line = r->header.lines + 1;
     if (r->header.points > (r->n - r->header.bytes + 1) / (2 * r->column_count))
-        return cloud_build_bad(&r->build, "POINTS", (struct cloud_place){scan.line, 0},
+        return cloud_build_bad(&r->build, "POINTS", (struct cloud_place){scan->line, 0},
                                "%" PRIu64 " points are promised, which %zu bytes can't hold", r->header.points,
                                r->n - r->header.bytes);
-    status = cloud_build_room(&r->build, r->header.points);
+    return STATUS_OK;
+}
+
+static enum status end_lines(struct reader *r, struct scan *scan) {
+    struct scan_word word;
+    if (!scan_token(scan, &word)) return STATUS_OK;
+    return cloud_build_bad(&r->build, "points", (struct cloud_place){scan->line, 0},
+                           "data after the last point that the header promises");
+}
+
+static enum status read_ascii(struct reader *r) {
+    struct scan scan;
+    enum status status = begin_lines(r, &scan);
+    if (!status) status = cloud_build_room(&r->build, r->header.points);
     for (uint64_t i = 0; !status && i < r->header.points; i++) status = pcd_take_line(r, &scan);
-    if (!status && scan_token(&scan, &word))
-        status = cloud_build_bad(&r->build, "points", (struct cloud_place){scan.line, 0},
-                                 "data after the last point that the header promises");
-    return status;
+    return status ? status : end_lines(r, &scan);
 }
 
 /* ------------------------------------------------------------------------------------------------ binary */
@@ -279,14 +293,21 @@ static enum status check_tail(struct reader *r, size_t at) {
     return cloud_build_bad(&r->build, "read", (struct cloud_place){0, at}, "data after the last point");
 }
 
-static enum status pcd_read_binary(struct reader *r) {
+static enum status check_binary(struct reader *r, uint64_t *end) {
     uint64_t begin = r->header.bytes, bytes;
     if (__builtin_mul_overflow(r->header.points, r->header.record_bytes, &bytes) || bytes > r->n - begin)
         return wrong_length(r, r->header.points > UINT64_MAX / r->header.record_bytes ? UINT64_MAX : bytes + begin,
                             r->n);
-    enum status status = cloud_build_room(&r->build, r->header.points);
-    if (!status) status = pcd_take_binary(r, r->bytes + begin, begin, r->header.record_bytes);
-    return status ? status : check_tail(r, begin + bytes);
+    *end = begin + bytes;
+    return STATUS_OK;
+}
+
+static enum status pcd_read_binary(struct reader *r) {
+    uint64_t begin = r->header.bytes, end = 0;
+    enum status status = check_binary(r, &end);
+    if (!status) status = cloud_build_room(&r->build, r->header.points);
+    if (!status) status = pcd_take_binary(r, r->bytes + begin, begin, r->header.record_bytes, 0, r->header.points);
+    return status ? status : check_tail(r, end);
 }
 
 /* From point by point to field by field. */
@@ -303,7 +324,8 @@ static void turn_columns(struct reader *r) {
     }
 }
 
-static enum status read_compressed(struct reader *r) {
+/* What is packed is *packed bytes, which become *bytes. */
+static enum status check_compressed(struct reader *r, size_t *packed_bytes, size_t *unpacked_bytes) {
     size_t begin = r->header.bytes, left = r->n - begin;
     uint64_t expected;
     if (left < LENGTHS_BYTES) return wrong_length(r, begin + LENGTHS_BYTES, r->n);
@@ -316,16 +338,28 @@ static enum status read_compressed(struct reader *r) {
     if (bytes / LZF_MOST > packed)
         return cloud_build_bad(&r->build, "DATA", (struct cloud_place){0, begin},
                                "%" PRIu64 " bytes of LZF can't become %" PRIu64, packed, bytes);
-    unsigned char *data = alloc_array((size_t)bytes, 1);
-    enum status status =
-        data ? cloud_build_room(&r->build, r->header.points)
-             : error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for %" PRIu64 " bytes", bytes);
-    if (!status && !lzf_decompress(r->bytes + begin + LENGTHS_BYTES, (size_t)packed, data, (size_t)bytes))
-        status = cloud_build_bad(&r->build, "DATA", (struct cloud_place){0, begin + LENGTHS_BYTES},
-                                 "the packed data is broken");
+    *packed_bytes = (size_t)packed;
+    *unpacked_bytes = (size_t)bytes;
+    return STATUS_OK;
+}
+
+static enum status unpack(struct reader *r, size_t packed, unsigned char *data, size_t bytes) {
+    size_t begin = r->header.bytes + LENGTHS_BYTES;
     turn_columns(r);
-    if (!status) status = pcd_take_binary(r, data, begin + LENGTHS_BYTES, 0);
-    if (!status) status = check_tail(r, begin + LENGTHS_BYTES + (size_t)packed);
+    if (lzf_decompress(r->bytes + begin, packed, data, bytes)) return STATUS_OK;
+    return cloud_build_bad(&r->build, "DATA", (struct cloud_place){0, begin}, "the packed data is broken");
+}
+
+static enum status read_compressed(struct reader *r) {
+    size_t packed = 0, bytes = 0, begin = r->header.bytes + LENGTHS_BYTES;
+    enum status status = check_compressed(r, &packed, &bytes);
+    if (status) return status;
+    unsigned char *data = alloc_array(bytes, 1);
+    status = data ? cloud_build_room(&r->build, r->header.points)
+                  : error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for %zu bytes", bytes);
+    if (!status) status = unpack(r, packed, data, bytes);
+    if (!status) status = pcd_take_binary(r, data, begin, 0, 0, r->header.points);
+    if (!status) status = check_tail(r, begin + packed);
     free(data);
     return status;
 }
@@ -394,4 +428,99 @@ enum status cloud_pcd_read(const void *bytes, size_t n, const struct cloud_limit
     status = pcd_read_file(&r);
     free(r.column);
     return cloud_build_end(&r.build, status, cloud);
+}
+
+/* ------------------------------------------------------------------------------------------------ part by part */
+
+struct pcd_parts {
+    struct cloud_parts parts;
+    struct reader reader;
+    struct scan lines;         /* ascii */
+    const unsigned char *data; /* binary: the first point */
+    uint64_t byte;             /* where that is in the file */
+    size_t stride, tail;       /* bytes of a point in the file, 0: they are packed; where the points end */
+    unsigned char *unpacked;   /* mapped; NULL: they aren't packed */
+    size_t unpacked_bytes;
+    uint64_t done; /* points */
+};
+
+static enum status pcd_next_part(struct cloud_parts *parts, struct error *error) {
+    struct pcd_parts *p = (struct pcd_parts *)parts;
+    struct reader *r = &p->reader;
+    uint64_t left = r->header.points - p->done, n = left < CLOUD_PART_USUAL ? left : CLOUD_PART_USUAL;
+    enum status status = STATUS_OK;
+    r->build.error = error;
+    r->build.cloud.count = 0;
+    if (n == 0) return STATUS_OK;
+    if (r->header.data == PCD_ASCII)
+        for (uint64_t i = 0; !status && i < n; i++) status = pcd_take_line(r, &p->lines);
+    else
+        status = pcd_take_binary(r, p->data, p->byte, p->stride, p->done, n);
+    p->done += n;
+    if (r->header.data == PCD_ASCII)
+        parts->done_bytes = (size_t)(p->lines.at - p->lines.begin);
+    else
+        parts->done_bytes = p->stride ? (size_t)(p->byte + p->done * p->stride) : n == left ? p->tail : 0;
+    if (status || n < left) return status;
+    return r->header.data == PCD_ASCII ? end_lines(r, &p->lines) : check_tail(r, p->tail);
+}
+
+static void pcd_free_parts(struct cloud_parts *parts) {
+    struct pcd_parts *p = (struct pcd_parts *)parts;
+    cloud_done(&p->reader.build.cloud);
+    free(p->reader.column);
+    if (p->unpacked) munmap(p->unpacked, p->unpacked_bytes);
+    free(p);
+}
+
+/* What is packed goes onto the disk. */
+static enum status begin_compressed(struct pcd_parts *p, const struct cloud_limits *limits) {
+    struct reader *r = &p->reader;
+    size_t packed = 0;
+    if (!limits || !limits->scratch)
+        return error_set(r->build.error, STATUS_UNSUPPORTED, "read",
+                         "binary_compressed isn't read part by part without a folder for it");
+    enum status status = check_compressed(r, &packed, &p->unpacked_bytes);
+    if (!status) status = temporary_map(limits->scratch, p->unpacked_bytes, &p->unpacked, r->build.error);
+    if (!status) status = unpack(r, packed, p->unpacked, p->unpacked_bytes);
+    p->data = p->unpacked;
+    p->byte = r->header.bytes + LENGTHS_BYTES;
+    p->tail = (size_t)p->byte + packed;
+    return status;
+}
+
+static enum status begin_points(struct pcd_parts *p, const struct cloud_limits *limits) {
+    struct reader *r = &p->reader;
+    uint64_t end = 0;
+    if (r->header.points == 0)
+        return error_set_at(r->build.error, STATUS_MALFORMED, "read", 0, UINT64_MAX, "no points");
+    if (r->header.data == PCD_ASCII) return begin_lines(r, &p->lines);
+    if (r->header.data == PCD_COMPRESSED) return begin_compressed(p, limits);
+    enum status status = check_binary(r, &end);
+    p->data = r->bytes + r->header.bytes;
+    p->byte = r->header.bytes;
+    p->stride = r->header.record_bytes;
+    p->tail = (size_t)end;
+    return status;
+}
+
+enum status cloud_pcd_parts(const void *bytes, size_t n, const struct cloud_limits *limits, struct cloud_parts **out,
+                            struct error *error) {
+    struct pcd_parts *p = alloc_zeroed(1, sizeof *p);
+    if (!p) return error_set(error, STATUS_NO_MEMORY, "read", "no memory to read with");
+    struct reader *r = &p->reader;
+    *r = (struct reader){.bytes = bytes, .n = n};
+    cloud_build_start(&r->build, "pcd", n, NULL, NULL, error);
+    enum status status = pcd_header_parse(bytes, n, &r->header, error);
+    if (!status) r->build.cloud.form = forms[r->header.data];
+    if (!status) status = pcd_describe(r);
+    if (!status) status = begin_points(p, limits);
+    if (!status) status = keep_comments(r);
+    if (!status) status = keep_viewpoint(r);
+    p->parts = (struct cloud_parts){&r->build.cloud, r->header.points, 0, pcd_next_part, pcd_free_parts};
+    if (status)
+        pcd_free_parts(&p->parts);
+    else
+        *out = &p->parts;
+    return status;
 }

@@ -7,7 +7,8 @@ Usage: page.py BUILD_FOLDER [--points 1000000] [--picture FILE]
 Runs a daemon with the page (make page) and a job on a synthetic scan, opens that in Debian's chromium without a graphics
 processor (SwiftShader, so figures are far above those of other machines), and prints as JSON: bytes and milliseconds
 to the first view and until all is there; the page's longest task by the clock and by the processor time that it took
-(on a busy machine the first one says more of the machine); frames while it turns; the page's memory.
+(on a busy machine the first one says more of the machine); frames while it turns, by the clock and by the processor time
+of what draws and of pages; the page's memory.
 """
 import argparse
 import pathlib

@@ -215,6 +215,7 @@ def test_a_large_cloud_is_seen_before_it_is_there(daemon, tmp_path):
     assert before["shown"] == before["count"] == n and after["shown"] == after["count"] == n // 4
     assert before["fetched"] + after["fetched"] > n * 12
     assert seen["first_view_bytes"] < 1000000 < seen["bytes"] / 4
+    assert min(seen["frame_processor_ms"].values()) > 0 < seen["longest_task_processor_ms"]
     assert before["fetched"] + after["fetched"] < seen["bytes"] < before["fetched"] + after["fetched"] + 500000
 
 

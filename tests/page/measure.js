@@ -34,6 +34,13 @@ function processorTimes(events) {
     .map((e) => Math.round((e.tdur ?? e.dur) / 1000)).sort((a, b) => b - a);
 }
 
+// Seconds of processor of the browser's processes so far: those that draw (without a graphics processor), and pages.
+async function processors(session) {
+  const { processInfo } = await session.send("SystemInfo.getProcessInfo"), spent = { GPU: 0, renderer: 0 };
+  for (const { type, cpuTime } of processInfo) if (type in spent) spent[type] += cpuTime;
+  return spent;
+}
+
 async function measure(browser, url, picture) {
   const page = await browser.newPage(), bytes = { all: 0 };
   page.setDefaultTimeout(300000);
@@ -53,6 +60,7 @@ async function measure(browser, url, picture) {
   const whileLoading = await page.evaluate(() => globalThis.tasks.splice(0));
   const busy = processorTimes(JSON.parse(Buffer.from(await page.tracing.stop()).toString()).traceEvents);
   await page.focus("#look-canvas");
+  const system = await browser.target().createCDPSession(), before = await processors(system);
   const turning = await page.evaluate(async (frames) => {
     const times = [], canvas = document.getElementById("look-canvas");
     for (let i = 0; i < frames; i++) {
@@ -63,7 +71,7 @@ async function measure(browser, url, picture) {
     }
     return times.sort((a, b) => a - b);
   }, FRAMES);
-  const stopped = Date.now();
+  const stopped = Date.now(), spent = await processors(system);
   await page.waitForFunction(() => !whittled.drawn().busy);
   const whole = Date.now() - stopped, whileTurning = await page.evaluate(() => globalThis.tasks.splice(0));
   const heap = await page.metrics();
@@ -71,7 +79,8 @@ async function measure(browser, url, picture) {
   const { layers } = await page.evaluate(() => whittled.drawn());
   return { first_view_ms: first.ms, first_view_bytes: first.bytes, loaded_ms: loaded, bytes: bytes.all,
     longest_task_processor_ms: busy[0] ?? 0, tasks_by_processor_ms: busy.slice(0, 8), longest_task_ms: Math.max(0, ...whileLoading.map(([, ms]) => ms)), tasks_over_100_ms: whileLoading.filter(([, ms]) => ms > 100),
-    frame_ms: { median: Math.round(turning[FRAMES >> 1]), most: Math.round(turning.at(-1)) }, all_drawn_ms: whole,
+    frame_ms: { median: Math.round(turning[FRAMES >> 1]), most: Math.round(turning.at(-1)) },
+    frame_processor_ms: Object.fromEntries(Object.keys(spent).map((type) => [type, Math.round(1000 * (spent[type] - before[type]) / FRAMES)])), all_drawn_ms: whole,
     longest_task_while_turning_ms: Math.max(0, ...whileTurning.map(([, ms]) => ms)),
     heap_bytes: heap.JSHeapUsedSize, layers };
 }

@@ -20,10 +20,11 @@
 static const char style[] =
     ":root{color-scheme:light dark}"
     "body{font:15px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;"
-    "color:#222;background:#fff}"
+    "color:#23272f;background:#fafaf8}a{color:#8c3b12}"
     "table{border-collapse:collapse;width:100%}td,th{text-align:left;vertical-align:top;padding:.2rem .6rem .2rem 0;"
     "border-bottom:1px solid #8884}td,p{overflow-wrap:break-word}h3{overflow-wrap:anywhere}.scrolls{overflow-x:auto}"
-    "pre{background:#8882;padding:.6rem .8rem;overflow-x:auto;font-size:90%}"
+    "pre{background:#8882;border-radius:.5rem;padding:.6rem .8rem;white-space:pre-wrap;overflow-wrap:anywhere;"
+    "font-size:90%}"
     "code{font-size:95%}h3{margin-top:2.2rem}"
     "h3 code{background:#8882;padding:.1rem .4rem}"
     "nav{display:flex;flex-wrap:wrap;gap:.2rem 1rem}"
@@ -33,7 +34,7 @@ static const char style[] =
     "button{justify-self:start}"
     "@media(max-width:40rem){table,tbody,tr,td{display:block}tr:has(th){display:none}td{border:0;padding:0}"
     "tr{padding:.5rem 0;border-bottom:1px solid #8884}}"
-    "@media(prefers-color-scheme:dark){body{color:#ddd;background:#181818}a{color:#8bf}}";
+    "@media(prefers-color-scheme:dark){body{color:#e8e8e4;background:#15171b}a{color:#f0a060}}";
 
 #define TABLE "<div class=\"scrolls\" tabindex=\"0\" role=\"group\" aria-label=\"Table\"><table>"
 

@@ -114,6 +114,10 @@ static json_t *tiles_json(const struct job_document *job) {
     return json_pack("{s:I, s:I}", "done", (json_int_t)job->tiles_done, "of", (json_int_t)job->tiles);
 }
 
+static json_t *batch_path_json(const char *id) {
+    return id && *id ? json_sprintf("%s/v1/batches/%s", links_base(), id) : json_null();
+}
+
 static json_t *job_json(const struct job_document *job) {
     json_t *report = parsed_or_null(job->report);
     const struct {
@@ -136,6 +140,7 @@ static json_t *job_json(const struct job_document *job) {
         {"attempt", json_integer(job->attempt)},
         {"label", text_or_null(job->label)},
         {"principal", text_or_null(job->principal)},
+        {"batch", batch_path_json(job->batch)},
         {"input", job_input_json(job, report)},
         {"params", params_json(job, report)},
         {"resources", resources_json(job)},

@@ -21,6 +21,7 @@ struct job_document {
     int priority;
     double time_left_s; /* NAN = not known (null) */
     int attempt;
+    const char *batch; /* its id; NULL or "" = null */
     const char *cloud; /* sha256 of the input */
     uint64_t input_points, input_bytes;
     const char *input_format;

@@ -18,8 +18,8 @@ static const char input_path[] = "/v1/clouds/";
 static const struct {
     const char *name;
     json_type type;
-} members[] = {{"input", JSON_STRING},  {"params", JSON_OBJECT},  {"label", JSON_STRING},    {"join", JSON_ARRAY},
-               {"output", JSON_STRING}, {"webhook", JSON_STRING}, {"priority", JSON_INTEGER}};
+} members[] = {{"input", JSON_STRING}, {"params", JSON_OBJECT}, {"label", JSON_STRING},   {"join", JSON_ARRAY},
+               {"clouds", JSON_ARRAY}, {"output", JSON_STRING}, {"webhook", JSON_STRING}, {"priority", JSON_INTEGER}};
 enum { MEMBERS = sizeof members / sizeof members[0] };
 
 static const char *type_name(json_type type) {
@@ -115,7 +115,14 @@ static json_t *parse(const char *text, size_t bytes, const char *what, struct pr
     return NULL;
 }
 
+/* Whether the operation takes several clouds, each for itself. */
+static bool takes_clouds(const char *const *names) {
+    while (names && *names && strcmp(*names, "clouds") != 0) names++;
+    return names && *names;
+}
+
 static bool is_taken(const char *name, const char *const *names, const char *input) {
+    if (takes_clouds(names) && (strcmp(name, "input") == 0 || strcmp(name, "join") == 0)) return false;
     for (; names && *names; names++)
         if (strcmp(name, *names) == 0) return true;
     return (!input && strcmp(name, "input") == 0) || strcmp(name, "params") == 0 || strcmp(name, "join") == 0;
@@ -128,7 +135,7 @@ static void add_unknown(const char *name, const char *const *names, struct probl
     static const char *const own[] = {"input", "join", "params", NULL};
     const char *first = params_suggest(name, own);
     for (size_t i = 0; first && own[i]; i++)
-        if (strcmp(first, own[i]) == 0) near = first;
+        if (strcmp(first, own[i]) == 0 && is_taken(first, names, NULL)) near = first;
     bool is_param = near && params_find(near);
     snprintf(path, sizeof path, "%s%s", is_param ? "params." : "", near ? near : "");
     add_fault(problem, PROBLEM_UNKNOWN_PARAMETER, name, NULL, near ? path : NULL);
@@ -181,9 +188,31 @@ static void read_joined(struct job_request *request, const json_t *list, struct 
     }
 }
 
+/* The first of them is the input, the others are behind it. */
+static void read_clouds(struct job_request *request, const json_t *list, struct problem *problem) {
+    size_t count = json_is_array(list) ? json_array_size(list) : 0;
+    if (!list)
+        add_fault(problem, PROBLEM_INVALID_PARAMETER, "clouds", "must be there", NULL);
+    else if (json_is_array(list) && (count < 1 || count > JOB_REQUEST_MAX_JOINED + 1))
+        add_fault(problem, PROBLEM_INVALID_PARAMETER, "clouds", "1 to 256 clouds", NULL);
+    else
+        for (size_t i = 0; i < count; i++) {
+            const char *id = cloud_of(json_array_get(list, i));
+            char path[32];
+            snprintf(path, sizeof path, "clouds[%zu]", i);
+            if (!id)
+                add_fault(problem, PROBLEM_INVALID_PARAMETER, path, "the path of a cloud, /v1/clouds/ and its id",
+                          NULL);
+            else
+                snprintf(i ? request->join[request->joined++] : request->input, sizeof request->input, "%s", id);
+        }
+}
+
 static bool add_member(struct job_request *request, const char *name, const json_t *value, struct problem *problem) {
     char text[32];
-    if (strcmp(name, "input") == 0 || strcmp(name, "params") == 0 || strcmp(name, "join") == 0) return true;
+    if (strcmp(name, "input") == 0 || strcmp(name, "params") == 0 || strcmp(name, "join") == 0 ||
+        strcmp(name, "clouds") == 0)
+        return true;
     snprintf(text, sizeof text, "%lld", (long long)json_integer_value(value));
     const char *string = json_is_string(value) ? json_string_value(value) : text;
     return job_request_add(request, name, string, strlen(string), problem);
@@ -195,7 +224,9 @@ static bool read_document(struct job_request *request, json_t *json, const char 
     json_t *value, *params = json_object_get(json, "params");
     memset(problem, 0, sizeof *problem);
     json_object_foreach(json, name, value) check_member(name, value, names, input, problem);
-    if (input)
+    if (takes_clouds(names))
+        read_clouds(request, json_object_get(json, "clouds"), problem);
+    else if (input)
         snprintf(request->input, sizeof request->input, "%s", input);
     else
         read_input(request, json_object_get(json, "input"), problem);

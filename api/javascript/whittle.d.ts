@@ -40,6 +40,20 @@ export interface Job {
   [member: string]: unknown;
 }
 
+/** The document of a batch: jobs of several clouds that came together. */
+export interface Batch {
+  id: string;
+  status: Status;
+  /** Percent. */
+  progress: number;
+  finished: string | null;
+  label: string | null;
+  counts: Record<"total" | "deleted" | Status, number>;
+  /** In the order of the clouds. */
+  jobs: { id: string; status: Status; progress: number; cloud: string; href: string }[];
+  [member: string]: unknown;
+}
+
 /** The cloud's document. */
 export interface Cloud {
   id: string;
@@ -109,6 +123,9 @@ export class Client {
   upload(source: Source, options?: UploadOptions): Promise<string>;
   clouds(options?: Options): Promise<Cloud[]>;
   simplify(cloud: Source | Source[], params?: Parameters, options?: SubmitOptions): Promise<Job>;
+  batch(clouds: Source[], params?: Parameters, options?: SubmitOptions): Promise<Batch>;
+  waitBatch(batch: Batch | string, options?: Options & { onProgress?: (batch: Batch) => void }): Promise<Batch>;
+  cancelBatch(batch: Batch | string, options?: Options): Promise<Batch>;
   job(job: Job | string, options?: Options): Promise<Job>;
   jobs(options?: Options & { status?: Status; label?: string; limit?: number; after?: string }): Promise<Job[]>;
   wait(job: Job | string, options?: Options & { onProgress?: (job: Job) => void }): Promise<Job>;

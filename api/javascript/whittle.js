@@ -214,6 +214,24 @@ export class Client {
     return this.#document("POST", `/v1/clouds/${ids[0]}/jobs`, { params, join, label, priority, webhook }, { signal });
   }
 
+  /** Submits a job for each of these clouds, all or none, with one webhook; the jobs of the batch that comes back stand in
+   *  the order of the clouds. */
+  async batch(clouds, params = {}, { label, priority, webhook, signal } = {}) {
+    const paths = [];
+    for (const each of clouds) paths.push(`/v1/clouds/${await this.#cloud(each, signal)}`);
+    return this.#document("POST", "/v1/batches", { clouds: paths, params, label, priority, webhook }, { signal });
+  }
+
+  /** The document of a batch all of whose jobs have ended, however they have. */
+  waitBatch(batch, { onProgress, signal } = {}) {
+    return this.#wait(`/v1/batches/${idOf(batch)}`, onProgress, signal);
+  }
+
+  /** Ends all jobs of a batch; where all have ended, deletes them. */
+  cancelBatch(batch, options) {
+    return this.#document("DELETE", `/v1/batches/${idOf(batch)}`, undefined, options);
+  }
+
   /** The document of a job, by its id or an older document. */
   job(job, options) {
     return this.#document("GET", `/v1/jobs/${idOf(job)}`, undefined, options);
@@ -231,20 +249,26 @@ export class Client {
   /** The document of a job that has ended; onProgress is given it whenever it was read.  Throws Problem where it failed;
    *  to end the waiting, abort the signal. */
   async wait(job, { onProgress, signal } = {}) {
+    const read = await this.#wait(`/v1/jobs/${idOf(job)}`, onProgress, signal);
+    if (read.status === "failed") {
+      const problem = read.problem ?? { title: "the job failed" };
+      throw new Problem(problem.status ?? 500, problem);
+    }
+    return read;
+  }
+
+  /* The document at a path when it has ended. */
+  async #wait(path, onProgress, signal) {
     const patience = Math.max(1, Math.min(20, Math.floor(this.#timeout / 2000)));
     for (let etag; ;) {
       const headers = { Prefer: `wait=${patience}`, ...(etag ? { "If-None-Match": etag } : {}) };
-      const read = await this.request("GET", `/v1/jobs/${idOf(job)}`, { headers, signal }, async (response) => {
+      const read = await this.request("GET", path, { headers, signal }, async (response) => {
         if (response.status === 304) return null;
         etag = response.headers.get("ETag");
         return response.json();
       });
       if (!read) continue;
       onProgress?.(read);
-      if (read.status === "failed") {
-        const problem = read.problem ?? { title: "the job failed" };
-        throw new Problem(problem.status ?? 500, problem);
-      }
       if (ENDED.includes(read.status)) return read;
     }
   }

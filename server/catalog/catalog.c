@@ -90,6 +90,11 @@ void catalog_cloud_done(struct catalog_cloud *cloud) {
     memset(cloud, 0, sizeof *cloud);
 }
 
+void catalog_batch_done(struct catalog_batch *batch) {
+    free(batch->job);
+    memset(batch, 0, sizeof *batch);
+}
+
 bool catalog_cloud_id_valid(const char *text) {
     return strlen(text) == JOB_HASH_BYTES - 1 && strspn(text, "0123456789abcdef") == JOB_HASH_BYTES - 1;
 }
@@ -137,6 +142,21 @@ enum status catalog_submit(struct catalog *catalog, const struct job *job, const
 enum status catalog_submit_ended(struct catalog *catalog, const struct job *job, const struct catalog_limits *limits,
                                  struct error *error) {
     return catalog->backend->submit_ended(catalog, job, limits, error);
+}
+
+enum status catalog_submit_batch(struct catalog *catalog, const struct catalog_batch *batch, const struct job *jobs,
+                                 const struct catalog_limits *limits, struct error *error) {
+    return catalog->backend->submit_batch(catalog, batch, jobs, limits, error);
+}
+
+enum status catalog_get_batch(struct catalog *catalog, const char *id, struct catalog_batch *batch, bool *found,
+                              struct error *error) {
+    return catalog->backend->get_batch(catalog, id, batch, found, error);
+}
+
+enum status catalog_list_batches(struct catalog *catalog, const char *principal, const char *after,
+                                 struct catalog_batch *batches, size_t max, size_t *count, struct error *error) {
+    return catalog->backend->list_batches(catalog, principal, after, batches, max, count, error);
 }
 
 enum status catalog_find_result(struct catalog *catalog, const char *result, const char *principal, struct job *job,

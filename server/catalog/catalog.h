@@ -174,6 +174,7 @@ struct catalog_filter {
     const char *label;     /* NULL = any */
     const char *principal; /* only jobs of this one, "" = anonymous; NULL = of all */
     const char *after;     /* only ids before (older than) this one; NULL = from the newest */
+    const char *batch;     /* only jobs of this one; NULL = any */
 };
 
 /* Reads up to max jobs, newest first; each the caller's, to job_done. */
@@ -199,6 +200,50 @@ void catalog_outlook(struct catalog *catalog, const char *id,
 
 /* Jobs waiting and running; from memory, never blocks for long. */
 void catalog_depth(struct catalog *catalog, uint64_t *waiting, uint64_t *running);
+
+/* ------------------------------------------------------------------------------------------------ batches */
+
+/* A batch: jobs that came together, one for each of several clouds, with one webhook, which is due when the last of
+ * them has ended.  Each is a job as any other.  A batch is there as long as one of its jobs is. */
+enum { CATALOG_MAX_BATCH = 256 };
+
+struct catalog_batch {
+    char id[JOB_ID_BYTES];               /* UUIDv7, as a job's */
+    char principal[JOB_PRINCIPAL_BYTES]; /* who submitted it; "" = anonymous */
+    char label[JOB_LABEL_BYTES];
+    int64_t created_ms;
+    size_t size; /* how many jobs it was made of: 1 to CATALOG_MAX_BATCH */
+
+    const struct job_key *key; /* borrowed, and kept with it when it is submitted; NULL = none */
+    const char *webhook;       /* the same: where to tell of its end */
+
+    size_t job_count; /* that are there still */
+    struct catalog_batch_job {
+        char id[JOB_ID_BYTES], cloud[JOB_HASH_BYTES];
+        enum job_state state; /* as it is seen */
+        uint64_t sequence;
+        double fraction;
+        int64_t finished_ms;
+    } * job; /* owned; in the order in which their clouds were named; NULL before it is read */
+};
+
+/* Frees what the batch owns.  Accepts a zeroed one. */
+void catalog_batch_done(struct catalog_batch *batch);
+
+/* Adds a batch with its jobs (as many as its size), all or none; those in state JOB_SUCCESSFUL are served by an earlier
+ * one's outputs, as in catalog_submit_ended, the others wait.  STATUS_LIMIT as in catalog_submit. */
+enum status catalog_submit_batch(struct catalog *catalog, const struct catalog_batch *batch, const struct job *jobs,
+                                 const struct catalog_limits *limits, struct error *error) MUST_CHECK;
+
+/* Reads a batch; *found false: there is none (any more).  It is the caller's, to catalog_batch_done, either way. */
+enum status catalog_get_batch(struct catalog *catalog, const char *id, struct catalog_batch *batch, bool *found,
+                              struct error *error) MUST_CHECK;
+
+/* Up to max of them, newest first, of this principal (NULL = of all), before (older than) the one with the id `after`
+ * (NULL = from the newest); each the caller's, to catalog_batch_done. */
+enum status catalog_list_batches(struct catalog *catalog, const char *principal, const char *after,
+                                 struct catalog_batch *batches, size_t max, size_t *count,
+                                 struct error *error) MUST_CHECK;
 
 /* ------------------------------------------------------------------------------------------------ principals */
 
@@ -422,10 +467,10 @@ enum status catalog_forget_keys(struct catalog *catalog, int64_t before_ms, stru
 
 /* ------------------------------------------------------------------------------------------------ webhooks */
 
-/* Who is told of the end of which job.  A webhook is added with its job, becomes due when the job ends, and goes with
- * its delivery or with its job. */
+/* Who is told of the end of which job or batch.  A webhook is added with it, becomes due when it ends, and goes with
+ * its delivery or with what it is of. */
 struct catalog_webhook {
-    char job[JOB_ID_BYTES], url[JOB_WEBHOOK_BYTES], principal[JOB_PRINCIPAL_BYTES]; /* the job's */
+    char job[JOB_ID_BYTES], url[JOB_WEBHOOK_BYTES], principal[JOB_PRINCIPAL_BYTES]; /* the job's, or the batch's */
     int attempts;                                                                   /* that failed */
     int64_t due_ms;                                                                 /* since when it is due */
 };

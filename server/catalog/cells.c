@@ -4,6 +4,7 @@
 #include "server/catalog/cells.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 static void copy_text(const struct catalog_cells *cells, int column, char *to, size_t bytes) {
@@ -44,7 +45,8 @@ void catalog_cells_read_job(const struct catalog_cells *cells, struct job *job) 
     job->lease_end_ms = cells->integer(cells->row, c++);
     job->is_cancelled = cells->integer(cells->row, c++) != 0;
     job->tiles = cells->integer(cells->row, c++);
-    job->tiles_done = cells->integer(cells->row, c);
+    job->tiles_done = cells->integer(cells->row, c++);
+    copy_text(cells, c, job->batch, sizeof job->batch);
     job->task = JOB_TASK_NONE;
     if (job->tiles && job->state == JOB_ACCEPTED && job->started_ms) job->state = JOB_RUNNING;
 }
@@ -89,6 +91,30 @@ void catalog_cells_read_cloud(const struct catalog_cells *cells, struct catalog_
     copy_text(cells, 5, cloud->format, sizeof cloud->format);
     cloud->jobs = (uint64_t)cells->integer(cells->row, 6);
     cloud->report = cells->new_text(cells->row, 7);
+}
+
+bool catalog_cells_read_batch(const struct catalog_cells *cells, struct catalog_batch *batch) {
+    memset(batch, 0, sizeof *batch);
+    copy_text(cells, 0, batch->id, sizeof batch->id);
+    copy_text(cells, 1, batch->principal, sizeof batch->principal);
+    copy_text(cells, 2, batch->label, sizeof batch->label);
+    batch->created_ms = cells->integer(cells->row, 3);
+    int64_t size = cells->integer(cells->row, 4);
+    batch->size = size < 1 ? 1 : size > CATALOG_MAX_BATCH ? CATALOG_MAX_BATCH : (size_t)size;
+    batch->job = calloc(batch->size, sizeof *batch->job);
+    return batch->job != NULL;
+}
+
+bool catalog_cells_read_batch_job(const struct catalog_cells *cells, struct catalog_batch *batch) {
+    if (batch->job_count == batch->size) return false;
+    struct catalog_batch_job *job = &batch->job[batch->job_count++];
+    copy_text(cells, 0, job->id, sizeof job->id);
+    job->state = (enum job_state)cells->integer(cells->row, 1);
+    job->sequence = (uint64_t)cells->integer(cells->row, 2);
+    job->fraction = cells->real(cells->row, 3);
+    job->finished_ms = cells->integer(cells->row, 4);
+    copy_text(cells, 5, job->cloud, sizeof job->cloud);
+    return true;
 }
 
 void catalog_cells_read_row(const struct catalog_cells *cells, enum catalog_table_name table, struct catalog_row *row) {

@@ -8,6 +8,7 @@
 #ifndef WHITTLE_SERVER_CATALOG_CELLS_H
 #define WHITTLE_SERVER_CATALOG_CELLS_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "server/catalog/catalog.h"
@@ -26,7 +27,7 @@ struct catalog_cells {
     "id, state, sequence, attempt, created, started, finished, updated, expires, label, cloud, input_bytes, "          \
     "input_points, input_format, params, stage, message, fraction, cpu, wall, rss, report, problem, principal, "       \
     "priority, result, memory, failures, interruptions, owner, lease, cancelled, "                                     \
-    "tiles, tiles_done"
+    "tiles, tiles_done, batch"
 
 /* The state that a job is seen in: one whose tasks wait runs since the first was claimed. */
 #define CATALOG_JOB_SEEN "CASE WHEN state = 0 AND tiles <> 0 AND started > 0 THEN 1 ELSE state END"
@@ -44,6 +45,8 @@ struct catalog_cells {
     "max(points) AS points, max(format) AS format, sum(job) AS jobs FROM source GROUP BY sha256) "                     \
     "SELECT sha256, created, expires, bytes, points, format, jobs, (SELECT report FROM jobs WHERE "                    \
     "cloud = seen.sha256 AND report IS NOT NULL ORDER BY id DESC LIMIT 1) FROM seen "
+#define CATALOG_BATCH_COLUMNS "id, principal, label, created, size"
+#define CATALOG_BATCH_JOB_COLUMNS "id, " CATALOG_JOB_SEEN ", sequence, fraction, finished, cloud"
 
 /* A row of CATALOG_JOB_COLUMNS, without the job's outputs; *job is the caller's, for job_done. */
 void catalog_cells_read_job(const struct catalog_cells *cells, struct job *job);
@@ -59,6 +62,13 @@ void catalog_cells_read_upload(const struct catalog_cells *cells, struct catalog
 
 /* A row of CATALOG_SELECT_CLOUDS; *cloud is the caller's, for catalog_cloud_done. */
 void catalog_cells_read_cloud(const struct catalog_cells *cells, struct catalog_cloud *cloud);
+
+/* A row of CATALOG_BATCH_COLUMNS, with room for its jobs; false: there is no memory for that.  Either way *batch is the
+ * caller's, for catalog_batch_done. */
+bool catalog_cells_read_batch(const struct catalog_cells *cells, struct catalog_batch *batch);
+
+/* Adds a row of CATALOG_BATCH_JOB_COLUMNS to the batch; false: it has all that it was made of. */
+bool catalog_cells_read_batch_job(const struct catalog_cells *cells, struct catalog_batch *batch);
 
 /* A row of catalog_rows_list_columns; *row is the caller's, for catalog_row_done. */
 void catalog_cells_read_row(const struct catalog_cells *cells, enum catalog_table_name table, struct catalog_row *row);

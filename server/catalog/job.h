@@ -99,6 +99,7 @@ struct job {
     char label[JOB_LABEL_BYTES];
     int priority;                        /* 0 to JOB_PRIORITY_MAX, larger is sooner */
     char principal[JOB_PRINCIPAL_BYTES]; /* who submitted it; "" = anonymous */
+    char batch[JOB_ID_BYTES];            /* the batch that it is of (catalog.h); "" = none */
 
     char cloud[JOB_HASH_BYTES];
     uint64_t input_bytes, input_points; /* points: as the header says; 0 = not known */

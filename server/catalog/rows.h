@@ -13,6 +13,7 @@
 
 enum catalog_table_name {
     CATALOG_TABLE_CLOUDS,
+    CATALOG_TABLE_BATCHES,
     CATALOG_TABLE_JOBS,
     CATALOG_TABLE_OUTPUTS,
     CATALOG_TABLE_WEBHOOKS,
@@ -24,7 +25,7 @@ enum catalog_table_name {
 /* Columns of jobs that others look at, by their places. */
 enum { CATALOG_JOB_ID, CATALOG_JOB_STATE, CATALOG_JOB_ATTEMPT, CATALOG_JOB_CLOUD };
 
-enum { CATALOG_MAX_COLUMNS = 32, CATALOG_COLUMNS_BYTES = 600, CATALOG_STATEMENT_BYTES = 1600 };
+enum { CATALOG_MAX_COLUMNS = 36, CATALOG_COLUMNS_BYTES = 600, CATALOG_STATEMENT_BYTES = 1600 };
 
 struct catalog_table {
     const char *name, *order; /* order: its key, the first of which tells whose a row is */

@@ -2,6 +2,7 @@
  *
  *     upload-open -write -sync, rename-clouds sync-clouds a body on its way to being a cloud
  *     submit-kept -committed                              the cloud has its name; the job's row is there too
+ *     batch-prepared -committed                           what a batch of jobs needs is there; their rows are too
  *     claimed started                                     a job is running for the queue; its process exists
  *     keeper-forked worker-forked                         in the process that forks both: one is there, both are
  *     outputs-begin, output-open -sync,                   outputs on their way to being visible

@@ -179,6 +179,23 @@ static enum status move_job(struct transfer *t, struct catalog_row *job, struct 
     return status;
 }
 
+/* The batch with its webhook, where it isn't there yet. */
+static enum status move_batch(struct transfer *t, struct catalog_row *batch, struct error *error) {
+    struct catalog_row rows[2] = {*batch};
+    struct catalog_batch known_batch;
+    size_t webhooks = 0;
+    uint64_t added = 0;
+    bool known = false;
+    const char *id = batch->cell[0].text;
+    enum status status = catalog_get_batch(t->to.catalog, id, &known_batch, &known, error);
+    catalog_batch_done(&known_batch);
+    if (status != STATUS_OK || known) return status;
+    status = catalog_read_rows(t->from.catalog, CATALOG_TABLE_WEBHOOKS, id, 0, rows + 1, 1, &webhooks, error);
+    if (status == STATUS_OK) status = catalog_add_rows(t->to.catalog, rows, 1 + webhooks, &added, error);
+    done_rows(rows + 1, webhooks);
+    return status;
+}
+
 /* All rows of a table, page by page; those of clouds after their bytes. */
 static enum status move_table(struct transfer *t, enum catalog_table_name table, struct error *error) {
     struct catalog_row *rows = calloc(PAGE, sizeof *rows);
@@ -190,9 +207,10 @@ static enum status move_table(struct transfer *t, enum catalog_table_name table,
         if (status != STATUS_OK) break;
         for (size_t i = 0; status == STATUS_OK && i < count; i++) {
             if (table == CATALOG_TABLE_CLOUDS) status = move_cloud(t, rows[i].cell[0].text, error);
+            if (table == CATALOG_TABLE_BATCHES) status = move_batch(t, &rows[i], error);
             if (table == CATALOG_TABLE_JOBS) status = move_job(t, &rows[i], error);
         }
-        if (status == STATUS_OK && table != CATALOG_TABLE_JOBS)
+        if (status == STATUS_OK && table != CATALOG_TABLE_JOBS && table != CATALOG_TABLE_BATCHES)
             status = catalog_add_rows(t->to.catalog, rows, count, &added, error);
         done_rows(rows, count);
     }
@@ -227,8 +245,8 @@ static enum status move_key(struct transfer *t, struct error *error) {
 }
 
 static enum status move_all(struct transfer *t, struct error *error) {
-    static const enum catalog_table_name order[] = {CATALOG_TABLE_CLOUDS, CATALOG_TABLE_JOBS, CATALOG_TABLE_REPLIES,
-                                                    CATALOG_TABLE_TOMBSTONES};
+    static const enum catalog_table_name order[] = {CATALOG_TABLE_CLOUDS, CATALOG_TABLE_BATCHES, CATALOG_TABLE_JOBS,
+                                                    CATALOG_TABLE_REPLIES, CATALOG_TABLE_TOMBSTONES};
     bool is_served = false;
     enum status status = catalog_is_served(t->from.catalog, &is_served, error);
     if (status == STATUS_OK && !is_served) status = catalog_is_served(t->to.catalog, &is_served, error);

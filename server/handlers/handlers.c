@@ -12,6 +12,7 @@
 #include "api/codecs/job_json.h"
 #include "core/base/alloc.h"
 #include "server/storage/archive.h"
+#include "server/webhooks/http_client.h"
 
 enum {
     HEAD_BYTES = 64 * 1024, /* of a cloud, for what it says of its size */
@@ -107,7 +108,8 @@ bool handlers_admit_body(struct service *service, struct request *request, unsig
                              .content_digest = request->header[HEADER_CONTENT_DIGEST],
                              .repr_digest = request->header[HEADER_REPR_DIGEST],
                              .names = names,
-                             .input = takes == BODY_JSON ? request->match.capture[0] : NULL};
+                             .input =
+                                 takes == BODY_JSON && request->match.capture[0][0] ? request->match.capture[0] : NULL};
     struct problem problem;
     uint64_t bytes = request->content_length == UINT64_MAX ? 0 : request->content_length;
     if (!handlers_has_room(service, request, bytes, takes & BODY_JSON, response)) return false;
@@ -150,8 +152,25 @@ bool handlers_read_preferences(const struct request *request, struct job *job, s
     return true;
 }
 
-/* Cache-Control: no-cache asks for a run, even where a result is there. */
-static bool wants_fresh(const struct request *request) {
+void handlers_begin_wait(const struct service *service, struct request *request) {
+    int64_t prefer_ms = request_prefer_wait_ms(request, service->config->wait_max_ms);
+    request->wait.end_ms = prefer_ms < 0 ? -1 : events_clock_ms() + prefer_ms;
+}
+
+bool handlers_read_webhook(const struct service *service, const struct request *request, struct job *job,
+                           struct response *response) {
+    const char *url = query_find(request->query, request->query_count, "webhook"), *allowed = NULL;
+    job->webhook = url;
+    if (url && !service->config->webhooks)
+        allowed = "nothing: webhooks are off here";
+    else if (url && (strlen(url) >= JOB_WEBHOOK_BYTES || !post_url_valid(url)))
+        allowed = "an http or https URL without user and password, up to 2047 bytes";
+    if (!allowed) return true;
+    response_invalid(response, "webhook", NULL, allowed);
+    return false;
+}
+
+bool handlers_wants_fresh(const struct request *request) {
     const char *control = request->header[HEADER_CACHE_CONTROL];
     return control && strcasestr(control, "no-cache");
 }
@@ -294,16 +313,21 @@ bool handlers_submit(struct service *service, struct request *request, struct jo
     if (!came_before(service, request, job, facts.sha256, &key, before, response)) return false;
     if (job->id[0]) return true;
     job->key = request->claim.held ? &key : NULL;
-    enum status status = service_submit(service, body_upload(request->body), &facts, job, wants_fresh(request), &error);
+    enum status status =
+        service_submit(service, body_upload(request->body), &facts, job, handlers_wants_fresh(request), &error);
     job->key = NULL;
     body_drop_upload(request->body);
+    return handlers_submitted(status, &error, response);
+}
+
+bool handlers_submitted(enum status status, const struct error *error, struct response *response) {
     if (status == STATUS_LIMIT)
-        response_refuse(response, strcmp(error.where, "queue") == 0 ? PROBLEM_QUEUE_FULL : PROBLEM_RATE_LIMITED, "%s",
-                        error.text);
+        response_refuse(response, strcmp(error->where, "queue") == 0 ? PROBLEM_QUEUE_FULL : PROBLEM_RATE_LIMITED, "%s",
+                        error->text);
     else if (status == STATUS_BAD_PARAMETER)
-        response_refuse(response, PROBLEM_NO_SUCH_CLOUD, "%s", error.text);
+        response_refuse(response, PROBLEM_NO_SUCH_CLOUD, "%s", error->text);
     else if (status != STATUS_OK)
-        response_error(response, &error);
+        response_error(response, error);
     return status == STATUS_OK;
 }
 

@@ -30,8 +30,8 @@ bool handlers_has_room(struct service *service, const struct request *request, u
 
 /* Whether new work is taken now, and the request's headers fit a body that the operation takes (a set of enum
  * body_kind; where it may be JSON, it is for a job, and the queue must have room; names as in struct body_plan; params
- * is what is known of the job, NULL for none); else a response.  An operation that takes JSON alone has the cloud's id
- * in its path. */
+ * is what is known of the job, NULL for none); else a response.  Where the path of an operation that takes JSON alone
+ * has an id, it is the cloud's. */
 bool handlers_admit_body(struct service *service, struct request *request, unsigned takes, const char *const *names,
                          const struct params *params, struct response *response);
 
@@ -60,6 +60,19 @@ bool handlers_read_page(const struct request *request, const char *const *names,
 
 /* Takes `label` and `priority` from the query; false: *problem says why. */
 bool handlers_read_preferences(const struct request *request, struct job *job, struct problem *problem);
+
+/* Takes `webhook` from the query; borrowed there.  false: the response says why. */
+bool handlers_read_webhook(const struct service *service, const struct request *request, struct job *job,
+                           struct response *response);
+
+/* Reads how long Prefer: wait=N lets the request wait, from now on. */
+void handlers_begin_wait(const struct service *service, struct request *request);
+
+/* Cache-Control: no-cache asks for a run, even where a result is there. */
+bool handlers_wants_fresh(const struct request *request);
+
+/* Whether what was submitted is; else the response says why not. */
+bool handlers_submitted(enum status status, const struct error *error, struct response *response);
 
 /* Reads the job of this id; false: there is none that the request's principal may see, and the response (404, 410) says
  * so.  The job is the caller's, to job_done, either way. */

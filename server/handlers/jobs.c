@@ -11,17 +11,10 @@
 #include "server/daemon/wall_clock.h"
 #include "server/handlers/handlers.h"
 #include "server/handlers/keys.h"
-#include "server/webhooks/http_client.h"
 
 enum { HEARTBEAT_MS = 15000, CANCEL_LOOK_MS = 1000 };
 
 /* ------------------------------------------------------------------------------------------------ wait */
-
-/* Reads how long Prefer: wait=N lets the request wait, from now on. */
-static void begin_wait(const struct service *service, struct request *request) {
-    int64_t prefer_ms = request_prefer_wait_ms(request, service->config->wait_max_ms);
-    request->wait.end_ms = prefer_ms < 0 ? -1 : events_clock_ms() + prefer_ms;
-}
 
 /* Whether the client still waits for the job's end, which hasn't come. */
 static bool may_wait(const struct request *request, const struct job *job) {
@@ -43,23 +36,9 @@ static bool read_create(const struct request *request, struct job *job, struct r
     return ok;
 }
 
-/* Takes `webhook` from the query; borrowed there. */
-static bool read_webhook(const struct service *service, const struct request *request, struct job *job,
-                         struct response *response) {
-    const char *url = query_find(request->query, request->query_count, "webhook"), *allowed = NULL;
-    job->webhook = url;
-    if (url && !service->config->webhooks)
-        allowed = "nothing: webhooks are off here";
-    else if (url && (strlen(url) >= JOB_WEBHOOK_BYTES || !post_url_valid(url)))
-        allowed = "an http or https URL without user and password, up to 2047 bytes";
-    if (!allowed) return true;
-    response_invalid(response, "webhook", NULL, allowed);
-    return false;
-}
-
 static bool admit_job(struct service *service, struct request *request, struct response *response) {
     struct job job = {0};
-    return read_create(request, &job, response) && read_webhook(service, request, &job, response) &&
+    return read_create(request, &job, response) && handlers_read_webhook(service, request, &job, response) &&
            handlers_admit_body(service, request, BODY_CLOUD | BODY_FORM | BODY_JSON, create_names, &job.params,
                                response);
 }
@@ -74,12 +53,12 @@ static bool create(struct service *service, struct request *request, struct resp
     struct job job = {0};
     struct catalog_reply before = {0};
     bool created = handlers_end_body(request, response) && read_create(request, &job, response) &&
-                   read_webhook(service, request, &job, response) &&
+                   handlers_read_webhook(service, request, &job, response) &&
                    handlers_submit(service, request, &job, &before, response);
     bool replayed = created && before.reply;
     memcpy(wait->id, job.id, sizeof wait->id);
     wait->state = (int)job.state; /* successful where an earlier job serves */
-    begin_wait(service, request);
+    handlers_begin_wait(service, request);
     if (replayed) handlers_replay(&before, response);
     if (replayed && response->status == 201) locate(job.id, response);
     catalog_reply_done(&before);
@@ -125,7 +104,7 @@ const struct handler handlers_create_cloud_job = {.admit = admit_cloud_job, .run
 
 /* ------------------------------------------------------------------------------------------------ list */
 
-static const char *const list_names[] = {"status", "label", "limit", "after", NULL};
+static const char *const list_names[] = {"status", "label", "batch", "limit", "after", NULL};
 
 static bool read_filter(const struct request *request, struct catalog_filter *filter, size_t *limit,
                         struct response *response) {
@@ -133,9 +112,14 @@ static bool read_filter(const struct request *request, struct catalog_filter *fi
     if (!handlers_read_page(request, list_names, job_id_valid, "the id of a job", &page, response)) return false;
     const char *state = query_find(request->query, request->query_count, "status");
     filter->label = query_find(request->query, request->query_count, "label");
+    filter->batch = query_find(request->query, request->query_count, "batch");
     filter->after = page.after;
     filter->by_state = state != NULL;
     *limit = page.limit;
+    if (filter->batch && !job_id_valid(filter->batch)) {
+        response_invalid(response, "batch", filter->batch, "the id of a batch");
+        return false;
+    }
     if (!state || job_state_from_name(state, &filter->state)) return true;
     response_invalid(response, "status", state, "accepted, running, successful, failed or dismissed");
     return false;
@@ -155,9 +139,10 @@ static void put_escaped(char *to, size_t bytes, const char *text) {
 static void link_next(const struct catalog_filter *filter, size_t limit, const char *last, struct response *response) {
     char label[3 * JOB_LABEL_BYTES] = "", link[RESPONSE_HEADER_BYTES];
     if (filter->label) put_escaped(label, sizeof label, filter->label);
-    int n = snprintf(link, sizeof link, "<%s/v1/jobs?limit=%zu&after=%s%s%s%s%s>; rel=\"next\"", links_base(), limit,
-                     last, filter->by_state ? "&status=" : "", filter->by_state ? job_state_name(filter->state) : "",
-                     filter->label ? "&label=" : "", label);
+    int n = snprintf(link, sizeof link, "<%s/v1/jobs?limit=%zu&after=%s%s%s%s%s%s%s>; rel=\"next\"", links_base(),
+                     limit, last, filter->by_state ? "&status=" : "",
+                     filter->by_state ? job_state_name(filter->state) : "", filter->label ? "&label=" : "", label,
+                     filter->batch ? "&batch=" : "", filter->batch ? filter->batch : "");
     if (n > 0 && (size_t)n < sizeof link) response_header(response, "Link", "%s", link);
 }
 
@@ -236,7 +221,7 @@ static void get_job(struct service *service, struct request *request, struct res
         char etag[32];
         snprintf(etag, sizeof etag, "\"%llu\"", (unsigned long long)job.sequence);
         if (!wait->calls) {
-            begin_wait(service, request);
+            handlers_begin_wait(service, request);
             memcpy(wait->id, job.id, sizeof wait->id);
         }
         if (wants_to_wait(request, &job, etag)) {

@@ -16,7 +16,8 @@
 
 static bool takes_key(enum operation operation) {
     return operation == OPERATION_CREATE_JOB || operation == OPERATION_SIMPLIFY ||
-           operation == OPERATION_CREATE_CLOUD || operation == OPERATION_CREATE_CLOUD_JOB;
+           operation == OPERATION_CREATE_CLOUD || operation == OPERATION_CREATE_CLOUD_JOB ||
+           operation == OPERATION_CREATE_BATCH;
 }
 
 bool handlers_admit_key(struct service *service, struct request *request, struct response *response) {

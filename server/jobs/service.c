@@ -3,9 +3,11 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
+#include "api/codecs/batch_json.h"
 #include "server/catalog/catalog.h"
 #include "server/daemon/log.h"
 #include "server/daemon/metrics.h"
@@ -160,6 +162,7 @@ struct job_document service_document(struct service *service, const struct job *
         .message = job->message,
         .label = job->label,
         .principal = job->principal,
+        .batch = job->batch,
         .fraction = job->fraction,
         .tiles = job->tiles > 0 ? (uint64_t)job->tiles : 0,
         .tiles_done = (uint64_t)job->tiles_done,
@@ -185,6 +188,26 @@ struct job_document service_document(struct service *service, const struct job *
         .problem = job->problem,
         .has_outputs = job->output_count > 0,
     };
+}
+
+char *service_batch_text(const struct catalog_batch *batch, bool with_jobs) {
+    struct batch_document document = {.id = batch->id,
+                                      .label = batch->label,
+                                      .principal = batch->principal,
+                                      .created_ms = batch->created_ms,
+                                      .size = batch->size,
+                                      .job_count = batch->job_count,
+                                      .with_jobs = with_jobs};
+    struct batch_document_job *jobs = calloc(batch->job_count + 1, sizeof *jobs);
+    for (size_t i = 0; jobs && i < batch->job_count; i++) {
+        const struct catalog_batch_job *job = &batch->job[i];
+        jobs[i] = (struct batch_document_job){job->id, job_state_name(job->state), job->cloud, job->fraction,
+                                              job->finished_ms};
+    }
+    document.job = jobs;
+    char *text = jobs ? batch_encode(&document) : NULL;
+    free(jobs);
+    return text;
 }
 
 struct admission service_admission(const struct config *config, const struct params *params) {

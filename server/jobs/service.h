@@ -82,6 +82,14 @@ void service_close(struct service *service);
 enum status service_submit(struct service *service, struct upload *upload, const struct upload_facts *facts,
                            struct job *job, bool fresh, struct error *error) MUST_CHECK;
 
+/* The same for a batch of clouds that are here: makes it and its jobs durable, all or none; fills in ids and times of
+ * both.  Each job has its cloud, input and parameters already. */
+enum status service_submit_batch(struct service *service, struct catalog_batch *batch, struct job *jobs, bool fresh,
+                                 struct error *error) MUST_CHECK;
+
+/* The batch's document as text; returns new, NULL when memory runs out.  with_jobs: each of its jobs is named. */
+char *service_batch_text(const struct catalog_batch *batch, bool with_jobs);
+
 /* How many seconds it will be until the job has ended, waiting included; NAN = not known, or it has ended. */
 double service_time_left(struct service *service, const struct job *job);
 

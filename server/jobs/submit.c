@@ -71,11 +71,14 @@ static bool borrow(struct service *service, struct job *job) {
     return status == STATUS_OK;
 }
 
+static struct catalog_limits limits_of(const struct config *config) {
+    return (struct catalog_limits){(uint64_t)config->max_queue, (uint64_t)config->principal_jobs,
+                                   (uint64_t)config->principal_bytes};
+}
+
 /* Adds the job's row: of one that waits, or of one whose result is there already. */
 static enum status enqueue(struct service *service, struct job *job, bool fresh, struct error *error) {
-    const struct config *config = service->config;
-    struct catalog_limits limits = {(uint64_t)config->max_queue, (uint64_t)config->principal_jobs,
-                                    (uint64_t)config->principal_bytes};
+    struct catalog_limits limits = limits_of(service->config);
     enum status status = name_result(job, error);
     if (status != STATUS_OK) return status;
     if (fresh || !service->config->result_cache || !borrow(service, job))
@@ -121,6 +124,56 @@ enum status service_submit(struct service *service, struct upload *upload, const
     log_line(LOG_INFO, "job=%s %s: %llu bytes of %s who=%s", job->id,
              job->state == JOB_SUCCESSFUL ? "successful, as an earlier one" : "accepted",
              (unsigned long long)job->input_bytes, job->input_format, job->principal[0] ? job->principal : "-");
+    return STATUS_OK;
+}
+
+/* ------------------------------------------------------------------------------------------------ batches */
+
+/* The job's id, which is behind that of the one before, and what it takes of the batch. */
+static void make_of_batch(const struct catalog_batch *batch, struct timespec *now, struct job *job) {
+    now->tv_nsec += 1000; /* ids count quarters of a microsecond */
+    now->tv_sec += now->tv_nsec / 1000000000;
+    now->tv_nsec %= 1000000000;
+    job_new_id(now, job->id);
+    memcpy(job->batch, batch->id, sizeof job->batch);
+    job->created_ms = job->updated_ms = batch->created_ms;
+}
+
+/* What has to hold of a job before its row is added; where an earlier one serves, it has that one's outputs then. */
+static enum status prepare_of_batch(struct service *service, struct job *job, bool fresh, struct error *error) {
+    enum status status = expect_cloud(service, job->cloud, error);
+    if (status == STATUS_OK && !store_cloud_exists(service->store, job->cloud))
+        status = error_set(error, STATUS_BAD_PARAMETER, "input", "there is no cloud %s any more", job->cloud);
+    if (status == STATUS_OK) status = name_result(job, error);
+    if (status == STATUS_OK && !fresh && service->config->result_cache && borrow(service, job))
+        job->state = JOB_SUCCESSFUL;
+    return status;
+}
+
+enum status service_submit_batch(struct service *service, struct catalog_batch *batch, struct job *jobs, bool fresh,
+                                 struct error *error) {
+    struct catalog_limits limits = limits_of(service->config);
+    enum status status = STATUS_OK;
+    struct timespec now;
+    clock_gettime(CLOCK_REALTIME, &now);
+    job_new_id(&now, batch->id);
+    pthread_rwlock_rdlock(&service->clouds);
+    wall_clock_hold();
+    batch->created_ms = job_now_ms();
+    for (size_t i = 0; i < batch->size; i++) make_of_batch(batch, &now, &jobs[i]);
+    for (size_t i = 0; status == STATUS_OK && i < batch->size; i++)
+        status = prepare_of_batch(service, &jobs[i], fresh, error);
+    fault_at("batch-prepared");
+    if (status == STATUS_OK) status = catalog_submit_batch(service->catalog, batch, jobs, &limits, error);
+    wall_clock_release();
+    pthread_rwlock_unlock(&service->clouds);
+    for (size_t i = 0; status != STATUS_OK && i < batch->size; i++)
+        if (jobs[i].state == JOB_SUCCESSFUL) store_job_delete(service->store, jobs[i].id);
+    if (status != STATUS_OK) return status;
+    fault_at("batch-committed");
+    for (size_t i = 0; i < batch->size; i++) metrics_submitted(service->metrics);
+    log_line(LOG_INFO, "batch=%s accepted: %zu jobs, from %s who=%s", batch->id, batch->size, jobs[0].id,
+             batch->principal[0] ? batch->principal : "-");
     return STATUS_OK;
 }
 

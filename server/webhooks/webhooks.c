@@ -140,8 +140,10 @@ static int64_t pause_ms(const struct webhooks *webhooks, int attempts) {
     return (int64_t)(pause * (0.5 + random / 4294967296.0)) + 1;
 }
 
-static void tell(struct webhooks *webhooks, const char *job, const char *what, const char *why) {
-    log_line(LOG_INFO, "job=%s webhook %s: %s", job, what, why);
+/* A job's log tells it, too; a batch has none. */
+static void tell(struct webhooks *webhooks, const char *job, bool is_batch, const char *what, const char *why) {
+    log_line(LOG_INFO, "%s=%s webhook %s: %s", is_batch ? "batch" : "job", job, what, why);
+    if (is_batch) return;
     int fd = store_log_open(webhooks->service->store, job, true);
     if (fd < 0) return;
     dprintf(fd, "webhook %s: %s\n", what, why);
@@ -153,8 +155,8 @@ static void tell(struct webhooks *webhooks, const char *job, const char *what, c
 }
 
 /* What becomes of the row after an attempt. */
-static enum status settle(struct webhooks *webhooks, const struct catalog_webhook *row, int answer, const char *why,
-                          struct error *error) {
+static enum status settle(struct webhooks *webhooks, const struct catalog_webhook *row, bool is_batch, int answer,
+                          const char *why, struct error *error) {
     bool delivered = answer >= 200 && answer < 300;
     bool given_up = answer == GONE || row->attempts + 1 >= WEBHOOKS_MAX_ATTEMPTS;
     if (atomic_load(&webhooks->stop) && !delivered) { /* the next start, or another host, tries again */
@@ -162,12 +164,33 @@ static enum status settle(struct webhooks *webhooks, const struct catalog_webhoo
         return catalog_return_webhooks(webhooks->service->catalog, webhooks->service->host, row->job, job_now_ms(),
                                        error);
     }
-    tell(webhooks, row->job, delivered ? "delivered" : given_up ? "given up" : "failed", why);
+    tell(webhooks, row->job, is_batch, delivered ? "delivered" : given_up ? "given up" : "failed", why);
     if (delivered || given_up) return catalog_end_webhook(webhooks->service->catalog, row->job, error);
     wall_clock_hold();
     enum status status = catalog_postpone_webhook(webhooks->service->catalog, row->job,
                                                   job_now_ms() + pause_ms(webhooks, row->attempts), error);
     wall_clock_release();
+    return status;
+}
+
+/* The same of a batch, where it is one and is there still: *payload, new, else NULL. */
+static enum status batch_payload(struct webhooks *webhooks, const char *id, bool *found, char **payload,
+                                 struct error *error) {
+    struct catalog_batch batch;
+    int64_t ended_ms = 0;
+    char at[JOB_TIME_BYTES];
+    *payload = NULL;
+    enum status status = catalog_get_batch(webhooks->service->catalog, id, &batch, found, error);
+    if (status == STATUS_OK && *found) {
+        char *data = service_batch_text(&batch, true);
+        for (size_t i = 0; i < batch.job_count; i++)
+            if (batch.job[i].finished_ms > ended_ms) ended_ms = batch.job[i].finished_ms;
+        if (data && asprintf(payload, "{\"type\":\"batch.ended\",\"timestamp\":\"%s\",\"data\":%s}",
+                             job_time_text(ended_ms, at), data) < 0)
+            *payload = NULL;
+        free(data);
+    }
+    catalog_batch_done(&batch);
     return status;
 }
 
@@ -180,9 +203,11 @@ static enum status deliver(struct webhooks *webhooks, const struct catalog_webho
     enum status status = catalog_get(webhooks->service->catalog, row->job, &job, &presence, &tombstone, error);
     if (status != STATUS_OK) return status;
     char *payload = presence == CATALOG_PRESENT ? payload_of(webhooks, &job) : NULL;
-    bool gone = presence != CATALOG_PRESENT;
+    bool found = presence == CATALOG_PRESENT;
     job_done(&job);
-    if (gone) return catalog_end_webhook(webhooks->service->catalog, row->job, error);
+    if (presence == CATALOG_ABSENT) status = batch_payload(webhooks, row->job, &found, &payload, error);
+    if (status != STATUS_OK) return status;
+    if (!found) return catalog_end_webhook(webhooks->service->catalog, row->job, error);
     struct error fault = {0};
     if (!payload)
         snprintf(why, sizeof why, "no memory");
@@ -191,7 +216,7 @@ static enum status deliver(struct webhooks *webhooks, const struct catalog_webho
     else
         snprintf(why, sizeof why, "%.300s", fault.text);
     free(payload);
-    return settle(webhooks, row, answer, why, error);
+    return settle(webhooks, row, presence == CATALOG_ABSENT, answer, why, error);
 }
 
 /* ------------------------------------------------------------------------------------------------ choosing */

@@ -1,10 +1,11 @@
-/* Webhooks: a POST to where a job's client said, when the job has ended.
+/* Webhooks: a POST to where a client said, when its job or all jobs of its batch have ended.
  *
  * The wish is kept with the job in the database's outbox, in the same transactions that add and end the job, so neither
  * a crash nor a restart loses a delivery: it is made at least once, and webhook-id tells a second one.  What is sent is
- * {"type": "job.ended", "timestamp": ..., "data": the job}, with the headers of Standard Webhooks (webhook-id,
- * webhook-timestamp, webhook-signature: v1 and HMAC-SHA256).  Where it isn't answered 2xx it is sent again, later and
- * later, with some randomness; after WEBHOOKS_MAX_ATTEMPTS, or 410, it is given up, which the job's log tells.
+ * {"type": "job.ended" or "batch.ended", "timestamp": ..., "data": the job or the batch}, with the headers of Standard
+ * Webhooks (webhook-id, webhook-timestamp, webhook-signature: v1 and HMAC-SHA256).  Where it isn't answered 2xx it is
+ * sent again, later and later, with some randomness; after WEBHOOKS_MAX_ATTEMPTS, or 410, it is given up, which the
+ * job's log tells.
  *
  * A few threads deliver, with shares for hosts and principals; nothing waits for them.  Their code is
  * webhooks/webhooks.c.

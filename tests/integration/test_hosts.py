@@ -3,6 +3,7 @@
 die."""
 import hashlib
 import itertools
+import json
 import os
 import pathlib
 import re
@@ -152,6 +153,40 @@ def test_each_webhook_is_delivered_by_one_host(make_daemon, shared, tmp_path):
     for host in hosts:
         assert host.stop() == 0
     assert len(receiver.taken) == len(ids)
+
+
+def test_the_webhook_of_a_batch_is_delivered_once_whoever_ends_the_last_job(make_daemon, shared, tmp_path):
+    secret = tmp_path / "secret"
+    secret.write_text(SECRET + "\n")
+    secret.chmod(0o600)
+    hooks = ["--webhooks", "--webhook-secret-file", secret, "--webhook-allow", "127.0.0.1", "--result-cache=0"]
+    receiver = Receiver(204)
+    hosts = [make_daemon(*shared, *hooks, "--workers", "2") for _ in range(2)]
+    clouds = ["/v1/clouds/" + hosts[0].post("/v1/clouds", SMALL + b"# %d\n" % n).json["id"] for n in range(4)]
+    ids = set()
+    for n in range(4):
+        document = json.dumps({"clouds": clouds, "webhook": receiver.url}).encode()
+        ids.add(hosts[n % 2].post("/v1/batches", document, "-H", "Content-Type: application/json").json["id"])
+    wait_until(lambda: {taken[0]["webhook-id"] for taken in receiver.taken} == ids, "every webhook")
+    for host in hosts:
+        listed = host.curl("/v1/batches").json["batches"]
+        assert {batch["id"] for batch in listed} == ids and {batch["status"] for batch in listed} == {"successful"}
+        assert host.stop() == 0
+    assert len(receiver.taken) == len(ids)
+    for _, body, _ in receiver.taken:
+        assert json.loads(body)["data"]["counts"]["successful"] == 4
+
+
+def test_a_batch_is_dismissed_at_another_host(make_daemon, shared, gate):
+    _, gated = gate
+    front, back = make_daemon(*shared, "--roles", "http"), make_daemon(*shared, *gated)
+    cloud = "/v1/clouds/" + front.post("/v1/clouds", SMALL).json["id"]
+    batch = front.post("/v1/batches", json.dumps({"clouds": 3 * [cloud]}).encode(), "-H",
+                       "Content-Type: application/json").json
+    back.wait_for(batch["jobs"][0]["id"], "running")
+    ended = front.curl(f"/v1/batches/{batch['id']}", "-X", "DELETE").json
+    assert ended["status"] == "dismissed" and ended["counts"]["dismissed"] == 3
+    assert back.curl(f"/v1/batches/{batch['id']}").json == ended
 
 
 def test_limits_and_keys_hold_for_all_hosts(make_daemon, shared):

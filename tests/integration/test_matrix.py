@@ -64,6 +64,14 @@ def cloud_of(daemon, cloud=SMALL):
     return daemon.post("/v1/clouds", cloud).json["id"]
 
 
+def batch_of(daemon):
+    """A batch that has ended."""
+    document = json.dumps({"clouds": [f"/v1/clouds/{cloud_of(daemon)}"]}).encode()
+    batch = daemon.post("/v1/batches", document, *JSON).json["id"]
+    wait_until(lambda: daemon.curl(f"/v1/batches/{batch}").json["finished"], "the end of the batch")
+    return batch
+
+
 def waiting_job(world):
     """A job that waits behind one that takes long."""
     daemon = world.daemon("--workers", "1")
@@ -82,6 +90,7 @@ def parts_of(operation, daemon, **parts):
     """Values for the path's parameters: what is there, unless the case says otherwise."""
     if "{id}" in operation.path and "id" not in parts:
         parts["id"] = (cloud_of(daemon) if "/clouds/" in operation.path else
+                       batch_of(daemon) if "/batches/" in operation.path else
                        upload_of(daemon, 10).rsplit("/", 1)[1] if "/uploads/" in operation.path else
                        job_of(daemon, "?ratio=0.5&outputs=tileset") if "/tileset" in operation.path else job_of(daemon))
     name = "cloud.ply" if "/tileset" not in operation.path else "0.glb" if "/tiles/" in operation.path else "tileset.json"
@@ -320,6 +329,85 @@ def createCloudJob_503(world, operation):
     daemon.wait_for(daemon.submit(sphere(400000)), "running")
     daemon.submit(SMALL)
     return send(daemon, operation, operation.url(id=cloud), *JSON, data=b"{}")
+
+
+# Of a batch: the same, by a document that names the cloud.
+
+def of_clouds(daemon, operation, *arguments, cloud=None, **more):
+    document = {"clouds": [f"/v1/clouds/{cloud or cloud_of(daemon)}"], **more}
+    return send(daemon, operation, operation.path, *JSON, *arguments, data=json.dumps(document).encode())
+
+
+@case
+def createBatch_201(world, operation):
+    return of_clouds(world.daemon(), operation, params={"ratio": 0.5, "outputs": ["cloud", "mesh"]})
+
+
+@case
+def createBatch_404(world, operation):
+    return of_clouds(world.daemon(), operation, cloud=hashlib.sha256(b"").hexdigest())
+
+
+@case
+def createBatch_409(world, operation):
+    daemon = world.daemon()
+    with socket.create_connection(("127.0.0.1", daemon.port)) as first:
+        first.sendall(b"POST /v1/batches HTTP/1.1\r\nHost: localhost\r\nContent-Length: 2\r\nIdempotency-Key: k\r\n"
+                      b"Content-Type: application/json\r\nExpect: 100-continue\r\n\r\n")
+        assert b"100 Continue" in first.recv(100)
+        return of_clouds(daemon, operation, "-H", "Idempotency-Key: k")
+
+
+@case
+def createBatch_413(world, operation):
+    return of_clouds(world.daemon(), operation, label=200000 * "x")
+
+
+@case
+def createBatch_415(world, operation):
+    return send(world.daemon(), operation, operation.path, data=SMALL)
+
+
+@case
+def createBatch_422(world, operation):
+    daemon = world.daemon()
+    assert of_clouds(daemon, operation, "-H", "Idempotency-Key: k").status == 201
+    return of_clouds(daemon, operation, "-H", "Idempotency-Key: k", params={"ratio": 0.3})
+
+
+@case
+def createBatch_429(world, operation):
+    daemon = world.guarded("--principal-jobs", "1")
+    token = ("-H", "Authorization: Bearer submit")
+    cloud = daemon.curl("/v1/clouds", *token, "--data-binary", "@-", data=SMALL).json["id"]
+    document = json.dumps({"clouds": 2 * [f"/v1/clouds/{cloud}"]}).encode()
+    return send(daemon, operation, operation.path, *JSON, *token, data=document)
+
+
+def batch_again(world, operation, *flags):
+    """The cloud is there since before the service was started with these."""
+    daemon = world.daemon()
+    cloud = cloud_of(daemon)
+    daemon.stop()
+    daemon.start(*flags)
+    return of_clouds(daemon, operation, cloud=cloud)
+
+
+@case
+def createBatch_500(world, operation):
+    return batch_again(world, operation, "--fault", "commit=eio:2-99")
+
+
+@case
+def createBatch_507(world, operation):
+    return batch_again(world, operation, "--min-free", "1000T")
+
+
+@case
+def createBatch_503(world, operation):
+    daemon = world.daemon("--max-queue", "1")
+    document = json.dumps({"clouds": 2 * [f"/v1/clouds/{cloud_of(daemon)}"]}).encode()
+    return send(daemon, operation, operation.path, *JSON, data=document)
 
 
 @case
@@ -572,6 +660,23 @@ def deleteJob_500(world, operation):
 
 
 @case
+def deleteBatch_500(world, operation):
+    daemon = world.daemon()
+    batch = batch_of(daemon)
+    with contextlib.closing(sqlite3.connect(daemon.data / "whittled.db", isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        return send(daemon, operation, operation.url(id=batch))
+
+
+@case
+def getBatchEvents_204(world, operation):
+    daemon = world.daemon()
+    path = operation.url(id=batch_of(daemon))
+    number = re.findall(rb"^id: (\d+)", daemon.curl(path).body, re.M)[-1].decode()
+    return send(daemon, operation, path, "-H", f"Last-Event-ID: {number}")
+
+
+@case
 def getReadiness_503(world, operation):
     return queue_is_full(world, operation)
 
@@ -607,7 +712,7 @@ def getEvents_204(world, operation):
 # programs to the store (test_rule_9_... in test_hosts.py).  Those tests take PostgreSQL and S3.
 OF_HOSTS = {*((name, "503") for name in ("listJobs", "getJob", "deleteJob", "getEvents", "getLog", "listOutputs",
                                          "getOutput", "getTileset", "getTile", "createLink", "listClouds", "getCloud", "deleteCloud",
-                                         "getCloudData", "getUpload", "deleteUpload")),
+                                         "getCloudData", "getUpload", "deleteUpload", "listBatches", "getBatch", "deleteBatch", "getBatchEvents")),
             ("getOutput", "302"), ("getCloudData", "302")}
 MATRIX = [(operation.id, status) for operation in OPERATIONS.values() for status in operation.statuses
           if (operation.id, status) not in OF_HOSTS]

@@ -143,6 +143,23 @@ def test_several_clouds_are_one(client):
     assert again["status"] == "successful" and again["input"]["cloud"] == job["input"]["cloud"]
 
 
+def test_a_batch_is_a_job_for_each_cloud(client):
+    lines = SMALL.decode().splitlines(keepends=True)
+    parts = ["".join(lines[:150]).encode(), "".join(lines[150:]).encode()]
+    seen = []
+    batch = client.batch(parts, label="halves", ratio=0.5)
+    ended = client.wait_batch(batch, progress=lambda document: seen.append(document["progress"]))
+    assert ended["status"] == "successful" and ended["label"] == "halves" and seen[-1] == 100
+    for job, part in zip(ended["jobs"], parts):
+        assert job["cloud"].endswith(client.upload(part)) and len(client.array(job)) == 75
+    assert client.delete_batch(ended)["counts"]["successful"] == 2
+    with pytest.raises(whittle.Problem) as refused:
+        client.wait_batch(batch)
+    assert refused.value.status == 404
+    with pytest.raises(whittle.Problem):
+        client.batch([])
+
+
 def test_what_is_wrong_in_a_list_of_clouds_is_told(client):
     cloud = client.upload(SMALL)
     for join, status, part in ((["nowhere"], 400, "join[0]"), ("x", 400, "join: a list"), ([7], 400, "join[0]"),

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`whittled import` and `whittled export`: from one machine to many hosts and back, with all that a client can see."""
+import json
 import re
 import subprocess
 
 import pytest
 
-from conftest import BUILD, SMALL, Daemon, end_all, sphere
+from conftest import BUILD, SMALL, Daemon, end_all, sphere, wait_until
 from test_hosts import make_gate, make_server, make_shared  # noqa: F401, fixtures
+from test_webhooks import SECRET, Receiver
 
 OTHER = sphere(200)
 
@@ -96,6 +98,31 @@ def test_from_one_machine_to_many_hosts_and_back(single, shared, make_daemon, tm
     assert after == before
     assert alone.ended(alone.submit(SMALL))["status"] == "successful"
     end_all([alone])
+
+
+def test_a_batch_goes_over_with_its_jobs_and_its_webhook(make_daemon, shared, tmp_path):  # noqa: F811
+    """What was moved while its jobs waited is told of where they end."""
+    secret, receiver = tmp_path / "secret", Receiver(204)
+    secret.write_text(SECRET + "\n")
+    secret.chmod(0o600)
+    hooks = ["--webhooks", "--webhook-secret-file", secret, "--webhook-allow", "127.0.0.1"]
+    daemon = make_daemon(*hooks, "--roles", "http")
+    cloud = "/v1/clouds/" + daemon.post("/v1/clouds", SMALL).json["id"]
+    batch = daemon.post("/v1/batches", json.dumps({"clouds": [cloud, cloud], "webhook": receiver.url}).encode(), "-H",
+                        "Content-Type: application/json").json
+    assert daemon.stop() == 0
+    away = ("--data", tmp_path / "scratch", *shared)
+    for _ in range(2):
+        status, *_, said = transfer("import", "--from", daemon.data, *away)
+        assert status == 0, said
+    host = make_daemon(*shared, *hooks)
+    wait_until(lambda: receiver.taken, "the webhook")
+    told = json.loads(receiver.taken[0][1])["data"]
+    assert told["id"] == batch["id"] and told["counts"]["successful"] == 2
+    assert [job["id"] for job in told["jobs"]] == [job["id"] for job in batch["jobs"]]
+    assert host.stop() == 0
+    assert transfer("import", "--from", daemon.data, *away)[:2] == (0, 0)
+    assert ask(shared, "SELECT count(*) FROM outbox") == "0"  # what was told isn't told again
 
 
 def test_what_was_cut_off_goes_on(single, shared, tmp_path):  # noqa: F811

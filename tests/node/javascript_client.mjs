@@ -52,6 +52,18 @@ const tests = {
     await assert.rejects(client.upload({ some: "thing" }), TypeError);
   },
 
+  async "a batch is a job for each cloud"() {
+    const client = new Client(url), seen = [];
+    const half = bytes.indexOf("\n", bytes.length / 2) + 1;
+    const batch = await client.batch([bytes.subarray(0, half), bytes.subarray(half)], { ratio: 0.4 }, { label: "halves" });
+    const ended = await client.waitBatch(batch, { onProgress: ({ progress }) => seen.push(progress) });
+    assert.equal(ended.status, "successful");
+    assert.deepEqual([ended.label, ended.counts.successful, seen.at(-1)], ["halves", 2, 100]);
+    assert.equal((await client.points(ended.jobs[1])).count, (await client.job(ended.jobs[1])).report.points_out);
+    assert.equal((await client.cancelBatch(batch)).id, batch.id);
+    await assert.rejects(client.waitBatch(batch), (error) => error.document.type.endsWith("no-such-batch"));
+  },
+
   async "an upload goes on where its connection broke, and in another run"() {
     let breaks = 0, location;
     const breaking = async (target, options) => { // the request arrives, and its reply doesn't

@@ -168,6 +168,22 @@ class Client:
             document["priority"] = priority
         return self._document("POST", f"/v1/clouds/{cloud}/jobs", document)
 
+    def batch(self, clouds, label=None, priority=None, webhook=None, **params):
+        """Submits a job for each of these clouds (ids of upload, or what upload takes), all or none, with one webhook;
+        returns the batch's document: its jobs stand in the order of the clouds."""
+        document = {"clouds": [f"/v1/clouds/{self._cloud(each)}" for each in clouds], "params": params}
+        more = {"label": label, "priority": priority, "webhook": webhook}
+        document.update((name, value) for name, value in more.items() if value is not None)
+        return self._document("POST", "/v1/batches", document)
+
+    def wait_batch(self, batch, progress=None, timeout=None):
+        """The document of a batch all of whose jobs have ended, however they have; progress and timeout as in wait."""
+        return self._wait(f"/v1/batches/{_id(batch)}", progress, timeout)
+
+    def delete_batch(self, batch):
+        """Ends all jobs of a batch, or deletes them where all have ended."""
+        return self._document("DELETE", f"/v1/batches/{_id(batch)}")
+
     def job(self, job):
         """The document of a job, by its id or an older document."""
         return self._document("GET", f"/v1/jobs/{_id(job)}")
@@ -175,21 +191,26 @@ class Client:
     def wait(self, job, progress=None, timeout=None):
         """The document of a job that has ended; progress(document) is called whenever it is read.  Raises Problem where
         it failed, TimeoutError after timeout seconds."""
+        document = self._wait(f"/v1/jobs/{_id(job)}", progress, timeout)
+        if document["status"] == "failed":
+            problem = document.get("problem") or {"title": "the job failed"}
+            raise Problem(problem.get("status", 500), problem)
+        return document
+
+    def _wait(self, path, progress, timeout):
+        """The document at a path when it has ended."""
         end = None if timeout is None else time.monotonic() + timeout
         while True:
             patience = 20 if end is None else max(0, min(20, int(end - time.monotonic())))
             patience = int(min(patience, self.timeout / 2))
-            data = self.request("GET", f"/v1/jobs/{_id(job)}", headers={"Prefer": f"wait={patience}"})[2]
+            data = self.request("GET", path, headers={"Prefer": f"wait={patience}"})[2]
             document = json.loads(data)
             if progress:
                 progress(document)
-            if document["status"] == "failed":
-                problem = document.get("problem") or {"title": "the job failed"}
-                raise Problem(problem.get("status", 500), problem)
             if document["status"] not in ("accepted", "running"):
                 return document
             if end is not None and time.monotonic() >= end:
-                raise TimeoutError(f"the job {_id(job)} is {document['status']}")
+                raise TimeoutError(f"{path} is {document['status']}")
 
     def delete(self, job):
         """Ends a job, or deletes one that has ended."""

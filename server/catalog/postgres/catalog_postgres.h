@@ -84,6 +84,18 @@ enum status catalog_postgres_notify(struct catalog_postgres *postgres, struct pq
 enum status catalog_postgres_check_bytes(struct pq_link *link, const char *principal, uint64_t bytes, uint64_t limit,
                                          struct error *error) MUST_CHECK;
 
+/* Submitting, one at a time: takes the lock that lasts as long as the transaction; whether so many jobs more may wait,
+ * and be this principal's; adds a job, the key that it was submitted under, and who is told of its end. */
+enum status catalog_postgres_lock_submit(struct pq_link *link, struct error *error) MUST_CHECK;
+enum status catalog_postgres_check_counts(struct pq_link *link, const char *principal, uint64_t more,
+                                          const struct catalog_limits *limits, struct error *error) MUST_CHECK;
+enum status catalog_postgres_insert(struct catalog_postgres *postgres, struct pq_link *link, const struct job *job,
+                                    struct error *error) MUST_CHECK;
+
+/* A commit without an answer: the job's id, which nobody else makes, tells whether it was done. */
+enum status catalog_postgres_look_up_submit(struct catalog_postgres *postgres, const char *id,
+                                            struct error *error) MUST_CHECK;
+
 enum status catalog_postgres_add_key(struct pq_link *link, const char *principal, const struct job_key *key,
                                      const char *made, int64_t now_ms, struct error *error) MUST_CHECK;
 enum status catalog_postgres_add_webhook(struct pq_link *link, const char *job, const char *url,

@@ -187,21 +187,22 @@ void catalog_postgres_depth(struct catalog *catalog, uint64_t *waiting, uint64_t
 /* ------------------------------------------------------------------------------------------------ submit */
 
 /* The job, the key that it was submitted under, and who is told of its end; in a transaction. */
-static enum status insert(struct catalog_postgres *postgres, struct pq_link *link, const struct job *job,
-                          struct error *error) {
+enum status catalog_postgres_insert(struct catalog_postgres *postgres, struct pq_link *link, const struct job *job,
+                                    struct error *error) {
     char *params = job_params_text(&job->params);
     if (!params) return error_set(error, STATUS_NO_MEMORY, "queue", "no memory");
     enum status status = pq_run(
         link,
         "INSERT INTO jobs (id, state, sequence, attempt, created, started, finished, updated, expires, label, cloud, "
-        "input_bytes, input_points, input_format, params, principal, priority, result, memory, due, writer, tiles) "
+        "input_bytes, input_points, input_format, params, principal, priority, result, memory, due, writer, tiles, "
+        "batch) "
         "VALUES ($1, $2, $3, 0, $3, $4, 0, whittle_now(), 0, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, "
-        "$17)",
+        "$17, $18)",
         VALUES(T(job->id), I(JOB_ACCEPTED), I(job->created_ms), I(job->started_ms), T(job->label), T(job->cloud),
                I(job->input_bytes), I(job->input_points), T(job->input_format), T(params), T(job->principal),
                I(job->priority), T(job->result), I(job->memory_bytes),
-               I(job->created_ms - (int64_t)job->priority * JOB_PRIORITY_AGING_MS), T(postgres->session),
-               I(job->tiles)),
+               I(job->created_ms - (int64_t)job->priority * JOB_PRIORITY_AGING_MS), T(postgres->session), I(job->tiles),
+               T(job->batch)),
         NULL, error);
     free(params);
     if (status == STATUS_OK && job->key)
@@ -210,32 +211,30 @@ static enum status insert(struct catalog_postgres *postgres, struct pq_link *lin
     return status;
 }
 
-/* How many wait; how many this principal has. */
-static enum status check_counts(struct pq_link *link, const struct job *job, const struct catalog_limits *limits,
-                                struct error *error) {
+enum status catalog_postgres_check_counts(struct pq_link *link, const char *principal, uint64_t more,
+                                          const struct catalog_limits *limits, struct error *error) {
     int64_t waiting = 0, active = 0;
     struct pq_rows *rows;
     uint64_t most = limits->waiting < INT64_MAX ? limits->waiting : INT64_MAX;
     enum status status = pq_select(link,
                                    "SELECT coalesce((SELECT sum(waiting) FROM usage WHERE waiting > 0), 0)::BIGINT, "
                                    "coalesce((SELECT active FROM usage WHERE principal = $1), 0)",
-                                   VALUES(T(job->principal)), &rows, error);
+                                   VALUES(T(principal)), &rows, error);
     if (status != STATUS_OK) return status;
     if (pq_next(rows)) {
         waiting = pq_integer(rows, 0);
         active = pq_integer(rows, 1);
     }
     pq_free(rows);
-    if ((uint64_t)waiting >= most)
+    if ((uint64_t)waiting + more > most)
         return error_set(error, STATUS_LIMIT, "queue", "%lld jobs are waiting", (long long)waiting);
-    if (limits->principal_jobs && (uint64_t)active >= limits->principal_jobs)
+    if (limits->principal_jobs && (uint64_t)active + more > limits->principal_jobs)
         return error_set(error, STATUS_LIMIT, "principal_jobs", "you have %lld jobs waiting or running",
                          (long long)active);
     return STATUS_OK;
 }
 
-/* A commit without an answer: the job's id, which nobody else makes, tells whether it was done. */
-static enum status look_up_submit(struct catalog_postgres *postgres, const char *id, struct error *error) {
+enum status catalog_postgres_look_up_submit(struct catalog_postgres *postgres, const char *id, struct error *error) {
     struct pq_link *link;
     struct error other;
     int64_t known = 0;
@@ -246,6 +245,10 @@ static enum status look_up_submit(struct catalog_postgres *postgres, const char 
     return error->code ? error->code : STATUS_IO;
 }
 
+enum status catalog_postgres_lock_submit(struct pq_link *link, struct error *error) {
+    return pq_run(link, LOCK_SUBMIT, NULL, 0, NULL, error);
+}
+
 enum status catalog_postgres_submit(struct catalog *catalog, const struct job *job, const struct catalog_limits *limits,
                                     struct error *error) {
     struct catalog_postgres *postgres = catalog_postgres_of(catalog);
@@ -253,14 +256,14 @@ enum status catalog_postgres_submit(struct catalog *catalog, const struct job *j
     bool unknown = false;
     enum status status = pq_begin(postgres->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = pq_run(link, LOCK_SUBMIT, NULL, 0, NULL, error);
-    if (status == STATUS_OK) status = check_counts(link, job, limits, error);
+    status = catalog_postgres_lock_submit(link, error);
+    if (status == STATUS_OK) status = catalog_postgres_check_counts(link, job->principal, 1, limits, error);
     if (status == STATUS_OK)
         status = catalog_postgres_check_bytes(link, job->principal, job->input_bytes, limits->principal_bytes, error);
-    if (status == STATUS_OK) status = insert(postgres, link, job, error);
+    if (status == STATUS_OK) status = catalog_postgres_insert(postgres, link, job, error);
     if (status == STATUS_OK) status = catalog_postgres_notify(postgres, link, CATALOG_WAITS, job->id, error);
     status = pq_end(link, status, &unknown, error);
-    if (unknown) status = look_up_submit(postgres, job->id, error);
+    if (unknown) status = catalog_postgres_look_up_submit(postgres, job->id, error);
     if (status == STATUS_OK) catalog_tell(catalog, CATALOG_WAITS, job->id);
     return status;
 }
@@ -522,12 +525,12 @@ enum status catalog_postgres_submit_ended(struct catalog *catalog, const struct 
     enum status status = pq_begin(postgres->pq, &link, error);
     if (status != STATUS_OK) return status;
     status = catalog_postgres_check_bytes(link, job->principal, bytes, limits->principal_bytes, error);
-    if (status == STATUS_OK) status = insert(postgres, link, job, error);
+    if (status == STATUS_OK) status = catalog_postgres_insert(postgres, link, job, error);
     if (status == STATUS_OK && job_transition(JOB_ACCEPTED, JOB_REUSE, &next))
         status = catalog_postgres_write_end(postgres, link, job, next, error);
     if (status == STATUS_OK) status = catalog_postgres_notify(postgres, link, CATALOG_CHANGED, job->id, error);
     status = pq_end(link, status, &unknown, error);
-    if (unknown) status = look_up_submit(postgres, job->id, error);
+    if (unknown) status = catalog_postgres_look_up_submit(postgres, job->id, error);
     if (status == STATUS_OK) catalog_tell(catalog, CATALOG_CHANGED, job->id);
     return status;
 }
@@ -597,9 +600,10 @@ enum status catalog_postgres_list(struct catalog *catalog, const struct catalog_
         link,
         "SELECT " CATALOG_JOB_COLUMNS " FROM jobs WHERE ($1 < 0 OR " CATALOG_JOB_SEEN
         " = $1) AND ($2 IS NULL OR label = $2) "
-        "AND ($3 IS NULL OR id < $3) AND ($4 IS NULL OR principal = $4) ORDER BY id DESC LIMIT $5",
+        "AND ($3 IS NULL OR id < $3) AND ($4 IS NULL OR principal = $4) AND ($6 IS NULL OR batch = $6) "
+        "ORDER BY id DESC LIMIT $5",
         VALUES(I(filter->by_state ? (int)filter->state : -1), T(filter->label), T(filter->after), T(filter->principal),
-               I(max)),
+               I(max), T(filter->batch)),
         jobs, max, count, error);
     if (status == STATUS_OK) status = fill_all_ahead(link, jobs, *count, error);
     pq_done(link);

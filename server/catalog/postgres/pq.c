@@ -15,9 +15,10 @@
 #include "core/base/alloc.h"
 #include "core/base/fault.h"
 #include "server/base/away.h"
+#include "server/catalog/rows.h"
 
 /* A statement's deadline, that of all that is to be done soon, and how many connections there are. */
-enum { DEADLINE_MS = 5000, SOON_MS = 1000, LINKS = 8, MAX_VALUES = 32, NUMBER_BYTES = 40 };
+enum { DEADLINE_MS = 5000, SOON_MS = 1000, LINKS = 8, MAX_VALUES = CATALOG_MAX_COLUMNS, NUMBER_BYTES = 40 };
 /* What a host that is stopped amid a transaction has locked is free then: it could have been everybody's turn. */
 #define IDLE_MS "5000"
 enum { OID_INT8 = 20, OID_TEXT = 25, OID_FLOAT8 = 701 };

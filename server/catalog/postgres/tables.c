@@ -130,6 +130,26 @@ static const char *const steps[] = {
     "CREATE FUNCTION whittle_owned_by_none() RETURNS TRIGGER LANGUAGE plpgsql AS $$ BEGIN RETURN NULL; END $$;"
     "CREATE TRIGGER jobs_in_tiles BEFORE UPDATE ON jobs FOR EACH ROW WHEN (NEW.tiles <> 0 AND NEW.owner <> '') "
     "EXECUTE FUNCTION whittle_owned_by_none();",
+    /* Batches: their webhook is due when the last job has ended, and they go with the last one; whichever host, of
+     * whichever version, ends it.  Two that end at once come one after the other, by the batch's row. */
+    "ALTER TABLE jobs ADD COLUMN batch TEXT COLLATE \"C\" NOT NULL DEFAULT '';"
+    "CREATE INDEX jobs_by_batch ON jobs (batch, id) WHERE batch <> '';"
+    "CREATE TABLE batches (id TEXT COLLATE \"C\" PRIMARY KEY, principal TEXT COLLATE \"C\" NOT NULL, "
+    "label TEXT NOT NULL, created BIGINT NOT NULL, size BIGINT NOT NULL);"
+    "CREATE INDEX batches_by_principal ON batches (principal, id);"
+    "CREATE FUNCTION whittle_batch_job_ended() RETURNS TRIGGER LANGUAGE plpgsql AS $$ BEGIN "
+    "PERFORM 1 FROM batches WHERE id = NEW.batch FOR UPDATE; "
+    "UPDATE outbox SET due = whittle_now() WHERE job = NEW.batch AND NOT EXISTS "
+    "(SELECT 1 FROM jobs WHERE batch = NEW.batch AND batch <> '' AND state < 2); RETURN NULL; END $$;"
+    "CREATE TRIGGER batch_job_ended AFTER UPDATE OF state ON jobs FOR EACH ROW "
+    "WHEN (NEW.batch <> '' AND OLD.state < 2 AND NEW.state > 1) EXECUTE FUNCTION whittle_batch_job_ended();"
+    "CREATE FUNCTION whittle_batch_job_gone() RETURNS TRIGGER LANGUAGE plpgsql AS $$ BEGIN "
+    "PERFORM 1 FROM batches WHERE id = OLD.batch FOR UPDATE; "
+    "IF NOT EXISTS (SELECT 1 FROM jobs WHERE batch = OLD.batch AND batch <> '') THEN "
+    "DELETE FROM outbox WHERE job = OLD.batch; DELETE FROM batches WHERE id = OLD.batch; END IF; "
+    "RETURN NULL; END $$;"
+    "CREATE TRIGGER batch_job_gone AFTER DELETE ON jobs FOR EACH ROW WHEN (OLD.batch <> '') "
+    "EXECUTE FUNCTION whittle_batch_job_gone();",
 };
 enum { STEPS = sizeof steps / sizeof steps[0] };
 

@@ -17,11 +17,13 @@ enum status catalog_postgres_each_webhook_due(struct catalog *catalog, int64_t n
     struct catalog_webhook row;
     enum status status = pq_take(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = pq_select(link,
-                       "SELECT outbox.job, outbox.url, outbox.attempts, coalesce(jobs.principal, ''), outbox.due "
-                       "FROM outbox LEFT JOIN jobs ON jobs.id = outbox.job WHERE outbox.due > 0 AND outbox.due <= $1 "
-                       "ORDER BY outbox.due",
-                       VALUES(I(now_ms)), &rows, error);
+    status =
+        pq_select(link,
+                  "SELECT outbox.job, outbox.url, outbox.attempts, coalesce(jobs.principal, batches.principal, ''), "
+                  "outbox.due FROM outbox LEFT JOIN jobs ON jobs.id = outbox.job "
+                  "LEFT JOIN batches ON batches.id = outbox.job WHERE outbox.due > 0 AND outbox.due <= $1 "
+                  "ORDER BY outbox.due",
+                  VALUES(I(now_ms)), &rows, error);
     if (status == STATUS_OK) {
         for (bool more = true; more && pq_next(rows);) {
             pq_copy_text(rows, 0, row.job, sizeof row.job);

@@ -86,6 +86,10 @@ void catalog_sqlite_move_order(struct catalog_sqlite *sqlite, int64_t step_ms);
 /* After a change of what a principal (NULL: anybody) has. */
 void catalog_sqlite_refresh_usage(struct catalog_sqlite *sqlite, const char *principal);
 
+/* Whether so many jobs more may wait, and be this principal's. */
+enum status catalog_sqlite_check_limits(const struct catalog_sqlite *sqlite, const char *principal, uint64_t more,
+                                        const struct catalog_limits *limits, struct error *error) MUST_CHECK;
+
 enum status catalog_sqlite_add_key(struct sql *writer, const char *principal, const struct job_key *key,
                                    const char *made, int64_t now_ms, struct error *error) MUST_CHECK;
 enum status catalog_sqlite_add_webhook(struct sql *writer, const char *job, const char *url,

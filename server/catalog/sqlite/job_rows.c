@@ -43,15 +43,17 @@ enum status job_rows_find(struct sql *db, const char *id, struct job *job, bool 
 enum status job_rows_insert(struct sql *db, const struct job *job, struct error *error) {
     char *params = job_params_text(&job->params);
     if (!params) return error_set(error, STATUS_NO_MEMORY, "queue", "no memory");
-    enum status status = sql_run(
-        db,
-        "INSERT INTO jobs (id, state, sequence, attempt, created, started, finished, updated, expires, label, "
-        "cloud, input_bytes, input_points, input_format, params, principal, priority, result, memory, "
-        "tiles) VALUES (?1, ?2, ?3, 0, ?4, ?14, 0, ?4, 0, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?15, ?16)",
-        VALUES(T(job->id), I(JOB_ACCEPTED), I(job->created_ms), I(job->created_ms), T(job->label), T(job->cloud),
-               I(job->input_bytes), I(job->input_points), T(job->input_format), T(params), T(job->principal),
-               I(job->priority), T(job->result), I(job->started_ms), I(job->memory_bytes), I(job->tiles)),
-        error);
+    enum status status =
+        sql_run(db,
+                "INSERT INTO jobs (id, state, sequence, attempt, created, started, finished, updated, expires, label, "
+                "cloud, input_bytes, input_points, input_format, params, principal, priority, result, memory, "
+                "tiles, batch) "
+                "VALUES (?1, ?2, ?3, 0, ?4, ?14, 0, ?4, 0, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?15, ?16, ?17)",
+                VALUES(T(job->id), I(JOB_ACCEPTED), I(job->created_ms), I(job->created_ms), T(job->label),
+                       T(job->cloud), I(job->input_bytes), I(job->input_points), T(job->input_format), T(params),
+                       T(job->principal), I(job->priority), T(job->result), I(job->started_ms), I(job->memory_bytes),
+                       I(job->tiles), T(job->batch)),
+                error);
     free(params);
     return status;
 }

@@ -26,12 +26,12 @@ void catalog_sqlite_release(struct catalog *catalog, const char *principal, uint
     usage_release(sqlite->usage, principal, bytes);
 }
 
-static enum status check_limits(const struct catalog_sqlite *sqlite, const struct job *job,
-                                const struct catalog_limits *limits, struct error *error) {
-    struct catalog_usage has = usage_of(sqlite->usage, job->principal);
-    if (sqlite->waiting >= limits->waiting)
+enum status catalog_sqlite_check_limits(const struct catalog_sqlite *sqlite, const char *principal, uint64_t more,
+                                        const struct catalog_limits *limits, struct error *error) {
+    struct catalog_usage has = usage_of(sqlite->usage, principal);
+    if (sqlite->waiting + more > limits->waiting)
         return error_set(error, STATUS_LIMIT, "queue", "%llu jobs are waiting", (unsigned long long)sqlite->waiting);
-    if (limits->principal_jobs && has.active >= limits->principal_jobs)
+    if (limits->principal_jobs && has.active + more > limits->principal_jobs)
         return error_set(error, STATUS_LIMIT, "principal_jobs", "you have %llu jobs waiting or running",
                          (unsigned long long)has.active);
     return STATUS_OK;
@@ -57,7 +57,7 @@ enum status catalog_sqlite_submit(struct catalog *catalog, const struct job *job
                                   struct error *error) {
     struct catalog_sqlite *sqlite = catalog_sqlite_of(catalog);
     catalog_sqlite_enter(sqlite);
-    enum status status = check_limits(sqlite, job, limits, error);
+    enum status status = catalog_sqlite_check_limits(sqlite, job->principal, 1, limits, error);
     if (status == STATUS_OK)
         status = catalog_reserve(catalog, job->principal, job->input_bytes, limits->principal_bytes, error);
     if (status == STATUS_OK) {
@@ -377,9 +377,9 @@ enum status catalog_sqlite_list(struct catalog *catalog, const struct catalog_fi
         sql_select(sqlite->reader,
                    "SELECT " CATALOG_JOB_COLUMNS " FROM jobs WHERE (?1 < 0 OR " CATALOG_JOB_SEEN " = ?1) "
                    "AND (?2 IS NULL OR label = ?2) AND (?3 IS NULL OR id < ?3) "
-                   "AND (?4 IS NULL OR principal = ?4) ORDER BY id DESC LIMIT ?5",
+                   "AND (?4 IS NULL OR principal = ?4) AND (?6 IS NULL OR batch = ?6) ORDER BY id DESC LIMIT ?5",
                    VALUES(I(filter->by_state ? (int)filter->state : -1), T(filter->label), T(filter->after),
-                          T(filter->principal), I(max)),
+                          T(filter->principal), I(max), T(filter->batch)),
                    &row, error);
     if (status == STATUS_OK) status = job_rows_read(sqlite->reader, row, jobs, max, count, error);
     sql_unlock(sqlite->reader);

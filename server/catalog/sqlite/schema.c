@@ -79,6 +79,17 @@ static const char *const steps[] = {
      "failures INTEGER NOT NULL DEFAULT 0, interruptions INTEGER NOT NULL DEFAULT 0, "
      "PRIMARY KEY (job, number)) STRICT, WITHOUT ROWID;"
      "CREATE INDEX tasks_running ON tasks (owner) WHERE state = 1;"),
+    /* Batches: their webhook is due when the last job has ended, and they go with the last one. */
+    ("ALTER TABLE jobs ADD COLUMN batch TEXT NOT NULL DEFAULT '';"
+     "CREATE INDEX jobs_by_batch ON jobs (batch, id) WHERE batch <> '';"
+     "CREATE TABLE batches (id TEXT PRIMARY KEY, principal TEXT NOT NULL, label TEXT NOT NULL, "
+     "created INTEGER NOT NULL, size INTEGER NOT NULL) STRICT;"
+     "CREATE TRIGGER batch_job_ended AFTER UPDATE OF state ON jobs WHEN NEW.batch <> '' AND OLD.state < 2 "
+     "AND NEW.state > 1 AND NOT EXISTS (SELECT 1 FROM jobs WHERE batch = NEW.batch AND batch <> '' AND state < 2) "
+     "BEGIN UPDATE outbox SET due = NEW.finished WHERE job = NEW.batch; END;"
+     "CREATE TRIGGER batch_job_gone AFTER DELETE ON jobs WHEN OLD.batch <> '' "
+     "AND NOT EXISTS (SELECT 1 FROM jobs WHERE batch = OLD.batch AND batch <> '') BEGIN "
+     "DELETE FROM batches WHERE id = OLD.batch; DELETE FROM outbox WHERE job = OLD.batch; END;"),
 };
 enum { VERSION = sizeof steps / sizeof steps[0] };
 

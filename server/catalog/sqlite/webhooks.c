@@ -26,8 +26,9 @@ enum status catalog_sqlite_each_webhook_due(struct catalog *catalog, int64_t now
     sql_lock(reader);
     enum status status =
         sql_select(reader,
-                   "SELECT outbox.job, outbox.url, outbox.attempts, coalesce(jobs.principal, ''), outbox.due "
-                   "FROM outbox LEFT JOIN jobs ON jobs.id = outbox.job WHERE outbox.due > 0 AND outbox.due <= ?1 "
+                   "SELECT outbox.job, outbox.url, outbox.attempts, coalesce(jobs.principal, batches.principal, ''), "
+                   "outbox.due FROM outbox LEFT JOIN jobs ON jobs.id = outbox.job "
+                   "LEFT JOIN batches ON batches.id = outbox.job WHERE outbox.due > 0 AND outbox.due <= ?1 "
                    "ORDER BY outbox.due",
                    VALUES(I(now_ms)), &rows, error);
     if (status == STATUS_OK) {

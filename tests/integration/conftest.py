@@ -401,10 +401,7 @@ def pass_alone(failed, terminal):
 # ---------------------------------------------------------------------------------------------- what is left running
 
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36
-# With sanitizers a job's process isn't confined, and now and then one outlives a service that was killed: it is ended and
-# told, and fails the run of all other programs alone.
-OF_A_JOB = re.compile(r"left running: \d+ whittle - ")
-ENDING_S = 10  # how long a process that has been told to end may still be there
+ENDING_S = float(os.environ.get("WHITTLE_ENDING_S", 10))  # how long a process may still be there that nobody has killed
 
 
 def pytest_configure(config):
@@ -432,7 +429,6 @@ def stand_guard():
         ended = os.waitstatus_to_exitcode(status) if pid == child else None
     left = end_what_is_left()
     os.write(1, "".join(f"{line}\n" for line in left).encode())
-    left = [line for line in left if not (SANITIZED and OF_A_JOB.match(line))]
     os._exit(1 if left and ended == 0 else 128 - ended if ended < 0 else ended)
 
 
@@ -444,24 +440,39 @@ def left_running(pid):
     return found
 
 
+def read_of(pid, name):
+    """What /proc has of a process, on one line; "" where it may not be read or has ended."""
+    with contextlib.suppress(OSError):
+        return pathlib.Path(f"/proc/{pid}/{name}").read_bytes().replace(b"\0", b" ").decode(errors="replace").strip()
+    return ""
+
+
+def is_killed(pid):
+    """Whether SIGKILL has been sent to it, or it has no memory any more.  Until it is given a processor it is there: a
+    job's process is nicer than its service, and beside enough others that takes longer than ENDING_S."""
+    pending = re.findall(r"(?:SigPnd|ShdPnd):\s*(\w+)", read_of(pid, "status"))
+    return any(int(mask, 16) >> signal.SIGKILL - 1 & 1 for mask in pending) or not read_of(pid, "cmdline")
+
+
 def told_of(pid):
-    """Its command, as far as it may be read, and the test that it was started in."""
-    def read(name):
-        with contextlib.suppress(OSError):
-            return pathlib.Path(f"/proc/{pid}/{name}").read_bytes().replace(b"\0", b" ").decode(errors="replace").strip()
-        return ""
-    test = re.search(r"PYTEST_CURRENT_TEST=(\S+ \(\w+\))", read("environ"))
-    command = read("cmdline") or "a process without memory, " + ", ".join(re.findall("(?:Name|State|NSpid):.*", read("status")))
-    return f"{command[:200]} of {test[1] if test else 'a test that its environment does not name'}"
+    """Its command, as far as it may be read, the test that it was started in, and what it waits for."""
+    test = re.search(r"PYTEST_CURRENT_TEST=(\S+ \(\w+\))", read_of(pid, "environ"))
+    command = read_of(pid, "cmdline") or "a process without memory"
+    state = ", ".join(re.findall("(?:Name|State|PPid|NSpid|SigPnd|ShdPnd):.*", read_of(pid, "status")))
+    return (f"{command[:200]} of {test[1] if test else 'a test that its environment does not name'}; {state}, "
+            f"waits in {read_of(pid, 'wchan')}")
 
 
 def wait_for_what_is_left():
-    """Until nothing below this process lives, for a while."""
-    end = time.monotonic() + ENDING_S
-    while left_running(os.getpid()) and time.monotonic() < end:
+    """Until nothing below this process lives, for a while; for what has been killed, however long that takes."""
+    begin = time.monotonic()
+    while True:
         for child in children_of(os.getpid()):
             with contextlib.suppress(ChildProcessError):
                 os.waitpid(child, os.WNOHANG)
+        left, waited = left_running(os.getpid()), time.monotonic() - begin
+        if not left or waited > PATIENCE_S or (waited > ENDING_S and not any(map(is_killed, left))):
+            return
         time.sleep(0.05)
 
 

@@ -120,6 +120,25 @@ def test_a_process_that_is_left_fails_the_run_and_is_ended(tmp_path, flags):
     assert code == 1 and "before it is ended" in text and "left running" not in text
 
 
+KILLED = """
+import atexit, os, subprocess, sys
+HOLDS = "x = bytearray(b'1') * (1 << 29); print('full', flush=True); import time; time.sleep(1003)"
+def test_that_is_over():
+    process = subprocess.Popen([sys.executable, "-c", HOLDS], stdout=subprocess.PIPE)
+    process.stdout.readline()
+    if KILLS: atexit.register(lambda: (process.kill(), os._exit(0)))
+"""
+
+
+def test_what_has_been_killed_is_waited_for(tmp_path, monkeypatch):
+    """Memory takes time to give back, and a processor is to be had for that; a job's process is the last to get one."""
+    monkeypatch.setenv("WHITTLE_ENDING_S", "0")
+    code, text, _ = run_pytest(tmp_path, KILLED.replace("KILLS", "True"), "")
+    assert code == 0 and "1 passed" in text and "left running" not in text, text
+    code, text, _ = run_pytest(tmp_path, KILLED.replace("KILLS", "False"), "")
+    assert code == 1 and re.search(r"left running: \d+ \S+ -c x = .* of \S+test_that_is_over \(call\); .*PPid:", text), text
+
+
 def test_told_to_end_the_tests_end_what_they_have_started(tmp_path):
     cases = LEAVES.replace("assert False", "assert True") + """
 def test_that_waits(left):

@@ -19,6 +19,9 @@
 #include "core/measure/sampler.h"
 
 enum { BATCH = 1 << 16, GRAIN = 1024, PER_TRIANGLE = 10, TRIALS = 512 };
+
+/* Nodes that a sample visits, in the mean: between a scan and its mesh 9 to 45. */
+enum { USUAL_VISITS = 12, MANY_VISITS = 48 };
 static const double DISK_FAR = 64, DISK_SLACK = 0x1p-6; /* struct knn_slack, of tangent disks */
 
 /* What samples are measured to: a surface, points with tangent disks, or points. */
@@ -253,17 +256,31 @@ enum status metro_points(const vec3 *point, size_t n, const struct mesh *mesh, c
     return status;
 }
 
-/* Whether a direction's samples, in the mean of some of them, visit more than `most` nodes of what they are measured
- * to. */
-static bool is_toilsome(const struct direction *direction, size_t most) {
+/* How many nodes of what they are measured to a direction's samples visit, in the mean of some of them; over `most`, at
+ * least that. */
+static double visits_of(const struct direction *direction, size_t most) {
     vec3 trial[TRIALS];
     size_t count = direction->sampler->count, n = count < TRIALS ? count : TRIALS;
-    if (!most || !direction->target->bvh) return false;
+    if (!n || !direction->target->bvh) return 0;
     for (size_t i = 0; i < n; i++) {
         size_t at = i * (count / n);
         sampler_fill(direction->sampler, at, at + 1, &trial[i]);
     }
-    return bvh_visits(direction->target->bvh, trial, n, most * n) > most * n;
+    return (double)bvh_visits(direction->target->bvh, trial, n, most * n) / (double)n;
+}
+
+/* Leaves as many samples as take no longer than usual ones: between faces that lie across each other each visits ten
+ * times as many nodes.  STATUS_LIMIT: more than may be. */
+static enum status take_fewer(const struct direction *direction, struct sampler *sampler,
+                              const struct metro_options *options) {
+    if (!options->most_visits) return STATUS_OK;
+    double visits = visits_of(direction, options->most_visits);
+    if (visits > (double)options->most_visits) return STATUS_LIMIT;
+    if (!sampler || options->samples || visits <= MANY_VISITS) return STATUS_OK;
+    size_t left = (size_t)((double)sampler->count * USUAL_VISITS / visits);
+    sampler_done(sampler);
+    *sampler = (struct sampler){0};
+    return sampler_uniform(direction->surface, left ? left : 1, options->seed, sampler);
 }
 
 enum status metro_measure(const struct mesh *mesh, const struct metro_reference *reference,
@@ -282,8 +299,8 @@ enum status metro_measure(const struct mesh *mesh, const struct metro_reference 
     const struct direction directions[] = {{&points, &to_mesh, &new.forward, NULL, options->nearest},
                                            {&on_mesh, &to_reference, &new.backward, mesh, NULL},
                                            {&on_surface, &to_mesh, &new.surface, surface, NULL}};
-    for (int i = 0; i < 3 && !status; i++)
-        if (is_toilsome(&directions[i], options->most_visits)) status = STATUS_LIMIT;
+    struct sampler *const thinned[] = {NULL, &on_mesh, &on_surface};
+    for (int i = 0; i < 3 && !status; i++) status = take_fewer(&directions[i], thinned[i], options);
     if (!status) status = measure_all(directions, 3, options);
     set_hausdorff(&new);
     if (!status) *errors = new;

@@ -26,7 +26,8 @@ struct metro_options {
     unsigned threads; /* 0 = all processors */
     const struct progress *progress; /* stage "measure"; may be NULL */
     uint32_t *nearest;  /* to be filled: of each point the triangle of the mesh nearest to it; may be NULL */
-    size_t most_visits; /* of nodes of a hierarchy for each sample, in the mean of some; 0 = no matter how many */
+    size_t most_visits; /* of nodes of a hierarchy for each sample, in the mean of some; 0 = no matter how many.  Where
+                           they are many, yet below it, fewer samples are taken */
 };
 
 enum { METRO_MIN_SAMPLES = 100000 };

@@ -355,6 +355,13 @@ def faces_all_across(n):
     return plain(n), [(i, (i + n // 2) % n, (i + n // 3) % n) for i in range(n)]
 
 
+def some_faces_across(n, one_in=100):
+    """A grid's, and one in so many from one side of it to the other."""
+    points, faces = globe(n)
+    m = len(points)
+    return points, faces + [(i % m, (i + m // 2) % m, (i + m // 3) % m) for i in range(0, len(faces), one_in)]
+
+
 def fans_all_across(n, corners=255):
     """The same of faces with many corners."""
     points = plain(n)
@@ -439,6 +446,7 @@ SHAPES = {
     "faces of 255 corners": faces_of_many_corners,
     "faces all across": faces_all_across,
     "fans all across": fans_all_across,
+    "one face in 100 across": some_faces_across,
     "faces of a stray": faces_of_a_stray,
     "faces in one cell": faces_in_one_cell,
 }

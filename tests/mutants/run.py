@@ -82,7 +82,8 @@ class Tree:
         """Builds what the test runs, and runs it."""
         kind, name, *rest = shlex.split(test)
         program = f"build/release/tests/unit/{name}"
-        wanted = [program] if kind == "unit" else ["all", "build/release/tests/tools/confined_probe"]
+        tools = [f"build/release/tests/tools/{tool}" for tool in ("confined_probe", "predict_memory")]
+        wanted = [program] if kind == "unit" else ["all", *tools]
         if run([*MAKE, *wanted], self.folder, BUILD_S, self.log) != 0:
             raise Broken("doesn't compile")
         if kind == "unit":

@@ -416,6 +416,22 @@ static void visits_tell_how_much_is_equally_near(void **state) {
     bvh_free(bvh), free_mesh(&mesh);
 }
 
+/* Two heaps, each a millionth of the way between them: boxes of float would all be alike. */
+static void heaps_far_apart_cost_no_more_than_one(void **state) {
+    (void)state;
+    enum { N = 4000, TRIED = 200 };
+    struct mesh mesh = random_mesh(N, 0.01, 6);
+    vec3 p[TRIED];
+    for (size_t v = 0; v < mesh.vertex_count; v++) {
+        vec3 corner = {v < mesh.vertex_count / 2 ? 1e7 : -1e7, 3e6, 1e6};
+        mesh.vertex[v] = vec3_add(mesh.vertex[v], corner);
+    }
+    for (size_t i = 0; i < TRIED; i++) p[i] = mesh.vertex[i * (mesh.vertex_count / TRIED)];
+    struct bvh *bvh = bvh_of(&mesh);
+    assert_true(bvh_visits(bvh, p, TRIED, SIZE_MAX) < 30 * TRIED);
+    bvh_free(bvh), free_mesh(&mesh);
+}
+
 static bool fails_at_zero(void *ctx) { return (*(int *)ctx)-- == 0; }
 
 static int refusals(const struct mesh *mesh,
@@ -463,6 +479,7 @@ int main(void) {
         cmocka_unit_test(any_number_of_threads_gives_the_same_bits),
         cmocka_unit_test(a_rough_one_gives_the_same_bits),
         cmocka_unit_test(visits_tell_how_much_is_equally_near),
+        cmocka_unit_test(heaps_far_apart_cost_no_more_than_one),
         cmocka_unit_test(any_allocation_that_fails_is_reported),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,6 +1,7 @@
 /* A bounded deviation: it holds as measured, hardly fewer points would do, and what can't be held is refused.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -13,6 +14,7 @@
 
 #include "core/base/alloc.h"
 #include "core/pipeline/pipeline.h"
+#include "core/pipeline/pipeline_run.h"
 #include "tests/unit/shapes.h"
 
 enum { N = 2000, RADIUS = 7 };
@@ -127,6 +129,30 @@ static void what_all_points_do_not_hold_is_refused(void **state) {
     cloud_done(&cloud), cloud_done(&few);
 }
 
+/* Whatever the search found: what the finished result is off by decides. */
+static void a_result_that_is_further_off_is_none(void **state) {
+    (void)state;
+    struct params params;
+    struct error error = {0};
+    params_defaults(&params);
+    params.max_deviation = 1;
+    struct run *run = calloc(1, sizeof *run);
+    run->params = &params, run->error = &error;
+    for (int follows = 0; follows < 2; follows++) {
+        run->mesh_follows = follows;
+        double *reached = follows ? &run->report.level[0].input_to_mesh.max : &run->report.level[0].tangent.max;
+        *reached = 1;
+        assert_int_equal(pipeline_verify(run), STATUS_OK);
+        assert_true(run->report.deviation.bound == 1 && run->report.deviation.reached == 1);
+        *reached = 1.001;
+        assert_int_equal(pipeline_verify(run), STATUS_ENGINE);
+        assert_non_null(strstr(error.text, "the result is 1.001 from the input"));
+        *reached = NAN;
+        assert_int_equal(pipeline_verify(run), STATUS_ENGINE);
+    }
+    free(run);
+}
+
 static int never_back(void *ctx, const char *stage, double fraction) {
     double *last = ctx;
     assert_true(fraction >= *last && fraction <= 1);
@@ -175,6 +201,7 @@ int main(void) {
         cmocka_unit_test(a_fraction_of_the_diagonal_is_the_same_length),
         cmocka_unit_test(the_larger_count_of_two_goals_is_kept),
         cmocka_unit_test(what_all_points_do_not_hold_is_refused),
+        cmocka_unit_test(a_result_that_is_further_off_is_none),
         cmocka_unit_test(it_tells_its_progress_and_can_be_cancelled),
         cmocka_unit_test(allocations_may_fail_while_it_searches),
     };

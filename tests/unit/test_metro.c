@@ -376,6 +376,37 @@ static int stop_at_half(void *ctx, const char *stage, double fraction) {
     return fraction >= 0.5;
 }
 
+/* A sphere with a hundred triangles from one side to the other, against itself. */
+static void where_samples_cost_much_there_are_fewer(void **state) {
+    (void)state;
+    enum { ACROSS = 100 };
+    struct mesh a = sphere(5, 1), b = sphere(5, 1);
+    size_t n = b.triangle_count, vertices = b.vertex_count;
+    b.triangle = realloc(b.triangle, (n + ACROSS) * sizeof *b.triangle);
+    for (uint32_t i = 0; i < ACROSS; i++, b.triangle_count++) {
+        uint32_t from = (uint32_t)(i * (vertices / ACROSS));
+        b.triangle[n + i][0] = from;
+        b.triangle[n + i][1] = (uint32_t)((from + vertices / 2 + 7 * i) % vertices);
+        b.triangle[n + i][2] = (uint32_t)((from + vertices / 3 + 11 * i) % vertices);
+    }
+    struct metro_reference reference = surface_reference(&b);
+    struct metro_options options = {.threads = 2};
+    struct metro_errors all, fewer;
+    assert_int_equal(metro_measure(&a, &reference, &options, &all), STATUS_OK);
+    options.most_visits = 1000;
+    assert_int_equal(metro_measure(&a, &reference, &options, &fewer), STATUS_OK);
+    assert_int_equal(all.forward.count, fewer.forward.count);
+    assert_in_range(fewer.surface.count, 1000, all.surface.count / 3);
+    assert_true(fabs(fewer.surface.mean - all.surface.mean) < 0.02 * all.surface.mean);
+    assert_true(fabs(fewer.hausdorff - all.hausdorff) < 0.05 * all.hausdorff);
+    options.samples = 20000; /* so many were asked for */
+    assert_int_equal(metro_measure(&a, &reference, &options, &fewer), STATUS_OK);
+    assert_int_equal(fewer.surface.count, 20000);
+    options.most_visits = 20;
+    assert_int_equal(metro_measure(&a, &reference, &options, &fewer), STATUS_LIMIT);
+    free_mesh(&a), free_mesh(&b);
+}
+
 static void a_tick_can_stop_it(void **state) {
     (void)state;
     struct mesh a = grid(1, false, 0, 1), b = grid(1, false, 0, 0);
@@ -437,6 +468,7 @@ int main(void) {
         cmocka_unit_test(surfaces_without_triangles_are_degenerate),
         cmocka_unit_test(triangles_without_area_are_surface_too),
         cmocka_unit_test(any_number_of_threads_measures_the_same_bits),
+        cmocka_unit_test(where_samples_cost_much_there_are_fewer),
         cmocka_unit_test(a_tick_can_stop_it),
         cmocka_unit_test(any_allocation_that_fails_is_reported),
     };

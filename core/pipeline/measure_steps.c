@@ -50,7 +50,7 @@ static enum status faces_of(struct run *run, struct mesh *surface) {
 /* Visits of a hierarchy's nodes for each sample, from which on the input's faces are no reference.  Scans take 10
  * to 45.
  */
-enum { MOST_VISITS = 200 };
+enum { MOST_VISITS = 120 };
 
 static enum reference_form reference_of(const struct run *run) {
     enum reference_form asked = (enum reference_form)run->params->reference;

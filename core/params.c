@@ -32,7 +32,7 @@ static const char *const orders[] = {"auto", "simplify-first", "reconstruct-firs
 static const char *const boundary_forms[] = {"fill", "keep", "auto", NULL};
 static const char *const refine_forms[] = {"none", "flips", "full", NULL};
 static const char *const reference_forms[] = {"auto", "points", "faces", "reconstruction", NULL};
-static const char *const denoise_forms[] = {"none", "outliers", "full", "auto", NULL};
+static const char *const denoise_forms[] = {"none", "outliers", "full", "auto", "noisy", NULL};
 static const char *const switch_forms[] = {"false", "true", NULL};
 static const char *const attribute_forms[] = {"nearest", "mean", NULL};
 static const char *const encodings[] = {"binary", "ascii", NULL};
@@ -91,11 +91,12 @@ static const struct param table[] = {
      "error.ply (error), which "
      "show every original point with its discrete shape operator, its distance to the mesh; preview.png, a "
      "picture of before, after and deviation"},
-    {"denoise", PARAM_CHOICE, AT(denoise), 0, 0, false, "none", denoise_forms, "", true,
+    {"denoise", PARAM_CHOICE, AT(denoise), 0, 0, false, "noisy", denoise_forms, "", true,
      "Before all other steps: outliers drops points that belong to no surface; full also smooths the others along "
      "their normals and keeps edges: points are then written at their smoothed positions, with all else unchanged, and "
      "errors are measured from there; auto: outliers where they are many, full where noise is large against the "
-     "distances between points, and nothing where neither is"},
+     "distances between points, and nothing where neither is; noisy: full, but for meshes alone and where noise is so "
+     "large that a surface of the points would be crumpled, and nothing of any other cloud"},
     {"placement", PARAM_CHOICE, AT(placement), 0, 0, false, "auto", placements, "", true,
      "subset: mesh vertices are original points; optimal: mesh vertices move freely for the lowest error; auto: "
      "optimal "

@@ -29,7 +29,7 @@ enum surface_form { SURFACE_CLOSED, SURFACE_OPEN, SURFACE_HEIGHTFIELD, SURFACE_A
 enum boundary_form { BOUNDARY_FILL, BOUNDARY_KEEP, BOUNDARY_AUTO };
 enum reference_form { REFERENCE_AUTO, REFERENCE_POINTS, REFERENCE_FACES, REFERENCE_RECONSTRUCTION };
 /* What is done to the points before all else. */
-enum denoise_form { DENOISE_NONE, DENOISE_OUTLIERS, DENOISE_FULL, DENOISE_AUTO };
+enum denoise_form { DENOISE_NONE, DENOISE_OUTLIERS, DENOISE_FULL, DENOISE_AUTO, DENOISE_NOISY };
 enum encoding { ENCODING_BINARY, ENCODING_ASCII };
 /* Bits of a colour's component in outputs. */
 enum colour_bits { COLOURS_8, COLOURS_16, COLOURS_KEEP };
@@ -142,6 +142,13 @@ static inline bool params_want_mesh(const struct params *params) {
 /* Whether points are removed only as long as the measured deviation allows it. */
 static inline bool params_bound_deviation(const struct params *params) {
     return params->max_deviation > 0 || params->max_deviation_rel > 0; /* not NAN */
+}
+
+/* Whether points may be dropped or moved before all else.  What noise makes necessary is done for meshes alone, and not
+ * where deviations from the points as they came are bounded. */
+static inline bool params_want_denoising(const struct params *params) {
+    if (params->denoise != DENOISE_NOISY) return params->denoise != DENOISE_NONE;
+    return params_want_mesh(params) && !params_bound_deviation(params);
 }
 
 enum param_type {

@@ -50,9 +50,20 @@ static bool warns_of_noise(const struct report *report, const struct report_leve
     return true;
 }
 
+/* Points that aren't where they were measured. */
+static bool warns_of_smoothing(const struct report *report, char *text, size_t text_bytes) {
+    if (report->noisy_share <= 0 || strcmp(report->denoised, "full") != 0) return false;
+    snprintf(text, text_bytes,
+             "noise is larger than half the distance between points at %.0f %% of the places, and a mesh of them would "
+             "be crumpled: points were smoothed as by denoise=full; denoise=none leaves them",
+             100 * report->noisy_share);
+    return true;
+}
+
 bool report_warning(const struct report *report, const struct report_level *level, size_t n, char *text,
                     size_t text_bytes) {
     if (warns_of_lid(report, level, text, text_bytes) && n-- == 0) return true;
     if (warns_of_kind(report, level, text, text_bytes) && n-- == 0) return true;
+    if (warns_of_smoothing(report, text, text_bytes) && n-- == 0) return true;
     return warns_of_noise(report, level, text, text_bytes) && n == 0;
 }

@@ -89,6 +89,8 @@ struct report {
     uint64_t points_in, points_distinct, points_outliers /* of points_in, dropped by denoising */;
     uint64_t points_cropped, points_filtered; /* that weren't asked for (core/cloud/select.h), beside points_in */
     double noise; /* standard deviation of the points from the surface that they were smoothed to; 0: they weren't */
+    double noisy_share; /* of the places that were looked at: those where noise exceeds half the distance between points
+                           (core/clean/shell.h); 0: it wasn't looked for */
     char denoised[16];  /* what was done: "none", "outliers", "layers" (those and the less exact of two), "full" */
     double noise_level; /* estimated, of the points that are simplified (core/clean/noise.h) */
     double noise_share; /* of the median distance between neighbours; 0 where the cloud was denoised */

@@ -29,10 +29,11 @@
 #include "core/base/alloc.h"
 #include "core/base/par.h"
 #include "core/base/quantile.h"
+#include "core/clean/shell.h"
 #include "core/math/sym3.h"
 #include "core/spatial/knn.h"
 
-enum { GRAIN = 1024, MOST_K = 63, ROUNDS = 3, FILTERS = 1 };
+enum { GRAIN = 1024, MOST_K = 63, AROUND = 15, ROUNDS = 3, FILTERS = 1 };
 static const double RIM = 1.2;                     /* where weights end, of the distance to the last neighbour */
 static const double ANGLE = 0.3;                   /* between normals: the tolerance where there is no noise; in rad */
 static const double HEIGHT = 4;                    /* tolerance of heights, of the noise */
@@ -43,23 +44,24 @@ static const double STRAY = 5, STRAY_LEAST = 0.25; /* of the noise; of the radiu
 static const struct level {
     unsigned k, step;
     double width;
-} levels[] = {{15, 1, 8}, {31, 1, 8}, {MOST_K, 1, 4}, {MOST_K, 4, 4}};
-enum { LEVELS = sizeof levels / sizeof levels[0] };
+} levels[] = {{15, 1, 8}, {31, 1, 8}, {MOST_K, 1, 4}, {MOST_K, 4, 4}, {MOST_K, 16, 4}};
+enum { LEVELS = sizeof levels / sizeof levels[0], FINEST_LAST = 2 /* where rounds end, at most */ };
 
 struct surface {
     size_t n;
     unsigned threads;
-    const struct level *level;
-    vec3 *listened; /* the points that may be neighbours, and their index */
+    unsigned looked_at;     /* the level that neighbours are looked for at */
+    unsigned unmoved_below; /* levels below share an index, until points move */
+    vec3 *listened;         /* the points that may be neighbours there, and their index */
     struct knn *knn;
-    unsigned k;
-    uint32_t *near;              /* n * k, nearest first */
+    uint8_t *level, *wanted;     /* n: the level of p's neighbours as they are, and that which is wide enough */
+    uint32_t *near;              /* n rows of MOST_K, nearest first: as many as the level has */
     float *rim_sq;               /* n: squared distance at which the weight of a neighbour ends */
     vec3 *point, *normal, *next; /* next: of points or normals, while they are made */
     float *spread;               /* n: standard deviation of the heights around p */
-    double noise;                /* median of spread */
-    double radius;               /* median distance to the last neighbour */
-    double angle_sq;             /* tolerance between normals; the noisier the larger */
+    double usual;                /* median of spread */
+    bool is_shell;               /* noise exceeds the distances between points, and differs by place */
+    float *noise, *first_noise;  /* n: what is taken for the deviation of points around p; at first */
     enum status *chunk_status;
 };
 
@@ -76,21 +78,37 @@ static double nearness(const struct surface *s, size_t p, vec3 e) {
 
 static vec3 aligned(vec3 normal, vec3 to) { return vec3_dot(normal, to) < 0 ? vec3_scale(normal, -1) : normal; }
 
+static unsigned count_of(const struct surface *s, size_t p) { return levels[s->level[p]].k; }
+static double radius_of(const struct surface *s, size_t p) { return sqrt((double)s->rim_sq[p]) / RIM; }
+
 /* ------------------------------------------------------------------------------------------------ neighbours */
 
+/* Of the level that is looked at; it suits p, who has neighbours of another one or none. */
+static bool seeks(const struct surface *s, size_t p) {
+    return s->wanted[p] >= s->looked_at && s->level[p] != s->looked_at;
+}
+
 static enum status find_chunk(const struct surface *s, size_t begin, size_t end) {
-    uint32_t found[GRAIN * (MOST_K + 1)];
-    double *distance_sq = alloc_array(end - begin, (s->k + 1) * sizeof *distance_sq);
-    if (!distance_sq) return STATUS_NO_MEMORY;
-    enum status status = knn_search(s->knn, &s->point[begin], end - begin, s->k + 1, 1, found, distance_sq);
-    for (size_t p = begin; !status && p < end; p++) {
-        size_t row = (p - begin) * (s->k + 1);
+    const struct level *level = &levels[s->looked_at];
+    uint32_t found[GRAIN * (MOST_K + 1)], seeking[GRAIN];
+    size_t count = 0, k = level->k;
+    for (size_t p = begin; p < end; p++)
+        if (seeks(s, p)) seeking[count++] = (uint32_t)p;
+    if (count == 0) return STATUS_OK;
+    double *distance_sq = alloc_array(count, (k + 1) * sizeof *distance_sq);
+    vec3 *query = alloc_array(count, sizeof *query);
+    enum status status = distance_sq && query ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t i = 0; !status && i < count; i++) query[i] = s->point[seeking[i]];
+    if (!status) status = knn_search(s->knn, query, count, (unsigned)k + 1, 1, found, distance_sq);
+    for (size_t i = 0; !status && i < count; i++) {
+        size_t row = i * (k + 1), p = seeking[i];
         unsigned taken = 0;
-        for (unsigned i = 0; i <= s->k && taken < s->k; i++)
-            if (found[row + i] * s->level->step != p) s->near[p * s->k + taken++] = found[row + i] * s->level->step;
-        s->rim_sq[p] = fmaxf((float)(RIM * RIM * distance_sq[row + s->k]), FLT_MIN); /* what is divided by */
+        for (unsigned j = 0; j <= k && taken < k; j++)
+            if (found[row + j] * level->step != p) s->near[p * MOST_K + taken++] = found[row + j] * level->step;
+        s->rim_sq[p] = fmaxf((float)(RIM * RIM * distance_sq[row + k]), FLT_MIN); /* what is divided by */
+        s->level[p] = (uint8_t)s->looked_at;
     }
-    free(distance_sq);
+    free(distance_sq), free(query);
     return status;
 }
 
@@ -107,8 +125,8 @@ static vec3 fit_plane(const struct surface *s, size_t p, vec3 *mean, vec3 normal
     vec3 sum = {0, 0, 0}, across;
     sym3 moment = {0};
     double total = 0, least;
-    for (unsigned i = 0; i <= s->k; i++) {
-        vec3 e = i < s->k ? vec3_sub(s->point[s->near[p * s->k + i]], s->point[p]) : (vec3){0, 0, 0};
+    for (unsigned i = 0, k = count_of(s, p); i <= k; i++) {
+        vec3 e = i < k ? vec3_sub(s->point[s->near[p * MOST_K + i]], s->point[p]) : (vec3){0, 0, 0};
         double w = nearness(s, p, e);
         if (scale_sq > 0) w *= tolerance(square(vec3_dot(normal, vec3_sub(e, *mean))), scale_sq);
         total += w;
@@ -133,15 +151,39 @@ static void fit_range(void *ctx, size_t begin, size_t end) {
     }
 }
 
+/* How noisy it is around each point: as in the whole cloud, but of a shell as among its neighbours. */
+static void noise_range(void *ctx, size_t begin, size_t end) {
+    const struct surface *s = ctx;
+    for (size_t p = begin; p < end; p++) {
+        float found[AROUND + 1] = {s->spread[p]};
+        unsigned count = s->is_shell ? count_of(s, p) : 0, k = count < AROUND ? count : AROUND;
+        for (unsigned i = 0; i < k; i++) found[i + 1] = s->spread[s->near[p * MOST_K + i * (count / k)]];
+        s->noise[p] = k ? quantile_of(found, k + 1, 0.5) : (float)s->usual;
+    }
+}
+
+static enum status find_noise_by_spread(struct surface *s) {
+    double mad;
+    enum status status = quantile_spread(s->spread, s->n, &s->usual, &mad);
+    par_for(s->threads, s->n, GRAIN, noise_range, s);
+    return status;
+}
+
+/* Square of the tolerance between normals around p: the noisier the larger. */
+static double angle_sq(const struct surface *s, size_t p) {
+    return square(ANGLE + (double)s->noise[p] / radius_of(s, p));
+}
+
 static void filter_range(void *ctx, size_t begin, size_t end) {
     const struct surface *s = ctx;
     for (size_t p = begin; p < end; p++) {
         vec3 sum = s->normal[p];
-        for (unsigned i = 0; i < s->k; i++) {
-            uint32_t q = s->near[p * s->k + i];
+        double angle = angle_sq(s, p);
+        for (unsigned i = 0, k = count_of(s, p); i < k; i++) {
+            uint32_t q = s->near[p * MOST_K + i];
             vec3 normal = aligned(s->normal[q], s->normal[p]);
             double w = nearness(s, p, vec3_sub(s->point[q], s->point[p])) *
-                       tolerance(vec3_distance_sq(normal, s->normal[p]), s->angle_sq);
+                       tolerance(vec3_distance_sq(normal, s->normal[p]), angle);
             sum = vec3_add(sum, vec3_scale(normal, w));
         }
         s->next[p] = vec3_unit(sum);
@@ -154,7 +196,6 @@ static void swap_in(vec3 **current, vec3 **next) {
 }
 
 static void find_normals(struct surface *s) {
-    s->angle_sq = square(ANGLE + s->noise / s->radius);
     par_for(s->threads, s->n, GRAIN, fit_range, s);
     for (int i = 0; i < FILTERS; i++) {
         par_for(s->threads, s->n, GRAIN, filter_range, s);
@@ -165,18 +206,18 @@ static void find_normals(struct surface *s) {
 /* ------------------------------------------------------------------------------------------------ heights */
 
 /* How high q's surface passes over p, and how much q has to say of that but for the height itself. */
-static double height(const struct surface *s, size_t p, uint32_t q, double *weight) {
+static double height(const struct surface *s, size_t p, double angle, uint32_t q, double *weight) {
     vec3 e = vec3_sub(s->point[q], s->point[p]), normal = aligned(s->normal[q], s->normal[p]);
-    *weight = nearness(s, p, e) * tolerance(vec3_distance_sq(normal, s->normal[p]), s->angle_sq);
+    *weight = nearness(s, p, e) * tolerance(vec3_distance_sq(normal, s->normal[p]), angle);
     return vec3_dot(vec3_add(s->normal[p], normal), e) / 2;
 }
 
 static void spread_range(void *ctx, size_t begin, size_t end) {
     const struct surface *s = ctx;
     for (size_t p = begin; p < end; p++) {
-        double total = 1, sum = 0, sum_sq = 0, w;
-        for (unsigned i = 0; i < s->k; i++) {
-            double h = height(s, p, s->near[p * s->k + i], &w);
+        double total = 1, sum = 0, sum_sq = 0, w, angle = angle_sq(s, p);
+        for (unsigned i = 0, k = count_of(s, p); i < k; i++) {
+            double h = height(s, p, angle, s->near[p * MOST_K + i], &w);
             total += w, sum += w * h, sum_sq += w * h * h;
         }
         s->spread[p] = (float)sqrt(fmax(sum_sq / total - square(sum / total), 0));
@@ -184,17 +225,18 @@ static void spread_range(void *ctx, size_t begin, size_t end) {
 }
 
 static enum status find_noise(struct surface *s) {
-    double mad;
     par_for(s->threads, s->n, GRAIN, spread_range, s);
-    return quantile_spread(s->spread, s->n, &s->noise, &mad);
+    return find_noise_by_spread(s);
 }
 
+/* Points whose neighbourhoods are to be wider than the one that is looked at have moved before. */
 static void move_range(void *ctx, size_t begin, size_t end) {
     const struct surface *s = ctx;
     for (size_t p = begin; p < end; p++) {
-        double total = 1, sum = 0, w, scale_sq = square(HEIGHT * s->noise);
-        for (unsigned i = 0; i < s->k && scale_sq > 0; i++) {
-            double h = height(s, p, s->near[p * s->k + i], &w);
+        double total = 1, sum = 0, w, scale_sq = square(HEIGHT * (double)s->noise[p]), angle = angle_sq(s, p);
+        unsigned k = s->looked_at <= FINEST_LAST || s->wanted[p] >= s->looked_at ? count_of(s, p) : 0;
+        for (unsigned i = 0; i < k && scale_sq > 0; i++) {
+            double h = height(s, p, angle, s->near[p * MOST_K + i], &w);
             w *= tolerance(h * h, scale_sq);
             total += w, sum += w * h;
         }
@@ -208,11 +250,12 @@ static void move_range(void *ctx, size_t begin, size_t end) {
  * of them pass through x, at an edge too. */
 static double off_surface(const struct surface *s, size_t p, vec3 x) {
     float distance[MOST_K];
-    for (unsigned i = 0; i < s->k; i++) {
-        uint32_t q = s->near[p * s->k + i];
+    unsigned k = count_of(s, p);
+    for (unsigned i = 0; i < k; i++) {
+        uint32_t q = s->near[p * MOST_K + i];
         distance[i] = (float)fabs(vec3_dot(s->normal[q], vec3_sub(x, s->point[q])));
     }
-    return (double)quantile_of(distance, s->k, 0.25);
+    return (double)quantile_of(distance, k, 0.25);
 }
 
 static void stray_range(void *ctx, size_t begin, size_t end) {
@@ -220,13 +263,16 @@ static void stray_range(void *ctx, size_t begin, size_t end) {
     for (size_t p = begin; p < end; p++) s->spread[p] = (float)off_surface(s, p, s->point[p]);
 }
 
+static bool is_stray(const struct surface *s, size_t p) {
+    return (double)s->spread[p] > fmax(STRAY * (double)s->first_noise[p], STRAY_LEAST * radius_of(s, p));
+}
+
 static void find_strays(struct surface *s, const vec3 *start, struct denoise_result *made) {
-    double limit = fmax(STRAY * made->noise, STRAY_LEAST * s->radius);
     par_for(s->threads, s->n, GRAIN, stray_range, s);
     size_t count = 0;
-    for (size_t p = 0; p < s->n; p++) count += (double)s->spread[p] > limit;
+    for (size_t p = 0; p < s->n; p++) count += is_stray(s, p);
     for (size_t p = 0; p < s->n && count <= s->n / 2; p++) {
-        if ((double)s->spread[p] <= limit) continue;
+        if (!is_stray(s, p)) continue;
         s->point[p] = start[p];
         made->stray[p] = 1;
         made->stray_count++;
@@ -236,47 +282,74 @@ static void find_strays(struct surface *s, const vec3 *start, struct denoise_res
 /* ------------------------------------------------------------------------------------------------ scale */
 
 static enum status index_listened(struct surface *s) {
-    size_t m = (s->n - 1) / s->level->step + 1;
+    unsigned step = levels[s->looked_at].step;
+    size_t m = (s->n - 1) / step + 1;
     knn_free(s->knn);
     free(s->listened);
     s->knn = NULL;
     s->listened = alloc_array(m, sizeof *s->listened);
     if (!s->listened) return STATUS_NO_MEMORY;
-    for (size_t i = 0; i < m; i++) s->listened[i] = s->point[i * s->level->step];
+    for (size_t i = 0; i < m; i++) s->listened[i] = s->point[i * step];
     return knn_new(s->listened, m, s->threads, &s->knn, NULL);
 }
 
-static enum status allocate_near(struct surface *s, unsigned k) {
-    s->k = k;
-    free(s->near);
-    s->near = alloc_array(s->n, k * sizeof *s->near);
-    return s->near ? STATUS_OK : STATUS_NO_MEMORY;
-}
-
-/* Finds the neighbours of a level, and how rough the surface is there: the spread about planes. */
-static enum status look_around(struct surface *s, const struct level *level) {
-    double mad, rim_sq;
-    s->level = level;
-    enum status status = allocate_near(s, level->k);
-    if (!status) status = index_listened(s);
+/* Finds the neighbours of a level for all who seek them. */
+static enum status look_around(struct surface *s, unsigned level) {
+    bool is_indexed = s->knn && level < s->unmoved_below;
+    s->looked_at = level;
+    enum status status = is_indexed ? STATUS_OK : index_listened(s);
     if (status) return status;
     par_for(s->threads, s->n, GRAIN, find_range, s);
     for (size_t i = 0; i <= s->n / GRAIN; i++)
         if (s->chunk_status[i]) return s->chunk_status[i];
-    status = quantile_spread(s->rim_sq, s->n, &rim_sq, &mad);
-    s->radius = sqrt(rim_sq) / RIM;
-    par_for(s->threads, s->n, GRAIN, fit_range, s);
-    return status ? status : quantile_spread(s->spread, s->n, &s->noise, &mad);
+    return STATUS_OK;
 }
 
-/* The first level that is wide enough, or the last one that there are points for. */
-static enum status choose_level(struct surface *s) {
-    enum status status = look_around(s, &levels[0]);
-    for (size_t i = 1; i < LEVELS && !status; i++) {
-        bool is_wide = s->noise * s->level->width <= s->radius;
-        if (is_wide || s->n / levels[i].step <= 2 * levels[i].k) break;
-        status = look_around(s, &levels[i]);
+static bool has_points_for(const struct surface *s, unsigned level) {
+    return s->n / levels[level].step > 2 * levels[level].k;
+}
+
+/* The first level that is wide enough for the cloud, or the last one that there are points for. */
+static enum status choose_base(struct surface *s) {
+    double mad, rim_sq;
+    enum status status = STATUS_OK;
+    for (unsigned i = 0; i < LEVELS && !status; i++) {
+        if (i > 0 && !has_points_for(s, i)) break;
+        memset(s->wanted, (int)i, s->n);
+        status = look_around(s, i);
+        if (!status) par_for(s->threads, s->n, GRAIN, fit_range, s);
+        if (!status) status = find_noise_by_spread(s);
+        if (!status) status = quantile_spread(s->rim_sq, s->n, &rim_sq, &mad);
+        if (status || i + 1 == LEVELS || s->usual * levels[i + 1].width * RIM <= sqrt(rim_sq)) break;
     }
+    return status;
+}
+
+/* Neighbours of the next level for all whose own aren't wide enough; *any are none. */
+static enum status widen(struct surface *s, bool *any) {
+    unsigned next = s->looked_at + 1;
+    *any = false;
+    for (size_t p = 0; p < s->n; p++) {
+        if (s->level[p] + 1U < next || (double)s->noise[p] * levels[next].width <= radius_of(s, p)) continue;
+        s->wanted[p] = (uint8_t)next;
+        *any = true;
+    }
+    enum status status = *any ? look_around(s, next) : STATUS_OK;
+    if (!*any || status) return status;
+    par_for(s->threads, s->n, GRAIN, fit_range, s);
+    return find_noise_by_spread(s);
+}
+
+/* One level for all; for a shell the first one that is wide enough for each point, since noise then grows with the
+ * distance from the camera.  Folds and rims would be taken for noise, which in a shell doesn't matter much. */
+static enum status choose_levels(struct surface *s) {
+    bool any = true;
+    if (!s->is_shell) return choose_base(s);
+    enum status status = look_around(s, 0);
+    if (status) return status;
+    par_for(s->threads, s->n, GRAIN, fit_range, s);
+    status = find_noise_by_spread(s);
+    while (any && !status && s->looked_at + 1 < LEVELS && has_points_for(s, s->looked_at + 1)) status = widen(s, &any);
     return status;
 }
 
@@ -290,19 +363,35 @@ static enum status smooth_round(struct surface *s) {
     return status;
 }
 
+/* From the widest neighbourhoods that any point wants to the finest. */
 static enum status smooth(struct surface *s, struct denoise_result *made) {
-    enum status status = choose_level(s);
+    double share = 0;
+    enum status status = index_listened(s);
+    if (!status) status = shell_find(s->knn, s->point, s->n, s->threads, &share);
+    s->is_shell = share >= SHELL_MANY;
+    if (!status) status = choose_levels(s);
+    unsigned level = s->looked_at;
     for (int round = 0; round < ROUNDS && !status; round++) {
         status = smooth_round(s);
-        if (made->noise == 0) made->noise = s->noise;
+        if (made->noise == 0) {
+            memcpy(s->first_noise, s->noise, s->n * sizeof *s->noise);
+            made->noise = s->usual;
+        }
         bool is_last = round + 1 == ROUNDS;
-        if (is_last && s->level->step > 1 && !status) status = look_around(s, s->level - 1), round = -1;
+        if (is_last && level > FINEST_LAST && !status)
+            s->unmoved_below = 0, status = look_around(s, --level), round = -1;
     }
     return status;
 }
 
 static enum status allocate(struct surface *s) {
     size_t n = s->n;
+    s->unmoved_below = FINEST_LAST + 1;
+    s->near = alloc_array(n, MOST_K * sizeof *s->near);
+    s->level = alloc_array(n, 1), s->wanted = alloc_zeroed(n, 1);
+    s->noise = alloc_zeroed(n, sizeof *s->noise), s->first_noise = alloc_array(n, sizeof *s->first_noise);
+    if (!s->near || !s->level || !s->wanted || !s->noise || !s->first_noise) return STATUS_NO_MEMORY;
+    memset(s->level, LEVELS, n);
     s->normal = alloc_array(n, sizeof *s->normal);
     s->next = alloc_array(n, sizeof *s->next);
     s->rim_sq = alloc_array(n, sizeof *s->rim_sq);
@@ -313,7 +402,8 @@ static enum status allocate(struct surface *s) {
 
 static void surface_done(struct surface *s) {
     knn_free(s->knn);
-    free(s->listened), free(s->near), free(s->rim_sq), free(s->spread), free(s->chunk_status);
+    free(s->listened), free(s->near), free(s->rim_sq), free(s->spread);
+    free(s->chunk_status), free(s->level), free(s->wanted), free(s->noise), free(s->first_noise);
     free(s->point), free(s->normal), free(s->next);
 }
 

@@ -51,7 +51,7 @@ void pipeline_report_box(struct run *run) {
 }
 
 static void tell_strays(struct run *run) {
-    if (run->points.strays && run->params->denoise == DENOISE_NONE)
+    if (run->points.strays && (run->params->denoise == DENOISE_NONE || run->params->denoise == DENOISE_NOISY))
         left_out_add(
             &run->report.left_out, "input",
             "%zu points lie hundreds of times as far off as the others are wide: denoise=outliers drops strays",
@@ -72,7 +72,8 @@ enum status pipeline_order(struct run *run) {
 }
 
 enum status pipeline_neighbours(struct run *run) {
-    enum status status = knn_new(run->points.point, run->points.count, run->threads, &run->knn, run->error);
+    enum status status = STATUS_OK; /* there is an index where noise was looked for, and none found */
+    if (!run->knn) status = knn_new(run->points.point, run->points.count, run->threads, &run->knn, run->error);
     if (status) return status;
     struct neighbourhood_options options = {run->params->neighbourhood, (unsigned)run->params->neighbours_min,
                                             (unsigned)run->params->neighbours_max, run->threads};
@@ -89,7 +90,7 @@ enum status pipeline_neighbours(struct run *run) {
 static enum status tell_noise(struct run *run) {
     enum { SOME = 1 << 16 };
     size_t n = run->points.count, step = n / SOME + 1, count = 0;
-    if (run->params->denoise != DENOISE_NONE) return STATUS_OK;
+    if (run->report.denoised[0]) return STATUS_OK;
     float *spacing = alloc_array(n / step + 1, sizeof *spacing);
     if (!spacing) return STATUS_NO_MEMORY;
     for (size_t i = 0; i < n; i += step) spacing[count++] = run->neighbours.spacing[i];

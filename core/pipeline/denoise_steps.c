@@ -16,6 +16,7 @@
 #include "core/clean/layers.h"
 #include "core/clean/noise.h"
 #include "core/clean/outliers.h"
+#include "core/clean/shell.h"
 #include "core/pipeline/pipeline_run.h"
 #include "core/simplify/normals.h"
 
@@ -161,10 +162,10 @@ static enum status put_in_order(struct run *run, const struct remains *remains, 
     return status;
 }
 
-enum status pipeline_denoise(struct run *run) {
+static enum status denoise(struct run *run) {
     struct remains remains = {0};
     size_t n = run->points.count;
-    bool is_full = run->params->denoise == DENOISE_FULL;
+    bool is_full = run->params->denoise == DENOISE_FULL || run->params->denoise == DENOISE_NOISY;
     enum status status = remains_new(run, &remains);
     bool chooses = run->params->denoise == DENOISE_AUTO;
     bool is_layered = false, *layered = chooses || is_full ? &is_layered : NULL;
@@ -182,4 +183,25 @@ enum status pipeline_denoise(struct run *run) {
                           : "none");
     remains_done(&remains);
     return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "denoise") : status;
+}
+
+/* Whether a surface of the points would be crumpled.  If not, their index is left for the next step. */
+static enum status find_shell(struct run *run, bool *thick) {
+    double share = 0;
+    enum status status = knn_new(run->points.point, run->points.count, run->threads, &run->knn, run->error);
+    if (!status) status = shell_find(run->knn, run->points.point, run->points.count, run->threads, &share);
+    *thick = share >= SHELL_MANY;
+    run->report.noisy_share = share;
+    if (!status && !*thick) return STATUS_OK;
+    knn_free(run->knn);
+    run->knn = NULL;
+    return status;
+}
+
+enum status pipeline_denoise(struct run *run) {
+    bool thick = true, asks = run->params->denoise == DENOISE_NOISY;
+    if (asks && run->cloud->triangle_count > 0) return STATUS_OK;
+    enum status status = asks ? find_shell(run, &thick) : STATUS_OK;
+    if (status) return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "denoise") : status;
+    return thick ? denoise(run) : STATUS_OK;
 }

@@ -43,7 +43,7 @@ enum { TET = 176, SITE = 100 }; /* bytes, measured: of a tetrahedron, and of a k
 
 static bool refined(const struct params *p) { return params_want_mesh(p) && p->refine != REFINE_NONE; }
 static bool refined_closely(const struct params *p) { return refined(p) && p->placement == PLACEMENT_OPTIMAL; }
-static bool denoised(const struct params *p) { return p->denoise != DENOISE_NONE; }
+static bool denoised(const struct params *p) { return params_want_denoising(p); }
 static bool has_spacing(const struct params *p) { return !isnan(p->spacing); }
 static bool attributed(const struct params *p) {
     return params_want_mesh(p) && (p->placement == PLACEMENT_OPTIMAL || p->attributes == ATTRIBUTES_MEAN);
@@ -130,7 +130,7 @@ enum { PICTURED = 16 };
 
 /* What the input takes while points are simplified. */
 static double cloud_bytes(const struct memory_job *job, const struct params *params) {
-    double positions = params->denoise >= DENOISE_FULL ? 2 * POSITION : POSITION;
+    double positions = denoised(params) && params->denoise != DENOISE_OUTLIERS ? 2 * POSITION : POSITION;
     return (double)job->points * (positions + (double)job->record_bytes) +
            (double)job->faces * (maybe_given(params) ? TRIANGLE + GIVEN : TRIANGLE);
 }

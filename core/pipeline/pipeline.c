@@ -63,7 +63,7 @@ static bool distances_wanted(const struct params *params) {
     return params->outputs & (OUTPUT_ERROR | OUTPUT_PREVIEW) && params_want_mesh(params);
 }
 
-static bool denoise_wanted(const struct params *params) { return params->denoise != DENOISE_NONE; }
+static bool denoise_wanted(const struct params *params) { return params_want_denoising(params); }
 
 static bool deviation_bounded(const struct params *params) { return params_bound_deviation(params); }
 

@@ -191,6 +191,25 @@ def test_denoising_is_done_where_it_pays(tmp_path, noise, strays, done):
     assert abs(level - noise) < 0.1
 
 
+@pytest.mark.parametrize("noise,outputs,done", [(1.2, "mesh,cloud,report", True), (0.05, "mesh,report", False),
+                                                (1.2, "cloud,report", False)])
+def test_a_shell_is_smoothed_before_a_mesh_is_made_of_it(tmp_path, noise, outputs, done):
+    """Noise is in distances between points; clouds alone have points as they came."""
+    chance = random.Random(8)
+    points = [(x, y, z + chance.gauss(0, noise / SIDE)) for x, y, z in hill(chance)]
+    path = tmp_path / "scan.xyz"
+    path.write_text("\n".join(f"{x:.5f} {y:.5f} {z:.5f}" for x, y, z in points) + "\n", encoding="ascii")
+    report = whittle(path, tmp_path / "default", outputs=outputs)
+    assert report["params"]["denoise"] == "noisy"
+    assert (report.get("denoised") == "full") == done
+    assert any("points were smoothed" in text for text in report.get("warnings", [])) == done
+    other = whittle(path, tmp_path / "other", outputs=outputs, denoise="full" if done else "none")
+    assert other.get("denoised") == report.get("denoised")
+    for name in ("cloud.ply", "mesh.ply"):
+        if (tmp_path / "default" / name).exists():
+            assert (tmp_path / "default" / name).read_bytes() == (tmp_path / "other" / name).read_bytes()
+
+
 @pytest.fixture(name="painted", scope="module")
 def make_painted(tmp_path_factory):
     """The hill with a lake of no points, half of it red, half blue."""

@@ -16,6 +16,7 @@
 #include "core/clean/denoise.h"
 #include "core/clean/layers.h"
 #include "core/clean/outliers.h"
+#include "core/clean/shell.h"
 #include "core/cloud/morton.h"
 #include "core/io/read.h"
 #include "core/pipeline/pipeline.h"
@@ -383,6 +384,69 @@ static void points_whose_squares_vanish_stay(void **state) {
     }
 }
 
+/* The far half of what a depth camera sees is many times as noisy as the near one. */
+static void each_place_is_smoothed_as_its_noise_takes(void **state) {
+    (void)state;
+    enum { SIDE = 120, N = SIDE * SIDE };
+    vec3 *point = shape_height_field(SIDE, height_plane);
+    double before[2] = {0}, after[2] = {0};
+    uint64_t seed = 7;
+    for (size_t i = 0; i < N; i++) point[i].z += gauss(&seed) * (point[i].x < 0.6 ? 0.02 : 1.2) / SIDE;
+    struct denoise_result result = smooth(point, N, 2);
+    for (size_t i = 0; i < N; i++) {
+        bool far = point[i].x >= 0.6;
+        before[far] += fabs(point[i].z - height_plane(point[i].x, point[i].y));
+        after[far] += fabs(result.point[i].z - height_plane(result.point[i].x, result.point[i].y));
+    }
+    assert_true(after[0] < before[0] / 2);
+    assert_true(after[1] < before[1] / 3);
+    denoise_done(&result);
+    free(point);
+}
+
+/* ------------------------------------------------------------------------------------------------ shells */
+
+static double shell_share(const vec3 *point, size_t n, unsigned threads) {
+    struct knn *knn = NULL;
+    double share = NAN;
+    assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
+    assert_int_equal(shell_find(knn, point, n, threads, &share), STATUS_OK);
+    knn_free(knn);
+    return share;
+}
+
+static void noise_as_large_as_the_spacing_makes_a_shell(void **state) {
+    (void)state;
+    enum { N = 20000 };
+    const double deviations[] = {0.015, 0.03, 0.05}; /* the spacing is 0.025 */
+    for (int i = 0; i < 3; i++) {
+        vec3 *point = shape_sphere(N, 1);
+        add_noise(point, N, deviations[i]);
+        double share = shell_share(point, N, 1);
+        assert_true(share > 2 * SHELL_MANY);
+        assert_true(share == shell_share(point, N, 5));
+        free(point);
+    }
+}
+
+static void what_is_thick_however_widely_one_looks_is_no_shell(void **state) {
+    (void)state;
+    enum { SIDE = 40, CUBE = 6 * SIDE * SIDE, GRID = 120, N = 20000 };
+    vec3 *point = cube(SIDE), *steps = shape_height_field(GRID, height_saddle), *sphere = shape_sphere(N, 1), *dust;
+    uint64_t seed = 3;
+    assert_non_null(dust = malloc(N * sizeof *dust));
+    for (size_t i = 0; i < N; i++) dust[i] = (vec3){random_unit(&seed), random_unit(&seed), random_unit(&seed)};
+    for (size_t i = 0; i < GRID * GRID; i++) steps[i].z = floor(steps[i].z * 40) / 40;
+    assert_true(shell_share(point, CUBE, 1) < SHELL_MANY / 4);
+    assert_true(shell_share(steps, GRID * GRID, 1) < SHELL_MANY / 4);
+    assert_true(shell_share(sphere, N, 1) == 0);
+    assert_true(shell_share(dust, N, 1) < SHELL_MANY / 4);
+    assert_true(shell_share(dust, SHELL_MIN_POINTS - 1, 1) == 0);
+    add_noise(sphere, N, 0.004); /* a sixth of the spacing */
+    assert_true(shell_share(sphere, N, 1) < SHELL_MANY / 4);
+    free(point), free(steps), free(sphere), free(dust);
+}
+
 /* ------------------------------------------------------------------------------------------------ neighbourhoods */
 
 static unsigned neighbours_max(const vec3 *point, size_t n, unsigned max) {
@@ -437,7 +501,7 @@ static void threads_do_not_change_a_bit(void **state) {
 
 static void every_allocation_may_fail(void **state) {
     (void)state;
-    enum { N = 600 };
+    enum { N = 1200 };
     vec3 *point = sphere_with_dust(N - 30, 30);
     add_noise(point, N - 30, 0.1);
     struct knn *knn = NULL;
@@ -446,11 +510,13 @@ static void every_allocation_may_fail(void **state) {
     for (;;) {
         uint8_t outlier[N];
         size_t count;
+        double share;
         struct denoise_result result = {0};
         faults_in_memory(failures + 1, false);
         enum status found = outliers_find(knn, point, N, 1, outlier, &count);
         enum status layered = found ? found : layers_find(point, N, 1, outlier, &count);
-        enum status status = layered ? layered : denoise_smooth(point, N, 1, &result);
+        enum status shelled = layered ? layered : shell_find(knn, point, N, 1, &share);
+        enum status status = shelled ? shelled : denoise_smooth(point, N, 1, &result);
         bool happened = faults_stop();
         assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
         if (!happened) {
@@ -581,6 +647,9 @@ int main(void) {
         cmocka_unit_test(without_noise_hardly_anything_moves),
         cmocka_unit_test(a_point_that_no_surface_is_near_stays_and_is_marked),
         cmocka_unit_test(few_points_stay_where_they_are),
+        cmocka_unit_test(each_place_is_smoothed_as_its_noise_takes),
+        cmocka_unit_test(noise_as_large_as_the_spacing_makes_a_shell),
+        cmocka_unit_test(what_is_thick_however_widely_one_looks_is_no_shell),
         cmocka_unit_test(flat_and_straight_clouds_survive),
         cmocka_unit_test(points_whose_squares_vanish_stay),
         cmocka_unit_test(noise_and_not_curvature_widens_neighbourhoods),

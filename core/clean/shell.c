@@ -1,0 +1,117 @@
+/* How thick neighbourhoods are for their width, from near to wide: noise is as thick however widely one looks, so it
+ * gets thinner for the width; edges don't, and curvature gets thicker.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/clean/shell.h"
+
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+
+#include "core/base/alloc.h"
+#include "core/math/sym3.h"
+
+enum { NEAR_K = 15, WIDE_K = 63, LEAST_STEP = 4, MOST_STEP = 16 };
+static const double THICK = 0.15;  /* for the width, of near points; a shell as thick as half a spacing has it */
+static const double THINNER = 0.5; /* by so much where many more points are looked at */
+static const double RIM_SQ = 1.44; /* where weights end, of the squared distance to the last neighbour */
+
+/* Around place: standard deviation from a plane for the distance to the last of k neighbours, who weigh less the
+ * farther they are. */
+static double thickness_of(const vec3 *point, vec3 place, const uint32_t *near, unsigned k, double last_sq) {
+    vec3 sum = {0, 0, 0}, across;
+    sym3 moment = {0};
+    double total = 0, least = 0;
+    for (unsigned i = 0; i <= k; i++) {
+        vec3 e = vec3_sub(point[near[i]], place);
+        double t = fmax(0, 1 - vec3_length_sq(e) / (RIM_SQ * last_sq)), w = t * t;
+        total += w;
+        sum = vec3_add(sum, vec3_scale(e, w));
+        moment = sym3_add(moment, sym3_scale(sym3_outer(e), w));
+    }
+    if (!(total > 0)) return 0;
+    moment = sym3_add(moment, sym3_scale(sym3_outer(sum), -1 / total));
+    sym3_least(&moment, 1, &least, &across);
+    return sqrt(fmax(least, 0) / total / last_sq);
+}
+
+struct places {
+    size_t count;
+    vec3 *at;
+    float *near, *wide; /* thickness among the nearest, and the least among more */
+    uint32_t *id;       /* count rows of WIDE_K + 1 */
+    double *distance_sq;
+};
+
+/* Looks at the neighbours among every step-th point; all of them have WIDE_K. */
+static enum status look(const struct knn *knn, const vec3 *point, unsigned threads, bool is_first,
+                        struct places *places) {
+    size_t row = WIDE_K + 1;
+    enum status status =
+        knn_search(knn, places->at, places->count, (unsigned)row, threads, places->id, places->distance_sq);
+    for (size_t i = 0; !status && i < places->count; i++) {
+        const uint32_t *id = &places->id[i * row];
+        const double *distance_sq = &places->distance_sq[i * row];
+        if (is_first) {
+            places->near[i] = (float)thickness_of(point, places->at[i], id, NEAR_K, distance_sq[NEAR_K]);
+            places->wide[i] = places->near[i];
+        }
+        double wide = thickness_of(point, places->at[i], id, WIDE_K, distance_sq[WIDE_K]);
+        places->wide[i] = fminf(places->wide[i], (float)wide);
+    }
+    return status;
+}
+
+static enum status look_among(const vec3 *point, size_t n, size_t step, unsigned threads, struct places *places) {
+    size_t m = (n - 1) / step + 1;
+    struct knn *knn = NULL;
+    vec3 *some = alloc_array(m, sizeof *some);
+    enum status status = some ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t i = 0; !status && i < m; i++) some[i] = point[i * step];
+    if (!status) status = knn_new(some, m, threads, &knn, NULL);
+    if (!status) status = look(knn, some, threads, false, places);
+    knn_free(knn);
+    free(some);
+    return status;
+}
+
+/* Of the places: those with near points in a ball, and where wide ones have to be in a disk, with that. */
+static double share_of(const struct places *places, bool with_wide) {
+    size_t thick = 0;
+    for (size_t i = 0; i < places->count; i++) {
+        bool is_thinner = (double)places->wide[i] < THINNER * (double)places->near[i];
+        thick += (double)places->near[i] > THICK && (is_thinner || !with_wide);
+    }
+    return (double)thick / (double)places->count;
+}
+
+static enum status places_new(const vec3 *point, size_t n, struct places *places) {
+    size_t count = n < SHELL_PLACES ? n : SHELL_PLACES;
+    places->count = count;
+    places->at = alloc_array(count, sizeof *places->at);
+    places->near = alloc_array(count, sizeof *places->near);
+    places->wide = alloc_array(count, sizeof *places->wide);
+    places->id = alloc_array(count, (WIDE_K + 1) * sizeof *places->id);
+    places->distance_sq = alloc_array(count, (WIDE_K + 1) * sizeof *places->distance_sq);
+    if (!places->at || !places->near || !places->wide || !places->id || !places->distance_sq) return STATUS_NO_MEMORY;
+    for (size_t i = 0; i < count; i++) places->at[i] = point[n / count * i + n % count * i / count];
+    return STATUS_OK;
+}
+
+static void places_done(struct places *places) {
+    free(places->at), free(places->near), free(places->wide), free(places->id), free(places->distance_sq);
+}
+
+enum status shell_find(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, double *share) {
+    struct places places = {0};
+    *share = 0;
+    if (n < SHELL_MIN_POINTS) return STATUS_OK;
+    enum status status = places_new(point, n, &places);
+    if (!status) status = look(knn, point, threads, true, &places);
+    bool may_be = !status && share_of(&places, false) >= SHELL_MANY;
+    for (size_t step = LEAST_STEP; may_be && !status && step <= MOST_STEP && n / step > 2 * WIDE_K; step *= LEAST_STEP)
+        status = look_among(point, n, step, threads, &places);
+    if (!status && may_be) *share = share_of(&places, true);
+    places_done(&places);
+    return status;
+}

@@ -438,6 +438,11 @@ bench-huge: deps ## a cloud larger than memory, POINTS=10000000: time, memory, d
 	@$(MAKE) --no-print-directory -j$$(nproc) all tools
 	@$(PYTHON) tests/bench/huge.py $(build) $(POINTS) $(BENCH)
 
+.PHONY: bench-tileset
+bench-tileset: deps ## a tileset of more points than memory holds, POINTS=20000000: time, memory, errors, gltf-validator; BENCH="--memory 1G"
+	@$(MAKE) --no-print-directory -j$$(nproc) all tools
+	@$(PYTHON) tests/bench/tileset.py $(build) $(POINTS) $(BENCH)
+
 POINTS ?= 1000000
 .PHONY: sizing
 sizing: deps ## the table of deploy/README.md: processor, memory, disk for each million points; POINTS=1000000

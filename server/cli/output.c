@@ -592,8 +592,10 @@ static void summarise_level(const struct report *report, const struct report_lev
     if (r->has_mesh && !r->watertight)
         fprintf(to, "%-16s %" PRIu64 ", %.4g long in the file's units\n", "borders", r->borders, r->border_length);
     if (r->holes_closed) fprintf(to, "%-16s %" PRIu64 " closed\n", "holes", r->holes_closed);
-    fprintf(to, "%-16s %32s %32s\n", "distances", "in the file's units", "in 1e-4 of the diagonal");
-    fprintf(to, "%-16s %10s %10s %10s %10s %10s %10s\n", "", "mean", "rms", "max", "mean", "rms", "max");
+    if (r->tangent.count || r->has_mesh) { /* there are none to points that memory doesn't hold */
+        fprintf(to, "%-16s %32s %32s\n", "distances", "in the file's units", "in 1e-4 of the diagonal");
+        fprintf(to, "%-16s %10s %10s %10s %10s %10s %10s\n", "", "mean", "rms", "max", "mean", "rms", "max");
+    }
     print_distances(to, "input to planes", &r->tangent, report->diagonal);
     print_distances(to, "input to mesh", &r->input_to_mesh, report->diagonal);
     print_distances(to, "surface to mesh", &r->surface_to_mesh, report->diagonal);

@@ -106,4 +106,5 @@ def main():
             print(f"mean distance    {mean[1]:.6g} in tiles, {mean[0]:.6g} in memory: {mean[1] / mean[0]:.5f}")
 
 
-main()
+if __name__ == "__main__":
+    main()

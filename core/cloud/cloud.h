@@ -95,6 +95,13 @@ struct cloud {
     char *left_out;        /* what the file has and a cloud can't hold, each ended by \n; NULL = nothing; owned */
 };
 
+/* Which axis property j is, 0 to 2; -1 where it is none of x, y, z. */
+static inline int cloud_axis_of(const struct cloud *cloud, size_t j) {
+    for (int axis = 0; axis < 3; axis++)
+        if (cloud->xyz[axis] == j) return axis;
+    return -1;
+}
+
 /* Frees everything that the cloud owns and zeroes it.  Accepts a zeroed cloud. */
 void cloud_done(struct cloud *cloud);
 

@@ -18,7 +18,6 @@
 #include "core/cloud/colour_depth.h"
 #include "core/io/build.h"
 #include "core/io/formats/las_fields.h"
-#include "core/io/formats/las_system.h"
 
 enum { NOTE_BYTES = 256, LACKING_BYTES = 84, SCANS_MOST = 65536 };
 
@@ -80,14 +79,8 @@ static enum status level_colours(struct cloud *a, struct cloud *b, struct error 
 
 /* ------------------------------------------------------------------------------------------------ the plan */
 
-static int axis_of(const struct cloud *cloud, size_t j) {
-    for (int axis = 0; axis < 3; axis++)
-        if (cloud->xyz[axis] == j) return axis;
-    return -1;
-}
-
 static bool is_match(const struct cloud *to, size_t i, const struct cloud *from, size_t j, bool exactly) {
-    int axis = axis_of(to, i), other = axis_of(from, j);
+    int axis = cloud_axis_of(to, i), other = cloud_axis_of(from, j);
     if (axis >= 0 || other >= 0) return axis == other;
     const char *a = to->property[i].name, *b = from->property[j].name;
     return exactly ? strcmp(a, b) == 0 : attribute_is_same(a, b);

@@ -15,7 +15,6 @@
 
 #include "core/base/alloc.h"
 #include "core/io/formats/las_fields.h"
-#include "core/io/formats/las_system.h"
 #include "core/io/parts.h"
 #include "core/io/sniff.h"
 #include "core/io/temporary.h"

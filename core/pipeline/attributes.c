@@ -17,12 +17,6 @@ static enum status no_memory(struct error *error, size_t n) {
     return error_set(error, STATUS_NO_MEMORY, "attributes", "no memory for attributes of %zu vertices", n);
 }
 
-static int axis_of(const struct cloud *cloud, size_t j) {
-    for (int axis = 0; axis < 3; axis++)
-        if (cloud->xyz[axis] == j) return axis;
-    return -1;
-}
-
 /* ------------------------------------------------------------------------------------------------ the nearest */
 
 /* id[i] = which of the points is nearest to query i. */
@@ -110,7 +104,7 @@ static enum status average_all(const struct cloud *cloud, const vec3 *place, uns
     enum status status = sum && count && of ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) status = find_nearest(place, out->count, cloud->position, cloud->count, threads, of, error);
     for (size_t j = 0; !status && j < cloud->property_count; j++)
-        if (axis_of(cloud, j) < 0 && is_averaged(&out->property[j])) average(cloud, j, of, sum, count, out);
+        if (cloud_axis_of(cloud, j) < 0 && is_averaged(&out->property[j])) average(cloud, j, of, sum, count, out);
     if (!status) normalise(out);
     free(sum), free(count), free(of);
     return status;
@@ -130,7 +124,7 @@ static enum status lay_out(const struct cloud *cloud, size_t n, struct cloud *ou
         *p = cloud->property[j];
         p->list_offset = NULL, p->list_data = NULL;
         if (p->is_list) continue;
-        if (axis_of(cloud, j) >= 0 && p->type < SCALAR_FLOAT32) p->type = SCALAR_FLOAT64;
+        if (cloud_axis_of(cloud, j) >= 0 && p->type < SCALAR_FLOAT32) p->type = SCALAR_FLOAT64;
         p->offset_bytes = out->record_bytes;
         out->record_bytes += scalar_bytes(p->type);
     }
@@ -146,7 +140,7 @@ static void fill(const struct cloud *cloud, const vec3 *place, const uint32_t *b
         unsigned char *to = out->record + i * out->record_bytes;
         for (size_t j = 0; j < cloud->property_count; j++) {
             const struct property *old = &cloud->property[j], *p = &out->property[j];
-            int axis = axis_of(cloud, j);
+            int axis = cloud_axis_of(cloud, j);
             if (p->is_list) continue;
             if (axis >= 0)
                 scalar_store(to + p->offset_bytes, p->type, (&place[i].x)[axis]);

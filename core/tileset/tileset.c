@@ -14,7 +14,7 @@
 #include "core/base/alloc.h"
 #include "core/base/par.h"
 #include "core/base/version.h"
-#include "core/io/formats/las_system.h"
+#include "core/io/formats/las_fields.h"
 #include "core/tileset/node_error.h"
 #include "core/tileset/writing.h"
 

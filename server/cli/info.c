@@ -20,7 +20,7 @@
 #include "core/base/quantile.h"
 #include "core/clean/denoise.h"
 #include "core/cloud/morton.h"
-#include "core/io/formats/las_system.h"
+#include "core/io/formats/las_fields.h"
 #include "core/io/out/write.h"
 #include "core/io/read.h"
 #include "core/params.h"

@@ -50,4 +50,14 @@ extern const size_t las_format_bytes[LAS_FORMATS];
 /* Fills field with those that points of this format have after x, y, z, and returns how many; at most 32. */
 size_t las_format_fields(unsigned format, struct las_field field[32]);
 
+/* ---- las_system.c: the coordinate system that a LAS file names, in any of its compressions, before its points ---- */
+
+/* Writes "EPSG:25832", or the name that its text has where there is no number.  The file (regular, open for reading,
+ * read from its begin; where it stands isn't changed) may be of any format: false, and text = "", where it is none of
+ * LAS or names no system.  Reads the header and the variable length records alone. */
+bool las_coordinate_system(int fd, char *text, size_t text_bytes);
+
+/* The same of a cloud that was LAS.  O(bytes of its records). */
+bool las_records_system(const struct cloud_las *las, char *text, size_t text_bytes);
+
 #endif

@@ -3,7 +3,7 @@
  * AUTHORITY["EPSG", "number"] or ID["EPSG", number] closes the whole of it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/io/formats/las_system.h"
+#include "core/io/formats/las_fields.h"
 
 #include <ctype.h>
 #include <stdint.h>
@@ -12,7 +12,6 @@
 #include <unistd.h>
 
 #include "core/base/endian.h"
-#include "core/io/formats/las_fields.h"
 
 enum { HEADER_BYTES = 227, VLR_BYTES = 54, RECORD_BYTES = 65535, WKT = 2112, KEYS = 34735 };
 enum { KEY_BYTES = 8, PROJECTED = 3072, GEOGRAPHIC = 2048, USER_DEFINED = 32767 };

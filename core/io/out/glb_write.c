@@ -151,7 +151,7 @@ static void glb_add_properties(struct plan *plan) {
     const struct cloud *cloud = plan->attributes.cloud;
     for (size_t j = 0; cloud && j < cloud->property_count && plan->count < CLOUD_MAX_PROPERTIES; j++) {
         const struct property *property = &cloud->property[j];
-        if (mesh_attributes_is_position(cloud, j) || mesh_attributes_knows(&plan->attributes, property)) continue;
+        if (cloud_axis_of(cloud, j) >= 0 || mesh_attributes_knows(&plan->attributes, property)) continue;
         if (plan->points && !is_shown(property)) continue;
         int code = glb_code_of(&plan->attributes, property);
         if (!code) continue;

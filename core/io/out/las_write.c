@@ -62,9 +62,7 @@ static double las_value_of(const struct writer *w, size_t id, const struct prope
 }
 
 static bool is_coordinate(const struct cloud *cloud, const struct property *property) {
-    for (int axis = 0; axis < 3; axis++)
-        if (property == &cloud->property[cloud->xyz[axis]]) return true;
-    return false;
+    return cloud_axis_of(cloud, (size_t)(property - cloud->property)) >= 0;
 }
 
 static const struct property *find_scalar(const struct cloud *cloud, const char *name) {

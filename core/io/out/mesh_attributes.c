@@ -64,10 +64,6 @@ void mesh_attributes_colour(const struct mesh_attributes *a, size_t v, double rg
     }
 }
 
-bool mesh_attributes_is_position(const struct cloud *cloud, size_t j) {
-    return j == cloud->xyz[0] || j == cloud->xyz[1] || j == cloud->xyz[2];
-}
-
 bool mesh_attributes_knows(const struct mesh_attributes *attributes, const struct property *property) {
     for (int k = 0; k < 3; k++)
         if (attributes->normal[k] == property) return true;
@@ -112,8 +108,7 @@ void mesh_attributes_note(const struct mesh_attributes *attributes, const struct
     char names[LEFT_OUT_TEXT_BYTES - 40] = "";
     const struct mesh *mesh = attributes->mesh;
     for (size_t j = 0; cloud && j < cloud->property_count; j++)
-        if (!mesh_attributes_is_position(cloud, j) &&
-            !(attributes->cloud && keeps && keeps(attributes, &cloud->property[j])))
+        if (cloud_axis_of(cloud, j) < 0 && !(attributes->cloud && keeps && keeps(attributes, &cloud->property[j])))
             append(names, sizeof names, cloud->property[j].name);
     if (names[0]) left_out_add(left_out, where, "properties of the points: %s", names);
     for (size_t t = 0; !keeps_tags && mesh->tag && t < mesh->triangle_count; t++)

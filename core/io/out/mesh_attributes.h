@@ -36,8 +36,7 @@ void mesh_attributes_texture(const struct mesh_attributes *attributes, size_t v,
 /* Its colour and opacity, each 0 .. 1, where there are colours. */
 void mesh_attributes_colour(const struct mesh_attributes *attributes, size_t v, double rgba[4]);
 
-/* Whether property j is x, y, z, or among the normals, colours and texture coordinates that were found. */
-bool mesh_attributes_is_position(const struct cloud *cloud, size_t j);
+/* Whether a property is among the normals, colours and texture coordinates that were found. */
 bool mesh_attributes_knows(const struct mesh_attributes *attributes, const struct property *property);
 
 /* Whether all vertices' coordinates are exactly float32. */

@@ -127,12 +127,6 @@ static void pcd_choose_origin(const struct cloud *cloud, double origin[3]) {
     }
 }
 
-static int pcd_axis_of(const struct cloud *cloud, const struct property *property) {
-    for (int axis = 0; axis < 3; axis++)
-        if (property == &cloud->property[cloud->xyz[axis]]) return axis;
-    return -1;
-}
-
 /* What the Point Cloud Library has as float32 besides coordinates. */
 static bool is_float(const char *name) {
     static const char *const names[] = {"normal_x", "normal_y", "normal_z", "curvature", "intensity"};
@@ -146,7 +140,7 @@ static void narrow(const struct points *points, struct layout *layout, struct le
     pcd_choose_origin(points->cloud, far);
     for (size_t j = 0; j < layout->count; j++) {
         struct field *field = &layout->field[j];
-        int axis = field->from ? pcd_axis_of(points->cloud, field->from) : -1;
+        int axis = field->from ? cloud_axis_of(points->cloud, (size_t)(field->from - points->cloud->property)) : -1;
         if (!field->from || field->type == SCALAR_FLOAT32 || (axis < 0 && !is_float(field->name))) continue;
         field->type = SCALAR_FLOAT32;
         double error = rounding_error(points, field);

@@ -42,12 +42,6 @@ static bool ply_all_have_source(const struct mesh *mesh) {
     return true;
 }
 
-static int ply_axis_of(const struct cloud *cloud, size_t j) {
-    for (int axis = 0; axis < 3; axis++)
-        if (cloud->xyz[axis] == j) return axis;
-    return -1;
-}
-
 static void lay_out_positions(struct layout *layout) {
     static const char *const names[3] = {"x", "y", "z"};
     layout->columns = 3;
@@ -66,7 +60,7 @@ static void lay_out_from_cloud(struct layout *layout, const struct mesh *mesh, c
     layout->cloud = cloud;
     for (size_t j = 0; j < cloud->property_count; j++) {
         const struct property *from = &cloud->property[j];
-        int axis = ply_axis_of(cloud, j);
+        int axis = cloud_axis_of(cloud, j);
         if (from->is_list || (axis < 0 && !all)) continue;
         enum scalar_type type = axis >= 0 && widen ? SCALAR_FLOAT64 : from->type;
         layout->column[layout->columns++] = (struct column){from->name, type, axis, from};

@@ -152,7 +152,8 @@ static enum status run_request(struct worker_options *options, struct worker_pro
     if (!status && !tiled) status = worker_inputs_read(&inputs, &limits, &progress, &cloud, error);
     if (!status && !tiled && select_is_asked(&options->params))
         status = select_in_place(&cloud, &options->params, &selection, error);
-    if (!status && !tiled && !options->convert) worker_output_follow_faces(options, &cloud);
+    if (!status && !tiled && !options->convert && worker_output_follow_faces(options, &cloud))
+        status = worker_output_check(options, &inputs, error); /* of other files now */
     if (!status && !tiled && options->memory_given) status = check_faces(&cloud, &options->params, error);
     if (!status && options->convert) status = worker_output_settle_faces(options, &cloud, error);
     if (options->dry_run) goto out;

@@ -377,11 +377,12 @@ static bool is_mesh(const struct cloud *cloud) {
     return used > 0 && 2 * used >= cloud->count;
 }
 
-void worker_output_follow_faces(struct worker_options *options, const struct cloud *cloud) {
-    if (options->outputs_given || (!options->to_file && !options->to_standard) || !is_mesh(cloud)) return;
-    const struct file *now = file_of_bit(options->params.outputs);
+bool worker_output_follow_faces(struct worker_options *options, const struct cloud *cloud) {
+    if (options->outputs_given || options->params.outputs & OUTPUT_ANY_MESH || !is_mesh(cloud)) return false;
+    const struct file *now = file_of_bit(options->params.outputs & ~(uint32_t)OUTPUT_REPORT);
     const struct file *meshed = now ? find_file(now->type, file_of_bit(OUTPUT_MESH)) : NULL;
-    if (meshed) options->params.outputs = meshed->bit;
+    if (meshed) options->params.outputs = meshed->bit | (options->params.outputs & OUTPUT_REPORT);
+    return meshed != NULL;
 }
 
 /* ------------------------------------------------------------------------------------------------ beforehand */

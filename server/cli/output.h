@@ -15,11 +15,13 @@
  * one that it is.  STATUS_BAD_PARAMETER where it can't be. */
 enum status worker_output_settle(struct worker_options *options, struct error *error) MUST_CHECK;
 
+/* A cloud whose faces most of its points have is a mesh: faces go out where the output has a format that holds them,
+ * and
+ * --outputs doesn't say what to write.  Returns whether that makes another file. */
+bool worker_output_follow_faces(struct worker_options *options, const struct cloud *cloud);
+
 /* For a conversion, once the input is read: the mesh's format where the cloud has faces and the file can hold them,
  * else the cloud's.  STATUS_BAD_PARAMETER where the format holds faces alone, and there are none. */
-/* A cloud whose faces most of its points have is a mesh: faces go out where the output, one file or standard output,
- * has a format that holds them, and --outputs doesn't say what to write. */
-void worker_output_follow_faces(struct worker_options *options, const struct cloud *cloud);
 enum status worker_output_settle_faces(struct worker_options *options, const struct cloud *cloud,
                                        struct error *error) MUST_CHECK;
 

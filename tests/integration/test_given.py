@@ -114,6 +114,20 @@ def test_a_mesh_goes_in_and_a_mesh_comes_out(tmp_path):
     assert (tmp_path / "piped.ply").read_bytes() == (tmp_path / "small.ply").read_bytes()
     assert len(read_ply_cloud(run(mesh, tmp_path / "points.ply", "--outputs", "cloud"), tmp_path / "points.ply")) == wanted
     assert len(read_ply_cloud(run(cloud, tmp_path / "few.ply"), tmp_path / "few.ply")) == wanted
+    folder = run(mesh, "-o", tmp_path / "out")
+    assert folder.returncode == 0 and f"mesh             {2 * wanted} triangles" in folder.stdout, folder
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["mesh.ply", "report.json"]
+    assert len(read_ply(tmp_path / "out/mesh.ply")[2]) == 2 * wanted
+    (tmp_path / "here").mkdir()
+    own = write_ply(tmp_path / "here/mesh.ply", vertices, faces)
+    refused = subprocess.run([WHITTLE, own], cwd=tmp_path / "here", capture_output=True, text=True, check=False)
+    assert refused.returncode and "mesh.ply" in refused.stderr and "use -o" in refused.stderr, refused
+    assert own.read_bytes() == mesh.read_bytes() and [path.name for path in own.parent.iterdir()] == ["mesh.ply"]
+    levels = run(mesh, "--levels", "0.5,0.2", "-o", tmp_path / "levels")
+    assert levels.returncode == 0 and (tmp_path / "levels/mesh_0.2.ply").exists()
+    assert not list((tmp_path / "levels").glob("cloud*"))
+    run(cloud, "-o", tmp_path / "points")
+    assert sorted(path.name for path in (tmp_path / "points").iterdir()) == ["cloud.ply", "report.json"]
     without = run(mesh, tmp_path / "small.xyz")
     assert without.returncode == 0 and "its faces, which a .xyz has not" in without.stdout
 

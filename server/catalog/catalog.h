@@ -335,6 +335,8 @@ enum status catalog_list_unused_clouds(struct catalog *catalog, int64_t now_ms, 
 
 enum { CATALOG_METADATA_BYTES = 601, CATALOG_BOOT_BYTES = 64 };
 
+enum { CATALOG_MAX_PARTS = 16, CATALOG_CONCAT_BYTES = CATALOG_MAX_PARTS * JOB_ID_BYTES + sizeof "final" };
+
 /* A resumable upload (storage/uploads.h). */
 struct catalog_upload {
     char id[JOB_ID_BYTES]; /* UUIDv7 */
@@ -342,8 +344,10 @@ struct catalog_upload {
     char metadata[CATALOG_METADATA_BYTES]; /* as the client sent it */
     char cloud[JOB_HASH_BYTES];            /* what it has become; "" = it isn't whole */
     int64_t created_ms, expires_ms;
-    uint64_t offset, length;       /* length UINT64_MAX = not known yet */
-    char boot[CATALOG_BOOT_BYTES]; /* of the kernel that has written the file */
+    uint64_t offset, length;           /* length UINT64_MAX = not known yet */
+    char boot[CATALOG_BOOT_BYTES];     /* of the kernel that has written the file */
+    char concat[CATALOG_CONCAT_BYTES]; /* "" = on its own; "partial": a part of another one, and no cloud; "final ID
+                                          ...": made of these, of which there are up to CATALOG_MAX_PARTS */
 };
 
 /* Adds it, or takes the place of what is there. */

@@ -79,6 +79,7 @@ void catalog_cells_read_upload(const struct catalog_cells *cells, struct catalog
     upload->offset = (uint64_t)cells->integer(cells->row, 6);
     upload->length = (uint64_t)cells->integer(cells->row, 7); /* -1 is UINT64_MAX */
     copy_text(cells, 8, upload->boot, sizeof upload->boot);
+    copy_text(cells, 9, upload->concat, sizeof upload->concat);
 }
 
 void catalog_cells_read_cloud(const struct catalog_cells *cells, struct catalog_cloud *cloud) {

@@ -33,7 +33,7 @@ struct catalog_cells {
 #define CATALOG_JOB_SEEN "CASE WHEN state = 0 AND tiles <> 0 AND started > 0 THEN 1 ELSE state END"
 #define CATALOG_OUTPUT_COLUMNS "name, bytes, sha256"
 #define CATALOG_TASK_COLUMNS "job, number, attempt, owner, lease, failures, interruptions"
-#define CATALOG_UPLOAD_COLUMNS "id, principal, metadata, cloud, created, expires, position, length, boot"
+#define CATALOG_UPLOAD_COLUMNS "id, principal, metadata, cloud, created, expires, position, length, boot, concat"
 
 /* What is known of clouds, by themselves and by jobs: the two sources as one, each row narrowed down by a condition
  * over sha256 and principal (jobs have cloud for sha256).  The whole is a SELECT from `seen`, to which WHERE may be

@@ -1,8 +1,12 @@
 /* Resumable uploads as tus 1.0.0 has them: core, creation, creation-with-upload, creation-defer-length, expiration,
- * checksum, termination.
+ * checksum, termination, concatenation.
  *
  * An upload that is whole becomes a cloud: Whittle-Cloud names it in the answer to its last piece, and in every later
  * answer to HEAD and GET.  Where the service ended between the last byte and that, HEAD and GET do what is left to do.
+ *
+ * A partial upload (Upload-Concat: partial) becomes no cloud.  A final one is made of partial ones that are whole, by
+ * this request: their bytes are put one behind the other into an upload of its own, which becomes a cloud, and then
+ * they go.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <errno.h>
@@ -65,6 +69,17 @@ static bool read_check(const struct request *request, struct uploads_check *chec
     return false;
 }
 
+/* As it came, with the paths of its parts. */
+static void put_concat(const struct catalog_upload *info, struct response *response) {
+    char text[RESPONSE_HEADER_BYTES];
+    size_t used = (size_t)snprintf(text, sizeof text, "%.*s", (int)strcspn(info->concat, " "), info->concat);
+    const char *id = strchr(info->concat, ' ');
+    for (const char *before = ";"; id && used < sizeof text; id = strchr(id + 1, ' '), before = " ")
+        used +=
+            (size_t)snprintf(text + used, sizeof text - used, "%s%s/v1/uploads/%.36s", before, links_base(), id + 1);
+    if (used && used < sizeof text) response_header(response, "Upload-Concat", "%s", text);
+}
+
 static void put_state(const struct catalog_upload *info, struct response *response) {
     char text[64];
     struct tm tm;
@@ -72,6 +87,7 @@ static void put_state(const struct catalog_upload *info, struct response *respon
     response_header(response, "Upload-Offset", "%llu", (unsigned long long)info->offset);
     if (strftime(text, sizeof text, "%a, %d %b %Y %H:%M:%S GMT", gmtime_r(&seconds, &tm)))
         response_header(response, "Upload-Expires", "%s", text);
+    put_concat(info, response);
     if (info->cloud[0]) response_header(response, "Whittle-Cloud", "%s/v1/clouds/%s", links_base(), info->cloud);
     response_header(response, "Cache-Control", "no-store");
 }
@@ -94,8 +110,9 @@ static void upload_options(struct service *service, struct request *request, str
     request->tus = true;
     response->status = 204;
     response_header(response, "Tus-Version", "%s", version);
-    response_header(response, "Tus-Extension",
-                    "creation,creation-with-upload,creation-defer-length,expiration,checksum,termination");
+    response_header(
+        response, "Tus-Extension",
+        "creation,creation-with-upload,creation-defer-length,expiration,checksum,termination,concatenation");
     response_header(response, "Tus-Checksum-Algorithm", "sha1,sha256");
     response_header(response, "Tus-Max-Size", "%lld", (long long)service->config->max_body_bytes);
 }
@@ -170,19 +187,48 @@ static bool read_metadata(const struct request *request, struct catalog_upload *
     return ok;
 }
 
+static const char final_prefix[] = "final;", final_kept[] = "final", partial_kept[] = "partial";
+
+static bool is_final(const struct request *request) {
+    const char *concat = request->header[HEADER_UPLOAD_CONCAT];
+    return concat && strncmp(concat, final_prefix, sizeof final_prefix - 1) == 0;
+}
+
+static bool is_partial(const struct catalog_upload *info) { return strcmp(info->concat, partial_kept) == 0; }
+
+static bool read_partial(const struct request *request, struct catalog_upload *info, struct response *response) {
+    const char *concat = request->header[HEADER_UPLOAD_CONCAT];
+    if (concat && strcmp(concat, partial_kept) != 0) {
+        response_refuse(response, PROBLEM_MALFORMED_REQUEST,
+                        "Upload-Concat takes partial, or final; and the URLs of partial uploads");
+        return false;
+    }
+    if (concat) memcpy(info->concat, partial_kept, sizeof partial_kept);
+    return true;
+}
+
+/* One that is made of others has neither a length nor bytes of its own. */
+static bool admit_final(struct service *service, struct request *request, struct response *response) {
+    bool has_bytes = request->has_body && request->content_length != 0;
+    if (!speaks_tus(request, response) || !handlers_takes_no_query(request, response) ||
+        !handlers_is_open(service, 0, false, response))
+        return false;
+    if (!has_bytes && !request->header[HEADER_UPLOAD_LENGTH] && !request->header[HEADER_UPLOAD_DEFER_LENGTH])
+        return true;
+    response_refuse(response, PROBLEM_MALFORMED_REQUEST, "a final upload has no body, and the length of its parts");
+    return false;
+}
+
 static bool admit_upload(struct service *service, struct request *request, struct response *response) {
     struct catalog_upload info = {0};
     struct uploads_check check;
     struct problem problem;
+    if (is_final(request)) return admit_final(service, request, response);
     if (!speaks_tus(request, response) || !handlers_takes_no_query(request, response) ||
-        !read_length(service, request, &info.length, response) || !read_metadata(request, &info, response) ||
-        !read_check(request, &check, response) ||
+        !read_partial(request, &info, response) || !read_length(service, request, &info.length, response) ||
+        !read_metadata(request, &info, response) || !read_check(request, &check, response) ||
         !handlers_has_room(service, request, info.length == UINT64_MAX ? 0 : info.length, false, response))
         return false;
-    if (request->header[HEADER_UPLOAD_CONCAT]) {
-        response_refuse(response, PROBLEM_MALFORMED_REQUEST, "the extension Upload-Concat is not supported");
-        return false;
-    }
     memcpy(info.principal, request->principal.name, sizeof info.principal);
     const struct config *config = service->config;
     struct uploads_limits limits = {(uint64_t)config->max_uploads, (uint64_t)config->principal_uploads,
@@ -218,6 +264,10 @@ static bool admit_piece(struct service *service, struct request *request, struct
         !read_number(request, HEADER_UPLOAD_LENGTH, &length, response) || !read_check(request, &check, response) ||
         !has_room_for_piece(service, request, &info, length, response))
         return false;
+    if (strncmp(info.concat, final_kept, sizeof final_kept - 1) == 0) {
+        response_refuse(response, PROBLEM_FORBIDDEN, "a final upload takes no bytes: it has those of its parts");
+        return false;
+    }
     if (offset == UINT64_MAX) {
         response_refuse(response, PROBLEM_MALFORMED_REQUEST, "the header Upload-Offset is missing");
         return false;
@@ -291,7 +341,9 @@ static bool is_settled(struct service *service, struct catalog_upload *info) {
 static bool finish(struct service *service, struct catalog_upload *info, struct response *response) {
     struct problem problem;
     struct error error = {0};
-    if (info->offset != info->length || info->cloud[0] || make_cloud(service, info, &problem, &error)) return true;
+    if (info->offset != info->length || info->cloud[0] || is_partial(info) ||
+        make_cloud(service, info, &problem, &error))
+        return true;
     if (!error.code)
         response_problem(response, &problem);
     else if (!is_settled(service, info))
@@ -324,9 +376,134 @@ static bool end_piece(struct service *service, struct request *request, struct c
     return false;
 }
 
+/* ------------------------------------------------------------------------------------------------ parts */
+
+/* Reads the ids out of "final;URL URL ...", whether with a host or without.  Returns how many; 0: the response says
+ * what is wrong. */
+static size_t read_parts(const struct request *request, char (*ids)[JOB_ID_BYTES], struct response *response) {
+    static const char path[] = "/v1/uploads/";
+    const char *at = request->header[HEADER_UPLOAD_CONCAT] + sizeof final_prefix - 1;
+    size_t count = 0;
+    for (at += strspn(at, " "); *at; at += strspn(at, " ")) {
+        size_t length = strcspn(at, " "), tail = sizeof path - 1 + JOB_ID_BYTES - 1;
+        bool ok =
+            count < CATALOG_MAX_PARTS && length >= tail && strncmp(at + length - tail, path, sizeof path - 1) == 0;
+        if (ok) snprintf(ids[count], JOB_ID_BYTES, "%.36s", at + length - (JOB_ID_BYTES - 1));
+        if (!ok || !job_id_valid(ids[count++])) {
+            response_refuse(response, PROBLEM_MALFORMED_REQUEST,
+                            "Upload-Concat: final; takes the URLs of 1 to %d partial uploads", CATALOG_MAX_PARTS);
+            return 0;
+        }
+        at += length;
+    }
+    if (!count) response_refuse(response, PROBLEM_MALFORMED_REQUEST, "Upload-Concat: final; names no partial upload");
+    return count;
+}
+
+/* Whether the upload is a part that is whole; adds its length. */
+static bool find_part(struct service *service, const struct request *request, const char *id, uint64_t *length,
+                      struct response *response) {
+    struct catalog_upload part;
+    struct error error = {0};
+    bool found;
+    if (uploads_find(service->uploads, id, &part, &found, &error) != STATUS_OK)
+        response_error(response, &error);
+    else if (!found || !principal_sees(&request->principal, part.principal))
+        response_refuse(response, PROBLEM_NO_SUCH_UPLOAD, "there is no upload %.40s", id);
+    else if (!is_partial(&part))
+        response_refuse(response, PROBLEM_MALFORMED_REQUEST, "the upload %s is not partial", id);
+    else if (part.offset != part.length)
+        response_refuse(response, PROBLEM_OFFSET_MISMATCH, "the upload %s has %llu bytes, and is not whole", id,
+                        (unsigned long long)part.offset);
+    else
+        return *length += part.length, true;
+    return false;
+}
+
+/* Gives the writer the bytes of a part. */
+static bool append_part(struct service *service, const char *id, struct uploads_writer *writer,
+                        struct problem *problem) {
+    enum { PART_BYTES = 1 << 18 };
+    struct error error = {0};
+    struct scratch *scratch = store_scratch(service->store);
+    char *bytes = malloc(PART_BYTES);
+    enum status status =
+        bytes ? uploads_gather(service->uploads, id, &error) : error_set(&error, STATUS_NO_MEMORY, "", "no memory");
+    int fd = status == STATUS_OK ? scratch_part_open(scratch, id, false) : -1;
+    if (status == STATUS_OK && fd < 0)
+        error_set(&error, STATUS_IO, "uploads", "can't open upload %s: %s", id, strerror(errno));
+    bool ok = !error.code;
+    if (!ok) problem_from_error(problem, &error);
+    for (ssize_t n = 1; ok && n > 0;) {
+        n = read(fd, bytes, PART_BYTES);
+        if (n < 0) problem_set(problem, PROBLEM_INTERNAL_ERROR, "can't read upload %s: %s", id, strerror(errno));
+        ok = n >= 0 && (n == 0 || uploads_write(writer, bytes, (size_t)n, problem));
+    }
+    if (fd >= 0) close(fd);
+    if (service->is_shared) scratch_part_delete(scratch, id); /* a copy of this request's */
+    free(bytes);
+    return ok;
+}
+
+/* Makes the upload of its parts; they count for its principal until they go, which isn't held against what they make.
+ */
+static bool join_parts(struct service *service, struct catalog_upload *info, char (*ids)[JOB_ID_BYTES], size_t count,
+                       struct response *response) {
+    const struct config *config = service->config;
+    struct uploads_check check = {.whole = false};
+    struct uploads_limits limits = {(uint64_t)config->max_uploads + count, (uint64_t)config->principal_uploads + count,
+                                    (uint64_t)config->principal_bytes};
+    struct problem problem;
+    if (limits.principal_bytes) limits.principal_bytes += info->length;
+    struct uploads_writer *writer = uploads_create(service->uploads, info, &check, &limits, &problem);
+    bool ok = writer != NULL;
+    for (size_t i = 0; ok && i < count; i++) ok = append_part(service, ids[i], writer, &problem);
+    if (ok) {
+        wall_clock_hold();
+        ok = uploads_end(writer, job_now_ms() + config->upload_expiry_ms, info, &problem);
+        wall_clock_release();
+    }
+    uploads_writer_free(writer);
+    if (!ok) response_problem(response, &problem);
+    return ok;
+}
+
+/* A final upload.  false: the response says why there is none. */
+static bool create_final(struct service *service, struct request *request, struct catalog_upload *info,
+                         struct response *response) {
+    char ids[CATALOG_MAX_PARTS][JOB_ID_BYTES];
+    struct problem problem;
+    struct error error = {0};
+    uint64_t most = (uint64_t)service->config->max_body_bytes;
+    size_t count = read_parts(request, ids, response), used = sizeof final_kept - 1;
+    memset(info, 0, sizeof *info);
+    memcpy(info->principal, request->principal.name, sizeof info->principal);
+    memcpy(info->concat, final_kept, sizeof final_kept);
+    if (!count || !read_metadata(request, info, response)) return false;
+    for (size_t i = 0; i < count; i++) {
+        if (!find_part(service, request, ids[i], &info->length, response)) return false;
+        used += (size_t)snprintf(info->concat + used, sizeof info->concat - used, " %s", ids[i]);
+    }
+    if (info->length > most) {
+        upload_too_large(most, info->length, &problem);
+        response_problem(response, &problem);
+        return false;
+    }
+    info->expires_ms = job_now_ms() + service->config->upload_expiry_ms;
+    if (!handlers_is_open(service, info->length, false, response) || !join_parts(service, info, ids, count, response) ||
+        !finish(service, info, response))
+        return false;
+    for (size_t i = 0; i < count; i++) /* what can't be removed now expires */
+        if (uploads_delete(service->uploads, ids[i], &error) != STATUS_OK)
+            log_line(LOG_ERROR, "upload=%s: %s", ids[i], error.text);
+    return true;
+}
+
 static void create_upload(struct service *service, struct request *request, struct response *response) {
     struct catalog_upload info;
-    if (!end_piece(service, request, &info, response)) return;
+    bool made = is_final(request) ? create_final(service, request, &info, response)
+                                  : end_piece(service, request, &info, response);
+    if (!made) return;
     put_document(&info, 201, response);
     response_header(response, "Location", "%s/v1/uploads/%s", links_base(), info.id);
 }

@@ -25,7 +25,8 @@
 static const char exposed[] =
     "Accept-Ranges, Allow, Cache-Status, Content-Disposition, Content-Range, ETag, Job-Stats, Link, Location, "
     "Preference-Applied, Repr-Digest, Retry-After, Server-Timing, Tus-Checksum-Algorithm, Tus-Extension, Tus-Max-Size, "
-    "Tus-Resumable, Tus-Version, Upload-Defer-Length, Upload-Expires, Upload-Length, Upload-Metadata, Upload-Offset, "
+    "Tus-Resumable, Tus-Version, Upload-Concat, Upload-Defer-Length, Upload-Expires, Upload-Length, Upload-Metadata, "
+    "Upload-Offset, "
     "Whittle-Cloud, WWW-Authenticate, X-Request-Id";
 /* And what it may send. */
 static const char sent[] =

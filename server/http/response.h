@@ -12,7 +12,7 @@
 
 enum response_kind { RESPONSE_TEXT, RESPONSE_FILE, RESPONSE_WAIT, RESPONSE_STREAM };
 
-enum { RESPONSE_MAX_HEADERS = 20, RESPONSE_HEADER_BYTES = 640 };
+enum { RESPONSE_MAX_HEADERS = 20, RESPONSE_HEADER_BYTES = 1280 };
 
 struct response {
     enum response_kind kind;

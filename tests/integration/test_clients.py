@@ -197,8 +197,24 @@ class Relay:
             pass
 
 
-@pytest.mark.skipif(not shutil.which("node") or not (NODE / "node_modules" / "tus-js-client").exists(),
-                    reason="tus-js-client isn't installed: npm ci in tests/node")
+has_tus_js_client = pytest.mark.skipif(
+    not shutil.which("node") or not (NODE / "node_modules" / "tus-js-client").exists(),
+    reason="tus-js-client isn't installed: npm ci in tests/node")
+
+
+@has_tus_js_client
+@pytest.mark.parametrize("parts", [2, 5])
+def test_tus_js_client_in_parts_side_by_side(make_daemon, tmp_path, parts):
+    daemon, cloud = make_daemon(), sphere(60000)
+    (tmp_path / "cloud").write_bytes(cloud)
+    url = run("node", NODE / "upload_tus.js", daemon.url + "/v1/uploads", tmp_path / "cloud", "200000", parts).decode()
+    upload = daemon.curl(url.strip().removeprefix(daemon.url), "-I", "-H", "Tus-Resumable: 1.0.0", "-o", "/dev/null")
+    assert upload.headers["upload-concat"].count("/v1/uploads/") == parts
+    assert daemon.curl(upload.headers["whittle-cloud"] + "/data").body == cloud
+    assert sum("partial" in line for line in daemon.ask("SELECT concat FROM uploads")[0]) == 0
+
+
+@has_tus_js_client
 @pytest.mark.parametrize("chunk", ["", "200000"])
 def test_tus_js_client_cut_at_random_places(make_daemon, tmp_path, chunk):
     daemon, chance = make_daemon(), random.Random(f"cut {chunk}")

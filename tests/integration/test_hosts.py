@@ -248,6 +248,27 @@ def test_rule_8_an_upload_goes_on_at_any_host(make_daemon, shared):
     assert hosts[2].curl(f"/v1/uploads/{upload}").status == 404
 
 
+def test_rule_8_parts_of_an_upload_come_to_any_host_and_are_joined_at_another(make_daemon, shared):
+    hosts = [make_daemon(*shared, "--roles", "http") for _ in range(3)]
+    step = len(SMALL) // 3 + 1
+    pieces = [SMALL[at:at + step] for at in range(0, len(SMALL), step)]
+    partial = ("-H", "Upload-Concat: partial")
+    parts = [begin_upload(host, *partial, length=len(piece)) for host, piece in zip(hosts, pieces)]
+    for n, (part, piece) in enumerate(zip(parts, pieces)):
+        half = len(piece) // 2
+        assert send_piece(hosts[(n + 1) % 3], part, 0, piece[:half]).status == 204
+        assert send_piece(hosts[(n + 2) % 3], part, half, piece[half:]).status == 204
+        assert hosts[n].curl(f"/v1/uploads/{part}", "-I", *TUS).headers["upload-concat"] == "partial"
+    hosts[0].kill()
+    final = "final;" + " ".join(f"/v1/uploads/{part}" for part in parts)
+    reply = hosts[1].curl("/v1/uploads", "-X", "POST", *TUS, "-H", f"Upload-Concat: {final}")
+    assert reply.status == 201 and reply.json["cloud"] == SMALLS_CLOUD, reply.body
+    assert hosts[2].curl(reply.headers["location"], "-I", *TUS).headers["upload-concat"] == final
+    assert hosts[2].curl(f"{SMALLS_CLOUD}/data").body == SMALL
+    assert {hosts[2].curl(f"/v1/uploads/{part}").status for part in parts} == {404}
+    assert hosts[1].stop() == 0 and not list((hosts[1].data / "uploads").iterdir())
+
+
 def test_rule_8_an_upload_outlives_the_host_that_was_killed_between_its_pieces(make_daemon, shared):
     first, second = (make_daemon(*shared, "--roles", "http") for _ in range(2))
     half = len(SMALL) // 2

@@ -486,6 +486,10 @@ def too_many_uploads(world, _operation):
     return daemon.curl("/v1/uploads", "-X", "POST", *TUS, "-H", "Upload-Length: 10")
 
 
+def parts_are_gone(world, operation):
+    return send(world.daemon(), operation, operation.path, *TUS, "-H", f"Upload-Concat: final;/v1/uploads/{NOBODY}")
+
+
 CASES |= {
     ("getUploadOptions", "204"): plain,
     ("createUpload", "201"): create_upload(*TUS),
@@ -595,6 +599,7 @@ def room_goes(world, operation):
 
 
 CASES |= {
+    ("createUpload", "404"): parts_are_gone,
     ("createUpload", "409"): taken_over,
     ("createUpload", "500"): nowhere_to_create,
     ("getUpload", "412"): head_without_version,

@@ -53,7 +53,8 @@ def test_options(daemon):
     assert reply.headers["tus-resumable"] == reply.headers["tus-version"] == "1.0.0"
     assert int(reply.headers["tus-max-size"]) == 2 << 30
     assert set(reply.headers["tus-extension"].split(",")) == {
-        "creation", "creation-with-upload", "creation-defer-length", "expiration", "checksum", "termination"}
+        "creation", "creation-with-upload", "creation-defer-length", "expiration", "checksum", "termination",
+        "concatenation"}
     assert set(reply.headers["tus-checksum-algorithm"].split(",")) == {"sha1", "sha256"}
 
 
@@ -168,7 +169,7 @@ def test_other_versions(daemon, method, more, spoken):
     (headers(Upload_Length=5, Upload_Defer_Length=1), 400, "malformed-request"),
     (headers(Upload_Defer_Length=2), 400, "malformed-request"),
     (headers(Upload_Length=3 << 30), 413, "body-too-large"),
-    (headers(Upload_Length=5, Upload_Concat="partial"), 400, "malformed-request"),
+    (headers(Upload_Length=5, Upload_Concat="partially"), 400, "malformed-request"),
     (headers(Upload_Length=5, Upload_Metadata="x" * 700), 400, "malformed-request"),
     (headers(Upload_Length=5, Upload_Checksum="md5 x"), 400, "malformed-request"),
 ])
@@ -232,6 +233,105 @@ def test_expiration(make_daemon):
     path = create(daemon, 100)
     wait_until(lambda: daemon.curl(path).status == 404, "the upload's end")
     wait_until(lambda: parts(daemon) == [], "the file's end")
+
+
+# ---------------------------------------------------------------------------------------------- concatenation
+
+def partial(daemon, data, *more):
+    """A part that is whole."""
+    path = create(daemon, len(data), *headers(Upload_Concat="partial"), *more)
+    assert patch(daemon, path, 0, data, *more).status == 204
+    return path
+
+
+def join(daemon, paths, *more):
+    return daemon.curl("/v1/uploads", "-X", "POST", *TUS, *headers(Upload_Concat="final;" + " ".join(paths)), *more)
+
+
+def thirds(data):
+    third = len(data) // 3
+    return [data[:third], data[third:2 * third], data[2 * third:]]
+
+
+def test_parts_that_came_side_by_side_become_one_cloud(daemon):
+    pieces = thirds(SMALL)
+    paths = [create(daemon, len(piece), *headers(Upload_Concat="partial")) for piece in pieces]
+    for at in (0, 1):  # each grows by itself
+        for path, piece in reversed(list(zip(paths, pieces))):
+            half = (piece[:100], piece[100:])[at]
+            assert patch(daemon, path, 100 * at, half).status == 204
+    whole = head(daemon, paths[0])
+    assert whole.headers["upload-concat"] == "partial" and "whittle-cloud" not in whole.headers
+    assert daemon.curl("/v1/clouds").json["clouds"] == []
+    reply = join(daemon, [daemon.url + paths[0], *paths[1:]], *headers(Upload_Metadata="a Yg=="))
+    assert reply.status == 201 and reply.json["length"] == reply.json["offset"] == len(SMALL)
+    assert reply.headers["whittle-cloud"].endswith(NAME) and daemon.curl(f"/v1/clouds/{NAME}/data").body == SMALL
+    final = head(daemon, reply.headers["location"])
+    assert final.headers["upload-concat"] == "final;" + " ".join(paths) and final.headers["upload-metadata"] == "a Yg=="
+    assert int(final.headers["upload-length"]) == int(final.headers["upload-offset"]) == len(SMALL)
+    refused = patch(daemon, reply.headers["location"], len(SMALL), b"1 2 3\n")
+    assert (refused.status, refused.slug) == (403, "forbidden")
+    assert [head(daemon, path).status for path in paths] == [404] * 3 and parts(daemon) == []
+
+
+@pytest.mark.parametrize("given, more, status, slug", [
+    ("partially", (), 400, "malformed-request"), ("final;", (), 400, "malformed-request"),
+    ("final;/v1/clouds/x", (), 400, "malformed-request"), ("final;" + 17 * "{whole} ", (), 400, "malformed-request"),
+    ("final;{whole}", ("-H", "Upload-Length: 3"), 400, "malformed-request"),
+    ("final;{whole} {alone}", (), 400, "malformed-request"), ("final;{whole} {begun}", (), 409, "offset-mismatch"),
+    ("final;{whole} /v1/uploads/01900000-0000-7000-8000-000000000000", (), 404, "no-such-upload")])
+def test_what_can_not_be_joined(daemon, given, more, status, slug):
+    paths = {"whole": partial(daemon, SMALL), "alone": create(daemon, 10),
+             "begun": create(daemon, 10, *headers(Upload_Concat="partial"))}
+    reply = daemon.curl("/v1/uploads", "-X", "POST", *TUS, *headers(Upload_Concat=given.format(**paths)), *more)
+    assert (reply.status, reply.slug) == (status, slug)
+    assert head(daemon, paths["whole"]).status == 200 and len(parts(daemon)) == 3
+
+
+def test_parts_stay_where_they_make_no_cloud(daemon):
+    paths = [partial(daemon, b"\x89PNG\r\n\x1a\n" + bytes(100)), partial(daemon, SMALL)]
+    assert join(daemon, paths).slug == "unsupported-format"
+    assert len(parts(daemon)) == 2
+    assert join(daemon, paths[1:]).headers["whittle-cloud"].endswith(NAME)
+
+
+def test_parts_count_for_their_principal_and_what_they_make_only_once(make_daemon, tmp_path):
+    tokens = tmp_path / "tokens"
+    tokens.write_text(f"ann:submit,read:{hashlib.sha256(b'ann').hexdigest()}\n"
+                      f"bob:submit,read:{hashlib.sha256(b'bob').hexdigest()}\n")
+    daemon = make_daemon("--tokens-file", tokens, "--principal-bytes", str(len(SMALL) + 100), "--principal-uploads", "3")
+    ann, bob = headers(Authorization="Bearer ann"), headers(Authorization="Bearer bob")
+    paths = [partial(daemon, piece, *ann) for piece in thirds(SMALL)]
+    more = daemon.curl("/v1/uploads", "-X", "POST", *TUS, *headers(Upload_Length=200, Upload_Concat="partial"), *ann)
+    assert (more.status, more.slug) == (429, "rate-limited")
+    assert join(daemon, paths, *bob).slug == "no-such-upload"
+    assert join(daemon, paths, *ann).headers["whittle-cloud"].endswith(NAME)
+    more = daemon.curl("/v1/uploads", "-X", "POST", *TUS, *headers(Upload_Length=200, Upload_Concat="partial"), *ann)
+    assert (more.status, more.slug) == (429, "rate-limited")  # the cloud counts now
+    create(daemon, 50, *headers(Upload_Concat="partial"), *ann)
+
+
+def test_what_is_joined_is_within_the_limit_of_a_body(make_daemon):
+    daemon = make_daemon("--max-body-bytes", str(len(SMALL) - 1))
+    reply = join(daemon, [partial(daemon, piece) for piece in thirds(SMALL)])
+    assert (reply.status, reply.slug) == (413, "body-too-large") and len(parts(daemon)) == 3
+
+
+def test_parts_outlive_kills_and_expire(make_daemon):
+    daemon = make_daemon()
+    paths = [partial(daemon, piece) for piece in thirds(SMALL)]
+    daemon.kill()
+    daemon.start()
+    assert head(daemon, paths[1]).headers["upload-concat"] == "partial"
+    final = join(daemon, paths).headers["location"]
+    daemon.kill()
+    daemon.start()
+    assert head(daemon, final).headers["upload-concat"].startswith("final;")
+    partial(daemon, SMALL)
+    assert daemon.stop() == 0
+    daemon.start("--upload-expiry", "200ms")
+    short = partial(daemon, SMALL)
+    wait_until(lambda: head(daemon, short).status == 404, "the part's end")
 
 
 def test_a_number_of_uploads(make_daemon):

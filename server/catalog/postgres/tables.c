@@ -150,6 +150,7 @@ static const char *const steps[] = {
     "RETURN NULL; END $$;"
     "CREATE TRIGGER batch_job_gone AFTER DELETE ON jobs FOR EACH ROW WHEN (OLD.batch <> '') "
     "EXECUTE FUNCTION whittle_batch_job_gone();",
+    "ALTER TABLE uploads ADD COLUMN concat TEXT NOT NULL DEFAULT '';",
 };
 enum { STEPS = sizeof steps / sizeof steps[0] };
 

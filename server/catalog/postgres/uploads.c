@@ -13,11 +13,11 @@ enum status catalog_postgres_put_upload(struct catalog *catalog, const struct ca
     if (status != STATUS_OK) return status;
     status = pq_run(link,
                     "INSERT INTO uploads (" CATALOG_UPLOAD_COLUMNS ") "
-                    "VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9) ON CONFLICT (id) DO UPDATE SET "
+                    "VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10) ON CONFLICT (id) DO UPDATE SET "
                     "metadata = excluded.metadata, cloud = excluded.cloud, expires = excluded.expires, "
                     "position = excluded.position, length = excluded.length, boot = excluded.boot",
                     VALUES(T(row->id), T(row->principal), T(row->metadata), T(row->cloud), I(row->created_ms),
-                           I(row->expires_ms), I(row->offset), I(row->length), T(row->boot)),
+                           I(row->expires_ms), I(row->offset), I(row->length), T(row->boot), T(row->concat)),
                     NULL, error);
     return pq_end(link, status, NULL, error);
 }
@@ -110,9 +110,9 @@ enum status catalog_postgres_open_upload(struct catalog *catalog, const struct c
         status =
             pq_run(link,
                    "INSERT INTO uploads (id, principal, metadata, cloud, created, expires, position, length, boot, "
-                   "writer) VALUES ($1, $2, $3, '', $4, $5, 0, $6, '', $7)",
+                   "writer, concat) VALUES ($1, $2, $3, '', $4, $5, 0, $6, '', $7, $8)",
                    VALUES(T(row->id), T(row->principal), T(row->metadata), I(row->created_ms), I(row->expires_ms),
-                          I(row->length), T(token)),
+                          I(row->length), T(token), T(row->concat)),
                    NULL, error);
     status = pq_end(link, status, &unknown, error);
     if (!unknown) return status;

@@ -90,6 +90,7 @@ static const char *const steps[] = {
      "CREATE TRIGGER batch_job_gone AFTER DELETE ON jobs WHEN OLD.batch <> '' "
      "AND NOT EXISTS (SELECT 1 FROM jobs WHERE batch = OLD.batch AND batch <> '') BEGIN "
      "DELETE FROM batches WHERE id = OLD.batch; DELETE FROM outbox WHERE job = OLD.batch; END;"),
+    "ALTER TABLE uploads ADD COLUMN concat TEXT NOT NULL DEFAULT '';",
 };
 enum { VERSION = sizeof steps / sizeof steps[0] };
 

@@ -11,9 +11,9 @@ enum status catalog_sqlite_put_upload(struct catalog *catalog, const struct cata
     enum status status =
         sql_run(db,
                 "INSERT OR REPLACE INTO uploads (id, principal, metadata, cloud, created, expires, position, length, "
-                "boot) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
+                "boot, concat) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
                 VALUES(T(row->id), T(row->principal), T(row->metadata), T(row->cloud), I(row->created_ms),
-                       I(row->expires_ms), I(row->offset), I(row->length), T(row->boot)),
+                       I(row->expires_ms), I(row->offset), I(row->length), T(row->boot), T(row->concat)),
                 error);
     sql_unlock(db);
     return status;

@@ -182,8 +182,9 @@ static enum status begin_part(struct parts *parts, struct dividing *d, unsigned 
     if (status) return status;
     d->begun[p] = true;
     status = sink_init(&d->sink[p], d->file[p].fd);
+    if (status) return parts_no_memory(parts);
     sink_bytes(&d->sink[p], &head, sizeof head);
-    return status;
+    return STATUS_OK;
 }
 
 /* Files that aren't needed after a crash get their names without a sync: they are written anew. */

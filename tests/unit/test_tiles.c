@@ -228,6 +228,75 @@ static void tiles_keep_what_memory_keeps(void **state) {
     cloud_done(&kept);
 }
 
+static bool is_last(void *ctx) {
+    long *left = ctx;
+    return --*left == 0;
+}
+
+/* One step of the way, as often as it has allocations that may fail, or about: how many were refused. */
+static size_t fail_at_each(enum status (*step)(struct error *error)) {
+    size_t refused = 0;
+    long left = 0;
+    for (long nth = 1; left <= 0; nth += 1 + nth / 6) {
+        struct error error = {0};
+        left = nth;
+        alloc_fail_ctx = &left, alloc_fail = is_last;
+        enum status status = step(&error);
+        alloc_fail = NULL;
+        if (status != STATUS_OK && status != STATUS_NO_MEMORY) fail_msg("%s: %s", error.where, error.text);
+        assert_true(status == STATUS_OK || error.text[0] != 0);
+        refused += status != STATUS_OK;
+    }
+    return refused;
+}
+
+static struct params without_memory;
+
+static enum status step_plan(struct error *error) {
+    struct tiles_facts facts;
+    const char *const inputs[] = {input};
+    const struct tiles_job job = {inputs, 1, scratch_folder, &without_memory, POINTS / 3};
+    tiles_remove(scratch_folder);
+    return tiles_plan(&job, NULL, &facts, error);
+}
+
+static enum status step_run(struct error *error) {
+    char path[SCRATCH_PATH_BYTES];
+    scratch_path(path, scratch_folder, "left", 0);
+    unlink(path);
+    return tiles_run(scratch_folder, 0, 1, NULL, error);
+}
+
+static enum status step_merge(struct error *error) {
+    struct cloud cloud = {0};
+    struct kept_file file = {0};
+    struct pipeline_result result = {0};
+    enum status status = tiles_merge(scratch_folder, 1, NULL, &cloud, &file, &result, error);
+    assert_int_equal(file.path != NULL, status == STATUS_OK);
+    tiles_kept_remove(&file);
+    cloud_done(&cloud);
+    pipeline_result_done(&result);
+    return status;
+}
+
+/* Of tiles that tell what has gone, too. */
+static void any_allocation_may_fail(void **state) {
+    struct error error = {0};
+    struct tiles_facts facts;
+    (void)state;
+    without_memory = make_params();
+    without_memory.outputs = OUTPUT_TILESET;
+    without_memory.ratio = 1;
+    without_memory.threads = 1;
+    snprintf(scratch_folder, sizeof scratch_folder, "%s/%s", base, "none");
+    assert_true(fail_at_each(step_plan) > 10);
+    assert_int_equal(tiles_look(scratch_folder, &facts, NULL, &error), STATUS_OK);
+    assert_true(facts.for_tileset && facts.tiles > 2);
+    assert_true(fail_at_each(step_run) > 10);
+    for (size_t t = 0; t < facts.tiles; t++) assert_int_equal(tiles_run(scratch_folder, t, 1, NULL, &error), STATUS_OK);
+    assert_true(fail_at_each(step_merge) > 10);
+}
+
 static void other_runs_are_refused(void **state) {
     (void)state;
     struct params params = make_params();
@@ -312,8 +381,8 @@ static int remove_base(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(cells_hold_each_point_once), cmocka_unit_test(every_point_is_in_one_tile),
+        cmocka_unit_test(cells_hold_each_point_once),      cmocka_unit_test(every_point_is_in_one_tile),
         cmocka_unit_test(quadrics_are_those_of_the_whole), cmocka_unit_test(tiles_keep_what_memory_keeps),
-        cmocka_unit_test(other_runs_are_refused)};
+        cmocka_unit_test(other_runs_are_refused),          cmocka_unit_test(any_allocation_may_fail)};
     return cmocka_run_group_tests(tests, make_base, remove_base);
 }

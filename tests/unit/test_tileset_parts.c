@@ -169,8 +169,37 @@ static void a_file_that_is_cut_is_told(void **state) {
     kept_file_done(&file);
 }
 
+static bool is_last(void *ctx) {
+    long *left = ctx;
+    return --*left == 0;
+}
+
+static void any_allocation_may_fail(void **state) {
+    (void)state;
+    struct kept_file file = write_kept(40000);
+    struct cloud like = cloud;
+    long left = 0, refused = 0;
+    like.count = 0;
+    file.most_points = 33000;
+    struct tileset_points points = beyond(&like, &file);
+    points.threads = 1;
+    for (long nth = 1; left <= 0; nth += 1 + nth / 16) {
+        struct error error = {0};
+        left = nth;
+        alloc_fail_ctx = &left, alloc_fail = is_last;
+        enum status status = write_archive("outside", &points, &error);
+        alloc_fail = NULL;
+        assert_true(status == STATUS_NO_MEMORY || (status == STATUS_OK && left > 0));
+        if (status) assert_true(error.text[0] != 0);
+        refused += status != STATUS_OK;
+    }
+    assert_true(refused > 20);
+    kept_file_done(&file);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(parts_are_what_memory_makes),
-                                       cmocka_unit_test(a_file_that_is_cut_is_told)};
+                                       cmocka_unit_test(a_file_that_is_cut_is_told),
+                                       cmocka_unit_test(any_allocation_may_fail)};
     return cmocka_run_group_tests(tests, make_cloud, remove_cloud);
 }

@@ -89,8 +89,8 @@ def test_a_reconstruction_is_a_file_and_a_row(tree, changed, tmp_path):
     assert changed() == ["core/surface/hull.c", "core/surface/reconstruct.h"]
     whittle = make(tree)
     cloud = write(tmp_path / "torus.obj", torus())
-    subprocess.run([whittle, cloud, "--reconstruction", "hull", "--refine", "none", "--outputs", "mesh,report",
-                    "-o", f"{tmp_path}/", "-q"], check=True)
+    subprocess.run([whittle, cloud, "--reconstruction", "hull", "--surface", "closed", "--refine", "none",
+                    "--outputs", "mesh,report", "-o", f"{tmp_path}/", "-q"], check=True)
     report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
     assert report["params"]["reconstruction"] == "hull"
     mesh = report["mesh"]

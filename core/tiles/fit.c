@@ -70,7 +70,8 @@ enum status tiles_can(const struct params *params, struct error *error) {
     const char *what = NULL;
     if (params_want_mesh(params)) what = "a mesh";
     if (params->outputs & (OUTPUT_DSO | OUTPUT_ERROR | OUTPUT_PREVIEW)) what = "dso, error and preview.png";
-    if (params_want_denoising(params)) what = "denoise";
+    if (params->denoise != DENOISE_NOISY && params_want_denoising(params))
+        what = "denoise"; /* that is for meshes alone */
     if (params->normals == SWITCH_TRUE) what = "normals";
     if (params_bound_deviation(params)) what = "max_deviation";
     if (!isnan(params->max_error)) what = "max_error";

@@ -209,7 +209,7 @@ static enum status describe(const struct cloud *from, size_t n, struct cloud *to
                          .record_bytes = from->record_bytes,
                          .form = from->form,
                          .xyz = {from->xyz[0], from->xyz[1], from->xyz[2]}};
-    to->property = alloc_array(from->property_count, sizeof *to->property);
+    to->property = alloc_zeroed(from->property_count, sizeof *to->property); /* without lists, until it is whole */
     to->position = alloc_array(n, sizeof *to->position);
     to->record = alloc_array(n, from->record_bytes);
     if (from->comments) to->comments = alloc_array(strlen(from->comments) + 1, 1);

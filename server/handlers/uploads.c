@@ -386,8 +386,8 @@ static size_t read_parts(const struct request *request, char (*ids)[JOB_ID_BYTES
     size_t count = 0;
     for (at += strspn(at, " "); *at; at += strspn(at, " ")) {
         size_t length = strcspn(at, " "), tail = sizeof path - 1 + JOB_ID_BYTES - 1;
-        bool ok =
-            count < CATALOG_MAX_PARTS && length >= tail && strncmp(at + length - tail, path, sizeof path - 1) == 0;
+        const char *first = strstr(at, path); /* two that something else than a blank parts aren't one */
+        bool ok = count < CATALOG_MAX_PARTS && length >= tail && first == at + length - tail;
         if (ok) snprintf(ids[count], JOB_ID_BYTES, "%.36s", at + length - (JOB_ID_BYTES - 1));
         if (!ok || !job_id_valid(ids[count++])) {
             response_refuse(response, PROBLEM_MALFORMED_REQUEST,
@@ -398,6 +398,13 @@ static size_t read_parts(const struct request *request, char (*ids)[JOB_ID_BYTES
     }
     if (!count) response_refuse(response, PROBLEM_MALFORMED_REQUEST, "Upload-Concat: final; names no partial upload");
     return count;
+}
+
+/* Whether an id is none of those before it: a part that is named twice is there, and goes, once. */
+static bool is_first(char (*ids)[JOB_ID_BYTES], size_t at) {
+    for (size_t i = 0; i < at; i++)
+        if (strcmp(ids[i], ids[at]) == 0) return false;
+    return true;
 }
 
 /* Whether the upload is a part that is whole; adds its length. */
@@ -445,16 +452,16 @@ static bool append_part(struct service *service, const char *id, struct uploads_
     return ok;
 }
 
-/* Makes the upload of its parts; they count for its principal until they go, which isn't held against what they make.
- */
+/* Makes the upload of its parts; they count for its principal until they go, which isn't held against what they make:
+ * there are so many different ones, with so many bytes. */
 static bool join_parts(struct service *service, struct catalog_upload *info, char (*ids)[JOB_ID_BYTES], size_t count,
-                       struct response *response) {
+                       size_t different, uint64_t different_bytes, struct response *response) {
     const struct config *config = service->config;
     struct uploads_check check = {.whole = false};
-    struct uploads_limits limits = {(uint64_t)config->max_uploads + count, (uint64_t)config->principal_uploads + count,
-                                    (uint64_t)config->principal_bytes};
+    struct uploads_limits limits = {(uint64_t)config->max_uploads + different,
+                                    (uint64_t)config->principal_uploads + different, (uint64_t)config->principal_bytes};
     struct problem problem;
-    if (limits.principal_bytes) limits.principal_bytes += info->length;
+    if (limits.principal_bytes) limits.principal_bytes += different_bytes;
     struct uploads_writer *writer = uploads_create(service->uploads, info, &check, &limits, &problem);
     bool ok = writer != NULL;
     for (size_t i = 0; ok && i < count; i++) ok = append_part(service, ids[i], writer, &problem);
@@ -475,13 +482,16 @@ static bool create_final(struct service *service, struct request *request, struc
     struct problem problem;
     struct error error = {0};
     uint64_t most = (uint64_t)service->config->max_body_bytes;
-    size_t count = read_parts(request, ids, response), used = sizeof final_kept - 1;
+    size_t count = read_parts(request, ids, response), used = sizeof final_kept - 1, different = 0;
+    uint64_t different_bytes = 0;
     memset(info, 0, sizeof *info);
     memcpy(info->principal, request->principal.name, sizeof info->principal);
     memcpy(info->concat, final_kept, sizeof final_kept);
     if (!count || !read_metadata(request, info, response)) return false;
     for (size_t i = 0; i < count; i++) {
+        uint64_t before = info->length;
         if (!find_part(service, request, ids[i], &info->length, response)) return false;
+        if (is_first(ids, i)) different++, different_bytes += info->length - before;
         used += (size_t)snprintf(info->concat + used, sizeof info->concat - used, " %s", ids[i]);
     }
     if (info->length > most) {
@@ -490,7 +500,8 @@ static bool create_final(struct service *service, struct request *request, struc
         return false;
     }
     info->expires_ms = job_now_ms() + service->config->upload_expiry_ms;
-    if (!handlers_is_open(service, info->length, false, response) || !join_parts(service, info, ids, count, response) ||
+    if (!handlers_is_open(service, info->length, false, response) ||
+        !join_parts(service, info, ids, count, different, different_bytes, response) ||
         !finish(service, info, response))
         return false;
     for (size_t i = 0; i < count; i++) /* what can't be removed now expires */

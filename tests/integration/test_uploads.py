@@ -278,6 +278,7 @@ def test_parts_that_came_side_by_side_become_one_cloud(daemon):
     ("partially", (), 400, "malformed-request"), ("final;", (), 400, "malformed-request"),
     ("final;/v1/clouds/x", (), 400, "malformed-request"), ("final;" + 17 * "{whole} ", (), 400, "malformed-request"),
     ("final;{whole}", ("-H", "Upload-Length: 3"), 400, "malformed-request"),
+    ("final;{begun},{whole}", (), 400, "malformed-request"), ("final;{begun}\t{whole}", (), 400, "malformed-request"),
     ("final;{whole} {alone}", (), 400, "malformed-request"), ("final;{whole} {begun}", (), 409, "offset-mismatch"),
     ("final;{whole} /v1/uploads/01900000-0000-7000-8000-000000000000", (), 404, "no-such-upload")])
 def test_what_can_not_be_joined(daemon, given, more, status, slug):
@@ -309,6 +310,19 @@ def test_parts_count_for_their_principal_and_what_they_make_only_once(make_daemo
     more = daemon.curl("/v1/uploads", "-X", "POST", *TUS, *headers(Upload_Length=200, Upload_Concat="partial"), *ann)
     assert (more.status, more.slug) == (429, "rate-limited")  # the cloud counts now
     create(daemon, 50, *headers(Upload_Concat="partial"), *ann)
+
+
+def test_a_part_that_is_named_again_counts_again(make_daemon, tmp_path):
+    tokens = tmp_path / "tokens"
+    tokens.write_text(f"ann:submit,read:{hashlib.sha256(b'ann').hexdigest()}\n")
+    daemon = make_daemon("--tokens-file", tokens, "--principal-bytes", str(2 * len(SMALL)))
+    ann = headers(Authorization="Bearer ann")
+    path = partial(daemon, SMALL, *ann)
+    more = join(daemon, 3 * [path], *ann)
+    assert (more.status, more.slug) == (429, "rate-limited")
+    twice = join(daemon, 2 * [path], *ann)
+    assert twice.status == 201 and twice.json["length"] == 2 * len(SMALL)
+    assert daemon.curl(path, *ann).status == 404 and parts(daemon) == []
 
 
 def test_what_is_joined_is_within_the_limit_of_a_body(make_daemon):

@@ -117,6 +117,16 @@ static uint64_t scene_bytes(const char *text, size_t n) {
     return bytes;
 }
 
+/* Not all that isn't read is no JSON. */
+static const char *json_fault(enum json_error_code code) {
+    switch (code) {
+    case json_error_stack_overflow: return "its arrays and objects are nested too deeply";
+    case json_error_numeric_overflow: return "a number is too large for float64";
+    case json_error_null_byte_in_key: return "a name has a NUL";
+    default: return "this is no JSON";
+    }
+}
+
 /* The library may take a string for another where it can't have memory for a byte of it, so whether there is enough is
  * asked beforehand. */
 static enum status parse_scene(struct reader *r, size_t at, size_t n) {
@@ -128,11 +138,12 @@ static enum status parse_scene(struct reader *r, size_t at, size_t n) {
     void *room = alloc_array((size_t)bytes, 1);
     if (!room) return error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for what the scene says");
     free(room);
-    r->json = json_loadb(text, n, JSON_DECODE_INT_AS_REAL, &wrong);
+    r->json = json_loadb(text, n, JSON_DECODE_INT_AS_REAL | JSON_ALLOW_NUL, &wrong);
     if (r->json) return STATUS_OK;
     if (json_error_code(&wrong) == json_error_out_of_memory)
         return error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for what the scene says");
-    return cloud_build_bad(&r->build, "JSON", (struct cloud_place){0, at + (size_t)wrong.position}, "this is no JSON");
+    return cloud_build_bad(&r->build, "JSON", (struct cloud_place){0, at + (size_t)wrong.position}, "%s",
+                           json_fault(json_error_code(&wrong)));
 }
 
 static enum status find_chunks(struct reader *r) {

@@ -402,6 +402,7 @@ static enum status doubt_closed(struct run *run, const struct sites *sites, cons
     struct surface_points points = {run->points.count, run->points.point, run->normal, run->neighbours.spacing};
     struct surface_match closed, open;
     struct surface_choice choice = run->surface;
+    struct report_surface told = run->report.surface; /* of the closed mesh */
     struct reconstruct_facts found = {0};
     struct mesh other = {0};
     if (run->params->surface != SURFACE_AUTO || run->closed_judged || choice.sure) return STATUS_OK;
@@ -414,6 +415,8 @@ static enum status doubt_closed(struct run *run, const struct sites *sites, cons
         *mesh = other, other = before;
         *facts = found;
         pipeline_decide(run, choice);
+    } else {
+        run->report.surface = told;
     }
     mesh_done(&other);
     return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;

@@ -110,6 +110,22 @@ def test_where_a_closed_mesh_misses_the_points_an_open_one_is_made(tmp_path):
     assert (tmp_path / "auto/mesh.ply").read_bytes() == (tmp_path / "open/mesh.ply").read_bytes()
 
 
+def test_what_stays_closed_is_told_as_closed(tmp_path):
+    """It isn't sure of half a flat body; sides by the given normals are those of the mesh with borders alone."""
+    draw = random.Random(7)
+    lines = ["x y z nx ny nz"]
+    for _ in range(12000):
+        x, y, z = sphere(draw)
+        normal = x / 0.15, y / 0.7, abs(z)
+        lines.append("%.6f %.6f %.6f" % (0.15 * x, 0.7 * y, abs(z))
+                     + " %.6f %.6f %.6f" % tuple(n / math.hypot(*normal) for n in normal))
+    scan = tmp_path / "half.xyz"
+    scan.write_text("\n".join(lines) + "\n", encoding="ascii")
+    report, _ = run(scan, tmp_path / "out", "--ratio", "0.1")
+    assert report["surface"]["kind"] == "closed" and not report["surface"]["sure"], report["surface"]
+    assert report["surface"]["orientation"] == "outwards"
+
+
 def test_auto_gives_what_asking_gives(scans, tmp_path):
     for name, (_, kind, *_) in SHAPES.items():
         run(scans / f"{name}.xyz", tmp_path / "auto")

@@ -84,24 +84,24 @@ static double radius_of(const struct surface *s, size_t p) { return sqrt((double
 /* ------------------------------------------------------------------------------------------------ neighbours */
 
 /* Of the level that is looked at; it suits p, who has neighbours of another one or none. */
-static bool seeks(const struct surface *s, size_t p) {
+static bool lacks_neighbours(const struct surface *s, size_t p) {
     return s->wanted[p] >= s->looked_at && s->level[p] != s->looked_at;
 }
 
 static enum status find_chunk(const struct surface *s, size_t begin, size_t end) {
     const struct level *level = &levels[s->looked_at];
-    uint32_t found[GRAIN * (MOST_K + 1)], seeking[GRAIN];
+    uint32_t found[GRAIN * (MOST_K + 1)], lacking[GRAIN];
     size_t count = 0, k = level->k;
     for (size_t p = begin; p < end; p++)
-        if (seeks(s, p)) seeking[count++] = (uint32_t)p;
+        if (lacks_neighbours(s, p)) lacking[count++] = (uint32_t)p;
     if (count == 0) return STATUS_OK;
     double *distance_sq = alloc_array(count, (k + 1) * sizeof *distance_sq);
     vec3 *query = alloc_array(count, sizeof *query);
     enum status status = distance_sq && query ? STATUS_OK : STATUS_NO_MEMORY;
-    for (size_t i = 0; !status && i < count; i++) query[i] = s->point[seeking[i]];
+    for (size_t i = 0; !status && i < count; i++) query[i] = s->point[lacking[i]];
     if (!status) status = knn_search(s->knn, query, count, (unsigned)k + 1, 1, found, distance_sq);
     for (size_t i = 0; !status && i < count; i++) {
-        size_t row = i * (k + 1), p = seeking[i];
+        size_t row = i * (k + 1), p = lacking[i];
         unsigned taken = 0;
         for (unsigned j = 0; j <= k && taken < k; j++)
             if (found[row + j] * level->step != p) s->near[p * MOST_K + taken++] = found[row + j] * level->step;
@@ -293,7 +293,7 @@ static enum status index_listened(struct surface *s) {
     return knn_new(s->listened, m, s->threads, &s->knn, NULL);
 }
 
-/* Finds the neighbours of a level for all who seek them. */
+/* Finds the neighbours of a level for all points that lack them. */
 static enum status look_around(struct surface *s, unsigned level) {
     bool is_indexed = s->knn && level < s->unmoved_below;
     s->looked_at = level;
@@ -363,7 +363,7 @@ static enum status smooth_round(struct surface *s) {
     return status;
 }
 
-/* From the widest neighbourhoods that any point wants to the finest. */
+/* From the widest neighbourhoods that any point needs to the finest. */
 static enum status smooth(struct surface *s, struct denoise_result *made) {
     double share = 0;
     enum status status = index_listened(s);

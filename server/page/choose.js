@@ -11,6 +11,11 @@ const OUTPUTS = [
 const USUAL = ["cloud", "mesh", "error", "preview.png"], SMALL = ["cloud", "tileset", "preview.png"];
 const MANY = 3000000; // points beyond which a mesh isn't the first suggestion
 const ELSEWHERE = ["ratio", "points", "levels", "max_deviation", "max_deviation_rel", "outputs", "threads"];
+const FIRST = { // what isn't folded away, and what its values mean
+  placement: ["The mesh's vertices are", { auto: "what suits the file", subset: "points of the file", optimal: "moved for the least error" }],
+  surface: ["The points are of", { auto: "what they look like", closed: "a solid, all around", open: "a room, or one side", heightfield: "terrain, from above", given: "the file's own faces" }],
+};
+const FIELDS = "#choose-first [name], #choose-more [name]";
 const PLACES = 300; // of the slider
 
 const PAUSE_MS = 150;
@@ -83,7 +88,7 @@ function changeGoal({ target }) {
 export function chosen() {
   const params = { [goal.name]: goal.name === "levels" ? levels() : goal.value };
   params.outputs = [...document.querySelectorAll("#choose-outputs input:checked")].map((box) => box.value);
-  for (const input of document.querySelectorAll("#choose-more [name]")) {
+  for (const input of document.querySelectorAll(FIELDS)) {
     const row = schema[input.name];
     if (input.value === "" || input.value === String(row.default ?? "")) continue;
     if (row.type === "number" || row.type === "integer") params[input.name] = Number(input.value);
@@ -122,24 +127,25 @@ function sayPlan() {
 
 const sayCommand = () => { find("choose-curl").textContent = commandOf(chosen(), cloud?.label); };
 
-function fieldOf(name, row) {
+function fieldOf(name, row, [label, words] = [name.replaceAll("_", " "), {}]) {
   const id = `param-${name}`, attributes = { id, name, "aria-describedby": `${id}-help` };
   let input;
   if (row.enum) {
-    input = make("select", attributes, ...row.enum.map((each) => make("option", { selected: each === row.default }, each)));
+    input = make("select", attributes, ...row.enum.map((each) => make("option", { value: each, selected: each === row.default }, words[each] ?? each)));
   } else {
     const numeric = row.type === "number" || row.type === "integer";
     input = make("input", { ...attributes, type: numeric ? "number" : "text", step: row.type === "integer" ? 1 : "any",
       min: row.minimum, max: row.maximum, placeholder: row.default ?? "" });
   }
-  return make("div", {}, make("label", { for: id }, name.replaceAll("_", " ")), input,
+  return make("div", {}, make("label", { for: id }, label), input,
     make("p", { id: `${id}-help` }, `${row.description}.`));
 }
 
 async function fillForm() {
   schema = (await askJson("/v1/parameters")).properties;
   const rows = Object.entries(schema).filter(([name, row]) => !ELSEWHERE.includes(name) && !row.deprecated);
-  find("choose-more").replaceChildren(...rows.map(([name, row]) => fieldOf(name, row)));
+  find("choose-first").replaceChildren(...Object.entries(FIRST).map(([name, said]) => fieldOf(name, schema[name], said)));
+  find("choose-more").replaceChildren(...rows.filter(([name]) => !FIRST[name]).map(([name, row]) => fieldOf(name, row)));
 }
 
 function fact(name, value) {
@@ -166,7 +172,7 @@ export async function choose(described, params = {}) {
   if (name === "levels") find("goal-levels").value = params.levels.map((each) => round(100 * each)).join(", ");
   document.querySelector(`input[name="goal"][value="${name}"]`).checked = true;
   placeGoal();
-  for (const input of document.querySelectorAll("#choose-more [name]")) {
+  for (const input of document.querySelectorAll(FIELDS)) {
     const given = params[input.name], usualValue = schema[input.name].default;
     input.value = given !== undefined && String(given) !== String(usualValue) ? given : input.matches("select") ? usualValue : "";
   }

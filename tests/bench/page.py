@@ -6,9 +6,9 @@ Usage: page.py BUILD_FOLDER [--points 1000000] [--picture FILE]
 
 Runs a daemon with the page (make page) and a job on a synthetic scan, opens that in Debian's chromium without a graphics
 processor (SwiftShader, so figures are far above those of other machines), and prints as JSON: bytes and milliseconds
-to the first view and until all is there; the page's longest task by the clock and by the processor time that it took
+of the page alone, to the first view, to the result's first 50 000 points, and until all is there; the page's longest task by the clock and by the processor time that it took
 (on a busy machine the first one says more of the machine); frames while it turns, by the clock and by the processor time
-of what draws and of pages; the page's memory.
+of what draws and of pages; the memory of the page and of the processes that show it.
 """
 import argparse
 import pathlib

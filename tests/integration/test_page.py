@@ -215,6 +215,8 @@ def test_a_large_cloud_is_seen_before_it_is_there(daemon, tmp_path):
     assert before["shown"] == before["count"] == n and after["shown"] == after["count"] == n // 4
     assert before["fetched"] + after["fetched"] > n * 12
     assert seen["first_view_bytes"] < 1000000 < seen["bytes"] / 4
+    assert seen["page_bytes"] < 250000 < seen["first_view_bytes"] < seen["prefix_bytes"] and 50000 * 12 < seen["prefix_bytes_of_result"] < 1000000 - seen["page_bytes"]
+    assert seen["memory_bytes"]["arrays"] + seen["memory_bytes"]["scripts"] > n * 12 and seen["memory_bytes"]["renderer"] > n * 12
     assert min(seen["frame_processor_ms"].values()) > 0 < seen["longest_task_processor_ms"]
     assert before["fetched"] + after["fetched"] < seen["bytes"] < before["fetched"] + after["fetched"] + 500000
 
@@ -260,6 +262,9 @@ def test_the_reference_begins_with_how_to_upload_at_the_address_it_was_asked_at(
     (tmp_path / "scan.ply").write_bytes(conftest.SMALL)
     subprocess.run(line, shell=True, cwd=tmp_path, check=True)
     assert (tmp_path / "small.ply").read_bytes().startswith(b"ply")
+    picture = re.search(r"<pre[^>]*>(curl .*-o preview\.png)</pre>", text)[1]
+    subprocess.run(picture, shell=True, cwd=tmp_path, check=True)
+    assert decode((tmp_path / "preview.png").read_bytes())[0] > 500
     assert not re.search(r"(from|over|at most|default) -?[0-9]+\.0\b", text) and "`" not in re.sub(r"(?s)<pre.*?</pre>", "", text)
     assert "0.10000000000000001" not in text and "0.0030000000000000001" not in text and "default 0.003" in text
 

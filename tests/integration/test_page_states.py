@@ -249,6 +249,18 @@ def test_a_large_cloud_is_seen_as_tiles(daemon, tmp_path):
         assert dark < 0.8 * light, (name, dark, light)
 
 
+def test_a_device_that_forgets_is_given_all_again(daemon, tmp_path):
+    files_of(daemon)
+    job = daemon.submit(scan(tmp_path / "torus.ply").read_bytes(), "?ratio=0.3&outputs=mesh,error")
+    assert daemon.ended(job)["status"] == "successful"
+    drive("lost_device", f"{daemon.url}/jobs/{job}", tmp_path)
+    (width, before), (_, after), (_, turned) = (decode((tmp_path / f"{name}.png").read_bytes()) for name in ("before", "after", "turned"))
+
+    def differing(one, other):
+        return sum(abs(a - b) > 24 for rows in zip(one, other) for a, b in zip(*rows)) / (3 * width * len(one))
+    assert differing(before, after) < 0.005 < 0.02 < differing(before, turned)
+
+
 def test_without_webgl_the_picture_is_shown(daemon, tmp_path):
     files_of(daemon)
     job = daemon.submit(scan(tmp_path / "torus.ply").read_bytes(), "?ratio=0.3&outputs=mesh,preview.png")

@@ -1,28 +1,58 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Opens a job in a real browser and prints, as JSON, what a person waits for: bytes and time to the first view, the longest
-// task of the page while it loads and while it turns, the time of a frame, the memory of the page.
+// Opens the page and then a job in a real browser and prints, as JSON, what a person waits for: bytes and time of the page
+// alone, to the first view, and to the result's first 50 000 points; the longest task of the page while it loads and while
+// it turns; the time of a frame; the memory of the page, and of the processes that show it.
 //
 // Usage: node measure.js BROWSER URL_OF_A_JOB [PICTURE]
 "use strict";
+const { readFileSync } = require("node:fs");
 const { run, settled, withBrowser } = require("./browser.js");
 
-const FRAMES = 20, MARK = "the page that is measured";
+const FRAMES = 20, PREFIX = 50000, MARK = "the page that is measured";
 
 // In the page, before anything of it runs.
-function watch(mark) {
+function watch(mark, prefix) {
   performance.mark(mark);
   globalThis.tasks = [];
   new PerformanceObserver((list) => globalThis.tasks.push(...list.getEntries().map((e) => [Math.round(e.startTime), Math.round(e.duration)])))
     .observe({ type: "longtask", buffered: true });
+  const sofar = () => {
+    const entries = [...performance.getEntriesByType("navigation"), ...performance.getEntriesByType("resource")];
+    const sum = (some) => some.reduce((bytes, { transferSize }) => bytes + transferSize, 0);
+    return { ms: Math.round(performance.now()), bytes: sum(entries), of_result: sum(entries.filter(({ name }) => /outputs\/cloud\.ply/.test(name))) };
+  };
   const look = () => {
-    if (!globalThis.whittled?.drawn()?.layers.some((layer) => layer && (layer.shown || layer.triangles))) {
-      setTimeout(look, 1);
-      return;
-    }
-    const entries = [...performance.getEntriesByType("resource"), ...performance.getEntriesByType("navigation")];
-    globalThis.first = { ms: Math.round(performance.now()), bytes: entries.reduce((sum, entry) => sum + entry.transferSize, 0) };
+    const layers = globalThis.whittled?.drawn()?.layers ?? [], after = layers[1];
+    if (layers.some((layer) => layer && (layer.shown || layer.triangles))) globalThis.first ??= sofar();
+    if (after && (after.triangles || after.shown >= Math.min(prefix, after.count))) globalThis.prefix = sofar();
+    else setTimeout(look, 1);
   };
   look();
+}
+
+// The page before any cloud is asked for: milliseconds until something is seen, and bytes.
+async function pageAlone(browser, url) {
+  const page = await browser.newPage();
+  await page.setCacheEnabled(false);
+  await page.goto(url, { waitUntil: "networkidle0" });
+  const seen = await page.evaluate(() => ({ ms: Math.round(performance.getEntriesByName("first-contentful-paint")[0].startTime),
+    bytes: [...performance.getEntriesByType("navigation"), ...performance.getEntriesByType("resource")].reduce((sum, { transferSize }) => sum + transferSize, 0) }));
+  await page.close();
+  return seen;
+}
+
+// Bytes of memory: what the page's scripts hold, and what the processes that show it occupy (what they share with others
+// is shared out; null where the system doesn't tell).
+async function memory(session, system) {
+  const { usedSize, backingStorageSize = 0 } = await session.send("Runtime.getHeapUsage"), { processInfo } = await system.send("SystemInfo.getProcessInfo");
+  const occupied = (kind) => Math.max(...processInfo.filter(({ type }) => type === kind).map(({ id }) => {
+    try {
+      return 1024 * Number(/^Pss:\s+(\d+)/m.exec(readFileSync(`/proc/${id}/smaps_rollup`, "ascii"))[1]);
+    } catch {
+      return 0;
+    }
+  })) || null;
+  return { scripts: usedSize, arrays: backingStorageSize, renderer: occupied("renderer"), GPU: occupied("GPU") };
 }
 
 // Milliseconds of processor that the page's own thread took for each of its tasks, the longest first: what the machine
@@ -42,9 +72,11 @@ async function processors(session) {
 }
 
 async function measure(browser, url, picture) {
+  const alone = await pageAlone(browser, new URL("../", url).href);
   const page = await browser.newPage(), bytes = { all: 0 };
   page.setDefaultTimeout(300000);
-  await page.evaluateOnNewDocument(watch, MARK);
+  await page.setCacheEnabled(false);
+  await page.evaluateOnNewDocument(watch, MARK, PREFIX);
   await page.setViewport({ width: 1600, height: 900 });
   const session = await page.createCDPSession();
   await session.send("Network.enable");
@@ -52,8 +84,8 @@ async function measure(browser, url, picture) {
   await page.tracing.start({ categories: ["toplevel", "devtools.timeline", "blink.user_timing"] });
   const began = Date.now();
   await page.goto(url, { waitUntil: "domcontentloaded" });
-  await page.waitForFunction(() => globalThis.first);
-  const first = await page.evaluate(() => globalThis.first);
+  await page.waitForFunction(() => globalThis.prefix);
+  const [first, prefix] = await page.evaluate(() => [globalThis.first, globalThis.prefix]);
   await page.waitForFunction(() => document.documentElement.dataset.looking);
   const loaded = Date.now() - began;
   await settled(page);
@@ -74,15 +106,16 @@ async function measure(browser, url, picture) {
   const stopped = Date.now(), spent = await processors(system);
   await page.waitForFunction(() => !whittled.drawn().busy);
   const whole = Date.now() - stopped, whileTurning = await page.evaluate(() => globalThis.tasks.splice(0));
-  const heap = await page.metrics();
+  const held = await memory(session, system);
   if (picture) await page.screenshot({ path: picture });
   const { layers } = await page.evaluate(() => whittled.drawn());
-  return { first_view_ms: first.ms, first_view_bytes: first.bytes, loaded_ms: loaded, bytes: bytes.all,
+  return { page_ms: alone.ms, page_bytes: alone.bytes, first_view_ms: first.ms, first_view_bytes: first.bytes, prefix_ms: prefix.ms, prefix_bytes: prefix.bytes,
+    prefix_bytes_of_result: prefix.of_result, loaded_ms: loaded, bytes: bytes.all,
     longest_task_processor_ms: busy[0] ?? 0, tasks_by_processor_ms: busy.slice(0, 8), longest_task_ms: Math.max(0, ...whileLoading.map(([, ms]) => ms)), tasks_over_100_ms: whileLoading.filter(([, ms]) => ms > 100),
     frame_ms: { median: Math.round(turning[FRAMES >> 1]), most: Math.round(turning.at(-1)) },
     frame_processor_ms: Object.fromEntries(Object.keys(spent).map((type) => [type, Math.round(1000 * (spent[type] - before[type]) / FRAMES)])), all_drawn_ms: whole,
     longest_task_while_turning_ms: Math.max(0, ...whileTurning.map(([, ms]) => ms)),
-    heap_bytes: heap.JSHeapUsedSize, layers };
+    memory_bytes: held, layers };
 }
 
 async function main([executablePath, url, picture]) {

@@ -48,6 +48,8 @@ async function main([browserPath, url, folder, cloud, long]) {
     await shoot(page, folder, "drop");
     await upload(page, cloud);
     await shoot(page, folder, "choose");
+    await page.$$eval("#choose details", (all) => all.forEach((each) => { each.open = true; }));
+    await shoot(page, folder, "choose-all");
     await page.click("#choose-start");
     await looked(page);
     await look(page, folder);

@@ -505,6 +505,31 @@ const scenarios = {
     }
   },
 
+  // The device forgets all that it was given, as some do when they wake up, and is there again.
+  async lost_device({ page, folder, looked, drawn, settled: rest, seen }) {
+    await looked();
+    await rest();
+    const stage = await page.$("#look-canvas"), shoot = async (name) => {
+      await rest();
+      await stage.screenshot({ path: join(folder, `${name}.png`) });
+    };
+    await shoot("before");
+    await page.evaluate(() => { globalThis.device = document.getElementById("look-canvas").getContext("webgl2").getExtension("WEBGL_lose_context"); });
+    const happens = (what, doing) => page.evaluate((kind, call) => new Promise((resolve) => {
+      document.getElementById("look-canvas").addEventListener(kind, () => setTimeout(resolve, 0), { once: true });
+      globalThis.device[call]();
+    }), what, doing);
+    await happens("webglcontextlost", "loseContext");
+    await page.focus("#look-canvas");
+    await page.keyboard.press("ArrowLeft");
+    const { frames } = await drawn();
+    await happens("webglcontextrestored", "restoreContext");
+    await page.waitForFunction((before) => whittled.drawn().frames > before, {}, frames);
+    await shoot("turned");
+    await page.keyboard.press("ArrowRight");
+    await shoot("after");
+  },
+
   // Without WebGL the picture is shown.
   async no_webgl({ page, looked, judge, visible, seen }) {
     await visible("#look-picture");

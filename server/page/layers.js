@@ -113,6 +113,11 @@ export class PointLayer {
     return range;
   }
 
+  // Has the points cover a surface of another area.
+  spread(area) {
+    this.area = area;
+  }
+
   // Shows the first n points, of those that are there.
   show(n) {
     this.shown = Math.min(n, this.loaded);

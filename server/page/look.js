@@ -43,6 +43,21 @@ function guessUp({ points, loaded = points.count }, size) {
   return footing(points.position, loaded, 1, size) > footing(points.position, loaded, 2, size) ? "y" : "z";
 }
 
+// The middle and the sides of the box around nearly all places (as core/picture/view.c has it): strays of a scan would make
+// all else small.
+function mostOf({ points: { position, count: n }, loaded = n }) {
+  const step = Math.max(1, Math.ceil(loaded / 50000)), ends = [0, 1, 2].map((axis) => {
+    const some = Float32Array.from({ length: Math.floor(loaded / step) }, (_, i) => position[3 * i * step + axis]).filter(Number.isFinite).sort();
+    if (!some.length) return [0, 0];
+    const at = (share) => some[Math.round(share * (some.length - 1))], [low, high, least, most] = [0.002, 0.998, 0, 1].map(at);
+    return most - least <= 1.25 * (high - low) ? [least, most] : [low, high];
+  });
+  return { middle: ends.map(([low, high]) => (low + high) / 2), size: ends.map(([low, high]) => high - low) };
+}
+
+// Of the surface that points in a box are of, about.
+const areaOf = ([a, b, c]) => 0.8 * (a * b + b * c + c * a) || Math.max(a, b, c) ** 2 || 1;
+
 // What there is to be seen: [value, text, url].
 function sourcesOf(job, outputs) {
   const at = (name) => outputs.find((output) => output.name === name)?.href, before = [], after = [];
@@ -66,6 +81,7 @@ function put(side, layer) {
     old.dispose();
   }
   now.layers[side] = layer;
+  layer?.spread?.(now.area);
   if (layer) root.add(layer.object);
   viewer.ask();
 }
@@ -341,7 +357,7 @@ export async function look(job, outputs) {
   const unit = Math.hypot(...size) / 2 || 1, [a, b, c] = size.map((side) => side / unit); // Math.hypot doesn't overflow
   now = { name: job.label || job.id, origin: low.map((x, i) => x / 2 + high[i] / 2), size, unit, layers: [null, null],
     colours: [null, null], digits: Math.max(0, Math.min(9, 4 - Math.floor(Math.log10(Math.hypot(...size) || 1)))),
-    area: job.report.mesh?.area / unit ** 2 || 0.8 * (a * b + b * c + c * a) || Math.max(a, b, c) ** 2 || 1, pointsIn: job.report.points_in, sources: sourcesOf(job, outputs) };
+    area: job.report.mesh?.area / unit ** 2 || areaOf([a, b, c]), pointsIn: job.report.points_in, sources: sourcesOf(job, outputs) };
   viewer.frame([a, b, c], "z");
   find("look-level").value = 1000;
   const { before, after } = now.sources;
@@ -354,9 +370,11 @@ export async function look(job, outputs) {
   const turned = first.then(() => {
     const layer = now.layers[1] ?? now.layers[0];
     if (shown !== now || !layer) return;
+    const most = mostOf(layer);
     find("look-up").value = guessUp(layer, [a, b, c]);
-    viewer.turnUp(find("look-up").value);
-    viewer.reset();
+    viewer.frame([a, b, c], find("look-up").value, most);
+    now.area = job.report.mesh?.area / unit ** 2 || areaOf(most.size);
+    for (const side of SIDES) now.layers[side]?.spread?.(now.area);
   });
   await Promise.all([turned, after.length ? showBefore(before[0]?.[0]) : null]);
   sayLevel();

@@ -97,7 +97,7 @@ export class TilesLayer {
       root: treeOf(json.root, move, unit, url.slice(0, url.lastIndexOf("/") + 1)), object: new THREE.Group(), material: dots(), chosen: [], shown: 0,
       held: new Set(), flying: 0, turn: 0, by: { name: "plain", range: null }, stop: new AbortController(), fault: "" });
     layer.all = countOf(layer.root);
-    layer.material.uniforms.size.value = widthOf(area, layer.count);
+    layer.spread(area);
     Object.assign(layer.object.userData, { uniforms: layer.material.uniforms, dot: DOT_PX, shown: 0,
       part: (begin, count) => layer.part(begin, count), see: (camera, root, high) => layer.see(camera, root, high) });
     await layer.fetch(layer.root);
@@ -106,6 +106,11 @@ export class TilesLayer {
     layer.attributes = attributesOf(points, Boolean(points.normal));
     layer.colourBy(points.rgb ? "own" : "plain");
     return layer;
+  }
+
+  // Has all points together cover a surface of that area.
+  spread(area) {
+    this.material.uniforms.size.value = widthOf(area, this.count);
   }
 
   async fetch(tile) {

@@ -127,26 +127,33 @@ export class Viewer {
     canvas.addEventListener("webglcontextrestored", () => this.ask());
   }
 
-  // size: the box's sides, in the units of all positions; up: "x", "y" or "z"
-  frame(size, up) {
-    this.size = size;
-    this.radius = Math.hypot(...size) / 2 || 1;
+  // size: the box's sides, in the units of all positions; nearly: the middle and the sides of what nearly all of them are in;
+  // up: "x", "y" or "z"
+  frame(size, up, nearly = { middle: [0, 0, 0], size }) {
+    Object.assign(this, { size, nearly, radius: Math.hypot(...size) / 2 || 1 });
     this.turnUp(up);
     this.reset();
   }
 
   turnUp(up) {
+    const [{ root }] = this.sides;
+    root.updateMatrixWorld();
+    root.worldToLocal(this.centre); // the same place stays in the middle
     this.up = up;
-    for (const { root } of this.sides) root.rotation.set(up === "z" ? -Math.PI / 2 : 0, 0, up === "x" ? Math.PI / 2 : 0);
+    for (const side of this.sides) side.root.rotation.set(up === "z" ? -Math.PI / 2 : 0, 0, up === "x" ? Math.PI / 2 : 0);
+    root.updateMatrixWorld();
+    root.localToWorld(this.centre);
     this.ask();
   }
 
   // From a little above, with the longer side of what lies flat across the picture.
   reset() {
-    const [x, y, z] = this.size, [across, deep] = { x: [y, z], y: [x, z], z: [x, y] }[this.up];
+    const { middle, size } = this.nearly, [x, y, z] = size, [across, deep] = { x: [y, z], y: [x, z], z: [x, y] }[this.up];
     const flat = Math.max(x, y, z) > 3 * { x, y, z }[this.up];
-    Object.assign(this, { azimuth: Math.PI / 6 + (deep > 1.2 * across ? Math.PI / 2 : 0), elevation: flat ? 0.7 : 0.4, distance: 3.1 * this.radius });
-    this.centre.set(0, 0, 0);
+    Object.assign(this, { azimuth: Math.PI / 6 + (deep > 1.2 * across ? Math.PI / 2 : 0), elevation: flat ? 0.7 : 0.4,
+      distance: 1.55 * Math.hypot(...size) || 3.1 * this.radius });
+    this.sides[0].root.updateMatrixWorld();
+    this.sides[0].root.localToWorld(this.centre.set(...middle));
     this.ask();
   }
 

@@ -347,10 +347,11 @@ def test_hardly_any_points_and_very_large_numbers_are_seen(daemon, tmp_path):
     clouds = {"one": places((1, 2, 3)), "two": places((0, 0, 0), (1, 2, 2)), "equal": places(*[(5, 5, 5)] * 9),
               "huge": places(*[[1e30 * c for c in p] for p in ring]), "tiny": places(*[[1e-20 * c for c in p] for p in ring]),
               "far": places(*[[x + 691234.5, y + 5334567.25, z + 512.125] for x, y, z in ring]),
+              "stray": places(*ring, (700, 20, 5)),
               "holes": places(*[(x, float("nan"), z) if i % 7 == 0 else (x, y, z) for i, (x, y, z) in enumerate(ring)])}
     addresses = {}
     for name, cloud in clouds.items():
-        outputs = "cloud" if len(cloud) < 500 else "mesh,cloud,error"
+        outputs = "cloud" if len(cloud) < 500 or name == "stray" else "mesh,cloud,error"
         job = daemon.submit(cloud, f"?ratio=1&outputs={outputs}&normals={'false' if len(cloud) < 500 else 'true'}")
         ended = daemon.ended(job)
         assert ended["status"] == "successful", (name, ended["problem"])

@@ -513,6 +513,7 @@ const scenarios = {
       await rest();
       await stage.screenshot({ path: join(folder, `${name}.png`) });
     };
+    await stage.focus();
     await shoot("before");
     await page.evaluate(() => { globalThis.device = document.getElementById("look-canvas").getContext("webgl2").getExtension("WEBGL_lose_context"); });
     const happens = (what, doing) => page.evaluate((kind, call) => new Promise((resolve) => {
@@ -520,8 +521,8 @@ const scenarios = {
       globalThis.device[call]();
     }), what, doing);
     await happens("webglcontextlost", "loseContext");
-    await page.focus("#look-canvas");
     await page.keyboard.press("ArrowLeft");
+    await rest();
     const { frames } = await drawn();
     await happens("webglcontextrestored", "restoreContext");
     await page.waitForFunction((before) => whittled.drawn().frames > before, {}, frames);

@@ -1,5 +1,6 @@
 /* Resumable uploads as tus 1.0.0 has them: core, creation, creation-with-upload, creation-defer-length, expiration,
- * checksum, termination, concatenation.
+ * checksum, termination, concatenation; and as the IETF's draft-ietf-httpbis-resumable-upload has them, without its
+ * interim responses (server/http/DECISIONS.md), at the same resources.
  *
  * An upload that is whole becomes a cloud: Whittle-Cloud names it in the answer to its last piece, and in every later
  * answer to HEAD and GET.  Where the service ended between the last byte and that, HEAD and GET do what is left to do.
@@ -7,6 +8,9 @@
  * A partial upload (Upload-Concat: partial) becomes no cloud.  A final one is made of partial ones that are whole, by
  * this request: their bytes are put one behind the other into an upload of its own, which becomes a cloud, and then
  * they go.
+ *
+ * A request is the draft's where it has one of its headers, and not tus's.  There the client says which piece is the
+ * last one (Upload-Complete: ?1); until then an upload that has its length is no cloud.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <errno.h>
@@ -33,6 +37,43 @@ static bool speaks_tus(struct request *request, struct response *response) {
     response_refuse(response, PROBLEM_UPLOAD_PROTOCOL, "Tus-Resumable must be %s", version);
     response_header(response, "Tus-Version", "%s", version);
     return false;
+}
+
+static bool speaks_draft(const struct request *request) {
+    return !request->header[HEADER_TUS_RESUMABLE] &&
+           (request->header[HEADER_UPLOAD_DRAFT] || request->header[HEADER_UPLOAD_COMPLETE]);
+}
+
+static bool speaks_either(struct request *request, struct response *response) {
+    return speaks_draft(request) || speaks_tus(request, response);
+}
+
+/* Whether it is the last piece; one of tus's is when the length is there. */
+static bool is_last(const struct request *request) {
+    return !speaks_draft(request) || strncmp(request->header[HEADER_UPLOAD_COMPLETE], "?1", 2) == 0;
+}
+
+/* The draft's are ?0 and ?1, perhaps with parameters, which mean nothing. */
+static bool read_complete(const struct request *request, struct response *response) {
+    const char *text = request->header[HEADER_UPLOAD_COMPLETE];
+    if (!speaks_draft(request) || (text && text[0] == '?' && (text[1] == '0' || text[1] == '1') &&
+                                   (!text[2] || text[2] == ';' || text[2] == ' ')))
+        return true;
+    response_refuse(response, PROBLEM_MALFORMED_REQUEST, "the header Upload-Complete must be there, ?0 or ?1");
+    return false;
+}
+
+/* Of the draft: the length that a last piece tells by its own one, which has to be what Upload-Length said. */
+static bool read_rest(const struct request *request, uint64_t offset, uint64_t *length, struct response *response) {
+    uint64_t body = request->has_body ? request->content_length : 0;
+    if (!speaks_draft(request) || !is_last(request) || body == UINT64_MAX) return true;
+    bool same = *length == UINT64_MAX || (offset <= *length && body == *length - offset);
+    if (!same)
+        response_refuse(response, PROBLEM_MALFORMED_REQUEST,
+                        "this last piece ends at %llu bytes, but the length of the upload is %llu",
+                        (unsigned long long)(offset + body), (unsigned long long)*length);
+    *length = offset + body;
+    return same;
 }
 
 /* A whole number in a header; absent leaves it alone. */
@@ -80,6 +121,27 @@ static void put_concat(const struct catalog_upload *info, struct response *respo
     if (used && used < sizeof text) response_header(response, "Upload-Concat", "%s", text);
 }
 
+/* What the draft's answers have: how much an upload may have, and for how many seconds it is there (0 = it isn't). */
+static void put_limit(const struct service *service, const struct request *request, int64_t expires_ms,
+                      struct response *response) {
+    const char *draft = request->header[HEADER_UPLOAD_DRAFT];
+    int64_t age_ms = expires_ms - job_now_ms(), most = service->config->max_body_bytes;
+    if (!speaks_draft(request)) return;
+    if (age_ms > 0)
+        response_header(response, "Upload-Limit", "max-size=%lld, max-age=%lld", (long long)most,
+                        (long long)(age_ms / 1000));
+    else
+        response_header(response, "Upload-Limit", "max-size=%lld", (long long)most);
+    if (draft && strlen(draft) < 4 && strspn(draft, "0123456789") == strlen(draft))
+        response_header(response, "Upload-Draft-Interop-Version", "%s", draft);
+}
+
+static void put_progress(const struct service *service, const struct request *request,
+                         const struct catalog_upload *info, struct response *response) {
+    if (speaks_draft(request)) response_header(response, "Upload-Complete", info->cloud[0] ? "?1" : "?0");
+    put_limit(service, request, info->expires_ms, response);
+}
+
 static void put_state(const struct catalog_upload *info, struct response *response) {
     char text[64];
     struct tm tm;
@@ -115,6 +177,8 @@ static void upload_options(struct service *service, struct request *request, str
         "creation,creation-with-upload,creation-defer-length,expiration,checksum,termination,concatenation");
     response_header(response, "Tus-Checksum-Algorithm", "sha1,sha256");
     response_header(response, "Tus-Max-Size", "%lld", (long long)service->config->max_body_bytes);
+    response_header(response, "Accept-Patch", "application/partial-upload, application/offset+octet-stream");
+    response_header(response, "Upload-Limit", "max-size=%lld", (long long)service->config->max_body_bytes);
 }
 
 const struct handler handlers_upload_options = {.run = upload_options, .quick = true};
@@ -149,7 +213,9 @@ static bool take_piece(struct service *service, struct request *request, struct 
                              .repr_digest = request->header[HEADER_REPR_DIGEST],
                              .writer = writer};
     struct problem problem;
-    if (!request->has_body) plan.type = "application/offset+octet-stream"; /* an empty one needs no type */
+    /* An empty one needs no type; the draft's first has that of the cloud, and its early versions' others have none. */
+    if (!request->has_body || (speaks_draft(request) && (!plan.type || strcmp(request->method, "POST") == 0)))
+        plan.type = "application/partial-upload";
     request->body = body_new(&plan, &problem);
     if (!request->body) response_problem(response, &problem);
     return request->body != NULL;
@@ -161,9 +227,11 @@ static bool read_length(struct service *service, const struct request *request, 
     uint64_t most = (uint64_t)service->config->max_body_bytes;
     struct problem problem;
     *length = UINT64_MAX;
-    if (!read_number(request, HEADER_UPLOAD_LENGTH, length, response)) return false;
-    bool known = *length != UINT64_MAX;
-    if ((defer && strcmp(defer, "1") != 0) || known == (defer != NULL)) {
+    if (!read_number(request, HEADER_UPLOAD_LENGTH, length, response) || !read_complete(request, response) ||
+        !read_rest(request, 0, length, response))
+        return false;
+    bool known = *length != UINT64_MAX, tus = !speaks_draft(request);
+    if (tus && ((defer && strcmp(defer, "1") != 0) || known == (defer != NULL))) {
         response_refuse(response, PROBLEM_MALFORMED_REQUEST,
                         "either Upload-Length or Upload-Defer-Length: 1 must be there");
         return false;
@@ -171,6 +239,7 @@ static bool read_length(struct service *service, const struct request *request, 
     if (!known || *length <= most) return true;
     upload_too_large(most, *length, &problem);
     response_problem(response, &problem);
+    put_limit(service, request, 0, response);
     return false;
 }
 
@@ -224,7 +293,7 @@ static bool admit_upload(struct service *service, struct request *request, struc
     struct uploads_check check;
     struct problem problem;
     if (is_final(request)) return admit_final(service, request, response);
-    if (!speaks_tus(request, response) || !handlers_takes_no_query(request, response) ||
+    if (!speaks_either(request, response) || !handlers_takes_no_query(request, response) ||
         !read_partial(request, &info, response) || !read_length(service, request, &info.length, response) ||
         !read_metadata(request, &info, response) || !read_check(request, &check, response) ||
         !handlers_has_room(service, request, info.length == UINT64_MAX ? 0 : info.length, false, response))
@@ -258,8 +327,8 @@ static bool admit_piece(struct service *service, struct request *request, struct
     struct uploads_check check;
     struct problem problem;
     uint64_t offset = UINT64_MAX, length = UINT64_MAX, most = (uint64_t)service->config->max_body_bytes;
-    if (!speaks_tus(request, response) || !handlers_takes_no_query(request, response) ||
-        !find_upload(service, request, &info, response) ||
+    if (!speaks_either(request, response) || !read_complete(request, response) ||
+        !handlers_takes_no_query(request, response) || !find_upload(service, request, &info, response) ||
         !read_number(request, HEADER_UPLOAD_OFFSET, &offset, response) ||
         !read_number(request, HEADER_UPLOAD_LENGTH, &length, response) || !read_check(request, &check, response) ||
         !has_room_for_piece(service, request, &info, length, response))
@@ -272,9 +341,14 @@ static bool admit_piece(struct service *service, struct request *request, struct
         response_refuse(response, PROBLEM_MALFORMED_REQUEST, "the header Upload-Offset is missing");
         return false;
     }
+    if (speaks_draft(request) && offset == info.offset) { /* another one is refused with what it should be */
+        if (length == UINT64_MAX) length = info.length;
+        if (!read_rest(request, offset, &length, response)) return false;
+    }
     if (length != UINT64_MAX && length > most) {
         upload_too_large(most, length, &problem);
         response_problem(response, &problem);
+        put_limit(service, request, 0, response);
         return false;
     }
     uint64_t bytes = (uint64_t)service->config->principal_bytes;
@@ -282,6 +356,7 @@ static bool admit_piece(struct service *service, struct request *request, struct
     if (!writer) {
         response_problem(response, &problem);
         response_header(response, "Upload-Offset", "%llu", (unsigned long long)info.offset);
+        put_limit(service, request, info.expires_ms, response);
         return false;
     }
     uint64_t whole = length != UINT64_MAX ? length : info.length;
@@ -355,6 +430,36 @@ static bool finish(struct service *service, struct catalog_upload *info, struct 
     return false;
 }
 
+/* The draft's last piece says that there is no more; the length that it made is noted, where it wasn't known. */
+static bool seal(struct service *service, struct catalog_upload *info, struct response *response) {
+    struct uploads_check check = {.whole = false};
+    struct problem problem;
+    int64_t expires_ms = job_now_ms() + service->config->upload_expiry_ms;
+    if (info->length == UINT64_MAX) {
+        struct uploads_writer *writer = uploads_resume(service->uploads, info->id, info->offset, info->offset, &check,
+                                                       (uint64_t)service->config->principal_bytes, &problem);
+        bool ok = writer && uploads_end(writer, expires_ms, info, &problem);
+        uploads_writer_free(writer);
+        if (!ok) response_problem(response, &problem);
+        return ok;
+    }
+    if (info->offset == info->length) return true;
+    response_refuse(response, PROBLEM_MALFORMED_REQUEST,
+                    "this was the last piece, but the upload has %llu bytes of %llu", (unsigned long long)info->offset,
+                    (unsigned long long)info->length);
+    return false;
+}
+
+/* Makes a cloud of what the last piece was the end of.  That it is none is said as of the whole, not of the piece. */
+static bool finish_last(struct service *service, const struct request *request, struct catalog_upload *info,
+                        struct response *response) {
+    if (!is_last(request)) return true;
+    if (speaks_draft(request) && !seal(service, info, response)) return false;
+    bool ok = finish(service, info, response);
+    if (!ok && speaks_draft(request) && response->status < 500) response_header(response, "Upload-Complete", "?1");
+    return ok;
+}
+
 /* The end of a piece.  false: the response says why. */
 static bool end_piece(struct service *service, struct request *request, struct catalog_upload *info,
                       struct response *response) {
@@ -371,7 +476,7 @@ static bool end_piece(struct service *service, struct request *request, struct c
         return false;
     }
     uint64_t has;
-    if (!is_over_share(service, info, &has)) return finish(service, info, response);
+    if (!is_over_share(service, info, &has)) return finish_last(service, request, info, response);
     response_limit(response, PROBLEM_RATE_LIMITED, "principal_bytes", (uint64_t)service->config->principal_bytes, has);
     return false;
 }
@@ -516,6 +621,7 @@ static void create_upload(struct service *service, struct request *request, stru
                                   : end_piece(service, request, &info, response);
     if (!made) return;
     put_document(&info, 201, response);
+    put_progress(service, request, &info, response);
     response_header(response, "Location", "%s/v1/uploads/%s", links_base(), info.id);
 }
 
@@ -524,8 +630,13 @@ const struct handler handlers_create_upload = {.admit = admit_upload, .run = cre
 static void continue_upload(struct service *service, struct request *request, struct response *response) {
     struct catalog_upload info;
     if (!end_piece(service, request, &info, response)) return;
-    response->status = 204;
-    put_state(&info, response);
+    if (speaks_draft(request) && is_last(request)) { /* as the answer to one that came in one piece */
+        put_document(&info, 200, response);
+    } else {
+        response->status = 204;
+        put_state(&info, response);
+    }
+    put_progress(service, request, &info, response);
 }
 
 const struct handler handlers_continue_upload = {.admit = admit_piece, .run = continue_upload};
@@ -535,8 +646,8 @@ const struct handler handlers_continue_upload = {.admit = admit_piece, .run = co
 /* Who asks with HEAD is about to go on: whoever wrote until now can't any more.  GET only looks. */
 static void get_upload(struct service *service, struct request *request, struct response *response) {
     struct catalog_upload info;
-    request->tus = true;
-    if ((request->head && !speaks_tus(request, response)) || !handlers_takes_no_query(request, response) ||
+    request->tus = !speaks_draft(request);
+    if ((request->head && !speaks_either(request, response)) || !handlers_takes_no_query(request, response) ||
         !find_upload(service, request, &info, response))
         return;
     struct error error = {0};
@@ -546,11 +657,12 @@ static void get_upload(struct service *service, struct request *request, struct 
     }
     if (!find_upload(service, request, &info, response)) return;
     uint64_t has;
-    if (!is_over_share(service, &info, &has) && !finish(service, &info, response)) return;
+    if (!speaks_draft(request) && !is_over_share(service, &info, &has) && !finish(service, &info, response)) return;
     put_document(&info, 200, response);
-    if (info.length == UINT64_MAX)
+    put_progress(service, request, &info, response);
+    if (info.length == UINT64_MAX && !speaks_draft(request))
         response_header(response, "Upload-Defer-Length", "1");
-    else
+    else if (info.length != UINT64_MAX)
         response_header(response, "Upload-Length", "%llu", (unsigned long long)info.length);
     if (info.metadata[0]) response_header(response, "Upload-Metadata", "%s", info.metadata);
 }
@@ -560,7 +672,7 @@ const struct handler handlers_get_upload = {.run = get_upload};
 static void delete_upload(struct service *service, struct request *request, struct response *response) {
     struct catalog_upload info;
     struct error error = {0};
-    if (!speaks_tus(request, response) || !handlers_takes_no_query(request, response) ||
+    if (!speaks_either(request, response) || !handlers_takes_no_query(request, response) ||
         !find_upload(service, request, &info, response) || !handlers_admit_match(request, NULL, response))
         return;
     if (uploads_delete(service->uploads, info.id, &error) == STATUS_OK)

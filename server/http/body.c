@@ -79,7 +79,8 @@ static bool refuse_type(const struct body_plan *plan, struct problem *problem) {
     char supported[PROBLEM_TEXT_BYTES];
     bool piece = plan->takes & BODY_PIECE;
     snprintf(supported, sizeof supported, "%s",
-             piece ? "application/offset+octet-stream" : "application/octet-stream,text/plain,model/ply");
+             piece ? "application/offset+octet-stream,application/partial-upload"
+                   : "application/octet-stream,text/plain,model/ply");
     size_t used = strlen(supported);
     snprintf(supported + used, sizeof supported - used, "%s%s", plan->takes & BODY_FORM ? ",multipart/form-data" : "",
              plan->takes & BODY_JSON ? ",application/json" : "");
@@ -91,7 +92,8 @@ static bool refuse_type(const struct body_plan *plan, struct problem *problem) {
 
 static bool choose_kind(struct body *body, struct problem *problem) {
     const struct body_plan *plan = &body->plan;
-    if (plan->takes & BODY_PIECE && is_type(plan->type, "application/offset+octet-stream"))
+    if (plan->takes & BODY_PIECE &&
+        (is_type(plan->type, "application/offset+octet-stream") || is_type(plan->type, "application/partial-upload")))
         body->kind = BODY_PIECE;
     else if (plan->takes & BODY_PIECE)
         return refuse_type(plan, problem);

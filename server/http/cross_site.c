@@ -23,16 +23,19 @@
 
 /* What a page's script may read of a response, beyond what the Fetch standard lets it. */
 static const char exposed[] =
-    "Accept-Ranges, Allow, Cache-Status, Content-Disposition, Content-Range, ETag, Job-Stats, Link, Location, "
+    "Accept-Patch, Accept-Ranges, Allow, Cache-Status, Content-Disposition, Content-Range, ETag, Job-Stats, Link, "
+    "Location, "
     "Preference-Applied, Repr-Digest, Retry-After, Server-Timing, Tus-Checksum-Algorithm, Tus-Extension, Tus-Max-Size, "
-    "Tus-Resumable, Tus-Version, Upload-Concat, Upload-Defer-Length, Upload-Expires, Upload-Length, Upload-Metadata, "
+    "Tus-Resumable, Tus-Version, Upload-Complete, Upload-Concat, Upload-Defer-Length, Upload-Draft-Interop-Version, "
+    "Upload-Expires, Upload-Length, Upload-Limit, Upload-Metadata, "
     "Upload-Offset, "
     "Whittle-Cloud, WWW-Authenticate, X-Request-Id";
 /* And what it may send. */
 static const char sent[] =
     "Accept, Authorization, Cache-Control, Content-Digest, Content-Encoding, Content-Type, Idempotency-Key, If-Match, "
     "If-None-Match, If-Range, Last-Event-ID, Prefer, Range, Repr-Digest, traceparent, Tus-Resumable, Upload-Checksum, "
-    "Upload-Concat, Upload-Defer-Length, Upload-Length, Upload-Metadata, Upload-Offset, X-HTTP-Method-Override, "
+    "Upload-Complete, Upload-Concat, Upload-Defer-Length, Upload-Draft-Interop-Version, Upload-Length, "
+    "Upload-Metadata, Upload-Offset, X-HTTP-Method-Override, "
     "X-Request-Id, X-Requested-With";
 _Static_assert(sizeof exposed <= RESPONSE_HEADER_BYTES && sizeof sent <= RESPONSE_HEADER_BYTES, "a header holds them");
 

@@ -215,8 +215,9 @@ def test_tus_js_client_in_parts_side_by_side(make_daemon, tmp_path, parts):
 
 
 @has_tus_js_client
-@pytest.mark.parametrize("chunk", ["", "200000"])
-def test_tus_js_client_cut_at_random_places(make_daemon, tmp_path, chunk):
+@pytest.mark.parametrize("protocol, chunk", [("tus-v1", ""), ("tus-v1", "200000"), ("ietf-draft-03", "200000"),
+                                             ("ietf-draft-05", ""), ("ietf-draft-05", "200000")])
+def test_tus_js_client_cut_at_random_places(make_daemon, tmp_path, protocol, chunk):
     daemon, chance = make_daemon(), random.Random(f"cut {chunk}")
     cloud = sphere(60000)
     (tmp_path / "cloud").write_bytes(cloud)
@@ -226,7 +227,8 @@ def test_tus_js_client_cut_at_random_places(make_daemon, tmp_path, chunk):
             daemon.kill()
             daemon.start()
     relay = Relay(daemon, [chance.randint(1, 300000) for _ in range(10)], each_cut)
-    url = run("node", NODE / "upload_tus.js", relay.url + "/v1/uploads", tmp_path / "cloud", chunk).decode().strip()
+    url = run("node", NODE / "upload_tus.js", relay.url + "/v1/uploads", tmp_path / "cloud", chunk, "",
+              protocol).decode().strip()
     assert url.startswith(relay.url + "/v1/uploads/") and relay.cuts >= 3
     upload = daemon.curl(url.removeprefix(relay.url)).json
     assert upload["cloud"] == f"/v1/clouds/{hashlib.sha256(cloud).hexdigest()}"

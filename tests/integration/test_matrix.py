@@ -503,6 +503,7 @@ CASES |= {
     ("createUpload", "507"): create_upload(*TUS, flags=("--min-free", "1000T")),
     ("getUpload", "200"): on_upload(*TUS),
     ("getUpload", "400"): on_upload(*TUS, query="?no_such_parameter=1"),
+    ("continueUpload", "200"): on_upload("-H", "Upload-Complete: ?1", data=SMALL),
     ("continueUpload", "204"): on_upload(*TUS, data=b"1 2 3\n"),
     ("continueUpload", "400"): on_upload(*TUS, data=b"1 2 3\n", query="?no_such_parameter=1"),
     ("continueUpload", "404"): lambda world, operation: world.daemon().post(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Resumable uploads: tus 1.0 by the letter, through cut connections, kills and restarts."""
+"""Resumable uploads: tus 1.0 and the IETF's draft by the letter, through cut connections, kills and restarts."""
 import base64
 import hashlib
 import http.client
@@ -346,7 +346,7 @@ def test_parts_outlive_kills_and_expire(make_daemon):
     partial(daemon, SMALL)
     assert daemon.stop() == 0
     daemon.start("--upload-expiry", "200ms")
-    short = partial(daemon, SMALL)
+    short = create(daemon, len(SMALL), *headers(Upload_Concat="partial"))
     wait_until(lambda: head(daemon, short).status == 404, "the part's end")
 
 
@@ -511,3 +511,109 @@ def test_lost_files_and_leftover_files(make_daemon):
     daemon.start()
     assert head(daemon, lost).status == 404 and offset_of(daemon, kept) == 0
     assert parts(daemon) == [kept.rsplit("/", 1)[1]]
+
+
+# ---------------------------------------------------------------------------------------------- the IETF's draft
+
+VERSION = ("-H", "Upload-Draft-Interop-Version: 8")
+MORE, LAST = ("-H", "Upload-Complete: ?0"), ("-H", "Upload-Complete: ?1")
+PARTIAL = ("-H", "Content-Type: application/partial-upload")
+
+
+def begin(daemon, data, *more):
+    reply = daemon.post("/v1/uploads", data, *VERSION, *more)
+    assert reply.status == 201 and "tus-resumable" not in reply.headers, reply.body
+    assert reply.headers["upload-draft-interop-version"] == "8"
+    return reply
+
+
+def append(daemon, path, offset, data, *more):
+    return daemon.post(path, data, *VERSION, *PARTIAL, *headers(Upload_Offset=offset), "-X", "PATCH", *more)
+
+
+def state_of(daemon, path):
+    """(offset, whether it is complete, length if it is known)"""
+    reply = daemon.curl(path, "-I", "-o", os.devnull, *VERSION)
+    assert reply.status == 200 and reply.headers["cache-control"] == "no-store" and not reply.body
+    assert "tus-resumable" not in reply.headers and "upload-defer-length" not in reply.headers
+    limits = dict(part.split("=") for part in reply.headers["upload-limit"].split(", "))
+    assert int(limits["max-size"]) == 2 << 30 and 0 < int(limits["max-age"]) <= 86400
+    length = reply.headers.get("upload-length")
+    return int(reply.headers["upload-offset"]), reply.headers["upload-complete"], length and int(length)
+
+
+def test_draft_in_one_piece(daemon):
+    reply = begin(daemon, SMALL, *LAST, "-H", "Content-Type: text/plain")
+    assert reply.headers["upload-complete"] == "?1" and reply.headers["whittle-cloud"] == f"/v1/clouds/{NAME}"
+    assert state_of(daemon, reply.headers["location"]) == (len(SMALL), "?1", len(SMALL))
+    assert daemon.curl(f"/v1/clouds/{NAME}/data").body == SMALL
+
+
+@pytest.mark.parametrize("told", ["length", "by the last piece", "in chunks"])
+def test_draft_in_pieces(daemon, told):
+    """Whether the length is told at first, by the last piece's own, or by its end."""
+    size = headers(Upload_Length=len(SMALL)) if told == "length" else ()
+    path = begin(daemon, b"", *MORE, *size).headers["location"]
+    for start in range(0, 3000, 1000):
+        assert state_of(daemon, path) == (start, "?0", len(SMALL) if size else None)
+        reply = append(daemon, path, start, SMALL[start:start + 1000], *MORE)
+        assert (reply.status, reply.headers["upload-complete"]) == (204, "?0"), reply.body
+        assert int(reply.headers["upload-offset"]) == start + 1000
+    chunked = ("-H", "Transfer-Encoding: chunked") if told == "in chunks" else ()
+    reply = append(daemon, path, 3000, SMALL[3000:], *LAST, *chunked)
+    assert (reply.status, reply.headers["upload-complete"]) == (200, "?1"), reply.body
+    assert reply.json["cloud"] == reply.headers["whittle-cloud"] == f"/v1/clouds/{NAME}"
+    assert state_of(daemon, path) == (len(SMALL), "?1", len(SMALL))
+    for data, refused in ((b"", (409, "offset-mismatch")), (b"x", (400, "malformed-request"))):
+        late = append(daemon, path, len(SMALL), data, *LAST)
+        assert (late.status, late.slug) == refused and "upload-complete" not in late.headers
+    assert daemon.curl(f"/v1/clouds/{NAME}/data").body == SMALL
+
+
+def test_draft_is_complete_when_its_client_says_so(daemon):
+    """Not where the length is there already; then an empty piece ends it."""
+    path = begin(daemon, SMALL, *MORE, *headers(Upload_Length=len(SMALL))).headers["location"]
+    assert state_of(daemon, path) == (len(SMALL), "?0", len(SMALL))
+    assert daemon.curl(f"/v1/clouds/{NAME}").status == 404
+    daemon.kill()
+    daemon.start()
+    assert state_of(daemon, path) == (len(SMALL), "?0", len(SMALL))
+    reply = append(daemon, path, len(SMALL), b"", *LAST)
+    assert (reply.status, reply.headers["upload-complete"]) == (200, "?1"), reply.body
+    assert daemon.curl(f"/v1/clouds/{NAME}").status == 200
+
+
+def test_draft_refuses_what_does_not_fit(daemon):
+    assert daemon.post("/v1/uploads", SMALL, *VERSION).slug == "malformed-request"
+    for value in ("1", "?2", "true", "?", "?10"):
+        assert daemon.post("/v1/uploads", SMALL, *VERSION, *headers(Upload_Complete=value)).slug == "malformed-request"
+    assert daemon.post("/v1/uploads", SMALL, *LAST, *headers(Upload_Length=5)).slug == "malformed-request"
+    path = begin(daemon, SMALL[:1000], *MORE, *headers(Upload_Length=len(SMALL))).headers["location"]
+    wrong = append(daemon, path, 0, SMALL[1000:], *LAST)
+    assert (wrong.status, wrong.slug) == (409, "offset-mismatch") and wrong.headers["upload-offset"] == "1000"
+    for data in (SMALL[1000:-1], SMALL[1000:] + b"x"):
+        assert append(daemon, path, 1000, data, *LAST).slug == "malformed-request"
+    short = append(daemon, path, 1000, SMALL[1000:-10], *LAST, "-H", "Transfer-Encoding: chunked")
+    assert short.slug == "malformed-request" and "upload-complete" not in short.headers
+    assert daemon.post(path, b"1", *MORE, *headers(Upload_Offset=len(SMALL) - 10, Content_Type="text/html"), "-X",
+                       "PATCH").status == 415
+    assert append(daemon, path, len(SMALL) - 10, SMALL[-10:], *LAST).status == 200
+    assert daemon.post("/v1/uploads", b"", *VERSION, *MORE, *headers(Upload_Length=3 << 40)).status == 413
+
+
+def test_draft_says_where_the_whole_is_what_is_wrong(daemon):
+    path = begin(daemon, b"ply\nformat ascii 1.0\n", *MORE).headers["location"]
+    reply = append(daemon, path, 21, b"element vertex x\n", *LAST)
+    assert (reply.status, reply.headers["upload-complete"]) == (422, "?1"), reply.body
+    assert daemon.curl(path, "-I", *VERSION).status == 404
+
+
+def test_draft_is_deleted_and_begun_where_it_belongs(daemon):
+    path = begin(daemon, SMALL[:10], *MORE).headers["location"]
+    assert daemon.curl(path, "-X", "DELETE", *VERSION).status == 204
+    assert daemon.curl(path, "-I", *VERSION).status == 404 and parts(daemon) == []
+    for target in ("/v1/clouds", "/v1/jobs", "/v1/simplify"):
+        assert daemon.post(target, SMALL, *VERSION, *MORE).slug == "malformed-request"
+        assert daemon.post(target, SMALL, *VERSION, *LAST).status < 300
+    options = daemon.curl("/v1/uploads", "-X", "OPTIONS").headers
+    assert "application/partial-upload" in options["accept-patch"] and options["upload-limit"] == f"max-size={2 << 30}"

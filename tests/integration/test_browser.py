@@ -1,14 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The pages for people in a real browser, Debian's chromium: nothing is loaded from elsewhere, nothing fails, everything
 is there and legible on a desk and in a hand.  `make test-contract` installs browser and driver."""
+import functools
+import hashlib
+import http.server
 import json
 import pathlib
 import re
 import shutil
 import subprocess
+import threading
 
 import pytest
 
+from conftest import SMALL
 
 NODE = pathlib.Path(__file__).parent.parent / "node"
 BROWSER = shutil.which("chromium")
@@ -68,3 +73,39 @@ def test_a_problems_page(daemon, tmp_path):
     seen = look(f"{daemon.url}/problems/would-exceed-memory", 400, tmp_path)
     only_from(seen, f"{daemon.url}/problems/would-exceed-memory")
     assert "Job would exceed its memory limit" in seen["page"]["headings"]
+
+
+@pytest.fixture(name="other_origin")
+def serve_another_origin(tmp_path):
+    """A page with the client beside it, and a field for a file, as anybody's own server would have them."""
+    folder = tmp_path / "site"
+    folder.mkdir()
+    shutil.copy(NODE.parent.parent / "api/javascript/whittle.js", folder)
+    (folder / "index.html").write_text("<!doctype html><title>a page</title><input type=file>")
+    handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=folder)
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+        thread.join()
+
+
+def test_the_javascript_client_in_a_page(make_daemon, tmp_path, other_origin):
+    """A file that somebody chose, in pieces, from another origin, with a token; then a job, a batch, arrays, problems."""
+    token = "0123456789abcdef" * 4
+    (tmp_path / "tokens").write_text(f"me:submit,read:{hashlib.sha256(token.encode()).hexdigest()}\n")
+    daemon = make_daemon("--tokens-file", tmp_path / "tokens", "--cors-origins", other_origin)
+    (tmp_path / "ball.xyz").write_bytes(SMALL)
+    done = subprocess.run(["node", NODE / "browser_client.js", BROWSER, other_origin + "/", daemon.url, token,
+                           tmp_path / "ball.xyz"], capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    seen = json.loads(done.stdout)
+    assert seen["errors"] == [] and seen["cloud"] == hashlib.sha256(SMALL).hexdigest()
+    assert seen["told"] == [[min(at, len(SMALL)), len(SMALL)] for at in range(0, len(SMALL) + 3000, 3000)]
+    assert seen["job"] == seen["seen"][-1] == seen["batch"] == "successful"
+    assert (seen["points"], seen["vertices"], seen["corners"]) == (150, 150, 3 * (2 * 150 - 4))
+    assert seen["kind"] == "Float64Array"  # of text
+    for name, status, slug in (("refused", 400, "invalid-parameter"), ("stranger", 401, "unauthorized"),
+                               ("deleted", 410, "job-gone")):
+        assert seen[name] == {"isProblem": True, "status": status, "type": f"/problems/{slug}"}

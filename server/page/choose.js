@@ -31,7 +31,7 @@ function diagonal() {
 // and back; and what it means.  Deviations are shares of the box's diagonal, written in the file's units once it is known.
 const GOALS = {
   ratio: {
-    label: "Share of the points, in percent", ends: () => [0.001, 1], first: 0.1,
+    label: "Share of the points, in percent", unit: "\u00a0%", ends: () => [0.001, 1], first: 0.1,
     write: (value) => 100 * value, read: (number) => number / 100,
     text: (value) => percent(value) + (cloud?.points ? `: ${count(Math.max(1, Math.floor(value * cloud.points)))} of ${count(cloud.points)} points` : ""),
   },
@@ -51,7 +51,7 @@ const round = (value) => Number(value.toPrecision(3));
 
 // Puts the slider and the number where the goal is; `writing` is the one that is just moved.
 function placeGoal(writing) {
-  const several = goal.name === "levels", { label, ends, write } = GOALS[goal.name] ?? GOALS.ratio, [low, high] = ends();
+  const several = goal.name === "levels", { label, ends, write, unit = "" } = GOALS[goal.name] ?? GOALS.ratio, [low, high] = ends();
   find("goal-one").hidden = several;
   find("goal-several").hidden = !several;
   if (several) return;
@@ -60,7 +60,7 @@ function placeGoal(writing) {
   find("goal-slider").setAttribute("aria-label", text);
   if (writing !== "goal-slider") find("goal-slider").value = Math.round(PLACES * Math.log(goal.value / low) / Math.log(high / low));
   if (writing !== "goal-number") find("goal-number").value = Number(write(goal.value).toPrecision(4));
-  const tick = (share) => figure(round(write(low * (high / low) ** share)));
+  const tick = (share) => `${figure(round(write(low * (high / low) ** share)))}${unit}`;
   find("goal-scale").replaceChildren(...[0, 1 / 3, 2 / 3, 1].map((share) => make("span", {}, tick(share))));
 }
 
@@ -158,7 +158,7 @@ export async function choose(described, params = {}) {
   if (!schema) await fillForm();
   const box = cloud.bounding_box, usual = cloud.points > MANY ? SMALL : USUAL;
   find("cloud-facts").replaceChildren(
-    fact("File", cloud.label || cloud.id.slice(0, 12)), fact("Format", cloud.format?.replace("/", ", ").replaceAll("_", " ") ?? "unknown"), fact("Size", bytes(cloud.bytes)),
+    fact("File", cloud.label || cloud.id.slice(0, 12)), fact("Format", cloud.format?.replace(/^[^/]+/, (name) => name.toUpperCase()).replace("/", ", ").replace(/_(little|big)_endian/, "").replaceAll("_", " ") ?? "unknown"), fact("Size", bytes(cloud.bytes)),
     fact("Points", cloud.points ? count(cloud.points) : "counted when it is read"),
     ...(cloud.properties ? [fact("Properties", cloud.properties.map((p) => p.name).join(", "))] : []),
     ...(box ? [fact("Box", box.max.map((high, i) => figure(high - box.min[i])).join(" × "))] : []));

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The jobs that there are, each with its picture.
 import { ask, askJson, base } from "./api.js";
-import { count, find, isolated, make, percent } from "./words.js";
+import { count, find, isolated, make, percent, together } from "./words.js";
 
 const PAGE = 24;
+const STATES = { accepted: "Waiting", running: "At work", successful: "Done", failed: "Failed", dismissed: "Cancelled" };
 let shown = [], next = null, actions = {};
 const cards = new Map(); // of jobs that are shown, as they were when these were made
 
@@ -25,7 +26,7 @@ function cardOf(job) {
       event.preventDefault();
       actions.open(job.id);
     } }, named),
-    make("p", { class: "note" }, `${job.status}. ${facts}`),
+    make("p", { class: "note" }, together(`${STATES[job.status] ?? job.status}${facts && ": "}${facts}`)),
     make("p", { class: "note" }, make("time", { datetime: job.created }, new Date(job.created).toLocaleString()))),
     make("div", { class: "row" },
       make("button", { type: "button", class: "quiet", "aria-label": `Run ${isolated(named)} again`, onclick: () => actions.again(job) }, "Again"),

@@ -43,8 +43,8 @@ function guessUp({ points, loaded = points.count }, size) {
   return footing(points.position, loaded, 1, size) > footing(points.position, loaded, 2, size) ? "y" : "z";
 }
 
-// The middle and the sides of the box around nearly all places (as core/picture/view.c has it): strays of a scan would make
-// all else small.
+// The middle and the sides of the box around nearly all places (as core/picture/view.c has it), and some of them: strays of
+// a scan would make all else small.
 function mostOf({ points: { position, count: n }, loaded = n }) {
   const step = Math.max(1, Math.ceil(loaded / 50000)), ends = [0, 1, 2].map((axis) => {
     const some = Float32Array.from({ length: Math.floor(loaded / step) }, (_, i) => position[3 * i * step + axis]).filter(Number.isFinite).sort();
@@ -52,7 +52,9 @@ function mostOf({ points: { position, count: n }, loaded = n }) {
     const at = (share) => some[Math.round(share * (some.length - 1))], [low, high, least, most] = [0.002, 0.998, 0, 1].map(at);
     return most - least <= 1.25 * (high - low) ? [least, most] : [low, high];
   });
-  return { middle: ends.map(([low, high]) => (low + high) / 2), size: ends.map(([low, high]) => high - low) };
+  const some = Array.from({ length: Math.min(loaded, 3000) }, (_, i, at = 3 * Math.floor(i * loaded / Math.min(loaded, 3000))) => position.subarray(at, at + 3));
+  return { middle: ends.map(([low, high]) => (low + high) / 2), size: ends.map(([low, high]) => high - low),
+    places: some.filter((place) => place.every(Number.isFinite)).flatMap((place) => [...place]) };
 }
 
 // Of the surface that points in a box are of, about.
@@ -86,7 +88,7 @@ function put(side, layer) {
   viewer.ask();
 }
 
-const NAMES = { own: "its own colours", plain: "one colour", distance: "deviation", dso: "shape operator", rgb: "colour" };
+const NAMES = { own: "own colours", plain: "one colour", distance: "deviation", dso: "shape operator", rgb: "colour" };
 const TITLES = { distance: "Deviation of each point, in the file's units", height: "Height, in the file's units",
   dso: "Discrete shape operator: how much the surface bends" };
 

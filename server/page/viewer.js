@@ -16,6 +16,7 @@ const SMOOTH = 1.5, MOST_PIXELS = 2; // pixels drawn for one of the device, and 
 const COARSEST = 0.5; // while it moves, where the device is slow
 const MOMENT_MS = 40, STILL_MS = 120, PIECE_MS = 100; // a picture while it moves; without a move, until all is drawn; a piece of that
 const FIRST = 100000, LEAST = 10000, MOST = 4000000; // points that are drawn at once: to begin with, at least, at most
+const STRAYS = 0.002, MARGIN = 1.08; // of places, at each side, that needn't be in the first picture; of the distance that all others need
 const LOOK_MS = 4; // between looks whether the device is done
 
 // Processors that draw without a graphics device work out each sine and both sides of each branch, but leave loops: so places
@@ -127,9 +128,9 @@ export class Viewer {
     canvas.addEventListener("webglcontextrestored", () => this.ask());
   }
 
-  // size: the box's sides, in the units of all positions; nearly: the middle and the sides of what nearly all of them are in;
-  // up: "x", "y" or "z"
-  frame(size, up, nearly = { middle: [0, 0, 0], size }) {
+  // size: the box's sides, in the units of all positions; nearly: the middle and the sides of what nearly all of them are
+  // in, and some of them; up: "x", "y" or "z"
+  frame(size, up, nearly = { middle: [0, 0, 0], size, places: [] }) {
     Object.assign(this, { size, nearly, radius: Math.hypot(...size) / 2 || 1 });
     this.turnUp(up);
     this.reset();
@@ -154,7 +155,24 @@ export class Viewer {
       distance: 1.55 * Math.hypot(...size) || 3.1 * this.radius });
     this.sides[0].root.updateMatrixWorld();
     this.sides[0].root.localToWorld(this.centre.set(...middle));
+    this.fit();
     this.ask();
+  }
+
+  // Puts what there is into the middle of the picture, and as near as all of it is seen, but strays.
+  fit() {
+    const { azimuth: a, elevation: e, camera, nearly: { places } } = this, [{ root }] = this.sides, n = places.length / 3;
+    if (n < 2) return;
+    const towards = new THREE.Vector3(Math.sin(a) * Math.cos(e), Math.sin(e), Math.cos(a) * Math.cos(e));
+    const right = new THREE.Vector3(Math.cos(a), 0, -Math.sin(a)), above = new THREE.Vector3().crossVectors(towards, right), seen = new THREE.Vector3();
+    const [x, y, z] = [right, above, towards].map((way) => Float32Array.from({ length: n }, (_, i) => way.dot(root.localToWorld(seen.fromArray(places, 3 * i)).sub(this.centre))));
+    const among = (values, share) => Float32Array.from(values).sort()[Math.round(share * (n - 1))];
+    const [across, along] = [x, y].map((values) => (among(values, STRAYS) + among(values, 1 - STRAYS)) / 2);
+    this.lens(this.parts()[0].view);
+    const high = this.spread() / 2, wide = high * camera.aspect;
+    const far = x.map((_, i) => Math.max(Math.abs(x[i] - across) / wide, Math.abs(y[i] - along) / high) + z[i]);
+    this.distance = MARGIN * among(far, 1 - STRAYS) || this.distance;
+    this.centre.addScaledVector(right, across).addScaledVector(above, along);
   }
 
   // Draws soon, once.

@@ -576,15 +576,17 @@ endif
 
 # Everything of the contract, with what it wants of others: linters, a validating proxy and a client from npm, a
 # browser, nginx, wget.
-contract_tests := contract matrix description generated python_client javascript_client join attributes recipes browser clients prefix proxy clouds uploads \
+contract_tests := contract matrix description generated python_client javascript_client join batches attributes recipes browser clients prefix proxy clouds uploads \
                   formats levels preview cache idempotency webhooks access config cli memory
 .PHONY: test-contract
-test-contract: deps ## the whole contract, held by linters, a validating proxy, browser, proxies and clients of others
+test-contract: deps ## the whole contract, held by linters, a validating proxy, browser, proxies and clients of others -> out/clients.md
 	@deploy/deps.sh $(contract_packages)
 	@$(MAKE) --no-print-directory -j$$(nproc) all tests
 	@cd tests/node && npm ci --no-audit --no-fund --ignore-scripts
-	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -n 2 -p no:cacheprovider \
-	    $(contract_tests:%=tests/integration/test_%.py)
+	@failed=0; mkdir -p out; \
+	WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -n 2 -p no:cacheprovider --junitxml=out/contract.xml \
+	    -o junit_logging=system-out $(contract_tests:%=tests/integration/test_%.py) || failed=1; \
+	$(PYTHON) tests/tools/clients.py out/contract.xml && exit $$failed
 
 page_packages := chromium nginx-light openssl $(if $(shell command -v npm),,nodejs npm)
 .PHONY: test-page

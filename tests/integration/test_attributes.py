@@ -12,6 +12,9 @@ import pytest
 
 from test_cli import whittle
 
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+NODE = ROOT / "tests/node"
+
 # One cloud by what programs call it: name, value of each of three points.
 POINTS = {"x": (1, 4, 7), "y": (2, 5, 8), "z": (3, 6, 9.5), "nx": (0, 0, 1), "ny": (0, 1, 0), "nz": (1, 0, 0),
           "red": (10, 40, 70), "green": (20, 50, 80), "blue": (30, 60, 90), "intensity": (5, 6, 7),
@@ -95,7 +98,7 @@ def test_numbers_that_glb_would_round_are_left_out_and_told(tmp_path):
 PTX = "3\n1\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n" + "".join(
     f"{x} {y} {z} {i} {r} {g} {b}\n" for x, y, z, i, r, g, b in zip(*(
         POINTS[n] for n in ("x", "y", "z")), (0.25, 0.5, 0.75), *(POINTS[n] for n in ("red", "green", "blue"))))
-E57 = pathlib.Path(__file__).resolve().parents[1] / "fixtures/valid/e57-all-kinds/input.e57"
+E57 = ROOT / "tests/fixtures/valid/e57-all-kinds/input.e57"
 
 
 @pytest.mark.parametrize("second", ("ply", "pcd", "xyz", "las"))
@@ -184,18 +187,33 @@ def test_pcl_has_every_attribute(tmp_path, first):
         assert found[name] == pytest.approx(values, abs=1e-4), name
 
 
+def columns_of_cloudcompare(path, folder):
+    subprocess.run(["CloudCompare", "-SILENT", "-AUTO_SAVE", "OFF", "-C_EXPORT_FMT", "ASC", "-ADD_HEADER", "-SEP",
+                    "SPACE", "-PREC", "6", "-O", path, "-MERGE_CLOUDS", "-SAVE_CLOUDS", "FILE", folder / "out.asc"],
+                   check=True, capture_output=True, env={"QT_QPA_PLATFORM": "offscreen", "HOME": str(folder),
+                                                         "PATH": "/usr/bin:/bin"})
+    names, *lines = next(folder.glob("out.asc*")).read_text().splitlines()  # out.asc_0 of several
+    return dict(zip(names.lstrip("/").split(), zip(*(map(float, line.split()) for line in lines))))
+
+
+@pytest.mark.skipif(not shutil.which("CloudCompare"), reason="CloudCompare isn't installed")
+@pytest.mark.parametrize("name", ["ptx-pose", "ptx-two-scans"])
+def test_ptx_is_read_as_cloudcompare_reads_it(tmp_path, name):
+    """Places, which the scanner's pose moves, of the points that it saw."""
+    shutil.copy(ROOT / "tests/fixtures/valid" / name / "input.ptx", tmp_path / "scan.ptx")
+    theirs, ours = columns_of_cloudcompare(tmp_path / "scan.ptx", tmp_path), read(tmp_path / "scan.ptx")
+    assert len(ours["x"]) > 2
+    for axis in "xyz":
+        assert sorted(ours[axis]) == pytest.approx(sorted(theirs[axis.upper()]), abs=1e-5), axis
+
+
 @pytest.mark.skipif(not shutil.which("CloudCompare"), reason="CloudCompare isn't installed")
 @pytest.mark.parametrize("first", FORMATS)
 def test_cloudcompare_has_colours_normals_and_intensity(tmp_path, first):
     scan = make(tmp_path / "scan.ply", {})
     assert whittle("convert", scan, tmp_path / f"one.{first}", *HEADER).returncode == 0
     assert whittle("convert", tmp_path / f"one.{first}", tmp_path / "two.ply", "--force").returncode == 0
-    subprocess.run(["CloudCompare", "-SILENT", "-AUTO_SAVE", "OFF", "-C_EXPORT_FMT", "ASC", "-ADD_HEADER", "-SEP",
-                    "SPACE", "-PREC", "6", "-O", tmp_path / "two.ply", "-SAVE_CLOUDS", "FILE", tmp_path / "out.asc"],
-                   check=True, capture_output=True, env={"QT_QPA_PLATFORM": "offscreen", "HOME": str(tmp_path),
-                                                         "PATH": "/usr/bin:/bin"})
-    names, *lines = (tmp_path / "out.asc").read_text().splitlines()
-    found = dict(zip(names.lstrip("/").split(), zip(*(map(float, line.split()) for line in lines))))
+    found = columns_of_cloudcompare(tmp_path / "two.ply", tmp_path)
     others = {"x": "X", "y": "Y", "z": "Z", "red": "R", "green": "G", "blue": "B", "nx": "Nx", "ny": "Ny", "nz": "Nz",
               "intensity": "intensity"}
     for name, other in others.items():
@@ -215,6 +233,94 @@ def test_open3d_has_colours_and_normals(tmp_path, first):
             assert [p[axis] for p in cloud.points] == pytest.approx(POINTS[place])
             assert [n[axis] for n in cloud.normals] == pytest.approx(POINTS[normal], abs=1e-6)
             assert [255 * c[axis] for c in cloud.colors] == pytest.approx(POINTS[colour], abs=1e-3)
+
+
+# Readers of browsers: which formats, and what each has of a point, by which name; colours of three.js are linear.
+OWN = ("intensity", "classification", "gps_time", "label")
+BY_THREE = {"position": ("x", "y", "z"), "normal": ("nx", "ny", "nz"), "color": ("red", "green", "blue")}
+BY_LOADERS = {"POSITION": ("x", "y", "z"), "NORMAL": ("nx", "ny", "nz"), "COLOR_0": ("red", "green", "blue")}
+
+
+def own(form="{}", names=OWN):
+    return {form.format(name): (name,) for name in names}
+
+
+READERS = {
+    ("three", "ply"): BY_THREE | own(), ("three", "pcd"): BY_THREE | own(names=("intensity", "label")),
+    ("three", "glb"): BY_THREE | own("_{}"), ("three", "obj"): BY_THREE, ("three", "stl"): {"position": ("x", "y", "z")},
+    ("loaders.gl", "ply"): BY_LOADERS | own(),
+    # It takes the label for the colour.
+    ("loaders.gl", "pcd"): {name: BY_LOADERS[name] for name in ("POSITION", "NORMAL")},
+    ("loaders.gl", "las"): {name: BY_LOADERS[name] for name in ("POSITION", "COLOR_0")} |
+                           own(names=("intensity", "classification")),
+    ("loaders.gl", "glb"): BY_LOADERS | {f"_{name.upper()}": (name,) for name in OWN},
+    ("loaders.gl", "obj"): {name: BY_LOADERS[name] for name in ("POSITION", "NORMAL", "COLOR_0")},
+}
+READERS["loaders.gl", "laz"] = READERS["loaders.gl", "las"]
+
+
+def needs_npm(package):
+    return pytest.mark.skipif(not shutil.which("node") or not (NODE / "node_modules" / package).exists(),
+                              reason="node, or what make test-contract installs into tests/node, is not there")
+
+
+def read_by(who, *paths):
+    done = subprocess.run(["node", NODE / "read_cloud.mjs", who, *paths], capture_output=True, text=True, check=False,
+                          timeout=300)
+    assert done.returncode == 0, done.stderr
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def bytes_of_colour(who, kind, value):
+    """A colour as the reader has it, as a byte: three.js makes all linear, GLB's are, in 16 bits."""
+    if who == "three":
+        return 255 * from_linear(value)
+    return {"glb": lambda v: 255 * from_linear(v / 65535), "obj": lambda v: 255 * v}.get(kind, lambda v: v)(value)
+
+
+@needs_npm("@loaders.gl/core")
+@pytest.mark.parametrize("who, kind", READERS)
+def test_readers_of_browsers_have_what_every_format_had(tmp_path, who, kind):
+    """From each format that holds all into this one; STL's corners alone come as they are."""
+    cloud = (who, kind) in READERS and kind in FORMATS
+    sources = [(make(tmp_path / "scan.ply", {}), "cloud", FORMATS)] if cloud else []
+    if kind in MESHES:
+        sources.append((make_mesh(tmp_path / "mesh.ply"), "mesh", ("ply", "glb", "obj")))
+    paths = []
+    for source, what, firsts in sources:
+        for first in firsts:
+            between, out = tmp_path / f"{what}.by.{first}", tmp_path / f"{what}.{first}.{kind}"
+            for step in ((source, between, *HEADER), (between, out)):
+                done = whittle("convert", *step)
+                assert done.returncode == 0, done.stderr
+            paths.append(out)
+    for path, found in zip(paths, read_by(who, *paths), strict=True):
+        held = SHOWN if ".obj." in path.name else tuple(POINTS)  # by what was between
+        for theirs, names in READERS[who, kind].items():
+            if not set(names) <= {"x", "y", "z", *held}:
+                continue
+            columns = list(zip(*found["attributes"][theirs]))
+            for name, column in zip(names, columns):
+                if name in ("red", "green", "blue"):
+                    column = [bytes_of_colour(who, kind, value) for value in column]
+                assert column == pytest.approx(POINTS[name], abs=0.02 if name in SHOWN else 1e-6), (path, name)
+        assert not path.name.startswith("mesh") or kind == "obj" or found["corners"] == 3
+
+
+@needs_npm("web-e57")
+@pytest.mark.parametrize("name", ["bunnyDouble", "bunnyInt19", "tinyCartesianFloatRgb", "tiny_spherical"])
+def test_e57_is_read_as_others_read_it(tmp_path, name):
+    path = ROOT.parent / "shared/data/e57" / f"{name}.e57"
+    if not path.exists():
+        pytest.skip("../shared/data/e57 isn't there")
+    theirs = read_by("web-e57", path)[0]["attributes"]
+    assert whittle("convert", path, tmp_path / "ours.xyz", *HEADER, "--colours", "keep").returncode == 0
+    found = read(tmp_path / "ours.xyz")
+    assert len(found["x"]) == len(theirs["POSITION"]) > 100
+    for name_of, column in zip("xyz", zip(*theirs["POSITION"])):
+        assert found[name_of] == pytest.approx(column, rel=1e-6, abs=1e-6)
+    for name_of, column in zip(("red", "green", "blue"), zip(*theirs["COLOR_0"])):
+        assert found[name_of] == pytest.approx(column, abs=1)
 
 
 def test_glb_has_colours_and_normals_by_its_own_names(tmp_path):

@@ -135,12 +135,22 @@ static bool is_float(const char *name) {
     return false;
 }
 
+/* Whether uint32, which labels are in that library, holds each of the field's values. */
+static bool are_labels(const struct points *points, const struct field *field) {
+    for (size_t i = 0; i < points->n; i++) {
+        double value = pcd_value_of(points, field, i);
+        if (!(value >= 0 && value <= UINT32_MAX && value == floor(value))) return false;
+    }
+    return true;
+}
+
 static void narrow(const struct points *points, struct layout *layout, struct left_out *left_out) {
     double worst = 0, far[3];
     pcd_choose_origin(points->cloud, far);
     for (size_t j = 0; j < layout->count; j++) {
         struct field *field = &layout->field[j];
         int axis = field->from ? cloud_axis_of(points->cloud, (size_t)(field->from - points->cloud->property)) : -1;
+        if (field->from && strcmp(field->name, "label") == 0 && are_labels(points, field)) field->type = SCALAR_UINT32;
         if (!field->from || field->type == SCALAR_FLOAT32 || (axis < 0 && !is_float(field->name))) continue;
         field->type = SCALAR_FLOAT32;
         double error = rounding_error(points, field);

@@ -17,9 +17,10 @@
  * the first of them.  Lists are left out.  The cloud's comments become comments, a viewpoint among them the viewpoint.
  *
  * With PCD_DOUBLE all keep their types.  With PCD_FLOAT, which is what that library, Open3D and loaders.gl read, x, y,
- * z, the normal, curvature and intensity are float32.  Coordinates that would lose by it because they lie far from 0
- * are around an origin then, which a comment tells ("# origin X Y Z is to be added to x y z") and cloud_pcd_read adds;
- * so is the viewpoint.  The origin and the largest rounding error go to left_out.
+ * z, the normal, curvature and intensity are float32, and labels uint32 where it holds all of them.  Coordinates that
+ * would lose by it because they lie far from 0 are around an origin then, which a comment tells ("# origin X Y Z is to
+ * be added to x y z") and cloud_pcd_read adds; so is the viewpoint.  The origin and the largest rounding error go to
+ * left_out.
  *
  * ids are n ids < cloud->count; NULL stands for 0 .. n-1.  fd stays open and isn't synced.  What can't be held goes to
  * left_out (may be NULL) under "cloud.pcd".  STATUS_IO, STATUS_NO_MEMORY.  O(n). */

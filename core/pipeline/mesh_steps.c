@@ -241,8 +241,11 @@ enum status pipeline_delaunay(struct run *run) {
 /* ------------------------------------------------------------------------------------------------ which side */
 
 static enum status orient(struct run *run, bool field, struct mesh *mesh) {
-    static const char *const names[] = {
-        [SIDE_NORMALS] = "normals", [SIDE_VIEW] = "viewpoint", [SIDE_UP] = "upwards", [SIDE_OUT] = "outwards"};
+    static const char *const names[] = {[SIDE_NORMALS] = "normals",
+                                        [SIDE_VIEW] = "viewpoint",
+                                        [SIDE_UP] = "upwards",
+                                        [SIDE_SIGHT] = "inwards",
+                                        [SIDE_OUT] = "outwards"};
     vec3 *normal = NULL;
     struct sheet_sides sides = {.up = field ? run->surface.up : (vec3){0, 0, 1}, .field = field};
     struct views views = {0};

@@ -166,6 +166,43 @@ def test_normals_say_which_side_is_in_front(scans, tmp_path):
     assert report["mesh"]["volume"] < 0 < plain["mesh"]["volume"]
 
 
+def triangles_of(path):
+    """Corners of each triangle of an OBJ."""
+    lines = [line.split() for line in path.read_text(encoding="ascii").splitlines()]
+    vertices = [tuple(map(float, words[1:4])) for words in lines if words and words[0] == "v"]
+    return [[vertices[int(word.split("/")[0]) - 1] for word in words[1:]] for words in lines
+            if words and words[0] == "f"]
+
+
+def facing(triangles, place):
+    """Share of the area that faces a place."""
+    towards = total = 0
+    for a, b, c in triangles:
+        u, v = [q - p for p, q in zip(a, b)], [q - p for p, q in zip(a, c)]
+        normal = u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
+        area, middle = math.hypot(*normal) / 2, [sum(x) / 3 for x in zip(a, b, c)]
+        total += area
+        towards += area if sum(n * (p - m) for n, p, m in zip(normal, place, middle)) > 0 else 0
+    return towards / total
+
+
+@pytest.mark.parametrize("board, inwards", [(1.5, True), (-1.0, False), (None, False)])
+def test_walls_face_what_stands_before_them(tmp_path, board, inwards):
+    """Three walls and the floor, and a board within, behind one of the walls, or none."""
+    draw = random.Random(7)
+    middle = 2, 1.5, 1.2
+    points = [room(draw) for _ in range(12000)]
+    points += [(1 + 2 * draw.random(), board, 0.4 + 1.6 * draw.random()) for _ in range(1600) if board]
+    scan = tmp_path / "room.xyz"
+    scan.write_text("".join("%.6f %.6f %.6f\n" % point for point in points), encoding="ascii")
+    report, _ = run(scan, tmp_path / "out", "--surface", "open", "--ratio", "0.2")
+    subprocess.run([WHITTLE, "convert", tmp_path / "out/mesh.ply", tmp_path / "mesh.obj"], check=True)
+    walls = [t for t in triangles_of(tmp_path / "mesh.obj") if not all(0.3 < z < 2.1 and 0.9 < x < 3.1 and
+                                                                          0.2 < abs(y) < 2.9 for x, y, z in t)]
+    assert report["surface"]["orientation"] == ("outwards" if board is None else "inwards")
+    assert facing(walls, middle) > 0.99 if inwards else facing(walls, middle) < 0.01
+
+
 def test_order_says_what_the_surface_goes_through(scans, tmp_path):
     """A sphere has no walls to lose: auto is simplify-first."""
     made = {}

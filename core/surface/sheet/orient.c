@@ -12,9 +12,13 @@
 #include "core/cloud/cloud.h"
 #include "core/mesh/halfedge.h"
 #include "core/mesh/submesh.h"
+#include "core/surface/sheet/sight.h"
 
 enum { SIDES = SIDE_OUT + 1, TURNED_LEAST = 50 /* triangles of a part that is cut off */ };
-static const double AGREE[SIDES] = {0.5, 0.5, 0.3, 0}; /* sum of the votes by the sum of their sizes */
+static const double AGREE[SIDES] = {0.5, 0.5, 0.3, 0.5, 0}; /* sum of the votes by the sum of their sizes */
+static const double SEES = 0.02, AMID = 0.2; /* of what is seen from a side: others; where it stands amid them */
+static const double CLEARLY = 0.85; /* likewise: a table sees the floor, but walls too, a ceiling nothing above it */
+static const double GROUND = 0.5;   /* area of terrain that faces up, less what faces down: rooms have less */
 
 struct votes {
     double sum[SIDES], size[SIDES];
@@ -51,12 +55,17 @@ static void vote_all(const struct mesh *mesh, const struct sheet_sides *sides, s
     votes->middle = vec3_add(votes->middle, vec3_scale(middle, size));
 }
 
-/* Of the others' sizes a wall's is nothing, so upwards counts by the area. */
-static enum sheet_side choose(const struct votes *votes) {
-    for (enum sheet_side side = SIDE_NORMALS; side < SIDE_OUT; side++) {
-        double size = side == SIDE_UP ? votes->area : votes->size[side];
-        if (size > 0 && fabs(votes->sum[side]) > AGREE[side] * size) return side;
-    }
+static bool agrees(const struct votes *votes, enum sheet_side side, double least) {
+    /* Of the others' sizes a wall's is nothing, so upwards counts by the area. */
+    double size = side == SIDE_UP ? votes->area : votes->size[side];
+    return size > 0 && fabs(votes->sum[side]) > least * size;
+}
+
+/* within: what was scanned is a room, whose ceiling faces down. */
+static enum sheet_side choose(const struct votes *votes, bool within) {
+    if (within && agrees(votes, SIDE_SIGHT, CLEARLY)) return SIDE_SIGHT;
+    for (enum sheet_side side = SIDE_NORMALS; side < SIDE_OUT; side++)
+        if (agrees(votes, side, AGREE[side])) return side;
     return SIDE_OUT;
 }
 
@@ -74,20 +83,39 @@ static enum status find_oriented_components(const struct mesh *mesh, bool as_one
     return status;
 }
 
+/* What a component sees of others is before it.  Where it sees them from both sides, it stands amid them, and that side
+ * from which one sees farther is in front. */
+static void vote_by_sight(const struct sight sight[2], struct votes *votes) {
+    double front = sight[SIGHT_FRONT].others, back = sight[SIGHT_BACK].others;
+    bool amid = fmin(front, back) > AMID;
+    double more = amid ? sight[SIGHT_FRONT].depth - sight[SIGHT_BACK].depth : front - back;
+    double all = amid ? sight[SIGHT_FRONT].depth + sight[SIGHT_BACK].depth : front + back;
+    if (!amid && fmax(front, back) < SEES) return;
+    votes->sum[SIDE_SIGHT] = more / all;
+    votes->size[SIDE_SIGHT] = amid ? fabs(more / all) : 1;
+}
+
+/* sight: NULL where something else is known. */
 static enum sheet_side turn(struct mesh *mesh, const struct sheet_sides *sides, const uint32_t *component,
-                            struct votes *votes) {
+                            const struct sight (*sight)[2], struct votes *votes) {
     double by[SIDES] = {0};
     enum sheet_side most = SIDE_NORMALS;
+    size_t largest = 0;
     for (size_t t = 0; t < mesh->triangle_count; t++) vote_all(mesh, sides, t, &votes[component[t]]);
     for (size_t t = 0; t < mesh->triangle_count; t++) {
         struct votes *own = &votes[component[t]];
         vec3 away = vec3_sub(middle_of(mesh, t), vec3_scale(own->middle, 1 / own->area));
         vote(own, SIDE_OUT, vec3_dot(mesh_triangle_normal(mesh, t), away));
     }
+    for (size_t c = 0; c < mesh->triangle_count; c++) {
+        if (sight) vote_by_sight(sight[c], &votes[c]);
+        if (votes[c].area > votes[largest].area) largest = c;
+    }
+    bool within = sight && agrees(&votes[largest], SIDE_SIGHT, CLEARLY) && !agrees(&votes[largest], SIDE_UP, GROUND);
     for (size_t t = 0; t < mesh->triangle_count; t++) {
         const struct votes *own = &votes[component[t]];
         uint32_t *v = mesh->triangle[t], second = v[1];
-        enum sheet_side side = choose(own);
+        enum sheet_side side = choose(own, within);
         by[side] += vec3_length(mesh_triangle_normal(mesh, t));
         if (own->sum[side] < 0) v[1] = v[2], v[2] = second;
     }
@@ -97,12 +125,16 @@ static enum sheet_side turn(struct mesh *mesh, const struct sheet_sides *sides, 
 }
 
 enum status sheet_orient(struct mesh *mesh, const struct sheet_sides *sides, unsigned threads, enum sheet_side *side) {
-    uint32_t *component = alloc_array(mesh->triangle_count, sizeof *component);
-    struct votes *votes = alloc_zeroed(mesh->triangle_count, sizeof *votes);
-    enum status status = component && votes ? STATUS_OK : STATUS_NO_MEMORY;
+    bool told = sides->normal || sides->viewed || sides->views || sides->field;
+    size_t n = mesh->triangle_count;
+    uint32_t *component = alloc_array(n, sizeof *component);
+    struct votes *votes = alloc_zeroed(n, sizeof *votes);
+    struct sight(*sight)[2] = told ? NULL : alloc_array(n, sizeof *sight);
+    enum status status = component && votes && (sight || told) ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) status = find_oriented_components(mesh, sides->field, threads, component);
-    if (!status) *side = turn(mesh, sides, component, votes);
-    free(component), free(votes);
+    if (!status && !told) status = sight_find(mesh, component, threads, sight);
+    if (!status) *side = turn(mesh, sides, component, (const struct sight(*)[2])sight, votes);
+    free(component), free(votes), free(sight);
     return status;
 }
 

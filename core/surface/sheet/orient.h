@@ -18,7 +18,7 @@ struct sheet_sides {
     bool field;        /* one sheet over the plane normal to up: turned as a whole */
 };
 
-enum sheet_side { SIDE_NORMALS, SIDE_VIEW, SIDE_UP, SIDE_OUT };
+enum sheet_side { SIDE_NORMALS, SIDE_VIEW, SIDE_UP, SIDE_SIGHT, SIDE_OUT };
 
 /* Cuts a mesh where a part of it that faces away from the given normals, or else from the view, is joined to one that
  * doesn't: points were seen from in front, so the surface that joins them there is none.  Nothing is done where neither
@@ -26,8 +26,10 @@ enum sheet_side { SIDE_NORMALS, SIDE_VIEW, SIDE_UP, SIDE_OUT };
 enum status sheet_part_turned(struct mesh *mesh, const struct sheet_sides *sides, unsigned threads) MUST_CHECK;
 
 /* Turns each component of the mesh (manifold, oriented) to face as the given normals do, else to the view, where most
- * of its area agrees on it; else upwards where it faces up or down mostly; else away from its middle.  *side is what
- * the largest part of the area was turned by.  O(triangles).  STATUS_NO_MEMORY. */
+ * of its area agrees on it; else upwards where it faces up or down mostly; else to what it sees of other components
+ * (sight.h), as walls do to what stands in a room; else away from its middle.  Where the largest one of all faces what
+ * it sees, others do before they face upwards.  *side is what the largest part of the area was turned by. O(triangles).
+ * STATUS_NO_MEMORY. */
 enum status sheet_orient(struct mesh *mesh, const struct sheet_sides *sides, unsigned threads,
                          enum sheet_side *side) MUST_CHECK;
 

@@ -26,7 +26,11 @@ static enum status select_clouds(struct catalog *catalog, const char *text, cons
 static enum status put(struct pq_link *link, const struct catalog_cloud *record, uint64_t principal_bytes,
                        struct error *error) {
     int64_t known = 0;
-    enum status status = catalog_postgres_check_bytes(link, record->principal, 0, 0, error); /* locks what it has */
+    /* The row before what the principal has (usage): in the order in which the end of clouds takes them. */
+    enum status status = pq_run(link, "SELECT 1 FROM clouds WHERE sha256 = $1 AND principal = $2 FOR UPDATE",
+                                VALUES(T(record->sha256), T(record->principal)), NULL, error);
+    if (status == STATUS_OK)
+        status = catalog_postgres_check_bytes(link, record->principal, 0, 0, error); /* locks what it has */
     if (status == STATUS_OK)
         status = pq_number(link, "SELECT count(*) FROM clouds WHERE sha256 = $1 AND principal = $2",
                            VALUES(T(record->sha256), T(record->principal)), &known, error);

@@ -623,7 +623,11 @@ static enum status delete_rows(struct catalog_postgres *postgres, struct pq_link
                                 "reason = excluded.reason, at = excluded.at, principal = excluded.principal",
                                 VALUES(T(id), T(reason)), deleted, error);
     if (status != STATUS_OK || !*deleted) return status;
-    status = pq_run(link, "DELETE FROM outputs WHERE job = $1", VALUES(T(id)), NULL, error);
+    /* Its batch before what its principal has (usage): in the order in which the end of another of its jobs takes them.
+     */
+    status = pq_run(link, "SELECT 1 FROM batches WHERE id = (SELECT batch FROM jobs WHERE id = $1) FOR UPDATE",
+                    VALUES(T(id)), NULL, error);
+    if (status == STATUS_OK) status = pq_run(link, "DELETE FROM outputs WHERE job = $1", VALUES(T(id)), NULL, error);
     if (status == STATUS_OK) status = pq_run(link, "DELETE FROM jobs WHERE id = $1", VALUES(T(id)), deleted, error);
     if (status == STATUS_OK) status = pq_run(link, "DELETE FROM outbox WHERE job = $1", VALUES(T(id)), NULL, error);
     if (status == STATUS_OK) /* what an attempt that was lost puts until then */

@@ -310,6 +310,11 @@ enum status catalog_find_upload(struct catalog *catalog, const char *id, struct 
     return catalog->backend->find_upload(catalog, id, upload, found, error);
 }
 
+enum status catalog_find_final(struct catalog *catalog, const char *principal, const char *concat,
+                               struct catalog_upload *upload, bool *found, struct error *error) {
+    return catalog->backend->find_final(catalog, principal, concat, upload, found, error);
+}
+
 enum status catalog_seize_upload(struct catalog *catalog, const char *id, const char *token, uint64_t offset,
                                  uint64_t length, uint64_t principal_bytes, struct catalog_upload *upload, bool *seized,
                                  struct error *error) {

@@ -379,6 +379,10 @@ enum status catalog_open_upload(struct catalog *catalog, const struct catalog_up
 enum status catalog_find_upload(struct catalog *catalog, const char *id, struct catalog_upload *upload, bool *found,
                                 struct error *error) MUST_CHECK;
 
+/* The principal's upload with this concat, if it is whole; the oldest of several. */
+enum status catalog_find_final(struct catalog *catalog, const char *principal, const char *concat,
+                               struct catalog_upload *upload, bool *found, struct error *error) MUST_CHECK;
+
 /* Makes token the one who writes, at this offset (UINT64_MAX = wherever it is), and sets a length that wasn't known
  * (UINT64_MAX = leaves it).  *upload is the row as it is then; *seized false: its offset or its length is another one,
  * it is a cloud already, or it isn't there (upload->id ""), and nothing was done.  STATUS_LIMIT as above. */
@@ -400,7 +404,7 @@ enum status catalog_add_piece(struct catalog *catalog, const char *id, const cha
 enum status catalog_list_pieces(struct catalog *catalog, const char *id, uint64_t offset, struct catalog_piece *pieces,
                                 size_t max, size_t *count, struct error *error) MUST_CHECK;
 
-/* It is a cloud now, and has no pieces any more. */
+/* It is a cloud now, and has no pieces any more; nothing where it has become one before, or is gone. */
 enum status catalog_complete_upload(struct catalog *catalog, const char *id, const char *cloud,
                                     struct error *error) MUST_CHECK;
 

@@ -7,7 +7,7 @@
  *
  * A partial upload (Upload-Concat: partial) becomes no cloud.  A final one is made of partial ones that are whole, by
  * this request: their bytes are put one behind the other into an upload of its own, which becomes a cloud, and then
- * they go.
+ * they go.  Who asks again for what is made of the same parts gets the same upload, for the first answer may be lost.
  *
  * A request is the draft's where it has one of its headers, and not tus's.  There the client says which piece is the
  * last one (Upload-Complete: ?1); until then an upload that has its length is no cloud.
@@ -382,7 +382,7 @@ static bool make_cloud(struct service *service, struct catalog_upload *info, str
     struct upload_facts facts = {0};
     struct error ignored = {0};
     struct admission admission = service_admission(service->config, NULL);
-    if (uploads_gather(service->uploads, info->id, error) != STATUS_OK) return false;
+    if (uploads_gather(service->uploads, info->id, info->length, error) != STATUS_OK) return false;
     int fd = scratch_part_open(store_scratch(service->store), info->id, false);
     if (fd < 0) {
         error_set(error, STATUS_IO, "uploads", "can't open upload %s: %s", info->id, strerror(errno));
@@ -416,12 +416,15 @@ static bool is_settled(struct service *service, struct catalog_upload *info) {
 static bool finish(struct service *service, struct catalog_upload *info, struct response *response) {
     struct problem problem;
     struct error error = {0};
-    if (info->offset != info->length || info->cloud[0] || is_partial(info) ||
-        make_cloud(service, info, &problem, &error))
-        return true;
-    if (!error.code)
+    struct uploads_turn turn;
+    if (info->offset != info->length || info->cloud[0] || is_partial(info)) return true;
+    bool is_over = uploads_take_turn(service->uploads, info->id, &turn) && is_settled(service, info);
+    bool is_made = !is_over && make_cloud(service, info, &problem, &error);
+    uploads_end_turn(service->uploads, &turn);
+    if (is_made) return true;
+    if (!is_over && !error.code)
         response_problem(response, &problem);
-    else if (!is_settled(service, info))
+    else if (!is_over && !is_settled(service, info))
         response_error(response, &error);
     else if (info->cloud[0])
         return true;
@@ -532,15 +535,17 @@ static bool find_part(struct service *service, const struct request *request, co
     return false;
 }
 
-/* Gives the writer the bytes of a part. */
-static bool append_part(struct service *service, const char *id, struct uploads_writer *writer,
+/* Gives the writer the bytes of a part, of which there are so many. */
+static bool append_part(struct service *service, const char *id, uint64_t length, struct uploads_writer *writer,
                         struct problem *problem) {
     enum { PART_BYTES = 1 << 18 };
     struct error error = {0};
+    struct uploads_turn turn;
     struct scratch *scratch = store_scratch(service->store);
     char *bytes = malloc(PART_BYTES);
-    enum status status =
-        bytes ? uploads_gather(service->uploads, id, &error) : error_set(&error, STATUS_NO_MEMORY, "", "no memory");
+    uploads_take_turn(service->uploads, id, &turn);
+    enum status status = bytes ? uploads_gather(service->uploads, id, length, &error)
+                               : error_set(&error, STATUS_NO_MEMORY, "", "no memory");
     int fd = status == STATUS_OK ? scratch_part_open(scratch, id, false) : -1;
     if (status == STATUS_OK && fd < 0)
         error_set(&error, STATUS_IO, "uploads", "can't open upload %s: %s", id, strerror(errno));
@@ -553,51 +558,60 @@ static bool append_part(struct service *service, const char *id, struct uploads_
     }
     if (fd >= 0) close(fd);
     if (service->is_shared) scratch_part_delete(scratch, id); /* a copy of this request's */
+    uploads_end_turn(service->uploads, &turn);
     free(bytes);
     return ok;
 }
 
-/* Makes the upload of its parts; they count for its principal until they go, which isn't held against what they make:
- * there are so many different ones, with so many bytes. */
-static bool join_parts(struct service *service, struct catalog_upload *info, char (*ids)[JOB_ID_BYTES], size_t count,
-                       size_t different, uint64_t different_bytes, struct response *response) {
+/* What a final upload is made of. */
+struct parts {
+    char id[CATALOG_MAX_PARTS][JOB_ID_BYTES];
+    uint64_t length[CATALOG_MAX_PARTS];
+    size_t count, different; /* those that are named again counted once */
+    uint64_t different_bytes;
+};
+
+/* Makes the upload of its parts; they count for its principal until they go, which isn't held against what they make.
+ * Where that fails there is nothing of it. */
+static bool join_parts(struct service *service, struct catalog_upload *info, const struct parts *parts,
+                       struct response *response) {
     const struct config *config = service->config;
     struct uploads_check check = {.whole = false};
-    struct uploads_limits limits = {(uint64_t)config->max_uploads + different,
-                                    (uint64_t)config->principal_uploads + different, (uint64_t)config->principal_bytes};
+    struct uploads_limits limits = {(uint64_t)config->max_uploads + parts->different,
+                                    (uint64_t)config->principal_uploads + parts->different,
+                                    (uint64_t)config->principal_bytes};
     struct problem problem;
-    if (limits.principal_bytes) limits.principal_bytes += different_bytes;
+    struct error error = {0};
+    if (limits.principal_bytes) limits.principal_bytes += parts->different_bytes;
     struct uploads_writer *writer = uploads_create(service->uploads, info, &check, &limits, &problem);
-    bool ok = writer != NULL;
-    for (size_t i = 0; ok && i < count; i++) ok = append_part(service, ids[i], writer, &problem);
+    char id[JOB_ID_BYTES];
+    memcpy(id, info->id, sizeof id);
+    bool ok = writer != NULL, ends = false;
+    for (size_t i = 0; ok && i < parts->count; i++)
+        ok = append_part(service, parts->id[i], parts->length[i], writer, &problem);
     if (ok) {
         wall_clock_hold();
         ok = uploads_end(writer, job_now_ms() + config->upload_expiry_ms, info, &problem);
         wall_clock_release();
+        ends = true;
     }
     uploads_writer_free(writer);
     if (!ok) response_problem(response, &problem);
+    if (!ok && ends && uploads_delete(service->uploads, id, &error) != STATUS_OK)
+        log_line(LOG_ERROR, "upload=%s expires: %s", id, error.text);
     return ok;
 }
 
-/* A final upload.  false: the response says why there is none. */
-static bool create_final(struct service *service, struct request *request, struct catalog_upload *info,
-                         struct response *response) {
-    char ids[CATALOG_MAX_PARTS][JOB_ID_BYTES];
+/* A final upload of parts that are there and whole; info has its name. */
+static bool make_final(struct service *service, struct request *request, struct parts *parts,
+                       struct catalog_upload *info, struct response *response) {
     struct problem problem;
-    struct error error = {0};
     uint64_t most = (uint64_t)service->config->max_body_bytes;
-    size_t count = read_parts(request, ids, response), used = sizeof final_kept - 1, different = 0;
-    uint64_t different_bytes = 0;
-    memset(info, 0, sizeof *info);
-    memcpy(info->principal, request->principal.name, sizeof info->principal);
-    memcpy(info->concat, final_kept, sizeof final_kept);
-    if (!count || !read_metadata(request, info, response)) return false;
-    for (size_t i = 0; i < count; i++) {
+    for (size_t i = 0; i < parts->count; i++) {
         uint64_t before = info->length;
-        if (!find_part(service, request, ids[i], &info->length, response)) return false;
-        if (is_first(ids, i)) different++, different_bytes += info->length - before;
-        used += (size_t)snprintf(info->concat + used, sizeof info->concat - used, " %s", ids[i]);
+        if (!find_part(service, request, parts->id[i], &info->length, response)) return false;
+        parts->length[i] = info->length - before;
+        if (is_first(parts->id, i)) parts->different++, parts->different_bytes += parts->length[i];
     }
     if (info->length > most) {
         upload_too_large(most, info->length, &problem);
@@ -605,13 +619,44 @@ static bool create_final(struct service *service, struct request *request, struc
         return false;
     }
     info->expires_ms = job_now_ms() + service->config->upload_expiry_ms;
-    if (!handlers_is_open(service, info->length, false, response) ||
-        !join_parts(service, info, ids, count, different, different_bytes, response) ||
-        !finish(service, info, response))
-        return false;
-    for (size_t i = 0; i < count; i++) /* what can't be removed now expires */
-        if (uploads_delete(service->uploads, ids[i], &error) != STATUS_OK)
-            log_line(LOG_ERROR, "upload=%s: %s", ids[i], error.text);
+    return handlers_is_open(service, info->length, false, response) && join_parts(service, info, parts, response) &&
+           finish(service, info, response);
+}
+
+/* Looks for what an earlier request, whose answer may have been lost, has made of these parts; *found false: nothing.
+ * Returns whether it is a cloud; else, where it is found, the response says why not. */
+static bool find_made(struct service *service, struct catalog_upload *info, bool *found, struct response *response) {
+    struct catalog_upload made;
+    struct error error = {0};
+    enum status status = uploads_find_final(service->uploads, info->principal, info->concat, &made, found, &error);
+    *found = *found && status == STATUS_OK;
+    if (!*found) return false;
+    response_done(response);
+    *info = made;
+    return finish(service, info, response);
+}
+
+/* A final upload.  Two requests for the same one at once may make two, of one cloud; what has gone to make the one
+ * can't make the other any more, and then that is the answer.  false: the response says why there is none. */
+static bool create_final(struct service *service, struct request *request, struct catalog_upload *info,
+                         struct response *response) {
+    struct parts parts = {.count = 0};
+    struct error error = {0};
+    size_t used = sizeof final_kept - 1;
+    memset(info, 0, sizeof *info);
+    memcpy(info->principal, request->principal.name, sizeof info->principal);
+    memcpy(info->concat, final_kept, sizeof final_kept);
+    parts.count = read_parts(request, parts.id, response);
+    if (!parts.count || !read_metadata(request, info, response)) return false;
+    for (size_t i = 0; i < parts.count; i++)
+        used += (size_t)snprintf(info->concat + used, sizeof info->concat - used, " %s", parts.id[i]);
+    bool found = false, ok = find_made(service, info, &found, response);
+    if (!found) ok = make_final(service, request, &parts, info, response);
+    if (!found && !ok) ok = find_made(service, info, &found, response);
+    if (!ok) return false;
+    for (size_t i = 0; i < parts.count; i++) /* what can't be removed now expires */
+        if (uploads_delete(service->uploads, parts.id[i], &error) != STATUS_OK)
+            log_line(LOG_ERROR, "upload=%s: %s", parts.id[i], error.text);
     return true;
 }
 

@@ -9,16 +9,28 @@
 
 enum status uploads_open(struct catalog *catalog, struct store *store, bool is_shared, struct uploads **uploads,
                          struct error *error) {
-    return (is_shared ? uploads_shared : uploads_local).open(catalog, store, uploads, error);
+    enum status status = (is_shared ? uploads_shared : uploads_local).open(catalog, store, uploads, error);
+    if (status != STATUS_OK) return status;
+    pthread_mutex_init(&(*uploads)->turns_lock, NULL);
+    pthread_cond_init(&(*uploads)->turn_ended, NULL);
+    return STATUS_OK;
 }
 
 void uploads_close(struct uploads *uploads) {
-    if (uploads) uploads->kind->close(uploads);
+    if (!uploads) return;
+    pthread_cond_destroy(&uploads->turn_ended);
+    pthread_mutex_destroy(&uploads->turns_lock);
+    uploads->kind->close(uploads);
 }
 
 enum status uploads_find(struct uploads *uploads, const char *id, struct catalog_upload *info, bool *found,
                          struct error *error) {
     return uploads->kind->find(uploads, id, info, found, error);
+}
+
+enum status uploads_find_final(struct uploads *uploads, const char *principal, const char *concat,
+                               struct catalog_upload *info, bool *found, struct error *error) {
+    return uploads->kind->find_final(uploads, principal, concat, info, found, error);
 }
 
 struct uploads_writer *uploads_create(struct uploads *uploads, struct catalog_upload *info,
@@ -50,8 +62,34 @@ void uploads_writer_free(struct uploads_writer *writer) {
     if (writer) writer->kind->writer_free(writer);
 }
 
-enum status uploads_gather(struct uploads *uploads, const char *id, struct error *error) {
-    return uploads->kind->gather(uploads, id, error);
+/* Under the lock. */
+static bool has_turn(const struct uploads *uploads, const char *id) {
+    const struct uploads_turn *turn = uploads->turns;
+    while (turn && strcmp(turn->id, id) != 0) turn = turn->next;
+    return turn != NULL;
+}
+
+bool uploads_take_turn(struct uploads *uploads, const char *id, struct uploads_turn *turn) {
+    bool waited = false;
+    pthread_mutex_lock(&uploads->turns_lock);
+    for (; has_turn(uploads, id); waited = true) pthread_cond_wait(&uploads->turn_ended, &uploads->turns_lock);
+    *turn = (struct uploads_turn){.id = id, .next = uploads->turns};
+    uploads->turns = turn;
+    pthread_mutex_unlock(&uploads->turns_lock);
+    return waited;
+}
+
+void uploads_end_turn(struct uploads *uploads, struct uploads_turn *turn) {
+    pthread_mutex_lock(&uploads->turns_lock);
+    struct uploads_turn **at = &uploads->turns;
+    while (*at != turn) at = &(*at)->next;
+    *at = turn->next;
+    pthread_cond_broadcast(&uploads->turn_ended);
+    pthread_mutex_unlock(&uploads->turns_lock);
+}
+
+enum status uploads_gather(struct uploads *uploads, const char *id, uint64_t bytes, struct error *error) {
+    return uploads->kind->gather(uploads, id, bytes, error);
 }
 
 enum status uploads_complete(struct uploads *uploads, const char *id, const char *sha256, struct error *error) {

@@ -49,6 +49,11 @@ void uploads_close(struct uploads *uploads);
 enum status uploads_find(struct uploads *uploads, const char *id, struct catalog_upload *info, bool *found,
                          struct error *error) MUST_CHECK;
 
+/* The upload that is made of these parts for this principal, if there is one that is whole and durable: concat is
+ * "final ID ...".  Blocks. */
+enum status uploads_find_final(struct uploads *uploads, const char *principal, const char *concat,
+                               struct catalog_upload *info, bool *found, struct error *error) MUST_CHECK;
+
 /* How pieces are checked: a hash in base64 that must come out. */
 struct uploads_check {
     bool whole; /* the piece is kept whole or not at all, by this hash or by another one that the caller knows */
@@ -89,8 +94,19 @@ bool uploads_end(struct uploads_writer *writer, int64_t expires_ms, struct catal
 /* Accepts NULL. */
 void uploads_writer_free(struct uploads_writer *writer);
 
-/* The upload, which is whole, becomes a file in scratch (scratch_part_open), if it isn't one.  Blocks. */
-enum status uploads_gather(struct uploads *uploads, const char *id, struct error *error) MUST_CHECK;
+/* One request at a time, of this process, makes something of the file of an upload: between these two.  `turn` and id
+ * are the caller's until the end.  Returns whether it had to wait, so that what is known of the upload may have
+ * changed.  Blocks. */
+struct uploads_turn {
+    const char *id;
+    struct uploads_turn *next;
+};
+bool uploads_take_turn(struct uploads *uploads, const char *id, struct uploads_turn *turn);
+void uploads_end_turn(struct uploads *uploads, struct uploads_turn *turn);
+
+/* The upload, which is whole and has so many bytes, becomes a file in scratch (scratch_part_open), if it isn't one.
+ * Fails where they aren't all there any more: another host has made a cloud of them.  Blocks. */
+enum status uploads_gather(struct uploads *uploads, const char *id, uint64_t bytes, struct error *error) MUST_CHECK;
 
 /* The upload's file is a cloud now: that is noted, and the file removed.  Blocks. */
 enum status uploads_complete(struct uploads *uploads, const char *id, const char *sha256,

@@ -5,6 +5,8 @@
 #ifndef WHITTLE_SERVER_STORAGE_UPLOADS_INTERNAL_H
 #define WHITTLE_SERVER_STORAGE_UPLOADS_INTERNAL_H
 
+#include <pthread.h>
+
 #include "server/storage/uploads.h"
 
 /* One function for each of uploads.h, with the prototype that it has there. */
@@ -12,6 +14,7 @@ struct uploads_kind {
     enum status (*open)(struct catalog *catalog, struct store *store, struct uploads **uploads, struct error *error);
     __typeof__(uploads_close) *close;
     __typeof__(uploads_find) *find;
+    __typeof__(uploads_find_final) *find_final;
     __typeof__(uploads_create) *create;
     __typeof__(uploads_resume) *resume;
     __typeof__(uploads_interrupt) *interrupt;
@@ -30,6 +33,9 @@ extern const struct uploads_kind uploads_local, uploads_shared;
 /* The first member of both kinds' own. */
 struct uploads {
     const struct uploads_kind *kind;
+    pthread_mutex_t turns_lock;
+    pthread_cond_t turn_ended;
+    struct uploads_turn *turns; /* of those who have one */
 };
 
 struct uploads_writer {

@@ -201,6 +201,23 @@ static enum status local_find(struct uploads *all, const char *id, struct catalo
     return STATUS_OK;
 }
 
+static enum status local_find_final(struct uploads *all, const char *principal, const char *concat,
+                                    struct catalog_upload *info, bool *found, struct error *error) {
+    struct local *uploads = local_of(all);
+    (void)error;
+    *found = false;
+    pthread_mutex_lock(&uploads->lock);
+    for (struct entry *entry = uploads->first; entry && !*found; entry = entry->next) {
+        pthread_mutex_lock(&entry->lock);
+        *found = entry->known && !entry->gone && !entry->ending && entry->info.offset == entry->info.length &&
+                 strcmp(entry->info.concat, concat) == 0 && strcmp(entry->info.principal, principal) == 0;
+        if (*found) *info = entry->info;
+        pthread_mutex_unlock(&entry->lock);
+    }
+    pthread_mutex_unlock(&uploads->lock);
+    return STATUS_OK;
+}
+
 static enum status local_interrupt(struct uploads *all, const char *id, struct error *error) {
     struct local *uploads = local_of(all);
     struct entry *entry = hold(uploads, id);
@@ -650,8 +667,8 @@ static void local_move_ends(struct uploads *all, int64_t step_ms) {
 }
 
 /* It is one. */
-static enum status local_gather(struct uploads *all, const char *id, struct error *error) {
-    (void)all, (void)id, (void)error;
+static enum status local_gather(struct uploads *all, const char *id, uint64_t bytes, struct error *error) {
+    (void)all, (void)id, (void)bytes, (void)error;
     return STATUS_OK;
 }
 
@@ -659,6 +676,7 @@ const struct uploads_kind uploads_local = {
     .open = local_open,
     .close = local_close,
     .find = local_find,
+    .find_final = local_find_final,
     .create = local_create,
     .resume = local_resume,
     .interrupt = local_interrupt,

@@ -140,6 +140,11 @@ static enum status shared_find(struct uploads *all, const char *id, struct catal
     return status;
 }
 
+static enum status shared_find_final(struct uploads *all, const char *principal, const char *concat,
+                                     struct catalog_upload *info, bool *found, struct error *error) {
+    return catalog_find_final(shared_of(all)->catalog, principal, concat, info, found, error);
+}
+
 /* ------------------------------------------------------------------------------------------------ writers */
 
 /* One whose row is still to be seized or made; NULL: *problem says why. */
@@ -440,7 +445,7 @@ static enum status shared_interrupt(struct uploads *all, const char *id, struct 
 
 /* ------------------------------------------------------------------------------------------------ ends */
 
-static enum status shared_gather(struct uploads *all, const char *id, struct error *error) {
+static enum status shared_gather(struct uploads *all, const char *id, uint64_t bytes, struct error *error) {
     struct shared *uploads = shared_of(all);
     struct scratch *scratch = store_scratch(uploads->store);
     struct scratch_file file = {.fd = -1};
@@ -460,6 +465,9 @@ static enum status shared_gather(struct uploads *all, const char *id, struct err
             offset += pieces[i].bytes;
         }
     }
+    if (status == STATUS_OK && offset != bytes)
+        status = error_set(error, STATUS_IO, "uploads", "upload %s has %llu bytes in pieces, not %llu", id,
+                           (unsigned long long)offset, (unsigned long long)bytes);
     if (status == STATUS_OK) status = scratch_file_sync(&file, error);
     if (status == STATUS_OK) status = scratch_part_take(scratch, id, &file, error);
     scratch_file_drop(scratch, &file);
@@ -522,6 +530,7 @@ const struct uploads_kind uploads_shared = {
     .open = shared_open,
     .close = shared_close,
     .find = shared_find,
+    .find_final = shared_find_final,
     .create = shared_create,
     .resume = shared_resume,
     .interrupt = shared_interrupt,

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Several hosts that share one catalog, in PostgreSQL, and one blob store: any of them answers for any job, and each may
 die."""
+import concurrent.futures
+import contextlib
 import hashlib
 import itertools
 import json
 import os
 import pathlib
 import re
+import signal
 import socket
 import subprocess
 import threading
@@ -211,6 +214,77 @@ def test_a_link_opens_at_every_host(make_daemon, shared, tmp_path):
     assert back.curl(changed).status in (401, 403)
 
 
+# ---------------------------------------------------------------------------------------------- locks of rows
+
+@contextlib.contextmanager
+def locked(flags, statement):
+    """A transaction that holds what the statement locks; gives a function that runs others in it."""
+    with subprocess.Popen([PROGRAMS / "psql", "-X", "-q", "-A", "-t", flags[1]], stdin=subprocess.PIPE,
+                          stdout=subprocess.PIPE, text=True) as process:
+        def run(text):
+            process.stdin.write(f"{text};\nSELECT 'done';\n")
+            process.stdin.flush()
+            while "done" not in process.stdout.readline():
+                assert process.poll() is None, text
+        run(f"BEGIN; {statement}")
+        yield run
+        run("COMMIT")
+        process.stdin.close()
+
+
+def query(flags, statement):
+    return subprocess.run([PROGRAMS / "psql", "-X", "-q", "-A", "-t", "-c", statement, flags[1]], capture_output=True,
+                          text=True, check=True).stdout.strip()
+
+
+def waiting(flags, text=""):
+    """How many connections wait for a lock, with a statement of this text."""
+    return int(query(flags, "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database() "
+                            f"AND wait_event_type = 'Lock' AND query LIKE '%{text}%'"))
+
+
+def deadlocks(flags):
+    return query(flags, "SELECT deadlocks FROM pg_stat_database WHERE datname = current_database()")
+
+
+def test_a_job_of_a_batch_is_deleted_while_another_one_ends(make_daemon, shared, gate):
+    """Both change the batch, and what its principal has: in the same order, so that neither is given up for the other."""
+    gate, gated = gate
+    gate.unlink()
+    host, front = make_daemon(*shared, *gated), make_daemon(*shared, "--roles", "http")
+    host.ended(host.submit(SMALL))
+    gate.touch()
+    clouds = ["/v1/clouds/" + host.post("/v1/clouds", SMALL + end).json["id"] for end in (b"", b"# another\n")]
+    batch = host.post("/v1/batches", json.dumps({"clouds": clouds}).encode(), "-H", "Content-Type: application/json").json
+    done, running = (job["id"] for job in batch["jobs"])
+    assert host.job(done)["status"] == "successful"  # the result of the first
+    host.wait_for(running, "running")
+    with concurrent.futures.ThreadPoolExecutor(1) as pool:
+        with locked(shared, "SELECT FROM usage FOR UPDATE"):
+            deleted = pool.submit(front.curl, f"/v1/jobs/{done}", "-X", "DELETE")
+            wait_until(lambda: waiting(shared), "the job's being deleted")
+            gate.unlink()
+            wait_until(lambda: waiting(shared) >= 2, "the other one's end")
+        assert deleted.result().status == 200, deleted.result().body
+    ended = host.ended(running)
+    assert ended["status"] == "successful" and ended["attempt"] == 1 and deadlocks(shared) == "0"
+
+
+def test_a_cloud_is_uploaded_again_while_it_expires(make_daemon, shared):
+    host = make_daemon(*shared, "--roles", "http")
+    other = make_daemon(*shared, "--roles", "http", "--idempotency-retention", "200ms")  # which looks often
+    host.post("/v1/clouds", SMALL)
+    other.process.send_signal(signal.SIGSTOP)
+    with concurrent.futures.ThreadPoolExecutor(1) as pool:
+        with locked(shared, "UPDATE clouds SET expires = 1; COMMIT; BEGIN; SELECT FROM usage FOR UPDATE"):
+            again = pool.submit(host.post, "/v1/clouds", SMALL)
+            wait_until(lambda: waiting(shared), "its coming")
+            other.process.send_signal(signal.SIGCONT)
+            wait_until(lambda: waiting(shared, "DELETE FROM clouds"), "its end")
+        assert again.result().status in (200, 201), again.result().body
+    assert deadlocks(shared) == "0" and other.curl(f"{SMALLS_CLOUD}/data").body == SMALL
+
+
 # ---------------------------------------------------------------------------------------------- resumable uploads
 
 TUS = ("-H", "Tus-Resumable: 1.0.0")
@@ -267,6 +341,88 @@ def test_rule_8_parts_of_an_upload_come_to_any_host_and_are_joined_at_another(ma
     assert hosts[2].curl(f"{SMALLS_CLOUD}/data").body == SMALL
     assert {hosts[2].curl(f"/v1/uploads/{part}").status for part in parts} == {404}
     assert hosts[1].stop() == 0 and not list((hosts[1].data / "uploads").iterdir())
+
+
+def begin_parts(hosts):
+    """Three parts of an upload, each whole, at any of the hosts; their paths."""
+    step, paths = len(SMALL) // 3 + 1, []
+    for n, at in enumerate(range(0, len(SMALL), step)):
+        piece = SMALL[at:at + step]
+        part = begin_upload(hosts[n % len(hosts)], "-H", "Upload-Concat: partial", length=len(piece))
+        assert send_piece(hosts[(n + 1) % len(hosts)], part, 0, piece).status == 204
+        paths.append(f"/v1/uploads/{part}")
+    return paths
+
+
+def join_parts(host, paths):
+    return host.curl("/v1/uploads", "-X", "POST", *TUS, "-H", "Upload-Concat: final;" + " ".join(paths))
+
+
+def test_rule_8_a_final_upload_is_the_same_at_every_host(make_daemon, shared):
+    """The host that has made it dies before it answers."""
+    first, second = (make_daemon(*shared, "--roles", "http") for _ in range(2))
+    paths = begin_parts([first, second])
+    reply = join_parts(first, paths)
+    first.kill()
+    again = join_parts(second, paths)
+    assert again.status == 201 and again.headers["location"] == reply.headers["location"], again.body
+    assert again.json == reply.json and again.json["cloud"] == SMALLS_CLOUD
+
+
+def test_rule_8_a_final_upload_that_fails_leaves_nothing(make_daemon, shared):
+    """Its piece can't be noted: the row that was there by then goes, and the parts make it when all is well."""
+    host = make_daemon(*shared, "--roles", "http")
+    paths = begin_parts([host])
+    query(shared, "CREATE FUNCTION refuse() RETURNS TRIGGER LANGUAGE plpgsql AS $$ BEGIN RAISE 'refused'; END $$; "
+                  "CREATE TRIGGER refused BEFORE INSERT ON pieces FOR EACH ROW EXECUTE FUNCTION refuse()")
+    assert join_parts(host, paths).status >= 500
+    assert query(shared, "SELECT count(*), count(*) FILTER (WHERE concat = 'partial') FROM uploads") == "3|3"
+    query(shared, "DROP TRIGGER refused ON pieces")
+    assert join_parts(host, paths).json["cloud"] == SMALLS_CLOUD
+
+
+def whole_and_no_cloud(make_daemon, shared):
+    """An upload that has all its bytes, and a host that died before it made a cloud of it."""
+    host = make_daemon(*shared, "--roles", "http")
+    upload = begin_upload(host)
+    (host.data.parent / "piece").write_bytes(SMALL)
+    with locked(shared, "LOCK TABLE expected"), subprocess.Popen(host.curl_command(
+            f"/v1/uploads/{upload}", "-X", "PATCH", *TUS, "-H", "Upload-Offset: 0", "-H",
+            "Content-Type: application/offset+octet-stream", "--data-binary", f"@{host.data.parent / 'piece'}"),
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL):
+        wait_until(lambda: query(shared, "SELECT position = length FROM uploads") == "t", "the piece")
+        wait_until(lambda: waiting(shared, "INSERT INTO expected"), "its being about to")
+        host.kill()
+    assert query(shared, "SELECT position = length, cloud = '' FROM uploads") == "t|t"
+    return upload
+
+
+def test_rule_8_hosts_that_complete_an_upload_at_once_make_one_cloud(make_daemon, shared):
+    upload = whole_and_no_cloud(make_daemon, shared)
+    hosts = [make_daemon(*shared, "--roles", "http") for _ in range(2)]
+    with concurrent.futures.ThreadPoolExecutor(6) as pool:
+        with locked(shared, "LOCK TABLE expected"):
+            replies = [pool.submit(hosts[n % 2].curl, f"/v1/uploads/{upload}") for n in range(6)]
+            wait_until(lambda: waiting(shared, "INSERT INTO expected") >= 2, "each host's being about to")
+        replies = [reply.result() for reply in replies]
+    assert [(reply.status, reply.json.get("cloud")) for reply in replies] == 6 * [(200, SMALLS_CLOUD)]
+    assert hosts[0].curl(f"{SMALLS_CLOUD}/data").body == SMALL
+    assert all(not list((host.data / "uploads").iterdir()) for host in hosts)
+
+
+def test_rule_8_an_upload_that_another_host_has_completed_meanwhile_is_its_cloud(make_daemon, shared):
+    """The pieces are gone when they are looked for: nothing is made of what is left of them, and nothing is removed."""
+    upload = whole_and_no_cloud(make_daemon, shared)
+    host = make_daemon(*shared, "--roles", "http")
+    assert host.post("/v1/clouds", SMALL).status == 201
+    with concurrent.futures.ThreadPoolExecutor(1) as pool:
+        with locked(shared, "LOCK TABLE pieces") as run:
+            reply = pool.submit(host.curl, f"/v1/uploads/{upload}")
+            wait_until(lambda: waiting(shared, "FROM pieces"), "the look for pieces")
+            run(f"UPDATE uploads SET cloud = '{SMALLS_CLOUD[-64:]}', writer = ''; DELETE FROM pieces")
+        reply = reply.result()
+    assert (reply.status, reply.json.get("cloud")) == (200, SMALLS_CLOUD), reply.body
+    assert host.curl(f"/v1/uploads/{upload}").json["cloud"] == SMALLS_CLOUD
 
 
 def test_rule_8_an_upload_outlives_the_host_that_was_killed_between_its_pieces(make_daemon, shared):

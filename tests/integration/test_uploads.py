@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Resumable uploads: tus 1.0 and the IETF's draft by the letter, through cut connections, kills and restarts."""
 import base64
+import concurrent.futures
 import hashlib
 import http.client
 import json
@@ -323,6 +324,37 @@ def test_a_part_that_is_named_again_counts_again(make_daemon, tmp_path):
     twice = join(daemon, 2 * [path], *ann)
     assert twice.status == 201 and twice.json["length"] == 2 * len(SMALL)
     assert daemon.curl(path, *ann).status == 404 and parts(daemon) == []
+
+
+def test_a_final_upload_is_the_same_when_it_is_asked_for_again(make_daemon, tmp_path):
+    """The answer may have been lost, and the parts are gone by then."""
+    tokens = tmp_path / "tokens"
+    tokens.write_text(f"ann:submit,read:{hashlib.sha256(b'ann').hexdigest()}\n"
+                      f"bob:submit,read:{hashlib.sha256(b'bob').hexdigest()}\n")
+    daemon = make_daemon("--tokens-file", tokens, "--principal-uploads", "3")
+    ann, bob = headers(Authorization="Bearer ann"), headers(Authorization="Bearer bob")
+    paths = [partial(daemon, piece, *ann) for piece in thirds(SMALL)]
+    first = join(daemon, paths, *ann)
+    assert first.status == 201
+    daemon.kill()
+    daemon.start()
+    for _ in range(2):
+        again = join(daemon, paths, *ann)
+        assert again.status == 201 and again.headers["location"] == first.headers["location"], again.body
+        assert again.json == first.json and again.headers["whittle-cloud"].endswith(NAME)
+    assert join(daemon, paths[::-1], *ann).slug == join(daemon, paths[:2], *ann).slug == "no-such-upload"
+    assert join(daemon, paths, *bob).slug == "no-such-upload"
+    assert daemon.curl(first.headers["location"], "-X", "DELETE", *TUS, *ann).status == 204
+    assert join(daemon, paths, *ann).slug == "no-such-upload"
+
+
+def test_a_final_upload_that_is_asked_for_side_by_side_is_one_cloud(daemon):
+    paths = [partial(daemon, piece) for piece in thirds(SMALL)]
+    with concurrent.futures.ThreadPoolExecutor(8) as pool:
+        replies = list(pool.map(lambda _: join(daemon, paths), range(8)))
+    assert [(reply.status, reply.headers.get("whittle-cloud", "")[-64:]) for reply in replies] == 8 * [
+        (201, NAME)], [reply.body for reply in replies]
+    assert [head(daemon, path).status for path in paths] == [404] * 3 and parts(daemon) == []
 
 
 def test_what_is_joined_is_within_the_limit_of_a_body(make_daemon):

@@ -34,11 +34,11 @@ enum status catalog_postgres_delete_upload(struct catalog *catalog, const char *
 }
 
 /* The first row of a SELECT of CATALOG_UPLOAD_COLUMNS; row is untouched where there is none. */
-static enum status select_upload(struct pq_link *link, const char *text, const char *value, struct catalog_upload *row,
-                                 bool *found, struct error *error) {
+static enum status select_upload(struct pq_link *link, const char *text, const struct pq_value *values, size_t count,
+                                 struct catalog_upload *row, bool *found, struct error *error) {
     struct pq_rows *rows;
     *found = false;
-    enum status status = pq_select(link, text, VALUES(T(value)), &rows, error);
+    enum status status = pq_select(link, text, values, count, &rows, error);
     if (status != STATUS_OK) return status;
     *found = pq_next(rows);
     struct catalog_cells cells = catalog_postgres_cells(rows);
@@ -56,7 +56,7 @@ enum status catalog_postgres_next_upload(struct catalog *catalog, const char *af
     enum status status = pq_take(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
     status = select_upload(link, "SELECT " CATALOG_UPLOAD_COLUMNS " FROM uploads WHERE id > $1 ORDER BY id LIMIT 1",
-                           behind, row, found, error);
+                           VALUES(T(behind)), row, found, error);
     pq_done(link);
     return status;
 }
@@ -67,7 +67,22 @@ enum status catalog_postgres_find_upload(struct catalog *catalog, const char *id
     *found = false;
     enum status status = pq_take_soon(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = select_upload(link, "SELECT " CATALOG_UPLOAD_COLUMNS " FROM uploads WHERE id = $1", id, row, found, error);
+    status = select_upload(link, "SELECT " CATALOG_UPLOAD_COLUMNS " FROM uploads WHERE id = $1", VALUES(T(id)), row,
+                           found, error);
+    pq_done(link);
+    return status;
+}
+
+enum status catalog_postgres_find_final(struct catalog *catalog, const char *principal, const char *concat,
+                                        struct catalog_upload *row, bool *found, struct error *error) {
+    struct pq_link *link;
+    *found = false;
+    enum status status = pq_take(catalog_postgres_of(catalog)->pq, &link, error);
+    if (status != STATUS_OK) return status;
+    status = select_upload(link,
+                           "SELECT " CATALOG_UPLOAD_COLUMNS " FROM uploads WHERE principal = $1 AND concat = $2 "
+                           "AND position = length ORDER BY id LIMIT 1",
+                           VALUES(T(principal), T(concat)), row, found, error);
     pq_done(link);
     return status;
 }
@@ -138,8 +153,8 @@ enum status catalog_postgres_seize_upload(struct catalog *catalog, const char *i
     memset(row, 0, sizeof *row);
     enum status status = pq_begin_soon(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = select_upload(link, "SELECT " CATALOG_UPLOAD_COLUMNS " FROM uploads WHERE id = $1 FOR UPDATE", id, row,
-                           &found, error);
+    status = select_upload(link, "SELECT " CATALOG_UPLOAD_COLUMNS " FROM uploads WHERE id = $1 FOR UPDATE",
+                           VALUES(T(id)), row, &found, error);
     bool is_right = status == STATUS_OK && found && is_next(row, offset, length);
     if (is_right && length != UINT64_MAX && row->length == UINT64_MAX) {
         row->length = length;
@@ -209,12 +224,14 @@ enum status catalog_postgres_list_pieces(struct catalog *catalog, const char *id
 enum status catalog_postgres_complete_upload(struct catalog *catalog, const char *id, const char *cloud,
                                              struct error *error) {
     struct pq_link *link;
+    int64_t changed = 0;
     enum status status = pq_begin(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status =
-        pq_run(link, "UPDATE uploads SET cloud = $2, writer = '' WHERE id = $1", VALUES(T(id), T(cloud)), NULL, error);
-    if (status == STATUS_OK) status = pq_run(link, "DELETE FROM pieces WHERE upload = $1", VALUES(T(id)), NULL, error);
-    if (status == STATUS_OK)
+    status = pq_run(link, "UPDATE uploads SET cloud = $2, writer = '' WHERE id = $1 AND cloud = ''",
+                    VALUES(T(id), T(cloud)), &changed, error);
+    if (status == STATUS_OK && changed)
+        status = pq_run(link, "DELETE FROM pieces WHERE upload = $1", VALUES(T(id)), NULL, error);
+    if (status == STATUS_OK && changed)
         status = pq_run(link, MARK("'uploads/' || $1", "whittle_now() + " GRACE_MS), VALUES(T(id)), NULL, error);
     return pq_end(link, status, NULL, error);
 }

@@ -282,6 +282,8 @@ def test_a_cloud_is_uploaded_again_while_it_expires(make_daemon, shared):
             other.process.send_signal(signal.SIGCONT)
             wait_until(lambda: waiting(shared, "DELETE FROM clouds"), "its end")
         assert again.result().status in (200, 201), again.result().body
+    wait_until(lambda: query(shared, "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database() AND "
+                                     "state <> 'idle' AND query LIKE 'DELETE FROM clouds%'") == "0", "the sweep's end")
     assert deadlocks(shared) == "0" and other.curl(f"{SMALLS_CLOUD}/data").body == SMALL
 
 

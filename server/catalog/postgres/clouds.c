@@ -94,8 +94,10 @@ enum status catalog_postgres_expire_clouds(struct catalog *catalog, int64_t now_
     *count = 0;
     enum status status = pq_begin(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
+    /* Whoever waits for a row sees what it has become in the outer condition alone. */
     status = pq_select(link,
-                       "DELETE FROM clouds WHERE (sha256, principal) IN (SELECT sha256, principal FROM clouds AS old "
+                       "DELETE FROM clouds WHERE expires <= $1 AND (sha256, principal) IN (SELECT sha256, principal "
+                       "FROM clouds AS old "
                        "WHERE expires <= $1 AND NOT EXISTS (SELECT 1 FROM jobs WHERE cloud = old.sha256 "
                        "AND principal = old.principal) ORDER BY expires LIMIT $2) RETURNING sha256",
                        VALUES(I(now_ms), I(max)), &rows, error);

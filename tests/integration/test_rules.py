@@ -3,6 +3,7 @@
 are killed or stopped, a database that is stopped or whose answers are lost, clocks that are off.  The rules of uploads
 (8) and of downloads (9) are in test_hosts.py."""
 import contextlib
+import json
 import os
 import pathlib
 import pwd
@@ -19,7 +20,8 @@ import pytest
 
 from conftest import BUILD, PATIENCE_S, SMALL, end_all, process_lives, sphere, wait_until
 from test_clock import LIBRARY, Clocked
-from test_hosts import PROGRAMS, content, make_gate, make_server, make_shared, names  # pylint: disable=unused-import
+from test_hosts import (PROGRAMS, SMALLS_CLOUD, TUS, begin_parts, content, join_parts, make_gate,  # pylint: disable=unused-import
+                        make_server, make_shared, names)
 from test_webhooks import SECRET, Receiver
 
 
@@ -579,3 +581,46 @@ def test_rule_10_hosts_are_upgraded_one_after_the_other(make_daemon, shared, tmp
     assert all("more than a version newer" in said for said in refused(shared, tmp_path))
     job = host.submit(SMALL, "?ratio=0.6")
     assert host.ended(job)["status"] == "successful" and content(host, job)
+
+
+def refuses(flags, statement):
+    """Whether it ends as if the server were away."""
+    done = subprocess.run([PROGRAMS / "psql", "-X", "-q", "-v", "VERBOSITY=verbose", "-c", statement, flags[1]],
+                          capture_output=True, text=True, check=False)
+    return done.returncode != 0 and "57P03" in done.stderr
+
+
+def test_rule_10_a_host_of_the_version_before_leaves_a_batch_s_webhook_alone(make_daemon, shared, tmp_path):
+    """It knows webhooks of jobs: without a job of this name it would remove the row."""
+    secret = tmp_path / "secret"
+    secret.write_text(SECRET + "\n")
+    secret.chmod(0o600)
+    receiver = Receiver(500)
+    host = make_daemon(*shared, "--webhooks", "--webhook-secret-file", secret, "--webhook-allow", "127.0.0.1",
+                       "--webhook-retry", "200ms")
+    cloud = "/v1/clouds/" + host.post("/v1/clouds", SMALL).json["id"]
+    batch = host.post("/v1/batches", json.dumps({"clouds": [cloud], "webhook": receiver.url}).encode(), "-H",
+                      "Content-Type: application/json").json["id"]
+    job = host.submit(SMALL, f"?ratio=0.7&webhook={receiver.url}")
+    wait_until(lambda: {taken[0]["webhook-id"] for taken in receiver.taken} == {batch, job}, "both being tried")
+    claim = "UPDATE outbox SET owner = 'before', due = due + 600000 WHERE job = '%s' RETURNING job"
+    assert ask(shared, claim % batch) == "" and ask(shared, claim % job) == job  # as that version asks
+    receiver.statuses[:] = [204]
+    wait_until(lambda: ask(shared, "SELECT count(*) FROM outbox") == "1", "the batch's webhook")
+    assert ask(shared, "SELECT job FROM outbox") == job and receiver.taken[-1][0]["webhook-id"] == batch
+
+
+def test_rule_10_a_host_of_the_version_before_leaves_parts_of_uploads_alone(make_daemon, shared):
+    """It takes them for uploads: a whole one would become a cloud, or go where it is none."""
+    host = make_daemon(*shared, "--roles", "http")
+    parts = begin_parts([host])
+    for statement in ("UPDATE uploads SET writer = 'before'", "DELETE FROM uploads",
+                      "UPDATE uploads SET cloud = 'abc', writer = ''"):  # as that version asks
+        assert refuses(shared, statement), statement
+    assert host.curl(parts[0], "-X", "DELETE", *TUS).status == 204
+    parts[0] = begin_parts([host])[0]
+    assert join_parts(host, parts).json["cloud"] == SMALLS_CLOUD
+    late = begin_parts([host])
+    ask(shared, "UPDATE uploads SET expires = 1")
+    ask(shared, "DELETE FROM uploads WHERE expires = 1")  # what has expired goes by any host
+    assert host.curl(late[0]).status == 404

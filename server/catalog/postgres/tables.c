@@ -151,6 +151,23 @@ static const char *const steps[] = {
     "CREATE TRIGGER batch_job_gone AFTER DELETE ON jobs FOR EACH ROW WHEN (OLD.batch <> '') "
     "EXECUTE FUNCTION whittle_batch_job_gone();",
     "ALTER TABLE uploads ADD COLUMN concat TEXT NOT NULL DEFAULT '';",
+    /* Hosts of the version before would remove a batch's webhook, for they find no job of its name, and make a cloud of
+     * a part of an upload, or remove it where it is none.  So a batch's webhook is claimed by who raises `claims`, and
+     * a part written by who is called +...; they are told, as by a server that is away, to come again, and answer 503.
+     */
+    "ALTER TABLE outbox ADD COLUMN claims BIGINT NOT NULL DEFAULT 0;"
+    "CREATE FUNCTION whittle_batch_unknown() RETURNS TRIGGER LANGUAGE plpgsql AS $$ BEGIN "
+    "IF EXISTS (SELECT 1 FROM batches WHERE id = NEW.job) THEN RETURN NULL; END IF; RETURN NEW; END $$;"
+    "CREATE TRIGGER batch_unknown BEFORE UPDATE ON outbox FOR EACH ROW "
+    "WHEN (NEW.owner <> '' AND NEW.owner <> OLD.owner AND NEW.claims = OLD.claims) "
+    "EXECUTE FUNCTION whittle_batch_unknown();"
+    "CREATE FUNCTION whittle_part_unknown() RETURNS TRIGGER LANGUAGE plpgsql AS $$ BEGIN "
+    "RAISE 'parts of uploads are for a newer whittled' USING ERRCODE = 'cannot_connect_now'; END $$;"
+    "CREATE TRIGGER part_unknown_to_writer BEFORE UPDATE ON uploads FOR EACH ROW WHEN (OLD.concat = 'partial' AND "
+    "(NEW.cloud <> '' OR (NEW.writer <> OLD.writer AND NEW.writer <> '' AND left(NEW.writer, 1) <> '+'))) "
+    "EXECUTE FUNCTION whittle_part_unknown();"
+    "CREATE TRIGGER part_unknown_to_deleter BEFORE DELETE ON uploads FOR EACH ROW "
+    "WHEN (OLD.concat = 'partial' AND OLD.expires > whittle_now()) EXECUTE FUNCTION whittle_part_unknown();",
 };
 enum { STEPS = sizeof steps / sizeof steps[0] };
 

@@ -26,7 +26,10 @@ enum status catalog_postgres_delete_upload(struct catalog *catalog, const char *
     struct pq_link *link;
     enum status status = pq_begin(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = pq_run(link, "DELETE FROM uploads WHERE id = $1", VALUES(T(id)), NULL, error);
+    /* A part says first that it is known as one (tables.c). */
+    status =
+        pq_run(link, "UPDATE uploads SET concat = '' WHERE id = $1 AND concat = 'partial'", VALUES(T(id)), NULL, error);
+    if (status == STATUS_OK) status = pq_run(link, "DELETE FROM uploads WHERE id = $1", VALUES(T(id)), NULL, error);
     if (status == STATUS_OK) status = pq_run(link, "DELETE FROM pieces WHERE upload = $1", VALUES(T(id)), NULL, error);
     if (status == STATUS_OK)
         status = pq_run(link, MARK("'uploads/' || $1", "whittle_now() + " GRACE_MS), VALUES(T(id)), NULL, error);
@@ -125,7 +128,7 @@ enum status catalog_postgres_open_upload(struct catalog *catalog, const struct c
         status =
             pq_run(link,
                    "INSERT INTO uploads (id, principal, metadata, cloud, created, expires, position, length, boot, "
-                   "writer, concat) VALUES ($1, $2, $3, '', $4, $5, 0, $6, '', $7, $8)",
+                   "writer, concat) VALUES ($1, $2, $3, '', $4, $5, 0, $6, '', '+' || $7, $8)",
                    VALUES(T(row->id), T(row->principal), T(row->metadata), I(row->created_ms), I(row->expires_ms),
                           I(row->length), T(token), T(row->concat)),
                    NULL, error);
@@ -161,7 +164,7 @@ enum status catalog_postgres_seize_upload(struct catalog *catalog, const char *i
         status = catalog_postgres_check_bytes(link, row->principal, length - row->offset, principal_bytes, error);
     }
     if (is_right && status == STATUS_OK)
-        status = pq_run(link, "UPDATE uploads SET writer = $2, length = $3 WHERE id = $1",
+        status = pq_run(link, "UPDATE uploads SET writer = '+' || $2, length = $3 WHERE id = $1",
                         VALUES(T(id), T(token), I(row->length)), NULL, error);
     status = pq_end(link, status, NULL, error); /* done without our knowing, it fences others and harms nobody */
     *seized = status == STATUS_OK && is_right;
@@ -180,7 +183,7 @@ enum status catalog_postgres_add_piece(struct catalog *catalog, const char *id, 
     if (status != STATUS_OK) return status;
     status = pq_run(link,
                     "UPDATE uploads SET position = position + $4, expires = $5 "
-                    "WHERE id = $1 AND writer = $2 AND position = $3 AND cloud = ''",
+                    "WHERE id = $1 AND writer = '+' || $2 AND position = $3 AND cloud = ''",
                     VALUES(T(id), T(token), I(piece->offset), I(piece->bytes), I(expires_ms)), &changed, error);
     if (status == STATUS_OK && changed && piece->bytes)
         status = pq_run(link, "INSERT INTO pieces (upload, position, bytes, name) VALUES ($1, $2, $3, $4)",

@@ -51,8 +51,9 @@ static enum status change(struct catalog *catalog, const char *text, const struc
 enum status catalog_postgres_claim_webhook(struct catalog *catalog, const struct catalog_webhook *webhook,
                                            const char *owner, int64_t until_ms, bool *claimed, struct error *error) {
     int64_t changed = 0;
-    enum status status = change(catalog, "UPDATE outbox SET owner = $2, due = $3 WHERE job = $1 AND due = $4",
-                                VALUES(T(webhook->job), T(owner), I(until_ms), I(webhook->due_ms)), &changed, error);
+    enum status status =
+        change(catalog, "UPDATE outbox SET owner = $2, due = $3, claims = claims + 1 WHERE job = $1 AND due = $4",
+               VALUES(T(webhook->job), T(owner), I(until_ms), I(webhook->due_ms)), &changed, error);
     *claimed = status == STATUS_OK && changed > 0;
     return status;
 }

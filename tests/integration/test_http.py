@@ -345,9 +345,9 @@ def test_the_page_names_the_host_that_it_was_asked_of(make_daemon):
     for host in (f"127.0.0.1:{daemon.port}", "whittle.example.org", "[::1]:8080"):
         page = daemon.curl("/", "-H", f"Host: {host}").body.decode()
         assert f"'{host}/v1/simplify?ratio=0.1'" in page and "$HERE" not in page and "localhost:8080" not in page
-        assert page.count(host) == 4 and page.rstrip().endswith("</html>")
+        assert page.count(host) == len(re.findall(r"\bcurl -", page)) and page.rstrip().endswith("</html>")
     secure = daemon.curl("/", "-H", "Host: whittle.example.org", "-H", "X-Forwarded-Proto: https").body.decode()
-    assert "'https://whittle.example.org/v1/jobs/ID/events'" in secure
+    assert "'https://whittle.example.org/v1/simplify?" in secure and not re.search(r"'whittle\.example", secure)
 
 
 @pytest.mark.parametrize("host", ["a'b", "a&b", "$(a)", "a;b", "%3Cb%3E"])
@@ -363,8 +363,8 @@ def test_the_page_under_a_base_path(make_daemon):
 
 def test_the_page_s_commands_work(daemon, tmp_path):
     (tmp_path / "in.ply").write_bytes(SMALL)
-    command = re.search(r"<pre>(curl [^\n]*simplify[^\n]*)</pre>", daemon.curl("/").body.decode())[1].replace("&amp;", "&")
-    subprocess.run(command, shell=True, cwd=tmp_path, check=True)
+    command = re.search(r"<(pre|code)>(curl [^<]*/v1/simplify[^<]*)</\1>", daemon.curl("/").body.decode())[2]
+    subprocess.run(command.replace("&amp;", "&").replace("\n", " "), shell=True, cwd=tmp_path, check=True)
     assert (tmp_path / "out.ply").read_bytes().startswith(b"ply")
 
 

@@ -113,7 +113,7 @@ static const struct {
     {100000, 0, 32, "ratio 0.5", 1.8},
     {100000, 0.02, 0, "denoise full", 1.5},
     {30000, 0, 0, "outputs cloud,mesh,report", 1.8},
-    {100000, 0.02, 0, "outputs cloud,mesh,report", 1.5},
+    {100000, 0.02, 0, "outputs cloud,mesh,report", 1.6},
     {100000, 0.05, 0, "outputs cloud,mesh,report", 1.5},
     {30000, 0.02, 0, "outputs cloud,mesh,report ratio 0.5 placement optimal", 1.5},
     {30000, 0, 0, "outputs cloud,mesh,report ratio 0.5 refine none", 2.1},

@@ -122,6 +122,9 @@ $(build)/%.o: %.cc
 	$(Q)$(CXX) $(CXXFLAGS) $(CPPFLAGS) -c -o $@ $<
 
 $(kernel_obj): private override CPPFLAGS += $(if $(has_choice),-DKERNEL_CHOICE)
+# Sanitizers can't start before the choice, so they look at the form that this machine would choose.
+$(kernel_obj): private override CPPFLAGS += $(if $(filter asan fuzz,$(config)),\
+    $(shell grep -qw avx2 /proc/cpuinfo && echo -mavx2))
 $(build)/%.avx2.o: private override CPPFLAGS += -mavx2 -DKERNEL_AVX2
 $(build)/%.avx2.o: %.c
 	@mkdir -p $(@D)

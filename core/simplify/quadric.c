@@ -121,7 +121,7 @@ static void put_in_order(const struct spokes *s, const unsigned order[ROOM], str
 INLINE i64v are_wide(const struct spokes *s, unsigned i) {
     f64v u = f64_load(&s->u[i]), v = f64_load(&s->v[i]), from = f64_load(&s->angle[i]);
     f64v next_u = f64_load(&s->u[i + 1]), next_v = f64_load(&s->v[i + 1]), to = f64_load(&s->angle[i + 1]);
-    static const double turn[] = {0, 0, 0, 4, 0, 0, 0}; /* where the last spoke is, a turn is over */
+    static const double turn[8] = {0, 0, 0, 4, 0, 0, 0, 0}; /* where the last spoke is, a turn is over */
     unsigned last = s->count - 1 - i;
     f64v turns = f64_load(&turn[last < F64_LANES ? 3 - last : 4]);
     f64v dot = u * next_u + v * next_v;

@@ -27,12 +27,12 @@
 
 #include "core/base/alloc.h"
 #include "core/base/endian.h"
+#include "core/cloud/viewpoints.h"
 #include "core/io/build.h"
 #include "core/io/formats/e57_pages.h"
 #include "core/io/formats/e57_xml.h"
 #include "core/io/parts.h"
 #include "core/io/reader.h"
-#include "core/io/viewpoints.h"
 
 enum {
     XML_AT = 24,

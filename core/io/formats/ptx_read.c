@@ -17,6 +17,7 @@
  * Two passes: one finds the scans and what all of them have, the other reads.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/cloud/viewpoints.h"
 #include "core/io/reader.h"
 
 #include <inttypes.h>
@@ -28,7 +29,6 @@
 #include "core/io/build.h"
 #include "core/io/first_bytes.h"
 #include "core/io/text_scanner.h"
-#include "core/io/viewpoints.h"
 
 enum { HEADER_LINES = 10, POSITION_WORDS = 3, WITH_INTENSITY = 4, WITH_COLOURS = 7, LEAST_LINE_BYTES = 4 };
 

@@ -5,8 +5,8 @@
  *     viewpoints_give(&views, &cloud), viewpoints_done(&views)
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_CORE_IO_VIEWPOINTS_H
-#define WHITTLE_CORE_IO_VIEWPOINTS_H
+#ifndef WHITTLE_CORE_CLOUD_VIEWPOINTS_H
+#define WHITTLE_CORE_CLOUD_VIEWPOINTS_H
 
 #include "core/cloud/cloud.h"
 

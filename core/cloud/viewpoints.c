@@ -1,7 +1,7 @@
 /* Viewpoints of scans.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/io/viewpoints.h"
+#include "core/cloud/viewpoints.h"
 
 #include <stdlib.h>
 

@@ -11,10 +11,11 @@
 #include "api/codecs/batch_json.h"
 #include "api/links.h"
 #include "server/daemon/log.h"
+#include "server/handlers/event_stream.h"
 #include "server/handlers/handlers.h"
 #include "server/handlers/keys.h"
 
-enum { BATCH_HEARTBEAT_MS = 15000, BATCH_LOOK_MS = 1000 };
+enum { BATCH_LOOK_MS = 1000 };
 
 /* ------------------------------------------------------------------------------------------------ a batch */
 
@@ -348,47 +349,14 @@ const struct handler handlers_delete_batch = {.run = delete_batch};
 
 /* ------------------------------------------------------------------------------------------------ events */
 
-static void put_batch_event(FILE *out, const char *name, const struct catalog_batch *batch) {
-    char *data = service_batch_text(batch, false);
-    fprintf(out, "event: %s\nid: %llu\ndata: %s\n\n", name, (unsigned long long)batch_sequence(batch),
-            data ? data : "{}");
-    free(data);
-}
+static char *batch_event(void *of) { return service_batch_text(of, false); }
 
-/* What is new since the last piece: status where a job has begun or ended, progress where one has gone on. */
-static void put_batch_news(FILE *out, struct request_wait *wait, const struct catalog_batch *batch) {
-    uint64_t sequence = batch_sequence(batch);
-    int states = 0;
+/* Changes where a job of it has begun or ended. */
+static int batch_state(const struct catalog_batch *batch) {
+    int state = 0;
     for (size_t i = 0; i < batch->job_count; i++)
-        states += batch->job[i].state == JOB_RUNNING ? 1 : job_ended(batch->job[i].state) ? 2 : 0;
-    if (!wait->calls || wait->state != states)
-        put_batch_event(out, "status", batch);
-    else if (wait->sequence != sequence)
-        put_batch_event(out, "progress", batch);
-    else if (wait->why == EVENTS_DEADLINE)
-        fputs(": still here\n\n", out);
-    if (!first_open(batch)) put_batch_event(out, "end", batch);
-    wait->state = states;
-    wait->sequence = sequence;
-}
-
-static void stream_batch(struct request *request, const struct catalog_batch *batch, struct response *response) {
-    struct request_wait *wait = &request->wait;
-    const struct catalog_batch_job *open = first_open(batch);
-    FILE *out = open_memstream(&response->text, &response->text_bytes);
-    if (out) put_batch_news(out, wait, batch);
-    bool written = out && fclose(out) == 0;
-    wait_for_batch(request, open ? open : &batch->job[0], events_clock_ms() + BATCH_HEARTBEAT_MS, response);
-    response->kind = RESPONSE_STREAM;
-    response->last = !written || !open || (wait->calls && (wait->why == EVENTS_HANGUP || wait->why == EVENTS_CLOSED));
-}
-
-/* Whether the client has seen the last event that there will be. */
-static bool batch_end_was_seen(const struct request *request, const struct catalog_batch *batch) {
-    const char *last = request->header[HEADER_LAST_EVENT_ID];
-    char sequence[24];
-    snprintf(sequence, sizeof sequence, "%llu", (unsigned long long)batch_sequence(batch));
-    return !first_open(batch) && last && strcmp(last, sequence) == 0;
+        state += batch->job[i].state == JOB_RUNNING ? 1 : job_ended(batch->job[i].state) ? 2 : 0;
+    return state;
 }
 
 static void get_batch_events(struct service *service, struct request *request, struct response *response) {
@@ -397,18 +365,16 @@ static void get_batch_events(struct service *service, struct request *request, s
     if (!streaming && !handlers_takes_no_query(request, response)) return;
     request->wait.seen = events_now(service->events);
     if (read_batch(service, request, request->match.capture[0], &batch, response)) {
-        response_header(response, "Cache-Control", "no-cache");
-        if (!streaming && batch_end_was_seen(request, &batch)) {
-            response->status = 204;
-        } else {
-            stream_batch(request, &batch, response);
-            response_header(response, "Content-Type", "text/event-stream");
-            response_header(response, "X-Accel-Buffering", "no");
-        }
-    } else if (streaming) { /* deleted while it was followed */
-        response_done(response);
-        response->kind = RESPONSE_STREAM;
-        response->last = true;
+        const struct catalog_batch_job *open = first_open(&batch);
+        const struct event_source source = {.sequence = batch_sequence(&batch),
+                                            .state = batch_state(&batch),
+                                            .ended = !open,
+                                            .job_id = open ? open->id : batch.job[0].id,
+                                            .data = batch_event,
+                                            .of = &batch};
+        event_stream_answer(request, &source, response);
+    } else if (streaming) {
+        event_stream_gone(response);
     }
     catalog_batch_done(&batch);
 }

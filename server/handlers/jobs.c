@@ -9,10 +9,11 @@
 #include "api/links.h"
 #include "server/daemon/log.h"
 #include "server/daemon/wall_clock.h"
+#include "server/handlers/event_stream.h"
 #include "server/handlers/handlers.h"
 #include "server/handlers/keys.h"
 
-enum { HEARTBEAT_MS = 15000, CANCEL_LOOK_MS = 1000 };
+enum { CANCEL_LOOK_MS = 1000 };
 
 /* ------------------------------------------------------------------------------------------------ wait */
 
@@ -320,74 +321,44 @@ const struct handler handlers_delete_job = {.run = delete_job};
 
 /* ------------------------------------------------------------------------------------------------ events */
 
-static void put_event(struct service *service, FILE *out, const char *name, const struct job *job) {
-    struct job_document document = service_document(service, job);
-    char *data = job_event_encode(&document);
-    fprintf(out, "event: %s\nid: %llu\ndata: %s\n\n", name, (unsigned long long)job->sequence, data ? data : "{}");
-    free(data);
+struct followed_job {
+    struct service *service;
+    const struct job *job;
+};
+
+static char *job_event(void *of) {
+    const struct followed_job *followed = of;
+    struct job_document document = service_document(followed->service, followed->job);
+    return job_event_encode(&document);
 }
 
-static void put_outputs(FILE *out, const struct job *job) {
-    for (size_t i = 0; i < job->output_count; i++)
-        fprintf(out, "event: output\nid: %llu\ndata: {\"name\":\"%s\",\"href\":\"%s/v1/jobs/%s/outputs/%s\"}\n\n",
-                (unsigned long long)job->sequence, job->output[i].name, links_base(), job->id, job->output[i].name);
-}
-
-/* What is new since the last piece, as events; a comment where nothing is. */
-static void put_news(struct service *service, FILE *out, struct request_wait *wait, const struct job *job) {
-    bool first = wait->calls == 0, state_changed = first || wait->state != (int)job->state;
-    if (state_changed) put_event(service, out, "status", job);
-    if (!state_changed && wait->sequence != job->sequence) put_event(service, out, "progress", job);
-    if (job_ended(job->state)) {
-        put_outputs(out, job);
-        put_event(service, out, "end", job);
-    } else if (!state_changed && wait->why == EVENTS_DEADLINE) {
-        fputs(": still here\n\n", out);
+static void put_outputs(FILE *out, void *of) {
+    const struct job *job = ((const struct followed_job *)of)->job;
+    for (size_t i = 0; i < job->output_count; i++) {
+        char data[JOB_ID_BYTES + LINKS_BASE_BYTES + 2 * JOB_OUTPUT_NAME_BYTES + 48];
+        snprintf(data, sizeof data, "{\"name\":\"%s\",\"href\":\"%s/v1/jobs/%s/outputs/%s\"}", job->output[i].name,
+                 links_base(), job->id, job->output[i].name);
+        event_put(out, "output", job->sequence, data);
     }
-    wait->state = (int)job->state;
-    wait->sequence = job->sequence;
 }
 
-static void stream_news(struct service *service, struct request_wait *wait, const struct job *job,
-                        struct response *response) {
-    FILE *out = open_memstream(&response->text, &response->text_bytes);
-    if (out) put_news(service, out, wait, job);
-    bool written = out && fclose(out) == 0;
-    response->kind = RESPONSE_STREAM;
-    response->last = !written || job_ended(job->state) ||
-                     (wait->calls && (wait->why == EVENTS_HANGUP || wait->why == EVENTS_CLOSED));
-    wait->deadline_ms = events_clock_ms() + HEARTBEAT_MS;
-    memcpy(wait->id, job->id, sizeof wait->id);
-}
-
-/* Whether the client has seen the last event that there will be. */
-static bool has_seen_the_end(const struct request *request, const struct job *job) {
-    const char *last = request->header[HEADER_LAST_EVENT_ID];
-    char sequence[24];
-    snprintf(sequence, sizeof sequence, "%llu", (unsigned long long)job->sequence);
-    return job_ended(job->state) && last && strcmp(last, sequence) == 0;
-}
-
-/* The current state comes first: it is all that a client that was away has missed.  One that has seen the end is told
- * not to come again, which is what 204 means to an EventSource. */
 static void get_events(struct service *service, struct request *request, struct response *response) {
     struct job job;
     bool streaming = request->wait.calls > 0;
     if (!streaming && !handlers_takes_no_query(request, response)) return;
     request->wait.seen = events_now(service->events);
     if (handlers_read_job(service, request, request->match.capture[0], &job, response)) {
-        response_header(response, "Cache-Control", "no-cache");
-        if (!streaming && has_seen_the_end(request, &job)) {
-            response->status = 204;
-        } else {
-            stream_news(service, &request->wait, &job, response);
-            response_header(response, "Content-Type", "text/event-stream");
-            response_header(response, "X-Accel-Buffering", "no");
-        }
-    } else if (streaming) { /* deleted while it was followed */
-        response_done(response);
-        response->kind = RESPONSE_STREAM;
-        response->last = true;
+        struct followed_job followed = {service, &job};
+        const struct event_source source = {.sequence = job.sequence,
+                                            .state = (int)job.state,
+                                            .ended = job_ended(job.state),
+                                            .job_id = job.id,
+                                            .data = job_event,
+                                            .before_end = put_outputs,
+                                            .of = &followed};
+        event_stream_answer(request, &source, response);
+    } else if (streaming) {
+        event_stream_gone(response);
     }
     job_done(&job);
 }

@@ -15,6 +15,7 @@
 #include "core/simplify/attribute_edges.h"
 #include "core/simplify/dso.h"
 #include "core/simplify/normals.h"
+#include "core/simplify/point_quadrics.h"
 #include "core/simplify/spacing.h"
 
 enum status pipeline_no_memory(struct run *run, const char *where) {
@@ -118,13 +119,6 @@ enum status pipeline_dso(struct run *run) {
     return STATUS_OK;
 }
 
-/* The weights of points; smooth is room for n.  The paper's form is used as it is. */
-static void weigh(const struct run *run, float *smooth, float *weight) {
-    bool smoothed = run->params->dso == DSO_RMS;
-    if (smoothed) dso_smooth(run->dso, &run->neighbours, run->threads, smooth);
-    dso_weights(smoothed ? smooth : run->dso, run->points.count, run->params->dso_exponent, run->threads, weight);
-}
-
 /* ------------------------------------------------------------------------------------------------ attributes */
 
 /* The property's values along the curve, so that nearly all lie within a range of 1 (value; order is scratch). */
@@ -160,25 +154,26 @@ static enum status add_edges(struct run *run, const struct weight_entry *entry, 
     return STATUS_OK;
 }
 
-enum status pipeline_quadrics(struct run *run) {
-    size_t n = run->points.count;
-    float *smooth = alloc_array(n, sizeof *smooth), *weight = alloc_array(n, sizeof *weight);
-    run->quadrics = alloc_array(n, sizeof *run->quadrics);
-    bool room = smooth && weight && run->quadrics;
-    if (room) {
-        struct quadric_options options = {(enum area_weight)run->params->area_weight, run->params->line_quadric,
-                                          run->threads};
-        weigh(run, smooth, weight);
-        quadric_assemble(run->points.point, run->normal, &run->neighbours, weight, &options, run->quadrics);
-    }
-    enum status status = room ? STATUS_OK : pipeline_no_memory(run, "quadrics");
+/* Edges of what `weights` names, added to the quadrics. */
+static enum status add_attributes(struct run *run) {
+    const struct quadric_options options = {(enum area_weight)run->params->area_weight, 0, run->threads};
+    const char *at = run->params->weights;
+    if (!*at) return STATUS_OK;
+    float *value = alloc_array(run->points.count, sizeof *value), *order = alloc_array(run->points.count, sizeof *order);
+    enum status status = value && order ? STATUS_OK : pipeline_no_memory(run, "quadrics");
     struct weight_entry entry;
-    for (const char *at = run->params->weights; !status && *at && weight_list_next(&at, &entry);) {
-        struct quadric_options options = {(enum area_weight)run->params->area_weight, 0, run->threads};
-        status = add_edges(run, &entry, &options, weight, smooth);
-    }
-    free(smooth), free(weight);
+    while (!status && *at && weight_list_next(&at, &entry)) status = add_edges(run, &entry, &options, value, order);
+    free(value), free(order);
     return status;
+}
+
+enum status pipeline_quadrics(struct run *run) {
+    const struct point_quadrics of = {
+        run->params, run->points.point, run->normal, &run->neighbours, run->dso, NULL, run->threads};
+    double average = NAN;
+    run->quadrics = alloc_array(run->points.count, sizeof *run->quadrics);
+    if (!run->quadrics || point_quadrics_make(&of, &average, run->quadrics)) return pipeline_no_memory(run, "quadrics");
+    return add_attributes(run);
 }
 
 size_t pipeline_wanted_points(const struct run *run, size_t level) {

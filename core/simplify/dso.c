@@ -92,10 +92,15 @@ void dso_smooth(const float *dso, const struct neighbourhood *neighbourhood, uns
     par_for(threads, neighbourhood->n, GRAIN, smooth_range, &smoothing);
 }
 
-static double mean(const float *value, size_t n) {
+double dso_average(const float *dso, const uint8_t *own, size_t n) {
     double sum = 0;
-    for (size_t i = 0; i < n; i++) sum += (double)value[i];
-    return n ? sum / (double)n : 0;
+    size_t count = 0;
+    for (size_t i = 0; i < n; i++) {
+        if (own && !own[i]) continue;
+        sum += (double)dso[i];
+        count++;
+    }
+    return count ? sum / (double)count : 0;
 }
 
 struct weighting {
@@ -112,11 +117,7 @@ static void weight_range(void *ctx, size_t begin, size_t end) {
     }
 }
 
-void dso_weights_about(const float *dso, size_t n, double average, double exponent, unsigned threads, float *weight) {
+void dso_weights(const float *dso, size_t n, double average, double exponent, unsigned threads, float *weight) {
     struct weighting weighting = {dso, average, exponent, weight};
     par_for(threads, n, GRAIN, weight_range, &weighting);
-}
-
-void dso_weights(const float *dso, size_t n, double exponent, unsigned threads, float *weight) {
-    dso_weights_about(dso, n, mean(dso, n), exponent, threads, weight);
 }

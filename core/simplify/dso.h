@@ -21,11 +21,11 @@ void dso_compute(const vec3 *point, const vec3 *normal, const struct neighbourho
  * weight that changes from point to point favours some neighbours over others without a reason in the shape.  O(n). */
 void dso_smooth(const float *dso, const struct neighbourhood *neighbourhood, unsigned threads, float *smooth);
 
-/* weight[p] = (dso[p] / mean dso)^exponent, kept within 1e-3 .. 1e3 and with a floor that keeps flat regions alive; 1
- * where the mean is 0 (a plane) or the exponent is 0. */
-void dso_weights(const float *dso, size_t n, double exponent, unsigned threads, float *weight);
+/* The mean of dso over the points that own marks, or over all n (own NULL); 0 of none. */
+double dso_average(const float *dso, const uint8_t *own, size_t n);
 
-/* The same about an average that is given: for a part of a cloud, with that of the whole. */
-void dso_weights_about(const float *dso, size_t n, double average, double exponent, unsigned threads, float *weight);
+/* weight[p] = (dso[p] / average)^exponent, kept within 1e-3 .. 1e3 and with a floor that keeps flat regions alive; 1
+ * where the average is 0 (a plane) or the exponent is 0.  point_quadrics.h says what is given for dso. */
+void dso_weights(const float *dso, size_t n, double average, double exponent, unsigned threads, float *weight);
 
 #endif

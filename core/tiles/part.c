@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/tiles/part.h"
 
+#include <math.h>
 #include <stdlib.h>
 
 #include "core/base/alloc.h"
@@ -8,22 +9,12 @@
 #include "core/pipeline/memory.h"
 #include "core/simplify/dso.h"
 #include "core/simplify/normals.h"
+#include "core/simplify/point_quadrics.h"
 #include "core/spatial/knn.h"
 #include "core/spatial/neighbourhood.h"
 
 static enum status part_no_memory(size_t points, struct error *error) {
     return error_set(error, STATUS_NO_MEMORY, "tiles", "not enough memory for %zu points", points);
-}
-
-static double mean_of_own(const float *value, const uint8_t *own, size_t n) {
-    double sum = 0;
-    size_t count = 0;
-    for (size_t i = 0; i < n; i++) {
-        if (!own[i]) continue;
-        sum += (double)value[i];
-        count++;
-    }
-    return count ? sum / (double)count : 0;
 }
 
 static enum status find_hood(const struct part *part, bool find, struct part_whole *whole, struct neighbourhood *hood) {
@@ -42,27 +33,24 @@ static enum status find_hood(const struct part *part, bool find, struct part_who
 /* The quadrics of all points, from their neighbourhoods. */
 static enum status assemble(struct part *part, const struct neighbourhood *hood, bool find, struct part_whole *whole) {
     size_t n = part->points.count;
-    const struct params *params = part->params;
-    const struct quadric_options options = {(enum area_weight)params->area_weight, params->line_quadric, part->threads};
-    bool smoothed = params->dso == DSO_RMS;
+    const vec3 *point = part->points.point;
     vec3 *normal = part->normal = alloc_array(n, sizeof *normal);
-    float *dso = alloc_array(n, sizeof *dso), *smooth = alloc_array(n, sizeof *smooth);
-    float *weight = alloc_array(n, sizeof *weight);
+    float *dso = alloc_array(n, sizeof *dso);
     part->quadrics = alloc_array(n, sizeof *part->quadrics);
-    bool room = normal && dso && smooth && weight && part->quadrics;
-    if (room) {
-        normals_fit(part->points.point, hood, part->threads, normal, NULL);
-        dso_compute(part->points.point, normal, hood, (enum dso_form)params->dso, part->threads, dso);
-        if (smoothed) dso_smooth(dso, hood, part->threads, smooth);
-        const float *operator= smoothed ? smooth : dso;
-        if (find) whole->average = mean_of_own(operator, part->own, n);
-        dso_weights_about(operator, n, whole->average, params->dso_exponent, part->threads, weight);
-        quadric_assemble(part->points.point, normal, hood, weight, &options, part->quadrics);
-        if (find) whole->length_bias = contract_length_bias(part->quadrics, part->own, n);
+    enum status status = normal && dso && part->quadrics ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) {
+        const struct point_quadrics of = {part->params, point, normal, hood, dso, part->own, part->threads};
+        normals_fit(point, hood, part->threads, normal, NULL);
+        dso_compute(point, normal, hood, (enum dso_form)part->params->dso, part->threads, dso);
+        if (find) whole->average = NAN;
+        status = point_quadrics_make(&of, &whole->average, part->quadrics);
     }
-    if (room && find && noise_estimate(part->points.point, normal, hood, &whole->noise)) room = false;
-    free(dso), free(smooth), free(weight);
-    return room ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status && find) {
+        whole->length_bias = contract_length_bias(part->quadrics, part->own, n);
+        status = noise_estimate(point, normal, hood, &whole->noise);
+    }
+    free(dso);
+    return status;
 }
 
 enum status part_make(struct part *part, const struct scratch_points *points, bool find, struct part_whole *whole,

@@ -11,6 +11,7 @@ import subprocess
 import pytest
 
 import conftest
+import test_tiles as tiles
 from test_parameters import torus, write
 
 pytestmark = pytest.mark.skipif(conftest.SANITIZED, reason="sanitizers change nothing here, and the plain run does it")
@@ -305,9 +306,8 @@ def test_a_parameter_is_a_member_a_row_and_its_use(tree, changed, tmp_path):
     add_row(tree / "core/params.c", "static const struct param table[] = {",
             '\n    {"dso_factor", PARAM_NUMBER, AT(dso_factor), 0, 4, false, "1", NULL, "", true,\n'
             '     "What dso_exponent is multiplied by"},')
-    set_line(tree / "core/pipeline/cloud_steps.c", "run->params->dso_exponent,",
-             "run->params->dso_exponent * run->params->dso_factor,")
-    assert changed() == ["core/params.c", "core/params.h", "core/pipeline/cloud_steps.c"]
+    set_line(tree / "core/simplify/point_quadrics.c", "params->dso_exponent,", "params->dso_exponent * params->dso_factor,")
+    assert changed() == ["core/params.c", "core/params.h", "core/simplify/point_quadrics.c"]
     scalar = " -DSIMD_SCALAR" if BUILD.name == "scalar" else ""
     whittle = make(tree, "whittle", f"flags_{BUILD.name}=-O0{scalar}")
     cloud = write(tmp_path / "torus.obj", torus())
@@ -321,6 +321,12 @@ def test_a_parameter_is_a_member_a_row_and_its_use(tree, changed, tmp_path):
     assert [by_default[1], none[1], halved[1]] == [1, 0, 0.5]
     assert none[0] == kept("flat", "--dso-exponent", "0")[0] != by_default[0]
     assert halved[0] == kept("eighth", "--dso-exponent", "0.125")[0] != by_default[0]
+    # what is larger than memory is weighed by it, too: in tiles, the factor is as the exponent it makes
+    def tiled(name, *options):
+        return tiles.steps(sheet, tmp_path / name, tmp_path / f"{name}.ply", goal=("--ratio", "0.05", *options), program=whittle)
+
+    sheet = tiles.bumps(tmp_path / "sheet.ply", 20000)
+    assert tiled("tiled half", "--dso-factor", "0.5") == tiled("tiled eighth", "--dso-exponent", "0.125") != tiled("tiled")
     wrong = subprocess.run([whittle, cloud, "--dso-factor", "5"], capture_output=True, text=True, check=False)
     assert wrong.returncode == 64
     assert "--dso-factor: '5' is not allowed; it takes a number from 0, at most 4" in wrong.stderr

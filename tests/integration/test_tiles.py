@@ -32,20 +32,20 @@ def bumps(path, points, seed=3):
     return path
 
 
-def whittle(*arguments, status=0, **options):
-    done = subprocess.run([WHITTLE, *map(str, arguments)], capture_output=True, text=True, check=False, **options)
+def whittle(*arguments, status=0, program=WHITTLE, **options):
+    done = subprocess.run([program, *map(str, arguments)], capture_output=True, text=True, check=False, **options)
     assert done.returncode == status, done.stderr
     return done
 
 
-def steps(cloud, folder, out, order=lambda tiles: tiles, threads=2, goal=("--ratio", "0.05")):
-    whittle("tiles", "plan", cloud, "--scratch", folder, "--memory", "1G", "--tile-points", TILE, *goal,
-            "--threads", threads)
-    tiles = whittle("tiles", "list", "--scratch", folder).stdout.split()
-    for tile in order(tiles):
-        whittle("tiles", "run", tile, "--scratch", folder, "--threads", threads)
-    assert whittle("tiles", "list", "--scratch", folder).stdout == ""
-    whittle("tiles", "merge", out, "--scratch", folder, "--threads", threads, "-f")
+def steps(cloud, folder, out, order=lambda tiles: tiles, threads=2, goal=("--ratio", "0.05"), program=WHITTLE):
+    def tiles(*arguments):
+        return whittle("tiles", *arguments, "--scratch", folder, program=program).stdout
+    tiles("plan", cloud, "--memory", "1G", "--tile-points", TILE, *goal, "--threads", threads)
+    for tile in order(tiles("list").split()):
+        tiles("run", tile, "--threads", threads)
+    assert tiles("list") == ""
+    tiles("merge", out, "--threads", threads, "-f")
     return out.read_bytes()
 
 

@@ -110,7 +110,7 @@ static struct packed_quadric *quadrics_of(const vec3 *point, const vec3 *normal,
     float *dso = malloc(n * sizeof *dso), *weight = malloc(n * sizeof *weight);
     struct quadric_options options = {AREA_AREA, 1e-3, 1};
     dso_compute(point, normal, neighbours, DSO_RMS, 1, dso);
-    dso_weights(dso, n, 0.5, 1, weight);
+    dso_weights(dso, n, dso_average(dso, NULL, n), 0.5, 1, weight);
     quadric_assemble(point, normal, neighbours, weight, &options, quadrics);
     free(dso), free(weight);
     return quadrics;

@@ -37,7 +37,7 @@ static struct start start_from(vec3 *point) {
     knn_free(knn);
     normals_fit(point, &s.neighbours, 1, s.normal, NULL);
     dso_compute(point, s.normal, &s.neighbours, DSO_RMS, 1, dso);
-    dso_weights(dso, N, 0.5, 1, weight);
+    dso_weights(dso, N, dso_average(dso, NULL, N), 0.5, 1, weight);
     quadric_assemble(point, s.normal, &s.neighbours, weight, &options, s.quadrics);
     return s;
 }

@@ -374,11 +374,11 @@ static void weights_of_a_plane_are_one_and_others_average_around_it(void **state
     (void)state;
     const float flat[] = {0, 0, 0}, mixed[] = {0, 1, 2};
     float weight[3];
-    dso_weights(flat, 3, 0.5, 1, weight);
+    dso_weights(flat, 3, dso_average(flat, NULL, 3), 0.5, 1, weight);
     for (int i = 0; i < 3; i++) assert_true(weight[i] == 1);
-    dso_weights(mixed, 3, 1, 2, weight);
+    dso_weights(mixed, 3, dso_average(mixed, NULL, 3), 1, 2, weight);
     assert_true(weight[0] > 0 && weight[0] < 0.02f && fabsf(weight[1] - 1) < 1e-6f && weight[2] > 1.9f);
-    dso_weights(mixed, 3, 0, 1, weight);
+    dso_weights(mixed, 3, dso_average(mixed, NULL, 3), 0, 1, weight);
     for (int i = 0; i < 3; i++) assert_true(weight[i] == 1);
 }
 

@@ -131,7 +131,7 @@ static struct packed_quadric *quadrics_of(const struct cloud *cloud, const struc
     normals_fit(points.point, &hood, 2, normal, NULL);
     dso_compute(points.point, normal, &hood, (enum dso_form)params->dso, 2, dso);
     dso_smooth(dso, &hood, 2, smooth);
-    dso_weights(smooth, n, params->dso_exponent, 2, weight);
+    dso_weights(smooth, n, dso_average(smooth, NULL, n), params->dso_exponent, 2, weight);
     quadric_assemble(points.point, normal, &hood, weight, &options, along);
     for (size_t i = 0; i < n; i++) all[points.original[i]] = along[i];
     free(normal), free(dso), free(smooth), free(weight), free(along);

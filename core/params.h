@@ -17,7 +17,7 @@
 #include "core/text/weight_list.h"
 
 enum dso_form { DSO_RMS, DSO_SUM, DSO_NONE };
-/* auto: as the surface is known (pipeline_placement). */
+/* auto: optimal where the input's own faces are simplified and have no texture coordinates, else subset. */
 enum placement { PLACEMENT_SUBSET, PLACEMENT_OPTIMAL, PLACEMENT_AUTO };
 enum area_weight { AREA_UNIT, AREA_AREA };
 /* Whether points are simplified before the surface is reconstructed from them, or it is reconstructed from more. */

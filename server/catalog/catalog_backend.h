@@ -1,7 +1,7 @@
 /* What a backend of the catalog implements, for the folders below this one alone.
  *
  * A backend keeps a struct of its own that begins with a struct catalog.  Another one is a folder and a row here;
- * tests/unit/test_catalog.c is what it has to pass.
+ * the tests over tests/unit/catalog_fixture.c are what it has to pass.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_SERVER_CATALOG_CATALOG_BACKEND_H

@@ -1,8 +1,7 @@
 /* Rows of a backend's database, read without knowing whose: a backend says how its driver gives a column, and what a
  * record is made of is said once, for all of them.
  *
- * To keep something more of a job: a column in each backend's schema, its name in CATALOG_JOB_COLUMNS, its line in
- * cells.c.
+ * To keep something more of a job: README.md has the list of places.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_SERVER_CATALOG_CELLS_H

@@ -27,7 +27,7 @@ struct turn {
     struct job_cost cost;
 };
 
-/* Returns new, NULL when memory runs out.  turns_free accepts NULL. */
+/* Returns new, NULL when memory runs out.  fair_share_free accepts NULL. */
 struct fair_share *fair_share_new(int64_t aging_ms);
 void fair_share_free(struct fair_share *fair_share);
 

@@ -21,7 +21,7 @@
  * A task that is lost waits again, and nothing else does.  The end of a task is the job's where it has failed, or was
  * the merge.
  *
- * To add a member that is kept: here, a column in job_rows.h with a step of the schema, and api/codecs/job_json.h.
+ * A member that is kept: server/catalog/README.md has the list of places.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_SERVER_CATALOG_JOB_H
@@ -91,7 +91,7 @@ struct job {
     uint64_t sequence;           /* grows with every change: milliseconds since 1970, or the last one + 1 */
     int attempt;                 /* how often it was claimed: with the owner, who may end it */
     char owner[JOB_OWNER_BYTES]; /* the host that runs it; "" = none */
-    int64_t lease_end_ms;        /* until when that host has it, unless it renews */
+    int64_t lease_end_ms;        /* from then on another host may take it, unless it renews */
     bool is_cancelled;           /* it runs, and somebody wants it to end */
     int failures;                /* how often its process was ended by the host, or stood still */
     int interruptions;           /* how often the service ended while it ran */

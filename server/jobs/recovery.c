@@ -53,6 +53,9 @@ struct recovery {
     int64_t latest_ms; /* when a job has changed last */
 };
 
+/* On one host outputs are deleted before the job is queued again, so that a crash between both leaves none behind.
+ * Where a database is asked over a network, the end that a host wrote as it died may come to pass just now: then the
+ * job has succeeded, and its outputs are wanted.  So there they are deleted afterwards, and only if it was queued. */
 enum status service_recover_job(struct service *service, struct job *job, bool *failed, bool *changed,
                                 struct error *error) {
     const int attempt = job->attempt; /* whose end was never recorded */
@@ -78,9 +81,7 @@ enum status service_recover_job(struct service *service, struct job *job, bool *
     return status;
 }
 
-/* A job that is running, by its row: of this host when it ended, or of one that is gone; else another host has it.
- * Where a database is asked over a network, the end that a host wrote as it died may come to pass just now: then the
- * job has succeeded, and its outputs are wanted. */
+/* A job that is running, by its row: of this host when it ended, or of one that is gone; else another host has it. */
 static enum status recover_running(struct service *service, struct job *job, struct recovery *recovery,
                                    struct error *error) {
     bool is_own = strcmp(job->owner, service->host) == 0, failed = false, changed = false;

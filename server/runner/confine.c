@@ -1,17 +1,22 @@
 /* A job's process is confined between fork and exec, by the service and not by itself: so it holds from the program's
  * first instruction, for the loader too, and for any program that `worker` names.
  *
- *     limits              address space, processor time, length of a file, descriptors, no core file
- *     no new privileges   no set-user-id program gives any; no capabilities either, where the service has them
- *     no network          a network namespace with nothing in it (a user namespace with it where that takes no rights)
- *     own process ids     a namespace of them, in which the job can't name the service, nor anybody else, to signal it
- *     threads             their number, where a user namespace counts them; else runner/footprint.c looks at it
- *     Landlock            files: runner/landlock.c
- *     seccomp             system calls: runner/seccomp.c
+ *     own process ids     a namespace of them, in which the job can't name the service, nor anybody else, to        [*]
+ *                         signal it; entered before the fork of the process, with the network's (runner/spawn.c)
+ *     limits              address space, data, stack, processor time, length of a file, descriptors, no core file
+ *     manners             it gives way to the service: nice, and first to go where memory is short
+ *     no network          a network namespace with nothing in it, in a user namespace where that takes no rights    [*]
+ *     threads             their number, where a user namespace counts them; else runner/footprint.c looks at it     [*]
+ *     no capabilities     where the service has any
+ *     account, folder     that of --job-user; the job's folder is the present one
+ *     death               it ends with the thread that has forked it
+ *     no new privileges   no set-user-id program gives any
+ *     Landlock            files: runner/landlock.c                                                                  [*]
+ *     seccomp             system calls: runner/seccomp.c                                                            [*]
  *
- * In this order, because the last would forbid what those before it do.  A kernel without one of the last three is no
- * reason not to start: the log says what holds, and whether that is enough is for the operator to say.  But what was
- * there at the start must hold for each job, or the job doesn't run.
+ * In this order, because the last would forbid what those before it do.  A kernel that lacks some of those marked [*]
+ * is no reason not to start: the log says what holds, and whether that is enough is for the operator to say.  But what
+ * was there at the start must hold for each job, or the job doesn't run.  The others hold always.
  *
  * A process of the same user may open another's memory in /proc.  Landlock forbids that, and so does a user namespace.
  * Where there is neither, the service's own memory is closed to everybody but root, which costs it its core dumps.

@@ -10,7 +10,7 @@
 #include "server/jobs/service.h"
 #include "server/runner/confine.h"
 
-/* What somebody else wants of a run; changed from any thread, then bell_fd (an eventfd) is written. */
+/* What somebody else wants of a run; changed from any thread, then wake_fd (an eventfd) is written. */
 enum worker_command {
     WORKER_GO_ON,
     WORKER_DISMISS,
@@ -24,7 +24,7 @@ struct worker_control {
     int wake_fd;
 };
 
-/* Runs a claimed job to its end and records in the queue what became of it (published and logged).  Blocks for as long
+/* Runs a claimed job to its end and records in the catalog what became of it (published and logged).  Blocks for as long
  * as the process lives.  false: it is queued again for what this host lacks, such as room on its disk; another one may
  * have it. */
 bool worker_run(struct service *service, const struct confinement *confinement, struct job *job,

@@ -7,7 +7,7 @@
  * only where the length is known, so none is left behind the end.
  *
  * Invariants: `posted` says that a step is in the threads' list or under way; while it is set, `digest`, `hashed` and
- * `reserved` are the step's, and the last step frees what behind_free has left.
+ * `reserved` are the step's, and the last step frees what upload_hasher_free has left.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/storage/upload_hasher.h"

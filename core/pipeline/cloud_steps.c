@@ -159,7 +159,8 @@ static enum status add_attributes(struct run *run) {
     const struct quadric_options options = {(enum area_weight)run->params->area_weight, 0, run->threads};
     const char *at = run->params->weights;
     if (!*at) return STATUS_OK;
-    float *value = alloc_array(run->points.count, sizeof *value), *order = alloc_array(run->points.count, sizeof *order);
+    float *value = alloc_array(run->points.count, sizeof *value);
+    float *order = alloc_array(run->points.count, sizeof *order);
     enum status status = value && order ? STATUS_OK : pipeline_no_memory(run, "quadrics");
     struct weight_entry entry;
     while (!status && *at && weight_list_next(&at, &entry)) status = add_edges(run, &entry, &options, value, order);
@@ -168,8 +169,8 @@ static enum status add_attributes(struct run *run) {
 }
 
 enum status pipeline_quadrics(struct run *run) {
-    const struct point_quadrics of = {
-        run->params, run->points.point, run->normal, &run->neighbours, run->dso, NULL, run->threads};
+    const struct point_quadrics of = {run->params, run->points.point, run->normal, &run->neighbours, run->dso,
+                                      NULL,        run->threads};
     double average = NAN;
     run->quadrics = alloc_array(run->points.count, sizeof *run->quadrics);
     if (!run->quadrics || point_quadrics_make(&of, &average, run->quadrics)) return pipeline_no_memory(run, "quadrics");

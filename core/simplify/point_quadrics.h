@@ -18,9 +18,9 @@ struct point_quadrics {
 };
 
 /* quadrics[p], n of them: smooths the operator (dso_smooth) where it is ours, makes weights of it (dso_weights) about
- * *average, and assembles the quadrics with them (quadric_assemble).  *average: NAN, and it is found and set; or that of
- * the cloud which the points are a part of.  STATUS_NO_MEMORY.  O(n k log k). */
-enum status point_quadrics_make(const struct point_quadrics *of, double *average, struct packed_quadric *quadrics)
-    MUST_CHECK;
+ * *average, and assembles the quadrics with them (quadric_assemble).  *average: NAN, and it is found and set; or that
+ * of the cloud which the points are a part of.  STATUS_NO_MEMORY.  O(n k log k). */
+enum status point_quadrics_make(const struct point_quadrics *of, double *average,
+                                struct packed_quadric *quadrics) MUST_CHECK;
 
 #endif

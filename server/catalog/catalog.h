@@ -84,8 +84,9 @@ void catalog_watch(struct catalog *catalog, void (*tell)(void *ctx, enum catalog
 /* ------------------------------------------------------------------------------------------------ jobs */
 
 /* A job that runs is held by a lease: its owner, which is a host, and its attempt, which no two claims share.  The
- * owner renews it; where it doesn't, the lease ends, and any host may take the job and queue it again.  Until one has, the
- * job is its owner's still; whoever has held it before is fenced: what it writes of the job changes nothing.  Leases end by the catalog's clock. */
+ * owner renews it; where it doesn't, the lease ends, and any host may take the job and queue it again.  Until one has,
+ * the job is its owner's still; whoever has held it before is fenced: what it writes of the job changes nothing.
+ * Leases end by the catalog's clock. */
 
 /* How many jobs may wait, and what each principal may have; the latter 0 = no limit. */
 struct catalog_limits {

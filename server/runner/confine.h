@@ -17,8 +17,8 @@ enum { CONFINE_TEXT_BYTES = 192, CONFINE_STACK_BYTES = 8 << 20 };
 /* Finds out what the kernel has, for processes that execute the program (borrowed, as long as the confinement lives).
  * sandbox false: limits and no_new_privs alone.  user: the account that they run as, which takes root or CAP_SETUID,
  * CAP_SETGID, CAP_CHOWN and CAP_KILL; "" = ours.
- * STATUS_BAD_PARAMETER: that can't be, or the account can't execute the program.  Forks a child that ends at once for each
- * thing that it tries. */
+ * STATUS_BAD_PARAMETER: that can't be, or the account can't execute the program.
+ * Forks a child that ends at once for each thing that it tries. */
 enum status confine_open(const char *program, bool sandbox, const char *user, struct confinement **confinement,
                          struct error *error) MUST_CHECK;
 void confine_close(struct confinement *confinement);

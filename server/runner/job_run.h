@@ -24,9 +24,9 @@ struct worker_control {
     int wake_fd;
 };
 
-/* Runs a claimed job to its end and records in the catalog what became of it (published and logged).  Blocks for as long
- * as the process lives.  false: it is queued again for what this host lacks, such as room on its disk; another one may
- * have it. */
+/* Runs a claimed job to its end and records in the catalog what became of it (published and logged).  Blocks for as
+ * long as the process lives.  false: it is queued again for what this host lacks, such as room on its disk; another one
+ * may have it. */
 bool worker_run(struct service *service, const struct confinement *confinement, struct job *job,
                 struct worker_control *control);
 

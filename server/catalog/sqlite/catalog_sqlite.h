@@ -5,10 +5,10 @@
  * the last of these may be missing, nothing else.
  *
  * Who may have how many jobs, bytes and turns is decided under the writer's lock, by what is in memory: `waiting` and
- * `running` are the numbers of rows in these states, `fair_share` holds the rows that wait, `runs` those that run, `usage`
- * what principals have.  They change after the commit.  Another process may write to the same file: whoever takes the
- * lock and finds that one has (PRAGMA data_version) reads them again first (catalog_sqlite_enter).  `order` guards
- * fair_share and runs, is taken after a connection's lock, and is held for no longer than a look at them takes.
+ * `running` are the numbers of rows in these states, `fair_share` holds the rows that wait, `runs` those that run,
+ * `usage` what principals have.  They change after the commit.  Another process may write to the same file: whoever
+ * takes the lock and finds that one has (PRAGMA data_version) reads them again first (catalog_sqlite_enter).  `order`
+ * guards fair_share and runs, is taken after a connection's lock, and is held for no longer than a look at them takes.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_SERVER_CATALOG_SQLITE_CATALOG_SQLITE_H

@@ -3,6 +3,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/report.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -60,8 +61,24 @@ static bool warns_of_smoothing(const struct report *report, char *text, size_t t
     return true;
 }
 
+/* Degrees of longitude and latitude under metres of height: distances, and what is near, mean nothing.  A degree has
+ * 111 km, so a landscape looks thousands of times as high as wide; what is scanned otherwise is no needle. */
+static bool warns_of_degrees(const struct report *report, char *text, size_t text_bytes) {
+    const double *low = report->box_min, *high = report->box_max;
+    bool on_earth = low[0] >= -180 && high[0] <= 180 && low[1] >= -90 && high[1] <= 90;
+    double wide = fmax(high[0] - low[0], high[1] - low[1]), height = high[2] - low[2];
+    if (!on_earth || !(wide > 0) || height <= REPORT_NEEDLE * wide) return false;
+    snprintf(
+        text, text_bytes,
+        "the cloud is %.0f times as high as wide: if x and y are degrees and z is metres, distances are wrong; put "
+        "it into a coordinate system of metres first",
+        height / wide);
+    return true;
+}
+
 bool report_warning(const struct report *report, const struct report_level *level, size_t n, char *text,
                     size_t text_bytes) {
+    if (warns_of_degrees(report, text, text_bytes) && n-- == 0) return true;
     if (warns_of_lid(report, level, text, text_bytes) && n-- == 0) return true;
     if (warns_of_kind(report, level, text, text_bytes) && n-- == 0) return true;
     if (warns_of_smoothing(report, text, text_bytes) && n-- == 0) return true;

@@ -125,6 +125,10 @@ void report_add_stage(struct report *report, const char *name, double wall_ms);
  * smoothing pays: measured on two statues with noise and doubles of many levels, and on six scans. */
 #define REPORT_LARGE_NOISE 0.125
 
+/* A cloud that is so many times as high as wide may have degrees below metres, and is told of: 5 m of height over 2 km
+ * are 280 times. */
+#define REPORT_NEEDLE 200
+
 /* Writes the n-th thing (from 0) that a user should know before using this level of the report's results, as a sentence
  * without a full stop; false where there is no n-th one. */
 bool report_warning(const struct report *report, const struct report_level *level, size_t n, char *text,

@@ -281,8 +281,27 @@ static void a_mesh_of_noise_is_warned_of(void **state) {
     assert_false(report_warning(&report, &level, 0, text, sizeof text));
 }
 
+static void degrees_below_metres_are_warned_of(void **state) {
+    (void)state;
+    struct report report = {.box_min = {8.51, 47.35, 400}, .box_max = {8.53, 47.36, 440}};
+    const struct report_level level = {0};
+    char text[REPORT_WARNING_BYTES];
+    assert_true(report_warning(&report, &level, 0, text, sizeof text));
+    assert_string_equal(text,
+                        "the cloud is 2000 times as high as wide: if x and y are degrees and z is metres, distances "
+                        "are wrong; put it into a coordinate system of metres first");
+    assert_false(report_warning(&report, &level, 1, text, sizeof text));
+    report.box_max[2] = 403; /* a mast, in metres */
+    assert_false(report_warning(&report, &level, 0, text, sizeof text));
+    report.box_max[2] = 440, report.box_max[1] = 91; /* no latitude */
+    assert_false(report_warning(&report, &level, 0, text, sizeof text));
+    report = (struct report){.box_max = {0, 0, 5}}; /* a line */
+    assert_false(report_warning(&report, &level, 0, text, sizeof text));
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(degrees_below_metres_are_warned_of),
         cmocka_unit_test(a_mesh_of_noise_is_warned_of),
         cmocka_unit_test(figures_are_those_of_an_own_dense_sampling),
         cmocka_unit_test(the_tip_of_one_spike_of_many_is_found),

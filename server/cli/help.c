@@ -46,7 +46,7 @@ static const struct own {
      "Points of a tile at most, as 8000000 or 8M; the result depends on it. Default: as memory has room for"},
     {0, "progress-fd", "N", "VALUE", "Tell progress and the end on this inherited descriptor, one line each"},
     {'h', "help", NULL, "", "Print the options"},
-    {0, "version", NULL, "", "Print the version"},
+    {'V', "version", NULL, "", "Print the version"},
     {0, "man", NULL, "", "Print the manual page"},
 };
 enum { OWNS = sizeof owns / sizeof owns[0] };

@@ -215,6 +215,9 @@ static _Noreturn void end_without_memory(void) {
 }
 
 int main(int argc, char **argv) {
+    char asked[] = "--help", *of_command[] = {argv[0], argc > 2 ? argv[2] : asked, asked, NULL};
+    if (argc > 1 && argc < 4 && strcmp(argv[1], "help") == 0 && access(argv[1], F_OK) != 0)
+        argv = of_command, argc = 3; /* whittle help [COMMAND] */
     if (argc > 1 && strcmp(argv[1], "measure") == 0) return worker_measure_main(argc - 1, argv + 1);
     if (argc > 1 && strcmp(argv[1], "info") == 0) return worker_info_main(argc - 1, argv + 1);
     if (argc > 1 && strcmp(argv[1], "tiles") == 0) {

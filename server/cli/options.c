@@ -8,6 +8,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
+#include <unistd.h>
 
 #include "core/base/version.h"
 #include "server/cli/cli_internal.h"
@@ -52,7 +54,7 @@ static const struct own_option {
     [OWN_VERBOSE] = {"verbose", 'v', false},
     [OWN_JSON] = {"json", 0, false},
     [OWN_HELP] = {"help", 'h', false},
-    [OWN_VERSION] = {"version", 0, false},
+    [OWN_VERSION] = {"version", 'V', false},
     [OWN_MAN] = {"man", 0, false},
     [OWN_LIST] = {"list-options", 0, false},
 };
@@ -68,12 +70,29 @@ static const char *as_written(const char *argument, char written[ERROR_WHERE_BYT
     return written;
 }
 
+/* What other programs call it. */
+static const char *named_elsewhere(const char *name) {
+    static const char *const names[][2] = {
+        {"percent", "ratio"},      {"fraction", "ratio"},   {"r", "ratio"},
+        {"count", "points"},       {"number", "points"},    {"vertices", "points"},
+        {"faces", "points"},       {"triangles", "points"}, {"target", "points"},
+        {"p", "points"},           {"voxel", "spacing"},    {"voxel_size", "spacing"},
+        {"grid", "spacing"},       {"radius", "spacing"},   {"lod", "levels"},
+        {"out", "output"},         {"format", "output"},    {"overwrite", "force"},
+        {"jobs", "threads"},       {"silent", "quiet"},     {"tolerance", "max_deviation"},
+        {"error", "max_deviation"}};
+    for (size_t i = 0; name && i < sizeof names / sizeof *names; i++)
+        if (strcasecmp(names[i][0], name) == 0) return names[i][1];
+    return NULL;
+}
+
 static enum worker_request refuse_unknown(struct error *error, const char *argument, const char *name) {
     char written[ERROR_WHERE_BYTES];
     const char *names[OWN_COUNT + 1] = {NULL};
     for (int i = 0; i < OWN_COUNT; i++) names[i] = own_options[i].name;
     char option[NAME_BYTES] = "";
-    const char *near = name ? params_suggest(name, names) : NULL;
+    const char *near = named_elsewhere(name ? name : argument + 1);
+    if (!near && name) near = params_suggest(name, names);
     if (near) help_hyphens(near, option, sizeof option);
     error_set(error, STATUS_BAD_PARAMETER, as_written(argument, written), "unknown option%s%s%s",
               near ? "; did you mean '--" : "", option, near ? "'?" : "");
@@ -231,12 +250,36 @@ static enum worker_request parse_argument(struct worker_options *options, int ar
     return WORKER_RUN;
 }
 
+/* Whether a number stands where the output's name should. */
+static bool is_value(const char *name) {
+    char *end;
+    strtod(name, &end);
+    return end > name && (!*end || strcmp(end, "%") == 0);
+}
+
+/* Words before the names, as other programs have them. */
+static bool is_no_command(const struct worker_options *options) {
+    const char *first = options->input[0];
+    return !options->convert && options->input_count > 1 && !strpbrk(first, "./-") && access(first, F_OK) != 0;
+}
+
+static enum worker_request refuse_value(struct error *error, const char *value) {
+    error_set(error, STATUS_BAD_PARAMETER, "OUTPUT",
+              "%s is a value without its option; use --ratio 0.1, and commas in lists, as --levels 0.4,0.2", value);
+    return WORKER_REFUSED;
+}
+
 /* The last of several names is the output, unless -o says where that is. */
 static enum worker_request settle_names(struct worker_options *options, struct error *error) {
     size_t standard = 0;
     options->output_named = options->input_count > 1 && !options->output_given;
     if (options->output_named) options->output = options->input[--options->input_count];
     for (size_t i = 0; i < options->input_count; i++) standard += strcmp(options->input[i], "-") == 0;
+    if (options->output_named && is_value(options->output)) return refuse_value(error, options->output);
+    if (options->input_count && is_no_command(options))
+        return refuse_option(error, options->input[0],
+                             "no such file and no such command; use whittle INPUT OUTPUT.ply to simplify, or info, "
+                             "convert, measure");
     if (!options->input_count) return refuse_option(error, "INPUT", "use the name of a cloud, or - for standard input");
     return standard > 1 ? refuse_option(error, "-", "standard input is one input, not several") : WORKER_RUN;
 }

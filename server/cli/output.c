@@ -292,7 +292,9 @@ static void join_types(char *text, size_t bytes) {
 
 /* Names that only a file has, of what isn't written. */
 static bool is_foreign(const char *type) {
-    static const char *const types[] = {"off", "csv", "txt", "asc", "pts", "e57", "gltf", "gz", "zst"};
+    static const char *const types[] = {"off", "csv",  "txt", "asc", "pts", "ptx", "e57", "gltf",
+                                        "gz",  "zst",  "zip", "fbx", "dae", "3ds", "3mf", "wrl",
+                                        "x3d", "usdz", "vtk", "dxf", "npy", "npz", "jpg", "tif"};
     for (size_t i = 0; i < sizeof types / sizeof *types; i++)
         if (strcasecmp(types[i], type) == 0) return true;
     return false;

@@ -552,6 +552,41 @@ def test_info_tells_the_coordinate_system_of_las(tmp_path, records, system):
     assert found["box"] == {"min": [1, 2, 3], "max": [4, 2, 3]}
 
 
+# ------------------------------------------------------------------------------------------------ a first try
+
+@pytest.mark.parametrize("arguments, said", [
+    (("scan.ply", "out.fbx"), "no .fbx is written; use one of .ply, "),
+    (("convert", "scan.ply", "out.ptx"), "no .ptx is written; use one of .ply, "),
+    (("scan.ply", "out.ply", "0.1"), "0.1 is a value without its option; use --ratio 0.1"),
+    (("scan.ply", "out.ply", "10%"), "10% is a value without its option; use --ratio 0.1"),
+    (("scan.ply", "out.ply", "--levels", "0.4", "0.2"), "0.2 is a value without its option; "),
+    (("simplify", "scan.ply", "out.ply"), "simplify: no such file and no such command; use whittle INPUT OUTPUT.ply"),
+    (("mesure", "scan.ply", "out.ply"), "or info, convert, measure"),
+    (("scan.ply", "out.ply", "-r", "0.1"), "-r: unknown option; did you mean '--ratio'?"),
+    (("scan.ply", "out.ply", "--voxel-size", "0.1"), "did you mean '--spacing'?"),
+    (("scan.ply", "out.ply", "--faces=100"), "did you mean '--points'?"),
+])
+def test_a_first_try_is_told_what_to_use(folder, arguments, said):
+    before = contents(folder)
+    run = whittle(*arguments, cwd=folder)
+    assert run.returncode == 64 and said in run.stderr, run
+    assert contents(folder) == before
+
+
+def test_a_file_may_be_called_as_a_command_is_elsewhere(folder):
+    (folder / "simplify").write_bytes((folder / "scan.ply").read_bytes())
+    assert whittle("simplify", "scan.ply", "both.ply", cwd=folder).returncode == 0
+    assert whittle("simplify", "10", "-o", "one.ply", cwd=folder).returncode == 66  # 10 is a name, too
+
+
+def test_help_is_a_command(folder):
+    assert whittle("help", cwd=folder).stdout == whittle("--help", cwd=folder).stdout
+    for command in ("info", "convert", "measure"):
+        told = whittle("help", command, cwd=folder)
+        assert told.returncode == 0 and told.stdout == whittle(command, "--help", cwd=folder).stdout != ""
+    assert whittle("-V", cwd=folder).stdout == whittle("--version", cwd=folder).stdout
+
+
 # ------------------------------------------------------------------------------------------------ completion
 
 COMPLETION = pathlib.Path(__file__).resolve().parents[2] / "deploy" / "completion"

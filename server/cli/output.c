@@ -447,6 +447,17 @@ enum status worker_output_check(const struct worker_options *options, const stru
     return status;
 }
 
+/* How large a file is, where there is one. */
+static void put_size(const char *path, FILE *to) {
+    static const char *const units[] = {"bytes", "KiB", "MiB", "GiB", "TiB"};
+    struct stat found;
+    size_t unit = 0;
+    if (stat(path, &found) != 0 || !S_ISREG(found.st_mode)) return;
+    double size = (double)found.st_size;
+    for (; size >= 1024 && unit + 1 < sizeof units / sizeof *units; unit++) size /= 1024;
+    fprintf(to, ", %.*f %s", unit && size < 100 ? 1 : 0, size, units[unit]);
+}
+
 void worker_output_names(const struct worker_options *options, const char *label, bool mark, FILE *to) {
     const struct file_out_rule rule = {.replaces = true};
     struct plan plan;
@@ -456,7 +467,9 @@ void worker_output_names(const struct worker_options *options, const char *label
     for (size_t i = 0; i < plan.count; i++) {
         if (!name_file(options, &plan.item[i], path)) continue;
         bool replaces = mark && file_out_look(path, &rule) == FILE_OUT_REPLACES;
-        fprintf(to, "%-16s %s%s\n", i ? "" : label, path, replaces ? " (replaces what is there)" : "");
+        fprintf(to, "%-16s %s%s", i ? "" : label, path, replaces ? " (replaces what is there)" : "");
+        if (!mark) put_size(path, to);
+        fputc('\n', to);
     }
 }
 

@@ -20,7 +20,10 @@
 #include "core/picture/png_write.h"
 
 enum { PIECE = 4096, USUAL_COLUMNS = 80, MOST_COLUMNS = 160, MOST_SIXELS = 1000 };
-enum { REDS = 6, GREENS = 7, BLUES = 6, COLOURS = REDS * GREENS * BLUES };
+enum { REDS = 6, GREENS = 7, BLUES = 6, COLOURS = REDS * GREENS * BLUES, PAPER = COLOURS };
+
+static const unsigned char paper[3] = {250, 250,
+                                       248}; /* of core/picture; a colour of its own, so that it has no pattern */
 
 enum status preview_make(const struct params *params, const struct cloud *cloud, const struct pipeline_result *result,
                          struct picture *picture, struct error *error) {
@@ -106,6 +109,7 @@ static bool show_kitty(const struct picture *picture, FILE *to) {
 static unsigned palette_index(const unsigned char rgb[3], size_t x, size_t y) {
     static const unsigned char pattern[4][4] = {{0, 8, 2, 10}, {12, 4, 14, 6}, {3, 11, 1, 9}, {15, 7, 13, 5}};
     static const unsigned steps[3] = {REDS, GREENS, BLUES};
+    if (memcmp(rgb, paper, sizeof paper) == 0) return PAPER;
     unsigned index = 0, between = pattern[y % 4][x % 4];
     for (int c = 0; c < 3; c++) index = index * steps[c] + (rgb[c] * (steps[c] - 1) * 16 / 255 + between) / 16;
     return index;
@@ -138,15 +142,16 @@ static void put_sixels(const struct picture *p, unsigned char *index, FILE *to) 
     for (unsigned i = 0; i < COLOURS; i++)
         fprintf(to, "#%u;2;%u;%u;%u", i, i / (GREENS * BLUES) * 100 / (REDS - 1),
                 i / BLUES % GREENS * 100 / (GREENS - 1), i % BLUES * 100 / (BLUES - 1));
+    fprintf(to, "#%d;2;98;98;97", PAPER);
     for (size_t top = 0; top < p->height; top += 6) {
         size_t rows = p->height - top < 6 ? p->height - top : 6;
-        bool used[COLOURS] = {false};
+        bool used[COLOURS + 1] = {false};
         for (size_t i = 0; i < rows * p->width; i++) {
             index[i] =
                 (unsigned char)palette_index(&p->rgb[3 * (top * p->width + i)], i % p->width, top + i / p->width);
             used[index[i]] = true;
         }
-        for (unsigned i = 0; i < COLOURS; i++)
+        for (unsigned i = 0; i <= COLOURS; i++)
             if (used[i]) put_band(index, p->width, rows, i, to), fputc('$', to);
         fputc('-', to);
     }

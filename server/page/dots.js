@@ -8,7 +8,7 @@ export const CLAY = [203, 196, 186]; // sRGB, of what has no colour
 
 export const linear = Float32Array.from({ length: 256 }, (_, c) => new THREE.Color().setRGB(c / 255, 0, 0, THREE.SRGBColorSpace).r);
 
-const DISC = 1.6, WIDEST = 0.25; // how wide points are that cover a surface, of the square root of its area for each; at most
+const DISC = 2, WIDEST = 0.25; // how wide points are that cover a surface, of the square root of its area for each; at most
 export const widthOf = (area, n) => Math.min(WIDEST, DISC * Math.sqrt(area / Math.max(n, 1)));
 
 // Values from low to high, or classes, as a picture of one line.

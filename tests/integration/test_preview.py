@@ -154,6 +154,7 @@ def test_sixels_are_the_picture_in_a_palette(scan, tmp_path):
                 pixel.update({(x, y + k): colour for k in range(6) if bits >> k & 1})
                 x += 1
     assert len(pixel) == width * len(rows)
+    assert len({pixel[x, y] for y, row in enumerate(rows) for x in range(width) if row[3 * x:3 * x + 3] == PAPER}) == 1
     off = [abs(palette[pixel[x, y]][c] - rows[y][3 * x + c]) for y in range(len(rows)) for x in range(width) for c in range(3)]
     assert max(off) <= 52 and sum(off) / len(off) < 20
 

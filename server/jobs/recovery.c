@@ -63,19 +63,20 @@ enum status service_recover_job(struct service *service, struct job *job, bool *
     if (!service->is_shared) store_outputs_delete(service->store, job->id, attempt);
     *failed = ++job->interruptions >= JOB_MAX_INTERRUPTIONS && !job->is_cancelled;
     job->expires_ms = job_now_ms() + service->config->retention_ms;
-    if (!*failed) {
-        log_line(LOG_WARNING, "job=%s was running when its host ended: %s", job->id,
-                 job->is_cancelled ? "dismissed" : "queued again");
-    } else {
+    if (*failed) {
         struct problem problem;
         problem_set(&problem, PROBLEM_WORKER_CRASHED,
                     "the service ended %d times while the job ran, of late while nothing else did", job->interruptions);
         problem_add_text(&problem, "stage", job->stage);
         free(job->problem);
         job->problem = problem_encode(&problem);
-        log_line(LOG_ERROR, "job=%s failed: the service ended %d times while it ran", job->id, job->interruptions);
     }
     enum status status = catalog_finish(service->catalog, *failed ? JOB_FAIL : JOB_REQUEUE, job, changed, error);
+    if (status == STATUS_OK && *changed && *failed)
+        log_line(LOG_ERROR, "job=%s failed: the service ended %d times while it ran", job->id, job->interruptions);
+    if (status == STATUS_OK && *changed && !*failed)
+        log_line(LOG_WARNING, "job=%s was running when its host ended: %s", job->id,
+                 job->is_cancelled ? "dismissed" : "queued again");
     if (status == STATUS_OK && *changed && *failed && job->tiles) store_tiles_delete(service->store, job->id);
     if (service->is_shared && status == STATUS_OK && *changed) store_outputs_delete(service->store, job->id, attempt);
     return status;
@@ -87,8 +88,8 @@ static enum status recover_running(struct service *service, struct job *job, str
     bool is_own = strcmp(job->owner, service->host) == 0, failed = false, changed = false;
     if (!is_own && job->lease_end_ms > job_now_ms()) return STATUS_OK;
     enum status status = service_recover_job(service, job, &failed, &changed, error);
-    if (status == STATUS_OK && failed) recovery->failed++;
-    if (status == STATUS_OK && !failed) recovery->requeued++;
+    if (status == STATUS_OK && changed && failed) recovery->failed++;
+    if (status == STATUS_OK && changed && !failed) recovery->requeued++;
     return status;
 }
 

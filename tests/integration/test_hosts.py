@@ -270,6 +270,19 @@ def test_a_job_of_a_batch_is_deleted_while_another_one_ends(make_daemon, shared,
     assert ended["status"] == "successful" and ended["attempt"] == 1 and deadlocks(shared) == "0"
 
 
+def test_a_lost_job_is_queued_again_by_one_host_alone(make_daemon, shared, gate):
+    """All that are left find it; the others say nothing of it."""
+    _, gated = gate
+    hosts, back = [make_daemon(*shared, "--roles", "http") for _ in range(2)], make_daemon(*shared, *gated)
+    job = hosts[0].submit(SMALL)
+    hosts[0].wait_for(job, "running")
+    back.kill()
+    with locked(shared, "SELECT FROM jobs FOR UPDATE"):
+        wait_until(lambda: waiting(shared, "SELECT state, attempt, cancelled") >= 2, "each host's finding it")
+    hosts[0].wait_for(job, "accepted")
+    assert "".join(host.log_text() for host in hosts).count(f"job={job} was running when its host ended: queued again") == 1
+
+
 def test_a_cloud_is_uploaded_again_while_it_expires(make_daemon, shared):
     host = make_daemon(*shared, "--roles", "http")
     other = make_daemon(*shared, "--roles", "http", "--idempotency-retention", "200ms")  # which looks often

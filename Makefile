@@ -330,9 +330,10 @@ laid_out = $(shell find core api server tests \( -path tests/fixtures -o -name n
     -name '*.[ch]' -print -o -name '*.cc' -print)
 
 .PHONY: lint
-lint: $(libwhittle) ## check layers, banned functions, licence lines, the layout of the code, and paths in documents
+lint: $(libwhittle) ## check layers, banned functions, licence lines, the layout of the code, and what documents and comments name
 	@$(PYTHON) tests/lint/layers.py $(libwhittle)
 	@$(PYTHON) -B tests/lint/documents.py
+	@$(PYTHON) -B tests/lint/comments.py
 	@command -v clang-format > /dev/null || deploy/deps.sh clang-format
 	@clang-format --dry-run -Werror $(laid_out)
 

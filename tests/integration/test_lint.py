@@ -151,6 +151,28 @@ def test_comments_and_texts_are_no_calls(tree):
     assert not planted(tree, BASE, '/* malloc(1) */ // exit(1)\nconst char *text = "printf(s)"; int x(void);')
 
 
+def test_what_a_comment_names_exists(tree):
+    for name in ("Makefile", "tests/unit"):
+        (shutil.copytree if (ROOT / name).is_dir() else shutil.copy2)(ROOT / name, tree / name)
+    there, script = tree / "core/base/par.c", tree / "tests/lint/comments.py"
+    before = there.read_text(encoding="utf-8")
+
+    def told(comment):
+        there.write_text(f"{before}/* {comment} */\n", encoding="utf-8")
+        run = subprocess.run([sys.executable, script], cwd=tree, capture_output=True, text=True, check=False)
+        assert run.stderr == ""
+        return [line for line in run.stdout.splitlines() if line.startswith("core/base/par.c:")]
+    line = before.count("\n") + 1
+    try:
+        assert not told("wait_for_news, n_p and kappa_q, test_points, no_new_privs.")
+        assert told("wait_for_olds, that is.") == [
+            f"core/base/par.c:{line}: nothing is called wait_for_olds, which this comment names"]
+    finally:
+        there.write_text(before, encoding="utf-8")
+        for name in ("Makefile", "tests/unit"):
+            (shutil.rmtree if (tree / name).is_dir() else pathlib.Path.unlink)(tree / name)
+
+
 ARCHIVED = [
     ("int counter;", "keeps state in counter"),
     ("static int last = 3; int f(int x) { int y = last; last = x; return y; }", "keeps state in last"),

@@ -15,6 +15,8 @@
 #include "server/handlers/handlers.h"
 #include "server/handlers/outputs.h"
 
+enum { ALLOWED_BYTES = 512 };
+
 static const char *const own_names[] = {"label", "priority", "output", NULL};
 
 /* What names the one output: `output`, or `outputs` as a job has it; NULL: nothing does.  *times: how often. */
@@ -47,10 +49,11 @@ static const char *file_asked(const struct request *request) {
 }
 
 static void refuse_output(const struct request *request, struct problem *problem) {
-    static const char allowed[] =
-        "one of cloud, xyz, cloud.pcd, cloud.las, cloud.laz, tileset, mesh, mesh.obj, mesh.stl, mesh.glb, report, dso, "
-        "error, preview.png";
-    size_t times;
+    char allowed[ALLOWED_BYTES] = "one of ";
+    const struct param *outputs = params_find("outputs");
+    size_t times, used = strlen(allowed);
+    for (unsigned i = 0; i < PARAMS_OUTPUTS && used < sizeof allowed; i++)
+        used += (size_t)snprintf(allowed + used, sizeof allowed - used, "%s%s", i ? ", " : "", outputs->choices[i]);
     const char *value = name_of_output(request, &times);
     const char *name = query_find(request->query, request->query_count, "outputs") ? "outputs" : "output";
     if (times > 1 || (strcmp(name, "outputs") == 0 && value && strchr(value, ',')))

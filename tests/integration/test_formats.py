@@ -279,5 +279,8 @@ def test_a_coarser_level_of_a_pcd_is_that_of_a_job(daemon):
 def test_a_one_shot_gives_any_output(daemon):
     assert daemon.post("/v1/simplify?ratio=0.4&output=mesh.glb", CLOUD).body.startswith(b"glTF")
     assert daemon.post("/v1/simplify?ratio=0.4&output=cloud.ply", CLOUD).body.startswith(b"ply")
-    assert daemon.post("/v1/simplify?output=mesh.fbx", CLOUD).slug == "invalid-parameter"
+    refused = daemon.post("/v1/simplify?output=mesh.fbx", CLOUD)
+    choices = json.loads(daemon.curl("/v1/parameters").body)["properties"]["outputs"]["items"]["enum"]
+    told = "one of " + ", ".join(choices[:choices.index("cloud.ply")] if "cloud.ply" in choices else choices)
+    assert refused.slug == "invalid-parameter" and "preview.png" in told and told in refused.body.decode()
     assert daemon.post("/v1/simplify?output=cloud,mesh", CLOUD).slug == "invalid-parameter"

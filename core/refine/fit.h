@@ -1,8 +1,8 @@
 /* A mesh that is being fitted to dense points: what all refining operations share.
  *
- * Every sample (a dense point, or the middle of a triangle between three neighbours) belongs to one triangle of the
- * mesh, the nearest as far as is known: each
- * operation that changes triangles hands the samples of these triangles out among them again, and looks no further.
+ * Every sample (an original point, or the middle of a triangle between three neighbours) belongs to one triangle of the
+ * mesh, the nearest as far as is known: each operation that changes triangles hands the samples of these triangles out
+ * among them again, and looks no further.
  *
  * What is made small is the sum over the samples of  weight * (d + d^2 / far):  the mean distance, with large distances
  * counted more, so that the largest falls as well.  A sample's weight is the area that it stands for.
@@ -85,7 +85,7 @@ enum status fit_look_closer(struct fit *fit) MUST_CHECK;
 /* Looks for the nearest triangle of each sample anew.  STATUS_NO_MEMORY: then the fit is only to be done with. */
 enum status fit_reassign(struct fit *fit) MUST_CHECK;
 
-/* The last triangle takes the place of this one, which is none any more and has no samples. */
+/* Removes this triangle, which has no samples any more; the last one gets its number. */
 void fit_drop_triangle(struct fit *fit, uint32_t triangle);
 
 /* A vertex comes to stand at a point, or leaves it (NONE: at no point). */

@@ -19,7 +19,8 @@ enum { LOCAL_DELAUNAY_RIBS = 12 }; /* the most that a point has; six are usual *
 
 /* The triangles of each point in the order of their angle, between ribs, the edges to its neighbours.
  *
- * Triangle i of point p is p, rib[p][i] and the rib after it (the first after the last); not between all ribs is one.
+ * Triangle i of point p is p, rib[p][i] and the rib after it (the first after the last).  Between some ribs there is no
+ * triangle.
  * Each triangle counts at one of its corners alone, the lowest that has it. */
 struct local_delaunay {
     size_t n;

@@ -23,8 +23,8 @@ enum { GRAIN = 64, ESTIMATES = 4096, APPLIED_GRAIN = 16 };
 #define REALLOCATION_PAYS 0.7 /* gain over loss, at least */
 #define REALLOCATION_MOST 0.2 /* of the vertices */
 
-/* So many vertices are measured for leaving, and so many edges for being split, both for each vertex.  One that may
- * stand anywhere finds more that are worth it, and so does a surface with a border. */
+/* How many vertices are measured for a collapse, and how many edges for a split, as shares of the number of vertices.
+ * Where vertices may stand anywhere more of these are worth it, and so on a surface with a border. */
 static const struct parts {
     double cheap, dear;
 } parts_of[] = {[PLACEMENT_SUBSET] = {0.2, 0.3}, [PLACEMENT_OPTIMAL] = {0.4, 0.6}};

@@ -15,7 +15,8 @@
 
 /* By placement.  Vertices that move freely gain from more sweeps, and from a closer look at the surface between the
  * points, which isn't needed before triangles and vertices are about where they should be.  A surface with a border
- * gains from more sweeps as well: what lies beyond the border is reached from sweep to sweep. */
+ * gains from more sweeps as well: what lies beyond the border is reached from sweep to sweep.  before_closer = all:
+ * there is no closer look. */
 static const struct sweeps {
     size_t all, with_reallocations, before_closer;
 } sweeps_of[] = {[PLACEMENT_SUBSET] = {5, 3, 5}, [PLACEMENT_OPTIMAL] = {9, 6, 4}},

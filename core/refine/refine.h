@@ -1,8 +1,12 @@
 /* Refinement: a mesh of the simplified cloud is fitted to the original points.
  *
  * Most of the error of a reconstruction from few points is in the choice of triangles, and some in that of the points.
- * Edges are flipped, vertices are moved, and vertices that are worth little are put where the mesh is farthest off, as
- * long as the mean distance of the original points to the mesh falls.
+ * Edges are flipped, vertices are moved, and vertices that are worth little are put where the mesh is farthest off.
+ * Flips and moves are made where they lower a cost (fit.h): the distances of the original points to the mesh, weighted
+ * by area, large ones counted more.  Putting a vertex elsewhere may raise it a little, since moves follow
+ * (reallocate.c), and parting triangles that pass through each other doesn't regard it (uncross.c).  The other
+ * direction is a bound, no part of the cost: no change takes the middle of a triangle far from the points' tangent
+ * planes.  It ends with its schedule, not when nothing gains any more.
  *
  * Hoppe, DeRose, Duchamp, McDonald, Stuetzle: Mesh optimization (1993), whose operations these are: vertices move for
  * the least distance of the points, edges swap, collapse and split.  Here as many vertices come as go.

@@ -1,4 +1,4 @@
-/* What the files of this room use of each other, beside fit.h: in the order in which refine.c takes them.
+/* What the files of this room use of each other, beside fit.h: a section for each file.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_REFINE_REFINE_INTERNAL_H
@@ -43,9 +43,9 @@ enum status fit_flip(struct fit *fit, size_t rounds, size_t *flips) MUST_CHECK;
 
 /* What a change must not do. */
 enum fit_fairness {
-    FIT_FAIR,      /* what none may do: thin triangles, fold or turn them, or lead them away from the data */
-    FIT_TURNING,   /* triangles may turn as far as they like */
-    FIT_REGARDLESS /* anything goes */
+    FIT_FAIR,      /* make triangles thin, fold or turn them, or lead them away from the data */
+    FIT_TURNING,   /* the same, but triangles may turn as far as they like */
+    FIT_REGARDLESS /* nothing: anything goes */
 };
 
 /* How much dearer the flip of h, which has a twin, makes the mesh; INFINITY where it isn't possible or fair. */

@@ -30,7 +30,7 @@ struct sample_buckets {
     uint32_t *first; /* of each list: a block, or NONE.  Only this block may be less than full */
     struct sample_block *block;
     uint32_t fresh;       /* blocks from here on were never used */
-    uint32_t spare;       /* chain of blocks that were, and are no more */
+    uint32_t spare;       /* chain of blocks that were used and are free again */
     pthread_mutex_t lock; /* of fresh and spare */
 };
 

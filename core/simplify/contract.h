@@ -14,7 +14,7 @@
 
 struct contract_options {
     unsigned threads; /* 0 = all processors */
-    size_t least;     /* points from which on the ranking isn't asked for: 1 or 0 for the whole of it */
+    size_t least;     /* contraction ends where so few points are left, unranked; 0 or 1: at the last */
 };
 
 /* Contracts the near->n >= 1 points along the edges of near, which is taken, with placement at one of the two ends. The

@@ -1,4 +1,4 @@
-/* What contracting pairs of points costs, E_p + E_q at either end (Lee, Jong section 4.4), many pairs at a time.
+/* What contracting pairs of points costs, E_p + E_q at either end (Lee, Jong section 4.4), some pairs at a time.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_SIMPLIFY_PAIR_COST_H

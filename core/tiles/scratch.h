@@ -96,7 +96,7 @@ vec3 scratch_decode(const struct scratch_coding *coding, const unsigned char *re
 /* Whether this coding gives the position back to the bit. */
 bool scratch_codes(const struct scratch_coding *coding, vec3 p);
 
-/* Points of a part of the cloud: those of a box of cells first or not, and those around it. */
+/* Points of a part of the cloud: those of a box of cells, and those around it. */
 struct scratch_points {
     size_t count;
     vec3 *position; /* owned */

@@ -68,10 +68,10 @@ struct service {
     _Atomic bool draining;   /* no new work is taken */
 };
 
-/* Opens the store and the queue, and recovers what an earlier process left (logged): running jobs are queued again, or
- * failed where the service has ended in too many of them; half-written files are removed; clouds, outputs and uploads
- * that the database doesn't know go to lost+found; jobs whose outputs are gone are deleted.  STATUS_UNSUPPORTED: folder
- * and database don't belong together (jobs/identity.h). */
+/* Opens the store and the catalog, and recovers what an earlier process left (logged): running jobs are queued again,
+ * or failed where the service has ended in too many of them; half-written files are removed; clouds, outputs and
+ * uploads that the database doesn't know go to lost+found; jobs whose outputs are gone are deleted. STATUS_UNSUPPORTED:
+ * folder and database don't belong together (jobs/identity.h). */
 enum status service_open(struct service *service, const struct config *config, struct error *error) MUST_CHECK;
 void service_close(struct service *service);
 
@@ -120,7 +120,8 @@ enum status service_delete_cloud(struct service *service, const char *sha256, co
 enum status service_delete(struct service *service, const struct job *job, const char *reason, bool *changed,
                            struct error *error) MUST_CHECK;
 
-/* Deletes the jobs, clouds and uploads whose time is over.  By one thread alone. */
+/* What is done from time to time: queues jobs again whose host is gone, follows the clock, deletes the jobs, clouds,
+ * uploads and keys whose time is over, and the blobs that marks name.  By one thread alone. */
 void service_sweep(struct service *service);
 
 /* From now on the supervisor (NULL = nobody) is told which jobs wait and which are to end.  Whoever was before isn't

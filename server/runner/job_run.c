@@ -3,7 +3,7 @@
  *     start: folder for outputs, log, fork + exec
  *     watch: progress, the end, a wish to end it, its time limit, its standing still -- whichever comes first
  *     judge: what the exit status, the signal and its last message mean for the job
- *     settle: keep or drop outputs, one transition in the queue
+ *     settle: keep or drop outputs, one transition in the catalog
  *
  * A process that dies without a word gets an obituary: how it ended, its last stage, its resources, and the last bytes
  * of its standard error.  SIGKILL and SIGTERM that didn't come from here are the host's fault (the kernel short of

@@ -25,9 +25,9 @@ void supervisor_notify(struct supervisor *supervisor);
  * is.  false: no process runs for it. */
 bool supervisor_cancel(struct supervisor *supervisor, const char *id);
 
-/* Whether its threads do their work: those without a job have asked the queue for one within the last 30 s, those with
- * one have looked after it within three times job-stall (30 s at least; else logged).  Waits for the lock, so that a
- * deadlock shows as a call that never returns. */
+/* Whether its threads do their work: those without a job have asked the catalog for one within the last 30 s, those
+ * with one have looked after it within three times job-stall (30 s at least; else logged).  Waits for the lock, so that
+ * a deadlock shows as a call that never returns. */
 bool supervisor_answers(struct supervisor *supervisor);
 
 /* Takes no more jobs; those that run go on.  supervisor_idle_fd becomes readable when the last has ended. */

@@ -15,6 +15,7 @@
 #include "core/mesh/mesh.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 #include "core/base/alloc.h"
 
@@ -43,6 +44,21 @@ void mesh_done(struct mesh *mesh) {
     free(mesh->triangle);
     free(mesh->tag);
     *mesh = (struct mesh){0};
+}
+
+enum status mesh_copy(struct mesh *copy, const struct mesh *mesh) {
+    *copy = *mesh;
+    copy->vertex = alloc_array(mesh->vertex_count, sizeof *copy->vertex);
+    copy->triangle = alloc_array(mesh->triangle_count, sizeof *copy->triangle);
+    copy->source = mesh->source ? alloc_array(mesh->vertex_count, sizeof *copy->source) : NULL;
+    copy->tag = mesh->tag ? alloc_array(mesh->triangle_count, sizeof *copy->tag) : NULL;
+    if (!copy->vertex || !copy->triangle || (mesh->source && !copy->source) || (mesh->tag && !copy->tag))
+        return STATUS_NO_MEMORY;
+    memcpy(copy->vertex, mesh->vertex, mesh->vertex_count * sizeof *copy->vertex);
+    memcpy(copy->triangle, mesh->triangle, mesh->triangle_count * sizeof *copy->triangle);
+    if (mesh->source) memcpy(copy->source, mesh->source, mesh->vertex_count * sizeof *copy->source);
+    if (mesh->tag) memcpy(copy->tag, mesh->tag, mesh->triangle_count * sizeof *copy->tag);
+    return STATUS_OK;
 }
 
 /* ------------------------------------------------------------------------------------------------ forests */

@@ -28,6 +28,9 @@ struct mesh {
 /* Frees everything that the mesh owns and zeroes it.  Accepts a zeroed mesh. */
 void mesh_done(struct mesh *mesh);
 
+/* A mesh with memory of its own, to be done with in any case.  STATUS_NO_MEMORY. */
+enum status mesh_copy(struct mesh *copy, const struct mesh *mesh) MUST_CHECK;
+
 /* What a mesh is, combinatorially.  An edge is regular when exactly two triangles share it, in opposite directions. */
 struct mesh_facts {
     size_t edges, boundary_edges, nonmanifold_edges /* more than two triangles */, misoriented_edges;

@@ -81,7 +81,7 @@ static const struct stage {
     {"local_delaunay", refined, LOCAL_DELAUNAY + CREASES, 4, SITE, 0, OF_KEPT},
     {"collapse", maybe_given, 231 + CREASES, 4, 0, 75, NO_TETS},
     {"refine", refined, 680 + CREASES, 4, 800, 0, NO_TETS},
-    {"closer", refined_closely, 1080 + CREASES, 4, 1300, 0, NO_TETS},
+    {"closer", refined_closely, 1080 + CREASES, 4, 1400, 0, NO_TETS},
     {"measure", params_want_mesh, 105 + CREASES, 4, 320, 175, NO_TETS},
     {"reference", reconstructed_whole, SITE, 4, 150, 0, OF_ALL},
     {"attributes", attributed, 110, 0, 300, 0, NO_TETS},

@@ -12,7 +12,6 @@
 #include "core/mesh/decimate.h"
 #include "core/pipeline/memory.h"
 #include "core/pipeline/pipeline_run.h"
-#include "core/refine/refine.h"
 #include "core/surface/delaunay_cgal.h"
 #include "core/surface/reconstruct.h"
 #include "core/surface/sheet/holes.h"
@@ -262,7 +261,7 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     return status;
 }
 
-static struct reconstruct_dense dense_of(const struct run *run, const struct sites *sites) {
+struct reconstruct_dense pipeline_dense_of(const struct run *run, const struct sites *sites) {
     return (struct reconstruct_dense){run->points.count, run->points.point, run->normal,      run->neighbours.spacing,
                                       sites->of_point,   run->knn,          &run->neighbours, &run->creases};
 }
@@ -270,7 +269,7 @@ static struct reconstruct_dense dense_of(const struct run *run, const struct sit
 /* The surface of the sites, of one form; the mesh's sources become ids along the curve. */
 static enum status reconstruct_as(struct run *run, enum surface_form form, const struct sites *sites,
                                   const struct tets *tets, struct mesh *mesh, struct reconstruct_facts *facts) {
-    struct reconstruct_dense dense = dense_of(run, sites);
+    struct reconstruct_dense dense = pipeline_dense_of(run, sites);
     struct reconstruct_input input = {sites->point, sites->count, sites->normal, sites->support, &dense};
     bool of_all = sites != &run->sites;
     struct reconstruct_options options = {.method = (unsigned)run->params->reconstruction,
@@ -464,53 +463,6 @@ enum status pipeline_reconstruct_all(struct run *run, struct mesh *surface) {
     tets_done(&tets);
     pipeline_sites_done(&sites);
     return explain_reconstruction(run, status);
-}
-
-static struct refine_input refine_input_of(struct run *run, struct refine_faces *faces) {
-    *faces = (struct refine_faces){run->faces.count, (const uint32_t(*)[3])run->faces.triangle, run->faces.on_seam};
-    return (struct refine_input){.points = run->points.point,
-                                 .normals = run->normal,
-                                 .n = run->points.count,
-                                 .spacing = run->neighbours.spacing,
-                                 .neighbours = &run->neighbours,
-                                 .creases = &run->creases,
-                                 .up = run->surface.form == SURFACE_HEIGHTFIELD ? run->surface.up : (vec3){0},
-                                 .local_delaunay = &run->local_delaunay,
-                                 .samples = &run->samples,
-                                 .faces = pipeline_is_given(run) ? faces : NULL};
-}
-
-/* Whether triangulation and samples take no more memory together than the refinement does after them (memory.c). */
-static bool has_room_for_samples(const struct run *run) {
-    enum { FEWER = 4 };
-    return run->placement == PLACEMENT_OPTIMAL || run->kept_count <= run->points.count / FEWER;
-}
-
-/* There are about twice as many triangles as points; refine_mesh finds what it hasn't got. */
-enum status pipeline_local_delaunay(struct run *run) {
-    bool given = pipeline_is_given(run);
-    if (!given && !refine_uses_local_delaunay(run->points.count, 2 * run->kept_count)) return STATUS_OK;
-    enum status status = STATUS_OK;
-    if (!given)
-        status = local_delaunay_find(run->points.point, run->normal, &run->neighbours, &run->creases, run->threads,
-                                     &run->local_delaunay);
-    if (status || !has_room_for_samples(run)) return status;
-    struct refine_faces faces;
-    struct refine_input input = refine_input_of(run, &faces);
-    status = samples_init(&run->samples, &input, 1, run->threads);
-    if (run->placement == PLACEMENT_SUBSET) local_delaunay_done(&run->local_delaunay);
-    return status;
-}
-
-enum status pipeline_refine(struct run *run) {
-    struct refine_faces faces;
-    struct refine_input input = refine_input_of(run, &faces);
-    struct refine_options options = {(enum refine_form)run->params->refine,
-                                     run->record ? PLACEMENT_SUBSET : run->placement, run->threads};
-    enum status status = refine_mesh(&run->mesh, &input, &options, &run->progress, NULL);
-    struct reconstruct_dense dense = dense_of(run, &run->sites);
-    if (!status && run->surface.form == SURFACE_OPEN) status = sheet_trim(&run->mesh, &dense, run->threads);
-    return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "refine") : status;
 }
 
 enum status pipeline_close_holes(struct run *run) {

@@ -138,6 +138,9 @@ enum status pipeline_reconstruct_all(struct run *run, struct mesh *surface) MUST
 enum status pipeline_reconstruct_closed(struct run *run, const struct sites *sites, const struct tets *tets,
                                         struct mesh *mesh, struct reconstruct_facts *facts) MUST_CHECK;
 
+/* All points, as those that a mesh of the sites stands for.  Borrows all of it. */
+struct reconstruct_dense pipeline_dense_of(const struct run *run, const struct sites *sites);
+
 /* What the cloud is taken for from now on. */
 void pipeline_decide(struct run *run, struct surface_choice choice);
 

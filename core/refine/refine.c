@@ -6,10 +6,6 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/refine/refine.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "core/base/alloc.h"
 #include "core/refine/fit.h"
 #include "core/refine/refine_internal.h"
 
@@ -27,21 +23,6 @@ enum { FIRST_ROUNDS = 12, ROUNDS = 2 };
 enum { CALM = 2 }; /* the last sweeps with reallocations, which fold the surface nowhere for a split's sake */
 
 #define LARGEST ((size_t)1 << 28) /* points or triangles */
-
-static enum status copy_mesh(struct mesh *copy, const struct mesh *mesh) {
-    *copy = *mesh;
-    copy->vertex = alloc_array(mesh->vertex_count, sizeof *copy->vertex);
-    copy->triangle = alloc_array(mesh->triangle_count, sizeof *copy->triangle);
-    copy->source = mesh->source ? alloc_array(mesh->vertex_count, sizeof *copy->source) : NULL;
-    copy->tag = mesh->tag ? alloc_array(mesh->triangle_count, sizeof *copy->tag) : NULL;
-    if (!copy->vertex || !copy->triangle || (mesh->source && !copy->source) || (mesh->tag && !copy->tag))
-        return STATUS_NO_MEMORY;
-    memcpy(copy->vertex, mesh->vertex, mesh->vertex_count * sizeof *copy->vertex);
-    memcpy(copy->triangle, mesh->triangle, mesh->triangle_count * sizeof *copy->triangle);
-    if (mesh->source) memcpy(copy->source, mesh->source, mesh->vertex_count * sizeof *copy->source);
-    if (mesh->tag) memcpy(copy->tag, mesh->tag, mesh->triangle_count * sizeof *copy->tag);
-    return STATUS_OK;
-}
 
 static enum status sweep(struct fit *fit, bool with_reallocations, struct refine_facts *facts) {
     enum status status = STATUS_OK;
@@ -81,7 +62,7 @@ enum status refine_mesh(struct mesh *mesh, const struct refine_input *input, con
     struct refine_facts made = {0};
     if (input->n >= LARGEST || mesh->triangle_count >= LARGEST) return STATUS_LIMIT;
     if (progress_tick(progress, "refine", 0)) return STATUS_CANCELLED;
-    enum status status = copy_mesh(&refined, mesh);
+    enum status status = mesh_copy(&refined, mesh);
     if (!status) status = fit_init(&fit, &refined, input, options);
     if (!status) {
         if (facts) made.mean_before = fit_mean(&fit);

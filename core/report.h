@@ -75,6 +75,7 @@ struct report_normals {
 struct report_spacing {
     double spacing;
     uint64_t points; /* that have room with it */
+    bool at_least;   /* nobody has looked whether more have */
 };
 
 /* What the cloud was taken for, once for all meshes.  "" where there are none. */

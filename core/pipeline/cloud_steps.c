@@ -229,7 +229,7 @@ enum status pipeline_space(struct run *run) {
     for (size_t i = 0; i < n; i++) along[i] = position[run->points.original[i]];
     enum status status = spacing_apply(&run->contraction, along, run->params->spacing, &run->fits);
     free(along);
-    run->report.spacing = (struct report_spacing){run->params->spacing, run->fits};
+    run->report.spacing = (struct report_spacing){run->params->spacing, run->fits, false};
     return status ? pipeline_no_memory(run, "space") : STATUS_OK;
 }
 

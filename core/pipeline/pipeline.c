@@ -279,18 +279,6 @@ static float *spread(const struct run *run, const float *value, double scale) {
     return all;
 }
 
-/* Normals of all points of the input: an outlier has that of the first one. */
-static float (*spread_normals(const struct run *run))[3] {
-    float(*all)[3] = alloc_array(run->cloud->count, sizeof *all);
-    for (size_t i = 0; all && i < run->cloud->count; i++) {
-        uint32_t p = run->points.distinct[i];
-        size_t of = p == NONE ? 0 : p;
-        vec3 n = vec3_scale(run->normal[of], run->turned[of] ? -1 : 1);
-        all[i][0] = (float)n.x, all[i][1] = (float)n.y, all[i][2] = (float)n.z;
-    }
-    return all;
-}
-
 /* Whichever side they are of; an outlier has none. */
 static float (*spread_facing(const struct run *run))[3] {
     float(*all)[3] = alloc_array(run->cloud->count, sizeof *all);
@@ -304,7 +292,7 @@ static float (*spread_facing(const struct run *run))[3] {
 
 static enum status hand_over_values(struct run *run, struct pipeline_result *made) {
     bool normals = run->params->normals == SWITCH_TRUE && !run->normals_fit;
-    if (normals) made->normal = spread_normals(run);
+    if (normals) made->normal = pipeline_spread_normals(run);
     bool dso = run->params->outputs & OUTPUT_DSO, facing = run->params->outputs & OUTPUT_PREVIEW;
     bool distance = run->params->outputs & (OUTPUT_ERROR | OUTPUT_PREVIEW);
     if (facing) made->facing = spread_facing(run);

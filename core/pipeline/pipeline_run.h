@@ -114,6 +114,10 @@ size_t pipeline_wanted_points(const struct run *run, size_t level);
 enum status pipeline_given_normals(const struct run *run, vec3 **normal) MUST_CHECK;
 enum status pipeline_views(const struct run *run, struct views *views) MUST_CHECK;
 
+/* Normals of all points of the input, turned as run->turned says: an outlier has that of the first one.  New; NULL
+ * without memory. */
+float (*pipeline_spread_normals(const struct run *run))[3];
+
 /* Frees what steps have made for a level, but for the kept points. */
 void pipeline_leave_level(struct run *run);
 

@@ -10,6 +10,7 @@
 #include "core/base/alloc.h"
 #include "core/cloud/attribute_names.h"
 #include "core/pipeline/pipeline_run.h"
+#include "core/pipeline/sides.h"
 #include "core/simplify/normal_sides.h"
 
 /* ------------------------------------------------------------------------------------------------ normals */
@@ -130,4 +131,38 @@ enum status pipeline_sides(struct run *run) {
     if (!status && run->params->normals == SWITCH_TRUE) status = turn(run, run->normals_fit ? given : NULL);
     free(given);
     return status ? pipeline_no_memory(run, "sides") : STATUS_OK;
+}
+
+float (*pipeline_spread_normals(const struct run *run))[3] {
+    float(*all)[3] = alloc_array(run->cloud->count, sizeof *all);
+    for (size_t i = 0; all && i < run->cloud->count; i++) {
+        uint32_t p = run->points.distinct[i];
+        size_t of = p == NONE ? 0 : p;
+        vec3 n = vec3_scale(run->normal[of], run->turned[of] ? -1 : 1);
+        all[i][0] = (float)n.x, all[i][1] = (float)n.y, all[i][2] = (float)n.z;
+    }
+    return all;
+}
+
+enum status sides_of_normals(const struct cloud *cloud, const struct params *params, unsigned threads,
+                             const vec3 *normal, float (**turned)[3], struct report *report, struct error *error) {
+    struct run run = {.cloud = cloud, .params = params, .error = error, .threads = threads};
+    enum status status = pipeline_order(&run);
+    if (!status) status = pipeline_neighbours(&run);
+    run.report.left_out = report->left_out;
+    if (!status) run.normal = alloc_array(run.points.count, sizeof *run.normal);
+    if (!status && !run.normal) status = pipeline_no_memory(&run, "sides");
+    for (size_t i = 0; !status && i < run.points.count; i++) run.normal[i] = normal[run.points.original[i]];
+    if (!status) status = pipeline_sides(&run);
+    if (!status && !run.normals_fit) {
+        *turned = pipeline_spread_normals(&run);
+        if (!*turned) status = pipeline_no_memory(&run, "sides");
+    }
+    report->normals = run.report.normals;
+    report->left_out = run.report.left_out;
+    ordered_points_done(&run.points);
+    knn_free(run.knn);
+    neighbourhood_done(&run.neighbours);
+    free(run.normal), free(run.turned);
+    return status;
 }

@@ -18,49 +18,44 @@
  * for the same reason. */
 static const double WIDTH = 2.01, NARROWEST = 0x1p-40;
 
-struct grid {
-    const vec3 *position;
-    vec3 origin;
-    double width, spacing_sq;
-    size_t mask;    /* of the table */
-    uint32_t *head; /* of each place in the table: the point that came last there; owned */
-    uint32_t *next; /* of each point: the one that came before it; owned */
-};
-
-static vec3 find_corner(const vec3 *position, size_t n, double *extent) {
-    vec3 low = position[0], high = low;
+static void find_corners(const vec3 *position, size_t n, vec3 *low, vec3 *high) {
+    *low = *high = position[0];
     for (size_t i = 1; i < n; i++) {
         vec3 p = position[i];
-        low = (vec3){fmin(low.x, p.x), fmin(low.y, p.y), fmin(low.z, p.z)};
-        high = (vec3){fmax(high.x, p.x), fmax(high.y, p.y), fmax(high.z, p.z)};
+        *low = (vec3){fmin(low->x, p.x), fmin(low->y, p.y), fmin(low->z, p.z)};
+        *high = (vec3){fmax(high->x, p.x), fmax(high->y, p.y), fmax(high->z, p.z)};
     }
-    vec3 size = vec3_sub(high, low);
-    *extent = fmax(size.x, fmax(size.y, size.z));
-    return low;
 }
 
-static enum status grid_init(struct grid *grid, const vec3 *position, size_t n, double spacing) {
-    double extent;
+enum status spacing_grid_init(struct spacing_grid *grid, const vec3 *position, size_t most, vec3 low, vec3 high,
+                              double spacing) {
+    vec3 size = vec3_sub(high, low);
+    double extent = fmax(size.x, fmax(size.y, size.z));
     size_t places = 1;
-    while (places < n) places *= 2;
-    *grid = (struct grid){.position = position, .spacing_sq = spacing * spacing, .mask = places - 1};
-    grid->origin = find_corner(position, n, &extent);
+    while (places < most) places *= 2;
+    *grid =
+        (struct spacing_grid){.position = position, .origin = low, .spacing_sq = spacing * spacing, .mask = places - 1};
     grid->width = fmax(WIDTH * spacing, NARROWEST * extent);
     grid->head = alloc_array(places, sizeof *grid->head);
-    grid->next = alloc_array(n, sizeof *grid->next);
+    grid->next = alloc_array(most, sizeof *grid->next);
     if (!grid->head || !grid->next) return STATUS_NO_MEMORY;
     memset(grid->head, 0xff, places * sizeof *grid->head);
     return STATUS_OK;
 }
 
-static size_t cell_place(const struct grid *grid, const int64_t cell[3]) {
+void spacing_grid_done(struct spacing_grid *grid) {
+    free(grid->head), free(grid->next);
+    *grid = (struct spacing_grid){0};
+}
+
+static size_t cell_place(const struct spacing_grid *grid, const int64_t cell[3]) {
     uint64_t hash = 0;
     for (int k = 0; k < 3; k++) hash = hash64(hash ^ (uint64_t)cell[k]);
     return (size_t)hash & grid->mask;
 }
 
 /* The point's cell, and for each axis on which side of it the point lies: -1 or 1. */
-static void find_cell(const struct grid *grid, vec3 p, int64_t cell[3], int64_t side[3]) {
+static void find_cell(const struct spacing_grid *grid, vec3 p, int64_t cell[3], int64_t side[3]) {
     vec3 in = vec3_scale(vec3_sub(p, grid->origin), 1 / grid->width);
     double x[3] = {in.x, in.y, in.z};
     for (int k = 0; k < 3; k++) {
@@ -70,9 +65,7 @@ static void find_cell(const struct grid *grid, vec3 p, int64_t cell[3], int64_t 
     }
 }
 
-/* A point of the grid that is nearer to p than the spacing: the nearest one, of equals the lowest; NONE: there is none.
- */
-static uint32_t find_near(const struct grid *grid, vec3 p) {
+uint32_t spacing_grid_near(const struct spacing_grid *grid, vec3 p) {
     int64_t cell[3], side[3];
     uint32_t nearest = NONE;
     double least = grid->spacing_sq;
@@ -93,7 +86,7 @@ static uint32_t find_near(const struct grid *grid, vec3 p) {
     return nearest;
 }
 
-static void insert(struct grid *grid, uint32_t q) {
+void spacing_grid_insert(struct spacing_grid *grid, uint32_t q) {
     int64_t cell[3], side[3];
     find_cell(grid, grid->position[q], cell, side);
     size_t place = cell_place(grid, cell);
@@ -102,13 +95,13 @@ static void insert(struct grid *grid, uint32_t q) {
 }
 
 /* near[p] = whom p is too near to, NONE for those that stay; returns how many those are. */
-static size_t throw_darts(const struct contraction *contraction, struct grid *grid, uint32_t *near) {
+static size_t throw_darts(const struct contraction *contraction, struct spacing_grid *grid, uint32_t *near) {
     size_t fits = 0;
     for (size_t i = contraction->n; i-- > 0;) {
         uint32_t p = contraction->order[i];
-        near[p] = find_near(grid, grid->position[p]);
+        near[p] = spacing_grid_near(grid, grid->position[p]);
         if (near[p] != NONE) continue;
-        insert(grid, p);
+        spacing_grid_insert(grid, p);
         fits++;
     }
     return fits;
@@ -138,11 +131,13 @@ static void reorder_errors(struct contraction *contraction, const uint32_t *orde
 }
 
 enum status spacing_apply(struct contraction *contraction, const vec3 *position, double spacing, size_t *fits) {
-    struct grid grid;
+    struct spacing_grid grid;
+    vec3 low, high;
     size_t n = contraction->n;
     uint32_t *near = alloc_array(n, sizeof *near), *order = alloc_array(n, sizeof *order);
     float *error = alloc_array(n, sizeof *error);
-    enum status status = grid_init(&grid, position, n, spacing);
+    find_corners(position, n, &low, &high);
+    enum status status = spacing_grid_init(&grid, position, n, low, high, spacing);
     if (!near || !order || !error) status = STATUS_NO_MEMORY;
     if (!status) {
         *fits = throw_darts(contraction, &grid, near);
@@ -150,7 +145,7 @@ enum status spacing_apply(struct contraction *contraction, const vec3 *position,
         reorder_errors(contraction, order, error);
         memcpy(contraction->order, order, n * sizeof *order);
     }
-    free(grid.head), free(grid.next);
+    spacing_grid_done(&grid);
     free(near), free(order), free(error);
     return status;
 }

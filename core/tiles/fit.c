@@ -15,13 +15,26 @@ static double part_bytes(const struct params *params) {
     struct params cloud = *params;
     cloud.outputs = OUTPUT_CLOUD;
     const struct memory_job one = {.points = SMALL}, two = {.points = 2 * SMALL};
-    return BESIDE + (fit_is_tileset(params) ? COST : 0) +
+    return BESIDE + (fit_tells_gone(params) ? COST : 0) +
            ((double)memory_predict(&two, &cloud) - (double)memory_predict(&one, &cloud)) / SMALL;
 }
 
-bool fit_is_tileset(const struct params *params) {
-    return (params->outputs & ~(uint32_t)OUTPUT_REPORT) == OUTPUT_TILESET;
+bool fit_ends_in_memory(const struct params *params) {
+    return params_want_mesh(params) || params->outputs & OUTPUT_PREVIEW;
 }
+
+bool fit_is_spaced(const struct params *params) { return !isnan(params->spacing) && !fit_ends_in_memory(params); }
+
+bool fit_is_spaced_alone(const struct params *params) {
+    return fit_is_spaced(params) && isnan(params->ratio) && !params->points && !params->levels.count;
+}
+
+bool fit_is_tileset(const struct params *params) {
+    return (params->outputs & ~(uint32_t)OUTPUT_REPORT) == OUTPUT_TILESET && !fit_is_spaced(params) &&
+           params->normals != SWITCH_TRUE;
+}
+
+bool fit_tells_gone(const struct params *params) { return fit_is_tileset(params) || fit_is_spaced(params); }
 
 uint64_t fit_tileset_room(const struct params *params, uint64_t record_bytes) {
     const double each = 176; /* positions twice and more, keys, the tree, groups of its points, what is read */
@@ -34,14 +47,58 @@ uint64_t fit_room(const struct params *params) {
     return bytes > PROGRAM ? (uint64_t)((bytes - PROGRAM) / part_bytes(params)) : 0;
 }
 
-double fit_wanted(const struct params *params, uint64_t points) {
-    double ratio = params->ratio;
-    if (params->levels.count) ratio = params->levels.ratio[0];
+/* The most points that a part's end has room for. */
+static double most_kept(uint64_t room) { return floor(FIT_LEFT * (double)room / FIT_MORE_THAN_KEPT); }
+
+/* How many of all points are kept in the end; NAN: nobody has said. */
+static double goal_of(const struct params *params, uint64_t points) {
+    double ratio = params->levels.count ? params->levels.ratio[0] : params->ratio;
     return params->points ? fmin((double)params->points, (double)points) : floor(ratio * (double)points);
 }
 
-enum status fit_kept(const struct params *params, uint64_t points, uint64_t room, struct error *error) {
-    double most = FIT_LEFT * (double)room / FIT_MORE_THAN_KEPT, wanted = fit_wanted(params, points);
+struct params fit_params_of_end(const struct params *params, uint64_t points, uint64_t left) {
+    struct params end = *params;
+    for (uint32_t i = 0; i < end.levels.count; i++) {
+        double kept = fmax(1, floor(params->levels.ratio[i] * (double)points));
+        end.levels.ratio[i] = fmin(1, (kept + 0.5) / (double)left); /* which is rounded down */
+    }
+    if (!isnan(end.ratio)) {
+        end.points = (uint64_t)fmax(1, goal_of(params, points));
+        end.ratio = NAN;
+    }
+    return end;
+}
+
+/* As many as the stages of a mesh have room for; what they take beside what is predicted is an eighth at most. */
+static double mesh_points(const struct params *params, uint64_t points, uint64_t record_bytes) {
+    uint64_t least = 0, most = (uint64_t)fmin((double)points, most_kept(fit_room(params)));
+    while (least < most) {
+        uint64_t middle = least + (most - least + 1) / 2;
+        struct params end = fit_params_of_end(params, points, middle);
+        const struct memory_job job = {.points = middle, .record_bytes = record_bytes};
+        end.threads = 1; /* the same points for any number of them */
+        if (memory_predict(&job, &end) <= params->memory_bytes / 8 * 7)
+            least = middle;
+        else
+            most = middle - 1;
+    }
+    return (double)least;
+}
+
+double fit_wanted(const struct params *params, uint64_t points, uint64_t record_bytes) {
+    if (fit_ends_in_memory(params)) return mesh_points(params, points, record_bytes);
+    double goal = goal_of(params, points);
+    return isnan(goal) ? fmin((double)points, most_kept(fit_room(params))) : goal;
+}
+
+enum status fit_kept(const struct params *params, uint64_t points, uint64_t record_bytes, uint64_t room,
+                     struct error *error) {
+    double most = most_kept(room), wanted = fit_wanted(params, points, record_bytes), goal = goal_of(params, points);
+    if (fit_ends_in_memory(params) && (wanted < 4 || goal > wanted))
+        return error_set(error, STATUS_NO_MEMORY, "memory",
+                         "a mesh of %.0f of %" PRIu64 " points is asked for, and %" PRIu64
+                         " MiB have room to make one of %.0f; keep fewer, or allow more memory",
+                         goal, points, params->memory_bytes >> 20, wanted);
     if (wanted <= most || (fit_is_tileset(params) && params->levels.count < 2)) return STATUS_OK;
     return error_set(error, STATUS_NO_MEMORY, "memory",
                      "%.0f of %" PRIu64 " points are to be kept, and %" PRIu64
@@ -51,12 +108,15 @@ enum status fit_kept(const struct params *params, uint64_t points, uint64_t room
 
 struct tiles_prediction tiles_predict(uint64_t points, const struct params *params) {
     const double raw = 28, left_bytes = 152, each_s = 4.2e-6;
-    const double gone = 8, kept = 72, kept_s = 2e-6; /* of a tileset; about, by records of 40 bytes */
+    const double gone = 8, kept = 72, kept_s = 2e-6, mesh_s = 20e-6; /* about, by records of 40 bytes */
+    const uint64_t record = 40;
     unsigned threads = params->threads ? (unsigned)params->threads : par_processors();
     double room = (double)fit_room(params), left = fmin((double)points, FIT_LEFT * room);
     double tile = fmin((double)points, room / FIT_AROUND);
-    double disk = raw * ((double)points + tile) + left_bytes * left, wanted = fit_wanted(params, points);
+    double disk = raw * ((double)points + tile) + left_bytes * left, wanted = fit_wanted(params, points, record);
     double seconds = each_s * (double)points * (1 + 1.0 / threads) / 1.5;
+    if (fit_is_spaced(params)) disk += gone * (double)points;
+    if (fit_ends_in_memory(params)) seconds += mesh_s * wanted;
     if (fit_is_tileset(params) && FIT_MORE_THAN_KEPT * wanted > FIT_LEFT * room) {
         disk += gone * (double)points + 2 * kept * wanted;
         seconds += kept_s * wanted;
@@ -68,14 +128,12 @@ enum status tiles_can(const struct params *params, struct error *error) {
     static const char why[] = "isn't done of a cloud that doesn't fit into memory; allow more memory, or simplify to "
                               "a cloud first and give that";
     const char *what = NULL;
-    if (params_want_mesh(params)) what = "a mesh";
-    if (params->outputs & (OUTPUT_DSO | OUTPUT_ERROR | OUTPUT_PREVIEW)) what = "dso, error and preview.png";
+    if (params->outputs & OUTPUT_DSO) what = "dso";
     if (params->denoise != DENOISE_NOISY && params_want_denoising(params))
         what = "denoise"; /* that is for meshes alone */
-    if (params->normals == SWITCH_TRUE) what = "normals";
+    if (params->normals == SWITCH_TRUE && fit_is_spaced(params)) what = "normals with spacing";
     if (params_bound_deviation(params)) what = "max_deviation";
     if (!isnan(params->max_error)) what = "max_error";
-    if (!isnan(params->spacing)) what = "spacing";
     if (params->weights[0]) what = "weights";
     if (what) return error_set(error, STATUS_NO_MEMORY, "memory", "%s %s", what, why);
     if (fit_room(params) >= 4 * FIT_FEWEST_BLOCKS * FIT_LEAST_BLOCK_POINTS) return STATUS_OK;

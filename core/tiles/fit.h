@@ -22,17 +22,33 @@ enum { FIT_LEAST_BLOCK_POINTS = 1 << 12, FIT_FEWEST_BLOCKS = 8 };
 /* How many points of a part params->memory_bytes have room for. */
 uint64_t fit_room(const struct params *params);
 
-/* Of so many points, how many are to be kept. */
-double fit_wanted(const struct params *params, uint64_t points);
+/* Whether what is asked for is made in memory, of as many points as that has room for, and tiles find these: meshes,
+ * and what shows distances to them. */
+bool fit_ends_in_memory(const struct params *params);
+
+/* Of so many points, with records of so many bytes, how many tiles are to leave; of what ends in memory these are more
+ * than are kept. */
+double fit_wanted(const struct params *params, uint64_t points, uint64_t record_bytes);
+
+/* Params of the end in memory, where so many points are left of all: as many are kept of these as of all. */
+struct params fit_params_of_end(const struct params *params, uint64_t points, uint64_t left);
 
 /* Whether nothing is asked for but a tileset, which is made of files where what is kept doesn't fit. */
 bool fit_is_tileset(const struct params *params);
 
+/* Whether tiles choose points by their distance, and by nothing else; and whether they may tell which points have gone,
+ * too. */
+bool fit_is_spaced(const struct params *params);
+bool fit_is_spaced_alone(const struct params *params);
+bool fit_tells_gone(const struct params *params);
+
 /* How many points of so many bytes a tileset may hold in memory at a time. */
 uint64_t fit_tileset_room(const struct params *params, uint64_t record_bytes);
 
-/* Whether what is to be kept can be finished in the room: STATUS_NO_MEMORY says what can. */
-enum status fit_kept(const struct params *params, uint64_t points, uint64_t room, struct error *error) MUST_CHECK;
+/* Whether what is to be kept of points with records of so many bytes can be finished in the room: STATUS_NO_MEMORY says
+ * what can. */
+enum status fit_kept(const struct params *params, uint64_t points, uint64_t record_bytes, uint64_t room,
+                     struct error *error) MUST_CHECK;
 
 /* What it takes, by the number of points in the input; disk is the most that scratch holds at once. */
 struct tiles_prediction {

@@ -21,10 +21,12 @@
 #include "core/io/formats/las_fields.h"
 #include "core/io/stream.h"
 #include "core/measure/tangent.h"
+#include "core/pipeline/sides.h"
 #include "core/spatial/knn.h"
 #include "core/tiles/left.h"
 #include "core/tiles/ranks.h"
 #include "core/tiles/scratch.h"
+#include "core/tiles/spaced.h"
 #include "core/tiles/tiles.h"
 
 enum { PIECE = 1 << 18, NOTE_BYTES = 96 };
@@ -45,6 +47,7 @@ struct merging {
     float (*normal)[3];
     struct adjacency near;
     struct contraction contraction;
+    struct spaced spaced; /* zeroed unless points are chosen by their distance */
 };
 
 static enum status merge_no_memory(const struct merging *m) {
@@ -194,13 +197,37 @@ static enum status join(struct merging *m) {
 
 /* ------------------------------------------------------------------------------------------------ the kept points */
 
-static size_t kept_of(const struct merging *m, size_t level) {
+static size_t levels_of(const struct merging *m) {
     const struct params *params = &m->scratch.head.params;
+    return params->levels.count && !fit_ends_in_memory(params) ? params->levels.count : 1;
+}
+
+static size_t kept_of(const struct merging *m, size_t level) {
+    const struct scratch_head *head = &m->scratch.head;
+    const struct params *params = &head->params;
     double ratio = params->levels.count ? params->levels.ratio[level] : params->ratio;
-    double wanted = params->points ? (double)params->points : floor(ratio * (double)m->scratch.head.points);
-    size_t most = m->scratch.head.ranks_all ? (size_t)m->distinct : m->points.count;
+    double wanted = params->points ? (double)params->points : floor(ratio * (double)head->points);
+    size_t most = head->ranks_all ? (size_t)m->distinct : m->points.count;
+    if (fit_ends_in_memory(params)) wanted = (double)head->wanted;
+    if (m->spaced.place) most = m->spaced.count;
     if (wanted < 1) wanted = 1;
     return wanted < (double)most ? (size_t)wanted : most;
+}
+
+/* The place along the curve of the i-th of the kept points, which is of those that are left. */
+static uint32_t along_of(const struct merging *m, size_t i) {
+    return m->contraction.order[m->contraction.n - 1 - (m->spaced.place ? m->spaced.place[i] : i)];
+}
+
+/* The number in the input of the i-th of the kept points. */
+static uint32_t id_of(const struct merging *m, size_t i) {
+    bool has_gone = m->spaced.place && i >= m->spaced.left;
+    return has_gone ? m->spaced.id[i - m->spaced.left] : input_id(m, along_of(m, i));
+}
+
+/* Whether k points are kept of those that are left alone. */
+static bool is_of_left(const struct merging *m, size_t k) {
+    return k <= (m->spaced.place ? m->spaced.left : m->points.count);
 }
 
 /* What the whole input says of its points, with room for n. */
@@ -215,8 +242,9 @@ static enum status describe(const struct cloud *from, size_t n, struct cloud *to
     if (from->comments) to->comments = alloc_array(strlen(from->comments) + 1, 1);
     if (from->left_out) to->left_out = alloc_array(strlen(from->left_out) + 1, 1);
     if (from->las) to->las = alloc_array(1, sizeof *to->las + from->las->records_bytes);
+    if (from->view_count) to->view = alloc_array(from->view_count, sizeof *to->view);
     bool room = to->property && to->position && to->record && (!from->comments || to->comments) &&
-                (!from->left_out || to->left_out) && (!from->las || to->las);
+                (!from->left_out || to->left_out) && (!from->las || to->las) && (!from->view_count || to->view);
     if (!room) {
         cloud_done(to);
         return STATUS_NO_MEMORY;
@@ -225,6 +253,8 @@ static enum status describe(const struct cloud *from, size_t n, struct cloud *to
     if (to->comments) memcpy(to->comments, from->comments, strlen(from->comments) + 1);
     if (to->left_out) memcpy(to->left_out, from->left_out, strlen(from->left_out) + 1);
     if (to->las) memcpy(to->las, from->las, sizeof *to->las + from->las->records_bytes);
+    if (to->view) memcpy(to->view, from->view, from->view_count * sizeof *to->view);
+    to->view_count = from->view_count;
     return STATUS_OK;
 }
 
@@ -283,8 +313,7 @@ static enum status gather(const struct merging *m, size_t n, struct cloud *cloud
     uint64_t *item = alloc_array(n, sizeof *item), *spare = alloc_array(n, sizeof *spare), *sorted = item;
     *kept = alloc_array(n, sizeof **kept);
     enum status status = item && spare && *kept ? STATUS_OK : merge_no_memory(m);
-    for (size_t i = 0; !status && i < n; i++)
-        item[i] = radix_item(input_id(m, m->contraction.order[m->contraction.n - 1 - i]), (uint32_t)i);
+    for (size_t i = 0; !status && i < n; i++) item[i] = radix_item(id_of(m, i), (uint32_t)i);
     if (!status) sorted = radix_sort(item, spare, n, m->threads);
     if (!status) status = reopen_input(m, &stream);
     if (!status && describe(cloud_stream_cloud(stream), n, cloud)) status = merge_no_memory(m);
@@ -307,7 +336,7 @@ static enum status note_dropped(const struct merging *m, struct cloud *cloud) {
 static enum status find_planes(const struct merging *m, size_t k, vec3 *point, vec3 *normal) {
     uint64_t *item = alloc_array(k, sizeof *item), *spare = alloc_array(k, sizeof *spare), *sorted;
     if (item && spare) {
-        for (size_t i = 0; i < k; i++) item[i] = radix_item(m->contraction.order[m->contraction.n - 1 - i], 0);
+        for (size_t i = 0; i < k; i++) item[i] = radix_item(along_of(m, i), 0);
         sorted = radix_sort(item, spare, k, m->threads);
         for (size_t i = 0; i < k; i++) {
             uint32_t p = radix_key(sorted[i]);
@@ -410,26 +439,65 @@ static enum status finish(struct merging *m) {
     return status;
 }
 
+/* Leaves points that are far enough from each other, and what has gone where there is room between them. */
+static enum status keep_apart(struct merging *m) {
+    const struct scratch_head *head = &m->scratch.head;
+    const struct params *params = &head->params;
+    size_t n = m->points.count, enough = fit_is_spaced_alone(params) ? SIZE_MAX : (size_t)fmax(1, (double)head->wanted);
+    free(m->id); /* which is read again with the positions */
+    enum status status = read_positions(m);
+    vec3 *position = alloc_array(n, sizeof *position);
+    uint32_t *left = alloc_array(n, sizeof *left);
+    const struct ranks ranks = {m->folder, &m->scratch, left, n, m->distinct - n, m->progress, m->error};
+    if (!status && (!position || !left)) status = merge_no_memory(m);
+    for (size_t i = 0; !status && i < n; i++) {
+        uint32_t along = along_of(m, i);
+        position[i] = m->position[m->points.original[along]];
+        left[i] = input_id(m, along);
+    }
+    free(m->position);
+    m->position = NULL;
+    size_t most = (size_t)(FIT_LEFT * (double)head->room / FIT_MORE_THAN_KEPT), room = (size_t)head->room / 2;
+    if (room > 2 * head->tile_points) room = (size_t)(2 * head->tile_points);
+    if (!status) status = spaced_keep(&ranks, position, enough, most, room, m->threads, &m->spaced);
+    free(position), free(left);
+    return status;
+}
+
 static enum status measure_levels(const struct merging *m, struct pipeline_result *result) {
     enum status status = STATUS_OK;
-    size_t levels = m->scratch.head.params.levels.count ? m->scratch.head.params.levels.count : 1;
-    for (size_t i = 0; !status && i < levels; i++)
-        if (kept_of(m, i) <= m->points.count) status = measure_kept(m, kept_of(m, i), &result->report.level[i].tangent);
+    bool all = true;
+    if (fit_ends_in_memory(&m->scratch.head.params)) return STATUS_OK; /* which measures more */
+    for (size_t i = 0; !status && i < levels_of(m); i++) {
+        bool measured = is_of_left(m, kept_of(m, i));
+        if (measured) status = measure_kept(m, kept_of(m, i), &result->report.level[i].tangent);
+        all &= measured;
+    }
+    if (!all && m->spaced.place)
+        left_out_add(&result->report.left_out, "report",
+                     "distances to the kept points, some of which no tile had left");
     return status;
+}
+
+/* The largest of the contractions that so many kept points are left of. */
+static double largest_error(const struct merging *m, size_t kept) {
+    size_t first = kept; /* in the ranking, of those that aren't kept */
+    if (m->spaced.place && kept < m->spaced.left) first = m->spaced.place[kept];
+    if (m->spaced.place && first > m->spaced.first_not_kept) first = m->spaced.first_not_kept;
+    return first < m->contraction.n ? (double)m->contraction.error[m->contraction.n - 1 - first] : (double)m->largest;
 }
 
 static void report_levels(const struct merging *m, struct pipeline_result *result) {
     const struct scratch_head *head = &m->scratch.head;
     struct report *report = &result->report;
-    result->level_count = head->params.levels.count ? head->params.levels.count : 1;
+    result->level_count = levels_of(m);
     report->level_count = result->level_count;
     for (size_t i = 0; i < result->level_count; i++) {
-        size_t kept = kept_of(m, i), made = kept < m->contraction.n ? m->contraction.n - kept : 0;
+        size_t kept = kept_of(m, i);
         result->level[i].kept_count = kept;
         report->level[i].points_out = kept;
         report->level[i].ratio = (double)kept / (double)head->points;
-        double error = made ? (double)m->contraction.error[made - 1] : (double)m->largest;
-        report->level[i].contraction_error = error * head->whole.scale;
+        report->level[i].contraction_error = largest_error(m, kept) * head->whole.scale;
     }
     report->points_in = head->points;
     report->points_cropped = head->selection.cropped;
@@ -437,6 +505,8 @@ static void report_levels(const struct merging *m, struct pipeline_result *resul
     report->points_distinct = m->distinct;
     report->diagonal = head->whole.diagonal;
     report->noise_level = head->noise * head->whole.scale;
+    if (m->spaced.place)
+        report->spacing = (struct report_spacing){head->params.spacing, m->spaced.count, !m->spaced.is_all};
     memcpy(report->box_min, &head->whole.box_min, sizeof report->box_min);
     memcpy(report->box_max, &head->whole.box_max, sizeof report->box_max);
 }
@@ -447,7 +517,23 @@ static void left_done(struct merging *m) {
     ordered_points_done(&m->points);
     adjacency_done(&m->near);
     contraction_done(&m->contraction);
+    spaced_done(&m->spaced);
     alloc_give_back();
+}
+
+/* The kept points' normals as the tiles found them, turned by what the kept points show; what is left is freed. */
+static enum status turn_normals(struct merging *m, const struct cloud *cloud, struct pipeline_result *made) {
+    vec3 *normal = alloc_array(cloud->count, sizeof *normal);
+    if (!normal) return merge_no_memory(m);
+    for (size_t i = 0; i < cloud->count; i++) {
+        const float *of = m->normal[along_of(m, i)];
+        normal[made->kept[i]] = (vec3){(double)of[0], (double)of[1], (double)of[2]};
+    }
+    left_done(m);
+    enum status status =
+        sides_of_normals(cloud, &m->scratch.head.params, m->threads, normal, &made->normal, &made->report, m->error);
+    free(normal);
+    return status;
 }
 
 static void merging_done(struct merging *m) {
@@ -515,6 +601,7 @@ enum status tiles_merge(const char *folder, unsigned threads, const struct progr
     enum status status = team ? scratch_load(folder, &m.scratch, error) : merge_no_memory(&m);
     if (!status) status = check_input(&m);
     if (!status) status = finish(&m);
+    if (!status && fit_is_spaced(&m.scratch.head.params)) status = keep_apart(&m);
     if (!status) report_add_stage(&made.report, "merge", merge_clock_ms() - start_ms);
     double measure_ms = merge_clock_ms();
     if (!status) status = measure_levels(&m, &made);
@@ -525,6 +612,8 @@ enum status tiles_merge(const char *folder, unsigned threads, const struct progr
         status = m.scratch.head.ranks_all ? gather_beyond(&m, &kept, &written, &made)
                                           : gather(&m, kept_of(&m, 0), &kept, &made.kept);
     if (!status) report_add_stage(&made.report, "gather", merge_clock_ms() - gather_ms);
+    bool turns = m.scratch.head.params.normals == SWITCH_TRUE && !fit_ends_in_memory(&m.scratch.head.params);
+    if (!status && turns) status = turn_normals(&m, &kept, &made);
     if (!status && m.scratch.head.dropped) status = note_dropped(&m, &kept);
     par_team_free(team);
     if (status == STATUS_CANCELLED) error_set(error, status, "tiles", "cancelled");

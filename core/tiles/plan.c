@@ -68,11 +68,12 @@ static enum status make_cells(struct planning *plan, size_t n) {
 static enum status find_goal(struct planning *plan, double *goal) {
     struct scratch_head *head = &plan->scratch.head;
     double room = FIT_LEFT * (double)head->room;
-    double wanted = FIT_MORE_THAN_KEPT * fit_wanted(&head->params, head->points);
+    head->wanted = (uint64_t)fit_wanted(&head->params, head->points, head->record_bytes);
+    double wanted = FIT_MORE_THAN_KEPT * (double)head->wanted;
     double most = plan->job->tile_points ? fmin(room, 2 * (double)plan->job->tile_points) : room;
     head->ranks_all = fit_is_tileset(&head->params) && head->params.levels.count < 2 && wanted > most;
-    *goal = head->ranks_all ? most : fmax(most, wanted);
-    return fit_kept(&head->params, head->points, head->room, plan->error);
+    *goal = head->ranks_all || fit_is_spaced_alone(&head->params) ? most : fmax(most, wanted);
+    return fit_kept(&head->params, head->points, head->record_bytes, head->room, plan->error);
 }
 
 /* ------------------------------------------------------------------------------------------------ count */
@@ -239,9 +240,8 @@ static enum status check_disk(const struct planning *plan) {
     double each = (double)scratch_record_bytes(&head->coding);
     double needed = each * (double)(head->points + head->tile_points) +
                     152 * fmin((double)head->points, FIT_LEFT * (double)head->room);
-    if (head->ranks_all)
-        needed +=
-            8 * (double)head->points + 2 * (32 + (double)head->record_bytes) * fit_wanted(&head->params, head->points);
+    if (head->ranks_all || fit_is_spaced(&head->params)) needed += 8 * (double)head->points;
+    if (head->ranks_all) needed += 2 * (32 + (double)head->record_bytes) * (double)head->wanted;
     if (statvfs(plan->job->folder, &about) != 0) return STATUS_OK;
     double there = (double)about.f_bavail * (double)about.f_frsize;
     if (needed <= there) return STATUS_OK;

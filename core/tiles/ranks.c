@@ -10,7 +10,6 @@
 
 #include "core/base/alloc.h"
 #include "core/io/out/file_out.h"
-#include "core/tiles/left.h"
 
 enum { PIECE = 1 << 15, DIGITS = 3, MOST_BITS = 22, ID_KEY_BYTES = 4 };
 static const unsigned digit_bits[DIGITS] = {MOST_BITS, 21, 21};
@@ -21,8 +20,6 @@ static enum status ranks_no_memory(const struct ranks *ranks) {
 
 /* ------------------------------------------------------------------------------------------------ what has gone */
 
-typedef void take_item(void *ctx, struct gone_item item);
-
 static enum status check_gone(const struct ranks *ranks, const struct gone_head *head, size_t tile, const char *path) {
     if (memcmp(head->mark, GONE_MARK, sizeof head->mark) == 0 && head->count <= ranks->scratch->tile[tile].points &&
         head->passes == ranks->scratch->head.passes)
@@ -30,14 +27,15 @@ static enum status check_gone(const struct ranks *ranks, const struct gone_head 
     return error_set(ranks->error, STATUS_MALFORMED, "tiles", "%s is damaged", path);
 }
 
-/* Every item of a tile, in the order of its file. */
-static enum status read_gone(const struct ranks *ranks, size_t tile, struct gone_item *piece, take_item *take,
-                             void *ctx) {
+enum status ranks_read_gone(const struct ranks *ranks, size_t tile, ranks_take *take, void *ctx) {
+    struct gone_item *piece = alloc_array(PIECE, sizeof *piece);
     char path[SCRATCH_PATH_BYTES];
-    struct gone_head head;
+    struct gone_head head = {0};
     int fd = scratch_open_file(ranks->folder, "gone", tile, path);
-    if (fd < 0) return error_set(ranks->error, STATUS_IO, "tiles", "can't open %s: %s", path, strerror(errno));
-    enum status status = scratch_read(fd, &head, sizeof head, 0, path, ranks->error);
+    enum status status = piece ? STATUS_OK : ranks_no_memory(ranks);
+    if (!status && fd < 0)
+        status = error_set(ranks->error, STATUS_IO, "tiles", "can't open %s: %s", path, strerror(errno));
+    if (!status) status = scratch_read(fd, &head, sizeof head, 0, path, ranks->error);
     if (!status) status = check_gone(ranks, &head, tile, path);
     uint64_t from = sizeof head + head.passes * sizeof(float);
     for (uint64_t i = 0; !status && i < head.count; i += PIECE) {
@@ -45,15 +43,14 @@ static enum status read_gone(const struct ranks *ranks, size_t tile, struct gone
         status = scratch_read(fd, piece, n * sizeof *piece, from + i * sizeof *piece, path, ranks->error);
         for (size_t k = 0; !status && k < n; k++) take(ctx, piece[k]);
     }
-    close(fd);
+    if (fd >= 0) close(fd);
+    free(piece);
     return status;
 }
 
-static enum status read_all_gone(const struct ranks *ranks, take_item *take, void *ctx) {
-    struct gone_item *piece = alloc_array(PIECE, sizeof *piece);
-    enum status status = piece ? STATUS_OK : ranks_no_memory(ranks);
-    for (size_t t = 0; !status && t < ranks->scratch->head.tiles; t++) status = read_gone(ranks, t, piece, take, ctx);
-    free(piece);
+static enum status read_all_gone(const struct ranks *ranks, ranks_take *take, void *ctx) {
+    enum status status = STATUS_OK;
+    for (size_t t = 0; !status && t < ranks->scratch->head.tiles; t++) status = ranks_read_gone(ranks, t, take, ctx);
     return status;
 }
 

@@ -7,6 +7,7 @@
 #include "core/base/progress.h"
 #include "core/io/out/kept_file.h"
 #include "core/io/stream.h"
+#include "core/tiles/left.h"
 #include "core/tiles/scratch.h"
 
 struct ranks {
@@ -18,6 +19,10 @@ struct ranks {
     const struct progress *progress;
     struct error *error;
 };
+
+/* Every item of what has gone of a tile, in the order of its file.  STATUS_IO, STATUS_MALFORMED, STATUS_NO_MEMORY. */
+typedef void ranks_take(void *ctx, struct gone_item item);
+enum status ranks_read_gone(const struct ranks *ranks, size_t tile, ranks_take *take, void *ctx) MUST_CHECK;
 
 /* Finds the key of the last point that is kept, where so many are; *error_made is the largest of the contractions until
  * then, of those of whole passes.  Reads what has gone three times.  STATUS_IO, STATUS_NO_MEMORY. */

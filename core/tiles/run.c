@@ -116,7 +116,7 @@ static enum status contract_tile(const struct running *run, struct part *part, s
                                        .length_bias = head->length_bias,
                                        .passes = head->passes,
                                        .limit = run->scratch.limit,
-                                       .keeps_gone = head->ranks_all};
+                                       .keeps_gone = head->ranks_all || fit_is_spaced(&head->params)};
     enum status status = contract_some(part->points.point, &part->near, part->quadrics, &some, run->progress, left);
     if (status == STATUS_CANCELLED) error_set(run->error, status, "tiles", "cancelled");
     return status == STATUS_NO_MEMORY ? run_no_memory(run) : status;
@@ -138,7 +138,8 @@ static enum status run_tile(struct running *run, unsigned threads) {
     if (!status) status = part_make(&part, &points, false, &whole, run->progress, run->error);
     if (status == STATUS_CANCELLED) error_set(run->error, status, "tiles", "cancelled");
     if (!status) status = contract_tile(run, &part, &left);
-    if (!status && s->head.ranks_all) status = save(run, "gone", put_gone, &part, &points, &left);
+    bool tells_gone = s->head.ranks_all || fit_is_spaced(&s->head.params);
+    if (!status && tells_gone) status = save(run, "gone", put_gone, &part, &points, &left);
     if (!status) status = save(run, "left", put, &part, &points, &left); /* which says that the tile is done */
     contract_left_done(&left);
     part_done(&part);

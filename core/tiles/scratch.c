@@ -17,7 +17,7 @@
 #include "core/io/out/sink.h"
 #include "core/tiles/tiles.h"
 
-static const char mark[16] = "whittle tiles 2";
+static const char mark[16] = "whittle tiles 3";
 enum { ID_BYTES = sizeof(uint32_t), LOOK_BYTES = 64 * 1024 };
 
 void scratch_path(char path[SCRATCH_PATH_BYTES], const char *folder, const char *name, size_t number) {

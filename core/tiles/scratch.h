@@ -56,6 +56,7 @@ struct scratch_head {
     struct selection selection;  /* points that weren't asked for */
     struct scratch_coding coding;
     bool ranks_all;        /* more is kept than can be finished in memory: tiles say what has gone, too */
+    uint64_t wanted;       /* points that the merge is to leave */
     uint64_t record_bytes; /* of the input's points */
 };
 

@@ -644,8 +644,8 @@ void worker_output_summary(const struct worker_options *options, const struct re
         fprintf(to, "%-16s %s, sides by %s\n", "normals", report->normals.given ? "given" : "computed",
                 report->normals.orientation);
     if (report->spacing.spacing > 0)
-        fprintf(to, "%-16s %.4g, for which %" PRIu64 " points have room\n", "spacing", report->spacing.spacing,
-                report->spacing.points);
+        fprintf(to, "%-16s %.4g, for which %s%" PRIu64 " points have room\n", "spacing", report->spacing.spacing,
+                report->spacing.at_least ? "at least " : "", report->spacing.points);
     if (deviation->bound > 0)
         fprintf(to, "%-16s %.4g, %.4g allowed, found with %" PRIu64 " tries\n", "deviation", deviation->reached,
                 deviation->bound, deviation->tried);

@@ -21,6 +21,7 @@
 
 #include "core/base/alloc.h"
 #include "core/cloud/colour_depth.h"
+#include "core/cloud/normals.h"
 #include "core/io/codec/inflate.h"
 #include "core/io/out/file_out.h"
 #include "core/io/out/las_write.h"
@@ -28,6 +29,7 @@
 #include "core/io/sniff.h"
 #include "core/io/stream.h"
 #include "core/pipeline/memory.h"
+#include "core/pipeline/pipeline.h"
 #include "core/tiles/tiles.h"
 #include "server/cli/input.h"
 #include "server/cli/no_new_code.h"
@@ -35,7 +37,7 @@
 #include "server/shared/worker_protocol.h"
 
 enum { FIRST_BYTES = 64 * 1024, FOLDER_BYTES = 4000 };
-static const double PLAN_SHARE = 0.3, RUN_SHARE = 0.85; /* of the whole, at whose end each is */
+static const double PLAN_SHARE = 0.3, RUN_SHARE = 0.85, END_SHARE = 0.9; /* of the whole, at whose end each is */
 
 /* ------------------------------------------------------------------------------------------------ by themselves */
 
@@ -160,6 +162,35 @@ enum status worker_tiles_foretell(const struct worker_options *options, const st
     return status;
 }
 
+/* Makes what is made in memory (fit_ends_in_memory) of the points that tiles have left, in place of the result. */
+static enum status end_in_memory(const struct params *params, const struct progress *progress, struct cloud *cloud,
+                                 struct pipeline_result *result, struct error *error) {
+    if (!fit_ends_in_memory(params)) return STATUS_OK;
+    struct report tiled = result->report;
+    const struct params end = fit_params_of_end(params, tiled.points_in, cloud->count);
+    struct pipeline_result made = {0};
+    pipeline_result_done(result);
+    enum status status = pipeline_run(cloud, &end, progress, &made, error);
+    if (status) return status;
+    struct report *report = &made.report;
+    left_out_add(&report->left_out, "input",
+                 "all but the %zu most important points, where what memory has no room for was made: to these it is "
+                 "fitted and measured",
+                 cloud->count);
+    for (size_t i = 0; i < report->level_count; i++)
+        report->level[i].ratio = (double)report->level[i].points_out / (double)tiled.points_in;
+    for (size_t i = 0; i < tiled.stage_count; i++)
+        report_add_stage(report, tiled.stage[i].name, tiled.stage[i].wall_ms);
+    report->points_in = tiled.points_in;
+    report->points_distinct = tiled.points_distinct;
+    report->points_cropped = tiled.points_cropped;
+    report->points_filtered = tiled.points_filtered;
+    report->total_ms += tiled.total_ms;
+    if (made.moved) cloud_move(cloud, made.moved);
+    *result = made;
+    return STATUS_OK;
+}
+
 static void tell_what_is_left(const char *folder) {
     struct tiles_facts facts;
     struct error ignored;
@@ -191,9 +222,12 @@ enum status worker_tiles_simplify(const struct worker_options *options, const st
         worker_progress_span(display, PLAN_SHARE + each * (double)t, PLAN_SHARE + each * (double)(t + 1));
         status = tiles_run(folder, t, threads, &progress, error);
     }
-    worker_progress_span(display, RUN_SHARE, 1);
+    bool ends = fit_ends_in_memory(&options->params);
+    worker_progress_span(display, RUN_SHARE, ends ? END_SHARE : 1);
     double run_ms = tiles_clock_ms();
     if (!status) status = tiles_merge(folder, threads, &progress, cloud, file, result, error);
+    if (ends) worker_progress_span(display, END_SHARE, 1);
+    if (!status) status = end_in_memory(&options->params, &progress, cloud, result, error);
     if (!status) { /* of this process: what was done before a stop isn't counted */
         report_add_stage(&result->report, "plan", planned_ms - start_ms);
         report_add_stage(&result->report, "tiles", run_ms - planned_ms);
@@ -355,7 +389,8 @@ static enum status write_merged(const struct worker_options *options, const stru
                                 struct cloud *cloud, const struct kept_file *file, struct pipeline_result *result,
                                 struct error *error) {
     enum status status = STATUS_OK;
-    if (!file->path && options->params.outputs & OUTPUT_ANY_LAS && options->params.colours == COLOURS_8)
+    if (result->normal) status = cloud_set_normals(cloud, (const float(*)[3])result->normal, error);
+    if (!status && !file->path && options->params.outputs & OUTPUT_ANY_LAS && options->params.colours == COLOURS_8)
         status = cloud_keep_colours(cloud, error);
     if (!status && !file->path)
         status = cloud_set_colours(cloud, (enum colour_bits)options->params.colours, &result->report.left_out, error);
@@ -393,8 +428,14 @@ static int merge_tiles(int argc, char **argv, struct worker_progress *display) {
     if (!status && facts.for_tileset && !(options.params.outputs & OUTPUT_TILESET))
         status = error_set(&error, STATUS_BAD_PARAMETER, "outputs",
                            "the plan is for a tileset of more points than memory holds; merge it to a tileset");
+    if (!status && fit_ends_in_memory(&options.params) && !fit_ends_in_memory(&planned))
+        status = error_set(&error, STATUS_BAD_PARAMETER, "outputs",
+                           "the plan is for a cloud; plan with --outputs mesh to have one, or a preview");
     if (!status)
         status = tiles_merge(scratch, (unsigned)options.params.threads, &progress, &cloud, &file, &result, &error);
+    struct params end = options.params;
+    end.outputs |= planned.outputs;
+    if (!status) status = end_in_memory(&end, &progress, &cloud, &result, &error);
     if (!status) status = write_merged(&options, &inputs, &cloud, &file, &result, &error);
     if (!status) tiles_kept_remove(&file);
     kept_file_done(&file);
@@ -445,6 +486,7 @@ static enum status merge_and_write(const struct worker_options *options, const c
     enum status status = worker_inputs_open(&inputs, options->input, options->input_count, error);
     if (!status)
         status = tiles_merge(folder, (unsigned)options->params.threads, progress, &cloud, &file, &result, error);
+    if (!status) status = end_in_memory(&options->params, progress, &cloud, &result, error);
     if (!status) status = write_merged(options, &inputs, &cloud, &file, &result, error);
     tiles_kept_remove(&file);
     worker_inputs_done(&inputs);

@@ -19,7 +19,7 @@ bool task_is_tile(const struct job *job) {
 
 bool task_makes_outputs(const struct job *job) { return !job->tiles || (job->tiles > 0 && job->task > job->tiles); }
 
-bool task_tells_gone(const struct job *job) { return fit_is_tileset(&job->params); }
+bool task_tells_gone(const struct job *job) { return fit_tells_gone(&job->params); }
 
 double task_fraction(const struct job *job, double fraction) {
     if (!job->tiles) return fraction;

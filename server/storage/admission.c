@@ -125,7 +125,7 @@ static bool fits_in_tiles(const struct admission *admission, const struct beginn
     bool in_parts = cloud_kind_has_parts(kind);
     params.memory_bytes = admission->max_memory_bytes;
     return in_parts && !beginning->inflated && tiles_can(&params, &ignored) == STATUS_OK &&
-           fit_kept(&params, job->points, fit_room(&params), &ignored) == STATUS_OK;
+           fit_kept(&params, job->points, job->record_bytes, fit_room(&params), &ignored) == STATUS_OK;
 }
 
 static bool check(const struct admission *admission, const struct beginning *beginning, struct admitted *admitted,

@@ -81,6 +81,22 @@ def test_a_tileset_of_all_points_is_the_command_s(make_daemon, cloud, tmp_path):
         wait_until(lambda: blobs_of(daemon, job) == [] and daemon.leftovers() == [], "an empty folder")
 
 
+@pytest.mark.parametrize("flags, name", [(("--spacing", "0.8"), "cloud.ply"), (("--normals", "true"), "cloud.ply"),
+                                         ((), "mesh.glb")])
+def test_what_tiles_make_beside_plain_clouds(make_daemon, cloud, tmp_path, flags, name):
+    """Spacings, normals, and meshes of as many points as there is room for: the bytes are the command's."""
+    flags = (*flags, *(() if "--spacing" in flags else ("--ratio", "0.02")), "--outputs", name)
+    done = subprocess.run([BUILD / "whittle", cloud, "-o", tmp_path / name, *flags, "--memory", LIMIT, "--threads", "1"],
+                          capture_output=True, text=True, check=True)
+    assert "tiles in" in done.stderr
+    daemon = limited(make_daemon)
+    query = "&".join(f"{flag[2:]}={value}" for flag, value in zip(flags[::2], flags[1::2]))
+    ended = daemon.ended(daemon.submit(cloud.read_bytes(), f"?{query}"))
+    assert ended["status"] == "successful" and ended["tiles"]["of"] > 2, (ended, daemon.log_text()[-3000:])
+    assert ended["resources"]["peak_rss_bytes"] < 160 << 20
+    assert daemon.curl(f"/v1/jobs/{ended['id']}/outputs/{name}").body == (tmp_path / name).read_bytes()
+
+
 def test_progress_never_goes_back(make_daemon, cloud):
     daemon = limited(make_daemon)
     job = daemon.submit(cloud.read_bytes(), QUERY)
@@ -169,7 +185,7 @@ def test_a_job_in_tiles_is_one_job_of_its_principal(make_daemon, cloud):
     assert daemon.post("/v1/jobs?outputs=cloud&ratio=1", b"0 0 0\n1 0 0\n0 1 0\n").status == 201
 
 
-@pytest.mark.parametrize("query", ["?ratio=0.02&outputs=mesh", "?ratio=0.02&outputs=cloud&denoise=full",
+@pytest.mark.parametrize("query", ["?ratio=0.02&outputs=dso", "?ratio=0.02&outputs=cloud&denoise=full",
                                    "?ratio=0.9&outputs=cloud"])
 def test_what_tiles_cannot_do_is_refused(make_daemon, cloud, query):
     daemon = limited(make_daemon)

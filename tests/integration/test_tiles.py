@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Clouds in tiles: the same bytes whatever happens on the way, within the memory that was given."""
 import gzip
+import json
 import math
 import os
 import pathlib
@@ -168,10 +169,118 @@ def test_what_does_not_fit_is_tiled_and_what_fits_is_not(cloud, tmp_path):
     assert not (tmp_path / "c.ply.tiles").exists()
 
 
-def test_a_mesh_of_what_does_not_fit_is_refused(tmp_path):
+def places(data):
+    return [struct.unpack("<3f", record[:12]) for record in records(data)]
+
+
+def nearest(points, of, spacing):
+    """For each of the points the square of the distance to the nearest other one of `of`, if that is below 2 spacings."""
+    cells = {}
+    for p in of:
+        cells.setdefault(tuple(int(c // (2 * spacing)) for c in p), []).append(p)
+    found = []
+    for p in points:
+        at = [int(c // (2 * spacing)) for c in p]
+        near = [q for dx in (-1, 0, 1) for dy in (-1, 0, 1) for dz in (-1, 0, 1)
+                for q in cells.get((at[0] + dx, at[1] + dy, at[2] + dz), ()) if q != p]
+        found.append(min((math.dist(p, q) for q in near), default=math.inf))
+    return found
+
+
+@pytest.mark.parametrize("spacing", [0.15, 0.6])
+def test_no_two_are_nearer_than_the_spacing(cloud, tmp_path, spacing):
+    """And no point is farther than that from a kept one, though most of what is kept here had gone from tiles."""
+    goal = ("--spacing", spacing)
+    tiled = steps(cloud, tmp_path / "work", tmp_path / "out.ply", goal=goal)
+    kept = places(tiled)
+    assert len(set(kept)) == len(kept) and set(records(cloud.read_bytes())).issuperset(records(tiled))
+    assert min(nearest(kept, kept, spacing)) >= spacing
+    others = set(places(cloud.read_bytes())) - set(kept)
+    assert max(nearest(others, kept, spacing)) < spacing
+    whittle(cloud, tmp_path / "inside.ply", *goal)
+    inside = records((tmp_path / "inside.ply").read_bytes())
+    assert abs(len(inside) - len(kept)) < 0.02 * len(inside)
+    first = len(inside) // 10  # those that tiles have left are ranked as in memory
+    assert len(set(inside[:first]) & set(records(tiled)[:first])) > 0.95 * first
+    assert steps(cloud, tmp_path / "again", tmp_path / "again.ply", reversed, 1, goal=goal) == tiled
+
+
+def test_a_spacing_beside_a_ratio(cloud, tmp_path):
+    goal = ("--spacing", 0.4, "--ratio", 0.05)
+    tiled = steps(cloud, tmp_path / "work", tmp_path / "out.ply", goal=goal)
+    whittle(cloud, tmp_path / "inside.ply", *goal)
+    inside = records((tmp_path / "inside.ply").read_bytes())
+    assert len(inside) == POINTS // 20 and len(set(inside) & set(records(tiled))) > 0.98 * len(inside)
     large = bumps(tmp_path / "large.ply", 700000)
-    done = whittle(large, tmp_path / "mesh.obj", "--ratio", "0.05", "--memory", "160M", status=71)
-    assert "a mesh isn't done of a cloud that doesn't fit" in done.stderr
+    done = whittle(large, tmp_path / "some.ply", "--spacing", 0.01, "--memory", "160M", status=71)
+    assert "are 0.01 apart" in done.stderr and "wider spacing" in done.stderr
+
+
+def test_normals_are_those_of_memory(cloud, tmp_path):
+    """As they were found among all points, and turned to the same side."""
+    tiled = steps(cloud, tmp_path / "work", tmp_path / "out.ply", goal=("--ratio", "0.05", "--normals", "true"))
+    whittle(cloud, tmp_path / "inside.ply", "--ratio", "0.05", "--normals", "true")
+    inside = (tmp_path / "inside.ply").read_bytes()
+    head, body = inside.split(b"end_header\n", 1)
+    assert tiled.startswith(head) and head.count(b"float n") == 3
+    each = len(body) // (POINTS // 20)
+    ours, theirs = ({data[i:i + 14]: struct.unpack("<3f", data[i + each - 12:i + each])
+                     for i in range(0, len(data), each)} for data in (tiled[len(head) + 11:], body))
+    common = ours.keys() & theirs.keys()
+    assert len(common) > 0.99 * len(theirs)
+    same = sum(math.dist(ours[p], theirs[p]) < 1e-6 for p in common)
+    assert same > 0.99 * len(common) and all(n[2] > 0 for n in ours.values())
+
+
+def test_a_viewer_turns_normals_of_tiles(cloud, tmp_path):
+    tiled = steps(cloud, tmp_path / "work", tmp_path / "out.ply",
+                  goal=("--ratio", "0.05", "--normals", "true", "--viewpoint", "20,20,-900"))
+    body = tiled[tiled.index(b"end_header\n") + 11:]
+    each = len(body) // (POINTS // 20)
+    assert all(struct.unpack("<f", body[i + each - 4:i + each])[0] < 0 for i in range(0, len(body), each))
+
+
+def report_of(folder):
+    return json.loads((folder / "report.json").read_text(encoding="utf-8"))
+
+
+def test_a_mesh_is_made_of_as_many_points_as_memory_has_room_for(tmp_path):
+    large = bumps(tmp_path / "large.ply", 200000)
+    goal = ("--ratio", "0.02", "--outputs", "mesh,cloud,report")
+    told = whittle(large, *goal, "--memory", "160M", "-o", tmp_path / "tiled")
+    assert "tiles in" in told.stderr and "most important points" in told.stdout
+    assert not (tmp_path / "tiled.tiles").exists()
+    whittle(large, *goal, "-o", tmp_path / "inside")
+    tiled, inside = report_of(tmp_path / "tiled"), report_of(tmp_path / "inside")
+    assert tiled["points_in"] == 200000 and tiled["points_out"] == inside["points_out"] == 4000
+    assert tiled["params"] == inside["params"]
+    assert SANITIZED or tiled["peak_rss_bytes"] < 160 << 20
+    ours, theirs = (subprocess.run([WHITTLE, "measure", tmp_path / folder / "mesh.ply", large, "--json"], check=True,
+                                   capture_output=True, text=True).stdout for folder in ("tiled", "inside"))
+    ours, theirs = (json.loads(text)["forward"]["mean"] for text in (ours, theirs))
+    assert ours < 1.5 * theirs  # to all points, of which the mesh has seen a part
+    done = whittle(large, tmp_path / "fine.glb", "--ratio", "0.5", "--memory", "160M", status=71)
+    assert "have room to make one of" in done.stderr
+
+
+def test_a_mesh_step_by_step(cloud, tmp_path):
+    """Which the plan has to know of."""
+    goal = ("--ratio", "0.02", "--outputs", "mesh.obj")
+    first = steps(cloud, tmp_path / "work", tmp_path / "one.obj", goal=goal)
+    assert steps(cloud, tmp_path / "again", tmp_path / "two.obj", reversed, 1, goal=goal) == first
+    assert first.count(b"\nf ") > POINTS // 50
+    steps(cloud, tmp_path / "other", tmp_path / "out.ply")
+    refused = whittle("tiles", "merge", tmp_path / "mesh.obj", "--scratch", tmp_path / "other", status=64)
+    assert "the plan is for a cloud" in refused.stderr
+
+
+def test_what_tiles_do_not_do_is_refused(tmp_path):
+    large = bumps(tmp_path / "large.ply", 700000)
+    for what, flags in (("denoise", ("--denoise", "full")), ("max_deviation", ("--max-deviation", 0.01)),
+                        ("weights", ("--weights", "intensity:1")), ("dso", ("--outputs", "dso")),
+                        ("normals with spacing", ("--normals", "true", "--spacing", 1))):
+        done = whittle(large, "-o", tmp_path / "out", *flags, "--memory", "160M", status=71)
+        assert f"{what} isn't done of a cloud that doesn't fit" in done.stderr
     done = whittle(large, tmp_path / "most.ply", "--ratio", "0.9", "--memory", "160M", status=71)
     assert "are to be kept" in done.stderr
 

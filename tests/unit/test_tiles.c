@@ -272,7 +272,7 @@ static enum status step_merge(struct error *error) {
     struct kept_file file = {0};
     struct pipeline_result result = {0};
     enum status status = tiles_merge(scratch_folder, 1, NULL, &cloud, &file, &result, error);
-    assert_int_equal(file.path != NULL, status == STATUS_OK);
+    assert_int_equal(file.path != NULL, status == STATUS_OK && fit_is_tileset(&without_memory));
     tiles_kept_remove(&file);
     cloud_done(&cloud);
     pipeline_result_done(&result);
@@ -297,6 +297,23 @@ static void any_allocation_may_fail(void **state) {
     assert_true(fail_at_each(step_merge) > 10);
 }
 
+/* Of the merges that need more than what is left: points that have gone, and the sides of normals. */
+static void any_allocation_of_a_merge_may_fail(void **state) {
+    struct error error = {0};
+    (void)state;
+    for (int turn = 0; turn < 2; turn++) {
+        without_memory = make_params();
+        without_memory.threads = 1;
+        without_memory.normals = turn ? SWITCH_TRUE : SWITCH_FALSE;
+        if (!turn) without_memory.ratio = NAN, without_memory.spacing = 0.004;
+        struct tiles_facts facts = plan_input(turn ? "turned" : "apart", &without_memory);
+        assert_true(facts.tiles > 2);
+        for (size_t t = 0; t < facts.tiles; t++)
+            assert_int_equal(tiles_run(scratch_folder, t, 1, NULL, &error), STATUS_OK);
+        assert_true(fail_at_each(step_merge) > 10);
+    }
+}
+
 static void other_runs_are_refused(void **state) {
     (void)state;
     struct params params = make_params();
@@ -315,7 +332,9 @@ static void other_runs_are_refused(void **state) {
     params.memory_bytes /= 2;
     params.threads = 1;
     assert_int_equal(tiles_plan(&job, NULL, &facts, &error), STATUS_OK);
-    params.outputs |= OUTPUT_MESH;
+    params.outputs |= OUTPUT_MESH; /* for which other points are left */
+    assert_int_equal(tiles_plan(&job, NULL, &facts, &error), STATUS_BAD_PARAMETER);
+    params.outputs |= OUTPUT_DSO;
     assert_int_equal(tiles_plan(&job, NULL, &facts, &error), STATUS_NO_MEMORY);
 }
 
@@ -380,9 +399,12 @@ static int remove_base(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(cells_hold_each_point_once),      cmocka_unit_test(every_point_is_in_one_tile),
-        cmocka_unit_test(quadrics_are_those_of_the_whole), cmocka_unit_test(tiles_keep_what_memory_keeps),
-        cmocka_unit_test(other_runs_are_refused),          cmocka_unit_test(any_allocation_may_fail)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(cells_hold_each_point_once),
+                                       cmocka_unit_test(every_point_is_in_one_tile),
+                                       cmocka_unit_test(quadrics_are_those_of_the_whole),
+                                       cmocka_unit_test(tiles_keep_what_memory_keeps),
+                                       cmocka_unit_test(other_runs_are_refused),
+                                       cmocka_unit_test(any_allocation_may_fail),
+                                       cmocka_unit_test(any_allocation_of_a_merge_may_fail)};
     return cmocka_run_group_tests(tests, make_base, remove_base);
 }

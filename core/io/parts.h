@@ -34,6 +34,8 @@ enum status cloud_pcd_parts(const void *bytes, size_t n, const struct cloud_limi
                             struct error *error) MUST_CHECK;
 enum status cloud_e57_parts(const void *bytes, size_t n, const struct cloud_limits *limits, struct cloud_parts **out,
                             struct error *error) MUST_CHECK;
+enum status cloud_ptx_parts(const void *bytes, size_t n, const struct cloud_limits *limits, struct cloud_parts **out,
+                            struct error *error) MUST_CHECK;
 enum status cloud_xyz_parts(const void *bytes, size_t n, const struct cloud_limits *limits, struct cloud_parts **out,
                             struct error *error) MUST_CHECK;
 

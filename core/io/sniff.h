@@ -23,7 +23,7 @@ enum cloud_kind {
 /* Whether files of this kind can be read part by part (core/io/stream.h), once they aren't compressed. */
 static inline bool cloud_kind_has_parts(enum cloud_kind kind) {
     return kind == CLOUD_KIND_PLY || kind == CLOUD_KIND_LAS || kind == CLOUD_KIND_TEXT || kind == CLOUD_KIND_PCD ||
-           kind == CLOUD_KIND_E57;
+           kind == CLOUD_KIND_E57 || kind == CLOUD_KIND_PTX;
 }
 
 struct cloud_guess {

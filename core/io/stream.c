@@ -99,6 +99,7 @@ static enum status open_file(struct cloud_stream *s, const char *path, struct fi
     case CLOUD_KIND_PLY: status = cloud_ply_parts(file->map, file->bytes, limits, &file->parts, error); break;
     case CLOUD_KIND_PCD: status = cloud_pcd_parts(file->map, file->bytes, limits, &file->parts, error); break;
     case CLOUD_KIND_E57: status = cloud_e57_parts(file->map, file->bytes, limits, &file->parts, error); break;
+    case CLOUD_KIND_PTX: status = cloud_ptx_parts(file->map, file->bytes, limits, &file->parts, error); break;
     case CLOUD_KIND_TEXT: status = cloud_xyz_parts(file->map, file->bytes, limits, &file->parts, error); break;
     default:
         status = error_set(error, STATUS_UNSUPPORTED, "read",
@@ -106,6 +107,7 @@ static enum status open_file(struct cloud_stream *s, const char *path, struct fi
                            guess.looks_like);
     }
     (void)madvise(file->map, file->bytes, MADV_SEQUENTIAL);
+    (void)madvise(file->map, file->bytes, MADV_DONTNEED); /* what was looked at to begin with: a file, which is there */
     if (status) close_file(file);
     return status;
 }

@@ -258,19 +258,6 @@ static enum status describe(const struct cloud *from, size_t n, struct cloud *to
     return STATUS_OK;
 }
 
-static enum status check_input(const struct merging *m) {
-    for (size_t i = 0; i < m->scratch.head.inputs; i++) {
-        struct scratch_input now;
-        const struct scratch_input *then = &m->scratch.input[i];
-        enum status status = scratch_identify(then->path, &now, m->error);
-        if (status) return status;
-        if (now.bytes != then->bytes || now.hash != then->hash || now.modified_ns != then->modified_ns)
-            return error_set(m->error, STATUS_BAD_PARAMETER, "input", "%s isn't what it was when tiles were planned",
-                             then->path);
-    }
-    return STATUS_OK;
-}
-
 static enum status reopen_input(const struct merging *m, struct cloud_stream **stream) {
     size_t n = m->scratch.head.inputs;
     const char **path = alloc_array(n, sizeof *path);
@@ -599,7 +586,7 @@ enum status tiles_merge(const char *folder, unsigned threads, const struct progr
     double start_ms = merge_clock_ms();
     struct par_team *team = par_team_new();
     enum status status = team ? scratch_load(folder, &m.scratch, error) : merge_no_memory(&m);
-    if (!status) status = check_input(&m);
+    if (!status) status = scratch_check_inputs(&m.scratch, "when tiles were planned", error);
     if (!status) status = finish(&m);
     if (!status && fit_is_spaced(&m.scratch.head.params)) status = keep_apart(&m);
     if (!status) report_add_stage(&made.report, "merge", merge_clock_ms() - start_ms);
@@ -611,6 +598,7 @@ enum status tiles_merge(const char *folder, unsigned threads, const struct progr
     if (!status)
         status = m.scratch.head.ranks_all ? gather_beyond(&m, &kept, &written, &made)
                                           : gather(&m, kept_of(&m, 0), &kept, &made.kept);
+    if (!status) status = scratch_check_inputs(&m.scratch, "before it was read", error);
     if (!status) report_add_stage(&made.report, "gather", merge_clock_ms() - gather_ms);
     bool turns = m.scratch.head.params.normals == SWITCH_TRUE && !fit_ends_in_memory(&m.scratch.head.params);
     if (!status && turns) status = turn_normals(&m, &kept, &made);

@@ -596,6 +596,7 @@ static enum status make_plan(struct planning *plan) {
     if (!status) status = open_input(plan, &stream);
     if (!status) status = deal(plan, stream);
     cloud_stream_free(stream);
+    if (!status) status = scratch_check_inputs(&plan->scratch, "before it was read", plan->error);
     if (!status) status = sort(plan);
     if (!status) status = sample(plan);
     return status ? status : scratch_save(plan->job->folder, &plan->scratch, plan->error);

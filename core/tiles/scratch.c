@@ -200,6 +200,18 @@ enum status scratch_identify(const char *path, struct scratch_input *input, stru
     return status;
 }
 
+enum status scratch_check_inputs(const struct scratch *scratch, const char *since, struct error *error) {
+    for (size_t i = 0; i < scratch->head.inputs; i++) {
+        struct scratch_input now;
+        const struct scratch_input *then = &scratch->input[i];
+        enum status status = scratch_identify(then->path, &now, error);
+        if (status) return status;
+        if (now.bytes != then->bytes || now.hash != then->hash || now.modified_ns != then->modified_ns)
+            return error_set(error, STATUS_BAD_PARAMETER, "input", "%s isn't what it was %s", then->path, since);
+    }
+    return STATUS_OK;
+}
+
 /* ------------------------------------------------------------------------------------------------ points */
 
 size_t scratch_record_bytes(const struct scratch_coding *coding) {

@@ -80,6 +80,9 @@ enum status scratch_load(const char *folder, struct scratch *scratch, struct err
  * has no time: whoever gives it knows that it is the same. */
 enum status scratch_identify(const char *path, struct scratch_input *input, struct error *error) MUST_CHECK;
 
+/* Whether the plan's inputs are what they were: STATUS_BAD_PARAMETER, which says since when one isn't; STATUS_IO. */
+enum status scratch_check_inputs(const struct scratch *scratch, const char *since, struct error *error) MUST_CHECK;
+
 /* "FOLDER/NAME.N". */
 void scratch_path(char path[SCRATCH_PATH_BYTES], const char *folder, const char *name, size_t number);
 bool scratch_has(const char *folder, const char *name, size_t number);

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Jobs that don't fit into the memory of a process are made in tiles: the same bytes as the command's, whoever dies."""
 import array
+import hashlib
 import math
 import os
 import random
@@ -183,6 +184,32 @@ def test_a_job_in_tiles_is_one_job_of_its_principal(make_daemon, cloud):
     assert refused.status == 429
     assert daemon.ended(job)["status"] == "successful"
     assert daemon.post("/v1/jobs?outputs=cloud&ratio=1", b"0 0 0\n1 0 0\n0 1 0\n").status == 201
+
+
+def test_principals_take_turns_between_tasks(make_daemon, cloud, expected, tmp_path):
+    """Tiles of one don't keep another one's job waiting until they are all done, though there is one worker."""
+    tokens = tmp_path / "tokens"
+    tokens.write_text("".join(f"{name}:submit,read:{hashlib.sha256(name.encode()).hexdigest()}\n"
+                              for name in ("alice", "bob")), encoding="ascii")
+    daemon = make_daemon("--job-memory", LIMIT, "--workers", "1", "--threads-per-job", "1", "--tokens-file", tokens)
+
+    def of(name, path, *arguments, data=None):
+        return daemon.curl(path, "-H", f"Authorization: Bearer {name}", *arguments, data=data)
+
+    def submit(name, query, data):
+        reply = of(name, f"/v1/jobs{query}", "-X", "POST", "--data-binary", "@-", "-H", "Expect:", data=data)
+        assert reply.status == 201, reply.body
+        return reply.json["id"]
+
+    large = submit("alice", QUERY, cloud.read_bytes())
+    wait_until(lambda: (of("alice", f"/v1/jobs/{large}").json["tiles"] or {}).get("done", 0) > 0, "a tile")
+    small = submit("bob", "?ratio=1&outputs=cloud", b"0 0 0\n1 0 0\n0 1 0\n1 1 0\n")
+    wait_until(lambda: of("bob", f"/v1/jobs/{small}").json["status"] == "successful", "the other one's job")
+    wait_until(lambda: of("alice", f"/v1/jobs/{large}").json["status"] == "successful", "the end")
+    before, after = daemon.log_text().split(f"job={small} accepted -> running")
+    assert before.count(f"job={large} accepted -> running") < after.count(f"job={large} accepted -> running") + 4
+    assert f"job={large} accepted -> running" in after
+    assert of("alice", f"/v1/jobs/{large}/outputs/cloud.ply").body == expected
 
 
 @pytest.mark.parametrize("query", ["?ratio=0.02&outputs=dso", "?ratio=0.02&outputs=cloud&denoise=full",

@@ -330,6 +330,74 @@ def test_formats_keep_their_attributes(cloud, tmp_path, suffix):
     assert set((tmp_path / "whole.xyz").read_text(encoding="ascii").splitlines()).issuperset(kept)
 
 
+def scanned(path, cloud, places):
+    """The cloud as scans from several places, of columns without a return here and there, as PTX."""
+    points = [record[:12] for record in records(cloud.read_bytes())]
+    each = len(points) // len(places)
+    with open(path, "w", encoding="ascii") as file:
+        for s, (x0, y0, z0) in enumerate(places):
+            some = [struct.unpack("<3f", p) for p in points[s * each:(s + 1) * each]]
+            file.write(f"{each // 100}\n101\n{x0} {y0} {z0}\n1 0 0\n0 1 0\n0 0 1\n"
+                       f"1 0 0 0\n0 1 0 0\n0 0 1 0\n{x0} {y0} {z0} 1\n")
+            for i, (x, y, z) in enumerate(some):
+                file.write(f"{x - x0:.6f} {y - y0:.6f} {z - z0:.6f} 0.5\n")
+                if i % 100 == 99:
+                    file.write("0 0 0 0\n")
+    return path
+
+
+def test_scans_of_ptx_are_read_part_by_part(cloud, tmp_path):
+    """Each by its pose, without what didn't return: the points that memory keeps, and their scans."""
+    scans = scanned(tmp_path / "scans.ptx", cloud, [(0, 0, 50), (40, 40, 60), (20, 0, 55)])
+    steps(scans, tmp_path / "work", tmp_path / "out.ply", goal=("--points", "500"))
+    whittle(scans, tmp_path / "inside.ply", "--points", "500")
+    tiled, inside = ((tmp_path / name).read_bytes() for name in ("out.ply", "inside.ply"))
+    head = inside.index(b"end_header\n") + 11
+    assert tiled[:head] == inside[:head] and b"scan" in inside[:head]
+    each = (len(inside) - head) // 500
+    ours, theirs = ({data[i:i + each] for i in range(head, len(data), each)} for data in (tiled, inside))
+    assert len(ours) == 500 and len(ours & theirs) > 480
+    torn = tmp_path / "torn.ptx"
+    torn.write_bytes(scans.read_bytes()[:-3000])
+    done = whittle("tiles", "plan", torn, "--scratch", tmp_path / "none", "--memory", "1G", status=65)
+    assert "the file ends after" in done.stderr
+
+
+def caught_while_reading(command, path, deed):
+    """What became of a command that was still reading the file when this was done to it."""
+    content = path.read_bytes()
+    for _ in range(50):
+        process = subprocess.Popen(list(map(str, command)), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        maps, reads = pathlib.Path(f"/proc/{process.pid}/maps"), False
+        while process.poll() is None and not reads:
+            reads = str(path) in maps.read_text(encoding="ascii")
+        if reads:
+            process.send_signal(signal.SIGSTOP)
+            deed()
+            process.send_signal(signal.SIGCONT)
+        _, told = process.communicate()
+        if process.returncode:
+            return process.returncode, told
+        path.unlink(missing_ok=True)
+        path.write_bytes(content)
+        shutil.rmtree(command[command.index("--scratch") + 1])
+    raise AssertionError("it was never caught reading")
+
+
+def test_an_input_that_changes_while_it_is_read_is_told(tmp_path):
+    """One that is cut short under a mapping ends a process by a signal, unless that is told."""
+    large, other = bumps(tmp_path / "large.ply", 300000), bumps(tmp_path / "other.ply", 300000, seed=4)
+    command = [WHITTLE, "tiles", "plan", large, "--scratch", tmp_path / "work", "--memory", "1G", "--points", "100"]
+    status, told = caught_while_reading(command, large, lambda: os.truncate(large, 5000))
+    assert status in (74, 65) and ("cut short" in told or "changed" in told or "points are promised" in told), told
+    shutil.copy(other, tmp_path / "next.ply")
+    bumps(large, 300000)
+    shutil.rmtree(tmp_path / "work")
+    status, told = caught_while_reading(command, large, lambda: os.replace(tmp_path / "next.ply", large))
+    assert status in (64, 74) and ("isn't what it was" in told or "has changed while" in told), told
+    assert not (tmp_path / "work" / "plan").exists()
+
+
 @pytest.mark.parametrize("compress", [gzip.compress, None])
 def test_what_is_compressed_is_read_from_the_disk(cloud, expected, tmp_path, compress):
     """It shows by what it becomes that it doesn't fit, and the kept points are the same."""

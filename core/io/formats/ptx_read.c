@@ -28,6 +28,7 @@
 #include "core/base/alloc.h"
 #include "core/io/build.h"
 #include "core/io/first_bytes.h"
+#include "core/io/parts.h"
 #include "core/io/text_scanner.h"
 
 enum { HEADER_LINES = 10, POSITION_WORDS = 3, WITH_INTENSITY = 4, WITH_COLOURS = 7, LEAST_LINE_BYTES = 4 };
@@ -220,34 +221,51 @@ static enum status ptx_put_point(struct reader *r, const struct header *header, 
     return cloud_build_point(&r->build, record, place);
 }
 
-static enum status ptx_take_scan(struct reader *r, uint16_t number) {
-    struct header header = {0};
+static enum status ptx_begin_scan(struct reader *r, struct header *header) {
     (void)skip_empty_lines(&r->scan);
-    enum status status = ptx_take_header(r, &header);
-    bool known = header.words == POSITION_WORDS || header.words == WITH_INTENSITY || header.words == WITH_COLOURS;
-    if (!status && header.points && !known)
+    enum status status = ptx_take_header(r, header);
+    bool known = header->words == POSITION_WORDS || header->words == WITH_INTENSITY || header->words == WITH_COLOURS;
+    if (!status && header->points && !known)
         status = cloud_build_bad(&r->build, "read", ptx_here(r), "%zu numbers on a line; a point has 3, 4 or 7",
-                                 header.words);
-    vec3 from = status ? (vec3){0, 0, 0} : transform(&header, (const double[3]){0, 0, 0});
-    if (!status) viewpoints_begin(&r->views, from);
-    for (uint64_t i = 0; !status && i < header.points; i++) {
+                                 header->words);
+    if (!status) viewpoints_begin(&r->views, transform(header, (const double[3]){0, 0, 0}));
+    return status;
+}
+
+/* The next directions of a scan, with a return or without. */
+static enum status ptx_take_points(struct reader *r, const struct header *header, uint16_t number, uint64_t count) {
+    enum status status = STATUS_OK;
+    for (uint64_t i = 0; !status && i < count; i++) {
         struct point point = {0};
         struct cloud_place place = ptx_here(r);
-        status = ptx_take_point(r, header.words, &point);
+        status = ptx_take_point(r, header->words, &point);
         bool returned = point.position[0] != 0 || point.position[1] != 0 || point.position[2] != 0;
-        if (!status && returned) status = ptx_put_point(r, &header, &point, number, place);
+        if (!status && returned) status = ptx_put_point(r, header, &point, number, place);
     }
+    return status;
+}
+
+static enum status ptx_take_scan(struct reader *r, uint16_t number) {
+    struct header header = {0};
+    enum status status = ptx_begin_scan(r, &header);
+    if (!status) status = ptx_take_points(r, &header, number, header.points);
     if (!status) viewpoints_end(&r->views);
     return status;
 }
 
-static enum status ptx_read_file(struct reader *r) {
+/* The first pass, and back to the beginning. */
+static enum status ptx_begin_file(struct reader *r) {
     struct scan start = r->scan;
     enum status status = find_scans(r);
     r->scan = start;
     if (!status) status = ptx_describe(r);
     if (!status && viewpoints_init(&r->views, r->scans))
         status = error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for %zu scans", r->scans);
+    return status;
+}
+
+static enum status ptx_read_file(struct reader *r) {
+    enum status status = ptx_begin_file(r);
     for (size_t i = 0; !status && i < r->scans; i++) status = ptx_take_scan(r, (uint16_t)i);
     if (!status) viewpoints_give(&r->views, &r->build.cloud);
     viewpoints_done(&r->views);
@@ -277,4 +295,59 @@ enum status cloud_ptx_read(const void *bytes, size_t n, const struct cloud_limit
     struct reader r = {.scan = scan_start(bytes, n)};
     cloud_build_start(&r.build, "ptx", n, limits, progress, error);
     return cloud_build_end(&r.build, ptx_read_file(&r), cloud);
+}
+
+/* ------------------------------------------------------------------------------------------------ part by part */
+
+struct ptx_parts {
+    struct cloud_parts parts;
+    struct reader reader;
+    struct header header;
+    size_t begun;  /* scans */
+    uint64_t left; /* lines of the one that was begun last */
+};
+
+static enum status ptx_next_part(struct cloud_parts *parts, struct error *error) {
+    struct ptx_parts *p = (struct ptx_parts *)parts;
+    struct reader *r = &p->reader;
+    enum status status = STATUS_OK;
+    r->build.error = error;
+    r->build.cloud.count = 0;
+    while (!status && r->build.cloud.count < CLOUD_PART_USUAL && (p->left || p->begun < r->scans)) {
+        if (p->left == 0) {
+            status = ptx_begin_scan(r, &p->header);
+            p->left = status ? 0 : p->header.points;
+            p->begun++;
+        }
+        uint64_t room = CLOUD_PART_USUAL - r->build.cloud.count, n = p->left < room ? p->left : room;
+        if (!status) status = ptx_take_points(r, &p->header, (uint16_t)(p->begun - 1), n);
+        p->left -= n;
+        if (!status && p->left == 0) viewpoints_end(&r->views);
+    }
+    parts->done_bytes = (size_t)(r->scan.at - r->scan.begin);
+    return status;
+}
+
+static void ptx_free_parts(struct cloud_parts *parts) {
+    struct ptx_parts *p = (struct ptx_parts *)parts;
+    cloud_done(&p->reader.build.cloud);
+    viewpoints_done(&p->reader.views);
+    free(p);
+}
+
+enum status cloud_ptx_parts(const void *bytes, size_t n, const struct cloud_limits *limits, struct cloud_parts **out,
+                            struct error *error) {
+    struct ptx_parts *p = alloc_zeroed(1, sizeof *p);
+    if (!p) return error_set(error, STATUS_NO_MEMORY, "read", "no memory to read with");
+    struct reader *r = &p->reader;
+    (void)limits;
+    *r = (struct reader){.scan = scan_start(bytes, n)};
+    cloud_build_start(&r->build, "ptx", n, NULL, NULL, error);
+    enum status status = ptx_begin_file(r);
+    p->parts = (struct cloud_parts){&r->build.cloud, 0, 0, ptx_next_part, ptx_free_parts};
+    if (status)
+        ptx_free_parts(&p->parts);
+    else
+        *out = &p->parts;
+    return status;
 }

@@ -471,6 +471,36 @@ static void sides_follow_what_is_known(void **state) {
     mesh_done(&mesh), scan_done(&scan);
 }
 
+/* Folds of four times the ground's area, in a hollow and on a hill, which face down at first. */
+static void what_lies_faces_upwards(void **state) {
+    (void)state;
+    enum { FOLDS = 41, ENDS = 2 };
+    const struct sheet_sides sides = {.up = {0, 0, 1}};
+    for (int hill = 0; hill < 2; hill++) {
+        vec3 vertex[ENDS * FOLDS];
+        uint32_t triangle[2 * (FOLDS - 1)][3], source[ENDS * FOLDS];
+        struct mesh mesh = {.vertex_count = ENDS * FOLDS,
+                            .vertex = vertex,
+                            .triangle_count = 2 * (FOLDS - 1),
+                            .triangle = triangle,
+                            .source = source};
+        enum sheet_side side;
+        for (uint32_t i = 0; i < FOLDS; i++) {
+            double x = 0.2 * i, bend = 0.02 * (x - 4) * (x - 4), z = 0.8 * (i % 2) + (hill ? -bend : bend);
+            vertex[2 * i] = (vec3){x, 0, z}, vertex[2 * i + 1] = (vec3){x, 8, z};
+            source[2 * i] = 2 * i, source[2 * i + 1] = 2 * i + 1;
+        }
+        for (uint32_t i = 0; i + 1 < FOLDS; i++) {
+            const uint32_t low = 2 * i, down[2][3] = {{low, low + 1, low + 2}, {low + 1, low + 3, low + 2}};
+            memcpy(triangle[2 * i], down, sizeof down);
+        }
+        assert_true(uprightness(&mesh) < -1);
+        assert_int_equal(sheet_orient(&mesh, &sides, 1, &side), STATUS_OK);
+        assert_int_equal(side, SIDE_UP);
+        assert_true(uprightness(&mesh) > 1);
+    }
+}
+
 /* Points on either side of a line were seen from opposite sides: no surface joins them, whatever is nearest. */
 static void what_faces_the_other_way_is_cut_off(void **state) {
     (void)state;
@@ -570,6 +600,7 @@ int main(void) {
         cmocka_unit_test(points_say_what_they_are_of),
         cmocka_unit_test(the_lid_decides_where_points_do_not),
         cmocka_unit_test(sides_follow_what_is_known),
+        cmocka_unit_test(what_lies_faces_upwards),
         cmocka_unit_test(what_faces_the_other_way_is_cut_off),
         cmocka_unit_test(threads_make_the_same_mesh),
         cmocka_unit_test(all_stages_can_be_cancelled),

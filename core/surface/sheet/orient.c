@@ -19,11 +19,18 @@ static const double AGREE[SIDES] = {0.5, 0.5, 0.3, 0.5, 0}; /* sum of the votes 
 static const double SEES = 0.02, AMID = 0.2; /* of what is seen from a side: others; where it stands amid them */
 static const double CLEARLY = 0.85; /* likewise: a table sees the floor, but walls too, a ceiling nothing above it */
 static const double GROUND = 0.5;   /* area of terrain that faces up, less what faces down: rooms have less */
+static const double FLAT = 0.25;    /* height of what lies, by its lesser width, less than this */
 
 struct votes {
     double sum[SIDES], size[SIDES];
     double area;
     vec3 middle;
+    vec3 low, high; /* of its corners; upwards is z */
+};
+
+/* What is as z in the votes. */
+struct upright {
+    vec3 x, y, z;
 };
 
 static void vote(struct votes *votes, enum sheet_side side, double value) {
@@ -34,6 +41,18 @@ static void vote(struct votes *votes, enum sheet_side side, double value) {
 static vec3 middle_of(const struct mesh *mesh, size_t t) {
     const uint32_t *v = mesh->triangle[t];
     return vec3_scale(vec3_add(vec3_add(mesh->vertex[v[0]], mesh->vertex[v[1]]), mesh->vertex[v[2]]), 1.0 / 3);
+}
+
+/* To be called before the triangle's votes are counted. */
+static void widen(const struct mesh *mesh, const struct upright *frame, size_t t, struct votes *votes) {
+    for (int k = 0; k < 3; k++) {
+        vec3 p = mesh->vertex[mesh->triangle[t][k]];
+        vec3 at = {vec3_dot(p, frame->x), vec3_dot(p, frame->y), vec3_dot(p, frame->z)};
+        bool first = votes->area == 0 && k == 0;
+        vec3 low = first ? at : votes->low, high = first ? at : votes->high;
+        votes->low = (vec3){fmin(low.x, at.x), fmin(low.y, at.y), fmin(low.z, at.z)};
+        votes->high = (vec3){fmax(high.x, at.x), fmax(high.y, at.y), fmax(high.z, at.z)};
+    }
 }
 
 static void vote_all(const struct mesh *mesh, const struct sheet_sides *sides, size_t t, struct votes *votes) {
@@ -55,9 +74,16 @@ static void vote_all(const struct mesh *mesh, const struct sheet_sides *sides, s
     votes->middle = vec3_add(votes->middle, vec3_scale(middle, size));
 }
 
+/* What upwards counts by.  Of the others' sizes a wall's is nothing, so it is the area; of what lies, the ground's
+ * below it, which the crowns of a forest have many times (areas are doubled here). */
+static double size_upwards(const struct votes *votes) {
+    vec3 box = vec3_sub(votes->high, votes->low);
+    bool lies = box.z < FLAT * fmin(box.x, box.y);
+    return lies ? fmin(votes->area, 2 * box.x * box.y) : votes->area;
+}
+
 static bool agrees(const struct votes *votes, enum sheet_side side, double least) {
-    /* Of the others' sizes a wall's is nothing, so upwards counts by the area. */
-    double size = side == SIDE_UP ? votes->area : votes->size[side];
+    double size = side == SIDE_UP ? size_upwards(votes) : votes->size[side];
     return size > 0 && fabs(votes->sum[side]) > least * size;
 }
 
@@ -101,7 +127,12 @@ static enum sheet_side turn(struct mesh *mesh, const struct sheet_sides *sides, 
     double by[SIDES] = {0};
     enum sheet_side most = SIDE_NORMALS;
     size_t largest = 0;
-    for (size_t t = 0; t < mesh->triangle_count; t++) vote_all(mesh, sides, t, &votes[component[t]]);
+    struct upright frame = {.z = sides->up};
+    vec3_basis(sides->up, &frame.x, &frame.y);
+    for (size_t t = 0; t < mesh->triangle_count; t++) {
+        widen(mesh, &frame, t, &votes[component[t]]);
+        vote_all(mesh, sides, t, &votes[component[t]]);
+    }
     for (size_t t = 0; t < mesh->triangle_count; t++) {
         struct votes *own = &votes[component[t]];
         vec3 away = vec3_sub(middle_of(mesh, t), vec3_scale(own->middle, 1 / own->area));

@@ -26,10 +26,10 @@ enum sheet_side { SIDE_NORMALS, SIDE_VIEW, SIDE_UP, SIDE_SIGHT, SIDE_OUT };
 enum status sheet_part_turned(struct mesh *mesh, const struct sheet_sides *sides, unsigned threads) MUST_CHECK;
 
 /* Turns each component of the mesh (manifold, oriented) to face as the given normals do, else to the view, where most
- * of its area agrees on it; else upwards where it faces up or down mostly; else to what it sees of other components
- * (sight.h), as walls do to what stands in a room; else away from its middle.  Where the largest one of all faces what
- * it sees, others do before they face upwards.  *side is what the largest part of the area was turned by. O(triangles).
- * STATUS_NO_MEMORY. */
+ * of its area agrees on it; else upwards where it faces up or down mostly, by its area or, where it lies flat, by that
+ * of the ground below it; else to what it sees of other components (sight.h), as walls do to what stands in a room;
+ * else away from its middle.  Where the largest one of all faces what it sees, others do before they face upwards.
+ * *side is what the largest part of the area was turned by.  O(triangles).  STATUS_NO_MEMORY. */
 enum status sheet_orient(struct mesh *mesh, const struct sheet_sides *sides, unsigned threads,
                          enum sheet_side *side) MUST_CHECK;
 

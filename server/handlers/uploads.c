@@ -50,7 +50,8 @@ static bool speaks_either(struct request *request, struct response *response) {
 
 /* Whether it is the last piece; one of tus's is when the length is there. */
 static bool is_last(const struct request *request) {
-    return !speaks_draft(request) || strncmp(request->header[HEADER_UPLOAD_COMPLETE], "?1", 2) == 0;
+    const char *text = request->header[HEADER_UPLOAD_COMPLETE];
+    return !speaks_draft(request) || (text && strncmp(text, "?1", 2) == 0);
 }
 
 /* The draft's are ?0 and ?1, perhaps with parameters, which mean nothing. */

@@ -44,7 +44,7 @@ static vec3 middle_of(const struct mesh *mesh, size_t t) {
 }
 
 /* To be called before the triangle's votes are counted. */
-static void widen(const struct mesh *mesh, const struct upright *frame, size_t t, struct votes *votes) {
+static void stretch_box(const struct mesh *mesh, const struct upright *frame, size_t t, struct votes *votes) {
     for (int k = 0; k < 3; k++) {
         vec3 p = mesh->vertex[mesh->triangle[t][k]];
         vec3 at = {vec3_dot(p, frame->x), vec3_dot(p, frame->y), vec3_dot(p, frame->z)};
@@ -130,7 +130,7 @@ static enum sheet_side turn(struct mesh *mesh, const struct sheet_sides *sides, 
     struct upright frame = {.z = sides->up};
     vec3_basis(sides->up, &frame.x, &frame.y);
     for (size_t t = 0; t < mesh->triangle_count; t++) {
-        widen(mesh, &frame, t, &votes[component[t]]);
+        stretch_box(mesh, &frame, t, &votes[component[t]]);
         vote_all(mesh, sides, t, &votes[component[t]]);
     }
     for (size_t t = 0; t < mesh->triangle_count; t++) {

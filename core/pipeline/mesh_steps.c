@@ -214,6 +214,39 @@ static enum status triangulate(const struct run *run, const struct sites *sites,
     return explain_tetrahedra(run, sites, of_all, status);
 }
 
+/* Points that lie far denser along lines than these are apart have tetrahedra with all that they see of the next line,
+ * the more of them the denser they lie, and what is between the lines isn't known any better for it.  So the mesh goes
+ * through the more important half of them, or a half of these, until there are no more than CROWDED for each.  Surfaces
+ * and volumes have 7, points at random on a cone 20.  Those of curves stay, for which there is a message. */
+enum { CROWDED = 24, HALVINGS = 5 };
+
+static enum status triangulate_sites(struct run *run) {
+    struct error crowded = {0};
+    size_t kept = run->sites.count, allowed = tetrahedra_allowed(run, false, run->params), k = kept;
+    bool curves = false;
+    enum status status = STATUS_LIMIT;
+    for (int halving = 0; halving <= HALVINGS && k >= 4 && status == STATUS_LIMIT; halving++, k /= 2) {
+        if (halving == 1 && scan_lines_are_curves(&run->neighbours, run->points.point, run->threads, &curves))
+            return pipeline_no_memory(run, "delaunay");
+        if (curves) break;
+        if (halving > 0) pipeline_sites_done(&run->sites);
+        if (halving > 0 && pipeline_sites_of(run, k, &run->sites)) return pipeline_no_memory(run, "delaunay");
+        status = delaunay_build_within(run->sites.point, k, CROWDED * k < allowed ? CROWDED * k : allowed, run->threads,
+                                       &run->progress, &run->tets, &crowded);
+    }
+    if (status == STATUS_LIMIT) {
+        pipeline_sites_done(&run->sites);
+        if (pipeline_sites_of(run, kept, &run->sites)) return pipeline_no_memory(run, "delaunay");
+        return triangulate(run, &run->sites, false, &run->tets);
+    }
+    if (status && run->error) *run->error = crowded;
+    if (!status && run->sites.count < kept)
+        left_out_add(&run->report.left_out, "mesh",
+                     "%zu of %zu points as vertices: they lie so much denser along lines than these are apart",
+                     kept - run->sites.count, kept);
+    return status;
+}
+
 enum status pipeline_delaunay(struct run *run) {
     static const char *const flat[] = {"coincide in one point", "lie on one line", "lie on one plane"};
     if (pipeline_is_given(run)) return STATUS_OK;
@@ -234,7 +267,7 @@ enum status pipeline_delaunay(struct run *run) {
         return error_set(run->error, STATUS_DEGENERATE, "delaunay",
                          "all %zu kept points %s: there is no %s mesh of them%s", run->sites.count, flat[dimension],
                          closed ? "closed" : "open", dimension == 2 ? "; surface=open makes an open one" : "");
-    return field ? STATUS_OK : triangulate(run, &run->sites, false, &run->tets);
+    return field ? STATUS_OK : triangulate_sites(run);
 }
 
 /* ------------------------------------------------------------------------------------------------ which side */
@@ -435,7 +468,7 @@ enum status pipeline_reconstruct(struct run *run) {
     if (pipeline_is_given(run)) return pipeline_collapse(run);
     struct reconstruct_facts facts = {0};
     enum status status = reconstruct(run, &run->sites, &run->tets, &run->mesh, &facts);
-    run->report.level[run->level].reconstructed_from = run->kept_count;
+    run->report.level[run->level].reconstructed_from = run->sites.count;
     if (!status && run->surface.form == SURFACE_CLOSED && run->params->boundary != BOUNDARY_KEEP)
         status = pipeline_resolve_walls(run, &facts);
     if (!status && run->surface.form == SURFACE_CLOSED)

@@ -130,6 +130,14 @@ def parallel_lines(n, lines=97):
              4 * j / lines) for j in range(lines) for i in range(each)]
 
 
+def staves(n, lines=30):
+    """Straight lines along a barrel."""
+    each = n // lines
+    return [(math.cos(a) * r, math.sin(a) * r, 3 * i / each)
+            for k in range(lines) for i in range(each)
+            for a, r in [(2 * math.pi * k / lines, 1 + 0.3 * math.sin(math.pi * i / each))]]
+
+
 def rotating_lidar(n, rings=64):
     """What a scanner with so many beams, turning in a room of 12 by 8 by 3 m, measures to 2 mm."""
     rng, each, points = seeded("lidar"), n // rings, []
@@ -362,6 +370,28 @@ def some_faces_across(n, one_in=100):
     return points, faces + [(i % m, (i + m // 2) % m, (i + m // 3) % m) for i in range(0, len(faces), one_in)]
 
 
+def some_faces_doubled(n, one_in=1):
+    """One in so many faces is there once more, at points of its own a hair above it, as exporters of two sides write."""
+    points, faces = globe(n)
+    doubled = faces[::one_in]
+    number = {}
+    for face in doubled:
+        for v in face:
+            number.setdefault(v, len(points) + len(number))
+    points = points + [tuple((1 + 1e-9) * c for c in points[v]) for v in number]
+    return points, faces + [tuple(number[v] for v in reversed(face)) for face in doubled]
+
+
+def faces_knotted(n):
+    """A grid's, and on the edge of each a further one, to a point next to it."""
+    points, faces = globe(n)
+    rng, near = seeded("knotted"), {}
+    for face in faces:
+        for v in face:
+            near.setdefault(v, set()).update(face)
+    return points, faces + [(a, b, rng.choice(sorted(near[c] - {a, b, c}))) for a, b, c in faces if near[c] - {a, b, c}]
+
+
 def fans_all_across(n, corners=255):
     """The same of faces with many corners."""
     points = plain(n)
@@ -397,6 +427,8 @@ SHAPES = {
     "density varying by 1e12": lambda n: dense_spot(n, 1e12),
     "scan lines": scan_lines,
     "97 scan lines": parallel_lines,
+    "14 scan lines": lambda n: parallel_lines(n, 14),
+    "staves": staves,
     "rotating lidar": rotating_lidar,
     "cone of lines": cone_of_lines,
     "quantised": quantised,
@@ -447,6 +479,11 @@ SHAPES = {
     "faces all across": faces_all_across,
     "fans all across": fans_all_across,
     "one face in 100 across": some_faces_across,
+    "one face in 10 across": lambda n: some_faces_across(n, 10),
+    "faces doubled": some_faces_doubled,
+    "a face in 100 doubled": lambda n: some_faces_doubled(n, 100),
+    "a face in 10 doubled": lambda n: some_faces_doubled(n, 10),
+    "faces knotted": faces_knotted,
     "faces of a stray": faces_of_a_stray,
     "faces in one cell": faces_in_one_cell,
 }

@@ -71,6 +71,15 @@ def test_slivers_between_points_of_a_curve_cost_no_more(bench):
         assert memory <= 1, (outputs, memory)
 
 
+@pytest.mark.parametrize("name", ["all of 14 scan lines", "all of 97 scan lines closed"])
+def test_all_points_of_dense_lines_take_no_longer(bench, name):
+    """Rings 65 times as far apart as their points took 63 times as long: 97 tetrahedra a point, and their labels."""
+    _, ratio, memory, status, said = bench.measure_set(name)
+    assert status == 0, said
+    assert ratio <= odd_geometries.MOST_RATIO, ratio
+    assert memory <= 1, memory
+
+
 @pytest.mark.parametrize("name", ["97 scan lines", "rotating lidar", "cone of lines", "cone"])
 def test_all_points_of_lines_make_a_mesh(bench, name):
     path = bench.folder / "lines.ply"

@@ -225,14 +225,15 @@ static enum status triangulate_sites(struct run *run) {
     size_t kept = run->sites.count, allowed = tetrahedra_allowed(run, false, run->params), k = kept;
     bool curves = false;
     enum status status = STATUS_LIMIT;
+    if (CROWDED * k >= allowed) return triangulate(run, &run->sites, false, &run->tets); /* memory is what is short */
     for (int halving = 0; halving <= HALVINGS && k >= 4 && status == STATUS_LIMIT; halving++, k /= 2) {
         if (halving == 1 && scan_lines_are_curves(&run->neighbours, run->points.point, run->threads, &curves))
             return pipeline_no_memory(run, "delaunay");
         if (curves) break;
         if (halving > 0) pipeline_sites_done(&run->sites);
         if (halving > 0 && pipeline_sites_of(run, k, &run->sites)) return pipeline_no_memory(run, "delaunay");
-        status = delaunay_build_within(run->sites.point, k, CROWDED * k < allowed ? CROWDED * k : allowed, run->threads,
-                                       &run->progress, &run->tets, &crowded);
+        status =
+            delaunay_build_within(run->sites.point, k, CROWDED * k, run->threads, &run->progress, &run->tets, &crowded);
     }
     if (status == STATUS_LIMIT) {
         pipeline_sites_done(&run->sites);

@@ -5,7 +5,7 @@
 # dpkg-buildpackage wants build-essential itself, whatever of it is there.
 deb_packages := build-essential debhelper dpkg-dev bash-completion dh-python python3 xz-utils \
                 $(if $(shell command -v npm),,nodejs npm)
-deploy_packages := $(deb_packages) lintian mmdebstrap buildah umoci runc podman netavark aardvark-dns catatonit \
+deploy_packages := $(deb_packages) lintian mmdebstrap buildah umoci runc podman netavark iptables aardvark-dns catatonit \
                    docker-compose systemd systemd-container nginx-light openssl prometheus sqlite3 \
                    yamllint python3-yaml python3-kubernetes procps \
                    $(if $(shell command -v kubectl),,kubernetes-client)

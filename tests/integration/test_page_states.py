@@ -48,7 +48,7 @@ def restart(daemon):
     """What kills a daemon, and what starts it again where it was."""
     def start():
         port = daemon.port
-        daemon.flags = (*daemon.flags, "--listen", f"127.0.0.1:{port}")
+        daemon.flags = (*daemon.flags, "--listen", f"127.0.0.1:{port}", "--admin-listen", "127.0.0.1:0")
         daemon.start()
     return {"kill": daemon.kill, "start": start}
 
@@ -79,7 +79,7 @@ def test_a_file_that_is_no_scan(daemon, tmp_path):
     picture = tmp_path / "holiday.jpg"
     picture.write_bytes(b"\xff\xd8\xff\xe0\0\x10JFIF" + bytes(range(256)) * 40)
     seen = drive("no_scan", f"{daemon.url}/", tmp_path, picture)
-    assert seen["news"]["refused"].startswith("holiday.jpg: ") and "PLY, LAS" in seen["news"]["refused"]
+    assert seen["news"]["refused"].startswith("\u2068holiday.jpg\u2069: ") and "PLY, LAS" in seen["news"]["refused"]
 
 
 def test_a_full_disk(make_daemon, tmp_path):

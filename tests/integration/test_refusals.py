@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Everything that a client can do wrong is answered with a problem document, and leaves nothing behind."""
+import contextlib
 import gzip
 import http.client
 import pathlib
@@ -205,7 +206,8 @@ def raw(daemon, data):
     """Sends bytes, returns all that comes back."""
     with socket.create_connection(("127.0.0.1", daemon.port), timeout=60) as connection:
         connection.sendall(data)
-        connection.shutdown(socket.SHUT_WR)
+        with contextlib.suppress(OSError):  # the other side may have ended it already
+            connection.shutdown(socket.SHUT_WR)
         answer = b""
         while True:
             part = connection.recv(65536)
@@ -272,9 +274,10 @@ def test_a_disk_without_room(make_daemon):
 @pytest.mark.skipif(SANITIZED, reason="sanitizers reserve address space")
 def test_a_job_that_needs_too_much_memory(make_daemon):
     daemon = make_daemon("--job-memory", "160M")
-    reply = daemon.post("/v1/simplify?output=mesh", sphere(300000))
+    query = "?output=mesh&denoise=full"  # which isn't done in tiles
+    reply = daemon.post(f"/v1/simplify{query}", sphere(300000))
     assert (reply.status, reply.slug) == (413, "would-exceed-memory")
-    reply = daemon.post("/v1/simplify?output=mesh", gzip.compress(sphere(300000), 1))  # what is in it shows when it runs
+    reply = daemon.post(f"/v1/simplify{query}", gzip.compress(sphere(300000), 1))  # what is in it shows when it runs
     assert (reply.status, reply.slug) == (507, "out-of-memory")
     assert daemon.post("/v1/simplify", SMALL).status == 200
 

@@ -247,7 +247,9 @@ def report_of(folder):
 def test_a_mesh_is_made_of_as_many_points_as_memory_has_room_for(tmp_path):
     large = bumps(tmp_path / "large.ply", 200000)
     goal = ("--ratio", "0.02", "--outputs", "mesh,cloud,report")
-    told = whittle(large, *goal, "--memory", "160M", "-o", tmp_path / "tiled")
+    # By a shell, since Linux counts what the parent holds at the start as the process's own peak.
+    told = whittle("-c", '"$0" "$@"; exit $?', WHITTLE, large, *goal, "--memory", "160M", "-o", tmp_path / "tiled",
+                   program="sh")
     assert "tiles in" in told.stderr and "most important points" in told.stdout
     assert not (tmp_path / "tiled.tiles").exists()
     whittle(large, *goal, "-o", tmp_path / "inside")

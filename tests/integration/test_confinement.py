@@ -113,7 +113,7 @@ OTHERS_SIGNALLED = ["signal", "own", "limits"] + [f"fcntl {name}" for name in (
     "setown", "setown-group", "setown-wide", "setown-ex", "setsig", "async", "async-wide", "lease", "notify", "lock",
     "lock-wait", "lock-file", "pipe", "dup-wide")] + [f"ioctl {name}" for name in (
         "fioasync", "fiosetown", "siocspgrp", "fionbio", "tiocsti", "tiocspgrp", "async-wide", "tcgets-wide")]
-CODE_MADE = ["code", "mapped", "input", "protect", "filter", "unlimit"]
+CODE_MADE = ["code", "mapped", "input", "protect", "filter", "unlimit", "outlive 0"]
 
 
 def test_what_a_job_may_not_do_fails_on_any_kernel(anywhere):
@@ -469,6 +469,8 @@ def test_without_the_sandbox_limits_hold_alone(make_daemon):
     assert "jobs are confined by limits, no new privileges\n" in daemon.log_text()
     assert outcome(daemon, "read", "/etc/passwd") == "got through"
     assert outcome(daemon, "memory", 1000) == "refused: Cannot allocate memory"
+    assert outcome(daemon, "outlive", 0) == NOT_PERMITTED
+    assert outcome(daemon, "outlive", int(signal.SIGKILL)) == "got through"  # so does a leak check's helper
 
 
 @pytest.mark.skipif(SANITIZED, reason="sanitizers can't be confined")

@@ -227,6 +227,12 @@ static bool try_filter(const char *argument, const char *folder) {
     return worker_no_new_code();
 }
 
+/* What comes to it when its parent ends; the argument is the signal's number. */
+static bool try_outlive(const char *signal, const char *folder) {
+    (void)folder;
+    return prctl(PR_SET_PDEATHSIG, strtoul(signal, NULL, 10), 0, 0, 0) == 0;
+}
+
 /* A program of its own, in the one folder that it may write. */
 static bool try_own_program(const char *argument, const char *folder) {
     char path[TEXT_BYTES * 2];
@@ -442,7 +448,7 @@ static const struct deed deeds[] = {
     {"flags", try_flags},         {"ioctl", try_ioctl},     {"limits", try_limits},   {"parent", try_parent},
     {"mapped", try_mapped},       {"input", try_input},     {"protect", try_protect}, {"filter", try_filter},
     {"program", try_own_program}, {"threads", try_threads}, {"many", try_many},       {"sum", try_sum},
-    {"kill", try_kill},
+    {"kill", try_kill},           {"outlive", try_outlive},
 };
 
 static void try_deed(const char *name, const char *argument, const char *folder) {

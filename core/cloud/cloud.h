@@ -17,6 +17,7 @@
 
 #define NONE UINT32_MAX
 #define CLOUD_SCAN "scan"
+enum { CLOUD_SCANS_MOST = 65536 }; /* numbers of scans are below */
 
 enum scalar_type {
     SCALAR_INT8,
@@ -65,6 +66,8 @@ struct cloud_limits {
     const struct params *select;
     /* And a folder for what of them can't be read where it lies: compressed files.  NULL: these aren't read so. */
     const char *scratch;
+    /* Formats of scanners have CLOUD_SCAN of one scan, too: others follow. */
+    bool numbers_scans;
 };
 
 struct cloud_las;

@@ -33,7 +33,7 @@ void viewpoints_end(struct viewpoints *views) {
 
 void viewpoints_give(struct viewpoints *views, struct cloud *cloud) {
     bool any = false;
-    for (size_t i = 0; i < views->count; i++) any |= vec3_is_finite(views->from[i]);
+    for (size_t i = 0; views->from && i < views->count; i++) any |= vec3_is_finite(views->from[i]);
     if (!any) return;
     cloud->view = views->from, cloud->view_count = views->count;
     views->from = NULL;

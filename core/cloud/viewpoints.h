@@ -26,7 +26,7 @@ void viewpoints_see(struct viewpoints *views, vec3 point);
 /* A place that is farther from the box of the scan's points than the box is wide isn't believed: it becomes NAN. */
 void viewpoints_end(struct viewpoints *views);
 
-/* The cloud's views are these, unless none of them is believed. */
+/* The cloud's views are these, unless none of them is believed; they are given once. */
 void viewpoints_give(struct viewpoints *views, struct cloud *cloud);
 
 /* Accepts zeroed ones. */

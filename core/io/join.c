@@ -19,7 +19,7 @@
 #include "core/io/build.h"
 #include "core/io/formats/las_fields.h"
 
-enum { NOTE_BYTES = 256, LACKING_BYTES = 84, SCANS_MOST = 65536 };
+enum { NOTE_BYTES = 256, LACKING_BYTES = 84 };
 
 struct plan {
     size_t count;
@@ -152,7 +152,7 @@ static enum status add_scan(const struct cloud_join *join, const struct cloud *f
     for (size_t i = 0; i < plan->count; i++)
         if (strcmp(plan->property[i].name, CLOUD_SCAN) == 0 && !plan->property[i].is_list)
             plan->property[i].type =
-                widest(plan->property[i].type, join->scans + scans > SCANS_MOST ? SCALAR_UINT32 : SCALAR_UINT16);
+                widest(plan->property[i].type, join->scans + scans > CLOUD_SCANS_MOST ? SCALAR_UINT32 : SCALAR_UINT16);
     return status;
 }
 
@@ -297,7 +297,7 @@ static size_t count_scans(const struct cloud *cloud) {
     size_t count = cloud->view_count > 1 ? cloud->view_count : 1;
     for (size_t k = 0; scan && k < cloud->count; k++) {
         double number = scalar_load(cloud->record + k * cloud->record_bytes + scan->offset_bytes, scan->type);
-        if (number >= (double)count && number < SCANS_MOST) count = (size_t)number + 1;
+        if (number >= (double)count && number < CLOUD_SCANS_MOST) count = (size_t)number + 1;
     }
     return count;
 }

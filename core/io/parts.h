@@ -20,7 +20,7 @@ struct cloud_parts {
     struct cloud *cloud; /* what the file says of all its points, and those of the present part: count of them; owned */
     uint64_t promised;   /* points of the whole file, by its header; 0 = not known */
     size_t done_bytes;   /* of the file: none before is read again */
-    enum status (*next)(struct cloud_parts *parts, struct error *error); /* count 0: the end */
+    enum status (*next)(struct cloud_parts *parts, struct error *error); /* count 0: the end, where views are known */
     void (*free)(struct cloud_parts *parts);
 };
 

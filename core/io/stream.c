@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include "core/base/alloc.h"
+#include "core/cloud/attribute_names.h"
 #include "core/io/formats/las_fields.h"
 #include "core/io/parts.h"
 #include "core/io/sniff.h"
@@ -25,6 +26,8 @@ struct file {
     unsigned char *map; /* NULL: none */
     size_t bytes, given_back;
     size_t on_disk; /* bytes, as the file is */
+    bool is_read;   /* to the end */
+    size_t scans;   /* that its points tell of, by now */
     struct cloud_parts *parts;
 };
 
@@ -37,6 +40,8 @@ struct cloud_stream {
     uint64_t *before;   /* count + 1: bytes of the files before each; owned */
     uint64_t dropped;
     struct selection selection;
+    size_t scans, views;      /* of the files that are read to the end; where views isn't 0, it is scans */
+    vec3 *view;               /* owned */
     struct file first, other; /* the first one stays for what it says */
 };
 
@@ -184,6 +189,7 @@ enum status cloud_stream_open(const char *const *path, size_t count, const struc
     s->limits.columns = s->columns;
     s->limits.scratch = s->scratch;
     s->limits.columns_if_text = true;
+    s->limits.numbers_scans = count > 1;
     if (!status) status = go_on(s, error);
     if (status)
         cloud_stream_free(s);
@@ -234,6 +240,46 @@ static enum status select_of(struct cloud_stream *s, struct cloud *part, struct 
     return status;
 }
 
+/* The numbers of a file's scans follow those of the files before. */
+static enum status number_scans(struct cloud_stream *s, struct file *file, struct error *error) {
+    struct cloud *part = file->parts->cloud;
+    const struct property *scan = s->count > 1 ? attribute_find(part, CLOUD_SCAN) : NULL;
+    for (size_t i = 0; scan && i < part->count; i++) {
+        unsigned char *at = part->record + i * part->record_bytes + scan->offset_bytes;
+        double number = scalar_load(at, scan->type), next = number + (double)s->scans;
+        if (number >= (double)file->scans && number < CLOUD_SCANS_MOST) file->scans = (size_t)number + 1;
+        if (s->scans == 0) continue;
+        scalar_store(at, scan->type, next);
+        if (scalar_load(at, scan->type) != next)
+            return error_set(error, STATUS_LIMIT, "read",
+                             "scan %.0f of all inputs is more than their property %s holds", next, scan->name);
+    }
+    return STATUS_OK;
+}
+
+/* What the whole file says of its scanners comes behind what is there; who says nothing has NAN. */
+static enum status add_views(struct cloud_stream *s, struct file *file, struct error *error) {
+    const struct cloud *cloud = file->parts->cloud;
+    size_t more = file->scans > cloud->view_count ? file->scans : cloud->view_count, all = s->scans + (more ? more : 1);
+    if (file->is_read) return STATUS_OK;
+    file->is_read = true;
+    if (s->views || cloud->view_count) {
+        vec3 *view = alloc_resize(s->view, all, sizeof *view);
+        if (!view) return error_set(error, STATUS_NO_MEMORY, "read", "no memory for %zu scans", all);
+        for (size_t i = s->views; i < all; i++) view[i] = (vec3){NAN, NAN, NAN};
+        if (cloud->view_count) memcpy(view + s->scans, cloud->view, cloud->view_count * sizeof *view);
+        s->view = view;
+        s->views = all;
+    }
+    s->scans = all;
+    return STATUS_OK;
+}
+
+const vec3 *cloud_stream_views(const struct cloud_stream *stream, uint64_t *count) {
+    *count = stream->views;
+    return stream->view;
+}
+
 enum status cloud_stream_next(struct cloud_stream *stream, const struct cloud **part, struct error *error) {
     for (;;) {
         struct file *file = stream->next > 1 ? &stream->other : &stream->first;
@@ -242,6 +288,8 @@ enum status cloud_stream_next(struct cloud_stream *stream, const struct cloud **
         if (status) return status;
         give_back(file);
         bool ended = cloud->count == 0;
+        status = ended ? add_views(stream, file, error) : number_scans(stream, file, error);
+        if (status) return status;
         stream->dropped += close_gaps(cloud, NULL);
         status = select_of(stream, cloud, error);
         if (status) return status;
@@ -271,6 +319,6 @@ void cloud_stream_free(struct cloud_stream *stream) {
     close_file(&stream->first);
     close_file(&stream->other);
     for (size_t i = 0; i < stream->count; i++) free(stream->path[i]);
-    free(stream->path), free(stream->before), free(stream->columns), free(stream->scratch);
+    free(stream->path), free(stream->before), free(stream->columns), free(stream->scratch), free(stream->view);
     free(stream);
 }

@@ -230,8 +230,8 @@ static bool is_of_left(const struct merging *m, size_t k) {
     return k <= (m->spaced.place ? m->spaced.left : m->points.count);
 }
 
-/* What the whole input says of its points, with room for n. */
-static enum status describe(const struct cloud *from, size_t n, struct cloud *to) {
+/* What the whole input says of its points, with room for n; the plan knows where it was scanned from. */
+static enum status describe(const struct scratch *plan, const struct cloud *from, size_t n, struct cloud *to) {
     *to = (struct cloud){.property_count = from->property_count,
                          .record_bytes = from->record_bytes,
                          .form = from->form,
@@ -242,9 +242,9 @@ static enum status describe(const struct cloud *from, size_t n, struct cloud *to
     if (from->comments) to->comments = alloc_array(strlen(from->comments) + 1, 1);
     if (from->left_out) to->left_out = alloc_array(strlen(from->left_out) + 1, 1);
     if (from->las) to->las = alloc_array(1, sizeof *to->las + from->las->records_bytes);
-    if (from->view_count) to->view = alloc_array(from->view_count, sizeof *to->view);
+    if (plan->head.views) to->view = alloc_array(plan->head.views, sizeof *to->view);
     bool room = to->property && to->position && to->record && (!from->comments || to->comments) &&
-                (!from->left_out || to->left_out) && (!from->las || to->las) && (!from->view_count || to->view);
+                (!from->left_out || to->left_out) && (!from->las || to->las) && (!plan->head.views || to->view);
     if (!room) {
         cloud_done(to);
         return STATUS_NO_MEMORY;
@@ -253,8 +253,8 @@ static enum status describe(const struct cloud *from, size_t n, struct cloud *to
     if (to->comments) memcpy(to->comments, from->comments, strlen(from->comments) + 1);
     if (to->left_out) memcpy(to->left_out, from->left_out, strlen(from->left_out) + 1);
     if (to->las) memcpy(to->las, from->las, sizeof *to->las + from->las->records_bytes);
-    if (to->view) memcpy(to->view, from->view, from->view_count * sizeof *to->view);
-    to->view_count = from->view_count;
+    if (to->view) memcpy(to->view, plan->view, plan->head.views * sizeof *to->view);
+    to->view_count = plan->head.views;
     return STATUS_OK;
 }
 
@@ -303,7 +303,7 @@ static enum status gather(const struct merging *m, size_t n, struct cloud *cloud
     for (size_t i = 0; !status && i < n; i++) item[i] = radix_item(id_of(m, i), (uint32_t)i);
     if (!status) sorted = radix_sort(item, spare, n, m->threads);
     if (!status) status = reopen_input(m, &stream);
-    if (!status && describe(cloud_stream_cloud(stream), n, cloud)) status = merge_no_memory(m);
+    if (!status && describe(&m->scratch, cloud_stream_cloud(stream), n, cloud)) status = merge_no_memory(m);
     if (!status) status = read_kept(m, stream, sorted, n, *kept, cloud);
     cloud_stream_free(stream);
     free(item), free(spare);
@@ -562,7 +562,7 @@ static enum status gather_beyond(struct merging *m, struct cloud *cloud, struct 
     }
     left_done(m);
     if (!status) status = reopen_input(m, &stream);
-    if (!status && describe(cloud_stream_cloud(stream), 0, cloud)) status = merge_no_memory(m);
+    if (!status && describe(&m->scratch, cloud_stream_cloud(stream), 0, cloud)) status = merge_no_memory(m);
     if (!status) status = ranks_write(&ranks, last, stream, file);
     cloud_stream_free(stream);
     free(left);

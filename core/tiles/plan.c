@@ -136,14 +136,25 @@ static bool whole_numbers_of(const struct cloud *cloud, struct scratch_coding *c
     return true;
 }
 
+/* Where the scanners stood, which shows once all points have been read. */
+static enum status copy_views(struct planning *plan, const struct cloud_stream *stream) {
+    struct scratch *s = &plan->scratch;
+    const vec3 *view = cloud_stream_views(stream, &s->head.views);
+    s->view = alloc_array(s->head.views, sizeof *s->view);
+    if (!s->view) return plan_no_memory(plan->error);
+    if (s->head.views) memcpy(s->view, view, s->head.views * sizeof *view);
+    return STATUS_OK;
+}
+
 static enum status count(struct planning *plan, struct cloud_stream *stream) {
     struct scratch_head *head = &plan->scratch.head;
     const struct cloud *part;
     struct counting c = {.f32 = true, .single = {.kind = CODING_F32}};
     c.scaled = whole_numbers_of(cloud_stream_cloud(stream), &c.whole);
     head->record_bytes = cloud_stream_cloud(stream)->record_bytes;
+    enum status status;
     for (;;) {
-        enum status status = cloud_stream_next(stream, &part, plan->error);
+        status = cloud_stream_next(stream, &part, plan->error);
         if (!status && progress_tick(plan->progress, "count", 0.35 * cloud_stream_fraction(stream)))
             status = cancelled(plan->error);
         if (status) return status;
@@ -161,6 +172,8 @@ static enum status count(struct planning *plan, struct cloud_stream *stream) {
     }
     head->dropped = cloud_stream_dropped(stream);
     head->selection = cloud_stream_selection(stream);
+    status = copy_views(plan, stream);
+    if (status) return status;
     uint64_t others = head->selection.cropped + head->selection.filtered;
     if (head->points == 0 && others > 0)
         return error_set(plan->error, STATUS_BAD_PARAMETER, head->selection.filtered ? "where" : "crop",

@@ -17,8 +17,8 @@
 #include "core/io/out/sink.h"
 #include "core/tiles/tiles.h"
 
-static const char mark[16] = "whittle tiles 3";
-enum { ID_BYTES = sizeof(uint32_t), LOOK_BYTES = 64 * 1024 };
+static const char mark[16] = "whittle tiles 4";
+enum { ID_BYTES = sizeof(uint32_t), LOOK_BYTES = 64 * 1024, PIECES = 5 };
 
 void scratch_path(char path[SCRATCH_PATH_BYTES], const char *folder, const char *name, size_t number) {
     if (strncmp(folder, TILES_GIVEN, sizeof TILES_GIVEN - 1) == 0) folder = ".";
@@ -67,7 +67,7 @@ enum status scratch_read(int fd, void *to, size_t n, uint64_t at, const char *pa
 
 void scratch_done(struct scratch *scratch) {
     if (!scratch) return;
-    free(scratch->input), free(scratch->tile), free(scratch->cell), free(scratch->limit);
+    free(scratch->input), free(scratch->tile), free(scratch->cell), free(scratch->limit), free(scratch->view);
     *scratch = (struct scratch){0};
 }
 
@@ -87,11 +87,12 @@ struct piece {
     size_t count, size;
 };
 
-static void pieces_of(struct scratch *s, struct piece piece[4]) {
+static void pieces_of(struct scratch *s, struct piece piece[PIECES]) {
     piece[0] = (struct piece){(void **)&s->input, s->head.inputs, sizeof *s->input};
     piece[1] = (struct piece){(void **)&s->tile, s->head.tiles, sizeof *s->tile};
     piece[2] = (struct piece){(void **)&s->cell, s->head.cells, sizeof *s->cell};
     piece[3] = (struct piece){(void **)&s->limit, s->head.passes, sizeof *s->limit};
+    piece[4] = (struct piece){(void **)&s->view, s->head.views, sizeof *s->view};
 }
 
 enum status scratch_save(const char *folder, const struct scratch *scratch, struct error *error) {
@@ -99,7 +100,7 @@ enum status scratch_save(const char *folder, const struct scratch *scratch, stru
     struct scratch copy = *scratch;
     struct file_out file;
     struct sink sink;
-    struct piece piece[4];
+    struct piece piece[PIECES];
     memcpy(copy.head.mark, mark, sizeof mark);
     snprintf(copy.head.version, sizeof copy.head.version, "%s", whittle_version());
     pieces_of(&copy, piece);
@@ -109,7 +110,7 @@ enum status scratch_save(const char *folder, const struct scratch *scratch, stru
     status = sink_init(&sink, file.fd);
     uint64_t hash = hash_of(0, &copy.head, sizeof copy.head);
     sink_bytes(&sink, &copy.head, sizeof copy.head);
-    for (size_t i = 0; i < 4; i++) {
+    for (size_t i = 0; i < PIECES; i++) {
         hash = hash_of(hash, *piece[i].array, piece[i].count * piece[i].size);
         sink_bytes(&sink, *piece[i].array, piece[i].count * piece[i].size);
     }
@@ -124,7 +125,7 @@ enum status scratch_save(const char *folder, const struct scratch *scratch, stru
 
 static enum status load(int fd, const char *path, struct scratch *s, struct error *error) {
     struct scratch_head *head = &s->head;
-    struct piece piece[4];
+    struct piece piece[PIECES];
     enum status status = scratch_read(fd, head, sizeof *head, 0, path, error);
     if (status) return status;
     if (memcmp(head->mark, mark, sizeof mark) != 0)
@@ -135,10 +136,10 @@ static enum status load(int fd, const char *path, struct scratch *s, struct erro
                          head->version);
     uint64_t at = sizeof *head, found = 0, hash = hash_of(0, head, sizeof *head);
     if (head->cells > GRID_MOST_CELLS || head->tiles > GRID_MOST_CELLS || head->inputs > GRID_MOST_CELLS ||
-        head->passes > GRID_MOST_CELLS)
+        head->passes > GRID_MOST_CELLS || head->views > GRID_MOST_CELLS)
         return error_set(error, STATUS_MALFORMED, "tiles", "%s is damaged", path);
     pieces_of(s, piece);
-    for (size_t i = 0; !status && i < 4; i++) {
+    for (size_t i = 0; !status && i < PIECES; i++) {
         size_t n = piece[i].count * piece[i].size;
         *piece[i].array = alloc_array(piece[i].count, piece[i].size);
         if (!*piece[i].array) return error_set(error, STATUS_NO_MEMORY, "tiles", "no memory for the plan");

@@ -58,6 +58,7 @@ struct scratch_head {
     bool ranks_all;        /* more is kept than can be finished in memory: tiles say what has gone, too */
     uint64_t wanted;       /* points that the merge is to leave */
     uint64_t record_bytes; /* of the input's points */
+    uint64_t views;        /* core/io/stream.h */
 };
 
 struct scratch {
@@ -67,6 +68,7 @@ struct scratch {
     struct grid_tile *tile;
     struct grid_cell *cell;
     struct contract_limit *limit;
+    vec3 *view;
 };
 
 void scratch_done(struct scratch *scratch);

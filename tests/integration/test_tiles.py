@@ -240,6 +240,50 @@ def test_a_viewer_turns_normals_of_tiles(cloud, tmp_path):
     assert all(struct.unpack("<f", body[i + each - 4:i + each])[0] < 0 for i in range(0, len(body), each))
 
 
+ROOM = (10, 10, 3)
+SCANNERS = [(3, 5, 2), (7, 5, 1)]
+
+
+def scan_of_room(scanner, seed, points=30000):
+    """Points of walls, floor and ceiling as a scan of PTX."""
+    spread = random.Random(seed)
+    pose = "{0} {1} {2}\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n{0} {1} {2} 1\n".format(*scanner)
+    lines = [f"{points // 100}\n100\n{pose}"]
+    for _ in range(points):
+        place, axis = [spread.uniform(0, wide) for wide in ROOM], spread.randrange(3)
+        place[axis] = spread.choice((0, ROOM[axis]))
+        lines.append("{:.6f} {:.6f} {:.6f} 0.5\n".format(*(p - s for p, s in zip(place, scanner))))
+    return "".join(lines)
+
+
+def towards_their_scanner(path):
+    """How many points there are, and of how many the normal points to where they were scanned from."""
+    head, body = path.read_bytes().split(b"end_header\n", 1)
+    columns = [line.split()[1:] for line in head.decode().splitlines() if line.startswith("property")]
+    form = "<" + "".join({"double": "d", "float": "f", "ushort": "H", "uchar": "B"}[kind] for kind, _ in columns)
+    points = [dict(zip((name for _, name in columns), record)) for record in struct.iter_unpack(form, body)]
+    turned = [sum((SCANNERS[p["scan"]][k] - p["xyz"[k]]) * p["n" + "xyz"[k]] for k in range(3)) > 0 for p in points]
+    return len(turned), sum(turned)
+
+
+@pytest.mark.parametrize("files", [1, 2])
+def test_scanners_turn_normals_of_tiles(tmp_path, files):
+    """Walls of a room face those who scanned them from inside, whether one file has both scans or each a file."""
+    scans, paths = [scan_of_room(scanner, seed) for seed, scanner in enumerate(SCANNERS)], []
+    for i in range(files):
+        paths.append(tmp_path / f"room{i}.ptx")
+        paths[-1].write_text("".join(scans[i::files]), encoding="ascii")
+    goal = ("--points", 3000, "--normals", "true", "--outputs", "cloud,report")
+    whittle("tiles", "plan", *paths, "--scratch", tmp_path / "work", "--memory", "1G", "--tile-points", TILE, *goal)
+    for tile in whittle("tiles", "list", "--scratch", tmp_path / "work").stdout.split():
+        whittle("tiles", "run", tile, "--scratch", tmp_path / "work")
+    whittle("tiles", "merge", f"{tmp_path}/tiled/", "--scratch", tmp_path / "work")
+    whittle(*paths, f"{tmp_path}/inside/", *goal)
+    for folder in ("tiled", "inside"):
+        assert report_of(tmp_path / folder)["normals"]["orientation"] == "viewpoint"
+        assert towards_their_scanner(tmp_path / folder / "cloud.ply") == (3000, 3000)
+
+
 def report_of(folder):
     return json.loads((folder / "report.json").read_text(encoding="utf-8"))
 

@@ -8,12 +8,15 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
 #include <cmocka.h>
 
 #include "core/base/hash64.h"
 #include "core/io/formats/e57_pages.h"
 #include "core/io/read.h"
+#include "core/io/stream.h"
 #include "tests/unit/faults.h"
 #include "tests/unit/property.h"
 
@@ -220,33 +223,35 @@ static void every_kind_of_field_is_read(void **state) {
     free(file.at);
 }
 
+/* The third one's place, at the origin, is seven units away from points less than one apart: it isn't believed. */
+static const struct scan turned_and_moved[] = {
+    {.records = 300,
+     .records_each = 50,
+     .pose = "<pose><rotation><w>2</w><x/><y/><z>2</z></rotation>" /* a quarter turn about z, of any length */
+             "<translation><x>100</x><y>-20</y><z> 3 </z></translation></pose>",
+     .field = {{"sphericalRange", REAL, DOUBLE, 0, 0, {1, 0.01}},
+               {"sphericalAzimuth", REAL, DOUBLE, 0, 0, {-3, 0.02}},
+               {"sphericalElevation", FLOAT, SINGLE, 0, 0, {0.25, 0}},
+               {"sphericalInvalidState", INTEGER(0, 2), WHOLE, 2, 0, {0, 0, 3, 1}},
+               {"nor:normalX", FLOAT, SINGLE, 0, 0, {1, 0}},
+               {"nor:normalY", FLOAT, SINGLE, 0, 0, {0, 0}},
+               {"nor:normalZ", FLOAT, SINGLE, 0, 0, {0, 0}},
+               {"intensity", INTEGER(0, 255), WHOLE, 8, 0, {4, 0}}}},
+    {.records = 0, .records_each = 1, .field = {{"nothing", "type=\"String\"", WHOLE, 1, 0, {0}}}},
+    {.records = 200,
+     .records_each = 7,
+     .pose = "<pose><translation><x>5000</x></translation></pose>",
+     .field = {{"cartesianX", SCALED(0, 511, 0.001, -7), WHOLE, 9, 0, {0, 2}},
+               {"cartesianY", SCALED(0, 511, 0.001, 0), WHOLE, 9, 0, {511, -1}},
+               {"cartesianZ", SCALED(-8, 511, 0.001, 0), WHOLE, 10, -8, {-8, 1}},
+               {"text", "type=\"String\"", WHOLE, 8, 0, {65, 0}},
+               {"x", INTEGER(0, 3), WHOLE, 2, 0, {3, 0}},
+               {"intensity", FLOAT, SINGLE, 0, 0, {0.5, 0}}}},
+};
+
 static void spherical_scans_and_poses_are_put_together(void **state) {
     (void)state;
-    static const struct scan scans[] = {
-        {.records = 300,
-         .records_each = 50,
-         .pose = "<pose><rotation><w>2</w><x/><y/><z>2</z></rotation>" /* a quarter turn about z, of any length */
-                 "<translation><x>100</x><y>-20</y><z> 3 </z></translation></pose>",
-         .field = {{"sphericalRange", REAL, DOUBLE, 0, 0, {1, 0.01}},
-                   {"sphericalAzimuth", REAL, DOUBLE, 0, 0, {-3, 0.02}},
-                   {"sphericalElevation", FLOAT, SINGLE, 0, 0, {0.25, 0}},
-                   {"sphericalInvalidState", INTEGER(0, 2), WHOLE, 2, 0, {0, 0, 3, 1}},
-                   {"nor:normalX", FLOAT, SINGLE, 0, 0, {1, 0}},
-                   {"nor:normalY", FLOAT, SINGLE, 0, 0, {0, 0}},
-                   {"nor:normalZ", FLOAT, SINGLE, 0, 0, {0, 0}},
-                   {"intensity", INTEGER(0, 255), WHOLE, 8, 0, {4, 0}}}},
-        {.records = 0, .records_each = 1, .field = {{"nothing", "type=\"String\"", WHOLE, 1, 0, {0}}}},
-        {.records = 200,
-         .records_each = 7,
-         .pose = "<pose><translation><x>5000</x></translation></pose>",
-         .field = {{"cartesianX", SCALED(0, 511, 0.001, -7), WHOLE, 9, 0, {0, 2}},
-                   {"cartesianY", SCALED(0, 511, 0.001, 0), WHOLE, 9, 0, {511, -1}},
-                   {"cartesianZ", SCALED(-8, 511, 0.001, 0), WHOLE, 10, -8, {-8, 1}},
-                   {"text", "type=\"String\"", WHOLE, 8, 0, {65, 0}},
-                   {"x", INTEGER(0, 3), WHOLE, 2, 0, {3, 0}},
-                   {"intensity", FLOAT, SINGLE, 0, 0, {0.5, 0}}}},
-    };
-    struct bytes file = make_e57(scans, 3, "");
+    struct bytes file = make_e57(turned_and_moved, 3, "");
     struct cloud cloud = read_all(file.at, file.n);
     assert_int_equal(cloud.count, 400);
     assert_int_equal(cloud.view_count, 2);
@@ -274,6 +279,43 @@ static void spherical_scans_and_poses_are_put_together(void **state) {
     assert_int_equal(type_of(&cloud, "x"), SCALAR_FLOAT64);
     assert_int_equal(type_of(&cloud, "intensity"), SCALAR_FLOAT64);
     cloud_done(&cloud);
+    free(file.at);
+}
+
+/* Reads files part by part to the end; returns what is known then, with the number of the last point's scan. */
+static struct cloud_stream *read_parts(const char *const *path, size_t files, double *last) {
+    struct cloud_stream *stream = NULL;
+    const struct cloud *part;
+    struct error error = {0};
+    assert_int_equal(cloud_stream_open(path, files, NULL, &stream, &error), STATUS_OK);
+    for (;;) {
+        assert_int_equal(cloud_stream_next(stream, &part, &error), STATUS_OK);
+        if (part->count == 0) break;
+        *last = property_value(part, part->count - 1, "scan");
+    }
+    return stream;
+}
+
+static void places_of_scanners_are_known_part_by_part(void **state) {
+    (void)state;
+    struct bytes file = make_e57(turned_and_moved, 3, "");
+    char name[32];
+    const char *const paths[] = {name, name};
+    int fd = memfd_create("scans", 0);
+    assert_true(fd >= 0 && write(fd, file.at, file.n) == (ssize_t)file.n);
+    snprintf(name, sizeof name, "/proc/self/fd/%d", fd);
+    for (size_t files = 1; files <= 2; files++) {
+        double last = -1;
+        uint64_t count = 0;
+        struct cloud_stream *stream = read_parts(paths, files, &last);
+        const vec3 *view = cloud_stream_views(stream, &count);
+        assert_int_equal(count, 2 * files);
+        assert_true(last == (double)(count - 1));
+        for (size_t i = 0; i < count; i += 2)
+            assert_true(vec3_equal(view[i], (vec3){100, -20, 3}) && isnan(view[i + 1].x));
+        cloud_stream_free(stream);
+    }
+    close(fd);
     free(file.at);
 }
 
@@ -492,6 +534,7 @@ int main(int argc, char **argv) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_kind_of_field_is_read),
         cmocka_unit_test(spherical_scans_and_poses_are_put_together),
+        cmocka_unit_test(places_of_scanners_are_known_part_by_part),
         cmocka_unit_test(a_bit_that_flips_is_found),
         cmocka_unit_test(broken_files_are_refused),
         cmocka_unit_test(hostile_descriptions_are_refused),

@@ -120,8 +120,9 @@ struct reader {
     struct e57_description file;
     struct viewpoints views;
     uint64_t n, visits, section_bytes;
-    size_t scans; /* that have records */
-    bool narrow;  /* coordinates are float32 */
+    size_t scans;  /* that have records */
+    bool narrow;   /* coordinates are float32 */
+    bool numbered; /* points say of which scan they are */
     /* Of the scan that is read: */
     uint64_t end; /* of its section, logical */
     size_t columns;
@@ -358,7 +359,7 @@ static enum status settle_types(struct reader *r) {
     return status;
 }
 
-static enum status e57_describe(struct reader *r) {
+static enum status e57_describe(struct reader *r, const struct cloud_limits *limits) {
     static const char *const axes[] = {"x", "y", "z"};
     enum status status = STATUS_OK;
     r->narrow = true;
@@ -374,7 +375,8 @@ static enum status e57_describe(struct reader *r) {
         return error_set(r->build.error, STATUS_LIMIT, "read", "%zu scans, at most %d are read", r->scans, MOST_SCANS);
     for (int k = 0; !status && k < 3; k++)
         status = cloud_build_property(&r->build, axes[k], r->narrow ? SCALAR_FLOAT32 : SCALAR_FLOAT64);
-    if (!status && r->scans > 1) status = cloud_build_property(&r->build, CLOUD_SCAN, SCALAR_UINT16);
+    r->numbered = r->scans > 1 || (limits && limits->numbers_scans);
+    if (!status && r->numbered) status = cloud_build_property(&r->build, CLOUD_SCAN, SCALAR_UINT16);
     for (size_t s = 0; !status && s < r->file.scan_count; s++)
         if (r->file.scan[s].records) status = describe_scan(r, &r->file.scan[s]);
     if (!status) status = settle_types(r);
@@ -470,7 +472,7 @@ static void fill_record(struct reader *r, const struct e57_scan *scan, size_t nu
     vec3 place = place_of(r, scan, value);
     e57_store(r, record, 0, place.x), e57_store(r, record, 1, place.y), e57_store(r, record, 2, place.z);
     viewpoints_see(&r->views, place);
-    if (r->scans > 1) e57_store(r, record, 3, (double)number);
+    if (r->numbered) e57_store(r, record, 3, (double)number);
     for (size_t i = 0; i < r->columns; i++)
         if (r->column[i].role > ELEVATION && r->column[i].property != SIZE_MAX)
             e57_store(r, record, r->column[i].property, value[i]);
@@ -533,22 +535,23 @@ static enum status check_records(struct reader *r) {
 }
 
 /* Everything that stands before the points. */
-static enum status e57_begin_file(struct reader *r, const void *bytes, size_t n, bool is_mapped) {
+static enum status e57_begin_file(struct reader *r, const void *bytes, size_t n, bool is_mapped,
+                                  const struct cloud_limits *limits) {
     const unsigned char *head = bytes;
     enum status status = e57_pages_open(bytes, n, is_mapped, &r->pages, r->build.error);
     if (!status)
         status = e57_xml_parse(&r->pages, e57_pages_logical(&r->pages, load_little_endian(head + XML_AT, 8)),
                                load_little_endian(head + XML_BYTES_AT, 8), &r->file, r->build.error);
     if (!status) status = check_records(r);
-    if (!status) status = e57_describe(r);
+    if (!status) status = e57_describe(r, limits);
     if (!status && viewpoints_init(&r->views, r->scans))
         status = error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for %zu scans", r->scans);
     return status;
 }
 
-static enum status e57_read_file(struct reader *r, const void *bytes, size_t n) {
+static enum status e57_read_file(struct reader *r, const void *bytes, size_t n, const struct cloud_limits *limits) {
     size_t number = 0;
-    enum status status = e57_begin_file(r, bytes, n, false);
+    enum status status = e57_begin_file(r, bytes, n, false, limits);
     for (size_t s = 0; !status && s < r->file.scan_count; s++)
         if (r->file.scan[s].records) status = e57_take_scan(r, &r->file.scan[s], number++);
     if (!status) viewpoints_give(&r->views, &r->build.cloud);
@@ -559,7 +562,7 @@ enum status cloud_e57_read(const void *bytes, size_t n, const struct cloud_limit
                            const struct progress *progress, struct cloud *cloud, struct error *error) {
     struct reader r = {.n = n};
     cloud_build_start(&r.build, "e57", n, limits, progress, error);
-    enum status status = e57_read_file(&r, bytes, n);
+    enum status status = e57_read_file(&r, bytes, n, limits);
     free(r.column);
     viewpoints_done(&r.views);
     e57_description_done(&r.file);
@@ -613,8 +616,10 @@ static enum status e57_next_part(struct cloud_parts *parts, struct error *error)
         uint64_t room = CLOUD_PART_USUAL - r->build.cloud.count, n = p->left < room ? p->left : room;
         status = e57_take_points(r, &r->file.scan[p->scan - 1], p->number - 1, n, p->value, p->record);
         p->left -= n;
+        if (!status && p->left == 0) viewpoints_end(&r->views);
     }
-    bool is_end = p->left == 0 && p->scan == r->file.scan_count;
+    bool is_end = !status && p->left == 0 && p->scan == r->file.scan_count;
+    if (is_end) viewpoints_give(&r->views, &r->build.cloud);
     size_t done = is_end ? (size_t)r->n : least_done(r);
     if (done > parts->done_bytes) parts->done_bytes = done;
     return status;
@@ -635,10 +640,9 @@ enum status cloud_e57_parts(const void *bytes, size_t n, const struct cloud_limi
     if (!p) return error_set(error, STATUS_NO_MEMORY, "read", "no memory to read with");
     struct reader *r = &p->reader;
     uint64_t promised = 0;
-    (void)limits;
     r->n = n;
     cloud_build_start(&r->build, "e57", n, NULL, NULL, error);
-    enum status status = e57_begin_file(r, bytes, n, true);
+    enum status status = e57_begin_file(r, bytes, n, true, limits);
     if (!status) p->record = alloc_zeroed(r->build.cloud.record_bytes, 1);
     if (!status && !p->record) status = error_set(error, STATUS_NO_MEMORY, "read", "no memory for a point");
     for (size_t s = 0; s < r->file.scan_count; s++) promised += r->file.scan[s].records;

@@ -48,6 +48,7 @@ struct reader {
     struct viewpoints views;
     size_t scans;
     bool intensity, colours; /* of all scans */
+    bool numbered;           /* points say of which scan they are */
 };
 
 static struct cloud_place ptx_here(const struct reader *r) {
@@ -156,7 +157,7 @@ static enum status ptx_describe(struct reader *r) {
         enum scalar_type type;
     } rows[] = {{"x", SCALAR_FLOAT64}, {"y", SCALAR_FLOAT64},   {"z", SCALAR_FLOAT64},  {"intensity", SCALAR_FLOAT32},
                 {"red", SCALAR_UINT8}, {"green", SCALAR_UINT8}, {"blue", SCALAR_UINT8}, {CLOUD_SCAN, SCALAR_UINT16}};
-    bool wanted[] = {true, true, true, r->intensity, r->colours, r->colours, r->colours, r->scans > 1};
+    bool wanted[] = {true, true, true, r->intensity, r->colours, r->colours, r->colours, r->numbered};
     enum status status = STATUS_OK;
     for (size_t i = 0; !status && i < sizeof rows / sizeof *rows; i++)
         if (wanted[i]) status = cloud_build_property(&r->build, rows[i].name, rows[i].type);
@@ -216,7 +217,7 @@ static enum status ptx_put_point(struct reader *r, const struct header *header, 
         memcpy(record + used, point->colour, sizeof point->colour);
         used += sizeof point->colour;
     }
-    if (r->scans > 1) memcpy(record + used, &number, sizeof number);
+    if (r->numbered) memcpy(record + used, &number, sizeof number);
     viewpoints_see(&r->views, position);
     return cloud_build_point(&r->build, record, place);
 }
@@ -254,18 +255,19 @@ static enum status ptx_take_scan(struct reader *r, uint16_t number) {
 }
 
 /* The first pass, and back to the beginning. */
-static enum status ptx_begin_file(struct reader *r) {
+static enum status ptx_begin_file(struct reader *r, const struct cloud_limits *limits) {
     struct scan start = r->scan;
     enum status status = find_scans(r);
     r->scan = start;
+    r->numbered = r->scans > 1 || (limits && limits->numbers_scans);
     if (!status) status = ptx_describe(r);
     if (!status && viewpoints_init(&r->views, r->scans))
         status = error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for %zu scans", r->scans);
     return status;
 }
 
-static enum status ptx_read_file(struct reader *r) {
-    enum status status = ptx_begin_file(r);
+static enum status ptx_read_file(struct reader *r, const struct cloud_limits *limits) {
+    enum status status = ptx_begin_file(r, limits);
     for (size_t i = 0; !status && i < r->scans; i++) status = ptx_take_scan(r, (uint16_t)i);
     if (!status) viewpoints_give(&r->views, &r->build.cloud);
     viewpoints_done(&r->views);
@@ -294,7 +296,7 @@ enum status cloud_ptx_read(const void *bytes, size_t n, const struct cloud_limit
                            const struct progress *progress, struct cloud *cloud, struct error *error) {
     struct reader r = {.scan = scan_start(bytes, n)};
     cloud_build_start(&r.build, "ptx", n, limits, progress, error);
-    return cloud_build_end(&r.build, ptx_read_file(&r), cloud);
+    return cloud_build_end(&r.build, ptx_read_file(&r, limits), cloud);
 }
 
 /* ------------------------------------------------------------------------------------------------ part by part */
@@ -324,6 +326,7 @@ static enum status ptx_next_part(struct cloud_parts *parts, struct error *error)
         p->left -= n;
         if (!status && p->left == 0) viewpoints_end(&r->views);
     }
+    if (!status && p->left == 0 && p->begun == r->scans) viewpoints_give(&r->views, &r->build.cloud);
     parts->done_bytes = (size_t)(r->scan.at - r->scan.begin);
     return status;
 }
@@ -340,10 +343,9 @@ enum status cloud_ptx_parts(const void *bytes, size_t n, const struct cloud_limi
     struct ptx_parts *p = alloc_zeroed(1, sizeof *p);
     if (!p) return error_set(error, STATUS_NO_MEMORY, "read", "no memory to read with");
     struct reader *r = &p->reader;
-    (void)limits;
     *r = (struct reader){.scan = scan_start(bytes, n)};
     cloud_build_start(&r->build, "ptx", n, NULL, NULL, error);
-    enum status status = ptx_begin_file(r);
+    enum status status = ptx_begin_file(r, limits);
     p->parts = (struct cloud_parts){&r->build.cloud, 0, 0, ptx_next_part, ptx_free_parts};
     if (status)
         ptx_free_parts(&p->parts);

@@ -102,6 +102,7 @@ void sink_rewrite(struct sink *sink, const void *bytes, size_t n, off_t at) {
 }
 
 enum status sink_done(struct sink *sink, enum status status, struct error *error) {
+    if (sink->capacity && !sink->buffer) error_set(error, STATUS_NO_MEMORY, "write", "no memory for a buffer");
     if (!status && sink->buffer && sink->fd >= 0) flush(sink);
     if (!status && sink->failure)
         status =

@@ -17,7 +17,7 @@ struct sink {
     int failure;           /* errno of the first write that failed; 0 = none */
 };
 
-/* STATUS_NO_MEMORY only.  sink_done must follow in any case. */
+/* STATUS_NO_MEMORY only, which sink_done tells.  That must follow in any case. */
 enum status sink_init(struct sink *sink, int fd) MUST_CHECK;
 
 /* The same to memory, which grows: used bytes of buffer, until sink_done frees them.  Where it can't grow, failure is

@@ -164,7 +164,7 @@ static int run(const struct config *config, struct signals *signals, int argc, c
     } else if (service.supervisor) {
         supervisor_stop(service.supervisor);
     }
-    events_close(service.events);
+    change_feed_close(service.feed);
     http_close(http);
     notify_unwatch(watch);
     readiness_close(service.readiness);

@@ -83,7 +83,7 @@ static void wait_for_batch(struct request *request, const struct catalog_batch_j
 /* Whether the client still waits for an end that hasn't come. */
 static bool batch_may_wait(const struct request *request) {
     const struct request_wait *wait = &request->wait;
-    bool is_cut_short = wait->calls && (wait->why == EVENTS_HANGUP || wait->why == EVENTS_CLOSED);
+    bool is_cut_short = wait->calls && (wait->why == CHANGE_FEED_HANGUP || wait->why == CHANGE_FEED_CLOSED);
     return wait->end_ms >= 0 && !is_cut_short && events_clock_ms() < wait->end_ms;
 }
 
@@ -204,7 +204,7 @@ static void create_batch(struct service *service, struct request *request, struc
         catalog_reply_done(&before);
         if (!ok || replayed) return;
     }
-    wait->seen = events_now(service->events);
+    wait->seen = change_feed_now(service->feed);
     if (read_batch(service, request, wait->batch, &batch, response)) {
         const struct catalog_batch_job *open = first_open(&batch);
         if (open && batch_may_wait(request)) {
@@ -261,7 +261,7 @@ static void get_batch(struct service *service, struct request *request, struct r
     struct catalog_batch batch;
     char tag[BATCH_TAG_BYTES];
     if (!handlers_takes_no_query(request, response)) return;
-    request->wait.seen = events_now(service->events);
+    request->wait.seen = change_feed_now(service->feed);
     if (read_batch(service, request, request->match.capture[0], &batch, response)) {
         const struct catalog_batch_job *open = first_open(&batch);
         if (!request->wait.calls) handlers_begin_wait(service, request);
@@ -321,7 +321,7 @@ static void delete_batch(struct service *service, struct request *request, struc
     struct error error = {0};
     char tag[BATCH_TAG_BYTES];
     if (!handlers_takes_no_query(request, response)) return;
-    wait->seen = events_now(service->events);
+    wait->seen = change_feed_now(service->feed);
     bool found = read_batch(service, request, request->match.capture[0], &batch, response);
     found = found && (wait->calls || handlers_admit_match(request, batch_tag(&batch, tag), response));
     bool all_ended = found && !first_open(&batch);
@@ -338,7 +338,7 @@ static void delete_batch(struct service *service, struct request *request, struc
     if (open && events_clock_ms() >= wait->end_ms)
         response_refuse(response, PROBLEM_INTERNAL_ERROR,
                         "the jobs were told to end, but their end can't be recorded yet");
-    else if (open && wait->why != EVENTS_CLOSED)
+    else if (open && wait->why != CHANGE_FEED_CLOSED)
         wait_for_batch(request, open, events_clock_ms() + BATCH_LOOK_MS, response);
     else if (found)
         answer_batch(service, request, &batch, 200, response);
@@ -363,7 +363,7 @@ static void get_batch_events(struct service *service, struct request *request, s
     struct catalog_batch batch;
     bool streaming = request->wait.calls > 0;
     if (!streaming && !handlers_takes_no_query(request, response)) return;
-    request->wait.seen = events_now(service->events);
+    request->wait.seen = change_feed_now(service->feed);
     if (read_batch(service, request, request->match.capture[0], &batch, response)) {
         const struct catalog_batch_job *open = first_open(&batch);
         const struct event_source source = {.sequence = batch_sequence(&batch),

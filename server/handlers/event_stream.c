@@ -28,7 +28,7 @@ static void put_news(FILE *out, struct request_wait *wait, const struct event_so
     if (source->ended) {
         if (source->before_end) source->before_end(out, source->of);
         put_source(out, "end", source);
-    } else if (!state_changed && !progressed && wait->why == EVENTS_DEADLINE) {
+    } else if (!state_changed && !progressed && wait->why == CHANGE_FEED_DEADLINE) {
         fputs(": still here\n\n", out);
     }
     wait->state = source->state;
@@ -48,8 +48,8 @@ static void put_piece(struct request_wait *wait, const struct event_source *sour
     if (out) put_news(out, wait, source);
     bool written = out && fclose(out) == 0;
     response->kind = RESPONSE_STREAM;
-    response->last =
-        !written || source->ended || (wait->calls && (wait->why == EVENTS_HANGUP || wait->why == EVENTS_CLOSED));
+    response->last = !written || source->ended ||
+                     (wait->calls && (wait->why == CHANGE_FEED_HANGUP || wait->why == CHANGE_FEED_CLOSED));
     wait->deadline_ms = events_clock_ms() + HEARTBEAT_MS;
     snprintf(wait->id, sizeof wait->id, "%s", source->job_id);
 }

@@ -20,7 +20,7 @@ enum { CANCEL_LOOK_MS = 1000 };
 /* Whether the client still waits for the job's end, which hasn't come. */
 static bool may_wait(const struct request *request, const struct job *job) {
     const struct request_wait *wait = &request->wait;
-    bool is_cut_short = wait->calls && (wait->why == EVENTS_HANGUP || wait->why == EVENTS_CLOSED);
+    bool is_cut_short = wait->calls && (wait->why == CHANGE_FEED_HANGUP || wait->why == CHANGE_FEED_CLOSED);
     return !job_ended(job->state) && wait->end_ms >= 0 && !is_cut_short && events_clock_ms() < wait->end_ms;
 }
 
@@ -72,7 +72,7 @@ static void create_job(struct service *service, struct request *request, struct 
     struct request_wait *wait = &request->wait;
     struct job job;
     if (!wait->calls && !create(service, request, response)) return;
-    wait->seen = events_now(service->events);
+    wait->seen = change_feed_now(service->feed);
     if (!handlers_read_job(service, request, wait->id, &job, response)) {
         job_done(&job);
         return;
@@ -216,7 +216,7 @@ static void get_job(struct service *service, struct request *request, struct res
     struct request_wait *wait = &request->wait;
     struct job job;
     if (!handlers_takes_no_query(request, response)) return;
-    wait->seen = events_now(service->events);
+    wait->seen = change_feed_now(service->feed);
     uint64_t since = documents_now(service->documents);
     if (handlers_read_job(service, request, request->match.capture[0], &job, response)) {
         char etag[32];
@@ -297,7 +297,7 @@ static void delete_job(struct service *service, struct request *request, struct 
     struct job job;
     bool changed = false;
     if (!handlers_takes_no_query(request, response)) return;
-    request->wait.seen = events_now(service->events);
+    request->wait.seen = change_feed_now(service->feed);
     bool found = handlers_read_job(service, request, id, &job, response) && may_delete(request, &job, response);
     bool waits = job.state == JOB_ACCEPTED || (job.state == JOB_RUNNING && job.tiles); /* nobody runs all of it */
     if (found && waits) {
@@ -310,7 +310,7 @@ static void delete_job(struct service *service, struct request *request, struct 
         response_error(response, &error);
         found = false;
     }
-    if (found && job.state == JOB_RUNNING && request->wait.why != EVENTS_CLOSED)
+    if (found && job.state == JOB_RUNNING && request->wait.why != CHANGE_FEED_CLOSED)
         dismiss_running(service, request, &job, response);
     else if (found)
         handlers_job_response(service, &job, 200, response);
@@ -346,7 +346,7 @@ static void get_events(struct service *service, struct request *request, struct 
     struct job job;
     bool streaming = request->wait.calls > 0;
     if (!streaming && !handlers_takes_no_query(request, response)) return;
-    request->wait.seen = events_now(service->events);
+    request->wait.seen = change_feed_now(service->feed);
     if (handlers_read_job(service, request, request->match.capture[0], &job, response)) {
         struct followed_job followed = {service, &job};
         const struct event_source source = {.sequence = job.sequence,

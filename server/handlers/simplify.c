@@ -224,13 +224,13 @@ static void simplify(struct service *service, struct request *request, struct re
         answer_async(service, request, response);
         return;
     }
-    wait->seen = events_now(service->events);
+    wait->seen = change_feed_now(service->feed);
     if (handlers_read_job(service, request, wait->id, &job, response)) {
         if (job_ended(job.state)) {
             answer_ended(service, request, &job, response);
-        } else if (wait->calls && wait->why == EVENTS_HANGUP) {
+        } else if (wait->calls && wait->why == CHANGE_FEED_HANGUP) {
             abandon(service, request, &job, response);
-        } else if ((wait->calls && wait->why == EVENTS_CLOSED) || events_clock_ms() >= wait->end_ms) {
+        } else if ((wait->calls && wait->why == CHANGE_FEED_CLOSED) || events_clock_ms() >= wait->end_ms) {
             if (async)
                 answer_async(service, request, response);
             else

@@ -107,7 +107,7 @@ struct exchange {
     size_t stream_sent; /* of response.text */
     bool streaming;
     struct offload_task task;
-    struct events_waiter waiter;
+    struct change_feed_waiter waiter;
     int status, problem; /* of the response that was sent; problem -1 = it is none */
     char log_method[16], log_path[LOG_PATH_BYTES];
 };
@@ -129,8 +129,8 @@ static void unpark(struct exchange *x) {
     tally_unpark(&http->tally);
 }
 
-/* From the events' thread, or whoever publishes. */
-static void wake(void *ctx, enum events_why why) {
+/* From the change feed's thread, or whoever publishes. */
+static void wake(void *ctx, enum change_feed_why why) {
     struct exchange *x = ctx;
     x->request.wait.why = why;
     offload_post(x->http->offload, &x->task);
@@ -139,13 +139,13 @@ static void wake(void *ctx, enum events_why why) {
 static void wait_for_job(struct exchange *x) {
     const struct request_wait *wait = &x->request.wait;
     const union MHD_ConnectionInfo *info = MHD_get_connection_info(x->connection, MHD_CONNECTION_INFO_CONNECTION_FD);
-    x->waiter = (struct events_waiter){.seen = wait->seen,
-                                       .deadline_ms = wait->deadline_ms,
-                                       .fd = info ? info->connect_fd : -1,
-                                       .wake = wake,
-                                       .ctx = x};
+    x->waiter = (struct change_feed_waiter){.seen = wait->seen,
+                                            .deadline_ms = wait->deadline_ms,
+                                            .fd = info ? info->connect_fd : -1,
+                                            .wake = wake,
+                                            .ctx = x};
     memcpy(x->waiter.id, wait->id, sizeof x->waiter.id);
-    events_wait(x->http->service->events, &x->waiter);
+    change_feed_wait(x->http->service->feed, &x->waiter);
 }
 
 /* Lets go what the request holds for itself alone: the client that has its answer may come again at once, and must find

@@ -25,7 +25,7 @@ enum status http_open(struct service *service, const struct handlers *handlers, 
 /* How many bodies of clouds are on their way in. */
 unsigned http_uploads(struct http *http);
 
-/* Takes no more connections, answers those that wait (service->events must be closed before), and ends.  Accepts
+/* Takes no more connections, answers those that wait (service->feed must be closed before), and ends.  Accepts
  * NULL. */
 void http_close(struct http *http);
 

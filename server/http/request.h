@@ -67,11 +67,11 @@ enum { REQUEST_MAX_QUERY = 64, REQUEST_JOINED_BYTES = 4096 };
 
 /* What a handler waits for, and keeps between its calls. */
 struct request_wait {
-    unsigned calls;      /* how often the handler was called before */
-    enum events_why why; /* why it is called again */
+    unsigned calls;           /* how often the handler was called before */
+    enum change_feed_why why; /* why it is called again */
     char id[JOB_ID_BYTES];
     char batch[JOB_ID_BYTES]; /* that the request has made; the handler's own */
-    uint64_t seen;            /* events_now before the job was read */
+    uint64_t seen;            /* change_feed_now before the job was read */
     int64_t deadline_ms;      /* of this wait, by events_clock_ms */
     int64_t end_ms;           /* of all waiting; the handler's own */
     uint64_t sequence;        /* of the job when it was read last; the handler's own */

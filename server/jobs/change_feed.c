@@ -23,9 +23,9 @@
 
 enum { EPOLL_BATCH = 64 };
 
-struct events {
+struct change_feed {
     pthread_mutex_t lock;
-    struct events_waiter *first;
+    struct change_feed_waiter *first;
     uint64_t changes, tickets;
     int64_t next_look_ms; /* when the thread looks at deadlines again */
     bool closed, ending;
@@ -39,40 +39,40 @@ int64_t events_clock_ms(void) {
     return (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
 }
 
-static void ring(struct events *events) {
-    ssize_t n = write(events->wake_fd, &(uint64_t){1}, sizeof(uint64_t));
+static void ring(struct change_feed *feed) {
+    ssize_t n = write(feed->wake_fd, &(uint64_t){1}, sizeof(uint64_t));
     (void)n; /* full means that it rings already */
 }
 
 /* ------------------------------------------------------------------------------------------------ the list */
 
-static void link_waiter(struct events *events, struct events_waiter *waiter) {
-    waiter->ticket = ++events->tickets;
+static void link_waiter(struct change_feed *feed, struct change_feed_waiter *waiter) {
+    waiter->ticket = ++feed->tickets;
     waiter->previous = NULL;
-    waiter->next = events->first;
-    if (events->first) events->first->previous = waiter;
-    events->first = waiter;
+    waiter->next = feed->first;
+    if (feed->first) feed->first->previous = waiter;
+    feed->first = waiter;
     struct epoll_event watch = {.events = EPOLLRDHUP | EPOLLONESHOT, .data.u64 = waiter->ticket};
-    if (waiter->fd >= 0 && epoll_ctl(events->epoll_fd, EPOLL_CTL_ADD, waiter->fd, &watch) != 0) waiter->fd = -1;
+    if (waiter->fd >= 0 && epoll_ctl(feed->epoll_fd, EPOLL_CTL_ADD, waiter->fd, &watch) != 0) waiter->fd = -1;
 }
 
-static void unlink_waiter(struct events *events, struct events_waiter *waiter) {
-    if (waiter->fd >= 0) epoll_ctl(events->epoll_fd, EPOLL_CTL_DEL, waiter->fd, NULL);
+static void unlink_waiter(struct change_feed *feed, struct change_feed_waiter *waiter) {
+    if (waiter->fd >= 0) epoll_ctl(feed->epoll_fd, EPOLL_CTL_DEL, waiter->fd, NULL);
     if (waiter->previous) waiter->previous->next = waiter->next;
     if (waiter->next) waiter->next->previous = waiter->previous;
-    if (events->first == waiter) events->first = waiter->next;
+    if (feed->first == waiter) feed->first = waiter->next;
 }
 
 /* What is to be woken is collected in a list of its own, through `next`. */
-static void collect(struct events *events, struct events_waiter *waiter, struct events_waiter **list) {
-    unlink_waiter(events, waiter);
+static void collect(struct change_feed *feed, struct change_feed_waiter *waiter, struct change_feed_waiter **list) {
+    unlink_waiter(feed, waiter);
     waiter->next = *list;
     *list = waiter;
 }
 
-static void wake_all(struct events_waiter *list, enum events_why why) {
+static void wake_all(struct change_feed_waiter *list, enum change_feed_why why) {
     while (list) {
-        struct events_waiter *next = list->next; /* the waiter may be gone after it is woken */
+        struct change_feed_waiter *next = list->next; /* the waiter may be gone after it is woken */
         list->wake(list->ctx, why);
         list = next;
     }
@@ -80,67 +80,67 @@ static void wake_all(struct events_waiter *list, enum events_why why) {
 
 /* ------------------------------------------------------------------------------------------------ the thread */
 
-static void wake_late(struct events *events) {
-    struct events_waiter *late = NULL;
+static void wake_late(struct change_feed *feed) {
+    struct change_feed_waiter *late = NULL;
     int64_t now = events_clock_ms();
-    pthread_mutex_lock(&events->lock);
-    events->next_look_ms = INT64_MAX;
-    for (struct events_waiter *w = events->first, *next; w; w = next) {
+    pthread_mutex_lock(&feed->lock);
+    feed->next_look_ms = INT64_MAX;
+    for (struct change_feed_waiter *w = feed->first, *next; w; w = next) {
         next = w->next;
         if (w->deadline_ms <= now)
-            collect(events, w, &late);
-        else if (w->deadline_ms < events->next_look_ms)
-            events->next_look_ms = w->deadline_ms;
+            collect(feed, w, &late);
+        else if (w->deadline_ms < feed->next_look_ms)
+            feed->next_look_ms = w->deadline_ms;
     }
-    pthread_mutex_unlock(&events->lock);
-    wake_all(late, EVENTS_DEADLINE);
+    pthread_mutex_unlock(&feed->lock);
+    wake_all(late, CHANGE_FEED_DEADLINE);
 }
 
-static void wake_hung_up(struct events *events, uint64_t ticket) {
-    struct events_waiter *gone = NULL;
-    pthread_mutex_lock(&events->lock);
-    for (struct events_waiter *w = events->first; w && !gone; w = w->next)
+static void wake_hung_up(struct change_feed *feed, uint64_t ticket) {
+    struct change_feed_waiter *gone = NULL;
+    pthread_mutex_lock(&feed->lock);
+    for (struct change_feed_waiter *w = feed->first; w && !gone; w = w->next)
         if (w->ticket == ticket) {
-            collect(events, w, &gone);
+            collect(feed, w, &gone);
             break;
         }
-    pthread_mutex_unlock(&events->lock);
-    wake_all(gone, EVENTS_HANGUP);
+    pthread_mutex_unlock(&feed->lock);
+    wake_all(gone, CHANGE_FEED_HANGUP);
 }
 
-static int wait_ms(struct events *events, bool *ending) {
-    pthread_mutex_lock(&events->lock);
-    int64_t next = events->next_look_ms;
-    *ending = events->ending;
-    pthread_mutex_unlock(&events->lock);
+static int wait_ms(struct change_feed *feed, bool *ending) {
+    pthread_mutex_lock(&feed->lock);
+    int64_t next = feed->next_look_ms;
+    *ending = feed->ending;
+    pthread_mutex_unlock(&feed->lock);
     if (next == INT64_MAX) return -1;
     int64_t wait = next - events_clock_ms();
     return wait < 0 ? 0 : wait > INT_MAX ? INT_MAX : (int)wait;
 }
 
 static void *watch(void *ctx) {
-    struct events *events = ctx;
+    struct change_feed *feed = ctx;
     struct epoll_event batch[EPOLL_BATCH];
     bool ending;
     for (;;) {
-        int timeout = wait_ms(events, &ending);
+        int timeout = wait_ms(feed, &ending);
         if (ending) return NULL;
-        int n = epoll_wait(events->epoll_fd, batch, EPOLL_BATCH, timeout);
+        int n = epoll_wait(feed->epoll_fd, batch, EPOLL_BATCH, timeout);
         for (int i = 0; i < n; i++) {
             uint64_t count;
-            ssize_t got = batch[i].data.u64 ? 0 : read(events->wake_fd, &count, sizeof count);
+            ssize_t got = batch[i].data.u64 ? 0 : read(feed->wake_fd, &count, sizeof count);
             (void)got;
-            if (batch[i].data.u64) wake_hung_up(events, batch[i].data.u64);
+            if (batch[i].data.u64) wake_hung_up(feed, batch[i].data.u64);
         }
-        wake_late(events);
+        wake_late(feed);
     }
 }
 
 /* ------------------------------------------------------------------------------------------------ public */
 
-enum status events_open(struct events **events, struct error *error) {
-    struct events *opened = calloc(1, sizeof *opened);
-    if (!opened) return error_set(error, STATUS_NO_MEMORY, "events", "no memory");
+enum status change_feed_open(struct change_feed **feed, struct error *error) {
+    struct change_feed *opened = calloc(1, sizeof *opened);
+    if (!opened) return error_set(error, STATUS_NO_MEMORY, "change feed", "no memory");
     pthread_mutex_init(&opened->lock, NULL);
     opened->next_look_ms = INT64_MAX;
     opened->epoll_fd = epoll_create1(EPOLL_CLOEXEC);
@@ -149,10 +149,10 @@ enum status events_open(struct events **events, struct error *error) {
     if (opened->epoll_fd >= 0 && opened->wake_fd >= 0 &&
         epoll_ctl(opened->epoll_fd, EPOLL_CTL_ADD, opened->wake_fd, &bell) == 0 &&
         pthread_create(&opened->thread, NULL, watch, opened) == 0) {
-        *events = opened;
+        *feed = opened;
         return STATUS_OK;
     }
-    error_set(error, STATUS_IO, "events", "can't start: %s", strerror(errno));
+    error_set(error, STATUS_IO, "change feed", "can't start: %s", strerror(errno));
     if (opened->epoll_fd >= 0) close(opened->epoll_fd);
     if (opened->wake_fd >= 0) close(opened->wake_fd);
     pthread_mutex_destroy(&opened->lock);
@@ -160,54 +160,54 @@ enum status events_open(struct events **events, struct error *error) {
     return STATUS_IO;
 }
 
-void events_close(struct events *events) {
-    struct events_waiter *all = NULL;
-    pthread_mutex_lock(&events->lock);
-    events->closed = true;
-    while (events->first) collect(events, events->first, &all);
-    pthread_mutex_unlock(&events->lock);
-    wake_all(all, EVENTS_CLOSED);
+void change_feed_close(struct change_feed *feed) {
+    struct change_feed_waiter *all = NULL;
+    pthread_mutex_lock(&feed->lock);
+    feed->closed = true;
+    while (feed->first) collect(feed, feed->first, &all);
+    pthread_mutex_unlock(&feed->lock);
+    wake_all(all, CHANGE_FEED_CLOSED);
 }
 
-void events_free(struct events *events) {
-    if (!events) return;
-    pthread_mutex_lock(&events->lock);
-    events->ending = true;
-    pthread_mutex_unlock(&events->lock);
-    ring(events);
-    pthread_join(events->thread, NULL);
-    close(events->epoll_fd);
-    close(events->wake_fd);
-    pthread_mutex_destroy(&events->lock);
-    free(events);
+void change_feed_free(struct change_feed *feed) {
+    if (!feed) return;
+    pthread_mutex_lock(&feed->lock);
+    feed->ending = true;
+    pthread_mutex_unlock(&feed->lock);
+    ring(feed);
+    pthread_join(feed->thread, NULL);
+    close(feed->epoll_fd);
+    close(feed->wake_fd);
+    pthread_mutex_destroy(&feed->lock);
+    free(feed);
 }
 
-uint64_t events_now(struct events *events) {
-    pthread_mutex_lock(&events->lock);
-    uint64_t now = events->changes;
-    pthread_mutex_unlock(&events->lock);
+uint64_t change_feed_now(struct change_feed *feed) {
+    pthread_mutex_lock(&feed->lock);
+    uint64_t now = feed->changes;
+    pthread_mutex_unlock(&feed->lock);
     return now;
 }
 
-void events_wait(struct events *events, struct events_waiter *waiter) {
-    pthread_mutex_lock(&events->lock);
-    bool closed = events->closed, changed = waiter->seen != events->changes;
-    bool nearer = !closed && !changed && waiter->deadline_ms < events->next_look_ms;
-    if (nearer) events->next_look_ms = waiter->deadline_ms;
-    if (!closed && !changed) link_waiter(events, waiter);
-    pthread_mutex_unlock(&events->lock);
-    if (nearer) ring(events);
-    if (closed || changed) waiter->wake(waiter->ctx, closed ? EVENTS_CLOSED : EVENTS_CHANGED);
+void change_feed_wait(struct change_feed *feed, struct change_feed_waiter *waiter) {
+    pthread_mutex_lock(&feed->lock);
+    bool closed = feed->closed, changed = waiter->seen != feed->changes;
+    bool nearer = !closed && !changed && waiter->deadline_ms < feed->next_look_ms;
+    if (nearer) feed->next_look_ms = waiter->deadline_ms;
+    if (!closed && !changed) link_waiter(feed, waiter);
+    pthread_mutex_unlock(&feed->lock);
+    if (nearer) ring(feed);
+    if (closed || changed) waiter->wake(waiter->ctx, closed ? CHANGE_FEED_CLOSED : CHANGE_FEED_CHANGED);
 }
 
-void events_publish(struct events *events, const char *id) {
-    struct events_waiter *told = NULL;
-    pthread_mutex_lock(&events->lock);
-    events->changes++;
-    for (struct events_waiter *w = events->first, *next; w; w = next) {
+void change_feed_publish(struct change_feed *feed, const char *id) {
+    struct change_feed_waiter *told = NULL;
+    pthread_mutex_lock(&feed->lock);
+    feed->changes++;
+    for (struct change_feed_waiter *w = feed->first, *next; w; w = next) {
         next = w->next;
-        if (strcmp(w->id, id) == 0) collect(events, w, &told);
+        if (strcmp(w->id, id) == 0) collect(feed, w, &told);
     }
-    pthread_mutex_unlock(&events->lock);
-    wake_all(told, EVENTS_CHANGED);
+    pthread_mutex_unlock(&feed->lock);
+    wake_all(told, CHANGE_FEED_CHANGED);
 }

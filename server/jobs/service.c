@@ -26,7 +26,7 @@ static void hear_of_change(void *ctx, enum catalog_change change, const char *id
         if (change == CATALOG_CANCELLED && service->told) service->runner->cancel(service->told, id);
         pthread_rwlock_unlock(&service->told_lock);
     }
-    if (change != CATALOG_CANCELLED) events_publish(service->events, id);
+    if (change != CATALOG_CANCELLED) change_feed_publish(service->feed, id);
 }
 
 void service_tell(struct service *service, struct supervisor *supervisor) {
@@ -86,7 +86,7 @@ enum status service_open(struct service *service, const struct config *config, s
     enum status status = service->estimate && service->documents
                              ? STATUS_OK
                              : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
-    if (status == STATUS_OK) status = events_open(&service->events, error);
+    if (status == STATUS_OK) status = change_feed_open(&service->feed, error);
     if (status == STATUS_OK) status = store_open(config->data, config->blobs, &service->store, error);
     if (status == STATUS_OK) status = open_hashing(&service->hashing, error);
     if (status == STATUS_OK) {
@@ -111,7 +111,7 @@ enum status service_open(struct service *service, const struct config *config, s
 void service_close(struct service *service) {
     uploads_close(service->uploads);
     catalog_close(service->catalog); /* which tells of changes until then */
-    events_free(service->events);
+    change_feed_free(service->feed);
     metrics_free(service->metrics);
     offload_close(service->hashing);
     store_close(service->store);

@@ -52,7 +52,7 @@ struct service {
     char host[JOB_OWNER_BYTES]; /* this one, as the owner of leases: the identity of its folder */
     struct offload *hashing;    /* threads that hash uploads on their way in */
     struct catalog *catalog;
-    struct events *events;
+    struct change_feed *feed;
     struct uploads *uploads;
     struct metrics *metrics;
     struct estimate *estimate;     /* how long jobs took */

@@ -86,7 +86,7 @@ enum status instant_service_open(struct instant_service *instant, const struct c
     status = readiness_open(&instant->service, INT32_MAX, &instant->service.readiness, error); /* looks once */
     if (status == STATUS_OK) status = http_open(&instant->service, &handlers_all, &instant->http, &addresses, error);
     if (status != STATUS_OK) {
-        events_close(instant->service.events);
+        change_feed_close(instant->service.feed);
         readiness_close(instant->service.readiness);
         service_close(&instant->service);
         return status;
@@ -100,7 +100,7 @@ enum status instant_service_open(struct instant_service *instant, const struct c
 }
 
 void instant_service_close(struct instant_service *instant) {
-    events_close(instant->service.events);
+    change_feed_close(instant->service.feed);
     http_close(instant->http);
     readiness_close(instant->service.readiness);
     service_close(&instant->service);

@@ -193,14 +193,14 @@ static void leave_out_known(const struct request *request, const char *etag, str
 static void answer_job(struct service *service, uint64_t since, const struct job *job, struct response *response) {
     handlers_job_response(service, job, 200, response);
     if (job_ended(job->state) && response->status == 200)
-        documents_keep(service->documents, since, job, response->text);
+        job_cache_keep(service->job_cache, since, job, response->text);
 }
 
 static bool job_at_hand(struct service *service, struct request *request, struct response *response) {
     char owner[JOB_PRINCIPAL_BYTES], etag[32];
     uint64_t sequence;
     char *text =
-        request->query_count ? NULL : documents_find(service->documents, request->match.capture[0], owner, &sequence);
+        request->query_count ? NULL : job_cache_find(service->job_cache, request->match.capture[0], owner, &sequence);
     if (!text || !principal_sees(&request->principal, owner)) {
         free(text);
         return false;
@@ -217,7 +217,7 @@ static void get_job(struct service *service, struct request *request, struct res
     struct job job;
     if (!handlers_takes_no_query(request, response)) return;
     wait->seen = change_feed_now(service->feed);
-    uint64_t since = documents_now(service->documents);
+    uint64_t since = job_cache_now(service->job_cache);
     if (handlers_read_job(service, request, request->match.capture[0], &job, response)) {
         char etag[32];
         snprintf(etag, sizeof etag, "\"%llu\"", (unsigned long long)job.sequence);

@@ -130,7 +130,7 @@ enum status service_move_ends(struct service *service, int64_t step_ms, struct e
         wall_clock_follow(step_ms);
     }
     wall_clock_go_on();
-    documents_forget(service->documents, NULL);
+    job_cache_forget(service->job_cache, NULL);
     return status;
 }
 

@@ -15,66 +15,65 @@ struct slot {
     char *text; /* owned; NULL = nothing is here */
 };
 
-struct documents {
+struct job_cache {
     pthread_mutex_t lock;
     uint64_t forgotten; /* how many jobs were */
     struct slot slot[SLOTS];
 };
 
-struct documents *documents_new(void) {
-    struct documents *documents = calloc(1, sizeof *documents);
-    if (documents) pthread_mutex_init(&documents->lock, NULL);
-    return documents;
+struct job_cache *job_cache_new(void) {
+    struct job_cache *cache = calloc(1, sizeof *cache);
+    if (cache) pthread_mutex_init(&cache->lock, NULL);
+    return cache;
 }
 
-void documents_free(struct documents *documents) {
-    if (!documents) return;
-    for (size_t i = 0; i < SLOTS; i++) free(documents->slot[i].text);
-    pthread_mutex_destroy(&documents->lock);
-    free(documents);
+void job_cache_free(struct job_cache *cache) {
+    if (!cache) return;
+    for (size_t i = 0; i < SLOTS; i++) free(cache->slot[i].text);
+    pthread_mutex_destroy(&cache->lock);
+    free(cache);
 }
 
 /* An id ends in random digits: any mix of its bytes spreads them. */
-static struct slot *slot_of(struct documents *documents, const char *id) {
+static struct slot *slot_of(struct job_cache *cache, const char *id) {
     uint32_t mix = 2166136261u;
     for (; *id; id++) mix = (mix ^ (unsigned char)*id) * 16777619u;
-    return &documents->slot[mix % SLOTS];
+    return &cache->slot[mix % SLOTS];
 }
 
-uint64_t documents_now(struct documents *documents) {
-    pthread_mutex_lock(&documents->lock);
-    uint64_t now = documents->forgotten;
-    pthread_mutex_unlock(&documents->lock);
+uint64_t job_cache_now(struct job_cache *cache) {
+    pthread_mutex_lock(&cache->lock);
+    uint64_t now = cache->forgotten;
+    pthread_mutex_unlock(&cache->lock);
     return now;
 }
 
-void documents_keep(struct documents *documents, uint64_t since, const struct job *job, const char *text) {
+void job_cache_keep(struct job_cache *cache, uint64_t since, const struct job *job, const char *text) {
     char *kept = strlen(text) <= LONGEST_BYTES ? strdup(text) : NULL;
     if (!kept) return;
-    pthread_mutex_lock(&documents->lock);
-    if (documents->forgotten == since) {
-        struct slot *slot = slot_of(documents, job->id);
+    pthread_mutex_lock(&cache->lock);
+    if (cache->forgotten == since) {
+        struct slot *slot = slot_of(cache, job->id);
         char *former = slot->text;
         *slot = (struct slot){.sequence = job->sequence, .text = kept};
         memcpy(slot->id, job->id, sizeof slot->id);
         memcpy(slot->principal, job->principal, sizeof slot->principal);
         kept = former;
     }
-    pthread_mutex_unlock(&documents->lock);
+    pthread_mutex_unlock(&cache->lock);
     free(kept);
 }
 
-char *documents_find(struct documents *documents, const char *id, char principal[JOB_PRINCIPAL_BYTES],
-                     uint64_t *sequence) {
+char *job_cache_find(struct job_cache *cache, const char *id, char principal[JOB_PRINCIPAL_BYTES], uint64_t *sequence) {
     char *found = NULL;
-    pthread_mutex_lock(&documents->lock);
-    const struct slot *slot = slot_of(documents, id);
+    pthread_mutex_lock(&cache->lock);
+    const struct slot *slot = slot_of(cache, id);
     if (slot->text && strcmp(slot->id, id) == 0) found = strdup(slot->text);
     if (found) {
         *sequence = slot->sequence;
         memcpy(principal, slot->principal, sizeof slot->principal);
     }
-    pthread_mutex_unlock(&documents->lock);
+    pthread_mutex_unlock(&cache->lock);
     return found;
 }
 
@@ -83,11 +82,11 @@ static void empty(struct slot *slot) {
     *slot = (struct slot){0};
 }
 
-void documents_forget(struct documents *documents, const char *id) {
-    pthread_mutex_lock(&documents->lock);
-    documents->forgotten++;
-    struct slot *slot = id ? slot_of(documents, id) : NULL;
+void job_cache_forget(struct job_cache *cache, const char *id) {
+    pthread_mutex_lock(&cache->lock);
+    cache->forgotten++;
+    struct slot *slot = id ? slot_of(cache, id) : NULL;
     if (slot && slot->text && strcmp(slot->id, id) == 0) empty(slot);
-    for (size_t i = 0; !id && i < SLOTS; i++) empty(&documents->slot[i]);
-    pthread_mutex_unlock(&documents->lock);
+    for (size_t i = 0; !id && i < SLOTS; i++) empty(&cache->slot[i]);
+    pthread_mutex_unlock(&cache->lock);
 }

@@ -13,23 +13,22 @@
 
 #include "server/catalog/job.h"
 
-struct documents;
+struct job_cache;
 
-struct documents *documents_new(void);            /* NULL: no memory */
-void documents_free(struct documents *documents); /* accepts NULL */
+struct job_cache *job_cache_new(void);        /* NULL: no memory */
+void job_cache_free(struct job_cache *cache); /* accepts NULL */
 
-/* What documents_keep wants to know: to be taken before the job is read. */
-uint64_t documents_now(struct documents *documents);
+/* What job_cache_keep wants to know: to be taken before the job is read. */
+uint64_t job_cache_now(struct job_cache *cache);
 
 /* Keeps the text of an ended job.  Does nothing where a job was forgotten since, where the text is long, or where
  * memory runs out. */
-void documents_keep(struct documents *documents, uint64_t since, const struct job *job, const char *text);
+void job_cache_keep(struct job_cache *cache, uint64_t since, const struct job *job, const char *text);
 
 /* A copy of the text, ended by NUL, for the caller to free, with the job's owner and sequence; NULL = not kept. */
-char *documents_find(struct documents *documents, const char *id, char principal[JOB_PRINCIPAL_BYTES],
-                     uint64_t *sequence);
+char *job_cache_find(struct job_cache *cache, const char *id, char principal[JOB_PRINCIPAL_BYTES], uint64_t *sequence);
 
 /* Forgets one, or all (NULL). */
-void documents_forget(struct documents *documents, const char *id);
+void job_cache_forget(struct job_cache *cache, const char *id);
 
 #endif

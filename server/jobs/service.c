@@ -19,7 +19,7 @@
 /* The catalog tells of a change, of this host or another one. */
 static void hear_of_change(void *ctx, enum catalog_change change, const char *id) {
     struct service *service = ctx;
-    if (change == CATALOG_DELETED) documents_forget(service->documents, id);
+    if (change == CATALOG_DELETED) job_cache_forget(service->job_cache, id);
     if (change == CATALOG_WAITS || change == CATALOG_CANCELLED) { /* other changes are made under the runner's locks */
         pthread_rwlock_rdlock(&service->told_lock);
         if (change == CATALOG_WAITS && service->told) service->runner->notify(service->told);
@@ -82,8 +82,8 @@ enum status service_open(struct service *service, const struct config *config, s
     pthread_rwlock_init(&service->clouds, NULL);
     pthread_rwlock_init(&service->told_lock, NULL);
     service->estimate = estimate_new();
-    service->documents = documents_new();
-    enum status status = service->estimate && service->documents
+    service->job_cache = job_cache_new();
+    enum status status = service->estimate && service->job_cache
                              ? STATUS_OK
                              : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
     if (status == STATUS_OK) status = change_feed_open(&service->feed, error);
@@ -116,7 +116,7 @@ void service_close(struct service *service) {
     offload_close(service->hashing);
     store_close(service->store);
     estimate_free(service->estimate);
-    documents_free(service->documents);
+    job_cache_free(service->job_cache);
     pthread_rwlock_destroy(&service->told_lock);
     pthread_rwlock_destroy(&service->clouds);
 }

@@ -56,7 +56,7 @@ struct service {
     struct uploads *uploads;
     struct metrics *metrics;
     struct estimate *estimate;     /* how long jobs took */
-    struct documents *documents;   /* of ended jobs, in memory */
+    struct job_cache *job_cache;   /* documents of ended jobs, in memory */
     struct supervisor *supervisor; /* set by main, before the first request */
     pthread_rwlock_t told_lock;
     struct supervisor *told;             /* of changes of the catalog, by any thread; NULL = nobody */

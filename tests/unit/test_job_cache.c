@@ -18,14 +18,14 @@ static struct job job_of(unsigned number, const char *principal) {
     return job;
 }
 
-static void keep(struct documents *documents, const struct job *job, const char *text) {
-    documents_keep(documents, documents_now(documents), job, text);
+static void keep(struct job_cache *cache, const struct job *job, const char *text) {
+    job_cache_keep(cache, job_cache_now(cache), job, text);
 }
 
-static void assert_kept(struct documents *documents, const struct job *job, const char *text) {
+static void assert_kept(struct job_cache *cache, const struct job *job, const char *text) {
     char principal[JOB_PRINCIPAL_BYTES] = "";
     uint64_t sequence = 0;
-    char *found = documents_find(documents, job->id, principal, &sequence);
+    char *found = job_cache_find(cache, job->id, principal, &sequence);
     assert_non_null(found);
     assert_string_equal(found, text);
     assert_string_equal(principal, job->principal);
@@ -33,10 +33,10 @@ static void assert_kept(struct documents *documents, const struct job *job, cons
     free(found);
 }
 
-static void assert_absent(struct documents *documents, const struct job *job) {
+static void assert_absent(struct job_cache *cache, const struct job *job) {
     char principal[JOB_PRINCIPAL_BYTES];
     uint64_t sequence;
-    assert_null(documents_find(documents, job->id, principal, &sequence));
+    assert_null(job_cache_find(cache, job->id, principal, &sequence));
 }
 
 static void what_is_kept_is_found_with_its_owner(void **state) {
@@ -53,20 +53,20 @@ static void what_is_forgotten_is_gone(void **state) {
     struct job job = job_of(1, ""), other = job_of(2, "");
     keep(*state, &job, "1");
     keep(*state, &other, "2");
-    documents_forget(*state, job.id);
+    job_cache_forget(*state, job.id);
     assert_absent(*state, &job);
     assert_kept(*state, &other, "2");
     keep(*state, &job, "3");
-    documents_forget(*state, NULL);
+    job_cache_forget(*state, NULL);
     assert_absent(*state, &job);
     assert_absent(*state, &other);
 }
 
 static void what_was_read_before_a_deletion_is_not_kept_after_it(void **state) {
     struct job job = job_of(1, "");
-    uint64_t since = documents_now(*state);
-    documents_forget(*state, job.id);
-    documents_keep(*state, since, &job, "stale");
+    uint64_t since = job_cache_now(*state);
+    job_cache_forget(*state, job.id);
+    job_cache_keep(*state, since, &job, "stale");
     assert_absent(*state, &job);
 }
 
@@ -91,7 +91,7 @@ static void many_share_the_slots(void **state) {
         struct job job = job_of(i, "");
         char principal[JOB_PRINCIPAL_BYTES];
         uint64_t sequence;
-        char *text = documents_find(*state, job.id, principal, &sequence);
+        char *text = job_cache_find(*state, job.id, principal, &sequence);
         if (text) assert_string_equal(text, job.id);
         found += text != NULL;
         free(text);
@@ -100,12 +100,12 @@ static void many_share_the_slots(void **state) {
 }
 
 static int open_documents(void **state) {
-    *state = documents_new();
+    *state = job_cache_new();
     return *state ? 0 : -1;
 }
 
 static int close_documents(void **state) {
-    documents_free(*state);
+    job_cache_free(*state);
     return 0;
 }
 

@@ -8,23 +8,23 @@
 
 #include "core/base/status.h"
 
-struct offload;
+struct thread_pool;
 
 /* A task lives in what it is about; it may be posted again once run has been called. */
-struct offload_task {
+struct thread_pool_task {
     void (*run)(void *ctx);
     void *ctx;
     bool slow; /* it may wait for long: there is always room for others beside those that are */
-    struct offload_task *next;
+    struct thread_pool_task *next;
 };
 
-enum status offload_open(unsigned threads, struct offload **offload) MUST_CHECK;
+enum status thread_pool_open(unsigned threads, struct thread_pool **pool) MUST_CHECK;
 
 /* Runs what has been posted, then ends the threads.  Accepts NULL. */
-void offload_close(struct offload *offload);
+void thread_pool_close(struct thread_pool *pool);
 
 /* Has task->run(task->ctx) called soon, in the order of posting, but past those that are slow and have no
  * room.  Never fails, never blocks for long. */
-void offload_post(struct offload *offload, struct offload_task *task);
+void thread_pool_post(struct thread_pool *pool, struct thread_pool_task *task);
 
 #endif

@@ -28,8 +28,8 @@ enum body_kind { BODY_CLOUD = 1, BODY_FORM = 2, BODY_JSON = 4, BODY_PIECE = 8 };
 struct body_plan {
     unsigned takes; /* a set of enum body_kind */
     struct store *store;
-    struct offload *threads; /* for hashing while bytes come */
-    uint64_t max_bytes;      /* of the body as it comes, and of the cloud; text and fields have limits of their own */
+    struct thread_pool *threads; /* for hashing while bytes come */
+    uint64_t max_bytes; /* of the body as it comes, and of the cloud; text and fields have limits of their own */
     struct admission admission; /* of the cloud */
     uint32_t max_expansion;     /* bytes of the cloud for each byte of a compressed body */
     uint64_t content_length;    /* UINT64_MAX = not known */

@@ -1,6 +1,6 @@
 /* The HTTP listener, on libmicrohttpd: the only file that knows it.
  *
- * Its threads serve connections and must never block, so a handler runs on an offload thread while its connection is
+ * Its threads serve connections and must never block, so a handler runs on a thread of the pool while its connection is
  * suspended:
  *
  *     headers -> admit --(no)--> refuse: answer at once, or read the body away first, then answer
@@ -46,7 +46,7 @@
 
 enum {
     MAX_SERVING_THREADS = 4,
-    OFFLOAD_THREADS = 8,
+    POOL_THREADS = 8,
     CONNECTION_MEMORY = 128 * 1024,
     STREAM_BLOCK = 32 * 1024,
     FILE_BLOCK = 64 * 1024 /* a slow download holds it: a connection stays below 160 KiB */
@@ -79,7 +79,7 @@ struct http {
     struct service *service;
     const struct handlers *handlers;
     struct listener main, admin;
-    struct offload *offload;
+    struct thread_pool *pool;
     struct tally tally;
 };
 
@@ -106,7 +106,7 @@ struct exchange {
     int64_t began_ms, refused_ms;
     size_t stream_sent; /* of response.text */
     bool streaming;
-    struct offload_task task;
+    struct thread_pool_task task;
     struct change_feed_waiter waiter;
     int status, problem; /* of the response that was sent; problem -1 = it is none */
     char log_method[16], log_path[LOG_PATH_BYTES];
@@ -133,7 +133,7 @@ static void unpark(struct exchange *x) {
 static void wake(void *ctx, enum change_feed_why why) {
     struct exchange *x = ctx;
     x->request.wait.why = why;
-    offload_post(x->http->offload, &x->task);
+    thread_pool_post(x->http->pool, &x->task);
 }
 
 static void wait_for_job(struct exchange *x) {
@@ -156,7 +156,7 @@ static void let_go(struct exchange *x) {
     catalog_release_key(x->http->service->catalog, &x->request.claim);
 }
 
-/* On an offload thread, parked. */
+/* On a thread of the pool, parked. */
 static void run_handler(void *ctx) {
     struct exchange *x = ctx;
     response_done(&x->response);
@@ -389,7 +389,7 @@ static enum MHD_Result dispatch(struct exchange *x) {
     }
     set_uploading(x, false);                                              /* parked by now: closing waits for it */
     x->task.slow = strcmp(x->log_method, "GET") != 0 && !x->request.head; /* who changes something waits for others */
-    offload_post(x->http->offload, &x->task);
+    thread_pool_post(x->http->pool, &x->task);
     return MHD_YES;
 }
 
@@ -411,7 +411,7 @@ static struct exchange *new_exchange(struct listener *listener, struct MHD_Conne
     x->connection = connection;
     x->watched = client ? client->watched : NULL;
     x->began_ms = events_clock_ms();
-    x->task = (struct offload_task){.run = run_handler, .ctx = x};
+    x->task = (struct thread_pool_task){.run = run_handler, .ctx = x};
     x->request.principal = principal_anonymous();
     x->problem = -1;
     response_init(&x->response);
@@ -732,7 +732,7 @@ static enum status start_admin(struct http *http, struct error *error) {
 
 static enum status start_listening(struct http *http, struct error *error) {
     const struct config *config = http->service->config;
-    if (offload_open(OFFLOAD_THREADS, &http->offload) != STATUS_OK)
+    if (thread_pool_open(POOL_THREADS, &http->pool) != STATUS_OK)
         return error_set(error, STATUS_NO_MEMORY, "http", "can't start threads");
     http->main.secure = http->service->tls != NULL;
     bool takes_requests = strcmp(config->roles, "work") != 0;
@@ -789,7 +789,7 @@ void http_close(struct http *http) {
     stop_listener(&http->main, listening);
     listening = http->admin.daemon ? MHD_quiesce_daemon(http->admin.daemon) : MHD_INVALID_SOCKET;
     stop_listener(&http->admin, listening);
-    offload_close(http->offload);
+    thread_pool_close(http->pool);
     tally_done(&http->tally);
     pthread_mutex_destroy(&http->main.heads_lock);
     pthread_mutex_destroy(&http->admin.heads_lock);

@@ -1,6 +1,6 @@
 /* A request as the handlers see it, and the response that they make.  No type of the HTTP library appears here.
  *
- * A handler is a plain function that may block: it runs on an offload thread while its connection is suspended.  When
+ * A handler is a plain function that may block: it runs on a thread of the pool while its connection is suspended. When
  * it can't answer yet it says RESPONSE_WAIT and is called again, with the same request, when the job it waits for has
  * changed, its deadline has come, or the client is gone.  An event stream is the same: RESPONSE_STREAM gives the next
  * piece of text, and the handler is called again when there may be more.

@@ -68,10 +68,10 @@ static enum status share_signing_key(struct service *service, struct error *erro
 }
 
 /* As many threads as can hash at once. */
-static enum status open_hashing(struct offload **threads, struct error *error) {
+static enum status open_hashing(struct thread_pool **threads, struct error *error) {
     long processors = sysconf(_SC_NPROCESSORS_ONLN);
     unsigned count = processors > 0 ? (unsigned)processors : 1;
-    enum status status = offload_open(count, threads);
+    enum status status = thread_pool_open(count, threads);
     return status == STATUS_OK ? STATUS_OK : error_set(error, status, "service", "can't start threads");
 }
 
@@ -113,7 +113,7 @@ void service_close(struct service *service) {
     catalog_close(service->catalog); /* which tells of changes until then */
     change_feed_free(service->feed);
     metrics_free(service->metrics);
-    offload_close(service->hashing);
+    thread_pool_close(service->hashing);
     store_close(service->store);
     estimate_free(service->estimate);
     job_cache_free(service->job_cache);

@@ -48,9 +48,9 @@ struct service {
     struct signature_key signing_key;
     struct tls *tls; /* NULL = plain HTTP */
     struct store *store;
-    bool is_shared;             /* the catalog and the blobs are other hosts', too */
-    char host[JOB_OWNER_BYTES]; /* this one, as the owner of leases: the identity of its folder */
-    struct offload *hashing;    /* threads that hash uploads on their way in */
+    bool is_shared;              /* the catalog and the blobs are other hosts', too */
+    char host[JOB_OWNER_BYTES];  /* this one, as the owner of leases: the identity of its folder */
+    struct thread_pool *hashing; /* threads that hash uploads on their way in */
     struct catalog *catalog;
     struct change_feed *feed;
     struct uploads *uploads;

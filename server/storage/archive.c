@@ -88,7 +88,7 @@ static bool copy(struct store *store, const struct archive_member *member, unsig
     return ok;
 }
 
-struct upload *archive_make(struct store *store, struct offload *threads, const struct archive_member *member,
+struct upload *archive_make(struct store *store, struct thread_pool *threads, const struct archive_member *member,
                             size_t count, uint64_t max_bytes, const struct admission *admission,
                             struct problem *problem) {
     static const unsigned char zeros[2 * BLOCK_BYTES];

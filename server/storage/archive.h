@@ -21,7 +21,7 @@ uint64_t archive_bytes(const struct archive_member *member, size_t count);
 
 /* Copies them into a new upload, whose members are called cloud-1, cloud-2 ...; upload_end is to follow.  NULL:
  * *problem says why: no-such-cloud where one isn't here any more; as upload_new.  Blocks: O(bytes). */
-struct upload *archive_make(struct store *store, struct offload *threads, const struct archive_member *member,
+struct upload *archive_make(struct store *store, struct thread_pool *threads, const struct archive_member *member,
                             size_t count, uint64_t max_bytes, const struct admission *admission,
                             struct problem *problem);
 

@@ -40,7 +40,7 @@ void upload_too_large(uint64_t max_bytes, uint64_t bytes, struct problem *proble
     problem_add_text(problem, "hint", "send binary PLY, or thin the cloud out first");
 }
 
-struct upload *upload_new(struct store *store, struct offload *threads, uint64_t expected_bytes, uint64_t max_bytes,
+struct upload *upload_new(struct store *store, struct thread_pool *threads, uint64_t expected_bytes, uint64_t max_bytes,
                           const struct admission *admission, struct problem *problem) {
     struct error error = {0};
     struct upload *upload = alloc_zeroed(1, sizeof *upload);

@@ -30,7 +30,7 @@ struct upload_facts {
 
 /* Starts one; expected_bytes UINT64_MAX = not known.  What the first bytes say is judged by the admission (copied) as
  * soon as they are here.  NULL: *problem says why.  Doesn't block for long. */
-struct upload *upload_new(struct store *store, struct offload *threads, uint64_t expected_bytes, uint64_t max_bytes,
+struct upload *upload_new(struct store *store, struct thread_pool *threads, uint64_t expected_bytes, uint64_t max_bytes,
                           const struct admission *admission, struct problem *problem);
 
 /* Frees it, and removes it from the disk unless it was kept.  Accepts NULL. */

@@ -25,8 +25,8 @@
 enum { STEP_BYTES = 2 * 1024 * 1024, AHEAD_BYTES = 32 * 1024 * 1024 };
 
 struct upload_hasher {
-    struct offload *threads;
-    struct offload_task task;
+    struct thread_pool *threads;
+    struct thread_pool_task task;
     int fd;
     pthread_mutex_t lock;
     pthread_cond_t stepped;
@@ -48,7 +48,7 @@ static void destroy(struct upload_hasher *hasher) {
 static void post(struct upload_hasher *hasher) {
     bool enough = hasher->written - hasher->hashed >= STEP_BYTES;
     hasher->posted = hasher->threads && enough && !hasher->left && !hasher->failure;
-    if (hasher->posted) offload_post(hasher->threads, &hasher->task);
+    if (hasher->posted) thread_pool_post(hasher->threads, &hasher->task);
 }
 
 static uint64_t count_written(struct upload_hasher *hasher) {
@@ -83,12 +83,12 @@ static void step(void *ctx) {
     if (last) destroy(hasher);
 }
 
-struct upload_hasher *upload_hasher_new(struct offload *threads, int fd, uint64_t expected) {
+struct upload_hasher *upload_hasher_new(struct thread_pool *threads, int fd, uint64_t expected) {
     struct upload_hasher *hasher = alloc_zeroed(1, sizeof *hasher);
     if (!hasher) return NULL;
     hasher->threads = threads;
     hasher->expected = expected;
-    hasher->task = (struct offload_task){.run = step, .ctx = hasher};
+    hasher->task = (struct thread_pool_task){.run = step, .ctx = hasher};
     pthread_mutex_init(&hasher->lock, NULL);
     pthread_cond_init(&hasher->stepped, NULL);
     hasher->digest = digest_new();

@@ -17,7 +17,7 @@ struct upload_hasher;
 
 /* Starts at the file's first byte, with a descriptor of its own; expected: its length, UINT64_MAX = not known.
  * threads are borrowed; NULL: everything is left to upload_hasher_finish.  NULL when memory or descriptors run out. */
-struct upload_hasher *upload_hasher_new(struct offload *threads, int fd, uint64_t expected);
+struct upload_hasher *upload_hasher_new(struct thread_pool *threads, int fd, uint64_t expected);
 
 /* So many more bytes are in the file, after those before.  Doesn't block. */
 void upload_hasher_advance(struct upload_hasher *hasher, size_t count);

@@ -21,7 +21,7 @@ enum { PIECE_BYTES = 64 * 1024, STEP_BYTES = 2 * 1024 * 1024, DISK_BLOCK_BYTES =
 
 struct fixture {
     int fd;
-    struct offload *threads;
+    struct thread_pool *threads;
 };
 
 static int set_up(void **state) {
@@ -30,12 +30,12 @@ static int set_up(void **state) {
     f.fd = mkstemp(name);
     unlink(name);
     *state = &f;
-    return f.fd >= 0 && offload_open(2, &f.threads) == STATUS_OK ? 0 : -1;
+    return f.fd >= 0 && thread_pool_open(2, &f.threads) == STATUS_OK ? 0 : -1;
 }
 
 static int tear_down(void **state) {
     struct fixture *f = *state;
-    offload_close(f->threads);
+    thread_pool_close(f->threads);
     close(f->fd);
     return 0;
 }

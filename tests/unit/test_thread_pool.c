@@ -36,35 +36,35 @@ static int set_up(void **state) {
 }
 
 static void what_is_fast_does_not_wait_for_what_is_slow(void **state) {
-    static struct offload_task slow[MANY], fast[MANY];
-    struct offload *offload;
+    static struct thread_pool_task slow[MANY], fast[MANY];
+    struct thread_pool *pool;
     (void)state;
-    assert_int_equal(offload_open(THREADS, &offload), STATUS_OK);
+    assert_int_equal(thread_pool_open(THREADS, &pool), STATUS_OK);
     for (int i = 0; i < MANY; i++) {
-        slow[i] = (struct offload_task){.run = wait_at_gate, .slow = true};
-        fast[i] = (struct offload_task){.run = run_at_once};
-        offload_post(offload, &slow[i]);
-        offload_post(offload, &fast[i]);
+        slow[i] = (struct thread_pool_task){.run = wait_at_gate, .slow = true};
+        fast[i] = (struct thread_pool_task){.run = run_at_once};
+        thread_pool_post(pool, &slow[i]);
+        thread_pool_post(pool, &fast[i]);
     }
     for (int i = 0; i < MANY; i++) sem_wait(&fast_ran);
     assert_int_equal(ran, MANY);
     for (int i = 0; i < MANY; i++) sem_post(&gate);
-    offload_close(offload);
+    thread_pool_close(pool);
     assert_int_equal(ran, 2 * MANY);
 }
 
 static void closing_runs_what_was_posted(void **state) {
-    static struct offload_task task[MANY];
+    static struct thread_pool_task task[MANY];
     (void)state;
     for (unsigned threads = 1; threads <= THREADS; threads++) {
-        struct offload *offload;
+        struct thread_pool *pool;
         ran = 0;
-        assert_int_equal(offload_open(threads, &offload), STATUS_OK);
+        assert_int_equal(thread_pool_open(threads, &pool), STATUS_OK);
         for (int i = 0; i < MANY; i++) {
-            task[i] = (struct offload_task){.run = run_at_once, .slow = i % 3 == 0};
-            offload_post(offload, &task[i]);
+            task[i] = (struct thread_pool_task){.run = run_at_once, .slow = i % 3 == 0};
+            thread_pool_post(pool, &task[i]);
         }
-        offload_close(offload);
+        thread_pool_close(pool);
         assert_int_equal(ran, MANY);
     }
 }

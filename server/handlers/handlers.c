@@ -169,7 +169,7 @@ bool handlers_read_webhook(const struct service *service, const struct request *
     job->webhook = url;
     if (url && !service->config->webhooks)
         allowed = "nothing: webhooks are off here";
-    else if (url && (strlen(url) >= JOB_WEBHOOK_BYTES || !post_url_valid(url)))
+    else if (url && (strlen(url) >= JOB_WEBHOOK_BYTES || !http_client_url_valid(url)))
         allowed = "an http or https URL without user and password, up to 2047 bytes";
     if (!allowed) return true;
     response_invalid(response, "webhook", NULL, allowed);

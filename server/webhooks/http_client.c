@@ -18,7 +18,7 @@ enum { HEAD_MAX_BYTES = 64 * 1024, BODY_MAX_BYTES = 64 * 1024, BODY_MS = 2000 };
 
 /* One POST under way. */
 struct attempt {
-    const struct post *post;
+    const struct http_client_post *post;
     CURL *curl;
     bool refused;      /* its address is an inside one */
     long answer;       /* the status, once the answer's headers are complete; 0 before */
@@ -26,12 +26,12 @@ struct attempt {
     size_t head_bytes, body_bytes;
 };
 
-enum status post_open(struct error *error) {
+enum status http_client_open(struct error *error) {
     if (curl_global_init(CURL_GLOBAL_DEFAULT) == CURLE_OK) return STATUS_OK;
     return error_set(error, STATUS_NO_MEMORY, "webhooks", "libcurl doesn't start");
 }
 
-void post_close(void) { curl_global_cleanup(); }
+void http_client_close(void) { curl_global_cleanup(); }
 
 /* libcurl asks for a socket to this very address. */
 static curl_socket_t open_socket(void *ctx, curlsocktype purpose, struct curl_sockaddr *address) {
@@ -83,7 +83,7 @@ static int ends_now(void *ctx, curl_off_t down_total, curl_off_t down, curl_off_
 }
 
 static void configure(struct attempt *attempt, struct curl_slist *headers, char *why) {
-    const struct post *post = attempt->post;
+    const struct http_client_post *post = attempt->post;
     CURL *curl = attempt->curl;
     curl_easy_setopt(curl, CURLOPT_URL, post->url);
     curl_easy_setopt(curl, CURLOPT_PROTOCOLS_STR, "http,https");
@@ -107,12 +107,12 @@ static void configure(struct attempt *attempt, struct curl_slist *headers, char 
     curl_easy_setopt(curl, CURLOPT_ERRORBUFFER, why);
 }
 
-enum status post_send(const struct post *post, int *http_status, struct error *error) {
+enum status http_client_post(const struct http_client_post *post, int *http_status, struct error *error) {
     char why[CURL_ERROR_SIZE] = "";
     struct curl_slist *headers = NULL;
     struct attempt attempt = {.post = post, .curl = curl_easy_init()};
     if (!attempt.curl) return error_set(error, STATUS_NO_MEMORY, "webhook", "no memory");
-    for (size_t i = 0; i < POST_MAX_HEADERS && post->header[i]; i++)
+    for (size_t i = 0; i < HTTP_CLIENT_MAX_HEADERS && post->header[i]; i++)
         headers = curl_slist_append(headers, post->header[i]);
     configure(&attempt, headers, why);
     CURLcode result = curl_easy_perform(attempt.curl);
@@ -127,7 +127,7 @@ enum status post_send(const struct post *post, int *http_status, struct error *e
                                                    : curl_easy_strerror(result));
 }
 
-bool post_url_host(const char *url, char *host, size_t bytes) {
+bool http_client_url_host(const char *url, char *host, size_t bytes) {
     CURLU *parsed = curl_url();
     char *name = NULL, *port = NULL;
     bool ok = parsed && curl_url_set(parsed, CURLUPART_URL, url, 0) == CURLUE_OK &&
@@ -141,7 +141,7 @@ bool post_url_host(const char *url, char *host, size_t bytes) {
     return ok;
 }
 
-bool post_url_valid(const char *url) {
+bool http_client_url_valid(const char *url) {
     CURLU *parsed = curl_url();
     char *scheme = NULL, *host = NULL;
     bool valid = parsed && curl_url_set(parsed, CURLUPART_URL, url, CURLU_DISALLOW_USER) == CURLUE_OK &&

@@ -15,28 +15,28 @@
 
 #include "core/base/status.h"
 
-enum { POST_MAX_HEADERS = 8 };
+enum { HTTP_CLIENT_MAX_HEADERS = 8 };
 
-struct post {
+struct http_client_post {
     const char *url, *body;
     size_t body_bytes;
-    const char *header[POST_MAX_HEADERS]; /* "Name: value"; NULL ends them */
-    const char *allow;                    /* inside addresses that are allowed all the same (inside_is_listed) */
+    const char *header[HTTP_CLIENT_MAX_HEADERS]; /* "Name: value"; NULL ends them */
+    const char *allow;                           /* inside addresses that are allowed all the same (inside_is_listed) */
     long timeout_ms;
     const _Atomic bool *stop; /* it is given up as soon as this is true */
 };
 
 /* To be called once, before any thread; and at the end. */
-enum status post_open(struct error *error) MUST_CHECK;
-void post_close(void);
+enum status http_client_open(struct error *error) MUST_CHECK;
+void http_client_close(void);
 
 /* Sends it; blocks.  STATUS_OK with the HTTP status that came back; STATUS_IO: nothing did, and why. */
-enum status post_send(const struct post *post, int *http_status, struct error *error) MUST_CHECK;
+enum status http_client_post(const struct http_client_post *post, int *http_status, struct error *error) MUST_CHECK;
 
 /* "host:port" of a URL that is valid, in lower case, cut where it doesn't fit; false: none. */
-bool post_url_host(const char *url, char *host, size_t bytes);
+bool http_client_url_host(const char *url, char *host, size_t bytes);
 
 /* Whether the text is an http or https URL with a host and without user and password. */
-bool post_url_valid(const char *url);
+bool http_client_url_valid(const char *url);
 
 #endif

@@ -119,7 +119,7 @@ static enum status send_payload(struct webhooks *webhooks, const struct catalog_
         return error_set(error, STATUS_NO_MEMORY, "webhook", "no memory");
     snprintf(id, sizeof id, "webhook-id: %s", row->job);
     snprintf(at, sizeof at, "webhook-timestamp: %lld", (long long)now_s);
-    struct post post = {
+    struct http_client_post post = {
         .url = row->url,
         .body = payload,
         .body_bytes = strlen(payload),
@@ -127,7 +127,7 @@ static enum status send_payload(struct webhooks *webhooks, const struct catalog_
         .allow = webhooks->service->config->webhook_allow,
         .timeout_ms = TIMEOUT_MS,
         .stop = &webhooks->stop};
-    return post_send(&post, answer, error);
+    return http_client_post(&post, answer, error);
 }
 
 /* Twice as long each time, and half to one and a half of that. */
@@ -242,7 +242,7 @@ static bool consider(void *ctx, const struct catalog_webhook *row) {
         under_way = under_way || (other->busy && strcmp(other->row.job, row->job) == 0);
     }
     if (under_way || load >= PER_PRINCIPAL || (choice->found && load >= choice->load)) return true;
-    post_url_host(row->url, host, sizeof host);
+    http_client_url_host(row->url, host, sizeof host);
     for (unsigned i = 0; i < webhooks->delivery_count; i++)
         at_host += webhooks->delivery[i].busy && strcmp(webhooks->delivery[i].host, host) == 0;
     if (at_host >= PER_HOST) return true;
@@ -341,8 +341,8 @@ enum status webhooks_open(struct service *service, struct webhooks **webhooks, s
     enum status status = read_secret(opened, service->config->webhook_secret_file, error);
     if (status == STATUS_OK)
         status = catalog_return_webhooks(service->catalog, service->host, NULL, job_now_ms(), error);
-    if (status == STATUS_OK) status = post_open(error);
-    if (status == STATUS_OK && (status = start_threads(opened, error)) != STATUS_OK) post_close();
+    if (status == STATUS_OK) status = http_client_open(error);
+    if (status == STATUS_OK && (status = start_threads(opened, error)) != STATUS_OK) http_client_close();
     if (status == STATUS_OK)
         *webhooks = opened;
     else
@@ -357,6 +357,6 @@ void webhooks_close(struct webhooks *webhooks) {
     pthread_cond_broadcast(&webhooks->changed);
     pthread_mutex_unlock(&webhooks->lock);
     for (unsigned i = 0; i < webhooks->delivery_count; i++) pthread_join(webhooks->delivery[i].thread, NULL);
-    post_close();
+    http_client_close();
     destroy(webhooks);
 }

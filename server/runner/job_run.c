@@ -57,7 +57,7 @@ struct run {
     struct service *service;
     const struct confinement *confinement;
     struct job *job;
-    struct worker_control *control;
+    struct job_run_control *control;
     struct spawned process;
     int log_fd;
     struct wire_reader reader;
@@ -189,7 +189,7 @@ static enum status start_when_possible(struct run *run, struct error *error) {
     for (;;) {
         show(run);
         enum status status = start(run, error);
-        bool wanted = atomic_load(&run->control->command) == WORKER_GO_ON;
+        bool wanted = atomic_load(&run->control->command) == JOB_RUN_GO_ON;
         if (status == STATUS_OK || run->input_missing || !wanted) return status;
         run->is_short = run->service->is_shared && !run->input_damaged && events_clock_ms() >= until;
         if (events_clock_ms() >= until) return status;
@@ -235,7 +235,7 @@ static void tell_progress(struct run *run, int64_t now) {
     bool held = true;
     if (catalog_progress(run->service->catalog, job, &held, &error) != STATUS_OK)
         log_line(LOG_ERROR, "job=%s progress isn't kept: %s", job->id, error.text);
-    if (!held) atomic_store(&run->control->command, WORKER_LOST);
+    if (!held) atomic_store(&run->control->command, JOB_RUN_LOST);
 }
 
 static void terminate(struct run *run, int64_t now) {
@@ -285,8 +285,8 @@ static int look_around(struct run *run) {
     int64_t next = less(end, less(look_for_stall(run, now), look_for_excess(run, now)));
     if (run->progress_due && now - run->told_ms >= PROGRESS_EVERY_MS) tell_progress(run, now);
     int command = atomic_load(&run->control->command);
-    if (command != WORKER_GO_ON) terminate(run, now);
-    if (command == WORKER_LOST && run->kill_ms > now) run->kill_ms = now;
+    if (command != JOB_RUN_GO_ON) terminate(run, now);
+    if (command == JOB_RUN_LOST && run->kill_ms > now) run->kill_ms = now;
     if (now >= end && !run->kill_ms) {
         run->timed_out = true;
         terminate(run, now);
@@ -497,9 +497,9 @@ static bool by_the_host(const struct run *run) {
 /* What becomes of a job whose process couldn't be started. */
 static void judge_unstarted(const struct run *run, const struct error *error, struct verdict *verdict) {
     int command = atomic_load(&run->control->command);
-    verdict->is_lost = command == WORKER_LOST;
-    bool again = command == WORKER_REQUEUE || run->is_short || ++run->job->failures < JOB_MAX_FAILURES;
-    verdict->event = command == WORKER_DISMISS ? JOB_DISMISS : again ? JOB_REQUEUE : JOB_FAIL;
+    verdict->is_lost = command == JOB_RUN_LOST;
+    bool again = command == JOB_RUN_REQUEUE || run->is_short || ++run->job->failures < JOB_MAX_FAILURES;
+    verdict->event = command == JOB_RUN_DISMISS ? JOB_DISMISS : again ? JOB_REQUEUE : JOB_FAIL;
     problem_set(&verdict->problem, PROBLEM_INTERNAL_ERROR, "the job's process can't be started: %s", error->text);
 }
 
@@ -526,15 +526,15 @@ static void judge(struct run *run, struct verdict *verdict) {
     bool exited_well = WIFEXITED(run->wait_status) && WEXITSTATUS(run->wait_status) == 0;
     bool no_memory = WIFEXITED(run->wait_status) && WEXITSTATUS(run->wait_status) == WIRE_EXIT_MEMORY;
     verdict->event = JOB_FAIL;
-    verdict->is_lost = command == WORKER_LOST;
-    if (command == WORKER_DISMISS || command == WORKER_LOST) {
+    verdict->is_lost = command == JOB_RUN_LOST;
+    if (command == JOB_RUN_DISMISS || command == JOB_RUN_LOST) {
         verdict->event = JOB_DISMISS;
     } else if (run->is_done && exited_well) {
         verdict->event = JOB_DONE;
     } else if (run->found.files || run->found.threads) {
         write_obituary(run, PROBLEM_WORKER_CRASHED, &verdict->problem);
         explain_excess(run, &verdict->problem);
-    } else if (command == WORKER_REQUEUE) {
+    } else if (command == JOB_RUN_REQUEUE) {
         verdict->event = JOB_REQUEUE;
     } else if (out_of_time(run)) {
         write_obituary(run, PROBLEM_TIME_LIMIT, &verdict->problem);
@@ -592,14 +592,14 @@ static bool run_is_wanted(void *ctx) {
     const struct run *run = ctx;
     show(run);
     int command = atomic_load(&run->control->command);
-    return command != WORKER_DISMISS && command != WORKER_LOST;
+    return command != JOB_RUN_DISMISS && command != JOB_RUN_LOST;
 }
 
 /* Whether the outputs, which a store that others share didn't take, wait for it: the job's lease is renewed meanwhile.
  */
 static bool waits_for_store(const struct run *run, enum status status) {
     bool may_come = run->service->is_shared && (status == STATUS_IO || status == STATUS_NO_SPACE);
-    return may_come && atomic_load(&run->control->command) == WORKER_GO_ON && !atomic_load(&run->service->draining);
+    return may_come && atomic_load(&run->control->command) == JOB_RUN_GO_ON && !atomic_load(&run->service->draining);
 }
 
 /* Puts them into the store, and again for as long as it doesn't answer. */
@@ -766,8 +766,8 @@ static void settle(struct run *run, struct verdict *verdict) {
     fault_at("job-recorded");
 }
 
-bool worker_run(struct service *service, const struct confinement *confinement, struct job *job,
-                struct worker_control *control) {
+bool job_run(struct service *service, const struct confinement *confinement, struct job *job,
+             struct job_run_control *control) {
     struct run run = {.service = service,
                       .confinement = confinement,
                       .job = job,

@@ -11,15 +11,15 @@
 #include "server/runner/confine.h"
 
 /* What somebody else wants of a run; changed from any thread, then wake_fd (an eventfd) is written. */
-enum worker_command {
-    WORKER_GO_ON,
-    WORKER_DISMISS,
-    WORKER_REQUEUE,
-    WORKER_LOST /* its lease is another's: it ends at once, and nothing is kept of it */
+enum job_run_command {
+    JOB_RUN_GO_ON,
+    JOB_RUN_DISMISS,
+    JOB_RUN_REQUEUE,
+    JOB_RUN_LOST /* its lease is another's: it ends at once, and nothing is kept of it */
 };
 
-struct worker_control {
-    _Atomic int command;     /* enum worker_command */
+struct job_run_control {
+    _Atomic int command;     /* enum job_run_command */
     _Atomic int64_t seen_ms; /* when the run last showed that it goes on (events_clock_ms) */
     int wake_fd;
 };
@@ -27,7 +27,7 @@ struct worker_control {
 /* Runs a claimed job to its end and records in the catalog what became of it (published and logged).  Blocks for as
  * long as the process lives.  false: it is queued again for what this host lacks, such as room on its disk; another one
  * may have it. */
-bool worker_run(struct service *service, const struct confinement *confinement, struct job *job,
-                struct worker_control *control);
+bool job_run(struct service *service, const struct confinement *confinement, struct job *job,
+             struct job_run_control *control);
 
 #endif

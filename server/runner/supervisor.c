@@ -28,7 +28,7 @@ struct slot {
     uint64_t claimed;      /* the round of renewing that it was claimed in */
     uint64_t memory_bytes; /* that it is predicted to take */
     int64_t looked_ms;     /* when it last asked for a job, or could have */
-    struct worker_control control;
+    struct job_run_control control;
 };
 
 struct supervisor {
@@ -80,7 +80,7 @@ static bool claim(struct slot *slot, struct job *job) {
     slot->memory_bytes = job->memory_bytes;
     slot->attempt = job->attempt;
     slot->claimed = supervisor->round;
-    atomic_store(&slot->control.command, WORKER_GO_ON);
+    atomic_store(&slot->control.command, JOB_RUN_GO_ON);
     atomic_store(&slot->control.seen_ms, events_clock_ms());
     return true;
 }
@@ -111,7 +111,7 @@ static void *work(void *ctx) {
     struct supervisor *supervisor = slot->supervisor;
     struct job job;
     while (next_job(slot, &job)) {
-        bool is_fit = worker_run(supervisor->service, supervisor->confinement, &job, &slot->control);
+        bool is_fit = job_run(supervisor->service, supervisor->confinement, &job, &slot->control);
         job_done(&job);
         pthread_mutex_lock(&supervisor->lock);
         slot->id[0] = 0;
@@ -128,8 +128,8 @@ static void *work(void *ctx) {
 
 /* ------------------------------------------------------------------------------------------------ leases */
 
-static void command(struct slot *slot, enum worker_command command) {
-    int none = WORKER_GO_ON;
+static void command(struct slot *slot, enum job_run_command command) {
+    int none = JOB_RUN_GO_ON;
     atomic_compare_exchange_strong(&slot->control.command, &none, command);
     ring(slot->control.wake_fd);
 }
@@ -138,8 +138,8 @@ static void command(struct slot *slot, enum worker_command command) {
 static void compare_slot(struct slot *slot, const struct catalog_lease *leases, size_t count, uint64_t round) {
     size_t i = 0;
     while (i < count && (leases[i].attempt != slot->attempt || strcmp(leases[i].job, slot->id) != 0)) i++;
-    if (i < count && leases[i].is_cancelled) command(slot, WORKER_DISMISS);
-    if (i == count && slot->claimed < round) command(slot, WORKER_LOST); /* else it was claimed since they were read */
+    if (i < count && leases[i].is_cancelled) command(slot, JOB_RUN_DISMISS);
+    if (i == count && slot->claimed < round) command(slot, JOB_RUN_LOST); /* else it was claimed since they were read */
 }
 
 /* Renews all leases; a job without one is another host's, and ends here.  Where the catalog doesn't answer they go on:
@@ -252,7 +252,7 @@ bool supervisor_cancel(struct supervisor *supervisor, const char *id) {
     pthread_mutex_lock(&supervisor->lock);
     for (unsigned i = 0; i < supervisor->slot_count; i++) {
         if (strcmp(supervisor->slot[i].id, id) != 0) continue;
-        command(&supervisor->slot[i], WORKER_DISMISS);
+        command(&supervisor->slot[i], JOB_RUN_DISMISS);
         found = true;
     }
     pthread_mutex_unlock(&supervisor->lock);
@@ -294,7 +294,7 @@ int supervisor_idle_fd(const struct supervisor *supervisor) { return supervisor-
 void supervisor_requeue(struct supervisor *supervisor) {
     pthread_mutex_lock(&supervisor->lock);
     for (unsigned i = 0; i < supervisor->slot_count; i++)
-        if (supervisor->slot[i].id[0]) command(&supervisor->slot[i], WORKER_REQUEUE);
+        if (supervisor->slot[i].id[0]) command(&supervisor->slot[i], JOB_RUN_REQUEUE);
     pthread_mutex_unlock(&supervisor->lock);
 }
 

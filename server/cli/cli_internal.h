@@ -32,15 +32,15 @@ void help_print_options(void);
 /* Tells of the cloud, which was read from these inputs, how many points would be kept, which files would be
  * written, and how much memory that takes at most.  How long it takes isn't known to the command: only the service
  * remembers jobs. */
-void dry_run_print(const struct worker_options *options, const struct cloud *cloud, const struct worker_inputs *inputs,
-                   FILE *to);
+void dry_run_print(const struct command_options *options, const struct cloud *cloud,
+                   const struct command_inputs *inputs, FILE *to);
 
 /* ------------------------------------------------------------------------------------------------ info.c */
 
 /* whittle info FILE: what a cloud is. */
 
 /* argv[0] is "info".  Returns the exit status. */
-int worker_info_main(int argc, char **argv);
+int command_info_main(int argc, char **argv);
 
 /* ------------------------------------------------------------------------------------------------ measure.c */
 
@@ -48,7 +48,7 @@ int worker_info_main(int argc, char **argv);
 
 /* argv[0] is the command's name and isn't looked at; the rest are its arguments.  Prints to standard output, complaints
  * to standard error.  Returns the exit status; --help lists them. */
-int worker_measure_main(int argc, char **argv);
+int command_measure_main(int argc, char **argv);
 
 /* ------------------------------------------------------------------------------------------------ heap.c */
 
@@ -56,7 +56,7 @@ int worker_measure_main(int argc, char **argv);
 
 /* Has the heap ready for a mesh of a cloud of so many points, which are few (memory_is_kept).  Whether it is changes
  * nothing but the time. */
-void worker_heap_prepare(size_t points);
+void command_heap_prepare(size_t points);
 
 /* ------------------------------------------------------------------------------------------------ exact_numbers.c */
 
@@ -64,6 +64,6 @@ void worker_heap_prepare(size_t points);
 
 /* Calls end() where there is no memory for one, in the thread that wants it; end() must not return.  Without it GMP
  * prints a line of its own and aborts.  For the whole process; before the first exact number. */
-void worker_exact_numbers_end_by(void (*end)(void));
+void command_exact_numbers_end_by(void (*end)(void));
 
 #endif

@@ -43,14 +43,14 @@ static void print_memory(const struct memory_job *job, const struct params *para
                 job->faces ? ", or faces can't be simplified" : "");
 }
 
-void dry_run_print(const struct worker_options *options, const struct cloud *cloud, const struct worker_inputs *inputs,
-                   FILE *to) {
+void dry_run_print(const struct command_options *options, const struct cloud *cloud,
+                   const struct command_inputs *inputs, FILE *to) {
     const struct memory_job job = {cloud->count, cloud->record_bytes, cloud->triangle_count,
-                                   worker_inputs_bytes(inputs), 0};
+                                   command_inputs_bytes(inputs), 0};
     fprintf(to, "%-16s %s, %zu points, %zu triangles\n", "input", cloud->form, cloud->count,
             (size_t)cloud->triangle_count);
     print_goal(&options->params, cloud, to);
     print_memory(&job, &options->params, to);
-    worker_output_names(options, "would write", true, to);
+    command_output_names(options, "would write", true, to);
     if (options->to_standard) fprintf(to, "%-16s standard output\n", "would write");
 }

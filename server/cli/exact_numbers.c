@@ -25,7 +25,7 @@ static void release(void *memory, size_t bytes) {
     free(memory);
 }
 
-void worker_exact_numbers_end_by(void (*end)(void)) {
+void command_exact_numbers_end_by(void (*end)(void)) {
     end_without_memory = end;
     mp_set_memory_functions(allocate, resize, release);
 }

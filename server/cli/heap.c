@@ -13,7 +13,7 @@
 
 enum { POINT_BYTES = 256, HUGE_BYTES = 1 << 21, FEW = HUGE_BYTES / POINT_BYTES /* not worth a page */ };
 
-void worker_heap_prepare(size_t points) {
+void command_heap_prepare(size_t points) {
     if (points < FEW) return;
     size_t bytes = points * POINT_BYTES + 2 * HUGE_BYTES;
     mallopt(M_MMAP_THRESHOLD, (int)bytes + HUGE_BYTES);

@@ -246,7 +246,7 @@ static enum status info_run(const struct request *request, int *exit_status, str
     struct cloud cloud = {0};
     char system[SYSTEM_BYTES];
     int input;
-    enum status status = worker_input_open(request->path, &input, error);
+    enum status status = command_input_open(request->path, &input, error);
     if (status) {
         *exit_status = WIRE_EXIT_NO_INPUT;
         return status;
@@ -255,17 +255,17 @@ static enum status info_run(const struct request *request, int *exit_status, str
     status = cloud_read(input, &limits, NULL, &cloud, error);
     if (!status) status = info_tell(request, &cloud, system, error);
     cloud_done(&cloud);
-    worker_input_close(input);
+    command_input_close(input);
     return status;
 }
 
-int worker_info_main(int argc, char **argv) {
+int command_info_main(int argc, char **argv) {
     struct request request = {0};
     enum outcome outcome = info_parse(&request, argc, argv);
     if (outcome != LOOK) return outcome == TOLD ? 0 : WIRE_EXIT_PARAMETER;
     struct error error = {.byte_offset = UINT64_MAX};
     int exit_status = 0;
     enum status status = info_run(&request, &exit_status, &error);
-    if (status) worker_output_explain(request.path, status, &error, stderr);
+    if (status) command_output_explain(request.path, status, &error, stderr);
     return status && exit_status ? exit_status : wire_exit_status(status);
 }

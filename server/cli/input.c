@@ -16,7 +16,7 @@
 #include "core/io/join.h"
 #include "core/io/read.h"
 
-enum status worker_input_open(const char *path, int *input, struct error *error) {
+enum status command_input_open(const char *path, int *input, struct error *error) {
     bool standard = strcmp(path, "-") == 0;
     int fd = standard ? STDIN_FILENO : open(path, O_RDONLY | O_CLOEXEC), failure = errno;
     struct stat about;
@@ -29,7 +29,7 @@ enum status worker_input_open(const char *path, int *input, struct error *error)
     return STATUS_OK;
 }
 
-void worker_input_close(int input) {
+void command_input_close(int input) {
     if (input > STDIN_FILENO) close(input);
 }
 
@@ -44,8 +44,8 @@ static void allow_descriptors(size_t count) {
     (void)setrlimit(RLIMIT_NOFILE, &limit); /* else opening says so */
 }
 
-enum status worker_inputs_open(struct worker_inputs *inputs, const char *const *name, size_t count,
-                               struct error *error) {
+enum status command_inputs_open(struct command_inputs *inputs, const char *const *name, size_t count,
+                                struct error *error) {
     enum status status = STATUS_OK;
     struct stat about;
     inputs->count = count, inputs->name = name;
@@ -55,7 +55,7 @@ enum status worker_inputs_open(struct worker_inputs *inputs, const char *const *
     if (!inputs->fd || !inputs->source) return error_set(error, STATUS_NO_MEMORY, "read", "no memory for names");
     if (count > 1) allow_descriptors(count);
     for (size_t i = 0; i < count && !status; i++) {
-        status = worker_input_open(name[i], &inputs->fd[i], error);
+        status = command_input_open(name[i], &inputs->fd[i], error);
         if (status) inputs->failed = name[i];
         if (!status && fstat(inputs->fd[i], &about) == 0 && S_ISREG(about.st_mode))
             inputs->source[inputs->source_count++] = (struct file_out_source){about.st_dev, about.st_ino};
@@ -74,8 +74,8 @@ static int tick_part(void *ctx, const char *stage, double fraction) {
     return progress_tick(part->whole, stage, (part->before + fraction) / part->of);
 }
 
-enum status worker_inputs_read(struct worker_inputs *inputs, const struct cloud_limits *limits,
-                               const struct progress *progress, struct cloud *cloud, struct error *error) {
+enum status command_inputs_read(struct command_inputs *inputs, const struct cloud_limits *limits,
+                                const struct progress *progress, struct cloud *cloud, struct error *error) {
     struct cloud_join join = {0};
     struct cloud_limits each = *limits;
     enum status status = STATUS_OK;
@@ -92,7 +92,7 @@ enum status worker_inputs_read(struct worker_inputs *inputs, const struct cloud_
     return status;
 }
 
-uint64_t worker_inputs_bytes(const struct worker_inputs *inputs) {
+uint64_t command_inputs_bytes(const struct command_inputs *inputs) {
     struct stat about;
     uint64_t bytes = 0;
     for (size_t i = 0; inputs->fd && i < inputs->count; i++)
@@ -100,8 +100,8 @@ uint64_t worker_inputs_bytes(const struct worker_inputs *inputs) {
     return bytes;
 }
 
-void worker_inputs_done(struct worker_inputs *inputs) {
-    for (size_t i = 0; inputs->fd && i < inputs->count; i++) worker_input_close(inputs->fd[i]);
+void command_inputs_done(struct command_inputs *inputs) {
+    for (size_t i = 0; inputs->fd && i < inputs->count; i++) command_input_close(inputs->fd[i]);
     free(inputs->fd), free(inputs->source);
-    *inputs = (struct worker_inputs){0};
+    *inputs = (struct command_inputs){0};
 }

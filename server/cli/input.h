@@ -13,14 +13,14 @@
 
 /* Opens a file, or standard input for "-"; *input is the descriptor.  STATUS_IO where it isn't there, is a folder or
  * can't be opened: the exit status is WIRE_EXIT_NO_INPUT then. */
-enum status worker_input_open(const char *path, int *input, struct error *error) MUST_CHECK;
+enum status command_input_open(const char *path, int *input, struct error *error) MUST_CHECK;
 
 /* Closes it, unless it is standard input or -1. */
-void worker_input_close(int input);
+void command_input_close(int input);
 
 /* The inputs of one run, which are one cloud.  They stay open until outputs have their names, so that they are told
  * from them.  Zero-initialise. */
-struct worker_inputs {
+struct command_inputs {
     size_t count;
     const char *const *name; /* count; borrowed */
     int *fd;                 /* count, -1 = not open; owned */
@@ -29,19 +29,19 @@ struct worker_inputs {
     const char *failed;             /* the one that an error is about; NULL = none of them */
 };
 
-/* Opens them.  As worker_input_open, of the first that fails; STATUS_NO_MEMORY. */
-enum status worker_inputs_open(struct worker_inputs *inputs, const char *const *name, size_t count,
-                               struct error *error) MUST_CHECK;
+/* Opens them.  As command_input_open, of the first that fails; STATUS_NO_MEMORY. */
+enum status command_inputs_open(struct command_inputs *inputs, const char *const *name, size_t count,
+                                struct error *error) MUST_CHECK;
 
 /* Reads them as one cloud (core/io/join.h), for cloud_done.  STATUS_BAD_PARAMETER where their coordinate systems
  * differ; else as cloud_read.  progress may be NULL. */
-enum status worker_inputs_read(struct worker_inputs *inputs, const struct cloud_limits *limits,
-                               const struct progress *progress, struct cloud *cloud, struct error *error) MUST_CHECK;
+enum status command_inputs_read(struct command_inputs *inputs, const struct cloud_limits *limits,
+                                const struct progress *progress, struct cloud *cloud, struct error *error) MUST_CHECK;
 
 /* Bytes of the regular files among them. */
-uint64_t worker_inputs_bytes(const struct worker_inputs *inputs);
+uint64_t command_inputs_bytes(const struct command_inputs *inputs);
 
 /* Closes them.  Accepts zeroed ones. */
-void worker_inputs_done(struct worker_inputs *inputs);
+void command_inputs_done(struct command_inputs *inputs);
 
 #endif

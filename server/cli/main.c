@@ -105,14 +105,14 @@ static enum status take_all(const struct cloud *cloud, const struct params *para
     return STATUS_OK;
 }
 
-static enum status tell_result(const struct worker_options *options, const struct cloud *cloud,
+static enum status tell_result(const struct command_options *options, const struct cloud *cloud,
                                const struct report *report, struct error *error) {
     FILE *to = options->to_standard ? stderr : stdout;
     if (options->json) return report_json_write(STDOUT_FILENO, report, &options->params, error);
     if (options->convert)
-        worker_output_converted(options, cloud, &report->left_out, to);
+        command_output_converted(options, cloud, &report->left_out, to);
     else
-        worker_output_summary(options, report, to);
+        command_output_summary(options, report, to);
     return STATUS_OK;
 }
 
@@ -124,7 +124,7 @@ static bool is_no_output(enum status status, const struct error *error) {
 }
 
 /* On the terminal, or word of where it is. */
-static void show_preview(const struct worker_options *options, const struct cloud *cloud,
+static void show_preview(const struct command_options *options, const struct cloud *cloud,
                          const struct pipeline_result *result) {
     struct picture picture = {0};
     bool made = !preview_make(&options->params, cloud, result, &picture, NULL);
@@ -133,18 +133,18 @@ static void show_preview(const struct worker_options *options, const struct clou
     picture_done(&picture);
 }
 
-static enum status run_request(struct worker_options *options, struct worker_progress *display, int *exit_status,
+static enum status run_request(struct command_options *options, struct command_progress *display, int *exit_status,
                                const char **failed, struct error *error) {
     struct cloud cloud = {0};
     struct pipeline_result result = {0};
     struct selection selection = {0};
-    struct progress progress = {worker_progress_tick, display};
+    struct progress progress = {command_progress_tick, display};
     struct kept_file file = {0};
-    struct worker_inputs inputs = {0};
-    worker_progress_span(display, 0, READ_SHARE);
+    struct command_inputs inputs = {0};
+    command_progress_span(display, 0, READ_SHARE);
     struct error missing;
-    enum status opened = worker_inputs_open(&inputs, options->input, options->input_count, &missing);
-    enum status status = worker_output_check(options, &inputs, error);
+    enum status opened = command_inputs_open(&inputs, options->input, options->input_count, &missing);
+    enum status status = command_output_check(options, &inputs, error);
     if (is_no_output(status, error)) *exit_status = WIRE_EXIT_NO_OUTPUT;
     if (!status && opened) {
         *exit_status = opened == STATUS_IO ? WIRE_EXIT_NO_INPUT : 0;
@@ -152,26 +152,26 @@ static enum status run_request(struct worker_options *options, struct worker_pro
         status = opened;
     }
     bool tiled = false;
-    if (!status) status = worker_tiles_needed(options, &inputs, &tiled, error);
-    if (!status && tiled && options->dry_run) status = worker_tiles_foretell(options, &inputs, error);
+    if (!status) status = command_tiles_needed(options, &inputs, &tiled, error);
+    if (!status && tiled && options->dry_run) status = command_tiles_foretell(options, &inputs, error);
     if (!status && tiled && !options->dry_run)
-        status = worker_tiles_simplify(options, &inputs, display, &cloud, &file, &result, error);
+        status = command_tiles_simplify(options, &inputs, display, &cloud, &file, &result, error);
     const struct cloud_limits limits = {.columns = options->params.columns,
                                         .max_triangles = memory_triangles(&options->params),
                                         .threads = (unsigned)options->params.threads};
-    if (!status && !tiled) status = worker_inputs_read(&inputs, &limits, &progress, &cloud, error);
+    if (!status && !tiled) status = command_inputs_read(&inputs, &limits, &progress, &cloud, error);
     if (!status && !tiled && select_is_asked(&options->params))
         status = select_in_place(&cloud, &options->params, &selection, error);
-    if (!status && !tiled && !options->convert && worker_output_follow_faces(options, &cloud))
-        status = worker_output_check(options, &inputs, error); /* of other files now */
+    if (!status && !tiled && !options->convert && command_output_follow_faces(options, &cloud))
+        status = command_output_check(options, &inputs, error); /* of other files now */
     if (!status && !tiled && options->memory_given) status = check_faces(&cloud, &options->params, error);
-    if (!status && options->convert) status = worker_output_settle_faces(options, &cloud, error);
+    if (!status && options->convert) status = command_output_settle_faces(options, &cloud, error);
     if (options->dry_run) goto out;
     if (tiled) goto made;
-    worker_progress_span(display, READ_SHARE, 1);
+    command_progress_span(display, READ_SHARE, 1);
     if (!status && !options->convert && memory_is_kept(cloud.count, &options->params) &&
         options->params.levels.count < 2)
-        worker_heap_prepare(cloud.count);
+        command_heap_prepare(cloud.count);
     if (!status)
         status = options->convert ? take_all(&cloud, &options->params, &result, error)
                                   : pipeline_run(&cloud, &options->params, &progress, &result, error);
@@ -185,12 +185,12 @@ made:
     if (!status && !file.path)
         status = cloud_set_colours(&cloud, (enum colour_bits)options->params.colours, &result.report.left_out, error);
     if (!status) {
-        status = worker_output_write(options, &inputs, &cloud, &file, &result, error);
+        status = command_output_write(options, &inputs, &cloud, &file, &result, error);
         if (is_no_output(status, error)) *exit_status = WIRE_EXIT_NO_OUTPUT;
     }
-    if (!status && tiled) worker_tiles_remove(options);
+    if (!status && tiled) command_tiles_remove(options);
 out:
-    worker_progress_end(display, status, error);
+    command_progress_end(display, status, error);
     if (!status && options->dry_run && !tiled)
         dry_run_print(options, &cloud, &inputs, options->to_standard ? stderr : stdout);
     else if (!status && !options->dry_run && (options->summary || options->json))
@@ -200,27 +200,27 @@ out:
     kept_file_done(&file);
     cloud_done(&cloud);
     *failed = inputs.failed;
-    worker_inputs_done(&inputs);
+    command_inputs_done(&inputs);
     return status;
 }
 
 /* Of one of several inputs, or of all of them. */
-static void explain_failure(const struct worker_options *options, const char *failed, enum status status,
+static void explain_failure(const struct command_options *options, const char *failed, enum status status,
                             const struct error *error) {
     char all[96];
     snprintf(all, sizeof all, "%.60s and %zu more", options->input[0], options->input_count - 1);
-    worker_output_explain(failed ? failed : options->input_count > 1 ? all : options->input[0], status, error, stderr);
+    command_output_explain(failed ? failed : options->input_count > 1 ? all : options->input[0], status, error, stderr);
 }
 
 /* For the end without memory, which comes from the depth of a library. */
-static struct worker_progress display;
+static struct command_progress display;
 static const char *input_name;
 
 static _Noreturn void end_without_memory(void) {
     struct error error;
     enum status status = error_set(&error, STATUS_NO_MEMORY, "delaunay", "no memory for an exact number");
-    worker_progress_end(&display, status, &error);
-    worker_output_explain(input_name, status, &error, stderr);
+    command_progress_end(&display, status, &error);
+    command_output_explain(input_name, status, &error, stderr);
     _exit(wire_exit_status(status));
 }
 
@@ -229,35 +229,35 @@ int main(int argc, char **argv) {
     if (argc > 1 && argc < 4 && strcmp(argv[1], "help") == 0 && access(argv[1], F_OK) != 0)
         argv = of_command, argc = 3; /* whittle help [COMMAND] */
     signal(SIGBUS, end_of_cut_input);
-    if (argc > 1 && strcmp(argv[1], "measure") == 0) return worker_measure_main(argc - 1, argv + 1);
-    if (argc > 1 && strcmp(argv[1], "info") == 0) return worker_info_main(argc - 1, argv + 1);
+    if (argc > 1 && strcmp(argv[1], "measure") == 0) return command_measure_main(argc - 1, argv + 1);
+    if (argc > 1 && strcmp(argv[1], "info") == 0) return command_info_main(argc - 1, argv + 1);
     if (argc > 1 && strcmp(argv[1], "tiles") == 0) {
         catch_signals(false);
-        return worker_tiles_main(argc - 1, argv + 1, memory_there_is(), &stopping);
+        return command_tiles_main(argc - 1, argv + 1, memory_there_is(), &stopping);
     }
-    struct worker_options options;
+    struct command_options options;
     struct error error = {0};
-    enum worker_request request = worker_options_parse(&options, argc, argv, &error);
-    if (request == WORKER_TOLD) {
-        worker_options_done(&options);
+    enum command_request request = command_options_parse(&options, argc, argv, &error);
+    if (request == COMMAND_TOLD) {
+        command_options_done(&options);
         return 0;
     }
-    if (request == WORKER_REFUSED) {
+    if (request == COMMAND_REFUSED) {
         fprintf(stderr, "whittle: %s: %s\nUse 'whittle --help' for all options.\n", error.where, error.text);
-        worker_options_done(&options);
+        command_options_done(&options);
         return wire_exit_status(STATUS_BAD_PARAMETER);
     }
     if (!options.params.memory_bytes) options.params.memory_bytes = memory_there_is();
     catch_signals(options.to_standard);
-    bool confined = options.progress_fd >= 0 && worker_no_new_code();
+    bool confined = options.progress_fd >= 0 && command_no_new_code();
     (void)confined; /* where the kernel has no filters, whittled says so */
     input_name = options.input[0];
-    worker_exact_numbers_end_by(end_without_memory);
-    worker_progress_init(&display, options.progress_fd, &stopping);
+    command_exact_numbers_end_by(end_without_memory);
+    command_progress_init(&display, options.progress_fd, &stopping);
     int exit_status = 0;
     const char *failed = NULL;
     enum status status = run_request(&options, &display, &exit_status, &failed, &error);
     if (status) explain_failure(&options, failed, status, &error);
-    worker_options_done(&options);
+    command_options_done(&options);
     return status && exit_status ? exit_status : wire_exit_status(status);
 }

@@ -258,10 +258,10 @@ static enum status read_side(const struct request *request, int i, struct cloud 
                              struct error *error) {
     const struct cloud_limits limits = {.columns = request->columns, .columns_if_text = true};
     int input;
-    enum status status = worker_input_open(request->path[i], &input, error);
+    enum status status = command_input_open(request->path[i], &input, error);
     if (status) *exit_status = WIRE_EXIT_NO_INPUT;
     if (!status) status = cloud_read(input, &limits, NULL, cloud, error);
-    worker_input_close(input);
+    command_input_close(input);
     return status;
 }
 
@@ -289,7 +289,7 @@ static enum status measure_run(const struct request *request, const char **culpr
     return status;
 }
 
-int worker_measure_main(int argc, char **argv) {
+int command_measure_main(int argc, char **argv) {
     struct request request = {0};
     enum outcome outcome = measure_parse(&request, argc, argv);
     if (outcome != MEASURE) return outcome == TOLD ? 0 : WIRE_EXIT_PARAMETER;
@@ -297,6 +297,6 @@ int worker_measure_main(int argc, char **argv) {
     const char *culprit = "";
     int exit_status = 0;
     enum status status = measure_run(&request, &culprit, &exit_status, &error);
-    if (status) worker_output_explain(culprit, status, &error, stderr);
+    if (status) command_output_explain(culprit, status, &error, stderr);
     return status && exit_status ? exit_status : wire_exit_status(status);
 }

@@ -36,7 +36,7 @@ enum { MAP = SYS_mmap };
 #define GO_TO_IF(number, steps) BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, (number), (steps), 0)
 #define ANSWER(action) BPF_STMT(BPF_RET | BPF_K, (action))
 
-bool worker_no_new_code(void) {
+bool command_no_new_code(void) {
     struct sock_filter instructions[] = {
         LOAD(offsetof(struct seccomp_data, nr)),
         GO_TO_IF(MAP, 5),

@@ -9,6 +9,6 @@
 /* From now on no memory of this process becomes executable: not what it writes, and no file that it maps.  For good,
  * and for the threads that are started later.  It takes no_new_privs, which whittled sets.  false: the kernel has no
  * filters of system calls, or doesn't allow one. */
-bool worker_no_new_code(void);
+bool command_no_new_code(void);
 
 #endif

@@ -59,9 +59,9 @@ static const struct own_option {
     [OWN_LIST] = {"list-options", 0, false},
 };
 
-static enum worker_request refuse_option(struct error *error, const char *where, const char *text) {
+static enum command_request refuse_option(struct error *error, const char *where, const char *text) {
     error_set(error, STATUS_BAD_PARAMETER, where, "%s", text);
-    return WORKER_REFUSED;
+    return COMMAND_REFUSED;
 }
 
 /* The option as it was written, without '=' and what follows. */
@@ -86,7 +86,7 @@ static const char *named_elsewhere(const char *name) {
     return NULL;
 }
 
-static enum worker_request refuse_unknown(struct error *error, const char *argument, const char *name) {
+static enum command_request refuse_unknown(struct error *error, const char *argument, const char *name) {
     char written[ERROR_WHERE_BYTES];
     const char *names[OWN_COUNT + 1] = {NULL};
     for (int i = 0; i < OWN_COUNT; i++) names[i] = own_options[i].name;
@@ -96,7 +96,7 @@ static enum worker_request refuse_unknown(struct error *error, const char *argum
     if (near) help_hyphens(near, option, sizeof option);
     error_set(error, STATUS_BAD_PARAMETER, as_written(argument, written), "unknown option%s%s%s",
               near ? "; did you mean '--" : "", option, near ? "'?" : "");
-    return WORKER_REFUSED;
+    return COMMAND_REFUSED;
 }
 
 /* Between the dashes and '=', with '_' for '-'. */
@@ -142,24 +142,24 @@ static bool parse_bytes(const char *text, uint64_t *bytes) {
     return true;
 }
 
-static enum worker_request set_preview(struct worker_options *options, const char *written, const char *way,
-                                       struct error *error) {
+static enum command_request set_preview(struct command_options *options, const char *written, const char *way,
+                                        struct error *error) {
     static const struct {
         const char *name;
         enum preview_way way;
     } ways[] = {{"auto", PREVIEW_AUTO}, {"kitty", PREVIEW_KITTY}, {"sixel", PREVIEW_SIXEL}, {"blocks", PREVIEW_BLOCKS}};
     for (size_t i = 0; i < sizeof ways / sizeof *ways; i++)
         if (strcmp(way ? way : "auto", ways[i].name) == 0) options->preview = ways[i].way;
-    return options->preview ? WORKER_RUN : refuse_option(error, written, "it takes auto, kitty, sixel or blocks");
+    return options->preview ? COMMAND_RUN : refuse_option(error, written, "it takes auto, kitty, sixel or blocks");
 }
 
-static enum worker_request set_own(struct worker_options *options, enum own own, const char *written, const char *value,
-                                   struct error *error) {
+static enum command_request set_own(struct command_options *options, enum own own, const char *written,
+                                    const char *value, struct error *error) {
     switch (own) {
     case OWN_OUTPUT:
         options->output = value;
         options->output_given = true;
-        return value[0] ? WORKER_RUN : refuse_option(error, written, "a folder or a file is missing");
+        return value[0] ? COMMAND_RUN : refuse_option(error, written, "a folder or a file is missing");
     case OWN_PROGRESS_FD: {
         char *end;
         long fd = strtol(value, &end, 10);
@@ -167,37 +167,37 @@ static enum worker_request set_own(struct worker_options *options, enum own own,
             return refuse_option(error, written, "it takes the number of a descriptor");
         options->progress_fd = (int)fd;
         options->summary = false;
-        return WORKER_RUN;
+        return COMMAND_RUN;
     }
     case OWN_MEMORY:
         if (!parse_bytes(value, &options->params.memory_bytes))
             return refuse_option(error, written, "it takes a number of bytes over 0, as 4000M or 4G");
         options->memory_given = true;
-        return WORKER_RUN;
+        return COMMAND_RUN;
     case OWN_SCRATCH:
         options->scratch = value;
-        return value[0] ? WORKER_RUN : refuse_option(error, written, "a folder is missing");
+        return value[0] ? COMMAND_RUN : refuse_option(error, written, "a folder is missing");
     case OWN_TILE_POINTS:
         if (!parse_bytes(value, &options->tile_points))
             return refuse_option(error, written, "it takes a number of points over 0, as 8000000 or 8M");
-        return WORKER_RUN;
+        return COMMAND_RUN;
     case OWN_PREVIEW: return set_preview(options, written, value, error);
-    case OWN_FORCE: options->force = true; return WORKER_RUN;
-    case OWN_DRY_RUN: options->dry_run = true; return WORKER_RUN;
-    case OWN_QUIET: options->summary = false; return WORKER_RUN;
-    case OWN_VERBOSE: options->verbose = true; return WORKER_RUN;
-    case OWN_JSON: options->json = true; return WORKER_RUN;
-    case OWN_HELP: options->convert ? help_print_convert() : help_print(); return WORKER_TOLD;
-    case OWN_VERSION: printf("whittle %s\n", whittle_version()); return WORKER_TOLD;
-    case OWN_MAN: help_print_man(); return WORKER_TOLD;
-    case OWN_LIST: help_print_options(); return WORKER_TOLD;
+    case OWN_FORCE: options->force = true; return COMMAND_RUN;
+    case OWN_DRY_RUN: options->dry_run = true; return COMMAND_RUN;
+    case OWN_QUIET: options->summary = false; return COMMAND_RUN;
+    case OWN_VERBOSE: options->verbose = true; return COMMAND_RUN;
+    case OWN_JSON: options->json = true; return COMMAND_RUN;
+    case OWN_HELP: options->convert ? help_print_convert() : help_print(); return COMMAND_TOLD;
+    case OWN_VERSION: printf("whittle %s\n", whittle_version()); return COMMAND_TOLD;
+    case OWN_MAN: help_print_man(); return COMMAND_TOLD;
+    case OWN_LIST: help_print_options(); return COMMAND_TOLD;
     case OWN_COUNT: break;
     }
     return refuse_option(error, written, "unknown option");
 }
 
-static enum worker_request parse_own(struct worker_options *options, enum own own, int argc, char **argv, int *i,
-                                     struct error *error) {
+static enum command_request parse_own(struct command_options *options, enum own own, int argc, char **argv, int *i,
+                                      struct error *error) {
     char written[ERROR_WHERE_BYTES];
     const char *argument = argv[*i];
     as_written(argument, written);
@@ -220,8 +220,8 @@ static bool converts_with(const char *name) {
     return false;
 }
 
-static enum worker_request parse_parameter(struct worker_options *options, int argc, char **argv, int *i,
-                                           struct error *error) {
+static enum command_request parse_parameter(struct command_options *options, int argc, char **argv, int *i,
+                                            struct error *error) {
     char name[NAME_BYTES], written[ERROR_WHERE_BYTES];
     const char *argument = argv[*i];
     option_name(argument, name);
@@ -233,11 +233,11 @@ static enum worker_request parse_parameter(struct worker_options *options, int a
     const char *value = take_value(argc, argv, i);
     if (!value) return refuse_option(error, as_written(argument, written), "a value is missing");
     if (strcmp(name, "outputs") == 0) options->outputs_given = true;
-    return params_set(&options->params, name, value, error) ? WORKER_REFUSED : WORKER_RUN;
+    return params_set(&options->params, name, value, error) ? COMMAND_REFUSED : COMMAND_RUN;
 }
 
-static enum worker_request parse_argument(struct worker_options *options, int argc, char **argv, int *i,
-                                          struct error *error) {
+static enum command_request parse_argument(struct command_options *options, int argc, char **argv, int *i,
+                                           struct error *error) {
     const char *argument = argv[*i];
     if (argument[0] == '-' && argument[1]) {
         enum own own = find_own(argument);
@@ -247,7 +247,7 @@ static enum worker_request parse_argument(struct worker_options *options, int ar
     }
     if (!argument[0]) return refuse_option(error, options->input_count ? "OUTPUT" : "INPUT", "a name is missing");
     options->input[options->input_count++] = argument;
-    return WORKER_RUN;
+    return COMMAND_RUN;
 }
 
 /* Whether a number stands where the output's name should. */
@@ -258,19 +258,19 @@ static bool is_value(const char *name) {
 }
 
 /* Words before the names, as other programs have them. */
-static bool is_no_command(const struct worker_options *options) {
+static bool is_no_command(const struct command_options *options) {
     const char *first = options->input[0];
     return !options->convert && options->input_count > 1 && !strpbrk(first, "./-") && access(first, F_OK) != 0;
 }
 
-static enum worker_request refuse_value(struct error *error, const char *value) {
+static enum command_request refuse_value(struct error *error, const char *value) {
     error_set(error, STATUS_BAD_PARAMETER, "OUTPUT",
               "%s is a value without its option; use --ratio 0.1, and commas in lists, as --levels 0.4,0.2", value);
-    return WORKER_REFUSED;
+    return COMMAND_REFUSED;
 }
 
 /* The last of several names is the output, unless -o says where that is. */
-static enum worker_request settle_names(struct worker_options *options, struct error *error) {
+static enum command_request settle_names(struct command_options *options, struct error *error) {
     size_t standard = 0;
     options->output_named = options->input_count > 1 && !options->output_given;
     if (options->output_named) options->output = options->input[--options->input_count];
@@ -281,39 +281,39 @@ static enum worker_request settle_names(struct worker_options *options, struct e
                              "no such file and no such command; use whittle INPUT OUTPUT.ply to simplify, or info, "
                              "convert, measure");
     if (!options->input_count) return refuse_option(error, "INPUT", "use the name of a cloud, or - for standard input");
-    return standard > 1 ? refuse_option(error, "-", "standard input is one input, not several") : WORKER_RUN;
+    return standard > 1 ? refuse_option(error, "-", "standard input is one input, not several") : COMMAND_RUN;
 }
 
 /* Standard output takes exactly one output: false where more are asked for. */
-static bool settle_standard(struct worker_options *options) {
+static bool settle_standard(struct command_options *options) {
     options->to_standard = true;
     if (!options->outputs_given) options->params.outputs = OUTPUT_CLOUD;
     uint32_t outputs = options->params.outputs;
     return (outputs & (outputs - 1)) == 0 && !options->params.levels.count;
 }
 
-static enum worker_request settle_conversion(struct worker_options *options, struct error *error) {
+static enum command_request settle_conversion(struct command_options *options, struct error *error) {
     if (options->json) return refuse_option(error, "--json", "a conversion has no report; use whittle info --json");
     if (strcmp(options->output, ".") == 0)
         return refuse_option(error, "OUTPUT", "use whittle convert INPUT OUTPUT.ply");
     if (strcmp(options->output, "-") == 0 && (!options->outputs_given || !settle_standard(options)))
         return refuse_option(error, "-o", "use --outputs to name the one format of standard output, as cloud.pcd");
-    if (!options->to_standard && worker_output_settle(options, error)) return WORKER_REFUSED;
+    if (!options->to_standard && command_output_settle(options, error)) return COMMAND_REFUSED;
     if (!options->to_standard && !options->to_file)
         return refuse_option(error, options->output, "use a name with the format's end, as scan.ply");
     if (!(options->params.outputs & (OUTPUT_ANY_CLOUD | OUTPUT_ANY_MESH)))
         return refuse_option(error, options->output, "no cloud and no mesh; use another format");
     options->params.ratio = 1;
-    return params_resolve(&options->params, error) ? WORKER_REFUSED : WORKER_RUN;
+    return params_resolve(&options->params, error) ? COMMAND_REFUSED : COMMAND_RUN;
 }
 
-static enum worker_request parse_all(struct worker_options *options, int argc, char **argv, struct error *error) {
+static enum command_request parse_all(struct command_options *options, int argc, char **argv, struct error *error) {
     for (int i = 1; i < argc; i++) {
-        enum worker_request request = parse_argument(options, argc, argv, &i, error);
-        if (request != WORKER_RUN) return request;
+        enum command_request request = parse_argument(options, argc, argv, &i, error);
+        if (request != COMMAND_RUN) return request;
     }
-    enum worker_request names = settle_names(options, error);
-    if (names != WORKER_RUN) return names;
+    enum command_request names = settle_names(options, error);
+    if (names != COMMAND_RUN) return names;
     if (options->convert && options->preview)
         return refuse_option(error, "--preview", "a conversion has no deviation to show");
     if (options->convert) return settle_conversion(options, error);
@@ -324,10 +324,10 @@ static enum worker_request parse_all(struct worker_options *options, int argc, c
         if (!settle_standard(options))
             return refuse_option(error, "-o",
                                  "standard output takes one output, of one level; use --outputs to name one");
-    } else if (worker_output_settle(options, error)) {
-        return WORKER_REFUSED;
+    } else if (command_output_settle(options, error)) {
+        return COMMAND_REFUSED;
     }
-    return params_resolve(&options->params, error) ? WORKER_REFUSED : WORKER_RUN;
+    return params_resolve(&options->params, error) ? COMMAND_REFUSED : COMMAND_RUN;
 }
 
 /* What is said of a parameter is said of the option as it was written. */
@@ -342,14 +342,15 @@ static void call_as_written(int argc, char **argv, struct error *error) {
     }
 }
 
-enum worker_request worker_options_parse(struct worker_options *options, int argc, char **argv, struct error *error) {
+enum command_request command_options_parse(struct command_options *options, int argc, char **argv,
+                                           struct error *error) {
     bool convert = argc > 1 && strcmp(argv[1], "convert") == 0;
-    *options = (struct worker_options){.output = ".", .progress_fd = -1, .summary = true, .convert = convert};
+    *options = (struct command_options){.output = ".", .progress_fd = -1, .summary = true, .convert = convert};
     params_defaults(&options->params);
     options->input = calloc((size_t)argc, sizeof *options->input);
     if (!options->input) return refuse_option(error, "INPUT", "no memory for names");
-    enum worker_request request = parse_all(options, argc - convert, argv + convert, error);
-    if (request != WORKER_REFUSED) return request;
+    enum command_request request = parse_all(options, argc - convert, argv + convert, error);
+    if (request != COMMAND_REFUSED) return request;
     char text[ERROR_TEXT_BYTES];
     help_hyphens(error->text, text, sizeof text);
     memcpy(error->text, text, sizeof text);
@@ -357,7 +358,7 @@ enum worker_request worker_options_parse(struct worker_options *options, int arg
     return request;
 }
 
-void worker_options_done(struct worker_options *options) {
+void command_options_done(struct command_options *options) {
     free(options->input), free(options->tileset_folder);
     options->tileset_folder = NULL;
     options->input = NULL, options->input_count = 0;

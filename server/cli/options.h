@@ -12,7 +12,7 @@
 /* How the picture is shown on a terminal. */
 enum preview_way { PREVIEW_NOT, PREVIEW_AUTO, PREVIEW_KITTY, PREVIEW_SIXEL, PREVIEW_BLOCKS };
 
-struct worker_options {
+struct command_options {
     struct params params;
     const char **input;   /* paths, or "-" for standard input: one cloud together; owned, the texts are argv's */
     size_t input_count;   /* at least 1 */
@@ -36,18 +36,18 @@ struct worker_options {
     bool outputs_given;   /* the parameter outputs was set, and isn't the default */
 };
 
-enum worker_request {
-    WORKER_RUN,
-    WORKER_TOLD,   /* --help or --version was asked for and printed */
-    WORKER_REFUSED /* error says why */
+enum command_request {
+    COMMAND_RUN,
+    COMMAND_TOLD,   /* --help or --version was asked for and printed */
+    COMMAND_REFUSED /* error says why */
 };
 
 /* Options and parameters are --name value or --name=value, with '-' for '_' as one likes; the rows of the parameters
  * come from the table in core/params.c.  `convert` as the first argument is the command of that name.  error->where is
  * the option as it was written. */
-enum worker_request worker_options_parse(struct worker_options *options, int argc, char **argv, struct error *error);
+enum command_request command_options_parse(struct command_options *options, int argc, char **argv, struct error *error);
 
 /* After parsing, whatever came of it. */
-void worker_options_done(struct worker_options *options);
+void command_options_done(struct command_options *options);
 
 #endif

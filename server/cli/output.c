@@ -41,7 +41,7 @@
 enum { MOST_OPEN = 16 };
 
 struct outputs {
-    const struct worker_options *options;
+    const struct command_options *options;
     const struct cloud *cloud;
     const struct kept_file *kept; /* NULL: the points are the cloud's */
     const struct pipeline_result *result;
@@ -230,7 +230,7 @@ static void make_plan(const struct params *params, struct plan *plan) {
 }
 
 /* false where the name is too long. */
-static bool name_file(const struct worker_options *options, const struct planned *item, char path[PATH_MAX]) {
+static bool name_file(const struct command_options *options, const struct planned *item, char path[PATH_MAX]) {
     const char *folder = options->output;
     char suffix[40] = "";
     size_t length = strlen(folder);
@@ -248,7 +248,7 @@ static bool name_file(const struct worker_options *options, const struct planned
     return n > 0 && n < PATH_MAX;
 }
 
-static enum status refuse_name(const struct worker_options *options, struct error *error) {
+static enum status refuse_name(const struct command_options *options, struct error *error) {
     return error_set(error, STATUS_IO, "output", "the name is too long: %.80s...", options->output);
 }
 
@@ -308,7 +308,7 @@ static enum status refuse_foreign(const char *type, struct error *error) {
 }
 
 /* A folder of tiles: named by its tileset.json, or NAME.3dtiles. */
-static bool is_tileset_folder(const struct worker_options *options) {
+static bool is_tileset_folder(const struct command_options *options) {
     const char *end = options->output + strlen(options->output), *name = "tileset.json";
     size_t length = strlen(name);
     if ((size_t)(end - options->output) >= length && strcmp(end - length, name) == 0)
@@ -319,7 +319,7 @@ static bool is_tileset_folder(const struct worker_options *options) {
     return (size_t)(end - options->output) > length && strncmp(end - length, name, length) == 0;
 }
 
-static enum status settle_tileset_folder(struct worker_options *options, struct error *error) {
+static enum status settle_tileset_folder(struct command_options *options, struct error *error) {
     size_t length = strlen(options->output);
     const char *slash = strrchr(options->output, '/');
     if (options->params.levels.count || (options->outputs_given && !(options->params.outputs & OUTPUT_TILESET)))
@@ -335,7 +335,7 @@ static enum status settle_tileset_folder(struct worker_options *options, struct 
     return STATUS_OK;
 }
 
-enum status worker_output_settle(struct worker_options *options, struct error *error) {
+enum status command_output_settle(struct command_options *options, struct error *error) {
     if (is_tileset_folder(options)) return settle_tileset_folder(options, error);
     const char *type = extension(options->output);
     uint32_t outputs = options->params.outputs;
@@ -356,7 +356,8 @@ enum status worker_output_settle(struct worker_options *options, struct error *e
     return STATUS_OK;
 }
 
-enum status worker_output_settle_faces(struct worker_options *options, const struct cloud *cloud, struct error *error) {
+enum status command_output_settle_faces(struct command_options *options, const struct cloud *cloud,
+                                        struct error *error) {
     const struct file *now = file_of_bit(options->params.outputs), *mesh = file_of_bit(OUTPUT_MESH);
     const struct file *meshed = find_file(now->type, mesh);
     bool faces = cloud->triangle_count > 0;
@@ -379,7 +380,7 @@ static bool is_mesh(const struct cloud *cloud) {
     return used > 0 && 2 * used >= cloud->count;
 }
 
-bool worker_output_follow_faces(struct worker_options *options, const struct cloud *cloud) {
+bool command_output_follow_faces(struct command_options *options, const struct cloud *cloud) {
     if (options->outputs_given || options->params.outputs & OUTPUT_ANY_MESH || !is_mesh(cloud)) return false;
     const struct file *now = file_of_bit(options->params.outputs & ~(uint32_t)OUTPUT_REPORT);
     const struct file *meshed = now ? find_file(now->type, file_of_bit(OUTPUT_MESH)) : NULL;
@@ -389,14 +390,14 @@ bool worker_output_follow_faces(struct worker_options *options, const struct clo
 
 /* ------------------------------------------------------------------------------------------------ beforehand */
 
-static struct file_out_rule make_rule(const struct worker_options *options, const struct worker_inputs *inputs) {
+static struct file_out_rule make_rule(const struct command_options *options, const struct command_inputs *inputs) {
     struct file_out_rule rule = {.replaces = options->force || options->output_given};
     rule.source = inputs->source;
     rule.source_count = inputs->source_count;
     return rule;
 }
 
-static enum status check_folder(const struct worker_options *options, struct error *error) {
+static enum status check_folder(const struct command_options *options, struct error *error) {
     char given[PATH_MAX], path[PATH_MAX + 2];
     if (strlen(options->output) >= PATH_MAX) return refuse_name(options, error);
     snprintf(given, sizeof given, "%s", options->output);
@@ -432,8 +433,8 @@ static enum status check_standard(const struct file_out_rule *rule, struct error
     return same ? error_set(error, STATUS_BAD_PARAMETER, "output", "standard output is the input itself") : STATUS_OK;
 }
 
-enum status worker_output_check(const struct worker_options *options, const struct worker_inputs *inputs,
-                                struct error *error) {
+enum status command_output_check(const struct command_options *options, const struct command_inputs *inputs,
+                                 struct error *error) {
     struct file_out_rule rule = make_rule(options, inputs);
     struct plan plan;
     char path[PATH_MAX];
@@ -458,7 +459,7 @@ static void put_size(const char *path, FILE *to) {
     fprintf(to, ", %.*f %s", unit && size < 100 ? 1 : 0, size, units[unit]);
 }
 
-void worker_output_names(const struct worker_options *options, const char *label, bool mark, FILE *to) {
+void command_output_names(const struct command_options *options, const char *label, bool mark, FILE *to) {
     const struct file_out_rule rule = {.replaces = true};
     struct plan plan;
     char path[PATH_MAX];
@@ -495,7 +496,7 @@ static enum status write_file(struct outputs *outputs, const struct planned *ite
 }
 
 /* The lines of what the input's reader left out. */
-static void note_input(const struct worker_options *options, const struct cloud *cloud, struct left_out *left_out) {
+static void note_input(const struct command_options *options, const struct cloud *cloud, struct left_out *left_out) {
     uint32_t outputs = options->params.outputs;
     if (options->to_file && !options->outputs_given && !(outputs & OUTPUT_ANY_MESH) && is_mesh(cloud))
         left_out_add(left_out, "input", "its faces, which a .%s has not; use .ply, .obj, .stl or .glb",
@@ -573,9 +574,9 @@ static void vertices_done(struct outputs *o) {
     free(o->number);
 }
 
-enum status worker_output_write(const struct worker_options *options, const struct worker_inputs *inputs,
-                                const struct cloud *cloud, const struct kept_file *file, struct pipeline_result *result,
-                                struct error *error) {
+enum status command_output_write(const struct command_options *options, const struct command_inputs *inputs,
+                                 const struct cloud *cloud, const struct kept_file *file,
+                                 struct pipeline_result *result, struct error *error) {
     struct outputs outputs = {.options = options,
                               .cloud = cloud,
                               .kept = file && file->path ? file : NULL,
@@ -626,15 +627,15 @@ static void print_losses(const struct left_out *left_out, FILE *to) {
         fprintf(to, "%-16s %s: %s\n", i ? "" : "left out", left_out->loss[i].where, left_out->loss[i].what);
 }
 
-void worker_output_converted(const struct worker_options *options, const struct cloud *cloud,
-                             const struct left_out *left_out, FILE *to) {
+void command_output_converted(const struct command_options *options, const struct cloud *cloud,
+                              const struct left_out *left_out, FILE *to) {
     fprintf(to, "%-16s %zu\n", "points", cloud->count);
     if (options->params.outputs & OUTPUT_ANY_MESH) fprintf(to, "%-16s %zu triangles\n", "mesh", cloud->triangle_count);
     print_losses(left_out, to);
-    worker_output_names(options, "written", false, to);
+    command_output_names(options, "written", false, to);
 }
 
-void worker_output_summary(const struct worker_options *options, const struct report *report, FILE *to) {
+void command_output_summary(const struct command_options *options, const struct report *report, FILE *to) {
     for (size_t i = 0; i < report->level_count; i++) summarise_level(report, &report->level[i], to);
     const struct report_deviation *deviation = &report->deviation;
     if (report->surface.kind[0])
@@ -661,10 +662,10 @@ void worker_output_summary(const struct worker_options *options, const struct re
         fprintf(to, "%-16s %-12s %10.1f ms\n", i ? "" : "stages", report->stage[i].name, report->stage[i].wall_ms);
     fprintf(to, "%-16s %.0f ms, %.1f MiB at the peak\n", "cost", report->total_ms,
             (double)report->peak_rss_bytes / 1048576);
-    worker_output_names(options, "written", false, to);
+    command_output_names(options, "written", false, to);
 }
 
-void worker_output_explain(const char *input, enum status status, const struct error *error, FILE *to) {
+void command_output_explain(const char *input, enum status status, const struct error *error, FILE *to) {
     fprintf(to, "whittle: %s: ", input);
     if (error->line) fprintf(to, "line %" PRIu64 ": ", error->line);
     if (!error->line && error->byte_offset != UINT64_MAX && error->code)

@@ -13,23 +13,23 @@
 
 /* Sets options->to_file where the output is the name of one file of a format that is written, and params.outputs to the
  * one that it is.  STATUS_BAD_PARAMETER where it can't be. */
-enum status worker_output_settle(struct worker_options *options, struct error *error) MUST_CHECK;
+enum status command_output_settle(struct command_options *options, struct error *error) MUST_CHECK;
 
 /* A cloud whose faces most of its points have is a mesh: faces go out where the output has a format that holds them,
  * and
  * --outputs doesn't say what to write.  Returns whether that makes another file. */
-bool worker_output_follow_faces(struct worker_options *options, const struct cloud *cloud);
+bool command_output_follow_faces(struct command_options *options, const struct cloud *cloud);
 
 /* For a conversion, once the input is read: the mesh's format where the cloud has faces and the file can hold them,
  * else the cloud's.  STATUS_BAD_PARAMETER where the format holds faces alone, and there are none. */
-enum status worker_output_settle_faces(struct worker_options *options, const struct cloud *cloud,
-                                       struct error *error) MUST_CHECK;
+enum status command_output_settle_faces(struct command_options *options, const struct cloud *cloud,
+                                        struct error *error) MUST_CHECK;
 
 /* Whether all outputs can be written: asked before the work, not after it.  The folder is there and takes files, or can
  * be made; none of them is an input (where one of those can't be opened, the folder alone is looked at); none is there
  * already, unless options let them be replaced.  STATUS_IO, STATUS_BAD_PARAMETER. */
-enum status worker_output_check(const struct worker_options *options, const struct worker_inputs *inputs,
-                                struct error *error) MUST_CHECK;
+enum status command_output_check(const struct command_options *options, const struct command_inputs *inputs,
+                                 struct error *error) MUST_CHECK;
 
 /* Writes the outputs that were asked for into the folder, which is made where it isn't there, or the one output to its
  * file or to standard output.  Each file appears whole or not at all, and what was checked holds still as it gets its
@@ -37,21 +37,21 @@ enum status worker_output_check(const struct worker_options *options, const stru
  * file), STATUS_BAD_PARAMETER, STATUS_NO_MEMORY.
  *
  * file with a path: the kept points are in it (core/tiles/tiles.h), which a tileset alone is made of. */
-enum status worker_output_write(const struct worker_options *options, const struct worker_inputs *inputs,
-                                const struct cloud *cloud, const struct kept_file *file, struct pipeline_result *result,
-                                struct error *error) MUST_CHECK;
+enum status command_output_write(const struct command_options *options, const struct command_inputs *inputs,
+                                 const struct cloud *cloud, const struct kept_file *file,
+                                 struct pipeline_result *result, struct error *error) MUST_CHECK;
 
 /* A few lines for people; the names of what was written among them. */
-void worker_output_summary(const struct worker_options *options, const struct report *report, FILE *to);
+void command_output_summary(const struct command_options *options, const struct report *report, FILE *to);
 
 /* The same of a conversion. */
-void worker_output_converted(const struct worker_options *options, const struct cloud *cloud,
-                             const struct left_out *left_out, FILE *to);
+void command_output_converted(const struct command_options *options, const struct cloud *cloud,
+                              const struct left_out *left_out, FILE *to);
 
 /* The names of the files, a line each, after this label; those that would be replaced are marked. */
-void worker_output_names(const struct worker_options *options, const char *label, bool mark, FILE *to);
+void command_output_names(const struct command_options *options, const char *label, bool mark, FILE *to);
 
 /* "whittle: scan.ply: line 12: x: ..." */
-void worker_output_explain(const char *input, enum status status, const struct error *error, FILE *to);
+void command_output_explain(const char *input, enum status status, const struct error *error, FILE *to);
 
 #endif

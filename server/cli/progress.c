@@ -21,11 +21,11 @@ static double now_ms(void) {
     return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
 }
 
-void worker_progress_init(struct worker_progress *progress, int fd, volatile sig_atomic_t *stopping) {
-    *progress = (struct worker_progress){.fd = fd, .to = 1, .bar = isatty(STDERR_FILENO), .stopping = stopping};
+void command_progress_init(struct command_progress *progress, int fd, volatile sig_atomic_t *stopping) {
+    *progress = (struct command_progress){.fd = fd, .to = 1, .bar = isatty(STDERR_FILENO), .stopping = stopping};
 }
 
-void worker_progress_span(struct worker_progress *progress, double from, double to) {
+void command_progress_span(struct command_progress *progress, double from, double to) {
     progress->from = from;
     progress->to = to;
 }
@@ -50,8 +50,8 @@ static void draw_bar(const char *stage, double fraction) {
     fflush(stderr);
 }
 
-int worker_progress_tick(void *ctx, const char *stage, double fraction) {
-    struct worker_progress *progress = ctx;
+int command_progress_tick(void *ctx, const char *stage, double fraction) {
+    struct command_progress *progress = ctx;
     double time_ms = now_ms();
     bool new_stage = strcmp(stage, progress->last_stage) != 0;
     if (*progress->stopping) return 1;
@@ -68,7 +68,7 @@ int worker_progress_tick(void *ctx, const char *stage, double fraction) {
     return 0;
 }
 
-void worker_progress_end(struct worker_progress *progress, enum status status, const struct error *error) {
+void command_progress_end(struct command_progress *progress, enum status status, const struct error *error) {
     if (progress->bar) fprintf(stderr, "\r\033[K");
     if (progress->fd < 0) return;
     struct wire_message message = {.kind = status ? WIRE_FAILED : WIRE_DONE};

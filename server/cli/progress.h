@@ -9,7 +9,7 @@
 
 #include "core/base/status.h"
 
-struct worker_progress {
+struct command_progress {
     int fd;          /* lines of server/shared/worker_protocol.h; -1: none */
     bool bar;        /* standard error is a terminal */
     double from, to; /* the part of the whole job that ticks' 0 .. 1 stand for */
@@ -18,15 +18,15 @@ struct worker_progress {
     volatile sig_atomic_t *stopping; /* nonzero: every tick asks to stop; borrowed */
 };
 
-void worker_progress_init(struct worker_progress *progress, int fd, volatile sig_atomic_t *stopping);
+void command_progress_init(struct command_progress *progress, int fd, volatile sig_atomic_t *stopping);
 
 /* From now on a tick's 0 .. 1 stands for from .. to of the whole job. */
-void worker_progress_span(struct worker_progress *progress, double from, double to);
+void command_progress_span(struct command_progress *progress, double from, double to);
 
-/* For struct progress: ctx is the struct worker_progress. */
-int worker_progress_tick(void *ctx, const char *stage, double fraction);
+/* For struct progress: ctx is the struct command_progress. */
+int command_progress_tick(void *ctx, const char *stage, double fraction);
 
 /* Takes the bar away, and tells `done` or `failed` on the descriptor. */
-void worker_progress_end(struct worker_progress *progress, enum status status, const struct error *error);
+void command_progress_end(struct command_progress *progress, enum status status, const struct error *error);
 
 #endif

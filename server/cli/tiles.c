@@ -64,7 +64,7 @@ static bool look_at_input(int input, struct memory_job *job) {
 }
 
 /* The same of all of them together. */
-static bool look_at_inputs(const struct worker_inputs *inputs, struct memory_job *all) {
+static bool look_at_inputs(const struct command_inputs *inputs, struct memory_job *all) {
     *all = (struct memory_job){0};
     for (size_t i = 0; i < inputs->count; i++) {
         struct memory_job one;
@@ -86,7 +86,7 @@ static bool is_compressed(int input) {
 
 /* Whether the files are what their headers say, as far as that can be seen before its points are read; what is
  * compressed shows when it is read. */
-static enum status check_parts_of(const struct worker_options *options, const struct worker_inputs *inputs,
+static enum status check_parts_of(const struct command_options *options, const struct command_inputs *inputs,
                                   struct error *error) {
     const struct cloud_limits limits = {.columns = options->params.columns, .threads = 1};
     struct cloud_stream *stream = NULL;
@@ -100,8 +100,8 @@ static enum status check_parts_of(const struct worker_options *options, const st
     return status;
 }
 
-enum status worker_tiles_needed(const struct worker_options *options, const struct worker_inputs *inputs, bool *needed,
-                                struct error *error) {
+enum status command_tiles_needed(const struct command_options *options, const struct command_inputs *inputs,
+                                 bool *needed, struct error *error) {
     const struct params *params = &options->params;
     struct memory_job job;
     struct error why;
@@ -121,7 +121,7 @@ enum status worker_tiles_needed(const struct worker_options *options, const stru
                      (double)needs / 0x1p30, (double)params->memory_bytes / 0x1p30, why.text);
 }
 
-static enum status name_scratch(const struct worker_options *options, char folder[FOLDER_BYTES], struct error *error) {
+static enum status name_scratch(const struct command_options *options, char folder[FOLDER_BYTES], struct error *error) {
     const char *output = options->output;
     size_t length = strlen(output);
     while (length > 1 && output[length - 1] == '/') length--;
@@ -144,7 +144,7 @@ static double tiles_clock_ms(void) {
     return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
 }
 
-static void announce(const struct worker_options *options, const char *folder, uint64_t points) {
+static void announce(const struct command_options *options, const char *folder, uint64_t points) {
     struct tiles_prediction takes = tiles_predict(points, &options->params);
     fprintf(stderr,
             "whittle: about %" PRIu64 " points don't fit into %.1f GiB: tiles in %s, up to %.1f GiB, take about %.0f "
@@ -153,8 +153,8 @@ static void announce(const struct worker_options *options, const char *folder, u
             takes.seconds / 60 + 0.5);
 }
 
-enum status worker_tiles_foretell(const struct worker_options *options, const struct worker_inputs *inputs,
-                                  struct error *error) {
+enum status command_tiles_foretell(const struct command_options *options, const struct command_inputs *inputs,
+                                   struct error *error) {
     char folder[FOLDER_BYTES];
     struct memory_job job = {0};
     enum status status = name_scratch(options, folder, error);
@@ -200,11 +200,11 @@ static void tell_what_is_left(const char *folder) {
     fprintf(stderr, "The same command goes on from what is in %s\n", folder);
 }
 
-enum status worker_tiles_simplify(const struct worker_options *options, const struct worker_inputs *inputs,
-                                  struct worker_progress *display, struct cloud *cloud, struct kept_file *file,
-                                  struct pipeline_result *result, struct error *error) {
+enum status command_tiles_simplify(const struct command_options *options, const struct command_inputs *inputs,
+                                   struct command_progress *display, struct cloud *cloud, struct kept_file *file,
+                                   struct pipeline_result *result, struct error *error) {
     char folder[FOLDER_BYTES];
-    struct progress progress = {worker_progress_tick, display};
+    struct progress progress = {command_progress_tick, display};
     struct tiles_facts facts = {0};
     unsigned threads = (unsigned)options->params.threads;
     struct memory_job known = {0};
@@ -213,20 +213,20 @@ enum status worker_tiles_simplify(const struct worker_options *options, const st
     if (options->summary && look_at_inputs(inputs, &known)) announce(options, folder, known.points);
     const struct tiles_job job = {(const char *const *)options->input, options->input_count, folder, &options->params,
                                   options->tile_points};
-    worker_progress_span(display, 0, PLAN_SHARE);
+    command_progress_span(display, 0, PLAN_SHARE);
     double start_ms = tiles_clock_ms();
     status = tiles_plan(&job, &progress, &facts, error);
     double planned_ms = tiles_clock_ms();
     for (size_t t = 0; !status && t < facts.tiles; t++) {
         double each = (RUN_SHARE - PLAN_SHARE) / (double)facts.tiles;
-        worker_progress_span(display, PLAN_SHARE + each * (double)t, PLAN_SHARE + each * (double)(t + 1));
+        command_progress_span(display, PLAN_SHARE + each * (double)t, PLAN_SHARE + each * (double)(t + 1));
         status = tiles_run(folder, t, threads, &progress, error);
     }
     bool ends = fit_ends_in_memory(&options->params);
-    worker_progress_span(display, RUN_SHARE, ends ? END_SHARE : 1);
+    command_progress_span(display, RUN_SHARE, ends ? END_SHARE : 1);
     double run_ms = tiles_clock_ms();
     if (!status) status = tiles_merge(folder, threads, &progress, cloud, file, result, error);
-    if (ends) worker_progress_span(display, END_SHARE, 1);
+    if (ends) command_progress_span(display, END_SHARE, 1);
     if (!status) status = end_in_memory(&options->params, &progress, cloud, result, error);
     if (!status) { /* of this process: what was done before a stop isn't counted */
         report_add_stage(&result->report, "plan", planned_ms - start_ms);
@@ -237,7 +237,7 @@ enum status worker_tiles_simplify(const struct worker_options *options, const st
     return status;
 }
 
-void worker_tiles_remove(const struct worker_options *options) {
+void command_tiles_remove(const struct command_options *options) {
     char folder[FOLDER_BYTES];
     struct error ignored;
     if (name_scratch(options, folder, &ignored) == STATUS_OK) tiles_remove(folder);
@@ -268,15 +268,15 @@ static int refuse_tiles(const char *why) {
     return WIRE_EXIT_PARAMETER;
 }
 
-static int end_tiles(const char *of, struct worker_progress *display, enum status status, const struct error *error) {
-    worker_progress_end(display, status, error);
-    if (status) worker_output_explain(of, status, error, stderr);
+static int end_tiles(const char *of, struct command_progress *display, enum status status, const struct error *error) {
+    command_progress_end(display, status, error);
+    if (status) command_output_explain(of, status, error, stderr);
     return wire_exit_status(status);
 }
 
 /* The options of plan and merge are those of whittle.  `first` stands for its input; without it all names are inputs.
  */
-static bool parse_step(struct worker_options *options, const char *first, int argc, char **argv, int *exit_status) {
+static bool parse_step(struct command_options *options, const char *first, int argc, char **argv, int *exit_status) {
     static const char *const nowhere[] = {"-o", "."};
     struct error error = {0};
     char **all = alloc_array((size_t)argc + 3, sizeof *all);
@@ -287,19 +287,19 @@ static bool parse_step(struct worker_options *options, const char *first, int ar
     if (first) all[n++] = (char *)(uintptr_t)first;
     for (int i = 0; !first && i < 2; i++) all[n++] = (char *)(uintptr_t)nowhere[i];
     for (int i = 1; i < argc; i++) all[n++] = argv[i];
-    enum worker_request request = worker_options_parse(options, n, all, &error);
+    enum command_request request = command_options_parse(options, n, all, &error);
     free(all);
-    *exit_status = request == WORKER_TOLD ? 0 : wire_exit_status(STATUS_BAD_PARAMETER);
-    if (request == WORKER_REFUSED) fprintf(stderr, "whittle tiles: %s: %s\n", error.where, error.text);
-    if (request != WORKER_RUN) worker_options_done(options);
-    return request == WORKER_RUN;
+    *exit_status = request == COMMAND_TOLD ? 0 : wire_exit_status(STATUS_BAD_PARAMETER);
+    if (request == COMMAND_REFUSED) fprintf(stderr, "whittle tiles: %s: %s\n", error.where, error.text);
+    if (request != COMMAND_RUN) command_options_done(options);
+    return request == COMMAND_RUN;
 }
 
-static int plan_tiles(int argc, char **argv, struct worker_progress *display, uint64_t machine_bytes) {
-    struct worker_options options;
+static int plan_tiles(int argc, char **argv, struct command_progress *display, uint64_t machine_bytes) {
+    struct command_options options;
     struct tiles_facts facts;
     struct error error = {0};
-    struct progress progress = {worker_progress_tick, display};
+    struct progress progress = {command_progress_tick, display};
     int exit_status;
     if (!parse_step(&options, NULL, argc, argv, &exit_status)) return exit_status;
     if (!options.params.memory_bytes) options.params.memory_bytes = machine_bytes;
@@ -317,7 +317,7 @@ static int plan_tiles(int argc, char **argv, struct worker_progress *display, ui
         printf("%-16s %zu\n", "passes", facts.passes);
     }
     exit_status = options.scratch ? end_tiles(options.input[0], display, status, &error) : WIRE_EXIT_PARAMETER;
-    worker_options_done(&options);
+    command_options_done(&options);
     return exit_status;
 }
 
@@ -356,13 +356,13 @@ static int list_tiles(int argc, char **argv) {
     enum status status = tiles_look(scratch, &facts, NULL, &error);
     for (size_t t = 0; !status && t < facts.tiles; t++)
         if (!tiles_is_done(scratch, t)) printf("%zu\n", t);
-    if (status) worker_output_explain(scratch, status, &error, stderr);
+    if (status) command_output_explain(scratch, status, &error, stderr);
     return wire_exit_status(status);
 }
 
-static int run_one(int argc, char **argv, struct worker_progress *display) {
+static int run_one(int argc, char **argv, struct command_progress *display) {
     const char *scratch = NULL, *threads = NULL, *operand = NULL;
-    struct progress progress = {worker_progress_tick, display};
+    struct progress progress = {command_progress_tick, display};
     struct error error = {0};
     unsigned long tile, count;
     if (!take_simple(argc, argv, &scratch, &threads, &operand) || !operand ||
@@ -385,7 +385,7 @@ static struct params outputs_of(const struct params *planned, const struct param
     return params;
 }
 
-static enum status write_merged(const struct worker_options *options, const struct worker_inputs *inputs,
+static enum status write_merged(const struct command_options *options, const struct command_inputs *inputs,
                                 struct cloud *cloud, const struct kept_file *file, struct pipeline_result *result,
                                 struct error *error) {
     enum status status = STATUS_OK;
@@ -394,21 +394,21 @@ static enum status write_merged(const struct worker_options *options, const stru
         status = cloud_keep_colours(cloud, error);
     if (!status && !file->path)
         status = cloud_set_colours(cloud, (enum colour_bits)options->params.colours, &result->report.left_out, error);
-    return status ? status : worker_output_write(options, inputs, cloud, file, result, error);
+    return status ? status : command_output_write(options, inputs, cloud, file, result, error);
 }
 
-static int merge_tiles(int argc, char **argv, struct worker_progress *display) {
-    struct worker_options options;
+static int merge_tiles(int argc, char **argv, struct command_progress *display) {
+    struct command_options options;
     struct tiles_facts facts;
     struct params planned;
     struct cloud cloud = {0};
     struct kept_file file = {0};
     struct pipeline_result result = {0};
-    struct progress progress = {worker_progress_tick, display};
+    struct progress progress = {command_progress_tick, display};
     struct error error = {0};
     const char *scratch = NULL;
     struct tiles_inputs planned_inputs = {0};
-    struct worker_inputs inputs = {0};
+    struct command_inputs inputs = {0};
     int exit_status = 0;
     for (int i = 1; i < argc; i++) {
         if (strncmp(argv[i], "--scratch=", 10) == 0) scratch = argv[i] + 10;
@@ -423,8 +423,8 @@ static int merge_tiles(int argc, char **argv, struct worker_progress *display) {
         return exit_status;
     }
     options.params = outputs_of(&planned, &options.params);
-    status = worker_inputs_open(&inputs, (const char *const *)planned_inputs.path, planned_inputs.count, &error);
-    if (!status) status = worker_output_check(&options, &inputs, &error);
+    status = command_inputs_open(&inputs, (const char *const *)planned_inputs.path, planned_inputs.count, &error);
+    if (!status) status = command_output_check(&options, &inputs, &error);
     if (!status && facts.for_tileset && !(options.params.outputs & OUTPUT_TILESET))
         status = error_set(&error, STATUS_BAD_PARAMETER, "outputs",
                            "the plan is for a tileset of more points than memory holds; merge it to a tileset");
@@ -440,15 +440,15 @@ static int merge_tiles(int argc, char **argv, struct worker_progress *display) {
     if (!status) tiles_kept_remove(&file);
     kept_file_done(&file);
     if (!status && options.summary)
-        worker_output_summary(&options, &result.report, options.to_standard ? stderr : stdout);
+        command_output_summary(&options, &result.report, options.to_standard ? stderr : stdout);
     bool no_output = status && (strcmp(error.where, "output") == 0 || strcmp(error.where, "write") == 0);
     exit_status = end_tiles(scratch, display, status, &error);
     if (no_output) exit_status = WIRE_EXIT_NO_OUTPUT;
-    worker_inputs_done(&inputs);
+    command_inputs_done(&inputs);
     pipeline_result_done(&result);
     cloud_done(&cloud);
     tiles_inputs_done(&planned_inputs);
-    worker_options_done(&options);
+    command_options_done(&options);
     return exit_status;
 }
 
@@ -477,19 +477,19 @@ static enum status write_around(size_t tiles, struct error *error) {
     return status;
 }
 
-static enum status merge_and_write(const struct worker_options *options, const char *folder,
+static enum status merge_and_write(const struct command_options *options, const char *folder,
                                    const struct progress *progress, struct error *error) {
     struct cloud cloud = {0};
     struct kept_file file = {0};
     struct pipeline_result result = {0};
-    struct worker_inputs inputs = {0};
-    enum status status = worker_inputs_open(&inputs, options->input, options->input_count, error);
+    struct command_inputs inputs = {0};
+    enum status status = command_inputs_open(&inputs, options->input, options->input_count, error);
     if (!status)
         status = tiles_merge(folder, (unsigned)options->params.threads, progress, &cloud, &file, &result, error);
     if (!status) status = end_in_memory(&options->params, progress, &cloud, &result, error);
     if (!status) status = write_merged(options, &inputs, &cloud, &file, &result, error);
     tiles_kept_remove(&file);
-    worker_inputs_done(&inputs);
+    command_inputs_done(&inputs);
     pipeline_result_done(&result);
     cloud_done(&cloud);
     return status;
@@ -497,9 +497,9 @@ static enum status merge_and_write(const struct worker_options *options, const c
 
 /* One task of a job of tiles.  The cloud is standard input; what the task makes lies in the current folder. */
 static int work_task(int argc, char **argv, volatile sig_atomic_t *stopping) {
-    struct worker_options options;
-    struct worker_progress display;
-    struct progress progress = {worker_progress_tick, &display};
+    struct command_options options;
+    struct command_progress display;
+    struct progress progress = {command_progress_tick, &display};
     struct error error = {0};
     struct tiles_facts facts;
     if (argc < 4) return refuse_tiles("work takes a task, its files and the options of whittle");
@@ -508,15 +508,15 @@ static int work_task(int argc, char **argv, volatile sig_atomic_t *stopping) {
     char *folder = alloc_array(room, 1);
     if (!folder) return wire_exit_status(STATUS_NO_MEMORY);
     snprintf(folder, room, TILES_GIVEN "%s", argv[2]);
-    if (worker_options_parse(&options, argc - 2, argv + 2, &error) != WORKER_RUN) {
+    if (command_options_parse(&options, argc - 2, argv + 2, &error) != COMMAND_RUN) {
         fprintf(stderr, "whittle tiles: %s: %s\n", error.where, error.text);
-        worker_options_done(&options);
+        command_options_done(&options);
         free(folder);
         return wire_exit_status(STATUS_BAD_PARAMETER);
     }
-    bool confined = options.progress_fd >= 0 && worker_no_new_code();
+    bool confined = options.progress_fd >= 0 && command_no_new_code();
     (void)confined; /* where the kernel has no filters, whittled says so */
-    worker_progress_init(&display, options.progress_fd, stopping);
+    command_progress_init(&display, options.progress_fd, stopping);
     unsigned threads = (unsigned)options.params.threads;
     enum status status;
     if (strcmp(task, "plan") == 0) {
@@ -528,15 +528,15 @@ static int work_task(int argc, char **argv, volatile sig_atomic_t *stopping) {
     } else {
         status = tiles_run(folder, strtoul(task, NULL, 10), threads, &progress, &error);
     }
-    worker_progress_end(&display, status, &error);
-    if (status) worker_output_explain("the cloud", status, &error, stderr);
-    worker_options_done(&options);
+    command_progress_end(&display, status, &error);
+    if (status) command_output_explain("the cloud", status, &error, stderr);
+    command_options_done(&options);
     free(folder);
     return wire_exit_status(status);
 }
 
-int worker_tiles_main(int argc, char **argv, uint64_t machine_bytes, volatile sig_atomic_t *stopping) {
-    struct worker_progress display;
+int command_tiles_main(int argc, char **argv, uint64_t machine_bytes, volatile sig_atomic_t *stopping) {
+    struct command_progress display;
     const char *step = argc > 1 ? argv[1] : "";
     if (strcmp(step, "--help") == 0 || strcmp(step, "-h") == 0) {
         print_tiles_help();
@@ -548,7 +548,7 @@ int worker_tiles_main(int argc, char **argv, uint64_t machine_bytes, volatile si
             return 0;
         }
     if (strcmp(step, "work") == 0) return work_task(argc - 1, argv + 1, stopping);
-    worker_progress_init(&display, -1, stopping);
+    command_progress_init(&display, -1, stopping);
     if (strcmp(step, "plan") == 0) return plan_tiles(argc - 1, argv + 1, &display, machine_bytes);
     if (strcmp(step, "list") == 0) return list_tiles(argc - 1, argv + 1);
     if (strcmp(step, "run") == 0) return run_one(argc - 1, argv + 1, &display);

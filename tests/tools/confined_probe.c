@@ -224,7 +224,7 @@ static bool try_protect(const char *argument, const char *folder) {
 /* A third filter. */
 static bool try_filter(const char *argument, const char *folder) {
     (void)argument, (void)folder;
-    return worker_no_new_code();
+    return command_no_new_code();
 }
 
 /* What comes to it when its parent ends; the argument is the signal's number. */
@@ -464,7 +464,7 @@ int main(int argc, char **argv) {
     char deed[64] = "", argument[TEXT_BYTES] = "", *folder = "";
     for (int i = 1; i + 1 < argc; i++)
         if (strcmp(argv[i], "-o") == 0) folder = argv[i + 1];
-    worker_no_new_code();
+    command_no_new_code();
     if (fscanf(stdin, "# service %d\n# probe %63s %511s", &service, deed, argument) < 2) return 1;
     dprintf(3, "progress %s 0.5 \n", deed);
     try_deed(deed, argument, folder);

@@ -14,7 +14,7 @@
 #include <string.h>
 
 #include "server/base/digest.h"
-#include "server/daemon/setting_file.h"
+#include "server/base/setting_file.h"
 
 enum { LINE_BYTES = 512 };
 

@@ -21,8 +21,8 @@
 #include <unistd.h>
 
 #include "server/base/deadline.h"
+#include "server/base/log.h"
 #include "server/base/notify.h"
-#include "server/daemon/log.h"
 
 enum { FIRST_FD = 3, MAX_INHERITED = 64, CHECKS_IN_PERIOD = 4 };
 

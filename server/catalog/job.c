@@ -9,7 +9,7 @@
 #include <time.h>
 
 #include "server/base/random.h"
-#include "server/daemon/wall_clock.h"
+#include "server/base/wall_clock.h"
 
 static const char *const names[JOB_STATE_COUNT] = {"accepted", "running", "successful", "failed", "dismissed"};
 

@@ -170,7 +170,7 @@ void job_params_read(const char *text, struct params *params);
  * parameter that affects results, the version.  Returns new, NULL when memory runs out. */
 char *job_result_text(const struct job *job, const char *version);
 
-/* Milliseconds since 1970, by the service's own clock (daemon/wall_clock.h). */
+/* Milliseconds since 1970, by the service's own clock (server/base/wall_clock.h). */
 int64_t job_now_ms(void);
 
 /* The same as text, "2026-01-31T12:00:00.123Z"; returns text. */

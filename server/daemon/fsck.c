@@ -21,8 +21,8 @@
 #include "server/base/digest.h"
 #include "server/catalog/catalog.h"
 #include "server/catalog/job.h"
-#include "server/daemon/config.h"
 #include "server/daemon/fsck.h"
+#include "server/jobs/config.h"
 #include "server/jobs/identity.h"
 #include "server/storage/store.h"
 

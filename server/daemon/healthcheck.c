@@ -14,8 +14,8 @@
 #include <sys/time.h>
 #include <unistd.h>
 
-#include "server/daemon/config.h"
 #include "server/daemon/healthcheck.h"
+#include "server/jobs/config.h"
 
 enum { WELL = 0, UNWELL = 1, USAGE = 1, PATIENCE_S = 5, PART_BYTES = 256 };
 

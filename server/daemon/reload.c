@@ -9,7 +9,7 @@
 #include <unistd.h>
 
 #include "server/auth/tokens.h"
-#include "server/daemon/log.h"
+#include "server/base/log.h"
 #include "server/daemon/reload.h"
 #include "server/http/tls.h"
 

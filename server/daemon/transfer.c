@@ -25,8 +25,8 @@
 #include "server/base/folders.h"
 #include "server/base/signature.h"
 #include "server/catalog/catalog.h"
-#include "server/daemon/config.h"
 #include "server/daemon/fault_point.h"
+#include "server/jobs/config.h"
 #include "server/jobs/identity.h"
 #include "server/storage/store.h"
 

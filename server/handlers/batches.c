@@ -10,7 +10,7 @@
 
 #include "api/codecs/batch_json.h"
 #include "api/links.h"
-#include "server/daemon/log.h"
+#include "server/base/log.h"
 #include "server/handlers/event_stream.h"
 #include "server/handlers/handlers.h"
 #include "server/handlers/keys.h"

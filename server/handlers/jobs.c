@@ -7,8 +7,8 @@
 
 #include "api/codecs/job_json.h"
 #include "api/links.h"
-#include "server/daemon/log.h"
-#include "server/daemon/wall_clock.h"
+#include "server/base/log.h"
+#include "server/base/wall_clock.h"
 #include "server/handlers/event_stream.h"
 #include "server/handlers/handlers.h"
 #include "server/handlers/keys.h"

@@ -10,7 +10,7 @@
 #include <string.h>
 
 #include "server/base/digest.h"
-#include "server/daemon/log.h"
+#include "server/base/log.h"
 #include "server/handlers/handlers.h"
 #include "server/handlers/keys.h"
 

@@ -13,9 +13,9 @@
 #include "api/openapi/openapi.h"
 #include "api/site.h"
 #include "core/base/version.h"
-#include "server/daemon/metrics.h"
 #include "server/handlers/handlers.h"
 #include "server/handlers/page.h"
+#include "server/jobs/metrics.h"
 #include "server/jobs/readiness.h"
 
 /* A page that loads nothing; takes text. */

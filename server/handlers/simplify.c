@@ -11,7 +11,7 @@
 
 #include "api/codecs/report_read.h"
 #include "api/links.h"
-#include "server/daemon/log.h"
+#include "server/base/log.h"
 #include "server/handlers/handlers.h"
 #include "server/handlers/outputs.h"
 

@@ -22,8 +22,8 @@
 
 #include "api/codecs/upload_json.h"
 #include "api/links.h"
-#include "server/daemon/log.h"
-#include "server/daemon/wall_clock.h"
+#include "server/base/log.h"
+#include "server/base/wall_clock.h"
 #include "server/handlers/handlers.h"
 
 static const char version[] = "1.0.0";

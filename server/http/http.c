@@ -35,14 +35,14 @@
 #include <unistd.h>
 
 #include "api/links.h"
+#include "server/base/log.h"
 #include "server/base/notify.h"
 #include "server/base/thread_pool.h"
-#include "server/daemon/log.h"
-#include "server/daemon/metrics.h"
 #include "server/http/handler.h"
 #include "server/http/http_internal.h"
 #include "server/http/peers.h"
 #include "server/http/tls.h"
+#include "server/jobs/metrics.h"
 
 enum {
     MAX_SERVING_THREADS = 4,

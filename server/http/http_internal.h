@@ -10,10 +10,10 @@
 #include <stdint.h>
 
 #include "core/base/status.h"
-#include "server/daemon/config.h"
-#include "server/daemon/metrics.h"
 #include "server/http/handler.h"
 #include "server/http/request.h"
+#include "server/jobs/config.h"
+#include "server/jobs/metrics.h"
 #include "server/jobs/service.h"
 
 /* ------------------------------------------------------------------------------------------------ cross_site.c */

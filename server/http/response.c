@@ -11,7 +11,7 @@
 #include <unistd.h>
 
 #include "server/base/away.h"
-#include "server/daemon/log.h"
+#include "server/base/log.h"
 
 void response_init(struct response *response) {
     memset(response, 0, sizeof *response);

@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "server/daemon/setting_file.h"
+#include "server/base/setting_file.h"
 
 /* Forward secrecy and authenticated encryption alone: no key exchange by RSA, and no CBC, in TLS 1.2 either. */
 const char tls_priorities[] =

@@ -8,8 +8,8 @@
 #include <string.h>
 
 #include "core/base/fault.h"
-#include "server/daemon/log.h"
-#include "server/daemon/wall_clock.h"
+#include "server/base/log.h"
+#include "server/base/wall_clock.h"
 #include "server/jobs/service_internal.h"
 
 enum { TOMBSTONE_MS = 7 * 24 * 3600 * 1000, MARK_AGAIN_MS = 60 * 1000 };

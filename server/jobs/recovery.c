@@ -9,8 +9,8 @@
 #include <string.h>
 
 #include "api/problem.h"
-#include "server/daemon/log.h"
-#include "server/daemon/wall_clock.h"
+#include "server/base/log.h"
+#include "server/base/wall_clock.h"
 #include "server/jobs/service_internal.h"
 
 /* ------------------------------------------------------------------------------------------------ files */

@@ -8,10 +8,10 @@
 #include <unistd.h>
 
 #include "api/codecs/batch_json.h"
+#include "server/base/log.h"
 #include "server/catalog/catalog.h"
-#include "server/daemon/log.h"
-#include "server/daemon/metrics.h"
 #include "server/jobs/identity.h"
+#include "server/jobs/metrics.h"
 #include "server/jobs/service_internal.h"
 
 /* ------------------------------------------------------------------------------------------------ open */

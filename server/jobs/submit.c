@@ -11,9 +11,9 @@
 #include "core/base/fault.h"
 #include "core/base/version.h"
 #include "server/base/digest.h"
-#include "server/daemon/log.h"
-#include "server/daemon/metrics.h"
-#include "server/daemon/wall_clock.h"
+#include "server/base/log.h"
+#include "server/base/wall_clock.h"
+#include "server/jobs/metrics.h"
 #include "server/jobs/service_internal.h"
 
 /* How long a cloud may take from being stored to being referred to; hosts that share the catalog leave it until then.

@@ -13,7 +13,7 @@
 #include <unistd.h>
 
 #include "server/base/deadline.h"
-#include "server/daemon/log.h"
+#include "server/base/log.h"
 #include "server/runner/job_run.h"
 #include "server/runner/supervisor.h"
 

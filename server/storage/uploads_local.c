@@ -21,8 +21,8 @@
 #include <unistd.h>
 
 #include "server/base/digest.h"
-#include "server/daemon/log.h"
-#include "server/daemon/wall_clock.h"
+#include "server/base/log.h"
+#include "server/base/wall_clock.h"
 #include "server/storage/upload.h"
 
 enum { COPY_BYTES = 64 * 1024 };

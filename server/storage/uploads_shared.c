@@ -23,9 +23,9 @@
 #include "core/base/fault.h"
 #include "server/base/away.h"
 #include "server/base/digest.h"
+#include "server/base/log.h"
 #include "server/base/random.h"
-#include "server/daemon/log.h"
-#include "server/daemon/wall_clock.h"
+#include "server/base/wall_clock.h"
 #include "server/storage/upload.h"
 #include "server/storage/uploads_internal.h"
 

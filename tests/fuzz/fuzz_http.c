@@ -15,7 +15,7 @@
 #include <unistd.h>
 
 #include "server/auth/tokens.h"
-#include "server/daemon/log.h"
+#include "server/base/log.h"
 #include "tests/unit/folder.h"
 #include "tests/unit/instant_service.h"
 

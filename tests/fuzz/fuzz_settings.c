@@ -10,7 +10,7 @@
 #include <unistd.h>
 
 #include "server/auth/tokens.h"
-#include "server/daemon/config.h"
+#include "server/jobs/config.h"
 
 int LLVMFuzzerInitialize(int *argc, char ***argv);
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);

@@ -79,10 +79,8 @@ def layer_table():
 
 def server_table():
     """The rooms of server/ as Markdown, from layers.py."""
-    tools = ", ".join(f"`{tool.removeprefix('server/')}`" for tool in sorted(layers.SERVER_TOOLS))
     lines = ["| room of `server/` | may include, besides itself |", "|---|---|"]
     lines += [f"| `{room}/` | {room_names(below, 'server')} |" for room, below in layers.SERVER_ROOMS.items()]
-    lines += ["", f"All but `cli/` and `shared/` may include {tools}, too."]
     lines += ["", "Left to undo:", ""] * bool(layers.SERVER_EXCEPTIONS)
     lines += [f"- `{name.removeprefix('server/')}` includes `{header.removeprefix('server/')}`"
               for name, header in sorted(layers.SERVER_EXCEPTIONS)]

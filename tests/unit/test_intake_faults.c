@@ -13,8 +13,8 @@
 
 #include "server/auth/tokens.h"
 #include "server/catalog/catalog.h"
-#include "server/daemon/config.h"
 #include "server/http/body.h"
+#include "server/jobs/config.h"
 #include "server/storage/store.h"
 #include "server/storage/upload.h"
 #include "server/storage/uploads.h"

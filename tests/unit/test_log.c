@@ -1,7 +1,7 @@
 /* The log: lines can't be forged, and none comes oftener than it may.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/daemon/log.h"
+#include "server/base/log.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

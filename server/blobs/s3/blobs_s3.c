@@ -20,9 +20,9 @@
 #include "server/base/away.h"
 #include "server/base/digest.h"
 #include "server/base/folders.h"
+#include "server/base/log.h"
 #include "server/blobs/blobs_backend.h"
 #include "server/blobs/s3/s3_client.h"
-#include "server/daemon/log.h"
 
 enum { FOLDER_BYTES = 4096, QUERY_BYTES = 4096, PATH_BYTES = 2 * BLOBS_NAME_BYTES };
 

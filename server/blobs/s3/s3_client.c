@@ -29,8 +29,8 @@
 #include "core/base/fault.h"
 #include "server/base/away.h"
 #include "server/base/digest.h"
+#include "server/base/setting_file.h"
 #include "server/blobs/s3/signature_v4.h"
-#include "server/daemon/setting_file.h"
 
 enum { CONNECT_S = 5, STALL_S = 15, MIN_BYTES_S = 512, TRIES = 3, PAUSE_MS = 200, HANDLES = 8 };
 enum { CLOCK_OFF_S = 60, DATE_BYTES = 64 };

@@ -4,7 +4,7 @@
  * another file's a moment later.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/daemon/setting_file.h"
+#include "server/base/setting_file.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -4,10 +4,10 @@
  * each is counted with what it may take at most, a socket and, of an upload, the file and who hashes it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_SERVER_DAEMON_DESCRIPTORS_H
-#define WHITTLE_SERVER_DAEMON_DESCRIPTORS_H
+#ifndef WHITTLE_SERVER_JOBS_DESCRIPTORS_H
+#define WHITTLE_SERVER_JOBS_DESCRIPTORS_H
 
-#include "server/daemon/config.h"
+#include "server/jobs/config.h"
 
 enum { DESCRIPTORS_PER_CONNECTION = 3 };
 

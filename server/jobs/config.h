@@ -5,8 +5,8 @@
  * the start.  Sizes take K, M, G, T (powers of 1024); durations take ms, s, m, h, d (seconds where nothing is said).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_SERVER_DAEMON_CONFIG_H
-#define WHITTLE_SERVER_DAEMON_CONFIG_H
+#ifndef WHITTLE_SERVER_JOBS_CONFIG_H
+#define WHITTLE_SERVER_JOBS_CONFIG_H
 
 #include <stdbool.h>
 #include <stdint.h>

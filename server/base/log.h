@@ -3,8 +3,8 @@
  *     2026-01-31T12:00:00.123Z info  job=0198… accepted -> running attempt=1
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_SERVER_DAEMON_LOG_H
-#define WHITTLE_SERVER_DAEMON_LOG_H
+#ifndef WHITTLE_SERVER_BASE_LOG_H
+#define WHITTLE_SERVER_BASE_LOG_H
 
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,7 +1,7 @@
 /* The service's log.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/daemon/log.h"
+#include "server/base/log.h"
 
 #include <pthread.h>
 #include <stdbool.h>

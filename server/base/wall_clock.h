@@ -10,8 +10,8 @@
  * an end holds the clock from reading it until the end is written (and doesn't hold it twice).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_SERVER_DAEMON_WALL_CLOCK_H
-#define WHITTLE_SERVER_DAEMON_WALL_CLOCK_H
+#ifndef WHITTLE_SERVER_BASE_WALL_CLOCK_H
+#define WHITTLE_SERVER_BASE_WALL_CLOCK_H
 
 #include <stdint.h>
 

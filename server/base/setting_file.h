@@ -4,8 +4,8 @@
  * its writer, a device for ever) is refused.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_SERVER_DAEMON_SETTING_FILE_H
-#define WHITTLE_SERVER_DAEMON_SETTING_FILE_H
+#ifndef WHITTLE_SERVER_BASE_SETTING_FILE_H
+#define WHITTLE_SERVER_BASE_SETTING_FILE_H
 
 #include <stddef.h>
 #include <stdio.h>

@@ -3,7 +3,7 @@
  * Sources are read from the weakest to the strongest, each overwriting what was set before.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/daemon/config.h"
+#include "server/jobs/config.h"
 
 #include <ctype.h>
 #include <errno.h>
@@ -15,10 +15,10 @@
 #include "api/links.h"
 #include "api/site.h"
 #include "core/base/version.h"
+#include "server/base/setting_file.h"
 #include "server/blobs/blobs.h"
 #include "server/catalog/catalog.h"
-#include "server/daemon/descriptors.h"
-#include "server/daemon/setting_file.h"
+#include "server/jobs/descriptors.h"
 #include "server/shared/roff.h"
 
 enum kind { TEXT, SWITCH, COUNT, BYTES, DURATION, BASE, HOSTS, ORIGINS, CATALOG, BLOBS, ROLES };

@@ -1,7 +1,7 @@
 /* File descriptors.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/daemon/descriptors.h"
+#include "server/jobs/descriptors.h"
 
 #include <sys/resource.h>
 

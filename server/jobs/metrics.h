@@ -4,8 +4,8 @@
  * numbers in memory, and of a few calls to the kernel; no database is asked, so it comes under any load.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_SERVER_DAEMON_METRICS_H
-#define WHITTLE_SERVER_DAEMON_METRICS_H
+#ifndef WHITTLE_SERVER_JOBS_METRICS_H
+#define WHITTLE_SERVER_JOBS_METRICS_H
 
 #include <stdbool.h>
 #include <stdint.h>

@@ -4,7 +4,7 @@
  * tables alone, never from a request, so that nobody can make new series.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/daemon/metrics.h"
+#include "server/jobs/metrics.h"
 
 #include <dirent.h>
 #include <inttypes.h>

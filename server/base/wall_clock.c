@@ -1,7 +1,7 @@
 /* Two clocks, compared.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "server/daemon/wall_clock.h"
+#include "server/base/wall_clock.h"
 
 #include <pthread.h>
 #include <stdatomic.h>

@@ -48,11 +48,11 @@
 #include <stdatomic.h>
 #include <stddef.h>
 #include <stdlib.h>
-#include <sys/resource.h>
-#include <time.h>
 
 #include "core/base/alloc.h"
+#include "core/base/clock.h"
 #include "core/base/par.h"
+#include "core/base/process_memory.h"
 #include "core/pipeline/pipeline_run.h"
 
 static bool refinement_wanted(const struct params *params) {
@@ -138,12 +138,6 @@ static int overall_tick(void *ctx, const char *stage, double fraction) {
     return progress_tick(overall->progress, stage, (overall->before + overall->share * fraction) / overall->total);
 }
 
-static double now_ms(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
-}
-
 /* From the normalised frame and ids along the curve to the input's. */
 static void restore_vertex(const struct run *run, struct mesh *mesh, size_t v) {
     uint32_t source = mesh->source[v] == NONE ? NONE : run->points.original[mesh->source[v]];
@@ -184,9 +178,9 @@ struct group {
 static void run_step(struct group *group, const struct step *step) {
     ptrdiff_t i = step - group->first;
     if (!step->wanted(group->run->params) || atomic_load(&group->failed)) return;
-    double start_ms = now_ms();
+    double start_ms = clock_exact_ms();
     group->status[i] = step->run(group->run);
-    group->ms[i] = now_ms() - start_ms;
+    group->ms[i] = clock_exact_ms() - start_ms;
     if (group->status[i]) atomic_store(&group->failed, true);
 }
 
@@ -304,15 +298,13 @@ static enum status hand_over_values(struct run *run, struct pipeline_result *mad
 }
 
 static enum status hand_over(struct run *run, struct pipeline_result *made) {
-    struct rusage usage;
-    getrusage(RUSAGE_SELF, &usage);
     for (size_t i = 0; i < made->level[0].kept_count; i++) run->kept[i] = run->points.original[run->kept[i]];
     made->kept = run->kept;
     run->kept = NULL;
     made->moved = run->moved;
     run->moved = NULL;
     run->report.level_count = made->level_count;
-    run->report.peak_rss_bytes = (uint64_t)usage.ru_maxrss * 1024;
+    run->report.peak_rss_bytes = process_peak_bytes(0);
     made->report = run->report;
     return hand_over_values(run, made);
 }
@@ -333,7 +325,7 @@ enum status pipeline_run(const struct cloud *cloud, const struct params *params,
                          struct pipeline_result *result, struct error *error) {
     struct run run = {.cloud = cloud, .params = params, .error = error, .threads = (unsigned)params->threads};
     struct pipeline_result made = {.level_count = params->levels.count ? params->levels.count : 1};
-    double start_ms = now_ms();
+    double start_ms = clock_exact_ms();
     run.mesh_follows = params_want_mesh(params);
     run.placement = params->placement == PLACEMENT_OPTIMAL ? PLACEMENT_OPTIMAL : PLACEMENT_SUBSET;
     if (error) *error = (struct error){0};
@@ -341,7 +333,7 @@ enum status pipeline_run(const struct cloud *cloud, const struct params *params,
     struct par_team *team = par_team_new();
     enum status status = team ? run_steps(&run, progress, &made) : pipeline_no_memory(&run, "threads");
     par_team_free(team);
-    run.report.total_ms = now_ms() - start_ms;
+    run.report.total_ms = clock_exact_ms() - start_ms;
     if (!status) status = hand_over(&run, &made);
     if (status == STATUS_CANCELLED) error_set(error, status, "pipeline", "cancelled");
     if (status)

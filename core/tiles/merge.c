@@ -9,13 +9,13 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/resource.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "core/base/alloc.h"
+#include "core/base/clock.h"
 #include "core/base/hash64.h"
 #include "core/base/par.h"
+#include "core/base/process_memory.h"
 #include "core/base/radix.h"
 #include "core/io/build.h"
 #include "core/io/formats/las_fields.h"
@@ -388,12 +388,6 @@ static enum status measure_kept(const struct merging *m, size_t k, struct distan
 
 /* ------------------------------------------------------------------------------------------------ the whole */
 
-static double merge_clock_ms(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
-}
-
 static int contract_tick(void *ctx, const char *stage, double fraction) {
     return progress_tick(ctx, stage, 0.2 + 0.3 * fraction);
 }
@@ -582,24 +576,23 @@ enum status tiles_merge(const char *folder, unsigned threads, const struct progr
     struct pipeline_result made = {0};
     struct cloud kept = {0};
     struct kept_file written = {0};
-    struct rusage usage;
-    double start_ms = merge_clock_ms();
+    double start_ms = clock_exact_ms();
     struct par_team *team = par_team_new();
     enum status status = team ? scratch_load(folder, &m.scratch, error) : merge_no_memory(&m);
     if (!status) status = scratch_check_inputs(&m.scratch, "when tiles were planned", error);
     if (!status) status = finish(&m);
     if (!status && fit_is_spaced(&m.scratch.head.params)) status = keep_apart(&m);
-    if (!status) report_add_stage(&made.report, "merge", merge_clock_ms() - start_ms);
-    double measure_ms = merge_clock_ms();
+    if (!status) report_add_stage(&made.report, "merge", clock_exact_ms() - start_ms);
+    double measure_ms = clock_exact_ms();
     if (!status) status = measure_levels(&m, &made);
-    if (!status) report_add_stage(&made.report, "measure", merge_clock_ms() - measure_ms);
-    double gather_ms = merge_clock_ms();
+    if (!status) report_add_stage(&made.report, "measure", clock_exact_ms() - measure_ms);
+    double gather_ms = clock_exact_ms();
     if (!status) report_levels(&m, &made);
     if (!status)
         status = m.scratch.head.ranks_all ? gather_beyond(&m, &kept, &written, &made)
                                           : gather(&m, kept_of(&m, 0), &kept, &made.kept);
     if (!status) status = scratch_check_inputs(&m.scratch, "before it was read", error);
-    if (!status) report_add_stage(&made.report, "gather", merge_clock_ms() - gather_ms);
+    if (!status) report_add_stage(&made.report, "gather", clock_exact_ms() - gather_ms);
     bool turns = m.scratch.head.params.normals == SWITCH_TRUE && !fit_ends_in_memory(&m.scratch.head.params);
     if (!status && turns) status = turn_normals(&m, &kept, &made);
     if (!status && m.scratch.head.dropped) status = note_dropped(&m, &kept);
@@ -607,9 +600,8 @@ enum status tiles_merge(const char *folder, unsigned threads, const struct progr
     if (status == STATUS_CANCELLED) error_set(error, status, "tiles", "cancelled");
     if (!status) {
         snprintf(made.report.format, sizeof made.report.format, "%s", kept.form);
-        made.report.total_ms = merge_clock_ms() - start_ms;
-        getrusage(RUSAGE_SELF, &usage);
-        made.report.peak_rss_bytes = (uint64_t)usage.ru_maxrss * 1024;
+        made.report.total_ms = clock_exact_ms() - start_ms;
+        made.report.peak_rss_bytes = process_peak_bytes(0);
         *cloud = kept;
         *file = written;
         *result = made;

@@ -10,6 +10,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "core/base/clock.h"
+
 enum { LINE_BYTES = 1024, ESCAPED_BYTES = 4, KINDS = 64, SELDOM_MS = 1000 };
 
 /* Lines of a kind that has been told lately are counted only. */
@@ -65,12 +67,6 @@ void log_line(enum log_level level, const char *format, ...) {
     va_start(args, format);
     log_vline(level, format, args);
     va_end(args);
-}
-
-static int64_t clock_ms(void) {
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
 }
 
 static void tell_left_out(size_t kind) {

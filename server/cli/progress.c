@@ -7,19 +7,13 @@
 #include <errno.h>
 #include <stdio.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
 
+#include "core/base/clock.h"
 #include "server/shared/worker_protocol.h"
 
 enum { BAR_CELLS = 40 };
 static const double INTERVAL_MS = 50;
-
-static double now_ms(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
-}
 
 void command_progress_init(struct command_progress *progress, int fd, volatile sig_atomic_t *stopping) {
     *progress = (struct command_progress){.fd = fd, .to = 1, .bar = isatty(STDERR_FILENO), .stopping = stopping};
@@ -52,7 +46,7 @@ static void draw_bar(const char *stage, double fraction) {
 
 int command_progress_tick(void *ctx, const char *stage, double fraction) {
     struct command_progress *progress = ctx;
-    double time_ms = now_ms();
+    double time_ms = clock_exact_ms();
     bool new_stage = strcmp(stage, progress->last_stage) != 0;
     if (*progress->stopping) return 1;
     if (!new_stage && time_ms - progress->last_ms < INTERVAL_MS) return 0;

@@ -16,10 +16,10 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "core/base/alloc.h"
+#include "core/base/clock.h"
 #include "core/cloud/colour_depth.h"
 #include "core/cloud/normals.h"
 #include "core/io/codec/inflate.h"
@@ -138,12 +138,6 @@ static enum status name_scratch(const struct command_options *options, char fold
     return n < FOLDER_BYTES ? STATUS_OK : error_set(error, STATUS_BAD_PARAMETER, "scratch", "the name is too long");
 }
 
-static double tiles_clock_ms(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
-}
-
 static void announce(const struct command_options *options, const char *folder, uint64_t points) {
     struct tiles_prediction takes = tiles_predict(points, &options->params);
     fprintf(stderr,
@@ -214,9 +208,9 @@ enum status command_tiles_simplify(const struct command_options *options, const 
     const struct tiles_job job = {(const char *const *)options->input, options->input_count, folder, &options->params,
                                   options->tile_points};
     command_progress_span(display, 0, PLAN_SHARE);
-    double start_ms = tiles_clock_ms();
+    double start_ms = clock_exact_ms();
     status = tiles_plan(&job, &progress, &facts, error);
-    double planned_ms = tiles_clock_ms();
+    double planned_ms = clock_exact_ms();
     for (size_t t = 0; !status && t < facts.tiles; t++) {
         double each = (RUN_SHARE - PLAN_SHARE) / (double)facts.tiles;
         command_progress_span(display, PLAN_SHARE + each * (double)t, PLAN_SHARE + each * (double)(t + 1));
@@ -224,14 +218,14 @@ enum status command_tiles_simplify(const struct command_options *options, const 
     }
     bool ends = fit_ends_in_memory(&options->params);
     command_progress_span(display, RUN_SHARE, ends ? END_SHARE : 1);
-    double run_ms = tiles_clock_ms();
+    double run_ms = clock_exact_ms();
     if (!status) status = tiles_merge(folder, threads, &progress, cloud, file, result, error);
     if (ends) command_progress_span(display, END_SHARE, 1);
     if (!status) status = end_in_memory(&options->params, &progress, cloud, result, error);
     if (!status) { /* of this process: what was done before a stop isn't counted */
         report_add_stage(&result->report, "plan", planned_ms - start_ms);
         report_add_stage(&result->report, "tiles", run_ms - planned_ms);
-        result->report.total_ms = tiles_clock_ms() - start_ms;
+        result->report.total_ms = clock_exact_ms() - start_ms;
     }
     if (status == STATUS_CANCELLED) tell_what_is_left(folder);
     return status;

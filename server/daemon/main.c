@@ -17,6 +17,7 @@
 
 #include "api/codecs/json_memory.h"
 #include "api/links.h"
+#include "core/base/clock.h"
 #include "core/base/version.h"
 #include "server/auth/tokens.h"
 #include "server/base/log.h"
@@ -93,14 +94,14 @@ static void serve(struct service *service, struct reload *reload, struct signals
 /* Until the running jobs have ended and no upload is on its way, or the time for that is over. */
 static void drain(struct service *service, struct http *http) {
     struct pollfd ended = {.fd = supervisor_idle_fd(service->supervisor), .events = POLLIN};
-    int64_t end = events_clock_ms() + service->config->drain_timeout_ms;
+    int64_t end = clock_ms() + service->config->drain_timeout_ms;
     atomic_store(&service->draining, true);
     log_line(LOG_INFO, "draining: no new work, running jobs and uploads have %lld s",
              (long long)(service->config->drain_timeout_ms / 1000));
     supervisor_stop(service->supervisor);
     for (bool late = false, idle = false; !idle || (!late && http_uploads(http));) {
         poll(&ended, idle ? 0 : 1, DRAIN_LOOK_MS);
-        if (!late && events_clock_ms() >= end) {
+        if (!late && clock_ms() >= end) {
             late = true;
             supervisor_requeue(service->supervisor);
         }

@@ -10,6 +10,7 @@
 
 #include "api/codecs/batch_json.h"
 #include "api/links.h"
+#include "core/base/clock.h"
 #include "server/base/log.h"
 #include "server/handlers/event_stream.h"
 #include "server/handlers/handlers.h"
@@ -84,7 +85,7 @@ static void wait_for_batch(struct request *request, const struct catalog_batch_j
 static bool batch_may_wait(const struct request *request) {
     const struct request_wait *wait = &request->wait;
     bool is_cut_short = wait->calls && (wait->why == CHANGE_FEED_HANGUP || wait->why == CHANGE_FEED_CLOSED);
-    return wait->end_ms >= 0 && !is_cut_short && events_clock_ms() < wait->end_ms;
+    return wait->end_ms >= 0 && !is_cut_short && clock_ms() < wait->end_ms;
 }
 
 /* ------------------------------------------------------------------------------------------------ create */
@@ -325,7 +326,7 @@ static void delete_batch(struct service *service, struct request *request, struc
     bool found = read_batch(service, request, request->match.capture[0], &batch, response);
     found = found && (wait->calls || handlers_admit_match(request, batch_tag(&batch, tag), response));
     bool all_ended = found && !first_open(&batch);
-    if (!wait->calls) wait->end_ms = events_clock_ms() + service->config->wait_max_ms;
+    if (!wait->calls) wait->end_ms = clock_ms() + service->config->wait_max_ms;
     if (found && (!all_ended || !wait->calls) && end_jobs(service, &batch, all_ended, &error) != STATUS_OK) {
         response_error(response, &error);
         found = false;
@@ -335,11 +336,11 @@ static void delete_batch(struct service *service, struct request *request, struc
         found = read_batch(service, request, request->match.capture[0], &batch, response);
     }
     const struct catalog_batch_job *open = found ? first_open(&batch) : NULL;
-    if (open && events_clock_ms() >= wait->end_ms)
+    if (open && clock_ms() >= wait->end_ms)
         response_refuse(response, PROBLEM_INTERNAL_ERROR,
                         "the jobs were told to end, but their end can't be recorded yet");
     else if (open && wait->why != CHANGE_FEED_CLOSED)
-        wait_for_batch(request, open, events_clock_ms() + BATCH_LOOK_MS, response);
+        wait_for_batch(request, open, clock_ms() + BATCH_LOOK_MS, response);
     else if (found)
         answer_batch(service, request, &batch, 200, response);
     catalog_batch_done(&batch);

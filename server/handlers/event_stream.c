@@ -7,6 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/base/clock.h"
+
 enum { HEARTBEAT_MS = 15000 };
 
 void event_put(FILE *out, const char *name, uint64_t sequence, const char *data) {
@@ -50,7 +52,7 @@ static void put_piece(struct request_wait *wait, const struct event_source *sour
     response->kind = RESPONSE_STREAM;
     response->last = !written || source->ended ||
                      (wait->calls && (wait->why == CHANGE_FEED_HANGUP || wait->why == CHANGE_FEED_CLOSED));
-    wait->deadline_ms = events_clock_ms() + HEARTBEAT_MS;
+    wait->deadline_ms = clock_ms() + HEARTBEAT_MS;
     snprintf(wait->id, sizeof wait->id, "%s", source->job_id);
 }
 

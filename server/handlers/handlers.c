@@ -2,6 +2,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/handlers/handlers.h"
+#include "core/base/clock.h"
 #include "server/handlers/keys.h"
 
 #include <stdio.h>
@@ -160,7 +161,7 @@ bool handlers_read_preferences(const struct request *request, struct job *job, s
 
 void handlers_begin_wait(const struct service *service, struct request *request) {
     int64_t prefer_ms = request_prefer_wait_ms(request, service->config->wait_max_ms);
-    request->wait.end_ms = prefer_ms < 0 ? -1 : events_clock_ms() + prefer_ms;
+    request->wait.end_ms = prefer_ms < 0 ? -1 : clock_ms() + prefer_ms;
 }
 
 bool handlers_read_webhook(const struct service *service, const struct request *request, struct job *job,

@@ -7,6 +7,7 @@
 
 #include "api/codecs/job_json.h"
 #include "api/links.h"
+#include "core/base/clock.h"
 #include "server/base/log.h"
 #include "server/base/wall_clock.h"
 #include "server/handlers/event_stream.h"
@@ -21,7 +22,7 @@ enum { CANCEL_LOOK_MS = 1000 };
 static bool may_wait(const struct request *request, const struct job *job) {
     const struct request_wait *wait = &request->wait;
     bool is_cut_short = wait->calls && (wait->why == CHANGE_FEED_HANGUP || wait->why == CHANGE_FEED_CLOSED);
-    return !job_ended(job->state) && wait->end_ms >= 0 && !is_cut_short && events_clock_ms() < wait->end_ms;
+    return !job_ended(job->state) && wait->end_ms >= 0 && !is_cut_short && clock_ms() < wait->end_ms;
 }
 
 /* ------------------------------------------------------------------------------------------------ create */
@@ -267,19 +268,19 @@ static void dismiss_running(struct service *service, struct request *request, co
                             struct response *response) {
     struct request_wait *wait = &request->wait;
     struct error error = {0};
-    if (!wait->calls) wait->end_ms = events_clock_ms() + service->config->wait_max_ms;
+    if (!wait->calls) wait->end_ms = clock_ms() + service->config->wait_max_ms;
     if (service->supervisor) service->runner->cancel(service->supervisor, job->id);
     if (catalog_cancel(service->catalog, job->id, &error) != STATUS_OK) {
         response_error(response, &error);
         return;
     }
-    if (events_clock_ms() >= wait->end_ms) {
+    if (clock_ms() >= wait->end_ms) {
         response_refuse(response, PROBLEM_INTERNAL_ERROR, "the job was told to end, but its end can't be recorded yet");
         return;
     }
     response->kind = RESPONSE_WAIT;
     memcpy(wait->id, job->id, sizeof wait->id);
-    wait->deadline_ms = events_clock_ms() + CANCEL_LOOK_MS;
+    wait->deadline_ms = clock_ms() + CANCEL_LOOK_MS;
 }
 
 /* Whether If-Match allows it; the first call asks, before anything is done. */

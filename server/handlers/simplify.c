@@ -11,6 +11,7 @@
 
 #include "api/codecs/report_read.h"
 #include "api/links.h"
+#include "core/base/clock.h"
 #include "server/base/log.h"
 #include "server/handlers/handlers.h"
 #include "server/handlers/outputs.h"
@@ -176,7 +177,7 @@ static bool submit(struct service *service, struct request *request, struct resp
     int64_t most_ms = service->config->sync_max_ms, prefer_ms = request_prefer_wait_ms(request, most_ms);
     memcpy(wait->id, job.id, sizeof wait->id);
     wait->state = (int)job.state; /* successful where an earlier job serves */
-    wait->end_ms = events_clock_ms() + (prefer_ms < 0 ? most_ms : prefer_ms);
+    wait->end_ms = clock_ms() + (prefer_ms < 0 ? most_ms : prefer_ms);
     catalog_reply_done(&before);
     job_done(&job);
     return submitted;
@@ -230,7 +231,7 @@ static void simplify(struct service *service, struct request *request, struct re
             answer_ended(service, request, &job, response);
         } else if (wait->calls && wait->why == CHANGE_FEED_HANGUP) {
             abandon(service, request, &job, response);
-        } else if ((wait->calls && wait->why == CHANGE_FEED_CLOSED) || events_clock_ms() >= wait->end_ms) {
+        } else if ((wait->calls && wait->why == CHANGE_FEED_CLOSED) || clock_ms() >= wait->end_ms) {
             if (async)
                 answer_async(service, request, response);
             else

@@ -35,6 +35,7 @@
 #include <unistd.h>
 
 #include "api/links.h"
+#include "core/base/clock.h"
 #include "server/base/log.h"
 #include "server/base/notify.h"
 #include "server/base/thread_pool.h"
@@ -271,7 +272,7 @@ static enum MHD_Result refuse(struct exchange *x) {
         request->content_length != UINT64_MAX && request->content_length > (uint64_t)config->refuse_drain_bytes;
     let_go(x);
     x->phase = PHASE_REFUSING;
-    x->refused_ms = events_clock_ms();
+    x->refused_ms = clock_ms();
     return request->has_body && (waits || too_long) ? answer(x) : MHD_YES;
 }
 
@@ -357,7 +358,7 @@ static enum MHD_Result drain(struct exchange *x, size_t count) {
     const struct config *config = x->http->service->config;
     x->drained_bytes += count;
     bool too_much = x->drained_bytes > (uint64_t)config->refuse_drain_bytes;
-    bool too_long = x->phase == PHASE_REFUSING && events_clock_ms() - x->refused_ms > config->refuse_drain_ms;
+    bool too_long = x->phase == PHASE_REFUSING && clock_ms() - x->refused_ms > config->refuse_drain_ms;
     return too_much || too_long ? MHD_NO : MHD_YES;
 }
 
@@ -370,7 +371,7 @@ static enum MHD_Result take_body(struct exchange *x, const char *bytes, size_t c
     response_problem(&x->response, &problem);
     let_go(x);
     x->phase = PHASE_REFUSING;
-    x->refused_ms = events_clock_ms();
+    x->refused_ms = clock_ms();
     return MHD_YES;
 }
 
@@ -410,7 +411,7 @@ static struct exchange *new_exchange(struct listener *listener, struct MHD_Conne
     x->secure = listener->secure;
     x->connection = connection;
     x->watched = client ? client->watched : NULL;
-    x->began_ms = events_clock_ms();
+    x->began_ms = clock_ms();
     x->task = (struct thread_pool_task){.run = run_handler, .ctx = x};
     x->request.principal = principal_anonymous();
     x->problem = -1;
@@ -429,14 +430,14 @@ static void log_access(struct exchange *x, bool whole) {
              who->by_signature ? "link"
              : who->name[0]    ? who->name
                                : "-",
-             x->log_method, x->log_path, x->status, (long long)(events_clock_ms() - x->began_ms),
+             x->log_method, x->log_path, x->status, (long long)(clock_ms() - x->began_ms),
              (unsigned long long)x->received_bytes, (unsigned long long)(whole && !x->request.head ? x->sent_bytes : 0),
              whole ? "whole" : "cut");
 }
 
 static void count(struct exchange *x, bool whole) {
     struct metrics *metrics = x->http->service->metrics;
-    metrics_request(metrics, x->request.match.route, x->status, events_clock_ms() - x->began_ms);
+    metrics_request(metrics, x->request.match.route, x->status, clock_ms() - x->began_ms);
     metrics_received(metrics, x->received_bytes);
     if (whole && !x->request.head) metrics_sent(metrics, x->sent_bytes);
     if (x->problem >= 0) metrics_problem(metrics, (enum problem_kind)x->problem);

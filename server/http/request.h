@@ -72,7 +72,7 @@ struct request_wait {
     char id[JOB_ID_BYTES];
     char batch[JOB_ID_BYTES]; /* that the request has made; the handler's own */
     uint64_t seen;            /* change_feed_now before the job was read */
-    int64_t deadline_ms;      /* of this wait, by events_clock_ms */
+    int64_t deadline_ms;      /* of this wait, by clock_ms */
     int64_t end_ms;           /* of all waiting; the handler's own */
     uint64_t sequence;        /* of the job when it was read last; the handler's own */
     int state;                /* the same */

@@ -4,6 +4,7 @@
  * Invariant: a socket is in the list only while it is open.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/base/clock.h"
 #include "server/http/http_internal.h"
 
 #include <poll.h>
@@ -130,7 +131,7 @@ static void *look(void *ctx) {
     struct watchdog *watchdog = ctx;
     pthread_mutex_lock(&watchdog->lock);
     while (!watchdog->ending) {
-        int64_t now = events_clock_ms();
+        int64_t now = clock_ms();
         struct watchdog_limits limits = limits_now(watchdog);
         for (struct watched *w = watchdog->first; w; w = w->next) look_at(watchdog, &limits, w, now);
         struct timespec until = deadline_in_ms(LOOK_EVERY_MS);
@@ -194,7 +195,7 @@ void watchdog_remove(struct watchdog *watchdog, struct watched *watched) {
 
 void watchdog_enter(struct watched *watched, enum watchdog_phase phase) {
     if (!watched) return;
-    atomic_store(&watched->since_ms, events_clock_ms());
+    atomic_store(&watched->since_ms, clock_ms());
     atomic_store(&watched->bytes, 0);
     atomic_store(&watched->phase, phase);
 }

@@ -18,8 +18,9 @@
 #include <string.h>
 #include <sys/epoll.h>
 #include <sys/eventfd.h>
-#include <time.h>
 #include <unistd.h>
+
+#include "core/base/clock.h"
 
 enum { EPOLL_BATCH = 64 };
 
@@ -32,12 +33,6 @@ struct change_feed {
     int epoll_fd, wake_fd; /* the bell makes the thread look around: a nearer deadline, or the end */
     pthread_t thread;
 };
-
-int64_t events_clock_ms(void) {
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
-}
 
 static void ring(struct change_feed *feed) {
     ssize_t n = write(feed->wake_fd, &(uint64_t){1}, sizeof(uint64_t));
@@ -82,7 +77,7 @@ static void wake_all(struct change_feed_waiter *list, enum change_feed_why why) 
 
 static void wake_late(struct change_feed *feed) {
     struct change_feed_waiter *late = NULL;
-    int64_t now = events_clock_ms();
+    int64_t now = clock_ms();
     pthread_mutex_lock(&feed->lock);
     feed->next_look_ms = INT64_MAX;
     for (struct change_feed_waiter *w = feed->first, *next; w; w = next) {
@@ -114,7 +109,7 @@ static int wait_ms(struct change_feed *feed, bool *ending) {
     *ending = feed->ending;
     pthread_mutex_unlock(&feed->lock);
     if (next == INT64_MAX) return -1;
-    int64_t wait = next - events_clock_ms();
+    int64_t wait = next - clock_ms();
     return wait < 0 ? 0 : wait > INT_MAX ? INT_MAX : (int)wait;
 }
 

@@ -20,7 +20,7 @@ enum change_feed_why { CHANGE_FEED_CHANGED, CHANGE_FEED_DEADLINE, CHANGE_FEED_HA
 struct change_feed_waiter {
     char id[JOB_ID_BYTES];
     uint64_t seen;                                     /* what change_feed_now said before the job was read */
-    int64_t deadline_ms;                               /* of events_clock_ms */
+    int64_t deadline_ms;                               /* of clock_ms */
     int fd;                                            /* the client's socket, to see it hang up; -1 = none */
     void (*wake)(void *ctx, enum change_feed_why why); /* from any thread; must not block */
     void *ctx;
@@ -39,9 +39,6 @@ void change_feed_free(struct change_feed *feed);
 
 /* Grows with every change of any job. */
 uint64_t change_feed_now(struct change_feed *feed);
-
-/* Milliseconds of a clock that never jumps. */
-int64_t events_clock_ms(void);
 
 /* Waits; the waiter is borrowed until it is woken, which may be before this returns. */
 void change_feed_wait(struct change_feed *feed, struct change_feed_waiter *waiter);

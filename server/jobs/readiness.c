@@ -13,6 +13,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "core/base/clock.h"
 #include "server/base/deadline.h"
 #include "server/jobs/service.h"
 
@@ -25,7 +26,7 @@ struct readiness {
     pthread_cond_t ended;
     bool ending;         /* this and what follows: under the lock */
     const char *at;      /* what the look under way is at; NULL = none is under way */
-    int64_t at_since_ms; /* events_clock_ms */
+    int64_t at_since_ms; /* clock_ms */
     bool given;
     struct problem problem; /* where it isn't given */
     pthread_t thread;
@@ -36,7 +37,7 @@ struct readiness {
 static void begin(struct readiness *readiness, const char *at) {
     pthread_mutex_lock(&readiness->lock);
     readiness->at = at;
-    readiness->at_since_ms = events_clock_ms();
+    readiness->at_since_ms = clock_ms();
     pthread_mutex_unlock(&readiness->lock);
 }
 
@@ -135,7 +136,7 @@ void readiness_close(struct readiness *readiness) {
 
 bool readiness_is_given(struct readiness *readiness, struct problem *problem) {
     pthread_mutex_lock(&readiness->lock);
-    int64_t silent_ms = readiness->at ? events_clock_ms() - readiness->at_since_ms : 0;
+    int64_t silent_ms = readiness->at ? clock_ms() - readiness->at_since_ms : 0;
     bool given = readiness->given && silent_ms <= OVERDUE_MS;
     *problem = readiness->problem;
     if (silent_ms > OVERDUE_MS)

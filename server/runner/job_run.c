@@ -29,7 +29,9 @@
 
 #include "api/codecs/report_read.h"
 #include "api/problem.h"
+#include "core/base/clock.h"
 #include "core/base/fault.h"
+#include "core/base/process_memory.h"
 #include "server/base/digest.h"
 #include "server/base/log.h"
 #include "server/base/wall_clock.h"
@@ -65,7 +67,7 @@ struct run {
     bool is_done, has_failed;    /* which of these it said */
     bool progress_due;           /* something to tell that was not told yet */
     int64_t told_ms;             /* when progress was told last */
-    int64_t started_ms, kill_ms; /* of events_clock_ms; kill_ms: when TERM becomes KILL, 0 = no TERM was sent */
+    int64_t started_ms, kill_ms; /* of clock_ms; kill_ms: when TERM becomes KILL, 0 = no TERM was sent */
     int64_t moved_ms, cpu_ns;    /* when it was last known to go on; the processor time that it had then */
     bool timed_out, stalled;
     bool input_missing;              /* the store has answered that the job's cloud isn't there */
@@ -76,6 +78,7 @@ struct run {
     struct confine_limits limits;
     struct footprint most, found; /* found: what was too much, else zero */
     int64_t footprint_ms;         /* when that was looked at last */
+    uint64_t peak_bytes;          /* memory that it was seen to have had at most; 0: it ended before anybody looked */
     int wait_status;
 };
 
@@ -162,12 +165,12 @@ static enum status start(struct run *run, struct error *error) {
     if (status == STATUS_OK) status = spawn_worker(&request, &run->process, error);
     close(input_fd);
     task_files_close(&run->files);
-    run->started_ms = run->moved_ms = events_clock_ms();
+    run->started_ms = run->moved_ms = clock_ms();
     return status;
 }
 
 /* Shows the supervisor that this thread goes on. */
-static void show(const struct run *run) { atomic_store(&run->control->seen_ms, events_clock_ms()); }
+static void show(const struct run *run) { atomic_store(&run->control->seen_ms, clock_ms()); }
 
 /* Makes the bell ring no more; what it rang for stands in the wish. */
 static void hush(const struct run *run) {
@@ -191,8 +194,8 @@ static enum status start_when_possible(struct run *run, struct error *error) {
         enum status status = start(run, error);
         bool wanted = atomic_load(&run->control->command) == JOB_RUN_GO_ON;
         if (status == STATUS_OK || run->input_missing || !wanted) return status;
-        run->is_short = run->service->is_shared && !run->input_damaged && events_clock_ms() >= until;
-        if (events_clock_ms() >= until) return status;
+        run->is_short = run->service->is_shared && !run->input_damaged && clock_ms() >= until;
+        if (clock_ms() >= until) return status;
         log_line(LOG_WARNING, "job=%s can't be started yet: %s", run->job->id, error->text);
         if (run->log_fd >= 0) close(run->log_fd);
         run->log_fd = -1;
@@ -202,12 +205,19 @@ static enum status start_when_possible(struct run *run, struct error *error) {
 
 /* ------------------------------------------------------------------------------------------------ watch */
 
+/* Once it has ended it can't be asked any more. */
+static void look_at_memory(struct run *run) {
+    uint64_t peak_bytes = process_peak_bytes(run->process.pid);
+    if (peak_bytes > run->peak_bytes) run->peak_bytes = peak_bytes;
+}
+
 static void hear(void *ctx, const struct wire_message *message) {
     struct run *run = ctx;
-    run->moved_ms = events_clock_ms();
+    run->moved_ms = clock_ms();
     if (run->is_done || run->has_failed) return; /* nothing counts after the end */
     run->is_done = message->kind == WIRE_DONE;
     run->has_failed = message->kind == WIRE_FAILED;
+    if (run->is_done || run->has_failed) look_at_memory(run);
     run->progress_due = message->kind == WIRE_PROGRESS;
     run->said.kind = message->kind;
     if (message->kind == WIRE_FAILED) run->said.error = message->error;
@@ -272,6 +282,7 @@ static int64_t look_for_excess(struct run *run, int64_t now) {
     const struct footprint *most = &run->most;
     struct footprint found = footprint_of(run->process.pid, run->output, most->files);
     run->footprint_ms = now;
+    look_at_memory(run);
     if (found.threads > most->threads || found.files > most->files || found.written_bytes > most->written_bytes) {
         run->found = found;
         run->kill_ms = now;
@@ -281,7 +292,7 @@ static int64_t look_for_excess(struct run *run, int64_t now) {
 
 /* Does what is due, and returns how long nothing else will be, in milliseconds. */
 static int look_around(struct run *run) {
-    int64_t now = events_clock_ms(), end = run->started_ms + run->service->config->job_wall_ms;
+    int64_t now = clock_ms(), end = run->started_ms + run->service->config->job_wall_ms;
     int64_t next = less(end, less(look_for_stall(run, now), look_for_excess(run, now)));
     if (run->progress_due && now - run->told_ms >= PROGRESS_EVERY_MS) tell_progress(run, now);
     int command = atomic_load(&run->control->command);
@@ -315,7 +326,14 @@ static void watch(struct run *run) {
     }
     read_progress(run);
     run->footprint_ms = 0;
-    look_for_excess(run, events_clock_ms()); /* what it took at last */
+    look_for_excess(run, clock_ms()); /* what it took at last */
+}
+
+/* wait4's figure goes on from what this process had when it forked: where that isn't less than the most that this one
+ * has ever had, what was seen is nearer. */
+static uint64_t peak_bytes_of(const struct run *run, const struct rusage *usage) {
+    uint64_t bytes = (uint64_t)usage->ru_maxrss * 1024;
+    return bytes > process_peak_bytes(0) || !run->peak_bytes ? bytes : run->peak_bytes;
 }
 
 /* Ends what is left of its group, and takes its figures. */
@@ -324,10 +342,10 @@ static void reap(struct run *run) {
     kill(-run->process.pid, SIGKILL);
     while (wait4(run->process.pid, &run->wait_status, 0, &usage) < 0 && errno == EINTR) continue;
     struct job *job = run->job;
-    job->wall_s = (double)(events_clock_ms() - run->started_ms) / 1e3;
+    job->wall_s = (double)(clock_ms() - run->started_ms) / 1e3;
     job->task_cpu_s = (double)(usage.ru_utime.tv_sec + usage.ru_stime.tv_sec) +
                       (double)(usage.ru_utime.tv_usec + usage.ru_stime.tv_usec) / 1e6;
-    uint64_t peak_bytes = (uint64_t)usage.ru_maxrss * 1024;
+    uint64_t peak_bytes = peak_bytes_of(run, &usage);
     if (job->tiles) { /* with what its tasks took before */
         job->cpu_s += job->task_cpu_s;
         job->wall_s = (double)(job_now_ms() - job->started_ms) / 1e3;
@@ -606,13 +624,13 @@ static bool waits_for_store(const struct run *run, enum status status) {
 static enum status put_outputs_when_possible(struct run *run, struct error *error) {
     struct job *job = run->job;
     const struct digest_will will = {run_is_wanted, run};
-    int64_t until = events_clock_ms() + START_PATIENCE_MS;
+    int64_t until = clock_ms() + START_PATIENCE_MS;
     for (;;) {
         enum status status = task_makes_outputs(job)
                                  ? store_outputs_keep(run->service->store, job->id, job->attempt, &will, job->output,
                                                       &job->output_count, error)
                                  : store_tiles_keep(run->service->store, job->id, job->attempt, &will, error);
-        if (status == STATUS_OK || !waits_for_store(run, status) || events_clock_ms() >= until) return status;
+        if (status == STATUS_OK || !waits_for_store(run, status) || clock_ms() >= until) return status;
         log_line_seldom(LOG_WARNING, "job=%s its outputs wait for the store: %s", job->id, error->text);
         wait_for_command(run, RECORD_AGAIN_MS);
     }
@@ -773,7 +791,7 @@ bool job_run(struct service *service, const struct confinement *confinement, str
                       .job = job,
                       .control = control,
                       .log_fd = -1,
-                      .started_ms = events_clock_ms()};
+                      .started_ms = clock_ms()};
     struct verdict verdict = {0};
     struct error error = {0};
     if (start_when_possible(&run, &error) == STATUS_OK) {

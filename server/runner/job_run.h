@@ -20,7 +20,7 @@ enum job_run_command {
 
 struct job_run_control {
     _Atomic int command;     /* enum job_run_command */
-    _Atomic int64_t seen_ms; /* when the run last showed that it goes on (events_clock_ms) */
+    _Atomic int64_t seen_ms; /* when the run last showed that it goes on (clock_ms) */
     int wake_fd;
 };
 

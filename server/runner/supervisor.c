@@ -12,6 +12,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "core/base/clock.h"
 #include "server/base/deadline.h"
 #include "server/base/log.h"
 #include "server/runner/job_run.h"
@@ -81,7 +82,7 @@ static bool claim(struct slot *slot, struct job *job) {
     slot->attempt = job->attempt;
     slot->claimed = supervisor->round;
     atomic_store(&slot->control.command, JOB_RUN_GO_ON);
-    atomic_store(&slot->control.seen_ms, events_clock_ms());
+    atomic_store(&slot->control.seen_ms, clock_ms());
     return true;
 }
 
@@ -92,7 +93,7 @@ static bool next_job(struct slot *slot, struct job *job) {
     pthread_mutex_lock(&supervisor->lock);
     while (!supervisor->stopping && !(found = claim(slot, job))) {
         struct timespec until = deadline_in_ms(LOOK_AGAIN_S * 1000);
-        slot->looked_ms = events_clock_ms();
+        slot->looked_ms = clock_ms();
         (void)deadline_wait(&until, &supervisor->submitted, &supervisor->lock);
     }
     pthread_mutex_unlock(&supervisor->lock);
@@ -116,7 +117,7 @@ static void *work(void *ctx) {
         pthread_mutex_lock(&supervisor->lock);
         slot->id[0] = 0;
         pthread_cond_broadcast(&supervisor->submitted); /* who waits for memory may have it now */
-        slot->looked_ms = events_clock_ms();
+        slot->looked_ms = clock_ms();
         if (!is_fit) rest_slot(slot);
         pthread_mutex_unlock(&supervisor->lock);
     }
@@ -188,7 +189,7 @@ static const struct service_runner runner = {supervisor_notify, supervisor_cance
 static bool start_slot(struct supervisor *supervisor) {
     struct slot *slot = &supervisor->slot[supervisor->slot_count];
     slot->supervisor = supervisor;
-    slot->looked_ms = events_clock_ms();
+    slot->looked_ms = clock_ms();
     slot->control.wake_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
     if (slot->control.wake_fd < 0) return false;
     pthread_mutex_lock(&supervisor->lock);
@@ -274,7 +275,7 @@ static bool goes_on(const struct slot *slot, int64_t now) {
 bool supervisor_answers(struct supervisor *supervisor) {
     bool all = true;
     pthread_mutex_lock(&supervisor->lock);
-    int64_t now = events_clock_ms();
+    int64_t now = clock_ms();
     for (unsigned i = 0; i < supervisor->slot_count && !supervisor->stopping; i++)
         all = goes_on(&supervisor->slot[i], now) && all;
     pthread_mutex_unlock(&supervisor->lock);

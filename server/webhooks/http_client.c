@@ -10,8 +10,8 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/socket.h>
-#include <time.h>
 
+#include "core/base/clock.h"
 #include "server/webhooks/address_filter.h"
 
 enum { HEAD_MAX_BYTES = 64 * 1024, BODY_MAX_BYTES = 64 * 1024, BODY_MS = 2000 };
@@ -42,12 +42,6 @@ static curl_socket_t open_socket(void *ctx, curlsocktype purpose, struct curl_so
         return CURL_SOCKET_BAD;
     }
     return socket(address->family, address->socktype | SOCK_CLOEXEC, address->protocol);
-}
-
-static int64_t clock_ms(void) {
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
 }
 
 /* A line of the answer's headers, those of interim answers among them; what isn't taken ends the transfer. */

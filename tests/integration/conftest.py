@@ -260,10 +260,13 @@ class Daemon:
         return self.wait_for(job_id, "successful", "failed", "dismissed")
 
     def worker_pid(self, job_id):
-        """The process that runs the job, once it is one."""
+        """The process that runs the job, once it is one: between fork and exec it still is a copy of the daemon."""
         def started():
             return re.findall(rf"job={job_id} accepted -> running attempt=\d+ pid=(\d+)", self.log_text())
-        return int(wait_until(started, "the worker's start")[-1])
+        pid = int(wait_until(started, "the worker's start")[-1])
+        own = read_of(self.process.pid, "cmdline")
+        wait_until(lambda: read_of(pid, "cmdline") != own, "the worker's program")
+        return pid
 
     def check(self):
         """Runs `whittled check` on the folder, which nothing may serve; returns exit status and lines."""

@@ -10,12 +10,15 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <cmocka.h>
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
+#include "core/base/process_memory.h"
 #include "core/base/status.h"
 #include "core/math/sym3.h"
 #include "tests/unit/shapes.h"
@@ -259,9 +262,46 @@ static void eigenvectors_stand_coinciding_eigenvalues(void **state) {
     }
 }
 
+/* A child that starts small after its parent was large: wait4's figure is the parent's, /proc's the child's. */
+static void the_peak_of_memory_is_a_program_s_own(void **state) {
+    (void)state;
+    const size_t much = (size_t)64 << 20;
+    uint64_t before = process_peak_bytes(0);
+    assert_true(before > 0);
+    unsigned char *block = malloc(much);
+    assert_non_null(block);
+    memset(block, 1, much);
+    assert_true(block[much / 2] == 1 && process_peak_bytes(0) > before + much / 2);
+    int ends[2];
+    assert_int_equal(pipe(ends), 0);
+    pid_t pid = fork();
+    if (pid == 0) {
+        dup2(ends[0], STDIN_FILENO);
+        close(ends[1]);
+        execl("/bin/cat", "cat", (char *)NULL);
+        _exit(127);
+    }
+    assert_true(pid > 0);
+    close(ends[0]);
+    assert_int_equal(write(ends[1], "x", 1), 1);
+    uint64_t seen;
+    do {
+        seen = process_peak_bytes(pid); /* until it is cat: before, it is a copy of this program */
+        sched_yield();
+    } while (seen > much / 2);
+    assert_true(seen > 0);
+    struct rusage usage;
+    close(ends[1]);
+    assert_int_equal(wait4(pid, NULL, 0, &usage), pid);
+    assert_true((uint64_t)usage.ru_maxrss * 1024 > much / 2);
+    assert_int_equal(process_peak_bytes(pid), 0);
+    free(block);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(least_ones_do_not_depend_on_their_company),
+        cmocka_unit_test(the_peak_of_memory_is_a_program_s_own),
         cmocka_unit_test(every_status_has_a_name_that_leads_back),
         cmocka_unit_test(an_error_that_does_not_fit_is_cut),
         cmocka_unit_test(an_array_whose_size_overflows_is_refused),

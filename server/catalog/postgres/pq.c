@@ -13,6 +13,7 @@
 #include <time.h>
 
 #include "core/base/alloc.h"
+#include "core/base/clock.h"
 #include "core/base/fault.h"
 #include "server/base/away.h"
 #include "server/catalog/rows.h"
@@ -53,12 +54,6 @@ struct pq_rows {
     PGresult *result;
     int row;
 };
-
-static int64_t clock_ms(void) {
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
-}
 
 /* The first line of what the server says; it never holds the password. */
 static enum status refused(enum status status, const char *text, struct error *error) {

@@ -6,9 +6,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <time.h>
 
 #include "core/base/alloc.h"
+#include "core/base/clock.h"
 #include "server/catalog/fair_share.h"
 #include "server/catalog/sqlite/schema.h"
 
@@ -147,11 +147,9 @@ enum status catalog_sqlite_set_identity(struct catalog *catalog, const char *id,
  * without one is in the way. */
 enum status catalog_sqlite_takes_changes(struct catalog *catalog, struct error *error) {
     struct catalog_sqlite *sqlite = catalog_sqlite_of(catalog);
-    struct timespec now;
     struct error unread = {0};
     int64_t version = 0;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    int64_t now_ms = (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
+    int64_t now_ms = clock_ms();
     sql_lock(sqlite->prober);
     enum status status = sql_begin(sqlite->prober, error);
     if (status == STATUS_OK) {

@@ -90,6 +90,13 @@ void catalog_cloud_done(struct catalog_cloud *cloud) {
     memset(cloud, 0, sizeof *cloud);
 }
 
+int catalog_batch_state(const struct catalog_batch *batch) {
+    int state = 2 * (int)(batch->size - batch->job_count);
+    for (size_t i = 0; i < batch->job_count; i++)
+        state += batch->job[i].state == JOB_RUNNING ? 1 : job_ended(batch->job[i].state) ? 2 : 0;
+    return state;
+}
+
 void catalog_batch_done(struct catalog_batch *batch) {
     free(batch->job);
     memset(batch, 0, sizeof *batch);

@@ -228,6 +228,10 @@ struct catalog_batch {
     } * job; /* owned; in the order in which their clouds were named; NULL before it is read */
 };
 
+/* How far its jobs are: 1 for each that runs, 2 for each that has ended, or is there no more; so 0 to 2 * size.  It
+ * grows where one begins or ends, and is less where one that ran waits again. */
+int catalog_batch_state(const struct catalog_batch *batch);
+
 /* Frees what the batch owns.  Accepts a zeroed one. */
 void catalog_batch_done(struct catalog_batch *batch);
 

@@ -352,14 +352,6 @@ const struct handler handlers_delete_batch = {.run = delete_batch};
 
 static char *batch_event(void *of) { return service_batch_text(of, false); }
 
-/* Changes where a job of it has begun or ended. */
-static int batch_state(const struct catalog_batch *batch) {
-    int state = 0;
-    for (size_t i = 0; i < batch->job_count; i++)
-        state += batch->job[i].state == JOB_RUNNING ? 1 : job_ended(batch->job[i].state) ? 2 : 0;
-    return state;
-}
-
 static void get_batch_events(struct service *service, struct request *request, struct response *response) {
     struct catalog_batch batch;
     bool streaming = request->wait.calls > 0;
@@ -368,7 +360,7 @@ static void get_batch_events(struct service *service, struct request *request, s
     if (read_batch(service, request, request->match.capture[0], &batch, response)) {
         const struct catalog_batch_job *open = first_open(&batch);
         const struct event_source source = {.sequence = batch_sequence(&batch),
-                                            .state = batch_state(&batch),
+                                            .state = catalog_batch_state(&batch),
                                             .ended = !open,
                                             .job_id = open ? open->id : batch.job[0].id,
                                             .data = batch_event,

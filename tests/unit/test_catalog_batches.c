@@ -259,8 +259,29 @@ static void the_last_end_of_two_hosts_is_told(void **state) {
     catalog_close(other);
 }
 
+/* Each begin and each end is seen, also of jobs that have gone since; two batches at the same point are the same. */
+static void its_state_grows_with_each_begin_and_end(void **state) {
+    struct catalog_batch_job jobs[THREE] = {{.state = JOB_ACCEPTED}, {.state = JOB_ACCEPTED}, {.state = JOB_ACCEPTED}};
+    struct catalog_batch batch = {.size = THREE, .job_count = THREE, .job = jobs};
+    static const enum job_state ends[THREE] = {JOB_SUCCESSFUL, JOB_FAILED, JOB_DISMISSED};
+    (void)state;
+    assert_int_equal(catalog_batch_state(&batch), 0);
+    for (int i = 0; i < THREE; i++) {
+        jobs[i].state = JOB_RUNNING;
+        assert_int_equal(catalog_batch_state(&batch), 2 * i + 1);
+        jobs[i].state = ends[i];
+        assert_int_equal(catalog_batch_state(&batch), 2 * i + 2);
+    }
+    for (batch.job_count = 0; batch.job_count < THREE; batch.job_count++)
+        assert_int_equal(catalog_batch_state(&batch), 2 * THREE);
+    jobs[2].state = JOB_ACCEPTED; /* the others have gone */
+    batch.job = &jobs[2], batch.job_count = 1;
+    assert_int_equal(catalog_batch_state(&batch), 4);
+}
+
 int main(void) {
     struct CMUnitTest tests[] = {
+        cmocka_unit_test(its_state_grows_with_each_begin_and_end),
         CATALOG_TEST(its_jobs_are_jobs_in_their_order),
         CATALOG_TEST(all_of_it_fits_or_nothing_does),
         CATALOG_TEST(it_is_told_when_the_last_has_ended_however),

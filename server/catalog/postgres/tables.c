@@ -152,9 +152,9 @@ static const char *const steps[] = {
     "EXECUTE FUNCTION whittle_batch_job_gone();",
     "ALTER TABLE uploads ADD COLUMN concat TEXT NOT NULL DEFAULT '';",
     /* Hosts of the version before would remove a batch's webhook, for they find no job of its name, and make a cloud of
-     * a part of an upload, or remove it where it is none.  So a batch's webhook is claimed by who raises `claims`, and
-     * a part written by who is called +...; they are told, as by a server that is away, to come again, and answer 503.
-     */
+     * a part of an upload, or remove it where it is none.  So a batch's webhook is claimed by who raises `claims`: what
+     * they claim stays as it is, and they find that they haven't got it.  And a part is written by who is called +...:
+     * what they do with one fails as if the server were away, and they answer 503. */
     "ALTER TABLE outbox ADD COLUMN claims BIGINT NOT NULL DEFAULT 0;"
     "CREATE FUNCTION whittle_batch_unknown() RETURNS TRIGGER LANGUAGE plpgsql AS $$ BEGIN "
     "IF EXISTS (SELECT 1 FROM batches WHERE id = NEW.job) THEN RETURN NULL; END IF; RETURN NEW; END $$;"

@@ -148,7 +148,8 @@ def test_the_service_describes_itself_where_it_is(site):
     follow(site, links_in(site.curl(f"{BASE}/v1/info").json["links"]), 2)
     assert site.curl(f"{BASE}/v1/parameters").json["$id"] == f"{BASE}/v1/parameters"
     for page in ("/", "/docs"):
-        hrefs = [h for h in re.findall(r'href="([^"#]+)"', site.curl(BASE + page).body.decode()) if h != "data:,"]
+        # Each once: the reference names some problems in every operation, more often than nginx lets one client ask.
+        hrefs = set(re.findall(r'href="([^"#]+)"', site.curl(BASE + page).body.decode())) - {"data:,"}
         assert hrefs and not [h for h in hrefs if ":" in h or (h.startswith("/") and not h.startswith(f"{BASE}/"))]
         assert all(site.curl(h if h.startswith("/") else f"{BASE}/{h}").status == 200 for h in hrefs)
     assert f"<code>{BASE}</code>" in site.curl(f"{BASE}/docs").body.decode()

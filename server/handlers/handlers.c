@@ -113,10 +113,12 @@ bool handlers_admit_body(struct service *service, struct request *request, unsig
                                  takes == BODY_JSON && request->match.capture[0][0] ? request->match.capture[0] : NULL};
     struct problem problem;
     uint64_t bytes = request->content_length == UINT64_MAX ? 0 : request->content_length;
-    const char *complete = request->header[HEADER_UPLOAD_COMPLETE];
-    if (complete && strncmp(complete, "?0", 2) == 0) { /* the first part of one that other requests go on with */
-        response_refuse(response, PROBLEM_MALFORMED_REQUEST,
-                        "Upload-Complete: ?0 says that there is more to come: begin it by POST /v1/uploads");
+    enum request_flag complete = request_flag(request, HEADER_UPLOAD_COMPLETE);
+    if (complete == FLAG_FALSE || complete == FLAG_MALFORMED) {
+        response_refuse(response, PROBLEM_MALFORMED_REQUEST, "%s",
+                        complete == FLAG_FALSE
+                            ? "Upload-Complete: ?0 says that there is more to come: begin it by POST /v1/uploads"
+                            : "Upload-Complete must be ?1, or not there");
         return false;
     }
     if (!handlers_has_room(service, request, bytes, takes & BODY_JSON, response)) return false;

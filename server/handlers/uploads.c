@@ -3,14 +3,18 @@
  * interim responses (server/http/DECISIONS.md), at the same resources.
  *
  * An upload that is whole becomes a cloud: Whittle-Cloud names it in the answer to its last piece, and in every later
- * answer to HEAD and GET.  Where the service ended between the last byte and that, HEAD and GET do what is left to do.
+ * answer to HEAD and GET.  Where the service ended between the last byte and that, tus's HEAD, whose client is about to
+ * go on, does what is left to do; of the draft's an empty last piece does.  GET changes nothing.
+ *
+ * A request that begins an upload, and isn't answered with its Location, leaves nothing: nobody could name it.
  *
  * A partial upload (Upload-Concat: partial) becomes no cloud.  A final one is made of partial ones that are whole, by
  * this request: their bytes are put one behind the other into an upload of its own, which becomes a cloud, and then
  * they go.  Who asks again for what is made of the same parts gets the same upload, for the first answer may be lost.
  *
  * A request is the draft's where it has one of its headers, and not tus's.  There the client says which piece is the
- * last one (Upload-Complete: ?1); until then an upload that has its length is no cloud.
+ * last one (Upload-Complete: ?1); until then an upload that has its length is no cloud.  Clients of tus may have the
+ * draft's headers added by what they send through, so Tus-Resumable decides.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <errno.h>
@@ -44,22 +48,34 @@ static bool speaks_draft(const struct request *request) {
            (request->header[HEADER_UPLOAD_DRAFT] || request->header[HEADER_UPLOAD_COMPLETE]);
 }
 
+/* Interop versions of the draft that say the same of requests, but for the type of a piece: draft 03 has 5, draft 08
+ * and later have 8. */
+enum { FIRST_INTEROP = 5, LAST_INTEROP = 8 };
+
+/* Whether the request's version is one of these, or it has none, as those of the protocol that the draft becomes. */
+static bool knows_draft(const struct request *request, struct response *response) {
+    int64_t spoken = 0;
+    if (!request->header[HEADER_UPLOAD_DRAFT]) return true;
+    bool is_number = request_integer(request, HEADER_UPLOAD_DRAFT, &spoken);
+    if (is_number && spoken >= FIRST_INTEROP && spoken <= LAST_INTEROP) return true;
+    response_refuse(response, PROBLEM_UPLOAD_PROTOCOL, "Upload-Draft-Interop-Version must be %d to %d", FIRST_INTEROP,
+                    LAST_INTEROP);
+    response_header(response, "Upload-Draft-Interop-Version", "%d", LAST_INTEROP);
+    return false;
+}
+
 static bool speaks_either(struct request *request, struct response *response) {
-    return speaks_draft(request) || speaks_tus(request, response);
+    return speaks_draft(request) ? knows_draft(request, response) : speaks_tus(request, response);
 }
 
 /* Whether it is the last piece; one of tus's is when the length is there. */
 static bool is_last(const struct request *request) {
-    const char *text = request->header[HEADER_UPLOAD_COMPLETE];
-    return !speaks_draft(request) || (text && strncmp(text, "?1", 2) == 0);
+    return !speaks_draft(request) || request_flag(request, HEADER_UPLOAD_COMPLETE) == FLAG_TRUE;
 }
 
-/* The draft's are ?0 and ?1, perhaps with parameters, which mean nothing. */
 static bool read_complete(const struct request *request, struct response *response) {
-    const char *text = request->header[HEADER_UPLOAD_COMPLETE];
-    if (!speaks_draft(request) || (text && text[0] == '?' && (text[1] == '0' || text[1] == '1') &&
-                                   (!text[2] || text[2] == ';' || text[2] == ' ')))
-        return true;
+    enum request_flag complete = request_flag(request, HEADER_UPLOAD_COMPLETE);
+    if (!speaks_draft(request) || complete == FLAG_FALSE || complete == FLAG_TRUE) return true;
     response_refuse(response, PROBLEM_MALFORMED_REQUEST, "the header Upload-Complete must be there, ?0 or ?1");
     return false;
 }
@@ -125,16 +141,15 @@ static void put_concat(const struct catalog_upload *info, struct response *respo
 /* What the draft's answers have: how much an upload may have, and for how many seconds it is there (0 = it isn't). */
 static void put_limit(const struct service *service, const struct request *request, int64_t expires_ms,
                       struct response *response) {
-    const char *draft = request->header[HEADER_UPLOAD_DRAFT];
-    int64_t age_ms = expires_ms - job_now_ms(), most = service->config->max_body_bytes;
+    int64_t age_ms = expires_ms - job_now_ms(), most = service->config->max_body_bytes, version_spoken;
     if (!speaks_draft(request)) return;
     if (age_ms > 0)
         response_header(response, "Upload-Limit", "max-size=%lld, max-age=%lld", (long long)most,
                         (long long)(age_ms / 1000));
     else
         response_header(response, "Upload-Limit", "max-size=%lld", (long long)most);
-    if (draft && strlen(draft) < 4 && strspn(draft, "0123456789") == strlen(draft))
-        response_header(response, "Upload-Draft-Interop-Version", "%s", draft);
+    if (request_integer(request, HEADER_UPLOAD_DRAFT, &version_spoken))
+        response_header(response, "Upload-Draft-Interop-Version", "%lld", (long long)version_spoken);
 }
 
 static void put_progress(const struct service *service, const struct request *request,
@@ -218,8 +233,10 @@ static bool take_piece(struct service *service, struct request *request, struct 
     if (!request->has_body || (speaks_draft(request) && (!plan.type || strcmp(request->method, "POST") == 0)))
         plan.type = "application/partial-upload";
     request->body = body_new(&plan, &problem);
-    if (!request->body) response_problem(response, &problem);
-    return request->body != NULL;
+    if (request->body) return true;
+    response_problem(response, &problem);
+    if (problem.kind == PROBLEM_BODY_TOO_LARGE) put_limit(service, request, 0, response);
+    return false;
 }
 
 static bool read_length(struct service *service, const struct request *request, uint64_t *length,
@@ -293,6 +310,10 @@ static bool admit_upload(struct service *service, struct request *request, struc
     struct catalog_upload info = {0};
     struct uploads_check check;
     struct problem problem;
+    if (speaks_draft(request) && request->header[HEADER_UPLOAD_CONCAT]) {
+        response_refuse(response, PROBLEM_MALFORMED_REQUEST, "Upload-Concat is of tus, and wants Tus-Resumable");
+        return false;
+    }
     if (is_final(request)) return admit_final(service, request, response);
     if (!speaks_either(request, response) || !handlers_takes_no_query(request, response) ||
         !read_partial(request, &info, response) || !read_length(service, request, &info.length, response) ||
@@ -464,7 +485,7 @@ static bool finish_last(struct service *service, const struct request *request, 
     return ok;
 }
 
-/* The end of a piece.  false: the response says why. */
+/* The end of a piece.  false: the response says why; where info has an id, its bytes are kept. */
 static bool end_piece(struct service *service, struct request *request, struct catalog_upload *info,
                       struct response *response) {
     struct problem problem;
@@ -477,6 +498,7 @@ static bool end_piece(struct service *service, struct request *request, struct c
     }
     if (!ended) {
         response_problem(response, &problem);
+        info->id[0] = '\0';
         return false;
     }
     uint64_t has;
@@ -663,8 +685,11 @@ static bool create_final(struct service *service, struct request *request, struc
 
 static void create_upload(struct service *service, struct request *request, struct response *response) {
     struct catalog_upload info;
+    struct error error = {0};
     bool made = is_final(request) ? create_final(service, request, &info, response)
                                   : end_piece(service, request, &info, response);
+    if (!made && !is_final(request) && info.id[0] && uploads_delete(service->uploads, info.id, &error) != STATUS_OK)
+        log_line(LOG_ERROR, "upload=%s expires: %s", info.id, error.text);
     if (!made) return;
     put_document(&info, 201, response);
     put_progress(service, request, &info, response);
@@ -689,7 +714,8 @@ const struct handler handlers_continue_upload = {.admit = admit_piece, .run = co
 
 /* ------------------------------------------------------------------------------------------------ read, delete */
 
-/* Who asks with HEAD is about to go on: whoever wrote until now can't any more.  GET only looks. */
+/* Who asks with HEAD is about to go on: whoever wrote until now can't any more, and by tus what is whole becomes a
+ * cloud.  GET only looks. */
 static void get_upload(struct service *service, struct request *request, struct response *response) {
     struct catalog_upload info;
     request->tus = !speaks_draft(request);
@@ -703,7 +729,8 @@ static void get_upload(struct service *service, struct request *request, struct 
     }
     if (!find_upload(service, request, &info, response)) return;
     uint64_t has;
-    if (!speaks_draft(request) && !is_over_share(service, &info, &has) && !finish(service, &info, response)) return;
+    bool may_finish = request->head && !speaks_draft(request) && !is_over_share(service, &info, &has);
+    if (may_finish && !finish(service, &info, response)) return;
     put_document(&info, 200, response);
     put_progress(service, request, &info, response);
     if (info.length == UINT64_MAX && !speaks_draft(request))

@@ -341,13 +341,20 @@ static bool check_digests(struct body *body, struct problem *problem) {
 
 /* ------------------------------------------------------------------------------------------------ the body */
 
+static void refuse_longer(const struct body *body, uint64_t bytes, struct problem *problem) {
+    if (body->kind == BODY_PIECE)
+        upload_piece_too_large(body->plan.max_bytes, bytes, problem);
+    else
+        upload_too_large(body->plan.max_bytes, bytes, problem);
+}
+
 static bool body_start(struct body *body, struct problem *problem) {
     const struct body_plan *plan = &body->plan;
     uint64_t expected = plan->content_length;
     struct multipart_sink sink = {begin_field, take_field, end_field, body};
     if (!choose_kind(body, problem) || !start_inflating(body, problem) || !start_digests(body, problem)) return false;
     if (expected != UINT64_MAX && expected > plan->max_bytes) {
-        upload_too_large(plan->max_bytes, expected, problem);
+        refuse_longer(body, expected, problem);
         return false;
     }
     switch (body->kind) {
@@ -405,7 +412,7 @@ struct body *body_new(const struct body_plan *plan, struct problem *problem) {
 /* Chunks may be as short as a byte, and each stage costs more than that: so short pieces wait for others. */
 bool body_write(struct body *body, const void *bytes, size_t count, struct problem *problem) {
     if (count > body->plan.max_bytes - body->bytes) {
-        upload_too_large(body->plan.max_bytes, UINT64_MAX, problem);
+        refuse_longer(body, UINT64_MAX, problem);
         return false;
     }
     body->bytes += count;

@@ -51,9 +51,23 @@ const char *const message_header_names[HEADER_COUNT] = {
 
 /* Headers whose repetition makes a request mean two things. */
 static bool is_single(size_t header) {
-    static const enum request_header single[] = {HEADER_HOST,         HEADER_CONTENT_LENGTH, HEADER_TRANSFER_ENCODING,
-                                                 HEADER_CONTENT_TYPE, HEADER_AUTHORIZATION,  HEADER_IDEMPOTENCY_KEY,
-                                                 HEADER_ORIGIN,       HEADER_SEC_FETCH_SITE};
+    static const enum request_header single[] = {HEADER_HOST,
+                                                 HEADER_CONTENT_LENGTH,
+                                                 HEADER_TRANSFER_ENCODING,
+                                                 HEADER_CONTENT_TYPE,
+                                                 HEADER_AUTHORIZATION,
+                                                 HEADER_IDEMPOTENCY_KEY,
+                                                 HEADER_ORIGIN,
+                                                 HEADER_SEC_FETCH_SITE,
+                                                 HEADER_TUS_RESUMABLE,
+                                                 HEADER_UPLOAD_LENGTH,
+                                                 HEADER_UPLOAD_OFFSET,
+                                                 HEADER_UPLOAD_DEFER_LENGTH,
+                                                 HEADER_UPLOAD_CHECKSUM,
+                                                 HEADER_UPLOAD_CONCAT,
+                                                 HEADER_UPLOAD_METADATA,
+                                                 HEADER_UPLOAD_COMPLETE,
+                                                 HEADER_UPLOAD_DRAFT};
     for (size_t i = 0; i < sizeof single / sizeof *single; i++)
         if (single[i] == header) return true;
     return false;
@@ -175,6 +189,73 @@ void request_identify(struct request *request) {
         snprintf(request->id, sizeof request->id, "%016llx", (unsigned long long)random);
     }
 }
+
+/* ------------------------------------------------------------------------------------------------ items of RFC 9651 */
+
+static const char small_letters[] = "abcdefghijklmnopqrstuvwxyz", decimals[] = "0123456789";
+
+/* What follows a quoted string, from its first quote on; NULL: it doesn't end, or holds what it can't. */
+static const char *skip_string(const char *at) {
+    for (at++; *at != '"'; at++) {
+        if (*at == '\\' && at[1] != '"' && at[1] != '\\') return NULL;
+        if (*at == '\\') at++;
+        if (*at < ' ' || *at > '~') return NULL;
+    }
+    return at + 1;
+}
+
+/* What follows a parameter's value: a number, a date, a boolean, bytes between colons, a string, or a token; NULL: it
+ * is none of these. */
+static const char *skip_value(const char *at) {
+    static const char token[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789!#$%&'*+-.^_`|~:/";
+    static const char base64[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789+/=";
+    if (*at == '"') return skip_string(at);
+    if (*at == '%') return at[1] == '"' ? skip_string(at + 1) : NULL;
+    if (*at == '?') return at[1] == '0' || at[1] == '1' ? at + 2 : NULL;
+    if (*at == ':') {
+        at += 1 + strspn(at + 1, base64);
+        return *at == ':' ? at + 1 : NULL;
+    }
+    if (*at == '*' || (*at >= 'a' && *at <= 'z') || (*at >= 'A' && *at <= 'Z')) return at + strspn(at, token);
+    bool is_date = *at == '@';
+    at += is_date;
+    at += *at == '-';
+    size_t whole = strspn(at, decimals), part = at[whole] == '.' ? strspn(at + whole + 1, decimals) : 0;
+    bool has_point = at[whole] == '.';
+    if (!whole || whole > (has_point ? 12 : 15) || (has_point && (is_date || !part || part > 3))) return NULL;
+    return at + whole + has_point + part;
+}
+
+/* Whether what follows an item is parameters, and blanks at the end. */
+static bool are_parameters(const char *at) {
+    static const char key[] = "abcdefghijklmnopqrstuvwxyz0123456789_-.*";
+    while (at && *at == ';') {
+        at += 1 + strspn(at + 1, " ");
+        if (*at != '*' && !(*at && strchr(small_letters, *at))) return false;
+        at += strspn(at, key);
+        if (*at == '=') at = skip_value(at + 1);
+    }
+    return at && !at[strspn(at, " ")];
+}
+
+enum request_flag request_flag(const struct request *request, enum request_header header) {
+    const char *text = request->header[header];
+    if (!text) return FLAG_ABSENT;
+    text += strspn(text, " ");
+    if (text[0] != '?' || (text[1] != '0' && text[1] != '1') || !are_parameters(text + 2)) return FLAG_MALFORMED;
+    return text[1] == '1' ? FLAG_TRUE : FLAG_FALSE;
+}
+
+bool request_integer(const struct request *request, enum request_header header, int64_t *number) {
+    const char *text = request->header[header];
+    text += text ? strspn(text, " ") : 0;
+    size_t sign = text && *text == '-', digits = text ? strspn(text + sign, decimals) : 0;
+    if (!digits || digits > 15 || !are_parameters(text + sign + digits)) return false;
+    *number = strtoll(text, NULL, 10);
+    return true;
+}
+
+/* ------------------------------------------------------------------------------------------------ preferences */
 
 /* Finds one preference of the list; returns what follows its name, or NULL. */
 static const char *find_preference(const char *list, const char *name) {

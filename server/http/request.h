@@ -48,7 +48,7 @@ enum request_header {
     HEADER_UPLOAD_CHECKSUM,
     HEADER_UPLOAD_CONCAT,
     HEADER_UPLOAD_COMPLETE,
-    HEADER_UPLOAD_DRAFT,
+    HEADER_UPLOAD_DRAFT, /* Upload-Draft-Interop-Version */
     HEADER_REPR_DIGEST,
     HEADER_ACCEPT,
     HEADER_IF_MATCH,
@@ -114,6 +114,12 @@ void request_read_framing(struct request *request);
 
 /* Fills in request->id: of X-Request-Id or traceparent where these are well-formed, else random. */
 void request_identify(struct request *request);
+
+/* What a header says that holds one item of RFC 9651: a boolean, ?0 or ?1, or a whole number of up to 15 digits; it may
+ * have parameters, which mean nothing here.  FLAG_MALFORMED, false: it is there, and is none. */
+enum request_flag { FLAG_ABSENT, FLAG_FALSE, FLAG_TRUE, FLAG_MALFORMED };
+enum request_flag request_flag(const struct request *request, enum request_header header);
+bool request_integer(const struct request *request, enum request_header header, int64_t *number);
 
 /* Seconds of `Prefer: wait=N` (up to max_ms, in ms); -1 where there is none.  And whether it holds respond-async. */
 int64_t request_prefer_wait_ms(const struct request *request, int64_t max_ms);

@@ -40,6 +40,14 @@ void upload_too_large(uint64_t max_bytes, uint64_t bytes, struct problem *proble
     problem_add_text(problem, "hint", "send binary PLY, or thin the cloud out first");
 }
 
+void upload_piece_too_large(uint64_t left, uint64_t bytes, struct problem *problem) {
+    problem_set(problem, PROBLEM_BODY_TOO_LARGE, "the piece is longer than the %llu bytes that its upload still takes",
+                (unsigned long long)left);
+    problem_add_number(problem, "limit", (int64_t)left);
+    if (bytes <= INT64_MAX) problem_add_number(problem, "actual", (int64_t)bytes);
+    problem_add_text(problem, "hint", "HEAD tells how far the upload is, and its length; OPTIONS how long one may be");
+}
+
 struct upload *upload_new(struct store *store, struct thread_pool *threads, uint64_t expected_bytes, uint64_t max_bytes,
                           const struct admission *admission, struct problem *problem) {
     struct error error = {0};

@@ -21,6 +21,9 @@ struct upload;
 /* The problem of a body of so many bytes (UINT64_MAX = not known) that is over its limit. */
 void upload_too_large(uint64_t max_bytes, uint64_t bytes, struct problem *problem);
 
+/* The same of a piece of a resumable upload, which takes `left` bytes more. */
+void upload_piece_too_large(uint64_t left, uint64_t bytes, struct problem *problem);
+
 /* What is known of a complete upload. */
 struct upload_facts {
     char sha256[JOB_HASH_BYTES];

@@ -466,7 +466,7 @@ static bool local_write(struct uploads_writer *any, const void *bytes, size_t co
     uint64_t most = info->length, had = info->offset + writer->staged_bytes;
     bool staged = writer->staged.fd >= 0, ok = may_write(writer, problem);
     if (ok && (had > most || count > most - had)) {
-        upload_too_large(most, UINT64_MAX, problem);
+        upload_piece_too_large(had < most ? most - had : 0, UINT64_MAX, problem);
         ok = false;
     }
     if (ok && !scratch_may_go_on(writer->uploads->scratch, had, count))

@@ -272,7 +272,7 @@ static bool shared_write(struct uploads_writer *any, const void *bytes, size_t c
     bool ok = !writer->is_over && writer->file.fd >= 0;
     if (!ok) refuse_shared(PROBLEM_OFFSET_MISMATCH, "another request goes on with this upload", problem);
     if (ok && (had > most || count > most - had)) {
-        upload_too_large(most, UINT64_MAX, problem);
+        upload_piece_too_large(had < most ? most - had : 0, UINT64_MAX, problem);
         ok = false;
     }
     if (ok && !scratch_may_go_on(store_scratch(writer->uploads->store), had, count))

@@ -23,7 +23,7 @@ from described import OPERATIONS, check  # noqa: E402  pylint: disable=wrong-imp
 NOBODY = "01900000-0000-7000-8000-000000000000"
 FLAT = "".join(f"{i % 5} {i // 5} 0\n" for i in range(25)).encode()
 CASES = {}
-OF_HEAD = {("getUpload", "412")}  # GET wants no version of the protocol
+OF_HEAD = {("getUpload", status) for status in ("412", "415", "422")}  # GET wants no version, and ends no upload
 
 
 def case(function):
@@ -524,10 +524,14 @@ CASES |= {
 }
 
 
+def head_of_upload(daemon, path, *more):
+    done = subprocess.run(["curl", "-sS", "-I", *more, daemon.url + path], capture_output=True, check=True)
+    return parse_reply(done.stdout)
+
+
 def head_without_version(world, _operation):
     daemon = world.daemon()
-    done = subprocess.run(["curl", "-sS", "-I", daemon.url + upload_of(daemon, 10)], capture_output=True, check=True)
-    return parse_reply(done.stdout)
+    return head_of_upload(daemon, upload_of(daemon, 10))
 
 
 def part_of(daemon):
@@ -551,7 +555,7 @@ def rest_of(connection):
 
 def whole_before_a_crash(content):
     """All bytes of the upload are there, and the service ended before it could look at them."""
-    def function(world, operation):
+    def function(world, _operation):
         daemon = world.daemon()
         path = upload_of(daemon, len(content))
         with send_head(daemon, "PATCH", path, TUS[1], PIECE[1], "Upload-Offset: 0") as connection:
@@ -559,7 +563,7 @@ def whole_before_a_crash(content):
             wait_until(lambda: part_of(daemon).stat().st_size == len(content), "the bytes")
             daemon.kill()
         daemon.start()
-        return send(daemon, operation, path)
+        return head_of_upload(daemon, path, *TUS)
     return function
 
 

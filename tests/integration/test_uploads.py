@@ -189,8 +189,10 @@ def test_refused_pieces(daemon):
     assert daemon.post(path, b"x", *TUS, *headers(Upload_Offset=6, Content_Type="text/plain"), "-X", "PATCH").status == 415
     assert daemon.post(path, b"x", *TUS, *PIECE, "-X", "PATCH").slug == "malformed-request"
     assert patch(daemon, path, 6, b"x", *headers(Content_Encoding="gzip")).json["supported"] == ["identity"]
-    assert patch(daemon, path, 6, b"x" * 95).slug == "body-too-large"
-    assert patch(daemon, path, 6, b"x" * 95, *headers(Transfer_Encoding="chunked")).slug == "body-too-large"
+    for more in ((), headers(Transfer_Encoding="chunked")):
+        longer = patch(daemon, path, 6, b"x" * 95, *more)
+        assert (longer.slug, longer.json["limit"]) == ("body-too-large", 94)
+        assert "piece" in longer.json["detail"] and "HEAD" in longer.json["hint"]
     assert patch(daemon, path, 6, b"", *headers(Upload_Length=101)).slug == "malformed-request"
     assert patch(daemon, "/v1/uploads/none", 0, b"x").slug == "no-such-upload"
     assert daemon.curl("/v1/uploads/none").slug == "no-such-upload"
@@ -649,3 +651,83 @@ def test_draft_is_deleted_and_begun_where_it_belongs(daemon):
         assert daemon.post(target, SMALL, *VERSION, *LAST).status < 300
     options = daemon.curl("/v1/uploads", "-X", "OPTIONS").headers
     assert "application/partial-upload" in options["accept-patch"] and options["upload-limit"] == f"max-size={2 << 30}"
+
+
+@pytest.mark.parametrize("content", [SMALL, b"ply\nformat ascii 1.0\nelement vertex x\n"])
+def test_a_look_ends_no_upload(daemon, content):
+    """Neither makes GET a cloud of what its client hasn't ended, nor removes what would be none."""
+    path = begin(daemon, content, *MORE, *headers(Upload_Length=len(content))).headers["location"]
+    for spoken in ((), VERSION):
+        look = daemon.curl(path, *spoken)
+        assert (look.status, look.json["offset"], look.json["cloud"]) == (200, len(content), None), look.body
+    assert state_of(daemon, path) == (len(content), "?0", len(content))
+    assert daemon.curl(f"/v1/clouds/{NAME}").status == 404
+    assert append(daemon, path, len(content), b"", *LAST).status == (200 if content == SMALL else 422)
+
+
+@pytest.mark.parametrize("version", ["1", "4", "9", "eight", "6.5"])
+def test_other_versions_of_the_draft(daemon, version):
+    spoken = headers(Upload_Draft_Interop_Version=version)
+    path = begin(daemon, SMALL[:10], *MORE).headers["location"]
+    for reply in (daemon.post("/v1/uploads", SMALL, *LAST, *spoken), daemon.curl(path, "-I", *spoken),
+                  daemon.post(path, b"x", *PARTIAL, *LAST, *headers(Upload_Offset=10), *spoken, "-X", "PATCH"),
+                  daemon.curl(path, "-X", "DELETE", *spoken)):
+        assert reply.status == 412 and reply.headers["upload-draft-interop-version"] == "8"
+        assert "tus-version" not in reply.headers
+    assert state_of(daemon, path)[0] == 10
+
+
+def test_headers_of_uploads_are_there_once_and_may_have_parameters(daemon):
+    for twice in ((*LAST, *MORE, *VERSION), (*LAST, *VERSION, *headers(Upload_Draft_Interop_Version=7)),
+                  (*TUS, *headers(Upload_Length=5), *headers(Upload_Length=6))):
+        assert daemon.post("/v1/uploads", SMALL, *twice).slug == "malformed-request" and parts(daemon) == []
+    reply = daemon.post("/v1/uploads", SMALL, "-H", "Upload-Complete: ?1; a=?0",
+                        *headers(Upload_Draft_Interop_Version="8;a"))
+    assert (reply.status, reply.headers["upload-complete"]) == (201, "?1"), reply.body
+
+
+def test_the_draft_knows_no_parts(daemon):
+    for value in ("partial", "final;/v1/uploads/0198c7d2-4a10-7cc3-9d0e-6f1f2b3c4d5e"):
+        assert daemon.post("/v1/uploads", SMALL, *VERSION, *LAST, *headers(Upload_Concat=value)).slug == "malformed-request"
+    assert parts(daemon) == []
+
+
+def test_the_draft_tells_the_limit_where_a_piece_is_beyond_it(make_daemon):
+    daemon = make_daemon("--max-body-bytes", "5000")
+    path = begin(daemon, SMALL[:1000], *MORE).headers["location"]
+    for reply in (daemon.post("/v1/uploads", b"0" * 5001, *VERSION, *LAST), append(daemon, path, 1000, b"0" * 4001, *MORE),
+                  append(daemon, path, 1000, b"0" * 4001, *LAST)):
+        assert (reply.status, reply.slug, reply.headers["upload-limit"]) == (413, "body-too-large", "max-size=5000")
+    piece = append(daemon, path, 1000, b"0" * 4001, *MORE).json
+    assert piece["limit"] == 4000 and "piece" in piece["detail"] and "HEAD" in piece["hint"]
+
+
+@pytest.mark.parametrize("spoken", ["Tus-Resumable: 1.0.0\r\nUpload-Length: {}", "Upload-Complete: ?1", "Upload-Complete: ?0"])
+def test_a_creation_that_was_cut_short_leaves_nothing(daemon, spoken):
+    """Its client has heard of no name to go on with."""
+    told = spoken.format(len(CLOUD)) + "\r\nContent-Type: application/offset+octet-stream"
+    with socket.create_connection(("127.0.0.1", daemon.port)) as link:
+        link.sendall(f"POST /v1/uploads HTTP/1.1\r\nHost: localhost\r\n{told}\r\n"
+                     f"Content-Length: {len(CLOUD)}\r\n\r\n".encode() + CLOUD[:30000])
+        wait_until(lambda: parts(daemon) != [] and any(p.stat().st_size for p in (daemon.data / "uploads").iterdir()),
+                   "its first bytes")
+    wait_until(lambda: parts(daemon) == [], "its end")
+    assert daemon.leftovers() == []
+
+
+def test_a_creation_that_is_refused_leaves_nothing(make_daemon, tmp_path):
+    """Its answer has no Location: a last piece that is too short, a whole that is no cloud, or more than the share."""
+    chunked = ("-H", "Transfer-Encoding: chunked")
+    (tmp_path / "tokens").write_text("ann:submit,read:" + hashlib.sha256(32 * b"a").hexdigest())
+    daemon = make_daemon("--tokens-file", tmp_path / "tokens", "--principal-bytes", "5000")
+    ann = ("-H", "Authorization: Bearer " + 32 * "a")
+    for data, status, more in (
+            (SMALL[:100], 400, (*VERSION, *LAST, *chunked, *headers(Upload_Length=200))),
+            (b"ply\nelement vertex x\n", 422, (*VERSION, *LAST)),
+            (b"ply\nelement vertex x\n", 422, (*TUS, *PIECE, *headers(Upload_Length=21))),
+            (b"0 0 0\n" * 900, 429, (*VERSION, *MORE, *chunked)),
+            (b"0 0 0\n" * 900, 429, (*TUS, *PIECE, *chunked, *headers(Upload_Defer_Length=1)))):
+        reply = daemon.post("/v1/uploads", data, *more, *ann)
+        assert reply.status == status and "location" not in reply.headers, reply.body
+        assert parts(daemon) == []
+    assert daemon.post("/v1/uploads", SMALL[:3000], *VERSION, *MORE, *ann).status == 201

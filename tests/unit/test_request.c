@@ -156,8 +156,49 @@ static void accepted_types(void **state) {
     for (size_t i = 0; i < sizeof no / sizeof *no; i++) assert_false(accepts(no[i]));
 }
 
+static enum request_flag flag_of(const char *text) {
+    struct request request = {.header[HEADER_UPLOAD_COMPLETE] = text};
+    return request_flag(&request, HEADER_UPLOAD_COMPLETE);
+}
+
+static void booleans_with_their_parameters(void **state) {
+    static const char *const right[] = {
+        "?1",      " ?1  ",           "?1;a",        "?1; a=1;b=-2.5",         "?1;a=?0",
+        "?1;*a=x", "?1;a=\"?0\\\"\"", "?1;a=:AQ==:", "?1;a=@1700000000;b=a/b", "?1;a=%\"f%c3\""};
+    static const char *const wrong[] = {"",          "1",       "?",      "?2",          "?10",      "?1 ;a",
+                                        "?1,?0",     "?1;",     "?1;A=1", "?1;a=\"open", "?1;a=:AQ", "?1;a=1.",
+                                        "?1;a=@1.5", "?1;a=?2", "?1 x",   "true"};
+    (void)state;
+    assert_int_equal(flag_of(NULL), FLAG_ABSENT);
+    assert_int_equal(flag_of("?0"), FLAG_FALSE);
+    assert_int_equal(flag_of("?0;a=?1"), FLAG_FALSE);
+    for (size_t i = 0; i < sizeof right / sizeof *right; i++) assert_int_equal(flag_of(right[i]), FLAG_TRUE);
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) assert_int_equal(flag_of(wrong[i]), FLAG_MALFORMED);
+}
+
+static int64_t integer_of(const char *text) {
+    struct request request = {.header[HEADER_UPLOAD_DRAFT] = text};
+    int64_t number = -1;
+    bool read = request_integer(&request, HEADER_UPLOAD_DRAFT, &number);
+    assert_true(read || number == -1);
+    return read ? number : INT64_MIN;
+}
+
+static void whole_numbers_with_their_parameters(void **state) {
+    static const char *const wrong[] = {"", "-", "+1", "1.5", "0x8", "8,8", "8 8", "?1", "1234567890123456", "eight"};
+    (void)state;
+    assert_int_equal(integer_of("8"), 8);
+    assert_int_equal(integer_of(" 8;a "), 8);
+    assert_int_equal(integer_of("-3"), -3);
+    assert_int_equal(integer_of("999999999999999"), 999999999999999);
+    assert_int_equal(integer_of(NULL), INT64_MIN);
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) assert_int_equal(integer_of(wrong[i]), INT64_MIN);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(booleans_with_their_parameters),
+        cmocka_unit_test(whole_numbers_with_their_parameters),
         cmocka_unit_test(one_range),
         cmocka_unit_test(ranges_outside),
         cmocka_unit_test(what_is_no_range_means_everything),

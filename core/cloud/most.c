@@ -6,8 +6,6 @@
 #include <assert.h>
 #include <stdlib.h>
 
-enum { OUTERMOST = 16 };
-
 static int ascending(const void *a, const void *b) {
     double x = *(const double *)a, y = *(const double *)b;
     return (x > y) - (x < y);
@@ -24,8 +22,8 @@ bool most_of(vec3 *sample, size_t n, vec3 *least, vec3 *most) {
     for (int axis = 0; axis < 3; axis++) {
         for (size_t i = 0; i < count; i++) value[i] = (&sample[i].x)[axis];
         qsort(value, count, sizeof *value, ascending);
-        (&low.x)[axis] = value[count / OUTERMOST];
-        (&high.x)[axis] = value[count - 1 - count / OUTERMOST];
+        (&low.x)[axis] = value[count / MOST_OUTERMOST];
+        (&high.x)[axis] = value[count - 1 - count / MOST_OUTERMOST];
     }
     if (vec3_equal(low, high)) return false;
     *least = low, *most = high;

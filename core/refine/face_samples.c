@@ -16,8 +16,6 @@ enum { FACES_GRAIN = 1024, DIVIDED_MOST = 16 };
 
 #define MOST 3.25 /* middles for each point, times the parts that are asked for: what local Delaunay triangles have */
 
-static const double point_share[SAMPLES_QUARTERS + 1] = {[0] = 1, [1] = 0.25, [SAMPLES_QUARTERS] = 0.1};
-
 struct facing_samples {
     const struct refine_input *input;
     struct samples *samples;
@@ -89,7 +87,7 @@ static void part_range(void *ctx, size_t begin, size_t end) {
         face_corners(s->input, f, corner);
         unsigned parts = s->start[f + 1] - s->start[f], k = (unsigned)(sqrt((double)parts) + 0.5);
         vec3 normal = vec3_unit(vec3_triangle_normal(corner[0], corner[1], corner[2]));
-        double share = 1 - point_share[s->samples->parts];
+        double share = 1 - samples_point_share(s->samples->parts);
         float weight = parts && s->mean_area > 0 ? (float)(share * s->area[f] / (parts * s->mean_area)) : 0;
         double longest = 0;
         for (int i = 0; i < 3; i++) longest = fmax(longest, vec3_distance(corner[i], corner[(i + 1) % 3]));
@@ -106,7 +104,7 @@ static void set_points(const struct facing_samples *s) {
     const struct refine_input *input = s->input;
     struct sample *sample = s->samples->sample;
     vec3 *normal = s->samples->normal;
-    double share = point_share[s->samples->parts];
+    double share = samples_point_share(s->samples->parts);
     for (size_t p = 0; p < input->n; p++) {
         sample[p] = (struct sample){input->points[p], 0, input->spacing[p]};
         normal[p] = (vec3){0, 0, 0};

@@ -33,9 +33,6 @@ enum { POINT_GRAIN = 1024 };
 
 #define MOST_TRIANGLES 3.25 /* for each point */
 
-/* By the parts that a triangle is in: the more places tell of its inside, the less its corners count. */
-static const double point_share[SAMPLES_QUARTERS + 1] = {[0] = 1, [1] = 0.25, [SAMPLES_QUARTERS] = 0.1};
-
 struct filling {
     const struct refine_input *input;
     const struct local_delaunay *local_delaunay; /* NULL: points alone */
@@ -49,7 +46,7 @@ static void set_point(const struct filling *filling, uint32_t p) {
     const struct refine_input *input = filling->input;
     double spacing = (double)input->spacing[p];
     double area = filling->mean_area > 0 ? spacing * spacing / filling->mean_area : 1;
-    double weight = point_share[filling->parts] * (area > LARGEST_WEIGHT ? LARGEST_WEIGHT : area);
+    double weight = samples_point_share(filling->parts) * (area > LARGEST_WEIGHT ? LARGEST_WEIGHT : area);
     filling->samples->sample[p] = (struct sample){input->points[p], (float)weight, REACH * input->spacing[p]};
     filling->samples->normal[p] = input->normals[p];
 }
@@ -65,7 +62,8 @@ static void set_middles(const struct filling *filling, size_t first, const uint3
     const struct refine_input *input = filling->input;
     vec3 corner[3] = {input->points[id[0]], input->points[id[1]], input->points[id[2]]}, middle[SAMPLES_QUARTERS];
     vec3 normal = vec3_triangle_normal(corner[0], corner[1], corner[2]);
-    double share = (1 - point_share[filling->parts]) / filling->parts, area = vec3_length(normal) / 2 * votes / 3;
+    double share = (1 - samples_point_share(filling->parts)) / filling->parts,
+           area = vec3_length(normal) / 2 * votes / 3;
     float weight = filling->mean_area > 0 ? (float)(share * area / filling->mean_area) : 0;
     float widest = fmaxf(fmaxf(input->spacing[id[0]], input->spacing[id[1]]), input->spacing[id[2]]);
     find_middles(corner, middle);

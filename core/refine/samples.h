@@ -28,6 +28,12 @@ static inline uint32_t samples_point(const struct samples *samples, uint32_t sam
 
 enum { SAMPLES_QUARTERS = 4 }; /* that the middles of its edges divide a triangle into */
 
+/* How much of a triangle's weight its corners have when it is in so many parts (0, 1 or SAMPLES_QUARTERS); the middles
+ * of these have the rest.  The more places tell of its inside, the less its corners count. */
+static inline double samples_point_share(unsigned parts) {
+    return parts == 0 ? 1 : parts == SAMPLES_QUARTERS ? 0.1 : 0.25;
+}
+
 /* Takes the points, and of each triangle of the local Delaunay triangles the middles of so many parts: 0 (points
  * alone), 1 (the whole) or SAMPLES_QUARTERS.  The local Delaunay triangles are those of the input, found where there
  * are none yet; input->neighbours must be there then.  O(n k^2), k neighbours each.  STATUS_NO_MEMORY. */

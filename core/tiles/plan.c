@@ -23,6 +23,7 @@
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
+#include "core/cloud/most.h"
 #include "core/cloud/select.h"
 #include "core/io/formats/las_fields.h"
 #include "core/io/out/file_out.h"
@@ -34,7 +35,6 @@
 
 enum { BLOCK_POINTS = 1 << 16, MOST_BLOCKS = 96, MOST_PASSES = 200, DEAL_BYTES = 16 << 20 };
 static const double RINGS = 8, PASS_RINGS = 4, MOST_REACH = 400; /* spacings: what stages and passes look at */
-static const double SPOILT = 1000, OUTERMOST = 1.0 / 16;         /* as core/cloud/most.h */
 
 struct planning {
     const struct tiles_job *job;
@@ -206,7 +206,7 @@ static enum status choose_frame(struct planning *plan) {
             along[i].points = (double)grid->cell[i].count;
         }
         qsort(along, grid->count, sizeof *along, compare_edges);
-        double sum = 0, outer = OUTERMOST * (double)head->points;
+        double sum = 0, outer = (double)head->points / MOST_OUTERMOST;
         size_t first = 0, last = 0;
         for (size_t i = 0; i < grid->count; i++) {
             if (sum <= outer) first = i;
@@ -218,7 +218,7 @@ static enum status choose_frame(struct planning *plan) {
         sum_sq += (most[axis] - least[axis]) * (most[axis] - least[axis]);
     }
     free(along);
-    if (sqrt(sum_sq) * SPOILT >= head->whole.diagonal) return STATUS_OK;
+    if (sqrt(sum_sq) * MOST_SPOILT >= head->whole.diagonal) return STATUS_OK;
     head->whole.centre = (vec3){(least[0] + most[0]) / 2, (least[1] + most[1]) / 2, (least[2] + most[2]) / 2};
     head->whole.scale = sqrt(sum_sq);
     return STATUS_OK;

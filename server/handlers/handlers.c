@@ -2,7 +2,6 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/handlers/handlers.h"
-#include "core/base/clock.h"
 #include "server/handlers/keys.h"
 
 #include <stdio.h>
@@ -12,6 +11,7 @@
 
 #include "api/codecs/job_json.h"
 #include "core/base/alloc.h"
+#include "core/base/clock.h"
 #include "server/storage/archive.h"
 #include "server/webhooks/http_client.h"
 

@@ -113,7 +113,9 @@ bool query_decode_params(const struct query_pair *pairs, size_t count, const cha
             decode_pair(&pairs[i], &found, problem);
     }
     if (problem->error_count) return false;
-    if (params_resolve(&found, &error) != STATUS_OK) {
+    struct params written = found;
+    written.outputs |= OUTPUT_REPORT; /* of every job, which may not be one file too many */
+    if (params_resolve(&written, &error) != STATUS_OK || params_resolve(&found, &error) != STATUS_OK) {
         problem_set(problem, PROBLEM_CONFLICTING_PARAMETERS, "%s: %s", error.where, error.text);
         problem_add_error(problem, error.where, query_find(pairs, count, error.where), error.text, NULL);
         return false;

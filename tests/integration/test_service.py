@@ -55,6 +55,18 @@ def test_parameters_are_those_that_run_before_the_end_and_after(make_daemon, que
     assert points in (None, job["report"]["points_out"])
 
 
+def test_a_job_writes_as_many_files_as_one_may_and_no_more(daemon):
+    levels = ",".join(f"{0.9 - 0.06 * i:.2f}" for i in range(14))
+    job = daemon.ended(daemon.submit(POINTS, f"?outputs=cloud,xyz,pcd,las&levels={levels}"))
+    assert job["status"] == "successful"
+    assert len(daemon.curl(f"/v1/jobs/{job['id']}/outputs").json["outputs"]) == 61
+    assert daemon.curl(f"/v1/jobs/{job['id']}/outputs/cloud_0.3.xyz").body.count(b"\n") == 90
+    for query in (f"outputs=cloud,xyz,pcd,las&levels={levels},0.1",  # with the report that each job writes
+                  f"outputs=cloud,xyz,pcd,las,laz&levels={levels}"):
+        refused = daemon.post(f"/v1/jobs?{query}", POINTS)
+        assert refused.status == 400 and "files with all levels, at most 64 are written" in refused.json["detail"]
+
+
 def test_points_of_a_text_are_known_once_they_are_counted(make_daemon):
     daemon = make_daemon("--threads-per-job", "2")
     created = daemon.post("/v1/jobs?ratio=0.5&threads=1", SMALL + SMALL[:SMALL.index(b"\n") + 1] * 300).json

@@ -228,6 +228,22 @@ static void files_are_named_by_outputs_and_levels(void **state) {
     assert_false(params_file(&params, NAMES, name));
 }
 
+/* Four clouds at 15 levels and the finest are as many as a job may write. */
+static void more_files_than_a_job_may_write_are_refused(void **state) {
+    (void)state;
+    struct params params = defaults();
+    struct error error = {0};
+    for (int i = 0; i < 15; i++) params.levels.ratio[params.levels.count++] = 0.9 - 0.05 * i;
+    assert_int_equal(params_set(&params, "outputs", "cloud,xyz,pcd,las", NULL), STATUS_OK);
+    assert_int_equal(params_file_count(&params), PARAMS_MAX_FILES);
+    struct params most = params;
+    assert_int_equal(params_resolve(&most, &error), STATUS_OK);
+    assert_int_equal(params_set(&params, "outputs", "cloud,xyz,pcd,las,report", NULL), STATUS_OK);
+    assert_int_equal(params_resolve(&params, &error), STATUS_BAD_PARAMETER);
+    assert_string_equal(error.where, "outputs");
+    assert_string_equal(error.text, "65 files with all levels, at most 64 are written");
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_default_reads_back_as_itself),
@@ -240,6 +256,7 @@ int main(void) {
         cmocka_unit_test(lists_of_columns_are_in_order_or_pairs),
         cmocka_unit_test(goals_that_conflict_are_named),
         cmocka_unit_test(files_are_named_by_outputs_and_levels),
+        cmocka_unit_test(more_files_than_a_job_may_write_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -164,6 +164,58 @@ static void others_are_told(void **state) {
     job_done(&job);
 }
 
+/* Which of these jobs a host was told of. */
+enum { MANY = 600 };
+struct told_of {
+    pthread_mutex_t lock;
+    pthread_cond_t changed;
+    char id[MANY][JOB_ID_BYTES];
+    bool is_told[MANY];
+    int count;
+};
+
+static void hear_of(void *ctx, enum catalog_change change, const char *id) {
+    struct told_of *told = ctx;
+    (void)change;
+    pthread_mutex_lock(&told->lock);
+    for (int n = 0; n < MANY; n++) {
+        if (strcmp(told->id[n], id) != 0 || told->is_told[n]) continue;
+        told->is_told[n] = true;
+        told->count++;
+    }
+    pthread_cond_broadcast(&told->changed);
+    pthread_mutex_unlock(&told->lock);
+}
+
+/* As a host that was cut off finds them, of whose changes no note comes: more than a page of one moment. */
+static void many_changes_of_one_moment_are_told(void **state) {
+    static struct told_of told = {.lock = PTHREAD_MUTEX_INITIALIZER, .changed = PTHREAD_COND_INITIALIZER};
+    struct catalog_fixture *f = *state;
+    struct pq *pq = NULL;
+    struct pq_link *link;
+    for (int n = 0; n < MANY; n++) {
+        catalog_fixture_submit(f, n);
+        catalog_fixture_id(n, told.id[n]);
+    }
+    assert_int_equal(pq_open(f->url, &pq, &f->error), STATUS_OK);
+    assert_int_equal(pq_take(pq, &link, &f->error), STATUS_OK);
+    assert_int_equal(pq_execute(link, "UPDATE jobs SET updated = updated - 3600000", &f->error), STATUS_OK);
+    struct catalog *other = open_again(f);
+    catalog_watch(other, hear_of, &told);
+    assert_int_equal(pq_execute(link, "UPDATE jobs SET updated = (SELECT whittle_now())", &f->error), STATUS_OK);
+    struct timespec end;
+    clock_gettime(CLOCK_REALTIME, &end);
+    end.tv_sec += 120;
+    pthread_mutex_lock(&told.lock);
+    while (told.count < MANY)
+        if (pthread_cond_timedwait(&told.changed, &told.lock, &end) != 0)
+            fail_msg("told of %d of %d", told.count, MANY);
+    pthread_mutex_unlock(&told.lock);
+    catalog_close(other);
+    pq_done(link);
+    pq_close(pq);
+}
+
 static void a_newer_schema_is_refused_and_an_older_one_upgraded(void **state) {
     struct catalog_fixture *f = *state;
     struct catalog *other = NULL;
@@ -326,6 +378,7 @@ int main(void) {
         CATALOG_TEST(a_cloud_that_is_expected_stays),
         CATALOG_TEST(turns_are_taken_across_hosts),
         CATALOG_TEST(others_are_told),
+        CATALOG_TEST(many_changes_of_one_moment_are_told),
         CATALOG_TEST(an_upload_has_one_writer),
         CATALOG_TEST(uploads_are_limited_for_all_hosts),
         CATALOG_TEST(marks_are_due_after_a_time),

@@ -32,29 +32,44 @@ static void hear(struct catalog_postgres *postgres, const char *note) {
         tell(postgres, (enum catalog_change)change, id + 1);
 }
 
-/* Jobs that others have changed since the last time; by the database's clock, a little overlapping, for transactions
- * don't end in the order in which they read it. */
-static enum status look(struct catalog_postgres *postgres, struct pq_link *link, struct error *error) {
+/* A page of the jobs that others have changed between two times, both included, behind the one at *from_ms with the id
+ * last; these two become the last one's. */
+static enum status look_at_page(struct catalog_postgres *postgres, struct pq_link *link, int64_t *from_ms,
+                                char last[JOB_ID_BYTES], int64_t until_ms, bool *is_full, struct error *error) {
     struct pq_rows *rows;
-    int64_t now_ms = 0;
-    enum status status = pq_number(link, "SELECT whittle_now()", NULL, 0, &now_ms, error);
-    if (status == STATUS_OK)
-        status = pq_select(link,
-                           "SELECT id, state, cancelled, updated FROM jobs WHERE updated >= $1 AND writer <> $2 "
-                           "ORDER BY updated LIMIT $3",
-                           VALUES(I(postgres->seen_ms - OVERLAP_MS), T(postgres->session), I(PAGE)), &rows, error);
+    enum status status =
+        pq_select(link,
+                  "SELECT id, state, cancelled, updated FROM jobs WHERE (updated, id) > ($1, $2) AND updated <= $3 "
+                  "AND writer <> $4 ORDER BY updated, id LIMIT $5",
+                  VALUES(I(*from_ms), T(last), I(until_ms), T(postgres->session), I(PAGE)), &rows, error);
     if (status != STATUS_OK) return status;
-    int64_t found = 0, last_ms = 0;
+    int found = 0;
     for (; pq_next(rows); found++) {
-        last_ms = pq_integer(rows, 3);
         bool waits = pq_integer(rows, 1) == JOB_ACCEPTED,
              ends = pq_integer(rows, 1) == JOB_RUNNING && pq_integer(rows, 2);
         if (ends) tell(postgres, CATALOG_CANCELLED, pq_text(rows, 0));
         tell(postgres, waits ? CATALOG_WAITS : CATALOG_CHANGED, pq_text(rows, 0));
+        *from_ms = pq_integer(rows, 3);
+        snprintf(last, JOB_ID_BYTES, "%s", pq_text(rows, 0));
     }
     pq_free(rows);
-    postgres->seen_ms = found < PAGE ? now_ms : last_ms + OVERLAP_MS; /* goes on where the page ended */
+    *is_full = found == PAGE;
     return STATUS_OK;
+}
+
+/* Jobs that others have changed since the last time; by the database's clock, a little overlapping, for transactions
+ * don't end in the order in which they read it.  Where that clock was set back, from what it says now. */
+static enum status look(struct catalog_postgres *postgres, struct pq_link *link, struct error *error) {
+    char last[JOB_ID_BYTES] = "";
+    bool is_full = true;
+    int64_t now_ms = 0;
+    enum status status = pq_number(link, "SELECT whittle_now()", NULL, 0, &now_ms, error);
+    if (status != STATUS_OK) return status;
+    int64_t from_ms = (now_ms < postgres->seen_ms ? now_ms : postgres->seen_ms) - OVERLAP_MS;
+    while (status == STATUS_OK && is_full && !postgres->ends)
+        status = look_at_page(postgres, link, &from_ms, last, now_ms, &is_full, error);
+    if (status == STATUS_OK) postgres->seen_ms = now_ms;
+    return status;
 }
 
 /* What a process that is gone has held goes with its session. */

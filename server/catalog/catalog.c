@@ -298,8 +298,9 @@ enum status catalog_put_upload(struct catalog *catalog, const struct catalog_upl
     return catalog->backend->put_upload(catalog, upload, error);
 }
 
-enum status catalog_delete_upload(struct catalog *catalog, const char *id, struct error *error) {
-    return catalog->backend->delete_upload(catalog, id, error);
+enum status catalog_delete_upload(struct catalog *catalog, const char *id, int64_t by_ms, bool *deleted,
+                                  struct error *error) {
+    return catalog->backend->delete_upload(catalog, id, by_ms, deleted, error);
 }
 
 enum status catalog_next_upload(struct catalog *catalog, const char *after, struct catalog_upload *upload, bool *found,

@@ -358,7 +358,11 @@ struct catalog_upload {
 /* Adds it, or takes the place of what is there. */
 enum status catalog_put_upload(struct catalog *catalog, const struct catalog_upload *upload,
                                struct error *error) MUST_CHECK;
-enum status catalog_delete_upload(struct catalog *catalog, const char *id, struct error *error) MUST_CHECK;
+
+/* Removes it and its pieces; with by_ms only if it has expired by then, which somebody may just have put off
+ * (INT64_MAX: whatever it says).  *deleted: it isn't there any more, or never was. */
+enum status catalog_delete_upload(struct catalog *catalog, const char *id, int64_t by_ms, bool *deleted,
+                                  struct error *error) MUST_CHECK;
 
 /* The first one behind the id `after` ("" = from the beginning), which may be upload->id. */
 enum status catalog_next_upload(struct catalog *catalog, const char *after, struct catalog_upload *upload, bool *found,

@@ -168,23 +168,34 @@ static struct entry *add(struct local *uploads, const struct catalog_upload *inf
     return NULL;
 }
 
-/* Takes it out of the list, if it is there; nobody can write any more. */
-static void take_out(struct local *uploads, struct entry *entry) {
+/* Takes it out of the list, if it is there; nobody can write any more.  With by_ms (NULL: in any case) only where it
+ * has expired by then and nobody writes; false: it stays. */
+static bool take_out(struct local *uploads, struct entry *entry, const int64_t *by_ms) {
+    bool listed = false;
     pthread_mutex_lock(&uploads->lock);
-    struct entry **at = &uploads->first;
-    while (*at && *at != entry) at = &(*at)->next;
-    bool listed = *at == entry;
-    if (listed) {
-        *at = entry->next;
-        uploads->count--;
-    }
     pthread_mutex_lock(&entry->lock);
-    entry->gone = true;
-    entry->writer = 0;
-    release(uploads, entry);
+    bool leaves = !by_ms || (entry->known && !entry->writer && !entry->ending && entry->info.expires_ms <= *by_ms);
+    if (leaves) {
+        struct entry **at = &uploads->first;
+        while (*at && *at != entry) at = &(*at)->next;
+        listed = *at == entry;
+        if (listed) {
+            *at = entry->next;
+            uploads->count--;
+        }
+        entry->gone = true;
+        entry->writer = 0;
+        release(uploads, entry);
+    }
     pthread_mutex_unlock(&entry->lock);
     pthread_mutex_unlock(&uploads->lock);
     if (listed) let_go(uploads, entry);
+    return leaves;
+}
+
+static enum status delete_row(struct local *uploads, const char *id, struct error *error) {
+    bool deleted;
+    return catalog_delete_upload(uploads->catalog, id, INT64_MAX, &deleted, error);
 }
 
 static enum status local_find(struct uploads *all, const char *id, struct catalog_upload *info, bool *found,
@@ -259,7 +270,7 @@ static enum status take_row(struct local *uploads, struct catalog_upload *row, s
     bool whole = row->cloud[0] != 0;
     if (!whole && !trust(uploads, row)) {
         log_line(LOG_ERROR, "upload=%s has lost its file: forgotten", row->id);
-        return catalog_delete_upload(uploads->catalog, row->id, error);
+        return delete_row(uploads, row->id, error);
     }
     struct problem problem;
     struct entry *entry = add(uploads, row, NULL, &problem);
@@ -273,7 +284,7 @@ static enum status take_row(struct local *uploads, struct catalog_upload *row, s
 
 static void local_close(struct uploads *all) {
     struct local *uploads = local_of(all);
-    while (uploads->first) take_out(uploads, uploads->first);
+    while (uploads->first) take_out(uploads, uploads->first, NULL);
     pthread_mutex_destroy(&uploads->lock);
     free(uploads);
 }
@@ -319,7 +330,7 @@ static void local_writer_free(struct uploads_writer *any) {
     pthread_mutex_unlock(&entry->lock);
     if (undone) {
         scratch_part_delete(writer->uploads->scratch, entry->info.id);
-        take_out(writer->uploads, entry);
+        take_out(writer->uploads, entry, NULL);
     }
     catalog_release(writer->uploads->catalog, entry->info.principal, writer->reserved);
     scratch_file_drop(writer->uploads->scratch, &writer->staged);
@@ -383,7 +394,7 @@ static struct uploads_writer *local_create(struct uploads *all, struct catalog_u
         entry->writer = writer->number;
     } else {
         scratch_part_delete(uploads->scratch, info->id);
-        take_out(uploads, entry);
+        take_out(uploads, entry, NULL);
     }
     return writer ? &writer->writer : NULL;
 }
@@ -528,8 +539,7 @@ static bool settle(struct local *uploads, struct entry *entry, const struct cata
         entry->known = true;
         return true;
     }
-    if (catalog_delete_upload(uploads->catalog, row->id, &error) != STATUS_OK)
-        log_line(LOG_ERROR, "upload=%s: %s", row->id, error.text);
+    if (delete_row(uploads, row->id, &error) != STATUS_OK) log_line(LOG_ERROR, "upload=%s: %s", row->id, error.text);
     return false;
 }
 
@@ -589,13 +599,19 @@ static enum status local_complete(struct uploads *all, const char *id, const cha
     return status;
 }
 
+/* Of an entry that was taken out. */
+static enum status remove_taken(struct local *uploads, const struct entry *entry, struct error *error) {
+    enum status status = delete_row(uploads, entry->info.id, error);
+    scratch_part_delete(uploads->scratch, entry->info.id);
+    return status;
+}
+
 static enum status local_delete(struct uploads *all, const char *id, struct error *error) {
     struct local *uploads = local_of(all);
     struct entry *entry = hold(uploads, id);
     if (!entry) return STATUS_OK;
-    take_out(uploads, entry);
-    enum status status = catalog_delete_upload(uploads->catalog, id, error);
-    scratch_part_delete(uploads->scratch, id);
+    take_out(uploads, entry, NULL);
+    enum status status = remove_taken(uploads, entry, error);
     let_go(uploads, entry);
     return status;
 }
@@ -618,14 +634,9 @@ static void flush(struct local *uploads, struct entry *entry) {
 
 static void sweep_one(struct local *uploads, struct entry *entry, int64_t now_ms) {
     struct error error = {0};
-    pthread_mutex_lock(&entry->lock);
-    bool over = entry->known && !entry->writer && entry->info.expires_ms <= now_ms;
-    pthread_mutex_unlock(&entry->lock);
-    if (!over) {
+    if (!take_out(uploads, entry, &now_ms))
         flush(uploads, entry);
-        return;
-    }
-    if (local_delete(&uploads->uploads, entry->info.id, &error) == STATUS_OK)
+    else if (remove_taken(uploads, entry, &error) == STATUS_OK)
         log_line(LOG_INFO, "upload=%s expired", entry->info.id);
     else
         log_line(LOG_ERROR, "upload=%s can't expire: %s", entry->info.id, error.text);

@@ -499,14 +499,19 @@ static void forget_all(struct shared *uploads, const char *id) {
     }
 }
 
-static enum status shared_delete(struct uploads *all, const char *id, struct error *error) {
-    struct shared *uploads = shared_of(all);
-    enum status status = catalog_delete_upload(uploads->catalog, id, error);
-    if (status != STATUS_OK) return status;
+static enum status remove_upload(struct shared *uploads, const char *id, int64_t by_ms, bool *deleted,
+                                 struct error *error) {
+    enum status status = catalog_delete_upload(uploads->catalog, id, by_ms, deleted, error);
+    if (status != STATUS_OK || !*deleted) return status;
     forget_all(uploads, id);
     scratch_part_delete(store_scratch(uploads->store), id);
     store_pieces_delete(uploads->store, id);
     return STATUS_OK;
+}
+
+static enum status shared_delete(struct uploads *all, const char *id, struct error *error) {
+    bool deleted;
+    return remove_upload(shared_of(all), id, INT64_MAX, &deleted, error);
 }
 
 static void shared_sweep(struct uploads *all, int64_t now_ms) {
@@ -517,8 +522,9 @@ static void shared_sweep(struct uploads *all, int64_t now_ms) {
     enum status status = commit_all(uploads, NULL, false, &error);
     if (status == STATUS_OK) status = catalog_expired_uploads(uploads->catalog, now_ms, ids, PAGE, &count, &error);
     for (size_t i = 0; status == STATUS_OK && i < count; i++) {
-        status = shared_delete(all, ids[i], &error);
-        if (status == STATUS_OK) log_line(LOG_INFO, "upload=%s expired", ids[i]);
+        bool deleted; /* not where a piece has come meanwhile */
+        status = remove_upload(uploads, ids[i], now_ms, &deleted, &error);
+        if (status == STATUS_OK && deleted) log_line(LOG_INFO, "upload=%s expired", ids[i]);
     }
     if (status != STATUS_OK) log_line(LOG_ERROR, "uploads can't be looked after: %s", error.text);
 }

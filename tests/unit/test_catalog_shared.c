@@ -316,9 +316,43 @@ static void an_upload_has_one_writer(void **state) {
     assert_int_equal(catalog_list_pieces(f->catalog, upload.id, 0, pieces, 3, &count, &f->error), STATUS_OK);
     assert_int_equal(count, 0);
     assert_int_equal(catalog_usage(f->catalog, "ann").reserved, 0);
-    assert_int_equal(catalog_delete_upload(f->catalog, upload.id, &f->error), STATUS_OK);
+    bool deleted;
+    assert_int_equal(catalog_delete_upload(f->catalog, upload.id, INT64_MAX, &deleted, &f->error), STATUS_OK);
+    assert_true(deleted);
     assert_int_equal(catalog_find_upload(other, upload.id, &row, &found, &f->error), STATUS_OK);
     assert_false(found);
+    catalog_close(other);
+}
+
+/* Between the look for what has expired and its end somebody goes on with it. */
+static void an_upload_whose_end_was_put_off_stays(void **state) {
+    static const struct catalog_upload_limits limits = {.all = 2, .of_principal = 2, .principal_bytes = 100};
+    struct catalog_fixture *f = *state;
+    struct catalog *other = open_again(f);
+    struct catalog_upload upload = {.principal = "ann", .expires_ms = 100, .length = UINT64_MAX, .concat = "partial"};
+    struct catalog_upload row;
+    struct catalog_piece pieces[2];
+    char ids[2][JOB_ID_BYTES];
+    bool found, deleted;
+    size_t count;
+    catalog_fixture_id(1, upload.id);
+    assert_int_equal(catalog_open_upload(f->catalog, &upload, "one", &limits, &f->error), STATUS_OK);
+    assert_int_equal(catalog_expired_uploads(other, 200, ids, 2, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 1);
+    assert_true(is_added(f->catalog, upload.id, "one", 0, 10)); /* which puts its end off */
+    assert_int_equal(catalog_delete_upload(other, ids[0], 200, &deleted, &f->error), STATUS_OK);
+    assert_false(deleted);
+    assert_int_equal(catalog_find_upload(other, upload.id, &row, &found, &f->error), STATUS_OK);
+    assert_true(found);
+    assert_string_equal(row.concat, "partial");
+    assert_int_equal(catalog_list_pieces(other, upload.id, 0, pieces, 2, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 1);
+    assert_int_equal(catalog_delete_upload(other, upload.id, INT64_MAX, &deleted, &f->error), STATUS_OK);
+    assert_true(deleted);
+    assert_int_equal(catalog_list_pieces(other, upload.id, 0, pieces, 2, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 0);
+    assert_int_equal(catalog_delete_upload(other, upload.id, 200, &deleted, &f->error), STATUS_OK);
+    assert_true(deleted); /* it isn't there */
     catalog_close(other);
 }
 
@@ -380,6 +414,7 @@ int main(void) {
         CATALOG_TEST(others_are_told),
         CATALOG_TEST(many_changes_of_one_moment_are_told),
         CATALOG_TEST(an_upload_has_one_writer),
+        CATALOG_TEST(an_upload_whose_end_was_put_off_stays),
         CATALOG_TEST(uploads_are_limited_for_all_hosts),
         CATALOG_TEST(marks_are_due_after_a_time),
         CATALOG_TEST(a_newer_schema_is_refused_and_an_older_one_upgraded),

@@ -201,7 +201,10 @@ static enum status find_part(struct life *life) {
     return status;
 }
 
-static enum status delete_part(struct life *life) { return catalog_delete_upload(life->catalog, id, &life->error); }
+static enum status delete_part(struct life *life) {
+    bool deleted;
+    return catalog_delete_upload(life->catalog, id, INT64_MAX, &deleted, &life->error);
+}
 
 static enum status close_and_open(struct life *life) {
     catalog_close(life->catalog);

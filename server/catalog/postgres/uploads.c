@@ -22,18 +22,29 @@ enum status catalog_postgres_put_upload(struct catalog *catalog, const struct ca
     return pq_end(link, status, NULL, error);
 }
 
-enum status catalog_postgres_delete_upload(struct catalog *catalog, const char *id, struct error *error) {
+/* A writer that puts the end off at the same time has the row locked: the condition is looked at again behind it. */
+enum status catalog_postgres_delete_upload(struct catalog *catalog, const char *id, int64_t by_ms, bool *deleted,
+                                           struct error *error) {
     struct pq_link *link;
+    int64_t left = 1;
+    *deleted = false;
     enum status status = pq_begin(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
     /* A part says first that it is known as one (tables.c). */
-    status =
-        pq_run(link, "UPDATE uploads SET concat = '' WHERE id = $1 AND concat = 'partial'", VALUES(T(id)), NULL, error);
-    if (status == STATUS_OK) status = pq_run(link, "DELETE FROM uploads WHERE id = $1", VALUES(T(id)), NULL, error);
-    if (status == STATUS_OK) status = pq_run(link, "DELETE FROM pieces WHERE upload = $1", VALUES(T(id)), NULL, error);
+    status = pq_run(link, "UPDATE uploads SET concat = '' WHERE id = $1 AND concat = 'partial' AND expires <= $2",
+                    VALUES(T(id), I(by_ms)), NULL, error);
     if (status == STATUS_OK)
+        status =
+            pq_run(link, "DELETE FROM uploads WHERE id = $1 AND expires <= $2", VALUES(T(id), I(by_ms)), NULL, error);
+    if (status == STATUS_OK)
+        status = pq_number(link, "SELECT count(*) FROM uploads WHERE id = $1", VALUES(T(id)), &left, error);
+    if (status == STATUS_OK && !left)
+        status = pq_run(link, "DELETE FROM pieces WHERE upload = $1", VALUES(T(id)), NULL, error);
+    if (status == STATUS_OK && !left)
         status = pq_run(link, MARK("'uploads/' || $1", "whittle_now() + " GRACE_MS), VALUES(T(id)), NULL, error);
-    return pq_end(link, status, NULL, error);
+    status = pq_end(link, status, NULL, error);
+    *deleted = status == STATUS_OK && !left;
+    return status;
 }
 
 /* The first row of a SELECT of CATALOG_UPLOAD_COLUMNS; row is untouched where there is none. */

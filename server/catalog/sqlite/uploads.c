@@ -19,10 +19,20 @@ enum status catalog_sqlite_put_upload(struct catalog *catalog, const struct cata
     return status;
 }
 
-enum status catalog_sqlite_delete_upload(struct catalog *catalog, const char *id, struct error *error) {
+enum status catalog_sqlite_delete_upload(struct catalog *catalog, const char *id, int64_t by_ms, bool *deleted,
+                                         struct error *error) {
     struct sql *db = catalog_sqlite_of(catalog)->writer;
+    struct sql_rows *rows;
+    *deleted = false;
     catalog_sqlite_enter(catalog_sqlite_of(catalog));
-    enum status status = sql_run(db, "DELETE FROM uploads WHERE id = ?1", VALUES(T(id)), error);
+    enum status status =
+        sql_run(db, "DELETE FROM uploads WHERE id = ?1 AND expires <= ?2", VALUES(T(id), I(by_ms)), error);
+    if (status == STATUS_OK)
+        status = sql_select(db, "SELECT 1 FROM uploads WHERE id = ?1", VALUES(T(id)), &rows, error);
+    if (status == STATUS_OK) {
+        *deleted = !sql_next(rows);
+        status = sql_finish(rows, error);
+    }
     sql_unlock(db);
     return status;
 }

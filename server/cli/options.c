@@ -15,7 +15,7 @@
 #include "server/cli/cli_internal.h"
 #include "server/cli/output.h"
 
-enum { NAME_BYTES = 64 };
+enum { NAME_BYTES = 64, FRACTION_BYTES = 512 };
 
 enum own {
     OWN_OUTPUT,
@@ -220,6 +220,19 @@ static bool converts_with(const char *name) {
     return false;
 }
 
+/* A share of something, as ratio and levels are: where it is said in percent, the same as a fraction, in `text`. */
+static const char *as_fraction(const struct param *param, const char *value, char text[FRACTION_BYTES]) {
+    size_t used = 0;
+    if (param->max != 1 || (param->type != PARAM_NUMBER && param->type != PARAM_LEVELS)) return value;
+    for (const char *c = value; *c; c++) {
+        bool is_end = *c == '%' && (!c[1] || c[1] == ',');
+        int written = snprintf(text + used, FRACTION_BYTES - used, is_end ? "e-2" : "%c", *c);
+        used += (size_t)written; /* the decimal exponent makes the number that 0.07 is of 7%, to the last bit */
+        if (used >= FRACTION_BYTES) return value;
+    }
+    return used ? text : value;
+}
+
 static enum command_request parse_parameter(struct command_options *options, int argc, char **argv, int *i,
                                             struct error *error) {
     char name[NAME_BYTES], written[ERROR_WHERE_BYTES];
@@ -233,7 +246,12 @@ static enum command_request parse_parameter(struct command_options *options, int
     const char *value = take_value(argc, argv, i);
     if (!value) return refuse_option(error, as_written(argument, written), "a value is missing");
     if (strcmp(name, "outputs") == 0) options->outputs_given = true;
-    return params_set(&options->params, name, value, error) ? COMMAND_REFUSED : COMMAND_RUN;
+    char fraction[FRACTION_BYTES];
+    const char *set = strchr(value, '%') ? as_fraction(params_find(name), value, fraction) : value;
+    enum status status = params_set(&options->params, name, set, error);
+    if (status != STATUS_OK && set != value) /* what is told of it has the user's own words */
+        status = params_set(&options->params, name, value, error);
+    return status != STATUS_OK ? COMMAND_REFUSED : COMMAND_RUN;
 }
 
 static enum command_request parse_argument(struct command_options *options, int argc, char **argv, int *i,

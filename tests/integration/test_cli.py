@@ -4,6 +4,7 @@ import json
 import math
 import os
 import pathlib
+import pty
 import random
 import re
 import shutil
@@ -13,10 +14,11 @@ import subprocess
 
 import pytest
 
-from conftest import SANITIZED
+from conftest import PATIENCE_S, SANITIZED
 
 BUILD = os.environ.get("WHITTLE_BUILD", "build/release")
 WHITTLE = os.path.join(BUILD, "whittle")
+PROGRAMS = os.path.dirname(os.path.abspath(WHITTLE))
 FIXTURES = pathlib.Path(__file__).parent.parent / "fixtures"
 
 
@@ -574,6 +576,29 @@ def test_a_first_try_is_told_what_to_use(folder, arguments, said):
     assert contents(folder) == before
 
 
+@pytest.mark.parametrize("percent, fraction", [
+    (("--ratio", "7%"), ("--ratio", "0.07")), (("--ratio=12.5%",), ("--ratio", "0.125")),
+    (("--levels", "40%,20%,0.1"), ("--levels", "0.4,0.2,0.1")),
+    (("--max-deviation-rel", "1%"), ("--max-deviation-rel", "0.01"))])
+def test_a_share_may_be_in_percent(folder, percent, fraction):
+    wrote = []
+    for name, arguments in (("percent", percent), ("fraction", fraction)):
+        assert whittle("scan.ply", *arguments, "-o", name, "--outputs", "cloud,report", cwd=folder).returncode == 0
+        report = json.loads((folder / name / "report.json").read_text())
+        wrote.append((report["params"], {path.name: path.read_bytes() for path in (folder / name).glob("*.ply")}))
+    assert wrote[0] == wrote[1] and wrote[0][1]
+
+
+@pytest.mark.parametrize("arguments, said", [
+    (("--ratio", "110%"), "--ratio: '110%' is not allowed; it takes a number over 0, at most 1"),
+    (("--ratio", "%"), "'%' is not allowed"), (("--ratio", "10%%"), "'10%%'"), (("--ratio", "1e1%"), "'1e1%'"),
+    (("--points", "10%"), "--points: '10%' is not allowed"), (("--spacing", "1%"), "--spacing: '1%' is not allowed")])
+def test_what_is_no_share_is_told_as_it_was_written(folder, arguments, said):
+    run = whittle("scan.ply", "out.ply", *arguments, cwd=folder)
+    assert run.returncode == 64 and said in run.stderr, run
+    assert not (folder / "out.ply").exists()
+
+
 def test_a_file_may_be_called_as_a_command_is_elsewhere(folder):
     (folder / "simplify").write_bytes((folder / "scan.ply").read_bytes())
     assert whittle("simplify", "scan.ply", "both.ply", cwd=folder).returncode == 0
@@ -619,6 +644,67 @@ def test_bash_completes_options_values_commands_and_files(folder):
 def test_the_list_for_completion_has_every_option_of_help():
     listed = {line.split("\t")[0] for line in whittle("--list-options").stdout.splitlines()}
     assert listed == set(re.findall(r"^  (?:-\w, )?(--[a-z-]+)", whittle("--help").stdout, re.M))
+
+
+def fish(folder, typed):
+    """What fish offers for the last word of a line, each without its description."""
+    script = f"set -x PATH {PROGRAMS} $PATH; source {COMPLETION}/fish/whittle.fish; complete -C $argv[1]"
+    run = subprocess.run(["fish", "--no-config", "-c", script, typed], cwd=folder, capture_output=True, text=True,
+                         check=True, env={**os.environ, "HOME": str(folder)})
+    assert run.stderr == ""
+    return sorted(line.split("\t")[0] for line in run.stdout.splitlines())
+
+
+@pytest.mark.skipif(not shutil.which("fish"), reason="fish isn't there")
+def test_fish_completes_options_values_commands_and_files(folder):
+    assert fish(folder, "whittle c") == ["cloud.ply", "convert"]
+    assert fish(folder, "whittle scan.ply --max-d") == ["--max-deviation", "--max-deviation-rel"]
+    assert fish(folder, "whittle scan.ply --refine f") == ["flips", "full"]
+    assert fish(folder, "whittle scan.ply --outputs cloud,mesh.o") == ["cloud,mesh.obj"]
+    assert fish(folder, "whittle scan.ply -o s") == ["scan.ply"]
+    assert fish(folder, "whittle scan.ply --ratio ") == []
+    assert fish(folder, "whittle info --q") == ["--quick"]
+    assert fish(folder, "whittle measure a b --method ") == ["metro", "uniform"]
+
+
+def zsh(folder, typed):
+    """What zsh makes of the line when Tab and a blank are typed, on a terminal of its own; without blanks at its end."""
+    (folder / ".zshrc").write_text(f"""
+PS1=
+path=({PROGRAMS} $path)
+fpath=({COMPLETION}/zsh $fpath)
+autoload -U compinit && compinit -u -D
+zstyle ':completion:*' list-ambiguous false
+say() {{ print -rn -- "<<$BUFFER>>"; exit }}
+zle -N say
+bindkey '^X' say
+print ready
+""")
+    master, slave = pty.openpty()
+    with subprocess.Popen(["zsh", "-i"], cwd=folder, stdin=slave, stdout=slave, stderr=slave, start_new_session=True,
+                          env={**os.environ, "HOME": str(folder), "ZDOTDIR": str(folder), "TERM": "dumb"}) as shell:
+        os.close(slave)
+        said = b""
+        try:
+            while b"ready" not in said:
+                said += os.read(master, 4096)
+            os.write(master, typed.encode() + b"\t \x18")
+            while b">>" not in said:
+                said += os.read(master, 4096)
+        finally:
+            os.close(master)
+            shell.wait(PATIENCE_S)
+    return re.search(rb"<<(.*)>>", said)[1].decode().rstrip()
+
+
+@pytest.mark.skipif(not shutil.which("zsh"), reason="zsh isn't there")
+@pytest.mark.parametrize("typed, completed", [
+    ("conv", "convert"), ("sc", "scan.ply"), ("scan.ply --max-d", "scan.ply --max-deviation"),
+    ("scan.ply --refine fu", "scan.ply --refine full"), ("scan.ply --pcd_precision d", "scan.ply --pcd_precision double"),
+    ("scan.ply --outputs cloud,mesh.o", "scan.ply --outputs cloud,mesh.obj"), ("scan.ply -o sc", "scan.ply -o scan.ply"),
+    ("info --q", "info --quick"), ("measure a b --method u", "measure a b --method uniform")])
+def test_zsh_completes_options_values_commands_and_files(folder, typed, completed):
+    assert zsh(folder, "whittle " + typed) == "whittle " + completed
 
 
 @pytest.mark.parametrize("shell, script", [("zsh", "zsh/_whittle"), ("fish", "fish/whittle.fish")])

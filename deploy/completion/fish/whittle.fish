@@ -16,12 +16,18 @@ for line in (whittle --list-options 2>/dev/null)
         case VALUE
             complete -c whittle -n $plain -l $name -x -d $part[3]
         case '*'
-            complete -c whittle -n $plain -l $name -x -a (string replace -a , ' ' -- $part[2]) -d $part[3]
+            complete -c whittle -n $plain -l $name -x -d $part[3] -a "(__fish_complete_list , 'string split , $part[2]')"
     end
 end
-for name in json quick columns threads help
+for name in json quick help
     complete -c whittle -n '__fish_seen_subcommand_from info' -l $name
 end
-for name in samples seed method columns threads json help
-    complete -c whittle -n '__fish_seen_subcommand_from measure' -l $name
+for name in columns threads
+    complete -c whittle -n '__fish_seen_subcommand_from info' -l $name -x
 end
+for name in samples seed columns threads
+    complete -c whittle -n '__fish_seen_subcommand_from measure' -l $name -x
+end
+complete -c whittle -n '__fish_seen_subcommand_from measure' -l method -x -a 'uniform metro'
+complete -c whittle -n '__fish_seen_subcommand_from measure' -l json
+complete -c whittle -n '__fish_seen_subcommand_from measure' -l help

@@ -70,7 +70,7 @@ static const struct stage {
     double point, near, kept, face;
     enum { NO_TETS, OF_KEPT, OF_ALL } tets;
 } stages[] = {
-    {"denoise", denoised, 530, 0, 0, 0, NO_TETS},
+    {"denoise", denoised, 600, 0, 0, 0, NO_TETS},
     {"join", cloud_alone, 94, 9.6, 0, 0, NO_TETS},
     {"contract", cloud_alone, 124, 7, 0, 0, NO_TETS},
     {"space", has_spacing, 100, 0, 0, 0, NO_TETS},

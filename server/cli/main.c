@@ -30,6 +30,7 @@
 #include "core/pipeline/memory.h"
 #include "core/pipeline/pipeline.h"
 #include "server/cli/cli_internal.h"
+#include "server/cli/cut_input.h"
 #include "server/cli/input.h"
 #include "server/cli/no_new_code.h"
 #include "server/cli/options.h"
@@ -43,16 +44,6 @@ static volatile sig_atomic_t stopping;
 static const double READ_SHARE = 0.05; /* of the whole job */
 
 static void stop(int signal) { stopping = signal; }
-
-/* A file that is mapped, and cut short by somebody while it is read, has pages that aren't there any more.  Nothing is
- * known of what the thread was at, so this says so by itself and ends. */
-static _Noreturn void end_of_cut_input(int signal) {
-    static const char text[] = "whittle: a file was cut short, or its disk failed, while it was read\n";
-    (void)signal;
-    ssize_t told = write(STDERR_FILENO, text, sizeof text - 1);
-    (void)told;
-    _exit(WIRE_EXIT_IO);
-}
 
 /* TERM and INT ask the pipeline to stop at its next tick; nothing that is half written keeps its name.  Where the
  * output is a pipe that nobody reads any more, the process ends by SIGPIPE, silently, as programs in pipes do. */
@@ -228,7 +219,7 @@ int main(int argc, char **argv) {
     char asked[] = "--help", *of_command[] = {argv[0], argc > 2 ? argv[2] : asked, asked, NULL};
     if (argc > 1 && argc < 4 && strcmp(argv[1], "help") == 0 && access(argv[1], F_OK) != 0)
         argv = of_command, argc = 3; /* whittle help [COMMAND] */
-    signal(SIGBUS, end_of_cut_input);
+    cut_input_watch();
     if (argc > 1 && strcmp(argv[1], "measure") == 0) return command_measure_main(argc - 1, argv + 1);
     if (argc > 1 && strcmp(argv[1], "info") == 0) return command_info_main(argc - 1, argv + 1);
     if (argc > 1 && strcmp(argv[1], "tiles") == 0) {

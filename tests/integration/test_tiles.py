@@ -244,16 +244,69 @@ ROOM = (10, 10, 3)
 SCANNERS = [(3, 5, 2), (7, 5, 1)]
 
 
-def scan_of_room(scanner, seed, points=30000):
-    """Points of walls, floor and ceiling as a scan of PTX."""
+def points_of_room(scanner, seed, points=30000):
+    """Points of walls, floor and ceiling as the scanner saw them."""
     spread = random.Random(seed)
-    pose = "{0} {1} {2}\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n{0} {1} {2} 1\n".format(*scanner)
-    lines = [f"{points // 100}\n100\n{pose}"]
     for _ in range(points):
         place, axis = [spread.uniform(0, wide) for wide in ROOM], spread.randrange(3)
         place[axis] = spread.choice((0, ROOM[axis]))
-        lines.append("{:.6f} {:.6f} {:.6f} 0.5\n".format(*(p - s for p, s in zip(place, scanner))))
-    return "".join(lines)
+        yield [p - s for p, s in zip(place, scanner)]
+
+
+def ptx_of_rooms(path, scans):
+    with open(path, "w", encoding="ascii") as file:
+        for scanner, seed in scans:
+            local = list(points_of_room(scanner, seed))
+            file.write(f"{len(local) // 100}\n100\n")
+            file.write("{0} {1} {2}\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n{0} {1} {2} 1\n".format(*scanner))
+            file.writelines("{:.6f} {:.6f} {:.6f} 0.5\n".format(*p) for p in local)
+
+
+def crc32c(data, table=[]):  # pylint: disable=dangerous-default-value
+    if not table:
+        for value in range(256):
+            for _ in range(8):
+                value = value >> 1 ^ (0x82f63b78 if value & 1 else 0)
+            table.append(value)
+    remainder = 0xffffffff
+    for byte in data:
+        remainder = remainder >> 8 ^ table[(remainder ^ byte) & 255]
+    return remainder ^ 0xffffffff
+
+
+def physical(logical):
+    """Of each page of 1024 bytes the last four are its checksum."""
+    return logical // 1020 * 1024 + logical % 1020
+
+
+def e57_section(at, local, each=400):
+    """A scan's points as packets of x, y and z in double."""
+    packets = b""
+    for first in range(0, len(local), each):
+        some = local[first:first + each]
+        body = b"".join(struct.pack(f"<{len(some)}d", *axis) for axis in zip(*some))
+        packets += struct.pack("<BBHHHHH", 1, 0, 12 + len(body) - 1, 3, *[8 * len(some)] * 3) + body
+    return struct.pack("<B7xQQQ", 1, 32 + len(packets), physical(at + 32), 0) + packets
+
+
+def e57_of_rooms(path, scans):
+    """As E57, each scan turned by half a turn about z before its pose turns it back."""
+    logical, text = bytearray(48), '<?xml version="1.0"?>\n<e57Root type="Structure" xmlns="e57"><data3D>\n'
+    for scanner, seed in scans:
+        local = [(-x, -y, z) for x, y, z in points_of_room(scanner, seed)]
+        x, y, z = scanner
+        text += ("<vectorChild><pose><rotation><w>0</w><x>0</x><y>0</y><z>1</z></rotation><translation>"
+                 f"<x>{x}</x><y>{y}</y><z>{z}</z></translation></pose><points type=\"CompressedVector\" "
+                 f"fileOffset=\"{physical(len(logical))}\" recordCount=\"{len(local)}\"><prototype>"
+                 + "".join(f'<cartesian{axis} type="Float"/>' for axis in "XYZ")
+                 + "</prototype><codecs/></points></vectorChild>\n")
+        logical += e57_section(len(logical), local)
+    text = (text + "</data3D></e57Root>").encode()
+    xml = len(logical)
+    logical += text + bytes(-(len(logical) + len(text)) % 1020)
+    logical[:48] = b"ASTM-E57" + struct.pack("<IIQQQQ", 1, 0, physical(len(logical)), physical(xml), len(text), 1024)
+    pages = (bytes(logical[i:i + 1020]) for i in range(0, len(logical), 1020))
+    path.write_bytes(b"".join(page + struct.pack(">I", crc32c(page)) for page in pages))
 
 
 def towards_their_scanner(path):
@@ -266,13 +319,14 @@ def towards_their_scanner(path):
     return len(turned), sum(turned)
 
 
+@pytest.mark.parametrize("write", [ptx_of_rooms, e57_of_rooms])
 @pytest.mark.parametrize("files", [1, 2])
-def test_scanners_turn_normals_of_tiles(tmp_path, files):
+def test_scanners_turn_normals_of_tiles(tmp_path, files, write):
     """Walls of a room face those who scanned them from inside, whether one file has both scans or each a file."""
-    scans, paths = [scan_of_room(scanner, seed) for seed, scanner in enumerate(SCANNERS)], []
+    scans, paths = [(scanner, seed) for seed, scanner in enumerate(SCANNERS)], []
     for i in range(files):
-        paths.append(tmp_path / f"room{i}.ptx")
-        paths[-1].write_text("".join(scans[i::files]), encoding="ascii")
+        paths.append(tmp_path / f"room{i}")
+        write(paths[-1], scans[i::files])
     goal = ("--points", 3000, "--normals", "true", "--outputs", "cloud,report")
     whittle("tiles", "plan", *paths, "--scratch", tmp_path / "work", "--memory", "1G", "--tile-points", TILE, *goal)
     for tile in whittle("tiles", "list", "--scratch", tmp_path / "work").stdout.split():
@@ -428,6 +482,32 @@ def caught_while_reading(command, path, deed):
         path.write_bytes(content)
         shutil.rmtree(command[command.index("--scratch") + 1])
     raise AssertionError("it was never caught reading")
+
+
+def mapped(process, path):
+    """Whether the process has the file mapped."""
+    return str(path) in pathlib.Path(f"/proc/{process.pid}/maps").read_text(encoding="ascii")
+
+
+@pytest.mark.parametrize("command", ["tiles", "convert"])
+def test_a_file_that_is_cut_short_under_a_mapping_is_named(tmp_path, command):
+    """Of two inputs the one that it was, whose pages the process asks for when they have gone."""
+    whole, cut = bumps(tmp_path / "whole.ply", 1000), tmp_path / "cut here.ply"
+    bumps(cut, 400000)
+    content, told = cut.read_bytes(), ""
+    for attempt in range(60):
+        folder = ("tiles", "plan", whole, cut, "--scratch", tmp_path / f"work{attempt}", "--memory", "1G", "--points", "9")
+        arguments = folder if command == "tiles" else ("convert", cut, tmp_path / "out.xyz", "-f")
+        process = subprocess.Popen([WHITTLE, *map(str, arguments)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+                                   text=True)
+        while process.poll() is None and not mapped(process, cut):
+            pass
+        os.truncate(cut, 4096)
+        _, told = process.communicate()
+        if process.returncode == 74 and "its disk failed" in told:
+            break
+        cut.write_bytes(content)
+    assert f"whittle: {cut} was cut short, or its disk failed, while it was read" in told, told
 
 
 def test_an_input_that_changes_while_it_is_read_is_told(tmp_path):

@@ -602,7 +602,7 @@ test-page: deps ## the page in a real browser: the whole way, also behind nginx 
 	    tests/integration/test_page_states.py
 
 .PHONY: compare-viewers
-compare-viewers: deps ## from a file to what was lost: the page beside CloudCompare and a glTF viewer; pictures in out/viewers; CLOUD=scan.ply
+compare-viewers: deps ## from a file to what was lost: the page beside CloudCompare, Potree, a glTF viewer; pictures in out/viewers; CLOUD=scan.ply
 	@deploy/deps.sh $(page_packages) cloudcompare xvfb xauth imagemagick
 	@$(MAKE) --no-print-directory page
 	@for f in tests/page tests/page/viewers; do (cd $$f && npm ci --no-audit --no-fund --ignore-scripts) || exit; done

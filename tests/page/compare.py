@@ -10,9 +10,11 @@ of a person comes on top.  What a way can't do is said.
     page          file chosen, Simplify pressed; until every point is seen in the colour of its deviation
     CloudCompare  whittle makes the mesh; both files opened, distances computed (C2M); until its window shows them
     glTF viewer   whittle makes the mesh as glTF; until <model-viewer> shows it
-    Potree        opens neither PLY nor meshes: PotreeConverter, which neither Debian nor npm have, comes before it
+    Potree        whittle writes each point with its deviation as a colour; octree.py makes Potree's octree of it, as
+                  PotreeConverter would, which neither Debian nor npm have; until Potree's viewer shows every point
 """
 import argparse
+import json
 import os
 import pathlib
 import resource
@@ -25,6 +27,7 @@ from service import serving
 
 HERE = pathlib.Path(__file__).resolve().parent
 MODEL_VIEWER = HERE / "viewers/node_modules/@google/model-viewer/dist/model-viewer.min.js"
+POTREE = HERE / "viewers/node_modules/potree"
 SCREEN = "1600x900x24"
 
 
@@ -53,6 +56,13 @@ def by_page(build, cloud, out):
 def by_gltf(build, cloud, out, folder):
     making = timed(build / "whittle", cloud, folder / "mesh.glb", "--ratio", "0.1", "-q")
     return making + browser("gltf", MODEL_VIEWER, folder / "mesh.glb", out / "gltf.png")
+
+
+def by_potree(build, cloud, out, folder):
+    making = timed(build / "whittle", cloud, folder / "error.ply", "--ratio", "0.1", "--outputs", "error", "-q")
+    converting = timed(HERE / "octree.py", folder / "error.ply", folder / "octree")
+    points = json.loads((folder / "octree/cloud.js").read_text())["points"]
+    return making + converting + browser("potree", POTREE, folder / "octree", str(points), out / "potree.png")
 
 
 def brightness(picture):
@@ -105,11 +115,12 @@ def main():
                  "before and after, every point in the colour of its deviation, histogram, figures"),
                 ("whittle and CloudCompare", "9: a command; open, twice, each with a dialog; select both; Cloud/Mesh Dist.; roles; Compute; OK",
                  lambda: by_cloudcompare(build, cloud, out, folder), "the points in the colours of their distances"),
+                ("whittle and Potree's viewer", "4: a command, PotreeConverter, a page that names the octree, a web server",
+                 lambda: by_potree(build, cloud, out, folder), "every point in the colour of its deviation; no scale, no result"),
                 ("whittle and a glTF viewer", "2: a command, open the file", lambda: by_gltf(build, cloud, out, folder), "the result alone; nothing of what was lost")):
             before = spent()
             seconds = measure()
             print(f"| {way} | {steps} | {seconds:.0f} | {spent() - before:.1f} | {seen} |", flush=True)
-    print("| Potree's viewer | not possible | | | opens octrees of PotreeConverter alone, which neither Debian nor npm have; measures no deviation |")
     print(f"\n{cloud.name}; load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
 
 

@@ -600,8 +600,23 @@ static void print_distances(FILE *to, const char *name, const struct distance_st
             1e4 * stats->mean / diagonal, 1e4 * stats->rms / diagonal, 1e4 * stats->max / diagonal);
 }
 
-static void summarise_level(const struct report *report, const struct report_level *r, FILE *to) {
+/* Whether an earlier level has this warning too. */
+static bool was_warned(const struct report *report, size_t level, const char *warning) {
+    char earlier[REPORT_WARNING_BYTES];
+    for (size_t i = 0; i < level; i++)
+        for (size_t n = 0; report_warning(report, &report->level[i], n, earlier, sizeof earlier); n++)
+            if (strcmp(earlier, warning) == 0) return true;
+    return false;
+}
+
+static void print_warnings(const struct report *report, size_t level, FILE *to) {
     char warning[REPORT_WARNING_BYTES];
+    for (size_t n = 0; report_warning(report, &report->level[level], n, warning, sizeof warning); n++)
+        if (!was_warned(report, level, warning)) fprintf(to, "%-16s %s\n", "warning", warning);
+}
+
+static void summarise_result(const struct report *report, FILE *to) {
+    const struct report_level *r = &report->level[0];
     fprintf(to, "%-16s %" PRIu64 " of %" PRIu64 "\n", "points", r->points_out, report->points_in);
     if (r->has_mesh)
         fprintf(to, "%-16s %" PRIu64 " triangles, %s, %" PRIu64 " kept points lost\n", "mesh", r->triangles,
@@ -618,8 +633,38 @@ static void summarise_level(const struct report *report, const struct report_lev
     print_distances(to, "surface to mesh", &r->surface_to_mesh, report->diagonal);
     print_distances(to, "mesh to input", &r->mesh_to_input, report->diagonal);
     print_distances(to, "symmetric", &r->symmetric, report->diagonal);
-    for (size_t i = 0; report_warning(report, r, i, warning, sizeof warning); i++)
-        fprintf(to, "%-16s %s\n", "warning", warning);
+    print_warnings(report, 0, to);
+}
+
+static void print_level_row(const struct report *report, const struct report_level *r, double ratio, FILE *to) {
+    const struct distance_stats *stats = r->has_mesh ? &r->symmetric : &r->tangent;
+    fprintf(to, "%-16.10g %10" PRIu64, ratio, r->points_out);
+    if (r->has_mesh) fprintf(to, " %10" PRIu64, r->triangles);
+    if (stats->count)
+        fprintf(to, " %10.4g %10.4g %10.4g %10.4g", stats->mean, stats->max, 1e4 * stats->mean / report->diagonal,
+                1e4 * stats->max / report->diagonal);
+    if (r->has_mesh && r->watertight) fputs(" watertight", to);
+    if (r->has_mesh && !r->watertight)
+        fprintf(to, " open, %" PRIu64 " border%s", r->borders, r->borders == 1 ? "" : "s");
+    if (r->holes_closed) fprintf(to, ", %" PRIu64 " holes closed", r->holes_closed);
+    if (r->points_lost) fprintf(to, ", %" PRIu64 " kept points lost", r->points_lost);
+    fputc('\n', to);
+}
+
+/* A row for each: of the distances those of both directions, or to planes where there are no meshes.  The report has
+ * all others. */
+static void summarise_levels(const struct command_options *options, const struct report *report, FILE *to) {
+    bool meshes = report->level[0].has_mesh, distances = meshes || report->level[0].tangent.count;
+    fprintf(to, "%-16s %" PRIu64 "\n", "points", report->points_in);
+    fprintf(to, "%-*s", meshes ? 38 : 27, meshes ? "levels, symmetric distances" : "levels, distances to planes");
+    if (distances) fprintf(to, " %21s %21s", "in the file's units", "in 1e-4 of diagonal");
+    fprintf(to, "\n%-16s %10s", "ratio", "points");
+    if (meshes) fprintf(to, " %10s", "triangles");
+    if (distances) fprintf(to, " %10s %10s %10s %10s", "mean", "max", "mean", "max");
+    fputc('\n', to);
+    for (size_t i = 0; i < report->level_count; i++)
+        print_level_row(report, &report->level[i], options->params.levels.ratio[i], to);
+    for (size_t i = 0; i < report->level_count; i++) print_warnings(report, i, to);
 }
 
 static void print_losses(const struct left_out *left_out, FILE *to) {
@@ -636,7 +681,10 @@ void command_output_converted(const struct command_options *options, const struc
 }
 
 void command_output_summary(const struct command_options *options, const struct report *report, FILE *to) {
-    for (size_t i = 0; i < report->level_count; i++) summarise_level(report, &report->level[i], to);
+    if (report->level_count > 1)
+        summarise_levels(options, report, to);
+    else
+        summarise_result(report, to);
     const struct report_deviation *deviation = &report->deviation;
     if (report->surface.kind[0])
         fprintf(to, "%-16s %s: %s; sides by %s\n", "surface", report->surface.kind, report->surface.reason,

@@ -405,6 +405,20 @@ def test_a_second_name_is_the_output(folder):
     assert run.stdout == small
 
 
+def test_the_summary_of_levels_is_one_table(folder):
+    told = whittle("scan.ply", "-o", "out", "--levels=0.5,0.25,0.1", "--outputs=mesh,report", cwd=folder).stdout.splitlines()
+    levels = json.loads((folder / "out/report.json").read_text())["levels"]
+    top = told.index(next(line for line in told if line.startswith("ratio ")))
+    assert [line.split()[0] for line in told].count("ratio") == 1 and told[top].split()[1:3] == ["points", "triangles"]
+    for ratio, level, line in zip(("0.5", "0.25", "0.1"), levels, told[top + 1:], strict=False):
+        error = level["error"]["symmetric"]
+        assert line.split() == [ratio, str(level["points_out"]), str(level["mesh"]["triangles"]),
+                                *(f"{value:.4g}" for value in (error["mean"], error["max"], 1e4 * error["mean_rel"], 1e4 * error["max_rel"])),
+                                "watertight"], line
+    told = whittle("scan.ply", "-o", "clouds", "--levels=0.5,0.25", cwd=folder).stdout
+    assert re.search(r"^levels, distances to planes ", told, re.M) and re.search(r"^0.25 +750 ", told, re.M), told
+
+
 def test_json_is_the_report_and_verbose_tells_the_stages(folder):
     run = whittle("scan.ply", "small.ply", "--json", cwd=folder)
     report = json.loads(run.stdout)

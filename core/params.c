@@ -261,13 +261,17 @@ const char *params_output_file(unsigned bit) {
     return strchr(output_names[bit], '.') ? output_names[bit] : output_names[PARAMS_OUTPUTS + bit];
 }
 
-const char *params_suggest(const char *name, const char *const *extra) {
+static const char *nearest(const char *name, bool of_table, const char *const *extra) {
     const char *best = NULL;
     size_t distance = SIZE_MAX;
-    for (size_t i = 0; i < ROWS; i++) consider(name, table[i].name, &best, &distance);
+    for (size_t i = 0; of_table && i < ROWS; i++) consider(name, table[i].name, &best, &distance);
     for (; extra && *extra; extra++) consider(name, *extra, &best, &distance);
     return best;
 }
+
+const char *params_suggest(const char *name, const char *const *extra) { return nearest(name, true, extra); }
+
+const char *params_suggest_of(const char *name, const char *const *names) { return nearest(name, false, names); }
 
 /* ------------------------------------------------------------------------------------------------ values as text */
 

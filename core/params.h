@@ -213,6 +213,9 @@ bool params_file(const struct params *params, unsigned i, char name[PARAMS_FILE_
  * distance, or NULL when nothing is near. */
 const char *params_suggest(const char *name, const char *const *extra);
 
+/* The same of other names than the table's. */
+const char *params_suggest_of(const char *name, const char *const *names);
+
 /* All defaults. */
 void params_defaults(struct params *params);
 

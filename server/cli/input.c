@@ -23,8 +23,8 @@ enum status command_input_open(const char *path, int *input, struct error *error
     bool folder = fd >= 0 && fstat(fd, &about) == 0 && S_ISDIR(about.st_mode);
     *input = -1;
     if (folder && !standard) close(fd);
-    if (fd < 0 || folder)
-        return error_set(error, STATUS_IO, "read", "can't open %s: %s", path, strerror(folder ? EISDIR : failure));
+    if (folder) return error_set(error, STATUS_IO, "read", "%s is a folder; use the names of its files", path);
+    if (fd < 0) return error_set(error, STATUS_IO, "read", "can't open %s: %s", path, strerror(failure));
     *input = fd;
     return STATUS_OK;
 }

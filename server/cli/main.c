@@ -137,6 +137,10 @@ static enum status run_request(struct command_options *options, struct command_p
     enum status opened = command_inputs_open(&inputs, options->input, options->input_count, &missing);
     enum status status = command_output_check(options, &inputs, error);
     if (is_no_output(status, error)) *exit_status = WIRE_EXIT_NO_OUTPUT;
+    bool is_last = inputs.failed && inputs.failed == options->input[options->input_count - 1];
+    if (!status && opened == STATUS_IO && options->output_given && options->input_count > 1 && is_last)
+        error_set(&missing, opened, "read", "%s isn't there; with -o all names are inputs, use one of both",
+                  inputs.failed);
     if (!status && opened) {
         *exit_status = opened == STATUS_IO ? WIRE_EXIT_NO_INPUT : 0;
         *error = missing;

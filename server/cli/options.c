@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #include "core/base/version.h"
+#include "server/cli/advice.h"
 #include "server/cli/cli_internal.h"
 #include "server/cli/output.h"
 
@@ -70,41 +71,30 @@ static const char *as_written(const char *argument, char written[ERROR_WHERE_BYT
     return written;
 }
 
-/* What other programs call it. */
-static const char *named_elsewhere(const char *name) {
-    static const char *const names[][2] = {
-        {"percent", "ratio"},      {"fraction", "ratio"},   {"r", "ratio"},
-        {"count", "points"},       {"number", "points"},    {"vertices", "points"},
-        {"faces", "points"},       {"triangles", "points"}, {"target", "points"},
-        {"p", "points"},           {"voxel", "spacing"},    {"voxel_size", "spacing"},
-        {"grid", "spacing"},       {"radius", "spacing"},   {"lod", "levels"},
-        {"out", "output"},         {"format", "output"},    {"overwrite", "force"},
-        {"jobs", "threads"},       {"silent", "quiet"},     {"tolerance", "max_deviation"},
-        {"error", "max_deviation"}};
-    for (size_t i = 0; name && i < sizeof names / sizeof *names; i++)
-        if (strcasecmp(names[i][0], name) == 0) return names[i][1];
-    return NULL;
-}
-
-static enum command_request refuse_unknown(struct error *error, const char *argument, const char *name) {
-    char written[ERROR_WHERE_BYTES];
-    const char *names[OWN_COUNT + 1] = {NULL};
-    for (int i = 0; i < OWN_COUNT; i++) names[i] = own_options[i].name;
-    char option[NAME_BYTES] = "";
-    const char *near = named_elsewhere(name ? name : argument + 1);
-    if (!near && name) near = params_suggest(name, names);
-    if (near) help_hyphens(near, option, sizeof option);
-    error_set(error, STATUS_BAD_PARAMETER, as_written(argument, written), "unknown option%s%s%s",
-              near ? "; did you mean '--" : "", option, near ? "'?" : "");
-    return COMMAND_REFUSED;
-}
-
 /* Between the dashes and '=', with '_' for '-'. */
 static void option_name(const char *argument, char name[NAME_BYTES]) {
     size_t length = strcspn(argument + 2, "=");
     snprintf(name, NAME_BYTES, "%.*s", (int)(length < NAME_BYTES ? length : NAME_BYTES - 1), argument + 2);
     for (char *c = name; *c; c++)
         if (*c == '-') *c = '_';
+}
+
+static enum command_request refuse_unknown(struct error *error, const char *argument, const char *name) {
+    char written[ERROR_WHERE_BYTES];
+    const char *names[OWN_COUNT + 1] = {NULL};
+    for (int i = 0; i < OWN_COUNT; i++) names[i] = own_options[i].name;
+    char option[NAME_BYTES] = "", named[NAME_BYTES] = "";
+    char dashed[NAME_BYTES + 2];
+    snprintf(dashed, sizeof dashed, "-%s", argument);
+    if (!name && argument[2]) option_name(dashed, named); /* -ratio */
+    const char *meant = name ? name : named, *way = advice_way(argument);
+    if (way) return refuse_option(error, as_written(argument, written), way);
+    const char *near = advice_option(argument);
+    if (!near && meant[0]) near = params_find(meant) ? meant : params_suggest(meant, names);
+    if (near) help_hyphens(near, option, sizeof option);
+    error_set(error, STATUS_BAD_PARAMETER, as_written(argument, written), "unknown option%s%s%s",
+              near ? "; did you mean '--" : "", option, near ? "'?" : "");
+    return COMMAND_REFUSED;
 }
 
 /* By its letter or its name; OWN_COUNT: none. */
@@ -233,6 +223,13 @@ static const char *as_fraction(const struct param *param, const char *value, cha
     return used ? text : value;
 }
 
+static enum command_request refuse_missing(struct error *error, const char *written, const char *name) {
+    char allowed[ERROR_TEXT_BYTES];
+    params_allowed(params_find(name), allowed, sizeof allowed);
+    error_set(error, STATUS_BAD_PARAMETER, written, "a value is missing; it takes %s", allowed);
+    return COMMAND_REFUSED;
+}
+
 static enum command_request parse_parameter(struct command_options *options, int argc, char **argv, int *i,
                                             struct error *error) {
     char name[NAME_BYTES], written[ERROR_WHERE_BYTES];
@@ -244,20 +241,26 @@ static enum command_request parse_parameter(struct command_options *options, int
             error, as_written(argument, written),
             "all points are converted as they are; use whittle INPUT OUTPUT, without convert, to simplify");
     const char *value = take_value(argc, argv, i);
-    if (!value) return refuse_option(error, as_written(argument, written), "a value is missing");
+    if (!value) return refuse_missing(error, as_written(argument, written), name);
     if (strcmp(name, "outputs") == 0) options->outputs_given = true;
     char fraction[FRACTION_BYTES];
     const char *set = strchr(value, '%') ? as_fraction(params_find(name), value, fraction) : value;
     enum status status = params_set(&options->params, name, set, error);
     if (status != STATUS_OK && set != value) /* what is told of it has the user's own words */
         status = params_set(&options->params, name, value, error);
+    if (status != STATUS_OK) advice_on_value(params_find(name), value, *i + 1 < argc ? argv[*i + 1] : NULL, error);
     return status != STATUS_OK ? COMMAND_REFUSED : COMMAND_RUN;
 }
 
 static enum command_request parse_argument(struct command_options *options, int argc, char **argv, int *i,
                                            struct error *error) {
     const char *argument = argv[*i];
-    if (argument[0] == '-' && argument[1]) {
+    bool is_option = argument[0] == '-' && argument[1] && !options->names_alone;
+    if (is_option && strcmp(argument, "--") == 0) {
+        options->names_alone = true;
+        return COMMAND_RUN;
+    }
+    if (is_option) {
         enum own own = find_own(argument);
         if (own != OWN_COUNT) return parse_own(options, own, argc, argv, i, error);
         if (argument[1] != '-') return refuse_unknown(error, argument, NULL);
@@ -294,6 +297,8 @@ static enum command_request settle_names(struct command_options *options, struct
     if (options->output_named) options->output = options->input[--options->input_count];
     for (size_t i = 0; i < options->input_count; i++) standard += strcmp(options->input[i], "-") == 0;
     if (options->output_named && is_value(options->output)) return refuse_value(error, options->output);
+    for (size_t i = 0; i < options->input_count + options->output_named; i++)
+        if (advice_on_name(options->input[i], error)) return COMMAND_REFUSED;
     if (options->input_count && is_no_command(options))
         return refuse_option(error, options->input[0],
                              "no such file and no such command; use whittle INPUT OUTPUT.ply to simplify, or info, "

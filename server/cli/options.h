@@ -19,6 +19,7 @@ struct command_options {
     const char *output;   /* where outputs go: a folder, one file, or "-" for standard output; borrowed from argv */
     bool output_named;    /* by the last of several names: files that are there stay */
     bool output_given;    /* by -o: files that are there are replaced */
+    bool names_alone;     /* after --: what follows are names, whatever they begin with */
     bool to_standard;     /* output is "-": there is exactly one output, and messages go to standard error */
     char *tileset_folder; /* output is this, a folder of tiles; NULL: it isn't; owned */
     bool to_file;         /* output is the name of the one file */

@@ -413,13 +413,18 @@ static enum status check_folder(const struct command_options *options, struct er
                      strerror(errno));
 }
 
-/* What was found, and what to do. */
-static enum status refuse_file(const char *path, enum file_out_claim claim, struct error *error) {
+/* What was found, and what to do.  The last of several names may have been meant as an input, as in `whittle *.ply`. */
+static enum status refuse_file(const struct command_options *options, const char *path, enum file_out_claim claim,
+                               struct error *error) {
     static const char *const advice[] = {[FILE_OUT_TAKEN] = "use --force to replace it, or -o for another place",
                                          [FILE_OUT_IS_SOURCE] = "use -o for another place",
                                          [FILE_OUT_IS_FOLDER] = "use -o for another place"};
     struct error found = {0};
     enum status status = file_out_refuse(path, claim, &found);
+    if (status && claim == FILE_OUT_TAKEN && options->output_named && options->input_count > 1)
+        return error_set(error, status, "output",
+                         "%s, and the last name is the output; use -o OUTPUT where it is an input, else --force",
+                         found.text);
     return status ? error_set(error, status, "output", "%s; %s", found.text, advice[claim]) : STATUS_OK;
 }
 
@@ -443,7 +448,7 @@ enum status command_output_check(const struct command_options *options, const st
     if (status || inputs->failed) return status;
     make_plan(&options->params, &plan);
     for (size_t i = 0; i < plan.count && !status; i++)
-        status = name_file(options, &plan.item[i], path) ? refuse_file(path, file_out_look(path, &rule), error)
+        status = name_file(options, &plan.item[i], path) ? refuse_file(options, path, file_out_look(path, &rule), error)
                                                          : refuse_name(options, error);
     return status;
 }

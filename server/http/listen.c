@@ -56,7 +56,8 @@ enum status listen_open(const char *address, bool open, int *fd, struct error *e
     const char *port;
     struct addrinfo hints = {.ai_socktype = SOCK_STREAM, .ai_flags = AI_PASSIVE | AI_NUMERICSERV}, *info;
     if (!split(address, host, &port))
-        return error_set(error, STATUS_BAD_PARAMETER, "listen", "'%.80s' is no HOST:PORT", address);
+        return error_set(error, STATUS_BAD_PARAMETER, "listen",
+                         "'%.80s' is no HOST:PORT; use 127.0.0.1:8080 or [::1]:8080", address);
     int rc = getaddrinfo(host, port, &hints, &info);
     if (rc) return error_set(error, STATUS_BAD_PARAMETER, "listen", "'%.80s': %s", address, gai_strerror(rc));
     enum status status;

@@ -368,6 +368,29 @@ static enum status read_file(struct config *config, const char *path, struct err
     return status;
 }
 
+/* What other programs call it. */
+static const char *named_elsewhere(const char *name) {
+    static const char *const names[][2] = {{"port", "listen"},     {"host", "listen"},        {"bind", "listen"},
+                                           {"address", "listen"},  {"tokens", "tokens-file"}, {"folder", "data"},
+                                           {"dir", "data"},        {"database", "catalog"},   {"cors", "cors-origins"},
+                                           {"cert", "tls-cert"},   {"key", "tls-key"},        {"jobs", "workers"},
+                                           {"threads", "workers"}, {"log", "log-level"},      {"verbose", "log-level"}};
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+        if (strcmp(names[i][0], name) == 0) return names[i][1];
+    return NULL;
+}
+
+static enum status refuse_unknown(const char *flag, size_t length, struct error *error) {
+    char name[64];
+    const char *names[ROWS + 1] = {NULL};
+    for (size_t i = 0; i < ROWS; i++) names[i] = table[i].name;
+    snprintf(name, sizeof name, "%.*s", (int)length, flag + 2);
+    const char *near = named_elsewhere(name);
+    if (!near || !find(near, strlen(near))) near = params_suggest_of(name, names);
+    return error_set(error, STATUS_BAD_PARAMETER, flag, "unknown flag; %s%s%ssee --help",
+                     near ? "did you mean '--" : "", near ? near : "", near ? "'? " : "");
+}
+
 /* One flag, as --name VALUE, --name=VALUE or, for a switch, --name alone.  What follows a switch and is no flag can
  * only be its value.  *i moves on to its last argument. */
 static enum status read_flag(struct config *config, int argc, char **argv, int *i, struct error *error) {
@@ -376,7 +399,7 @@ static enum status read_flag(struct config *config, int argc, char **argv, int *
         return error_set(error, STATUS_BAD_PARAMETER, flag, "no setting; settings are --name value, see --help");
     size_t length = strcspn(flag + 2, "=");
     const struct setting *setting = find(flag + 2, length);
-    if (!setting) return error_set(error, STATUS_BAD_PARAMETER, flag, "unknown flag; see --help");
+    if (!setting) return refuse_unknown(flag, length, error);
     if (flag[2 + length] == '=') return set(config, setting, flag + 3 + length, error);
     bool valued = *i + 1 < argc && argv[*i + 1][0] != '-';
     if (kind_of(setting) == SWITCH && !valued) return set(config, setting, "1", error);

@@ -582,6 +582,22 @@ def test_info_tells_the_coordinate_system_of_las(tmp_path, records, system):
     (("scan.ply", "out.ply", "-r", "0.1"), "-r: unknown option; did you mean '--ratio'?"),
     (("scan.ply", "out.ply", "--voxel-size", "0.1"), "did you mean '--spacing'?"),
     (("scan.ply", "out.ply", "--faces=100"), "did you mean '--points'?"),
+    (("scan.ply", "out.ply", "-ratio", "0.1"), "-ratio: unknown option; did you mean '--ratio'?"),
+    (("scan.ply", "out.ply", "-j4"), "-j4: unknown option; did you mean '--threads'?"),
+    (("scan.ply", "out.ply", "--bbox", "0,0,0,1,1,1"), "did you mean '--crop'?"),
+    (("-i", "scan.ply", "-o", "out.ply"), "-i: inputs and outputs have no option of their own; use whittle INPUT OUTPUT"),
+    (("convert", "scan.ply", "--to", "las"), "--to: the end of the output's name is its format; use whittle INPUT"),
+    (("--completion", "bash"), "--completion: completion comes with the installed programs"),
+    (("scan.ply", "out.ply", "--ratio", "10"), "--ratio: '10' is not allowed; it takes a number over 0, at most 1; use %"),
+    (("scan.ply", "out.ply", "--ratio", "0,1"), "use a decimal point, as 0.1"),
+    (("scan.ply", "out.ply", "--points", "10%"), "use --ratio for a share, as --ratio 10%"),
+    (("scan.ply", "out.ply", "--points", "1,000"), "use digits alone, as 10000"),
+    (("scan.ply", "out.ply", "--max_deviation", "5mm"), "use a number alone, in the file's units"),
+    (("scan.ply", "out/", "--outputs", "cloud,", "mesh"), "--outputs: 'cloud,' is not allowed; use commas without blanks"),
+    (("scan.ply", "out.ply", "--crop", "1", "2", "3", "4", "5", "6"), "8 to 40; use commas without blanks"),
+    (("scan.ply", "out.ply", "--normals"), "--normals: a value is missing; it takes one of false, true"),
+    (("scan.ply", "out.ply", "ratio=0.1"), "ratio=0.1: options begin with two dashes; use --ratio=0.1"),
+    (("http://127.0.0.1/scan.ply", "out.ply"), "files are read, no addresses; use curl -sS URL | whittle - OUTPUT.ply"),
 ])
 def test_a_first_try_is_told_what_to_use(folder, arguments, said):
     before = contents(folder)
@@ -611,6 +627,26 @@ def test_what_is_no_share_is_told_as_it_was_written(folder, arguments, said):
     run = whittle("scan.ply", "out.ply", *arguments, cwd=folder)
     assert run.returncode == 64 and said in run.stderr, run
     assert not (folder / "out.ply").exists()
+
+
+@pytest.mark.parametrize("arguments, status, said", [
+    ((".", "out.ply"), 66, ". is a folder; use the names of its files"),
+    (("scan.ply", "out.ply", "-o", "mesh"), 66, "out.ply isn't there; with -o all names are inputs, use one of both"),
+    (("cloud.ply", "scan.ply", "last.ply"), 73, "last.ply is there already, and the last name is the output; use -o")])
+def test_names_that_mean_something_else_are_told_what_to_use(folder, arguments, status, said):
+    (folder / "last.ply").write_bytes((folder / "scan.ply").read_bytes())
+    before = contents(folder)
+    run = whittle(*arguments, cwd=folder)
+    assert run.returncode == status and said in run.stderr, run
+    assert contents(folder) == before
+
+
+def test_after_two_dashes_all_are_names(folder):
+    (folder / "-scan.ply").write_bytes((folder / "scan.ply").read_bytes())
+    (folder / "ratio=0.5").write_bytes((folder / "scan.ply").read_bytes())
+    assert whittle("--ratio", "0.2", "-q", "--", "-scan.ply", "out.ply", cwd=folder).returncode == 0
+    assert whittle("-q", "ratio=0.5", "--", "both.ply", cwd=folder).returncode == 0
+    assert whittle("-scan.ply", "out2.ply", cwd=folder).returncode == 64
 
 
 def test_a_file_may_be_called_as_a_command_is_elsewhere(folder):

@@ -89,6 +89,9 @@ def test_a_switch_is_given_alone_or_with_its_value(given, value):
 
 @pytest.mark.parametrize("given, text", [
     (["--webhooks", "maybe"], "webhooks: 'maybe' is not allowed; it takes on or off"),
+    (["--port", "8080"], "--port: unknown flag; did you mean '--listen'? see --help"),
+    (["--token-file", "t"], "did you mean '--tokens-file'?"), (["--wrokers=2"], "did you mean '--workers'?"),
+    (["--colour", "red"], "--colour: unknown flag; see --help"),
     (["data"], "data: no setting; settings are --name value, see --help"),
     (["--max-queue", "7", "8"], "8: no setting; settings are --name value, see --help")])
 def test_what_is_no_setting_is_told_how_settings_are_given(given, text):

@@ -54,7 +54,7 @@ double fit_flip_cost(const struct fit *fit, uint32_t h, enum fit_fairness fairne
 /* Flips that edge, and hands out its samples. */
 void fit_flip_one(struct fit *fit, uint32_t h);
 
-/* ------------------------------------------------------------------------------------------------ relocate.c */
+/* ------------------------------------------------------------------------------------------------ move.c */
 
 /* Moves of vertices that bring the mesh nearer to the points (Hoppe and others 1993: fitting for fixed triangles). */
 

@@ -49,13 +49,13 @@ static struct merger merger_of(const struct fan *fan, size_t to) {
     return (struct merger){to, closed || to == 0 ? wrapped(to + 1, fan->n) : 0, closed ? fan->n - 2 : fan->n - 1};
 }
 
-/* The half-edge of the fan's triangle that runs from the new one before it to neighbour `to`'s side, or NONE at a
- * border.
- */
+/* The rim's edge that the first of the new triangles takes along, from neighbour `to` to the next one; NONE where the
+ * fan ends there. */
 static uint32_t side_before(const struct fan *fan, const struct merger *merger) {
     return merger->to < fan->n ? halfedge_next(fan->ring[merger->to]) : NONE;
 }
 
+/* And that of the last one, from the neighbour before `to` to it. */
 static uint32_t side_behind(const struct fan *fan, const struct merger *merger) {
     if (fan->neighbours == fan->n) return halfedge_next(fan->ring[wrapped(merger->to + fan->n - 1, fan->n)]);
     return merger->to == 0 ? NONE : halfedge_next(fan->ring[fan->n - 1]);

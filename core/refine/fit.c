@@ -1,4 +1,4 @@
-/* The lists of points, and what a surface costs.
+/* The lists of samples, and what a surface costs.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/refine/fit.h"
@@ -266,7 +266,7 @@ struct assigned {
     struct fit *fit;
     uint32_t *triangle;
     float *distance_sq;
-    enum status filled, zoned;
+    enum status filled, parted;
 };
 
 static void fill_first(void *ctx) {
@@ -277,10 +277,10 @@ static void fill_first(void *ctx) {
 
 static void make_partition(void *ctx) {
     struct assigned *all = ctx;
-    all->zoned = fit_partition_init(&all->fit->partition, &all->fit->he);
+    all->parted = fit_partition_init(&all->fit->partition, &all->fit->he);
 }
 
-/* Zones and what the first filling begins with are one thread's work each. */
+/* At first the partition is made as well, beside what the filling begins with: each is one thread's work. */
 static enum status assign_all(struct fit *fit, bool is_first) {
     size_t n = fit->samples.n;
     struct assigned all = {fit, alloc_array(n, sizeof *all.triangle), alloc_array(n, sizeof *all.distance_sq), 0, 0};
@@ -289,7 +289,7 @@ static enum status assign_all(struct fit *fit, bool is_first) {
     if (all.triangle && all.distance_sq) status = fit_assign(fit, all.triangle, all.distance_sq);
     if (status == STATUS_OK && is_first) {
         par_beside(fit->threads, fill_first, make_partition, &all);
-        status = all.filled ? all.filled : all.zoned;
+        status = all.filled ? all.filled : all.parted;
     } else if (status == STATUS_OK) {
         status = fit_fill(fit, all.triangle, all.distance_sq);
     }

@@ -25,7 +25,7 @@
 #include "core/math/sym3.h"
 #include "core/refine/prefetch.h"
 
-enum { VERTEX_GRAIN = 16, PLACE_GRAIN = 512, COLOURS = 64, CANDIDATES = 3 };
+enum { VERTEX_GRAIN = 16, STANDING_GRAIN = 512, COLOURS = 64, CANDIDATES = 3 };
 
 /* What a star is made of is fetched while other vertices are tried: first a triangle; then the ring, which is kept
  * until the vertex moves, and with it most of what the star takes; then the second and third block of each list of
@@ -285,17 +285,17 @@ static size_t find_near(const struct fit *fit, uint32_t vertex, uint32_t near[2 
 /* In which order vertices are moved: group by group.  Each part is a group, and after them each colour. */
 struct plan {
     const struct fit *fit;
-    uint8_t *place;  /* of each vertex that is due: enum place */
-    uint32_t *group; /* of each vertex, or NONE for those that aren't due */
+    uint8_t *standing; /* of each vertex that is due: enum standing */
+    uint32_t *group;   /* of each vertex, or NONE for those that aren't due */
     uint32_t *vertex;
     size_t *start; /* vertex[start[g] .. start[g + 1]) are those of group g */
-    size_t partition, groups;
+    size_t parts, groups;
 };
 
-enum place { WITHIN_PART, BETWEEN_PARTS, TOO_MANY_NEAR };
+enum standing { WITHIN_PART, BETWEEN_PARTS, TOO_MANY_NEAR };
 
 /* Within its part where no vertex near this one is due in another. */
-static enum place place_of(const struct plan *plan, uint32_t vertex) {
+static enum standing standing_of(const struct plan *plan, uint32_t vertex) {
     uint32_t near[2 * FIT_MAX_RING];
     size_t n = find_near(plan->fit, vertex, near);
     if (n == 0) return TOO_MANY_NEAR;
@@ -304,20 +304,20 @@ static enum place place_of(const struct plan *plan, uint32_t vertex) {
     return WITHIN_PART;
 }
 
-static void find_places(void *ctx, size_t begin, size_t end) {
+static void find_standings(void *ctx, size_t begin, size_t end) {
     const struct plan *plan = ctx;
     for (size_t v = begin; v < end; v++)
-        if (plan->group[v] != NONE) plan->place[v] = (uint8_t)place_of(plan, (uint32_t)v);
+        if (plan->group[v] != NONE) plan->standing[v] = (uint8_t)standing_of(plan, (uint32_t)v);
 }
 
 /* The lowest colour that no vertex near this one has. */
 static uint32_t free_colour(const struct plan *plan, const uint32_t *near, size_t n) {
     uint64_t used = 0;
     for (size_t i = 0; i < n; i++) {
-        size_t colour = plan->group[near[i]] - plan->partition;
+        size_t colour = plan->group[near[i]] - plan->parts;
         if (plan->group[near[i]] != NONE && colour < COLOURS) used |= (uint64_t)1 << colour;
     }
-    return used == UINT64_MAX ? NONE : (uint32_t)(plan->partition + (size_t)__builtin_ctzll(~used));
+    return used == UINT64_MAX ? NONE : (uint32_t)(plan->parts + (size_t)__builtin_ctzll(~used));
 }
 
 /* Only what is stale is going to move. */
@@ -327,10 +327,10 @@ static void find_groups(const struct fit *fit, struct plan *plan) {
         bool due = fit->stale[v] && fit->he.locked[v] != HALFEDGE_KNOTTED && fit->he.out[v] != NONE;
         group[v] = due ? fit->partition.of[v] : NONE;
     }
-    par_for(fit->threads, fit->mesh->vertex_count, PLACE_GRAIN, find_places, plan);
+    par_for(fit->threads, fit->mesh->vertex_count, STANDING_GRAIN, find_standings, plan);
     for (uint32_t v = 0; v < fit->mesh->vertex_count; v++) {
-        if (group[v] == NONE || plan->place[v] == WITHIN_PART) continue;
-        group[v] = plan->place[v] == BETWEEN_PARTS ? free_colour(plan, near, find_near(fit, v, near)) : NONE;
+        if (group[v] == NONE || plan->standing[v] == WITHIN_PART) continue;
+        group[v] = plan->standing[v] == BETWEEN_PARTS ? free_colour(plan, near, find_near(fit, v, near)) : NONE;
     }
 }
 
@@ -345,12 +345,12 @@ static void sort_by_group(const struct plan *plan, size_t n) {
 
 static enum status plan_new(const struct fit *fit, struct plan *plan) {
     size_t n = fit->mesh->vertex_count;
-    *plan = (struct plan){.fit = fit, .partition = fit->partition.count, .groups = fit->partition.count + COLOURS};
-    plan->place = alloc_array(n, 1);
+    *plan = (struct plan){.fit = fit, .parts = fit->partition.count, .groups = fit->partition.count + COLOURS};
+    plan->standing = alloc_array(n, 1);
     plan->group = alloc_array(n, sizeof *plan->group);
     plan->vertex = alloc_array(n, sizeof *plan->vertex);
     plan->start = alloc_zeroed(plan->groups + 2, sizeof *plan->start);
-    if (!plan->place || !plan->group || !plan->vertex || !plan->start) return STATUS_NO_MEMORY;
+    if (!plan->standing || !plan->group || !plan->vertex || !plan->start) return STATUS_NO_MEMORY;
     find_groups(fit, plan);
     sort_by_group(plan, n);
     return STATUS_OK;
@@ -449,9 +449,9 @@ static size_t conclude(const struct batch *batch, size_t begin, size_t end) {
 
 static size_t move_groups(struct batch *batch) {
     const struct plan *plan = batch->plan;
-    par_for(batch->fit->threads, plan->partition, 1, move_parts, batch);
-    size_t moves = conclude(batch, 0, plan->start[plan->partition]);
-    for (size_t g = plan->partition; g < plan->groups; g++) {
+    par_for(batch->fit->threads, plan->parts, 1, move_parts, batch);
+    size_t moves = conclude(batch, 0, plan->start[plan->parts]);
+    for (size_t g = plan->parts; g < plan->groups; g++) {
         batch->begin = plan->start[g];
         par_for(batch->fit->threads, plan->start[g + 1] - plan->start[g], VERTEX_GRAIN, move_colour, batch);
         moves += conclude(batch, plan->start[g], plan->start[g + 1]);
@@ -467,7 +467,7 @@ enum status fit_move(struct fit *fit, size_t *moves) {
     enum status status = plan_new(fit, &plan);
     if (!moved || !left) status = STATUS_NO_MEMORY;
     if (status == STATUS_OK) *moves += move_groups(&(struct batch){fit, &plan, left, moved, 0});
-    free(plan.place), free(plan.group), free(plan.vertex), free(plan.start);
+    free(plan.standing), free(plan.group), free(plan.vertex), free(plan.start);
     free(moved), free(left);
     return status;
 }

@@ -37,14 +37,14 @@ static enum status run_schedule(struct fit *fit, enum refine_form form, const st
                                 struct refine_facts *facts) {
     struct sweeps sweeps = (fit->borders ? open_sweeps_of : sweeps_of)[fit->placement];
     if (form != REFINE_FULL) sweeps = (struct sweeps){0};
-    bool has_edges = fit->fold < 0 && !fit->has_up; /* the points have creases, along which the surface may fold */
+    bool has_creases = fit->fold < 0 && !fit->has_up; /* the points have creases, along which the surface may fold */
     if (progress_tick(progress, "refine", 0.1)) return STATUS_CANCELLED;
     enum status status = fit_flip(fit, FIRST_ROUNDS, &facts->flips);
     for (size_t i = 0; i < sweeps.all && !status; i++) {
         if (progress_tick(progress, "refine", 0.2 + 0.8 * (double)i / (double)sweeps.all)) return STATUS_CANCELLED;
         if (i == sweeps.before_closer) status = fit_look_closer(fit);
         if (!status && fit->borders && i > 0) status = fit_reassign(fit);
-        fit->leaps = has_edges && i + CALM < sweeps.with_reallocations;
+        fit->leaps = has_creases && i + CALM < sweeps.with_reallocations;
         if (!status) status = sweep(fit, i < sweeps.with_reallocations, facts);
     }
     if (!status) status = fit_uncross(fit, form == REFINE_FULL, &facts->uncrossed);

@@ -11,7 +11,7 @@
 
 /* ------------------------------------------------------------------------------------------------ assign.c */
 
-/* Which triangle each sample belongs to before anything has changed. */
+/* Which triangle each sample belongs to: found at the beginning, and anew where operations only hand samples on. */
 
 /* triangle[i], distance_sq[i] = where sample i belongs, and how far off it is: the nearest triangle, or one downhill of
  * which there is none where that is near.  Both are for fit->samples.n.  Only fit->mesh, samples, half-edges and

@@ -147,12 +147,13 @@ enum status catalog_list_lost(struct catalog *catalog, const char *owner, struct
  * being queued again. */
 enum status catalog_cancel(struct catalog *catalog, const char *id, struct error *error) MUST_CHECK;
 
-/* Makes the transition that event stands for (not JOB_CLAIM), and keeps what *job says of resources, report, problem,
- * outputs and expiry; for JOB_REQUEUE of failures, interruptions and predicted memory
- * alone.  Of a task of a job with tiles it is that task's, and means what job_step_of says; *changed false: it isn't
- * the caller's any more.  With JOB_TASK_NONE it is the whole job's, whoever has its tasks, JOB_WITHDRAW too while it
- * runs. *changed false: the job's state doesn't allow it, or it runs and job->owner and job->attempt don't hold it;
- * nothing was done.  JOB_REQUEUE of a job that is cancelled is JOB_DISMISS. */
+/* Makes the transition that the event stands for (any but JOB_CLAIM), and keeps what *job says of resources, report,
+ * problem, outputs and expiry; for JOB_REQUEUE only what it says of failures, interruptions and predicted memory, and a
+ * job that is cancelled is dismissed instead.  *changed false: nothing was done, as the job's state doesn't allow it,
+ * or it runs and isn't held by job->owner and job->attempt.
+ *
+ * Of a job with tiles job->task says what the event is of.  A task's is what job_step_of says, and needs that task's
+ * owner and attempt.  JOB_TASK_NONE is the whole job, whoever has its tasks; that may be withdrawn while it runs. */
 enum status catalog_finish(struct catalog *catalog, enum job_event event, const struct job *job, bool *changed,
                            struct error *error) MUST_CHECK;
 

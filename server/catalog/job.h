@@ -52,7 +52,7 @@ enum {
     JOB_OUTPUT_NAME_BYTES = 48,
     JOB_MAX_OUTPUTS = PARAMS_MAX_FILES,
     JOB_WEBHOOK_BYTES = 2048,
-    JOB_MAX_FAILURES = 3,                   /* of its own process, by the host's hand */
+    JOB_MAX_FAILURES = 3,                   /* ends of its process that weren't its own fault */
     JOB_MAX_INTERRUPTIONS = 20,             /* ends of the service while it ran */
     JOB_ALONE_AFTER = 2,                    /* interrupted so often, it runs while nothing else does */
     JOB_PRIORITY_AGING_MS = 10 * 60 * 1000, /* what a step of priority is worth in waiting */

@@ -1,4 +1,4 @@
-/* The start: what an earlier process left is put right.
+/* What is put right: at the start what an earlier process left; and, then or later, a job whose host has gone.
  *
  * Invariant: a job's row is committed after its cloud is durable, and removed before its files are.  So a crash leaves
  * files without rows, never rows without files.  So does an older database, so the start removes only what is known to

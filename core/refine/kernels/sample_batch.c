@@ -276,12 +276,12 @@ struct own_triangles {
     i32v pulls; /* triangles that aren't too thin */
 };
 
-/* Triangle from + which[k] for sample k. */
-/* table[which]; same: all of which are. */
+/* table[which]; same: all of which are the same. */
 INLINE f32v look(const float table[8], i32v which, bool same) {
     return same ? f32_all(table[SIMD_LANE(which, 0)]) : f32_lookup(table, which);
 }
 
+/* Of sample k that is triangle from + which[k]. */
 INLINE struct own_triangles own_triangles_of(const struct star_frames *s, size_t from, i32v which, bool same) {
     return (struct own_triangles){
         .ux = look(&s->u.x[from], which, same),

@@ -26,6 +26,7 @@
 #include "core/base/par.h"
 #include "core/base/radix.h"
 #include "core/cloud/most.h"
+#include "core/math/exact.h"
 
 enum { KEY_BITS = 21, LOW_BITS = 31, GRAIN = 1 << 14, SHORT_RUN = 24, DEEPEST = 6 };
 static const double FARTHEST = 1e9, LOST = 1e15;
@@ -186,7 +187,7 @@ static void sort_range(void *ctx, size_t begin, size_t end) {
 /* Halves first, so that coordinates near the largest double don't overflow. */
 static double diagonal_of(vec3 least, vec3 most) {
     vec3 half = vec3_sub(vec3_scale(most, 0.5), vec3_scale(least, 0.5));
-    return 2 * hypot(hypot(half.x, half.y), half.z);
+    return 2 * exact_hypotenuse(exact_hypotenuse(half.x, half.y), half.z);
 }
 
 static vec3 middle_of(vec3 least, vec3 most) { return vec3_add(vec3_scale(least, 0.5), vec3_scale(most, 0.5)); }

@@ -6,6 +6,8 @@
 
 #include <float.h>
 
+#include "core/math/exact.h"
+
 enum { TERMS = 24, EACH = 4, MOST = TERMS * EACH };
 
 #define UNIT (DBL_EPSILON / 2)
@@ -17,25 +19,12 @@ struct expansion {
     double part[MOST];
 };
 
-/* a + b = *sum + *rest, exactly. */
-static void two_sum(double a, double b, double *sum, double *rest) {
-    double s = a + b, virtual = s - a;
-    *rest = (a - (s - virtual)) + (b - virtual);
-    *sum = s;
-}
-
-/* a * b = *product + *rest, exactly. */
-static void two_product(double a, double b, double *product, double *rest) {
-    *product = a * b;
-    *rest = fma(a, b, -*product);
-}
-
 static void add(struct expansion *e, double x) {
     int n = 0;
     if (x == 0) return;
     for (int i = 0; i < e->n; i++) {
         double rest;
-        two_sum(x, e->part[i], &x, &rest);
+        exact_sum(x, e->part[i], &x, &rest);
         if (rest != 0) e->part[n++] = rest;
     }
     if (x != 0) e->part[n++] = x;
@@ -45,17 +34,17 @@ static void add(struct expansion *e, double x) {
 /* Adds the product of three numbers. */
 static void add_product(struct expansion *e, double a, double b, double c) {
     double high, low, product, rest;
-    two_product(a, b, &high, &low);
-    two_product(high, c, &product, &rest);
+    exact_product(a, b, &high, &low);
+    exact_product(high, c, &product, &rest);
     add(e, rest), add(e, product);
-    two_product(low, c, &product, &rest);
+    exact_product(low, c, &product, &rest);
     add(e, rest), add(e, product);
 }
 
 /* a - b = *to, exactly; false where that is no double. */
 static bool subtract(vec3 a, vec3 b, vec3 *to) {
     vec3 rest;
-    two_sum(a.x, -b.x, &to->x, &rest.x), two_sum(a.y, -b.y, &to->y, &rest.y), two_sum(a.z, -b.z, &to->z, &rest.z);
+    exact_sum(a.x, -b.x, &to->x, &rest.x), exact_sum(a.y, -b.y, &to->y, &rest.y), exact_sum(a.z, -b.z, &to->z, &rest.z);
     return rest.x == 0 && rest.y == 0 && rest.z == 0;
 }
 

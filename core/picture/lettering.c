@@ -91,7 +91,8 @@ double lettering_width(const char *text, double height) {
 static double distance_to(double px, double py, double ax, double ay, double bx, double by) {
     double ux = bx - ax, uy = by - ay, along = ux * ux + uy * uy;
     double t = along > 0 ? fmin(fmax(((px - ax) * ux + (py - ay) * uy) / along, 0), 1) : 0;
-    return hypot(px - ax - t * ux, py - ay - t * uy);
+    double dx = px - ax - t * ux, dy = py - ay - t * uy;
+    return sqrt(dx * dx + dy * dy);
 }
 
 void lettering_line(struct picture *picture, double ax, double ay, double bx, double by, double width,

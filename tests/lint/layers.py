@@ -106,6 +106,7 @@ ALLOCATES = "malloc|calloc|realloc|reallocarray|aligned_alloc|posix_memalign|mem
 TALKS = "(?:v|f|vf|d|vd)?printf|f?puts|f?putc|putchar|fwrite|perror|psignal|v?syslog|v?warnx?|v?errx?"
 LEAVES = "exit|_exit|_Exit|quick_exit|abort"
 LOOKS = "getenv|secure_getenv|setenv|putenv|unsetenv"
+DIFFERS = "hypot[fl]?"  # in the last bit, between processors: core/math/exact.h
 
 
 def calls(names):
@@ -116,7 +117,7 @@ BANNED = calls("sprintf|vsprintf|strcpy|stpcpy|strncpy|strcat|gets|strtok|atoi|a
 SCANS = calls("[fv]?scanf|vfscanf|v?sscanf")
 # Who scans lines that the operator or the kernel writes, never a client.
 MAY_SCAN = {"server/daemon/fault_point.c", "server/jobs/metrics.c"}
-CORE_NEVER = calls("|".join((ALLOCATES, TALKS, LEAVES, LOOKS)))
+CORE_NEVER = calls("|".join((ALLOCATES, TALKS, LEAVES, LOOKS, DIFFERS)))
 # The same as symbols, so that no macro or pointer hides it.
 CORE_NEVER_LINKS = re.compile(rf"(?:__)?({ALLOCATES}|{TALKS}|{LEAVES}|{LOOKS}|stdout|stderr|environ)(?:_chk)?")
 # File -> what it may call all the same: the one seam of allocation; FLANN's pools, and what its headers bring along; what

@@ -31,16 +31,20 @@ static json_int_t unselected(const json_t *input) {
     return count_of(input, "points_cropped") + count_of(input, "points_filtered");
 }
 
-/* The box of all points: where some were dropped, the report's is that of the others. */
-static json_t *box_json(const json_t *input) {
+/* The box of all points: where some were dropped, the report's is that of the others, and the header's is told. */
+static json_t *box_json(const struct cloud_document *cloud, const json_t *input) {
     json_t *min = json_object_get(input, "box_min"), *max = json_object_get(input, "box_max");
-    if (!min || !max || count_of(input, "points_outliers") || unselected(input)) return json_null();
-    return json_pack("{s:O, s:O}", "min", min, "max", max);
+    const double *low = cloud->header_min, *high = cloud->header_max;
+    if (min && max && !count_of(input, "points_outliers") && !unselected(input))
+        return json_pack("{s:O, s:O}", "min", min, "max", max);
+    if (!low || !high) return json_null();
+    return json_pack("{s:[f,f,f], s:[f,f,f]}", "min", low[0], low[1], low[2], "max", high[0], high[1], high[2]);
 }
 
 static json_t *points_json(const struct cloud_document *cloud, const json_t *input) {
     json_int_t counted = count_of(input, "points") + unselected(input);
     json_int_t points = cloud->points ? (json_int_t)cloud->points : counted;
+    if (!points && cloud->header_points <= INT64_MAX) points = (json_int_t)cloud->header_points;
     return points ? json_integer(points) : json_null();
 }
 
@@ -56,10 +60,10 @@ static json_t *stored_cloud_json(const struct cloud_document *cloud) {
     json_t *json =
         json_pack("{s:s, s:s, s:s, s:I, s:o, s:o, s:o, s:o, s:o, s:I, s:[{s:s, s:O}, {s:s, s:o}]}", "id", cloud->sha256,
                   "sha256", cloud->sha256, "format", cloud->format, "bytes", (json_int_t)cloud->bytes, "points",
-                  points_json(cloud, input), "properties", properties_json(cloud), "bounding_box", box_json(input),
-                  "created", time_or_null(cloud->created_ms), "expires", time_or_null(cloud->expires_ms), "jobs",
-                  (json_int_t)cloud->jobs, "links", "rel", "self", "href", href, "rel", "data", "href",
-                  json_sprintf("%s/v1/clouds/%s/data", links_base(), cloud->sha256));
+                  points_json(cloud, input), "properties", properties_json(cloud), "bounding_box",
+                  box_json(cloud, input), "created", time_or_null(cloud->created_ms), "expires",
+                  time_or_null(cloud->expires_ms), "jobs", (json_int_t)cloud->jobs, "links", "rel", "self", "href",
+                  href, "rel", "data", "href", json_sprintf("%s/v1/clouds/%s/data", links_base(), cloud->sha256));
     json_decref(href);
     json_decref(report);
     return json;

@@ -24,8 +24,10 @@ struct cloud_document {
     int64_t created_ms, expires_ms; /* expires 0 = null: with its last job */
     uint64_t jobs;                  /* that refer to it */
     const struct cloud_property *property;
-    size_t property_count; /* 0 = not known (null) */
-    const char *report;    /* of a job that has read it: points and bounding box are taken from there; NULL = none */
+    size_t property_count;  /* 0 = not known (null) */
+    const char *report;     /* of a job that has read it: points and bounding box are taken from there; NULL = none */
+    uint64_t header_points; /* that a header promises where no job has counted them; 0 = none */
+    const double *header_min, *header_max; /* the box that it tells, 3 numbers each; NULL = none */
 };
 
 /* What a job on a cloud would be: all of it known before it runs. */

@@ -1,7 +1,7 @@
 /* Clouds: upload once, describe, list, delete, give back.
  *
- * What a document says of a cloud's properties is read from the header whenever it is asked for; points that no header
- * promises, and the bounding box, are known once a job has read the cloud.
+ * What a document says of a cloud's properties is read from the header whenever it is asked for; points and a bounding
+ * box that no header tells are known once a job has read the cloud.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <stdio.h>
@@ -12,6 +12,7 @@
 #include "api/codecs/cloud_json.h"
 #include "api/links.h"
 #include "api/query.h"
+#include "core/io/formats/las_fields.h"
 #include "core/io/formats/ply_header.h"
 #include "server/base/wall_clock.h"
 #include "server/catalog/catalog.h"
@@ -21,47 +22,72 @@
 
 /* ------------------------------------------------------------------------------------------------ documents */
 
-/* The properties of a PLY cloud's points; both arrays are one allocation's, freed with header and list. */
-struct properties {
-    struct ply_header header;
+/* What the header of a PLY, LAS or LAZ file tells; `list` names what the other fields hold. */
+struct told {
+    struct ply_header ply;
+    struct las_summary las;
+    struct las_field field[LAS_FIELDS];
     struct cloud_property *list;
     size_t count;
 };
 
-static void describe_properties(struct properties *found) {
-    static const char *const types[SCALAR_TYPE_COUNT] = {"char", "uchar", "short", "ushort",
-                                                         "int",  "uint",  "float", "double"};
-    const struct ply_element *vertex = &found->header.element[found->header.vertex];
-    found->list = calloc(vertex->property_count, sizeof *found->list);
-    if (!found->list) return;
-    found->count = vertex->property_count;
-    for (size_t i = 0; i < found->count; i++) {
-        const struct property *property = &found->header.property[vertex->first + i];
-        found->list[i] = (struct cloud_property){property->name, types[property->type],
-                                                 property->is_list ? types[property->count_type] : NULL};
+static const char *const types[SCALAR_TYPE_COUNT] = {"char", "uchar", "short", "ushort",
+                                                     "int",  "uint",  "float", "double"};
+
+static void describe_ply(struct told *told) {
+    const struct ply_element *vertex = &told->ply.element[told->ply.vertex];
+    told->list = calloc(vertex->property_count, sizeof *told->list);
+    if (!told->list) return;
+    told->count = vertex->property_count;
+    for (size_t i = 0; i < told->count; i++) {
+        const struct property *property = &told->ply.property[vertex->first + i];
+        told->list[i] = (struct cloud_property){property->name, types[property->type],
+                                                property->is_list ? types[property->count_type] : NULL};
     }
 }
 
-static void read_properties(struct service *service, const struct catalog_cloud *record, struct properties *found) {
-    memset(found, 0, sizeof *found);
-    if (strncmp(record->format, "ply/", 4) != 0) return;
-    const uint64_t most = record->bytes < PLY_HEADER_MAX_BYTES ? record->bytes : PLY_HEADER_MAX_BYTES;
+/* Places and integers of 64 bits are read as double.  Extra bytes, which records behind the header describe, aren't
+ * told. */
+static void describe_las(struct told *told) {
+    size_t fields = las_format_fields(told->las.format, told->field);
+    told->list = calloc(3 + fields, sizeof *told->list);
+    if (!told->list) return;
+    told->count = 3 + fields;
+    for (size_t axis = 0; axis < 3; axis++)
+        told->list[axis] = (struct cloud_property){(const char *const[]){"x", "y", "z"}[axis], "double", NULL};
+    for (size_t i = 0; i < fields; i++) {
+        unsigned type = told->field[i].type < SCALAR_TYPE_COUNT ? told->field[i].type : SCALAR_FLOAT64;
+        told->list[3 + i] = (struct cloud_property){told->field[i].name, types[type], NULL};
+    }
+}
+
+static bool is_las(const struct catalog_cloud *record) {
+    return strcmp(record->format, "las") == 0 || strcmp(record->format, "laz") == 0;
+}
+
+static void read_header(struct service *service, const struct catalog_cloud *record, struct told *told) {
+    memset(told, 0, sizeof *told);
+    bool is_ply = strncmp(record->format, "ply/", 4) == 0;
+    if (!is_ply && !is_las(record)) return;
+    const size_t longest = is_ply ? PLY_HEADER_MAX_BYTES : LAS_HEADER_BYTES;
+    const uint64_t most = record->bytes < longest ? record->bytes : longest;
     const struct store_range range = {0, most - 1, record->bytes};
     int fd = most ? store_cloud_open_range(service->store, record->sha256, &range) : -1;
-    char *head = malloc(PLY_HEADER_MAX_BYTES);
+    char *head = malloc(longest);
     ssize_t n = fd >= 0 && head ? pread(fd, head, most, 0) : -1;
     struct error error = {0};
-    if (n > 0 && ply_header_parse(head, (size_t)n, &found->header, &error) == STATUS_OK) describe_properties(found);
+    if (n > 0 && is_ply && ply_header_parse(head, (size_t)n, &told->ply, &error) == STATUS_OK) describe_ply(told);
+    if (n > 0 && !is_ply && las_summary_of(head, (size_t)n, &told->las)) describe_las(told);
     free(head);
     if (fd >= 0) close(fd);
 }
 
-static void properties_done(struct properties *properties) {
-    free(properties->list);
-    ply_header_done(&properties->header);
+static void told_done(struct told *told) {
+    free(told->list);
+    ply_header_done(&told->ply);
 }
 
-static struct cloud_document document_of(const struct catalog_cloud *record, const struct properties *properties) {
+static struct cloud_document document_of(const struct catalog_cloud *record, const struct told *told) {
     return (struct cloud_document){.sha256 = record->sha256,
                                    .format = record->format,
                                    .bytes = record->bytes,
@@ -69,19 +95,22 @@ static struct cloud_document document_of(const struct catalog_cloud *record, con
                                    .created_ms = record->created_ms,
                                    .expires_ms = record->expires_ms,
                                    .jobs = record->jobs,
-                                   .property = properties->list,
-                                   .property_count = properties->count,
-                                   .report = record->report};
+                                   .property = told->list,
+                                   .property_count = told->count,
+                                   .report = record->report,
+                                   .header_points = told->las.points,
+                                   .header_min = told->las.has_box ? told->las.min : NULL,
+                                   .header_max = told->las.has_box ? told->las.max : NULL};
 }
 
 static void answer_cloud(struct service *service, const struct catalog_cloud *record, int status,
                          struct response *response) {
-    struct properties properties;
-    read_properties(service, record, &properties);
-    struct cloud_document document = document_of(record, &properties);
+    struct told told;
+    read_header(service, record, &told);
+    struct cloud_document document = document_of(record, &told);
     response_text(response, status, "application/json", cloud_encode(&document));
     response_header(response, "Cache-Control", "no-cache");
-    properties_done(&properties);
+    told_done(&told);
 }
 
 /* ------------------------------------------------------------------------------------------------ find */
@@ -197,10 +226,11 @@ static void get_plan(struct service *service, struct request *request, struct re
         return;
     }
     if (handlers_read_cloud(service, request, request->match.capture[0], &record, response)) {
-        struct properties properties = {.count = 0};
+        struct told told;
+        read_header(service, &record, &told);
         bool fits = handlers_foresee(service, request, &record, &job, &problem);
         struct job_cost cost = estimate_cost(&job);
-        struct plan_document document = {.cloud = document_of(&record, &properties),
+        struct plan_document document = {.cloud = document_of(&record, &told),
                                          .params = &job.params,
                                          .memory_bytes = job.memory_bytes,
                                          .memory_limit_bytes = (uint64_t)service->config->job_memory_bytes,
@@ -208,6 +238,7 @@ static void get_plan(struct service *service, struct request *request, struct re
                                          .problem = fits ? NULL : &problem};
         response_text(response, 200, "application/json", plan_encode(&document));
         response_header(response, "Cache-Control", "no-cache");
+        told_done(&told);
     }
     catalog_cloud_done(&record);
 }
@@ -272,16 +303,16 @@ static const char *const list_names[] = {"limit", "after", NULL};
 static void answer_list(struct service *service, const struct catalog_cloud *records, size_t count,
                         struct response *response) {
     struct cloud_document *documents = calloc(count + 1, sizeof *documents);
-    struct properties *properties = calloc(count + 1, sizeof *properties);
-    for (size_t i = 0; documents && properties && i < count; i++) {
-        read_properties(service, &records[i], &properties[i]);
-        documents[i] = document_of(&records[i], &properties[i]);
+    struct told *told = calloc(count + 1, sizeof *told);
+    for (size_t i = 0; documents && told && i < count; i++) {
+        read_header(service, &records[i], &told[i]);
+        documents[i] = document_of(&records[i], &told[i]);
     }
-    char *text = documents && properties ? cloud_list_encode(documents, count) : NULL;
+    char *text = documents && told ? cloud_list_encode(documents, count) : NULL;
     response_text(response, 200, "application/json", text);
     response_header(response, "Cache-Control", "no-cache");
-    for (size_t i = 0; properties && i < count; i++) properties_done(&properties[i]);
-    free(properties);
+    for (size_t i = 0; told && i < count; i++) told_done(&told[i]);
+    free(told);
     free(documents);
 }
 

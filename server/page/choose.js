@@ -46,20 +46,31 @@ const GOALS = {
     write: (value) => value * (diagonal() ?? 100), read: (number) => number / (diagonal() ?? 100),
     text: (value) => `no point farther than ${percent(value)} of the box's diagonal${diagonal() ? `, ${figure(value * diagonal())} in the file's units,` : ""} from the mesh; takes about ten times as long`,
   },
+  max_deviation: { // of a file whose box isn't known yet: a number alone
+    label: "Largest deviation, in the file's units", write: (value) => value, read: (number) => number,
+    text: (value) => (value ? `no point farther than ${figure(value)}, in the file's units, from the mesh; takes about ten times as long`
+      : "how far the result may be off: 0.005 is 5 mm where the file's units are metres"),
+  },
 };
 const round = (value) => Number(value.toPrecision(3));
 
 // Puts the slider and the number where the goal is; `writing` is the one that is just moved.
 function placeGoal(writing) {
-  const several = goal.name === "levels", { label, ends, write, unit = "" } = GOALS[goal.name] ?? GOALS.ratio, [low, high] = ends();
+  const several = goal.name === "levels", { label, ends, write, unit = "" } = GOALS[goal.name] ?? GOALS.ratio;
   find("goal-one").hidden = several;
   find("goal-several").hidden = !several;
   if (several) return;
-  const text = typeof label === "function" ? label() : label;
+  const text = typeof label === "function" ? label() : label, number = find("goal-number");
   find("goal-label").textContent = text;
+  find("goal-unit-row").hidden = !goal.name.startsWith("max_deviation") || diagonal() !== null;
+  find("goal-unit").value = goal.name;
+  find("goal-slider").hidden = find("goal-scale").hidden = !ends;
+  number.required = !ends;
+  if (writing !== "goal-number") number.value = goal.value ? Number(write(goal.value).toPrecision(4)) : "";
+  if (!ends) return;
+  const [low, high] = ends();
   find("goal-slider").setAttribute("aria-label", text);
   if (writing !== "goal-slider") find("goal-slider").value = Math.round(PLACES * Math.log(goal.value / low) / Math.log(high / low));
-  if (writing !== "goal-number") find("goal-number").value = Number(write(goal.value).toPrecision(4));
   const tick = (share) => `${figure(round(write(low * (high / low) ** share)))}${unit}`;
   find("goal-scale").replaceChildren(...[0, 1 / 3, 2 / 3, 1].map((share) => make("span", {}, tick(share))));
 }
@@ -75,10 +86,11 @@ function sayGoal() {
 }
 
 function changeGoal({ target }) {
-  if (target.name === "goal") goal = { name: target.value, value: GOALS[target.value]?.first };
-  const [low, high] = (GOALS[goal.name] ?? GOALS.ratio).ends();
+  if (target.name === "goal" || target.id === "goal-unit") goal = { name: target.value, value: GOALS[target.value]?.first };
+  const [low, high] = (GOALS[goal.name] ?? GOALS.ratio).ends?.() ?? [];
   if (target.id === "goal-slider") goal.value = round(low * (high / low) ** (target.value / PLACES));
   if (target.id === "goal-number" && target.value > 0) goal.value = GOALS[goal.name].read(Number(target.value));
+  if (target.id === "goal-number" && !target.value && goal.name === "max_deviation") goal.value = undefined;
   if (goal.name === "points" && goal.value) goal.value = Math.max(1, Math.min(high, Math.round(goal.value)));
   placeGoal(target.id);
   sayGoal();
@@ -86,7 +98,7 @@ function changeGoal({ target }) {
 
 // What differs from the defaults.
 export function chosen() {
-  const params = { [goal.name]: goal.name === "levels" ? levels() : goal.value };
+  const params = goal.name === "levels" ? { levels: levels() } : goal.value ? { [goal.name]: goal.value } : {};
   params.outputs = [...document.querySelectorAll("#choose-outputs input:checked")].map((box) => box.value);
   for (const input of document.querySelectorAll(FIELDS)) {
     const row = schema[input.name];
@@ -167,10 +179,10 @@ export async function choose(described, params = {}) {
     make("span", {}, group), make("div", { class: "checks" }, ...rows.map(([value, text]) => make("label", {},
       make("input", { type: "checkbox", value, checked: wanted.includes(value) }), ` ${text}`))))));
   if (params.max_deviation && diagonal()) params = { ...params, max_deviation_rel: params.max_deviation / diagonal() };
-  const name = ["levels", "max_deviation_rel", "ratio", "points"].find((each) => params[each]) ?? "ratio";
+  const name = ["levels", "max_deviation_rel", "max_deviation", "ratio", "points"].find((each) => params[each]) ?? "ratio";
   goal = { name, value: params[name] ?? GOALS[name]?.first };
   if (name === "levels") find("goal-levels").value = params.levels.map((each) => round(100 * each)).join(", ");
-  document.querySelector(`input[name="goal"][value="${name}"]`).checked = true;
+  document.querySelector(`input[name="goal"][value="${name.replace(/^max_deviation$/, "max_deviation_rel")}"]`).checked = true;
   placeGoal();
   for (const input of document.querySelectorAll(FIELDS)) {
     const given = params[input.name], usualValue = schema[input.name].default;

@@ -3,7 +3,9 @@
 import base64
 import gzip
 import hashlib
+import math
 import os
+import struct
 
 import pytest
 
@@ -41,6 +43,46 @@ def test_upload_describe_give_back_delete(daemon):
     assert deleted.status == 200 and deleted.json == cloud
     assert daemon.curl(path).slug == "no-such-cloud" and files(daemon) == []
     assert daemon.curl(path, "-X", "DELETE").slug == "no-such-cloud"
+
+
+def las(points, low, high, *, count=None):
+    """LAS 1.2 of format 1: places in millimetres from the origin, and a header that tells the box (low, high) and the count."""
+    head = struct.pack("<4s20xBB68xHIIBHI20x", b"LASF", 1, 2, 227, 227, 0, 1, 28, len(points) if count is None else count)
+    box = [value for pair in zip(high, low) for value in pair]
+    head += struct.pack("<12d", .001, .001, .001, 0, 0, 0, *box)
+    return head + b"".join(struct.pack("<3i16x", *point) for point in points)
+
+
+def test_the_header_of_las_tells_points_properties_and_box(daemon):
+    points = [(0, 0, 0), (4000, 0, 0), (0, 5000, 1), (0, 0, 6000)]
+    path = daemon.post("/v1/clouds", las(points, (0, 0, 0), (4, 5, 6))).headers["location"]
+    cloud = daemon.curl(path).json
+    assert cloud["points"] == 4 and cloud["bounding_box"] == {"min": [0, 0, 0], "max": [4, 5, 6]}
+    assert [p["name"] for p in cloud["properties"]][:5] == ["x", "y", "z", "intensity", "return_number"]
+    assert {"name": "gps_time", "type": "double"} in cloud["properties"]
+    assert daemon.curl("/v1/clouds").json == {"clouds": [cloud]}
+    assert daemon.curl(f"{path}/plan?ratio=0.5").json["points_out"] == [2]
+    # what a job has read is told in place of what a header says
+    path = daemon.post("/v1/clouds", las(points, (-9, 0, 0), (4, 5, 6), count=7)).headers["location"]
+    assert daemon.curl(path).json["points"] == 7 and daemon.curl(path).json["bounding_box"]["min"] == [-9, 0, 0]
+    job = daemon.ended(daemon.curl(path + "/jobs", "--json", '{"params":{"ratio":1,"outputs":["cloud"]}}').json["id"])
+    assert job["status"] == "successful", job
+    assert daemon.curl(path).json["points"] == 4 and daemon.curl(path).json["bounding_box"]["min"] == [0, 0, 0]
+
+
+@pytest.mark.parametrize("low, high", [((math.nan, 0, 0), (4, 5, 6)), ((5, 0, 0), (4, 5, 6)), ((0, 0, 0), (4, math.inf, 6))])
+def test_a_box_that_cannot_be_is_not_told(daemon, low, high):
+    cloud = daemon.post("/v1/clouds", las([(0, 0, 0), (4000, 0, 0)], low, high)).json
+    assert cloud["points"] == 2 and cloud["bounding_box"] is None
+
+
+def test_headers_of_las_that_are_cut_short_are_no_fault(daemon):
+    whole = las([(0, 0, 0), (4000, 0, 0)], (0, 0, 0), (4, 5, 6))
+    for n in (4, 25, 105, 226, 227, 250):
+        made = daemon.post("/v1/clouds", whole[:n])
+        assert made.status in (201, 422, 400), (n, made.status)
+        if made.status == 201 and n < 227:
+            assert made.json["points"] is None and made.json["bounding_box"] is None and made.json["properties"] is None
 
 
 def test_content_comes_back_whole_in_parts_and_not_twice(daemon):

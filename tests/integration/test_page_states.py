@@ -17,7 +17,7 @@ import conftest
 import test_proxy
 from test_page import BROWSER, NODE, files_of, hold, needs_browser, scan, share_of, walk
 from test_parameters import torus
-from test_preview import decode
+from test_preview import WHITTLE, decode
 
 pytestmark = needs_browser
 
@@ -102,6 +102,25 @@ def test_a_job_that_fails_says_why_and_what_to_do(daemon, tmp_path):
     letter.write_text("Dear reader,\nthis is no cloud.\n")
     title, text, advice = drive("failed", f"{daemon.url}/", tmp_path, letter)["ended"]
     assert title == "\u2068letter.txt\u2069 has failed" and "Malformed cloud" in text and "Save it again" in advice
+
+
+def test_a_deviation_in_the_units_of_the_file(daemon, tmp_path):
+    files_of(daemon)
+    seen = drive("units", f"{daemon.url}/", tmp_path, scan(tmp_path / "torus.ply"))
+    assert "percent of the box's diagonal" in seen["percent"][0] and "max_deviation_rel=" in seen["percent"][1], seen
+    assert "5 mm" in seen["empty"][0] and "/jobs/" not in seen["empty"][1] and seen["empty"][2], seen
+    job = daemon.curl(f"/v1/jobs/{seen['job'].rsplit('/', 1)[1]}").json
+    assert job["params"]["max_deviation"] == 0.02 and 0 < job["report"]["deviation"]["reached"] <= 0.02, job["report"]["deviation"]
+    assert "in the file's units" in seen["again"][0] and "0.02 in the file's units" in seen["again"][1], seen["again"] # the box is known
+
+
+def test_a_laz_is_described_before_anything_runs(daemon, tmp_path):
+    files_of(daemon)
+    scan(tmp_path / "torus.ply")
+    subprocess.run([WHITTLE, "convert", tmp_path / "torus.ply", tmp_path / "torus.laz", "-q"], check=True)
+    seen = drive("facts", f"{daemon.url}/", tmp_path, tmp_path / "torus.laz")
+    assert "x, y, z, intensity" in seen["facts"] and " × " in seen["facts"] and "counted" not in seen["facts"], seen["facts"]
+    assert seen["label"] == "Largest deviation, in the file's units"
 
 
 def test_a_job_is_cancelled(daemon, tmp_path, large):

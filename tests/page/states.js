@@ -94,6 +94,38 @@ const scenarios = {
     seen.ended = [await text("ended-title"), await text("ended-text")];
   },
 
+  // A deviation in the file's units: of a file whose box nobody knows yet a number, which has to be written.
+  async units({ page, drop, visible, judge, looked, said, text, seen }, file) {
+    await drop(file);
+    await visible("#choose-start");
+    await page.click('input[value="max_deviation_rel"]');
+    await visible("#goal-unit");
+    seen.percent = [await text("goal-label"), await page.$eval("#choose-curl", (element) => element.textContent)];
+    await page.select("#goal-unit", "max_deviation");
+    await judge("no number yet");
+    await page.click("#choose-start");
+    seen.empty = [await text("goal-text"), page.url(), await page.$$(":invalid").then((all) => all.length > 0)];
+    await page.type("#goal-number", "0.02");
+    await said("goal-text", "0.02");
+    await judge("a number");
+    await page.click("#choose-start");
+    await looked();
+    seen.job = page.url();
+    await page.click("#read-again");
+    await visible("#choose-start");
+    seen.again = [await text("goal-label"), await text("goal-text")];
+  },
+
+  // What is told of a file before anything runs.
+  async facts({ drop, visible, judge, page, text, seen }, file) {
+    await drop(file);
+    await visible("#choose-start");
+    await judge("chosen");
+    seen.facts = await text("cloud-facts");
+    await page.click('input[value="max_deviation_rel"]');
+    seen.label = await text("goal-label");
+  },
+
   // The service is killed in the middle of an upload, and comes back.
   async killed({ page, drop, visible, judge, said, seen }, file) {
     await upload_slowly({ page, drop, seen }, file);

@@ -13,6 +13,7 @@
 
 enum {
     LAS_FORMATS = 11,
+    LAS_FIELDS = 32, /* of a format, at most */
     LAS_OLD_HEADER_BYTES = 227,
     LAS_HEADER_BYTES = 375, /* of 1.4 */
     LAS_VLR_BYTES = 54,
@@ -47,8 +48,19 @@ struct cloud_las {
 /* Bytes of a point of each format, without extra bytes. */
 extern const size_t las_format_bytes[LAS_FORMATS];
 
-/* Fills field with those that points of this format have after x, y, z, and returns how many; at most 32. */
-size_t las_format_fields(unsigned format, struct las_field field[32]);
+/* What a header says of the points before any is read; of LAZ, too. */
+struct las_summary {
+    unsigned format;
+    uint64_t points; /* promised: a file that is cut short has fewer */
+    bool has_box;
+    double min[3], max[3];
+};
+
+/* false where the first n bytes are no header of a LAS file that is read. */
+bool las_summary_of(const void *bytes, size_t n, struct las_summary *summary);
+
+/* Fills field with those that points of this format have after x, y, z, and returns how many. */
+size_t las_format_fields(unsigned format, struct las_field field[LAS_FIELDS]);
 
 /* ---- las_system.c: the coordinate system that a LAS file names, in any of its compressions, before its points ---- */
 

@@ -20,6 +20,7 @@
 #include "core/io/reader.h"
 
 #include <inttypes.h>
+#include <math.h>
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -154,6 +155,13 @@ static enum status las_bad(struct reader *r, const char *where, uint64_t byte, c
 
 /* ------------------------------------------------------------------------------------------------ header */
 
+static uint64_t count_of_points(const unsigned char *bytes, size_t n) {
+    uint64_t older = load_little_endian(bytes + 107, 4);
+    if (bytes[25] < 4 || n < LAS_HEADER_BYTES) return older;
+    uint64_t newer = load_little_endian(bytes + 247, 8);
+    return newer ? newer : older;
+}
+
 static enum status check_version(struct reader *r) {
     unsigned major = r->bytes[24];
     r->minor = r->bytes[25];
@@ -209,9 +217,7 @@ static enum status las_take_header(struct reader *r) {
     r->first_point = load_little_endian(r->bytes + 96, 4);
     r->record_count = load_little_endian(r->bytes + 100, 4);
     r->record_bytes = load_little_endian(r->bytes + 105, 2);
-    r->points = load_little_endian(r->bytes + 107, 4);
-    if (r->minor >= 4 && r->n >= LAS_HEADER_BYTES && load_little_endian(r->bytes + 247, 8))
-        r->points = load_little_endian(r->bytes + 247, 8);
+    r->points = count_of_points(r->bytes, r->n);
     for (size_t axis = 0; axis < 3; axis++) {
         r->scale[axis] = load_f64(r->bytes + 131 + 8 * axis);
         r->add[axis] = load_f64(r->bytes + 155 + 8 * axis);
@@ -243,7 +249,7 @@ static enum status las_add_row(struct reader *r, const char *name, unsigned type
     return las_add_field(r, &field);
 }
 
-size_t las_format_fields(unsigned format, struct las_field field[32]) {
+size_t las_format_fields(unsigned format, struct las_field field[LAS_FIELDS]) {
     size_t wave = wave_offset[format], n = 0;
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
         if (!(rows[i].formats >> format & 1)) continue;
@@ -259,7 +265,7 @@ size_t las_format_fields(unsigned format, struct las_field field[32]) {
 }
 
 static enum status add_format_fields(struct reader *r) {
-    struct las_field fields[32];
+    struct las_field fields[LAS_FIELDS];
     size_t n = las_format_fields(r->format, fields);
     enum status status = STATUS_OK;
     for (size_t axis = 0; !status && axis < 3; axis++) {
@@ -567,6 +573,21 @@ const char *cloud_las_look(const struct first_bytes *first) {
     enum { FORMAT_BYTE = 104 };
     if (!first_begins(first, "LASF", 4)) return "";
     return first->n > FORMAT_BYTE && first->text[FORMAT_BYTE] & LAS_LAZ_BIT ? "laz" : "las";
+}
+
+bool las_summary_of(const void *bytes, size_t n, struct las_summary *summary) {
+    const unsigned char *p = bytes;
+    if (n < LAS_OLD_HEADER_BYTES || memcmp(p, "LASF", 4) != 0 || p[24] != 1) return false;
+    unsigned format = p[104] & LAS_LAZ_BIT ? p[104] & FORMAT_BITS : p[104];
+    if (format >= LAS_FORMATS) return false;
+    *summary = (struct las_summary){.format = format, .points = count_of_points(p, n), .has_box = true};
+    for (size_t axis = 0; axis < 3; axis++) {
+        double max = load_f64(p + 179 + 16 * axis), min = load_f64(p + 187 + 16 * axis);
+        summary->min[axis] = min, summary->max[axis] = max;
+        summary->has_box &= isfinite(min) && isfinite(max) && min <= max;
+    }
+    summary->has_box &= summary->points > 0;
+    return true;
 }
 
 enum status cloud_las_read(const void *bytes, size_t n, const struct cloud_limits *limits,

@@ -6,7 +6,9 @@
  * Triangles are measured to in frames of their own, which are in the room of the lists until these are filled.
  *
  * The surface may be nearer elsewhere, behind a fold.  So what ends farther off than may be expected is looked for in a
- * hierarchy of all triangles as well.
+ * hierarchy of all triangles as well.  The middles of a long triangle, one of given faces that lies across others, are
+ * many, and each would be looked for among all that lie there.  They follow each other, so the next one sets out from
+ * what the one before was found in.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/refine/refine_internal.h"
@@ -87,13 +89,33 @@ static uint32_t look_up(const struct assignment *a, size_t i, uint32_t hint) {
     return assign_nearest(a, i, hit.triangle, hit.distance_sq);
 }
 
+/* Whether what is found from a triangle nearby, which becomes *stop, is as near as may be expected. */
+INLINE bool is_found_from(const struct assignment *a, size_t i, uint32_t start, struct stop *stop) {
+    const struct sample *sample = &a->fit->samples.sample[i];
+    double trusted = TRUSTED * (double)sample->reach;
+    *stop = go_downhill(a, sample->place, start);
+    return stop->hit.distance_sq < trusted * trusted;
+}
+
 /* The nearest that is found from a triangle nearby. */
 INLINE uint32_t place_from(const struct assignment *a, size_t i, uint32_t start) {
-    const struct sample *sample = &a->fit->samples.sample[i];
-    struct stop stop = go_downhill(a, sample->place, start);
-    double trusted = TRUSTED * (double)sample->reach;
-    if (stop.hit.distance_sq < trusted * trusted) return assign_nearest(a, i, stop.triangle, stop.hit.distance_sq);
+    struct stop stop;
+    if (is_found_from(a, i, start, &stop)) return assign_nearest(a, i, stop.triangle, stop.hit.distance_sq);
     return look_up(a, i, stop.triangle);
+}
+
+/* The middles of a point, from the triangle where that is. */
+INLINE void place_middles(const struct assignment *a, uint32_t begin, uint32_t end, uint32_t near) {
+    uint32_t away = NONE; /* what the one before was looked up in */
+    struct stop stop;
+    for (uint32_t i = begin; i < end; i++) {
+        bool found = away != NONE && is_found_from(a, i, away, &stop);
+        if (!found) away = NONE, found = is_found_from(a, i, near, &stop);
+        if (found)
+            assign_nearest(a, i, stop.triangle, stop.hit.distance_sq);
+        else
+            away = look_up(a, i, stop.triangle);
+    }
 }
 
 static void assign_range(void *ctx, size_t begin, size_t end) {
@@ -103,7 +125,7 @@ static void assign_range(void *ctx, size_t begin, size_t end) {
     for (uint32_t p = (uint32_t)begin; p < end; p++) {
         uint32_t start = a->star[p] == NONE ? near : a->star[p];
         near = start == NONE ? look_up(a, p, NONE) : place_from(a, p, start);
-        for (uint32_t i = middle[p]; i < middle[p + 1]; i++) place_from(a, i, near);
+        place_middles(a, middle[p], middle[p + 1], near);
     }
 }
 

@@ -412,9 +412,11 @@ enum status fit_reassign(struct fit *fit) {
     return status == STATUS_OK ? assign_all(fit, false) : status;
 }
 
+bool fit_may_look_closer(const struct fit *fit) {
+    return fit->input->neighbours && (double)fit->input->n < FIT_CLOSE * (double)fit->mesh->triangle_count;
+}
+
 enum status fit_look_closer(struct fit *fit) {
-    bool is_close = (double)fit->input->n < FIT_CLOSE * (double)fit->mesh->triangle_count;
-    if (!fit->input->neighbours || !is_close) return STATUS_OK;
     samples_done(&fit->samples);
     enum status status = samples_init(&fit->samples, fit->input, SAMPLES_QUARTERS, fit->threads);
     forget_local_delaunay(fit);

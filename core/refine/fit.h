@@ -77,9 +77,12 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
                      const struct refine_options *options) MUST_CHECK;
 void fit_done(struct fit *fit);
 
-/* Where there are few points for each triangle, takes the middles of quarters of the triangles between the points in
- * place of their own, and looks for the nearest triangles of the mesh anew.  Lengths to go by stay what they were.
- * STATUS_NO_MEMORY: then the fit is only to be done with. */
+/* Whether there are so few points for each triangle that more samples tell more. */
+bool fit_may_look_closer(const struct fit *fit);
+
+/* Takes the middles of quarters of the triangles between the points in place of their own, and looks for the nearest
+ * triangles of the mesh anew.  Lengths to go by stay what they were.  STATUS_NO_MEMORY: then the fit is only to be done
+ * with. */
 enum status fit_look_closer(struct fit *fit) MUST_CHECK;
 
 /* Looks for the nearest triangle of each sample anew.  STATUS_NO_MEMORY: then the fit is only to be done with. */

@@ -42,8 +42,10 @@ static enum status run_schedule(struct fit *fit, enum refine_form form, const st
     enum status status = fit_flip(fit, FIRST_ROUNDS, &facts->flips);
     for (size_t i = 0; i < sweeps.all && !status; i++) {
         if (progress_tick(progress, "refine", 0.2 + 0.8 * (double)i / (double)sweeps.all)) return STATUS_CANCELLED;
-        if (i == sweeps.before_closer) status = fit_look_closer(fit);
-        if (!status && fit->borders && i > 0) status = fit_reassign(fit);
+        if (i == sweeps.before_closer && fit_may_look_closer(fit))
+            status = fit_look_closer(fit);
+        else if (fit->borders && i > 0)
+            status = fit_reassign(fit);
         fit->leaps = has_creases && i + CALM < sweeps.with_reallocations;
         if (!status) status = sweep(fit, i < sweeps.with_reallocations, facts);
     }

@@ -4,8 +4,8 @@
  * They come along a space-filling curve, so sorting them is saved: rounds of ever more points go along it, each round's
  * spread evenly over all that are left for it (a biased randomised insertion order).  Predicates are exact (EPICK),
  * constructions are not needed but for the circumcentres, which are computed here in double relative to a vertex, and
- * in rational numbers for the few flat cells where double would lose them.  Insertion is one thread's work; all threads
- * share what comes after it.
+ * exactly for the flat cells where double would lose them: few on surfaces, many where lines meet.  Insertion is one
+ * thread's work; all threads share what comes after it.
  *
  * Invariant.  The Delaunay triangulation with CGAL's symbolic perturbation is unique for a set of points, so the set of
  * cells doesn't depend on the order of insertion; `Numbering` makes the arrays unique, too: it orders the vertices in
@@ -26,6 +26,7 @@
 #include <CGAL/Delaunay_triangulation_3.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Exact_rational.h>
+#include <CGAL/Mpzf.h>
 #include <CGAL/Triangulation_cell_base_with_info_3.h>
 #include <CGAL/Triangulation_vertex_base_with_info_3.h>
 #include <CGAL/assertions_behaviour.h>
@@ -179,7 +180,40 @@ vec3 largest_facet_circumcentre(const vec3 p[4]) {
     return vec3_is_finite(centre) ? centre : p[0];
 }
 
+/* Numerators and denominator, which are exact, divided.  Without the divisions of rational numbers, which look for
+ * common divisors at each step, that takes a small part of their time.  False where either is beyond double. */
+bool divided_circumcentre(const vec3 p[4], vec3 *centre) {
+    using Number = CGAL::Mpzf;
+    Number origin[3] = {p[0].x, p[0].y, p[0].z}, edge[3][3], square[3], cross[3][3];
+    for (int i = 0; i < 3; i++) {
+        const double corner[3] = {p[i + 1].x, p[i + 1].y, p[i + 1].z};
+        for (int k = 0; k < 3; k++) edge[i][k] = Number(corner[k]) - origin[k];
+        square[i] = edge[i][0] * edge[i][0] + edge[i][1] * edge[i][1] + edge[i][2] * edge[i][2];
+    }
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 3; k++) {
+            const Number *u = edge[(i + 1) % 3], *v = edge[(i + 2) % 3];
+            int next = (k + 1) % 3, last = (k + 2) % 3;
+            cross[i][k] = u[next] * v[last] - u[last] * v[next];
+        }
+    Number volume = edge[0][0] * cross[0][0] + edge[0][1] * cross[0][1] + edge[0][2] * cross[0][2];
+    Number below = volume + volume;
+    double place[3] = {0, 0, 0}, divisor = below.to_double();
+    for (int k = 0; k < 3; k++) {
+        Number sum = square[0] * cross[0][k] + square[1] * cross[1][k] + square[2] * cross[2][k];
+        Number above = sum + below * origin[k];
+        if (CGAL::sign(above) == CGAL::ZERO) continue;
+        double dividend = above.to_double();
+        place[k] = dividend / divisor;
+        if (!std::isnormal(dividend) || !std::isnormal(place[k])) return false;
+    }
+    *centre = vec3{place[0], place[1], place[2]};
+    return std::isnormal(divisor);
+}
+
 vec3 exact_circumcentre(const vec3 p[4]) {
+    vec3 centre = {};
+    if (divided_circumcentre(p, &centre)) return centre;
     using Exact = CGAL::Simple_cartesian<CGAL::Exact_rational>;
     std::array<Exact::Point_3, 4> q;
     for (int i = 0; i < 4; i++) q[i] = Exact::Point_3(p[i].x, p[i].y, p[i].z);

@@ -26,10 +26,12 @@ SETTINGS = {  # rows: a shape, what it is held beside, and the settings of both
     "all of 14 scan lines closed": ("14 scan lines", "plain", "--ratio=1", "--surface=closed"),
     "all of 97 scan lines closed": ("97 scan lines", "plain", "--ratio=1", "--surface=closed"),
     "all of staves closed": ("staves", "plain", "--ratio=1", "--surface=closed"),
+    "all of a cone of lines closed": ("cone of lines", "plain", "--ratio=1", "--surface=closed"),
     "given faces doubled": ("faces doubled", "faces", "--surface=given"),
     "a given face in 100 doubled": ("a face in 100 doubled", "faces", "--surface=given"),
     "a given face in 10 doubled": ("a face in 10 doubled", "faces", "--surface=given"),
     "a given face in 10 across": ("one face in 10 across", "faces", "--surface=given"),
+    "a given face in 100 across": ("one face in 100 across", "faces", "--surface=given"),
     "given faces knotted": ("faces knotted", "faces", "--surface=given"),
 }
 MOST_SECONDS, MOST_BYTES = 100, 6 << 30  # of a run, so that a bad one ends

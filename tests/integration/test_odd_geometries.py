@@ -80,6 +80,16 @@ def test_all_points_of_dense_lines_take_no_longer(bench, name):
     assert memory <= 1, memory
 
 
+@pytest.mark.parametrize("name", ["a given face in 100 across", "all of a cone of lines closed"])
+def test_what_needs_exact_numbers_or_a_long_search_takes_no_longer(bench, name):
+    """14 times: each sample of a face that lies across others was looked for among all of these, in each of ten sweeps.
+    5 to 6 times: circumcentres of flat tetrahedra in rational numbers."""
+    _, ratio, memory, status, said = bench.measure_set(name)
+    assert status == 0, said
+    assert ratio <= odd_geometries.MOST_RATIO, ratio
+    assert memory <= 1, memory
+
+
 @pytest.mark.parametrize("name", ["97 scan lines", "rotating lidar", "cone of lines", "cone"])
 def test_all_points_of_lines_make_a_mesh(bench, name):
     path = bench.folder / "lines.ply"

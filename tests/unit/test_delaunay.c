@@ -161,6 +161,23 @@ static void slivers_have_finite_circumcentres(void **state) {
     free(point);
 }
 
+/* Corners (0, 0, 0), (1, 0, e), (0, 1, e), (1, 1, 4 e) have theirs at (1/2 - 3 e^2, 1/2 - 3 e^2, 7/2 e). */
+static void flat_cells_have_exact_circumcentres(void **state) {
+    (void)state;
+    static const int scales[] = {0, 100, -60, -100, -300};
+    for (size_t i = 0; i < sizeof scales / sizeof *scales; i++) {
+        double e = 0x1p-40, s = ldexp(1, scales[i]);
+        const vec3 point[] = {{0, 0, 0}, {s, 0, s * e}, {0, s, s * e}, {s, s, 4 * s * e}};
+        struct tets tets = build(point, 4);
+        assert_int_equal(tets.finite_count, 1);
+        vec3 centre = vec3_scale(tets.circumcentre[0], 1 / s);
+        assert_true(fabs(centre.x - (0.5 - 3 * e * e)) < 1e-15);
+        assert_true(fabs(centre.y - (0.5 - 3 * e * e)) < 1e-15);
+        assert_true(fabs(centre.z / e - 3.5) < 1e-14);
+        tets_done(&tets);
+    }
+}
+
 static void coplanar_points_give_triangles_that_turn_the_same_way(void **state) {
     (void)state;
     vec3 *point = grid(1, 6, 5);
@@ -390,6 +407,7 @@ int main(void) {
         cmocka_unit_test(no_point_is_inside_a_circumsphere),
         cmocka_unit_test(a_cospherical_grid_fills_its_box),
         cmocka_unit_test(slivers_have_finite_circumcentres),
+        cmocka_unit_test(flat_cells_have_exact_circumcentres),
         cmocka_unit_test(coplanar_points_give_triangles_that_turn_the_same_way),
         cmocka_unit_test(fewer_dimensions_give_nothing),
         cmocka_unit_test(the_order_of_points_does_not_matter),

@@ -7,7 +7,7 @@ deb_packages := build-essential debhelper dpkg-dev bash-completion dh-python pyt
                 $(if $(shell command -v npm),,nodejs npm)
 deploy_packages := $(deb_packages) lintian mmdebstrap buildah umoci runc podman netavark iptables aardvark-dns catatonit \
                    docker-compose systemd systemd-container nginx-light openssl prometheus sqlite3 \
-                   yamllint python3-yaml python3-kubernetes procps \
+                   yamllint python3-yaml python3-kubernetes procps slurm-wlm munge \
                    $(if $(shell command -v kubectl),,kubernetes-client)
 
 # ---------------------------------------------------------------------------------------------------- installing
@@ -75,7 +75,7 @@ sbom: all ## what the programs are linked with, as SPDX, in build/whittle.spdx.j
 	@echo build/whittle.spdx.json
 
 .PHONY: test-deploy
-test-deploy: deps ## image, package, fresh machine, proxy, Kubernetes, monitoring: each made and run (root; 15 minutes)
+test-deploy: deps ## image, package, fresh machine, proxy, Kubernetes, monitoring, Slurm: each made and run (root; 15 minutes)
 	@deploy/deps.sh $(deploy_packages)
 	@$(MAKE) --no-print-directory -j$$(nproc) all
 	@WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -v -s -rs --durations=0 -p no:cacheprovider \

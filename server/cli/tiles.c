@@ -36,7 +36,7 @@
 #include "server/cli/output.h"
 #include "server/shared/worker_protocol.h"
 
-enum { FIRST_BYTES = 64 * 1024, FOLDER_BYTES = 4000 };
+enum { FIRST_BYTES = INFLATE_HEAD_BYTES, FOLDER_BYTES = 4000 };
 static const double PLAN_SHARE = 0.3, RUN_SHARE = 0.85, END_SHARE = 0.9; /* of the whole, at whose end each is */
 
 /* ------------------------------------------------------------------------------------------------ by themselves */
@@ -78,10 +78,14 @@ static bool look_at_inputs(const struct command_inputs *inputs, struct memory_jo
     return true;
 }
 
+/* As a file, or as PCD has it within: neither is read part by part before there is a folder. */
 static bool is_compressed(int input) {
-    unsigned char first[4];
+    unsigned char first[4096];
     enum inflate_kind kind;
-    return pread(input, first, sizeof first, 0) == (ssize_t)sizeof first && inflate_sniff(first, sizeof first, &kind);
+    ssize_t n = pread(input, first, sizeof first, 0);
+    if (n <= 0) return false;
+    return inflate_sniff(first, (size_t)n, &kind) ||
+           strcmp(cloud_sniff(first, (size_t)n).form, "pcd/binary_compressed") == 0;
 }
 
 /* Whether the files are what their headers say, as far as that can be seen before its points are read; what is

@@ -2,6 +2,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/handlers/handlers.h"
+#include "core/io/codec/inflate.h"
 #include "server/handlers/keys.h"
 
 #include <stdio.h>
@@ -16,7 +17,7 @@
 #include "server/webhooks/http_client.h"
 
 enum {
-    HEAD_BYTES = 64 * 1024, /* of a cloud, for what it says of its size */
+    HEAD_BYTES = INFLATE_HEAD_BYTES, /* of a cloud, for what it says of its size */
     PAGE_DEFAULT = 50,
     PAGE_MAX = 500
 };

@@ -32,6 +32,7 @@
 #include "core/base/clock.h"
 #include "core/base/fault.h"
 #include "core/base/process_memory.h"
+#include "core/io/codec/inflate.h"
 #include "server/base/digest.h"
 #include "server/base/log.h"
 #include "server/base/wall_clock.h"
@@ -52,7 +53,7 @@ enum {
     SHARED_PATIENCE_MS = 5000, /* where another host may have what this one lacks */
     REPORT_MAX_BYTES = 1 << 20,
     FOOTPRINT_EVERY_MS = 500,
-    HEAD_BYTES = 64 * 1024 /* of a cloud, for what it says of its size */
+    HEAD_BYTES = INFLATE_HEAD_BYTES /* of a cloud, for what it says of its size */
 };
 
 struct run {
@@ -107,7 +108,8 @@ static void limit_memory(const struct job *job, uint64_t threads, int64_t most_b
     limits->memory_bytes = less(addresses, most_bytes);
 }
 
-/* What is made in tiles may take all of a task's memory; the input is mapped beside. */
+/* What is made in tiles may take all of a task's memory; the input is mapped beside, and what it becomes where it is
+ * compressed: a file. */
 static void limit_task_memory(const struct job *job, uint64_t threads, int64_t most_bytes,
                               struct confine_limits *limits) {
     const int64_t mebibyte = 1 << 20, count = (int64_t)threads, predicted = (int64_t)job->memory_bytes;
@@ -115,6 +117,7 @@ static void limit_task_memory(const struct job *job, uint64_t threads, int64_t m
     if (most_bytes >= CONFINE_ADDRESSABLE) return;
     limits->data_bytes = predicted + 32 * mebibyte + count * (CONFINE_STACK_BYTES + 4 * mebibyte);
     limits->memory_bytes = limits->data_bytes + (count + 1) * 72 * mebibyte + (int64_t)job->input_bytes;
+    if (!task_is_tile(job)) limits->memory_bytes += limits->file_bytes;
 }
 
 /* The cloud, where it is read: a tile's points are its own. */

@@ -116,7 +116,7 @@ static bool read_job(const struct beginning *beginning, struct memory_job *job, 
     return true;
 }
 
-/* Whether the job can be done in tiles, each within the limit: what is read part by part, for that matter. */
+/* Whether the job can be done in tiles, each within the limit: what is read part by part, compressed or not. */
 static bool fits_in_tiles(const struct admission *admission, const struct beginning *beginning,
                           const struct memory_job *job) {
     struct params params = admission->params;
@@ -124,7 +124,7 @@ static bool fits_in_tiles(const struct admission *admission, const struct beginn
     enum cloud_kind kind = cloud_sniff(beginning->bytes, beginning->n).kind;
     bool in_parts = cloud_kind_has_parts(kind);
     params.memory_bytes = admission->max_memory_bytes;
-    return in_parts && !beginning->inflated && tiles_can(&params, &ignored) == STATUS_OK &&
+    return in_parts && tiles_can(&params, &ignored) == STATUS_OK &&
            fit_kept(&params, job->points, job->record_bytes, fit_room(&params), &ignored) == STATUS_OK;
 }
 
@@ -138,7 +138,7 @@ static bool check(const struct admission *admission, const struct beginning *beg
     if (points > admission->max_points && !guessed) return refuse_points(admission, points, problem);
     if (!admission->has_params) return true;
     uint64_t bytes = memory_predict(&job, &admission->params);
-    admitted->in_tiles = bytes > most && !guessed && fits_in_tiles(admission, beginning, &job);
+    admitted->in_tiles = bytes > most && fits_in_tiles(admission, beginning, &job);
     bool fits = bytes <= most || guessed || admitted->in_tiles;
     admitted->memory_bytes = fits && bytes > most ? most : bytes;
     return fits || refuse_memory(admission, &job, bytes, problem);

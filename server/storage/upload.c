@@ -14,6 +14,7 @@
 
 #include "core/base/alloc.h"
 #include "core/base/fault.h"
+#include "core/io/codec/inflate.h"
 #include "core/io/formats/ply_header.h"
 #include "core/io/sniff.h"
 #include "server/base/digest.h"
@@ -30,7 +31,7 @@ struct upload {
     struct admission admission;
     struct upload_facts facts;
     size_t head_bytes;
-    unsigned char head[PLY_HEADER_MAX_BYTES]; /* the first bytes */
+    unsigned char head[INFLATE_HEAD_BYTES]; /* the first bytes */
 };
 
 void upload_too_large(uint64_t max_bytes, uint64_t bytes, struct problem *problem) {

@@ -1,17 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Jobs that don't fit into the memory of a process are made in tiles: the same bytes as the command's, whoever dies."""
 import array
+import contextlib
+import gzip
 import hashlib
 import math
 import os
 import random
 import re
+import shutil
 import signal
+import struct
 import subprocess
+import time
 
 import pytest
 
-from conftest import BUILD, HOSTS, SANITIZED, process_lives, wait_until
+from conftest import BUILD, HOSTS, SANITIZED, process_lives, read_of, wait_until
 from test_hosts import content, make_server, make_shared, names  # noqa: F401 (fixtures)
 
 # Of 160 MiB a process has room for about 250 000 points, and in one piece these take more.
@@ -96,6 +101,46 @@ def test_what_tiles_make_beside_plain_clouds(make_daemon, cloud, tmp_path, flags
     assert ended["status"] == "successful" and ended["tiles"]["of"] > 2, (ended, daemon.log_text()[-3000:])
     assert ended["resources"]["peak_rss_bytes"] < 160 << 20
     assert daemon.curl(f"/v1/jobs/{ended['id']}/outputs/{name}").body == (tmp_path / name).read_bytes()
+
+
+@pytest.mark.parametrize("form", ["ply.zst", "xyz.gz", "pcd"])
+def test_what_is_compressed_is_made_in_tiles_too(make_daemon, cloud, tmp_path, form):
+    """Each of them beyond memory once it is decompressed, which a task does onto its disk."""
+    path = tmp_path / f"bumps.{form.partition('.')[0]}"
+    subprocess.run([BUILD / "whittle", "convert", cloud, path, "--pcd-precision", "double"], capture_output=True, check=True)
+    if form == "pcd":
+        path.write_bytes(in_columns(path.read_bytes()))
+    elif form.endswith("gz"):
+        path.write_bytes(gzip.compress(path.read_bytes(), 1))
+    elif shutil.which("zstd"):
+        subprocess.run(["zstd", "-q", "--rm", "-1", path, "-o", f"{path}.zst"], check=True)
+        path = path.with_name(f"{path.name}.zst")
+    else:
+        pytest.skip("zstd isn't installed")
+    done = subprocess.run([BUILD / "whittle", path, tmp_path / "out.ply", "--ratio", "0.02", "--memory", LIMIT,
+                           "--threads", "1", "-f"], capture_output=True, text=True, check=True)
+    assert "tiles in" in done.stderr
+    daemon = limited(make_daemon)
+    job = daemon.submit(path.read_bytes(), QUERY)
+    ended = daemon.ended(job)
+    assert ended["problem"] is None, ended["problem"]
+    assert ended["status"] == "successful" and ended["tiles"]["of"] > 2, (ended, daemon.log_text()[-3000:])
+    assert ended["resources"]["peak_rss_bytes"] < (160 << 20) + len(path.read_bytes()) + 40 * POINTS
+    assert content(daemon, job) == (tmp_path / "out.ply").read_bytes()
+    torn = daemon.ended(daemon.submit(path.read_bytes()[:-2000], QUERY))
+    assert torn["status"] == "failed" and torn["problem"]["type"].endswith("malformed-cloud"), torn
+
+
+def in_columns(pcd):
+    """A binary PCD as binary_compressed: column after column, here as LZF has what it can't make shorter."""
+    head, body = pcd.split(b"DATA binary\n")
+    sizes = [int(size) for size in re.search(rb"SIZE (.*)", head)[1].split()]
+    starts, each = [sum(sizes[:i]) for i in range(len(sizes))], sum(sizes)
+    columns = b"".join(b"".join(body[i + start:i + start + size] for i in range(0, len(body), each))
+                       for start, size in zip(starts, sizes))
+    runs = (columns[i:i + 32] for i in range(0, len(columns), 32))
+    packed = b"".join(bytes([len(run) - 1]) + run for run in runs)
+    return head + b"DATA binary_compressed\n" + struct.pack("<II", len(packed), len(columns)) + packed
 
 
 def test_progress_never_goes_back(make_daemon, cloud):
@@ -235,3 +280,52 @@ def test_hosts_share_the_tasks(make_daemon, shared, cloud, expected):
     if any(str(flag).startswith("file:") for flag in shared):
         folder = next(str(flag) for flag in shared if str(flag).startswith("file:"))[5:]
         wait_until(lambda: not os.path.exists(f"{folder}/jobs/{job}/tiles"), "the removal of tiles")
+
+
+def tasks_that_run(hosts, job):
+    """Pairs of a task, as its process was told it, and the process."""
+    found = []
+    for host in hosts:
+        for pid in re.findall(rf"job={job} accepted -> running attempt=\d+ pid=(\d+)", host.log_text()):
+            words = read_of(int(pid), "cmdline").split() if process_lives(int(pid)) else []
+            if "work" in words:
+                found.append((words[words.index("work") + 1], int(pid)))
+    return found
+
+
+def test_three_hosts_and_twenty_kills(make_daemon, shared, cloud, tmp_path):
+    """Hosts and processes of tasks die by kill -9 at random moments, and the bytes are those of the command, which is
+    one process on one thread.  A process is killed once for each task, since one that dies three times has failed."""
+    seed = int(os.environ.get("SEED", random.randrange(1 << 30)))
+    print(f"SEED={seed}")
+    when, data = random.Random(seed), cloud.read_bytes()
+    front = limited(make_daemon, *shared, "--roles", "http")
+    hosts = [limited(make_daemon, *shared) for _ in range(3)]
+    kills, jobs = {"host": 0, "task": 0}, 0
+    while sum(kills.values()) < 20:
+        points = 12000 - 100 * jobs
+        job, struck = front.submit(data, f"?points={points}&outputs=cloud"), set()
+        jobs += 1
+        while sum(kills.values()) < 20 and front.job(job)["status"] in ("accepted", "running"):
+            time.sleep(when.uniform(0, 0.4))
+            fresh = [(task, pid) for task, pid in tasks_that_run(hosts, job) if task not in struck]
+            if fresh and when.random() < 0.5:
+                task, pid = when.choice(fresh)
+                struck.add(task)
+                with contextlib.suppress(ProcessLookupError):  # it may have ended just now
+                    os.kill(pid, signal.SIGKILL)
+                    kills["task"] += 1
+            elif when.random() < 0.5:
+                host = when.choice(hosts)
+                host.kill()
+                host.start()
+                kills["host"] += 1
+        ended = front.ended(job)
+        assert ended["status"] == "successful", (ended, [host.log_text()[-3000:] for host in hosts])
+        assert ended["tiles"]["done"] == ended["tiles"]["of"] > 2
+        subprocess.run([BUILD / "whittle", cloud, tmp_path / "out.ply", "--points", str(points), "--memory", LIMIT,
+                        "--threads", "1", "-f"], capture_output=True, check=True)
+        assert content(front, job) == (tmp_path / "out.ply").read_bytes()
+    print(f"{kills} in {jobs} jobs")
+    assert kills["host"] and kills["task"]
+    assert all(f"job={job}" in host.log_text() for host in hosts)  # all three have had a part in the last one

@@ -16,7 +16,7 @@
 #include "core/base/alloc.h"
 #include "core/io/codec/inflate_codec.h"
 
-enum { BUFFER_BYTES = 64 * 1024, DEFAULT_RATIO = 250 };
+enum { BUFFER_BYTES = 64 * 1024, DEFAULT_RATIO = 250, MADE_MOST_BYTES = 4 << 20 };
 #define RATIO_FROM_BYTES (UINT64_C(16) << 20)
 #define DEFAULT_BYTES (UINT64_C(64) << 30)
 #define DEFAULT_WINDOW_BYTES (UINT64_C(128) << 20)
@@ -158,7 +158,7 @@ void inflate_free(struct inflate *inflate) {
 
 struct beginning {
     unsigned char *to;
-    size_t n, room;
+    size_t n, room, made; /* made: with what there was no room for, so that the guess knows whole blocks */
 };
 
 static enum status collect(void *ctx, const void *bytes, size_t n) {
@@ -166,7 +166,8 @@ static enum status collect(void *ctx, const void *bytes, size_t n) {
     size_t room = beginning->room - beginning->n, taken = n < room ? n : room;
     memcpy(beginning->to + beginning->n, bytes, taken);
     beginning->n += taken;
-    return beginning->n < beginning->room ? STATUS_OK : STATUS_CANCELLED;
+    beginning->made += n;
+    return beginning->made < beginning->room + MADE_MOST_BYTES ? STATUS_OK : STATUS_CANCELLED;
 }
 
 size_t inflate_beginning(enum inflate_kind kind, const void *packed, size_t n, unsigned char *to, size_t room,
@@ -177,12 +178,12 @@ size_t inflate_beginning(enum inflate_kind kind, const void *packed, size_t n, u
     struct error error;
     size_t taken = 0;
     enum status status = inflate_new(kind, NULL, (struct inflate_out){collect, &beginning}, &inflate, &error);
-    while (status == STATUS_OK && taken < n) {
+    while (status == STATUS_OK && taken < n && beginning.n < room) {
         size_t piece = n - taken < SMALL_PIECE ? n - taken : SMALL_PIECE;
         status = inflate_push(inflate, (const char *)packed + taken, piece, &error);
         taken += piece;
     }
     inflate_free(inflate);
-    if (*total != UINT64_MAX && taken) *total = (uint64_t)((double)*total / (double)taken * (double)beginning.n);
+    if (*total != UINT64_MAX && taken) *total = (uint64_t)((double)*total / (double)taken * (double)beginning.made);
     return beginning.n;
 }

@@ -40,6 +40,10 @@ struct inflate;
 /* Whether the n first bytes of a file begin such a stream (4 are enough to tell). */
 bool inflate_sniff(const void *first, size_t n, enum inflate_kind *kind);
 
+/* So many packed bytes have the beginning of what they become: zstd gives nothing of a block before its end, and a
+ * block has up to 128 KiB. */
+enum { INFLATE_HEAD_BYTES = 192 * 1024 };
+
 /* Decompresses as much of a stream that begins with these n bytes as there is room for; what is broken ends it.  *total
  * (UINT64_MAX: not known) is how long the whole stream is, and becomes how long it may become, guessed by this part.
  * Returns how many bytes `to` has, 0 where there is no memory. */

@@ -176,6 +176,16 @@ static enum status check_version(struct reader *r) {
     return STATUS_OK;
 }
 
+/* So many points are there; fewer than are promised are told. */
+static enum status las_note_cut(struct reader *r, uint64_t there) {
+    char note[NOTE_BYTES];
+    if (there == r->points) return STATUS_OK;
+    snprintf(note, sizeof note, "the last %" PRIu64 " of %" PRIu64 " points: the file is cut short", r->points - there,
+             r->points);
+    r->points = there;
+    return cloud_build_leave_out(&r->build, note);
+}
+
 /* Of LAS: whether all points are there, and what else is. */
 static enum status las_check_end(struct reader *r) {
     uint64_t there = (r->n - r->first_point) / r->record_bytes, promised = r->points;
@@ -185,11 +195,8 @@ static enum status las_check_end(struct reader *r) {
                                "%" PRIu64 " points of %" PRIu64 " bytes from byte %" PRIu64
                                " are promised, but the file ends at byte %zu",
                                promised, r->record_bytes, r->first_point, r->n);
-    if (promised > there) {
-        snprintf(note, sizeof note, "the last %" PRIu64 " of %" PRIu64 " points: the file is cut short",
-                 promised - there, promised);
-        r->points = there;
-    } else if (r->minor < 3 && promised && there > promised) { /* newer ones may have records and waveforms there */
+    if (promised > there) return las_note_cut(r, there);
+    if (r->minor < 3 && promised && there > promised) { /* newer ones may have records and waveforms there */
         snprintf(note, sizeof note,
                  "%" PRIu64 " bytes behind the last of the %" PRIu64 " points that the header counts",
                  r->n - r->first_point - promised * r->record_bytes, promised);
@@ -506,6 +513,9 @@ static enum status make_pieces(struct reader *r, struct pieces *pieces) {
     if (!r->is_laz) return STATUS_OK;
     enum status status =
         laz_chunks_read(r->bytes, r->n, r->first_point, r->points, &r->layout, &pieces->chunks, r->build.error);
+    if (!status && pieces->chunks.searched)
+        status = cloud_build_leave_out(&r->build, "the table of chunks, which isn't whole: they were found without it");
+    if (!status) status = las_note_cut(r, pieces->chunks.point[pieces->chunks.count]);
     if (status) return status;
     pieces->count = pieces->chunks.count;
     pieces->codec_count = r->threads < pieces->count ? r->threads : pieces->count;

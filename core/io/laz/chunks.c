@@ -1,7 +1,8 @@
 /* The table of chunks, and a chunk's points.
  *
  * The table is where the 8 bytes before the first chunk say; a writer that could not go back put -1 there, and the
- * place at the file's end.  Its numbers are coded as differences from the entry before.
+ * place at the file's end.  Its numbers are coded as differences from the entry before.  Where there is no table, since
+ * the file was cut short or its writer ended too early, chunks are found by reading them.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <inttypes.h>
@@ -12,6 +13,16 @@
 #include "core/io/laz/items.h"
 
 enum { PLACE_BYTES = 8, TABLE_HEAD_BYTES = 8, COUNT_BYTES = 4 };
+
+struct laz_codec {
+    struct laz_layout layout;
+    struct laz_pointwise *pointwise; /* one of the two is there; owned */
+    struct laz_layered *layered;
+    struct laz_coder coder; /* pointwise: of the chunk */
+    const unsigned char *first;
+    bool is_first;
+    unsigned char record[LAZ_RECORD_MOST];
+};
 
 /* ------------------------------------------------------------------------------------------------ the table */
 
@@ -101,38 +112,116 @@ static enum status check_points(uint64_t points, size_t n, uint64_t begin, struc
                         points, n - begin);
 }
 
-enum status laz_chunks_read(const unsigned char *bytes, size_t n, uint64_t begin, uint64_t points,
-                            const struct laz_layout *layout, struct laz_chunks *chunks, struct error *error) {
-    struct laz_chunks made = {0};
+/* *is_cut: the file ends before the table does, so far as can be told. */
+static enum status read_table(const unsigned char *bytes, size_t n, uint64_t begin, uint64_t points,
+                              const struct laz_layout *layout, struct laz_chunks *chunks, bool *is_cut,
+                              struct error *error) {
     struct table table = {0};
-    uint64_t at = 0, count = 0;
-    enum status status = check_points(points, n, begin, error);
-    if (!status && layout->compressor == LAZ_POINTWISE) {
-        status = one_chunk(n, begin, points, &made, error);
-        goto out;
-    }
-    if (!status) status = find_table(bytes, n, begin, &at, error);
-    if (!status) {
-        count = laz_load32(bytes + at + 4);
-        uint64_t wanted = points / layout->chunk_points + (points % layout->chunk_points > 0);
-        if (laz_load32(bytes + at) != 0)
-            status = bad_table(error, at, "the version of the table of chunks isn't known", laz_load32(bytes + at));
-        else if (layout->chunk_points != UINT32_MAX && count < wanted)
-            status = bad_table(error, at + 4, "there are fewer chunks than the points take", count);
-        else if (layout->chunk_points != UINT32_MAX)
-            count = wanted;
-        else if (count > (at - begin) / layout->record_bytes + 1)
-            status = bad_table(error, at + 4, "there are more chunks than the bytes can hold", count);
-    }
-    if (!status) status = make_chunks((size_t)count, begin + PLACE_BYTES, &made, error);
+    uint64_t at = 0, count = 0, wanted = points / layout->chunk_points + (points % layout->chunk_points > 0);
+    enum status status = find_table(bytes, n, begin, &at, error);
+    *is_cut = status && (at > n - TABLE_HEAD_BYTES || laz_load64(bytes + begin) == UINT64_MAX);
+    if (status) return status;
+    count = laz_load32(bytes + at + 4);
+    if (laz_load32(bytes + at) != 0)
+        status = bad_table(error, at, "the version of the table of chunks isn't known", laz_load32(bytes + at));
+    else if (layout->chunk_points != UINT32_MAX && count < wanted)
+        status = bad_table(error, at + 4, "there are fewer chunks than the points take", count);
+    else if (layout->chunk_points != UINT32_MAX)
+        count = wanted;
+    else if (count > (at - begin) / layout->record_bytes + 1)
+        status = bad_table(error, at + 4, "there are more chunks than the bytes can hold", count);
+    if (!status) status = make_chunks((size_t)count, begin + PLACE_BYTES, chunks, error);
     if (!status && begin_table(&table))
         status = error_set(error, STATUS_NO_MEMORY, "chunks", "no memory for the table of chunks");
     if (!status && count > 0) {
         table.coder = laz_coder_read(bytes + at + TABLE_HEAD_BYTES, n - (size_t)at - TABLE_HEAD_BYTES);
-        status = read_entries(&table, at, points, at, layout, &made, error);
+        status = read_entries(&table, at, points, at, layout, chunks, error);
+        *is_cut = status && table.coder.missing;
     }
-out:
     free(table.data);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ without a table */
+
+/* A chunk at these n bytes, of at most so many points: how many it has, and how long it is; 0: none that is whole. */
+static uint64_t measure_layered(const struct laz_layout *layout, const unsigned char *bytes, size_t n, size_t *length) {
+    size_t layers = laz_layers(layout), sizes = layout->record_bytes + COUNT_BYTES, at = sizes + 4 * layers;
+    if (n < at) return 0;
+    for (size_t i = 0; i < layers; i++) {
+        size_t size = laz_load32(bytes + sizes + 4 * i);
+        if (size > n - at) return 0;
+        at += size;
+    }
+    *length = at;
+    return laz_load32(bytes + layout->record_bytes);
+}
+
+/* The same of a pointwise one, whose end is where the code of its points ends. */
+static uint64_t measure_pointwise(struct laz_codec *codec, const unsigned char *bytes, size_t n, uint64_t points,
+                                  size_t *length) {
+    if (laz_read_begin(codec, bytes, n, points)) return 0;
+    for (uint64_t i = 0; i < points; i++)
+        if (!laz_read_point(codec)) return 0;
+    if (codec->coder.missing || codec->coder.broken) return 0;
+    *length = (size_t)(codec->coder.at - bytes);
+    return points;
+}
+
+static enum status append_chunk(struct laz_chunks *chunks, uint64_t points, size_t length) {
+    size_t count = chunks->count, room = count + 2;
+    if ((count & (count + 1)) == 0) { /* 0, 1, 3, 7 ... are full */
+        uint64_t *point = alloc_resize(chunks->point, 2 * room, sizeof *point);
+        if (point) chunks->point = point;
+        uint64_t *byte = point ? alloc_resize(chunks->byte, 2 * room, sizeof *byte) : NULL;
+        if (!byte) return STATUS_NO_MEMORY;
+        chunks->byte = byte;
+    }
+    chunks->point[count + 1] = chunks->point[count] + points;
+    chunks->byte[count + 1] = chunks->byte[count] + length;
+    chunks->count++;
+    return STATUS_OK;
+}
+
+/* All chunks that are whole, from the first on, by reading them.  Where each has a number of points of its own, which
+ * the table alone knows of pointwise ones, there are none. */
+static enum status search_chunks(const unsigned char *bytes, size_t n, uint64_t begin, uint64_t points,
+                                 const struct laz_layout *layout, struct laz_chunks *chunks, struct error *error) {
+    struct laz_codec *codec = laz_codec_new(layout);
+    enum status status = make_chunks(0, begin + PLACE_BYTES, chunks, error);
+    if (!status && !codec) status = error_set(error, STATUS_NO_MEMORY, "chunks", "no memory to decompress with");
+    bool is_layered = layout->compressor == LAZ_LAYERED, known = is_layered || layout->chunk_points != UINT32_MAX;
+    while (!status && known && chunks->point[chunks->count] < points) {
+        uint64_t at = chunks->byte[chunks->count], left = points - chunks->point[chunks->count];
+        uint64_t most = left < layout->chunk_points ? left : layout->chunk_points;
+        size_t length = 0;
+        uint64_t found = is_layered ? measure_layered(layout, bytes + at, n - (size_t)at, &length)
+                                    : measure_pointwise(codec, bytes + at, n - (size_t)at, most, &length);
+        if (found == 0 || found > most) break;
+        if (append_chunk(chunks, found, length))
+            status = error_set(error, STATUS_NO_MEMORY, "chunks", "no memory for a table of %zu chunks", chunks->count);
+    }
+    laz_codec_free(codec);
+    return status;
+}
+
+enum status laz_chunks_read(const unsigned char *bytes, size_t n, uint64_t begin, uint64_t points,
+                            const struct laz_layout *layout, struct laz_chunks *chunks, struct error *error) {
+    struct laz_chunks made = {0};
+    bool is_cut = false;
+    enum status status = check_points(points, n, begin, error);
+    if (!status && layout->compressor == LAZ_POINTWISE)
+        status = one_chunk(n, begin, points, &made, error);
+    else if (!status)
+        status = read_table(bytes, n, begin, points, layout, &made, &is_cut, error);
+    if (status == STATUS_MALFORMED && n - begin > PLACE_BYTES && layout->compressor != LAZ_POINTWISE) {
+        struct error of_search;
+        laz_chunks_free(&made);
+        enum status searched = search_chunks(bytes, n, begin, points, layout, &made, &of_search);
+        uint64_t found = searched ? 0 : made.point[made.count];
+        made.searched = true;
+        if (found == points || (is_cut && found > 0)) status = STATUS_OK;
+    }
     if (status)
         laz_chunks_free(&made);
     else
@@ -165,16 +254,6 @@ void laz_chunks_write(struct laz_bytes *out, const uint64_t *points, const uint6
 }
 
 /* ------------------------------------------------------------------------------------------------ a chunk */
-
-struct laz_codec {
-    struct laz_layout layout;
-    struct laz_pointwise *pointwise; /* one of the two is there; owned */
-    struct laz_layered *layered;
-    struct laz_coder coder; /* pointwise: of the chunk */
-    const unsigned char *first;
-    bool is_first;
-    unsigned char record[LAZ_RECORD_MOST];
-};
 
 struct laz_codec *laz_codec_new(const struct laz_layout *layout) {
     struct laz_codec *codec = alloc_zeroed(1, sizeof *codec);

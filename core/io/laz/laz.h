@@ -61,10 +61,12 @@ size_t laz_layout_store(const struct laz_layout *layout, unsigned char record[LA
 struct laz_chunks {
     size_t count;
     uint64_t *point, *byte; /* count + 1; owned */
+    bool searched;          /* there was no table that could be read */
 };
 
-/* Reads the table of the chunks of so many points, which begin at byte `begin` of the n, with where the table is.
- * STATUS_MALFORMED (error says where and what), STATUS_NO_MEMORY. */
+/* Reads the table of the chunks of so many points, which begin at byte `begin` of the n, with where the table is. Where
+ * the file was cut short there are as many points as its whole chunks have, at least one.  STATUS_MALFORMED (error says
+ * where and what), STATUS_NO_MEMORY. */
 enum status laz_chunks_read(const unsigned char *bytes, size_t n, uint64_t begin, uint64_t points,
                             const struct laz_layout *layout, struct laz_chunks *chunks, struct error *error) MUST_CHECK;
 void laz_chunks_free(struct laz_chunks *chunks);

@@ -315,3 +315,74 @@ def test_what_a_crash_leaves_is_a_whole_batch_or_none(hooked, receive, point, ma
     assert len(daemon.curl("/v1/jobs").json["jobs"]) == before + 3 * made
     assert len(daemon.curl("/v1/batches").json["batches"]) == 1 + made
     assert daemon.stop() == 0 and daemon.check()[0] == 0
+
+
+# ------------------------------------------------------------------------------------------------ crashes of DELETE
+
+def delete_and_fall(daemon, batch):
+    """DELETE of the batch by a service that may end within; its status, None where it ended before it answered."""
+    with socket.create_connection(("127.0.0.1", daemon.port), timeout=PATIENCE_S) as client:
+        client.sendall(b"DELETE /v1/batches/%s HTTP/1.1\r\nHost: localhost\r\n\r\n" % batch["id"].encode())
+        try:
+            head = client.recv(64)
+        except ConnectionResetError:
+            head = b""
+    return int(head.split()[1]) if head else None
+
+
+@pytest.mark.parametrize("point", ["delete-committed=kill:1", "delete-committed=kill:2", "delete-committed=kill:3",
+                                   "remove-rename=kill:1", "removed=kill:2", "commit=kill:2", "commit=kill:3",
+                                   "commit=kill:4"])  # the first commit is that of the start
+def test_a_deletion_that_a_crash_cuts_short_is_gone_on_with(make_daemon, point):
+    daemon = make_daemon()
+    clouds = clouds_of(daemon, 3)
+    batch = ended(daemon, create(daemon, clouds))
+    other = ended(daemon, create(daemon, clouds[:1]))  # of the same bytes, and not deleted
+    assert daemon.stop() == 0
+    daemon.start("--fault", point)
+    assert delete_and_fall(daemon, batch) is None
+    daemon.process.wait(PATIENCE_S)
+    daemon.start()
+    left = read(daemon, batch)
+    if left.status == 200:  # what is left is whole, and the next DELETE ends it
+        assert left.json["counts"]["deleted"] + len(left.json["jobs"]) == 3
+        for job in left.json["jobs"]:
+            assert daemon.curl(job["href"] + "/outputs/cloud.ply").status == 200
+        assert daemon.curl(f"/v1/batches/{batch['id']}", "-X", "DELETE").status == 200
+    assert read(daemon, batch).slug == "no-such-batch"
+    assert {daemon.curl(job["href"]).status for job in batch["jobs"]} == {410}
+    assert daemon.curl(other["jobs"][0]["href"] + "/outputs/cloud.ply").status == 200
+    assert daemon.stop() == 0 and daemon.check()[0] == 0
+    assert sorted(path.name for path in (daemon.data / "jobs").rglob("*.ply")) == ["cloud.ply"]
+
+
+def start_and_fall(daemon, batch, fault):
+    """DELETE of the batch by a service that this fault ends, be it that it ends at its start already."""
+    try:
+        daemon.start("--fault", fault)
+        delete_and_fall(daemon, batch)
+    except (AssertionError, ConnectionRefusedError):
+        pass
+    if daemon.process.poll() is None:
+        daemon.kill()
+    daemon.process.wait(PATIENCE_S)
+
+
+@pytest.mark.parametrize("commit", range(1, 9))
+def test_a_dismissal_that_a_crash_cuts_short_loses_no_job_and_no_webhook(hooked, receive, gated, commit):
+    receiver = receive(200)
+    gate, flags = gated
+    gate.touch()
+    daemon = hooked(*flags)
+    batch = create(daemon, clouds_of(daemon, 4), webhook=receiver.url)
+    daemon.wait_for(batch["jobs"][0]["id"], "running")
+    daemon.kill()
+    start_and_fall(daemon, batch, f"commit=kill:{commit}")
+    daemon.start()
+    jobs = {job["id"]: job["status"] for job in read(daemon, batch).json["jobs"]}
+    assert len(jobs) == 4 and set(jobs.values()) <= {"accepted", "running", "dismissed"}
+    assert daemon.curl(f"/v1/batches/{batch['id']}", "-X", "DELETE").status == 200
+    if "dismissed" not in jobs.values() or len(set(jobs.values())) > 1:
+        assert read(daemon, batch).json["status"] == "dismissed"
+    wait_until(lambda: receiver.taken, "the webhook")
+    assert json.loads(receiver.taken[0][1])["data"]["counts"]["dismissed"] == 4

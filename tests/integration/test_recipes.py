@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """deploy/recipes: each is run where its program is installed."""
+import json
 import os
 import pathlib
 import re
 import shutil
+import struct
 import subprocess
 import sys
 
@@ -91,6 +93,18 @@ def test_cloudcompare_measures_what_whittle_says(scan, tmp_path):
     report = run(WHITTLE, scan, "--ratio", "0.2", "--outputs", "mesh,report", "-o", tmp_path / "out", "--json")
     told = float(re.search(r'"input_to_mesh":\s*{[^}]*"max":\s*([0-9.e+-]+)', report).group(1))
     assert max(distances) == pytest.approx(told, rel=0.02)
+
+
+@needs("meshlabserver")
+def test_meshlab_measures_what_whittle_says(scan, tmp_path):
+    run(RECIPES / "meshlab.sh", scan, tmp_path / "distances.ply", "--ratio", "0.2")
+    head, data = (tmp_path / "distances.ply").read_bytes().split(b"end_header\n", 1)
+    assert re.findall(rb"(?:element|property) (?:float )?(\w+ 2000|\w+)\n", head) == [b"vertex 2000", b"x", b"y", b"z", b"quality"]
+    distances = [distance for *_, distance in struct.iter_unpack("<4f", data[:2000 * 16])]
+    report = run(WHITTLE, scan, "--ratio", "0.2", "--outputs", "mesh,report", "-o", tmp_path / "out", "--json")
+    told = json.loads(report)["error"]["input_to_mesh"]
+    assert max(distances) == pytest.approx(told["max"], rel=1e-3)
+    assert sum(distances) / 2000 == pytest.approx(told["mean"], rel=1e-3)
 
 
 @needs("pcl_pcd2ply")

@@ -129,8 +129,8 @@ static void make_splat(const struct dots *dots, size_t i, double reach_sq) {
     colour_of(scene->cloud, &dots->colours, id, s->colour);
 }
 
-/* The farthest of the neighbours that there are. */
-static double point_radius(const double *distance_sq) {
+/* How far off the farthest of the neighbours is that there are, squared. */
+static double point_reach_sq(const double *distance_sq) {
     for (int k = NEIGHBOURS; k-- > 1;)
         if (isfinite(distance_sq[k])) return distance_sq[k];
     return INFINITY;
@@ -146,7 +146,7 @@ static void make_splats(void *ctx, size_t begin, size_t end) {
         size_t n = end - at < CHUNK ? end - at : CHUNK;
         bool known = !knn_search(dots->knn, &dots->point[at], n, NEIGHBOURS, 1, nearest, distance_sq);
         for (size_t i = 0; i < n; i++)
-            make_splat(dots, at + i, known ? point_radius(&distance_sq[i * NEIGHBOURS]) : INFINITY);
+            make_splat(dots, at + i, known ? point_reach_sq(&distance_sq[i * NEIGHBOURS]) : INFINITY);
     }
 }
 

@@ -9,8 +9,8 @@
 #include "core/base/status.h"
 #include "core/math/vec3.h"
 
-/* Which axis of the file points upwards.  AUTO: z of what is flat, as terrain is; else y or
- * z, whichever has the wider footing: feet and plinths span much of the box, a nose or a tail little. */
+/* Which axis of the file points upwards.  AUTO: z of what is flat, as terrain is; else y or z, whichever has the wider
+ * footing: feet and plinths span much of the box, a nose or a tail little. */
 enum view_up { VIEW_UP_AUTO, VIEW_UP_X, VIEW_UP_Y, VIEW_UP_Z };
 
 /* right, up and towards (the viewer) are orthogonal unit vectors.  Pixels: x to the right, y downwards, from the

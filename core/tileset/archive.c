@@ -25,7 +25,6 @@ enum {
     EXTRA64 = 1,
     EXTRA64_BYTES = 8,
     END64_BYTES = 44,
-
 };
 
 static void archive_put(struct archive *archive, uint64_t value, size_t bytes) {

@@ -11,7 +11,7 @@
 #include "core/base/alloc.h"
 #include "core/base/radix.h"
 
-enum { GROUP = 8, DEEPEST = 32, BATCH = 1 << 16, TRIED = 1 << 9 };
+enum { GROUP = 8, DEPTHS = OCTREE_DEEPEST + 1, BATCH = 1 << 16, TRIED = 1 << 9 };
 /* What bounds are rounded by, of sums of a few roots. */
 static const double SLACK = 1 + 1e-12;
 
@@ -34,7 +34,7 @@ struct measuring {
     double *distance_sq;
     vec3 *query;
     uint64_t *item, *spare;
-    struct knn *above[DEEPEST]; /* of the nodes from the top to the present one */
+    struct knn *above[DEPTHS]; /* of the nodes from the top to the present one */
 };
 
 static size_t groups_of(const struct octree_node *node) { return (node->own + GROUP - 1) / GROUP; }
@@ -130,7 +130,7 @@ static enum status find_largest(struct measuring *m, unsigned depth, size_t from
 static enum status measure_node(struct measuring *m, size_t t) {
     struct octree_node *node = &m->tree->node[t];
     struct knn **own = &m->above[node->depth];
-    for (unsigned d = node->depth; d < DEEPEST; d++) {
+    for (unsigned d = node->depth; d < DEPTHS; d++) {
         knn_free(m->above[d]);
         m->above[d] = NULL;
     }
@@ -159,7 +159,7 @@ enum status node_errors(struct octree *tree, struct node_chain *chain, unsigned 
     enum status status = make_groups(&m);
     if (!status && chain) status = measure_above(&m, chain);
     for (size_t t = 0; t < tree->count && !status; t++) status = measure_node(&m, t);
-    for (unsigned d = above; d < DEEPEST; d++) knn_free(m.above[d]);
+    for (unsigned d = above; d < DEPTHS; d++) knn_free(m.above[d]);
     free(m.group), free(m.middle), free(m.near), free(m.item), free(m.spare);
     free(m.from), free(m.id), free(m.distance_sq), free(m.query);
     return status;

@@ -48,20 +48,19 @@ static struct octree_node *add_node(struct growing *g) {
     return added;
 }
 
-/* Divides the ranks of a cube: to the front come those that are the node's own, then those of each part; sizes[PARTS]
- * is how many are the node's own. */
+/* Divides the ranks of a cube: to the front come those that are the node's own, which are the first ones and those of
+ * parts that have few, then those of each part.  sizes: of each part, and of the node's own. */
 static void divide(const struct growing *g, const struct octree_cube *cube, uint32_t *rank, size_t n, bool whole,
                    size_t sizes[PARTS + 1]) {
-    size_t own = whole || n < OCTREE_TILE_POINTS ? n : OCTREE_TILE_POINTS, at[PARTS + 1], kept;
+    size_t kept = whole || n < OCTREE_TILE_POINTS ? n : OCTREE_TILE_POINTS, own = kept, at[PARTS + 1];
     memset(sizes, 0, (PARTS + 1) * sizeof *sizes);
-    for (size_t i = own; i < n; i++) sizes[octree_part_of(cube, g->point[rank[i]])]++;
+    for (size_t i = kept; i < n; i++) sizes[octree_part_of(cube, g->point[rank[i]])]++;
     bool is_own[PARTS];
     for (unsigned p = 0; p < PARTS; p++) {
         is_own[p] = sizes[p] < OCTREE_LEAST_POINTS;
         if (is_own[p]) own += sizes[p], sizes[p] = 0;
     }
     sizes[PARTS] = own;
-    kept = n < OCTREE_TILE_POINTS || whole ? n : OCTREE_TILE_POINTS;
     at[PARTS] = kept;
     at[0] = own;
     for (unsigned p = 1; p < PARTS; p++) at[p] = at[p - 1] + sizes[p - 1];

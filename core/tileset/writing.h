@@ -35,7 +35,7 @@ struct writing {
     struct mesh_attributes attributes;
     struct mesh all; /* its sources are the tree's points */
     struct sink glb[WRITING_ABREAST];
-    size_t first; /* of the tiles that are made beside each other */
+    size_t first; /* of the present tree's tiles that are made beside each other now, by these statuses */
     enum status made[WRITING_ABREAST];
 };
 

@@ -1,7 +1,7 @@
 /* One run of one job.
  *
  *     start: folder for outputs, log, fork + exec
- *     watch: progress, the end, a wish to end it, its time limit, its standing still -- whichever comes first
+ *     watch: progress, the end, a command to end it, its time limit, its standing still -- whichever comes first
  *     judge: what the exit status, the signal and its last message mean for the job
  *     settle: keep or drop outputs, one transition in the catalog
  *
@@ -175,14 +175,14 @@ static enum status start(struct run *run, struct error *error) {
 /* Shows the supervisor that this thread goes on. */
 static void show(const struct run *run) { atomic_store(&run->control->seen_ms, clock_ms()); }
 
-/* Makes the bell ring no more; what it rang for stands in the wish. */
+/* Makes the bell ring no more; what it rang for stands in the command. */
 static void hush(const struct run *run) {
     uint64_t rings;
     ssize_t got = read(run->control->wake_fd, &rings, sizeof rings);
     (void)got;
 }
 
-/* Waits, or until somebody wishes something.  The bell may still ring for the job before. */
+/* Waits, at most until somebody commands something.  The bell may still ring for the job before. */
 static void wait_for_command(const struct run *run, int wait_ms) {
     struct pollfd bell = {.fd = run->control->wake_fd, .events = POLLIN};
     if (poll(&bell, 1, wait_ms) > 0) hush(run);

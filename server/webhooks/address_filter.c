@@ -64,7 +64,7 @@ static bool is_inside_ipv6(const struct in6_addr *address) {
     return false;
 }
 
-bool inside_is(const struct sockaddr *address) {
+bool address_is_inside(const struct sockaddr *address) {
     struct sockaddr_in ipv4;
     struct sockaddr_in6 ipv6;
     if (address->sa_family == AF_INET) {
@@ -76,7 +76,7 @@ bool inside_is(const struct sockaddr *address) {
     return is_inside_ipv6(&ipv6.sin6_addr);
 }
 
-bool inside_is_listed(const struct sockaddr *address, const char *list) {
+bool address_is_listed(const struct sockaddr *address, const char *list) {
     char text[INET6_ADDRSTRLEN] = "";
     struct sockaddr_in ipv4;
     struct sockaddr_in6 ipv6;

@@ -10,9 +10,9 @@
 
 /* Whether an address is none of the public internet.  What is neither IPv4 nor IPv6 is inside.
  * Source: IANA IPv4 and IPv6 Special-Purpose Address Registries (RFC 6890). */
-bool inside_is(const struct sockaddr *address);
+bool address_is_inside(const struct sockaddr *address);
 
 /* Whether the address is in the list: numeric addresses, separated by commas. */
-bool inside_is_listed(const struct sockaddr *address, const char *list);
+bool address_is_listed(const struct sockaddr *address, const char *list);
 
 #endif

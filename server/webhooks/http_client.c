@@ -37,7 +37,7 @@ void http_client_close(void) { curl_global_cleanup(); }
 static curl_socket_t open_socket(void *ctx, curlsocktype purpose, struct curl_sockaddr *address) {
     struct attempt *attempt = ctx;
     (void)purpose;
-    if (inside_is(&address->addr) && !inside_is_listed(&address->addr, attempt->post->allow)) {
+    if (address_is_inside(&address->addr) && !address_is_listed(&address->addr, attempt->post->allow)) {
         attempt->refused = true;
         return CURL_SOCKET_BAD;
     }

@@ -21,7 +21,7 @@ struct http_client_post {
     const char *url, *body;
     size_t body_bytes;
     const char *header[HTTP_CLIENT_MAX_HEADERS]; /* "Name: value"; NULL ends them */
-    const char *allow;                           /* inside addresses that are allowed all the same (inside_is_listed) */
+    const char *allow; /* inside addresses that are allowed all the same (address_is_listed) */
     long timeout_ms;
     const _Atomic bool *stop; /* it is given up as soon as this is true */
 };

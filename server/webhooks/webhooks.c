@@ -228,8 +228,7 @@ struct choice {
     unsigned load; /* of its principal */
 };
 
-/* Whether the row is better than what was found so far; for catalog_each_webhook_due, so it returns whether to go on.
- */
+/* Whether the row is better than what was found so far; for catalog_each_webhook_due: returns whether to go on. */
 static bool consider(void *ctx, const struct catalog_webhook *row) {
     struct choice *choice = ctx;
     struct webhooks *webhooks = choice->webhooks;

@@ -1,6 +1,6 @@
 /* Webhooks: a POST to where a client said, when its job or all jobs of its batch have ended.
  *
- * The wish is kept with the job in the database's outbox, in the same transactions that add and end the job, so neither
+ * Where to is kept with the job in the database's outbox, in the same transactions that add and end the job, so neither
  * a crash nor a restart loses a delivery: it is made at least once, and webhook-id tells a second one.  What is sent is
  * {"type": "job.ended" or "batch.ended", "timestamp": ..., "data": the job or the batch}, with the headers of Standard
  * Webhooks (webhook-id, webhook-timestamp, webhook-signature: v1 and HMAC-SHA256).  Where it isn't answered 2xx it is

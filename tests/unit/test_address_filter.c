@@ -28,7 +28,7 @@ static struct sockaddr_storage address_of(const char *text) {
 static void expect(const char *const *texts, bool inside) {
     for (; *texts; texts++) {
         struct sockaddr_storage address = address_of(*texts);
-        if (inside_is((const struct sockaddr *)&address) != inside) fail_msg("%s", *texts);
+        if (address_is_inside((const struct sockaddr *)&address) != inside) fail_msg("%s", *texts);
     }
 }
 
@@ -43,7 +43,7 @@ static void special_blocks_are_inside(void **state) {
         "2001:db8::1", "2002:7f00:1::",  "3fff::1",         "3fff:fff:ffff::", "4000::1",         NULL};
     (void)state;
     expect(texts, true);
-    assert_true(inside_is(&(struct sockaddr){.sa_family = AF_UNIX}));
+    assert_true(address_is_inside(&(struct sockaddr){.sa_family = AF_UNIX}));
 }
 
 static void the_internet_is_not(void **state) {
@@ -60,12 +60,12 @@ static void the_internet_is_not(void **state) {
 static void a_list_names_addresses_and_not_their_beginnings(void **state) {
     struct sockaddr_storage one = address_of("127.0.0.1"), other = address_of("127.0.0.10"), six = address_of("::1");
     (void)state;
-    assert_true(inside_is_listed((const struct sockaddr *)&one, "10.0.0.1, 127.0.0.1"));
-    assert_true(inside_is_listed((const struct sockaddr *)&six, "127.0.0.1,::1"));
-    assert_false(inside_is_listed((const struct sockaddr *)&other, "127.0.0.1"));
-    assert_false(inside_is_listed((const struct sockaddr *)&one, "127.0.0.10"));
-    assert_false(inside_is_listed((const struct sockaddr *)&one, ""));
-    assert_false(inside_is_listed(&(struct sockaddr){.sa_family = AF_UNIX}, ",,"));
+    assert_true(address_is_listed((const struct sockaddr *)&one, "10.0.0.1, 127.0.0.1"));
+    assert_true(address_is_listed((const struct sockaddr *)&six, "127.0.0.1,::1"));
+    assert_false(address_is_listed((const struct sockaddr *)&other, "127.0.0.1"));
+    assert_false(address_is_listed((const struct sockaddr *)&one, "127.0.0.10"));
+    assert_false(address_is_listed((const struct sockaddr *)&one, ""));
+    assert_false(address_is_listed(&(struct sockaddr){.sa_family = AF_UNIX}, ",,"));
 }
 
 int main(void) {

@@ -15,6 +15,7 @@
 #include <strings.h>
 
 #include "core/surface/reconstruct.h"
+#include "core/text/number.h"
 
 enum { VALUE_BYTES = 256, NUMBER_BYTES = 40, MAX_NAME = 64 };
 
@@ -339,7 +340,7 @@ static bool is_plain_number(const char *text) { return text[0] && text[strspn(te
 static bool set_number(void *member, const struct param *param, const char *text) {
     char *end;
     if (!is_plain_number(text)) return false;
-    double value = strtod(text, &end);
+    double value = number_read(text, &end);
     if (end == text || *end || !in_range(param, value)) return false;
     *(double *)member = value;
     return true;
@@ -589,14 +590,16 @@ static void format_flags(uint32_t bits, const struct param *param, char *text, s
 
 /* The fewest digits that read back as the same number. */
 static void format_number(double value, char *text, size_t text_bytes) {
+    char number[NUMBER_TEXT_BYTES] = "";
     if (isnan(value)) {
         text[0] = 0;
         return;
     }
     for (int digits = 6; digits <= 17; digits++) {
-        snprintf(text, text_bytes, "%.*g", digits, value);
-        if (strtod(text, NULL) == value) return;
+        number_print(number, digits, value);
+        if (number_read(number, NULL) == value) break;
     }
+    snprintf(text, text_bytes, "%s", number);
 }
 
 static void format_list(const double *value, uint32_t count, char *text, size_t text_bytes) {

@@ -17,7 +17,7 @@
  *    stack.  Outputs are untouched on failure.
  *  - Nothing is global: handles may be used in any threads, one handle in one thread at a time, except that a cloud and
  *    options may be read by several calls of whittle_simplify at once.  The library never prints, exits, changes the
- *    locale or reads the environment.
+ *    locale or reads the environment; numbers in values of options and in files have a point, whatever the locale.
  *  - Indices are uint32_t; positions are double, in the units of the input; triangles are counter-clockwise seen from
  *    outside.
  *  - Results are the same to the bit for any number of threads.

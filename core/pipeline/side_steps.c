@@ -12,6 +12,7 @@
 #include "core/pipeline/pipeline_run.h"
 #include "core/pipeline/sides.h"
 #include "core/simplify/normal_sides.h"
+#include "core/text/number.h"
 
 /* ------------------------------------------------------------------------------------------------ normals */
 
@@ -51,7 +52,7 @@ static bool find_pcd_view(const struct run *run, vec3 *view) {
     char *text = NULL;
     if (at) at += sizeof mark - 1;
     for (int k = 0; k < 3; k++) {
-        if (at) given[k] = strtod(at, &text), at = text;
+        if (at) given[k] = number_read(at, &text), at = text;
         double away = fmax(run->report.box_min[k] - given[k], given[k] - run->report.box_max[k]);
         if (away > 0) away_sq += away * away;
     }

@@ -5,8 +5,9 @@
 
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
+
+#include "core/text/number.h"
 
 static const char operator_letters[] = "=!<>";
 
@@ -45,7 +46,7 @@ static bool take_number(const char **at, double *number) {
     if (n == 0 || n >= sizeof text) return false;
     memcpy(text, *at, n);
     text[n] = 0;
-    *number = strtod(text, &end);
+    *number = number_read(text, &end);
     *at += n;
     return !*end && isfinite(*number);
 }

@@ -339,6 +339,20 @@ static size_t library_format(char text[NUMBER_TEXT_BYTES], double value, int dig
     return (size_t)n;
 }
 
+void number_print(char text[NUMBER_TEXT_BYTES], int digits, double value) {
+    locale_t c = newlocale(LC_ALL_MASK, "C", (locale_t)0), before = uselocale(c);
+    snprintf(text, NUMBER_TEXT_BYTES, "%.*g", digits, value);
+    uselocale(before);
+    if (c) freelocale(c);
+}
+
+double number_read(const char *text, char **end) {
+    locale_t c = newlocale(LC_ALL_MASK, "C", (locale_t)0);
+    double value = strtod_l(text, end, c);
+    if (c) freelocale(c);
+    return value;
+}
+
 static size_t format(char text[NUMBER_TEXT_BYTES], double value, bool is_float) {
     double magnitude = fabs(value);
     size_t sign = signbit(value) ? 1 : 0;

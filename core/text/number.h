@@ -24,6 +24,11 @@ size_t number_format_f32(char text[NUMBER_TEXT_BYTES], float value);
 /* The same for whole numbers. */
 size_t number_format_int(char text[NUMBER_TEXT_BYTES], long long value);
 
+/* What strtod reads, and what snprintf writes for "%.*g", in the C locale whatever the program's is: for parameters and
+ * attributes, of which there are few. */
+double number_read(const char *text, char **end);
+void number_print(char text[NUMBER_TEXT_BYTES], int digits, double value);
+
 /* Copies the word at text (up to a blank or end) to quote for an error message: unprintable bytes become '?', long
  * words are cut and end in "...".  Returns quote. */
 const char *number_quote(const char *text, const char *end, char quote[NUMBER_QUOTE_BYTES]);

@@ -3,8 +3,9 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/text/weight_list.h"
 
-#include <stdlib.h>
 #include <string.h>
+
+#include "core/text/number.h"
 
 static const double MOST = 100;
 
@@ -21,7 +22,7 @@ bool weight_list_next(const char **at, struct weight_entry *entry) {
     if (digits == 0 || digits >= sizeof number || (text[digits] && text[digits] != ',')) return false;
     memcpy(number, text, digits);
     number[digits] = 0;
-    entry->weight = strtod(number, &end);
+    entry->weight = number_read(number, &end);
     if (*end || !(entry->weight > 0) || entry->weight > MOST || (text[digits] && !text[digits + 1])) return false;
     *at = text + digits + (text[digits] == ',');
     return true;

@@ -40,7 +40,7 @@ ROOMS = {
     "core/measure": {"core/base", "core/math", "core/cloud", "core/mesh", "core/spatial"},
     "core/pipeline": {"core/base", "core/math", "core/cloud", "core/mesh", "core/io", "core/io/formats", "core/io/laz",
                       "core/spatial", "core/clean", "core/simplify", "core/surface", "core/surface/cocone",
-                      "core/surface/given", "core/surface/sheet", "core/refine", "core/measure", "core/picture"},
+                      "core/surface/given", "core/surface/sheet", "core/refine", "core/measure", "core/picture", "core/text"},
     "core/tiles": {"core/base", "core/math", "core/cloud", "core/io", "core/io/formats", "core/io/out", "core/spatial",
                    "core/clean", "core/simplify", "core/measure", "core/pipeline"},
     "core/tileset": {"core/base", "core/math", "core/cloud", "core/mesh", "core/io/codec", "core/io/formats", "core/io/out",
@@ -107,6 +107,7 @@ TALKS = "(?:v|f|vf|d|vd)?printf|f?puts|f?putc|putchar|fwrite|perror|psignal|v?sy
 LEAVES = "exit|_exit|_Exit|quick_exit|abort"
 LOOKS = "getenv|secure_getenv|setenv|putenv|unsetenv"
 DIFFERS = "hypot[fl]?"  # in the last bit, between processors: core/math/exact.h
+LISTENS = "strto(?:d|f|ld)|setlocale"  # to the program's locale: core/text/number.h
 
 
 def calls(names):
@@ -117,7 +118,7 @@ BANNED = calls("sprintf|vsprintf|strcpy|stpcpy|strncpy|strcat|gets|strtok|atoi|a
 SCANS = calls("[fv]?scanf|vfscanf|v?sscanf")
 # Who scans lines that the operator or the kernel writes, never a client.
 MAY_SCAN = {"server/daemon/fault_point.c", "server/jobs/metrics.c"}
-CORE_NEVER = calls("|".join((ALLOCATES, TALKS, LEAVES, LOOKS, DIFFERS)))
+CORE_NEVER = calls("|".join((ALLOCATES, TALKS, LEAVES, LOOKS, DIFFERS, LISTENS)))
 # The same as symbols, so that no macro or pointer hides it.
 CORE_NEVER_LINKS = re.compile(rf"(?:__)?({ALLOCATES}|{TALKS}|{LEAVES}|{LOOKS}|stdout|stderr|environ)(?:_chk)?")
 # File -> what it may call all the same: the one seam of allocation; FLANN's pools, and what its headers bring along; what

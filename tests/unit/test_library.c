@@ -3,15 +3,21 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/whittle.h"
 
+#include <locale.h>
 #include <setjmp.h>
+#include <spawn.h>
 #include <stdarg.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <cmocka.h>
 
 #include "tests/unit/faults.h"
+#include "tests/unit/folder.h"
 #include "tests/unit/shapes.h"
 
 enum { POINTS = 3000 };
@@ -329,6 +335,59 @@ static void test_each_allocation_may_fail(void **state) {
     assert_true(borne <= 3); /* position, record and property keep the room that giving back would have saved */
 }
 
+/* A program in German, whose numbers have commas. */
+static bool speak_german(const char *folder) {
+    char name[128];
+    int status;
+    pid_t child;
+    snprintf(name, sizeof name, "%s/de_DE.UTF-8", folder);
+    char *command[] = {(char *)"localedef", (char *)"--no-archive", (char *)"-i", (char *)"de_DE",
+                       (char *)"-f",        (char *)"UTF-8",        name,         NULL};
+    if (posix_spawnp(&child, command[0], NULL, NULL, command, environ) != 0 || waitpid(child, &status, 0) != child)
+        return false;
+    return status == 0 && setenv("LOCPATH", folder, 1) == 0 && setlocale(LC_ALL, "de_DE.UTF-8");
+}
+
+static void the_program_s_locale_changes_nothing(void **state) {
+    (void)state;
+    static const char *const given[][2] = {
+        {"ratio", "0.25"}, {"where", "z>-1.5,x<0.75"}, {"crop", "-1.5,-2,-2.5,2,2,2.5"}};
+    char folder[64], text[16];
+    struct whittle_cloud *cloud = sphere(), *read = NULL;
+    folder_make_in_memory(folder, sizeof folder);
+    bool is_german = speak_german(folder);
+    folder_remove(folder); /* it is loaded */
+    if (!is_german) {
+        whittle_cloud_free(cloud);
+        print_message("skipped: localedef has no de_DE here\n");
+        skip();
+    }
+    assert_int_equal(snprintf(text, sizeof text, "%.1f", 0.5), 3);
+    assert_string_equal(text, "0,5"); /* so it is German */
+    struct whittle_options *options = whittle_options_new();
+    for (size_t i = 0; i < sizeof given / sizeof *given; i++)
+        assert_int_equal(whittle_options_set(options, given[i][0], given[i][1], NULL), WHITTLE_OK);
+    assert_int_equal(whittle_options_set(options, "ratio", "0,25", NULL), WHITTLE_BAD_PARAMETER);
+    struct whittle_options *others = whittle_options_new(); /* for what a sphere has not */
+    assert_int_equal(whittle_options_set(others, "weights", "rgb:0.5", NULL), WHITTLE_OK);
+    whittle_options_free(others);
+    static const char pcd[] = "VERSION .7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 2\nHEIGHT 1\n"
+                              "VIEWPOINT 0.5 -1.25 2 1 0 0 0\nPOINTS 2\nDATA ascii\n0.5 1.5 2.5\n-1e-1 2 3\n";
+    assert_int_equal(whittle_cloud_read_memory(pcd, sizeof pcd - 1, NULL, NULL, &read, NULL), WHITTLE_OK);
+    assert_true(whittle_cloud_positions(read)[0] == 0.5 && whittle_cloud_positions(read)[3] == -0.1);
+    struct whittle_result *german = NULL, *plain = NULL;
+    assert_int_equal(whittle_simplify(cloud, options, NULL, &german, NULL), WHITTLE_OK);
+    setlocale(LC_ALL, "C");
+    assert_int_equal(whittle_simplify(cloud, options, NULL, &plain, NULL), WHITTLE_OK);
+    size_t n, m;
+    const uint32_t *ids = whittle_result_kept(german, 0, &n), *same = whittle_result_kept(plain, 0, &m);
+    assert_int_equal(n, m);
+    assert_memory_equal(ids, same, n * sizeof *ids);
+    whittle_result_free(german), whittle_result_free(plain);
+    whittle_options_free(options);
+    whittle_cloud_free(read), whittle_cloud_free(cloud);
+}
+
 static void test_nothing_is_freed_twice_or_needed(void **state) {
     (void)state;
     whittle_cloud_free(NULL);
@@ -350,6 +409,7 @@ int main(void) {
         cmocka_unit_test(test_files_are_told_by_their_content),
         cmocka_unit_test(test_columns_of_a_text_have_the_names_that_the_caller_says),
         cmocka_unit_test(test_each_allocation_may_fail),
+        cmocka_unit_test(the_program_s_locale_changes_nothing),
         cmocka_unit_test(test_nothing_is_freed_twice_or_needed),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -17,6 +17,7 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
+#include "core/text/number.h"
 
 enum {
     DEEPEST = 64,
@@ -69,7 +70,7 @@ static bool read_whole(const char *text, int64_t *value) {
 static bool read_number(const char *text, double *value) {
     char *end;
     if (!text[0] || text[strspn(text, "+-.0123456789eE \t\r\n")]) return false;
-    *value = strtod(text, &end);
+    *value = number_read(text, &end);
     return end != text && isfinite(*value);
 }
 

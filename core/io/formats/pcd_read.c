@@ -35,6 +35,7 @@
 #include "core/io/parts.h"
 #include "core/io/temporary.h"
 #include "core/io/text_scanner.h"
+#include "core/text/number.h"
 
 enum { LZF_MOST = 265 /* no byte of LZF becomes more than this */, LENGTHS_BYTES = 8 };
 
@@ -384,13 +385,18 @@ static enum status keep_comments(struct reader *r) {
 }
 
 static enum status keep_viewpoint(struct reader *r) {
-    char text[256];
+    static const char name[] = "viewpoint";
+    char text[sizeof name + (size_t)7 * NUMBER_TEXT_BYTES], *end = text + sizeof name - 1;
     double v[7];
+    memcpy(text, name, sizeof name);
     memcpy(v, r->header.viewpoint, sizeof v);
     bool plain = v[0] == 0 && v[1] == 0 && v[2] == 0 && v[3] == 1 && v[4] == 0 && v[5] == 0 && v[6] == 0;
     for (int axis = 0; axis < 3; axis++) v[axis] += r->header.origin[axis];
-    snprintf(text, sizeof text, "viewpoint %.17g %.17g %.17g %.17g %.17g %.17g %.17g", v[0], v[1], v[2], v[3], v[4],
-             v[5], v[6]);
+    for (int k = 0; k < 7; k++) {
+        *end++ = ' ';
+        number_print(end, 17, v[k]);
+        end += strlen(end);
+    }
     return plain ? STATUS_OK : cloud_build_comment(&r->build, text, strlen(text));
 }
 

@@ -70,7 +70,11 @@ const ADVICE = {
   "no-such-job": "It was deleted, it has expired, or it belongs to another token.", "job-gone": "Its files are no more; drop the scan again.",
 };
 
-export const adviceOn = (problem) => ADVICE[problem?.type?.split("/").pop()] ?? "";
+// Whether it is about the columns of a text, which can be named.
+export const isOfColumns = (problem) => /parameter columns/.test(problem?.detail);
+
+export const adviceOn = (problem) => (isOfColumns(problem) ? "Say what its columns are: Other parameters leads there."
+  : ADVICE[problem?.type?.split("/").pop()] ?? "");
 
 // path begins with /v1; links of documents have the base path already and are given as they are.
 export async function ask(path, { headers = {}, ...options } = {}) {

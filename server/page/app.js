@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The page's parts, one after the other: drop, choose, follow, look, read; and the jobs to come back to.
-import { adviceOn, ask, askJson, base, events, sendJson, setToken, token, Unreachable } from "./api.js";
+import { adviceOn, ask, askJson, base, events, isOfColumns, sendJson, setToken, token, Unreachable } from "./api.js";
 import { choose, chosen } from "./choose.js";
 import { listJobs } from "./jobs.js";
 import { read } from "./read.js";
@@ -222,7 +222,10 @@ async function remove(which) {
   await home();
 }
 
-const again = (which) => openCloud(which.input.sha256, which.label, which.params);
+async function again(which) {
+  await openCloud(which.input.sha256, which.label, which.params);
+  if (isOfColumns(which.problem)) find("param-columns").focus();
+}
 const actions = { open: (id) => trying(() => openJob(id)), again: (which) => trying(() => again(which)), remove: (which) => trying(() => remove(which)) };
 
 // Opens what the address says; from a service that is away, when it is back.

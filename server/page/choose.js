@@ -15,6 +15,7 @@ const FIRST = { // what isn't folded away, and what its values mean
   placement: ["The mesh's vertices are", { auto: "what suits the file", subset: "points of the file", optimal: "moved for the least error" }],
   surface: ["The points are of", { auto: "what they look like", closed: "a solid, all around", open: "a room, or one side", heightfield: "terrain, from above", given: "the file's own faces" }],
 };
+const COLUMNS = ["What the columns are, in their order", {}]; // of a text alone
 const FIELDS = "#choose-first [name], #choose-more [name]";
 const PLACES = 300; // of the slider
 
@@ -104,7 +105,7 @@ export function chosen() {
     const row = schema[input.name];
     if (input.value === "" || input.value === String(row.default ?? "")) continue;
     if (row.type === "number" || row.type === "integer") params[input.name] = Number(input.value);
-    else if (row.type === "array") params[input.name] = input.value.split(",").map(Number);
+    else if (row.type === "array") params[input.name] = input.value.split(",").map((each) => (row.items.type === "number" ? Number(each) : each.trim()));
     else params[input.name] = input.value;
   }
   return params;
@@ -153,11 +154,16 @@ function fieldOf(name, row, [label, words] = [name.replaceAll("_", " "), {}]) {
     make("p", { id: `${id}-help` }, `${row.description}.`));
 }
 
-async function fillForm() {
+async function fetchSchema() {
   schema = (await askJson("/v1/parameters")).properties;
+}
+
+// Of a text, columns are among what isn't folded away.
+function fillForm(isText) {
+  const first = { ...FIRST, ...(isText ? { columns: COLUMNS } : {}) };
   const rows = Object.entries(schema).filter(([name, row]) => !ELSEWHERE.includes(name) && !row.deprecated);
-  find("choose-first").replaceChildren(...Object.entries(FIRST).map(([name, said]) => fieldOf(name, schema[name], said)));
-  find("choose-more").replaceChildren(...rows.filter(([name]) => !FIRST[name]).map(([name, row]) => fieldOf(name, row)));
+  find("choose-first").replaceChildren(...Object.entries(first).map(([name, said]) => fieldOf(name, schema[name], said)));
+  find("choose-more").replaceChildren(...rows.filter(([name]) => !first[name]).map(([name, row]) => fieldOf(name, row)));
 }
 
 function fact(name, value) {
@@ -167,7 +173,8 @@ function fact(name, value) {
 // Shows the form for a cloud, as the service describes it, with what is to be filled in already.
 export async function choose(described, params = {}) {
   cloud = described;
-  if (!schema) await fillForm();
+  if (!schema) await fetchSchema();
+  fillForm(cloud.format === "xyz");
   const box = cloud.bounding_box, usual = cloud.points > MANY ? SMALL : USUAL;
   find("cloud-facts").replaceChildren(
     fact("File", cloud.label || cloud.id.slice(0, 12)), fact("Format", cloud.format?.replace(/^[^/]+/, (name) => name.toUpperCase()).replace("/", ", ").replace(/_(little|big)_endian/, "").replaceAll("_", " ") ?? "unknown"), fact("Size", bytes(cloud.bytes)),

@@ -114,6 +114,17 @@ def test_a_deviation_in_the_units_of_the_file(daemon, tmp_path):
     assert "in the file's units" in seen["again"][0] and "0.02 in the file's units" in seen["again"][1], seen["again"] # the box is known
 
 
+def test_columns_of_a_text_are_named_where_they_are_not_known(daemon, tmp_path):
+    files_of(daemon)
+    points = [f"P{i},{math.cos(2.4 * i) * (i / 500) ** .5:.4f},{math.sin(2.4 * i) * (i / 500) ** .5:.4f},{i % 7 / 100},tree" for i in range(500)]
+    (tmp_path / "survey.csv").write_text("Point ID,Easting,Northing,Elevation,Remark\n" + "\n".join(points) + "\n")
+    seen = drive("columns", f"{daemon.url}/", tmp_path, tmp_path / "survey.csv")
+    assert "columns" in seen["ended"][0] and seen["ended"][1] == "Say what its columns are: Other parameters leads there.", seen["ended"]
+    params = daemon.curl(f"/v1/jobs/{seen['job'].rsplit('/', 1)[1]}").json["params"]
+    assert params["columns"] == ["-", "x", "y", "z", "-"] and params["where"] == ["z<0.06", "x>-0.9"], params
+    assert params["viewpoint"] == [0, 0, 9] and params["weights"] == ["z:0.1"], params
+
+
 def test_a_laz_is_described_before_anything_runs(daemon, tmp_path):
     files_of(daemon)
     scan(tmp_path / "torus.ply")

@@ -116,6 +116,26 @@ const scenarios = {
     seen.again = [await text("goal-label"), await text("goal-text")];
   },
 
+  // A text whose columns aren't known: the way to name them.
+  async columns({ page, drop, visible, judge, looked, text, seen }, file) {
+    await drop(file);
+    await visible("#choose-start");
+    await visible("#choose-first #param-columns");
+    await page.click("#choose-start");
+    await visible("#ended-again");
+    seen.ended = [await text("ended-text"), await text("ended-advice")];
+    await page.click("#ended-again");
+    await visible("#param-columns");
+    await page.waitForFunction(() => document.activeElement.id === "param-columns");
+    await page.keyboard.type("-,x,y,z,-");
+    await page.$eval("#choose details", (more) => { more.open = true; });
+    for (const [name, value] of [["where", "z<0.06, x>-0.9"], ["viewpoint", "0,0,9"], ["weights", "z:0.1"]]) await page.type(`#param-${name}`, value);
+    await judge("columns are named");
+    await page.click("#choose-start");
+    await looked();
+    seen.job = page.url();
+  },
+
   // What is told of a file before anything runs.
   async facts({ drop, visible, judge, page, text, seen }, file) {
     await drop(file);

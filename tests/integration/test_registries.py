@@ -300,16 +300,108 @@ def test_a_catalog_is_a_folder_and_a_row(tree, changed, tmp_path):
     assert (tmp_path / "ledger.db").stat().st_size > 0
 
 
-def test_a_parameter_is_a_member_a_row_and_its_use(tree, changed, tmp_path):
-    """Nearly every source includes the structure of parameters, so all of them are compiled again, without optimising."""
+OFF_HEADER = """/* A mesh as OFF.  SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_IO_OUT_OFF_WRITE_H
+#define WHITTLE_CORE_IO_OUT_OFF_WRITE_H
+
+#include "core/base/status.h"
+#include "core/mesh/mesh.h"
+
+enum status mesh_write_off(int fd, const struct mesh *mesh, struct error *error) MUST_CHECK;
+
+#endif
+"""
+OFF = """/* SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/io/out/off_write.h"
+
+#include "core/io/out/sink.h"
+
+enum status mesh_write_off(int fd, const struct mesh *mesh, struct error *error) {
+    struct sink sink;
+    if (sink_init(&sink, fd)) return error_set(error, STATUS_NO_MEMORY, "write", "no memory for a buffer");
+    sink_format(&sink, "OFF\\n%zu %zu 0\\n", mesh->vertex_count, mesh->triangle_count);
+    for (size_t v = 0; v < mesh->vertex_count; v++)
+        sink_format(&sink, "%.17g %.17g %.17g\\n", mesh->vertex[v].x, mesh->vertex[v].y, mesh->vertex[v].z);
+    for (size_t t = 0; t < mesh->triangle_count; t++)
+        sink_format(&sink, "3 %u %u %u\\n", mesh->triangle[t][0], mesh->triangle[t][1], mesh->triangle[t][2]);
+    return sink_done(&sink, STATUS_OK, error);
+}
+"""
+WRITE_OFF = """static enum status write_off(int fd, const struct outputs *o, struct error *error) {
+    const struct cloud *cloud;
+    const struct mesh mesh = mesh_of(o, &cloud);
+    return mesh_write_off(fd, &mesh, error);
+}
+
+"""
+
+
+def add_output(tree):
+    """The mesh as mesh.off: its bit, its name, its writer, and what is told of -o."""
+    (tree / "core/io/out/off_write.h").write_text(OFF_HEADER, encoding="ascii")
+    (tree / "core/io/out/off_write.c").write_text(OFF, encoding="ascii")
+    add_row(tree / "core/params.h", "    OUTPUT_TILESET = 1 << 13,   /* tileset.3tz, or tileset.json with its tiles */\n",
+            "    OUTPUT_MESH_OFF = 1 << 14, /* mesh.off */\n")
+    set_line(tree / "core/params.h", "| OUTPUT_MESH_GLB\n", "| OUTPUT_MESH_GLB | OUTPUT_MESH_OFF\n")
+    set_line(tree / "core/params.h", "PARAMS_OUTPUTS = 14,", "PARAMS_OUTPUTS = 15,")
+    set_line(tree / "core/params.c", '"tileset", "cloud.ply",', '"tileset", "mesh.off", "cloud.ply",')
+    set_line(tree / "core/params.c", '"tileset.3tz", NULL};', '"tileset.3tz", "off", NULL};')
+    set_line(tree / "core/params.c", "mesh.stl, mesh.glb; ", "mesh.stl, mesh.glb, mesh.off; ")
+    set_line(tree / "server/cli/output.c", '#include "core/io/out/obj_write.h"\n',
+             '#include "core/io/out/obj_write.h"\n#include "core/io/out/off_write.h"\n')
+    set_line(tree / "server/cli/output.c", "static enum status write_report(", WRITE_OFF + "static enum status write_report(")
+    add_row(tree / "server/cli/output.c", "static const struct file files[] = {",
+            '\n    {OUTPUT_MESH_OFF, "mesh", "off", true, write_off},')
+    set_line(tree / "server/cli/help.c", ".stl, .glb, .png or .json is one", ".stl, .glb, .off, .png or .json is one")
+
+
+def add_parameter(tree):
     set_line(tree / "core/params.h", "    double dso_exponent;\n", "    double dso_exponent;\n    double dso_factor;\n")
     add_row(tree / "core/params.c", "static const struct param table[] = {",
             '\n    {"dso_factor", PARAM_NUMBER, AT(dso_factor), 0, 4, false, "1", NULL, "", true,\n'
             '     "What dso_exponent is multiplied by"},')
     set_line(tree / "core/simplify/point_quadrics.c", "params->dso_exponent,", "params->dso_exponent * params->dso_factor,")
-    assert changed() == ["core/params.c", "core/params.h", "core/simplify/point_quadrics.c"]
+
+
+@pytest.fixture(name="widened", scope="module")
+def both_built(tree):
+    """whittle with one more output and one more parameter, and the files that each took.  Nearly every source includes
+    the structure of parameters, so all of them are compiled again, once for both and without optimising."""
+    def taken(change):
+        before = sources(tree)
+        change(tree)
+        return sorted(name for name, content in sources(tree).items() if before.get(name) != content)
+
+    files = {change: taken(change) for change in (add_output, add_parameter)}
     scalar = " -DSIMD_SCALAR" if BUILD.name == "scalar" else ""
-    whittle = make(tree, "whittle", f"flags_{BUILD.name}=-O0{scalar}")
+    return make(tree, "whittle", f"flags_{BUILD.name}=-O0{scalar}"), files
+
+
+def test_an_output_is_a_writer_a_bit_a_name_and_a_row(widened, tmp_path):
+    whittle, files = widened
+    assert files[add_output] == ["core/io/out/off_write.c", "core/io/out/off_write.h", "core/params.c", "core/params.h",
+                                 "server/cli/help.c", "server/cli/output.c"]
+    cloud = write(tmp_path / "torus.obj", torus())
+    subprocess.run([whittle, cloud, "--levels", "0.5,0.2", "--outputs", "mesh.off,mesh,report", "-o", f"{tmp_path}/", "-q"],
+                   check=True)
+    report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    head, count, *lines = (tmp_path / "mesh.off").read_text(encoding="ascii").splitlines()
+    vertices, triangles, _ = map(int, count.split())
+    assert head == "OFF" and len(lines) == vertices + triangles
+    assert [vertices, triangles] == [report["mesh"]["vertices"], report["mesh"]["triangles"]]
+    assert (tmp_path / "mesh_0.2.off").stat().st_size < (tmp_path / "mesh_0.5.off").stat().st_size
+    # what it wrote is read again, as the mesh that it is
+    told = subprocess.run([whittle, "info", tmp_path / "mesh.off"], capture_output=True, text=True, check=True).stdout
+    assert str(triangles) in told.replace(" ", "").replace(",", "")
+    subprocess.run([whittle, cloud, tmp_path / "torus.off", "-q"], check=True)  # by its ending alone
+    assert (tmp_path / "torus.off").read_text(encoding="ascii").startswith("OFF\n")
+    refused = subprocess.run([whittle, cloud, tmp_path / "mesh.dae"], capture_output=True, text=True, check=False)
+    assert refused.returncode == 64 and ".off" in refused.stderr
+
+
+def test_a_parameter_is_a_member_a_row_and_its_use(widened, tmp_path):
+    whittle, files = widened
+    assert files[add_parameter] == ["core/params.c", "core/params.h", "core/simplify/point_quadrics.c"]
     cloud = write(tmp_path / "torus.obj", torus())
 
     def kept(name, *options):

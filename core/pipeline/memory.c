@@ -41,6 +41,9 @@ enum { POSITION = 24, TRIANGLE = 12, GIVEN = 25 /* of a face that is the surface
 static const double TETS_KEPT = 9, TETS_POINT = 1.5, TETS_LEAST = 20000;
 enum { TET = 176, SITE = 100 }; /* bytes, measured: of a tetrahedron, and of a kept point beside those */
 
+/* Of all points, where they are only looked at if they are a surface's, which have 6.4 to 7.1. */
+static const double TETS_SURFACE = 7.5;
+
 static bool refined(const struct params *p) { return params_want_mesh(p) && p->refine != REFINE_NONE; }
 static bool refined_closely(const struct params *p) { return refined(p) && p->placement == PLACEMENT_OPTIMAL; }
 static bool denoised(const struct params *p) { return params_want_denoising(p); }
@@ -56,6 +59,11 @@ static bool cloud_alone(const struct params *p) { return !params_want_mesh(p); }
 static bool reconstructed_whole(const struct params *p) {
     return params_want_mesh(p) && p->reference == REFERENCE_RECONSTRUCTION;
 }
+static bool maybe_dense(const struct params *p) {
+    bool closed = p->surface == SURFACE_AUTO || p->surface == SURFACE_CLOSED;
+    return params_want_mesh(p) && closed && p->placement == PLACEMENT_OPTIMAL && p->refine == REFINE_FULL &&
+           p->order != ORDER_SIMPLIFY_FIRST && p->boundary != BOUNDARY_KEEP && !has_spacing(p);
+}
 static bool painted(const struct params *p) { return p->outputs & (OUTPUT_DSO | OUTPUT_ERROR | OUTPUT_PREVIEW); }
 
 /* Bytes for each point beside Delaunay, and after it where samples are made then (pipeline/mesh_steps.c): usual
@@ -68,7 +76,7 @@ static const struct stage {
     const char *name;
     bool (*wanted)(const struct params *params);
     double point, near, kept, face;
-    enum { NO_TETS, OF_KEPT, OF_ALL } tets;
+    enum { NO_TETS, OF_KEPT, OF_ALL, OF_SURFACE } tets;
 } stages[] = {
     {"denoise", denoised, 600, 0, 0, 0, NO_TETS},
     {"join", cloud_alone, 94, 9.6, 0, 0, NO_TETS},
@@ -79,6 +87,7 @@ static const struct stage {
     {"contract", params_want_mesh, 165, 11, 0, 0, NO_TETS},
     {"delaunay", params_want_mesh, 81 + CREASES, 4, SITE, 0, OF_KEPT},
     {"local_delaunay", refined, LOCAL_DELAUNAY + CREASES, 4, SITE, 0, OF_KEPT},
+    {"densify", maybe_dense, 81 + CREASES + SITE, 4, SITE + 60, 0, OF_SURFACE},
     {"collapse", maybe_given, 231 + CREASES, 4, 0, 75, NO_TETS},
     {"refine", refined, 680 + CREASES, 4, 800, 0, NO_TETS},
     {"closer", refined_closely, 1080 + CREASES, 4, 1400, 0, NO_TETS},
@@ -172,8 +181,10 @@ static uint64_t predict(const struct memory_job *job, const struct params *asked
     double peak = cloud_bytes(job, params) + (double)job->input_bytes;
     for (int i = 0; i < STAGES; i++) {
         const struct stage *s = &stages[i];
-        if (!s->wanted(params)) continue;
-        double tets = s->tets == NO_TETS ? 0 : tetrahedra(points, s->tets == OF_ALL ? points : kept);
+        if (!s->wanted(params) || (s->tets == OF_SURFACE && asked->placement != PLACEMENT_OPTIMAL)) continue;
+        double tets = s->tets == NO_TETS      ? 0
+                      : s->tets == OF_SURFACE ? TETS_SURFACE * points
+                                              : tetrahedra(points, s->tets == OF_ALL ? points : kept);
         peak = fmax(peak, stage_bytes(s, job, kept, params) + tets * TET);
     }
     if (params->outputs & OUTPUT_PREVIEW)
@@ -214,17 +225,27 @@ bool memory_lacks_for_faces(const struct memory_job *job, const struct params *p
            memory_predict(&plain, params) <= params->memory_bytes;
 }
 
-uint64_t memory_tetrahedra(const struct memory_job *job, uint64_t kept, bool of_all, const struct params *params) {
-    double most = tetrahedra_expected((double)job->points, (double)(of_all ? job->points : kept));
-    double held = 0, stage = 0;
+/* At most so many, in stages with tetrahedra of one kind, beside what else is held. */
+static uint64_t tetrahedra_there_is_room_for(const struct memory_job *job, uint64_t kept, int kind, double most,
+                                             double held, const struct params *params) {
+    double stage = 0;
     if (!params->memory_bytes) return (uint64_t)most;
-    if (refined(params) && !of_all) held = (double)job->points * (SAMPLES - LOCAL_DELAUNAY);
     for (int i = 0; i < STAGES; i++)
-        if (stages[i].tets == (of_all ? OF_ALL : OF_KEPT) && stages[i].wanted(params))
+        if ((int)stages[i].tets == kind && stages[i].wanted(params))
             stage = fmax(stage, stage_bytes(&stages[i], job, (double)kept, params));
     double bytes =
         ((double)params->memory_bytes - PROGRAM) / margin_of(job, params) - results(job, params) - held - stage;
     return (uint64_t)fmax(0, fmin(most, bytes / TET));
+}
+
+uint64_t memory_tetrahedra(const struct memory_job *job, uint64_t kept, bool of_all, const struct params *params) {
+    double most = tetrahedra_expected((double)job->points, (double)(of_all ? job->points : kept)), held = 0;
+    if (refined(params) && !of_all) held = (double)job->points * (SAMPLES - LOCAL_DELAUNAY);
+    return tetrahedra_there_is_room_for(job, kept, of_all ? OF_ALL : OF_KEPT, most, held, params);
+}
+
+uint64_t memory_surface_tetrahedra(const struct memory_job *job, uint64_t kept, const struct params *params) {
+    return tetrahedra_there_is_room_for(job, kept, OF_SURFACE, TETS_SURFACE * (double)job->points, 0, params);
 }
 
 /* ------------------------------------------------------------------------------------------------ what comes */

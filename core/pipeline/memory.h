@@ -53,6 +53,10 @@ bool memory_lacks_for_faces(const struct memory_job *job, const struct params *p
  * kept, 10.5 where all are, and some for small clouds. */
 uint64_t memory_tetrahedra(const struct memory_job *job, uint64_t kept, bool of_all, const struct params *params);
 
+/* The same between the points of a closed surface, all of them or fewer, of which its mesh may be made: no more than
+ * such points have. */
+uint64_t memory_surface_tetrahedra(const struct memory_job *job, uint64_t kept, const struct params *params);
+
 /* How many points of a surface may be triangulated in what memory_predict counts for the kept ones. */
 size_t memory_usual_points(size_t points, size_t kept);
 

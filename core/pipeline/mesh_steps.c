@@ -475,6 +475,7 @@ enum status pipeline_reconstruct(struct run *run) {
     if (!status && run->surface.form == SURFACE_CLOSED)
         status = doubt_closed(run, &run->sites, &run->tets, &run->mesh, &facts);
     tets_done(&run->tets);
+    if (!status && run->surface.form == SURFACE_CLOSED) status = pipeline_densify(run, &facts);
     if (!status && (run->surface.form == SURFACE_OPEN || run->surface.form == SURFACE_HEIGHTFIELD))
         status = reconstruct_first(run, &facts);
     if (status) return explain_reconstruction(run, status);

@@ -156,6 +156,7 @@ void pipeline_leave_level(struct run *run) {
     mesh_done(&run->mesh);
     free(run->record);
     run->record = NULL;
+    run->fitted_to = NULL;
 }
 
 /* Hands the level's results over and leaves the run ready for the next one. */
@@ -319,6 +320,7 @@ static void run_done(struct run *run) {
     free(run->normal), free(run->turned), free(run->dso), free(run->distance), free(run->quadrics), free(run->kept);
     contraction_done(&run->contraction);
     pipeline_leave_level(run);
+    for (int i = 0; i < DENSE_TRIALS; i++) dense_surface_done(&run->dense[i]);
 }
 
 enum status pipeline_run(const struct cloud *cloud, const struct params *params, const struct progress *progress,

@@ -34,6 +34,31 @@ struct views {
     vec3 *each; /* NULL = not known, or one; owned */
 };
 
+/* What a mesh is worth before it is fitted. */
+struct surface_judged {
+    size_t components;
+    long handles;
+    double mean; /* distance of the points to it */
+};
+
+static inline bool surface_is_simpler(const struct surface_judged *judged, const struct surface_judged *than) {
+    return judged->components <= than->components && judged->handles <= than->handles;
+}
+
+static inline bool surface_is_better(const struct surface_judged *judged, const struct surface_judged *than) {
+    return judged->mean < than->mean && surface_is_simpler(judged, than);
+}
+
+/* The closed surface of many of the points; zeroed: it hasn't been looked for. */
+struct dense_surface {
+    size_t from;                  /* as many of the points; then without a mesh: there is none */
+    struct mesh mesh;             /* sources are ids along the curve */
+    uint32_t (*face)[3];          /* its triangles as such ids, where it goes through all points; else NULL */
+    struct surface_judged judged; /* its topology alone */
+};
+
+enum { DENSE_TRIALS = 2 };
+
 struct run {
     const struct cloud *cloud;
     const struct params *params;
@@ -72,6 +97,8 @@ struct run {
     float *distance; /* of every distinct point to the finest mesh, or, without one, to the tangent plane at the nearest
                         kept point; normalised; NULL unless asked for */
     struct mesh mesh; /* sources are ids along the curve */
+    struct dense_surface dense[DENSE_TRIALS];
+    const struct dense_surface *fitted_to; /* of which run->mesh was made, through all points; NULL = none */
     struct report report;
 };
 
@@ -164,6 +191,18 @@ enum status pipeline_join_seams(const struct run *run, struct mesh *joined) MUST
 /* Puts a mesh that was reconstructed from more points in place of run->mesh, as params->order says.  run->mesh is
  * closed, and not refined yet.  STATUS_NO_MEMORY, STATUS_CANCELLED. */
 enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;
+
+/* Whether a mesh of all points is to take the place of that of the kept ones, if the surface is closed.  It reads
+ * nothing that changes while steps run side by side. */
+bool pipeline_wants_dense(const struct run *run);
+
+/* Puts it, or one of many points, collapsed to as many vertices, in place of run->mesh where it is as simple and nearer
+ * to the points.  run->mesh is not refined yet.  STATUS_NO_MEMORY, STATUS_CANCELLED. */
+enum status pipeline_densify(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;
+void dense_surface_done(struct dense_surface *dense);
+
+/* Topology of a closed mesh, and how far the points are from it in the mean.  STATUS_NO_MEMORY. */
+enum status pipeline_judge(const struct run *run, const struct mesh *mesh, struct surface_judged *judged) MUST_CHECK;
 
 /* What a mesh through other points than the kept ones tells of these: how many aren't there, and which vertices are
  * copies.  STATUS_NO_MEMORY. */

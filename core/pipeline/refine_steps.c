@@ -13,7 +13,9 @@
 #include "core/surface/sheet/sheet.h"
 
 static struct refine_input refine_input_of(struct run *run, struct refine_faces *faces) {
+    const struct dense_surface *dense = run->fitted_to;
     *faces = (struct refine_faces){run->faces.count, (const uint32_t(*)[3])run->faces.triangle, run->faces.on_seam};
+    if (dense) *faces = (struct refine_faces){dense->mesh.triangle_count, (const uint32_t(*)[3])dense->face, NULL};
     return (struct refine_input){.points = run->points.point,
                                  .normals = run->normal,
                                  .n = run->points.count,
@@ -23,7 +25,8 @@ static struct refine_input refine_input_of(struct run *run, struct refine_faces 
                                  .up = run->surface.form == SURFACE_HEIGHTFIELD ? run->surface.up : (vec3){0},
                                  .local_delaunay = &run->local_delaunay,
                                  .samples = &run->samples,
-                                 .faces = pipeline_is_given(run) ? faces : NULL};
+                                 .faces = pipeline_is_given(run) || dense ? faces : NULL,
+                                 .settled = dense != NULL};
 }
 
 /* Whether triangulation and samples take no more memory together than the refinement does after them (memory.c). */
@@ -32,9 +35,11 @@ static bool has_room_for_samples(const struct run *run) {
     return run->placement == PLACEMENT_OPTIMAL || run->kept_count <= run->points.count / FEWER;
 }
 
-/* There are about twice as many triangles as points; refine_mesh finds what it hasn't got. */
+/* There are about twice as many triangles as points; refine_mesh finds what it hasn't got, and where it may get a
+ * surface of all points that is all. */
 enum status pipeline_local_delaunay(struct run *run) {
     bool given = pipeline_is_given(run);
+    if (!given && pipeline_wants_dense(run)) return STATUS_OK;
     if (!given && !refine_uses_local_delaunay(run->points.count, 2 * run->kept_count)) return STATUS_OK;
     enum status status = STATUS_OK;
     if (!given)

@@ -18,7 +18,6 @@
 #include "core/mesh/decimate.h"
 #include "core/pipeline/memory.h"
 #include "core/pipeline/pipeline_run.h"
-#include "core/spatial/bvh.h"
 #include "core/surface/delaunay_cgal.h"
 
 /* Cosine between an edge and the normals at its ends, over what an arc between them has: the sine of half its turn. */
@@ -72,39 +71,13 @@ static enum status find_lost(const struct run *run, const struct mesh *mesh, dou
     return STATUS_OK;
 }
 
-/* The mean distance of points to a mesh: of at most 20 000 of them, evenly along the curve. */
-static enum status find_mean(const struct run *run, const struct mesh *mesh, double *mean) {
-    enum { POINTS_MOST = 20000 };
-    size_t n = run->points.count < POINTS_MOST ? run->points.count : POINTS_MOST;
-    struct bvh *bvh = NULL;
-    vec3 *point = alloc_array(n, sizeof *point);
-    struct bvh_hit *hit = alloc_array(n, sizeof *hit);
-    enum status status = point && hit ? bvh_new(mesh, run->threads, &bvh) : STATUS_NO_MEMORY;
-    if (!status) {
-        for (size_t i = 0; i < n; i++) point[i] = run->points.point[i * run->points.count / n];
-        bvh_closest_all(bvh, point, n, run->threads, hit);
-        *mean = 0;
-        for (size_t i = 0; i < n; i++) *mean += sqrt(hit[i].distance_sq) / (double)n;
-    }
-    bvh_free(bvh);
-    free(point), free(hit);
-    return status;
-}
-
 struct wall_trial {
     struct mesh mesh;
     struct reconstruct_facts facts;
-    double lost, mean;
-    size_t components, from;
-    long handles;
+    struct surface_judged judged;
+    double lost;
+    size_t from;
 };
-
-static enum status judge_trial(const struct run *run, struct wall_trial *trial) {
-    struct mesh_facts facts;
-    enum status status = mesh_examine(&trial->mesh, &facts);
-    if (!status) trial->components = facts.components, trial->handles = (2 * (long)facts.components - facts.euler) / 2;
-    return status ? status : find_mean(run, &trial->mesh, &trial->mean);
-}
 
 /* The surface through the k most important points, with as many vertices as are kept. */
 static enum status try_denser(struct run *run, size_t k, struct wall_trial *trial) {
@@ -122,7 +95,7 @@ static enum status try_denser(struct run *run, size_t k, struct wall_trial *tria
     if (!status) status = find_lost(run, &trial->mesh, &trial->lost);
     if (!status) status = mesh_decimate(&trial->mesh, NULL, run->kept_count);
     trial->from = k;
-    return status ? status : judge_trial(run, trial);
+    return status ? status : pipeline_judge(run, &trial->mesh, &trial->judged);
 }
 
 enum status pipeline_count_vertices(const struct run *run, const struct mesh *mesh, struct reconstruct_facts *facts) {
@@ -137,10 +110,6 @@ enum status pipeline_count_vertices(const struct run *run, const struct mesh *me
     return STATUS_OK;
 }
 
-static bool is_better(const struct wall_trial *trial, const struct wall_trial *than) {
-    return trial->mean < than->mean && trial->components <= than->components && trial->handles <= than->handles;
-}
-
 enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *facts) {
     enum order asked = (enum order)run->params->order;
     struct wall_trial best = {.mesh = run->mesh, .facts = *facts, .from = run->kept_count};
@@ -152,7 +121,7 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
     enum status status = find_lost(run, &best.mesh, &best.lost);
     double lost = best.lost;
     if (status || !(always || (lost > WALLS_LOST && are_certain(run, &best.mesh)))) return status;
-    status = judge_trial(run, &best);
+    status = pipeline_judge(run, &best.mesh, &best.judged);
     size_t k = run->kept_count;
     double least_lost = lost;
     int in_vain = 0;
@@ -169,7 +138,7 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
         lost = trial.lost;
         in_vain = lost < least_lost ? 0 : in_vain + 1;
         least_lost = fmin(least_lost, lost);
-        if (!status && ((i == 0 && always) || is_better(&trial, &best))) {
+        if (!status && ((i == 0 && always) || surface_is_better(&trial.judged, &best.judged))) {
             struct wall_trial before = best;
             best = trial, trial = before;
             run->mesh = best.mesh;

@@ -15,6 +15,8 @@
 #ifndef WHITTLE_CORE_REFINE_REFINE_H
 #define WHITTLE_CORE_REFINE_REFINE_H
 
+#include <stdbool.h>
+
 #include "core/base/progress.h"
 #include "core/base/status.h"
 #include "core/math/vec3.h"
@@ -45,6 +47,7 @@ struct refine_input {
     struct samples *samples;
     vec3 up;                          /* unit: where all triangles of a height field face; zero: the surface is none */
     const struct refine_faces *faces; /* the true surface through the points, where it is known; else NULL */
+    bool settled; /* the mesh was a dense one, collapsed to where its vertices cost least: fewer sweeps will do */
 };
 
 /* Whether the middles of triangles between neighbours are of use to a mesh of so many triangles; where there are many

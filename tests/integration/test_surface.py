@@ -48,6 +48,7 @@ SHAPES = {"sphere": (sphere, "closed", 0, 0, "outwards"), "half_sphere": (half_s
           "steps": (steps, "open", 0, None, "upwards")}
 
 
+HORSE = pathlib.Path(__file__).resolve().parents[3] / "shared" / "data" / "horse.mesh.ply"
 TEAPOT = pathlib.Path(__file__).resolve().parents[3] / "shared" / "data" / "solids" / "teapot.mesh.ply"
 
 
@@ -229,3 +230,65 @@ def test_thin_walls_are_reconstructed_from_more_points(tmp_path):
     assert auto["reconstructed_from"] > plain["reconstructed_from"]
     assert (auto["components"], auto["handles"]) == (1, 2)
     assert auto["mean"] < 0.3 * plain["mean"]
+
+
+def stepped_block(path):
+    """The skin of a block with a step, on a grid, with its faces: sharp edges, one of them concave."""
+    side, height = 24, lambda x: 12 if x < 12 else 6
+    solid = {(x, y, z) for x in range(side) for y in range(12) for z in range(height(x))}
+    number, faces = {}, []
+    for cell in sorted(solid):
+        for axis in range(3):
+            for way in (0, 1):
+                beside = list(cell)
+                beside[axis] += 2 * way - 1
+                if tuple(beside) in solid:
+                    continue
+                corners = []
+                for u, v in ((0, 0), (1, 0), (1, 1), (0, 1)):
+                    corner = list(cell)
+                    corner[axis] += way
+                    corner[(axis + 1) % 3] += u
+                    corner[(axis + 2) % 3] += v
+                    corners.append(number.setdefault(tuple(corner), len(number)))
+                corners = corners if way else corners[::-1]
+                faces += [(corners[0], corners[1], corners[2]), (corners[0], corners[2], corners[3])]
+    lines = [f"OFF\n{len(number)} {len(faces)} 0", *(f"{x} {y} {z}" for x, y, z in number),
+             *(f"3 {a} {b} {c}" for a, b, c in faces)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return len(number)
+
+
+def optimal(source, folder, *options):
+    report, _ = run(source, folder, "--surface", "closed", "--placement", "optimal", *options)
+    return report["mesh"], report["error"]["symmetric"]
+
+
+def test_free_vertices_are_collapsed_from_all_points_where_edges_are_sharp(tmp_path):
+    points = stepped_block(tmp_path / "block.off")
+    kept, plain = optimal(tmp_path / "block.off", tmp_path / "kept", "--ratio", "0.03", "--order", "simplify-first")
+    mesh, error = optimal(tmp_path / "block.off", tmp_path / "all", "--ratio", "0.03")
+    assert mesh["reconstructed_from"] == points > kept["reconstructed_from"] == mesh["vertices"] == points * 3 // 100
+    assert mesh["watertight"] and mesh["handles"] == 0 and mesh["self_intersections"] == 0
+    assert error["mean_rel"] < 0.5 * plain["mean_rel"] and error["max_rel"] < plain["max_rel"]
+
+
+def test_where_dense_points_join_sheets_fewer_are_collapsed(tmp_path):
+    """All points of the horse have shells and handles between its legs; the mesh of the kept ones has none."""
+    if not HORSE.exists():
+        pytest.skip("../shared/data/horse.mesh.ply isn't there")
+    kept, plain = optimal(HORSE, tmp_path / "kept", "--ratio", "0.1", "--order", "simplify-first")
+    mesh, error = optimal(HORSE, tmp_path / "dense", "--ratio", "0.1")
+    assert kept["vertices"] == mesh["vertices"] < mesh["reconstructed_from"] < 0.9 * 48485
+    assert [kept[name] for name in ("components", "handles")] == [mesh[name] for name in ("components", "handles")]
+    assert error["mean_rel"] < 0.98 * plain["mean_rel"]
+
+
+def test_levels_share_the_surface_of_all_points(scans, tmp_path):
+    """Each is what it is by itself."""
+    common = ("--surface", "closed", "--placement", "optimal", "--outputs", "mesh,report")
+    run(scans / "sphere.xyz", tmp_path / "levels", *common, "--levels", "0.2,0.05")
+    for ratio in ("0.2", "0.05"):
+        run(scans / "sphere.xyz", tmp_path / ratio, *common, "--ratio", ratio)
+        level = (tmp_path / "levels" / f"mesh_{ratio}.ply").read_bytes()
+        assert level == (tmp_path / ratio / "mesh.ply").read_bytes()

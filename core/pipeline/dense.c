@@ -1,0 +1,175 @@
+/* Where vertices move freely: a closed surface of all points or of many, its edges collapsed to as many vertices as are
+ * kept.
+ *
+ * More points tell the surface better than the kept ones: which are neighbours across a sharp edge or between two
+ * limbs. All of them also tell how the triangles lie where points are few, so the mesh is fitted to samples of theirs
+ * then. That matters where the surface has creases, and is little work where points are few; else several times as many
+ * as are kept will do, and what neighbours tell.
+ *
+ * But where sheets touch, dense points join them or leave shells in between: then half as many are tried, which are the
+ * more important ones and farther apart.  None of it is taken unless it has as few pieces and handles as the mesh of
+ * the kept points, and lies nearer to the points.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/base/alloc.h"
+#include "core/base/radix.h"
+#include "core/mesh/decimate.h"
+#include "core/pipeline/memory.h"
+#include "core/pipeline/pipeline_run.h"
+#include "core/spatial/bvh.h"
+#include "core/surface/delaunay_cgal.h"
+
+enum { TETRAHEDRA = 8 }; /* for each point, at most: surfaces have 6.4 to 7.1 */
+
+enum { FEW = 20000 /* points that may be all of the first trial's */, DENSER = 8 /* times the kept ones, else */ };
+static const double MOST = 0.8; /* of all points, then */
+
+/* How many times as many points as are kept there have to be at least, for each of the trials. */
+static const double ENOUGH[DENSE_TRIALS] = {1.25, 1.5};
+
+/* The mean distance of points to a mesh: of at most 20 000 of them, evenly along the curve. */
+static enum status find_mean(const struct run *run, const struct mesh *mesh, double *mean) {
+    enum { POINTS_MOST = 20000 };
+    size_t n = run->points.count < POINTS_MOST ? run->points.count : POINTS_MOST;
+    struct bvh *bvh = NULL;
+    vec3 *point = alloc_array(n, sizeof *point);
+    struct bvh_hit *hit = alloc_array(n, sizeof *hit);
+    enum status status = point && hit ? bvh_new(mesh, run->threads, &bvh) : STATUS_NO_MEMORY;
+    if (!status) {
+        for (size_t i = 0; i < n; i++) point[i] = run->points.point[i * run->points.count / n];
+        bvh_closest_all(bvh, point, n, run->threads, hit);
+        *mean = 0;
+        for (size_t i = 0; i < n; i++) *mean += sqrt(hit[i].distance_sq) / (double)n;
+    }
+    bvh_free(bvh);
+    free(point), free(hit);
+    return status;
+}
+
+static enum status find_topology(const struct mesh *mesh, struct surface_judged *judged) {
+    struct mesh_facts facts;
+    enum status status = mesh_examine(mesh, &facts);
+    if (status) return status;
+    judged->components = facts.components;
+    judged->handles = (2 * (long)facts.components - facts.euler) / 2;
+    return STATUS_OK;
+}
+
+enum status pipeline_judge(const struct run *run, const struct mesh *mesh, struct surface_judged *judged) {
+    enum status status = find_topology(mesh, judged);
+    return status ? status : find_mean(run, mesh, &judged->mean);
+}
+
+bool pipeline_wants_dense(const struct run *run) {
+    const struct params *params = run->params;
+    bool may_be_closed = params->surface == SURFACE_AUTO || params->surface == SURFACE_CLOSED;
+    bool plain = isnan(params->spacing) && params->boundary != BOUNDARY_KEEP && !run->neighbours.noisy;
+    return may_be_closed && plain && run->placement == PLACEMENT_OPTIMAL && params->refine == REFINE_FULL &&
+           params->order != ORDER_SIMPLIFY_FIRST && (double)run->points.count > ENOUGH[0] * (double)run->kept_count;
+}
+
+/* The triangles as ids of points, in the order of the lowest of each. */
+static enum status list_faces(struct dense_surface *dense, unsigned threads) {
+    size_t n = dense->mesh.triangle_count;
+    uint64_t *item = alloc_array(n, sizeof *item), *spare = alloc_array(n, sizeof *spare), *sorted = NULL;
+    dense->face = alloc_array(n, sizeof *dense->face);
+    bool room = item && spare && dense->face;
+    for (size_t t = 0; room && t < n; t++) {
+        const uint32_t *corner = dense->mesh.triangle[t], *source = dense->mesh.source;
+        uint32_t lowest = source[corner[0]];
+        for (int k = 1; k < 3; k++) lowest = source[corner[k]] < lowest ? source[corner[k]] : lowest;
+        item[t] = radix_item(lowest, (uint32_t)t);
+    }
+    if (room) sorted = radix_sort(item, spare, n, threads);
+    for (size_t i = 0; room && i < n; i++)
+        for (int k = 0; k < 3; k++)
+            dense->face[i][k] = dense->mesh.source[dense->mesh.triangle[radix_value(sorted[i])][k]];
+    free(item), free(spare);
+    return room ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+/* The closed surface through the k most important points; STATUS_LIMIT or _DEGENERATE: there is none. */
+static enum status reconstruct_points(struct run *run, size_t k, struct dense_surface *dense) {
+    struct sites sites = {0};
+    struct tets tets = {0};
+    struct error ignored = {0};
+    struct reconstruct_facts facts;
+    const struct memory_job job = {run->cloud->count, run->cloud->record_bytes, run->cloud->triangle_count, 0, 0};
+    size_t most = memory_surface_tetrahedra(&job, run->kept_count, run->params);
+    if (most > TETRAHEDRA * k) most = TETRAHEDRA * k;
+    enum status status = pipeline_sites_of(run, k, &sites);
+    if (!status) status = delaunay_build_within(sites.point, k, most, run->threads, &run->progress, &tets, &ignored);
+    if (!status) status = pipeline_reconstruct_closed(run, &sites, &tets, &dense->mesh, &facts);
+    tets_done(&tets);
+    pipeline_sites_done(&sites);
+    if (!status) status = find_topology(&dense->mesh, &dense->judged);
+    if (!status && k == run->points.count) status = list_faces(dense, run->threads);
+    return status;
+}
+
+static enum status make_dense(struct run *run, size_t k, struct dense_surface *dense) {
+    if (dense->from == k) return STATUS_OK;
+    dense_surface_done(dense);
+    enum status status = reconstruct_points(run, k, dense);
+    if (status == STATUS_LIMIT || status == STATUS_DEGENERATE) {
+        dense_surface_done(dense);
+        status = STATUS_OK;
+    }
+    dense->from = k;
+    return status;
+}
+
+static size_t points_of_trial(const struct run *run, int trial) {
+    size_t n = run->points.count, most = (size_t)(MOST * (double)n);
+    if (n > FEW && !creases_matter(&run->creases, n))
+        n = most / DENSER < run->kept_count ? most : DENSER * run->kept_count;
+    return n >> trial;
+}
+
+/* Puts the dense surface, collapsed, in place of run->mesh if it is better than that. */
+static enum status try_dense(struct run *run, const struct dense_surface *dense, const struct surface_judged *kept,
+                             bool *taken) {
+    struct decimate_rules rules = {.moves = true};
+    struct surface_judged judged;
+    struct mesh mesh = {0};
+    enum status status = mesh_copy(&mesh, &dense->mesh);
+    if (!status) status = mesh_decimate(&mesh, &rules, run->kept_count);
+    if (!status) status = pipeline_judge(run, &mesh, &judged);
+    *taken = !status && mesh.vertex_count == run->kept_count && surface_is_better(&judged, kept);
+    if (*taken) {
+        struct mesh before = run->mesh;
+        run->mesh = mesh, mesh = before;
+    }
+    mesh_done(&mesh);
+    return status;
+}
+
+enum status pipeline_densify(struct run *run, struct reconstruct_facts *facts) {
+    struct surface_judged kept = {0};
+    bool taken = false;
+    if (!pipeline_wants_dense(run)) return STATUS_OK;
+    enum status status = pipeline_judge(run, &run->mesh, &kept);
+    for (int i = 0; i < DENSE_TRIALS && !status && !taken; i++) {
+        struct dense_surface *dense = &run->dense[i];
+        size_t k = points_of_trial(run, i);
+        if ((double)k <= ENOUGH[i] * (double)run->kept_count) break;
+        status = make_dense(run, k, dense);
+        bool sound = !status && dense->mesh.triangle_count && surface_is_simpler(&dense->judged, &kept);
+        if (sound) status = try_dense(run, dense, &kept, &taken);
+        if (!taken) continue;
+        run->fitted_to = dense->face ? dense : NULL;
+        run->report.level[run->level].reconstructed_from = k;
+        facts->points_lost = facts->vertices_split = 0; /* vertices stand at no points any more */
+    }
+    return status;
+}
+
+void dense_surface_done(struct dense_surface *dense) {
+    mesh_done(&dense->mesh);
+    free(dense->face);
+    *dense = (struct dense_surface){0};
+}

@@ -97,8 +97,11 @@ bool blobs_give_up(struct blobs *blobs, const char *what) {
 
 bool blobs_exist(struct blobs *blobs, const char *name) { return is_name(name) && blobs->backend->exist(blobs, name); }
 
-bool blobs_remove(struct blobs *blobs, const char *name) {
-    return is_name(name) && blobs->backend->remove(blobs, name);
+bool blobs_remove(struct blobs *blobs, const char *name, bool *settled) {
+    bool unasked;
+    if (!settled) settled = &unasked;
+    *settled = true;
+    return is_name(name) && blobs->backend->remove(blobs, name, settled);
 }
 
 enum status blobs_list(struct blobs *blobs, const char *folder, void (*found)(void *ctx, const char *name), void *ctx,

@@ -90,8 +90,9 @@ bool blobs_give_up(struct blobs *blobs, const char *what);
 bool blobs_exist(struct blobs *blobs, const char *name);
 
 /* Removes a blob, or a folder with all below it; what isn't there is removed already.  It is never seen in part by who
- * asks for it by a name, where the backend can help it.  false: some of it may be there still. */
-bool blobs_remove(struct blobs *blobs, const char *name);
+ * asks for it by a name, where the backend can help it.  false: some of it may be there still.  *settled (NULL = nobody
+ * asks): nothing that was asked for is still on its way, to remove what is put by the same name later. */
+bool blobs_remove(struct blobs *blobs, const char *name, bool *settled);
 
 /* Tells of each name that follows the folder's, once, sorted by bytes: of blobs in it, and of folders below it.  A
  * folder that isn't there has none. */

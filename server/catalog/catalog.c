@@ -284,7 +284,7 @@ enum status catalog_expect_cloud(struct catalog *catalog, const char *cloud, int
 }
 
 enum status catalog_remove_cloud(struct catalog *catalog, const char *cloud, int64_t now_ms,
-                                 void (*remove)(void *ctx, const char *cloud), void *ctx, bool *removed,
+                                 bool (*remove)(void *ctx, const char *cloud), void *ctx, bool *removed,
                                  struct error *error) {
     return catalog->backend->remove_cloud(catalog, cloud, now_ms, remove, ctx, removed, error);
 }

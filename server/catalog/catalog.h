@@ -321,19 +321,23 @@ enum status catalog_next_cloud(struct catalog *catalog, const char *after, char 
 enum status catalog_cloud_uses(struct catalog *catalog, const char *cloud, uint64_t *uses,
                                struct error *error) MUST_CHECK;
 
-/* Somebody is about to store a cloud and to refer to it: nobody may remove its bytes before then.  Where one process
- * serves the catalog it sees to that itself, and nothing is done. */
+/* Somebody is about to store a cloud and to refer to it: nobody may remove its bytes before then.  While they are being
+ * removed, or may still be because the store didn't answer, it waits a little, then STATUS_IO (base/away.h).  Where one
+ * process serves the catalog it sees to that itself, and nothing is done. */
 enum status catalog_expect_cloud(struct catalog *catalog, const char *cloud, int64_t until_ms,
                                  struct error *error) MUST_CHECK;
 
 /* Calls remove, which is to remove its bytes, where nobody refers to a cloud and nobody is about to, at now_ms; nobody
- * can begin to meanwhile, by catalog_expect_cloud.  *removed: whether it was so. */
+ * can begin to meanwhile, by catalog_expect_cloud, and no row that refers to it is added.  *removed: whether it was so.
+ * remove's false: they may go later, or not at all; then nobody can begin to until that was tried again, after
+ * CATALOG_REMOVAL_GRACE_MS, and true. */
+enum { CATALOG_REMOVAL_GRACE_MS = 16 * 60 * 1000 }; /* a store refuses what was signed 15 minutes ago */
 enum status catalog_remove_cloud(struct catalog *catalog, const char *cloud, int64_t now_ms,
-                                 void (*remove)(void *ctx, const char *cloud), void *ctx, bool *removed,
+                                 bool (*remove)(void *ctx, const char *cloud), void *ctx, bool *removed,
                                  struct error *error) MUST_CHECK;
 
 /* Up to max clouds that somebody was about to refer to, at a time that is over: whoever it was has done so, or has
- * gone. */
+ * gone.  And those whose removal is to be tried again. */
 enum status catalog_list_unused_clouds(struct catalog *catalog, int64_t now_ms, char (*names)[JOB_HASH_BYTES],
                                        size_t max, size_t *count, struct error *error) MUST_CHECK;
 

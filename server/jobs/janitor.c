@@ -12,32 +12,38 @@
 #include "server/base/wall_clock.h"
 #include "server/jobs/service_internal.h"
 
-enum { TOMBSTONE_MS = 7 * 24 * 3600 * 1000, MARK_AGAIN_MS = 60 * 1000 };
+enum { TOMBSTONE_MS = 7 * 24 * 3600 * 1000 };
 
 /* ------------------------------------------------------------------------------------------------ deleting */
 
-/* What a store that is away keeps goes later, by a mark. */
-static void delete_cloud(void *ctx, const char *cloud) {
+static bool delete_cloud(void *ctx, const char *cloud) {
     struct service *service = ctx;
-    struct error error = {0};
-    char name[JOB_HASH_BYTES + sizeof "clouds/"];
-    if (store_cloud_delete(service->store, cloud) || !service->is_shared) return;
-    snprintf(name, sizeof name, "clouds/%s", cloud);
-    if (catalog_mark(service->catalog, name, job_now_ms() + MARK_AGAIN_MS, &error) != STATUS_OK)
-        log_line(LOG_ERROR, "cloud=%s can't be removed, nor marked: %s", cloud, error.text);
+    bool settled;
+    if (store_cloud_delete(service->store, cloud, &settled) && settled) return true;
+    log_line_seldom(LOG_WARNING, "cloud=%s the store doesn't say that it is removed", cloud);
+    return false;
+}
+
+/* One process keeps others from a cloud that is being removed by a lock; hosts that share a catalog by its row. */
+static void lock_clouds(struct service *service) {
+    if (!service->is_shared) pthread_rwlock_wrlock(&service->clouds);
+}
+
+static void unlock_clouds(struct service *service) {
+    if (!service->is_shared) pthread_rwlock_unlock(&service->clouds);
 }
 
 void service_forget_cloud(struct service *service, const char *cloud) {
     struct error error = {0};
     bool removed;
-    pthread_rwlock_wrlock(&service->clouds);
+    lock_clouds(service);
     if (catalog_remove_cloud(service->catalog, cloud, job_now_ms(), delete_cloud, service, &removed, &error) !=
         STATUS_OK)
         log_line(LOG_ERROR, "cloud=%s can't be removed: %s", cloud, error.text);
-    pthread_rwlock_unlock(&service->clouds);
+    unlock_clouds(service);
 }
 
-/* Of hosts that have gone while they kept a cloud. */
+/* Of hosts that have gone while they kept a cloud, or removed one. */
 static void sweep_unused_clouds(struct service *service) {
     char names[SERVICE_PAGE][JOB_HASH_BYTES];
     struct error error = {0};
@@ -62,13 +68,13 @@ enum status service_delete_cloud(struct service *service, const char *sha256, co
                                  struct error *error) {
     struct catalog_cloud record;
     bool found, removed;
-    pthread_rwlock_wrlock(&service->clouds);
+    lock_clouds(service);
     enum status status = catalog_get_cloud(service->catalog, sha256, principal, &record, &found, error);
     *jobs = record.jobs;
     if (status == STATUS_OK && !*jobs) status = catalog_delete_cloud(service->catalog, sha256, principal, error);
     if (status == STATUS_OK && !*jobs)
         status = catalog_remove_cloud(service->catalog, sha256, job_now_ms(), delete_cloud, service, &removed, error);
-    pthread_rwlock_unlock(&service->clouds);
+    unlock_clouds(service);
     catalog_cloud_done(&record);
     if (status == STATUS_OK && !*jobs) log_line(LOG_INFO, "cloud=%s deleted", sha256);
     return status;

@@ -116,10 +116,10 @@ bool store_cloud_exists(struct store *store, const char *sha256) {
     return blobs_exist(store->blobs, name);
 }
 
-bool store_cloud_delete(struct store *store, const char *sha256) {
+bool store_cloud_delete(struct store *store, const char *sha256, bool *settled) {
     char name[BLOBS_NAME_BYTES];
     cloud_name(sha256, name);
-    return blobs_remove(store->blobs, name);
+    return blobs_remove(store->blobs, name, settled);
 }
 
 enum status store_part_keep(struct store *store, const char *id, const char *sha256, struct error *error) {
@@ -162,10 +162,10 @@ enum status store_piece_copy(struct store *store, const char *upload, const char
 void store_pieces_delete(struct store *store, const char *upload) {
     char folder[BLOBS_NAME_BYTES];
     snprintf(folder, sizeof folder, "%s/%.60s", uploads, upload);
-    blobs_remove(store->blobs, folder);
+    blobs_remove(store->blobs, folder, NULL);
 }
 
-bool store_marked_delete(struct store *store, const char *name) { return blobs_remove(store->blobs, name); }
+bool store_marked_delete(struct store *store, const char *name) { return blobs_remove(store->blobs, name, NULL); }
 
 /* ------------------------------------------------------------------------------------------------ outputs */
 
@@ -229,7 +229,7 @@ static enum status put_outputs(struct store *store, int folder_fd, const char *f
     struct blobs_source sources[JOB_MAX_OUTPUTS];
     for (size_t i = 0; i < count; i++)
         sources[i] = (struct blobs_source){outputs[i].name, folder_fd, outputs[i].name, outputs[i].sha256};
-    if (!store->is_apart) blobs_remove(store->blobs, folder);
+    if (!store->is_apart) blobs_remove(store->blobs, folder, NULL);
     return blobs_put(store->blobs, folder, sources, count, error);
 }
 
@@ -255,7 +255,7 @@ enum status store_outputs_share(struct store *store, const char *from_id, int fr
     find_outputs(store, from_id, from_attempt, from);
     outputs_name(to_id, 0, to);
     enum status status = blobs_copy(store->blobs, from, to, error);
-    if (status != STATUS_OK) blobs_remove(store->blobs, to);
+    if (status != STATUS_OK) blobs_remove(store->blobs, to, NULL);
     return status;
 }
 
@@ -310,7 +310,7 @@ int store_outputs_count(struct store *store, const char *id, int attempt) {
 void store_outputs_delete(struct store *store, const char *id, int attempt) {
     char folder[BLOBS_NAME_BYTES];
     outputs_name(id, attempt, folder);
-    blobs_remove(store->blobs, folder);
+    blobs_remove(store->blobs, folder, NULL);
 }
 
 /* ------------------------------------------------------------------------------------------------ tiles */
@@ -368,7 +368,7 @@ int store_tiles_open(struct store *store, const char *id, const char *name) {
 bool store_tiles_delete(struct store *store, const char *id) {
     char folder[BLOBS_NAME_BYTES];
     tiles_name(id, folder);
-    return blobs_remove(store->blobs, folder);
+    return blobs_remove(store->blobs, folder, NULL);
 }
 
 /* ------------------------------------------------------------------------------------------------ jobs */
@@ -438,7 +438,7 @@ int store_log_gather(struct store *store, const char *id) {
 void store_job_delete(struct store *store, const char *id) {
     char folder[BLOBS_NAME_BYTES];
     snprintf(folder, sizeof folder, "%s/%.80s", jobs, id);
-    blobs_remove(store->blobs, folder);
+    blobs_remove(store->blobs, folder, NULL);
     if (store->is_apart) scratch_log_delete(store->scratch, id);
 }
 
@@ -481,7 +481,7 @@ struct cleaning {
 };
 
 static void remove_thing(struct store *store, enum store_thing thing, const char *name) {
-    if (thing == STORE_CLOUD) store_cloud_delete(store, name);
+    if (thing == STORE_CLOUD) store_cloud_delete(store, name, NULL);
     if (thing == STORE_JOB) store_job_delete(store, name);
     if (thing == STORE_PART) scratch_part_delete(store->scratch, name);
 }

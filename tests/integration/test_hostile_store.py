@@ -2,6 +2,7 @@
 """Who stands between a host and its S3 store, and cuts, delays, refuses and changes what goes by: nothing is lost, nothing
 else is served than what was put, and what can't be done is told as such (5xx), not as done or as not there."""
 import collections
+import concurrent.futures
 import contextlib
 import http.client
 import http.server
@@ -15,6 +16,7 @@ import pytest
 
 from conftest import BUILD, PATIENCE_S, SMALL, sphere, wait_until
 from test_hosts import PROGRAMS, content, make_in_s3, make_server  # pylint: disable=unused-import
+from test_rules import ask
 from test_storage import inside, on_a_disk_of
 
 SLOW_DOWN = (b'<?xml version="1.0"?><Error><Code>SlowDown</Code><Message>Reduce your request rate.</Message></Error>')
@@ -392,3 +394,121 @@ def test_a_host_whose_disk_is_full_says_so_to_readers(in_s3, cramped, make_daemo
     assert host.job(job)["status"] == "successful"
     ballast.unlink()
     assert host.curl(f"/v1/clouds/{cloud}/data").body == LONG and content(host, job) == content(other, job)
+
+
+# ---------------------------------------------------------------------------------------------- removals that come late
+
+class Keeper(Meddler):
+    """Keeps what is to remove a cloud, without an answer, until it is let go."""
+
+    def __init__(self, endpoint):
+        self.kept, self.keeps = [], True
+        super().__init__(endpoint, lambda method, path: "keep" if self.keeps and method == "DELETE" and
+                         "/clouds/" in path else None)
+
+    def let_go(self):
+        for handler, body in self.kept:
+            assert handler.ask(body)[0] == 204
+        self.kept.clear()
+
+
+def keep(handler, body):
+    handler.server.kept.append((handler, body))
+    handler.drop()
+
+
+Handler.do_keep = keep
+OF_METHOD["DELETE"].add("keep")
+
+
+def pass_grace(flags):
+    """As if a quarter of an hour had gone by since."""
+    ask(flags, "UPDATE expected SET removal = removal - 3600000 WHERE removed = 0 AND removal > 0")
+
+
+@pytest.mark.parametrize("is_killed", [False, True])
+def test_a_removal_that_comes_late_removes_nothing_that_was_put_since(make_daemon, in_s3, tmp_path, is_killed):
+    """The store's answer to the removal of a cloud is lost, or the host that asks for it dies; another host is given the
+    same cloud, and then what was asked for comes to the store."""
+    flags, endpoint = in_s3
+    keeper = Keeper(endpoint)
+    host, other = make_daemon(*through(flags, endpoint, keeper)), make_daemon(*flags)
+    cloud = other.post("/v1/clouds", SMALL).json["id"]
+    forget(flags)
+    if is_killed:
+        client = subprocess.Popen(["curl", "-s", "-X", "DELETE", f"{host.url}/v1/clouds/{cloud}"],  # pylint: disable=consider-using-with
+                                  stdout=subprocess.DEVNULL)
+        wait_until(lambda: keeper.kept, "the removal")
+        host.kill()
+        client.wait(PATIENCE_S)
+    else:
+        assert host.curl(f"/v1/clouds/{cloud}", "-X", "DELETE").status == 200
+    assert keeper.kept and other.curl(f"/v1/clouds/{cloud}").status == 404
+    early = other.post("/v1/clouds", SMALL)  # refused, or else kept from what comes late
+    assert early.status == 201 or int(early.headers["retry-after"]) > 0, early.body
+    keeper.keeps = False
+    keeper.let_go()
+    assert early.status != 201 or other.curl(f"/v1/clouds/{cloud}/data").body == SMALL
+    pass_grace(flags)
+    again = persist(lambda: other.post("/v1/clouds", SMALL))
+    assert again.json["id"] == cloud and other.curl(f"/v1/clouds/{cloud}/data").body == SMALL
+    job = other.submit(SMALL, "?ratio=0.5")
+    assert other.ended(job)["status"] == "successful"
+    assert own_check(flags, tmp_path / "check") == (0, [])
+
+
+def forget(flags):
+    """As if those who were about to refer to a cloud had gone long ago."""
+    ask(flags, "UPDATE expected SET until = 1")
+
+
+def test_a_cloud_that_is_certainly_gone_is_put_again_at_once(make_daemon, in_s3):
+    flags, _ = in_s3
+    hosts = [make_daemon(*flags) for _ in range(2)]
+    for i in range(6):
+        cloud = hosts[i % 2].post("/v1/clouds", SMALL)
+        assert cloud.status == 201, cloud.body
+        forget(flags)
+        path = f"/v1/clouds/{cloud.json['id']}"
+        assert hosts[(i // 2) % 2].curl(path, "-X", "DELETE").status == 200
+        assert hosts[i % 2].curl(path + "/data").status == 404
+    assert ask(flags, "SELECT removed FROM expected") == "1"
+
+
+class Holder(Meddler):
+    """Passes on what puts a cloud, whose answer waits."""
+
+    def __init__(self, endpoint):
+        self.is_put, self.goes_on = threading.Event(), threading.Event()
+        super().__init__(endpoint, lambda method, path: "hold" if method == "PUT" and "/clouds/" in path else None)
+
+
+def hold(handler, body):
+    status, headers, reply, _ = handler.ask(body)
+    handler.server.is_put.set()
+    assert handler.server.goes_on.wait(PATIENCE_S)
+    handler.answer(status, headers, reply)
+
+
+Handler.do_hold = hold
+OF_METHOD["PUT"].add("hold")
+
+
+@pytest.mark.parametrize("path", ["/v1/clouds", "/v1/jobs"])
+def test_who_is_kept_for_longer_than_its_cloud_waits_refers_to_nothing(make_daemon, in_s3, tmp_path, path):
+    """The cloud is put, the host hasn't written its row yet; meanwhile the bytes are nobody's, and go."""
+    flags, endpoint = in_s3
+    holder = Holder(endpoint)
+    host, other = make_daemon(*through(flags, endpoint, holder)), make_daemon(*flags)
+    with concurrent.futures.ThreadPoolExecutor() as pool:
+        begun = pool.submit(host.post, path, SMALL)
+        assert holder.is_put.wait(PATIENCE_S)
+        forget(flags)
+        wait_until(lambda: ask(flags, "SELECT removed FROM expected") == "1", "the sweep of the other host")
+        holder.goes_on.set()
+        reply = begun.result(PATIENCE_S)
+    assert reply.status == 503 and int(reply.headers["retry-after"]) > 0, reply.body
+    assert other.curl("/v1/clouds").json["clouds"] == other.curl("/v1/jobs").json["jobs"] == []
+    again = persist(lambda: host.post("/v1/clouds", SMALL))
+    assert other.curl(f"/v1/clouds/{again.json['id']}/data").body == SMALL
+    assert own_check(flags, tmp_path / "check") == (0, [])

@@ -77,17 +77,17 @@ static void what_is_removed_is_gone_and_nothing_else(void **state) {
     PUT(f, "jobs/1/outputs.2", "a", "1");
     PUT(f, "jobs/10/outputs", "a", "1");
     int open_still = blobs_read(f->blobs, "jobs/1/outputs/b", NULL);
-    blobs_remove(f->blobs, "jobs/1/outputs/a");
+    blobs_remove(f->blobs, "jobs/1/outputs/a", NULL);
     assert_false(blobs_fixture_has(f, "jobs/1/outputs/a", ""));
     assert_true(blobs_fixture_has(f, "jobs/1/outputs/b", "2"));
-    blobs_remove(f->blobs, "jobs/1/outputs");
+    blobs_remove(f->blobs, "jobs/1/outputs", NULL);
     assert_false(blobs_exist(f->blobs, "jobs/1/outputs"));
     assert_true(blobs_fixture_has(f, "jobs/1/outputs.2/a", "1"));
-    blobs_remove(f->blobs, "jobs/1");
+    blobs_remove(f->blobs, "jobs/1", NULL);
     assert_false(blobs_exist(f->blobs, "jobs/1"));
     assert_true(blobs_fixture_has(f, "jobs/10/outputs/a", "1"));
-    blobs_remove(f->blobs, "jobs/1");
-    blobs_remove(f->blobs, "clouds/never");
+    blobs_remove(f->blobs, "jobs/1", NULL);
+    blobs_remove(f->blobs, "clouds/never", NULL);
     char found[4] = "";
     assert_int_equal(pread(open_still, found, 3, 0), 1);
     assert_string_equal(found, "2");
@@ -99,7 +99,7 @@ static void a_copy_outlives_what_it_is_of(void **state) {
     char text[512];
     PUT(f, "jobs/1/outputs", "a", "one", "b", "two");
     assert_int_equal(blobs_copy(f->blobs, "jobs/1/outputs", "jobs/2/outputs", &f->error), STATUS_OK);
-    blobs_remove(f->blobs, "jobs/1");
+    blobs_remove(f->blobs, "jobs/1", NULL);
     assert_string_equal(blobs_fixture_list(f, "jobs/2/outputs", text), "a,b,");
     assert_true(blobs_fixture_has(f, "jobs/2/outputs/b", "two"));
     assert_int_not_equal(blobs_copy(f->blobs, "jobs/1/outputs", "jobs/3/outputs", &f->error), STATUS_OK);
@@ -113,7 +113,7 @@ static void names_that_lead_elsewhere_are_nobodys(void **state) {
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         assert_int_equal(blobs_read(f->blobs, names[i], NULL), -1);
         assert_false(blobs_exist(f->blobs, names[i]));
-        blobs_remove(f->blobs, names[i]);
+        blobs_remove(f->blobs, names[i], NULL);
         const char *const put[] = {"a", "y", NULL};
         if (!strchr("c", names[i][0]) || names[i][0] == 0)
             assert_int_equal(blobs_fixture_put(f, names[i], put), STATUS_BAD_PARAMETER);

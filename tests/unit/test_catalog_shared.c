@@ -7,6 +7,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "server/base/away.h"
 #include "server/catalog/postgres/pq.h"
 #include "tests/unit/catalog_fixture.h"
 
@@ -57,9 +58,10 @@ static void a_secret_is_the_first_that_is_brought(void **state) {
     catalog_close(other);
 }
 
-static void count_removals(void *ctx, const char *cloud) {
+static bool count_removals(void *ctx, const char *cloud) {
     (void)cloud;
     ++*(int *)ctx;
+    return true;
 }
 
 /* Between a cloud's upload and its job's row nobody else removes it, and of a host that has gone it is found. */
@@ -91,6 +93,47 @@ static void a_cloud_that_is_expected_stays(void **state) {
     assert_int_equal(removals, 1);
     assert_int_equal(catalog_list_unused_clouds(other, 9000, names, 2, &count, &f->error), STATUS_OK);
     assert_int_equal(count, 0);
+    catalog_close(other);
+}
+
+static bool leave_unsure(void *ctx, const char *cloud) {
+    (void)count_removals(ctx, cloud);
+    return false;
+}
+
+static bool is_away(enum status status, const struct error *error) {
+    return status == STATUS_IO && error_is_away(error);
+}
+
+/* Nobody may put it again until it was removed for certain, when what was asked for before can't happen any more. */
+static void a_cloud_whose_removal_may_come_late_is_waited_for(void **state) {
+    enum { BEGUN = 5000, OVER = BEGUN + CATALOG_REMOVAL_GRACE_MS };
+    struct catalog_fixture *f = *state;
+    struct catalog *other = open_again(f);
+    char names[2][JOB_HASH_BYTES];
+    int removals = 0;
+    bool removed;
+    size_t count;
+    assert_int_equal(catalog_remove_cloud(f->catalog, "cloud1", BEGUN, leave_unsure, &removals, &removed, &f->error),
+                     STATUS_OK);
+    assert_true(removed);
+    assert_true(is_away(catalog_expect_cloud(other, "cloud1", BEGUN, &f->error), &f->error));
+    assert_int_equal(catalog_remove_cloud(other, "cloud1", OVER - 1, count_removals, &removals, &removed, &f->error),
+                     STATUS_OK);
+    assert_false(removed);
+    assert_int_equal(catalog_list_unused_clouds(other, OVER - 1, names, 2, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 0);
+    assert_int_equal(catalog_list_unused_clouds(other, OVER, names, 2, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 1);
+    assert_int_equal(catalog_remove_cloud(other, "cloud1", OVER, count_removals, &removals, &removed, &f->error),
+                     STATUS_OK);
+    assert_true(removed);
+    assert_int_equal(removals, 2);
+    assert_int_equal(catalog_remove_cloud(other, "cloud1", OVER + 1, count_removals, &removals, &removed, &f->error),
+                     STATUS_OK);
+    assert_false(removed);
+    assert_int_equal(catalog_expect_cloud(f->catalog, "cloud1", OVER, &f->error), STATUS_OK);
+    catalog_fixture_submit(f, 1);
     catalog_close(other);
 }
 
@@ -410,6 +453,7 @@ int main(void) {
         CATALOG_TEST(what_is_reserved_counts_everywhere),
         CATALOG_TEST(a_secret_is_the_first_that_is_brought),
         CATALOG_TEST(a_cloud_that_is_expected_stays),
+        CATALOG_TEST(a_cloud_whose_removal_may_come_late_is_waited_for),
         CATALOG_TEST(turns_are_taken_across_hosts),
         CATALOG_TEST(others_are_told),
         CATALOG_TEST(many_changes_of_one_moment_are_told),

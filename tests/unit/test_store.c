@@ -78,7 +78,7 @@ static void an_upload_is_visible_once_it_is_kept(void **state) {
     assert_content(store_cloud_open(f->store, "abc"), "cloud");
     scratch_file_drop(store_scratch(f->store), &u); /* has ended: nothing happens */
     assert_true(store_cloud_exists(f->store, "abc"));
-    store_cloud_delete(f->store, "abc");
+    store_cloud_delete(f->store, "abc", NULL);
     assert_false(store_cloud_exists(f->store, "abc"));
 }
 

@@ -505,6 +505,7 @@ enum status s3_client_ask(struct s3_client *client, struct s3_request *request, 
         if (i) poll(NULL, 0, PAUSE_MS << i);
         start_again(request);
         bool again = false;
+        request->tries = i + 1;
         status = try_once(client, curl, request, code, &again, error);
         if (!again && !is_for_now(request, status, *code)) break;
     }

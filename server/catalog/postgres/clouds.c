@@ -2,7 +2,9 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <string.h>
+#include <time.h>
 
+#include "server/base/away.h"
 #include "server/catalog/postgres/catalog_postgres.h"
 
 static enum status select_clouds(struct catalog *catalog, const char *text, const struct pq_value *values,
@@ -142,17 +144,60 @@ enum status catalog_postgres_cloud_uses(struct catalog *catalog, const char *clo
 
 /* ------------------------------------------------------------------------------------------------ garbage */
 
-/* The row of a cloud in `expected`, locked until the end of the transaction; with the time until which it is. */
-#define EXPECT                                                                                                         \
-    "INSERT INTO expected (cloud, until) VALUES ($1, $2) ON CONFLICT (cloud) "                                         \
-    "DO UPDATE SET until = greatest(expected.until, excluded.until) RETURNING until"
+/* The row of a cloud in `expected` says until when somebody is about to refer to it; or, with `removal`, when the
+ * removal of its bytes was begun, which is `removed` once it is certain that they are gone and that no request to
+ * remove them is on its way.  What is removed is kept in mind for a time: who was about to refer to it and was stopped
+ * for longer than it had is told so by a trigger (tables.c). */
+enum { KNOWN_AS_REMOVED_MS = 24 * 3600 * 1000 };
 
+static enum status try_to_expect(struct catalog_postgres *postgres, const char *cloud, int64_t until_ms,
+                                 int64_t *expected, struct error *error) {
+    struct pq_link *link;
+    *expected = 0;
+    enum status status = pq_take(postgres->pq, &link, error);
+    if (status != STATUS_OK) return status;
+    status = pq_run(link,
+                    "INSERT INTO expected (cloud, until) VALUES ($1, $2) ON CONFLICT (cloud) "
+                    "DO UPDATE SET until = greatest(expected.until, excluded.until), removal = 0, removed = 0 "
+                    "WHERE expected.removal = 0 OR expected.removed = 1",
+                    VALUES(T(cloud), I(until_ms)), expected, error);
+    pq_done(link);
+    return status;
+}
+
+/* A removal takes as long as an answer of the store. */
 enum status catalog_postgres_expect_cloud(struct catalog *catalog, const char *cloud, int64_t until_ms,
                                           struct error *error) {
-    struct pq_link *link;
-    enum status status = pq_begin(catalog_postgres_of(catalog)->pq, &link, error);
+    enum { TRIES = 20, PAUSE_MS = 50 };
+    static const struct timespec pause = {.tv_nsec = PAUSE_MS * 1000 * 1000};
+    int64_t expected = 0;
+    for (int i = 0; i < TRIES; i++) {
+        enum status status = try_to_expect(catalog_postgres_of(catalog), cloud, until_ms, &expected, error);
+        if (status != STATUS_OK || expected) return status;
+        nanosleep(&pause, NULL);
+    }
+    return error_set(error, STATUS_IO, AWAY, "the cloud %.64s is being removed", cloud);
+}
+
+struct expectation {
+    int64_t until_ms, removal_ms, is_removed;
+};
+
+/* The row, which is locked until the end of the transaction, and made where there is none. */
+static enum status lock_expected(struct pq_link *link, const char *cloud, int64_t now_ms,
+                                 struct expectation *expectation, struct error *error) {
+    struct pq_rows *rows;
+    enum status status = pq_run(link, "INSERT INTO expected (cloud, until) VALUES ($1, $2) ON CONFLICT DO NOTHING",
+                                VALUES(T(cloud), I(now_ms)), NULL, error);
+    if (status == STATUS_OK)
+        status = pq_select(link, "SELECT until, removal, removed FROM expected WHERE cloud = $1 FOR UPDATE",
+                           VALUES(T(cloud)), &rows, error);
     if (status != STATUS_OK) return status;
-    return pq_end(link, pq_run(link, EXPECT, VALUES(T(cloud), I(until_ms)), NULL, error), NULL, error);
+    *expectation = (struct expectation){.until_ms = INT64_MAX};
+    if (pq_next(rows))
+        *expectation = (struct expectation){pq_integer(rows, 0), pq_integer(rows, 1), pq_integer(rows, 2)};
+    pq_free(rows);
+    return STATUS_OK;
 }
 
 static enum status count_uses(struct pq_link *link, const char *cloud, int64_t *uses, struct error *error) {
@@ -161,23 +206,51 @@ static enum status count_uses(struct pq_link *link, const char *cloud, int64_t *
         VALUES(T(cloud)), uses, error);
 }
 
+/* *begun: the bytes are to be removed, and nobody else does so.  A removal that somebody has begun before, and that
+ * isn't over, is left to them for as long as what they asked for may still be on its way. */
+static enum status begin_removal(struct pq_link *link, const char *cloud, int64_t now_ms, bool *begun,
+                                 struct error *error) {
+    struct expectation known;
+    int64_t uses = 1;
+    *begun = false;
+    enum status status = lock_expected(link, cloud, now_ms, &known, error);
+    if (status != STATUS_OK || known.until_ms > now_ms) return status;
+    bool is_old = known.removal_ms <= now_ms - (known.is_removed ? KNOWN_AS_REMOVED_MS : CATALOG_REMOVAL_GRACE_MS);
+    if (known.removal_ms && !is_old) return STATUS_OK;
+    if (!known.is_removed) status = count_uses(link, cloud, &uses, error);
+    *begun = status == STATUS_OK && !uses;
+    if (status != STATUS_OK) return status;
+    return pq_run(link,
+                  *begun ? "UPDATE expected SET removal = $2, removed = 0 WHERE cloud = $1"
+                         : "DELETE FROM expected WHERE cloud = $1 AND until <= $2",
+                  VALUES(T(cloud), I(now_ms)), NULL, error);
+}
+
+/* Where it isn't noted it is tried again. */
+static void end_removal(struct catalog_postgres *postgres, const char *cloud, int64_t begun_ms) {
+    struct pq_link *link;
+    struct error ignored;
+    if (pq_take(postgres->pq, &link, &ignored) != STATUS_OK) return;
+    enum status ended = pq_run(link, "UPDATE expected SET removed = 1 WHERE cloud = $1 AND removal = $2",
+                               VALUES(T(cloud), I(begun_ms)), NULL, &ignored);
+    (void)ended;
+    pq_done(link);
+}
+
+/* That it is begun is committed before the store is asked: where its answer is lost, or who asked is, nobody puts what
+ * a request that comes late would remove. */
 enum status catalog_postgres_remove_cloud(struct catalog *catalog, const char *cloud, int64_t now_ms,
-                                          void (*remove)(void *ctx, const char *cloud), void *ctx, bool *removed,
+                                          bool (*remove)(void *ctx, const char *cloud), void *ctx, bool *removed,
                                           struct error *error) {
     struct pq_link *link;
-    int64_t until_ms = INT64_MAX, uses = 1;
+    bool begun = false;
     *removed = false;
     enum status status = pq_begin(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    /* The store is asked with the row locked, and takes its time. */
-    status = pq_run(link, "SET LOCAL idle_in_transaction_session_timeout = 0", NULL, 0, NULL, error);
-    if (status == STATUS_OK) status = pq_number(link, EXPECT, VALUES(T(cloud), I(now_ms)), &until_ms, error);
-    if (status == STATUS_OK && until_ms <= now_ms) status = count_uses(link, cloud, &uses, error);
-    if (status == STATUS_OK && !uses) remove(ctx, cloud);
-    if (status == STATUS_OK && until_ms <= now_ms)
-        status = pq_run(link, "DELETE FROM expected WHERE cloud = $1", VALUES(T(cloud)), NULL, error);
-    *removed = status == STATUS_OK && !uses;
-    return pq_end(link, status, NULL, error);
+    status = pq_end(link, begin_removal(link, cloud, now_ms, &begun, error), NULL, error);
+    *removed = status == STATUS_OK && begun;
+    if (*removed && remove(ctx, cloud)) end_removal(catalog_postgres_of(catalog), cloud, now_ms);
+    return status;
 }
 
 enum status catalog_postgres_list_unused_clouds(struct catalog *catalog, int64_t now_ms, char (*names)[JOB_HASH_BYTES],
@@ -187,8 +260,10 @@ enum status catalog_postgres_list_unused_clouds(struct catalog *catalog, int64_t
     *count = 0;
     enum status status = pq_take(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = pq_select(link, "SELECT cloud FROM expected WHERE until <= $1 ORDER BY until LIMIT $2",
-                       VALUES(I(now_ms), I(max)), &rows, error);
+    status = pq_select(link,
+                       "SELECT cloud FROM expected WHERE until <= $1 AND (removal = 0 OR "
+                       "removal <= $1 - CASE removed WHEN 0 THEN $3 ELSE $4 END) ORDER BY until LIMIT $2",
+                       VALUES(I(now_ms), I(max), I(CATALOG_REMOVAL_GRACE_MS), I(KNOWN_AS_REMOVED_MS)), &rows, error);
     if (status == STATUS_OK) {
         while (*count < max && pq_next(rows)) pq_copy_text(rows, 0, names[(*count)++], JOB_HASH_BYTES);
         pq_free(rows);

@@ -70,6 +70,8 @@ enum status catalog_postgres_add_rows(struct catalog *catalog, const struct cata
     uint64_t more = 0;
     enum status status = pq_begin(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
+    if (status == STATUS_OK) /* clouds that were removed come back */
+        status = pq_run(link, "UPDATE expected SET removal = 0, removed = 0 WHERE removed = 1", NULL, 0, NULL, error);
     for (size_t i = 0; status == STATUS_OK && i < count; i++) status = add_row(link, &rows[i], &more, error);
     status = pq_end(link, status, NULL, error);
     if (status == STATUS_OK) *added += more;

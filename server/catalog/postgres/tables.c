@@ -168,6 +168,24 @@ static const char *const steps[] = {
     "EXECUTE FUNCTION whittle_part_unknown();"
     "CREATE TRIGGER part_unknown_to_deleter BEFORE DELETE ON uploads FOR EACH ROW "
     "WHEN (OLD.concat = 'partial' AND OLD.expires > whittle_now()) EXECUTE FUNCTION whittle_part_unknown();",
+    /* Since when the bytes of a cloud are being removed, and whether they are gone.  Meanwhile nobody is about to refer
+     * to it, hosts of the version before included: what they do fails as if the server were away.  So does a row of who
+     * was about to, and comes when they are gone. */
+    "ALTER TABLE expected ADD COLUMN removal BIGINT NOT NULL DEFAULT 0;"
+    "ALTER TABLE expected ADD COLUMN removed BIGINT NOT NULL DEFAULT 0;"
+    "CREATE FUNCTION whittle_cloud_goes() RETURNS TRIGGER LANGUAGE plpgsql AS $$ BEGIN "
+    "IF OLD.removed = 0 THEN RAISE 'the cloud is being removed' USING ERRCODE = 'cannot_connect_now'; END IF; "
+    "NEW.removal := 0; NEW.removed := 0; RETURN NEW; END $$;"
+    "CREATE TRIGGER cloud_goes BEFORE UPDATE ON expected FOR EACH ROW "
+    "WHEN (OLD.removal > 0 AND NEW.removal = OLD.removal AND NEW.removed = OLD.removed) "
+    "EXECUTE FUNCTION whittle_cloud_goes();"
+    "CREATE FUNCTION whittle_cloud_gone() RETURNS TRIGGER LANGUAGE plpgsql AS $$ DECLARE since BIGINT; BEGIN "
+    "IF TG_TABLE_NAME = 'jobs' THEN SELECT removal INTO since FROM expected WHERE cloud = NEW.cloud FOR KEY SHARE; "
+    "ELSE SELECT removal INTO since FROM expected WHERE cloud = NEW.sha256 FOR KEY SHARE; END IF; "
+    "IF since > 0 THEN RAISE 'the cloud was removed meanwhile' USING ERRCODE = 'cannot_connect_now'; END IF; "
+    "RETURN NULL; END $$;"
+    "CREATE TRIGGER cloud_gone AFTER INSERT ON jobs FOR EACH ROW EXECUTE FUNCTION whittle_cloud_gone();"
+    "CREATE TRIGGER cloud_gone AFTER INSERT ON clouds FOR EACH ROW EXECUTE FUNCTION whittle_cloud_gone();",
 };
 enum { STEPS = sizeof steps / sizeof steps[0] };
 

@@ -153,13 +153,13 @@ enum status catalog_sqlite_expect_cloud(struct catalog *catalog, const char *clo
 }
 
 enum status catalog_sqlite_remove_cloud(struct catalog *catalog, const char *cloud, int64_t now_ms,
-                                        void (*remove)(void *ctx, const char *cloud), void *ctx, bool *removed,
+                                        bool (*remove)(void *ctx, const char *cloud), void *ctx, bool *removed,
                                         struct error *error) {
     uint64_t uses = 1;
     (void)now_ms;
     enum status status = catalog_sqlite_cloud_uses(catalog, cloud, &uses, error);
     *removed = status == STATUS_OK && !uses;
-    if (*removed) remove(ctx, cloud);
+    if (*removed) (void)remove(ctx, cloud);
     return status;
 }
 

@@ -26,7 +26,7 @@ void catalog_cells_read_job(const struct catalog_cells *cells, struct job *job) 
     job->input_bytes = (uint64_t)cells->integer(cells->row, c++);
     job->input_points = (uint64_t)cells->integer(cells->row, c++);
     copy_text(cells, c++, job->input_format, sizeof job->input_format);
-    job_params_read(cells->text(cells->row, c++), &job->params);
+    job->is_strange = !job_params_read(cells->text(cells->row, c++), &job->params);
     copy_text(cells, c++, job->stage, sizeof job->stage);
     copy_text(cells, c++, job->message, sizeof job->message);
     job->fraction = cells->real(cells->row, c++);

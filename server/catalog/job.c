@@ -114,6 +114,45 @@ char *job_params_text(const struct params *params) {
     return close_text(out, &text);
 }
 
+/* What follows this in a line of the text is a list of names, with commas. */
+static const char given_line[] = "given=";
+
+char *job_params_stored(const struct params *params) {
+    size_t bytes, count;
+    char *text = NULL;
+    FILE *out = open_memstream(&text, &bytes);
+    const struct param *table = params_table(&count);
+    struct params defaults;
+    if (!out) return NULL;
+    print_params(out, params, true);
+    fputs(given_line, out);
+    params_defaults(&defaults);
+    for (size_t i = 0, given = 0; i < count; i++) {
+        char value[VALUE_BYTES], usual[VALUE_BYTES];
+        params_format(params, &table[i], value, sizeof value);
+        params_format(&defaults, &table[i], usual, sizeof usual);
+        if (strcmp(value, usual) != 0) fprintf(out, "%s%s", given++ ? "," : "", table[i].name);
+    }
+    fputs("\n", out);
+    return close_text(out, &text);
+}
+
+/* The list of names of a stored text; NULL: an earlier program has stored it. */
+static const char *find_given(const char *text) {
+    for (; text && *text; text = strchr(text, '\n'), text += text != NULL)
+        if (strncmp(text, given_line, strlen(given_line)) == 0) return text + strlen(given_line);
+    return NULL;
+}
+
+static bool is_given(const char *given, const char *name) {
+    size_t length = strlen(name), end = given ? strcspn(given, "\n") : 0;
+    for (size_t i = 0, n; i < end; i += n + 1) {
+        n = strcspn(given + i, ",\n");
+        if (n == length && strncmp(given + i, name, n) == 0) return true;
+    }
+    return false;
+}
+
 char *job_result_text(const struct job *job, const char *version) {
     size_t bytes;
     char *text = NULL;
@@ -125,7 +164,9 @@ char *job_result_text(const struct job *job, const char *version) {
     return close_text(out, &text);
 }
 
-void job_params_read(const char *text, struct params *params) {
+bool job_params_read(const char *text, struct params *params) {
+    const char *given = find_given(text);
+    bool is_known = true;
     params_defaults(params);
     char line[VALUE_BYTES + 64];
     for (; *text; text += strcspn(text, "\n"), text += *text == '\n') {
@@ -136,10 +177,12 @@ void job_params_read(const char *text, struct params *params) {
         char *equals = strchr(line, '=');
         if (!equals) continue;
         *equals = 0;
-        enum status status = params_set(params, line, equals + 1, NULL);
-        (void)status; /* of an older or a newer program: the default stands */
+        if (params_set(params, line, equals + 1, NULL) == STATUS_OK) continue;
+        /* Of an older or a newer program: the default stands. */
+        if (params_find(line) ? given != NULL : is_given(given, line)) is_known = false;
     }
     memset(params->alias, 0, sizeof params->alias); /* they were resolved before they were written */
+    return is_known;
 }
 
 int64_t job_now_ms(void) { return wall_clock_now_ms(); }

@@ -105,6 +105,7 @@ struct job {
     uint64_t input_bytes, input_points; /* points: as the header says; 0 = not known */
     char input_format[JOB_FORMAT_BYTES];
     struct params params;
+    bool is_strange;             /* it has parameters that this program doesn't know, and so it can't run it */
     char result[JOB_HASH_BYTES]; /* names what it computes: jobs with the same have the same outputs; "" = none */
 
     const struct job_key *key; /* borrowed, and kept with the job when it is submitted; NULL = none */
@@ -161,10 +162,14 @@ void job_new_id(const struct timespec *now, char id[JOB_ID_BYTES]);
 /* Whether text has the form of an id (hexadecimal digits in lower case, dashes in their places). */
 bool job_id_valid(const char *text);
 
-/* Parameters as lines of name=value, for storing; returns new, NULL when memory runs out.  And back, over the defaults:
- * a name that is gone from the table is skipped. */
+/* Parameters as lines of name=value; returns new, NULL when memory runs out. */
 char *job_params_text(const struct params *params);
-void job_params_read(const char *text, struct params *params);
+
+/* The same for storing, with one more line that says which of them aren't at their defaults.  And back, over the
+ * defaults: a name that is gone from the table is skipped.  false: a newer program has stored something that this one
+ * doesn't know, another value or a parameter that isn't at its default, so the parameters are others. */
+char *job_params_stored(const struct params *params);
+bool job_params_read(const char *text, struct params *params);
 
 /* Text that two jobs have in common exactly when the same engine computes the same outputs for both: the cloud, every
  * parameter that affects results, the version.  Returns new, NULL when memory runs out. */

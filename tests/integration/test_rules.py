@@ -610,6 +610,60 @@ def test_rule_10_a_host_of_the_version_before_leaves_a_batch_s_webhook_alone(mak
     assert ask(shared, "SELECT job FROM outbox") == job and receiver.taken[-1][0]["webhook-id"] == batch
 
 
+# As the version before claims a job.
+FIRST_JOB = ("SELECT first.id FROM usage CROSS JOIN LATERAL (SELECT id FROM jobs WHERE state = 0 AND principal = "
+             "usage.principal ORDER BY due, id LIMIT 1) AS first WHERE usage.waiting > 0 ORDER BY usage.served, first.id "
+             "LIMIT 1")
+CLAIM_BEFORE = ("UPDATE jobs SET state = 1, attempt = attempt + 1, started = whittle_now(), updated = whittle_now(), "
+                "owner = 'before', lease = whittle_now() + 600000, writer = 'before' "
+                f"WHERE id = ({FIRST_JOB}) AND state = 0 RETURNING id")
+
+
+@pytest.mark.parametrize("shared", ["file"], indirect=True)
+def test_rule_10_a_host_of_the_version_before_leaves_jobs_alone_that_it_would_do_otherwise(make_daemon, shared):
+    """It doesn't know denoise=noisy, which is the default of this one, and would take none for it; nor tiles.  What it
+    can't claim isn't in the way of what it can."""
+    front = make_daemon(*shared, "--roles", "http")
+    meshes = [front.submit(SMALL, f"?outputs=mesh,report&ratio=0.{i}") for i in (3, 4)]
+    tiled = front.submit(SMALL, "?ratio=0.2")
+    ask(shared, f"UPDATE jobs SET tiles = -1 WHERE id = '{tiled}'")
+    cloud, given = front.submit(SMALL, "?ratio=0.5"), front.submit(SMALL, "?outputs=mesh,report&denoise=none")
+    claimed = [ask(shared, CLAIM_BEFORE) for _ in range(8)]
+    assert sorted(filter(None, claimed)) == sorted([cloud, given])
+    assert {front.job(job)["status"] for job in meshes + [tiled]} == {"accepted"}
+    ask(shared, f"UPDATE jobs SET tiles = 0 WHERE id = '{tiled}'")
+    make_daemon(*shared)
+    for job in meshes + [tiled]:
+        ended = front.ended(job)
+        assert ended["status"] == "successful" and ended["attempt"] == 1, ended
+
+
+@pytest.mark.parametrize("shared", ["file"], indirect=True)
+def test_rule_10_a_host_leaves_jobs_alone_whose_parameters_only_a_newer_one_knows(make_daemon, shared):
+    front = make_daemon(*shared, "--roles", "http")
+    strange, unknown, usual, plain = (front.submit(SMALL, f"?ratio=0.{i}") for i in (2, 3, 4, 5))
+
+    def change(job, *values):
+        params = ask(shared, f"SELECT params FROM jobs WHERE id = '{job}'") + "\n"
+        for before, after in values:
+            assert before in params
+            params = params.replace(before, after)
+        ask(shared, f"UPDATE jobs SET params = '{params}' WHERE id = '{job}'")
+    change(strange, ("given=", "shade=7\ngiven=shade,"))  # a parameter
+    change(unknown, ("denoise=noisy\n", "denoise=softly\n"))  # another default of one that is known
+    change(usual, ("given=", "shade=7\ngiven="))  # a parameter that is as if it weren't there
+    back = make_daemon(*shared)
+    for job in (usual, plain, front.submit(SMALL, "?ratio=0.6")):
+        assert front.ended(job)["status"] == "successful"
+    for job in (strange, unknown):
+        assert front.job(job)["status"] == "accepted" and f"job={job}" not in back.log_text()
+    change(strange, ("shade=7\ngiven=shade,", "given="))  # as if a host came that knows it
+    change(unknown, ("denoise=softly\n", "denoise=noisy\n"))
+    for job in (strange, unknown):
+        ended = front.ended(job)
+        assert ended["status"] == "successful" and ended["attempt"] == 1, ended
+
+
 def test_rule_10_a_host_of_the_version_before_leaves_parts_of_uploads_alone(make_daemon, shared):
     """It takes them for uploads: a whole one would become a cloud, or go where it is none."""
     host = make_daemon(*shared, "--roles", "http")

@@ -115,11 +115,38 @@ static void parameters_as_text_and_back(void **state) {
     assert_int_equal(params_set(&params, "outputs", "cloud,mesh,error", &error), STATUS_OK);
     assert_int_equal(params_set(&params, "seed", "4294967295", &error), STATUS_OK);
     assert_int_equal(params_resolve(&params, &error), STATUS_OK);
-    char *text = job_params_text(&params);
-    assert_non_null(text);
-    job_params_read(text, &back);
-    assert_memory_equal(&back, &params, sizeof params);
-    free(text);
+    char *const texts[] = {job_params_text(&params), job_params_stored(&params)};
+    for (int i = 0; i < 2; i++) {
+        assert_non_null(texts[i]);
+        assert_true(job_params_read(texts[i], &back));
+        assert_memory_equal(&back, &params, sizeof params);
+    }
+    assert_non_null(strstr(texts[1], "\ngiven=levels,outputs,seed\n"));
+    free(texts[0]);
+    free(texts[1]);
+}
+
+/* What a newer program has stored is read as it was meant, or it is said that it can't be. */
+static void stored_parameters_that_are_not_known_are_told(void **state) {
+    static const struct {
+        const char *text;
+        bool is_known;
+    } stored[] = {
+        {"ratio=0.5\nshade=7\nplacement=auto\ngiven=ratio\n", true}, /* as if it weren't there */
+        {"ratio=0.5\nshade=7\nplacement=auto\ngiven=ratio,shade\n", false},
+        {"given=shade\nshade=7\n", false},
+        {"shade=7\ngiven=shaded,shad\n", true},
+        {"placement=sideways\ngiven=ratio\n", false}, /* which may be the default of that program */
+        {"placement=sideways\n", true},               /* of an older program, and gone */
+        {"neighbours_max=100\ngiven=neighbours_max\n", false},
+        {"given=", true},
+        {"", true},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof stored / sizeof *stored; i++) {
+        struct params params;
+        if (job_params_read(stored[i].text, &params) != stored[i].is_known) fail_msg("%s", stored[i].text);
+    }
 }
 
 static void stored_parameters_of_another_version_are_skipped(void **state) {
@@ -168,6 +195,7 @@ int main(void) {
         cmocka_unit_test(what_is_no_id),
         cmocka_unit_test(parameters_as_text_and_back),
         cmocka_unit_test(stored_parameters_of_another_version_are_skipped),
+        cmocka_unit_test(stored_parameters_that_are_not_known_are_told),
         cmocka_unit_test(an_overlong_stored_line_is_skipped),
         cmocka_unit_test(times_as_text),
     };

@@ -156,11 +156,11 @@ static enum status try_to_expect(struct catalog_postgres *postgres, const char *
     *expected = 0;
     enum status status = pq_take(postgres->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = pq_run(link,
-                    "INSERT INTO expected (cloud, until) VALUES ($1, $2) ON CONFLICT (cloud) "
-                    "DO UPDATE SET until = greatest(expected.until, excluded.until), removal = 0, removed = 0 "
-                    "WHERE expected.removal = 0 OR expected.removed = 1",
-                    VALUES(T(cloud), I(until_ms)), expected, error);
+    status = pq_number(link,
+                       "INSERT INTO expected (cloud, until) VALUES ($1, $2) ON CONFLICT (cloud) "
+                       "DO UPDATE SET until = greatest(expected.until, excluded.until), removal = 0, removed = 0 "
+                       "WHERE expected.removal = 0 OR expected.removed = 1 RETURNING 1",
+                       VALUES(T(cloud), I(until_ms)), expected, error);
     pq_done(link);
     return status;
 }

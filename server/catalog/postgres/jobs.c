@@ -128,7 +128,7 @@ struct outlook {
 static void visit_jobs(const struct outlook *outlook, struct pq_rows *rows) {
     while (pq_next(rows)) {
         struct job job = {.input_points = (uint64_t)pq_integer(rows, 1), .input_bytes = (uint64_t)pq_integer(rows, 2)};
-        job_params_read(pq_text(rows, 0), &job.params);
+        job.is_strange = !job_params_read(pq_text(rows, 0), &job.params);
         pq_copy_text(rows, 3, job.input_format, sizeof job.input_format);
         struct job_cost cost = estimate_cost(&job);
         outlook->visit(outlook->ctx, &cost, pq_integer(rows, 4));
@@ -189,7 +189,7 @@ void catalog_postgres_depth(struct catalog *catalog, uint64_t *waiting, uint64_t
 /* The job, the key that it was submitted under, and who is told of its end; in a transaction. */
 enum status catalog_postgres_insert(struct catalog_postgres *postgres, struct pq_link *link, const struct job *job,
                                     struct error *error) {
-    char *params = job_params_text(&job->params);
+    char *params = job_params_stored(&job->params);
     if (!params) return error_set(error, STATUS_NO_MEMORY, "queue", "no memory");
     enum status status = pq_run(
         link,
@@ -278,7 +278,7 @@ static enum status claim(struct catalog_postgres *postgres, struct pq_link *link
     if (status == STATUS_OK)
         status = catalog_postgres_select_jobs(
             link,
-            "UPDATE jobs SET state = $1, attempt = attempt + 1, updated = whittle_now(), "
+            "UPDATE jobs SET state = $1, attempt = attempt + 1, claims = claims + 1, updated = whittle_now(), "
             "started = CASE WHEN tiles <> 0 AND started > 0 THEN started ELSE whittle_now() END, "
             "sequence = greatest(sequence + 1, whittle_now()), stage = CASE tiles WHEN 0 THEN '' ELSE stage END, "
             "message = CASE tiles WHEN 0 THEN '' ELSE message END, "
@@ -292,6 +292,7 @@ static enum status claim(struct catalog_postgres *postgres, struct pq_link *link
             VALUES(I(JOB_RUNNING), T(by->owner), I(by->lease_ms), I(by->memory_bytes), I(JOB_ALONE_AFTER),
                    T(postgres->session), I(JOB_LEASE_NEVER)),
             job, 1, count, error);
+    if (status == STATUS_OK && *count && job->is_strange) return STATUS_OK; /* and isn't claimed */
     if (status == STATUS_OK && *count && job->tiles) {
         status = catalog_postgres_take_task(link, by, job, count, error);
         if (status != STATUS_OK || !*count) job_done(job);
@@ -303,20 +304,46 @@ static enum status claim(struct catalog_postgres *postgres, struct pq_link *link
 }
 
 /* A commit without an answer isn't looked up: a job that is claimed and that nobody runs is lost with its lease. */
-enum status catalog_postgres_claim(struct catalog *catalog, const struct catalog_claim *by, struct job *job,
-                                   bool *found, struct error *error) {
-    struct catalog_postgres *postgres = catalog_postgres_of(catalog);
+static enum status claim_one(struct catalog_postgres *postgres, const struct catalog_claim *by, struct job *job,
+                             size_t *count, struct error *error) {
     struct pq_link *link;
-    size_t count = 0;
-    *found = false;
     enum status status = pq_begin(postgres->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = claim(postgres, link, by, job, &count, error);
-    status = pq_end(link, status, NULL, error);
-    *found = status == STATUS_OK && count == 1;
-    if (count == 1 && !*found) job_done(job);
-    if (*found) catalog_tell(catalog, CATALOG_CHANGED, job->id);
-    return status;
+    status = claim(postgres, link, by, job, count, error);
+    if (status != STATUS_OK || !*count || !job->is_strange) return pq_end(link, status, NULL, error);
+    pq_undo(link);
+    return STATUS_OK;
+}
+
+/* A job that another host has to run goes behind all that wait of its principal, who comes after the others. */
+static enum status pass_over(struct catalog_postgres *postgres, const char *id, struct error *error) {
+    struct pq_link *link;
+    enum status status = pq_begin(postgres->pq, &link, error);
+    if (status != STATUS_OK) return status;
+    return pq_end(link, pq_run(link, "SELECT whittle_pass_over($1)", VALUES(T(id)), NULL, error), NULL, error);
+}
+
+/* Those that this program doesn't know are passed over until the first of them is first again. */
+enum status catalog_postgres_claim(struct catalog *catalog, const struct catalog_claim *by, struct job *job,
+                                   bool *found, struct error *error) {
+    enum { MOST_STRANGE = 16 };
+    struct catalog_postgres *postgres = catalog_postgres_of(catalog);
+    char first[JOB_ID_BYTES] = "";
+    *found = false;
+    for (int i = 0; i < MOST_STRANGE; i++) {
+        size_t count = 0;
+        enum status status = claim_one(postgres, by, job, &count, error);
+        *found = status == STATUS_OK && count == 1 && !job->is_strange;
+        if (*found) catalog_tell(catalog, CATALOG_CHANGED, job->id);
+        if (*found || !count) return status;
+        char id[JOB_ID_BYTES];
+        memcpy(id, job->id, sizeof id);
+        job_done(job);
+        if (status == STATUS_OK && strcmp(id, first) != 0) status = pass_over(postgres, id, error);
+        if (status != STATUS_OK || strcmp(id, first) == 0) return status;
+        if (!first[0]) memcpy(first, id, sizeof first);
+    }
+    return STATUS_OK;
 }
 
 /* ------------------------------------------------------------------------------------------------ leases */

@@ -507,6 +507,11 @@ enum status pq_end(struct pq_link *link, enum status status, bool *unknown, stru
     return status;
 }
 
+void pq_undo(struct pq_link *link) {
+    roll_back(link);
+    pq_done(link);
+}
+
 /* ------------------------------------------------------------------------------------------------ rows */
 
 /* Outside of a transaction a connection that has died is made anew, once. */

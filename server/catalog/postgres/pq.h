@@ -43,6 +43,9 @@ void pq_done(struct pq_link *link);
  * answer, and may be done or not. */
 enum status pq_end(struct pq_link *link, enum status status, bool *unknown, struct error *error) MUST_CHECK;
 
+/* Undoes the transaction, whose caller has found something to be otherwise. */
+void pq_undo(struct pq_link *link);
+
 /* A value to bind, made with I(integer), R(real) or T(text; NULL = null); a list of them with VALUES(...). */
 struct pq_value {
     enum { PQ_VALUE_INTEGER, PQ_VALUE_REAL, PQ_VALUE_TEXT } type;

@@ -186,6 +186,21 @@ static const char *const steps[] = {
     "RETURN NULL; END $$;"
     "CREATE TRIGGER cloud_gone AFTER INSERT ON jobs FOR EACH ROW EXECUTE FUNCTION whittle_cloud_gone();"
     "CREATE TRIGGER cloud_gone AFTER INSERT ON clouds FOR EACH ROW EXECUTE FUNCTION whittle_cloud_gone();",
+    /* Hosts of the version before don't know denoise=noisy, which counts where a mesh is made, and don't claim such
+     * jobs (who does raises `claims`).  What one host can't run goes behind, or all that it could would wait for
+     * another. */
+    "ALTER TABLE jobs ADD COLUMN claims BIGINT NOT NULL DEFAULT 0;"
+    "CREATE FUNCTION whittle_pass_over(job TEXT) RETURNS VOID LANGUAGE sql AS $$ "
+    "UPDATE jobs SET due = 1 + (SELECT max(due) FROM jobs AS o WHERE o.state = 0 AND o.principal = jobs.principal) "
+    "WHERE id = job AND state = 0; "
+    "UPDATE usage SET served = nextval('turns') WHERE principal = (SELECT principal FROM jobs WHERE id = job) $$;"
+    "CREATE OR REPLACE FUNCTION whittle_owned_by_none() RETURNS TRIGGER LANGUAGE plpgsql AS $$ BEGIN "
+    "IF OLD.state = 0 THEN PERFORM whittle_pass_over(OLD.id); END IF; RETURN NULL; END $$;"
+    "CREATE FUNCTION whittle_job_unknown() RETURNS TRIGGER LANGUAGE plpgsql AS $$ BEGIN "
+    "IF NEW.params ~ '(^|\\n)denoise=noisy(\\n|$)' AND NEW.params ~ '(^|\\n)outputs=[^\\n]*(mesh|error)' THEN "
+    "PERFORM whittle_pass_over(OLD.id); RETURN NULL; END IF; RETURN NEW; END $$;"
+    "CREATE TRIGGER job_unknown BEFORE UPDATE OF state ON jobs FOR EACH ROW "
+    "WHEN (OLD.state = 0 AND NEW.state = 1 AND NEW.claims = OLD.claims) EXECUTE FUNCTION whittle_job_unknown();",
 };
 enum { STEPS = sizeof steps / sizeof steps[0] };
 

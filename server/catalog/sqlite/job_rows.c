@@ -41,7 +41,7 @@ enum status job_rows_find(struct sql *db, const char *id, struct job *job, bool 
 }
 
 enum status job_rows_insert(struct sql *db, const struct job *job, struct error *error) {
-    char *params = job_params_text(&job->params);
+    char *params = job_params_stored(&job->params);
     if (!params) return error_set(error, STATUS_NO_MEMORY, "queue", "no memory");
     enum status status =
         sql_run(db,
